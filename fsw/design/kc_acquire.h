@@ -1,0 +1,41 @@
+/* What to measure next: GP-UCB (eq. 7), random, and information criteria. */
+#ifndef KC_ACQUIRE_H
+#define KC_ACQUIRE_H
+
+#include <stdint.h>
+
+#include "kc_estimate.h"
+#include "kc_gp.h"
+
+typedef enum { KC_ACQ_UCB = 0, KC_ACQ_RANDOM = 1, KC_ACQ_DOPT = 2, KC_ACQ_VOPT = 3 } kc_acq_t;
+
+/* beta_k = 2 log(|X| k^2 pi^2 / (6 * 0.1)) * scale  (Srinivas et al. 2009, Theorem 1). */
+double kc_acq_beta(uint32_t n_cand, uint32_t k, double scale);
+
+/* f of eq. 6 for every measurement from position distance dp_m[i] and rotation distance dr_rad[i];
+ * s_p, s_q are the largest seen, but not below the floors. y[i] <= 0. */
+void kc_acq_objective(const double *dp_m, const double *dr_rad, uint32_t n, double a1,
+                      double sp_floor_m, double sq_floor_rad, double *y);
+
+/* Next candidate by GP-UCB among those with usable[c] != 0. KC_ERR_ARG if none is usable.
+ * *value: mu + sqrt(beta) sigma. Ties: lowest index. O(n n_cand). */
+kc_status_t kc_acq_ucb(const kc_gp_t *gp, const uint8_t *usable, double beta, uint32_t *c,
+                       double *value);
+/* Uniform among the usable; *rng advances (deterministic generator). */
+kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng, uint32_t *c);
+
+/* Information criteria: candidate's joints q (n_joints each, row-major n_cand x KC_JOINT_MAX, float),
+ * measurement covariance cov (6x6). dopt: largest gain of log det of the information; vopt: least mean
+ * predicted pose variance over all candidates (position [m^2] / len_m^2 + rotation [rad^2], len_m > 0).
+ * The information matrix comes from the observations in est plus, where data are still short, weak
+ * priors (coef scale). Work space: the caller's. O(n_cand n_coef^2). */
+typedef struct {
+    double M[KC_COEF_MAX * KC_COEF_MAX]; /* covariance being updated      */
+    double S[KC_COEF_MAX * KC_COEF_MAX]; /* sum over X of J' W J (vopt)   */
+    kc_eval_t eval;
+} kc_acq_work_t;
+kc_status_t kc_acq_info(kc_acq_t kind, const kc_est_t *est, const float *q, uint32_t n_cand,
+                        const uint8_t *usable, const double cov[36], double len_m,
+                        kc_acq_work_t *work, uint32_t *c, double *value);
+
+#endif

@@ -1,0 +1,150 @@
+/* KinCal as a component. kc_app_step is the only door: time and messages in, messages out; no clock,
+ * file or socket is touched, and the same inputs give the same outputs to the byte. */
+#ifndef KC_APP_H
+#define KC_APP_H
+
+#include <stdint.h>
+
+#include "kc_acquire.h"
+#include "kc_estimate.h"
+#include "kc_gp.h"
+#include "kc_tables.h"
+
+typedef enum {
+    KC_ST_IDLE = 0,
+    KC_ST_MOVE = 1,    /* along a proven path to the candidate           */
+    KC_ST_AIM = 2,     /* head turns                                     */
+    KC_ST_SETTLE = 3,
+    KC_ST_LOOK = 4,    /* frames asked for, servo decides                */
+    KC_ST_SERVO = 5,   /* servo step under way                           */
+    KC_ST_SEARCH = 6,  /* tags not in view: head searches, bounded       */
+    KC_ST_MEASURE = 7, /* several frames at rest                         */
+    KC_ST_UPDATE = 8,  /* estimator, GP, next candidate                  */
+    KC_ST_REVIEW = 9,  /* correction proposed, waits for the ground      */
+    KC_ST_ARMED = 10,  /* first approval step received                   */
+    KC_ST_SAFE = 11    /* aborted: arm held, waits for START or ROLLBACK */
+} kc_state_t;
+
+typedef enum {
+    KC_CMD_NOOP = 0, KC_CMD_START = 1, KC_CMD_ABORT = 2, KC_CMD_APPROVE_ARM = 3, KC_CMD_APPROVE_GO = 4,
+    KC_CMD_REJECT = 5, KC_CMD_ROLLBACK = 6, KC_CMD_TABLE_VALIDATE = 7, KC_CMD_TABLE_ACTIVATE = 8,
+    KC_CMD_TABLE_DISCARD = 9, KC_CMD_TABLE_DUMP = 10
+} kc_opcode_t;
+
+#define KC_SOURCE_MAX 2u
+
+/* Field meanings: fsw/msg/ message of the same name. */
+typedef struct { int32_t seq, source, opcode, arg_i[4]; uint64_t arg_u64; double arg_d[4]; } kc_cmd_t;
+typedef struct { int32_t source, seq, opcode, status, event_id; } kc_ack_t;
+typedef struct { int32_t kind; uint32_t total, offset, n; uint8_t data[KC_CHUNK_BYTES]; } kc_chunk_t;
+typedef struct {
+    uint64_t t_us; int32_t seq; uint32_t n_joints;
+    double q[KC_JOINT_MAX], dq[KC_JOINT_MAX], q_cmd[KC_JOINT_MAX], dir[KC_JOINT_MAX];
+    uint8_t moving; int32_t fault_mask; double temp_c, payload_kg, g_m_s2[3];
+} kc_arm_state_t;
+typedef struct { int32_t seq; uint32_t n_joints; double q[KC_JOINT_MAX], speed_scale; uint8_t hold; } kc_arm_cmd_t;
+typedef struct { uint64_t t_us; int32_t seq; double pan_rad, tilt_rad; uint8_t moving; } kc_pantilt_state_t;
+typedef struct { int32_t seq; double pan_rad, tilt_rad; } kc_pantilt_cmd_t;
+typedef struct {
+    uint64_t t_us; int32_t seq; uint32_t n_tags; int32_t tag_id[KC_TAG_MAX];
+    double p_cam_tool_m[3], q_cam_tool_wxyz[4], cov[36];
+    double p_alt_m[3], q_alt_wxyz[4], rms_px, rms_alt_px;
+    double range_m, incid_rad, u_px, v_px, corner_px[8u * KC_TAG_MAX];
+} kc_detection_t;
+
+typedef struct {
+    uint32_t n_cmd, n_chunk, n_det, n_rx_errors;
+    kc_cmd_t cmd[KC_CMD_QUEUE_MAX];
+    kc_chunk_t chunk[KC_CHUNK_QUEUE_MAX];
+    kc_detection_t det[KC_DET_QUEUE_MAX];
+    uint8_t has_arm, has_pantilt;
+    kc_arm_state_t arm;
+    kc_pantilt_state_t pantilt;
+    /* answers of the edge to store requests of the last step: status by kind */
+    uint8_t has_store_result; uint16_t store_kind; int32_t store_status;
+} kc_in_t;
+
+typedef struct {
+    uint32_t pose; int32_t candidate, replicate; uint32_t n_joints;
+    kc_arm_state_t arm; kc_obs_t obs; kc_detection_t det; /* det: averaged over n_frames */
+    double pan_rad, tilt_rad; uint32_t n_frames; uint64_t t_us; uint32_t session;
+    uint32_t crc[KC_TBL_COUNT];
+} kc_meas_t;
+
+typedef struct {
+    uint32_t session, pose, n_goal; int32_t candidate, replicate; uint32_t servo_steps; int32_t acquisition;
+    double acquisition_value, res_pos_m, res_rot_rad, f, gp_mean, gp_sigma, pred_pos_m, pred_rot_rad;
+    uint32_t rank, n_free, dof; double chi2; int32_t est_status; double fit_pos_m, fit_rot_rad;
+    double coef[KC_COEF_MAX];
+} kc_progress_t;
+
+typedef enum { KC_VERDICT_NO_CHANGE = 0, KC_VERDICT_CHANGE = 1, KC_VERDICT_POOR = 2 } kc_verdict_t;
+
+typedef struct {
+    uint32_t session, crc; int32_t verdict; uint32_t n_poses, n_outliers;
+    kc_kin_t kin;                    /* what would become active; encode gives crc */
+    uint8_t status[KC_COEF_MAX]; uint64_t entangled[KC_COEF_MAX];
+    double cov[KC_COEF_MAX * (KC_COEF_MAX + 1u) / 2u];
+    uint32_t rank, n_free, dof;
+    double chi2, noise_scale, p_fit, p_no_change, kkt, cond;
+    double fit_pos_m, fit_rot_rad, before_pos_m, before_rot_rad, pred_pos_m, pred_rot_rad;
+    uint32_t crc_kin_before;
+} kc_proposal_t;
+
+typedef struct {
+    int32_t seq, state; uint32_t session, n_poses, n_poses_goal; int32_t candidate; uint32_t servo_steps;
+    uint32_t n_meas, n_rejected, n_cmd_ok, n_cmd_refused, n_events, n_events_dropped; int32_t last_event_id;
+    uint32_t n_rx_errors, crc[KC_TBL_COUNT]; int32_t staged_kind; uint32_t staged_bytes; int32_t staged_state;
+    int32_t boot_state, boot_pose; uint32_t boot_count, proposal_crc;
+} kc_hk_t;
+
+/* What the edge must keep through power loss. Each kind has two slots; the edge writes the older one
+ * (write new file, sync, rename) and numbers it. kind 1..7: a table image; KC_STORE_PROPOSAL: the KIN
+ * image that waits for review; KC_STORE_PREV: the KIN image for rollback; KC_STORE_JOURNAL: a
+ * kc_journal_t record. n = 0: delete. */
+#define KC_STORE_PROPOSAL 16u
+#define KC_STORE_PREV 17u
+#define KC_STORE_JOURNAL 18u
+#define KC_STORE_QUEUE_MAX 4u
+#define KC_JOURNAL_BYTES 64u
+#define KC_KIN_IMAGE_MAX 2048u
+typedef struct { uint16_t kind; uint32_t n; const uint8_t *data; /* valid until the next step */ } kc_store_t;
+
+typedef struct {
+    uint32_t n_ack, n_event, n_store;
+    kc_ack_t ack[KC_CMD_QUEUE_MAX];
+    kc_events_t events;
+    kc_store_t store[KC_STORE_QUEUE_MAX];
+    uint8_t has_arm_cmd, has_pantilt_cmd, has_frame_request, has_hk, has_meas, has_progress, has_proposal, has_dump;
+    kc_arm_cmd_t arm_cmd;
+    kc_pantilt_cmd_t pantilt_cmd;
+    int32_t frame_seq;
+    kc_hk_t hk;
+    kc_meas_t meas;
+    kc_progress_t progress;
+    kc_proposal_t proposal;
+    kc_chunk_t dump;
+} kc_out_t;
+
+/* The component's whole state; static, caller owns it, callers touch nothing inside. */
+struct kc_app;
+typedef struct kc_app kc_app_t;
+extern kc_app_t kc_app_instance; /* the one instance of the flight process */
+
+/* Start. Tables come next through kc_app_load, then kc_app_boot. */
+void kc_app_init(kc_app_t *app);
+/* Offer a stored or default image before boot: the edge offers every image it finds, best first (newest
+ * slot, older slot, default of the table directory); the first good one of each kind wins. kind as in
+ * kc_store_t. KC_ERR_* : refused, offer the next. Order of kinds: 1..7, then PREV, PROPOSAL, JOURNAL. */
+kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n);
+/* All offered: says by events what is missing and what it was doing when it was killed; the events come
+ * out of the first step. */
+void kc_app_boot(kc_app_t *app);
+/* One tick. now_us never runs backwards (a step back is treated as no time passed, with an event). */
+void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *out);
+
+/* For tests and the ground: the active tables. */
+const kc_active_t *kc_app_active(const kc_app_t *app);
+kc_state_t kc_app_state(const kc_app_t *app);
+
+#endif

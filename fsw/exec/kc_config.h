@@ -1,0 +1,47 @@
+/* How a calibration is run: the CONFIG table. Plain data, every field validated. */
+#ifndef KC_CONFIG_H
+#define KC_CONFIG_H
+
+#include <stdint.h>
+
+#include "kc_estimate.h"
+#include "kc_servo.h"
+
+typedef struct {
+    /* design */
+    uint8_t acquisition;          /* kc_acq_t                                                */
+    uint32_t n_poses;             /* poses of a calibration, 1..KC_MEAS_MAX                  */
+    uint32_t replicate_every;     /* after so many poses measure one again, 0 = never        */
+    double beta_scale, a1;        /* eq. 7 scale; position weight of eq. 6                   */
+    double sp_floor_m, sq_floor_rad;
+    double vopt_len_m;
+    double stop_pos_m, stop_rot_rad; /* stop when the predicted pose sigma is below both, 0 = off */
+    /* looking */
+    uint32_t frames_per_meas;     /* 1..16                                                   */
+    uint32_t look_retries;
+    uint64_t settle_us, look_timeout_us, move_timeout_us, frame_age_max_us;
+    uint32_t search_steps;        /* pan/tilt looks around the expected place, 0..49         */
+    double search_step_rad;
+    double jump_pos_m, jump_rot_rad; /* frames of one measurement may differ by so much      */
+    double sigma_pos_max_m, sigma_rot_max_rad; /* refuse a detection less certain            */
+    double sigma_pos_min_m, sigma_rot_min_rad; /* floor: detections claim no better          */
+    double rms_max_px;
+    /* moving */
+    kc_servo_opt_t servo;
+    uint32_t servo_steps_max;
+    double speed_scale;
+    double arrive_tol;            /* joint distance that counts as arrived [rad or m]        */
+    /* estimating */
+    kc_est_opt_t est;
+    /* policy: what may be accepted on board without the ground */
+    uint8_t accept_on_board;
+    double accept_change_max_pos_m; /* RMS change of predicted pose over the search space     */
+    double accept_sigma_max_pos_m;
+    double accept_p_fit_min;
+    double no_change_p;           /* above it nothing needs to change                        */
+    uint64_t budget_us;           /* 0 = none                                                */
+} kc_config_t;
+
+kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got);
+
+#endif

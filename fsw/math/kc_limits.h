@@ -1,0 +1,33 @@
+/* Every fixed size of the flight software, in one place.
+ *
+ * Changing a number here changes static memory; `make size` prints what it costs
+ * and a test fails when the core passes 1 MiB. */
+#ifndef KC_LIMITS_H
+#define KC_LIMITS_H
+
+#define KC_JOINT_MAX 8u   /* joints of an arm                                    */
+#define KC_COEF_MAX 64u   /* coefficients estimated together                     */
+#define KC_TERM_MAX 160u  /* correction terms (several may share a coefficient)  */
+#define KC_MEAS_MAX 64u   /* measurements held                                   */
+#define KC_CAND_MAX 1024u /* candidate poses                                     */
+#define KC_HUB_MAX 16u    /* hub poses                                           */
+#define KC_PRIOR_MAX 16u  /* prior poses that start a calibration                */
+#define KC_TAG_MAX 4u     /* tags on the tool                                    */
+#define KC_SPECTRUM_MAX 96u /* spectral coefficients of the rotation kernel      */
+#define KC_HYPER_MAX 32u  /* hyperparameter sets to choose from on board         */
+#define KC_NAME_LEN 24u   /* bytes of a name, NUL padded and NUL terminated      */
+
+/* Frames that a correction term may act in: 0 = base .. n = last link, then: */
+#define KC_FRAME_TOOL 9u   /* after the tool frame f_T                            */
+#define KC_FRAME_CAMERA 10u /* after the camera pose in the base frame            */
+#define KC_FRAME_MEAS 11u  /* after the measured camera-to-tool pose              */
+#define KC_FRAME_COUNT 12u
+
+#define KC_EVENTS_MAX 64u /* events one step can raise before it drops           */
+#define KC_CMD_QUEUE_MAX 8u  /* commands one step takes in                       */
+#define KC_CHUNK_QUEUE_MAX 8u /* table chunks one step takes in                  */
+#define KC_DET_QUEUE_MAX 4u  /* detections one step takes in                     */
+#define KC_CHUNK_BYTES 1024u /* payload of one table chunk                       */
+#define KC_IMAGE_MAX (144u * 1024u) /* largest table image                       */
+
+#endif

@@ -1,0 +1,41 @@
+/* Deterministic box-constrained convex QP (eq. 11), up to KC_COEF_MAX variables. */
+#ifndef KC_QP_H
+#define KC_QP_H
+
+#include <stdint.h>
+
+#include "kc_limits.h"
+#include "kc_status.h"
+
+typedef enum { KC_QP_FREE = 0, KC_QP_AT_LOWER = 1, KC_QP_AT_UPPER = 2 } kc_qp_active_t;
+
+/* Caller owns it; about 70 KiB of work space lives inside, none on the stack. */
+typedef struct {
+    /* in: minimise 1/2 x'Hx + g'x subject to lb <= x <= ub */
+    uint32_t n;
+    double H[KC_COEF_MAX * KC_COEF_MAX]; /* row-major, leading dimension KC_COEF_MAX;
+                                            symmetric positive semidefinite         */
+    double g[KC_COEF_MAX];
+    double lb[KC_COEF_MAX]; /* -HUGE_VAL allowed */
+    double ub[KC_COEF_MAX]; /* +HUGE_VAL allowed */
+    /* in and out: start (clipped into the box), then the solution */
+    double x[KC_COEF_MAX];
+    /* out */
+    uint8_t active[KC_COEF_MAX]; /* kc_qp_active_t                                 */
+    double kkt;                  /* largest |projected gradient|, scaled by
+                                    max(1, |g|_inf)                                */
+    uint32_t iters;
+    /* work */
+    double L[KC_COEF_MAX * KC_COEF_MAX];
+    double d[KC_COEF_MAX];
+    double grad[KC_COEF_MAX];
+    uint32_t idx[KC_COEF_MAX];
+} kc_qp_t;
+
+/* Solve. KC_OK: kkt <= 1e-9. KC_ERR_ARG: n = 0 or too large, lb > ub, or something
+ * not finite: x unchanged. KC_ERR_ITER: bound of iterations reached, x is feasible and
+ * the best so far. KC_ERR_NUM: unbounded below (singular H, infinite bounds), x
+ * feasible. O(iterations * n^3); same bits for the same input. */
+kc_status_t kc_qp_solve(kc_qp_t *qp);
+
+#endif

@@ -1,0 +1,54 @@
+/* Candidates, hubs and the segments between them that the ground proved safe. */
+#ifndef KC_PATH_H
+#define KC_PATH_H
+
+#include <stdint.h>
+
+#include "kc_arm.h"
+#include "kc_limits.h"
+
+#define KC_PATH_MAX (KC_HUB_MAX + 2u)
+#define KC_EDGE_BYTES (KC_CAND_MAX * (KC_CAND_MAX - 1u) / 2u / 8u)
+
+/* Single precision on purpose: 0.1 um and 0.1 urad, half the memory. */
+typedef struct {
+    float p_m[3];               /* wanted tool pose in the base frame              */
+    float q_wxyz[4];
+    float q_seed[KC_JOINT_MAX]; /* joints that reach it on the nominal arm         */
+    float pan_rad, tilt_rad;    /* head angles that see it                         */
+    uint8_t tags;               /* bit per tag expected in view                    */
+    uint8_t hub;                /* hub with a proven straight segment to the seed  */
+    uint16_t why;               /* bits: checks it passed, see docs/INTERFACES.md  */
+} kc_cand_t;
+
+typedef struct {
+    uint32_t n_cand, n_hub, n_joints, n_prior;
+    uint16_t prior[KC_PRIOR_MAX];             /* candidate ids that start a calibration */
+    float hub_q[KC_HUB_MAX][KC_JOINT_MAX];
+    uint16_t hub_edge[KC_HUB_MAX];            /* bit h: segment to hub h is proven      */
+    float servo_leash;                        /* joint distance around a seed proven safe */
+    uint32_t arm_crc;                         /* arm table it was built for             */
+    kc_cand_t cand[KC_CAND_MAX];
+    uint8_t edge[KC_EDGE_BYTES];              /* direct candidate-candidate segments: bit
+                                                 i (i-1)/2 + j for i > j                 */
+} kc_space_t;
+
+/* Where the arm stands: node = hub h, or KC_HUB_MAX + candidate; KC_NODE_NONE unknown. */
+#define KC_NODE_NONE 0xffffu
+
+int kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j);
+
+/* Way points from node `from` to node `to` (both excluded start, included goal), as nodes: at most
+ * KC_PATH_MAX. A direct edge if proven, else over hubs (breadth first, lowest index on ties).
+ * KC_ERR_PATH if there is none; *n = 0 if from == to. */
+kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16_t *way, uint32_t *n);
+
+/* Seed joints of a node, n_joints values. */
+void kc_path_joints(const kc_space_t *s, uint32_t node, double *q);
+
+/* Node whose joints are nearest (largest joint difference) to q, and that difference. */
+uint32_t kc_path_nearest(const kc_space_t *s, const double *q, double *dist);
+
+kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t *index, double *got);
+
+#endif
