@@ -36,6 +36,9 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(29, TBL_MISSING, ERROR, "table kind {index} is missing")                                         \
     X(30, TBL_DISCARDED, INFO, "staged table of kind {index} discarded")                               \
     X(31, TBL_BUSY, ERROR, "tables cannot change in state {got}")                                      \
+    X(32, TBL_NOT_FINITE, ERROR, "table entry {index} is not a finite number: {got} (field {want})")   \
+    X(33, TBL_NOT_UNIT, ERROR, "table entry {index} quaternion norm {got} (field {want})")             \
+    X(34, TBL_DROPPED, WARN, "table kind {index} dropped: built for CRC {got}, active is {want}")      \
     X(40, IN_RANGE, ERROR, "input {index} out of range: {got}, allowed {want}")                        \
     X(41, IN_STALE, WARN, "input {index} has sequence {got}, newer than {want} expected")              \
     X(42, IN_NOT_UNIT, ERROR, "input {index} quaternion norm {got}")                                   \

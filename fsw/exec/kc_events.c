@@ -1,0 +1,63 @@
+#include "kc_events.h"
+
+#include <stddef.h>
+
+typedef struct {
+    uint16_t id;
+    uint8_t severity;
+    const char *name;
+    const char *text;
+} dict_t;
+
+#define DICT_ENTRY_(id, name, sev, text) {(id), KC_SEV_##sev, #name, text},
+static const dict_t s_dict[] = {KC_EVENT_LIST(DICT_ENTRY_)};
+#define DICT_N (sizeof s_dict / sizeof s_dict[0])
+
+static const dict_t *find(uint32_t id)
+{
+    for (size_t i = 0u; i < DICT_N; i++) {
+        if (s_dict[i].id == id) { return &s_dict[i]; }
+    }
+    return NULL;
+}
+
+const char *kc_event_name(uint16_t id)
+{
+    const dict_t *d = find(id);
+    return d != NULL ? d->name : "UNKNOWN";
+}
+
+const char *kc_event_text(uint16_t id)
+{
+    const dict_t *d = find(id);
+    return d != NULL ? d->text : "";
+}
+
+int kc_event_severity(uint16_t id)
+{
+    const dict_t *d = find(id);
+    return d != NULL ? (int)d->severity : (int)KC_SEV_ERROR;
+}
+
+static int recorded(const kc_events_t *q, kc_event_id_t id, int32_t index)
+{
+    for (uint32_t i = 0u; i < q->n; i++) {
+        if (q->e[i].id == (uint16_t)id && q->e[i].index == index) { return 1; }
+    }
+    return 0;
+}
+
+void kc_event(kc_events_t *q, kc_event_id_t id, int32_t index, double got, double want)
+{
+    if (recorded(q, id, index)) { return; }
+    if (q->n >= KC_EVENTS_MAX) {
+        q->dropped++;
+        return;
+    }
+    q->e[q->n].id = (uint16_t)id;
+    q->e[q->n].severity = (uint8_t)kc_event_severity((uint16_t)id);
+    q->e[q->n].index = index;
+    q->e[q->n].got = got;
+    q->e[q->n].want = want;
+    q->n++;
+}
