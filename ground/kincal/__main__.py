@@ -1,0 +1,3 @@
+from kincal.cli import main
+
+main()

@@ -1,0 +1,205 @@
+"""Ground review of a proposed correction: see it, question it, approve or reject it, and keep a record.
+
+Approval is two commands, both bound to the CRC of the proposed table. Every decision is one line in an
+append-only journal; each line carries the hash of the one before, so a changed or missing line shows."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kincal import channels, lcmlog
+from kincal.errors import KincalError, KincalFailed
+from kincal.link import Link
+from kincal.tables import unit_of
+
+DEFAULT_JOURNAL = Path("out/review.jsonl")
+KIN_KIND = 4
+
+
+@dataclass(frozen=True)
+class CoefLine:
+    """One coefficient of a proposal."""
+
+    name: str
+    unit: str
+    status: str
+    value: float
+    sigma: float  # 0 where not estimated
+    entangled: tuple[str, ...]  # coefficients it cannot be told apart from
+
+    @property
+    def z(self) -> float:
+        """Size in sigmas; 0 where not estimated."""
+        return self.value / self.sigma if self.sigma > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class Review:
+    """Everything a reviewer needs of one proposal, as plain values."""
+
+    crc: int
+    session: int
+    verdict: str
+    n_poses: int
+    n_outliers: int
+    coefs: tuple[CoefLine, ...]
+    correlation: np.ndarray  # of the estimated coefficients, in order
+    numbers: dict[str, float]
+    crc_before: int
+
+    @property
+    def crc_text(self) -> str:
+        return f"{self.crc:08x}"
+
+    @property
+    def changes_something(self) -> bool:
+        return self.verdict == channels.VERDICTS[1]
+
+    @property
+    def estimated(self) -> tuple[CoefLine, ...]:
+        return tuple(c for c in self.coefs if c.sigma > 0.0)
+
+
+NUMBERS = (
+    ("rank", "", "directions that the data determine"), ("n_free", "", "coefficients asked for"),
+    ("dof", "", "degrees of freedom"), ("chi2", "", "chi square of the fit"),
+    ("noise_scale", "", "fitted noise over stated noise"), ("p_fit", "", "chance of a fit as bad as this"),
+    ("p_no_change", "", "chance of so large a change if the active table were right"),
+    ("cond", "", "condition of the scaled Jacobian"), ("kkt", "", "KKT residual of the last QP"),
+    ("before_pos_m", "m", "RMS position residual before"), ("before_rot_rad", "rad", "RMS rotation residual before"),
+    ("fit_pos_m", "m", "RMS position residual after"), ("fit_rot_rad", "rad", "RMS rotation residual after"),
+    ("pred_pos_m", "m", "predicted position sigma over the search space"),
+    ("pred_rot_rad", "rad", "predicted rotation sigma over the search space"),
+)
+
+
+def from_message(p: Any, names: list[str]) -> Review:
+    """Plain values of a proposal_t; names: of the coefficients, from the terms table."""
+    n = p.n_coef
+    names = [names[i] if i < len(names) else f"coef[{i}]" for i in range(n)]
+    cov = lcmlog.unpack_cov(p.cov, 64)[:n, :n]
+    sigma = np.array(p.sigma[:n])
+    on = np.flatnonzero(sigma > 0.0)
+    d = np.sqrt(np.maximum(np.diag(cov)[on], 1e-300))
+    lines = tuple(
+        CoefLine(names[i], unit_of(names[i]), channels.named(channels.COEF_STATUS, p.status[i]), p.value[i],
+                 p.sigma[i], tuple(names[k] for k in range(n) if k != i and p.entangled[i] >> k & 1))
+        for i in range(n))
+    return Review(p.crc & 0xFFFFFFFF, p.session, channels.named(channels.VERDICTS, p.verdict), p.n_poses,
+                  p.n_outliers, lines, cov[np.ix_(on, on)] / np.outer(d, d),
+                  {key: getattr(p, key) for key, _u, _t in NUMBERS}, p.crc_kin_before & 0xFFFFFFFF)
+
+
+def worries(review: Review) -> list[str]:
+    """What a reviewer should look at before deciding; empty when nothing stands out."""
+    out = []
+    k = review.numbers
+    if review.verdict == channels.VERDICTS[2]:
+        out.append("flight itself calls the fit poor")
+    if k["p_fit"] < 1e-3:
+        out.append(f"fit is worse than the stated noise explains: p = {k['p_fit']:.2g}, "
+                   f"noise scale {k['noise_scale']:.2f}")
+    if k["rank"] < k["n_free"]:
+        held = [c.name for c in review.coefs if c.status == "held"]
+        out.append(f"rank {k['rank']:.0f} of {k['n_free']:.0f}; held: {', '.join(held) or 'none'}")
+    bound = [c.name for c in review.coefs if c.status.startswith("at ")]
+    if bound:
+        out.append(f"at a bound: {', '.join(bound)}")
+    if review.n_outliers:
+        out.append(f"{review.n_outliers} of {review.n_poses} poses rejected as outliers")
+    if k["fit_pos_m"] > k["before_pos_m"]:
+        out.append("residual after the fit is larger than before")
+    return out
+
+
+# --------------------------------------------------------------------------- decisions
+
+def approve(link: Link, crc: int, timeout_s: float = 10.0, t_us: int | None = None,
+            say: Callable[[str], None] = lambda _text: None) -> int:
+    """Two-step approval; returns the CRC of the kinematics table in force afterwards, seen in housekeeping."""
+    link.command("APPROVE_ARM", (crc,), timeout_s, t_us)
+    say(f"armed for CRC {crc:08x}")
+    link.command("APPROVE_GO", (crc,), timeout_s)
+    say("approved")
+    try:
+        link.wait_hk(lambda hk: hk.table_crc[KIN_KIND] & 0xFFFFFFFF == crc, timeout_s, "the new table")
+    except KincalFailed:
+        raise KincalFailed(f"approved, but table {crc:08x} was not seen in housekeeping", link.url,
+                           "look at the events and at `kincal table dump kin`") from None
+    say(f"table {crc:08x} is active")
+    return crc
+
+
+def reject(link: Link, crc: int, timeout_s: float = 10.0) -> None:
+    """Tell flight to drop the proposal."""
+    link.command("REJECT", (crc,), timeout_s)
+    link.wait_hk(lambda hk: hk.proposal_crc == 0, timeout_s, "the end of the proposal")
+
+
+def waiting(link: Link, timeout_s: float = 5.0) -> int:
+    """CRC of the proposal that waits on board, 0 if none."""
+    return int(link.wait_hk(lambda _hk: True, timeout_s, "housekeeping").proposal_crc) & 0xFFFFFFFF
+
+
+# --------------------------------------------------------------------------- journal
+
+@dataclass(frozen=True)
+class Entry:
+    time: str
+    decision: str
+    crc: str
+    by: str
+    why: str
+    session: int | None
+    url: str
+    numbers: dict[str, float]
+    previous: str
+
+
+def _lines(journal: Path) -> list[str]:
+    return journal.read_text("utf-8").splitlines() if journal.is_file() else []
+
+
+def record(journal: Path, decision: str, crc: int, by: str, why: str, url: str, review: Review | None) -> Entry:
+    """Append one decision. Refuses when the journal was tampered with."""
+    if not by.strip() or not why.strip():
+        raise KincalError("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
+    lines = _lines(journal)
+    check_journal(journal)
+    entry = Entry(datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"), decision, f"{crc:08x}", by, why,
+                  review.session if review else None, url, review.numbers if review else {},
+                  _hash(lines[-1]) if lines else "")
+    journal.parent.mkdir(parents=True, exist_ok=True)
+    with journal.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(entry.__dict__, sort_keys=True) + "\n")
+    return entry
+
+
+def _hash(line: str) -> str:
+    return hashlib.sha256(line.encode()).hexdigest()
+
+
+def check_journal(journal: Path) -> list[Entry]:
+    """All entries; an error names the first line that does not follow from the one before."""
+    entries: list[Entry] = []
+    before = ""
+    for i, line in enumerate(_lines(journal), 1):
+        try:
+            entry = Entry(**json.loads(line))
+        except (ValueError, TypeError):
+            raise KincalError("the review journal is damaged", f"{journal}:{i}",
+                              "bring back the copy in your records; the tool never rewrites it") from None
+        if entry.previous != before:
+            raise KincalError("the review journal was changed: a line does not follow from the one before",
+                              f"{journal}:{i}", "bring back the copy in your records")
+        entries.append(entry)
+        before = _hash(line)
+    return entries
