@@ -33,6 +33,23 @@ typedef enum {
 
 #define KC_SOURCE_MAX 2u
 
+/* Why a calibration was given up (KC_EVT_CAL_ABORTED). */
+typedef enum {
+    KC_CAUSE_COMMAND = 0,
+    KC_CAUSE_ARM_FAULT = 1,
+    KC_CAUSE_ARM_LATE = 2,     /* way point not reached in time                   */
+    KC_CAUSE_HEAD_LATE = 3,    /* pan/tilt not reached in time, or never at rest  */
+    KC_CAUSE_CAMERA = 4,       /* no frame, however often it was asked for        */
+    KC_CAUSE_NO_CANDIDATE = 5, /* none left before anything was measured          */
+    KC_CAUSE_NO_PATH = 6,      /* the arm stands where no proven path begins      */
+    KC_CAUSE_BUDGET = 7,       /* used up before anything was measured            */
+    KC_CAUSE_SILENT = 8        /* arm or head telemetry stopped                   */
+} kc_cause_t;
+
+/* Inputs as named by events KC_EVT_IN_*: index = input for IN_STALE, IN_COUNT, IN_SILENT and IN_NOT_UNIT,
+ * 100 input + field for IN_RANGE (docs/STATES.md lists the fields). */
+typedef enum { KC_INPUT_TIME = 0, KC_INPUT_ARM = 1, KC_INPUT_HEAD = 2, KC_INPUT_DET = 3 } kc_input_t;
+
 /* Field meanings: fsw/msg/ message of the same name. */
 typedef struct { int32_t seq, source, opcode, arg_i[4]; uint64_t arg_u64; double arg_d[4]; } kc_cmd_t;
 typedef struct { int32_t source, seq, opcode, status, event_id; } kc_ack_t;

@@ -50,6 +50,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(48, DET_NONE, DEBUG, "no tag in frame {got}")                                                    \
     X(49, DET_UNASKED, WARN, "detection of frame {got}, asked for {want}")                             \
     X(50, ARM_FAULT, ERROR, "arm controller fault mask {got}")                                         \
+    X(51, IN_SILENT, ERROR, "input {index} silent for {got} us, allowed {want}")                       \
     X(60, CAL_START, INFO, "calibration {index}: {got} poses, acquisition {want}")                     \
     X(61, CAL_POSE, INFO, "pose {index} measured: {got} m, {want} rad off")                            \
     X(62, CAL_MOVE_TIMEOUT, ERROR, "arm not there after {got} us")                                     \
@@ -75,6 +76,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(85, COR_ROLLBACK, INFO, "rolled back to CRC {got}")                                              \
     X(86, COR_ON_BOARD, INFO, "correction {got} accepted on board by policy")                          \
     X(87, COR_NO_PREVIOUS, ERROR, "no previous correction to roll back to")                            \
+    X(88, COR_EXPIRED, WARN, "approval of CRC {got} not confirmed in time, review goes on")            \
     X(90, STORE_FAIL, ERROR, "store of kind {index} failed, status {got}")
 
 #define KC_EVENT_ENUM_(id, name, sev, text) KC_EVT_##name = (id),
