@@ -113,7 +113,7 @@ void kc_walk_i32(kc_walk_t *w, uint32_t field, int32_t *v, int32_t lo, int32_t h
 static void check_real(kc_walk_t *w, uint32_t field, double v, double lo, double hi)
 {
     if (!checking(w)) { return; }
-    if (!kc_isfinite(v)) {
+    if (!kc_finite(v)) {
         refuse(w, KC_EVT_TBL_NOT_FINITE, field, v);
     } else if (v < lo || v > hi) {
         refuse(w, KC_EVT_TBL_RANGE, field, v);
@@ -164,7 +164,7 @@ static void check_quat(kc_walk_t *w, uint32_t field, const double q[4])
     double norm;
     if (!checking(w)) { return; }
     for (uint32_t i = 0u; i < 4u; i++) {
-        if (!kc_isfinite(q[i])) {
+        if (!kc_finite(q[i])) {
             refuse(w, KC_EVT_TBL_NOT_FINITE, field, q[i]);
             return;
         }

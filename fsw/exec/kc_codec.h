@@ -31,7 +31,7 @@ typedef struct {
     uint8_t *out;
     uint32_t from, cap;
     int32_t index;            /* entry being walked, -1 = none; set by the layout    */
-    uint32_t n_bad;           /* entries refused so far                              */
+    uint32_t n_bad;           /* values refused so far                               */
     kc_event_id_t bad_id;     /* first of them                                       */
     int32_t bad_index;
     uint32_t bad_field;

@@ -4,6 +4,7 @@
 
 #include <stdint.h>
 
+#include "kc_codec.h"
 #include "kc_estimate.h"
 #include "kc_servo.h"
 
@@ -42,6 +43,10 @@ typedef struct {
     uint64_t budget_us;           /* 0 = none                                                */
 } kc_config_t;
 
+/* Layout and limits of every field, over the stream of kc_codec.h. */
+void kc_config_walk(kc_walk_t *w, kc_config_t *c);
+
+/* KC_ERR_RANGE: first problem, *index = field number of docs/TABLES.md, *got = the value. c unchanged. */
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got);
 
 #endif
