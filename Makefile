@@ -1,0 +1,223 @@
+# KinCal: build, test and demo. `make help` lists the targets.
+#
+# Sources are found by pattern: a new .c file, test or message needs no edit here. Products go to
+# build/, the Python environment to .venv; both can be deleted at any time.
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.SUFFIXES:
+MAKEFLAGS += --no-builtin-rules
+
+Q        := $(if $(V),,@)
+BUILD    ?= build
+PYTHON   ?= python3
+CLANG    ?= clang-19
+CLANGXX  ?= clang++-19
+export PYTHON
+
+PY       := .venv/bin/python
+LAYERS   := math eigen model estimate design motion exec
+CORE_SRC := $(sort $(wildcard $(LAYERS:%=fsw/%/*.c) $(LAYERS:%=fsw/%/*.cpp)))
+LCM_SRC  := $(sort $(wildcard fsw/lcm/*.c))
+MAIN_SRC := $(filter %main.c,$(LCM_SRC))
+TAG_SRC  := $(sort $(wildcard sim/tagdet/*.c sim/tagdet/*.cpp))
+MSGS     := $(sort $(wildcard fsw/msg/*.lcm))
+UNITS    := $(sort $(wildcard tests/unit/test_*.c))
+UNIT_AUX := $(filter-out $(UNITS),$(sort $(wildcard tests/unit/*.c)))
+HEADERS  := $(sort $(wildcard $(LAYERS:%=fsw/%/kc_*.h)))
+
+WARN     := -Wall -Wextra -Werror -Wconversion -Wshadow -Wdouble-promotion
+# -ffp-contract=off: no fused multiply-add, so that every CPU gets the same bits.
+COMMON   := $(WARN) -ffp-contract=off -fPIC -g $(LAYERS:%=-Ifsw/%) -isystem /usr/include/eigen3
+CFLAGS   := -std=c11 -Wstrict-prototypes -Wmissing-prototypes $(COMMON)
+CXXFLAGS := -std=c++17 -fno-exceptions -fno-rtti -DEIGEN_DONT_VECTORIZE $(COMMON)
+UNITFLAG := -isystem $(BUILD)/unity -Itests/unit -DUNITY_INCLUDE_DOUBLE -DUNITY_OUTPUT_COLOR=0
+
+.PHONY: help
+help: ## list the targets (V=1 shows whole commands)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-15s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+# ---- set-up: what is missing is installed, once; afterwards nothing here needs a network -------------
+
+STAMP := $(BUILD)/stamp
+
+.PHONY: setup setup-demo
+setup: setup-demo $(STAMP)/apt-test .venv/.stamp-dev $(BUILD)/unity/unity.c ## all that tests need
+setup-demo: $(STAMP)/apt-build .venv/.stamp ## all that the demo needs
+
+$(STAMP)/apt-%: .ci/packages.%
+	@mkdir -p $(@D)
+	@.ci/apt $<
+	@touch $@
+
+.venv/.stamp: ground/requirements.lock .ci/venv | $(STAMP)/apt-build
+	.ci/venv ground/requirements.lock
+	@touch $@
+
+.venv/.stamp-dev: ground/requirements-dev.lock .venv/.stamp
+	.ci/venv ground/requirements-dev.lock
+	@touch $@
+
+$(BUILD)/unity/unity.c:
+	.ci/unity $(BUILD)/unity
+
+.PHONY: lock
+lock: ## resolve the Python requirements anew (needs the network)
+	.ci/lock
+
+# ---- messages -----------------------------------------------------------------------------------------
+
+GEN_C := $(MSGS:fsw/msg/%.lcm=$(BUILD)/gen/kcm_%.c)
+
+.PHONY: messages
+messages: $(STAMP)/messages ## LCM types for C and Python
+
+$(GEN_C): $(STAMP)/messages ;
+$(STAMP)/messages: $(MSGS) | $(STAMP)/apt-build
+	@rm -rf $(BUILD)/gen $(BUILD)/py/kcm && mkdir -p $(@D) $(BUILD)/gen $(BUILD)/py
+	$(Q)lcm-gen -c --c-cpath $(BUILD)/gen --c-hpath $(BUILD)/gen $(MSGS)
+	$(Q)lcm-gen -p --ppath $(BUILD)/py $(MSGS)
+	@touch $@
+
+# ---- objects, once per variant ------------------------------------------------------------------------
+# rel   what flies, with its call graph for `make size`
+# san   AddressSanitizer and UndefinedBehaviorSanitizer
+# cov   line and branch counters
+# clang only compiled: the second opinion on warnings
+
+SAN := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+
+objects = $(patsubst %,$(BUILD)/$1/%.o,$2)
+
+# variant NAME, C compiler, C++ compiler, flags
+define variant
+$(BUILD)/$1/flags: FORCE
+	@mkdir -p $$(@D)
+	@echo '$2 $3 $4 $$(CFLAGS) $$(CXXFLAGS) $$(UNITFLAG)' | cmp -s - $$@ || \
+	    echo '$2 $3 $4 $$(CFLAGS) $$(CXXFLAGS) $$(UNITFLAG)' > $$@
+
+$(BUILD)/$1/fsw/lcm/%.c.o: fsw/lcm/%.c $(BUILD)/$1/flags $(STAMP)/messages | $(STAMP)/apt-build
+	@mkdir -p $$(@D)
+	$$(Q)echo "  CC  $$@"; $2 $$(CFLAGS) $4 -isystem $(BUILD)/gen -MMD -MP -c $$< -o $$@
+
+$(BUILD)/$1/fsw/%.c.o: fsw/%.c $(BUILD)/$1/flags | $(STAMP)/apt-build
+	@mkdir -p $$(@D)
+	$$(Q)echo "  CC  $$@"; $2 $$(CFLAGS) $4 -MMD -MP -c $$< -o $$@
+
+$(BUILD)/$1/fsw/%.cpp.o: fsw/%.cpp $(BUILD)/$1/flags | $(STAMP)/apt-build
+	@mkdir -p $$(@D)
+	$$(Q)echo "  CXX $$@"; $3 $$(CXXFLAGS) $4 -MMD -MP -c $$< -o $$@
+
+$(BUILD)/$1/gen/%.c.o: $(BUILD)/gen/%.c $(BUILD)/$1/flags
+	@mkdir -p $$(@D)
+	$$(Q)echo "  CC  $$@"; $2 -std=c11 -O1 -g -fPIC -w -c $$< -o $$@
+
+$(BUILD)/$1/unity/unity.c.o: $(BUILD)/unity/unity.c $(BUILD)/$1/flags
+	@mkdir -p $$(@D)
+	$$(Q)echo "  CC  $$@"; $2 -std=c11 -O1 -g -w $$(UNITFLAG) -c $$< -o $$@
+
+$(BUILD)/$1/tests/unit/%.c.o: tests/unit/%.c $(BUILD)/$1/flags $(STAMP)/messages | $(BUILD)/unity/unity.c
+	@mkdir -p $$(@D)
+	$$(Q)echo "  CC  $$@"; $2 $$(CFLAGS) $4 $$(UNITFLAG) -Ifsw/lcm -isystem $(BUILD)/gen -MMD -MP -c $$< -o $$@
+
+$(BUILD)/$1/tests/unit/%.runner.o: $(BUILD)/runners/%.c $(BUILD)/$1/flags | $(BUILD)/unity/unity.c
+	@mkdir -p $$(@D)
+	$$(Q)echo "  CC  $$@"; $2 -std=c11 -O1 -g -w $4 $$(UNITFLAG) -c $$< -o $$@
+
+$(BUILD)/$1/libkincal.a: $(call objects,$1,$(CORE_SRC))
+	@rm -f $$@ && ar rcs $$@.new $$^ && mv $$@.new $$@
+
+$(BUILD)/$1/libkcedge.a: $(call objects,$1,$(filter-out $(MAIN_SRC),$(LCM_SRC))) \
+                         $(GEN_C:$(BUILD)/gen/%=$(BUILD)/$1/gen/%.o)
+	@rm -f $$@ && ar rcs $$@.new $$^ && mv $$@.new $$@
+
+$(BUILD)/$1/unit/%: $(BUILD)/$1/tests/unit/%.c.o $(BUILD)/$1/tests/unit/%.runner.o \
+                    $(call objects,$1,$(UNIT_AUX)) $(BUILD)/$1/unity/unity.c.o \
+                    $(BUILD)/$1/libkcedge.a $(BUILD)/$1/libkincal.a
+	@mkdir -p $$(@D)
+	$$(Q)$3 $4 $$^ -Wl,--as-needed -llcm -lm -o $$@
+
+-include $(patsubst %.o,%.d,$(call objects,$1,$(CORE_SRC) $(LCM_SRC) $(UNITS) $(UNIT_AUX)))
+endef
+
+$(eval $(call variant,rel,gcc,g++,-O2 -fcallgraph-info=su))
+$(eval $(call variant,san,gcc,g++,-O1 $(SAN)))
+$(eval $(call variant,cov,gcc,g++,-O0 --coverage -fprofile-abs-path))
+$(eval $(call variant,clang,$(CLANG),$(CLANGXX),-O2))
+.SECONDARY:
+
+FORCE:
+
+# ---- products -----------------------------------------------------------------------------------------
+
+.PHONY: core fsw tagdet build
+build: core fsw tagdet messages ## everything that runs
+
+core: $(BUILD)/libkincal.so $(BUILD)/libkincal.a $(BUILD)/kincal_cdef.h ## the flight core as a library
+
+$(BUILD)/libkincal.a: $(BUILD)/rel/libkincal.a
+	@cp $< $@.new && mv $@.new $@
+
+$(BUILD)/libkincal.so: $(call objects,rel,$(CORE_SRC))
+	$(Q)echo "  LD  $@"; g++ -shared -Wl,-z,defs $^ -lm -o $@.new && mv $@.new $@
+
+$(BUILD)/kincal_cdef.h: $(HEADERS) ground/cdef.py
+	@mkdir -p $(@D)
+	$(Q)$(PYTHON) ground/cdef.py $(LAYERS:%=fsw/%) > $@.new && mv $@.new $@
+
+fsw: $(BUILD)/kincal-fsw ## the flight process
+
+$(BUILD)/kincal-fsw: $(call objects,rel,$(MAIN_SRC)) $(BUILD)/rel/libkcedge.a $(BUILD)/rel/libkincal.a
+	$(Q)echo "  LD  $@"; g++ $^ -llcm -lm -o $@.new && mv $@.new $@
+
+tagdet: $(BUILD)/kincal-tagdet ## the tag detector process
+
+TAG_OBJ := $(call objects,rel,$(TAG_SRC))
+TAG_FLAGS := $(WARN) -O2 -g -ffp-contract=off -isystem $(BUILD)/gen -isystem /usr/include/opencv4
+$(BUILD)/rel/sim/tagdet/%.c.o: sim/tagdet/%.c $(STAMP)/messages
+	@mkdir -p $(@D)
+	$(Q)echo "  CC  $@"; gcc -std=c11 $(TAG_FLAGS) -MMD -MP -c $< -o $@
+$(BUILD)/rel/sim/tagdet/%.cpp.o: sim/tagdet/%.cpp $(STAMP)/messages
+	@mkdir -p $(@D)
+	$(Q)echo "  CC  $@"; g++ -std=c++17 $(TAG_FLAGS) -MMD -MP -c $< -o $@
+$(BUILD)/kincal-tagdet: $(TAG_OBJ) $(GEN_C:$(BUILD)/gen/%=$(BUILD)/rel/gen/%.o)
+	$(Q)echo "  LD  $@"; g++ $^ -lapriltag -lopencv_calib3d -lopencv_imgcodecs -lopencv_imgproc -lopencv_core -llcm -lm \
+	    -o $@.new && mv $@.new $@
+-include $(TAG_OBJ:.o=.d)
+
+# ---- tests --------------------------------------------------------------------------------------------
+
+JUNIT  := $(BUILD)/junit
+PYTEST := $(PY) -m pytest -q -c tests/pytest.ini
+
+$(BUILD)/runners/%.c: tests/unit/%.c tests/unit/runner.py
+	@mkdir -p $(@D)
+	@$(PYTHON) tests/unit/runner.py main $< > $@
+
+unit-bins = $(UNITS:tests/unit/%.c=$(BUILD)/$1/unit/%)
+
+.PHONY: unit unit-san oracle integration ground-test
+unit: $(call unit-bins,rel) ## unit tests
+	@$(PYTHON) tests/unit/runner.py run --junit $(JUNIT)/unit.xml $^
+
+unit-san: $(call unit-bins,san) ## unit tests under ASan and UBSan
+	@$(PYTHON) tests/unit/runner.py run --junit $(JUNIT)/unit-san.xml $^
+
+oracle: core .venv/.stamp-dev ## the core's numbers against independent libraries
+	$(PYTEST) tests/oracle --junitxml=$(JUNIT)/oracle.xml
+
+integration: build .venv/.stamp-dev ## processes over LCM
+	$(PYTEST) tests/integration --junitxml=$(JUNIT)/integration.xml
+
+ground-test: build .venv/.stamp-dev ## the ground tool
+	$(PYTEST) tests/ground --junitxml=$(JUNIT)/ground.xml
+
+# ---- tidying ------------------------------------------------------------------------------------------
+
+.PHONY: clean distclean
+clean: ## delete what was built; keep the downloads
+	rm -rf $(filter-out $(BUILD)/unity $(STAMP),$(wildcard $(BUILD)/*))
+	rm -f $(STAMP)/messages
+
+distclean: ## delete the downloads too
+	rm -rf $(BUILD) .venv

@@ -1,0 +1,77 @@
+"""Write what cffi needs to know about the flight core: its public headers, preprocessed.
+
+    cdef.py fsw/math fsw/model ... > build/kincal_cdef.h
+
+cffi's parser takes plain declarations only: system headers, static inline functions and static
+assertions go, and macros that are whole numbers become `#define NAME 8`. Standard library only, so
+that the core builds without the Python environment.
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+# Empty stand-ins: cffi knows the names these headers declare.
+SYSTEM_HEADERS = ("stdint.h", "stddef.h", "stdbool.h", "math.h", "string.h", "float.h", "assert.h")
+
+
+def preprocess(text: str, dirs: list[Path], *options: str) -> str:
+    with tempfile.TemporaryDirectory() as fake:
+        for name in SYSTEM_HEADERS:
+            Path(fake, name).write_text("#define bool _Bool\n" if name == "stdbool.h" else "")
+        command = [os.environ.get("CC", "gcc"), "-E", "-P", "-std=c11", "-nostdinc", f"-I{fake}"]
+        command += [f"-I{d}" for d in dirs] + [*options, "-"]
+        return subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
+
+
+def without_bodies(text: str) -> str:
+    """Drop `static ...` definitions with a body, and static assertions."""
+    text = re.sub(r'_Static_assert\s*\((?:[^()"]|"[^"]*"|\((?:[^()]|\([^()]*\))*\))*\)\s*;', "", text)
+    out, i = [], 0
+    for start in re.finditer(r"^static\b[^;{=]*\{", text, flags=re.M):
+        if start.start() < i:
+            continue
+        out.append(text[i : start.start()])
+        depth, i = 1, start.end()
+        while depth:
+            depth += {"{": 1, "}": -1}.get(text[i], 0)
+            i += 1
+    out.append(text[i:])
+    return "".join(out)
+
+
+def whole_number_macros(includes: str, dirs: list[Path]) -> dict[str, int]:
+    defined = preprocess(includes, dirs, "-dM")
+    names = sorted(set(re.findall(r"^#define (KC_\w+) +\S", defined, flags=re.M)))
+    probe = includes + "".join(f'\nkc_probe "{name}" = {name};' for name in names)
+    values = {}
+    for name, expr in re.findall(r'^kc_probe "(\w+)" = (.*);$', preprocess(probe, dirs), flags=re.M):
+        plain = re.sub(r"\b(0[xX][0-9a-fA-F]+|\d+)[uUlL]+\b", r"\1", expr)
+        if re.fullmatch(r"[-+*()<>|&\s\dxXa-fA-F]+", plain) and re.search(r"\d", plain):
+            try:
+                values[name] = int(eval(plain, {"__builtins__": {}}))  # noqa: S307  (digits and operators only)
+            except (SyntaxError, NameError, TypeError):
+                continue
+    return values
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("dirs", type=Path, nargs="+", help="header folders, lowest layer first")
+    dirs = parser.parse_args().dirs
+    headers = [h for d in dirs for h in sorted(d.glob("kc_*.h"))]
+    includes = "".join(f'#include "{h.name}"\n' for h in headers)
+
+    print("/* Made by ground/cdef.py from the public headers of fsw/; do not edit. */")
+    for name, value in whole_number_macros(includes, dirs).items():
+        print(f"#define {name} {value}")
+    print(re.sub(r"\n{2,}", "\n", without_bodies(preprocess(includes, dirs))).strip())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,13 @@
+"""What every Python test may count on."""
+
+import os
+from pathlib import Path
+
+# Off-screen OpenGL: set before anything imports mujoco.
+os.environ.setdefault("MUJOCO_GL", "osmesa")
+os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
+# One thread each: the machine has few cores, and sums keep their order.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+ROOT = Path(__file__).resolve().parent.parent
