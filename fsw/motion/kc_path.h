@@ -40,15 +40,24 @@ int kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j);
 
 /* Way points from node `from` to node `to` (both excluded start, included goal), as nodes: at most
  * KC_PATH_MAX. A direct edge if proven, else over hubs (breadth first, lowest index on ties).
- * KC_ERR_PATH if there is none; *n = 0 if from == to. */
+ * KC_ERR_PATH if there is none or a node does not exist (KC_NODE_NONE: the arm stands somewhere no
+ * segment was proven from); *n = 0 if from == to. O(n_hub^2). */
 kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16_t *way, uint32_t *n);
 
-/* Seed joints of a node, n_joints values. */
+/* Seed joints of a node that exists, n_joints values. */
 void kc_path_joints(const kc_space_t *s, uint32_t node, double *q);
 
-/* Node whose joints are nearest (largest joint difference) to q, and that difference. */
+/* Node whose joints are nearest (largest joint difference) to q, and that difference. Ties: hubs
+ * first, then lowest index. KC_NODE_NONE for an empty space. O(n_cand n_joints). */
 uint32_t kc_path_nearest(const kc_space_t *s, const double *q, double *dist);
 
+/* First problem found: KC_ERR_RANGE, *got = the value, *index = candidate, KC_SPACE_INDEX_HUB + hub,
+ * KC_SPACE_INDEX_PRIOR + place in the list of priors, or -1. Checks counts, finite numbers, unit norms
+ * (1e-6), hub and prior numbers, that hub segments go both ways, that no edge bit is set beyond n_cand,
+ * and that every candidate is reachable from hub 0; with arm (NULL: skip) also its number of joints and
+ * that hubs and seeds lie inside its limits (1e-6, single precision). */
+#define KC_SPACE_INDEX_HUB 2000
+#define KC_SPACE_INDEX_PRIOR 3000
 kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t *index, double *got);
 
 #endif

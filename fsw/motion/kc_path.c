@@ -1,0 +1,218 @@
+#include "kc_path.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "kc_libm.h"
+
+#define UNIT_TOL 1e-6
+#define LIMIT_TOL 1e-6 /* seeds are single precision, limits are not */
+
+int kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j)
+{
+    uint32_t hi = i > j ? i : j;
+    uint32_t lo = i > j ? j : i;
+    uint32_t bit;
+    if (hi == lo || hi >= s->n_cand) { return 0; }
+    bit = hi * (hi - 1u) / 2u + lo;
+    return (s->edge[bit / 8u] >> (bit % 8u)) & 1u;
+}
+
+static int is_hub(uint32_t node) { return node < KC_HUB_MAX; }
+
+static int is_node(const kc_space_t *s, uint32_t node)
+{
+    return is_hub(node) ? node < s->n_hub : node - KC_HUB_MAX < s->n_cand;
+}
+
+/* The hub a node hangs on: itself, or the candidate's own. */
+static uint32_t hub_of(const kc_space_t *s, uint32_t node)
+{
+    return is_hub(node) ? node : s->cand[node - KC_HUB_MAX].hub;
+}
+
+/* Hubs from `start`, breadth first, lowest index first: parent[h] = hub before h, KC_HUB_MAX if not
+ * reached. Stops early once `goal` is found; goal >= KC_HUB_MAX reaches all. Each hub is entered once,
+ * so the work is bounded by n_hub^2. */
+static void search_hubs(const kc_space_t *s, uint32_t start, uint32_t goal, uint32_t parent[KC_HUB_MAX])
+{
+    uint32_t queue[KC_HUB_MAX];
+    uint32_t head = 0u, tail = 0u;
+    for (uint32_t h = 0u; h < KC_HUB_MAX; h++) { parent[h] = KC_HUB_MAX; }
+    parent[start] = start;
+    queue[tail++] = start;
+    while (head < tail && queue[head] != goal) {
+        uint32_t at = queue[head++];
+        for (uint32_t h = 0u; h < s->n_hub; h++) {
+            if (parent[h] == KC_HUB_MAX && ((s->hub_edge[at] >> h) & 1u) != 0u) {
+                parent[h] = at;
+                queue[tail++] = h;
+            }
+        }
+    }
+}
+
+/* Append the hubs from start (only if `with_start`) to goal, in order. */
+static kc_status_t append_hubs(const kc_space_t *s, uint32_t start, uint32_t goal, int with_start,
+                               uint16_t *way, uint32_t *n)
+{
+    uint32_t parent[KC_HUB_MAX];
+    uint32_t back[KC_HUB_MAX];
+    uint32_t m = 0u;
+    search_hubs(s, start, goal, parent);
+    if (parent[goal] == KC_HUB_MAX) { return KC_ERR_PATH; }
+    for (uint32_t h = goal; h != start && m < KC_HUB_MAX - 1u; h = parent[h]) { back[m++] = h; }
+    if (with_start) { back[m++] = start; }
+    while (m > 0u) { way[(*n)++] = (uint16_t)back[--m]; }
+    return KC_OK;
+}
+
+kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16_t *way, uint32_t *n)
+{
+    kc_status_t st;
+    *n = 0u;
+    if (!is_node(s, from) || !is_node(s, to)) { return KC_ERR_PATH; }
+    if (from == to) { return KC_OK; }
+    if (!is_hub(from) && !is_hub(to) && kc_space_edge(s, from - KC_HUB_MAX, to - KC_HUB_MAX)) {
+        way[(*n)++] = (uint16_t)to;
+        return KC_OK;
+    }
+    st = append_hubs(s, hub_of(s, from), hub_of(s, to), !is_hub(from), way, n);
+    if (st == KC_OK && !is_hub(to)) { way[(*n)++] = (uint16_t)to; }
+    return st;
+}
+
+static const float *node_joints(const kc_space_t *s, uint32_t node)
+{
+    return is_hub(node) ? s->hub_q[node] : s->cand[node - KC_HUB_MAX].q_seed;
+}
+
+void kc_path_joints(const kc_space_t *s, uint32_t node, double *q)
+{
+    const float *from = node_joints(s, node);
+    for (uint32_t j = 0u; j < s->n_joints; j++) { q[j] = (double)from[j]; }
+}
+
+static double joint_distance(const float *a, const double *q, uint32_t n)
+{
+    double worst = 0.0;
+    for (uint32_t j = 0u; j < n; j++) { worst = kc_max(kc_fabs((double)a[j] - q[j]), worst); }
+    return worst;
+}
+
+uint32_t kc_path_nearest(const kc_space_t *s, const double *q, double *dist)
+{
+    uint32_t best = KC_NODE_NONE;
+    *dist = KC_INF;
+    for (uint32_t k = 0u; k < s->n_hub + s->n_cand; k++) {
+        uint32_t node = k < s->n_hub ? k : KC_HUB_MAX + k - s->n_hub;
+        double d = joint_distance(node_joints(s, node), q, s->n_joints);
+        if (d < *dist) {
+            *dist = d;
+            best = node;
+        }
+    }
+    return best;
+}
+
+/* ---- Validation: every entry; the first problem is reported ---- */
+
+static kc_status_t bad(int32_t at, double value, int32_t *index, double *got)
+{
+    *index = at;
+    *got = value;
+    return KC_ERR_RANGE;
+}
+
+static kc_status_t check_counts(const kc_space_t *s, const kc_arm_t *arm, int32_t *index, double *got)
+{
+    if (s->n_cand < 1u || s->n_cand > KC_CAND_MAX) { return bad(-1, (double)s->n_cand, index, got); }
+    if (s->n_hub < 1u || s->n_hub > KC_HUB_MAX) { return bad(-1, (double)s->n_hub, index, got); }
+    if (s->n_joints < 1u || s->n_joints > KC_JOINT_MAX) { return bad(-1, (double)s->n_joints, index, got); }
+    if (s->n_prior > KC_PRIOR_MAX) { return bad(-1, (double)s->n_prior, index, got); }
+    if (arm != NULL && s->n_joints != arm->n_joints) { return bad(-1, (double)s->n_joints, index, got); }
+    if (!kc_finite((double)s->servo_leash) || s->servo_leash <= 0.0f) {
+        return bad(-1, (double)s->servo_leash, index, got);
+    }
+    return KC_OK;
+}
+
+static kc_status_t check_joints(const float *q, uint32_t n, const kc_arm_t *arm, int32_t at, int32_t *index,
+                                double *got)
+{
+    for (uint32_t j = 0u; j < n; j++) {
+        double v = (double)q[j];
+        if (!kc_finite(v)) { return bad(at, v, index, got); }
+        if (arm == NULL) { continue; }
+        if (v < arm->joint[j].q_min - LIMIT_TOL || v > arm->joint[j].q_max + LIMIT_TOL) {
+            return bad(at, v, index, got);
+        }
+    }
+    return KC_OK;
+}
+
+static kc_status_t check_hub(const kc_space_t *s, const kc_arm_t *arm, uint32_t h, int32_t *index, double *got)
+{
+    int32_t at = KC_SPACE_INDEX_HUB + (int32_t)h;
+    if ((uint32_t)s->hub_edge[h] >> s->n_hub != 0u) { return bad(at, (double)s->hub_edge[h], index, got); }
+    for (uint32_t k = 0u; k < s->n_hub; k++) { /* a segment can be driven both ways */
+        if (((s->hub_edge[h] >> k) & 1u) != ((s->hub_edge[k] >> h) & 1u)) {
+            return bad(at, (double)s->hub_edge[h], index, got);
+        }
+    }
+    return check_joints(s->hub_q[h], s->n_joints, arm, at, index, got);
+}
+
+static kc_status_t check_cand(const kc_space_t *s, const kc_arm_t *arm, uint32_t i, int32_t *index, double *got)
+{
+    const kc_cand_t *c = &s->cand[i];
+    double norm2 = 0.0;
+    for (uint32_t k = 0u; k < 3u; k++) {
+        if (!kc_finite((double)c->p_m[k])) { return bad((int32_t)i, (double)c->p_m[k], index, got); }
+    }
+    for (uint32_t k = 0u; k < 4u; k++) { norm2 += (double)c->q_wxyz[k] * (double)c->q_wxyz[k]; }
+    /* NaN fails too */
+    if (!(kc_fabs(kc_sqrt(norm2) - 1.0) <= UNIT_TOL)) { return bad((int32_t)i, kc_sqrt(norm2), index, got); }
+    if (!kc_finite((double)c->pan_rad)) { return bad((int32_t)i, (double)c->pan_rad, index, got); }
+    if (!kc_finite((double)c->tilt_rad)) { return bad((int32_t)i, (double)c->tilt_rad, index, got); }
+    if (c->hub >= s->n_hub) { return bad((int32_t)i, (double)c->hub, index, got); }
+    return check_joints(c->q_seed, s->n_joints, arm, (int32_t)i, index, got);
+}
+
+static kc_status_t check_edges(const kc_space_t *s, int32_t *index, double *got)
+{
+    uint32_t n_bits = s->n_cand * (s->n_cand - 1u) / 2u;
+    for (uint32_t k = n_bits / 8u; k < KC_EDGE_BYTES; k++) {
+        uint32_t keep = k == n_bits / 8u ? n_bits % 8u : 0u; /* bits of this byte that mean something */
+        if ((uint32_t)s->edge[k] >> keep != 0u) { return bad(-1, (double)s->edge[k], index, got); }
+    }
+    return KC_OK;
+}
+
+/* Every hub that a candidate hangs on must be reachable from hub 0. */
+static kc_status_t check_connected(const kc_space_t *s, int32_t *index, double *got)
+{
+    uint32_t parent[KC_HUB_MAX];
+    search_hubs(s, 0u, KC_HUB_MAX, parent);
+    for (uint32_t i = 0u; i < s->n_cand; i++) {
+        if (parent[s->cand[i].hub] == KC_HUB_MAX) {
+            return bad((int32_t)i, (double)s->cand[i].hub, index, got);
+        }
+    }
+    return KC_OK;
+}
+
+kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t *index, double *got)
+{
+    kc_status_t st = check_counts(s, arm, index, got);
+    if (st != KC_OK) { return st; } /* nothing else can be walked */
+    for (uint32_t k = 0u; st == KC_OK && k < s->n_prior; k++) {
+        if (s->prior[k] >= s->n_cand) {
+            st = bad(KC_SPACE_INDEX_PRIOR + (int32_t)k, (double)s->prior[k], index, got);
+        }
+    }
+    for (uint32_t h = 0u; st == KC_OK && h < s->n_hub; h++) { st = check_hub(s, arm, h, index, got); }
+    for (uint32_t i = 0u; st == KC_OK && i < s->n_cand; i++) { st = check_cand(s, arm, i, index, got); }
+    if (st == KC_OK) { st = check_edges(s, index, got); }
+    return st == KC_OK ? check_connected(s, index, got) : st;
+}
