@@ -284,7 +284,8 @@ void kc_la_rank(double *R, uint32_t n, uint32_t ld, const double *scale, double 
     for (uint32_t j = r; j < n; j++) {
         for (uint32_t i = r; i-- > 0u;) {
             const Index len = Index(r - i - 1u);
-            U(i, j) = (U(i, j) - U.row(i).segment(i + 1u, len).transpose().dot(U.col(j).segment(i + 1u, len))) / U(i, i);
+            const double known = U.row(i).segment(i + 1u, len).transpose().dot(U.col(j).segment(i + 1u, len));
+            U(i, j) = (U(i, j) - known) / U(i, i);
         }
     }
     *rank = r;

@@ -33,6 +33,25 @@ void kc_pose_inv(const kc_pose_t *A, kc_pose_t *out)
     *out = C;
 }
 
+void kc_pose_screw(kc_pose_t *T, uint32_t axis, double shift_m, double angle_rad)
+{
+    const uint32_t u = (axis + 1u) % 3u, v = (axis + 2u) % 3u;
+    const double c = kc_cos(angle_rad), s = kc_sin(angle_rad);
+    for (uint32_t i = 0u; i < 3u; i++) {
+        double *row = &T->R[3u * i];
+        const double ru = row[u], rv = row[v];
+        T->p_m[i] += shift_m * row[axis];
+        row[u] = c * ru + s * rv;
+        row[v] = c * rv - s * ru;
+    }
+}
+
+void kc_pose_from_quat(const double xyz_m[3], const double q_wxyz[4], kc_pose_t *out)
+{
+    kc_v3_copy(xyz_m, out->p_m);
+    kc_quat_to_R(q_wxyz, out->R);
+}
+
 double kc_quat_dist_rad(const double q1[4], const double q2[4])
 {
     const double inv[4] = {q1[0], -q1[1], -q1[2], -q1[3]};

@@ -6,6 +6,8 @@
 #ifndef KC_ROT_H
 #define KC_ROT_H
 
+#include <stdint.h>
+
 #include "kc_status.h"
 
 typedef struct {
@@ -18,6 +20,10 @@ void kc_pose_identity(kc_pose_t *T);
 void kc_pose_mul(const kc_pose_t *A, const kc_pose_t *B, kc_pose_t *out);
 /* out = A^-1. out may alias A. */
 void kc_pose_inv(const kc_pose_t *A, kc_pose_t *out);
+/* T <- T S, S = screw on T's own axis (0 x, 1 y, 2 z): turn by angle_rad, shift by shift_m. */
+void kc_pose_screw(kc_pose_t *T, uint32_t axis, double shift_m, double angle_rad);
+/* Pose from origin and unit quaternion, as tables hold it. */
+void kc_pose_from_quat(const double xyz_m[3], const double q_wxyz[4], kc_pose_t *out);
 
 /* eq. 1: rotation angle between two unit quaternions, 0..pi [rad]; computed as
  * 2 atan2(|v|, |w|) of q1^-1 q2, which keeps its digits near 0 (method.md 2). */

@@ -38,8 +38,12 @@ typedef struct {
  * validated arm. O(n). */
 void kc_arm_fk(const kc_arm_t *arm, const double *q, kc_pose_t *T_base_tool);
 
+/* T <- T T_{i-1,i}(q), nominal: across one joint and its link. */
+void kc_arm_link(const kc_joint_t *joint, double q, kc_pose_t *T);
+
 /* First problem found, KC_ERR_RANGE with *index = joint (or -1), *got = the value:
- * counts, finite numbers, unit quaternions (1e-6), q_min < q_max, masses >= 0. */
+ * counts, joint types, finite numbers, unit quaternions (1e-6), q_min < q_max, speed_max > 0,
+ * masses and gear ratios >= 0. */
 kc_status_t kc_arm_validate(const kc_arm_t *arm, int32_t *index, double *got);
 
 #endif

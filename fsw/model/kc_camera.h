@@ -38,11 +38,12 @@ kc_status_t kc_camera_aim(const kc_camera_t *cam, const double p_base_m[3], doub
 /* Projection of a camera-frame point [px]; KC_ERR_RANGE if it is not in front. */
 kc_status_t kc_camera_project(const kc_camera_t *cam, const double p_cam_m[3], double uv_px[2]);
 
-/* Bit per tag (order of cam->tag) that lies fully inside the image and is seen with an
+/* Bit per tag (order of cam->tag) that lies with its white border inside the image and is seen with an
  * incidence below max_incid_rad, the tool being at T_cam_tool. No occlusion test. */
 uint32_t kc_camera_visible(const kc_camera_t *cam, const kc_pose_t *T_cam_tool,
                            double max_incid_rad);
 
+/* First problem found: KC_ERR_RANGE, *index = tag or -1, *got = the value. */
 kc_status_t kc_camera_validate(const kc_camera_t *cam, int32_t *index, double *got);
 
 #endif

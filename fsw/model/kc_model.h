@@ -24,9 +24,12 @@ typedef struct {
     double twist[KC_FRAME_COUNT * 6u][6];     /* d pose / d component: (dp; dtheta) in
                                                  the base frame, rotation about the
                                                  tool point; index frame*6 + comp;
-                                                 camera and meas rows are filled by
-                                                 kc_model_residual only             */
-    double Jq[KC_JOINT_MAX][6];               /* d pose / d q_j                     */
+                                                 camera and meas rows are zero but
+                                                 after kc_model_residual: d(model -
+                                                 measured) then                     */
+    double Jq[KC_JOINT_MAX][6];               /* d pose / d q_j at fixed corrections
+                                                 (their slope in q, e.g. an encoder
+                                                 gain of 1 %, is left out)          */
     double J[KC_COEF_MAX][6];                 /* d pose / d coefficient             */
 } kc_eval_t;
 
@@ -38,14 +41,15 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
 
 /* Corrected pose, joint Jacobian and coefficient Jacobian at fixed loads (the derivative
  * through the loads is second order and left out; Gauss-Newton re-evaluates them).
- * coef: n_coef values. want_J = 0 skips twist and J. O(n + n_term). */
+ * coef: n_coef values (NULL: all zero). want_J = 0 skips twist and J. O(n + n_term). */
 void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                    const kc_ctx_t *ctx, const kc_loads_t *loads, int want_J, kc_eval_t *ev);
 
 /* Residual r = measured - model (kc_pose_residual) with camera-side corrections applied to
  * the measured pose, and J[c] = d(model - measured)/d coefficient c, so that
  * r(coef + x) ~ r - J'x. Camera-side terms need has_cam and are zero without it.
- * rows: 6, or 3 if !has_rot (the rotation part is then zero). Returns rows. */
+ * rows: 6, or 3 if !has_rot (the rotation part is then zero, and the meas frame is taken to
+ * stand as the model says). Returns rows. */
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_obs_t *obs, const kc_loads_t *loads, double r[6],
                            kc_eval_t *ev);

@@ -45,7 +45,7 @@ typedef enum {
     KC_VAR_COUNT = 22
 } kc_var_t;
 
-/* basis = fn(z),  z = c1 (x - c0). */
+/* basis = fn(z),  z = c1 (x - c0), clipped to +-1e12. */
 typedef enum {
     KC_FN_LIN = 0,   /* z                        */
     KC_FN_SIN = 1,
@@ -100,17 +100,21 @@ typedef struct {
     double p_cam_tool_m[3];
 } kc_ctx_t;
 
-/* Gravity loads of one pose, evaluated on the chain with the given coefficients. */
+/* What gravity does to the arm in one pose (the motors hold against it), evaluated on the chain
+ * with the given coefficients. Payload is a point mass at the tool point. */
 typedef struct {
     double tau[KC_JOINT_MAX];             /* torque about joint j, index j-1 [N m] */
     double tau_payload[KC_JOINT_MAX];     /* of payload_kg alone [N m]             */
-    double moment[KC_JOINT_MAX + 1u][3];  /* about the origin of frame i, in frame i,
-                                             of everything beyond it [N m]         */
+    double moment[KC_JOINT_MAX + 1u][3];  /* about the origin of frame i, in frame i, of
+                                             everything beyond it: links i+1 .. n and
+                                             payload [N m]                         */
 } kc_loads_t;
 
 /* Value of a basis; q etc. from ctx, torques and moments from loads. Always finite for
  * finite input. */
 double kc_basis_eval(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t *loads);
+/* Whether the basis looks at a gravity torque or moment. */
+int kc_basis_needs_loads(const kc_basis_t *b);
 
 /* First problem found: KC_ERR_RANGE, *index = coefficient or 1000 + term, *got = value. */
 kc_status_t kc_terms_validate(const kc_terms_t *t, uint32_t n_joints, int32_t *index,

@@ -1,0 +1,246 @@
+#include "kc_model.h"
+
+#include <string.h>
+
+#include "kc_vec.h"
+
+/* Twists of all frames: component sums of the correction terms. */
+typedef double twists_t[KC_FRAME_COUNT][6];
+
+static double term_weight(const kc_term_t *t, const kc_ctx_t *ctx, const kc_loads_t *loads)
+{
+    return t->gain * kc_basis_eval(&t->basis[0], ctx, loads) * kc_basis_eval(&t->basis[1], ctx, loads);
+}
+
+/* loads NULL: terms that look at loads count as zero. */
+static void sum_twists(const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
+                       const kc_loads_t *loads, twists_t tw)
+{
+    memset(tw, 0, sizeof(twists_t));
+    if (coef == NULL) { return; }
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        const kc_term_t *t = &terms->term[k];
+        if (loads == NULL && (kc_basis_needs_loads(&t->basis[0]) || kc_basis_needs_loads(&t->basis[1]))) {
+            continue;
+        }
+        tw[t->frame][t->comp] += coef[t->coef] * term_weight(t, ctx, loads);
+    }
+}
+
+/* T <- T E, E = Tx Rx Ty Ry Rz Tz: a screw on x, then y, then z. Both motions of a screw share
+ * one line, so its direction and a point on it give both derivatives: rows[axis] <- direction,
+ * rows[3 + axis] <- point, for finish_rows. rows NULL: not wanted. */
+static void apply_twist(kc_pose_t *T, const double tw[6], double (*rows)[6])
+{
+    for (uint32_t axis = 0u; axis < 3u; axis++) {
+        if (rows != NULL) {
+            kc_m3_col(T->R, axis, rows[axis]);
+            kc_v3_copy(T->p_m, rows[3u + axis]);
+        }
+        kc_pose_screw(T, axis, tw[axis], tw[3u + axis]);
+    }
+}
+
+/* (dp; dtheta) of a point p that a turn about the line (axis, o) moves. */
+static void turn_row(const double axis[3], const double o[3], const double p[3], double row[6])
+{
+    double r[3], a[3];
+    kc_v3_sub(p, o, r);
+    kc_v3_copy(axis, a);
+    kc_v3_cross(a, r, row);
+    kc_v3_copy(a, row + 3);
+}
+
+/* Directions and points, as apply_twist left them, become derivatives of a pose at p. */
+static void finish_rows(double (*rows)[6], const double p[3], double sign)
+{
+    for (uint32_t axis = 0u; axis < 3u; axis++) {
+        double *shift = rows[axis], *turn = rows[3u + axis];
+        double o[3];
+        kc_v3_copy(turn, o);
+        turn_row(shift, o, p, turn);
+        memset(shift + 3, 0, 3u * sizeof(double));
+        for (uint32_t i = 0u; i < 6u; i++) {
+            shift[i] *= sign;
+            turn[i] *= sign;
+        }
+    }
+}
+
+/* Sum of m_k c_k and m_k beyond a frame, for moments about any point. */
+typedef struct {
+    double mass_kg;
+    double first_kg_m[3];
+} beyond_t;
+
+static void add_mass(beyond_t *b, double mass_kg, const double c_m[3])
+{
+    b->mass_kg += mass_kg;
+    kc_v3_add_scaled(b->first_kg_m, mass_kg, c_m, b->first_kg_m);
+}
+
+/* Moment about o: sum (c_k - o) x m_k g. */
+static void moment_about(const beyond_t *b, const double o[3], const double g[3], double out[3])
+{
+    double arm[3];
+    kc_v3_add_scaled(b->first_kg_m, -b->mass_kg, o, arm);
+    kc_v3_cross(arm, g, out);
+}
+
+/* What gravity does about joint axis z of frame T: torque, or force along it. */
+static double joint_load(const kc_joint_t *joint, const kc_pose_t *T, const beyond_t *b, const double g[3])
+{
+    double z[3], m[3];
+    kc_m3_col(T->R, 2u, z);
+    if (joint->type == KC_PRISMATIC) { return b->mass_kg * kc_v3_dot(z, g); }
+    moment_about(b, T->p_m, g, m);
+    return kc_v3_dot(z, m);
+}
+
+static void link_mass(const kc_joint_t *joint, const kc_pose_t *T, beyond_t *b)
+{
+    double c[3];
+    if (!joint->has_mass) { return; }
+    kc_m3_mul_v3(T->R, joint->com_m, c);
+    kc_v3_add_scaled(c, 1.0, T->p_m, c);
+    add_mass(b, joint->mass_kg, c);
+}
+
+void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
+                    const kc_ctx_t *ctx, kc_loads_t *loads)
+{
+    const uint32_t n = arm->n_joints;
+    twists_t tw;
+    kc_pose_t frame[KC_JOINT_MAX + 1u], T, tool;
+    beyond_t all = {0.0, {0.0, 0.0, 0.0}}, payload = {0.0, {0.0, 0.0, 0.0}};
+
+    memset(loads, 0, sizeof *loads);
+    sum_twists(terms, coef, ctx, NULL, tw);
+    kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, &T);
+    for (uint32_t i = 0u; i <= n; i++) {
+        if (i > 0u) { kc_arm_link(&arm->joint[i - 1u], ctx->q[i - 1u], &T); }
+        apply_twist(&T, tw[i], NULL);
+        frame[i] = T;
+    }
+    kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
+    kc_pose_mul(&T, &tool, &T);
+    apply_twist(&T, tw[KC_FRAME_TOOL], NULL);
+
+    add_mass(&payload, ctx->payload_kg, T.p_m);
+    add_mass(&all, ctx->payload_kg, T.p_m);
+    for (uint32_t i = n + 1u; i-- > 0u;) { /* from the tool to the base, masses collected on the way */
+        double m[3];
+        moment_about(&all, frame[i].p_m, ctx->g_m_s2, m);
+        kc_m3t_mul_v3(frame[i].R, m, loads->moment[i]);
+        if (i < n) {
+            loads->tau[i] = joint_load(&arm->joint[i], &frame[i], &all, ctx->g_m_s2);
+            loads->tau_payload[i] = joint_load(&arm->joint[i], &frame[i], &payload, ctx->g_m_s2);
+        }
+        if (i > 0u) { link_mass(&arm->joint[i - 1u], &frame[i], &all); }
+    }
+}
+
+/* Pose of the tool, with twist rows and joint rows still as lines (direction, point). */
+static void walk_chain(const kc_arm_t *arm, const kc_ctx_t *ctx, const twists_t tw, int want_J,
+                       kc_eval_t *ev)
+{
+    kc_pose_t *T = &ev->T, tool;
+    kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, T);
+    for (uint32_t i = 0u; i <= arm->n_joints; i++) {
+        if (i > 0u) {
+            kc_m3_col(T->R, 2u, ev->Jq[i - 1u]);
+            kc_v3_copy(T->p_m, ev->Jq[i - 1u] + 3);
+            kc_arm_link(&arm->joint[i - 1u], ctx->q[i - 1u], T);
+        }
+        apply_twist(T, tw[i], want_J ? &ev->twist[6u * i] : NULL);
+    }
+    kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
+    kc_pose_mul(T, &tool, T);
+    apply_twist(T, tw[KC_FRAME_TOOL], want_J ? &ev->twist[6u * KC_FRAME_TOOL] : NULL);
+}
+
+static void finish_joint_rows(const kc_arm_t *arm, kc_eval_t *ev)
+{
+    for (uint32_t j = 0u; j < arm->n_joints; j++) {
+        double *row = ev->Jq[j];
+        double z[3], o[3];
+        kc_v3_copy(row, z);
+        kc_v3_copy(row + 3, o);
+        if (arm->joint[j].type == KC_PRISMATIC) {
+            memset(row + 3, 0, 3u * sizeof(double));
+        } else {
+            turn_row(z, o, ev->T.p_m, row);
+        }
+    }
+}
+
+/* J[c] += weight x twist row, for the terms on the arm (side 0) or on the camera side (1). */
+static void add_coef_rows(const kc_terms_t *terms, const kc_ctx_t *ctx, const kc_loads_t *loads,
+                          int camera_side, kc_eval_t *ev)
+{
+    for (uint32_t k = 0u; k < terms->n_term; k++) {
+        const kc_term_t *t = &terms->term[k];
+        if ((t->frame >= KC_FRAME_CAMERA) != camera_side) { continue; }
+        const double w = term_weight(t, ctx, loads);
+        const double *row = ev->twist[6u * t->frame + t->comp];
+        for (uint32_t i = 0u; i < 6u; i++) { ev->J[t->coef][i] += w * row[i]; }
+    }
+}
+
+static void eval_with(const kc_arm_t *arm, const kc_terms_t *terms, const twists_t tw,
+                      const kc_ctx_t *ctx, const kc_loads_t *loads, int want_J, kc_eval_t *ev)
+{
+    memset(ev, 0, sizeof *ev);
+    walk_chain(arm, ctx, tw, want_J, ev);
+    finish_joint_rows(arm, ev);
+    if (!want_J) { return; }
+    for (uint32_t f = 0u; f <= arm->n_joints; f++) { finish_rows(&ev->twist[6u * f], ev->T.p_m, 1.0); }
+    finish_rows(&ev->twist[6u * KC_FRAME_TOOL], ev->T.p_m, 1.0);
+    add_coef_rows(terms, ctx, loads, 0, ev);
+}
+
+void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
+                   const kc_ctx_t *ctx, const kc_loads_t *loads, int want_J, kc_eval_t *ev)
+{
+    twists_t tw;
+    sum_twists(terms, coef, ctx, loads, tw);
+    eval_with(arm, terms, tw, ctx, loads, want_J, ev);
+}
+
+/* Measured pose with the camera-side corrections, and their twist rows (model - measured). */
+static void correct_measured(const kc_obs_t *obs, const twists_t tw, kc_pose_t *M, kc_eval_t *ev)
+{
+    kc_pose_t C, seen;
+    kc_pose_from_quat(obs->p_cam_m, obs->q_cam_wxyz, &C);
+    kc_pose_inv(&C, &seen);
+    kc_pose_mul(&seen, M, &seen); /* T_cam_tool as seen */
+    apply_twist(&C, tw[KC_FRAME_CAMERA], &ev->twist[6u * KC_FRAME_CAMERA]);
+    kc_pose_mul(&C, &seen, M);
+    apply_twist(M, tw[KC_FRAME_MEAS], &ev->twist[6u * KC_FRAME_MEAS]);
+    finish_rows(&ev->twist[6u * KC_FRAME_CAMERA], M->p_m, -1.0);
+    finish_rows(&ev->twist[6u * KC_FRAME_MEAS], M->p_m, -1.0);
+}
+
+uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
+                           const kc_obs_t *obs, const kc_loads_t *loads, double r[6],
+                           kc_eval_t *ev)
+{
+    twists_t tw;
+    kc_pose_t M;
+    sum_twists(terms, coef, &obs->ctx, loads, tw);
+    eval_with(arm, terms, tw, &obs->ctx, loads, 1, ev);
+    if (obs->has_rot) {
+        kc_pose_from_quat(obs->p_m, obs->q_wxyz, &M);
+    } else {
+        M = ev->T;
+        kc_v3_copy(obs->p_m, M.p_m);
+    }
+    if (obs->has_cam) {
+        correct_measured(obs, tw, &M, ev);
+        add_coef_rows(terms, &obs->ctx, loads, 1, ev);
+    }
+    kc_pose_residual(&M, &ev->T, r);
+    if (obs->has_rot) { return 6u; }
+    memset(r + 3, 0, 3u * sizeof(double));
+    return 3u;
+}
