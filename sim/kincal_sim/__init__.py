@@ -1,0 +1,1 @@
+"""KinCal simulator: the truth that flight software is tested against. Loads no flight code."""
