@@ -42,6 +42,7 @@ static double variable(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_
     case KC_VAR_XCAM: return ctx->p_cam_tool_m[0];
     case KC_VAR_YCAM: return ctx->p_cam_tool_m[1];
     case KC_VAR_ZCAM: return ctx->p_cam_tool_m[2];
+    case KC_VAR_TAG: return ctx->tag;
     default: return 0.0; /* validated tables hold nothing else */
     }
 }

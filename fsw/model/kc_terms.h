@@ -42,7 +42,8 @@ typedef enum {
     KC_VAR_XCAM = 19,    /* measured tool position in the camera frame [m]          */
     KC_VAR_YCAM = 20,
     KC_VAR_ZCAM = 21,
-    KC_VAR_COUNT = 22
+    KC_VAR_TAG = 22,         /* tags seen: 0 first only, 1 second only, 0.5 both      */
+    KC_VAR_COUNT = 23
 } kc_var_t;
 
 /* basis = fn(z),  z = c1 (x - c0), clipped to +-1e12. */
@@ -96,7 +97,7 @@ typedef struct {
     double qdot[KC_JOINT_MAX];
     double g_m_s2[3];            /* gravity in the base frame                */
     double temp_c, t_s, payload_kg;
-    double range_m, incid_rad, u_norm, v_norm, pan_rad, tilt_rad;
+    double range_m, incid_rad, u_norm, v_norm, pan_rad, tilt_rad, tag;
     double p_cam_tool_m[3];
 } kc_ctx_t;
 
