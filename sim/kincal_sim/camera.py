@@ -9,6 +9,7 @@ Pixel centres have whole coordinates (OpenCV's convention): the image spans -0.5
 
 from __future__ import annotations
 
+import atexit
 import os
 import tomllib
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ import mujoco
 import numpy as np
 from mujoco.osmesa import GLContext
 
-from . import geom, tags
+from . import geom, scenery, tags
 from .arm import load_spec
 
 MODELS = Path(__file__).resolve().parent.parent / "models"
@@ -107,6 +108,7 @@ class Camera:
         self._shadows = shadows
         model.vis.global_.offwidth = cfg.width_px
         model.vis.global_.offheight = cfg.height_px
+        scenery.paint(model)
         self._gl = GLContext(cfg.width_px, cfg.height_px)
         self._gl.make_current()
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -115,12 +117,16 @@ class Camera:
         self._option = mujoco.MjvOption()
         self._free = mujoco.MjvCamera()
         self._bitmaps = {t.id: self._enlarged(t.id) for t in cfg.tags}
+        # GL must go before the interpreter takes PyOpenGL apart.
+        atexit.register(self.close)
 
     def _enlarged(self, tag_id: int) -> np.ndarray:
         cells = tags.bitmap(tag_id)
         return np.kron(cells, np.ones((CELL_PX, CELL_PX), np.float32))
 
     def close(self) -> None:
+        """Give the GL context back; a closed camera takes no more frames. Safe to repeat."""
+        atexit.unregister(self.close)
         self._context.free()
         self._gl.free()
 
