@@ -1,9 +1,20 @@
 /* What is wrong with the arm: eq. 8-11 with masks, bounds, priors, covariance weights,
- * outlier rejection, line search, and a report of what the data cannot tell.
+ * outlier rejection, damped steps, and a report of what the data cannot tell.
  *
  * Linear algebra is square-root information: each pose's whitened 6 x n block is folded
  * into an upper-triangular R by Householder reflections, so neither J nor J'J of all poses
- * is ever stored and the condition number is not squared before rank is judged. */
+ * is ever stored and the condition number is not squared before rank is judged.
+ *
+ * Which coefficients are estimated. Asked for: free_mask, enabled in the table. Their whitened
+ * columns, times coef.scale, go through QR with column pivoting, without any prior; those whose pivot
+ * is below rank_tol of the largest are HELD at start and the rest is estimated. Judged at start, and
+ * again at the solution: if the rank differs there, the choice is made anew and the fit repeated (at
+ * most KC_EST_PASSES fits).
+ *
+ * Weak prior. While the rows are fewer than twice the coefficients estimated (the first poses of a
+ * calibration), a coefficient without a prior of its own gets one about start with sigma =
+ * KC_EST_WEAK_SIGMA x scale. Poorly determined directions are then not blown up by noise; later the
+ * prior goes and the estimate is that of the data alone. It enters cost and covariance, never rank. */
 #ifndef KC_ESTIMATE_H
 #define KC_ESTIMATE_H
 
@@ -12,6 +23,9 @@
 #include "kc_limits.h"
 #include "kc_model.h"
 #include "kc_qp.h"
+
+#define KC_EST_PASSES 4u
+#define KC_EST_WEAK_SIGMA 3.0
 
 typedef enum {
     KC_COEF_ESTIMATED = 0,
@@ -23,7 +37,7 @@ typedef enum {
 
 typedef struct {
     uint64_t free_mask;      /* bit per coefficient to estimate; others keep start[]  */
-    uint32_t iter_max;       /* Gauss-Newton iterations, 1..100                       */
+    uint32_t iter_max;       /* Gauss-Newton iterations of one fit, 1..100            */
     double tol_step;         /* converged when every step < tol_step * scale          */
     double rank_tol;         /* a scaled pivot below rank_tol * largest is dependent  */
     double outlier_p;        /* family-wise chance of rejecting a good pose, 0 = off  */
@@ -31,7 +45,7 @@ typedef struct {
     uint8_t use_prior;       /* add (coef / prior_sigma)^2 where prior_sigma > 0      */
 } kc_est_opt_t;
 
-/* Caller owns it (static); about 140 KiB with work space. */
+/* Caller owns it (static); about 160 KiB with work space. */
 typedef struct {
     /* in */
     const kc_arm_t *arm;
@@ -39,25 +53,40 @@ typedef struct {
     kc_est_opt_t opt;
     uint32_t n_obs;
     kc_obs_t obs[KC_MEAS_MAX];
-    double start[KC_COEF_MAX];
+    double start[KC_COEF_MAX];  /* free ones are clipped into their bounds */
     /* out */
     double coef[KC_COEF_MAX];
-    double sigma[KC_COEF_MAX];               /* 1-sigma at noise scale 1; 0 if not estimated */
-    double cov[KC_COEF_MAX * KC_COEF_MAX];   /* row-major, ld KC_COEF_MAX; zero rows and
-                                                columns where not estimated                  */
+    double sigma[KC_COEF_MAX];               /* 1-sigma at noise scale 1; 0 if not estimated
+                                                or at a bound                                */
     uint8_t status[KC_COEF_MAX];             /* kc_coef_status_t                             */
-    uint64_t entangled[KC_COEF_MAX];         /* coefficients that share a null direction     */
+    uint64_t entangled[KC_COEF_MAX];         /* other coefficients that share a null direction
+                                                with this one, held or not; 0 for a held one
+                                                means that it has no effect at all           */
     uint8_t outlier[KC_MEAS_MAX];
     uint32_t n_outliers, rank, n_free, dof, iters;
-    double chi2, cost, kkt, cond;
+    double chi2;                             /* of the data, inliers                         */
+    double cost;                             /* chi2 + priors                                */
+    double kkt;                              /* largest |projected gradient|, each over the norm
+                                                of its whitened column and max(1, |residual|) */
+    double cond;                             /* largest over least scaled pivot kept         */
     double noise_scale;                      /* sqrt(chi2/dof), 1 if dof = 0                 */
     double fit_pos_m, fit_rot_rad;           /* RMS residual after the fit (inliers)         */
-    double before_pos_m, before_rot_rad;     /* RMS residual at start                        */
+    double before_pos_m, before_rot_rad;     /* RMS residual at start (all)                  */
+    union {
+        double cov[KC_COEF_MAX * KC_COEF_MAX]; /* out: row-major, ld KC_COEF_MAX; zero rows and
+                                                  columns where not estimated or at a bound  */
+        kc_qp_t qp;                            /* work: only while solving                   */
+    };
     /* work */
-    kc_qp_t qp;
     kc_eval_t eval;
-    double Rw[KC_COEF_MAX * (KC_COEF_MAX + 1u)];
-    double Rs[KC_COEF_MAX * (KC_COEF_MAX + 1u)];
+    uint8_t weak;                              /* the weak prior is in force                 */
+    uint32_t n_idx;                            /* coefficients in R, place -> coefficient    */
+    uint32_t idx[KC_COEF_MAX];
+    uint32_t perm[KC_COEF_MAX];
+    double R[KC_COEF_MAX * (KC_COEF_MAX + 1u)]; /* square-root information | right-hand side */
+    double blk[6u * (KC_COEF_MAX + 1u)];
+    double pivot[KC_COEF_MAX];
+    double trial[KC_COEF_MAX];
 } kc_est_t;
 
 /* Append an observation. KC_ERR_FULL at KC_MEAS_MAX; KC_ERR_ARG if not finite, not unit norm
@@ -65,14 +94,17 @@ typedef struct {
 kc_status_t kc_est_add(kc_est_t *est, const kc_obs_t *obs);
 
 /* Solve from start. KC_OK: converged. KC_ERR_ITER: best so far. KC_ERR_RANK: nothing free can be
- * determined, coef = start. KC_ERR_ARG / KC_ERR_NUM: outputs not valid. The cost never rises from
- * one accepted step to the next. O(iters * n_obs * n_coef^2). */
+ * determined, coef = start and the report says why. KC_ERR_ARG (options out of range, bounds crossed,
+ * nothing observed) / KC_ERR_NUM (not finite): outputs not valid. The cost never rises from one accepted
+ * step to the next; loads are those of the coefficients at each step. Outliers: the pose with the
+ * least likely deleted residual, scaled by the noise of the others where that exceeds 1, goes first,
+ * then the fit is repeated. O(passes * iters * n_obs * n_coef^2). */
 kc_status_t kc_est_solve(kc_est_t *est);
 
 /* Covariance (6x6, row-major) of the predicted tool pose at ctx with the solved estimate. */
 void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36]);
 
-/* chi^2 upper tail probability, dof >= 1 (regularised incomplete gamma). */
+/* chi^2 upper tail probability, dof >= 1 (regularised incomplete gamma); 1 for chi2 <= 0, NaN for NaN. */
 double kc_chi2_sf(double chi2, uint32_t dof);
 
 #endif

@@ -1,0 +1,217 @@
+#include "kc_acquire.h"
+
+#include "kc_la.h"
+#include "kc_libm.h"
+#include "kc_rng.h"
+
+#define LD KC_COEF_MAX
+
+double kc_acq_beta(uint32_t n_cand, uint32_t k, double scale)
+{
+    const double kk = (double)k;
+    return scale * 2.0 * kc_log((double)n_cand * kk * kk * KC_PI * KC_PI / (6.0 * 0.1));
+}
+
+static double largest(const double *v, uint32_t n, double floor)
+{
+    double m = floor;
+    for (uint32_t i = 0; i < n; i++) { m = kc_max(v[i], m); }
+    return m;
+}
+
+void kc_acq_objective(const double *dp_m, const double *dr_rad, uint32_t n, double a1, double sp_floor_m,
+                      double sq_floor_rad, double *y)
+{
+    const double s_p = largest(dp_m, n, sp_floor_m);
+    const double s_q = largest(dr_rad, n, sq_floor_rad);
+    for (uint32_t i = 0; i < n; i++) { y[i] = -(a1 * dp_m[i] / s_p + (1.0 - a1) * dr_rad[i] / s_q); }
+}
+
+kc_status_t kc_acq_ucb(const kc_gp_t *gp, const uint8_t *usable, double beta, uint32_t *c, double *value)
+{
+    kc_status_t st = KC_ERR_ARG;
+    const double weight = kc_sqrt(beta);
+    for (uint32_t i = 0; i < gp->n_cand; i++) {
+        if (usable[i] == 0u) { continue; }
+        const double u = kc_gp_cand_mean(gp, i) + weight * kc_sqrt(gp->var[i]);
+        if (st != KC_OK || u > *value) {
+            *c = i;
+            *value = u;
+            st = KC_OK;
+        }
+    }
+    return st;
+}
+
+kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng, uint32_t *c)
+{
+    uint32_t n = 0u;
+    for (uint32_t i = 0; i < n_cand; i++) { n += (usable[i] != 0u) ? 1u : 0u; }
+    if (n == 0u) { return KC_ERR_ARG; }
+    uint32_t pick = kc_rng_below(rng, n);
+    for (uint32_t i = 0; i < n_cand; i++) {
+        if (usable[i] == 0u) { continue; }
+        *c = i;
+        if (pick == 0u) { break; }
+        pick--;
+    }
+    return KC_OK;
+}
+
+/* Rows of work->J: whitened columns of the coefficients asked for, times their scale. */
+static void take_jacobian(const kc_est_t *est, const double W[36], uint32_t m, kc_acq_work_t *w)
+{
+    for (uint32_t j = 0; j < w->n; j++) {
+        const double scale = est->terms->coef[w->idx[j]].scale;
+        kc_la_whiten_apply(W, m, w->eval.J[w->idx[j]], w->J[j]);
+        for (uint32_t k = 0; k < 6u; k++) { w->J[j][k] = (k < m) ? w->J[j][k] * scale : 0.0; }
+    }
+}
+
+static void eval_candidate(const kc_est_t *est, const float *q, kc_acq_work_t *w)
+{
+    kc_ctx_t ctx = {0};
+    kc_loads_t loads;
+    for (uint32_t i = 0; i < 3u; i++) { ctx.g_m_s2[i] = est->arm->gravity_m_s2[i]; }
+    if (est->n_obs > 0u) { ctx = est->obs[est->n_obs - 1u].ctx; }
+    for (uint32_t j = 0; j < KC_JOINT_MAX; j++) { ctx.q[j] = (double)q[j]; }
+    kc_model_loads(est->arm, est->terms, est->coef, &ctx, &loads);
+    kc_model_eval(est->arm, est->terms, est->coef, &ctx, &loads, 1, &w->eval);
+}
+
+static void zero(double *A, uint32_t n)
+{
+    for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t j = 0; j < n; j++) { A[i * LD + j] = 0.0; }
+    }
+}
+
+/* The coefficients asked for, and their prior precision in units of scale. */
+static void take_coefs(const kc_est_t *est, kc_acq_work_t *w)
+{
+    w->n = 0u;
+    for (uint32_t c = 0; c < est->terms->n_coef; c++) {
+        const kc_coef_t *k = &est->terms->coef[c];
+        if (k->enabled == 0u || ((est->opt.free_mask >> c) & 1u) == 0u) { continue; }
+        const int own = est->opt.use_prior != 0u && k->prior_sigma > 0.0;
+        const double s = own ? k->scale / k->prior_sigma : 1.0 / KC_ACQ_SIGMA;
+        w->prior[w->n] = s * s;
+        w->idx[w->n++] = c;
+    }
+}
+
+/* M = (sum J' W J + prior)^-1 over the observations. */
+static kc_status_t information(const kc_est_t *est, kc_acq_work_t *w)
+{
+    kc_loads_t loads;
+    double W[36];
+    double r[6];
+    zero(w->S, w->n);
+    for (uint32_t j = 0; j < w->n; j++) { w->S[j * LD + j] = w->prior[j]; }
+    for (uint32_t i = 0; i < est->n_obs; i++) {
+        const kc_obs_t *o = &est->obs[i];
+        if (est->outlier[i] != 0u) { continue; }
+        kc_model_loads(est->arm, est->terms, est->coef, &o->ctx, &loads);
+        const uint32_t m = kc_model_residual(est->arm, est->terms, est->coef, o, &loads, r, &w->eval);
+        (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has seen that this works */
+        take_jacobian(est, W, m, w);
+        kc_la_rank_update(w->S, w->n, LD, &w->J[0][0], 6u, 6u, 1.0);
+    }
+    if (kc_la_chol(w->S, w->n, LD) != KC_OK) { return KC_ERR_NUM; }
+    kc_la_chol_inverse(w->S, w->n, LD, w->M, LD);
+    return KC_OK;
+}
+
+/* N = M (sum over X of J'J) M into S, J in units of the variance asked for. Returns the trace of
+ * (sum J'J) M: the total before. By N, what a measurement takes off the total is a 6x6 trace. */
+static double prepare_vopt(const kc_est_t *est, const float *q, uint32_t n_cand, double len_m,
+                           kc_acq_work_t *w)
+{
+    const uint32_t n = w->n;
+    double *line = w->prior; /* no longer needed */
+    double unit[36] = {0};
+    double total = 0.0;
+    for (uint32_t k = 0; k < 6u; k++) { unit[k * 7u] = (k < 3u) ? 1.0 / len_m : 1.0; }
+    zero(w->S, n);
+    for (uint32_t i = 0; i < n_cand; i++) {
+        eval_candidate(est, &q[i * KC_JOINT_MAX], w);
+        take_jacobian(est, unit, 6u, w);
+        kc_la_rank_update(w->S, n, LD, &w->J[0][0], 6u, 6u, 1.0);
+    }
+    for (uint32_t i = 0; i < n; i++) { /* S <- S M, row by row */
+        for (uint32_t j = 0; j < n; j++) {
+            line[j] = 0.0;
+            for (uint32_t k = 0; k < n; k++) { line[j] += w->S[i * LD + k] * w->M[k * LD + j]; }
+        }
+        for (uint32_t j = 0; j < n; j++) { w->S[i * LD + j] = line[j]; }
+        total += line[i];
+    }
+    for (uint32_t j = 0; j < n; j++) { /* S <- M S, column by column */
+        for (uint32_t i = 0; i < n; i++) {
+            line[i] = 0.0;
+            for (uint32_t k = 0; k < n; k++) { line[i] += w->M[i * LD + k] * w->S[k * LD + j]; }
+        }
+        for (uint32_t i = 0; i < n; i++) { w->S[i * LD + j] = line[i]; }
+    }
+    return total;
+}
+
+/* dopt: log det(I + J M J'). vopt: tr((I + J M J')^-1 J N J'). */
+static kc_status_t gain(kc_acq_t kind, kc_acq_work_t *w, double *value)
+{
+    double A[36];
+    double B[36];
+    kc_la_congruence(w->M, w->n, LD, &w->J[0][0], 6u, 6u, A);
+    for (uint32_t k = 0; k < 6u; k++) { A[k * 7u] += 1.0; }
+    *value = 0.0;
+    if (kc_la_chol(A, 6u, 6u) != KC_OK) { return KC_ERR_NUM; }
+    if (kind == KC_ACQ_DOPT) {
+        for (uint32_t k = 0; k < 6u; k++) { *value += 2.0 * kc_log(A[k * 7u]); }
+        return KC_OK;
+    }
+    kc_la_congruence(w->S, w->n, LD, &w->J[0][0], 6u, 6u, B);
+    for (uint32_t k = 0; k < 6u; k++) {
+        kc_la_chol_solve(A, 6u, 6u, &B[k * 6u]); /* row k of a symmetric B is its column k */
+        *value += B[k * 7u];
+    }
+    return KC_OK;
+}
+
+static kc_status_t best_gain(kc_acq_t kind, const kc_est_t *est, const float *q, uint32_t n_cand,
+                             const uint8_t *usable, const double W[36], kc_acq_work_t *w, uint32_t *c,
+                             double *value)
+{
+    kc_status_t st = KC_ERR_ARG;
+    for (uint32_t i = 0; i < n_cand; i++) {
+        double g;
+        if (usable[i] == 0u) { continue; }
+        eval_candidate(est, &q[i * KC_JOINT_MAX], w);
+        take_jacobian(est, W, 6u, w);
+        if (gain(kind, w, &g) != KC_OK) { return KC_ERR_NUM; }
+        if (st != KC_OK || g > *value) {
+            *c = i;
+            *value = g;
+            st = KC_OK;
+        }
+    }
+    return st;
+}
+
+kc_status_t kc_acq_info(kc_acq_t kind, const kc_est_t *est, const float *q, uint32_t n_cand,
+                        const uint8_t *usable, const double cov[36], double len_m, kc_acq_work_t *work,
+                        uint32_t *c, double *value)
+{
+    double W[36];
+    double total = 0.0;
+    take_coefs(est, work);
+    if ((kind != KC_ACQ_DOPT && kind != KC_ACQ_VOPT) || work->n == 0u || !(len_m > 0.0) ||
+        kc_la_whiten(cov, 6u, W) != KC_OK) {
+        return KC_ERR_ARG;
+    }
+    kc_status_t st = information(est, work);
+    if (st != KC_OK) { return st; }
+    if (kind == KC_ACQ_VOPT) { total = prepare_vopt(est, q, n_cand, len_m, work); }
+    st = best_gain(kind, est, q, n_cand, usable, W, work, c, value);
+    if (st == KC_OK && kind == KC_ACQ_VOPT) { *value = (total - *value) / (double)n_cand; }
+    return st;
+}

@@ -1,0 +1,136 @@
+#include "kc_gp.h"
+
+#include "kc_la.h"
+#include "kc_libm.h"
+
+_Static_assert(sizeof(kc_gp_t) <= 300u * 1024u, "GP memory budget");
+
+static uint32_t row(uint32_t n) { return n * (n + 1u) / 2u; }
+
+static double prior_var(const kc_gp_t *gp, const kc_point_t *x)
+{
+    return kc_kernel_eval(gp->kernel, gp->hyper, x, x);
+}
+
+kc_status_t kc_gp_init(kc_gp_t *gp, const kc_kernel_t *kernel, uint32_t hyper, const kc_point_t *cand,
+                       uint32_t n_cand)
+{
+    if (n_cand > KC_CAND_MAX || hyper >= kernel->n_hyper) { return KC_ERR_ARG; }
+    gp->kernel = kernel;
+    gp->hyper = hyper;
+    gp->n = 0u;
+    gp->n_cand = n_cand;
+    for (uint32_t c = 0; c < n_cand; c++) { gp->var[c] = prior_var(gp, &cand[c]); }
+    return KC_OK;
+}
+
+/* Row i of the factor for the points 0..i already in gp->x (GPML Alg. 2.1 line 2, one row). */
+static kc_status_t factor_row(kc_gp_t *gp, uint32_t i)
+{
+    double k[KC_MEAS_MAX];
+    const double eps = gp->kernel->sigma_eps;
+    for (uint32_t j = 0; j < i; j++) { k[j] = kc_kernel_eval(gp->kernel, gp->hyper, &gp->x[i], &gp->x[j]); }
+    return kc_la_packed_append(gp->L, i, k, prior_var(gp, &gp->x[i]) + eps * eps);
+}
+
+/* Row i of L^-1 K(X, candidates) and its part of every candidate's variance. */
+static void cache_row(kc_gp_t *gp, uint32_t i, const kc_point_t *cand)
+{
+    const double *l = &gp->L[row(i)];
+    for (uint32_t c = 0; c < gp->n_cand; c++) {
+        double s = kc_kernel_eval(gp->kernel, gp->hyper, &gp->x[i], &cand[c]);
+        for (uint32_t j = 0; j < i; j++) { s -= l[j] * (double)gp->v[j][c]; }
+        s /= l[i];
+        gp->v[i][c] = (float)s;
+        gp->var[c] = kc_max(gp->var[c] - s * s, 0.0);
+    }
+}
+
+void kc_gp_set_y(kc_gp_t *gp, const double *y)
+{
+    for (uint32_t i = 0; i < gp->n; i++) { gp->y[i] = gp->z[i] = y[i]; }
+    kc_la_packed_solve(gp->L, gp->n, gp->z);
+}
+
+kc_status_t kc_gp_add(kc_gp_t *gp, const kc_point_t *x, double y, const kc_point_t *cand)
+{
+    const uint32_t n = gp->n;
+    if (n >= KC_MEAS_MAX) { return KC_ERR_FULL; }
+    gp->x[n] = *x; /* beyond gp->n: not part of the state until the factor stands */
+    if (!kc_finite(y) || factor_row(gp, n) != KC_OK) { return KC_ERR_NUM; }
+    gp->y[n] = y;
+    double s = y;
+    for (uint32_t j = 0; j < n; j++) { s -= gp->L[row(n) + j] * gp->z[j]; }
+    gp->z[n] = s / gp->L[row(n) + n];
+    cache_row(gp, n, cand);
+    gp->n = n + 1u;
+    return KC_OK;
+}
+
+double kc_gp_cand_mean(const kc_gp_t *gp, uint32_t c)
+{
+    double s = 0.0;
+    for (uint32_t j = 0; j < gp->n; j++) { s += (double)gp->v[j][c] * gp->z[j]; }
+    return s;
+}
+
+void kc_gp_predict(const kc_gp_t *gp, const kc_point_t *x, double *mean, double *var)
+{
+    double v[KC_MEAS_MAX];
+    for (uint32_t i = 0; i < gp->n; i++) { v[i] = kc_kernel_eval(gp->kernel, gp->hyper, x, &gp->x[i]); }
+    kc_la_packed_solve(gp->L, gp->n, v);
+    double m = 0.0;
+    double s = prior_var(gp, x);
+    for (uint32_t i = 0; i < gp->n; i++) {
+        m += v[i] * gp->z[i];
+        s -= v[i] * v[i];
+    }
+    *mean = m;
+    *var = kc_max(s, 0.0);
+}
+
+double kc_gp_log_marginal(const kc_gp_t *gp)
+{
+    double s = 0.0;
+    for (uint32_t i = 0; i < gp->n; i++) {
+        s -= 0.5 * gp->z[i] * gp->z[i] + kc_log(gp->L[row(i) + i]) + 0.5 * kc_log(2.0 * KC_PI);
+    }
+    return s;
+}
+
+/* Factor and z on set `hyper`; the candidate cache is left as it was. Appending row by row gives the
+ * same bits as kc_gp_add did. */
+static kc_status_t refactor(kc_gp_t *gp, uint32_t hyper)
+{
+    kc_status_t st = KC_OK;
+    gp->hyper = hyper;
+    for (uint32_t i = 0; i < gp->n && st == KC_OK; i++) { st = factor_row(gp, i); }
+    if (st == KC_OK) { kc_gp_set_y(gp, gp->y); }
+    return st;
+}
+
+static void recache(kc_gp_t *gp, const kc_point_t *cand)
+{
+    for (uint32_t c = 0; c < gp->n_cand; c++) { gp->var[c] = prior_var(gp, &cand[c]); }
+    for (uint32_t i = 0; i < gp->n; i++) { cache_row(gp, i, cand); }
+}
+
+/* Trial factors overwrite L, so no second one is kept; the best is factored once more at the end. A set
+ * whose factor breaks down is not chosen; the present one never does, since it was built on it. */
+uint32_t kc_gp_choose(kc_gp_t *gp, const kc_point_t *cand)
+{
+    const uint32_t old = gp->hyper;
+    uint32_t best = old;
+    double best_ml = kc_gp_log_marginal(gp);
+    for (uint32_t h = 0; h < gp->kernel->n_hyper; h++) {
+        if (h == old || refactor(gp, h) != KC_OK) { continue; }
+        const double ml = kc_gp_log_marginal(gp);
+        if (ml > best_ml) {
+            best_ml = ml;
+            best = h;
+        }
+    }
+    (void)refactor(gp, best);
+    if (best != old) { recache(gp, cand); }
+    return best;
+}

@@ -1,0 +1,52 @@
+#include "kc_estimate.h"
+#include "kc_libm.h"
+
+/* Enough for dof up to 6 KC_MEAS_MAX at any argument: the series takes about 10 sqrt(a) terms near
+ * x = a, the continued fraction fewer. */
+#define TERMS_MAX 1000u
+#define EPS 1e-16
+#define TINY 1e-300
+
+/* x^a e^-x / Gamma(a) */
+static double front(double a, double x) { return kc_exp(a * kc_log(x) - x - kc_lgamma(a)); }
+
+/* Lower P(a, x), series (Abramowitz and Stegun 6.5.29), for x < a + 1. */
+static double lower_series(double a, double x)
+{
+    double term = 1.0 / a;
+    double sum = term;
+    for (uint32_t n = 1u; n <= TERMS_MAX && term > sum * EPS; n++) {
+        term *= x / (a + (double)n);
+        sum += term;
+    }
+    return sum * front(a, x);
+}
+
+/* Upper Q(a, x), continued fraction (6.5.31) by Lentz's method, for x >= a + 1. Every b there is
+ * positive and grows, so no denominator can vanish. */
+static double upper_fraction(double a, double x)
+{
+    double b = x + 1.0 - a;
+    double c = 1.0 / TINY;
+    double d = 1.0 / b;
+    double h = d;
+    double step = 0.0;
+    for (uint32_t n = 1u; n <= TERMS_MAX && kc_fabs(step - 1.0) > EPS; n++) {
+        const double an = -(double)n * ((double)n - a);
+        b += 2.0;
+        d = 1.0 / (an * d + b);
+        c = b + an / c;
+        step = c * d;
+        h *= step;
+    }
+    return h * front(a, x);
+}
+
+double kc_chi2_sf(double chi2, uint32_t dof)
+{
+    const double a = 0.5 * (double)dof;
+    const double x = 0.5 * chi2;
+    if (x <= 0.0) { return 1.0; }
+    const double q = (x < a + 1.0) ? 1.0 - lower_series(a, x) : upper_fraction(a, x);
+    return (q < 0.0) ? 0.0 : q;
+}

@@ -1,0 +1,205 @@
+#include "kc_estimate.h"
+
+#include "kc_est_priv.h"
+#include "kc_la.h"
+#include "kc_libm.h"
+#include "kc_vec.h"
+
+_Static_assert(sizeof(kc_est_t) <= 176u * 1024u, "estimator memory budget");
+
+#define UNIT_TOL 1e-6
+
+static int unit_norm(const double q[4])
+{
+    double s = 0.0;
+    for (uint32_t i = 0; i < 4u; i++) { s += q[i] * q[i]; }
+    return kc_fabs(kc_sqrt(s) - 1.0) <= UNIT_TOL;
+}
+
+static int ctx_finite(const kc_ctx_t *c)
+{
+    const double one[8] = {c->temp_c, c->t_s,    c->payload_kg, c->range_m,
+                           c->incid_rad, c->u_norm, c->v_norm,     c->pan_rad + c->tilt_rad};
+    return kc_v_finite(c->q, KC_JOINT_MAX) && kc_v_finite(c->dir, KC_JOINT_MAX) &&
+           kc_v_finite(c->qdot, KC_JOINT_MAX) && kc_v_finite(c->g_m_s2, 3u) && kc_v_finite(one, 8u) &&
+           kc_v_finite(c->p_cam_tool_m, 3u);
+}
+
+static int obs_good(const kc_obs_t *o)
+{
+    double W[36];
+    const uint32_t m = (o->has_rot != 0u) ? 6u : 3u;
+    return ctx_finite(&o->ctx) && kc_v_finite(o->p_m, 3u) && (o->has_rot == 0u || unit_norm(o->q_wxyz)) &&
+           (o->has_cam == 0u || (kc_v_finite(o->p_cam_m, 3u) && unit_norm(o->q_cam_wxyz))) &&
+           kc_la_whiten(o->cov, m, W) == KC_OK;
+}
+
+kc_status_t kc_est_add(kc_est_t *est, const kc_obs_t *obs)
+{
+    if (est->n_obs >= KC_MEAS_MAX) { return KC_ERR_FULL; }
+    if (!obs_good(obs)) { return KC_ERR_ARG; }
+    est->obs[est->n_obs++] = *obs;
+    return KC_OK;
+}
+
+static int options_good(const kc_est_t *est)
+{
+    const kc_est_opt_t *o = &est->opt;
+    int ok = est->n_obs >= 1u && est->n_obs <= KC_MEAS_MAX && est->terms->n_coef <= KC_COEF_MAX &&
+             o->iter_max >= 1u && o->iter_max <= 100u && o->tol_step > 0.0 && o->rank_tol > 0.0 &&
+             o->outlier_p >= 0.0;
+    for (uint32_t c = 0; ok && c < est->terms->n_coef; c++) {
+        const kc_coef_t *k = &est->terms->coef[c];
+        ok = k->lb <= k->ub && k->scale > 0.0 && kc_finite(est->start[c]);
+    }
+    return ok;
+}
+
+static uint64_t asked_for(const kc_est_t *est)
+{
+    uint64_t mask = 0u;
+    for (uint32_t c = 0; c < est->terms->n_coef; c++) {
+        if (est->terms->coef[c].enabled != 0u) { mask |= (uint64_t)1u << c; }
+    }
+    return mask & est->opt.free_mask;
+}
+
+static void to_start(kc_est_t *est, uint64_t which, uint64_t asked)
+{
+    for (uint32_t c = 0; c < est->terms->n_coef; c++) {
+        const kc_coef_t *k = &est->terms->coef[c];
+        if (((which >> c) & 1u) == 0u) { continue; }
+        const int in = ((asked >> c) & 1u) != 0u;
+        est->coef[c] = in ? kc_clamp(est->start[c], k->lb, k->ub) : est->start[c];
+    }
+}
+
+static void reset(kc_est_t *est, uint64_t asked)
+{
+    to_start(est, ~(uint64_t)0u, asked);
+    for (uint32_t i = 0; i < KC_MEAS_MAX; i++) { est->outlier[i] = 0u; }
+    for (uint32_t c = 0; c < KC_COEF_MAX; c++) {
+        est->status[c] = (uint8_t)KC_COEF_MASKED;
+        est->sigma[c] = 0.0;
+        est->entangled[c] = 0u;
+    }
+    est->n_free = est->n_outliers = est->rank = est->iters = est->n_idx = 0u;
+    est->weak = 0u;
+    est->kkt = est->cond = 0.0;
+    for (uint64_t b = asked; b != 0u; b &= b - 1u) { est->n_free++; }
+}
+
+static uint64_t held_mask(const kc_est_t *est)
+{
+    uint64_t held = 0u;
+    for (uint32_t c = 0; c < est->terms->n_coef; c++) {
+        if (est->status[c] == (uint8_t)KC_COEF_HELD) { held |= (uint64_t)1u << c; }
+    }
+    return held;
+}
+
+/* Fit, and judge rank again where the fit ended: a nominal arm can be singular where the real one is
+ * not, and the other way round. Coefficients newly held go back to start. */
+static kc_status_t fit_identified(kc_est_t *est, uint64_t asked)
+{
+    kc_status_t st = KC_OK;
+    kc_est_identify(est, asked, est->coef);
+    for (uint32_t pass = 1u; est->rank > 0u; pass++) {
+        st = kc_est_fit(est);
+        if (st == KC_ERR_NUM || kc_est_still_identified(est, asked) || pass >= KC_EST_PASSES) { return st; }
+        kc_est_identify(est, asked, est->coef);
+        to_start(est, held_mask(est), asked);
+    }
+    return KC_ERR_RANK;
+}
+
+/* One pose at a time, the worst first, until none is unlikely. */
+static kc_status_t fit_inliers(kc_est_t *est, uint64_t asked)
+{
+    kc_status_t st = fit_identified(est, asked);
+    for (uint32_t k = 0; k < est->opt.outlier_max && est->opt.outlier_p > 0.0 && st == KC_OK; k++) {
+        kc_est_sums_t s;
+        double p;
+        kc_est_sums(est, est->coef, &s);
+        const uint32_t worst = kc_est_worst(est, s.chi2, &p);
+        if (worst >= est->n_obs || p >= est->opt.outlier_p) { break; }
+        est->outlier[worst] = 1u;
+        est->n_outliers++;
+        st = fit_identified(est, asked);
+    }
+    return st;
+}
+
+/* RMS of the sums, 0 if nothing was summed. */
+static double rms(double sum2, uint32_t n) { return (n > 0u) ? kc_sqrt(sum2 / (double)n) : 0.0; }
+
+/* Spread the n_idx x n_idx block at the top left of cov to its coefficients, from the last backwards:
+ * places only move to higher rows and columns, so nothing is overwritten before it was moved. */
+static void scatter_cov(kc_est_t *est)
+{
+    for (uint32_t i = est->n_idx; i-- > 0u;) {
+        for (uint32_t j = est->n_idx; j-- > 0u;) {
+            const uint32_t from = i * KC_COEF_MAX + j;
+            const uint32_t to = est->idx[i] * KC_COEF_MAX + est->idx[j];
+            const double v = est->cov[from];
+            est->cov[from] = 0.0;
+            est->cov[to] = v;
+        }
+        est->sigma[est->idx[i]] = kc_sqrt(est->cov[est->idx[i] * (KC_COEF_MAX + 1u)]);
+    }
+}
+
+/* Covariance of what is estimated and on no bound; R is folded again without those on one. */
+static kc_status_t covariance(kc_est_t *est)
+{
+    uint32_t n = 0u;
+    for (uint32_t j = 0; j < est->n_idx; j++) {
+        if (est->status[est->idx[j]] == (uint8_t)KC_COEF_ESTIMATED) { est->idx[n++] = est->idx[j]; }
+    }
+    est->n_idx = n;
+    kc_est_linearise(est);
+    for (uint32_t k = 0; k < KC_COEF_MAX * KC_COEF_MAX; k++) { est->cov[k] = 0.0; }
+    const kc_status_t st = kc_la_upper_cov(est->R, n, KC_EST_LD, est->cov, KC_COEF_MAX);
+    scatter_cov(est);
+    return st;
+}
+
+static kc_status_t report(kc_est_t *est)
+{
+    kc_est_sums_t s;
+    kc_est_sums(est, est->coef, &s);
+    est->chi2 = s.chi2;
+    est->cost = s.chi2 + s.prior;
+    est->fit_pos_m = rms(s.pos2, s.n_pos);
+    est->fit_rot_rad = rms(s.rot2, s.n_rot);
+    est->kkt = kc_est_kkt(est, est->cost);
+    const kc_status_t st = covariance(est);
+    est->dof = (s.rows > est->n_idx) ? s.rows - est->n_idx : 0u;
+    est->noise_scale = (est->dof > 0u) ? kc_sqrt(est->chi2 / (double)est->dof) : 1.0;
+    return st;
+}
+
+kc_status_t kc_est_solve(kc_est_t *est)
+{
+    kc_est_sums_t s;
+    if (!options_good(est)) { return KC_ERR_ARG; }
+    const uint64_t asked = asked_for(est);
+    reset(est, asked);
+    kc_est_sums(est, est->coef, &s);
+    if (!kc_finite(s.chi2)) { return KC_ERR_NUM; }
+    est->before_pos_m = rms(s.pos2, s.n_pos);
+    est->before_rot_rad = rms(s.rot2, s.n_rot);
+    const kc_status_t st = fit_inliers(est, asked);
+    if (st == KC_ERR_NUM) { return st; }
+    if (st == KC_ERR_RANK) { to_start(est, ~(uint64_t)0u, asked); }
+    const kc_status_t rep = report(est);
+    return (rep != KC_OK) ? rep : st;
+}
+
+void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36])
+{
+    kc_loads_t loads;
+    kc_model_loads(est->arm, est->terms, est->coef, ctx, &loads);
+    kc_model_eval(est->arm, est->terms, est->coef, ctx, &loads, 1, work);
+    kc_la_congruence(est->cov, est->terms->n_coef, KC_COEF_MAX, &work->J[0][0], 6u, 6u, cov);
+}

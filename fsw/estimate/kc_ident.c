@@ -1,0 +1,82 @@
+#include "kc_est_priv.h"
+#include "kc_la.h"
+#include "kc_libm.h"
+
+/* A coefficient belongs to a null direction if it moves by this part of the largest in it, in units
+ * of scale; exact null directions show rounding (1e-12) elsewhere. */
+#define NULL_PART 1e-3
+
+/* Null direction of the dependent column at place j of the factored R: the coefficients in it. */
+static uint64_t null_members(const kc_est_t *est, const double *F, uint32_t n, uint32_t j)
+{
+    double top = 1.0; /* of the dependent column itself */
+    for (uint32_t i = 0; i < est->rank; i++) { top = kc_max(top, kc_fabs(F[i * n + j])); }
+    uint64_t set = (uint64_t)1u << est->idx[est->perm[j]];
+    for (uint32_t i = 0; i < est->rank; i++) {
+        if (kc_fabs(F[i * n + j]) > NULL_PART * top) { set |= (uint64_t)1u << est->idx[est->perm[i]]; }
+    }
+    return set;
+}
+
+static void entangle(kc_est_t *est, uint64_t set)
+{
+    for (uint32_t c = 0; c < est->terms->n_coef; c++) {
+        const uint64_t bit = (uint64_t)1u << c;
+        if ((set & bit) != 0u) { est->entangled[c] |= set & ~bit; }
+    }
+}
+
+static void take(kc_est_t *est, uint64_t mask)
+{
+    est->n_idx = 0u;
+    for (uint32_t c = 0; c < est->terms->n_coef; c++) {
+        if (((mask >> c) & 1u) != 0u) { est->idx[est->n_idx++] = c; }
+    }
+}
+
+/* The QP is not running now: its factor's place takes the copy of R to be factored. */
+uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef)
+{
+    double *F = est->qp.L;
+    double *scale = est->qp.d;
+    uint32_t rank = 0u;
+    take(est, mask);
+    kc_est_fold_data(est, coef);
+    const uint32_t n = est->n_idx;
+    for (uint32_t i = 0; i < n; i++) {
+        scale[i] = est->terms->coef[est->idx[i]].scale;
+        for (uint32_t j = i; j < n; j++) { F[i * n + j] = est->R[i * KC_EST_LD + j]; }
+    }
+    kc_la_rank(F, n, n, scale, est->opt.rank_tol, est->perm, est->pivot, &rank);
+    est->cond = (rank > 0u) ? est->pivot[0] / est->pivot[rank - 1u] : 0.0;
+    return rank;
+}
+
+void kc_est_identify(kc_est_t *est, uint64_t asked, const double *coef)
+{
+    uint64_t held = 0u;
+    est->rank = kc_est_rank(est, asked, coef);
+    for (uint32_t c = 0; c < est->terms->n_coef; c++) {
+        est->status[c] = (uint8_t)((((asked >> c) & 1u) != 0u) ? KC_COEF_ESTIMATED : KC_COEF_MASKED);
+        est->entangled[c] = 0u;
+    }
+    for (uint32_t j = est->rank; j < est->n_idx; j++) {
+        const uint32_t c = est->idx[est->perm[j]];
+        est->status[c] = (uint8_t)KC_COEF_HELD;
+        held |= (uint64_t)1u << c;
+        entangle(est, null_members(est, est->qp.L, est->n_idx, j));
+    }
+    take(est, asked & ~held);
+    est->weak = (kc_est_rows(est) < 2u * est->n_idx) ? 1u : 0u;
+}
+
+/* Two equally good choices of which to hold are common (any one of a dependent set), so the sets are not
+ * compared: the rank of all must be the same, and those estimated must be independent. */
+int kc_est_still_identified(kc_est_t *est, uint64_t asked)
+{
+    uint64_t kept = 0u;
+    for (uint32_t j = 0; j < est->n_idx; j++) { kept |= (uint64_t)1u << est->idx[j]; }
+    const uint32_t all = kc_est_rank(est, asked, est->coef);
+    const uint32_t own = kc_est_rank(est, kept, est->coef);
+    return all == est->rank && own == est->rank;
+}

@@ -1,0 +1,71 @@
+#include <stddef.h>
+
+#include "kc_est_priv.h"
+#include "kc_la.h"
+#include "kc_libm.h"
+
+/* A pose whose deletion leaves less than this part of a direction's variance can't be judged: the
+ * fit follows it wherever it goes. */
+#define LEVERAGE_LEFT 1e-6
+
+/* Squared deleted residual d2 = w' (I - T'T)^-1 w of observation i, w whitened residual and T = R^-T J',
+ * (I - T'T being the covariance of w after the fit). Returns rows, 0 if it can't be judged. */
+static uint32_t deleted_residual(kc_est_t *est, uint32_t i, double *d2)
+{
+    const uint32_t n = est->n_idx;
+    const uint32_t m = kc_est_block(est, est->coef, i, NULL);
+    double S[36];
+    double w[6];
+    for (uint32_t k = 0; k < m; k++) {
+        w[k] = est->blk[k * KC_EST_LD + n];
+        kc_la_solve_upper_t(est->R, n, KC_EST_LD, &est->blk[k * KC_EST_LD]);
+    }
+    for (uint32_t k = 0; k < m; k++) {
+        for (uint32_t l = 0; l <= k; l++) {
+            double s = (k == l) ? 1.0 : 0.0;
+            for (uint32_t c = 0; c < n; c++) {
+                s -= est->blk[k * KC_EST_LD + c] * est->blk[l * KC_EST_LD + c];
+            }
+            S[k * 6u + l] = s;
+        }
+    }
+    if (kc_la_chol(S, m, 6u) != KC_OK) { return 0u; }
+    for (uint32_t k = 0; k < m; k++) {
+        if (S[k * 7u] * S[k * 7u] < LEVERAGE_LEFT) { return 0u; }
+    }
+    kc_la_solve_lower(S, m, 6u, w);
+    *d2 = 0.0;
+    for (uint32_t k = 0; k < m; k++) { *d2 += w[k] * w[k]; }
+    return m;
+}
+
+/* Probability of d2 when the noise is that of the other poses, but not less than stated: a stated noise
+ * that is too small, or an effect the model lacks, must not throw out good poses. */
+static double probability(double d2, uint32_t m, double chi2, uint32_t dof)
+{
+    const double others = (chi2 - d2) / (double)(dof - m);
+    return kc_chi2_sf(d2 / kc_max(1.0, others), m);
+}
+
+uint32_t kc_est_worst(kc_est_t *est, double chi2, double *p)
+{
+    const uint32_t rows = kc_est_rows(est);
+    uint32_t worst = est->n_obs;
+    uint32_t judged = 0u;
+    *p = 1.0;
+    kc_est_linearise(est);
+    for (uint32_t i = 0; i < est->n_obs; i++) {
+        double d2;
+        if (est->outlier[i] != 0u) { continue; }
+        const uint32_t m = deleted_residual(est, i, &d2);
+        if (m == 0u || rows <= est->n_idx + m) { continue; }
+        judged++;
+        const double pi = probability(d2, m, chi2, rows - est->n_idx);
+        if (worst == est->n_obs || pi < *p) {
+            worst = i;
+            *p = pi;
+        }
+    }
+    *p *= (double)judged;
+    return worst;
+}
