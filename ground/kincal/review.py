@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from kincal import channels, lcmlog
+from kincal import channels, core, lcmlog, tables
 from kincal.errors import KincalError, KincalFailed
 from kincal.link import Link
 from kincal.tables import unit_of
@@ -120,6 +120,65 @@ def worries(review: Review) -> list[str]:
     return out
 
 
+@dataclass(frozen=True)
+class Listed:
+    """One proposal of a log, for a list."""
+
+    log: Path
+    crc: int
+    session: int
+    verdict: str
+    n_poses: int
+    p_fit: float
+    before_pos_m: float
+    fit_pos_m: float
+
+
+def proposals_in(path: Path) -> list[Listed]:
+    """All proposals of a log."""
+    return [Listed(path, p.crc & 0xFFFFFFFF, p.session, channels.named(channels.VERDICTS, p.verdict), p.n_poses,
+                   p.p_fit, p.before_pos_m, p.fit_pos_m)
+            for s in lcmlog.read(path).sessions.values() if (p := s.proposal) is not None]
+
+
+def parse_crc(text: str) -> int:
+    try:
+        value = int(text, 16)
+    except ValueError:
+        value = -1
+    if not 0 <= value <= 0xFFFFFFFF:
+        raise KincalError(f"{text!r} is not a CRC", todo="give its eight hex digits as listed")
+    return value
+
+
+def coef_names(tables_dir: Path) -> list[str]:
+    """Names of the coefficients from the terms table."""
+    _, terms = tables.load(tables_dir / "terms.tbl")
+    return [core.ffi.string(terms.coef[i].name).decode() for i in range(terms.n_coef)]
+
+
+def find(path: Path, crc: str | None, tables_dir: Path) -> Review:
+    """A proposal of a log by CRC, or the last one."""
+    found = [s.proposal for s in lcmlog.read(path).sessions.values() if s.proposal is not None]
+    if crc is not None:
+        wanted = parse_crc(crc)
+        found = [p for p in found if p.crc & 0xFFFFFFFF == wanted]
+    if not found:
+        raise KincalError("no such proposal in the log", str(path), "`kincal review list LOG` names what is there")
+    return from_message(found[-1], coef_names(tables_dir))
+
+
+def save_picture(review: Review, path: Path) -> None:
+    """Corrections with error bars and their correlation."""
+    from kincal import pictures  # matplotlib is slow to load
+
+    on = review.estimated
+    pictures.save_review_png([c.name for c in on], [c.unit for c in on], np.array([c.value for c in on]),
+                             np.array([c.sigma for c in on]), review.correlation, path,
+                             f"Correction {review.crc_text}: {review.verdict}, {review.n_poses} poses, "
+                             f"p of the fit {review.numbers['p_fit']:.3f}")
+
+
 # --------------------------------------------------------------------------- decisions
 
 def approve(link: Link, crc: int, timeout_s: float = 10.0, t_us: int | None = None,
@@ -142,6 +201,28 @@ def reject(link: Link, crc: int, timeout_s: float = 10.0) -> None:
     """Tell flight to drop the proposal."""
     link.command("REJECT", (crc,), timeout_s)
     link.wait_hk(lambda hk: hk.proposal_crc == 0, timeout_s, "the end of the proposal")
+
+
+def decide(link: Link, decision: str, crc_text: str, by: str, why: str, journal: Path, review: Review | None,
+           timeout_s: float, say: Callable[[str], None] = lambda _text: None) -> None:
+    """Approve or reject what waits on board, and record it. Refused before any command is sent when
+    something else waits, or when the journal is not sound."""
+    crc = parse_crc(crc_text)
+    if not by.strip() or not why.strip():
+        raise KincalError("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
+    check_journal(journal)
+    on_board = waiting(link, timeout_s)
+    if on_board != crc:
+        raise KincalFailed(f"correction {crc:08x} does not wait on board; "
+                           + (f"{on_board:08x} does" if on_board else "nothing does"), link.url,
+                           "`kincal review list --live` shows what waits")
+    if decision == "approve":
+        approve(link, crc, timeout_s, say=say)
+    else:
+        reject(link, crc, timeout_s)
+        say(f"correction {crc:08x} rejected")
+    record(journal, decision, crc, by, why, link.url, review)
+    say(f"recorded in {journal}")
 
 
 def waiting(link: Link, timeout_s: float = 5.0) -> int:

@@ -1,0 +1,141 @@
+"""A run as plain values: what the console, the page and the pictures show."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class PoseLine:
+    """One pose of a calibration."""
+
+    number: int  # from 1
+    candidate: int
+    servo_steps: int
+    tool_m: tuple[float, float, float]  # measured, base frame
+    res_pos_m: float  # against the kinematics before this pose was used
+    res_rot_rad: float
+    f: float
+    gp_mean: float
+    gp_sigma: float
+    pred_pos_m: float  # predicted sigma over the search space, after
+    pred_rot_rad: float
+    held_pos_m: float = float("nan")  # held-out RMS with the estimate after this pose
+    held_rot_rad: float = float("nan")
+
+
+@dataclass(frozen=True)
+class CoefResult:
+    """One coefficient: true (nan if unknown), estimated and its 1-sigma."""
+
+    name: str
+    unit: str
+    true: float
+    estimate: float
+    sigma: float
+    status: str
+
+    @property
+    def error(self) -> float:
+        return self.estimate - self.true
+
+    @property
+    def inside_3_sigma(self) -> bool:
+        return abs(self.error) <= 3.0 * self.sigma
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """RMS pose error over held-out joint vectors with known true poses."""
+
+    n: int
+    pos_m: float
+    rot_rad: float
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One pass/fail criterion."""
+
+    name: str
+    got: str
+    want: str
+    ok: bool
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Progress of one run for the comparison picture."""
+
+    label: str
+    poses: tuple[PoseLine, ...]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Geometry for the 3-D picture [m, base frame]."""
+
+    candidates: np.ndarray  # (n, 3) tool positions of the search space
+    skeletons: np.ndarray  # (poses, points, 3) joints of the arm at the chosen poses, corrected model
+    mast: np.ndarray  # (2, 3) foot and head of the camera mast
+    camera_m: np.ndarray  # (3,)
+    frustum: np.ndarray  # (4, 3) image corners at some distance, head aimed at the last pose
+
+
+@dataclass
+class RunResult:
+    """One whole run."""
+
+    title: str
+    scenario: str
+    mode: str
+    seed: int
+    acquisition: str
+    n_goal: int
+    poses: list[PoseLine] = field(default_factory=list)
+    coefs: list[CoefResult] = field(default_factory=list)
+    before: HeldOut | None = None
+    after: HeldOut | None = None
+    verdict: str = "no proposal"
+    crc: int = 0
+    active_crc: int = 0
+    decision: str = "none"  # who accepted, or why not
+    rank: int = 0
+    n_free: int = 0
+    p_fit: float = float("nan")
+    p_no_change: float = float("nan")
+    noise_scale: float = float("nan")
+    gates: list[Gate] = field(default_factory=list)
+    curves: list[Curve] = field(default_factory=list)
+    scene: Scene | None = None
+    events: list[str] = field(default_factory=list)  # warnings and errors
+    mission_s: float = 0.0
+    wall_s: float = 0.0
+
+    @property
+    def ok(self) -> bool:
+        return bool(self.gates) and all(gate.ok for gate in self.gates)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For summary.json: everything but the geometry."""
+        out = asdict(self)
+        out.pop("scene")
+        out["ok"] = self.ok
+        out["crc"], out["active_crc"] = f"{self.crc:08x}", f"{self.active_crc:08x}"
+        return out
+
+
+def angle_text(rad: float) -> str:
+    """An angle with the unit that reads best."""
+    if not np.isfinite(rad):
+        return "-"
+    return f"{rad:.3f} rad" if abs(rad) >= 0.1 else f"{rad * 1e3:.2f} mrad"
+
+
+def length_text(m: float) -> str:
+    if not np.isfinite(m):
+        return "-"
+    return f"{m:.3f} m" if abs(m) >= 0.1 else f"{m * 1e3:.2f} mm"
