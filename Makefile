@@ -29,7 +29,7 @@ HEADERS  := $(sort $(wildcard $(LAYERS:%=fsw/%/kc_*.h)))
 WARN     := -Wall -Wextra -Werror -Wconversion -Wshadow -Wdouble-promotion
 # -ffp-contract=off: no fused multiply-add, so that every CPU gets the same bits.
 COMMON   := $(WARN) -ffp-contract=off -fPIC -g $(LAYERS:%=-Ifsw/%) -isystem /usr/include/eigen3
-CFLAGS   := -std=c11 -Wstrict-prototypes -Wmissing-prototypes $(COMMON)
+CFLAGS   := -std=c11 -Wstrict-prototypes -Wmissing-prototypes -Wvla $(COMMON)
 CXXFLAGS := -std=c++17 -fno-exceptions -fno-rtti -DEIGEN_DONT_VECTORIZE $(COMMON)
 UNITFLAG := -isystem $(BUILD)/unity -Itests/unit -DUNITY_INCLUDE_DOUBLE -DUNITY_OUTPUT_COLOR=0
 
@@ -211,6 +211,99 @@ integration: build .venv/.stamp-dev ## processes over LCM
 
 ground-test: build .venv/.stamp-dev ## the ground tool
 	$(PYTEST) tests/ground --junitxml=$(JUNIT)/ground.xml
+
+.PHONY: test
+test: setup ## everything a change has to pass, with a summary
+	@rm -rf $(JUNIT)
+	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log \
+	    unit unit-san oracle integration ground-test cov size heapcheck lint
+
+# ---- measures of the flight core ----------------------------------------------------------------------
+
+.PHONY: cov size heapcheck
+MIN_LINES    := 95
+MIN_BRANCHES := 0
+MAX_STATIC   := 1048576
+MAX_STACK    := 32768
+
+cov: $(call unit-bins,cov) ## line and branch coverage of the core by the unit tests
+	@find $(BUILD)/cov/fsw -name '*.gcda' -delete
+	@$(PYTHON) tests/unit/runner.py run $^ > $(BUILD)/cov/run.txt || { cat $(BUILD)/cov/run.txt; exit 1; }
+	@$(PYTHON) tests/lint/coverage.py --lines $(MIN_LINES) --branches $(MIN_BRANCHES) $(if $(V),--missed) \
+	    $(call objects,cov,$(CORE_SRC))
+
+size: $(call objects,rel,$(CORE_SRC) $(LCM_SRC)) ## static bytes by module and worst stack
+	@$(PYTHON) tests/lint/footprint.py --max-static $(MAX_STATIC) --max-stack $(MAX_STACK) $^
+
+heapcheck: $(BUILD)/libkincal.a ## fails when the core references a heap function
+	@$(PYTHON) tests/lint/heap.py $<
+
+# ---- lint ---------------------------------------------------------------------------------------------
+
+C_ALL   := $(CORE_SRC) $(LCM_SRC) $(TAG_SRC)
+C_STYLE := $(C_ALL) $(UNITS) $(UNIT_AUX) $(wildcard fsw/*/*.h sim/tagdet/*.h tests/unit/*.h)
+TIDY    := $(C_ALL:%=$(BUILD)/tidy/%.ok)
+
+.PHONY: lint lint-clang lint-tidy lint-cppcheck lint-format lint-direction lint-python lint-generated
+lint: lint-clang lint-direction lint-format lint-cppcheck lint-tidy lint-python lint-generated ## all static checks
+
+lint-clang: $(call objects,clang,$(CORE_SRC) $(LCM_SRC) $(UNITS) $(UNIT_AUX)) ## clang, same warnings
+
+lint-tidy: $(TIDY) ## clang-tidy
+tidy-flags = $(if $(filter %.c,$1),-std=c11,-std=c++17 $(if $(filter fsw/%,$1),-fno-exceptions)) -DEIGEN_DONT_VECTORIZE \
+    $(LAYERS:%=-Ifsw/%) -isystem /usr/include/eigen3 -isystem $(BUILD)/gen -isystem /usr/include/opencv4
+$(BUILD)/tidy/%.ok: % .clang-tidy $(wildcard fsw/*/*.h) $(STAMP)/messages | $(STAMP)/apt-test
+	@mkdir -p $(@D)
+	$(Q)echo "  TIDY $<"; clang-tidy-19 --quiet $< -- $(call tidy-flags,$<) 2>$@.err || { cat $@.err; exit 1; }
+	@touch $@
+
+lint-cppcheck: | $(STAMP)/apt-test $(STAMP)/messages ## cppcheck
+	@mkdir -p $(BUILD)/cppcheck
+	$(Q)cppcheck --quiet --error-exitcode=1 --inline-suppr --enable=warning,performance,portability \
+	    --std=c11 --std=c++17 --cppcheck-build-dir=$(BUILD)/cppcheck --suppress=missingIncludeSystem \
+	    $(LAYERS:%=-Ifsw/%) -I$(BUILD)/gen --suppress='*:$(BUILD)/gen/*' $(C_ALL)
+
+lint-format: | $(STAMP)/apt-test ## C and C++ lay-out
+	$(Q)clang-format-19 --dry-run -Werror $(C_STYLE)
+
+lint-direction: ## includes and imports point the right way
+	$(Q)$(PYTHON) tests/lint/direction.py
+
+lint-python: | .venv/.stamp-dev ## ruff: rules and lay-out
+	$(Q).venv/bin/ruff check --quiet --config tests/ruff.toml ground sim tests
+	$(Q).venv/bin/ruff format --quiet --check --config tests/ruff.toml ground sim tests || \
+	    { .venv/bin/ruff format --check --config tests/ruff.toml ground sim tests; exit 1; }
+
+lint-generated: core .venv/.stamp-dev ## generated files are what their sources say
+	$(Q)$(PYTHON) tests/lint/events.py --check
+	$(Q)rm -rf $(BUILD)/tables.check && mkdir -p $(BUILD)/tables.check
+	$(Q).venv/bin/kincal table build tables/src $(BUILD)/tables.check > $(BUILD)/tables.check.log || \
+	    { cat $(BUILD)/tables.check.log; exit 1; }
+	$(Q)diff -rq -x '.*' tables/bin $(BUILD)/tables.check || { echo "tables/bin is stale: run make tables"; exit 1; }
+
+.PHONY: format dict tables
+format: $(STAMP)/apt-test .venv/.stamp-dev ## lay out C, C++ and Python
+	clang-format-19 -i $(C_STYLE)
+	.venv/bin/ruff check --quiet --fix-only --select I --config tests/ruff.toml ground sim tests
+	.venv/bin/ruff format --quiet --config tests/ruff.toml ground sim tests
+
+dict: ## docs/EVENTS.md from the event list
+	$(PYTHON) tests/lint/events.py
+
+tables: core .venv/.stamp ## tables/bin from tables/src
+	.venv/bin/kincal table build tables/src tables/bin
+
+# ---- running ------------------------------------------------------------------------------------------
+
+.PHONY: demo hil bench-samples
+demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
+	.venv/bin/kincal run sim/scenarios/paper.toml --out $(BUILD)/demo
+
+hil: setup build ## the scenarios as separate processes at real-time pace (URL=... for another LCM network)
+	.venv/bin/python -m kincal_sim.hil $(if $(URL),--url $(URL))
+
+bench-samples: setup build ## held-out error against number of poses, for all acquisitions
+	.venv/bin/python tests/bench/samples.py
 
 # ---- tidying ------------------------------------------------------------------------------------------
 

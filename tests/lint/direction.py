@@ -1,0 +1,109 @@
+"""Includes and imports point one way only.
+
+    direction.py [ROOT]
+
+C: math <- eigen <- model <- estimate, design <- motion <- exec <- lcm (design may use estimate); flight
+headers by bare name; no clock, file, heap or stream header in the core; <math.h> only behind kc_libm.h and in
+the Eigen shim.
+Python: sim loads no flight code and no ground code; ground imports no simulator; neither imports tests.
+"""
+
+import ast
+import re
+import sys
+from pathlib import Path
+
+BELOW = {
+    "math": {"math"},
+    "eigen": {"math", "eigen"},
+    "model": {"math", "eigen", "model"},
+    "estimate": {"math", "eigen", "model", "estimate"},
+    "design": {"math", "eigen", "model", "estimate", "design"},
+    "motion": {"math", "eigen", "model", "motion"},
+    "exec": {"math", "eigen", "model", "estimate", "design", "motion", "exec"},
+    "lcm": {"math", "eigen", "model", "estimate", "design", "motion", "exec", "lcm"},
+}
+CORE_SYSTEM = {"assert.h", "float.h", "limits.h", "stdbool.h", "stddef.h", "stdint.h", "string.h"}
+CORE_EXTRA = {"fsw/math/kc_libm.h": {"math.h"}, "fsw/eigen": {"Eigen/Core", "Eigen/Dense", "Eigen/Cholesky", "Eigen/QR",
+              "Eigen/SVD", "Eigen/LU", "Eigen/Eigenvalues", "Eigen/Householder", "math.h", "cmath", "cstdint",
+              "cstring", "cstddef", "algorithm"}}
+LIBM = re.compile(r"(?<![\w.>])(sin|cos|tan|asin|acos|atan|atan2|sqrt|exp|log|log1p|expm1|tanh|pow|fabs|hypot|fmod)\s*\(")
+
+FORBIDDEN_IMPORTS = {
+    "sim": {"kincal": "the simulator's truth must not come from flight or ground code", "tests": "tests"},
+    "ground": {"kincal_sim": "the ground tool starts the simulator as a process", "tests": "tests"},
+}
+
+
+def without_comments(text: str) -> str:
+    """Comments and string contents blanked, line numbers kept; include lines stay whole."""
+    text = re.sub(r"/\*.*?\*/", lambda m: re.sub(r"[^\n]", " ", m[0]), text, flags=re.S)
+    return re.sub(r"//[^\n]*", "", text)
+
+
+def check_c(root: Path) -> list[str]:
+    home = {h.name: h.parent.name for h in root.glob("fsw/*/*.h")}
+    faults = []
+    for path in sorted([*root.glob("fsw/*/*.[ch]"), *root.glob("fsw/*/*.cpp")]):
+        layer, name = path.parent.name, path.relative_to(root).as_posix()
+        if layer not in BELOW:
+            faults.append(f"{name}: unknown layer {layer}")
+            continue
+        core = layer != "lcm"
+        extra = CORE_EXTRA.get(name, set()) | CORE_EXTRA.get(f"fsw/{layer}", set())
+        text = without_comments(path.read_text())
+        for n, line in enumerate(text.splitlines(), 1):
+            if own := re.match(r'\s*#\s*include\s*"([^"]+)"', line):
+                target = own[1]
+                if target in home:
+                    if home[target] not in BELOW[layer]:
+                        faults.append(f"{name}:{n}: {layer} must not include {target} of {home[target]}")
+                elif core or not target.startswith("kcm_"):
+                    faults.append(f"{name}:{n}: {target} is no header of fsw/ (headers go by bare name)")
+            elif system := re.match(r"\s*#\s*include\s*<([^>]+)>", line):
+                if core and system[1] not in CORE_SYSTEM | extra:
+                    faults.append(f"{name}:{n}: <{system[1]}> is not for the core")
+            elif core and layer != "eigen" and name != "fsw/math/kc_libm.h" and (call := LIBM.search(line)):
+                faults.append(f"{name}:{n}: {call[1]}() instead of kc_{call[1]}() of kc_libm.h")
+    return faults
+
+
+def check_python(root: Path) -> list[str]:
+    faults = []
+    for top, rules in FORBIDDEN_IMPORTS.items():
+        for path in sorted((root / top).rglob("*.py")):
+            name = path.relative_to(root).as_posix()
+            text = path.read_text()
+            for node in ast.walk(ast.parse(text, filename=name)):
+                if isinstance(node, ast.Import):
+                    modules = [a.name for a in node.names]
+                elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                    modules = [node.module]
+                elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "import_module" and node.args:
+                    modules = [node.args[0].value] if isinstance(node.args[0], ast.Constant) else []
+                else:
+                    continue
+                for module in modules:
+                    if why := rules.get(str(module).split(".")[0]):
+                        faults.append(f"{name}:{node.lineno}: imports {module}: {why}")
+            if top == "sim":
+                for n, line in enumerate(text.splitlines(), 1):
+                    if "libkincal" in line or "kincal_cdef" in line:
+                        faults.append(f"{name}:{n}: the simulator must not load the flight core")
+    for path in sorted([*root.glob("sim/tagdet/*.c*"), *root.glob("sim/tagdet/*.h")]):
+        for n, line in enumerate(without_comments(path.read_text()).splitlines(), 1):
+            if re.match(r'\s*#\s*include\s*"(kc_\w+\.h|.*fsw/)', line):
+                faults.append(f"{path.relative_to(root)}:{n}: the detector must not include flight code")
+    return faults
+
+
+def main() -> int:
+    root = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parents[2]
+    faults = check_c(root) + check_python(root)
+    for fault in faults:
+        print(fault)
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

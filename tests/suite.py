@@ -1,0 +1,92 @@
+"""Run the steps of `make test`, all of them even after a failure, and sum up.
+
+    suite.py --junit build/junit --logs build/log unit oracle lint ...    run steps with make
+    suite.py --junit build/junit --sum                                    only the closing line, from the files
+
+Tests are counted from the JUnit files that Unity's runner and pytest wrote, never from exit codes; a step
+without tests (lint, size ...) or one that fails without a failed test counts as one failure when it fails.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+# Steps that are tests, and the JUnit file each writes.
+REPORT = {
+    "unit": "unit.xml",
+    "unit-san": "unit-san.xml",
+    "oracle": "oracle.xml",
+    "integration": "integration.xml",
+    "ground-test": "ground.xml",
+}
+
+
+def count(report: Path) -> tuple[int, int, int]:
+    """Passed, failed (errors too), skipped."""
+    if not report.exists():
+        return 0, 0, 0
+    failed = skipped = total = 0
+    for case in ET.parse(report).getroot().iter("testcase"):
+        total += 1
+        failed += case.find("failure") is not None or case.find("error") is not None
+        skipped += case.find("skipped") is not None
+    return total - failed - skipped, failed, skipped
+
+
+def run(step: str, junit: Path, logs: Path, jobs: int) -> dict:
+    log = logs / f"{step}.txt"
+    start = time.monotonic()
+    with log.open("w") as out:
+        code = subprocess.run(
+            ["make", "--no-print-directory", f"-j{jobs}", "-k", step],
+            stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
+        ).returncode  # fmt: skip
+    seconds = time.monotonic() - start
+    passed, failed, skipped = count(junit / REPORT[step]) if step in REPORT else (0, 0, 0)
+    if step in REPORT and passed + failed == 0:
+        code = code or 1  # a test step without a test is no success
+    if code and not failed:
+        failed = 1
+    text = log.read_text(errors="replace").splitlines()
+    if failed:
+        print("\n".join(text[-150:]))
+    elif step in ("cov", "size"):
+        print("\n".join(line for line in text if line.startswith("  ") and not line.startswith("  CC")))
+    tests = f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else "")
+    print(f"{'FAIL' if failed else 'ok  '}  {step:14s} {seconds:6.1f} s  {tests if step in REPORT else ''}", flush=True)
+    return {"step": step, "seconds": seconds, "passed": passed, "failed": failed, "skipped": skipped}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--junit", type=Path, required=True)
+    parser.add_argument("--logs", type=Path)
+    parser.add_argument("--sum", action="store_true")
+    parser.add_argument("--jobs", type=int, default=min(os.cpu_count() or 1, 4))
+    parser.add_argument("steps", nargs="*")
+    args = parser.parse_args()
+    summary = args.junit / "summary.json"
+
+    if not args.sum:
+        # We are called from make: its job server and flags are not for the steps.
+        for name in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL"):
+            os.environ.pop(name, None)
+        args.logs.mkdir(parents=True, exist_ok=True)
+        args.junit.mkdir(parents=True, exist_ok=True)
+        summary.write_text(json.dumps([run(s, args.junit, args.logs, args.jobs) for s in args.steps], indent=1))
+
+    steps = json.loads(summary.read_text()) if summary.exists() else []
+    passed, failed, skipped = (sum(s[k] for s in steps) for k in ("passed", "failed", "skipped"))
+    if not args.sum:
+        print(f"all steps: {sum(s['seconds'] for s in steps):.0f} s; logs in {args.logs}")
+    print(f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else ""))
+    return 1 if failed or not passed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
