@@ -31,7 +31,7 @@ WARN     := -Wall -Wextra -Werror -Wconversion -Wshadow -Wdouble-promotion
 COMMON   := $(WARN) -ffp-contract=off -fPIC -g $(LAYERS:%=-Ifsw/%) -isystem /usr/include/eigen3
 CFLAGS   := -std=c11 -Wstrict-prototypes -Wmissing-prototypes -Wvla $(COMMON)
 CXXFLAGS := -std=c++17 -fno-exceptions -fno-rtti -DEIGEN_DONT_VECTORIZE $(COMMON)
-UNITFLAG := -isystem $(BUILD)/unity -Itests/unit -DUNITY_INCLUDE_DOUBLE -DUNITY_OUTPUT_COLOR=0
+UNITFLAG := -isystem $(BUILD)/unity/src -Itests/unit -DUNITY_INCLUDE_DOUBLE
 
 .PHONY: help
 help: ## list the targets (V=1 shows whole commands)
@@ -42,7 +42,7 @@ help: ## list the targets (V=1 shows whole commands)
 STAMP := $(BUILD)/stamp
 
 .PHONY: setup setup-demo
-setup: setup-demo $(STAMP)/apt-test .venv/.stamp-dev $(BUILD)/unity/unity.c ## all that tests need
+setup: setup-demo $(STAMP)/apt-test .venv/.stamp-dev $(BUILD)/unity/src/unity.c ## all that tests need
 setup-demo: $(STAMP)/apt-build .venv/.stamp ## all that the demo needs
 
 $(STAMP)/apt-%: .ci/packages.%
@@ -58,7 +58,7 @@ $(STAMP)/apt-%: .ci/packages.%
 	.ci/venv ground/requirements-dev.lock
 	@touch $@
 
-$(BUILD)/unity/unity.c:
+$(BUILD)/unity/src/unity.c:
 	.ci/unity $(BUILD)/unity
 
 .PHONY: lock
@@ -112,15 +112,15 @@ $(BUILD)/$1/gen/%.c.o: $(BUILD)/gen/%.c $(BUILD)/$1/flags
 	@mkdir -p $$(@D)
 	$$(Q)echo "  CC  $$@"; $2 -std=c11 -O1 -g -fPIC -w -c $$< -o $$@
 
-$(BUILD)/$1/unity/unity.c.o: $(BUILD)/unity/unity.c $(BUILD)/$1/flags
+$(BUILD)/$1/unity/unity.c.o: $(BUILD)/unity/src/unity.c $(BUILD)/$1/flags
 	@mkdir -p $$(@D)
 	$$(Q)echo "  CC  $$@"; $2 -std=c11 -O1 -g -w $$(UNITFLAG) -c $$< -o $$@
 
-$(BUILD)/$1/tests/unit/%.c.o: tests/unit/%.c $(BUILD)/$1/flags $(STAMP)/messages | $(BUILD)/unity/unity.c
+$(BUILD)/$1/tests/unit/%.c.o: tests/unit/%.c $(BUILD)/$1/flags $(STAMP)/messages | $(BUILD)/unity/src/unity.c
 	@mkdir -p $$(@D)
 	$$(Q)echo "  CC  $$@"; $2 $$(CFLAGS) $4 $$(UNITFLAG) -Ifsw/lcm -isystem $(BUILD)/gen -MMD -MP -c $$< -o $$@
 
-$(BUILD)/$1/tests/unit/%.runner.o: $(BUILD)/runners/%.c $(BUILD)/$1/flags | $(BUILD)/unity/unity.c
+$(BUILD)/$1/tests/unit/%.runner.o: $(BUILD)/runners/%.c $(BUILD)/$1/flags | $(BUILD)/unity/src/unity.c
 	@mkdir -p $$(@D)
 	$$(Q)echo "  CC  $$@"; $2 -std=c11 -O1 -g -w $4 $$(UNITFLAG) -c $$< -o $$@
 
