@@ -32,8 +32,12 @@ typedef struct {
     uint32_t idx[KC_COEF_MAX];
 } kc_qp_t;
 
-/* Solve. KC_OK: kkt <= 1e-9. KC_ERR_ARG: n = 0 or too large, lb > ub, or something
- * not finite: x unchanged. KC_ERR_ITER: bound of iterations reached, x is feasible and
+/* Iterations allowed per variable (factorisations and releases); random problems need one or two. */
+#define KC_QP_ITER_PER_VAR 20u
+
+/* Solve. KC_OK: kkt <= 1e-9, or 1e-14 of the largest sum of |terms| in a gradient component, where
+ * double precision ends (H x large against g). KC_ERR_ARG: n = 0 or too large, lb > ub, or something
+ * not finite: x unchanged. KC_ERR_ITER: KC_QP_ITER_PER_VAR * n iterations of iterations reached, x is feasible and
  * the best so far. KC_ERR_NUM: unbounded below (singular H, infinite bounds), x
  * feasible. O(iterations * n^3); same bits for the same input. */
 kc_status_t kc_qp_solve(kc_qp_t *qp);
