@@ -17,6 +17,7 @@ from pathlib import Path
 
 TIMEOUT_S = 120
 RESULT = re.compile(r"^(?P<file>[^:\n]+):(?P<line>\d+):(?P<name>\w+):(?P<what>PASS|FAIL|IGNORE)(?::\s?(?P<msg>.*))?$")
+COLOUR = re.compile(r"\x1b\[\d*m")  # some versions of Unity always paint
 TOTALS = re.compile(r"^(\d+) Tests (\d+) Failures (\d+) Ignored\s*$", re.M)
 
 
@@ -47,7 +48,7 @@ def run_one(program: Path) -> tuple[ET.Element, int, int, int]:
     start = time.monotonic()
     try:
         done = subprocess.run([program], capture_output=True, text=True, errors="replace", timeout=TIMEOUT_S)
-        out, code = done.stdout + done.stderr, done.returncode
+        out, code = COLOUR.sub("", done.stdout + done.stderr), done.returncode
     except subprocess.TimeoutExpired as late:
         out, code = f"{late.stdout or ''}\nno end after {TIMEOUT_S} s", -1
     seconds = time.monotonic() - start
