@@ -109,7 +109,7 @@ class Executive:
         elif p.verdict != kcm.proposal_t.CHANGE:
             self._fail("the fit is poor")
         elif accept == "ground":
-            self._succeed("correction waits for the ground")
+            self._go("GROUND")
         elif accept == "policy":
             if self._active():
                 self._succeed("accepted on board")
@@ -120,6 +120,15 @@ class Executive:
         else:
             self._command(kcm.cmd_t.APPROVE_ARM, [p.crc, 0, 0, 0])
             self._go("ARM")
+
+    def _do_ground(self) -> None:
+        """The ground decides; with ground_wait_s = 0 the run ends while the correction waits."""
+        if self._active():
+            self._succeed("correction approved by the ground and active")
+        elif self._hk_since() and self.hk.proposal_crc == 0:
+            self._fail("correction rejected by the ground")
+        elif self._waited(self.limits.ground_wait_s):
+            self._succeed("correction waits for the ground")
 
     def _do_arm(self) -> None:
         if self.awaited is None:

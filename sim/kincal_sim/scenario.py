@@ -62,6 +62,7 @@ class Limits:
     ack_timeout_s: float = 3.0
     pose_timeout_s: float = 600.0
     total_timeout_s: float = 7200.0
+    ground_wait_s: float = 0.0      # accept = "ground": how long the run goes on for its decision
 
 
 @dataclass
