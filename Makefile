@@ -145,9 +145,11 @@ $(eval $(call variant,rel,gcc,g++,-O2 -fcallgraph-info=su))
 $(eval $(call variant,san,gcc,g++,-O1 $(SAN)))
 $(eval $(call variant,cov,gcc,g++,-O0 --coverage -fprofile-abs-path))
 $(eval $(call variant,clang,$(CLANG),$(CLANGXX),-O2))
-.SECONDARY:
+.PHONY: FORCE
 
-FORCE:
+# Found through two pattern rules; kept, so that the next run does not build them again.
+.SECONDARY: $(foreach v,rel san cov clang,$(foreach u,$(UNITS:%.c=%),$(BUILD)/$v/$u.c.o $(BUILD)/$v/$u.runner.o)) \
+            $(UNITS:tests/unit/%.c=$(BUILD)/runners/%.c)
 
 # ---- products -----------------------------------------------------------------------------------------
 

@@ -60,7 +60,9 @@ def whole_number_macros(includes: str, dirs: list[Path]) -> dict[str, int]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("dirs", type=Path, nargs="+", help="header folders, lowest layer first")
     dirs = parser.parse_args().dirs
     headers = [h for d in dirs for h in sorted(d.glob("kc_*.h"))]

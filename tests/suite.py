@@ -1,7 +1,7 @@
 """Run the steps of `make test`, all of them even after a failure, and sum up.
 
     suite.py --junit build/junit --logs build/log unit oracle lint ...    run steps with make
-    suite.py --junit build/junit --sum                                    only the closing line, from the files
+    suite.py --junit build/junit --sum                                    only the closing line
 
 Tests are counted from the JUnit files that Unity's runner and pytest wrote, never from exit codes; a step
 without tests (lint, size ...) or one that fails without a failed test counts as one failure when it fails.
@@ -58,12 +58,17 @@ def run(step: str, junit: Path, logs: Path, jobs: int) -> dict:
     elif step in ("cov", "size"):
         print("\n".join(line for line in text if line.startswith("  ") and not line.startswith("  CC")))
     tests = f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else "")
-    print(f"{'FAIL' if failed else 'ok  '}  {step:14s} {seconds:6.1f} s  {tests if step in REPORT else ''}", flush=True)
+    print(
+        f"{'FAIL' if failed else 'ok  '}  {step:14s} {seconds:6.1f} s  {tests if step in REPORT else ''}",
+        flush=True,
+    )
     return {"step": step, "seconds": seconds, "passed": passed, "failed": failed, "skipped": skipped}
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--junit", type=Path, required=True)
     parser.add_argument("--logs", type=Path)
     parser.add_argument("--sum", action="store_true")
@@ -78,7 +83,9 @@ def main() -> int:
             os.environ.pop(name, None)
         args.logs.mkdir(parents=True, exist_ok=True)
         args.junit.mkdir(parents=True, exist_ok=True)
-        summary.write_text(json.dumps([run(s, args.junit, args.logs, args.jobs) for s in args.steps], indent=1))
+        summary.write_text(
+            json.dumps([run(s, args.junit, args.logs, args.jobs) for s in args.steps], indent=1)
+        )
 
     steps = json.loads(summary.read_text()) if summary.exists() else []
     passed, failed, skipped = (sum(s[k] for s in steps) for k in ("passed", "failed", "skipped"))

@@ -24,8 +24,12 @@ def gcov(obj: Path) -> dict:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--lines", type=float, default=0.0, help="least line coverage of all modules together [%%]")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--lines", type=float, default=0.0, help="least line coverage of all modules together [%%]"
+    )
     parser.add_argument("--branches", type=float, default=0.0, help="least branch coverage [%%]")
     parser.add_argument("--missed", action="store_true", help="list missed lines")
     parser.add_argument("objects", type=Path, nargs="+")
@@ -47,8 +51,12 @@ def main() -> int:
 
     modules: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0, 0])
     for name in sorted(lines):
-        row = [sum(map(bool, lines[name].values())), len(lines[name]),
-               sum(map(bool, branches[name].values())), len(branches[name])]
+        row = [
+            sum(map(bool, lines[name].values())),
+            len(lines[name]),
+            sum(map(bool, branches[name].values())),
+            len(branches[name]),
+        ]
         module = name.split("/")[1]
         modules[module] = [a + b for a, b in zip(modules[module], row, strict=True)]
         if args.missed and row[0] < row[1]:
@@ -60,7 +68,9 @@ def main() -> int:
     print(f"  {'module':10s} {'lines':>12s} {'':>7s} {'branches':>13s}")
     modules["all"] = [sum(column) for column in zip(*modules.values(), strict=True)] or [0, 0, 0, 0]
     for module, (l, nl, b, nb) in modules.items():
-        print(f"  {module:10s} {l:5d} /{nl:5d} {percent(l, nl):6.1f} % {b:5d} /{nb:5d} {percent(b, nb):6.1f} %")
+        print(
+            f"  {module:10s} {l:5d} /{nl:5d} {percent(l, nl):6.1f} % {b:5d} /{nb:5d} {percent(b, nb):6.1f} %"
+        )
     l, nl, b, nb = modules["all"]
     short = []
     if percent(l, nl) < args.lines:

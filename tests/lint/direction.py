@@ -24,10 +24,28 @@ BELOW = {
     "lcm": {"math", "eigen", "model", "estimate", "design", "motion", "exec", "lcm"},
 }
 CORE_SYSTEM = {"assert.h", "float.h", "limits.h", "stdbool.h", "stddef.h", "stdint.h", "string.h"}
-CORE_EXTRA = {"fsw/math/kc_libm.h": {"math.h"}, "fsw/eigen": {"Eigen/Core", "Eigen/Dense", "Eigen/Cholesky", "Eigen/QR",
-              "Eigen/SVD", "Eigen/LU", "Eigen/Eigenvalues", "Eigen/Householder", "math.h", "cmath", "cstdint",
-              "cstring", "cstddef", "algorithm"}}
-LIBM = re.compile(r"(?<![\w.>])(sin|cos|tan|asin|acos|atan|atan2|sqrt|exp|log|log1p|expm1|tanh|pow|fabs|hypot|fmod)\s*\(")
+CORE_EXTRA = {
+    "fsw/math/kc_libm.h": {"math.h"},
+    "fsw/eigen": {
+        "Eigen/Core",
+        "Eigen/Dense",
+        "Eigen/Cholesky",
+        "Eigen/QR",
+        "Eigen/SVD",
+        "Eigen/LU",
+        "Eigen/Eigenvalues",
+        "Eigen/Householder",
+        "math.h",
+        "cmath",
+        "cstdint",
+        "cstring",
+        "cstddef",
+        "algorithm",
+    },
+}
+LIBM = re.compile(
+    r"(?<![\w.>])(sin|cos|tan|asin|acos|atan|atan2|sqrt|exp|log|log1p|expm1|tanh|pow|fabs|hypot|fmod)\s*\("
+)
 
 FORBIDDEN_IMPORTS = {
     "sim": {"kincal": "the simulator's truth must not come from flight or ground code", "tests": "tests"},
@@ -79,7 +97,11 @@ def check_python(root: Path) -> list[str]:
                     modules = [a.name for a in node.names]
                 elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
                     modules = [node.module]
-                elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "import_module" and node.args:
+                elif (
+                    isinstance(node, ast.Call)
+                    and getattr(node.func, "attr", "") == "import_module"
+                    and node.args
+                ):
                     modules = [node.args[0].value] if isinstance(node.args[0], ast.Constant) else []
                 else:
                     continue

@@ -1,7 +1,7 @@
 """docs/EVENTS.md from the list in fsw/exec/kc_events.h.
 
-    events.py            write it
-    events.py --check    fail if it is not what the header says
+events.py            write it
+events.py --check    fail if it is not what the header says
 """
 
 import re
@@ -27,16 +27,20 @@ text below says what the numbers mean. Ids never change their meaning.
 
 def document() -> str:
     source = re.sub(r"\\\n", " ", HEADER.read_text())
-    rows = [(int(i), name, sev, "".join(re.findall(r'"((?:[^"\\]|\\.)*)"', text)))
-            for i, name, sev, text in ENTRY.findall(source)]
+    rows = [
+        (int(i), name, sev, "".join(re.findall(r'"((?:[^"\\]|\\.)*)"', text)))
+        for i, name, sev, text in ENTRY.findall(source)
+    ]
     if not rows:
         sys.exit(f"{HEADER}: no event found")
     for what, column in (("id", 0), ("name", 1)):
         values = [r[column] for r in rows]
         if twice := {v for v in values if values.count(v) > 1}:
             sys.exit(f"{HEADER}: {what} used twice: {twice}")
-    return INTRO + "".join(f"| {i} | `{name}` | {sev.lower()} | {text.replace('|', chr(92) + '|')} |\n"
-                           for i, name, sev, text in sorted(rows))
+    return INTRO + "".join(
+        f"| {i} | `{name}` | {sev.lower()} | {text.replace('|', chr(92) + '|')} |\n"
+        for i, name, sev, text in sorted(rows)
+    )
 
 
 def main() -> int:

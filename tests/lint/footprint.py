@@ -66,7 +66,9 @@ class CallGraph:
                 if short in INDIRECT:
                     targets.update(INDIRECT[short])
                 else:
-                    self.faults.append(f"{caller}: calls through a pointer; list its targets in {Path(__file__).name}")
+                    self.faults.append(
+                        f"{caller}: calls through a pointer; list its targets in {Path(__file__).name}"
+                    )
 
     def deepest(self) -> dict[str, tuple[int, list[str]]]:
         """Of every function: bytes of the deepest chain that starts there, and the chain."""
@@ -93,7 +95,9 @@ class CallGraph:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--max-static", type=int, required=True, help="bytes of .data and .bss together")
     parser.add_argument("--max-stack", type=int, required=True, help="bytes")
     parser.add_argument("objects", type=Path, nargs="+")

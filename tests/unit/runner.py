@@ -16,7 +16,9 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 TIMEOUT_S = 120
-RESULT = re.compile(r"^(?P<file>[^:\n]+):(?P<line>\d+):(?P<name>\w+):(?P<what>PASS|FAIL|IGNORE)(?::\s?(?P<msg>.*))?$")
+RESULT = re.compile(
+    r"^(?P<file>[^:\n]+):(?P<line>\d+):(?P<name>\w+):(?P<what>PASS|FAIL|IGNORE)(?::\s?(?P<msg>.*))?$"
+)
 COLOUR = re.compile(r"\x1b\[\d*m")  # some versions of Unity always paint
 TOTALS = re.compile(r"^(\d+) Tests (\d+) Failures (\d+) Ignored\s*$", re.M)
 
@@ -84,7 +86,9 @@ def run_one(program: Path) -> tuple[ET.Element, int, int, int]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     sub = parser.add_subparsers(dest="what", required=True)
     gen = sub.add_parser("main")
     gen.add_argument("source", type=Path)
