@@ -16,7 +16,7 @@ from pathlib import Path
 import kcm
 
 from .bus import Bus, Participant
-from .scenario import ACQUISITIONS, VERDICTS, Scenario, load
+from .scenario import ACCEPT, ACQUISITIONS, VERDICTS, Scenario, load
 
 HEARD = ["KC_HK", "KC_ACK", "KC_EVENT", "KC_PROPOSAL"]
 IDLE, REVIEW, ARMED, SAFE = 0, 9, 10, 11    # KC_HK.state, see docs/INTERFACES.md
@@ -25,6 +25,7 @@ FIRST_HEARTBEAT_S = 30.0
 LINGER_S = 2.0           # after the end: one more heartbeat shows where flight stands
 ABORT_WAIT_S = 10.0
 POLICY_WAIT_S = 10.0
+GROUND_WAIT_S = 1800.0   # with --accept ground: somebody listens and will decide
 
 
 class Executive:
@@ -239,6 +240,7 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     p.add_argument("--seed", type=int, default=1, help="of flight's random acquisition")
     p.add_argument("--acquisition", default="", choices=["", *ACQUISITIONS])
     p.add_argument("--poses", type=int, default=0)
+    p.add_argument("--accept", default="", choices=["", *ACCEPT], help="accept policy (default: the scenario's)")
     p.add_argument("--live", action="store_true", help="wall clock instead of lockstep")
     return p.parse_args(argv)
 
@@ -248,7 +250,11 @@ def main(argv: list[str] | None = None) -> int:
     bus = Bus(o.url)
     # Live, a restarted executive must still be newer than its predecessor: count on from the clock.
     first_seq = int(time.time() - 1.7e9) * 4 if o.live else 1
-    executive = Executive(load(o.scenario), lambda m: bus.publish("KC_CMD", m), o.seed, o.acquisition, o.poses,
+    scenario = load(o.scenario)
+    scenario.executive.accept = o.accept or scenario.executive.accept
+    if o.accept == "ground":
+        scenario.executive.ground_wait_s = max(scenario.executive.ground_wait_s, GROUND_WAIT_S)
+    executive = Executive(scenario, lambda m: bus.publish("KC_CMD", m), o.seed, o.acquisition, o.poses,
                           first_seq)
     part = Participant(bus, kcm.tick_done_t.WHO_EXECUTIVE, HEARD, executive.tick)
 
