@@ -22,7 +22,6 @@ os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 import cv2
 import mujoco
 import numpy as np
-from mujoco.osmesa import GLContext
 
 from . import geom, scenery, tags
 from .arm import load_spec
@@ -59,14 +58,24 @@ class Config:
     fast: dict
 
 
-def load_config(spec: dict | None = None, path: Path | str = MODELS / "camera.toml") -> Config:
-    """Make the configuration from the arm's spec (arm.load_spec) and the camera file.
+def _override(table: dict, changes: dict, name: str) -> dict:
+    unknown = sorted(set(changes) - set(table))
+    if unknown:
+        raise ValueError(f"unknown setting {name}.{unknown[0]}; known: {', '.join(table)}")
+    return table | changes
 
-    Raises ValueError if the pixels are not square: MuJoCo's frustum has one scale.
+
+def load_config(spec: dict | None = None, optics: dict | None = None, fast: dict | None = None) -> Config:
+    """Make the configuration from the arm's spec (arm.load_spec) and models/camera.toml.
+
+    `optics` and `fast` replace settings of the tables of that name. Raises ValueError on an unknown
+    setting, and if the pixels are not square: MuJoCo's frustum has one scale.
     """
     spec = spec or load_spec()
-    with open(path, "rb") as f:
+    with open(MODELS / "camera.toml", "rb") as f:
         raw = tomllib.load(f)
+    raw["optics"] = _override(raw["optics"], optics or {}, "optics")
+    raw["fast"] = _override(raw["fast"], fast or {}, "fast")
     cam = spec["camera"]
     if cam["fx_px"] != cam["fy_px"]:
         raise ValueError("fx_px and fy_px must be equal, the renderer has square pixels")
@@ -108,6 +117,9 @@ class Camera:
         self._shadows = shadows
         model.vis.global_.offwidth = cfg.width_px
         model.vis.global_.offheight = cfg.height_px
+        # Here and not above: the mode without pixels runs on machines without OSMesa.
+        from mujoco.osmesa import GLContext
+
         scenery.paint(model)
         self._gl = GLContext(cfg.width_px, cfg.height_px)
         self._gl.make_current()

@@ -174,7 +174,8 @@ std::array<double, 4> quaternion(const cv::Matx33d &R)
         default: q = {c * s, xz * s, yz * s, four[3] * s}; break;
     }
     const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    for (double &v : q) { v /= q[0] < 0.0 ? -norm : norm; }
+    const double scale = q[0] < 0.0 ? -1.0 / norm : 1.0 / norm;
+    for (double &v : q) { v *= scale; }
     return q;
 }
 
