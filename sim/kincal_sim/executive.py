@@ -221,7 +221,7 @@ class Executive:
             "verdict": VERDICTS[p.verdict] if p is not None and 0 <= p.verdict < len(VERDICTS) else "",
             "crc": f"{p.crc & 0xFFFFFFFF:08x}" if p is not None else "",
             "n_poses": p.n_poses if p is not None else max(self.pose, 0),
-            "mission_s": self._ago(self.begun_us),
+            "mission_s": round(self._ago(self.begun_us), 1),
         }
 
     def record(self) -> dict:

@@ -17,7 +17,9 @@ from pathlib import Path
 import kcm
 
 from .bus import LEAVE, Bus
-from .scenario import load
+from .camera import Camera, load_config
+from .fastcam import FastCamera
+from .scenario import generator, load
 from .world import World
 
 TICK_US = 100_000
@@ -32,9 +34,8 @@ EXIT_TIME_LIMIT, EXIT_SILENT = 3, 4
 
 def pixel_eye(world: World):
     """KC_IMAGE: a rendered JPEG."""
-    from .camera import Camera, load_config
-    from .scenario import generator
-    camera, rng = Camera(load_config(world.arm.spec), world.arm.model), generator(world.seed, "camera")
+    camera = Camera(load_config(world.arm.spec, optics=world.scenario.camera), world.arm.model)
+    rng = generator(world.seed, "camera")
 
     def expose(frame):
         grey = camera.render(world.arm.data, frame.T_base_cam, frame.T_base_tool, rng)
@@ -44,6 +45,22 @@ def pixel_eye(world: World):
         m.n_bytes, m.jpeg = len(jpeg), jpeg
         return m
     return "KC_IMAGE", expose
+
+
+def fast_eye(world: World):
+    """KC_DETECTION without drawing anything: what the tag detector would say."""
+    cfg = load_config(world.arm.spec, fast=world.scenario.fastcam)
+    camera = FastCamera(cfg, world.arm.model)
+    rng = generator(world.seed, "detections")
+
+    def expose(frame):
+        fields = camera.detect(world.arm.data, frame.T_base_cam, frame.T_base_tool, rng)
+        m = kcm.detection_t()
+        for name, value in fields.items():
+            setattr(m, name, value)
+        m.t_us, m.seq = frame.t_us, frame.seq
+        return m
+    return "KC_DETECTION", expose
 
 
 class Silent(RuntimeError):
@@ -147,11 +164,7 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 def main(argv: list[str] | None = None) -> int:
     o = options(argv)
     scenario = load(o.scenario)
-    if o.fast:
-        from .fastcam import fast_eye as eye
-    else:
-        eye = pixel_eye
-    world = World(scenario, o.seed, eye)
+    world = World(scenario, o.seed, fast_eye if o.fast else pixel_eye)
     o.out.mkdir(parents=True, exist_ok=True)
     mode = "fast" if o.fast else "pixels"
     (o.out / "truth.json").write_text(json.dumps(world.truth_record(mode), indent=1) + "\n")
