@@ -37,9 +37,9 @@ typedef struct {
 
 /* Solve. KC_OK: kkt <= 1e-9, or 1e-14 of the largest sum of |terms| in a gradient component, where
  * double precision ends (H x large against g). KC_ERR_ARG: n = 0 or too large, lb > ub, or something
- * not finite: x unchanged. KC_ERR_ITER: KC_QP_ITER_PER_VAR * n iterations of iterations reached, x is feasible and
- * the best so far. KC_ERR_NUM: unbounded below (singular H, infinite bounds), x
- * feasible. O(iterations * n^3); same bits for the same input. */
+ * not finite: x unchanged. KC_ERR_ITER: KC_QP_ITER_PER_VAR * n iterations done, x is feasible and the
+ * best so far. KC_ERR_NUM: unbounded below (singular H, infinite bounds), x feasible.
+ * O(iterations * n^3); same bits for the same input. */
 kc_status_t kc_qp_solve(kc_qp_t *qp);
 
 #endif
