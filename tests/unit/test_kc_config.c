@@ -1,0 +1,114 @@
+/* kc_config.c: every field of the CONFIG table has limits. */
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "unity.h"
+
+static kc_config_t s_c;
+static int32_t s_index;
+static double s_got;
+
+void setUp(void);
+void setUp(void)
+{
+    given_config(&s_c);
+    s_index = -7;
+    s_got = -7.0;
+}
+
+static void expect_refused(int32_t field, double got)
+{
+    kc_config_t before = s_c;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_config_validate(&s_c, &s_index, &s_got));
+    TEST_ASSERT_EQUAL_INT32(field, s_index);
+    TEST_ASSERT_EQUAL_DOUBLE(got, s_got);
+    TEST_ASSERT_EQUAL_MEMORY(&before, &s_c, sizeof s_c);
+}
+
+void test_a_good_configuration_is_accepted(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_config_validate(&s_c, &s_index, &s_got));
+    TEST_ASSERT_EQUAL_INT32(-7, s_index);
+}
+
+/* Where the field of a number lies, and a value that no field of its type allows. */
+typedef struct {
+    int32_t field;
+    size_t offset;
+    char type; /* b u8, u u32, l u64, d double */
+    double bad;
+} spoil_t;
+#define AT(member) offsetof(kc_config_t, member)
+static const spoil_t s_spoil[] = {
+    {1, AT(acquisition), 'b', 4.0},          {2, AT(n_poses), 'u', 0.0},
+    {2, AT(n_poses), 'u', 65.0},             {3, AT(replicate_every), 'u', 65.0},
+    {4, AT(beta_scale), 'd', -0.1},          {5, AT(a1), 'd', 1.1},
+    {6, AT(sp_floor_m), 'd', 0.0},           {7, AT(sq_floor_rad), 'd', 0.0},
+    {8, AT(vopt_len_m), 'd', 0.0},           {9, AT(stop_pos_m), 'd', -1.0},
+    {10, AT(stop_rot_rad), 'd', -1.0},       {11, AT(frames_per_meas), 'u', 0.0},
+    {11, AT(frames_per_meas), 'u', 17.0},    {12, AT(look_retries), 'u', 51.0},
+    {13, AT(settle_us), 'l', 4e9},           {14, AT(look_timeout_us), 'l', 0.0},
+    {15, AT(move_timeout_us), 'l', 0.0},     {16, AT(frame_age_max_us), 'l', 0.0},
+    {17, AT(search_steps), 'u', 50.0},       {18, AT(search_step_rad), 'd', 1.7},
+    {19, AT(jump_pos_m), 'd', 0.0},          {20, AT(jump_rot_rad), 'd', 4.0},
+    {21, AT(sigma_pos_max_m), 'd', 2.0},     {22, AT(sigma_rot_max_rad), 'd', 4.0},
+    {23, AT(sigma_pos_min_m), 'd', 0.0},     {24, AT(sigma_rot_min_rad), 'd', 0.0},
+    {25, AT(rms_max_px), 'd', 0.0},          {26, AT(servo.gain), 'd', 1.1},
+    {27, AT(servo.damping), 'd', 0.0},       {28, AT(servo.step_max), 'd', 0.0},
+    {29, AT(servo.leash), 'd', 0.0},         {30, AT(servo.tol_pos_m), 'd', 0.0},
+    {31, AT(servo.tol_rot_rad), 'd', 0.0},   {32, AT(servo.margin), 'd', -0.1},
+    {33, AT(servo_steps_max), 'u', 1001.0},  {34, AT(speed_scale), 'd', 1.1},
+    {35, AT(arrive_tol), 'd', 0.0},          {36, AT(est.free_mask), 'l', 0.0},
+    {37, AT(est.iter_max), 'u', 101.0},      {38, AT(est.tol_step), 'd', 0.0},
+    {39, AT(est.rank_tol), 'd', 0.0},        {40, AT(est.outlier_p), 'd', 0.6},
+    {41, AT(est.outlier_max), 'u', 65.0},    {42, AT(est.use_prior), 'b', 2.0},
+    {43, AT(accept_on_board), 'b', 2.0},     {44, AT(accept_change_max_pos_m), 'd', -1.0},
+    {45, AT(accept_sigma_max_pos_m), 'd', -1.0}, {46, AT(accept_p_fit_min), 'd', 1.1},
+    {47, AT(no_change_p), 'd', -0.1},        {48, AT(budget_us), 'l', 4e13},
+};
+
+static void spoil(const spoil_t *s, double value)
+{
+    uint8_t *at = (uint8_t *)&s_c + s->offset;
+    uint8_t b = (uint8_t)(s->type == 'b' ? value : 0.0);
+    uint32_t u = (uint32_t)(s->type == 'u' ? value : 0.0);
+    uint64_t l = (uint64_t)(s->type == 'l' ? value : 0.0);
+    switch (s->type) {
+    case 'b': memcpy(at, &b, sizeof b); break;
+    case 'u': memcpy(at, &u, sizeof u); break;
+    case 'l': memcpy(at, &l, sizeof l); break;
+    default: memcpy(at, &value, sizeof value); break;
+    }
+}
+
+void test_every_field_outside_its_limits_is_refused_by_number(void)
+{
+    for (size_t i = 0u; i < sizeof s_spoil / sizeof s_spoil[0]; i++) {
+        setUp();
+        spoil(&s_spoil[i], s_spoil[i].bad);
+        expect_refused(s_spoil[i].field, s_spoil[i].bad);
+    }
+}
+
+void test_nan_in_any_real_field_is_refused(void)
+{
+    for (size_t i = 0u; i < sizeof s_spoil / sizeof s_spoil[0]; i++) {
+        if (s_spoil[i].type != 'd') { continue; }
+        setUp();
+        spoil(&s_spoil[i], NAN);
+        TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_config_validate(&s_c, &s_index, &s_got));
+        TEST_ASSERT_EQUAL_INT32(s_spoil[i].field, s_index);
+        TEST_ASSERT_TRUE(isnan(s_got));
+    }
+}
+
+void test_a_noise_floor_above_its_ceiling_is_refused(void)
+{
+    s_c.sigma_pos_min_m = 2.0 * s_c.sigma_pos_max_m;
+    expect_refused(23, s_c.sigma_pos_min_m);
+    given_config(&s_c);
+    s_c.sigma_rot_min_rad = 2.0 * s_c.sigma_rot_max_rad;
+    expect_refused(24, s_c.sigma_rot_min_rad);
+}
