@@ -16,6 +16,7 @@ headers in fsw/ say what each value means. Added for people:
 from __future__ import annotations
 
 import ast
+import functools
 import itertools
 import math
 import operator
@@ -36,17 +37,14 @@ HEADER_BYTES = 16
 VERSION = 1
 
 FRAMES = {"base": 0, "tool": 9, "camera": 10, "meas": 11}
-COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
-VARIABLES = ("one", "q", "tau", "mx", "my", "mz", "dir", "temp", "t", "payload", "range", "incid", "u", "v",
-             "r2", "pan", "tilt", "qdot", "tau_payload", "xcam", "ycam", "zcam")
-FUNCTIONS = ("lin", "sin", "cos", "tanh", "ln1p", "expn", "step", "sq", "tan2", "abs")
-ENUMS: dict[tuple[str, str], tuple[str, ...]] = {
-    ("kc_joint_t", "type"): ("revolute", "prismatic"),
-    ("kc_config_t", "acquisition"): ("ucb", "random", "dopt", "vopt"),
-    ("kc_kernel_t", "arg"): ("so3", "paper"),
-    ("kc_term_t", "comp"): COMPONENTS,
-    ("kc_basis_t", "fn"): FUNCTIONS,
-    ("kc_basis_t", "var"): VARIABLES,
+# Fields that are enumerations: their names come from the headers.
+ENUMS = {
+    ("kc_joint_t", "type"): ("kc_joint_type_t", "KC_"),
+    ("kc_config_t", "acquisition"): ("kc_acq_t", "KC_ACQ_"),
+    ("kc_kernel_t", "arg"): ("kc_kernel_arg_t", "KC_KERNEL_"),
+    ("kc_term_t", "comp"): ("kc_comp_t", "KC_"),
+    ("kc_basis_t", "fn"): ("kc_fn_t", "KC_FN_"),
+    ("kc_basis_t", "var"): ("kc_var_t", "KC_VAR_"),
 }
 # struct -> {array field: (its counter, its name in TOML)}
 LISTS: dict[str, dict[str, tuple[str, str]]] = {
@@ -116,6 +114,20 @@ def number(value: Any, where: str) -> float:
                           "use numbers, + - * / **, pi, deg, sin(), cos(), sqrt()") from None
 
 
+@functools.cache
+def enum_names(ctype: str, prefix: str) -> tuple[str, ...]:
+    """Names of an enumeration of the headers, in order, in small letters and without prefix."""
+    elements = core.ffi.typeof(ctype).elements
+    return tuple(elements[i].removeprefix(prefix).lower() for i in sorted(elements)
+                 if not elements[i].endswith("_COUNT"))
+
+
+def names_of_field(struct: str, field: str) -> tuple[str, ...]:
+    """Names that a struct field takes, empty if it is a plain number."""
+    where = ENUMS.get((struct, field))
+    return enum_names(*where) if where else ()
+
+
 def kind_number(name: str) -> int:
     try:
         return KINDS[name]
@@ -141,7 +153,7 @@ def unit_of(coef: str) -> str:
 def _fill_value(ctype: Any, old: Any, value: Any, struct: str, field: str, where: str) -> Any:
     """Python value to put into a struct field of that type; fills arrays and structs in place."""
     if ctype.kind == "primitive":
-        names = ENUMS.get((struct, field))
+        names = names_of_field(struct, field)
         if names and isinstance(value, str):
             if value not in names:
                 raise KincalError(f"{value!r} is none of {', '.join(names)}", where)
@@ -232,7 +244,7 @@ def to_doc(source: Any) -> Any:
 
 def _plain(ctype: Any, value: Any, struct: str, field: str, count: int | None) -> Any:
     if ctype.kind == "primitive":
-        names = ENUMS.get((struct, field))
+        names = names_of_field(struct, field)
         if names and 0 <= value < len(names):
             return names[value]
         return value
