@@ -122,7 +122,7 @@ typedef struct {
 #define KC_STORE_PROPOSAL 16u
 #define KC_STORE_PREV 17u
 #define KC_STORE_JOURNAL 18u
-#define KC_STORE_QUEUE_MAX 4u
+#define KC_STORE_QUEUE_MAX 10u /* 7 tables, 3 of its own */
 #define KC_JOURNAL_BYTES 64u
 #define KC_KIN_IMAGE_MAX 2048u
 typedef struct { uint16_t kind; uint32_t n; const uint8_t *data; /* valid until the next step */ } kc_store_t;

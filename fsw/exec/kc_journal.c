@@ -1,0 +1,108 @@
+#include <string.h>
+
+#include "kc_app_priv.h"
+#include "kc_codec.h"
+#include "kc_crc.h"
+
+#define JOURNAL_MAGIC 0x314A434Bu /* "KCJ1", little-endian */
+#define JOURNAL_CRC_AT (KC_JOURNAL_BYTES - 4u)
+
+/* Kinds that one step may store; table kinds count as long as they differ. */
+_Static_assert(KC_STORE_QUEUE_MAX >= KC_TBL_COUNT - 1u + 3u, "every kind fits in the queue of one step");
+
+void kc_journal_store(kc_out_t *out, uint16_t kind, const uint8_t *data, uint32_t n)
+{
+    uint32_t i = 0u;
+    while (i < out->n_store && out->store[i].kind != kind) { i++; } /* the last word of a step counts */
+    out->store[i] = (kc_store_t){.kind = kind, .n = n, .data = data};
+    if (i == out->n_store) { out->n_store++; }
+}
+
+static void store_kin(kc_out_t *out, uint16_t kind, const kc_kin_t *kin, uint32_t crc, uint8_t *image)
+{
+    uint32_t n = 0u;
+    if (crc != 0u) { (void)kc_tbl_encode(KC_TBL_KIN, kin, 0u, image, KC_KIN_IMAGE_MAX, &n); }
+    kc_journal_store(out, kind, image, n);
+}
+
+void kc_journal_kin(kc_app_t *app, kc_out_t *out)
+{
+    const kc_active_t *a = &app->tables.active;
+    store_kin(out, KC_STORE_PREV, &a->kin_prev, a->kin_prev_crc, app->prev_image);
+    store_kin(out, KC_TBL_KIN, &a->kin, a->crc[KC_TBL_KIN], app->kin_image);
+}
+
+/* The record: magic, fields, zeros, CRC-32 of all before it. */
+static void walk(kc_walk_t *w, kc_journal_t *j)
+{
+    uint32_t magic = JOURNAL_MAGIC;
+    kc_walk_u32(w, 0u, &magic, JOURNAL_MAGIC, JOURNAL_MAGIC);
+    kc_walk_u32(w, 1u, &j->state, 0u, (uint32_t)KC_ST_SAFE);
+    kc_walk_u32(w, 2u, &j->session, 0u, UINT32_MAX);
+    kc_walk_u32(w, 3u, &j->pose, 0u, KC_MEAS_MAX);
+    kc_walk_u32(w, 4u, &j->boot_count, 0u, UINT32_MAX);
+    kc_walk_u32(w, 5u, &j->kin_crc, 0u, UINT32_MAX);
+    kc_walk_u32(w, 6u, &j->proposal_crc, 0u, UINT32_MAX);
+    kc_walk_i32(w, 7u, &j->candidate, -1, (int32_t)KC_CAND_MAX);
+    kc_walk_u16(w, 8u, &j->seg_from, 0u, UINT16_MAX);
+    kc_walk_u16(w, 9u, &j->seg_to, 0u, UINT16_MAX);
+    kc_walk_u64(w, 10u, &j->t_us, 0u, UINT64_MAX);
+}
+
+static uint32_t le32(const uint8_t *b)
+{
+    return (uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
+}
+
+kc_status_t kc_journal_load(kc_app_t *app, const uint8_t *data, uint32_t n)
+{
+    if (app->journal.boot_count != 0u) { return KC_ERR_STATE; }
+    if (n != KC_JOURNAL_BYTES) { return KC_ERR_FORMAT; }
+    if (kc_crc32(0u, data, JOURNAL_CRC_AT) != le32(&data[JOURNAL_CRC_AT])) { return KC_ERR_CRC; }
+    kc_journal_t j;
+    memset(&j, 0, sizeof j);
+    kc_walk_t w;
+    memset(&w, 0, sizeof w);
+    w.mode = KC_WALK_READ;
+    w.in = data;
+    w.in_n = n;
+    w.index = -1;
+    walk(&w, &j);
+    if (w.n_bad > 0u) { return KC_ERR_RANGE; }
+    app->journal = j;
+    return KC_OK;
+}
+
+static void write_record(kc_app_t *app)
+{
+    kc_walk_t w;
+    memset(&w, 0, sizeof w);
+    memset(app->journal_bytes, 0, sizeof app->journal_bytes);
+    w.mode = KC_WALK_WRITE;
+    w.out = app->journal_bytes;
+    w.cap = KC_JOURNAL_BYTES;
+    w.index = -1;
+    walk(&w, &app->journal);
+    uint32_t crc = kc_crc32(0u, app->journal_bytes, JOURNAL_CRC_AT);
+    for (uint32_t i = 0u; i < 4u; i++) { app->journal_bytes[JOURNAL_CRC_AT + i] = (uint8_t)(crc >> (8u * i)); }
+}
+
+void kc_journal_note(kc_app_t *app, kc_out_t *out)
+{
+    if (!app->journal_due) { return; }
+    app->journal_due = 0u;
+    app->journal = (kc_journal_t){
+        .state = (uint32_t)app->state,
+        .session = app->session,
+        .pose = app->cal.n_meas,
+        .boot_count = app->boot_count,
+        .kin_crc = app->tables.active.crc[KC_TBL_KIN],
+        .proposal_crc = app->proposal_crc,
+        .candidate = app->cal.candidate,
+        .seg_from = app->leg.seg_from,
+        .seg_to = app->leg.seg_to,
+        .t_us = app->now_us,
+    };
+    write_record(app);
+    kc_journal_store(out, KC_STORE_JOURNAL, app->journal_bytes, KC_JOURNAL_BYTES);
+}

@@ -1,0 +1,328 @@
+/* LOOK, SERVO, SEARCH: frames, the planar flip, visual servo, the head's spiral. */
+#include <string.h>
+
+#include "kc_app_priv.h"
+#include "kc_libm.h"
+#include "kc_vec.h"
+
+/* ---- frames ---- */
+
+void kc_look_begin(kc_app_t *app)
+{
+    app->look.fails = 0u;
+    app->look.waiting = 0u;
+    app->look.got = 0u;
+}
+
+static void ask(kc_app_t *app, kc_out_t *out)
+{
+    out->has_frame_request = 1u;
+    out->frame_seq = ++app->look.frame_seq;
+    app->look.asked_us = app->now_us;
+    app->look.waiting = 1u;
+}
+
+static int once_more(kc_app_t *app, kc_out_t *out)
+{
+    if (app->look.fails++ >= app->tables.active.config.look_retries) { return 0; }
+    ask(app, out);
+    return 1;
+}
+
+kc_look_result_t kc_look_poll(kc_app_t *app, kc_out_t *out)
+{
+    kc_look_t *k = &app->look;
+    if (k->got) {
+        k->got = 0u;
+        if (k->det.n_tags == 0u) { return KC_LOOK_NONE; }
+        if (!k->unsure) { return KC_LOOK_SEEN; }
+        return once_more(app, out) ? KC_LOOK_WAIT : KC_LOOK_UNSURE;
+    }
+    if (!k->waiting) {
+        ask(app, out);
+        return KC_LOOK_WAIT;
+    }
+    uint64_t took = app->now_us - k->asked_us;
+    if (took <= app->tables.active.config.look_timeout_us) { return KC_LOOK_WAIT; }
+    kc_event(&out->events, KC_EVT_CAL_LOOK_TIMEOUT, -1, (double)took, 0.0);
+    if (once_more(app, out)) { return KC_LOOK_WAIT; }
+    k->waiting = 0u;
+    return KC_LOOK_LATE;
+}
+
+void kc_look_skip(kc_app_t *app, kc_out_t *out)
+{
+    kc_event(&out->events, KC_EVT_CAL_CAND_SKIPPED, app->cal.candidate, 0.0, 0.0);
+    app->cal.usable[app->cal.candidate] = 0u;
+    app->cal.n_rejected++;
+    app->cal.up = KC_UP_SELECT;
+    kc_app_enter(app, KC_ST_UPDATE);
+}
+
+/* ---- what a frame says ---- */
+
+/* Covariance from camera to base axes: both blocks turn with R. */
+static void turn_cov(const double R[9], const double C[36], double out[36])
+{
+    for (uint32_t i = 0u; i < 6u; i++) {
+        for (uint32_t j = 0u; j < 6u; j++) {
+            const double *ri = &R[3u * (i % 3u)], *rj = &R[3u * (j % 3u)];
+            const uint32_t bi = 3u * (i / 3u), bj = 3u * (j / 3u);
+            double s = 0.0;
+            for (uint32_t a = 0u; a < 3u; a++) {
+                for (uint32_t b = 0u; b < 3u; b++) { s += ri[a] * C[6u * (bi + a) + bj + b] * rj[b]; }
+            }
+            out[6u * i + j] = s;
+        }
+    }
+}
+
+static void fill_ctx(const kc_app_t *app, const kc_detection_t *det, const kc_arm_state_t *arm,
+                     const kc_pantilt_state_t *head, kc_ctx_t *c)
+{
+    const kc_camera_t *cam = &app->tables.active.camera;
+    memset(c, 0, sizeof *c);
+    memcpy(c->q, arm->q, sizeof c->q);
+    memcpy(c->dir, arm->dir, sizeof c->dir);
+    memcpy(c->qdot, arm->dq, sizeof c->qdot);
+    kc_v3_copy(arm->g_m_s2, c->g_m_s2);
+    c->temp_c = arm->temp_c;
+    c->t_s = (double)app->now_us * 1e-6;
+    c->payload_kg = arm->payload_kg;
+    c->range_m = det->range_m;
+    c->incid_rad = det->incid_rad;
+    c->u_norm = (det->u_px - cam->cx_px) / cam->fx_px;
+    c->v_norm = (det->v_px - cam->cy_px) / cam->fy_px;
+    c->pan_rad = head->pan_rad;
+    c->tilt_rad = head->tilt_rad;
+}
+
+void kc_look_obs(const kc_app_t *app, const double p_cam_m[3], const double q_cam[4], const kc_detection_t *det,
+                 const kc_arm_state_t *arm, const kc_pantilt_state_t *head, kc_obs_t *obs)
+{
+    kc_pose_t T_cam, T;
+    memset(obs, 0, sizeof *obs);
+    kc_camera_pose(&app->tables.active.camera, head->pan_rad, head->tilt_rad, &T_cam);
+    kc_v3_copy(p_cam_m, T.p_m);
+    kc_quat_to_R(q_cam, T.R);
+    kc_pose_mul(&T_cam, &T, &T);
+    kc_v3_copy(T.p_m, obs->p_m);
+    kc_R_to_quat(T.R, obs->q_wxyz);
+    turn_cov(T_cam.R, det->cov, obs->cov);
+    kc_v3_copy(T_cam.p_m, obs->p_cam_m);
+    kc_R_to_quat(T_cam.R, obs->q_cam_wxyz);
+    obs->has_rot = 1u;
+    obs->has_cam = 1u;
+    fill_ctx(app, det, arm, head, &obs->ctx);
+    kc_v3_copy(p_cam_m, obs->ctx.p_cam_tool_m);
+}
+
+/* Difference of a frame to the corrected model; leaves the model's pose in app->eval.T. */
+static void residual(kc_app_t *app, const double p[3], const double q[4], const kc_detection_t *det, double r[6])
+{
+    const kc_active_t *a = &app->tables.active;
+    kc_obs_t obs;
+    kc_loads_t loads;
+    kc_look_obs(app, p, q, det, &app->arm, &app->head, &obs);
+    kc_model_loads(&a->arm, &a->terms, app->cal.coef, &obs.ctx, &loads);
+    (void)kc_model_residual(&a->arm, &a->terms, app->cal.coef, &obs, &loads, r, &app->eval);
+}
+
+static void swap_solutions(kc_detection_t *d)
+{
+    kc_detection_t s = *d;
+    memcpy(d->p_cam_tool_m, s.p_alt_m, sizeof d->p_cam_tool_m);
+    memcpy(d->q_cam_tool_wxyz, s.q_alt_wxyz, sizeof d->q_cam_tool_wxyz);
+    memcpy(d->p_alt_m, s.p_cam_tool_m, sizeof d->p_alt_m);
+    memcpy(d->q_alt_wxyz, s.q_cam_tool_wxyz, sizeof d->q_alt_wxyz);
+    d->rms_px = s.rms_alt_px;
+    d->rms_alt_px = s.rms_px;
+}
+
+/* The second solution is taken when its reprojection is about as good, and the corrected model expects it
+ * rather than the first: nearer in angle, and near enough that the model can be trusted to tell. */
+void kc_look_unflip(kc_app_t *app, kc_detection_t *d)
+{
+    double r1[6], r2[6];
+    if (d->n_tags == 0u || d->rms_alt_px > KC_FLIP_RMS_FACTOR * d->rms_px) { return; }
+    residual(app, d->p_cam_tool_m, d->q_cam_tool_wxyz, d, r1);
+    residual(app, d->p_alt_m, d->q_alt_wxyz, d, r2);
+    double a2 = kc_v3_norm(&r2[3]);
+    if (a2 < kc_v3_norm(&r1[3]) && a2 <= KC_FLIP_TRUST_RAD) { swap_solutions(d); }
+}
+
+/* Tool as seen, in the base frame, camera-side corrections applied: model plus residual. */
+static void take_seen(kc_app_t *app)
+{
+    kc_look_t *k = &app->look;
+    double r[6], E[9];
+    residual(app, k->det.p_cam_tool_m, k->det.q_cam_tool_wxyz, &k->det, r);
+    k->predicted = app->eval.T;
+    kc_R_exp(&r[3], E);
+    kc_m3_mul(E, k->predicted.R, k->seen.R);
+    kc_v3_add_scaled(k->predicted.p_m, 1.0, r, k->seen.p_m);
+    kc_v3_copy(r, k->off_m);
+}
+
+/* ---- LOOK and SERVO ---- */
+
+static int measure(kc_app_t *app)
+{
+    kc_measure_begin(app);
+    kc_app_enter(app, KC_ST_MEASURE);
+    return 1;
+}
+
+/* Not there but no further step: what matters is a good look, so it is measured where it stands. */
+static int measure_beside(kc_app_t *app, kc_out_t *out, const kc_pose_t *goal)
+{
+    double d[3];
+    kc_v3_sub(goal->p_m, app->look.seen.p_m, d);
+    kc_event(&out->events, KC_EVT_CAL_SERVO_LIMIT, app->cal.candidate, (double)app->cal.servo_steps, kc_v3_norm(d));
+    return measure(app);
+}
+
+static int servo(kc_app_t *app, kc_out_t *out)
+{
+    const kc_active_t *a = &app->tables.active;
+    kc_servo_opt_t opt = a->config.servo;
+    kc_pose_t goal;
+    double q_cmd[KC_JOINT_MAX] = {0.0}, seed[KC_JOINT_MAX];
+    opt.leash = kc_min(opt.leash, (double)a->space.servo_leash);
+    kc_move_goal(app, (uint32_t)app->cal.candidate, &goal);
+    kc_path_joints(&a->space, KC_HUB_MAX + (uint32_t)app->cal.candidate, seed);
+    kc_servo_result_t res = kc_servo_step(&a->arm, &a->terms, app->cal.coef, &app->look.seen, &goal, app->arm.q, seed,
+                                          &opt, q_cmd, &app->eval);
+    if (res == KC_SERVO_THERE) { return measure(app); }
+    if (res == KC_SERVO_STUCK || app->cal.servo_steps >= a->config.servo_steps_max) {
+        return measure_beside(app, out, &goal);
+    }
+    app->cal.servo_steps++;
+    kc_move_send(app, out, q_cmd);
+    kc_app_enter(app, KC_ST_SERVO);
+    return 0;
+}
+
+static int lost(kc_app_t *app, kc_out_t *out)
+{
+    kc_event(&out->events, KC_EVT_CAL_TAGS_LOST, app->cal.candidate, (double)app->look.i_search, 0.0);
+    kc_look_skip(app, out);
+    return 1;
+}
+
+static int next_search(kc_app_t *app, kc_out_t *out);
+
+static int begin_search(kc_app_t *app, kc_out_t *out)
+{
+    if (app->look.searched) { return lost(app, out); } /* found once, lost again without a move */
+    app->look.searched = 1u;
+    app->look.i_search = 0u;
+    kc_app_enter(app, KC_ST_SEARCH);
+    return next_search(app, out);
+}
+
+int kc_look_run(kc_app_t *app, kc_out_t *out)
+{
+    switch (kc_look_poll(app, out)) {
+    case KC_LOOK_SEEN: take_seen(app); return servo(app, out);
+    case KC_LOOK_NONE: return begin_search(app, out);
+    case KC_LOOK_UNSURE: kc_look_skip(app, out); return 1;
+    case KC_LOOK_LATE: kc_app_abort(app, out, KC_CAUSE_CAMERA); return 0;
+    default: return 0;
+    }
+}
+
+int kc_look_servo(kc_app_t *app, kc_out_t *out)
+{
+    if (!kc_move_arrived(app)) {
+        (void)kc_move_late(app, out);
+        return 0;
+    }
+    app->look.head_sent = 0u;
+    app->look.searched = 0u;
+    kc_app_enter(app, KC_ST_AIM);
+    return 1;
+}
+
+/* ---- SEARCH ---- */
+
+/* Square spiral around the expected place: cell i >= 1, in units of the step. */
+static void spiral(uint32_t i, double *x, double *y)
+{
+    int32_t cx = 0, cy = 0, dx = 0, dy = -1;
+    for (uint32_t k = 0u; k < i; k++) { /* i <= config.search_steps <= 49 */
+        if (cx == cy || (cx < 0 && cx == -cy) || (cx > 0 && cx == 1 - cy)) {
+            int32_t t = dx;
+            dx = -dy;
+            dy = t;
+        }
+        cx += dx;
+        cy += dy;
+    }
+    *x = (double)cx;
+    *y = (double)cy;
+}
+
+static int inside(const kc_camera_t *c, double pan, double tilt)
+{
+    return pan >= c->pan_min_rad && pan <= c->pan_max_rad && tilt >= c->tilt_min_rad && tilt <= c->tilt_max_rad;
+}
+
+static int next_search(kc_app_t *app, kc_out_t *out)
+{
+    const kc_active_t *a = &app->tables.active;
+    kc_look_t *k = &app->look;
+    while (k->i_search < a->config.search_steps) {
+        double x = 0.0, y = 0.0;
+        spiral(++k->i_search, &x, &y);
+        double pan = k->base_pan_rad + x * a->config.search_step_rad;
+        double tilt = k->base_tilt_rad + y * a->config.search_step_rad;
+        if (!inside(&a->camera, pan, tilt)) { continue; }
+        kc_move_head(app, out, pan, tilt);
+        k->turning = 1u;
+        app->leg.resting = 0u;
+        app->state_us = app->now_us;
+        return 0;
+    }
+    return lost(app, out);
+}
+
+/* Head on its way to the next cell; 1 when it rests there. */
+static int turned(kc_app_t *app, kc_out_t *out)
+{
+    const kc_config_t *c = &app->tables.active.config;
+    if (!kc_move_head_there(app)) {
+        if (app->now_us - app->state_us > c->move_timeout_us) {
+            kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_HEAD, (double)(app->now_us - app->state_us), 0.0);
+            kc_app_abort(app, out, KC_CAUSE_HEAD_LATE);
+        } else if (!app->head.moving && app->now_us - app->look.head_us >= KC_RESEND_US) {
+            kc_move_head(app, out, app->look.pan_rad, app->look.tilt_rad);
+        }
+        return 0;
+    }
+    if (!app->leg.resting) {
+        app->leg.resting = 1u;
+        app->leg.rest_us = app->now_us;
+    }
+    return app->now_us - app->leg.rest_us >= c->settle_us;
+}
+
+int kc_look_search(kc_app_t *app, kc_out_t *out)
+{
+    if (app->look.turning) {
+        if (!turned(app, out)) { return 0; }
+        app->look.turning = 0u;
+        kc_look_begin(app);
+    }
+    switch (kc_look_poll(app, out)) {
+    case KC_LOOK_SEEN: /* look again with the tool in the middle */
+        take_seen(app);
+        app->look.head_sent = 0u;
+        kc_app_enter(app, KC_ST_AIM);
+        return 1;
+    case KC_LOOK_NONE:
+    case KC_LOOK_UNSURE: return next_search(app, out);
+    case KC_LOOK_LATE: kc_app_abort(app, out, KC_CAUSE_CAMERA); return 0;
+    default: return 0;
+    }
+}

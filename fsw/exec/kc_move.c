@@ -1,0 +1,289 @@
+/* MOVE, AIM, SETTLE. The arm only moves along segments the ground proved, and inside the leash around a
+ * candidate's seed; the head looks where the corrected arm is expected. */
+#include <string.h>
+
+#include "kc_app_priv.h"
+#include "kc_ik.h"
+#include "kc_libm.h"
+
+#define IK_ITER_MAX 60u
+#define IK_STEP_MAX 0.3
+
+/* ---- arm commands ---- */
+
+static void command(kc_app_t *app, kc_out_t *out, uint8_t hold)
+{
+    kc_arm_cmd_t *c = &out->arm_cmd;
+    out->has_arm_cmd = 1u;
+    c->seq = ++app->arm_seq;
+    c->n_joints = app->tables.active.arm.n_joints;
+    c->hold = hold;
+    c->speed_scale = hold ? 1.0 : app->tables.active.config.speed_scale;
+    memcpy(c->q, hold ? app->arm.q : app->leg.q_target, sizeof c->q);
+    app->leg.sent_us = app->now_us;
+}
+
+void kc_move_hold(kc_app_t *app, kc_out_t *out) { command(app, out, 1u); }
+
+void kc_move_send(kc_app_t *app, kc_out_t *out, const double *q)
+{
+    memcpy(app->leg.q_target, q, app->tables.active.arm.n_joints * sizeof *q);
+    app->leg.start_us = app->now_us;
+    command(app, out, 0u);
+}
+
+static double joint_dist(const double *a, const double *b, uint32_t n)
+{
+    double worst = 0.0;
+    for (uint32_t j = 0u; j < n; j++) { worst = kc_max(worst, kc_fabs(a[j] - b[j])); }
+    return worst;
+}
+
+double kc_move_dist(const kc_app_t *app, const double *q)
+{
+    return joint_dist(app->arm.q, q, app->tables.active.arm.n_joints);
+}
+
+/* The controller repeats what it was told, so an arm that has not yet begun a short move is not taken
+ * for one that has finished it. */
+static int echoed(const kc_app_t *app)
+{
+    return joint_dist(app->arm.q_cmd, app->leg.q_target, app->tables.active.arm.n_joints) <= KC_ECHO_TOL;
+}
+
+int kc_move_arrived(const kc_app_t *app)
+{
+    return echoed(app) && !app->arm.moving && kc_move_dist(app, app->leg.q_target) <= app->tables.active.config.arrive_tol;
+}
+
+int kc_move_late(kc_app_t *app, kc_out_t *out)
+{
+    uint64_t took = app->now_us - app->leg.start_us;
+    if (took > app->tables.active.config.move_timeout_us) {
+        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, -1, (double)took, 0.0);
+        kc_app_abort(app, out, KC_CAUSE_ARM_LATE);
+        return 1;
+    }
+    if (!echoed(app) && app->now_us - app->leg.sent_us >= KC_RESEND_US) { command(app, out, 0u); }
+    return 0;
+}
+
+/* ---- where the arm stands ---- */
+
+static double leash(const kc_app_t *app)
+{
+    return kc_min(app->tables.active.config.servo.leash, (double)app->tables.active.space.servo_leash);
+}
+
+static int node_exists(const kc_space_t *s, uint32_t node)
+{
+    return node < s->n_hub || (node >= KC_HUB_MAX && node - KC_HUB_MAX < s->n_cand);
+}
+
+/* An abort can leave the arm between two nodes: on a segment that was proven, so it may finish it. */
+static int on_segment(const kc_app_t *app)
+{
+    const kc_space_t *s = &app->tables.active.space;
+    double a[KC_JOINT_MAX], b[KC_JOINT_MAX], num = 0.0, den = 0.0;
+    if (!node_exists(s, app->leg.seg_from) || !node_exists(s, app->leg.seg_to)) { return 0; }
+    kc_path_joints(s, app->leg.seg_from, a);
+    kc_path_joints(s, app->leg.seg_to, b);
+    for (uint32_t j = 0u; j < s->n_joints; j++) {
+        num += (app->arm.q[j] - a[j]) * (b[j] - a[j]);
+        den += (b[j] - a[j]) * (b[j] - a[j]);
+    }
+    double t = den > 0.0 ? kc_clamp(num / den, 0.0, 1.0) : 0.0;
+    for (uint32_t j = 0u; j < s->n_joints; j++) { a[j] += t * (b[j] - a[j]); }
+    return kc_move_dist(app, a) <= leash(app);
+}
+
+uint32_t kc_move_node(const kc_app_t *app, double *dist)
+{
+    uint32_t node = kc_path_nearest(&app->tables.active.space, app->arm.q, dist);
+    if (*dist <= leash(app) + app->tables.active.config.arrive_tol) { return node; }
+    return on_segment(app) ? app->leg.seg_to : KC_NODE_NONE;
+}
+
+/* ---- MOVE ---- */
+
+void kc_move_goal(const kc_app_t *app, uint32_t cand, kc_pose_t *T)
+{
+    const kc_cand_t *c = &app->tables.active.space.cand[cand];
+    double q[4];
+    for (uint32_t i = 0u; i < 3u; i++) { T->p_m[i] = (double)c->p_m[i]; }
+    for (uint32_t i = 0u; i < 4u; i++) { q[i] = (double)c->q_wxyz[i]; }
+    (void)kc_quat_normalize(q); /* validated */
+    kc_quat_to_R(q, T->R);
+}
+
+/* Joints that bring the corrected arm to the candidate, as far as the leash lets them. Not reaching it is
+ * no error: the servo goes on from there, and a pose measured beside its candidate is still a pose. */
+static void corrected_joints(kc_app_t *app, uint32_t cand, double *q)
+{
+    const kc_active_t *a = &app->tables.active;
+    const kc_servo_opt_t *s = &a->config.servo;
+    kc_ik_opt_t opt = {IK_ITER_MAX, s->tol_pos_m, s->tol_rot_rad, s->margin, IK_STEP_MAX};
+    double seed[KC_JOINT_MAX];
+    kc_pose_t goal;
+    kc_move_goal(app, cand, &goal);
+    kc_path_joints(&a->space, KC_HUB_MAX + cand, seed);
+    memcpy(q, seed, a->arm.n_joints * sizeof *q);
+    (void)kc_ik_solve(&a->arm, &a->terms, app->cal.coef, &goal, &opt, q, &app->eval);
+    for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
+        q[j] = kc_clamp(q[j], seed[j] - leash(app), seed[j] + leash(app));
+    }
+}
+
+static void send_leg(kc_app_t *app, kc_out_t *out)
+{
+    kc_leg_t *l = &app->leg;
+    double q[KC_JOINT_MAX];
+    if (l->i_way < l->n_way) {
+        l->seg_from = (uint16_t)l->node;
+        l->seg_to = l->way[l->i_way];
+        app->journal_due = 1u;
+        kc_path_joints(&app->tables.active.space, l->way[l->i_way], q);
+        kc_move_send(app, out, q);
+    } else {
+        kc_move_send(app, out, l->q_final);
+    }
+}
+
+/* Head toward where the corrected arm is expected at q, plus what was learnt at this candidate. */
+static void expect(kc_app_t *app, const double *q, double p[3])
+{
+    const kc_active_t *a = &app->tables.active;
+    kc_ctx_t ctx;
+    kc_loads_t loads;
+    kc_update_ctx(app, 0u, &ctx);
+    memcpy(ctx.q, q, a->arm.n_joints * sizeof *q);
+    kc_model_loads(&a->arm, &a->terms, app->cal.coef, &ctx, &loads);
+    kc_model_eval(&a->arm, &a->terms, app->cal.coef, &ctx, &loads, 0, &app->eval);
+    for (uint32_t i = 0u; i < 3u; i++) { p[i] = app->eval.T.p_m[i] + app->look.off_m[i]; }
+}
+
+kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
+{
+    const kc_active_t *a = &app->tables.active;
+    kc_leg_t *l = &app->leg;
+    double dist = 0.0, p[3], pan = 0.0, tilt = 0.0, seed[KC_JOINT_MAX];
+    uint32_t node = kc_move_node(app, &dist), n = 0u;
+    if (node == KC_NODE_NONE) {
+        kc_event(&out->events, KC_EVT_CAL_NO_PATH, (int32_t)cand, dist, leash(app));
+        return KC_ERR_STATE;
+    }
+    kc_path_joints(&a->space, node, seed);
+    uint32_t first = kc_move_dist(app, seed) > a->config.arrive_tol ? 1u : 0u; /* segments begin at seeds */
+    kc_status_t st = kc_path_plan(&a->space, node, KC_HUB_MAX + cand, &l->way[first], &n);
+    if (st != KC_OK) {
+        kc_event(&out->events, KC_EVT_CAL_NO_PATH, (int32_t)cand, (double)st, 0.0);
+        return st;
+    }
+    l->way[0] = first ? (uint16_t)node : l->way[0];
+    l->node = node;
+    l->n_way = n + first;
+    l->i_way = 0u;
+    memset(app->look.off_m, 0, sizeof app->look.off_m);
+    corrected_joints(app, cand, l->q_final);
+    kc_app_enter(app, KC_ST_MOVE);
+    send_leg(app, out);
+    expect(app, l->q_final, p); /* the head may turn meanwhile */
+    (void)kc_camera_aim(&a->camera, p, &pan, &tilt);
+    kc_move_head(app, out, pan, tilt);
+    return KC_OK;
+}
+
+int kc_move_run(kc_app_t *app, kc_out_t *out)
+{
+    kc_leg_t *l = &app->leg;
+    if (!kc_move_arrived(app)) {
+        (void)kc_move_late(app, out);
+        return 0;
+    }
+    if (l->i_way < l->n_way) {
+        l->node = l->way[l->i_way++];
+        send_leg(app, out);
+        return 0;
+    }
+    app->look.head_sent = 0u;
+    app->look.searched = 0u;
+    kc_app_enter(app, KC_ST_AIM);
+    return 1;
+}
+
+/* ---- head ---- */
+
+void kc_move_head(kc_app_t *app, kc_out_t *out, double pan_rad, double tilt_rad)
+{
+    const kc_camera_t *c = &app->tables.active.camera;
+    kc_look_t *k = &app->look;
+    k->pan_rad = kc_clamp(pan_rad, c->pan_min_rad, c->pan_max_rad);
+    k->tilt_rad = kc_clamp(tilt_rad, c->tilt_min_rad, c->tilt_max_rad);
+    k->head_us = app->now_us;
+    out->has_pantilt_cmd = 1u;
+    out->pantilt_cmd = (kc_pantilt_cmd_t){++app->head_seq, k->pan_rad, k->tilt_rad};
+}
+
+static double head_off(const kc_app_t *app)
+{
+    return kc_max(kc_fabs(app->head.pan_rad - app->look.pan_rad), kc_fabs(app->head.tilt_rad - app->look.tilt_rad));
+}
+
+int kc_move_head_there(const kc_app_t *app) { return !app->head.moving && head_off(app) <= KC_HEAD_TOL_RAD; }
+
+int kc_move_aim(kc_app_t *app, kc_out_t *out)
+{
+    kc_look_t *k = &app->look;
+    double p[3];
+    if (!k->head_sent) {
+        double pan = 0.0, tilt = 0.0;
+        expect(app, app->arm.q, p);
+        (void)kc_camera_aim(&app->tables.active.camera, p, &pan, &tilt); /* cut off by a limit: best there is */
+        kc_move_head(app, out, pan, tilt);
+        k->base_pan_rad = k->pan_rad;
+        k->base_tilt_rad = k->tilt_rad;
+        k->head_sent = 1u;
+    }
+    if (kc_move_head_there(app)) {
+        kc_move_settle(app, KC_ST_LOOK);
+        return 1;
+    }
+    if (app->now_us - app->state_us > app->tables.active.config.move_timeout_us) {
+        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_HEAD, (double)(app->now_us - app->state_us), head_off(app));
+        kc_app_abort(app, out, KC_CAUSE_HEAD_LATE);
+    } else if (!app->head.moving && app->now_us - k->head_us >= KC_RESEND_US) {
+        kc_move_head(app, out, k->pan_rad, k->tilt_rad); /* lost on the way */
+    }
+    return 0;
+}
+
+/* ---- SETTLE ---- */
+
+void kc_move_settle(kc_app_t *app, kc_state_t after)
+{
+    app->look.after = (uint8_t)after;
+    app->leg.resting = 0u;
+    kc_app_enter(app, KC_ST_SETTLE);
+}
+
+int kc_move_settled(kc_app_t *app, kc_out_t *out)
+{
+    kc_leg_t *l = &app->leg;
+    const kc_config_t *c = &app->tables.active.config;
+    if (app->arm.moving || app->head.moving) {
+        l->resting = 0u;
+    } else if (!l->resting) {
+        l->resting = 1u;
+        l->rest_us = app->now_us;
+    }
+    if (l->resting && app->now_us - l->rest_us >= c->settle_us) {
+        if (app->look.after == (uint8_t)KC_ST_LOOK) { kc_look_begin(app); }
+        kc_app_enter(app, (kc_state_t)app->look.after);
+        return 1;
+    }
+    if (app->now_us - app->state_us > c->settle_us + c->move_timeout_us) {
+        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, -1, (double)(app->now_us - app->state_us), 0.0);
+        kc_app_abort(app, out, app->head.moving ? KC_CAUSE_HEAD_LATE : KC_CAUSE_ARM_LATE);
+    }
+    return 0;
+}

@@ -1,0 +1,379 @@
+/* UPDATE: estimator, GP, next candidate; one part a step. */
+#include <string.h>
+
+#include "kc_app_priv.h"
+#include "kc_la.h"
+#include "kc_libm.h"
+#include "kc_vec.h"
+
+#define GOOD_NOISE_SCALE 2.0 /* a first fit with more residual than this is tried from a second start */
+
+/* ---- start ---- */
+
+static void take_candidates(kc_app_t *app)
+{
+    const kc_space_t *s = &app->tables.active.space;
+    for (uint32_t c = 0u; c < s->n_cand; c++) {
+        kc_pose_t T;
+        kc_move_goal(app, c, &T);
+        kc_v3_copy(T.p_m, app->cand_pt[c].p_m);
+        kc_R_to_quat(T.R, app->cand_pt[c].q_wxyz);
+        memcpy(&app->cand_q[c * KC_JOINT_MAX], s->cand[c].q_seed, sizeof s->cand[c].q_seed);
+        app->cal.usable[c] = 1u;
+    }
+}
+
+kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t n_goal, uint32_t seed,
+                            uint64_t free_mask)
+{
+    kc_active_t *a = &app->tables.active;
+    kc_cal_t *c = &app->cal;
+    double dist = 0.0;
+    if (kc_move_node(app, &dist) == KC_NODE_NONE) {
+        return kc_cmd_refuse(app, out, KC_EVT_CAL_NO_PATH, -1, dist, (double)a->space.servo_leash, KC_ERR_PATH);
+    }
+    memset(c, 0, sizeof *c);
+    c->session = ++app->session;
+    c->acq = acq;
+    c->n_goal = n_goal;
+    c->rng = seed;
+    c->free_mask = free_mask;
+    c->start_us = app->now_us;
+    c->candidate = -1;
+    memcpy(c->coef, a->kin.value, sizeof c->coef);
+    take_candidates(app);
+    app->est.arm = &a->arm;
+    app->est.terms = &a->terms;
+    app->est.opt = a->config.est;
+    app->est.opt.free_mask = free_mask;
+    app->est.n_obs = 0u;
+    c->gp_ok = kc_gp_init(&app->big.gp, &a->kernel, 0u, app->cand_pt, a->space.n_cand) == KC_OK;
+    c->up = KC_UP_SELECT;
+    kc_event(&out->events, KC_EVT_CAL_START, (int32_t)c->session, (double)n_goal, (double)acq);
+    kc_app_enter(app, KC_ST_UPDATE);
+    return KC_OK;
+}
+
+/* ---- f of eq. 6 ---- */
+
+static void residual_of(kc_app_t *app, uint32_t i, double *pos_m, double *rot_rad)
+{
+    const kc_active_t *a = &app->tables.active;
+    const kc_obs_t *obs = &app->est.obs[i];
+    kc_loads_t loads;
+    double r[6];
+    kc_model_loads(&a->arm, &a->terms, app->cal.coef, &obs->ctx, &loads);
+    (void)kc_model_residual(&a->arm, &a->terms, app->cal.coef, obs, &loads, r, &app->eval);
+    *pos_m = kc_v3_norm(r);
+    *rot_rad = kc_v3_norm(&r[3]);
+}
+
+/* All y with the latest correction; the last one is the newest pose. */
+static void objective(kc_app_t *app)
+{
+    const kc_config_t *c = &app->tables.active.config;
+    for (uint32_t i = 0u; i < app->cal.n_meas; i++) { residual_of(app, i, &app->dp_m[i], &app->dr_rad[i]); }
+    kc_acq_objective(app->dp_m, app->dr_rad, app->cal.n_meas, c->a1, c->sp_floor_m, c->sq_floor_rad, app->y);
+}
+
+static void point_of(const kc_obs_t *obs, kc_point_t *x)
+{
+    kc_v3_copy(obs->p_m, x->p_m);
+    memcpy(x->q_wxyz, obs->q_wxyz, sizeof x->q_wxyz);
+}
+
+/* ---- estimate ---- */
+
+static int solved(kc_status_t st) { return st == KC_OK || st == KC_ERR_ITER; }
+
+static void solve_from(kc_app_t *app, const double *start)
+{
+    memcpy(app->est.start, start, sizeof app->est.start);
+    app->cal.est_status = kc_est_solve(&app->est);
+}
+
+static void report_outliers(kc_app_t *app, kc_out_t *out)
+{
+    for (uint32_t i = 0u; i < app->cal.n_meas; i++) {
+        if (app->est.outlier[i] && !app->cal.outlier_told[i]) {
+            kc_event(&out->events, KC_EVT_CAL_OUTLIER, (int32_t)i, 0.0, 0.0);
+        }
+        app->cal.outlier_told[i] = app->est.outlier[i];
+    }
+}
+
+static void add(kc_app_t *app)
+{
+    kc_cal_t *c = &app->cal;
+    uint32_t last = c->n_meas - 1u;
+    kc_point_t x;
+    double var = 0.0;
+    objective(app);
+    c->res_pos_m = app->dp_m[last];
+    c->res_rot_rad = app->dr_rad[last];
+    c->f = app->y[last];
+    point_of(&app->est.obs[last], &x);
+    c->gp_mean = 0.0;
+    if (c->gp_ok) { kc_gp_predict(&app->big.gp, &x, &c->gp_mean, &var); }
+    c->gp_sigma = kc_sqrt(kc_max(var, 0.0));
+    solve_from(app, app->tables.active.kin.value);
+    c->up = KC_UP_WARM;
+}
+
+/* Errors of the size of the paper's can lead a first fit astray. When it is not good, the solution so far
+ * is the second start; the lower cost wins. Only where the data determine everything: what is held is held
+ * at the active table's value, not at a guess. */
+static void warm(kc_app_t *app)
+{
+    const kc_est_t *e = &app->est;
+    const double *start = app->tables.active.kin.value;
+    int good = app->cal.est_status == KC_OK && e->noise_scale <= GOOD_NOISE_SCALE;
+    double cost = solved(app->cal.est_status) ? e->cost : KC_INF;
+    if (!good && memcmp(app->cal.coef, start, sizeof app->cal.coef) != 0) {
+        solve_from(app, app->cal.coef);
+        int better = solved(app->cal.est_status) && e->rank == e->n_free && e->cost < cost;
+        if (!better) { solve_from(app, start); }
+    }
+    app->cal.up = KC_UP_GP;
+}
+
+static void learn(kc_app_t *app, kc_out_t *out)
+{
+    kc_cal_t *c = &app->cal;
+    uint32_t last = c->n_meas - 1u;
+    kc_point_t x;
+    report_outliers(app, out);
+    if (solved(c->est_status)) {
+        memcpy(c->coef, app->est.coef, sizeof c->coef);
+    } else {
+        kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)c->est_status, 0.0);
+    }
+    objective(app);
+    point_of(&app->est.obs[last], &x);
+    if (c->gp_ok) { c->gp_ok = kc_gp_add(&app->big.gp, &x, app->y[last], app->cand_pt) == KC_OK; }
+    if (c->gp_ok) {
+        kc_gp_set_y(&app->big.gp, app->y);
+        if (app->tables.active.kernel.choose) { (void)kc_gp_choose(&app->big.gp, app->cand_pt); }
+    }
+    c->up = KC_UP_REPORT;
+}
+
+/* ---- predicted uncertainty ---- */
+
+void kc_update_ctx(const kc_app_t *app, uint32_t cand, kc_ctx_t *ctx)
+{
+    memset(ctx, 0, sizeof *ctx);
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { ctx->q[j] = (double)app->cand_q[cand * KC_JOINT_MAX + j]; }
+    kc_v3_copy(app->arm.g_m_s2, ctx->g_m_s2);
+    ctx->temp_c = app->arm.temp_c;
+    ctx->payload_kg = app->arm.payload_kg;
+    ctx->t_s = (double)app->now_us * 1e-6;
+}
+
+/* RMS of the predicted pose sigma over the search space, at most KC_PRED_MAX candidates of it, with the
+ * stated noise scaled up to what the residuals show. */
+void kc_update_predict(kc_app_t *app)
+{
+    uint32_t n = app->tables.active.space.n_cand;
+    uint32_t stride = (n + KC_PRED_MAX - 1u) / KC_PRED_MAX, count = 0u;
+    double pos = 0.0, rot = 0.0, cov[36];
+    for (uint32_t c = 0u; c < n; c += stride, count++) {
+        kc_ctx_t ctx;
+        kc_update_ctx(app, c, &ctx);
+        kc_est_pose_cov(&app->est, &ctx, &app->eval, cov);
+        pos += cov[0] + cov[7] + cov[14];
+        rot += cov[21] + cov[28] + cov[35];
+    }
+    double scale = kc_max(1.0, app->est.noise_scale);
+    app->cal.pred_pos_m = scale * kc_sqrt(pos / (double)count);
+    app->cal.pred_rot_rad = scale * kc_sqrt(rot / (double)count);
+}
+
+/* ---- report, stop ---- */
+
+static void fill_progress(const kc_app_t *app, kc_progress_t *p)
+{
+    const kc_cal_t *c = &app->cal;
+    const kc_est_t *e = &app->est;
+    p->session = app->session;
+    p->pose = c->n_meas - 1u;
+    p->n_goal = c->n_goal;
+    p->candidate = c->candidate;
+    p->replicate = c->replicate;
+    p->servo_steps = c->servo_steps;
+    p->acquisition = c->chosen_by;
+    p->acquisition_value = c->acq_value;
+    p->res_pos_m = c->res_pos_m;
+    p->res_rot_rad = c->res_rot_rad;
+    p->f = c->f;
+    p->gp_mean = c->gp_mean;
+    p->gp_sigma = c->gp_sigma;
+    p->pred_pos_m = c->pred_pos_m;
+    p->pred_rot_rad = c->pred_rot_rad;
+    p->rank = e->rank;
+    p->n_free = e->n_free;
+    p->dof = e->dof;
+    p->chi2 = e->chi2;
+    p->est_status = (int32_t)c->est_status;
+    p->fit_pos_m = e->fit_pos_m;
+    p->fit_rot_rad = e->fit_rot_rad;
+    memcpy(p->coef, c->coef, sizeof p->coef);
+}
+
+/* A requirement of 0 is no requirement. Nothing is certain while the data leave something open. */
+static int certain(const kc_app_t *app)
+{
+    const kc_config_t *c = &app->tables.active.config;
+    if (c->stop_pos_m <= 0.0 && c->stop_rot_rad <= 0.0) { return 0; }
+    return app->cal.est_status == KC_OK && app->est.rank == app->est.n_free && app->est.dof >= app->est.n_free &&
+           (c->stop_pos_m <= 0.0 || app->cal.pred_pos_m <= c->stop_pos_m) &&
+           (c->stop_rot_rad <= 0.0 || app->cal.pred_rot_rad <= c->stop_rot_rad);
+}
+
+static void report(kc_app_t *app, kc_out_t *out)
+{
+    kc_cal_t *c = &app->cal;
+    if (solved(c->est_status)) { kc_update_predict(app); }
+    out->has_progress = 1u;
+    fill_progress(app, &out->progress);
+    kc_event(&out->events, KC_EVT_CAL_POSE, (int32_t)c->n_meas - 1, c->res_pos_m, c->res_rot_rad);
+    if (certain(app)) {
+        kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, c->pred_pos_m, app->tables.active.config.stop_pos_m);
+        c->stop = 1u;
+    }
+    c->up = KC_UP_SELECT;
+}
+
+/* ---- next candidate ---- */
+
+/* Prior poses in their order, without those that turned out unusable. */
+static int next_prior(kc_app_t *app, uint32_t *cand)
+{
+    const kc_space_t *s = &app->tables.active.space;
+    while (app->cal.i_prior < s->n_prior) {
+        *cand = s->prior[app->cal.i_prior++];
+        if (app->cal.usable[*cand]) { return 1; }
+    }
+    return 0;
+}
+
+/* The first measured poses again, one after every replicate_every poses. */
+static int next_replicate(kc_app_t *app, uint32_t *cand)
+{
+    kc_cal_t *c = &app->cal;
+    uint32_t every = app->tables.active.config.replicate_every;
+    if (every == 0u || c->n_meas == 0u || c->n_meas % every != 0u || c->rep_at == c->n_meas) { return 0; }
+    c->rep_at = c->n_meas;
+    *cand = c->cand_of[c->n_rep++];
+    return 1;
+}
+
+static int32_t times_measured(const kc_cal_t *c, uint32_t cand)
+{
+    int32_t n = 0;
+    for (uint32_t i = 0u; i < c->n_meas; i++) { n += c->cand_of[i] == cand; }
+    return n;
+}
+
+/* Covariance to expect of the next measurement: that of the last one, or the floor. */
+static void expected_cov(const kc_app_t *app, double cov[36])
+{
+    const kc_config_t *c = &app->tables.active.config;
+    if (app->cal.n_meas > 0u) {
+        memcpy(cov, app->est.obs[app->cal.n_meas - 1u].cov, 36u * sizeof *cov);
+        return;
+    }
+    memset(cov, 0, 36u * sizeof *cov);
+    for (uint32_t i = 0u; i < 6u; i++) {
+        double s = i < 3u ? c->sigma_pos_min_m : c->sigma_rot_min_rad;
+        cov[7u * i] = s * s;
+    }
+}
+
+/* The acquisition asked for; random where it cannot be evaluated (GP lost, nothing solved yet). */
+static kc_status_t acquire(kc_app_t *app, uint32_t *cand)
+{
+    const kc_active_t *a = &app->tables.active;
+    kc_cal_t *c = &app->cal;
+    kc_status_t st = KC_ERR_ARG;
+    if (c->acq == KC_ACQ_UCB && c->gp_ok) {
+        double beta = kc_acq_beta(a->space.n_cand, c->n_meas + 1u, a->config.beta_scale);
+        st = kc_acq_ucb(&app->big.gp, c->usable, beta, cand, &c->acq_value);
+    } else if ((c->acq == KC_ACQ_DOPT || c->acq == KC_ACQ_VOPT) && c->n_meas > 0u && solved(c->est_status)) {
+        double cov[36];
+        expected_cov(app, cov);
+        st = kc_acq_info(c->acq, &app->est, app->cand_q, a->space.n_cand, c->usable, cov, a->config.vopt_len_m,
+                         &app->acq, cand, &c->acq_value);
+    }
+    c->chosen_by = (int32_t)c->acq;
+    if (st == KC_OK) { return st; }
+    c->chosen_by = (int32_t)KC_ACQ_RANDOM;
+    c->acq_value = 0.0;
+    return kc_acq_random(c->usable, a->space.n_cand, &c->rng, cand);
+}
+
+static kc_status_t choose(kc_app_t *app, uint32_t *cand)
+{
+    app->cal.acq_value = 0.0;
+    app->cal.chosen_by = -1;
+    if (next_prior(app, cand) || next_replicate(app, cand)) { return KC_OK; }
+    return acquire(app, cand);
+}
+
+static int finish(kc_app_t *app, kc_out_t *out, kc_cause_t if_nothing)
+{
+    if (app->cal.n_meas == 0u) {
+        kc_app_abort(app, out, if_nothing);
+        return 0;
+    }
+    app->cal.up = KC_UP_PROPOSE;
+    return 1;
+}
+
+static int select(kc_app_t *app, kc_out_t *out)
+{
+    kc_cal_t *c = &app->cal;
+    uint32_t cand = 0u;
+    if (c->stop || c->n_meas >= c->n_goal) { return finish(app, out, KC_CAUSE_NO_CANDIDATE); }
+    if (choose(app, &cand) != KC_OK) {
+        kc_event(&out->events, KC_EVT_CAL_NO_CANDIDATE, -1, 0.0, 0.0);
+        return finish(app, out, KC_CAUSE_NO_CANDIDATE);
+    }
+    c->candidate = (int32_t)cand;
+    c->replicate = times_measured(c, cand);
+    c->servo_steps = 0u;
+    kc_status_t st = kc_move_begin(app, out, cand);
+    if (st == KC_ERR_STATE) {
+        kc_app_abort(app, out, KC_CAUSE_NO_PATH);
+    } else if (st != KC_OK) {
+        kc_look_skip(app, out); /* another one next step */
+    }
+    return 0;
+}
+
+void kc_update_budget(kc_app_t *app, kc_out_t *out)
+{
+    kc_cal_t *c = &app->cal;
+    uint64_t budget = app->tables.active.config.budget_us, used = app->now_us - c->start_us;
+    int selecting = app->state != KC_ST_UPDATE || c->up == KC_UP_SELECT;
+    if (!kc_app_calibrating(app) || budget == 0u || used <= budget || !selecting) { return; }
+    kc_event(&out->events, KC_EVT_CAL_BUDGET, -1, (double)used, (double)budget);
+    if (app->state != KC_ST_UPDATE) {
+        kc_move_hold(app, out);
+        app->look.waiting = 0u;
+        kc_app_enter(app, KC_ST_UPDATE);
+    }
+    (void)finish(app, out, KC_CAUSE_BUDGET);
+}
+
+int kc_update_run(kc_app_t *app, kc_out_t *out)
+{
+    switch (app->cal.up) {
+    case KC_UP_ADD: add(app); return 0;
+    case KC_UP_WARM: warm(app); return 0;
+    case KC_UP_GP: learn(app, out); return 0;
+    case KC_UP_REPORT: report(app, out); return 0;
+    case KC_UP_PROPOSE: return kc_propose_run(app, out);
+    default: return select(app, out);
+    }
+}
