@@ -31,8 +31,8 @@ WARN     := -Wall -Wextra -Werror -Wconversion -Wshadow -Wdouble-promotion
 COMMON   := $(WARN) -ffp-contract=off -fPIC -g $(LAYERS:%=-Ifsw/%) -isystem /usr/include/eigen3
 CFLAGS   := -std=c11 -Wstrict-prototypes -Wmissing-prototypes -Wvla $(COMMON)
 CXXFLAGS := -std=c++17 -fno-exceptions -fno-rtti -DEIGEN_DONT_VECTORIZE $(COMMON)
-# Test functions need no prototype: the generated main() declares them.
-UNITFLAG := -Wno-missing-prototypes -isystem $(BUILD)/unity/src -Itests/unit -DUNITY_INCLUDE_DOUBLE
+# Test functions need no prototype: the generated main() declares them. For clang, NAN is a float.
+UNITFLAG := -Wno-missing-prototypes -Wno-double-promotion -isystem $(BUILD)/unity/src -Itests/unit -DUNITY_INCLUDE_DOUBLE
 
 .PHONY: help
 help: ## list the targets (V=1 shows whole commands)
@@ -267,13 +267,14 @@ lint-cppcheck: | $(STAMP)/apt-test $(STAMP)/messages ## cppcheck
 	    $(LAYERS:%=-Ifsw/%) -I$(BUILD)/gen --suppress='*:$(BUILD)/gen/*' $(C_ALL)
 
 lint-format: | $(STAMP)/apt-test ## C and C++ lay-out
-	$(Q)clang-format-19 --dry-run -Werror $(C_STYLE)
+	@for f in $(C_STYLE); do clang-format-19 $$f | cmp -s - $$f || echo "$$f: not laid out: run make format"; done \
+	    | tee $(BUILD)/format.txt; test ! -s $(BUILD)/format.txt
 
 lint-direction: ## includes and imports point the right way
 	$(Q)$(PYTHON) tests/lint/direction.py
 
 lint-python: | .venv/.stamp-dev ## ruff: rules and lay-out
-	$(Q).venv/bin/ruff check --quiet --config tests/ruff.toml ground sim tests
+	$(Q).venv/bin/ruff check --output-format=concise --quiet --config tests/ruff.toml ground sim tests
 	$(Q).venv/bin/ruff format --quiet --check --config tests/ruff.toml ground sim tests || \
 	    { .venv/bin/ruff format --check --config tests/ruff.toml ground sim tests; exit 1; }
 
