@@ -25,6 +25,7 @@ FIRST_HEARTBEAT_S = 30.0
 LINGER_S = 2.0           # after the end: one more heartbeat shows where flight stands
 ABORT_WAIT_S = 10.0
 POLICY_WAIT_S = 10.0
+PEOPLE_S = 0.1           # wall time of a tick while people decide
 GROUND_WAIT_S = 1800.0   # with --accept ground: somebody listens and will decide
 
 
@@ -256,8 +257,14 @@ def main(argv: list[str] | None = None) -> int:
         scenario.executive.ground_wait_s = max(scenario.executive.ground_wait_s, GROUND_WAIT_S)
     executive = Executive(scenario, lambda m: bus.publish("KC_CMD", m), o.seed, o.acquisition, o.poses,
                           first_seq)
-    part = Participant(bus, kcm.tick_done_t.WHO_EXECUTIVE, HEARD, executive.tick)
 
+    def act(now_us: int, messages: list) -> bool:
+        alive = executive.tick(now_us, messages)
+        if executive.phase == "GROUND" and not o.live:
+            time.sleep(PEOPLE_S)  # lockstep would be over before anybody has read the proposal
+        return alive
+
+    part = Participant(bus, kcm.tick_done_t.WHO_EXECUTIVE, HEARD, act)
     o.out.mkdir(parents=True, exist_ok=True)
     part.run_live() if o.live else part.run_lockstep()
     # Written as a whole: whoever finds the file finds all of it.

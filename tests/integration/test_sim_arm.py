@@ -1,0 +1,368 @@
+"""The simulator's arm, controllers and clockwork, against formulas written out here."""
+
+import itertools
+
+import kcm
+import numpy as np
+import pytest
+from kincal_sim import geom
+from kincal_sim.arm import Arm, ErrorNames, load_spec, split_errors
+from kincal_sim.effects import Compliance, State, Truth
+from kincal_sim.motion import ArmController, HeadController, Mover
+from kincal_sim.scenario import ArmTruth, Scenario, load
+from kincal_sim.world import World
+
+SPEED, ACCEL = 0.8, 2.0
+
+
+def rz(t):
+    return np.array([[np.cos(t), -np.sin(t), 0, 0], [np.sin(t), np.cos(t), 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def rx(t):
+    return np.array([[1, 0, 0, 0], [0, np.cos(t), -np.sin(t), 0], [0, np.sin(t), np.cos(t), 0], [0, 0, 0, 1]])
+
+
+def move(x, y, z):
+    T = np.eye(4)
+    T[:3, 3] = x, y, z
+    return T
+
+
+def dh_product(spec, q, delta, base=None, tool=None):
+    """Eq. 2 of the method: f_B T_01 ... T_67 f_T with DH errors (phi, alpha, a, d) added."""
+    T = move(*spec["base"]["xyz_m"]) @ (np.eye(4) if base is None else base)
+    for j, (dphi, dalpha, da, dd) in zip(range(len(q)), delta, strict=True):
+        p = spec["joint"][j]
+        T = T @ rz(q[j] + dphi) @ move(0, 0, p["d_m"] + dd) @ move(p["a_m"] + da, 0, 0) @ rx(p["alpha_rad"] + dalpha)
+    return T @ move(*spec["tool"]["xyz_m"]) @ (np.eye(4) if tool is None else tool)
+
+
+def named(delta):
+    return {f"J{j + 1}.{n}": delta[j, k] for j in range(7) for k, n in enumerate(("phi_rad", "alpha_rad", "a_m", "d_m"))}
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return Arm()
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20)
+
+
+# -- kinematics -------------------------------------------------------------------------------------
+
+def test_mujoco_bodies_follow_eq_2_with_any_dh_errors(rng):
+    for _ in range(10):
+        delta = rng.uniform(-1, 1, (7, 4)) * [1.3, 0.5, 0.1, 0.2]
+        arm = Arm(errors=named(delta))
+        for _ in range(10):
+            q = rng.uniform(arm.q_min, arm.q_max)
+            arm.set(q)
+            np.testing.assert_allclose(arm.T_base_tool, dh_product(arm.spec, q, delta), atol=1e-12)
+
+
+def test_base_and_tool_errors_are_twists_in_the_stated_order(rng):
+    def ry(t):
+        return np.array([[np.cos(t), 0, np.sin(t), 0], [0, 1, 0, 0], [-np.sin(t), 0, np.cos(t), 0], [0, 0, 0, 1]])
+
+    def twist(v):
+        return move(v[0], 0, 0) @ rx(v[3]) @ move(0, v[1], 0) @ ry(v[4]) @ rz(v[5]) @ move(0, 0, v[2])
+
+    base, tool = rng.uniform(-0.2, 0.2, (2, 6))
+    names = ("tx_m", "ty_m", "tz_m", "rx_rad", "ry_rad", "rz_rad")
+    errors = {f"base.{n}": v for n, v in zip(names, base, strict=True)}
+    errors |= {f"tool.{n}": v for n, v in zip(names, tool, strict=True)}
+    arm = Arm(errors=errors)
+    q = rng.uniform(arm.q_min, arm.q_max)
+    arm.set(q)
+    np.testing.assert_allclose(arm.T_base_tool, dh_product(arm.spec, q, np.zeros((7, 4)), twist(base), twist(tool)),
+                               atol=1e-12)
+
+
+def test_camera_stands_where_pan_and_tilt_put_it(nominal):
+    pan, tilt = 0.3, 0.5
+    nominal.set(np.zeros(7), pan, tilt)
+    forward = [np.cos(pan) * np.cos(tilt), np.sin(pan) * np.cos(tilt), -np.sin(tilt)]  # positive tilt looks down
+    T = nominal.T_base_cam
+    np.testing.assert_allclose(T[:3, 2], forward, atol=1e-12)
+    np.testing.assert_allclose(T[:3, 0], [np.sin(pan), -np.cos(pan), 0], atol=1e-12)  # x right of the view
+    up = np.cross(T[:3, 0], forward)
+    np.testing.assert_allclose(T[:3, 3], np.array([-0.35, 0.45, 1.25]) + 0.05 * np.array(forward) + 0.03 * up, atol=1e-12)
+
+
+def test_gravity_torque_is_minus_the_slope_of_potential_energy(rng):
+    arm = Arm(gravity_m_s2=(0.3, -0.2, -1.315), payload_kg=0.7)
+
+    def energy(q):
+        arm.set(q)
+        return -float(arm.model.body_mass @ (arm.data.xipos @ arm.model.opt.gravity))
+
+    for _ in range(5):
+        q, h = rng.uniform(arm.q_min, arm.q_max), 1e-5
+        slope = [(energy(q + h * e) - energy(q - h * e)) / (2 * h) for e in np.eye(7)]
+        arm.set(q)
+        np.testing.assert_allclose(arm.gravity_torque(), -np.array(slope), atol=1e-7)
+
+
+def test_all_mass_is_in_the_links_and_the_payload():
+    spec = load_spec()
+    arm = Arm(payload_kg=0.5)
+    moving = arm.model.body_subtreemass[arm.model.body("link1").id]
+    assert moving == pytest.approx(sum(j["mass_kg"] for j in spec["joint"]) + 0.5)
+
+
+def test_unknown_errors_are_refused_with_the_known_names():
+    for name in ("J8.phi_rad", "J1.theta", "base.phi_rad", "elbow"):
+        with pytest.raises(ErrorNames, match="known: J1..J7"):
+            split_errors({name: 0.1}, 7)
+
+
+def test_quaternions_are_exact_for_half_turns_and_random_rotations(rng):
+    half_turns = [np.diag(d).astype(float) for d in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
+    for R in half_turns + [geom.matrix(q / np.linalg.norm(q)) for q in rng.standard_normal((50, 4))]:
+        q = geom.quat(R)
+        assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-15)
+        np.testing.assert_allclose(geom.matrix(q), R, atol=1e-14)
+
+
+# -- what the encoders do not see -------------------------------------------------------------------
+
+def truth_of(**settings):
+    scenario = Scenario("test", "test", arm=ArmTruth(**settings))
+    arm = scenario.build_arm()
+    return arm, scenario.build_truth(arm), scenario
+
+
+def test_an_encoder_bias_is_a_dh_error_phi_of_the_other_sign(rng):
+    arm, truth, scenario = truth_of(encoder_bias_rad={"J2": -0.06, "J5": 0.07})
+    assert scenario.coefficients() == {"J2.phi_rad": 0.06, "J5.phi_rad": -0.07}
+    twin = Arm(errors=scenario.coefficients())
+    reading = rng.uniform(arm.q_min, arm.q_max)
+    truth.settle(reading, State())
+    twin.set(reading)
+    np.testing.assert_allclose(arm.T_base_tool, twin.T_base_tool, atol=1e-12)
+
+
+def test_an_encoder_gain_turns_the_joint_in_proportion():
+    _, truth, scenario = truth_of(encoder_gain={"J4": 0.02})
+    assert scenario.coefficients() == {"encoder_gain[4]": 0.02}
+    assert truth.settle([0, 0, 0, 2.0, 0, 0, 0], State())[3] == pytest.approx(2.04)
+
+
+def test_a_soft_joint_rests_where_spring_and_gravity_balance(rng):
+    soft = np.array([0, 0.002, 0.001, 0.004, 0, 0, 0])
+    arm, truth, _ = truth_of(compliance_rad_per_nm={f"J{j + 1}": c for j, c in enumerate(soft)})
+    for _ in range(5):
+        q = rng.uniform(arm.q_min, arm.q_max)
+        q_true = truth.settle(q, State())
+        np.testing.assert_allclose(q_true - q, soft * arm.gravity_torque(), atol=1e-12)
+        arm.set(q_true)
+    # An outstretched arm sags: the tool is lower than the encoders say.
+    q = np.array([0.0, 1.2, 0.0, 0.3, 0.0, 0.0, 0.0])
+    truth.settle(q, State())
+    sagging = arm.T_base_tool[2, 3]
+    arm.set(q)
+    assert sagging < arm.T_base_tool[2, 3] - 0.01
+
+
+def test_a_spring_too_soft_to_balance_is_an_error_not_a_number():
+    arm = Arm()
+    truth = Truth(arm, np.zeros(7), np.zeros(7), [Compliance(np.array([0, 1.0, 0, 1.0, 0, 0, 0]))])
+    with pytest.raises(ArithmeticError, match="no equilibrium"):
+        truth.settle([0.0, 1.2, 0.0, 0.3, 0.0, 0.0, 0.0], State())
+
+
+# -- motion -----------------------------------------------------------------------------------------
+
+def mover(q=(0.0, 0.0, 0.0), **kwargs):
+    n = len(q)
+    return Mover(q, [SPEED] * n, [ACCEL] * n, **kwargs)
+
+
+def test_axes_move_on_a_straight_line_inside_the_limits_and_arrive_together(rng):
+    for _ in range(30):
+        q0, q1 = rng.uniform(-2, 2, (2, 3)) * rng.choice([1.0, 0.01], 3)
+        m, scale = mover(q0), rng.uniform(0.1, 1.0)
+        m.command(0.0, q1, scale)
+        h = 1e-3
+        times = np.arange(0.0, 60.0, h * 50)
+        far = np.max(np.abs(q1 - q0))
+        v_line = min(scale * SPEED, np.sqrt(far * ACCEL))
+        duration = far / v_line + v_line / ACCEL
+        for t in times[times < duration]:
+            q, v, moving = m.at(t)
+            share = (q - q0) / (q1 - q0)
+            assert np.ptp(share) < 1e-9 and moving
+            assert np.max(np.abs(v)) <= scale * SPEED + 1e-12
+        q, v, moving = m.at(duration + 1e-6)
+        np.testing.assert_allclose(q, q1, atol=1e-12)
+        assert not moving and not v.any()
+        np.testing.assert_array_equal(m.dir, np.sign(q1 - q0))
+
+
+def test_speed_changes_no_faster_than_the_acceleration_limit_even_when_redirected(rng):
+    m, h = mover(), 0.01
+    v_before, q_before = np.zeros(3), np.zeros(3)
+    for k in range(3000):
+        t = k * h
+        if k % 70 == 0:
+            m.command(t, rng.uniform(-1, 1, 3), 1.0)
+        if k % 510 == 509:
+            m.hold(t)
+        q, v, _ = m.at(t)
+        assert np.max(np.abs(v)) <= SPEED + 1e-12
+        assert np.max(np.abs(v - v_before)) <= ACCEL * h + 1e-9
+        np.testing.assert_allclose(q - q_before, 0.5 * h * (v + v_before), atol=0.5 * ACCEL * h * h)
+        v_before, q_before = v, q
+
+
+def test_hold_brakes_and_stays(rng):
+    m = mover()
+    m.command(0.0, [1.0, 0.5, 0.0], 1.0)
+    m.hold(0.7)
+    brake = SPEED**2 / (2 * ACCEL)
+    q, v, moving = m.at(0.7 + SPEED / ACCEL + 0.01)
+    reached = (0.7 - 0.5 * SPEED / ACCEL) * SPEED + brake
+    np.testing.assert_allclose(q, [reached, 0.5 * reached, 0.0], atol=1e-12)
+    assert not moving and not v.any()
+    np.testing.assert_array_equal(m.at(20.0)[0], q)
+
+
+def test_an_arm_swings_for_half_a_second_after_braking_and_is_then_exactly_at_rest():
+    c = ArmController(load_spec(), np.zeros(7))
+    goal = np.array([0.5, -0.3, 0, 0, 0, 0, 0])
+    assert c.command(0.0, 1, goal, 1.0, False)
+    arrival = 0.5 / SPEED + SPEED / ACCEL
+    swing = [c.mover.at(arrival + dt)[0] - goal for dt in np.linspace(0.001, 0.499, 100)]
+    assert 5e-4 < np.max(np.abs(swing)) < 5e-3
+    assert all(c.mover.at(arrival + dt)[2] for dt in (0.01, 0.25, 0.49))
+    q, v, moving = c.mover.at(arrival + 0.501)
+    assert not moving and not v.any()
+    np.testing.assert_array_equal(q, goal)
+
+
+@pytest.mark.parametrize("q, scale, mask", [
+    ([2.7, 0, 0, 0, 0, 0, 0], 1.0, 0b0000001),
+    ([0, 0, 0, -1.0, 0, 0, 3.1], 1.0, 0b1001000),
+    ([0, np.nan, 0, 0, 0, 0, 0], 1.0, 0b0000010),
+    ([0, 0, 0, 0, 0, 0], 1.0, 0b1111111),
+    ([0, 0, 0, 0, 0, 0, 0], 0.0, 0b1111111),
+    ([0, 0, 0, 0, 0, 0, 0], 1.5, 0b1111111),
+    ([0, 0, 0, 0, 0, 0, 0], np.nan, 0b1111111),
+])
+def test_impossible_commands_are_refused_with_fault_bits_and_the_arm_stays(q, scale, mask):
+    c = ArmController(load_spec(), np.full(7, 0.1))
+    assert not c.command(0.0, 1, q, scale, False)
+    assert c.fault_mask == mask
+    np.testing.assert_array_equal(c.mover.at(5.0)[0], np.full(7, 0.1))
+    assert c.command(5.0, 2, np.zeros(7), 1.0, False) and c.fault_mask == 0
+
+
+def test_repeated_and_older_commands_are_ignored():
+    c = ArmController(load_spec(), np.zeros(7))
+    assert c.command(0.0, 5, np.full(7, 0.1), 1.0, False)
+    for seq in (5, 4):
+        assert not c.command(0.1, seq, np.full(7, -0.1), 1.0, False)
+    np.testing.assert_array_equal(c.mover.at(9.0)[0], np.full(7, 0.1))
+
+
+def test_the_head_stops_at_its_limits_and_keeps_its_speed_limit():
+    head = HeadController(load_spec())
+    assert head.command(0.0, 1, 9.0, -9.0)
+    q = [head.mover.at(0.1 * k)[0] for k in range(100)]
+    np.testing.assert_allclose(q[-1], [1.6, -0.6])
+    assert np.max(np.abs(np.diff(q, axis=0))) <= 0.1 + 1e-9
+    assert not head.command(11.0, 2, np.nan, 0.0)
+
+
+# -- the world: messages in, messages out -----------------------------------------------------------
+
+def still_eye(world):
+    """A camera that reports the frame it was given."""
+    def expose(frame):
+        m = kcm.detection_t()
+        m.t_us, m.seq = frame.t_us, frame.seq
+        m.p_cam_tool_m = (np.linalg.inv(frame.T_base_cam) @ frame.T_base_tool)[:3, 3].tolist()
+        return m
+    return "KC_DETECTION", expose
+
+
+def arm_cmd(seq, q):
+    m = kcm.arm_cmd_t()
+    m.seq, m.n_joints, m.speed_scale = seq, 7, 1.0
+    m.q_rad = [*q, 0.0]
+    return m
+
+
+def steps(world, ticks, first=1):
+    return [dict(world.step(k * 100_000)) for k in range(first, first + ticks)]
+
+
+def test_a_frame_is_exposed_at_the_next_tick_with_the_true_pose_of_that_tick():
+    world = World(load("paper"), 1, still_eye)
+    steps(world, 3)
+    request = kcm.frame_request_t()
+    request.seq = 41
+    world.take("KC_ARM_CMD", arm_cmd(1, [0.5, -0.3, 0.2, 1.9, 0.3, 0.2, -0.4]))
+    world.take("KC_FRAME_REQUEST", request)
+    out = steps(world, 1, 4)[0]
+    seen, state = out["KC_DETECTION"], out["KC_ARM_STATE"]
+    assert (seen.t_us, seen.seq, state.t_us, state.moving) == (400_000, 41, 400_000, 1)
+    twin = Arm(errors=world.scenario.arm.errors)
+    twin.set(state.q_rad[:7], out["KC_PANTILT_STATE"].pan_rad, out["KC_PANTILT_STATE"].tilt_rad)
+    expected = np.linalg.inv(twin.T_base_cam) @ twin.T_base_tool
+    np.testing.assert_allclose(seen.p_cam_tool_m, expected[:3, 3], atol=1e-12)
+    assert "KC_DETECTION" not in steps(world, 1, 5)[0]
+
+
+def test_states_count_up_and_truth_comes_every_second():
+    world = World(load("encoder_bias"), 1, still_eye)
+    out = steps(world, 50)
+    assert [o["KC_ARM_STATE"].seq for o in out] == list(range(1, 51))
+    times = [o["KC_SIM_TRUTH"].t_us for o in out if "KC_SIM_TRUTH" in o]
+    assert times == [100_000, *range(1_000_000, 5_000_001, 1_000_000)]
+    bias = world.truth.bias_rad
+    np.testing.assert_allclose(np.array(out[-1]["KC_SIM_TRUTH"].q_true_rad[:7]) + bias,
+                               out[-1]["KC_ARM_STATE"].q_rad[:7], atol=1e-12)
+
+
+def test_messages_of_one_tick_give_the_same_whatever_their_order_of_arrival():
+    def run(order):
+        world = World(load("healthy"), 1, still_eye)
+        steps(world, 2)
+        pantilt = kcm.pantilt_cmd_t()
+        pantilt.seq, pantilt.pan_rad = 1, 0.4
+        messages = [("KC_ARM_CMD", arm_cmd(1, [0.1] * 7)), ("KC_ARM_CMD", arm_cmd(2, [0.2] * 7)),
+                    ("KC_PANTILT_CMD", pantilt), ("KC_FRAME_REQUEST", kcm.frame_request_t())]
+        for k in order:
+            world.take(*messages[k])
+        return [m.encode() for o in steps(world, 20, 3) for m in o.values()]
+
+    first = run((0, 1, 2, 3))
+    assert all(run(order) == first for order in itertools.islice(itertools.permutations(range(4)), 1, None, 5))
+
+
+def test_noise_and_quantisation_act_on_readings_only():
+    scenario = load("healthy")
+    scenario.arm.encoder_noise_rad, scenario.arm.encoder_step_rad = 1e-4, 1e-5
+    world = World(scenario, 1, still_eye)
+    out = steps(world, 200)
+    q = np.array([o["KC_ARM_STATE"].q_rad[:7] for o in out])
+    home = np.array(world.arm.spec["motion"]["home_rad"])
+    assert np.std(q - home) == pytest.approx(1e-4, rel=0.1)
+    np.testing.assert_allclose(np.round(q / 1e-5), q / 1e-5, atol=1e-6)
+    np.testing.assert_allclose(out[-1]["KC_SIM_TRUTH"].q_true_rad[:7], home, atol=1e-12)
+
+
+def test_the_arm_starts_free_of_collisions(nominal):
+    nominal.set(nominal.spec["motion"]["home_rad"], *nominal.spec["head"]["start_rad"])
+    assert nominal.collisions() == []
+
+
+def test_a_collision_is_noticed(nominal):
+    # Bent down and forward, the arm reaches through the deck.
+    nominal.set([3.0, 2.0, 0.0, 0.5, 0.0, 0.0, 0.0], 0.0, 0.0)
+    assert any("deck" in pair for pair in nominal.collisions())
