@@ -258,13 +258,16 @@ def space_show(file: Path, tables_dir: Path, picture: Path | None) -> None:
               help="How poses are chosen.  [default: as the scenario says]")
 @click.option("--poses", type=click.IntRange(1, 64), default=None, help="Number of poses.  [default: scenario]")
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of everything random.")
+@click.option("--accept", type=click.Choice(["auto", "policy", "ground"]), default=None,
+              help="Who accepts: executive, flight's own policy, or this command as the ground, in two steps.  "
+                   "[default: scenario]")
 @click.option("--out", "out_dir", type=PATH, default=None, help="Result directory.  [default: out/SCENARIO]")
 @click.option("--summary/--no-summary", default=True, help="Write summary.html, .png and .json.  [default: summary]")
 @click.option("--compare/--no-compare", default=True,
               help="Also run ucb and random in fast mode for the comparison.  [default: compare]")
 @TABLES
-def run(scenario: str, fast: bool, acquisition: str | None, poses: int | None, seed: int, out_dir: Path | None,
-        summary: bool, compare: bool, tables_dir: Path) -> None:
+def run(scenario: str, fast: bool, acquisition: str | None, poses: int | None, seed: int, accept: str | None,
+        out_dir: Path | None, summary: bool, compare: bool, tables_dir: Path) -> None:
     """Run a whole calibration in simulation and judge it.
 
     SCENARIO is a file or a name from sim/scenarios. Prints one line a pose, then true and estimated
@@ -274,12 +277,13 @@ def run(scenario: str, fast: bool, acquisition: str | None, poses: int | None, s
     \b
     Examples:
         kincal run paper
+        kincal run paper --accept ground --out out/reviewed
         kincal run healthy --fast --no-compare --seed 7 --out out/healthy-7
     """
     from kincal import run as lib
 
     request = lib.Request(scenario, "fast" if fast else "pixels", acquisition, poses, seed,
-                          out_dir or Path("out") / Path(scenario).stem, tables_dir)
+                          out_dir or Path("out") / Path(scenario).stem, tables_dir, accept)
     result = lib.run_and_judge(request, console(), compare=compare, summary=summary)
     raise SystemExit(0 if result.ok else 1)
 

@@ -45,6 +45,7 @@ def _dashed(curve: Curve) -> bool:
 def save_png(result: RunResult, path: Path) -> None:
     """The whole run on one sheet."""
     figure = plt.figure(figsize=(13.5, 10.0), dpi=110, layout="constrained")
+    figure.get_layout_engine().set(wspace=0.06)
     grid = figure.add_gridspec(2, 3, width_ratios=[1.15, 1.0, 1.0], height_ratios=[1.0, 1.0])
     figure.suptitle(headline(result), fontsize=12.5, color=INK, x=0.01, ha="left")
     if result.scene is not None:
@@ -92,8 +93,8 @@ def draw_scene(ax: Any, scene: Scene, result: RunResult | None = None) -> None:
     ax.set(xlim=(-0.5, 1.1), ylim=(-0.8, 0.8), zlim=(0.0, 1.4))
     ax.set_xlabel("x forward [m]", labelpad=1)
     ax.set_ylabel("y left [m]", labelpad=1)
-    ax.set_zlabel("z up [m]", labelpad=-1)
-    ax.set_box_aspect((1.6, 1.6, 1.4), zoom=0.95)
+    ax.set_zlabel("z up [m]", labelpad=-3)
+    ax.set_box_aspect((1.6, 1.6, 1.4), zoom=0.92)
     ax.tick_params(labelsize=7.5, pad=-1)
     ax.set_title("Arm and chosen poses")
     ax.view_init(elev=21, azim=-58)
@@ -120,7 +121,7 @@ def draw_held_out(ax: Any, curves: list[Curve], result: RunResult) -> None:
     ax.set(xlabel="poses measured", ylabel="held-out position RMS [mm]")
     ax.set_title(f"Held-out error over {result.after.n if result.after else 0} poses")
     ax.xaxis.get_major_locator().set_params(integer=True)
-    ax.legend(loc="upper right")
+    ax.legend(loc="upper right", frameon=True, edgecolor="none", framealpha=0.9)
 
 
 def draw_coefs(ax: Any, coefs: list[CoefResult], unit: str) -> None:
@@ -160,6 +161,7 @@ def draw_coefs(ax: Any, coefs: list[CoefResult], unit: str) -> None:
 def save_space_png(scene: Scene, path: Path, title: str, incid_deg: np.ndarray, range_m: np.ndarray) -> None:
     """A search space: where the tool goes, and how well it is seen from there."""
     figure = plt.figure(figsize=(12.5, 5.2), dpi=110, layout="constrained")
+    figure.get_layout_engine().set(wspace=0.06)
     figure.suptitle(title, fontsize=12, color=INK, x=0.01, ha="left")
     grid = figure.add_gridspec(1, 3, width_ratios=[1.25, 1.0, 1.0])
     ax = figure.add_subplot(grid[0, 0], projection="3d")

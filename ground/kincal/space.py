@@ -296,9 +296,10 @@ def _fill(space: Any, search: Search, q: np.ndarray, hub: np.ndarray, p: np.ndar
 
 
 def _priors(search: Search, p: np.ndarray, R: np.ndarray) -> list[int]:
-    """Starting poses: among those seen best (least oblique, half of all), spread far apart."""
+    """Starting poses: among those seen best (the least oblique quarter), spread far apart. A large fault then
+    has the widest margin before a tag turns away from the camera."""
     worst = [float(np.max(search.camera.incidence(*search.look(p[i], R[i])[3:]))) for i in range(len(p))]
-    best = np.argsort(worst, kind="stable")[:max(len(p) // 2, search.desc.priors)]
+    best = np.argsort(worst, kind="stable")[:max(len(p) // 4, search.desc.priors)]
     centre = int(np.argmin(np.linalg.norm(p[best] - p[best].mean(axis=0), axis=1)))
     return [int(best[k]) for k in search.spread(p[best], R[best], search.desc.priors, centre)]
 
