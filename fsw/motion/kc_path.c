@@ -15,7 +15,7 @@ int kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j)
     uint32_t bit;
     if (hi == lo || hi >= s->n_cand) { return 0; }
     bit = hi * (hi - 1u) / 2u + lo;
-    return (s->edge[bit / 8u] >> (bit % 8u)) & 1u;
+    return (int)(((uint32_t)s->edge[bit / 8u] >> (bit % 8u)) & 1u);
 }
 
 static int is_hub(uint32_t node) { return node < KC_HUB_MAX; }
@@ -44,7 +44,7 @@ static void search_hubs(const kc_space_t *s, uint32_t start, uint32_t goal, uint
     while (head < tail && queue[head] != goal) {
         uint32_t at = queue[head++];
         for (uint32_t h = 0u; h < s->n_hub; h++) {
-            if (parent[h] == KC_HUB_MAX && ((s->hub_edge[at] >> h) & 1u) != 0u) {
+            if (parent[h] == KC_HUB_MAX && (((uint32_t)s->hub_edge[at] >> h) & 1u) != 0u) {
                 parent[h] = at;
                 queue[tail++] = h;
             }
@@ -156,7 +156,7 @@ static kc_status_t check_hub(const kc_space_t *s, const kc_arm_t *arm, uint32_t 
     int32_t at = KC_SPACE_INDEX_HUB + (int32_t)h;
     if ((uint32_t)s->hub_edge[h] >> s->n_hub != 0u) { return bad(at, (double)s->hub_edge[h], index, got); }
     for (uint32_t k = 0u; k < s->n_hub; k++) { /* a segment can be driven both ways */
-        if (((s->hub_edge[h] >> k) & 1u) != ((s->hub_edge[k] >> h) & 1u)) {
+        if ((((uint32_t)s->hub_edge[h] >> k) & 1u) != (((uint32_t)s->hub_edge[k] >> h) & 1u)) {
             return bad(at, (double)s->hub_edge[h], index, got);
         }
     }

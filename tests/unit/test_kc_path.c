@@ -1,0 +1,309 @@
+/* kc_path.c: only proven segments, and spaces that can be trusted. */
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "kc_path.h"
+#include "unity.h"
+
+#define NODE(c) (KC_HUB_MAX + (c))
+
+static kc_space_t s_s;
+static kc_arm_t s_arm;
+static uint16_t s_way[KC_PATH_MAX];
+static uint32_t s_n;
+
+void setUp(void);
+void setUp(void)
+{
+    given_arm(&s_arm);
+    given_space(&s_s, 9u, 1u);
+    s_n = 99u;
+}
+
+/* Hubs in a chain 0-1-2-...-(n-1), candidate k on hub k. */
+static void given_chain(uint32_t n)
+{
+    given_space(&s_s, n, 1u);
+    memset(s_s.edge, 0, sizeof s_s.edge);
+    s_s.n_hub = n;
+    for (uint32_t h = 0u; h < n; h++) {
+        s_s.hub_edge[h] = (uint16_t)((h > 0u ? 1u << (h - 1u) : 0u) | (h + 1u < n ? 1u << (h + 1u) : 0u));
+        s_s.cand[h].hub = (uint8_t)h;
+    }
+}
+
+static void expect_way(uint32_t from, uint32_t to, const uint16_t *want, uint32_t n)
+{
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_path_plan(&s_s, from, to, s_way, &s_n));
+    TEST_ASSERT_EQUAL_UINT32(n, s_n);
+    for (uint32_t i = 0u; i < n; i++) { TEST_ASSERT_EQUAL_UINT16(want[i], s_way[i]); }
+}
+
+void test_an_edge_is_the_same_both_ways(void)
+{
+    TEST_ASSERT_TRUE(kc_space_edge(&s_s, 2u, 4u));
+    TEST_ASSERT_TRUE(kc_space_edge(&s_s, 4u, 2u));
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 2u, 3u));
+}
+
+void test_there_is_no_edge_to_itself_or_beyond_the_candidates(void)
+{
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 2u, 2u));
+    s_s.edge[sizeof s_s.edge - 1u] = 0xffu;
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 1023u, 1022u));
+}
+
+void test_no_way_is_needed_to_where_the_arm_is(void)
+{
+    expect_way(NODE(3u), NODE(3u), NULL, 0u);
+    expect_way(1u, 1u, NULL, 0u);
+}
+
+void test_a_proven_direct_move_is_taken(void)
+{
+    const uint16_t want[] = {NODE(4u)};
+    expect_way(NODE(2u), NODE(4u), want, 1u);
+}
+
+void test_without_a_direct_move_the_way_leads_over_both_hubs(void)
+{
+    const uint16_t want[] = {0u, 1u, NODE(3u)};
+    expect_way(NODE(2u), NODE(3u), want, 3u); /* 2 hangs on hub 0, 3 on hub 1 */
+}
+
+void test_candidates_of_one_hub_meet_at_it(void)
+{
+    const uint16_t want[] = {0u, NODE(6u)};
+    expect_way(NODE(2u), NODE(6u), want, 2u);
+}
+
+void test_ways_between_hubs_and_candidates(void)
+{
+    const uint16_t to_cand[] = {1u, NODE(3u)}, from_own[] = {NODE(2u)}, to_hub[] = {0u, 1u}, hubs[] = {1u},
+                   own[] = {0u};
+    expect_way(0u, NODE(3u), to_cand, 2u);
+    expect_way(0u, NODE(2u), from_own, 1u);
+    expect_way(NODE(2u), 1u, to_hub, 2u);
+    expect_way(0u, 1u, hubs, 1u);
+    expect_way(NODE(2u), 0u, own, 1u);
+}
+
+void test_the_longest_way_fits(void)
+{
+    given_chain(KC_HUB_MAX);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_path_plan(&s_s, NODE(0u), NODE(15u), s_way, &s_n));
+    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + 1u, s_n);
+    for (uint32_t h = 0u; h < KC_HUB_MAX; h++) { TEST_ASSERT_EQUAL_UINT16(h, s_way[h]); }
+    TEST_ASSERT_EQUAL_UINT16(NODE(15u), s_way[KC_HUB_MAX]);
+}
+
+void test_the_shortest_way_over_hubs_is_taken_lowest_index_first(void)
+{
+    /* a ring 0-1-2-3-0: from 0 to 2 both ways are as long */
+    const uint16_t want[] = {1u, 2u};
+    given_chain(4u);
+    s_s.hub_edge[0] |= 8u;
+    s_s.hub_edge[3] |= 1u;
+    expect_way(0u, 2u, want, 2u);
+}
+
+void test_hubs_that_are_not_connected_give_no_path(void)
+{
+    s_s.hub_edge[0] = 0u;
+    s_s.hub_edge[1] = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, NODE(2u), NODE(3u), s_way, &s_n));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_n);
+}
+
+void test_from_an_unknown_place_there_is_no_path(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, KC_NODE_NONE, NODE(3u), s_way, &s_n));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_n);
+}
+
+void test_to_a_node_that_does_not_exist_there_is_no_path(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, 0u, NODE(9u), s_way, &s_n));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, 0u, 2u, s_way, &s_n));
+}
+
+void test_joints_of_a_node_are_those_of_the_table(void)
+{
+    double q[KC_JOINT_MAX];
+    kc_path_joints(&s_s, 1u, q);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, q[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, q[3]);
+    kc_path_joints(&s_s, NODE(5u), q);
+    TEST_ASSERT_EQUAL_DOUBLE((double)s_s.cand[5].q_seed[6], q[6]);
+}
+
+void test_the_nearest_node_is_found_by_its_largest_joint_difference(void)
+{
+    double q[KC_JOINT_MAX], dist;
+    for (uint32_t c = 0u; c < 9u; c++) {
+        kc_path_joints(&s_s, NODE(c), q);
+        q[2] += 0.01;
+        q[6] -= 0.02;
+        TEST_ASSERT_EQUAL_UINT32(NODE(c), kc_path_nearest(&s_s, q, &dist));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.02, dist);
+    }
+    kc_path_joints(&s_s, 1u, q);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, q, &dist));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, dist);
+}
+
+void test_an_empty_space_has_no_nearest_node(void)
+{
+    double q[KC_JOINT_MAX] = {0.0}, dist;
+    memset(&s_s, 0, sizeof s_s);
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_nearest(&s_s, q, &dist));
+    TEST_ASSERT_TRUE(isinf(dist));
+}
+
+/* ---- validation ---- */
+
+static void expect_valid(const kc_arm_t *arm)
+{
+    int32_t index = -7;
+    double got = -7.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_space_validate(&s_s, arm, &index, &got));
+    TEST_ASSERT_EQUAL_INT32(-7, index);
+}
+
+static void expect_refused(int32_t want_index, double want_got)
+{
+    int32_t index = -7;
+    double got = -7.0;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_space_validate(&s_s, &s_arm, &index, &got));
+    TEST_ASSERT_EQUAL_INT32(want_index, index);
+    if (isnan(want_got)) {
+        TEST_ASSERT_TRUE(isnan(got));
+    } else {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, want_got, got);
+    }
+    setUp();
+}
+
+void test_a_good_space_is_accepted_with_and_without_an_arm(void)
+{
+    expect_valid(&s_arm);
+    expect_valid(NULL);
+    given_space(&s_s, KC_CAND_MAX, 1u);
+    expect_valid(&s_arm);
+    given_space(&s_s, 1u, 1u);
+    expect_valid(&s_arm);
+    given_chain(KC_HUB_MAX);
+    expect_valid(&s_arm);
+}
+
+void test_impossible_counts_are_refused(void)
+{
+    s_s.n_cand = 0u;
+    expect_refused(-1, 0.0);
+    s_s.n_cand = KC_CAND_MAX + 1u;
+    expect_refused(-1, KC_CAND_MAX + 1.0);
+    s_s.n_hub = 0u;
+    expect_refused(-1, 0.0);
+    s_s.n_hub = KC_HUB_MAX + 1u;
+    expect_refused(-1, KC_HUB_MAX + 1.0);
+    s_s.n_joints = 0u;
+    expect_refused(-1, 0.0);
+    s_s.n_joints = KC_JOINT_MAX + 1u;
+    expect_refused(-1, KC_JOINT_MAX + 1.0);
+    s_s.n_prior = KC_PRIOR_MAX + 1u;
+    expect_refused(-1, KC_PRIOR_MAX + 1.0);
+}
+
+void test_another_number_of_joints_than_the_arm_has_is_refused(void)
+{
+    s_s.n_joints = 6u;
+    expect_refused(-1, 6.0);
+}
+
+void test_a_leash_must_be_positive_and_finite(void)
+{
+    s_s.servo_leash = 0.0f;
+    expect_refused(-1, 0.0);
+    s_s.servo_leash = NAN;
+    expect_refused(-1, NAN);
+}
+
+void test_a_prior_that_is_no_candidate_is_refused(void)
+{
+    s_s.prior[1] = 9u;
+    expect_refused(KC_SPACE_INDEX_PRIOR + 1, 9.0);
+}
+
+void test_a_hub_outside_the_joint_limits_is_refused(void)
+{
+    s_s.hub_q[1][1] = 2.1f;
+    expect_refused(KC_SPACE_INDEX_HUB + 1, 2.1);
+    s_s.hub_q[0][3] = -1.0f;
+    expect_refused(KC_SPACE_INDEX_HUB, -1.0);
+}
+
+void test_a_hub_segment_that_goes_one_way_only_is_refused(void)
+{
+    s_s.hub_edge[1] = 0u;
+    expect_refused(KC_SPACE_INDEX_HUB, 2.0);
+}
+
+void test_a_segment_to_a_hub_that_does_not_exist_is_refused(void)
+{
+    s_s.hub_edge[1] = 5u;
+    expect_refused(KC_SPACE_INDEX_HUB + 1, 5.0);
+}
+
+void test_a_candidate_with_nan_is_refused_wherever_it_is(void)
+{
+    s_s.cand[3].p_m[2] = NAN;
+    expect_refused(3, NAN);
+    s_s.cand[3].q_wxyz[1] = NAN;
+    expect_refused(3, NAN);
+    s_s.cand[3].q_seed[6] = NAN;
+    expect_refused(3, NAN);
+    s_s.cand[3].pan_rad = NAN;
+    expect_refused(3, NAN);
+    s_s.cand[3].tilt_rad = NAN;
+    expect_refused(3, NAN);
+}
+
+void test_a_candidate_off_the_unit_norm_is_refused(void)
+{
+    for (uint32_t k = 0u; k < 4u; k++) { s_s.cand[3].q_wxyz[k] *= 1.00001f; }
+    expect_refused(3, 1.00001);
+}
+
+void test_a_seed_outside_the_joint_limits_is_refused(void)
+{
+    s_s.cand[8].q_seed[4] = 1.25f;
+    expect_refused(8, 1.25);
+}
+
+void test_a_candidate_on_a_hub_that_does_not_exist_is_refused(void)
+{
+    s_s.cand[8].hub = 2u;
+    expect_refused(8, 2.0);
+}
+
+void test_an_edge_bit_beyond_the_candidates_is_refused(void)
+{
+    s_s.edge[4] = (uint8_t)(s_s.edge[4] | 0x10u); /* 9 candidates: bits 0..35 */
+    expect_refused(-1, (double)(s_s.edge[4]));
+    s_s.edge[sizeof s_s.edge - 1u] = 1u;
+    expect_refused(-1, 1.0);
+}
+
+void test_a_candidate_that_no_hub_segment_leads_to_is_refused(void)
+{
+    s_s.hub_edge[0] = 0u;
+    s_s.hub_edge[1] = 0u;
+    expect_refused(1, 1.0); /* the first one on hub 1 */
+}
+
+void test_a_hub_nobody_needs_may_stand_alone(void)
+{
+    s_s.n_hub = 3u;
+    expect_valid(&s_arm);
+}

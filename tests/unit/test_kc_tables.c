@@ -1,0 +1,928 @@
+/* kc_tables.c: images, staging, validation, activation. Every refusal: answer, event and state. */
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "unity.h"
+
+static kc_tables_t s_t, s_before;
+static kc_tbl_scratch_t s_scratch, s_table, s_back;
+static kc_events_t s_ev;
+static uint8_t s_image[KC_IMAGE_MAX], s_window[KC_IMAGE_MAX];
+static uint32_t s_n;
+
+static void forget_events(void) { memset(&s_ev, 0, sizeof s_ev); }
+
+void setUp(void);
+void setUp(void)
+{
+    memset(&s_t, 0, sizeof s_t);
+    memset(&s_table, 0, sizeof s_table);
+    s_t.scratch = &s_scratch;
+    forget_events();
+}
+
+/* A good table of the kind in s_table; SPACE for the active arm. */
+static void given_table(uint16_t kind)
+{
+    memset(&s_table, 0, sizeof s_table);
+    switch (kind) {
+    case KC_TBL_ARM: given_arm(&s_table.arm); break;
+    case KC_TBL_CAMERA: given_camera(&s_table.camera); break;
+    case KC_TBL_TERMS: given_terms(&s_table.terms); break;
+    case KC_TBL_KIN: given_kin(&s_table.kin); break;
+    case KC_TBL_SPACE: given_space(&s_table.space, 30u, s_t.active.crc[KC_TBL_ARM] | 1u); break;
+    case KC_TBL_KERNEL: given_kernel(&s_table.kernel); break;
+    default: given_config(&s_table.config); break;
+    }
+    if (kind == KC_TBL_SPACE && s_t.active.crc[KC_TBL_ARM] != 0u) {
+        s_table.space.arm_crc = s_t.active.crc[KC_TBL_ARM];
+    }
+}
+
+static void given_image_of(uint16_t kind)
+{
+    given_table(kind);
+    s_n = given_image(kind, &s_table, s_image);
+}
+
+static kc_status_t stage(uint16_t kind)
+{
+    kc_status_t st = KC_OK;
+    for (uint32_t at = 0u; st == KC_OK && at < s_n; at += KC_CHUNK_BYTES) {
+        uint32_t n = s_n - at < KC_CHUNK_BYTES ? s_n - at : KC_CHUNK_BYTES;
+        st = kc_tbl_chunk(&s_t, kind, s_n, at, &s_image[at], n, &s_ev);
+    }
+    return st;
+}
+
+static uint32_t image_crc(void) { return kc_tbl_image_crc(s_image, s_n); }
+
+static void bring_in(uint16_t kind)
+{
+    s_n = given_image(kind, &s_table, s_image);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(kind));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_validate(&s_t, kind, image_crc(), &s_ev));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_activate(&s_t, kind, image_crc(), &s_ev));
+}
+
+static void given_active(uint16_t kind)
+{
+    given_table(kind);
+    bring_in(kind);
+    forget_events();
+}
+
+static void given_all_active(void)
+{
+    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) { given_active(kind); }
+}
+
+/* A correction that belongs to the active arm and terms. */
+static void given_correction(double value)
+{
+    given_table(KC_TBL_KIN);
+    for (uint32_t i = 0u; i < 28u; i++) {
+        s_table.kin.value[i] = value;
+        s_table.kin.sigma[i] = 1e-3;
+    }
+    s_table.kin.arm_crc = s_t.active.crc[KC_TBL_ARM];
+    s_table.kin.terms_crc = s_t.active.crc[KC_TBL_TERMS];
+    s_table.kin.session = 5u;
+    s_table.kin.n_poses = 20u;
+    s_table.kin.made_us = 123456789012345ull;
+}
+
+static void remember(void) { s_before = s_t; }
+static void expect_active_unchanged(void)
+{
+    TEST_ASSERT_EQUAL_MEMORY(&s_before.active, &s_t.active, sizeof s_t.active);
+}
+
+static void expect_event(uint16_t id, int32_t index, double got, double want)
+{
+    int at = event_at(&s_ev, id);
+    TEST_ASSERT_MESSAGE(at >= 0, kc_event_name(id));
+    TEST_ASSERT_EQUAL_INT32(index, s_ev.e[at].index);
+    TEST_ASSERT_EQUAL_DOUBLE(got, s_ev.e[at].got);
+    TEST_ASSERT_EQUAL_DOUBLE(want, s_ev.e[at].want);
+}
+
+/* ---- images ---- */
+
+void test_an_image_starts_with_magic_kind_version_size_and_crc(void)
+{
+    given_image_of(KC_TBL_CAMERA);
+    TEST_ASSERT_EQUAL_MEMORY("KCT1", s_image, 4);
+    TEST_ASSERT_EQUAL_HEX8(KC_TBL_CAMERA, s_image[4]);
+    TEST_ASSERT_EQUAL_HEX8(0, s_image[5]);
+    TEST_ASSERT_EQUAL_HEX8(KC_TBL_VERSION, s_image[6]);
+    TEST_ASSERT_EQUAL_HEX8((s_n - 16u) & 0xffu, s_image[8]);
+    TEST_ASSERT_EQUAL_HEX8((s_n - 16u) >> 8u, s_image[9]);
+    TEST_ASSERT_EQUAL_HEX32(image_crc(), (uint32_t)s_image[12] | (uint32_t)s_image[13] << 8u |
+                                             (uint32_t)s_image[14] << 16u | (uint32_t)s_image[15] << 24u);
+}
+
+void test_every_kind_reads_back_what_was_written(void)
+{
+    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
+        uint32_t n_again = 0u;
+        given_image_of(kind);
+        memset(&s_back, 0xa5, sizeof s_back);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_decode(kind, s_image, s_n, &s_back, &s_ev));
+        TEST_ASSERT_EQUAL_UINT32(0u, s_ev.n);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_encode(kind, &s_back, 0u, s_window, KC_IMAGE_MAX, &n_again));
+        TEST_ASSERT_EQUAL_UINT32(s_n, n_again);
+        TEST_ASSERT_EQUAL_MEMORY(s_image, s_window, s_n);
+    }
+}
+
+void test_a_read_table_equals_the_written_one_field_by_field(void)
+{
+    given_image_of(KC_TBL_ARM);
+    memset(&s_back, 0xa5, sizeof s_back);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_decode(KC_TBL_ARM, s_image, s_n, &s_back, &s_ev));
+    TEST_ASSERT_EQUAL_STRING("WAM7", s_back.arm.name);
+    TEST_ASSERT_EQUAL_UINT32(7u, s_back.arm.n_joints);
+    TEST_ASSERT_EQUAL_DOUBLE(-4.76, s_back.arm.joint[4].q_min);
+    TEST_ASSERT_EQUAL_DOUBLE(0.55, s_back.arm.joint[2].d_m);
+    TEST_ASSERT_EQUAL_DOUBLE(9.48, s_back.arm.joint[5].gear_ratio);
+    TEST_ASSERT_EQUAL_DOUBLE(-9.81, s_back.arm.gravity_m_s2[2]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_back.arm.joint[7].mass_kg); /* not stored, so zero */
+}
+
+void test_the_size_of_an_image_follows_its_content(void)
+{
+    given_image_of(KC_TBL_KIN);
+    TEST_ASSERT_EQUAL_UINT32(16u + 4u + 28u * 16u + 28u, s_n);
+    s_table.kin.n_coef = 2u;
+    TEST_ASSERT_EQUAL_UINT32(16u + 4u + 2u * 16u + 28u, given_image(KC_TBL_KIN, &s_table, s_image));
+}
+
+void test_the_largest_search_space_fits_an_image(void)
+{
+    given_space(&s_table.space, KC_CAND_MAX, 1u);
+    s_table.space.n_joints = KC_JOINT_MAX;
+    s_table.space.n_hub = KC_HUB_MAX;
+    s_table.space.n_prior = KC_PRIOR_MAX;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_encode(KC_TBL_SPACE, &s_table, 0u, s_image, KC_IMAGE_MAX, &s_n));
+    TEST_ASSERT_LESS_OR_EQUAL(KC_IMAGE_MAX, s_n);
+}
+
+void test_a_dump_in_windows_gives_the_whole_image(void)
+{
+    given_image_of(KC_TBL_SPACE);
+    for (uint32_t at = 0u; at < s_n; at += 100u) {
+        uint32_t n = 0u;
+        kc_status_t st = kc_tbl_encode(KC_TBL_SPACE, &s_table, at, &s_window[at], 100u, &n);
+        TEST_ASSERT_EQUAL_UINT32(s_n, n);
+        TEST_ASSERT_EQUAL_INT(at + 100u < s_n ? KC_ERR_FULL : KC_OK, st);
+    }
+    TEST_ASSERT_EQUAL_MEMORY(s_image, s_window, s_n);
+}
+
+void test_a_window_beyond_the_end_writes_nothing(void)
+{
+    uint32_t n = 0u;
+    given_image_of(KC_TBL_KIN);
+    s_window[0] = 0xeeu;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FULL, kc_tbl_encode(KC_TBL_KIN, &s_table, s_n + 1u, s_window, 10u, &n));
+    TEST_ASSERT_EQUAL_UINT32(s_n, n);
+    TEST_ASSERT_EQUAL_HEX8(0xee, s_window[0]);
+}
+
+void test_sizing_needs_no_buffer(void)
+{
+    uint32_t n = 0u;
+    given_image_of(KC_TBL_KIN);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FULL, kc_tbl_encode(KC_TBL_KIN, &s_table, 0u, NULL, 0u, &n));
+    TEST_ASSERT_EQUAL_UINT32(s_n, n);
+}
+
+void test_encoding_refuses_an_unknown_kind_and_an_impossible_count(void)
+{
+    uint32_t n = 9u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_tbl_encode(KC_TBL_COUNT, &s_table, 0u, s_window, 10u, &n));
+    TEST_ASSERT_EQUAL_UINT32(0u, n);
+    s_table.kin.n_coef = KC_COEF_MAX + 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_tbl_encode(KC_TBL_KIN, &s_table, 0u, s_window, 10u, &n));
+    TEST_ASSERT_EQUAL_UINT32(0u, n);
+}
+
+void test_a_stub_of_an_image_has_no_crc(void)
+{
+    given_image_of(KC_TBL_KIN);
+    TEST_ASSERT_EQUAL_HEX32(0u, kc_tbl_image_crc(s_image, 15u));
+    s_image[0] = 'X';
+    TEST_ASSERT_EQUAL_HEX32(0u, kc_tbl_image_crc(s_image, s_n));
+}
+
+/* ---- staging ---- */
+
+void test_chunks_in_order_complete_the_image(void)
+{
+    given_image_of(KC_TBL_SPACE);
+    TEST_ASSERT_GREATER_THAN(KC_CHUNK_BYTES, s_n);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_SPACE));
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_COMPLETE, s_t.staging.state);
+    TEST_ASSERT_EQUAL_UINT32(s_n, s_t.staging.n);
+    expect_event(KC_EVT_TBL_STAGED, KC_TBL_SPACE, (double)s_n, 0.0);
+    TEST_ASSERT_EQUAL_MEMORY(s_image, s_t.staging.image, s_n);
+}
+
+static void expect_chunk_refused(kc_status_t want, kc_status_t got, uint16_t id)
+{
+    TEST_ASSERT_EQUAL_INT(want, got);
+    TEST_ASSERT_MESSAGE(event_at(&s_ev, id) >= 0, kc_event_name(id));
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, s_t.staging.state);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_t.staging.n);
+    expect_active_unchanged();
+}
+
+/* The first 1024 bytes of a SPACE image of total 3000. */
+static void given_first_chunk(void)
+{
+    given_all_active();
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 3000u, 0u, s_image, 1024u, &s_ev));
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_LOADING, s_t.staging.state);
+}
+
+void test_a_chunk_that_leaves_a_gap_drops_the_image(void)
+{
+    given_first_chunk();
+    expect_chunk_refused(KC_ERR_FORMAT, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 3000u, 1025u, s_image, 100u, &s_ev),
+                         KC_EVT_TBL_CHUNK);
+    expect_event(KC_EVT_TBL_CHUNK, KC_TBL_SPACE, 1025.0, 1024.0);
+}
+
+void test_a_repeated_chunk_drops_the_image(void)
+{
+    given_first_chunk();
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 3000u, 1024u, s_image, 1024u, &s_ev));
+    expect_chunk_refused(KC_ERR_FORMAT, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 3000u, 1024u, s_image, 1024u, &s_ev),
+                         KC_EVT_TBL_CHUNK);
+}
+
+void test_a_chunk_of_another_kind_drops_the_image(void)
+{
+    given_first_chunk();
+    expect_chunk_refused(KC_ERR_FORMAT, kc_tbl_chunk(&s_t, KC_TBL_ARM, 3000u, 1024u, s_image, 100u, &s_ev),
+                         KC_EVT_TBL_CHUNK);
+}
+
+void test_a_chunk_with_another_total_drops_the_image(void)
+{
+    given_first_chunk();
+    expect_chunk_refused(KC_ERR_FORMAT, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 3001u, 1024u, s_image, 100u, &s_ev),
+                         KC_EVT_TBL_CHUNK);
+}
+
+void test_a_chunk_past_the_end_drops_the_image(void)
+{
+    given_first_chunk();
+    expect_chunk_refused(KC_ERR_FORMAT, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 1100u, 1024u, s_image, 77u, &s_ev),
+                         KC_EVT_TBL_CHUNK);
+    given_first_chunk();
+    expect_chunk_refused(KC_ERR_FORMAT,
+                         kc_tbl_chunk(&s_t, KC_TBL_SPACE, 3000u, 0xffffffffu, s_image, 2u, &s_ev),
+                         KC_EVT_TBL_CHUNK);
+}
+
+void test_empty_and_oversized_chunks_are_refused(void)
+{
+    given_first_chunk();
+    expect_chunk_refused(KC_ERR_FORMAT, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 3000u, 1024u, s_image, 0u, &s_ev),
+                         KC_EVT_TBL_CHUNK);
+    given_first_chunk();
+    expect_chunk_refused(KC_ERR_FORMAT, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 3000u, 0u, s_image, 1025u, &s_ev),
+                         KC_EVT_TBL_CHUNK);
+}
+
+void test_a_continuation_without_a_start_is_refused(void)
+{
+    remember();
+    expect_chunk_refused(KC_ERR_FORMAT, kc_tbl_chunk(&s_t, KC_TBL_SPACE, 3000u, 1024u, s_image, 100u, &s_ev),
+                         KC_EVT_TBL_CHUNK);
+}
+
+void test_an_image_larger_than_the_buffer_is_refused_as_full(void)
+{
+    given_first_chunk();
+    expect_chunk_refused(KC_ERR_FULL,
+                         kc_tbl_chunk(&s_t, KC_TBL_SPACE, KC_IMAGE_MAX + 1u, 0u, s_image, 100u, &s_ev),
+                         KC_EVT_TBL_FORMAT);
+    expect_event(KC_EVT_TBL_FORMAT, 3, (double)KC_IMAGE_MAX + 1.0, (double)KC_IMAGE_MAX);
+}
+
+void test_a_chunk_of_an_unknown_kind_is_refused(void)
+{
+    given_first_chunk();
+    expect_chunk_refused(KC_ERR_FORMAT, kc_tbl_chunk(&s_t, 0u, 3000u, 0u, s_image, 100u, &s_ev),
+                         KC_EVT_TBL_FORMAT);
+    expect_event(KC_EVT_TBL_FORMAT, 1, 0.0, 7.0);
+}
+
+void test_a_chunk_at_offset_zero_starts_over(void)
+{
+    given_first_chunk();
+    given_image_of(KC_TBL_KIN);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_KIN));
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_COMPLETE, s_t.staging.state);
+    TEST_ASSERT_EQUAL_UINT16(KC_TBL_KIN, s_t.staging.kind);
+}
+
+void test_discard_empties_the_stage_and_says_so_once(void)
+{
+    given_image_of(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_ARM));
+    remember();
+    kc_tbl_discard(&s_t, &s_ev);
+    expect_event(KC_EVT_TBL_DISCARDED, KC_TBL_ARM, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, s_t.staging.state);
+    expect_active_unchanged();
+    forget_events();
+    kc_tbl_discard(&s_t, &s_ev);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_ev.n);
+}
+
+/* ---- refused images: wrong header, CRC, content ---- */
+
+/* Stage s_image as `kind` and validate it: refused with `want`, and nothing changes. */
+static void expect_image_refused(uint16_t kind, kc_status_t want, uint16_t id)
+{
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(kind));
+    forget_events();
+    TEST_ASSERT_EQUAL_INT(want, kc_tbl_validate(&s_t, kind, image_crc(), &s_ev));
+    TEST_ASSERT_MESSAGE(event_at(&s_ev, id) >= 0, kc_event_name(id));
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_COMPLETE, s_t.staging.state);
+    expect_active_unchanged();
+    /* and it can't be activated */
+    forget_events();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_activate(&s_t, kind, image_crc(), &s_ev));
+    expect_event(KC_EVT_TBL_NOT_READY, (int32_t)kind, 0.0, 0.0);
+    expect_active_unchanged();
+}
+
+void test_wrong_magic_is_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_image_of(KC_TBL_ARM);
+    s_image[3] = '2';
+    expect_image_refused(KC_TBL_ARM, KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
+}
+
+void test_an_image_of_another_kind_is_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_image_of(KC_TBL_CAMERA);
+    expect_image_refused(KC_TBL_ARM, KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_FORMAT, 1, KC_TBL_CAMERA, KC_TBL_ARM);
+}
+
+void test_wrong_version_is_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_image_of(KC_TBL_ARM);
+    s_image[6] = 9u;
+    expect_image_refused(KC_TBL_ARM, KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_FORMAT, 2, 9.0, KC_TBL_VERSION);
+}
+
+void test_wrong_payload_size_is_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_image_of(KC_TBL_ARM);
+    s_image[8]++;
+    expect_image_refused(KC_TBL_ARM, KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
+}
+
+void test_wrong_crc_is_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_image_of(KC_TBL_ARM);
+    s_image[s_n - 1u] ^= 1u;
+    expect_image_refused(KC_TBL_ARM, KC_ERR_CRC, KC_EVT_TBL_CRC);
+}
+
+void test_an_image_shorter_than_its_header_is_refused(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_tbl_decode(KC_TBL_ARM, s_image, 15u, &s_back, &s_ev));
+    expect_event(KC_EVT_TBL_FORMAT, 3, 15.0, 16.0);
+}
+
+void test_decoding_an_unknown_kind_is_refused(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_tbl_decode(KC_TBL_COUNT, s_image, 16u, &s_back, &s_ev));
+    expect_event(KC_EVT_TBL_FORMAT, 1, KC_TBL_COUNT, 7.0);
+}
+
+void test_an_image_with_bytes_too_many_is_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_image_of(KC_TBL_ARM);
+    s_image[s_n++] = 0u;
+    given_resealed(s_image, s_n);
+    expect_image_refused(KC_TBL_ARM, KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_FORMAT, 3, (double)s_n - 16.0, (double)s_n - 17.0);
+}
+
+void test_an_image_cut_short_is_refused_at_every_length(void)
+{
+    given_active(KC_TBL_ARM);
+    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
+        uint32_t whole, step;
+        given_image_of(kind);
+        whole = s_n;
+        step = 1u + whole / 97u;
+        for (uint32_t n = KC_TBL_HDR_BYTES; n < whole; n += step) {
+            kc_status_t st;
+            forget_events();
+            given_resealed(s_image, n);
+            st = kc_tbl_decode(kind, s_image, n, &s_back, &s_ev);
+            TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, st);
+            TEST_ASSERT_EQUAL_UINT16(KC_EVT_TBL_FORMAT, s_ev.e[0].id);
+            given_image_of(kind);
+        }
+    }
+}
+
+void test_any_single_flipped_bit_is_refused(void)
+{
+    given_image_of(KC_TBL_KIN);
+    for (uint32_t bit = 0u; bit < 8u * s_n; bit++) {
+        s_image[bit / 8u] ^= (uint8_t)(1u << (bit % 8u));
+        forget_events();
+        TEST_ASSERT_NOT_EQUAL(KC_OK, kc_tbl_decode(KC_TBL_KIN, s_image, s_n, &s_back, &s_ev));
+        TEST_ASSERT_EQUAL_UINT32(1u, s_ev.n);
+        s_image[bit / 8u] ^= (uint8_t)(1u << (bit % 8u));
+    }
+}
+
+void test_the_first_bad_value_is_named_and_all_are_counted(void)
+{
+    given_active(KC_TBL_ARM);
+    given_table(KC_TBL_ARM);
+    s_table.arm.joint[2].a_m = NAN;
+    s_table.arm.joint[4].d_m = 99.0;
+    s_table.arm.tool_quat_wxyz[0] = 1.1;
+    s_n = given_image(KC_TBL_ARM, &s_table, s_image);
+    expect_image_refused(KC_TBL_ARM, KC_ERR_RANGE, KC_EVT_TBL_NOT_FINITE);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_ev.n);
+    TEST_ASSERT_EQUAL_INT32(2, s_ev.e[0].index);
+    TEST_ASSERT_TRUE(isnan(s_ev.e[0].got));
+    TEST_ASSERT_EQUAL_DOUBLE(7.0, s_ev.e[0].want);
+    expect_event(KC_EVT_TBL_BAD_TOTAL, KC_TBL_ARM, 3.0, 0.0);
+}
+
+void test_a_quaternion_off_unit_norm_is_refused(void)
+{
+    given_active(KC_TBL_CAMERA);
+    given_table(KC_TBL_CAMERA);
+    s_table.camera.tag[1].quat_wxyz[0] *= 1.001;
+    s_table.camera.tag[1].quat_wxyz[2] *= 1.001;
+    s_n = given_image(KC_TBL_CAMERA, &s_table, s_image);
+    expect_image_refused(KC_TBL_CAMERA, KC_ERR_RANGE, KC_EVT_TBL_NOT_UNIT);
+}
+
+void test_an_impossible_count_is_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_image_of(KC_TBL_ARM);
+    s_image[KC_TBL_HDR_BYTES + KC_NAME_LEN] = 9u;
+    given_resealed(s_image, s_n);
+    expect_image_refused(KC_TBL_ARM, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+}
+
+/* ---- validation and activation ---- */
+
+void test_a_good_image_is_validated_and_activated(void)
+{
+    given_image_of(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_ARM));
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev));
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_VALID, s_t.staging.state);
+    expect_active_unchanged();
+    forget_events();
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_activate(&s_t, KC_TBL_ARM, image_crc(), &s_ev));
+    expect_event(KC_EVT_TBL_ACTIVATED, KC_TBL_ARM, (double)image_crc(), 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, s_t.staging.state);
+    TEST_ASSERT_EQUAL_HEX32(image_crc(), s_t.active.crc[KC_TBL_ARM]);
+    TEST_ASSERT_EQUAL_MEMORY(&s_table.arm, &s_t.active.arm, sizeof s_table.arm);
+}
+
+void test_every_kind_can_become_active(void)
+{
+    given_all_active();
+    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
+        TEST_ASSERT_NOT_EQUAL(0u, s_t.active.crc[kind]);
+        TEST_ASSERT_NOT_NULL(kc_tbl_active_ptr(&s_t.active, kind));
+    }
+    TEST_ASSERT_NULL(kc_tbl_active_ptr(&s_t.active, KC_TBL_COUNT));
+}
+
+void test_activation_survives_a_scratch_overwritten_in_between(void)
+{
+    given_image_of(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_ARM));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev));
+    memset(&s_scratch, 0x5a, sizeof s_scratch); /* a calibration used the memory */
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_activate(&s_t, KC_TBL_ARM, image_crc(), &s_ev));
+    TEST_ASSERT_EQUAL_MEMORY(&s_table.arm, &s_t.active.arm, sizeof s_table.arm);
+}
+
+void test_activation_without_validation_is_refused(void)
+{
+    given_image_of(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_ARM));
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_activate(&s_t, KC_TBL_ARM, image_crc(), &s_ev));
+    expect_event(KC_EVT_TBL_NOT_READY, KC_TBL_ARM, 0.0, 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_COMPLETE, s_t.staging.state);
+    expect_active_unchanged();
+}
+
+void test_validation_of_nothing_is_refused(void)
+{
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_validate(&s_t, KC_TBL_ARM, 1u, &s_ev));
+    expect_event(KC_EVT_TBL_NOT_READY, KC_TBL_ARM, 0.0, 0.0);
+    expect_active_unchanged();
+}
+
+void test_validation_naming_another_kind_is_refused(void)
+{
+    given_image_of(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_ARM));
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_validate(&s_t, KC_TBL_CAMERA, image_crc(), &s_ev));
+    expect_event(KC_EVT_TBL_NOT_READY, KC_TBL_CAMERA, 0.0, 0.0);
+    expect_active_unchanged();
+}
+
+void test_commands_naming_another_crc_are_refused(void)
+{
+    given_image_of(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_ARM));
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc() + 1u, &s_ev));
+    expect_event(KC_EVT_CMD_CRC, KC_TBL_ARM, (double)image_crc() + 1.0, (double)image_crc());
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_COMPLETE, s_t.staging.state);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev));
+    forget_events();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_tbl_activate(&s_t, KC_TBL_ARM, image_crc() + 1u, &s_ev));
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_VALID, s_t.staging.state);
+    expect_active_unchanged();
+}
+
+/* ---- dependencies ---- */
+
+void test_terms_without_an_arm_are_refused(void)
+{
+    given_image_of(KC_TBL_TERMS);
+    expect_image_refused(KC_TBL_TERMS, KC_ERR_STATE, KC_EVT_TBL_MISSING);
+}
+
+void test_terms_of_a_joint_the_arm_does_not_have_are_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.term[27].frame = 8u;
+    s_n = given_image(KC_TBL_TERMS, &s_table, s_image);
+    expect_image_refused(KC_TBL_TERMS, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_TERMS, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_RANGE, 1027, 8.0, 0.0);
+    expect_event(KC_EVT_TBL_BAD_TOTAL, KC_TBL_TERMS, 1.0, 0.0);
+}
+
+void test_a_space_of_another_arm_is_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_table(KC_TBL_SPACE);
+    s_table.space.arm_crc ^= 1u;
+    s_n = given_image(KC_TBL_SPACE, &s_table, s_image);
+    expect_image_refused(KC_TBL_SPACE, KC_ERR_STATE, KC_EVT_TBL_DEPENDS);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_SPACE, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_DEPENDS, KC_TBL_SPACE, (double)s_table.space.arm_crc,
+                 (double)s_t.active.crc[KC_TBL_ARM]);
+}
+
+void test_a_space_without_an_arm_is_refused(void)
+{
+    given_image_of(KC_TBL_SPACE);
+    expect_image_refused(KC_TBL_SPACE, KC_ERR_STATE, KC_EVT_TBL_MISSING);
+}
+
+void test_a_space_with_a_seed_outside_the_limits_is_refused(void)
+{
+    given_active(KC_TBL_ARM);
+    given_table(KC_TBL_SPACE);
+    s_table.space.cand[4].q_seed[1] = 2.5f;
+    s_n = given_image(KC_TBL_SPACE, &s_table, s_image);
+    expect_image_refused(KC_TBL_SPACE, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_SPACE, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_RANGE, 4, 2.5, 0.0);
+}
+
+void test_a_correction_needs_arm_and_terms(void)
+{
+    given_image_of(KC_TBL_KIN);
+    expect_image_refused(KC_TBL_KIN, KC_ERR_STATE, KC_EVT_TBL_MISSING);
+    given_active(KC_TBL_ARM);
+    given_image_of(KC_TBL_KIN);
+    expect_image_refused(KC_TBL_KIN, KC_ERR_STATE, KC_EVT_TBL_MISSING);
+}
+
+void test_a_correction_with_another_number_of_coefficients_is_refused(void)
+{
+    given_all_active();
+    given_table(KC_TBL_KIN);
+    s_table.kin.n_coef = 27u;
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    expect_image_refused(KC_TBL_KIN, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+}
+
+void test_a_correction_of_another_arm_or_of_other_terms_is_refused(void)
+{
+    given_all_active();
+    given_correction(0.01);
+    s_table.kin.arm_crc ^= 4u;
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    expect_image_refused(KC_TBL_KIN, KC_ERR_STATE, KC_EVT_TBL_DEPENDS);
+    given_correction(0.01);
+    s_table.kin.terms_crc ^= 4u;
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    expect_image_refused(KC_TBL_KIN, KC_ERR_STATE, KC_EVT_TBL_DEPENDS);
+}
+
+void test_a_correction_outside_its_bounds_is_refused(void)
+{
+    given_all_active();
+    given_correction(0.01);
+    s_table.kin.value[2] = 0.31;  /* J1.a_m, bound 0.3 */
+    s_table.kin.value[5] = -1.51; /* J2.alpha_rad, bound 1.5 */
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    expect_image_refused(KC_TBL_KIN, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_KIN, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_RANGE, 2, 0.31, 2.0);
+    expect_event(KC_EVT_TBL_BAD_TOTAL, KC_TBL_KIN, 2.0, 0.0);
+}
+
+void test_a_nominal_table_with_values_is_refused(void)
+{
+    given_all_active();
+    given_table(KC_TBL_KIN);
+    s_table.kin.value[3] = 1e-9;
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    expect_image_refused(KC_TBL_KIN, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+}
+
+void test_a_correction_naming_only_one_table_is_refused(void)
+{
+    given_all_active();
+    given_correction(0.0);
+    s_table.kin.terms_crc = 0u;
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    expect_image_refused(KC_TBL_KIN, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_KIN, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_RANGE, -1, 0.0, 5.0);
+}
+
+void test_a_dependency_lost_after_validation_stops_activation(void)
+{
+    given_all_active();
+    given_correction(0.01);
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_KIN));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_validate(&s_t, KC_TBL_KIN, image_crc(), &s_ev));
+    s_t.active.crc[KC_TBL_ARM] ^= 1u; /* as if another arm had been loaded meanwhile */
+    remember();
+    forget_events();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_activate(&s_t, KC_TBL_KIN, image_crc(), &s_ev));
+    TEST_ASSERT_TRUE(event_at(&s_ev, KC_EVT_TBL_DEPENDS) >= 0);
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_COMPLETE, s_t.staging.state);
+    expect_active_unchanged();
+}
+
+void test_terms_bring_a_nominal_correction_with_a_crc(void)
+{
+    given_active(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.crc[KC_TBL_KIN]);
+    given_active(KC_TBL_TERMS);
+    given_image_of(KC_TBL_KIN);
+    TEST_ASSERT_EQUAL_HEX32(image_crc(), s_t.active.crc[KC_TBL_KIN]);
+    TEST_ASSERT_EQUAL_MEMORY(&s_table.kin, &s_t.active.kin, sizeof s_table.kin);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.kin_prev_crc);
+}
+
+/* ---- what another arm drags along ---- */
+
+static void given_another_arm(uint32_t n_joints)
+{
+    given_table(KC_TBL_ARM);
+    s_table.arm.n_joints = n_joints;
+    s_table.arm.joint[0].d_m = 0.001;
+}
+
+void test_another_arm_drops_space_and_correction(void)
+{
+    uint32_t old_arm, new_arm;
+    given_all_active();
+    given_correction(0.01);
+    bring_in(KC_TBL_KIN);
+    old_arm = s_t.active.crc[KC_TBL_ARM];
+    forget_events();
+    given_another_arm(7u);
+    bring_in(KC_TBL_ARM);
+    new_arm = s_t.active.crc[KC_TBL_ARM];
+    TEST_ASSERT_NOT_EQUAL(old_arm, new_arm);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.crc[KC_TBL_SPACE]);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_t.active.space.n_cand);
+    TEST_ASSERT_EQUAL_UINT32(28u, s_t.active.kin.n_coef); /* nominal */
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_t.active.kin.value[0]);
+    TEST_ASSERT_NOT_EQUAL(0u, s_t.active.crc[KC_TBL_KIN]);
+    TEST_ASSERT_NOT_EQUAL(0u, s_t.active.crc[KC_TBL_TERMS]); /* seven joints: they still fit */
+    TEST_ASSERT_EQUAL_UINT32(4u, s_ev.n); /* staged, activated, and the two dropped */
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_TBL_DROPPED, s_ev.e[2].id);
+    TEST_ASSERT_EQUAL_INT32(KC_TBL_SPACE, s_ev.e[2].index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)old_arm, s_ev.e[2].got);
+    TEST_ASSERT_EQUAL_DOUBLE((double)new_arm, s_ev.e[2].want);
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_TBL_DROPPED, s_ev.e[3].id);
+    TEST_ASSERT_EQUAL_INT32(KC_TBL_KIN, s_ev.e[3].index);
+}
+
+void test_the_same_arm_again_drops_nothing(void)
+{
+    given_all_active();
+    remember();
+    given_table(KC_TBL_ARM);
+    bring_in(KC_TBL_ARM);
+    expect_active_unchanged();
+    TEST_ASSERT_TRUE(event_at(&s_ev, KC_EVT_TBL_DROPPED) < 0);
+}
+
+void test_an_arm_with_fewer_joints_drops_the_terms_too(void)
+{
+    given_all_active();
+    given_another_arm(6u);
+    bring_in(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.crc[KC_TBL_TERMS]);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.crc[KC_TBL_SPACE]);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.crc[KC_TBL_KIN]);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_t.active.kin.n_coef);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_t.active.terms.n_coef);
+}
+
+void test_other_terms_drop_the_correction_and_its_previous_one(void)
+{
+    given_all_active();
+    given_correction(0.01);
+    bring_in(KC_TBL_KIN);
+    given_correction(0.02);
+    bring_in(KC_TBL_KIN);
+    TEST_ASSERT_NOT_EQUAL(0u, s_t.active.kin_prev_crc);
+    forget_events();
+    remember();
+    given_table(KC_TBL_TERMS);
+    s_table.terms.coef[0].ub = 1.4;
+    bring_in(KC_TBL_TERMS);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_t.active.kin.value[0]);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.kin.arm_crc);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.kin_prev_crc);
+    expect_event(KC_EVT_TBL_DROPPED, KC_TBL_KIN, (double)s_before.active.crc[KC_TBL_TERMS],
+                 (double)s_t.active.crc[KC_TBL_TERMS]);
+}
+
+void test_terms_with_fewer_coefficients_replace_the_nominal_table_quietly(void)
+{
+    given_all_active();
+    given_table(KC_TBL_TERMS);
+    s_table.terms.n_coef = 4u;
+    s_table.terms.n_term = 4u;
+    bring_in(KC_TBL_TERMS);
+    TEST_ASSERT_EQUAL_UINT32(4u, s_t.active.kin.n_coef);
+    TEST_ASSERT_TRUE(event_at(&s_ev, KC_EVT_TBL_DROPPED) < 0);
+}
+
+/* ---- the correction in force, and the one before ---- */
+
+void test_a_new_correction_keeps_the_one_before(void)
+{
+    uint32_t nominal;
+    given_all_active();
+    nominal = s_t.active.crc[KC_TBL_KIN];
+    given_correction(0.01);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_set_kin(&s_t, &s_table.kin, &s_ev));
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    TEST_ASSERT_EQUAL_HEX32(image_crc(), s_t.active.crc[KC_TBL_KIN]);
+    TEST_ASSERT_EQUAL_HEX32(nominal, s_t.active.kin_prev_crc);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, s_t.active.kin.value[7]);
+    expect_event(KC_EVT_TBL_ACTIVATED, KC_TBL_KIN, (double)image_crc(), 0.0);
+}
+
+void test_a_correction_that_does_not_fit_is_not_set(void)
+{
+    given_all_active();
+    remember();
+    given_correction(2.0);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_tbl_set_kin(&s_t, &s_table.kin, &s_ev));
+    TEST_ASSERT_TRUE(event_at(&s_ev, KC_EVT_TBL_RANGE) >= 0);
+    expect_active_unchanged();
+}
+
+void test_rollback_brings_the_one_before_back_once(void)
+{
+    uint32_t first;
+    given_all_active();
+    given_correction(0.01);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_set_kin(&s_t, &s_table.kin, &s_ev));
+    first = s_t.active.crc[KC_TBL_KIN];
+    given_correction(0.02);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_set_kin(&s_t, &s_table.kin, &s_ev));
+    forget_events();
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_rollback(&s_t, &s_ev));
+    expect_event(KC_EVT_COR_ROLLBACK, -1, (double)first, 0.0);
+    TEST_ASSERT_EQUAL_HEX32(first, s_t.active.crc[KC_TBL_KIN]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, s_t.active.kin.value[0]);
+    remember();
+    forget_events();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_rollback(&s_t, &s_ev));
+    expect_event(KC_EVT_COR_NO_PREVIOUS, -1, 0.0, 0.0);
+    expect_active_unchanged();
+}
+
+/* ---- boot ---- */
+
+void test_stored_images_load_in_order_of_kinds(void)
+{
+    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
+        given_image_of(kind);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_load(&s_t, kind, s_image, s_n, &s_ev));
+        TEST_ASSERT_EQUAL_HEX32(image_crc(), s_t.active.crc[kind]);
+    }
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.kin_prev_crc);
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, s_t.staging.state);
+}
+
+void test_a_damaged_stored_image_changes_nothing(void)
+{
+    given_all_active();
+    given_image_of(KC_TBL_CONFIG);
+    s_image[40] ^= 0x10u;
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_tbl_load(&s_t, KC_TBL_CONFIG, s_image, s_n, &s_ev));
+    TEST_ASSERT_TRUE(event_at(&s_ev, KC_EVT_TBL_CRC) >= 0);
+    expect_active_unchanged();
+}
+
+void test_a_stored_correction_of_another_arm_is_not_loaded(void)
+{
+    given_all_active();
+    given_correction(0.01);
+    s_table.kin.arm_crc ^= 1u;
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_load(&s_t, KC_TBL_KIN, s_image, s_n, &s_ev));
+    TEST_ASSERT_TRUE(event_at(&s_ev, KC_EVT_TBL_DEPENDS) >= 0);
+    expect_active_unchanged();
+}
+
+void test_the_previous_correction_is_loaded_for_rollback(void)
+{
+    given_all_active();
+    given_correction(0.03);
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_load_prev(&s_t, s_image, s_n, &s_ev));
+    TEST_ASSERT_EQUAL_HEX32(image_crc(), s_t.active.kin_prev_crc);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_rollback(&s_t, &s_ev));
+    TEST_ASSERT_EQUAL_DOUBLE(0.03, s_t.active.kin.value[0]);
+}
+
+void test_a_previous_correction_that_does_not_fit_is_refused(void)
+{
+    given_all_active();
+    given_correction(0.03);
+    s_table.kin.terms_crc ^= 1u;
+    s_n = given_image(KC_TBL_KIN, &s_table, s_image);
+    remember();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_load_prev(&s_t, s_image, s_n, &s_ev));
+    expect_active_unchanged();
+    s_image[20] ^= 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_tbl_load_prev(&s_t, s_image, s_n, &s_ev));
+    expect_active_unchanged();
+}
