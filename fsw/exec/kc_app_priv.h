@@ -115,10 +115,8 @@ struct kc_app {
         kc_tbl_scratch_t scratch;       /* otherwise                                         */
     } big;
     kc_est_t est;
-    kc_acq_work_t acq;
     kc_eval_t eval;
     kc_point_t cand_pt[KC_CAND_MAX];
-    float cand_q[KC_CAND_MAX * KC_JOINT_MAX];
     double y[KC_MEAS_MAX], dp_m[KC_MEAS_MAX], dr_rad[KC_MEAS_MAX];
 
     kc_state_t state, told_state;
@@ -136,7 +134,7 @@ struct kc_app {
     kc_look_t look;
     kc_frames_t frames;
 
-    kc_proposal_t proposal;
+    kc_kin_t proposal_kin;
     uint8_t proposal_image[KC_KIN_IMAGE_MAX];
     uint32_t proposal_n, proposal_crc;  /* 0 = none waits                                    */
     uint8_t kin_image[KC_KIN_IMAGE_MAX], prev_image[KC_KIN_IMAGE_MAX];
@@ -159,7 +157,7 @@ struct kc_app {
     uint32_t n_meas, n_rejected, n_cmd_ok, n_cmd_refused, n_events, n_dropped, n_rx_errors;
     int32_t last_event_id;
 };
-_Static_assert(sizeof(struct kc_app) <= 980u * 1024u, "memory budget of the component");
+_Static_assert(sizeof(struct kc_app) <= 880u * 1024u, "memory budget of the component");
 
 /* kc_app.c */
 void kc_app_enter(kc_app_t *app, kc_state_t state);

@@ -24,6 +24,11 @@ static kc_status_t bad_arg(kc_app_t *app, kc_out_t *out, int32_t index, double g
     return kc_cmd_refuse(app, out, KC_EVT_CMD_ARG, index, got, most, KC_ERR_ARG);
 }
 
+static kc_status_t busy(kc_app_t *app, kc_out_t *out)
+{
+    return kc_cmd_refuse(app, out, KC_EVT_TBL_BUSY, -1, (double)app->state, 0.0, KC_ERR_STATE);
+}
+
 /* ---- START ---- */
 
 static kc_status_t start_tables(kc_app_t *app, kc_out_t *out)
@@ -61,6 +66,7 @@ static kc_status_t start(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
 {
     const kc_active_t *a = &app->tables.active;
     if (!tables_free(app)) { return not_now(app, out, c); }
+    if (out->n_store > 0u) { return busy(app, out); } /* an image still on its way to the store */
     kc_status_t st = start_tables(app, out);
     if (st == KC_OK) { st = start_alive(app, out); }
     if (st != KC_OK) { return st; }
@@ -79,11 +85,6 @@ static kc_status_t start(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
 }
 
 /* ---- tables ---- */
-
-static kc_status_t busy(kc_app_t *app, kc_out_t *out)
-{
-    return kc_cmd_refuse(app, out, KC_EVT_TBL_BUSY, -1, (double)app->state, 0.0, KC_ERR_STATE);
-}
 
 static kc_status_t validate(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
 {

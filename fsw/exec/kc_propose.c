@@ -104,10 +104,8 @@ static void fill_numbers(kc_app_t *app, kc_proposal_t *p)
     p->crc_kin_before = app->tables.active.crc[KC_TBL_KIN];
 }
 
-static void make(kc_app_t *app)
+static void make(kc_app_t *app, kc_proposal_t *p)
 {
-    kc_proposal_t *p = &app->proposal;
-    memset(p, 0, sizeof *p);
     fill_kin(app, &p->kin);
     fill_numbers(app, p);
     fill_cov(app, p);
@@ -118,6 +116,7 @@ static void make(kc_app_t *app)
     }
     (void)kc_tbl_encode(KC_TBL_KIN, &p->kin, 0u, app->proposal_image, KC_KIN_IMAGE_MAX, &app->proposal_n);
     p->crc = kc_tbl_image_crc(app->proposal_image, app->proposal_n);
+    app->proposal_kin = p->kin;
 }
 
 /* What the data could not tell, by coefficient. */
@@ -126,9 +125,9 @@ static void report_held(kc_app_t *app, kc_out_t *out)
     const kc_est_t *e = &app->est;
     if (e->rank == e->n_free) { return; }
     kc_event(&out->events, KC_EVT_CAL_RANK, -1, (double)e->rank, (double)e->n_free);
-    for (uint32_t c = 0u; c < app->proposal.kin.n_coef; c++) {
+    for (uint32_t c = 0u; c < app->proposal_kin.n_coef; c++) {
         if (e->status[c] != (uint8_t)KC_COEF_HELD) { continue; }
-        kc_event(&out->events, KC_EVT_CAL_HELD, (int32_t)c, app->proposal.kin.value[c], 0.0);
+        kc_event(&out->events, KC_EVT_CAL_HELD, (int32_t)c, app->proposal_kin.value[c], 0.0);
     }
 }
 
@@ -148,8 +147,8 @@ static double change_m(kc_app_t *app)
         kc_model_loads(&a->arm, &a->terms, a->kin.value, &ctx, &loads);
         kc_model_eval(&a->arm, &a->terms, a->kin.value, &ctx, &loads, 0, &app->eval);
         kc_v3_copy(app->eval.T.p_m, p);
-        kc_model_loads(&a->arm, &a->terms, app->proposal.kin.value, &ctx, &loads);
-        kc_model_eval(&a->arm, &a->terms, app->proposal.kin.value, &ctx, &loads, 0, &app->eval);
+        kc_model_loads(&a->arm, &a->terms, app->proposal_kin.value, &ctx, &loads);
+        kc_model_eval(&a->arm, &a->terms, app->proposal_kin.value, &ctx, &loads, 0, &app->eval);
         kc_v3_sub(app->eval.T.p_m, p, p);
         sum += kc_v3_dot(p, p);
     }
@@ -166,10 +165,9 @@ static int bounds_active(const kc_proposal_t *p)
 }
 
 /* Small, well determined, nothing odd about it: the table may allow to take it without the ground. */
-static int acceptable(kc_app_t *app)
+static int acceptable(kc_app_t *app, const kc_proposal_t *p)
 {
     const kc_config_t *c = &app->tables.active.config;
-    const kc_proposal_t *p = &app->proposal;
     return c->accept_on_board && p->rank == p->n_free && !bounds_active(p) && p->p_fit >= c->accept_p_fit_min &&
            p->pred_pos_m <= c->accept_sigma_max_pos_m && change_m(app) <= c->accept_change_max_pos_m;
 }
@@ -186,7 +184,7 @@ static void forget(kc_app_t *app, kc_out_t *out)
  * between any two of the writes leaves something consistent. */
 static kc_status_t activate(kc_app_t *app, kc_out_t *out)
 {
-    kc_status_t st = kc_tbl_set_kin(&app->tables, &app->proposal.kin, &out->events);
+    kc_status_t st = kc_tbl_set_kin(&app->tables, &app->proposal_kin, &out->events);
     if (st != KC_OK) { return st; }
     kc_journal_kin(app, out);
     forget(app, out);
@@ -197,27 +195,28 @@ static kc_status_t activate(kc_app_t *app, kc_out_t *out)
 
 static void review(kc_app_t *app, kc_out_t *out)
 {
-    app->proposal_crc = app->proposal.crc;
+    const kc_proposal_t *p = &out->proposal;
+    app->proposal_crc = p->crc;
     kc_journal_store(out, KC_STORE_PROPOSAL, app->proposal_image, app->proposal_n);
-    kc_event(&out->events, KC_EVT_COR_PROPOSED, -1, (double)app->proposal.crc, (double)app->proposal.n_poses);
+    kc_event(&out->events, KC_EVT_COR_PROPOSED, -1, (double)p->crc, (double)p->n_poses);
     kc_app_enter(app, KC_ST_REVIEW);
 }
 
 int kc_propose_run(kc_app_t *app, kc_out_t *out)
 {
-    make(app);
+    kc_proposal_t *p = &out->proposal;
+    make(app, p);
     report_held(app, out);
     out->has_proposal = 1u;
-    out->proposal = app->proposal;
-    if (app->proposal.verdict == KC_VERDICT_NO_CHANGE) {
-        kc_event(&out->events, KC_EVT_COR_NO_CHANGE, -1, app->proposal.p_no_change, 0.0);
+    if (p->verdict == KC_VERDICT_NO_CHANGE) {
+        kc_event(&out->events, KC_EVT_COR_NO_CHANGE, -1, p->p_no_change, 0.0);
         kc_app_enter(app, KC_ST_IDLE);
         return 0;
     }
-    if (app->proposal.verdict == KC_VERDICT_POOR) {
-        kc_event(&out->events, KC_EVT_CAL_POOR, -1, app->proposal.p_fit, app->proposal.noise_scale);
-    } else if (acceptable(app) && activate(app, out) == KC_OK) {
-        kc_event(&out->events, KC_EVT_COR_ON_BOARD, -1, (double)app->proposal.crc, 0.0);
+    if (p->verdict == KC_VERDICT_POOR) {
+        kc_event(&out->events, KC_EVT_CAL_POOR, -1, p->p_fit, p->noise_scale);
+    } else if (acceptable(app, p) && activate(app, out) == KC_OK) {
+        kc_event(&out->events, KC_EVT_COR_ON_BOARD, -1, (double)p->crc, 0.0);
         return 0;
     }
     review(app, out);
@@ -285,7 +284,7 @@ kc_status_t kc_propose_rollback(kc_app_t *app, kc_out_t *out, uint32_t crc)
 kc_status_t kc_propose_load(kc_app_t *app, const uint8_t *image, uint32_t n)
 {
     kc_events_t *ev = &app->boot_events;
-    kc_kin_t *k = &app->proposal.kin;
+    kc_kin_t *k = &app->proposal_kin;
     uint32_t active = app->tables.active.crc[KC_TBL_KIN];
     if (app->proposal_crc != 0u || kc_tbl_image_crc(image, n) == active) { return KC_ERR_STATE; }
     kc_status_t st = n <= KC_KIN_IMAGE_MAX ? kc_tbl_decode(KC_TBL_KIN, image, n, k, ev) : KC_ERR_FORMAT;
@@ -298,6 +297,5 @@ kc_status_t kc_propose_load(kc_app_t *app, const uint8_t *image, uint32_t n)
     memcpy(app->proposal_image, image, n);
     app->proposal_n = n;
     app->proposal_crc = kc_tbl_image_crc(image, n);
-    app->proposal.crc = app->proposal_crc;
     return KC_OK;
 }

@@ -8,6 +8,7 @@
 
 #include <stdint.h>
 
+#include "kc_acquire.h"
 #include "kc_arm.h"
 #include "kc_camera.h"
 #include "kc_config.h"
@@ -56,11 +57,21 @@ typedef struct {
 
 typedef enum { KC_STAGE_NONE = 0, KC_STAGE_LOADING = 1, KC_STAGE_COMPLETE = 2, KC_STAGE_VALID = 3 } kc_stage_t;
 
+/* What choosing the next pose needs; lies over the staged image, since nothing is staged while a
+ * calibration runs. */
+typedef struct {
+    kc_acq_work_t acq;
+    float cand_q[KC_CAND_MAX * KC_JOINT_MAX]; /* seed joints of the candidates */
+} kc_choice_work_t;
+
 typedef struct {
     kc_stage_t state;
     uint16_t kind;
     uint32_t n, total;
-    uint8_t image[KC_IMAGE_MAX];
+    union {
+        uint8_t image[KC_IMAGE_MAX];
+        kc_choice_work_t choice; /* the owner's, while nothing is staged */
+    };
 } kc_staging_t;
 
 /* A staged image decoded, before it may become active. */

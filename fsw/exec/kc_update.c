@@ -18,7 +18,7 @@ static void take_candidates(kc_app_t *app)
         kc_move_goal(app, c, &T);
         kc_v3_copy(T.p_m, app->cand_pt[c].p_m);
         kc_R_to_quat(T.R, app->cand_pt[c].q_wxyz);
-        memcpy(&app->cand_q[c * KC_JOINT_MAX], s->cand[c].q_seed, sizeof s->cand[c].q_seed);
+        memcpy(&app->tables.staging.choice.cand_q[c * KC_JOINT_MAX], s->cand[c].q_seed, sizeof s->cand[c].q_seed);
         app->cal.usable[c] = 1u;
     }
 }
@@ -32,6 +32,7 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     if (kc_move_node(app, &dist) == KC_NODE_NONE) {
         return kc_cmd_refuse(app, out, KC_EVT_CAL_NO_PATH, -1, dist, (double)a->space.servo_leash, KC_ERR_PATH);
     }
+    kc_tbl_discard(&app->tables, &out->events);
     memset(c, 0, sizeof *c);
     c->session = ++app->session;
     c->acq = acq;
@@ -163,7 +164,7 @@ static void learn(kc_app_t *app, kc_out_t *out)
 void kc_update_ctx(const kc_app_t *app, uint32_t cand, kc_ctx_t *ctx)
 {
     memset(ctx, 0, sizeof *ctx);
-    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { ctx->q[j] = (double)app->cand_q[cand * KC_JOINT_MAX + j]; }
+    kc_path_joints(&app->tables.active.space, KC_HUB_MAX + cand, ctx->q);
     kc_v3_copy(app->arm.g_m_s2, ctx->g_m_s2);
     ctx->temp_c = app->arm.temp_c;
     ctx->payload_kg = app->arm.payload_kg;
@@ -302,8 +303,9 @@ static kc_status_t acquire(kc_app_t *app, uint32_t *cand)
     } else if ((c->acq == KC_ACQ_DOPT || c->acq == KC_ACQ_VOPT) && c->n_meas > 0u && solved(c->est_status)) {
         double cov[36];
         expected_cov(app, cov);
-        st = kc_acq_info(c->acq, &app->est, app->cand_q, a->space.n_cand, c->usable, cov, a->config.vopt_len_m,
-                         &app->acq, cand, &c->acq_value);
+        kc_choice_work_t *w = &app->tables.staging.choice;
+        st = kc_acq_info(c->acq, &app->est, w->cand_q, a->space.n_cand, c->usable, cov, a->config.vopt_len_m,
+                         &w->acq, cand, &c->acq_value);
     }
     c->chosen_by = (int32_t)c->acq;
     if (st == KC_OK) { return st; }
