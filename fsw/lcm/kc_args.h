@@ -1,0 +1,18 @@
+/* Command line of the flight process. */
+#ifndef KC_ARGS_H
+#define KC_ARGS_H
+
+#define KC_VERSION "0.1.0"
+#define KC_URL_DEFAULT "udpm://239.255.76.67:7667?ttl=0"
+
+typedef enum { KC_ARGS_RUN = 0, KC_ARGS_DONE = 1, KC_ARGS_BAD = 2 } kc_args_result_t;
+
+typedef struct {
+    const char *url, *tables, *store;
+    int live; /* 0: lockstep, time comes with KC_TIME */
+} kc_args_t;
+
+/* RUN: go on. DONE: --help or --version was answered on stdout. BAD: what is wrong was said on stderr. */
+kc_args_result_t kc_args_parse(int argc, char **argv, kc_args_t *args);
+
+#endif

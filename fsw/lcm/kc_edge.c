@@ -1,0 +1,308 @@
+#define _POSIX_C_SOURCE 200809L /* NOLINT: sigaction, clock_gettime, openat */
+
+#include "kc_edge.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <stdio.h>
+#include <string.h>
+#include <time.h>
+
+#include "kc_wire.h"
+#include "kcm_frame_request_t.h"
+#include "kcm_pantilt_cmd_t.h"
+#include "kcm_tick_done_t.h"
+#include "kcm_time_t.h"
+
+#define HELLO_MS 100        /* a participant says that it is there so often before the first tick */
+#define BACKLOG 512         /* messages LCM may hold for us, per channel                          */
+
+/* ---- receiving: one decoded message at a time, on its way into the queue ---- */
+
+static union {
+    kcm_cmd_t cmd;
+    kcm_table_chunk_t chunk;
+    kcm_arm_state_t arm;
+    kcm_pantilt_state_t head;
+    kcm_detection_t det;
+    kcm_time_t time;
+} s_rx;
+
+static int64_t clock_us(clockid_t id)
+{
+    struct timespec t;
+    (void)clock_gettime(id, &t);
+    return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
+}
+
+/* Live, nothing waits: what was stamped by another clock is due at once. */
+static int64_t stamp(const kc_edge_t *e, int64_t t_us) { return e->live ? INT64_MIN : t_us; }
+
+#define DECODE(type, member)                                                                                     \
+    kc_edge_t *e = user;                                                                                         \
+    (void)channel;                                                                                               \
+    if (kcm_##type##_decode(buf->data, 0, (int)buf->data_size, &s_rx.member) < 0) {                              \
+        e->n_rx_errors++;                                                                                        \
+        return;                                                                                                  \
+    }
+
+static void on_cmd(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    kc_cmd_t c;
+    DECODE(cmd_t, cmd)
+    kc_wire_cmd(&s_rx.cmd, &c);
+    if (kc_queue_cmd(&e->queue, stamp(e, s_rx.cmd.t_us), e->now_us, &c) != 0) { e->n_rx_errors++; }
+}
+
+static void on_chunk(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    static kc_chunk_t c;
+    DECODE(table_chunk_t, chunk)
+    kc_wire_chunk(&s_rx.chunk, &c);
+    if (kc_queue_chunk(&e->queue, stamp(e, s_rx.chunk.t_us), e->now_us, &c) != 0) { e->n_rx_errors++; }
+}
+
+static void on_det(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    static kc_detection_t d;
+    DECODE(detection_t, det)
+    kc_wire_det(&s_rx.det, &d);
+    if (kc_queue_det(&e->queue, stamp(e, s_rx.det.t_us), e->now_us, &d) != 0) { e->n_rx_errors++; }
+}
+
+static void on_arm(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    DECODE(arm_state_t, arm)
+    kc_wire_arm(&s_rx.arm, &e->in.arm); /* the newest of a step counts */
+    e->in.has_arm = 1u;
+}
+
+static void on_head(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    DECODE(pantilt_state_t, head)
+    kc_wire_head(&s_rx.head, &e->in.pantilt);
+    e->in.has_pantilt = 1u;
+}
+
+static void on_time(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    DECODE(time_t, time)
+    e->repeat = s_rx.time.tick == e->tick;
+    e->due_tick = s_rx.time.tick;
+    e->due_us = s_rx.time.now_us;
+}
+
+static int subscribe(kc_edge_t *e, const char *channel, lcm_msg_handler_t handler)
+{
+    lcm_subscription_t *s = lcm_subscribe(e->lcm, channel, handler, e);
+    return s == NULL ? -1 : lcm_subscription_set_queue_capacity(s, BACKLOG);
+}
+
+int kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app, int live)
+{
+    memset(e, 0, sizeof *e);
+    e->files = files;
+    e->app = app;
+    e->live = live;
+    e->lcm = lcm_create(url);
+    if (e->lcm == NULL) {
+        (void)fprintf(stderr, "kincal-fsw: no LCM network at %s\n", url);
+        return -1;
+    }
+    int bad = subscribe(e, "KC_CMD", on_cmd) | subscribe(e, "KC_TABLE_UP", on_chunk) |
+              subscribe(e, "KC_ARM_STATE", on_arm) | subscribe(e, "KC_PANTILT_STATE", on_head) |
+              subscribe(e, "KC_DETECTION", on_det);
+    if (!live) { bad |= subscribe(e, "KC_TIME", on_time); }
+    if (bad != 0) { (void)fprintf(stderr, "kincal-fsw: can't subscribe at %s\n", url); }
+    return bad != 0 ? -1 : 0;
+}
+
+void kc_edge_close(kc_edge_t *e) { lcm_destroy(e->lcm); }
+
+/* ---- publishing: generated _publish() would use the heap ---- */
+
+static uint8_t s_buf[24u * 1024u];
+
+static union {
+    kcm_ack_t ack;
+    kcm_event_t event;
+    kcm_arm_cmd_t arm_cmd;
+    kcm_pantilt_cmd_t head_cmd;
+    kcm_frame_request_t frame;
+    kcm_table_chunk_t dump;
+    kcm_hk_t hk;
+    kcm_meas_t meas;
+    kcm_progress_t progress;
+    kcm_proposal_t proposal;
+    kcm_tick_done_t done;
+} s_tx;
+
+static void publish(kc_edge_t *e, const char *channel, int n)
+{
+    if (n < 0 || lcm_publish(e->lcm, channel, s_buf, (unsigned)n) != 0) {
+        e->n_tx_errors++;
+    } else {
+        e->n_sent++;
+    }
+}
+
+#define PUBLISH(e, channel, type, member)                                                                        \
+    publish((e), (channel), kcm_##type##_encode(s_buf, 0, (int)sizeof s_buf, &s_tx.member))
+
+static void publish_answers(kc_edge_t *e)
+{
+    const kc_out_t *o = &e->out;
+    for (uint32_t i = 0u; i < o->n_ack; i++) {
+        kc_wire_ack(&o->ack[i], e->now_us, &s_tx.ack);
+        PUBLISH(e, "KC_ACK", ack_t, ack);
+    }
+    for (uint32_t i = 0u; i < o->events.n; i++) {
+        kc_wire_event(&o->events.e[i], e->now_us, ++e->event_seq, &s_tx.event);
+        PUBLISH(e, "KC_EVENT", event_t, event);
+    }
+}
+
+static void publish_commands(kc_edge_t *e)
+{
+    const kc_out_t *o = &e->out;
+    if (o->has_arm_cmd) {
+        kc_wire_arm_cmd(&o->arm_cmd, e->now_us, &s_tx.arm_cmd);
+        PUBLISH(e, "KC_ARM_CMD", arm_cmd_t, arm_cmd);
+    }
+    if (o->has_pantilt_cmd) {
+        s_tx.head_cmd = (kcm_pantilt_cmd_t){e->now_us, o->pantilt_cmd.seq, o->pantilt_cmd.pan_rad,
+                                            o->pantilt_cmd.tilt_rad};
+        PUBLISH(e, "KC_PANTILT_CMD", pantilt_cmd_t, head_cmd);
+    }
+    if (o->has_frame_request) {
+        s_tx.frame = (kcm_frame_request_t){e->now_us, o->frame_seq};
+        PUBLISH(e, "KC_FRAME_REQUEST", frame_request_t, frame);
+    }
+}
+
+static void publish_telemetry(kc_edge_t *e)
+{
+    const kc_out_t *o = &e->out;
+    if (o->has_meas) {
+        kc_wire_meas(&o->meas, &s_tx.meas);
+        PUBLISH(e, "KC_MEAS", meas_t, meas);
+    }
+    if (o->has_progress) {
+        kc_wire_progress(&o->progress, e->now_us, &s_tx.progress);
+        PUBLISH(e, "KC_PROGRESS", progress_t, progress);
+    }
+    if (o->has_proposal) {
+        kc_wire_proposal(&o->proposal, e->now_us, &s_tx.proposal);
+        PUBLISH(e, "KC_PROPOSAL", proposal_t, proposal);
+    }
+    if (o->has_dump) {
+        kc_wire_dump(&o->dump, e->now_us, &s_tx.dump);
+        PUBLISH(e, "KC_TABLE_DOWN", table_chunk_t, dump);
+    }
+    if (o->has_hk) {
+        kc_wire_hk(&o->hk, e->now_us, e->n_tx_errors, &s_tx.hk);
+        PUBLISH(e, "KC_HK", hk_t, hk);
+    }
+}
+
+/* ---- one step ---- */
+
+/* First failure is told to the component with the next step. */
+static void store_all(kc_edge_t *e)
+{
+    for (uint32_t i = 0u; i < e->out.n_store; i++) {
+        kc_status_t st = kc_files_store(e->files, &e->out.store[i]);
+        if (st == KC_OK || e->in.has_store_result) { continue; }
+        e->in.has_store_result = 1u;
+        e->in.store_kind = e->out.store[i].kind;
+        e->in.store_status = (int32_t)st;
+    }
+}
+
+/* Nobody hears of a change before it is stored. */
+void kc_edge_step(kc_edge_t *e, int64_t now_us)
+{
+    e->now_us = now_us;
+    e->in.n_rx_errors = e->n_rx_errors;
+    kc_queue_take(&e->queue, now_us, &e->in);
+    kc_app_step(e->app, (uint64_t)(now_us > 0 ? now_us : 0), &e->in, &e->out);
+    memset(&e->in, 0, sizeof e->in);
+    store_all(e);
+    publish_answers(e);
+    publish_commands(e);
+    publish_telemetry(e);
+}
+
+/* ---- lockstep ---- */
+
+static void done(kc_edge_t *e)
+{
+    s_tx.done = (kcm_tick_done_t){e->tick, KCM_TICK_DONE_T_WHO_FSW, e->n_done};
+    PUBLISH(e, "KC_TICK_DONE", tick_done_t, done);
+}
+
+void kc_edge_tick(kc_edge_t *e)
+{
+    if (e->repeat) {
+        e->repeat = 0;
+        done(e);
+    } else if (e->due_tick != e->tick) {
+        int32_t sent = e->n_sent;
+        kc_edge_step(e, e->due_us);
+        e->n_done = e->n_sent - sent;
+        e->tick = e->due_tick;
+        done(e);
+    }
+}
+
+/* Wait for a message, at most so long: 1 there is one, 0 none, -1 the network failed. */
+static int wait_message(kc_edge_t *e, int timeout_ms)
+{
+    struct pollfd p = {lcm_get_fileno(e->lcm), POLLIN, 0};
+    int r = poll(&p, 1u, timeout_ms);
+    if (r < 0) { return errno == EINTR ? 0 : -1; }
+    if (r == 0) { return 0; }
+    return lcm_handle(e->lcm) == 0 ? 1 : -1;
+}
+
+static int run_lockstep(kc_edge_t *e, const volatile int *stop)
+{
+    int64_t hello = 0;
+    while (!*stop) {
+        int64_t now = clock_us(CLOCK_MONOTONIC);
+        if (e->tick == 0 && now >= hello) {
+            hello = now + (int64_t)HELLO_MS * 1000;
+            done(e);
+        }
+        if (wait_message(e, HELLO_MS) < 0) { return -1; }
+        kc_edge_tick(e);
+    }
+    return 0;
+}
+
+/* ---- live ---- */
+
+static int run_live(kc_edge_t *e, const volatile int *stop)
+{
+    int64_t due = clock_us(CLOCK_MONOTONIC);
+    while (!*stop) {
+        int64_t left = due - clock_us(CLOCK_MONOTONIC);
+        if (left > 0) {
+            if (wait_message(e, (int)((left + 999) / 1000)) < 0) { return -1; }
+            continue;
+        }
+        kc_edge_step(e, clock_us(CLOCK_REALTIME));
+        due += KC_EDGE_TICK_US;
+        if (clock_us(CLOCK_MONOTONIC) > due + 10 * (int64_t)KC_EDGE_TICK_US) { /* fell behind: don't catch up */
+            due = clock_us(CLOCK_MONOTONIC);
+        }
+    }
+    return 0;
+}
+
+int kc_edge_run(kc_edge_t *e, const volatile int *stop)
+{
+    int r = e->live ? run_live(e, stop) : run_lockstep(e, stop);
+    if (r != 0) { (void)fprintf(stderr, "kincal-fsw: the LCM network failed\n"); }
+    return r;
+}

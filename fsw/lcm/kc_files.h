@@ -1,0 +1,40 @@
+/* Files: the store that survives power loss, and the directory of default tables.
+ *
+ * Store: two slots per kind, kNN.a and kNN.b. A write goes to the older slot: temporary file, fsync,
+ * rename, fsync of the directory; so at every instant at least the newest slot but one is whole.
+ *
+ *   slot: "KCS1", u16 kind, u16 0, u64 number, u32 bytes, u32 CRC-32 of all before and of the data, data
+ * all little-endian; the number grows by one with every write of that kind. */
+#ifndef KC_FILES_H
+#define KC_FILES_H
+
+#include <stdint.h>
+
+#include "kc_app.h"
+
+#define KC_SLOT_HDR_BYTES 24u
+#define KC_FILES_PATH_MAX 4096
+#define KC_FILES_KINDS 32u  /* kinds are smaller than this */
+#define KC_FILES_TABLES 64u /* *.tbl files looked at       */
+
+typedef struct {
+    char dir[KC_FILES_PATH_MAX];
+    int dir_fd;                          /* also holds the lock                */
+    uint64_t number[KC_FILES_KINDS][2];  /* by kind and slot, 0 = empty or bad */
+    uint8_t there[KC_FILES_KINDS][2];    /* a file exists, good or bad         */
+} kc_files_t;
+
+/* Open the store, made if missing; only one process may use it. Left-overs of a write that was cut off are
+ * removed. 0, or -1 with the reason on stderr. */
+int kc_files_open(kc_files_t *f, const char *dir);
+
+/* Offer everything to the component, best first: slots newest first, then the *.tbl of `tables`. Slots
+ * that can't be read are offered as empty, so that it is told. Number of table files, or -1 with the
+ * reason on stderr if the directory can't be read. */
+int kc_files_load(kc_files_t *f, const char *tables, kc_app_t *app);
+
+/* Write or (n = 0) delete. KC_OK or KC_ERR_NUM with the reason on stderr; the slots are consistent
+ * either way. */
+kc_status_t kc_files_store(kc_files_t *f, const kc_store_t *s);
+
+#endif

@@ -1,0 +1,30 @@
+/* Messages of other participants wait here until they are due, and leave in an order that does not
+ * depend on when they arrived: commands by source and number, table chunks by kind and offset (time first,
+ * so that one upload follows the other), detections by frame number.
+ *
+ * Due means: stamped earlier than now. In lockstep all of those have arrived when a tick begins. */
+#ifndef KC_QUEUE_H
+#define KC_QUEUE_H
+
+#include "kc_app.h"
+
+#define KC_Q_CMD 32u
+#define KC_Q_CHUNK 32u
+#define KC_Q_DET 8u
+#define KC_Q_AHEAD_US 10000000 /* a stamp further ahead than this will not be waited for */
+
+typedef struct {
+    uint32_t n_cmd, n_chunk, n_det;
+    struct { int64_t t_us; kc_cmd_t m; } cmd[KC_Q_CMD];
+    struct { int64_t t_us; kc_chunk_t m; } chunk[KC_Q_CHUNK];
+    struct { int64_t t_us; kc_detection_t m; } det[KC_Q_DET];
+} kc_queue_t;
+
+/* 0, or -1 if there is no room or the stamp lies too far ahead of now: the message is lost. */
+int kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *m);
+int kc_queue_chunk(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_chunk_t *m);
+int kc_queue_det(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_detection_t *m);
+/* Move what is due into in, as much as one step takes; the rest waits for the next. */
+void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in);
+
+#endif
