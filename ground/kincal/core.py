@@ -51,7 +51,7 @@ def __getattr__(name: str) -> Any:
 
 
 def status_name(status: int) -> str:
-    """"KC_OK", "KC_ERR_ARG" ..."""
+    """ "KC_OK", "KC_ERR_ARG" ..."""
     ffi, lib = _load()
     return ffi.string(lib.kc_status_name(status)).decode()
 
@@ -71,6 +71,7 @@ def check(status: int, what: str) -> None:
 
 
 # --------------------------------------------------------------------------- arrays
+
 
 def doubles(values: Any, shape: tuple[int, ...] | None = None) -> np.ndarray:
     """C-contiguous array of doubles; of that shape if one is given."""
@@ -94,6 +95,7 @@ def view(field: Any, *shape: int) -> np.ndarray:
 
 
 # --------------------------------------------------------------------------- rotations and poses
+
 
 @dataclass(frozen=True)
 class Pose:
@@ -176,6 +178,7 @@ def pose_residual(meas: Pose, model: Pose) -> np.ndarray:
 
 # --------------------------------------------------------------------------- tables from dicts
 
+
 def fill(struct: Any, values: Mapping[str, Any]) -> Any:
     """Set the fields of a struct from a dict by name; nested dicts and sequences go into nested
     structs and arrays (from their start), strings into char arrays. Returns the struct."""
@@ -207,8 +210,13 @@ def arm_from(joints: Sequence[Mapping[str, Any]], **fields: Any) -> Any:
     """
     ffi, lib = _load()
     arm = ffi.new("kc_arm_t *")
-    common = {"name": "arm", "base_quat_wxyz": (1, 0, 0, 0), "tool_quat_wxyz": (1, 0, 0, 0),
-              "gravity_m_s2": (0, 0, -9.81), "n_joints": len(joints)}
+    common = {
+        "name": "arm",
+        "base_quat_wxyz": (1, 0, 0, 0),
+        "tool_quat_wxyz": (1, 0, 0, 0),
+        "gravity_m_s2": (0, 0, -9.81),
+        "n_joints": len(joints),
+    }
     fill(arm, common | {"joint": [{"speed_max": 1.0} | dict(j) for j in joints]} | fields)
     index, got = ffi.new("int32_t *"), ffi.new("double *")
     status = lib.kc_arm_validate(arm, index, got)
@@ -216,29 +224,50 @@ def arm_from(joints: Sequence[Mapping[str, Any]], **fields: Any) -> Any:
     return arm
 
 
-def basis(fn: str = "lin", var: str = "one", index: int = 0, c0: float = 0.0, c1: float = 1.0) -> dict[str, Any]:
+def basis(
+    fn: str = "lin", var: str = "one", index: int = 0, c0: float = 0.0, c1: float = 1.0
+) -> dict[str, Any]:
     """kc_basis_t as a dict; names as in kc_terms.h without their prefix, any case."""
     _, lib = _load()
-    return {"fn": getattr(lib, f"KC_FN_{fn.upper()}"), "var": getattr(lib, f"KC_VAR_{var.upper()}"),
-            "index": index, "c0": c0, "c1": c1}
+    return {
+        "fn": getattr(lib, f"KC_FN_{fn.upper()}"),
+        "var": getattr(lib, f"KC_VAR_{var.upper()}"),
+        "index": index,
+        "c0": c0,
+        "c1": c1,
+    }
 
 
 def term(coef: int, frame: int, comp: str, *bases: Mapping[str, Any], gain: float = 1.0) -> dict[str, Any]:
     """kc_term_t as a dict: comp "tx" .. "rz", up to two bases (missing ones are 1)."""
     _, lib = _load()
     both = [dict(b) for b in bases] + [basis()] * (2 - len(bases))
-    return {"coef": coef, "frame": frame, "comp": getattr(lib, f"KC_{comp.upper()}"), "gain": gain, "basis": both}
+    return {
+        "coef": coef,
+        "frame": frame,
+        "comp": getattr(lib, f"KC_{comp.upper()}"),
+        "gain": gain,
+        "basis": both,
+    }
 
 
-def terms_from(coefs: Sequence[Mapping[str, Any] | str], terms: Sequence[Mapping[str, Any]],
-               n_joints: int) -> Any:
+def terms_from(
+    coefs: Sequence[Mapping[str, Any] | str], terms: Sequence[Mapping[str, Any]], n_joints: int
+) -> Any:
     """kc_terms_t from coefficients (a name, or a dict of kc_coef_t fields) and terms."""
     ffi, lib = _load()
     out = ffi.new("kc_terms_t *")
     common = {"lb": -10.0, "ub": 10.0, "scale": 0.01, "enabled": 1}
     named = [{"name": c} if isinstance(c, str) else dict(c) for c in coefs]
-    fill(out, {"n_coef": len(named), "n_term": len(terms), "coef": [common | c for c in named],
-               "term": list(terms)})
+    fill(
+        out,
+        {
+            "n_coef": len(named),
+            "n_term": len(terms),
+            "coef": [common | c for c in named],
+            "term": list(terms),
+        },
+    )
     index, got = ffi.new("int32_t *"), ffi.new("double *")
     status = lib.kc_terms_validate(out, n_joints, index, got)
     check(status, f"terms, index {index[0]}, value {got[0]}")
@@ -254,6 +283,7 @@ def dh_terms(n_joints: int, bound: Sequence[float] = (3.2, 3.2, 0.5, 0.5)) -> An
 
 
 # --------------------------------------------------------------------------- model
+
 
 @dataclass(frozen=True)
 class Loads:
@@ -305,9 +335,13 @@ class Model:
     def loads(self, q: Any, coef: Any = None, **ctx: Any) -> Loads:
         _, lib = _load()
         n = self.arm.n_joints
-        lib.kc_model_loads(self.arm, self.terms, ptr(self._coef(coef)), context(self.arm, q, **ctx), self._loads)
+        lib.kc_model_loads(
+            self.arm, self.terms, ptr(self._coef(coef)), context(self.arm, q, **ctx), self._loads
+        )
         out = self._loads
-        return Loads(view(out.tau, n).copy(), view(out.tau_payload, n).copy(), view(out.moment, n + 1, 3).copy())
+        return Loads(
+            view(out.tau, n).copy(), view(out.tau_payload, n).copy(), view(out.moment, n + 1, 3).copy()
+        )
 
     def eval(self, q: Any, coef: Any = None, *, want_J: bool = True, **ctx: Any) -> Eval:
         """Pose and derivatives at the loads of the same coefficients. ctx: fields of kc_ctx_t."""
@@ -332,6 +366,7 @@ class Model:
 
 
 # --------------------------------------------------------------------------- box QP
+
 
 @dataclass(frozen=True)
 class QpResult:

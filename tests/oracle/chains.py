@@ -20,15 +20,32 @@ ORDER = ("tx", "rx", "ty", "ry", "rz", "tz")  # method: E_i = Tx Rx Ty Ry Rz Tz
 
 # method.md, section 1
 HALF_PI = np.pi / 2
-WAM_DH = np.array([  # phi, alpha, a, d
-    [0, -HALF_PI, 0.0, 0.0], [0, HALF_PI, 0.0, 0.0], [0, -HALF_PI, 0.045, 0.55], [0, HALF_PI, -0.045, 0.0],
-    [0, -HALF_PI, 0.0, 0.30], [0, HALF_PI, 0.0, 0.0], [0, 0.0, 0.0, 0.06]])
-WAM_LIMITS = np.array([[-2.6, 2.6], [-2.0, 2.0], [-2.8, 2.8], [-0.9, 3.1], [-4.76, 1.24], [-1.6, 1.6], [-3.0, 3.0]])
+WAM_DH = np.array(
+    [  # phi, alpha, a, d
+        [0, -HALF_PI, 0.0, 0.0],
+        [0, HALF_PI, 0.0, 0.0],
+        [0, -HALF_PI, 0.045, 0.55],
+        [0, HALF_PI, -0.045, 0.0],
+        [0, -HALF_PI, 0.0, 0.30],
+        [0, HALF_PI, 0.0, 0.0],
+        [0, 0.0, 0.0, 0.06],
+    ]
+)
+WAM_LIMITS = np.array(
+    [[-2.6, 2.6], [-2.0, 2.0], [-2.8, 2.8], [-0.9, 3.1], [-4.76, 1.24], [-1.6, 1.6], [-3.0, 3.0]]
+)
 WAM_MASS = np.array([10.7677, 3.8749, 1.8023, 2.1727, 0.35656, 0.40916, 0.07548])
-WAM_COM = np.array([
-    [-0.00443, 0.12189, -0.00066], [-0.00237, 0.03106, 0.01542], [-0.03826, 0.20751, 0.00003],
-    [0.00553, 0.00007, 0.11928], [0.00005, 0.02886, 0.00148], [-0.00006, -0.01686, 0.02419],
-    [0.00015, 0.00007, -0.00335]])
+WAM_COM = np.array(
+    [
+        [-0.00443, 0.12189, -0.00066],
+        [-0.00237, 0.03106, 0.01542],
+        [-0.03826, 0.20751, 0.00003],
+        [0.00553, 0.00007, 0.11928],
+        [0.00005, 0.02886, 0.00148],
+        [-0.00006, -0.01686, 0.02419],
+        [0.00015, 0.00007, -0.00335],
+    ]
+)
 
 
 @dataclass
@@ -53,9 +70,9 @@ class Mass:
 class Numbers:
     """An arm as plain arrays."""
 
-    dh: np.ndarray         # n x 4: phi alpha a d
+    dh: np.ndarray  # n x 4: phi alpha a d
     prismatic: np.ndarray  # n bools
-    base: np.ndarray       # 4x4
+    base: np.ndarray  # 4x4
     tool: np.ndarray
     gravity: np.ndarray
     mass: np.ndarray
@@ -80,21 +97,34 @@ def elementary(kind, value):
 
 
 def link(phi, alpha, a, d):
-    return (elementary("rz", phi) @ elementary("tz", d) @ elementary("tx", a) @ elementary("rx", alpha))
+    return elementary("rz", phi) @ elementary("tz", d) @ elementary("tx", a) @ elementary("rx", alpha)
 
 
 def wam(tool=None, base=None):
-    return Numbers(WAM_DH.copy(), np.zeros(7, bool), transform((0, 0, 0.346)) if base is None else base,
-                   transform((0, 0, 0.10)) if tool is None else tool, np.array([0, 0, -9.81]),
-                   WAM_MASS.copy(), WAM_COM.copy())
+    return Numbers(
+        WAM_DH.copy(),
+        np.zeros(7, bool),
+        transform((0, 0, 0.346)) if base is None else base,
+        transform((0, 0, 0.10)) if tool is None else tool,
+        np.array([0, 0, -9.81]),
+        WAM_MASS.copy(),
+        WAM_COM.copy(),
+    )
 
 
 def random_arm(rng, n):
-    dh = np.column_stack([rng.uniform(-3, 3, n), rng.uniform(-2, 2, n), rng.uniform(-0.5, 0.5, n),
-                          rng.uniform(-0.5, 0.5, n)])
-    return Numbers(dh, rng.random(n) < 0.35, transform(rng.normal(size=3), rng.normal(size=3)),
-                   transform(rng.normal(size=3) * 0.3, rng.normal(size=3)), rng.normal(size=3) * 9,
-                   rng.uniform(0.1, 5, n), rng.normal(size=(n, 3)) * 0.2)
+    dh = np.column_stack(
+        [rng.uniform(-3, 3, n), rng.uniform(-2, 2, n), rng.uniform(-0.5, 0.5, n), rng.uniform(-0.5, 0.5, n)]
+    )
+    return Numbers(
+        dh,
+        rng.random(n) < 0.35,
+        transform(rng.normal(size=3), rng.normal(size=3)),
+        transform(rng.normal(size=3) * 0.3, rng.normal(size=3)),
+        rng.normal(size=3) * 9,
+        rng.uniform(0.1, 5, n),
+        rng.normal(size=(n, 3)) * 0.2,
+    )
 
 
 def twist_moves(frame, twist):
@@ -105,6 +135,7 @@ def twist_moves(frame, twist):
 def chain_of(arm, q, twists, payload_kg=0.0, probes=False):
     """Elements from the base frame to the tool; twists: {frame: 6 values}, frame n_frames-1 'tool'.
     probes: three more turns (value 0) at every frame, to read moments in that frame."""
+
     def probe(frame):
         return [Move(k, 0.0, ("probe", frame, i)) for i, k in enumerate(("rx", "ry", "rz"))] if probes else []
 
@@ -122,13 +153,19 @@ def chain_of(arm, q, twists, payload_kg=0.0, probes=False):
 
 @dataclass
 class Answer:
-    T: np.ndarray    # 4x4
-    J: dict          # tag -> (dp; dtheta) of the chain's end, in the base frame
-    gravity: dict    # tag -> what gravity does about or along that freedom
+    T: np.ndarray  # 4x4
+    J: dict  # tag -> (dp; dtheta) of the chain's end, in the base frame
+    gravity: dict  # tag -> what gravity does about or along that freedom
 
 
-PIN_JOINTS = {"tx": pin.JointModelPX, "ty": pin.JointModelPY, "tz": pin.JointModelPZ,
-              "rx": pin.JointModelRX, "ry": pin.JointModelRY, "rz": pin.JointModelRZ}
+PIN_JOINTS = {
+    "tx": pin.JointModelPX,
+    "ty": pin.JointModelPY,
+    "tz": pin.JointModelPZ,
+    "rx": pin.JointModelRX,
+    "ry": pin.JointModelRY,
+    "rz": pin.JointModelRZ,
+}
 
 
 def by_pinocchio(chain, gravity=(0, 0, -9.81)):
@@ -151,7 +188,9 @@ def by_pinocchio(chain, gravity=(0, 0, -9.81)):
     pin.updateFramePlacements(model, data)
     J = pin.getFrameJacobian(model, data, end, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     g = pin.computeGeneralizedGravity(model, model.createData(), q)  # what the motors must hold
-    return Answer(data.oMf[end].homogeneous, dict(zip(tags, J.T, strict=True)), dict(zip(tags, -g, strict=True)))
+    return Answer(
+        data.oMf[end].homogeneous, dict(zip(tags, J.T, strict=True)), dict(zip(tags, -g, strict=True))
+    )
 
 
 def by_mujoco(chain, gravity=(0, 0, -9.81)):
@@ -171,7 +210,9 @@ def by_mujoco(chain, gravity=(0, 0, -9.81)):
                 body.add_body(pos=p, ipos=[0, 0, 0], mass=e.kg, inertia=[1e-9] * 3, explicitinertial=True)
         else:
             # A moving body must have some mass; 1e-13 kg is 1e-12 N.
-            body = body.add_body(**place(at), mass=1e-13, ipos=[0, 0, 0], inertia=[1e-13] * 3, explicitinertial=True)
+            body = body.add_body(
+                **place(at), mass=1e-13, ipos=[0, 0, 0], inertia=[1e-13] * 3, explicitinertial=True
+            )
             at = np.eye(4)
             axis = np.eye(3)["xyz".index(e.kind[1])]
             kind = mujoco.mjtJoint.mjJNT_SLIDE if e.kind[0] == "t" else mujoco.mjtJoint.mjJNT_HINGE

@@ -22,12 +22,29 @@ def quat(R):
 
 def flight_arm(arm):
     """kc_arm_t of plain numbers; wide limits, tests choose the joints."""
-    joints = [{"type": int(arm.prismatic[i]), "phi_rad": arm.dh[i, 0], "alpha_rad": arm.dh[i, 1],
-               "a_m": arm.dh[i, 2], "d_m": arm.dh[i, 3], "q_min": -7.0, "q_max": 7.0, "has_mass": 1,
-               "mass_kg": arm.mass[i], "com_m": arm.com[i]} for i in range(arm.n)]
-    return core.arm_from(joints, base_xyz_m=arm.base[:3, 3], base_quat_wxyz=quat(arm.base[:3, :3]),
-                         tool_xyz_m=arm.tool[:3, 3], tool_quat_wxyz=quat(arm.tool[:3, :3]),
-                         gravity_m_s2=arm.gravity)
+    joints = [
+        {
+            "type": int(arm.prismatic[i]),
+            "phi_rad": arm.dh[i, 0],
+            "alpha_rad": arm.dh[i, 1],
+            "a_m": arm.dh[i, 2],
+            "d_m": arm.dh[i, 3],
+            "q_min": -7.0,
+            "q_max": 7.0,
+            "has_mass": 1,
+            "mass_kg": arm.mass[i],
+            "com_m": arm.com[i],
+        }
+        for i in range(arm.n)
+    ]
+    return core.arm_from(
+        joints,
+        base_xyz_m=arm.base[:3, 3],
+        base_quat_wxyz=quat(arm.base[:3, :3]),
+        tool_xyz_m=arm.tool[:3, 3],
+        tool_quat_wxyz=quat(arm.tool[:3, :3]),
+        gravity_m_s2=arm.gravity,
+    )
 
 
 def all_twists(n, frames=None):
@@ -45,7 +62,9 @@ def arms():
 
 
 ARMS = arms()
-IDS = [f"{'wam' if i == 0 else 'random'}-{a.n}" + ("p" if a.prismatic.any() else "") for i, a in enumerate(ARMS)]
+IDS = [
+    f"{'wam' if i == 0 else 'random'}-{a.n}" + ("p" if a.prismatic.any() else "") for i, a in enumerate(ARMS)
+]
 
 
 def chain_twists(n, cells, coef):
@@ -79,7 +98,7 @@ def test_corrected_pose_joint_jacobian_and_every_twist(arm, library):
     rng = np.random.default_rng(2)
     # 60 columns at most: an arm of eight joints has ten frames; leave one pair of frames out at a time.
     all_frames = [*range(arm.n + 1), TOOL]
-    for skip in ((), ) if len(all_frames) * 6 <= 60 else ((0,), (4,), (TOOL,)):
+    for skip in ((),) if len(all_frames) * 6 <= 60 else ((0,), (4,), (TOOL,)):
         frames = [f for f in all_frames if f not in skip]
         cells, terms = all_twists(arm.n, frames)
         model = core.Model(flight_arm(arm), terms)
@@ -104,7 +123,9 @@ def test_dh_errors_are_the_arm_with_other_dh_numbers(arm):
     for _ in range(10):
         q = rng.uniform(-3, 3, arm.n)
         delta = rng.uniform(-1, 1, (arm.n, 4)) * [1.3, 1.3, 0.15, 0.15]
-        moved = chains.Numbers(arm.dh + delta, arm.prismatic, arm.base, arm.tool, arm.gravity, arm.mass, arm.com)
+        moved = chains.Numbers(
+            arm.dh + delta, arm.prismatic, arm.base, arm.tool, arm.gravity, arm.mass, arm.com
+        )
         got = model.eval(q, delta.ravel())
         np.testing.assert_allclose(got.T.matrix, by_pinocchio(chains.chain_of(moved, q, {})).T, atol=TOL)
 
@@ -122,11 +143,17 @@ def test_parameter_jacobian_is_the_one_of_the_method_page():
     for i in range(7):
         z, o0 = frames[i][:3, 2], frames[i][:3, 3]
         x, o1 = frames[i + 1][:3, 0], frames[i + 1][:3, 3]
-        want = [np.r_[np.cross(z, p - o0), z], np.r_[np.cross(x, p - o1), x], np.r_[x, 0, 0, 0], np.r_[z, 0, 0, 0]]
-        np.testing.assert_allclose(J[4 * i: 4 * i + 4], want, atol=1e-12)
+        want = [
+            np.r_[np.cross(z, p - o0), z],
+            np.r_[np.cross(x, p - o1), x],
+            np.r_[x, 0, 0, 0],
+            np.r_[z, 0, 0, 0],
+        ]
+        np.testing.assert_allclose(J[4 * i : 4 * i + 4], want, atol=1e-12)
 
 
 # --------------------------------------------------------------------------- gravity
+
 
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.parametrize("arm", ARMS, ids=IDS)
@@ -153,14 +180,17 @@ def test_gravity_torques_and_moments(arm, library):
 
 def test_gravity_pulls_an_outstretched_arm_down():
     """One horizontal link of 1 m, 2 kg at its tip, axis along -y: gravity turns it by +19.62 N m."""
-    arm = core.arm_from([{"a_m": 1.0, "q_min": -2, "q_max": 2, "has_mass": 1, "mass_kg": 2.0}],
-                        base_quat_wxyz=quat(Rotation.from_euler("x", 90, degrees=True).as_matrix()))
+    arm = core.arm_from(
+        [{"a_m": 1.0, "q_min": -2, "q_max": 2, "has_mass": 1, "mass_kg": 2.0}],
+        base_quat_wxyz=quat(Rotation.from_euler("x", 90, degrees=True).as_matrix()),
+    )
     model = core.Model(arm, core.dh_terms(1))
     assert model.eval([0.0]).Jq[0][2] == pytest.approx(1.0)  # a positive turn lifts the tip
     assert model.loads([0.0]).tau[0] == pytest.approx(-2 * 9.81)
 
 
 # --------------------------------------------------------------------------- camera side
+
 
 def random_pose(rng, scale=1.0):
     return chains.transform(rng.normal(size=3) * scale, rng.normal(size=3))
@@ -188,8 +218,14 @@ def test_camera_side_corrections(library):
         q, coef = rng.uniform(-2, 2, 4), rng.uniform(-0.4, 0.4, len(cells))
         cam, seen = random_pose(rng), random_pose(rng)
         r, J = model.residual(observation(flown, q, seen, cam), coef)
-        want = library([chains.Fixed(cam), *chains.twist_moves(CAMERA, coef[6:12]),
-                        chains.Fixed(np.linalg.inv(cam) @ seen), *chains.twist_moves(MEAS, coef[12:])])
+        want = library(
+            [
+                chains.Fixed(cam),
+                *chains.twist_moves(CAMERA, coef[6:12]),
+                chains.Fixed(np.linalg.inv(cam) @ seen),
+                *chains.twist_moves(MEAS, coef[12:]),
+            ]
+        )
         on_arm = library(chains.chain_of(arm, q, {2: coef[:6]}))
         turn = Rotation.from_matrix(want.T[:3, :3] @ on_arm.T[:3, :3].T).as_rotvec()
         np.testing.assert_allclose(r, np.r_[want.T[:3, 3] - on_arm.T[:3, 3], turn], atol=TOL)
@@ -236,15 +272,55 @@ def test_position_only_observation_gives_three_rows():
 
 JOINT_VARS = {"q", "tau", "dir", "qdot", "tau_payload"}
 LINK_VARS = {"mx", "my", "mz"}
-VARIABLES = ("q", "tau", "mx", "my", "mz", "dir", "temp", "t", "payload", "range", "incid", "u", "v", "r2", "pan",
-             "tilt", "qdot", "tau_payload", "xcam", "ycam", "zcam")
-FUNCTIONS = {"lin": lambda z: z, "sin": np.sin, "cos": np.cos, "tanh": np.tanh,
-             "ln1p": lambda z: np.log(1 + max(z, 0)), "expn": lambda z: np.exp(-max(z, 0)),
-             "step": lambda z: float(z >= 0), "sq": lambda z: z * z,
-             "tan2": lambda z: np.tan(np.clip(z, -1.4, 1.4)) ** 2, "abs": abs}
-CTX = {"dir": [1, -1, 0, 1], "qdot": [0.1, -0.2, 0.3, 0.05], "temp_c": -20.0, "t_s": 300.0, "payload_kg": 0.7,
-       "range_m": 1.2, "incid_rad": 0.4, "u_norm": 0.2, "v_norm": -0.15, "pan_rad": 0.3, "tilt_rad": 0.5,
-       "p_cam_tool_m": [0.1, -0.2, 1.1]}
+VARIABLES = (
+    "q",
+    "tau",
+    "mx",
+    "my",
+    "mz",
+    "dir",
+    "temp",
+    "t",
+    "payload",
+    "range",
+    "incid",
+    "u",
+    "v",
+    "r2",
+    "pan",
+    "tilt",
+    "qdot",
+    "tau_payload",
+    "xcam",
+    "ycam",
+    "zcam",
+)
+FUNCTIONS = {
+    "lin": lambda z: z,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tanh": np.tanh,
+    "ln1p": lambda z: np.log(1 + max(z, 0)),
+    "expn": lambda z: np.exp(-max(z, 0)),
+    "step": lambda z: float(z >= 0),
+    "sq": lambda z: z * z,
+    "tan2": lambda z: np.tan(np.clip(z, -1.4, 1.4)) ** 2,
+    "abs": abs,
+}
+CTX = {
+    "dir": [1, -1, 0, 1],
+    "qdot": [0.1, -0.2, 0.3, 0.05],
+    "temp_c": -20.0,
+    "t_s": 300.0,
+    "payload_kg": 0.7,
+    "range_m": 1.2,
+    "incid_rad": 0.4,
+    "u_norm": 0.2,
+    "v_norm": -0.15,
+    "pan_rad": 0.3,
+    "tilt_rad": 0.5,
+    "p_cam_tool_m": [0.1, -0.2, 1.1],
+}
 
 
 def raw_eval(arm, terms, coef, ctx, loads):
@@ -277,12 +353,20 @@ def test_central_differences_of_every_frame_component_and_basis(var):
     cells = list(itertools.product([0, 2, 4, TOOL, CAMERA, MEAS], range(6)))
     cam, seen = random_pose(rng), random_pose(rng)
     for fn in FUNCTIONS:
-        index = int(rng.integers(1, 5)) if var in JOINT_VARS else int(rng.integers(0, 5)) if var in LINK_VARS else 0
+        index = (
+            int(rng.integers(1, 5))
+            if var in JOINT_VARS
+            else int(rng.integers(0, 5))
+            if var in LINK_VARS
+            else 0
+        )
         b = core.basis(fn, var, index, c0=rng.normal() * 0.3, c1=rng.uniform(0.2, 0.8))
         other = core.basis("cos", "q", 3, c1=0.5)
-        terms = core.terms_from([f"c{k}" for k in range(36)],
-                                [core.term(k, f, COMPONENTS[c], b, other, gain=0.7) for k, (f, c) in enumerate(cells)],
-                                4)
+        terms = core.terms_from(
+            [f"c{k}" for k in range(36)],
+            [core.term(k, f, COMPONENTS[c], b, other, gain=0.7) for k, (f, c) in enumerate(cells)],
+            4,
+        )
         # Coefficients and steps such that twists stay near 0.05 and 1e-5, whatever the basis is worth.
         worth = max(1.0, max_basis(b, ctx, flown))
         coef, step = rng.uniform(-0.05, 0.05, 36) / worth, 1e-5 / worth
@@ -296,7 +380,9 @@ def test_central_differences_of_every_frame_component_and_basis(var):
             r, ev = np.zeros(6), core.ffi.new("kc_eval_t *")
             core.lib.kc_model_residual(flown, terms, core.ptr(c), obs, loads, core.ptr(r), ev)
             T = core.pose_of(ev.T)
-            return core.Pose(T.p_m + r[:3], Rotation.from_rotvec(r[3:]).as_matrix() @ T.R), core.view(ev.J, 36, 6).copy()
+            return core.Pose(T.p_m + r[:3], Rotation.from_rotvec(r[3:]).as_matrix() @ T.R), core.view(
+                ev.J, 36, 6
+            ).copy()
 
         J_arm = core.view(raw_eval(flown, terms, coef, ctx, loads).J, 36, 6).copy()
         _, J_all = camera_pose(coef)
@@ -308,16 +394,30 @@ def test_central_differences_of_every_frame_component_and_basis(var):
                 want = -difference(camera_pose(plus)[0], camera_pose(minus)[0], step)
                 assert not J_arm[k].any()
             else:
-                want = difference(core.pose_of(raw_eval(flown, terms, plus, ctx, loads).T),
-                                  core.pose_of(raw_eval(flown, terms, minus, ctx, loads).T), step)
+                want = difference(
+                    core.pose_of(raw_eval(flown, terms, plus, ctx, loads).T),
+                    core.pose_of(raw_eval(flown, terms, minus, ctx, loads).T),
+                    step,
+                )
                 np.testing.assert_allclose(J_arm[k], J_all[k])
-            np.testing.assert_allclose(J_all[k], want, atol=2e-8 * (1 + np.abs(want).max()), err_msg=f"{fn} {cells[k]}")
+            np.testing.assert_allclose(
+                J_all[k], want, atol=2e-8 * (1 + np.abs(want).max()), err_msg=f"{fn} {cells[k]}"
+            )
 
 
 def expected_variable(var, index, ctx, tau, tau_payload, moment):
     where = {"q": ctx["q"], "tau": tau, "dir": ctx["dir"], "qdot": ctx["qdot"], "tau_payload": tau_payload}
-    plain = {"temp": "temp_c", "t": "t_s", "payload": "payload_kg", "range": "range_m", "incid": "incid_rad",
-             "u": "u_norm", "v": "v_norm", "pan": "pan_rad", "tilt": "tilt_rad"}
+    plain = {
+        "temp": "temp_c",
+        "t": "t_s",
+        "payload": "payload_kg",
+        "range": "range_m",
+        "incid": "incid_rad",
+        "u": "u_norm",
+        "v": "v_norm",
+        "pan": "pan_rad",
+        "tilt": "tilt_rad",
+    }
     if var in where:
         return where[var][index - 1]
     if var in LINK_VARS:
@@ -368,11 +468,14 @@ def test_joint_jacobian_by_central_differences():
     Jq = model.eval(q, coef).Jq
     for j in range(6):
         e = np.eye(6)[j] * step
-        want = difference(model.eval(q + e, coef, want_J=False).T, model.eval(q - e, coef, want_J=False).T, step)
+        want = difference(
+            model.eval(q + e, coef, want_J=False).T, model.eval(q - e, coef, want_J=False).T, step
+        )
         np.testing.assert_allclose(Jq[j], want, atol=1e-8)
 
 
 # --------------------------------------------------------------------------- identifiability
+
 
 def stacked(n_poses, terms, rows, tool=None, seed=11):
     arm = chains.wam(tool=chains.transform(tool or (0, 0, 0)))
@@ -394,7 +497,7 @@ def flight_rank(J, tol=1e-7):
     R = np.zeros((n, ld))
     for start in range(0, len(J), 6):
         block = np.zeros((6, ld))
-        part = J[start: start + 6]
+        part = J[start : start + 6]
         block[: len(part), :n] = part
         core.lib.kc_la_fold(core.ptr(R), n, ld, core.ptr(block), len(part), ld)
     scale, pivot = column_scale(J), np.zeros(n)
@@ -407,7 +510,12 @@ def dh_base_tool():
     """28 DH errors and a full twist of the base and of the tool frame."""
     coefs, terms = [], []
     for j in range(1, 8):
-        for name, frame, comp in (("phi", j - 1, "rz"), ("alpha", j, "rx"), ("a", j, "tx"), ("d", j - 1, "tz")):
+        for name, frame, comp in (
+            ("phi", j - 1, "rz"),
+            ("alpha", j, "rx"),
+            ("a", j, "tx"),
+            ("d", j - 1, "tz"),
+        ):
             terms.append(core.term(len(coefs), frame, comp))
             coefs.append(f"J{j}.{name}")
     for name, frame in (("base", 0), ("tool", TOOL)):
@@ -417,11 +525,15 @@ def dh_base_tool():
     return core.terms_from(coefs, terms, 7)
 
 
-@pytest.mark.parametrize(("terms", "rows", "tool", "columns", "rank"), [
-    ("dh", 6, (0, 0, 0), 28, 28),
-    ("dh", 3, (0, 0, 0), 28, 24),
-    ("dh", 3, (0, 0, 0.1), 28, 25),  # a tool point off the wrist also feels alpha_7
-    ("dh_base_tool", 6, (0, 0, 0), 40, 34)])
+@pytest.mark.parametrize(
+    ("terms", "rows", "tool", "columns", "rank"),
+    [
+        ("dh", 6, (0, 0, 0), 28, 28),
+        ("dh", 3, (0, 0, 0), 28, 24),
+        ("dh", 3, (0, 0, 0.1), 28, 25),  # a tool point off the wrist also feels alpha_7
+        ("dh_base_tool", 6, (0, 0, 0), 40, 34),
+    ],
+)
 def test_rank_of_the_identification_jacobian(terms, rows, tool, columns, rank):
     """method.md 1: full pose 28 of 28, position only 24, DH with base and tool 34 of 40."""
     J = stacked(60, core.dh_terms(7) if terms == "dh" else dh_base_tool(), rows, tool)
