@@ -1,0 +1,243 @@
+"""Write the parts of docs/ that follow from sources: docs/CLI.md from the commands' help, and the tables
+of docs/INTERFACES.md from the message files and headers.
+
+    python ground/gen_docs.py            write
+    python ground/gen_docs.py --check    say what is out of date; status 1 if anything is
+
+In INTERFACES.md only what stands between `<!-- made: NAME -->` and `<!-- end -->` is replaced."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+WIDTH = 100
+
+UNITS = (("_m_s2", "m/s^2"), ("_rad_s", "rad/s"), ("_rad", "rad"), ("_m", "m"), ("_us", "us"), ("_px", "px"),
+         ("_c", "deg C"), ("_kg", "kg"), ("_bytes", "bytes"))
+# Fields whose unit depends on the joint type.
+JOINT_UNIT = {"q_rad": "rad (m, prismatic)", "q_cmd_rad": "rad (m, prismatic)", "dq_rad_s": "rad/s (m/s, prismatic)",
+              "q_true_rad": "rad (m, prismatic)"}
+
+
+# --------------------------------------------------------------------------- message files
+
+@dataclass(frozen=True)
+class Field:
+    name: str
+    type: str
+    comment: str
+
+    @property
+    def unit(self) -> str:
+        if self.name in JOINT_UNIT:
+            return JOINT_UNIT[self.name]
+        name = re.sub(r"_wxyz$", "", self.name)
+        return next((unit for suffix, unit in UNITS if name.endswith(suffix)), "")
+
+
+@dataclass(frozen=True)
+class Message:
+    name: str
+    comment: str
+    fields: tuple[Field, ...]
+    constants: tuple[tuple[str, int], ...]
+
+
+def parse(path: Path) -> Message:
+    """A .lcm file as we write them: comments before what they speak of."""
+    fields: list[Field] = []
+    constants: list[tuple[str, int]] = []
+    about, comment, statement = "", [], ""
+    for line in path.read_text("utf-8").splitlines():
+        line = line.strip()
+        if line.startswith("//"):
+            comment.append(line.removeprefix("//").strip())
+        elif line.startswith("struct"):
+            about, comment = " ".join(comment), []
+        elif line in ("{", "}", "") or line.startswith("package"):
+            comment = [] if not line else comment
+        else:
+            statement += " " + line
+            if not statement.endswith(";"):
+                continue
+            if "const" in statement:
+                constants += [(n, int(v)) for n, v in re.findall(r"(\w+)\s*=\s*(-?\d+)", statement)]
+            elif found := re.fullmatch(r"\s*(\w+)\s+(\w+)((?:\[\w+\])*);", statement):
+                fields.append(Field(found[2], found[1] + found[3], " ".join(comment)))
+            else:
+                raise SystemExit(f"{path}: cannot read {statement!r}")
+            comment, statement = [], ""
+    return Message(path.stem, about, tuple(fields), tuple(constants))
+
+
+def messages() -> list[Message]:
+    return [parse(p) for p in sorted((ROOT / "fsw/msg").glob("*.lcm"))]
+
+
+# --------------------------------------------------------------------------- blocks of INTERFACES.md
+
+def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    out = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    out += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join(out)
+
+
+def block_channels() -> str:
+    from kincal.channels import CHANNELS
+
+    return table(("channel", "type", "from", "to", "rate", "carries"),
+                 [(f"`{c.name}`", f"[`{c.type}`](#{c.type})", c.sender, c.receivers, c.rate, c.purpose)
+                  for c in CHANNELS])
+
+
+def block_messages() -> str:
+    from kincal.channels import CHANNELS
+
+    used = {c.type: [x.name for x in CHANNELS if x.type == c.type] for c in CHANNELS}
+    parts = []
+    for m in messages():
+        about = re.sub(r"^Channels? .*?\.\s", "", m.comment)
+        parts.append(f"### {m.name}\n\n{', '.join(f'`{c}`' for c in used[m.name])}. {about}\n\n"
+                     + table(("field", "type", "unit", "meaning"),
+                             [(f"`{f.name}`", f"`{f.type}`", f.unit, f.comment) for f in m.fields]))
+        if m.constants and m.name != "cmd_t":
+            parts.append("Constants: " + ", ".join(f"`{n}` = {v}" for n, v in m.constants) + ".")
+    return "\n\n".join(parts)
+
+
+def block_opcodes() -> str:
+    """From the comments in cmd_t.lcm, `// NAME: meaning`, one or two names each."""
+    text = (ROOT / "fsw/msg/cmd_t.lcm").read_text("utf-8")
+    values = {n: v for n, v in parse(ROOT / "fsw/msg/cmd_t.lcm").constants if not n.startswith("SRC_")}
+    meaning: dict[str, str] = {}
+    names: list[str] = []
+    for line in text.splitlines():
+        line = line.strip()
+        if found := re.match(r"// ([A-Z_]+(?:, [A-Z_]+)*): (.*)", line):
+            names = [n.strip() for n in found[1].split(",")]
+            for n in names:
+                meaning[n] = found[2]
+        elif names and line.startswith("//"):
+            for n in names:
+                meaning[n] += " " + line.removeprefix("//").strip()
+        else:
+            names = []
+    missing = set(values) - set(meaning)
+    if missing:
+        raise SystemExit(f"cmd_t.lcm does not explain {', '.join(sorted(missing))}")
+    return table(("opcode", "name", "meaning and arguments"), [(str(v), f"`{n}`", meaning[n]) for n, v in
+                                                               sorted(values.items(), key=lambda item: item[1])])
+
+
+def c_enum(header: str, name: str) -> list[tuple[str, str, str]]:
+    """(value, name, comment) of an enumeration with one name a line."""
+    text = (ROOT / header).read_text("utf-8")
+    body = re.search(r"typedef enum \{(.*?)\} " + name + ";", text, re.S)
+    if body is None:
+        raise SystemExit(f"{header}: no enumeration {name}")
+    rows = re.findall(r"(KC_\w+)\s*=\s*(-?\d+),?\s*(?:/\*\s*(.*?)\s*\*/)?", body[1], re.S)
+    return [(v, n, re.sub(r"\s+", " ", c)) for n, v, c in rows]
+
+
+def block_statuses() -> str:
+    return table(("status", "name", "meaning"), [(v, f"`{n}`", c) for v, n, c in
+                                                 c_enum("fsw/math/kc_status.h", "kc_status_t")])
+
+
+def block_states() -> str:
+    return table(("state", "name", "what happens"), [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in
+                                                     c_enum("fsw/exec/kc_app.h", "kc_state_t")])
+
+
+def block_kinds() -> str:
+    return table(("kind", "name", "holds"), [(v, f"`{n.removeprefix('KC_TBL_')}`", KIND_TEXT[n]) for v, n, _c in
+                                             c_enum("fsw/exec/kc_tables.h", "kc_tbl_kind_t") if n in KIND_TEXT])
+
+
+KIND_TEXT = {
+    "KC_TBL_ARM": "DH chain, limits, masses, base and tool frames (`fsw/model/kc_arm.h`)",
+    "KC_TBL_CAMERA": "mast, head, lens, tags on the tool (`fsw/model/kc_camera.h`)",
+    "KC_TBL_TERMS": "coefficients and correction terms (`fsw/model/kc_terms.h`)",
+    "KC_TBL_KIN": "values of the coefficients in force: what calibration changes (`fsw/exec/kc_tables.h`)",
+    "KC_TBL_SPACE": "candidate poses, hubs, proven segments (`fsw/motion/kc_path.h`)",
+    "KC_TBL_KERNEL": "spectral tables and hyperparameters (`fsw/design/kc_kernel.h`)",
+    "KC_TBL_CONFIG": "how a calibration is run (`fsw/exec/kc_config.h`)",
+}
+
+
+def block_why() -> str:
+    from kincal.space import WHY
+
+    return table(("bit", "value", "checked and found good"), [(str(v.bit_length() - 1), str(v), text)
+                                                              for v, text in WHY.items()])
+
+
+BLOCKS: dict[str, Callable[[], str]] = {"channels": block_channels, "messages": block_messages,
+                                        "opcodes": block_opcodes, "statuses": block_statuses,
+                                        "states": block_states, "kinds": block_kinds, "why": block_why}
+
+
+def interfaces() -> str:
+    """INTERFACES.md with its blocks made anew."""
+    text = (DOCS / "INTERFACES.md").read_text("utf-8")
+    for name, make in BLOCKS.items():
+        pattern = re.compile(rf"(<!-- made: {name} -->\n).*?(<!-- end -->)", re.S)
+        if len(pattern.findall(text)) != 1:
+            raise SystemExit(f"docs/INTERFACES.md needs exactly one block '<!-- made: {name} -->'")
+        made = make()
+        text = pattern.sub(lambda m, made=made: f"{m[1]}\n{made}\n\n{m[2]}", text)  # type: ignore[misc]
+    return text
+
+
+# --------------------------------------------------------------------------- CLI.md
+
+def commands() -> Iterator[tuple[str, str]]:
+    """(full name, help text) of every command, groups first."""
+    import click
+
+    from kincal.cli import main
+
+    def walk(command: click.Command, name: str, parent: click.Context | None) -> Iterator[tuple[str, str]]:
+        context = click.Context(command, info_name=name.split()[-1], parent=parent, terminal_width=WIDTH,
+                                max_content_width=WIDTH)
+        yield name, command.get_help(context)
+        if isinstance(command, click.Group):
+            for sub in command.list_commands(context):
+                child = command.get_command(context, sub)
+                if child is not None:
+                    yield from walk(child, f"{name} {sub}", context)
+
+    yield from walk(main, "kincal", None)
+
+
+def cli() -> str:
+    parts = ["# Commands of `kincal`\n\nMade by `python ground/gen_docs.py` from the commands' own help; do not edit.\n"
+             "How they are used together: [GROUND.md](GROUND.md)."]
+    parts += [f"## {name}\n\n```text\n{text}\n```" for name, text in commands()]
+    return "\n\n".join(parts) + "\n"
+
+
+# --------------------------------------------------------------------------- main
+
+def main(argv: list[str]) -> int:
+    sys.path[:0] = [str(ROOT / "ground"), str(ROOT / "build/py")]
+    wanted = {DOCS / "INTERFACES.md": interfaces(), DOCS / "CLI.md": cli()}
+    stale = [path for path, text in wanted.items() if not path.is_file() or path.read_text("utf-8") != text]
+    if "--check" in argv:
+        for path in stale:
+            print(f"{path.relative_to(ROOT)} is out of date; run `python ground/gen_docs.py`", file=sys.stderr)
+        return 1 if stale else 0
+    for path in stale:
+        path.write_text(wanted[path], "utf-8")
+        print(f"{path.relative_to(ROOT)} written")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
