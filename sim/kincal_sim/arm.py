@@ -48,8 +48,10 @@ def split_errors(errors: dict[str, float], n_joints: int) -> tuple[np.ndarray, d
         elif where in frames and comp in FRAME:
             frames[where][FRAME[comp]] = value
         else:
-            raise ErrorNames(f"unknown error '{name}'; known: J1..J{n_joints} with {', '.join(DH)}; "
-                             f"base and tool with {', '.join(FRAME)}")
+            raise ErrorNames(
+                f"unknown error '{name}'; known: J1..J{n_joints} with {', '.join(DH)}; "
+                f"base and tool with {', '.join(FRAME)}"
+            )
     return dh, frames["base"], frames["tool"]
 
 
@@ -97,8 +99,13 @@ def _arm(world: ET.Element, spec: dict, errors: dict[str, float]) -> ET.Element:
             _capsule(link, f"link{i + 1}.{k}", shape, "joint" if k % 2 else "arm")
         frame = _body(link, f"frame{i + 1}", geom.trans(a, 0, d) @ geom.rot("x", alpha))
         # A point mass is all that static loads need; the tiny inertia only keeps the compiler content.
-        ET.SubElement(frame, "inertial", pos=_num(joint["com_m"]), mass=_num(joint["mass_kg"]),
-                      diaginertia="1e-6 1e-6 1e-6")
+        ET.SubElement(
+            frame,
+            "inertial",
+            pos=_num(joint["com_m"]),
+            mass=_num(joint["mass_kg"]),
+            diaginertia="1e-6 1e-6 1e-6",
+        )
     return _body(frame, "tool", geom.trans(*spec["tool"]["xyz_m"]) @ geom.twist(**tool_error))
 
 
@@ -160,7 +167,13 @@ def _touching(n: int) -> list[tuple[str, str]]:
     pairs = [("world", "link1"), ("pan", "world"), ("tilt", "world"), ("pan", "tilt")]
     pairs += [(f"link{i}", f"link{i + 1}") for i in range(1, n)]
     # Upper arm and forearm lie side by side when the elbow is folded to its stop.
-    pairs += [("link1", "link3"), ("link3", "link5"), ("link5", f"link{n}"), (f"link{n}", "tool"), (f"link{n - 1}", "tool")]
+    pairs += [
+        ("link1", "link3"),
+        ("link3", "link5"),
+        ("link5", f"link{n}"),
+        (f"link{n}", "tool"),
+        (f"link{n - 1}", "tool"),
+    ]
     pairs += [(a, b) for a in ("tag0", "tag1") for b in ("tool", f"link{n}")]
     return pairs
 
@@ -168,8 +181,13 @@ def _touching(n: int) -> list[tuple[str, str]]:
 class Arm:
     """MuJoCo model and data of one arm on its lander; positions are set, never integrated."""
 
-    def __init__(self, spec: dict | None = None, errors: dict[str, float] | None = None,
-                 gravity_m_s2=GRAVITY_EARTH, payload_kg: float = 0.0):
+    def __init__(
+        self,
+        spec: dict | None = None,
+        errors: dict[str, float] | None = None,
+        gravity_m_s2=GRAVITY_EARTH,
+        payload_kg: float = 0.0,
+    ):
         self.spec = spec or load_spec()
         self.n = len(self.spec["joint"])
         self.model = mujoco.MjModel.from_xml_string(mjcf(self.spec, errors, payload_kg))
@@ -183,9 +201,9 @@ class Arm:
 
     def set(self, q_rad, pan_rad: float | None = None, tilt_rad: float | None = None) -> None:
         """Put the true joints (and the head) there and update all frames."""
-        self.data.qpos[:self.n] = q_rad
+        self.data.qpos[: self.n] = q_rad
         if pan_rad is not None:
-            self.data.qpos[self.n:] = pan_rad, tilt_rad
+            self.data.qpos[self.n :] = pan_rad, tilt_rad
         mujoco.mj_kinematics(self.model, self.data)
 
     def _pose(self, body: int) -> np.ndarray:
@@ -205,11 +223,11 @@ class Arm:
         self.data.qvel[:] = 0.0
         mujoco.mj_comVel(self.model, self.data)
         mujoco.mj_rne(self.model, self.data, 0, self._bias)
-        return -self._bias[:self.n]
+        return -self._bias[: self.n]
 
     def collisions(self) -> list[tuple[str, str]]:
         """Names of the shapes that touch at the present posture."""
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_collision(self.model, self.data)
         name = [self.model.geom(i).name for i in range(self.model.ngeom)]
-        return [(name[c.geom1], name[c.geom2]) for c in self.data.contact[:self.data.ncon]]
+        return [(name[c.geom1], name[c.geom2]) for c in self.data.contact[: self.data.ncon]]

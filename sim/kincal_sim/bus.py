@@ -12,18 +12,32 @@ import struct
 import time
 from collections.abc import Callable
 
-import kcm
 import lcm
 
-LEAVE = -1       # KC_TICK_DONE.tick of a participant that goes away
-HELLO_S = 0.1    # wall time between announcements before the first tick
+import kcm
+
+LEAVE = -1  # KC_TICK_DONE.tick of a participant that goes away
+HELLO_S = 0.1  # wall time between announcements before the first tick
 TYPES = {
-    "KC_TIME": kcm.time_t, "KC_TICK_DONE": kcm.tick_done_t, "KC_ARM_STATE": kcm.arm_state_t,
-    "KC_ARM_CMD": kcm.arm_cmd_t, "KC_PANTILT_STATE": kcm.pantilt_state_t, "KC_PANTILT_CMD": kcm.pantilt_cmd_t,
-    "KC_FRAME_REQUEST": kcm.frame_request_t, "KC_IMAGE": kcm.image_t, "KC_DETECTION": kcm.detection_t,
-    "KC_CMD": kcm.cmd_t, "KC_ACK": kcm.ack_t, "KC_TABLE_UP": kcm.table_chunk_t,
-    "KC_TABLE_DOWN": kcm.table_chunk_t, "KC_EVENT": kcm.event_t, "KC_HK": kcm.hk_t, "KC_MEAS": kcm.meas_t,
-    "KC_PROGRESS": kcm.progress_t, "KC_PROPOSAL": kcm.proposal_t, "KC_SIM_TRUTH": kcm.sim_truth_t,
+    "KC_TIME": kcm.time_t,
+    "KC_TICK_DONE": kcm.tick_done_t,
+    "KC_ARM_STATE": kcm.arm_state_t,
+    "KC_ARM_CMD": kcm.arm_cmd_t,
+    "KC_PANTILT_STATE": kcm.pantilt_state_t,
+    "KC_PANTILT_CMD": kcm.pantilt_cmd_t,
+    "KC_FRAME_REQUEST": kcm.frame_request_t,
+    "KC_IMAGE": kcm.image_t,
+    "KC_DETECTION": kcm.detection_t,
+    "KC_CMD": kcm.cmd_t,
+    "KC_ACK": kcm.ack_t,
+    "KC_TABLE_UP": kcm.table_chunk_t,
+    "KC_TABLE_DOWN": kcm.table_chunk_t,
+    "KC_EVENT": kcm.event_t,
+    "KC_HK": kcm.hk_t,
+    "KC_MEAS": kcm.meas_t,
+    "KC_PROGRESS": kcm.progress_t,
+    "KC_PROPOSAL": kcm.proposal_t,
+    "KC_SIM_TRUTH": kcm.sim_truth_t,
 }
 
 
@@ -37,6 +51,7 @@ class Bus:
 
     def listen(self, channel: str, handler: Callable) -> None:
         """Call handler(channel, message) for every message; undecodable ones are only counted."""
+
         def on(ch: str, data: bytes) -> None:
             try:
                 message = TYPES[channel].decode(data)
@@ -45,6 +60,7 @@ class Bus:
                 print(f"{ch}: message dropped: {e}", flush=True)
                 return
             handler(ch, message)
+
         # LCM's own queue of 30 drops what a slow reader misses; nothing may be dropped here.
         self.lcm.subscribe(channel, on).set_queue_capacity(0)
 

@@ -32,7 +32,7 @@ class Compliance:
     def __init__(self, rad_per_nm: np.ndarray):
         self.rad_per_nm = rad_per_nm
 
-    def offset(self, arm: Arm, state: State) -> np.ndarray:
+    def offset(self, arm: Arm, _state: State) -> np.ndarray:
         return self.rad_per_nm * arm.gravity_torque()
 
 
@@ -56,4 +56,6 @@ class Truth:
             self.arm.set(q)
             if step < EQUILIBRIUM_TOL_RAD:
                 return q
-        raise ArithmeticError(f"no equilibrium after {EQUILIBRIUM_ITER_MAX} iterations (last step {step:.1e} rad)")
+        raise ArithmeticError(
+            f"no equilibrium after {EQUILIBRIUM_ITER_MAX} iterations (last step {step:.1e} rad)"
+        )

@@ -19,14 +19,14 @@ from .bus import Bus, Participant
 from .scenario import ACCEPT, ACQUISITIONS, VERDICTS, Scenario, load
 
 HEARD = ["KC_HK", "KC_ACK", "KC_EVENT", "KC_PROPOSAL"]
-IDLE, REVIEW, ARMED, SAFE = 0, 9, 10, 11    # KC_HK.state, see docs/INTERFACES.md
+IDLE, REVIEW, SAFE = 0, 9, 11  # KC_HK.state, see docs/INTERFACES.md
 TBL_KIN = 4
 FIRST_HEARTBEAT_S = 30.0
-LINGER_S = 2.0           # after the end: one more heartbeat shows where flight stands
+LINGER_S = 2.0  # after the end: one more heartbeat shows where flight stands
 ABORT_WAIT_S = 10.0
 POLICY_WAIT_S = 10.0
-PEOPLE_S = 0.1           # wall time of a tick while people decide
-GROUND_WAIT_S = 1800.0   # with --accept ground: somebody listens and will decide
+PEOPLE_S = 0.1  # wall time of a tick while people decide
+GROUND_WAIT_S = 1800.0  # with --accept ground: somebody listens and will decide
 
 
 class Executive:
@@ -36,11 +36,22 @@ class Executive:
     anywhere ABORT -> END.
     """
 
-    def __init__(self, scenario: Scenario, send, seed: int = 1, acquisition: str = "", poses: int = 0,
-                 first_seq: int = 1):
+    def __init__(
+        self,
+        scenario: Scenario,
+        send,
+        seed: int = 1,
+        acquisition: str = "",
+        poses: int = 0,
+        first_seq: int = 1,
+    ):
         self.limits, self.send = scenario.executive, send
-        self.ask = [ACQUISITIONS[acquisition or scenario.calibration.acquisition],
-                    poses or scenario.calibration.poses, seed, 0]
+        self.ask = [
+            ACQUISITIONS[acquisition or scenario.calibration.acquisition],
+            poses or scenario.calibration.poses,
+            seed,
+            0,
+        ]
         self.mask = scenario.calibration.estimate_mask
         self.seq = first_seq
         self.phase, self.since_us, self.now_us, self.begun_us = "HELLO", None, 0, None
@@ -169,9 +180,11 @@ class Executive:
 
     def _outside_limits(self, p) -> str:
         limits = self.limits
-        for name, got, allowed in (("predicted position sigma", p.pred_pos_m, limits.pred_pos_max_m),
-                                   ("predicted rotation sigma", p.pred_rot_rad, limits.pred_rot_max_rad),
-                                   ("outliers", p.n_outliers, limits.outliers_max)):
+        for name, got, allowed in (
+            ("predicted position sigma", p.pred_pos_m, limits.pred_pos_max_m),
+            ("predicted rotation sigma", p.pred_rot_rad, limits.pred_rot_max_rad),
+            ("outliers", p.n_outliers, limits.outliers_max),
+        ):
             if not got <= allowed:
                 return f"{name} {got:.4g} > {allowed:.4g}"
         return ""
@@ -204,10 +217,10 @@ class Executive:
         self._go("END")
 
     def _fail(self, reason: str) -> None:
-        """Give up. While flight still works on it, it is told to stop."""
+        """Give up. While flight still measures, it is told to stop; a proposal is left to the ground."""
         self._finish(False, reason)
         self.awaited = None
-        if self.hk is not None and self.hk.state not in (IDLE, REVIEW, SAFE):
+        if self.phase in ("START", "RUN") and self.hk.state not in (IDLE, REVIEW, SAFE):
             self._command(kcm.cmd_t.ABORT)
             self._go("ABORT")
         else:
@@ -218,7 +231,9 @@ class Executive:
             return
         p = self.proposal
         self.result = {
-            "success": success, "reason": reason, "phase": self.phase,
+            "success": success,
+            "reason": reason,
+            "phase": self.phase,
             "verdict": VERDICTS[p.verdict] if p is not None and 0 <= p.verdict < len(VERDICTS) else "",
             "crc": f"{p.crc & 0xFFFFFFFF:08x}" if p is not None else "",
             "n_poses": p.n_poses if p is not None else max(self.pose, 0),
@@ -228,20 +243,27 @@ class Executive:
     def record(self) -> dict:
         """The result with flight's last housekeeping, for result.json."""
         hk = self.hk
-        return {**self.result, "state": hk.state if hk else None,
-                "table_crc_kin": f"{hk.table_crc[TBL_KIN] & 0xFFFFFFFF:08x}" if hk else "",
-                "warnings": {str(k): v for k, v in sorted(self.warnings.items())}}
+        return {
+            **self.result,
+            "state": hk.state if hk else None,
+            "table_crc_kin": f"{hk.table_crc[TBL_KIN] & 0xFFFFFFFF:08x}" if hk else "",
+            "warnings": {str(k): v for k, v in sorted(self.warnings.items())},
+        }
 
 
 def options(argv: list[str] | None) -> argparse.Namespace:
     p = argparse.ArgumentParser(prog="python -m kincal_sim.executive", description=__doc__.split("\n")[0])
-    p.add_argument("--scenario", required=True, help="name or file: accept policy, time-outs, what to ask for")
+    p.add_argument(
+        "--scenario", required=True, help="name or file: accept policy, time-outs, what to ask for"
+    )
     p.add_argument("--url", required=True, help="LCM URL")
     p.add_argument("--out", type=Path, required=True, help="folder for result.json")
     p.add_argument("--seed", type=int, default=1, help="of flight's random acquisition")
     p.add_argument("--acquisition", default="", choices=["", *ACQUISITIONS])
     p.add_argument("--poses", type=int, default=0)
-    p.add_argument("--accept", default="", choices=["", *ACCEPT], help="accept policy (default: the scenario's)")
+    p.add_argument(
+        "--accept", default="", choices=["", *ACCEPT], help="accept policy (default: the scenario's)"
+    )
     p.add_argument("--live", action="store_true", help="wall clock instead of lockstep")
     return p.parse_args(argv)
 
@@ -255,8 +277,9 @@ def main(argv: list[str] | None = None) -> int:
     scenario.executive.accept = o.accept or scenario.executive.accept
     if o.accept == "ground":
         scenario.executive.ground_wait_s = max(scenario.executive.ground_wait_s, GROUND_WAIT_S)
-    executive = Executive(scenario, lambda m: bus.publish("KC_CMD", m), o.seed, o.acquisition, o.poses,
-                          first_seq)
+    executive = Executive(
+        scenario, lambda m: bus.publish("KC_CMD", m), o.seed, o.acquisition, o.poses, first_seq
+    )
 
     def act(now_us: int, messages: list) -> bool:
         alive = executive.tick(now_us, messages)

@@ -26,8 +26,7 @@ def trans(x: float, y: float, z: float) -> np.ndarray:
 
 def twist(tx=0.0, ty=0.0, tz=0.0, rx=0.0, ry=0.0, rz=0.0) -> np.ndarray:
     """Finite frame error in the project's order Tx Rx Ty Ry Rz Tz."""
-    return (trans(tx, 0, 0) @ rot("x", rx) @ trans(0, ty, 0) @ rot("y", ry)
-            @ rot("z", rz) @ trans(0, 0, tz))
+    return trans(tx, 0, 0) @ rot("x", rx) @ trans(0, ty, 0) @ rot("y", ry) @ rot("z", rz) @ trans(0, 0, tz)
 
 
 def quat(R: np.ndarray) -> np.ndarray:
@@ -57,11 +56,13 @@ def quat(R: np.ndarray) -> np.ndarray:
 def matrix(q_wxyz) -> np.ndarray:
     """3x3 rotation matrix of a unit quaternion."""
     w, x, y, z = q_wxyz
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def pose(p_m, R: np.ndarray) -> np.ndarray:

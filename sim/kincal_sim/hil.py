@@ -22,13 +22,13 @@ from xml.etree import ElementTree as ET
 import lcm
 
 from .bus import TYPES
-from .launch import ROOT, LaunchError, Run, add_options, execute, stop_on_terminate
+from .launch import ROOT, LaunchError, Run, add_options, execute, shared, stop_on_terminate
 from .scenario import ScenarioError, find
 
 DEFAULT = ("paper", "healthy")
 SHORT_POSES = 8
-HK_GAP_MAX_S = 2.5        # heartbeats come every second
-STATE_GAP_MAX_S = 1.5     # arm states come every 0.1 s; a frame being drawn holds them up for a while
+HK_GAP_MAX_S = 2.5  # heartbeats come every second
+STATE_GAP_MAX_S = 1.5  # arm states come every 0.1 s; a frame being drawn holds them up for a while
 CHANNELS = ("KC_HK", "KC_CMD", "KC_ACK", "KC_ARM_STATE", "KC_FRAME_REQUEST", "KC_DETECTION")
 
 
@@ -54,6 +54,7 @@ def read_log(path: Path) -> dict[str, list]:
 
 
 # -- checks: each gives the problem, or nothing -----------------------------------------------------
+
 
 def _longest_gap_s(messages: list) -> float:
     t = [m.t_us for m in messages]
@@ -98,14 +99,25 @@ def no_message_errors(o: Outcome) -> str:
     hk = o.heard["KC_HK"][-1] if o.heard["KC_HK"] else None
     if hk is None:
         return "no heartbeats"
-    return f"{hk.n_tx_errors} send and {hk.n_rx_errors} receive errors" if hk.n_tx_errors + hk.n_rx_errors else ""
+    return (
+        f"{hk.n_tx_errors} send and {hk.n_rx_errors} receive errors"
+        if hk.n_tx_errors + hk.n_rx_errors
+        else ""
+    )
 
 
-CHECKS = (calibration_ends_as_expected, heartbeats_come_every_second, arm_states_keep_coming,
-          every_command_is_answered, frames_are_answered, no_message_errors)
+CHECKS = (
+    calibration_ends_as_expected,
+    heartbeats_come_every_second,
+    arm_states_keep_coming,
+    every_command_is_answered,
+    frames_are_answered,
+    no_message_errors,
+)
 
 
 # -- running and reporting --------------------------------------------------------------------------
+
 
 def run_one(run: Run) -> Outcome:
     outcome, started = Outcome(run.scenario.stem), time.monotonic()
@@ -121,8 +133,10 @@ def run_one(run: Run) -> Outcome:
 def run_all(runs: list[Run], side_by_side: bool) -> list[Outcome]:
     """In the order given; side by side each has a network of its own."""
     outcomes: dict[int, Outcome] = {}
-    threads = [threading.Thread(target=lambda k=k, r=r: outcomes.__setitem__(k, run_one(r)), daemon=True)
-               for k, r in enumerate(runs)]
+    threads = [
+        threading.Thread(target=lambda k=k, r=r: outcomes.__setitem__(k, run_one(r)), daemon=True)
+        for k, r in enumerate(runs)
+    ]
     for t in threads:
         t.start()
         if not side_by_side:
@@ -137,9 +151,15 @@ def junit(outcomes: list[Outcome]) -> ET.ElementTree:
     root = ET.Element("testsuites", name="hil")
     for o in outcomes:
         problems = [(check.__name__, check(o)) for check in CHECKS]
-        suite = ET.SubElement(root, "testsuite", name=f"hil.{o.name}", tests=str(len(problems)),
-                              failures=str(sum(bool(p) for _, p in problems)), errors="0",
-                              time=f"{o.seconds:.1f}")
+        suite = ET.SubElement(
+            root,
+            "testsuite",
+            name=f"hil.{o.name}",
+            tests=str(len(problems)),
+            failures=str(sum(bool(p) for _, p in problems)),
+            errors="0",
+            time=f"{o.seconds:.1f}",
+        )
         for name, problem in problems:
             case = ET.SubElement(suite, "testcase", classname=f"hil.{o.name}", name=name, time="0")
             if problem:
@@ -155,8 +175,10 @@ def report(tree: ET.ElementTree) -> int:
         failure = case.find("failure")
         failures += failure is not None
         verdict = "ok  " if failure is None else "FAIL"
-        print(f"{verdict} {case.get('classname')} {case.get('name').replace('_', ' ')}"
-              + ("" if failure is None else f": {failure.text}"))
+        print(
+            f"{verdict} {case.get('classname')} {case.get('name').replace('_', ' ')}"
+            + ("" if failure is None else f": {failure.text}")
+        )
     return failures
 
 
@@ -175,8 +197,17 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 
 
 def plan(o: argparse.Namespace) -> list[Run]:
-    return [Run(find(name), o.out / find(name).stem, o.url, o.fast, o.seed, o.acquisition, o.poses, realtime=True,
-                sim=not o.no_sim, fsw=not o.no_fsw, tables=o.tables) for name in o.scenarios or DEFAULT]
+    return [
+        Run(
+            find(name),
+            o.out / find(name).stem,
+            **shared(o),
+            realtime=True,
+            sim=not o.no_sim,
+            fsw=not o.no_fsw,
+        )
+        for name in o.scenarios or DEFAULT
+    ]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -192,8 +223,11 @@ def main(argv: list[str] | None = None) -> int:
     o.out.mkdir(parents=True, exist_ok=True)
     tree.write(o.out / "junit.xml", encoding="utf-8", xml_declaration=True)
     failures = report(tree)
-    print(f"{failures} checks failed; report in {o.out / 'junit.xml'}" if failures else
-          f"all checks passed; report in {o.out / 'junit.xml'}")
+    print(
+        f"{failures} checks failed; report in {o.out / 'junit.xml'}"
+        if failures
+        else f"all checks passed; report in {o.out / 'junit.xml'}"
+    )
     return 1 if failures else 0
 
 

@@ -24,18 +24,19 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import kcm
 import lcm
+
+import kcm
 
 from .scenario import ACCEPT, ACQUISITIONS, Scenario, ScenarioError, find, load
 
 ROOT = Path(__file__).resolve().parents[2]
 GROUP = "239.255.76.67"
 PORTS = range(20000, 32000)
-RECEIVE_BYTES = 4 << 20    # asked for; the kernel gives what it allows
+RECEIVE_BYTES = 4 << 20  # asked for; the kernel gives what it allows
 POLL_S = 0.02
-STOP_WAIT_S = 5.0          # for a process to end by itself or on request
-QUIET_S = 0.2              # the log is complete when nothing came for so long
+STOP_WAIT_S = 5.0  # for a process to end by itself or on request
+QUIET_S = 0.2  # the log is complete when nothing came for so long
 TAIL_LINES = 15
 LOGGED = "KC_.*"
 LOGGED_NO_IMAGES = "KC_(?!IMAGE).*"
@@ -47,6 +48,7 @@ class LaunchError(RuntimeError):
 
 
 # -- LCM: a private port and a log ------------------------------------------------------------------
+
 
 def private_port() -> tuple[int, socket.socket]:
     """A port that nobody uses for LCM, and the socket that reserves it while it stays open.
@@ -103,6 +105,7 @@ class Recorder:
 
 # -- processes --------------------------------------------------------------------------------------
 
+
 @dataclass
 class Process:
     name: str
@@ -120,14 +123,25 @@ class Team:
     def start(self, name: str, argv: list) -> None:
         process = Process(name, [str(a) for a in argv])
         self.logs.mkdir(parents=True, exist_ok=True)
-        env = {**os.environ, "PYTHONUNBUFFERED": "1",
-               "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
-               "PYTHONPATH": os.pathsep.join([str(ROOT / "sim"), str(ROOT / "build" / "py"),
-                                              *filter(None, [os.environ.get("PYTHONPATH")])])}
+        env = {
+            **os.environ,
+            "PYTHONUNBUFFERED": "1",
+            "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]),
+            "PYTHONPATH": os.pathsep.join(
+                [str(ROOT / "sim"), str(ROOT / "build" / "py"), *filter(None, [os.environ.get("PYTHONPATH")])]
+            ),
+        }
         with open(self.logs / f"{name}.out", "wb") as out, open(self.logs / f"{name}.err", "wb") as err:
             # A session of its own: ctrl-C reaches only the launcher, which then stops everybody in order.
-            process.running = subprocess.Popen(process.argv, stdin=subprocess.DEVNULL, stdout=out, stderr=err,
-                                               env=env, start_new_session=True, preexec_fn=_die_with_parent)
+            process.running = subprocess.Popen(
+                process.argv,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                env=env,
+                start_new_session=True,
+                preexec_fn=_die_with_parent,
+            )
         self.members.append(process)
 
     def status(self, name: str) -> int | None:
@@ -184,11 +198,11 @@ class Run:
     seed: int = 1
     acquisition: str = ""
     poses: int = 0
-    accept: str = ""          # accept policy instead of the scenario's
+    accept: str = ""  # accept policy instead of the scenario's
     realtime: bool = False
-    sim: bool = True          # False: a bench stands in for the simulator
-    fsw: bool = True          # False: the flight process already runs somewhere on this URL
-    images: bool = False      # log the frames too
+    sim: bool = True  # False: a bench stands in for the simulator
+    fsw: bool = True  # False: the flight process already runs somewhere on this URL
+    images: bool = False  # log the frames too
     tables: Path = ROOT / "tables" / "bin"
     store: Path | None = None  # None: a fresh one
     fsw_bin: Path = ROOT / "build" / "kincal-fsw"
@@ -203,16 +217,40 @@ class Run:
         if self.fsw:
             asked["fsw"] = [self.fsw_bin, "--url", url, "--tables", self.tables, "--store", store, pace]
         if not self.fast:
-            asked["detector"] = [self.detector_bin, "--config", self.detector_config, "--url", url,
-                                 *([] if self.realtime else ["--lockstep"])]
-        asked["executive"] = [*me, "kincal_sim.executive", *common, "--out", self.out, "--seed", self.seed,
-                              "--poses", self.poses,
-                              *(["--acquisition", self.acquisition] if self.acquisition else []),
-                              *(["--accept", self.accept] if self.accept else []),
-                              *(["--live"] if self.realtime else [])]
+            asked["detector"] = [
+                self.detector_bin,
+                "--config",
+                self.detector_config,
+                "--url",
+                url,
+                *([] if self.realtime else ["--lockstep"]),
+            ]
+        asked["executive"] = [
+            *me,
+            "kincal_sim.executive",
+            *common,
+            "--out",
+            self.out,
+            "--seed",
+            self.seed,
+            "--poses",
+            self.poses,
+            *(["--acquisition", self.acquisition] if self.acquisition else []),
+            *(["--accept", self.accept] if self.accept else []),
+            *(["--live"] if self.realtime else []),
+        ]
         if self.sim:
-            asked["server"] = [*me, "kincal_sim.server", *common, "--out", self.out, "--seed", self.seed,
-                               "--fast" if self.fast else "--pixels", *(["--realtime"] if self.realtime else [])]
+            asked["server"] = [
+                *me,
+                "kincal_sim.server",
+                *common,
+                "--out",
+                self.out,
+                "--seed",
+                self.seed,
+                "--fast" if self.fast else "--pixels",
+                *(["--realtime"] if self.realtime else []),
+            ]
         return asked
 
     def check(self) -> None:
@@ -255,8 +293,16 @@ def execute(run: Run, announce=None) -> dict:
     recorder = Recorder(url, run.out / "run.lcmlog", run.images)
     try:
         if announce:
-            announce({"url": url, "out": str(run.out), "scenario": scenario.name, "seed": run.seed,
-                      "mode": "fast" if run.fast else "pixels", "realtime": run.realtime})
+            announce(
+                {
+                    "url": url,
+                    "out": str(run.out),
+                    "scenario": scenario.name,
+                    "seed": run.seed,
+                    "mode": "fast" if run.fast else "pixels",
+                    "realtime": run.realtime,
+                }
+            )
         for name, argv in run.commands(url, store).items():
             team.start(name, argv)
         recorder.start()
@@ -269,8 +315,15 @@ def execute(run: Run, announce=None) -> dict:
             lock.close()
     result = json.loads((run.out / "result.json").read_text())
     problem = judge(scenario, result)
-    result |= {"ok": not problem, "problem": problem, "wall_s": round(time.monotonic() - started, 2), "url": url,
-               "scenario": scenario.name, "seed": run.seed, "mode": "fast" if run.fast else "pixels"}
+    result |= {
+        "ok": not problem,
+        "problem": problem,
+        "wall_s": round(time.monotonic() - started, 2),
+        "url": url,
+        "scenario": scenario.name,
+        "seed": run.seed,
+        "mode": "fast" if run.fast else "pixels",
+    }
     (run.out / "launch.json").write_text(json.dumps(result, indent=1) + "\n")
     return result
 
@@ -306,13 +359,27 @@ def add_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--tables", type=Path, default=Run.tables)
 
 
+def shared(o: argparse.Namespace) -> dict:
+    """Those options as fields of a Run."""
+    return {
+        "url": o.url,
+        "fast": o.fast,
+        "seed": o.seed,
+        "acquisition": o.acquisition,
+        "poses": o.poses,
+        "tables": o.tables,
+    }
+
+
 def options(argv: list[str] | None) -> argparse.Namespace:
     p = argparse.ArgumentParser(prog="python -m kincal_sim.launch", description=__doc__.split("\n")[0])
     p.add_argument("scenario", help="name or file")
     p.add_argument("--out", type=Path, required=True, help="folder for everything a run leaves")
     p.add_argument("--store", type=Path, help="store of an earlier run to go on with (default: a fresh one)")
     p.add_argument("--realtime", action="store_true", help="wall clock instead of lockstep")
-    p.add_argument("--accept", default="", choices=["", *ACCEPT], help="accept policy (default: the scenario's)")
+    p.add_argument(
+        "--accept", default="", choices=["", *ACCEPT], help="accept policy (default: the scenario's)"
+    )
     p.add_argument("--images", action="store_true", help="log the frames too (20 MB per 100 frames)")
     p.add_argument("--fsw", type=Path, default=Run.fsw_bin, help="flight process")
     add_options(p)
@@ -332,8 +399,16 @@ def main(argv: list[str] | None = None) -> int:
     o = options(argv)
     stop_on_terminate()
     try:
-        run = Run(find(o.scenario), o.out, o.url, o.fast, o.seed, o.acquisition, o.poses, o.realtime,
-                  accept=o.accept, images=o.images, tables=o.tables, store=o.store, fsw_bin=o.fsw)
+        run = Run(
+            find(o.scenario),
+            o.out,
+            **shared(o),
+            accept=o.accept,
+            realtime=o.realtime,
+            images=o.images,
+            store=o.store,
+            fsw_bin=o.fsw,
+        )
         result = execute(run, say)
     except (LaunchError, ScenarioError) as e:
         print(f"launch: {e}", file=sys.stderr)

@@ -47,7 +47,7 @@ class Mover:
     """
 
     def __init__(self, q, speed, accel, settle_s=0.0, settle_hz=5.0, settle_gain_s=0.0):
-        self.q_rest = np.array(q, float)    # start of the present line
+        self.q_rest = np.array(q, float)  # start of the present line
         self.unit = np.zeros_like(self.q_rest)
         self.profile: Profile | None = None
         self.t_start = self.t_rest = 0.0
@@ -134,8 +134,14 @@ class ArmController:
         self.q_min = np.array([j["q_rad"][0] for j in joints])
         self.q_max = np.array([j["q_rad"][1] for j in joints])
         start = np.array(m["home_rad"] if q_start is None else q_start, float)
-        self.mover = Mover(start, [j["speed_rad_s"] for j in joints], [j["accel_rad_s2"] for j in joints],
-                           m["settle_s"], m["settle_hz"], m["settle_gain_s"])
+        self.mover = Mover(
+            start,
+            [j["speed_rad_s"] for j in joints],
+            [j["accel_rad_s2"] for j in joints],
+            m["settle_s"],
+            m["settle_hz"],
+            m["settle_gain_s"],
+        )
         self.q_cmd = start.copy()
         self.fault_mask = 0
         self.last_seq: int | None = None

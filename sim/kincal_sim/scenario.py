@@ -26,11 +26,11 @@ class ScenarioError(ValueError):
 class ArmTruth:
     """Deviations of the true arm from nominal."""
 
-    errors: dict[str, float] = field(default_factory=dict)              # coefficient name -> value
-    encoder_bias_rad: dict[str, float] = field(default_factory=dict)    # joint -> reading minus truth
-    encoder_gain: dict[str, float] = field(default_factory=dict)        # joint -> turns (1 + gain) x reading
+    errors: dict[str, float] = field(default_factory=dict)  # coefficient name -> value
+    encoder_bias_rad: dict[str, float] = field(default_factory=dict)  # joint -> reading minus truth
+    encoder_gain: dict[str, float] = field(default_factory=dict)  # joint -> turns (1 + gain) x reading
     encoder_noise_rad: float = 0.0
-    encoder_step_rad: float = 0.0                                       # quantisation, 0 = none
+    encoder_step_rad: float = 0.0  # quantisation, 0 = none
     compliance_rad_per_nm: dict[str, float] = field(default_factory=dict)
 
 
@@ -62,7 +62,7 @@ class Limits:
     ack_timeout_s: float = 3.0
     pose_timeout_s: float = 600.0
     total_timeout_s: float = 7200.0
-    ground_wait_s: float = 0.0      # accept = "ground": how long the run goes on for its decision
+    ground_wait_s: float = 0.0  # accept = "ground": how long the run goes on for its decision
 
 
 @dataclass
@@ -80,8 +80,8 @@ class Scenario:
     title: str
     arm: ArmTruth = field(default_factory=ArmTruth)
     env: Environment = field(default_factory=Environment)
-    camera: dict = field(default_factory=dict)     # settings of the camera, see camera.py
-    fastcam: dict = field(default_factory=dict)    # noise of the fast mode, see fastcam.py
+    camera: dict = field(default_factory=dict)  # settings of the camera, see camera.py
+    fastcam: dict = field(default_factory=dict)  # noise of the fast mode, see fastcam.py
     calibration: Calibration = field(default_factory=Calibration)
     executive: Limits = field(default_factory=Limits)
     expect: Expect = field(default_factory=Expect)
@@ -93,8 +93,9 @@ class Scenario:
         """The map from encoder readings to true joints, on this arm."""
         c = per_joint(self.arm.compliance_rad_per_nm, arm.n)
         effects = [Compliance(c)] if c.any() else []
-        return Truth(arm, per_joint(self.arm.encoder_bias_rad, arm.n), per_joint(self.arm.encoder_gain, arm.n),
-                     effects)
+        return Truth(
+            arm, per_joint(self.arm.encoder_bias_rad, arm.n), per_joint(self.arm.encoder_gain, arm.n), effects
+        )
 
     def coefficients(self) -> dict[str, float]:
         """Injected errors as the values that a perfect calibration would find. An encoder that reads b too
@@ -120,7 +121,7 @@ def per_joint(named: dict[str, float], n: int) -> np.ndarray:
 
 
 def _take(cls, where: str, data: dict):
-    """A dataclass from a TOML table; unknown keys are errors, because a typing slip must not pass silently."""
+    """A dataclass from a TOML table; unknown keys are errors, so that no typing slip passes silently."""
     known = {f.name for f in fields(cls)}
     unknown = sorted(set(data) - known)
     if unknown:
@@ -145,8 +146,13 @@ def load(name: str | Path) -> Scenario:
     path = find(name)
     with open(path, "rb") as f:
         data = tomllib.load(f)
-    parts = {"arm": ArmTruth, "env": Environment, "calibration": Calibration, "executive": Limits,
-             "expect": Expect}
+    parts = {
+        "arm": ArmTruth,
+        "env": Environment,
+        "calibration": Calibration,
+        "executive": Limits,
+        "expect": Expect,
+    }
     for key, cls in parts.items():
         if key in data:
             data[key] = _take(cls, key, data[key])
@@ -160,8 +166,11 @@ def _check(s: Scenario) -> None:
     split_errors(s.arm.errors, n)
     for named in (s.arm.encoder_bias_rad, s.arm.encoder_gain, s.arm.compliance_rad_per_nm):
         per_joint(named, n)
-    for value, known in ((s.calibration.acquisition, ACQUISITIONS), (s.executive.accept, ACCEPT),
-                         (s.expect.verdict, ("", *VERDICTS))):
+    for value, known in (
+        (s.calibration.acquisition, ACQUISITIONS),
+        (s.executive.accept, ACCEPT),
+        (s.expect.verdict, ("", *VERDICTS)),
+    ):
         if value not in known:
             raise ScenarioError(f"'{value}' is not one of {', '.join(k for k in known if k)}")
 

@@ -23,12 +23,15 @@ from .scenario import generator, load
 from .world import World
 
 TICK_US = 100_000
-REPEAT_S = 1.0        # wall time after which a tick is announced again
-REPEATS_MAX = 120     # then whoever is silent is taken for dead
+REPEAT_S = 1.0  # wall time after which a tick is announced again
+REPEATS_MAX = 120  # then whoever is silent is taken for dead
 START_WAIT_S = 60.0
 COMMANDS = ("KC_ARM_CMD", "KC_PANTILT_CMD", "KC_FRAME_REQUEST")
-WHO = {"fsw": kcm.tick_done_t.WHO_FSW, "detector": kcm.tick_done_t.WHO_DETECTOR,
-       "executive": kcm.tick_done_t.WHO_EXECUTIVE}
+WHO = {
+    "fsw": kcm.tick_done_t.WHO_FSW,
+    "detector": kcm.tick_done_t.WHO_DETECTOR,
+    "executive": kcm.tick_done_t.WHO_EXECUTIVE,
+}
 EXIT_TIME_LIMIT, EXIT_SILENT = 3, 4
 
 
@@ -44,6 +47,7 @@ def pixel_eye(world: World):
         m.t_us, m.seq, m.height_px, m.width_px = frame.t_us, frame.seq, *grey.shape
         m.n_bytes, m.jpeg = len(jpeg), jpeg
         return m
+
     return "KC_IMAGE", expose
 
 
@@ -60,6 +64,7 @@ def fast_eye(world: World):
             setattr(m, name, value)
         m.t_us, m.seq = frame.t_us, frame.seq
         return m
+
     return "KC_DETECTION", expose
 
 
@@ -155,9 +160,14 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     eye.add_argument("--pixels", action="store_true", help="publish frames (default)")
     eye.add_argument("--fast", action="store_true", help="publish detections without drawing anything")
     p.add_argument("--realtime", action="store_true", help="wall clock instead of lockstep")
-    p.add_argument("--participants", default="", help="who answers ticks, by comma (default: fsw, executive "
-                   "and with pixels the detector)")
-    p.add_argument("--limit", type=float, default=0.0, help="mission time limit [s] (default: the scenario's)")
+    p.add_argument(
+        "--participants",
+        default="",
+        help="who answers ticks, by comma (default: fsw, executive and with pixels the detector)",
+    )
+    p.add_argument(
+        "--limit", type=float, default=0.0, help="mission time limit [s] (default: the scenario's)"
+    )
     return p.parse_args(argv)
 
 
@@ -175,7 +185,11 @@ def main(argv: list[str] | None = None) -> int:
     limit_s = o.limit or scenario.executive.total_timeout_s + 60.0
     if o.realtime:
         return run_realtime(world, bus, limit_s)
-    names = o.participants.split(",") if o.participants else ["fsw", "executive"] + ([] if o.fast else ["detector"])
+    names = (
+        o.participants.split(",")
+        if o.participants
+        else ["fsw", "executive"] + ([] if o.fast else ["detector"])
+    )
     try:
         return run_lockstep(world, bus, {WHO[name] for name in names}, limit_s)
     except Silent as e:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import kcm
 import numpy as np
+
+import kcm
 
 from . import geom
 from .effects import State
@@ -64,8 +65,10 @@ class World:
         self.seq += 1
         q, dq, moving = self.controller.mover.at(now_us * 1e-6)
         head, _, head_moving = self.head.mover.at(now_us * 1e-6)
-        out = [("KC_ARM_STATE", self._arm_state(q, dq, moving)),
-               ("KC_PANTILT_STATE", self._pantilt_state(head, head_moving))]
+        out = [
+            ("KC_ARM_STATE", self._arm_state(q, dq, moving)),
+            ("KC_PANTILT_STATE", self._pantilt_state(head, head_moving)),
+        ]
         truth_due = now_us >= self.next_truth_us
         if self.frames_due or truth_due:
             q_true = self._stand(q, head)
@@ -94,7 +97,7 @@ class World:
 
     def _stand(self, q_enc, head) -> np.ndarray:
         """Put the MuJoCo arm where it truly is for these readings."""
-        self.arm.set(self.arm.data.qpos[:self.arm.n], *head)
+        self.arm.set(self.arm.data.qpos[: self.arm.n], *head)
         return self.truth.settle(q_enc, self._state())
 
     def _frame(self, seq: int) -> Frame:
@@ -129,10 +132,17 @@ class World:
         """What was wrong with the arm, and held-out poses to judge a correction by (truth.json)."""
         s = self.scenario
         return {
-            "scenario": s.name, "title": s.title, "seed": self.seed, "mode": mode,
-            "errors": s.coefficients(), "encoder_bias_rad": self.truth.bias_rad.tolist(),
-            "env": {"gravity_m_s2": list(s.env.gravity_m_s2), "temp_c": s.env.temp_c,
-                    "payload_kg": s.env.payload_kg},
+            "scenario": s.name,
+            "title": s.title,
+            "seed": self.seed,
+            "mode": mode,
+            "errors": s.coefficients(),
+            "encoder_bias_rad": self.truth.bias_rad.tolist(),
+            "env": {
+                "gravity_m_s2": list(s.env.gravity_m_s2),
+                "temp_c": s.env.temp_c,
+                "payload_kg": s.env.payload_kg,
+            },
             "held_out": self.held_out(),
         }
 
@@ -150,4 +160,6 @@ class World:
                 found.append({"q_rad": q.tolist(), "p_m": T[:3, 3].tolist(), "q_wxyz": geom.quat(T).tolist()})
                 if len(found) == n:
                     return found
-        raise ArithmeticError(f"only {len(found)} of {HELD_OUT_TRIES} random poses have the tool in the region")
+        raise ArithmeticError(
+            f"only {len(found)} of {HELD_OUT_TRIES} random poses have the tool in the region"
+        )

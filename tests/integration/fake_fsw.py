@@ -37,7 +37,7 @@ class FakeFlight:
                 self.command(m, now_us)
             elif channel == "KC_DETECTION" and self.state == MOVE:
                 self.poses += 1
-                self.report(m, now_us)
+                self.report(m)
             elif channel == "KC_ARM_STATE":
                 self.reading = m
         if self.state == MOVE and self.script != "stuck":
@@ -66,6 +66,9 @@ class FakeFlight:
             cmd.n_joints, cmd.speed_scale = 7, 1.0
             cmd.q_rad = [0.3, -0.5, 0.1, 2.0, 0.0, 0.3, 0.2, 0.0]
             self.publish("KC_ARM_CMD", cmd, now_us)
+            head = kcm.pantilt_cmd_t()
+            head.pan_rad, head.tilt_rad = -0.77, 0.35  # sees a tag of the paper's faulty arm there
+            self.publish("KC_PANTILT_CMD", head, now_us)
         elif m.opcode == kcm.cmd_t.ABORT:
             self.state = SAFE
         elif m.opcode == kcm.cmd_t.APPROVE_GO and m.arg_i[0] == CRC:
@@ -82,7 +85,7 @@ class FakeFlight:
             self.asked += 1
             self.publish("KC_FRAME_REQUEST", kcm.frame_request_t(), now_us)
 
-    def report(self, m, now_us):
+    def report(self, m):
         """What was seen, so that a test can compare runs."""
         meas = kcm.meas_t()
         meas.pose, meas.n_joints, meas.q_rad = self.poses, 7, self.reading.q_rad

@@ -2,9 +2,10 @@
 
 import itertools
 
-import kcm
 import numpy as np
 import pytest
+
+import kcm
 from kincal_sim import geom
 from kincal_sim.arm import Arm, ErrorNames, load_spec, split_errors
 from kincal_sim.effects import Compliance, State, Truth
@@ -34,12 +35,22 @@ def dh_product(spec, q, delta, base=None, tool=None):
     T = move(*spec["base"]["xyz_m"]) @ (np.eye(4) if base is None else base)
     for j, (dphi, dalpha, da, dd) in zip(range(len(q)), delta, strict=True):
         p = spec["joint"][j]
-        T = T @ rz(q[j] + dphi) @ move(0, 0, p["d_m"] + dd) @ move(p["a_m"] + da, 0, 0) @ rx(p["alpha_rad"] + dalpha)
+        T = (
+            T
+            @ rz(q[j] + dphi)
+            @ move(0, 0, p["d_m"] + dd)
+            @ move(p["a_m"] + da, 0, 0)
+            @ rx(p["alpha_rad"] + dalpha)
+        )
     return T @ move(*spec["tool"]["xyz_m"]) @ (np.eye(4) if tool is None else tool)
 
 
 def named(delta):
-    return {f"J{j + 1}.{n}": delta[j, k] for j in range(7) for k, n in enumerate(("phi_rad", "alpha_rad", "a_m", "d_m"))}
+    return {
+        f"J{j + 1}.{n}": delta[j, k]
+        for j in range(7)
+        for k, n in enumerate(("phi_rad", "alpha_rad", "a_m", "d_m"))
+    }
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +65,7 @@ def rng():
 
 # -- kinematics -------------------------------------------------------------------------------------
 
+
 def test_mujoco_bodies_follow_eq_2_with_any_dh_errors(rng):
     for _ in range(10):
         delta = rng.uniform(-1, 1, (7, 4)) * [1.3, 0.5, 0.1, 0.2]
@@ -66,7 +78,9 @@ def test_mujoco_bodies_follow_eq_2_with_any_dh_errors(rng):
 
 def test_base_and_tool_errors_are_twists_in_the_stated_order(rng):
     def ry(t):
-        return np.array([[np.cos(t), 0, np.sin(t), 0], [0, 1, 0, 0], [-np.sin(t), 0, np.cos(t), 0], [0, 0, 0, 1]])
+        return np.array(
+            [[np.cos(t), 0, np.sin(t), 0], [0, 1, 0, 0], [-np.sin(t), 0, np.cos(t), 0], [0, 0, 0, 1]]
+        )
 
     def twist(v):
         return move(v[0], 0, 0) @ rx(v[3]) @ move(0, v[1], 0) @ ry(v[4]) @ rz(v[5]) @ move(0, 0, v[2])
@@ -78,19 +92,26 @@ def test_base_and_tool_errors_are_twists_in_the_stated_order(rng):
     arm = Arm(errors=errors)
     q = rng.uniform(arm.q_min, arm.q_max)
     arm.set(q)
-    np.testing.assert_allclose(arm.T_base_tool, dh_product(arm.spec, q, np.zeros((7, 4)), twist(base), twist(tool)),
-                               atol=1e-12)
+    np.testing.assert_allclose(
+        arm.T_base_tool, dh_product(arm.spec, q, np.zeros((7, 4)), twist(base), twist(tool)), atol=1e-12
+    )
 
 
 def test_camera_stands_where_pan_and_tilt_put_it(nominal):
-    pan, tilt = 0.3, 0.5
+    pan, tilt = 0.3, 0.5  # positive tilt looks down
     nominal.set(np.zeros(7), pan, tilt)
-    forward = [np.cos(pan) * np.cos(tilt), np.sin(pan) * np.cos(tilt), -np.sin(tilt)]  # positive tilt looks down
+    forward = [
+        np.cos(pan) * np.cos(tilt),
+        np.sin(pan) * np.cos(tilt),
+        -np.sin(tilt),
+    ]
     T = nominal.T_base_cam
     np.testing.assert_allclose(T[:3, 2], forward, atol=1e-12)
     np.testing.assert_allclose(T[:3, 0], [np.sin(pan), -np.cos(pan), 0], atol=1e-12)  # x right of the view
     up = np.cross(T[:3, 0], forward)
-    np.testing.assert_allclose(T[:3, 3], np.array([-0.35, 0.45, 1.25]) + 0.05 * np.array(forward) + 0.03 * up, atol=1e-12)
+    np.testing.assert_allclose(
+        T[:3, 3], np.array([-0.35, 0.45, 1.25]) + 0.05 * np.array(forward) + 0.03 * up, atol=1e-12
+    )
 
 
 def test_gravity_torque_is_minus_the_slope_of_potential_energy(rng):
@@ -129,6 +150,7 @@ def test_quaternions_are_exact_for_half_turns_and_random_rotations(rng):
 
 
 # -- what the encoders do not see -------------------------------------------------------------------
+
 
 def truth_of(**settings):
     scenario = Scenario("test", "test", arm=ArmTruth(**settings))
@@ -177,6 +199,7 @@ def test_a_spring_too_soft_to_balance_is_an_error_not_a_number():
 
 # -- motion -----------------------------------------------------------------------------------------
 
+
 def mover(q=(0.0, 0.0, 0.0), **kwargs):
     n = len(q)
     return Mover(q, [SPEED] * n, [ACCEL] * n, **kwargs)
@@ -219,7 +242,7 @@ def test_speed_changes_no_faster_than_the_acceleration_limit_even_when_redirecte
         v_before, q_before = v, q
 
 
-def test_hold_brakes_and_stays(rng):
+def test_hold_brakes_and_stays():
     m = mover()
     m.command(0.0, [1.0, 0.5, 0.0], 1.0)
     m.hold(0.7)
@@ -244,15 +267,18 @@ def test_an_arm_swings_for_half_a_second_after_braking_and_is_then_exactly_at_re
     np.testing.assert_array_equal(q, goal)
 
 
-@pytest.mark.parametrize("q, scale, mask", [
-    ([2.7, 0, 0, 0, 0, 0, 0], 1.0, 0b0000001),
-    ([0, 0, 0, -1.0, 0, 0, 3.1], 1.0, 0b1001000),
-    ([0, np.nan, 0, 0, 0, 0, 0], 1.0, 0b0000010),
-    ([0, 0, 0, 0, 0, 0], 1.0, 0b1111111),
-    ([0, 0, 0, 0, 0, 0, 0], 0.0, 0b1111111),
-    ([0, 0, 0, 0, 0, 0, 0], 1.5, 0b1111111),
-    ([0, 0, 0, 0, 0, 0, 0], np.nan, 0b1111111),
-])
+@pytest.mark.parametrize(
+    "q, scale, mask",
+    [
+        ([2.7, 0, 0, 0, 0, 0, 0], 1.0, 0b0000001),
+        ([0, 0, 0, -1.0, 0, 0, 3.1], 1.0, 0b1001000),
+        ([0, np.nan, 0, 0, 0, 0, 0], 1.0, 0b0000010),
+        ([0, 0, 0, 0, 0, 0], 1.0, 0b1111111),
+        ([0, 0, 0, 0, 0, 0, 0], 0.0, 0b1111111),
+        ([0, 0, 0, 0, 0, 0, 0], 1.5, 0b1111111),
+        ([0, 0, 0, 0, 0, 0, 0], np.nan, 0b1111111),
+    ],
+)
 def test_impossible_commands_are_refused_with_fault_bits_and_the_arm_stays(q, scale, mask):
     c = ArmController(load_spec(), np.full(7, 0.1))
     assert not c.command(0.0, 1, q, scale, False)
@@ -280,13 +306,16 @@ def test_the_head_stops_at_its_limits_and_keeps_its_speed_limit():
 
 # -- the world: messages in, messages out -----------------------------------------------------------
 
-def still_eye(world):
+
+def still_eye(_world):
     """A camera that reports the frame it was given."""
+
     def expose(frame):
         m = kcm.detection_t()
         m.t_us, m.seq = frame.t_us, frame.seq
         m.p_cam_tool_m = (np.linalg.inv(frame.T_base_cam) @ frame.T_base_tool)[:3, 3].tolist()
         return m
+
     return "KC_DETECTION", expose
 
 
@@ -325,8 +354,9 @@ def test_states_count_up_and_truth_comes_every_second():
     times = [o["KC_SIM_TRUTH"].t_us for o in out if "KC_SIM_TRUTH" in o]
     assert times == [100_000, *range(1_000_000, 5_000_001, 1_000_000)]
     bias = world.truth.bias_rad
-    np.testing.assert_allclose(np.array(out[-1]["KC_SIM_TRUTH"].q_true_rad[:7]) + bias,
-                               out[-1]["KC_ARM_STATE"].q_rad[:7], atol=1e-12)
+    np.testing.assert_allclose(
+        np.array(out[-1]["KC_SIM_TRUTH"].q_true_rad[:7]) + bias, out[-1]["KC_ARM_STATE"].q_rad[:7], atol=1e-12
+    )
 
 
 def test_messages_of_one_tick_give_the_same_whatever_their_order_of_arrival():
@@ -335,14 +365,20 @@ def test_messages_of_one_tick_give_the_same_whatever_their_order_of_arrival():
         steps(world, 2)
         pantilt = kcm.pantilt_cmd_t()
         pantilt.seq, pantilt.pan_rad = 1, 0.4
-        messages = [("KC_ARM_CMD", arm_cmd(1, [0.1] * 7)), ("KC_ARM_CMD", arm_cmd(2, [0.2] * 7)),
-                    ("KC_PANTILT_CMD", pantilt), ("KC_FRAME_REQUEST", kcm.frame_request_t())]
+        messages = [
+            ("KC_ARM_CMD", arm_cmd(1, [0.1] * 7)),
+            ("KC_ARM_CMD", arm_cmd(2, [0.2] * 7)),
+            ("KC_PANTILT_CMD", pantilt),
+            ("KC_FRAME_REQUEST", kcm.frame_request_t()),
+        ]
         for k in order:
             world.take(*messages[k])
         return [m.encode() for o in steps(world, 20, 3) for m in o.values()]
 
     first = run((0, 1, 2, 3))
-    assert all(run(order) == first for order in itertools.islice(itertools.permutations(range(4)), 1, None, 5))
+    assert all(
+        run(order) == first for order in itertools.islice(itertools.permutations(range(4)), 1, None, 5)
+    )
 
 
 def test_noise_and_quantisation_act_on_readings_only():

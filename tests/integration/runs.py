@@ -1,0 +1,83 @@
+"""Helpers of the tests that run whole scenarios: start them, read their logs, judge them by MuJoCo."""
+
+import os
+import tomllib
+from pathlib import Path
+
+import lcm
+import numpy as np
+
+from kincal_sim import geom
+from kincal_sim.arm import Arm
+from kincal_sim.bus import TYPES
+from kincal_sim.launch import Run, execute
+from kincal_sim.scenario import find
+
+ROOT = Path(__file__).resolve().parents[2]
+FAKE_FSW = Path(__file__).with_name("fake_fsw.py")
+
+
+def fake_run(tmp_path, scenario="paper", script="change", **options) -> Run:
+    """A run with the fake flight participant that plays `script`."""
+    store, tables = tmp_path / "store", tmp_path / "tables"
+    for folder in (store, tables):
+        folder.mkdir(parents=True, exist_ok=True)
+    (store / "script").write_text(script)
+    (tables / "none.tbl").touch()
+    options = {"fast": True, **options}
+    return Run(find(scenario), tmp_path / "out", store=store, tables=tables, fsw_bin=FAKE_FSW, **options)
+
+
+def fly(tmp_path, scenario, **options) -> dict:
+    """Run a scenario with the real flight process in the fast mode."""
+    return execute(Run(find(scenario), tmp_path, fast=True, **options))
+
+
+def raw(path: Path) -> dict[str, list[bytes]]:
+    """Payloads of a log by channel, in order."""
+    out: dict[str, list[bytes]] = {}
+    for event in lcm.EventLog(str(path), "r"):
+        out.setdefault(event.channel, []).append(event.data)
+    return out
+
+
+def messages(path: Path, channel: str) -> list:
+    return [TYPES[channel].decode(data) for data in raw(path).get(channel, [])]
+
+
+def coefficient_names() -> list[str]:
+    """Names in table order, read from the table's source."""
+    with open(ROOT / "tables" / "src" / "terms.toml", "rb") as f:
+        src = tomllib.load(f)
+    names = [
+        f"J{j + 1}.{n}" for j in range(src["dh"]["joints"]) for n in ("phi_rad", "alpha_rad", "a_m", "d_m")
+    ]
+    for coef in src["coef"]:
+        names += [coef["name"].format(j=j) for j in coef.get("joints", [0])]
+    return names
+
+
+def held_out_rms(truth: dict, errors: dict[str, float]) -> tuple[float, float]:
+    """RMS pose error [m], [rad] over the held-out poses of an arm that is believed to have these DH
+    errors. MuJoCo is the judge: no flight kinematics."""
+    arm = Arm(errors=errors)
+    dp, dr = [], []
+    for pose in truth["held_out"]:
+        arm.set(pose["q_rad"])
+        T = arm.T_base_tool
+        dp.append(np.linalg.norm(T[:3, 3] - pose["p_m"]))
+        dr.append(geom.angle(T, geom.matrix(pose["q_wxyz"])))
+    return float(np.sqrt(np.mean(np.square(dp)))), float(np.sqrt(np.mean(np.square(dr))))
+
+
+def running_with(text: str) -> list[int]:
+    """Processes whose command line contains the text."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            try:
+                if text.encode() in (entry / "cmdline").read_bytes():
+                    found.append(int(entry.name))
+            except OSError:
+                continue  # it ended meanwhile
+    return found
