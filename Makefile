@@ -148,7 +148,7 @@ $(eval $(call variant,clang,$(CLANG),$(CLANGXX),-O2))
 .PHONY: FORCE
 
 # Found through two pattern rules; kept, so that the next run does not build them again.
-.SECONDARY: $(foreach v,rel san cov clang,$(foreach u,$(UNITS:%.c=%),$(BUILD)/$v/$u.c.o $(BUILD)/$v/$u.runner.o)) \
+.SECONDARY: $(foreach v,rel san cov clang,$(foreach u,$(UNITS:%.c=%) $(UNIT_AUX:%.c=%),$(BUILD)/$v/$u.c.o $(BUILD)/$v/$u.runner.o)) \
             $(UNITS:tests/unit/%.c=$(BUILD)/runners/%.c)
 
 # ---- products -----------------------------------------------------------------------------------------
@@ -199,7 +199,7 @@ $(BUILD)/runners/%.c: tests/unit/%.c tests/unit/runner.py
 
 unit-bins = $(UNITS:tests/unit/%.c=$(BUILD)/$1/unit/%)
 
-.PHONY: unit unit-san oracle integration ground-test
+.PHONY: unit unit-san oracle integration ground-test lint-test
 unit: $(call unit-bins,rel) ## unit tests
 	@$(PYTHON) tests/unit/runner.py run --junit $(JUNIT)/unit.xml $^
 
@@ -215,11 +215,14 @@ integration: build .venv/.stamp-dev ## processes over LCM
 ground-test: build .venv/.stamp-dev ## the ground tool
 	$(PYTEST) tests/ground --junitxml=$(JUNIT)/ground.xml
 
+lint-test: .venv/.stamp-dev ## the checks find what they are there for
+	$(PYTEST) tests/lint --junitxml=$(JUNIT)/lint.xml
+
 .PHONY: test
 test: setup ## everything a change has to pass, with a summary
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log \
-	    unit unit-san oracle integration ground-test cov size heapcheck lint
+	    unit unit-san oracle integration ground-test lint-test cov size heapcheck lint
 
 # ---- measures of the flight core ----------------------------------------------------------------------
 

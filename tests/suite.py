@@ -23,6 +23,7 @@ REPORT = {
     "oracle": "oracle.xml",
     "integration": "integration.xml",
     "ground-test": "ground.xml",
+    "lint-test": "lint.xml",
 }
 
 

@@ -1,0 +1,263 @@
+"""The checks find what they are there for: each is given a small tree or program with one fault."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+LINT = Path(__file__).resolve().parent
+TESTS = LINT.parent
+
+
+def module(path: Path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    loaded = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+def write(root: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return root
+
+
+def script(name: str, *args: object) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, LINT / name, *map(str, args)], capture_output=True, text=True)
+
+
+def compiled(folder: Path, source: str, *flags: str) -> Path:
+    """An object file as the Makefile makes it, call graph beside it."""
+    path = write(folder, {"fsw/math/kc_x.c": source}) / "fsw/math/kc_x.c"
+    obj = path.with_name("kc_x.c.o")
+    subprocess.run(
+        ["gcc", "-O1", "-c", "-fcallgraph-info=su", *flags, path, "-o", obj], check=True, cwd=folder
+    )
+    return obj
+
+
+# ---- direction of includes and imports
+
+
+@pytest.mark.parametrize(
+    ("files", "complaint"),
+    [
+        (
+            {"fsw/math/kc_a.c": '#include "kc_b.h"\n', "fsw/model/kc_b.h": ""},
+            "fsw/math/kc_a.c:1: math must not include kc_b.h of model",
+        ),
+        ({"fsw/exec/kc_a.c": "\n#include <stdio.h>\n"}, "fsw/exec/kc_a.c:2: <stdio.h> is not for the core"),
+        ({"fsw/model/kc_a.c": "#include <math.h>\n"}, "fsw/model/kc_a.c:1: <math.h> is not for the core"),
+        ({"fsw/model/kc_a.c": "double f(double x) { return sin(x); }\n"}, "sin() instead of kc_sin()"),
+        ({"fsw/exec/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
+        ({"sim/kincal_sim/x.py": "from kincal import core\n"}, "imports kincal:"),
+        (
+            {"sim/kincal_sim/x.py": "def f():\n    import kincal.tables\n"},
+            "sim/kincal_sim/x.py:2: imports kincal.tables",
+        ),
+        ({"sim/kincal_sim/x.py": "LIB = 'build/libkincal.so'\n"}, "must not load the flight core"),
+        ({"ground/kincal/x.py": "import kincal_sim.world\n"}, "imports kincal_sim.world"),
+        ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
+    ],
+)
+def test_a_wrong_way_include_or_import_is_named(tmp_path, files, complaint):
+    done = script("direction.py", write(tmp_path, files))
+    assert done.returncode == 1
+    assert complaint in done.stdout
+
+
+def test_right_way_includes_and_words_in_comments_pass(tmp_path):
+    done = script(
+        "direction.py",
+        write(
+            tmp_path,
+            {
+                "fsw/math/kc_a.h": "/* sin(x), <stdio.h> */\n#include <stdint.h>\n",
+                "fsw/model/kc_b.c": '#include "kc_a.h"\ndouble g(double x) { return kc_sin(x); } // cos(x)\n',
+                "fsw/lcm/main.c": '#include <stdio.h>\n#include "kc_a.h"\n#include "kcm_time_t.h"\n',
+                "ground/kincal/x.py": "'''starts kincal_sim as a process'''\nimport kincal.tables\n",
+                "sim/kincal_sim/y.py": "from kincal_sim import world\nimport kcm\n",
+            },
+        ),
+    )
+    assert (done.returncode, done.stdout) == (0, "")
+
+
+# ---- footprint
+
+
+def test_stack_is_the_sum_along_the_deepest_chain(tmp_path):
+    obj = compiled(
+        tmp_path,
+        "void use(char *);\n"
+        "__attribute__((noinline)) static void low(void) { char a[4000]; use(a); }\n"
+        "__attribute__((noinline)) static void side(void) { char a[100]; use(a); }\n"
+        "void top(void) { char a[2000]; use(a); side(); low(); }\n",
+    )
+    done = script("footprint.py", "--max-static", 100, "--max-stack", 32768, obj)
+    assert done.returncode == 0, done.stdout
+    worst = int(next(line for line in done.stdout.splitlines() if "worst stack" in line).split()[2])
+    allowance = module(LINT / "footprint.py").LIBRARY_BYTES
+    assert 6000 + allowance <= worst <= 6200 + allowance
+    assert script("footprint.py", "--max-static", 100, "--max-stack", 6000, obj).returncode == 1
+
+
+def test_recursion_through_two_functions_is_a_fault(tmp_path):
+    obj = compiled(
+        tmp_path,
+        "int b(int);\n__attribute__((noinline)) int a(int n) { return n ? 1 + b(n - 1) : 0; }\n"
+        "__attribute__((noinline)) int b(int n) { return n ? 1 + a(n - 1) : 0; }\n",
+        "-fno-optimize-sibling-calls",
+        "-fno-inline",
+    )
+    done = script("footprint.py", "--max-static", 100, "--max-stack", 32768, obj)
+    assert done.returncode == 1
+    assert "recursion: " in done.stdout
+
+
+def test_a_frame_of_variable_size_is_a_fault(tmp_path):
+    obj = compiled(tmp_path, "void use(char *);\nvoid f(int n) { char a[n]; use(a); }\n")
+    done = script("footprint.py", "--max-static", 100, "--max-stack", 32768, obj)
+    assert done.returncode == 1
+    assert "without a fixed size" in done.stdout
+
+
+def test_a_call_through_an_unlisted_pointer_is_a_fault(tmp_path):
+    obj = compiled(tmp_path, "int f(int (*g)(int)) { return 1 + g(2); }\n")
+    done = script("footprint.py", "--max-static", 100, "--max-stack", 32768, obj)
+    assert done.returncode == 1
+    assert "calls through a pointer" in done.stdout
+
+
+def test_static_memory_is_data_and_bss_by_module(tmp_path):
+    obj = compiled(
+        tmp_path, "char zeros[1000];\nchar ones[500] = {1};\nvoid f(void) { zeros[0] = ones[0]; }\n"
+    )
+    good = script("footprint.py", "--max-static", 1600, "--max-stack", 32768, obj)
+    assert good.returncode == 0, good.stdout
+    assert any(
+        line.split()[0] == "math" and line.split()[2:] == ["500", "1000"] for line in good.stdout.splitlines()
+    )
+    assert script("footprint.py", "--max-static", 1499, "--max-stack", 32768, obj).returncode == 1
+
+
+# ---- heap
+
+
+@pytest.mark.parametrize(
+    ("call", "complaint"),
+    [
+        ("void *malloc(unsigned long);\nvoid *f(void) { return malloc(4); }", "heap functions: malloc"),
+        ("void free(void *);\nvoid f(void *p) { free(p); }", "heap functions: free"),
+        ("void *_Znwm(unsigned long);\nvoid *f(void) { return _Znwm(4); }", "heap functions: _Znwm"),
+        ("long time(long *);\nlong f(void) { return time(0); }", "not for the core: time"),
+    ],
+)
+def test_a_core_that_wants_the_heap_or_a_clock_is_refused(tmp_path, call, complaint):
+    obj = compiled(tmp_path, call + "\n")
+    archive = tmp_path / "libx.a"
+    subprocess.run(["ar", "rcs", archive, obj], check=True)
+    done = script("heap.py", archive)
+    assert done.returncode == 1
+    assert complaint in done.stdout
+
+
+# ---- Unity's runner
+
+
+def runner(*args: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, TESTS / "unit/runner.py", *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+def program(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text("#!/bin/sh\n" + text)
+    path.chmod(0o755)
+    return path
+
+
+def test_every_test_function_of_a_file_is_run(tmp_path):
+    source = tmp_path / "test_x.c"
+    source.write_text(
+        "void test_a(void)\n{\n}\n/* void test_old(void) { } */\nvoid test_b(void) { }\nvoid setUp(void) {}\n"
+    )
+    done = runner("main", source)
+    assert done.returncode == 0
+    assert 'UnityDefaultTestRun(test_a, "test_a"' in done.stdout
+    assert 'UnityDefaultTestRun(test_b, "test_b"' in done.stdout
+    assert "test_old" not in done.stdout
+    assert "tearDown" in done.stdout
+    assert "void setUp" not in done.stdout
+
+
+def test_a_test_that_its_own_main_forgets_is_named(tmp_path):
+    source = tmp_path / "test_x.c"
+    source.write_text("void test_a(void) { }\nvoid test_b(void) { }\nint main(void) { RUN_TEST(test_a); }\n")
+    done = runner("main", source)
+    assert done.returncode != 0
+    assert "test_b" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "passed", "failed"),
+    [
+        ("echo f.c:1:test_a:PASS; echo '1 Tests 0 Failures 0 Ignored'", 1, 0),
+        ("echo f.c:1:test_a:FAIL: no; echo '1 Tests 1 Failures 0 Ignored'; exit 1", 0, 1),
+        ("echo f.c:1:test_a:PASS; exit 0", 1, 1),  # ended without totals
+        ("echo f.c:1:test_a:PASS; echo '1 Tests 0 Failures 0 Ignored'; exit 9", 1, 1),  # sanitizer at exit
+        ("echo f.c:1:test_a:PASS; echo '2 Tests 0 Failures 0 Ignored'", 1, 1),  # one result lost
+    ],
+)
+def test_results_are_counted_and_bad_ends_are_failures(tmp_path, text, passed, failed):
+    report = tmp_path / "out.xml"
+    done = runner("run", "--junit", report, program(tmp_path, "test_x", text))
+    assert done.returncode == (1 if failed else 0)
+    assert module(TESTS / "suite.py").count(report) == (passed, failed, 0)
+
+
+# ---- the summary
+
+
+def test_the_closing_line_sums_all_steps(tmp_path):
+    steps = [
+        {"step": "unit", "seconds": 1.0, "passed": 5, "failed": 0, "skipped": 0},
+        {"step": "lint", "seconds": 1.0, "passed": 0, "failed": 1, "skipped": 0},
+    ]
+    (tmp_path / "summary.json").write_text(json.dumps(steps))
+    command = [sys.executable, TESTS / "suite.py", "--junit", tmp_path, "--sum"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (1, "5 passed, 1 failed\n")
+
+
+def test_no_test_at_all_is_a_failure(tmp_path):
+    command = [sys.executable, TESTS / "suite.py", "--junit", tmp_path, "--sum"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (1, "0 passed, 0 failed\n")
+
+
+def test_pytest_errors_count_as_failures(tmp_path):
+    suite = ET.Element("testsuite")
+    for child in (None, "failure", "error", "skipped"):
+        case = ET.SubElement(suite, "testcase", name=str(child))
+        if child:
+            ET.SubElement(case, child)
+    report = tmp_path / "x.xml"
+    ET.ElementTree(suite).write(report)
+    assert module(TESTS / "suite.py").count(report) == (1, 2, 1)
+
+
+# ---- events
+
+
+def test_the_event_list_is_read_whole():
+    header = (TESTS.parent / "fsw/exec/kc_events.h").read_text()
+    listed = sum(line.lstrip().startswith("X(") for line in header.splitlines())
+    text = module(LINT / "events.py").document()
+    assert sum(line.startswith("| ") and line[2].isdigit() for line in text.splitlines()) == listed > 0
