@@ -1,0 +1,140 @@
+"""Evidence for hypotheses with the DH errors and the noise scale marginalised (docs/DIAGNOSIS.md).
+
+Everything here works on whitened rows: z residuals, J columns of the nuisance parameters (DH, base,
+tool) scaled by their prior sigma, G columns of a hypothesis scaled by theirs. No arm, no files.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+LAMBDAS = np.array([0.3, 1.0, 3.0])
+LN_SCALE_SIGMA = 0.25
+
+
+@dataclass(frozen=True)
+class Projector:
+    """W = I - J (J'J + B^-1)^-1 J' for columns already scaled to unit prior (B = I)."""
+
+    basis: np.ndarray  # (rows, k) left singular vectors of J
+    shrink: np.ndarray  # (k,) s^2 / (1 + s^2)
+
+    @classmethod
+    def of(cls, columns: np.ndarray) -> Projector:
+        u, s, _ = np.linalg.svd(columns, full_matrices=False)
+        return cls(u, s**2 / (1.0 + s**2))
+
+    def apply(self, x: np.ndarray) -> np.ndarray:
+        """W x, for a vector or a matrix of columns."""
+        ux = self.basis.T @ x
+        return x - self.basis @ (self.shrink[:, None] * ux if ux.ndim == 2 else self.shrink * ux)
+
+    @property
+    def spent(self) -> float:
+        """Degrees of freedom the nuisance parameters took."""
+        return float(self.shrink.sum())
+
+
+@dataclass(frozen=True)
+class NoiseScale:
+    """Grid over the true noise in units of the stated one, with its posterior weight under 'none'.
+
+    Weights are kept as logarithms: a large effect makes the true scale all but impossible under
+    'none', and it is just there that its Bayes factor is large.
+    """
+
+    s: np.ndarray
+    ln_weight: np.ndarray
+
+    @property
+    def weight(self) -> np.ndarray:
+        return np.exp(self.ln_weight)
+
+    @classmethod
+    def posterior(cls, wz: float, dof: float, *, stated: bool = True) -> NoiseScale:
+        """wz = z'Wz; stated: ln s ~ N(0, 0.25^2), else a wide prior about the fitted scale."""
+        if stated:
+            ln_s = np.linspace(-1.0, 1.0, 41)
+            ln_prior = -0.5 * (ln_s / LN_SCALE_SIGMA) ** 2
+        else:
+            ln_s = 0.5 * np.log(max(wz, 1e-12) / max(dof, 1.0)) + np.linspace(-2.0, 0.5, 51)
+            ln_prior = np.zeros_like(ln_s)
+        ln_w = ln_prior - dof * ln_s - 0.5 * wz / np.exp(2.0 * ln_s)
+        return cls(np.exp(ln_s), ln_w - np.logaddexp.reduce(ln_w))
+
+
+def ln_bayes_factor(u: np.ndarray, v: np.ndarray, noise: NoiseScale, lambdas=LAMBDAS) -> np.ndarray:
+    """ln BF against 'none', averaged over effect size (lambda) and noise scale.
+
+    u: (..., m) and v: (..., m): rotated score E'P^1/2 U and its variances (diagnosis.md section 4).
+    Components with v = 0 add nothing.
+    """
+    s2 = noise.s[:, None] ** 2
+    out = np.full(u.shape[:-1], -np.inf)
+    for i, lam in enumerate(lambdas):
+        x = lam**2 * v[..., None, :] / s2
+        gain = x / (1.0 + x) * np.where(v > 0, u**2 / np.where(v > 0, v, 1.0), 0.0)[..., None, :] / s2
+        ln_bf = 0.5 * (gain - np.log1p(x)).sum(axis=-1)
+        ln_bf = np.logaddexp.reduce(ln_bf + noise.ln_weight, axis=-1)
+        out = ln_bf if i == 0 else np.logaddexp(out, ln_bf)
+    return out - np.log(len(lambdas))
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score of one hypothesis: rotated to independent components."""
+
+    u: np.ndarray
+    v: np.ndarray
+    absorbed: float  # share of the effect that the nuisance parameters can imitate
+
+    @property
+    def chi2(self) -> float:
+        good = self.v > 1e-9 * max(self.v.max(initial=0.0), 1e-300)
+        return float((self.u[good] ** 2 / self.v[good]).sum())
+
+    @property
+    def rank(self) -> int:
+        return int((self.v > 1e-9 * max(self.v.max(initial=0.0), 1e-300)).sum())
+
+    @property
+    def p_value(self) -> float:
+        """Flat-prior score test, at noise scale 1."""
+        return float(stats.chi2.sf(self.chi2, self.rank)) if self.rank else 1.0
+
+
+def score(columns: np.ndarray, projected: np.ndarray, wz: np.ndarray) -> Score:
+    """columns G (rows, m) scaled by prior sigma; projected W G; wz = W z0."""
+    u = columns.T @ wz
+    v, e = np.linalg.eigh(columns.T @ projected)
+    raw = float((columns**2).sum())
+    absorbed = 1.0 - float(v.sum()) / raw if raw > 0 else 1.0
+    v = np.maximum(v, 0.0)
+    v = np.where(v > 1e-12 * max(v.max(initial=0.0), 1e-300), v, 0.0)
+    return Score(e.T @ u, v, absorbed)
+
+
+def subspace_cosine(a: np.ndarray, b: np.ndarray) -> float:
+    """Least cosine between two column spaces (each W-projected): 1 means one contains the other."""
+    qa, qb = (_orthonormal(x) for x in (a, b))
+    if qa.shape[1] == 0 or qb.shape[1] == 0:
+        return 0.0
+    s = np.linalg.svd(qa.T @ qb, compute_uv=False)
+    return float(s.min())
+
+
+def _orthonormal(x: np.ndarray) -> np.ndarray:
+    u, s, _ = np.linalg.svd(x, full_matrices=False)
+    return u[:, s > 1e-6 * s.max(initial=0.0)] if s.size else u
+
+
+def posterior(ln_bf: dict[str, float], prior: dict[str, float]) -> dict[str, float]:
+    """Softmax of ln prior + ln BF; keys as given ('none' has ln BF 0)."""
+    names = [name for name in prior if prior[name] > 0]
+    ln_p = np.array([np.log(prior[name]) + ln_bf.get(name, 0.0) for name in names])
+    p = np.exp(ln_p - ln_p.max())
+    p /= p.sum()
+    return dict(zip(names, (float(x) for x in p), strict=True))

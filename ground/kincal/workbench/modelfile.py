@@ -1,0 +1,152 @@
+"""The model file M.toml: which effects are in use, with every change kept as history."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import tomllib
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from .errors import BadInput
+
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class Change:
+    """One entry of the history: what was done, to which effects, and what the list was before."""
+
+    when: str
+    action: str
+    effects: tuple[str, ...]
+    before: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """Effects in use (in the order they were added), a user's own library files, and the history.
+
+    values: the last fit's coefficients by name, written by `fit`, used by `uplink`.
+    """
+
+    effects: tuple[str, ...] = ()
+    libraries: tuple[str, ...] = ()
+    dh: bool = True
+    history: tuple[Change, ...] = ()
+    arm: str = ""
+    values: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def add(self, names: list[str]) -> ModelFile:
+        doubled = [name for name in names if name in self.effects]
+        if doubled:
+            raise BadInput(f"{doubled[0]} is already in the model")
+        return self._changed("add", tuple(names), (*self.effects, *names))
+
+    def remove(self, names: list[str]) -> ModelFile:
+        absent = [name for name in names if name not in self.effects]
+        if absent:
+            there = ", ".join(self.effects) or "no effect"
+            raise BadInput(f"{absent[0]} is not in the model; it holds {there}")
+        return self._changed("remove", tuple(names), tuple(e for e in self.effects if e not in names))
+
+    def undo(self) -> ModelFile:
+        """Take back the last change that was not itself taken back; the undo is history too."""
+        depth = 0
+        for change in reversed(self.history):
+            if change.action == "undo":
+                depth += 1
+            elif depth:
+                depth -= 1
+            else:
+                return self._changed("undo", change.effects, change.before)
+        raise BadInput("nothing to undo: the history is empty")
+
+    def _changed(self, action: str, names: tuple[str, ...], effects: tuple[str, ...]) -> ModelFile:
+        when = datetime.now(UTC).isoformat(timespec="seconds")
+        history = (*self.history, Change(when, action, names, self.effects))
+        return replace(self, effects=effects, history=history, values={})
+
+
+def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
+    """Read M.toml. A missing file is an empty model unless must_exist. BadInput names key and reason."""
+    path = Path(path)
+    if not path.exists():
+        if must_exist:
+            raise BadInput(f"{path}: no such file; `kincal model add --model {path} EFFECT` makes one")
+        return ModelFile()
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path}: not valid TOML: {error}") from None
+    if table.get("version", VERSION) != VERSION:
+        raise BadInput(f"{path}: version {table['version']!r}; this kincal reads version {VERSION}")
+    unknown = set(table) - {"version", "dh", "effects", "libraries", "history", "arm", "value"}
+    if unknown:
+        raise BadInput(f"{path}: unknown key {sorted(unknown)[0]!r}; known: effects, libraries, dh, arm")
+    for key in ("effects", "libraries"):
+        value = table.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(x, str) for x in value):
+            raise BadInput(f"{path}: {key} is {value!r}, a list of texts is needed")
+    effects = table.get("effects", [])
+    if len(set(effects)) < len(effects):
+        raise BadInput(f"{path}: effects names one effect twice")
+    try:
+        history = tuple(
+            Change(h["when"], h["action"], tuple(h["effects"]), tuple(h["before"]))
+            for h in table.get("history", [])
+        )
+        values = {v["name"]: (float(v["value"]), float(v["std_err"])) for v in table.get("value", [])}
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInput(f"{path}: a [[history]] or [[value]] entry is broken: {error}") from None
+    return ModelFile(
+        effects=tuple(effects),
+        libraries=tuple(table.get("libraries", [])),
+        dh=bool(table.get("dh", True)),
+        history=history,
+        arm=str(table.get("arm", "")),
+        values=values,
+    )
+
+
+def write_model(path: str | Path, model: ModelFile) -> None:
+    """Write whole or not at all (new file, then rename)."""
+    path = Path(path)
+    lines = [
+        "# KinCal model: DH errors (dh), base and tool as the arm table says, and these effects.",
+        f"version = {VERSION}",
+        f"dh = {'true' if model.dh else 'false'}",
+        f"effects = {_texts(model.effects)}",
+        f"libraries = {_texts(model.libraries)}",
+    ]
+    if model.arm:
+        lines.append(f"arm = {json.dumps(model.arm)}")
+    for change in model.history:
+        lines += [
+            "",
+            "[[history]]",
+            f"when = {json.dumps(change.when)}",
+            f"action = {json.dumps(change.action)}",
+            f"effects = {_texts(change.effects)}",
+            f"before = {_texts(change.before)}",
+        ]
+    for name, (value, std_err) in model.values.items():
+        lines += [
+            "",
+            "[[value]]",
+            f"name = {json.dumps(name)}",
+            f"value = {float(value)!r}",
+            f"std_err = {float(std_err)!r}",
+        ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(
+        "w", dir=path.parent, prefix=path.name, suffix=".new", delete=False, encoding="utf-8"
+    ) as file:
+        file.write("\n".join(lines) + "\n")
+    os.replace(file.name, path)
+
+
+def _texts(items) -> str:
+    return "[" + ", ".join(json.dumps(item) for item in items) + "]"
