@@ -25,6 +25,7 @@
 #define KC_ECHO_TOL 1e-6            /* arm repeats its target: joint difference that is the same       */
 #define KC_CHAIN_MAX 4u             /* states that one step may pass through                           */
 #define KC_PRED_MAX 256u            /* candidates looked at for the predicted uncertainty              */
+#define KC_RANGE_MIN_M 0.1          /* nearer than this the tool is not measured                      */
 #define KC_FLIP_RMS_FACTOR 2.0      /* planar flip: second solution taken seriously up to this RMS     */
 #define KC_FLIP_TRUST_RAD 0.5       /* and only if it is so near to the model's prediction             */
 #define KC_POOR_NOISE_SCALE 3.0     /* noise so much larger than stated: the model does not fit        */
@@ -56,9 +57,10 @@ typedef struct {
     uint32_t servo_steps;
     double acq_value;
     int32_t chosen_by;                  /* kc_acq_t; -1 = prior pose or replicate          */
-    uint8_t gp_ok, stop;
+    uint8_t gp_ok, stop, trusted;       /* trusted: the estimate told the newest pose better */
     kc_up_t up;
     kc_status_t est_status;
+    double range_m;                     /* camera to tool, last measurement                  */
     double res_pos_m, res_rot_rad, f, gp_mean, gp_sigma, pred_pos_m, pred_rot_rad;
 } kc_cal_t;
 
@@ -82,6 +84,8 @@ typedef struct {
     uint64_t head_us, asked_us;
     uint8_t head_sent, waiting, got, unsure, after; /* after: state that follows SETTLE       */
     uint8_t searched, turning;          /* searched: since the arm last moved                */
+    uint8_t seen_here, retreat;         /* tags seen at this candidate; going back to there  */
+    double q_seen[KC_JOINT_MAX];        /* joints at which they were last seen               */
     uint32_t fails, i_search;
     int32_t frame_seq;
     kc_detection_t det;

@@ -5,6 +5,8 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
+#define SEARCH_SAFETY 2.0 /* the next pose may be off by this many times the last residual */
+
 /* ---- frames ---- */
 
 void kc_look_begin(kc_app_t *app)
@@ -162,6 +164,8 @@ static void take_seen(kc_app_t *app)
     kc_m3_mul(E, k->predicted.R, k->seen.R);
     kc_v3_add_scaled(k->predicted.p_m, 1.0, r, k->seen.p_m);
     kc_v3_copy(r, k->off_m);
+    memcpy(k->q_seen, app->arm.q, sizeof k->q_seen);
+    k->seen_here = 1u;
 }
 
 /* ---- LOOK and SERVO ---- */
@@ -194,7 +198,7 @@ static int servo(kc_app_t *app, kc_out_t *out)
     kc_servo_result_t res = kc_servo_step(&a->arm, &a->terms, app->cal.coef, &app->look.seen, &goal, app->arm.q, seed,
                                           &opt, q_cmd, &app->eval);
     if (res == KC_SERVO_THERE) { return measure(app); }
-    if (res == KC_SERVO_STUCK || app->cal.servo_steps >= a->config.servo_steps_max) {
+    if (res == KC_SERVO_STUCK || app->look.retreat || app->cal.servo_steps >= a->config.servo_steps_max) {
         return measure_beside(app, out, &goal);
     }
     app->cal.servo_steps++;
@@ -203,8 +207,19 @@ static int servo(kc_app_t *app, kc_out_t *out)
     return 0;
 }
 
+/* The servo led out of sight (tags turned away, or something came between): back to where they were seen
+ * last, to measure there. */
+static int retreat(kc_app_t *app, kc_out_t *out)
+{
+    app->look.retreat = 1u;
+    kc_move_send(app, out, app->look.q_seen);
+    kc_app_enter(app, KC_ST_SERVO);
+    return 0;
+}
+
 static int lost(kc_app_t *app, kc_out_t *out)
 {
+    if (app->look.seen_here && !app->look.retreat) { return retreat(app, out); }
     kc_event(&out->events, KC_EVT_CAL_TAGS_LOST, app->cal.candidate, (double)app->look.i_search, 0.0);
     kc_look_skip(app, out);
     return 1;
@@ -214,7 +229,11 @@ static int next_search(kc_app_t *app, kc_out_t *out);
 
 static int begin_search(kc_app_t *app, kc_out_t *out)
 {
-    if (app->look.searched) { return lost(app, out); } /* found once, lost again without a move */
+    /* Found once and lost again: not a matter of where the head looks. */
+    if (app->look.searched || app->look.seen_here) {
+        app->look.i_search = 0u;
+        return lost(app, out);
+    }
     app->look.searched = 1u;
     app->look.i_search = 0u;
     kc_app_enter(app, KC_ST_SEARCH);
@@ -268,11 +287,26 @@ static int inside(const kc_camera_t *c, double pan, double tilt)
     return pan >= c->pan_min_rad && pan <= c->pan_max_rad && tilt >= c->tilt_min_rad && tilt <= c->tilt_max_rad;
 }
 
+/* How far the search goes: all of it before anything was measured; later as far as the last residual
+ * says that the tool may be from where it is expected. Tags that should be in the middle of the image and
+ * are not seen there are hidden or turned away, and no turn of the head helps. */
+static uint32_t search_limit(const kc_app_t *app)
+{
+    const kc_camera_t *cam = &app->tables.active.camera;
+    const kc_config_t *c = &app->tables.active.config;
+    if (app->cal.n_meas == 0u) { return c->search_steps; }
+    double half = kc_atan2(0.5 * (double)cam->height_px, cam->fy_px);
+    double off = SEARCH_SAFETY * kc_atan2(app->cal.res_pos_m, app->cal.range_m) - 0.5 * half;
+    double rings = kc_floor(kc_max(0.0, off) / c->search_step_rad + 0.999);
+    double cells = (2.0 * rings + 1.0) * (2.0 * rings + 1.0) - 1.0;
+    return cells < (double)c->search_steps ? (uint32_t)cells : c->search_steps;
+}
+
 static int next_search(kc_app_t *app, kc_out_t *out)
 {
     const kc_active_t *a = &app->tables.active;
     kc_look_t *k = &app->look;
-    while (k->i_search < a->config.search_steps) {
+    while (k->i_search < search_limit(app)) {
         double x = 0.0, y = 0.0;
         spiral(++k->i_search, &x, &y);
         double pan = k->base_pan_rad + x * a->config.search_step_rad;
@@ -280,7 +314,6 @@ static int next_search(kc_app_t *app, kc_out_t *out)
         if (!inside(&a->camera, pan, tilt)) { continue; }
         kc_move_head(app, out, pan, tilt);
         k->turning = 1u;
-        app->leg.resting = 0u;
         app->state_us = app->now_us;
         return 0;
     }
@@ -290,21 +323,15 @@ static int next_search(kc_app_t *app, kc_out_t *out)
 /* Head on its way to the next cell; 1 when it rests there. */
 static int turned(kc_app_t *app, kc_out_t *out)
 {
-    const kc_config_t *c = &app->tables.active.config;
-    if (!kc_move_head_there(app)) {
-        if (app->now_us - app->state_us > c->move_timeout_us) {
-            kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_HEAD, (double)(app->now_us - app->state_us), 0.0);
-            kc_app_abort(app, out, KC_CAUSE_HEAD_LATE);
-        } else if (!app->head.moving && app->now_us - app->look.head_us >= KC_RESEND_US) {
-            kc_move_head(app, out, app->look.pan_rad, app->look.tilt_rad);
-        }
-        return 0;
+    uint64_t took = app->now_us - app->state_us;
+    if (kc_move_head_there(app)) { return 1; }
+    if (took > app->tables.active.config.move_timeout_us) {
+        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_HEAD, (double)took, 0.0);
+        kc_app_abort(app, out, KC_CAUSE_HEAD_LATE);
+    } else if (!app->head.moving && app->now_us - app->look.head_us >= KC_RESEND_US) {
+        kc_move_head(app, out, app->look.pan_rad, app->look.tilt_rad);
     }
-    if (!app->leg.resting) {
-        app->leg.resting = 1u;
-        app->leg.rest_us = app->now_us;
-    }
-    return app->now_us - app->leg.rest_us >= c->settle_us;
+    return 0;
 }
 
 int kc_look_search(kc_app_t *app, kc_out_t *out)

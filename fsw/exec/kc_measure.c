@@ -150,6 +150,7 @@ static int finish(kc_app_t *app, kc_out_t *out)
     out->has_meas = 1u;
     app->cal.cand_of[app->cal.n_meas++] = (uint16_t)app->cal.candidate;
     app->cal.usable[app->cal.candidate] = 0u;
+    app->cal.range_m = kc_max(m->det.range_m, KC_RANGE_MIN_M);
     app->n_meas++;
     app->cal.up = KC_UP_ADD;
     kc_app_enter(app, KC_ST_UPDATE);

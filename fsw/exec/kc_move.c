@@ -184,6 +184,8 @@ kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
     l->n_way = n + first;
     l->i_way = 0u;
     memset(app->look.off_m, 0, sizeof app->look.off_m);
+    app->look.seen_here = 0u;
+    app->look.retreat = 0u;
     corrected_joints(app, cand, l->q_final);
     kc_app_enter(app, KC_ST_MOVE);
     send_leg(app, out);

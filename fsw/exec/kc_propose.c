@@ -8,6 +8,8 @@
 
 /* ---- statistics ---- */
 
+static int solved(const kc_app_t *app) { return app->cal.est_status == KC_OK || app->cal.est_status == KC_ERR_ITER; }
+
 /* chi^2 of the inliers at any coefficients. */
 static double chi2_at(kc_app_t *app, const double *coef)
 {
@@ -30,9 +32,9 @@ static double chi2_at(kc_app_t *app, const double *coef)
 static double p_no_change(kc_app_t *app)
 {
     const kc_est_t *e = &app->est;
-    if (e->rank == 0u) { return 1.0; }
+    if (e->rank == 0u || !solved(app)) { return 1.0; }
     double scale = kc_max(1.0, e->noise_scale);
-    double gain = chi2_at(app, app->tables.active.kin.value) - chi2_at(app, app->cal.coef);
+    double gain = chi2_at(app, app->tables.active.kin.value) - chi2_at(app, app->est.coef);
     return kc_chi2_sf(kc_max(0.0, gain) / (scale * scale), e->rank);
 }
 
@@ -56,8 +58,8 @@ static void fill_kin(kc_app_t *app, kc_kin_t *k)
     memset(k, 0, sizeof *k);
     k->n_coef = a->terms.n_coef;
     for (uint32_t c = 0u; c < k->n_coef; c++) {
-        int est = estimated(app->est.status[c]);
-        k->value[c] = est ? app->cal.coef[c] : a->kin.value[c];
+        int est = solved(app) && estimated(app->est.status[c]);
+        k->value[c] = est ? app->est.coef[c] : a->kin.value[c];
         k->sigma[c] = est ? scale * app->est.sigma[c] : a->kin.sigma[c];
     }
     k->arm_crc = a->crc[KC_TBL_ARM];
@@ -73,6 +75,7 @@ static void fill_cov(const kc_app_t *app, kc_proposal_t *p)
 {
     double scale2 = kc_max(1.0, app->est.noise_scale) * kc_max(1.0, app->est.noise_scale);
     uint32_t k = 0u;
+    if (!solved(app)) { return; }
     for (uint32_t i = 0u; i < p->kin.n_coef; i++) {
         for (uint32_t j = i; j < p->kin.n_coef; j++) { p->cov[k++] = scale2 * app->est.cov[i * KC_COEF_MAX + j]; }
     }

@@ -57,14 +57,14 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
 
 /* ---- f of eq. 6 ---- */
 
-static void residual_of(kc_app_t *app, uint32_t i, double *pos_m, double *rot_rad)
+static void residual_of(kc_app_t *app, const double *coef, uint32_t i, double *pos_m, double *rot_rad)
 {
     const kc_active_t *a = &app->tables.active;
     const kc_obs_t *obs = &app->est.obs[i];
     kc_loads_t loads;
     double r[6];
-    kc_model_loads(&a->arm, &a->terms, app->cal.coef, &obs->ctx, &loads);
-    (void)kc_model_residual(&a->arm, &a->terms, app->cal.coef, obs, &loads, r, &app->eval);
+    kc_model_loads(&a->arm, &a->terms, coef, &obs->ctx, &loads);
+    (void)kc_model_residual(&a->arm, &a->terms, coef, obs, &loads, r, &app->eval);
     *pos_m = kc_v3_norm(r);
     *rot_rad = kc_v3_norm(&r[3]);
 }
@@ -73,7 +73,9 @@ static void residual_of(kc_app_t *app, uint32_t i, double *pos_m, double *rot_ra
 static void objective(kc_app_t *app)
 {
     const kc_config_t *c = &app->tables.active.config;
-    for (uint32_t i = 0u; i < app->cal.n_meas; i++) { residual_of(app, i, &app->dp_m[i], &app->dr_rad[i]); }
+    for (uint32_t i = 0u; i < app->cal.n_meas; i++) {
+        residual_of(app, app->cal.coef, i, &app->dp_m[i], &app->dr_rad[i]);
+    }
     kc_acq_objective(app->dp_m, app->dr_rad, app->cal.n_meas, c->a1, c->sp_floor_m, c->sq_floor_rad, app->y);
 }
 
@@ -103,6 +105,18 @@ static void report_outliers(kc_app_t *app, kc_out_t *out)
     }
 }
 
+/* While the data do not determine everything yet, an estimate can fit what was measured and be far off
+ * elsewhere. It is used to aim once it has told a pose it did not know better than the correction in use. */
+static int told_better(kc_app_t *app, uint32_t newest)
+{
+    const kc_config_t *c = &app->tables.active.config;
+    double pos_m = 0.0, rot_rad = 0.0;
+    if (newest == 0u || !solved(app->cal.est_status)) { return 0; }
+    residual_of(app, app->est.coef, newest, &pos_m, &rot_rad);
+    return c->a1 * pos_m / c->vopt_len_m + (1.0 - c->a1) * rot_rad <
+           c->a1 * app->cal.res_pos_m / c->vopt_len_m + (1.0 - c->a1) * app->cal.res_rot_rad;
+}
+
 static void add(kc_app_t *app)
 {
     kc_cal_t *c = &app->cal;
@@ -113,6 +127,7 @@ static void add(kc_app_t *app)
     c->res_pos_m = app->dp_m[last];
     c->res_rot_rad = app->dr_rad[last];
     c->f = app->y[last];
+    c->trusted = (uint8_t)told_better(app, last);
     point_of(&app->est.obs[last], &x);
     c->gp_mean = 0.0;
     if (c->gp_ok) { kc_gp_predict(&app->big.gp, &x, &c->gp_mean, &var); }
@@ -144,10 +159,10 @@ static void learn(kc_app_t *app, kc_out_t *out)
     uint32_t last = c->n_meas - 1u;
     kc_point_t x;
     report_outliers(app, out);
-    if (solved(c->est_status)) {
-        memcpy(c->coef, app->est.coef, sizeof c->coef);
-    } else {
+    if (!solved(c->est_status)) {
         kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)c->est_status, 0.0);
+    } else if (app->est.rank == app->est.n_free || c->trusted) {
+        memcpy(c->coef, app->est.coef, sizeof c->coef);
     }
     objective(app);
     point_of(&app->est.obs[last], &x);
