@@ -32,6 +32,7 @@ class ArmChain:
             cut.tool_xyz_m = [0.0, 0.0, 0.0]
             cut.tool_quat_wxyz = [1.0, 0.0, 0.0, 0.0]
             self._cut.append(cut)
+        self.base_R = quat_to_R(list(arm.base_quat_wxyz))
         self.base_m = np.array(list(arm.base_xyz_m))
         self.q_min = np.array([arm.joint[j].q_min for j in range(self.n)])
         self.q_max = np.array([arm.joint[j].q_max for j in range(self.n)])
@@ -52,6 +53,29 @@ class ArmChain:
         core.lib.kc_arm_fk(self.arm, self._q, self._pose)
         out.append(np.array(list(self._pose.p_m)))
         return np.array(out)
+
+
+    def frames(self, q: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Pose of frames 0..n-1 (frame 0: on the base, i: end of link i)."""
+        out = [(self.base_m, self.base_R)]
+        self._q[0:self.n] = list(q)
+        for cut in self._cut:
+            core.lib.kc_arm_fk(cut, self._q, self._pose)
+            out.append(pose_arrays(self._pose))
+        return out
+
+
+def segment_distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Least distance between segments a[i]-b[i] and c[j]-d[j], matrix (i, j) (Ericson, Real-Time Collision
+    Detection, 5.1.9)."""
+    u, v, w = (b - a)[:, None], (d - c)[None], a[:, None] - c[None]
+    uu, vv = np.maximum(np.sum(u * u, -1), 1e-12), np.maximum(np.sum(v * v, -1), 1e-12)
+    uv, uw, vw = np.sum(u * v, -1), np.sum(u * w, -1), np.sum(v * w, -1)
+    den = np.maximum(uu * vv - uv * uv, 1e-12)
+    s = np.clip((uv * vw - vv * uw) / den, 0.0, 1.0)
+    t = np.clip((uv * s + vw) / vv, 0.0, 1.0)
+    s = np.clip((uv * t - uw) / uu, 0.0, 1.0)
+    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
 
 
 class CorrectedArm:

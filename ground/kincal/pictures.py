@@ -173,7 +173,7 @@ def save_space_png(scene: Scene, path: Path, title: str, incid_deg: np.ndarray, 
     ax.set(xlabel="x forward [m]", ylabel="y left [m]", title="Seen from above", aspect="equal")
     ax = figure.add_subplot(grid[0, 2])
     ax.scatter(range_m, incid_deg, s=9, color=BLUE, linewidths=0, alpha=0.7)
-    ax.set(xlabel="camera to tool [m]", ylabel="incidence of the more oblique tag [deg]",
+    ax.set(xlabel="camera to tool [m]", ylabel="incidence of the tag [deg]",
            title="How candidates are seen")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)

@@ -151,7 +151,7 @@ class Judge:
         _, kin = tables.load(tables_dir / "kin.tbl")
         self.model = CorrectedArm(self.arm, terms)
         self.names = self.model.names
-        self.start = np.array(kin.value[0:self.model.n_coef])
+        self.start = np.array(list(kin.value[0:self.model.n_coef]))
         self.errors: dict[str, float] = {}
         self._held: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         if truth:

@@ -117,7 +117,8 @@ def space(out: Console, image: tables_mod.Image, n: space_mod.Numbers, picture: 
     rows.add_row("box of the tool", " x ".join(f"{a:.3f}..{b:.3f} m"
                                                for a, b in zip(n.box_min_m, n.box_max_m, strict=True)))
     rows.add_row("camera distance", f"{n.range_m[0]:.2f}..{n.range_m[1]:.2f} m")
-    rows.add_row("incidence", f"{n.incid_deg[0]:.0f}..{n.incid_deg[1]:.0f} deg (more oblique tag)")
+    rows.add_row("incidence", f"{n.incid_deg[0]:.0f}..{n.incid_deg[1]:.0f} deg (most oblique tag in view)")
+    rows.add_row("candidates with two tags in view", str(n.two_tags))
     rows.add_row("nearest neighbour", f"{n.nearest_m * 1e3:.0f} mm (median)")
     rows.add_row("servo leash", f"{n.leash_rad:.2f} rad")
     rows.add_row("candidates with a check missing", str(n.unchecked))

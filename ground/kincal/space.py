@@ -16,7 +16,7 @@ import pydantic
 
 from kincal import core, tables
 from kincal.errors import KincalError
-from kincal.geometry import ArmChain, Camera, R_to_quat, quat_to_R, rotation_angle
+from kincal.geometry import ArmChain, Camera, R_to_quat, quat_to_R, rotation_angle, segment_distance
 from kincal.results import Scene
 
 # Bits of kc_cand_t.why: what was checked and found good.
@@ -24,11 +24,12 @@ WHY = {
     1: "joints inside their limits with margin",
     2: "tool inside the position box",
     4: "distance to the camera inside its range",
-    8: "all tags inside the image with margin, head aimed at the tool",
-    16: "incidence of every tag below the limit",
+    8: "enough tags inside the image with margin, head aimed at the tool",
+    16: "incidence of those tags below the limit",
     32: "head angles inside their limits with margin",
     64: "centre line of the arm clear of deck and mast",
     128: "straight segment from the hub clear of deck and mast",
+    256: "line of sight to those tags clear of the arm",
 }
 WHY_ALL = sum(WHY)
 CAND_MAX, HUB_MAX = 1024, 16
@@ -52,6 +53,7 @@ class Tool(_Strict):
 class View(_Strict):
     range_min_m: float
     range_max_m: float
+    tags_min: int = pydantic.Field(ge=1, le=4)
     incid_max_rad: float = pydantic.Field(gt=0, lt=1.5)
     image_margin_px: float = pydantic.Field(ge=0)
     head_margin_rad: float = pydantic.Field(ge=0)
@@ -69,6 +71,21 @@ class Spread(_Strict):
     rotation_rad: float = pydantic.Field(gt=0)
 
 
+class Body(_Strict):
+    """A capsule of the arm that may stand in the line of sight, in a DH frame."""
+
+    frame: int = pydantic.Field(ge=0, le=7)
+    start_m: tuple[float, float, float]
+    end_m: tuple[float, float, float]
+    radius_m: float = pydantic.Field(gt=0)
+
+
+class Sight(_Strict):
+    margin_m: float = pydantic.Field(ge=0)
+    border: float = pydantic.Field(ge=1)  # printed size of a tag over its black square
+    body: list[Body]
+
+
 class Description(_Strict):
     """space.toml"""
 
@@ -84,6 +101,7 @@ class Description(_Strict):
     tool: Tool
     view: View
     clear: Clear
+    sight: Sight
     spread: Spread
 
 
@@ -134,7 +152,7 @@ class Search:
         self._tight.cx_px = camera.cx_px - m
         self._tight.cy_px = camera.cy_px - m
         self.tight = Camera(self._tight)
-        self.all_tags = (1 << int(camera.n_tags)) - 1
+        self.sizes = [float(t.size_m) for t in camera.tag[0:int(camera.n_tags)]]
 
     def look(self, p: np.ndarray, R: np.ndarray) -> tuple[float, float, bool, np.ndarray, np.ndarray]:
         """Head angles that centre the tool, whether they are allowed, and the tool in the camera frame."""
@@ -154,15 +172,35 @@ class Search:
         pan, tilt, inside, p_cam, R_cam = self.look(p, R)
         if not v.range_min_m <= np.linalg.norm(p_cam) <= v.range_max_m:
             return "too near to or far from the camera"
-        if np.max(self.camera.incidence(p_cam, R_cam)) > v.incid_max_rad:
-            return "tags too oblique or facing away"
         if not inside:
             return "head limits"
-        if self.tight.visible(p_cam, R_cam, v.incid_max_rad) != self.all_tags:
-            return "tags not all in the image"
+        if np.sum(self.camera.incidence(p_cam, R_cam) <= v.incid_max_rad) < v.tags_min:
+            return "tags too oblique or facing away"
+        seen = self.tight.visible(p_cam, R_cam, v.incid_max_rad)
+        if seen.bit_count() < v.tags_min:
+            return "too few tags in the image"
+        if (seen & self.sight(q, p, R, pan, tilt)).bit_count() < v.tags_min:
+            return "the arm hides the tags"
         if not self.clear(q):
             return "too close to deck or mast"
         return ""
+
+    def sight(self, q: np.ndarray, p: np.ndarray, R: np.ndarray, pan: float, tilt: float) -> int:
+        """Bit set of tags with no capsule of the arm between the camera and nine points of the print."""
+        eye, _ = self.camera.pose(pan, tilt)
+        frames = self.chain.frames(q)
+        bodies = self.desc.sight.body
+        start = np.array([frames[b.frame][0] + frames[b.frame][1] @ b.start_m for b in bodies])
+        end = np.array([frames[b.frame][0] + frames[b.frame][1] @ b.end_m for b in bodies])
+        room = np.array([b.radius_m for b in bodies]) + self.desc.sight.margin_m
+        out = 0
+        for i, ((xyz, R_tag), size) in enumerate(zip(self.camera.tags, self.sizes, strict=True)):
+            half = 0.5 * self.desc.sight.border * size
+            points = np.array([p + R @ (xyz + R_tag @ [x * half, y * half, 0.0])
+                               for x in (-1, 0, 1) for y in (-1, 0, 1)])
+            if np.all(segment_distance(np.broadcast_to(eye, points.shape), points, start, end) > room):
+                out |= 1 << i
+        return out
 
     def clear(self, q: np.ndarray) -> bool:
         """Centre line of the arm above the deck and away from the mast."""
@@ -243,7 +281,7 @@ def build(desc: Description, tables_dir: Path, tick: Callable[[str, int, int], N
     q, hub, p, R = q[keep], hub[keep], p[keep], R[keep]
     space = core.ffi.new("kc_space_t *")
     _fill(space, search, q, hub, p, R, hubs)
-    for i, c in enumerate(_priors(search, p, R)):
+    for i, c in enumerate(_priors(space, search, p, R)):
         space.prior[i] = c
     space.n_prior = desc.priors
     space.servo_leash = desc.joints.servo_leash_rad
@@ -291,14 +329,17 @@ def _fill(space: Any, search: Search, q: np.ndarray, hub: np.ndarray, p: np.ndar
         c.q_wxyz[0:4] = [float(v) for v in R_to_quat(R[i])]
         c.q_seed[0:search.chain.n] = [float(v) for v in q[i]]
         c.pan_rad, c.tilt_rad = pan, tilt
-        c.tags = search.camera.visible(p_cam, R_cam, search.desc.view.incid_max_rad)
+        c.tags = (search.tight.visible(p_cam, R_cam, search.desc.view.incid_max_rad)
+                  & search.sight(q[i], p[i], R[i], pan, tilt))
         c.hub, c.why = int(hub[i]), WHY_ALL
 
 
-def _priors(search: Search, p: np.ndarray, R: np.ndarray) -> list[int]:
+def _priors(space: Any, search: Search, p: np.ndarray, R: np.ndarray) -> list[int]:
     """Starting poses: among those seen best (the least oblique quarter), spread far apart. A large fault then
     has the widest margin before a tag turns away from the camera."""
-    worst = [float(np.max(search.camera.incidence(*search.look(p[i], R[i])[3:]))) for i in range(len(p))]
+    tags = search.camera.tags
+    worst = [float(np.max(search.camera.incidence(*search.look(p[i], R[i])[3:])
+                          [[bool(space.cand[i].tags >> k & 1) for k in range(len(tags))]])) for i in range(len(p))]
     best = np.argsort(worst, kind="stable")[:max(len(p) // 4, search.desc.priors)]
     centre = int(np.argmin(np.linalg.norm(p[best] - p[best].mean(axis=0), axis=1)))
     return [int(best[k]) for k in search.spread(p[best], R[best], search.desc.priors, centre)]
@@ -335,6 +376,7 @@ class Numbers:
     incid_deg: tuple[float, float]
     nearest_m: float  # median distance to the nearest other candidate
     spin_rad: float  # widest rotation between two candidates
+    two_tags: int  # candidates that show more than one tag
     unchecked: int  # candidates that lack a check of the list above
     arm_fits: bool  # built for the arm table it is shown with
 
@@ -351,14 +393,15 @@ def describe(space: Any, arm_image: tables.Image, camera: Any) -> tuple[Numbers,
         p_cam, R_cam = cam.pose(c.pan_rad, c.tilt_rad)
         seen = R_cam.T @ (p[i] - p_cam)
         rng.append(float(np.linalg.norm(seen)))
-        incid.append(float(np.degrees(np.max(cam.incidence(seen, R_cam.T @ R[i])))))
+        angles = cam.incidence(seen, R_cam.T @ R[i])
+        incid.append(float(np.degrees(max(a for k, a in enumerate(angles) if c.tags >> k & 1))))
     gaps = np.linalg.norm(p[:, None] - p[None], axis=2) + np.diag(np.full(n, np.inf))
     widest = max((rotation_angle(R[0].T @ r) for r in R), default=0.0)
     edges = sum(b.bit_count() for b in core.ffi.buffer(space.edge)[:])
     numbers = Numbers(n, int(space.n_hub), tuple(space.prior[0:space.n_prior]), edges, int(space.arm_crc),
                       float(space.servo_leash), tuple(p.min(axis=0)), tuple(p.max(axis=0)),
                       (min(rng), max(rng)), (min(incid), max(incid)), float(np.median(gaps.min(axis=1))), widest,
-                      sum(c.why != WHY_ALL for c in cands), int(space.arm_crc) == arm_image.crc)
+                      sum(c.tags.bit_count() > 1 for c in cands), sum(c.why != WHY_ALL for c in cands), int(space.arm_crc) == arm_image.crc)
     return numbers, np.array(incid), np.array(rng)
 
 
