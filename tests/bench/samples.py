@@ -13,7 +13,7 @@ joint vectors; RMS distance of the corrected model's tool point from the true on
 
 With --space: the scenario's arm and candidate table. A candidate's pose is the nominal one of its joints, as in
 flight; the joints measured are those that put the TRUE arm there (found on the MuJoCo model, within limits;
-candidates it can't reach are unusable). Held out: 300 of the other candidates at their true joints.
+candidates it can't reach are unusable). Held out: a third of the candidates, at most 300, drawn anew for each seed.
 
 Both: estimator from nominal start, kernel and weights of tables/src, f recomputed with every new correction.
 Two processes; the same figures every time. Exit 1 if a figure is clearly worse than the reference (see `worse`).
@@ -25,8 +25,10 @@ import multiprocessing
 import sys
 import time
 import tomllib
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,16 +90,19 @@ def pose_error(want: np.ndarray, have: np.ndarray) -> np.ndarray:
 
 
 def true_joints(arm: sim_arm.Arm, want: np.ndarray, q: np.ndarray, tries: int = 200) -> np.ndarray | None:
-    """Joints of the true arm for a pose, by damped least squares on a numerical Jacobian; None if out of reach."""
+    """Joints of the true arm for a pose, by damped least squares from q; None if out of reach."""
     q = q.copy()
+    tool = arm.model.body("tool").id
+    J = np.zeros((6, arm.model.nv))
     for _ in range(tries):
-        here = true_poses(arm, q[None])[0]
-        e = pose_error(want, here)
+        arm.set(q)
+        e = pose_error(want, arm.T_base_tool)
         if np.linalg.norm(e) < 1e-9:
             return q
-        moved = true_poses(arm, q + 1e-6 * np.eye(len(q)))
-        J = np.array([pose_error(m, here) / 1e-6 for m in moved]).T
-        step = J.T @ np.linalg.solve(J @ J.T + 1e-4 * min(1.0, np.linalg.norm(e)) * np.eye(6), e)
+        mujoco.mj_comPos(arm.model, arm.data)
+        mujoco.mj_jacBody(arm.model, arm.data, J[:3], J[3:], tool)
+        Ja = J[:, : arm.n]
+        step = Ja.T @ np.linalg.solve(Ja @ Ja.T + 1e-4 * min(1.0, np.linalg.norm(e)) * np.eye(6), e)
         step *= min(1.0, 0.3 / np.abs(step).max())
         q = np.clip(q + step, arm.q_min, arm.q_max)
     return None
@@ -267,8 +272,8 @@ class Space:
         from kincal import tables
 
         self.truth, nominal = true_arm(bare=False), sim_arm.Arm(sim_arm.load_spec(), {})
-        doc = tables.read_image(Path(path).read_bytes())[1]
-        self.q = np.array([c["q"][: self.truth.n] for c in doc["cand"]], float)
+        space = tables.decode(Path(path).read_bytes(), path)[1]
+        self.q = np.array([list(c.q_seed)[: self.truth.n] for c in space.cand[0 : space.n_cand]])
         self.wanted = true_poses(nominal, self.q)
         found = [true_joints(self.truth, T, q) for T, q in zip(self.wanted, self.q, strict=True)]
         self.usable = np.array([f is not None for f in found])
@@ -277,7 +282,7 @@ class Space:
 
     def draw(self, rng: np.random.Generator):
         order = rng.permutation(np.flatnonzero(self.usable))
-        held = order[:N_HELD_OUT]
+        held = order[: min(N_HELD_OUT, len(order) // 3)]
         usable = self.usable.copy()
         usable[held] = False
         return self.q, self.true_q, self.wanted, self.reached, usable, self.true_q[held], self.reached[held]
@@ -317,8 +322,9 @@ def _job(job):
 def measure(seeds: int, acquisitions, poses, space: str | None = None) -> dict[str, np.ndarray]:
     """acquisition -> (seeds, poses) held-out RMS [mm]."""
     jobs = [(seed, a, poses) for a in acquisitions for seed in range(seeds)]
-    with multiprocessing.get_context("spawn").Pool(2, _start, (space,)) as pool:
-        rows = pool.map(_job, jobs, chunksize=2)
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, mp_context=spawn, initializer=_start, initargs=(space,)) as pool:
+        rows = list(pool.map(_job, jobs, chunksize=2))
     return {a: np.array(rows[i * seeds : (i + 1) * seeds]) for i, a in enumerate(acquisitions)}
 
 
