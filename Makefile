@@ -283,14 +283,15 @@ lint-python: | .venv/.stamp-dev ## ruff: rules and lay-out
 	$(Q).venv/bin/ruff format --quiet --check --config tests/ruff.toml ground sim tests || \
 	    { .venv/bin/ruff format --check --config tests/ruff.toml ground sim tests; exit 1; }
 
-lint-generated: core .venv/.stamp-dev ## generated files are what their sources say
+lint-generated: core messages .venv/.stamp-dev ## generated files are what their sources say
 	$(Q)$(PYTHON) tests/lint/events.py --check
+	$(Q)$(PY) ground/gen_docs.py --check
 	$(Q)rm -rf $(BUILD)/tables.check && mkdir -p $(BUILD)/tables.check
 	$(Q).venv/bin/kincal table build tables/src $(BUILD)/tables.check > $(BUILD)/tables.check.log || \
 	    { cat $(BUILD)/tables.check.log; exit 1; }
 	$(Q)diff -rq -x '.*' tables/bin $(BUILD)/tables.check || { echo "tables/bin is stale: run make tables"; exit 1; }
 
-.PHONY: format dict tables
+.PHONY: format dict docs tables
 format: $(STAMP)/apt-test .venv/.stamp-dev ## lay out C, C++ and Python
 	clang-format-19 -i $(C_STYLE)
 	.venv/bin/ruff check --quiet --fix-only --select I --config tests/ruff.toml ground sim tests
@@ -298,6 +299,9 @@ format: $(STAMP)/apt-test .venv/.stamp-dev ## lay out C, C++ and Python
 
 dict: ## docs/EVENTS.md from the event list
 	$(PYTHON) tests/lint/events.py
+
+docs: dict core messages .venv/.stamp ## the generated parts of docs/
+	$(PY) ground/gen_docs.py
 
 tables: core .venv/.stamp ## tables/bin from tables/src
 	.venv/bin/kincal table build tables/src tables/bin
