@@ -30,6 +30,7 @@ ABSORBED = 0.995
 MAX_EFFECTS = 5
 _SURE_ENOUGH = 0.2  # nothing was accepted and 'none' is not far behind
 _SETTLE_MAX = 4
+_PREFER_SINGLE = np.log(10.0)
 _NULL_DRAWS = 400
 _BOOTSTRAP = 1000
 
@@ -336,11 +337,28 @@ class Look:
 
     @property
     def best_named(self) -> Hypothesis | None:
+        """The best effect; one joint alone unless the data clearly ask for all of them."""
         names = [name for name in self.probability if name not in ("none", "novel")]
         if not names:
             return None
         top = max(names, key=self.probability.__getitem__)
-        return next(s.best for s in self.scored if s.name == top)
+        by_name = {s.name: s for s in self.scored}
+        singles = [name for name in names if name.startswith(f"{top}[")]
+        if singles:
+            single = max(singles, key=self.probability.__getitem__)
+            if by_name[single].ln_bf > by_name[top].ln_bf - _PREFER_SINGLE:
+                top = single
+        return by_name[top].best
+
+    def presence(self, name: str) -> float:
+        """Probability that this effect is there: at this joint (alone or with all others), or, for a
+        name without joint, at any joint."""
+        effect, _, joint = name.partition("[")
+        return sum(
+            p
+            for other, p in self.probability.items()
+            if other == name or other == effect or (not joint and other.startswith(f"{effect}["))
+        )
 
     @property
     def something_missing(self) -> bool:
@@ -362,7 +380,7 @@ def _settle(h, accepted, refit, weight, stated, candidates) -> Hypothesis | None
         look = _look(Engine(refit([*accepted, h]), weight, stated, drop=h), candidates, accepted)
         winner = look.best_named
         p = look.probability
-        if winner is None or p[winner.name] < ACCEPT_ODDS * p["none"] or p["novel"] > p[winner.name]:
+        if winner is None or look.presence(winner.name) < max(ACCEPT_ODDS * p["none"], p["novel"]):
             return None
         if winner.name == h.name and winner.constants == h.constants:
             return h
@@ -380,7 +398,7 @@ def _conclude(
     for h in list(accepted):
         others = [x for x in kept if x is not h]
         look = _look(Engine(current, weight, stated, drop=h), candidates, others)
-        if others and look.probability.get(h.name, 0.0) < ACCEPT_ODDS * look.probability["none"]:
+        if others and look.presence(h.name) < ACCEPT_ODDS * look.probability["none"]:
             kept.remove(h)  # backward check: not needed once the others are there
             current = refit(kept)
         else:
@@ -388,11 +406,17 @@ def _conclude(
     findings = [
         _finding(h, own[h.name], p_family, comparison, kept, hypotheses, current, library_twins, True) for h in kept
     ]
-    listed = {h.name for h in kept}
+    listed = {h.effect if h.name == h.effect else h.name for h in kept}
     rivals: dict[str, tuple[float, Look]] = {}
     for look in list(own.values()) or [first]:
-        for name, p in look.probability.items():
-            if name not in ("none", "novel") and name not in listed and p > rivals.get(name, (MENTION, None))[0]:
+        for name in look.probability:
+            effect = name.partition("[")[0]
+            if name in ("none", "novel") or {name, effect} & listed:
+                continue
+            if any(other.startswith(f"{name}[") for other in (*listed, *look.probability)):
+                continue  # all joints at once: counted with its joints
+            p = look.presence(name)
+            if p > rivals.get(name, (MENTION, None))[0]:
                 rivals[name] = (p, look)
     for name, (_, look) in sorted(rivals.items(), key=lambda item: -item[1][0])[:8]:
         h = next(s for s in look.scored if s.name == name).best
@@ -437,9 +461,11 @@ def _finding(h, look, p_family, comparison, kept, hypotheses, current, library_t
     for other in scored:
         if other.name == h.name or other.score.absorbed >= ABSORBED:
             continue
-        same_effect = other.name.partition("[")[0] == h.name.partition("[")[0]
+        effect, _, joint = other.name.partition("[")
+        if effect == h.effect and (not joint or h.name == h.effect):
+            continue  # the same effect, with all joints or one of them
         if prob.get(other.name, 0.0) > MENTION or (
-            not same_effect
+            effect != h.effect
             and other.columns.shape[1] <= mine.columns.shape[1] + 1
             and subspace_cosine(mine.columns, other.columns) > TWIN_COSINE
         ):
@@ -450,10 +476,10 @@ def _finding(h, look, p_family, comparison, kept, hypotheses, current, library_t
     bic = -mine.score.chi2 / engine.scale**2 + mine.score.rank * np.log(len(engine.wz))
     where = f"its pattern explains {mine.score.chi2 / max(engine.wz @ engine.wz, 1e-12):.0%} of what DH leaves"
     gain = f"held-out error {before * 1e3:.2f} to {after * 1e3:.2f} mm" if np.isfinite(after) else "no held-out poses"
-    why = f"consistent with {h.label}: {where}, {gain}, probability {prob.get(h.name, 0.0):.2f}"
+    why = f"consistent with {h.label}: {where}, {gain}, probability {look.presence(h.name):.2f}"
     return EffectFinding(
         name=h.name,
-        probability=prob.get(h.name, 0.0),
+        probability=look.presence(h.name),
         p_value=p_family.get(h.name, 1.0),
         delta_bic=float(bic),
         held_rms_before_m=before,

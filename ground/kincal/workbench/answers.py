@@ -1,0 +1,177 @@
+"""Answers of the workbench as JSON (docs/WORKBENCH.md pins the keys) and as text for people."""
+
+from __future__ import annotations
+
+import math
+
+from .api import FitResult
+from .compare import Comparison
+from .diagnose import Diagnosis
+from .ladder import Ladder
+
+
+def _mm(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(value * 1e3, 6)
+
+
+def _pos_rot(pair: tuple[float | None, float | None]) -> dict:
+    return {"pos_mm": _mm(pair[0]), "rot_mrad": _mm(pair[1])}
+
+
+def comparison_json(c: Comparison) -> dict:
+    return {
+        "arm": c.arm,
+        "data": c.source,
+        "poses": c.poses,
+        "fit": len(c.split.fit),
+        "held": len(c.split.held),
+        "skipped": c.skipped,
+        "components": c.components,
+        "noise_floor": {**_pos_rot((c.noise_floor.pos_m, c.noise_floor.rot_rad)), "source": c.noise_floor.source},
+        "rms": {name: _pos_rot(pair) for name, pair in c.rms.items()},
+        "chi2_per_dof": c.chi2_per_dof,
+        "p_lack_of_fit": c.p_lack_of_fit,
+        "adequate": c.adequate,
+        "worst_poses": [
+            {"id": w.id, "pos_mm": _mm(w.pos_m), "rot_mrad": _mm(w.rot_rad), "sigma": w.sigma} for w in c.worst_poses
+        ],
+        "where": [
+            {"variable": w.variable, "p_value": w.p_value, "share_of_variance": w.share_of_variance} for w in c.where
+        ],
+        "outliers": list(c.outliers),
+        "outlier_note": c.outlier_note,
+    }
+
+
+def diagnosis_json(d: Diagnosis, next_poses: list[dict] | None = None) -> dict:
+    return {
+        **comparison_json(d.comparison),
+        "verdict": d.verdict,
+        "probability_none": d.probability_none,
+        "adequate_after": d.adequate_after,
+        "effects": [
+            {
+                "name": e.name,
+                "probability": e.probability,
+                "p_value": e.p_value,
+                "delta_bic": e.delta_bic,
+                "held_rms_before_mm": _mm(e.held_rms_before_m),
+                "held_rms_after_mm": _mm(e.held_rms_after_m),
+                "held_ratio_interval": [x if math.isfinite(x) else None for x in e.held_ratio_interval],
+                "parameters": [
+                    {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit} for p in e.parameters
+                ],
+                "confounded_with": list(e.confounded_with),
+                "why": e.why,
+                "accepted": e.accepted,
+            }
+            for e in d.effects
+        ],
+        "novel": None
+        if d.novel is None
+        else {
+            "where": d.novel.locus,
+            "depends_on": list(d.novel.depends_on),
+            "suggested_terms": list(d.novel.suggested_terms),
+            "p_value": d.novel.p_value,
+            "probability": d.novel.probability,
+        },
+        "not_testable": [{"name": n.name, "needs": list(n.needs)} for n in d.not_testable],
+        "next_poses": next_poses or [],
+    }
+
+
+def ladder_json(ladder: Ladder) -> dict:
+    return {
+        "rungs": [
+            {
+                "model": r.model,
+                "held_out": r.block,
+                **_pos_rot((r.pos_m, r.rot_rad)),
+                "systematic_pos_mm": _mm(r.sys_pos_m),
+                "max_pos_mm": _mm(r.max_pos_m),
+                "ratio": r.ratio,
+                "ratio_interval": None if r.ratio_interval is None else list(r.ratio_interval),
+            }
+            for r in ladder.rungs
+        ],
+        "noise_floor": {**_pos_rot((ladder.floor.pos_m, ladder.floor.rot_rad)), "source": ladder.floor.source},
+        "verdicts": list(ladder.verdicts),
+    }
+
+
+def fit_json(f: FitResult) -> dict:
+    return {
+        **comparison_json(f.comparison),
+        "effects": list(f.effects),
+        "rank": f.rank,
+        "noise_scale": f.noise_scale,
+        "parameters": [
+            {"name": n, "value": float(v), "std_err": float(s), "unit": u}
+            for n, v, s, u in zip(f.names, f.estimate, f.std_err, f.units, strict=True)
+        ],
+        "ladder": ladder_json(f.ladder),
+    }
+
+
+def _text_pair(pair: tuple[float | None, float | None]) -> str:
+    position, rotation = pair
+    if position is None or not math.isfinite(position):
+        return "unknown"
+    tail = "" if rotation is None else f", {rotation * 1e3:.2f} mrad"
+    return f"{position * 1e3:.3f} mm{tail}"
+
+
+def comparison_text(c: Comparison) -> str:
+    floor = _text_pair((c.noise_floor.pos_m, c.noise_floor.rot_rad))
+    p_text = "cannot be tested (no replicates, no stated noise)" if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}"
+    lines = [
+        f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), {c.components} components",
+        *([f"skipped: {c.skipped} malformed rows"] if c.skipped else []),
+        f"nominal arm        {_text_pair(c.rms['nominal'])}",
+        f"fitted poses       {_text_pair(c.rms['fit'])}",
+        f"held-out poses     {_text_pair(c.rms['held'])}",
+        f"noise floor        {floor} ({c.noise_floor.source})",
+        f"chi2 per degree    {c.chi2_per_dof:.3f}",
+        f"lack of fit        {p_text}",
+        f"verdict            {'the model explains these data' if c.adequate else 'the model does NOT explain these data'}",
+        "",
+        "where the rest lives (share of what is left, p-value):",
+        *[f"  {w.variable:<10}{w.share_of_variance:7.1%}   p = {w.p_value:.2g}" for w in c.where[:6]],
+        "",
+        "worst poses: " + ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses),
+        "outliers: " + (", ".join(c.outliers) if c.outliers else "none"),
+        *([c.outlier_note] if c.outlier_note else []),
+    ]
+    return "\n".join(lines)
+
+
+_VERDICTS = {
+    "adequate": "Nothing is missing that these data could show.",
+    "effect": "One effect is missing.",
+    "several_effects": "Several effects are missing.",
+    "novel": "Something is missing that no effect of the library describes.",
+    "undecidable": "Something is missing, but these data do not tell what: see the candidates and the next poses.",
+}
+
+
+def diagnosis_text(d: Diagnosis) -> str:
+    lines = [comparison_text(d.comparison), "", f"diagnosis: {_VERDICTS[d.verdict]} (P(nothing missing) = {d.probability_none:.2g})"]
+    for e in d.effects:
+        mark = "*" if e.accepted else " "
+        lines.append(f"{mark} {e.name:<26} P = {e.probability:.2f}   p = {e.p_value:.2g}   {e.why}")
+        lines += [f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters]
+        if e.confounded_with:
+            lines.append(f"      cannot be told from: {', '.join(e.confounded_with)}")
+    if d.novel:
+        lines += [
+            f"not in the library: {d.novel.locus}, depending on {' and '.join(d.novel.depends_on)} "
+            f"(P = {d.novel.probability:.2f}, p = {d.novel.p_value:.2g})",
+            *[f"      try: {term}" for term in d.novel.suggested_terms],
+        ]
+    if d.not_testable:
+        lines.append("not testable on these data:")
+        lines += [f"      {n.name}: needs {', '.join(n.needs)}" for n in d.not_testable]
+    if d.effects:
+        lines.append("Probabilities hold for this library and its priors; 'consistent with' is not 'proven'.")
+    return "\n".join(lines)

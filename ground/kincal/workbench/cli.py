@@ -1,0 +1,327 @@
+"""`kincal model`: compare a model with measurements, find the missing effect, add it, fly it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from functools import wraps
+from pathlib import Path
+
+import click
+
+from .errors import BadInput, CannotAnswer
+
+ARM = click.option("--arm", "arm_path", required=True, type=click.Path(path_type=Path), help="Arm table (TOML).")
+DATA = click.option("--data", "data_path", required=True, type=click.Path(path_type=Path),
+                    help="Measurements: CSV, or an LCM log of the flight process.")  # fmt: skip
+MODEL = click.option("--model", "model_path", type=click.Path(path_type=Path), default=None,
+                     help="Model file; absent: DH errors only.")  # fmt: skip
+MODEL_NEEDED = click.option("--model", "model_path", type=click.Path(path_type=Path), required=True, help="Model file.")
+EFFECTS = click.option("--effects", "effect_files", multiple=True, type=click.Path(path_type=Path),
+                       help="A file with your own effects; may be given several times.")  # fmt: skip
+JSON = click.option("--json", "as_json", is_flag=True, help="Machine-readable answer.")
+SKIP = click.option("--skip-bad", is_flag=True, help="Skip malformed rows and count them.")
+
+
+def _guarded(function):
+    """Errors as one clear message and the pinned exit status: 2 bad input, 3 the data cannot answer."""
+
+    @wraps(function)
+    def inner(*args, **kwargs):
+        try:
+            return function(*args, **kwargs)
+        except (BadInput, CannotAnswer) as error:
+            kind = "bad input" if isinstance(error, BadInput) else "the data cannot answer"
+            click.echo(f"{kind}: {error}", err=True)
+            sys.exit(error.exit_status)
+
+    return inner
+
+
+def _progress():
+    """A progress line on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        return None
+    from rich.console import Console
+    from rich.status import Status
+
+    status = Status("working", console=Console(stderr=True))
+    status.start()
+
+    def tell(what: str, done: int, total: int) -> None:
+        status.update(f"{what} ({done + 1} of {total})")
+
+    import atexit
+
+    atexit.register(status.stop)
+    return tell
+
+
+def _load(arm_path: Path, data_path: Path, skip_bad: bool):
+    from .arms import read_arm
+    from .data import read_csv
+
+    arm = read_arm(arm_path)
+    return arm, read_csv(data_path, arm.n, skip_bad=skip_bad)
+
+
+def _model(model_path: Path | None, effect_files):
+    """Model file and the library with its own and the named effect files."""
+    from .effects import Library
+    from .modelfile import ModelFile, read_model
+
+    model = read_model(model_path) if model_path else ModelFile()
+    base = model_path.parent if model_path else Path()
+    files = list(dict.fromkeys([*(base / name for name in model.libraries), *effect_files]))
+    return model, Library.load(*files)
+
+
+@click.group()
+def model() -> None:
+    """Compare a model with measurements, see where it fails, learn which effect is missing, add it.
+
+    \b
+    Example:
+        kincal model diagnose --arm arm.toml --data poses.csv
+    """
+
+
+@model.command("compare")
+@ARM
+@DATA
+@MODEL
+@EFFECTS
+@SKIP
+@JSON
+@_guarded
+def compare_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json) -> None:
+    """Does the model explain the data, and if not, where does it fail?
+
+    \b
+    Example:
+        kincal model compare --arm arm.toml --data poses.csv --json
+    """
+    from .answers import comparison_json, comparison_text
+    from .api import choose_constants
+    from .compare import compare
+
+    arm, data = _load(arm_path, data_path, skip_bad)
+    chosen, library = _model(model_path, effect_files)
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    answer = compare(arm, data, effects, dh=chosen.dh)
+    click.echo(json.dumps(comparison_json(answer), indent=1) if as_json else comparison_text(answer))
+
+
+@model.command("diagnose")
+@ARM
+@DATA
+@MODEL
+@EFFECTS
+@SKIP
+@JSON
+@_guarded
+def diagnose_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json) -> None:
+    """Which physical effect is missing? Probabilities for every effect and joint, and for none of them.
+
+    \b
+    Example:
+        kincal model diagnose --arm arm.toml --data poses.csv
+    """
+    from .answers import diagnosis_json, diagnosis_text
+    from .api import choose_constants
+    from .diagnose import diagnose
+
+    arm, data = _load(arm_path, data_path, skip_bad)
+    chosen, library = _model(model_path, effect_files)
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=_progress())
+    click.echo(json.dumps(diagnosis_json(answer), indent=1) if as_json else diagnosis_text(answer))
+
+
+@model.command("fit")
+@ARM
+@DATA
+@MODEL_NEEDED
+@EFFECTS
+@SKIP
+@JSON
+@_guarded
+def fit_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json) -> None:
+    """Fit the model and show how the held-out error falls from rung to rung, down to the noise floor.
+
+    The values are written into the model file.
+
+    \b
+    Example:
+        kincal model fit --arm arm.toml --data poses.csv --model M.toml
+    """
+    from dataclasses import replace
+
+    from .answers import fit_json
+    from .api import fit
+    from .modelfile import write_model
+
+    arm, data = _load(arm_path, data_path, skip_bad)
+    chosen, library = _model(model_path, effect_files)
+    result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=_progress())
+    values = {n: (float(v), float(s)) for n, v, s in zip(result.names, result.estimate, result.std_err, strict=True)}
+    write_model(model_path, replace(chosen, arm=str(arm_path), values=values))
+    click.echo(json.dumps(fit_json(result), indent=1) if as_json else result.summary())
+
+
+@model.command("effects")
+@EFFECTS
+@JSON
+@_guarded
+def effects_command(effect_files, as_json) -> None:
+    """List the effect library: formula, units, typical size, what each needs and is confounded with.
+
+    \b
+    Example:
+        kincal model effects --effects my.toml
+    """
+    from .effects import Library
+
+    library = Library.load(*effect_files)
+    rows = [
+        {
+            "name": e.name if e.per == "arm" else e.name + ("[j]" if e.per == "joint" else "[i,j]"),
+            "title": e.title,
+            "formula": e.formula,
+            "parameters": [{k: p.get(k) for k in ("name", "unit", "sigma")} for p in e.parameters],
+            "needs": list(e.needs),
+            "looks_like": e.looks_like,
+            "inspect": e.inspect,
+            "confounded_with": list(e.confounded_with),
+            "source": e.source,
+        }
+        for e in library.effects.values()
+    ]
+    if as_json:
+        click.echo(json.dumps(rows, indent=1))
+        return
+    for row in rows:
+        sizes = ", ".join(f"{p['name']} ~ {p['sigma']:g} {p['unit']}" for p in row["parameters"])
+        click.echo(f"{row['name']:<30} {row['title']}")
+        click.echo(f"    {row['formula']}    ({sizes})")
+        click.echo(f"    looks like: {row['looks_like']}")
+        click.echo(f"    inspect: {row['inspect']}")
+        if row["needs"]:
+            click.echo(f"    needs: {', '.join(row['needs'])}")
+        if row["confounded_with"]:
+            click.echo(f"    confounded with: {', '.join(row['confounded_with'])}")
+
+
+def _check_names(library, names) -> None:
+    """Every name is an effect of the library; the joint is checked against the arm when it is fitted."""
+    for name in names:
+        base, _, joint = name.partition("[")
+        if base not in library.effects:
+            near = [n for n in library.effects if n.startswith(base[:4])] or list(library.effects)
+            raise BadInput(f"no effect {base!r}; did you mean {', '.join(near[:6])}? (kincal model effects)")
+        inside = joint.rstrip("]")
+        if joint and not (joint.endswith("]") and all(x.strip().isdigit() and int(x) > 0 for x in inside.split(","))):
+            raise BadInput(f"{name!r}: write {base}[2] for one joint, or {base} for all")
+        if joint and library.effects[base].per == "arm":
+            raise BadInput(f"{base} concerns the whole arm; leave [{inside}] out")
+
+
+@model.command("add")
+@MODEL_NEEDED
+@EFFECTS
+@click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
+@_guarded
+def add_command(model_path, effect_files, names) -> None:
+    """Add effects to the model (a new model file if there is none); the change goes into its history.
+
+    \b
+    Example:
+        kincal model add --model M.toml joint_compliance[2]
+    """
+    from dataclasses import replace
+
+    from .effects import Library
+    from .modelfile import read_model, write_model
+
+    before = read_model(model_path, must_exist=False)
+    files = [model_path.parent / name for name in before.libraries] + list(effect_files)
+    _check_names(Library.load(*files), names)
+    after = before.add(list(names))
+    new = [str(f.resolve()) for f in effect_files if str(f.resolve()) not in before.libraries]
+    write_model(model_path, replace(after, libraries=(*before.libraries, *new)))
+    click.echo(f"{model_path}: {', '.join(after.effects)}")
+
+
+@model.command("remove")
+@MODEL_NEEDED
+@click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
+@_guarded
+def remove_command(model_path, names) -> None:
+    """Take effects out of the model; the change goes into its history.
+
+    \b
+    Example:
+        kincal model remove --model M.toml joint_compliance[2]
+    """
+    from .modelfile import read_model, write_model
+
+    after = read_model(model_path).remove(list(names))
+    write_model(model_path, after)
+    click.echo(f"{model_path}: {', '.join(after.effects) or 'no effect (DH only)'}")
+
+
+@model.command("undo")
+@MODEL_NEEDED
+@_guarded
+def undo_command(model_path) -> None:
+    """Take back the last add or remove.
+
+    \b
+    Example:
+        kincal model undo --model M.toml
+    """
+    from .modelfile import read_model, write_model
+
+    after = read_model(model_path).undo()
+    write_model(model_path, after)
+    click.echo(f"{model_path}: {', '.join(after.effects) or 'no effect (DH only)'}")
+
+
+@model.command("list")
+@MODEL_NEEDED
+@JSON
+@_guarded
+def list_command(model_path, as_json) -> None:
+    """Show the effects in use and their fitted values.
+
+    \b
+    Example:
+        kincal model list --model M.toml
+    """
+    from .modelfile import read_model
+
+    chosen = read_model(model_path)
+    if as_json:
+        values = {name: {"value": v, "std_err": s} for name, (v, s) in chosen.values.items()}
+        click.echo(json.dumps({"effects": list(chosen.effects), "dh": chosen.dh, "values": values}, indent=1))
+        return
+    click.echo("\n".join(chosen.effects) or "no effect (DH only)")
+    for name, (value, std_err) in chosen.values.items():
+        if name.partition(".")[0] in chosen.effects:
+            click.echo(f"    {name} = {value:.6g} +- {std_err:.2g}")
+
+
+@model.command("history")
+@MODEL_NEEDED
+@_guarded
+def history_command(model_path) -> None:
+    """Show every change of the model, oldest first.
+
+    \b
+    Example:
+        kincal model history --model M.toml
+    """
+    from .modelfile import read_model
+
+    for change in read_model(model_path).history:
+        click.echo(f"{change.when}  {change.action:<7} {', '.join(change.effects)}")
