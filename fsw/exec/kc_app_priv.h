@@ -90,6 +90,7 @@ typedef struct {
     int32_t frame_seq;
     kc_detection_t det;
     kc_pose_t seen, predicted;          /* tool in base, camera corrections applied; model   */
+    kc_servo_mem_t servo;               /* what the servo learned at this candidate          */
 } kc_look_t;
 
 /* Frames of the measurement under way. */

@@ -196,7 +196,7 @@ static int servo(kc_app_t *app, kc_out_t *out)
     kc_move_goal(app, (uint32_t)app->cal.candidate, &goal);
     kc_path_joints(&a->space, KC_HUB_MAX + (uint32_t)app->cal.candidate, seed);
     kc_servo_result_t res = kc_servo_step(&a->arm, &a->terms, app->cal.coef, &app->look.seen, &goal, app->arm.q, seed,
-                                          &opt, q_cmd, &app->eval);
+                                          &opt, q_cmd, &app->eval, &app->look.servo);
     if (res == KC_SERVO_THERE) { return measure(app); }
     if (res == KC_SERVO_STUCK || app->look.retreat || app->cal.servo_steps >= a->config.servo_steps_max) {
         return measure_beside(app, out, &goal);

@@ -1,5 +1,6 @@
 #include "kc_servo.h"
 
+#include <stddef.h>
 #include <string.h>
 
 #include "kc_dls.h"
@@ -8,6 +9,11 @@
 
 /* A step that cannot take away this part of the squared error, even if the model were right, is useless. */
 #define USEFUL 0.02
+/* Moves shorter than this teach more about the noise of a look than about the arm [rad or m]. */
+#define LEARN_MIN 0.03
+/* The tool can't have turned more than all joints together, but for encoder gains and noise. */
+#define TURN_GAIN 1.1
+#define TURN_NOISE_RAD 0.05
 
 /* What a joint may still do: limits with margin, and the leash around the candidate's seed, inside which
  * the ground proved the arm safe. */
@@ -19,10 +25,57 @@ static void box_of(const kc_joint_t *joint, const kc_servo_opt_t *opt, double q,
     *hi = kc_min(*hi, kc_max(q_seed + opt->leash - q, 0.0));
 }
 
+void kc_servo_forget(kc_servo_mem_t *mem) { memset(mem, 0, sizeof *mem); }
+
+/* Model's joint Jacobian at q plus what was learned, into work->Jq. */
+static void jacobian(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const double *q,
+                     const kc_servo_mem_t *mem, kc_eval_t *work)
+{
+    kc_dls_eval(arm, terms, coef, q, work);
+    if (mem == NULL) { return; }
+    for (uint32_t j = 0u; j < arm->n_joints; j++) {
+        for (uint32_t r = 0u; r < 6u; r++) { work->Jq[j][r] += mem->B[j][r]; }
+    }
+}
+
+/* Broyden (1965), with the model's Jacobian halfway along the move: B += (dx - (J + B) s) s' / s's. */
+static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_pose_t *seen,
+                  const double *q, kc_servo_mem_t *mem, kc_eval_t *work)
+{
+    double s[KC_JOINT_MAX], mid[KC_JOINT_MAX], dx[6];
+    double s2 = 0.0, turn = 0.0;
+    for (uint32_t j = 0u; j < arm->n_joints; j++) {
+        s[j] = q[j] - mem->q[j];
+        mid[j] = 0.5 * (q[j] + mem->q[j]);
+        s2 += s[j] * s[j];
+        turn += kc_fabs(s[j]);
+    }
+    kc_pose_residual(seen, &mem->seen, dx);
+    if (!kc_v_finite(dx, 6u) || kc_v3_norm(&dx[3]) > TURN_GAIN * turn + TURN_NOISE_RAD) {
+        kc_servo_forget(mem);
+        return;
+    }
+    if (s2 < LEARN_MIN * LEARN_MIN) { return; }
+    jacobian(arm, terms, coef, mid, mem, work);
+    for (uint32_t j = 0u; j < arm->n_joints; j++) {
+        for (uint32_t r = 0u; r < 6u; r++) { dx[r] -= work->Jq[j][r] * s[j]; }
+    }
+    for (uint32_t j = 0u; j < arm->n_joints; j++) {
+        for (uint32_t r = 0u; r < 6u; r++) { mem->B[j][r] += dx[r] * s[j] / s2; }
+    }
+}
+
+static void remember(const kc_pose_t *seen, const double *q, uint32_t n, kc_servo_mem_t *mem)
+{
+    mem->has_last = 1u;
+    mem->seen = *seen;
+    memcpy(mem->q, q, n * sizeof *q);
+}
+
 kc_servo_result_t kc_servo_step(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                                 const kc_pose_t *seen, const kc_pose_t *goal, const double *q,
                                 const double *q_seed, const kc_servo_opt_t *opt, double *q_cmd,
-                                kc_eval_t *work)
+                                kc_eval_t *work, kc_servo_mem_t *mem)
 {
     double e[6], lo[KC_JOINT_MAX], hi[KC_JOINT_MAX], dq[KC_JOINT_MAX];
     uint32_t n = arm->n_joints;
@@ -30,7 +83,12 @@ kc_servo_result_t kc_servo_step(const kc_arm_t *arm, const kc_terms_t *terms, co
     memcpy(q_cmd, q, n * sizeof *q);
     kc_pose_residual(goal, seen, e);
     if (kc_v3_norm(e) <= opt->tol_pos_m && kc_v3_norm(&e[3]) <= opt->tol_rot_rad) { return KC_SERVO_THERE; }
-    kc_dls_eval(arm, terms, coef, q, work);
+    if (!kc_v_finite(e, 6u)) { return KC_SERVO_STUCK; }
+    if (mem != NULL) {
+        if (mem->has_last) { learn(arm, terms, coef, seen, q, mem, work); }
+        remember(seen, q, n, mem);
+    }
+    jacobian(arm, terms, coef, q, mem, work);
     for (uint32_t j = 0u; j < n; j++) { box_of(&arm->joint[j], opt, q[j], q_seed[j], &lo[j], &hi[j]); }
     st = kc_dls_step(work->Jq, n, e, opt->damping, lo, hi, dq);
     if (st != KC_OK || kc_dls_predicted(work->Jq, n, e, dq) > (1.0 - USEFUL) * kc_dls_cost(e)) {

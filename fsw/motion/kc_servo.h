@@ -17,12 +17,27 @@ typedef struct {
 
 typedef enum { KC_SERVO_MOVE = 0, KC_SERVO_THERE = 1, KC_SERVO_STUCK = 2 } kc_servo_result_t;
 
+/* What earlier steps at this candidate taught about the Jacobian. With one joint 1.3 rad off, the model's
+ * axes beyond that joint point elsewhere and Newton steps go in circles (all of 60 goals, joints 1 to 3);
+ * Broyden's update corrects the columns by what the moves really did. */
+typedef struct {
+    uint8_t has_last;
+    double q[KC_JOINT_MAX];      /* encoder readings of the look before             */
+    kc_pose_t seen;              /* and what was seen then                          */
+    double B[KC_JOINT_MAX][6];   /* added to the model's d pose / d q_j             */
+} kc_servo_mem_t;
+
+/* New candidate, other coefficients, or a look that is not to be trusted. */
+void kc_servo_forget(kc_servo_mem_t *mem);
+
 /* seen: tool in the base frame as measured; goal: wanted. q: current encoder readings; q_seed: the
- * candidate's joints; out q_cmd. The Jacobian is that of the corrected model at q. MOVE: command q_cmd;
- * THERE: inside the tolerances, q_cmd = q; STUCK: limits or leash allow no useful step. */
+ * candidate's joints; out q_cmd. The Jacobian is that of the corrected model at q, corrected by mem (NULL:
+ * not). MOVE: command q_cmd; THERE: inside the tolerances, q_cmd = q; STUCK: limits or leash allow no
+ * useful step, or something is not finite, q_cmd = q. A look that the joints can't have caused (more turn
+ * than they turned) makes mem forget. O(n^3), deterministic. */
 kc_servo_result_t kc_servo_step(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                                 const kc_pose_t *seen, const kc_pose_t *goal, const double *q,
                                 const double *q_seed, const kc_servo_opt_t *opt, double *q_cmd,
-                                kc_eval_t *work);
+                                kc_eval_t *work, kc_servo_mem_t *mem);
 
 #endif
