@@ -12,8 +12,7 @@ using Eigen::Index;
 using Eigen::Map;
 using Eigen::OuterStride;
 
-template <typename M>
-using Strided = Map<M, Eigen::Unaligned, OuterStride<>>;
+template <typename M> using Strided = Map<M, Eigen::Unaligned, OuterStride<>>;
 using Mat = Strided<Eigen::Matrix<double, Dynamic, Dynamic, Eigen::RowMajor>>;
 using ConstMat = Strided<const Eigen::Matrix<double, Dynamic, Dynamic, Eigen::RowMajor>>;
 using Vec = Map<Eigen::Matrix<double, Dynamic, 1>>;
@@ -329,8 +328,8 @@ void kc_la_rank_update(double *A, uint32_t n, uint32_t ld, const double *J, uint
     }
 }
 
-void kc_la_congruence(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m,
-                      uint32_t ldj, double *out)
+void kc_la_congruence(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
+                      double *out)
 {
     const ConstMat M = mat(A, n, n, ld);
     const ConstMat B = mat(J, n, m, ldj);

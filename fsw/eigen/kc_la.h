@@ -72,8 +72,8 @@ void kc_la_whiten_apply(const double W[36], uint32_t m, const double *v, double 
 void kc_la_rank_update(double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
                        double alpha);
 /* out (m x m, ld m) <- J^T A J, A symmetric n x n, J n x m, m <= 6. Any n. */
-void kc_la_congruence(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m,
-                      uint32_t ldj, double *out);
+void kc_la_congruence(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
+                      double *out);
 /* out (n x m, ld m) <- A J, A n x n. Any n. */
 void kc_la_mul(const double *A, uint32_t n, uint32_t ld, const double *J, uint32_t m, uint32_t ldj,
                double *out);

@@ -89,7 +89,9 @@ static uint32_t worst_variable(const kc_qp_t *qp, int rested, double *worst)
 static void settle(kc_qp_t *qp, uint32_t i)
 {
     qp->x[i] = kc_clamp(qp->x[i], qp->lb[i], qp->ub[i]);
-    qp->active[i] = qp->x[i] <= qp->lb[i] ? KC_QP_AT_LOWER : qp->x[i] >= qp->ub[i] ? KC_QP_AT_UPPER : KC_QP_FREE;
+    qp->active[i] = qp->x[i] <= qp->lb[i]   ? KC_QP_AT_LOWER
+                    : qp->x[i] >= qp->ub[i] ? KC_QP_AT_UPPER
+                                            : KC_QP_FREE;
 }
 
 /* LDL' of the free block: unit L in the rows of qp->L, D on its diagonal. A dependent variable gets

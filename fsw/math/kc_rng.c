@@ -12,10 +12,7 @@ uint64_t kc_rng_next(uint64_t *state)
     return z ^ (z >> 31);
 }
 
-double kc_rng_uniform(uint64_t *state)
-{
-    return (double)(kc_rng_next(state) >> 11) * 0x1p-53;
-}
+double kc_rng_uniform(uint64_t *state) { return (double)(kc_rng_next(state) >> 11) * 0x1p-53; }
 
 uint32_t kc_rng_below(uint64_t *state, uint32_t n)
 {

@@ -115,8 +115,7 @@ void kc_R_to_quat(const double R[9], double q[4])
     }
     const double wx = R[7] - R[5], wy = R[2] - R[6], wz = R[3] - R[1];
     const double xy = R[1] + R[3], xz = R[2] + R[6], yz = R[5] + R[7];
-    const double col[4][4] = {
-        {d[0], wx, wy, wz}, {wx, d[1], xy, xz}, {wy, xy, d[2], yz}, {wz, xz, yz, d[3]}};
+    const double col[4][4] = {{d[0], wx, wy, wz}, {wx, d[1], xy, xz}, {wy, xy, d[2], yz}, {wz, xz, yz, d[3]}};
     const double *c = col[k];
     const double n = kc_sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2] + c[3] * c[3]);
     for (int i = 0; i < 4; i++) { q[i] = c[i] / n; }

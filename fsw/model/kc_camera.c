@@ -43,8 +43,7 @@ static int clip(double *angle_rad, double lo, double hi)
     return cut;
 }
 
-kc_status_t kc_camera_aim(const kc_camera_t *cam, const double p_base_m[3], double *pan_rad,
-                          double *tilt_rad)
+kc_status_t kc_camera_aim(const kc_camera_t *cam, const double p_base_m[3], double *pan_rad, double *tilt_rad)
 {
     kc_pose_t mast;
     double P[3], h[3];

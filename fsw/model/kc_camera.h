@@ -27,8 +27,7 @@ typedef struct {
     kc_tag_t tag[KC_TAG_MAX];
 } kc_camera_t;
 
-void kc_camera_pose(const kc_camera_t *cam, double pan_rad, double tilt_rad,
-                    kc_pose_t *T_base_cam);
+void kc_camera_pose(const kc_camera_t *cam, double pan_rad, double tilt_rad, kc_pose_t *T_base_cam);
 
 /* Pan and tilt that put the base-frame point in the image centre, clipped to the limits;
  * returns KC_ERR_REACH (angles still clipped) if the limits cut it off. */
@@ -40,8 +39,7 @@ kc_status_t kc_camera_project(const kc_camera_t *cam, const double p_cam_m[3], d
 
 /* Bit per tag (order of cam->tag) that lies with its white border inside the image and is seen with an
  * incidence below max_incid_rad, the tool being at T_cam_tool. No occlusion test. */
-uint32_t kc_camera_visible(const kc_camera_t *cam, const kc_pose_t *T_cam_tool,
-                           double max_incid_rad);
+uint32_t kc_camera_visible(const kc_camera_t *cam, const kc_pose_t *T_cam_tool, double max_incid_rad);
 
 /* First problem found: KC_ERR_RANGE, *index = tag or -1, *got = the value. */
 kc_status_t kc_camera_validate(const kc_camera_t *cam, int32_t *index, double *got);

@@ -106,8 +106,8 @@ static void link_mass(const kc_joint_t *joint, const kc_pose_t *T, beyond_t *b)
     add_mass(b, joint->mass_kg, c);
 }
 
-void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                    const kc_ctx_t *ctx, kc_loads_t *loads)
+void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
+                    kc_loads_t *loads)
 {
     const uint32_t n = arm->n_joints;
     twists_t tw;
@@ -141,8 +141,7 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
 }
 
 /* Pose of the tool, with twist rows and joint rows still as lines (direction, point). */
-static void walk_chain(const kc_arm_t *arm, const kc_ctx_t *ctx, const twists_t tw, int want_J,
-                       kc_eval_t *ev)
+static void walk_chain(const kc_arm_t *arm, const kc_ctx_t *ctx, const twists_t tw, int want_J, kc_eval_t *ev)
 {
     kc_pose_t *T = &ev->T, tool;
     kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, T);
@@ -187,8 +186,8 @@ static void add_coef_rows(const kc_terms_t *terms, const kc_ctx_t *ctx, const kc
     }
 }
 
-static void eval_with(const kc_arm_t *arm, const kc_terms_t *terms, const twists_t tw,
-                      const kc_ctx_t *ctx, const kc_loads_t *loads, int want_J, kc_eval_t *ev)
+static void eval_with(const kc_arm_t *arm, const kc_terms_t *terms, const twists_t tw, const kc_ctx_t *ctx,
+                      const kc_loads_t *loads, int want_J, kc_eval_t *ev)
 {
     memset(ev, 0, sizeof *ev);
     walk_chain(arm, ctx, tw, want_J, ev);
@@ -199,8 +198,8 @@ static void eval_with(const kc_arm_t *arm, const kc_terms_t *terms, const twists
     add_coef_rows(terms, ctx, loads, 0, ev);
 }
 
-void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                   const kc_ctx_t *ctx, const kc_loads_t *loads, int want_J, kc_eval_t *ev)
+void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
+                   const kc_loads_t *loads, int want_J, kc_eval_t *ev)
 {
     twists_t tw;
     sum_twists(terms, coef, ctx, loads, tw);
@@ -222,8 +221,7 @@ static void correct_measured(const kc_obs_t *obs, const twists_t tw, kc_pose_t *
 }
 
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                           const kc_obs_t *obs, const kc_loads_t *loads, double r[6],
-                           kc_eval_t *ev)
+                           const kc_obs_t *obs, const kc_loads_t *loads, double r[6], kc_eval_t *ev)
 {
     twists_t tw;
     kc_pose_t M;

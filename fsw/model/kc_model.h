@@ -36,14 +36,14 @@ typedef struct {
 /* Gravity torques and moments with the coefficients `coef` (NULL: all zero). Bases that
  * look at loads count as zero here: loads are those of the chain without load-dependent
  * corrections, which differ at second order. */
-void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                    const kc_ctx_t *ctx, kc_loads_t *loads);
+void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
+                    kc_loads_t *loads);
 
 /* Corrected pose, joint Jacobian and coefficient Jacobian at fixed loads (the derivative
  * through the loads is second order and left out; Gauss-Newton re-evaluates them).
  * coef: n_coef values (NULL: all zero). want_J = 0 skips twist and J. O(n + n_term). */
-void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                   const kc_ctx_t *ctx, const kc_loads_t *loads, int want_J, kc_eval_t *ev);
+void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
+                   const kc_loads_t *loads, int want_J, kc_eval_t *ev);
 
 /* Residual r = measured - model (kc_pose_residual) with camera-side corrections applied to
  * the measured pose, and J[c] = d(model - measured)/d coefficient c, so that
@@ -51,7 +51,6 @@ void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *c
  * rows: 6, or 3 if !has_rot (the rotation part is then zero, and the meas frame is taken to
  * stand as the model says). Returns rows. */
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                           const kc_obs_t *obs, const kc_loads_t *loads, double r[6],
-                           kc_eval_t *ev);
+                           const kc_obs_t *obs, const kc_loads_t *loads, double r[6], kc_eval_t *ev);
 
 #endif

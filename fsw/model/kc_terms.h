@@ -118,8 +118,7 @@ double kc_basis_eval(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t 
 int kc_basis_needs_loads(const kc_basis_t *b);
 
 /* First problem found: KC_ERR_RANGE, *index = coefficient or 1000 + term, *got = value. */
-kc_status_t kc_terms_validate(const kc_terms_t *t, uint32_t n_joints, int32_t *index,
-                              double *got);
+kc_status_t kc_terms_validate(const kc_terms_t *t, uint32_t n_joints, int32_t *index, double *got);
 
 /* The 4 n DH error coefficients (phi, alpha, a, d of joint 1, then joint 2 ...), names
  * "J1.phi_rad" "J1.alpha_rad" "J1.a_m" "J1.d_m", appended to t with the given bounds

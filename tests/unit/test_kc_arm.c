@@ -1,0 +1,104 @@
+/* kc_arm.c: the DH product written out, and every refused table. Agreement with others: tests/oracle. */
+#include <math.h>
+#include <string.h>
+
+#include "given_small_arm.h"
+#include "kc_libm.h"
+#include "unity.h"
+
+static kc_arm_t s_arm;
+
+void setUp(void);
+void setUp(void) { given_small_arm(&s_arm); }
+
+/* Rz(phi) Tz(d) Tx(a) Rx(alpha), multiplied out by hand. */
+static kc_pose_t dh(double phi, double d, double a, double alpha)
+{
+    const double c = kc_cos(phi), s = kc_sin(phi), ca = kc_cos(alpha), sa = kc_sin(alpha);
+    const kc_pose_t T = {{a * c, a * s, d}, {c, -s * ca, s * sa, s, c * ca, -c * sa, 0.0, sa, ca}};
+    return T;
+}
+
+void test_forward_kinematics_is_the_product_of_eq_2(void)
+{
+    const double q[3] = {0.7, -0.3, 1.1};
+    kc_pose_t want, T, got;
+    kc_pose_from_quat(s_arm.base_xyz_m, s_arm.base_quat_wxyz, &want);
+    for (int j = 0; j < 3; j++) {
+        const kc_joint_t *joint = &s_arm.joint[j];
+        T = j == 1 ? dh(joint->phi_rad, joint->d_m + q[j], joint->a_m, joint->alpha_rad)
+                   : dh(joint->phi_rad + q[j], joint->d_m, joint->a_m, joint->alpha_rad);
+        kc_pose_mul(&want, &T, &want);
+    }
+    kc_pose_from_quat(s_arm.tool_xyz_m, s_arm.tool_quat_wxyz, &T);
+    kc_pose_mul(&want, &T, &want);
+    kc_arm_fk(&s_arm, q, &got);
+    for (int i = 0; i < 3; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-15, want.p_m[i], got.p_m[i]); }
+    for (int i = 0; i < 9; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-15, want.R[i], got.R[i]); }
+}
+
+void test_a_good_arm_is_accepted(void)
+{
+    int32_t index = -9;
+    double got = -9.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_arm_validate(&s_arm, &index, &got));
+    TEST_ASSERT_EQUAL_INT32(-9, index);
+}
+
+static void refused(int32_t index_want, double got_want)
+{
+    int32_t index = -9;
+    double got = -9.0;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_arm_validate(&s_arm, &index, &got));
+    TEST_ASSERT_EQUAL_INT32(index_want, index);
+    TEST_ASSERT_EQUAL_DOUBLE(got_want, got);
+    given_small_arm(&s_arm);
+}
+
+void test_wrong_counts_and_names_are_refused(void)
+{
+    s_arm.n_joints = 0u;
+    refused(-1, 0.0);
+    s_arm.n_joints = KC_JOINT_MAX + 1u;
+    refused(-1, 9.0);
+    memset(s_arm.name, 0, sizeof s_arm.name);
+    refused(-1, 0.0);
+}
+
+void test_wrong_frames_and_gravity_are_refused(void)
+{
+    s_arm.base_quat_wxyz[0] = 0.9;
+    refused(-1, kc_sqrt(0.81 + 0.36));
+    s_arm.tool_xyz_m[1] = NAN;
+    refused(-1, NAN);
+    s_arm.gravity_m_s2[0] = INFINITY;
+    refused(-1, INFINITY);
+}
+
+void test_wrong_joints_are_refused_by_number(void)
+{
+    s_arm.joint[1].type = 2u;
+    refused(1, 2.0);
+    s_arm.joint[0].has_mass = 3u;
+    refused(0, 3.0);
+    s_arm.joint[2].phi_rad = NAN;
+    refused(2, NAN);
+    s_arm.joint[2].alpha_rad = INFINITY;
+    refused(2, INFINITY);
+    s_arm.joint[2].a_m = NAN;
+    refused(2, NAN);
+    s_arm.joint[2].d_m = NAN;
+    refused(2, NAN);
+    s_arm.joint[0].q_min = 2.0;
+    refused(0, 2.0);
+    s_arm.joint[0].q_max = INFINITY;
+    refused(0, INFINITY);
+    s_arm.joint[1].speed_max = 0.0;
+    refused(1, 0.0);
+    s_arm.joint[1].mass_kg = -1.0;
+    refused(1, -1.0);
+    s_arm.joint[1].com_m[2] = NAN;
+    refused(1, NAN);
+    s_arm.joint[1].gear_ratio = -2.0;
+    refused(1, -2.0);
+}

@@ -1,0 +1,281 @@
+/* kc_camera.c: aiming, projection, which tags are in view, refused tables. */
+#include <math.h>
+#include <string.h>
+
+#include "kc_camera.h"
+#include "kc_libm.h"
+#include "kc_rng.h"
+#include "unity.h"
+
+static kc_camera_t s_cam;
+
+/* The mast of the physical layout: head x forward, camera z along it, two tags left and right. */
+static void given_camera(void)
+{
+    memset(&s_cam, 0, sizeof s_cam);
+    s_cam.mast_xyz_m[0] = -0.35;
+    s_cam.mast_xyz_m[1] = 0.45;
+    s_cam.mast_xyz_m[2] = 1.25;
+    s_cam.mast_quat_wxyz[0] = 1.0;
+    s_cam.head_xyz_m[0] = 0.05;
+    s_cam.head_xyz_m[2] = 0.03;
+    s_cam.head_quat_wxyz[0] = 0.5; /* columns -y, -z, x of the head */
+    s_cam.head_quat_wxyz[1] = -0.5;
+    s_cam.head_quat_wxyz[2] = 0.5;
+    s_cam.head_quat_wxyz[3] = -0.5;
+    s_cam.pan_min_rad = -1.6;
+    s_cam.pan_max_rad = 1.6;
+    s_cam.tilt_min_rad = -0.6;
+    s_cam.tilt_max_rad = 1.4;
+    s_cam.fx_px = s_cam.fy_px = 1397.0;
+    s_cam.cx_px = 959.5;
+    s_cam.cy_px = 539.5;
+    s_cam.width_px = 1920u;
+    s_cam.height_px = 1080u;
+    s_cam.n_tags = 2u;
+    for (uint32_t i = 0u; i < 2u; i++) {
+        s_cam.tag[i].id = (int32_t)i;
+        s_cam.tag[i].size_m = 0.06;
+        s_cam.tag[i].xyz_m[0] = i == 0u ? 0.075 : -0.075;
+        s_cam.tag[i].quat_wxyz[0] = kc_cos(0.5 * 0.436);
+        s_cam.tag[i].quat_wxyz[2] = i == 0u ? -kc_sin(0.5 * 0.436) : kc_sin(0.5 * 0.436);
+    }
+}
+
+void setUp(void);
+void setUp(void) { given_camera(); }
+
+static void in_camera(double pan, double tilt, const double p_base[3], double p_cam[3])
+{
+    kc_pose_t T;
+    kc_camera_pose(&s_cam, pan, tilt, &T);
+    kc_pose_inv(&T, &T);
+    for (int i = 0; i < 3; i++) {
+        p_cam[i] = T.p_m[i];
+        for (int j = 0; j < 3; j++) { p_cam[i] += T.R[3 * i + j] * p_base[j]; }
+    }
+}
+
+void test_at_rest_it_looks_forward_with_x_right_and_y_down(void)
+{
+    const double want[9] = {0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0};
+    kc_pose_t T;
+    kc_camera_pose(&s_cam, 0.0, 0.0, &T);
+    for (int i = 0; i < 9; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-15, want[i], T.R[i]); }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.30, T.p_m[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.45, T.p_m[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 1.28, T.p_m[2]);
+}
+
+void test_positive_tilt_looks_down_and_positive_pan_left(void)
+{
+    kc_pose_t T;
+    kc_camera_pose(&s_cam, 0.0, 0.5, &T);
+    TEST_ASSERT_TRUE(T.R[8] < 0.0); /* z of the optical axis */
+    kc_camera_pose(&s_cam, 0.5, 0.0, &T);
+    TEST_ASSERT_TRUE(T.R[5] > 0.0); /* y of the optical axis */
+}
+
+void test_aiming_puts_the_point_in_the_image_centre(void)
+{
+    uint64_t rng = 1u;
+    for (int k = 0; k < 200; k++) {
+        double p[3], pan, tilt, c[3], uv[2];
+        p[0] = 0.1 + kc_rng_uniform(&rng);
+        p[1] = 1.4 * kc_rng_uniform(&rng) - 0.7;
+        p[2] = 1.5 * kc_rng_uniform(&rng);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_aim(&s_cam, p, &pan, &tilt));
+        in_camera(pan, tilt, p, c);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_project(&s_cam, c, uv));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-8, 959.5, uv[0]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-8, 539.5, uv[1]);
+    }
+}
+
+void test_aiming_works_for_a_turned_mast_and_an_oblique_head(void)
+{
+    const double p[3] = {0.3, -0.9, 0.2};
+    double pan, tilt, c[3];
+    s_cam.mast_quat_wxyz[0] = 0.8;
+    s_cam.mast_quat_wxyz[3] = -0.6;
+    s_cam.head_xyz_m[1] = 0.04;
+    s_cam.head_quat_wxyz[0] = 0.52;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(s_cam.head_quat_wxyz));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_aim(&s_cam, p, &pan, &tilt));
+    in_camera(pan, tilt, p, c);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.0, c[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.0, c[1]);
+    TEST_ASSERT_TRUE(c[2] > 0.5);
+}
+
+void test_limits_clip_the_angles_and_say_so(void)
+{
+    const double behind[3] = {-3.0, -0.5, 1.0}, above[3] = {0.5, 0.45, 5.0}, below[3] = {-0.34, 0.45, 0.0};
+    double pan, tilt;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, behind, &pan, &tilt));
+    TEST_ASSERT_EQUAL_DOUBLE(-1.6, pan);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, above, &pan, &tilt));
+    TEST_ASSERT_EQUAL_DOUBLE(-0.6, tilt);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, below, &pan, &tilt));
+    TEST_ASSERT_EQUAL_DOUBLE(1.4, tilt);
+}
+
+void test_points_inside_the_head_cannot_be_aimed_at(void)
+{
+    double pan, tilt;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, s_cam.mast_xyz_m, &pan, &tilt));
+    TEST_ASSERT_TRUE(isfinite(pan) && isfinite(tilt));
+    /* Between centre and lens: the axis passes at that distance only behind the lens. */
+    const double inside[3] = {-0.31, 0.45, 1.25};
+    TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, inside, &pan, &tilt));
+    /* A camera that looks along y of the head, which tilt does not move, cannot look straight up. */
+    s_cam.head_xyz_m[0] = s_cam.head_xyz_m[2] = 0.0;
+    s_cam.head_quat_wxyz[0] = s_cam.head_quat_wxyz[1] = kc_sqrt(0.5);
+    s_cam.head_quat_wxyz[2] = s_cam.head_quat_wxyz[3] = 0.0;
+    const double up[3] = {-0.35, 0.45, 3.0}, down[3] = {-0.35, 0.45, -3.0};
+    TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, up, &pan, &tilt));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, down, &pan, &tilt));
+    TEST_ASSERT_TRUE(isfinite(pan) && isfinite(tilt));
+}
+
+void test_projection_is_a_pinhole(void)
+{
+    const double p[3] = {0.2, -0.1, 2.0};
+    double uv[2];
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_project(&s_cam, p, uv));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 959.5 + 139.7, uv[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 539.5 - 69.85, uv[1]);
+}
+
+void test_what_is_not_in_front_has_no_image(void)
+{
+    const double behind[3] = {0.0, 0.0, -1.0}, at[3] = {0.0, 0.0, 0.0}, nan[3] = {0.0, 0.0, NAN};
+    double uv[2] = {7.0, 7.0};
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_camera_project(&s_cam, behind, uv));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_camera_project(&s_cam, at, uv));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_camera_project(&s_cam, nan, uv));
+    TEST_ASSERT_EQUAL_DOUBLE(7.0, uv[0]);
+}
+
+/* Tool in front of the camera, its tags facing it, turned about y. */
+static kc_pose_t facing(double x, double y, double z, double turn_y)
+{
+    kc_pose_t T;
+    kc_pose_identity(&T);
+    T.p_m[0] = x;
+    T.p_m[1] = y;
+    T.p_m[2] = z;
+    kc_pose_screw(&T, 1u, 0.0, turn_y);
+    return T;
+}
+
+void test_both_tags_are_seen_square_on(void)
+{
+    const kc_pose_t T = facing(0.0, 0.0, 1.0, 0.0);
+    TEST_ASSERT_EQUAL_UINT32(3u, kc_camera_visible(&s_cam, &T, 0.87));
+}
+
+void test_a_tag_that_is_too_oblique_is_not_counted(void)
+{
+    kc_pose_t T = facing(0.0, 0.0, 1.0, 0.5);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_camera_visible(&s_cam, &T, 0.87));
+    T = facing(0.0, 0.0, 1.0, -0.5);
+    TEST_ASSERT_EQUAL_UINT32(2u, kc_camera_visible(&s_cam, &T, 0.87));
+    T = facing(0.0, 0.0, 1.0, KC_PI);
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_camera_visible(&s_cam, &T, 0.87));
+}
+
+void test_every_edge_of_the_image_cuts_tags_off(void)
+{
+    /* Half the image is 0.687 m by 0.386 m at 1 m. */
+    kc_pose_t T = facing(0.62, 0.0, 1.0, 0.0);
+    TEST_ASSERT_EQUAL_UINT32(2u, kc_camera_visible(&s_cam, &T, 1.3));
+    T = facing(-0.62, 0.0, 1.0, 0.0);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_camera_visible(&s_cam, &T, 1.3));
+    T = facing(0.0, 0.38, 1.0, 0.0);
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_camera_visible(&s_cam, &T, 1.3));
+    T = facing(0.0, -0.38, 1.0, 0.0);
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_camera_visible(&s_cam, &T, 1.3));
+    T = facing(0.0, 0.0, -1.0, KC_PI); /* behind the camera, facing it */
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_camera_visible(&s_cam, &T, 1.3));
+}
+
+void test_the_white_border_must_be_inside_too(void)
+{
+    /* A tag square on: black edge 0.03 m from the centre, white border 0.0375 m; the image ends at 0.3862 m. */
+    s_cam.n_tags = 1u;
+    s_cam.tag[0].quat_wxyz[0] = 1.0;
+    s_cam.tag[0].quat_wxyz[2] = 0.0;
+    kc_pose_t T = facing(0.0, 0.345, 1.0, 0.0);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_camera_visible(&s_cam, &T, 1.3));
+    T = facing(0.0, 0.352, 1.0, 0.0);
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_camera_visible(&s_cam, &T, 1.3));
+}
+
+void test_a_good_camera_is_accepted(void)
+{
+    int32_t index = -9;
+    double got = -9.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_validate(&s_cam, &index, &got));
+    TEST_ASSERT_EQUAL_INT32(-9, index);
+}
+
+static void refused(int32_t index_want, double got_want)
+{
+    int32_t index = -9;
+    double got = -9.0;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_camera_validate(&s_cam, &index, &got));
+    TEST_ASSERT_EQUAL_INT32(index_want, index);
+    TEST_ASSERT_EQUAL_DOUBLE(got_want, got);
+    given_camera();
+}
+
+void test_a_camera_with_wrong_numbers_is_refused(void)
+{
+    s_cam.mast_quat_wxyz[0] = 2.0;
+    refused(-1, 2.0);
+    s_cam.head_xyz_m[0] = NAN;
+    refused(-1, NAN);
+    s_cam.pan_min_rad = 1.6;
+    refused(-1, 1.6);
+    s_cam.pan_max_rad = NAN;
+    refused(-1, NAN);
+    s_cam.tilt_min_rad = 2.0;
+    refused(-1, 2.0);
+    s_cam.fx_px = 0.0;
+    refused(-1, 0.0);
+    s_cam.fy_px = -1.0;
+    refused(-1, -1.0);
+    s_cam.cx_px = INFINITY;
+    refused(-1, INFINITY);
+    s_cam.cy_px = NAN;
+    refused(-1, NAN);
+    s_cam.width_px = 0u;
+    refused(-1, 0.0);
+    s_cam.width_px = 65536u;
+    refused(-1, 65536.0);
+    s_cam.height_px = 0u;
+    refused(-1, 0.0);
+    s_cam.height_px = 65536u;
+    refused(-1, 65536.0);
+}
+
+void test_a_camera_with_wrong_tags_is_refused_by_number(void)
+{
+    s_cam.n_tags = 0u;
+    refused(-1, 0.0);
+    s_cam.n_tags = KC_TAG_MAX + 1u;
+    refused(-1, 5.0);
+    s_cam.tag[1].id = 587;
+    refused(1, 587.0);
+    s_cam.tag[0].id = -1;
+    refused(0, -1.0);
+    s_cam.tag[1].id = 0; /* the id of tag 0 */
+    refused(1, 0.0);
+    s_cam.tag[1].size_m = 0.0;
+    refused(1, 0.0);
+    s_cam.tag[0].xyz_m[2] = NAN;
+    refused(0, NAN);
+    s_cam.tag[0].quat_wxyz[0] = 0.0;
+    refused(0, kc_sin(0.5 * 0.436));
+}

@@ -1,0 +1,336 @@
+/* kc_la.cpp: every routine against its defining equation, leading dimensions larger than n. */
+#include <math.h>
+#include <string.h>
+
+#include "kc_la.h"
+#include "kc_rng.h"
+#include "unity.h"
+
+#define LD 13u
+#define N 9u
+
+static double s_A[LD * LD], s_B[LD * LD], s_C[LD * LD];
+static uint64_t s_rng;
+
+static double uniform(void) { return 2.0 * kc_rng_uniform(&s_rng) - 1.0; }
+
+void setUp(void);
+void setUp(void)
+{
+    s_rng = 3u;
+    for (uint32_t i = 0u; i < LD * LD; i++) {
+        s_A[i] = uniform();
+        s_B[i] = s_C[i] = -777.0; /* what must not be touched */
+    }
+}
+
+/* s_B <- A A' + 0.1, positive definite; the rest of s_B keeps its mark. */
+static void given_definite(void)
+{
+    for (uint32_t i = 0u; i < N; i++) {
+        for (uint32_t j = 0u; j < N; j++) {
+            double s = (i == j) ? 0.1 : 0.0;
+            for (uint32_t k = 0u; k < N; k++) { s += s_A[i * LD + k] * s_A[j * LD + k]; }
+            s_B[i * LD + j] = s;
+        }
+    }
+}
+
+/* s_A: upper triangle kept, diagonal away from zero, marks below it. */
+static void given_upper(uint32_t n)
+{
+    for (uint32_t i = 0u; i < n; i++) {
+        s_A[i * LD + i] += s_A[i * LD + i] > 0.0 ? 1.0 : -1.0;
+        for (uint32_t j = 0u; j < i; j++) { s_A[i * LD + j] = 555.0; }
+    }
+}
+
+void test_cholesky_gives_back_the_matrix_and_leaves_the_upper_triangle(void)
+{
+    given_definite();
+    memcpy(s_C, s_B, sizeof s_C);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_chol(s_C, N, LD));
+    for (uint32_t i = 0u; i < N; i++) {
+        for (uint32_t j = 0u; j <= i; j++) {
+            double s = 0.0;
+            for (uint32_t k = 0u; k <= j; k++) { s += s_C[i * LD + k] * s_C[j * LD + k]; }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-14, s_B[i * LD + j], s);
+        }
+        for (uint32_t j = i + 1u; j < N; j++) { TEST_ASSERT_EQUAL_DOUBLE(s_B[i * LD + j], s_C[i * LD + j]); }
+        TEST_ASSERT_EQUAL_DOUBLE(-777.0, s_C[i * LD + N]);
+    }
+}
+
+void test_cholesky_refuses_what_is_not_positive_definite(void)
+{
+    double indefinite[4] = {1.0, 0.0, 2.0, 1.0}, nan[4] = {1.0, 0.0, NAN, 1.0}, inf[1] = {INFINITY},
+           zero[1] = {0.0};
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_chol(indefinite, 2u, 2u));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_chol(nan, 2u, 2u));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_chol(inf, 1u, 1u));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_chol(zero, 1u, 1u));
+}
+
+void test_cholesky_solve_solves(void)
+{
+    double x[N], b[N];
+    given_definite();
+    memcpy(s_C, s_B, sizeof s_C);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_chol(s_C, N, LD));
+    for (uint32_t i = 0u; i < N; i++) { x[i] = b[i] = uniform(); }
+    kc_la_chol_solve(s_C, N, LD, x);
+    for (uint32_t i = 0u; i < N; i++) {
+        double s = 0.0;
+        for (uint32_t j = 0u; j < N; j++) { s += s_B[i * LD + j] * x[j]; }
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, b[i], s);
+    }
+}
+
+static void assert_inverse(const double *A, const double *inv)
+{
+    for (uint32_t i = 0u; i < N; i++) {
+        for (uint32_t j = 0u; j < N; j++) {
+            double s = 0.0;
+            for (uint32_t k = 0u; k < N; k++) { s += A[i * LD + k] * inv[k * LD + j]; }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-11, i == j ? 1.0 : 0.0, s);
+            TEST_ASSERT_EQUAL_DOUBLE(inv[j * LD + i], inv[i * LD + j]);
+        }
+        TEST_ASSERT_EQUAL_DOUBLE(-777.0, inv[i * LD + N]);
+    }
+}
+
+void test_cholesky_inverse_inverts(void)
+{
+    static double L[LD * LD];
+    given_definite();
+    memcpy(L, s_B, sizeof L);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_chol(L, N, LD));
+    kc_la_chol_inverse(L, N, LD, s_C, LD);
+    assert_inverse(s_B, s_C);
+}
+
+void test_packed_rows_appended_one_by_one_are_the_cholesky_factor(void)
+{
+    double packed[N * (N + 1u) / 2u], x[N], y[N];
+    given_definite();
+    for (uint32_t i = 0u; i < N; i++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_packed_append(packed, i, &s_B[i * LD], s_B[i * LD + i]));
+    }
+    memcpy(s_C, s_B, sizeof s_C);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_chol(s_C, N, LD));
+    for (uint32_t i = 0u; i < N; i++) {
+        for (uint32_t j = 0u; j <= i; j++) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-14, s_C[i * LD + j], packed[i * (i + 1u) / 2u + j]);
+        }
+        x[i] = y[i] = uniform();
+    }
+    kc_la_packed_solve(packed, N, x);
+    kc_la_solve_lower(s_C, N, LD, y);
+    for (uint32_t i = 0u; i < N; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, y[i], x[i]); }
+    kc_la_packed_solve_t(packed, N, x);
+    kc_la_solve_lower_t(s_C, N, LD, y);
+    for (uint32_t i = 0u; i < N; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, y[i], x[i]); }
+}
+
+void test_a_repeated_row_breaks_the_packed_factor_and_leaves_the_rest(void)
+{
+    double L[3] = {2.0, -1.0, -1.0};
+    const double same[1] = {4.0};
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_packed_append(L, 1u, same, 4.0));
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, L[0]);
+}
+
+/* R'R and R'z after folding rows = sums over the rows; |rest|^2 = what least squares leaves. */
+void test_folding_rows_keeps_the_normal_equations(void)
+{
+    const uint32_t n = 5u, ld = 8u, ldb = 7u;
+    double R[5 * 8] = {0.0}, M[36] = {0.0}, rest = 0.0;
+    for (uint32_t i = 1u; i < n; i++) { R[i * ld] = 555.0; } /* below the diagonal: not looked at */
+    for (uint32_t rows = 1u; rows <= 6u; rows++) {
+        double blk[6 * 7];
+        for (uint32_t i = 0u; i < rows * ldb; i++) { blk[i] = uniform(); }
+        for (uint32_t r = 0u; r < rows; r++) {
+            for (uint32_t i = 0u; i <= n; i++) {
+                for (uint32_t j = 0u; j <= n; j++) { M[i * 6u + j] += blk[r * ldb + i] * blk[r * ldb + j]; }
+            }
+        }
+        rest += kc_la_fold(R, n, ld, blk, rows, ldb);
+    }
+    for (uint32_t i = 0u; i <= n; i++) {
+        for (uint32_t j = i; j <= n; j++) {
+            double s = (i == n) ? rest : 0.0;
+            for (uint32_t k = 0u; k < n && k <= i; k++) { s += R[k * ld + i] * R[k * ld + j]; }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-13, M[i * 6u + j], s);
+        }
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(555.0, R[4u * ld]);
+}
+
+void test_folding_zeros_changes_nothing(void)
+{
+    double R[2 * 3] = {1.0, 2.0, 3.0, 0.0, 4.0, 5.0}, blk[2 * 3] = {0.0};
+    const double want[6] = {1.0, 2.0, 3.0, 0.0, 4.0, 5.0};
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_la_fold(R, 2u, 3u, blk, 2u, 3u));
+    TEST_ASSERT_EQUAL_MEMORY(want, R, sizeof want);
+}
+
+void test_upper_solves_and_products_undo_each_other(void)
+{
+    double x[N], y[N], z[N];
+    given_upper(N);
+    for (uint32_t i = 0u; i < N; i++) { x[i] = uniform(); }
+    kc_la_upper_t_mul(s_A, N, LD, x, y);
+    kc_la_solve_upper_t(s_A, N, LD, y);
+    for (uint32_t i = 0u; i < N; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-11, x[i], y[i]); }
+    for (uint32_t i = 0u; i < N; i++) {
+        z[i] = 0.0;
+        for (uint32_t j = i; j < N; j++) { z[i] += s_A[i * LD + j] * x[j]; }
+    }
+    kc_la_solve_upper(s_A, N, LD, z);
+    for (uint32_t i = 0u; i < N; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-11, x[i], z[i]); }
+}
+
+void test_the_covariance_inverts_the_information(void)
+{
+    static double H[LD * LD];
+    given_upper(N);
+    kc_la_upper_gram(s_A, N, LD, H, LD);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_upper_cov(s_A, N, LD, s_C, LD));
+    assert_inverse(H, s_C);
+}
+
+void test_no_covariance_of_a_singular_factor(void)
+{
+    double R[4] = {1.0, 2.0, 0.0, 0.0}, C[4];
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_upper_cov(R, 2u, 2u, C, 2u));
+    R[3] = NAN;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_upper_cov(R, 2u, 2u, C, 2u));
+}
+
+static double s_scale[LD], s_pivot[LD];
+static uint32_t s_perm[LD], s_rank;
+
+static void given_unit_scale(void)
+{
+    for (uint32_t i = 0u; i < LD; i++) { s_scale[i] = 1.0; }
+}
+
+void test_dependent_columns_are_named_with_their_coefficients(void)
+{
+    /* Columns: c0, c1, c2 = 2 c0 - 3 c1, c3 (upper triangular on purpose). */
+    double R[16] = {9.0, 1.0, 15.0, 0.5, 0.0, 4.0, -12.0, 0.25, 0.0, 0.0, 0.0, 0.125, 0.0, 0.0, 0.0, 7.0};
+    given_unit_scale();
+    kc_la_rank(R, 4u, 4u, s_scale, 1e-10, s_perm, s_pivot, &s_rank);
+    TEST_ASSERT_EQUAL_UINT32(3u, s_rank);
+    TEST_ASSERT_TRUE(s_pivot[3] < 1e-14);
+    /* Longest first: c2 (19.2), then two of the others; the last is the combination. */
+    TEST_ASSERT_EQUAL_UINT32(2u, s_perm[0]);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_perm[3]);
+    /* c1 = 2/3 c0 - 1/3 c2 */
+    for (uint32_t i = 0u; i < 3u; i++) {
+        const double want = s_perm[i] == 0u ? 2.0 / 3.0 : s_perm[i] == 2u ? -1.0 / 3.0 : 0.0;
+        TEST_ASSERT_DOUBLE_WITHIN(1e-14, want, R[i * 4u + 3u]);
+    }
+}
+
+void test_scales_decide_what_counts_as_dependent(void)
+{
+    double R[4] = {1.0, 0.0, 0.0, 1e-12};
+    given_unit_scale();
+    kc_la_rank(R, 2u, 2u, s_scale, 1e-10, s_perm, s_pivot, &s_rank);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_rank);
+    R[0] = 1.0;
+    R[1] = R[2] = 0.0;
+    R[3] = 1e-12;
+    s_scale[1] = 1e12;
+    kc_la_rank(R, 2u, 2u, s_scale, 1e-10, s_perm, s_pivot, &s_rank);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_rank);
+}
+
+void test_equal_columns_keep_the_order_of_their_indices(void)
+{
+    double R[25] = {0.0};
+    for (uint32_t i = 0u; i < 5u; i++) { R[6u * i] = (i == 3u) ? 2.0 : 1.0; }
+    given_unit_scale();
+    kc_la_rank(R, 5u, 5u, s_scale, 1e-10, s_perm, s_pivot, &s_rank);
+    const uint32_t want[5] = {3u, 0u, 1u, 2u, 4u};
+    TEST_ASSERT_EQUAL_UINT32_ARRAY(want, s_perm, 5);
+    TEST_ASSERT_EQUAL_UINT32(5u, s_rank);
+}
+
+void test_nothing_has_rank_zero(void)
+{
+    double R[4] = {0.0, 0.0, 555.0, 0.0};
+    given_unit_scale();
+    kc_la_rank(R, 2u, 2u, s_scale, 1e-10, s_perm, s_pivot, &s_rank);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_rank);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_pivot[0]);
+}
+
+void test_whitening_makes_the_covariance_the_identity(void)
+{
+    double cov[36] = {0.0}, W[36], v[6], w[6];
+    for (uint32_t i = 0u; i < 6u; i++) {
+        for (uint32_t j = 0u; j < 6u; j++) {
+            for (uint32_t k = 0u; k < 6u; k++) { cov[6u * i + j] += s_A[i * LD + k] * s_A[j * LD + k]; }
+        }
+        cov[7u * i] += 0.2;
+    }
+    for (uint32_t m = 1u; m <= 6u; m++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_whiten(cov, m, W));
+        for (uint32_t i = 0u; i < m; i++) {
+            for (uint32_t j = 0u; j < m; j++) { v[j] = cov[6u * i + j]; }
+            kc_la_whiten_apply(W, m, v, v); /* in place: row i of cov W' */
+            for (uint32_t k = 0u; k < m; k++) { s_C[i * LD + k] = v[k]; }
+        }
+        for (uint32_t k = 0u; k < m; k++) {
+            for (uint32_t i = 0u; i < m; i++) { v[i] = s_C[i * LD + k]; }
+            kc_la_whiten_apply(W, m, v, w);
+            for (uint32_t i = 0u; i < m; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, i == k ? 1.0 : 0.0, w[i]); }
+        }
+    }
+}
+
+void test_whitening_refuses_a_covariance_that_is_none(void)
+{
+    double cov[36] = {0.0}, W[36];
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_whiten(cov, 6u, W));
+    for (uint32_t i = 0u; i < 6u; i++) { cov[7u * i] = 1.0; }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_whiten(cov, 6u, W));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_whiten(cov, 7u, W));
+    cov[7] = -1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_whiten(cov, 1u, W)); /* only the leading block counts */
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_la_whiten(cov, 2u, W));
+}
+
+void test_small_products_are_what_they_say(void)
+{
+    const uint32_t m = 4u, ldj = 6u;
+    double J[N * 6], C[16], out[N * 4];
+    given_definite();
+    for (uint32_t i = 0u; i < N * 6u; i++) { J[i] = uniform(); }
+    kc_la_mul(s_B, N, LD, J, m, ldj, out);
+    kc_la_congruence(s_B, N, LD, J, m, ldj, C);
+    memcpy(s_C, s_B, sizeof s_C);
+    kc_la_rank_update(s_C, N, LD, J, m, ldj, -0.5);
+    for (uint32_t i = 0u; i < N; i++) {
+        for (uint32_t c = 0u; c < m; c++) {
+            double s = 0.0;
+            for (uint32_t k = 0u; k < N; k++) { s += s_B[i * LD + k] * J[k * ldj + c]; }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-13, s, out[i * m + c]);
+        }
+        for (uint32_t j = 0u; j < N; j++) {
+            double s = s_B[i * LD + j];
+            for (uint32_t c = 0u; c < m; c++) { s -= 0.5 * J[i * ldj + c] * J[j * ldj + c]; }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-13, s, s_C[i * LD + j]);
+        }
+    }
+    for (uint32_t a = 0u; a < m; a++) {
+        for (uint32_t b = 0u; b < m; b++) {
+            double s = 0.0;
+            for (uint32_t k = 0u; k < N; k++) { s += J[k * ldj + a] * out[k * m + b]; }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, s, C[a * m + b]);
+            TEST_ASSERT_EQUAL_DOUBLE(C[b * m + a], C[a * m + b]);
+        }
+    }
+}

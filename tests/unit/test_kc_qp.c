@@ -1,0 +1,216 @@
+/* kc_qp.c: small problems with known answers, and the ways it can end. Random ones: tests/oracle. */
+#include <math.h>
+#include <string.h>
+
+#include "kc_qp.h"
+#include "unity.h"
+
+static kc_qp_t s_qp;
+
+/* n variables, H = 0, box -1 .. 1, g = 0, start 0. */
+static void given(uint32_t n)
+{
+    memset(&s_qp, 0, sizeof s_qp);
+    s_qp.n = n;
+    for (uint32_t i = 0u; i < n; i++) {
+        s_qp.lb[i] = -1.0;
+        s_qp.ub[i] = 1.0;
+    }
+}
+
+static double *H(uint32_t i, uint32_t j) { return &s_qp.H[i * KC_COEF_MAX + j]; }
+
+static void given_identity(uint32_t n)
+{
+    given(n);
+    for (uint32_t i = 0u; i < n; i++) { *H(i, i) = 1.0; }
+}
+
+void test_a_minimum_inside_the_box_is_found(void)
+{
+    given_identity(2u);
+    *H(0, 1) = *H(1, 0) = 0.5;
+    s_qp.g[0] = -0.5;
+    s_qp.g[1] = -0.25;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.0, s_qp.x[1]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_FREE, s_qp.active[0]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_FREE, s_qp.active[1]);
+}
+
+void test_bounds_that_hold_are_reported_with_their_side(void)
+{
+    given_identity(3u);
+    s_qp.g[0] = 5.0;
+    s_qp.g[1] = -5.0;
+    s_qp.g[2] = 0.25;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(-1.0, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_qp.x[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.25, s_qp.x[2]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_LOWER, s_qp.active[0]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_UPPER, s_qp.active[1]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_FREE, s_qp.active[2]);
+    TEST_ASSERT_TRUE(s_qp.kkt <= 1e-9);
+}
+
+void test_a_start_on_the_wrong_bound_is_left_again(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = -0.5;
+    s_qp.g[1] = 0.5;
+    s_qp.x[0] = -7.0; /* clipped to the lower bound */
+    s_qp.x[1] = 7.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.5, s_qp.x[1]);
+}
+
+void test_many_bounds_met_at_the_same_point_are_taken_together(void)
+{
+    given_identity(10u);
+    for (uint32_t i = 0u; i < 10u; i++) { s_qp.g[i] = -3.0; }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    for (uint32_t i = 0u; i < 10u; i++) { TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_UPPER, s_qp.active[i]); }
+    TEST_ASSERT_TRUE(s_qp.iters <= 2u);
+}
+
+void test_a_variable_without_room_stays(void)
+{
+    given_identity(2u);
+    s_qp.lb[0] = s_qp.ub[0] = 0.5;
+    s_qp.g[0] = -9.0;
+    *H(0, 1) = *H(1, 0) = 0.5;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.25, s_qp.x[1]);
+}
+
+void test_a_flat_direction_with_a_slope_ends_at_the_bound(void)
+{
+    given(2u); /* cost (x0 + x1)^2 / 2 + x0 - x1: flat along (1, -1), falling */
+    *H(0, 0) = *H(1, 1) = *H(0, 1) = *H(1, 0) = 1.0;
+    s_qp.g[0] = 1.0;
+    s_qp.g[1] = -1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(-1.0, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_qp.x[1]);
+}
+
+void test_a_flat_direction_without_a_slope_is_left_alone(void)
+{
+    given(2u); /* cost (x0 + x1 - 1)^2 / 2 */
+    *H(0, 0) = *H(1, 1) = *H(0, 1) = *H(1, 0) = 1.0;
+    s_qp.g[0] = s_qp.g[1] = -1.0;
+    s_qp.x[1] = 0.25;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.75, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_qp.x[1]);
+}
+
+void test_a_direction_that_is_only_nearly_flat_has_its_minimum(void)
+{
+    given(2u); /* second pivot 1e-13: below what the factor trusts, but real curvature */
+    *H(0, 0) = *H(0, 1) = *H(1, 0) = 1.0;
+    *H(1, 1) = 1.0 + 0x1p-44;
+    s_qp.g[1] = -0x1p-46;
+    s_qp.lb[1] = s_qp.lb[0] = -1e9;
+    s_qp.ub[1] = s_qp.ub[0] = 1e9;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.25, s_qp.x[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, -0.25, s_qp.x[0]);
+}
+
+void test_infinite_bounds_are_allowed(void)
+{
+    given_identity(2u);
+    s_qp.lb[0] = s_qp.lb[1] = -HUGE_VAL;
+    s_qp.ub[0] = s_qp.ub[1] = HUGE_VAL;
+    s_qp.g[0] = 100.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, -100.0, s_qp.x[0]);
+}
+
+void test_unbounded_below_is_an_answer_and_x_stays_finite(void)
+{
+    given(1u);
+    s_qp.ub[0] = HUGE_VAL;
+    s_qp.g[0] = -1.0;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_qp.x[0]);
+    given(1u);
+    s_qp.lb[0] = -HUGE_VAL;
+    s_qp.g[0] = 1.0;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_qp.x[0]);
+}
+
+void test_no_curvature_and_no_slope_is_solved_at_once(void)
+{
+    given(3u);
+    s_qp.x[1] = 0.5;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_qp.iters);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, s_qp.x[1]);
+}
+
+void test_the_full_size_fits(void)
+{
+    given_identity(KC_COEF_MAX);
+    for (uint32_t i = 0u; i < KC_COEF_MAX; i++) { s_qp.g[i] = (i % 2u) ? 0.25 : -4.0; }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_qp.x[62]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.25, s_qp.x[63]);
+}
+
+void test_a_matrix_that_is_not_convex_still_ends_inside_the_box(void)
+{
+    given(4u); /* the contract asks for convexity; without it the loop must end all the same */
+    for (uint32_t i = 0u; i < 4u; i++) {
+        for (uint32_t j = 0u; j < 4u; j++) { *H(i, j) = (i == j) ? -1.0 : 2.0; }
+        s_qp.g[i] = 0.1 * (double)i - 0.1;
+    }
+    const kc_status_t st = kc_qp_solve(&s_qp);
+    TEST_ASSERT_TRUE(st == KC_OK || st == KC_ERR_ITER);
+    TEST_ASSERT_TRUE(s_qp.iters <= KC_QP_ITER_PER_VAR * 4u);
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(s_qp.x[i] >= -1.0 && s_qp.x[i] <= 1.0); }
+}
+
+static void refused(void)
+{
+    double before[KC_COEF_MAX];
+    memcpy(before, s_qp.x, sizeof before);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_MEMORY(before, s_qp.x, sizeof before);
+}
+
+void test_impossible_input_is_refused(void)
+{
+    given(0u);
+    refused();
+    given(KC_COEF_MAX);
+    s_qp.n = KC_COEF_MAX + 1u;
+    refused();
+    given(2u);
+    s_qp.lb[1] = 2.0;
+    refused();
+    given(2u);
+    *H(1, 0) = NAN;
+    refused();
+    given(2u);
+    s_qp.g[1] = INFINITY;
+    refused();
+    given(2u);
+    s_qp.x[0] = NAN;
+    refused();
+    given(2u);
+    s_qp.ub[0] = NAN;
+    refused();
+    given(2u);
+    s_qp.lb[0] = s_qp.ub[0] = HUGE_VAL;
+    refused();
+    given(2u);
+    s_qp.lb[0] = s_qp.ub[0] = -HUGE_VAL;
+    refused();
+}

@@ -1,0 +1,175 @@
+/* kc_rot.c: half turns, tiny turns, aliasing. Agreement with scipy and mpmath: tests/oracle. */
+#include <math.h>
+#include <string.h>
+
+#include "kc_libm.h"
+#include "kc_rot.h"
+#include "unity.h"
+
+static void assert_doubles(const double *want, const double *got, int n, double tol)
+{
+    for (int i = 0; i < n; i++) { TEST_ASSERT_DOUBLE_WITHIN(tol, want[i], got[i]); }
+}
+
+static kc_pose_t some_pose(double x, double wx, double wy, double wz)
+{
+    const double w[3] = {wx, wy, wz};
+    kc_pose_t T = {{x, 2.0 * x, -x}, {0.0}};
+    kc_R_exp(w, T.R);
+    return T;
+}
+
+void test_the_identity_changes_nothing(void)
+{
+    const kc_pose_t A = some_pose(1.0, 0.1, 0.2, 0.3);
+    kc_pose_t I, out;
+    kc_pose_identity(&I);
+    kc_pose_mul(&A, &I, &out);
+    assert_doubles(A.p_m, out.p_m, 12, 0.0);
+    kc_pose_mul(&I, &A, &out);
+    assert_doubles(A.p_m, out.p_m, 12, 0.0);
+}
+
+void test_a_pose_times_its_inverse_is_the_identity(void)
+{
+    const kc_pose_t A = some_pose(1.0, 0.4, -1.2, 2.0);
+    kc_pose_t I, inv, out;
+    kc_pose_identity(&I);
+    kc_pose_inv(&A, &inv);
+    kc_pose_mul(&A, &inv, &out);
+    assert_doubles(I.p_m, out.p_m, 12, 1e-15);
+}
+
+void test_outputs_may_alias_inputs(void)
+{
+    const kc_pose_t A = some_pose(1.0, 0.4, -1.2, 2.0), B = some_pose(-0.5, 1.0, 0.0, 0.3);
+    kc_pose_t want, X = A;
+    kc_pose_mul(&A, &B, &want);
+    kc_pose_mul(&X, &B, &X);
+    assert_doubles(want.p_m, X.p_m, 12, 0.0);
+    X = B;
+    kc_pose_mul(&A, &X, &X);
+    assert_doubles(want.p_m, X.p_m, 12, 0.0);
+    kc_pose_inv(&A, &want);
+    X = A;
+    kc_pose_inv(&X, &X);
+    assert_doubles(want.p_m, X.p_m, 12, 0.0);
+    const double a[4] = {0.5, 0.5, 0.5, 0.5}, b[4] = {0.6, 0.8, 0.0, 0.0};
+    double q[4], r[4] = {0.5, 0.5, 0.5, 0.5};
+    kc_quat_mul(a, b, q);
+    kc_quat_mul(r, b, r);
+    assert_doubles(q, r, 4, 0.0);
+}
+
+void test_a_screw_turns_about_and_moves_along_its_own_axis(void)
+{
+    for (uint32_t axis = 0u; axis < 3u; axis++) {
+        const kc_pose_t A = some_pose(0.7, 0.3, 0.9, -0.4);
+        kc_pose_t S, want, got = A;
+        double w[3] = {0.0, 0.0, 0.0};
+        kc_pose_identity(&S);
+        w[axis] = 0.8;
+        kc_R_exp(w, S.R);
+        S.p_m[axis] = 0.25;
+        kc_pose_mul(&A, &S, &want);
+        kc_pose_screw(&got, axis, 0.25, 0.8);
+        assert_doubles(want.p_m, got.p_m, 12, 1e-15);
+    }
+}
+
+void test_a_pose_from_a_table_has_its_origin_and_rotation(void)
+{
+    const double xyz[3] = {1.0, 2.0, 3.0}, q[4] = {kc_sqrt(0.5), 0.0, 0.0, kc_sqrt(0.5)};
+    const double want[12] = {1.0, 2.0, 3.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0};
+    kc_pose_t T;
+    kc_pose_from_quat(xyz, q, &T);
+    assert_doubles(want, T.p_m, 12, 1e-15);
+}
+
+void test_distance_is_exact_near_zero_and_at_a_half_turn(void)
+{
+    const double one[4] = {1.0, 0.0, 0.0, 0.0}, near[4] = {1.0, 0.0, 1e-10, 0.0};
+    const double minus[4] = {-1.0, 0.0, -1e-10, 0.0}, half[4] = {0.0, 0.0, 1.0, 0.0};
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_quat_dist_rad(one, one));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-24, 2e-10, kc_quat_dist_rad(one, near));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-24, 2e-10, kc_quat_dist_rad(one, minus));
+    TEST_ASSERT_EQUAL_DOUBLE(KC_PI, kc_quat_dist_rad(one, half));
+}
+
+void test_normalize_refuses_what_has_no_direction_and_leaves_it(void)
+{
+    double zero[4] = {0.0, 1e-13, 0.0, 0.0}, nan[4] = {1.0, NAN, 0.0, 0.0},
+           inf[4] = {INFINITY, 0.0, 0.0, 0.0};
+    double good[4] = {3.0, 0.0, -4.0, 0.0};
+    const double want[4] = {0.6, 0.0, -0.8, 0.0};
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_quat_normalize(zero));
+    TEST_ASSERT_EQUAL_DOUBLE(1e-13, zero[1]);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_quat_normalize(nan));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, nan[0]);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_quat_normalize(inf));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(good));
+    assert_doubles(want, good, 4, 1e-16);
+}
+
+void test_half_turns_about_the_axes_are_exact(void)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        double R[9] = {-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0}, want[4] = {0.0, 0.0, 0.0, 0.0}, q[4];
+        R[4 * axis] = 1.0;
+        want[axis + 1] = 1.0;
+        kc_R_to_quat(R, q);
+        assert_doubles(want, q, 4, 0.0);
+        for (int i = 0; i < 4; i++) { TEST_ASSERT_FALSE(signbit(q[i])); }
+    }
+}
+
+void test_oblique_half_turns_have_w_zero_and_one_sign(void)
+{
+    /* 2 a a' - 1 for a = (-1, 1, 0) / sqrt 2: the quaternion is -a, first non-zero positive. */
+    const double R[9] = {0.0, -1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0};
+    const double want[4] = {0.0, kc_sqrt(0.5), -kc_sqrt(0.5), 0.0};
+    double q[4], w[3];
+    kc_R_to_quat(R, q);
+    assert_doubles(want, q, 4, 2e-16);
+    kc_R_log(R, w);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, KC_PI, kc_sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]));
+}
+
+void test_every_largest_component_comes_back(void)
+{
+    static const double q[4][4] = {
+        {0.9, 0.3, -0.3, 0.1}, {0.1, 0.9, 0.3, -0.3}, {0.1, -0.3, 0.9, 0.3}, {0.1, 0.3, 0.3, -0.9}};
+    for (int k = 0; k < 4; k++) {
+        double u[4], R[9], back[4];
+        memcpy(u, q[k], sizeof u);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(u));
+        kc_quat_to_R(u, R);
+        kc_R_to_quat(R, back);
+        assert_doubles(u, back, 4, 1e-15);
+    }
+}
+
+void test_exp_and_log_undo_each_other_for_tiny_and_large_turns(void)
+{
+    static const double size[6] = {0.0, 1e-12, 1e-5, 1e-3, 1.0, 3.14};
+    for (int k = 0; k < 6; k++) {
+        const double w[3] = {0.6 * size[k], -0.64 * size[k], 0.48 * size[k]};
+        double R[9], back[3];
+        kc_R_exp(w, R);
+        kc_R_log(R, back);
+        assert_doubles(w, back, 3, 4e-15);
+    }
+}
+
+void test_the_residual_is_measured_minus_model(void)
+{
+    const kc_pose_t model = some_pose(0.5, 0.3, -0.2, 1.0);
+    const double w[3] = {0.01, 0.02, -0.03}, want[6] = {0.1, 0.2, 0.3, 0.01, 0.02, -0.03};
+    kc_pose_t turn = {{0.0, 0.0, 0.0}, {0.0}}, meas;
+    double r[6];
+    kc_R_exp(w, turn.R);
+    kc_pose_mul(&turn, &model, &meas); /* the base-frame turn on the left */
+    for (int i = 0; i < 3; i++) { meas.p_m[i] = model.p_m[i] + want[i]; }
+    kc_pose_residual(&meas, &model, r);
+    assert_doubles(want, r, 6, 1e-15);
+}

@@ -1,0 +1,160 @@
+/* kc_terms.c: DH coefficients and every refused table. */
+#include <math.h>
+#include <string.h>
+
+#include "kc_terms.h"
+#include "unity.h"
+
+static kc_terms_t s_t;
+static const double BOUND[4] = {1.5, 0.6, 0.05, 0.2};
+
+void setUp(void);
+void setUp(void)
+{
+    memset(&s_t, 0, sizeof s_t);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_add_dh(&s_t, 7u, BOUND));
+}
+
+void test_dh_coefficients_are_named_bounded_and_placed(void)
+{
+    static const char *name[4] = {"J3.phi_rad", "J3.alpha_rad", "J3.a_m", "J3.d_m"};
+    static const uint8_t frame[4] = {2u, 3u, 3u, 2u}, comp[4] = {KC_RZ, KC_RX, KC_TX, KC_TZ};
+    TEST_ASSERT_EQUAL_UINT32(28u, s_t.n_coef);
+    TEST_ASSERT_EQUAL_UINT32(28u, s_t.n_term);
+    for (uint32_t e = 0u; e < 4u; e++) {
+        const kc_coef_t *coef = &s_t.coef[8u + e];
+        const kc_term_t *term = &s_t.term[8u + e];
+        TEST_ASSERT_EQUAL_STRING(name[e], coef->name);
+        TEST_ASSERT_EQUAL_DOUBLE(-BOUND[e], coef->lb);
+        TEST_ASSERT_EQUAL_DOUBLE(BOUND[e], coef->ub);
+        TEST_ASSERT_EQUAL_UINT8(1u, coef->enabled);
+        TEST_ASSERT_EQUAL_UINT16(8u + e, term->coef);
+        TEST_ASSERT_EQUAL_UINT8(frame[e], term->frame);
+        TEST_ASSERT_EQUAL_UINT8(comp[e], term->comp);
+        TEST_ASSERT_EQUAL_DOUBLE(1.0, term->gain);
+        TEST_ASSERT_EQUAL_UINT8(KC_VAR_ONE, term->basis[0].var);
+        TEST_ASSERT_EQUAL_UINT8(KC_VAR_ONE, term->basis[1].var);
+    }
+}
+
+void test_what_add_dh_makes_is_valid(void)
+{
+    int32_t index = -9;
+    double got = 0.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got));
+    memset(&s_t, 0, sizeof s_t);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got)); /* no terms at all */
+}
+
+void test_dh_that_does_not_fit_leaves_the_table_unchanged(void)
+{
+    static kc_terms_t before;
+    s_t.n_coef = KC_COEF_MAX - 27u;
+    before = s_t;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FULL, kc_terms_add_dh(&s_t, 7u, BOUND));
+    TEST_ASSERT_EQUAL_MEMORY(&before, &s_t, sizeof before);
+    s_t.n_coef = 0u;
+    s_t.n_term = KC_TERM_MAX - 27u;
+    before = s_t;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FULL, kc_terms_add_dh(&s_t, 7u, BOUND));
+    TEST_ASSERT_EQUAL_MEMORY(&before, &s_t, sizeof before);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FULL, kc_terms_add_dh(&s_t, KC_JOINT_MAX + 1u, BOUND));
+}
+
+static void refused_for(uint32_t n_joints, int32_t index_want, double got_want)
+{
+    int32_t index = -9;
+    double got = -9.0;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_terms_validate(&s_t, n_joints, &index, &got));
+    TEST_ASSERT_EQUAL_INT32(index_want, index);
+    TEST_ASSERT_EQUAL_DOUBLE(got_want, got);
+    setUp();
+}
+
+static void refused(int32_t index, double got) { refused_for(7u, index, got); }
+
+void test_wrong_counts_are_refused(void)
+{
+    s_t.n_coef = KC_COEF_MAX + 1u;
+    refused(-1, KC_COEF_MAX + 1.0);
+    s_t.n_term = KC_TERM_MAX + 1u;
+    refused(-1, KC_TERM_MAX + 1.0);
+    refused_for(0u, -1, 0.0);
+    refused_for(KC_JOINT_MAX + 1u, -1, KC_JOINT_MAX + 1.0);
+}
+
+void test_wrong_coefficients_are_refused_by_number(void)
+{
+    s_t.coef[5].name[0] = '\0';
+    refused(5, 0.0);
+    s_t.coef[5].lb = NAN;
+    refused(5, NAN);
+    s_t.coef[5].ub = INFINITY;
+    refused(5, INFINITY);
+    s_t.coef[6].lb = 1.0; /* above its ub */
+    refused(6, 1.0);
+    s_t.coef[6].prior_sigma = -0.1;
+    refused(6, -0.1);
+    s_t.coef[6].scale = 0.0;
+    refused(6, 0.0);
+    s_t.coef[6].enabled = 2u;
+    refused(6, 2.0);
+}
+
+void test_wrong_terms_are_refused_by_number(void)
+{
+    s_t.term[3].coef = 28u;
+    refused(1003, 28.0);
+    s_t.term[3].frame = 8u; /* an arm of 7 joints has no frame 8 */
+    refused(1003, 8.0);
+    s_t.term[3].frame = KC_FRAME_COUNT;
+    refused(1003, 12.0);
+    s_t.term[3].comp = 6u;
+    refused(1003, 6.0);
+    s_t.term[3].gain = NAN;
+    refused(1003, NAN);
+    s_t.term[3].basis[0].fn = KC_FN_COUNT;
+    refused(1003, KC_FN_COUNT);
+    s_t.term[3].basis[1].var = KC_VAR_COUNT;
+    refused(1003, KC_VAR_COUNT);
+    s_t.term[3].basis[1].c0 = INFINITY;
+    refused(1003, INFINITY);
+    s_t.term[3].basis[0].c1 = NAN;
+    refused(1003, NAN);
+}
+
+void test_frames_beyond_the_arm_are_tool_camera_and_measured(void)
+{
+    int32_t index;
+    double got;
+    for (uint8_t f = KC_FRAME_TOOL; f < KC_FRAME_COUNT; f++) {
+        s_t.term[0].frame = f;
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got));
+    }
+}
+
+/* Least and greatest index of a variable on an arm of 7 joints. */
+static void index_limits(uint8_t var, uint8_t *least, uint8_t *most)
+{
+    const int link = var == KC_VAR_MX || var == KC_VAR_MY || var == KC_VAR_MZ;
+    const int joint = var == KC_VAR_Q || var == KC_VAR_TAU || var == KC_VAR_DIR || var == KC_VAR_QDOT ||
+                      var == KC_VAR_TAU_PAYLOAD;
+    *least = joint ? 1u : 0u;
+    *most = joint || link ? 7u : 0u;
+}
+
+void test_every_variable_takes_its_own_range_of_indices(void)
+{
+    for (uint8_t var = 0u; var < KC_VAR_COUNT; var++) {
+        uint8_t least, most;
+        index_limits(var, &least, &most);
+        for (uint8_t i = 0u; i <= 9u; i++) {
+            int32_t index;
+            double got;
+            s_t.term[1].basis[1].var = var;
+            s_t.term[1].basis[1].index = i;
+            const kc_status_t want = i >= least && i <= most ? KC_OK : KC_ERR_RANGE;
+            TEST_ASSERT_EQUAL_INT(want, kc_terms_validate(&s_t, 7u, &index, &got));
+        }
+    }
+}
