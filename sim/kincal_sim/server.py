@@ -17,9 +17,8 @@ from pathlib import Path
 import kcm
 
 from .bus import LEAVE, Bus
-from .camera import Camera, load_config
-from .fastcam import FastCamera
-from .scenario import generator, load
+from .eyes import Darkroom, fast_eye, pixel_eye
+from .scenario import load
 from .world import World
 
 TICK_US = 100_000
@@ -33,39 +32,6 @@ WHO = {
     "executive": kcm.tick_done_t.WHO_EXECUTIVE,
 }
 EXIT_TIME_LIMIT, EXIT_SILENT = 3, 4
-
-
-def pixel_eye(world: World):
-    """KC_IMAGE: a rendered JPEG."""
-    camera = Camera(load_config(world.arm.spec, optics=world.scenario.camera), world.arm.model)
-    rng = generator(world.seed, "camera")
-
-    def expose(frame):
-        grey = camera.render(world.arm.data, frame.T_base_cam, frame.T_base_tool, rng)
-        jpeg = camera.encode(grey).jpeg
-        m = kcm.image_t()
-        m.t_us, m.seq, m.height_px, m.width_px = frame.t_us, frame.seq, *grey.shape
-        m.n_bytes, m.jpeg = len(jpeg), jpeg
-        return m
-
-    return "KC_IMAGE", expose
-
-
-def fast_eye(world: World):
-    """KC_DETECTION without drawing anything: what the tag detector would say."""
-    cfg = load_config(world.arm.spec, fast=world.scenario.fastcam)
-    camera = FastCamera(cfg, world.arm.model)
-    rng = generator(world.seed, "detections")
-
-    def expose(frame):
-        fields = camera.detect(world.arm.data, frame.T_base_cam, frame.T_base_tool, rng)
-        m = kcm.detection_t()
-        for name, value in fields.items():
-            setattr(m, name, value)
-        m.t_us, m.seq = frame.t_us, frame.seq
-        return m
-
-    return "KC_DETECTION", expose
 
 
 class Silent(RuntimeError):
@@ -133,7 +99,7 @@ def run_lockstep(world: World, bus: Bus, who: set[int], limit_s: float) -> int:
     return 0
 
 
-def run_realtime(world: World, bus: Bus, limit_s: float) -> int:
+def run_realtime(world: World, bus: Bus, darkroom: Darkroom, limit_s: float) -> int:
     """Step at 10 Hz of the wall clock and wait for nobody; ends when the executive leaves."""
     gone: list[int] = []
     bus.listen("KC_TICK_DONE", lambda _, m: gone.append(m.who) if m.tick == LEAVE else None)
@@ -145,7 +111,8 @@ def run_realtime(world: World, bus: Bus, limit_s: float) -> int:
         if due - start > limit_s:
             print(f"time limit of {limit_s:g} s reached", file=sys.stderr)
             return EXIT_TIME_LIMIT
-        for channel, message in world.step(time.time_ns() // 1000):
+        now_us = time.time_ns() // 1000
+        for channel, message in world.step(now_us) + darkroom.finished(now_us, world.moved_us):
             bus.publish(channel, message)
     return 0
 
@@ -174,7 +141,9 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 def main(argv: list[str] | None = None) -> int:
     o = options(argv)
     scenario = load(o.scenario)
-    world = World(scenario, o.seed, fast_eye if o.fast else pixel_eye)
+    eye = fast_eye if o.fast else pixel_eye
+    darkroom = Darkroom(eye)
+    world = World(scenario, o.seed, darkroom.eye if o.realtime else eye)
     o.out.mkdir(parents=True, exist_ok=True)
     mode = "fast" if o.fast else "pixels"
     (o.out / "truth.json").write_text(json.dumps(world.truth_record(mode), indent=1) + "\n")
@@ -184,7 +153,7 @@ def main(argv: list[str] | None = None) -> int:
     # A little longer than the executive waits itself, which then aborts in good order.
     limit_s = o.limit or scenario.executive.total_timeout_s + 60.0
     if o.realtime:
-        return run_realtime(world, bus, limit_s)
+        return run_realtime(world, bus, darkroom, limit_s)
     names = (
         o.participants.split(",")
         if o.participants

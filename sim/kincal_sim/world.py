@@ -37,8 +37,7 @@ class Frame:
 
 
 class World:
-    """Scenario truth, controllers and camera. eye(world, frame) makes the message of an exposure and is
-    (channel, function): pixels or, in the fast mode, the detection itself."""
+    """Scenario truth, controllers and camera (see eyes.py) on one clock."""
 
     def __init__(self, scenario: Scenario, seed: int, eye):
         self.scenario, self.seed = scenario, seed
@@ -46,13 +45,14 @@ class World:
         self.truth = scenario.build_truth(self.arm)
         self.controller = ArmController(self.arm.spec)
         self.head = HeadController(self.arm.spec)
-        self.eye_channel, self.eye = eye(self)
+        self.eye_channel, self.eye = eye(scenario, self.arm, seed)
         self.encoder_rng = generator(seed, "encoders")
         self.now_us: int | None = None
         self.inbox: list[tuple[str, object]] = []
         self.frames_due: list[int] = []
         self.seq = 0
         self.next_truth_us = 0
+        self.moved_us = -1  # when arm or head were last seen moving
 
     def take(self, channel: str, message) -> None:
         """A command from flight; acted on when time next moves."""
@@ -65,6 +65,8 @@ class World:
         self.seq += 1
         q, dq, moving = self.controller.mover.at(now_us * 1e-6)
         head, _, head_moving = self.head.mover.at(now_us * 1e-6)
+        if moving or head_moving:
+            self.moved_us = now_us
         out = [
             ("KC_ARM_STATE", self._arm_state(q, dq, moving)),
             ("KC_PANTILT_STATE", self._pantilt_state(head, head_moving)),
@@ -72,7 +74,8 @@ class World:
         truth_due = now_us >= self.next_truth_us
         if self.frames_due or truth_due:
             q_true = self._stand(q, head)
-            out += [(self.eye_channel, self.eye(self._frame(seq))) for seq in self.frames_due]
+            seen = [(self.eye_channel, self.eye(self._frame(seq))) for seq in self.frames_due]
+            out += [(channel, m) for channel, m in seen if m is not None]  # None: comes when it is drawn
             self.frames_due = []
         if truth_due:
             self.next_truth_us = now_us - now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US

@@ -9,9 +9,10 @@ import time
 
 import numpy as np
 import pytest
-from runs import FAKE_FSW, coefficient_names, fake_run, fly, held_out_rms, messages, raw, running_with
+from runs import FAKE_FSW, ROOT, coefficient_names, fake_run, fly, held_out_rms, messages, raw, running_with
 
 import kcm
+from kincal import core, tables
 from kincal_sim import launch, server
 from kincal_sim.executive import Executive
 from kincal_sim.scenario import SCENARIO_DIR, ScenarioError, load
@@ -30,7 +31,7 @@ FLIGHT_CHANNELS = (
 )
 
 
-def no_eye(_world):
+def no_eye(*_):
     return "KC_DETECTION", lambda _frame: kcm.detection_t()
 
 
@@ -422,3 +423,24 @@ def test_flight_telemetry_is_the_same_to_the_byte_for_one_seed(runs, tmp_path):
     first, again = raw(out / "run.lcmlog"), raw(tmp_path / "run.lcmlog")
     for channel in FLIGHT_CHANNELS:
         assert first.get(channel, []) == again.get(channel, []), channel
+
+
+def test_the_flight_model_explains_the_simulated_truth():
+    """Two independent kinematics, one truth: exact for geometry, second order in the give for compliance."""
+    arm, terms = (
+        tables.decode((ROOT / "tables" / "bin" / f"{k}.tbl").read_bytes())[1] for k in ("arm", "terms")
+    )
+    model, names = core.Model(arm, terms), coefficient_names()
+    for name, allowed_m in (("paper", 1e-12), ("encoder_bias", 1e-12), ("compliance", 2e-4)):
+        record = World(load(name), 1, no_eye).truth_record("fast")
+        coef = np.zeros(len(names))
+        for key, value in record["errors"].items():
+            coef[names.index(key)] = value
+        worst, nominal = (
+            max(
+                np.linalg.norm(model.eval(h["q_rad"], c, want_J=False).T.p_m - h["p_m"])
+                for h in record["held_out"]
+            )
+            for c in (coef, None)
+        )
+        assert worst < allowed_m < 0.1 * nominal

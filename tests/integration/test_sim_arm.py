@@ -1,6 +1,7 @@
 """The simulator's arm, controllers and clockwork, against formulas written out here."""
 
 import itertools
+import time
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import kcm
 from kincal_sim import geom
 from kincal_sim.arm import Arm, ErrorNames, load_spec, split_errors
 from kincal_sim.effects import Compliance, State, Truth
+from kincal_sim.eyes import Darkroom
 from kincal_sim.motion import ArmController, HeadController, Mover
 from kincal_sim.scenario import ArmTruth, Scenario, load
 from kincal_sim.world import World
@@ -307,7 +309,7 @@ def test_the_head_stops_at_its_limits_and_keeps_its_speed_limit():
 # -- the world: messages in, messages out -----------------------------------------------------------
 
 
-def still_eye(_world):
+def still_eye(*_):
     """A camera that reports the frame it was given."""
 
     def expose(frame):
@@ -402,3 +404,40 @@ def test_a_collision_is_noticed(nominal):
     # Bent down and forward, the arm reaches through the deck.
     nominal.set([3.0, 2.0, 0.0, 0.5, 0.0, 0.0, 0.0], 0.0, 0.0)
     assert any("deck" in pair for pair in nominal.collisions())
+
+
+# -- frames drawn beside the clock (real time) ------------------------------------------------------
+
+
+def drawn(room, now_us, moved_us):
+    """What the darkroom hands out, waiting for its thread."""
+    deadline = time.monotonic() + 20.0
+    while time.monotonic() < deadline:
+        if out := room.finished(now_us, moved_us):
+            return out
+        time.sleep(0.005)
+    raise AssertionError("nothing was drawn")
+
+
+def test_a_frame_of_a_still_scene_counts_as_taken_when_it_is_drawn():
+    room = Darkroom(still_eye)
+    world = World(load("paper"), 1, room.eye)
+    instant = World(load("paper"), 1, still_eye)
+    for w in (world, instant):
+        steps(w, 3)
+        w.take("KC_FRAME_REQUEST", kcm.frame_request_t())
+    assert "KC_DETECTION" not in steps(world, 1, 4)[0]
+    expected = steps(instant, 1, 4)[0]["KC_DETECTION"]
+    ((channel, m),) = drawn(room, 900_000, world.moved_us)
+    assert (channel, m.t_us) == ("KC_DETECTION", 900_000)
+    assert m.p_cam_tool_m == expected.p_cam_tool_m
+
+
+def test_a_frame_of_a_moving_scene_keeps_the_time_of_its_exposure():
+    room = Darkroom(still_eye)
+    world = World(load("paper"), 1, room.eye)
+    steps(world, 3)
+    world.take("KC_ARM_CMD", arm_cmd(1, [0.5, -0.3, 0.2, 1.9, 0.3, 0.2, -0.4]))
+    world.take("KC_FRAME_REQUEST", kcm.frame_request_t())
+    steps(world, 1, 4)
+    assert drawn(room, 900_000, world.moved_us)[0][1].t_us == 400_000
