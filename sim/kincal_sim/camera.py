@@ -263,9 +263,7 @@ class Camera:
         near_thing = (scene_depth < plane - OCCLUSION_MARGIN_M) & (cover > 0.0)
         if np.any(near_thing):
             # Something cuts into the tag: draw the scene there as finely as the tag.
-            fine = next(
-                (s for s in (4, 2) if w * s <= cfg.width_px and h * s <= cfg.height_px), 1
-            )
+            fine = next((s for s in (4, 2) if w * s <= cfg.width_px and h * s <= cfg.height_px), 1)
             grey, scene_depth = self._draw(T_base_cam, int(u0), int(v0), w, h, fine)
             k = SUPER // fine
             ground = np.repeat(np.repeat(grey, k, 0), k, 1)

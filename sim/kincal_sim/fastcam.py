@@ -107,7 +107,9 @@ def _from_corners(cfg: Config, seen: list[Visible], corners: list[np.ndarray]):
     if pose is None:
         return None
     points = np.vstack([pnp.tool_corners(v.tag.T_tool_tag, v.tag.size_m) for v in seen])
-    sigma = pnp.corner_sigma(pose.rms_px, len(points), cfg.fast["corner_floor_px"])
+    sigma = pnp.corner_sigma(
+        pose.rms_px, len(points), cfg.fast["corner_sigma_px"], cfg.fast["corner_sigma_weight"]
+    )
     return pose, pnp.covariance(pnp.jacobian(cfg.K, pose.R, pose.p_m, points), sigma)
 
 

@@ -55,10 +55,10 @@ def jacobian(K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray) ->
     return J
 
 
-def corner_sigma(rms_px: float, n_corners: int, floor_px: float) -> float:
-    """Corner noise: the floor, or what the residual shows once its 6 lost degrees are counted."""
+def corner_sigma(rms_px: float, n_corners: int, known_px: float, weight: float) -> float:
+    """Corner noise: what is known beforehand, for `weight` residuals, and the residuals of this fit."""
     n = 2 * n_corners
-    return max(floor_px, rms_px * np.sqrt(n / (n - 6.0)))
+    return float(np.sqrt((weight * known_px**2 + n * rms_px**2) / (weight + n - 6.0)))
 
 
 def covariance(J: np.ndarray, sigma_px: float) -> np.ndarray:

@@ -45,7 +45,9 @@ Detector::~Detector()
 
 std::vector<Seen> Detector::find(const cv::Mat &grey, int *unknown)
 {
-    if (grey.type() != CV_8UC1 || grey.empty()) { throw std::invalid_argument("the image is not 8-bit grey"); }
+    if (grey.type() != CV_8UC1 || grey.empty()) {
+        throw std::invalid_argument("the image is not 8-bit grey");
+    }
     image_u8_t view = {grey.cols, grey.rows, static_cast<int32_t>(grey.step[0]), grey.data};
     zarray_t *all = apriltag_detector_detect(detector_, &view);
     std::vector<const apriltag_detection_t *> best(config_.tags.size(), nullptr);

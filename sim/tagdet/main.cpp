@@ -36,10 +36,7 @@ constexpr int HEARTBEAT_MS = 100;
 
 volatile std::sig_atomic_t stop_requested = 0;
 
-void on_signal(int)
-{
-    stop_requested = 1;
-}
+void on_signal(int) { stop_requested = 1; }
 
 struct Options {
     std::string url;
@@ -96,9 +93,9 @@ kcm_detection_t look(const Config &config, Detector &detector, const cv::Mat &gr
                                  ", the configuration says " + std::to_string(config.width_px) + "x" +
                                  std::to_string(config.height_px));
     }
-    const std::vector<Seen> seen = detector.find(grey, unknown);
+    std::vector<Seen> seen = detector.find(grey, unknown);
     Solution s{};
-    if (!seen.empty() && tagdet::solve(config, seen, &s)) {
+    if (tagdet::solve(config, &seen, &s)) {
         msg.n_tags = static_cast<int32_t>(seen.size());
         fill_corners(seen, &msg);
         fill_pose(config, s, &msg);
@@ -126,10 +123,12 @@ public:
         std::fprintf(stderr, "kincal-tagdet: listening on %s\n", options_.url.c_str());
         while (stop_requested == 0) {
             if (options_.lockstep && last_tick_ == 0) { say_done(); }
-            if (lcm_handle_timeout(lcm_, HEARTBEAT_MS) < 0) { throw std::runtime_error("LCM stopped working"); }
+            if (lcm_handle_timeout(lcm_, HEARTBEAT_MS) < 0) {
+                throw std::runtime_error("LCM stopped working");
+            }
         }
-        std::fprintf(stderr, "kincal-tagdet: %ld images, %ld with a pose, %ld unknown tags\n", images_, poses_,
-                     unknown_);
+        std::fprintf(stderr, "kincal-tagdet: %ld images, %ld with a pose, %ld unknown tags\n", images_,
+                     poses_, unknown_);
     }
 
 private:
@@ -155,7 +154,9 @@ private:
             int unknown = 0;
             msg = look(config_, detector_, grey, &unknown);
             unknown_ += unknown;
-            if (unknown > 0) { std::fprintf(stderr, "kincal-tagdet: frame %d: %d unknown tags\n", image.seq, unknown); }
+            if (unknown > 0) {
+                std::fprintf(stderr, "kincal-tagdet: frame %d: %d unknown tags\n", image.seq, unknown);
+            }
         } catch (const std::exception &e) {
             // A damaged picture is the world's fault: tell, and answer nothing rather than "no tag".
             std::fprintf(stderr, "kincal-tagdet: frame %d dropped: %s\n", image.seq, e.what());
@@ -168,8 +169,8 @@ private:
         published_++;
         if (options_.verbose) {
             const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
-            std::fprintf(stderr, "kincal-tagdet: frame %d: %d tags, rms %.3f px, %.0f ms\n", msg.seq, msg.n_tags,
-                         msg.rms_px, took.count());
+            std::fprintf(stderr, "kincal-tagdet: frame %d: %d tags, rms %.3f px, %.0f ms\n", msg.seq,
+                         msg.n_tags, msg.rms_px, took.count());
         }
     }
 
@@ -204,8 +205,7 @@ private:
     long unknown_ = 0;
 };
 
-template <size_t N>
-void print_list(const char *name, const double (&values)[N], const char *end)
+template <size_t N> void print_list(const char *name, const double (&values)[N], const char *end)
 {
     std::printf("\"%s\": [", name);
     for (size_t i = 0; i < N; i++) { std::printf("%s%.17g", i == 0 ? "" : ", ", values[i]); }
@@ -214,7 +214,8 @@ void print_list(const char *name, const double (&values)[N], const char *end)
 
 void print_json(const std::string &path, const kcm_detection_t &d, int unknown, double took_ms)
 {
-    std::printf("{\"image\": \"%s\", \"ms\": %.1f, \"unknown_tags\": %d, \"n_tags\": %d, \"tag_id\": [%d, %d, %d, %d], ",
+    std::printf("{\"image\": \"%s\", \"ms\": %.1f, \"unknown_tags\": %d, \"n_tags\": %d, \"tag_id\": [%d, "
+                "%d, %d, %d], ",
                 path.c_str(), took_ms, unknown, d.n_tags, d.tag_id[0], d.tag_id[1], d.tag_id[2], d.tag_id[3]);
     print_list("p_cam_tool_m", d.p_cam_tool_m, ", ");
     print_list("q_cam_tool_wxyz", d.q_cam_tool_wxyz, ", ");
@@ -282,7 +283,7 @@ Options parse(int argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    struct sigaction action {};
+    struct sigaction action{};
     action.sa_handler = on_signal;
     sigaction(SIGINT, &action, nullptr);
     sigaction(SIGTERM, &action, nullptr);

@@ -40,7 +40,8 @@ double reprojection_rms(const cv::Matx33d &K, const Pose &pose, const Points &to
 {
     double sum = 0.0;
     for (size_t i = 0; i < tool.size(); i++) {
-        const cv::Vec3d x = K * (pose.R_cam_tool * cv::Vec3d(tool[i].x, tool[i].y, tool[i].z) + pose.p_cam_tool);
+        const cv::Vec3d x = K *
+                            (pose.R_cam_tool * cv::Vec3d(tool[i].x, tool[i].y, tool[i].z) + pose.p_cam_tool);
         const double du = x[0] / x[2] - pixels[i].x;
         const double dv = x[1] / x[2] - pixels[i].y;
         sum += du * du + dv * dv;
@@ -68,7 +69,8 @@ std::vector<Pose> plane_poses(const cv::Matx33d &K, const Seen &seen)
     std::vector<cv::Mat> rvecs;
     std::vector<cv::Mat> tvecs;
     const Pixels pixels(seen.corner_px.begin(), seen.corner_px.end());
-    cv::solvePnPGeneric(tag_corners(*seen.tag), pixels, K, cv::noArray(), rvecs, tvecs, false, cv::SOLVEPNP_IPPE);
+    cv::solvePnPGeneric(tag_corners(*seen.tag), pixels, K, cv::noArray(), rvecs, tvecs, false,
+                        cv::SOLVEPNP_IPPE);
     std::vector<Pose> poses;
     for (size_t i = 0; i < rvecs.size(); i++) {
         cv::Matx33d R_cam_tag;
@@ -91,7 +93,8 @@ bool covariance(const Config &config, const Pose &pose, const Points &tool, cv::
     for (const cv::Point3d &corner : tool) {
         const cv::Vec3d r = pose.R_cam_tool * cv::Vec3d(corner.x, corner.y, corner.z);
         const cv::Vec3d x = r + pose.p_cam_tool;
-        const cv::Matx23d D(fx / x[2], 0.0, -fx * x[0] / (x[2] * x[2]), 0.0, fy / x[2], -fy * x[1] / (x[2] * x[2]));
+        const cv::Matx23d D(fx / x[2], 0.0, -fx * x[0] / (x[2] * x[2]), 0.0, fy / x[2],
+                            -fy * x[1] / (x[2] * x[2]));
         // A small turn w moves the corner by w x r = -[r]x w.
         const cv::Matx33d minus_cross(0.0, r[2], -r[1], -r[2], 0.0, r[0], r[1], -r[0], 0.0);
         const cv::Matx23d Dw = D * minus_cross;
@@ -106,10 +109,12 @@ bool covariance(const Config &config, const Pose &pose, const Points &tool, cv::
     }
     bool ok = false;
     const cv::Matx66d inverse = JtJ.inv(cv::DECOMP_CHOLESKY, &ok);
-    // The fit used up 6 of the 2n residuals.
+    // The known corner noise counts as so many residuals, beside those of this fit that its 6 unknowns
+    // left free: with one tag these are only two.
     const double n = 2.0 * static_cast<double>(tool.size());
-    const double sigma = std::max(config.sigma_floor_px, pose.rms_px * std::sqrt(n / (n - 6.0)));
-    if (ok) { *cov = 0.5 * (inverse + inverse.t()) * (sigma * sigma); }
+    const double known = config.corner_sigma_weight * config.corner_sigma_px * config.corner_sigma_px;
+    const double sigma2 = (known + n * pose.rms_px * pose.rms_px) / (config.corner_sigma_weight + n - 6.0);
+    if (ok) { *cov = 0.5 * (inverse + inverse.t()) * sigma2; }
     return ok;
 }
 
@@ -125,8 +130,7 @@ double least_incidence(const Pose &pose, const std::vector<Seen> &seen)
     return best;
 }
 
-template <typename T>
-T field(const cv::FileNode &node, const char *name, const std::string &where)
+template <typename T> T field(const cv::FileNode &node, const char *name, const std::string &where)
 {
     const cv::FileNode value = node[name];
     if (value.empty() || !(value.isInt() || value.isReal())) {
@@ -141,9 +145,12 @@ Tag load_tag(const cv::FileNode &node, const std::string &where)
     tag.id = field<int>(node, "id", where);
     tag.size_m = field<double>(node, "size_m", where);
     const double a = field<double>(node, "turn_y_deg", where) * CV_PI / 180.0;
-    tag.R_tool_tag = cv::Matx33d(std::cos(a), 0.0, std::sin(a), 0.0, 1.0, 0.0, -std::sin(a), 0.0, std::cos(a));
+    tag.R_tool_tag = cv::Matx33d(std::cos(a), 0.0, std::sin(a), 0.0, 1.0, 0.0, -std::sin(a), 0.0,
+                                 std::cos(a));
     const cv::FileNode xyz = node["xyz_m"];
-    if (!xyz.isSeq() || xyz.size() != 3) { throw std::runtime_error(where + ": 'xyz_m' needs three numbers"); }
+    if (!xyz.isSeq() || xyz.size() != 3) {
+        throw std::runtime_error(where + ": 'xyz_m' needs three numbers");
+    }
     for (int i = 0; i < 3; i++) { tag.p_tool_tag[i] = static_cast<double>(xyz[i]); }
     if (tag.id < 0 || !(tag.size_m > 0.0)) {
         throw std::runtime_error(where + ": a tag needs an id >= 0 and a size above 0");
@@ -168,10 +175,10 @@ std::array<double, 4> quaternion(const cv::Matx33d &R)
     const double yz = R(1, 2) + R(2, 1);
     std::array<double, 4> q{};
     switch (k) {
-        case 0: q = {four[0] * s, a * s, b * s, c * s}; break;
-        case 1: q = {a * s, four[1] * s, xy * s, xz * s}; break;
-        case 2: q = {b * s, xy * s, four[2] * s, yz * s}; break;
-        default: q = {c * s, xz * s, yz * s, four[3] * s}; break;
+    case 0: q = {four[0] * s, a * s, b * s, c * s}; break;
+    case 1: q = {a * s, four[1] * s, xy * s, xz * s}; break;
+    case 2: q = {b * s, xy * s, four[2] * s, yz * s}; break;
+    default: q = {c * s, xz * s, yz * s, four[3] * s}; break;
     }
     const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     const double scale = q[0] < 0.0 ? -1.0 / norm : 1.0 / norm;
@@ -179,7 +186,10 @@ std::array<double, 4> quaternion(const cv::Matx33d &R)
     return q;
 }
 
-bool solve(const Config &config, const std::vector<Seen> &seen, Solution *out)
+namespace {
+
+// The fit to exactly these tags.
+bool solve_all(const Config &config, const std::vector<Seen> &seen, Solution *out)
 {
     Points tool;
     Pixels pixels;
@@ -198,7 +208,8 @@ bool solve(const Config &config, const std::vector<Seen> &seen, Solution *out)
         }
     }
     if (found.empty()) { return false; }
-    std::stable_sort(found.begin(), found.end(), [](const Pose &a, const Pose &b) { return a.rms_px < b.rms_px; });
+    std::stable_sort(found.begin(), found.end(),
+                     [](const Pose &a, const Pose &b) { return a.rms_px < b.rms_px; });
 
     Solution s{};
     s.best = found.front();
@@ -210,6 +221,36 @@ bool solve(const Config &config, const std::vector<Seen> &seen, Solution *out)
     if (!covariance(config, s.best, tool, &s.cov)) { return false; }
     *out = s;
     return true;
+}
+
+// Takes out the tag whose absence leaves the best fit; false if no fit is left without any one of them.
+bool drop_worst(const Config &config, std::vector<Seen> *seen, Solution *out)
+{
+    bool found = false;
+    std::vector<Seen> kept;
+    for (size_t k = 0; k < seen->size(); k++) {
+        std::vector<Seen> rest = *seen;
+        rest.erase(rest.begin() + static_cast<long>(k));
+        Solution s{};
+        if (!rest.empty() && solve_all(config, rest, &s) && (!found || s.best.rms_px < out->best.rms_px)) {
+            found = true;
+            *out = s;
+            kept = rest;
+        }
+    }
+    *seen = kept;
+    return found;
+}
+
+}  // namespace
+
+bool solve(const Config &config, std::vector<Seen> *seen, Solution *out)
+{
+    Solution s{};
+    bool fits = !seen->empty() && solve_all(config, *seen, &s);
+    while (fits && s.best.rms_px > config.max_rms_px) { fits = drop_worst(config, seen, &s); }
+    if (fits) { *out = s; }
+    return fits;
 }
 
 Config load_config(const std::string &path)
@@ -227,7 +268,9 @@ Config load_config(const std::string &path)
     c.height_px = field<int>(root, "height_px", path);
     c.K = cv::Matx33d(field<double>(root, "fx_px", path), 0.0, field<double>(root, "cx_px", path), 0.0,
                       field<double>(root, "fy_px", path), field<double>(root, "cy_px", path), 0.0, 0.0, 1.0);
-    c.sigma_floor_px = field<double>(root, "sigma_floor_px", path);
+    c.corner_sigma_px = field<double>(root, "corner_sigma_px", path);
+    c.corner_sigma_weight = field<double>(root, "corner_sigma_weight", path);
+    c.max_rms_px = field<double>(root, "max_rms_px", path);
     c.quad_decimate = field<float>(root, "quad_decimate", path);
     c.threads = field<int>(root, "threads", path);
     c.max_hamming = field<int>(root, "max_hamming", path);
@@ -236,10 +279,11 @@ Config load_config(const std::string &path)
         c.tags.push_back(load_tag(node, path + ": tag " + std::to_string(c.tags.size() + 1)));
     }
     const bool sane = c.width_px > 0 && c.height_px > 0 && c.K(0, 0) > 0.0 && c.K(1, 1) > 0.0 &&
-                      c.sigma_floor_px > 0.0 && c.quad_decimate >= 1.0F && c.threads >= 1 && c.max_hamming >= 0 &&
-                      c.max_hamming <= 2;
+                      c.corner_sigma_px > 0.0 && c.corner_sigma_weight >= 0.0 && c.max_rms_px > 0.0 &&
+                      c.quad_decimate >= 1.0F && c.threads >= 1 && c.max_hamming >= 0 && c.max_hamming <= 2;
     if (!sane) {
-        throw std::runtime_error(path + ": image size, focal lengths, sigma_floor_px, quad_decimate (>= 1), "
+        throw std::runtime_error(path + ": image size, focal lengths, corner_sigma_px, corner_sigma_weight, "
+                                        "max_rms_px, quad_decimate (>= 1), "
                                         "threads (>= 1) or max_hamming (0..2) is out of range");
     }
     if (c.tags.empty() || c.tags.size() > 4) { throw std::runtime_error(path + ": 1 to 4 tags are needed"); }

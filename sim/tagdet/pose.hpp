@@ -21,7 +21,8 @@ struct Tag {
 struct Config {
     int width_px, height_px;
     cv::Matx33d K;  // pixel centres have whole coordinates
-    double sigma_floor_px;
+    double corner_sigma_px, corner_sigma_weight;
+    double max_rms_px;
     float quad_decimate;
     int threads, max_hamming;
     double min_decision_margin;
@@ -52,9 +53,10 @@ struct Solution {
 };
 
 // One pose from all tags together. Each tag's two plane poses (IPPE) are refined on all corners; the
-// one with the least reprojection error is the answer. False if no candidate is in front of the
-// camera or the geometry does not fix a pose; *out is then unchanged.
-bool solve(const Config &config, const std::vector<Seen> &seen, Solution *out);
+// one with the least reprojection error is the answer. While its RMS is above max_rms_px, the tag
+// that spoils it most is taken out of *seen: something hides a part of it. False, with *out unchanged,
+// if nothing is left, no candidate is in front of the camera or the geometry does not fix a pose.
+bool solve(const Config &config, std::vector<Seen> *seen, Solution *out);
 
 // Unit quaternion (w, x, y, z), w >= 0.
 std::array<double, 4> quaternion(const cv::Matx33d &R);
