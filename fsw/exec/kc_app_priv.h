@@ -189,6 +189,9 @@ int kc_move_arrived(const kc_app_t *app);
 int kc_move_late(kc_app_t *app, kc_out_t *out);
 /* Wanted tool pose of a candidate. */
 void kc_move_goal(const kc_app_t *app, uint32_t cand, kc_pose_t *T);
+/* Joints that bring the corrected arm to the candidate, as far as the leash lets them. Not reaching it is
+ * no error: the servo goes on from there, and a pose measured beside its candidate is still a pose. */
+void kc_move_joints(kc_app_t *app, uint32_t cand, uint32_t iter_max, double *q);
 /* Plan the way to the candidate and start; KC_ERR_PATH: nothing done. */
 kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand);
 /* Node the arm stands at, inside its leash; KC_NODE_NONE and the distance otherwise. */

@@ -116,13 +116,11 @@ void kc_move_goal(const kc_app_t *app, uint32_t cand, kc_pose_t *T)
     kc_quat_to_R(q, T->R);
 }
 
-/* Joints that bring the corrected arm to the candidate, as far as the leash lets them. Not reaching it is
- * no error: the servo goes on from there, and a pose measured beside its candidate is still a pose. */
-static void corrected_joints(kc_app_t *app, uint32_t cand, double *q)
+void kc_move_joints(kc_app_t *app, uint32_t cand, uint32_t iter_max, double *q)
 {
     const kc_active_t *a = &app->tables.active;
     const kc_servo_opt_t *s = &a->config.servo;
-    kc_ik_opt_t opt = {IK_ITER_MAX, s->tol_pos_m, s->tol_rot_rad, s->margin, IK_STEP_MAX};
+    kc_ik_opt_t opt = {iter_max, s->tol_pos_m, s->tol_rot_rad, s->margin, IK_STEP_MAX};
     double seed[KC_JOINT_MAX];
     kc_pose_t goal;
     kc_move_goal(app, cand, &goal);
@@ -187,7 +185,7 @@ kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
     app->look.seen_here = 0u;
     app->look.retreat = 0u;
     kc_servo_forget(&app->look.servo);
-    corrected_joints(app, cand, l->q_final);
+    kc_move_joints(app, cand, IK_ITER_MAX, l->q_final);
     kc_app_enter(app, KC_ST_MOVE);
     send_leg(app, out);
     expect(app, l->q_final, p); /* the head may turn meanwhile */

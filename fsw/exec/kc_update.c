@@ -6,6 +6,7 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
+#define PREDICT_ITER_MAX 8u  /* enough for a good guess of the joints at a candidate */
 #define GOOD_NOISE_SCALE 2.0 /* a first fit with more residual than this is tried from a second start */
 
 /* ---- start ---- */
@@ -306,6 +307,20 @@ static void expected_cov(const kc_app_t *app, double cov[36])
     }
 }
 
+/* Where the joints will be at each candidate once the servo is done there: with large errors far from the
+ * seeds, and what a pose tells depends on the joints (tests/bench/samples.py --space). */
+static void predict_joints(kc_app_t *app)
+{
+    for (uint32_t c = 0u; c < app->tables.active.space.n_cand; c++) {
+        double q[KC_JOINT_MAX] = {0};
+        if (app->cal.usable[c] == 0u) { continue; }
+        kc_move_joints(app, c, PREDICT_ITER_MAX, q);
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
+            app->tables.staging.choice.cand_q[c * KC_JOINT_MAX + j] = (float)q[j];
+        }
+    }
+}
+
 /* The acquisition asked for; random where it cannot be evaluated (GP lost, nothing solved yet). */
 static kc_status_t acquire(kc_app_t *app, uint32_t *cand)
 {
@@ -318,6 +333,7 @@ static kc_status_t acquire(kc_app_t *app, uint32_t *cand)
     } else if ((c->acq == KC_ACQ_DOPT || c->acq == KC_ACQ_VOPT) && c->n_meas > 0u && solved(c->est_status)) {
         double cov[36];
         expected_cov(app, cov);
+        predict_joints(app);
         kc_choice_work_t *w = &app->tables.staging.choice;
         st = kc_acq_info(c->acq, &app->est, w->cand_q, a->space.n_cand, c->usable, cov, a->config.vopt_len_m,
                          &w->acq, cand, &c->acq_value);
