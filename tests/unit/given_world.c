@@ -1,0 +1,374 @@
+#include "given_world.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "kc_rng.h"
+#include "kc_vec.h"
+
+world_t world;
+
+static const uint16_t s_kinds[] = {1, 2, 3, 4, 5, 6, 7, KC_STORE_PREV, KC_STORE_PROPOSAL, KC_STORE_JOURNAL};
+
+void given_world(void)
+{
+    memset(&world, 0, sizeof world);
+    given_arm(&world.arm);
+    given_camera(&world.camera);
+    given_terms(&world.terms);
+    given_kernel(&world.kernel);
+    given_config(&world.config);
+    world.config.settle_us = 100000u;
+    world.config.n_poses = 6u;
+    world.truth = world.arm;
+    world.now_us = 1000000u;
+    world.rng = 7u;
+    world.noise_m = 1e-4;
+    world.noise_rad = 2e-4;
+    given_space(&world.space, 24u, 1u);
+}
+
+static void offer(uint16_t kind, const void *table)
+{
+    uint32_t n = given_image(kind, table, world.image);
+    (void)kc_app_load(&kc_app_instance, kind, world.image, n);
+}
+
+static void offer_default(uint16_t kind)
+{
+    switch (kind) {
+    case KC_TBL_ARM: offer(kind, &world.arm); break;
+    case KC_TBL_CAMERA: offer(kind, &world.camera); break;
+    case KC_TBL_TERMS: offer(kind, &world.terms); break;
+    case KC_TBL_SPACE:
+        world.space.arm_crc = kc_app_instance.tables.active.crc[KC_TBL_ARM];
+        offer(kind, &world.space);
+        break;
+    case KC_TBL_KERNEL: offer(kind, &world.kernel); break;
+    case KC_TBL_CONFIG: offer(kind, &world.config); break;
+    default: break; /* no correction: nominal */
+    }
+}
+
+void world_boot(void)
+{
+    kc_app_init(&kc_app_instance);
+    for (uint32_t i = 0u; i < sizeof s_kinds / sizeof s_kinds[0]; i++) {
+        uint16_t k = s_kinds[i];
+        for (uint32_t s = 0u; s < 2u; s++) {
+            if (world.stored[k][s] > 0u) {
+                (void)kc_app_load(&kc_app_instance, k, world.store[k][s], world.stored[k][s]);
+            }
+        }
+        offer_default(k);
+    }
+    kc_app_boot(&kc_app_instance);
+}
+
+void world_restart(void)
+{
+    world.asked = 0;
+    memset(&world.in, 0, sizeof world.in);
+    memset(world.events, 0, sizeof world.events);
+    world.cmd_seq[1] = world.cmd_seq[2] = 0;
+    world_boot();
+}
+
+/* ---- arm and head ---- */
+
+static int approach(double *x, double goal, double step)
+{
+    double d = goal - *x;
+    if (fabs(d) <= step) {
+        *x = goal;
+        return fabs(d) > 0.0;
+    }
+    *x += d > 0.0 ? step : -step;
+    return 1;
+}
+
+/* All joints arrive together: straight in joint space. */
+static int move_arm(void)
+{
+    double far = 0.0;
+    if (world.freeze_arm) { return 0; }
+    for (uint32_t j = 0u; j < 7u; j++) { far = fmax(far, fabs(world.q_cmd[j] - world.q[j])); }
+    double part = far > 0.4 ? 0.4 / far : 1.0;
+    for (uint32_t j = 0u; j < 7u; j++) { world.q[j] += part * (world.q_cmd[j] - world.q[j]); }
+    return far > 0.0;
+}
+
+static void tell_arm(int moving)
+{
+    kc_arm_state_t *a = &world.in.arm;
+    world.in.has_arm = !world.mute_arm;
+    memset(a, 0, sizeof *a);
+    a->t_us = world.now_us;
+    a->seq = ++world.arm_seq;
+    a->n_joints = 7u;
+    memcpy(a->q, world.q, sizeof a->q);
+    memcpy(a->q_cmd, world.q_cmd, sizeof a->q_cmd);
+    a->moving = moving || world.shake_arm > 0;
+    world.shake_arm -= world.shake_arm > 0;
+    a->fault_mask = world.fault;
+    a->temp_c = 20.0;
+    a->g_m_s2[2] = -9.81;
+}
+
+static void tell_head(int moving)
+{
+    kc_pantilt_state_t *h = &world.in.pantilt;
+    world.in.has_pantilt = !world.mute_head;
+    h->t_us = world.now_us;
+    h->seq = ++world.head_seq;
+    h->pan_rad = world.pan;
+    h->tilt_rad = world.tilt;
+    h->moving = moving || world.shake_head > 0;
+    world.shake_head -= world.shake_head > 0;
+}
+
+/* ---- camera ---- */
+
+static double noise(double sigma) { return sigma * sqrt(3.0) * (2.0 * kc_rng_uniform(&world.rng) - 1.0); }
+
+static int hidden(const kc_pose_t *T)
+{
+    double off = atan2(sqrt(T->p_m[0] * T->p_m[0] + T->p_m[1] * T->p_m[1]), T->p_m[2]);
+    double far = 0.0;
+    for (uint32_t j = 0u; j < 7u; j++) { far = fmax(far, fabs(world.q[j] - world.q_start[j])); }
+    if (world.view_rad > 0.0 && off > world.view_rad) { return 1; }
+    if (world.hide_beyond > 0.0 && far > world.hide_beyond) { return 1; }
+    if (world.hide > 0) {
+        world.hide--;
+        return 1;
+    }
+    return 0;
+}
+
+static void expose(kc_detection_t *d)
+{
+    double q_true[KC_JOINT_MAX], w[3], E[9], R[9], sp = fmax(world.noise_m, 1e-5), sr = fmax(world.noise_rad, 1e-5);
+    kc_pose_t T_tool, T_cam, T;
+    memset(d, 0, sizeof *d);
+    d->t_us = world.now_us;
+    d->seq = world.frame_asked;
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { q_true[j] = world.q[j] + world.bias[j]; }
+    kc_arm_fk(&world.truth, q_true, &T_tool);
+    kc_camera_pose(&world.camera, world.pan, world.tilt, &T_cam);
+    kc_pose_inv(&T_cam, &T);
+    kc_pose_mul(&T, &T_tool, &T);
+    for (uint32_t i = 0u; i < KC_TAG_MAX; i++) { d->tag_id[i] = -1; }
+    if (hidden(&T)) { return; }
+    d->n_tags = 2u;
+    d->tag_id[0] = 0;
+    d->tag_id[1] = 1;
+    for (uint32_t i = 0u; i < 3u; i++) {
+        d->p_cam_tool_m[i] = T.p_m[i] + noise(sp);
+        w[i] = noise(sr);
+    }
+    d->p_cam_tool_m[0] += world.jump_m;
+    world.jump_m = 0.0;
+    kc_R_exp(w, E);
+    kc_m3_mul(E, T.R, R);
+    kc_R_to_quat(R, d->q_cam_tool_wxyz);
+    for (uint32_t i = 0u; i < 6u; i++) { d->cov[7u * i] = i < 3u ? sp * sp : sr * sr; }
+    memcpy(d->p_alt_m, d->p_cam_tool_m, sizeof d->p_alt_m);
+    memcpy(d->q_alt_wxyz, d->q_cam_tool_wxyz, sizeof d->q_alt_wxyz);
+    d->rms_px = 0.3;
+    d->rms_alt_px = 5.0;
+    d->range_m = kc_v3_norm(T.p_m);
+    d->u_px = 960.0;
+    d->v_px = 540.0;
+}
+
+static void take_frame(void)
+{
+    world.in.n_det = 0u;
+    if (!world.asked) { return; }
+    world.asked = 0;
+    if (world.mute_camera) { return; }
+    expose(&world.in.det[0]);
+    if (world.spoil != NULL) { world.spoil(&world.in.det[0]); }
+    world.in.n_det = 1u;
+}
+
+/* ---- what came out ---- */
+
+static void obey(void)
+{
+    const kc_out_t *o = &world.out;
+    if (o->has_arm_cmd) {
+        world.arm_cmd = o->arm_cmd;
+        if (world.deaf_arm > 0) {
+            world.deaf_arm--;
+        } else {
+            memcpy(world.q_cmd, o->arm_cmd.hold ? world.q : o->arm_cmd.q, sizeof world.q_cmd);
+        }
+    }
+    if (o->has_pantilt_cmd) {
+        world.n_head_cmd++;
+        if (world.deaf_head > 0) {
+            world.deaf_head--;
+        } else {
+            world.pan_cmd = o->pantilt_cmd.pan_rad;
+            world.tilt_cmd = o->pantilt_cmd.tilt_rad;
+        }
+    }
+    if (o->has_frame_request) {
+        world.asked = 1;
+        world.frame_asked = o->frame_seq;
+        world.n_frames++;
+    }
+}
+
+static void keep(const kc_store_t *s)
+{
+    uint16_t k = s->kind;
+    if (s->n == 0u) {
+        world.stored[k][0] = world.stored[k][1] = 0u;
+        return;
+    }
+    memcpy(world.store[k][1], world.store[k][0], world.stored[k][0]);
+    world.stored[k][1] = world.stored[k][0];
+    memcpy(world.store[k][0], s->data, s->n);
+    world.stored[k][0] = s->n;
+}
+
+static void listen(void)
+{
+    const kc_out_t *o = &world.out;
+    for (uint32_t i = 0u; i < o->n_store; i++) { keep(&o->store[i]); }
+    for (uint32_t i = 0u; i < o->events.n; i++) {
+        world.events[o->events.e[i].id]++;
+        world.last[o->events.e[i].id] = o->events.e[i];
+    }
+    for (uint32_t i = 0u; i < o->n_ack; i++) {
+        world.ack = o->ack[i];
+        world.n_acks++;
+    }
+    if (o->has_meas) { world.meas[world.n_meas++ % KC_MEAS_MAX] = o->meas; }
+    if (o->has_progress) { world.progress[world.n_progress++ % KC_MEAS_MAX] = o->progress; }
+    if (o->has_proposal) {
+        world.proposal = o->proposal;
+        world.n_proposal++;
+    }
+    if (o->has_hk) {
+        world.hk = o->hk;
+        world.n_hk++;
+    }
+}
+
+void world_tick(void)
+{
+    world.now_us += TICK_US;
+    int arm = move_arm();
+    int head = 0;
+    if (!world.freeze_head) {
+        head = approach(&world.pan, world.pan_cmd, 0.5);
+        head = approach(&world.tilt, world.tilt_cmd, 0.5) || head;
+    }
+    tell_arm(arm);
+    tell_head(head);
+    take_frame();
+    kc_app_step(&kc_app_instance, world.now_us, &world.in, &world.out);
+    memset(&world.in, 0, sizeof world.in);
+    obey();
+    listen();
+}
+
+void world_ticks(uint32_t n)
+{
+    for (uint32_t i = 0u; i < n; i++) { world_tick(); }
+}
+
+int world_until(kc_state_t state, uint32_t max)
+{
+    for (uint32_t i = 0u; i < max; i++) {
+        if (kc_app_state(&kc_app_instance) == state) { return 1; }
+        world_tick();
+    }
+    return kc_app_state(&kc_app_instance) == state;
+}
+
+int world_until_event(uint32_t id, uint32_t max)
+{
+    uint32_t before = world.events[id];
+    for (uint32_t i = 0u; i < max && world.events[id] == before; i++) { world_tick(); }
+    return world.events[id] > before;
+}
+
+uint32_t world_events(uint32_t id) { return world.events[id]; }
+
+kc_cmd_t *world_cmd(int32_t opcode, int32_t a0, int32_t a1, int32_t a2)
+{
+    kc_cmd_t *c = &world.in.cmd[world.in.n_cmd++];
+    memset(c, 0, sizeof *c);
+    c->source = 1;
+    c->seq = ++world.cmd_seq[1];
+    c->opcode = opcode;
+    c->arg_i[0] = a0;
+    c->arg_i[1] = a1;
+    c->arg_i[2] = a2;
+    return c;
+}
+
+int32_t world_do(int32_t opcode, int32_t a0, int32_t a1, int32_t a2)
+{
+    (void)world_cmd(opcode, a0, a1, a2);
+    world_tick();
+    return world.ack.status;
+}
+
+void world_started(void)
+{
+    world_boot();
+    world_tick();
+    memcpy(world.q_start, world.q, sizeof world.q_start);
+    (void)world_do(KC_CMD_START, -1, 0, 3);
+}
+
+void world_calibrated(void)
+{
+    world_started();
+    for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(&kc_app_instance); i++) { world_tick(); }
+}
+
+/* ---- nothing changed ---- */
+
+typedef struct {
+    kc_active_t active;
+    kc_cal_t cal;
+    kc_frames_t frames;
+    kc_state_t state;
+    kc_stage_t staged;
+    uint32_t staged_n, staged_kind, proposal_crc, n_obs;
+    int32_t arm_seq, head_seq;
+} memory_t;
+
+static memory_t s_then, s_now;
+
+static void remember(memory_t *m)
+{
+    const kc_app_t *a = &kc_app_instance;
+    memset(m, 0, sizeof *m);
+    m->active = a->tables.active;
+    m->cal = a->cal;
+    m->frames = a->frames;
+    m->state = a->state;
+    m->staged = a->tables.staging.state;
+    m->staged_n = a->tables.staging.n;
+    m->staged_kind = a->tables.staging.kind;
+    m->proposal_crc = a->proposal_crc;
+    m->n_obs = a->est.n_obs;
+    m->arm_seq = a->arm.seq;
+    m->head_seq = a->head.seq;
+}
+
+void world_remember(void) { remember(&s_then); }
+
+int world_unchanged(void)
+{
+    remember(&s_now);
+    return memcmp(&s_then, &s_now, sizeof s_then) == 0;
+}

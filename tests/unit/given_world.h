@@ -1,0 +1,84 @@
+/* A small world for the component: arm, head, camera and a store, moved on by one tick at a time through
+ * kc_app_step alone. The arm is the tables' arm with other DH parameters; what it measures is noise-free
+ * unless asked. Knobs make things go wrong. */
+#ifndef GIVEN_WORLD_H
+#define GIVEN_WORLD_H
+
+#include "kc_app_priv.h"
+
+#define TICK_US 100000u
+#define WORLD_KINDS 20u
+
+typedef struct {
+    kc_in_t in;
+    kc_out_t out;
+    uint64_t now_us;
+    kc_arm_t truth;
+    kc_camera_t camera;
+    double q[KC_JOINT_MAX], q_cmd[KC_JOINT_MAX], bias[KC_JOINT_MAX]; /* reading = q, true joint = q + bias */
+    double pan, tilt, pan_cmd, tilt_cmd;
+    int32_t arm_seq, head_seq, cmd_seq[3], frame_asked;
+    int asked;
+    uint64_t rng;
+    /* knobs */
+    int mute_arm, mute_head, mute_camera; /* no messages                              */
+    int freeze_arm, freeze_head;          /* commands are echoed but nothing moves    */
+    int deaf_arm, deaf_head;              /* so many commands get lost                */
+    int shake_arm, shake_head;            /* telemetry says moving for so many ticks  */
+    int hide;                             /* no tags in so many frames                */
+    double view_rad;                      /* tags are seen this far off the axis, 0 = always */
+    double noise_m, noise_rad;            /* of a detection                           */
+    double jump_m;                        /* next detection is off by this            */
+    double hide_beyond;                   /* joint travel since START that hides the tags, 0 = off */
+    double q_start[KC_JOINT_MAX];
+    int32_t fault;
+    void (*spoil)(kc_detection_t *d);     /* last word on every detection             */
+    /* what came out so far */
+    uint32_t events[100], n_acks;
+    kc_event_t last[100];                 /* newest event of each id                  */
+    kc_ack_t ack;
+    kc_meas_t meas[KC_MEAS_MAX];
+    kc_progress_t progress[KC_MEAS_MAX];
+    uint32_t n_meas, n_progress, n_proposal, n_frames, n_hk, n_head_cmd;
+    kc_proposal_t proposal;
+    kc_hk_t hk;
+    kc_arm_cmd_t arm_cmd;
+    uint8_t store[WORLD_KINDS][2][KC_IMAGE_MAX]; /* newest, older */
+    uint32_t stored[WORLD_KINDS][2];
+    uint8_t image[KC_IMAGE_MAX];
+    kc_config_t config;                   /* loaded at boot; tests change it before   */
+    kc_terms_t terms;
+    kc_kernel_t kernel;
+    kc_space_t space;
+    kc_arm_t arm;
+} world_t;
+
+extern world_t world;
+
+/* Good tables, no errors, everything at rest at hub 0; nothing loaded yet. */
+void given_world(void);
+/* Load the tables (what the store holds first) and boot. */
+void world_boot(void);
+void world_tick(void);
+void world_ticks(uint32_t n);
+/* Step until the state; 0 if it does not come within max ticks. */
+int world_until(kc_state_t state, uint32_t max);
+/* Step until the event came once more than before. */
+int world_until_event(uint32_t id, uint32_t max);
+/* Put a command into the next tick. */
+kc_cmd_t *world_cmd(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
+/* The same, then the tick; returns the status of its answer. */
+int32_t world_do(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
+/* Boot, one tick to hear the arm, START; then the first state. */
+void world_started(void);
+/* A calibration from START to its end. */
+void world_calibrated(void);
+/* Power loss: only the store remains. */
+void world_restart(void);
+uint32_t world_events(uint32_t id);
+/* Remember what a refused input must not change: active tables, staging, state, calibration, frames, the last
+ * accepted telemetry and the proposal; and ask whether it is all still the same. */
+void world_remember(void);
+int world_unchanged(void);
+
+#endif

@@ -1,0 +1,274 @@
+/* kc_app.c: loading, booting, one step, whole calibrations through the only door. */
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "given_world.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+void setUp(void);
+void setUp(void) { given_world(); }
+
+static void make_arm_wrong(void)
+{
+    world.truth.joint[1].alpha_rad += 0.05;
+    world.truth.joint[2].a_m += 0.01;
+    world.truth.joint[2].d_m += 0.02;
+    world.truth.joint[6].phi_rad += 0.2;
+}
+
+/* ---- whole calibrations ---- */
+
+void test_an_arm_with_dh_errors_is_calibrated_and_the_correction_waits_for_review(void)
+{
+    make_arm_wrong();
+    world.config.n_poses = 8u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(8u, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(8u, world.n_progress);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.05, world.proposal.kin.value[5]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.003, 0.01, world.proposal.kin.value[10]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.003, 0.02, world.proposal.kin.value[11]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_PROPOSED));
+    TEST_ASSERT_TRUE(world.progress[7].res_pos_m < 0.1 * world.progress[0].res_pos_m);
+}
+
+void test_a_healthy_arm_needs_no_change_and_says_so(void)
+{
+    world.config.n_poses = 8u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_NO_CHANGE));
+    TEST_ASSERT_EQUAL_UINT32(0u, world.hk.proposal_crc);
+}
+
+void test_equal_inputs_give_equal_bytes_out(void)
+{
+    static kc_meas_t first[KC_MEAS_MAX];
+    static kc_proposal_t proposal;
+    make_arm_wrong();
+    world_calibrated();
+    memcpy(first, world.meas, sizeof first);
+    proposal = world.proposal;
+    given_world();
+    make_arm_wrong();
+    world_calibrated();
+    TEST_ASSERT_EQUAL_MEMORY(first, world.meas, sizeof first);
+    TEST_ASSERT_EQUAL_MEMORY(&proposal, &world.proposal, sizeof proposal);
+}
+
+/* ---- loading and booting ---- */
+
+void test_without_tables_it_boots_idle_and_names_what_is_missing(void)
+{
+    kc_app_init(APP);
+    kc_app_boot(APP);
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(7u, world_events(KC_EVT_TBL_MISSING));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT));
+    TEST_ASSERT_EQUAL_INT(-1, world.hk.boot_state);
+}
+
+void test_the_first_good_image_of_a_kind_wins_and_a_bad_one_is_told(void)
+{
+    uint32_t n;
+    kc_app_init(APP);
+    n = given_image(KC_TBL_ARM, &world.arm, world.image);
+    world.image[40] ^= 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_app_load(APP, KC_TBL_ARM, world.image, n));
+    world.image[40] ^= 1u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_TBL_ARM, world.image, n));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_TBL_ARM, world.image, n));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_app_load(APP, 9u, world.image, n));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_TBL_CAMERA, world.image, 0u));
+    kc_app_boot(APP);
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_BOOT_SLOT_BAD));
+    TEST_ASSERT_EQUAL_UINT32(kc_tbl_image_crc(world.image, n), kc_app_active(APP)->crc[KC_TBL_ARM]);
+}
+
+void test_killed_while_calibrating_it_comes_back_safe_and_says_what_it_was_doing(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 200u));
+    world_tick();
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_INTERRUPTED));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_ST_MEASURE, world.last[KC_EVT_BOOT_INTERRUPTED].got);
+    TEST_ASSERT_EQUAL_INT(KC_ST_MEASURE, world.hk.boot_state);
+    TEST_ASSERT_EQUAL_INT(0, world.hk.boot_pose);
+    TEST_ASSERT_EQUAL_UINT32(2u, world.hk.boot_count);
+    TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+    /* and once more: it is still SAFE, nothing new was lost */
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_INTERRUPTED));
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, world.hk.boot_state);
+}
+
+void test_killed_in_mid_move_it_can_start_again_from_the_segment_it_stands_on(void)
+{
+    world_started();
+    world_ticks(3u);
+    TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
+    world_restart();
+    world_ticks(2u);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 3));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 200u));
+}
+
+void test_a_proposal_survives_a_restart_and_can_be_approved_then(void)
+{
+    make_arm_wrong();
+    world_calibrated();
+    uint32_t crc = world.proposal.crc;
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_REVIEW));
+    TEST_ASSERT_EQUAL_UINT32(crc, world.hk.proposal_crc);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0));
+    TEST_ASSERT_EQUAL_UINT32(crc, kc_app_active(APP)->crc[KC_TBL_KIN]);
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(crc, kc_app_active(APP)->crc[KC_TBL_KIN]);
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+}
+
+void test_killed_between_approval_and_journal_it_knows_that_the_correction_is_active(void)
+{
+    static uint8_t journal[KC_JOURNAL_BYTES];
+    make_arm_wrong();
+    world_calibrated();
+    uint32_t crc = world.proposal.crc;
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
+    memcpy(journal, world.store[KC_STORE_JOURNAL][0], sizeof journal);
+    (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
+    memcpy(world.store[KC_STORE_JOURNAL][0], journal, sizeof journal); /* last write never happened */
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_INTERRUPTED));
+    TEST_ASSERT_EQUAL_INT(KC_ST_ARMED, world.hk.boot_state);
+}
+
+void test_a_review_whose_proposal_is_gone_from_the_store_counts_as_lost(void)
+{
+    make_arm_wrong();
+    world_calibrated();
+    world.stored[KC_STORE_PROPOSAL][0] = world.stored[KC_STORE_PROPOSAL][1] = 0u;
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_INTERRUPTED));
+}
+
+void test_the_copy_for_rollback_survives_and_one_equal_to_the_active_table_is_passed_over(void)
+{
+    make_arm_wrong();
+    world_calibrated();
+    uint32_t crc = world.proposal.crc, nominal = world.proposal.crc_kin_before;
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
+    (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(nominal, kc_app_active(APP)->kin_prev_crc);
+    /* killed during the next activation, after PREV and before KIN: PREV equals the active table */
+    memcpy(world.store[KC_STORE_PREV][1], world.store[KC_STORE_PREV][0], KC_KIN_IMAGE_MAX);
+    world.stored[KC_STORE_PREV][1] = world.stored[KC_STORE_PREV][0];
+    memcpy(world.store[KC_STORE_PREV][0], world.store[KC_TBL_KIN][0], world.stored[KC_TBL_KIN][0]);
+    world.stored[KC_STORE_PREV][0] = world.stored[KC_TBL_KIN][0];
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(nominal, kc_app_active(APP)->kin_prev_crc);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_SLOT_BAD));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ROLLBACK, (int32_t)crc, 0, 0));
+    TEST_ASSERT_EQUAL_UINT32(nominal, kc_app_active(APP)->crc[KC_TBL_KIN]);
+}
+
+void test_a_second_copy_for_rollback_is_not_needed(void)
+{
+    static kc_kin_t other;
+    make_arm_wrong();
+    world_calibrated();
+    uint32_t crc = world.proposal.crc;
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
+    (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
+    uint32_t prev = kc_app_active(APP)->kin_prev_crc;
+    given_kin(&other);
+    other.session = 77u;
+    world.stored[KC_STORE_PREV][1] = given_image(KC_TBL_KIN, &other, world.store[KC_STORE_PREV][1]);
+    world_restart();
+    TEST_ASSERT_EQUAL_UINT32(prev, kc_app_active(APP)->kin_prev_crc);
+}
+
+/* ---- steps ---- */
+
+void test_time_that_runs_backwards_counts_as_no_time_passed(void)
+{
+    world_boot();
+    world_ticks(3u);
+    uint64_t before = APP->now_us;
+    world.now_us -= 2u * TICK_US + 50000u;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT64(before, APP->now_us);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_IN_RANGE));
+    TEST_ASSERT_EQUAL_INT(KC_INPUT_TIME, world.last[KC_EVT_IN_RANGE].index);
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+}
+
+void test_abort_holds_the_arm_and_goes_safe_from_every_state(void)
+{
+    static const kc_state_t states[] = {KC_ST_MOVE, KC_ST_AIM, KC_ST_SETTLE, KC_ST_LOOK, KC_ST_MEASURE, KC_ST_UPDATE};
+    for (uint32_t i = 0u; i < sizeof states / sizeof states[0]; i++) {
+        given_world();
+        world_started();
+        world.freeze_head = states[i] == KC_ST_AIM;
+        TEST_ASSERT_TRUE(world_until(states[i], 300u));
+        TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_ABORTED));
+        TEST_ASSERT_EQUAL_INT(states[i] == KC_ST_UPDATE, world.last[KC_EVT_CAL_ABORTED].index);
+    }
+    given_world();
+    world_boot();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CAL_ABORTED].index);
+}
+
+void test_abort_in_review_drops_the_proposal(void)
+{
+    make_arm_wrong();
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_REJECTED));
+    TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_STORE_PROPOSAL][0]);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->proposal_crc);
+}
+
+void test_after_an_abort_a_calibration_can_start_again(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+}

@@ -1,0 +1,403 @@
+/* kc_input.c: everything refused with an event and nothing changed. */
+#include <math.h>
+#include <string.h>
+
+#include "given_world.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+static kc_in_t s_in;
+static kc_out_t s_out;
+
+void setUp(void);
+void setUp(void) { given_world(); }
+
+/* A live component at rest, and a good arm and head message for the next step. */
+static void given_idle(void)
+{
+    world_boot();
+    world_ticks(2u);
+    memset(&s_in, 0, sizeof s_in);
+    s_in.arm = APP->arm;
+    s_in.arm.seq++;
+    s_in.arm.t_us = world.now_us + TICK_US;
+    s_in.pantilt = APP->head;
+    s_in.pantilt.seq++;
+    s_in.pantilt.t_us = world.now_us + TICK_US;
+}
+
+static void step(void)
+{
+    world.now_us += TICK_US;
+    kc_app_step(APP, world.now_us, &s_in, &s_out);
+}
+
+static const kc_event_t *only_event(uint16_t id)
+{
+    const kc_event_t *e = NULL;
+    for (uint32_t i = 0u; i < s_out.events.n; i++) {
+        if (s_out.events.e[i].id == id) { e = &s_out.events.e[i]; }
+    }
+    TEST_ASSERT_NOT_NULL_MESSAGE(e, "the event is missing");
+    return e;
+}
+
+/* The message in s_in is refused: this event, nothing else, and nothing changed. */
+static void refused(uint16_t id, int32_t index)
+{
+    world_remember();
+    step();
+    TEST_ASSERT_EQUAL_UINT32(1u, s_out.events.n);
+    TEST_ASSERT_EQUAL_INT(index, only_event(id)->index);
+    TEST_ASSERT_TRUE_MESSAGE(world_unchanged(), "something changed");
+}
+
+/* ---- arm ---- */
+
+typedef struct {
+    double *field;
+    double value;
+    int32_t index;
+} spoiled_t;
+
+static void refuse_each(const spoiled_t *s, uint32_t n, uint8_t arm)
+{
+    for (uint32_t i = 0u; i < n; i++) {
+        double good = *s[i].field;
+        const double bad[3] = {s[i].value, NAN, -INFINITY};
+        for (uint32_t k = 0u; k < 3u; k++) {
+            given_idle();
+            s_in.has_arm = arm;
+            s_in.has_pantilt = !arm;
+            *s[i].field = bad[k];
+            refused(KC_EVT_IN_RANGE, s[i].index);
+        }
+        *s[i].field = good;
+    }
+}
+
+void test_arm_state_out_of_range_or_not_finite_is_refused(void)
+{
+    const spoiled_t s[] = {
+        {&s_in.arm.q[0], 3.2, 110},        {&s_in.arm.q[3], -1.5, 113},      {&s_in.arm.dq[1], 60.0, 121},
+        {&s_in.arm.q_cmd[6], 101.0, 136},  {&s_in.arm.dir[2], 2.0, 142},     {&s_in.arm.temp_c, 501.0, 150},
+        {&s_in.arm.payload_kg, -1.0, 151}, {&s_in.arm.g_m_s2[1], 31.0, 153},
+    };
+    refuse_each(s, sizeof s / sizeof s[0], 1u);
+}
+
+void test_arm_state_with_a_repeated_or_older_number_is_refused(void)
+{
+    for (int32_t back = 0; back < 3; back++) {
+        given_idle();
+        s_in.has_arm = 1u;
+        s_in.arm.seq = APP->arm.seq - back;
+        refused(KC_EVT_IN_STALE, KC_INPUT_ARM);
+        TEST_ASSERT_EQUAL_DOUBLE((double)APP->arm.seq, only_event(KC_EVT_IN_STALE)->want);
+    }
+}
+
+void test_arm_state_of_another_time_is_refused(void)
+{
+    given_idle();
+    s_in.has_arm = 1u;
+    s_in.arm.t_us = world.now_us + 2u * TICK_US;
+    refused(KC_EVT_IN_RANGE, 101);
+    world.now_us += 3000000u;
+    given_idle();
+    s_in.has_arm = 1u;
+    s_in.arm.t_us = world.now_us - 2500000u;
+    refused(KC_EVT_IN_RANGE, 101);
+}
+
+void test_arm_state_with_the_wrong_number_of_joints_is_refused(void)
+{
+    const uint32_t counts[] = {0u, 6u, 8u, UINT32_MAX};
+    for (uint32_t i = 0u; i < 4u; i++) {
+        given_idle();
+        s_in.has_arm = 1u;
+        s_in.arm.n_joints = counts[i];
+        refused(KC_EVT_IN_COUNT, KC_INPUT_ARM);
+    }
+}
+
+void test_a_controller_that_was_started_again_is_heard_after_a_while(void)
+{
+    given_idle();
+    s_in.has_arm = 1u;
+    s_in.arm.seq = 1;
+    APP->arm.seq = 1000;
+    APP->head.seq = 1000;
+    s_in.has_pantilt = 1u;
+    s_in.pantilt.seq = 1;
+    for (uint32_t i = 0u; i < 60u; i++) {
+        s_in.arm.t_us = s_in.pantilt.t_us = world.now_us + TICK_US;
+        step();
+        s_in.arm.seq++;
+        s_in.pantilt.seq++;
+    }
+    TEST_ASSERT_TRUE(APP->arm.seq < 100);
+    TEST_ASSERT_TRUE(APP->head.seq < 100);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_out.events.n);
+}
+
+void test_without_an_arm_table_the_arm_is_not_listened_to(void)
+{
+    kc_app_init(APP);
+    kc_app_boot(APP);
+    world_ticks(2u);
+    TEST_ASSERT_EQUAL_UINT8(0u, APP->has_arm);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_head);
+}
+
+void test_an_early_clock_takes_what_is_as_old_as_it_can_be(void)
+{
+    world.now_us = 0u;
+    world_boot();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_arm);
+}
+
+void test_an_arm_fault_is_told_once(void)
+{
+    world_boot();
+    world_tick();
+    world.fault = 5;
+    world_ticks(4u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_ARM_FAULT));
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, world.last[KC_EVT_ARM_FAULT].got);
+    world.fault = 0;
+    world_tick();
+    world.fault = 5;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_ARM_FAULT));
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+}
+
+/* ---- head ---- */
+
+void test_head_state_out_of_range_is_refused(void)
+{
+    const spoiled_t s[] = {{&s_in.pantilt.pan_rad, 7.0, 202}, {&s_in.pantilt.tilt_rad, 7.0, 203}};
+    refuse_each(s, 2u, 0u);
+}
+
+void test_head_state_that_is_stale_or_of_another_time_is_refused(void)
+{
+    given_idle();
+    s_in.has_pantilt = 1u;
+    s_in.pantilt.seq = APP->head.seq;
+    refused(KC_EVT_IN_STALE, KC_INPUT_HEAD);
+    given_idle();
+    s_in.has_pantilt = 1u;
+    s_in.pantilt.t_us = world.now_us + 3u * TICK_US;
+    refused(KC_EVT_IN_RANGE, 201);
+}
+
+/* ---- detections: in the middle of a measurement, one frame taken and the next one asked for ---- */
+
+static kc_detection_t *given_frame(void)
+{
+    given_world();
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->frames.n);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->look.waiting);
+    memset(&s_in, 0, sizeof s_in);
+    s_in.n_det = 1u;
+    s_in.det[0] = APP->look.det;
+    s_in.det[0].seq = APP->look.frame_seq;
+    s_in.det[0].t_us = world.now_us + TICK_US;
+    return &s_in.det[0];
+}
+
+/* Refused as if it had never come: the frame is still waited for. */
+static void det_refused(uint16_t id, int32_t index)
+{
+    refused(id, index);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->look.waiting);
+    TEST_ASSERT_EQUAL_INT(KC_ST_MEASURE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT8(0u, s_out.has_frame_request);
+}
+
+void test_a_good_frame_is_taken(void)
+{
+    (void)given_frame();
+    step();
+    TEST_ASSERT_EQUAL_UINT32(0u, s_out.events.n);
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->frames.n);
+}
+
+void test_a_frame_nobody_asked_for_is_refused(void)
+{
+    given_frame()->seq += 1;
+    det_refused(KC_EVT_DET_UNASKED, -1);
+    given_frame()->seq -= 1;
+    det_refused(KC_EVT_DET_UNASKED, -1);
+    given_idle();
+    s_in.n_det = 1u;
+    refused(KC_EVT_DET_UNASKED, -1);
+}
+
+void test_a_frame_that_is_repeated_is_refused(void)
+{
+    kc_detection_t *d = given_frame();
+    s_in.det[1] = *d;
+    s_in.n_det = 2u;
+    step();
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->frames.n);
+    TEST_ASSERT_EQUAL_DOUBLE((double)d->seq, only_event(KC_EVT_DET_UNASKED)->got);
+}
+
+void test_a_frame_too_old_is_refused(void)
+{
+    given_frame();
+    world.now_us += 1500000u; /* older than the table allows */
+    det_refused(KC_EVT_DET_OLD, -1);
+    TEST_ASSERT_EQUAL_DOUBLE(1000000.0, only_event(KC_EVT_DET_OLD)->want);
+}
+
+void test_a_frame_taken_before_it_was_asked_for_is_refused(void)
+{
+    given_frame()->t_us = APP->look.asked_us - 60000u;
+    det_refused(KC_EVT_DET_OLD, -1);
+}
+
+void test_a_frame_from_the_future_is_refused(void)
+{
+    given_frame()->t_us += 2u * TICK_US;
+    det_refused(KC_EVT_IN_RANGE, 301);
+}
+
+void test_a_frame_with_an_unknown_tag_is_refused(void)
+{
+    given_frame()->tag_id[1] = 17;
+    det_refused(KC_EVT_DET_UNKNOWN_TAG, 1);
+    TEST_ASSERT_EQUAL_DOUBLE(17.0, only_event(KC_EVT_DET_UNKNOWN_TAG)->got);
+    given_frame()->tag_id[1] = 0; /* the same one twice */
+    det_refused(KC_EVT_DET_UNKNOWN_TAG, 1);
+    given_frame()->n_tags = 5u;
+    det_refused(KC_EVT_IN_RANGE, 302);
+}
+
+void test_a_frame_whose_quaternion_is_not_unit_is_refused(void)
+{
+    given_frame()->q_cam_tool_wxyz[0] += 1e-3;
+    det_refused(KC_EVT_IN_NOT_UNIT, KC_INPUT_DET);
+    given_frame()->q_alt_wxyz[0] = NAN;
+    det_refused(KC_EVT_IN_NOT_UNIT, KC_INPUT_DET);
+}
+
+void test_a_frame_with_a_value_out_of_range_is_refused(void)
+{
+    kc_detection_t *d = &s_in.det[0];
+    const spoiled_t s[] = {
+        {&d->p_cam_tool_m[1], 11.0, 304}, {&d->p_alt_m[2], 11.0, 308},  {&d->rms_px, -1.0, 309},
+        {&d->rms_alt_px, -1.0, 310},      {&d->range_m, 11.0, 311},     {&d->incid_rad, 4.0, 312},
+        {&d->u_px, 1e6, 313},             {&d->v_px, 1e6, 314},         {&d->corner_px[5], 1e6, 325},
+        {&d->cov[3], 2e3, 363},
+    };
+    for (uint32_t i = 0u; i < sizeof s / sizeof s[0]; i++) {
+        (void)given_frame();
+        *s[i].field = s[i].value;
+        det_refused(KC_EVT_IN_RANGE, s[i].index);
+        (void)given_frame();
+        *s[i].field = NAN;
+        det_refused(KC_EVT_IN_RANGE, s[i].index);
+    }
+}
+
+void test_a_frame_whose_covariance_is_not_positive_definite_is_refused(void)
+{
+    given_frame()->cov[0] = 0.0;
+    det_refused(KC_EVT_IN_RANGE, 315);
+}
+
+/* Well formed but not good enough: refused, and another frame is asked for. */
+static void det_spent(uint16_t id, int32_t index)
+{
+    uint32_t rejected = APP->n_rejected;
+    world_remember();
+    step();
+    TEST_ASSERT_EQUAL_UINT32(1u, s_out.events.n);
+    TEST_ASSERT_EQUAL_INT(index, only_event(id)->index);
+    TEST_ASSERT_TRUE_MESSAGE(world_unchanged(), "something changed");
+    TEST_ASSERT_EQUAL_UINT8(1u, s_out.has_frame_request);
+    TEST_ASSERT_EQUAL_UINT32(rejected + 1u, APP->n_rejected);
+}
+
+void test_a_detection_that_jumps_is_refused_and_the_average_stays(void)
+{
+    given_frame()->p_cam_tool_m[0] += 0.03;
+    det_spent(KC_EVT_DET_JUMP, 0);
+    kc_detection_t *d = given_frame();
+    double half = 0.1, c = cos(half), s = sin(half), q[4];
+    const double turn[4] = {c, s, 0.0, 0.0};
+    kc_quat_mul(turn, d->q_cam_tool_wxyz, q);
+    memcpy(d->q_cam_tool_wxyz, q, sizeof q);
+    det_spent(KC_EVT_DET_JUMP, 1);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.2, only_event(KC_EVT_DET_JUMP)->got);
+}
+
+void test_a_detection_that_is_too_uncertain_is_refused(void)
+{
+    given_frame()->cov[7] = 0.03 * 0.03;
+    det_spent(KC_EVT_DET_UNCERTAIN, 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0.03, only_event(KC_EVT_DET_UNCERTAIN)->got);
+    given_frame()->cov[35] = 0.2 * 0.2;
+    det_spent(KC_EVT_DET_UNCERTAIN, 1);
+    given_frame()->rms_px = 4.0;
+    det_spent(KC_EVT_DET_UNCERTAIN, 2);
+}
+
+/* ---- the rest ---- */
+
+void test_a_store_that_failed_is_told(void)
+{
+    given_idle();
+    s_in.has_store_result = 1u;
+    s_in.store_kind = 4u;
+    s_in.store_status = 0;
+    step();
+    TEST_ASSERT_EQUAL_UINT32(0u, s_out.events.n);
+    s_in.store_status = KC_ERR_NUM;
+    refused(KC_EVT_STORE_FAIL, 4);
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_ERR_NUM, only_event(KC_EVT_STORE_FAIL)->got);
+}
+
+void test_a_fault_while_calibrating_ends_it(void)
+{
+    world_started();
+    world_ticks(3u);
+    world.fault = 2;
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_FAULT, world.last[KC_EVT_CAL_ABORTED].got);
+    TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+}
+
+void test_silence_while_calibrating_ends_it(void)
+{
+    for (int who = 0; who < 2; who++) {
+        given_world();
+        world_started();
+        world_ticks(3u);
+        world.mute_arm = who == 0;
+        world.mute_head = who == 1;
+        world_ticks(25u);
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_IN_SILENT));
+        TEST_ASSERT_EQUAL_INT(who == 0 ? KC_INPUT_ARM : KC_INPUT_HEAD, world.last[KC_EVT_IN_SILENT].index);
+        TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_SILENT, world.last[KC_EVT_CAL_ABORTED].got);
+    }
+}
+
+void test_silence_while_idle_is_no_matter(void)
+{
+    world_boot();
+    world.mute_arm = world.mute_head = 1;
+    world_ticks(50u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_IN_SILENT));
+}
