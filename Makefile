@@ -317,6 +317,7 @@ hil: setup build ## the scenarios as separate processes at real-time pace (URL=.
 
 bench-samples: setup build ## held-out error against number of poses, for all acquisitions
 	.venv/bin/python tests/bench/samples.py
+	.venv/bin/python tests/bench/samples.py --space tables/bin/space.tbl
 
 # ---- tidying ------------------------------------------------------------------------------------------
 

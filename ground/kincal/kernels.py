@@ -8,12 +8,12 @@ the multiplicity of the eigenvalue n (n + 2) of its Laplacian. The spectrum s_n 
     heat:       exp(-kappa^2 n (n + 2) / 2)                      nu = 0 in the tables
     Matern nu:  (2 nu / kappa^2 + n (n + 2))^(-nu - 3/2)
 
-``so3`` keeps even n, with t = acos|<q, q'>|, half the rotation angle: functions on rotations. ``paper`` keeps all
-n, with t the rotation angle itself. C_inf is the sum of what is kept, so k(0) = 1 to rounding and the
-signal variance of the process is sigma_s^2, whatever was cut off. What was cut off is stated: ``trunc_err`` is its
-share of the infinite sum at t = 0. As |U_n| <= n + 1, the kept kernel differs from the infinite one by no more than
-2 trunc_err anywhere. Heat kernels reach TOLERANCE within the table; Matern 1/2 falls like 1/n, so there the
-table's length decides.
+``so3`` keeps even n, with t = acos|<q, q'>|, half the rotation angle: functions on rotations. ``paper``
+keeps all n, with t the rotation angle itself. C_inf is the sum of what is kept, so k(0) = 1 to rounding
+and the signal variance of the process is sigma_s^2, whatever was cut off. What was cut off is stated:
+``trunc_err`` is its share of the infinite sum at t = 0. As |U_n| <= n + 1, the kept kernel differs from
+the infinite one by no more than 2 trunc_err anywhere. Heat kernels reach TOLERANCE within the table;
+Matern 1/2 falls like 1/n, so there the table's length decides.
 """
 
 from dataclasses import dataclass
@@ -44,7 +44,10 @@ def spectral_density(n: np.ndarray, kappa: float, nu: float) -> np.ndarray:
 
 
 def _rest(kappa: float, nu: float, step: int) -> float:
-    """Bound of the terms beyond _FAR: integral of m^2 (m^2 / base)^(-nu - 3/2), m = n + 1 (heat: below 1e-300)."""
+    """Bound of the terms beyond _FAR: integral of m^2 (m^2 / base)^(-nu - 3/2), m = n + 1.
+
+    Nothing is left of a heat spectrum there.
+    """
     if nu == 0.0:
         return 0.0
     base = 2.0 * nu / kappa**2
@@ -54,8 +57,8 @@ def _rest(kappa: float, nu: float, step: int) -> float:
 def spectral_table(arg: str, kappa: float, nu: float) -> Spectrum:
     """Table for argument ``so3`` or ``paper``, length scale kappa, smoothness nu (0: heat).
 
-    ValueError if an argument is not positive or unknown, or if the table cannot hold the kernel: then try a larger
-    kappa or nu.
+    ValueError if an argument is not positive or unknown, or if the table cannot hold the kernel: then try
+    a larger kappa or nu.
     """
     if arg not in ("so3", "paper"):
         raise ValueError(f"kernel argument {arg!r}: so3 or paper")
@@ -64,15 +67,16 @@ def spectral_table(arg: str, kappa: float, nu: float) -> Spectrum:
     step = 2 if arg == "so3" else 1
     n = np.arange(0, _FAR, step)
     mass = (n + 1.0) ** 2 * spectral_density(n, kappa, nu)
-    beyond = np.cumsum(mass[::-1])[::-1] + _rest(kappa, nu, step)  # [i]: what is cut off when i terms are kept
+    # beyond[i]: what is cut off when i terms are kept
+    beyond = np.cumsum(mass[::-1])[::-1] + _rest(kappa, nu, step)
     total = beyond[0]
     room = (SPECTRUM_MAX - 1) // step + 1
     small = np.flatnonzero(beyond[1 : room + 1] <= TOLERANCE * total)
     keep = int(small[0]) + 1 if small.size else room
     trunc_err = float(beyond[keep] / total)
     if trunc_err > TRUNC_MAX:
-        raise ValueError(f"kappa {kappa}, nu {nu}: {SPECTRUM_MAX} degrees miss {trunc_err:.0%} of the kernel; "
-                         "a larger kappa or nu needs fewer")  # fmt: skip
+        missing = f"{SPECTRUM_MAX} degrees miss {trunc_err:.0%} of the kernel"
+        raise ValueError(f"kappa {kappa}, nu {nu}: {missing}; a larger kappa or nu needs fewer")
     w = np.zeros(int(n[keep - 1]) + 1)
     w[::step] = mass[:keep] / (n[:keep] + 1.0) / mass[:keep].sum()
     return Spectrum(w, trunc_err)
