@@ -1,0 +1,217 @@
+/* kc_servo.c: steps toward the goal with a model that is wrong, inside limits and leash. */
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "kc_servo.h"
+#include "unity.h"
+
+static kc_arm_t s_arm, s_true;
+static kc_terms_t s_terms;
+static kc_eval_t s_work;
+static kc_servo_opt_t s_opt;
+static kc_servo_mem_t s_mem;
+static double s_q[KC_JOINT_MAX], s_seed[KC_JOINT_MAX], s_cmd[KC_JOINT_MAX];
+static kc_pose_t s_seen, s_goal;
+static const double s_zero[KC_COEF_MAX];
+
+void setUp(void);
+void setUp(void)
+{
+    static const double q[KC_JOINT_MAX] = {0.3, 0.4, -0.2, 1.2, -1.0, 0.3, 0.5};
+    given_arm(&s_arm);
+    s_true = s_arm;
+    given_terms(&s_terms);
+    kc_servo_forget(&s_mem);
+    memcpy(s_q, q, sizeof s_q);
+    memcpy(s_seed, q, sizeof s_seed);
+    kc_arm_fk(&s_arm, q, &s_goal);
+    s_seen = s_goal;
+    s_opt.gain = 0.8;
+    s_opt.damping = 0.02;
+    s_opt.step_max = 0.5;
+    s_opt.leash = 2.0;
+    s_opt.tol_pos_m = 0.005;
+    s_opt.tol_rot_rad = 0.02;
+    s_opt.margin = 0.02;
+}
+
+static kc_servo_result_t step(kc_servo_mem_t *mem)
+{
+    return kc_servo_step(&s_arm, &s_terms, s_zero, &s_seen, &s_goal, s_q, s_seed, &s_opt, s_cmd, &s_work, mem);
+}
+
+/* Look, step, move the true arm; THERE within n steps? */
+static kc_servo_result_t follow(kc_servo_mem_t *mem, uint32_t n)
+{
+    kc_servo_result_t r = KC_SERVO_MOVE;
+    for (uint32_t k = 0u; k <= n && r == KC_SERVO_MOVE; k++) {
+        kc_arm_fk(&s_true, s_q, &s_seen);
+        r = step(mem);
+        memcpy(s_q, s_cmd, sizeof s_q);
+    }
+    return r;
+}
+
+static void expect_not_moved(void) { TEST_ASSERT_EQUAL_MEMORY(s_q, s_cmd, 7u * sizeof s_q[0]); }
+
+void test_inside_the_tolerances_it_is_there(void)
+{
+    s_seen.p_m[0] += 0.004;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_THERE, step(&s_mem));
+    expect_not_moved();
+}
+
+void test_a_turn_alone_can_be_too_much(void)
+{
+    const double turn[3] = {0.0, 0.021, 0.0};
+    double R[9], Rg[9];
+    kc_R_exp(turn, R);
+    memcpy(Rg, s_goal.R, sizeof Rg);
+    for (uint32_t i = 0u; i < 3u; i++) {
+        for (uint32_t j = 0u; j < 3u; j++) {
+            s_seen.R[3u * i + j] = R[3u * i] * Rg[j] + R[3u * i + 1u] * Rg[3u + j] + R[3u * i + 2u] * Rg[6u + j];
+        }
+    }
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
+}
+
+void test_a_good_model_is_there_after_few_steps(void)
+{
+    for (uint32_t j = 0u; j < 7u; j++) { s_q[j] += j % 2u == 0u ? 0.15 : -0.15; }
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_THERE, follow(NULL, 4u));
+}
+
+void test_the_papers_errors_are_overcome(void)
+{
+    s_true.joint[6].phi_rad += 1.3;
+    s_true.joint[1].alpha_rad += 0.4;
+    s_true.joint[2].a_m += 0.01;
+    s_true.joint[2].d_m += 0.15;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_THERE, follow(NULL, 12u));
+    setUp();
+    s_true.joint[6].phi_rad += 1.3;
+    s_true.joint[1].alpha_rad += 0.4;
+    s_true.joint[2].a_m += 0.01;
+    s_true.joint[2].d_m += 0.15;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_THERE, follow(&s_mem, 12u));
+}
+
+void test_memory_overcomes_what_the_model_alone_does_not(void)
+{
+    s_opt.leash = 9.0;
+    s_true.joint[2].phi_rad += 1.3;
+    TEST_ASSERT_NOT_EQUAL(KC_SERVO_THERE, follow(NULL, 30u));
+    setUp();
+    s_opt.leash = 9.0;
+    s_true.joint[2].phi_rad += 1.3;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_THERE, follow(&s_mem, 30u));
+}
+
+void test_no_joint_moves_further_than_a_step(void)
+{
+    s_seen.p_m[0] += 0.3;
+    s_seen.p_m[1] -= 0.3;
+    s_opt.step_max = 0.1;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
+    for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_TRUE(fabs(s_cmd[j] - s_q[j]) <= 0.1 + 1e-12); }
+}
+
+void test_no_joint_leaves_its_leash_or_its_limits(void)
+{
+    s_true.joint[6].phi_rad += 1.3;
+    s_opt.leash = 0.6;
+    s_arm.joint[3].q_max = 1.3;
+    for (uint32_t k = 0u; k < 15u; k++) {
+        kc_arm_fk(&s_true, s_q, &s_seen);
+        TEST_ASSERT_NOT_EQUAL(KC_SERVO_THERE, step(&s_mem));
+        memcpy(s_q, s_cmd, sizeof s_q);
+        for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_TRUE(fabs(s_q[j] - s_seed[j]) <= 0.6 + 1e-9); }
+        TEST_ASSERT_TRUE(s_q[3] <= 1.28 + 1e-9);
+    }
+}
+
+void test_without_room_to_move_it_is_stuck(void)
+{
+    s_opt.leash = 1e-6;
+    s_seen.p_m[0] += 0.2;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_STUCK, step(&s_mem));
+    expect_not_moved();
+}
+
+void test_a_look_that_is_not_finite_moves_nothing(void)
+{
+    s_seen.p_m[1] = NAN;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_STUCK, step(&s_mem));
+    expect_not_moved();
+    TEST_ASSERT_EQUAL_UINT8(0u, s_mem.has_last);
+}
+
+void test_joints_that_are_not_finite_move_nothing(void)
+{
+    s_seen.p_m[1] += 0.1;
+    s_q[2] = NAN;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_STUCK, step(NULL));
+}
+
+void test_a_small_move_teaches_nothing(void)
+{
+    s_seen.p_m[0] += 0.1;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
+    s_q[0] += 0.01;
+    s_seen.p_m[0] -= 0.05; /* more than the move explains */
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_mem.B[0][0]);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_mem.has_last);
+}
+
+void test_after_learning_the_last_move_is_explained(void)
+{
+    kc_pose_t first;
+    double dx[6], mid[KC_JOINT_MAX];
+    static kc_eval_t at_mid;
+    kc_ctx_t ctx;
+    kc_loads_t loads;
+    s_true.joint[2].phi_rad += 0.8;
+    kc_arm_fk(&s_true, s_q, &s_seen);
+    first = s_seen;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
+    memcpy(s_seed, s_q, sizeof s_seed);
+    memcpy(s_q, s_cmd, sizeof s_q);
+    kc_arm_fk(&s_true, s_q, &s_seen);
+    (void)step(&s_mem);
+    /* secant condition: (J + B) s = dx, J halfway */
+    kc_pose_residual(&s_seen, &first, dx);
+    memset(&ctx, 0, sizeof ctx);
+    for (uint32_t j = 0u; j < 7u; j++) {
+        mid[j] = 0.5 * (s_q[j] + s_seed[j]);
+        ctx.q[j] = mid[j];
+    }
+    kc_model_loads(&s_arm, &s_terms, s_zero, &ctx, &loads);
+    kc_model_eval(&s_arm, &s_terms, s_zero, &ctx, &loads, 0, &at_mid);
+    for (uint32_t r = 0u; r < 6u; r++) {
+        for (uint32_t j = 0u; j < 7u; j++) { dx[r] -= (at_mid.Jq[j][r] + s_mem.B[j][r]) * (s_q[j] - s_seed[j]); }
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.0, dx[r]);
+    }
+}
+
+void test_a_turn_the_joints_cannot_have_made_is_forgotten(void)
+{
+    double flipped[9];
+    s_true.joint[2].phi_rad += 0.8;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, (kc_arm_fk(&s_true, s_q, &s_seen), step(&s_mem)));
+    memcpy(s_q, s_cmd, sizeof s_q);
+    kc_arm_fk(&s_true, s_q, &s_seen);
+    (void)step(&s_mem);
+    TEST_ASSERT_NOT_EQUAL(0, s_mem.B[0][0] != 0.0);
+    memcpy(flipped, s_seen.R, sizeof flipped);
+    for (uint32_t i = 0u; i < 3u; i++) { /* half a turn about the tool's z */
+        flipped[3u * i] = -flipped[3u * i];
+        flipped[3u * i + 1u] = -flipped[3u * i + 1u];
+    }
+    memcpy(s_seen.R, flipped, sizeof flipped);
+    s_q[0] += 0.05;
+    (void)step(&s_mem);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_mem.B[0][0]);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_mem.has_last);
+}
