@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -76,6 +77,16 @@ def segment_distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray)
     t = np.clip((uv * s + vw) / vv, 0.0, 1.0)
     s = np.clip((uv * t - uw) / uu, 0.0, 1.0)
     return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
+
+
+def with_dh_errors(arm: Any, values: dict[str, float]) -> Any:
+    """Copy of an arm with DH errors added; other coefficients are ignored."""
+    out = core.ffi.new("kc_arm_t *", arm[0])
+    for name, value in values.items():
+        if found := re.fullmatch(r"J(\d+)\.(phi_rad|alpha_rad|a_m|d_m)", name):
+            joint = out.joint[int(found[1]) - 1]
+            setattr(joint, found[2], getattr(joint, found[2]) + value)
+    return out
 
 
 class CorrectedArm:

@@ -103,10 +103,10 @@ def draw_scene(ax: Any, scene: Scene, result: RunResult | None = None) -> None:
 
 def draw_f(ax: Any, curves: list[Curve]) -> None:
     for curve in curves:
-        ax.plot([p.number for p in curve.poses], [p.f for p in curve.poses], color=_colour(curve),
+        ax.plot([p.number for p in curve.poses], [p.f_run for p in curve.poses], color=_colour(curve),
                 marker=_mark(curve), ms=3.5, lw=1.4, ls="--" if _dashed(curve) else "-", label=curve.label)
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel="poses measured", ylabel="f of eq. 6 at the pose [-]", ylim=(-1.05, 0.08))
+    ax.set(xlabel="poses measured", ylabel="f of eq. 6, largest residuals of the run = 1 [-]", ylim=(-1.05, 0.08))
     ax.set_title("Objective: how far the model was off, 0 is perfect")
     ax.xaxis.get_major_locator().set_params(integer=True)
     ax.legend(loc="lower right")
@@ -121,7 +121,7 @@ def draw_held_out(ax: Any, curves: list[Curve], result: RunResult) -> None:
     ax.set(xlabel="poses measured", ylabel="held-out position RMS [mm]")
     ax.set_title(f"Held-out error over {result.after.n if result.after else 0} poses")
     ax.xaxis.get_major_locator().set_params(integer=True)
-    ax.legend(loc="upper right", frameon=True, edgecolor="none", framealpha=0.9)
+    ax.legend(loc="center right")
 
 
 def draw_coefs(ax: Any, coefs: list[CoefResult], unit: str) -> None:
@@ -250,13 +250,13 @@ def page_scene(scene: Scene, result: RunResult) -> go.Figure:
 
 
 def page_progress(result: RunResult) -> go.Figure:
-    figure = make_subplots(rows=1, cols=2, subplot_titles=("Objective f of eq. 6 at each pose",
+    figure = make_subplots(rows=1, cols=2, subplot_titles=("Objective f of eq. 6 (largest residuals of the run = 1)",
                                                            "Held-out position error"), horizontal_spacing=0.1)
     for curve in result.curves:
         style = {"line": {"color": _colour(curve), "dash": "dash" if _dashed(curve) else "solid"}, "mode": "lines+markers", "legendgroup": curve.label,
                  "name": curve.label}
         x = [p.number for p in curve.poses]
-        figure.add_trace(go.Scatter(x=x, y=[p.f for p in curve.poses], **style), row=1, col=1)
+        figure.add_trace(go.Scatter(x=x, y=[p.f_run for p in curve.poses], **style), row=1, col=1)
         figure.add_trace(go.Scatter(x=x, y=[p.held_pos_m * 1e3 for p in curve.poses], showlegend=False, **style),
                          row=1, col=2)
     if result.before:

@@ -25,6 +25,7 @@ class PoseLine:
     pred_rot_rad: float
     held_pos_m: float = float("nan")  # held-out RMS with the estimate after this pose
     held_rot_rad: float = float("nan")
+    f_run: float = float("nan")  # f with the largest residuals of the whole run as scale, for pictures
 
 
 @dataclass(frozen=True)

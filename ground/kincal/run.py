@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from kincal import channels, core, lcmlog, report, review, show, space, tables
+from kincal import channels, lcmlog, report, review, show, space, tables
 from kincal.errors import KincalError, KincalFailed
-from kincal.geometry import ArmChain, CorrectedArm, quat_to_R
+from kincal.geometry import ArmChain, CorrectedArm, quat_to_R, with_dh_errors
 from kincal.link import Link
 from kincal.results import CoefResult, Curve, Gate, HeldOut, PoseLine, RunResult, angle_text, length_text
 
@@ -77,7 +77,8 @@ def read_plan(scenario: str) -> Plan:
         raise KincalError(f"no scenario {scenario!r}", str(path), f"give a file or one of: {known}")
     doc = tables.read_toml(path)
     expect = doc.get("expect", {})
-    return Plan(doc.get("title") or path.stem, doc.get("executive", {}).get("accept", "auto"),
+    title = doc.get("title") or path.stem
+    return Plan(title[:1].upper() + title[1:], doc.get("executive", {}).get("accept", "auto"),
                 expect.get("verdict", ""), float(expect.get("held_out_pos_m", 0.0)),
                 float(expect.get("held_out_rot_rad", 0.0)))
 
@@ -149,6 +150,8 @@ class Judge:
         _, self.space = tables.load(tables_dir / "space.tbl")
         _, terms = tables.load(tables_dir / "terms.tbl")
         _, kin = tables.load(tables_dir / "kin.tbl")
+        _, config = tables.load(tables_dir / "config.tbl")
+        self.a1 = float(config.a1)
         self.model = CorrectedArm(self.arm, terms)
         self.names = self.model.names
         self.start = np.array(list(kin.value[0:self.model.n_coef]))
@@ -181,7 +184,11 @@ class Judge:
 
     def lines(self, session: lcmlog.Session) -> list[PoseLine]:
         by_pose = {m.pose: m for m in session.measurements}
-        return [self.pose_line(p, by_pose.get(p.pose)) for p in session.progress]
+        worst_m = max((p.res_pos_m for p in session.progress), default=1.0) or 1.0
+        worst_rad = max((p.res_rot_rad for p in session.progress), default=1.0) or 1.0
+        return [replace(self.pose_line(p, by_pose.get(p.pose)),
+                        f_run=-(self.a1 * p.res_pos_m / worst_m + (1.0 - self.a1) * p.res_rot_rad / worst_rad))
+                for p in session.progress]
 
     def coefs(self, proposal: Any) -> list[CoefResult]:
         """All coefficients of a proposal; what was not injected is truly zero."""
@@ -202,16 +209,6 @@ def coef_name(injected: str) -> str:
         if pattern.fullmatch(injected):
             return pattern.sub(name, injected)
     return injected
-
-
-def with_dh_errors(arm: Any, values: dict[str, float]) -> Any:
-    """Copy of an arm with DH errors added; other coefficients are ignored."""
-    out = core.ffi.new("kc_arm_t *", arm[0])
-    for name, value in values.items():
-        if found := re.fullmatch(r"J(\d+)\.(phi_rad|alpha_rad|a_m|d_m)", name):
-            joint = out.joint[int(found[1]) - 1]
-            setattr(joint, found[2], getattr(joint, found[2]) + value)
-    return out
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -299,7 +296,7 @@ def result_of(request: Request, plan: Plan, done: Finished) -> RunResult:
     in_force = int(hk.table_crc[review.KIN_KIND]) & 0xFFFFFFFF if hk is not None else 0
     # Without a change on offer the table in force stays, and is what counts.
     counts = after_coef if p is not None and p.verdict == 1 else judge.start
-    acquisition = channels.named(channels.ACQUISITIONS, session.progress[0].acquisition) if session.progress else "-"
+    acquisition = channels.named(channels.ACQUISITIONS, session.progress[-1].acquisition) if session.progress else "-"
     result = RunResult(plan.title, request.scenario, request.mode, request.seed, acquisition,
                        session.progress[-1].n_goal if session.progress else request.poses or 0, lines)
     result.before, result.after = judge.held_out(judge.start), judge.held_out(counts)

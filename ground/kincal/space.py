@@ -16,7 +16,7 @@ import pydantic
 
 from kincal import core, tables
 from kincal.errors import KincalError
-from kincal.geometry import ArmChain, Camera, R_to_quat, quat_to_R, rotation_angle, segment_distance
+from kincal.geometry import ArmChain, Camera, R_to_quat, quat_to_R, rotation_angle, segment_distance, with_dh_errors
 from kincal.results import Scene
 
 # Bits of kc_cand_t.why: what was checked and found good.
@@ -32,6 +32,7 @@ WHY = {
     256: "line of sight to those tags clear of the arm",
 }
 WHY_ALL = sum(WHY)
+FAULTY_INCID_MAX_RAD = 1.2  # a tag still decodes, though its pose is poor
 CAND_MAX, HUB_MAX = 1024, 16
 
 
@@ -64,6 +65,17 @@ class Clear(_Strict):
     mast_radius_m: float
     step_rad: float = pydantic.Field(gt=0, le=0.2)
     direct_max_rad: float = pydantic.Field(ge=0)
+
+
+class Robust(_Strict):
+    """Faults that a prior pose should survive: so many draws of so many DH errors at full size each."""
+
+    draws: int = pydantic.Field(ge=1, le=200)
+    faults: int = pydantic.Field(ge=1)
+    phi_rad: float
+    alpha_rad: float
+    a_m: float
+    d_m: float
 
 
 class Spread(_Strict):
@@ -102,6 +114,7 @@ class Description(_Strict):
     view: View
     clear: Clear
     sight: Sight
+    robust: Robust
     spread: Spread
 
 
@@ -202,6 +215,13 @@ class Search:
                 out |= 1 << i
         return out
 
+    def seen(self, q: np.ndarray, pan: float, tilt: float) -> bool:
+        """A tag is in the image and not hidden, wherever the tool may be."""
+        p, R = self.chain.fk(q)
+        p_cam, R_cam = self.camera.pose(pan, tilt)
+        mask = self.camera.visible(R_cam.T @ (p - p_cam), R_cam.T @ R, FAULTY_INCID_MAX_RAD)
+        return bool(mask and mask & self.sight(q, p, R, pan, tilt))
+
     def clear(self, q: np.ndarray) -> bool:
         """Centre line of the arm above the deck and away from the mast."""
         points = self.chain.points(q)[2:]  # the base column stands on the deck by design
@@ -281,7 +301,7 @@ def build(desc: Description, tables_dir: Path, tick: Callable[[str, int, int], N
     q, hub, p, R = q[keep], hub[keep], p[keep], R[keep]
     space = core.ffi.new("kc_space_t *")
     _fill(space, search, q, hub, p, R, hubs)
-    for i, c in enumerate(_priors(space, search, p, R)):
+    for i, c in enumerate(_priors(search, q, p, R, tick)):
         space.prior[i] = c
     space.n_prior = desc.priors
     space.servo_leash = desc.joints.servo_leash_rad
@@ -334,15 +354,32 @@ def _fill(space: Any, search: Search, q: np.ndarray, hub: np.ndarray, p: np.ndar
         c.hub, c.why = int(hub[i]), WHY_ALL
 
 
-def _priors(space: Any, search: Search, p: np.ndarray, R: np.ndarray) -> list[int]:
-    """Starting poses: among those seen best (the least oblique quarter), spread far apart. A large fault then
-    has the widest margin before a tag turns away from the camera."""
-    tags = search.camera.tags
-    worst = [float(np.max(search.camera.incidence(*search.look(p[i], R[i])[3:])
-                          [[bool(space.cand[i].tags >> k & 1) for k in range(len(tags))]])) for i in range(len(p))]
-    best = np.argsort(worst, kind="stable")[:max(len(p) // 4, search.desc.priors)]
+def _priors(search: Search, q: np.ndarray, p: np.ndarray, R: np.ndarray,
+            tick: Callable[[str, int, int], None]) -> list[int]:
+    """Starting poses, when nothing is known about the faults yet: among the tenth that shows a tag under most
+    of the faults drawn, spread far apart."""
+    faulty = _faulty_arms(search)
+    score = np.zeros(len(p))
+    for i in range(len(p)):
+        pan, tilt, *_ = search.look(p[i], R[i])
+        score[i] = sum(arm.seen(q[i], pan, tilt) for arm in faulty)
+        if i % 20 == 0 or i + 1 == len(p):
+            tick("faults at candidates", i + 1, len(p))
+    best = np.argsort(-score, kind="stable")[:max(len(p) // 10, search.desc.priors)]
     centre = int(np.argmin(np.linalg.norm(p[best] - p[best].mean(axis=0), axis=1)))
     return [int(best[k]) for k in search.spread(p[best], R[best], search.desc.priors, centre)]
+
+
+def _faulty_arms(search: Search) -> list[Search]:
+    """The same search on arms with drawn DH errors."""
+    r, rng, out = search.desc.robust, np.random.default_rng([search.desc.seed, 1]), []
+    sizes = {name: getattr(r, name) for name in ("phi_rad", "alpha_rad", "a_m", "d_m")}
+    names = [f"J{j + 1}.{name}" for j in range(search.chain.n) for name in sizes]
+    for _ in range(r.draws):
+        chosen = rng.choice(len(names), r.faults, replace=False)
+        errors = {names[k]: float(rng.choice([-1.0, 1.0])) * sizes[names[k].split(".")[1]] for k in chosen}
+        out.append(Search(search.desc, with_dh_errors(search.chain.arm, errors), search.camera.camera))
+    return out
 
 
 def _edges(space: Any, search: Search, q: np.ndarray, tick: Callable[[str, int, int], None]) -> None:
