@@ -53,9 +53,11 @@ def whole_number_macros(includes: str, dirs: list[Path]) -> dict[str, int]:
         plain = re.sub(r"\b(0[xX][0-9a-fA-F]+|\d+)[uUlL]+\b", r"\1", expr)
         if re.fullmatch(r"[-+*()<>|&\s\dxXa-fA-F]+", plain) and re.search(r"\d", plain):
             try:
-                values[name] = int(eval(plain, {"__builtins__": {}}))  # noqa: S307  (digits and operators only)
+                value = eval(plain, {"__builtins__": {}})  # noqa: S307  (digits and operators only)
             except (SyntaxError, NameError, TypeError):
                 continue
+            if isinstance(value, int):  # 1e-9 looks like digits and operators too
+                values[name] = value
     return values
 
 

@@ -15,7 +15,7 @@ void kc_pose_identity(kc_pose_t *T)
 
 void kc_pose_mul(const kc_pose_t *A, const kc_pose_t *B, kc_pose_t *out)
 {
-    kc_pose_t C;
+    kc_pose_t C = *A;
     kc_m3_mul_v3(A->R, B->p_m, C.p_m);
     kc_v3_add_scaled(C.p_m, 1.0, A->p_m, C.p_m);
     kc_m3_mul(A->R, B->R, C.R);
@@ -24,7 +24,7 @@ void kc_pose_mul(const kc_pose_t *A, const kc_pose_t *B, kc_pose_t *out)
 
 void kc_pose_inv(const kc_pose_t *A, kc_pose_t *out)
 {
-    kc_pose_t C;
+    kc_pose_t C = *A;
     kc_m3t_mul_v3(A->R, A->p_m, C.p_m);
     for (int i = 0; i < 3; i++) {
         C.p_m[i] = -C.p_m[i];

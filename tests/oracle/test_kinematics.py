@@ -294,6 +294,7 @@ VARIABLES = (
     "xcam",
     "ycam",
     "zcam",
+    "tag",
 )
 FUNCTIONS = {
     "lin": lambda z: z,
@@ -320,6 +321,7 @@ CTX = {
     "pan_rad": 0.3,
     "tilt_rad": 0.5,
     "p_cam_tool_m": [0.1, -0.2, 1.1],
+    "tag": 0.5,
 }
 
 
@@ -417,6 +419,7 @@ def expected_variable(var, index, ctx, tau, tau_payload, moment):
         "v": "v_norm",
         "pan": "pan_rad",
         "tilt": "tilt_rad",
+        "tag": "tag",
     }
     if var in where:
         return where[var][index - 1]

@@ -82,6 +82,7 @@ void test_each_variable_reads_its_own_field(void)
     s_ctx.v_norm = 7.0;
     s_ctx.pan_rad = 8.0;
     s_ctx.tilt_rad = 9.0;
+    s_ctx.tag = 0.5;
     for (uint32_t k = 0u; k < 3u; k++) { s_ctx.p_cam_tool_m[k] = 200.0 + k; }
 
     static const struct {
@@ -111,6 +112,7 @@ void test_each_variable_reads_its_own_field(void)
         {KC_VAR_XCAM, 0u, 200.0},
         {KC_VAR_YCAM, 0u, 201.0},
         {KC_VAR_ZCAM, 0u, 202.0},
+        {KC_VAR_TAG, 0u, 0.5},
     };
     for (size_t k = 0u; k < sizeof expected / sizeof expected[0]; k++) {
         TEST_ASSERT_EQUAL_DOUBLE(expected[k].want,
