@@ -18,14 +18,28 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 WIDTH = 100
 
-UNITS = (("_m_s2", "m/s^2"), ("_rad_s", "rad/s"), ("_rad", "rad"), ("_m", "m"), ("_us", "us"), ("_px", "px"),
-         ("_c", "deg C"), ("_kg", "kg"), ("_bytes", "bytes"))
+UNITS = (
+    ("_m_s2", "m/s^2"),
+    ("_rad_s", "rad/s"),
+    ("_rad", "rad"),
+    ("_m", "m"),
+    ("_us", "us"),
+    ("_px", "px"),
+    ("_c", "deg C"),
+    ("_kg", "kg"),
+    ("_bytes", "bytes"),
+)
 # Fields whose unit depends on the joint type.
-JOINT_UNIT = {"q_rad": "rad (m, prismatic)", "q_cmd_rad": "rad (m, prismatic)", "dq_rad_s": "rad/s (m/s, prismatic)",
-              "q_true_rad": "rad (m, prismatic)"}
+JOINT_UNIT = {
+    "q_rad": "rad (m, prismatic)",
+    "q_cmd_rad": "rad (m, prismatic)",
+    "dq_rad_s": "rad/s (m/s, prismatic)",
+    "q_true_rad": "rad (m, prismatic)",
+}
 
 
 # --------------------------------------------------------------------------- message files
+
 
 @dataclass(frozen=True)
 class Field:
@@ -82,6 +96,7 @@ def messages() -> list[Message]:
 
 # --------------------------------------------------------------------------- blocks of INTERFACES.md
 
+
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     out = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     out += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
@@ -91,9 +106,13 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 def block_channels() -> str:
     from kincal.channels import CHANNELS
 
-    return table(("channel", "type", "from", "to", "rate", "carries"),
-                 [(f"`{c.name}`", f"[`{c.type}`](#{c.type})", c.sender, c.receivers, c.rate, c.purpose)
-                  for c in CHANNELS])
+    return table(
+        ("channel", "type", "from", "to", "rate", "carries"),
+        [
+            (f"`{c.name}`", f"[`{c.type}`](#{c.type})", c.sender, c.receivers, c.rate, c.purpose)
+            for c in CHANNELS
+        ],
+    )
 
 
 def block_messages() -> str:
@@ -103,9 +122,13 @@ def block_messages() -> str:
     parts = []
     for m in messages():
         about = re.sub(r"^Channels? .*?\.\s", "", m.comment)
-        parts.append(f"### {m.name}\n\n{', '.join(f'`{c}`' for c in used[m.name])}. {about}\n\n"
-                     + table(("field", "type", "unit", "meaning"),
-                             [(f"`{f.name}`", f"`{f.type}`", f.unit, f.comment) for f in m.fields]))
+        parts.append(
+            f"### {m.name}\n\n{', '.join(f'`{c}`' for c in used[m.name])}. {about}\n\n"
+            + table(
+                ("field", "type", "unit", "meaning"),
+                [(f"`{f.name}`", f"`{f.type}`", f.unit, f.comment) for f in m.fields],
+            )
+        )
         if m.constants and m.name != "cmd_t":
             parts.append("Constants: " + ", ".join(f"`{n}` = {v}" for n, v in m.constants) + ".")
     return "\n\n".join(parts)
@@ -131,8 +154,10 @@ def block_opcodes() -> str:
     missing = set(values) - set(meaning)
     if missing:
         raise SystemExit(f"cmd_t.lcm does not explain {', '.join(sorted(missing))}")
-    return table(("opcode", "name", "meaning and arguments"), [(str(v), f"`{n}`", meaning[n]) for n, v in
-                                                               sorted(values.items(), key=lambda item: item[1])])
+    return table(
+        ("opcode", "name", "meaning and arguments"),
+        [(str(v), f"`{n}`", meaning[n]) for n, v in sorted(values.items(), key=lambda item: item[1])],
+    )
 
 
 def c_enum(header: str, name: str) -> list[tuple[str, str, str]]:
@@ -146,18 +171,28 @@ def c_enum(header: str, name: str) -> list[tuple[str, str, str]]:
 
 
 def block_statuses() -> str:
-    return table(("status", "name", "meaning"), [(v, f"`{n}`", c) for v, n, c in
-                                                 c_enum("fsw/math/kc_status.h", "kc_status_t")])
+    return table(
+        ("status", "name", "meaning"),
+        [(v, f"`{n}`", c) for v, n, c in c_enum("fsw/math/kc_status.h", "kc_status_t")],
+    )
 
 
 def block_states() -> str:
-    return table(("state", "name", "what happens"), [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in
-                                                     c_enum("fsw/exec/kc_app.h", "kc_state_t")])
+    return table(
+        ("state", "name", "what happens"),
+        [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in c_enum("fsw/exec/kc_app.h", "kc_state_t")],
+    )
 
 
 def block_kinds() -> str:
-    return table(("kind", "name", "holds"), [(v, f"`{n.removeprefix('KC_TBL_')}`", KIND_TEXT[n]) for v, n, _c in
-                                             c_enum("fsw/exec/kc_tables.h", "kc_tbl_kind_t") if n in KIND_TEXT])
+    return table(
+        ("kind", "name", "holds"),
+        [
+            (v, f"`{n.removeprefix('KC_TBL_')}`", KIND_TEXT[n])
+            for v, n, _c in c_enum("fsw/exec/kc_tables.h", "kc_tbl_kind_t")
+            if n in KIND_TEXT
+        ],
+    )
 
 
 KIND_TEXT = {
@@ -174,13 +209,21 @@ KIND_TEXT = {
 def block_why() -> str:
     from kincal.space import WHY
 
-    return table(("bit", "value", "checked and found good"), [(str(v.bit_length() - 1), str(v), text)
-                                                              for v, text in WHY.items()])
+    return table(
+        ("bit", "value", "checked and found good"),
+        [(str(v.bit_length() - 1), str(v), text) for v, text in WHY.items()],
+    )
 
 
-BLOCKS: dict[str, Callable[[], str]] = {"channels": block_channels, "messages": block_messages,
-                                        "opcodes": block_opcodes, "statuses": block_statuses,
-                                        "states": block_states, "kinds": block_kinds, "why": block_why}
+BLOCKS: dict[str, Callable[[], str]] = {
+    "channels": block_channels,
+    "messages": block_messages,
+    "opcodes": block_opcodes,
+    "statuses": block_statuses,
+    "states": block_states,
+    "kinds": block_kinds,
+    "why": block_why,
+}
 
 
 def interfaces() -> str:
@@ -197,6 +240,7 @@ def interfaces() -> str:
 
 # --------------------------------------------------------------------------- CLI.md
 
+
 def commands() -> Iterator[tuple[str, str]]:
     """(full name, help text) of every command, groups first."""
     import click
@@ -204,8 +248,9 @@ def commands() -> Iterator[tuple[str, str]]:
     from kincal.cli import main
 
     def walk(command: click.Command, name: str, parent: click.Context | None) -> Iterator[tuple[str, str]]:
-        context = click.Context(command, info_name=name.split()[-1], parent=parent, terminal_width=WIDTH,
-                                max_content_width=WIDTH)
+        context = click.Context(
+            command, info_name=name.split()[-1], parent=parent, terminal_width=WIDTH, max_content_width=WIDTH
+        )
         yield name, command.get_help(context)
         if isinstance(command, click.Group):
             for sub in command.list_commands(context):
@@ -217,13 +262,17 @@ def commands() -> Iterator[tuple[str, str]]:
 
 
 def cli() -> str:
-    parts = ["# Commands of `kincal`\n\nMade by `python ground/gen_docs.py` from the commands' own help; do not edit.\n"
-             "How they are used together: [GROUND.md](GROUND.md)."]
+    parts = [
+        "# Commands of `kincal`\n\nMade by `python ground/gen_docs.py` from the commands' own help; "
+        "do not edit.\n"
+        "How they are used together: [GROUND.md](GROUND.md)."
+    ]
     parts += [f"## {name}\n\n```text\n{text}\n```" for name, text in commands()]
     return "\n\n".join(parts) + "\n"
 
 
 # --------------------------------------------------------------------------- main
+
 
 def main(argv: list[str]) -> int:
     sys.path[:0] = [str(ROOT / "ground"), str(ROOT / "build/py")]
@@ -231,7 +280,9 @@ def main(argv: list[str]) -> int:
     stale = [path for path, text in wanted.items() if not path.is_file() or path.read_text("utf-8") != text]
     if "--check" in argv:
         for path in stale:
-            print(f"{path.relative_to(ROOT)} is out of date; run `python ground/gen_docs.py`", file=sys.stderr)
+            print(
+                f"{path.relative_to(ROOT)} is out of date; run `python ground/gen_docs.py`", file=sys.stderr
+            )
         return 1 if stale else 0
     for path in stale:
         path.write_text(wanted[path], "utf-8")

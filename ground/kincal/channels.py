@@ -20,35 +20,98 @@ class Channel:
 
 
 CHANNELS = (
-    Channel("KC_TIME", "time_t", "simulator", "flight, detector, executive", "10 Hz mission time, lockstep only",
-            "starts tick `tick`; mission time of the tick"),
-    Channel("KC_TICK_DONE", "tick_done_t", "flight, detector, executive", "simulator", "once a tick, lockstep only",
-            "this participant has published everything of the tick"),
+    Channel(
+        "KC_TIME",
+        "time_t",
+        "simulator",
+        "flight, detector, executive",
+        "10 Hz mission time, lockstep only",
+        "starts tick `tick`; mission time of the tick",
+    ),
+    Channel(
+        "KC_TICK_DONE",
+        "tick_done_t",
+        "flight, detector, executive",
+        "simulator",
+        "once a tick, lockstep only",
+        "this participant has published everything of the tick",
+    ),
     Channel("KC_ARM_STATE", "arm_state_t", "arm controller", "flight", "10 Hz", "encoders, motion, loads"),
     Channel("KC_ARM_CMD", "arm_cmd_t", "flight", "arm controller", "on a move", "joint-space move or hold"),
     Channel("KC_PANTILT_STATE", "pantilt_state_t", "camera head", "flight", "10 Hz", "head encoders"),
     Channel("KC_PANTILT_CMD", "pantilt_cmd_t", "flight", "camera head", "on a move", "turn the head"),
     Channel("KC_FRAME_REQUEST", "frame_request_t", "flight", "camera", "per frame", "take one frame now"),
     Channel("KC_IMAGE", "image_t", "camera", "tag detector", "per frame request", "grey JPEG"),
-    Channel("KC_DETECTION", "detection_t", "tag detector", "flight", "one per image, also without tags",
-            "tool pose in the camera frame with covariance"),
+    Channel(
+        "KC_DETECTION",
+        "detection_t",
+        "tag detector",
+        "flight",
+        "one per image, also without tags",
+        "tool pose in the camera frame with covariance",
+    ),
     Channel("KC_CMD", "cmd_t", "executive, ground", "flight", "on demand", "commands, see opcodes"),
-    Channel("KC_ACK", "ack_t", "flight", "executive, ground", "one per command", "accepted or refused, and why"),
+    Channel(
+        "KC_ACK", "ack_t", "flight", "executive, ground", "one per command", "accepted or refused, and why"
+    ),
     Channel("KC_TABLE_UP", "table_chunk_t", "ground", "flight", "on demand", "table image in chunks, staged"),
-    Channel("KC_TABLE_DOWN", "table_chunk_t", "flight", "ground", "one chunk a tick while dumping", "table dump"),
+    Channel(
+        "KC_TABLE_DOWN", "table_chunk_t", "flight", "ground", "one chunk a tick while dumping", "table dump"
+    ),
     Channel("KC_EVENT", "event_t", "flight", "all", "as they happen", "events, dictionary in EVENTS.md"),
     Channel("KC_HK", "hk_t", "flight", "all", "1 Hz", "housekeeping and heartbeat"),
-    Channel("KC_MEAS", "meas_t", "flight", "ground", "one per accepted measurement", "everything about a pose"),
-    Channel("KC_PROGRESS", "progress_t", "flight", "executive, ground", "one per pose", "estimate after each pose"),
-    Channel("KC_PROPOSAL", "proposal_t", "flight", "executive, ground", "one per calibration",
-            "proposed correction, or nothing to change"),
-    Channel("KC_SIM_TRUTH", "sim_truth_t", "simulator", "log only", "with each frame", "truth for tests and pictures"),
+    Channel(
+        "KC_MEAS", "meas_t", "flight", "ground", "one per accepted measurement", "everything about a pose"
+    ),
+    Channel(
+        "KC_PROGRESS", "progress_t", "flight", "executive, ground", "one per pose", "estimate after each pose"
+    ),
+    Channel(
+        "KC_PROPOSAL",
+        "proposal_t",
+        "flight",
+        "executive, ground",
+        "one per calibration",
+        "proposed correction, or nothing to change",
+    ),
+    Channel(
+        "KC_SIM_TRUTH",
+        "sim_truth_t",
+        "simulator",
+        "log only",
+        "with each frame",
+        "truth for tests and pictures",
+    ),
 )
 BY_NAME = {channel.name: channel for channel in CHANNELS}
 
-STATES = ("IDLE", "MOVE", "AIM", "SETTLE", "LOOK", "SERVO", "SEARCH", "MEASURE", "UPDATE", "REVIEW", "ARMED", "SAFE")
-OPCODES = ("NOOP", "START", "ABORT", "APPROVE_ARM", "APPROVE_GO", "REJECT", "ROLLBACK", "TABLE_VALIDATE",
-           "TABLE_ACTIVATE", "TABLE_DISCARD", "TABLE_DUMP")
+STATES = (
+    "IDLE",
+    "MOVE",
+    "AIM",
+    "SETTLE",
+    "LOOK",
+    "SERVO",
+    "SEARCH",
+    "MEASURE",
+    "UPDATE",
+    "REVIEW",
+    "ARMED",
+    "SAFE",
+)
+OPCODES = (
+    "NOOP",
+    "START",
+    "ABORT",
+    "APPROVE_ARM",
+    "APPROVE_GO",
+    "REJECT",
+    "ROLLBACK",
+    "TABLE_VALIDATE",
+    "TABLE_ACTIVATE",
+    "TABLE_DISCARD",
+    "TABLE_DUMP",
+)
 SEVERITIES = ("debug", "info", "warning", "error")
 VERDICTS = ("no change needed", "change proposed", "poor fit")
 COEF_STATUS = ("estimated", "masked", "held", "at lower bound", "at upper bound")

@@ -12,12 +12,29 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from kincal import __version__, link, show
 
 PATH = click.Path(path_type=Path)
-URL = click.option("--url", default=link.DEFAULT_URL, show_default=True, envvar="KINCAL_URL",
-                   help="LCM URL of the flight process.")
-TABLES = click.option("--tables", "tables_dir", type=PATH, default=Path("tables/bin"), show_default=True,
-                      help="Directory with built table images.")
-TIMEOUT = click.option("--timeout", "timeout_s", type=float, default=10.0, show_default=True,
-                       help="Seconds to wait for each answer.")
+URL = click.option(
+    "--url",
+    default=link.DEFAULT_URL,
+    show_default=True,
+    envvar="KINCAL_URL",
+    help="LCM URL of the flight process.",
+)
+TABLES = click.option(
+    "--tables",
+    "tables_dir",
+    type=PATH,
+    default=Path("tables/bin"),
+    show_default=True,
+    help="Directory with built table images.",
+)
+TIMEOUT = click.option(
+    "--timeout",
+    "timeout_s",
+    type=float,
+    default=10.0,
+    show_default=True,
+    help="Seconds to wait for each answer.",
+)
 
 
 def console() -> Console:
@@ -27,8 +44,15 @@ def console() -> Console:
 
 
 def bar(out: Console) -> Progress:
-    return Progress(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"),
-                    TimeElapsedColumn(), console=out, transient=True, disable=not out.is_terminal)
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total}"),
+        TimeElapsedColumn(),
+        console=out,
+        transient=True,
+        disable=not out.is_terminal,
+    )
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -48,6 +72,7 @@ def main() -> None:
 
 # --------------------------------------------------------------------------- table
 
+
 @main.group()
 def table() -> None:
     """Build, check, compare, uplink and dump tables.
@@ -61,8 +86,13 @@ def table() -> None:
 @table.command("build")
 @click.argument("source", type=click.Path(path_type=Path, exists=True))
 @click.argument("out", type=PATH)
-@click.option("--tables", "tables_dir", type=PATH, default=None,
-              help="Directory with arm.tbl and camera.tbl, for a search space.  [default: next to OUT]")
+@click.option(
+    "--tables",
+    "tables_dir",
+    type=PATH,
+    default=None,
+    help="Directory with arm.tbl and camera.tbl, for a search space.  [default: next to OUT]",
+)
 def table_build(source: Path, out: Path, tables_dir: Path | None) -> None:
     """Build table images from TOML sources.
 
@@ -101,8 +131,13 @@ def table_show(file: Path, as_json: bool) -> None:
     image, struct = tables.load(file)
     doc = tables.to_doc(struct)
     if as_json:
-        click.echo(json.dumps({"kind": image.kind, "crc": image.crc_text, "fields": doc}, indent=1,
-                              default=lambda b: b.hex()))
+        click.echo(
+            json.dumps(
+                {"kind": image.kind, "crc": image.crc_text, "fields": doc},
+                indent=1,
+                default=lambda b: b.hex(),
+            )
+        )
     else:
         show.table(console(), image, doc)
 
@@ -188,6 +223,7 @@ def table_dump(kind: str, out: Path, url: str, timeout_s: float) -> None:
 
 # --------------------------------------------------------------------------- space
 
+
 @main.group()
 def space() -> None:
     """Make and look at search spaces.
@@ -216,8 +252,11 @@ def space_build(description: Path, out: Path, tables_dir: Path) -> None:
     out_console = console()
     with bar(out_console) as progress:
         task = progress.add_task("sampling", total=1)
-        built = lib.build(lib.read_description(description), tables_dir,
-                          lambda what, done, of: progress.update(task, description=what, completed=done, total=of))
+        built = lib.build(
+            lib.read_description(description),
+            tables_dir,
+            lambda what, done, of: progress.update(task, description=what, completed=done, total=of),
+        )
     link.write_image(built.image, out)
     show.space_built(out_console, built, out)
 
@@ -243,31 +282,63 @@ def space_show(file: Path, tables_dir: Path, picture: Path | None) -> None:
     _, camera = tables.load(tables_dir / "camera.tbl")
     numbers, incid, rng = lib.describe(struct, arm_image, camera)
     picture = picture or file.with_suffix(".png")
-    pictures.save_space_png(lib.scene(struct, arm, camera), picture,
-                            f"{numbers.candidates} candidates, {len(numbers.priors)} priors, table {image.crc_text}",
-                            incid, rng)
+    pictures.save_space_png(
+        lib.scene(struct, arm, camera),
+        picture,
+        f"{numbers.candidates} candidates, {len(numbers.priors)} priors, table {image.crc_text}",
+        incid,
+        rng,
+    )
     show.space(console(), image, numbers, picture)
 
 
 # --------------------------------------------------------------------------- run
 
+
 @main.command()
 @click.argument("scenario")
-@click.option("--fast/--pixels", default=False, help="Detections without pixels, or rendered images.  [default: pixels]")
-@click.option("--acquisition", type=click.Choice(["table", "ucb", "random", "dopt", "vopt"]), default=None,
-              help="How poses are chosen.  [default: as the scenario says]")
-@click.option("--poses", type=click.IntRange(1, 64), default=None, help="Number of poses.  [default: scenario]")
+@click.option(
+    "--fast/--pixels", default=False, help="Detections without pixels, or rendered images.  [default: pixels]"
+)
+@click.option(
+    "--acquisition",
+    type=click.Choice(["table", "ucb", "random", "dopt", "vopt"]),
+    default=None,
+    help="How poses are chosen.  [default: as the scenario says]",
+)
+@click.option(
+    "--poses", type=click.IntRange(1, 64), default=None, help="Number of poses.  [default: scenario]"
+)
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of everything random.")
-@click.option("--accept", type=click.Choice(["auto", "policy", "ground"]), default=None,
-              help="Who accepts: executive, flight's own policy, or this command as the ground, in two steps.  "
-                   "[default: scenario]")
+@click.option(
+    "--accept",
+    type=click.Choice(["auto", "policy", "ground"]),
+    default=None,
+    help="Who accepts: executive, flight's own policy, or this command as the ground, in two steps.  "
+    "[default: scenario]",
+)
 @click.option("--out", "out_dir", type=PATH, default=None, help="Result directory.  [default: out/SCENARIO]")
-@click.option("--summary/--no-summary", default=True, help="Write summary.html, .png and .json.  [default: summary]")
-@click.option("--compare/--no-compare", default=True,
-              help="Also run ucb and random in fast mode for the comparison.  [default: compare]")
+@click.option(
+    "--summary/--no-summary", default=True, help="Write summary.html, .png and .json.  [default: summary]"
+)
+@click.option(
+    "--compare/--no-compare",
+    default=True,
+    help="Also run ucb and random in fast mode for the comparison.  [default: compare]",
+)
 @TABLES
-def run(scenario: str, fast: bool, acquisition: str | None, poses: int | None, seed: int, accept: str | None,
-        out_dir: Path | None, summary: bool, compare: bool, tables_dir: Path) -> None:
+def run(
+    scenario: str,
+    fast: bool,
+    acquisition: str | None,
+    poses: int | None,
+    seed: int,
+    accept: str | None,
+    out_dir: Path | None,
+    summary: bool,
+    compare: bool,
+    tables_dir: Path,
+) -> None:
     """Run a whole calibration in simulation and judge it.
 
     SCENARIO is a file or a name from sim/scenarios. Prints one line a pose, then true and estimated
@@ -282,13 +353,22 @@ def run(scenario: str, fast: bool, acquisition: str | None, poses: int | None, s
     """
     from kincal import run as lib
 
-    request = lib.Request(scenario, "fast" if fast else "pixels", acquisition, poses, seed,
-                          out_dir or Path("out") / Path(scenario).stem, tables_dir, accept)
+    request = lib.Request(
+        scenario,
+        "fast" if fast else "pixels",
+        acquisition,
+        poses,
+        seed,
+        out_dir or Path("out") / Path(scenario).stem,
+        tables_dir,
+        accept,
+    )
     result = lib.run_and_judge(request, console(), compare=compare, summary=summary)
     raise SystemExit(0 if result.ok else 1)
 
 
 # --------------------------------------------------------------------------- log
+
 
 @main.command()
 @click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
@@ -312,8 +392,14 @@ def log(file: Path, as_json: bool, debug: bool) -> None:
 
 # --------------------------------------------------------------------------- review
 
-JOURNAL = click.option("--journal", type=PATH, default=Path("out/review.jsonl"), show_default=True,
-                       envvar="KINCAL_JOURNAL", help="Append-only record of decisions.")
+JOURNAL = click.option(
+    "--journal",
+    type=PATH,
+    default=Path("out/review.jsonl"),
+    show_default=True,
+    envvar="KINCAL_JOURNAL",
+    help="Append-only record of decisions.",
+)
 BY = click.option("--by", required=True, help="Who decides.")
 WHY = click.option("--why", required=True, help="Reason, for the record.")
 
@@ -356,7 +442,9 @@ def review_list(logs: tuple[Path, ...], live: bool, url: str, timeout_s: float, 
 @review.command("show")
 @click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 @click.option("--crc", default=None, help="Which proposal of the log, by CRC.  [default: the last]")
-@click.option("--picture", type=PATH, default=None, help="Where to write the picture.  [default: next to the log]")
+@click.option(
+    "--picture", type=PATH, default=None, help="Where to write the picture.  [default: next to the log]"
+)
 @TABLES
 def review_show(file: Path, crc: str | None, picture: Path | None, tables_dir: Path) -> None:
     """Show a proposal of a log with all its numbers and a picture.
@@ -377,14 +465,27 @@ def review_show(file: Path, crc: str | None, picture: Path | None, tables_dir: P
 @click.argument("crc")
 @BY
 @WHY
-@click.option("--log", "log_file", type=click.Path(path_type=Path, exists=True, dir_okay=False), default=None,
-              help="Log with the proposal; its numbers go into the record.")
+@click.option(
+    "--log",
+    "log_file",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    default=None,
+    help="Log with the proposal; its numbers go into the record.",
+)
 @URL
 @TIMEOUT
 @JOURNAL
 @TABLES
-def review_approve(crc: str, by: str, why: str, log_file: Path | None, url: str, timeout_s: float, journal: Path,
-                   tables_dir: Path) -> None:
+def review_approve(
+    crc: str,
+    by: str,
+    why: str,
+    log_file: Path | None,
+    url: str,
+    timeout_s: float,
+    journal: Path,
+    tables_dir: Path,
+) -> None:
     """Approve the correction that waits on board: two commands bound to its CRC.
 
     \b
@@ -402,14 +503,27 @@ def review_approve(crc: str, by: str, why: str, log_file: Path | None, url: str,
 @click.argument("crc")
 @BY
 @WHY
-@click.option("--log", "log_file", type=click.Path(path_type=Path, exists=True, dir_okay=False), default=None,
-              help="Log with the proposal; its numbers go into the record.")
+@click.option(
+    "--log",
+    "log_file",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    default=None,
+    help="Log with the proposal; its numbers go into the record.",
+)
 @URL
 @TIMEOUT
 @JOURNAL
 @TABLES
-def review_reject(crc: str, by: str, why: str, log_file: Path | None, url: str, timeout_s: float, journal: Path,
-                  tables_dir: Path) -> None:
+def review_reject(
+    crc: str,
+    by: str,
+    why: str,
+    log_file: Path | None,
+    url: str,
+    timeout_s: float,
+    journal: Path,
+    tables_dir: Path,
+) -> None:
     """Reject the correction that waits on board; the table in force stays.
 
     \b

@@ -40,14 +40,14 @@ class ArmChain:
 
     def fk(self, q: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Tool position [m] and rotation in the base frame."""
-        self._q[0:self.n] = list(q)
+        self._q[0 : self.n] = list(q)
         core.lib.kc_arm_fk(self.arm, self._q, self._pose)
         return pose_arrays(self._pose)
 
     def points(self, q: Sequence[float]) -> np.ndarray:
         """Base plate, frame origins 0..n-1 and the tool point, (n + 2, 3)."""
         out = [np.zeros(3), self.base_m]
-        self._q[0:self.n] = list(q)
+        self._q[0 : self.n] = list(q)
         for cut in self._cut:
             core.lib.kc_arm_fk(cut, self._q, self._pose)
             out.append(np.array(list(self._pose.p_m)))
@@ -55,11 +55,10 @@ class ArmChain:
         out.append(np.array(list(self._pose.p_m)))
         return np.array(out)
 
-
     def frames(self, q: Sequence[float]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Pose of frames 0..n-1 (frame 0: on the base, i: end of link i)."""
         out = [(self.base_m, self.base_R)]
-        self._q[0:self.n] = list(q)
+        self._q[0 : self.n] = list(q)
         for cut in self._cut:
             core.lib.kc_arm_fk(cut, self._q, self._pose)
             out.append(pose_arrays(self._pose))
@@ -105,13 +104,15 @@ class CorrectedArm:
 
     def fk(self, q: Sequence[float], coef: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Tool position and rotation with the coefficients `coef`."""
-        self._ctx.q[0:self.n] = list(q)
-        self._coef[0:self.n_coef] = list(coef)[:self.n_coef]
+        self._ctx.q[0 : self.n] = list(q)
+        self._coef[0 : self.n_coef] = list(coef)[: self.n_coef]
         core.lib.kc_model_loads(self.arm, self.terms, self._coef, self._ctx, self._loads)
         core.lib.kc_model_eval(self.arm, self.terms, self._coef, self._ctx, self._loads, 0, self._eval)
         return pose_arrays(self._eval.T)
 
-    def held_out(self, q: np.ndarray, p_true: np.ndarray, R_true: np.ndarray, coef: Sequence[float]) -> HeldOut:
+    def held_out(
+        self, q: np.ndarray, p_true: np.ndarray, R_true: np.ndarray, coef: Sequence[float]
+    ) -> HeldOut:
         """RMS pose error with `coef` over joint vectors with known true poses."""
         dp, dr = [], []
         for qi, pi, Ri in zip(q, p_true, R_true, strict=True):
@@ -129,9 +130,13 @@ def rotation_angle(R: np.ndarray) -> float:
 
 def quat_to_R(q: Sequence[float]) -> np.ndarray:
     w, x, y, z = np.asarray(q, float) / np.linalg.norm(q)
-    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                     [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def R_to_quat(R: np.ndarray) -> np.ndarray:
@@ -149,8 +154,10 @@ class Camera:
         self._pose = core.ffi.new("kc_pose_t *")
         self._point = core.ffi.new("double[3]")
         self._pan, self._tilt = core.ffi.new("double *"), core.ffi.new("double *")
-        self.tags = [(np.array(list(t.xyz_m)), quat_to_R(list(t.quat_wxyz)))
-                     for t in camera.tag[0:int(camera.n_tags)]]
+        self.tags = [
+            (np.array(list(t.xyz_m)), quat_to_R(list(t.quat_wxyz)))
+            for t in camera.tag[0 : int(camera.n_tags)]
+        ]
 
     def aim(self, p: np.ndarray) -> tuple[float, float, bool]:
         """Pan, tilt that centre a point, and whether the limits allow it."""
@@ -181,6 +188,8 @@ class Camera:
         """Camera position and the four image corners at a depth, base frame."""
         p, R = self.pose(pan, tilt)
         c = self.camera
-        corners = [((u - c.cx_px) / c.fx_px, (v - c.cy_px) / c.fy_px, 1.0)
-                   for u, v in ((0, 0), (c.width_px, 0), (c.width_px, c.height_px), (0, c.height_px))]
+        corners = [
+            ((u - c.cx_px) / c.fx_px, (v - c.cy_px) / c.fy_px, 1.0)
+            for u, v in ((0, 0), (c.width_px, 0), (c.width_px, c.height_px), (0, c.height_px))
+        ]
         return p, np.array([p + R @ (depth_m * np.array(k)) for k in corners])

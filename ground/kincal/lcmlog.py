@@ -70,9 +70,14 @@ class LogSummary:
         elif channel == "KC_PROPOSAL":
             self.session(message.session).proposal = message
         elif channel == "KC_EVENT":
-            self.events.append(EventLine(message.t_us, channels.named(channels.SEVERITIES, message.severity),
-                                         message.id, event_line(message.id, message.index, message.got,
-                                                                message.want)))
+            self.events.append(
+                EventLine(
+                    message.t_us,
+                    channels.named(channels.SEVERITIES, message.severity),
+                    message.id,
+                    event_line(message.id, message.index, message.got, message.want),
+                )
+            )
         elif channel == "KC_ACK":
             self.acks.append(message)
         elif channel == "KC_CMD":
@@ -83,14 +88,20 @@ class LogSummary:
     def as_dict(self) -> dict[str, Any]:
         """Plain data for --json."""
         return {
-            "file": str(self.path), "messages": self.n_messages, "channels": dict(sorted(self.counts.items())),
-            "undecodable": dict(self.undecodable), "mission_s": self.mission_s,
+            "file": str(self.path),
+            "messages": self.n_messages,
+            "channels": dict(sorted(self.counts.items())),
+            "undecodable": dict(self.undecodable),
+            "mission_s": self.mission_s,
             "sessions": [session_dict(s) for s in self.sessions.values()],
-            "events": [{"t_us": e.t_us, "severity": e.severity, "id": e.id, "text": e.text} for e in self.events],
+            "events": [
+                {"t_us": e.t_us, "severity": e.severity, "id": e.id, "text": e.text} for e in self.events
+            ],
             "commands": len(self.commands),
             "refused": sum(1 for a in self.acks if a.status != 0),
-            "table_crc": {} if self.hk is None else {
-                i: channels.crc32_text(c) for i, c in enumerate(self.hk.table_crc) if c},
+            "table_crc": {}
+            if self.hk is None
+            else {i: channels.crc32_text(c) for i, c in enumerate(self.hk.table_crc) if c},
             "state": None if self.hk is None else channels.named(channels.STATES, self.hk.state),
         }
 
@@ -98,13 +109,20 @@ class LogSummary:
 def session_dict(session: Session) -> dict[str, Any]:
     proposal = session.proposal
     return {
-        "session": session.number, "poses": len(session.progress), "measurements": len(session.measurements),
+        "session": session.number,
+        "poses": len(session.progress),
+        "measurements": len(session.measurements),
         "last_pred_pos_m": session.progress[-1].pred_pos_m if session.progress else None,
-        "proposal": None if proposal is None else {
+        "proposal": None
+        if proposal is None
+        else {
             "crc": channels.crc32_text(proposal.crc),
             "verdict": channels.named(channels.VERDICTS, proposal.verdict),
-            "rank": proposal.rank, "n_free": proposal.n_free, "p_fit": proposal.p_fit,
-            "p_no_change": proposal.p_no_change, "fit_pos_m": proposal.fit_pos_m,
+            "rank": proposal.rank,
+            "n_free": proposal.n_free,
+            "p_fit": proposal.p_fit,
+            "p_no_change": proposal.p_no_change,
+            "fit_pos_m": proposal.fit_pos_m,
             "before_pos_m": proposal.before_pos_m,
         },
     }
@@ -133,7 +151,9 @@ def read(path: Path) -> LogSummary:
             continue
         summary.take(event.channel, message)
     if summary.n_messages == 0:
-        raise KincalError("the file holds no LCM messages", str(path), "give a log written by lcm-logger or a run")
+        raise KincalError(
+            "the file holds no LCM messages", str(path), "give a log written by lcm-logger or a run"
+        )
     return summary
 
 
@@ -141,5 +161,5 @@ def unpack_cov(packed: list[float], n: int) -> np.ndarray:
     """Square matrix from an upper triangle stored row by row."""
     full = np.zeros((n, n))
     rows, cols = np.triu_indices(n)
-    full[rows, cols] = packed[:len(rows)]
+    full[rows, cols] = packed[: len(rows)]
     return full + np.triu(full, 1).T

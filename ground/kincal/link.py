@@ -29,15 +29,27 @@ class Heard:
 class Link:
     """Listens in a thread; everything heard goes to one queue, in order of arrival. Use as a context."""
 
-    def __init__(self, url: str, listen: tuple[str, ...] = ("KC_ACK", "KC_HK", "KC_EVENT", "KC_PROPOSAL",
-                                                            "KC_PROGRESS", "KC_TABLE_DOWN"),
-                 first_seq: int | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        listen: tuple[str, ...] = (
+            "KC_ACK",
+            "KC_HK",
+            "KC_EVENT",
+            "KC_PROPOSAL",
+            "KC_PROGRESS",
+            "KC_TABLE_DOWN",
+        ),
+        first_seq: int | None = None,
+    ) -> None:
         try:
             self._lcm = lcm.LCM(url)
         except (RuntimeError, OSError) as error:
-            raise KincalError(f"cannot open LCM: {error}", url,
-                              "check the URL; multicast needs a route, e.g. `ip route add 224.0.0.0/4 dev lo`"
-                              ) from None
+            raise KincalError(
+                f"cannot open LCM: {error}",
+                url,
+                "check the URL; multicast needs a route, e.g. `ip route add 224.0.0.0/4 dev lo`",
+            ) from None
         self.url = url
         self.heard: queue.Queue[Heard] = queue.Queue()
         self.bad_messages = 0
@@ -91,13 +103,18 @@ class Link:
             heard = self.next(left)
             if heard is not None and what(heard):
                 return heard.message
-        raise KincalFailed(f"{name} did not come within {timeout_s:g} s", self.url,
-                           "is the flight process running on this URL?")
+        raise KincalFailed(
+            f"{name} did not come within {timeout_s:g} s",
+            self.url,
+            "is the flight process running on this URL?",
+        )
 
     def wait_hk(self, what: Callable[[Any], bool], timeout_s: float, name: str) -> Any:
         return self.wait_for(lambda h: h.channel == "KC_HK" and what(h.message), timeout_s, name)
 
-    def send(self, opcode: str, arg_i: tuple[int, ...] = (), arg_u64: int = 0, t_us: int | None = None) -> int:
+    def send(
+        self, opcode: str, arg_i: tuple[int, ...] = (), arg_u64: int = 0, t_us: int | None = None
+    ) -> int:
         """Publish a command, return its sequence number."""
         self._seq += 1
         command = channels.message_type("cmd_t")()
@@ -111,18 +128,21 @@ class Link:
         self._lcm.publish("KC_CMD", command.encode())
         return self._seq
 
-    def command(self, opcode: str, arg_i: tuple[int, ...] = (), timeout_s: float = 10.0,
-                t_us: int | None = None) -> Any:
+    def command(
+        self, opcode: str, arg_i: tuple[int, ...] = (), timeout_s: float = 10.0, t_us: int | None = None
+    ) -> Any:
         """Send a command and wait for its answer. A refusal is an error with the reason."""
         seq = self.send(opcode, arg_i, t_us=t_us)
-        return check_ack(self.wait_for(lambda h: is_ack(h, seq), timeout_s, f"answer to {opcode}"), opcode, self.url)
+        return check_ack(
+            self.wait_for(lambda h: is_ack(h, seq), timeout_s, f"answer to {opcode}"), opcode, self.url
+        )
 
     def upload(self, image: tables.Image, timeout_s: float = 30.0) -> None:
         """Stage, validate, activate, and see the new CRC in housekeeping."""
         kind = tables.KINDS[image.kind]
         self.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
         for offset in range(0, len(image.data), CHUNK_BYTES):
-            part = image.data[offset:offset + CHUNK_BYTES]
+            part = image.data[offset : offset + CHUNK_BYTES]
             chunk = channels.message_type("table_chunk_t")()
             chunk.t_us = self.last_t_us
             chunk.kind, chunk.total_bytes, chunk.offset, chunk.n = kind, len(image.data), offset, len(part)
@@ -133,18 +153,26 @@ class Link:
                 self._wait_staged(kind, end, len(image.data), timeout_s)
         self.command("TABLE_VALIDATE", (kind, image.crc), timeout_s)
         self.command("TABLE_ACTIVATE", (kind, image.crc), timeout_s)
-        self.wait_hk(lambda hk: hk.table_crc[kind] & 0xFFFFFFFF == image.crc, timeout_s, "the new CRC in housekeeping")
+        self.wait_hk(
+            lambda hk: hk.table_crc[kind] & 0xFFFFFFFF == image.crc, timeout_s, "the new CRC in housekeeping"
+        )
 
     def _wait_staged(self, kind: int, end: int, total: int, timeout_s: float) -> None:
         """Chunks have no answer of their own: housekeeping says how far staging has come."""
         try:
-            self.wait_hk(lambda hk: hk.staged_kind == kind and hk.staged_bytes >= end, timeout_s,
-                         f"staging of byte {end} of {total}")
+            self.wait_hk(
+                lambda hk: hk.staged_kind == kind and hk.staged_bytes >= end,
+                timeout_s,
+                f"staging of byte {end} of {total}",
+            )
         except KincalFailed:
             hk = self.last_hk
             said = "" if hk is None else f"staged {hk.staged_bytes} bytes of kind {hk.staged_kind}"
-            raise KincalFailed("flight did not take the table", said or self.url,
-                               "look at the events with `kincal log`; tables only change in IDLE") from None
+            raise KincalFailed(
+                "flight did not take the table",
+                said or self.url,
+                "look at the events with `kincal log`; tables only change in IDLE",
+            ) from None
 
     def dump(self, kind: str, timeout_s: float = 60.0) -> tables.Image:
         """Bring down the active table of a kind, checked against its CRC."""
@@ -163,7 +191,7 @@ class Link:
                 if chunk.offset != len(data):
                     raise KincalFailed(f"dump lost a chunk at byte {len(data)}", self.url, "try again")
                 total = chunk.total_bytes
-                data += bytes(chunk.data[:chunk.n])
+                data += bytes(chunk.data[: chunk.n])
         return tables.decode(bytes(data), self.url)[0]
 
 
@@ -180,8 +208,11 @@ def is_ack(heard: Heard, seq: int) -> bool:
 def check_ack(ack: Any, opcode: str, where: str) -> Any:
     if ack.status != 0:
         name = core.ffi.string(core.lib.kc_event_name(ack.event_id)).decode() if ack.event_id else ""
-        raise KincalFailed(f"{opcode} refused: {core.status_name(ack.status)}" + (f" ({name})" if name else ""),
-                           where, "nothing was changed on board; `kincal review show` tells what waits there")
+        raise KincalFailed(
+            f"{opcode} refused: {core.status_name(ack.status)}" + (f" ({name})" if name else ""),
+            where,
+            "nothing was changed on board; `kincal review show` tells what waits there",
+        )
     return ack
 
 

@@ -21,10 +21,23 @@ BLUE, ORANGE, GREEN, RED, PURPLE = "#1f6fb4", "#e07b1a", "#2c8a4b", "#c0392b", "
 CURVE_COLOURS = {"ucb": BLUE, "random": ORANGE, "dopt": GREEN, "vopt": PURPLE}
 MARKS = {"ucb": "o", "random": "s", "dopt": "^", "vopt": "D"}
 
-plt.rcParams.update({"font.size": 9.5, "axes.edgecolor": GREY, "axes.labelcolor": INK, "xtick.color": INK,
-                     "ytick.color": INK, "axes.titlesize": 10.5, "axes.titlecolor": INK, "axes.grid": True,
-                     "grid.color": LIGHT, "grid.linewidth": 0.6, "legend.frameon": False,
-                     "axes.spines.top": False, "axes.spines.right": False})
+plt.rcParams.update(
+    {
+        "font.size": 9.5,
+        "axes.edgecolor": GREY,
+        "axes.labelcolor": INK,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "axes.titlesize": 10.5,
+        "axes.titlecolor": INK,
+        "axes.grid": True,
+        "grid.color": LIGHT,
+        "grid.linewidth": 0.6,
+        "legend.frameon": False,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+    }
+)
 
 
 def _colour(curve: Curve) -> str:
@@ -42,6 +55,7 @@ def _dashed(curve: Curve) -> bool:
 
 # --------------------------------------------------------------------------- matplotlib
 
+
 def save_png(result: RunResult, path: Path) -> None:
     """The whole run on one sheet."""
     figure = plt.figure(figsize=(13.5, 10.0), dpi=110, layout="constrained")
@@ -49,7 +63,7 @@ def save_png(result: RunResult, path: Path) -> None:
     grid = figure.add_gridspec(2, 3, width_ratios=[1.15, 1.0, 1.0], height_ratios=[1.0, 1.0])
     figure.suptitle(headline(result), fontsize=12.5, color=INK, x=0.01, ha="left")
     if result.scene is not None:
-        draw_scene(figure.add_subplot(grid[0, 0], projection="3d"), result.scene, result)
+        draw_scene(figure.add_subplot(grid[0, 0], projection="3d"), result.scene)
     draw_f(figure.add_subplot(grid[0, 1]), result.curves)
     draw_held_out(figure.add_subplot(grid[0, 2]), result.curves, result)
     below = grid[1, :].subgridspec(1, 2)
@@ -62,15 +76,20 @@ def save_png(result: RunResult, path: Path) -> None:
 
 def headline(result: RunResult) -> str:
     """One line that says how it went."""
-    text = f"{result.title}: {result.mode}, {len(result.poses)} poses by {result.acquisition}, seed {result.seed}"
+    text = (
+        f"{result.title}: {result.mode}, {len(result.poses)} poses by {result.acquisition}, "
+        f"seed {result.seed}"
+    )
     if result.before and result.after:
-        text += (f".  Held-out RMS over {result.after.n} poses: {result.before.pos_m * 1e3:.1f} mm, "
-                 f"{result.before.rot_rad * 1e3:.1f} mrad before; {result.after.pos_m * 1e3:.2f} mm, "
-                 f"{result.after.rot_rad * 1e3:.2f} mrad after")
+        text += (
+            f".  Held-out RMS over {result.after.n} poses: {result.before.pos_m * 1e3:.1f} mm, "
+            f"{result.before.rot_rad * 1e3:.1f} mrad before; {result.after.pos_m * 1e3:.2f} mm, "
+            f"{result.after.rot_rad * 1e3:.2f} mrad after"
+        )
     return text
 
 
-def draw_scene(ax: Any, scene: Scene, result: RunResult | None = None) -> None:
+def draw_scene(ax: Any, scene: Scene) -> None:
     """Arm at the chosen poses, candidates, mast and view."""
     c = scene.candidates
     ax.scatter(*c.T, s=6, color=GREY, alpha=0.6, linewidths=0, label=f"{len(c)} candidates")
@@ -81,8 +100,15 @@ def draw_scene(ax: Any, scene: Scene, result: RunResult | None = None) -> None:
         last = scene.skeletons[-1]
         ax.plot(*last.T, color=INK, lw=2.4, marker="o", ms=3.0, label="arm at the last pose")
         tips = scene.skeletons[:, -1, :]
-        ax.scatter(*tips.T, s=26, c=shades, edgecolors="white", linewidths=0.6, depthshade=False,
-                   label="chosen poses, first dark to last bright")
+        ax.scatter(
+            *tips.T,
+            s=26,
+            c=shades,
+            edgecolors="white",
+            linewidths=0.6,
+            depthshade=False,
+            label="chosen poses, first dark to last bright",
+        )
     ax.plot(*scene.mast.T, color=GREY, lw=3)
     for corner in scene.frustum:
         ax.plot(*np.array([scene.camera_m, corner]).T, color=ORANGE, lw=0.8, alpha=0.8)
@@ -103,10 +129,20 @@ def draw_scene(ax: Any, scene: Scene, result: RunResult | None = None) -> None:
 
 def draw_f(ax: Any, curves: list[Curve]) -> None:
     for curve in curves:
-        ax.plot([p.number for p in curve.poses], [p.f_run for p in curve.poses], color=_colour(curve),
-                marker=_mark(curve), ms=3.5, lw=1.4, ls="--" if _dashed(curve) else "-", label=curve.label)
+        ax.plot(
+            [p.number for p in curve.poses],
+            [p.f_run for p in curve.poses],
+            color=_colour(curve),
+            marker=_mark(curve),
+            ms=3.5,
+            lw=1.4,
+            ls="--" if _dashed(curve) else "-",
+            label=curve.label,
+        )
     ax.axhline(0.0, color=GREY, lw=0.8)
-    ax.set(xlabel="poses measured", ylabel="f of eq. 6, largest residuals of the run = 1 [-]", ylim=(-1.05, 0.08))
+    ax.set(
+        xlabel="poses measured", ylabel="f of eq. 6, largest residuals of the run = 1 [-]", ylim=(-1.05, 0.08)
+    )
     ax.set_title("Objective: how far the model was off, 0 is perfect")
     ax.xaxis.get_major_locator().set_params(integer=True)
     ax.legend(loc="lower right")
@@ -114,8 +150,16 @@ def draw_f(ax: Any, curves: list[Curve]) -> None:
 
 def draw_held_out(ax: Any, curves: list[Curve], result: RunResult) -> None:
     for curve in curves:
-        ax.semilogy([p.number for p in curve.poses], [p.held_pos_m * 1e3 for p in curve.poses],
-                    color=_colour(curve), marker=_mark(curve), ms=3.5, lw=1.4, ls="--" if _dashed(curve) else "-", label=curve.label)
+        ax.semilogy(
+            [p.number for p in curve.poses],
+            [p.held_pos_m * 1e3 for p in curve.poses],
+            color=_colour(curve),
+            marker=_mark(curve),
+            ms=3.5,
+            lw=1.4,
+            ls="--" if _dashed(curve) else "-",
+            label=curve.label,
+        )
     if result.before:
         ax.axhline(result.before.pos_m * 1e3, color=RED, lw=1.0, ls="--", label="before calibration")
     ax.set(xlabel="poses measured", ylabel="held-out position RMS [mm]")
@@ -134,11 +178,22 @@ def draw_coefs(ax: Any, coefs: list[CoefResult], unit: str) -> None:
     bars = np.array([3e3 * c.sigma for c in rows])
     good = np.array([not known or c.inside_3_sigma for c in rows], dtype=bool)
     x = np.arange(len(rows))
-    for mask, colour, label in ((good, BLUE, "within 3 sigma of the truth" if known else "estimate and 3 sigma"),
-                                (~good, RED, "further off")):
+    for mask, colour, label in (
+        (good, BLUE, "within 3 sigma of the truth" if known else "estimate and 3 sigma"),
+        (~good, RED, "further off"),
+    ):
         if mask.any():
-            ax.errorbar(x[mask], value[mask], yerr=bars[mask], fmt="o", ms=4, color=colour, elinewidth=1.4,
-                        capsize=3, label=label)
+            ax.errorbar(
+                x[mask],
+                value[mask],
+                yerr=bars[mask],
+                fmt="o",
+                ms=4,
+                color=colour,
+                elinewidth=1.4,
+                capsize=3,
+                label=label,
+            )
     ax.axhline(0.0, color=GREY, lw=0.8)
     names = [c.name.removesuffix(f"_{unit}") for c in rows]
     if known:
@@ -146,14 +201,24 @@ def draw_coefs(ax: Any, coefs: list[CoefResult], unit: str) -> None:
         ax.set_ylim(-1.2 * top, 1.45 * top)
         for i, c in enumerate(rows):
             if c.true != 0.0:
-                ax.text(i, value[i] + bars[i] + 0.04 * top, f"true {c.true * 1e3:+.4g}", ha="center", va="bottom",
-                        fontsize=7.5, color=INK, rotation=90)
+                ax.text(
+                    i,
+                    value[i] + bars[i] + 0.04 * top,
+                    f"true {c.true * 1e3:+.4g}",
+                    ha="center",
+                    va="bottom",
+                    fontsize=7.5,
+                    color=INK,
+                    rotation=90,
+                )
     else:
         ax.set_yscale("symlog", linthresh=10.0)
     ax.set_xticks(x, names, rotation=90, fontsize=8)
     ax.set_ylabel(f"{'estimate - true' if known else 'correction'} [{small}]")
-    ax.set_title(f"{'Angles' if unit == 'rad' else 'Lengths'}: "
-                 + ("error of the estimate, bars 3 sigma" if known else "estimate, bars 3 sigma"))
+    ax.set_title(
+        f"{'Angles' if unit == 'rad' else 'Lengths'}: "
+        + ("error of the estimate, bars 3 sigma" if known else "estimate, bars 3 sigma")
+    )
     if len(rows):
         ax.legend(loc="upper left", fontsize=8, ncols=2)
 
@@ -168,25 +233,36 @@ def save_space_png(scene: Scene, path: Path, title: str, incid_deg: np.ndarray, 
     draw_scene(ax, scene)
     ax.set_title("Candidates and prior poses")
     ax = figure.add_subplot(grid[0, 1])
-    dots = ax.scatter(scene.candidates[:, 0], scene.candidates[:, 1], c=scene.candidates[:, 2], s=9, cmap="viridis")
+    dots = ax.scatter(
+        scene.candidates[:, 0], scene.candidates[:, 1], c=scene.candidates[:, 2], s=9, cmap="viridis"
+    )
     figure.colorbar(dots, ax=ax, label="tool height z [m]")
     ax.set(xlabel="x forward [m]", ylabel="y left [m]", title="Seen from above", aspect="equal")
     ax = figure.add_subplot(grid[0, 2])
     ax.scatter(range_m, incid_deg, s=9, color=BLUE, linewidths=0, alpha=0.7)
-    ax.set(xlabel="camera to tool [m]", ylabel="incidence of the tag [deg]",
-           title="How candidates are seen")
+    ax.set(xlabel="camera to tool [m]", ylabel="incidence of the tag [deg]", title="How candidates are seen")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
     plt.close(figure)
 
 
-def save_review_png(names: list[str], units: list[str], value: np.ndarray, sigma: np.ndarray,
-                    correlation: np.ndarray, path: Path, title: str) -> None:
+def save_review_png(
+    names: list[str],
+    units: list[str],
+    value: np.ndarray,
+    sigma: np.ndarray,
+    correlation: np.ndarray,
+    path: Path,
+    title: str,
+) -> None:
     """A proposal: corrections with error bars, and which of them hang together."""
     figure = plt.figure(figsize=(13.0, 5.6), dpi=110, layout="constrained")
     figure.suptitle(title, fontsize=12, color=INK, x=0.01, ha="left")
     grid = figure.add_gridspec(1, 3, width_ratios=[1.0, 1.0, 1.1])
-    lines = [CoefResult(n, u, float("nan"), v, s, "") for n, u, v, s in zip(names, units, value, sigma, strict=True)]
+    lines = [
+        CoefResult(n, u, float("nan"), v, s, "")
+        for n, u, v, s in zip(names, units, value, sigma, strict=True)
+    ]
     for i, unit in enumerate(("rad", "m")):
         draw_coefs(figure.add_subplot(grid[0, i]), lines, unit)
     ax = figure.add_subplot(grid[0, 2])
@@ -203,8 +279,10 @@ def save_review_png(names: list[str], units: list[str], value: np.ndarray, sigma
 
 # --------------------------------------------------------------------------- plotly
 
-_LAYOUT: dict[str, Any] = {"template": "plotly_white", "font": {"family": "system-ui, sans-serif", "size": 13,
-                                                               "color": INK}}
+_LAYOUT: dict[str, Any] = {
+    "template": "plotly_white",
+    "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
+}
 
 
 def _line3(points: np.ndarray, **kw: Any) -> go.Scatter3d:
@@ -213,55 +291,137 @@ def _line3(points: np.ndarray, **kw: Any) -> go.Scatter3d:
 
 def page_scene(scene: Scene, result: RunResult) -> go.Figure:
     figure = go.Figure()
-    figure.add_trace(_line3(scene.candidates, mode="markers", name=f"{len(scene.candidates)} candidates",
-                            marker={"size": 2, "color": GREY, "opacity": 0.45}, hoverinfo="skip"))
+    figure.add_trace(
+        _line3(
+            scene.candidates,
+            mode="markers",
+            name=f"{len(scene.candidates)} candidates",
+            marker={"size": 2, "color": GREY, "opacity": 0.45},
+            hoverinfo="skip",
+        )
+    )
     steps = np.linspace(0.05, 0.95, max(len(scene.skeletons), 1))
     from plotly.colors import sample_colorscale
 
     shades = sample_colorscale("Viridis", list(steps))
     for i, bones in enumerate(scene.skeletons):
-        figure.add_trace(_line3(bones, mode="lines", line={"width": 3, "color": shades[i]}, opacity=0.45,
-                                name="arm at the poses", legendgroup="arms", showlegend=i == 0, hoverinfo="skip"))
+        figure.add_trace(
+            _line3(
+                bones,
+                mode="lines",
+                line={"width": 3, "color": shades[i]},
+                opacity=0.45,
+                name="arm at the poses",
+                legendgroup="arms",
+                showlegend=i == 0,
+                hoverinfo="skip",
+            )
+        )
     if len(scene.skeletons):
         tips = scene.skeletons[:, -1, :]
-        text = [f"pose {p.number}, candidate {p.candidate}<br>servo steps {p.servo_steps}<br>residual "
-                f"{p.res_pos_m * 1e3:.2f} mm, {p.res_rot_rad * 1e3:.2f} mrad<br>f {p.f:.3f}"
-                for p in result.poses[:len(tips)]]
-        figure.add_trace(_line3(scene.skeletons[-1], mode="lines+markers", name="arm at the last pose",
-                                line={"width": 7, "color": INK}, marker={"size": 4, "color": INK}, hoverinfo="skip"))
-        figure.add_trace(_line3(tips, mode="markers+text", name="chosen poses, in order", hovertext=text,
-                                hoverinfo="text", text=[str(p.number) for p in result.poses[:len(tips)]],
-                                textposition="top center", textfont={"size": 11},
-                                marker={"size": 6, "color": list(range(1, len(tips) + 1)), "colorscale": "Viridis",
-                                        "line": {"width": 1, "color": "white"}}))
-    figure.add_trace(_line3(scene.mast, mode="lines", line={"width": 9, "color": GREY}, name="camera mast",
-                            hoverinfo="skip"))
-    rays = np.vstack([p for corner in scene.frustum for p in (scene.camera_m, corner, np.full(3, np.nan))]
-                     + [np.vstack([scene.frustum, scene.frustum[:1]])])
-    figure.add_trace(_line3(rays, mode="lines", line={"width": 2, "color": ORANGE}, name="camera view",
-                            hoverinfo="skip"))
-    figure.add_trace(go.Mesh3d(x=[-0.5, 1.1, 1.1, -0.5], y=[-0.75, -0.75, 0.75, 0.75], z=[0, 0, 0, 0],
-                               i=[0, 0], j=[1, 2], k=[2, 3], color=LIGHT, opacity=0.5, hoverinfo="skip"))
-    figure.update_layout(**_LAYOUT, height=620, margin={"l": 0, "r": 0, "t": 10, "b": 0},
-                         legend={"x": 0.0, "y": 1.0},
-                         scene={"xaxis_title": "x forward [m]", "yaxis_title": "y left [m]", "zaxis_title": "z up [m]",
-                                "aspectmode": "data", "camera": {"eye": {"x": 0.95, "y": -1.45, "z": 0.75}}})
+        text = [
+            f"pose {p.number}, candidate {p.candidate}<br>servo steps {p.servo_steps}<br>residual "
+            f"{p.res_pos_m * 1e3:.2f} mm, {p.res_rot_rad * 1e3:.2f} mrad<br>f {p.f:.3f}"
+            for p in result.poses[: len(tips)]
+        ]
+        figure.add_trace(
+            _line3(
+                scene.skeletons[-1],
+                mode="lines+markers",
+                name="arm at the last pose",
+                line={"width": 7, "color": INK},
+                marker={"size": 4, "color": INK},
+                hoverinfo="skip",
+            )
+        )
+        figure.add_trace(
+            _line3(
+                tips,
+                mode="markers+text",
+                name="chosen poses, in order",
+                hovertext=text,
+                hoverinfo="text",
+                text=[str(p.number) for p in result.poses[: len(tips)]],
+                textposition="top center",
+                textfont={"size": 11},
+                marker={
+                    "size": 6,
+                    "color": list(range(1, len(tips) + 1)),
+                    "colorscale": "Viridis",
+                    "line": {"width": 1, "color": "white"},
+                },
+            )
+        )
+    figure.add_trace(
+        _line3(
+            scene.mast, mode="lines", line={"width": 9, "color": GREY}, name="camera mast", hoverinfo="skip"
+        )
+    )
+    rays = np.vstack(
+        [p for corner in scene.frustum for p in (scene.camera_m, corner, np.full(3, np.nan))]
+        + [np.vstack([scene.frustum, scene.frustum[:1]])]
+    )
+    figure.add_trace(
+        _line3(rays, mode="lines", line={"width": 2, "color": ORANGE}, name="camera view", hoverinfo="skip")
+    )
+    figure.add_trace(
+        go.Mesh3d(
+            x=[-0.5, 1.1, 1.1, -0.5],
+            y=[-0.75, -0.75, 0.75, 0.75],
+            z=[0, 0, 0, 0],
+            i=[0, 0],
+            j=[1, 2],
+            k=[2, 3],
+            color=LIGHT,
+            opacity=0.5,
+            hoverinfo="skip",
+        )
+    )
+    figure.update_layout(
+        **_LAYOUT,
+        height=620,
+        margin={"l": 0, "r": 0, "t": 10, "b": 0},
+        legend={"x": 0.0, "y": 1.0},
+        scene={
+            "xaxis_title": "x forward [m]",
+            "yaxis_title": "y left [m]",
+            "zaxis_title": "z up [m]",
+            "aspectmode": "data",
+            "camera": {"eye": {"x": 0.95, "y": -1.45, "z": 0.75}},
+        },
+    )
     return figure
 
 
 def page_progress(result: RunResult) -> go.Figure:
-    figure = make_subplots(rows=1, cols=2, subplot_titles=("Objective f of eq. 6 (largest residuals of the run = 1)",
-                                                           "Held-out position error"), horizontal_spacing=0.1)
+    figure = make_subplots(
+        rows=1,
+        cols=2,
+        subplot_titles=("Objective f of eq. 6 (largest residuals of the run = 1)", "Held-out position error"),
+        horizontal_spacing=0.1,
+    )
     for curve in result.curves:
-        style = {"line": {"color": _colour(curve), "dash": "dash" if _dashed(curve) else "solid"}, "mode": "lines+markers", "legendgroup": curve.label,
-                 "name": curve.label}
+        style = {
+            "line": {"color": _colour(curve), "dash": "dash" if _dashed(curve) else "solid"},
+            "mode": "lines+markers",
+            "legendgroup": curve.label,
+            "name": curve.label,
+        }
         x = [p.number for p in curve.poses]
         figure.add_trace(go.Scatter(x=x, y=[p.f_run for p in curve.poses], **style), row=1, col=1)
-        figure.add_trace(go.Scatter(x=x, y=[p.held_pos_m * 1e3 for p in curve.poses], showlegend=False, **style),
-                         row=1, col=2)
+        figure.add_trace(
+            go.Scatter(x=x, y=[p.held_pos_m * 1e3 for p in curve.poses], showlegend=False, **style),
+            row=1,
+            col=2,
+        )
     if result.before:
-        figure.add_hline(y=result.before.pos_m * 1e3, line={"color": RED, "dash": "dash", "width": 1},
-                         annotation_text="before calibration", row=1, col=2)
+        figure.add_hline(
+            y=result.before.pos_m * 1e3,
+            line={"color": RED, "dash": "dash", "width": 1},
+            annotation_text="before calibration",
+            row=1,
+            col=2,
+        )
     figure.update_xaxes(title_text="poses measured")
     figure.update_yaxes(title_text="f [-]", row=1, col=1)
     figure.update_yaxes(title_text="position RMS [mm]", type="log", row=1, col=2)
@@ -274,18 +434,39 @@ def page_coefs(result: RunResult) -> go.Figure:
     known = any(c.true == c.true for c in result.coefs)
     pick: Callable[[CoefResult], float] = (lambda c: c.error) if known else (lambda c: c.estimate)
     what = "estimate - true" if known else "estimate"
-    figure = make_subplots(rows=1, cols=2, subplot_titles=(f"Angles: {what}, bars 3 sigma",
-                                                           f"Lengths: {what}, bars 3 sigma"), horizontal_spacing=0.1)
+    figure = make_subplots(
+        rows=1,
+        cols=2,
+        subplot_titles=(f"Angles: {what}, bars 3 sigma", f"Lengths: {what}, bars 3 sigma"),
+        horizontal_spacing=0.1,
+    )
     for col, (unit, small) in enumerate((("rad", "mrad"), ("m", "mm")), 1):
         rows = [c for c in result.coefs if c.unit == unit and c.sigma > 0.0]
         colours = [BLUE if not known or c.inside_3_sigma else RED for c in rows]
-        hover = [f"{c.name}<br>estimate {c.estimate * 1e3:.3f} ± {c.sigma * 1e3:.3f} {small}"
-                 + (f"<br>true {c.true * 1e3:.3f} {small}" if known else "") for c in rows]
-        figure.add_trace(go.Scatter(
-            x=[c.name.removesuffix(f"_{unit}") for c in rows], y=[pick(c) * 1e3 for c in rows], mode="markers",
-            error_y={"type": "data", "array": [3e3 * c.sigma for c in rows], "thickness": 1.4, "width": 4},
-            marker={"color": colours, "size": 8}, hovertext=hover, hoverinfo="text", showlegend=False),
-            row=1, col=col)
+        hover = [
+            f"{c.name}<br>estimate {c.estimate * 1e3:.3f} ± {c.sigma * 1e3:.3f} {small}"
+            + (f"<br>true {c.true * 1e3:.3f} {small}" if known else "")
+            for c in rows
+        ]
+        figure.add_trace(
+            go.Scatter(
+                x=[c.name.removesuffix(f"_{unit}") for c in rows],
+                y=[pick(c) * 1e3 for c in rows],
+                mode="markers",
+                error_y={
+                    "type": "data",
+                    "array": [3e3 * c.sigma for c in rows],
+                    "thickness": 1.4,
+                    "width": 4,
+                },
+                marker={"color": colours, "size": 8},
+                hovertext=hover,
+                hoverinfo="text",
+                showlegend=False,
+            ),
+            row=1,
+            col=col,
+        )
         figure.update_yaxes(title_text=f"[{small}]", row=1, col=col)
     figure.update_xaxes(tickangle=-90)
     figure.update_layout(**_LAYOUT, height=430, margin={"l": 60, "r": 20, "t": 40, "b": 90})

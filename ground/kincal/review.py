@@ -69,13 +69,19 @@ class Review:
 
 
 NUMBERS = (
-    ("rank", "", "directions that the data determine"), ("n_free", "", "coefficients asked for"),
-    ("dof", "", "degrees of freedom"), ("chi2", "", "chi square of the fit"),
-    ("noise_scale", "", "fitted noise over stated noise"), ("p_fit", "", "chance of a fit as bad as this"),
+    ("rank", "", "directions that the data determine"),
+    ("n_free", "", "coefficients asked for"),
+    ("dof", "", "degrees of freedom"),
+    ("chi2", "", "chi square of the fit"),
+    ("noise_scale", "", "fitted noise over stated noise"),
+    ("p_fit", "", "chance of a fit as bad as this"),
     ("p_no_change", "", "chance of so large a change if the active table were right"),
-    ("cond", "", "condition of the scaled Jacobian"), ("kkt", "", "KKT residual of the last QP"),
-    ("before_pos_m", "m", "RMS position residual before"), ("before_rot_rad", "rad", "RMS rotation residual before"),
-    ("fit_pos_m", "m", "RMS position residual after"), ("fit_rot_rad", "rad", "RMS rotation residual after"),
+    ("cond", "", "condition of the scaled Jacobian"),
+    ("kkt", "", "KKT residual of the last QP"),
+    ("before_pos_m", "m", "RMS position residual before"),
+    ("before_rot_rad", "rad", "RMS rotation residual before"),
+    ("fit_pos_m", "m", "RMS position residual after"),
+    ("fit_rot_rad", "rad", "RMS rotation residual after"),
     ("pred_pos_m", "m", "predicted position sigma over the search space"),
     ("pred_rot_rad", "rad", "predicted rotation sigma over the search space"),
 )
@@ -90,12 +96,27 @@ def from_message(p: Any, names: list[str]) -> Review:
     on = np.flatnonzero(sigma > 0.0)
     d = np.sqrt(np.maximum(np.diag(cov)[on], 1e-300))
     lines = tuple(
-        CoefLine(names[i], unit_of(names[i]), channels.named(channels.COEF_STATUS, p.status[i]), p.value[i],
-                 p.sigma[i], tuple(names[k] for k in range(n) if k != i and p.entangled[i] >> k & 1))
-        for i in range(n))
-    return Review(p.crc & 0xFFFFFFFF, p.session, channels.named(channels.VERDICTS, p.verdict), p.n_poses,
-                  p.n_outliers, lines, cov[np.ix_(on, on)] / np.outer(d, d),
-                  {key: getattr(p, key) for key, _u, _t in NUMBERS}, p.crc_kin_before & 0xFFFFFFFF)
+        CoefLine(
+            names[i],
+            unit_of(names[i]),
+            channels.named(channels.COEF_STATUS, p.status[i]),
+            p.value[i],
+            p.sigma[i],
+            tuple(names[k] for k in range(n) if k != i and p.entangled[i] >> k & 1),
+        )
+        for i in range(n)
+    )
+    return Review(
+        p.crc & 0xFFFFFFFF,
+        p.session,
+        channels.named(channels.VERDICTS, p.verdict),
+        p.n_poses,
+        p.n_outliers,
+        lines,
+        cov[np.ix_(on, on)] / np.outer(d, d),
+        {key: getattr(p, key) for key, _u, _t in NUMBERS},
+        p.crc_kin_before & 0xFFFFFFFF,
+    )
 
 
 def worries(review: Review) -> list[str]:
@@ -105,8 +126,10 @@ def worries(review: Review) -> list[str]:
     if review.verdict == channels.VERDICTS[2]:
         out.append("flight itself calls the fit poor")
     if k["p_fit"] < 1e-3:
-        out.append(f"fit is worse than the stated noise explains: p = {k['p_fit']:.2g}, "
-                   f"noise scale {k['noise_scale']:.2f}")
+        out.append(
+            f"fit is worse than the stated noise explains: p = {k['p_fit']:.2g}, "
+            f"noise scale {k['noise_scale']:.2f}"
+        )
     if k["rank"] < k["n_free"]:
         held = [c.name for c in review.coefs if c.status == "held"]
         out.append(f"rank {k['rank']:.0f} of {k['n_free']:.0f}; held: {', '.join(held) or 'none'}")
@@ -136,9 +159,20 @@ class Listed:
 
 def proposals_in(path: Path) -> list[Listed]:
     """All proposals of a log."""
-    return [Listed(path, p.crc & 0xFFFFFFFF, p.session, channels.named(channels.VERDICTS, p.verdict), p.n_poses,
-                   p.p_fit, p.before_pos_m, p.fit_pos_m)
-            for s in lcmlog.read(path).sessions.values() if (p := s.proposal) is not None]
+    return [
+        Listed(
+            path,
+            p.crc & 0xFFFFFFFF,
+            p.session,
+            channels.named(channels.VERDICTS, p.verdict),
+            p.n_poses,
+            p.p_fit,
+            p.before_pos_m,
+            p.fit_pos_m,
+        )
+        for s in lcmlog.read(path).sessions.values()
+        if (p := s.proposal) is not None
+    ]
 
 
 def parse_crc(text: str) -> int:
@@ -164,7 +198,9 @@ def find(path: Path, crc: str | None, tables_dir: Path) -> Review:
         wanted = parse_crc(crc)
         found = [p for p in found if p.crc & 0xFFFFFFFF == wanted]
     if not found:
-        raise KincalError("no such proposal in the log", str(path), "`kincal review list LOG` names what is there")
+        raise KincalError(
+            "no such proposal in the log", str(path), "`kincal review list LOG` names what is there"
+        )
     return from_message(found[-1], coef_names(tables_dir))
 
 
@@ -173,17 +209,29 @@ def save_picture(review: Review, path: Path) -> None:
     from kincal import pictures  # matplotlib is slow to load
 
     on = review.estimated
-    pictures.save_review_png([c.name for c in on], [c.unit for c in on], np.array([c.value for c in on]),
-                             np.array([c.sigma for c in on]), review.correlation, path,
-                             f"Correction {review.crc_text}: {review.verdict}, {review.n_poses} poses, "
-                             f"p of the fit {review.numbers['p_fit']:.3f}")
+    pictures.save_review_png(
+        [c.name for c in on],
+        [c.unit for c in on],
+        np.array([c.value for c in on]),
+        np.array([c.sigma for c in on]),
+        review.correlation,
+        path,
+        f"Correction {review.crc_text}: {review.verdict}, {review.n_poses} poses, "
+        f"p of the fit {review.numbers['p_fit']:.3f}",
+    )
 
 
 # --------------------------------------------------------------------------- decisions
 
-def approve(link: Link, crc: int, timeout_s: float = 10.0, t_us: int | None = None,
-            say: Callable[[str], None] = lambda _text: None) -> int:
-    """Two-step approval; returns the CRC of the kinematics table in force afterwards, seen in housekeeping."""
+
+def approve(
+    link: Link,
+    crc: int,
+    timeout_s: float = 10.0,
+    t_us: int | None = None,
+    say: Callable[[str], None] = lambda _text: None,
+) -> int:
+    """Two-step approval; returns the CRC of the table in force afterwards, seen in housekeeping."""
     link.command("APPROVE_ARM", (crc,), timeout_s, t_us)
     say(f"armed for CRC {crc:08x}")
     link.command("APPROVE_GO", (crc,), timeout_s)
@@ -191,8 +239,11 @@ def approve(link: Link, crc: int, timeout_s: float = 10.0, t_us: int | None = No
     try:
         link.wait_hk(lambda hk: hk.table_crc[KIN_KIND] & 0xFFFFFFFF == crc, timeout_s, "the new table")
     except KincalFailed:
-        raise KincalFailed(f"approved, but table {crc:08x} was not seen in housekeeping", link.url,
-                           "look at the events and at `kincal table dump kin`") from None
+        raise KincalFailed(
+            f"approved, but table {crc:08x} was not seen in housekeeping",
+            link.url,
+            "look at the events and at `kincal table dump kin`",
+        ) from None
     say(f"table {crc:08x} is active")
     return crc
 
@@ -203,8 +254,17 @@ def reject(link: Link, crc: int, timeout_s: float = 10.0) -> None:
     link.wait_hk(lambda hk: hk.proposal_crc == 0, timeout_s, "the end of the proposal")
 
 
-def decide(link: Link, decision: str, crc_text: str, by: str, why: str, journal: Path, review: Review | None,
-           timeout_s: float, say: Callable[[str], None] = lambda _text: None) -> None:
+def decide(
+    link: Link,
+    decision: str,
+    crc_text: str,
+    by: str,
+    why: str,
+    journal: Path,
+    review: Review | None,
+    timeout_s: float,
+    say: Callable[[str], None] = lambda _text: None,
+) -> None:
     """Approve or reject what waits on board, and record it. Refused before any command is sent when
     something else waits, or when the journal is not sound."""
     crc = parse_crc(crc_text)
@@ -213,9 +273,12 @@ def decide(link: Link, decision: str, crc_text: str, by: str, why: str, journal:
     check_journal(journal)
     on_board = waiting(link, timeout_s)
     if on_board != crc:
-        raise KincalFailed(f"correction {crc:08x} does not wait on board; "
-                           + (f"{on_board:08x} does" if on_board else "nothing does"), link.url,
-                           "`kincal review list --live` shows what waits")
+        raise KincalFailed(
+            f"correction {crc:08x} does not wait on board; "
+            + (f"{on_board:08x} does" if on_board else "nothing does"),
+            link.url,
+            "`kincal review list --live` shows what waits",
+        )
     if decision == "approve":
         approve(link, crc, timeout_s, say=say)
     else:
@@ -231,6 +294,7 @@ def waiting(link: Link, timeout_s: float = 5.0) -> int:
 
 
 # --------------------------------------------------------------------------- journal
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -249,15 +313,25 @@ def _lines(journal: Path) -> list[str]:
     return journal.read_text("utf-8").splitlines() if journal.is_file() else []
 
 
-def record(journal: Path, decision: str, crc: int, by: str, why: str, url: str, review: Review | None) -> Entry:
+def record(
+    journal: Path, decision: str, crc: int, by: str, why: str, url: str, review: Review | None
+) -> Entry:
     """Append one decision. Refuses when the journal was tampered with."""
     if not by.strip() or not why.strip():
         raise KincalError("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
     lines = _lines(journal)
     check_journal(journal)
-    entry = Entry(datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"), decision, f"{crc:08x}", by, why,
-                  review.session if review else None, url, review.numbers if review else {},
-                  _hash(lines[-1]) if lines else "")
+    entry = Entry(
+        datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        decision,
+        f"{crc:08x}",
+        by,
+        why,
+        review.session if review else None,
+        url,
+        review.numbers if review else {},
+        _hash(lines[-1]) if lines else "",
+    )
     journal.parent.mkdir(parents=True, exist_ok=True)
     with journal.open("a", encoding="utf-8") as file:
         file.write(json.dumps(entry.__dict__, sort_keys=True) + "\n")
@@ -276,11 +350,17 @@ def check_journal(journal: Path) -> list[Entry]:
         try:
             entry = Entry(**json.loads(line))
         except (ValueError, TypeError):
-            raise KincalError("the review journal is damaged", f"{journal}:{i}",
-                              "bring back the copy in your records; the tool never rewrites it") from None
+            raise KincalError(
+                "the review journal is damaged",
+                f"{journal}:{i}",
+                "bring back the copy in your records; the tool never rewrites it",
+            ) from None
         if entry.previous != before:
-            raise KincalError("the review journal was changed: a line does not follow from the one before",
-                              f"{journal}:{i}", "bring back the copy in your records")
+            raise KincalError(
+                "the review journal was changed: a line does not follow from the one before",
+                f"{journal}:{i}",
+                "bring back the copy in your records",
+            )
         entries.append(entry)
         before = _hash(line)
     return entries

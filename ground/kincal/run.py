@@ -32,8 +32,10 @@ STOP_WAIT_S = 15.0
 ANSWER_S = 10.0
 LISTEN = ("KC_ACK", "KC_HK", "KC_MEAS", "KC_PROGRESS", "KC_PROPOSAL")
 # Names the simulator gives to what it injects -> coefficients of the terms table.
-INJECTED = ((re.compile(r"J(\d+)\.compliance_rad_per_nm"), r"joint_compliance[\1]"),
-            (re.compile(r"J(\d+)\.gain"), r"encoder_gain[\1]"))
+INJECTED = (
+    (re.compile(r"J(\d+)\.compliance_rad_per_nm"), r"joint_compliance[\1]"),
+    (re.compile(r"J(\d+)\.gain"), r"encoder_gain[\1]"),
+)
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,24 @@ class Request:
     accept: str | None = None  # who decides; None: as the scenario says
 
     def command(self) -> list[str]:
-        out = [sys.executable, "-m", "kincal_sim.launch", self.scenario, "--out", str(self.out), f"--{self.mode}",
-               "--seed", str(self.seed), "--tables", str(self.tables)]
-        for option, value in (("--acquisition", self.acquisition), ("--poses", self.poses),
-                              ("--accept", self.accept)):
+        out = [
+            sys.executable,
+            "-m",
+            "kincal_sim.launch",
+            self.scenario,
+            "--out",
+            str(self.out),
+            f"--{self.mode}",
+            "--seed",
+            str(self.seed),
+            "--tables",
+            str(self.tables),
+        ]
+        for option, value in (
+            ("--acquisition", self.acquisition),
+            ("--poses", self.poses),
+            ("--accept", self.accept),
+        ):
             if value is not None:
                 out += [option, str(value)]
         return out
@@ -78,12 +94,17 @@ def read_plan(scenario: str) -> Plan:
     doc = tables.read_toml(path)
     expect = doc.get("expect", {})
     title = doc.get("title") or path.stem
-    return Plan(title[:1].upper() + title[1:], doc.get("executive", {}).get("accept", "auto"),
-                expect.get("verdict", ""), float(expect.get("held_out_pos_m", 0.0)),
-                float(expect.get("held_out_rot_rad", 0.0)))
+    return Plan(
+        title[:1].upper() + title[1:],
+        doc.get("executive", {}).get("accept", "auto"),
+        expect.get("verdict", ""),
+        float(expect.get("held_out_pos_m", 0.0)),
+        float(expect.get("held_out_rot_rad", 0.0)),
+    )
 
 
 # --------------------------------------------------------------------------- the processes
+
 
 class Processes:
     """The launcher as a child; use as a context, so that nothing outlives an interruption."""
@@ -91,19 +112,24 @@ class Processes:
     def __init__(self, request: Request) -> None:
         env = dict(os.environ)
         env["PYTHONPATH"] = os.pathsep.join(
-            [str(ROOT / "sim"), str(ROOT / "build" / "py"), *filter(None, [env.get("PYTHONPATH", "")])])
+            [str(ROOT / "sim"), str(ROOT / "build" / "py"), *filter(None, [env.get("PYTHONPATH", "")])]
+        )
         request.out.mkdir(parents=True, exist_ok=True)
         # stderr to a file: a full pipe must not stop the launcher
         self._errors = (request.out / "launch.err").open("w+", encoding="utf-8")
-        self.child = subprocess.Popen(request.command(), stdout=subprocess.PIPE, stderr=self._errors, text=True,
-                                      env=env)
+        self.child = subprocess.Popen(
+            request.command(), stdout=subprocess.PIPE, stderr=self._errors, text=True, env=env
+        )
         first = self.child.stdout.readline() if self.child.stdout else ""
         try:
             self.url = str(json.loads(first)["url"])
         except (ValueError, KeyError):
             self.child.wait()
-            raise KincalError(f"the scenario did not start: {self.errors() or first.strip()}", request.scenario,
-                              "`make` builds what is missing") from None
+            raise KincalError(
+                f"the scenario did not start: {self.errors() or first.strip()}",
+                request.scenario,
+                "`make` builds what is missing",
+            ) from None
 
     def __enter__(self) -> Processes:
         return self
@@ -141,6 +167,7 @@ def follow(processes: Processes, link: Link) -> Iterator[tuple[str, Any]]:
 
 # --------------------------------------------------------------------------- truth and model
 
+
 class Judge:
     """Truth of a run against the flight model with the tables of the run."""
 
@@ -154,7 +181,7 @@ class Judge:
         self.a1 = float(config.a1)
         self.model = CorrectedArm(self.arm, terms)
         self.names = self.model.names
-        self.start = np.array(list(kin.value[0:self.model.n_coef]))
+        self.start = np.array(list(kin.value[0 : self.model.n_coef]))
         self.errors: dict[str, float] = {}
         self._held: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         if truth:
@@ -163,8 +190,11 @@ class Judge:
     def take(self, truth: dict[str, Any]) -> None:
         self.errors = {coef_name(k): float(v) for k, v in truth["errors"].items()}
         held = truth["held_out"]
-        self._held = (np.array([h["q_rad"] for h in held]), np.array([h["p_m"] for h in held]),
-                      np.array([quat_to_R(h["q_wxyz"]) for h in held]))
+        self._held = (
+            np.array([h["q_rad"] for h in held]),
+            np.array([h["p_m"] for h in held]),
+            np.array([quat_to_R(h["q_wxyz"]) for h in held]),
+        )
 
     @property
     def knows_truth(self) -> bool:
@@ -177,30 +207,52 @@ class Judge:
 
     def pose_line(self, p: Any, meas: Any) -> PoseLine:
         held = self.held_out(np.array(p.coef))
-        return PoseLine(p.pose + 1, p.candidate, p.servo_steps,
-                        tuple(meas.p_m) if meas is not None else (float("nan"),) * 3,  # type: ignore[arg-type]
-                        p.res_pos_m, p.res_rot_rad, p.f, p.gp_mean, p.gp_sigma, p.pred_pos_m, p.pred_rot_rad,
-                        held.pos_m, held.rot_rad)
+        return PoseLine(
+            p.pose + 1,
+            p.candidate,
+            p.servo_steps,
+            tuple(meas.p_m) if meas is not None else (float("nan"),) * 3,  # type: ignore[arg-type]
+            p.res_pos_m,
+            p.res_rot_rad,
+            p.f,
+            p.gp_mean,
+            p.gp_sigma,
+            p.pred_pos_m,
+            p.pred_rot_rad,
+            held.pos_m,
+            held.rot_rad,
+        )
 
     def lines(self, session: lcmlog.Session) -> list[PoseLine]:
         by_pose = {m.pose: m for m in session.measurements}
         worst_m = max((p.res_pos_m for p in session.progress), default=1.0) or 1.0
         worst_rad = max((p.res_rot_rad for p in session.progress), default=1.0) or 1.0
-        return [replace(self.pose_line(p, by_pose.get(p.pose)),
-                        f_run=-(self.a1 * p.res_pos_m / worst_m + (1.0 - self.a1) * p.res_rot_rad / worst_rad))
-                for p in session.progress]
+        return [
+            replace(
+                self.pose_line(p, by_pose.get(p.pose)),
+                f_run=-(self.a1 * p.res_pos_m / worst_m + (1.0 - self.a1) * p.res_rot_rad / worst_rad),
+            )
+            for p in session.progress
+        ]
 
     def coefs(self, proposal: Any) -> list[CoefResult]:
         """All coefficients of a proposal; what was not injected is truly zero."""
-        return [CoefResult(name, tables.unit_of(name), self.errors.get(name, 0.0) if self.knows_truth else float("nan"),
-                           proposal.value[i], proposal.sigma[i],
-                           channels.named(channels.COEF_STATUS, proposal.status[i]))
-                for i, name in enumerate(self.names[:proposal.n_coef])]
+        return [
+            CoefResult(
+                name,
+                tables.unit_of(name),
+                self.errors.get(name, 0.0) if self.knows_truth else float("nan"),
+                proposal.value[i],
+                proposal.sigma[i],
+                channels.named(channels.COEF_STATUS, proposal.status[i]),
+            )
+            for i, name in enumerate(self.names[: proposal.n_coef])
+        ]
 
     def scene(self, session: lcmlog.Session, coef: np.ndarray) -> Any:
         """Arm with the estimated DH errors at the measured joints."""
         chain = ArmChain(with_dh_errors(self.arm, dict(zip(self.names, coef, strict=False))))
-        q = np.array([m.q_rad[:chain.n] for m in session.measurements]).reshape(-1, chain.n)
+        q = np.array([m.q_rad[: chain.n] for m in session.measurements]).reshape(-1, chain.n)
         return space.scene(self.space, self.arm, self.camera, q, chain.points)
 
 
@@ -215,11 +267,13 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         return dict(json.loads(path.read_text("utf-8")))
     except (OSError, ValueError) as error:
-        raise KincalFailed(f"the run left no {path.name}: {error}", str(path.parent),
-                           "look into logs/ of that directory") from None
+        raise KincalFailed(
+            f"the run left no {path.name}: {error}", str(path.parent), "look into logs/ of that directory"
+        ) from None
 
 
 # --------------------------------------------------------------------------- one run
+
 
 @dataclass
 class Finished:
@@ -240,8 +294,11 @@ def perform(request: Request, say: Callable[[str], None] = lambda _text: None) -
         printed = watch(request, processes, judge, say)
         errors = processes.errors()
     if not (request.out / "launch.json").is_file():
-        raise KincalFailed(f"the run broke off: {errors or 'no message'}", str(request.out),
-                           "look into logs/ of that directory")
+        raise KincalFailed(
+            f"the run broke off: {errors or 'no message'}",
+            str(request.out),
+            "look into logs/ of that directory",
+        )
     launch = read_json(request.out / "launch.json")
     judge.take(read_json(request.out / "truth.json"))
     log = lcmlog.read(request.out / "run.lcmlog")
@@ -282,23 +339,35 @@ def decide(request: Request, link: Link, proposal: Any, names: list[str], say: C
         return
     say(f"ground: correction {found.crc_text} reviewed, nothing stands out")
     review.approve(link, found.crc, ANSWER_S, say=lambda text: say(f"ground: {text}"))
-    review.record(journal, "approve", found.crc, "kincal run", "fit and rank as they should be", link.url, found)
+    review.record(
+        journal, "approve", found.crc, "kincal run", "fit and rank as they should be", link.url, found
+    )
 
 
 # --------------------------------------------------------------------------- result and gates
+
 
 def result_of(request: Request, plan: Plan, done: Finished) -> RunResult:
     """Everything about a run as plain values."""
     session, judge, p = done.session, done.judge, done.session.proposal
     hk = done.log.hk
     lines = judge.lines(session)
-    after_coef = np.array(p.value[:len(judge.names)]) if p is not None else judge.start
+    after_coef = np.array(p.value[: len(judge.names)]) if p is not None else judge.start
     in_force = int(hk.table_crc[review.KIN_KIND]) & 0xFFFFFFFF if hk is not None else 0
     # Without a change on offer the table in force stays, and is what counts.
     counts = after_coef if p is not None and p.verdict == 1 else judge.start
-    acquisition = channels.named(channels.ACQUISITIONS, session.progress[-1].acquisition) if session.progress else "-"
-    result = RunResult(plan.title, request.scenario, request.mode, request.seed, acquisition,
-                       session.progress[-1].n_goal if session.progress else request.poses or 0, lines)
+    acquisition = (
+        channels.named(channels.ACQUISITIONS, session.progress[-1].acquisition) if session.progress else "-"
+    )
+    result = RunResult(
+        plan.title,
+        request.scenario,
+        request.mode,
+        request.seed,
+        acquisition,
+        session.progress[-1].n_goal if session.progress else request.poses or 0,
+        lines,
+    )
     result.before, result.after = judge.held_out(judge.start), judge.held_out(counts)
     if p is not None:
         result.coefs = judge.coefs(p)
@@ -309,8 +378,9 @@ def result_of(request: Request, plan: Plan, done: Finished) -> RunResult:
     result.decision = str(done.launch.get("reason", ""))
     result.curves = [Curve(f"{acquisition}, {request.mode}", tuple(lines))] if lines else []
     result.scene = judge.scene(session, after_coef) if session.measurements else None
-    result.events = [f"{e.t_us * 1e-6:8.1f} s  {e.text}" for e in done.log.events
-                     if e.severity in ("warning", "error")]
+    result.events = [
+        f"{e.t_us * 1e-6:8.1f} s  {e.text}" for e in done.log.events if e.severity in ("warning", "error")
+    ]
     result.mission_s, result.wall_s = done.log.mission_s, done.wall_s
     result.gates = list(gates(request, plan, done, result))
     return result
@@ -319,7 +389,9 @@ def result_of(request: Request, plan: Plan, done: Finished) -> RunResult:
 def gates(request: Request, plan: Plan, done: Finished, r: RunResult) -> Iterator[Gate]:
     """What a run has to meet."""
     launch = done.launch
-    yield Gate("run ended well", launch.get("problem") or launch.get("reason", ""), "success", bool(launch.get("ok")))
+    yield Gate(
+        "run ended well", launch.get("problem") or launch.get("reason", ""), "success", bool(launch.get("ok"))
+    )
     p = done.session.proposal
     if p is None:
         return
@@ -330,33 +402,52 @@ def gates(request: Request, plan: Plan, done: Finished, r: RunResult) -> Iterato
     if p.verdict == 1 and not waits:
         yield Gate("correction in force", f"{r.active_crc:08x}", f"{r.crc:08x}", r.active_crc == r.crc)
     if plan.held_out_pos_m > 0.0 and r.after:
-        yield Gate("held-out position RMS", length_text(r.after.pos_m), f"<= {length_text(plan.held_out_pos_m)}",
-                   r.after.pos_m <= plan.held_out_pos_m)
+        yield Gate(
+            "held-out position RMS",
+            length_text(r.after.pos_m),
+            f"<= {length_text(plan.held_out_pos_m)}",
+            r.after.pos_m <= plan.held_out_pos_m,
+        )
     if plan.held_out_rot_rad > 0.0 and r.after:
-        yield Gate("held-out rotation RMS", angle_text(r.after.rot_rad), f"<= {angle_text(plan.held_out_rot_rad)}",
-                   r.after.rot_rad <= plan.held_out_rot_rad)
+        yield Gate(
+            "held-out rotation RMS",
+            angle_text(r.after.rot_rad),
+            f"<= {angle_text(plan.held_out_rot_rad)}",
+            r.after.rot_rad <= plan.held_out_rot_rad,
+        )
     estimated = [c for c in r.coefs if c.sigma > 0.0]
     if estimated and set(done.judge.errors) <= {c.name for c in estimated}:
         inside = sum(c.inside_3_sigma for c in estimated)
-        yield Gate("true values inside 3 sigma", f"{inside} of {len(estimated)}", f">= {INSIDE_SHARE:.0%}",
-                   inside >= INSIDE_SHARE * len(estimated))
+        yield Gate(
+            "true values inside 3 sigma",
+            f"{inside} of {len(estimated)}",
+            f">= {INSIDE_SHARE:.0%}",
+            inside >= INSIDE_SHARE * len(estimated),
+        )
 
 
 def comparison(request: Request, main: RunResult, say: Callable[[str], None]) -> list[Curve]:
-    """ucb and random in fast mode, the same scenario and seed; the run itself counts if it was one of them."""
+    """ucb and random in fast mode, same scenario and seed; the run itself counts if it was one of them."""
     curves = list(main.curves)
     for acquisition in ("ucb", "random"):
         label = f"{acquisition}, fast"
         if any(c.label == label for c in curves):
             continue
-        other = replace(request, mode="fast", acquisition=acquisition, accept="auto",
-                        out=request.out / f"compare-{acquisition}")
+        other = replace(
+            request,
+            mode="fast",
+            acquisition=acquisition,
+            accept="auto",
+            out=request.out / f"compare-{acquisition}",
+        )
         done = perform(other)
         lines = done.judge.lines(done.session)
         if lines:
             curves.append(Curve(label, tuple(lines)))
-            say(f"for comparison, {label}: {len(lines)} poses, held-out RMS {length_text(lines[-1].held_pos_m)}, "
-                f"{angle_text(lines[-1].held_rot_rad)} ({done.wall_s:.0f} s)")
+            say(
+                f"for comparison, {label}: {len(lines)} poses, held-out RMS "
+                f"{length_text(lines[-1].held_pos_m)}, {angle_text(lines[-1].held_rot_rad)} ({done.wall_s:.0f} s)"
+            )
     return curves
 
 

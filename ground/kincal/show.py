@@ -20,8 +20,14 @@ if TYPE_CHECKING:
 
 
 def grid(title: str, *columns: str, right: Sequence[int] = ()) -> Table:
-    out = Table(title=title or None, title_justify="left", title_style="bold", box=None, pad_edge=False,
-                header_style="dim")
+    out = Table(
+        title=title or None,
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        pad_edge=False,
+        header_style="dim",
+    )
     for i, name in enumerate(columns):
         out.add_column(escape(name), justify="right" if i in right else "left", overflow="fold")
     return out
@@ -41,12 +47,18 @@ def value_text(value: Any) -> str:
 
 # --------------------------------------------------------------------------- tables
 
+
 def table(out: Console, image: tables_mod.Image, doc: dict[str, Any], rows_max: int = 400) -> None:
     """Scalars first, then every list of records as its own table."""
-    out.print(f"[bold]{image.kind}[/] table, layout {image.version}, {len(image.data)} bytes, CRC {image.crc_text}")
+    out.print(
+        f"[bold]{image.kind}[/] table, layout {image.version}, {len(image.data)} bytes, CRC {image.crc_text}"
+    )
     scalars = grid("", "field", "value")
-    records = {key: value for key, value in doc.items()
-               if isinstance(value, list) and value and isinstance(value[0], dict)}
+    records = {
+        key: value
+        for key, value in doc.items()
+        if isinstance(value, list) and value and isinstance(value[0], dict)
+    }
     for key, value in doc.items():
         if key in records:
             continue
@@ -76,8 +88,11 @@ def _brief(value: Any) -> str:
         for b in value:
             if b.get("var") == "one":
                 continue
-            parts.append(f"{b['fn']}({b['var']}{b['index'] or ''}"
-                         + ("" if (b["c0"], b["c1"]) == (0.0, 1.0) else f"; {b['c0']:g}, {b['c1']:g}") + ")")
+            parts.append(
+                f"{b['fn']}({b['var']}{b['index'] or ''}"
+                + ("" if (b["c0"], b["c1"]) == (0.0, 1.0) else f"; {b['c0']:g}, {b['c1']:g}")
+                + ")"
+            )
         return " x ".join(parts) or "1"
     if isinstance(value, list) and len(value) > 8:
         return f"[{value_text(value[0])} … {value_text(value[-1])}] ({len(value)})"
@@ -89,7 +104,7 @@ def _brief(value: Any) -> str:
 
 
 def diff(out: Console, a: tables_mod.Image, b: tables_mod.Image, changes: list[tables_mod.Change]) -> None:
-    out.print(f"{a.kind}: {a.crc_text} -> {b.crc_text}, {len(changes)} field{'s' if len(changes) != 1 else ''} differ")
+    out.print(f"{a.kind}: {a.crc_text} -> {b.crc_text}, {len(changes)} fields differ")
     if changes:
         rows = grid("", "field", "first", "second")
         for c in changes:
@@ -99,9 +114,12 @@ def diff(out: Console, a: tables_mod.Image, b: tables_mod.Image, changes: list[t
 
 # --------------------------------------------------------------------------- space
 
+
 def space_built(out: Console, built: space_mod.Built, path: Path) -> None:
-    out.print(f"{path}: {built.struct.n_cand} candidates from {built.n_samples} samples, {len(built.image.data)} "
-              f"bytes, CRC {built.image.crc_text}")
+    out.print(
+        f"{path}: {built.struct.n_cand} candidates from {built.n_samples} samples, {len(built.image.data)} "
+        f"bytes, CRC {built.image.crc_text}"
+    )
     rows = grid("", "samples dropped", "because", right=(0,))
     for reason, n in sorted(built.rejected.items(), key=lambda item: -item[1]):
         rows.add_row(str(n), reason)
@@ -114,8 +132,10 @@ def space(out: Console, image: tables_mod.Image, n: space_mod.Numbers, picture: 
     rows.add_row("candidates, hubs", f"{n.candidates}, {n.hubs}")
     rows.add_row("prior poses", " ".join(map(str, n.priors)))
     rows.add_row("direct segments", str(n.direct_edges))
-    rows.add_row("box of the tool", " x ".join(f"{a:.3f}..{b:.3f} m"
-                                               for a, b in zip(n.box_min_m, n.box_max_m, strict=True)))
+    rows.add_row(
+        "box of the tool",
+        " x ".join(f"{a:.3f}..{b:.3f} m" for a, b in zip(n.box_min_m, n.box_max_m, strict=True)),
+    )
     rows.add_row("camera distance", f"{n.range_m[0]:.2f}..{n.range_m[1]:.2f} m")
     rows.add_row("incidence", f"{n.incid_deg[0]:.0f}..{n.incid_deg[1]:.0f} deg (most oblique tag in view)")
     rows.add_row("candidates with two tags in view", str(n.two_tags))
@@ -129,21 +149,37 @@ def space(out: Console, image: tables_mod.Image, n: space_mod.Numbers, picture: 
 
 # --------------------------------------------------------------------------- run
 
-POSE_HEAD = ("pose  cand  servo   residual            f      predicted sigma     held-out")
+POSE_HEAD = "pose  cand  servo   residual            f      predicted sigma     held-out"
 
 
 def pose_line(p: PoseLine, n_goal: int) -> str:
     """One line a pose."""
-    held = "" if p.held_pos_m != p.held_pos_m else f"  {p.held_pos_m * 1e3:8.2f} mm {p.held_rot_rad * 1e3:7.2f} mrad"
-    return (f"{p.number:2d}/{n_goal:<2d} {p.candidate:4d}  {p.servo_steps:3d}  {p.res_pos_m * 1e3:8.2f} mm "
-            f"{p.res_rot_rad * 1e3:8.2f} mrad  {p.f:7.3f}  {p.pred_pos_m * 1e3:7.2f} mm {p.pred_rot_rad * 1e3:7.2f} "
-            f"mrad{held}")
+    held = (
+        ""
+        if p.held_pos_m != p.held_pos_m
+        else f"  {p.held_pos_m * 1e3:8.2f} mm {p.held_rot_rad * 1e3:7.2f} mrad"
+    )
+    return (
+        f"{p.number:2d}/{n_goal:<2d} {p.candidate:4d}  {p.servo_steps:3d}  {p.res_pos_m * 1e3:8.2f} mm "
+        f"{p.res_rot_rad * 1e3:8.2f} mrad  {p.f:7.3f}  {p.pred_pos_m * 1e3:7.2f} mm "
+        f"{p.pred_rot_rad * 1e3:7.2f} mrad{held}"
+    )
 
 
 def coefs(out: Console, rows: Sequence[CoefResult]) -> None:
     """True and estimated values of all corrections."""
-    shown = grid("\nCorrections", "coefficient", "true", "estimated", "sigma", "error", "in sigma", "unit", "status",
-                 right=(1, 2, 3, 4, 5))
+    shown = grid(
+        "\nCorrections",
+        "coefficient",
+        "true",
+        "estimated",
+        "sigma",
+        "error",
+        "in sigma",
+        "unit",
+        "status",
+        right=(1, 2, 3, 4, 5),
+    )
     for c in rows:
         if c.status == "masked" and c.estimate == 0.0 and not (c.true == c.true and c.true != 0.0):
             continue
@@ -152,9 +188,16 @@ def coefs(out: Console, rows: Sequence[CoefResult]) -> None:
         z = f"{abs(c.error) / c.sigma:.1f}" if known and has else "-"
         if known and has and not c.inside_3_sigma:
             z = f"[red]{z}[/]"
-        shown.add_row(escape(c.name), f"{c.true * k:.3f}" if known else "-", f"{c.estimate * k:.3f}",
-                      f"± {c.sigma * k:.3f}" if has else "-", f"{c.error * k:+.3f}" if known else "-", z, unit,
-                      c.status)
+        shown.add_row(
+            escape(c.name),
+            f"{c.true * k:.3f}" if known else "-",
+            f"{c.estimate * k:.3f}",
+            f"± {c.sigma * k:.3f}" if has else "-",
+            f"{c.error * k:+.3f}" if known else "-",
+            z,
+            unit,
+            c.status,
+        )
     out.print(shown)
 
 
@@ -163,15 +206,21 @@ def run_end(out: Console, r: RunResult, files: list[Path]) -> None:
     if r.coefs:
         coefs(out, r.coefs)
     if r.before and r.after:
-        shown = grid(f"\nPose error over {r.after.n} held-out poses", "", "position RMS", "rotation RMS", right=(1, 2))
+        shown = grid(
+            f"\nPose error over {r.after.n} held-out poses", "", "position RMS", "rotation RMS", right=(1, 2)
+        )
         for name, h in (("before", r.before), ("after", r.after)):
             shown.add_row(name, length_text(h.pos_m), angle_text(h.rot_rad))
         out.print(shown)
-    out.print(f"\nverdict: {r.verdict}; rank {r.rank} of {r.n_free}; p of the fit {r.p_fit:.3f}; p of no change "
-              f"{r.p_no_change:.2g}; decision: {r.decision}; table in force {r.active_crc:08x}")
+    out.print(
+        f"\nverdict: {r.verdict}; rank {r.rank} of {r.n_free}; p of the fit {r.p_fit:.3f}; p of no change "
+        f"{r.p_no_change:.2g}; decision: {r.decision}; table in force {r.active_crc:08x}"
+    )
     gates = grid("", "", "gate", "got", "wanted")
     for g in r.gates:
-        gates.add_row("[green]ok[/]" if g.ok else "[red]MISSED[/]", escape(g.name), escape(g.got), escape(g.want))
+        gates.add_row(
+            "[green]ok[/]" if g.ok else "[red]MISSED[/]", escape(g.name), escape(g.got), escape(g.want)
+        )
     out.print(gates)
     for line in r.events[:12]:
         out.print(f"[yellow]{escape(line)}[/]")
@@ -179,11 +228,14 @@ def run_end(out: Console, r: RunResult, files: list[Path]) -> None:
         out.print(f"... and {len(r.events) - 12} more warnings, see the log")
     for path in files:
         out.print(f"{path}")
-    out.print(f"{'[green]passed[/]' if r.ok else '[red]FAILED[/]'} in {r.wall_s:.0f} s "
-              f"({r.mission_s:.0f} s of mission time)")
+    out.print(
+        f"{'[green]passed[/]' if r.ok else '[red]FAILED[/]'} in {r.wall_s:.0f} s "
+        f"({r.mission_s:.0f} s of mission time)"
+    )
 
 
 # --------------------------------------------------------------------------- log, review
+
 
 def log(out: Console, s: lcmlog_mod.LogSummary, debug: bool) -> None:
     from kincal import channels
@@ -204,8 +256,10 @@ def log(out: Console, s: lcmlog_mod.LogSummary, debug: bool) -> None:
     refused = [a for a in s.acks if a.status != 0]
     out.print(f"\n{len(s.commands)} commands, {len(s.acks)} answers, {len(refused)} refused")
     if s.hk is not None:
-        out.print(f"last state {channels.named(channels.STATES, s.hk.state)}, kinematics table "
-                  f"{channels.crc32_text(s.hk.table_crc[4])}, boots {s.hk.boot_count}")
+        out.print(
+            f"last state {channels.named(channels.STATES, s.hk.state)}, kinematics table "
+            f"{channels.crc32_text(s.hk.table_crc[4])}, boots {s.hk.boot_count}"
+        )
 
 
 def _session(out: Console, session: lcmlog_mod.Session) -> None:
@@ -215,24 +269,50 @@ def _session(out: Console, session: lcmlog_mod.Session) -> None:
     if session.progress:
         out.print(POSE_HEAD.removesuffix("     held-out"))
     for p in session.progress:
-        out.print(pose_line(PoseLine(p.pose + 1, p.candidate, p.servo_steps, (0.0, 0.0, 0.0), p.res_pos_m,
-                                     p.res_rot_rad, p.f, p.gp_mean, p.gp_sigma, p.pred_pos_m, p.pred_rot_rad),
-                            p.n_goal))
+        out.print(
+            pose_line(
+                PoseLine(
+                    p.pose + 1,
+                    p.candidate,
+                    p.servo_steps,
+                    (0.0, 0.0, 0.0),
+                    p.res_pos_m,
+                    p.res_rot_rad,
+                    p.f,
+                    p.gp_mean,
+                    p.gp_sigma,
+                    p.pred_pos_m,
+                    p.pred_rot_rad,
+                ),
+                p.n_goal,
+            )
+        )
     p = session.proposal
     if p is not None:
-        out.print(f"proposal {channels.crc32_text(p.crc)}: {channels.named(channels.VERDICTS, p.verdict)}, rank "
-                  f"{p.rank} of {p.n_free}, p of the fit {p.p_fit:.3f}, residual "
-                  f"{length_text(p.before_pos_m)} -> {length_text(p.fit_pos_m)}")
+        out.print(
+            f"proposal {channels.crc32_text(p.crc)}: {channels.named(channels.VERDICTS, p.verdict)}, rank "
+            f"{p.rank} of {p.n_free}, p of the fit {p.p_fit:.3f}, residual "
+            f"{length_text(p.before_pos_m)} -> {length_text(p.fit_pos_m)}"
+        )
 
 
 def proposals(out: Console, listed: list[list[review_mod.Listed]]) -> None:
-    rows = grid("", "CRC", "verdict", "poses", "residual before", "after", "p of the fit", "log", right=(2, 3, 4, 5))
+    rows = grid(
+        "", "CRC", "verdict", "poses", "residual before", "after", "p of the fit", "log", right=(2, 3, 4, 5)
+    )
     n = 0
     for one_log in listed:
         for p in one_log:
             n += 1
-            rows.add_row(f"{p.crc:08x}", p.verdict, str(p.n_poses), length_text(p.before_pos_m),
-                         length_text(p.fit_pos_m), f"{p.p_fit:.3f}", escape(str(p.log)))
+            rows.add_row(
+                f"{p.crc:08x}",
+                p.verdict,
+                str(p.n_poses),
+                length_text(p.before_pos_m),
+                length_text(p.fit_pos_m),
+                f"{p.p_fit:.3f}",
+                escape(str(p.log)),
+            )
     if n:
         out.print(rows)
     elif listed:
@@ -252,16 +332,34 @@ def decisions(out: Console, entries: list[review_mod.Entry], journal: Path) -> N
 def review(out: Console, r: review_mod.Review, worries: list[str], picture: Path) -> None:
     from kincal.review import NUMBERS
 
-    out.print(f"[bold]correction {r.crc_text}[/]: {r.verdict}; session {r.session}, {r.n_poses} poses, replaces "
-              f"{r.crc_before:08x}")
-    rows = grid("\nCoefficients", "coefficient", "value", "sigma", "value/sigma", "unit", "status",
-                "cannot be told from", right=(1, 2, 3))
+    out.print(
+        f"[bold]correction {r.crc_text}[/]: {r.verdict}; session {r.session}, {r.n_poses} poses, replaces "
+        f"{r.crc_before:08x}"
+    )
+    rows = grid(
+        "\nCoefficients",
+        "coefficient",
+        "value",
+        "sigma",
+        "value/sigma",
+        "unit",
+        "status",
+        "cannot be told from",
+        right=(1, 2, 3),
+    )
     for c in r.coefs:
         if c.status == "masked" and c.value == 0.0:
             continue
         k, unit = (1e3, {"rad": "mrad", "m": "mm"}[c.unit]) if c.unit in ("rad", "m") else (1.0, c.unit)
-        rows.add_row(escape(c.name), f"{c.value * k:.3f}", f"± {c.sigma * k:.3f}" if c.sigma > 0 else "-",
-                     f"{c.z:+.1f}" if c.sigma > 0 else "-", unit, c.status, escape(", ".join(c.entangled)))
+        rows.add_row(
+            escape(c.name),
+            f"{c.value * k:.3f}",
+            f"± {c.sigma * k:.3f}" if c.sigma > 0 else "-",
+            f"{c.z:+.1f}" if c.sigma > 0 else "-",
+            unit,
+            c.status,
+            escape(", ".join(c.entangled)),
+        )
     out.print(rows)
     masked = sum(c.status == "masked" and c.value == 0.0 for c in r.coefs)
     if masked:
@@ -269,7 +367,9 @@ def review(out: Console, r: review_mod.Review, worries: list[str], picture: Path
     rows = grid("\nNumbers", "", "", "what", right=(1,))
     for key, unit, text in NUMBERS:
         x = r.numbers[key]
-        rows.add_row(key, angle_text(x) if unit == "rad" else length_text(x) if unit == "m" else f"{x:.4g}", text)
+        rows.add_row(
+            key, angle_text(x) if unit == "rad" else length_text(x) if unit == "m" else f"{x:.4g}", text
+        )
     out.print(rows)
     for line in worries:
         out.print(f"[yellow]look at: {escape(line)}[/]")

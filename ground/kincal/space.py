@@ -16,7 +16,15 @@ import pydantic
 
 from kincal import core, tables
 from kincal.errors import KincalError
-from kincal.geometry import ArmChain, Camera, R_to_quat, quat_to_R, rotation_angle, segment_distance, with_dh_errors
+from kincal.geometry import (
+    ArmChain,
+    Camera,
+    R_to_quat,
+    quat_to_R,
+    rotation_angle,
+    segment_distance,
+    with_dh_errors,
+)
 from kincal.results import Scene
 
 # Bits of kc_cand_t.why: what was checked and found good.
@@ -134,8 +142,11 @@ def read_description(path: Path) -> Description:
         desc = Description.model_validate(doc)
     except pydantic.ValidationError as error:
         first = error.errors()[0]
-        raise KincalError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}", str(path),
-                          "see tables/src/space.toml for a complete description") from None
+        raise KincalError(
+            f"{'.'.join(map(str, first['loc']))}: {first['msg']}",
+            str(path),
+            "see tables/src/space.toml for a complete description",
+        ) from None
     if desc.kind != "space":
         raise KincalError(f"this is a {desc.kind!r} source, not a search space", str(path))
     return desc
@@ -165,14 +176,17 @@ class Search:
         self._tight.cx_px = camera.cx_px - m
         self._tight.cy_px = camera.cy_px - m
         self.tight = Camera(self._tight)
-        self.sizes = [float(t.size_m) for t in camera.tag[0:int(camera.n_tags)]]
+        self.sizes = [float(t.size_m) for t in camera.tag[0 : int(camera.n_tags)]]
 
     def look(self, p: np.ndarray, R: np.ndarray) -> tuple[float, float, bool, np.ndarray, np.ndarray]:
         """Head angles that centre the tool, whether they are allowed, and the tool in the camera frame."""
         pan, tilt, reach = self.camera.aim(p)
         c, m = self.camera.camera, self.desc.view.head_margin_rad
-        inside = (reach and c.pan_min_rad + m <= pan <= c.pan_max_rad - m
-                  and c.tilt_min_rad + m <= tilt <= c.tilt_max_rad - m)
+        inside = (
+            reach
+            and c.pan_min_rad + m <= pan <= c.pan_max_rad - m
+            and c.tilt_min_rad + m <= tilt <= c.tilt_max_rad - m
+        )
         p_cam, R_cam = self.camera.pose(pan, tilt)
         return pan, tilt, inside, R_cam.T @ (p - p_cam), R_cam.T @ R
 
@@ -209,8 +223,9 @@ class Search:
         out = 0
         for i, ((xyz, R_tag), size) in enumerate(zip(self.camera.tags, self.sizes, strict=True)):
             half = 0.5 * self.desc.sight.border * size
-            points = np.array([p + R @ (xyz + R_tag @ [x * half, y * half, 0.0])
-                               for x in (-1, 0, 1) for y in (-1, 0, 1)])
+            points = np.array(
+                [p + R @ (xyz + R_tag @ [x * half, y * half, 0.0]) for x in (-1, 0, 1) for y in (-1, 0, 1)]
+            )
             if np.all(segment_distance(np.broadcast_to(eye, points.shape), points, start, end) > room):
                 out |= 1 << i
         return out
@@ -263,8 +278,9 @@ class Search:
         """From pose i to all others, in units of the spread."""
         dp = np.linalg.norm(p - p[i], axis=1) / self.desc.spread.position_m
         M = np.einsum("nji,jk->nik", R, R[i])
-        v = 0.5 * np.linalg.norm(np.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0],
-                                           M[:, 1, 0] - M[:, 0, 1]]), axis=0)
+        v = 0.5 * np.linalg.norm(
+            np.stack([M[:, 2, 1] - M[:, 1, 2], M[:, 0, 2] - M[:, 2, 0], M[:, 1, 0] - M[:, 0, 1]]), axis=0
+        )
         dr = np.arctan2(v, 0.5 * (np.trace(M, axis1=1, axis2=2) - 1.0)) / self.desc.spread.rotation_rad
         return np.hypot(dp, dr)
 
@@ -279,7 +295,9 @@ class Search:
         return chosen
 
 
-def build(desc: Description, tables_dir: Path, tick: Callable[[str, int, int], None] = lambda *_a: None) -> Built:
+def build(
+    desc: Description, tables_dir: Path, tick: Callable[[str, int, int], None] = lambda *_a: None
+) -> Built:
     """Search, choose, connect. `tick(phase, done, of)` for a progress display."""
     arm_image, arm = tables.load(_need(tables_dir / "arm.tbl"))
     _, camera = tables.load(_need(tables_dir / "camera.tbl"))
@@ -287,13 +305,18 @@ def build(desc: Description, tables_dir: Path, tick: Callable[[str, int, int], N
     hubs = [np.array(h) for h in desc.joints.hubs_rad]
     for h, q in enumerate(hubs):
         if not search.clear(q) or np.any(q < search.chain.q_min) or np.any(q > search.chain.q_max):
-            raise KincalError(f"hub {h} is outside the limits or too close to deck or mast", "joints.hubs_rad")
+            raise KincalError(
+                f"hub {h} is outside the limits or too close to deck or mast", "joints.hubs_rad"
+            )
     q, rejected, tried = search.sample(lambda t, g: tick(f"{t} samples", g, desc.pool))
     q, hub = _connect_to_hubs(search, q, hubs, rejected, tick)
     if len(q) < max(desc.priors, 1):
         worst = max(rejected, key=lambda k: rejected[k]) if rejected else "no samples"
-        raise KincalError(f"only {len(q)} of {tried} samples are feasible; most fail: {worst}", desc.title,
-                          "widen the box, the view or the margins in the description")
+        raise KincalError(
+            f"only {len(q)} of {tried} samples are feasible; most fail: {worst}",
+            desc.title,
+            "widen the box, the view or the margins in the description",
+        )
     poses = [search.chain.fk(x) for x in q]
     p, R = np.array([a for a, _ in poses]), np.array([b for _, b in poses])
     middle = int(np.argmin(np.linalg.norm(p - p.mean(axis=0), axis=1)))
@@ -314,13 +337,21 @@ def build(desc: Description, tables_dir: Path, tick: Callable[[str, int, int], N
 
 def _need(path: Path) -> Path:
     if not path.is_file():
-        raise KincalError("a search space needs the built arm and camera tables", str(path),
-                          "run `kincal table build tables/src tables/bin` or give --tables DIR")
+        raise KincalError(
+            "a search space needs the built arm and camera tables",
+            str(path),
+            "run `kincal table build tables/src tables/bin` or give --tables DIR",
+        )
     return path
 
 
-def _connect_to_hubs(search: Search, q: np.ndarray, hubs: list[np.ndarray], rejected: dict[str, int],
-                     tick: Callable[[str, int, int], None]) -> tuple[np.ndarray, np.ndarray]:
+def _connect_to_hubs(
+    search: Search,
+    q: np.ndarray,
+    hubs: list[np.ndarray],
+    rejected: dict[str, int],
+    tick: Callable[[str, int, int], None],
+) -> tuple[np.ndarray, np.ndarray]:
     """Keep what has a clear straight segment to a hub, nearest hub first."""
     keep, hub = [], []
     for i, x in enumerate(q):
@@ -336,26 +367,35 @@ def _connect_to_hubs(search: Search, q: np.ndarray, hubs: list[np.ndarray], reje
     return q[keep], np.array(hub, dtype=int)
 
 
-def _fill(space: Any, search: Search, q: np.ndarray, hub: np.ndarray, p: np.ndarray, R: np.ndarray,
-          hubs: list[np.ndarray]) -> None:
+def _fill(
+    space: Any,
+    search: Search,
+    q: np.ndarray,
+    hub: np.ndarray,
+    p: np.ndarray,
+    R: np.ndarray,
+    hubs: list[np.ndarray],
+) -> None:
     space.n_cand, space.n_hub, space.n_joints = len(q), len(hubs), search.chain.n
     for h, x in enumerate(hubs):
-        space.hub_q[h][0:len(x)] = [float(v) for v in x]
+        space.hub_q[h][0 : len(x)] = [float(v) for v in x]
         space.hub_edge[h] = sum(1 << k for k, y in enumerate(hubs) if k != h and search.segment_clear(x, y))
     for i in range(len(q)):
         c = space.cand[i]
         pan, tilt, _inside, p_cam, R_cam = search.look(p[i], R[i])
         c.p_m[0:3] = [float(v) for v in p[i]]
         c.q_wxyz[0:4] = [float(v) for v in R_to_quat(R[i])]
-        c.q_seed[0:search.chain.n] = [float(v) for v in q[i]]
+        c.q_seed[0 : search.chain.n] = [float(v) for v in q[i]]
         c.pan_rad, c.tilt_rad = pan, tilt
-        c.tags = (search.tight.visible(p_cam, R_cam, search.desc.view.incid_max_rad)
-                  & search.sight(q[i], p[i], R[i], pan, tilt))
+        c.tags = search.tight.visible(p_cam, R_cam, search.desc.view.incid_max_rad) & search.sight(
+            q[i], p[i], R[i], pan, tilt
+        )
         c.hub, c.why = int(hub[i]), WHY_ALL
 
 
-def _priors(search: Search, q: np.ndarray, p: np.ndarray, R: np.ndarray,
-            tick: Callable[[str, int, int], None]) -> list[int]:
+def _priors(
+    search: Search, q: np.ndarray, p: np.ndarray, R: np.ndarray, tick: Callable[[str, int, int], None]
+) -> list[int]:
     """Starting poses, when nothing is known about the faults yet: among the tenth that shows a tag under most
     of the faults drawn, spread far apart."""
     faulty = _faulty_arms(search)
@@ -365,7 +405,7 @@ def _priors(search: Search, q: np.ndarray, p: np.ndarray, R: np.ndarray,
         score[i] = sum(arm.seen(q[i], pan, tilt) for arm in faulty)
         if i % 20 == 0 or i + 1 == len(p):
             tick("faults at candidates", i + 1, len(p))
-    best = np.argsort(-score, kind="stable")[:max(len(p) // 10, search.desc.priors)]
+    best = np.argsort(-score, kind="stable")[: max(len(p) // 10, search.desc.priors)]
     centre = int(np.argmin(np.linalg.norm(p[best] - p[best].mean(axis=0), axis=1)))
     return [int(best[k]) for k in search.spread(p[best], R[best], search.desc.priors, centre)]
 
@@ -396,6 +436,7 @@ def _edges(space: Any, search: Search, q: np.ndarray, tick: Callable[[str, int, 
 
 
 # --------------------------------------------------------------------------- looking at one
+
 
 @dataclass(frozen=True)
 class Numbers:
@@ -435,23 +476,43 @@ def describe(space: Any, arm_image: tables.Image, camera: Any) -> tuple[Numbers,
     gaps = np.linalg.norm(p[:, None] - p[None], axis=2) + np.diag(np.full(n, np.inf))
     widest = max((rotation_angle(R[0].T @ r) for r in R), default=0.0)
     edges = sum(b.bit_count() for b in core.ffi.buffer(space.edge)[:])
-    numbers = Numbers(n, int(space.n_hub), tuple(space.prior[0:space.n_prior]), edges, int(space.arm_crc),
-                      float(space.servo_leash), tuple(p.min(axis=0)), tuple(p.max(axis=0)),
-                      (min(rng), max(rng)), (min(incid), max(incid)), float(np.median(gaps.min(axis=1))), widest,
-                      sum(c.tags.bit_count() > 1 for c in cands), sum(c.why != WHY_ALL for c in cands), int(space.arm_crc) == arm_image.crc)
+    numbers = Numbers(
+        n,
+        int(space.n_hub),
+        tuple(space.prior[0 : space.n_prior]),
+        edges,
+        int(space.arm_crc),
+        float(space.servo_leash),
+        tuple(p.min(axis=0)),
+        tuple(p.max(axis=0)),
+        (min(rng), max(rng)),
+        (min(incid), max(incid)),
+        float(np.median(gaps.min(axis=1))),
+        widest,
+        sum(c.tags.bit_count() > 1 for c in cands),
+        sum(c.why != WHY_ALL for c in cands),
+        int(space.arm_crc) == arm_image.crc,
+    )
     return numbers, np.array(incid), np.array(rng)
 
 
-def scene(space: Any, arm: Any, camera: Any, q_poses: np.ndarray | None = None,
-          points: Callable[[np.ndarray], np.ndarray] | None = None) -> Scene:
+def scene(
+    space: Any,
+    arm: Any,
+    camera: Any,
+    q_poses: np.ndarray | None = None,
+    points: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> Scene:
     """Geometry of a picture; the poses are the priors unless joint vectors are given."""
-    cands = space.cand[0:int(space.n_cand)]
+    cands = space.cand[0 : int(space.n_cand)]
     chain, cam = ArmChain(arm), Camera(camera)
     if q_poses is None:
-        q_poses = np.array([list(cands[i].q_seed)[:chain.n] for i in space.prior[0:space.n_prior]])
+        q_poses = np.array([list(cands[i].q_seed)[: chain.n] for i in space.prior[0 : space.n_prior]])
     bones = np.array([(points or chain.points)(q) for q in q_poses])
     target = bones[-1][-1] if len(bones) else np.array(list(cands[0].p_m))
     pan, tilt, _ = cam.aim(target)
     eye, corners = cam.frustum(pan, tilt, 0.6)
     mast = np.array(list(camera.mast_xyz_m))
-    return Scene(np.array([list(c.p_m) for c in cands]), bones, np.array([mast * [1, 1, 0], mast]), eye, corners)
+    return Scene(
+        np.array([list(c.p_m) for c in cands]), bones, np.array([mast * [1, 1, 0], mast]), eye, corners
+    )

@@ -76,8 +76,15 @@ class Image:
 
 # --------------------------------------------------------------------------- numbers and names
 
-_OPS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-        ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos}
+_OPS = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
 _CONSTANTS = {"pi": math.pi, "deg": math.pi / 180.0, "inf": math.inf}
 _CALLS = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt}
 
@@ -102,24 +109,32 @@ def number(value: Any, where: str) -> float:
             return _OPS[type(node.op)](walk(node.left), walk(node.right))
         if isinstance(node, ast.UnaryOp) and type(node.op) in _OPS:
             return _OPS[type(node.op)](walk(node.operand))
-        if (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _CALLS
-                and len(node.args) == 1):
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id in _CALLS
+            and len(node.args) == 1
+        ):
             return _CALLS[node.func.id](walk(node.args[0]))
         raise ValueError(ast.dump(node))
 
     try:
         return walk(ast.parse(value, mode="eval"))
     except (ValueError, SyntaxError, ZeroDivisionError, OverflowError, RecursionError):
-        raise KincalError(f"cannot work out {value!r}", where,
-                          "use numbers, + - * / **, pi, deg, sin(), cos(), sqrt()") from None
+        raise KincalError(
+            f"cannot work out {value!r}", where, "use numbers, + - * / **, pi, deg, sin(), cos(), sqrt()"
+        ) from None
 
 
 @functools.cache
 def enum_names(ctype: str, prefix: str) -> tuple[str, ...]:
     """Names of an enumeration of the headers, in order, in small letters and without prefix."""
     elements = core.ffi.typeof(ctype).elements
-    return tuple(elements[i].removeprefix(prefix).lower() for i in sorted(elements)
-                 if not elements[i].endswith("_COUNT"))
+    return tuple(
+        elements[i].removeprefix(prefix).lower()
+        for i in sorted(elements)
+        if not elements[i].endswith("_COUNT")
+    )
 
 
 def names_of_field(struct: str, field: str) -> tuple[str, ...]:
@@ -149,6 +164,7 @@ def unit_of(coef: str) -> str:
 
 
 # --------------------------------------------------------------------------- dict <-> C struct
+
 
 def _fill_value(ctype: Any, old: Any, value: Any, struct: str, field: str, where: str) -> Any:
     """Python value to put into a struct field of that type; fills arrays and structs in place."""
@@ -260,6 +276,7 @@ def _plain(ctype: Any, value: Any, struct: str, field: str, count: int | None) -
 
 # --------------------------------------------------------------------------- the codec
 
+
 def encode(kind: str, struct: Any) -> Image:
     """Image of a filled C struct."""
     number_ = kind_number(kind)
@@ -275,12 +292,19 @@ def encode(kind: str, struct: Any) -> Image:
 def header(data: bytes, where: str = "") -> Image:
     """Read the header only."""
     if len(data) < HEADER_BYTES or data[:4] != MAGIC:
-        raise KincalError("this is not a table image", where, "images start with KCT1; build one with table build")
+        raise KincalError(
+            "this is not a table image", where, "images start with KCT1; build one with table build"
+        )
     number_ = int.from_bytes(data[4:6], "little")
     if number_ not in KIND_NAMES:
         raise KincalError(f"unknown table kind {number_}", where)
-    return Image(KIND_NAMES[number_], int.from_bytes(data[6:8], "little"),
-                 int.from_bytes(data[12:16], "little"), int.from_bytes(data[8:12], "little"), data)
+    return Image(
+        KIND_NAMES[number_],
+        int.from_bytes(data[6:8], "little"),
+        int.from_bytes(data[12:16], "little"),
+        int.from_bytes(data[8:12], "little"),
+        data,
+    )
 
 
 def decode(data: bytes, where: str = "") -> tuple[Image, Any]:
@@ -290,9 +314,12 @@ def decode(data: bytes, where: str = "") -> tuple[Image, Any]:
     events = core.ffi.new("kc_events_t *")
     status = core.lib.kc_tbl_decode(KINDS[image.kind], data, len(data), struct, events)
     if status != 0:
-        said = [event_line(e.id, e.index, e.got, e.want) for e in events.e[0:events.n]]
-        raise KincalError(f"{image.kind} table refused: {core.status_name(status)}"
-                          + "".join(f"\n    {line}" for line in said), where)
+        said = [event_line(e.id, e.index, e.got, e.want) for e in events.e[0 : events.n]]
+        raise KincalError(
+            f"{image.kind} table refused: {core.status_name(status)}"
+            + "".join(f"\n    {line}" for line in said),
+            where,
+        )
     return image, struct
 
 
@@ -307,11 +334,13 @@ def event_line(event_id: int, index: int, got: float, want: float) -> str:
             return f"{int(x) & 0xFFFFFFFF:08x}"
         return f"{x:g}"
 
-    return f"{name}: " + (text.replace("{got}", show(got)).replace("{want}", show(want))
-                          .replace("{index}", str(index)))
+    return f"{name}: " + (
+        text.replace("{got}", show(got)).replace("{want}", show(want)).replace("{index}", str(index))
+    )
 
 
 # --------------------------------------------------------------------------- TOML sources
+
 
 def read_toml(path: Path) -> dict[str, Any]:
     try:
@@ -334,8 +363,9 @@ def build(source: Path, tables: Path | None = None) -> Image:
         from kincal import space  # the search imports this module
 
         return space.build(space.read_description(source), tables or source.parent.parent / "bin").image
-    expand = {"terms": expand_terms, "kernel": expand_kernel, "arm": expand_arm,
-              "kin": expand_kin}.get(kind, lambda d, _w: d)
+    expand = {"terms": expand_terms, "kernel": expand_kernel, "arm": expand_arm, "kin": expand_kin}.get(
+        kind, lambda d, _w: d
+    )
     struct = core.ffi.new(f"{CTYPES[kind]} *")
     body = {key: value for key, value in doc.items() if key not in FOR_PEOPLE}
     fill(struct, expand(body, where), where)
@@ -360,7 +390,7 @@ def build_order(sources: list[Path]) -> list[Path]:
     return sorted(sources, key=lambda p: (read_toml(p).get("kind") == "space", p.name))
 
 
-def expand_arm(doc: dict[str, Any], where: str) -> dict[str, Any]:
+def expand_arm(doc: dict[str, Any], _where: str) -> dict[str, Any]:
     """Joints may leave out mass_kg and com_m (has_mass follows) and carry a name."""
     out = dict(doc)
     out["joint"] = []
@@ -374,7 +404,7 @@ def expand_arm(doc: dict[str, Any], where: str) -> dict[str, Any]:
     return out
 
 
-def expand_kin(doc: dict[str, Any], where: str) -> dict[str, Any]:
+def expand_kin(doc: dict[str, Any], _where: str) -> dict[str, Any]:
     """A nominal table may give n_coef instead of lists of zeros."""
     out = dict(doc)
     n = out.pop("n_coef", None)
@@ -391,7 +421,9 @@ def expand_terms(doc: dict[str, Any], where: str) -> dict[str, Any]:
     """[dh] and per-joint coefficients written out; terms numbered by coefficient."""
     unknown = set(doc) - {"dh", "coef"}
     if unknown:
-        raise KincalError(f"unknown field {sorted(unknown)[0]!r}", where, "a terms table has [dh] and [[coef]]")
+        raise KincalError(
+            f"unknown field {sorted(unknown)[0]!r}", where, "a terms table has [dh] and [[coef]]"
+        )
     coefs: list[dict[str, Any]] = []
     terms: list[dict[str, Any]] = []
     for entry in itertools.chain(_dh_entries(doc.get("dh"), where), doc.get("coef", [])):
@@ -419,10 +451,15 @@ def _dh_entries(dh: dict[str, Any] | None, where: str) -> Iterator[dict[str, Any
     for j in range(1, int(_required(dh, "joints", here)) + 1):
         for name, comp, shift in _DH:
             bound = number(_required(_required(dh, "bound", here), name, here), here)
-            yield {"name": f"J{j}.{name}", "lb": -bound, "ub": bound,
-                   "prior_sigma": _required(dh, "prior_sigma", here)[name],
-                   "scale": _required(dh, "scale", here)[name], "enabled": dh.get("enabled", True),
-                   "term": [{"frame": j + shift, "comp": comp}]}
+            yield {
+                "name": f"J{j}.{name}",
+                "lb": -bound,
+                "ub": bound,
+                "prior_sigma": _required(dh, "prior_sigma", here)[name],
+                "scale": _required(dh, "scale", here)[name],
+                "enabled": dh.get("enabled", True),
+                "term": [{"frame": j + shift, "comp": comp}],
+            }
 
 
 def _expand_term(term: dict[str, Any], coef: int, j: int | None, where: str) -> dict[str, Any]:
@@ -433,14 +470,22 @@ def _expand_term(term: dict[str, Any], coef: int, j: int | None, where: str) -> 
         frame = j
     elif isinstance(frame, str):
         if frame not in FRAMES:
-            raise KincalError(f"unknown frame {frame!r}", where, "0..n, " + ", ".join(FRAMES)
-                              + ", or with joints = [...] 'before joint', 'after joint'")
+            raise KincalError(
+                f"unknown frame {frame!r}",
+                where,
+                "0..n, " + ", ".join(FRAMES) + ", or with joints = [...] 'before joint', 'after joint'",
+            )
         frame = FRAMES[frame]
     one = {"fn": "lin", "var": "one", "index": 0, "c0": 0.0, "c1": 1.0}
     bases = [one | {k: (j if v == "joint" else v) for k, v in b.items()} for b in term.get("basis", [])]
     bases += [one] * (2 - len(bases))
-    return {"coef": coef, "frame": frame, "comp": term.get("comp"), "gain": term.get("gain", 1.0),
-            "basis": bases}
+    return {
+        "coef": coef,
+        "frame": frame,
+        "comp": term.get("comp"),
+        "gain": term.get("gain", 1.0),
+        "basis": bases,
+    }
 
 
 def expand_kernel(doc: dict[str, Any], where: str) -> dict[str, Any]:
@@ -449,16 +494,27 @@ def expand_kernel(doc: dict[str, Any], where: str) -> dict[str, Any]:
 
     hyper = []
     for entry in doc.get("set", []):
-        grid = {key: entry[key] if isinstance(entry.get(key), list) else [_required(entry, key, f"{where}:set")]
-                for key in ("nu", "kappa", "beta_m", "sigma_s")}
+        grid = {
+            key: entry[key] if isinstance(entry.get(key), list) else [_required(entry, key, f"{where}:set")]
+            for key in ("nu", "kappa", "beta_m", "sigma_s")
+        }
         for nu, kappa, beta_m, sigma_s in itertools.product(*grid.values()):
             spectrum = kernels.spectral_table(doc.get("arg", "so3"), number(kappa, where), number(nu, where))
-            hyper.append({"sigma_s": sigma_s, "beta_m": beta_m, "kappa": kappa, "nu": nu,
-                          "w": [float(w) for w in spectrum.w], "trunc_err": float(spectrum.trunc_err)})
+            hyper.append(
+                {
+                    "sigma_s": sigma_s,
+                    "beta_m": beta_m,
+                    "kappa": kappa,
+                    "nu": nu,
+                    "w": [float(w) for w in spectrum.w],
+                    "trunc_err": float(spectrum.trunc_err),
+                }
+            )
     return {key: value for key, value in doc.items() if key != "set"} | {"hyper": hyper}
 
 
 # --------------------------------------------------------------------------- differences
+
 
 def flatten(doc: Any, path: str = "") -> dict[str, Any]:
     """path -> value; list entries that carry a name go by it."""
@@ -499,5 +555,8 @@ def diff(a: Path, b: Path) -> tuple[Image, Image, list[Change]]:
         raise KincalError(f"{image_a.kind} and {image_b.kind} tables cannot be compared", f"{a} {b}")
     flat_a, flat_b = flatten(to_doc(struct_a)), flatten(to_doc(struct_b))
     keys = list(flat_a) + [key for key in flat_b if key not in flat_a]
-    return image_a, image_b, [Change(key, flat_a.get(key), flat_b.get(key)) for key in keys
-                              if flat_a.get(key) != flat_b.get(key)]
+    return (
+        image_a,
+        image_b,
+        [Change(key, flat_a.get(key), flat_b.get(key)) for key in keys if flat_a.get(key) != flat_b.get(key)],
+    )
