@@ -1,0 +1,516 @@
+/* kc_cmd.c: every command accepted or refused: answer, event and state together. */
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "given_world.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+static uint8_t s_image[KC_IMAGE_MAX], s_dumped[KC_IMAGE_MAX];
+static uint32_t s_n;
+
+void setUp(void);
+void setUp(void) { given_world(); }
+
+static void given_idle(void)
+{
+    world_boot();
+    world_ticks(2u);
+}
+
+/* The command of this tick is refused: answer, event, and nothing changed. */
+static void refused(int32_t status, uint16_t event)
+{
+    uint32_t before = APP->n_cmd_refused, n = world_events(event);
+    int arm = world.mute_arm, head = world.mute_head;
+    world.mute_arm = world.mute_head = 1; /* the command is all that comes in */
+    world_remember();
+    world_tick();
+    world.mute_arm = arm;
+    world.mute_head = head;
+    TEST_ASSERT_EQUAL_INT(status, world.ack.status);
+    TEST_ASSERT_EQUAL_INT(event, world.ack.event_id);
+    TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(event));
+    TEST_ASSERT_EQUAL_UINT32(before + 1u, APP->n_cmd_refused);
+    TEST_ASSERT_TRUE_MESSAGE(world_unchanged(), "something changed");
+}
+
+static void accepted(void)
+{
+    uint32_t before = APP->n_cmd_ok, n = world_events(KC_EVT_CMD_ACCEPTED);
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world.ack.status);
+    TEST_ASSERT_EQUAL_INT(0, world.ack.event_id);
+    TEST_ASSERT_EQUAL_UINT32(before + 1u, APP->n_cmd_ok);
+    TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(KC_EVT_CMD_ACCEPTED));
+}
+
+/* ---- source, sequence, opcode ---- */
+
+void test_noop_is_answered_with_source_number_and_opcode(void)
+{
+    given_idle();
+    kc_cmd_t *c = world_cmd(KC_CMD_NOOP, 0, 0, 0);
+    c->source = 2;
+    c->seq = 41;
+    accepted();
+    TEST_ASSERT_EQUAL_INT(2, world.ack.source);
+    TEST_ASSERT_EQUAL_INT(41, world.ack.seq);
+    TEST_ASSERT_EQUAL_INT(KC_CMD_NOOP, world.ack.opcode);
+}
+
+void test_a_repeated_or_older_command_number_is_refused(void)
+{
+    for (int32_t back = 0; back < 3; back++) {
+        given_world();
+        given_idle();
+        world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10;
+        accepted();
+        world_cmd(KC_CMD_ABORT, 0, 0, 0)->seq = 10 - back;
+        refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+        TEST_ASSERT_EQUAL_DOUBLE(10.0, world.last[KC_EVT_CMD_STALE].want);
+    }
+}
+
+void test_numbers_are_kept_for_each_source_and_a_refused_command_uses_its_number_up(void)
+{
+    given_idle();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10;
+    accepted();
+    kc_cmd_t *c = world_cmd(KC_CMD_NOOP, 0, 0, 0);
+    c->source = 2;
+    c->seq = 3;
+    accepted();
+    world_cmd(99, 0, 0, 0)->seq = 11;
+    refused(KC_ERR_ARG, KC_EVT_CMD_UNKNOWN);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 11;
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+}
+
+void test_an_unknown_source_is_refused(void)
+{
+    const int32_t sources[] = {0, 3, -1};
+    for (uint32_t i = 0u; i < 3u; i++) {
+        given_world();
+        given_idle();
+        world_cmd(KC_CMD_ABORT, 0, 0, 0)->source = sources[i];
+        refused(KC_ERR_ARG, KC_EVT_CMD_SOURCE);
+    }
+}
+
+void test_an_unknown_opcode_is_refused(void)
+{
+    given_idle();
+    (void)world_cmd(11, 0, 0, 0);
+    refused(KC_ERR_ARG, KC_EVT_CMD_UNKNOWN);
+    (void)world_cmd(-1, 0, 0, 0);
+    refused(KC_ERR_ARG, KC_EVT_CMD_UNKNOWN);
+}
+
+void test_more_commands_than_one_step_takes_are_left_out(void)
+{
+    given_idle();
+    for (uint32_t i = 0u; i < KC_CMD_QUEUE_MAX; i++) { (void)world_cmd(KC_CMD_NOOP, 0, 0, 0); }
+    world.in.n_cmd = 100u;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(KC_CMD_QUEUE_MAX, world.n_acks);
+}
+
+/* ---- START ---- */
+
+void test_start_with_bad_arguments_is_refused(void)
+{
+    given_idle();
+    (void)world_cmd(KC_CMD_START, 4, 0, 0);
+    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+    TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CMD_ARG].index);
+    (void)world_cmd(KC_CMD_START, -2, 0, 0);
+    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+    (void)world_cmd(KC_CMD_START, -1, 65, 0);
+    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CMD_ARG].index);
+    (void)world_cmd(KC_CMD_START, -1, -1, 0);
+    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+    world_cmd(KC_CMD_START, -1, 0, 0)->arg_u64 = 1ull << 28; /* there is no such coefficient */
+    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+    TEST_ASSERT_EQUAL_INT(4, world.last[KC_EVT_CMD_ARG].index);
+}
+
+void test_start_with_nothing_to_estimate_is_refused(void)
+{
+    for (uint32_t c = 0u; c < 28u; c++) { world.terms.coef[c].enabled = 0u; }
+    given_idle();
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+}
+
+void test_start_takes_its_arguments(void)
+{
+    given_idle();
+    world_cmd(KC_CMD_START, KC_ACQ_RANDOM, 4, 9)->arg_u64 = 0xffu;
+    accepted();
+    TEST_ASSERT_EQUAL_UINT32(4u, APP->cal.n_goal);
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, APP->cal.acq);
+    TEST_ASSERT_EQUAL_UINT64(0xffu, APP->est.opt.free_mask);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_START));
+}
+
+void test_start_without_all_tables_is_refused(void)
+{
+    kc_app_init(APP);
+    s_n = given_image(KC_TBL_ARM, &world.arm, s_image);
+    (void)kc_app_load(APP, KC_TBL_ARM, s_image, s_n);
+    kc_app_boot(APP);
+    world_tick();
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    refused(KC_ERR_STATE, KC_EVT_TBL_MISSING);
+}
+
+void test_start_without_a_living_arm_and_head_is_refused(void)
+{
+    world_boot();
+    world.mute_arm = 1;
+    world_tick();
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    refused(KC_ERR_STATE, KC_EVT_IN_SILENT);
+    TEST_ASSERT_EQUAL_INT(KC_INPUT_ARM, world.last[KC_EVT_IN_SILENT].index);
+    world.mute_arm = 0;
+    world_tick();
+    world.mute_head = 1;
+    world_ticks(25u);
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    refused(KC_ERR_STATE, KC_EVT_IN_SILENT);
+    TEST_ASSERT_EQUAL_INT(KC_INPUT_HEAD, world.last[KC_EVT_IN_SILENT].index);
+}
+
+void test_start_with_an_arm_fault_is_refused(void)
+{
+    world_boot();
+    world.fault = 1;
+    world_ticks(2u);
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    refused(KC_ERR_STATE, KC_EVT_ARM_FAULT);
+}
+
+void test_start_away_from_every_proven_place_is_refused(void)
+{
+    world.q[0] = world.q_cmd[0] = 2.5;
+    world.q[1] = world.q_cmd[1] = -1.9;
+    world.q[6] = world.q_cmd[6] = 2.9;
+    given_idle();
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    refused(KC_ERR_PATH, KC_EVT_CAL_NO_PATH);
+}
+
+/* ---- commands in the wrong state ---- */
+
+void test_commands_in_the_wrong_state_are_refused(void)
+{
+    const int32_t when_idle[] = {KC_CMD_APPROVE_ARM, KC_CMD_APPROVE_GO, KC_CMD_REJECT};
+    const int32_t when_moving[] = {KC_CMD_START, KC_CMD_APPROVE_ARM, KC_CMD_APPROVE_GO, KC_CMD_REJECT,
+                                   KC_CMD_ROLLBACK};
+    given_idle();
+    for (uint32_t i = 0u; i < 3u; i++) {
+        (void)world_cmd(when_idle[i], 0, 0, 0);
+        refused(KC_ERR_STATE, KC_EVT_CMD_STATE);
+        TEST_ASSERT_EQUAL_INT(when_idle[i], world.last[KC_EVT_CMD_STATE].index);
+    }
+    given_world();
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SETTLE, 200u));
+    for (uint32_t i = 0u; i < 5u; i++) {
+        int32_t state = (int32_t)kc_app_state(APP);
+        TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(when_moving[i], 0, 0, 0));
+        TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_STATE, world.ack.event_id);
+        TEST_ASSERT_TRUE(kc_app_calibrating(APP));
+        TEST_ASSERT_TRUE(state != KC_ST_SAFE);
+    }
+}
+
+void test_tables_cannot_change_while_a_calibration_runs(void)
+{
+    const int32_t cmds[] = {KC_CMD_TABLE_VALIDATE, KC_CMD_TABLE_ACTIVATE, KC_CMD_TABLE_DISCARD};
+    world_started();
+    for (uint32_t i = 0u; i < 3u; i++) {
+        (void)world_cmd(cmds[i], KC_TBL_CONFIG, 0, 0);
+        TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, (world_tick(), world.ack.status));
+        TEST_ASSERT_EQUAL_INT(KC_EVT_TBL_BUSY, world.ack.event_id);
+    }
+    world.in.n_chunk = 1u;
+    world.in.chunk[0].kind = KC_TBL_CONFIG;
+    world.in.chunk[0].total = world.in.chunk[0].n = 100u;
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
+    TEST_ASSERT_EQUAL_UINT32(4u, world_events(KC_EVT_TBL_BUSY));
+    TEST_ASSERT_TRUE(kc_app_calibrating(APP));
+}
+
+/* ---- tables up ---- */
+
+static void send_chunks(uint16_t kind)
+{
+    for (uint32_t at = 0u; at < s_n; at += KC_CHUNK_BYTES) {
+        kc_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
+        c->kind = kind;
+        c->total = s_n;
+        c->offset = at;
+        c->n = s_n - at < KC_CHUNK_BYTES ? s_n - at : KC_CHUNK_BYTES;
+        memcpy(c->data, &s_image[at], c->n);
+        if (world.in.n_chunk == KC_CHUNK_QUEUE_MAX) { world_tick(); }
+    }
+    world_tick();
+}
+
+static void given_new_config(void)
+{
+    given_idle();
+    world.config.n_poses = 9u;
+    s_n = given_image(KC_TBL_CONFIG, &world.config, s_image);
+}
+
+void test_a_table_goes_up_and_becomes_active_and_is_stored(void)
+{
+    given_new_config();
+    int32_t crc = (int32_t)kc_tbl_image_crc(s_image, s_n);
+    send_chunks(KC_TBL_CONFIG);
+    (void)world_cmd(KC_CMD_TABLE_VALIDATE, KC_TBL_CONFIG, crc, 0);
+    accepted();
+    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
+    accepted();
+    TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
+    TEST_ASSERT_EQUAL_UINT32(s_n, world.stored[KC_TBL_CONFIG][0]);
+    TEST_ASSERT_EQUAL_MEMORY(s_image, world.store[KC_TBL_CONFIG][0], s_n);
+    world_restart();
+    TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
+}
+
+void test_a_start_in_the_step_that_stores_a_table_is_refused(void)
+{
+    given_new_config();
+    int32_t crc = (int32_t)kc_tbl_image_crc(s_image, s_n);
+    send_chunks(KC_TBL_CONFIG);
+    (void)world_do(KC_CMD_TABLE_VALIDATE, KC_TBL_CONFIG, crc, 0);
+    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world.ack.status);
+    TEST_ASSERT_EQUAL_INT(KC_EVT_TBL_BUSY, world.ack.event_id);
+    TEST_ASSERT_EQUAL_MEMORY(s_image, world.store[KC_TBL_CONFIG][0], s_n);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
+}
+
+void test_what_is_staged_is_discarded_on_command_and_by_a_start(void)
+{
+    given_new_config();
+    send_chunks(KC_TBL_CONFIG);
+    (void)world_cmd(KC_CMD_TABLE_DISCARD, 0, 0, 0);
+    accepted();
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
+    send_chunks(KC_TBL_CONFIG);
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    accepted();
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_TBL_DISCARDED));
+}
+
+/* An image with one thing wrong: refused with this event when it is validated, the active table untouched. */
+static void image_refused(int32_t status, uint16_t event)
+{
+    int32_t crc = (int32_t)kc_tbl_image_crc(s_image, s_n);
+    send_chunks(KC_TBL_CONFIG);
+    (void)world_cmd(KC_CMD_TABLE_VALIDATE, KC_TBL_CONFIG, crc, 0);
+    refused(status, event);
+    TEST_ASSERT_EQUAL_UINT32(6u, kc_app_active(APP)->config.n_poses);
+    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
+    refused(KC_ERR_STATE, KC_EVT_TBL_NOT_READY);
+}
+
+void test_a_table_with_a_wrong_payload_crc_is_refused(void)
+{
+    given_new_config();
+    s_image[KC_TBL_HDR_BYTES + 20u] ^= 1u;
+    image_refused(KC_ERR_CRC, KC_EVT_TBL_CRC);
+}
+
+void test_a_table_of_another_version_is_refused(void)
+{
+    given_new_config();
+    s_image[6] = 2u;
+    image_refused(KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
+}
+
+void test_a_table_of_the_wrong_size_is_refused(void)
+{
+    given_new_config();
+    s_n -= 8u;
+    given_resealed(s_image, s_n);
+    image_refused(KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
+}
+
+void test_a_table_with_a_nan_is_refused(void)
+{
+    given_idle();
+    world.config.a1 = (double)NAN;
+    s_n = given_image(KC_TBL_CONFIG, &world.config, s_image);
+    image_refused(KC_ERR_RANGE, KC_EVT_TBL_NOT_FINITE);
+}
+
+void test_a_table_beyond_its_limits_is_refused(void)
+{
+    given_idle();
+    world.config.n_poses = 65u;
+    s_n = given_image(KC_TBL_CONFIG, &world.config, s_image);
+    image_refused(KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+}
+
+void test_a_table_with_a_quaternion_that_is_not_unit_is_refused(void)
+{
+    given_idle();
+    world.arm.base_quat_wxyz[0] = 1.1;
+    s_n = given_image(KC_TBL_ARM, &world.arm, s_image);
+    int32_t crc = (int32_t)kc_tbl_image_crc(s_image, s_n);
+    send_chunks(KC_TBL_ARM);
+    (void)world_cmd(KC_CMD_TABLE_VALIDATE, KC_TBL_ARM, crc, 0);
+    refused(KC_ERR_RANGE, KC_EVT_TBL_NOT_UNIT);
+}
+
+void test_a_command_that_names_another_crc_is_refused(void)
+{
+    given_new_config();
+    int32_t crc = (int32_t)kc_tbl_image_crc(s_image, s_n);
+    send_chunks(KC_TBL_CONFIG);
+    (void)world_cmd(KC_CMD_TABLE_VALIDATE, KC_TBL_CONFIG, crc ^ 1, 0);
+    refused(KC_ERR_CRC, KC_EVT_CMD_CRC);
+}
+
+void test_chunks_out_of_order_or_of_no_kind_are_refused(void)
+{
+    given_new_config();
+    world.in.n_chunk = 1u;
+    world.in.chunk[0].kind = KC_TBL_CONFIG;
+    world.in.chunk[0].total = s_n;
+    world.in.chunk[0].offset = 10u;
+    world.in.chunk[0].n = 10u;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_TBL_CHUNK));
+    const int32_t kinds[] = {0, KC_TBL_COUNT, -3, 65537};
+    for (uint32_t i = 0u; i < 4u; i++) {
+        world.in.n_chunk = 1u;
+        world.in.chunk[0].kind = kinds[i];
+        world.in.chunk[0].total = world.in.chunk[0].n = 10u;
+        world_tick();
+        TEST_ASSERT_EQUAL_UINT32(i + 1u, world_events(KC_EVT_TBL_FORMAT));
+        TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
+    }
+}
+
+static void activate_staged(uint16_t kind)
+{
+    int32_t crc = (int32_t)kc_tbl_image_crc(s_image, s_n);
+    send_chunks(kind);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_VALIDATE, kind, crc, 0));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_ACTIVATE, kind, crc, 0));
+}
+
+void test_a_correction_that_comes_up_is_stored_with_the_one_before_it(void)
+{
+    static kc_kin_t kin;
+    given_idle();
+    uint32_t nominal = kc_app_active(APP)->crc[KC_TBL_KIN];
+    given_kin(&kin);
+    kin.arm_crc = kc_app_active(APP)->crc[KC_TBL_ARM];
+    kin.terms_crc = kc_app_active(APP)->crc[KC_TBL_TERMS];
+    kin.value[3] = 0.01;
+    s_n = given_image(KC_TBL_KIN, &kin, s_image);
+    activate_staged(KC_TBL_KIN);
+    TEST_ASSERT_EQUAL_MEMORY(s_image, world.store[KC_TBL_KIN][0], s_n);
+    TEST_ASSERT_EQUAL_UINT32(nominal, kc_tbl_image_crc(world.store[KC_STORE_PREV][0], world.stored[KC_STORE_PREV][0]));
+}
+
+void test_a_new_arm_drops_what_was_made_for_the_old_one_from_the_store_too(void)
+{
+    test_a_correction_that_comes_up_is_stored_with_the_one_before_it();
+    world.stored[KC_TBL_SPACE][0] = 16u; /* whatever was there */
+    world.arm.tool_xyz_m[2] = 0.2;
+    s_n = given_image(KC_TBL_ARM, &world.arm, s_image);
+    activate_staged(KC_TBL_ARM);
+    const kc_active_t *a = kc_app_active(APP);
+    TEST_ASSERT_EQUAL_UINT32(0u, a->crc[KC_TBL_SPACE]);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_TBL_SPACE][0]);
+    TEST_ASSERT_EQUAL_UINT32(a->crc[KC_TBL_KIN], kc_tbl_image_crc(world.store[KC_TBL_KIN][0], world.stored[KC_TBL_KIN][0]));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, a->kin.value[3]);
+    world_restart();
+    TEST_ASSERT_EQUAL_UINT32(kc_tbl_image_crc(s_image, s_n), kc_app_active(APP)->crc[KC_TBL_ARM]);
+}
+
+/* ---- tables down ---- */
+
+static uint32_t collect(uint32_t max)
+{
+    uint32_t total = 0u;
+    for (uint32_t i = 0u; i < max; i++) {
+        const kc_chunk_t *c = &world.out.dump;
+        if (world.out.has_dump) {
+            memcpy(&s_dumped[c->offset], c->data, c->n);
+            total = c->total;
+            if (c->offset + c->n == c->total) { return total; }
+        }
+        world_tick();
+    }
+    return 0u;
+}
+
+void test_a_table_comes_down_as_it_went_up(void)
+{
+    given_idle();
+    s_n = given_image(KC_TBL_SPACE, &world.space, s_image);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0));
+    TEST_ASSERT_EQUAL_UINT32(s_n, collect(200u));
+    TEST_ASSERT_EQUAL_MEMORY(s_image, s_dumped, s_n);
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_dump);
+}
+
+void test_a_waiting_proposal_can_be_dumped(void)
+{
+    world.truth.joint[6].phi_rad = 0.1;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DUMP, KC_STORE_PROPOSAL, 0, 0));
+    uint32_t n = collect(10u);
+    TEST_ASSERT_EQUAL_UINT32(world.proposal.crc, kc_tbl_image_crc(s_dumped, n));
+    TEST_ASSERT_EQUAL_UINT32(APP->proposal_n, n);
+}
+
+void test_a_dump_of_nothing_is_refused(void)
+{
+    given_idle();
+    (void)world_cmd(KC_CMD_TABLE_DUMP, 0, 0, 0);
+    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+    (void)world_cmd(KC_CMD_TABLE_DUMP, KC_TBL_COUNT, 0, 0);
+    refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+    (void)world_cmd(KC_CMD_TABLE_DUMP, KC_STORE_PROPOSAL, 0, 0);
+    refused(KC_ERR_STATE, KC_EVT_TBL_MISSING);
+    kc_app_init(APP);
+    kc_app_boot(APP);
+    world_tick();
+    uint32_t before = world_events(KC_EVT_TBL_MISSING);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(KC_CMD_TABLE_DUMP, KC_TBL_ARM, 0, 0));
+    TEST_ASSERT_EQUAL_UINT32(before + 1u, world_events(KC_EVT_TBL_MISSING));
+}
+
+void test_a_dump_ends_when_its_table_changes(void)
+{
+    given_idle();
+    (void)world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0);
+    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_dump);
+    APP->tables.active.crc[KC_TBL_SPACE] ^= 1u; /* another one was activated */
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_dump);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_TBL_MISSING));
+    (void)world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0);
+    APP->tables.active.crc[KC_TBL_SPACE] = 0u; /* or it is gone */
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_TBL_MISSING));
+}
