@@ -162,7 +162,7 @@ $(BUILD)/libkincal.a: $(BUILD)/rel/libkincal.a
 	@cp $< $@.new && mv $@.new $@
 
 $(BUILD)/libkincal.so: $(call objects,rel,$(CORE_SRC))
-	$(Q)echo "  LD  $@"; g++ -shared $^ -lm -o $@.new && mv $@.new $@
+	$(Q)echo "  LD  $@"; g++ -shared -Wl,-z,defs $^ -lm -o $@.new && mv $@.new $@
 
 $(BUILD)/kincal_cdef.h: $(HEADERS) ground/cdef.py
 	@mkdir -p $(@D)

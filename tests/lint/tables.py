@@ -31,6 +31,7 @@ def main() -> int:
     args = parser.parse_args()
 
     from click.testing import CliRunner
+
     from kincal import tables
     from kincal.cli import main as kincal
 
