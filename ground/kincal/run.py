@@ -446,7 +446,8 @@ def comparison(request: Request, main: RunResult, say: Callable[[str], None]) ->
             curves.append(Curve(label, tuple(lines)))
             say(
                 f"for comparison, {label}: {len(lines)} poses, held-out RMS "
-                f"{length_text(lines[-1].held_pos_m)}, {angle_text(lines[-1].held_rot_rad)} ({done.wall_s:.0f} s)"
+                f"{length_text(lines[-1].held_pos_m)}, {angle_text(lines[-1].held_rot_rad)} "
+                f"({done.wall_s:.0f} s)"
             )
     return curves
 

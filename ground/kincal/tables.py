@@ -143,11 +143,11 @@ def names_of_field(struct: str, field: str) -> tuple[str, ...]:
     return enum_names(*where) if where else ()
 
 
-def kind_number(name: str) -> int:
+def kind_number(name: str, where: str = "") -> int:
     try:
         return KINDS[name]
     except KeyError:
-        raise KincalError(f"unknown table kind {name!r}", todo="kinds are " + " ".join(KINDS)) from None
+        raise KincalError(f"unknown table kind {name!r}", where, "kinds are " + " ".join(KINDS)) from None
 
 
 def unit_of(coef: str) -> str:
@@ -358,7 +358,7 @@ def build(source: Path, tables: Path | None = None) -> Image:
     doc = read_toml(source)
     where = str(source)
     kind = doc.get("kind", "")
-    kind_number(kind)
+    kind_number(kind, where)
     if kind == "space":
         from kincal import space  # the search imports this module
 
@@ -499,7 +499,12 @@ def expand_kernel(doc: dict[str, Any], where: str) -> dict[str, Any]:
             for key in ("nu", "kappa", "beta_m", "sigma_s")
         }
         for nu, kappa, beta_m, sigma_s in itertools.product(*grid.values()):
-            spectrum = kernels.spectral_table(doc.get("arg", "so3"), number(kappa, where), number(nu, where))
+            try:
+                spectrum = kernels.spectral_table(
+                    doc.get("arg", "so3"), number(kappa, where), number(nu, where)
+                )
+            except ValueError as error:
+                raise KincalError(str(error), where) from None
             hyper.append(
                 {
                     "sigma_s": sigma_s,
