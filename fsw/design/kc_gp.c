@@ -59,11 +59,9 @@ kc_status_t kc_gp_add(kc_gp_t *gp, const kc_point_t *x, double y, const kc_point
     gp->x[n] = *x; /* beyond gp->n: not part of the state until the factor stands */
     if (!kc_finite(y) || factor_row(gp, n) != KC_OK) { return KC_ERR_NUM; }
     gp->y[n] = y;
-    double s = y;
-    for (uint32_t j = 0; j < n; j++) { s -= gp->L[row(n) + j] * gp->z[j]; }
-    gp->z[n] = s / gp->L[row(n) + n];
-    cache_row(gp, n, cand);
     gp->n = n + 1u;
+    kc_gp_set_y(gp, gp->y);
+    cache_row(gp, n, cand);
     return KC_OK;
 }
 

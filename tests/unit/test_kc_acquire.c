@@ -1,0 +1,243 @@
+/* kc_acquire.c: contract; choices against brute force in numpy are in tests/oracle/test_acquire.py. */
+#include <math.h>
+#include <string.h>
+
+#include "given_looks.h"
+#include "given_tables.h"
+#include "kc_acquire.h"
+#include "unity.h"
+
+#define N_CAND 30u
+
+static kc_arm_t s_arm;
+static kc_terms_t s_terms;
+static kc_est_t s_est;
+static kc_acq_work_t s_work;
+static kc_kernel_t s_kernel;
+static kc_gp_t s_gp;
+static kc_point_t s_cand[N_CAND];
+static float s_q[N_CAND * KC_JOINT_MAX];
+static uint8_t s_usable[N_CAND];
+static double s_cov[36];
+static double s_truth[KC_COEF_MAX];
+static uint32_t s_c;
+static double s_value;
+
+void setUp(void);
+void setUp(void)
+{
+    uint64_t rng = 11u;
+    double q[KC_JOINT_MAX];
+    given_arm(&s_arm);
+    given_terms(&s_terms);
+    given_kernel(&s_kernel);
+    given_paper_errors(s_truth);
+    memset(s_cov, 0, sizeof s_cov);
+    for (int i = 0; i < 6; i++) { s_cov[7 * i] = pow(i < 3 ? LOOK_POS_M : LOOK_ROT_RAD, 2.0); }
+    memset(s_q, 0, sizeof s_q);
+    for (uint32_t c = 0u; c < N_CAND; c++) {
+        kc_pose_t T;
+        given_joints(&s_arm, &rng, q);
+        kc_arm_fk(&s_arm, q, &T);
+        memcpy(s_cand[c].p_m, T.p_m, sizeof T.p_m);
+        kc_R_to_quat(T.R, s_cand[c].q_wxyz);
+        for (uint32_t j = 0u; j < s_arm.n_joints; j++) { s_q[c * KC_JOINT_MAX + j] = (float)q[j]; }
+        s_usable[c] = 1u;
+    }
+    (void)kc_gp_init(&s_gp, &s_kernel, 0u, s_cand, N_CAND);
+    s_c = 999u;
+    s_value = 999.0;
+}
+
+static kc_status_t info(kc_acq_t kind)
+{
+    return kc_acq_info(kind, &s_est, s_q, N_CAND, s_usable, s_cov, 0.3, &s_work, &s_c, &s_value);
+}
+
+void test_beta_is_that_of_srinivas(void)
+{
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 2.0 * log(600.0 * 16.0 * 9.869604401089358 / 0.6),
+                              kc_acq_beta(600u, 4u, 1.0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.2 * kc_acq_beta(600u, 4u, 1.0), kc_acq_beta(600u, 4u, 0.2));
+}
+
+void test_objective_is_weighed_by_the_largest_seen(void)
+{
+    const double dp[3] = {0.1, 0.2, 0.0};
+    const double dr[3] = {0.5, 0.0, 1.0};
+    double y[3];
+    kc_acq_objective(dp, dr, 3u, 0.25, 0.01, 0.01, y);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -(0.25 * 0.5 + 0.75 * 0.5), y[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.25, y[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.75, y[2]);
+}
+
+void test_objective_does_not_blow_noise_up_beyond_the_floors(void)
+{
+    const double dp[1] = {0.001};
+    const double dr[1] = {0.002};
+    double y[1];
+    kc_acq_objective(dp, dr, 1u, 0.5, 0.01, 0.04, y);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -(0.5 * 0.1 + 0.5 * 0.05), y[0]);
+}
+
+void test_ucb_without_data_takes_the_first_usable(void)
+{
+    s_usable[0] = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_ucb(&s_gp, s_usable, 4.0, &s_c, &s_value));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 2.0, s_value);
+    TEST_ASSERT_TRUE(s_usable[s_c] != 0u);
+}
+
+void test_ucb_without_exploration_goes_where_the_mean_is_best(void)
+{
+    (void)kc_gp_add(&s_gp, &s_cand[4], -1.0, s_cand);
+    (void)kc_gp_add(&s_gp, &s_cand[9], 1.0, s_cand);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_ucb(&s_gp, s_usable, 0.0, &s_c, &s_value));
+    TEST_ASSERT_EQUAL_UINT32(9u, s_c);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, kc_gp_cand_mean(&s_gp, 9u), s_value);
+}
+
+void test_ucb_with_much_exploration_leaves_what_it_knows(void)
+{
+    for (uint32_t c = 0u; c < N_CAND - 1u; c++) { (void)kc_gp_add(&s_gp, &s_cand[c], 0.0, s_cand); }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_ucb(&s_gp, s_usable, 100.0, &s_c, &s_value));
+    TEST_ASSERT_EQUAL_UINT32(N_CAND - 1u, s_c);
+}
+
+void test_nothing_usable_is_refused_by_all(void)
+{
+    uint64_t rng = 5u;
+    memset(s_usable, 0, sizeof s_usable);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_acq_ucb(&s_gp, s_usable, 1.0, &s_c, &s_value));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_acq_random(s_usable, N_CAND, &rng, &s_c));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_DOPT));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_VOPT));
+    TEST_ASSERT_EQUAL_UINT64(5u, rng);
+}
+
+void test_random_takes_every_usable_one_and_no_other(void)
+{
+    uint64_t rng = 1u;
+    uint32_t n[N_CAND] = {0u};
+    for (uint32_t c = 0u; c < N_CAND; c += 3u) { s_usable[c] = 0u; }
+    for (uint32_t i = 0u; i < 4000u; i++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_random(s_usable, N_CAND, &rng, &s_c));
+        n[s_c]++;
+    }
+    for (uint32_t c = 0u; c < N_CAND; c++) {
+        /* 20 usable, 200 each expected, standard deviation 14 */
+        if (s_usable[c] == 0u) { TEST_ASSERT_EQUAL_UINT32(0u, n[c]); }
+        if (s_usable[c] != 0u) { TEST_ASSERT_UINT32_WITHIN(70u, 200u, n[c]); }
+    }
+}
+
+void test_same_seed_same_choice(void)
+{
+    uint64_t a = 77u;
+    uint64_t b = 77u;
+    uint32_t other;
+    for (int i = 0; i < 20; i++) {
+        (void)kc_acq_random(s_usable, N_CAND, &a, &s_c);
+        (void)kc_acq_random(s_usable, N_CAND, &b, &other);
+        TEST_ASSERT_EQUAL_UINT32(other, s_c);
+    }
+}
+
+void test_information_before_the_first_look_comes_from_the_prior(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 0u, 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, info(KC_ACQ_DOPT));
+    TEST_ASSERT_TRUE(s_c < N_CAND && s_value > 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, info(KC_ACQ_VOPT));
+    TEST_ASSERT_TRUE(s_c < N_CAND && s_value > 0.0);
+}
+
+void test_information_only_falls_in_value_as_looks_come_in(void)
+{
+    double gain = INFINITY;
+    double spread = INFINITY;
+    for (uint32_t n = 1u; n < 12u; n += 3u) {
+        given_session(&s_est, &s_arm, &s_terms, s_truth, n, 0.0);
+        TEST_ASSERT_EQUAL_INT(KC_OK, info(KC_ACQ_DOPT));
+        TEST_ASSERT_TRUE(s_value > 0.0 && s_value < gain);
+        gain = s_value;
+        TEST_ASSERT_EQUAL_INT(KC_OK, info(KC_ACQ_VOPT));
+        TEST_ASSERT_TRUE(s_value > 0.0 && s_value < spread);
+        spread = s_value;
+    }
+}
+
+void test_only_usable_candidates_are_chosen_by_information(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 4u, 0.0);
+    (void)info(KC_ACQ_DOPT);
+    const uint32_t best = s_c;
+    const double gain = s_value;
+    s_usable[best] = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, info(KC_ACQ_DOPT));
+    TEST_ASSERT_TRUE(s_c != best && s_value <= gain);
+}
+
+void test_masked_and_disabled_coefficients_and_outliers_carry_no_information(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 4u, 0.0);
+    (void)info(KC_ACQ_DOPT);
+    const double all = s_value;
+    s_est.opt.free_mask = 0xffffu;
+    s_terms.coef[0].enabled = 0u;
+    (void)info(KC_ACQ_DOPT);
+    TEST_ASSERT_EQUAL_UINT32(15u, s_work.n);
+    TEST_ASSERT_TRUE(s_value < all);
+    s_est.opt.free_mask = ~(uint64_t)0u;
+    s_terms.coef[0].enabled = 1u;
+    s_est.outlier[1] = 1u;
+    (void)info(KC_ACQ_DOPT);
+    TEST_ASSERT_TRUE(s_value > all);
+}
+
+void test_own_priors_replace_the_scale(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 2u, 0.0);
+    (void)info(KC_ACQ_DOPT);
+    const double loose = s_value;
+    s_est.opt.use_prior = 1u;
+    for (uint32_t c = 0u; c < s_terms.n_coef; c++) { s_terms.coef[c].prior_sigma = 0.01 * s_terms.coef[c].scale; }
+    TEST_ASSERT_EQUAL_INT(KC_OK, info(KC_ACQ_DOPT));
+    TEST_ASSERT_TRUE(s_value < loose);
+}
+
+void test_position_only_looks_count_three_rows(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 0.0);
+    (void)info(KC_ACQ_DOPT);
+    const double full = s_value;
+    for (uint32_t i = 0u; i < 6u; i++) { s_est.obs[i].has_rot = 0u; }
+    TEST_ASSERT_EQUAL_INT(KC_OK, info(KC_ACQ_DOPT));
+    TEST_ASSERT_TRUE(s_value > full);
+}
+
+void test_impossible_requests_are_refused(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 4u, 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_UCB));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_RANDOM));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_acq_info(KC_ACQ_VOPT, &s_est, s_q, N_CAND, s_usable, s_cov, 0.0, &s_work,
+                                                  &s_c, &s_value));
+    s_cov[0] = -1.0;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_DOPT));
+    s_cov[0] = 1e-6;
+    s_est.opt.free_mask = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_DOPT));
+    TEST_ASSERT_EQUAL_UINT32(999u, s_c);
+}
+
+void test_what_is_not_finite_is_reported(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 4u, 0.0);
+    s_q[3] = NAN;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, info(KC_ACQ_DOPT));
+    s_est.coef[2] = NAN;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, info(KC_ACQ_DOPT));
+}

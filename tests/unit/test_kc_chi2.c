@@ -1,0 +1,44 @@
+/* kc_chi2.c: known values; the whole range is compared with scipy in tests/oracle/test_estimate.py. */
+#include <math.h>
+
+#include "kc_estimate.h"
+#include "unity.h"
+
+void test_two_degrees_of_freedom_are_an_exponential(void)
+{
+    for (int i = 1; i < 60; i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-13 * exp(-0.5 * i) + 1e-15, exp(-0.5 * i), kc_chi2_sf((double)i, 2u));
+    }
+}
+
+void test_textbook_5_percent_points(void)
+{
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.05, kc_chi2_sf(3.841458820694124, 1u));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.05, kc_chi2_sf(12.591587243743977, 6u));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.05, kc_chi2_sf(113.14527014255, 90u));
+}
+
+void test_nothing_observed_is_certain(void)
+{
+    TEST_ASSERT_TRUE(kc_chi2_sf(0.0, 6u) >= 1.0);
+    TEST_ASSERT_TRUE(kc_chi2_sf(-1.0, 6u) >= 1.0);
+}
+
+void test_far_tail_is_small_but_never_negative(void)
+{
+    TEST_ASSERT_TRUE(kc_chi2_sf(1000.0, 6u) > 0.0);
+    TEST_ASSERT_TRUE(kc_chi2_sf(1e6, 6u) >= 0.0);
+    TEST_ASSERT_TRUE(kc_chi2_sf(1e-300, 384u) <= 1.0);
+}
+
+void test_it_falls_with_chi2_and_rises_with_degrees_of_freedom(void)
+{
+    for (uint32_t dof = 1u; dof <= 384u; dof += 7u) {
+        for (double x = 0.5; x < 500.0; x *= 1.3) {
+            TEST_ASSERT_TRUE(kc_chi2_sf(x * 1.1, dof) <= kc_chi2_sf(x, dof));
+            TEST_ASSERT_TRUE(kc_chi2_sf(x, dof + 1u) >= kc_chi2_sf(x, dof));
+        }
+    }
+}
+
+void test_nan_stays_nan(void) { TEST_ASSERT_TRUE(isnan(kc_chi2_sf(NAN, 3u))); }
