@@ -144,12 +144,17 @@ class Camera:
 
     # -- drawing ---------------------------------------------------------------------------------
 
-    def _update(self, data: mujoco.MjData) -> None:
+    def _update(self, data: mujoco.MjData, T_base_cam: np.ndarray) -> None:
         # The arm only updates body frames; lights would otherwise stay where they were.
         mujoco.mj_camlight(self.model, data)
         mujoco.mjv_updateScene(
             self.model, data, self._option, None, self._free, mujoco.mjtCatBit.mjCAT_ALL, self._scene
         )
+        # The lamp beside the lens; MuJoCo put it where its own free camera stands.
+        for light in self._scene.lights[: self._scene.nlight]:
+            if light.headlight:
+                light.pos = T_base_cam[:3, 3]
+                light.dir = T_base_cam[:3, 2]
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self._shadows
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
 
@@ -278,7 +283,7 @@ class Camera:
         """The scene as it reaches the lens: float32, 0..255, before blur and noise."""
         cfg = self.cfg
         self._gl.make_current()
-        self._update(data)
+        self._update(data, T_base_cam)
         frame, depth = self._draw(T_base_cam, 0, 0, cfg.width_px, cfg.height_px, 1)
         frame = np.ascontiguousarray(frame)
         for tag in cfg.tags:

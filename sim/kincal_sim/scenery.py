@@ -17,7 +17,7 @@ STATISTIC = '<statistic extent="1.3" center="0.2 0 0.2"/>'
 # No multisampling: it doubles the time of a frame, tags are drawn apart and the lens softens the rest.
 VISUAL = """
 <visual>
-  <headlight ambient="0.08 0.08 0.09" diffuse="0.05 0.05 0.05" specular="0 0 0"/>
+  <headlight ambient="0 0 0" diffuse="0.36 0.36 0.35" specular="0.1 0.1 0.1"/>
   <map znear="0.01" zfar="60" shadowclip="1.6" shadowscale="0.6"/>
   <quality shadowsize="2048" offsamples="0"/>
 </visual>
@@ -39,13 +39,14 @@ ASSETS = """
 </asset>
 """
 
-# The sun stands behind the camera, left of the arm; the bright ice fills the shadows a little.
+# The sun stands high behind the camera's left shoulder. A lamp beside the lens and the bright ice fill
+# the shadows to half of the full light, so that a shadow's edge on a tag does not spoil it.
 LIGHTS = """
 <worldbody>
-  <light name="sun" type="directional" dir="0.62 -0.38 -0.69" pos="-1.2 1.0 2.2" castshadow="true"
-         diffuse="0.72 0.71 0.69" specular="0.3 0.3 0.3" ambient="0 0 0"/>
-  <light name="fill" type="directional" dir="0.3 0.4 0.2" castshadow="false"
-         diffuse="0.16 0.16 0.18" specular="0 0 0" ambient="0.06 0.06 0.07"/>
+  <light name="sun" type="directional" dir="0.29 -0.5 -0.82" pos="-0.4 0.9 1.7" castshadow="true"
+         diffuse="0.42 0.42 0.41" specular="0.3 0.3 0.3" ambient="0 0 0"/>
+  <light name="bounce" type="directional" dir="0.2 0.1 0.9" castshadow="false"
+         diffuse="0.12 0.12 0.13" specular="0 0 0" ambient="0.14 0.14 0.15"/>
 </worldbody>
 """
 

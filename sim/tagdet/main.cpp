@@ -123,7 +123,8 @@ public:
         std::fprintf(stderr, "kincal-tagdet: listening on %s\n", options_.url.c_str());
         while (stop_requested == 0) {
             if (options_.lockstep && last_tick_ == 0) { say_done(); }
-            if (lcm_handle_timeout(lcm_, HEARTBEAT_MS) < 0) {
+            // A signal ends the wait with an error of its own.
+            if (lcm_handle_timeout(lcm_, HEARTBEAT_MS) < 0 && stop_requested == 0) {
                 throw std::runtime_error("LCM stopped working");
             }
         }
