@@ -14,13 +14,12 @@ double kc_acq_beta(uint32_t n_cand, uint32_t k, double scale);
 
 /* f of eq. 6 for every measurement from position distance dp_m[i] and rotation distance dr_rad[i];
  * s_p, s_q are the largest seen, but not below the floors. y[i] <= 0. */
-void kc_acq_objective(const double *dp_m, const double *dr_rad, uint32_t n, double a1,
-                      double sp_floor_m, double sq_floor_rad, double *y);
+void kc_acq_objective(const double *dp_m, const double *dr_rad, uint32_t n, double a1, double sp_floor_m,
+                      double sq_floor_rad, double *y);
 
 /* Next candidate by GP-UCB among those with usable[c] != 0. KC_ERR_ARG if none is usable.
  * *value: mu + sqrt(beta) sigma. Ties: lowest index. O(n n_cand). */
-kc_status_t kc_acq_ucb(const kc_gp_t *gp, const uint8_t *usable, double beta, uint32_t *c,
-                       double *value);
+kc_status_t kc_acq_ucb(const kc_gp_t *gp, const uint8_t *usable, double beta, uint32_t *c, double *value);
 /* Uniform among the usable; *rng advances (deterministic generator). */
 kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng, uint32_t *c);
 
@@ -45,7 +44,7 @@ typedef struct {
     kc_eval_t eval;
 } kc_acq_work_t;
 kc_status_t kc_acq_info(kc_acq_t kind, const kc_est_t *est, const float *q, uint32_t n_cand,
-                        const uint8_t *usable, const double cov[36], double len_m,
-                        kc_acq_work_t *work, uint32_t *c, double *value);
+                        const uint8_t *usable, const double cov[36], double len_m, kc_acq_work_t *work,
+                        uint32_t *c, double *value);
 
 #endif

@@ -23,8 +23,8 @@ typedef struct {
 } kc_gp_t;
 
 /* Empty GP over n_cand candidates. KC_ERR_ARG if n_cand > KC_CAND_MAX or hyper out of range. */
-kc_status_t kc_gp_init(kc_gp_t *gp, const kc_kernel_t *kernel, uint32_t hyper,
-                       const kc_point_t *cand, uint32_t n_cand);
+kc_status_t kc_gp_init(kc_gp_t *gp, const kc_kernel_t *kernel, uint32_t hyper, const kc_point_t *cand,
+                       uint32_t n_cand);
 /* Add a point (y may be changed later). KC_ERR_FULL, KC_ERR_NUM (factor breaks down), gp unchanged.
  * O(n^2 + n n_cand). */
 kc_status_t kc_gp_add(kc_gp_t *gp, const kc_point_t *x, double y, const kc_point_t *cand);

@@ -41,8 +41,7 @@ typedef struct {
 } kc_point_t;
 
 double kc_kernel_rot(const kc_kernel_t *k, uint32_t hyper, const double q1[4], const double q2[4]);
-double kc_kernel_eval(const kc_kernel_t *k, uint32_t hyper, const kc_point_t *x1,
-                      const kc_point_t *x2);
+double kc_kernel_eval(const kc_kernel_t *k, uint32_t hyper, const kc_point_t *x1, const kc_point_t *x2);
 kc_status_t kc_kernel_validate(const kc_kernel_t *k, int32_t *index, double *got);
 
 #endif

@@ -20,10 +20,7 @@ const kc_active_t *kc_app_active(const kc_app_t *app) { return &app->tables.acti
 
 kc_state_t kc_app_state(const kc_app_t *app) { return app->state; }
 
-int kc_app_calibrating(const kc_app_t *app)
-{
-    return app->state >= KC_ST_MOVE && app->state <= KC_ST_UPDATE;
-}
+int kc_app_calibrating(const kc_app_t *app) { return app->state >= KC_ST_MOVE && app->state <= KC_ST_UPDATE; }
 
 void kc_app_enter(kc_app_t *app, kc_state_t state)
 {

@@ -26,9 +26,17 @@ typedef enum {
 } kc_state_t;
 
 typedef enum {
-    KC_CMD_NOOP = 0, KC_CMD_START = 1, KC_CMD_ABORT = 2, KC_CMD_APPROVE_ARM = 3, KC_CMD_APPROVE_GO = 4,
-    KC_CMD_REJECT = 5, KC_CMD_ROLLBACK = 6, KC_CMD_TABLE_VALIDATE = 7, KC_CMD_TABLE_ACTIVATE = 8,
-    KC_CMD_TABLE_DISCARD = 9, KC_CMD_TABLE_DUMP = 10
+    KC_CMD_NOOP = 0,
+    KC_CMD_START = 1,
+    KC_CMD_ABORT = 2,
+    KC_CMD_APPROVE_ARM = 3,
+    KC_CMD_APPROVE_GO = 4,
+    KC_CMD_REJECT = 5,
+    KC_CMD_ROLLBACK = 6,
+    KC_CMD_TABLE_VALIDATE = 7,
+    KC_CMD_TABLE_ACTIVATE = 8,
+    KC_CMD_TABLE_DISCARD = 9,
+    KC_CMD_TABLE_DUMP = 10
 } kc_opcode_t;
 
 #define KC_SOURCE_MAX 2u
@@ -51,19 +59,49 @@ typedef enum {
 typedef enum { KC_INPUT_TIME = 0, KC_INPUT_ARM = 1, KC_INPUT_HEAD = 2, KC_INPUT_DET = 3 } kc_input_t;
 
 /* Field meanings: fsw/msg/ message of the same name. */
-typedef struct { int32_t seq, source, opcode, arg_i[4]; uint64_t arg_u64; double arg_d[4]; } kc_cmd_t;
-typedef struct { int32_t source, seq, opcode, status, event_id; } kc_ack_t;
-typedef struct { int32_t kind; uint32_t total, offset, n; uint8_t data[KC_CHUNK_BYTES]; } kc_chunk_t;
 typedef struct {
-    uint64_t t_us; int32_t seq; uint32_t n_joints;
+    int32_t seq, source, opcode, arg_i[4];
+    uint64_t arg_u64;
+    double arg_d[4];
+} kc_cmd_t;
+typedef struct {
+    int32_t source, seq, opcode, status, event_id;
+} kc_ack_t;
+typedef struct {
+    int32_t kind;
+    uint32_t total, offset, n;
+    uint8_t data[KC_CHUNK_BYTES];
+} kc_chunk_t;
+typedef struct {
+    uint64_t t_us;
+    int32_t seq;
+    uint32_t n_joints;
     double q[KC_JOINT_MAX], dq[KC_JOINT_MAX], q_cmd[KC_JOINT_MAX], dir[KC_JOINT_MAX];
-    uint8_t moving; int32_t fault_mask; double temp_c, payload_kg, g_m_s2[3];
+    uint8_t moving;
+    int32_t fault_mask;
+    double temp_c, payload_kg, g_m_s2[3];
 } kc_arm_state_t;
-typedef struct { int32_t seq; uint32_t n_joints; double q[KC_JOINT_MAX], speed_scale; uint8_t hold; } kc_arm_cmd_t;
-typedef struct { uint64_t t_us; int32_t seq; double pan_rad, tilt_rad; uint8_t moving; } kc_pantilt_state_t;
-typedef struct { int32_t seq; double pan_rad, tilt_rad; } kc_pantilt_cmd_t;
 typedef struct {
-    uint64_t t_us; int32_t seq; uint32_t n_tags; int32_t tag_id[KC_TAG_MAX];
+    int32_t seq;
+    uint32_t n_joints;
+    double q[KC_JOINT_MAX], speed_scale;
+    uint8_t hold;
+} kc_arm_cmd_t;
+typedef struct {
+    uint64_t t_us;
+    int32_t seq;
+    double pan_rad, tilt_rad;
+    uint8_t moving;
+} kc_pantilt_state_t;
+typedef struct {
+    int32_t seq;
+    double pan_rad, tilt_rad;
+} kc_pantilt_cmd_t;
+typedef struct {
+    uint64_t t_us;
+    int32_t seq;
+    uint32_t n_tags;
+    int32_t tag_id[KC_TAG_MAX];
     double p_cam_tool_m[3], q_cam_tool_wxyz[4], cov[36];
     double p_alt_m[3], q_alt_wxyz[4], rms_px, rms_alt_px;
     double range_m, incid_rad, u_px, v_px, corner_px[8u * KC_TAG_MAX];
@@ -78,29 +116,47 @@ typedef struct {
     kc_arm_state_t arm;
     kc_pantilt_state_t pantilt;
     /* answers of the edge to store requests of the last step: status by kind */
-    uint8_t has_store_result; uint16_t store_kind; int32_t store_status;
+    uint8_t has_store_result;
+    uint16_t store_kind;
+    int32_t store_status;
 } kc_in_t;
 
 typedef struct {
-    uint32_t pose; int32_t candidate, replicate; uint32_t n_joints;
-    kc_arm_state_t arm; kc_obs_t obs; kc_detection_t det; /* det: averaged over n_frames */
-    double pan_rad, tilt_rad; uint32_t n_frames; uint64_t t_us; uint32_t session;
+    uint32_t pose;
+    int32_t candidate, replicate;
+    uint32_t n_joints;
+    kc_arm_state_t arm;
+    kc_obs_t obs;
+    kc_detection_t det; /* det: averaged over n_frames */
+    double pan_rad, tilt_rad;
+    uint32_t n_frames;
+    uint64_t t_us;
+    uint32_t session;
     uint32_t crc[KC_TBL_COUNT];
 } kc_meas_t;
 
 typedef struct {
-    uint32_t session, pose, n_goal; int32_t candidate, replicate; uint32_t servo_steps; int32_t acquisition;
+    uint32_t session, pose, n_goal;
+    int32_t candidate, replicate;
+    uint32_t servo_steps;
+    int32_t acquisition;
     double acquisition_value, res_pos_m, res_rot_rad, f, gp_mean, gp_sigma, pred_pos_m, pred_rot_rad;
-    uint32_t rank, n_free, dof; double chi2; int32_t est_status; double fit_pos_m, fit_rot_rad;
+    uint32_t rank, n_free, dof;
+    double chi2;
+    int32_t est_status;
+    double fit_pos_m, fit_rot_rad;
     double coef[KC_COEF_MAX];
 } kc_progress_t;
 
 typedef enum { KC_VERDICT_NO_CHANGE = 0, KC_VERDICT_CHANGE = 1, KC_VERDICT_POOR = 2 } kc_verdict_t;
 
 typedef struct {
-    uint32_t session, crc; int32_t verdict; uint32_t n_poses, n_outliers;
+    uint32_t session, crc;
+    int32_t verdict;
+    uint32_t n_poses, n_outliers;
     kc_kin_t kin;                    /* what would become active; encode gives crc */
-    uint8_t status[KC_COEF_MAX]; uint64_t entangled[KC_COEF_MAX];
+    uint8_t status[KC_COEF_MAX];
+    uint64_t entangled[KC_COEF_MAX];
     double cov[KC_COEF_MAX * (KC_COEF_MAX + 1u) / 2u];
     uint32_t rank, n_free, dof;
     double chi2, noise_scale, p_fit, p_no_change, kkt, cond;
@@ -109,10 +165,18 @@ typedef struct {
 } kc_proposal_t;
 
 typedef struct {
-    int32_t seq, state; uint32_t session, n_poses, n_poses_goal; int32_t candidate; uint32_t servo_steps;
-    uint32_t n_meas, n_rejected, n_cmd_ok, n_cmd_refused, n_events, n_events_dropped; int32_t last_event_id;
-    uint32_t n_rx_errors, crc[KC_TBL_COUNT]; int32_t staged_kind; uint32_t staged_bytes; int32_t staged_state;
-    int32_t boot_state, boot_pose; uint32_t boot_count, proposal_crc;
+    int32_t seq, state;
+    uint32_t session, n_poses, n_poses_goal;
+    int32_t candidate;
+    uint32_t servo_steps;
+    uint32_t n_meas, n_rejected, n_cmd_ok, n_cmd_refused, n_events, n_events_dropped;
+    int32_t last_event_id;
+    uint32_t n_rx_errors, crc[KC_TBL_COUNT];
+    int32_t staged_kind;
+    uint32_t staged_bytes;
+    int32_t staged_state;
+    int32_t boot_state, boot_pose;
+    uint32_t boot_count, proposal_crc;
 } kc_hk_t;
 
 /* What the edge must keep through power loss. Each kind has two slots; the edge writes the older one
@@ -125,14 +189,19 @@ typedef struct {
 #define KC_STORE_QUEUE_MAX 10u /* 7 tables, 3 of its own */
 #define KC_JOURNAL_BYTES 64u
 #define KC_KIN_IMAGE_MAX 2048u
-typedef struct { uint16_t kind; uint32_t n; const uint8_t *data; /* valid until the next step */ } kc_store_t;
+typedef struct {
+    uint16_t kind;
+    uint32_t n;
+    const uint8_t *data; /* valid until the next step */
+} kc_store_t;
 
 typedef struct {
     uint32_t n_ack, n_event, n_store;
     kc_ack_t ack[KC_CMD_QUEUE_MAX];
     kc_events_t events;
     kc_store_t store[KC_STORE_QUEUE_MAX];
-    uint8_t has_arm_cmd, has_pantilt_cmd, has_frame_request, has_hk, has_meas, has_progress, has_proposal, has_dump;
+    uint8_t has_arm_cmd, has_pantilt_cmd, has_frame_request, has_hk, has_meas, has_progress, has_proposal,
+        has_dump;
     kc_arm_cmd_t arm_cmd;
     kc_pantilt_cmd_t pantilt_cmd;
     int32_t frame_seq;

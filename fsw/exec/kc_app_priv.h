@@ -216,8 +216,9 @@ void kc_look_unflip(kc_app_t *app, kc_detection_t *det);
 kc_look_result_t kc_look_poll(kc_app_t *app, kc_out_t *out);
 void kc_look_skip(kc_app_t *app, kc_out_t *out);
 void kc_look_begin(kc_app_t *app);
-void kc_look_obs(const kc_app_t *app, const double p_cam_m[3], const double q_cam[4], const kc_detection_t *det,
-                 const kc_arm_state_t *arm, const kc_pantilt_state_t *head, kc_obs_t *obs);
+void kc_look_obs(const kc_app_t *app, const double p_cam_m[3], const double q_cam[4],
+                 const kc_detection_t *det, const kc_arm_state_t *arm, const kc_pantilt_state_t *head,
+                 kc_obs_t *obs);
 int kc_look_run(kc_app_t *app, kc_out_t *out);
 int kc_look_servo(kc_app_t *app, kc_out_t *out);
 int kc_look_search(kc_app_t *app, kc_out_t *out);

@@ -48,8 +48,8 @@ static kc_status_t start_alive(kc_app_t *app, kc_out_t *out)
     uint8_t known[2] = {app->has_arm, app->has_head};
     for (int32_t i = 0; i < 2; i++) {
         if (known[i] && ago[i] <= KC_SILENT_US) { continue; }
-        return kc_cmd_refuse(app, out, KC_EVT_IN_SILENT, KC_INPUT_ARM + i, (double)ago[i], (double)KC_SILENT_US,
-                             KC_ERR_STATE);
+        return kc_cmd_refuse(app, out, KC_EVT_IN_SILENT, KC_INPUT_ARM + i, (double)ago[i],
+                             (double)KC_SILENT_US, KC_ERR_STATE);
     }
     if (app->arm.fault_mask == 0) { return KC_OK; }
     return kc_cmd_refuse(app, out, KC_EVT_ARM_FAULT, -1, (double)app->arm.fault_mask, 0.0, KC_ERR_STATE);
@@ -93,8 +93,8 @@ static kc_status_t validate(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
 }
 
 /* Store what changed: the table itself, the correction if it went with it, and tables that were dropped. */
-static void store_changes(kc_app_t *app, kc_out_t *out, uint16_t kind, uint32_t n, const uint32_t before[KC_TBL_COUNT],
-                          uint32_t prev_before)
+static void store_changes(kc_app_t *app, kc_out_t *out, uint16_t kind, uint32_t n,
+                          const uint32_t before[KC_TBL_COUNT], uint32_t prev_before)
 {
     const kc_active_t *a = &app->tables.active;
     if (kind != KC_TBL_KIN) { kc_journal_store(out, kind, app->tables.staging.image, n); }
@@ -112,7 +112,8 @@ static kc_status_t activate(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
     uint32_t n = app->tables.staging.total; /* its bytes stay in place until the next chunk */
     if (!tables_free(app)) { return busy(app, out); }
     memcpy(before, app->tables.active.crc, sizeof before);
-    kc_status_t st = kc_tbl_activate(&app->tables, (uint16_t)c->arg_i[0], (uint32_t)c->arg_i[1], &out->events);
+    kc_status_t st = kc_tbl_activate(&app->tables, (uint16_t)c->arg_i[0], (uint32_t)c->arg_i[1],
+                                     &out->events);
     if (st != KC_OK) { return st; }
     store_changes(app, out, (uint16_t)c->arg_i[0], n, before, prev);
     app->journal_due = 1u;
@@ -149,8 +150,8 @@ static uint32_t dump_bytes(kc_app_t *app, uint8_t *data)
         uint32_t left = total - app->dump_at;
         memcpy(data, &app->proposal_image[app->dump_at], left < KC_CHUNK_BYTES ? left : KC_CHUNK_BYTES);
     } else {
-        (void)kc_tbl_encode(app->dump_kind, kc_tbl_active_ptr(&app->tables.active, app->dump_kind), app->dump_at, data,
-                            KC_CHUNK_BYTES, &total);
+        (void)kc_tbl_encode(app->dump_kind, kc_tbl_active_ptr(&app->tables.active, app->dump_kind),
+                            app->dump_at, data, KC_CHUNK_BYTES, &total);
     }
     return total;
 }
@@ -256,14 +257,18 @@ static void take_cmd(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
         return;
     }
     app->n_cmd_refused++;
-    if (ack->event_id == 0 && out->events.n > 0u) { /* refused by the tables: their first word is the reason */
-        ack->event_id = (int32_t)out->events.e[app->ev_mark < out->events.n ? app->ev_mark : out->events.n - 1u].id;
+    if (ack->event_id == 0 &&
+        out->events.n > 0u) { /* refused by the tables: their first word is the reason */
+        ack->event_id =
+            (int32_t)out->events.e[app->ev_mark < out->events.n ? app->ev_mark : out->events.n - 1u].id;
     }
 }
 
 void kc_cmd_take(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
 {
-    for (uint32_t i = 0u; i < in->n_chunk && i < KC_CHUNK_QUEUE_MAX; i++) { take_chunk(app, out, &in->chunk[i]); }
+    for (uint32_t i = 0u; i < in->n_chunk && i < KC_CHUNK_QUEUE_MAX; i++) {
+        take_chunk(app, out, &in->chunk[i]);
+    }
     for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
         app->ev_mark = out->events.n;
         take_cmd(app, out, &in->cmd[i]);

@@ -36,7 +36,8 @@ static int fresh(const kc_app_t *app, kc_out_t *out, int32_t field, uint64_t t_u
 
 /* Newer than the last accepted one. A sender that was started again counts from the beginning: after a
  * while of nothing but stale numbers its count is taken up. */
-static int newer(const kc_app_t *app, kc_out_t *out, kc_input_t input, int32_t seq, int32_t last, uint64_t ok_us)
+static int newer(const kc_app_t *app, kc_out_t *out, kc_input_t input, int32_t seq, int32_t last,
+                 uint64_t ok_us)
 {
     if (seq > last || app->now_us - ok_us > KC_RESYNC_US) { return 1; }
     kc_event(&out->events, KC_EVT_IN_STALE, (int32_t)input, (double)seq, (double)last);
@@ -53,7 +54,8 @@ static int arm_fields(const kc_app_t *app, kc_out_t *out, const kc_arm_state_t *
         const kc_joint_t *jt = &arm->joint[j];
         if (!within(out, 110 + k, s->q[j], jt->q_min - JOINT_SLACK, jt->q_max + JOINT_SLACK) ||
             !within(out, 120 + k, s->dq[j], -SPEED_MAX, SPEED_MAX) ||
-            !within(out, 130 + k, s->q_cmd[j], -100.0, 100.0) || !within(out, 140 + k, s->dir[j], -1.0, 1.0)) {
+            !within(out, 130 + k, s->q_cmd[j], -100.0, 100.0) ||
+            !within(out, 140 + k, s->dir[j], -1.0, 1.0)) {
             return 0;
         }
     }
@@ -91,7 +93,8 @@ static void take_arm(kc_app_t *app, const kc_arm_state_t *s, kc_out_t *out)
 static void take_head(kc_app_t *app, const kc_pantilt_state_t *s, kc_out_t *out)
 {
     if (app->has_head && !newer(app, out, KC_INPUT_HEAD, s->seq, app->head.seq, app->head_ok_us)) { return; }
-    if (!fresh(app, out, 201, s->t_us, KC_SILENT_US) || !within(out, 202, s->pan_rad, -2.0 * KC_PI, 2.0 * KC_PI) ||
+    if (!fresh(app, out, 201, s->t_us, KC_SILENT_US) ||
+        !within(out, 202, s->pan_rad, -2.0 * KC_PI, 2.0 * KC_PI) ||
         !within(out, 203, s->tilt_rad, -2.0 * KC_PI, 2.0 * KC_PI)) {
         return;
     }
@@ -161,10 +164,11 @@ static int det_fields(kc_out_t *out, const kc_detection_t *d)
 {
     double W[36];
     if (!all_within(out, 303, d->p_cam_tool_m, 3u, -RANGE_MAX_M, RANGE_MAX_M) ||
-        !all_within(out, 306, d->p_alt_m, 3u, -RANGE_MAX_M, RANGE_MAX_M) || !det_unit(out, d->q_cam_tool_wxyz) ||
-        !det_unit(out, d->q_alt_wxyz) || !within(out, 309, d->rms_px, 0.0, PIXEL_MAX) ||
-        !within(out, 310, d->rms_alt_px, 0.0, PIXEL_MAX) || !within(out, 311, d->range_m, 0.0, RANGE_MAX_M) ||
-        !within(out, 312, d->incid_rad, 0.0, KC_PI) || !within(out, 313, d->u_px, -PIXEL_MAX, PIXEL_MAX) ||
+        !all_within(out, 306, d->p_alt_m, 3u, -RANGE_MAX_M, RANGE_MAX_M) ||
+        !det_unit(out, d->q_cam_tool_wxyz) || !det_unit(out, d->q_alt_wxyz) ||
+        !within(out, 309, d->rms_px, 0.0, PIXEL_MAX) || !within(out, 310, d->rms_alt_px, 0.0, PIXEL_MAX) ||
+        !within(out, 311, d->range_m, 0.0, RANGE_MAX_M) || !within(out, 312, d->incid_rad, 0.0, KC_PI) ||
+        !within(out, 313, d->u_px, -PIXEL_MAX, PIXEL_MAX) ||
         !within(out, 314, d->v_px, -PIXEL_MAX, PIXEL_MAX) ||
         !all_within(out, 320, d->corner_px, 8u * KC_TAG_MAX, -PIXEL_MAX, PIXEL_MAX) ||
         !all_within(out, 360, d->cov, 36u, -1e3, 1e3)) {
@@ -248,7 +252,8 @@ void kc_input_take(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
 static int silent(const kc_app_t *app, kc_out_t *out, kc_input_t input, uint64_t ok_us)
 {
     if (app->now_us - ok_us <= KC_SILENT_US) { return 0; }
-    kc_event(&out->events, KC_EVT_IN_SILENT, (int32_t)input, (double)(app->now_us - ok_us), (double)KC_SILENT_US);
+    kc_event(&out->events, KC_EVT_IN_SILENT, (int32_t)input, (double)(app->now_us - ok_us),
+             (double)KC_SILENT_US);
     return 1;
 }
 
@@ -257,7 +262,8 @@ void kc_input_watch(kc_app_t *app, kc_out_t *out)
     if (!kc_app_calibrating(app)) { return; }
     if (app->arm.fault_mask != 0) {
         kc_app_abort(app, out, KC_CAUSE_ARM_FAULT);
-    } else if (silent(app, out, KC_INPUT_ARM, app->arm_ok_us) || silent(app, out, KC_INPUT_HEAD, app->head_ok_us)) {
+    } else if (silent(app, out, KC_INPUT_ARM, app->arm_ok_us) ||
+               silent(app, out, KC_INPUT_HEAD, app->head_ok_us)) {
         kc_app_abort(app, out, KC_CAUSE_SILENT);
     }
 }

@@ -84,7 +84,9 @@ static void write_record(kc_app_t *app)
     w.index = -1;
     walk(&w, &app->journal);
     uint32_t crc = kc_crc32(0u, app->journal_bytes, JOURNAL_CRC_AT);
-    for (uint32_t i = 0u; i < 4u; i++) { app->journal_bytes[JOURNAL_CRC_AT + i] = (uint8_t)(crc >> (8u * i)); }
+    for (uint32_t i = 0u; i < 4u; i++) {
+        app->journal_bytes[JOURNAL_CRC_AT + i] = (uint8_t)(crc >> (8u * i));
+    }
 }
 
 void kc_journal_note(kc_app_t *app, kc_out_t *out)

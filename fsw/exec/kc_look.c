@@ -99,8 +99,9 @@ static void fill_ctx(const kc_app_t *app, const kc_detection_t *det, const kc_ar
     c->tilt_rad = head->tilt_rad;
 }
 
-void kc_look_obs(const kc_app_t *app, const double p_cam_m[3], const double q_cam[4], const kc_detection_t *det,
-                 const kc_arm_state_t *arm, const kc_pantilt_state_t *head, kc_obs_t *obs)
+void kc_look_obs(const kc_app_t *app, const double p_cam_m[3], const double q_cam[4],
+                 const kc_detection_t *det, const kc_arm_state_t *arm, const kc_pantilt_state_t *head,
+                 kc_obs_t *obs)
 {
     kc_pose_t T_cam, T;
     memset(obs, 0, sizeof *obs);
@@ -120,7 +121,8 @@ void kc_look_obs(const kc_app_t *app, const double p_cam_m[3], const double q_ca
 }
 
 /* Difference of a frame to the corrected model; leaves the model's pose in app->eval.T. */
-static void residual(kc_app_t *app, const double p[3], const double q[4], const kc_detection_t *det, double r[6])
+static void residual(kc_app_t *app, const double p[3], const double q[4], const kc_detection_t *det,
+                     double r[6])
 {
     const kc_active_t *a = &app->tables.active;
     kc_obs_t obs;
@@ -182,7 +184,8 @@ static int measure_beside(kc_app_t *app, kc_out_t *out, const kc_pose_t *goal)
 {
     double d[3];
     kc_v3_sub(goal->p_m, app->look.seen.p_m, d);
-    kc_event(&out->events, KC_EVT_CAL_SERVO_LIMIT, app->cal.candidate, (double)app->cal.servo_steps, kc_v3_norm(d));
+    kc_event(&out->events, KC_EVT_CAL_SERVO_LIMIT, app->cal.candidate, (double)app->cal.servo_steps,
+             kc_v3_norm(d));
     return measure(app);
 }
 
@@ -195,8 +198,8 @@ static int servo(kc_app_t *app, kc_out_t *out)
     opt.leash = kc_min(opt.leash, (double)a->space.servo_leash);
     kc_move_goal(app, (uint32_t)app->cal.candidate, &goal);
     kc_path_joints(&a->space, KC_HUB_MAX + (uint32_t)app->cal.candidate, seed);
-    kc_servo_result_t res = kc_servo_step(&a->arm, &a->terms, app->cal.coef, &app->look.seen, &goal, app->arm.q, seed,
-                                          &opt, q_cmd, &app->eval, &app->look.servo);
+    kc_servo_result_t res = kc_servo_step(&a->arm, &a->terms, app->cal.coef, &app->look.seen, &goal,
+                                          app->arm.q, seed, &opt, q_cmd, &app->eval, &app->look.servo);
     if (res == KC_SERVO_THERE) { return measure(app); }
     if (res == KC_SERVO_STUCK || app->look.retreat || app->cal.servo_steps >= a->config.servo_steps_max) {
         return measure_beside(app, out, &goal);
@@ -284,7 +287,8 @@ static void spiral(uint32_t i, double *x, double *y)
 
 static int inside(const kc_camera_t *c, double pan, double tilt)
 {
-    return pan >= c->pan_min_rad && pan <= c->pan_max_rad && tilt >= c->tilt_min_rad && tilt <= c->tilt_max_rad;
+    return pan >= c->pan_min_rad && pan <= c->pan_max_rad && tilt >= c->tilt_min_rad &&
+           tilt <= c->tilt_max_rad;
 }
 
 /* How far the search goes: all of it before anything was measured; later as far as the last residual

@@ -53,7 +53,8 @@ static int echoed(const kc_app_t *app)
 
 int kc_move_arrived(const kc_app_t *app)
 {
-    return echoed(app) && !app->arm.moving && kc_move_dist(app, app->leg.q_target) <= app->tables.active.config.arrive_tol;
+    return echoed(app) && !app->arm.moving &&
+           kc_move_dist(app, app->leg.q_target) <= app->tables.active.config.arrive_tol;
 }
 
 int kc_move_late(kc_app_t *app, kc_out_t *out)
@@ -227,7 +228,8 @@ void kc_move_head(kc_app_t *app, kc_out_t *out, double pan_rad, double tilt_rad)
 
 static double head_off(const kc_app_t *app)
 {
-    return kc_max(kc_fabs(app->head.pan_rad - app->look.pan_rad), kc_fabs(app->head.tilt_rad - app->look.tilt_rad));
+    return kc_max(kc_fabs(app->head.pan_rad - app->look.pan_rad),
+                  kc_fabs(app->head.tilt_rad - app->look.tilt_rad));
 }
 
 int kc_move_head_there(const kc_app_t *app) { return !app->head.moving && head_off(app) <= KC_HEAD_TOL_RAD; }
@@ -239,7 +241,8 @@ int kc_move_aim(kc_app_t *app, kc_out_t *out)
     if (!k->head_sent) {
         double pan = 0.0, tilt = 0.0;
         expect(app, app->arm.q, p);
-        (void)kc_camera_aim(&app->tables.active.camera, p, &pan, &tilt); /* cut off by a limit: best there is */
+        (void)kc_camera_aim(&app->tables.active.camera, p, &pan,
+                            &tilt); /* cut off by a limit: best there is */
         kc_move_head(app, out, pan, tilt);
         k->base_pan_rad = k->pan_rad;
         k->base_tilt_rad = k->tilt_rad;
@@ -250,7 +253,8 @@ int kc_move_aim(kc_app_t *app, kc_out_t *out)
         return 1;
     }
     if (app->now_us - app->state_us > app->tables.active.config.move_timeout_us) {
-        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_HEAD, (double)(app->now_us - app->state_us), head_off(app));
+        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_HEAD, (double)(app->now_us - app->state_us),
+                 head_off(app));
         kc_app_abort(app, out, KC_CAUSE_HEAD_LATE);
     } else if (!app->head.moving && app->now_us - k->head_us >= KC_RESEND_US) {
         kc_move_head(app, out, k->pan_rad, k->tilt_rad); /* lost on the way */

@@ -8,7 +8,10 @@
 
 /* ---- statistics ---- */
 
-static int solved(const kc_app_t *app) { return app->cal.est_status == KC_OK || app->cal.est_status == KC_ERR_ITER; }
+static int solved(const kc_app_t *app)
+{
+    return app->cal.est_status == KC_OK || app->cal.est_status == KC_ERR_ITER;
+}
 
 /* chi^2 of the inliers at any coefficients. */
 static double chi2_at(kc_app_t *app, const double *coef)
@@ -47,7 +50,10 @@ static int poor(const kc_app_t *app, double p_fit)
            (e->noise_scale > KC_POOR_NOISE_SCALE_P && p_fit < KC_POOR_P_FIT);
 }
 
-static int estimated(uint8_t status) { return status != (uint8_t)KC_COEF_MASKED && status != (uint8_t)KC_COEF_HELD; }
+static int estimated(uint8_t status)
+{
+    return status != (uint8_t)KC_COEF_MASKED && status != (uint8_t)KC_COEF_HELD;
+}
 
 /* ---- proposal ---- */
 
@@ -77,7 +83,9 @@ static void fill_cov(const kc_app_t *app, kc_proposal_t *p)
     uint32_t k = 0u;
     if (!solved(app)) { return; }
     for (uint32_t i = 0u; i < p->kin.n_coef; i++) {
-        for (uint32_t j = i; j < p->kin.n_coef; j++) { p->cov[k++] = scale2 * app->est.cov[i * KC_COEF_MAX + j]; }
+        for (uint32_t j = i; j < p->kin.n_coef; j++) {
+            p->cov[k++] = scale2 * app->est.cov[i * KC_COEF_MAX + j];
+        }
     }
 }
 
@@ -115,7 +123,8 @@ static void make(kc_app_t *app, kc_proposal_t *p)
     if (poor(app, p->p_fit)) {
         p->verdict = KC_VERDICT_POOR;
     } else {
-        p->verdict = p->p_no_change > app->tables.active.config.no_change_p ? KC_VERDICT_NO_CHANGE : KC_VERDICT_CHANGE;
+        p->verdict = p->p_no_change > app->tables.active.config.no_change_p ? KC_VERDICT_NO_CHANGE
+                                                                            : KC_VERDICT_CHANGE;
     }
     (void)kc_tbl_encode(KC_TBL_KIN, &p->kin, 0u, app->proposal_image, KC_KIN_IMAGE_MAX, &app->proposal_n);
     p->crc = kc_tbl_image_crc(app->proposal_image, app->proposal_n);
@@ -171,8 +180,9 @@ static int bounds_active(const kc_proposal_t *p)
 static int acceptable(kc_app_t *app, const kc_proposal_t *p)
 {
     const kc_config_t *c = &app->tables.active.config;
-    return c->accept_on_board && p->rank == p->n_free && !bounds_active(p) && p->p_fit >= c->accept_p_fit_min &&
-           p->pred_pos_m <= c->accept_sigma_max_pos_m && change_m(app) <= c->accept_change_max_pos_m;
+    return c->accept_on_board && p->rank == p->n_free && !bounds_active(p) &&
+           p->p_fit >= c->accept_p_fit_min && p->pred_pos_m <= c->accept_sigma_max_pos_m &&
+           change_m(app) <= c->accept_change_max_pos_m;
 }
 
 /* ---- activation ---- */

@@ -106,7 +106,8 @@ static kc_status_t check_header(uint16_t kind, const uint8_t *image, uint32_t n,
         return bad_header(ev, HDR_VERSION, (double)get_le(&image[OFS_VERSION], 2u), (double)KC_TBL_VERSION);
     }
     if (get_le(&image[OFS_BYTES], 4u) != n - KC_TBL_HDR_BYTES) {
-        return bad_header(ev, HDR_BYTES, (double)get_le(&image[OFS_BYTES], 4u), (double)(n - KC_TBL_HDR_BYTES));
+        return bad_header(ev, HDR_BYTES, (double)get_le(&image[OFS_BYTES], 4u),
+                          (double)(n - KC_TBL_HDR_BYTES));
     }
     crc = kc_crc32(0u, &image[KC_TBL_HDR_BYTES], n - KC_TBL_HDR_BYTES);
     if (crc == get_le(&image[OFS_CRC], 4u)) { return KC_OK; }
@@ -367,8 +368,8 @@ static int chunk_fits(const kc_staging_t *s, uint16_t kind, uint32_t total, uint
     return s->state == KC_STAGE_LOADING && s->kind == kind && s->total == total && s->n == offset;
 }
 
-kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t offset,
-                         const uint8_t *data, uint32_t n, kc_events_t *ev)
+kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t offset, const uint8_t *data,
+                         uint32_t n, kc_events_t *ev)
 {
     kc_staging_t *s = &t->staging;
     if (kc_layout_struct_bytes(kind) == 0u) {

@@ -55,7 +55,12 @@ typedef struct {
     kc_config_t config;
 } kc_active_t;
 
-typedef enum { KC_STAGE_NONE = 0, KC_STAGE_LOADING = 1, KC_STAGE_COMPLETE = 2, KC_STAGE_VALID = 3 } kc_stage_t;
+typedef enum {
+    KC_STAGE_NONE = 0,
+    KC_STAGE_LOADING = 1,
+    KC_STAGE_COMPLETE = 2,
+    KC_STAGE_VALID = 3
+} kc_stage_t;
 
 /* What choosing the next pose needs; lies over the staged image, since nothing is staged while a
  * calibration runs. */
@@ -76,8 +81,13 @@ typedef struct {
 
 /* A staged image decoded, before it may become active. */
 typedef union {
-    kc_arm_t arm; kc_camera_t camera; kc_terms_t terms; kc_kin_t kin;
-    kc_space_t space; kc_kernel_t kernel; kc_config_t config;
+    kc_arm_t arm;
+    kc_camera_t camera;
+    kc_terms_t terms;
+    kc_kin_t kin;
+    kc_space_t space;
+    kc_kernel_t kernel;
+    kc_config_t config;
 } kc_tbl_scratch_t;
 
 typedef struct {
@@ -102,8 +112,8 @@ uint32_t kc_tbl_image_crc(const uint8_t *image, uint32_t n);
 
 /* Take a chunk; a chunk at offset 0 starts over. KC_ERR_FORMAT / KC_ERR_FULL drop what was staged;
  * the active tables never change here. TBL_STAGED when the last byte is in. */
-kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t offset,
-                         const uint8_t *data, uint32_t n, kc_events_t *ev);
+kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t offset, const uint8_t *data,
+                         uint32_t n, kc_events_t *ev);
 /* Validate the staged image (kind and CRC must be the ones named: KC_ERR_STATE, KC_ERR_CRC), also against
  * the active tables it depends on (KC_ERR_STATE, TBL_DEPENDS or TBL_MISSING):
  *   TERMS needs an ARM; KIN needs ARM and TERMS, the CRCs it was made for (none in a nominal table) and

@@ -19,7 +19,8 @@ static void take_candidates(kc_app_t *app)
         kc_move_goal(app, c, &T);
         kc_v3_copy(T.p_m, app->cand_pt[c].p_m);
         kc_R_to_quat(T.R, app->cand_pt[c].q_wxyz);
-        memcpy(&app->tables.staging.choice.cand_q[c * KC_JOINT_MAX], s->cand[c].q_seed, sizeof s->cand[c].q_seed);
+        memcpy(&app->tables.staging.choice.cand_q[c * KC_JOINT_MAX], s->cand[c].q_seed,
+               sizeof s->cand[c].q_seed);
         app->cal.usable[c] = 1u;
     }
 }
@@ -31,7 +32,8 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     kc_cal_t *c = &app->cal;
     double dist = 0.0;
     if (kc_move_node(app, &dist) == KC_NODE_NONE) {
-        return kc_cmd_refuse(app, out, KC_EVT_CAL_NO_PATH, -1, dist, (double)a->space.servo_leash, KC_ERR_PATH);
+        return kc_cmd_refuse(app, out, KC_EVT_CAL_NO_PATH, -1, dist, (double)a->space.servo_leash,
+                             KC_ERR_PATH);
     }
     kc_tbl_discard(&app->tables, &out->events);
     memset(c, 0, sizeof *c);
@@ -242,7 +244,8 @@ static int certain(const kc_app_t *app)
 {
     const kc_config_t *c = &app->tables.active.config;
     if (c->stop_pos_m <= 0.0 && c->stop_rot_rad <= 0.0) { return 0; }
-    return app->cal.est_status == KC_OK && app->est.rank == app->est.n_free && app->est.dof >= app->est.n_free &&
+    return app->cal.est_status == KC_OK && app->est.rank == app->est.n_free &&
+           app->est.dof >= app->est.n_free &&
            (c->stop_pos_m <= 0.0 || app->cal.pred_pos_m <= c->stop_pos_m) &&
            (c->stop_rot_rad <= 0.0 || app->cal.pred_rot_rad <= c->stop_rot_rad);
 }

@@ -38,12 +38,12 @@ static int64_t clock_us(clockid_t id)
 /* Live, nothing waits: what was stamped by another clock is due at once. */
 static int64_t stamp(const kc_edge_t *e, int64_t t_us) { return e->live ? INT64_MIN : t_us; }
 
-#define DECODE(type, member)                                                                                     \
-    kc_edge_t *e = user;                                                                                         \
-    (void)channel;                                                                                               \
-    if (kcm_##type##_decode(buf->data, 0, (int)buf->data_size, &s_rx.member) < 0) {                              \
-        e->n_rx_errors++;                                                                                        \
-        return;                                                                                                  \
+#define DECODE(type, member)                                                        \
+    kc_edge_t *e = user;                                                            \
+    (void)channel;                                                                  \
+    if (kcm_##type##_decode(buf->data, 0, (int)buf->data_size, &s_rx.member) < 0) { \
+        e->n_rx_errors++;                                                           \
+        return;                                                                     \
     }
 
 static void on_cmd(const lcm_recv_buf_t *buf, const char *channel, void *user)
@@ -146,7 +146,7 @@ static void publish(kc_edge_t *e, const char *channel, int n)
     }
 }
 
-#define PUBLISH(e, channel, type, member)                                                                        \
+#define PUBLISH(e, channel, type, member) \
     publish((e), (channel), kcm_##type##_encode(s_buf, 0, (int)sizeof s_buf, &s_tx.member))
 
 static void publish_answers(kc_edge_t *e)
@@ -293,7 +293,8 @@ static int run_live(kc_edge_t *e, const volatile int *stop)
         }
         kc_edge_step(e, clock_us(CLOCK_REALTIME));
         due += KC_EDGE_TICK_US;
-        if (clock_us(CLOCK_MONOTONIC) > due + 10 * (int64_t)KC_EDGE_TICK_US) { /* fell behind: don't catch up */
+        if (clock_us(CLOCK_MONOTONIC) >
+            due + 10 * (int64_t)KC_EDGE_TICK_US) { /* fell behind: don't catch up */
             due = clock_us(CLOCK_MONOTONIC);
         }
     }

@@ -99,7 +99,10 @@ static void look_at(kc_files_t *f, uint16_t kind, unsigned slot)
     if (r == 1) { unmap(&m); }
 }
 
-static void tmp_name(uint16_t kind, char name[NAME_MAX_]) { (void)snprintf(name, NAME_MAX_, "k%02u.tmp", (unsigned)kind); }
+static void tmp_name(uint16_t kind, char name[NAME_MAX_])
+{
+    (void)snprintf(name, NAME_MAX_, "k%02u.tmp", (unsigned)kind);
+}
 
 int kc_files_open(kc_files_t *f, const char *dir)
 {
@@ -161,7 +164,9 @@ typedef struct {
 static void insert(list_t *l, const char *name)
 {
     uint32_t i = l->n++;
-    for (; i > 0u && strcmp(l->name[i - 1u], name) > 0; i--) { memcpy(l->name[i], l->name[i - 1u], sizeof l->name[i]); }
+    for (; i > 0u && strcmp(l->name[i - 1u], name) > 0; i--) {
+        memcpy(l->name[i], l->name[i - 1u], sizeof l->name[i]);
+    }
     memset(l->name[i], 0, sizeof l->name[i]);
     memcpy(l->name[i], name, strlen(name));
 }

@@ -15,9 +15,18 @@
 
 typedef struct {
     uint32_t n_cmd, n_chunk, n_det;
-    struct { int64_t t_us; kc_cmd_t m; } cmd[KC_Q_CMD];
-    struct { int64_t t_us; kc_chunk_t m; } chunk[KC_Q_CHUNK];
-    struct { int64_t t_us; kc_detection_t m; } det[KC_Q_DET];
+    struct {
+        int64_t t_us;
+        kc_cmd_t m;
+    } cmd[KC_Q_CMD];
+    struct {
+        int64_t t_us;
+        kc_chunk_t m;
+    } chunk[KC_Q_CHUNK];
+    struct {
+        int64_t t_us;
+        kc_detection_t m;
+    } det[KC_Q_DET];
 } kc_queue_t;
 
 /* 0, or -1 if there is no room or the stamp lies too far ahead of now: the message is lost. */

@@ -5,10 +5,10 @@
 /* LCM has no unsigned types: bits are kept. */
 static int32_t i32(uint32_t x) { return (int32_t)x; }
 
-#define COPY(to, from)                                                                                           \
-    do {                                                                                                         \
-        _Static_assert(sizeof(to) == sizeof(from), "same number of elements on both sides");                     \
-        memcpy((to), (from), sizeof(to));                                                                        \
+#define COPY(to, from)                                                                       \
+    do {                                                                                     \
+        _Static_assert(sizeof(to) == sizeof(from), "same number of elements on both sides"); \
+        memcpy((to), (from), sizeof(to));                                                    \
     } while (0)
 
 /* ---- in ---- */

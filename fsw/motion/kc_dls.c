@@ -59,7 +59,8 @@ static kc_status_t solve_free(const double Jq[][6], uint32_t n, const double e[6
     for (uint32_t i = 0u; i < m; i++) {
         b[i] = weighted_dot(Jq[idx[i]], left);
         for (uint32_t k = 0u; k <= i; k++) {
-            A[i * KC_JOINT_MAX + k] = weighted_dot(Jq[idx[i]], Jq[idx[k]]) + (i == k ? damping * damping : 0.0);
+            A[i * KC_JOINT_MAX + k] = weighted_dot(Jq[idx[i]], Jq[idx[k]]) +
+                                      (i == k ? damping * damping : 0.0);
         }
     }
     if (kc_la_chol(A, m, KC_JOINT_MAX) != KC_OK) { return KC_ERR_NUM; }
@@ -86,8 +87,8 @@ static int fix_worst(const double *lo, const double *hi, uint32_t n, uint8_t *fi
     return 1;
 }
 
-kc_status_t kc_dls_step(const double Jq[][6], uint32_t n, const double e[6], double damping,
-                        const double *lo, const double *hi, double *dq)
+kc_status_t kc_dls_step(const double Jq[][6], uint32_t n, const double e[6], double damping, const double *lo,
+                        const double *hi, double *dq)
 {
     uint8_t fixed[KC_JOINT_MAX] = {0};
     kc_status_t st;

@@ -17,8 +17,8 @@ double kc_dls_cost(const double e[6]);
  * other, the worst first, and the rest solved again: at most n passes of O(n^3), deterministic. (Exact
  * unless a joint should come back off its edge; close enough for a step that is taken again.)
  * Jq: columns d pose / d q_j. KC_ERR_NUM, dq = 0, if something is not finite. */
-kc_status_t kc_dls_step(const double Jq[][6], uint32_t n, const double e[6], double damping,
-                        const double *lo, const double *hi, double *dq);
+kc_status_t kc_dls_step(const double Jq[][6], uint32_t n, const double e[6], double damping, const double *lo,
+                        const double *hi, double *dq);
 
 /* Cost that the linear model leaves after dq. */
 double kc_dls_predicted(const double Jq[][6], uint32_t n, const double e[6], const double *dq);

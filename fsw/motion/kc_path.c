@@ -151,7 +151,8 @@ static kc_status_t check_joints(const float *q, uint32_t n, const kc_arm_t *arm,
     return KC_OK;
 }
 
-static kc_status_t check_hub(const kc_space_t *s, const kc_arm_t *arm, uint32_t h, int32_t *index, double *got)
+static kc_status_t check_hub(const kc_space_t *s, const kc_arm_t *arm, uint32_t h, int32_t *index,
+                             double *got)
 {
     int32_t at = KC_SPACE_INDEX_HUB + (int32_t)h;
     if ((uint32_t)s->hub_edge[h] >> s->n_hub != 0u) { return bad(at, (double)s->hub_edge[h], index, got); }
@@ -163,7 +164,8 @@ static kc_status_t check_hub(const kc_space_t *s, const kc_arm_t *arm, uint32_t 
     return check_joints(s->hub_q[h], s->n_joints, arm, at, index, got);
 }
 
-static kc_status_t check_cand(const kc_space_t *s, const kc_arm_t *arm, uint32_t i, int32_t *index, double *got)
+static kc_status_t check_cand(const kc_space_t *s, const kc_arm_t *arm, uint32_t i, int32_t *index,
+                              double *got)
 {
     const kc_cand_t *c = &s->cand[i];
     double norm2 = 0.0;

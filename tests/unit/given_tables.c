@@ -168,8 +168,8 @@ void given_config(kc_config_t *c)
 /* Joints spread over the middle of the limits by a low-discrepancy sequence. */
 static double spread(uint32_t k, uint32_t j)
 {
-    static const double step[KC_JOINT_MAX] = {.7548777, .5698403, .4301597, .3247180, .2451223, .1850374,
-                                              .1396808, .1054408};
+    static const double step[KC_JOINT_MAX] = {.7548777, .5698403, .4301597, .3247180,
+                                              .2451223, .1850374, .1396808, .1054408};
     double x = 0.5 + (double)(k + 1u) * step[j];
     return x - floor(x);
 }

@@ -148,7 +148,8 @@ static int hidden(const kc_pose_t *T)
 
 static void expose(kc_detection_t *d)
 {
-    double q_true[KC_JOINT_MAX], w[3], E[9], R[9], sp = fmax(world.noise_m, 1e-5), sr = fmax(world.noise_rad, 1e-5);
+    double q_true[KC_JOINT_MAX], w[3], E[9], R[9], sp = fmax(world.noise_m, 1e-5),
+                                                   sr = fmax(world.noise_rad, 1e-5);
     kc_pose_t T_tool, T_cam, T;
     memset(d, 0, sizeof *d);
     d->t_us = world.now_us;

@@ -22,20 +22,20 @@ typedef struct {
     uint64_t rng;
     /* knobs */
     int mute_arm, mute_head, mute_camera; /* no messages                              */
-    int freeze_arm, freeze_head;          /* commands are echoed but nothing moves    */
-    int deaf_arm, deaf_head;              /* so many commands get lost                */
-    int shake_arm, shake_head;            /* telemetry says moving for so many ticks  */
-    int hide;                             /* no tags in so many frames                */
-    double view_rad;                      /* tags are seen this far off the axis, 0 = always */
-    double noise_m, noise_rad;            /* of a detection                           */
-    double jump_m;                        /* next detection is off by this            */
-    double hide_beyond;                   /* joint travel since START that hides the tags, 0 = off */
+    int freeze_arm, freeze_head; /* commands are echoed but nothing moves    */
+    int deaf_arm, deaf_head; /* so many commands get lost                */
+    int shake_arm, shake_head; /* telemetry says moving for so many ticks  */
+    int hide; /* no tags in so many frames                */
+    double view_rad; /* tags are seen this far off the axis, 0 = always */
+    double noise_m, noise_rad; /* of a detection                           */
+    double jump_m; /* next detection is off by this            */
+    double hide_beyond; /* joint travel since START that hides the tags, 0 = off */
     double q_start[KC_JOINT_MAX];
     int32_t fault;
-    void (*spoil)(kc_detection_t *d);     /* last word on every detection             */
+    void (*spoil)(kc_detection_t *d); /* last word on every detection             */
     /* what came out so far */
     uint32_t events[100], n_acks;
-    kc_event_t last[100];                 /* newest event of each id                  */
+    kc_event_t last[100]; /* newest event of each id                  */
     kc_ack_t ack;
     kc_meas_t meas[KC_MEAS_MAX];
     kc_progress_t progress[KC_MEAS_MAX];
@@ -46,7 +46,7 @@ typedef struct {
     uint8_t store[WORLD_KINDS][2][KC_IMAGE_MAX]; /* newest, older */
     uint32_t stored[WORLD_KINDS][2];
     uint8_t image[KC_IMAGE_MAX];
-    kc_config_t config;                   /* loaded at boot; tests change it before   */
+    kc_config_t config; /* loaded at boot; tests change it before   */
     kc_terms_t terms;
     kc_kernel_t kernel;
     kc_space_t space;

@@ -232,7 +232,8 @@ void test_time_that_runs_backwards_counts_as_no_time_passed(void)
 
 void test_abort_holds_the_arm_and_goes_safe_from_every_state(void)
 {
-    static const kc_state_t states[] = {KC_ST_MOVE, KC_ST_AIM, KC_ST_SETTLE, KC_ST_LOOK, KC_ST_MEASURE, KC_ST_UPDATE};
+    static const kc_state_t states[] = {KC_ST_MOVE, KC_ST_AIM,     KC_ST_SETTLE,
+                                        KC_ST_LOOK, KC_ST_MEASURE, KC_ST_UPDATE};
     for (uint32_t i = 0u; i < sizeof states / sizeof states[0]; i++) {
         given_world();
         world_started();

@@ -41,8 +41,8 @@ static void expect_refused(kc_event_id_t id, uint32_t field, double got)
 
 void test_integers_are_little_endian(void)
 {
-    static const uint8_t want[] = {0x12, 0x34, 0x12, 0x78, 0x56, 0x34, 0x12, 0xfe, 0xff, 0xff, 0xff,
-                                   8,    7,    6,    5,    4,    3,    2,    1};
+    static const uint8_t want[] = {0x12, 0x34, 0x12, 0x78, 0x56, 0x34, 0x12, 0xfe, 0xff, 0xff,
+                                   0xff, 8,    7,    6,    5,    4,    3,    2,    1};
     uint8_t a = 0x12;
     uint16_t b = 0x1234;
     uint32_t c = 0x12345678;
@@ -60,8 +60,8 @@ void test_integers_are_little_endian(void)
 
 void test_integers_are_read_back(void)
 {
-    static const uint8_t in[] = {0x12, 0x34, 0x12, 0x78, 0x56, 0x34, 0x12, 0xfe, 0xff, 0xff, 0xff,
-                                 8,    7,    6,    5,    4,    3,    2,    1};
+    static const uint8_t in[] = {0x12, 0x34, 0x12, 0x78, 0x56, 0x34, 0x12, 0xfe, 0xff, 0xff,
+                                 0xff, 8,    7,    6,    5,    4,    3,    2,    1};
     uint8_t a = 0;
     uint16_t b = 0;
     uint32_t c = 0;

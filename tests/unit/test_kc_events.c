@@ -65,5 +65,7 @@ void test_an_unknown_id_is_named_unknown_and_counts_as_an_error(void)
 void test_ids_rise_so_that_none_is_given_twice(void)
 {
     static const uint16_t ids[] = {KC_EVENT_LIST(ID_)};
-    for (size_t i = 1u; i < sizeof ids / sizeof ids[0]; i++) { TEST_ASSERT_GREATER_THAN_UINT16(ids[i - 1u], ids[i]); }
+    for (size_t i = 1u; i < sizeof ids / sizeof ids[0]; i++) {
+        TEST_ASSERT_GREATER_THAN_UINT16(ids[i - 1u], ids[i]);
+    }
 }

@@ -294,9 +294,15 @@ void test_a_frame_with_a_value_out_of_range_is_refused(void)
 {
     kc_detection_t *d = &s_in.det[0];
     const spoiled_t s[] = {
-        {&d->p_cam_tool_m[1], 11.0, 304}, {&d->p_alt_m[2], 11.0, 308},  {&d->rms_px, -1.0, 309},
-        {&d->rms_alt_px, -1.0, 310},      {&d->range_m, 11.0, 311},     {&d->incid_rad, 4.0, 312},
-        {&d->u_px, 1e6, 313},             {&d->v_px, 1e6, 314},         {&d->corner_px[5], 1e6, 325},
+        {&d->p_cam_tool_m[1], 11.0, 304},
+        {&d->p_alt_m[2], 11.0, 308},
+        {&d->rms_px, -1.0, 309},
+        {&d->rms_alt_px, -1.0, 310},
+        {&d->range_m, 11.0, 311},
+        {&d->incid_rad, 4.0, 312},
+        {&d->u_px, 1e6, 313},
+        {&d->v_px, 1e6, 314},
+        {&d->corner_px[5], 1e6, 325},
         {&d->cov[3], 2e3, 363},
     };
     for (uint32_t i = 0u; i < sizeof s / sizeof s[0]; i++) {

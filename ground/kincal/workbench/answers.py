@@ -27,16 +27,21 @@ def comparison_json(c: Comparison) -> dict:
         "held": len(c.split.held),
         "skipped": c.skipped,
         "components": c.components,
-        "noise_floor": {**_pos_rot((c.noise_floor.pos_m, c.noise_floor.rot_rad)), "source": c.noise_floor.source},
+        "noise_floor": {
+            **_pos_rot((c.noise_floor.pos_m, c.noise_floor.rot_rad)),
+            "source": c.noise_floor.source,
+        },
         "rms": {name: _pos_rot(pair) for name, pair in c.rms.items()},
         "chi2_per_dof": c.chi2_per_dof,
         "p_lack_of_fit": c.p_lack_of_fit,
         "adequate": c.adequate,
         "worst_poses": [
-            {"id": w.id, "pos_mm": _mm(w.pos_m), "rot_mrad": _mm(w.rot_rad), "sigma": w.sigma} for w in c.worst_poses
+            {"id": w.id, "pos_mm": _mm(w.pos_m), "rot_mrad": _mm(w.rot_rad), "sigma": w.sigma}
+            for w in c.worst_poses
         ],
         "where": [
-            {"variable": w.variable, "p_value": w.p_value, "share_of_variance": w.share_of_variance} for w in c.where
+            {"variable": w.variable, "p_value": w.p_value, "share_of_variance": w.share_of_variance}
+            for w in c.where
         ],
         "outliers": list(c.outliers),
         "outlier_note": c.outlier_note,
@@ -59,7 +64,8 @@ def diagnosis_json(d: Diagnosis, next_poses: list[dict] | None = None) -> dict:
                 "held_rms_after_mm": _mm(e.held_rms_after_m),
                 "held_ratio_interval": [x if math.isfinite(x) else None for x in e.held_ratio_interval],
                 "parameters": [
-                    {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit} for p in e.parameters
+                    {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit}
+                    for p in e.parameters
                 ],
                 "confounded_with": list(e.confounded_with),
                 "why": e.why,
@@ -95,7 +101,10 @@ def ladder_json(ladder: Ladder) -> dict:
             }
             for r in ladder.rungs
         ],
-        "noise_floor": {**_pos_rot((ladder.floor.pos_m, ladder.floor.rot_rad)), "source": ladder.floor.source},
+        "noise_floor": {
+            **_pos_rot((ladder.floor.pos_m, ladder.floor.rot_rad)),
+            "source": ladder.floor.source,
+        },
         "verdicts": list(ladder.verdicts),
     }
 
@@ -124,7 +133,11 @@ def _text_pair(pair: tuple[float | None, float | None]) -> str:
 
 def comparison_text(c: Comparison) -> str:
     floor = _text_pair((c.noise_floor.pos_m, c.noise_floor.rot_rad))
-    p_text = "cannot be tested (no replicates, no stated noise)" if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}"
+    p_text = (
+        "cannot be tested (no replicates, no stated noise)"
+        if c.p_lack_of_fit is None
+        else f"p = {c.p_lack_of_fit:.3g}"
+    )
     lines = [
         f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), {c.components} components",
         *([f"skipped: {c.skipped} malformed rows"] if c.skipped else []),
@@ -139,7 +152,8 @@ def comparison_text(c: Comparison) -> str:
         "where the rest lives (share of what is left, p-value):",
         *[f"  {w.variable:<10}{w.share_of_variance:7.1%}   p = {w.p_value:.2g}" for w in c.where[:6]],
         "",
-        "worst poses: " + ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses),
+        "worst poses: "
+        + ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses),
         "outliers: " + (", ".join(c.outliers) if c.outliers else "none"),
         *([c.outlier_note] if c.outlier_note else []),
     ]
@@ -156,7 +170,11 @@ _VERDICTS = {
 
 
 def diagnosis_text(d: Diagnosis) -> str:
-    lines = [comparison_text(d.comparison), "", f"diagnosis: {_VERDICTS[d.verdict]} (P(nothing missing) = {d.probability_none:.2g})"]
+    lines = [
+        comparison_text(d.comparison),
+        "",
+        f"diagnosis: {_VERDICTS[d.verdict]} (P(nothing missing) = {d.probability_none:.2g})",
+    ]
     for e in d.effects:
         mark = "*" if e.accepted else " "
         lines.append(f"{mark} {e.name:<26} P = {e.probability:.2f}   p = {e.p_value:.2g}   {e.why}")

@@ -1,9 +1,9 @@
 """The workbench as objects: `fit` and friends, with results that print themselves.
 
-    from kincal import workbench as wb
-    arm, data = wb.read_arm("arm.toml"), wb.read_csv("poses.csv", 7)
-    result = wb.fit(arm, data, ["joint_compliance[2]"])
-    print(result.summary())
+from kincal import workbench as wb
+arm, data = wb.read_arm("arm.toml"), wb.read_csv("poses.csv", 7)
+result = wb.fit(arm, data, ["joint_compliance[2]"])
+print(result.summary())
 """
 
 from __future__ import annotations

@@ -198,9 +198,7 @@ def _from_modified(joints: list[Joint], base: Frame) -> tuple[list[Joint], Frame
     quat = np.array([w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s])
     shifted = []
     for i, joint in enumerate(joints):
-        a_m, alpha_rad = (
-            (joints[i + 1].a_m, joints[i + 1].alpha_rad) if i + 1 < len(joints) else (0.0, 0.0)
-        )
+        a_m, alpha_rad = (joints[i + 1].a_m, joints[i + 1].alpha_rad) if i + 1 < len(joints) else (0.0, 0.0)
         com = joint.com_m
         if com is not None:
             com = tuple(_rx(alpha_rad).T @ (np.array(com) - np.array([a_m, 0.0, 0.0])))

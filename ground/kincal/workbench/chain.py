@@ -86,7 +86,11 @@ class Chain:
         c_coef = core.ffi.new("double[64]", [float(x) for x in coef])
         for i in range(self.n):
             core.lib.kc_model_loads(
-                self.c_arm, terms, c_coef, core.ffi.addressof(self._obs[i], "ctx"), core.ffi.addressof(self._loads, i)
+                self.c_arm,
+                terms,
+                c_coef,
+                core.ffi.addressof(self._obs[i], "ctx"),
+                core.ffi.addressof(self._loads, i),
             )
 
     def evaluate(self, terms, coef: np.ndarray) -> Evaluation:

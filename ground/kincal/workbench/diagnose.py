@@ -184,7 +184,9 @@ class Engine:
 
     def __init__(self, fit: Fit, weight: np.ndarray, stated: bool, drop: Hypothesis | None = None):
         self.columns = Columns(fit, weight)
-        keep = np.array([drop is None or not name.startswith(f"{drop.name}.") for name in fit.names], dtype=bool)
+        keep = np.array(
+            [drop is None or not name.startswith(f"{drop.name}.") for name in fit.names], dtype=bool
+        )
         self.projector = Projector.of(self.columns.weighted(fit.J[:, keep]) * fit.sigma_prior[keep])
         z0 = self.columns.weighted(fit.z + fit.J @ fit.estimate)
         self.wz = self.projector.apply(z0)
@@ -247,9 +249,7 @@ def family_p(engine: Engine, scored: list[Scored], seed: int = 1) -> dict[str, f
     }
 
 
-def _posterior(
-    candidates: list[Candidate], scored: list[Scored], mapped: list[Scored]
-) -> dict[str, float]:
+def _posterior(candidates: list[Candidate], scored: list[Scored], mapped: list[Scored]) -> dict[str, float]:
     """Posterior by candidate name plus 'none' and 'novel'; effects that the nuisance parameters imitate
     (absorbed) are left out, for the data say nothing about them."""
     ln_bf = {"none": 0.0}
@@ -322,7 +322,17 @@ def diagnose(
             library_twins.setdefault(effect.twin_of, []).append(effect.name)
     tell("check", MAX_EFFECTS + 1, MAX_EFFECTS + 2)
     return _conclude(
-        comparison, candidates, lacking, accepted, hypotheses, looks, current, weight, stated, refit, library_twins
+        comparison,
+        candidates,
+        lacking,
+        accepted,
+        hypotheses,
+        looks,
+        current,
+        weight,
+        stated,
+        refit,
+        library_twins,
     )
 
 
@@ -389,7 +399,17 @@ def _settle(h, accepted, refit, weight, stated, candidates) -> Hypothesis | None
 
 
 def _conclude(
-    comparison, candidates, lacking, accepted, hypotheses, looks, current, weight, stated, refit, library_twins
+    comparison,
+    candidates,
+    lacking,
+    accepted,
+    hypotheses,
+    looks,
+    current,
+    weight,
+    stated,
+    refit,
+    library_twins,
 ) -> Diagnosis:
     first, last = looks[0], looks[-1]
     p_family = family_p(first.engine, first.scored + first.mapped)
@@ -404,7 +424,8 @@ def _conclude(
         else:
             own[h.name] = look
     findings = [
-        _finding(h, own[h.name], p_family, comparison, kept, hypotheses, current, library_twins, True) for h in kept
+        _finding(h, own[h.name], p_family, comparison, kept, hypotheses, current, library_twins, True)
+        for h in kept
     ]
     listed = {h.effect if h.name == h.effect else h.name for h in kept}
     rivals: dict[str, tuple[float, Look]] = {}
@@ -420,7 +441,9 @@ def _conclude(
                 rivals[name] = (p, look)
     for name, (_, look) in sorted(rivals.items(), key=lambda item: -item[1][0])[:8]:
         h = next(s for s in look.scored if s.name == name).best
-        findings.append(_finding(h, look, p_family, comparison, kept, hypotheses, current, library_twins, False))
+        findings.append(
+            _finding(h, look, p_family, comparison, kept, hypotheses, current, library_twins, False)
+        )
     p_after = lack_of_fit(current, noise_floor(current))
     novel_p = last.probability["novel"]
     novel = _novel(last) if novel_p > ACCEPT_ODDS * last.probability["none"] or novel_p > 0.5 else None
@@ -454,7 +477,9 @@ def _verdict(first_probability, findings, novel) -> str:
     return "effect" if accepted[0].probability > CLAIM else "undecidable"
 
 
-def _finding(h, look, p_family, comparison, kept, hypotheses, current, library_twins, accepted) -> EffectFinding:
+def _finding(
+    h, look, p_family, comparison, kept, hypotheses, current, library_twins, accepted
+) -> EffectFinding:
     prob, scored, engine = look.probability, look.scored, look.engine
     mine = next(s for s in scored if s.name == h.name)
     twins = []
@@ -474,8 +499,14 @@ def _finding(h, look, p_family, comparison, kept, hypotheses, current, library_t
     before, after, interval = _held_gain(comparison, kept, h, hypotheses)
     values = _values(h, current if accepted else None)
     bic = -mine.score.chi2 / engine.scale**2 + mine.score.rank * np.log(len(engine.wz))
-    where = f"its pattern explains {mine.score.chi2 / max(engine.wz @ engine.wz, 1e-12):.0%} of what DH leaves"
-    gain = f"held-out error {before * 1e3:.2f} to {after * 1e3:.2f} mm" if np.isfinite(after) else "no held-out poses"
+    where = (
+        f"its pattern explains {mine.score.chi2 / max(engine.wz @ engine.wz, 1e-12):.0%} of what DH leaves"
+    )
+    gain = (
+        f"held-out error {before * 1e3:.2f} to {after * 1e3:.2f} mm"
+        if np.isfinite(after)
+        else "no held-out poses"
+    )
     why = f"consistent with {h.label}: {where}, {gain}, probability {look.presence(h.name):.2f}"
     return EffectFinding(
         name=h.name,
@@ -520,7 +551,11 @@ def _held_gain(comparison: Comparison, kept, h, hypotheses) -> tuple[float, floa
     a = (without[:, :3] ** 2).sum(axis=1)
     b = (with_it[:, :3] ** 2).sum(axis=1)
     ratio = np.sqrt(b[pick].mean(axis=1) / a[pick].mean(axis=1))
-    return rms(without)[0], rms(with_it)[0], (float(np.quantile(ratio, 0.025)), float(np.quantile(ratio, 0.975)))
+    return (
+        rms(without)[0],
+        rms(with_it)[0],
+        (float(np.quantile(ratio, 0.025)), float(np.quantile(ratio, 0.975))),
+    )
 
 
 def _novel(look: Look) -> NovelFinding:
@@ -552,7 +587,11 @@ def suggest_terms(cell: Cell, engine: Engine, count: int = 3) -> tuple[str, ...]
             forms.append([driver, f"tanh({driver}/1.0)"])
         else:
             forms.append([driver] if driver != "order" else ["t"])
-    products = list(forms[0]) if len(forms) == 1 else [f"{a} * {b}" for a in forms[0] for b in forms[1]] + sum(forms, [])
+    products = (
+        list(forms[0])
+        if len(forms) == 1
+        else [f"{a} * {b}" for a in forms[0] for b in forms[1]] + sum(forms, [])
+    )
     from .effects import Term
 
     frame = joint - 1

@@ -162,15 +162,15 @@ def _grid_values(name: str, values, data: Measurements | None, source: str) -> l
         middles = 0.5 * (t[1:] + t[:-1])
         inner = middles[2:-2] if len(middles) > 8 else middles
         return [float(v) for v in inner[np.unique(np.linspace(0, len(inner) - 1, 16).round().astype(int))]]
-    raise BadInput(f'{source}: grid {name} is {values!r}; a list of numbers, "times" or "durations" is needed')
+    raise BadInput(
+        f'{source}: grid {name} is {values!r}; a list of numbers, "times" or "durations" is needed'
+    )
 
 
 def _link_vector(arm: ArmTable, j: int) -> np.ndarray:
     """Origin of frame j-1 to origin of frame j, in frame j."""
     joint = arm.joints[j - 1]
-    return np.array(
-        [joint.a_m, joint.d_m * math.sin(joint.alpha_rad), joint.d_m * math.cos(joint.alpha_rad)]
-    )
+    return np.array([joint.a_m, joint.d_m * math.sin(joint.alpha_rad), joint.d_m * math.cos(joint.alpha_rad)])
 
 
 def _gain(value, arm: ArmTable, names: dict[str, int], where: str) -> float:
@@ -189,7 +189,9 @@ def _gain(value, arm: ArmTable, names: dict[str, int], where: str) -> float:
         try:
             factor *= sign * (symbols[part] if part in symbols else float(part))
         except ValueError:
-            raise BadInput(f"{where}: gain {value!r}: {part!r} is neither a number nor Lx, Ly, Lz, a, d") from None
+            raise BadInput(
+                f"{where}: gain {value!r}: {part!r} is neither a number nor Lx, Ly, Lz, a, d"
+            ) from None
     return factor
 
 
@@ -213,7 +215,9 @@ def _concrete_term(
     elif kind in ("base", "tool", "camera", "meas"):
         frame = {"base": 0, "tool": FRAME_TOOL, "camera": FRAME_CAMERA, "meas": FRAME_MEAS}[kind]
     else:
-        raise BadInput(f"{where}: at = {at!r}; joint[j], before[j], link[j], base, tool, camera or meas is needed")
+        raise BadInput(
+            f"{where}: at = {at!r}; joint[j], before[j], link[j], base, tool, camera or meas is needed"
+        )
     if comp not in COMPONENTS:
         raise BadInput(f"{where}: comp is {comp!r}; one of {', '.join(COMPONENTS)} is needed at {kind}")
     basis = parse_basis(raw["basis"], values, where) if "basis" in raw else parse_basis("1", values, where)
@@ -242,7 +246,9 @@ class Library:
             names = {effect.name for effect in effects}
             for effect in mine:
                 if effect.name in names:
-                    raise BadInput(f"{path}: effect {effect.name!r} is already in the library; choose another name")
+                    raise BadInput(
+                        f"{path}: effect {effect.name!r} is already in the library; choose another name"
+                    )
             effects += mine
         return cls(effects)
 
@@ -300,7 +306,11 @@ def _read_effect(row: dict, source: str) -> Effect:
         if not isinstance(parameter.get("name"), str):
             raise BadInput(f"{inside}: needs a name")
         sigma = parameter.get("sigma")
-        if isinstance(sigma, bool) or not isinstance(sigma, int | float) or not (math.isfinite(sigma) and sigma > 0):
+        if (
+            isinstance(sigma, bool)
+            or not isinstance(sigma, int | float)
+            or not (math.isfinite(sigma) and sigma > 0)
+        ):
             raise BadInput(f"{inside}: sigma (typical size) is {sigma!r}, a number above 0 is needed")
         if not parameter.get("term"):
             raise BadInput(f"{inside}: has no [[effect.parameter.term]]")
@@ -332,7 +342,7 @@ def _needs_of(term: dict, where: str) -> list[str]:
     constants = {"T0": 0.0, "tstart": 0.0, "tau": 1.0, "t0": 0.0, "tau0": 1.0, "N": 1.0}
     text = term.get("basis", "1")
     if not isinstance(text, str):
-        raise BadInput(f"{where}: basis is {text!r}; a text such as \"tanh(q4) * cos(q6)\" is needed")
+        raise BadInput(f'{where}: basis is {text!r}; a text such as "tanh(q4) * cos(q6)" is needed')
     for token in _dollar_names(text):
         constants.setdefault(token, 1.0)
     needs = [basis.need for basis in parse_basis(text, {**constants, **letters}, where) if basis.need]

@@ -168,7 +168,9 @@ def fit_model(
     rows = data.n * data.components
     whiten = whitener(data)
     if rows <= min(len(parameters), 6):
-        raise CannotAnswer(f"{data.n} poses give {rows} rows for {len(parameters)} coefficients; measure more poses")
+        raise CannotAnswer(
+            f"{data.n} poses give {rows} rows for {len(parameters)} coefficients; measure more poses"
+        )
 
     def look(x):
         ev = chain.evaluate(terms, x)
@@ -216,11 +218,27 @@ def fit_model(
 
     jac = np.einsum("nij,njk->nik", whiten, ev.J).reshape(rows, -1)
     return _finish(
-        parameters, coef, sigma, chain, terms, ev, whiten, z, jac, weight, scale2, converged, hypotheses, base, tool
+        parameters,
+        coef,
+        sigma,
+        chain,
+        terms,
+        ev,
+        whiten,
+        z,
+        jac,
+        weight,
+        scale2,
+        converged,
+        hypotheses,
+        base,
+        tool,
     )
 
 
-def _leverage(jac: np.ndarray, sigma: np.ndarray, weight: np.ndarray, scale2: float) -> tuple[np.ndarray, float]:
+def _leverage(
+    jac: np.ndarray, sigma: np.ndarray, weight: np.ndarray, scale2: float
+) -> tuple[np.ndarray, float]:
     """Hat-matrix blocks (N, c, c) and their trace for weighted rows with the priors."""
     n, c, k = jac.shape
     if k == 0:
@@ -256,7 +274,21 @@ def _distance(z: np.ndarray, hat: np.ndarray) -> np.ndarray:
 
 
 def _finish(
-    parameters, coef, sigma, chain, terms, ev, whiten, z, jac, weight, scale2, converged, hypotheses, base, tool
+    parameters,
+    coef,
+    sigma,
+    chain,
+    terms,
+    ev,
+    whiten,
+    z,
+    jac,
+    weight,
+    scale2,
+    converged,
+    hypotheses,
+    base,
+    tool,
 ) -> Fit:
     n, c = z.shape
     k = len(sigma)

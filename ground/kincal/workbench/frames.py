@@ -46,7 +46,9 @@ def solve_frames(
         return base, tool
     need = 3 if rotation is not None else (7 if base is None and tool is None else 4)
     if len(p_m) < need:
-        raise CannotAnswer(f"{len(p_m)} poses cannot determine the unknown frames; at least {need} are needed")
+        raise CannotAnswer(
+            f"{len(p_m)} poses cannot determine the unknown frames; at least {need} are needed"
+        )
     if rotation is not None:
         if base is None and tool is None:
             base, tool = _robot_world_hand_eye(chain, p_m, rotation)

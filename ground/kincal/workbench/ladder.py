@@ -146,5 +146,3 @@ def _rung(label, block, r, held, before, rng) -> tuple[Rung, np.ndarray]:
         ratio = float(np.sqrt(square.mean() / before.mean()))
         interval = (float(np.quantile(boot, 0.025)), float(np.quantile(boot, 0.975)))
     return Rung(label, block, pos, rot, systematic, float(np.sqrt(square.max())), ratio, interval), square
-
-
