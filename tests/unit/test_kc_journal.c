@@ -1,0 +1,112 @@
+/* kc_journal.c: the record that survives power loss. */
+#include <string.h>
+
+#include "given_world.h"
+#include "kc_crc.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+static uint8_t s_rec[KC_JOURNAL_BYTES];
+
+void setUp(void);
+void setUp(void) { given_world(); }
+
+static void given_record(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    TEST_ASSERT_EQUAL_UINT32(KC_JOURNAL_BYTES, world.stored[KC_STORE_JOURNAL][0]);
+    memcpy(s_rec, world.store[KC_STORE_JOURNAL][0], sizeof s_rec);
+    kc_app_init(APP);
+}
+
+static void reseal(void)
+{
+    uint32_t crc = kc_crc32(0u, s_rec, KC_JOURNAL_BYTES - 4u);
+    for (uint32_t i = 0u; i < 4u; i++) { s_rec[KC_JOURNAL_BYTES - 4u + i] = (uint8_t)(crc >> (8u * i)); }
+}
+
+void test_a_record_says_state_session_pose_and_candidate(void)
+{
+    given_record();
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, sizeof s_rec));
+    TEST_ASSERT_EQUAL_UINT32(KC_ST_MEASURE, APP->journal.state);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.session);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.pose);
+    TEST_ASSERT_EQUAL_INT(0, APP->journal.candidate);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.boot_count);
+    TEST_ASSERT_EQUAL_MEMORY("KCJ1", s_rec, 4u);
+}
+
+void test_a_damaged_record_is_refused_and_the_older_one_is_taken(void)
+{
+    given_record();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, sizeof s_rec - 1u));
+    s_rec[9] ^= 4u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, sizeof s_rec));
+    s_rec[9] ^= 4u;
+    s_rec[4] = 99u; /* no such state */
+    reseal();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, sizeof s_rec));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.boot_count);
+    s_rec[4] = KC_ST_IDLE;
+    reseal();
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, sizeof s_rec));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, sizeof s_rec));
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->boot_events.n); /* one word for each kind of store */
+}
+
+void test_every_change_of_state_is_stored_in_the_step_that_makes_it(void)
+{
+    kc_state_t last;
+    world_boot();
+    world_tick();
+    (void)world_do(KC_CMD_START, -1, 2, 1);
+    for (uint32_t i = 0u; i < 400u && kc_app_calibrating(APP); i++) {
+        last = kc_app_state(APP);
+        world_tick();
+        if (kc_app_state(APP) == last) { continue; }
+        const uint8_t *rec = world.out.store[world.out.n_store - 1u].data;
+        TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, world.out.store[world.out.n_store - 1u].kind);
+        TEST_ASSERT_EQUAL_UINT8(kc_app_state(APP), rec[4]);
+    }
+    TEST_ASSERT_FALSE(kc_app_calibrating(APP));
+}
+
+void test_a_quiet_component_stores_nothing(void)
+{
+    world_boot();
+    world_tick();
+    for (uint32_t i = 0u; i < 20u; i++) {
+        world_tick();
+        TEST_ASSERT_EQUAL_UINT32(0u, world.out.n_store);
+    }
+}
+
+void test_the_last_word_on_a_kind_is_the_one_that_is_stored(void)
+{
+    static const uint8_t a[2] = {1, 2}, b[3] = {3, 4, 5};
+    memset(&world.out, 0, sizeof world.out);
+    kc_journal_store(&world.out, 4u, a, 2u);
+    kc_journal_store(&world.out, 5u, a, 2u);
+    kc_journal_store(&world.out, 4u, b, 3u);
+    TEST_ASSERT_EQUAL_UINT32(2u, world.out.n_store);
+    TEST_ASSERT_EQUAL_PTR(b, world.out.store[0].data);
+    TEST_ASSERT_EQUAL_UINT32(3u, world.out.store[0].n);
+}
+
+void test_boots_are_counted_and_sessions_go_on(void)
+{
+    world_boot();
+    world_tick();
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(2u, world.hk.boot_count);
+    (void)world_do(KC_CMD_START, -1, 0, 1);
+    world_restart();
+    world_tick();
+    (void)world_do(KC_CMD_START, -1, 0, 1);
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->session);
+    TEST_ASSERT_EQUAL_INT(300000 + 1, APP->arm_seq - 1); /* hold and move, numbered above those of earlier lives */
+}

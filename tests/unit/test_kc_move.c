@@ -1,0 +1,211 @@
+/* kc_move.c: proven paths, head, rest; what happens when arm or head do not do as they are told. */
+#include <math.h>
+#include <string.h>
+
+#include "given_world.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+void setUp(void);
+void setUp(void)
+{
+    given_world();
+    world.config.move_timeout_us = 5000000u;
+}
+
+static double distance(const double *a, const double *b)
+{
+    double d = 0.0;
+    for (uint32_t j = 0u; j < 7u; j++) { d = fmax(d, fabs(a[j] - b[j])); }
+    return d;
+}
+
+void test_the_arm_goes_over_seeds_of_proven_nodes_only(void)
+{
+    double q[KC_JOINT_MAX];
+    world.truth.joint[6].phi_rad = 0.3;
+    world_started();
+    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) {
+        if (world.out.has_arm_cmd && kc_app_state(APP) == KC_ST_MOVE && APP->leg.i_way < APP->leg.n_way) {
+            kc_path_joints(&kc_app_active(APP)->space, APP->leg.way[APP->leg.i_way], q);
+            TEST_ASSERT_TRUE(distance(q, world.arm_cmd.q) < 1e-12);
+        }
+        world_tick();
+    }
+    TEST_ASSERT_TRUE(world.n_meas > 3u);
+}
+
+void test_every_command_at_a_candidate_stays_on_the_leash(void)
+{
+    double seed[KC_JOINT_MAX];
+    world.truth.joint[6].phi_rad = 0.6;
+    world.config.servo.leash = 0.2;
+    world_started();
+    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) {
+        if (world.out.has_arm_cmd && (kc_app_state(APP) == KC_ST_SERVO || APP->leg.i_way == APP->leg.n_way)) {
+            kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX + (uint32_t)APP->cal.candidate, seed);
+            TEST_ASSERT_TRUE(distance(seed, world.arm_cmd.q) < 0.2 + 1e-9);
+        }
+        world_tick();
+    }
+    TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_SERVO_LIMIT) > 0u); /* 0.6 rad are out of its reach */
+    TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);                  /* measured beside the candidate */
+}
+
+void test_the_corrected_arm_needs_no_servo_step_in_the_end(void)
+{
+    world.truth.joint[6].phi_rad = 0.3;
+    world.config.n_poses = 8u;
+    world_calibrated();
+    TEST_ASSERT_TRUE(world.progress[0].servo_steps > 0u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.progress[7].servo_steps);
+}
+
+void test_an_arm_that_does_not_arrive_is_held_and_the_calibration_given_up(void)
+{
+    world.freeze_arm = 1;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_LATE, world.last[KC_EVT_CAL_ABORTED].got);
+    TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+}
+
+void test_an_arm_command_that_got_lost_is_sent_again(void)
+{
+    world_boot();
+    world_tick();
+    world.deaf_arm = 1;
+    (void)world_do(KC_CMD_START, -1, 0, 1);
+    int32_t seq = world.arm_cmd.seq;
+    world_ticks(12u);
+    TEST_ASSERT_TRUE(world.arm_cmd.seq > seq);
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 200u));
+}
+
+void test_a_servo_step_that_is_not_done_in_time_ends_it(void)
+{
+    world.truth.joint[6].phi_rad = 0.3;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 200u));
+    world.freeze_arm = 1;
+    TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_LATE, world.last[KC_EVT_CAL_ABORTED].got);
+}
+
+void test_a_head_that_does_not_arrive_ends_it(void)
+{
+    world.freeze_head = 1;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 300u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
+    TEST_ASSERT_EQUAL_INT(KC_INPUT_HEAD, world.last[KC_EVT_CAL_MOVE_TIMEOUT].index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_HEAD_LATE, world.last[KC_EVT_CAL_ABORTED].got);
+}
+
+void test_a_head_command_that_got_lost_is_sent_again(void)
+{
+    world.deaf_head = 2; /* the one under way and the one on arrival */
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    TEST_ASSERT_EQUAL_UINT32(3u, world.n_head_cmd);
+}
+
+void test_it_waits_until_everything_is_at_rest(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SETTLE, 200u));
+    world.shake_arm = 7;
+    world_ticks(7u);
+    TEST_ASSERT_EQUAL_INT(KC_ST_SETTLE, kc_app_state(APP));
+    world.shake_head = 3;
+    world_ticks(3u);
+    TEST_ASSERT_EQUAL_INT(KC_ST_SETTLE, kc_app_state(APP));
+    TEST_ASSERT_TRUE(world_until(KC_ST_LOOK, 3u));
+}
+
+void test_what_never_comes_to_rest_ends_it(void)
+{
+    for (int who = 0; who < 2; who++) {
+        given_world();
+        world.config.move_timeout_us = 5000000u;
+        world_started();
+        TEST_ASSERT_TRUE(world_until(KC_ST_SETTLE, 200u));
+        world.shake_arm = who == 0 ? 1000 : 0;
+        world.shake_head = who == 1 ? 1000 : 0;
+        TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
+        TEST_ASSERT_EQUAL_DOUBLE(who == 0 ? (double)KC_CAUSE_ARM_LATE : (double)KC_CAUSE_HEAD_LATE,
+                                 world.last[KC_EVT_CAL_ABORTED].got);
+    }
+}
+
+/* ---- where it stands ---- */
+
+void test_it_stands_at_a_node_within_the_leash_and_goes_to_its_seed_first(void)
+{
+    double dist = 0.0;
+    world.q[0] = world.q_cmd[0] = 0.2; /* 0.2 rad beside hub 0 */
+    world_boot();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_move_node(APP, &dist));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.2, dist);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.arm_cmd.q[0]);
+    TEST_ASSERT_EQUAL_UINT16(0u, APP->leg.way[0]);
+}
+
+void test_on_no_segment_it_stands_nowhere(void)
+{
+    double dist = 0.0;
+    world.config.servo.leash = 0.05;
+    world_boot();
+    world_tick();
+    APP->arm.q[0] = 0.25; /* half way from hub 0 to hub 1, but for joint 4 */
+    APP->leg.seg_from = 0u;
+    APP->leg.seg_to = 1u;
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(APP, &dist));
+    APP->arm.q[3] = 0.5;
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_move_node(APP, &dist));
+    APP->leg.seg_to = KC_HUB_MAX + 1000u; /* a candidate that there is not */
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(APP, &dist));
+    APP->leg.seg_to = 0u; /* no length */
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(APP, &dist));
+    APP->leg.seg_from = 7u; /* a hub that there is not */
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(APP, &dist));
+}
+
+void test_an_arm_carried_off_between_two_poses_ends_it(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    for (uint32_t i = 0u; i < 3u; i++) {
+        world.q[i] = world.q_cmd[i] = -1.9;
+        world.q[6] = world.q_cmd[6] = 2.9;
+    }
+    TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 20u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_PATH));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_NO_PATH, world.last[KC_EVT_CAL_ABORTED].got);
+}
+
+void test_a_candidate_without_a_proven_way_is_skipped(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    /* tables are validated, so this takes a change behind their back */
+    memset(APP->tables.active.space.hub_edge, 0, sizeof APP->tables.active.space.hub_edge);
+    memset(APP->tables.active.space.edge, 0, sizeof APP->tables.active.space.edge);
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_NO_PATH, 20u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+    TEST_ASSERT_TRUE(kc_app_calibrating(APP));
+}
+
+void test_the_head_is_never_sent_beyond_its_limits(void)
+{
+    world_boot();
+    world_tick();
+    memset(&world.out, 0, sizeof world.out);
+    kc_move_head(APP, &world.out, 3.0, -3.0);
+    TEST_ASSERT_EQUAL_DOUBLE(1.6, world.out.pantilt_cmd.pan_rad);
+    TEST_ASSERT_EQUAL_DOUBLE(-0.6, world.out.pantilt_cmd.tilt_rad);
+}

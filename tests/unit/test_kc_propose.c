@@ -1,0 +1,377 @@
+/* kc_propose.c: verdict, review in two steps, acceptance on board, rollback; refusals with answer, event
+ * and state. */
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "given_world.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+void setUp(void);
+void setUp(void)
+{
+    given_world();
+    world.config.n_poses = 8u;
+    world.truth.joint[6].phi_rad = 0.1;
+}
+
+static uint32_t active_crc(void) { return kc_app_active(APP)->crc[KC_TBL_KIN]; }
+
+/* ---- the proposal ---- */
+
+void test_a_proposal_is_the_table_that_its_crc_names(void)
+{
+    static kc_kin_t kin;
+    kc_events_t ev;
+    memset(&ev, 0, sizeof ev);
+    world_calibrated();
+    const kc_proposal_t *p = &world.proposal;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_decode(KC_TBL_KIN, world.store[KC_STORE_PROPOSAL][0],
+                                               world.stored[KC_STORE_PROPOSAL][0], &kin, &ev));
+    TEST_ASSERT_EQUAL_UINT32(p->crc, kc_tbl_image_crc(world.store[KC_STORE_PROPOSAL][0], world.stored[KC_STORE_PROPOSAL][0]));
+    TEST_ASSERT_EQUAL_MEMORY(&kin, &p->kin, sizeof kin);
+    TEST_ASSERT_EQUAL_UINT32(active_crc(), p->kin.prev_crc);
+    TEST_ASSERT_EQUAL_UINT32(kc_app_active(APP)->crc[KC_TBL_ARM], p->kin.arm_crc);
+    TEST_ASSERT_EQUAL_UINT32(8u, p->kin.n_poses);
+    TEST_ASSERT_EQUAL_UINT32(1u, p->kin.session);
+}
+
+void test_its_covariance_is_packed_by_rows_and_scaled_like_sigma(void)
+{
+    world_calibrated();
+    const kc_proposal_t *p = &world.proposal;
+    uint32_t k = 0u;
+    for (uint32_t i = 0u; i < 28u; i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, p->kin.sigma[i], sqrt(p->cov[k]));
+        TEST_ASSERT_TRUE(p->kin.sigma[i] > 0.0);
+        k += 28u - i;
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, p->cov[k]);
+}
+
+void test_only_what_was_asked_for_changes(void)
+{
+    world.bias[2] = 0.0;
+    world_boot();
+    world_tick();
+    world_cmd(KC_CMD_START, -1, 8, 1)->arg_u64 = 1ull << 24u; /* joint 7 only */
+    for (uint32_t i = 0u; i < 3000u; i++) {
+        world_tick();
+        if (!kc_app_calibrating(APP)) { break; }
+    }
+    const kc_proposal_t *p = &world.proposal;
+    for (uint32_t c = 0u; c < 28u; c++) {
+        TEST_ASSERT_EQUAL_UINT8(c == 24u ? KC_COEF_ESTIMATED : KC_COEF_MASKED, p->status[c]);
+        if (c != 24u) { TEST_ASSERT_EQUAL_DOUBLE(0.0, p->kin.value[c]); }
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.1, p->kin.value[24]);
+    TEST_ASSERT_EQUAL_UINT32(1u, p->rank);
+}
+
+void test_more_noise_than_stated_makes_sigma_larger_not_the_fit_poor(void)
+{
+    world_calibrated();
+    double quiet = world.proposal.kin.sigma[24];
+    setUp();
+    world.config.sigma_pos_min_m = 1e-6;
+    world.config.sigma_rot_min_rad = 1e-6;
+    world.config.frames_per_meas = 1u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale < 2.0);
+    TEST_ASSERT_TRUE(quiet > 0.0);
+}
+
+/* Detections that claim to be much better than they are. */
+static void boastful(kc_detection_t *d)
+{
+    for (uint32_t i = 0u; i < 36u; i++) { d->cov[i] *= 1e-2; }
+}
+
+void test_residuals_that_the_stated_noise_cannot_explain_make_the_fit_poor(void)
+{
+    world.spoil = boastful;
+    world.noise_m = 2e-3;
+    world.noise_rad = 8e-3;
+    world.config.frames_per_meas = 1u;
+    world.config.est.outlier_p = 0.0;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale > KC_POOR_NOISE_SCALE);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_POOR));
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP)); /* the ground decides */
+    TEST_ASSERT_TRUE(world.proposal.kin.sigma[24] > 1e-4);
+}
+
+void test_two_to_three_times_the_noise_is_poor_if_the_fit_is_too_unlikely(void)
+{
+    world.spoil = boastful;
+    world.noise_m = 2e-3;
+    world.noise_rad = 8e-3;
+    world.config.sigma_pos_min_m = 8e-4;
+    world.config.sigma_rot_min_rad = 3.2e-3;
+    world.config.frames_per_meas = 1u;
+    world.config.n_poses = 24u;
+    world.config.est.outlier_p = 0.0;
+    world_calibrated();
+    TEST_ASSERT_TRUE(world.proposal.noise_scale > KC_POOR_NOISE_SCALE_P);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale < KC_POOR_NOISE_SCALE);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
+}
+
+void test_too_few_poses_cannot_be_judged_and_are_poor(void)
+{
+    world.config.n_poses = 2u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(0u, world.proposal.dof);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.proposal.p_fit);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_RANK));
+    TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_HELD) > 0u);
+}
+
+void test_coefficients_without_any_effect_leave_nothing_to_tell(void)
+{
+    for (uint32_t c = 0u; c < 28u; c++) { world.terms.term[c].gain = 0.0; }
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(0u, world.proposal.rank);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.proposal.p_no_change);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
+}
+
+/* ---- review ---- */
+
+static void refused(int32_t opcode, uint32_t crc, int32_t status, uint16_t event)
+{
+    kc_state_t state = kc_app_state(APP);
+    uint32_t active = active_crc(), waiting = APP->proposal_crc;
+    TEST_ASSERT_EQUAL_INT(status, world_do(opcode, (int32_t)crc, 0, 0));
+    TEST_ASSERT_EQUAL_INT(event, world.ack.event_id);
+    TEST_ASSERT_TRUE(world_events(event) > 0u);
+    TEST_ASSERT_EQUAL_INT(state, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(active, active_crc());
+    TEST_ASSERT_EQUAL_UINT32(waiting, APP->proposal_crc);
+}
+
+void test_approval_takes_two_steps_bound_to_the_crc(void)
+{
+    world_calibrated();
+    uint32_t crc = world.proposal.crc, before = active_crc();
+    refused(KC_CMD_APPROVE_GO, crc, KC_ERR_STATE, KC_EVT_CMD_STATE);
+    refused(KC_CMD_APPROVE_ARM, crc + 1u, KC_ERR_CRC, KC_EVT_CMD_CRC);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_ST_ARMED, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ARMED));
+    refused(KC_CMD_APPROVE_ARM, crc, KC_ERR_STATE, KC_EVT_CMD_STATE);
+    refused(KC_CMD_APPROVE_GO, crc + 1u, KC_ERR_CRC, KC_EVT_CMD_CRC);
+    TEST_ASSERT_EQUAL_UINT32(before, active_crc());
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(crc, active_crc());
+    TEST_ASSERT_EQUAL_UINT32(before, kc_app_active(APP)->kin_prev_crc);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
+}
+
+void test_an_activation_is_stored_so_that_no_kill_between_two_writes_does_harm(void)
+{
+    world_calibrated();
+    uint32_t crc = world.proposal.crc;
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
+    (void)world_cmd(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
+    world_tick();
+    const uint16_t order[] = {KC_STORE_PREV, KC_TBL_KIN, KC_STORE_PROPOSAL, KC_STORE_JOURNAL};
+    TEST_ASSERT_EQUAL_UINT32(4u, world.out.n_store);
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_EQUAL_UINT16(order[i], world.out.store[i].kind); }
+    TEST_ASSERT_EQUAL_UINT32(0u, world.out.store[2].n);
+}
+
+void test_a_corrected_arm_needs_no_change(void)
+{
+    world_calibrated();
+    uint32_t crc = world.proposal.crc;
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
+    (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
+    (void)world_do(KC_CMD_START, -1, 0, 5);
+    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(2u, world.n_proposal);
+    TEST_ASSERT_EQUAL_UINT32(2u, world.proposal.session);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_UINT32(crc, active_crc());
+}
+
+void test_an_armed_approval_expires(void)
+{
+    world_calibrated();
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0);
+    world_ticks(5u);
+    TEST_ASSERT_EQUAL_INT(KC_ST_ARMED, kc_app_state(APP));
+    world.now_us += KC_ARMED_US;
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_EXPIRED));
+}
+
+void test_a_rejected_proposal_is_gone(void)
+{
+    world_calibrated();
+    uint32_t crc = world.proposal.crc, before = active_crc();
+    refused(KC_CMD_REJECT, crc + 1u, KC_ERR_CRC, KC_EVT_CMD_CRC);
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0); /* still possible when armed */
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_REJECT, (int32_t)crc, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_REJECTED));
+    TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_STORE_PROPOSAL][0]);
+    TEST_ASSERT_EQUAL_UINT32(before, active_crc());
+    refused(KC_CMD_APPROVE_ARM, crc, KC_ERR_STATE, KC_EVT_CMD_STATE);
+}
+
+void test_a_proposal_that_no_longer_fits_cannot_be_activated(void)
+{
+    world_calibrated();
+    uint32_t crc = world.proposal.crc;
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
+    APP->tables.active.crc[KC_TBL_TERMS] ^= 1u; /* cannot happen through the door: tables are locked */
+    refused(KC_CMD_APPROVE_GO, crc, KC_ERR_STATE, KC_EVT_TBL_DEPENDS);
+}
+
+/* ---- accepted on board ---- */
+
+static void given_policy(void)
+{
+    setUp();
+    world.truth.joint[6].phi_rad = 0.01;
+    world.config.n_poses = 16u;
+    world.config.accept_on_board = 1u;
+    world.config.accept_change_max_pos_m = 0.01;
+    world.config.accept_sigma_max_pos_m = 0.01;
+    world.config.accept_p_fit_min = 1e-6;
+}
+
+void test_a_small_well_determined_correction_is_accepted_on_board(void)
+{
+    given_policy();
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(world.proposal.crc, active_crc());
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ON_BOARD));
+    TEST_ASSERT_EQUAL_UINT32(world.proposal.crc, kc_tbl_image_crc(world.store[KC_TBL_KIN][0], world.stored[KC_TBL_KIN][0]));
+}
+
+static void waits_for_the_ground(void)
+{
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ON_BOARD));
+}
+
+void test_a_change_too_large_for_the_policy_waits_for_the_ground(void)
+{
+    given_policy();
+    world.config.accept_change_max_pos_m = 1e-6;
+    waits_for_the_ground();
+}
+
+void test_a_correction_too_uncertain_for_the_policy_waits_for_the_ground(void)
+{
+    given_policy();
+    world.config.accept_sigma_max_pos_m = 1e-9;
+    waits_for_the_ground();
+}
+
+void test_a_fit_too_unlikely_for_the_policy_waits_for_the_ground(void)
+{
+    given_policy();
+    world.config.sigma_pos_min_m = 1e-6; /* no floor that makes the noise look better than it is */
+    world.config.sigma_rot_min_rad = 1e-6;
+    world.config.accept_p_fit_min = 1.0;
+    waits_for_the_ground();
+}
+
+void test_without_a_policy_everything_waits_for_the_ground(void)
+{
+    given_policy();
+    world.config.accept_on_board = 0u;
+    waits_for_the_ground();
+}
+
+void test_an_active_bound_waits_for_the_ground(void)
+{
+    for (int lower = 0; lower < 2; lower++) {
+        given_policy();
+        if (lower) {
+            world.terms.term[24].gain = -1.0;
+            world.terms.coef[24].lb = -0.009;
+        } else {
+            world.terms.coef[24].ub = 0.009; /* less than the error */
+        }
+        world.config.est.outlier_p = 0.0;
+        waits_for_the_ground();
+        TEST_ASSERT_EQUAL_UINT8(lower ? KC_COEF_AT_LOWER : KC_COEF_AT_UPPER, world.proposal.status[24]);
+    }
+}
+
+void test_a_coefficient_left_undetermined_waits_for_the_ground(void)
+{
+    given_policy();
+    world.terms.term[23].gain = 0.0; /* no effect at all */
+    waits_for_the_ground();
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, world.proposal.status[23]);
+}
+
+/* ---- rollback ---- */
+
+void test_rollback_brings_the_table_before_back(void)
+{
+    world_calibrated();
+    uint32_t crc = world.proposal.crc, before = active_crc();
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
+    (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
+    refused(KC_CMD_ROLLBACK, before, KC_ERR_CRC, KC_EVT_CMD_CRC);
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ROLLBACK, (int32_t)crc, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP)); /* out of SAFE too */
+    TEST_ASSERT_EQUAL_UINT32(before, active_crc());
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ROLLBACK));
+    TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_STORE_PREV][0]);
+    refused(KC_CMD_ROLLBACK, before, KC_ERR_STATE, KC_EVT_COR_NO_PREVIOUS);
+    world_restart();
+    TEST_ASSERT_EQUAL_UINT32(before, active_crc());
+}
+
+/* ---- loading a stored proposal ---- */
+
+static uint8_t s_image[KC_IMAGE_MAX];
+static uint32_t s_n;
+
+static void given_stored_proposal(void)
+{
+    world_calibrated();
+    s_n = world.stored[KC_STORE_PROPOSAL][0];
+    memcpy(s_image, world.store[KC_STORE_PROPOSAL][0], s_n);
+    world.stored[KC_STORE_PROPOSAL][0] = world.stored[KC_STORE_PROPOSAL][1] = 0u;
+    world.stored[KC_STORE_JOURNAL][0] = world.stored[KC_STORE_JOURNAL][1] = 0u;
+    world_restart();
+}
+
+void test_a_stored_proposal_that_is_damaged_or_belongs_to_other_tables_is_dropped(void)
+{
+    given_stored_proposal();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, KC_KIN_IMAGE_MAX + 1u));
+    s_image[30] ^= 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
+    s_image[30] ^= 1u;
+    APP->tables.active.crc[KC_TBL_ARM] ^= 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
+    APP->tables.active.crc[KC_TBL_ARM] ^= 1u;
+    uint32_t kin = APP->tables.active.crc[KC_TBL_KIN];
+    APP->tables.active.crc[KC_TBL_KIN] = kin + 1u; /* another correction became active since */
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
+    APP->tables.active.crc[KC_TBL_KIN] = kc_tbl_image_crc(s_image, s_n); /* or this one */
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->proposal_crc);
+    APP->tables.active.crc[KC_TBL_KIN] = kin;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n)); /* one is enough */
+}

@@ -1,0 +1,302 @@
+/* kc_update.c: choice of candidates, estimates, stopping. */
+#include <math.h>
+#include <string.h>
+
+#include "given_world.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+void setUp(void);
+void setUp(void)
+{
+    given_world();
+    world.truth.joint[6].phi_rad = 0.2;
+    world.truth.joint[2].d_m += 0.02;
+}
+
+static int all_different(uint32_t n)
+{
+    for (uint32_t i = 0u; i < n; i++) {
+        for (uint32_t j = 0u; j < i; j++) {
+            if (world.meas[i].candidate == world.meas[j].candidate) { return 0; }
+        }
+    }
+    return 1;
+}
+
+/* ---- choice ---- */
+
+void test_prior_poses_come_first_then_the_acquisition_chooses(void)
+{
+    world_calibrated();
+    for (int32_t k = 0; k < 3; k++) {
+        TEST_ASSERT_EQUAL_INT(k, world.meas[k].candidate);
+        TEST_ASSERT_EQUAL_INT(-1, world.progress[k].acquisition);
+    }
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_UCB, world.progress[3].acquisition);
+    TEST_ASSERT_TRUE(all_different(6u));
+}
+
+void test_every_acquisition_ends_in_a_good_correction(void)
+{
+    for (uint8_t acq = KC_ACQ_UCB; acq <= KC_ACQ_VOPT; acq++) {
+        setUp();
+        world.config.acquisition = acq;
+        world.config.n_poses = 8u;
+        world_calibrated();
+        TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+        TEST_ASSERT_EQUAL_INT(acq, world.progress[7].acquisition);
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.2, world.proposal.kin.value[24]);
+        TEST_ASSERT_TRUE(all_different(8u));
+    }
+}
+
+void test_information_criteria_work_without_prior_poses_too(void)
+{
+    for (uint8_t acq = KC_ACQ_UCB; acq <= KC_ACQ_VOPT; acq++) {
+        setUp();
+        world.space.n_prior = 0u;
+        world.config.acquisition = acq;
+        world_calibrated();
+        TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
+        int first = acq >= KC_ACQ_DOPT ? (int)KC_ACQ_RANDOM : (int)acq; /* nothing is solved before the first pose */
+        TEST_ASSERT_EQUAL_INT(first, world.progress[0].acquisition);
+    }
+}
+
+void test_the_seed_of_start_decides_random_poses(void)
+{
+    int32_t first[6];
+    int same = 0;
+    for (int32_t seed = 1; seed <= 3; seed++) {
+        setUp();
+        world.space.n_prior = 0u;
+        world_boot();
+        world_tick();
+        (void)world_do(KC_CMD_START, KC_ACQ_RANDOM, 6, seed == 3 ? 1 : seed);
+        for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) { world_tick(); }
+        for (uint32_t k = 0u; k < 6u; k++) {
+            if (seed == 1) { first[k] = world.meas[k].candidate; }
+            same += seed == 2 && first[k] == world.meas[k].candidate;
+            if (seed == 3) { TEST_ASSERT_EQUAL_INT(first[k], world.meas[k].candidate); }
+        }
+    }
+    TEST_ASSERT_TRUE(same < 6);
+}
+
+void test_replicates_measure_the_first_poses_again(void)
+{
+    world.config.replicate_every = 3u;
+    world.config.n_poses = 8u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(0, world.meas[3].candidate);
+    TEST_ASSERT_EQUAL_INT(1, world.meas[3].replicate);
+    TEST_ASSERT_EQUAL_INT(1, world.meas[6].candidate);
+    TEST_ASSERT_EQUAL_INT(0, world.meas[2].replicate);
+    TEST_ASSERT_EQUAL_INT(-1, world.progress[3].acquisition);
+}
+
+void test_a_prior_pose_that_became_unusable_is_left_out(void)
+{
+    world.space.prior[1] = 0u; /* named twice: measured once */
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(0, world.meas[0].candidate);
+    TEST_ASSERT_EQUAL_INT(2, world.meas[1].candidate);
+}
+
+void test_hyperparameters_are_chosen_on_board_when_the_table_asks(void)
+{
+    world.kernel.choose = 1u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    setUp();
+    world.kernel.choose = 1u;
+    world.kernel.hyper[0].sigma_s = 1e-3; /* f = -1 of the first pose cannot come from that */
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->big.gp.hyper);
+}
+
+/* ---- nothing left ---- */
+
+void test_without_any_usable_candidate_it_gives_up(void)
+{
+    world.hide = 100000;
+    world.config.search_steps = 0u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(24u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_NO_CANDIDATE, world.last[KC_EVT_CAL_ABORTED].got);
+}
+
+void test_when_candidates_run_out_it_proposes_what_it_has(void)
+{
+    world.config.n_poses = 30u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(24u, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
+}
+
+/* ---- budget and stop ---- */
+
+void test_a_budget_used_up_while_moving_holds_the_arm_and_proposes(void)
+{
+    world.config.budget_us = 12000000u;
+    world.config.n_poses = 30u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_TRUE(world.n_meas > 0u && world.n_meas < 24u);
+}
+
+void test_a_budget_used_up_while_choosing_proposes_too(void)
+{
+    world.config.budget_us = 1000000000u;
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_EQUAL_INT(KC_UP_SELECT, APP->cal.up);
+    APP->tables.active.config.budget_us = 1u;
+    world.arm_cmd.hold = 9u;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_EQUAL_INT(9, world.arm_cmd.hold); /* the arm was at rest anyway */
+}
+
+void test_a_budget_used_up_before_anything_was_measured_gives_up(void)
+{
+    world.config.budget_us = 500000u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_BUDGET, world.last[KC_EVT_CAL_ABORTED].got);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.n_proposal);
+}
+
+void test_a_budget_does_not_cut_an_update_short(void)
+{
+    world.config.budget_us = 1000000000u;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    APP->tables.active.config.budget_us = 1u;
+    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 20u) || kc_app_state(APP) == KC_ST_IDLE);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_progress);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
+}
+
+static uint32_t poses_until_certain(double pos_m, double rot_rad)
+{
+    setUp();
+    world.config.n_poses = 24u;
+    world.config.stop_pos_m = pos_m;
+    world.config.stop_rot_rad = rot_rad;
+    world_calibrated();
+    return world.n_meas;
+}
+
+void test_it_stops_when_the_predicted_uncertainty_meets_the_requirement(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(0.0, 0.0)); /* no requirement */
+    uint32_t n = poses_until_certain(1e-3, 0.0);
+    TEST_ASSERT_TRUE(n >= 10u && n < 24u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
+    TEST_ASSERT_TRUE(world.progress[n - 1u].pred_pos_m <= 1e-3);
+    n = poses_until_certain(0.0, 5e-3);
+    TEST_ASSERT_TRUE(n < 24u && world.progress[n - 1u].pred_rot_rad <= 5e-3);
+    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(1e-3, 1e-9)); /* both are needed */
+    TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(1e-9, 5e-3));
+}
+
+void test_it_is_never_certain_while_the_data_leave_something_open(void)
+{
+    setUp();
+    world.terms.n_coef = 29u; /* a second encoder offset of joint 7: cannot be told from the first */
+    world.terms.coef[28] = world.terms.coef[24];
+    memset(world.terms.coef[28].name, 0, KC_NAME_LEN);
+    memcpy(world.terms.coef[28].name, "twin", 4u);
+    world.terms.term[world.terms.n_term] = world.terms.term[24];
+    world.terms.term[world.terms.n_term++].coef = 28u;
+    world.config.est.free_mask = (1ull << 29u) - 1ull;
+    world.config.n_poses = 14u;
+    world.config.stop_pos_m = 1.0;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(14u, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CONVERGED));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_RANK));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_HELD));
+    TEST_ASSERT_EQUAL_UINT32(28u, world.proposal.rank);
+    TEST_ASSERT_EQUAL_UINT32(29u, world.proposal.n_free);
+}
+
+/* ---- estimates ---- */
+
+void test_progress_tells_residual_f_and_prediction(void)
+{
+    world_calibrated();
+    for (uint32_t k = 0u; k < 6u; k++) {
+        const kc_progress_t *p = &world.progress[k];
+        TEST_ASSERT_EQUAL_UINT32(k, p->pose);
+        TEST_ASSERT_EQUAL_UINT32(6u, p->n_goal);
+        TEST_ASSERT_TRUE(p->f <= 0.0 && p->f >= -1.0);
+        TEST_ASSERT_TRUE(p->gp_sigma > 0.0);
+        TEST_ASSERT_TRUE(p->res_pos_m > 0.0 && p->res_rot_rad > 0.0);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 0.2, world.progress[0].res_rot_rad);
+    TEST_ASSERT_TRUE(world.progress[5].pred_pos_m > 0.0);
+}
+
+/* One frame of a late pose is far off although it claims to be good. */
+static void one_bad_pose(kc_detection_t *d)
+{
+    if (APP->cal.n_meas == 9u && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
+}
+
+void test_an_outlier_is_told_once_and_left_out(void)
+{
+    world.spoil = one_bad_pose;
+    world.config.n_poses = 14u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_OUTLIER));
+    TEST_ASSERT_EQUAL_INT(9, world.last[KC_EVT_CAL_OUTLIER].index);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_outliers);
+    TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
+}
+
+void test_a_fit_that_is_not_good_is_tried_from_the_solution_so_far(void)
+{
+    world.truth.joint[3].phi_rad = 0.1;
+    world.bias[3] = 0.0;
+    world.config.n_poses = 12u;
+    world.config.est.iter_max = 2u; /* too few from the beginning: what is known already helps */
+    world_calibrated();
+    TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.1, world.proposal.kin.value[12]);
+}
+
+void test_an_estimator_that_fails_is_told_and_the_last_correction_kept(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    APP->est.opt.iter_max = 0u; /* not allowed: the estimator refuses */
+    memset(APP->cal.coef, 0, sizeof APP->cal.coef);
+    APP->cal.coef[24] = 0.123;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_EST, 300u));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_ERR_ARG, world.last[KC_EVT_CAL_EST].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.123, APP->cal.coef[24]);
+    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.proposal.kin.value[24]); /* what is active, not a guess */
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.proposal.p_no_change);
+}
+
+void test_a_gp_that_breaks_down_leaves_the_choice_to_chance(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    APP->cal.gp_ok = 0u;
+    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.progress[5].gp_sigma);
+}
