@@ -4,6 +4,7 @@ import cv2
 import mujoco
 import numpy as np
 import pytest
+
 from kincal_sim import arm, camera, fastcam, geom, tags
 
 SPHERES = 30
@@ -149,7 +150,7 @@ def test_noise_is_as_configured_and_repeats_with_its_seed(cfg):
     assert patch.std() == pytest.approx(np.hypot(want, np.sqrt(1 / 12)), rel=0.03)
 
 
-def test_lens_blur_has_the_configured_width(cfg):
+def test_lens_blur_has_the_configured_width():
     """Across a sharp edge the grey value follows the error function of the blur."""
     quiet = camera.load_config(optics={"read_noise_dn": 0.0, "electrons_per_dn": 1e9, "psf_sigma_px": 1.2})
     model, data = scene('<geom type="box" size="1 1 .01" pos="1 0 1" rgba=".9 .9 .9 1"/>')

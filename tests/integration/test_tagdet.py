@@ -1,0 +1,434 @@
+"""Tag detector: accuracy on rendered frames against the truth, agreement with the fast mode, LCM."""
+
+import json
+import os
+import select
+import subprocess
+import time
+from pathlib import Path
+
+import cv2
+import lcm
+import numpy as np
+import pytest
+
+import kcm
+from kincal_sim import arm, camera, fastcam, geom, pnp
+
+ROOT = Path(__file__).resolve().parents[2]
+TAGDET = ROOT / "build" / "kincal-tagdet"
+CONFIG = ROOT / "sim" / "models" / "detector.yml"
+FLOATING, HELD = 34, 28  # frames with both tags, and with the tool on the arm
+PARKED = [2.5, -1.9, 0.0, 3.0, 0.0, 0.3, 0.0]
+
+
+@pytest.fixture(scope="module")
+def cfg():
+    return camera.load_config()
+
+
+@pytest.fixture(scope="module")
+def body():
+    return arm.Arm()
+
+
+@pytest.fixture(scope="module")
+def eye(cfg, body):
+    cam = camera.Camera(cfg, body.model)
+    yield cam
+    cam.close()
+
+
+def look_at(path, config=CONFIG):
+    """The detector's answers about picture files."""
+    paths = [str(p) for p in (path if isinstance(path, list) else [path])]
+    run = subprocess.run(
+        [TAGDET, "--config", config, "--image", *paths], capture_output=True, text=True, check=True
+    )
+    return [json.loads(line) for line in run.stdout.splitlines()]
+
+
+def covariance(answer) -> np.ndarray:
+    P = np.zeros((6, 6))
+    P[np.triu_indices(6)] = answer["cov"]
+    return P + np.triu(P, 1).T
+
+
+def error(answer, T_cam_tool) -> np.ndarray:
+    """Position and left rotation vector, measured against true."""
+    R = geom.matrix(answer["q_cam_tool_wxyz"]) @ T_cam_tool[:3, :3].T
+    p = np.array(answer["p_cam_tool_m"]) - T_cam_tool[:3, 3]
+    return np.concatenate([p, cv2.Rodrigues(R)[0].ravel()])
+
+
+def nees(answer, T_cam_tool) -> float:
+    e = error(answer, T_cam_tool)
+    return float(e @ np.linalg.solve(covariance(answer), e))
+
+
+def corner_errors(cfg, answer, T_cam_tool) -> np.ndarray:
+    tag = {t.id: t for t in cfg.tags}
+    out = []
+    for k in range(answer["n_tags"]):
+        t = tag[answer["tag_id"][k]]
+        points = pnp.tool_corners(t.T_tool_tag, t.size_m)
+        true = pnp.project(cfg.K, T_cam_tool[:3, :3], T_cam_tool[:3, 3], points)
+        out.append(np.reshape(answer["corner_px"][8 * k : 8 * k + 8], (4, 2)) - true)
+    return np.array(out)
+
+
+def floating_pose(cfg, rng) -> np.ndarray:
+    """Tool anywhere in view, 0.8 to 1.6 m away, up to 25 degrees oblique, any spin: both tags in sight."""
+    z = rng.uniform(0.8, 1.6)
+    ray = np.linalg.inv(cfg.K) @ [rng.uniform(250, 1670), rng.uniform(200, 880), 1.0]
+    forward = ray / np.linalg.norm(ray)
+    across = np.cross([0.0, 0.0, 1.0], forward)
+    face = cv2.Rodrigues(across / np.linalg.norm(across) * np.arccos(forward[2]))[0]
+    axis = rng.normal(size=3)
+    lean = cv2.Rodrigues(axis / np.linalg.norm(axis) * np.radians(rng.uniform(0.0, 25.0)))[0]
+    return geom.pose(ray * z, lean @ face @ geom.rot("z", rng.uniform(-3.1, 3.1))[:3, :3])
+
+
+def held_posture(cfg, body, rng) -> np.ndarray:
+    """Put the arm and the head so that the camera sees a tag of the tool; gives T_cam_tool."""
+    low, high = (np.array(body.spec["region"][k]) for k in ("min_m", "max_m"))
+    for _ in range(100_000):
+        q = rng.uniform(body.q_min, body.q_max)
+        body.set(q)
+        p = body.T_base_tool[:3, 3]
+        if np.any(p < low) or np.any(p > high):
+            continue
+        body.set(q, *camera.aim(body.spec, p + rng.normal(0.0, 0.05, 3)))
+        T = np.linalg.inv(body.T_base_cam) @ body.T_base_tool
+        if T[2, 2] < 0.5 or np.linalg.norm(T[:3, 3]) > 1.6:
+            continue
+        if fastcam.visible_tags(cfg, body.model, body.data, body.T_base_cam, body.T_base_tool):
+            return T
+    raise AssertionError("no posture with a tag in view was found")
+
+
+@pytest.fixture(scope="module")
+def frames(cfg, body, eye, tmp_path_factory):
+    """Rendered frames with the truth and what the detector says: (truth, answers)."""
+    folder, rng = tmp_path_factory.mktemp("frames"), np.random.default_rng(2025)
+    truth, paths, sizes = [], [], []
+    for i in range(FLOATING + HELD):
+        if i < FLOATING:
+            body.set(PARKED, 0.0, 0.6)
+            T = floating_pose(cfg, rng)
+        else:
+            T = held_posture(cfg, body, rng)
+        frame = eye.encode(eye.render(body.data, body.T_base_cam, body.T_base_cam @ T, rng))
+        sizes.append(len(frame.jpeg))
+        paths.append(folder / f"{i:03d}.jpg")
+        paths[-1].write_bytes(frame.jpeg)
+        truth.append(T)
+    answers = look_at(paths)
+    print(f"JPEG {min(sizes)}..{max(sizes)} bytes, detection {np.median([a['ms'] for a in answers]):.0f} ms")
+    assert max(sizes) < cfg.image["max_jpeg_bytes"]
+    return truth, answers
+
+
+def test_configuration_agrees_with_the_simulated_camera_and_tags(cfg):
+    f = cv2.FileStorage(str(CONFIG), cv2.FILE_STORAGE_READ)
+    K = [[f.getNode(n).real() for n in row] for row in (("fx_px", "cx_px"), ("fy_px", "cy_px"))]
+    assert [[cfg.K[0, 0], cfg.K[0, 2]], [cfg.K[1, 1], cfg.K[1, 2]]] == K
+    assert (f.getNode("width_px").real(), f.getNode("height_px").real()) == (cfg.width_px, cfg.height_px)
+    nodes = [f.getNode("tags").at(i) for i in range(f.getNode("tags").size())]
+    assert len(nodes) == len(cfg.tags)
+    for node, tag in zip(nodes, cfg.tags, strict=True):
+        assert (int(node.getNode("id").real()), node.getNode("size_m").real()) == (tag.id, tag.size_m)
+        xyz = [node.getNode("xyz_m").at(i).real() for i in range(3)]
+        turn = geom.rot("y", np.radians(node.getNode("turn_y_deg").real()))
+        assert np.allclose(geom.trans(*xyz) @ turn, tag.T_tool_tag, atol=1e-12)
+    for name in ("corner_sigma_px", "corner_sigma_weight"):
+        assert f.getNode(name).real() == cfg.fast[name]
+
+
+def test_corners_are_sharp_and_without_bias(cfg, frames):
+    """Sub-pixel corners; a wrong pixel centre convention would show as half a pixel of mean error."""
+    e = np.vstack([corner_errors(cfg, a, T) for T, a in zip(*frames, strict=True) if a["n_tags"]])
+    e = e[np.abs(e).max(axis=(1, 2)) < 0.3]  # whole tags; a hidden edge has its own test
+    print(f"corner error mean {e.mean(axis=(0, 1))} rms {np.sqrt(np.mean(e**2)):.4f} px, {len(e)} tags")
+    assert len(e) > 0.95 * (2 * FLOATING + HELD)
+    assert np.abs(e.mean(axis=(0, 1))).max() < 0.01
+    assert 0.02 < np.sqrt(np.mean(e**2)) < 0.13
+
+
+def test_two_tags_give_a_fifth_of_a_millimetre(frames):
+    pairs = [(T, a) for T, a in zip(*(x[:FLOATING] for x in frames), strict=True) if a["n_tags"] == 2]
+    assert len(pairs) >= 0.9 * FLOATING  # the mast's shadow may fall on the edge of a tag
+    e = np.array([error(a, T) for T, a in pairs])
+    chi = np.array([nees(a, T) for T, a in pairs])
+    pos, rot = (np.sqrt(np.mean(np.sum(x**2, axis=1))) for x in (e[:, :3], e[:, 3:]))
+    print(f"two tags: {1e3 * pos:.3f} mm, {np.degrees(rot):.3f} deg RMS, mean NEES {chi.mean():.2f}")
+    assert pos < 0.3e-3 and rot < np.radians(0.12)
+    # 6 if the covariance were exact; corner errors of one tag hang together, which makes it cautious.
+    assert 2.5 < chi.mean() < 7.5
+    assert chi.max() < 30.0
+
+
+def test_one_tag_on_the_arm_gives_a_millimetre(frames):
+    pairs = [(T, a) for T, a in zip(*(x[FLOATING:] for x in frames), strict=True) if a["n_tags"] == 1]
+    assert len(pairs) >= 0.8 * HELD
+    e = np.array([error(a, T) for T, a in pairs])
+    chi = np.array([nees(a, T) for T, a in pairs])
+    pos, rot = (np.sqrt(np.mean(np.sum(x**2, axis=1))) for x in (e[:, :3], e[:, 3:]))
+    print(f"one tag: {1e3 * pos:.3f} mm, {np.degrees(rot):.3f} deg RMS, mean NEES {chi.mean():.2f}")
+    assert pos < 1.5e-3 and rot < np.radians(0.6)
+    assert 2.5 < np.median(chi) * 6.0 / 5.35 < 9.0
+
+
+def test_no_flipped_pose_is_accepted(frames):
+    pairs = [(T, a) for T, a in zip(*frames, strict=True) if a["n_tags"]]
+    turned = [np.linalg.norm(error(a, T)[3:]) for T, a in pairs]
+    assert max(turned) < np.radians(3.0)
+    assert all(a["rms_px"] <= a["rms_alt_px"] for _, a in pairs)
+    # The other solution is reported where there is one: always with one tag seen obliquely.
+    assert any(a["rms_alt_px"] > a["rms_px"] and a["n_tags"] == 1 for _, a in pairs)
+
+
+def test_detector_and_fast_mode_compute_the_same_pose(cfg, frames):
+    tag = {t.id: t for t in cfg.tags}
+    for a in frames[1]:
+        n = a["n_tags"]
+        if n == 0:
+            continue
+        px = np.reshape(a["corner_px"], (4, 4, 2))
+        seen = [(tag[i].T_tool_tag, tag[i].size_m, px[k]) for k, i in enumerate(a["tag_id"][:n])]
+        pose = pnp.solve(cfg.K, seen)
+        assert np.allclose(pose.p_m, a["p_cam_tool_m"], atol=2e-6)
+        assert geom.angle(pose.R, geom.matrix(a["q_cam_tool_wxyz"])) < 5e-6
+        assert pose.rms_px == pytest.approx(a["rms_px"], abs=1e-5)
+        points = np.vstack([pnp.tool_corners(T, s) for T, s, _ in seen])
+        sigma = pnp.corner_sigma(
+            pose.rms_px, len(points), cfg.fast["corner_sigma_px"], cfg.fast["corner_sigma_weight"]
+        )
+        P = pnp.covariance(pnp.jacobian(cfg.K, pose.R, pose.p_m, points), sigma)
+        scale = np.sqrt(np.diag(P))
+        assert np.allclose(P / np.outer(scale, scale), covariance(a) / np.outer(scale, scale), atol=1e-3)
+
+
+def test_pose_jacobian_agrees_with_differences(cfg):
+    T = floating_pose(cfg, np.random.default_rng(4))
+    points = np.vstack([pnp.tool_corners(t.T_tool_tag, t.size_m) for t in cfg.tags])
+    J = pnp.jacobian(cfg.K, T[:3, :3], T[:3, 3], points)
+    h = 1e-6
+    for k in range(6):
+        d = np.zeros(6)
+        d[k] = h
+        plus, minus = (
+            pnp.project(cfg.K, cv2.Rodrigues(s * d[3:])[0] @ T[:3, :3], T[:3, 3] + s * d[:3], points)
+            for s in (1.0, -1.0)
+        )
+        assert np.allclose(J[:, k], ((plus - minus) / (2 * h)).ravel(), rtol=1e-6, atol=1e-4)
+
+
+@pytest.fixture(scope="module")
+def two_tags(body, eye):
+    """A frame with both tags in sight, and its truth."""
+    body.set(PARKED, 0.0, 0.6)
+    T = geom.pose([0.02, -0.03, 1.0], (geom.rot("z", 0.3) @ geom.rot("x", 0.2))[:3, :3])
+    frame = eye.render(body.data, body.T_base_cam, body.T_base_cam @ T, np.random.default_rng(9))
+    return frame, T
+
+
+def test_partly_hidden_tag_is_left_out(cfg, two_tags, tmp_path):
+    """Paint over the outer edge of tag 1, so that it still decodes with a corner in the wrong place."""
+    frame, T = two_tags[0].copy(), two_tags[1]
+    t = cfg.tags[1]
+    corner = pnp.project(cfg.K, T[:3, :3], T[:3, 3], pnp.tool_corners(t.T_tool_tag, t.size_m))
+    inward = (corner.mean(axis=0) - corner[3]) / np.linalg.norm(corner.mean(axis=0) - corner[3])
+    cut = (corner[3] + 10.0 * inward).round().astype(int)
+    along = np.array([-inward[1], inward[0]])
+    quad = np.array(
+        [cut + 30 * along, cut - 30 * along, cut - 30 * along - 30 * inward, cut + 30 * along - 30 * inward]
+    )
+    cv2.fillConvexPoly(frame, quad.round().astype(np.int32), 235, cv2.LINE_AA)
+    cv2.imwrite(str(tmp_path / "cut.png"), frame)
+    [a] = look_at(tmp_path / "cut.png")
+    assert a["n_tags"] == 1 and a["tag_id"] == [0, -1, -1, -1]
+    assert np.linalg.norm(error(a, T)[:3]) < 2e-3
+    assert a["corner_px"][8:] == [0.0] * 24
+
+
+def test_tag_that_is_not_ours_is_counted_and_ignored(two_tags, tmp_path):
+    text = CONFIG.read_text().replace("id: 1,", "id: 77,")
+    (tmp_path / "other.yml").write_text(text)
+    cv2.imwrite(str(tmp_path / "two.png"), two_tags[0])
+    [a] = look_at(tmp_path / "two.png", tmp_path / "other.yml")
+    assert a["unknown_tags"] == 1 and a["n_tags"] == 1 and a["tag_id"][0] == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("fx_px: 1397.", ""), "'fx_px' is missing"),
+        (("corner_sigma_px: 0.0", "corner_sigma_px: -0.0"), "out of range"),
+        (("size_m: 0.06", "size_m: -0.06"), "tag 1"),
+        (("xyz_m: [ 0.075, 0., -0.06 ]", "xyz_m: [ 0.075, 0. ]"), "three numbers"),
+    ],
+)
+def test_bad_configuration_is_refused_by_name(change, words, tmp_path):
+    bad = tmp_path / "bad.yml"
+    bad.write_text(CONFIG.read_text().replace(*change))
+    run = subprocess.run([TAGDET, "--config", bad, "--image", "x.png"], capture_output=True, text=True)
+    assert run.returncode == 1 and words in run.stderr and "bad.yml" in run.stderr
+
+
+def test_bad_command_line_shows_usage():
+    for args in (["--url", "x"], ["--config", "x"], ["--config", CONFIG, "--frobnicate"], ["--config"]):
+        run = subprocess.run([TAGDET, *args], capture_output=True, text=True)
+        assert run.returncode == 2 and "usage:" in run.stderr
+    missing = subprocess.run(
+        [TAGDET, "--config", CONFIG, "--image", "nowhere.png"], capture_output=True, text=True
+    )
+    assert missing.returncode == 1 and "nowhere.png" in missing.stderr
+
+
+# ---- over LCM ------------------------------------------------------------------------------------------
+
+
+class Bench:
+    """The detector as a process, and the simulator's side of the bus."""
+
+    def __init__(self, port: int, log):
+        url = f"udpm://239.255.76.67:{port}?ttl=0"
+        self.bus = lcm.LCM(url)
+        self.detections, self.dones = [], []
+        for name, kind, box in (
+            ("KC_DETECTION", kcm.detection_t, self.detections),
+            ("KC_TICK_DONE", kcm.tick_done_t, self.dones),
+        ):
+            self.bus.subscribe(name, lambda _, data, kind=kind, box=box: box.append(kind.decode(data)))
+        self.process = subprocess.Popen([TAGDET, "--config", CONFIG, "--url", url, "--lockstep"], stderr=log)
+
+    def until(self, condition, what: str, seconds: float = 10.0) -> None:
+        deadline = time.monotonic() + seconds
+        while not condition():
+            left = deadline - time.monotonic()
+            assert left > 0.0, f"waited {seconds} s for {what}"
+            if select.select([self.bus.fileno()], [], [], left)[0]:
+                self.bus.handle()
+
+    def image(self, jpeg: bytes, t_us: int, seq: int) -> None:
+        m = kcm.image_t()
+        m.t_us, m.seq, m.width_px, m.height_px, m.n_bytes, m.jpeg = t_us, seq, 1920, 1080, len(jpeg), jpeg
+        self.bus.publish("KC_IMAGE", m.encode())
+
+    def tick(self, number: int) -> int:
+        """Announce a tick, wait for the answer; gives n_published."""
+        t = kcm.time_t()
+        t.tick, t.now_us = number, number * 100_000
+        before = len(self.dones)
+        self.bus.publish("KC_TIME", t.encode())
+        self.until(lambda: any(d.tick == number for d in self.dones[before:]), f"the answer to tick {number}")
+        assert {d.who for d in self.dones} == {kcm.tick_done_t.WHO_DETECTOR}
+        return self.dones[-1].n_published
+
+    def close(self) -> int:
+        self.process.terminate()
+        return self.process.wait(10)
+
+
+@pytest.fixture
+def bench(tmp_path):
+    with open(tmp_path / "tagdet.log", "w") as log:
+        b = Bench(20000 + os.getpid() % 10000, log)
+        yield b
+        if b.process.poll() is None:
+            b.process.kill()
+            b.process.wait()
+
+
+def test_lockstep_answers_every_tick_after_its_images(bench, eye, two_tags, tmp_path):
+    frame, T = two_tags
+    jpeg = eye.encode(frame).jpeg
+    blank = eye.encode(np.full_like(frame, 80)).jpeg
+    # Given: it announces itself with tick 0 until time begins.
+    bench.until(lambda: len(bench.dones) >= 2, "the announcement")
+    assert {d.tick for d in bench.dones} == {0}
+    # When an image comes before the tick, then its detection comes before the answer.
+    bench.image(jpeg, t_us=100_000, seq=5)
+    assert bench.tick(1) == 1
+    [d] = bench.detections
+    assert (d.t_us, d.seq, d.n_tags, list(d.tag_id)) == (100_000, 5, 2, [0, 1, -1, -1])
+    assert np.linalg.norm(np.array(d.p_cam_tool_m) - T[:3, 3]) < 1e-3
+    assert d.range_m == pytest.approx(np.linalg.norm(T[:3, 3]), abs=1e-3)
+    assert np.hypot(d.u_px - 987.4, d.v_px - 497.6) < 1.0
+    assert np.linalg.eigvalsh(covariance({"cov": d.cov})).min() > 0.0
+    # A repeated tick is answered again with the same count; nothing is published twice.
+    assert bench.tick(1) == 1 and len(bench.detections) == 1
+    # An image without tags is answered too; a tick without images publishes nothing.
+    bench.image(blank, t_us=200_000, seq=6)
+    assert bench.tick(2) == 1
+    assert (bench.detections[1].seq, bench.detections[1].n_tags) == (6, 0)
+    assert list(bench.detections[1].q_cam_tool_wxyz) == [1.0, 0.0, 0.0, 0.0]
+    assert bench.tick(3) == 0
+    # A damaged picture is told of and not answered.
+    bench.image(b"not a picture", t_us=400_000, seq=7)
+    assert bench.tick(4) == 0 and len(bench.detections) == 2
+    assert bench.close() == 0
+    log = (tmp_path / "tagdet.log").read_text()
+    assert "frame 7 dropped: not a JPEG" in log and "3 images, 1 with a pose" in log
+
+
+# ---- fast mode -----------------------------------------------------------------------------------------
+
+
+def test_fast_mode_has_the_noise_it_reports(cfg, body):
+    rng = np.random.default_rng(12)
+    chi, n = [], {1: 0, 2: 0}
+    camera_ = fastcam.FastCamera(cfg, body.model)
+    for i in range(240):
+        if i % 2:
+            body.set(PARKED, 0.0, 0.6)
+            T = floating_pose(cfg, rng)
+        elif i % 12 == 0:
+            T = held = held_posture(cfg, body, rng)
+            posture = body.data.qpos.copy()
+        else:
+            body.set(posture[:7], *posture[7:])
+            T = held
+        d = camera_.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng)
+        n[d["n_tags"]] += 1
+        chi.append(nees(d, T))
+        again = kcm.detection_t()
+        for name, value in d.items():
+            setattr(again, name, value)
+        assert kcm.detection_t.decode(again.encode()).n_tags == d["n_tags"]
+    print(f"fast mode: mean NEES {np.mean(chi):.2f}, frames by number of tags {n}")
+    assert np.mean(chi) == pytest.approx(6.0, rel=0.2)
+    assert n[1] > 60 and n[2] >= 120
+
+
+def test_fast_mode_isotropic_noise(body):
+    iso = camera.load_config(fast={"noise": "isotropic"})
+    rng = np.random.default_rng(13)
+    body.set(PARKED, 0.0, 0.6)
+    T = geom.pose([0.0, 0.0, 1.0], np.eye(3))
+    eye_ = fastcam.FastCamera(iso, body.model)
+    made = [eye_.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng) for _ in range(500)]
+    e = np.array([error(d, T) for d in made])
+    want = np.array([0.5e-3] * 3 + [np.radians(0.2)] * 3)
+    assert np.allclose(e.std(axis=0), want, rtol=0.15)
+    assert np.allclose(covariance(made[0]), np.diag(want**2))
+
+
+def test_fast_mode_sees_nothing_outside_the_image_or_from_behind(cfg, body):
+    rng = np.random.default_rng(14)
+    body.set(PARKED, 0.0, 0.6)
+    camera_ = fastcam.FastCamera(cfg, body.model)
+    outside = geom.pose([1.2, 0.0, 1.0], np.eye(3))
+    behind = geom.pose([0.0, 0.0, 1.0], geom.rot("y", np.pi)[:3, :3])
+    far = geom.pose([0.0, 0.0, 6.0], np.eye(3))
+    back = geom.pose([0.0, 0.0, -1.0], np.eye(3))
+    for T in (outside, behind, far, back):
+        d = camera_.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng)
+        assert d["n_tags"] == 0 and d["tag_id"] == [-1] * 4
+
+
+def test_fast_mode_sees_the_tags_that_the_detector_sees(frames):
+    """On the held frames: a tag that the fast mode calls visible is found in the pixels."""
+    found = sum(a["n_tags"] >= 1 for a in frames[1][FLOATING:])
+    assert found >= 0.9 * HELD
