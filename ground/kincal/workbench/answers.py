@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from .api import FitResult
 from .compare import Comparison
 from .diagnose import Diagnosis
 from .ladder import Ladder
+from .nextposes import NextPose
+
+if TYPE_CHECKING:
+    from .api import FitResult
 
 
 def _mm(value: float | None) -> float | None:
@@ -169,7 +173,26 @@ _VERDICTS = {
 }
 
 
-def diagnosis_text(d: Diagnosis) -> str:
+def poses_json(poses: list[NextPose]) -> list[dict]:
+    return [
+        {"q": list(p.q), "direction": None if p.direction is None else list(p.direction),
+         "separates": list(p.separates), "power": p.power}
+        for p in poses
+    ]  # fmt: skip
+
+
+def poses_text(poses: list[dict]) -> str:
+    """Numbered poses; power counts the poses above too."""
+    if not poses:
+        return ""
+    lines = [f"next poses, to separate {', '.join(poses[0]['separates'])}:"]
+    for k, p in enumerate(poses, 1):
+        sign = "" if p["direction"] is None else "  approach " + " ".join(f"{s:+d}" for s in p["direction"])
+        lines.append(f"  {k:2d}  q = {', '.join(f'{x:+.3f}' for x in p['q'])}{sign}  power {p['power']:.2f}")
+    return "\n".join(lines)
+
+
+def diagnosis_text(d: Diagnosis, poses: list[dict] | None = None) -> str:
     lines = [
         comparison_text(d.comparison),
         "",
@@ -189,7 +212,10 @@ def diagnosis_text(d: Diagnosis) -> str:
         ]
     if d.not_testable:
         lines.append("not testable on these data:")
-        lines += [f"      {n.name}: needs {', '.join(n.needs)}" for n in d.not_testable]
+        absorbed = "absorbed by the fitted parameters (DH, base, tool)"
+        lines += [f"      {n.name}: {'needs ' + ', '.join(n.needs) if n.needs else absorbed}" for n in d.not_testable]
+    if poses:
+        lines.append(poses_text(poses))
     if d.effects:
         lines.append("Probabilities hold for this library and its priors; 'consistent with' is not 'proven'.")
     return "\n".join(lines)

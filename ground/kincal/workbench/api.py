@@ -9,15 +9,21 @@ print(result.summary())
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from .answers import poses_json
 from .arms import ArmTable
 from .compare import Comparison, compare
 from .data import Measurements
+from .diagnose import Diagnosis, merged
 from .effects import Hypothesis, Library
-from .fit import Fit
+from .errors import BadInput, CannotAnswer
+from .fit import Fit, find_frames, fit_model
 from .ladder import Ladder, climb
+from .nextposes import NextPose, next_poses
+from .power import confounding, harm
 
 
 @dataclass(frozen=True)
@@ -65,25 +71,63 @@ class FitResult:
         return "\n".join(lines)
 
 
-def choose_constants(library: Library, names, arm: ArmTable, data: Measurements, *, dh: bool = True):
-    """Hypotheses for effect names, each grid constant (step time ...) at the value with the least cost."""
-    from .fit import find_frames, fit_model
+def choose_constants(
+    library: Library, names, arm: ArmTable, data: Measurements | None, *, dh: bool = True, joined: bool = False
+) -> list[Hypothesis]:
+    """Hypotheses for effect names, each grid constant (step time ...) at the value with the least cost.
 
+    joined: a name without a joint becomes one hypothesis of all joints instead of one per joint.
+    """
     chosen: list[Hypothesis] = []
-    frames = find_frames(arm, data)
+    frames = None
     for name in names:
         by_constants: dict[tuple, list[Hypothesis]] = {}
         for h in library.find(name, arm, data):
             by_constants.setdefault(h.constants, []).append(h)
-        if len(by_constants) == 1:
-            chosen += next(iter(by_constants.values()))
-            continue
-        best = min(
-            by_constants.values(),
-            key=lambda group: fit_model(arm, data, [*chosen, *group], dh=dh, frames=frames).chi2,
-        )
+        groups = list(by_constants.values())
+        if len(groups) > 1:
+            if data is None:
+                raise BadInput(f"{name} has constants that come from measurements; give --data")
+            frames = frames or find_frames(arm, data)
+            groups.sort(key=lambda g: fit_model(arm, data, [*chosen, *g], dh=dh, frames=frames).chi2)
+        best = groups[0]
+        if joined and len(best) > 1:
+            best = [merged(library.effects[best[0].effect], best)]
         chosen += best
     return chosen
+
+
+def advise(diagnosis: Diagnosis, library: Library, *, count: int = 4) -> list[dict]:
+    """Next poses when two or more effects still compete; empty otherwise."""
+    arm, data = diagnosis.final.chain.arm, diagnosis.final.chain.data
+    uncertain = [e for e in diagnosis.effects if e.probability < 0.9 or e.confounded_with]
+    names = list(dict.fromkeys(n for e in uncertain for n in (e.name, *e.confounded_with)))
+    names = [n for n in names if not library.effects[n.partition("[")[0]].twin_of][:4]
+    if len(names) < 2:
+        return []
+    rivals = [choose_constants(library, [n], arm, data, joined=True)[0] for n in names]
+    base = fit_model(arm, data, frames=(diagnosis.final.base, diagnosis.final.tool))
+    return poses_json(next_poses(base, rivals, count=count))
+
+
+def report(path, diagnosis: Diagnosis, library: Library, arm, data, effects, poses, progress=None) -> list[Path]:
+    """Write the diagnosis report; returns the files."""
+    from .report import write_report
+
+    accepted = [h for h in diagnosis.final.hypotheses if h.name not in {e.name for e in effects}]
+    ladder = climb(arm, data, [*effects, *accepted], diagnosis.comparison.noise_floor, progress=progress)
+    fit_all = diagnosis.comparison.fit_all
+    testable = [e for e in library.effects.values() if not e.missing(arm, fit_all.chain.data) and not e.twin_of]
+    named = []
+    for effect in testable:
+        if effect.per != "pair" or effect.pairs:
+            group = effect.instances(arm, fit_all.chain.data)
+            first = [h for h in group if h.constants == group[len(group) // 2].constants]
+            named.append(first[0] if len(first) == 1 else merged(effect, first))
+    shown = [h for h in named if any(p.terms for p in h.parameters)]
+    next_ones = [NextPose(tuple(p["q"]), p["direction"], tuple(p["separates"]), p["power"]) for p in poses]
+    rivals = [library.find(n, arm, data)[0] for n in (poses[0]["separates"] if poses else [])]
+    return write_report(path, diagnosis, ladder, confounding(fit_all, shown), harm(fit_all, shown), next_ones, rivals)
 
 
 def fit(
@@ -101,8 +145,6 @@ def fit(
         effect = library.effects.get(name.partition("[")[0])
         lacking = effect.missing(arm, data) if effect else []
         if lacking:
-            from .errors import CannotAnswer
-
             raise CannotAnswer(f"{name} needs {', '.join(lacking)}, which these data do not have")
     hypotheses = choose_constants(library, list(effects), arm, data, dh=dh)
     comparison = compare(arm, data, hypotheses, dh=dh)

@@ -59,10 +59,10 @@ def _progress():
 
 def _load(arm_path: Path, data_path: Path, skip_bad: bool):
     from .arms import read_arm
-    from .data import read_csv
+    from .logs import read_measurements
 
     arm = read_arm(arm_path)
-    return arm, read_csv(data_path, arm.n, skip_bad=skip_bad)
+    return arm, read_measurements(data_path, arm.n, skip_bad=skip_bad)
 
 
 def _model(model_path: Path | None, effect_files):
@@ -119,23 +119,30 @@ def compare_command(arm_path, data_path, model_path, effect_files, skip_bad, as_
 @EFFECTS
 @SKIP
 @JSON
+@click.option("--report", "report_path", type=click.Path(path_type=Path), default=None,
+              help="Write a self-contained page (HTML) and its figures (PNG).")
 @_guarded
-def diagnose_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json) -> None:
+def diagnose_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json, report_path) -> None:
     """Which physical effect is missing? Probabilities for every effect and joint, and for none of them.
 
     \b
     Example:
-        kincal model diagnose --arm arm.toml --data poses.csv
+        kincal model diagnose --arm arm.toml --data poses.csv --report out/report.html
     """
     from .answers import diagnosis_json, diagnosis_text
-    from .api import choose_constants
+    from .api import advise, choose_constants, report
     from .diagnose import diagnose
 
     arm, data = _load(arm_path, data_path, skip_bad)
     chosen, library = _model(model_path, effect_files)
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
-    answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=_progress())
-    click.echo(json.dumps(diagnosis_json(answer), indent=1) if as_json else diagnosis_text(answer))
+    progress = _progress()
+    answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=progress)
+    poses = advise(answer, library)
+    files = report(report_path, answer, library, arm, data, effects, poses, progress) if report_path else []
+    click.echo(json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else diagnosis_text(answer, poses))
+    for file in files[:1]:
+        click.echo(f"report: {file} (figures beside it)", err=as_json)
 
 
 @model.command("fit")
@@ -325,3 +332,70 @@ def history_command(model_path) -> None:
 
     for change in read_model(model_path).history:
         click.echo(f"{change.when}  {change.action:<7} {', '.join(change.effects)}")
+
+
+@model.command("next")
+@ARM
+@DATA
+@MODEL
+@EFFECTS
+@SKIP
+@JSON
+@click.option("--count", type=click.IntRange(1, 64), default=8, show_default=True, help="Poses wanted.")
+@click.argument("names", metavar="EFFECT EFFECT...", nargs=-1, required=True)
+@_guarded
+def next_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json, count, names) -> None:
+    """The poses that separate two or more rival effects best.
+
+    \b
+    Example:
+        kincal model next --arm arm.toml --data poses.csv joint_compliance[2] base_flex
+    """
+    from .answers import poses_json, poses_text
+    from .api import choose_constants
+    from .fit import fit_model
+    from .nextposes import next_poses
+
+    arm, data = _load(arm_path, data_path, skip_bad)
+    chosen, library = _model(model_path, effect_files)
+    if len(names) < 2:
+        raise BadInput("name two or more rival effects, for instance joint_compliance[2] base_flex")
+    rivals = [choose_constants(library, [name], arm, data, dh=chosen.dh, joined=True)[0] for name in names]
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    poses = poses_json(next_poses(fit_model(arm, data, effects, dh=chosen.dh), rivals, count=count))
+    click.echo(json.dumps({"next_poses": poses}, indent=1) if as_json else poses_text(poses))
+
+
+@model.command("uplink")
+@MODEL_NEEDED
+@EFFECTS
+@click.option("--arm", "arm_path", type=click.Path(path_type=Path), default=None,
+              help="Arm table; absent: the one the model was fitted with.")
+@click.option("--data", "data_path", type=click.Path(path_type=Path), default=None,
+              help="Measurements, for effects whose constants follow from them (step time, T0).")
+@click.option("--out", "-o", "out_path", type=click.Path(path_type=Path), default=None,
+              help="Image to write.  [default: MODEL with .tbl]")
+@_guarded
+def uplink_command(model_path, effect_files, arm_path, data_path, out_path) -> None:
+    """The model as a correction-term table image for flight (uplink it with `kincal table uplink`).
+
+    \b
+    Example:
+        kincal model uplink --model M.toml -o terms.tbl
+    """
+    from .api import choose_constants
+    from .arms import read_arm
+    from .logs import read_measurements
+    from .uplink import term_image
+
+    chosen, library = _model(model_path, effect_files)
+    where = arm_path or (Path(chosen.arm) if chosen.arm else None)
+    if where is None:
+        raise BadInput(f"{model_path} does not say which arm it is for; run `kincal model fit` first or give --arm")
+    arm = read_arm(where)
+    data = read_measurements(data_path, arm.n) if data_path else None
+    image = term_image(arm, choose_constants(library, chosen.effects, arm, data, dh=chosen.dh))
+    out = out_path or model_path.with_suffix(".tbl")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_bytes(image.data)
+    click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}")

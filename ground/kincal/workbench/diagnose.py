@@ -17,7 +17,7 @@ from .columns import Columns
 from .compare import ADEQUATE_P, Comparison, compare, lack_of_fit, noise_floor
 from .data import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter
-from .evidence import NoiseScale, Projector, Score, ln_bayes_factor, posterior, score, subspace_cosine
+from .evidence import LAMBDAS, NoiseScale, Projector, Score, ln_bayes_factor, posterior, score
 from .fit import STUDENT_NU, Fit, fit_model, rms
 from .novel import Cell, cells
 
@@ -25,7 +25,7 @@ PRIOR_NONE, PRIOR_NOVEL = 0.3, 0.1
 ACCEPT_ODDS = 9.0
 CLAIM = 0.9
 MENTION = 0.05
-TWIN_COSINE = 0.98
+_TWIN_CHI2 = 9.0
 ABSORBED = 0.995
 MAX_EFFECTS = 5
 _SURE_ENOUGH = 0.2  # nothing was accepted and 'none' is not far behind
@@ -47,11 +47,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Scored:
+    """columns: W G; signal: W z0, what there is to explain."""
+
     name: str
     ln_bf: float
     score: Score
     best: Hypothesis | Cell
     columns: np.ndarray
+    signal: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,9 @@ class NovelFinding:
 
 @dataclass(frozen=True)
 class NotTestable:
+    """needs: the columns or arm keys that are missing; empty when the fitted parameters imitate the
+    effect exactly, so that no data of this kind can show it."""
+
     name: str
     needs: tuple[str, ...]
 
@@ -207,17 +213,17 @@ class Engine:
             for h in candidate.variants:
                 columns = self.columns.hypothesis(h)
                 s, ln_bf, projected = self.score(columns)
-                found.append(Scored(candidate.name, ln_bf, s, h, projected))
+                found.append(Scored(candidate.name, ln_bf, s, h, projected, self.wz))
             best = max(found, key=lambda f: f.ln_bf)
             ln_mean = float(np.logaddexp.reduce([f.ln_bf for f in found]) - np.log(len(found)))
-            out.append(Scored(candidate.name, ln_mean, best.score, best.best, best.columns))
+            out.append(Scored(candidate.name, ln_mean, best.score, best.best, best.columns, self.wz))
         return out
 
     def map(self, *, double: bool = True) -> list[Scored]:
         out = []
         for cell in cells(self.columns, double=double):
             s, ln_bf, projected = self.score(cell.columns)
-            out.append(Scored(cell.name, ln_bf, s, cell, projected))
+            out.append(Scored(cell.name, ln_bf, s, cell, projected, self.wz))
         return out
 
 
@@ -436,7 +442,8 @@ def _conclude(
                 continue
             if any(other.startswith(f"{name}[") for other in (*listed, *look.probability)):
                 continue  # all joints at once: counted with its joints
-            p = look.presence(name)
+            same = effect in {other.partition("[")[0] for other in listed}
+            p = look.probability[name] if same else look.presence(name)
             if p > rivals.get(name, (MENTION, None))[0]:
                 rivals[name] = (p, look)
     for name, (_, look) in sorted(rivals.items(), key=lambda item: -item[1][0])[:8]:
@@ -449,7 +456,7 @@ def _conclude(
     novel = _novel(last) if novel_p > ACCEPT_ODDS * last.probability["none"] or novel_p > 0.5 else None
     heat = {(s.best.locus, " x ".join(s.best.drivers)): s.ln_bf for s in first.mapped}
     absorbed = [
-        NotTestable(s.name, ("absorbed by the fitted parameters: these data cannot tell",))
+        NotTestable(s.name, ())
         for s in first.scored
         if s.score.absorbed >= ABSORBED and "[" not in s.name
     ]
@@ -489,11 +496,7 @@ def _finding(
         effect, _, joint = other.name.partition("[")
         if effect == h.effect and (not joint or h.name == h.effect):
             continue  # the same effect, with all joints or one of them
-        if prob.get(other.name, 0.0) > MENTION or (
-            effect != h.effect
-            and other.columns.shape[1] <= mine.columns.shape[1] + 1
-            and subspace_cosine(mine.columns, other.columns) > TWIN_COSINE
-        ):
+        if prob.get(other.name, 0.0) > MENTION or _same_to_these_data(mine, other, engine.scale):
             twins.append(other.name)
     twins += [name + h.name[len(h.effect) :] for name in library_twins.get(h.effect, ())]
     before, after, interval = _held_gain(comparison, kept, h, hypotheses)
@@ -521,6 +524,20 @@ def _finding(
         why=why,
         accepted=accepted,
     )
+
+
+def _same_to_these_data(mine: Scored, other: Scored, scale: float) -> bool:
+    """Whether the other effect could imitate what was found, at its fitted size: less than 9 units of
+    chi^2 stay unexplained (diagnosis.md section 6)."""
+    theta = _ridge(mine.columns, mine.signal, scale)
+    signal = mine.columns @ theta
+    left = signal - other.columns @ _ridge(other.columns, signal, scale)
+    return float(left @ left) / scale**2 < _TWIN_CHI2
+
+
+def _ridge(columns: np.ndarray, target: np.ndarray, scale: float) -> np.ndarray:
+    inner = columns.T @ columns + (scale / LAMBDAS[-1]) ** 2 * np.eye(columns.shape[1])
+    return np.linalg.solve(inner, columns.T @ target)
 
 
 def _values(h: Hypothesis, fit: Fit | None) -> tuple[ParameterValue, ...]:

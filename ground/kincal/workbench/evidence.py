@@ -117,20 +117,6 @@ def score(columns: np.ndarray, projected: np.ndarray, wz: np.ndarray) -> Score:
     return Score(e.T @ u, v, absorbed)
 
 
-def subspace_cosine(a: np.ndarray, b: np.ndarray) -> float:
-    """Least cosine between two column spaces (each W-projected): 1 means one contains the other."""
-    qa, qb = (_orthonormal(x) for x in (a, b))
-    if qa.shape[1] == 0 or qb.shape[1] == 0:
-        return 0.0
-    s = np.linalg.svd(qa.T @ qb, compute_uv=False)
-    return float(s.min())
-
-
-def _orthonormal(x: np.ndarray) -> np.ndarray:
-    u, s, _ = np.linalg.svd(x, full_matrices=False)
-    return u[:, s > 1e-6 * s.max(initial=0.0)] if s.size else u
-
-
 def posterior(ln_bf: dict[str, float], prior: dict[str, float]) -> dict[str, float]:
     """Softmax of ln prior + ln BF; keys as given ('none' has ln BF 0)."""
     names = [name for name in prior if prior[name] > 0]
