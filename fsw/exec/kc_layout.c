@@ -44,17 +44,17 @@ static void walk_arm(kc_walk_t *w, kc_arm_t *a)
 
 static void walk_tags(kc_walk_t *w, kc_camera_t *c)
 {
-    uint32_t n = kc_walk_count(w, 17u, &c->n_tags, 1u, KC_TAG_MAX);
+    uint32_t n = kc_walk_count(w, 15u, &c->n_tags, 1u, KC_TAG_MAX);
     for (uint32_t i = 0u; i < n; i++) {
         kc_tag_t *t = &c->tag[i];
         w->index = (int32_t)i;
-        kc_walk_i32(w, 18u, &t->id, 0, 586); /* 36h11 has 587 members */
+        kc_walk_i32(w, 16u, &t->id, 0, 586); /* 36h11 has 587 members */
         for (uint32_t k = 0u; k < i; k++) {
-            kc_walk_rule(w, 18u, c->tag[k].id != t->id, (double)t->id);
+            kc_walk_rule(w, 16u, c->tag[k].id != t->id, (double)t->id);
         }
-        kc_walk_f64(w, 19u, &t->size_m, 1e-3, 1.0);
-        kc_walk_vec(w, 20u, t->xyz_m, 3u, -LENGTH_MAX_M, LENGTH_MAX_M);
-        kc_walk_quat(w, 21u, t->quat_wxyz);
+        kc_walk_f64(w, 17u, &t->size_m, 1e-3, 1.0);
+        kc_walk_vec(w, 18u, t->xyz_m, 3u, -LENGTH_MAX_M, LENGTH_MAX_M);
+        kc_walk_quat(w, 19u, t->quat_wxyz);
     }
     w->index = -1;
 }
@@ -195,13 +195,13 @@ static void walk_space(kc_walk_t *w, kc_space_t *s)
 static void walk_hyper(kc_walk_t *w, kc_hyper_t *h)
 {
     uint32_t n;
-    kc_walk_f64(w, 5u, &h->sigma_s, 1e-9, 1e6);
-    kc_walk_f64(w, 6u, &h->beta_m, 1e-6, 1e6);
-    kc_walk_f64(w, 7u, &h->kappa, 0.0, 1e6);
-    kc_walk_f64(w, 8u, &h->nu, 0.0, 1e3);
+    kc_walk_f64(w, 5u, &h->sigma_s, 1e-6, 1e3);
+    kc_walk_f64(w, 6u, &h->beta_m, 1e-3, 1e3);
+    kc_walk_f64(w, 7u, &h->kappa, 1e-3, 1e3);
+    kc_walk_f64(w, 8u, &h->nu, 0.0, 100.0);
     n = kc_walk_count(w, 9u, &h->n_w, 1u, KC_SPECTRUM_MAX);
-    kc_walk_vec(w, 10u, h->w, n, -1.0e3, 1.0e3);
-    kc_walk_f64(w, 11u, &h->trunc_err, 0.0, 1.0);
+    kc_walk_vec(w, 10u, h->w, n, 0.0, 1.0);
+    kc_walk_f64(w, 11u, &h->trunc_err, 0.0, 0.1);
 }
 
 static void walk_kernel(kc_walk_t *w, kc_kernel_t *k)
@@ -209,7 +209,7 @@ static void walk_kernel(kc_walk_t *w, kc_kernel_t *k)
     uint32_t n;
     kc_walk_u8(w, 1u, &k->arg, KC_KERNEL_SO3, KC_KERNEL_PAPER);
     n = kc_walk_count(w, 2u, &k->n_hyper, 1u, KC_HYPER_MAX);
-    kc_walk_f64(w, 3u, &k->sigma_eps, 0.0, 1e6);
+    kc_walk_f64(w, 3u, &k->sigma_eps, 1e-9, 1e3);
     kc_walk_u8(w, 4u, &k->choose, 0u, 1u);
     for (uint32_t i = 0u; i < n; i++) {
         w->index = (int32_t)i;

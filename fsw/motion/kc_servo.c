@@ -11,6 +11,8 @@
 #define USEFUL 0.02
 /* Moves shorter than this teach more about the noise of a look than about the arm [rad or m]. */
 #define LEARN_MIN 0.03
+/* A model that explains half of a move or more leads there by itself, and faster than a learned one. */
+#define LEARN_SHARE 0.5
 /* The tool can't have turned more than all joints together, but for encoder gains and noise. */
 #define TURN_GAIN 1.1
 #define TURN_NOISE_RAD 0.05
@@ -38,12 +40,13 @@ static void jacobian(const kc_arm_t *arm, const kc_terms_t *terms, const double 
     }
 }
 
-/* Broyden (1965), with the model's Jacobian halfway along the move: B += (dx - (J + B) s) s' / s's. */
+/* Broyden (1965), only where the model fails, and with its Jacobian halfway along the move:
+ * B += (dx - (J + B) s) s' / s's. */
 static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_pose_t *seen,
                   const double *q, kc_servo_mem_t *mem, kc_eval_t *work)
 {
     double s[KC_JOINT_MAX], mid[KC_JOINT_MAX], dx[6];
-    double s2 = 0.0, turn = 0.0;
+    double s2 = 0.0, turn = 0.0, moved;
     for (uint32_t j = 0u; j < arm->n_joints; j++) {
         s[j] = q[j] - mem->q[j];
         mid[j] = 0.5 * (q[j] + mem->q[j]);
@@ -56,10 +59,12 @@ static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *co
         return;
     }
     if (s2 < LEARN_MIN * LEARN_MIN) { return; }
+    moved = kc_dls_cost(dx);
     jacobian(arm, terms, coef, mid, mem, work);
     for (uint32_t j = 0u; j < arm->n_joints; j++) {
         for (uint32_t r = 0u; r < 6u; r++) { dx[r] -= work->Jq[j][r] * s[j]; }
     }
+    if (kc_dls_cost(dx) < LEARN_SHARE * LEARN_SHARE * moved) { return; }
     for (uint32_t j = 0u; j < arm->n_joints; j++) {
         for (uint32_t r = 0u; r < 6u; r++) { mem->B[j][r] += dx[r] * s[j] / s2; }
     }

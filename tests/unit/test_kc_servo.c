@@ -172,7 +172,7 @@ void test_after_learning_the_last_move_is_explained(void)
     static kc_eval_t at_mid;
     kc_ctx_t ctx;
     kc_loads_t loads;
-    s_true.joint[2].phi_rad += 0.8;
+    s_true.joint[2].phi_rad += 1.3;
     kc_arm_fk(&s_true, s_q, &s_seen);
     first = s_seen;
     TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
@@ -198,7 +198,7 @@ void test_after_learning_the_last_move_is_explained(void)
 void test_a_turn_the_joints_cannot_have_made_is_forgotten(void)
 {
     double flipped[9];
-    s_true.joint[2].phi_rad += 0.8;
+    s_true.joint[2].phi_rad += 1.3;
     TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, (kc_arm_fk(&s_true, s_q, &s_seen), step(&s_mem)));
     memcpy(s_q, s_cmd, sizeof s_q);
     kc_arm_fk(&s_true, s_q, &s_seen);
