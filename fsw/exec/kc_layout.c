@@ -49,9 +49,7 @@ static void walk_tags(kc_walk_t *w, kc_camera_t *c)
         kc_tag_t *t = &c->tag[i];
         w->index = (int32_t)i;
         kc_walk_i32(w, 16u, &t->id, 0, 586); /* 36h11 has 587 members */
-        for (uint32_t k = 0u; k < i; k++) {
-            kc_walk_rule(w, 16u, c->tag[k].id != t->id, (double)t->id);
-        }
+        for (uint32_t k = 0u; k < i; k++) { kc_walk_rule(w, 16u, c->tag[k].id != t->id, (double)t->id); }
         kc_walk_f64(w, 17u, &t->size_m, 1e-3, 1.0);
         kc_walk_vec(w, 18u, t->xyz_m, 3u, -LENGTH_MAX_M, LENGTH_MAX_M);
         kc_walk_quat(w, 19u, t->quat_wxyz);

@@ -8,7 +8,6 @@
 static kc_walk_t s_w;
 static uint8_t s_buf[64];
 
-void setUp(void);
 void setUp(void)
 {
     memset(&s_w, 0, sizeof s_w);

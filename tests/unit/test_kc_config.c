@@ -10,7 +10,6 @@ static kc_config_t s_c;
 static int32_t s_index;
 static double s_got;
 
-void setUp(void);
 void setUp(void)
 {
     given_config(&s_c);

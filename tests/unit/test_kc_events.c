@@ -6,7 +6,6 @@
 
 static kc_events_t s_q;
 
-void setUp(void);
 void setUp(void) { memset(&s_q, 0, sizeof s_q); }
 
 void test_an_event_is_recorded_with_its_severity_and_values(void)

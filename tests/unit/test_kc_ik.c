@@ -12,7 +12,6 @@ static kc_eval_t s_work;
 static kc_ik_opt_t s_opt;
 static double s_q[KC_JOINT_MAX];
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);
@@ -168,7 +167,8 @@ static void expect_all_reached(const double *coef)
         kc_pose_residual(&goal, &s_work.T, r);
         for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.0, r[k]); }
         for (uint32_t j = 0u; j < 7u; j++) {
-            TEST_ASSERT_TRUE(s_q[j] >= s_arm.joint[j].q_min + 0.0199 && s_q[j] <= s_arm.joint[j].q_max - 0.0199);
+            TEST_ASSERT_TRUE(s_q[j] >= s_arm.joint[j].q_min + 0.0199 &&
+                             s_q[j] <= s_arm.joint[j].q_max - 0.0199);
         }
     }
 }

@@ -13,7 +13,6 @@ static kc_arm_t s_arm;
 static uint16_t s_way[KC_PATH_MAX];
 static uint32_t s_n;
 
-void setUp(void);
 void setUp(void)
 {
     given_arm(&s_arm);

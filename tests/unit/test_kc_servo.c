@@ -15,7 +15,6 @@ static double s_q[KC_JOINT_MAX], s_seed[KC_JOINT_MAX], s_cmd[KC_JOINT_MAX];
 static kc_pose_t s_seen, s_goal;
 static const double s_zero[KC_COEF_MAX];
 
-void setUp(void);
 void setUp(void)
 {
     static const double q[KC_JOINT_MAX] = {0.3, 0.4, -0.2, 1.2, -1.0, 0.3, 0.5};
@@ -38,7 +37,8 @@ void setUp(void)
 
 static kc_servo_result_t step(kc_servo_mem_t *mem)
 {
-    return kc_servo_step(&s_arm, &s_terms, s_zero, &s_seen, &s_goal, s_q, s_seed, &s_opt, s_cmd, &s_work, mem);
+    return kc_servo_step(&s_arm, &s_terms, s_zero, &s_seen, &s_goal, s_q, s_seed, &s_opt, s_cmd, &s_work,
+                         mem);
 }
 
 /* Look, step, move the true arm; THERE within n steps? */
@@ -70,7 +70,8 @@ void test_a_turn_alone_can_be_too_much(void)
     memcpy(Rg, s_goal.R, sizeof Rg);
     for (uint32_t i = 0u; i < 3u; i++) {
         for (uint32_t j = 0u; j < 3u; j++) {
-            s_seen.R[3u * i + j] = R[3u * i] * Rg[j] + R[3u * i + 1u] * Rg[3u + j] + R[3u * i + 2u] * Rg[6u + j];
+            s_seen.R[3u * i + j] = R[3u * i] * Rg[j] + R[3u * i + 1u] * Rg[3u + j] +
+                                   R[3u * i + 2u] * Rg[6u + j];
         }
     }
     TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
@@ -190,7 +191,9 @@ void test_after_learning_the_last_move_is_explained(void)
     kc_model_loads(&s_arm, &s_terms, s_zero, &ctx, &loads);
     kc_model_eval(&s_arm, &s_terms, s_zero, &ctx, &loads, 0, &at_mid);
     for (uint32_t r = 0u; r < 6u; r++) {
-        for (uint32_t j = 0u; j < 7u; j++) { dx[r] -= (at_mid.Jq[j][r] + s_mem.B[j][r]) * (s_q[j] - s_seed[j]); }
+        for (uint32_t j = 0u; j < 7u; j++) {
+            dx[r] -= (at_mid.Jq[j][r] + s_mem.B[j][r]) * (s_q[j] - s_seed[j]);
+        }
         TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.0, dx[r]);
     }
 }

@@ -13,7 +13,6 @@ static uint32_t s_n;
 
 static void forget_events(void) { memset(&s_ev, 0, sizeof s_ev); }
 
-void setUp(void);
 void setUp(void)
 {
     memset(&s_t, 0, sizeof s_t);
