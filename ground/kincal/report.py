@@ -28,7 +28,7 @@ td.text, th.text { text-align: left; white-space: normal; }
 
 def _table(head: list[str], rows: list[list[str]], text_columns: tuple[int, ...] = ()) -> str:
     def cell(tag: str, i: int, content: str) -> str:
-        cls = ' class="text"' if i in text_columns else ""
+        cls = " class='text'" if i in text_columns else ""
         return f"<{tag}{cls}>{content}</{tag}>"
 
     out = [

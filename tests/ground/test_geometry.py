@@ -36,7 +36,9 @@ WAM = [
 
 def dh(theta, d, a, alpha):
     ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    return np.array([[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]])
+    return np.array(
+        [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
+    )
 
 
 def wam(q, errors=None):
@@ -88,7 +90,9 @@ def test_held_out_error_is_the_rms_over_poses(joints):
     model = CorrectedArm(ARM, TERMS)
     p, R = zip(*(model.fk(q, np.zeros(model.n_coef)) for q in joints), strict=True)
     shift, turn = np.array([3e-3, 0.0, 4e-3]), quat_to_R([np.cos(0.01), np.sin(0.01), 0, 0])
-    held = model.held_out(joints, np.array(p) + shift, np.array([r @ turn for r in R]), np.zeros(model.n_coef))
+    held = model.held_out(
+        joints, np.array(p) + shift, np.array([r @ turn for r in R]), np.zeros(model.n_coef)
+    )
     assert held.n == 20
     assert held.pos_m == pytest.approx(5e-3, rel=1e-9)
     assert held.rot_rad == pytest.approx(0.02, rel=1e-9)
@@ -96,7 +100,9 @@ def test_held_out_error_is_the_rms_over_poses(joints):
 
 def test_rotation_angle_keeps_its_digits_near_zero_and_works_at_half_turns():
     tiny = 1e-9
-    assert rotation_angle(quat_to_R([np.cos(tiny / 2), 0, np.sin(tiny / 2), 0])) == pytest.approx(tiny, rel=1e-6)
+    assert rotation_angle(quat_to_R([np.cos(tiny / 2), 0, np.sin(tiny / 2), 0])) == pytest.approx(
+        tiny, rel=1e-6
+    )
     assert rotation_angle(np.diag([1.0, -1.0, -1.0])) == pytest.approx(np.pi)
 
 

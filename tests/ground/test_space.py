@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_geometry import wam
 
 from kincal import space, tables
 from kincal.errors import KincalError
 from kincal.geometry import quat_to_R
-
-from test_geometry import wam
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC, BIN = ROOT / "tables" / "src" / "space.toml", ROOT / "tables" / "bin"
@@ -63,7 +62,9 @@ def test_every_candidate_is_reached_and_seen(committed):
         for tag in (k for k in (0, 1) if c.tags >> k & 1):
             x, turn = tilted[tag]
             t = np.radians(turn)
-            R_tag = tool[:3, :3] @ np.array([[np.cos(t), 0, np.sin(t)], [0, 1, 0], [-np.sin(t), 0, np.cos(t)]])
+            R_tag = tool[:3, :3] @ np.array(
+                [[np.cos(t), 0, np.sin(t)], [0, 1, 0], [-np.sin(t), 0, np.cos(t)]]
+            )
             centre = tool[:3, 3] + tool[:3, :3] @ [x, 0, -0.06]
             incidence = np.arccos((centre - eye) @ R_tag[:, 2] / np.linalg.norm(centre - eye))
             assert incidence <= DESC.view.incid_max_rad + 1e-6

@@ -1,0 +1,101 @@
+"""A flight process of a few lines, in a thread: staged tables, dumps, two-step approval, housekeeping."""
+
+import random
+import threading
+import time
+
+import lcm
+from samples import signed
+
+import kcm
+
+
+class FakeFlight:
+    """`refuse`: opcodes answered with KC_ERR_STATE. `dead`: approval is answered, nothing becomes active."""
+
+    def __init__(self, proposal_crc: int = 0, refuse: tuple[int, ...] = (), dead: bool = False) -> None:
+        self.url = f"udpm://239.255.76.67:{random.SystemRandom().randrange(33000, 39000)}?ttl=0"
+        self.proposal_crc, self.refuse, self.dead = proposal_crc, refuse, dead
+        self.kin_crc, self.armed, self.images, self.staged = 1, 0, {}, (0, b"")
+        self.commands: list[tuple[int, int]] = []
+        self._bus = lcm.LCM(self.url)
+        self._bus.subscribe("KC_CMD", self._on_cmd)
+        self._bus.subscribe("KC_TABLE_UP", self._on_chunk).set_queue_capacity(0)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        due = 0.0
+        while not self._stop.is_set():
+            if time.monotonic() >= due:
+                due = time.monotonic() + 0.05
+                self._hk()
+            self._bus.handle_timeout(10)
+
+    def _hk(self) -> None:
+        m = kcm.hk_t()
+        m.t_us, m.proposal_crc = time.time_ns() // 1000, signed(self.proposal_crc)
+        m.staged_kind, m.staged_bytes = self.staged[0], len(self.staged[1])
+        m.table_crc[4] = signed(self.kin_crc)
+        for kind, image in self.images.items():
+            m.table_crc[kind] = signed(int.from_bytes(image[12:16], "little"))
+        self._bus.publish("KC_HK", m.encode())
+
+    def _on_chunk(self, _, data: bytes) -> None:
+        m = kcm.table_chunk_t.decode(data)
+        have = b"" if m.offset == 0 else self.staged[1]
+        if m.offset == len(have):
+            self.staged = (m.kind, have + bytes(m.data[: m.n]))
+
+    def _on_cmd(self, _, data: bytes) -> None:
+        c = kcm.cmd_t.decode(data)
+        crc = c.arg_i[0] & 0xFFFFFFFF
+        self.commands.append((c.opcode, crc))
+        status = 0
+        if c.opcode in self.refuse:
+            status = -8
+        elif c.opcode == c.APPROVE_ARM:
+            self.armed = crc
+            status = 0 if crc == self.proposal_crc else -5
+        elif c.opcode == c.APPROVE_GO:
+            status = 0 if crc == self.armed else -5
+            if not status and not self.dead:
+                self.kin_crc, self.proposal_crc = crc, 0
+        elif c.opcode == c.REJECT:
+            self.proposal_crc = 0
+        elif c.opcode == c.TABLE_ACTIVATE:
+            self.images[c.arg_i[0]] = self.staged[1]
+        a = kcm.ack_t()
+        a.t_us, a.source, a.seq, a.opcode, a.status, a.event_id = (
+            c.t_us,
+            c.source,
+            c.seq,
+            c.opcode,
+            status,
+            13 if status else 0,
+        )
+        self._bus.publish("KC_ACK", a.encode())
+        if c.opcode == c.TABLE_DUMP and not status:
+            self._dump(c.arg_i[0])
+
+    def _dump(self, kind: int) -> None:
+        image = self.images[kind]
+        for offset in range(0, len(image), 1024):
+            part = image[offset : offset + 1024]
+            m = kcm.table_chunk_t()
+            m.kind, m.total_bytes, m.offset, m.n, m.data = (
+                kind,
+                len(image),
+                offset,
+                len(part),
+                part.ljust(1024, b"\0"),
+            )
+            self._bus.publish("KC_TABLE_DOWN", m.encode())

@@ -1,0 +1,71 @@
+"""Log summaries."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from samples import write_log
+
+from kincal import lcmlog
+from kincal.cli import main
+from kincal.errors import KincalError
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "run.lcmlog"
+    write_log(path)
+    return path
+
+
+def test_summary_counts_and_orders_what_is_there(log):
+    s = lcmlog.read(log)
+    assert s.counts["KC_PROGRESS"] == 3
+    assert s.counts["KC_IMAGE"] == 1
+    assert s.counts["SOMETHING_ELSE"] == 1
+    assert [p.pose for p in s.sessions[3].progress] == [0, 1, 2]
+    assert s.sessions[3].proposal.n_poses == 20
+    assert s.mission_s == pytest.approx(8.5)
+
+
+def test_damaged_message_is_counted_and_the_rest_is_read(log):
+    s = lcmlog.read(log)
+    assert s.undecodable == {"KC_HK": 1}
+    assert s.hk.boot_count == 2
+
+
+def test_events_come_in_words_with_their_values(log):
+    texts = [e.text for e in lcmlog.read(log).events]
+    assert texts[0] == "BOOT: started; boot 2"
+    assert texts[1] == "CAL_TAGS_LOST: tags not found at candidate 11 after 24 looks"
+
+
+def test_printed_summary_hides_debug_events_unless_asked(log):
+    run = CliRunner().invoke(main, ["log", str(log)])
+    assert run.exit_code == 0, run.output
+    assert "CAL_TAGS_LOST" in run.output
+    assert "DET_NONE" not in run.output
+    assert "fedcba98" in run.output
+    assert "DET_NONE" in CliRunner().invoke(main, ["log", str(log), "--debug"]).output
+
+
+def test_json_summary_is_json(log):
+    doc = json.loads(CliRunner().invoke(main, ["log", str(log), "--json"]).output)
+    assert doc["sessions"][0]["proposal"]["crc"] == "fedcba98"
+    assert doc["refused"] == 1
+    assert doc["state"] == "REVIEW"
+    assert doc["table_crc"] == {"4": "fedcba98"}
+
+
+@pytest.mark.parametrize("content", [b"", b"this is not a log at all, only some text " * 4])
+def test_file_without_messages_is_refused(tmp_path, content):
+    path = tmp_path / "x.lcmlog"
+    path.write_bytes(content)
+    with pytest.raises(KincalError, match="no LCM messages"):
+        lcmlog.read(path)
+
+
+def test_covariance_is_unpacked_row_by_row():
+    full = lcmlog.unpack_cov([1, 2, 3, 4, 5, 6], 3)
+    assert np.array_equal(full, [[1, 2, 3], [2, 4, 5], [3, 5, 6]])

@@ -1,0 +1,259 @@
+"""Review: what is shown, what stands out, what is sent, what is recorded."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from fake_flight import FakeFlight
+from samples import CRC, proposal, write_log
+
+import kcm
+from kincal import review, tables
+from kincal.cli import main
+from kincal.errors import EXIT_FAILED, EXIT_INPUT, KincalError, KincalFailed
+from kincal.link import Link
+
+BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
+APPROVE = [(kcm.cmd_t.APPROVE_ARM, CRC), (kcm.cmd_t.APPROVE_GO, CRC)]
+
+
+@pytest.fixture
+def names():
+    return review.coef_names(BIN)
+
+
+@pytest.fixture
+def journal(tmp_path):
+    return tmp_path / "journal.jsonl"
+
+
+# ------------------------------------------------------------------------ what is shown
+
+
+def test_proposal_is_told_with_names_units_and_status(names):
+    r = review.from_message(proposal(), names)
+    assert r.crc_text == "fedcba98"
+    assert r.changes_something
+    assert (r.coefs[0].name, r.coefs[0].unit, r.coefs[0].status) == ("J1.phi_rad", "rad", "estimated")
+    assert (r.coefs[26].status, r.coefs[26].entangled) == ("held", ("J1.phi_rad",))
+    assert r.coefs[28].status == "masked"
+    assert len(r.estimated) == 27
+
+
+def test_correlation_has_unit_diagonal_and_is_symmetric(names):
+    c = review.from_message(proposal(), names).correlation
+    assert c.shape == (27, 27)
+    assert np.allclose(np.diag(c), 1.0)
+    assert np.allclose(c, c.T)
+    assert np.abs(c).max() <= 1.0 + 1e-12
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({}, "rank 27 of 28"),
+        ({"p_fit": 1e-6}, "worse than the stated noise"),
+        ({"n_outliers": 2}, "2 of 20 poses"),
+        ({"verdict": 2}, "poor"),
+        ({"fit_pos_m": 1.0}, "larger than before"),
+        ({"status": [3] + [0] * 63}, "at a bound: J1.phi_rad"),
+    ],
+)
+def test_what_stands_out_is_named(names, change, word):
+    p = proposal()
+    for key, value in change.items():
+        setattr(p, key, value)
+    assert any(word in w for w in review.worries(review.from_message(p, names)))
+
+
+def test_clean_proposal_has_no_worries(names):
+    p = proposal()
+    p.rank = 28
+    assert review.worries(review.from_message(p, names)) == []
+
+
+def test_show_prints_all_numbers_and_draws(tmp_path):
+    log = tmp_path / "run.lcmlog"
+    write_log(log)
+    run = CliRunner().invoke(main, ["review", "show", str(log), "--tables", str(BIN)])
+    assert run.exit_code == 0, run.output
+    for text in ("fedcba98", "J7.a_m", "held", *[key for key, _u, _t in review.NUMBERS], "rank 27 of 28"):
+        assert text in run.output
+    picture = tmp_path / "review-fedcba98.png"
+    assert picture.stat().st_size > 20_000
+
+
+def test_unknown_crc_is_refused(tmp_path):
+    log = tmp_path / "run.lcmlog"
+    write_log(log)
+    run = CliRunner().invoke(main, ["review", "show", str(log), "--crc", "0badcafe", "--tables", str(BIN)])
+    assert run.exit_code == EXIT_INPUT
+    assert "no such proposal" in run.output
+
+
+@pytest.mark.parametrize("text", ["", "xyz", "-1", "123456789"])
+def test_text_that_is_no_crc_is_refused(text):
+    with pytest.raises(KincalError, match="is not a CRC"):
+        review.parse_crc(text)
+
+
+def test_list_names_proposals_and_decisions(tmp_path, journal):
+    log = tmp_path / "run.lcmlog"
+    write_log(log)
+    review.record(journal, "reject", CRC, "me", "because", "url", None)
+    out = CliRunner().invoke(main, ["review", "list", str(log), "--journal", str(journal)]).output
+    assert "fedcba98" in out
+    assert "because" in out
+
+
+# ------------------------------------------------------------------------ what is sent
+
+
+def decide(flight, command, journal, crc=f"{CRC:08x}", extra=()):
+    return CliRunner().invoke(
+        main,
+        ["review", command, crc, "--by", "A. Reviewer", "--why", "clean", "--url", flight.url, "--journal",
+         str(journal), "--timeout", "3", *extra],
+    )  # fmt: skip
+
+
+def test_approval_is_two_steps_bound_to_the_crc_and_recorded(journal):
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "approve", journal)
+    assert run.exit_code == 0, run.output
+    assert flight.commands == APPROVE
+    assert flight.kin_crc == CRC
+    (entry,) = review.check_journal(journal)
+    assert (entry.decision, entry.crc, entry.by, entry.why) == ("approve", "fedcba98", "A. Reviewer", "clean")
+
+
+def test_numbers_of_the_log_go_into_the_record(tmp_path, journal):
+    log = tmp_path / "run.lcmlog"
+    write_log(log)
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "approve", journal, extra=["--log", str(log), "--tables", str(BIN)])
+    assert run.exit_code == 0, run.output
+    (entry,) = review.check_journal(journal)
+    assert entry.session == 3
+    assert entry.numbers["p_fit"] == pytest.approx(0.57)
+
+
+def test_rejection_leaves_the_table_in_force(journal):
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "reject", journal)
+    assert run.exit_code == 0, run.output
+    assert flight.commands == [(kcm.cmd_t.REJECT, CRC)]
+    assert flight.kin_crc == 1
+    assert review.check_journal(journal)[0].decision == "reject"
+
+
+def test_nothing_is_sent_when_something_else_waits(journal):
+    with FakeFlight(0x1111) as flight:
+        run = decide(flight, "approve", journal)
+    assert run.exit_code == EXIT_FAILED
+    assert "00001111 does" in run.output
+    assert flight.commands == []
+    assert not journal.exists()
+
+
+def test_refusal_by_flight_is_told_and_not_recorded(journal):
+    with FakeFlight(CRC, refuse=(kcm.cmd_t.APPROVE_GO,)) as flight:
+        run = decide(flight, "approve", journal)
+    assert run.exit_code == EXIT_FAILED
+    assert "APPROVE_GO refused: KC_ERR_STATE (CMD_STATE)" in run.output
+    assert not journal.exists()
+
+
+def test_approval_that_does_not_show_in_housekeeping_is_a_failure(journal):
+    with FakeFlight(CRC, dead=True) as flight:
+        run = decide(flight, "approve", journal)
+    assert run.exit_code == EXIT_FAILED
+    assert "was not seen in housekeeping" in run.output
+
+
+def test_silence_is_a_failure_with_a_hint(journal):
+    class Nobody:
+        url = "udpm://239.255.76.67:32999?ttl=0"
+
+    run = decide(Nobody, "approve", journal, extra=["--timeout", "0.3"])
+    assert run.exit_code == EXIT_FAILED
+    assert "is the flight process running" in run.output
+
+
+def test_decision_without_a_reason_is_refused_before_anything_is_sent():
+    with FakeFlight(CRC) as flight:
+        run = CliRunner().invoke(
+            main, ["review", "approve", "fedcba98", "--by", "me", "--why", " ", "--url", flight.url]
+        )
+    assert run.exit_code == EXIT_INPUT
+    assert flight.commands == []
+
+
+# ------------------------------------------------------------------------ journal
+
+
+def test_journal_grows_and_each_line_follows_from_the_one_before(journal):
+    for n in range(3):
+        review.record(journal, "approve", n, "me", f"reason {n}", "url", None)
+    assert [e.why for e in review.check_journal(journal)] == ["reason 0", "reason 1", "reason 2"]
+
+
+@pytest.mark.parametrize("damage", ["edit", "delete", "garbage"])
+def test_changed_journal_is_noticed_and_stops_decisions(journal, damage):
+    for n in range(3):
+        review.record(journal, "approve", n, "me", f"reason {n}", "url", None)
+    lines = journal.read_text().splitlines()
+    if damage == "edit":
+        doc = json.loads(lines[0])
+        doc["why"] = "better reason"
+        lines[0] = json.dumps(doc, sort_keys=True)
+    elif damage == "delete":
+        del lines[1]
+    else:
+        lines[1] = "{"
+    journal.write_text("\n".join(lines) + "\n")
+    with pytest.raises(KincalError, match="journal") as error:
+        review.check_journal(journal)
+    assert f"{journal}:2" in error.value.message
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "approve", journal)
+    assert run.exit_code == EXIT_INPUT
+    assert flight.commands == []
+
+
+# ------------------------------------------------------------------------ tables over the link
+
+
+@pytest.mark.parametrize("kind", ["config", "space"])
+def test_uplink_and_dump_bring_the_same_bytes(kind, tmp_path):
+    out = tmp_path / "back.tbl"
+    with FakeFlight() as flight:
+        up = CliRunner().invoke(main, ["table", "uplink", str(BIN / f"{kind}.tbl"), "--url", flight.url])
+        assert up.exit_code == 0, up.output
+        down = CliRunner().invoke(main, ["table", "dump", kind, str(out), "--url", flight.url])
+        assert down.exit_code == 0, down.output
+    assert out.read_bytes() == (BIN / f"{kind}.tbl").read_bytes()
+    crc = tables.header(out.read_bytes()).crc
+    assert flight.commands[:1] == [(kcm.cmd_t.TABLE_VALIDATE, tables.KINDS[kind])]
+    assert f"{crc:08x}" in up.output
+
+
+def test_uplink_refused_by_flight_is_a_failure():
+    with FakeFlight(refuse=(kcm.cmd_t.TABLE_VALIDATE,)) as flight, Link(flight.url) as link:
+        image, _ = tables.load(BIN / "config.tbl")
+        with pytest.raises(KincalFailed, match="TABLE_VALIDATE refused"):
+            link.upload(image, 3.0)
+
+
+def test_sequence_numbers_grow_within_a_link_and_between_calls():
+    with FakeFlight(CRC) as flight, Link(flight.url) as first:
+        a, b = first.send("NOOP"), first.send("NOOP")
+    assert b == a + 1
+    assert 0 < a < 1 << 31
+
+
+def test_bad_url_is_refused():
+    with pytest.raises(KincalError, match="cannot open LCM"):
+        Link("nonsense://x")

@@ -1,0 +1,181 @@
+"""Judging a run: gates, names, truth."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from samples import CRC, proposal, result, signed
+from test_geometry import wam
+
+from kincal import lcmlog, run
+from kincal.errors import KincalError, KincalFailed
+from kincal.geometry import quat_to_R
+from kincal.results import HeldOut
+
+ROOT = Path(__file__).resolve().parents[2]
+BIN = ROOT / "tables" / "bin"
+PLAN = run.Plan("t", "auto", "change", 2e-3, 5e-3)
+
+
+def request(**changes):
+    given = run.Request("paper", "fast", None, None, 1, Path("x"), BIN)
+    return replace(given, **changes)
+
+
+def finished(verdict=1, ok=True, errors=("J7.phi_rad",)):
+    session = lcmlog.Session(3)
+    session.proposal = proposal(verdict)
+    launch = {"ok": ok, "problem": "" if ok else "no new pose", "reason": "fine"}
+    return SimpleNamespace(
+        launch=launch, session=session, judge=SimpleNamespace(errors=dict.fromkeys(errors, 0.1))
+    )
+
+
+def missed(result_, plan=PLAN, done=None, **changes):
+    return [g.name for g in run.gates(request(**changes), plan, done or finished(), result_) if not g.ok]
+
+
+def test_good_run_passes_every_gate():
+    assert missed(result()) == []
+
+
+def test_gate_on_held_out_error():
+    r = result()
+    r.after = HeldOut(200, 2.1e-3, 5.1e-3)
+    assert missed(r) == ["held-out position RMS", "held-out rotation RMS"]
+    r.after = HeldOut(200, float("nan"), float("nan"))
+    assert missed(r) == ["held-out position RMS", "held-out rotation RMS"]
+
+
+def test_gate_on_the_table_in_force():
+    r = result()
+    r.active_crc = 5
+    assert missed(r) == ["correction in force"]
+    assert missed(r, accept="ground") == ["correction in force"]
+    waits = run.Plan("t", "ground", "change", 2e-3, 5e-3)
+    assert missed(r, plan=waits) == []
+
+
+def test_gate_on_true_values_allows_one_of_28_outside_3_sigma():
+    r = result()
+    for k, want in ((0, []), (1, ["true values inside 3 sigma"])):
+        c = r.coefs[k]
+        r.coefs[k] = type(c)(c.name, c.unit, c.true, c.true + 4 * c.sigma, c.sigma, c.status)
+        assert missed(r) == want
+
+
+def test_true_values_are_no_gate_when_the_model_cannot_hold_them():
+    r = result()
+    r.coefs = [type(c)(c.name, c.unit, c.true, c.true + 9 * c.sigma, c.sigma, c.status) for c in r.coefs]
+    assert missed(r, done=finished(errors=("joint_compliance[4]",))) == []
+
+
+def test_gate_on_the_verdict_and_on_the_end():
+    assert missed(result(), done=finished(verdict=2)) == ["verdict"]
+    assert missed(result(), done=finished(ok=False)) == ["run ended well"]
+    none = finished(ok=False)
+    none.session.proposal = None
+    assert missed(result(), done=none) == ["run ended well"]
+
+
+def test_run_without_any_gate_has_not_passed():
+    r = result()
+    r.gates = []
+    assert not r.ok
+
+
+@pytest.mark.parametrize(
+    ("injected", "name"),
+    [
+        ("J3.compliance_rad_per_nm", "joint_compliance[3]"),
+        ("J2.gain", "encoder_gain[2]"),
+        ("J7.phi_rad", "J7.phi_rad"),
+    ],
+)
+def test_injected_errors_get_the_names_of_coefficients(injected, name):
+    assert run.coef_name(injected) == name
+
+
+def test_held_out_error_falls_to_zero_with_the_true_coefficients():
+    rng = np.random.default_rng(5)
+    errors = {(3, "d"): 0.15, (7, "phi"): 1.3}
+    held = []
+    for q in rng.uniform(-1, 1, (30, 7)):
+        _, T = wam(q, errors)
+        held.append({"q_rad": q.tolist(), "p_m": T[:3, 3].tolist(), "q_wxyz": to_quat(T[:3, :3]).tolist()})
+    judge = run.Judge(BIN, {"errors": {"J3.d_m": 0.15, "J7.phi_rad": 1.3}, "held_out": held})
+    assert judge.held_out(judge.start).pos_m == pytest.approx(0.15, rel=1e-9)
+    assert judge.held_out(judge.start).rot_rad == pytest.approx(1.3, rel=1e-9)
+    after = judge.held_out(np.array([judge.errors.get(n, 0.0) for n in judge.names]))
+    assert after.pos_m < 1e-12
+    assert after.rot_rad < 1e-7
+
+
+def to_quat(R):
+    w = 0.5 * np.sqrt(max(1 + np.trace(R), 0))
+    q = np.array(
+        [w, (R[2, 1] - R[1, 2]) / (4 * w), (R[0, 2] - R[2, 0]) / (4 * w), (R[1, 0] - R[0, 1]) / (4 * w)]
+    )
+    assert np.allclose(quat_to_R(q), R, atol=1e-9)
+    return q
+
+
+def test_plan_comes_from_the_scenario_file():
+    plan = run.read_plan("paper")
+    assert (plan.verdict, plan.held_out_pos_m, plan.held_out_rot_rad) == ("change", 2e-3, 5e-3)
+    with pytest.raises(KincalError, match="healthy"):
+        run.read_plan("nonsense")
+
+
+def test_command_line_of_the_launcher_carries_what_was_asked():
+    words = request(acquisition="dopt", poses=9, accept="ground").command()
+    for pair in (("--acquisition", "dopt"), ("--poses", "9"), ("--accept", "ground"), ("--seed", "1")):
+        assert words[words.index(pair[0]) + 1] == pair[1]
+    assert "--fast" in words
+    assert "--poses" not in request().command()
+
+
+def test_missing_result_of_a_run_is_told(tmp_path):
+    with pytest.raises(KincalFailed, match="no truth.json"):
+        run.read_json(tmp_path / "truth.json")
+
+
+class FakeLink:
+    """Takes commands and answers all of them well."""
+
+    url = "fake"
+
+    def __init__(self):
+        self.sent = []
+
+    def command(self, opcode, arg_i=(), *_args, **_kw):
+        self.sent.append((opcode, arg_i))
+
+    def wait_hk(self, what, *_args):
+        hk = SimpleNamespace(table_crc=[0, 0, 0, 0, signed(CRC), 0, 0, 0], proposal_crc=0)
+        assert what(hk)
+
+
+def test_ground_approves_a_clean_proposal_in_two_steps_and_records_it(tmp_path):
+    link = FakeLink()
+    names = [f"c{i}" for i in range(54)]
+    run.decide(request(out=tmp_path), link, proposal(), names, lambda _t: None)
+    assert link.sent == [("APPROVE_ARM", (CRC,)), ("APPROVE_GO", (CRC,))]
+    assert json.loads((tmp_path / "review.jsonl").read_text())["decision"] == "approve"
+
+
+def test_ground_rejects_a_proposal_that_does_not_fit(tmp_path):
+    link, p = FakeLink(), proposal()
+    p.p_fit = 1e-9
+    run.decide(request(out=tmp_path), link, p, [], lambda _t: None)
+    assert link.sent == [("REJECT", (CRC,))]
+    assert json.loads((tmp_path / "review.jsonl").read_text())["decision"] == "reject"
+
+
+def test_ground_does_nothing_when_nothing_needs_to_change(tmp_path):
+    link = FakeLink()
+    run.decide(request(out=tmp_path), link, proposal(0), [], lambda _t: None)
+    assert link.sent == []

@@ -1,0 +1,172 @@
+"""`kincal run` from the outside: the whole system, its printed lines, its files and its exit status."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kincal import lcmlog, review, tables
+
+ROOT = Path(__file__).resolve().parents[2]
+BIN = ROOT / "tables" / "bin"
+
+
+def kincal(*args, timeout=240):
+    return subprocess.run(
+        [sys.executable, "-m", "kincal", *map(str, args)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """The demo in fast mode, reviewed by the ground, with the comparison runs."""
+    out = tmp_path_factory.mktemp("demo")
+    return out, kincal("run", "paper", "--fast", "--accept", "ground", "--out", out)
+
+
+def test_demo_passes_all_its_gates(demo):
+    _, done = demo
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "MISSED" not in done.stdout
+    assert re.search(r"^passed in \d+ s", done.stdout, re.M)
+
+
+def test_demo_prints_one_line_a_pose_in_order(demo):
+    _, done = demo
+    poses = re.findall(r"^ ?(\d+)/20 +\d+ +\d+ +[\d.]+ mm +[\d.]+ mrad +-?[\d.]+", done.stdout, re.M)
+    assert [int(p) for p in poses] == list(range(1, 21))
+
+
+def test_demo_lists_true_and_estimated_values_of_all_corrections(demo):
+    _, done = demo
+    rows = re.findall(r"^(J\d\.\w+) +(-?[\d.]+) +(-?[\d.]+) +± ([\d.]+)", done.stdout, re.M)
+    assert len(rows) == 28
+    values = {name: (float(true), float(got), float(sigma)) for name, true, got, sigma in rows}
+    for name, true in (("J7.phi_rad", 1300), ("J2.alpha_rad", 400), ("J3.a_m", 10), ("J3.d_m", 150)):
+        assert values[name][0] == pytest.approx(true)
+        assert abs(values[name][1] - true) <= 4 * values[name][2]
+
+
+def test_demo_shows_the_held_out_error_fall_below_the_limits(demo):
+    out, _ = demo
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["before"]["n"] == summary["after"]["n"] == 200
+    assert summary["before"]["pos_m"] > 0.1
+    assert summary["after"]["pos_m"] <= 2e-3
+    assert summary["after"]["rot_rad"] <= 5e-3
+    # the error falls with the poses in all runs that are compared
+    assert {c["label"] for c in summary["curves"]} == {"ucb, fast", "random, fast"}
+    for curve in summary["curves"]:
+        held = [p["held_pos_m"] for p in curve["poses"]]
+        assert len(held) == 20
+        assert held[-1] < 0.01 * held[0]
+
+
+def test_demo_leaves_page_and_picture(demo):
+    out, done = demo
+    assert (out / "summary.html").stat().st_size > 1_000_000
+    assert (out / "summary.png").stat().st_size > 100_000
+    for name in ("summary.html", "summary.png", "run.lcmlog"):
+        assert str(out / name) in done.stdout.replace("\n", "")
+
+
+def test_ground_approved_in_two_steps_and_the_record_says_so(demo):
+    out, done = demo
+    log = lcmlog.read(out / "run.lcmlog")
+    ground = [c for c in log.commands if c.source == c.SRC_GROUND]
+    crc = log.sessions[max(log.sessions)].proposal.crc
+    assert [(c.opcode, c.arg_i[0]) for c in ground] == [
+        (ground[0].APPROVE_ARM, crc),
+        (ground[0].APPROVE_GO, crc),
+    ]
+    assert log.hk.table_crc[review.KIN_KIND] == crc
+    (entry,) = review.check_journal(out / "review.jsonl")
+    assert (entry.decision, entry.crc) == ("approve", f"{crc & 0xFFFFFFFF:08x}")
+    assert f"table {entry.crc} is active" in done.stdout
+
+
+def test_table_in_force_is_stored_and_holds_the_estimate(demo):
+    out, _ = demo
+    proposal = next(s.proposal for s in lcmlog.read(out / "run.lcmlog").sessions.values())
+    stored = [p for p in (out / "store").rglob("*") if p.is_file() and b"KCT1" in p.read_bytes()]
+    found = []
+    for path in stored:
+        data = path.read_bytes()
+        data = data[data.index(b"KCT1") :]
+        size = int.from_bytes(data[8:12], "little")
+        image = tables.header(data[: 16 + size])
+        if image.kind == "kin" and image.crc == proposal.crc & 0xFFFFFFFF:
+            found.append(tables.decode(image.data)[1])
+    assert found
+    assert list(found[0].value[0:28]) == pytest.approx(proposal.value[:28], abs=0.0)
+
+
+def test_log_and_review_read_what_the_run_left(demo, tmp_path):
+    out, _ = demo
+    log = kincal("log", out / "run.lcmlog")
+    assert log.returncode == 0
+    assert "calibration 1: 20 poses" in log.stdout
+    assert "COR_ACTIVE" in log.stdout
+    shown = kincal("review", "show", out / "run.lcmlog", "--picture", tmp_path / "r.png")
+    assert shown.returncode == 0, shown.stderr
+    assert "rank" in shown.stdout
+    assert (tmp_path / "r.png").is_file()
+
+
+def test_missed_gate_fails_the_run(tmp_path):
+    """Given a limit that no arm can meet, the exit status is 1 and the gate is named."""
+    text = (
+        (ROOT / "sim/scenarios/healthy.toml")
+        .read_text()
+        .replace('verdict = "no_change"', 'verdict = "change"')
+    )
+    scenario = tmp_path / "strict.toml"
+    scenario.write_text(text)
+    done = kincal(
+        "run", scenario, "--fast", "--poses", 7, "--no-compare", "--no-summary", "--out", tmp_path / "out"
+    )
+    assert done.returncode == 1, done.stdout
+    assert re.search(r"MISSED +verdict", done.stdout)
+    assert "FAILED" in done.stdout
+
+
+def test_healthy_arm_is_left_alone(tmp_path):
+    done = kincal("run", "healthy", "--fast", "--no-compare", "--out", tmp_path)
+    assert done.returncode == 0, done.stdout
+    log = lcmlog.read(tmp_path / "run.lcmlog")
+    nominal = tables.header((BIN / "kin.tbl").read_bytes()).crc
+    assert log.hk.table_crc[review.KIN_KIND] & 0xFFFFFFFF == nominal
+    assert "no change needed" in done.stdout
+
+
+def test_tables_that_flight_refuses_end_the_run_with_a_message(tmp_path):
+    broken = tmp_path / "tables"
+    broken.mkdir()
+    for path in BIN.glob("*.tbl"):
+        (broken / path.name).write_bytes(path.read_bytes())
+    data = (broken / "arm.tbl").read_bytes()
+    (broken / "arm.tbl").write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+    done = kincal("run", "healthy", "--fast", "--tables", broken, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert "TBL_CRC" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+def test_demo_through_pixels(tmp_path):
+    """Rendered images and the tag detector, half the poses."""
+    done = kincal(
+        "run", "paper", "--poses", 10, "--no-compare", "--accept", "ground", "--out", tmp_path, timeout=600
+    )
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["mode"] == "pixels"
+    assert summary["after"]["pos_m"] <= 4e-3, done.stdout
+    assert summary["after"]["rot_rad"] <= 10e-3
+    assert lcmlog.read(tmp_path / "run.lcmlog").counts["KC_DETECTION"] > 30

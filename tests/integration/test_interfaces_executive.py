@@ -1,0 +1,65 @@
+"""The executive of docs/INTERFACES.md, exactly as printed there, runs a calibration."""
+
+import random
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "docs" / "INTERFACES.md").read_text()
+CODE = re.search(r"<!-- executive: begin -->\n+```python\n(.*?)```", TEXT, re.S)[1]
+
+
+def start(argv, out):
+    return subprocess.Popen([str(a) for a in argv], stdout=out, stderr=subprocess.STDOUT, cwd=ROOT)
+
+
+@pytest.fixture
+def team(tmp_path):
+    """Flight process and simulator in lockstep on a URL of their own; both end with the test."""
+    url = f"udpm://239.255.76.67:{random.SystemRandom().randrange(39000, 44000)}?ttl=0&recv_buf_size=4194304"
+    (tmp_path / "store").mkdir()
+
+    def run(scenario):
+        with (tmp_path / "team.log").open("wb") as out:
+            members = [
+                start([ROOT / "build/kincal-fsw", "--url", url, "--tables", ROOT / "tables/bin", "--store",
+                       tmp_path / "store", "--lockstep"], out),
+                start([sys.executable, "-m", "kincal_sim.server", "--scenario", scenario, "--url", url, "--out",
+                       tmp_path, "--fast", "--seed", "1"], out),
+            ]  # fmt: skip
+            try:
+                program = tmp_path / "executive.py"
+                program.write_text(CODE)
+                done = subprocess.run(
+                    [sys.executable, program, url], capture_output=True, text=True, timeout=120
+                )
+                left = members[1].wait(20)
+            finally:
+                for m in members:
+                    m.terminate()
+                    m.wait(20)
+        return done, left, (tmp_path / "team.log").read_text()
+
+    return run
+
+
+def test_it_has_about_thirty_lines():
+    lines = [line for line in CODE.splitlines() if line.strip() and not line.startswith("import")]
+    assert len(lines) <= 36
+
+
+@pytest.mark.parametrize(("scenario", "verdict"), [("encoder_bias", 1), ("healthy", 0)])
+def test_printed_executive_runs_a_calibration(team, scenario, verdict):
+    done, left, said = team(scenario)
+    assert done.returncode == 0, done.stdout + done.stderr + said
+    found = re.fullmatch(r"verdict (\d), kinematics table ([0-9a-f]{8}) in force\n", done.stdout)
+    assert found, done.stdout
+    assert int(found[1]) == verdict
+    nominal = (ROOT / "tables/bin/kin.tbl").read_bytes()[12:16][::-1].hex()
+    assert (found[2] == nominal) == (verdict == 0)
+    # the simulator ends because the executive left
+    assert left == 0, said
