@@ -18,7 +18,7 @@ import kcm
 from .bus import Bus, Participant
 from .scenario import ACCEPT, ACQUISITIONS, VERDICTS, Scenario, load
 
-HEARD = ["KC_HK", "KC_ACK", "KC_EVENT", "KC_PROPOSAL"]
+HEARD = ["KC_HK", "KC_ACK", "KC_EVENT", "KC_PROPOSAL", "KC_ARM_STATE", "KC_PANTILT_STATE"]
 IDLE, REVIEW, SAFE = 0, 9, 11  # KC_HK.state, see docs/INTERFACES.md
 TBL_KIN = 4
 FIRST_HEARTBEAT_S = 30.0
@@ -32,8 +32,8 @@ GROUND_WAIT_S = 1800.0  # with --accept ground: somebody listens and will decide
 class Executive:
     """One calibration. tick(now_us, messages) is called ten times a second; `send` publishes a command.
 
-    Phases: HELLO (wait for a heartbeat) -> START -> RUN -> DECIDE (policy) -> ARM -> GO -> END, and from
-    anywhere ABORT -> END.
+    Phases: HELLO (wait for heartbeat, arm and head) -> START -> RUN -> DECIDE (policy) -> ARM -> GO -> END,
+    or GROUND (somebody else decides) -> END, and from START and RUN ABORT -> END.
     """
 
     def __init__(
@@ -56,6 +56,7 @@ class Executive:
         self.seq = first_seq
         self.phase, self.since_us, self.now_us, self.begun_us = "HELLO", None, 0, None
         self.hk = self.hk_us = self.proposal = self.awaited = None
+        self.arm_heard = self.head_heard = False
         self.pose, self.pose_us = -1, 0
         self.result: dict = {}
         self.warnings: dict[int, int] = {}
@@ -79,6 +80,12 @@ class Executive:
         if m.n_poses != self.pose:
             self.pose, self.pose_us = m.n_poses, self.now_us
 
+    def _on_arm_state(self, _) -> None:
+        self.arm_heard = True
+
+    def _on_pantilt_state(self, _) -> None:
+        self.head_heard = True
+
     def _on_ack(self, m) -> None:
         if m.source != kcm.cmd_t.SRC_EXECUTIVE or m.seq != self.awaited:
             return
@@ -97,7 +104,7 @@ class Executive:
     # -- phases --------------------------------------------------------------------------------------
 
     def _do_hello(self) -> None:
-        if self.hk is not None:
+        if self.hk is not None and self.arm_heard and self.head_heard:
             # Only a calibration of our own counts from here on.
             self._command(kcm.cmd_t.START, self.ask, self.mask)
             self._go("START")
@@ -166,9 +173,10 @@ class Executive:
     def _watch(self) -> None:
         """Heartbeat, answer and progress time-outs."""
         limits = self.limits
-        if self.hk is None:
+        if self.phase == "HELLO":
             if self._waited(FIRST_HEARTBEAT_S):
-                self._fail("no heartbeat")
+                heard = {"heartbeat": self.hk, "arm state": self.arm_heard, "head state": self.head_heard}
+                self._fail(f"no {' and no '.join(k for k, v in heard.items() if not v)}")
         elif self._ago(self.hk_us) > limits.heartbeat_timeout_s:
             self._fail(f"heartbeat lost for {limits.heartbeat_timeout_s:g} s")
         elif self.awaited is not None and self._waited(limits.ack_timeout_s):

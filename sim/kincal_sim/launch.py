@@ -3,7 +3,7 @@
     python -m kincal_sim.launch paper --out build/run --fast
 
 First line of output: JSON with the LCM URL, so that others can attach. Last line: JSON with the result.
-In DIR: truth.json, result.json, launch.json, run.lcmlog, logs/, store/. Exit status 0 only if the
+In DIR: truth.json, result.json, touched.json, launch.json, run.lcmlog, logs/, store/. Exit status 0 only if the
 calibration succeeded and came to the verdict that the scenario expects.
 """
 
@@ -277,7 +277,7 @@ def execute(run: Run, announce=None) -> dict:
     run.check()
     scenario = load(run.scenario)
     run.out.mkdir(parents=True, exist_ok=True)
-    for old in ("result.json", "truth.json", "run.lcmlog", "launch.json"):
+    for old in ("result.json", "truth.json", "run.lcmlog", "launch.json", "touched.json"):
         (run.out / old).unlink(missing_ok=True)
     store = run.store or run.out / "store"
     if run.store is None:
@@ -315,6 +315,7 @@ def execute(run: Run, announce=None) -> dict:
             lock.close()
     result = json.loads((run.out / "result.json").read_text())
     problem = judge(scenario, result)
+    touched = run.out / "touched.json"
     result |= {
         "ok": not problem,
         "problem": problem,
@@ -323,6 +324,8 @@ def execute(run: Run, announce=None) -> dict:
         "scenario": scenario.name,
         "seed": run.seed,
         "mode": "fast" if run.fast else "pixels",
+        # Shapes of the simulated arm that met, with the seconds; for information, it ends no run.
+        "touched": json.loads(touched.read_text()) if touched.exists() else {},
     }
     (run.out / "launch.json").write_text(json.dumps(result, indent=1) + "\n")
     return result

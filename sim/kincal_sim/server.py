@@ -122,7 +122,7 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     p.add_argument("--scenario", required=True, help="name or file")
     p.add_argument("--url", required=True, help="LCM URL")
     p.add_argument("--seed", type=int, default=1)
-    p.add_argument("--out", type=Path, required=True, help="folder for truth.json")
+    p.add_argument("--out", type=Path, required=True, help="folder for truth.json and touched.json")
     eye = p.add_mutually_exclusive_group()
     eye.add_argument("--pixels", action="store_true", help="publish frames (default)")
     eye.add_argument("--fast", action="store_true", help="publish detections without drawing anything")
@@ -152,6 +152,13 @@ def main(argv: list[str] | None = None) -> int:
         bus.listen(channel, world.take)
     # A little longer than the executive waits itself, which then aborts in good order.
     limit_s = o.limit or scenario.executive.total_timeout_s + 60.0
+    try:
+        return _run(o, world, bus, darkroom, limit_s)
+    finally:
+        (o.out / "touched.json").write_text(json.dumps(world.touched, indent=1) + "\n")
+
+
+def _run(o: argparse.Namespace, world: World, bus: Bus, darkroom: Darkroom, limit_s: float) -> int:
     if o.realtime:
         return run_realtime(world, bus, darkroom, limit_s)
     names = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,7 @@ class World:
         self.seq = 0
         self.next_truth_us = 0
         self.moved_us = -1  # when arm or head were last seen moving
+        self.touched: Counter[str] = Counter()  # pairs of shapes that touched, by seconds of mission time
 
     def take(self, channel: str, message) -> None:
         """A command from flight; acted on when time next moves."""
@@ -79,6 +81,7 @@ class World:
             self.frames_due = []
         if truth_due:
             self.next_truth_us = now_us - now_us % TRUTH_PERIOD_US + TRUTH_PERIOD_US
+            self.touched.update({" - ".join(pair) for pair in self.arm.collisions()})
             out.append(("KC_SIM_TRUTH", self._sim_truth(q_true)))
         return out
 

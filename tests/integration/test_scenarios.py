@@ -14,7 +14,10 @@ from runs import FAKE_FSW, ROOT, coefficient_names, fake_run, fly, held_out_rms,
 import kcm
 from kincal import core, tables
 from kincal_sim import launch, server
+from kincal_sim.arm import Arm
+from kincal_sim.camera import load_config
 from kincal_sim.executive import Executive
+from kincal_sim.fastcam import visible_tags
 from kincal_sim.scenario import SCENARIO_DIR, ScenarioError, load
 from kincal_sim.world import World
 
@@ -132,8 +135,14 @@ class Flight:
             setattr(m, name, value)
         return "KC_PROPOSAL", m
 
+    def ready(self):
+        """Arm and head are there, and a first heartbeat."""
+        self.tick(
+            ("KC_ARM_STATE", kcm.arm_state_t()), ("KC_PANTILT_STATE", kcm.pantilt_state_t()), self.hk(0)
+        )
+
     def started(self):
-        self.tick(self.hk(0))
+        self.ready()
         self.tick(self.ack())
         self.tick(self.hk(1))
         return self
@@ -146,9 +155,11 @@ class Flight:
 START, ABORT, ARM, GO = kcm.cmd_t.START, kcm.cmd_t.ABORT, kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO
 
 
-def test_executive_starts_on_the_first_heartbeat_and_approves_in_two_steps():
+def test_executive_starts_when_flight_arm_and_head_are_there_and_approves_in_two_steps():
     f = Flight()
     f.tick()
+    f.tick(f.hk(0))
+    f.tick(("KC_ARM_STATE", kcm.arm_state_t()))
     assert f.sent == []
     f.started()
     f.decide()
@@ -176,6 +187,13 @@ def test_executive_approves_nothing_outside_its_limits(proposal, reason):
     f.decide(**proposal)
     assert f.opcodes == [START]
     assert not f.executive.result["success"] and reason in f.executive.result["reason"]
+
+
+def test_executive_says_who_is_not_there():
+    f = Flight()
+    for _ in range(31):
+        f.tick(f.hk(0), after_s=1.0)
+    assert f.executive.result["reason"] == "no arm state and no head state" and f.sent == []
 
 
 def test_executive_leaves_the_decision_to_the_ground():
@@ -238,11 +256,11 @@ def test_executive_notices_when_flight_stopped_by_itself(what, reason):
 
 def test_executive_gives_up_when_a_command_is_refused_or_not_answered():
     f = Flight()
-    f.tick(f.hk(0))
+    f.ready()
     f.tick(f.ack(status=-1))
     assert "refused" in f.executive.result["reason"]
     f = Flight()
-    f.tick(f.hk(0))
+    f.ready()
     for _ in range(4):
         f.tick(f.hk(0), after_s=1.0)
     assert "not answered" in f.executive.result["reason"]
@@ -266,6 +284,7 @@ def test_launch_reports_how_it_ended_and_leaves_nothing_running(tmp_path, scenar
     result = launch.execute(fake_run(tmp_path, scenario, script))
     assert result["ok"] is ok and problem in result["problem"]
     assert running_with(result["url"]) == []
+    assert result["touched"] == {}
     truth = json.loads((tmp_path / "out" / "truth.json").read_text())
     assert truth["errors"] == load(scenario).coefficients()
     heard = raw(tmp_path / "out" / "run.lcmlog")
@@ -395,7 +414,7 @@ def proposal_of(out):
 
 
 @pytest.mark.parametrize("name", ["paper", "encoder_bias"])
-def test_a_calibration_finds_the_errors_and_halves_nothing_it_should_not(runs, name):
+def test_a_calibration_finds_the_errors_within_its_own_sigma(runs, name):
     result, out = runs(name)
     assert result["ok"], result["problem"]
     truth, p, names = json.loads((out / "truth.json").read_text()), proposal_of(out), coefficient_names()
@@ -415,6 +434,13 @@ def test_a_healthy_arm_needs_no_change(runs):
     assert result["verdict"] == "no_change" and proposal_of(out).p_no_change > 0.01
     kin = {m.table_crc[4] for m in messages(out / "run.lcmlog", "KC_HK")}
     assert len(kin) == 1
+
+
+def test_a_hidden_compliance_is_called_a_poor_fit_and_changes_nothing(runs):
+    result, out = runs("compliance")
+    assert not result["ok"] and result["verdict"] == "poor"
+    assert proposal_of(out).p_fit < 1e-3
+    assert len({m.table_crc[4] for m in messages(out / "run.lcmlog", "KC_HK")}) == 1
 
 
 def test_flight_telemetry_is_the_same_to_the_byte_for_one_seed(runs, tmp_path):
@@ -444,3 +470,17 @@ def test_the_flight_model_explains_the_simulated_truth():
             for c in (coef, None)
         )
         assert worst < allowed_m < 0.1 * nominal
+
+
+def test_every_candidate_and_the_way_to_it_is_clear_and_shows_a_tag_in_the_simulated_world():
+    """The ground proved the search space with its own shapes; MuJoCo has the second opinion."""
+    space = tables.decode((ROOT / "tables" / "bin" / "space.tbl").read_bytes())[1]
+    arm = Arm()
+    cfg = load_config(arm.spec)
+    for c in (space.cand[i] for i in range(space.n_cand)):
+        q = np.array([c.q_seed[j] for j in range(arm.n)])
+        hub = np.array([space.hub_q[c.hub][j] for j in range(arm.n)])
+        for s in np.linspace(0.0, 1.0, 12):
+            arm.set(hub + s * (q - hub), c.pan_rad, c.tilt_rad)
+            assert arm.collisions() == []
+        assert visible_tags(cfg, arm.model, arm.data, arm.T_base_cam, arm.T_base_tool)

@@ -383,6 +383,13 @@ def test_messages_of_one_tick_give_the_same_whatever_their_order_of_arrival():
     )
 
 
+def test_the_world_counts_the_seconds_in_which_shapes_touch():
+    world = World(load("healthy"), 1, still_eye)
+    world.take("KC_ARM_CMD", arm_cmd(1, [2.5, 1.9, 0.0, 0.5, 0.0, 0.0, 0.0]))
+    steps(world, 100)
+    assert any("deck" in pair and seconds >= 3 for pair, seconds in world.touched.items())
+
+
 def test_noise_and_quantisation_act_on_readings_only():
     scenario = load("healthy")
     scenario.arm.encoder_noise_rad, scenario.arm.encoder_step_rad = 1e-4, 1e-5
