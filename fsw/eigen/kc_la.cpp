@@ -45,14 +45,17 @@ bool positive(double x) { return x > 0.0 && x <= std::numeric_limits<double>::ma
 
 const double *packed_row(const double *L, uint32_t i) { return L + size_t(i) * (i + 1u) / 2u; }
 
-/* Largest remaining column (norm^2 of rows k..n-1) for the pivoted QR. */
+/* Norms^2 that differ by less than this part are equal: two names of one effect differ by rounding. */
+constexpr double TIE = 1e-9;
+
+/* Largest remaining column (norm^2 of rows k..n-1) for the pivoted QR; of equals the lowest index. */
 uint32_t pivot_column(const Mat &R, uint32_t n, uint32_t k, const uint32_t *perm)
 {
     uint32_t best = k;
     double best2 = R.col(Index(k)).tail(Index(n - k)).squaredNorm();
     for (uint32_t j = k + 1u; j < n; j++) {
         const double c2 = R.col(Index(j)).tail(Index(n - k)).squaredNorm();
-        if (c2 > best2 || (c2 >= best2 && perm[j] < perm[best])) {
+        if (c2 > best2 * (1.0 + TIE) || (c2 >= best2 * (1.0 - TIE) && perm[j] < perm[best])) {
             best = j;
             best2 = c2;
         }

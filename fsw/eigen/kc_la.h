@@ -57,7 +57,7 @@ kc_status_t kc_la_upper_cov(const double *R, uint32_t n, uint32_t ld, double *C,
  *   rank      pivots above tol * pivot[0] (0 if all are zero)
  * On return, for place j >= rank and i < rank, R[i ld + j] is the coefficient of column perm[i] in
  * column perm[j], in scaled units: R s e_perm[j] ~ sum_i R[i ld + j] R s e_perm[i].
- * Columns of equal norm: the lowest index first. O(n^3). */
+ * Columns of equal norm (to 5e-10): the lowest index first. O(n^3). */
 void kc_la_rank(double *R, uint32_t n, uint32_t ld, const double *scale, double tol, uint32_t *perm,
                 double *pivot, uint32_t *rank);
 

@@ -6,8 +6,10 @@
  * is ever stored and the condition number is not squared before rank is judged.
  *
  * Which coefficients are estimated. Asked for: free_mask, enabled in the table. Their whitened
- * columns, times coef.scale, go through QR with column pivoting, without any prior; those whose pivot
- * is below rank_tol of the largest are HELD at start and the rest is estimated. Judged at start, and
+ * columns, times coef.scale, go through QR with column pivoting, without any prior. A pivot is scale over
+ * the sigma that the data alone would leave that coefficient, the better determined ones being known. Those
+ * below rank_tol of the largest pivot, or below KC_EST_PIVOT_MIN (the data tell less than its typical
+ * size), are HELD at start and the rest is estimated. Judged at start, and
  * again at the solution: if the rank differs there, the choice is made anew and the fit repeated (at
  * most KC_EST_PASSES fits).
  *
@@ -26,6 +28,7 @@
 
 #define KC_EST_PASSES 4u
 #define KC_EST_WEAK_SIGMA 3.0
+#define KC_EST_PIVOT_MIN 1.0
 
 typedef enum {
     KC_COEF_ESTIMATED = 0,

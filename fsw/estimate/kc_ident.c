@@ -5,6 +5,7 @@
 /* A coefficient belongs to a null direction if it moves by this part of the largest in it, in units
  * of scale; exact null directions show rounding (1e-12) elsewhere. */
 #define NULL_PART 1e-3
+#define TINY 1e-300
 
 /* Null direction of the dependent column at place j of the factored R: the coefficients in it. */
 static uint64_t null_members(const kc_est_t *est, const double *F, uint32_t n, uint32_t j)
@@ -34,6 +35,19 @@ static void take(kc_est_t *est, uint64_t mask)
     }
 }
 
+/* Relative tolerance for kc_la_rank: rank_tol, or what keeps pivots above KC_EST_PIVOT_MIN. The first
+ * pivot is the largest column norm. */
+static double tolerance(const kc_est_t *est, const double *scale)
+{
+    double top2 = 0.0;
+    for (uint32_t j = 0; j < est->n_idx; j++) {
+        double s = 0.0;
+        for (uint32_t i = 0; i <= j; i++) { s += est->R[i * KC_EST_LD + j] * est->R[i * KC_EST_LD + j]; }
+        top2 = kc_max(top2, s * scale[j] * scale[j]);
+    }
+    return kc_max(est->opt.rank_tol, KC_EST_PIVOT_MIN / kc_sqrt(kc_max(top2, TINY)));
+}
+
 /* The QP is not running now: its factor's place takes the copy of R to be factored. */
 uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef)
 {
@@ -47,7 +61,7 @@ uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef)
         scale[i] = est->terms->coef[est->idx[i]].scale;
         for (uint32_t j = i; j < n; j++) { F[i * n + j] = est->R[i * KC_EST_LD + j]; }
     }
-    kc_la_rank(F, n, n, scale, est->opt.rank_tol, est->perm, est->pivot, &rank);
+    kc_la_rank(F, n, n, scale, tolerance(est, scale), est->perm, est->pivot, &rank);
     est->cond = (rank > 0u) ? est->pivot[0] / est->pivot[rank - 1u] : 0.0;
     return rank;
 }

@@ -1,0 +1,332 @@
+/* kc_estimate.c with its fit: contract; numbers against scipy are in tests/oracle/test_estimate.py. */
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "given_looks.h"
+#include "given_tables.h"
+#include "kc_estimate.h"
+#include "unity.h"
+
+static kc_arm_t s_arm;
+static kc_terms_t s_terms;
+static kc_est_t s_est, s_other;
+static kc_obs_t s_obs;
+static double s_truth[KC_COEF_MAX];
+
+void setUp(void);
+void setUp(void)
+{
+    given_arm(&s_arm);
+    given_terms(&s_terms);
+    given_paper_errors(s_truth);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 0u, 0.0);
+}
+
+static void given(uint32_t n, double noise) { given_session(&s_est, &s_arm, &s_terms, s_truth, n, noise); }
+
+static kc_obs_t *given_one(void)
+{
+    uint64_t rng = 3u;
+    double q[KC_JOINT_MAX];
+    given_joints(&s_arm, &rng, q);
+    given_look(&s_arm, &s_terms, s_truth, q, 0.0, &rng, &s_obs);
+    return &s_obs;
+}
+
+static void assert_refused_unchanged(void)
+{
+    const uint32_t n = s_est.n_obs;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_est_add(&s_est, &s_obs));
+    TEST_ASSERT_EQUAL_UINT32(n, s_est.n_obs);
+}
+
+/* ---- adding ---- */
+
+void test_good_observations_are_kept_until_full(void)
+{
+    kc_obs_t *o = given_one();
+    for (uint32_t i = 0u; i < KC_MEAS_MAX; i++) { TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_add(&s_est, o)); }
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FULL, kc_est_add(&s_est, o));
+    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, s_est.n_obs);
+    TEST_ASSERT_EQUAL_MEMORY(o, &s_est.obs[KC_MEAS_MAX - 1u], sizeof *o);
+}
+
+void test_every_number_of_an_observation_must_be_finite(void)
+{
+    const size_t at[] = {offsetof(kc_obs_t, ctx.q),         offsetof(kc_obs_t, ctx.dir),
+                         offsetof(kc_obs_t, ctx.qdot),      offsetof(kc_obs_t, ctx.g_m_s2),
+                         offsetof(kc_obs_t, ctx.temp_c),    offsetof(kc_obs_t, ctx.t_s),
+                         offsetof(kc_obs_t, ctx.range_m),   offsetof(kc_obs_t, ctx.payload_kg),
+                         offsetof(kc_obs_t, ctx.incid_rad), offsetof(kc_obs_t, ctx.u_norm),
+                         offsetof(kc_obs_t, ctx.v_norm),    offsetof(kc_obs_t, ctx.pan_rad),
+                         offsetof(kc_obs_t, ctx.tilt_rad),  offsetof(kc_obs_t, ctx.p_cam_tool_m),
+                         offsetof(kc_obs_t, p_m),           offsetof(kc_obs_t, q_wxyz),
+                         offsetof(kc_obs_t, cov)};
+    const double bad = NAN;
+    for (size_t i = 0; i < sizeof at / sizeof *at; i++) {
+        memcpy((unsigned char *)given_one() + at[i], &bad, sizeof bad);
+        assert_refused_unchanged();
+    }
+}
+
+void test_orientation_must_be_a_unit_quaternion_if_there_is_one(void)
+{
+    given_one()->q_wxyz[0] += 1e-3;
+    assert_refused_unchanged();
+    s_obs.has_rot = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_add(&s_est, &s_obs));
+}
+
+void test_camera_pose_is_checked_if_there_is_one(void)
+{
+    given_one()->p_cam_m[1] = INFINITY;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_add(&s_est, &s_obs));
+    s_obs.has_cam = 1u;
+    assert_refused_unchanged();
+    s_obs.p_cam_m[1] = 0.0;
+    assert_refused_unchanged(); /* zero quaternion */
+    s_obs.q_cam_wxyz[0] = 1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_add(&s_est, &s_obs));
+}
+
+void test_covariance_must_be_positive_definite_where_it_is_used(void)
+{
+    given_one()->cov[28] = 0.0; /* rotation part */
+    assert_refused_unchanged();
+    s_obs.has_rot = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_add(&s_est, &s_obs));
+    s_obs.cov[0] = -1e-6;
+    assert_refused_unchanged();
+}
+
+/* ---- refusals ---- */
+
+static void assert_solve_refused(void) { TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_est_solve(&s_est)); }
+
+void test_nothing_observed_is_refused(void) { assert_solve_refused(); }
+
+void test_options_out_of_range_are_refused(void)
+{
+    given(6u, 0.0);
+    const kc_est_opt_t good = s_est.opt;
+    s_est.opt.iter_max = 0u;
+    assert_solve_refused();
+    s_est.opt.iter_max = 101u;
+    assert_solve_refused();
+    s_est.opt = good;
+    s_est.opt.tol_step = 0.0;
+    assert_solve_refused();
+    s_est.opt = good;
+    s_est.opt.rank_tol = NAN;
+    assert_solve_refused();
+    s_est.opt = good;
+    s_est.opt.outlier_p = -0.1;
+    assert_solve_refused();
+    s_est.opt = good;
+    s_est.n_obs = KC_MEAS_MAX + 1u;
+    assert_solve_refused();
+}
+
+void test_bad_coefficient_tables_are_refused(void)
+{
+    given(6u, 0.0);
+    s_terms.coef[3].lb = 2.0;
+    assert_solve_refused();
+    given_terms(&s_terms);
+    s_terms.coef[3].scale = 0.0;
+    assert_solve_refused();
+    given_terms(&s_terms);
+    s_est.start[5] = NAN;
+    assert_solve_refused();
+    s_est.start[5] = 0.0;
+    s_terms.n_coef = KC_COEF_MAX + 1u;
+    assert_solve_refused();
+}
+
+void test_numbers_that_overflow_are_reported(void)
+{
+    given(6u, 0.0);
+    s_est.obs[2].p_m[0] = 1e300;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_est_solve(&s_est));
+}
+
+/* ---- solving ---- */
+
+void test_the_papers_errors_are_found_from_zero(void)
+{
+    given(12u, 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    for (uint32_t c = 0u; c < 28u; c++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, s_truth[c], s_est.coef[c]);
+        TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[c]);
+        TEST_ASSERT_TRUE(s_est.sigma[c] > 0.0);
+        TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[c]);
+    }
+    TEST_ASSERT_EQUAL_UINT32(28u, s_est.rank);
+    TEST_ASSERT_EQUAL_UINT32(28u, s_est.n_free);
+    TEST_ASSERT_EQUAL_UINT32(72u - 28u, s_est.dof);
+    TEST_ASSERT_EQUAL_UINT8(0u, s_est.weak);
+    TEST_ASSERT_TRUE(s_est.fit_pos_m < 1e-9 && s_est.before_pos_m > 0.1);
+    TEST_ASSERT_TRUE(s_est.fit_rot_rad < 1e-9 && s_est.before_rot_rad > 0.1);
+    TEST_ASSERT_TRUE(s_est.kkt < 1e-6);
+    TEST_ASSERT_TRUE(s_est.cond > 1.0 && s_est.cond < 1e4);
+}
+
+void test_noise_is_within_what_is_said(void)
+{
+    given(20u, 1.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    for (uint32_t c = 0u; c < 28u; c++) {
+        TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_est.sigma[c], s_truth[c], s_est.coef[c]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, s_est.sigma[c] * s_est.sigma[c], s_est.cov[c * (KC_COEF_MAX + 1u)]);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.3, 1.0, s_est.noise_scale);
+    TEST_ASSERT_TRUE(kc_chi2_sf(s_est.chi2, s_est.dof) > 1e-3);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, s_est.chi2, s_est.cost);
+}
+
+void test_same_data_same_bits(void)
+{
+    given(9u, 1.0);
+    (void)kc_est_solve(&s_est);
+    memcpy(&s_other, &s_est, sizeof s_est);
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_MEMORY(s_other.coef, s_est.coef, sizeof s_est.coef);
+    TEST_ASSERT_EQUAL_MEMORY(s_other.cov, s_est.cov, sizeof s_est.cov);
+}
+
+void test_few_poses_use_the_weak_prior_and_say_so(void)
+{
+    given(6u, 1.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.weak);
+    TEST_ASSERT_TRUE(s_est.cost > s_est.chi2);
+    for (uint32_t c = 0u; c < 28u; c++) {
+        TEST_ASSERT_TRUE(s_est.sigma[c] <= KC_EST_WEAK_SIGMA * s_terms.coef[c].scale);
+    }
+}
+
+void test_iteration_limit_keeps_the_best_so_far(void)
+{
+    given(12u, 1.0);
+    s_est.opt.iter_max = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, kc_est_solve(&s_est));
+    TEST_ASSERT_TRUE(s_est.fit_pos_m < s_est.before_pos_m);
+    TEST_ASSERT_EQUAL_UINT32(28u, s_est.rank);
+}
+
+void test_cost_never_rises_with_more_iterations(void)
+{
+    double cost = INFINITY;
+    given(8u, 1.0);
+    s_est.opt.outlier_max = 0u;
+    for (uint32_t it = 1u; it < 20u; it++) {
+        s_est.opt.iter_max = it;
+        (void)kc_est_solve(&s_est);
+        TEST_ASSERT_TRUE(s_est.cost <= cost);
+        cost = s_est.cost;
+    }
+}
+
+void test_masked_and_disabled_coefficients_keep_their_start(void)
+{
+    given(12u, 0.0);
+    s_est.opt.free_mask = ~((uint64_t)1u << 5);
+    s_terms.coef[9].enabled = 0u;
+    s_est.start[5] = 0.4; /* the truth, so the rest can still be found */
+    s_est.start[9] = 0.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_MASKED, s_est.status[5]);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_MASKED, s_est.status[9]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.4, s_est.coef[5]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, s_est.sigma[5]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.3, s_est.coef[24]);
+    TEST_ASSERT_EQUAL_UINT32(26u, s_est.n_free);
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
+        TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, s_est.cov[5u * KC_COEF_MAX + c]);
+        TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, s_est.cov[c * KC_COEF_MAX + 9u]);
+    }
+}
+
+void test_bounds_hold_for_the_total_and_are_reported(void)
+{
+    given(12u, 0.0);
+    s_terms.coef[24].ub = 1.2;
+    s_terms.coef[5].lb = 0.5;
+    s_est.start[5] = 0.0; /* clipped to 0.5 */
+    s_est.opt.outlier_max = 0u;
+    TEST_ASSERT_TRUE(kc_est_solve(&s_est) == KC_OK);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.2, s_est.coef[24]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.5, s_est.coef[5]);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_AT_UPPER, s_est.status[24]);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_AT_LOWER, s_est.status[5]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, s_est.sigma[24]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, s_est.cov[5u * (KC_COEF_MAX + 1u)]);
+    TEST_ASSERT_TRUE(s_est.sigma[0] > 0.0);
+    TEST_ASSERT_TRUE(s_est.kkt < 1e-5);
+    uint32_t at_bound = 0u;
+    for (uint32_t c = 0u; c < 28u; c++) { at_bound += s_est.status[c] != KC_COEF_ESTIMATED; }
+    TEST_ASSERT_EQUAL_UINT32(72u - 28u + at_bound, s_est.dof);
+}
+
+void test_priors_pull_and_enter_the_cost(void)
+{
+    given(12u, 1.0);
+    s_est.opt.use_prior = 1u;
+    s_terms.coef[0].prior_sigma = 1e-6;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_DOUBLE_WITHIN(3e-6, 0.0, s_est.coef[0]);
+    TEST_ASSERT_TRUE(s_est.sigma[0] <= 1e-6);
+    TEST_ASSERT_TRUE(s_est.cost > s_est.chi2);
+}
+
+void test_replicates_count_as_rows_but_not_as_rank(void)
+{
+    kc_obs_t *o = given_one();
+    for (int i = 0; i < 10; i++) { (void)kc_est_add(&s_est, o); }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(6u, s_est.rank);
+    TEST_ASSERT_EQUAL_UINT32(54u, s_est.dof);
+}
+
+void test_one_look_without_freedom_to_spare_has_no_noise_scale(void)
+{
+    given(1u, 1.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.dof);
+    TEST_ASSERT_DOUBLE_WITHIN(0.0, 1.0, s_est.noise_scale);
+}
+
+void test_position_only_has_no_rotation_residual(void)
+{
+    s_arm.tool_xyz_m[2] = 0.0; /* on the last axis: rank 24 */
+    given(20u, 1.0);
+    for (uint32_t i = 0u; i < 20u; i++) { s_est.obs[i].has_rot = 0u; }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(24u, s_est.rank);
+    TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, s_est.fit_rot_rad);
+    TEST_ASSERT_EQUAL_UINT32(60u - 24u, s_est.dof);
+}
+
+void test_pose_covariance_is_that_of_the_coefficients_seen_through_the_jacobian(void)
+{
+    static kc_eval_t work;
+    double cov[36];
+    double p[3] = {0.0, 0.0, 0.0};
+    kc_loads_t loads;
+    given(12u, 1.0);
+    (void)kc_est_solve(&s_est);
+    kc_est_pose_cov(&s_est, &s_est.obs[3].ctx, &work, cov);
+    kc_model_loads(&s_arm, &s_terms, s_est.coef, &s_est.obs[3].ctx, &loads);
+    kc_model_eval(&s_arm, &s_terms, s_est.coef, &s_est.obs[3].ctx, &loads, 1, &s_other.eval);
+    for (uint32_t i = 0u; i < 28u; i++) {
+        for (uint32_t j = 0u; j < 28u; j++) {
+            for (int k = 0; k < 3; k++) {
+                p[k] += s_other.eval.J[i][k] * s_est.cov[i * KC_COEF_MAX + j] * s_other.eval.J[j][k];
+            }
+        }
+    }
+    for (int k = 0; k < 3; k++) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, p[k], cov[7 * k]); }
+    TEST_ASSERT_TRUE(cov[0] > 0.0 && cov[0] < 1e-5);
+}

@@ -1,0 +1,169 @@
+/* kc_ident.c: what the data cannot tell is named and left alone. */
+#include <math.h>
+#include <string.h>
+
+#include "given_looks.h"
+#include "given_tables.h"
+#include "kc_estimate.h"
+#include "unity.h"
+
+static kc_arm_t s_arm;
+static kc_terms_t s_terms;
+static kc_est_t s_est;
+static double s_truth[KC_COEF_MAX];
+
+void setUp(void);
+void setUp(void)
+{
+    given_arm(&s_arm);
+    given_terms(&s_terms);
+    given_paper_errors(s_truth);
+}
+
+static uint32_t count(uint8_t status)
+{
+    uint32_t n = 0u;
+    for (uint32_t c = 0u; c < s_terms.n_coef; c++) { n += s_est.status[c] == status; }
+    return n;
+}
+
+static uint32_t add_coef(uint8_t frame, uint8_t comp, uint8_t var)
+{
+    const uint32_t c = s_terms.n_coef++;
+    kc_term_t *t = &s_terms.term[s_terms.n_term++];
+    memset(&s_terms.coef[c], 0, sizeof s_terms.coef[c]);
+    memset(t, 0, sizeof *t);
+    s_terms.coef[c].lb = -1.0;
+    s_terms.coef[c].ub = 1.0;
+    s_terms.coef[c].scale = 0.1;
+    s_terms.coef[c].enabled = 1u;
+    t->coef = (uint16_t)c;
+    t->frame = frame;
+    t->comp = comp;
+    t->gain = 1.0;
+    t->basis[0].var = var;
+    t->basis[0].c1 = t->basis[1].c1 = 1.0;
+    return c;
+}
+
+static void assert_held_at_start(void)
+{
+    for (uint32_t c = 0u; c < s_terms.n_coef; c++) {
+        if (s_est.status[c] != KC_COEF_HELD) { continue; }
+        TEST_ASSERT_DOUBLE_WITHIN(0.0, s_est.start[c], s_est.coef[c]);
+        TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.0, s_est.sigma[c]);
+    }
+}
+
+/* No tool offset, position only: rank 24 (method, section 1). */
+void test_position_only_leaves_four_undetermined_and_names_their_company(void)
+{
+    s_arm.tool_xyz_m[2] = 0.0;
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 30u, 1.0);
+    for (uint32_t i = 0u; i < 30u; i++) { s_est.obs[i].has_rot = 0u; }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(24u, s_est.rank);
+    TEST_ASSERT_EQUAL_UINT32(4u, count(KC_COEF_HELD));
+    assert_held_at_start();
+    for (uint32_t c = 0u; c < 28u; c++) {
+        TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[c] & ((uint64_t)1u << c)); /* others, not itself */
+    }
+    TEST_ASSERT_TRUE(s_est.fit_pos_m < 2.0 * LOOK_POS_M);
+}
+
+void test_too_few_poses_determine_as_many_as_there_are_rows(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 3u, 1.0);
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(18u, s_est.rank);
+    TEST_ASSERT_EQUAL_UINT32(10u, count(KC_COEF_HELD));
+    assert_held_at_start();
+    for (uint32_t c = 0u; c < 28u; c++) {
+        if (s_est.status[c] == KC_COEF_HELD) { TEST_ASSERT_TRUE(s_est.entangled[c] != 0u); }
+    }
+}
+
+void test_two_names_for_one_effect_are_entangled_with_each_other_only(void)
+{
+    const uint32_t twin = add_coef(0u, KC_RZ, KC_VAR_ONE); /* base turn = J1.phi */
+    s_terms.coef[twin].scale = s_terms.coef[0].scale;
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 12u, 1.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(28u, s_est.rank);
+    TEST_ASSERT_EQUAL_UINT32(29u, s_est.n_free);
+    TEST_ASSERT_EQUAL_UINT64((uint64_t)1u << twin, s_est.entangled[0]);
+    TEST_ASSERT_EQUAL_UINT64((uint64_t)1u, s_est.entangled[twin]);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[0]); /* equal columns: the first is kept */
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[twin]);
+    TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_est.sigma[24], 1.3, s_est.coef[24]);
+}
+
+void test_no_effect_at_all_is_held_without_company(void)
+{
+    const uint32_t idle = add_coef(0u, KC_TX, KC_VAR_PAYLOAD); /* nothing was carried */
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 12u, 1.0);
+    s_est.start[idle] = 0.3;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[idle]);
+    TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[idle]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.3, s_est.coef[idle]);
+}
+
+void test_masking_the_twin_frees_the_other(void)
+{
+    const uint32_t twin = add_coef(0u, KC_RZ, KC_VAR_ONE);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 12u, 1.0);
+    s_est.opt.free_mask = ~(uint64_t)1u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_MASKED, s_est.status[0]);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[twin]);
+    TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[twin]);
+}
+
+void test_nothing_determined_is_reported_and_start_kept(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 1.0);
+    const uint32_t idle = add_coef(0u, KC_TX, KC_VAR_PAYLOAD);
+    s_est.opt.free_mask = (uint64_t)1u << idle;
+    s_est.start[idle] = 0.2;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.rank);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[idle]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.2, s_est.coef[idle]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, s_est.before_pos_m, s_est.fit_pos_m);
+    TEST_ASSERT_EQUAL_UINT32(30u, s_est.dof);
+}
+
+void test_nothing_asked_for_is_the_same(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 1.0);
+    s_est.opt.free_mask = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_free);
+    TEST_ASSERT_EQUAL_UINT32(28u, count(KC_COEF_MASKED));
+}
+
+/* Position only: a turn about the tool's axis moves nothing until tx says that the tool is off the axis. */
+void test_rank_is_judged_again_where_the_fit_ended(void)
+{
+    uint64_t rng = 5u;
+    double truth[KC_COEF_MAX] = {0.0};
+    double q[KC_JOINT_MAX];
+    kc_obs_t obs;
+    memset(&s_terms, 0, sizeof s_terms);
+    (void)add_coef(7u, KC_RZ, KC_VAR_ONE);
+    (void)add_coef(KC_FRAME_TOOL, KC_TX, KC_VAR_ONE);
+    truth[0] = 0.3;
+    truth[1] = 0.05;
+    given_session(&s_est, &s_arm, &s_terms, truth, 0u, 0.0);
+    for (int i = 0; i < 10; i++) {
+        given_joints(&s_arm, &rng, q);
+        given_look(&s_arm, &s_terms, truth, q, 0.0, &rng, &obs);
+        obs.has_rot = 0u;
+        (void)kc_est_add(&s_est, &obs);
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(2u, s_est.rank);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-8, 0.3, s_est.coef[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-8, 0.05, s_est.coef[1]);
+}

@@ -1,0 +1,107 @@
+/* kc_outlier.c: wrong poses go, good ones stay. */
+#include <math.h>
+#include <string.h>
+
+#include "given_looks.h"
+#include "given_tables.h"
+#include "kc_estimate.h"
+#include "unity.h"
+
+static kc_arm_t s_arm;
+static kc_terms_t s_terms;
+static kc_est_t s_est;
+static double s_truth[KC_COEF_MAX];
+
+void setUp(void);
+void setUp(void)
+{
+    given_arm(&s_arm);
+    given_terms(&s_terms);
+    given_paper_errors(s_truth);
+}
+
+static void assert_truth_within_4_sigma(void)
+{
+    for (uint32_t c = 0u; c < 28u; c++) {
+        TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_est.sigma[c], s_truth[c], s_est.coef[c]);
+    }
+}
+
+void test_good_poses_stay(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 20u, 1.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+}
+
+void test_a_wrong_pose_goes_and_the_fit_is_repeated_without_it(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 15u, 1.0);
+    s_est.obs[7].p_m[1] += 0.01; /* 20 sigma */
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.n_outliers);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.outlier[7]);
+    TEST_ASSERT_EQUAL_UINT32(84u - 28u, s_est.dof);
+    TEST_ASSERT_TRUE(s_est.fit_pos_m < 1e-3);
+    assert_truth_within_4_sigma();
+}
+
+void test_several_gross_ones_go_too(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 20u, 1.0);
+    s_est.obs[3].p_m[0] += 0.2;
+    s_est.obs[11].p_m[2] -= 0.05;
+    const double flipped[4] = {0.0, 1.0, 0.0, 0.0};
+    memcpy(s_est.obs[15].q_wxyz, flipped, sizeof flipped);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(3u, s_est.n_outliers);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.outlier[3] & s_est.outlier[11] & s_est.outlier[15]);
+    assert_truth_within_4_sigma();
+}
+
+void test_no_more_go_than_allowed(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 20u, 1.0);
+    s_est.opt.outlier_max = 1u;
+    s_est.obs[3].p_m[0] += 0.2;
+    s_est.obs[11].p_m[2] -= 0.05;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.n_outliers);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.outlier[3]);
+}
+
+void test_probability_zero_turns_rejection_off(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 15u, 1.0);
+    s_est.opt.outlier_p = 0.0;
+    s_est.obs[7].p_m[1] += 0.05;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+    TEST_ASSERT_TRUE(s_est.noise_scale > 2.0);
+}
+
+void test_a_pose_that_alone_tells_something_is_not_judged(void)
+{
+    /* five poses, 30 rows for 28 unknowns: whatever is wrong, no pose can be told from the others */
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 1.0);
+    s_est.obs[2].p_m[0] += 0.1;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+}
+
+void test_noise_larger_than_stated_is_no_reason_to_reject(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 25u, 4.0);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 4.0, s_est.noise_scale);
+}
+
+void test_a_fit_that_ran_out_of_iterations_judges_nobody(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 15u, 1.0);
+    s_est.obs[7].p_m[1] += 0.05;
+    s_est.opt.iter_max = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+}
