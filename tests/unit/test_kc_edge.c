@@ -1,0 +1,275 @@
+/* kc_edge.c: the process's loop over LCM's in-memory network. */
+#define _DEFAULT_SOURCE /* NOLINT: mkdtemp */
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "given_tables.h"
+#include "given_world.h"
+#include "kc_edge.h"
+#include "kcm_ack_t.h"
+#include "kcm_arm_state_t.h"
+#include "kcm_cmd_t.h"
+#include "kcm_detection_t.h"
+#include "kcm_event_t.h"
+#include "kcm_hk_t.h"
+#include "kcm_pantilt_state_t.h"
+#include "kcm_table_chunk_t.h"
+#include "kcm_tick_done_t.h"
+#include "kcm_time_t.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+static kc_edge_t s_e;
+static kc_files_t s_f;
+static char s_dir[64];
+static uint8_t s_buf[4096];
+static kcm_tick_done_t s_done;
+static kcm_ack_t s_ack;
+static uint32_t s_n_done, s_n_ack, s_n_hk, s_n_event, s_n_down, s_n_arm_cmd;
+static volatile int s_stop;
+
+static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
+{
+    (void)user;
+    int n = (int)b->data_size;
+    if (strcmp(channel, "KC_TICK_DONE") == 0) {
+        s_n_done++;
+        TEST_ASSERT_TRUE(kcm_tick_done_t_decode(b->data, 0, n, &s_done) > 0);
+        if (s_done.tick >= 3) { s_stop = 1; }
+    } else if (strcmp(channel, "KC_ACK") == 0) {
+        s_n_ack++;
+        TEST_ASSERT_TRUE(kcm_ack_t_decode(b->data, 0, n, &s_ack) > 0);
+    }
+    s_n_hk += strcmp(channel, "KC_HK") == 0;
+    if (s_e.live && s_n_hk >= 1u) { s_stop = 1; }
+    s_n_event += strcmp(channel, "KC_EVENT") == 0;
+    s_n_down += strcmp(channel, "KC_TABLE_DOWN") == 0;
+    s_n_arm_cmd += strcmp(channel, "KC_ARM_CMD") == 0;
+}
+
+static void given_edge(int live)
+{
+    given_world();
+    world_boot();
+    s_n_done = s_n_ack = s_n_hk = s_n_event = s_n_down = s_n_arm_cmd = 0u;
+    s_stop = 0;
+    memcpy(s_dir, "/tmp/kc_edge_XXXXXX", 20u);
+    TEST_ASSERT_NOT_NULL(mkdtemp(s_dir));
+    TEST_ASSERT_EQUAL_INT(0, kc_files_open(&s_f, s_dir));
+    TEST_ASSERT_EQUAL_INT(0, kc_edge_open(&s_e, "memq://", &s_f, APP, live));
+    (void)lcm_subscription_set_queue_capacity(lcm_subscribe(s_e.lcm, "KC_.*", on_any, NULL), 10000);
+}
+
+void setUp(void);
+void setUp(void) { given_edge(0); }
+
+void tearDown(void);
+void tearDown(void)
+{
+    char cmd[80];
+    kc_edge_close(&s_e);
+    (void)close(s_f.dir_fd);
+    (void)snprintf(cmd, sizeof cmd, "rm -rf %s", s_dir);
+    TEST_ASSERT_EQUAL_INT(0, system(cmd)); // NOLINT(cert-env33-c): the folder is our own
+}
+
+#define SEND(type, channel, msg)                                                                                 \
+    (void)lcm_publish(s_e.lcm, channel, s_buf,                                                                   \
+                      (unsigned)kcm_##type##_encode(s_buf, 0, (int)sizeof s_buf, &(msg)))
+
+static void pump(void)
+{
+    while (lcm_handle_timeout(s_e.lcm, 0) > 0) { kc_edge_tick(&s_e); }
+}
+
+static void send_time(int64_t tick)
+{
+    const kcm_time_t t = {tick, tick * 100000};
+    SEND(time_t, "KC_TIME", t);
+}
+
+static void send_arm(int64_t tick)
+{
+    static kcm_arm_state_t a;
+    kcm_pantilt_state_t h = {tick * 100000, (int32_t)tick, 0.0, 0.0, 0};
+    a.t_us = tick * 100000;
+    a.seq = (int32_t)tick;
+    a.n_joints = 7;
+    SEND(arm_state_t, "KC_ARM_STATE", a);
+    SEND(pantilt_state_t, "KC_PANTILT_STATE", h);
+}
+
+static void send_cmd(int64_t t_us, int32_t seq, int32_t opcode, int32_t a0)
+{
+    kcm_cmd_t c;
+    memset(&c, 0, sizeof c);
+    c.t_us = t_us;
+    c.seq = seq;
+    c.source = 2;
+    c.opcode = opcode;
+    c.arg_i[0] = a0;
+    SEND(cmd_t, "KC_CMD", c);
+}
+
+void test_a_tick_is_done_once_and_its_answer_repeated(void)
+{
+    send_time(1);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(1u, s_n_done);
+    TEST_ASSERT_EQUAL_INT64(1, s_done.tick);
+    TEST_ASSERT_EQUAL_INT(KCM_TICK_DONE_T_WHO_FSW, s_done.who);
+    int32_t n = s_done.n_published;
+    TEST_ASSERT_EQUAL_INT((int)(s_n_event + s_n_hk), n);
+    uint64_t now = APP->now_us;
+    send_time(1);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(2u, s_n_done);
+    TEST_ASSERT_EQUAL_INT(n, s_done.n_published);
+    TEST_ASSERT_EQUAL_UINT64(now, APP->now_us);
+    send_time(2);
+    pump();
+    TEST_ASSERT_EQUAL_INT64(2, s_done.tick);
+    TEST_ASSERT_EQUAL_INT(0, s_done.n_published);
+}
+
+void test_a_command_waits_for_the_tick_after_its_stamp(void)
+{
+    send_time(1);
+    pump();
+    send_cmd(200000, 1, KC_CMD_NOOP, 0);
+    send_time(2);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(0u, s_n_ack);
+    send_time(3);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(1u, s_n_ack);
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_ack.status);
+    TEST_ASSERT_EQUAL_INT(2, s_ack.source);
+}
+
+void test_sensor_messages_count_in_their_own_tick(void)
+{
+    send_arm(1);
+    send_time(1);
+    pump();
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_arm);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_head);
+}
+
+void test_a_calibration_starts_over_the_network_and_moves_the_arm(void)
+{
+    send_arm(1);
+    send_time(1);
+    pump();
+    send_cmd(100000, 1, KC_CMD_START, -1);
+    send_arm(2);
+    send_time(2);
+    pump();
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_ack.status);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_n_arm_cmd);
+    TEST_ASSERT_TRUE(kc_app_calibrating(APP));
+}
+
+void test_a_table_goes_up_and_comes_down(void)
+{
+    static kcm_table_chunk_t c;
+    world.config.n_poses = 9u;
+    uint32_t n = given_image(KC_TBL_CONFIG, &world.config, world.image);
+    int32_t crc = (int32_t)kc_tbl_image_crc(world.image, n);
+    c.t_us = 50000;
+    c.kind = KC_TBL_CONFIG;
+    c.total_bytes = c.n = (int32_t)n;
+    memcpy(c.data, world.image, n);
+    SEND(table_chunk_t, "KC_TABLE_UP", c);
+    send_time(1);
+    pump();
+    kcm_cmd_t v;
+    memset(&v, 0, sizeof v);
+    v.t_us = 100000;
+    v.source = 2;
+    v.arg_i[0] = KC_TBL_CONFIG;
+    v.arg_i[1] = crc;
+    for (int32_t k = 0; k < 2; k++) {
+        v.seq = k + 1;
+        v.opcode = KC_CMD_TABLE_VALIDATE + k;
+        SEND(cmd_t, "KC_CMD", v);
+    }
+    send_time(2);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
+    TEST_ASSERT_TRUE(s_f.there[KC_TBL_CONFIG][0]); /* stored before anybody heard of it */
+    send_cmd(200000, 3, KC_CMD_TABLE_DUMP, KC_TBL_CONFIG);
+    send_time(3);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(1u, s_n_down);
+}
+
+void test_rubbish_and_what_finds_no_room_is_counted(void)
+{
+    static const char *const channels[] = {"KC_CMD", "KC_TABLE_UP", "KC_ARM_STATE", "KC_PANTILT_STATE",
+                                           "KC_DETECTION", "KC_TIME"};
+    static kcm_table_chunk_t c;
+    static kcm_detection_t d;
+    for (uint32_t i = 0u; i < 6u; i++) { (void)lcm_publish(s_e.lcm, channels[i], "rubbish", 7u); }
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(6u, s_e.n_rx_errors);
+    d.t_us = c.t_us = 50000;
+    for (uint32_t i = 0u; i < KC_Q_CMD + 1u; i++) { send_cmd(50000, 1, 0, 0); }
+    for (uint32_t i = 0u; i < KC_Q_CHUNK + 1u; i++) { SEND(table_chunk_t, "KC_TABLE_UP", c); }
+    for (uint32_t i = 0u; i < KC_Q_DET + 1u; i++) { SEND(detection_t, "KC_DETECTION", d); }
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(9u, s_e.n_rx_errors);
+    send_time(1);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(9u, APP->n_rx_errors);
+}
+
+void test_a_store_that_fails_is_told_with_the_next_step(void)
+{
+    int fd = s_f.dir_fd;
+    s_f.dir_fd = -1;
+    send_time(1); /* boot: the journal is stored */
+    pump();
+    s_f.dir_fd = fd;
+    TEST_ASSERT_EQUAL_UINT8(1u, s_e.in.has_store_result);
+    TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, s_e.in.store_kind);
+    uint32_t before = s_n_event;
+    send_time(2);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(before + 1u, s_n_event);
+}
+
+void test_a_negative_time_is_taken_for_zero(void)
+{
+    kc_edge_step(&s_e, -5);
+    TEST_ASSERT_EQUAL_UINT64(0u, APP->now_us);
+}
+
+void test_it_says_hello_until_the_first_tick_and_runs_until_it_is_stopped(void)
+{
+    for (int64_t k = 1; k <= 3; k++) { send_time(k); }
+    TEST_ASSERT_EQUAL_INT(0, kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_EQUAL_UINT32(4u, s_n_done); /* tick 0 and three more */
+    TEST_ASSERT_EQUAL_INT64(3, s_e.tick);
+}
+
+void test_live_it_steps_by_the_clock_and_takes_messages_at_once(void)
+{
+    tearDown();
+    given_edge(1);
+    send_cmd(INT64_MAX, 1, KC_CMD_NOOP, 0); /* whatever clock the sender has */
+    TEST_ASSERT_EQUAL_INT(0, kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_TRUE(s_n_hk >= 1u);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_n_done);
+    TEST_ASSERT_TRUE(APP->now_us > 1600000000000000u);
+}
+
+void test_a_network_that_cannot_be_made_is_refused(void)
+{
+    static kc_edge_t e;
+    TEST_ASSERT_EQUAL_INT(-1, kc_edge_open(&e, "nonsense://", &s_f, APP, 0));
+}

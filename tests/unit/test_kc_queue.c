@@ -1,0 +1,119 @@
+/* kc_queue.c: when messages are due, and in which order. */
+#include <string.h>
+
+#include "kc_queue.h"
+#include "unity.h"
+
+static kc_queue_t s_q;
+static kc_in_t s_in;
+static kc_cmd_t s_c;
+static kc_chunk_t s_k;
+static kc_detection_t s_d;
+
+void setUp(void);
+void setUp(void)
+{
+    memset(&s_q, 0, sizeof s_q);
+    memset(&s_in, 0, sizeof s_in);
+}
+
+static int cmd(int64_t t, int32_t source, int32_t seq)
+{
+    s_c.source = source;
+    s_c.seq = seq;
+    return kc_queue_cmd(&s_q, t, 1000, &s_c);
+}
+
+static int chunk(int64_t t, int32_t kind, uint32_t offset)
+{
+    s_k.kind = kind;
+    s_k.offset = offset;
+    return kc_queue_chunk(&s_q, t, 1000, &s_k);
+}
+
+static int det(int64_t t, int32_t seq)
+{
+    s_d.seq = seq;
+    return kc_queue_det(&s_q, t, 1000, &s_d);
+}
+
+void test_a_message_is_due_when_its_time_has_passed(void)
+{
+    (void)cmd(1000, 1, 1);
+    (void)chunk(1000, 1, 0u);
+    (void)det(1000, 1);
+    kc_queue_take(&s_q, 1000, &s_in);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_in.n_cmd + s_in.n_chunk + s_in.n_det);
+    kc_queue_take(&s_q, 1001, &s_in);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_in.n_cmd);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_in.n_chunk);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_in.n_det);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_q.n_cmd + s_q.n_chunk + s_q.n_det);
+}
+
+void test_order_does_not_depend_on_arrival(void)
+{
+    static const int order[3][6] = {{0, 1, 2, 3, 4, 5}, {5, 4, 3, 2, 1, 0}, {3, 0, 5, 1, 4, 2}};
+    for (int o = 0; o < 3; o++) {
+        setUp();
+        for (int i = 0; i < 6; i++) {
+            int k = order[o][i];
+            (void)cmd(k % 2 ? 500 : 400, 1 + k / 3, k); /* sources 1 1 1 2 2 2 */
+            (void)chunk(k < 3 ? 100 : 200, 7 - (k % 3), (uint32_t)k);
+            if (k < 4) { (void)det(300 + k, 10 - k); }
+        }
+        kc_queue_take(&s_q, 900, &s_in);
+        const int32_t kinds[6] = {5, 6, 7, 5, 6, 7};
+        for (int i = 0; i < 6; i++) {
+            TEST_ASSERT_EQUAL_INT(i, s_in.cmd[i].seq);
+            TEST_ASSERT_EQUAL_INT(kinds[i], s_in.chunk[i].kind);
+        }
+        TEST_ASSERT_EQUAL_UINT32(2u, s_in.chunk[0].offset); /* the earlier upload */
+        for (int i = 0; i < 4; i++) { TEST_ASSERT_EQUAL_INT(7 + i, s_in.det[i].seq); }
+    }
+}
+
+void test_chunks_of_one_kind_come_by_offset(void)
+{
+    (void)chunk(5, 3, 2048u);
+    (void)chunk(5, 3, 0u);
+    (void)chunk(5, 3, 1024u);
+    kc_queue_take(&s_q, 6, &s_in);
+    for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_EQUAL_UINT32(1024u * i, s_in.chunk[i].offset); }
+}
+
+void test_a_step_takes_what_it_can_and_leaves_the_rest(void)
+{
+    for (int32_t i = 0; i < 12; i++) {
+        (void)cmd(1, 1, 12 - i);
+        (void)chunk(1, 1, (uint32_t)(12 - i));
+        if (i < 6) { (void)det(1, 6 - i); }
+    }
+    kc_queue_take(&s_q, 2, &s_in);
+    TEST_ASSERT_EQUAL_UINT32(KC_CMD_QUEUE_MAX, s_in.n_cmd);
+    TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_QUEUE_MAX, s_in.n_chunk);
+    TEST_ASSERT_EQUAL_UINT32(KC_DET_QUEUE_MAX, s_in.n_det);
+    memset(&s_in, 0, sizeof s_in);
+    kc_queue_take(&s_q, 2, &s_in);
+    TEST_ASSERT_EQUAL_INT(9, s_in.cmd[0].seq);
+    TEST_ASSERT_EQUAL_UINT32(9u, s_in.chunk[0].offset);
+    TEST_ASSERT_EQUAL_INT(5, s_in.det[0].seq);
+    TEST_ASSERT_EQUAL_UINT32(4u, s_in.n_cmd);
+}
+
+void test_what_finds_no_room_or_lies_too_far_ahead_is_refused(void)
+{
+    for (uint32_t i = 0u; i < KC_Q_CMD; i++) { TEST_ASSERT_EQUAL_INT(0, cmd(1, 1, 1)); }
+    for (uint32_t i = 0u; i < KC_Q_CHUNK; i++) { TEST_ASSERT_EQUAL_INT(0, chunk(1, 1, 1u)); }
+    for (uint32_t i = 0u; i < KC_Q_DET; i++) { TEST_ASSERT_EQUAL_INT(0, det(1, 1)); }
+    TEST_ASSERT_EQUAL_INT(-1, cmd(1, 1, 1));
+    TEST_ASSERT_EQUAL_INT(-1, chunk(1, 1, 1u));
+    TEST_ASSERT_EQUAL_INT(-1, det(1, 1));
+    setUp();
+    TEST_ASSERT_EQUAL_INT(-1, cmd(1001 + KC_Q_AHEAD_US, 1, 1));
+    TEST_ASSERT_EQUAL_INT(-1, chunk(1001 + KC_Q_AHEAD_US, 1, 1u));
+    TEST_ASSERT_EQUAL_INT(-1, det(1001 + KC_Q_AHEAD_US, 1));
+    TEST_ASSERT_EQUAL_INT(0, det(INT64_MIN, 1)); /* live: due at once */
+    kc_queue_take(&s_q, 0, &s_in);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_in.n_det);
+}
