@@ -3,8 +3,8 @@
     python -m kincal_sim.launch paper --out build/run --fast
 
 First line of output: JSON with the LCM URL, so that others can attach. Last line: JSON with the result.
-In DIR: truth.json, result.json, touched.json, launch.json, run.lcmlog, logs/, store/. Exit status 0 only if the
-calibration succeeded and came to the verdict that the scenario expects.
+In DIR: truth.json, result.json, touched.json, launch.json, run.lcmlog, logs/, store/. Exit status 0 only if
+the calibration succeeded and came to the verdict that the scenario expects.
 """
 
 from __future__ import annotations
