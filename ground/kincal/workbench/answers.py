@@ -213,7 +213,10 @@ def diagnosis_text(d: Diagnosis, poses: list[dict] | None = None) -> str:
     if d.not_testable:
         lines.append("not testable on these data:")
         absorbed = "absorbed by the fitted parameters (DH, base, tool)"
-        lines += [f"      {n.name}: {'needs ' + ', '.join(n.needs) if n.needs else absorbed}" for n in d.not_testable]
+        lines += [
+            f"      {n.name}: {'needs ' + ', '.join(n.needs) if n.needs else absorbed}"
+            for n in d.not_testable
+        ]
     if poses:
         lines.append(poses_text(poses))
     if d.effects:

@@ -72,7 +72,13 @@ class FitResult:
 
 
 def choose_constants(
-    library: Library, names, arm: ArmTable, data: Measurements | None, *, dh: bool = True, joined: bool = False
+    library: Library,
+    names,
+    arm: ArmTable,
+    data: Measurements | None,
+    *,
+    dh: bool = True,
+    joined: bool = False,
 ) -> list[Hypothesis]:
     """Hypotheses for effect names, each grid constant (step time ...) at the value with the least cost.
 
@@ -110,14 +116,18 @@ def advise(diagnosis: Diagnosis, library: Library, *, count: int = 4) -> list[di
     return poses_json(next_poses(base, rivals, count=count))
 
 
-def report(path, diagnosis: Diagnosis, library: Library, arm, data, effects, poses, progress=None) -> list[Path]:
+def report(
+    path, diagnosis: Diagnosis, library: Library, arm, data, effects, poses, progress=None
+) -> list[Path]:
     """Write the diagnosis report; returns the files."""
     from .report import write_report
 
     accepted = [h for h in diagnosis.final.hypotheses if h.name not in {e.name for e in effects}]
     ladder = climb(arm, data, [*effects, *accepted], diagnosis.comparison.noise_floor, progress=progress)
     fit_all = diagnosis.comparison.fit_all
-    testable = [e for e in library.effects.values() if not e.missing(arm, fit_all.chain.data) and not e.twin_of]
+    testable = [
+        e for e in library.effects.values() if not e.missing(arm, fit_all.chain.data) and not e.twin_of
+    ]
     named = []
     for effect in testable:
         if effect.per != "pair" or effect.pairs:
@@ -127,7 +137,9 @@ def report(path, diagnosis: Diagnosis, library: Library, arm, data, effects, pos
     shown = [h for h in named if any(p.terms for p in h.parameters)]
     next_ones = [NextPose(tuple(p["q"]), p["direction"], tuple(p["separates"]), p["power"]) for p in poses]
     rivals = [library.find(n, arm, data)[0] for n in (poses[0]["separates"] if poses else [])]
-    return write_report(path, diagnosis, ladder, confounding(fit_all, shown), harm(fit_all, shown), next_ones, rivals)
+    return write_report(
+        path, diagnosis, ladder, confounding(fit_all, shown), harm(fit_all, shown), next_ones, rivals
+    )
 
 
 def fit(

@@ -11,12 +11,16 @@ import click
 
 from .errors import BadInput, CannotAnswer
 
-ARM = click.option("--arm", "arm_path", required=True, type=click.Path(path_type=Path), help="Arm table (TOML).")
+ARM = click.option(
+    "--arm", "arm_path", required=True, type=click.Path(path_type=Path), help="Arm table (TOML)."
+)
 DATA = click.option("--data", "data_path", required=True, type=click.Path(path_type=Path),
                     help="Measurements: CSV, or an LCM log of the flight process.")  # fmt: skip
 MODEL = click.option("--model", "model_path", type=click.Path(path_type=Path), default=None,
                      help="Model file; absent: DH errors only.")  # fmt: skip
-MODEL_NEEDED = click.option("--model", "model_path", type=click.Path(path_type=Path), required=True, help="Model file.")
+MODEL_NEEDED = click.option(
+    "--model", "model_path", type=click.Path(path_type=Path), required=True, help="Model file."
+)
 EFFECTS = click.option("--effects", "effect_files", multiple=True, type=click.Path(path_type=Path),
                        help="A file with your own effects; may be given several times.")  # fmt: skip
 JSON = click.option("--json", "as_json", is_flag=True, help="Machine-readable answer.")
@@ -119,8 +123,13 @@ def compare_command(arm_path, data_path, model_path, effect_files, skip_bad, as_
 @EFFECTS
 @SKIP
 @JSON
-@click.option("--report", "report_path", type=click.Path(path_type=Path), default=None,
-              help="Write a self-contained page (HTML) and its figures (PNG).")
+@click.option(
+    "--report",
+    "report_path",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Write a self-contained page (HTML) and its figures (PNG).",
+)
 @_guarded
 def diagnose_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json, report_path) -> None:
     """Which physical effect is missing? Probabilities for every effect and joint, and for none of them.
@@ -140,7 +149,9 @@ def diagnose_command(arm_path, data_path, model_path, effect_files, skip_bad, as
     answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=progress)
     poses = advise(answer, library)
     files = report(report_path, answer, library, arm, data, effects, poses, progress) if report_path else []
-    click.echo(json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else diagnosis_text(answer, poses))
+    click.echo(
+        json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else diagnosis_text(answer, poses)
+    )
     for file in files[:1]:
         click.echo(f"report: {file} (figures beside it)", err=as_json)
 
@@ -171,7 +182,9 @@ def fit_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json
     arm, data = _load(arm_path, data_path, skip_bad)
     chosen, library = _model(model_path, effect_files)
     result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=_progress())
-    values = {n: (float(v), float(s)) for n, v, s in zip(result.names, result.estimate, result.std_err, strict=True)}
+    values = {
+        n: (float(v), float(s)) for n, v, s in zip(result.names, result.estimate, result.std_err, strict=True)
+    }
     write_model(model_path, replace(chosen, arm=str(arm_path), values=values))
     click.echo(json.dumps(fit_json(result), indent=1) if as_json else result.summary())
 
@@ -227,7 +240,9 @@ def _check_names(library, names) -> None:
             near = [n for n in library.effects if n.startswith(base[:4])] or list(library.effects)
             raise BadInput(f"no effect {base!r}; did you mean {', '.join(near[:6])}? (kincal model effects)")
         inside = joint.rstrip("]")
-        if joint and not (joint.endswith("]") and all(x.strip().isdigit() and int(x) > 0 for x in inside.split(","))):
+        if joint and not (
+            joint.endswith("]") and all(x.strip().isdigit() and int(x) > 0 for x in inside.split(","))
+        ):
             raise BadInput(f"{name!r}: write {base}[2] for one joint, or {base} for all")
         if joint and library.effects[base].per == "arm":
             raise BadInput(f"{base} concerns the whole arm; leave [{inside}] out")
@@ -369,12 +384,28 @@ def next_command(arm_path, data_path, model_path, effect_files, skip_bad, as_jso
 @model.command("uplink")
 @MODEL_NEEDED
 @EFFECTS
-@click.option("--arm", "arm_path", type=click.Path(path_type=Path), default=None,
-              help="Arm table; absent: the one the model was fitted with.")
-@click.option("--data", "data_path", type=click.Path(path_type=Path), default=None,
-              help="Measurements, for effects whose constants follow from them (step time, T0).")
-@click.option("--out", "-o", "out_path", type=click.Path(path_type=Path), default=None,
-              help="Image to write.  [default: MODEL with .tbl]")
+@click.option(
+    "--arm",
+    "arm_path",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Arm table; absent: the one the model was fitted with.",
+)
+@click.option(
+    "--data",
+    "data_path",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Measurements, for effects whose constants follow from them (step time, T0).",
+)
+@click.option(
+    "--out",
+    "-o",
+    "out_path",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Image to write.  [default: MODEL with .tbl]",
+)
 @_guarded
 def uplink_command(model_path, effect_files, arm_path, data_path, out_path) -> None:
     """The model as a correction-term table image for flight (uplink it with `kincal table uplink`).
@@ -391,7 +422,9 @@ def uplink_command(model_path, effect_files, arm_path, data_path, out_path) -> N
     chosen, library = _model(model_path, effect_files)
     where = arm_path or (Path(chosen.arm) if chosen.arm else None)
     if where is None:
-        raise BadInput(f"{model_path} does not say which arm it is for; run `kincal model fit` first or give --arm")
+        raise BadInput(
+            f"{model_path} does not say which arm it is for; run `kincal model fit` first or give --arm"
+        )
     arm = read_arm(where)
     data = read_measurements(data_path, arm.n) if data_path else None
     image = term_image(arm, choose_constants(library, chosen.effects, arm, data, dh=chosen.dh))

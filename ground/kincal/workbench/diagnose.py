@@ -456,9 +456,7 @@ def _conclude(
     novel = _novel(last) if novel_p > ACCEPT_ODDS * last.probability["none"] or novel_p > 0.5 else None
     heat = {(s.best.locus, " x ".join(s.best.drivers)): s.ln_bf for s in first.mapped}
     absorbed = [
-        NotTestable(s.name, ())
-        for s in first.scored
-        if s.score.absorbed >= ABSORBED and "[" not in s.name
+        NotTestable(s.name, ()) for s in first.scored if s.score.absorbed >= ABSORBED and "[" not in s.name
     ]
     return Diagnosis(
         comparison=comparison,

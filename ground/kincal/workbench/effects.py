@@ -338,7 +338,7 @@ def _read_effect(row: dict, source: str) -> Effect:
 
 
 def _needs_of(term: dict, where: str) -> list[str]:
-    letters = {letter: 1 for letter in "ij"}
+    letters = dict.fromkeys("ij", 1)
     constants = {"T0": 0.0, "tstart": 0.0, "tau": 1.0, "t0": 0.0, "tau0": 1.0, "N": 1.0}
     text = term.get("basis", "1")
     if not isinstance(text, str):

@@ -21,7 +21,11 @@ def is_log(path: str | Path) -> bool:
 
 def read_measurements(path: str | Path, n_joints: int, *, skip_bad: bool = False, session: int | None = None):
     """CSV or LCM log, by content. BadInput as read_csv; a log of another arm is refused."""
-    return read_log(path, n_joints, session=session) if is_log(path) else read_csv(path, n_joints, skip_bad=skip_bad)
+    return (
+        read_log(path, n_joints, session=session)
+        if is_log(path)
+        else read_csv(path, n_joints, skip_bad=skip_bad)
+    )
 
 
 def read_log(path: str | Path, n_joints: int, *, session: int | None = None) -> Measurements:

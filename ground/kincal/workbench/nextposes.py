@@ -42,7 +42,9 @@ def _candidates(fit: Fit, count: int, seed: int) -> Measurements:
     like = data.take(rng.integers(0, data.n, count))
     q = rng.uniform(low, high, (count, arm.n))
     direction = None if data.direction is None else rng.choice([-1.0, 1.0], (count, arm.n))
-    return replace(like, q=q, direction=direction, ids=tuple(str(i) for i in range(count)), split=None, replicate=None)
+    return replace(
+        like, q=q, direction=direction, ids=tuple(str(i) for i in range(count)), split=None, replicate=None
+    )
 
 
 def next_poses(

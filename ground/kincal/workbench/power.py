@@ -50,7 +50,9 @@ def confounding(fit: Fit, hypotheses) -> Confounding:
     absorbed = np.zeros(k)
     for i in range(k):
         own = float((designs[i] * projected[i]).sum()) / scale2
-        absorbed[i] = 1.0 - float((designs[i] * projected[i]).sum()) / max(float((designs[i] ** 2).sum()), 1e-300)
+        absorbed[i] = 1.0 - float((designs[i] * projected[i]).sum()) / max(
+            float((designs[i] ** 2).sum()), 1e-300
+        )
         d2[i, i] = own
         for j in range(k):
             if i != j:

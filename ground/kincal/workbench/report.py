@@ -40,14 +40,22 @@ def figure_ladder(ladder: Ladder) -> plt.Figure:
     fig, ax = plt.subplots(figsize=(7.5, 3.6))
     labels = list(dict.fromkeys(r.model for r in ladder.rungs))
     for (block, colour), mark in zip(
-        zip(dict.fromkeys(r.block for r in ladder.rungs), (BLUE, ORANGE, GREEN, RED), strict=False), "os^D", strict=False
+        zip(dict.fromkeys(r.block for r in ladder.rungs), (BLUE, ORANGE, GREEN, RED), strict=False),
+        "os^D",
+        strict=False,
     ):
         rungs = ladder.of(block)
         ax.plot(
-            [labels.index(r.model) for r in rungs], [r.pos_m * 1e3 for r in rungs], mark + "-", color=colour, label=block
+            [labels.index(r.model) for r in rungs],
+            [r.pos_m * 1e3 for r in rungs],
+            mark + "-",
+            color=colour,
+            label=block,
         )
     if ladder.floor.pos_m is not None:
-        ax.axhline(ladder.floor.pos_m * 1e3, color=GREY, ls="--", label=f"noise floor ({ladder.floor.source})")
+        ax.axhline(
+            ladder.floor.pos_m * 1e3, color=GREY, ls="--", label=f"noise floor ({ladder.floor.source})"
+        )
     ax.set_yscale("log")
     ax.set_xticks(range(len(labels)), labels, rotation=15 if len(labels) > 4 else 0)
     ax.set_ylabel("held-out position RMS [mm]")
@@ -61,7 +69,13 @@ def figure_posterior(d: Diagnosis) -> plt.Figure:
     """Probabilities, twins bracketed in the label."""
     rows = [("nothing missing", d.probability_none, GREY)]
     if d.novel:
-        rows.append((f"not in the library: {d.novel.locus} | {' x '.join(d.novel.depends_on)}", d.novel.probability, RED))
+        rows.append(
+            (
+                f"not in the library: {d.novel.locus} | {' x '.join(d.novel.depends_on)}",
+                d.novel.probability,
+                RED,
+            )
+        )
     for e in d.effects:
         twins = f"  [= {', '.join(e.confounded_with[:3])}]" if e.confounded_with else ""
         rows.append((e.name + twins, e.probability, BLUE if e.accepted else ORANGE))
@@ -114,7 +128,10 @@ def figure_vectors(d: Diagnosis) -> plt.Figure:
         ax.set_xlabel("x [m]")
         ax.set_ylabel("y [m]")
         ax.set_aspect("equal", adjustable="datalim")
-    fig.suptitle(f"Residuals from above (arrows magnified {0.08 * span / max(size, 1e-12):.0f}x, colour: z)", fontsize=9)
+    fig.suptitle(
+        f"Residuals from above (arrows magnified {0.08 * span / max(size, 1e-12):.0f}x, colour: z)",
+        fontsize=9,
+    )
     return fig
 
 
@@ -241,7 +258,9 @@ def write_report(
             file.write_bytes(buffer.getvalue())
             files.append(file)
             data = base64.b64encode(buffer.getvalue()).decode()
-            parts.append(f'<h2>{html.escape(title)}</h2><img alt="{html.escape(title)}" src="data:image/png;base64,{data}">')
+            parts.append(
+                f'<h2>{html.escape(title)}</h2><img alt="{html.escape(title)}" src="data:image/png;base64,{data}">'
+            )
     if poses:
         names = ", ".join(h.name for h in rivals)
         rows = "".join(

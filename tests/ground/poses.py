@@ -1,0 +1,101 @@
+"""Simulated measurements for workbench tests: a plain numpy chain, no flight code, effects as they are
+in physics (the true joint angle differs from the reading), one camera, stated covariance."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+# a, alpha, d, q_min, q_max, mass, centre of mass, gear ratio (method.md section 1)
+WAM = [
+    (0.0, -np.pi / 2, 0.0, -2.6, 2.6, 10.7677, (-0.00443, 0.12189, -0.00066), 42.0),
+    (0.0, np.pi / 2, 0.0, -2.0, 2.0, 3.8749, (-0.00237, 0.03106, 0.01542), 28.25),
+    (0.045, -np.pi / 2, 0.55, -2.8, 2.8, 1.8023, (-0.03826, 0.20751, 0.00003), 28.25),
+    (-0.045, np.pi / 2, 0.0, -0.9, 3.1, 2.1727, (0.00553, 0.00007, 0.11928), 18.0),
+    (0.0, -np.pi / 2, 0.30, -4.76, 1.24, 0.35656, (0.00005, 0.02886, 0.00148), 9.48),
+    (0.0, np.pi / 2, 0.0, -1.6, 1.6, 0.40916, (-0.00006, -0.01686, 0.02419), 9.48),
+    (0.0, 0.0, 0.06, -3.0, 3.0, 0.07548, (0.00015, 0.00007, -0.00335), 14.93),
+]
+BASE_Z_M, TOOL_Z_M = 0.346, 0.10
+CAMERA_M = np.array([-0.35, 0.45, 1.25])
+SIGMA = np.array([0.6e-3, 0.6e-3, 1.8e-3, 5e-3, 5e-3, 2e-3])
+
+
+def arm_toml(path: Path, *, masses: bool = True) -> Path:
+    """The WAM as a workbench arm table."""
+    lines = ['name = "WAM"', 'convention = "standard"', "gravity_m_s2 = [0.0, 0.0, -9.81]",
+             f"[base]\nxyz_m = [0.0, 0.0, {BASE_Z_M}]", f"[tool]\nxyz_m = [0.0, 0.0, {TOOL_Z_M}]"]  # fmt: skip
+    for a, alpha, d, low, high, mass, com, gear in WAM:
+        lines.append(
+            f'[[joint]]\ntype = "revolute"\na_m = {a}\nalpha_rad = {alpha}\nd_m = {d}\nphi_rad = 0.0\n'
+            f"q_min_rad = {low}\nq_max_rad = {high}\ngear_ratio = {gear}"
+        )
+        if masses:
+            lines.append(f"mass_kg = {mass}\ncom_m = {list(com)}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def link(a: float, alpha: float, d: float, theta: float) -> np.ndarray:
+    """Rz(theta) Tz(d) Tx(a) Rx(alpha), written out."""
+    c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+    return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
+
+
+def tool_pose(q: np.ndarray, dh_error: np.ndarray) -> np.ndarray:
+    """4x4 tool pose of the true arm; dh_error: (7, 4) of phi, alpha, a, d."""
+    out = np.eye(4)
+    out[2, 3] = BASE_Z_M
+    for (a, alpha, d, *_), angle, (dphi, dalpha, da, dd) in zip(WAM, q, dh_error, strict=True):
+        out = out @ link(a + da, alpha + dalpha, d + dd, angle + dphi)
+    tool = np.eye(4)
+    tool[2, 3] = TOOL_Z_M
+    return out @ tool
+
+
+def look_from(point: np.ndarray) -> np.ndarray:
+    """Rotation of a camera at CAMERA_M that looks at a point: z forward, y down."""
+    z = (point - CAMERA_M) / np.linalg.norm(point - CAMERA_M)
+    x = np.cross([0.0, 0.0, -1.0], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def quat_wxyz(matrix: np.ndarray) -> np.ndarray:
+    return np.roll(Rotation.from_matrix(matrix).as_quat(), 1)
+
+
+def poses_csv(path: Path, n: int, seed: int, true_q=None, *, dh_size: float = 3e-3,
+              noise_size: float = 1.0, position_only: bool = False) -> Path:  # fmt: skip
+    """n shuffled poses; true_q(q, direction) -> true joint angles (the hidden effect)."""
+    rng = np.random.default_rng(seed)
+    low, high = (np.array([row[k] for row in WAM]) for k in (3, 4))
+    dh_error = rng.normal(0.0, 1.0, (7, 4)) * [dh_size, dh_size, dh_size / 3, dh_size / 3]
+    upper = np.triu_indices(6)
+    header = ["id", "t_s", *[f"q{j}" for j in range(1, 8)], "px", "py", "pz"]
+    if not position_only:
+        header += ["qw", "qx", "qy", "qz"]
+    header += [f"c{i + 1}{j + 1}" for i, j in zip(*upper, strict=True)]
+    header += [f"dir{j}" for j in range(1, 8)]
+    header += ["temp_c", "cx", "cy", "cz", "cqw", "cqx", "cqy", "cqz"]
+    with path.open("w", newline="") as file:
+        out = csv.writer(file)
+        out.writerow(header)
+        for i in range(n):
+            q = rng.uniform(low, high)
+            direction = rng.choice([-1.0, 1.0], 7)
+            pose = tool_pose(q if true_q is None else true_q(q, direction), dh_error)
+            aim = look_from(pose[:3, 3] + rng.normal(0.0, 0.08, 3))
+            noise = rng.normal(size=6) * SIGMA * noise_size
+            block = np.kron(np.eye(2), aim)
+            cov = block @ np.diag(SIGMA**2) @ block.T
+            p = pose[:3, 3] + aim @ noise[:3]
+            turned = Rotation.from_rotvec(aim @ noise[3:]).as_matrix() @ pose[:3, :3]
+            row = [f"p{i}", 60.0 * i, *q, *p]
+            if not position_only:
+                row += list(quat_wxyz(turned))
+            out.writerow([*row, *cov[upper], *direction, rng.uniform(-5, 45), *CAMERA_M, *quat_wxyz(aim)])
+    return path

@@ -1,0 +1,190 @@
+"""Workbench input: measurements, arm tables, model files. Each refusal says what, where and what to do."""
+
+import json
+
+import numpy as np
+import poses
+import pytest
+
+from kincal import workbench as wb
+from kincal.workbench.arms import quat_to_matrix
+from kincal.workbench.chain import nominal_chain
+from kincal.workbench.data import Measurements
+from kincal.workbench.frames import solve_frames
+
+HEADER = "q1,q2,px,py,pz"
+
+
+def csv_file(tmp_path, text):
+    path = tmp_path / "poses.csv"
+    path.write_text(text)
+    return path
+
+
+def test_csv_reads_required_columns_and_skips_comments(tmp_path):
+    data = wb.read_csv(
+        csv_file(tmp_path, f"# made by hand\n{HEADER}\n0.1,0.2,1,2,3\n# note\n0.3,0.4,4,5,6\n"), 2
+    )
+    assert data.n == 2
+    assert data.components == 3
+    np.testing.assert_array_equal(data.q, [[0.1, 0.2], [0.3, 0.4]])
+    assert data.order_is_time
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("q1,px,py,pz\n0,0,0,0\n", ["line 1", "q2"]),
+        (f"{HEADER}\n0.1,nan,1,2,3\n", ["line 2", "q2", "finite"]),
+        (f"{HEADER}\n0.1,,1,2,3\n", ["line 2", "q2", "empty"]),
+        (f"{HEADER}\n0.1,0.2,1,2\n", ["line 2", "4 values", "names 5"]),
+        (f"{HEADER},qw,qx,qy,qz\n0,0,0,0,0,1,1,0,0\n", ["line 2", "norm"]),
+        (f"{HEADER},qw,qx\n0,0,0,0,0,1,0\n", ["line 1", "qy"]),
+        (f"{HEADER},sp_m\n0,0,0,0,0,-1\n", ["line 2", "sp_m", "more than 0"]),
+        (f"{HEADER},split\n0,0,0,0,0,test\n", ["line 2", "fit or held"]),
+        (f"{HEADER},q3\n0,0,0,0,0,0\n", ["q3", "2 joints"]),
+        (f"{HEADER},q1\n0,0,0,0,0,0\n", ["twice", "q1"]),
+        (f"id,{HEADER}\na,0,0,0,0,0\na,1,0,0,0,0\n", ["'a'", "2 times"]),
+        (f"{HEADER}\n", ["no usable row"]),
+        ("", ["empty"]),
+    ],
+)
+def test_malformed_csv_is_refused_with_line_and_reason(tmp_path, text, words):
+    with pytest.raises(wb.BadInput) as error:
+        wb.read_csv(csv_file(tmp_path, text), 2)
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_covariance_must_be_positive_definite(tmp_path):
+    names = ",".join(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
+    bad = ",".join("-1" if i == j == 3 else str(int(i == j)) for i in range(1, 7) for j in range(i, 7))
+    with pytest.raises(wb.BadInput, match="line 2.*positive definite"):
+        wb.read_csv(csv_file(tmp_path, f"{HEADER},{names}\n0,0,0,0,0,{bad}\n"), 2)
+
+
+def test_skip_bad_keeps_the_rest_and_counts(tmp_path):
+    path = csv_file(tmp_path, f"{HEADER}\n0,0,0,0,0\n0,x,0,0,0\n1,1,1,1,1\n")
+    data = wb.read_csv(path, 2, skip_bad=True)
+    assert data.n == 2
+    assert len(data.skipped) == 1
+    assert "line 3" in data.skipped[0]
+
+
+def test_missing_file_is_bad_input(tmp_path):
+    with pytest.raises(wb.BadInput, match="no such file"):
+        wb.read_csv(tmp_path / "none.csv", 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('convention = "standard"', 'convention = "classic"'), "convention"),
+        (("a_m = 0.045", "a_m = nan"), "joint 3"),
+        (("q_max_rad = 2.0", "q_max_rad = -3.0"), "joint 2"),
+        (("[base]", "[base]\nquat_wxyz = [1.0, 1.0, 0.0, 0.0]"), "norm"),
+        (("name =", "name ="[:-1]), "TOML"),
+    ],
+)
+def test_broken_arm_table_is_refused(tmp_path, change, words):
+    path = poses.arm_toml(tmp_path / "arm.toml")
+    text = path.read_text()
+    assert change[0] in text
+    path.write_text(text.replace(*change, 1))
+    with pytest.raises(wb.BadInput, match=words):
+        wb.read_arm(path)
+
+
+def modified_link(alpha, a, theta, d):
+    """Rx(alpha) Tx(a) Rz(theta) Tz(d), Craig's convention, from elementary matrices."""
+    rx, rz, tx, tz = np.eye(4), np.eye(4), np.eye(4), np.eye(4)
+    rx[1:3, 1:3] = [[np.cos(alpha), -np.sin(alpha)], [np.sin(alpha), np.cos(alpha)]]
+    rz[:2, :2] = [[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]]
+    tx[0, 3], tz[2, 3] = a, d
+    return rx @ tx @ rz @ tz
+
+
+def test_modified_dh_is_converted_exactly(tmp_path):
+    rng = np.random.default_rng(5)
+    rows = rng.uniform(-1.0, 1.0, (6, 4))
+    text = 'convention = "modified"\n' + "".join(
+        f"[[joint]]\nalpha_rad = {al}\na_m = {a}\nd_m = {d}\nphi_rad = {phi}\nq_min_rad = -6.0\nq_max_rad = 6.0\n"
+        for al, a, d, phi in rows
+    )
+    path = tmp_path / "arm.toml"
+    path.write_text(text)
+    arm = wb.read_arm(path)
+    q = rng.uniform(-3.0, 3.0, (20, 6))
+    data = Measurements(source="", ids=tuple(map(str, range(20))), q=q, p_m=np.zeros((20, 3)))
+    base = np.eye(4)
+    base[:3, :3], base[:3, 3] = quat_to_matrix(arm.base.quat_wxyz), arm.base.xyz_m
+    got = base @ nominal_chain(arm, data)
+    for i in range(20):
+        want = np.eye(4)
+        for (al, a, d, phi), angle in zip(rows, q[i], strict=True):
+            want = want @ modified_link(al, a, phi + angle, d)
+        np.testing.assert_allclose(got[i], want, atol=1e-12)
+
+
+@pytest.mark.parametrize("with_rotation", [True, False])
+def test_unknown_frames_are_found_without_a_first_guess(with_rotation):
+    rng = np.random.default_rng(8)
+    chain = np.array([poses.tool_pose(rng.uniform(-1.5, 1.5, 7), np.zeros((7, 4))) for _ in range(40)])
+    for trial in range(10):
+        base, tool = np.eye(4), np.eye(4)
+        for frame in (base, tool):
+            axis = rng.normal(size=4)
+            frame[:3, :3] = quat_to_matrix(axis / np.linalg.norm(axis))
+            frame[:3, 3] = rng.uniform(-3, 3, 3)
+        seen = base @ chain @ tool
+        got_base, got_tool = solve_frames(
+            chain, seen[:, :3, 3], seen[:, :3, :3] if with_rotation else None, None, None
+        )
+        np.testing.assert_allclose(got_base, base, atol=1e-6, err_msg=f"trial {trial}")
+        np.testing.assert_allclose(got_tool[:3, 3], tool[:3, 3], atol=1e-6)
+
+
+def test_too_few_poses_for_unknown_frames_cannot_be_answered():
+    with pytest.raises(wb.CannotAnswer, match="poses"):
+        solve_frames(np.tile(np.eye(4), (2, 1, 1)), np.zeros((2, 3)), None, None, None)
+
+
+def test_model_file_keeps_history_and_undo_walks_back(tmp_path):
+    path = tmp_path / "M.toml"
+    model = (
+        wb.ModelFile().add(["joint_compliance[2]"]).add(["backlash[4]", "base_flex"]).remove(["backlash[4]"])
+    )
+    wb.write_model(path, model)
+    again = wb.read_model(path)
+    assert again == model
+    assert again.effects == ("joint_compliance[2]", "base_flex")
+    once = again.undo()
+    assert once.effects == ("joint_compliance[2]", "backlash[4]", "base_flex")
+    assert once.undo().effects == ("joint_compliance[2]",)
+    assert once.undo().undo().effects == ()
+    with pytest.raises(wb.BadInput, match="nothing to undo"):
+        once.undo().undo().undo()
+    assert [c.action for c in once.undo().history] == ["add", "add", "remove", "undo", "undo"]
+
+
+def test_model_file_refuses_doubles_and_strangers(tmp_path):
+    model = wb.ModelFile().add(["base_flex"])
+    with pytest.raises(wb.BadInput, match="already"):
+        model.add(["base_flex"])
+    with pytest.raises(wb.BadInput, match="not in the model"):
+        model.remove(["backlash[1]"])
+    path = tmp_path / "M.toml"
+    path.write_text('effects = ["a"]\ncolour = "red"\n')
+    with pytest.raises(wb.BadInput, match="colour"):
+        wb.read_model(path)
+
+
+def test_answers_are_valid_json_without_nan(tmp_path):
+    from kincal.workbench.answers import comparison_json
+
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "d.csv", 30, 3), 7)
+    text = json.dumps(comparison_json(wb.compare(arm, data)), allow_nan=False)
+    keys = {"poses", "fit", "held", "components", "noise_floor", "rms", "chi2_per_dof", "p_lack_of_fit", "adequate",
+            "worst_poses", "where", "outliers"}  # fmt: skip
+    assert keys <= set(json.loads(text))

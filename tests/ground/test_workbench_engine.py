@@ -1,0 +1,306 @@
+"""The workbench's statistics against independent numbers, and its answers on simulated hidden effects."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import poses
+import pytest
+from scipy import stats
+
+from kincal import core
+from kincal import workbench as wb
+from kincal.workbench import evidence
+from kincal.workbench.basis import parse_basis, split_product
+from kincal.workbench.chain import Chain
+from kincal.workbench.fit import fit_model
+from kincal.workbench.nextposes import next_poses
+from kincal.workbench.uplink import term_table
+
+DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return wb.read_arm(poses.arm_toml(tmp_path_factory.mktemp("arm") / "arm.toml"))
+
+
+@pytest.fixture(scope="module")
+def library():
+    return wb.Library.load()
+
+
+def measure(tmp_path, n, seed, true_q=None, **more):
+    return wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", n, seed, true_q, **more), 7)
+
+
+# --------------------------------------------------------------------------- evidence
+
+
+def test_bayes_factor_equals_the_ratio_of_multivariate_normal_densities():
+    rng = np.random.default_rng(1)
+    rows, k, m = 60, 7, 3
+    j, g = rng.normal(size=(rows, k)), rng.normal(size=(rows, m))
+    z = rng.normal(size=rows) + g @ [0.3, -0.2, 0.4] + j @ rng.normal(size=k)
+    projector = evidence.Projector.of(j)
+    s = evidence.score(g, projector.apply(g), projector.apply(z))
+    one_scale = evidence.NoiseScale(np.array([1.0]), np.array([0.0]))
+    got = evidence.ln_bayes_factor(s.u, s.v, one_scale, lambdas=[0.7])
+    none = stats.multivariate_normal(np.zeros(rows), np.eye(rows) + j @ j.T)
+    full = stats.multivariate_normal(np.zeros(rows), np.eye(rows) + j @ j.T + 0.7**2 * g @ g.T)
+    assert got == pytest.approx(full.logpdf(z) - none.logpdf(z), abs=1e-9)
+
+
+def test_an_effect_that_dh_imitates_is_absorbed():
+    rng = np.random.default_rng(2)
+    j = 1e4 * rng.normal(size=(40, 5))
+    projector = evidence.Projector.of(j)
+    inside = j @ rng.normal(size=(5, 1)) * 1e-4
+    outside = rng.normal(size=(40, 1))
+    assert evidence.score(inside, projector.apply(inside), np.zeros(40)).absorbed > 0.9999
+    assert evidence.score(outside, projector.apply(outside), np.zeros(40)).absorbed < 0.5
+
+
+def test_noise_scale_posterior_finds_noise_larger_than_stated():
+    rng = np.random.default_rng(3)
+    z = 1.5 * rng.normal(size=500)
+    noise = evidence.NoiseScale.posterior(float(z @ z), 500.0)
+    assert (noise.s * noise.weight).sum() == pytest.approx(1.5, abs=0.1)
+
+
+# --------------------------------------------------------------------------- bases and terms
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("q3", 0.7),
+        ("sin(2*q3)", np.sin(1.4)),
+        ("tanh(q3/0.5)", np.tanh(1.4)),
+        ("temp-20", 5.0),
+        ("cos(2*(q3-0.1))", np.cos(1.2)),
+        ("step(t-100)", 1.0),
+        ("step(t-101)", 0.0),
+        ("expn(t/50)", np.exp(-2.0)),
+        ("ln1p((t-20)/40)", np.log(3.0)),
+        ("sq(q3)", 0.49),
+        ("q3 * sin(q3)", 0.7 * np.sin(0.7)),
+        ("2*q3 * 0.5*q3", 0.49),
+    ],
+)
+def test_basis_language_means_what_flight_computes(text, value):
+    ctx, loads = core.ffi.new("kc_ctx_t *"), core.ffi.new("kc_loads_t *")
+    ctx.q[2], ctx.temp_c, ctx.t_s = 0.7, 25.0, 100.0
+    product = 1.0
+    for basis in parse_basis(text, {}, "here"):
+        c_basis = core.ffi.new("kc_basis_t *")
+        c_basis.fn, c_basis.var, c_basis.index = basis.fn_number, basis.var_number, basis.index
+        c_basis.c0, c_basis.c1 = basis.c0, basis.c1
+        product *= core.lib.kc_basis_eval(c_basis, ctx, loads)
+    assert product == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("sinh(q3)", "sinh"),
+        ("speed", "speed"),
+        ("q3 * q4 * q5", "two"),
+        ("q", "joint"),
+        ("sin(", "read"),
+        ("t2", "variable"),
+    ],
+)
+def test_unreadable_bases_are_refused(text, word):
+    with pytest.raises(wb.BadInput, match=word):
+        parse_basis(text, {}, "here")
+
+
+def test_products_split_only_between_bases():
+    assert split_product("sin(2*q3) * q4") == ["sin(2*q3)", "q4"]
+    assert split_product("2*q3") == ["2*q3"]
+
+
+def test_library_holds_every_effect_of_the_contract(library):
+    wanted = [
+        "encoder_bias",
+        "encoder_gain",
+        "encoder_eccentricity",
+        "encoder_harmonic2",
+        "backlash",
+        "joint_compliance",
+        "link_bending",
+        "joint_coupling",
+        "link_thermal_growth",
+        "joint_thermal_drift",
+        "time_drift",
+        "bias_step",
+        "payload_sag",
+        "base_tilt",
+        "base_shift",
+        "tool_shift",
+        "camera_shift",
+        "tag_scale",
+        "range_incidence_bias",
+        "lens_radial",
+        "lens_decentring",
+    ]
+    assert set(wanted) <= set(library.effects)
+
+
+def test_library_columns_are_derivatives_of_the_corrected_arm(arm, library, tmp_path):
+    """Every effect: the linear column equals the central difference of the flight model."""
+    data = measure(tmp_path, 8, 4, dh_size=0.0, noise_size=0.0)
+    from kincal.workbench.columns import Columns
+
+    base = fit_model(arm, data, dh=False, robust=False)
+    columns = Columns(base, np.ones(data.n))
+    for effect in library.effects.values():
+        if effect.missing(arm, data):
+            continue
+        h = effect.instances(arm, data)[0]
+        got = columns.hypothesis(h)
+        chain = Chain(arm, data, base.base, base.tool)
+        terms = chain.terms([(p.name, p) for p in h.parameters])
+        zero = np.zeros(len(h.parameters))
+        chain.loads(terms, zero)
+        for k, p in enumerate(h.parameters):
+            step = zero.copy()
+            step[k] = 1e-3 * p.sigma
+            up, down = chain.evaluate(terms, step).r, chain.evaluate(terms, -step).r
+            want = -np.einsum("nij,nj->ni", base.whiten, up - down).ravel() / 2e-3
+            np.testing.assert_allclose(
+                got[:, k], want, atol=2e-5 * max(1.0, np.abs(want).max()), err_msg=effect.name
+            )
+
+
+# --------------------------------------------------------------------------- diagnosis
+
+
+def test_clean_data_are_called_adequate(arm, library, tmp_path):
+    answer = wb.diagnose(arm, measure(tmp_path, 60, 11), library)
+    assert answer.verdict == "adequate"
+    assert not any(e.accepted for e in answer.effects)
+    assert answer.comparison.adequate
+
+
+def test_hidden_backlash_is_named_with_its_joint_and_size(arm, library, tmp_path):
+    def true_q(q, direction):
+        return q + np.array([0, 0, 0, 3e-3 * direction[3], 0, 0, 0])
+
+    answer = wb.diagnose(arm, measure(tmp_path, 80, 12, true_q), library)
+    best = answer.effects[0]
+    assert (answer.verdict, best.name) == ("effect", "backlash[4]")
+    assert best.probability > 0.9
+    assert best.parameters[0].value == pytest.approx(3e-3, abs=4 * best.parameters[0].std_err)
+    assert best.held_rms_after_m < best.held_rms_before_m
+    assert "consistent with" in best.why
+
+
+def test_unlisted_product_effect_is_mapped_to_its_joint_and_drivers(arm, library, tmp_path):
+    def true_q(q, _direction):
+        return q + np.array([0, 0, 8e-3 * np.tanh(q[3]) * np.cos(q[5]), 0, 0, 0, 0])
+
+    answer = wb.diagnose(arm, measure(tmp_path, 80, 13, true_q), library)
+    assert answer.verdict == "novel"
+    assert answer.novel.locus == "joint 3"
+    assert set(answer.novel.depends_on) == {"q4", "q6"}
+
+
+def test_a_users_effect_in_ten_lines_is_fitted(arm, tmp_path):
+    mine = tmp_path / "mine.toml"
+    mine.write_text(
+        """[[effect]]
+name = "odd_coupling"
+formula = "dq_3 = k tanh(q4) cos(q6)"
+[[effect.parameter]]
+name = "k"
+unit = "rad"
+sigma = 5e-3
+[[effect.parameter.term]]
+at = "joint[3]"
+basis = "tanh(q4) * cos(q6)"
+"""
+    )
+
+    def true_q(q, _direction):
+        return q + np.array([0, 0, 8e-3 * np.tanh(q[3]) * np.cos(q[5]), 0, 0, 0, 0])
+
+    data = measure(tmp_path, 80, 13, true_q)
+    library = wb.Library.load(mine)
+    result = wb.fit(arm, data, ["odd_coupling"], library=library)
+    k = result.names.index("odd_coupling.k")
+    assert result.estimate[k] == pytest.approx(8e-3, abs=4 * result.std_err[k])
+    dh, added = (r for r in result.ladder.of("held-out poses") if r.model in ("DH", "+ odd_coupling"))
+    assert added.pos_m < dh.pos_m
+    assert "odd_coupling" in result.summary()
+    table = term_table(arm, library.find("odd_coupling", arm, data))
+    assert core.ffi.string(table.coef[28].name) == b"odd_coupling"
+    assert table.n_term == 29
+
+
+def test_an_effect_that_does_not_help_is_said_in_so_many_words(arm, tmp_path):
+    result = wb.fit(arm, measure(tmp_path, 60, 14), ["backlash[2]"])
+    assert any("backlash[2] does not help" in line for line in result.ladder.verdicts)
+
+
+def test_gross_outliers_do_not_hide_an_effect(arm, library, tmp_path):
+    rng = np.random.default_rng(1)
+    bad = rng.random(80) < 0.05
+    count = iter(range(10**6))
+
+    def true_q(q, direction):
+        jump = 0.1 * bad[next(count) % 80]
+        return q + np.array([0, jump, 0, 3e-3 * direction[3], 0, 0, 0])
+
+    answer = wb.diagnose(arm, measure(tmp_path, 80, 15, true_q), library)
+    assert answer.effects[0].name == "backlash[4]"
+    assert set(answer.comparison.outliers) >= {f"p{i}" for i in np.flatnonzero(bad)}
+
+
+def test_degrees_given_as_radians_are_suspected(arm, tmp_path):
+    data = measure(tmp_path, 20, 16)
+    from dataclasses import replace
+
+    with pytest.raises(wb.BadInput, match="degrees"):
+        wb.compare(arm, replace(data, q=np.degrees(data.q)))
+    with pytest.raises(wb.BadInput, match="millimetres"):
+        wb.compare(arm, replace(data, p_m=data.p_m * 1e3))
+
+
+def test_too_few_poses_cannot_be_answered(arm, tmp_path):
+    with pytest.raises(wb.CannotAnswer, match="poses"):
+        wb.compare(arm, measure(tmp_path, 4, 17))
+
+
+def test_next_poses_stay_inside_the_limits_and_gain_power(arm, library, tmp_path):
+    data = measure(tmp_path, 30, 18)
+    fit = fit_model(arm, data)
+    rivals = [library.find(n, arm, data)[0] for n in ("encoder_gain[2]", "encoder_eccentricity[2]")]
+    found = next_poses(fit, rivals, count=5, tries=60)
+    low, high = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
+    assert len({p.q for p in found}) == 5
+    assert all(np.all(np.array(p.q) >= low) and np.all(np.array(p.q) <= high) for p in found)
+    power = [p.power for p in found]
+    assert power == sorted(power)
+
+
+# --------------------------------------------------------------------------- real arms
+
+needs_data = pytest.mark.skipif(
+    not DATA.is_dir(), reason="the real measurements are not beside this checkout"
+)
+
+
+@needs_data
+def test_fr3_full_dh_meets_the_published_bar():
+    answer = wb.compare(wb.read_arm(DATA / "fr3" / "fr3.toml"), wb.read_csv(DATA / "fr3" / "fr3.csv", 7))
+    assert answer.rms["held"][0] <= 1.39e-3
+    assert answer.rms["held"][1] <= 3.6e-3
+
+
+@needs_data
+def test_ur10_full_dh_meets_the_published_bar():
+    answer = wb.compare(wb.read_arm(DATA / "ur10" / "ur10.toml"), wb.read_csv(DATA / "ur10" / "ur10d.csv", 6))
+    assert answer.components == 3
+    assert round(answer.rms["held"][0] * 1e3, 2) <= 0.39
