@@ -211,8 +211,12 @@ def draw_coefs(ax: Any, coefs: list[CoefResult], unit: str) -> None:
                     color=INK,
                     rotation=90,
                 )
-    else:
-        ax.set_yscale("symlog", linthresh=10.0)
+    elif len(rows):
+        spread = max(float(np.median(bars)), 1e-6)
+        ax.set_yscale("symlog", linthresh=10.0 ** np.ceil(np.log10(spread)))
+        ax.set_ylim(
+            2.5 * min(float(np.min(value - bars)), -spread), 3.5 * max(float(np.max(value + bars)), spread)
+        )
     ax.set_xticks(x, names, rotation=90, fontsize=8)
     ax.set_ylabel(f"{'estimate - true' if known else 'correction'} [{small}]")
     ax.set_title(

@@ -91,7 +91,7 @@ def from_message(p: Any, names: list[str]) -> Review:
     """Plain values of a proposal_t; names: of the coefficients, from the terms table."""
     n = p.n_coef
     names = [names[i] if i < len(names) else f"coef[{i}]" for i in range(n)]
-    cov = lcmlog.unpack_cov(p.cov, 64)[:n, :n]
+    cov = lcmlog.unpack_cov(p.cov, n)
     sigma = np.array(p.sigma[:n])
     on = np.flatnonzero(sigma > 0.0)
     d = np.sqrt(np.maximum(np.diag(cov)[on], 1e-300))

@@ -28,7 +28,8 @@ def proposal(verdict: int = 1, n_coef: int = 54) -> kcm.proposal_t:
     p.status = [0] * 26 + [2, 0] + [1] * 36
     p.entangled = [0] * 64
     p.entangled[26] = 0b1
-    p.cov = list(cov[np.triu_indices(64)])
+    packed = cov[:n_coef, :n_coef][np.triu_indices(n_coef)]
+    p.cov = [*packed, *[0.0] * (2080 - len(packed))]
     p.rank, p.n_free, p.dof, p.chi2 = 27, 28, 93, 90.0
     p.noise_scale, p.p_fit, p.p_no_change, p.kkt, p.cond = 0.98, 0.57, 1e-9, 1e-12, 12.0
     p.fit_pos_m, p.fit_rot_rad, p.before_pos_m, p.before_rot_rad = 4e-4, 2e-3, 3e-2, 5e-2

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from kincal import lcmlog, review, tables
@@ -106,6 +107,16 @@ def test_table_in_force_is_stored_and_holds_the_estimate(demo):
             found.append(tables.decode(image.data)[1])
     assert found
     assert list(found[0].value[0:28]) == pytest.approx(proposal.value[:28], abs=0.0)
+
+
+def test_covariance_of_the_proposal_fits_its_sigmas(demo):
+    out, _ = demo
+    proposal = next(s.proposal for s in lcmlog.read(out / "run.lcmlog").sessions.values())
+    cov = lcmlog.unpack_cov(proposal.cov, proposal.n_coef)
+    assert np.sqrt(np.diag(cov)) == pytest.approx(np.array(proposal.sigma[: proposal.n_coef]), rel=1e-9)
+    found = review.from_message(proposal, review.coef_names(BIN))
+    assert np.abs(found.correlation).max() <= 1.0 + 1e-9
+    assert np.linalg.eigvalsh(found.correlation).min() > 0.0
 
 
 def test_log_and_review_read_what_the_run_left(demo, tmp_path):

@@ -25,12 +25,12 @@ def team(tmp_path):
 
     def run(scenario):
         with (tmp_path / "team.log").open("wb") as out:
+            fsw = ["--tables", ROOT / "tables/bin", "--store", tmp_path / "store", "--lockstep"]
+            sim = ["--scenario", scenario, "--out", tmp_path, "--fast", "--seed", "1"]
             members = [
-                start([ROOT / "build/kincal-fsw", "--url", url, "--tables", ROOT / "tables/bin", "--store",
-                       tmp_path / "store", "--lockstep"], out),
-                start([sys.executable, "-m", "kincal_sim.server", "--scenario", scenario, "--url", url, "--out",
-                       tmp_path, "--fast", "--seed", "1"], out),
-            ]  # fmt: skip
+                start([ROOT / "build/kincal-fsw", "--url", url, *fsw], out),
+                start([sys.executable, "-m", "kincal_sim.server", "--url", url, *sim], out),
+            ]
             try:
                 program = tmp_path / "executive.py"
                 program.write_text(CODE)
