@@ -143,7 +143,7 @@ endef
 
 $(eval $(call variant,rel,gcc,g++,-O2 -fcallgraph-info=su))
 $(eval $(call variant,san,gcc,g++,-O1 $(SAN)))
-$(eval $(call variant,cov,gcc,g++,-O0 --coverage -fprofile-abs-path))
+$(eval $(call variant,cov,gcc,g++,-Og --coverage -fprofile-abs-path))
 $(eval $(call variant,clang,$(CLANG),$(CLANGXX),-O2))
 .PHONY: FORCE
 
@@ -307,7 +307,7 @@ tables: core .venv/.stamp ## tables/bin from tables/src
 
 .PHONY: demo hil bench-samples
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
-	.venv/bin/kincal run sim/scenarios/paper.toml --out $(BUILD)/demo
+	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
 hil: setup build ## the scenarios as separate processes at real-time pace (URL=... for another LCM network)
 	.venv/bin/python -m kincal_sim.hil $(if $(URL),--url $(URL))
