@@ -103,10 +103,18 @@ kcm_detection_t look(const Config &config, Detector &detector, const cv::Mat &gr
     return msg;
 }
 
+// A frame and what follows it must wait in the socket while we look at the frame before.
+std::string with_receive_buffer(const std::string &url)
+{
+    if (url.rfind("udpm:", 0) != 0 || url.find("recv_buf_size=") != std::string::npos) { return url; }
+    return url + (url.find('?') == std::string::npos ? "?" : "&") + "recv_buf_size=4194304";
+}
+
 class Process {
 public:
     Process(const Options &options, const Config &config)
-        : options_(options), config_(config), detector_(config), lcm_(lcm_create(options.url.c_str()))
+        : options_(options), config_(config), detector_(config),
+          lcm_(lcm_create(with_receive_buffer(options.url).c_str()))
     {
         if (lcm_ == nullptr) { throw std::runtime_error("cannot open LCM at " + options.url); }
         kcm_image_t_subscribe(lcm_, "KC_IMAGE", &Process::on_image, this);
