@@ -139,6 +139,13 @@ static void add(kc_app_t *app)
     c->up = KC_UP_WARM;
 }
 
+static int differ(const double *a, const double *b)
+{
+    int any = 0;
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) { any = any || a[c] < b[c] || a[c] > b[c]; }
+    return any;
+}
+
 /* Errors of the size of the paper's can lead a first fit astray. When it is not good, the solution so far
  * is the second start; the lower cost wins. Only where the data determine everything: what is held is held
  * at the active table's value, not at a guess. */
@@ -148,7 +155,7 @@ static void warm(kc_app_t *app)
     const double *start = app->tables.active.kin.value;
     int good = app->cal.est_status == KC_OK && e->noise_scale <= GOOD_NOISE_SCALE;
     double cost = solved(app->cal.est_status) ? e->cost : KC_INF;
-    if (!good && memcmp(app->cal.coef, start, sizeof app->cal.coef) != 0) {
+    if (!good && differ(app->cal.coef, start)) {
         solve_from(app, app->cal.coef);
         int better = solved(app->cal.est_status) && e->rank == e->n_free && e->cost < cost;
         if (!better) { solve_from(app, start); }
@@ -295,21 +302,6 @@ static int32_t times_measured(const kc_cal_t *c, uint32_t cand)
     return n;
 }
 
-/* Covariance to expect of the next measurement: that of the last one, or the floor. */
-static void expected_cov(const kc_app_t *app, double cov[36])
-{
-    const kc_config_t *c = &app->tables.active.config;
-    if (app->cal.n_meas > 0u) {
-        memcpy(cov, app->est.obs[app->cal.n_meas - 1u].cov, 36u * sizeof *cov);
-        return;
-    }
-    memset(cov, 0, 36u * sizeof *cov);
-    for (uint32_t i = 0u; i < 6u; i++) {
-        double s = i < 3u ? c->sigma_pos_min_m : c->sigma_rot_min_rad;
-        cov[7u * i] = s * s;
-    }
-}
-
 /* Where the joints will be at each candidate once the servo is done there: with large errors far from the
  * seeds, and what a pose tells depends on the joints (tests/bench/samples.py --space). */
 static void predict_joints(kc_app_t *app)
@@ -334,8 +326,7 @@ static kc_status_t acquire(kc_app_t *app, uint32_t *cand)
         double beta = kc_acq_beta(a->space.n_cand, c->n_meas + 1u, a->config.beta_scale);
         st = kc_acq_ucb(&app->big.gp, c->usable, beta, cand, &c->acq_value);
     } else if ((c->acq == KC_ACQ_DOPT || c->acq == KC_ACQ_VOPT) && c->n_meas > 0u && solved(c->est_status)) {
-        double cov[36];
-        expected_cov(app, cov);
+        const double *cov = app->est.obs[c->n_meas - 1u].cov; /* the next one will be about as good */
         predict_joints(app);
         kc_choice_work_t *w = &app->tables.staging.choice;
         st = kc_acq_info(c->acq, &app->est, w->cand_q, a->space.n_cand, c->usable, cov, a->config.vopt_len_m,

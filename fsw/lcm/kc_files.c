@@ -36,6 +36,7 @@ static void slot_name(uint16_t kind, unsigned slot, char name[NAME_MAX_])
 /* ---- reading: a file is mapped, not copied ---- */
 
 typedef struct {
+    void *base;
     const uint8_t *data;
     size_t n;
 } map_t;
@@ -52,12 +53,13 @@ static int map_file(int dir_fd, const char *name, map_t *m)
     }
     (void)close(fd);
     if (p == MAP_FAILED) { return -1; }
+    m->base = p;
     m->data = p;
     m->n = (size_t)st.st_size;
     return 1;
 }
 
-static void unmap(const map_t *m) { (void)munmap((void *)(uintptr_t)m->data, m->n); }
+static void unmap(const map_t *m) { (void)munmap(m->base, m->n); }
 
 static uint64_t get_le(const uint8_t *b, uint32_t n)
 {
@@ -91,7 +93,7 @@ static uint64_t slot_number(const map_t *m, uint16_t kind)
 static void look_at(kc_files_t *f, uint16_t kind, unsigned slot)
 {
     char name[NAME_MAX_];
-    map_t m = {NULL, 0u};
+    map_t m = {NULL, NULL, 0u};
     slot_name(kind, slot, name);
     int r = map_file(f->dir_fd, name, &m);
     f->there[kind][slot] = r != 0;
@@ -136,7 +138,7 @@ int kc_files_open(kc_files_t *f, const char *dir)
 static void offer_slot(const kc_files_t *f, uint16_t kind, unsigned slot, kc_app_t *app)
 {
     char name[NAME_MAX_];
-    map_t m = {NULL, 0u};
+    map_t m = {NULL, NULL, 0u};
     slot_name(kind, slot, name);
     if (map_file(f->dir_fd, name, &m) != 1) { return; }
     (void)kc_app_load(app, kind, &m.data[KC_SLOT_HDR_BYTES], (uint32_t)(m.n - KC_SLOT_HDR_BYTES));
@@ -193,7 +195,7 @@ static int list_tables(const char *dir, list_t *l)
 static void offer_tables(int dir_fd, const list_t *l, uint16_t kind, kc_app_t *app)
 {
     for (uint32_t i = 0u; i < l->n; i++) {
-        map_t m = {NULL, 0u};
+        map_t m = {NULL, NULL, 0u};
         if (map_file(dir_fd, l->name[i], &m) != 1) { continue; }
         if (m.n >= KC_TBL_HDR_BYTES && m.n <= KC_IMAGE_MAX && get_le(&m.data[4], 2u) == kind) {
             kc_status_t st = kc_app_load(app, kind, m.data, (uint32_t)m.n);

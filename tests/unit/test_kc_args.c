@@ -6,8 +6,7 @@
 
 static kc_args_t s_a;
 
-#define PARSE(...)                                                                                               \
-    parse((char *[]){"kincal-fsw", __VA_ARGS__, NULL})
+#define PARSE(...) parse((char *[]){"kincal-fsw", __VA_ARGS__, NULL})
 
 static kc_args_result_t parse(char **argv)
 {

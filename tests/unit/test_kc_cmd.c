@@ -425,7 +425,8 @@ void test_a_correction_that_comes_up_is_stored_with_the_one_before_it(void)
     s_n = given_image(KC_TBL_KIN, &kin, s_image);
     activate_staged(KC_TBL_KIN);
     TEST_ASSERT_EQUAL_MEMORY(s_image, world.store[KC_TBL_KIN][0], s_n);
-    TEST_ASSERT_EQUAL_UINT32(nominal, kc_tbl_image_crc(world.store[KC_STORE_PREV][0], world.stored[KC_STORE_PREV][0]));
+    TEST_ASSERT_EQUAL_UINT32(nominal,
+                             kc_tbl_image_crc(world.store[KC_STORE_PREV][0], world.stored[KC_STORE_PREV][0]));
 }
 
 void test_a_new_arm_drops_what_was_made_for_the_old_one_from_the_store_too(void)
@@ -438,7 +439,8 @@ void test_a_new_arm_drops_what_was_made_for_the_old_one_from_the_store_too(void)
     const kc_active_t *a = kc_app_active(APP);
     TEST_ASSERT_EQUAL_UINT32(0u, a->crc[KC_TBL_SPACE]);
     TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_TBL_SPACE][0]);
-    TEST_ASSERT_EQUAL_UINT32(a->crc[KC_TBL_KIN], kc_tbl_image_crc(world.store[KC_TBL_KIN][0], world.stored[KC_TBL_KIN][0]));
+    TEST_ASSERT_EQUAL_UINT32(a->crc[KC_TBL_KIN],
+                             kc_tbl_image_crc(world.store[KC_TBL_KIN][0], world.stored[KC_TBL_KIN][0]));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, a->kin.value[3]);
     world_restart();
     TEST_ASSERT_EQUAL_UINT32(kc_tbl_image_crc(s_image, s_n), kc_app_active(APP)->crc[KC_TBL_ARM]);

@@ -77,8 +77,8 @@ void tearDown(void)
     TEST_ASSERT_EQUAL_INT(0, system(cmd)); // NOLINT(cert-env33-c): the folder is our own
 }
 
-#define SEND(type, channel, msg)                                                                                 \
-    (void)lcm_publish(s_e.lcm, channel, s_buf,                                                                   \
+#define SEND(type, channel, msg)               \
+    (void)lcm_publish(s_e.lcm, channel, s_buf, \
                       (unsigned)kcm_##type##_encode(s_buf, 0, (int)sizeof s_buf, &(msg)))
 
 static void pump(void)
@@ -210,8 +210,8 @@ void test_a_table_goes_up_and_comes_down(void)
 
 void test_rubbish_and_what_finds_no_room_is_counted(void)
 {
-    static const char *const channels[] = {"KC_CMD", "KC_TABLE_UP", "KC_ARM_STATE", "KC_PANTILT_STATE",
-                                           "KC_DETECTION", "KC_TIME"};
+    static const char *const channels[] = {"KC_CMD",           "KC_TABLE_UP",  "KC_ARM_STATE",
+                                           "KC_PANTILT_STATE", "KC_DETECTION", "KC_TIME"};
     static kcm_table_chunk_t c;
     static kcm_detection_t d;
     for (uint32_t i = 0u; i < 6u; i++) { (void)lcm_publish(s_e.lcm, channels[i], "rubbish", 7u); }

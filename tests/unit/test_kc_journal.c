@@ -108,5 +108,6 @@ void test_boots_are_counted_and_sessions_go_on(void)
     world_tick();
     (void)world_do(KC_CMD_START, -1, 0, 1);
     TEST_ASSERT_EQUAL_UINT32(2u, APP->session);
-    TEST_ASSERT_EQUAL_INT(300000 + 1, APP->arm_seq - 1); /* hold and move, numbered above those of earlier lives */
+    TEST_ASSERT_EQUAL_INT(300000 + 1,
+                          APP->arm_seq - 1); /* hold and move, numbered above those of earlier lives */
 }

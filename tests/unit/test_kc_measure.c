@@ -46,7 +46,8 @@ void test_a_measurement_is_the_mean_of_its_frames(void)
         kc_quat_to_R(s_seen[k].q_cam_tool_wxyz, R);
         for (uint32_t i = 0u; i < 3u; i++) { /* E = R Rm^T */
             for (uint32_t j = 0u; j < 3u; j++) {
-                E[3u * i + j] = R[3u * i] * Rm[3u * j] + R[3u * i + 1u] * Rm[3u * j + 1u] + R[3u * i + 2u] * Rm[3u * j + 2u];
+                E[3u * i + j] = R[3u * i] * Rm[3u * j] + R[3u * i + 1u] * Rm[3u * j + 1u] +
+                                R[3u * i + 2u] * Rm[3u * j + 2u];
             }
         }
         kc_R_log(E, dw);

@@ -30,7 +30,8 @@ void test_a_proposal_is_the_table_that_its_crc_names(void)
     const kc_proposal_t *p = &world.proposal;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_decode(KC_TBL_KIN, world.store[KC_STORE_PROPOSAL][0],
                                                world.stored[KC_STORE_PROPOSAL][0], &kin, &ev));
-    TEST_ASSERT_EQUAL_UINT32(p->crc, kc_tbl_image_crc(world.store[KC_STORE_PROPOSAL][0], world.stored[KC_STORE_PROPOSAL][0]));
+    TEST_ASSERT_EQUAL_UINT32(
+        p->crc, kc_tbl_image_crc(world.store[KC_STORE_PROPOSAL][0], world.stored[KC_STORE_PROPOSAL][0]));
     TEST_ASSERT_EQUAL_MEMORY(&kin, &p->kin, sizeof kin);
     TEST_ASSERT_EQUAL_UINT32(active_crc(), p->kin.prev_crc);
     TEST_ASSERT_EQUAL_UINT32(kc_app_active(APP)->crc[KC_TBL_ARM], p->kin.arm_crc);
@@ -256,7 +257,8 @@ void test_a_small_well_determined_correction_is_accepted_on_board(void)
     TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(world.proposal.crc, active_crc());
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ON_BOARD));
-    TEST_ASSERT_EQUAL_UINT32(world.proposal.crc, kc_tbl_image_crc(world.store[KC_TBL_KIN][0], world.stored[KC_TBL_KIN][0]));
+    TEST_ASSERT_EQUAL_UINT32(world.proposal.crc,
+                             kc_tbl_image_crc(world.store[KC_TBL_KIN][0], world.stored[KC_TBL_KIN][0]));
 }
 
 static void waits_for_the_ground(void)
@@ -373,5 +375,6 @@ void test_a_stored_proposal_that_is_damaged_or_belongs_to_other_tables_is_droppe
     TEST_ASSERT_EQUAL_UINT32(0u, APP->proposal_crc);
     APP->tables.active.crc[KC_TBL_KIN] = kin;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n)); /* one is enough */
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE,
+                          kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n)); /* one is enough */
 }

@@ -60,7 +60,8 @@ void test_information_criteria_work_without_prior_poses_too(void)
         world.config.acquisition = acq;
         world_calibrated();
         TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
-        int first = acq >= KC_ACQ_DOPT ? (int)KC_ACQ_RANDOM : (int)acq; /* nothing is solved before the first pose */
+        int first = acq >= KC_ACQ_DOPT ? (int)KC_ACQ_RANDOM
+                                       : (int)acq; /* nothing is solved before the first pose */
         TEST_ASSERT_EQUAL_INT(first, world.progress[0].acquisition);
     }
 }
