@@ -391,7 +391,7 @@ def page_scene(scene: Scene, result: RunResult) -> go.Figure:
             "yaxis_title": "y left [m]",
             "zaxis_title": "z up [m]",
             "aspectmode": "data",
-            "camera": {"eye": {"x": 0.95, "y": -1.45, "z": 0.75}},
+            "camera": {"eye": {"x": 1.15, "y": -1.75, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}},
         },
     )
     return figure
@@ -418,11 +418,17 @@ def page_progress(result: RunResult) -> go.Figure:
             row=1,
             col=2,
         )
-    if result.before:
-        figure.add_hline(
-            y=result.before.pos_m * 1e3,
-            line={"color": RED, "dash": "dash", "width": 1},
-            annotation_text="before calibration",
+    if result.before and result.curves:
+        # a trace, because annotations of shapes do not follow a logarithmic axis
+        last = max(len(c.poses) for c in result.curves)
+        figure.add_trace(
+            go.Scatter(
+                x=[1, last],
+                y=[result.before.pos_m * 1e3] * 2,
+                mode="lines",
+                name="before calibration",
+                line={"color": RED, "dash": "dot", "width": 1.5},
+            ),
             row=1,
             col=2,
         )
@@ -462,6 +468,7 @@ def page_coefs(result: RunResult) -> go.Figure:
                     "array": [3e3 * c.sigma for c in rows],
                     "thickness": 1.4,
                     "width": 4,
+                    "color": GREY,
                 },
                 marker={"color": colours, "size": 8},
                 hovertext=hover,

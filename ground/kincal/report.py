@@ -89,7 +89,9 @@ def render(result: RunResult) -> str:
 
     def plot(figure: object) -> str:
         nonlocal first
-        text = figure.to_html(full_html=False, include_plotlyjs=first, config={"displaylogo": False})  # type: ignore[attr-defined]
+        text = figure.to_html(
+            full_html=False, include_plotlyjs=first, config={"displaylogo": False, "displayModeBar": False}
+        )  # type: ignore[attr-defined]
         first = False
         return str(text)
 
@@ -112,8 +114,10 @@ def render(result: RunResult) -> str:
 
 
 def _coef_table(r: RunResult) -> str:
+    shown = [c for c in r.coefs if not c.idle]
+    rest = len(r.coefs) - len(shown)
     rows = []
-    for c in r.coefs:
+    for c in shown:
         k, unit = (1e3, {"rad": "mrad", "m": "mm"}[c.unit]) if c.unit in ("rad", "m") else (1.0, c.unit)
         known = c.true == c.true
         rows.append(
@@ -128,11 +132,12 @@ def _coef_table(r: RunResult) -> str:
                 html.escape(c.status),
             ]
         )
-    return _table(
+    table = _table(
         ["coefficient", "unit", "true", "estimate", "1 sigma", "error", "within 3 sigma", "status"],
         rows,
         (0, 1, 7),
     )
+    return table + (f"<p>{rest} masked coefficients at zero are not listed.</p>" if rest else "")
 
 
 def _pose_table(r: RunResult) -> str:

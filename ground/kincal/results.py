@@ -44,6 +44,12 @@ class CoefResult:
         return self.estimate - self.true
 
     @property
+    def idle(self) -> bool:
+        """Masked at zero and with nothing to find: not worth a line."""
+        known = self.true == self.true and self.true != 0.0
+        return self.status == "masked" and self.estimate == 0.0 and not known
+
+    @property
     def inside_3_sigma(self) -> bool:
         return abs(self.error) <= 3.0 * self.sigma
 

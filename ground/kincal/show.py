@@ -181,7 +181,7 @@ def coefs(out: Console, rows: Sequence[CoefResult]) -> None:
         right=(1, 2, 3, 4, 5),
     )
     for c in rows:
-        if c.status == "masked" and c.estimate == 0.0 and not (c.true == c.true and c.true != 0.0):
+        if c.idle:
             continue
         k, unit = (1e3, {"rad": "mrad", "m": "mm"}[c.unit]) if c.unit in ("rad", "m") else (1.0, c.unit)
         known, has = c.true == c.true, c.sigma > 0.0
