@@ -85,6 +85,7 @@ typedef struct {
     uint8_t head_sent, waiting, got, unsure, after; /* after: state that follows SETTLE       */
     uint8_t searched, turning;          /* searched: since the arm last moved                */
     uint8_t seen_here, retreat;         /* tags seen at this candidate; going back to there  */
+    uint8_t at_seed;                    /* the seed's own joints were tried                  */
     double q_seen[KC_JOINT_MAX];        /* joints at which they were last seen               */
     uint32_t fails, i_search;
     int32_t frame_seq;

@@ -230,8 +230,23 @@ static int lost(kc_app_t *app, kc_out_t *out)
 
 static int next_search(kc_app_t *app, kc_out_t *out);
 
+/* Nothing seen at the joints that the correction asks for: it may be wrong yet. The seed was proven to be in
+ * view on the nominal arm, so it is worth a look before the head searches. */
+static int try_seed(kc_app_t *app, kc_out_t *out)
+{
+    double seed[KC_JOINT_MAX];
+    if (app->look.at_seed || app->look.seen_here) { return 0; }
+    app->look.at_seed = 1u;
+    kc_path_joints(&app->tables.active.space, KC_HUB_MAX + (uint32_t)app->cal.candidate, seed);
+    if (kc_move_dist(app, seed) <= app->tables.active.config.servo.step_max) { return 0; }
+    kc_move_send(app, out, seed);
+    kc_app_enter(app, KC_ST_SERVO);
+    return 1;
+}
+
 static int begin_search(kc_app_t *app, kc_out_t *out)
 {
+    if (try_seed(app, out)) { return 0; }
     /* Found once and lost again: not a matter of where the head looks. */
     if (app->look.searched || app->look.seen_here) {
         app->look.i_search = 0u;

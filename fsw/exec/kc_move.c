@@ -185,6 +185,7 @@ kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
     memset(app->look.off_m, 0, sizeof app->look.off_m);
     app->look.seen_here = 0u;
     app->look.retreat = 0u;
+    app->look.at_seed = 0u;
     kc_servo_forget(&app->look.servo);
     kc_move_joints(app, cand, IK_ITER_MAX, l->q_final);
     kc_app_enter(app, KC_ST_MOVE);

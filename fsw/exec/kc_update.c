@@ -109,14 +109,15 @@ static void report_outliers(kc_app_t *app, kc_out_t *out)
 }
 
 /* While the data do not determine everything yet, an estimate can fit what was measured and be far off
- * elsewhere. It is used to aim once it has told a pose it did not know better than the correction in use. */
+ * elsewhere. It is used to aim once it has told a pose it did not know twice as well as the correction in
+ * use; a little better can be chance. */
 static int told_better(kc_app_t *app, uint32_t newest)
 {
     const kc_config_t *c = &app->tables.active.config;
     double pos_m = 0.0, rot_rad = 0.0;
     if (newest == 0u || !solved(app->cal.est_status)) { return 0; }
     residual_of(app, app->est.coef, newest, &pos_m, &rot_rad);
-    return c->a1 * pos_m / c->vopt_len_m + (1.0 - c->a1) * rot_rad <
+    return 2.0 * (c->a1 * pos_m / c->vopt_len_m + (1.0 - c->a1) * rot_rad) <
            c->a1 * app->cal.res_pos_m / c->vopt_len_m + (1.0 - c->a1) * app->cal.res_rot_rad;
 }
 

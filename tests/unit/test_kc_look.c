@@ -157,6 +157,38 @@ void test_when_they_are_gone_there_too_the_candidate_is_skipped(void)
     TEST_ASSERT_EQUAL_UINT8(0u, APP->cal.usable[0]);
 }
 
+void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
+{
+    double seed[KC_JOINT_MAX];
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    APP->cal.coef[24] = 0.9; /* a correction that is wrong: joint 7 would go far from the seed */
+    APP->cal.res_pos_m = 0.0;
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(1, APP->cal.candidate);
+    kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX + 1u, seed);
+    memcpy(world.q_start, seed, sizeof seed);
+    world.hide_beyond = 0.3; /* in view only near the seed */
+    world.config.servo_steps_max = 0u;
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
+    TEST_ASSERT_TRUE(fabs(world.q[6] - seed[6]) > 0.5);
+    for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_EQUAL_DOUBLE(seed[j], world.arm_cmd.q[j]); }
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+}
+
+void test_when_the_seed_shows_nothing_either_the_candidate_is_skipped(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    APP->cal.coef[24] = 0.9;
+    APP->cal.res_pos_m = 0.0;
+    world_tick();
+    world.hide = 1000;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_CAND_SKIPPED].index);
+}
+
 /* ---- search ---- */
 
 void test_tags_out_of_view_are_found_by_turning_the_head(void)
