@@ -266,7 +266,7 @@ def test_tag_that_is_not_ours_is_counted_and_ignored(two_tags, tmp_path):
         (("fx_px: 1397.", ""), "'fx_px' is missing"),
         (("corner_sigma_px: 0.0", "corner_sigma_px: -0.0"), "out of range"),
         (("size_m: 0.06", "size_m: -0.06"), "tag 1"),
-        (("xyz_m: [ 0.075, 0., -0.06 ]", "xyz_m: [ 0.075, 0. ]"), "three numbers"),
+        (("xyz_m: [ 0.12, 0., -0.02 ]", "xyz_m: [ 0.12, 0. ]"), "three numbers"),
     ],
 )
 def test_bad_configuration_is_refused_by_name(change, words, tmp_path):
