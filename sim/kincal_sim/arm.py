@@ -116,7 +116,7 @@ def _scoop(tool: ET.Element, spec: dict, payload_kg: float) -> None:
     _geom(tool, "scoop.floor", "box", "scoop", pos=[0, 0.03, 0.005], size=[0.035, 0.003, 0.028])
     for side, x in (("left", -0.035), ("right", 0.035)):
         _geom(tool, f"scoop.{side}", "box", "scoop", pos=[x, 0.01, 0.0], size=[0.003, 0.022, 0.022])
-    _geom(tool, "bracket", "box", "joint", pos=[0, 0, -0.045], size=[0.078, 0.008, 0.003])
+    _geom(tool, "bracket", "box", "joint", pos=[0, 0, -0.008], size=[0.123, 0.008, 0.003])
     for tag in spec["tag"]:
         T = geom.trans(*tag["xyz_m"]) @ geom.rot("y", tag["rot_y_rad"])
         plate = _body(tool, f"tag{tag['id']}", T)

@@ -45,7 +45,7 @@ def test_committed_space_was_built_for_the_committed_arm(committed):
 def test_every_candidate_is_reached_and_seen(committed):
     lo = np.array([-2.6, -2.0, -2.8, -0.9, -4.76, -1.6, -3.0]) + DESC.joints.margin_rad
     hi = np.array([2.6, 2.0, 2.8, 3.1, 1.24, 1.6, 3.0]) - np.array(DESC.joints.margin_rad)
-    tilted = {0: (0.075, -25.0), 1: (-0.075, 25.0)}
+    tilted = {0: (0.12, -25.0), 1: (-0.12, 25.0)}
     for c in committed.cand[0 : committed.n_cand]:
         q = np.array(list(c.q_seed)[:7])
         _, tool = wam(q)
@@ -65,7 +65,7 @@ def test_every_candidate_is_reached_and_seen(committed):
             R_tag = tool[:3, :3] @ np.array(
                 [[np.cos(t), 0, np.sin(t)], [0, 1, 0], [-np.sin(t), 0, np.cos(t)]]
             )
-            centre = tool[:3, 3] + tool[:3, :3] @ [x, 0, -0.06]
+            centre = tool[:3, 3] + tool[:3, :3] @ [x, 0, -0.02]
             incidence = np.arccos((centre - eye) @ R_tag[:, 2] / np.linalg.norm(centre - eye))
             assert incidence <= DESC.view.incid_max_rad + 1e-6
             for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
