@@ -79,7 +79,7 @@ typedef enum { STEP_TAKEN, STEP_LAST, STEP_NONE } step_t;
 /* Raise the damping until the cost does not rise. */
 static step_t descend(kc_est_t *est, double *lambda, double *cost)
 {
-    double diag[KC_COEF_MAX];
+    double diag[KC_COEF_MAX] = {0};
     kc_est_linearise(est);
     build_qp(est);
     for (uint32_t i = 0; i < est->n_idx; i++) { diag[i] = est->qp.H[i * KC_COEF_MAX + i]; }

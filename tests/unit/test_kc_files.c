@@ -252,7 +252,7 @@ void test_the_first_good_table_by_name_is_taken_and_the_rest_is_passed_over(void
 
 void test_more_tables_than_it_looks_at_do_no_harm(void)
 {
-    char name[16];
+    char name[24];
     given_arm_image(4);
     for (int i = 0; i < 70; i++) {
         (void)snprintf(name, sizeof name, "t%02d.tbl", i);
