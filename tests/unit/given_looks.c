@@ -19,8 +19,8 @@ void given_joints(const kc_arm_t *arm, uint64_t *rng, double *q)
     }
 }
 
-void given_look(const kc_arm_t *arm, const kc_terms_t *terms, const double *truth, const double *q, double noise,
-                uint64_t *rng, kc_obs_t *obs)
+void given_look(const kc_arm_t *arm, const kc_terms_t *terms, const double *truth, const double *q,
+                double noise, uint64_t *rng, kc_obs_t *obs)
 {
     static kc_eval_t ev;
     kc_loads_t loads;
@@ -54,8 +54,8 @@ void given_paper_errors(double truth[KC_COEF_MAX])
     truth[4 * 2 + 3] = 0.15; /* d 3     */
 }
 
-void given_session(kc_est_t *est, const kc_arm_t *arm, const kc_terms_t *terms, const double *truth, uint32_t n,
-                   double noise)
+void given_session(kc_est_t *est, const kc_arm_t *arm, const kc_terms_t *terms, const double *truth,
+                   uint32_t n, double noise)
 {
     static kc_obs_t obs;
     double q[KC_JOINT_MAX];

@@ -13,12 +13,12 @@ double given_noise(uint64_t *rng);
 /* Joints uniform within the arm's limits. */
 void given_joints(const kc_arm_t *arm, uint64_t *rng, double *q);
 /* One full-pose observation at joints q of the arm with errors `truth`, noise times `noise`. */
-void given_look(const kc_arm_t *arm, const kc_terms_t *terms, const double *truth, const double *q, double noise,
-                uint64_t *rng, kc_obs_t *obs);
+void given_look(const kc_arm_t *arm, const kc_terms_t *terms, const double *truth, const double *q,
+                double noise, uint64_t *rng, kc_obs_t *obs);
 /* The paper's four errors among the 28 DH coefficients. */
 void given_paper_errors(double truth[KC_COEF_MAX]);
 /* est: empty, all 28 DH coefficients asked for, options as flown; then n looks at the paper's arm. */
-void given_session(kc_est_t *est, const kc_arm_t *arm, const kc_terms_t *terms, const double *truth, uint32_t n,
-                   double noise);
+void given_session(kc_est_t *est, const kc_arm_t *arm, const kc_terms_t *terms, const double *truth,
+                   uint32_t n, double noise);
 
 #endif

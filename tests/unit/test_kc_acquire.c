@@ -203,7 +203,9 @@ void test_own_priors_replace_the_scale(void)
     (void)info(KC_ACQ_DOPT);
     const double loose = s_value;
     s_est.opt.use_prior = 1u;
-    for (uint32_t c = 0u; c < s_terms.n_coef; c++) { s_terms.coef[c].prior_sigma = 0.01 * s_terms.coef[c].scale; }
+    for (uint32_t c = 0u; c < s_terms.n_coef; c++) {
+        s_terms.coef[c].prior_sigma = 0.01 * s_terms.coef[c].scale;
+    }
     TEST_ASSERT_EQUAL_INT(KC_OK, info(KC_ACQ_DOPT));
     TEST_ASSERT_TRUE(s_value < loose);
 }
@@ -223,8 +225,8 @@ void test_impossible_requests_are_refused(void)
     given_session(&s_est, &s_arm, &s_terms, s_truth, 4u, 0.0);
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_UCB));
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_RANDOM));
-    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_acq_info(KC_ACQ_VOPT, &s_est, s_q, N_CAND, s_usable, s_cov, 0.0, &s_work,
-                                                  &s_c, &s_value));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_acq_info(KC_ACQ_VOPT, &s_est, s_q, N_CAND, s_usable, s_cov, 0.0,
+                                                  &s_work, &s_c, &s_value));
     s_cov[0] = -1.0;
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_DOPT));
     s_cov[0] = 1e-6;

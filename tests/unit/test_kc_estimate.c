@@ -54,14 +54,22 @@ void test_good_observations_are_kept_until_full(void)
 
 void test_every_number_of_an_observation_must_be_finite(void)
 {
-    const size_t at[] = {offsetof(kc_obs_t, ctx.q),         offsetof(kc_obs_t, ctx.dir),
-                         offsetof(kc_obs_t, ctx.qdot),      offsetof(kc_obs_t, ctx.g_m_s2),
-                         offsetof(kc_obs_t, ctx.temp_c),    offsetof(kc_obs_t, ctx.t_s),
-                         offsetof(kc_obs_t, ctx.range_m),   offsetof(kc_obs_t, ctx.payload_kg),
-                         offsetof(kc_obs_t, ctx.incid_rad), offsetof(kc_obs_t, ctx.u_norm),
-                         offsetof(kc_obs_t, ctx.v_norm),    offsetof(kc_obs_t, ctx.pan_rad),
-                         offsetof(kc_obs_t, ctx.tilt_rad),  offsetof(kc_obs_t, ctx.p_cam_tool_m),
-                         offsetof(kc_obs_t, p_m),           offsetof(kc_obs_t, q_wxyz),
+    const size_t at[] = {offsetof(kc_obs_t, ctx.q),
+                         offsetof(kc_obs_t, ctx.dir),
+                         offsetof(kc_obs_t, ctx.qdot),
+                         offsetof(kc_obs_t, ctx.g_m_s2),
+                         offsetof(kc_obs_t, ctx.temp_c),
+                         offsetof(kc_obs_t, ctx.t_s),
+                         offsetof(kc_obs_t, ctx.range_m),
+                         offsetof(kc_obs_t, ctx.payload_kg),
+                         offsetof(kc_obs_t, ctx.incid_rad),
+                         offsetof(kc_obs_t, ctx.u_norm),
+                         offsetof(kc_obs_t, ctx.v_norm),
+                         offsetof(kc_obs_t, ctx.pan_rad),
+                         offsetof(kc_obs_t, ctx.tilt_rad),
+                         offsetof(kc_obs_t, ctx.p_cam_tool_m),
+                         offsetof(kc_obs_t, p_m),
+                         offsetof(kc_obs_t, q_wxyz),
                          offsetof(kc_obs_t, cov)};
     const double bad = NAN;
     for (size_t i = 0; i < sizeof at / sizeof *at; i++) {

@@ -39,7 +39,9 @@ void setUp(void)
 
 static void add(kc_gp_t *gp, uint32_t n)
 {
-    for (uint32_t i = 0u; i < n; i++) { TEST_ASSERT_EQUAL_INT(KC_OK, kc_gp_add(gp, &s_x[i], s_y[i], s_cand)); }
+    for (uint32_t i = 0u; i < n; i++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_gp_add(gp, &s_x[i], s_y[i], s_cand));
+    }
 }
 
 void test_empty_process_knows_nothing(void)

@@ -67,7 +67,9 @@ void test_half_turns_are_summed_without_dividing_by_zero(void)
 {
     double so3 = 0.0;
     double paper = 0.0;
-    for (uint32_t n = 0u; n < s_k.hyper[0].n_w; n += 2u) { so3 += s_k.hyper[0].w[n] * ((n % 4u == 0u) ? 1.0 : -1.0); }
+    for (uint32_t n = 0u; n < s_k.hyper[0].n_w; n += 2u) {
+        so3 += s_k.hyper[0].w[n] * ((n % 4u == 0u) ? 1.0 : -1.0);
+    }
     TEST_ASSERT_DOUBLE_WITHIN(1e-14, so3, kc_kernel_rot(&s_k, 0u, ONE, HALF_TURN));
     given_all_degrees(); /* t = pi: U_n = (-1)^n (n + 1) */
     for (uint32_t n = 0u; n < s_k.hyper[0].n_w; n++) {
