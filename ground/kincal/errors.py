@@ -6,6 +6,7 @@ import click
 
 EXIT_FAILED = 1  # the work was done and its answer is no
 EXIT_INPUT = 2  # what was given cannot be used
+EXIT_DATA = 3  # the input is fine, but the data do not determine the answer
 
 
 class KincalError(click.ClickException):
@@ -27,3 +28,13 @@ class KincalFailed(KincalError):
     """The command worked but the answer is a failure (gates missed, refused, timed out)."""
 
     exit_code = EXIT_FAILED
+
+
+class BadInput(KincalError):
+    """Something given to the workbench is wrong: says what, where and what to do."""
+
+
+class CannotAnswer(KincalError):
+    """The input is fine, but the data do not determine the answer (too few poses, a singular design)."""
+
+    exit_code = EXIT_DATA

@@ -26,8 +26,13 @@ SIGMA = np.array([0.6e-3, 0.6e-3, 1.8e-3, 5e-3, 5e-3, 2e-3])
 
 def arm_toml(path: Path, *, masses: bool = True) -> Path:
     """The WAM as a workbench arm table."""
-    lines = ['name = "WAM"', 'convention = "standard"', "gravity_m_s2 = [0.0, 0.0, -9.81]",
-             f"[base]\nxyz_m = [0.0, 0.0, {BASE_Z_M}]", f"[tool]\nxyz_m = [0.0, 0.0, {TOOL_Z_M}]"]  # fmt: skip
+    lines = [
+        'name = "WAM"',
+        'convention = "standard"',
+        "gravity_m_s2 = [0.0, 0.0, -9.81]",
+        f"[base]\nxyz_m = [0.0, 0.0, {BASE_Z_M}]",
+        f"[tool]\nxyz_m = [0.0, 0.0, {TOOL_Z_M}]",
+    ]
     for a, alpha, d, low, high, mass, com, gear in WAM:
         lines.append(
             f'[[joint]]\ntype = "revolute"\na_m = {a}\nalpha_rad = {alpha}\nd_m = {d}\nphi_rad = 0.0\n'

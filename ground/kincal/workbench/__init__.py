@@ -1,12 +1,13 @@
 """The model workbench: compare a model with measurements, find the missing effect, add it, fly it."""
 
+from kincal.errors import BadInput, CannotAnswer
+
 from .api import FitResult, choose_constants, fit
 from .arms import ArmTable, read_arm
 from .compare import Comparison, compare
 from .data import Measurements, read_csv
 from .diagnose import Diagnosis, diagnose
 from .effects import Effect, Hypothesis, Library
-from .errors import BadInput, CannotAnswer
 from .modelfile import ModelFile, read_model, write_model
 
 __all__ = [

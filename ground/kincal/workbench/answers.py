@@ -143,7 +143,8 @@ def comparison_text(c: Comparison) -> str:
         else f"p = {c.p_lack_of_fit:.3g}"
     )
     lines = [
-        f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), {c.components} components",
+        f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), "
+        f"{c.components} components",
         *([f"skipped: {c.skipped} malformed rows"] if c.skipped else []),
         f"nominal arm        {_text_pair(c.rms['nominal'])}",
         f"fitted poses       {_text_pair(c.rms['fit'])}",
@@ -151,7 +152,7 @@ def comparison_text(c: Comparison) -> str:
         f"noise floor        {floor} ({c.noise_floor.source})",
         f"chi2 per degree    {c.chi2_per_dof:.3f}",
         f"lack of fit        {p_text}",
-        f"verdict            {'the model explains these data' if c.adequate else 'the model does NOT explain these data'}",
+        f"verdict            the model {'explains' if c.adequate else 'does NOT explain'} these data",
         "",
         "where the rest lives (share of what is left, p-value):",
         *[f"  {w.variable:<10}{w.share_of_variance:7.1%}   p = {w.p_value:.2g}" for w in c.where[:6]],
@@ -169,7 +170,8 @@ _VERDICTS = {
     "effect": "One effect is missing.",
     "several_effects": "Several effects are missing.",
     "novel": "Something is missing that no effect of the library describes.",
-    "undecidable": "Something is missing, but these data do not tell what: see the candidates and the next poses.",
+    "undecidable": "Something is missing, but these data do not tell what: "
+    "see the candidates and the next poses.",
 }
 
 

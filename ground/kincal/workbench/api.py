@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from kincal.errors import BadInput, CannotAnswer
+
 from .answers import poses_json
 from .arms import ArmTable
 from .compare import Comparison, compare
 from .data import Measurements
 from .diagnose import Diagnosis, merged
 from .effects import Hypothesis, Library
-from .errors import BadInput, CannotAnswer
 from .fit import Fit, find_frames, fit_model
 from .ladder import Ladder, climb
 from .nextposes import NextPose, next_poses
@@ -151,7 +152,8 @@ def fit(
     dh: bool = True,
     progress=None,
 ) -> FitResult:
-    """Fit DH, base and tool as the arm table says, and the named effects; with the ladder of held-out errors."""
+    """Fit DH, base and tool as the arm table says, and the named effects; with the ladder of held-out
+    errors."""
     library = library or Library.load()
     for name in effects:
         effect = library.effects.get(name.partition("[")[0])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import BadInput
+from kincal.errors import BadInput
 
 MAX_JOINTS = 8
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from .errors import BadInput
+from kincal.errors import BadInput
 
 FUNCTIONS = {
     "lin": 0,

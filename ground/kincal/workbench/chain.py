@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from kincal import core
+from kincal.errors import CannotAnswer
 
 from .arms import ArmTable, quat_to_matrix
 from .basis import Basis
 from .data import Measurements
 from .effects import Parameter
-from .errors import CannotAnswer
 
 N_FRAMES = 12
 MAX_COEF = 64
@@ -67,7 +67,8 @@ class Chain:
         """A flight term table of these coefficients (name, parameter), no bounds, all enabled."""
         if len(parameters) > MAX_COEF:
             raise CannotAnswer(
-                f"the model has {len(parameters)} coefficients, flight carries at most {MAX_COEF}; remove an effect"
+                f"the model has {len(parameters)} coefficients, flight carries at most {MAX_COEF}; "
+                "remove an effect"
             )
         table = core.ffi.new("kc_terms_t *")
         k = 0

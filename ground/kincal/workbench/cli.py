@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
-from functools import wraps
 from pathlib import Path
 
 import click
 
-from .errors import BadInput, CannotAnswer
+from kincal.errors import BadInput
 
 ARM = click.option(
     "--arm", "arm_path", required=True, type=click.Path(path_type=Path), help="Arm table (TOML)."
@@ -25,21 +24,6 @@ EFFECTS = click.option("--effects", "effect_files", multiple=True, type=click.Pa
                        help="A file with your own effects; may be given several times.")  # fmt: skip
 JSON = click.option("--json", "as_json", is_flag=True, help="Machine-readable answer.")
 SKIP = click.option("--skip-bad", is_flag=True, help="Skip malformed rows and count them.")
-
-
-def _guarded(function):
-    """Errors as one clear message and the pinned exit status: 2 bad input, 3 the data cannot answer."""
-
-    @wraps(function)
-    def inner(*args, **kwargs):
-        try:
-            return function(*args, **kwargs)
-        except (BadInput, CannotAnswer) as error:
-            kind = "bad input" if isinstance(error, BadInput) else "the data cannot answer"
-            click.echo(f"{kind}: {error}", err=True)
-            sys.exit(error.exit_status)
-
-    return inner
 
 
 def _progress():
@@ -97,7 +81,6 @@ def model() -> None:
 @EFFECTS
 @SKIP
 @JSON
-@_guarded
 def compare_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json) -> None:
     """Does the model explain the data, and if not, where does it fail?
 
@@ -130,7 +113,6 @@ def compare_command(arm_path, data_path, model_path, effect_files, skip_bad, as_
     default=None,
     help="Write a self-contained page (HTML) and its figures (PNG).",
 )
-@_guarded
 def diagnose_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json, report_path) -> None:
     """Which physical effect is missing? Probabilities for every effect and joint, and for none of them.
 
@@ -163,7 +145,6 @@ def diagnose_command(arm_path, data_path, model_path, effect_files, skip_bad, as
 @EFFECTS
 @SKIP
 @JSON
-@_guarded
 def fit_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json) -> None:
     """Fit the model and show how the held-out error falls from rung to rung, down to the noise floor.
 
@@ -192,7 +173,6 @@ def fit_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json
 @model.command("effects")
 @EFFECTS
 @JSON
-@_guarded
 def effects_command(effect_files, as_json) -> None:
     """List the effect library: formula, units, typical size, what each needs and is confounded with.
 
@@ -252,7 +232,6 @@ def _check_names(library, names) -> None:
 @MODEL_NEEDED
 @EFFECTS
 @click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
-@_guarded
 def add_command(model_path, effect_files, names) -> None:
     """Add effects to the model (a new model file if there is none); the change goes into its history.
 
@@ -277,7 +256,6 @@ def add_command(model_path, effect_files, names) -> None:
 @model.command("remove")
 @MODEL_NEEDED
 @click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
-@_guarded
 def remove_command(model_path, names) -> None:
     """Take effects out of the model; the change goes into its history.
 
@@ -294,7 +272,6 @@ def remove_command(model_path, names) -> None:
 
 @model.command("undo")
 @MODEL_NEEDED
-@_guarded
 def undo_command(model_path) -> None:
     """Take back the last add or remove.
 
@@ -312,7 +289,6 @@ def undo_command(model_path) -> None:
 @model.command("list")
 @MODEL_NEEDED
 @JSON
-@_guarded
 def list_command(model_path, as_json) -> None:
     """Show the effects in use and their fitted values.
 
@@ -335,7 +311,6 @@ def list_command(model_path, as_json) -> None:
 
 @model.command("history")
 @MODEL_NEEDED
-@_guarded
 def history_command(model_path) -> None:
     """Show every change of the model, oldest first.
 
@@ -358,7 +333,6 @@ def history_command(model_path) -> None:
 @JSON
 @click.option("--count", type=click.IntRange(1, 64), default=8, show_default=True, help="Poses wanted.")
 @click.argument("names", metavar="EFFECT EFFECT...", nargs=-1, required=True)
-@_guarded
 def next_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json, count, names) -> None:
     """The poses that separate two or more rival effects best.
 
@@ -406,7 +380,6 @@ def next_command(arm_path, data_path, model_path, effect_files, skip_bad, as_jso
     default=None,
     help="Image to write.  [default: MODEL with .tbl]",
 )
-@_guarded
 def uplink_command(model_path, effect_files, arm_path, data_path, out_path) -> None:
     """The model as a correction-term table image for flight (uplink it with `kincal table uplink`).
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from kincal.errors import BadInput, CannotAnswer
+
 from .arms import ArmTable
 from .columns import Columns
 from .data import Measurements
 from .effects import Hypothesis
-from .errors import CannotAnswer
 from .evidence import LN_SCALE_SIGMA
 from .fit import Fit, find_frames, fit_model, rms
 from .novel import Driver, drivers
@@ -121,8 +122,6 @@ def compare(
     """Robust fit on the fit poses, its error on the held-out ones, lack of fit, and where it fails."""
     suspicions = check_units(arm, data)
     if suspicions:
-        from .errors import BadInput
-
         raise BadInput(f"{data.source}: " + "; ".join(suspicions))
     split = choose_split(data)
     if len(split.fit) < 4:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import BadInput
+from kincal.errors import BadInput
 
 _COV_NAMES = [f"c{i}{j}" for i in range(1, 7) for j in range(i, 7)]
 _CAM_NAMES = ["cx", "cy", "cz", "cqw", "cqx", "cqy", "cqz"]

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
+from kincal.errors import BadInput
+
 from .arms import ArmTable
 from .columns import Columns
 from .compare import ADEQUATE_P, Comparison, compare, lack_of_fit, noise_floor
@@ -373,7 +375,7 @@ class Look:
         return sum(
             p
             for other, p in self.probability.items()
-            if other == name or other == effect or (not joint and other.startswith(f"{effect}["))
+            if other in (name, effect) or (not joint and other.startswith(f"{effect}["))
         )
 
     @property
@@ -615,7 +617,7 @@ def suggest_terms(cell: Cell, engine: Engine, count: int = 3) -> tuple[str, ...]
     for text in products:
         try:
             basis = parse_basis(text, {}, "suggestion")
-        except Exception:  # a driver without a basis of its own (replicate order) suggests nothing
+        except BadInput:  # a driver without a basis of its own suggests nothing
             continue
         column = engine.columns.rows_of(engine.columns.term(Term(frame, comp, 1.0, basis)))[:, None]
         s, _, _ = engine.score(column * 1e-3)

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from kincal.errors import BadInput
+
 from .arms import ArmTable
 from .basis import Basis, parse_basis
 from .data import Measurements
-from .errors import BadInput
 
 FRAME_TOOL, FRAME_CAMERA, FRAME_MEAS = 9, 10, 11
 COMPONENTS = {"tx": 0, "ty": 1, "tz": 2, "rx": 3, "ry": 4, "rz": 5}
@@ -25,6 +26,15 @@ _EFFECT_KEYS = {
 }  # fmt: skip
 _PARAMETER_KEYS = {"name", "unit", "sigma", "each_joint", "term"}
 _TERM_KEYS = {"at", "comp", "gain", "basis"}
+# How a need is said to people: the keys of the arm table or the columns of the data.
+_NEED_TEXT = {
+    "mass": "mass_kg, com_m (arm table)",
+    "gear_ratio": "gear_ratio (arm table)",
+    "dir": "dir1..",
+    "cam": "cx..cqz",
+    "image": "cx..cqz",
+    "rotation": "qw..qz",
+}
 
 
 @dataclass(frozen=True)
@@ -94,8 +104,7 @@ class Effect:
             else:
                 there = data is None or data.has(need)
             if not there:
-                lacking.append({"mass": "mass_kg, com_m (arm table)", "gear_ratio": "gear_ratio (arm table)"}.get(
-                    need, {"dir": "dir1..", "cam": "cx..cqz", "rotation": "qw..qz"}.get(need, need)))  # fmt: skip
+                lacking.append(_NEED_TEXT.get(need, need))
         return lacking
 
     def where(self, arm: ArmTable) -> list[dict[str, int]]:

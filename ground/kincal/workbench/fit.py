@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
+from kincal.errors import CannotAnswer
+
 from .arms import ArmTable, quat_to_matrix
 from .basis import ONE
 from .chain import Chain, Evaluation, nominal_chain
 from .data import Measurements
 from .effects import FRAME_TOOL, Hypothesis, Parameter, Term
-from .errors import CannotAnswer
 from .frames import solve_frames
 
 STUDENT_NU = 4.0

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from .errors import CannotAnswer
+from kincal.errors import CannotAnswer
 
 _SEARCH = 3000  # rotations tried; the mean gap is about 15 degrees, well inside the basin
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from kincal.errors import BadInput
+
 from .data import Measurements, read_csv, replicate_groups
-from .errors import BadInput
 
 
 def is_log(path: str | Path) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from .errors import BadInput
+from kincal.errors import BadInput
 
 VERSION = 1
 

@@ -1,6 +1,7 @@
 """The poses that separate rival effects best: multi-response Box-Hill / Meyer-Steinberg-Box criterion.
 
-    MD = sum_{i<j} p_i p_j 1/2 [ tr(V_i V_j^-1 + V_j V_i^-1 - 2I) + (y_i - y_j)' (V_i^-1 + V_j^-1) (y_i - y_j) ]
+    MD = sum_{i<j} p_i p_j 1/2 [ tr(V_i V_j^-1 + V_j V_i^-1 - 2I)
+                                 + (y_i - y_j)' (V_i^-1 + V_j^-1) (y_i - y_j) ]
 
 greedy over random poses inside the joint limits, each with the levers that the arm has: the approach
 direction is chosen, a payload may be taken. After each choice every rival's belief about its own
@@ -14,10 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from kincal.errors import CannotAnswer
+
 from .columns import Columns
 from .data import Measurements
 from .effects import Hypothesis
-from .errors import CannotAnswer
 from .fit import Fit, whitener
 
 _TRIES = 160
@@ -57,8 +59,13 @@ def next_poses(
     data = _candidates(fit, tries, seed)
     chain = type(fit.chain)(fit.chain.arm, data, fit.base, fit.tool)
     chain.loads(fit.terms, fit.estimate)
-    there = replace(fit, chain=chain, evaluation=chain.evaluate(fit.terms, fit.estimate), whiten=whitener(data),
-                    weight=np.ones(tries))  # fmt: skip
+    there = replace(
+        fit,
+        chain=chain,
+        evaluation=chain.evaluate(fit.terms, fit.estimate),
+        whiten=whitener(data),
+        weight=np.ones(tries),
+    )
     old, new = Columns(fit), Columns(there)
     c = fit.evaluation.r.shape[1]
     scale = fit.scale

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from kincal import core, tables
+from kincal.errors import BadInput
 
 from .arms import ArmTable
 from .chain import MAX_COEF, MAX_TERM, fill_coef, fill_term
 from .effects import Hypothesis, Parameter
-from .errors import BadInput
 from .fit import dh_parameters
 
 _NAME_MAX = 23
@@ -40,7 +40,8 @@ def term_table(arm: ArmTable, hypotheses: list[Hypothesis]):
     n_terms = sum(len(row[1].terms) for row in rows)
     if len(rows) > MAX_COEF or n_terms > MAX_TERM:
         raise BadInput(
-            f"the model needs {len(rows)} coefficients and {n_terms} terms; flight carries {MAX_COEF} and {MAX_TERM}"
+            f"the model needs {len(rows)} coefficients and {n_terms} terms; "
+            f"flight carries {MAX_COEF} and {MAX_TERM}"
         )
     out = core.ffi.new("kc_terms_t *")
     k = 0
@@ -61,6 +62,7 @@ def term_image(arm: ArmTable, hypotheses: list[Hypothesis]) -> tables.Image:
     status = core.lib.kc_terms_validate(struct, arm.n, index, got)
     if status != 0:
         raise BadInput(
-            f"flight would refuse the term table: {core.status_name(status)}, entry {index[0]}, value {got[0]:g}"
+            f"flight would refuse the term table: {core.status_name(status)}, entry {index[0]}, "
+            f"value {got[0]:g}"
         )
     return tables.encode("terms", struct)
