@@ -107,9 +107,9 @@ def test_thing_in_front_hides_the_tag_and_thing_behind_does_not(cfg):
 
 def test_edge_of_a_hiding_thing_is_smooth(cfg):
     """Half covered pixels of the occluder's edge are mixed, not switched."""
-    bar = '<geom type="box" size="0.004 0.3 0.001" pos="0.0525 0 0.7" euler="0 0 7" rgba="1 1 1 1"/>'
+    bar = '<geom type="box" size="0.004 0.3 0.001" pos="0.0857 0 0.7" euler="0 0 7" rgba="1 1 1 1"/>'
     frame, _, _ = radiance(cfg, bar, frontal(0.0, 0.0, 1.0))
-    u, v = (cfg.K @ [0.0525, 0.0, 0.7])[:2] / 0.7
+    u, v = (cfg.K @ [0.0857, 0.0, 0.7])[:2] / 0.7
     patch = frame[int(v) - 30 : int(v) + 30, int(u) - 14 : int(u) + 15]
     assert len(np.unique(np.round(patch))) > 20
 

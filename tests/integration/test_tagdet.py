@@ -170,7 +170,7 @@ def test_two_tags_give_a_fifth_of_a_millimetre(frames):
 
 def test_one_tag_on_the_arm_gives_a_millimetre(frames):
     pairs = [(T, a) for T, a in zip(*(x[FLOATING:] for x in frames), strict=True) if a["n_tags"] == 1]
-    assert len(pairs) >= 0.8 * HELD
+    assert len(pairs) >= 0.6 * HELD  # the wrist hides the other tag in most postures
     e = np.array([error(a, T) for T, a in pairs])
     chi = np.array([nees(a, T) for T, a in pairs])
     pos, rot = (np.sqrt(np.mean(np.sum(x**2, axis=1))) for x in (e[:, :3], e[:, 3:]))
