@@ -23,16 +23,18 @@ kc_status_t kc_acq_ucb(const kc_gp_t *gp, const uint8_t *usable, double beta, ui
 /* Uniform among the usable; *rng advances (deterministic generator). */
 kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng, uint32_t *c);
 
-/* Information criteria: candidate's joints q (n_joints each, row-major n_cand x KC_JOINT_MAX, float),
- * measurement covariance cov (6x6). dopt: largest gain of log det of the information, *value = the gain;
+/* Information criteria: candidate's joints q (n_joints each, row-major n_cand x KC_JOINT_MAX, float; those
+ * expected at the measurement), measurement covariance cov (6x6).
+ * dopt: largest gain of log det of the information, *value = the gain [nat].
  * vopt: least mean predicted pose variance over all candidates (position [m^2] / len_m^2 + rotation
- * [rad^2], len_m > 0), *value = that mean after the measurement. The information is J' W J of the
- * observations in est (but its outliers) at est->coef, the solution of the last solve or, before the first, what the caller
- * put there, plus a prior on every coefficient asked for: its own if priors are in use, else
- * KC_ACQ_SIGMA x scale, so that directions without data have a finite
- * variance. Everything a context can hold but joints is taken from the last observation, before the
- * first gravity from the arm table and zeros. KC_ERR_ARG: nothing usable, no coefficient asked for,
- * wrong kind, or cov not positive definite; KC_ERR_NUM: not finite. O((n_obs + n_cand) n_coef^2). */
+ * [rad^2], len_m > 0), *value = that mean after the measurement.
+ * The information is J' W J of the observations in est (but its outliers) at est->coef, the solution of the
+ * last solve or, before the first, what the caller put there, plus a prior on every coefficient asked for: its
+ * own if priors are in use, else KC_ACQ_SIGMA x scale, so that directions without data have a finite variance.
+ * Everything a context holds besides joints is taken from the last observation; before the first: gravity of
+ * the arm table and zeros.
+ * KC_ERR_ARG: nothing usable, no coefficient asked for, wrong kind, or cov not positive definite; KC_ERR_NUM:
+ * not finite. O((n_obs + n_cand) n_coef^2). */
 #define KC_ACQ_SIGMA 1.0
 typedef struct {
     double M[KC_COEF_MAX * KC_COEF_MAX]; /* covariance, in units of scale         */
