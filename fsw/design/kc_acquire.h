@@ -29,8 +29,8 @@ kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng,
  * vopt: least mean predicted pose variance over all candidates (position [m^2] / len_m^2 + rotation
  * [rad^2], len_m > 0), *value = that mean after the measurement.
  * The information is J' W J of the observations in est (but its outliers) at est->coef, the solution of the
- * last solve or, before the first, what the caller put there, plus a prior on every coefficient asked for: its
- * own if priors are in use, else KC_ACQ_SIGMA x scale, so that directions without data have a finite variance.
+ * last solve or, before the first, what the caller put there, plus a prior on every coefficient asked for:
+ * its own if priors are in use, else KC_ACQ_SIGMA x scale, so that no variance is infinite.
  * Everything a context holds besides joints is taken from the last observation; before the first: gravity of
  * the arm table and zeros.
  * KC_ERR_ARG: nothing usable, no coefficient asked for, wrong kind, or cov not positive definite; KC_ERR_NUM:
