@@ -68,17 +68,15 @@ def main() -> int:
     sub = parser.add_subparsers(required=True)
     make = sub.add_parser("make", help="make sealed cases")
     make.add_argument("--out", type=Path, required=True)
-    make.add_argument("--cases", nargs="+", default=["none"], metavar="CASE",
-                      help="none, all, or effects joined by +, each kind, kind[joint] or kind[all], with @sigmas")  # fmt: skip
+    each = "none, all, or effects joined by +: kind, kind[joint] or kind[all], with @sigmas"
+    make.add_argument("--cases", nargs="+", default=["none"], metavar="CASE", help=each)
     make.add_argument("--plan", type=Path, help="JSON list of cases instead (fields of case.Order)")
     make.add_argument("--n", type=int, default=100)
     make.add_argument("--seed", type=int, default=1)
     make.add_argument("--size", type=float, default=1.5, help="prior sigmas")
     make.add_argument("--noise", type=float, default=1.0, help="true noise over stated noise")
     make.add_argument("--outliers", type=float, default=0.0, help="share of gross errors")
-    make.add_argument(
-        "--sorted", action="store_true", help="region by region, approach by the way the arm comes"
-    )
+    make.add_argument("--sorted", action="store_true", help="region by region, approach as it comes")
     make.add_argument("--fixed-head", action="store_true", help="the camera never turns")
     make.set_defaults(run=_make)
     sub.add_parser("kinds", help="list what can be hidden").set_defaults(run=_kinds)

@@ -167,7 +167,7 @@ class Wobble(Effect):
 
 
 class Bending(Effect):
-    """A link as a beam of several parts: each bends and twists by the moment on it, its own weight included."""
+    """A link as a beam of several parts: each bends and twists by the moment on it, own weight included."""
 
     def __init__(self, rad_per_nm):
         self.e = np.asarray(rad_per_nm)
@@ -213,9 +213,8 @@ class BaseFlex(_Base):
 
     def __init__(self, home, rad_per_nm_x: float, rad_per_nm_y: float, pivot_m):
         self.home, self.pivot = home, np.asarray(pivot_m)
-        self.C = np.array(
-            [[rad_per_nm_x, 0.1 * rad_per_nm_y, 0.0], [0.1 * rad_per_nm_y, rad_per_nm_y, 0.0], [0, 0, 0]]
-        )
+        across = 0.1 * rad_per_nm_y
+        self.C = np.array([[rad_per_nm_x, across, 0.0], [across, rad_per_nm_y, 0.0], [0.0, 0.0, 0.0]])
 
     def motion(self, _now: Moment, loads: Loads):
         return _about(self.pivot, turn(self.C @ loads.moment(self.pivot)))

@@ -1,4 +1,4 @@
-"""One sealed case: errors, hidden effects, a campaign, noise; the files that may be read, and the sealed answer."""
+"""One sealed case: errors, hidden effects, a campaign, noise; the files to be read, and the sealed answer."""
 
 from __future__ import annotations
 

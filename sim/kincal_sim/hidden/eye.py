@@ -1,4 +1,4 @@
-"""Camera and tags as they really are, the pose that PnP with the nominal numbers makes of them, and effects."""
+"""Camera and tags as they really are, what PnP with the nominal numbers makes of them, and effects."""
 
 from __future__ import annotations
 
