@@ -191,7 +191,7 @@ $(BUILD)/kincal-tagdet: $(TAG_OBJ) $(GEN_C:$(BUILD)/gen/%=$(BUILD)/rel/gen/%.o)
 # ---- tests --------------------------------------------------------------------------------------------
 
 JUNIT  := $(BUILD)/junit
-PYTEST := $(PY) -m pytest -q -c tests/pytest.ini
+PYTEST := $(PY) -m pytest -q -rsfE -c tests/pytest.ini
 
 $(BUILD)/runners/%.c: tests/unit/%.c tests/unit/runner.py
 	@mkdir -p $(@D)
