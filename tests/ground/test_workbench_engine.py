@@ -75,6 +75,8 @@ def test_noise_scale_posterior_finds_noise_larger_than_stated():
     ("text", "value"),
     [
         ("q3", 0.7),
+        ("q2", 0.3),
+        ("sin(2*q[2])", np.sin(0.6)),
         ("sin(2*q3)", np.sin(1.4)),
         ("tanh(q3/0.5)", np.tanh(1.4)),
         ("temp-20", 5.0),
@@ -90,7 +92,7 @@ def test_noise_scale_posterior_finds_noise_larger_than_stated():
 )
 def test_basis_language_means_what_flight_computes(text, value):
     ctx, loads = core.ffi.new("kc_ctx_t *"), core.ffi.new("kc_loads_t *")
-    ctx.q[2], ctx.temp_c, ctx.t_s = 0.7, 25.0, 100.0
+    ctx.q[1], ctx.q[2], ctx.temp_c, ctx.t_s = 0.3, 0.7, 25.0, 100.0
     product = 1.0
     for basis in parse_basis(text, {}, "here"):
         c_basis = core.ffi.new("kc_basis_t *")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from .compare import Comparison
+from .compare import Comparison, Where
 from .diagnose import Diagnosis
 from .ladder import Ladder
 from .nextposes import NextPose
@@ -20,6 +20,18 @@ def _mm(value: float | None) -> float | None:
 
 def _pos_rot(pair: tuple[float | None, float | None]) -> dict:
     return {"pos_mm": _mm(pair[0]), "rot_mrad": _mm(pair[1])}
+
+
+def _where(found: tuple[Where, ...]) -> list[dict]:
+    return [
+        {
+            "variable": w.variable,
+            "p_value": w.p_value,
+            "share_of_variance": w.share_of_variance,
+            "at": w.at,
+        }
+        for w in found
+    ]
 
 
 def comparison_json(c: Comparison) -> dict:
@@ -38,15 +50,13 @@ def comparison_json(c: Comparison) -> dict:
         "rms": {name: _pos_rot(pair) for name, pair in c.rms.items()},
         "chi2_per_dof": c.chi2_per_dof,
         "p_lack_of_fit": c.p_lack_of_fit,
+        "p_structure": c.p_structure,
         "adequate": c.adequate,
         "worst_poses": [
             {"id": w.id, "pos_mm": _mm(w.pos_m), "rot_mrad": _mm(w.rot_rad), "sigma": w.sigma}
             for w in c.worst_poses
         ],
-        "where": [
-            {"variable": w.variable, "p_value": w.p_value, "share_of_variance": w.share_of_variance}
-            for w in c.where
-        ],
+        "where": _where(c.where),
         "outliers": list(c.outliers),
         "outlier_note": c.outlier_note,
     }
@@ -74,6 +84,7 @@ def diagnosis_json(d: Diagnosis, next_poses: list[dict] | None = None) -> dict:
                 "confounded_with": list(e.confounded_with),
                 "why": e.why,
                 "accepted": e.accepted,
+                "helps": e.helps,
             }
             for e in d.effects
         ],
@@ -88,6 +99,11 @@ def diagnosis_json(d: Diagnosis, next_poses: list[dict] | None = None) -> dict:
         },
         "not_testable": [{"name": n.name, "needs": list(n.needs)} for n in d.not_testable],
         "next_poses": next_poses or [],
+        "remainder": {
+            "held": _pos_rot((d.remainder.held_pos_m, d.remainder.held_rot_rad)),
+            "noise_floor": _pos_rot((d.remainder.floor.pos_m, d.remainder.floor.rot_rad)),
+            "where": _where(d.remainder.where),
+        },
     }
 
 
@@ -155,7 +171,10 @@ def comparison_text(c: Comparison) -> str:
         f"verdict            the model {'explains' if c.adequate else 'does NOT explain'} these data",
         "",
         "where the rest lives (share of what is left, p-value):",
-        *[f"  {w.variable:<10}{w.share_of_variance:7.1%}   p = {w.p_value:.2g}" for w in c.where[:6]],
+        *[
+            f"  {w.variable:<8}at {w.at:<20}{w.share_of_variance:7.1%}   p = {w.p_value:.2g}"
+            for w in c.where[:6]
+        ],
         "",
         "worst poses: "
         + ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses),
@@ -194,6 +213,23 @@ def poses_text(poses: list[dict]) -> str:
     return "\n".join(lines)
 
 
+def _grouped(names: tuple[str, ...]) -> str:
+    """gain[1], gain[2], flex -> gain[1], [2]; flex"""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        effect, bracket, rest = name.partition("[")
+        groups.setdefault(effect, []).append(bracket + rest)
+    return "; ".join(effect + ", ".join(places) for effect, places in groups.items())
+
+
+def _remainder_text(d: Diagnosis) -> str:
+    r = d.remainder
+    floor = "unknown" if r.floor.pos_m is None else _text_pair((r.floor.pos_m, r.floor.rot_rad))
+    text = f"left on held-out poses: {_text_pair((r.held_pos_m, r.held_rot_rad))}; noise floor {floor}"
+    live = [f"{w.at} by {w.variable} ({w.share_of_variance:.0%})" for w in r.where if w.p_value < 0.001]
+    return text + (f"; it lives at {', '.join(live)}" if live else "")
+
+
 def diagnosis_text(d: Diagnosis, poses: list[dict] | None = None) -> str:
     lines = [
         comparison_text(d.comparison),
@@ -201,17 +237,19 @@ def diagnosis_text(d: Diagnosis, poses: list[dict] | None = None) -> str:
         f"diagnosis: {_VERDICTS[d.verdict]} (P(nothing missing) = {d.probability_none:.2g})",
     ]
     for e in d.effects:
-        mark = "*" if e.accepted else " "
+        mark = "*" if e.accepted else "+" if e.helps else " "
         lines.append(f"{mark} {e.name:<26} P = {e.probability:.2f}   p = {e.p_value:.2g}   {e.why}")
         lines += [f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters]
         if e.confounded_with:
-            lines.append(f"      cannot be told from: {', '.join(e.confounded_with)}")
+            lines.append(f"      cannot be told from: {_grouped(e.confounded_with)}")
     if d.novel:
         lines += [
             f"not in the library: {d.novel.locus}, depending on {' and '.join(d.novel.depends_on)} "
             f"(P = {d.novel.probability:.2f}, p = {d.novel.p_value:.2g})",
             *[f"      try: {term}" for term in d.novel.suggested_terms],
         ]
+    if d.effects or d.novel:
+        lines.append(_remainder_text(d))
     if d.not_testable:
         lines.append("not testable on these data:")
         absorbed = "absorbed by the fitted parameters (DH, base, tool)"

@@ -19,11 +19,12 @@ from .answers import poses_json
 from .arms import ArmTable
 from .compare import Comparison, compare
 from .data import Measurements
-from .diagnose import Diagnosis, merged
+from .diagnose import Diagnosis
 from .effects import Hypothesis, Library
+from .engine import merged
 from .fit import Fit, find_frames, fit_model
 from .ladder import Ladder, climb
-from .nextposes import NextPose, next_poses
+from .nextposes import next_poses
 from .power import confounding, harm
 
 
@@ -121,7 +122,7 @@ def report(
     path, diagnosis: Diagnosis, library: Library, arm, data, effects, poses, progress=None
 ) -> list[Path]:
     """Write the diagnosis report; returns the files."""
-    from .report import write_report
+    from .report import Content, write_report
 
     accepted = [h for h in diagnosis.final.hypotheses if h.name not in {e.name for e in effects}]
     ladder = climb(arm, data, [*effects, *accepted], diagnosis.comparison.noise_floor, progress=progress)
@@ -136,11 +137,8 @@ def report(
             first = [h for h in group if h.constants == group[len(group) // 2].constants]
             named.append(first[0] if len(first) == 1 else merged(effect, first))
     shown = [h for h in named if any(p.terms for p in h.parameters)]
-    next_ones = [NextPose(tuple(p["q"]), p["direction"], tuple(p["separates"]), p["power"]) for p in poses]
-    rivals = [library.find(n, arm, data)[0] for n in (poses[0]["separates"] if poses else [])]
-    return write_report(
-        path, diagnosis, ladder, confounding(fit_all, shown), harm(fit_all, shown), next_ones, rivals
-    )
+    content = Content(diagnosis, ladder, confounding(fit_all, shown), harm(fit_all, shown), poses)
+    return write_report(path, content)
 
 
 def fit(

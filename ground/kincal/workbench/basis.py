@@ -48,6 +48,11 @@ VARIABLES = {
     "ycam": (20, False),
     "zcam": (21, False),
     "tag": (22, False),
+    # Without camera columns the sensor is the measurement frame itself (a laser tracker, a board):
+    # the position it saw, by the same variables.
+    "sx": (19, False),
+    "sy": (20, False),
+    "sz": (21, False),
 }
 # What the data or the arm table must hold for a variable.
 NEEDS = {
@@ -72,9 +77,12 @@ NEEDS = {
     "ycam": "cam",
     "zcam": "cam",
     "tag": "tag",
+    "sx": "own_sensor",
+    "sy": "own_sensor",
+    "sz": "own_sensor",
 }
 _NUM = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|\$\w+|N"
-_VAR = re.compile(r"^([A-Za-z]+2?)(?:\[(\w+)\]|(\d))?$")
+_VAR = re.compile(r"^(r2|[A-Za-z]+)(?:\[(\w+)\]|(\d))?$")
 _ARG = re.compile(
     rf"^(?:(?P<scale>{_NUM})\s*\*\s*)?\(?\s*(?P<var>[A-Za-z]+\d?(?:\[\w+\])?|1)"
     rf"\s*(?:(?P<sign>[-+])\s*(?P<offset>{_NUM}))?\s*\)?\s*(?:/\s*(?P<div>{_NUM}))?$"

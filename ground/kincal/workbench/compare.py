@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -13,13 +13,15 @@ from .arms import ArmTable
 from .columns import Columns
 from .data import Measurements
 from .effects import Hypothesis
+from .engine import Engine
 from .evidence import LN_SCALE_SIGMA
 from .fit import Fit, find_frames, fit_model, rms
-from .novel import Driver, drivers
+from .novel import drivers
 
 _MIN_REPLICATE_DOF = 6
 ADEQUATE_P = 0.05
 _WHERE_P = 0.01
+_BULK = 0.35  # robust weight from which on a pose counts as good
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,13 @@ class NoiseFloor:
 
 @dataclass(frozen=True)
 class Where:
+    """share_of_variance: of what the model leaves, explained by an error at `at` that follows the
+    variable."""
+
     variable: str
     p_value: float
     share_of_variance: float
+    at: str
 
 
 @dataclass(frozen=True)
@@ -58,7 +64,11 @@ class WorstPose:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Answer of `kincal model compare`; rms: name -> (position [m], rotation [rad] or None)."""
+    """Answer of `kincal model compare`; rms: name -> (position [m], rotation [rad] or None).
+
+    p_lack_of_fit: of the size of the leftover, None where nothing says how large the noise is;
+    p_structure: that it follows some recorded variable somewhere, over all variables.
+    """
 
     arm: str
     source: str
@@ -71,6 +81,7 @@ class Comparison:
     rms: dict[str, tuple[float, float | None]]
     chi2_per_dof: float
     p_lack_of_fit: float | None
+    p_structure: float
     adequate: bool
     worst_poses: tuple[WorstPose, ...]
     where: tuple[Where, ...]
@@ -145,10 +156,8 @@ def compare(
     where = where_it_fails(fit_all)
     held = data.take(split.held) if len(split.held) else None
     outliers, note = find_outliers(fit_all)
-    if p_lack is None:
-        adequate = bool(where and min(1.0, where[0].p_value * len(where)) > _WHERE_P)
-    else:
-        adequate = p_lack > ADEQUATE_P
+    structure = min(1.0, where[0].p_value * len(where)) if where else 1.0
+    adequate = structure > _WHERE_P and (p_lack is None or p_lack > ADEQUATE_P)
     return Comparison(
         arm=arm.name,
         source=data.source,
@@ -165,6 +174,7 @@ def compare(
         },
         chi2_per_dof=fit_all.scale**2,
         p_lack_of_fit=p_lack,
+        p_structure=structure,
         adequate=adequate,
         worst_poses=worst_poses(fit_all),
         where=where,
@@ -258,22 +268,21 @@ def find_outliers(fit: Fit) -> tuple[tuple[str, ...], str]:
 
 
 def where_it_fails(fit: Fit) -> tuple[Where, ...]:
-    """How much of the leftover each recorded variable explains (F test on smooth features), best first."""
-    columns = Columns(fit)
-    n, c = fit.evaluation.r.shape
-    z = columns.weighted(fit.z).reshape(n, c)
-    out = [_explained(z, driver, fit.dof) for driver in drivers(columns)]
-    return tuple(sorted(out, key=lambda w: w.p_value))
+    """Each recorded variable with the place where an error that follows it explains most of the leftover:
+    score test of every place x variable cell, DH projected out. Best first.
 
-
-def _explained(z: np.ndarray, driver: Driver, dof: float) -> Where:
-    n, c = z.shape
-    q, _ = np.linalg.qr(driver.features - driver.features.mean(axis=0))
-    total = float((z**2).sum())
-    explained = float(((q.T @ z) ** 2).sum())
-    k = q.shape[1] * c
-    rest = max(dof - k, 1.0)
-    # projecting out DH takes part of every smooth function: count that share of the columns only
-    share = min(max(dof / (n * c), 0.05), 1.0)
-    f = (explained / (k * share)) / (max(total - explained, 1e-300) / rest)
-    return Where(driver.name, float(stats.f.sf(f, k * share, rest)), explained / total if total > 0 else 0.0)
+    The p-value counts the places tried for that variable (Bonferroni), not the number of variables.
+    """
+    weight = np.where(fit.weight > _BULK, 1.0, fit.weight)
+    engine = Engine(fit, weight, fit.chain.data.cov is not None)
+    total = max(float(engine.wz @ engine.wz), 1e-300)
+    by_variable: dict[str, list[Where]] = {}
+    for s in engine.map(double=False):
+        p = float(stats.chi2.sf(s.score.chi2 / engine.scale**2, s.score.rank)) if s.score.rank else 1.0
+        name = s.best.drivers[0]
+        by_variable.setdefault(name, []).append(Where(name, p, s.score.chi2 / total, s.best.locus))
+    out = []
+    for found in by_variable.values():
+        best = min(found, key=lambda w: (w.p_value, -w.share_of_variance))
+        out.append(replace(best, p_value=min(1.0, best.p_value * len(found))))
+    return tuple(sorted(out, key=lambda w: (w.p_value, -w.share_of_variance)))

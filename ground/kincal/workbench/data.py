@@ -90,6 +90,8 @@ class Measurements:
 
     def has(self, column: str) -> bool:
         """Whether the data carry what an effect needs (`dir`, `temp_c`, `cam`, `rotation` ...)."""
+        if column == "own_sensor":
+            return self.cam_p_m is None
         renamed = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
         attribute = renamed.get(column, column)
         return getattr(self, attribute) is not None

@@ -10,53 +10,51 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
 
 from kincal.errors import BadInput
 
 from .arms import ArmTable
-from .columns import Columns
-from .compare import ADEQUATE_P, Comparison, compare, lack_of_fit, noise_floor
+from .basis import parse_basis
+from .chain import MAX_COEF, MAX_TERM
+from .compare import (
+    ADEQUATE_P,
+    Comparison,
+    NoiseFloor,
+    Where,
+    compare,
+    lack_of_fit,
+    noise_floor,
+    where_it_fails,
+)
 from .data import Measurements
-from .effects import Effect, Hypothesis, Library, Parameter
-from .evidence import LAMBDAS, NoiseScale, Projector, Score, ln_bayes_factor, posterior, score
-from .fit import STUDENT_NU, Fit, fit_model, rms
-from .novel import Cell, cells
+from .effects import Hypothesis, Library, Term
+from .engine import (
+    PRIOR_NONE,
+    PRIOR_NOVEL,
+    Candidate,
+    Engine,
+    Scored,
+    build_candidates,
+    family_p,
+    robust_weights,
+    unknown,
+)
+from .evidence import LAMBDAS, posterior
+from .fit import Fit, fit_model, rms
+from .novel import Cell
+from .power import TWIN_CHI2
 
-PRIOR_NONE, PRIOR_NOVEL = 0.3, 0.1
 ACCEPT_ODDS = 9.0
 CLAIM = 0.9
 MENTION = 0.05
-_TWIN_CHI2 = 9.0
 ABSORBED = 0.995
 MAX_EFFECTS = 5
 _SURE_ENOUGH = 0.2  # nothing was accepted and 'none' is not far behind
 _SETTLE_MAX = 4
 _PREFER_SINGLE = np.log(10.0)
-_NULL_DRAWS = 400
+_HELP_TRIES = 4  # named effects tried at each step when something unnamed wins
+_MAX_RIVALS = 8
 _BOOTSTRAP = 1000
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A hypothesis that competes: the constants of its grid are summed over."""
-
-    name: str
-    effect: Effect
-    variants: tuple[Hypothesis, ...]
-    prior: float
-
-
-@dataclass(frozen=True)
-class Scored:
-    """columns: W G; signal: W z0, what there is to explain."""
-
-    name: str
-    ln_bf: float
-    score: Score
-    best: Hypothesis | Cell
-    columns: np.ndarray
-    signal: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,12 @@ class ParameterValue:
 
 @dataclass(frozen=True)
 class EffectFinding:
-    """One named effect with its probability; `accepted`: it is part of the final model."""
+    """One named effect with its probability.
+
+    accepted: it won against nothing, against the unnamed and against its rivals; helps: it did not win,
+    but held-out poses are predicted better with it (the interval of the ratio excludes 1). Both kinds
+    are part of the final model; the rest are rivals.
+    """
 
     name: str
     probability: float
@@ -82,6 +85,7 @@ class EffectFinding:
     confounded_with: tuple[str, ...]
     why: str
     accepted: bool
+    helps: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,16 @@ class NotTestable:
 
 
 @dataclass(frozen=True)
+class Remainder:
+    """What the final model leaves: held-out error beside the noise floor, and where it lives."""
+
+    held_pos_m: float
+    held_rot_rad: float | None
+    floor: NoiseFloor
+    where: tuple[Where, ...]
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     comparison: Comparison
     verdict: str
@@ -112,260 +126,36 @@ class Diagnosis:
     probability_none: float
     final: Fit
     adequate_after: bool
+    remainder: Remainder
     map_ln_bf: dict[tuple[str, str], float] = field(default_factory=dict)
-
-
-def merged(effect: Effect, hypotheses: list[Hypothesis]) -> Hypothesis:
-    """One hypothesis with the parameters of all joints: "joint_compliance" from its instances."""
-    parameters = tuple(
-        Parameter(f"{p.name}{h.name[len(effect.name) :]}", p.unit, p.sigma, p.terms)
-        for h in hypotheses
-        for p in h.parameters
-    )
-    return Hypothesis(effect.name, effect.name, parameters, hypotheses[0].constants)
-
-
-def build_candidates(
-    arm: ArmTable, data: Measurements, library: Library, used: set[str]
-) -> tuple[list[Candidate], list[NotTestable]]:
-    """Every testable effect: all joints at once (half its prior) and each joint or pair alone."""
-    testable, lacking = [], []
-    for effect in library.effects.values():
-        missing = effect.missing(arm, data)
-        if missing:
-            lacking.append(NotTestable(effect.name, tuple(missing)))
-        elif not effect.twin_of:
-            testable.append(effect)
-    out: list[Candidate] = []
-    share = (1.0 - PRIOR_NONE - PRIOR_NOVEL) / max(len(testable), 1)
-    for effect in testable:
-        by_constants: dict[tuple, list[Hypothesis]] = {}
-        by_name: dict[str, list[Hypothesis]] = {}
-        for h in effect.instances(arm, data):
-            if not any(p.terms for p in h.parameters):
-                continue
-            by_constants.setdefault(h.constants, []).append(h)
-            by_name.setdefault(h.name, []).append(h)
-        several = effect.per == "joint" and len(by_name) > 1
-        singles = [name for name in by_name if name not in used]
-        for name in singles:
-            prior = share / len(by_name) * (0.5 if several else 1.0)
-            out.append(Candidate(name, effect, tuple(by_name[name]), prior))
-        if several and effect.name not in used:
-            variants = tuple(merged(effect, group) for group in by_constants.values())
-            out.append(Candidate(effect.name, effect, variants, 0.5 * share))
-    return out, lacking
-
-
-def robust_weights(fit: Fit, candidates: list[Candidate]) -> np.ndarray:
-    """Student-t pose weights under DH plus ALL effects at prior width, so that an effect is not
-    mistaken for outliers (diagnosis.md 3.1)."""
-    n, c = fit.evaluation.r.shape
-    plain = Columns(fit, np.ones(n))
-    blocks = [plain.hypothesis(cand.variants[0]) for cand in candidates if cand.prior > 0]
-    big = np.hstack([fit.J * fit.sigma_prior, *blocks])
-    z0 = fit.z + fit.J @ fit.estimate
-    weight = np.ones(n)
-    for _ in range(6):
-        root = np.repeat(np.sqrt(weight), c)
-        a = big * root[:, None]
-        kernel = a @ a.T / fit.scale**2 + np.eye(n * c)
-        # residual of the ridge fit is K^-1 z; (I - H)_ii blocks are those of K^-1
-        inverse = np.linalg.inv(kernel)
-        e = inverse @ (root * z0)
-        d2 = np.empty(n)
-        for i in range(n):
-            block = slice(i * c, (i + 1) * c)
-            d2[i] = e[block] @ np.linalg.solve(inverse[block, block] + 1e-9 * np.eye(c), e[block]) / weight[i]
-        scale2 = max(float(np.median(d2) / stats.chi2.median(c)), 1e-6)
-        weight = np.minimum((STUDENT_NU + c) / (STUDENT_NU + d2 / scale2), 1.0)
-    # poses that are merely a little off keep their full weight: the evidence is Gaussian
-    return np.where(weight > 0.35, 1.0, weight)
-
-
-class Engine:
-    """Scores everything at one fit: candidates and map cells by the same formula.
-
-    drop: an effect of the fit that is to compete again. The point of linearisation stays the fit WITH
-    it: a large effect bends the DH errors, and columns taken beside the truth would favour cousins.
-    """
-
-    def __init__(self, fit: Fit, weight: np.ndarray, stated: bool, drop: Hypothesis | None = None):
-        self.columns = Columns(fit, weight)
-        keep = np.array(
-            [drop is None or not name.startswith(f"{drop.name}.") for name in fit.names], dtype=bool
-        )
-        self.projector = Projector.of(self.columns.weighted(fit.J[:, keep]) * fit.sigma_prior[keep])
-        z0 = self.columns.weighted(fit.z + fit.J @ fit.estimate)
-        self.wz = self.projector.apply(z0)
-        rows = float((weight > 0.35).sum() * self.columns.c)
-        self.dof = max(rows - self.projector.spent, 1.0)
-        self.noise = NoiseScale.posterior(float(self.wz @ self.wz), self.dof, stated=stated)
-        self.scale = float((self.noise.s * self.noise.weight).sum())
-
-    def score(self, columns: np.ndarray) -> tuple[Score, float, np.ndarray]:
-        projected = self.projector.apply(columns)
-        s = score(columns, projected, self.wz)
-        return s, float(ln_bayes_factor(s.u, s.v, self.noise)), projected
-
-    def candidates(self, candidates: list[Candidate]) -> list[Scored]:
-        out = []
-        for candidate in candidates:
-            found = []
-            for h in candidate.variants:
-                columns = self.columns.hypothesis(h)
-                s, ln_bf, projected = self.score(columns)
-                found.append(Scored(candidate.name, ln_bf, s, h, projected, self.wz))
-            best = max(found, key=lambda f: f.ln_bf)
-            ln_mean = float(np.logaddexp.reduce([f.ln_bf for f in found]) - np.log(len(found)))
-            out.append(Scored(candidate.name, ln_mean, best.score, best.best, best.columns, self.wz))
-        return out
-
-    def map(self, *, double: bool = True) -> list[Scored]:
-        out = []
-        for cell in cells(self.columns, double=double):
-            s, ln_bf, projected = self.score(cell.columns)
-            out.append(Scored(cell.name, ln_bf, s, cell, projected, self.wz))
-        return out
-
-
-def family_p(engine: Engine, scored: list[Scored], seed: int = 1) -> dict[str, float]:
-    """Family-wise p-value of each score test: draws from the null give the distribution of the least p."""
-    rng = np.random.default_rng(seed)
-    rows = len(engine.wz)
-    z = rng.standard_normal((rows, _NULL_DRAWS))
-    wz = engine.projector.apply(z)
-    least = np.ones(_NULL_DRAWS)
-    own: dict[str, float] = {}
-    for s in scored:
-        if s.score.rank == 0:
-            own[s.name] = 1.0
-            continue
-        u, sv, _ = np.linalg.svd(s.columns, full_matrices=False)
-        basis = u[:, sv > 1e-5 * sv.max()]
-        k = basis.shape[1]
-        p = stats.chi2.sf(((basis.T @ wz) ** 2).sum(axis=0), k)
-        least = np.minimum(least, p)
-        own[s.name] = float(stats.chi2.sf(((basis.T @ engine.wz) ** 2).sum() / engine.scale**2, k))
-    least.sort()
-    count = len(least)
-    return {
-        name: float(max((np.searchsorted(least, p, side="right") + 1) / (count + 1), min(1.0, p * len(own))))
-        if p * len(own) < 1.0 / count
-        else float((np.searchsorted(least, p, side="right") + 1) / (count + 1))
-        for name, p in own.items()
-    }
-
-
-def _posterior(candidates: list[Candidate], scored: list[Scored], mapped: list[Scored]) -> dict[str, float]:
-    """Posterior by candidate name plus 'none' and 'novel'; effects that the nuisance parameters imitate
-    (absorbed) are left out, for the data say nothing about them."""
-    ln_bf = {"none": 0.0}
-    prior = {"none": PRIOR_NONE}
-    by_name = {s.name: s for s in scored}
-    for candidate in candidates:
-        s = by_name[candidate.name]
-        if s.score.absorbed < ABSORBED:
-            ln_bf[candidate.name] = s.ln_bf
-            prior[candidate.name] = candidate.prior
-    if mapped:
-        single = [s.ln_bf for s in mapped if len(s.best.drivers) == 1]
-        double = [s.ln_bf for s in mapped if len(s.best.drivers) == 2]
-        parts = [np.logaddexp.reduce(x) - np.log(len(x)) for x in (single, double) if x]
-        ln_bf["novel"] = float(np.logaddexp.reduce(parts) - np.log(len(parts)))
-        prior["novel"] = PRIOR_NOVEL
-    return posterior(ln_bf, prior)
-
-
-def diagnose(
-    arm: ArmTable,
-    data: Measurements,
-    library: Library,
-    hypotheses: list[Hypothesis] | tuple[Hypothesis, ...] = (),
-    *,
-    dh: bool = True,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> Diagnosis:
-    """Find the effects that the data ask for, one after another, and say how sure that is."""
-    tell = progress or (lambda *_: None)
-    tell("fit", 0, 4)
-    comparison = compare(arm, data, hypotheses, dh=dh)
-    fit = comparison.fit_all
-    used_data = fit.chain.data
-    stated = data.cov is not None
-    used = {h.name for h in hypotheses}
-    candidates, lacking = build_candidates(arm, used_data, library, used)
-    weight = robust_weights(fit, candidates)
-    accepted: list[Hypothesis] = []
-    frames = (fit.base, fit.tool)
-
-    def refit(extra: list[Hypothesis]) -> Fit:
-        return fit_model(
-            arm,
-            used_data,
-            [*hypotheses, *extra],
-            dh=dh,
-            frames=frames,
-            start=dict(zip(fit.names, fit.estimate, strict=True)),
-        )
-
-    current = fit
-    looks: list[Look] = []
-    for step in range(MAX_EFFECTS + 1):
-        tell("evidence", 1 + step, MAX_EFFECTS + 2)
-        look = _look(Engine(current, weight, stated), candidates, accepted)
-        looks.append(look)
-        named = look.best_named
-        if step == MAX_EFFECTS or named is None or not look.something_missing:
-            break
-        chosen = _settle(named, accepted, refit, weight, stated, candidates)
-        if chosen is None:
-            break
-        accepted.append(chosen)
-        current = refit(accepted)
-
-    library_twins: dict[str, list[str]] = {}
-    for effect in library.effects.values():
-        if effect.twin_of:
-            library_twins.setdefault(effect.twin_of, []).append(effect.name)
-    tell("check", MAX_EFFECTS + 1, MAX_EFFECTS + 2)
-    return _conclude(
-        comparison,
-        candidates,
-        lacking,
-        accepted,
-        hypotheses,
-        looks,
-        current,
-        weight,
-        stated,
-        refit,
-        library_twins,
-    )
 
 
 @dataclass(frozen=True)
 class Look:
-    """Everything scored at one fit, with its posterior."""
+    """Everything scored at one fit, with its posterior; unknown: the cells that no effect describes."""
 
     engine: Engine
     scored: list[Scored]
     mapped: list[Scored]
+    unknown: list[Scored]
     probability: dict[str, float]
 
-    @property
-    def best_named(self) -> Hypothesis | None:
+    def named(self, room: int = MAX_COEF) -> list[str]:
+        """Effects by probability, best first, that need no more coefficients than there is room for."""
+        size = {s.name: len(s.best.parameters) for s in self.scored}
+        names = [n for n in self.probability if n not in ("none", "novel") and size[n] <= room]
+        return sorted(names, key=lambda n: -self.probability[n])
+
+    def best(self, room: int = MAX_COEF) -> Hypothesis | None:
         """The best effect; one joint alone unless the data clearly ask for all of them."""
-        names = [name for name in self.probability if name not in ("none", "novel")]
+        names = self.named(room)
         if not names:
             return None
-        top = max(names, key=self.probability.__getitem__)
+        top = names[0]
         by_name = {s.name: s for s in self.scored}
-        singles = [name for name in names if name.startswith(f"{top}[")]
-        if singles:
-            single = max(singles, key=self.probability.__getitem__)
-            if by_name[single].ln_bf > by_name[top].ln_bf - _PREFER_SINGLE:
-                top = single
+        single = next((name for name in names if name.startswith(f"{top}[")), None)
+        if single and by_name[single].ln_bf > by_name[top].ln_bf - _PREFER_SINGLE:
+            top = single
         return by_name[top].best
 
     def presence(self, name: str) -> float:
@@ -384,93 +174,231 @@ class Look:
         return rest > ACCEPT_ODDS * self.probability["none"]
 
 
-def _look(engine: Engine, candidates: list[Candidate], others: list[Hypothesis]) -> Look:
-    taken = {h.name for h in others}
-    still_open = [c for c in candidates if c.name not in taken]
-    scored, mapped = engine.candidates(still_open), engine.map()
-    return Look(engine, scored, mapped, _posterior(still_open, scored, mapped))
+def _posterior(candidates: list[Candidate], scored: list[Scored], cells: list[Scored]) -> dict[str, float]:
+    """Posterior by candidate name plus 'none' and 'novel'; effects that the nuisance parameters imitate
+    (absorbed) are left out, for the data say nothing about them."""
+    ln_bf = {"none": 0.0}
+    prior = {"none": PRIOR_NONE}
+    by_name = {s.name: s for s in scored}
+    for candidate in candidates:
+        s = by_name[candidate.name]
+        if s.score.absorbed < ABSORBED:
+            ln_bf[candidate.name] = s.ln_bf
+            prior[candidate.name] = candidate.prior
+    if cells:
+        single = [s.ln_bf for s in cells if len(s.best.drivers) == 1]
+        double = [s.ln_bf for s in cells if len(s.best.drivers) == 2]
+        parts = [np.logaddexp.reduce(x) - np.log(len(x)) for x in (single, double) if x]
+        ln_bf["novel"] = float(np.logaddexp.reduce(parts) - np.log(len(parts)))
+        prior["novel"] = PRIOR_NOVEL
+    return posterior(ln_bf, prior)
 
 
-def _settle(h, accepted, refit, weight, stated, candidates) -> Hypothesis | None:
-    """The named effect that still wins when everything is linearised at the fit that contains it; None
-    when the unnamed (novel) wins even there, or nothing is needed."""
-    for _ in range(_SETTLE_MAX):
-        look = _look(Engine(refit([*accepted, h]), weight, stated, drop=h), candidates, accepted)
-        winner = look.best_named
-        p = look.probability
-        if winner is None or look.presence(winner.name) < max(ACCEPT_ODDS * p["none"], p["novel"]):
+class _Search:
+    """One diagnosis on its way: what does not change (data, candidates, weights), and the steps."""
+
+    def __init__(
+        self, comparison: Comparison, library: Library, given: tuple[Hypothesis, ...], dh: bool
+    ) -> None:
+        self.comparison, self.given, self.dh = comparison, given, dh
+        self.base = comparison.fit_all
+        self.arm, self.data = self.base.chain.arm, self.base.chain.data
+        used = {h.name for h in given}
+        self.candidates, self.lacking = build_candidates(self.arm, self.data, library, used)
+        self.weight = robust_weights(self.base, self.candidates)
+        self.stated = self.data.cov is not None
+        self.twins: dict[str, list[str]] = {}
+        for effect in library.effects.values():
+            if effect.twin_of:
+                self.twins.setdefault(effect.twin_of, []).append(effect.name)
+        self._held: dict[tuple[str, ...], np.ndarray] = {}
+
+    def refit(self, extra: list[Hypothesis]) -> Fit:
+        start = dict(zip(self.base.names, self.base.estimate, strict=True))
+        frames = (self.base.base, self.base.tool)
+        return fit_model(self.arm, self.data, [*self.given, *extra], dh=self.dh, frames=frames, start=start)
+
+    def room(self, fit: Fit) -> int:
+        """Coefficients that flight's table still has room for."""
+        return 0 if fit.terms.n_term >= MAX_TERM else MAX_COEF - len(fit.names)
+
+    def look(self, fit: Fit, others: list[Hypothesis], drop: Hypothesis | None = None) -> Look:
+        engine = Engine(fit, self.weight, self.stated, drop=drop)
+        taken = {h.name for h in others}
+        still_open = [c for c in self.candidates if c.name not in taken]
+        scored, mapped = engine.candidates(still_open), engine.map()
+        cells = unknown(mapped, scored)
+        return Look(engine, scored, mapped, cells, _posterior(still_open, scored, cells))
+
+    def settle(self, h: Hypothesis, accepted: list[Hypothesis]) -> Hypothesis | None:
+        """The named effect that still wins when everything is linearised at the fit that contains it; None
+        when the unnamed (novel) wins even there, or nothing is needed."""
+        for _ in range(_SETTLE_MAX):
+            fit = self.refit([*accepted, h])
+            look = self.look(fit, accepted, drop=h)
+            winner = look.best(self.room(fit) + len(h.parameters))
+            p = look.probability
+            if winner is None or look.presence(winner.name) < max(ACCEPT_ODDS * p["none"], p["novel"]):
+                return None
+            if winner.name == h.name and winner.constants == h.constants:
+                return h
+            h = winner
+        return h
+
+    def held_square(self, extra: list[Hypothesis]) -> np.ndarray:
+        """(M,) squared position error of the held-out poses, the model fitted to the others only."""
+        key = tuple(h.label for h in extra)
+        if key not in self._held:
+            part = self.comparison.fit_part
+            fit = fit_model(
+                self.arm, part.chain.data, [*self.given, *extra], dh=self.dh, frames=(part.base, part.tool)
+            )
+            self._held[key] = (fit.predict(self.comparison.held_data)[:, :3] ** 2).sum(axis=1)
+        return self._held[key]
+
+    def held_gain(self, kept: list[Hypothesis], h: Hypothesis) -> tuple[float, float, tuple[float, float]]:
+        """Held-out position RMS without and with this effect (the other kept ones in both), and a 95 %
+        bootstrap interval of the ratio over held-out poses."""
+        if not len(self.comparison.split.held):
+            return float("nan"), float("nan"), (float("nan"), float("nan"))
+        others = [x for x in kept if x.name != h.name]
+        a, b = self.held_square(others), self.held_square([*others, h])
+        pick = np.random.default_rng(2).integers(0, len(a), (_BOOTSTRAP, len(a)))
+        ratio = np.sqrt(b[pick].mean(axis=1) / np.maximum(a[pick].mean(axis=1), 1e-300))
+        interval = (float(np.quantile(ratio, 0.025)), float(np.quantile(ratio, 0.975)))
+        return float(np.sqrt(a.mean())), float(np.sqrt(b.mean())), interval
+
+    def helpful(self, look: Look, fit: Fit, kept: list[Hypothesis]) -> Hypothesis | None:
+        """The most probable named effect that held-out poses are predicted better with, although
+        something unnamed explains more; it has to beat 'nothing missing' too."""
+        if not len(self.comparison.split.held):
             return None
-        if winner.name == h.name and winner.constants == h.constants:
-            return h
-        h = winner
-    return h
+        best = {s.name: s.best for s in look.scored}
+        none = look.probability["none"]
+        for name in look.named(self.room(fit))[:_HELP_TRIES]:
+            if look.probability[name] > ACCEPT_ODDS * none and self.held_gain(kept, best[name])[2][1] < 1.0:
+                return best[name]
+        return None
+
+
+def diagnose(
+    arm: ArmTable,
+    data: Measurements,
+    library: Library,
+    hypotheses: list[Hypothesis] | tuple[Hypothesis, ...] = (),
+    *,
+    dh: bool = True,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Diagnosis:
+    """Find the effects that the data ask for, one after another, and say how sure that is."""
+    tell = progress or (lambda *_: None)
+    steps = MAX_EFFECTS + 3
+    tell("fit", 0, steps)
+    comparison = compare(arm, data, hypotheses, dh=dh)
+    search = _Search(comparison, library, tuple(hypotheses), dh)
+    current, accepted = search.base, []
+    tell("evidence", 1, steps)
+    first = look = search.look(current, accepted)
+    while len(accepted) < MAX_EFFECTS and look.something_missing:
+        named = look.best(search.room(current))
+        chosen = None if named is None else search.settle(named, accepted)
+        if chosen is None:
+            break
+        accepted.append(chosen)
+        tell(f"evidence beside {chosen.name}", 1 + len(accepted), steps)
+        current = search.refit(accepted)
+        look = search.look(current, accepted)
+    helping: list[Hypothesis] = []
+    while len(accepted) + len(helping) < MAX_EFFECTS and look.something_missing:
+        h = search.helpful(look, current, [*accepted, *helping])
+        if h is None:
+            break
+        helping.append(h)
+        tell(f"held-out poses with {h.name}", 1 + len(accepted) + len(helping), steps)
+        current = search.refit([*accepted, *helping])
+        look = search.look(current, [*accepted, *helping])
+    tell("check", steps - 1, steps)
+    return _conclude(search, accepted, helping, first, look, current)
 
 
 def _conclude(
-    comparison,
-    candidates,
-    lacking,
-    accepted,
-    hypotheses,
-    looks,
-    current,
-    weight,
-    stated,
-    refit,
-    library_twins,
+    search: _Search,
+    accepted: list[Hypothesis],
+    helping: list[Hypothesis],
+    first: Look,
+    last: Look,
+    current: Fit,
 ) -> Diagnosis:
-    first, last = looks[0], looks[-1]
     p_family = family_p(first.engine, first.scored + first.mapped)
     # each accepted effect against everything that could stand in its place, the others kept
-    kept, own = list(accepted), {}
-    for h in list(accepted):
+    kept, own = [*accepted, *helping], {}
+    for h in list(kept):
         others = [x for x in kept if x is not h]
-        look = _look(Engine(current, weight, stated, drop=h), candidates, others)
-        if others and look.presence(h.name) < ACCEPT_ODDS * look.probability["none"]:
+        look = search.look(current, others, drop=h)
+        if h in accepted and others and look.presence(h.name) < ACCEPT_ODDS * look.probability["none"]:
             kept.remove(h)  # backward check: not needed once the others are there
-            current = refit(kept)
+            current = search.refit(kept)
         else:
             own[h.name] = look
     findings = [
-        _finding(h, own[h.name], p_family, comparison, kept, hypotheses, current, library_twins, True)
+        _finding(search, h, own[h.name], p_family, kept, current, "helps" if h in helping else "accepted")
         for h in kept
     ]
-    listed = {h.effect if h.name == h.effect else h.name for h in kept}
-    rivals: dict[str, tuple[float, Look]] = {}
-    for look in list(own.values()) or [first]:
-        for name in look.probability:
-            effect = name.partition("[")[0]
-            if name in ("none", "novel") or {name, effect} & listed:
-                continue
-            if any(other.startswith(f"{name}[") for other in (*listed, *look.probability)):
-                continue  # all joints at once: counted with its joints
-            same = effect in {other.partition("[")[0] for other in listed}
-            p = look.probability[name] if same else look.presence(name)
-            if p > rivals.get(name, (MENTION, None))[0]:
-                rivals[name] = (p, look)
-    for name, (_, look) in sorted(rivals.items(), key=lambda item: -item[1][0])[:8]:
-        h = next(s for s in look.scored if s.name == name).best
-        findings.append(
-            _finding(h, look, p_family, comparison, kept, hypotheses, current, library_twins, False)
-        )
+    names = {h.name for h in kept}
+    findings += [
+        _finding(search, h, look, p_family, kept, None, "rival")
+        for h, look in _rivals(names, list(own.values()) or [first])
+    ]
     p_after = lack_of_fit(current, noise_floor(current))
-    novel_p = last.probability["novel"]
+    novel_p = last.probability.get("novel", 0.0)
     novel = _novel(last) if novel_p > ACCEPT_ODDS * last.probability["none"] or novel_p > 0.5 else None
-    heat = {(s.best.locus, " x ".join(s.best.drivers)): s.ln_bf for s in first.mapped}
     absorbed = [
         NotTestable(s.name, ()) for s in first.scored if s.score.absorbed >= ABSORBED and "[" not in s.name
     ]
+    order = {"accepted": 0, "helps": 1, "rival": 2}
+    findings.sort(
+        key=lambda f: (order["accepted" if f.accepted else "helps" if f.helps else "rival"], -f.probability)
+    )
     return Diagnosis(
-        comparison=comparison,
+        comparison=search.comparison,
         verdict=_verdict(first.probability, findings, novel),
-        effects=tuple(sorted(findings, key=lambda f: (-f.accepted, -f.probability))),
+        effects=tuple(findings),
         novel=novel,
-        not_testable=tuple(lacking + absorbed),
+        not_testable=tuple([NotTestable(*row) for row in search.lacking] + absorbed),
         probability_none=first.probability["none"],
         final=current,
         adequate_after=(p_after is None or p_after > ADEQUATE_P) and novel is None,
-        map_ln_bf=heat,
+        remainder=_remainder(search, kept, current),
+        map_ln_bf={(s.best.locus, " x ".join(s.best.drivers)): s.ln_bf for s in first.mapped},
     )
+
+
+def _rivals(kept: set[str], looks: list[Look]) -> list[tuple[Hypothesis, Look]]:
+    """Effects outside the model that keep a probability worth a mention, most probable first."""
+    effects = {name.partition("[")[0] for name in kept}
+    found: dict[str, tuple[float, Look]] = {}
+    for look in looks:
+        for name, p in look.probability.items():
+            effect = name.partition("[")[0]
+            if name in ("none", "novel") or name in kept or effect in kept:
+                continue
+            if name == effect and effect in effects:
+                continue  # the same effect at all joints: counted with its joint
+            if p > found.get(name, (MENTION, None))[0]:
+                found[name] = (p, look)
+    best = sorted(found.items(), key=lambda item: -item[1][0])[:_MAX_RIVALS]
+    return [(next(s for s in look.scored if s.name == name).best, look) for name, (_, look) in best]
+
+
+def _remainder(search: _Search, kept: list[Hypothesis], current: Fit) -> Remainder:
+    held = search.comparison.held_data
+    position, rotation = float("nan"), None
+    if held is not None:
+        part = search.comparison.fit_part
+        frames = (part.base, part.tool)
+        fit = fit_model(search.arm, part.chain.data, [*search.given, *kept], dh=search.dh, frames=frames)
+        position, rotation = rms(fit.predict(held))
+    return Remainder(position, rotation, search.comparison.noise_floor, where_it_fails(current)[:3])
 
 
 def _verdict(first_probability, findings, novel) -> str:
@@ -485,45 +413,64 @@ def _verdict(first_probability, findings, novel) -> str:
 
 
 def _finding(
-    h, look, p_family, comparison, kept, hypotheses, current, library_twins, accepted
+    search: _Search,
+    h: Hypothesis,
+    look: Look,
+    p_family: dict[str, float],
+    kept: list[Hypothesis],
+    fit: Fit | None,
+    role: str,
 ) -> EffectFinding:
-    prob, scored, engine = look.probability, look.scored, look.engine
-    mine = next(s for s in scored if s.name == h.name)
-    twins = []
-    for other in scored:
+    engine = look.engine
+    mine = next(s for s in look.scored if s.name == h.name)
+    twins = (
+        _twins(search, h, look, mine)
+        if role != "rival" or mine.score.chi2 > TWIN_CHI2 * engine.scale**2
+        else []
+    )
+    before, after, interval = search.held_gain(kept, h)
+    probability = look.probability.get(h.name, 0.0) if role == "rival" else look.presence(h.name)
+    share = mine.score.chi2 / max(float(engine.wz @ engine.wz), 1e-12)
+    gain = "no held-out poses"
+    if np.isfinite(after):
+        gain = f"held-out error {before * 1e3:.3f} to {after * 1e3:.3f} mm"
+    why = (
+        f"consistent with {h.label}: its pattern explains {share:.0%} of what the model without it leaves, "
+        f"{gain}, probability {probability:.2f}"
+    )
+    if role == "helps":
+        why += "; something unnamed explains more, but held-out poses gain"
+    return EffectFinding(
+        name=h.name,
+        probability=probability,
+        p_value=p_family.get(h.name, 1.0),
+        delta_bic=float(-mine.score.chi2 / engine.scale**2 + mine.score.rank * np.log(len(engine.wz))),
+        held_rms_before_m=before,
+        held_rms_after_m=after,
+        held_ratio_interval=interval,
+        parameters=_values(h, fit),
+        confounded_with=tuple(twins),
+        why=why,
+        accepted=role == "accepted",
+        helps=role == "helps",
+    )
+
+
+def _twins(search: _Search, h: Hypothesis, look: Look, mine: Scored) -> list[str]:
+    """Effects that these data cannot tell from this one, and those that no data can."""
+    out = []
+    for other in look.scored:
         if other.name == h.name or other.score.absorbed >= ABSORBED:
             continue
         effect, _, joint = other.name.partition("[")
         if effect == h.effect and (not joint or h.name == h.effect):
             continue  # the same effect, with all joints or one of them
-        if prob.get(other.name, 0.0) > MENTION or _same_to_these_data(mine, other, engine.scale):
-            twins.append(other.name)
-    twins += [name + h.name[len(h.effect) :] for name in library_twins.get(h.effect, ())]
-    before, after, interval = _held_gain(comparison, kept, h, hypotheses)
-    values = _values(h, current if accepted else None)
-    bic = -mine.score.chi2 / engine.scale**2 + mine.score.rank * np.log(len(engine.wz))
-    where = (
-        f"its pattern explains {mine.score.chi2 / max(engine.wz @ engine.wz, 1e-12):.0%} of what DH leaves"
-    )
-    gain = (
-        f"held-out error {before * 1e3:.2f} to {after * 1e3:.2f} mm"
-        if np.isfinite(after)
-        else "no held-out poses"
-    )
-    why = f"consistent with {h.label}: {where}, {gain}, probability {look.presence(h.name):.2f}"
-    return EffectFinding(
-        name=h.name,
-        probability=look.presence(h.name),
-        p_value=p_family.get(h.name, 1.0),
-        delta_bic=float(bic),
-        held_rms_before_m=before,
-        held_rms_after_m=after,
-        held_ratio_interval=interval,
-        parameters=values,
-        confounded_with=tuple(twins),
-        why=why,
-        accepted=accepted,
-    )
+        likely = look.probability.get(other.name, 0.0) > MENTION
+        if likely or _same_to_these_data(mine, other, look.engine.scale):
+            out.append(other.name)
+    alone = {name.partition("[")[0] for name in out if "[" in name}
+    out = [name for name in out if name not in alone]  # at all joints says no more than at one of them
+    return out + [name + h.name[len(h.effect) :] for name in search.twins.get(h.effect, ())]
 
 
 def _same_to_these_data(mine: Scored, other: Scored, scale: float) -> bool:
@@ -532,7 +479,7 @@ def _same_to_these_data(mine: Scored, other: Scored, scale: float) -> bool:
     theta = _ridge(mine.columns, mine.signal, scale)
     signal = mine.columns @ theta
     left = signal - other.columns @ _ridge(other.columns, signal, scale)
-    return float(left @ left) / scale**2 < _TWIN_CHI2
+    return float(left @ left) / scale**2 < TWIN_CHI2
 
 
 def _ridge(columns: np.ndarray, target: np.ndarray, scale: float) -> np.ndarray:
@@ -550,48 +497,20 @@ def _values(h: Hypothesis, fit: Fit | None) -> tuple[ParameterValue, ...]:
     return tuple(out)
 
 
-def _held_gain(comparison: Comparison, kept, h, hypotheses) -> tuple[float, float, tuple[float, float]]:
-    """Held-out position RMS without and with this effect (the other accepted ones in both), and a
-    bootstrap interval of the ratio over held-out poses."""
-    split = comparison.split
-    if not len(split.held):
-        return float("nan"), float("nan"), (float("nan"), float("nan"))
-    part_fit = comparison.fit_part
-    arm, part = part_fit.chain.arm, part_fit.chain.data
-    frames = (part_fit.base, part_fit.tool)
-    held = comparison.held_data
-    others = [x for x in kept if x.name != h.name]
-    without = fit_model(arm, part, [*hypotheses, *others], frames=frames).predict(held)
-    with_it = fit_model(arm, part, [*hypotheses, *others, h], frames=frames).predict(held)
-    rng = np.random.default_rng(2)
-    pick = rng.integers(0, len(without), (_BOOTSTRAP, len(without)))
-    a = (without[:, :3] ** 2).sum(axis=1)
-    b = (with_it[:, :3] ** 2).sum(axis=1)
-    ratio = np.sqrt(b[pick].mean(axis=1) / a[pick].mean(axis=1))
-    return (
-        rms(without)[0],
-        rms(with_it)[0],
-        (float(np.quantile(ratio, 0.025)), float(np.quantile(ratio, 0.975))),
-    )
-
-
 def _novel(look: Look) -> NovelFinding:
-    top = max(look.mapped, key=lambda s: s.ln_bf)
-    p = family_p(look.engine, look.mapped)[top.name]
+    top = max(look.unknown, key=lambda s: s.ln_bf)
     cell: Cell = top.best
     return NovelFinding(
         locus=cell.locus,
         depends_on=tuple(cell.drivers),
         suggested_terms=suggest_terms(cell, look.engine),
-        p_value=p,
+        p_value=family_p(look.engine, look.mapped)[top.name],
         probability=look.probability["novel"],
     )
 
 
 def suggest_terms(cell: Cell, engine: Engine, count: int = 3) -> tuple[str, ...]:
     """Simple bases, alone or as a product, that imitate the cell's function best, as TOML lines."""
-    from .basis import parse_basis
-
     if not cell.locus.startswith("joint"):
         return tuple(f'at = "{cell.locus}", a function of {d}' for d in cell.drivers)
     joint = int(cell.locus.split()[1])
@@ -609,8 +528,6 @@ def suggest_terms(cell: Cell, engine: Engine, count: int = 3) -> tuple[str, ...]
         if len(forms) == 1
         else [f"{a} * {b}" for a in forms[0] for b in forms[1]] + sum(forms, [])
     )
-    from .effects import Term
-
     frame = joint - 1
     comp = 2 if engine.columns.fit.chain.arm.joints[joint - 1].prismatic else 5
     ranked = []

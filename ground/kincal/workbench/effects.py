@@ -18,6 +18,14 @@ from .basis import Basis, parse_basis
 from .data import Measurements
 
 FRAME_TOOL, FRAME_CAMERA, FRAME_MEAS = 9, 10, 11
+# sensor: the measurement frame itself where the data have no camera columns (tracker, board)
+_PLACES = {
+    "base": 0,
+    "tool": FRAME_TOOL,
+    "camera": FRAME_CAMERA,
+    "sensor": FRAME_CAMERA,
+    "meas": FRAME_MEAS,
+}
 COMPONENTS = {"tx": 0, "ty": 1, "tz": 2, "rx": 3, "ry": 4, "rz": 5}
 _PER = ("arm", "joint", "pair")
 _EFFECT_KEYS = {
@@ -30,6 +38,8 @@ _TERM_KEYS = {"at", "comp", "gain", "basis"}
 _NEED_TEXT = {
     "mass": "mass_kg, com_m (arm table)",
     "gear_ratio": "gear_ratio (arm table)",
+    "mass_unknown": "an arm table without masses",
+    "own_sensor": "data without camera columns",
     "dir": "dir1..",
     "cam": "cx..cqz",
     "image": "cx..cqz",
@@ -97,10 +107,14 @@ class Effect:
         for need in self.needs:
             if need == "mass":
                 there = arm.has_masses
+            elif need == "mass_unknown":
+                there = not arm.has_masses
             elif need == "gear_ratio":
                 there = arm.has_gears
             elif need == "image":
                 there = data is None or data.has("cam")
+            elif need == "own_sensor":
+                there = data is not None and data.has(need)
             else:
                 there = data is None or data.has(need)
             if not there:
@@ -221,11 +235,11 @@ def _concrete_term(
             frame, comp = index - 1, "tz" if arm.joints[index - 1].prismatic else "rz"
         else:
             frame = index if kind == "link" else index - 1
-    elif kind in ("base", "tool", "camera", "meas"):
-        frame = {"base": 0, "tool": FRAME_TOOL, "camera": FRAME_CAMERA, "meas": FRAME_MEAS}[kind]
+    elif kind in _PLACES:
+        frame = _PLACES[kind]
     else:
         raise BadInput(
-            f"{where}: at = {at!r}; joint[j], before[j], link[j], base, tool, camera or meas is needed"
+            f"{where}: at = {at!r}; joint[j], before[j], link[j], {', '.join(_PLACES)} are possible"
         )
     if comp not in COMPONENTS:
         raise BadInput(f"{where}: comp is {comp!r}; one of {', '.join(COMPONENTS)} is needed at {kind}")
@@ -357,6 +371,8 @@ def _needs_of(term: dict, where: str) -> list[str]:
     needs = [basis.need for basis in parse_basis(text, {**constants, **letters}, where) if basis.need]
     if term["at"] in ("camera", "meas"):
         needs.append("cam")
+    if term["at"] == "sensor":
+        needs.append("own_sensor")
     return ["gear_ratio", *needs] if "N*" in text else needs
 
 

@@ -22,6 +22,8 @@ STUDENT_NU = 4.0
 DH_SIGMA = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05}
 FRAME_SIGMA = {"t": 1.0, "r": 1.0}
 _MAX_ITER = 60
+# Converged: the cost falls by less than this share and no pose changes its weight by more than that.
+_SAME_COST, _SAME_WEIGHT = 1e-7, 5e-3
 # Free effect parameters carry this many prior sigmas when their value is reported.
 _EFFECT_WIDTH = 10.0
 # Stand-in noise where nothing was stated; the fitted scale replaces it.
@@ -194,10 +196,12 @@ def fit_model(
         root = np.sqrt(weight / scale2)[:, None]
         a = np.concatenate([(root[:, :, None] * jac).reshape(rows, -1) * sigma, np.eye(len(sigma))])
         b = np.concatenate([(root * z).ravel(), -coef / sigma])
-        u, s, vt = np.linalg.svd(a, full_matrices=False)
+        # A'A in units of the priors: its least eigenvalue is 1, so that squaring loses nothing that matters
+        value, vector = np.linalg.eigh(a.T @ a)
+        slope = vector.T @ (a.T @ b)
         before = cost_of(z, coef)
         for _ in range(12):
-            step = sigma * (vt.T @ (s / (s**2 + damping) * (u.T @ b)))
+            step = sigma * (vector @ (slope / (value + damping)))
             trial_ev, trial_z = look(coef + step)
             if cost_of(trial_z, coef + step) <= before * (1 + 1e-12):
                 damping = max(damping * 0.1, 1e-12)
@@ -207,13 +211,13 @@ def fit_model(
             converged = True  # no step lowers the cost: at the minimum to rounding
             break
         coef = coef + step
-        small = np.abs(step / sigma).max() < 1e-9 or before - cost_of(trial_z, coef) < 1e-9 * before
+        small = np.abs(step / sigma).max() < 1e-9 or before - cost_of(trial_z, coef) < _SAME_COST * before
         chain.loads(terms, coef)
         ev, z = look(coef)
         old = weight.copy()
         jac = np.einsum("nij,njk->nik", whiten, ev.J)
         scale2, weight = _reweight(z, jac, sigma, weight, robust)
-        if small and np.abs(weight - old).max() < 1e-3 and iteration > 1:
+        if small and np.abs(weight - old).max() < _SAME_WEIGHT and iteration > 1:
             converged = True
             break
 
@@ -247,7 +251,7 @@ def _leverage(
     a = (np.sqrt(weight / scale2)[:, None, None] * jac * sigma).reshape(n * c, k)
     inverse = np.linalg.inv(a.T @ a + np.eye(k))
     blocks = a.reshape(n, c, k)
-    hat = np.einsum("nik,kl,njl->nij", blocks, inverse, blocks)
+    hat = (blocks @ inverse) @ blocks.transpose(0, 2, 1)
     return hat, float(np.einsum("nii->", hat))
 
 

@@ -132,6 +132,9 @@ def drivers(columns: Columns) -> list[Driver]:
     ]
     if data.has("cam"):
         scalars += [(name, x, 1.0) for name, x in _image_drivers(columns).items()]
+    else:
+        expected = data.p_m - fit.evaluation.r[:, :3]
+        scalars += [(name, expected[:, k], 1.0) for k, name in enumerate(("sx", "sy", "sz"))]
     scalars += [("incid", data.incid_rad, 1.0), ("pan", data.pan_rad, 1.0), ("tilt", data.tilt_rad, 1.0)]
     for name, x, length in scalars:
         if x is not None and np.std(x) > 1e-9:

@@ -10,6 +10,7 @@ from .columns import Columns
 from .evidence import Projector
 from .fit import Fit
 
+TWIN_CHI2 = 9.0  # below this a pair cannot be told apart with these poses
 _NINETY_PERCENT = 10.5  # chi^2 with 1 dof: non-centrality for 90 % power at 5 %
 
 
