@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from kincal import __version__, link, show
+from kincal.cli_model import model
 
 PATH = click.Path(path_type=Path)
 URL = click.option(
@@ -59,10 +60,10 @@ def bar(out: Console) -> Progress:
 @click.version_option(__version__)
 def main() -> None:
     """Ground side of KinCal: make tables and search spaces, run calibrations, read logs, review
-    corrections.
+    corrections, find what the arm model lacks.
 
     \b
-    Exit status: 0 good, 1 the work was done and the answer is no, 2 bad input.
+    Exit status: 0 good, 1 the work was done and the answer is no, 2 bad input, 3 the data cannot answer.
 
     \b
     Example:
@@ -536,6 +537,8 @@ def review_reject(
     with link.Link(url) as up:
         lib.decide(up, "reject", crc, by, why, journal, found, timeout_s, say=click.echo)
 
+
+main.add_command(model)
 
 if __name__ == "__main__":
     main()

@@ -20,7 +20,7 @@ from .arms import ArmTable
 from .compare import Comparison, compare
 from .data import Measurements
 from .diagnose import Diagnosis
-from .effects import Hypothesis, Library
+from .effects import Hypothesis, Library, data_constants
 from .engine import merged
 from .fit import Fit, find_frames, fit_model
 from .ladder import Ladder, climb
@@ -47,6 +47,7 @@ class FitResult:
     comparison: Comparison
     ladder: Ladder
     fit: Fit
+    constants: dict[str, dict[str, float]]  # effect -> constants of its bases, e.g. the time of a step
 
     def summary(self) -> str:
         """The same numbers as text."""
@@ -81,8 +82,10 @@ def choose_constants(
     *,
     dh: bool = True,
     joined: bool = False,
+    known: dict[str, dict[str, float]] | None = None,
 ) -> list[Hypothesis]:
-    """Hypotheses for effect names, each grid constant (step time ...) at the value with the least cost.
+    """Hypotheses for effect names, each grid constant (step time ...) at the value with the least cost,
+    or as known (effect -> constant -> value) from an earlier fit.
 
     joined: a name without a joint becomes one hypothesis of all joints instead of one per joint.
     """
@@ -90,7 +93,7 @@ def choose_constants(
     frames = None
     for name in names:
         by_constants: dict[tuple, list[Hypothesis]] = {}
-        for h in library.find(name, arm, data):
+        for h in library.find(name, arm, data, (known or {}).get(name)):
             by_constants.setdefault(h.constants, []).append(h)
         groups = list(by_constants.values())
         if len(groups) > 1:
@@ -176,4 +179,10 @@ def fit(
         comparison=comparison,
         ladder=ladder,
         fit=whole,
+        constants={
+            name: data_constants(data) | dict(h.constants)
+            for name in effects
+            for h in hypotheses
+            if h.effect == name.partition("[")[0] and (h.name == name or "[" not in name)
+        },
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from dataclasses import dataclass, field
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -73,13 +74,26 @@ class ArmTable:
         return all(joint.gear_ratio for joint in self.joints)
 
 
+def _shipped():
+    """Arm tables that come with the package."""
+    folder = resources.files("kincal") / "arms"
+    return [file for file in folder.iterdir() if file.name.endswith(".toml")]
+
+
 def read_arm(path: str | Path) -> ArmTable:
-    """Read an arm table. BadInput names the file, the key and what is wrong with it."""
+    """Read an arm table by path, or one that is shipped by its name ("wam").
+
+    BadInput names the file, the key and what is wrong with it.
+    """
     path = Path(path)
+    shipped = {arm.name.removesuffix(".toml"): arm for arm in _shipped()}
+    source = shipped[str(path)] if str(path) in shipped and not path.exists() else path
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(source.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise BadInput(f"{path}: no such file") from None
+        raise BadInput(f"{path}: no such file, nor an arm that is shipped ({', '.join(shipped)})") from None
+    except IsADirectoryError:
+        raise BadInput(f"{path}: is a directory; an arm table (TOML) is needed") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadInput(f"{path}: not valid TOML: {error}") from None
     convention = table.get("convention", "standard")

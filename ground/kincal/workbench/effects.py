@@ -131,10 +131,17 @@ class Effect:
         pairs = self.pairs or tuple(itertools.permutations(joints, 2))
         return [{"i": i, "j": j} for i, j in pairs if max(i, j) <= arm.n]
 
-    def instances(self, arm: ArmTable, data: Measurements | None) -> list[Hypothesis]:
-        """Every joint (or pair) times every grid value. Constants named in the grid come from the data."""
-        fixed = _data_constants(data)
-        grids = {name: _grid_values(name, values, data, self.source) for name, values in self.grid.items()}
+    def instances(
+        self, arm: ArmTable, data: Measurements | None, known: dict[str, float] | None = None
+    ) -> list[Hypothesis]:
+        """Every joint (or pair) times every grid value. Constants named in the grid come from the data,
+        or are known from an earlier fit."""
+        known = known or {}
+        fixed = {**data_constants(data), **known}
+        grids = {
+            name: [known[name]] if name in known else _grid_values(name, values, data, self.source)
+            for name, values in self.grid.items()
+        }
         out = []
         for letters in self.where(arm):
             for combo in itertools.product(*grids.values()):
@@ -162,7 +169,8 @@ def instance_name(effect: str, letters: dict[str, int]) -> str:
     return f"{effect}[{','.join(str(letters[k]) for k in sorted(letters))}]"
 
 
-def _data_constants(data: Measurements | None) -> dict[str, float]:
+def data_constants(data: Measurements | None) -> dict[str, float]:
+    """Reference temperature and begin of time, which bases may use as $T0 and $tstart."""
     if data is None:
         return {"T0": 20.0, "tstart": 0.0}
     return {
@@ -278,13 +286,19 @@ class Library:
     def without(self, *names: str) -> Library:
         return Library([effect for effect in self.effects.values() if effect.name not in names])
 
-    def find(self, name: str, arm: ArmTable, data: Measurements | None) -> list[Hypothesis]:
+    def find(
+        self,
+        name: str,
+        arm: ArmTable,
+        data: Measurements | None,
+        known: dict[str, float] | None = None,
+    ) -> list[Hypothesis]:
         """Instances for `name[joint]`, or all joints for a bare name. BadInput with near names."""
         base = name.partition("[")[0]
         if base not in self.effects:
             near = [n for n in self.effects if n.startswith(base[:4])] or list(self.effects)
             raise BadInput(f"no effect {base!r}; did you mean {', '.join(near[:6])}? (kincal model effects)")
-        found = self.effects[base].instances(arm, data)
+        found = self.effects[base].instances(arm, data, known)
         if "[" in name:
             wanted = name.replace(" ", "")
             found = [h for h in found if h.name == wanted]

@@ -29,7 +29,7 @@ class Change:
 class ModelFile:
     """Effects in use (in the order they were added), a user's own library files, and the history.
 
-    values: the last fit's coefficients by name, written by `fit`, used by `uplink`.
+    values, constants: of the last fit, by coefficient and by effect; `uplink` uses the constants.
     """
 
     effects: tuple[str, ...] = ()
@@ -38,6 +38,7 @@ class ModelFile:
     history: tuple[Change, ...] = ()
     arm: str = ""
     values: dict[str, tuple[float, float]] = field(default_factory=dict)
+    constants: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def add(self, names: list[str]) -> ModelFile:
         doubled = [name for name in names if name in self.effects]
@@ -67,7 +68,7 @@ class ModelFile:
     def _changed(self, action: str, names: tuple[str, ...], effects: tuple[str, ...]) -> ModelFile:
         when = datetime.now(UTC).isoformat(timespec="seconds")
         history = (*self.history, Change(when, action, names, self.effects))
-        return replace(self, effects=effects, history=history, values={})
+        return replace(self, effects=effects, history=history, values={}, constants={})
 
 
 def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
@@ -83,7 +84,7 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         raise BadInput(f"{path}: not valid TOML: {error}") from None
     if table.get("version", VERSION) != VERSION:
         raise BadInput(f"{path}: version {table['version']!r}; this kincal reads version {VERSION}")
-    unknown = set(table) - {"version", "dh", "effects", "libraries", "history", "arm", "value"}
+    unknown = set(table) - {"version", "dh", "effects", "libraries", "history", "arm", "value", "constants"}
     if unknown:
         raise BadInput(f"{path}: unknown key {sorted(unknown)[0]!r}; known: effects, libraries, dh, arm")
     for key in ("effects", "libraries"):
@@ -99,8 +100,12 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
             for h in table.get("history", [])
         )
         values = {v["name"]: (float(v["value"]), float(v["std_err"])) for v in table.get("value", [])}
-    except (KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"{path}: a [[history]] or [[value]] entry is broken: {error}") from None
+        constants = {
+            effect: {name: float(value) for name, value in row.items()}
+            for effect, row in table.get("constants", {}).items()
+        }
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise BadInput(f"{path}: a [[history]], [[value]] or [constants] entry is broken: {error}") from None
     return ModelFile(
         effects=tuple(effects),
         libraries=tuple(table.get("libraries", [])),
@@ -108,6 +113,7 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         history=history,
         arm=str(table.get("arm", "")),
         values=values,
+        constants=constants,
     )
 
 
@@ -140,6 +146,9 @@ def write_model(path: str | Path, model: ModelFile) -> None:
             f"value = {float(value)!r}",
             f"std_err = {float(std_err)!r}",
         ]
+    for effect, row in model.constants.items():
+        lines += ["", f"[constants.{json.dumps(effect)}]"]
+        lines += [f"{name} = {float(value)!r}" for name, value in row.items()]
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(
         "w", dir=path.parent, prefix=path.name, suffix=".new", delete=False, encoding="utf-8"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -11,7 +11,11 @@ import click
 from kincal.errors import BadInput
 
 ARM = click.option(
-    "--arm", "arm_path", required=True, type=click.Path(path_type=Path), help="Arm table (TOML)."
+    "--arm",
+    "arm_path",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Arm table (TOML), or the name of one that is shipped: wam.",
 )
 DATA = click.option("--data", "data_path", required=True, type=click.Path(path_type=Path),
                     help="Measurements: CSV, or an LCM log of the flight process.")  # fmt: skip
@@ -26,28 +30,22 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Machine-readable an
 SKIP = click.option("--skip-bad", is_flag=True, help="Skip malformed rows and count them.")
 
 
+@contextmanager
 def _progress():
-    """A progress line on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        return None
+    """Yields progress(what, done, of): a bar on a terminal, nothing in a pipe."""
     from rich.console import Console
-    from rich.status import Status
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    status = Status("working", console=Console(stderr=True))
-    status.start()
-
-    def tell(what: str, done: int, total: int) -> None:
-        status.update(f"{what} ({done + 1} of {total})")
-
-    import atexit
-
-    atexit.register(status.stop)
-    return tell
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("working", total=1)
+        yield lambda what, done, of: bar.update(task, description=what, completed=done, total=of)
 
 
 def _load(arm_path: Path, data_path: Path, skip_bad: bool):
-    from .arms import read_arm
-    from .logs import read_measurements
+    from kincal.workbench.arms import read_arm
+    from kincal.workbench.logs import read_measurements
 
     arm = read_arm(arm_path)
     return arm, read_measurements(data_path, arm.n, skip_bad=skip_bad)
@@ -55,8 +53,8 @@ def _load(arm_path: Path, data_path: Path, skip_bad: bool):
 
 def _model(model_path: Path | None, effect_files):
     """Model file and the library with its own and the named effect files."""
-    from .effects import Library
-    from .modelfile import ModelFile, read_model
+    from kincal.workbench.effects import Library
+    from kincal.workbench.modelfile import ModelFile, read_model
 
     model = read_model(model_path) if model_path else ModelFile()
     base = model_path.parent if model_path else Path()
@@ -88,9 +86,9 @@ def compare_command(arm_path, data_path, model_path, effect_files, skip_bad, as_
     Example:
         kincal model compare --arm arm.toml --data poses.csv --json
     """
-    from .answers import comparison_json, comparison_text
-    from .api import choose_constants
-    from .compare import compare
+    from kincal.workbench.answers import comparison_json, comparison_text
+    from kincal.workbench.api import choose_constants
+    from kincal.workbench.compare import compare
 
     arm, data = _load(arm_path, data_path, skip_bad)
     chosen, library = _model(model_path, effect_files)
@@ -120,17 +118,19 @@ def diagnose_command(arm_path, data_path, model_path, effect_files, skip_bad, as
     Example:
         kincal model diagnose --arm arm.toml --data poses.csv --report out/report.html
     """
-    from .answers import diagnosis_json, diagnosis_text
-    from .api import advise, choose_constants, report
-    from .diagnose import diagnose
+    from kincal.workbench.answers import diagnosis_json, diagnosis_text
+    from kincal.workbench.api import advise, choose_constants, report
+    from kincal.workbench.diagnose import diagnose
 
     arm, data = _load(arm_path, data_path, skip_bad)
     chosen, library = _model(model_path, effect_files)
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
-    progress = _progress()
-    answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=progress)
-    poses = advise(answer, library)
-    files = report(report_path, answer, library, arm, data, effects, poses, progress) if report_path else []
+    with _progress() as progress:
+        answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=progress)
+        poses = advise(answer, library)
+        files = (
+            report(report_path, answer, library, arm, data, effects, poses, progress) if report_path else []
+        )
     click.echo(
         json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else diagnosis_text(answer, poses)
     )
@@ -156,17 +156,19 @@ def fit_command(arm_path, data_path, model_path, effect_files, skip_bad, as_json
     """
     from dataclasses import replace
 
-    from .answers import fit_json
-    from .api import fit
-    from .modelfile import write_model
+    from kincal.workbench.answers import fit_json
+    from kincal.workbench.api import fit
+    from kincal.workbench.modelfile import write_model
 
     arm, data = _load(arm_path, data_path, skip_bad)
     chosen, library = _model(model_path, effect_files)
-    result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=_progress())
+    with _progress() as progress:
+        result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=progress)
     values = {
         n: (float(v), float(s)) for n, v, s in zip(result.names, result.estimate, result.std_err, strict=True)
     }
-    write_model(model_path, replace(chosen, arm=str(arm_path), values=values))
+    where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
+    write_model(model_path, replace(chosen, arm=where, values=values, constants=result.constants))
     click.echo(json.dumps(fit_json(result), indent=1) if as_json else result.summary())
 
 
@@ -180,7 +182,7 @@ def effects_command(effect_files, as_json) -> None:
     Example:
         kincal model effects --effects my.toml
     """
-    from .effects import Library
+    from kincal.workbench.effects import Library
 
     library = Library.load(*effect_files)
     rows = [
@@ -241,8 +243,8 @@ def add_command(model_path, effect_files, names) -> None:
     """
     from dataclasses import replace
 
-    from .effects import Library
-    from .modelfile import read_model, write_model
+    from kincal.workbench.effects import Library
+    from kincal.workbench.modelfile import read_model, write_model
 
     before = read_model(model_path, must_exist=False)
     files = [model_path.parent / name for name in before.libraries] + list(effect_files)
@@ -263,7 +265,7 @@ def remove_command(model_path, names) -> None:
     Example:
         kincal model remove --model M.toml joint_compliance[2]
     """
-    from .modelfile import read_model, write_model
+    from kincal.workbench.modelfile import read_model, write_model
 
     after = read_model(model_path).remove(list(names))
     write_model(model_path, after)
@@ -279,7 +281,7 @@ def undo_command(model_path) -> None:
     Example:
         kincal model undo --model M.toml
     """
-    from .modelfile import read_model, write_model
+    from kincal.workbench.modelfile import read_model, write_model
 
     after = read_model(model_path).undo()
     write_model(model_path, after)
@@ -296,7 +298,7 @@ def list_command(model_path, as_json) -> None:
     Example:
         kincal model list --model M.toml
     """
-    from .modelfile import read_model
+    from kincal.workbench.modelfile import read_model
 
     chosen = read_model(model_path)
     if as_json:
@@ -318,7 +320,7 @@ def history_command(model_path) -> None:
     Example:
         kincal model history --model M.toml
     """
-    from .modelfile import read_model
+    from kincal.workbench.modelfile import read_model
 
     for change in read_model(model_path).history:
         click.echo(f"{change.when}  {change.action:<7} {', '.join(change.effects)}")
@@ -340,10 +342,10 @@ def next_command(arm_path, data_path, model_path, effect_files, skip_bad, as_jso
     Example:
         kincal model next --arm arm.toml --data poses.csv joint_compliance[2] base_flex
     """
-    from .answers import poses_json, poses_text
-    from .api import choose_constants
-    from .fit import fit_model
-    from .nextposes import next_poses
+    from kincal.workbench.answers import poses_json, poses_text
+    from kincal.workbench.api import choose_constants
+    from kincal.workbench.fit import fit_model
+    from kincal.workbench.nextposes import next_poses
 
     arm, data = _load(arm_path, data_path, skip_bad)
     chosen, library = _model(model_path, effect_files)
@@ -370,7 +372,8 @@ def next_command(arm_path, data_path, model_path, effect_files, skip_bad, as_jso
     "data_path",
     type=click.Path(path_type=Path),
     default=None,
-    help="Measurements, for effects whose constants follow from them (step time, T0).",
+    help="Measurements, for effects whose constants follow from them (time of a step).  "
+    "[default: as the last `kincal model fit` found them]",
 )
 @click.option(
     "--out",
@@ -387,10 +390,10 @@ def uplink_command(model_path, effect_files, arm_path, data_path, out_path) -> N
     Example:
         kincal model uplink --model M.toml -o terms.tbl
     """
-    from .api import choose_constants
-    from .arms import read_arm
-    from .logs import read_measurements
-    from .uplink import term_image
+    from kincal.workbench.api import choose_constants
+    from kincal.workbench.arms import read_arm
+    from kincal.workbench.logs import read_measurements
+    from kincal.workbench.uplink import term_image
 
     chosen, library = _model(model_path, effect_files)
     where = arm_path or (Path(chosen.arm) if chosen.arm else None)
@@ -400,7 +403,8 @@ def uplink_command(model_path, effect_files, arm_path, data_path, out_path) -> N
         )
     arm = read_arm(where)
     data = read_measurements(data_path, arm.n) if data_path else None
-    image = term_image(arm, choose_constants(library, chosen.effects, arm, data, dh=chosen.dh))
+    known = {} if data is not None else chosen.constants
+    image = term_image(arm, choose_constants(library, chosen.effects, arm, data, dh=chosen.dh, known=known))
     out = out_path or model_path.with_suffix(".tbl")
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(image.data)
