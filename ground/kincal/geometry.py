@@ -65,19 +65,6 @@ class ArmChain:
         return out
 
 
-def segment_distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Least distance between segments a[i]-b[i] and c[j]-d[j], matrix (i, j) (Ericson, Real-Time Collision
-    Detection, 5.1.9)."""
-    u, v, w = (b - a)[:, None], (d - c)[None], a[:, None] - c[None]
-    uu, vv = np.maximum(np.sum(u * u, -1), 1e-12), np.maximum(np.sum(v * v, -1), 1e-12)
-    uv, uw, vw = np.sum(u * v, -1), np.sum(u * w, -1), np.sum(v * w, -1)
-    den = np.maximum(uu * vv - uv * uv, 1e-12)
-    s = np.clip((uv * vw - vv * uw) / den, 0.0, 1.0)
-    t = np.clip((uv * s + vw) / vv, 0.0, 1.0)
-    s = np.clip((uv * t - uw) / uu, 0.0, 1.0)
-    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
-
-
 def with_dh_errors(arm: Any, values: dict[str, float]) -> Any:
     """Copy of an arm with DH errors added; other coefficients are ignored."""
     out = core.ffi.new("kc_arm_t *", arm[0])

@@ -13,7 +13,6 @@ from kincal.geometry import (
     R_to_quat,
     quat_to_R,
     rotation_angle,
-    segment_distance,
     with_dh_errors,
 )
 
@@ -126,17 +125,3 @@ def test_aimed_camera_sees_the_point_in_the_image_centre():
     # 69 x 42 degrees of view
     half = np.degrees(np.arctan(np.linalg.norm(corners[1] - corners[0]) / 2))
     assert 2 * half == pytest.approx(69.0, abs=0.5)
-
-
-def test_segment_distance_against_brute_force():
-    rng = np.random.default_rng(8)
-    a, b, c, d = rng.normal(size=(4, 6, 3))
-    d[0] = c[0]  # a point
-    got = segment_distance(a, b, c, d)
-    s = np.linspace(0, 1, 201)[:, None]
-    for i in range(6):
-        for j in range(6):
-            x, y = a[i] + s * (b[i] - a[i]), c[j] + s * (d[j] - c[j])
-            brute = np.min(np.linalg.norm(x[:, None] - y[None], axis=2))
-            assert got[i, j] <= brute + 1e-12
-            assert got[i, j] == pytest.approx(brute, abs=0.02)

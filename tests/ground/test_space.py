@@ -13,7 +13,7 @@ from kincal.geometry import quat_to_R
 ROOT = Path(__file__).resolve().parents[2]
 SRC, BIN = ROOT / "tables" / "src" / "space.toml", ROOT / "tables" / "bin"
 DESC = space.read_description(SRC)
-SMALL = DESC.model_copy(update={"candidates": 12, "pool": 25, "seed": 5})
+SMALL = DESC.model_copy(update={"candidates": 12, "samples": 250, "seed": 5})
 
 
 @pytest.fixture(scope="module")
@@ -76,21 +76,121 @@ def test_every_candidate_is_reached_and_seen(committed):
                 assert m <= v <= 1079 - m
 
 
-def test_hub_segments_stay_above_the_deck_and_off_the_mast(committed):
-    for c in list(committed.cand[0 : committed.n_cand])[::10]:
+SHAPES = {s.name: s for s in DESC.shape}
+
+
+def capsule_ends(q, errors=None):
+    """End points of every capsule of the arm by plain numpy, stretched links included."""
+    dh = np.array(
+        [[0, 0, 0], [0, 0, 0], [0.045, 0, 0.55], [-0.045, 0, 0], [0, 0, 0.3], [0, 0, 0], [0, 0, 0.06]]
+    )
+    alpha = np.array([-1, 1, -1, 1, -1, 1, 0]) * np.pi / 2
+    off = errors or {}
+    T = np.eye(4)
+    T[2, 3] = 0.346
+    out = {}
+    for j in range(7):
+        c, s = (
+            np.cos(q[j] + off.get(f"J{j + 1}.phi_rad", 0.0)),
+            np.sin(q[j] + off.get(f"J{j + 1}.phi_rad", 0.0)),
+        )
+        link = T @ np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+        grow = np.array([off.get(f"J{j + 1}.a_m", 0.0), 0, off.get(f"J{j + 1}.d_m", 0.0)])
+        for name, x in SHAPES.items():
+            if x.joint == j + 1:
+                ends = [
+                    np.array(e) + (grow * e[2] / dh[j, 2] if dh[j, 2] else 0) for e in (x.start_m, x.end_m)
+                ]
+                out[name] = [link[:3, :3] @ e + link[:3, 3] for e in ends]
+        c, s = (f(alpha[j] + off.get(f"J{j + 1}.alpha_rad", 0.0)) for f in (np.cos, np.sin))
+        far = np.array([[1, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1.0]])
+        far[:3, 3] = dh[j] + grow
+        T = link @ far
+    return out
+
+
+def nearest(a, b):
+    """Distance of two segments, by trying points of both."""
+    s = np.linspace(0, 1, 60)[:, None]
+    x, y = a[0] + s * (a[1] - a[0]), b[0] + s * (b[1] - b[0])
+    return np.min(np.linalg.norm(x[:, None] - y[None], axis=2))
+
+
+def too_near(q, errors, margin, slack):
+    """Capsules nearer to deck, mast or each other than the margin, by plain numpy; slack either way."""
+    ends = capsule_ends(q, errors)
+    mast = (np.array([-0.35, 0.45, 0.0]), np.array([-0.35, 0.45, 1.13]))
+    fine = {frozenset(p) for p in DESC.touching}
+    gaps = {}
+    for name, e in ends.items():
+        r = SHAPES[name].radius_m
+        gaps[name, "mast"] = nearest(e, mast) - r - 0.03
+        low = min(e, key=lambda x: x[2])
+        if name not in ("turret", "shoulder") and -0.85 < low[0] < 0.15 and abs(low[1]) < 0.7:
+            gaps[name, "deck"] = low[2] - r
+        for other, f in ends.items():
+            if other < name and frozenset((name, other)) not in fine:
+                gaps[name, other] = nearest(e, f) - r - SHAPES[other].radius_m
+    return {k for k, v in gaps.items() if v < margin + slack}
+
+
+def test_collision_engine_agrees_with_plain_numpy_about_capsules():
+    rng = np.random.default_rng(3)
+    _, arm = tables.load(BIN / "arm.tbl")
+    _, camera = tables.load(BIN / "camera.tbl")
+    hits = 0
+    for errors in ({}, {"J3.d_m": 0.15, "J7.phi_rad": 1.3}):
+        bodies = space.Bodies(DESC, arm, camera, errors, 0.02)
+        for _ in range(250):
+            q = rng.uniform([-2.6, -2.0, -2.8, -0.9, -4.7, -1.6, -3.0], [2.6, 2.0, 2.8, 3.1, 1.2, 1.6, 3.0])
+            if surely := too_near(q, errors, 0.02, -0.004):
+                assert bodies.touching(q), surely
+                hits += 1
+            pair = bodies.touching(q)
+            if pair and all(x in {**SHAPES, "mast": 0} and "tag" not in x for x in pair.split(" - ")):
+                names = pair.split(" - ")
+                if all(x == "mast" or SHAPES[x].radius_m and SHAPES[x].joint for x in names):
+                    assert too_near(q, errors, 0.02, 0.004)
+    assert hits > 30
+
+
+def test_seeds_and_hub_segments_are_clear_with_errors(committed):
+    errors = space.draw(DESC, 7)
+    assert errors[0]["J7.phi_rad"] == 1.3  # the paper's set is one of them
+    for i, c in enumerate(list(committed.cand[0 : committed.n_cand])[::12]):
         a, b = (np.array(list(x)[:7]) for x in (committed.hub_q[c.hub], c.q_seed))
-        for s in np.linspace(0, 1, 25):
-            frames, tool = wam(a + s * (b - a))
-            points = np.array([T[:3, 3] for T in frames[1:]] + [tool[:3, 3]])
-            assert points[:, 2].min() > DESC.clear.floor_m - 0.01
-            low = points[points[:, 2] < 1.25]
-            assert np.hypot(low[:, 0] + 0.35, low[:, 1] - 0.45).min() > DESC.clear.mast_radius_m - 0.01
+        for s in np.linspace(0, 1, 9):
+            q = a + s * (b - a)
+            assert not too_near(q, {}, DESC.clear.nominal_m, -0.005)
+            for e in (errors[0], errors[1 + i % (len(errors) - 1)]):
+                if not any(x.startswith(("J1.", "J2.", "J4.", "J6.")) and "phi" not in x for x in e):
+                    assert not too_near(q, e, DESC.clear.drawn_m, -0.005)
+
+
+def test_servo_box_is_clear_with_the_papers_errors(committed):
+    rng = np.random.default_rng(4)
+    e = {"J7.phi_rad": 1.3, "J3.a_m": 0.01, "J3.d_m": 0.15}
+    bad = n = 0
+    for c in list(committed.cand[0 : committed.n_cand])[::10]:
+        for _ in range(8):
+            q = np.array(list(c.q_seed)[:7]) + rng.uniform(-1, 1, 7) * committed.servo_leash
+            bad += bool(too_near(q, e, 0.0, 0.0))
+            n += 1
+    assert bad <= 0.01 * n
 
 
 def test_candidates_are_spread_and_priors_are_apart(committed):
     p = np.array([list(c.p_m) for c in committed.cand[0 : committed.n_cand]])
     gaps = np.linalg.norm(p[:, None] - p[None], axis=2) + np.eye(len(p))
     assert np.median(gaps.min(axis=1)) > 0.03
+    # under the kernel's own metric: chosen poses are farther apart than as many taken at random
+    _, kernel = tables.load(BIN / "kernel.tbl")
+    R = np.array([quat_to_R(list(c.q_wxyz)) for c in committed.cand[0 : committed.n_cand]])
+    metric = space.Metric(kernel, DESC.spread.set, p, R)
+    order = space.farthest(metric, 40, 0)
+    least = lambda ids: min(metric.squared(i)[[j for j in ids if j != i]].min() for i in ids)  # noqa: E731
+    drawn = [least(list(np.random.default_rng(s).choice(len(p), 40, replace=False))) for s in range(5)]
+    assert least(order) > max(drawn)
     priors = p[list(committed.prior[0 : committed.n_prior])]
     assert np.linalg.norm(priors[0] - priors[1]) > 0.1
 
@@ -116,15 +216,36 @@ def test_direct_edges_join_only_near_candidates(committed):
 
 def test_impossible_description_says_what_most_samples_fail():
     far = SMALL.tool.model_copy(update={"box_min_m": (3.0, 3.0, 3.0), "box_max_m": (4.0, 4.0, 4.0)})
-    with pytest.raises(KincalError, match="most fail: outside the position box"):
-        space.build(SMALL.model_copy(update={"tool": far, "samples_max": 300}), BIN)
+    with pytest.raises(KincalError, match="most fail: too near to or far from the camera"):
+        space.build(SMALL.model_copy(update={"tool": far, "samples": 60}), BIN)
+
+
+def test_metric_is_the_kernel_that_flies(committed):
+    from kincal import core
+
+    _, kernel = tables.load(BIN / "kernel.tbl")
+    cands = committed.cand[0:40]
+    p = np.array([list(c.p_m) for c in cands])
+    metric = space.Metric(kernel, 1, p, np.array([quat_to_R(list(c.q_wxyz)) for c in cands]))
+    points = core.ffi.new("kc_point_t[]", 40)
+    for i, c in enumerate(cands):
+        points[i].p_m, points[i].q_wxyz = list(c.p_m), list(c.q_wxyz)
+    k = [[core.lib.kc_kernel_eval(kernel, 1, points + i, points + j) for j in range(40)] for i in range(40)]
+    got = np.array([metric.covariance(i) for i in range(40)])
+    assert np.allclose(got, np.array(k) / k[0][0], atol=2e-6)
+
+
+def test_helpers_do_not_change_the_table():
+    desc = DESC.model_copy(update={"candidates": 5, "samples": 800, "priors": 1})
+    one, two = (space.build(desc, BIN, processes=n).image.data for n in (1, 2))
+    assert one == two
 
 
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
-        ("candidates  = 300", "candidates  = 2000", "candidates"),
-        ("candidates  = 300", "candidate  = 300", "candidate"),
+        ("candidates = 300", "candidates = 2000", "candidates"),
+        ("candidates = 300", "candidate = 300", "candidate"),
         ('kind  = "space"', 'kind  = "arm"', "not a search space"),
         ("step_rad       = 0.1", "step_rad       = 0.0", "clear.step_rad"),
     ],
@@ -143,8 +264,8 @@ def test_margins_must_fit_the_arm():
 
 
 def test_hub_in_the_deck_is_refused():
-    low = SMALL.joints.model_copy(update={"hubs_rad": [[0.0, 1.9, 0.0, 0.0, 0.0, 0.0, 0.0]]})
-    with pytest.raises(KincalError, match="hub 0"):
+    low = SMALL.joints.model_copy(update={"hubs_rad": [[2.5, 1.95, 0.0, 0.0, 0.0, 0.0, 0.0]]})
+    with pytest.raises(KincalError, match="hub 0 is too near as drawn: deck"):
         space.build(SMALL.model_copy(update={"joints": low}), BIN)
 
 

@@ -59,6 +59,7 @@ def comparison_json(c: Comparison) -> dict:
         "where": _where(c.where),
         "outliers": list(c.outliers),
         "outlier_note": c.outlier_note,
+        "notes": list(c.notes),
     }
 
 
@@ -180,6 +181,7 @@ def comparison_text(c: Comparison) -> str:
         + ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses),
         "outliers: " + (", ".join(c.outliers) if c.outliers else "none"),
         *([c.outlier_note] if c.outlier_note else []),
+        *c.notes,
     ]
     return "\n".join(lines)
 

@@ -9,6 +9,7 @@ print(result.summary())
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from .arms import ArmTable
 from .compare import Comparison, compare
 from .data import Measurements
 from .diagnose import Diagnosis
-from .effects import Hypothesis, Library, data_constants
+from .effects import Hypothesis, Library, data_constants, times_near
 from .engine import merged
 from .fit import Fit, find_frames, fit_model
 from .ladder import Ladder, climb
@@ -74,6 +75,10 @@ class FitResult:
         return "\n".join(lines)
 
 
+def _misfit(arm, data, before, dh, frames, group) -> float:
+    return fit_model(arm, data, [*before, *group], dh=dh, frames=frames).misfit
+
+
 def choose_constants(
     library: Library,
     names,
@@ -96,11 +101,21 @@ def choose_constants(
         for h in library.find(name, arm, data, (known or {}).get(name)):
             by_constants.setdefault(h.constants, []).append(h)
         groups = list(by_constants.values())
+        effect = library.effects[groups[0][0].effect]
+        if data is None and not set(effect.constants_of_data) <= set((known or {}).get(name, {})):
+            raise BadInput(
+                f"{name} has constants that come from measurements; run `kincal model fit` or give --data"
+            )
         if len(groups) > 1:
-            if data is None:
-                raise BadInput(f"{name} has constants that come from measurements; give --data")
             frames = frames or find_frames(arm, data)
-            groups.sort(key=lambda g: fit_model(arm, data, [*chosen, *g], dh=dh, frames=frames).chi2)
+            cost = partial(_misfit, arm, data, tuple(chosen), dh, frames)
+            groups = [min(groups, key=cost)]
+            for constant, values in effect.grid.items():
+                if values == "times":  # the grid is coarse: every moment near its best one
+                    fixed = dict(groups[0][0].constants)
+                    near = times_near(fixed[constant], data)
+                    finer = [library.find(name, arm, data, {**fixed, constant: t}) for t in near]
+                    groups = [min(finer, key=cost)]
         best = groups[0]
         if joined and len(best) > 1:
             best = [merged(library.effects[best[0].effect], best)]
@@ -165,8 +180,6 @@ def fit(
     comparison = compare(arm, data, hypotheses, dh=dh)
     ladder = climb(arm, data, hypotheses, comparison.noise_floor, dh=dh, progress=progress)
     whole = comparison.fit_all
-    scaled = whole.J * whole.sigma_prior / whole.scale
-    rank = int((np.linalg.svd(scaled, compute_uv=False) > 1.0).sum()) if scaled.size else 0
     return FitResult(
         arm=arm.name,
         effects=tuple(effects),
@@ -174,7 +187,7 @@ def fit(
         units=tuple(p.unit for p in whole.parameters),
         estimate=whole.estimate,
         std_err=whole.std_err,
-        rank=rank,
+        rank=whole.rank,
         noise_scale=whole.scale,
         comparison=comparison,
         ladder=ladder,

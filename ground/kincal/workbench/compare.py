@@ -21,6 +21,9 @@ from .novel import drivers
 _MIN_REPLICATE_DOF = 6
 ADEQUATE_P = 0.05
 _WHERE_P = 0.01
+_MIN_POSES = 4
+_MIN_RANK_SHARE = 1.0 / 3.0  # of the coefficients; seven joints that move freely give 28 of 28
+_STILL = 0.02  # [rad or m], a joint that moves less stands still
 _BULK = 0.35  # robust weight from which on a pose counts as good
 
 
@@ -135,9 +138,12 @@ def compare(
     if suspicions:
         raise BadInput(f"{data.source}: " + "; ".join(suspicions))
     split = choose_split(data)
-    if len(split.fit) < 4:
-        raise CannotAnswer(f"{data.source}: {len(split.fit)} poses to fit; at least 4 are needed")
     part = data.take(split.fit)
+    different = len(split.fit) if part.replicate is None else len(np.unique(part.replicate))
+    if different < _MIN_POSES:
+        raise CannotAnswer(
+            f"{data.source}: {different} different poses to fit; at least {_MIN_POSES} are needed"
+        )
     frames = find_frames(arm, part)
     nominal = fit_model(arm, part, (), dh=False, robust=True, frames=frames)
     fit_part = fit_model(arm, part, hypotheses, dh=dh, frames=frames)
@@ -146,6 +152,12 @@ def compare(
         raise CannotAnswer(
             f"{data.source}: {len(split.fit)} poses leave no degree of freedom beside the "
             f"{len(fit_part.names)} coefficients; measure more poses"
+        )
+    rank = fit_part.rank
+    if dh and rank < _MIN_RANK_SHARE * len(fit_part.names):
+        raise CannotAnswer(
+            f"{data.source}: singular design: the poses determine {rank} of {len(fit_part.names)} directions "
+            "of the model; move more joints, and farther"
         )
     # the whole model is judged on every pose unless the file keeps some back
     fit_all = fit_part if split.given else fit_model(
@@ -182,7 +194,14 @@ def compare(
         outlier_note=note,
         fit_all=fit_all,
         fit_part=fit_part,
+        notes=tuple(still_joints(data)),
     )
+
+
+def still_joints(data: Measurements) -> list[str]:
+    """Joints that the poses do not move, in words."""
+    still = np.flatnonzero(np.ptp(data.q, axis=0) < _STILL) + 1
+    return [f"joint {j} stands still in these data: nothing about it can be told" for j in still]
 
 
 def noise_floor(fit: Fit) -> NoiseFloor:

@@ -352,9 +352,6 @@ def _conclude(
     p_after = lack_of_fit(current, noise_floor(current))
     novel_p = last.probability.get("novel", 0.0)
     novel = _novel(last) if novel_p > ACCEPT_ODDS * last.probability["none"] or novel_p > 0.5 else None
-    absorbed = [
-        NotTestable(s.name, ()) for s in first.scored if s.score.absorbed >= ABSORBED and "[" not in s.name
-    ]
     order = {"accepted": 0, "helps": 1, "rival": 2}
     findings.sort(
         key=lambda f: (order["accepted" if f.accepted else "helps" if f.helps else "rival"], -f.probability)
@@ -364,13 +361,24 @@ def _conclude(
         verdict=_verdict(first.probability, findings, novel),
         effects=tuple(findings),
         novel=novel,
-        not_testable=tuple([NotTestable(*row) for row in search.lacking] + absorbed),
+        not_testable=_not_testable(search, first),
         probability_none=first.probability["none"],
         final=current,
         adequate_after=(p_after is None or p_after > ADEQUATE_P) and novel is None,
         remainder=_remainder(search, kept, current),
         map_ln_bf={(s.best.locus, " x ".join(s.best.drivers)): s.ln_bf for s in first.mapped},
     )
+
+
+def _not_testable(search: _Search, first: Look) -> tuple[NotTestable, ...]:
+    """Effects that lack a column or a key, whose columns do not vary, or that the fit imitates exactly."""
+    out = [NotTestable(*row) for row in search.lacking]
+    needs = {c.name: c.effect.needs for c in search.candidates}
+    for s in first.scored:
+        if s.score.absorbed >= ABSORBED and "[" not in s.name:
+            idle = () if s.columns.any() else tuple(f"{need} that varies" for need in needs[s.name])
+            out.append(NotTestable(s.name, idle))
+    return tuple(out)
 
 
 def _rivals(kept: set[str], looks: list[Look]) -> list[tuple[Hypothesis, Look]]:
@@ -483,7 +491,7 @@ def _same_to_these_data(mine: Scored, other: Scored, scale: float) -> bool:
 
 
 def _ridge(columns: np.ndarray, target: np.ndarray, scale: float) -> np.ndarray:
-    inner = columns.T @ columns + (scale / LAMBDAS[-1]) ** 2 * np.eye(columns.shape[1])
+    inner = columns.T @ columns + (scale / max(LAMBDAS)) ** 2 * np.eye(columns.shape[1])
     return np.linalg.solve(inner, columns.T @ target)
 
 

@@ -121,6 +121,11 @@ class Effect:
                 lacking.append(_NEED_TEXT.get(need, need))
         return lacking
 
+    @property
+    def constants_of_data(self) -> tuple[str, ...]:
+        """Constants that are searched among values that only measurements give."""
+        return tuple(self.grid)
+
     def where(self, arm: ArmTable) -> list[dict[str, int]]:
         """The joint letters of each instance: {} for the arm, {j} per joint, {i, j} per pair."""
         joints = self.joints or tuple(range(1, arm.n + 1))
@@ -196,6 +201,15 @@ def _grid_values(name: str, values, data: Measurements | None, source: str) -> l
     raise BadInput(
         f'{source}: grid {name} is {values!r}; a list of numbers, "times" or "durations" is needed'
     )
+
+
+def times_near(t0: float, data: Measurements) -> list[float]:
+    """Moments between two measurements around one of the grid, closer than its neighbours."""
+    t = np.unique(data.t_s)
+    middles = 0.5 * (t[1:] + t[:-1])
+    place = int(np.abs(middles - t0).argmin())
+    reach = max(1, round(len(middles) / 16))
+    return [float(v) for v in middles[max(place - reach, 0) : place + reach + 1]]
 
 
 def _link_vector(arm: ArmTable, j: int) -> np.ndarray:

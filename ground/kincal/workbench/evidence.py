@@ -11,7 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-LAMBDAS = np.array([0.3, 1.0, 3.0])
+# Sizes of an effect in units of its typical size, and their weights. The large ones are rare, but
+# without them a gross effect would be beyond what its own prior allows, and any looser shape would win.
+LAMBDAS = np.array([0.3, 1.0, 3.0, 10.0, 30.0])
+LAMBDA_WEIGHTS = np.array([1.0, 1.0, 1.0, 0.1, 0.03])
 LN_SCALE_SIGMA = 0.25
 
 
@@ -66,21 +69,24 @@ class NoiseScale:
         return cls(np.exp(ln_s), ln_w - np.logaddexp.reduce(ln_w))
 
 
-def ln_bayes_factor(u: np.ndarray, v: np.ndarray, noise: NoiseScale, lambdas=LAMBDAS) -> np.ndarray:
+def ln_bayes_factor(
+    u: np.ndarray, v: np.ndarray, noise: NoiseScale, lambdas=LAMBDAS, weights=None
+) -> np.ndarray:
     """ln BF against 'none', averaged over effect size (lambda) and noise scale.
 
     u: (..., m) and v: (..., m): rotated score E'P^1/2 U and its variances (diagnosis.md section 4).
     Components with v = 0 add nothing.
     """
+    if weights is None:
+        weights = LAMBDA_WEIGHTS if lambdas is LAMBDAS else np.ones(len(lambdas))
     s2 = noise.s[:, None] ** 2
     out = np.full(u.shape[:-1], -np.inf)
-    for i, lam in enumerate(lambdas):
+    for lam, share in zip(lambdas, weights / np.sum(weights), strict=True):
         x = lam**2 * v[..., None, :] / s2
         gain = x / (1.0 + x) * np.where(v > 0, u**2 / np.where(v > 0, v, 1.0), 0.0)[..., None, :] / s2
         ln_bf = 0.5 * (gain - np.log1p(x)).sum(axis=-1)
-        ln_bf = np.logaddexp.reduce(ln_bf + noise.ln_weight, axis=-1)
-        out = ln_bf if i == 0 else np.logaddexp(out, ln_bf)
-    return out - np.log(len(lambdas))
+        out = np.logaddexp(out, np.log(share) + np.logaddexp.reduce(ln_bf + noise.ln_weight, axis=-1))
+    return out
 
 
 @dataclass(frozen=True)

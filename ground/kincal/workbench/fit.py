@@ -102,8 +102,21 @@ class Fit:
     def sigma_prior(self) -> np.ndarray:
         return np.array([p.sigma for p in self.parameters])
 
-    def rms(self) -> tuple[float, float | None]:
-        return rms(self.evaluation.r)
+    @property
+    def rank(self) -> int:
+        """Directions of the coefficients that the data determine better than the priors do."""
+        scaled = self.J * self.sigma_prior / self.scale
+        return int((np.linalg.svd(scaled, compute_uv=False) > 1.0).sum()) if scaled.size else 0
+
+    @property
+    def misfit(self) -> float:
+        """-2 ln of the Student-t likelihood of all poses, up to a constant. Unlike chi2 it also counts the
+        poses that were weighted down, so that models with different outliers can be compared."""
+        n, c = self.evaluation.r.shape
+        square = (self.z.reshape(n, c) ** 2).sum(axis=1) / self.scale**2
+        return float(
+            (STUDENT_NU + c) * np.log1p(square / STUDENT_NU).sum() + 2.0 * n * c * np.log(self.scale)
+        )
 
     def predict(self, data: Measurements) -> np.ndarray:
         """Residuals (M, c) of other measurements under this fit."""
@@ -304,8 +317,9 @@ def _finish(
     chi2 = float((z[good] ** 2).sum())
     scale = float(np.sqrt(chi2 / dof))
     if k:
-        a = (np.sqrt(weight)[:, None, None] * jac.reshape(n, c, k)).reshape(n * c, k) / scale
-        cov = np.linalg.inv(a.T @ a + np.diag(sigma**-2.0))
+        a = (np.sqrt(weight)[:, None, None] * jac.reshape(n, c, k)).reshape(n * c, k) * sigma / scale
+        value, vector = np.linalg.eigh(a.T @ a)  # in units of the priors: stays positive when singular
+        cov = (vector / (1.0 + np.maximum(value, 0.0))) @ vector.T * np.outer(sigma, sigma)
     else:
         cov = np.zeros((0, 0))
     d2 = _distance(z, hat) / scale**2

@@ -1,0 +1,529 @@
+"""`kincal model`: every verb through the command, its exit status, the pinned keys of its answers."""
+
+import csv
+import json
+import re
+import struct
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import poses
+import pytest
+import samples
+from click.testing import CliRunner
+
+from kincal import core, tables
+from kincal import workbench as wb
+from kincal.cli import main
+from kincal.errors import EXIT_DATA, EXIT_INPUT
+from kincal.workbench import figures
+from kincal.workbench.logs import read_measurements
+
+ROOT = Path(__file__).resolve().parents[2]
+
+COMPARE = {
+    "poses": int, "fit": int, "held": int, "components": int, "noise_floor": dict, "rms": dict,
+    "chi2_per_dof": float, "p_lack_of_fit": float, "adequate": bool, "worst_poses": list, "where": list,
+    "outliers": list,
+}  # fmt: skip
+DIAGNOSE = {
+    "verdict": str,
+    "effects": list,
+    "novel": (dict, type(None)),
+    "not_testable": list,
+    "next_poses": list,
+}
+EFFECT = {
+    "name", "probability", "p_value", "delta_bic", "held_rms_before_mm", "held_rms_after_mm", "parameters",
+    "confounded_with", "why",
+}  # fmt: skip
+MINE = """[[effect]]
+name = "odd_coupling"
+formula = "dq_3 = k tanh(q4) cos(q6)"
+[[effect.parameter]]
+name = "k"
+unit = "rad"
+sigma = 5e-3
+[[effect.parameter.term]]
+at = "joint[3]"
+basis = "tanh(q4) * cos(q6)"
+"""
+
+
+def kincal(*args):
+    done = CliRunner().invoke(main, ["model", *map(str, args)])
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
+    return done
+
+
+def good(*args):
+    done = kincal(*args)
+    assert done.exit_code == 0, done.output
+    return done
+
+
+def answer(*args):
+    """JSON answer; NaN and infinity are not JSON."""
+
+    def refuse(name):
+        raise AssertionError(f"{name} in the answer")
+
+    return json.loads(good(*args, "--json").stdout, parse_constant=refuse)
+
+
+def has(keys, doc):
+    for key, kind in keys.items():
+        assert isinstance(doc[key], kind), f"{key}: {doc[key]!r}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """An arm table and measurements with a hidden backlash of joint 4."""
+    out = tmp_path_factory.mktemp("workbench")
+    poses.arm_toml(out / "arm.toml")
+    poses.poses_csv(out / "poses.csv", 60, 12, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0]))
+    return out
+
+
+@pytest.fixture(scope="module")
+def given(folder):
+    return "--arm", folder / "arm.toml", "--data", folder / "poses.csv"
+
+
+@pytest.fixture(scope="module")
+def flight_log(tmp_path_factory):
+    """A short calibration in simulation, without pixels."""
+    out = tmp_path_factory.mktemp("run")
+    command = [
+        "run",
+        "compliance",
+        "--fast",
+        "--poses",
+        "12",
+        "--accept",
+        "auto",
+        "--no-compare",
+        "--no-summary",
+    ]
+    CliRunner().invoke(main, [*command, "--tables", str(ROOT / "tables" / "bin"), "--out", str(out)])
+    return out / "run.lcmlog"
+
+
+@pytest.fixture
+def model(tmp_path):
+    return tmp_path / "M.toml"
+
+
+# --------------------------------------------------------------------------- answers
+
+
+def test_compare_answers_with_the_pinned_keys(given):
+    got = answer("compare", *given)
+    has(COMPARE, got)
+    assert (got["poses"], got["fit"], got["held"], got["components"]) == (60, 45, 15, 6)
+    for name in ("nominal", "fit", "held"):
+        assert set(got["rms"][name]) == {"pos_mm", "rot_mrad"}
+    assert {"variable", "p_value", "share_of_variance"} <= set(got["where"][0])
+    assert got["where"][0]["variable"] == "dir4"
+    assert set(got["worst_poses"][0]) == {"id", "pos_mm", "rot_mrad", "sigma"}
+    assert got["adequate"] is False
+    assert "does NOT explain" in good("compare", *given).output
+
+
+def test_compare_with_positions_only_has_three_components(tmp_path):
+    arm = poses.arm_toml(tmp_path / "arm.toml")
+    data = poses.poses_csv(tmp_path / "d.csv", 60, 3, position_only=True)
+    got = answer("compare", "--arm", arm, "--data", data)
+    assert got["components"] == 3
+    assert got["rms"]["held"]["rot_mrad"] is None
+
+
+def test_diagnose_names_the_effect_and_answers_with_the_pinned_keys(given):
+    got = answer("diagnose", *given)
+    has(COMPARE | DIAGNOSE, got)
+    assert got["verdict"] == "effect"
+    best = got["effects"][0]
+    assert set(best) >= EFFECT
+    assert (best["name"], best["accepted"]) == ("backlash[4]", True)
+    assert best["held_rms_after_mm"] < best["held_rms_before_mm"]
+    assert set(best["parameters"][0]) == {"name", "value", "std_err", "unit"}
+    assert "consistent with" in best["why"]
+    needs = {row["name"]: row["needs"] for row in got["not_testable"]}
+    assert needs["latency"] == ["qdot"]
+    text = good("diagnose", *given).output
+    assert "backlash[4]" in text
+    assert "'consistent with' is not 'proven'" in text
+
+
+def test_added_effect_is_no_longer_missing(given, model):
+    good("add", "--model", model, "backlash[4]")
+    got = answer("diagnose", *given, "--model", model)
+    assert got["verdict"] == "adequate"
+    assert got["rms"]["held"]["pos_mm"] < answer("compare", *given)["rms"]["held"]["pos_mm"]
+
+
+def test_model_is_built_step_by_step(given, model, folder):
+    good("add", "--model", model, "backlash[4]")
+    good("add", "--model", model, "base_flex", "joint_compliance[2]")
+    assert good("list", "--model", model).output.split() == [
+        "backlash[4]",
+        "base_flex",
+        "joint_compliance[2]",
+    ]
+    good("remove", "--model", model, "base_flex", "joint_compliance[2]")
+    good("undo", "--model", model)
+    good("undo", "--model", model)
+    assert answer("list", "--model", model)["effects"] == ["backlash[4]"]
+    actions = [line.split()[1] for line in good("history", "--model", model).output.splitlines()]
+    assert actions == ["add", "add", "remove", "undo", "undo"]
+    fitted = answer("fit", *given, "--model", model)
+    by_name = {p["name"]: p for p in fitted["parameters"]}
+    assert by_name["backlash[4].h"]["value"] == pytest.approx(
+        3e-3, abs=4 * by_name["backlash[4].h"]["std_err"]
+    )
+    models = {r["model"] for r in fitted["ladder"]["rungs"]}
+    assert models == {"nominal", "DH", "+ backlash[4]"}
+    assert {r["held_out"] for r in fitted["ladder"]["rungs"]} == {
+        "held-out poses", "unseen region", "time block", "direction"}  # fmt: skip
+    # values are in the file now, and the arm it is for
+    assert "backlash[4].h = " in good("list", "--model", model).output
+    assert tomllib.loads(model.read_text())["arm"] == str(folder / "arm.toml")
+
+
+def test_fit_says_when_an_effect_does_not_help(given, model):
+    good("add", "--model", model, "backlash[2]")
+    assert "backlash[2] does not help on held-out poses" in good("fit", *given, "--model", model).output
+
+
+def test_next_poses_name_the_rivals(given):
+    got = answer("next", *given, "--count", 3, "joint_compliance[2]", "base_flex")
+    assert len(got["next_poses"]) == 3
+    for pose in got["next_poses"]:
+        assert set(pose) >= {"q", "separates", "power"}
+        assert len(pose["q"]) == 7
+        assert pose["separates"] == ["joint_compliance[2]", "base_flex"]
+    assert "next poses, to separate" in good("next", *given, "joint_compliance[2]", "base_flex").output
+
+
+def test_effects_lists_what_people_need():
+    rows = {row["name"]: row for row in answer("effects")}
+    assert len(rows) >= 28
+    row = rows["joint_compliance[j]"]
+    assert row["parameters"] == [{"name": "c", "unit": "rad/(N m)", "sigma": 2e-4}]
+    for name, row in rows.items():
+        for key in ("title", "formula", "looks_like", "inspect"):
+            assert row[key], f"{name} has no {key}"
+    text = good("effects").output
+    assert "dq_j = c_j tau_j" in text
+    assert "confounded with" in text
+
+
+# --------------------------------------------------------------------------- uplink
+
+
+def test_uplink_writes_an_image_that_flight_accepts(given, model):
+    good("add", "--model", model, "backlash[4]", "encoder_eccentricity[5]")
+    good("fit", *given, "--model", model)
+    done = good("uplink", "--model", model)
+    image, struct_ = tables.load(model.with_suffix(".tbl"))
+    assert image.kind == "terms"
+    assert image.crc_text in done.output
+    names = [core.ffi.string(struct_.coef[i].name).decode() for i in range(struct_.n_coef)]
+    assert names[28:] == ["backlash[4]", "encoder_eccentrici[5].A", "encoder_eccentrici[5].B"]
+    assert all(struct_.coef[i].enabled for i in range(struct_.n_coef))
+
+
+def test_uplink_keeps_the_step_time_that_the_fit_found(tmp_path, model):
+    """An effect whose constant comes from the data: the image says the same without the data."""
+    count = iter(range(10**6))
+
+    def true_q(q, _direction):
+        return q + np.array([0, 5e-3 * (next(count) >= 30), 0, 0, 0, 0, 0])
+
+    arm = poses.arm_toml(tmp_path / "arm.toml")
+    data = poses.poses_csv(tmp_path / "d.csv", 60, 5, true_q)
+    good("add", "--model", model, "bias_step[2]")
+    assert kincal("uplink", "--model", model, "--arm", arm).exit_code == EXIT_INPUT
+    good("fit", "--arm", arm, "--data", data, "--model", model)
+    t0 = wb.read_model(model).constants["bias_step[2]"]["t0"]
+    assert 29 * 60.0 <= t0 <= 31 * 60.0
+    good("uplink", "--model", model, "-o", tmp_path / "a.tbl")
+    good("uplink", "--model", model, "--data", data, "-o", tmp_path / "b.tbl")
+    assert (tmp_path / "a.tbl").read_bytes() == (tmp_path / "b.tbl").read_bytes()
+    assert struct.pack("<d", t0) in (tmp_path / "a.tbl").read_bytes()
+
+
+# --------------------------------------------------------------------------- own effects, logs, own arms
+
+
+def test_own_effect_is_listed_added_fitted_and_uplinked(tmp_path, model):
+    mine = tmp_path / "mine.toml"
+    mine.write_text(MINE)
+    arm = poses.arm_toml(tmp_path / "arm.toml")
+
+    def true_q(q, _direction):
+        return q + np.array([0, 0, 8e-3 * np.tanh(q[3]) * np.cos(q[5]), 0, 0, 0, 0])
+
+    given = ("--arm", arm, "--data", poses.poses_csv(tmp_path / "d.csv", 80, 13, true_q))
+    assert "odd_coupling" in good("effects", "--effects", mine).output
+    assert answer("diagnose", *given)["novel"]["where"] == "joint 3"
+    got = answer("diagnose", *given, "--effects", mine)
+    assert (got["verdict"], got["effects"][0]["name"]) == ("effect", "odd_coupling")
+    good("add", "--model", model, "--effects", mine, "odd_coupling")
+    fitted = answer("fit", *given, "--model", model)  # the model file remembers whose library it needs
+    k = next(p for p in fitted["parameters"] if p["name"] == "odd_coupling.k")
+    assert k["value"] == pytest.approx(8e-3, abs=4 * k["std_err"])
+    good("uplink", "--model", model)
+    assert tables.load(model.with_suffix(".tbl"))[1].n_term == 29
+
+
+def test_log_of_the_flight_process_is_read_as_it_is(flight_log):
+    got = answer("compare", "--arm", "wam", "--data", flight_log)
+    has(COMPARE, got)
+    assert got["poses"] >= 12
+    assert got["noise_floor"]["source"] == "stated covariance"
+    arm = wb.read_arm("wam")
+    data = read_measurements(flight_log, arm.n)
+    for column in (
+        "dir",
+        "temp_c",
+        "payload_kg",
+        "qdot",
+        "range_m",
+        "incid_rad",
+        "u_px",
+        "cam",
+        "pan_rad",
+        "tag",
+    ):
+        assert data.has(column), column
+
+
+def test_log_without_measurements_and_of_another_arm_is_refused(tmp_path, flight_log):
+    samples.write_log(tmp_path / "run.lcmlog")
+    done = kincal("compare", "--arm", "wam", "--data", tmp_path / "run.lcmlog")
+    assert done.exit_code == EXIT_INPUT
+    assert "KC_MEAS" in done.output
+    two = tmp_path / "two.toml"
+    two.write_text("[[joint]]\nq_min_rad = -1.0\nq_max_rad = 1.0\na_m = 1.0\n" * 2)
+    done = kincal("compare", "--arm", two, "--data", flight_log)
+    assert done.exit_code == EXIT_INPUT
+    assert "7 joints" in done.output
+
+
+def test_shipped_arm_is_the_arm_that_flies():
+    arm, flown = wb.read_arm("wam"), tables.load(ROOT / "tables" / "bin" / "arm.tbl")[1]
+    camera = tables.load(ROOT / "tables" / "bin" / "camera.tbl")[1]
+    assert arm.n == flown.n_joints
+    for ours, theirs in zip(arm.joints, flown.joint, strict=False):
+        for key in ("a_m", "alpha_rad", "d_m", "phi_rad", "q_min", "q_max", "mass_kg", "gear_ratio"):
+            assert getattr(ours, key) == pytest.approx(getattr(theirs, key), abs=1e-15)
+        assert list(ours.com_m) == pytest.approx(list(theirs.com_m))
+    assert list(arm.base.xyz_m) == list(flown.base_xyz_m)
+    assert list(arm.tool.xyz_m) == list(flown.tool_xyz_m)
+    assert list(arm.gravity_m_s2) == list(flown.gravity_m_s2)
+    for key in ("fx_px", "fy_px", "cx_px", "cy_px"):
+        assert getattr(arm.camera, key) == getattr(camera, key)
+
+
+# --------------------------------------------------------------------------- report
+
+
+def test_report_is_one_page_with_every_figure(given, tmp_path):
+    page = tmp_path / "out" / "report.html"
+    done = good("diagnose", *given, "--report", page)
+    assert str(page) in done.output.replace("\n", "")
+    text = page.read_text()
+    assert not re.search(r"""(?:src|href)=["'](?!data:)|https?://|@import|url\(""", text)
+    for key in (
+        "ladder",
+        "posterior",
+        "suspects",
+        "map",
+        "vectors",
+        "variables",
+        "joints",
+        "confounding",
+        "harm",
+    ):
+        png = page.with_name(f"report-{key}.png").read_bytes()
+        assert png.startswith(b"\x89PNG")
+        width, height = struct.unpack(">II", png[16:24])
+        assert min(width, height) > 100
+    assert text.count("<img ") == 9
+    assert text.count("<table>") >= 2
+    assert "backlash[4]" in text
+
+
+def test_figures_survive_awkward_data(tmp_path):
+    """Positions only, no held-out poses, nothing found: every figure can still be drawn."""
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml", masses=False))
+    path = poses.poses_csv(tmp_path / "d.csv", 40, 3, position_only=True)
+    rows = path.read_text().splitlines()
+    path.write_text("\n".join([rows[0] + ",split", *[row + ",fit" for row in rows[1:]]]) + "\n")
+    found = wb.diagnose(arm, wb.read_csv(path, 7), wb.Library.load())
+    with figures.plt.rc_context(figures.STYLE):
+        for make in (figures.posterior, figures.heat_map, figures.vectors, figures.variables, figures.joints,
+                     figures.suspects):  # fmt: skip
+            figure = make(found)
+            figure.canvas.draw()
+            figures.plt.close(figure)
+
+
+# --------------------------------------------------------------------------- what is refused
+
+
+def rewritten(folder, tmp_path, change):
+    """The measurements with rows changed: change(header, rows) in place."""
+    with (folder / "poses.csv").open(newline="") as file:
+        header, *rows = list(csv.reader(file))
+    change(header, rows)
+    path = tmp_path / "changed.csv"
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    return path
+
+
+def drop_column(name):
+    def change(header, rows):
+        k = header.index(name)
+        for row in (header, *rows):
+            del row[k]
+
+    return change
+
+
+def set_cell(line, name, value):
+    def change(header, rows):
+        rows[line - 2][header.index(name)] = value
+
+    return change
+
+
+def scale(names, factor):
+    def change(header, rows):
+        for row in rows:
+            for name in names:
+                k = header.index(name)
+                row[k] = str(float(row[k]) * factor)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (drop_column("q3"), ["line 1", "q3", "missing"]),
+        (drop_column("qz"), ["line 1", "qz"]),
+        (set_cell(7, "px", "nan"), ["line 7", "px", "finite"]),
+        (set_cell(9, "q2", ""), ["line 9", "q2", "empty"]),
+        (set_cell(5, "qw", "3.0"), ["line 5", "norm"]),
+        (scale([f"q{j}" for j in range(1, 8)], 180 / np.pi), ["degrees", "pi/180"]),
+        (scale(["px", "py", "pz"], 1e3), ["millimetres"]),
+    ],
+)
+def test_bad_measurements_are_status_2_and_say_where(folder, tmp_path, change, words):
+    done = kincal("diagnose", "--arm", folder / "arm.toml", "--data", rewritten(folder, tmp_path, change))
+    assert done.exit_code == EXIT_INPUT
+    assert done.stdout == ""
+    for word in words:
+        assert word in done.output
+
+
+def test_skip_bad_keeps_the_rest_and_counts(folder, tmp_path):
+    data = rewritten(folder, tmp_path, set_cell(7, "px", "nan"))
+    got = answer("compare", "--arm", folder / "arm.toml", "--data", data, "--skip-bad")
+    assert (got["poses"], got["skipped"]) == (59, 1)
+
+
+def few(count):
+    def change(_header, rows):
+        del rows[count:]
+
+    return change
+
+
+def all_alike(_header, rows):
+    for row in rows:
+        row[2:] = rows[0][2:]
+
+
+def one_joint(_header, rows):
+    """Only joint 1 moves: a circle."""
+    for k, row in enumerate(rows):
+        angle = -1.5 + 3.0 * k / len(rows)
+        q = np.array([angle, 0.4, 0.1, 1.2, 0.2, 0.3, 0.1])
+        pose = poses.tool_pose(q, np.zeros((7, 4)))
+        row[2:16] = [*map(str, [*q, *pose[:3, 3], *poses.quat_wxyz(pose[:3, :3])])]
+
+
+@pytest.mark.parametrize("change", [few(3), few(5), all_alike, one_joint])
+@pytest.mark.parametrize("verb", ["compare", "diagnose"])
+def test_data_that_cannot_answer_are_status_3(folder, tmp_path, change, verb):
+    done = kincal(verb, "--arm", folder / "arm.toml", "--data", rewritten(folder, tmp_path, change))
+    assert done.exit_code == EXIT_DATA, done.output
+    assert "poses" in done.output
+    assert done.stdout == ""
+
+
+def test_effect_without_its_column_is_status_3(folder, model):
+    good("add", "--model", model, "latency")
+    done = kincal("fit", "--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--model", model)
+    assert done.exit_code == EXIT_DATA
+    assert "qdot" in done.output
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("add", "--model", "M.toml", "joint_complaince[2]"), ["joint_complaince", "joint_compliance"]),
+        (("add", "--model", "M.toml", "joint_compliance[x]"), ["joint_compliance[2]"]),
+        (("add", "--model", "M.toml", "base_flex[2]"), ["whole arm"]),
+        (("list", "--model", "none.toml"), ["none.toml", "no such file"]),
+        (("undo", "--model", "none.toml"), ["no such file"]),
+        (("history", "--model", "none.toml"), ["no such file"]),
+        (("remove", "--model", "none.toml", "backlash[4]"), ["no such file"]),
+        (("uplink", "--model", "none.toml"), ["no such file"]),
+        (("effects", "--effects", "none.toml"), ["none.toml"]),
+        (("compare", "--arm", "none", "--data", "d.csv"), ["none", "wam"]),
+    ],
+)
+def test_bad_words_are_status_2_and_say_what_to_do(tmp_path, monkeypatch, args, words):
+    monkeypatch.chdir(tmp_path)
+    done = kincal(*args)
+    assert done.exit_code == EXIT_INPUT, done.output
+    for word in words:
+        assert word in done.output
+
+
+def test_undo_without_history_and_a_lonely_rival_are_refused(given, model):
+    good("add", "--model", model, "backlash[4]")
+    good("undo", "--model", model)
+    done = kincal("undo", "--model", model)
+    assert (done.exit_code, "nothing to undo" in done.output) == (EXIT_INPUT, True)
+    done = kincal("next", *given, "backlash[4]")
+    assert (done.exit_code, "two or more" in done.output) == (EXIT_INPUT, True)
+    done = kincal("next", *given, "backlash[9]", "base_flex")
+    assert (done.exit_code, "no such joint" in done.output) == (EXIT_INPUT, True)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (('basis = "tanh(q4) * cos(q6)"', 'basis = "tanh(q4) * cosh(q6)"'), "cosh"),
+        (('at = "joint[3]"', 'at = "elbow"'), "elbow"),
+        (("sigma = 5e-3", "sigma = 0.0"), "sigma"),
+        (('name = "odd_coupling"', 'name = "backlash"'), "already"),
+        (('formula =', 'colour ='), "colour"),
+        (('at = "joint[3]"', 'at = "joint[9]"'), "joint"),
+    ],
+)  # fmt: skip
+def test_broken_effect_file_is_refused_with_the_reason(given, tmp_path, change, word):
+    assert MINE.count(change[0]) >= 1
+    mine = tmp_path / "mine.toml"
+    mine.write_text(MINE.replace(*change, 1))
+    done = kincal("diagnose", *given, "--effects", mine)
+    assert done.exit_code == EXIT_INPUT
+    assert word in done.output
+    assert "mine.toml" in done.output
