@@ -13,7 +13,7 @@ import numpy as np
 
 from kincal.errors import BadInput
 
-from .arms import ArmTable
+from .arms import ArmTable, quat_to_matrix
 from .basis import Basis, parse_basis
 from .data import Measurements
 
@@ -218,16 +218,25 @@ def _link_vector(arm: ArmTable, j: int) -> np.ndarray:
     return np.array([joint.a_m, joint.d_m * math.sin(joint.alpha_rad), joint.d_m * math.cos(joint.alpha_rad)])
 
 
+def _mount_lever(arm: ArmTable) -> np.ndarray:
+    """From the origin of the base frame, where the arm is bolted on, to frame 0, in frame 0 [m]; a mount that
+    tips turns about that origin. Zero when the base frame is unknown."""
+    if arm.base.estimate:
+        return np.zeros(3)
+    return quat_to_matrix(arm.base.quat_wxyz).T @ arm.base.xyz_m
+
+
 def _gain(value, arm: ArmTable, names: dict[str, int], where: str) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
     text = str(value).replace(" ", "")
     factor = 1.0
-    symbols = {}
+    symbols = dict(zip(("Bx", "By", "Bz"), _mount_lever(arm), strict=True))
     if "j" in names:
         length = _link_vector(arm, names["j"])
         joint = arm.joints[names["j"] - 1]
-        symbols = dict(zip(("Lx", "Ly", "Lz"), length, strict=True)) | {"a": joint.a_m, "d": joint.d_m}
+        symbols |= dict(zip(("Lx", "Ly", "Lz"), length, strict=True)) | {"a": joint.a_m, "d": joint.d_m}
+        symbols["long"] = float(np.linalg.norm(length) > 1e-6)
     for part in text.split("*"):
         sign = -1.0 if part.startswith("-") else 1.0
         part = part.lstrip("+-")
@@ -235,7 +244,7 @@ def _gain(value, arm: ArmTable, names: dict[str, int], where: str) -> float:
             factor *= sign * (symbols[part] if part in symbols else float(part))
         except ValueError:
             raise BadInput(
-                f"{where}: gain {value!r}: {part!r} is neither a number nor Lx, Ly, Lz, a, d"
+                f"{where}: gain {value!r}: {part!r} is neither a number nor Lx Ly Lz a d long Bx By Bz"
             ) from None
     return factor
 
@@ -245,6 +254,8 @@ def _concrete_term(
 ) -> list[Term]:
     at, comp = raw["at"], raw.get("comp")
     values: dict[str, float] = {**constants, **names}
+    if "j" in names:
+        values["p"] = names["j"] - 1  # the link before
     if "j" in names and arm.joints[names["j"] - 1].gear_ratio:
         values["N"] = arm.joints[names["j"] - 1].gear_ratio
     kind, _, token = at.partition("[")
@@ -389,7 +400,7 @@ def _read_effect(row: dict, source: str) -> Effect:
 
 
 def _needs_of(term: dict, where: str) -> list[str]:
-    letters = dict.fromkeys("ij", 1)
+    letters = dict.fromkeys("ijp", 1)
     constants = {"T0": 0.0, "tstart": 0.0, "tau": 1.0, "t0": 0.0, "tau0": 1.0, "N": 1.0}
     text = term.get("basis", "1")
     if not isinstance(text, str):

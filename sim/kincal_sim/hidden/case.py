@@ -97,6 +97,15 @@ class Bench:
             told.append({"kind": wish.kind, "place": wish.place, "size": wish.size, "theta": theta})
         return effects, told
 
+    def rivals(self, told: dict) -> list[Effect]:
+        """Effects that do nearly the same: a soft joint 2 and a soft mount, on a level base."""
+        scene = kinds.Scene(self.spec, self.span_s, geom.trans(*self.spec["base"]["xyz_m"]), None)
+        if told["kind"] == "base_flex":
+            return kinds.units("compliance", scene, (2,))
+        if told["kind"] in ("compliance", "droop") and told["place"] == (2,):
+            return kinds.units("base_flex", scene)
+        return []
+
     def read(self, now: Moment, effects: list[Effect]) -> Reading:
         """What camera and encoders give, without noise."""
         T_base_tool, T_base_cam = self.plant.settle(now, effects)
@@ -126,27 +135,26 @@ class Bench:
             out.append(np.concatenate([z, np.zeros(3)]))
         return np.array(out).T
 
-    def strength(self, moments: list[Moment], effects: list[Effect]) -> dict[str, float]:
+    def strength(self, moments: list[Moment], effects: list[Effect], rivals=()) -> dict[str, float]:
         """How visible effects are in these poses: squared length in units of the noise, after the best
-        change of the DH parameters was taken away (chi2); how much that took (absorbed); raw size (mm)."""
-        rows, columns, square = [], [], []
+        change of the DH parameters was taken away (chi2); how much that took (absorbed); raw size (mm);
+        and what is left when effects of other kinds may imitate them too, in any size (beside_rivals)."""
+        rows, columns, beside, square = [], [], [], []
         for now in moments:
-            with_it, without = self.read(now, effects), self.read(now, [])
-            C = with_it.T_base_cam[:3, :3]
-            change = _motion(without.T, with_it.T)
+            healthy = self.read(now, [])
+            whiten = np.kron(np.eye(2), healthy.T_base_cam[:3, :3].T) / NOISE[:, None]
+            change = _motion(healthy.T, self.read(now, effects).T)
             square.append(change[:3] @ change[:3])
-            whiten = np.kron(np.eye(2), C.T) / NOISE[:, None]
             rows.append(whiten @ change)
             columns.append(whiten @ self.dh_columns(now))
+            beside.append([whiten @ _motion(healthy.T, self.read(now, [rival]).T) for rival in rivals])
         d, J = np.concatenate(rows), np.vstack(columns)
-        J = J / np.linalg.norm(J, axis=0)
-        left = d - J @ np.linalg.lstsq(J, d, rcond=1e-9)[0]
-        whole = max(float(d @ d), 1e-300)
-        return {
-            "chi2": float(left @ left),
-            "absorbed": 1.0 - float(left @ left) / whole,
-            "rms_mm": 1e3 * float(np.sqrt(np.mean(square))),
-        }
+        left, whole = _left(d, J), max(float(d @ d), 1e-300)
+        out = {"chi2": left, "absorbed": 1.0 - left / whole, "rms_mm": 1e3 * float(np.sqrt(np.mean(square)))}
+        if rivals:
+            more = np.array(beside).transpose(0, 2, 1).reshape(len(d), len(rivals))
+            out["beside_rivals"] = _left(d, np.hstack([J, more]))
+        return out
 
 
 def draw_errors(n: int, rng: np.random.Generator) -> dict[str, float]:
@@ -158,6 +166,13 @@ def draw_errors(n: int, rng: np.random.Generator) -> dict[str, float]:
         errors[f"J{j}.a_m"] = float(LENGTH_SIGMA_M * rng.standard_normal())
         errors[f"J{j}.d_m"] = float(LENGTH_SIGMA_M * rng.standard_normal())
     return errors
+
+
+def _left(d: np.ndarray, J: np.ndarray) -> float:
+    """Squared length of what the columns cannot imitate."""
+    J = J / np.linalg.norm(J, axis=0)
+    rest = d - J @ np.linalg.lstsq(J, d, rcond=1e-9)[0]
+    return float(rest @ rest)
 
 
 def _motion(A: np.ndarray, B: np.ndarray) -> np.ndarray:
@@ -338,7 +353,7 @@ def make(order: Order, folder: Path) -> dict:
         [[f"u{i:03d}", *_state(now), 0.0, 0.0, 0.0] for i, now in enumerate(unseen)],
     )
     for effect, line in zip(effects, told, strict=True):
-        line |= bench.strength(moments, [effect])
+        line |= bench.strength(moments, [effect], bench.rivals(line))
     answer = {
         "order": asdict(order),
         "effects": told,

@@ -32,7 +32,7 @@ class Scene:
     spec: dict
     span_s: float
     home: np.ndarray  # pose of frame 0 in the base frame
-    rng: np.random.Generator
+    rng: np.random.Generator | None
 
 
 @dataclass(frozen=True)
@@ -365,3 +365,10 @@ def draw(wish: Wish, scene: Scene) -> tuple[Effect, list]:
     theta *= np.array(kind.sigma)
     theta = np.abs(theta) if kind.positive else theta
     return kind.make(scene, theta, places), theta.tolist()
+
+
+def units(name: str, scene: Scene, place: tuple[int, ...] = ()) -> list[Effect]:
+    """One effect for each parameter of a kind at a place, each one prior sigma large."""
+    kind = KINDS[name]
+    thetas = np.eye(len(kind.sigma)) * np.array(kind.sigma)
+    return [kind.make(scene, theta[None, :], place or ((),)) for theta in thetas]
