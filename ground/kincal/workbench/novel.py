@@ -22,6 +22,7 @@ _SINGLE = 5  # eigenvectors of one driver
 _DOUBLE = 12  # of two drivers together
 _JOINT_SIGMA = 1.5e-3  # [rad], typical size of an unknown joint error
 _SHIFT_SIGMA = 1.5e-3  # [m]
+_MAX_INCIDENCE_MISFIT = 0.15  # of the cosine: the tag sits beside the tool point
 _MIN_IMAGE_SPREAD = 0.01  # of normalised image position: about 14 px
 
 
@@ -70,10 +71,35 @@ def loci(columns: Columns) -> list[Locus]:
         ray = seen / np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-9)
         rows = columns.locus(FRAME_CAMERA, (0, 1, 2))
         out.append(Locus("range", _SHIFT_SIGMA * np.einsum("nm,nmc->nc", ray, rows)[:, None, :]))
+    if (tilt := _tag_tilt(columns)) is not None:
+        out.append(Locus("tag tilt", _JOINT_SIGMA * tilt))
     turns += [(f"link {j} tilt", j, (3, 4)) for j in range(1, arm.n)]
     out += [Locus(name, _JOINT_SIGMA * columns.locus(frame, comps)) for name, frame, comps in turns]
     out += [Locus(name, _SHIFT_SIGMA * columns.locus(frame, comps)) for name, frame, comps in shifts]
     return [locus for locus in out if np.abs(locus.rows).max() > 0]
+
+
+def _tag_tilt(columns: Columns) -> np.ndarray | None:
+    """Rows of a turn of the seen tag toward the camera: what a bias of the slant does. The tags' normals
+    are not in the arm table; the recorded incidence angles tell them, tag by tag."""
+    data = columns.fit.chain.data
+    if data.incid_rad is None or data.quat_wxyz is None or not data.has("cam"):
+        return None
+    ray = data.p_m - data.cam_p_m
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    rotation = np.array([quat_to_matrix(q) for q in data.quat_wxyz])
+    ray_tool = np.einsum("nji,nj->ni", rotation, ray)
+    tag = data.tag if data.tag is not None else np.zeros(data.n)
+    normal = np.zeros((data.n, 3))
+    for which in np.unique(tag):
+        mine = tag == which
+        if mine.sum() < 6:
+            continue
+        found, *_ = np.linalg.lstsq(ray_tool[mine], np.cos(data.incid_rad[mine]), rcond=None)
+        if np.abs(ray_tool[mine] @ found - np.cos(data.incid_rad[mine])).max() < _MAX_INCIDENCE_MISFIT:
+            normal[mine] = found / np.linalg.norm(found)
+    axis = np.cross(normal, ray_tool)
+    return np.einsum("nm,nmc->nc", axis, columns.locus(FRAME_MEAS, (3, 4, 5)))[:, None, :]
 
 
 def _features(kernel: np.ndarray, keep: int) -> np.ndarray:
