@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -54,6 +56,21 @@ def bar(out: Console) -> Progress:
         transient=True,
         disable=not out.is_terminal,
     )
+
+
+PROCESSES = click.option(
+    "--processes",
+    type=click.IntRange(1, 64),
+    default=2,
+    show_default=True,
+    help="Processes to share the work; the result does not depend on it.",
+)
+
+
+def phases(progress: Progress) -> Callable[[str, int, int], None]:
+    """A tick for work in phases, on one bar."""
+    task = progress.add_task("starting", total=1)
+    return lambda what, done, of: progress.update(task, description=what, completed=done, total=of)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -239,27 +256,38 @@ def space() -> None:
 @click.argument("description", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 @click.argument("out", type=PATH)
 @TABLES
-def space_build(description: Path, out: Path, tables_dir: Path) -> None:
-    """Search for candidate poses: reachable, in view, inside limits.
+@click.option(
+    "--picture", type=PATH, default=None, help="Also draw what was kept and dropped: PNG, and HTML beside it."
+)
+@PROCESSES
+def space_build(description: Path, out: Path, tables_dir: Path, picture: Path | None, processes: int) -> None:
+    """Search for candidate poses: reachable, in view, clear of everything, also when the arm is wrong.
 
-    The same description, arm and camera always give the same table.
+    The same description, arm, camera and kernel always give the same table.
 
     \b
-    Example:
+    Examples:
         kincal space build tables/src/space.toml tables/bin/space.tbl
+        kincal space build tables/src/space.toml out/space.tbl --picture out/space.png
     """
     from kincal import space as lib
+    from kincal import tables
 
     out_console = console()
     with bar(out_console) as progress:
-        task = progress.add_task("sampling", total=1)
-        built = lib.build(
-            lib.read_description(description),
-            tables_dir,
-            lambda what, done, of: progress.update(task, description=what, completed=done, total=of),
-        )
+        built = lib.build(lib.read_description(description), tables_dir, phases(progress), processes)
     link.write_image(built.image, out)
     show.space_built(out_console, built, out)
+    if picture:
+        from kincal.space import figures
+
+        _, arm = tables.load(tables_dir / "arm.tbl")
+        _, camera = tables.load(tables_dir / "camera.tbl")
+        scene = lib.scene(built.struct, arm, camera)
+        title = f"{built.struct.n_cand} candidates of {built.n_samples} samples, {built.image.crc_text}"
+        figures.save_png(built, scene, picture.with_suffix(".png"), title)
+        figures.save_html(built, scene, picture.with_suffix(".html"), title)
+        out_console.print(f"pictures: {picture.with_suffix('.png')}, {picture.with_suffix('.html')}")
 
 
 @space.command("show")
@@ -276,9 +304,7 @@ def space_show(file: Path, tables_dir: Path, picture: Path | None) -> None:
     from kincal import pictures, tables
     from kincal import space as lib
 
-    image, struct = tables.load(file, tables_dir)
-    if image.kind != "space":
-        raise click.BadParameter(f"{file} is a {image.kind} table")
+    image, struct = _space(file, tables_dir)
     arm_image, arm = tables.load(tables_dir / "arm.tbl")
     _, camera = tables.load(tables_dir / "camera.tbl")
     numbers, incid, rng = lib.describe(struct, arm_image, camera)
@@ -291,6 +317,161 @@ def space_show(file: Path, tables_dir: Path, picture: Path | None) -> None:
         rng,
     )
     show.space(console(), image, numbers, picture)
+
+
+def _space(file: Path, tables_dir: Path) -> tuple[Any, Any]:
+    """Image and struct of a space table."""
+    from kincal import tables
+
+    image, struct = tables.load(file, tables_dir)
+    if image.kind != "space":
+        raise click.BadParameter(f"{file} is a {image.kind} table")
+    return image, struct
+
+
+DESCRIPTION = click.option(
+    "--description",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    default=Path("tables/src/space.toml"),
+    show_default=True,
+    help="What the table was built from.",
+)
+
+
+@space.command("explain")
+@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.argument("candidate", type=int, required=False)
+@click.option("--at", type=float, nargs=3, default=None, help="Instead: why is there none at X Y Z [m]?")
+@click.option("--half", type=float, default=0.05, show_default=True, help="Half size of that corner [m].")
+@click.option("--samples", type=int, default=400, show_default=True, help="Tool poses tried there.")
+@DESCRIPTION
+@TABLES
+def space_explain(
+    file: Path,
+    candidate: int | None,
+    at: tuple[float, float, float] | None,
+    half: float,
+    samples: int,
+    description: Path,
+    tables_dir: Path,
+) -> None:
+    """Say why a candidate is in, or why there is none in some corner.
+
+    Status 1 when the candidate fails a check, or nothing passes in that corner.
+
+    \b
+    Examples:
+        kincal space explain tables/bin/space.tbl 17
+        kincal space explain tables/bin/space.tbl --at 0.5 0.4 0.1
+    """
+    from kincal import space as lib
+    from kincal import tables
+    from kincal.space import explain
+
+    if (candidate is None) == (not at):
+        raise click.UsageError("give a candidate, or --at X Y Z")
+    _, struct = _space(file, tables_dir)
+    _, arm = tables.load(tables_dir / "arm.tbl")
+    _, camera = tables.load(tables_dir / "camera.tbl")
+    checks = lib.Checks(lib.read_description(description), arm, camera)
+    if candidate is not None:
+        lines = explain.candidate(checks, struct, candidate)
+        show.space_candidate(console(), candidate, lines)
+        raise SystemExit(0 if all(x.ok for x in lines if not x.check.startswith("tag ")) else 1)
+    corner = explain.corner(checks, at, half, samples)
+    show.space_corner(console(), at, half, corner)
+    raise SystemExit(0 if corner.good else 1)
+
+
+@space.command("check")
+@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@DESCRIPTION
+@TABLES
+@PROCESSES
+def space_check(file: Path, description: Path, tables_dir: Path, processes: int) -> None:
+    """Prove every candidate, segment and servo box of a table again; status 1 if something does not hold.
+
+    Servo boxes are sampled with other random numbers than the search used: the share that touches is an
+    honest estimate of what the search missed.
+
+    \b
+    Example:
+        kincal space check tables/bin/space.tbl
+    """
+    from kincal import space as lib
+    from kincal import tables
+    from kincal.space import explain, work
+
+    _, struct = _space(file, tables_dir)
+    arm_image, arm = tables.load(tables_dir / "arm.tbl")
+    camera_image, camera = tables.load(tables_dir / "camera.tbl")
+    desc = lib.read_description(description)
+    checks = lib.Checks(desc, arm, camera)
+    out = console()
+    with bar(out) as progress, work.Crew(checks, desc, arm_image.data, camera_image.data, processes) as crew:
+        found = explain.recheck(checks, crew, struct, phases(progress))
+    show.space_checked(out, file, int(struct.n_cand), found)
+    raise SystemExit(1 if found.problems else 0)
+
+
+@space.command("diff")
+@click.argument("a", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.argument("b", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@TABLES
+def space_diff(a: Path, b: Path, tables_dir: Path) -> None:
+    """Compare two search spaces candidate by candidate; status 1 if they differ.
+
+    \b
+    Example:
+        kincal space diff tables/bin/space.tbl out/space.tbl
+    """
+    from kincal import tables
+    from kincal.space import explain
+
+    _, kernel = tables.load(tables_dir / "kernel.tbl")
+    image_a, one = _space(a, tables_dir)
+    image_b, two = _space(b, tables_dir)
+    found = explain.difference(one, two, kernel, 0)
+    show.space_diff(console(), image_a, image_b, found)
+    raise SystemExit(0 if image_a.crc == image_b.crc else 1)
+
+
+@space.command("worth")
+@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@TABLES
+@click.option("--sigma-mm", type=float, default=0.5, show_default=True, help="Noise of a measured position.")
+@click.option("--sigma-mrad", type=float, default=3.5, show_default=True, help="Noise of a rotation.")
+@click.option(
+    "--poses", type=click.IntRange(2, 64), default=20, show_default=True, help="Looks to plan with."
+)
+@click.option(
+    "--model", default="wam", show_default=True, help="Arm file of the workbench, for effects; `none`: skip."
+)
+def space_worth(
+    file: Path, tables_dir: Path, sigma_mm: float, sigma_mrad: float, poses: int, model: str
+) -> None:
+    """Say what a space is worth before it is sent up.
+
+    Expected rank and sigma for each acquisition, what cannot be identified, by name, and which effects these
+    poses would not show or not tell apart. Status 1 when a parameter cannot be identified.
+
+    \b
+    Example:
+        kincal space worth tables/bin/space.tbl
+    """
+    from kincal import tables
+    from kincal.space import apart
+    from kincal.space import worth as lib
+
+    _, struct = _space(file, tables_dir)
+    got = {k: tables.load(tables_dir / f"{k}.tbl")[1] for k in ("arm", "terms", "config", "kernel")}
+    steps = tuple(sorted({n for n in (5, 8, 12) if n < poses} | {poses}))
+    noise = sigma_mm * 1e-3, sigma_mrad * 1e-3
+    found = lib.worth(struct, got["arm"], got["terms"], got["config"], got["kernel"], steps, *noise)
+    show.space_worth(console(), found)
+    if model != "none":
+        show.space_apart(console(), apart.apart(struct, got["arm"], model, found.chosen, *noise))
+    raise SystemExit(0 if found.ok else 1)
 
 
 # --------------------------------------------------------------------------- run

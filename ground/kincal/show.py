@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from kincal import review as review_mod
     from kincal import space as space_mod
     from kincal import tables as tables_mod
+    from kincal.space import apart as apart_mod
+    from kincal.space import explain as explain_mod
+    from kincal.space import worth as worth_mod
 
 
 def grid(title: str, *columns: str, right: Sequence[int] = ()) -> Table:
@@ -145,6 +148,72 @@ def space(out: Console, image: tables_mod.Image, n: space_mod.Numbers, picture: 
     rows.add_row("built for the arm table here", "yes" if n.arm_fits else f"NO: for {n.arm_crc:08x}")
     out.print(rows)
     out.print(f"picture: {picture}")
+
+
+def space_candidate(out: Console, number: int, lines: list[explain_mod.Line]) -> None:
+    rows = grid(f"candidate {number}", "", "check", "found", "wanted")
+    for x in lines:
+        rows.add_row("ok" if x.ok else "NO", x.check, escape(x.got), x.want)
+    out.print(rows)
+
+
+def space_corner(out: Console, at: tuple[float, ...], half_m: float, c: explain_mod.Corner) -> None:
+    place = " ".join(f"{x:.2f}" for x in at)
+    out.print(f"{c.good} of {c.examined} tool poses within {half_m:.2f} m of {place} could be candidates")
+    rows = grid("", "dropped", "because", right=(0,))
+    for reason, n in c.reasons.items():
+        rows.add_row(str(n), reason)
+    out.print(rows)
+
+
+def space_checked(out: Console, path: Path, n: int, found: explain_mod.Checked) -> None:
+    share = found.touched / max(found.tried, 1)
+    out.print(f"{path}: {n} candidates, {len(found.problems)} problems")
+    out.print(f"servo boxes: {found.touched} of {found.tried} fresh postures touch ({share:.2%})")
+    for i, what in found.problems:
+        out.print(f"  candidate {i}: {what}")
+
+
+def space_diff(out: Console, a: tables_mod.Image, b: tables_mod.Image, d: explain_mod.Difference) -> None:
+    rows = grid(f"{a.crc_text} -> {b.crc_text}", "what", "value")
+    rows.add_row("candidates in both", str(d.same))
+    rows.add_row("only in the first, only in the second", f"{len(d.only_a)}, {len(d.only_b)}")
+    rows.add_row("hubs", f"{d.hubs[0]} -> {d.hubs[1]}" + (", moved" if d.hubs_differ else ""))
+    rows.add_row("servo leash", f"{d.leash_rad[0]:.2f} -> {d.leash_rad[1]:.2f} rad")
+    rows.add_row("new candidate farthest from any old one", f"{d.farthest_new_m * 1e3:.0f} mm")
+    rows.add_row("least kernel covariance of a new one with the old", f"{d.least_covariance:.3f}")
+    out.print(rows)
+
+
+def space_worth(out: Console, w: worth_mod.Worth) -> None:
+    out.print(
+        f"one look: {w.sigma_pos_m * 1e3:.2f} mm, {w.sigma_rot_rad * 1e3:.2f} mrad; "
+        f"{w.rank} of {len(w.asked)} coefficients can be identified"
+    )
+    for name, like in w.held.items():
+        out.print(
+            f"  [bold]{name}[/] cannot: " + (f"acts like {', '.join(like)}" if like else "not seen at all")
+        )
+    rows = grid("", "poses", "chosen by", "rank", "worst angle", "worst length", "tool position", "rotation")
+    for s in sorted(w.table, key=lambda s: s.n):
+        value = [
+            angle_text(s.angle_rad),
+            length_text(s.length_m),
+            length_text(s.pos_m),
+            angle_text(s.rot_rad),
+        ]
+        rows.add_row(str(s.n), s.acquisition, str(s.rank), *value)
+    out.print(rows)
+
+
+def space_apart(out: Console, a: apart_mod.Apart) -> None:
+    out.print(f"{a.tested} effects of the library, each at its typical size:")
+    out.print("  would not show beside the parameters: " + (", ".join(a.unseen) or "none"))
+    out.print(
+        "  show but could not be told apart: " + ("; ".join(f"{x} / {y}" for x, y in a.twins) or "none")
+    )
+    worst = ", ".join(f"{name} {m * 1e3:.2f} mm" for name, m in a.harm_m)
+    out.print(f"  could hide this much tool error: {worst}")
 
 
 # --------------------------------------------------------------------------- run

@@ -12,6 +12,7 @@ from .drawn import draw
 from .look import Numbers, describe, scene
 from .search import Built, build
 from .spread import Metric, farthest
+from .work import Crew
 
 __all__ = [
     "WHY",
@@ -19,6 +20,7 @@ __all__ = [
     "Bodies",
     "Built",
     "Checks",
+    "Crew",
     "Description",
     "Metric",
     "Numbers",

@@ -31,7 +31,7 @@ class Built:
     struct: Any
     n_samples: int
     rejected: dict[str, int]  # why samples were dropped
-    samples: list[Sample] = field(default_factory=list)  # all that were examined, for pictures
+    samples: list[Sample] = field(default_factory=list)  # what was examined and why dropped, for pictures
 
 
 def need(path: Path) -> Path:
@@ -60,7 +60,7 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
         q = np.array([samples[i].q for i in good]).reshape(-1, checks.chain.n)
         q, poses = _pool(checks, kernel, q, POOL * desc.candidates)
         q, hub, dropped = _prove(crew, q, tick)
-        rejected.update(dropped)
+        rejected.update(s.reason for s in dropped)
         if len(q) < max(desc.priors, 1):
             worst = rejected.most_common(1)[0][0] if rejected else "no samples"
             raise KincalError(
@@ -81,7 +81,7 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
         _edges(crew, space, q, tick)
     image = tables.encode("space", space)
     tables.decode(image.data, desc.title)
-    return Built(image, space, len(samples), dict(rejected), samples)
+    return Built(image, space, len(samples), dict(rejected), samples + dropped)
 
 
 def _hubs(checks: Checks) -> list[int]:
@@ -138,12 +138,12 @@ def _pool(checks: Checks, kernel: Any, q: np.ndarray, n: int) -> tuple[np.ndarra
     return q, (p, R)
 
 
-def _prove(crew: Crew, q: np.ndarray, tick: Tick) -> tuple[np.ndarray, np.ndarray, Counter[str]]:
+def _prove(crew: Crew, q: np.ndarray, tick: Tick) -> tuple[np.ndarray, np.ndarray, list[Sample]]:
     """Keep what has a clear servo box and a clear straight segment to a hub, nearest hub first."""
-    keep, hub, dropped = [], [], Counter[str]()
+    keep, hub, dropped = [], [], []
     for i, (h, reason) in enumerate(crew.map("prove", list(enumerate(q)))):
         if reason:
-            dropped[reason] += 1
+            dropped.append(Sample(crew.checks.chain.fk(q[i])[0], q[i], reason))
         else:
             keep.append(i)
             hub.append(h)

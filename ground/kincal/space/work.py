@@ -93,6 +93,25 @@ def survives(checks: Checks, q: np.ndarray) -> int:
     return sum(checks.seen_by_wrong(q, k) for k in range(len(checks.wrong)))
 
 
+def recheck(
+    checks: Checks, number: int, q: np.ndarray, hub: np.ndarray, leash: float, p: np.ndarray, tags: int
+) -> tuple[list[str], int]:
+    """What does not hold at a candidate (p, tags: as its table says), and how many sampled postures of its
+    servo box touch, drawn with other random numbers than the search used."""
+    what = [checks.problem(q)] if checks.problem(q) else []
+    if (off := float(np.linalg.norm(checks.chain.fk(q)[0] - p))) > 1e-5:
+        what.append(f"its joints lead {off * 1e3:.1f} mm beside its pose")
+    if not what and checks.tags(q) != tags:
+        what.append(f"shows tags {checks.tags(q):02b}, the table says {tags:02b}")
+    if found := checks.wrong_touching(q):
+        what.append(f"too near with errors: {found[0]}")
+    if pair := checks.segment_problem(hub, q):
+        what.append(f"segment from its hub not clear: {pair}")
+    rng = np.random.default_rng([checks.desc.seed, 4, number])
+    count = checks.desc.clear.leash_samples
+    return what, sum(bool(checks.leash_problem(q, leash, 1, rng)) for _ in range(count))
+
+
 def joined(checks: Checks, a: np.ndarray, b: np.ndarray) -> bool:
     return not checks.segment_problem(a, b)
 
@@ -101,6 +120,7 @@ JOBS: dict[str, Callable[..., Any]] = {
     "examine": examine,
     "prove": prove,
     "survives": survives,
+    "recheck": recheck,
     "joined": joined,
 }
 
