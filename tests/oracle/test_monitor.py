@@ -116,7 +116,7 @@ def test_10_mrad_are_named_within_5_looks_whatever_the_joint():
 
 
 def test_bias_and_its_sigma_are_right():
-    """Large ones too: the turn is exact. In units of its sigma the error is at most normal: the floor widens it."""
+    """Large ones too: the turn is exact. In units of its sigma the error is at most normal."""
     rng = np.random.default_rng(61)
     whitened = []
     for j, size in random_cases(rng, 60) + [(j, s) for j in range(7) for s in (-0.8, 0.3, 1.2)]:
