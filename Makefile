@@ -305,7 +305,7 @@ tables: core .venv/.stamp ## tables/bin from tables/src
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench-samples
+.PHONY: demo hil bench-samples blind
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -315,6 +315,9 @@ hil: setup build ## the scenarios as separate processes at real-time pace (URL=.
 bench-samples: setup build ## held-out error against number of poses, for all acquisitions
 	.venv/bin/python tests/bench/samples.py
 	.venv/bin/python tests/bench/samples.py --space tables/bin/space.tbl
+
+blind: setup core ## sealed hidden effects: what the workbench finds, and whether its probabilities are honest
+	.venv/bin/python tests/bench/blind.py
 
 # ---- tidying ------------------------------------------------------------------------------------------
 

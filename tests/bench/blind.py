@@ -1,0 +1,599 @@
+"""Sealed cases: does the workbench find hidden physics, and are its probabilities honest?
+
+    python tests/bench/blind.py [--quick] [--share 1.0] [--seed 1] [--dir build/blind] [--json FILE]
+
+The simulator's generator (python -m kincal_sim.hidden, a process of its own) hides effects in a nonlinear
+MuJoCo arm and seals what it did; the workbench (kincal.workbench) sees poses.csv and arm.toml only. All
+answers are on disk before the first seal is opened, and every seal is checked against the hash in the
+manifest. Two processes. Exit 1 if a gate fails.
+
+What counts as right
+- A finding is right if it names a hidden effect: the library's name for that kind (RIGHT) and, where the
+  effect sits at one joint or pair, that joint or pair. If it sits at all joints, any of them; a bare name
+  ("at some joint") is right too. pd_droop is the same formula as joint_compliance, so each is right for the
+  other.
+- A structural twin (`twins`) that is listed with the truth, as confounded_with or as a finding of its own,
+  counts as listed together, and a claim of it as right. Other confusions are wrong even if listed. A soft
+  joint 2 and a soft mount are twins where the generator's own figures say so: less than TWIN_CHI2 units of
+  noise tell them apart in these poses.
+- A claim is any listed effect with probability above 0.9. An effect is found if it was accepted.
+- A false alarm is a verdict that something is missing (effect, several_effects, novel) or an accepted
+  effect when nothing was hidden. "undecidable" without an accepted effect is no alarm.
+- Visible: the effect is longer than VISIBLE in units of the noise (squared) after the DH parameters took
+  what they can; computed by the generator from the same poses. Recall and the pair gate count visible
+  effects, the rest is printed: what cannot be seen need not be found.
+- Deleted: the effect's name is taken out of the library. "identified" = an accepted effect with P > 0.9
+  while the model is said to be inadequate still. Frame or driver right: those of the novel finding, or of the
+  cousin that was accepted instead. For an effect at all joints the driver's family counts (tau, q, dir ...).
+- Systematic error: RMS position error over 200 noiseless poses in a part of the workspace where nothing was
+  measured, by the final model; against the median of the cases without effect and with the same N.
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import numpy as np  # noqa: E402
+from scipy import stats  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+for _folder in ("ground", "sim"):
+    sys.path.insert(0, str(ROOT / _folder))
+
+CLAIM, MENTION = 0.9, 0.05
+VISIBLE = 40.0
+TWIN_CHI2 = 4.0
+BINS = (0.05, 0.2, 0.5, 0.8, 0.95, 1.0000001)
+BIN_LEAST = 20
+
+# The library's names for each kind; an empty tuple: the library has none.
+RIGHT = {
+    "compliance": ("joint_compliance", "pd_droop"),
+    "droop": ("joint_compliance", "pd_droop"),
+    "payload_sag": ("payload_sag",),
+    "differential": ("differential_coupling",),
+    "ratio": ("encoder_gain",),
+    "routing": ("joint_coupling",),
+    "eccentricity": ("encoder_eccentricity",),
+    "oval": ("encoder_harmonic2",),
+    "motor_wave": ("motor_harmonic",),
+    "differential_wave": (),
+    "hysteresis": ("backlash",),
+    "gravity_backlash": ("gravity_backlash",),
+    "wobble": ("bearing_wobble",),
+    "bending": ("link_bending",),
+    "base_flex": ("base_flex",),
+    "base_tilt": ("base_tilt",),
+    "base_shift": ("base_shift",),
+    "settling": ("base_settling",),
+    "tool_shift": ("tool_shift",),
+    "link_growth": ("link_thermal_growth",),
+    "thermal_zero": ("joint_thermal_drift",),
+    "creep": ("time_drift",),
+    "encoder_step": ("bias_step",),
+    "latency": ("latency",),
+    "camera_shift": ("camera_shift",),
+    "camera_step": ("camera_step",),
+    "head_error": ("pantilt_error",),
+    "focal": ("focal_length",),
+    "thermal_focal": ("thermal_focal",),
+    "principal_point": ("principal_point",),
+    "radial": ("lens_radial",),
+    "decentring": ("lens_decentring",),
+    "tag_size": ("tag_scale",),
+    "second_tag": ("second_tag_mount",),
+    "incidence": ("range_incidence_bias",),
+    "incidence_tilt": (),
+    "blooming": ("illumination",),
+    "two_drivers": (),
+}
+# Where an unnamed effect shows and what it follows: {j} is its joint (each of a pair).
+SHOWS = {
+    "compliance": ("joint {j}", "tau{j}"),
+    "differential": ("joint {j}", "tau{j}"),
+    "ratio": ("joint {j}", "q{j}"),
+    "eccentricity": ("joint {j}", "q{j}"),
+    "hysteresis": ("joint {j}", "dir{j}"),
+    "thermal_zero": ("joint {j}", "temp"),
+    "encoder_step": ("joint {j}", "t"),
+    "creep": ("joint {j}", "t"),
+    "latency": ("", "qdot"),
+    "settling": ("base", "t"),
+    "camera_step": ("camera", "t"),
+    "incidence": ("range", "incid"),
+    "incidence_tilt": ("tag", "incid"),
+    "radial": ("range", "r2"),
+    "two_drivers": ("joint {j}", ""),
+    "differential_wave": ("joint {j}", "q{j}"),
+}
+DELETED = (
+    "compliance",
+    "differential",
+    "ratio",
+    "eccentricity",
+    "hysteresis",
+    "thermal_zero",
+    "encoder_step",
+    "incidence",
+)
+# Spec: the kinds whose systematic error has to come down to that of the healthy arm.
+REPAIRED = ("compliance", "ratio", "hysteresis", "encoder_step", "second_tag", "incidence")
+PAIRABLE = (*REPAIRED, "focal", "thermal_zero", "differential", "latency", "camera_step", "eccentricity")
+
+
+# ------------------------------------------------------------------------------------------------- cases
+
+
+@dataclass(frozen=True)
+class Case:
+    """group: what the case is for; without: names taken out of the library (known to the bench only)."""
+
+    group: str
+    effects: tuple[str, ...] = ()
+    n: int = 100
+    extra: dict = field(default_factory=dict)
+    without: tuple[str, ...] = ()
+
+
+def cases(share: float, rng: np.random.Generator) -> list[Case]:
+    """The whole battery; share scales how often each is repeated."""
+
+    def times(count: float) -> range:
+        return range(max(1, round(count * share)))
+
+    named = [kind for kind, names in RIGHT.items() if names]
+    out = [Case("none") for _ in times(40)]
+    out += [Case("alone", (kind,)) for kind in named for _ in times(2)]
+    for _ in times(20):
+        a, b = rng.choice(PAIRABLE, 2, replace=False)
+        out.append(Case("two", (str(a), str(b))))
+    out += [Case("deleted", (kind,), without=RIGHT[kind]) for kind in DELETED for _ in times(3)]
+    out += [Case("deleted", (kind,)) for kind in ("two_drivers", "incidence_tilt") for _ in times(3)]
+    out += [Case("none, outliers", extra={"outliers": 0.05}) for _ in times(4)]
+    out += [Case("outliers", (kind,), extra={"outliers": 0.05}) for kind in REPAIRED for _ in times(1)]
+    out += [Case("none, noise x1.5", extra={"noise": 1.5}) for _ in times(8)]
+    out += [Case("noise x1.5", (kind,), extra={"noise": 1.5}) for kind in REPAIRED for _ in times(1)]
+    out += [Case("none, sorted", extra={"order": "sorted"}) for _ in times(4)]
+    out += [Case("sorted", (kind,), extra={"order": "sorted"}) for kind in REPAIRED for _ in times(1)]
+    fixed = {"fixed_head": True}
+    out += [
+        Case("fixed head", (kind,), extra=fixed) for kind in ("camera_shift", "base_shift") for _ in times(2)
+    ]
+    out += [Case("twins", (kind,)) for kind in ("compliance[2]@0.7", "base_flex@0.7") for _ in times(2)]
+    for n in (60, 40):
+        out += [Case("none", n=n) for _ in times(10)]
+        out += [Case("alone", (kind,), n=n) for kind in named for _ in times(1)]
+    return out
+
+
+def quick_cases() -> list[Case]:
+    """A dozen, for `make test`."""
+    return [
+        *[Case("none")] * 2,
+        Case("none, noise x1.5", extra={"noise": 1.5}),
+        Case("alone", ("compliance[all]",)),
+        Case("alone", ("hysteresis[all]",)),
+        Case("alone", ("ratio[2]",)),
+        Case("alone", ("second_tag",), n=60),
+        Case("two", ("compliance[all]", "hysteresis[2]@2")),
+        Case("deleted", ("hysteresis[all]",), without=RIGHT["hysteresis"]),
+        Case("outliers", ("encoder_step[2]",), extra={"outliers": 0.05}),
+        Case("sorted", ("latency",), extra={"order": "sorted"}),
+    ]
+
+
+def make(folder: Path, plan: list[dict]) -> None:
+    """Let the generator write the cases, in two processes."""
+    halves = [plan[0::2], plan[1::2]]
+    running = []
+    for k, half in enumerate(halves):
+        part = folder / f"part{k}"
+        part.mkdir(parents=True, exist_ok=True)
+        (part / "plan.json").write_text(json.dumps(half))
+        command = [sys.executable, "-m", "kincal_sim.hidden", "make", "--out", str(part)]
+        env = {**os.environ, "PYTHONPATH": str(ROOT / "sim"), "MUJOCO_GL": "osmesa"}
+        running.append(
+            subprocess.Popen(
+                [*command, "--plan", str(part / "plan.json")], env=env, stdout=subprocess.DEVNULL
+            )
+        )
+        if len(plan) < 20:
+            running[-1].wait()
+    for process in running:
+        if process.wait():
+            raise RuntimeError("the generator of hidden effects failed")
+
+
+# ----------------------------------------------------------------------------------------------- answers
+
+
+def _shows(library, name: str, arm, data) -> tuple[list[str], list[str]]:
+    """Frames and drivers of a named effect, in the words of the map."""
+    frames, drivers = set(), set()
+    for h in library.find(name, arm, data):
+        for p in h.parameters:
+            for term in p.terms:
+                if term.frame < arm.n and term.comp == 5:
+                    frames.add(f"joint {term.frame + 1}")
+                frames.add(
+                    {0: "base", 9: "tool", 10: "camera", 11: "tag"}.get(term.frame, f"link {term.frame}")
+                )
+                if term.frame == 10 and term.comp == 2:
+                    frames.add("range")
+                drivers |= {f"{b.var}{b.index or ''}" for b in term.basis if b.var != "1"}
+    return sorted(frames), sorted(drivers)
+
+
+def arm_alone(fit, queries) -> list[list[float]]:
+    """Tool positions of the fitted arm. What a model says about the camera does not move the arm, and the
+    queries (positions at zero, no camera) have none: its coefficients count as zero."""
+    from kincal.workbench.chain import Chain
+    from kincal.workbench.effects import FRAME_CAMERA
+
+    seen = [p.terms and all(term.frame >= FRAME_CAMERA for term in p.terms) for p in fit.parameters]
+    coefficients = np.where(np.array(seen, bool), 0.0, fit.estimate)
+    chain = Chain(fit.chain.arm, queries, fit.base, fit.tool)
+    chain.loads(fit.terms, coefficients)
+    return (-chain.evaluate(fit.terms, coefficients).r[:, :3]).tolist()
+
+
+def answer(job: tuple[str, tuple[str, ...]]) -> dict:
+    """What the workbench says about one case, as plain data; the seal is not touched."""
+    from kincal import workbench as wb
+
+    folder, without = Path(job[0]), job[1]
+    arm = wb.read_arm(folder.parent / "arm.toml")
+    data = wb.read_csv(folder / "poses.csv", arm.n)
+    library = wb.Library.load().without(*without)
+    start = time.perf_counter()
+    found = wb.diagnose(arm, data, library)
+    seconds = time.perf_counter() - start
+    queries = wb.read_csv(folder / "queries.csv", arm.n)
+    effects = []
+    for e in found.effects:
+        frames, drivers = _shows(library, e.name, arm, data)
+        effects.append(
+            {
+                "name": e.name,
+                "probability": e.probability,
+                "accepted": bool(e.accepted or e.helps),
+                "confounded_with": list(e.confounded_with),
+                "frames": frames,
+                "drivers": drivers,
+            }
+        )
+    novel = found.novel and {"frame": found.novel.locus, "drivers": list(found.novel.depends_on)}
+    return {
+        "verdict": found.verdict,
+        "effects": effects,
+        "novel": novel,
+        "adequate": bool(found.adequate_after),
+        "none": found.probability_none,
+        "outliers": list(found.comparison.outliers),
+        "predicted_dh": arm_alone(found.comparison.fit_all, queries),
+        "predicted": arm_alone(found.final, queries),
+        "seconds": seconds,
+    }
+
+
+def ask(folders: list[Path], todo: list[Case], processes: int) -> list[dict]:
+    jobs = [(str(folder), case.without) for folder, case in zip(folders, todo, strict=True)]
+    if processes == 1:
+        return [answer(job) for job in jobs]
+    spawn = multiprocessing.get_context("spawn")
+    out = []
+    with ProcessPoolExecutor(processes, mp_context=spawn) as pool:
+        for done in pool.map(answer, jobs):
+            out.append(done)
+            print(f"\r{len(out)}/{len(jobs)} answers", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return out
+
+
+# ----------------------------------------------------------------------------------------------- judging
+
+
+def right_names(effect: dict) -> set[str]:
+    """All names that are right for a hidden effect."""
+    out = set()
+    for name in RIGHT[effect["kind"]]:
+        out.add(name)
+        if effect["place"] == "all":
+            out |= {f"{name}[{j}]" for j in range(1, 8)}
+        elif effect["place"]:
+            out.add(f"{name}[{','.join(map(str, effect['place']))}]")
+    return out
+
+
+def twins(name: str, fixed_head: bool, soft: bool) -> set[str]:
+    """Structural twins: no data of this kind can tell them from `name`. soft: a soft joint 2 and a soft
+    mount are the same in these poses."""
+    effect, _, place = name.partition("[")
+    out = set()
+    if effect == "joint_compliance":
+        out.add(f"pd_droop[{place}" if place else "pd_droop")
+    if soft and name in ("joint_compliance[2]", "base_flex"):
+        out |= {"joint_compliance[2]", "base_flex"} - {name}
+    if fixed_head and name == "camera_shift":
+        out |= {"base_shift", "base_tilt"}
+    if fixed_head and name in ("base_shift", "base_tilt"):
+        out.add("camera_shift")
+    return out
+
+
+@dataclass
+class Judged:
+    """One case after its seal was opened."""
+
+    case: Case
+    truth: list[dict]
+    said: dict
+    error_dh_mm: float
+    error_mm: float
+    fixed_head: bool
+
+    @property
+    def soft(self) -> bool:
+        return any(e.get("beside_rivals", np.inf) < TWIN_CHI2 for e in self.truth)
+
+    def twins(self, name: str) -> set[str]:
+        return twins(name, self.fixed_head, self.soft)
+
+    @property
+    def accepted(self) -> list[dict]:
+        return [e for e in self.said["effects"] if e["accepted"]]
+
+    @property
+    def alarm(self) -> bool:
+        return bool(self.accepted) or self.said["verdict"] in ("effect", "several_effects", "novel")
+
+    @property
+    def hidden_names(self) -> set[str]:
+        return set().union(*(right_names(e) for e in self.truth)) if self.truth else set()
+
+    def right(self, finding: dict) -> bool:
+        name = finding["name"]
+        if name in self.hidden_names:
+            return True
+        listed = set(finding["confounded_with"]) | {e["name"] for e in self.said["effects"]}
+        return bool(self.twins(name) & self.hidden_names & listed)
+
+    def found(self, effect: dict) -> bool:
+        names = right_names(effect)
+        return any(e["name"] in names or (self.right(e) and len(self.truth) == 1) for e in self.accepted)
+
+    @property
+    def visible(self) -> bool:
+        return all(e["chi2"] >= VISIBLE for e in self.truth)
+
+    @property
+    def claims(self) -> list[dict]:
+        return [e for e in self.said["effects"] if e["probability"] > CLAIM]
+
+    def shows_right(self) -> bool:
+        """Frame or driver of what was said about a deleted effect."""
+        effect = self.truth[0]
+        frame, driver = SHOWS[effect["kind"]]
+        everywhere = effect["place"] == "all"
+        joints = list(range(1, 8)) if everywhere else (effect["place"] or [0])
+        frames = set() if everywhere else {frame.format(j=j) for j in joints if frame}
+        drivers = {driver.format(j=j) for j in joints if driver}
+        said = [(self.said["novel"]["frame"], self.said["novel"]["drivers"])] if self.said["novel"] else []
+        if not said:
+            said = [(frame, e["drivers"]) for e in self.accepted for frame in e["frames"]]
+        return any(
+            any(where == f or where.startswith(f + " ") for f in frames)
+            or any(d == x or d.startswith(x) and x in ("qdot",) for d in follows for x in drivers)
+            for where, follows in said
+        )
+
+
+def judge(folder: Path, sha256: str, case: Case, said: dict) -> Judged:
+    from kincal_sim.hidden.case import unseal
+
+    truth = unseal(json.loads((folder / "sealed.json").read_text()), sha256)
+    p = np.array(truth["unseen"])[:, :3]
+
+    def error_mm(predicted) -> float:
+        return 1e3 * float(np.sqrt(np.mean(np.sum((np.array(predicted) - p) ** 2, axis=1))))
+
+    fixed = truth["order"]["fixed_head"]
+    return Judged(
+        case, truth["effects"], said, error_mm(said["predicted_dh"]), error_mm(said["predicted"]), fixed
+    )
+
+
+# ------------------------------------------------------------------------------------------------ gates
+
+
+@dataclass
+class Gate:
+    text: str
+    value: str
+    ok: bool | None  # None: too few cases to say
+
+
+def share_gate(text: str, hits: int, of: int, least: float | None = None, most: float | None = None) -> Gate:
+    if of == 0:
+        return Gate(text, "no case", None)
+    rate = hits / of
+    ok = (least is None or rate >= least) and (most is None or rate <= most)
+    return Gate(text, f"{hits}/{of} = {rate:.0%}", ok)
+
+
+def gates(results: list[Judged]) -> list[Gate]:
+    """The figures the issue names, at N = 100 and 1.5 sigma."""
+    full = [r for r in results if r.case.n == 100]
+    clean = [r for r in full if r.case.group == "none"]
+    library = [r for r in full if r.case.group != "deleted"]
+    claims = [(r, e) for r in library for e in r.claims]
+    out = [
+        share_gate("false alarms on clean data <= 5 %", sum(r.alarm for r in clean), len(clean), most=0.05)
+    ]
+    good = sum(r.right(e) for r, e in claims)
+    out.append(share_gate("claims at P > 0.9 right >= 95 %", good, len(claims), least=0.95))
+    out += reliability(library)
+    pairs = [r for r in full if r.case.group == "two" and r.visible]
+    both = sum(all(r.found(e) for e in r.truth) for r in pairs)
+    out.append(share_gate("two visible effects both found >= 80 %", both, len(pairs), least=0.80))
+    deleted = [r for r in full if r.case.group == "deleted"]
+    bold = sum(not r.said["adequate"] and any(e["probability"] > CLAIM for e in r.accepted) for r in deleted)
+    out.append(
+        share_gate("deleted: named with P > 0.9 though inadequate: never", bold, len(deleted), most=0.0)
+    )
+    seen = [r for r in deleted if r.visible]
+    out.append(
+        share_gate(
+            "deleted: frame or driver right >= 60 %", sum(r.shows_right() for r in seen), len(seen), least=0.6
+        )
+    )
+    out.append(repaired(full, clean))
+    out.append(together(full))
+    return out
+
+
+def reliability(results: list[Judged]) -> list[Gate]:
+    """Per bin: stated probability against frequency; off if 0.07 is exceeded beyond the sampling error."""
+    said = np.array([e["probability"] for r in results for e in r.said["effects"]])
+    true = np.array([r.right(e) for r in results for e in r.said["effects"]], float)
+    out = []
+    for low, high in zip(BINS, BINS[1:], strict=False):
+        inside = (said >= low) & (said < high)
+        n, hits = int(inside.sum()), float(true[inside].sum())
+        text = f"stated {low:.2f}..{min(high, 1.0):.2f} comes true within 0.07"
+        if n == 0:
+            out.append(Gate(text, "none stated", None))
+            continue
+        mean = float(said[inside].mean())
+        least, most = stats.beta.ppf([0.05, 0.95], hits + 0.5, n - hits + 0.5)
+        ok = bool(least <= mean + 0.07 and most >= mean - 0.07) if n >= BIN_LEAST else None
+        out.append(Gate(text, f"said {mean:.2f}, true {hits / n:.2f} of {n} ({least:.2f}..{most:.2f})", ok))
+    return out
+
+
+def repaired(full: list[Judged], clean: list[Judged]) -> Gate:
+    text = "unseen-region systematic error / that of no effect <= 1.3"
+    rows = [r for r in full if r.case.group == "alone" and r.truth[0]["kind"] in REPAIRED and r.accepted]
+    if not rows or not clean:
+        return Gate(text, "no case", None)
+    floor = float(np.median([r.error_mm for r in clean]))
+    before = float(np.median([r.error_dh_mm for r in rows]))
+    after = float(np.median([r.error_mm for r in rows]))
+    return Gate(
+        text,
+        f"{before:.2f} -> {after:.2f} mm, none {floor:.2f} mm: {after / floor:.2f}",
+        after <= 1.3 * floor,
+    )
+
+
+def together(full: list[Judged]) -> Gate:
+    """Every accepted effect that has structural twins lists them all (one of them with a fixed head, where
+    either base effect stands for both)."""
+    asked = missing = 0
+    for r in full:
+        listed = {e["name"] for e in r.said["effects"]}
+        for e in r.accepted:
+            due, told = r.twins(e["name"]), listed | set(e["confounded_with"])
+            asked += bool(due)
+            missing += not (due & told if e["name"] == "camera_shift" else due <= told)
+    return share_gate("twins listed together: always", asked - missing, asked, least=1.0)
+
+
+def table(results: list[Judged]) -> list[str]:
+    """One line per group, kind and N."""
+    rows: dict[tuple, list[Judged]] = {}
+    for r in results:
+        kinds = " + ".join(e["kind"] for e in r.truth) or "-"
+        key = (r.case.group, "" if r.case.group == "two" else kinds, r.case.n)
+        rows.setdefault(key, []).append(r)
+    floor = {
+        n: float(
+            np.median([r.error_mm for r in results if r.case.group == "none" and r.case.n == n] or [np.nan])
+        )
+        for n in (100, 60, 40)
+    }
+    head = f"{'group':18}{'hidden':19}{'N':>4}{'cases':>6}{'seen':>5}{'found':>6}{'claims':>7}{'right':>6}"
+    lines = [head + f"{'wrong':>6}{'novel':>6}{'mm DH':>8}{'mm':>7}{'/none':>6}  mistaken for"]
+    for (group, kinds, n), rs in rows.items():
+        claims = [(r, e) for r in rs for e in r.claims]
+        wrong = [e["name"] for r in rs for e in r.accepted if not r.right(e)]
+        found = sum(bool(r.truth) and all(r.found(e) for e in r.truth) for r in rs)
+        after = float(np.median([r.error_mm for r in rs]))
+        lines.append(
+            f"{group:18}{kinds:19}{n:4}{len(rs):6}{sum(bool(r.truth) and r.visible for r in rs):5}{found:6}"
+            f"{len(claims):7}{sum(r.right(e) for r, e in claims):6}{len(wrong):6}"
+            f"{sum(r.said['novel'] is not None for r in rs):6}{np.median([r.error_dh_mm for r in rs]):8.2f}"
+            f"{after:7.2f}{after / floor[n]:6.2f}  {', '.join(sorted(set(wrong)))}"
+        )
+    return lines
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--quick", action="store_true", help="a dozen cases, one process")
+    parser.add_argument("--share", type=float, default=1.0, help="scales the number of cases")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--dir", type=Path, default=ROOT / "build" / "blind")
+    parser.add_argument("--json", type=Path, help="write every answer and truth there")
+    parser.add_argument("--only", help="only cases of these groups, comma separated")
+    parser.add_argument("--poses", type=int, help="only cases with this many poses")
+    args = parser.parse_args()
+
+    rng = np.random.default_rng(args.seed)
+    todo = quick_cases() if args.quick else cases(args.share, rng)
+    if args.only:
+        todo = [case for case in todo if case.group in args.only.split(",")]
+    if args.poses:
+        todo = [case for case in todo if case.n == args.poses]
+    plan = [
+        {"id": f"c{k:03d}", "effects": case.effects, "n": case.n, "seed": 1000 * args.seed + k, **case.extra}
+        for k, case in enumerate(todo)
+    ]
+    start = time.monotonic()
+    make(args.dir, plan)
+    folders = [args.dir / f"part{k % 2}" / row["id"] for k, row in enumerate(plan)]
+    manifest = {
+        row["id"]: row["sha256"]
+        for k in (0, 1)
+        for row in json.loads((args.dir / f"part{k}" / "manifest.json").read_text())
+    }
+    made = time.monotonic()
+    answers = ask(folders, todo, 1 if args.quick else 2)
+    (args.dir / "answers.json").write_text(json.dumps(answers))
+    asked = time.monotonic()
+
+    results = [
+        judge(folder, manifest[row["id"]], case, said)
+        for folder, row, case, said in zip(folders, plan, todo, answers, strict=True)
+    ]
+    print("\n".join(table(results)))
+    seconds = np.array([r.said["seconds"] for r in results])
+    print(
+        f"\n{len(results)} cases: made in {made - start:.0f} s, answered in {asked - made:.0f} s "
+        f"(one diagnosis: median {np.median(seconds):.1f} s, most {seconds.max():.1f} s)\n"
+    )
+    checked = gates(results)
+    for gate in checked:
+        mark = "  - " if gate.ok is None else " ok " if gate.ok else "FAIL"
+        print(f"{mark} {gate.text:58} {gate.value}")
+    if args.json:
+        args.json.write_text(
+            json.dumps(
+                [{"group": r.case.group, "n": r.case.n, "truth": r.truth, "said": r.said} for r in results]
+            )
+        )
+    return 1 if any(gate.ok is False for gate in checked) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
