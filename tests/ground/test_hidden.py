@@ -179,7 +179,7 @@ def test_scale_errors_of_camera_and_tag_scale_what_pnp_gives(kind, axis):
 
 
 def test_radial_distortion_changes_the_range_twice_as_much_as_the_direction():
-    """u' = u (1 + k r^2) makes a small tag look larger by 1 + 2 k r^2, on average over the ways it may lean."""
+    """u' = u (1 + k r^2) makes a small tag look larger by 1 + 2 k r^2, averaged over its leanings."""
     table = eye.nominal(case.load_spec())
     lens = eye.Lens(radial=(0.02, 0.0)).optics(SimpleNamespace(camera_temp_c=20.0), table)
     p = np.array([0.5, 0.2, 1.2])
