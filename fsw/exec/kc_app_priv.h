@@ -26,6 +26,8 @@
 #define KC_CHAIN_MAX 4u             /* states that one step may pass through                           */
 #define KC_PRED_MAX 256u            /* candidates looked at for the predicted uncertainty              */
 #define KC_RANGE_MIN_M 0.1          /* nearer than this the tool is not measured                      */
+#define KC_FRAME_SHARED 0.25        /* share of a frame's error variance that every frame of a resting
+                                       scene repeats (pixel phase, compression, half-hidden edges)    */
 #define KC_FLIP_RMS_FACTOR 2.0      /* planar flip: second solution taken seriously up to this RMS     */
 #define KC_FLIP_TRUST_RAD 0.5       /* and only if it is so near to the model's prediction             */
 #define KC_POOR_NOISE_SCALE 3.0     /* noise so much larger than stated: the model does not fit        */

@@ -81,12 +81,14 @@ static void add_frame(kc_app_t *app)
     f->n++;
 }
 
-/* Covariance of the mean. Averaging does not take away what all frames share (lens, tag size, corner
- * bias), so no variance goes below its floor. */
+/* Covariance of the mean of n frames whose errors are correlated by KC_FRAME_SHARED:
+ * C (1 + (n - 1) shared) / n. What all poses share (lens, tag size) stays too: no variance goes below
+ * its floor. */
 static void mean_cov(const kc_frames_t *f, const kc_config_t *c, double cov[36])
 {
     double n = (double)f->n;
-    for (uint32_t i = 0u; i < 36u; i++) { cov[i] = f->cov[i] / (n * n); }
+    double share = (1.0 + (n - 1.0) * KC_FRAME_SHARED) / n;
+    for (uint32_t i = 0u; i < 36u; i++) { cov[i] = f->cov[i] / n * share; }
     for (uint32_t i = 0u; i < 6u; i++) {
         double floor = i < 3u ? c->sigma_pos_min_m : c->sigma_rot_min_rad;
         cov[7u * i] = kc_max(cov[7u * i], floor * floor);

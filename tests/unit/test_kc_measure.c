@@ -83,11 +83,11 @@ void test_it_is_given_in_the_base_frame_with_its_camera_and_readings(void)
 
 void test_averaging_lowers_the_covariance_down_to_the_floor(void)
 {
-    world.noise_m = 1.2e-3;   /* variance 1.44e-6 / 3 is above the floor of (0.2 mm)^2 */
-    world.noise_rad = 1e-4;   /* 1e-8 / 3 is below that of (1 mrad)^2                  */
+    world.noise_m = 1.2e-3;   /* half of 1.44e-6 is above the floor of (0.2 mm)^2 */
+    world.noise_rad = 1e-4;   /* half of 1e-8 is below that of (1 mrad)^2                */
     measured();
     const double *c = world.meas[0].obs.cov;
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.44e-6 / 3.0, c[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.44e-6 * (1.0 + 2.0 * 0.25) / 3.0, c[0]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1e-6, c[21]);
 }
 
