@@ -7,6 +7,7 @@
  *   kc_move.c     MOVE, AIM, SETTLE: proven paths, head, waiting for rest
  *   kc_look.c     LOOK, SERVO, SEARCH: frames, planar flip, visual servo, spiral
  *   kc_measure.c  MEASURE: frames averaged into one measurement
+ *   kc_watch.c    IDLE: looks that nobody here asked for feed the miscalibration monitor
  *   kc_update.c   UPDATE: estimator, GP, choice of the next candidate
  *   kc_propose.c  proposal, verdict, approval, rollback
  *   kc_journal.c  what survives power loss
@@ -15,6 +16,7 @@
 #define KC_APP_PRIV_H
 
 #include "kc_app.h"
+#include "kc_monitor.h"
 
 #define KC_SILENT_US 2000000u       /* arm or head telemetry may be missing so long while it matters   */
 #define KC_RESYNC_US 5000000u       /* refused as stale for so long: its sender was started again      */
@@ -26,13 +28,16 @@
 #define KC_CHAIN_MAX 4u             /* states that one step may pass through                           */
 #define KC_PRED_MAX 256u            /* candidates looked at for the predicted uncertainty              */
 #define KC_RANGE_MIN_M 0.1          /* nearer than this the tool is not measured                      */
-#define KC_FRAME_SHARED 0.25        /* share of a frame's error variance that every frame of a resting
+#define KC_FRAME_SHARED \
+    0.25        /* share of a frame's error variance that every frame of a resting
                                        scene repeats (pixel phase, compression, half-hidden edges)    */
 #define KC_FLIP_RMS_FACTOR 2.0      /* planar flip: second solution taken seriously up to this RMS     */
 #define KC_FLIP_TRUST_RAD 0.5       /* and only if it is so near to the model's prediction             */
 #define KC_POOR_NOISE_SCALE 3.0     /* noise so much larger than stated: the model does not fit        */
 #define KC_POOR_NOISE_SCALE_P 2.0   /* and this, if the fit is as unlikely as ...                      */
 #define KC_POOR_P_FIT 1e-9
+#define KC_WATCH_FRESH_US 500000u   /* a look is only compared with readings no older than this        */
+#define KC_WATCH_AGAIN 3.0          /* a finding is told again when its bias moved by so many sigma    */
 
 /* Steps of UPDATE, one a tick, so that no tick has to do all the work. */
 typedef enum {
@@ -108,6 +113,15 @@ typedef struct {
     kc_detection_t det;                 /* of the first frame                                */
 } kc_frames_t;
 
+/* Normal operation. */
+typedef struct {
+    kc_monitor_t monitor;
+    kc_mon_verdict_t told;              /* last finding that was told                        */
+    uint32_t crc[KC_TBL_COUNT], session; /* tables and calibration that the looks belong to   */
+    uint64_t rest_us, t_us;             /* arm and head stand since; newest look             */
+    uint8_t resting;
+} kc_watch_t;
+
 /* What the journal keeps. */
 typedef struct {
     uint32_t state, session, pose, boot_count, kin_crc, proposal_crc;
@@ -141,6 +155,7 @@ struct kc_app {
     kc_leg_t leg;
     kc_look_t look;
     kc_frames_t frames;
+    kc_watch_t watch;
 
     kc_kin_t proposal_kin;
     uint8_t proposal_image[KC_KIN_IMAGE_MAX];
@@ -214,8 +229,9 @@ typedef enum {
     KC_LOOK_UNSURE = 3,   /* too uncertain, again and again */
     KC_LOOK_LATE = 4      /* no frame came                  */
 } kc_look_result_t;
-/* Planar flip: both solutions of a frame may be right. Puts the likely one first. */
-void kc_look_unflip(kc_app_t *app, kc_detection_t *det);
+/* Planar flip: both solutions of a frame may be right. Puts the one first that the arm with coefficients
+ * coef makes likely. */
+void kc_look_unflip(kc_app_t *app, const double *coef, kc_detection_t *det);
 kc_look_result_t kc_look_poll(kc_app_t *app, kc_out_t *out);
 void kc_look_skip(kc_app_t *app, kc_out_t *out);
 void kc_look_begin(kc_app_t *app);
@@ -231,6 +247,14 @@ void kc_measure_begin(kc_app_t *app);
 /* Distance of a frame to the frames before it; 0 without any. */
 void kc_measure_jump(const kc_app_t *app, const kc_detection_t *det, double *pos_m, double *rot_rad);
 int kc_measure_run(kc_app_t *app, kc_out_t *out);
+
+/* kc_watch.c */
+/* Whether a detection that no calibration waits for goes to the monitor. */
+int kc_watch_wants(const kc_app_t *app);
+/* Note since when arm and head stand, after every step's telemetry. */
+void kc_watch_rest(kc_app_t *app);
+/* A checked detection. Not compared, with an event, unless arm and head had settled when it was taken. */
+void kc_watch_look(kc_app_t *app, kc_out_t *out, const kc_detection_t *d);
 
 /* kc_update.c */
 kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t n_goal, uint32_t seed,

@@ -77,7 +77,10 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(86, COR_ON_BOARD, INFO, "correction {got} accepted on board by policy")                          \
     X(87, COR_NO_PREVIOUS, ERROR, "no previous correction to roll back to")                            \
     X(88, COR_EXPIRED, WARN, "approval of CRC {got} not confirmed in time, review goes on")            \
-    X(90, STORE_FAIL, ERROR, "store of kind {index} failed, status {got}")
+    X(90, STORE_FAIL, ERROR, "store of kind {index} failed, status {got}")                             \
+    X(95, MON_SUSPECT, WARN, "joint {index} reads wrong by {got}; joints that could be meant: {want}") \
+    X(96, MON_UNEXPLAINED, WARN, "tool {got} m, {want} rad off prediction; no single joint says why")  \
+    X(97, MON_NOT_AT_REST, DEBUG, "look {got} not compared: arm or head had not settled")
 
 #define KC_EVENT_ENUM_(id, name, sev, text) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

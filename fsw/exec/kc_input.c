@@ -219,8 +219,32 @@ static int det_steady(const kc_app_t *app, kc_out_t *out, const kc_detection_t *
     return 1;
 }
 
+/* A look in normal operation: new, recent, and as good as one that was asked for. */
+static void take_look(kc_app_t *app, const kc_detection_t *d, kc_out_t *out)
+{
+    double age = (double)app->now_us - (double)d->t_us;
+    double limit = (double)app->tables.active.config.frame_age_max_us;
+    if (d->t_us > app->now_us + FUTURE_US) {
+        kc_event(&out->events, KC_EVT_IN_RANGE, 301, (double)d->t_us, (double)app->now_us);
+    } else if (age > limit) {
+        kc_event(&out->events, KC_EVT_DET_OLD, -1, age, limit);
+    } else if (d->t_us <= app->watch.t_us) {
+        kc_event(&out->events, KC_EVT_IN_STALE, KC_INPUT_DET, (double)d->t_us, (double)app->watch.t_us);
+    } else if (!within(out, 302, (double)d->n_tags, 0.0, (double)KC_TAG_MAX)) {
+        return;
+    } else if (d->n_tags == 0u) {
+        kc_event(&out->events, KC_EVT_DET_NONE, -1, (double)d->seq, 0.0);
+    } else if (det_tags(app, out, d) && det_fields(out, d) && det_good(app, out, d)) {
+        kc_watch_look(app, out, d);
+    }
+}
+
 static void take_det(kc_app_t *app, const kc_detection_t *d, kc_out_t *out)
 {
+    if (kc_watch_wants(app)) {
+        take_look(app, d, out);
+        return;
+    }
     if (!det_asked(app, out, d) || !det_age(app, out, d)) { return; }
     if (!within(out, 302, (double)d->n_tags, 0.0, (double)KC_TAG_MAX)) { return; }
     if (d->n_tags == 0u) {
@@ -229,7 +253,7 @@ static void take_det(kc_app_t *app, const kc_detection_t *d, kc_out_t *out)
         return;
     }
     app->look.det = *d;
-    kc_look_unflip(app, &app->look.det);
+    kc_look_unflip(app, app->cal.coef, &app->look.det);
     app->look.got = 1u;
     app->look.waiting = 0u;
     app->look.unsure = d->n_tags > 0u && (!det_good(app, out, d) || !det_steady(app, out, &app->look.det));
@@ -246,6 +270,7 @@ void kc_input_take(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
     }
     if (in->has_arm) { take_arm(app, &in->arm, out); }
     if (in->has_pantilt) { take_head(app, &in->pantilt, out); }
+    kc_watch_rest(app);
     for (uint32_t i = 0u; i < in->n_det && i < KC_DET_QUEUE_MAX; i++) { take_det(app, &in->det[i], out); }
 }
 

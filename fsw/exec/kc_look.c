@@ -120,16 +120,16 @@ void kc_look_obs(const kc_app_t *app, const double p_cam_m[3], const double q_ca
     kc_v3_copy(p_cam_m, obs->ctx.p_cam_tool_m);
 }
 
-/* Difference of a frame to the corrected model; leaves the model's pose in app->eval.T. */
-static void residual(kc_app_t *app, const double p[3], const double q[4], const kc_detection_t *det,
-                     double r[6])
+/* Difference of a frame to the model with coefficients coef; leaves the model's pose in app->eval.T. */
+static void residual(kc_app_t *app, const double *coef, const double p[3], const double q[4],
+                     const kc_detection_t *det, double r[6])
 {
     const kc_active_t *a = &app->tables.active;
     kc_obs_t obs;
     kc_loads_t loads;
     kc_look_obs(app, p, q, det, &app->arm, &app->head, &obs);
-    kc_model_loads(&a->arm, &a->terms, app->cal.coef, &obs.ctx, &loads);
-    (void)kc_model_residual(&a->arm, &a->terms, app->cal.coef, &obs, &loads, r, &app->eval);
+    kc_model_loads(&a->arm, &a->terms, coef, &obs.ctx, &loads);
+    (void)kc_model_residual(&a->arm, &a->terms, coef, &obs, &loads, r, &app->eval);
 }
 
 static void swap_solutions(kc_detection_t *d)
@@ -145,12 +145,12 @@ static void swap_solutions(kc_detection_t *d)
 
 /* The second solution is taken when its reprojection is about as good, and the corrected model expects it
  * rather than the first: nearer in angle, and near enough that the model can be trusted to tell. */
-void kc_look_unflip(kc_app_t *app, kc_detection_t *d)
+void kc_look_unflip(kc_app_t *app, const double *coef, kc_detection_t *d)
 {
     double r1[6], r2[6];
     if (d->n_tags == 0u || d->rms_alt_px > KC_FLIP_RMS_FACTOR * d->rms_px) { return; }
-    residual(app, d->p_cam_tool_m, d->q_cam_tool_wxyz, d, r1);
-    residual(app, d->p_alt_m, d->q_alt_wxyz, d, r2);
+    residual(app, coef, d->p_cam_tool_m, d->q_cam_tool_wxyz, d, r1);
+    residual(app, coef, d->p_alt_m, d->q_alt_wxyz, d, r2);
     double a2 = kc_v3_norm(&r2[3]);
     if (a2 < kc_v3_norm(&r1[3]) && a2 <= KC_FLIP_TRUST_RAD) { swap_solutions(d); }
 }
@@ -160,7 +160,7 @@ static void take_seen(kc_app_t *app)
 {
     kc_look_t *k = &app->look;
     double r[6], E[9];
-    residual(app, k->det.p_cam_tool_m, k->det.q_cam_tool_wxyz, &k->det, r);
+    residual(app, app->cal.coef, k->det.p_cam_tool_m, k->det.q_cam_tool_wxyz, &k->det, r);
     k->predicted = app->eval.T;
     kc_R_exp(&r[3], E);
     kc_m3_mul(E, k->predicted.R, k->seen.R);

@@ -237,6 +237,7 @@ void test_a_frame_nobody_asked_for_is_refused(void)
     given_frame()->seq -= 1;
     det_refused(KC_EVT_DET_UNASKED, -1);
     given_idle();
+    APP->state = KC_ST_REVIEW;
     s_in.n_det = 1u;
     refused(KC_EVT_DET_UNASKED, -1);
 }

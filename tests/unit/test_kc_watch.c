@@ -1,0 +1,149 @@
+/* kc_watch.c: looks in normal operation feed the monitor; during a calibration nothing changes. */
+#include <string.h>
+
+#include "given_world.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+void setUp(void);
+void setUp(void) { given_world(); }
+
+/* Idle and settled, joint j standing `bias` beyond its reading. */
+static void given_idle(uint32_t j, double bias)
+{
+    world.noise_m = 5e-4;
+    world.noise_rad = 3.5e-3;
+    world.bias[j] = bias;
+    world_boot();
+    world_ticks(4u);
+}
+
+/* Somebody else asks for n frames, each after the arm stood somewhere else. */
+static void looks(uint32_t n)
+{
+    for (uint32_t i = 0u; i < n; i++) {
+        for (uint32_t j = 0u; j < 7u; j++) {
+            world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
+        }
+        world_ticks(2u);
+        world.asked = 1;
+        world.frame_asked = 9000 + (int32_t)i;
+        world_tick();
+    }
+}
+
+void test_healthy_looks_raise_nothing(void)
+{
+    given_idle(0u, 0.0);
+    looks(100u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MON_SUSPECT));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MON_UNEXPLAINED));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_DET_UNASKED));
+    TEST_ASSERT_EQUAL_UINT32(KC_MON_LOOKS, APP->watch.monitor.n);
+}
+
+void test_a_joint_that_reads_wrong_is_named_within_5_looks(void)
+{
+    for (uint32_t j = 0u; j < 7u; j++) {
+        given_world();
+        given_idle(j, 0.03);
+        looks(5u);
+        const kc_event_t *e = &world.last[KC_EVT_MON_SUSPECT];
+        TEST_ASSERT_TRUE(world_events(KC_EVT_MON_SUSPECT) >= 1u);
+        TEST_ASSERT_EQUAL_INT((int)j + 1, e->index);
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.03, e->got);
+        TEST_ASSERT_TRUE(((uint32_t)e->want >> j & 1u) != 0u);
+    }
+}
+
+void test_a_finding_is_not_repeated_with_every_look(void)
+{
+    given_idle(1u, 0.05);
+    looks(6u);
+    uint32_t told = world_events(KC_EVT_MON_SUSPECT);
+    looks(20u);
+    TEST_ASSERT_TRUE(world_events(KC_EVT_MON_SUSPECT) <= told + 2u);
+}
+
+void test_two_joints_at_once_are_unexplained(void)
+{
+    given_idle(0u, 0.1);
+    world.bias[3] = -0.1;
+    looks(6u);
+    TEST_ASSERT_TRUE(world_events(KC_EVT_MON_UNEXPLAINED) >= 1u);
+}
+
+void test_looks_while_something_moves_or_has_not_settled_are_not_compared(void)
+{
+    given_idle(0u, 0.0);
+    world.shake_arm = 1;
+    world.asked = 1;
+    world_tick();
+    world.asked = 1; /* at rest again, but not for settle_us */
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_MON_NOT_AT_REST));
+    world_ticks(3u);
+    world.mute_arm = 1;
+    world_ticks(8u);
+    world.asked = 1;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_MON_NOT_AT_REST));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->watch.monitor.n);
+}
+
+static void repeat(kc_detection_t *d) { d->t_us = APP->watch.t_us; }
+static void early(kc_detection_t *d) { d->t_us = 1u; }
+static void ahead(kc_detection_t *d) { d->t_us += 1000000u; }
+static void crowd(kc_detection_t *d) { d->n_tags = 9u; }
+static void stranger(kc_detection_t *d) { d->tag_id[0] = 17; }
+static void vague(kc_detection_t *d) { d->cov[0] = 0.01; }
+
+/* One more look, spoiled: this event, and the monitor as before. */
+static void refused(void (*spoil)(kc_detection_t *d), uint32_t event)
+{
+    static kc_monitor_t before;
+    before = APP->watch.monitor;
+    uint32_t n = world_events(event);
+    world.spoil = spoil;
+    world.asked = 1;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(event));
+    TEST_ASSERT_EQUAL_MEMORY(&before, &APP->watch.monitor, sizeof before);
+}
+
+void test_bad_looks_are_refused_with_their_event(void)
+{
+    given_idle(0u, 0.0);
+    looks(3u);
+    refused(repeat, KC_EVT_IN_STALE);
+    refused(early, KC_EVT_DET_OLD);
+    refused(ahead, KC_EVT_IN_RANGE);
+    refused(crowd, KC_EVT_IN_RANGE);
+    refused(stranger, KC_EVT_DET_UNKNOWN_TAG);
+    refused(vague, KC_EVT_DET_UNCERTAIN);
+    world.hide = 1;
+    refused(NULL, KC_EVT_DET_NONE);
+}
+
+void test_only_idle_listens(void)
+{
+    given_idle(0u, 0.0);
+    APP->state = KC_ST_SAFE;
+    looks(2u);
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_DET_UNASKED));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->watch.monitor.n);
+}
+
+void test_a_new_correction_begins_a_new_window(void)
+{
+    given_idle(2u, 0.05);
+    looks(5u);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, APP->watch.told.state);
+    APP->tables.active.crc[KC_TBL_KIN] ^= 1u;
+    APP->tables.active.kin.value[8] = 0.05; /* J3.phi_rad: the joint stands where the table says now */
+    looks(5u);
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->watch.told.state);
+    TEST_ASSERT_EQUAL_UINT32(5u, APP->watch.monitor.n);
+}
