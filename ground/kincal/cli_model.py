@@ -383,17 +383,35 @@ def next_command(arm_path, data_path, model_path, effect_files, skip_bad, as_jso
     default=None,
     help="Image to write.  [default: MODEL with .tbl]",
 )
-def uplink_command(model_path, effect_files, arm_path, data_path, out_path) -> None:
+@click.option(
+    "--fly",
+    "fly_dir",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Also make this directory: all images of --tables, with these terms and no correction yet.",
+)
+@click.option(
+    "--tables",
+    "tables_dir",
+    type=click.Path(path_type=Path),
+    default=Path("tables/bin"),
+    show_default=True,
+    help="Directory with built table images, for --fly.",
+)
+def uplink_command(model_path, effect_files, arm_path, data_path, out_path, fly_dir, tables_dir) -> None:
     """The model as a correction-term table image for flight (uplink it with `kincal table uplink`).
 
+    Flight then estimates these coefficients together with the DH errors.
+
     \b
-    Example:
+    Examples:
         kincal model uplink --model M.toml -o terms.tbl
+        kincal model uplink --model M.toml --fly out/tables
     """
     from kincal.workbench.api import choose_constants
     from kincal.workbench.arms import read_arm
     from kincal.workbench.logs import read_measurements
-    from kincal.workbench.uplink import term_image
+    from kincal.workbench.uplink import flight_tables, term_image
 
     chosen, library = _model(model_path, effect_files)
     where = arm_path or (Path(chosen.arm) if chosen.arm else None)
@@ -409,3 +427,6 @@ def uplink_command(model_path, effect_files, arm_path, data_path, out_path) -> N
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(image.data)
     click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}")
+    if fly_dir:
+        flight_tables(tables_dir, fly_dir, image)
+        click.echo(f"{fly_dir}: tables to fly with")

@@ -89,21 +89,30 @@ class CorrectedArm:
         self._eval = core.ffi.new("kc_eval_t *")
         self._coef = core.ffi.new("double[64]")
 
-    def fk(self, q: Sequence[float], coef: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """Tool position and rotation with the coefficients `coef`."""
+    def fk(
+        self, q: Sequence[float], coef: Sequence[float], side: Sequence[float] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Tool position and rotation with the coefficients `coef`; side: direction of approach (+1, -1)."""
         self._ctx.q[0 : self.n] = list(q)
+        self._ctx.dir[0 : self.n] = [0.0] * self.n if side is None else list(side)
         self._coef[0 : self.n_coef] = list(coef)[: self.n_coef]
         core.lib.kc_model_loads(self.arm, self.terms, self._coef, self._ctx, self._loads)
         core.lib.kc_model_eval(self.arm, self.terms, self._coef, self._ctx, self._loads, 0, self._eval)
         return pose_arrays(self._eval.T)
 
     def held_out(
-        self, q: np.ndarray, p_true: np.ndarray, R_true: np.ndarray, coef: Sequence[float]
+        self,
+        q: np.ndarray,
+        p_true: np.ndarray,
+        R_true: np.ndarray,
+        coef: Sequence[float],
+        side: np.ndarray | None = None,
     ) -> HeldOut:
-        """RMS pose error with `coef` over joint vectors with known true poses."""
+        """RMS pose error with `coef` over joint vectors with known true poses; side: as for fk."""
+        side = np.zeros_like(q) if side is None else side
         dp, dr = [], []
-        for qi, pi, Ri in zip(q, p_true, R_true, strict=True):
-            p, R = self.fk(qi, coef)
+        for qi, pi, Ri, si in zip(q, p_true, R_true, side, strict=True):
+            p, R = self.fk(qi, coef, si)
             dp.append(np.sum((p - pi) ** 2))
             dr.append(rotation_angle(R.T @ Ri) ** 2)
         return HeldOut(len(dp), float(np.sqrt(np.mean(dp))), float(np.sqrt(np.mean(dr))))

@@ -183,7 +183,7 @@ class Judge:
         self.names = self.model.names
         self.start = np.array(list(kin.value[0 : self.model.n_coef]))
         self.errors: dict[str, float] = {}
-        self._held: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._held: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
         if truth:
             self.take(truth)
 
@@ -194,6 +194,7 @@ class Judge:
             np.array([h["q_rad"] for h in held]),
             np.array([h["p_m"] for h in held]),
             np.array([quat_to_R(h["q_wxyz"]) for h in held]),
+            np.array([h.get("dir", [0.0] * len(h["q_rad"])) for h in held]),
         )
 
     @property
@@ -203,7 +204,8 @@ class Judge:
     def held_out(self, coef: np.ndarray) -> HeldOut:
         if self._held is None:
             return HeldOut(0, float("nan"), float("nan"))
-        return self.model.held_out(*self._held, coef)
+        q, p, R, side = self._held
+        return self.model.held_out(q, p, R, coef, side)
 
     def pose_line(self, p: Any, meas: Any) -> PoseLine:
         held = self.held_out(np.array(p.coef))

@@ -36,6 +36,16 @@ class Compliance:
         return self.rad_per_nm * arm.gravity_torque()
 
 
+class Hysteresis:
+    """Friction wind-up: a joint stays back on the side that it came from, by so much [rad]."""
+
+    def __init__(self, rad: np.ndarray):
+        self.rad = rad
+
+    def offset(self, _arm: Arm, state: State) -> np.ndarray:
+        return self.rad * state.dir
+
+
 class Truth:
     """From encoder readings to true joint angles: biases, gains and hidden effects of one scenario."""
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from .arm import GRAVITY_EARTH, Arm, load_spec, split_errors
-from .effects import Compliance, Truth
+from .effects import Compliance, Hysteresis, Truth
 
 SCENARIO_DIR = Path(__file__).resolve().parent.parent / "scenarios"
 ACQUISITIONS = {"table": -1, "ucb": 0, "random": 1, "dopt": 2, "vopt": 3}
@@ -32,6 +32,7 @@ class ArmTruth:
     encoder_noise_rad: float = 0.0
     encoder_step_rad: float = 0.0  # quantisation, 0 = none
     compliance_rad_per_nm: dict[str, float] = field(default_factory=dict)
+    hysteresis_rad: dict[str, float] = field(default_factory=dict)  # joint -> offset by approach direction
 
 
 @dataclass
@@ -92,7 +93,8 @@ class Scenario:
     def build_truth(self, arm: Arm) -> Truth:
         """The map from encoder readings to true joints, on this arm."""
         c = per_joint(self.arm.compliance_rad_per_nm, arm.n)
-        effects = [Compliance(c)] if c.any() else []
+        h = per_joint(self.arm.hysteresis_rad, arm.n)
+        effects = ([Compliance(c)] if c.any() else []) + ([Hysteresis(h)] if h.any() else [])
         return Truth(
             arm, per_joint(self.arm.encoder_bias_rad, arm.n), per_joint(self.arm.encoder_gain, arm.n), effects
         )
@@ -107,6 +109,8 @@ class Scenario:
             found[f"encoder_gain[{joint[1:]}]"] = gain
         for joint, c in self.arm.compliance_rad_per_nm.items():
             found[f"joint_compliance[{joint[1:]}]"] = c
+        for joint, h in self.arm.hysteresis_rad.items():
+            found[f"backlash[{joint[1:]}]"] = h
         return found
 
 
@@ -164,7 +168,8 @@ def load(name: str | Path) -> Scenario:
 def _check(s: Scenario) -> None:
     n = len(load_spec()["joint"])
     split_errors(s.arm.errors, n)
-    for named in (s.arm.encoder_bias_rad, s.arm.encoder_gain, s.arm.compliance_rad_per_nm):
+    a = s.arm
+    for named in (a.encoder_bias_rad, a.encoder_gain, a.compliance_rad_per_nm, a.hysteresis_rad):
         per_joint(named, n)
     for value, known in (
         (s.calibration.acquisition, ACQUISITIONS),

@@ -153,17 +153,19 @@ class World:
         }
 
     def held_out(self, n: int = HELD_OUT_N) -> list[dict]:
-        """Random poses inside the joint limits with the tool in the search region: the readings that the
-        encoders would show, and where the tool truly is."""
+        """Random poses inside the joint limits with the tool in the search region, each reached from a
+        random side: the readings that the encoders would show, and where the tool truly is."""
         rng, region = generator(self.seed, "held out"), self.arm.spec["region"]
         lo, hi = np.array(region["min_m"]), np.array(region["max_m"])
-        state, found = State(0.0, self.scenario.env.temp_c, self.scenario.env.payload_kg), []
+        env, found, sides = self.scenario.env, [], generator(self.seed, "held out sides")
         for _ in range(HELD_OUT_TRIES):
             q = rng.uniform(self.arm.q_min, self.arm.q_max)
-            self.truth.settle(q, state)
+            side = sides.choice([-1, 1], self.arm.n)
+            self.truth.settle(q, State(0.0, env.temp_c, env.payload_kg, side))
             T = self.arm.T_base_tool
             if np.all(T[:3, 3] >= lo) and np.all(T[:3, 3] <= hi):
-                found.append({"q_rad": q.tolist(), "p_m": T[:3, 3].tolist(), "q_wxyz": geom.quat(T).tolist()})
+                pose = {"q_rad": q.tolist(), "dir": side.tolist()}
+                found.append(pose | {"p_m": T[:3, 3].tolist(), "q_wxyz": geom.quat(T).tolist()})
                 if len(found) == n:
                     return found
         raise ArithmeticError(

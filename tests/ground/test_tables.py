@@ -124,7 +124,7 @@ def test_expression_that_is_none_is_refused(text):
         ("config", "n_poses         = 20", "n_poses         = 65", "refused"),
         ("config", "n_poses         = 20", "n_poses         = -1", "does not fit"),
         ("config", "iter_max    = 50", "", "field 'iter_max' is missing"),
-        ("config", "free_mask   = 0x0fffffff", "free_mask   = 0", "refused"),
+        ("config", "free_mask   = 0xffffffffffffffff", "free_mask   = 0", "refused"),
         ("terms", "d_m = 0.2 }", "d = 0.2 }", "'d_m' is missing"),
         ("terms", 'frame = "tool"', 'frame = "elbow"', "unknown frame 'elbow'"),
         ("terms", 'comp = "tx"', 'comp = "xt"', "none of tx, ty"),

@@ -91,7 +91,7 @@ def test_a_slip_in_a_scenario_is_named(tmp_path, text, message):
 
 
 def test_an_unknown_scenario_lists_the_known_ones():
-    with pytest.raises(ScenarioError, match="known: compliance, encoder_bias, healthy, paper"):
+    with pytest.raises(ScenarioError, match="known: compliance, encoder_bias, healthy, hidden_compliance, paper"):
         load("papers")
 
 

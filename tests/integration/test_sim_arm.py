@@ -192,6 +192,14 @@ def test_a_soft_joint_rests_where_spring_and_gravity_balance(rng):
     assert sagging < arm.T_base_tool[2, 3] - 0.01
 
 
+def test_friction_keeps_a_joint_on_the_side_it_came_from():
+    _, truth, scenario = truth_of(hysteresis_rad={"J1": 0.003})
+    assert scenario.coefficients() == {"backlash[1]": 0.003}
+    for side in (-1, 0, 1):
+        q_true = truth.settle(np.full(7, 0.2), State(dir=np.array([side, 1, 1, 1, 1, 1, 1])))
+        np.testing.assert_allclose(q_true, [0.2 + 0.003 * side, *[0.2] * 6], atol=1e-15)
+
+
 def test_a_spring_too_soft_to_balance_is_an_error_not_a_number():
     arm = Arm()
     truth = Truth(arm, np.zeros(7), np.zeros(7), [Compliance(np.array([0, 1.0, 0, 1.0, 0, 0, 0]))])

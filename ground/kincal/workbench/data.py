@@ -25,6 +25,8 @@ _VECTORS = {
     "cov": _COV_NAMES,
 }
 _UNIT_TOL = 1e-3
+# Names that effects use for their needs, where they differ from ours.
+_RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,12 @@ class Measurements:
         """Whether the data carry what an effect needs (`dir`, `temp_c`, `cam`, `rotation` ...)."""
         if column == "own_sensor":
             return self.cam_p_m is None
-        renamed = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
-        attribute = renamed.get(column, column)
-        return getattr(self, attribute) is not None
+        return getattr(self, _RENAMED.get(column, column)) is not None
+
+    def constant(self, column: str) -> bool:
+        """Whether a column is there and never changes."""
+        values = getattr(self, _RENAMED.get(column, column), None)
+        return values is not None and not np.ptp(values, axis=0).any()
 
 
 def read_csv(path: str | Path, n_joints: int, *, skip_bad: bool = False) -> Measurements:

@@ -69,9 +69,9 @@ class ParameterValue:
 class EffectFinding:
     """One named effect with its probability.
 
-    accepted: it won against nothing, against the unnamed and against its rivals; helps: it did not win,
-    but held-out poses are predicted better with it (the interval of the ratio excludes 1). Both kinds
-    are part of the final model; the rest are rivals.
+    accepted: it won against nothing and against the unnamed; helps: it did not win, but held-out poses
+    are predicted better with it (the interval of the ratio excludes 1). Both kinds are part of the final
+    model; the rest are rivals.
     """
 
     name: str
@@ -158,6 +158,18 @@ class Look:
             top = single
         return by_name[top].best
 
+    def one_joint(self, h: Hypothesis) -> Hypothesis | None:
+        """For an effect at all joints: the joint that explains the data as well alone, if there is one."""
+        if h.name != h.effect:
+            return None
+        by_name = {s.name: s for s in self.scored}
+        single = max(
+            (s for s in self.scored if s.name.startswith(f"{h.name}[")), key=lambda s: s.ln_bf, default=None
+        )
+        if single is None or single.ln_bf < by_name[h.name].ln_bf - _PREFER_SINGLE:
+            return None
+        return single.best
+
     def presence(self, name: str) -> float:
         """Probability that this effect is there: at this joint (alone or with all others), or, for a
         name without joint, at any joint."""
@@ -167,6 +179,13 @@ class Look:
             for other, p in self.probability.items()
             if other in (name, effect) or (not joint and other.startswith(f"{effect}["))
         )
+
+    @property
+    def novel_wins(self) -> bool:
+        """Something is missing, and what no effect describes is more likely than each effect."""
+        p = self.probability.get("novel", 0.0)
+        rival = max((self.presence(n) for n in self.probability if n not in ("none", "novel")), default=0.0)
+        return p > ACCEPT_ODDS * self.probability["none"] and p > rival
 
     @property
     def something_missing(self) -> bool:
@@ -296,62 +315,50 @@ def diagnose(
     tell("fit", 0, steps)
     comparison = compare(arm, data, hypotheses, dh=dh)
     search = _Search(comparison, library, tuple(hypotheses), dh)
-    current, accepted = search.base, []
+    current, kept = search.base, []
     tell("evidence", 1, steps)
-    first = look = search.look(current, accepted)
-    while len(accepted) < MAX_EFFECTS and look.something_missing:
+    first = look = search.look(current, kept)
+    while len(kept) < MAX_EFFECTS and look.something_missing:
         named = look.best(search.room(current))
-        chosen = None if named is None else search.settle(named, accepted)
+        chosen = None if named is None else search.settle(named, kept)
+        chosen = chosen or search.helpful(look, current, kept)
         if chosen is None:
             break
-        accepted.append(chosen)
-        tell(f"evidence beside {chosen.name}", 1 + len(accepted), steps)
-        current = search.refit(accepted)
-        look = search.look(current, accepted)
-    helping: list[Hypothesis] = []
-    while len(accepted) + len(helping) < MAX_EFFECTS and look.something_missing:
-        h = search.helpful(look, current, [*accepted, *helping])
-        if h is None:
-            break
-        helping.append(h)
-        tell(f"held-out poses with {h.name}", 1 + len(accepted) + len(helping), steps)
-        current = search.refit([*accepted, *helping])
-        look = search.look(current, [*accepted, *helping])
+        kept.append(chosen)
+        tell(f"evidence beside {chosen.name}", 1 + len(kept), steps)
+        current = search.refit(kept)
+        look = search.look(current, kept)
     tell("check", steps - 1, steps)
-    return _conclude(search, accepted, helping, first, look, current)
+    return _conclude(search, kept, first, look, current)
 
 
-def _conclude(
-    search: _Search,
-    accepted: list[Hypothesis],
-    helping: list[Hypothesis],
-    first: Look,
-    last: Look,
-    current: Fit,
-) -> Diagnosis:
+def _conclude(search: _Search, kept: list[Hypothesis], first: Look, last: Look, current: Fit) -> Diagnosis:
     p_family = family_p(first.engine, first.scored + first.mapped)
-    # each accepted effect against everything that could stand in its place, the others kept
-    kept, own = [*accepted, *helping], {}
+    # Each effect against everything that could stand in its place, the others kept. One that was only
+    # taken for its help wins here if what stood against it was another missing effect in disguise.
+    kept, own, role = list(kept), {}, {}
     for h in list(kept):
-        others = [x for x in kept if x is not h]
-        look = search.look(current, others, drop=h)
-        if h in accepted and others and look.presence(h.name) < ACCEPT_ODDS * look.probability["none"]:
+        look = search.look(current, [x for x in kept if x is not h], drop=h)
+        one = look.one_joint(h)
+        if one is not None:  # beside the others one joint is enough
+            kept[kept.index(h)] = h = one
+            current = search.refit(kept)
+            look = search.look(current, [x for x in kept if x is not h], drop=h)
+        p = look.probability
+        wins = look.presence(h.name) >= max(ACCEPT_ODDS * p["none"], p.get("novel", 0.0))
+        if wins or search.held_gain(kept, h)[2][1] < 1.0:
+            own[h.name], role[h.name] = look, "accepted" if wins else "helps"
+        else:
             kept.remove(h)  # backward check: not needed once the others are there
             current = search.refit(kept)
-        else:
-            own[h.name] = look
-    findings = [
-        _finding(search, h, own[h.name], p_family, kept, current, "helps" if h in helping else "accepted")
-        for h in kept
-    ]
+    findings = [_finding(search, h, own[h.name], p_family, kept, current, role[h.name]) for h in kept]
     names = {h.name for h in kept}
     findings += [
         _finding(search, h, look, p_family, kept, None, "rival")
         for h, look in _rivals(names, list(own.values()) or [first])
     ]
     p_after = lack_of_fit(current, noise_floor(current))
-    novel_p = last.probability.get("novel", 0.0)
-    novel = _novel(last) if novel_p > ACCEPT_ODDS * last.probability["none"] or novel_p > 0.5 else None
+    novel = _novel(last) if last.novel_wins else None
     order = {"accepted": 0, "helps": 1, "rival": 2}
     findings.sort(
         key=lambda f: (order["accepted" if f.accepted else "helps" if f.helps else "rival"], -f.probability)
@@ -376,8 +383,8 @@ def _not_testable(search: _Search, first: Look) -> tuple[NotTestable, ...]:
     needs = {c.name: c.effect.needs for c in search.candidates}
     for s in first.scored:
         if s.score.absorbed >= ABSORBED and "[" not in s.name:
-            idle = () if s.columns.any() else tuple(f"{need} that varies" for need in needs[s.name])
-            out.append(NotTestable(s.name, idle))
+            still = [n for n in needs[s.name] if search.data.constant(n)] if not s.columns.any() else []
+            out.append(NotTestable(s.name, tuple(f"{n} that varies" for n in still)))
     return tuple(out)
 
 

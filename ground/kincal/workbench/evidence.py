@@ -60,7 +60,8 @@ class NoiseScale:
     def posterior(cls, wz: float, dof: float, *, stated: bool = True) -> NoiseScale:
         """wz = z'Wz; stated: ln s ~ N(0, 0.25^2), else a wide prior about the fitted scale."""
         if stated:
-            ln_s = np.linspace(-1.0, 1.0, 41)
+            # far up too: before a gross effect is found, all that is left must count as noise
+            ln_s = np.linspace(-1.0, 2.5, 71)
             ln_prior = -0.5 * (ln_s / LN_SCALE_SIGMA) ** 2
         else:
             ln_s = 0.5 * np.log(max(wz, 1e-12) / max(dof, 1.0)) + np.linspace(-2.0, 0.5, 51)

@@ -13,6 +13,7 @@ from .effects import Hypothesis
 from .fit import find_frames, fit_model
 
 _BOOTSTRAP = 1000
+_NO_GAIN = 0.97  # a ratio above, with 1 in its interval, is called no help
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,8 @@ def climb(
     dh: bool = True,
     progress=None,
 ) -> Ladder:
-    """Fit nominal, DH, DH + first effect, ... on every block and measure what was held back."""
+    """Fit nominal, DH, DH + first effect, ... on every block and measure what was held back. The verdicts
+    compare the whole model with the one that lacks the effect, so that the order of adding is no matter."""
     split = choose_split(data)
     names: dict[str, list[Hypothesis]] = {}
     for h in hypotheses:
@@ -107,6 +109,7 @@ def climb(
     for name, group in names.items():
         used = used + group
         steps.append((f"+ {name}", dh, list(used)))
+    without = {name: [h for h in hypotheses if h not in group] for name, group in names.items()}
     rungs: list[Rung] = []
     verdicts: list[str] = []
     rng = np.random.default_rng(3)
@@ -122,13 +125,24 @@ def climb(
             r = fit.predict(held)
             rung, square = _rung(label, block.name, r, held, before, rng)
             rungs.append(rung)
-            if label.startswith("+") and rung.ratio_interval and rung.ratio_interval[1] >= 1.0:
-                verdicts.append(
-                    f"{label[2:]} does not help on {block.name}: held-out error ratio {rung.ratio:.3f} "
-                    f"(95 % interval {rung.ratio_interval[0]:.3f} to {rung.ratio_interval[1]:.3f})"
-                )
             before = square
+        for name, others in without.items():
+            if len(names) > 1:  # what this effect brings once the others are there
+                r_without = fit_model(arm, part, others, dh=dh, frames=frames).predict(held)
+                rung, _ = _rung(name, block.name, r, held, (r_without[:, :3] ** 2).sum(axis=1), rng)
+            verdicts += _verdict(name, rung)
     return Ladder(tuple(rungs), floor, tuple(verdicts))
+
+
+def _verdict(name: str, rung: Rung) -> list[str]:
+    """Said in so many words when held-out poses do not show a gain."""
+    if rung.ratio is None or rung.ratio_interval is None or rung.ratio_interval[1] < 1.0:
+        return []
+    low, high = rung.ratio_interval
+    numbers = f"held-out error ratio {rung.ratio:.3f} (95 % interval {low:.3f} to {high:.3f})"
+    if rung.ratio > _NO_GAIN:
+        return [f"{name} does not help on {rung.block}: {numbers}"]
+    return [f"whether {name} helps on {rung.block} these poses cannot tell: {numbers}"]
 
 
 def _rung(label, block, r, held, before, rng) -> tuple[Rung, np.ndarray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from kincal import core, tables
 from kincal.errors import BadInput
 
@@ -53,6 +55,23 @@ def term_table(arm: ArmTable, hypotheses: list[Hypothesis]):
             k += 1
     out.n_coef, out.n_term = len(rows), k
     return out
+
+
+def flight_tables(source: Path, out: Path, terms: tables.Image) -> list[Path]:
+    """A directory of table images to fly with: those of `source`, these terms, and no correction yet (the
+    one in force belongs to the old terms)."""
+    if source.resolve() == out.resolve():
+        raise BadInput(f"{out} holds the tables to copy; name another directory")
+    images = sorted(source.glob("*.tbl"))
+    if not images:
+        raise BadInput(f"{source}: holds no table image (*.tbl)")
+    out.mkdir(parents=True, exist_ok=True)
+    kin = core.ffi.new("kc_kin_t *")
+    kin.n_coef = tables.decode(terms.data)[1].n_coef
+    new = {"terms.tbl": terms.data, "kin.tbl": tables.encode("kin", kin).data}
+    for image in images:
+        (out / image.name).write_bytes(new.get(image.name) or image.read_bytes())
+    return [out / image.name for image in images]
 
 
 def term_image(arm: ArmTable, hypotheses: list[Hypothesis]) -> tables.Image:
