@@ -147,3 +147,24 @@ void test_a_new_correction_begins_a_new_window(void)
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->watch.told.state);
     TEST_ASSERT_EQUAL_UINT32(5u, APP->watch.monitor.n);
 }
+
+/* docs/STATES.md: what the executive does with the event. */
+void test_the_named_joint_alone_is_recalibrated(void)
+{
+    given_idle(2u, 0.05);
+    looks(5u);
+    uint32_t suspects = (uint32_t)world.last[KC_EVT_MON_SUSPECT].want;
+    TEST_ASSERT_EQUAL_HEX32(0x4u, suspects);
+    memset(world.q, 0, sizeof world.q); /* back at the hub, a proven place */
+    memset(world.q_cmd, 0, sizeof world.q_cmd);
+    world_ticks(2u);
+    kc_cmd_t *c = world_cmd(KC_CMD_START, -1, 4, 3);
+    c->arg_u64 = 0x100u; /* J3.phi_rad */
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(0, world.ack.status);
+    for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_free);
+    TEST_ASSERT_DOUBLE_WITHIN(3e-3, 0.05, world.proposal.kin.value[8]);
+}
