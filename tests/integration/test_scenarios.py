@@ -91,7 +91,8 @@ def test_a_slip_in_a_scenario_is_named(tmp_path, text, message):
 
 
 def test_an_unknown_scenario_lists_the_known_ones():
-    with pytest.raises(ScenarioError, match="known: compliance, encoder_bias, healthy, hidden_compliance, paper"):
+    known = "known: compliance, encoder_bias, healthy, hidden_compliance, paper"
+    with pytest.raises(ScenarioError, match=known):
         load("papers")
 
 
