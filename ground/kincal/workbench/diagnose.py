@@ -351,6 +351,12 @@ def _conclude(search: _Search, kept: list[Hypothesis], first: Look, last: Look, 
         else:
             kept.remove(h)  # backward check: not needed once the others are there
             current = search.refit(kept)
+    if last.novel_wins:  # a named cousin of the unnamed often wins a place; it has to prove itself
+        doubtful = [h for h in kept if not search.held_gain(kept, h)[2][1] < 1.0]
+        if doubtful and len(search.comparison.split.held):
+            kept = [h for h in kept if h not in doubtful]
+            current = search.refit(kept)
+            last = search.look(current, kept)
     findings = [_finding(search, h, own[h.name], p_family, kept, current, role[h.name]) for h in kept]
     names = {h.name for h in kept}
     findings += [
