@@ -231,17 +231,31 @@ class _Search:
             if effect.twin_of:
                 self.twins.setdefault(effect.twin_of, []).append(effect.name)
         self._held: dict[tuple[str, ...], np.ndarray] = {}
+        self._fits: dict[tuple[str, ...], Fit] = {(): self.base}
+        self._looks: dict[tuple, Look] = {}
 
     def refit(self, extra: list[Hypothesis]) -> Fit:
-        start = dict(zip(self.base.names, self.base.estimate, strict=True))
-        frames = (self.base.base, self.base.tool)
-        return fit_model(self.arm, self.data, [*self.given, *extra], dh=self.dh, frames=frames, start=start)
+        key = tuple(h.label for h in extra)
+        if key not in self._fits:
+            start = dict(zip(self.base.names, self.base.estimate, strict=True))
+            frames = (self.base.base, self.base.tool)
+            self._fits[key] = fit_model(
+                self.arm, self.data, [*self.given, *extra], dh=self.dh, frames=frames, start=start
+            )
+        return self._fits[key]
 
     def room(self, fit: Fit) -> int:
         """Coefficients that flight's table still has room for."""
         return 0 if fit.terms.n_term >= MAX_TERM else MAX_COEF - len(fit.names)
 
     def look(self, fit: Fit, others: list[Hypothesis], drop: Hypothesis | None = None) -> Look:
+        at, beside = (tuple(h.label for h in hs) for hs in (fit.hypotheses, others))
+        key = (at, beside, drop and drop.label)
+        if key not in self._looks:
+            self._looks[key] = self._look(fit, others, drop)
+        return self._looks[key]
+
+    def _look(self, fit: Fit, others: list[Hypothesis], drop: Hypothesis | None) -> Look:
         engine = Engine(fit, self.weight, self.stated, drop=drop)
         taken = {h.name for h in others}
         still_open = [c for c in self.candidates if c.name not in taken]

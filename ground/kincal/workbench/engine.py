@@ -12,7 +12,7 @@ from .arms import ArmTable
 from .columns import Columns
 from .data import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter
-from .evidence import NoiseScale, Projector, Score, ln_bayes_factor, score
+from .evidence import NoiseScale, Projector, Score, ln_bayes_factor, scores
 from .fit import STUDENT_NU, Fit
 from .novel import Cell, cells
 
@@ -143,7 +143,7 @@ class Engine:
             done = self.projector.apply(np.hstack(batch))
             edges = np.cumsum([b.shape[1] for b in batch])[:-1]
             projected += np.split(done, edges, axis=1)
-        scored = [score(b, p, self.wz) for b, p in zip(blocks, projected, strict=True)]
+        scored = scores(blocks, projected, self.wz)
         width = max((len(s.u) for s in scored), default=0)
         u, v = np.zeros((2, len(scored), width))
         for k, s in enumerate(scored):
@@ -215,6 +215,7 @@ def family_p(engine: Engine, scored: list[Scored]) -> dict[str, float]:
     own: dict[str, float] = {}
     noise = engine.null
     both = np.hstack([noise, engine.wz[:, None] / engine.scale])
+    by_rank: dict[int, list[tuple[str, np.ndarray]]] = {}
     for s in scored:
         if s.score.rank == 0:
             own[s.name] = 1.0
@@ -222,9 +223,11 @@ def family_p(engine: Engine, scored: list[Scored]) -> dict[str, float]:
         value, vector = np.linalg.eigh(s.columns.T @ s.columns)
         good = value > 1e-10 * value.max()
         white = (vector[:, good].T @ (s.columns.T @ both)) / np.sqrt(value[good])[:, None]
-        p = stats.chi2.sf((white**2).sum(axis=0), int(good.sum()))
-        least = np.minimum(least, p[:-1])
-        own[s.name] = float(p[-1])
+        by_rank.setdefault(int(good.sum()), []).append((s.name, (white**2).sum(axis=0)))
+    for rank, found in by_rank.items():
+        p = stats.chi2.sf(np.array([square for _, square in found]), rank)
+        least = np.minimum(least, p[:, :-1].min(axis=0))
+        own |= {name: float(x) for (name, _), x in zip(found, p[:, -1], strict=True)}
     least.sort()
     count = len(least)
     out = {}

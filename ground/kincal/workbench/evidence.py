@@ -113,15 +113,30 @@ class Score:
         return float(stats.chi2.sf(self.chi2, self.rank)) if self.rank else 1.0
 
 
+def scores(blocks: list[np.ndarray], projected: list[np.ndarray], wz: np.ndarray) -> list[Score]:
+    """`score` of many blocks; those of one width are decomposed together."""
+    out: list[Score | None] = [None] * len(blocks)
+    by_width: dict[int, list[int]] = {}
+    for k, block in enumerate(blocks):
+        by_width.setdefault(block.shape[1], []).append(k)
+    for places in by_width.values():
+        g = np.stack([blocks[k] for k in places])
+        turned = g.transpose(0, 2, 1)
+        u = turned @ wz
+        v, e = np.linalg.eigh(turned @ np.stack([projected[k] for k in places]))
+        raw = (g**2).sum(axis=(1, 2))
+        left = v.sum(axis=1)
+        v = np.maximum(v, 0.0)
+        v = np.where(v > 1e-12 * np.maximum(v.max(axis=1, initial=0.0, keepdims=True), 1e-300), v, 0.0)
+        rotated = (e.transpose(0, 2, 1) @ u[:, :, None])[:, :, 0]
+        for i, k in enumerate(places):
+            out[k] = Score(rotated[i], v[i], 1.0 - float(left[i]) / float(raw[i]) if raw[i] > 0 else 1.0)
+    return [s for s in out if s is not None]
+
+
 def score(columns: np.ndarray, projected: np.ndarray, wz: np.ndarray) -> Score:
     """columns G (rows, m) scaled by prior sigma; projected W G; wz = W z0."""
-    u = columns.T @ wz
-    v, e = np.linalg.eigh(columns.T @ projected)
-    raw = float((columns**2).sum())
-    absorbed = 1.0 - float(v.sum()) / raw if raw > 0 else 1.0
-    v = np.maximum(v, 0.0)
-    v = np.where(v > 1e-12 * max(v.max(initial=0.0), 1e-300), v, 0.0)
-    return Score(e.T @ u, v, absorbed)
+    return scores([columns], [projected], wz)[0]
 
 
 def posterior(ln_bf: dict[str, float], prior: dict[str, float]) -> dict[str, float]:
