@@ -102,7 +102,10 @@ uint32_t kc_move_node(const kc_app_t *app, double *dist)
 {
     uint32_t node = kc_path_nearest(&app->tables.active.space, app->arm.q, dist);
     if (*dist <= leash(app) + app->tables.active.config.arrive_tol) { return node; }
-    return on_segment(app) ? app->leg.seg_to : KC_NODE_NONE;
+    if (on_segment(app)) { return app->leg.seg_to; }
+    /* Started anew: which segment it was on is forgotten, but the table still holds it. */
+    return kc_path_on_segment(&app->tables.active.space, app->arm.q,
+                              2.0 * app->tables.active.config.arrive_tol);
 }
 
 /* ---- MOVE ---- */

@@ -115,6 +115,52 @@ uint32_t kc_path_nearest(const kc_space_t *s, const double *q, double *dist)
     return best;
 }
 
+static int is_between(const float *a, const float *b, const double *q, uint32_t n, double tol)
+{
+    double num = 0.0, den = 0.0;
+    for (uint32_t j = 0u; j < n; j++) {
+        double d = (double)b[j] - (double)a[j];
+        num += (q[j] - (double)a[j]) * d;
+        den += d * d;
+    }
+    double t = den > 0.0 ? kc_clamp(num / den, 0.0, 1.0) : 0.0;
+    for (uint32_t j = 0u; j < n; j++) {
+        double on = (double)a[j] + t * ((double)b[j] - (double)a[j]);
+        if (kc_fabs(q[j] - on) > tol) { return 0; }
+    }
+    return 1;
+}
+
+static uint32_t on_hub_segment(const kc_space_t *s, const double *q, double tol)
+{
+    for (uint32_t h = 0u; h < s->n_hub; h++) {
+        for (uint32_t k = h + 1u; k < s->n_hub; k++) {
+            int proven = ((s->hub_edge[h] >> k) & 1u) != 0u;
+            if (proven && is_between(s->hub_q[h], s->hub_q[k], q, s->n_joints, tol)) { return h; }
+        }
+    }
+    return KC_NODE_NONE;
+}
+
+uint32_t kc_path_on_segment(const kc_space_t *s, const double *q, double tol)
+{
+    uint32_t node = on_hub_segment(s, q, tol);
+    if (node != KC_NODE_NONE) { return node; }
+    for (uint32_t c = 0u; c < s->n_cand; c++) {
+        const kc_cand_t *at = &s->cand[c];
+        if (is_between(at->q_seed, s->hub_q[at->hub], q, s->n_joints, tol)) { return at->hub; }
+    }
+    for (uint32_t c = 1u; c < s->n_cand; c++) {
+        for (uint32_t k = 0u; k < c; k++) {
+            if (kc_space_edge(s, c, k) &&
+                is_between(s->cand[c].q_seed, s->cand[k].q_seed, q, s->n_joints, tol)) {
+                return KC_HUB_MAX + k;
+            }
+        }
+    }
+    return KC_NODE_NONE;
+}
+
 /* ---- Validation: every entry; the first problem is reported ---- */
 
 static kc_status_t bad(int32_t at, double value, int32_t *index, double *got)

@@ -51,6 +51,11 @@ void kc_path_joints(const kc_space_t *s, uint32_t node, double *q);
  * first, then lowest index. KC_NODE_NONE for an empty space. O(n_cand n_joints). */
 uint32_t kc_path_nearest(const kc_space_t *s, const double *q, double *dist);
 
+/* An end of a proven segment on which q lies: every joint within tol of one point of the straight line.
+ * Candidate to its hub: the hub; else the end with the lower index. KC_NODE_NONE if q is on none. Segments
+ * of hubs first, then of candidates. O(n_cand^2 n_joints) at most. */
+uint32_t kc_path_on_segment(const kc_space_t *s, const double *q, double tol);
+
 /* First problem found: KC_ERR_RANGE, *got = the value, *index = candidate, KC_SPACE_INDEX_HUB + hub,
  * KC_SPACE_INDEX_PRIOR + place in the list of priors, or -1. Checks counts, finite numbers, unit norms
  * (1e-6), hub and prior numbers, that hub segments go both ways, that no edge bit is set beyond n_cand,

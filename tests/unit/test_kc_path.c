@@ -152,6 +152,35 @@ void test_the_nearest_node_is_found_by_its_largest_joint_difference(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, dist);
 }
 
+static void between(const float *a, const float *b, double t, double *q)
+{
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { q[j] = (double)a[j] + t * ((double)b[j] - (double)a[j]); }
+}
+
+void test_a_place_on_a_proven_segment_leads_to_one_of_its_ends(void)
+{
+    double q[KC_JOINT_MAX];
+    given_chain(3u);
+    for (uint32_t h = 0u; h < 3u; h++) {
+        for (uint32_t j = 0u; j < s_s.n_joints; j++) {
+            s_s.hub_q[h][j] = (float)(h == j + 1u ? 0.5 : 0.0);
+            s_s.cand[h].q_seed[j] = (float)(h == j ? 1.0 : -0.25);
+        }
+    }
+    between(s_s.hub_q[0], s_s.hub_q[1], 0.4, q);
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_path_on_segment(&s_s, q, 0.01));
+    between(s_s.hub_q[0], s_s.hub_q[2], 0.4, q); /* no segment in a chain */
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 0.01));
+    between(s_s.cand[2].q_seed, s_s.hub_q[2], 0.3, q);
+    TEST_ASSERT_EQUAL_UINT32(2u, kc_path_on_segment(&s_s, q, 0.01));
+    q[1] += 0.02;
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 0.01));
+    between(s_s.cand[2].q_seed, s_s.cand[1].q_seed, 0.6, q);
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 0.01));
+    s_s.edge[2u * 1u / 2u / 8u] |= (uint8_t)(1u << (2u * 1u / 2u + 1u)); /* bit 2 (2 - 1) / 2 + 1 = 2 */
+    TEST_ASSERT_EQUAL_UINT32(NODE(1u), kc_path_on_segment(&s_s, q, 0.01));
+}
+
 void test_an_empty_space_has_no_nearest_node(void)
 {
     double q[KC_JOINT_MAX] = {0.0}, dist;
