@@ -46,6 +46,19 @@ class Hysteresis:
         return self.rad * state.dir
 
 
+class Coupling:
+    """One joint is off by size tanh(angle of a second) cos(angle of a third): an effect that nobody has in a
+    library."""
+
+    def __init__(self, joint: int, size_rad: float, tanh: int, cos: int):
+        self.joint, self.size_rad, self.tanh, self.cos = joint, size_rad, tanh, cos
+
+    def offset(self, arm: Arm, _state: State) -> np.ndarray:
+        q, out = arm.data.qpos, np.zeros(arm.n)
+        out[self.joint] = self.size_rad * np.tanh(q[self.tanh]) * np.cos(q[self.cos])
+        return out
+
+
 class Truth:
     """From encoder readings to true joint angles: biases, gains and hidden effects of one scenario."""
 

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from .arm import GRAVITY_EARTH, Arm, load_spec, split_errors
-from .effects import Compliance, Hysteresis, Truth
+from .effects import Compliance, Coupling, Hysteresis, Truth
 
 SCENARIO_DIR = Path(__file__).resolve().parent.parent / "scenarios"
 ACQUISITIONS = {"table": -1, "ucb": 0, "random": 1, "dopt": 2, "vopt": 3}
 VERDICTS = ("no_change", "change", "poor")
+COUPLING_KEYS = {"name", "joint", "size_rad", "tanh", "cos"}
 ACCEPT = ("ground", "auto", "policy")
 
 
@@ -33,6 +34,8 @@ class ArmTruth:
     encoder_step_rad: float = 0.0  # quantisation, 0 = none
     compliance_rad_per_nm: dict[str, float] = field(default_factory=dict)
     hysteresis_rad: dict[str, float] = field(default_factory=dict)  # joint -> offset by approach direction
+    # { name, joint, size_rad, tanh, cos }: the joint is off by size_rad tanh(q of one) cos(q of another)
+    coupling: list[dict] = field(default_factory=list)
 
 
 @dataclass
@@ -95,6 +98,14 @@ class Scenario:
         c = per_joint(self.arm.compliance_rad_per_nm, arm.n)
         h = per_joint(self.arm.hysteresis_rad, arm.n)
         effects = ([Compliance(c)] if c.any() else []) + ([Hysteresis(h)] if h.any() else [])
+        effects += [
+            Coupling(
+                joint_index(k["joint"], arm.n),
+                k["size_rad"],
+                *(joint_index(k[x], arm.n) for x in ("tanh", "cos")),
+            )
+            for k in self.arm.coupling
+        ]
         return Truth(
             arm, per_joint(self.arm.encoder_bias_rad, arm.n), per_joint(self.arm.encoder_gain, arm.n), effects
         )
@@ -111,6 +122,7 @@ class Scenario:
             found[f"joint_compliance[{joint[1:]}]"] = c
         for joint, h in self.arm.hysteresis_rad.items():
             found[f"backlash[{joint[1:]}]"] = h
+        found |= {k["name"]: k["size_rad"] for k in self.arm.coupling}
         return found
 
 
@@ -118,10 +130,15 @@ def per_joint(named: dict[str, float], n: int) -> np.ndarray:
     """Values named J1..Jn as a vector."""
     out = np.zeros(n)
     for name, value in named.items():
-        if name not in (f"J{j + 1}" for j in range(n)):
-            raise ScenarioError(f"unknown joint '{name}'; known: J1..J{n}")
-        out[int(name[1:]) - 1] = value
+        out[joint_index(name, n)] = value
     return out
+
+
+def joint_index(name: str, n: int) -> int:
+    """0 for J1."""
+    if name not in (f"J{j + 1}" for j in range(n)):
+        raise ScenarioError(f"unknown joint '{name}'; known: J1..J{n}")
+    return int(name[1:]) - 1
 
 
 def _take(cls, where: str, data: dict):
@@ -171,6 +188,11 @@ def _check(s: Scenario) -> None:
     a = s.arm
     for named in (a.encoder_bias_rad, a.encoder_gain, a.compliance_rad_per_nm, a.hysteresis_rad):
         per_joint(named, n)
+    for k in a.coupling:
+        if set(k) != COUPLING_KEYS:
+            raise ScenarioError(
+                f"[arm] coupling needs {', '.join(sorted(COUPLING_KEYS))}; it has {', '.join(k)}"
+            )
     for value, known in (
         (s.calibration.acquisition, ACQUISITIONS),
         (s.executive.accept, ACCEPT),

@@ -200,6 +200,15 @@ def test_friction_keeps_a_joint_on_the_side_it_came_from():
         np.testing.assert_allclose(q_true, [0.2 + 0.003 * side, *[0.2] * 6], atol=1e-15)
 
 
+def test_a_coupling_moves_one_joint_by_two_others():
+    coupling = {"name": "odd", "joint": "J3", "size_rad": 0.008, "tanh": "J4", "cos": "J6"}
+    _, truth, scenario = truth_of(coupling=[coupling])
+    assert scenario.coefficients() == {"odd": 0.008}
+    q = np.array([0.1, 0.2, 0.3, 1.4, 0.5, 0.6, 0.7])
+    off = truth.settle(q, State()) - q
+    np.testing.assert_allclose(off, [0, 0, 0.008 * np.tanh(1.4) * np.cos(0.6), 0, 0, 0, 0], atol=1e-12)
+
+
 def test_a_spring_too_soft_to_balance_is_an_error_not_a_number():
     arm = Arm()
     truth = Truth(arm, np.zeros(7), np.zeros(7), [Compliance(np.array([0, 1.0, 0, 1.0, 0, 0, 0]))])
