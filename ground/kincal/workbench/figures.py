@@ -33,6 +33,7 @@ STYLE = {
 # Dark in the middle: an arrow with no vertical part must be seen too.
 _UP_DOWN = LinearSegmentedColormap.from_list("updown", ["#0b5fd0", "#4a545c", "#d8281c"])
 _CONFOUNDING_MAX = 14
+_PLAUSIBLE = 10.0  # typical sizes; nothing is larger than that without being known
 
 
 def _short(text: str, width: int) -> str:
@@ -304,7 +305,7 @@ def confounding(c: Confounding) -> plt.Figure:
 
 def harm(rows: list[Harm], count: int = 14) -> plt.Figure:
     """What could still be wrong without being seen."""
-    rows = rows[:count]
+    rows = [h for h in rows if h.smallest <= _PLAUSIBLE][:count]
     fig, ax = plt.subplots(figsize=(8.0, 1.0 + 0.28 * len(rows)))
     y = np.arange(len(rows))[::-1]
     ax.barh(y, [h.error_m * 1e3 for h in rows], color=ORANGE, height=0.6)
