@@ -7,7 +7,7 @@ priors stated here; wording is "consistent with", never "proven".
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -278,6 +278,22 @@ class _Search:
             h = winner
         return h
 
+    def pair(
+        self, look: Look, fit: Fit, first: Hypothesis | None, kept: list[Hypothesis]
+    ) -> tuple[Hypothesis, Hypothesis] | None:
+        """Two named effects that together beat the unnamed that beats each of them alone: two effects at
+        one joint look like one unknown function of both their drivers."""
+        if first is None or len(kept) + 2 > MAX_EFFECTS:
+            return None
+        beside = self.look(self.refit([*kept, first]), [*kept, first])
+        second = beside.best(self.room(fit) - len(first.parameters))
+        p, q = look.probability, beside.probability
+        if second is None or p[first.name] * q[second.name] < ACCEPT_ODDS * p.get("novel", 0.0) * q["none"]:
+            return None
+        settled = self.settle(second, [*kept, first])
+        again = settled and self.settle(first, [*kept, settled])
+        return (again, settled) if again else None
+
     def held_square(self, extra: list[Hypothesis]) -> np.ndarray:
         """(M,) squared position error of the held-out poses, the model fitted to the others only."""
         key = tuple(h.label for h in extra)
@@ -335,6 +351,9 @@ def diagnose(
     while len(kept) < MAX_EFFECTS and look.something_missing:
         named = look.best(search.room(current))
         chosen = None if named is None else search.settle(named, kept)
+        if chosen is None and (both := search.pair(look, current, named, kept)):
+            kept.append(both[0])
+            chosen = both[1]
         chosen = chosen or search.helpful(look, current, kept)
         if chosen is None:
             break
@@ -356,6 +375,12 @@ def _conclude(search: _Search, kept: list[Hypothesis], first: Look, last: Look, 
         one = look.one_joint(h)
         if one is not None:  # beside the others one joint is enough
             kept[kept.index(h)] = h = one
+            current = search.refit(kept)
+            look = search.look(current, [x for x in kept if x is not h], drop=h)
+        winner = look.best(search.room(current) + len(h.parameters))
+        if winner and look.presence(winner.name) > ACCEPT_ODDS * look.presence(h.name):
+            # it was taken before the others were there; beside them something else fits far better
+            kept[kept.index(h)] = h = winner
             current = search.refit(kept)
             look = search.look(current, [x for x in kept if x is not h], drop=h)
         p = look.probability
@@ -503,9 +528,19 @@ def _twins(search: _Search, h: Hypothesis, look: Look, mine: Scored) -> list[str
         likely = look.probability.get(other.name, 0.0) > MENTION
         if likely or _same_to_these_data(mine, other, look.engine.scale):
             out.append(other.name)
+    out += [name for name in _moved_frames(h, look, mine) if name not in out]
     alone = {name.partition("[")[0] for name in out if "[" in name}
     out = [name for name in out if name not in alone]  # at all joints says no more than at one of them
     return out + [name + h.name[len(h.effect) :] for name in search.twins.get(h.effect, ())]
+
+
+def _moved_frames(h: Hypothesis, look: Look, mine: Scored) -> list[str]:
+    """A base turned and shifted at once imitates a moved camera that never turns; neither alone does."""
+    group = [s for s in look.scored if s.name in ("base_tilt", "base_shift")]
+    if h.name in ("base_tilt", "base_shift") or len(group) < 2:
+        return []
+    both = replace(group[0], columns=np.hstack([s.columns for s in group]))
+    return [s.name for s in group] if _same_to_these_data(mine, both, look.engine.scale) else []
 
 
 def _same_to_these_data(mine: Scored, other: Scored, scale: float) -> bool:
