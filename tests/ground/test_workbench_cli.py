@@ -191,6 +191,17 @@ def test_model_is_built_step_by_step(given, model, folder):
     assert tomllib.loads(model.read_text())["arm"] == str(folder / "arm.toml")
 
 
+def test_effect_of_all_joints_is_not_added_beside_one_of_them(tmp_path):
+    for first, second in (("backlash", "backlash[4]"), ("backlash[4]", "backlash")):
+        path = tmp_path / f"{first}.toml"
+        assert kincal("add", "--model", path, first).exit_code == 0
+        done = kincal("add", "--model", path, second)
+        assert done.exit_code == EXIT_INPUT
+        assert "cannot stand beside" in done.output
+    twice = kincal("add", "--model", tmp_path / "N.toml", "latency", "latency")
+    assert twice.exit_code == EXIT_INPUT, twice.output
+
+
 def test_fit_says_when_an_effect_does_not_help(given, model):
     good("add", "--model", model, "backlash[2]")
     assert "backlash[2] does not help on held-out poses" in good("fit", *given, "--model", model).output

@@ -1,6 +1,7 @@
 """The workbench's statistics against independent numbers, and its answers on simulated hidden effects."""
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -244,6 +245,25 @@ basis = "tanh(q4) * cos(q6)"
 def test_an_effect_that_does_not_help_is_said_in_so_many_words(arm, tmp_path):
     result = wb.fit(arm, measure(tmp_path, 60, 14), ["backlash[2]"])
     assert any("backlash[2] does not help" in line for line in result.ladder.verdicts)
+
+
+def test_ripple_of_an_arm_without_gear_ratios_is_found_with_its_period(library, tmp_path):
+    text = poses.arm_toml(tmp_path / "arm.toml").read_text()
+    (tmp_path / "plain.toml").write_text(re.sub(r"gear_ratio.*\n", "", text))
+    plain = wb.read_arm(tmp_path / "plain.toml")
+
+    def true_q(q, _direction):
+        return q + np.array([0, 0, 0, 3e-3 * np.sin(8.3 * q[3] + 0.4), 0, 0, 0])
+
+    data = measure(tmp_path, 100, 16, true_q)
+    answer = wb.diagnose(plain, data, library)
+    assert answer.effects[0].name == "joint_ripple[4]"
+    assert answer.effects[0].probability > 0.9
+    result = wb.fit(plain, data, ["joint_ripple[4]"], library=library)
+    assert result.constants["joint_ripple[4]"]["k"] == pytest.approx(8.3, abs=0.15)
+    value = dict(zip(result.names, result.estimate, strict=True))
+    size = np.hypot(value["joint_ripple[4].A"], value["joint_ripple[4].B"])
+    assert size == pytest.approx(3e-3, rel=0.2)
 
 
 def test_gross_outliers_do_not_hide_an_effect(arm, library, tmp_path):

@@ -9,7 +9,6 @@ print(result.summary())
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +17,11 @@ from kincal.errors import BadInput, CannotAnswer
 
 from .answers import poses_json
 from .arms import ArmTable
-from .compare import Comparison, compare
+from .compare import BULK, Comparison, compare
 from .data import Measurements
 from .diagnose import Diagnosis
-from .effects import Hypothesis, Library, data_constants, times_near
-from .engine import merged
+from .effects import Hypothesis, Library, data_constants, finer
+from .engine import Engine, merged
 from .fit import Fit, find_frames, fit_model
 from .ladder import Ladder, climb
 from .nextposes import next_poses
@@ -75,8 +74,17 @@ class FitResult:
         return "\n".join(lines)
 
 
-def _misfit(arm, data, before, dh, frames, group) -> float:
-    return fit_model(arm, data, [*before, *group], dh=dh, frames=frames).misfit
+class _Chooser:
+    """Scores groups of hypotheses beside a model, to choose constants: linear in the effect, so cheap."""
+
+    def __init__(self, arm: ArmTable, data: Measurements, beside: list[Hypothesis], dh: bool, frames) -> None:
+        fit = fit_model(arm, data, beside, dh=dh, frames=frames)
+        self.engine = Engine(fit, np.where(fit.weight > BULK, 1.0, fit.weight), data.cov is not None)
+
+    def best(self, groups: list[list[Hypothesis]]) -> list[Hypothesis]:
+        columns = self.engine.columns
+        scored = self.engine.scores([np.hstack([columns.hypothesis(h) for h in group]) for group in groups])
+        return groups[int(np.argmax([s.chi2 for s, _, _ in scored]))]
 
 
 def choose_constants(
@@ -94,33 +102,40 @@ def choose_constants(
 
     joined: a name without a joint becomes one hypothesis of all joints instead of one per joint.
     """
-    chosen: list[Hypothesis] = []
-    frames = None
+    known = known or {}
+    found: dict[str, list[Hypothesis]] = {}
+    open_names = [n for n in names if library.grid_of(n, known.get(n, {}))]
+    if open_names and data is None:
+        raise BadInput(
+            f"{open_names[0]} has constants that come from measurements; "
+            "run `kincal model fit` or give --data"
+        )
     for name in names:
-        by_constants: dict[tuple, list[Hypothesis]] = {}
-        for h in library.find(name, arm, data, (known or {}).get(name)):
-            by_constants.setdefault(h.constants, []).append(h)
-        groups = list(by_constants.values())
-        effect = library.effects[groups[0][0].effect]
-        if data is None and not set(effect.constants_of_data) <= set((known or {}).get(name, {})):
-            raise BadInput(
-                f"{name} has constants that come from measurements; run `kincal model fit` or give --data"
-            )
-        if len(groups) > 1:
-            frames = frames or find_frames(arm, data)
-            cost = partial(_misfit, arm, data, tuple(chosen), dh, frames)
-            groups = [min(groups, key=cost)]
-            for constant, values in effect.grid.items():
-                if values == "times":  # the grid is coarse: every moment near its best one
-                    fixed = dict(groups[0][0].constants)
-                    near = times_near(fixed[constant], data)
-                    finer = [library.find(name, arm, data, {**fixed, constant: t}) for t in near]
-                    groups = [min(finer, key=cost)]
-        best = groups[0]
-        if joined and len(best) > 1:
-            best = [merged(library.effects[best[0].effect], best)]
-        chosen += best
+        if name not in open_names:
+            found[name] = library.find(name, arm, data, known.get(name))
+    frames = find_frames(arm, data) if open_names else None
+    for name in open_names:
+        chooser = _Chooser(arm, data, [h for hs in found.values() for h in hs], dh, frames)
+        best = chooser.best(_by_constants(library.find(name, arm, data)))
+        for constant, values in library.grid_of(name).items():
+            fixed = dict(best[0].constants)
+            near = finer(values, fixed[constant], data)  # the grid is coarse
+            if near:
+                tried = [library.find(name, arm, data, {**fixed, constant: v}) for v in near]
+                best = chooser.best(tried)
+        found[name] = best
+    chosen: list[Hypothesis] = []
+    for name in names:
+        group = found[name]
+        chosen += [merged(library.effects[group[0].effect], group)] if joined and len(group) > 1 else group
     return chosen
+
+
+def _by_constants(hypotheses: list[Hypothesis]) -> list[list[Hypothesis]]:
+    groups: dict[tuple, list[Hypothesis]] = {}
+    for h in hypotheses:
+        groups.setdefault(h.constants, []).append(h)
+    return list(groups.values())
 
 
 def advise(diagnosis: Diagnosis, library: Library, *, count: int = 4) -> list[dict]:
@@ -131,7 +146,8 @@ def advise(diagnosis: Diagnosis, library: Library, *, count: int = 4) -> list[di
     names = [n for n in names if not library.effects[n.partition("[")[0]].twin_of][:4]
     if len(names) < 2:
         return []
-    rivals = [choose_constants(library, [n], arm, data, joined=True)[0] for n in names]
+    known = {h.name: dict(h.constants) for h in diagnosis.final.hypotheses if h.constants}
+    rivals = [choose_constants(library, [n], arm, data, joined=True, known=known)[0] for n in names]
     base = fit_model(arm, data, frames=(diagnosis.final.base, diagnosis.final.tool))
     return poses_json(next_poses(base, rivals, count=count))
 

@@ -24,7 +24,7 @@ _WHERE_P = 0.01
 _MIN_POSES = 4
 _MIN_RANK_SHARE = 1.0 / 3.0  # of the coefficients; seven joints that move freely give 28 of 28
 _STILL = 0.02  # [rad or m], a joint that moves less stands still
-_BULK = 0.35  # robust weight from which on a pose counts as good
+BULK = 0.35  # robust weight from which on a pose counts as good
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ def where_it_fails(fit: Fit) -> tuple[Where, ...]:
 
     The p-value counts the places tried for that variable (Bonferroni), not the number of variables.
     """
-    weight = np.where(fit.weight > _BULK, 1.0, fit.weight)
+    weight = np.where(fit.weight > BULK, 1.0, fit.weight)
     engine = Engine(fit, weight, fit.chain.data.cov is not None)
     total = max(float(engine.wz @ engine.wz), 1e-300)
     by_variable: dict[str, list[Where]] = {}

@@ -34,11 +34,15 @@ _EFFECT_KEYS = {
 }  # fmt: skip
 _PARAMETER_KEYS = {"name", "unit", "sigma", "each_joint", "term"}
 _TERM_KEYS = {"at", "comp", "gain", "basis"}
+# Periods per turn that are tried where nobody knows them: joints turn by 3 to 6 rad, so that half a period
+# more or less still looks alike.
+_PERIODS = np.arange(3.0, 30.25, 0.5)
 # How a need is said to people: the keys of the arm table or the columns of the data.
 _NEED_TEXT = {
     "mass": "mass_kg, com_m (arm table)",
     "gear_ratio": "gear_ratio (arm table)",
     "mass_unknown": "an arm table without masses",
+    "gear_unknown": "an arm table without gear ratios",
     "own_sensor": "data without camera columns",
     "dir": "dir1..",
     "cam": "cx..cqz",
@@ -109,6 +113,8 @@ class Effect:
                 there = arm.has_masses
             elif need == "mass_unknown":
                 there = not arm.has_masses
+            elif need == "gear_unknown":
+                there = not arm.has_gears
             elif need == "gear_ratio":
                 there = arm.has_gears
             elif need == "image":
@@ -120,11 +126,6 @@ class Effect:
             if not there:
                 lacking.append(_NEED_TEXT.get(need, need))
         return lacking
-
-    @property
-    def constants_of_data(self) -> tuple[str, ...]:
-        """Constants that are searched among values that only measurements give."""
-        return tuple(self.grid)
 
     def where(self, arm: ArmTable) -> list[dict[str, int]]:
         """The joint letters of each instance: {} for the arm, {j} per joint, {i, j} per pair."""
@@ -187,6 +188,8 @@ def data_constants(data: Measurements | None) -> dict[str, float]:
 def _grid_values(name: str, values, data: Measurements | None, source: str) -> list[float]:
     if isinstance(values, list):
         return [float(v) for v in values]
+    if values == "periods":
+        return [float(v) for v in _PERIODS]
     if data is None or data.t_s is None:
         return [0.0 if values == "times" else 1.0]
     t = np.unique(data.t_s)
@@ -199,13 +202,18 @@ def _grid_values(name: str, values, data: Measurements | None, source: str) -> l
         inner = middles[2:-2] if len(middles) > 8 else middles
         return [float(v) for v in inner[np.unique(np.linspace(0, len(inner) - 1, 16).round().astype(int))]]
     raise BadInput(
-        f'{source}: grid {name} is {values!r}; a list of numbers, "times" or "durations" is needed'
+        f'{source}: grid {name} is {values!r}; a list of numbers, "times", "durations" or "periods" is needed'
     )
 
 
-def times_near(t0: float, data: Measurements) -> list[float]:
-    """Moments between two measurements around one of the grid, closer than its neighbours."""
-    t = np.unique(data.t_s)
+def finer(values, best: float, data: Measurements) -> list[float]:
+    """Values around the best one of a coarse grid, closer than its neighbours; empty if there are none."""
+    if values == "periods":
+        step = _PERIODS[1] - _PERIODS[0]
+        return [float(v) for v in best + step * np.linspace(-0.8, 0.8, 9)]
+    if values != "times":
+        return []
+    t, t0 = np.unique(data.t_s), best
     middles = 0.5 * (t[1:] + t[:-1])
     place = int(np.abs(middles - t0).argmin())
     reach = max(1, round(len(middles) / 16))
@@ -310,6 +318,11 @@ class Library:
 
     def without(self, *names: str) -> Library:
         return Library([effect for effect in self.effects.values() if effect.name not in names])
+
+    def grid_of(self, name: str, known: dict[str, float] | None = None) -> dict:
+        """Constants of an effect that have to be searched, those that are known left out."""
+        effect = self.effects.get(name.partition("[")[0])
+        return {} if effect is None else {k: v for k, v in effect.grid.items() if k not in (known or {})}
 
     def find(
         self,

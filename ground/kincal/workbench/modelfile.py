@@ -41,10 +41,14 @@ class ModelFile:
     constants: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def add(self, names: list[str]) -> ModelFile:
-        doubled = [name for name in names if name in self.effects]
-        if doubled:
-            raise BadInput(f"{doubled[0]} is already in the model")
-        return self._changed("add", tuple(names), (*self.effects, *names))
+        after = (*self.effects, *names)
+        for name in names:
+            whole = name.partition("[")[0]
+            if after.count(name) > 1:
+                raise BadInput(f"{name} is already in the model")
+            if whole in after and any(other.startswith(f"{whole}[") for other in after):
+                raise BadInput(f"{whole} is the effect at all joints; it cannot stand beside one of them")
+        return self._changed("add", tuple(names), after)
 
     def remove(self, names: list[str]) -> ModelFile:
         absent = [name for name in names if name not in self.effects]
