@@ -212,7 +212,9 @@ void kc_move_goal(const kc_app_t *app, uint32_t cand, kc_pose_t *T);
 void kc_move_joints(kc_app_t *app, uint32_t cand, uint32_t iter_max, double *q);
 /* Plan the way to the candidate and start; KC_ERR_PATH: nothing done. */
 kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand);
-/* Node the arm stands at, inside its leash; KC_NODE_NONE and the distance otherwise. */
+/* What each joint may be off its seed: as far as was proven, and no farther than CONFIG allows. */
+void kc_move_leash(const kc_app_t *app, double *leash);
+/* Node the arm stands at, inside its leash; KC_NODE_NONE otherwise. dist: from the nearest node, in leashes. */
 uint32_t kc_move_node(const kc_app_t *app, double *dist);
 void kc_move_head(kc_app_t *app, kc_out_t *out, double pan_rad, double tilt_rad);
 int kc_move_head_there(const kc_app_t *app);
@@ -225,9 +227,9 @@ int kc_move_settled(kc_app_t *app, kc_out_t *out);
 typedef enum {
     KC_LOOK_WAIT = 0,
     KC_LOOK_SEEN = 1,
-    KC_LOOK_NONE = 2,     /* a frame without tags           */
-    KC_LOOK_UNSURE = 3,   /* too uncertain, again and again */
-    KC_LOOK_LATE = 4      /* no frame came                  */
+    KC_LOOK_NONE = 2, /* a frame without tags           */
+    KC_LOOK_UNSURE = 3, /* too uncertain, again and again */
+    KC_LOOK_LATE = 4 /* no frame came                  */
 } kc_look_result_t;
 /* Planar flip: both solutions of a frame may be right. Puts the one first that the arm with coefficients
  * coef makes likely. */

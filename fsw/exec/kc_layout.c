@@ -173,7 +173,7 @@ static void walk_space_head(kc_walk_t *w, kc_space_t *s, uint32_t n_cand)
         kc_walk_u16(w, 7u, &s->hub_edge[h], 0u, U16_MAX);
     }
     w->index = -1;
-    kc_walk_f32(w, 8u, &s->servo_leash, 1e-6, JOINT_MAX);
+    for (uint32_t j = 0u; j < n_joints; j++) { kc_walk_f32(w, 8u, &s->servo_leash[j], 1e-6, JOINT_MAX); }
     kc_walk_u32(w, 9u, &s->arm_crc, 1u, U32_MAX);
 }
 

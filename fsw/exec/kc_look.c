@@ -192,14 +192,14 @@ static int measure_beside(kc_app_t *app, kc_out_t *out, const kc_pose_t *goal)
 static int servo(kc_app_t *app, kc_out_t *out)
 {
     const kc_active_t *a = &app->tables.active;
-    kc_servo_opt_t opt = a->config.servo;
     kc_pose_t goal;
-    double q_cmd[KC_JOINT_MAX] = {0.0}, seed[KC_JOINT_MAX];
-    opt.leash = kc_min(opt.leash, (double)a->space.servo_leash);
+    double q_cmd[KC_JOINT_MAX] = {0.0}, seed[KC_JOINT_MAX], leash[KC_JOINT_MAX];
+    kc_move_leash(app, leash);
     kc_move_goal(app, (uint32_t)app->cal.candidate, &goal);
     kc_path_joints(&a->space, KC_HUB_MAX + (uint32_t)app->cal.candidate, seed);
     kc_servo_result_t res = kc_servo_step(&a->arm, &a->terms, app->cal.coef, &app->look.seen, &goal,
-                                          app->arm.q, seed, &opt, q_cmd, &app->eval, &app->look.servo);
+                                          app->arm.q, seed, leash, &a->config.servo, q_cmd, &app->eval,
+                                          &app->look.servo);
     if (res == KC_SERVO_THERE) { return measure(app); }
     if (res == KC_SERVO_STUCK || app->look.retreat || app->cal.servo_steps >= a->config.servo_steps_max) {
         return measure_beside(app, out, &goal);

@@ -71,9 +71,15 @@ int kc_move_late(kc_app_t *app, kc_out_t *out)
 
 /* ---- where the arm stands ---- */
 
-static double leash(const kc_app_t *app)
+/* Off a segment by no more than this many arrival tolerances: boxes were proven around nodes only. */
+#define SEGMENT_TOLS 2.0
+
+void kc_move_leash(const kc_app_t *app, double *leash)
 {
-    return kc_min(app->tables.active.config.servo.leash, (double)app->tables.active.space.servo_leash);
+    const kc_active_t *a = &app->tables.active;
+    for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
+        leash[j] = kc_min(a->config.servo.leash, (double)a->space.servo_leash[j]);
+    }
 }
 
 static int node_exists(const kc_space_t *s, uint32_t node)
@@ -95,17 +101,20 @@ static int on_segment(const kc_app_t *app)
     }
     double t = den > 0.0 ? kc_clamp(num / den, 0.0, 1.0) : 0.0;
     for (uint32_t j = 0u; j < s->n_joints; j++) { a[j] += t * (b[j] - a[j]); }
-    return kc_move_dist(app, a) <= leash(app);
+    return kc_move_dist(app, a) <= SEGMENT_TOLS * app->tables.active.config.arrive_tol;
 }
 
 uint32_t kc_move_node(const kc_app_t *app, double *dist)
 {
-    uint32_t node = kc_path_nearest(&app->tables.active.space, app->arm.q, dist);
-    if (*dist <= leash(app) + app->tables.active.config.arrive_tol) { return node; }
+    const kc_active_t *a = &app->tables.active;
+    double box[KC_JOINT_MAX];
+    kc_move_leash(app, box);
+    for (uint32_t j = 0u; j < a->arm.n_joints; j++) { box[j] += a->config.arrive_tol; }
+    uint32_t node = kc_path_nearest(&a->space, box, app->arm.q, dist);
+    if (*dist <= 1.0) { return node; }
     if (on_segment(app)) { return app->leg.seg_to; }
     /* Started anew: which segment it was on is forgotten, but the table still holds it. */
-    return kc_path_on_segment(&app->tables.active.space, app->arm.q,
-                              2.0 * app->tables.active.config.arrive_tol);
+    return kc_path_on_segment(&a->space, app->arm.q, SEGMENT_TOLS * a->config.arrive_tol);
 }
 
 /* ---- MOVE ---- */
@@ -125,14 +134,15 @@ void kc_move_joints(kc_app_t *app, uint32_t cand, uint32_t iter_max, double *q)
     const kc_active_t *a = &app->tables.active;
     const kc_servo_opt_t *s = &a->config.servo;
     kc_ik_opt_t opt = {iter_max, s->tol_pos_m, s->tol_rot_rad, s->margin, IK_STEP_MAX};
-    double seed[KC_JOINT_MAX];
+    double seed[KC_JOINT_MAX], leash[KC_JOINT_MAX];
     kc_pose_t goal;
+    kc_move_leash(app, leash);
     kc_move_goal(app, cand, &goal);
     kc_path_joints(&a->space, KC_HUB_MAX + cand, seed);
     memcpy(q, seed, a->arm.n_joints * sizeof *q);
     (void)kc_ik_solve(&a->arm, &a->terms, app->cal.coef, &goal, &opt, q, &app->eval);
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
-        q[j] = kc_clamp(q[j], seed[j] - leash(app), seed[j] + leash(app));
+        q[j] = kc_clamp(q[j], seed[j] - leash[j], seed[j] + leash[j]);
     }
 }
 
@@ -171,7 +181,7 @@ kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
     double dist = 0.0, p[3], pan = 0.0, tilt = 0.0, seed[KC_JOINT_MAX];
     uint32_t node = kc_move_node(app, &dist), n = 0u;
     if (node == KC_NODE_NONE) {
-        kc_event(&out->events, KC_EVT_CAL_NO_PATH, (int32_t)cand, dist, leash(app));
+        kc_event(&out->events, KC_EVT_CAL_NO_PATH, (int32_t)cand, dist, 1.0);
         return KC_ERR_STATE;
     }
     kc_path_joints(&a->space, node, seed);

@@ -32,8 +32,7 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     kc_cal_t *c = &app->cal;
     double dist = 0.0;
     if (kc_move_node(app, &dist) == KC_NODE_NONE) {
-        return kc_cmd_refuse(app, out, KC_EVT_CAL_NO_PATH, -1, dist, (double)a->space.servo_leash,
-                             KC_ERR_PATH);
+        return kc_cmd_refuse(app, out, KC_EVT_CAL_NO_PATH, -1, dist, 1.0, KC_ERR_PATH);
     }
     kc_tbl_discard(&app->tables, &out->events);
     memset(c, 0, sizeof *c);

@@ -93,20 +93,20 @@ void kc_path_joints(const kc_space_t *s, uint32_t node, double *q)
     for (uint32_t j = 0u; j < s->n_joints; j++) { q[j] = (double)from[j]; }
 }
 
-static double joint_distance(const float *a, const double *q, uint32_t n)
+static double joint_distance(const float *a, const double *leash, const double *q, uint32_t n)
 {
     double worst = 0.0;
-    for (uint32_t j = 0u; j < n; j++) { worst = kc_max(kc_fabs((double)a[j] - q[j]), worst); }
+    for (uint32_t j = 0u; j < n; j++) { worst = kc_max(kc_fabs((double)a[j] - q[j]) / leash[j], worst); }
     return worst;
 }
 
-uint32_t kc_path_nearest(const kc_space_t *s, const double *q, double *dist)
+uint32_t kc_path_nearest(const kc_space_t *s, const double *leash, const double *q, double *dist)
 {
     uint32_t best = KC_NODE_NONE;
     *dist = KC_INF;
     for (uint32_t k = 0u; k < s->n_hub + s->n_cand; k++) {
         uint32_t node = k < s->n_hub ? k : KC_HUB_MAX + k - s->n_hub;
-        double d = joint_distance(node_joints(s, node), q, s->n_joints);
+        double d = joint_distance(node_joints(s, node), leash, q, s->n_joints);
         if (d < *dist) {
             *dist = d;
             best = node;
@@ -177,8 +177,9 @@ static kc_status_t check_counts(const kc_space_t *s, const kc_arm_t *arm, int32_
     if (s->n_joints < 1u || s->n_joints > KC_JOINT_MAX) { return bad(-1, (double)s->n_joints, index, got); }
     if (s->n_prior > KC_PRIOR_MAX) { return bad(-1, (double)s->n_prior, index, got); }
     if (arm != NULL && s->n_joints != arm->n_joints) { return bad(-1, (double)s->n_joints, index, got); }
-    if (!kc_finite((double)s->servo_leash) || s->servo_leash <= 0.0f) {
-        return bad(-1, (double)s->servo_leash, index, got);
+    for (uint32_t j = 0u; j < s->n_joints; j++) {
+        double leash = (double)s->servo_leash[j];
+        if (!kc_finite(leash) || leash <= 0.0) { return bad(-1, leash, index, got); }
     }
     return KC_OK;
 }

@@ -26,7 +26,7 @@ typedef struct {
     uint16_t prior[KC_PRIOR_MAX];             /* candidate ids that start a calibration */
     float hub_q[KC_HUB_MAX][KC_JOINT_MAX];
     uint16_t hub_edge[KC_HUB_MAX];            /* bit h: segment to hub h is proven      */
-    float servo_leash;                        /* joint distance around a seed proven safe */
+    float servo_leash[KC_JOINT_MAX];          /* each joint's distance from a seed proven safe */
     uint32_t arm_crc;                         /* arm table it was built for             */
     kc_cand_t cand[KC_CAND_MAX];
     uint8_t edge[KC_EDGE_BYTES];              /* direct candidate-candidate segments: bit
@@ -47,9 +47,10 @@ kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16
 /* Seed joints of a node that exists, n_joints values. */
 void kc_path_joints(const kc_space_t *s, uint32_t node, double *q);
 
-/* Node whose joints are nearest (largest joint difference) to q, and that difference. Ties: hubs
- * first, then lowest index. KC_NODE_NONE for an empty space. O(n_cand n_joints). */
-uint32_t kc_path_nearest(const kc_space_t *s, const double *q, double *dist);
+/* Node nearest to q, and its distance: the largest joint difference, each in units of that joint's leash, so
+ * up to 1 is inside the box around the node. Ties: hubs first, then lowest index. KC_NODE_NONE for an empty
+ * space. O(n_cand n_joints). */
+uint32_t kc_path_nearest(const kc_space_t *s, const double *leash, const double *q, double *dist);
 
 /* An end of a proven segment on which q lies: every joint within tol of one point of the straight line.
  * Candidate to its hub: the hub; else the end with the lower index. KC_NODE_NONE if q is on none. Segments

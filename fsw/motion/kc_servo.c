@@ -19,12 +19,12 @@
 
 /* What a joint may still do: limits with margin, and the leash around the candidate's seed, inside which
  * the ground proved the arm safe. */
-static void box_of(const kc_joint_t *joint, const kc_servo_opt_t *opt, double q, double q_seed, double *lo,
+static void box_of(const kc_joint_t *joint, double margin, double leash, double q, double q_seed, double *lo,
                    double *hi)
 {
-    kc_dls_box(joint, opt->margin, q, lo, hi);
-    *lo = kc_max(*lo, kc_min(q_seed - opt->leash - q, 0.0));
-    *hi = kc_min(*hi, kc_max(q_seed + opt->leash - q, 0.0));
+    kc_dls_box(joint, margin, q, lo, hi);
+    *lo = kc_max(*lo, kc_min(q_seed - leash - q, 0.0));
+    *hi = kc_min(*hi, kc_max(q_seed + leash - q, 0.0));
 }
 
 void kc_servo_forget(kc_servo_mem_t *mem) { memset(mem, 0, sizeof *mem); }
@@ -79,8 +79,8 @@ static void remember(const kc_pose_t *seen, const double *q, uint32_t n, kc_serv
 
 kc_servo_result_t kc_servo_step(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                                 const kc_pose_t *seen, const kc_pose_t *goal, const double *q,
-                                const double *q_seed, const kc_servo_opt_t *opt, double *q_cmd,
-                                kc_eval_t *work, kc_servo_mem_t *mem)
+                                const double *q_seed, const double *leash, const kc_servo_opt_t *opt,
+                                double *q_cmd, kc_eval_t *work, kc_servo_mem_t *mem)
 {
     double e[6], lo[KC_JOINT_MAX], hi[KC_JOINT_MAX], dq[KC_JOINT_MAX];
     uint32_t n = arm->n_joints;
@@ -94,7 +94,9 @@ kc_servo_result_t kc_servo_step(const kc_arm_t *arm, const kc_terms_t *terms, co
         remember(seen, q, n, mem);
     }
     jacobian(arm, terms, coef, q, mem, work);
-    for (uint32_t j = 0u; j < n; j++) { box_of(&arm->joint[j], opt, q[j], q_seed[j], &lo[j], &hi[j]); }
+    for (uint32_t j = 0u; j < n; j++) {
+        box_of(&arm->joint[j], opt->margin, kc_min(opt->leash, leash[j]), q[j], q_seed[j], &lo[j], &hi[j]);
+    }
     st = kc_dls_step(work->Jq, n, e, opt->damping, lo, hi, dq);
     if (st != KC_OK || kc_dls_predicted(work->Jq, n, e, dq) > (1.0 - USEFUL) * kc_dls_cost(e)) {
         return KC_SERVO_STUCK;

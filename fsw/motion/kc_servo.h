@@ -10,7 +10,7 @@ typedef struct {
     double gain;             /* (0, 1]                                                */
     double damping;          /* of the least squares, > 0                             */
     double step_max;         /* largest joint step [rad or m]                         */
-    double leash;            /* largest distance of any joint from its seed           */
+    double leash;            /* no joint goes farther from its seed, whatever was proven */
     double tol_pos_m, tol_rot_rad;
     double margin;           /* from joint limits                                     */
 } kc_servo_opt_t;
@@ -33,13 +33,13 @@ typedef struct {
 void kc_servo_forget(kc_servo_mem_t *mem);
 
 /* seen: tool in the base frame as measured; goal: wanted. q: current encoder readings; q_seed: the
- * candidate's joints; out q_cmd. The Jacobian is that of the corrected model at q, corrected by mem (NULL:
+ * candidate's joints; leash: what each may be off them (and opt->leash at most); out q_cmd. The Jacobian is that of the corrected model at q, corrected by mem (NULL:
  * not). MOVE: command q_cmd; THERE: inside the tolerances, q_cmd = q; STUCK: limits or leash allow no
  * useful step, or something is not finite, q_cmd = q. A look that the joints can't have caused (more turn
  * than they turned) makes mem forget. O(n^3), deterministic. */
 kc_servo_result_t kc_servo_step(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                                 const kc_pose_t *seen, const kc_pose_t *goal, const double *q,
-                                const double *q_seed, const kc_servo_opt_t *opt, double *q_cmd,
-                                kc_eval_t *work, kc_servo_mem_t *mem);
+                                const double *q_seed, const double *leash, const kc_servo_opt_t *opt,
+                                double *q_cmd, kc_eval_t *work, kc_servo_mem_t *mem);
 
 #endif

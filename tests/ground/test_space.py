@@ -173,7 +173,7 @@ def test_servo_box_is_clear_with_the_papers_errors(committed):
     bad = n = 0
     for c in list(committed.cand[0 : committed.n_cand])[::10]:
         for _ in range(8):
-            q = np.array(list(c.q_seed)[:7]) + rng.uniform(-1, 1, 7) * committed.servo_leash
+            q = np.array(list(c.q_seed)[:7]) + rng.uniform(-1, 1, 7) * list(committed.servo_leash)[:7]
             bad += bool(too_near(q, e, 0.0, 0.0))
             n += 1
     assert bad <= 0.01 * n

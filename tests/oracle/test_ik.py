@@ -194,7 +194,7 @@ class Servo:
         for k in range(steps + 1):
             result = core.lib.kc_servo_step(
                 ARM, TERMS, core.ptr(coef), c_pose(look(arm(q))), c_pose(goal), core.ptr(q), core.ptr(first),
-                self.opt, core.ptr(command), EVAL, self.memory,
+                core.ptr(np.full(8, 9.0)), self.opt, core.ptr(command), EVAL, self.memory,
             )  # fmt: skip
             assert np.all(np.abs(command[:7] - MIDDLE) <= HALF - 0.02 + 1e-9)
             assert np.all(np.abs(command[:7] - first[:7]) <= self.opt.leash + 1e-9)

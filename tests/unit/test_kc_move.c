@@ -149,7 +149,7 @@ void test_it_stands_at_a_node_within_the_leash_and_goes_to_its_seed_first(void)
     world_boot();
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(0u, kc_move_node(APP, &dist));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.2, dist);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.2 / (1.5 + world.config.arrive_tol), dist); /* in leashes */
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, world.arm_cmd.q[0]);
     TEST_ASSERT_EQUAL_UINT16(0u, APP->leg.way[0]);

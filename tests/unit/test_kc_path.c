@@ -137,19 +137,33 @@ void test_joints_of_a_node_are_those_of_the_table(void)
     TEST_ASSERT_EQUAL_DOUBLE((double)s_s.cand[5].q_seed[6], q[6]);
 }
 
-void test_the_nearest_node_is_found_by_its_largest_joint_difference(void)
+static const double s_leash[KC_JOINT_MAX] = {0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.4, 0.1};
+
+void test_the_nearest_node_is_found_by_its_largest_joint_difference_in_leashes(void)
 {
     double q[KC_JOINT_MAX], dist;
     for (uint32_t c = 0u; c < 9u; c++) {
         kc_path_joints(&s_s, NODE(c), q);
         q[2] += 0.01;
         q[6] -= 0.02;
-        TEST_ASSERT_EQUAL_UINT32(NODE(c), kc_path_nearest(&s_s, q, &dist));
-        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.02, dist);
+        TEST_ASSERT_EQUAL_UINT32(NODE(c), kc_path_nearest(&s_s, s_leash, q, &dist));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.1, dist);
     }
     kc_path_joints(&s_s, 1u, q);
-    TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, q, &dist));
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, s_leash, q, &dist));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, dist);
+}
+
+void test_a_joint_far_off_on_a_long_leash_is_nearer_than_one_beyond_a_short_leash(void)
+{
+    double q[KC_JOINT_MAX], dist;
+    for (uint32_t j = 0u; j < s_s.n_joints; j++) { s_s.hub_q[1][j] = s_s.hub_q[0][j]; }
+    s_s.hub_q[1][6] += 0.35f;
+    s_s.hub_q[1][0] += 0.15f;
+    kc_path_joints(&s_s, 0u, q);
+    q[6] += 0.35; /* hub 1 is 0.15 rad away, hub 0 0.35 rad */
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_path_nearest(&s_s, s_leash, q, &dist));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.875, dist);
 }
 
 static void between(const float *a, const float *b, double t, double *q)
@@ -185,7 +199,7 @@ void test_an_empty_space_has_no_nearest_node(void)
 {
     double q[KC_JOINT_MAX] = {0.0}, dist;
     memset(&s_s, 0, sizeof s_s);
-    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_nearest(&s_s, q, &dist));
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_nearest(&s_s, s_leash, q, &dist));
     TEST_ASSERT_TRUE(isinf(dist));
 }
 
@@ -249,12 +263,16 @@ void test_another_number_of_joints_than_the_arm_has_is_refused(void)
     expect_refused(-1, 6.0);
 }
 
-void test_a_leash_must_be_positive_and_finite(void)
+void test_the_leash_of_every_joint_must_be_positive_and_finite(void)
 {
-    s_s.servo_leash = 0.0f;
-    expect_refused(-1, 0.0);
-    s_s.servo_leash = NAN;
-    expect_refused(-1, NAN);
+    for (uint32_t j = 0u; j < s_arm.n_joints; j++) {
+        s_s.servo_leash[j] = 0.0f;
+        expect_refused(-1, 0.0);
+        s_s.servo_leash[j] = NAN;
+        expect_refused(-1, NAN);
+    }
+    s_s.servo_leash[s_arm.n_joints] = 0.0f; /* there is no such joint */
+    expect_valid(&s_arm);
 }
 
 void test_a_prior_that_is_no_candidate_is_refused(void)

@@ -11,7 +11,7 @@ static kc_terms_t s_terms;
 static kc_eval_t s_work;
 static kc_servo_opt_t s_opt;
 static kc_servo_mem_t s_mem;
-static double s_q[KC_JOINT_MAX], s_seed[KC_JOINT_MAX], s_cmd[KC_JOINT_MAX];
+static double s_q[KC_JOINT_MAX], s_seed[KC_JOINT_MAX], s_cmd[KC_JOINT_MAX], s_leash[KC_JOINT_MAX];
 static kc_pose_t s_seen, s_goal;
 static const double s_zero[KC_COEF_MAX];
 
@@ -22,6 +22,7 @@ void setUp(void)
     s_true = s_arm;
     given_terms(&s_terms);
     kc_servo_forget(&s_mem);
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_leash[j] = 10.0; }
     memcpy(s_q, q, sizeof s_q);
     memcpy(s_seed, q, sizeof s_seed);
     kc_arm_fk(&s_arm, q, &s_goal);
@@ -37,8 +38,8 @@ void setUp(void)
 
 static kc_servo_result_t step(kc_servo_mem_t *mem)
 {
-    return kc_servo_step(&s_arm, &s_terms, s_zero, &s_seen, &s_goal, s_q, s_seed, &s_opt, s_cmd, &s_work,
-                         mem);
+    return kc_servo_step(&s_arm, &s_terms, s_zero, &s_seen, &s_goal, s_q, s_seed, s_leash, &s_opt, s_cmd,
+                         &s_work, mem);
 }
 
 /* Look, step, move the true arm; THERE within n steps? */
@@ -130,6 +131,30 @@ void test_no_joint_leaves_its_leash_or_its_limits(void)
         for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_TRUE(fabs(s_q[j] - s_seed[j]) <= 0.6 + 1e-9); }
         TEST_ASSERT_TRUE(s_q[3] <= 1.28 + 1e-9);
     }
+}
+
+/* 1.3 rad in joint 7: turned back by joint 7 alone, if its leash is long enough. */
+static kc_servo_result_t follow_on_leashes(double first_six, double last)
+{
+    kc_servo_result_t r = KC_SERVO_MOVE;
+    s_true.joint[6].phi_rad += 1.3;
+    for (uint32_t j = 0u; j < 7u; j++) { s_leash[j] = j < 6u ? first_six : last; }
+    for (uint32_t k = 0u; k < 12u && r == KC_SERVO_MOVE; k++) {
+        kc_arm_fk(&s_true, s_q, &s_seen);
+        r = step(&s_mem);
+        memcpy(s_q, s_cmd, sizeof s_q);
+        for (uint32_t j = 0u; j < 7u; j++) {
+            TEST_ASSERT_TRUE(fabs(s_q[j] - s_seed[j]) <= s_leash[j] + 1e-9);
+        }
+    }
+    return r;
+}
+
+void test_every_joint_has_its_own_leash(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_THERE, follow_on_leashes(0.2, 1.6));
+    setUp();
+    TEST_ASSERT_NOT_EQUAL(KC_SERVO_THERE, follow_on_leashes(0.2, 0.4));
 }
 
 void test_without_room_to_move_it_is_stuck(void)

@@ -40,21 +40,25 @@ class Checks:
         self.desc, self.arm = desc, arm
         self.chain, self.camera = ArmChain(arm), Camera(camera)
         n = self.chain.n
+        leash = desc.joints.servo_leash_rad
+        leash = leash if isinstance(leash, list) else [leash] * n
         lists = {
             "joints.margin_rad": desc.joints.margin_rad,
+            "joints.servo_leash_rad": leash,
             **{f"joints.hubs_rad.{i}": h for i, h in enumerate(desc.joints.hubs_rad)},
             **{f"survive.{f}": getattr(desc.survive, f) for f in ("phi_rad", "alpha_rad", "a_m", "d_m")},
         }
         for where, values in lists.items():
             if len(values) != n:
                 raise KincalError(
-                    f"the arm has {n} joints; margins, hubs and errors must have as many", where
+                    f"{len(values)} values for an arm of {n} joints", where, "give one value per joint"
                 )
         margin = np.array(desc.joints.margin_rad)
         self.lo, self.hi = self.chain.q_min + margin, self.chain.q_max - margin
         if np.any(self.lo >= self.hi):
             raise KincalError("margins leave a joint no room", "joints.margin_rad")
         self.hubs = [np.array(h) for h in desc.joints.hubs_rad]
+        self.leash = np.array(leash).astype(np.float32).astype(float)  # as the table keeps it
         # A margin at the image rim is a camera with a smaller image.
         self._tight = core.ffi.new("kc_camera_t *", camera[0])
         m = desc.view.image_margin_px
@@ -182,11 +186,11 @@ class Checks:
                     return pair
         return ""
 
-    def box(self, q: np.ndarray, leash: float) -> tuple[np.ndarray, np.ndarray]:
+    def box(self, q: np.ndarray, leash: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Joints the servo may use around a seed."""
         return np.maximum(q - leash, self.chain.q_min), np.minimum(q + leash, self.chain.q_max)
 
-    def leash_problem(self, q: np.ndarray, leash: float, samples: int, rng: np.random.Generator) -> str:
+    def leash_problem(self, q: np.ndarray, leash: np.ndarray, samples: int, rng: np.random.Generator) -> str:
         """What touches at sampled postures of the servo box: half of them corners, and the arms in turn
         (the nominal one first)."""
         lo, hi = self.box(q, leash)

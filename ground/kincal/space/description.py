@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import pydantic
 
@@ -12,6 +12,7 @@ from kincal.errors import KincalError
 
 CAND_MAX, HUB_MAX = 1024, 16
 Vec3 = tuple[float, float, float]
+Positive = Annotated[float, pydantic.Field(gt=0)]
 
 
 class _Strict(pydantic.BaseModel):
@@ -21,7 +22,7 @@ class _Strict(pydantic.BaseModel):
 class Joints(_Strict):
     margin_rad: list[float]
     hubs_rad: list[list[float]] = pydantic.Field(min_length=1, max_length=HUB_MAX)
-    servo_leash_rad: float = pydantic.Field(gt=0)
+    servo_leash_rad: Positive | list[Positive]  # of each joint, or one for all
 
 
 class Tool(_Strict):

@@ -14,6 +14,7 @@ from kincal.errors import KincalError
 from kincal.geometry import quat_to_R
 
 from .checks import Checks
+from .look import leash, spans
 from .spread import Metric
 from .work import BLOCK, Crew, examine
 
@@ -92,9 +93,9 @@ def candidate(checks: Checks, space: Any, number: int) -> list[Line]:
     way = checks.segment_problem(hubs(space, n)[hub], q)
     out.append(Line(f"segment from hub {hub}", way or "clear", "clear with all errors", not way))
     rng = np.random.default_rng([d.seed, 3, number])
-    leash, samples = float(space.servo_leash), d.clear.leash_samples
-    box = checks.leash_problem(q, leash, samples, rng)
-    out.append(Line(f"servo box +-{leash:.2f} rad", box or "clear", f"{samples} postures clear", not box))
+    span, samples = leash(space, n), d.clear.leash_samples
+    box = checks.leash_problem(q, span, samples, rng)
+    out.append(Line(f"servo box +-{spans(span)} rad", box or "clear", f"{samples} postures clear", not box))
     lost = [checks.errors[k] for k in range(len(checks.errors)) if not checks.seen_by_wrong(q, k)]
     text = f"{len(checks.errors) - len(lost)} of {len(checks.errors)} arms with errors"
     out.append(Line("still shows a tag", text, "for information", True))
@@ -127,9 +128,7 @@ def corner(checks: Checks, at: np.ndarray, half_m: float, count: int) -> Corner:
                 reason = f"too near with errors: {found[0]}" if found else ""
                 rng = np.random.default_rng([checks.desc.seed, 3, good])
                 if not reason:
-                    pair = checks.leash_problem(
-                        s.q, checks.desc.joints.servo_leash_rad, checks.desc.clear.leash_samples, rng
-                    )
+                    pair = checks.leash_problem(s.q, checks.leash, checks.desc.clear.leash_samples, rng)
                     reason = f"servo box not clear: {pair}" if pair else ""
                 if not reason and checks.hub_of(s.q) is None:
                     reason = "no clear segment to a hub"
@@ -155,9 +154,9 @@ def recheck(checks: Checks, crew: Crew, space: Any, tick: Tick = lambda *_a: Non
     n = checks.chain.n
     q, h = seeds(space, n), hubs(space, n)
     problems = []
-    leash, cand = float(space.servo_leash), space.cand
+    span, cand = leash(space, n), space.cand
     items = [
-        (i, x, h[int(cand[i].hub)], leash, np.array(list(cand[i].p_m)), int(cand[i].tags))
+        (i, x, h[int(cand[i].hub)], span, np.array(list(cand[i].p_m)), int(cand[i].tags))
         for i, x in enumerate(q)
     ]
     touched = 0
@@ -180,7 +179,7 @@ class Difference:
     same: int
     only_a: list[int]
     only_b: list[int]
-    leash_rad: tuple[float, float]
+    leash_rad: tuple[tuple[float, ...], tuple[float, ...]]
     hubs: tuple[int, int]
     hubs_differ: bool
     farthest_new_m: float
@@ -205,7 +204,7 @@ def difference(a: Any, b: Any, kernel: Any, hyper: int) -> Difference:
         int(in_b.sum()),
         [int(i) for i in np.flatnonzero(~in_b)],
         [int(i) for i in new],
-        (float(a.servo_leash), float(b.servo_leash)),
+        (tuple(leash(a, n)), tuple(leash(b, n))),
         (len(ha), len(hb)),
         ha.shape != hb.shape or not np.allclose(ha, hb, atol=1e-6),
         max(far, default=0.0),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,17 @@ from kincal.results import Scene
 from .checks import WHY_ALL
 
 
+def leash(space: Any, n_joints: int) -> np.ndarray:
+    """How far the servo may take each joint from a seed."""
+    return np.array(list(space.servo_leash[0:n_joints]))
+
+
+def spans(values: Iterable[float]) -> str:
+    """A number for each joint, written once if it is the same for all."""
+    text = [f"{v:.2f}" for v in values]
+    return text[0] if len(set(text)) == 1 else " ".join(text)
+
+
 @dataclass(frozen=True)
 class Numbers:
     """What `space show` prints."""
@@ -24,7 +35,7 @@ class Numbers:
     priors: tuple[int, ...]
     direct_edges: int
     arm_crc: int
-    leash_rad: float
+    leash_rad: tuple[float, ...]
     box_min_m: tuple[float, ...]
     box_max_m: tuple[float, ...]
     range_m: tuple[float, float]
@@ -59,7 +70,7 @@ def describe(space: Any, arm_image: tables.Image, camera: Any) -> tuple[Numbers,
         tuple(space.prior[0 : space.n_prior]),
         edges,
         int(space.arm_crc),
-        float(space.servo_leash),
+        tuple(leash(space, int(space.n_joints))),
         tuple(p.min(axis=0)),
         tuple(p.max(axis=0)),
         (min(rng), max(rng)),

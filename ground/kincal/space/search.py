@@ -76,7 +76,7 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
         for i, c in enumerate(_priors(crew, kernel, q, p, R, tick)):
             space.prior[i] = c
         space.n_prior = desc.priors
-        space.servo_leash = desc.joints.servo_leash_rad
+        space.servo_leash[0 : checks.chain.n] = [float(x) for x in checks.leash]
         space.arm_crc = arm_image.crc
         _edges(crew, space, q, tick)
     image = tables.encode("space", space)

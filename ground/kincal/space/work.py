@@ -79,10 +79,9 @@ def examine(checks: Checks, block: int, count: int, lo: Any, hi: Any) -> list[Sa
 def prove(checks: Checks, number: int, q: np.ndarray) -> tuple[int, str]:
     """Hub of a candidate (-1 if none), or what is in the way."""
     rng = np.random.default_rng([checks.desc.seed, 3, number])
-    leash = checks.desc.joints.servo_leash_rad
     if found := checks.wrong_touching(q):
         return -1, f"too near with errors: {found[0]}"
-    if pair := checks.leash_problem(q, leash, checks.desc.clear.leash_samples, rng):
+    if pair := checks.leash_problem(q, checks.leash, checks.desc.clear.leash_samples, rng):
         return -1, f"servo box not clear: {pair}"
     hub = checks.hub_of(q)
     return (-1, "no clear segment to a hub") if hub is None else (hub, "")
@@ -94,7 +93,7 @@ def survives(checks: Checks, q: np.ndarray) -> int:
 
 
 def recheck(
-    checks: Checks, number: int, q: np.ndarray, hub: np.ndarray, leash: float, p: np.ndarray, tags: int
+    checks: Checks, number: int, q: np.ndarray, hub: np.ndarray, leash: np.ndarray, p: np.ndarray, tags: int
 ) -> tuple[list[str], int]:
     """What does not hold at a candidate (p, tags: as its table says), and how many sampled postures of its
     servo box touch, drawn with other random numbers than the search used."""
