@@ -165,6 +165,7 @@ static int name(const kc_monitor_t *m, kc_mon_verdict_t *v)
     v->bias = best.bias;
     v->sigma = kc_sqrt(best.var) / best.info;
     v->stat = wald(&best);
+    v->p = n_hyp * kc_chi2_sf(v->stat, 1u);
     v->rest = best.rest;
     v->p_rest = kc_chi2_sf(best.rest, 6u * v->n_looks - 1u);
     v->suspects = ties(m, v->n_looks, v->joint, &best);
@@ -172,15 +173,17 @@ static int name(const kc_monitor_t *m, kc_mon_verdict_t *v)
 }
 
 /* The newest looks are off, each by itself. */
-static int all_off(const kc_monitor_t *m)
+static int all_off(const kc_monitor_t *m, double *p_most)
 {
+    *p_most = 0.0;
     if (m->n < KC_MON_OFF_LOOKS) { return 0; }
     for (uint32_t i = 0u; i < KC_MON_OFF_LOOKS; i++) {
         const kc_mon_look_t *k = look_back(m, i);
         double w[6], chi2 = 0.0;
         kc_la_whiten_apply(k->W, 6u, k->r, w);
         for (uint32_t c = 0u; c < 6u; c++) { chi2 += w[c] * w[c]; }
-        if (kc_chi2_sf(chi2, 6u) > KC_MON_P) { return 0; }
+        *p_most = kc_max(*p_most, kc_chi2_sf(chi2, 6u));
+        if (*p_most > KC_MON_P) { return 0; }
     }
     return 1;
 }
@@ -188,13 +191,16 @@ static int all_off(const kc_monitor_t *m)
 void kc_monitor_judge(const kc_monitor_t *m, kc_mon_verdict_t *v)
 {
     memset(v, 0, sizeof *v);
+    v->p = 1.0;
     if (m->n == 0u) { return; }
+    double p_off;
     v->off_m = kc_v3_norm(look_back(m, 0u)->r);
     v->off_rad = kc_v3_norm(look_back(m, 0u)->r + 3);
     if (name(m, v)) {
         v->state = KC_MON_NAMED;
-    } else if (all_off(m)) {
+    } else if (all_off(m, &p_off)) {
         v->state = KC_MON_UNEXPLAINED;
+        v->p = p_off;
         v->n_looks = KC_MON_OFF_LOOKS;
     }
 }

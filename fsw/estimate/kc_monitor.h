@@ -49,6 +49,7 @@ typedef struct {
     uint32_t n_looks;             /* looks behind it                                   */
     double bias, sigma;           /* true joint - reading [rad or m], shared part of the noise included */
     double stat;                  /* (bias / sigma)^2                                  */
+    double p;                     /* chance of this finding on a healthy arm, at most; 1 when quiet  */
     double rest, p_rest;          /* chi-square it leaves, and the chance of that      */
     double off_m, off_rad;        /* newest look: distance to the prediction           */
 } kc_mon_verdict_t;

@@ -145,6 +145,7 @@ typedef struct {
     double chi2;
     int32_t est_status;
     double fit_pos_m, fit_rot_rad;
+    double energy_j;
     double coef[KC_COEF_MAX];
 } kc_progress_t;
 
@@ -177,6 +178,10 @@ typedef struct {
     int32_t staged_state;
     int32_t boot_state, boot_pose;
     uint32_t boot_count, proposal_crc;
+    double energy_j;
+    int32_t mon_state, mon_joint;        /* newest verdict of the monitor; joint from 1, 0 = none */
+    uint32_t mon_suspects, mon_looks;
+    double mon_bias, mon_sigma, mon_p;
 } kc_hk_t;
 
 /* What the edge must keep through power loss. Each kind has two slots; the edge writes the older one

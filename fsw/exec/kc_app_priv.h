@@ -6,6 +6,7 @@
  *   kc_cmd.c      commands, acknowledgements, table chunks, dumps
  *   kc_move.c     MOVE, AIM, SETTLE: proven paths, head, waiting for rest
  *   kc_look.c     LOOK, SERVO, SEARCH: frames, planar flip, visual servo, spiral
+ *   kc_approach.c the side from which every joint comes to a pose before it is measured
  *   kc_measure.c  MEASURE: frames averaged into one measurement
  *   kc_watch.c    IDLE: looks that nobody here asked for feed the miscalibration monitor
  *   kc_update.c   UPDATE: estimator, GP, choice of the next candidate
@@ -81,6 +82,8 @@ typedef struct {
     uint16_t seg_from, seg_to;          /* proven segment under way, kept through an abort   */
     uint64_t sent_us, start_us, rest_us;
     uint8_t resting;
+    uint8_t approach;                   /* kc_approach.c: 0, 1 drawing back, 2 coming        */
+    double q_meas[KC_JOINT_MAX];        /* joints to be measured at, from the side drawn     */
 } kc_leg_t;
 
 /* Head and frames. */
@@ -117,6 +120,7 @@ typedef struct {
 typedef struct {
     kc_monitor_t monitor;
     kc_mon_verdict_t told;              /* last finding that was told                        */
+    kc_mon_verdict_t newest;            /* what the looks held say                           */
     uint32_t crc[KC_TBL_COUNT], session; /* tables and calibration that the looks belong to   */
     uint64_t rest_us, t_us;             /* arm and head stand since; newest look             */
     uint8_t resting;
@@ -152,6 +156,8 @@ struct kc_app {
     int32_t fault_told;
 
     kc_cal_t cal;
+    double energy_j;                    /* used since START                                  */
+    uint64_t energy_us;                 /* time up to which it is counted                    */
     kc_leg_t leg;
     kc_look_t look;
     kc_frames_t frames;
@@ -210,7 +216,10 @@ void kc_move_goal(const kc_app_t *app, uint32_t cand, kc_pose_t *T);
 /* Joints that bring the corrected arm to the candidate, as far as the leash lets them. Not reaching it is
  * no error: the servo goes on from there, and a pose measured beside its candidate is still a pose. */
 void kc_move_joints(kc_app_t *app, uint32_t cand, uint32_t iter_max, double *q);
-/* Plan the way to the candidate and start; KC_ERR_PATH: nothing done. */
+/* Where the joints may go at a candidate: limits with margin, and the box around the seed proven safe. */
+void kc_move_box(const kc_app_t *app, uint32_t cand, double *lo, double *hi);
+/* Plan the way to the candidate (a replicate: over its hub, so that it is reached anew) and start;
+ * KC_ERR_PATH: nothing done. */
 kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand);
 /* What each joint may be off its seed: as far as was proven, and no farther than CONFIG allows. */
 void kc_move_leash(const kc_app_t *app, double *leash);
@@ -244,6 +253,12 @@ int kc_look_run(kc_app_t *app, kc_out_t *out);
 int kc_look_servo(kc_app_t *app, kc_out_t *out);
 int kc_look_search(kc_app_t *app, kc_out_t *out);
 
+/* kc_approach.c */
+/* Draw a side for every joint and draw back to it; 0 and nothing done if the table does not ask for it. */
+int kc_approach_begin(kc_app_t *app, kc_out_t *out);
+/* The arm has arrived; 1 if it did so for an approach, whose next part begins. */
+int kc_approach_arrived(kc_app_t *app, kc_out_t *out);
+
 /* kc_measure.c */
 void kc_measure_begin(kc_app_t *app);
 /* Distance of a frame to the frames before it; 0 without any. */
@@ -263,7 +278,7 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
                             uint64_t free_mask);
 int kc_update_run(kc_app_t *app, kc_out_t *out);
 void kc_update_predict(kc_app_t *app);
-/* Time used up: stop moving and propose what there is. */
+/* Count energy; time or energy used up: stop moving and propose what there is. */
 void kc_update_budget(kc_app_t *app, kc_out_t *out);
 /* What the bases see at candidate c, standing still. */
 void kc_update_ctx(const kc_app_t *app, uint32_t c, kc_ctx_t *ctx);

@@ -76,6 +76,11 @@ static void walk_policy(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 46u, &c->accept_p_fit_min, 0.0, 1.0);
     kc_walk_f64(w, 47u, &c->no_change_p, 0.0, 1.0);
     kc_walk_u64(w, 48u, &c->budget_us, 0u, 1000u * HOUR_US);
+    kc_walk_f64(w, 49u, &c->approach_rad, 0.0, 1.0);
+    kc_walk_f64(w, 50u, &c->power_idle_w, 0.0, 1e5);
+    kc_walk_f64(w, 51u, &c->power_move_w, 0.0, 1e5);
+    kc_walk_rule(w, 51u, c->power_move_w >= c->power_idle_w, c->power_move_w);
+    kc_walk_f64(w, 52u, &c->energy_budget_j, 0.0, 1e12);
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)

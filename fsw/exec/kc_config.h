@@ -32,6 +32,8 @@ typedef struct {
     uint32_t servo_steps_max;
     double speed_scale;
     double arrive_tol;            /* joint distance that counts as arrived [rad or m]        */
+    double approach_rad;          /* last motion before a measurement, from a random side of every joint
+                                     [rad or m]; 0 = as the servo came                       */
     /* estimating */
     kc_est_opt_t est;
     /* policy: what may be accepted on board without the ground */
@@ -41,6 +43,8 @@ typedef struct {
     double accept_p_fit_min;
     double no_change_p;           /* above it nothing needs to change                        */
     uint64_t budget_us;           /* 0 = none                                                */
+    double power_idle_w, power_move_w; /* drawn at rest, and while arm or head move           */
+    double energy_budget_j;       /* 0 = none                                                */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

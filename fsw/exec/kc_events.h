@@ -68,6 +68,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(74, CAL_CONVERGED, INFO, "predicted pose sigma {got} m meets {want} m")                          \
     X(75, CAL_ABORTED, WARN, "calibration aborted at pose {index}, cause {got}")                       \
     X(76, CAL_POOR, ERROR, "fit is poor: p {got}, noise scale {want}")                                 \
+    X(77, CAL_ENERGY, WARN, "energy budget of {want} J used up: {got} J")                              \
     X(80, COR_PROPOSED, INFO, "correction proposed, CRC {got}, {want} poses")                          \
     X(81, COR_NO_CHANGE, INFO, "nothing needs to change: p {got}")                                     \
     X(82, COR_ARMED, INFO, "approval armed for CRC {got}")                                             \

@@ -172,8 +172,9 @@ static void take_seen(kc_app_t *app)
 
 /* ---- LOOK and SERVO ---- */
 
-static int measure(kc_app_t *app)
+static int measure(kc_app_t *app, kc_out_t *out)
 {
+    if (kc_approach_begin(app, out)) { return 0; }
     kc_measure_begin(app);
     kc_app_enter(app, KC_ST_MEASURE);
     return 1;
@@ -186,7 +187,7 @@ static int measure_beside(kc_app_t *app, kc_out_t *out, const kc_pose_t *goal)
     kc_v3_sub(goal->p_m, app->look.seen.p_m, d);
     kc_event(&out->events, KC_EVT_CAL_SERVO_LIMIT, app->cal.candidate, (double)app->cal.servo_steps,
              kc_v3_norm(d));
-    return measure(app);
+    return measure(app, out);
 }
 
 static int servo(kc_app_t *app, kc_out_t *out)
@@ -200,7 +201,7 @@ static int servo(kc_app_t *app, kc_out_t *out)
     kc_servo_result_t res = kc_servo_step(&a->arm, &a->terms, app->cal.coef, &app->look.seen, &goal,
                                           app->arm.q, seed, leash, &a->config.servo, q_cmd, &app->eval,
                                           &app->look.servo);
-    if (res == KC_SERVO_THERE) { return measure(app); }
+    if (res == KC_SERVO_THERE) { return measure(app, out); }
     if (res == KC_SERVO_STUCK || app->look.retreat || app->cal.servo_steps >= a->config.servo_steps_max) {
         return measure_beside(app, out, &goal);
     }
@@ -275,6 +276,7 @@ int kc_look_servo(kc_app_t *app, kc_out_t *out)
         (void)kc_move_late(app, out);
         return 0;
     }
+    if (kc_approach_arrived(app, out)) { return 0; }
     app->look.head_sent = 0u;
     app->look.searched = 0u;
     kc_app_enter(app, KC_ST_AIM);

@@ -82,6 +82,19 @@ void kc_move_leash(const kc_app_t *app, double *leash)
     }
 }
 
+void kc_move_box(const kc_app_t *app, uint32_t cand, double *lo, double *hi)
+{
+    const kc_active_t *a = &app->tables.active;
+    double seed[KC_JOINT_MAX], leash[KC_JOINT_MAX];
+    kc_move_leash(app, leash);
+    kc_path_joints(&a->space, KC_HUB_MAX + cand, seed);
+    for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
+        const kc_joint_t *jt = &a->arm.joint[j];
+        lo[j] = kc_max(seed[j] - leash[j], jt->q_min + a->config.servo.margin);
+        hi[j] = kc_min(seed[j] + leash[j], jt->q_max - a->config.servo.margin);
+    }
+}
+
 static int node_exists(const kc_space_t *s, uint32_t node)
 {
     return node < s->n_hub || (node >= KC_HUB_MAX && node - KC_HUB_MAX < s->n_cand);
@@ -174,6 +187,17 @@ static void expect(kc_app_t *app, const double *q, double p[3])
     for (uint32_t i = 0u; i < 3u; i++) { p[i] = app->eval.T.p_m[i] + app->look.off_m[i]; }
 }
 
+/* A pose that is measured again is reached anew, over its hub: what the way does to it is part of what the
+ * repeat shall tell. */
+static kc_status_t plan(const kc_app_t *app, uint32_t node, uint32_t cand, uint16_t *way, uint32_t *n)
+{
+    const kc_space_t *s = &app->tables.active.space;
+    if (app->cal.replicate == 0) { return kc_path_plan(s, node, KC_HUB_MAX + cand, way, n); }
+    kc_status_t st = kc_path_plan(s, node, s->cand[cand].hub, way, n);
+    if (st == KC_OK) { way[(*n)++] = (uint16_t)(KC_HUB_MAX + cand); }
+    return st;
+}
+
 kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
 {
     const kc_active_t *a = &app->tables.active;
@@ -186,7 +210,7 @@ kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
     }
     kc_path_joints(&a->space, node, seed);
     uint32_t first = kc_move_dist(app, seed) > a->config.arrive_tol ? 1u : 0u; /* segments begin at seeds */
-    kc_status_t st = kc_path_plan(&a->space, node, KC_HUB_MAX + cand, &l->way[first], &n);
+    kc_status_t st = plan(app, node, cand, &l->way[first], &n);
     if (st != KC_OK) {
         kc_event(&out->events, KC_EVT_CAL_NO_PATH, (int32_t)cand, (double)st, 0.0);
         return st;
@@ -196,6 +220,7 @@ kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
     l->n_way = n + first;
     l->i_way = 0u;
     memset(app->look.off_m, 0, sizeof app->look.off_m);
+    l->approach = 0u;
     app->look.seen_here = 0u;
     app->look.retreat = 0u;
     app->look.at_seed = 0u;

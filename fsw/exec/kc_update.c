@@ -42,6 +42,8 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     c->rng = seed;
     c->free_mask = free_mask;
     c->start_us = app->now_us;
+    app->energy_j = 0.0;
+    app->energy_us = app->now_us;
     c->candidate = -1;
     memcpy(c->coef, a->kin.value, sizeof c->coef);
     take_candidates(app);
@@ -243,6 +245,7 @@ static void fill_progress(const kc_app_t *app, kc_progress_t *p)
     p->est_status = (int32_t)c->est_status;
     p->fit_pos_m = e->fit_pos_m;
     p->fit_rot_rad = e->fit_rot_rad;
+    p->energy_j = app->energy_j;
     memcpy(p->coef, c->coef, sizeof p->coef);
 }
 
@@ -378,13 +381,32 @@ static int select(kc_app_t *app, kc_out_t *out)
     return 0;
 }
 
+/* What was used since the step before, by what moves now. */
+static void count_energy(kc_app_t *app)
+{
+    const kc_config_t *c = &app->tables.active.config;
+    double power_w = app->arm.moving || app->head.moving ? c->power_move_w : c->power_idle_w;
+    app->energy_j += power_w * (double)(app->now_us - app->energy_us) * 1e-6;
+    app->energy_us = app->now_us;
+}
+
+static int used_up(const kc_app_t *app, kc_out_t *out)
+{
+    const kc_config_t *c = &app->tables.active.config;
+    uint64_t used_us = app->now_us - app->cal.start_us;
+    int late = c->budget_us > 0u && used_us > c->budget_us;
+    int flat = c->energy_budget_j > 0.0 && app->energy_j > c->energy_budget_j;
+    if (late) { kc_event(&out->events, KC_EVT_CAL_BUDGET, -1, (double)used_us, (double)c->budget_us); }
+    if (flat) { kc_event(&out->events, KC_EVT_CAL_ENERGY, -1, app->energy_j, c->energy_budget_j); }
+    return late || flat;
+}
+
 void kc_update_budget(kc_app_t *app, kc_out_t *out)
 {
-    kc_cal_t *c = &app->cal;
-    uint64_t budget = app->tables.active.config.budget_us, used = app->now_us - c->start_us;
-    int selecting = app->state != KC_ST_UPDATE || c->up == KC_UP_SELECT;
-    if (!kc_app_calibrating(app) || budget == 0u || used <= budget || !selecting) { return; }
-    kc_event(&out->events, KC_EVT_CAL_BUDGET, -1, (double)used, (double)budget);
+    if (!kc_app_calibrating(app)) { return; }
+    count_energy(app);
+    int selecting = app->state != KC_ST_UPDATE || app->cal.up == KC_UP_SELECT;
+    if (!selecting || !used_up(app, out)) { return; }
     if (app->state != KC_ST_UPDATE) {
         kc_move_hold(app, out);
         app->look.waiting = 0u;

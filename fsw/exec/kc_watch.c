@@ -31,6 +31,7 @@ static void begin_anew_if_changed(kc_app_t *app)
     if (w->session == app->session && memcmp(w->crc, a->crc, sizeof w->crc) == 0) { return; }
     kc_monitor_init(&w->monitor, &a->arm, a->config.sigma_pos_min_m, a->config.sigma_rot_min_rad);
     memset(&w->told, 0, sizeof w->told);
+    memset(&w->newest, 0, sizeof w->newest);
     memcpy(w->crc, a->crc, sizeof w->crc);
     w->session = app->session;
 }
@@ -60,12 +61,11 @@ void kc_watch_look(kc_app_t *app, kc_out_t *out, const kc_detection_t *d)
     }
     begin_anew_if_changed(app);
     kc_detection_t det = *d;
-    kc_mon_verdict_t v;
     kc_obs_t obs;
     kc_look_unflip(app, a->kin.value, &det);
     kc_look_obs(app, det.p_cam_tool_m, det.q_cam_tool_wxyz, &det, &app->arm, &app->head, &obs);
     if (kc_monitor_add(&w->monitor, &a->arm, &a->terms, a->kin.value, &obs, &app->eval) != KC_OK) { return; }
     w->t_us = d->t_us;
-    kc_monitor_judge(&w->monitor, &v);
-    tell(app, out, &v);
+    kc_monitor_judge(&w->monitor, &w->newest);
+    tell(app, out, &w->newest);
 }

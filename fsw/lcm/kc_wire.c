@@ -152,6 +152,14 @@ void kc_wire_hk(const kc_hk_t *h, int64_t t_us, int32_t n_tx_errors, kcm_hk_t *m
     m->boot_pose = h->boot_pose;
     m->boot_count = i32(h->boot_count);
     m->proposal_crc = i32(h->proposal_crc);
+    m->energy_j = h->energy_j;
+    m->mon_state = h->mon_state;
+    m->mon_joint = h->mon_joint;
+    m->mon_suspects = i32(h->mon_suspects);
+    m->mon_looks = i32(h->mon_looks);
+    m->mon_bias = h->mon_bias;
+    m->mon_sigma = h->mon_sigma;
+    m->mon_p = h->mon_p;
 }
 
 static void meas_arm(const kc_arm_state_t *a, kcm_meas_t *m)
@@ -230,6 +238,7 @@ void kc_wire_progress(const kc_progress_t *p, int64_t t_us, kcm_progress_t *m)
     m->est_status = p->est_status;
     m->fit_pos_m = p->fit_pos_m;
     m->fit_rot_rad = p->fit_rot_rad;
+    m->energy_j = p->energy_j;
     COPY(m->coef, p->coef);
 }
 

@@ -216,4 +216,5 @@ def test_statistic_is_that_of_the_dense_least_squares():
     assert v.stat == pytest.approx((v.bias / v.sigma) ** 2, rel=1e-9)
     assert v.rest == pytest.approx(np.sum(residual(v.bias) ** 2), rel=1e-6)
     assert v.p_rest == pytest.approx(chi2.sf(v.rest, 11), rel=1e-9)
+    assert v.p == pytest.approx(49 * chi2.sf(v.stat, 1), rel=1e-9)  # 7 joints, 7 onsets
     assert v.off_m == pytest.approx(np.linalg.norm((residual(0) * SIGMA)[1, :3]), rel=1e-9)

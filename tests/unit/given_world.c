@@ -95,6 +95,10 @@ static int move_arm(void)
     if (world.freeze_arm) { return 0; }
     for (uint32_t j = 0u; j < 7u; j++) { far = fmax(far, fabs(world.q_cmd[j] - world.q[j])); }
     double part = far > 0.4 ? 0.4 / far : 1.0;
+    for (uint32_t j = 0u; j < 7u; j++) {
+        double d = world.q_cmd[j] - world.q[j];
+        if (fabs(d) > 1e-9) { world.dir[j] = d > 0.0 ? 1.0 : -1.0; }
+    }
     for (uint32_t j = 0u; j < 7u; j++) { world.q[j] += part * (world.q_cmd[j] - world.q[j]); }
     return far > 0.0;
 }
@@ -109,6 +113,7 @@ static void tell_arm(int moving)
     a->n_joints = 7u;
     memcpy(a->q, world.q, sizeof a->q);
     memcpy(a->q_cmd, world.q_cmd, sizeof a->q_cmd);
+    memcpy(a->dir, world.dir, sizeof a->dir);
     a->moving = moving || world.shake_arm > 0;
     world.shake_arm -= world.shake_arm > 0;
     a->fault_mask = world.fault;

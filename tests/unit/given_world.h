@@ -16,6 +16,7 @@ typedef struct {
     kc_arm_t truth;
     kc_camera_t camera;
     double q[KC_JOINT_MAX], q_cmd[KC_JOINT_MAX], bias[KC_JOINT_MAX]; /* reading = q, true joint = q + bias */
+    double dir[KC_JOINT_MAX]; /* side from which each joint came last     */
     double pan, tilt, pan_cmd, tilt_cmd;
     int32_t arm_seq, head_seq, cmd_seq[3], frame_asked;
     int asked;

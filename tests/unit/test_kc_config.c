@@ -91,6 +91,10 @@ static const spoil_t s_spoil[] = {
     {46, AT(accept_p_fit_min), 'd', 1.1},
     {47, AT(no_change_p), 'd', -0.1},
     {48, AT(budget_us), 'l', 4e13},
+    {49, AT(approach_rad), 'd', 1.1},
+    {50, AT(power_idle_w), 'd', -1.0},
+    {51, AT(power_move_w), 'd', -1.0},
+    {52, AT(energy_budget_j), 'd', -1.0},
 };
 
 static void spoil(const spoil_t *s, double value)
@@ -135,4 +139,11 @@ void test_a_noise_floor_above_its_ceiling_is_refused(void)
     given_config(&s_c);
     s_c.sigma_rot_min_rad = 2.0 * s_c.sigma_rot_max_rad;
     expect_refused(24, s_c.sigma_rot_min_rad);
+}
+
+void test_moving_cannot_take_less_power_than_standing(void)
+{
+    s_c.power_idle_w = 20.0;
+    s_c.power_move_w = 10.0;
+    expect_refused(51, 10.0);
 }

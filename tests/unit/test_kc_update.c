@@ -187,6 +187,73 @@ void test_a_budget_does_not_cut_an_update_short(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
 }
 
+/* ---- energy ---- */
+
+void test_energy_is_counted_by_what_moves(void)
+{
+    double want_j = 0.0;
+    world.config.power_idle_w = 10.0;
+    world.config.power_move_w = 70.0;
+    world_started();
+    while (kc_app_calibrating(APP)) {
+        world_tick();
+        want_j += (APP->arm.moving || APP->head.moving ? 70.0 : 10.0) * 1e-6 * (double)TICK_US;
+    }
+    world_ticks(11u);
+    TEST_ASSERT_DOUBLE_WITHIN(7.1, want_j, world.hk.energy_j); /* of the step that ended it: one tick */
+    TEST_ASSERT_TRUE(world.progress[0].energy_j > 0.0);
+    for (uint32_t k = 1u; k < world.n_progress; k++) {
+        TEST_ASSERT_TRUE(world.progress[k].energy_j > world.progress[k - 1u].energy_j);
+    }
+    double ended_j = world.hk.energy_j;
+    world_ticks(20u);
+    TEST_ASSERT_EQUAL_DOUBLE(ended_j, world.hk.energy_j);
+}
+
+void test_energy_used_up_holds_the_arm_and_proposes(void)
+{
+    world.config.power_idle_w = 10.0;
+    world.config.power_move_w = 70.0;
+    world.config.energy_budget_j = 300.0;
+    world.config.n_poses = 24u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_ENERGY));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_BUDGET));
+    TEST_ASSERT_DOUBLE_WITHIN(7.1, 300.0, world.last[KC_EVT_CAL_ENERGY].got);
+    TEST_ASSERT_EQUAL_DOUBLE(300.0, world.last[KC_EVT_CAL_ENERGY].want);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_TRUE(world.n_meas > 0u && world.n_meas < 24u);
+}
+
+void test_energy_used_up_before_anything_was_measured_gives_up(void)
+{
+    world.config.power_move_w = 70.0;
+    world.config.energy_budget_j = 20.0;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_BUDGET, world.last[KC_EVT_CAL_ABORTED].got);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.n_proposal);
+}
+
+/* ---- replicates ---- */
+
+void test_a_replicate_is_reached_anew_over_its_hub(void)
+{
+    world.config.replicate_every = 1u;
+    world.space.n_prior = 1u; /* so the first repeat is of the pose where the arm stands */
+    world.config.n_poses = 4u;
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
+    const kc_space_t *s = &kc_app_active(APP)->space;
+    for (uint32_t i = 0u; i < 400u && APP->cal.replicate != 1; i++) { world_tick(); }
+    uint32_t cand = (uint32_t)APP->cal.candidate, n = APP->leg.n_way;
+    TEST_ASSERT_TRUE(n >= 2u);
+    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + cand, APP->leg.way[n - 1u]);
+    TEST_ASSERT_EQUAL_UINT32(s->cand[cand].hub, APP->leg.way[n - 2u]);
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
+    TEST_ASSERT_EQUAL_INT(1, world.meas[1].replicate);
+}
+
 static uint32_t poses_until_certain(double pos_m, double rot_rad)
 {
     setUp();

@@ -147,12 +147,28 @@ void test_housekeeping_carries_the_crcs_bit_by_bit(void)
     h.proposal_crc = 0x80000000u;
     h.boot_state = -1;
     h.n_rx_errors = 3u;
+    h.energy_j = 12.5;
+    h.mon_state = 1;
+    h.mon_joint = 7;
+    h.mon_suspects = 0x41u;
+    h.mon_looks = 5u;
+    h.mon_bias = -0.02;
+    h.mon_sigma = 0.001;
+    h.mon_p = 1e-9;
     kc_wire_hk(&h, 99, 8, &m);
     TEST_ASSERT_EQUAL_HEX32(0xdeadbeefu, (uint32_t)m.table_crc[4]);
     TEST_ASSERT_EQUAL_HEX32(0x80000000u, (uint32_t)m.proposal_crc);
     TEST_ASSERT_EQUAL_INT(-1, m.boot_state);
     TEST_ASSERT_EQUAL_INT(8, m.n_tx_errors);
     TEST_ASSERT_EQUAL_INT(3, m.n_rx_errors);
+    TEST_ASSERT_EQUAL_DOUBLE(12.5, m.energy_j);
+    TEST_ASSERT_EQUAL_INT(1, m.mon_state);
+    TEST_ASSERT_EQUAL_INT(7, m.mon_joint);
+    TEST_ASSERT_EQUAL_HEX32(0x41u, (uint32_t)m.mon_suspects);
+    TEST_ASSERT_EQUAL_INT(5, m.mon_looks);
+    TEST_ASSERT_EQUAL_DOUBLE(-0.02, m.mon_bias);
+    TEST_ASSERT_EQUAL_DOUBLE(0.001, m.mon_sigma);
+    TEST_ASSERT_EQUAL_DOUBLE(1e-9, m.mon_p);
 }
 
 void test_a_measurement_goes_out_whole(void)
@@ -199,11 +215,13 @@ void test_progress_and_proposal_go_out_whole(void)
     p.n_goal = 20u;
     p.acquisition = -1;
     p.f = -0.5;
+    p.energy_j = 70.0;
     p.coef[63] = 6.3;
     kc_wire_progress(&p, 9, &pm);
     TEST_ASSERT_EQUAL_INT(20, pm.n_goal);
     TEST_ASSERT_EQUAL_INT(-1, pm.acquisition);
     TEST_ASSERT_EQUAL_DOUBLE(-0.5, pm.f);
+    TEST_ASSERT_EQUAL_DOUBLE(70.0, pm.energy_j);
     TEST_ASSERT_EQUAL_DOUBLE(6.3, pm.coef[63]);
     s.crc = 0xcafebabeu;
     s.verdict = KC_VERDICT_POOR;
