@@ -144,6 +144,34 @@ def fit_json(f: FitResult) -> dict:
     }
 
 
+_DRIVERS = {
+    "t": "time",
+    "order": "order in which the poses were taken",
+    "temp": "temperature",
+    "payload": "payload",
+    "tag": "tag that was seen",
+    "zcam": "distance along the line of sight",
+    "u": "image position, across",
+    "v": "image position, down",
+    "r2": "distance from the image centre, squared",
+    "incid": "incidence angle",
+    "pan": "pan of the head",
+    "tilt": "tilt of the head",
+    "sx": "tool position x",
+    "sy": "tool position y",
+    "sz": "tool position z",
+}
+_JOINT_DRIVERS = {"tau": "gravity torque", "dir": "approach direction", "qdot": "velocity"}
+
+
+def in_words(variable: str) -> str:
+    """tau2 -> gravity torque of joint 2; joint angles and unknown names stay."""
+    kind = variable.rstrip("0123456789")
+    if kind in _JOINT_DRIVERS and kind != variable:
+        return f"{_JOINT_DRIVERS[kind]} of joint {variable[len(kind) :]}"
+    return _DRIVERS.get(variable, variable)
+
+
 def _text_pair(pair: tuple[float | None, float | None]) -> str:
     position, rotation = pair
     if position is None or not math.isfinite(position):
@@ -173,7 +201,7 @@ def comparison_text(c: Comparison) -> str:
         "",
         "where the rest lives (share of what is left, p-value):",
         *[
-            f"  {w.variable:<8}at {w.at:<20}{w.share_of_variance:7.1%}   p = {w.p_value:.2g}"
+            f"  {in_words(w.variable):<38}at {w.at:<18}{w.share_of_variance:7.1%}   p = {w.p_value:.2g}"
             for w in c.where[:6]
         ],
         "",
@@ -186,7 +214,7 @@ def comparison_text(c: Comparison) -> str:
     return "\n".join(lines)
 
 
-_VERDICTS = {
+VERDICTS = {
     "adequate": "Nothing is missing that these data could show.",
     "effect": "One effect is missing.",
     "several_effects": "Several effects are missing.",
@@ -228,7 +256,9 @@ def _remainder_text(d: Diagnosis) -> str:
     r = d.remainder
     floor = "unknown" if r.floor.pos_m is None else _text_pair((r.floor.pos_m, r.floor.rot_rad))
     text = f"left on held-out poses: {_text_pair((r.held_pos_m, r.held_rot_rad))}; noise floor {floor}"
-    live = [f"{w.at} by {w.variable} ({w.share_of_variance:.0%})" for w in r.where if w.p_value < 0.001]
+    live = [
+        f"{w.at} by {in_words(w.variable)} ({w.share_of_variance:.0%})" for w in r.where if w.p_value < 0.001
+    ]
     return text + (f"; it lives at {', '.join(live)}" if live else "")
 
 
@@ -236,7 +266,7 @@ def diagnosis_text(d: Diagnosis, poses: list[dict] | None = None) -> str:
     lines = [
         comparison_text(d.comparison),
         "",
-        f"diagnosis: {_VERDICTS[d.verdict]} (P(nothing missing) = {d.probability_none:.2g})",
+        f"diagnosis: {VERDICTS[d.verdict]} (P(nothing missing) = {d.probability_none:.2g})",
     ]
     for e in d.effects:
         mark = "*" if e.accepted else "+" if e.helps else " "
@@ -246,7 +276,8 @@ def diagnosis_text(d: Diagnosis, poses: list[dict] | None = None) -> str:
             lines.append(f"      cannot be told from: {_grouped(e.confounded_with)}")
     if d.novel:
         lines += [
-            f"not in the library: {d.novel.locus}, depending on {' and '.join(d.novel.depends_on)} "
+            f"not in the library: {d.novel.locus}, depending on "
+            f"{' and '.join(in_words(name) for name in d.novel.depends_on)} "
             f"(P = {d.novel.probability:.2f}, p = {d.novel.p_value:.2g})",
             *[f"      try: {term}" for term in d.novel.suggested_terms],
         ]

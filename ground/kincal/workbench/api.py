@@ -171,7 +171,7 @@ def report(
             first = [h for h in group if h.constants == group[len(group) // 2].constants]
             named.append(first[0] if len(first) == 1 else merged(effect, first))
     shown = [h for h in named if any(p.terms for p in h.parameters)]
-    content = Content(diagnosis, ladder, confounding(fit_all, shown), harm(fit_all, shown), poses)
+    content = Content(diagnosis, library, ladder, confounding(fit_all, shown), harm(fit_all, shown), poses)
     return write_report(path, content)
 
 

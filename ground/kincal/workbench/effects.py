@@ -125,7 +125,7 @@ class Effect:
                 there = data is None or data.has(need)
             if not there:
                 lacking.append(_NEED_TEXT.get(need, need))
-        return lacking
+        return list(dict.fromkeys(lacking))
 
     def where(self, arm: ArmTable) -> list[dict[str, int]]:
         """The joint letters of each instance: {} for the arm, {j} per joint, {i, j} per pair."""

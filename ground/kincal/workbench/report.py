@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from . import figures
-from .answers import diagnosis_text
+from .answers import VERDICTS, diagnosis_text, in_words
 from .diagnose import Diagnosis
+from .effects import Library
 from .ladder import Ladder
 from .power import Confounding, Harm
 
@@ -24,6 +25,9 @@ pre{background:#f4f6f8;padding:1em;overflow-x:auto;font-size:12.5px}
 table{border-collapse:collapse;font-size:13px}
 td,th{border:1px solid #d5dce2;padding:.25em .6em;text-align:left;vertical-align:top}
 td.n{text-align:right;font-variant-numeric:tabular-nums}
+.verdict{border-left:6px solid #1f6fb4;background:#f4f6f8;padding:.6em 1.2em;margin:1em 0}
+.verdict>b{font-size:1.25em}
+.ladder b{font-variant-numeric:tabular-nums}
 """
 
 
@@ -32,6 +36,7 @@ class Content:
     """Everything a report shows."""
 
     diagnosis: Diagnosis
+    library: Library
     ladder: Ladder
     confounding: Confounding
     harm: list[Harm]
@@ -119,6 +124,49 @@ def _poses_table(poses: list[dict]) -> str:
     return text + _table(("#", "q", "approach", "power"), rows)
 
 
+def _error_line(ladder: Ladder) -> str:
+    """The first way of holding back, rung by rung: what a reader looks for first."""
+    rungs = ladder.of(ladder.rungs[0].block)
+    steps = " &rarr; ".join(f"{html.escape(r.model)} <b>{r.pos_m * 1e3:.2f} mm</b>" for r in rungs)
+    floor = "unknown" if ladder.floor.pos_m is None else f"<b>{ladder.floor.pos_m * 1e3:.2f} mm</b>"
+    return f"<p class=ladder>RMS error on {html.escape(rungs[0].block)}: {steps}; noise floor {floor}.</p>"
+
+
+def _findings(c: Content) -> list[str]:
+    """What was found, each with what to look at on the arm."""
+    d, lines = c.diagnosis, []
+    for e in d.effects:
+        if not (e.accepted or e.helps):
+            continue
+        effect = c.library.effects[e.name.partition("[")[0]]
+        sure = f"probability {e.probability:.2f}" if e.accepted else "not certain, but held-out poses gain"
+        twins = f" Cannot be told from {', '.join(e.confounded_with)}." if e.confounded_with else ""
+        lines.append(f"<b>{html.escape(e.name)}</b> ({sure}): {html.escape(effect.title)}."
+                     f"{html.escape(twins)} Look at: {html.escape(effect.inspect)}")  # fmt: skip
+    if d.novel:
+        drivers = " and ".join(in_words(name) for name in d.novel.depends_on)
+        lines.append(f"<b>Something unnamed</b> enters at {html.escape(d.novel.locus)} and depends on "
+                     f"{html.escape(drivers)} (probability {d.novel.probability:.2f}).")  # fmt: skip
+    if c.next_poses:
+        names = html.escape(", ".join(c.next_poses[0]["separates"]))
+        lines.append(f"The {len(c.next_poses)} poses under <a href='#next'>Next poses</a> separate {names}.")
+    lacking = [n for n in d.not_testable if n.needs]
+    if lacking:
+        lines.append(f"{len(lacking)} effects of the library could not be tested: columns or arm data are "
+                     "missing (list under <i>The answer as text</i>).")  # fmt: skip
+    return lines
+
+
+def _head(c: Content) -> str:
+    found = "".join(f"<li>{line}</li>" for line in _findings(c))
+    return (
+        f"<div class=verdict><b>{html.escape(VERDICTS[c.diagnosis.verdict])}</b>{_error_line(c.ladder)}"
+        f"{'<ul>' + found + '</ul>' if found else ''}</div>"
+        "<details><summary>The answer as text</summary>"
+        f"<pre>{html.escape(diagnosis_text(c.diagnosis, c.next_poses))}</pre></details>"
+    )
+
+
 def write_report(path: str | Path, content: Content) -> list[Path]:
     """One HTML with everything inside, and the figures beside it as PNG. Returns all files."""
     path = Path(path)
@@ -138,13 +186,15 @@ def write_report(path: str | Path, content: Content) -> list[Path]:
             files.append(file)
             image = base64.b64encode(buffer.getvalue()).decode()
             title = html.escape(title)
-            parts.append(f'<h2>{title}</h2><img alt="{title}" src="data:image/png;base64,{image}">')
+            parts.append(
+                f'<h2 id="{key}">{title}</h2><img alt="{title}" src="data:image/png;base64,{image}">'
+            )
             parts.append(beside.get(key, ""))
     about = html.escape(f"{d.comparison.arm}, {d.comparison.source}")
     path.write_text(
         "<!doctype html><html lang='en'><meta charset='utf-8'><title>KinCal diagnosis</title>"
         f"<style>{_CSS}</style><h1>Model diagnosis</h1><p>{about}</p>"
-        f"<pre>{html.escape(diagnosis_text(d, content.next_poses))}</pre>{''.join(parts)}</html>",
+        f"{_head(content)}{''.join(parts)}</html>",
         encoding="utf-8",
     )
     return [path, *files]
