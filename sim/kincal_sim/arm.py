@@ -68,8 +68,10 @@ def _geom(body: ET.Element, name: str, kind: str, material: str, **attributes) -
     ET.SubElement(body, "geom", name=name, type=kind, material=material, mass="0", **text)
 
 
-def _capsule(body: ET.Element, name: str, shape: dict, material: str) -> None:
-    _geom(body, name, shape["type"], material, fromto=[*shape["from"], *shape["to"]], size=shape["radius"])
+def _capsule(body: ET.Element, name: str, shape: dict, material: str, longer_m: np.ndarray) -> None:
+    """longer_m: how much a point moves per metre along the joint axis."""
+    ends = [np.array(shape[k]) + longer_m * shape[k][2] for k in ("from", "to")]
+    _geom(body, name, shape["type"], material, fromto=np.concatenate(ends), size=shape["radius"])
 
 
 def _scene(root: ET.Element, spec: dict) -> ET.Element:
@@ -95,8 +97,11 @@ def _arm(world: ET.Element, spec: dict, errors: dict[str, float]) -> ET.Element:
         phi, alpha, a, d = dh[i] + (joint.get("phi_rad", 0.0), joint["alpha_rad"], joint["a_m"], joint["d_m"])
         link = _body(frame, f"link{i + 1}", geom.rot("z", phi))
         ET.SubElement(link, "joint", name=f"J{i + 1}", type="hinge", axis="0 0 1")
+        # A link that is longer than drawn is longer as a body too; else its end would stick out beyond the
+        # next joint, or not reach it. Compact joints (d = 0) keep their shape.
+        longer = np.array([dh[i][2], 0.0, dh[i][3]]) / joint["d_m"] if joint["d_m"] else np.zeros(3)
         for k, shape in enumerate(joint["shapes"]):
-            _capsule(link, f"link{i + 1}.{k}", shape, "joint" if k % 2 else "arm")
+            _capsule(link, f"link{i + 1}.{k}", shape, "joint" if k % 2 else "arm", longer)
         frame = _body(link, f"frame{i + 1}", geom.trans(a, 0, d) @ geom.rot("x", alpha))
         # A point mass is all that static loads need; the tiny inertia only keeps the compiler content.
         ET.SubElement(
@@ -143,7 +148,7 @@ def _head(world: ET.Element, spec: dict) -> None:
     T_head_cam = geom.trans(*head["camera_xyz_m"])
     T_head_cam[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
     camera = _body(tilt, "camera", T_head_cam)
-    fovy = 2 * np.arctan2(cam["height_px"] / 2, cam["fy_px"])
+    fovy = np.degrees(2 * np.arctan2(cam["height_px"] / 2, cam["fy_px"]))  # always degrees in MJCF
     # MuJoCo cameras look along -z with y up: half a turn about x.
     ET.SubElement(camera, "camera", name="eye", quat="0 1 0 0", fovy=_num(fovy))
 

@@ -465,3 +465,24 @@ def test_a_frame_of_a_moving_scene_keeps_the_time_of_its_exposure():
     world.take("KC_FRAME_REQUEST", kcm.frame_request_t())
     steps(world, 1, 4)
     assert drawn(room, 900_000, world.moved_us)[0][1].t_us == 400_000
+
+
+def far_end(arm, shape):
+    """The end of a capsule that is farther from the base."""
+    g = arm.model.geom(shape)
+    centre, axis = arm.data.geom_xpos[g.id], arm.data.geom_xmat[g.id].reshape(3, 3)[:, 2]
+    ends = [centre + sign * g.size[1] * axis for sign in (-1, 1)]
+    return max(ends, key=lambda p: float(np.linalg.norm(p)))
+
+
+@pytest.mark.parametrize("errors", [{}, {"J3.d_m": 0.15, "J3.a_m": 0.03}, {"J3.d_m": -0.15}])
+def test_a_link_of_another_length_still_ends_at_its_next_joint(errors):
+    arm = Arm(errors=errors)
+    arm.set([0.4, -0.3, 0.2, 0.8, 0.1, 0.2, 0.0])
+    np.testing.assert_allclose(far_end(arm, "link3.1"), arm.data.body("frame3").xpos, atol=1e-9)
+
+
+def test_the_models_own_camera_has_the_cameras_field_of_view(nominal):
+    camera = nominal.spec["camera"]
+    half = 0.5 * np.radians(nominal.model.cam_fovy[0])
+    assert np.tan(half) * camera["fy_px"] == pytest.approx(0.5 * camera["height_px"])

@@ -1,0 +1,259 @@
+"""Do drawn frames show the tags that the search space says are not hidden, and only those?
+
+    python tests/bench/occlusion.py [--others 600] [--every 1] [--seed 1] [--pictures DIR]
+
+Every candidate of tables/bin/space.tbl, and as many other postures as asked for: tool poses drawn as the
+search draws them, reached, with tags that face the camera inside the image, so that the arm alone decides.
+For each tag that would show if nothing hid it:
+
+- verdict: the search's rays (kincal.space) to nine points of the print, links taken sight.margin_m thicker;
+- frame, by segments: MuJoCo draws the simulator's arm from its camera with a number per shape; a tag is
+  whole if at least WHOLE of its print's pixels (white border included) show its plate;
+- frame, by detector: the frame as the simulator's camera takes it (light, shadow, blur, noise), in which
+  OpenCV's own 36h11 detector finds the tag with corners within CORNER_PX of the projection, or not.
+
+Agreement counts verdict against segments. It is also given for links as thick as they are: what differs
+between the two is the margin, which is there on purpose. Exit status 1 if the verdict that is used agrees for
+less than GATE of the candidates' tags, or of the others', or the detector finds less than GATE of the
+candidates' tags.
+"""
+
+import argparse
+import os
+import sys
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ.setdefault("MUJOCO_GL", "osmesa")
+os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import cv2  # noqa: E402
+import mujoco  # noqa: E402
+import numpy as np  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
+for _folder in ("ground", "sim", "build/py"):
+    sys.path.insert(0, str(ROOT / _folder))
+
+from kincal import space, tables  # noqa: E402
+from kincal.space import work  # noqa: E402
+from kincal_sim.arm import Arm  # noqa: E402
+from kincal_sim.camera import Camera, load_config  # noqa: E402
+from kincal_sim.pnp import project, tool_corners  # noqa: E402
+from kincal_sim.tags import BLACK_CELLS, CELLS  # noqa: E402
+
+BIN = ROOT / "tables" / "bin"
+SPACE_TOML = ROOT / "tables" / "src" / "space.toml"
+WHOLE = 0.98
+GATE = 0.98
+CORNER_PX = 2.0
+HIDDEN_SHARE = 0.5  # of the other postures: the search says that the arm hides a tag
+HIDDEN = "the arm hides the tags"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One tag at one posture."""
+
+    where: str  # "candidate 17" or "other 3"
+    tag: int
+    verdict: bool  # in sight, as the search says
+    thin: bool  # the same with links as thick as they are
+    share: float  # of the print's pixels that show
+    found: bool | None  # by the detector; None: not asked
+
+    @property
+    def whole(self) -> bool:
+        return self.share >= WHOLE
+
+
+class Drawn:
+    """The simulator's nominal arm as its camera sees it."""
+
+    def __init__(self):
+        self.arm = Arm()
+        self.cfg = load_config(self.arm.spec)
+        self.arm.model.vis.global_.offwidth = self.cfg.width_px
+        self.arm.model.vis.global_.offheight = self.cfg.height_px
+        self.camera = Camera(self.cfg, self.arm.model)
+        self.segments = mujoco.Renderer(self.arm.model, self.cfg.height_px, self.cfg.width_px)
+        self.segments.enable_segmentation_rendering()
+        self.detector = cv2.aruco.ArucoDetector(
+            cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+        )
+
+    def close(self) -> None:
+        self.camera.close()
+        self.segments.close()
+
+    def pose(self, q, pan: float, tilt: float) -> None:
+        self.arm.set(q, pan, tilt)
+
+    def _outline(self, tag, size_m: float) -> np.ndarray:
+        T = np.linalg.inv(self.arm.T_base_cam) @ self.arm.T_base_tool
+        return project(self.cfg.K, T[:3, :3], T[:3, 3], tool_corners(tag.T_tool_tag, size_m))
+
+    def shares(self) -> list[float]:
+        """Share of each print's pixels that show its plate."""
+        data, model = self.arm.data, self.arm.model
+        mujoco.mj_camlight(model, data)
+        self.segments.update_scene(data, camera="eye")
+        ids = self.segments.render()[:, :, 0]
+        out = []
+        for tag in self.cfg.tags:
+            mask = np.zeros(ids.shape, np.uint8)
+            outline = self._outline(tag, tag.size_m * CELLS / BLACK_CELLS)
+            cv2.fillConvexPoly(mask, np.rint(outline * 16).astype(np.int32), 1, shift=4)
+            mask = cv2.erode(mask, np.ones((3, 3), np.uint8)) > 0  # pixels wholly inside
+            plate = model.geom(f"tag{tag.id}.plate").id
+            out.append(float(np.mean(ids[mask] == plate)) if mask.any() else 0.0)
+        return out
+
+    def frame(self, rng) -> np.ndarray:
+        return self.camera.render(self.arm.data, self.arm.T_base_cam, self.arm.T_base_tool, rng)
+
+    def found(self, frame: np.ndarray) -> set[int]:
+        """Tags that the detector finds where they are."""
+        corners, ids, _ = self.detector.detectMarkers(frame)
+        seen = set()
+        for quad, number in zip(corners, [] if ids is None else ids.ravel(), strict=True):
+            tag = next((t for t in self.cfg.tags if t.id == number), None)
+            if tag is None:
+                continue
+            want = self._outline(tag, tag.size_m)
+            off = np.linalg.norm(quad.reshape(4, 1, 2) - want[None], axis=2).min(axis=0).max()
+            if off <= CORNER_PX:
+                seen.add(int(number))
+        return seen
+
+
+class Verdicts:
+    """What the search says about a posture."""
+
+    def __init__(self):
+        self.desc = space.read_description(SPACE_TOML)
+        self.checks = space.Checks(
+            self.desc, tables.load(BIN / "arm.tbl")[1], tables.load(BIN / "camera.tbl")[1]
+        )
+
+    def view(self, q) -> tuple[float, float, int]:
+        """Head angles, and the tags that show if nothing hides them."""
+        p, R = self.checks.chain.fk(q)
+        pan, tilt, _ = self.checks.camera.aim(p)
+        problem, seen = self.checks.view_problem(p, R)
+        return pan, tilt, 0 if problem else seen
+
+    def in_sight(self, q, thick: bool) -> int:
+        p, _ = self.checks.chain.fk(q)
+        return self.checks.sight(self.checks.thick if thick else self.checks.nominal, q, p)
+
+    def others(self, n: int, seed: int) -> list[np.ndarray]:
+        """Postures that the search would have looked at: half of them dropped because the arm hides the
+        tags, the other half not."""
+        checks = space.Checks(
+            self.desc.model_copy(update={"seed": 10_000 + seed}), self.checks.arm, self.checks.camera.camera
+        )
+        want = {True: round(n * HIDDEN_SHARE), False: n - round(n * HIDDEN_SHARE)}
+        got: dict[bool, list] = {True: [], False: []}
+        for block in range(10_000):
+            for s in work.examine(checks, block, 50, self.desc.tool.box_min_m, self.desc.tool.box_max_m):
+                if s.q is not None and self.view(s.q)[2]:
+                    got[s.reason == HIDDEN].append(s.q)
+            if all(len(got[k]) >= want[k] for k in got):
+                return got[True][: want[True]] + got[False][: want[False]]
+        raise ArithmeticError("too few postures whose tags the arm hides")
+
+
+def candidates(every: int = 1) -> list[tuple[int, np.ndarray, float, float, int]]:
+    """Number, joints, head angles and tags of every so manyth candidate of the table."""
+    table = tables.load(BIN / "space.tbl")[1]
+    n = len(space.read_description(SPACE_TOML).joints.margin_rad)
+    return [
+        (i, np.array(list(c.q_seed)[:n]), float(c.pan_rad), float(c.tilt_rad), int(c.tags))
+        for i, c in enumerate(table.cand[0 : table.n_cand])
+        if i % every == 0
+    ]
+
+
+def judge(drawn: Drawn, says: Verdicts, where: str, q, stated: int | None, detect, pictures) -> list[Judged]:
+    """Every tag of a posture that would show if nothing hid it. stated: tags by the table."""
+    pan, tilt, view = says.view(q)
+    thick = says.in_sight(q, True) if stated is None else stated
+    thin = says.in_sight(q, False)
+    drawn.pose(q, pan, tilt)
+    shares = drawn.shares()
+    frame = drawn.frame(detect) if detect is not None else None
+    found = drawn.found(frame) if frame is not None else set()
+    out = []
+    for k, tag in enumerate(drawn.cfg.tags):
+        if not view >> k & 1:
+            continue
+        seen = None if frame is None else tag.id in found
+        j = Judged(where, tag.id, bool(thick >> k & 1), bool(thin >> k & 1), shares[k], seen)
+        out.append(j)
+        if pictures is not None and j.verdict != j.whole:
+            full = frame if frame is not None else drawn.frame(np.random.default_rng(1))
+            pictures.mkdir(parents=True, exist_ok=True)
+            u, v = drawn._outline(tag, tag.size_m).mean(axis=0).astype(int)
+            part = full[max(v - 150, 0) : v + 150, max(u - 200, 0) : u + 200]
+            cv2.imwrite(str(pictures / f"{where.replace(' ', '-')}-tag{tag.id}-{shares[k]:.3f}.png"), part)
+    return out
+
+
+def agreement(judged: list[Judged], used: bool = True) -> float:
+    """Share of tags for which verdict and frame say the same."""
+    return float(np.mean([(j.verdict if used else j.thin) == j.whole for j in judged]))
+
+
+def counts(judged: list[Judged], used: bool = True) -> str:
+    both = Counter(((j.verdict if used else j.thin), j.whole) for j in judged)
+    return (
+        f"{len(judged)} tags: {both[True, True]} in sight by both, {both[False, False]} hidden by both, "
+        f"{both[True, False]} said in sight but not whole, {both[False, True]} said hidden but whole"
+    )
+
+
+def main(argv: list[str] | None = None) -> int:
+    p = argparse.ArgumentParser(prog="occlusion.py", description=__doc__.split("\n")[0])
+    p.add_argument("--others", type=int, default=600, help="postures beside the candidates")
+    p.add_argument("--every", type=int, default=1, help="only every so manyth candidate")
+    p.add_argument("--seed", type=int, default=1)
+    p.add_argument("--pictures", type=Path, default=None, help="folder for what does not agree")
+    o = p.parse_args(argv)
+    drawn, says, rng = Drawn(), Verdicts(), np.random.default_rng(o.seed)
+    ours = [
+        j
+        for i, q, _, _, stated in candidates(o.every)
+        for j in judge(drawn, says, f"candidate {i}", q, stated, rng, o.pictures)
+    ]
+    other = [
+        j
+        for i, q in enumerate(says.others(o.others, o.seed))
+        for j in judge(drawn, says, f"other {i}", q, None, rng, o.pictures)
+    ]
+    drawn.close()
+    good = True
+    for name, judged in (("candidates", ours), ("others", other)):
+        said = [j for j in judged if j.verdict]
+        print(f"{name}: {100 * agreement(judged):.2f} % agree, {counts(judged)}")
+        thin = 100 * agreement(judged, False)
+        print(f"  links as thick as they are: {thin:.2f} %, {counts(judged, False)}")
+        print(
+            f"  detector finds {sum(j.found for j in said)} of {len(said)} tags said to be in sight", end=""
+        )
+        hidden = [j for j in judged if not j.verdict]
+        print(f", {sum(j.found for j in hidden)} of {len(hidden)} said to be hidden")
+        for j in judged:
+            if j.verdict != j.whole:
+                print(f"    {j.where} tag {j.tag}: verdict {j.verdict}, shows {j.share:.3f}, found {j.found}")
+        good &= agreement(judged) >= GATE
+    said = [j for j in ours if j.verdict]
+    good &= sum(j.found for j in said) >= GATE * len(said)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
