@@ -84,7 +84,7 @@ class _Chooser:
     def best(self, groups: list[list[Hypothesis]]) -> list[Hypothesis]:
         columns = self.engine.columns
         scored = self.engine.scores([np.hstack([columns.hypothesis(h) for h in group]) for group in groups])
-        return groups[int(np.argmax([s.chi2 for s, _, _ in scored]))]
+        return groups[int(np.argmax([s.chi2 for s, _ in scored]))]
 
 
 def choose_constants(

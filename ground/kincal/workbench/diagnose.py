@@ -428,7 +428,7 @@ def _not_testable(search: _Search, first: Look) -> tuple[NotTestable, ...]:
     needs = {c.name: c.effect.needs for c in search.candidates}
     for s in first.scored:
         if s.score.absorbed >= ABSORBED and "[" not in s.name:
-            still = [n for n in needs[s.name] if search.data.constant(n)] if not s.columns.any() else []
+            still = [n for n in needs[s.name] if search.data.constant(n)] if not s.block.any() else []
             out.append(NotTestable(s.name, tuple(f"{n} that varies" for n in still)))
     return tuple(out)
 
@@ -539,7 +539,7 @@ def _moved_frames(h: Hypothesis, look: Look, mine: Scored) -> list[str]:
     group = [s for s in look.scored if s.name in ("base_tilt", "base_shift")]
     if h.name in ("base_tilt", "base_shift") or len(group) < 2:
         return []
-    both = replace(group[0], columns=np.hstack([s.columns for s in group]))
+    both = replace(group[0], block=np.hstack([s.block for s in group]))
     return [s.name for s in group] if _same_to_these_data(mine, both, look.engine.scale) else []
 
 
@@ -607,7 +607,6 @@ def suggest_terms(cell: Cell, engine: Engine, count: int = 3) -> tuple[str, ...]
         except BadInput:  # a driver without a basis of its own suggests nothing
             continue
         column = engine.columns.rows_of(engine.columns.term(Term(frame, comp, 1.0, basis)))[:, None]
-        s, _, _ = engine.score(column * 1e-3)
-        ranked.append((s.chi2, text))
+        ranked.append((engine.score(column * 1e-3).chi2, text))
     ranked.sort(reverse=True)
     return tuple(f'at = "joint[{joint}]", basis = "{text}"' for _, text in ranked[:count])

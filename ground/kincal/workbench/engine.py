@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,6 @@ from .novel import Cell, cells
 
 PRIOR_NONE, PRIOR_NOVEL = 0.3, 0.1
 _NULL_DRAWS = 400
-_CHUNK = 3000  # columns projected at once
 _SAME = 1.0 - 1e-6  # cosine of two columns that are the same function
 
 
@@ -34,14 +33,19 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Scored:
-    """columns: W G; signal: W z0, what there is to explain."""
+    """block: G; columns: W G; signal: W z0, what there is to explain."""
 
     name: str
     ln_bf: float
     score: Score
     best: Hypothesis | Cell
-    columns: np.ndarray
+    block: np.ndarray
+    projector: Projector
     signal: np.ndarray
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        return self.projector.apply(self.block)
 
 
 def merged(effect: Effect, hypotheses: list[Hypothesis]) -> Hypothesis:
@@ -132,37 +136,37 @@ class Engine:
         self.noise = NoiseScale.posterior(float(self.wz @ self.wz), self.dof, stated=stated)
         self.scale = float((self.noise.s * self.noise.weight).sum())
 
-    def score(self, columns: np.ndarray) -> tuple[Score, float, np.ndarray]:
-        """Score, ln Bayes factor and W G of one block of columns."""
-        return self.scores([columns])[0]
+    def score(self, columns: np.ndarray) -> Score:
+        """Score of one block of columns."""
+        return self.scores([columns])[0][0]
 
-    def scores(self, blocks: list[np.ndarray]) -> list[tuple[Score, float, np.ndarray]]:
-        """The same for many blocks: projected together, evidence of all in one call."""
-        projected: list[np.ndarray] = []
-        for batch in _batches(blocks, _CHUNK):
-            done = self.projector.apply(np.hstack(batch))
-            edges = np.cumsum([b.shape[1] for b in batch])[:-1]
-            projected += np.split(done, edges, axis=1)
-        scored = scores(blocks, projected, self.wz)
-        width = max((len(s.u) for s in scored), default=0)
-        u, v = np.zeros((2, len(scored), width))
-        for k, s in enumerate(scored):
-            u[k, : len(s.u)], v[k, : len(s.v)] = s.u, s.v
-        ln_bf = ln_bayes_factor(u, v, self.noise) if scored else np.zeros(0)
-        return [(s, float(x), p) for s, x, p in zip(scored, ln_bf, projected, strict=True)]
+    def scores(self, blocks: list[np.ndarray]) -> list[tuple[Score, float]]:
+        """Score and ln Bayes factor of each block; those of one width together."""
+        out: dict[int, tuple[Score, float]] = {}
+        by_width: dict[int, list[int]] = {}
+        for k, block in enumerate(blocks):
+            by_width.setdefault(block.shape[1], []).append(k)
+        for places in by_width.values():
+            g = np.stack([blocks[k] for k in places])
+            found = scores(g, self.projector.grams(g), self.wz)
+            ln_bf = ln_bayes_factor(
+                np.stack([s.u for s in found]), np.stack([s.v for s in found]), self.noise
+            )
+            out |= dict(zip(places, zip(found, map(float, ln_bf), strict=True), strict=True))
+        return [out[k] for k in range(len(blocks))]
 
     def candidates(self, candidates: list[Candidate]) -> list[Scored]:
         flat = [(candidate, h) for candidate in candidates for h in candidate.variants]
-        scored = self.scores([self.columns.hypothesis(h) for _, h in flat])
+        blocks = [self.columns.hypothesis(h) for _, h in flat]
         found: dict[str, list[Scored]] = {}
-        for (candidate, h), (s, ln_bf, projected) in zip(flat, scored, strict=True):
-            one = Scored(candidate.name, ln_bf, s, h, projected, self.wz)
+        for (candidate, h), block, (s, ln_bf) in zip(flat, blocks, self.scores(blocks), strict=True):
+            one = Scored(candidate.name, ln_bf, s, h, block, self.projector, self.wz)
             found.setdefault(candidate.name, []).append(one)
         out = []
-        for name, variants in found.items():
+        for variants in found.values():
             best = max(variants, key=lambda f: f.ln_bf)
             ln_mean = float(np.logaddexp.reduce([f.ln_bf for f in variants]) - np.log(len(variants)))
-            out.append(Scored(name, ln_mean, best.score, best.best, best.columns, self.wz))
+            out.append(replace(best, ln_bf=ln_mean))
         return out
 
     def map(self, *, double: bool = True) -> list[Scored]:
@@ -170,8 +174,8 @@ class Engine:
         made = cells(self.columns, double=double)
         scored = self.scores([cell.columns for cell in made])
         return [
-            Scored(cell.name, ln_bf, s, cell, projected, self.wz)
-            for cell, (s, ln_bf, projected) in zip(made, scored, strict=True)
+            Scored(cell.name, ln_bf, s, cell, cell.columns, self.projector, self.wz)
+            for cell, (s, ln_bf) in zip(made, scored, strict=True)
         ]
 
     @cached_property
@@ -179,18 +183,6 @@ class Engine:
         """(rows, draws) W z of noise alone."""
         z = np.random.default_rng(1).standard_normal((len(self.wz), _NULL_DRAWS))
         return self.projector.apply(z)
-
-
-def _batches(blocks: list[np.ndarray], most: int) -> list[list[np.ndarray]]:
-    out: list[list[np.ndarray]] = []
-    width = most + 1
-    for block in blocks:
-        if width + block.shape[1] > most:
-            out.append([])
-            width = 0
-        out[-1].append(block)
-        width += block.shape[1]
-    return out
 
 
 def unknown(mapped: list[Scored], known: list[Scored]) -> list[Scored]:
@@ -205,7 +197,7 @@ def unknown(mapped: list[Scored], known: list[Scored]) -> list[Scored]:
 
 def _directions(scored) -> dict[str, np.ndarray]:
     """Unit vectors of those with a single column."""
-    single = {s.name: s.columns[:, 0] for s in scored if s.columns.shape[1] == 1}
+    single = {s.name: s.columns[:, 0] for s in scored if s.block.shape[1] == 1}
     return {name: x / np.linalg.norm(x) for name, x in single.items() if np.linalg.norm(x) > 0}
 
 
@@ -225,9 +217,10 @@ def family_p(engine: Engine, scored: list[Scored]) -> dict[str, float]:
         white = (vector[:, good].T @ (s.columns.T @ both)) / np.sqrt(value[good])[:, None]
         by_rank.setdefault(int(good.sum()), []).append((s.name, (white**2).sum(axis=0)))
     for rank, found in by_rank.items():
-        p = stats.chi2.sf(np.array([square for _, square in found]), rank)
-        least = np.minimum(least, p[:, :-1].min(axis=0))
-        own |= {name: float(x) for (name, _), x in zip(found, p[:, -1], strict=True)}
+        square = np.array([square for _, square in found])
+        least = np.minimum(least, stats.chi2.sf(square[:, :-1].max(axis=0), rank))
+        p = stats.chi2.sf(square[:, -1], rank)
+        own |= {name: float(x) for (name, _), x in zip(found, p, strict=True)}
     least.sort()
     count = len(least)
     out = {}

@@ -35,6 +35,14 @@ class Projector:
         ux = self.basis.T @ x
         return x - self.basis @ (self.shrink[:, None] * ux if ux.ndim == 2 else self.shrink * ux)
 
+    def grams(self, blocks: np.ndarray) -> np.ndarray:
+        """(k, m, m) G'WG of blocks (k, rows, m), without forming W G."""
+        k, rows, m = blocks.shape
+        seen = (self.basis.T @ blocks.transpose(1, 0, 2).reshape(rows, k * m)).reshape(-1, k, m)
+        seen = seen.transpose(1, 0, 2)
+        turned = seen.transpose(0, 2, 1) * self.shrink
+        return blocks.transpose(0, 2, 1) @ blocks - turned @ seen
+
     @property
     def spent(self) -> float:
         """Degrees of freedom the nuisance parameters took."""
@@ -113,30 +121,22 @@ class Score:
         return float(stats.chi2.sf(self.chi2, self.rank)) if self.rank else 1.0
 
 
-def scores(blocks: list[np.ndarray], projected: list[np.ndarray], wz: np.ndarray) -> list[Score]:
-    """`score` of many blocks; those of one width are decomposed together."""
-    out: list[Score | None] = [None] * len(blocks)
-    by_width: dict[int, list[int]] = {}
-    for k, block in enumerate(blocks):
-        by_width.setdefault(block.shape[1], []).append(k)
-    for places in by_width.values():
-        g = np.stack([blocks[k] for k in places])
-        turned = g.transpose(0, 2, 1)
-        u = turned @ wz
-        v, e = np.linalg.eigh(turned @ np.stack([projected[k] for k in places]))
-        raw = (g**2).sum(axis=(1, 2))
-        left = v.sum(axis=1)
-        v = np.maximum(v, 0.0)
-        v = np.where(v > 1e-12 * np.maximum(v.max(axis=1, initial=0.0, keepdims=True), 1e-300), v, 0.0)
-        rotated = (e.transpose(0, 2, 1) @ u[:, :, None])[:, :, 0]
-        for i, k in enumerate(places):
-            out[k] = Score(rotated[i], v[i], 1.0 - float(left[i]) / float(raw[i]) if raw[i] > 0 else 1.0)
-    return [s for s in out if s is not None]
+def scores(g: np.ndarray, gram: np.ndarray, wz: np.ndarray) -> list[Score]:
+    """Scores of blocks of one width: g (k, rows, m) scaled by prior sigma; gram (k, m, m) G'WG; wz = W z0."""
+    u = g.transpose(0, 2, 1) @ wz
+    v, e = np.linalg.eigh(gram)
+    raw = (g**2).sum(axis=(1, 2))
+    left = v.sum(axis=1)
+    v = np.maximum(v, 0.0)
+    v = np.where(v > 1e-12 * np.maximum(v.max(axis=1, initial=0.0, keepdims=True), 1e-300), v, 0.0)
+    rotated = (e.transpose(0, 2, 1) @ u[:, :, None])[:, :, 0]
+    absorbed = 1.0 - np.where(raw > 0, left / np.where(raw > 0, raw, 1.0), 0.0)
+    return [Score(rotated[k], v[k], float(absorbed[k])) for k in range(len(g))]
 
 
 def score(columns: np.ndarray, projected: np.ndarray, wz: np.ndarray) -> Score:
     """columns G (rows, m) scaled by prior sigma; projected W G; wz = W z0."""
-    return scores([columns], [projected], wz)[0]
+    return scores(columns[None], (columns.T @ projected)[None], wz)[0]
 
 
 def posterior(ln_bf: dict[str, float], prior: dict[str, float]) -> dict[str, float]:
