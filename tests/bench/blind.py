@@ -30,13 +30,14 @@ What counts as right
 """
 
 import argparse
+import hashlib
 import json
 import multiprocessing
 import os
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -54,7 +55,8 @@ CLAIM, MENTION = 0.9, 0.05
 VISIBLE = 40.0
 TWIN_CHI2 = 4.0
 BINS = (0.05, 0.2, 0.5, 0.8, 0.95, 1.0000001)
-BIN_LEAST = 20
+BIN_ERROR = 0.05  # a bin is judged if chance alone moves its frequency by less (one standard error)
+WEAK = (0.3, 1.0)
 
 # The library's names for each kind; an empty tuple: the library has none.
 RIGHT = {
@@ -152,7 +154,7 @@ def cases(share: float, rng: np.random.Generator) -> list[Case]:
         return range(max(1, round(count * share)))
 
     named = [kind for kind, names in RIGHT.items() if names]
-    out = [Case("none") for _ in times(40)]
+    out = [Case("none") for _ in times(60)]
     out += [Case("alone", (kind,)) for kind in named for _ in times(2)]
     for _ in times(20):
         a, b = rng.choice(PAIRABLE, 2, replace=False)
@@ -170,6 +172,9 @@ def cases(share: float, rng: np.random.Generator) -> list[Case]:
         Case("fixed head", (kind,), extra=fixed) for kind in ("camera_shift", "base_shift") for _ in times(2)
     ]
     out += [Case("twins", (kind,)) for kind in ("compliance[2]@0.7", "base_flex@0.7") for _ in times(2)]
+    weak = rng.choice(named, len(times(120)))
+    sizes = rng.uniform(*WEAK, len(weak))
+    out += [Case("weak", (f"{kind}@{size:.2f}",)) for kind, size in zip(weak, sizes, strict=True)]
     for n in (60, 40):
         out += [Case("none", n=n) for _ in times(10)]
         out += [Case("alone", (kind,), n=n) for kind in named for _ in times(1)]
@@ -192,26 +197,29 @@ def quick_cases() -> list[Case]:
     ]
 
 
-def make(folder: Path, plan: list[dict]) -> None:
-    """Let the generator write the cases, in two processes."""
-    halves = [plan[0::2], plan[1::2]]
-    running = []
-    for k, half in enumerate(halves):
-        part = folder / f"part{k}"
-        part.mkdir(parents=True, exist_ok=True)
-        (part / "plan.json").write_text(json.dumps(half))
-        command = [sys.executable, "-m", "kincal_sim.hidden", "make", "--out", str(part)]
-        env = {**os.environ, "PYTHONPATH": str(ROOT / "sim"), "MUJOCO_GL": "osmesa"}
-        running.append(
-            subprocess.Popen(
-                [*command, "--plan", str(part / "plan.json")], env=env, stdout=subprocess.DEVNULL
-            )
-        )
-        if len(plan) < 20:
-            running[-1].wait()
-    for process in running:
-        if process.wait():
+def make(folder: Path, row: dict) -> str:
+    """Let the generator write one case, if it is not there; gives the hash of its seal."""
+    place = folder / row["id"]
+    (place / "plan.json").parent.mkdir(parents=True, exist_ok=True)
+    wanted, there = json.dumps([row]), place / "plan.json"
+    if not (there.exists() and there.read_text() == wanted and (place / "manifest.json").exists()):
+        there.write_text(wanted)
+        (place / "manifest.json").unlink(missing_ok=True)
+        command = [
+            sys.executable,
+            "-m",
+            "kincal_sim.hidden",
+            "make",
+            "--out",
+            str(place),
+            "--plan",
+            str(there),
+        ]
+        env = {**os.environ, "PYTHONPATH": str(ROOT / "sim")}
+        done = subprocess.run(command, env=env, stdout=subprocess.DEVNULL)
+        if done.returncode:
             raise RuntimeError("the generator of hidden effects failed")
+    return json.loads((place / "manifest.json").read_text())[0]["sha256"]
 
 
 # ----------------------------------------------------------------------------------------------- answers
@@ -247,12 +255,13 @@ def arm_alone(fit, queries) -> list[list[float]]:
     return (-chain.evaluate(fit.terms, coefficients).r[:, :3]).tolist()
 
 
-def answer(job: tuple[str, tuple[str, ...]]) -> dict:
+def answer(folder: Path, row: dict, without: tuple[str, ...]) -> dict:
     """What the workbench says about one case, as plain data; the seal is not touched."""
     from kincal import workbench as wb
 
-    folder, without = Path(job[0]), job[1]
-    arm = wb.read_arm(folder.parent / "arm.toml")
+    sha256 = make(folder, row)
+    arm = wb.read_arm(folder / row["id"] / "arm.toml")
+    folder = folder / row["id"] / row["id"]
     data = wb.read_csv(folder / "poses.csv", arm.n)
     library = wb.Library.load().without(*without)
     start = time.perf_counter()
@@ -274,6 +283,8 @@ def answer(job: tuple[str, tuple[str, ...]]) -> dict:
         )
     novel = found.novel and {"frame": found.novel.locus, "drivers": list(found.novel.depends_on)}
     return {
+        "id": row["id"],
+        "sha256": sha256,
         "verdict": found.verdict,
         "effects": effects,
         "novel": novel,
@@ -286,18 +297,53 @@ def answer(job: tuple[str, tuple[str, ...]]) -> dict:
     }
 
 
-def ask(folders: list[Path], todo: list[Case], processes: int) -> list[dict]:
-    jobs = [(str(folder), case.without) for folder, case in zip(folders, todo, strict=True)]
+def fingerprint() -> str:
+    """Of the sources that answers come from."""
+    digest = hashlib.sha256()
+    folders = (ROOT / "ground" / "kincal" / "workbench", ROOT / "sim" / "kincal_sim" / "hidden")
+    for path in [path for folder in folders for path in sorted(folder.glob("*.*"))]:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def ask(folder: Path, todo: list[Case], plan: list[dict], processes: int) -> list[dict]:
+    """All answers. Each is a line of answers.jsonl as soon as it is there; a run that was stopped, or that
+    asked for some groups only, goes on from there as long as the sources are the same."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path, mark = folder / "answers.jsonl", json.dumps({"of": fingerprint()})
+    lines = path.read_text().splitlines() if path.exists() else []
+    if not lines or lines[0] != mark:
+        lines = [mark]
+        path.write_text(f"{mark}\n")
+    wanted = {
+        row["id"]: json.loads(json.dumps([row, case.without])) for case, row in zip(todo, plan, strict=True)
+    }
+    done = {
+        said["id"]: said for said in map(json.loads, lines[1:]) if wanted.get(said["id"]) == said["asked"]
+    }
+    pending = [(case, row) for case, row in zip(todo, plan, strict=True) if row["id"] not in done]
+    with path.open("a") as file:
+        for said in answers(pending, folder, processes):
+            said["asked"] = wanted[said["id"]]
+            done[said["id"]] = said
+            file.write(json.dumps(said) + "\n")
+            file.flush()
+            names = ", ".join(f"{e['name']} {e['probability']:.2f}" for e in said["effects"] if e["accepted"])
+            line = f"{len(done):4}/{len(plan)} {said['id']} {said['seconds']:5.1f} s"
+            line += f"  {said['verdict']:16} {names}"
+            print(line, file=sys.stderr, flush=True)
+    return [done[row["id"]] for row in plan]
+
+
+def answers(pending: list[tuple[Case, dict]], folder: Path, processes: int):
     if processes == 1:
-        return [answer(job) for job in jobs]
-    spawn = multiprocessing.get_context("spawn")
-    out = []
-    with ProcessPoolExecutor(processes, mp_context=spawn) as pool:
-        for done in pool.map(answer, jobs):
-            out.append(done)
-            print(f"\r{len(out)}/{len(jobs)} answers", end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
-    return out
+        for case, row in pending:
+            yield answer(folder, row, case.without)
+        return
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+        running = [pool.submit(answer, folder, row, case.without) for case, row in pending]
+        for done in as_completed(running):
+            yield done.result()
 
 
 # ----------------------------------------------------------------------------------------------- judging
@@ -398,10 +444,10 @@ class Judged:
         )
 
 
-def judge(folder: Path, sha256: str, case: Case, said: dict) -> Judged:
+def judge(folder: Path, case: Case, said: dict) -> Judged:
     from kincal_sim.hidden.case import unseal
 
-    truth = unseal(json.loads((folder / "sealed.json").read_text()), sha256)
+    truth = unseal(json.loads((folder / "sealed.json").read_text()), said["sha256"])
     p = np.array(truth["unseen"])[:, :3]
 
     def error_mm(predicted) -> float:
@@ -463,7 +509,8 @@ def gates(results: list[Judged]) -> list[Gate]:
 
 
 def reliability(results: list[Judged]) -> list[Gate]:
-    """Per bin: stated probability against frequency; off if 0.07 is exceeded beyond the sampling error."""
+    """Per bin: stated probability against frequency; off if 0.07 is exceeded beyond the sampling error
+    (90 % interval of the frequency). A bin is judged if it holds findings enough (BIN_ERROR)."""
     said = np.array([e["probability"] for r in results for e in r.said["effects"]])
     true = np.array([r.right(e) for r in results for e in r.said["effects"]], float)
     out = []
@@ -476,7 +523,8 @@ def reliability(results: list[Judged]) -> list[Gate]:
             continue
         mean = float(said[inside].mean())
         least, most = stats.beta.ppf([0.05, 0.95], hits + 0.5, n - hits + 0.5)
-        ok = bool(least <= mean + 0.07 and most >= mean - 0.07) if n >= BIN_LEAST else None
+        enough = np.sqrt((said[inside] * (1.0 - said[inside])).sum()) / n <= BIN_ERROR
+        ok = bool(least <= mean + 0.07 and most >= mean - 0.07) if enough else None
         out.append(Gate(text, f"said {mean:.2f}, true {hits / n:.2f} of {n} ({least:.2f}..{most:.2f})", ok))
     return out
 
@@ -540,7 +588,8 @@ def table(results: list[Judged]) -> list[str]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--quick", action="store_true", help="a dozen cases, one process")
+    parser.add_argument("--quick", action="store_true", help="a dozen cases")
+    parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--share", type=float, default=1.0, help="scales the number of cases")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--dir", type=Path, default=ROOT / "build" / "blind")
@@ -551,36 +600,25 @@ def main() -> int:
 
     rng = np.random.default_rng(args.seed)
     todo = quick_cases() if args.quick else cases(args.share, rng)
-    if args.only:
-        todo = [case for case in todo if case.group in args.only.split(",")]
-    if args.poses:
-        todo = [case for case in todo if case.n == args.poses]
     plan = [
         {"id": f"c{k:03d}", "effects": case.effects, "n": case.n, "seed": 1000 * args.seed + k, **case.extra}
         for k, case in enumerate(todo)
     ]
+    groups = args.only and args.only.split(",")
+    wanted = [k for k, case in enumerate(todo) if (not groups or case.group in groups)
+              and args.poses in (None, case.n)]  # fmt: skip
+    todo, plan = [todo[k] for k in wanted], [plan[k] for k in wanted]
     start = time.monotonic()
-    make(args.dir, plan)
-    folders = [args.dir / f"part{k % 2}" / row["id"] for k, row in enumerate(plan)]
-    manifest = {
-        row["id"]: row["sha256"]
-        for k in (0, 1)
-        for row in json.loads((args.dir / f"part{k}" / "manifest.json").read_text())
-    }
-    made = time.monotonic()
-    answers = ask(folders, todo, 1 if args.quick else 2)
-    (args.dir / "answers.json").write_text(json.dumps(answers))
-    asked = time.monotonic()
-
+    said = ask(args.dir, todo, plan, args.processes)
     results = [
-        judge(folder, manifest[row["id"]], case, said)
-        for folder, row, case, said in zip(folders, plan, todo, answers, strict=True)
+        judge(args.dir / row["id"] / row["id"], case, one)
+        for row, case, one in zip(plan, todo, said, strict=True)
     ]
     print("\n".join(table(results)))
     seconds = np.array([r.said["seconds"] for r in results])
     print(
-        f"\n{len(results)} cases: made in {made - start:.0f} s, answered in {asked - made:.0f} s "
-        f"(one diagnosis: median {np.median(seconds):.1f} s, most {seconds.max():.1f} s)\n"
+        f"\n{len(results)} cases in {time.monotonic() - start:.0f} s; "
+        f"one diagnosis: median {np.median(seconds):.1f} s, most {seconds.max():.1f} s\n"
     )
     checked = gates(results)
     for gate in checked:
