@@ -93,10 +93,13 @@ void kc_path_joints(const kc_space_t *s, uint32_t node, double *q)
     for (uint32_t j = 0u; j < s->n_joints; j++) { q[j] = (double)from[j]; }
 }
 
-static double joint_distance(const float *a, const double *leash, const double *q, uint32_t n)
+static double joint_distance(const float *a, const double *leash, double leash_max, const double *q,
+                             uint32_t n)
 {
     double worst = 0.0;
-    for (uint32_t j = 0u; j < n; j++) { worst = kc_max(kc_fabs((double)a[j] - q[j]) / leash[j], worst); }
+    for (uint32_t j = 0u; j < n; j++) {
+        worst = kc_max(kc_fabs((double)a[j] - q[j]) / kc_min(leash[j], leash_max), worst);
+    }
     return worst;
 }
 
@@ -106,7 +109,8 @@ uint32_t kc_path_nearest(const kc_space_t *s, const double *leash, const double 
     *dist = KC_INF;
     for (uint32_t k = 0u; k < s->n_hub + s->n_cand; k++) {
         uint32_t node = k < s->n_hub ? k : KC_HUB_MAX + k - s->n_hub;
-        double d = joint_distance(node_joints(s, node), leash, q, s->n_joints);
+        double d = joint_distance(node_joints(s, node), leash, is_hub(node) ? KC_HUB_LEASH : KC_INF, q,
+                                  s->n_joints);
         if (d < *dist) {
             *dist = d;
             best = node;

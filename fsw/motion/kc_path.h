@@ -8,28 +8,30 @@
 #include "kc_limits.h"
 
 #define KC_PATH_MAX (KC_HUB_MAX + 2u)
+/* What joints may be off a hub: hubs are places to pass, proven no farther about them than this [rad or m]. */
+#define KC_HUB_LEASH 0.05
 #define KC_EDGE_BYTES (KC_CAND_MAX * (KC_CAND_MAX - 1u) / 2u / 8u)
 
 /* Single precision on purpose: 0.1 um and 0.1 urad, half the memory. */
 typedef struct {
-    float p_m[3];               /* wanted tool pose in the base frame              */
+    float p_m[3]; /* wanted tool pose in the base frame              */
     float q_wxyz[4];
     float q_seed[KC_JOINT_MAX]; /* joints that reach it on the nominal arm         */
-    float pan_rad, tilt_rad;    /* head angles that see it                         */
-    uint8_t tags;               /* bit per tag expected in view                    */
-    uint8_t hub;                /* hub with a proven straight segment to the seed  */
-    uint16_t why;               /* bits: checks it passed, see docs/INTERFACES.md  */
+    float pan_rad, tilt_rad; /* head angles that see it                         */
+    uint8_t tags; /* bit per tag expected in view                    */
+    uint8_t hub; /* hub with a proven straight segment to the seed  */
+    uint16_t why; /* bits: checks it passed, see docs/INTERFACES.md  */
 } kc_cand_t;
 
 typedef struct {
     uint32_t n_cand, n_hub, n_joints, n_prior;
-    uint16_t prior[KC_PRIOR_MAX];             /* candidate ids that start a calibration */
+    uint16_t prior[KC_PRIOR_MAX]; /* candidate ids that start a calibration */
     float hub_q[KC_HUB_MAX][KC_JOINT_MAX];
-    uint16_t hub_edge[KC_HUB_MAX];            /* bit h: segment to hub h is proven      */
-    float servo_leash[KC_JOINT_MAX];          /* each joint's distance from a seed proven safe */
-    uint32_t arm_crc;                         /* arm table it was built for             */
+    uint16_t hub_edge[KC_HUB_MAX]; /* bit h: segment to hub h is proven      */
+    float servo_leash[KC_JOINT_MAX]; /* each joint's distance from a seed proven safe */
+    uint32_t arm_crc; /* arm table it was built for             */
     kc_cand_t cand[KC_CAND_MAX];
-    uint8_t edge[KC_EDGE_BYTES];              /* direct candidate-candidate segments: bit
+    uint8_t edge[KC_EDGE_BYTES]; /* direct candidate-candidate segments: bit
                                                  i (i-1)/2 + j for i > j                 */
 } kc_space_t;
 
@@ -47,8 +49,8 @@ kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16
 /* Seed joints of a node that exists, n_joints values. */
 void kc_path_joints(const kc_space_t *s, uint32_t node, double *q);
 
-/* Node nearest to q, and its distance: the largest joint difference, each in units of that joint's leash, so
- * up to 1 is inside the box around the node. Ties: hubs first, then lowest index. KC_NODE_NONE for an empty
+/* Node nearest to q, and its distance: the largest joint difference, each in units of that joint's leash (of
+ * hubs: KC_HUB_LEASH at most), so up to 1 is inside the box around the node. Ties: hubs first, then lowest index. KC_NODE_NONE for an empty
  * space. O(n_cand n_joints). */
 uint32_t kc_path_nearest(const kc_space_t *s, const double *leash, const double *q, double *dist);
 

@@ -87,6 +87,12 @@ def ptr(a: np.ndarray) -> Any:
     return ffi.cast("double *", ffi.from_buffer(a))
 
 
+def pose_rows(n: int) -> tuple[np.ndarray, Any]:
+    """n kc_pose_t as rows of position and rotation matrix, (n, 12), and the pointer to the first."""
+    rows = np.zeros((n, 12))
+    return rows, _load()[0].cast("kc_pose_t *", ptr(rows))
+
+
 def view(field: Any, *shape: int) -> np.ndarray:
     """Numpy view (no copy) on an array field of a struct, doubles; whole field or the given shape."""
     ffi, _ = _load()

@@ -144,15 +144,30 @@ void test_what_never_comes_to_rest_ends_it(void)
 
 void test_it_stands_at_a_node_within_the_leash_and_goes_to_its_seed_first(void)
 {
-    double dist = 0.0;
-    world.q[0] = world.q_cmd[0] = 0.2; /* 0.2 rad beside hub 0 */
+    double dist = 0.0, seed[KC_JOINT_MAX];
+    kc_path_joints(&world.space, KC_HUB_MAX + 5u, seed);
+    memcpy(world.q, seed, sizeof seed);
+    world.q[0] += 0.2; /* 0.2 rad beside candidate 5 */
+    memcpy(world.q_cmd, world.q, sizeof world.q);
     world_boot();
     world_tick();
-    TEST_ASSERT_EQUAL_UINT32(0u, kc_move_node(APP, &dist));
+    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + 5u, kc_move_node(APP, &dist));
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.2 / (1.5 + world.config.arrive_tol), dist); /* in leashes */
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.arm_cmd.q[0]);
-    TEST_ASSERT_EQUAL_UINT16(0u, APP->leg.way[0]);
+    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(seed, world.arm_cmd.q, world.arm.n_joints);
+    TEST_ASSERT_EQUAL_UINT16(KC_HUB_MAX + 5u, APP->leg.way[0]);
+}
+
+void test_beside_a_hub_it_stands_nowhere_even_within_the_leash(void)
+{
+    double dist = 0.0;
+    world.config.servo.leash = 0.1; /* candidates are far from here */
+    world.q[1] = world.q_cmd[1] = 0.06;
+    world_boot();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(APP, &dist));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.06 / KC_HUB_LEASH, dist);
+    TEST_ASSERT_NOT_EQUAL(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
 }
 
 void test_on_no_segment_it_stands_nowhere(void)

@@ -157,13 +157,25 @@ void test_the_nearest_node_is_found_by_its_largest_joint_difference_in_leashes(v
 void test_a_joint_far_off_on_a_long_leash_is_nearer_than_one_beyond_a_short_leash(void)
 {
     double q[KC_JOINT_MAX], dist;
-    for (uint32_t j = 0u; j < s_s.n_joints; j++) { s_s.hub_q[1][j] = s_s.hub_q[0][j]; }
-    s_s.hub_q[1][6] += 0.35f;
-    s_s.hub_q[1][0] += 0.15f;
-    kc_path_joints(&s_s, 0u, q);
-    q[6] += 0.35; /* hub 1 is 0.15 rad away, hub 0 0.35 rad */
-    TEST_ASSERT_EQUAL_UINT32(0u, kc_path_nearest(&s_s, s_leash, q, &dist));
+    memcpy(s_s.cand[1].q_seed, s_s.cand[0].q_seed, sizeof s_s.cand[0].q_seed);
+    s_s.cand[1].q_seed[6] += 0.35f;
+    s_s.cand[1].q_seed[0] += 0.15f;
+    kc_path_joints(&s_s, NODE(0u), q);
+    q[6] += 0.35; /* candidate 1 is 0.15 rad away, candidate 0 0.35 rad */
+    TEST_ASSERT_EQUAL_UINT32(NODE(0u), kc_path_nearest(&s_s, s_leash, q, &dist));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.875, dist);
+}
+
+void test_hubs_have_a_short_leash_whatever_the_candidates_have(void)
+{
+    static const double shorter[KC_JOINT_MAX] = {0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.02, 0.1};
+    double q[KC_JOINT_MAX], dist;
+    kc_path_joints(&s_s, 1u, q);
+    q[6] += 0.04;
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, s_leash, q, &dist));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.04 / KC_HUB_LEASH, dist);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, shorter, q, &dist));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 2.0, dist);
 }
 
 static void between(const float *a, const float *b, double t, double *q)

@@ -67,20 +67,29 @@ class Bodies:
             self._keep_out(world, k)
         tool = self._chain(world, arm, errors or {}, grow_m)
         self._tool(tool, camera)
-        self._exclude(root)
+        self._pairs(root)
         self.model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
         self.data = mujoco.MjData(self.model)
+        self._qpos = self.data.qpos[: self.n]  # a view: every access through `data` costs as much as a move
         self._tool_id = self.model.body("tool").id
+        self._prints = [self._print(camera.tag[i]) for i in range(int(camera.n_tags))]
         self.names = [self._names[self.model.geom(i).name] for i in range(self.model.ngeom)]
         self._tag_geom = {
             s.tag: self.model.geom(s.name).id for s in desc.shape if s.joint == 0 and s.tag is not None
         }
 
+    def _print(self, tag: Any) -> np.ndarray:
+        """Nine points of a tag's print in the tool frame."""
+        half = 0.5 * self.desc.sight.border * float(tag.size_m)
+        grid = np.array([[x * half, y * half, 0.0] for x in (-1, 0, 1) for y in (-1, 0, 1)])
+        return np.array(list(tag.xyz_m)) + grid @ quat_to_R(list(tag.quat_wxyz)).T
+
     # ---- building
 
     def _geom(self, body: ET.Element, name: str, label: str, **attributes: str) -> None:
         self._names[name] = label
-        ET.SubElement(body, "geom", name=name, margin=repr(self.margin_m), mass="1", **attributes)
+        # no collisions but those of the pairs listed below
+        ET.SubElement(body, "geom", name=name, contype="0", conaffinity="0", mass="1", **attributes)
 
     def _keep_out(self, world: ET.Element, k: KeepOut) -> None:
         if k.kind == "below":
@@ -146,76 +155,64 @@ class Bodies:
                     raise KincalError(f"shape {s.name!r} carries tag {s.tag}, which the camera table lacks")
                 self._shape(tool if s.tag is None else plates[s.tag], s, "", 0.0, np.asarray)
 
-    def _exclude(self, root: ET.Element) -> None:
-        """Pairs by shape are sorted out after the engine; whole bodies only where all touch by design."""
-        known = {s.name for s in self.desc.shape}
+    def _pairs(self, root: ET.Element) -> None:
+        """Which shapes the engine has to keep apart: all but those that touch by design, belong to one rigid
+        link, or both stand still."""
+        known = {s.name: s for s in self.desc.shape}
         for pair in self.desc.touching:
-            if not set(pair) <= known:
-                raise KincalError(f"unknown shape in {pair}", "touching")
-        self._fine = {frozenset(p) for p in self.desc.touching}
+            if not set(pair) <= set(known):
+                raise KincalError(f"unknown shape in {pair}", "touching", f"shapes are {', '.join(known)}")
+        fine = {frozenset(p) for p in self.desc.touching}
         for k in self.desc.keep_out:
             for name in k.except_:
-                if not any(re.fullmatch(name, s) for s in known):
+                stands = [s for s in known if re.fullmatch(name, s)]
+                if not stands:
                     raise KincalError(f"unknown shape {name!r}", f"keep_out {k.name}")
-            self._fine |= {
-                frozenset((k.name, s)) for s in known if any(re.fullmatch(x, s) for x in k.except_)
-            }
-        by = {}
-        for s in self.desc.shape:
-            body = f"link{s.joint}" if s.joint else "tool" if s.tag is None else f"tag{s.tag}"
-            by.setdefault(body, []).append(s.name)
-        # bodies all of whose shapes may touch each other need no test by the engine
+                fine |= {frozenset((k.name, s)) for s in stands}
         contact = ET.SubElement(root, "contact")
-        names = list(by)
-        fine = lambda a, b: all(frozenset((x, y)) in self._fine for x in by[a] for y in by[b])  # noqa: E731
-        frames = lambda b: [b, "frame" + b[4:]] if b.startswith("link") else [b]  # noqa: E731
-        for i, a in enumerate(names):
-            for x in frames(a)[1:]:
-                ET.SubElement(contact, "exclude", body1=a, body2=x)
-            for b in names[:i]:
-                if fine(a, b):
-                    for x in frames(a):
-                        for y in frames(b):
-                            ET.SubElement(contact, "exclude", body1=x, body2=y)
+        geoms = list(self._names.items())
+        for i, (x, a) in enumerate(geoms):
+            for y, b in geoms[:i]:
+                moves = [known[n] for n in (a, b) if n in known]
+                rigid = len(moves) == 2 and moves[0].joint == moves[1].joint
+                if moves and not rigid and frozenset((a, b)) not in fine:
+                    ET.SubElement(contact, "pair", geom1=y, geom2=x, margin=repr(self.margin_m))
 
     # ---- asking
 
     def touching(self, q: np.ndarray) -> str:
         """First pair that touches (or is nearer than the margin) at joints q, or an empty string."""
         m, d = self.model, self.data
-        d.qpos[: self.n] = q
+        self._qpos[:] = q
         mujoco.mj_kinematics(m, d)
         mujoco.mj_collision(m, d)
         if d.ncon:
-            near = d.contact.dist[: d.ncon] < self.margin_m
-            for a, b in d.contact.geom[: d.ncon][near]:
-                pair = frozenset((self.names[a], self.names[b]))
-                if len(pair) == 2 and pair not in self._fine:
-                    return " - ".join(sorted(pair))
+            near = np.flatnonzero(d.contact.dist[: d.ncon] < self.margin_m)
+            if len(near):
+                return " - ".join(sorted(self.names[g] for g in d.contact.geom[near[0]]))
         return ""
 
     def tool(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tool pose, for an independent look at the chain."""
-        self.data.qpos[: self.n] = q
+        self._qpos[:] = q
         mujoco.mj_kinematics(self.model, self.data)
         return self.data.xpos[self._tool_id].copy(), self.data.xmat[self._tool_id].reshape(3, 3).copy()
 
-    def seen(self, q: np.ndarray, eye: np.ndarray, camera: Any) -> int:
-        """Bit set of tags with nothing of the arm between the eye and nine points of the print (rays)."""
-        m, d = self.model, self.data
-        p, R = self.tool(q)
+    def seen(self, q: np.ndarray, eye: np.ndarray, tags: int) -> int:
+        """Those of some tags (bits) with nothing of the arm between the eye and nine points of the print
+        (rays)."""
         out = 0
-        for i in range(int(camera.n_tags)):
-            t = camera.tag[i]
-            xyz, R_tag = np.array(list(t.xyz_m)), quat_to_R(list(t.quat_wxyz))
-            half = 0.5 * self.desc.sight.border * float(t.size_m)
-            grid = np.array([[x * half, y * half, 0.0] for x in (-1, 0, 1) for y in (-1, 0, 1)])
-            to = p + (xyz + grid @ R_tag.T) @ R.T - eye
-            reach = np.linalg.norm(to, axis=1)
-            ids, dist = np.zeros(9, np.int32), np.zeros(9)
-            unit = np.ascontiguousarray((to / reach[:, None]).reshape(-1))
-            mujoco.mj_multiRay(m, d, eye, unit, None, False, -1, ids, dist, None, 9, 10.0)
-            hit = (ids >= 0) & (dist < reach - 0.001) & (ids != self._tag_geom.get(i, -1))
-            if not np.any(hit):
+        if not tags:
+            return out
+        p, R = self.tool(q)
+        ids, dist = np.zeros(9, np.int32), np.zeros(9)
+        for i, points in enumerate(self._prints):
+            if not tags >> i & 1:
+                continue
+            to = p + points @ R.T - eye
+            reach = np.sqrt(np.sum(to * to, axis=1))
+            unit = (to / reach[:, None]).reshape(-1)
+            mujoco.mj_multiRay(self.model, self.data, eye, unit, None, False, -1, ids, dist, None, 9, 10.0)
+            if not np.any((ids >= 0) & (dist < reach - 0.001) & (ids != self._tag_geom.get(i, -1))):
                 out |= 1 << i
         return out

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from kincal import core
 from kincal.errors import KincalError
-from kincal.geometry import ArmChain, Camera
+from kincal.geometry import ArmChain, Camera, quat_to_R
 
 from . import drawn
 from .bodies import Bodies
@@ -30,7 +31,29 @@ WHY = {
 }
 WHY_ALL = sum(WHY)
 FAULTY_INCID_MAX_RAD = 1.2  # a tag still decodes, though its pose is poor
-_IK = {"iter_max": 60, "tol_pos_m": 1e-6, "tol_rot_rad": 1e-6, "margin": 0.0, "step_max": 0.5}
+# Far more starts than 20 steps could mend are cheaper tried anew from another start.
+_IK = {"iter_max": 20, "tol_pos_m": 1e-6, "tol_rot_rad": 1e-6, "margin": 0.0, "step_max": 1.0}
+
+
+@dataclass(frozen=True)
+class Looks:
+    """The head aimed at tool poses: its angles, whether they are allowed, where the camera is, and the tool
+    in the camera frame. One row per pose."""
+
+    pan: np.ndarray
+    tilt: np.ndarray
+    inside: np.ndarray
+    eye: np.ndarray
+    p_cam: np.ndarray
+    R_cam: np.ndarray
+
+
+def _longest(arm: Any, n: int) -> float | None:
+    """Links before the last joint stretched out; None if one of them slides."""
+    joints = [arm.joint[j] for j in range(n)]
+    if any(j.type != core.lib.KC_REVOLUTE for j in joints):
+        return None
+    return sum(float(np.hypot(j.a_m, j.d_m)) for j in joints[:-1])
 
 
 class Checks:
@@ -66,108 +89,172 @@ class Checks:
         self._tight.height_px = int(camera.height_px - 2 * m)
         self._tight.cx_px = camera.cx_px - m
         self._tight.cy_px = camera.cy_px - m
-        self.tight = Camera(self._tight)
         self.sizes = np.array([float(t.size_m) for t in camera.tag[0 : int(camera.n_tags)]])
         self.nominal = Bodies(desc, arm, camera, None, desc.clear.nominal_m)
         self.thick = Bodies(desc, arm, camera, None, 0.0, desc.sight.margin_m)
         self.errors = drawn.draw(desc, n)
         self.wrong = [Bodies(desc, arm, camera, e, desc.clear.drawn_m) for e in self.errors]
         self._eval = core.ffi.new("kc_eval_t *")
-        self._goal, self._q = core.ffi.new("kc_pose_t *"), core.ffi.new("double[]", n)
         self._opt = core.ffi.new("kc_ik_opt_t *", _IK)
+        self._narrow = core.ffi.new("kc_arm_t *", arm[0])  # limits less margins: solved inside them at once
+        for j in range(n):
+            self._narrow.joint[j].q_min, self._narrow.joint[j].q_max = self.lo[j], self.hi[j]
+        self._reach_m = _longest(arm, n)
 
     # ---- seen
 
-    def look(self, p: np.ndarray, R: np.ndarray) -> tuple[float, float, bool, np.ndarray, np.ndarray]:
-        """Head angles that centre the tool, whether they are allowed, and the tool in the camera frame."""
-        pan, tilt, reach = self.camera.aim(p)
-        c, m = self.camera.camera, self.desc.view.head_margin_rad
+    def looks(self, p: np.ndarray, R: np.ndarray) -> Looks:
+        c, n = self.camera.camera, len(p)
+        p = np.ascontiguousarray(p, float)
+        pan, tilt, reach = np.empty(n), np.empty(n), np.empty(n, bool)
+        poses, pose = core.pose_rows(n)
+        at, x, y = core.ptr(p), core.ptr(pan), core.ptr(tilt)
+        for i in range(n):
+            reach[i] = core.lib.kc_camera_aim(c, at + 3 * i, x + i, y + i) == 0
+            core.lib.kc_camera_pose(c, pan[i], tilt[i], pose + i)
+        m = self.desc.view.head_margin_rad
         inside = (
             reach
-            and c.pan_min_rad + m <= pan <= c.pan_max_rad - m
-            and c.tilt_min_rad + m <= tilt <= c.tilt_max_rad - m
+            & (pan >= c.pan_min_rad + m)
+            & (pan <= c.pan_max_rad - m)
+            & (tilt >= c.tilt_min_rad + m)
+            & (tilt <= c.tilt_max_rad - m)
         )
-        p_cam, R_cam = self.camera.pose(pan, tilt)
-        return pan, tilt, inside, R_cam.T @ (p - p_cam), R_cam.T @ R
+        eye, back = poses[:, :3], poses[:, 3:].reshape(n, 3, 3).transpose(0, 2, 1)
+        return Looks(pan, tilt, inside, eye, np.einsum("nij,nj->ni", back, p - eye), back @ R)
 
-    def edge_px(self, p_cam: np.ndarray, R_cam: np.ndarray) -> np.ndarray:
-        """Shortest edge of each tag's black square in the image."""
+    def incidence(self, look: Looks) -> np.ndarray:
+        """Angle between line of sight and normal of each tag [rad], (n, tags)."""
+        out = []
+        for xyz, R_tag in self.camera.tags:
+            centre = look.p_cam + look.R_cam @ xyz
+            normal_in = look.R_cam @ R_tag[:, 2]  # z into the tag, away from the viewer
+            cos = np.sum(centre * normal_in, axis=1) / np.linalg.norm(centre, axis=1)
+            out.append(np.arccos(np.clip(cos, -1.0, 1.0)))
+        return np.array(out).T
+
+    def edge_px(self, look: Looks) -> np.ndarray:
+        """Shortest edge of each tag's black square in the image, (n, tags)."""
         c, out = self.camera.camera, []
         for (xyz, R_tag), size in zip(self.camera.tags, self.sizes, strict=True):
             h = 0.5 * size
             corner = np.array([[-h, -h, 0], [h, -h, 0], [h, h, 0], [-h, h, 0]])
-            at = p_cam + (xyz + corner @ R_tag.T) @ R_cam.T
-            uv = at[:, :2] / np.maximum(at[:, 2:], 1e-6) * [c.fx_px, c.fy_px]
-            out.append(np.min(np.linalg.norm(uv - np.roll(uv, 1, axis=0), axis=1)))
-        return np.array(out)
+            at = look.p_cam[:, None] + (xyz + corner @ R_tag.T) @ look.R_cam.transpose(0, 2, 1)
+            uv = at[..., :2] / np.maximum(at[..., 2:], 1e-6) * [c.fx_px, c.fy_px]
+            edges = np.linalg.norm(uv - uv[:, [3, 0, 1, 2]], axis=2)
+            out.append(np.min(edges, axis=1))
+        return np.array(out).T
 
-    def view_problem(self, p: np.ndarray, R: np.ndarray) -> tuple[str, int]:
-        """First check of the view that a tool pose fails, and the tags that show if nothing hides them."""
-        t, v = self.desc.tool, self.desc.view
-        if np.any(p < t.box_min_m) or np.any(p > t.box_max_m):
-            return "outside the position box", 0
-        _pan, _tilt, inside, p_cam, R_cam = self.look(p, R)
-        if not v.range_min_m <= np.linalg.norm(p_cam) <= v.range_max_m:
-            return "too near to or far from the camera", 0
-        if not inside:
-            return "head limits", 0
-        if np.sum(self.camera.incidence(p_cam, R_cam) <= v.incid_max_rad) < v.tags_min:
-            return "tags too oblique or facing away", 0
-        seen = self.tight.visible(p_cam, R_cam, v.incid_max_rad)
-        if seen.bit_count() < v.tags_min:
-            return "too few tags in the image", 0
-        large = sum(1 << int(i) for i in np.flatnonzero(self.edge_px(p_cam, R_cam) >= v.tag_min_px))
-        if (seen & large).bit_count() < v.tags_min:
-            return "tags too small in the image", 0
-        return "", seen & large
+    def view_problems(self, p: np.ndarray, look: Looks) -> tuple[list[str], np.ndarray]:
+        """First check of the view that each tool pose fails ("": none), and the tags that show if nothing
+        hides them (bits; 0 where a check fails)."""
+        t, v, n = self.desc.tool, self.desc.view, len(p)
+        far = np.linalg.norm(look.p_cam, axis=1)
+        facing = np.sum(self.incidence(look) <= v.incid_max_rad, axis=1)
+        rows, pose = core.pose_rows(n)
+        rows[:, :3], rows[:, 3:] = look.p_cam, look.R_cam.reshape(n, 9)
+        in_image = np.array(
+            [core.lib.kc_camera_visible(self._tight, pose + i, v.incid_max_rad) for i in range(n)], int
+        )
+        bits = 1 << np.arange(len(self.sizes))
+        seen = in_image & (self.edge_px(look) >= v.tag_min_px) @ bits
+        failed = {
+            "outside the position box": np.any((p < t.box_min_m) | (p > t.box_max_m), axis=1),
+            "too near to or far from the camera": (far < v.range_min_m) | (far > v.range_max_m),
+            "head limits": ~look.inside,
+            "tags too oblique or facing away": facing < v.tags_min,
+            "too few tags in the image": np.bitwise_count(in_image) < v.tags_min,
+            "tags too small in the image": np.bitwise_count(seen) < v.tags_min,
+        }
+        reasons = list(failed)
+        first = np.argmax([*failed.values(), np.ones(n, bool)], axis=0)
+        bad = first < len(reasons)
+        return [reasons[k] if k < len(reasons) else "" for k in first], np.where(bad, 0, seen)
+
+    def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tool poses of the arm as drawn at joints q, one row each."""
+        q = np.ascontiguousarray(q, float).reshape(-1, self.chain.n)
+        rows, pose = core.pose_rows(len(q))
+        at = core.ptr(q)
+        for i in range(len(q)):
+            core.lib.kc_arm_fk(self.arm, at + self.chain.n * i, pose + i)
+        return rows[:, :3].copy(), rows[:, 3:].reshape(-1, 3, 3).copy()
 
     def tags(self, q: np.ndarray) -> int:
         """Tags that joints q show: in view and not hidden."""
-        p, R = self.chain.fk(q)
-        problem, seen = self.view_problem(p, R)
-        return 0 if problem else seen & self.sight(self.thick, q, p)
+        p, R = self.poses(q)
+        look = self.looks(p, R)
+        _, seen = self.view_problems(p, look)
+        return self.thick.seen(q, look.eye[0], int(seen[0]))
 
-    def sight(self, bodies: Bodies, q: np.ndarray, aim_at: np.ndarray) -> int:
-        pan, tilt, _ = self.camera.aim(aim_at)
-        eye, _ = self.camera.pose(pan, tilt)
-        return bodies.seen(q, eye, self.camera.camera)
-
-    def seen_by_wrong(self, q: np.ndarray, k: int) -> bool:
-        """Arm k shows a tag at joints q, the head aimed where the nominal arm's tool would be."""
-        p, _ = self.chain.fk(q)
-        pan, tilt, _ = self.camera.aim(p)
-        eye, R_cam = self.camera.pose(pan, tilt)
-        at, R = self.wrong[k].tool(q)
-        mask = self.camera.visible(R_cam.T @ (at - eye), R_cam.T @ R, FAULTY_INCID_MAX_RAD)
-        return bool(mask and mask & self.wrong[k].seen(q, eye, self.camera.camera))
+    def shown_by_wrong(self, q: np.ndarray) -> list[bool]:
+        """Which arms with errors show a tag at joints q, the head aimed where the nominal arm's tool would
+        be."""
+        p, R = self.poses(q)
+        look = self.looks(p, R)
+        eye = look.eye[0]
+        _, R_cam = self.camera.pose(look.pan[0], look.tilt[0])
+        out = []
+        for arm in self.wrong:
+            at, R_tool = arm.tool(q)
+            mask = self.camera.visible(R_cam.T @ (at - eye), R_cam.T @ R_tool, FAULTY_INCID_MAX_RAD)
+            out.append(bool(mask and arm.seen(q, eye, mask)))
+        return out
 
     # ---- clear
 
-    def reach(self, p: np.ndarray, R: np.ndarray, start: np.ndarray) -> np.ndarray | None:
-        """Joints inside the margins that bring the nominal tool there."""
-        self._goal.p_m = [float(x) for x in p]
-        self._goal.R = [float(x) for x in R.reshape(9)]
-        self._q[0 : self.chain.n] = [float(x) for x in start]
-        status = core.lib.kc_ik_solve(
-            self.arm, core.ffi.NULL, core.ffi.NULL, self._goal, self._opt, self._q, self._eval
+    def beyond(self, p: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """Tool poses that no joints of the nominal arm can reach: the axis of the last joint would be farther
+        from the base than all links before it, stretched out."""
+        if self._reach_m is None:
+            return np.zeros(len(p), bool)
+        a = self.arm
+        last = a.joint[self.chain.n - 1]
+        R_n = R @ quat_to_R(list(a.tool_quat_wxyz)).T
+        at = p - R_n @ np.array(list(a.tool_xyz_m))
+        axis = R_n @ np.array([0.0, np.sin(last.alpha_rad), np.cos(last.alpha_rad)])
+        at = at - last.a_m * R_n[:, :, 0] - last.d_m * axis
+        return np.linalg.norm(at - self.chain.base_m, axis=1) > self._reach_m + 1e-9
+
+    def reach(self, p: np.ndarray, R: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Joints inside the margins that bring the nominal tool to each pose, and whether any were found."""
+        rows, goal = core.pose_rows(len(p))
+        rows[:, :3], rows[:, 3:] = p, R.reshape(-1, 9)
+        q = np.ascontiguousarray(start, float)
+        at, null = core.ptr(q), core.ffi.NULL
+        good = np.array(
+            [
+                core.lib.kc_ik_solve(
+                    self._narrow, null, null, goal + i, self._opt, at + self.chain.n * i, self._eval
+                )
+                == 0
+                for i in range(len(p))
+            ],
+            bool,
         )
-        q = np.array(list(self._q))
         # the table keeps single precision; so does everything that is proven
         q = q.astype(np.float32).astype(float)
-        return q if status == 0 and np.all(q >= self.lo) and np.all(q <= self.hi) else None
+        return q, good & np.all((q >= self.lo) & (q <= self.hi), axis=1)
+
+    def problems(self, q: np.ndarray) -> list[str]:
+        """First check that each row of joints fails as a place to stand, or an empty string."""
+        q = np.asarray(q, float).reshape(-1, self.chain.n)
+        p, R = self.poses(q)
+        look = self.looks(p, R)
+        out, seen = self.view_problems(p, look)
+        limits = np.any((q < self.lo) | (q > self.hi), axis=1)
+        for i, x in enumerate(q):
+            if limits[i]:
+                out[i] = "joint limits"
+            elif not out[i]:
+                if pair := self.nominal.touching(x):
+                    out[i] = f"too near as drawn: {pair}"
+                elif self.thick.seen(x, look.eye[i], int(seen[i])).bit_count() < self.desc.view.tags_min:
+                    out[i] = "the arm hides the tags"
+        return out
 
     def problem(self, q: np.ndarray) -> str:
-        """First check that joints q fail as a place to stand, or an empty string."""
-        if np.any(q < self.lo) or np.any(q > self.hi):
-            return "joint limits"
-        p, R = self.chain.fk(q)
-        problem, seen = self.view_problem(p, R)
-        if problem:
-            return problem
-        if (seen & self.sight(self.thick, q, p)).bit_count() < self.desc.view.tags_min:
-            return "the arm hides the tags"
-        pair = self.nominal.touching(q)
-        return f"too near as drawn: {pair}" if pair else ""
+        return self.problems(q)[0]
 
     def wrong_touching(self, q: np.ndarray) -> tuple[str, int] | None:
         """First pair that touches on an arm with errors, and which arm."""
@@ -196,9 +283,9 @@ class Checks:
         lo, hi = self.box(q, leash)
         arms = [self.nominal, *self.wrong]
         offset = int(rng.integers(len(arms)))
-        for i in range(samples):
-            u = rng.random(self.chain.n)
-            at = lo + (hi - lo) * (np.round(u) if i % 2 else u)
+        u = rng.random((samples, self.chain.n))
+        u[1::2] = np.round(u[1::2])
+        for i, at in enumerate(lo + (hi - lo) * u):
             if pair := arms[(offset + i) % len(arms)].touching(at):
                 return pair
         return ""

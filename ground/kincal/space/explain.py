@@ -47,8 +47,9 @@ def candidate(checks: Checks, space: Any, number: int) -> list[Line]:
         raise KincalError(f"candidate {number}: the table has 0..{int(space.n_cand) - 1}")
     d, n = checks.desc, checks.chain.n
     q = seeds(space, n)[number]
-    p, R = checks.chain.fk(q)
-    pan, tilt, inside, p_cam, R_cam = checks.look(p, R)
+    (p,), R = checks.poses(q)
+    look = checks.looks(p[None], R)
+    pan, tilt, inside, p_cam = look.pan[0], look.tilt[0], bool(look.inside[0]), look.p_cam[0]
     v = d.view
     room = np.minimum(q - checks.chain.q_min, checks.chain.q_max - q) - np.array(d.joints.margin_rad)
     tight = int(np.argmin(room))
@@ -73,8 +74,8 @@ def candidate(checks: Checks, space: Any, number: int) -> list[Line]:
     )
     out.append(Line("head", f"pan {pan:.2f}, tilt {tilt:.2f} rad", "inside its margins", inside))
     tags = checks.tags(q)
-    edge, incid = checks.edge_px(p_cam, R_cam), checks.camera.incidence(p_cam, R_cam)
-    shown = checks.sight(checks.thick, q, p)
+    edge, incid = checks.edge_px(look)[0], checks.incidence(look)[0]
+    shown = checks.thick.seen(q, look.eye[0], (1 << len(edge)) - 1)
     for k in range(len(edge)):
         text = f"{np.degrees(incid[k]):.0f} deg, edge {edge[k]:.0f} px, "
         text += "free line of sight" if shown >> k & 1 else "hidden by the arm"
@@ -96,8 +97,7 @@ def candidate(checks: Checks, space: Any, number: int) -> list[Line]:
     span, samples = leash(space, n), d.clear.leash_samples
     box = checks.leash_problem(q, span, samples, rng)
     out.append(Line(f"servo box +-{spans(span)} rad", box or "clear", f"{samples} postures clear", not box))
-    lost = [checks.errors[k] for k in range(len(checks.errors)) if not checks.seen_by_wrong(q, k)]
-    text = f"{len(checks.errors) - len(lost)} of {len(checks.errors)} arms with errors"
+    text = f"{sum(checks.shown_by_wrong(q))} of {len(checks.errors)} arms with errors"
     out.append(Line("still shows a tag", text, "for information", True))
     return out
 

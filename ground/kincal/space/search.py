@@ -68,7 +68,7 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
                 desc.title,
                 "widen the box, the view or the margins in the description",
             )
-        p, R = _poses(checks, q)
+        p, R = checks.poses(q)
         keep = farthest(Metric(kernel, desc.spread.set, p, R), desc.candidates, _middle(p))
         q, hub, p, R = q[keep], hub[keep], p[keep], R[keep]
         space = core.ffi.new("kc_space_t *")
@@ -117,21 +117,13 @@ def _examine(crew: Crew, desc: Description, tick: Tick) -> list[Sample]:
     return samples
 
 
-def _poses(checks: Checks, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    poses = [checks.chain.fk(x) for x in q]
-    return (
-        np.array([a for a, _ in poses]).reshape(-1, 3),
-        np.array([b for _, b in poses]).reshape(-1, 3, 3),
-    )
-
-
 def _middle(p: np.ndarray) -> int:
     return int(np.argmin(np.linalg.norm(p - p.mean(axis=0), axis=1)))
 
 
 def _pool(checks: Checks, kernel: Any, q: np.ndarray, n: int) -> tuple[np.ndarray, Any]:
     """At most n, well spread: proving the way there is what costs time."""
-    p, R = _poses(checks, q)
+    p, R = checks.poses(q)
     if len(q) > n:
         keep = sorted(farthest(Metric(kernel, checks.desc.spread.set, p, R), n, _middle(p)))
         q = q[keep]
@@ -164,13 +156,13 @@ def _fill(
     for h, x in enumerate(checks.hubs):
         space.hub_q[h][0 : len(x)] = [float(v) for v in x]
         space.hub_edge[h] = hub_edges[h]
+    look = checks.looks(p, R)
     for i in range(len(q)):
         c = space.cand[i]
-        pan, tilt, *_ = checks.look(p[i], R[i])
         c.p_m[0:3] = [float(v) for v in p[i]]
         c.q_wxyz[0:4] = [float(v) for v in R_to_quat(R[i])]
         c.q_seed[0 : checks.chain.n] = [float(v) for v in q[i]]
-        c.pan_rad, c.tilt_rad = pan, tilt
+        c.pan_rad, c.tilt_rad = look.pan[i], look.tilt[i]
         c.tags = checks.tags(q[i])
         c.hub, c.why = int(hub[i]), WHY_ALL
 

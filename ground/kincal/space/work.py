@@ -16,13 +16,13 @@ import numpy as np
 
 from kincal import tables
 from kincal.errors import KincalError
-from kincal.geometry import quat_to_R
 
 from .checks import Checks
 from .description import Description
 
 BLOCK = 250  # tool poses drawn from one stream of random numbers
 _TRIES = 3  # starts of the inverse kinematics for one tool pose
+_UNREACHED = "not reached inside the joint margins"
 
 
 @dataclass(frozen=True)
@@ -34,46 +34,54 @@ class Sample:
     reason: str
 
 
-def tool_pose(checks: Checks, rng: np.random.Generator, lo: Any, hi: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Position in a box; a tag, its incidence inside the cone, the side it leans to and the spin about the
+def _quats_to_R(w: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    ).transpose(2, 0, 1)
+
+
+def tool_poses(
+    checks: Checks, rng: np.random.Generator, n: int, lo: Any, hi: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions in a box; a tag, its incidence inside the cone, the side it leans to and the spin about the
     line of sight drawn evenly."""
-    p = rng.uniform(lo, hi)
-    cam = checks.camera
-    tag = int(rng.integers(len(cam.tags)))
-    incid = np.arccos(rng.uniform(np.cos(checks.desc.view.incid_max_rad), 1.0))
-    lean, spin = rng.uniform(-np.pi, np.pi, 2)
-    pan, tilt, _ = cam.aim(p)
-    eye, _ = cam.pose(pan, tilt)
-    z = (p - eye) / np.linalg.norm(p - eye)
-    x = np.cross(z, [0.0, 0.0, 1.0] if abs(z[2]) < 0.9 else [1.0, 0.0, 0.0])
-    x /= np.linalg.norm(x)
-    sight = np.column_stack([x, np.cross(z, x), z])  # a tag seen straight on, some spin
-    half = lambda a: (np.cos(0.5 * a), np.sin(0.5 * a))  # noqa: E731
-    (c, s), (ci, si) = half(spin), half(incid)
-    turn = quat_to_R([ci, si * np.cos(lean), si * np.sin(lean), 0.0]) @ quat_to_R([c, 0.0, 0.0, s])
-    return p, sight @ turn @ cam.tags[tag][1].T
+    p = rng.uniform(lo, hi, (n, 3))
+    tag = rng.integers(len(checks.camera.tags), size=n)
+    incid = np.arccos(rng.uniform(np.cos(checks.desc.view.incid_max_rad), 1.0, n))
+    lean, spin = rng.uniform(-np.pi, np.pi, (2, n))
+    z = p - checks.looks(p, np.tile(np.eye(3), (n, 1, 1))).eye
+    z /= np.linalg.norm(z, axis=1)[:, None]
+    x = np.cross(z, np.where(np.abs(z[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+    x /= np.linalg.norm(x, axis=1)[:, None]
+    sight = np.stack([x, np.cross(z, x), z], axis=2)  # a tag seen straight on, some spin
+    c, s, none = np.cos(0.5 * incid), np.sin(0.5 * incid), np.zeros(n)
+    tilt = _quats_to_R(c, s * np.cos(lean), s * np.sin(lean), none)
+    turn = _quats_to_R(np.cos(0.5 * spin), none, none, np.sin(0.5 * spin))
+    back = np.array([R.T for _, R in checks.camera.tags])
+    return p, sight @ tilt @ turn @ back[tag]
 
 
 def examine(checks: Checks, block: int, count: int, lo: Any, hi: Any) -> list[Sample]:
     """Tool poses of one stream: in view, reached, not hidden, clear as drawn?"""
     rng = np.random.default_rng([checks.desc.seed, 2, block])
-    out = []
-    for _ in range(count):
-        p, R = tool_pose(checks, rng, lo, hi)
-        starts = rng.uniform(checks.lo, checks.hi, (_TRIES, checks.chain.n))
-        reason = checks.view_problem(p, R)[0]
-        if reason:
-            out.append(Sample(p, None, reason))
-            continue
-        reason, q = "not reached inside the joint margins", None
-        for start in starts:  # another elbow may do
-            found = checks.reach(p, R, start)
-            if found is not None:
-                q, reason = found, checks.problem(found)
-                if not reason:
-                    break
-        out.append(Sample(p, q, reason))
-    return out
+    p, R = tool_poses(checks, rng, count, lo, hi)
+    starts = rng.uniform(checks.lo, checks.hi, (_TRIES, count, checks.chain.n))
+    reasons, _ = checks.view_problems(p, checks.looks(p, R))
+    joints: list[np.ndarray | None] = [None] * count
+    beyond = checks.beyond(p, R)
+    for i in range(count):
+        reasons[i] = reasons[i] or _UNREACHED
+    left = np.array([i for i in range(count) if reasons[i] == _UNREACHED and not beyond[i]], int)
+    for start in starts:  # another elbow may do
+        q, good = checks.reach(p[left], R[left], start[left])
+        for i, x, reason in zip(left[good], q[good], checks.problems(q[good]), strict=True):
+            joints[i], reasons[i] = x, reason
+        left = np.array([i for i in left if reasons[i]], int)
+    return [Sample(*s) for s in zip(p, joints, reasons, strict=True)]
 
 
 def prove(checks: Checks, number: int, q: np.ndarray) -> tuple[int, str]:
@@ -89,7 +97,7 @@ def prove(checks: Checks, number: int, q: np.ndarray) -> tuple[int, str]:
 
 def survives(checks: Checks, q: np.ndarray) -> int:
     """How many of the arms with errors still show a tag there."""
-    return sum(checks.seen_by_wrong(q, k) for k in range(len(checks.wrong)))
+    return sum(checks.shown_by_wrong(q))
 
 
 def recheck(
@@ -97,11 +105,11 @@ def recheck(
 ) -> tuple[list[str], int]:
     """What does not hold at a candidate (p, tags: as its table says), and how many sampled postures of its
     servo box touch, drawn with other random numbers than the search used."""
-    what = [checks.problem(q)] if checks.problem(q) else []
+    what = [x for x in checks.problems(q) if x]
     if (off := float(np.linalg.norm(checks.chain.fk(q)[0] - p))) > 1e-5:
         what.append(f"its joints lead {off * 1e3:.1f} mm beside its pose")
-    if not what and checks.tags(q) != tags:
-        what.append(f"shows tags {checks.tags(q):02b}, the table says {tags:02b}")
+    if not what and (shown := checks.tags(q)) != tags:
+        what.append(f"shows tags {shown:02b}, the table says {tags:02b}")
     if found := checks.wrong_touching(q):
         what.append(f"too near with errors: {found[0]}")
     if pair := checks.segment_problem(hub, q):
