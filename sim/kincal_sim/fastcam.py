@@ -1,7 +1,8 @@
 """Detections without pixels: the same geometry, noise and arithmetic as camera plus detector.
 
-Corners of the tags in view get Gaussian noise, and the detector's own arithmetic (pnp.py) turns them into
-a pose, its alternative and its covariance. With noise "isotropic" the true pose gets a fixed noise instead.
+Corners of the tags in view get Gaussian noise, part of which every frame of a resting scene repeats, and the
+detector's own arithmetic (pnp.py) turns them into a pose, its alternative and its covariance. With noise
+"isotropic" the true pose gets a fixed noise instead, anew in each frame.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from .camera import OCCLUSION_MARGIN_M, Config, Tag
 
 NOISES = ("corners", "isotropic")
 MAX_TAGS = 4
+# Corners that moved less than this [px] since the frame before: the scene rests.
+_REST_PX = 0.02
 # Points of a tag, in units of its printed half edge (white border included), that must all be in sight.
 _RING = np.array([[x, y] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
 _PRINT = 10 / 8
@@ -120,6 +123,20 @@ class FastCamera:
         if cfg.fast["noise"] not in NOISES:
             raise ValueError(f"fast.noise '{cfg.fast['noise']}' is not one of {', '.join(NOISES)}")
         self.cfg, self.model, self.noise = cfg, model, cfg.fast["noise"]
+        self._scene: dict[int, tuple[np.ndarray, np.ndarray]] = {}  # tag -> its corners, their lasting noise
+
+    def _corners(self, seen: list[Visible], rng: np.random.Generator) -> list[np.ndarray]:
+        sigma, share = self.cfg.fast["corner_sigma_px"], self.cfg.fast["frame_shared"]
+        before, self._scene = self._scene, {}
+        out = []
+        for v in seen:
+            old = before.get(v.tag.id)
+            rests = old is not None and np.abs(old[0] - v.corner_px).max() < _REST_PX
+            lasting = old[1] if rests else rng.standard_normal((4, 2))
+            self._scene[v.tag.id] = (v.corner_px, lasting)
+            noise = np.sqrt(share) * lasting + np.sqrt(1.0 - share) * rng.standard_normal((4, 2))
+            out.append(v.corner_px + sigma * noise)
+        return out
 
     def detect(self, data: mujoco.MjData, T_base_cam, T_base_tool, rng: np.random.Generator) -> dict:
         """What the detector would say about a frame taken now."""
@@ -127,8 +144,7 @@ class FastCamera:
         seen = visible_tags(self.cfg, self.model, data, T_base_cam, T_base_tool)
         if not seen:
             return fields
-        sigma = self.cfg.fast["corner_sigma_px"]
-        corners = [v.corner_px + sigma * rng.standard_normal((4, 2)) for v in seen]
+        corners = self._corners(seen, rng)
         if self.noise == "isotropic":
             answer = _isotropic(self.cfg, np.linalg.inv(T_base_cam) @ T_base_tool, rng)
         else:

@@ -402,6 +402,49 @@ def test_fast_mode_has_the_noise_it_reports(cfg, body):
     assert n[1] > 60 and n[2] >= 120
 
 
+def mean_of_three(answers, T_cam_tool) -> float:
+    """Mean square of the mean error of the frames of a resting scene, in units of what one frame reports."""
+    root = np.linalg.cholesky(covariance(answers[0]))
+    e = np.mean([error(a, T_cam_tool) for a in answers], axis=0)
+    return float(np.mean(np.linalg.solve(root, e) ** 2))
+
+
+def test_frames_of_a_resting_scene_share_noise_on_rendered_frames(cfg, body, eye, tmp_path):
+    """Three independent frames would leave a third, one frame repeated all of it; flight counts on a half."""
+    rng, paths, truth = np.random.default_rng(15), [], []
+    for i in range(12):
+        if i % 2:
+            body.set(PARKED, 0.0, 0.6)
+            truth.append(floating_pose(cfg, rng))
+        else:
+            truth.append(held_posture(cfg, body, rng))
+        for k in range(3):
+            T_base_tool = body.T_base_cam @ truth[-1]
+            frame = eye.encode(eye.render(body.data, body.T_base_cam, T_base_tool, rng))
+            paths.append(tmp_path / f"{i:02d}-{k}.jpg")
+            paths[-1].write_bytes(frame.jpeg)
+    answers = look_at(paths)
+    scenes = [(answers[3 * i : 3 * i + 3], T) for i, T in enumerate(truth)]
+    whole = [(a, T) for a, T in scenes if len({tuple(x["tag_id"]) for x in a}) == 1 and a[0]["n_tags"]]
+    left = float(np.mean([mean_of_three(a, T) for a, T in whole]))
+    print(f"rendered frames: three of a scene leave {left:.2f} of the variance that one reports")
+    assert len(whole) >= 10
+    assert 0.34 < left < 0.95
+
+
+def test_frames_of_a_resting_scene_share_noise_in_the_fast_mode(cfg, body):
+    rng, left = np.random.default_rng(16), []
+    camera_ = fastcam.FastCamera(cfg, body.model)
+    body.set(PARKED, 0.0, 0.6)
+    for _ in range(150):
+        T = floating_pose(cfg, rng)
+        seen = [camera_.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng) for _ in range(3)]
+        if len({d["n_tags"] for d in seen}) == 1 and seen[0]["n_tags"]:
+            left.append(mean_of_three(seen, T))
+    assert len(left) > 120
+    assert np.mean(left) == pytest.approx(0.5, rel=0.15)
+
+
 def test_fast_mode_isotropic_noise(body):
     iso = camera.load_config(fast={"noise": "isotropic"})
     rng = np.random.default_rng(13)
