@@ -1,11 +1,12 @@
 """Sealed cases: does the workbench find hidden physics, and are its probabilities honest?
 
-    python tests/bench/blind.py [--quick] [--share 1.0] [--seed 1] [--dir build/blind] [--json FILE]
+    python tests/bench/blind.py [--quick] [--share 1.0] [--seed 1] [--processes 1] [--dir build/blind]
 
 The simulator's generator (python -m kincal_sim.hidden, a process of its own) hides effects in a nonlinear
 MuJoCo arm and seals what it did; the workbench (kincal.workbench) sees poses.csv and arm.toml only. All
 answers are on disk before the first seal is opened, and every seal is checked against the hash in the
-manifest. Two processes. Exit 1 if a gate fails.
+manifest. An answer is a line of DIR/answers.jsonl as soon as it is there; a run that was stopped goes on
+from there. Exit 1 if a gate fails.
 
 What counts as right
 - A finding is right if it names a hidden effect: the library's name for that kind (RIGHT) and, where the
@@ -56,7 +57,13 @@ VISIBLE = 40.0
 TWIN_CHI2 = 4.0
 BINS = (0.05, 0.2, 0.5, 0.8, 0.95, 1.0000001)
 BIN_ERROR = 0.05  # a bin is judged if chance alone moves its frequency by less (one standard error)
-WEAK = (0.3, 1.0)
+# Where the middle bins get their cases from: sizes and kinds at the edge of what 100 poses show.
+WEAK = (0.2, 0.8)
+FAINT = (
+    "compliance", "ratio", "eccentricity", "hysteresis", "gravity_backlash", "bending", "base_shift",
+    "settling", "thermal_zero", "creep", "encoder_step", "latency", "camera_step", "focal", "tag_size",
+    "incidence", "blooming", "thermal_focal",
+)  # fmt: skip
 
 # The library's names for each kind; an empty tuple: the library has none.
 RIGHT = {
@@ -172,7 +179,7 @@ def cases(share: float, rng: np.random.Generator) -> list[Case]:
         Case("fixed head", (kind,), extra=fixed) for kind in ("camera_shift", "base_shift") for _ in times(2)
     ]
     out += [Case("twins", (kind,)) for kind in ("compliance[2]@0.7", "base_flex@0.7") for _ in times(2)]
-    weak = rng.choice(named, len(times(120)))
+    weak = rng.choice(FAINT, len(times(200)))
     sizes = rng.uniform(*WEAK, len(weak))
     out += [Case("weak", (f"{kind}@{size:.2f}",)) for kind, size in zip(weak, sizes, strict=True)]
     for n in (60, 40):
@@ -182,15 +189,15 @@ def cases(share: float, rng: np.random.Generator) -> list[Case]:
 
 
 def quick_cases() -> list[Case]:
-    """A dozen, for `make test`."""
+    """Ten, for `make test`."""
     return [
-        *[Case("none")] * 2,
+        Case("none"),
         Case("none, noise x1.5", extra={"noise": 1.5}),
         Case("alone", ("compliance[all]",)),
         Case("alone", ("hysteresis[all]",)),
         Case("alone", ("ratio[2]",)),
         Case("alone", ("second_tag",), n=60),
-        Case("two", ("compliance[all]", "hysteresis[2]@2")),
+        Case("two", ("second_tag", "hysteresis[all]")),
         Case("deleted", ("hysteresis[all]",), without=RIGHT["hysteresis"]),
         Case("outliers", ("encoder_step[2]",), extra={"outliers": 0.05}),
         Case("sorted", ("latency",), extra={"order": "sorted"}),
@@ -478,7 +485,7 @@ def share_gate(text: str, hits: int, of: int, least: float | None = None, most: 
 
 
 def gates(results: list[Judged]) -> list[Gate]:
-    """The figures the issue names, at N = 100 and 1.5 sigma."""
+    """The figures the issue names, at N = 100 and 1.5 sigma; claims also where effects are weaker."""
     full = [r for r in results if r.case.n == 100]
     clean = [r for r in full if r.case.group == "none"]
     library = [r for r in full if r.case.group != "deleted"]
@@ -488,7 +495,7 @@ def gates(results: list[Judged]) -> list[Gate]:
     ]
     good = sum(r.right(e) for r, e in claims)
     out.append(share_gate("claims at P > 0.9 right >= 95 %", good, len(claims), least=0.95))
-    out += reliability(library)
+    out += reliability([r for r in results if r.case.group != "deleted"])
     pairs = [r for r in full if r.case.group == "two" and r.visible]
     both = sum(all(r.found(e) for e in r.truth) for r in pairs)
     out.append(share_gate("two visible effects both found >= 80 %", both, len(pairs), least=0.80))
@@ -509,8 +516,9 @@ def gates(results: list[Judged]) -> list[Gate]:
 
 
 def reliability(results: list[Judged]) -> list[Gate]:
-    """Per bin: stated probability against frequency; off if 0.07 is exceeded beyond the sampling error
-    (90 % interval of the frequency). A bin is judged if it holds findings enough (BIN_ERROR)."""
+    """Per bin, all N and sizes: stated probability against frequency; off if 0.07 is exceeded beyond the
+    sampling error (90 % interval of the frequency). A bin is judged if it holds findings enough (BIN_ERROR).
+    """
     said = np.array([e["probability"] for r in results for e in r.said["effects"]])
     true = np.array([r.right(e) for r in results for e in r.said["effects"]], float)
     out = []
@@ -588,7 +596,7 @@ def table(results: list[Judged]) -> list[str]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--quick", action="store_true", help="a dozen cases")
+    parser.add_argument("--quick", action="store_true", help="ten cases")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--share", type=float, default=1.0, help="scales the number of cases")
     parser.add_argument("--seed", type=int, default=1)
