@@ -208,7 +208,12 @@ kc_status_t kc_cmd_refuse(kc_app_t *app, kc_out_t *out, kc_event_id_t id, int32_
 /* kc_move.c */
 double kc_move_dist(const kc_app_t *app, const double *q);
 void kc_move_hold(kc_app_t *app, kc_out_t *out);
-void kc_move_send(kc_app_t *app, kc_out_t *out, const double *q);
+/* The door for every arm command but hold: the guard looks at it (kc_guard.h), as a move along the proven
+ * segment between two nodes, or within one node's box. 0: refused, with an event, and the candidate given up
+ * (kc_look_skip). */
+int kc_move_send(kc_app_t *app, kc_out_t *out, uint32_t from, uint32_t to, const double *q);
+/* The same, within the box of the candidate under way. */
+int kc_move_near(kc_app_t *app, kc_out_t *out, const double *q);
 int kc_move_arrived(const kc_app_t *app);
 int kc_move_late(kc_app_t *app, kc_out_t *out);
 /* Wanted tool pose of a candidate. */

@@ -30,8 +30,7 @@ int kc_approach_begin(kc_app_t *app, kc_out_t *out)
     kc_move_box(app, (uint32_t)app->cal.candidate, lo, hi);
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) { q[j] = start_of(app, l->q_meas[j], lo[j], hi[j]); }
     l->approach = DRAWING_BACK;
-    kc_move_send(app, out, q);
-    kc_app_enter(app, KC_ST_SERVO);
+    if (kc_move_near(app, out, q)) { kc_app_enter(app, KC_ST_SERVO); }
     return 1;
 }
 
@@ -41,7 +40,7 @@ int kc_approach_arrived(kc_app_t *app, kc_out_t *out)
     if (l->approach == NONE) { return 0; }
     if (l->approach == DRAWING_BACK) {
         l->approach = COMING;
-        kc_move_send(app, out, l->q_meas);
+        (void)kc_move_near(app, out, l->q_meas);
         return 1;
     }
     l->approach = NONE; /* the head looks there already */

@@ -78,7 +78,10 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(86, COR_ON_BOARD, INFO, "correction {got} accepted on board by policy")                          \
     X(87, COR_NO_PREVIOUS, ERROR, "no previous correction to roll back to")                            \
     X(88, COR_EXPIRED, WARN, "approval of CRC {got} not confirmed in time, review goes on")            \
+    X(89, GRD_LIMIT, WARN, "move refused: joint {index} would go to {got}, allowed {want}")            \
     X(90, STORE_FAIL, ERROR, "store of kind {index} failed, status {got}")                             \
+    X(91, GRD_WAY, WARN, "move refused: joint {index} {got} beyond the proven {want}")                 \
+    X(92, GRD_VOLUME, WARN, "move refused: body {index} {got} m inside volume {want}")                 \
     X(95, MON_SUSPECT, WARN, "joint {index} reads wrong by {got}; joints that could be meant: {want}") \
     X(96, MON_UNEXPLAINED, WARN, "tool {got} m, {want} rad off prediction; no single joint says why")  \
     X(97, MON_NOT_AT_REST, DEBUG, "look {got} not compared: arm or head had not settled")

@@ -177,6 +177,39 @@ static void walk_space_head(kc_walk_t *w, kc_space_t *s, uint32_t n_cand)
     kc_walk_u32(w, 9u, &s->arm_crc, 1u, U32_MAX);
 }
 
+static void walk_point(kc_walk_t *w, uint32_t field, float p[3])
+{
+    for (uint32_t i = 0u; i < 3u; i++) { kc_walk_f32(w, field, &p[i], -LENGTH_MAX_M, LENGTH_MAX_M); }
+}
+
+/* The arm as capsules, and where it must not be. */
+static void walk_bodies(kc_walk_t *w, kc_space_t *s)
+{
+    uint32_t n_body = kc_walk_count(w, 19u, &s->n_body, 0u, KC_BODY_MAX);
+    for (uint32_t i = 0u; i < n_body; i++) {
+        kc_body_t *b = &s->body[i];
+        w->index = KC_SPACE_INDEX_BODY + (int32_t)i;
+        kc_walk_u8(w, 20u, &b->frame, 0u, KC_JOINT_MAX);
+        kc_walk_rule(w, 20u, b->frame <= s->n_joints, (double)b->frame);
+        walk_point(w, 21u, b->start_m);
+        walk_point(w, 22u, b->end_m);
+        kc_walk_f32(w, 23u, &b->radius_m, 1e-6, LENGTH_MAX_M);
+    }
+    w->index = -1;
+    uint32_t n_volume = kc_walk_count(w, 24u, &s->n_volume, 0u, KC_VOLUME_MAX);
+    for (uint32_t i = 0u; i < n_volume; i++) {
+        kc_volume_t *v = &s->volume[i];
+        w->index = KC_SPACE_INDEX_VOLUME + (int32_t)i;
+        kc_walk_u8(w, 25u, &v->kind, KC_VOL_BELOW, KC_VOL_SPHERE);
+        walk_point(w, 26u, v->p_m);
+        walk_point(w, 27u, v->size_m);
+        kc_walk_f32(w, 28u, &v->radius_m, 0.0, LENGTH_MAX_M);
+        kc_walk_u32(w, 29u, &v->spared, 0u, (1u << KC_BODY_MAX) - 1u);
+        kc_walk_rule(w, 29u, v->spared >> n_body == 0u, (double)v->spared);
+    }
+    w->index = -1;
+}
+
 static void walk_space(kc_walk_t *w, kc_space_t *s)
 {
     uint32_t n_cand = kc_walk_count(w, 1u, &s->n_cand, 1u, KC_CAND_MAX);
@@ -188,6 +221,7 @@ static void walk_space(kc_walk_t *w, kc_space_t *s)
     }
     w->index = -1;
     if (n_cand > 0u) { kc_walk_raw(w, s->edge, (n_cand * (n_cand - 1u) / 2u + 7u) / 8u); }
+    walk_bodies(w, s);
 }
 
 static void walk_hyper(kc_walk_t *w, kc_hyper_t *h)

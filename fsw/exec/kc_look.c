@@ -206,7 +206,7 @@ static int servo(kc_app_t *app, kc_out_t *out)
         return measure_beside(app, out, &goal);
     }
     app->cal.servo_steps++;
-    kc_move_send(app, out, q_cmd);
+    if (!kc_move_near(app, out, q_cmd)) { return 1; }
     kc_app_enter(app, KC_ST_SERVO);
     return 0;
 }
@@ -216,7 +216,7 @@ static int servo(kc_app_t *app, kc_out_t *out)
 static int retreat(kc_app_t *app, kc_out_t *out)
 {
     app->look.retreat = 1u;
-    kc_move_send(app, out, app->look.q_seen);
+    if (!kc_move_near(app, out, app->look.q_seen)) { return 1; }
     kc_app_enter(app, KC_ST_SERVO);
     return 0;
 }
@@ -240,8 +240,7 @@ static int try_seed(kc_app_t *app, kc_out_t *out)
     app->look.at_seed = 1u;
     kc_path_joints(&app->tables.active.space, KC_HUB_MAX + (uint32_t)app->cal.candidate, seed);
     if (kc_move_dist(app, seed) <= app->tables.active.config.servo.step_max) { return 0; }
-    kc_move_send(app, out, seed);
-    kc_app_enter(app, KC_ST_SERVO);
+    if (kc_move_near(app, out, seed)) { kc_app_enter(app, KC_ST_SERVO); }
     return 1;
 }
 

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "kc_app_priv.h"
+#include "kc_guard.h"
 #include "kc_ik.h"
 #include "kc_libm.h"
 
@@ -25,11 +26,50 @@ static void command(kc_app_t *app, kc_out_t *out, uint8_t hold)
 
 void kc_move_hold(kc_app_t *app, kc_out_t *out) { command(app, out, 1u); }
 
-void kc_move_send(kc_app_t *app, kc_out_t *out, const double *q)
+/* What the guard says against it is told, and the candidate is given up; the arm stays where it is. */
+static int refused(kc_app_t *app, kc_out_t *out, uint32_t from, uint32_t to, const double *q)
 {
+    static const kc_event_id_t event[] = {KC_EVT_NONE, KC_EVT_GRD_LIMIT, KC_EVT_GRD_WAY, KC_EVT_GRD_VOLUME};
+    const kc_active_t *a = &app->tables.active;
+    double leash[KC_JOINT_MAX];
+    kc_ctx_t ctx;
+    kc_guard_why_t why;
+    kc_move_leash(app, leash);
+    kc_update_ctx(app, 0u, &ctx);
+    kc_guard_ask_t ask = {
+        .arm = &a->arm,
+        .terms = &a->terms,
+        .coef = app->cal.coef,
+        .space = &a->space,
+        .ctx = &ctx,
+        .q_from = app->arm.q,
+        .q_to = q,
+        .from = from,
+        .to = to,
+        .leash = leash,
+        .margin = a->config.servo.margin,
+        .tol = a->config.arrive_tol,
+    };
+    kc_guard_verdict_t verdict = kc_guard_check(&ask, &why);
+    if (verdict == KC_GUARD_FINE) { return 0; }
+    kc_event(&out->events, event[verdict], why.index, why.got, why.want);
+    kc_look_skip(app, out);
+    return 1;
+}
+
+int kc_move_send(kc_app_t *app, kc_out_t *out, uint32_t from, uint32_t to, const double *q)
+{
+    if (refused(app, out, from, to, q)) { return 0; }
     memcpy(app->leg.q_target, q, app->tables.active.arm.n_joints * sizeof *q);
     app->leg.start_us = app->now_us;
     command(app, out, 0u);
+    return 1;
+}
+
+int kc_move_near(kc_app_t *app, kc_out_t *out, const double *q)
+{
+    uint32_t node = KC_HUB_MAX + (uint32_t)app->cal.candidate;
+    return kc_move_send(app, out, node, node, q);
 }
 
 static double joint_dist(const double *a, const double *b, uint32_t n)
@@ -159,7 +199,7 @@ void kc_move_joints(kc_app_t *app, uint32_t cand, uint32_t iter_max, double *q)
     }
 }
 
-static void send_leg(kc_app_t *app, kc_out_t *out)
+static int send_leg(kc_app_t *app, kc_out_t *out)
 {
     kc_leg_t *l = &app->leg;
     double q[KC_JOINT_MAX];
@@ -168,10 +208,9 @@ static void send_leg(kc_app_t *app, kc_out_t *out)
         l->seg_to = l->way[l->i_way];
         app->journal_due = 1u;
         kc_path_joints(&app->tables.active.space, l->way[l->i_way], q);
-        kc_move_send(app, out, q);
-    } else {
-        kc_move_send(app, out, l->q_final);
+        return kc_move_send(app, out, l->seg_from, l->seg_to, q);
     }
+    return kc_move_near(app, out, l->q_final);
 }
 
 /* Head toward where the corrected arm is expected at q, plus what was learnt at this candidate. */
@@ -227,7 +266,7 @@ kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
     kc_servo_forget(&app->look.servo);
     kc_move_joints(app, cand, IK_ITER_MAX, l->q_final);
     kc_app_enter(app, KC_ST_MOVE);
-    send_leg(app, out);
+    if (!send_leg(app, out)) { return KC_OK; } /* given up already, another one is chosen next step */
     expect(app, l->q_final, p); /* the head may turn meanwhile */
     (void)kc_camera_aim(&a->camera, p, &pan, &tilt);
     kc_move_head(app, out, pan, tilt);
@@ -243,8 +282,7 @@ int kc_move_run(kc_app_t *app, kc_out_t *out)
     }
     if (l->i_way < l->n_way) {
         l->node = l->way[l->i_way++];
-        send_leg(app, out);
-        return 0;
+        return !send_leg(app, out);
     }
     app->look.head_sent = 0u;
     app->look.searched = 0u;

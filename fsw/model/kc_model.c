@@ -158,6 +158,28 @@ static void walk_chain(const kc_arm_t *arm, const kc_ctx_t *ctx, const twists_t 
     apply_twist(T, tw[KC_FRAME_TOOL], want_J ? &ev->twist[6u * KC_FRAME_TOOL] : NULL);
 }
 
+void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
+                     const kc_loads_t *loads, kc_pose_t *frame)
+{
+    twists_t tw;
+    kc_pose_t T, tool;
+    sum_twists(terms, coef, ctx, loads, tw);
+    kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, &T);
+    apply_twist(&T, tw[0], NULL);
+    for (uint32_t i = 1u; i <= arm->n_joints; i++) {
+        const kc_joint_t *joint = &arm->joint[i - 1u];
+        double q = ctx->q[i - 1u];
+        int slides = joint->type == KC_PRISMATIC;
+        frame[i] = T;
+        kc_pose_screw(&frame[i], 2u, slides ? q : 0.0, slides ? joint->phi_rad : joint->phi_rad + q);
+        kc_arm_link(joint, q, &T);
+        apply_twist(&T, tw[i], NULL);
+    }
+    kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
+    kc_pose_mul(&T, &tool, &frame[0]);
+    apply_twist(&frame[0], tw[KC_FRAME_TOOL], NULL);
+}
+
 static void finish_joint_rows(const kc_arm_t *arm, kc_eval_t *ev)
 {
     for (uint32_t j = 0u; j < arm->n_joints; j++) {

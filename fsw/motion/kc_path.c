@@ -20,7 +20,7 @@ int kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j)
 
 static int is_hub(uint32_t node) { return node < KC_HUB_MAX; }
 
-static int is_node(const kc_space_t *s, uint32_t node)
+int kc_path_is_node(const kc_space_t *s, uint32_t node)
 {
     return is_hub(node) ? node < s->n_hub : node - KC_HUB_MAX < s->n_cand;
 }
@@ -71,7 +71,7 @@ kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16
 {
     kc_status_t st;
     *n = 0u;
-    if (!is_node(s, from) || !is_node(s, to)) { return KC_ERR_PATH; }
+    if (!kc_path_is_node(s, from) || !kc_path_is_node(s, to)) { return KC_ERR_PATH; }
     if (from == to) { return KC_OK; }
     if (!is_hub(from) && !is_hub(to) && kc_space_edge(s, from - KC_HUB_MAX, to - KC_HUB_MAX)) {
         way[(*n)++] = (uint16_t)to;
@@ -165,6 +165,28 @@ uint32_t kc_path_on_segment(const kc_space_t *s, const double *q, double tol)
     return KC_NODE_NONE;
 }
 
+static int is_proven(const kc_space_t *s, uint32_t a, uint32_t b)
+{
+    if (is_hub(a) && is_hub(b)) { return (((uint32_t)s->hub_edge[a] >> b) & 1u) != 0u; }
+    if (is_hub(a)) { return s->cand[b - KC_HUB_MAX].hub == a; }
+    if (is_hub(b)) { return s->cand[a - KC_HUB_MAX].hub == b; }
+    return kc_space_edge(s, a - KC_HUB_MAX, b - KC_HUB_MAX);
+}
+
+int kc_path_on(const kc_space_t *s, uint32_t from, uint32_t to, const double *q, double tol)
+{
+    return kc_path_is_node(s, from) && kc_path_is_node(s, to) && is_proven(s, from, to) &&
+           is_between(node_joints(s, from), node_joints(s, to), q, s->n_joints, tol);
+}
+
+int kc_path_leads_to(const kc_space_t *s, uint32_t node, const double *q, double tol)
+{
+    for (uint32_t k = 0u; k < s->n_hub + s->n_cand; k++) {
+        if (kc_path_on(s, k < s->n_hub ? k : KC_HUB_MAX + k - s->n_hub, node, q, tol)) { return 1; }
+    }
+    return 0;
+}
+
 /* ---- Validation: every entry; the first problem is reported ---- */
 
 static kc_status_t bad(int32_t at, double value, int32_t *index, double *got)
@@ -180,6 +202,8 @@ static kc_status_t check_counts(const kc_space_t *s, const kc_arm_t *arm, int32_
     if (s->n_hub < 1u || s->n_hub > KC_HUB_MAX) { return bad(-1, (double)s->n_hub, index, got); }
     if (s->n_joints < 1u || s->n_joints > KC_JOINT_MAX) { return bad(-1, (double)s->n_joints, index, got); }
     if (s->n_prior > KC_PRIOR_MAX) { return bad(-1, (double)s->n_prior, index, got); }
+    if (s->n_body > KC_BODY_MAX) { return bad(-1, (double)s->n_body, index, got); }
+    if (s->n_volume > KC_VOLUME_MAX) { return bad(-1, (double)s->n_volume, index, got); }
     if (arm != NULL && s->n_joints != arm->n_joints) { return bad(-1, (double)s->n_joints, index, got); }
     for (uint32_t j = 0u; j < s->n_joints; j++) {
         double leash = (double)s->servo_leash[j];
@@ -232,6 +256,45 @@ static kc_status_t check_cand(const kc_space_t *s, const kc_arm_t *arm, uint32_t
     return check_joints(c->q_seed, s->n_joints, arm, (int32_t)i, index, got);
 }
 
+static kc_status_t check_point(const float p[3], int32_t at, int32_t *index, double *got)
+{
+    for (uint32_t k = 0u; k < 3u; k++) {
+        if (!kc_finite((double)p[k])) { return bad(at, (double)p[k], index, got); }
+    }
+    return KC_OK;
+}
+
+/* Above zero and finite; NaN fails too. */
+static kc_status_t check_size(float x, int32_t at, int32_t *index, double *got)
+{
+    return x > 0.0f && kc_finite((double)x) ? KC_OK : bad(at, (double)x, index, got);
+}
+
+static kc_status_t check_body(const kc_space_t *s, uint32_t i, int32_t *index, double *got)
+{
+    const kc_body_t *b = &s->body[i];
+    int32_t at = KC_SPACE_INDEX_BODY + (int32_t)i;
+    if (b->frame > s->n_joints) { return bad(at, (double)b->frame, index, got); }
+    kc_status_t st = check_point(b->start_m, at, index, got);
+    if (st == KC_OK) { st = check_point(b->end_m, at, index, got); }
+    return st == KC_OK ? check_size(b->radius_m, at, index, got) : st;
+}
+
+static kc_status_t check_volume(const kc_space_t *s, uint32_t i, int32_t *index, double *got)
+{
+    const kc_volume_t *v = &s->volume[i];
+    int32_t at = KC_SPACE_INDEX_VOLUME + (int32_t)i;
+    if (v->kind > KC_VOL_SPHERE) { return bad(at, (double)v->kind, index, got); }
+    if (v->spared >> s->n_body != 0u) { return bad(at, (double)v->spared, index, got); }
+    kc_status_t st = check_point(v->p_m, at, index, got);
+    if (st == KC_OK) { st = check_point(v->size_m, at, index, got); }
+    for (uint32_t k = 0u; st == KC_OK && v->kind == KC_VOL_BOX && k < 3u; k++) {
+        st = check_size(v->size_m[k], at, index, got);
+    }
+    int round = v->kind == KC_VOL_CAPSULE || v->kind == KC_VOL_SPHERE;
+    return st == KC_OK && round ? check_size(v->radius_m, at, index, got) : st;
+}
+
 static kc_status_t check_edges(const kc_space_t *s, int32_t *index, double *got)
 {
     uint32_t n_bits = s->n_cand * (s->n_cand - 1u) / 2u;
@@ -266,6 +329,8 @@ kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t 
     }
     for (uint32_t h = 0u; st == KC_OK && h < s->n_hub; h++) { st = check_hub(s, arm, h, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_cand; i++) { st = check_cand(s, arm, i, index, got); }
+    for (uint32_t i = 0u; st == KC_OK && i < s->n_body; i++) { st = check_body(s, i, index, got); }
+    for (uint32_t i = 0u; st == KC_OK && i < s->n_volume; i++) { st = check_volume(s, i, index, got); }
     if (st == KC_OK) { st = check_edges(s, index, got); }
     return st == KC_OK ? check_connected(s, index, got) : st;
 }

@@ -23,6 +23,28 @@ typedef struct {
     uint16_t why; /* bits: checks it passed, see docs/INTERFACES.md  */
 } kc_cand_t;
 
+/* A capsule that the arm's shapes lie in: from start to end, with hemispheres. */
+typedef struct {
+    uint8_t frame;              /* 0: tool; j: turns with joint j, before d, a and alpha of its link */
+    float start_m[3], end_m[3];
+    float radius_m;
+} kc_body_t;
+
+typedef enum {
+    KC_VOL_BELOW = 0,           /* everything below the height p_m[2]              */
+    KC_VOL_BOX = 1,             /* p_m: middle, size_m: half lengths along the base axes */
+    KC_VOL_CAPSULE = 2,         /* from p_m to size_m                              */
+    KC_VOL_SPHERE = 3
+} kc_volume_kind_t;
+
+/* Nothing of the arm may be there; base frame. */
+typedef struct {
+    uint8_t kind;               /* kc_volume_kind_t                                */
+    float p_m[3], size_m[3];
+    float radius_m;             /* capsule and sphere                              */
+    uint32_t spared;            /* bit per body that stands there by design        */
+} kc_volume_t;
+
 typedef struct {
     uint32_t n_cand, n_hub, n_joints, n_prior;
     uint16_t prior[KC_PRIOR_MAX]; /* candidate ids that start a calibration */
@@ -33,12 +55,17 @@ typedef struct {
     kc_cand_t cand[KC_CAND_MAX];
     uint8_t edge[KC_EDGE_BYTES]; /* direct candidate-candidate segments: bit
                                                  i (i-1)/2 + j for i > j                 */
+    uint32_t n_body, n_volume;                /* 0 = none                               */
+    kc_body_t body[KC_BODY_MAX];
+    kc_volume_t volume[KC_VOLUME_MAX];
 } kc_space_t;
 
 /* Where the arm stands: node = hub h, or KC_HUB_MAX + candidate; KC_NODE_NONE unknown. */
 #define KC_NODE_NONE 0xffffu
 
 int kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j);
+/* Whether the table holds that node. */
+int kc_path_is_node(const kc_space_t *s, uint32_t node);
 
 /* Way points from node `from` to node `to` (both excluded start, included goal), as nodes: at most
  * KC_PATH_MAX. A direct edge if proven, else over hubs (breadth first, lowest index on ties).
@@ -59,13 +86,21 @@ uint32_t kc_path_nearest(const kc_space_t *s, const double *leash, const double 
  * of hubs first, then of candidates. O(n_cand^2 n_joints) at most. */
 uint32_t kc_path_on_segment(const kc_space_t *s, const double *q, double tol);
 
+/* Whether q lies within tol of the straight segment between two nodes that the ground proved. */
+int kc_path_on(const kc_space_t *s, uint32_t from, uint32_t to, const double *q, double tol);
+/* The same for any proven segment that ends at the node. O(n_cand n_joints). */
+int kc_path_leads_to(const kc_space_t *s, uint32_t node, const double *q, double tol);
+
 /* First problem found: KC_ERR_RANGE, *got = the value, *index = candidate, KC_SPACE_INDEX_HUB + hub,
- * KC_SPACE_INDEX_PRIOR + place in the list of priors, or -1. Checks counts, finite numbers, unit norms
+ * KC_SPACE_INDEX_PRIOR + place in the list of priors, KC_SPACE_INDEX_BODY + body, KC_SPACE_INDEX_VOLUME +
+ * volume, or -1. Checks counts, finite numbers, unit norms
  * (1e-6), hub and prior numbers, that hub segments go both ways, that no edge bit is set beyond n_cand,
  * and that every candidate is reachable from hub 0; with arm (NULL: skip) also its number of joints and
  * that hubs and seeds lie inside its limits (1e-6, single precision). */
 #define KC_SPACE_INDEX_HUB 2000
 #define KC_SPACE_INDEX_PRIOR 3000
+#define KC_SPACE_INDEX_BODY 4000
+#define KC_SPACE_INDEX_VOLUME 5000
 kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t *index, double *got);
 
 #endif

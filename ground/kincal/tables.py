@@ -45,6 +45,7 @@ ENUMS = {
     ("kc_term_t", "comp"): ("kc_comp_t", "KC_"),
     ("kc_basis_t", "fn"): ("kc_fn_t", "KC_FN_"),
     ("kc_basis_t", "var"): ("kc_var_t", "KC_VAR_"),
+    ("kc_volume_t", "kind"): ("kc_volume_kind_t", "KC_VOL_"),
 }
 # struct -> {array field: (its counter, its name in TOML)}
 LISTS: dict[str, dict[str, tuple[str, str]]] = {
@@ -54,7 +55,12 @@ LISTS: dict[str, dict[str, tuple[str, str]]] = {
     "kc_kin_t": {"value": ("n_coef", "value"), "sigma": ("n_coef", "sigma")},
     "kc_kernel_t": {"hyper": ("n_hyper", "hyper")},
     "kc_hyper_t": {"w": ("n_w", "w")},
-    "kc_space_t": {"cand": ("n_cand", "cand"), "prior": ("n_prior", "prior")},
+    "kc_space_t": {
+        "cand": ("n_cand", "cand"),
+        "prior": ("n_prior", "prior"),
+        "body": ("n_body", "body"),
+        "volume": ("n_volume", "volume"),
+    },
 }
 FOR_PEOPLE = {"kind", "title", "provenance"}
 

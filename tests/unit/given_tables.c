@@ -174,11 +174,23 @@ static double spread(uint32_t k, uint32_t j)
     return x - floor(x);
 }
 
+/* A wrist and a tool, a ground far below and a box far away. */
+static void given_bodies(kc_space_t *s)
+{
+    s->n_body = 2u;
+    s->body[0] = (kc_body_t){7u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.03f}, 0.03f};
+    s->body[1] = (kc_body_t){0u, {0.1f, 0.0f, 0.0f}, {-0.1f, 0.0f, 0.0f}, 0.01f};
+    s->n_volume = 2u;
+    s->volume[0] = (kc_volume_t){KC_VOL_BELOW, {0.0f, 0.0f, -5.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 1u};
+    s->volume[1] = (kc_volume_t){KC_VOL_BOX, {0.0f, 0.0f, -4.0f}, {1.0f, 1.0f, 0.1f}, 0.0f, 0u};
+}
+
 void given_space(kc_space_t *s, uint32_t n_cand, uint32_t arm_crc)
 {
     kc_arm_t arm;
     given_arm(&arm);
     memset(s, 0, sizeof *s);
+    given_bodies(s);
     s->n_cand = n_cand;
     s->n_hub = 2u;
     s->n_joints = 7u;

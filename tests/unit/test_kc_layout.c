@@ -176,3 +176,40 @@ void test_walks_that_write_leave_the_table_alone(void)
         TEST_ASSERT_EQUAL_MEMORY(&before, &s_t, sizeof s_t);
     }
 }
+
+void test_bodies_and_volumes_out_of_range_are_refused_by_number(void)
+{
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.n_body = KC_BODY_MAX + 1u;
+    expect_refused(KC_TBL_SPACE, -1, 19u, KC_BODY_MAX + 1.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.body[1].frame = 8u;
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY + 1, 20u, 8.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.body[0].start_m[1] = 11.0f;
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY, 21u, 11.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.body[0].end_m[1] = -11.0f;
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY, 22u, -11.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.body[0].radius_m = 0.0f;
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY, 23u, 0.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.n_volume = KC_VOLUME_MAX + 1u;
+    expect_refused(KC_TBL_SPACE, -1, 24u, KC_VOLUME_MAX + 1.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.volume[1].kind = 4u;
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 25u, 4.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.volume[1].p_m[0] = 11.0f;
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 26u, 11.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.volume[1].size_m[0] = 11.0f;
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 27u, 11.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.volume[1].radius_m = -1.0f;
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 28u, -1.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.volume[1].spared = 4u;
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 29u, 4.0);
+}

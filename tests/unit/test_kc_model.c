@@ -198,3 +198,44 @@ void test_position_only_has_three_rows_and_no_rotation_part(void)
     TEST_ASSERT_EQUAL_UINT32(3u, kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev));
     assert_doubles(want, r, 6, 1e-15);
 }
+
+/* ---- frames ---- */
+
+/* Across the link alone, its joint standing at zero, and then the next joint's own turn or slide. */
+static void next_frame(kc_pose_t *T, uint32_t j)
+{
+    kc_joint_t link = s_arm.joint[j - 1u], next = s_arm.joint[j];
+    link.phi_rad = 0.0;
+    kc_arm_link(&link, 0.0, T);
+    next.alpha_rad = next.a_m = next.d_m = 0.0;
+    kc_arm_link(&next, s_ctx.q[j], T);
+}
+
+void test_frames_stand_on_the_axes_and_turn_or_slide_with_their_joint(void)
+{
+    kc_pose_t frame[KC_JOINT_MAX + 1u], T;
+    kc_model_frames(&s_arm, &s_t, NULL, &s_ctx, NULL, frame);
+    for (uint32_t j = 1u; j < s_arm.n_joints; j++) {
+        T = frame[j];
+        next_frame(&T, j);
+        assert_doubles(T.p_m, frame[j + 1u].p_m, 3, 1e-15);
+        assert_doubles(T.R, frame[j + 1u].R, 9, 1e-15);
+    }
+}
+
+void test_the_tool_frame_is_the_corrected_tool(void)
+{
+    kc_pose_t frame[KC_JOINT_MAX + 1u], before[KC_JOINT_MAX + 1u];
+    add_term(1u, KC_RZ, KC_VAR_ONE, 0u);
+    add_term(KC_FRAME_TOOL, KC_TX, KC_VAR_ONE, 0u);
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, before);
+    s_coef[0] = 0.2;
+    s_coef[1] = 0.03;
+    kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, 0, &s_ev);
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame);
+    assert_doubles(s_ev.T.p_m, frame[0].p_m, 3, 0.0);
+    assert_doubles(s_ev.T.R, frame[0].R, 9, 0.0);
+    assert_doubles(before[1].R, frame[1].R, 9, 0.0); /* the correction is beyond joint 1 */
+    TEST_ASSERT_TRUE(fabs(frame[3].p_m[0] - before[3].p_m[0]) > 1e-3);
+}

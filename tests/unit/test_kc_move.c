@@ -225,3 +225,146 @@ void test_the_head_is_never_sent_beyond_its_limits(void)
     TEST_ASSERT_EQUAL_DOUBLE(1.6, world.out.pantilt_cmd.pan_rad);
     TEST_ASSERT_EQUAL_DOUBLE(-0.6, world.out.pantilt_cmd.tilt_rad);
 }
+
+/* ---- the guard ---- */
+
+/* A ball around where the candidate's seed puts the tool: only there. */
+static uint32_t forbid_prior(uint32_t place)
+{
+    uint32_t cand = world.space.prior[place];
+    kc_volume_t *v = &world.space.volume[world.space.n_volume++];
+    *v = (kc_volume_t){KC_VOL_SPHERE, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.02f, 0u};
+    memcpy(v->p_m, world.space.cand[cand].p_m, sizeof v->p_m);
+    return cand;
+}
+
+void test_a_candidate_inside_a_volume_is_given_up_before_the_arm_moves(void)
+{
+    uint32_t cand = forbid_prior(0u);
+    world_boot();
+    world_tick();
+    (void)world_do(KC_CMD_START, -1, 0, 3);
+    for (uint32_t i = 0u; i < 400u && APP->cal.usable[cand]; i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_GRD_VOLUME));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_GRD_VOLUME].index); /* the tool */
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, world.last[KC_EVT_GRD_VOLUME].want);
+    TEST_ASSERT_TRUE(world.last[KC_EVT_GRD_VOLUME].got > 0.0);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+    kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX + cand, world.q_start);
+    TEST_ASSERT_TRUE(distance(world.q_cmd, world.q_start) > 1e-3); /* it never was sent there */
+    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 4000u) || kc_app_state(APP) == KC_ST_IDLE);
+    TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas); /* others were measured */
+    for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_TRUE(world.meas[k].candidate != (int32_t)cand); }
+}
+
+void test_a_hub_too_near_to_a_limit_is_refused_with_its_joint(void)
+{
+    world.space.hub_q[0][3] = (float)world.arm.joint[3].q_max - 0.001f;
+    world.config.servo.margin = 0.05;
+    memset(world.space.edge, 0, sizeof world.space.edge);
+    for (uint32_t j = 0u; j < 7u; j++) { world.q[j] = world.q_cmd[j] = (double)world.space.hub_q[1][j]; }
+    world_started();
+    for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    TEST_ASSERT_TRUE(world_events(KC_EVT_GRD_LIMIT) > 0u);
+    TEST_ASSERT_EQUAL_INT(4, world.last[KC_EVT_GRD_LIMIT].index);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-6, world.arm.joint[3].q_max - 0.05, world.last[KC_EVT_GRD_LIMIT].want);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-6, (double)world.space.hub_q[0][3], world.last[KC_EVT_GRD_LIMIT].got);
+}
+
+/* Commands that nobody here should ever ask for. */
+static void refused_way(uint32_t from, uint32_t to, double off)
+{
+    double q[KC_JOINT_MAX];
+    uint32_t told = world_events(KC_EVT_GRD_WAY), skipped = world_events(KC_EVT_CAL_CAND_SKIPPED);
+    int32_t seq = APP->arm_seq;
+    memset(&world.out, 0, sizeof world.out);
+    kc_path_joints(&kc_app_active(APP)->space, to, q);
+    q[0] += q[0] > 0.0 ? -off : off;
+    TEST_ASSERT_FALSE(kc_move_send(APP, &world.out, from, to, q));
+    TEST_ASSERT_EQUAL_INT(seq, APP->arm_seq);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.out.has_arm_cmd);
+    TEST_ASSERT_EQUAL_INT(KC_ST_UPDATE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(0, APP->cal.usable[APP->cal.candidate]);
+    TEST_ASSERT_EQUAL_UINT32(2u, world.out.events.n);
+    TEST_ASSERT_EQUAL_INT(KC_EVT_GRD_WAY, world.out.events.e[0].id);
+    TEST_ASSERT_EQUAL_UINT32(told, world_events(KC_EVT_GRD_WAY));
+    TEST_ASSERT_EQUAL_UINT32(skipped, world_events(KC_EVT_CAL_CAND_SKIPPED));
+}
+
+void test_what_is_not_proven_is_not_sent(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    uint32_t at = KC_HUB_MAX + (uint32_t)APP->cal.candidate;
+    refused_way(at, at, 1.6);                      /* beyond the box of 1.5 */
+    refused_way(at, 1u - kc_app_active(APP)->space.cand[APP->cal.candidate].hub, 0.0); /* not its hub */
+    refused_way(at, at, 1.6);
+}
+
+void test_a_way_point_refused_on_the_way_gives_the_candidate_up(void)
+{
+    world_started();
+    TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
+    APP->tables.active.config.servo.margin = 10.0; /* no joint is so far from its limits */
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    TEST_ASSERT_TRUE(world_events(KC_EVT_GRD_LIMIT) >= 1u); /* others are tried */
+    TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_CAND_SKIPPED) >= 1u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.n_meas);
+}
+
+/* Somebody moves the arm out of the candidate's box while a frame is waited for. */
+static void pushed_while_looking(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_LOOK, 300u));
+    world.q[0] += 1.8;
+    world.q_cmd[0] += 1.8;
+}
+
+/* Whatever it would do next starts where nothing is proven: nothing is sent, the candidate is given up. */
+static void expect_nothing_sent(void)
+{
+    int32_t seq = APP->arm_seq;
+    for (uint32_t i = 0u; i < 300u && world_events(KC_EVT_GRD_WAY) == 0u; i++) {
+        TEST_ASSERT_EQUAL_INT(seq, APP->arm_seq);
+        world_tick();
+    }
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_GRD_WAY));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_GRD_WAY].index);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+    TEST_ASSERT_EQUAL_UINT32(0u, world.n_meas);
+}
+
+void test_a_servo_step_from_outside_the_box_is_refused(void)
+{
+    pushed_while_looking();
+    expect_nothing_sent();
+}
+
+void test_a_way_to_the_seed_from_outside_the_box_is_refused(void)
+{
+    world.hide = 1000;
+    pushed_while_looking();
+    expect_nothing_sent();
+}
+
+void test_a_way_back_from_outside_the_box_is_refused(void)
+{
+    world.truth.joint[6].phi_rad = 0.6;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_LOOK, 300u));
+    world.hide = 1000;
+    world.q[0] += 1.8;
+    world.q_cmd[0] += 1.8;
+    expect_nothing_sent();
+}
+
+void test_an_approach_from_outside_the_box_is_refused(void)
+{
+    world.config.approach_rad = 0.05;
+    world.config.servo.tol_pos_m = 1.0; /* near enough wherever it stands */
+    world.config.servo.tol_rot_rad = 3.2;
+    pushed_while_looking();
+    expect_nothing_sent();
+}

@@ -365,3 +365,92 @@ void test_a_hub_nobody_needs_may_stand_alone(void)
     s_s.n_hub = 3u;
     expect_valid(&s_arm);
 }
+
+/* ---- on a segment ---- */
+
+static void part_way(uint32_t a, uint32_t b, double part, double *q)
+{
+    double to[KC_JOINT_MAX];
+    kc_path_joints(&s_s, a, q);
+    kc_path_joints(&s_s, b, to);
+    for (uint32_t j = 0u; j < 7u; j++) { q[j] += part * (to[j] - q[j]); }
+}
+
+void test_a_place_on_a_proven_segment_is_known_from_both_ends(void)
+{
+    const uint32_t pair[3][2] = {{0u, 1u}, {NODE(2u), NODE(4u)}, {NODE(3u), s_s.cand[3].hub}};
+    double q[KC_JOINT_MAX];
+    for (uint32_t k = 0u; k < 3u; k++) {
+        part_way(pair[k][0], pair[k][1], 0.4, q);
+        TEST_ASSERT_TRUE(kc_path_on(&s_s, pair[k][0], pair[k][1], q, 1e-6));
+        TEST_ASSERT_TRUE(kc_path_on(&s_s, pair[k][1], pair[k][0], q, 1e-6));
+        TEST_ASSERT_TRUE(kc_path_leads_to(&s_s, pair[k][0], q, 1e-6));
+        TEST_ASSERT_TRUE(kc_path_leads_to(&s_s, pair[k][1], q, 1e-6));
+        q[2] += 0.01;
+        TEST_ASSERT_FALSE(kc_path_on(&s_s, pair[k][0], pair[k][1], q, 1e-3));
+        TEST_ASSERT_FALSE(kc_path_leads_to(&s_s, pair[k][0], q, 1e-3));
+    }
+}
+
+void test_a_place_between_nodes_without_a_segment_is_on_none(void)
+{
+    double q[KC_JOINT_MAX];
+    part_way(NODE(2u), NODE(3u), 0.4, q); /* no edge */
+    TEST_ASSERT_FALSE(kc_path_on(&s_s, NODE(2u), NODE(3u), q, 1e-3));
+    part_way(NODE(3u), 1u - s_s.cand[3].hub, 0.4, q); /* the other hub */
+    TEST_ASSERT_FALSE(kc_path_on(&s_s, NODE(3u), 1u - s_s.cand[3].hub, q, 1e-3));
+    part_way(0u, 1u, 0.4, q);
+    TEST_ASSERT_FALSE(kc_path_on(&s_s, 0u, 2u, q, 10.0)); /* no such node */
+    TEST_ASSERT_FALSE(kc_path_on(&s_s, NODE(9u), 0u, q, 10.0));
+}
+
+/* ---- bodies and volumes ---- */
+
+void test_too_many_bodies_or_volumes_are_refused(void)
+{
+    s_s.n_body = KC_BODY_MAX + 1u;
+    expect_refused(-1, KC_BODY_MAX + 1.0);
+    s_s.n_volume = KC_VOLUME_MAX + 1u;
+    expect_refused(-1, KC_VOLUME_MAX + 1.0);
+    s_s.n_body = 0u;
+    s_s.volume[0].spared = 0u;
+    s_s.n_volume = 0u;
+    expect_valid(&s_arm);
+}
+
+void test_a_body_that_is_none_is_refused(void)
+{
+    const int32_t at = KC_SPACE_INDEX_BODY + 1;
+    s_s.body[1].frame = 8u;
+    expect_refused(at, 8.0);
+    s_s.body[1].start_m[2] = NAN;
+    expect_refused(at, NAN);
+    s_s.body[1].end_m[0] = INFINITY;
+    expect_refused(at, INFINITY);
+    s_s.body[1].radius_m = 0.0f;
+    expect_refused(at, 0.0);
+    s_s.body[1].radius_m = NAN;
+    expect_refused(at, NAN);
+}
+
+void test_a_volume_that_is_none_is_refused(void)
+{
+    const int32_t at = KC_SPACE_INDEX_VOLUME + 1;
+    s_s.volume[1].kind = 4u;
+    expect_refused(at, 4.0);
+    s_s.volume[1].spared = 4u; /* there are two bodies */
+    expect_refused(at, 4.0);
+    s_s.volume[1].p_m[1] = NAN;
+    expect_refused(at, NAN);
+    s_s.volume[1].size_m[1] = NAN;
+    expect_refused(at, NAN);
+    s_s.volume[1].size_m[2] = 0.0f;
+    expect_refused(at, 0.0);
+    s_s.volume[1].kind = KC_VOL_CAPSULE; /* has no radius */
+    expect_refused(at, 0.0);
+    s_s.volume[1].kind = KC_VOL_SPHERE;
+    expect_refused(at, 0.0);
+    s_s.volume[1].kind = KC_VOL_SPHERE;
+    s_s.volume[1].radius_m = 0.1f;
+    expect_valid(&s_arm);
+}

@@ -14,6 +14,7 @@ from kincal import core, tables
 from kincal.errors import KincalError
 from kincal.geometry import R_to_quat
 
+from . import guard
 from .checks import WHY_ALL, Checks
 from .description import Description
 from .spread import Metric, farthest
@@ -78,6 +79,7 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
         space.n_prior = desc.priors
         space.servo_leash[0 : checks.chain.n] = [float(x) for x in checks.leash]
         space.arm_crc = arm_image.crc
+        guard.fill(space, desc, camera)
         _edges(crew, space, q, tick)
     image = tables.encode("space", space)
     tables.decode(image.data, desc.title)

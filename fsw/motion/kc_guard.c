@@ -1,0 +1,217 @@
+#include "kc_guard.h"
+
+#include <string.h>
+
+#include "kc_libm.h"
+#include "kc_vec.h"
+
+#define BISECTIONS 40u  /* places along a body's axis, to a part in 10^12 */
+#define NUMBERS_TOL 1e-6 /* tables are single precision */
+
+/* ---- distances ---- */
+
+static void widen(const float a[3], double out[3])
+{
+    for (uint32_t i = 0u; i < 3u; i++) { out[i] = (double)a[i]; }
+}
+
+static void place(const kc_pose_t *T, const float p[3], double out[3])
+{
+    double d[3];
+    widen(p, d);
+    kc_m3_mul_v3(T->R, d, out);
+    kc_v3_add_scaled(out, 1.0, T->p_m, out);
+}
+
+/* Part of the way from a to a + u that is nearest to p; 0 for a way without length. */
+static double nearest_part(const double a[3], const double u[3], const double p[3])
+{
+    double d[3], uu = kc_v3_dot(u, u);
+    kc_v3_sub(p, a, d);
+    return uu > 0.0 ? kc_clamp(kc_v3_dot(d, u) / uu, 0.0, 1.0) : 0.0;
+}
+
+static double to_point(const double a[3], const double u[3], const double p[3])
+{
+    double on[3], d[3];
+    kc_v3_add_scaled(a, nearest_part(a, u, p), u, on);
+    kc_v3_sub(p, on, d);
+    return kc_v3_norm(d);
+}
+
+/* Between two segments, a + s u and b + t v (Ericson, Real-Time Collision Detection, 5.1.9): the nearest
+ * points of the lines, if they are inside; else the end that is nearest. */
+static double to_segment(const double a[3], const double u[3], const double b[3], const double v[3])
+{
+    double r[3], on[3], end[3];
+    kc_v3_sub(a, b, r);
+    kc_v3_add_scaled(b, 1.0, v, end);
+    double uu = kc_v3_dot(u, u), uv = kc_v3_dot(u, v), vv = kc_v3_dot(v, v);
+    double det = uu * vv - uv * uv;
+    double least = kc_min(to_point(a, u, b), to_point(a, u, end));
+    kc_v3_add_scaled(a, 1.0, u, end);
+    least = kc_min(least, kc_min(to_point(b, v, a), to_point(b, v, end)));
+    if (det <= 1e-12 * uu * vv) { return least; } /* parallel, or a point: an end is nearest */
+    double s = (uv * kc_v3_dot(v, r) - vv * kc_v3_dot(u, r)) / det;
+    double t = (uu * kc_v3_dot(v, r) - uv * kc_v3_dot(u, r)) / det;
+    if (s < 0.0 || s > 1.0 || t < 0.0 || t > 1.0) { return least; }
+    kc_v3_add_scaled(a, s, u, on);
+    kc_v3_add_scaled(b, t, v, end);
+    kc_v3_sub(on, end, r);
+    return kc_min(least, kc_v3_norm(r));
+}
+
+/* From p to a box about the origin; beyond: the part of p outside it. */
+static double beyond_box(const double p[3], const double half[3], double beyond[3])
+{
+    for (uint32_t i = 0u; i < 3u; i++) { beyond[i] = p[i] - kc_clamp(p[i], -half[i], half[i]); }
+    return kc_v3_norm(beyond);
+}
+
+/* Between a segment and a box about the origin: the squared distance is convex along the segment, its slope
+ * is 2 beyond . u. */
+static double to_box(const double a[3], const double u[3], const double half[3])
+{
+    double lo = 0.0, hi = 1.0, p[3], out[3];
+    for (uint32_t i = 0u; i < BISECTIONS; i++) {
+        double mid = 0.5 * (lo + hi);
+        kc_v3_add_scaled(a, mid, u, p);
+        (void)beyond_box(p, half, out);
+        if (kc_v3_dot(out, u) > 0.0) {
+            hi = mid;
+        } else {
+            lo = mid;
+        }
+    }
+    kc_v3_add_scaled(a, hi, u, p);
+    double at_hi = beyond_box(p, half, out);
+    kc_v3_add_scaled(a, lo, u, p);
+    return kc_min(at_hi, beyond_box(p, half, out));
+}
+
+/* From the axis a + s u of a body to the volume. */
+static double axis_to(const kc_volume_t *v, const double a[3], const double u[3])
+{
+    double p[3], size[3], d[3];
+    widen(v->p_m, p);
+    widen(v->size_m, size);
+    switch (v->kind) {
+    case KC_VOL_BELOW: return kc_min(a[2], a[2] + u[2]) - p[2];
+    case KC_VOL_BOX: kc_v3_sub(a, p, d); return to_box(d, u, size);
+    case KC_VOL_CAPSULE: kc_v3_sub(size, p, d); return to_segment(a, u, p, d) - (double)v->radius_m;
+    default: return to_point(a, u, p) - (double)v->radius_m;
+    }
+}
+
+double kc_guard_clearance(const kc_space_t *s, const kc_pose_t *frame, uint32_t *body, uint32_t *volume)
+{
+    double least = KC_INF;
+    for (uint32_t b = 0u; b < s->n_body; b++) {
+        double a[3], u[3];
+        place(&frame[s->body[b].frame], s->body[b].start_m, a);
+        place(&frame[s->body[b].frame], s->body[b].end_m, u);
+        kc_v3_sub(u, a, u);
+        for (uint32_t v = 0u; v < s->n_volume; v++) {
+            if ((s->volume[v].spared >> b & 1u) != 0u) { continue; }
+            double d = axis_to(&s->volume[v], a, u) - (double)s->body[b].radius_m;
+            if (d >= least) { continue; }
+            least = d;
+            *body = b;
+            *volume = v;
+        }
+    }
+    return least;
+}
+
+/* ---- limits and ways ---- */
+
+static int within_limits(const kc_guard_ask_t *ask, kc_guard_why_t *why)
+{
+    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
+        double q = ask->q_to[j];
+        double lo = ask->arm->joint[j].q_min + ask->margin - NUMBERS_TOL;
+        double hi = ask->arm->joint[j].q_max - ask->margin + NUMBERS_TOL;
+        if (q >= lo && q <= hi) { continue; } /* NaN is not */
+        *why = (kc_guard_why_t){(int32_t)j + 1, q, q < lo ? lo : hi};
+        return 0;
+    }
+    return 1;
+}
+
+/* Both ends in the box around the node, so everything between them too. */
+static int within_box(const kc_guard_ask_t *ask, const double *seed, kc_guard_why_t *why)
+{
+    double worst = 0.0;
+    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
+        double off = kc_max(kc_fabs(ask->q_to[j] - seed[j]), kc_fabs(ask->q_from[j] - seed[j]));
+        double by = off - ask->leash[j] - ask->tol - NUMBERS_TOL;
+        if (by <= worst) { continue; }
+        worst = by;
+        *why = (kc_guard_why_t){(int32_t)j + 1, by, ask->leash[j]};
+    }
+    return worst <= 0.0;
+}
+
+static int is_at(const kc_guard_ask_t *ask, const double *seed)
+{
+    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
+        if (kc_fabs(ask->q_to[j] - seed[j]) > NUMBERS_TOL) { return 0; }
+    }
+    return 1;
+}
+
+static int on_proven_way(const kc_guard_ask_t *ask, kc_guard_why_t *why)
+{
+    const kc_space_t *s = ask->space;
+    double seed[KC_JOINT_MAX];
+    *why = (kc_guard_why_t){0, 0.0, 0.0};
+    if (!kc_path_is_node(s, ask->to)) { return 0; }
+    kc_path_joints(s, ask->to, seed);
+    if (is_at(ask, seed) && ask->from != ask->to) {
+        return kc_path_on(s, ask->from, ask->to, ask->q_from, 2.0 * ask->tol);
+    }
+    if (ask->from != ask->to) { return 0; }
+    /* after a stop on the way it goes on to an end of that segment */
+    return within_box(ask, seed, why) ||
+           (is_at(ask, seed) && kc_path_leads_to(s, ask->to, ask->q_from, 2.0 * ask->tol));
+}
+
+/* ---- volumes ---- */
+
+static double clearance_at(const kc_guard_ask_t *ask, double part, kc_guard_why_t *why)
+{
+    kc_pose_t frame[KC_JOINT_MAX + 1u];
+    kc_ctx_t ctx = *ask->ctx;
+    kc_loads_t loads;
+    uint32_t body = 0u, volume = 0u;
+    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
+        ctx.q[j] = ask->q_from[j] + part * (ask->q_to[j] - ask->q_from[j]);
+    }
+    kc_model_loads(ask->arm, ask->terms, ask->coef, &ctx, &loads);
+    kc_model_frames(ask->arm, ask->terms, ask->coef, &ctx, &loads, frame);
+    double d = kc_guard_clearance(ask->space, frame, &body, &volume);
+    *why = (kc_guard_why_t){(int32_t)body, -d, (double)volume};
+    return d;
+}
+
+static int clear_of_volumes(const kc_guard_ask_t *ask, kc_guard_why_t *why)
+{
+    double far = 0.0;
+    if (ask->space->n_body == 0u || ask->space->n_volume == 0u) { return 1; }
+    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
+        far = kc_max(far, kc_fabs(ask->q_to[j] - ask->q_from[j]));
+    }
+    double n = kc_clamp(kc_floor(far / KC_GUARD_STEP) + 1.0, 1.0, (double)KC_GUARD_STEPS_MAX);
+    double least = kc_min(0.0, clearance_at(ask, 0.0, why)) - NUMBERS_TOL;
+    for (double k = 1.0; k <= n; k += 1.0) {
+        if (clearance_at(ask, k / n, why) < least) { return 0; }
+    }
+    return 1;
+}
+
+kc_guard_verdict_t kc_guard_check(const kc_guard_ask_t *ask, kc_guard_why_t *why)
+{
+    if (!within_limits(ask, why)) { return KC_GUARD_LIMIT; }
+    if (!on_proven_way(ask, why)) { return KC_GUARD_WAY; }
+    return clear_of_volumes(ask, why) ? KC_GUARD_FINE : KC_GUARD_VOLUME;
+}

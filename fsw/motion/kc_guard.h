@@ -1,0 +1,54 @@
+/* The last look at an arm command before it is sent: limits, proven ways, keep-out volumes.
+ *
+ * Ways and boxes were proven on the ground for many arms that are wrong; this asks again on board, for the arm
+ * as it is believed to be now. No safety distance is added: the ground has it in what it proved, and here it
+ * would only refuse what is proven. */
+#ifndef KC_GUARD_H
+#define KC_GUARD_H
+
+#include <stdint.h>
+
+#include "kc_model.h"
+#include "kc_path.h"
+
+#define KC_GUARD_STEP 0.2     /* postures looked at on the way: joints this far apart [rad or m] ... */
+#define KC_GUARD_STEPS_MAX 12u /* ... and no more than so many, however long the way                 */
+
+typedef struct {
+    const kc_arm_t *arm;
+    const kc_terms_t *terms;
+    const double *coef;        /* the correction in use                                          */
+    const kc_space_t *space;
+    const kc_ctx_t *ctx;       /* what else the bases see; its q is not used                     */
+    const double *q_from;      /* where the arm stands                                           */
+    const double *q_to;        /* where it shall go, straight in joint space                     */
+    uint32_t from, to;         /* nodes whose proven segment this is; equal: inside that node's box */
+    const double *leash;       /* half size of the box, of each joint                            */
+    double margin;             /* to keep from the limits                                        */
+    double tol;                /* an arm stands where it was sent within this [rad or m]         */
+} kc_guard_ask_t;
+
+typedef enum {
+    KC_GUARD_FINE = 0,
+    KC_GUARD_LIMIT = 1,        /* index = joint from 1, got = its value, want = the limit less margin */
+    KC_GUARD_WAY = 2,          /* index = joint from 1 that is farthest beyond, got = by how much
+                                  [rad or m], want = what it may be off; 0, 0, 0: no such segment     */
+    KC_GUARD_VOLUME = 3        /* index = body, got = depth [m], want = volume                        */
+} kc_guard_verdict_t;
+
+typedef struct {
+    int32_t index;
+    double got, want;
+} kc_guard_why_t;
+
+/* Distance between bodies at these frames (kc_model_frames) and volumes, the smallest of all pairs but those
+ * that are spared, and which pair; negative inside (for a box: no deeper than the body's radius). KC_INF
+ * without any. O(n_body n_volume). */
+double kc_guard_clearance(const kc_space_t *s, const kc_pose_t *frame, uint32_t *body, uint32_t *volume);
+
+/* First reason why the command must not be sent. An arm that is inside a volume already, by a correction that
+ * was not known before, may leave it: no posture may be deeper than the first. At most KC_GUARD_STEPS_MAX + 1
+ * postures. Space and arm must be validated. */
+kc_guard_verdict_t kc_guard_check(const kc_guard_ask_t *ask, kc_guard_why_t *why);
+
+#endif

@@ -1,0 +1,235 @@
+/* kc_guard.c: what a command must not do. Distances against hand-made figures; tests/oracle has MuJoCo's. */
+#include "kc_guard.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "unity.h"
+
+#define NODE(c) (KC_HUB_MAX + (c))
+
+static kc_space_t s_s;
+static kc_arm_t s_arm;
+static kc_terms_t s_terms;
+static kc_ctx_t s_ctx;
+static double s_coef[KC_COEF_MAX], s_from[KC_JOINT_MAX], s_to[KC_JOINT_MAX], s_leash[KC_JOINT_MAX];
+static kc_guard_ask_t s_ask;
+static kc_guard_why_t s_why;
+static kc_pose_t s_frame[KC_JOINT_MAX + 1u];
+static uint32_t s_body, s_volume;
+
+void setUp(void);
+void setUp(void)
+{
+    given_arm(&s_arm);
+    given_terms(&s_terms);
+    given_space(&s_s, 9u, 1u);
+    memset(&s_ctx, 0, sizeof s_ctx);
+    memset(s_coef, 0, sizeof s_coef);
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_leash[j] = 0.4; }
+    for (uint32_t i = 0u; i <= KC_JOINT_MAX; i++) { kc_pose_identity(&s_frame[i]); }
+    kc_path_joints(&s_s, NODE(3u), s_from);
+    memcpy(s_to, s_from, sizeof s_to);
+    s_ask = (kc_guard_ask_t){.arm = &s_arm,
+                             .terms = &s_terms,
+                             .coef = s_coef,
+                             .space = &s_s,
+                             .ctx = &s_ctx,
+                             .q_from = s_from,
+                             .q_to = s_to,
+                             .from = NODE(3u),
+                             .to = NODE(3u),
+                             .leash = s_leash,
+                             .margin = 0.02,
+                             .tol = 1e-3};
+}
+
+/* ---- distances ---- */
+
+static double distance(kc_body_t body, kc_volume_t volume)
+{
+    s_s.n_body = s_s.n_volume = 1u;
+    s_s.body[0] = body;
+    s_s.volume[0] = volume;
+    return kc_guard_clearance(&s_s, s_frame, &s_body, &s_volume);
+}
+
+#define ROD(ax, ay, az, bx, by, bz, r) ((kc_body_t){0u, {ax, ay, az}, {bx, by, bz}, r})
+
+void test_distance_to_the_ground_is_that_of_the_lower_end(void)
+{
+    kc_volume_t ground = {KC_VOL_BELOW, {5.0f, 5.0f, -0.5f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0u};
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.4, distance(ROD(0.f, 0.f, 0.f, 1.f, 0.f, 1.f, 0.1f), ground));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, -0.1, distance(ROD(0.f, 0.f, 0.f, 1.f, 0.f, -0.5f, 0.1f), ground));
+}
+
+void test_distance_to_a_ball_is_from_the_nearest_place_of_the_axis(void)
+{
+    kc_volume_t ball = {KC_VOL_SPHERE, {1.0f, 1.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.25f, 0u};
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.65, distance(ROD(0.f, 0.f, 0.f, 2.f, 0.f, 0.f, 0.1f), ball));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, sqrt(2.0) - 0.35,
+                              distance(ROD(0.f, 0.f, 0.f, -2.f, 0.f, 0.f, 0.1f), ball));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, sqrt(2.0) - 0.35,
+                              distance(ROD(0.f, 0.f, 0.f, 0.f, 0.f, 0.f, 0.1f), ball));
+}
+
+void test_distance_between_capsules(void)
+{
+    kc_volume_t mast = {KC_VOL_CAPSULE, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 1.0f}, 0.05f, 0u};
+    /* crossing at a distance; end to middle; parallel beside and beyond; a point */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.15, distance(ROD(0.3f, -1.f, 0.5f, 0.3f, 1.f, 0.5f, 0.1f), mast));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.35, distance(ROD(0.5f, 0.f, 0.5f, 1.5f, 0.f, 0.9f, 0.1f), mast));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.25, distance(ROD(0.4f, 0.f, 0.2f, 0.4f, 0.f, 0.7f, 0.1f), mast));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.85, distance(ROD(0.f, 0.f, 2.f, 0.f, 0.f, 3.f, 0.1f), mast));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.25, distance(ROD(0.4f, 0.f, 0.2f, 0.4f, 0.f, 0.2f, 0.1f), mast));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, -0.15, distance(ROD(-1.f, 0.f, 0.5f, 1.f, 0.f, 0.6f, 0.1f), mast));
+}
+
+void test_distance_to_a_box_from_its_side_edge_and_inside(void)
+{
+    kc_volume_t deck = {KC_VOL_BOX, {0.0f, 0.0f, -0.1f}, {0.5f, 0.7f, 0.1f}, 0.0f, 0u};
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.2, distance(ROD(-2.f, 0.f, 0.3f, 2.f, 0.f, 0.3f, 0.1f), deck));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.4, distance(ROD(0.8f, 0.f, 0.4f, 2.f, 0.f, 3.f, 0.1f), deck));
+    /* across the edge (0.5, y, 0): nearest in the middle of the rod */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.5 * sqrt(2.0) - 0.1,
+                              distance(ROD(0.f, 0.f, 1.5f, 1.5f, 0.f, 0.f, 0.1f), deck));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, -0.1, distance(ROD(0.f, 0.f, 1.f, 0.f, 0.f, -0.1f, 0.1f), deck));
+}
+
+void test_the_nearest_pair_is_named_and_spared_ones_are_not_looked_at(void)
+{
+    s_s.n_body = s_s.n_volume = 2u;
+    s_s.body[0] = ROD(0.f, 0.f, 0.f, 0.f, 0.f, 1.f, 0.1f);
+    s_s.body[1] = ROD(0.f, 0.f, 1.f, 0.f, 0.f, 2.f, 0.1f);
+    s_s.volume[0] = (kc_volume_t){KC_VOL_BELOW, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 1u};
+    s_s.volume[1] = (kc_volume_t){KC_VOL_SPHERE, {0.0f, 0.0f, 3.0f}, {0.0f, 0.0f, 0.0f}, 0.3f, 0u};
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.6, kc_guard_clearance(&s_s, s_frame, &s_body, &s_volume));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_body);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_volume);
+    s_s.volume[1].spared = 2u;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.9, kc_guard_clearance(&s_s, s_frame, &s_body, &s_volume));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_body);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_volume);
+    s_s.volume[0].spared = 3u;
+    s_s.volume[1].spared = 3u;
+    TEST_ASSERT_TRUE(isinf(kc_guard_clearance(&s_s, s_frame, &s_body, &s_volume)));
+}
+
+/* ---- limits and ways ---- */
+
+static void expect(kc_guard_verdict_t verdict, int32_t index, double got, double want)
+{
+    TEST_ASSERT_EQUAL_INT(verdict, kc_guard_check(&s_ask, &s_why));
+    TEST_ASSERT_EQUAL_INT(index, s_why.index);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-6, got, s_why.got);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-6, want, s_why.want);
+}
+
+static void expect_fine(void) { TEST_ASSERT_EQUAL_INT(KC_GUARD_FINE, kc_guard_check(&s_ask, &s_why)); }
+
+void test_a_joint_nearer_to_its_limit_than_the_margin_is_refused(void)
+{
+    s_to[2] = s_arm.joint[2].q_max - 0.01;
+    expect(KC_GUARD_LIMIT, 3, s_to[2], s_arm.joint[2].q_max - 0.02);
+    s_to[2] = s_arm.joint[2].q_min + 0.01;
+    expect(KC_GUARD_LIMIT, 3, s_to[2], s_arm.joint[2].q_min + 0.02);
+    s_to[2] = NAN;
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_LIMIT, kc_guard_check(&s_ask, &s_why));
+    TEST_ASSERT_EQUAL_INT(3, s_why.index);
+}
+
+void test_inside_the_box_anything_goes_and_outside_nothing(void)
+{
+    s_to[4] += 0.399;
+    s_from[1] -= 0.399;
+    expect_fine();
+    s_to[4] += 0.1;
+    expect(KC_GUARD_WAY, 5, 0.498 - 0.4 + 1e-3 - 1e-3, 0.4);
+    s_to[4] -= 0.1;
+    s_from[1] -= 0.2; /* came from outside */
+    expect(KC_GUARD_WAY, 2, 0.598 - 0.4, 0.4);
+}
+
+void test_a_proven_segment_goes_from_one_end_to_the_other(void)
+{
+    uint32_t hub = s_s.cand[3].hub;
+    s_ask.from = hub;
+    kc_path_joints(&s_s, hub, s_from);
+    expect_fine();
+    s_to[0] += 0.01; /* not its end */
+    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+    s_to[0] -= 0.01;
+    s_from[0] += 0.01; /* not on it */
+    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+    s_from[0] -= 0.01;
+    s_ask.from = 1u - hub; /* no such segment */
+    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+    s_ask.to = NODE(9u); /* no such node */
+    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+}
+
+void test_an_arm_stopped_on_a_segment_may_go_to_its_end(void)
+{
+    kc_path_joints(&s_s, s_s.cand[3].hub, s_from);
+    for (uint32_t j = 0u; j < 7u; j++) { s_from[j] += 0.3 * (s_to[j] - s_from[j]); }
+    expect_fine();
+    s_from[6] += 0.5;
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_WAY, kc_guard_check(&s_ask, &s_why));
+}
+
+/* ---- volumes ---- */
+
+/* A ball where the tool's left end is at these joints, for the arm with the correction in use. */
+static void put_ball(const double *q, float radius)
+{
+    kc_loads_t loads;
+    double left[3] = {0.1, 0.0, 0.0}, p[3];
+    memcpy(s_ctx.q, q, 7u * sizeof *q);
+    kc_model_loads(&s_arm, &s_terms, s_coef, &s_ctx, &loads);
+    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_frame);
+    for (uint32_t i = 0u; i < 3u; i++) {
+        p[i] = s_frame[0].p_m[i];
+        for (uint32_t k = 0u; k < 3u; k++) { p[i] += s_frame[0].R[3u * i + k] * left[k]; }
+    }
+    s_s.volume[1] = (kc_volume_t){KC_VOL_SPHERE, {(float)p[0], (float)p[1], (float)p[2]}, {0}, radius, 1u};
+}
+
+void test_a_target_inside_a_volume_is_refused_with_body_and_depth(void)
+{
+    s_to[0] += 0.3;
+    put_ball(s_to, 0.02f);
+    expect(KC_GUARD_VOLUME, 1, 0.03, 1.0); /* the rod's 0.01 more */
+    s_s.n_volume = 1u;
+    expect_fine();
+    s_s.n_volume = 2u;
+    s_s.n_body = 0u;
+    expect_fine();
+}
+
+void test_a_volume_on_the_way_is_seen_too(void)
+{
+    double half[KC_JOINT_MAX];
+    s_to[0] += 0.38;
+    s_from[0] -= 0.38;
+    for (uint32_t j = 0u; j < 7u; j++) { half[j] = 0.5 * (s_from[j] + s_to[j]); }
+    put_ball(half, 0.05f);
+    expect(KC_GUARD_VOLUME, 1, 0.06, 1.0);
+    put_ball(s_from, 0.02f); /* inside already: it may leave */
+    expect_fine();
+    double t[KC_JOINT_MAX];
+    memcpy(t, s_from, sizeof t);
+    memcpy(s_from, s_to, sizeof t);
+    memcpy(s_to, t, sizeof t); /* but not come back */
+    expect(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+}
+
+void test_it_is_the_corrected_arm_that_is_looked_at(void)
+{
+    s_to[0] += 0.3;
+    put_ball(s_to, 0.02f);
+    s_coef[0] = 0.2; /* joint 1 reads wrong: the arm is elsewhere */
+    expect_fine();
+    put_ball(s_to, 0.02f);
+    expect(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+}
