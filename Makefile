@@ -305,7 +305,7 @@ tables: core .venv/.stamp ## tables/bin from tables/src
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench-samples blind
+.PHONY: demo hil bench-samples blind montecarlo occlusion
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -318,6 +318,12 @@ bench-samples: setup build ## held-out error against number of poses, for all ac
 
 blind: setup core ## sealed hidden effects: what the workbench finds, and whether its probabilities are honest
 	.venv/bin/python tests/bench/blind.py
+
+montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unproven commands, how they end (RUNS, OUTSIDE)
+	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE))
+
+occlusion: setup core ## drawn frames against the search's verdict on what the arm hides
+	.venv/bin/python tests/bench/occlusion.py
 
 # ---- tidying ------------------------------------------------------------------------------------------
 
