@@ -258,7 +258,8 @@ class _Search:
     def _look(self, fit: Fit, others: list[Hypothesis], drop: Hypothesis | None) -> Look:
         engine = Engine(fit, self.weight, self.stated, drop=drop)
         taken = {h.name for h in others}
-        still_open = [c for c in self.candidates if c.name not in taken]
+        # an effect that is in at all joints has nothing to add at one of them
+        still_open = [c for c in self.candidates if c.name not in taken and c.effect.name not in taken]
         scored, mapped = engine.candidates(still_open), engine.map()
         cells = unknown(mapped, scored)
         return Look(engine, scored, mapped, cells, _posterior(still_open, scored, cells))
@@ -357,7 +358,7 @@ def diagnose(
         chosen = chosen or search.helpful(look, current, kept)
         if chosen is None:
             break
-        kept.append(chosen)
+        kept = [h for h in kept if h.effect != chosen.name] + [chosen]  # at all joints: instead of at one
         tell(f"evidence beside {chosen.name}", 1 + len(kept), steps)
         current = search.refit(kept)
         look = search.look(current, kept)

@@ -81,7 +81,7 @@ def build_candidates(
             by_constants.setdefault(h.constants, []).append(h)
             by_name.setdefault(h.name, []).append(h)
         several = effect.per == "joint" and len(by_name) > 1
-        singles = [name for name in by_name if name not in used]
+        singles = [name for name in by_name if name not in used and effect.name not in used]
         for name in singles:
             prior = share / len(by_name) * (0.5 if several else 1.0)
             out.append(Candidate(name, effect, tuple(by_name[name]), prior))
