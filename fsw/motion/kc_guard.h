@@ -23,7 +23,7 @@ typedef struct {
     const double *q_from;      /* where the arm stands                                           */
     const double *q_to;        /* where it shall go, straight in joint space                     */
     uint32_t from, to;         /* nodes whose proven segment this is; equal: inside that node's box */
-    const double *leash;       /* half size of the box, of each joint                            */
+    const double *leash;       /* half size of a candidate's box; a hub's is KC_HUB_LEASH at most */
     double margin;             /* to keep from the limits                                        */
     double tol;                /* an arm stands where it was sent within this [rad or m]         */
 } kc_guard_ask_t;

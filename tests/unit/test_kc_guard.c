@@ -145,10 +145,21 @@ void test_inside_the_box_anything_goes_and_outside_nothing(void)
     s_from[1] -= 0.399;
     expect_fine();
     s_to[4] += 0.1;
-    expect(KC_GUARD_WAY, 5, 0.498 - 0.4 + 1e-3 - 1e-3, 0.4);
+    expect(KC_GUARD_WAY, 5, 0.499 - 0.4 - s_ask.tol, 0.4);
     s_to[4] -= 0.1;
     s_from[1] -= 0.2; /* came from outside */
-    expect(KC_GUARD_WAY, 2, 0.598 - 0.4, 0.4);
+    expect(KC_GUARD_WAY, 2, 0.599 - 0.4 - s_ask.tol, 0.4);
+}
+
+void test_the_box_around_a_hub_is_small(void)
+{
+    s_ask.from = s_ask.to = 1u;
+    kc_path_joints(&s_s, 1u, s_from);
+    kc_path_joints(&s_s, 1u, s_to);
+    s_from[2] += KC_HUB_LEASH;
+    expect_fine();
+    s_from[2] += 0.01;
+    expect(KC_GUARD_WAY, 3, 0.01 - s_ask.tol, KC_HUB_LEASH);
 }
 
 void test_a_proven_segment_goes_from_one_end_to_the_other(void)

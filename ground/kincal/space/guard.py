@@ -20,9 +20,9 @@ Capsule = tuple[np.ndarray, np.ndarray, float]
 
 
 def strips(centre: np.ndarray, half: np.ndarray) -> list[Capsule]:
-    """Capsules along the longest side that contain the box: as few as stand out by TOO_FAT_M at most. Those of
-    k x l strips of half sizes b, c end before the box does, by e; the corners are on the hemispheres when the
-    radius is |(b, c, e)|."""
+    """Capsules along the longest side that contain the box, as few as stand out by TOO_FAT_M at most. Those
+    of k x m strips of half sizes b, c end before the box does, by e; the corners are on the hemispheres when
+    the radius is |(b, c, e)|."""
     order = np.argsort(-half, kind="stable")
     length, axes = half[order[0]], order[1:]
     best: list[Capsule] = []
