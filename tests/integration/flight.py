@@ -114,12 +114,12 @@ class Flight:
                     self.world.take(channel, m)
         return self.heard if alive else None
 
-    def command(self, opcode: int, *args: int, source: int = 2) -> None:
+    def command(self, opcode: int, *args: int, source: int = 2, arg_u64: int = 0) -> None:
         """Handled in the next tick."""
         c = kcm.cmd_t()
         self.seq += 1
         c.t_us, c.seq, c.source, c.opcode = self.now_us, self.seq, source, opcode
-        c.arg_i = (list(args) + [0, 0, 0, 0])[:4]
+        c.arg_i, c.arg_u64 = (list(args) + [0, 0, 0, 0])[:4], arg_u64
         self.bus.publish("KC_CMD", c)
 
     def do(self, opcode: int, *args: int):

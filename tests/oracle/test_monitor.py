@@ -95,7 +95,7 @@ def campaign(rng, cases, n=5, **kw):
 
 
 def random_cases(rng, n):
-    return [(int(rng.integers(7)), rng.choice([-1, 1]) * rng.uniform(0.010, 0.100)) for _ in range(n)]
+    return [(int(rng.integers(7)), rng.choice([-1, 1]) * 0.010 ** rng.uniform(0.5, 1.0)) for _ in range(n)]
 
 
 @pytest.mark.parametrize("before", [0, 8])
