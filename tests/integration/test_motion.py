@@ -1,0 +1,143 @@
+"""What the arm is told, over LCM: sides of approach, replicates, the guard, and what ends a calibration."""
+
+import shutil
+
+import numpy as np
+import pytest
+from flight import IDLE, REVIEW, SAFE, TABLES, Flight
+
+import kcm
+from kincal import tables
+
+CMD = kcm.cmd_t
+TAGS_LOST, SKIPPED, CONVERGED, ENERGY = 64, 66, 74, 77
+GRD_LIMIT, GRD_WAY, GRD_VOLUME = 89, 91, 92
+BY = 0.05
+_, SPACE = tables.load(TABLES / "space.tbl")
+
+
+class Session(Flight):
+    """A calibration with some fields of CONFIG changed, and everything that was said."""
+
+    def __init__(self, tmp_path, scenario, seed=1, space=None, **config):
+        folder = tmp_path / "tables"
+        shutil.copytree(TABLES, folder)
+        _, c = tables.load(folder / "config.tbl")
+        for name, value in config.items():
+            setattr(c, name, value)
+        (folder / "config.tbl").write_bytes(tables.encode("config", c).data)
+        if space is not None:
+            (folder / "space.tbl").write_bytes(tables.encode("space", space).data)
+        super().__init__(tmp_path / "store", scenario, seed, folder)
+
+    def calibrate(self, poses, seed=1):
+        self.start()
+        self.step()
+        assert self.do(CMD.START, -1, poses, seed).status == 0
+        self.said, ended = list(self.heard), False
+        while not ended:
+            assert self.step() is not None and self.tick < 20_000
+            self.said += self.heard
+            ended = any(ch == "KC_HK" and m.state in (IDLE, REVIEW, SAFE) for ch, m in self.heard)
+        return self
+
+    def of(self, *channels):
+        return [m for ch, m in self.said if ch in channels]
+
+    def events(self, *ids):
+        return [m for m in self.of("KC_EVENT") if m.id in ids]
+
+
+def joints(m):
+    return np.array(m.q_rad[:7])
+
+
+def before_each_measurement(said):
+    """The measurement, and the arm commands since the one before it."""
+    commands = []
+    for m in said:
+        if isinstance(m, kcm.meas_t):
+            yield m, commands
+            commands = []
+        else:
+            commands.append(joints(m))
+
+
+def test_poses_are_approached_from_the_sides_that_telemetry_tells(tmp_path):
+    with Session(tmp_path, "encoder_bias", approach_rad=BY, replicate_every=2) as f:
+        said = f.calibrate(10).of("KC_ARM_CMD", "KC_MEAS")
+        assert f.events(GRD_LIMIT, GRD_WAY, GRD_VOLUME) == []
+    sides, repeats = [], 0
+    for m, commands in before_each_measurement(said):
+        back, goal = commands[-2:]
+        assert np.allclose(np.abs(goal - back), BY, atol=1e-12)
+        side = np.sign(goal - back).astype(int)
+        assert list(m.dir[:7]) == list(side)
+        assert np.allclose(joints(m), goal, atol=1e-3)
+        sides.append(tuple(side))
+        if m.replicate:
+            repeats += 1
+            hub = np.array(list(SPACE.hub_q[SPACE.cand[m.candidate].hub])[:7])
+            assert min(np.max(np.abs(c - hub)) for c in commands) < 1e-6  # reached anew
+            first = next(x for x in said if isinstance(x, kcm.meas_t) and x.candidate == m.candidate)
+            assert first.dir != m.dir
+    assert len(sides) == 10 and repeats >= 2 and len(set(sides)) >= 9
+    assert 20 <= np.sum(np.array(sides) > 0) <= 50  # of 70; mean 35, sigma 4.2
+
+
+def test_energy_used_up_ends_with_a_proposal_of_what_there_is(tmp_path):
+    budget = {"power_idle_w": 15.0, "power_move_w": 60.0, "energy_budget_j": 5000.0}
+    with Session(tmp_path, "encoder_bias", **budget) as f:
+        f.calibrate(40)
+        (event,) = f.events(ENERGY)
+        assert event.want == 5000.0 and 5000.0 < event.got <= 5006.0  # one tick of moving more
+        assert f.of("KC_HK")[-1].energy_j >= event.got
+        used = [p.energy_j for p in f.of("KC_PROGRESS")]
+        assert 3 <= len(used) < 40 and np.all(np.diff([0.0, *used, event.got]) > 0)
+        (p,) = f.of("KC_PROPOSAL")
+        assert p.n_poses == len(used)
+
+
+def test_it_stops_when_the_predicted_sigma_meets_the_requirement(tmp_path):
+    with Session(tmp_path, "encoder_bias", stop_pos_m=0.001) as f:
+        f.calibrate(60)
+        (event,) = f.events(CONVERGED)
+        sigma = [p.pred_pos_m for p in f.of("KC_PROGRESS")]
+        assert len(sigma) < 60 and sigma[-1] == event.got <= 0.001
+        full = [p for p in f.of("KC_PROGRESS") if p.rank == p.n_free and p.dof >= p.n_free]
+        assert all(p.pred_pos_m > 0.001 for p in full[:-1])  # not later than it could
+        assert len(f.of("KC_PROPOSAL")) == 1
+
+
+def test_tags_that_are_lost_cost_a_bounded_search_and_the_candidate(tmp_path):
+    """The paper's arm: 0.4 m and 1.7 rad beside where the tool should be."""
+    with Session(tmp_path, "paper") as f:
+        f.calibrate(20)
+        lost = f.events(TAGS_LOST)
+        assert lost
+        _, config = tables.load(TABLES / "config.tbl")
+        given_up = [e.index for e in f.events(SKIPPED)]
+        measured = [m.candidate for m in f.of("KC_MEAS")]
+        for e in lost:
+            assert e.got <= config.search_steps
+            assert e.index in given_up and e.index not in measured
+        assert len(measured) == 20 and f.of("KC_PROPOSAL")[0].verdict == kcm.proposal_t.CHANGE
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_a_volume_around_a_candidate_is_never_entered(tmp_path, place):
+    """A ball where a prior pose wants the tool."""
+    _, space = tables.load(TABLES / "space.tbl")
+    cand = space.prior[place]
+    ball = space.volume[space.n_volume]
+    ball.kind, ball.p_m, ball.radius_m = 3, list(space.cand[cand].p_m), 0.03
+    space.n_volume += 1
+    with Session(tmp_path, "healthy", space=space) as f:
+        f.calibrate(6)
+        refused = f.events(GRD_VOLUME)
+        assert refused and all(e.want == space.n_volume - 1 and e.got > 0 for e in refused)
+        assert cand in [e.index for e in f.events(SKIPPED)]
+        assert cand not in [m.candidate for m in f.of("KC_MEAS")]
+        seed = np.array(list(space.cand[cand].q_seed)[:7])
+        assert min(np.max(np.abs(joints(c) - seed)) for c in f.of("KC_ARM_CMD")) > 1e-3
+        assert len(f.of("KC_MEAS")) == 6
