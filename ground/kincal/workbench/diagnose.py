@@ -27,7 +27,7 @@ from .compare import (
     where_it_fails,
 )
 from .data import Measurements
-from .effects import Hypothesis, Library, Term
+from .effects import Hypothesis, Library, Term, finer
 from .engine import (
     PRIOR_NONE,
     PRIOR_NOVEL,
@@ -36,6 +36,7 @@ from .engine import (
     Scored,
     build_candidates,
     family_p,
+    merged,
     robust_weights,
     unknown,
 )
@@ -193,6 +194,10 @@ class Look:
         return rest > ACCEPT_ODDS * self.probability["none"]
 
 
+def _key(hypotheses) -> tuple:
+    return tuple((h.name, h.constants) for h in hypotheses)
+
+
 def _posterior(candidates: list[Candidate], scored: list[Scored], cells: list[Scored]) -> dict[str, float]:
     """Posterior by candidate name plus 'none' and 'novel'; effects that the nuisance parameters imitate
     (absorbed) are left out, for the data say nothing about them."""
@@ -223,6 +228,7 @@ class _Search:
         self.base = comparison.fit_all
         self.arm, self.data = self.base.chain.arm, self.base.chain.data
         used = {h.name for h in given}
+        self.library = library
         self.candidates, self.lacking = build_candidates(self.arm, self.data, library, used)
         self.weight = robust_weights(self.base, self.candidates)
         self.stated = self.data.cov is not None
@@ -235,7 +241,7 @@ class _Search:
         self._looks: dict[tuple, Look] = {}
 
     def refit(self, extra: list[Hypothesis]) -> Fit:
-        key = tuple(h.label for h in extra)
+        key = _key(extra)
         if key not in self._fits:
             start = dict(zip(self.base.names, self.base.estimate, strict=True))
             frames = (self.base.base, self.base.tool)
@@ -249,8 +255,7 @@ class _Search:
         return 0 if fit.terms.n_term >= MAX_TERM else MAX_COEF - len(fit.names)
 
     def look(self, fit: Fit, others: list[Hypothesis], drop: Hypothesis | None = None) -> Look:
-        at, beside = (tuple(h.label for h in hs) for hs in (fit.hypotheses, others))
-        key = (at, beside, drop and drop.label)
+        key = (_key(fit.hypotheses), _key(others), drop and drop.name)
         if key not in self._looks:
             self._looks[key] = self._look(fit, others, drop)
         return self._looks[key]
@@ -275,8 +280,23 @@ class _Search:
             if winner is None or look.presence(winner.name) < max(ACCEPT_ODDS * p["none"], p["novel"]):
                 return None
             if winner.name == h.name and winner.constants == h.constants:
-                return h
+                break
             h = winner
+        return self.sharpen(h, accepted)
+
+    def sharpen(self, h: Hypothesis, others: list[Hypothesis]) -> Hypothesis:
+        """The effect with its constants searched closer than the grid has them: of a large effect even a
+        small error of its moment or period leaves something that looks like another effect."""
+        for constant, values in self.library.grid_of(h.name).items():
+            fixed = dict(h.constants)
+            tried = [h]
+            for value in finer(values, fixed[constant], self.data):
+                found = self.library.find(h.name, self.arm, self.data, {**fixed, constant: value})
+                whole = len(h.parameters) > len(found[0].parameters)
+                tried.append(merged(self.library.effects[h.effect], found) if whole else found[0])
+            engine = self.look(self.refit([*others, h]), others, drop=h).engine
+            scored = engine.scores([engine.columns.hypothesis(x) for x in tried])
+            h = tried[int(np.argmax([ln_bf for _, ln_bf in scored]))]
         return h
 
     def pair(
@@ -297,7 +317,7 @@ class _Search:
 
     def held_square(self, extra: list[Hypothesis]) -> np.ndarray:
         """(M,) squared position error of the held-out poses, the model fitted to the others only."""
-        key = tuple(h.label for h in extra)
+        key = _key(extra)
         if key not in self._held:
             part = self.comparison.fit_part
             fit = fit_model(

@@ -211,6 +211,8 @@ def finer(values, best: float, data: Measurements) -> list[float]:
     if values == "periods":
         step = _PERIODS[1] - _PERIODS[0]
         return [float(v) for v in best + step * np.linspace(-0.8, 0.8, 9)]
+    if values == "durations":
+        return [float(v) for v in best * 2.0 ** np.linspace(-1.0, 1.0, 9)]
     if values != "times":
         return []
     t, t0 = np.unique(data.t_s), best
