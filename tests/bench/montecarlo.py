@@ -12,7 +12,8 @@ Errors drawn (run number and seed say which; the bounds are those of tables/src/
 - inside: run 0 is the paper's set; then by run number in turn 5 of 10 `box`: all 28 DH errors even between
   their bounds; 2 `alone`: one error, any of them, between half its bound and the bound, either way;
   2 `three`: three errors at their bounds, either way; 1 `corner`: all 28 at their bounds, either way.
-- outside: in turn `slip`: an encoder that reads 1 to 2.5 rad wrong, any joint; `few`: one to three errors at
+- outside: in turn `slip`: an encoder of any joint that reads 1 to 2.5 rad wrong (joint 7:
+  beyond its bound); `few`: one to three errors at
   1.5 to 4 times their bounds; `wide`: all 28 even in the box of 1.5 to 4 times the bounds, one of them at
   its end; `both`: a slip and all 28 inside their bounds. No angle is more than pi off.
 An arm that touches something where it stands before anything was commanded cannot have been brought there:
@@ -72,17 +73,6 @@ START, EXECUTIVE = 1, 2
 START_TICK = 3  # the executive hears the first housekeeping and answers it: flight has START in this tick
 KINDS_INSIDE = ("box", "alone", "box", "three", "box", "corner", "box", "alone", "box", "three")
 KINDS_OUTSIDE = ("slip", "few", "wide", "both")
-CAUSES = (
-    "command",
-    "arm fault",
-    "arm late",
-    "head late",
-    "no frame",
-    "no candidate seen",
-    "no proven path",
-    "budget",
-    "silent",
-)
 
 
 # ---- what is wrong with the arm -------------------------------------------------------------------------
@@ -126,7 +116,9 @@ def outside(rng, kind: str) -> ArmTruth:
     names = list(size)
     truth = ArmTruth()
     if kind in ("slip", "both"):
-        truth.encoder_bias_rad = {f"J{rng.integers(1, 8)}": _sign(rng) * float(rng.uniform(1.0, 2.5))}
+        joint = f"J{rng.integers(1, 8)}"
+        least = max(1.0, 1.1 * size[f"{joint}.phi_rad"])
+        truth.encoder_bias_rad = {joint: _sign(rng) * float(rng.uniform(least, 2.5))}
     if kind == "both":
         truth.errors = {n: float(rng.uniform(-s, s)) for n, s in size.items()}
     if kind == "few":
@@ -449,7 +441,8 @@ def _outcome(story: Story, ended: bool) -> str:
     if story.verdict:
         return "finished"
     if story.cause >= 0:
-        return f"aborted: {CAUSES[story.cause] if story.cause < len(CAUSES) else story.cause}"
+        names = core.ffi.typeof("kc_cause_t").elements
+        return f"aborted: {names[story.cause].removeprefix('KC_CAUSE_').lower().replace('_', ' ')}"
     return "ended without a proposal" if ended else "not finished in time"
 
 
