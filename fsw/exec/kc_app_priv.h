@@ -228,7 +228,7 @@ void kc_move_box(const kc_app_t *app, uint32_t cand, double *lo, double *hi);
 kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand);
 /* What each joint may be off its seed: as far as was proven, and no farther than CONFIG allows. */
 void kc_move_leash(const kc_app_t *app, double *leash);
-/* Node the arm stands at, inside its leash; KC_NODE_NONE otherwise. dist: from the nearest node, in leashes. */
+/* Node the arm stands at, inside its leash; KC_NODE_NONE otherwise. dist: from the nearest one, in leashes. */
 uint32_t kc_move_node(const kc_app_t *app, double *dist);
 void kc_move_head(kc_app_t *app, kc_out_t *out, double pan_rad, double tilt_rad);
 int kc_move_head_there(const kc_app_t *app);

@@ -202,10 +202,11 @@ static int clear_of_volumes(const kc_guard_ask_t *ask, kc_guard_why_t *why)
     for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
         far = kc_max(far, kc_fabs(ask->q_to[j] - ask->q_from[j]));
     }
-    double n = kc_clamp(kc_floor(far / KC_GUARD_STEP) + 1.0, 1.0, (double)KC_GUARD_STEPS_MAX);
+    double steps = kc_min(kc_floor(far / KC_GUARD_STEP) + 1.0, (double)KC_GUARD_STEPS_MAX);
+    uint32_t n = (uint32_t)steps;
     double least = kc_min(0.0, clearance_at(ask, 0.0, why)) - NUMBERS_TOL;
-    for (double k = 1.0; k <= n; k += 1.0) {
-        if (clearance_at(ask, k / n, why) < least) { return 0; }
+    for (uint32_t k = 1u; k <= n; k++) {
+        if (clearance_at(ask, (double)k / steps, why) < least) { return 0; }
     }
     return 1;
 }

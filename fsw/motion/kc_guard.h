@@ -1,7 +1,7 @@
 /* The last look at an arm command before it is sent: limits, proven ways, keep-out volumes.
  *
- * Ways and boxes were proven on the ground for many arms that are wrong; this asks again on board, for the arm
- * as it is believed to be now. No safety distance is added: the ground has it in what it proved, and here it
+ * Ways and boxes were proven on the ground for many arms that are wrong; this asks again on board, for the
+ * arm as it is believed to be now. No safety distance is added: the ground has it in what it proved, and here it
  * would only refuse what is proven. */
 #ifndef KC_GUARD_H
 #define KC_GUARD_H

@@ -8,7 +8,7 @@
 #include "kc_limits.h"
 
 #define KC_PATH_MAX (KC_HUB_MAX + 2u)
-/* What joints may be off a hub: hubs are places to pass, proven no farther about them than this [rad or m]. */
+/* What joints may be off a hub [rad or m]: hubs are places to pass, proven no farther about them. */
 #define KC_HUB_LEASH 0.05
 #define KC_EDGE_BYTES (KC_CAND_MAX * (KC_CAND_MAX - 1u) / 2u / 8u)
 
@@ -77,8 +77,8 @@ kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16
 void kc_path_joints(const kc_space_t *s, uint32_t node, double *q);
 
 /* Node nearest to q, and its distance: the largest joint difference, each in units of that joint's leash (of
- * hubs: KC_HUB_LEASH at most), so up to 1 is inside the box around the node. Ties: hubs first, then lowest index. KC_NODE_NONE for an empty
- * space. O(n_cand n_joints). */
+ * hubs: KC_HUB_LEASH at most), so up to 1 is inside the box around the node. Ties: hubs first, then lowest
+ * index. KC_NODE_NONE for an empty space. O(n_cand n_joints). */
 uint32_t kc_path_nearest(const kc_space_t *s, const double *leash, const double *q, double *dist);
 
 /* An end of a proven segment on which q lies: every joint within tol of one point of the straight line.

@@ -33,8 +33,8 @@ typedef struct {
 void kc_servo_forget(kc_servo_mem_t *mem);
 
 /* seen: tool in the base frame as measured; goal: wanted. q: current encoder readings; q_seed: the
- * candidate's joints; leash: what each may be off them (and opt->leash at most); out q_cmd. The Jacobian is that of the corrected model at q, corrected by mem (NULL:
- * not). MOVE: command q_cmd; THERE: inside the tolerances, q_cmd = q; STUCK: limits or leash allow no
+ * candidate's joints; leash: what each may be off them (and opt->leash at most); out q_cmd. The Jacobian is
+ * that of the corrected model at q, corrected by mem (NULL: not). MOVE: command q_cmd; THERE: inside the tolerances, q_cmd = q; STUCK: limits or leash allow no
  * useful step, or something is not finite, q_cmd = q. A look that the joints can't have caused (more turn
  * than they turned) makes mem forget. O(n^3), deterministic. */
 kc_servo_result_t kc_servo_step(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
