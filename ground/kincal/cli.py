@@ -417,7 +417,7 @@ def space_check(file: Path, description: Path, tables_dir: Path, processes: int)
     with bar(out) as progress, work.Crew(checks, desc, arm_image.data, camera_image.data, processes) as crew:
         found = explain.recheck(checks, crew, struct, phases(progress))
     show.space_checked(out, file, int(struct.n_cand), found)
-    raise SystemExit(1 if found.problems else 0)
+    raise SystemExit(0 if found.ok else 1)
 
 
 @space.command("diff")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+
+PAIRS_NAMED = 3  # of shapes, per reason
 
 
 @dataclass(frozen=True)
@@ -146,3 +150,23 @@ def length_text(m: float) -> str:
     if not np.isfinite(m):
         return "-"
     return f"{m:.3f} m" if abs(m) >= 0.1 else f"{m * 1e3:.2f} mm"
+
+
+def spans(values: Iterable[float]) -> str:
+    """A number for each joint, written once if it is the same for all."""
+    text = [f"{v:.2f}" for v in values]
+    return text[0] if len(set(text)) == 1 else " ".join(text)
+
+
+def summed(reasons: dict[str, int]) -> list[tuple[int, str]]:
+    """Why samples were dropped, most frequent first; reasons that name two shapes taken together."""
+    pairs: dict[str, Counter[str]] = {}
+    for reason, n in reasons.items():
+        kind, _, pair = reason.partition(": ")
+        pairs.setdefault(kind, Counter())[pair] += n
+    out = []
+    for kind, count in pairs.items():
+        named = [f"{pair} {n}" for pair, n in count.most_common(PAIRS_NAMED) if pair]
+        more = ", ..." if len(count) > PAIRS_NAMED else ""
+        out.append((count.total(), f"{kind} ({', '.join(named)}{more})" if named else kind))
+    return sorted(out, key=lambda x: (-x[0], x[1]))

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from kincal.results import CoefResult, PoseLine, RunResult, angle_text, length_text
+from kincal.results import CoefResult, PoseLine, RunResult, angle_text, length_text, spans, summed
 
 if TYPE_CHECKING:
     from kincal import lcmlog as lcmlog_mod
@@ -124,7 +124,7 @@ def space_built(out: Console, built: space_mod.Built, path: Path) -> None:
         f"bytes, CRC {built.image.crc_text}"
     )
     rows = grid("", "samples dropped", "because", right=(0,))
-    for reason, n in sorted(built.rejected.items(), key=lambda item: -item[1]):
+    for n, reason in summed(built.rejected):
         rows.add_row(str(n), reason)
     out.print(rows)
 
@@ -143,7 +143,7 @@ def space(out: Console, image: tables_mod.Image, n: space_mod.Numbers, picture: 
     rows.add_row("incidence", f"{n.incid_deg[0]:.0f}..{n.incid_deg[1]:.0f} deg (most oblique tag in view)")
     rows.add_row("candidates with two tags in view", str(n.two_tags))
     rows.add_row("nearest neighbour", f"{n.nearest_m * 1e3:.0f} mm (median)")
-    rows.add_row("servo leash", f"{space_mod.spans(n.leash_rad)} rad")
+    rows.add_row("servo leash", f"{spans(n.leash_rad)} rad")
     rows.add_row("candidates with a check missing", str(n.unchecked))
     rows.add_row("built for the arm table here", "yes" if n.arm_fits else f"NO: for {n.arm_crc:08x}")
     out.print(rows)
@@ -161,15 +161,17 @@ def space_corner(out: Console, at: tuple[float, ...], half_m: float, c: explain_
     place = " ".join(f"{x:.2f}" for x in at)
     out.print(f"{c.good} of {c.examined} tool poses within {half_m:.2f} m of {place} could be candidates")
     rows = grid("", "dropped", "because", right=(0,))
-    for reason, n in c.reasons.items():
+    for n, reason in summed(c.reasons):
         rows.add_row(str(n), reason)
     out.print(rows)
 
 
 def space_checked(out: Console, path: Path, n: int, found: explain_mod.Checked) -> None:
     share = found.touched / max(found.tried, 1)
-    out.print(f"{path}: {n} candidates, {len(found.problems)} problems")
+    out.print(f"{path}: {n} candidates, {len(found.problems) + len(found.bad_hubs)} problems")
     out.print(f"servo boxes: {found.touched} of {found.tried} fresh postures touch ({share:.2%})")
+    for what in found.bad_hubs:
+        out.print(f"  {what}")
     for i, what in found.problems:
         out.print(f"  candidate {i}: {what}")
 
@@ -179,7 +181,7 @@ def space_diff(out: Console, a: tables_mod.Image, b: tables_mod.Image, d: explai
     rows.add_row("candidates in both", str(d.same))
     rows.add_row("only in the first, only in the second", f"{len(d.only_a)}, {len(d.only_b)}")
     rows.add_row("hubs", f"{d.hubs[0]} -> {d.hubs[1]}" + (", moved" if d.hubs_differ else ""))
-    rows.add_row("servo leash", f"{space_mod.spans(d.leash_rad[0])} -> {space_mod.spans(d.leash_rad[1])} rad")
+    rows.add_row("servo leash", f"{spans(d.leash_rad[0])} -> {spans(d.leash_rad[1])} rad")
     rows.add_row("new candidate farthest from any old one", f"{d.farthest_new_m * 1e3:.0f} mm")
     rows.add_row("least kernel covariance of a new one with the old", f"{d.least_covariance:.3f}")
     out.print(rows)
@@ -192,7 +194,8 @@ def space_worth(out: Console, w: worth_mod.Worth) -> None:
     )
     for name, like in w.held.items():
         out.print(
-            f"  [bold]{name}[/] cannot: " + (f"acts like {', '.join(like)}" if like else "not seen at all")
+            f"  [bold]{name}[/] cannot: "
+            + (f"acts like {', '.join(like)}" if like else "hardly shows at these poses")
         )
     rows = grid("", "poses", "chosen by", "rank", "worst angle", "worst length", "tool position", "rotation")
     for s in sorted(w.table, key=lambda s: s.n):

@@ -61,7 +61,7 @@ def test_explain_says_why_a_corner_is_empty(checks):
     assert low.good == 0
     assert sum(low.reasons.values()) == 120
     assert any("deck" in reason for reason in low.reasons)
-    middle = explain.corner(checks, np.array([0.6, 0.0, 0.6]), 0.05, 60)
+    middle = explain.corner(checks, np.array([0.6, 0.0, 0.6]), 0.05, 200)
     assert middle.good > 0
 
 
@@ -70,10 +70,16 @@ def test_check_finds_a_candidate_that_was_moved_and_accepts_the_others(committed
     table = few(committed, [0, 5, 9, 20])
     with space.Crew(checks, DESC, arm, camera, 1) as crew:
         assert explain.recheck(checks, crew, table).problems == []
-        table.cand[2].q_seed[3] += 1.2
+        table.cand[2].q_seed[6] += 0.2
         found = explain.recheck(checks, crew, table)
     assert {i for i, _ in found.problems} == {2}
-    assert "beside its pose" in found.problems[0][1]
+    assert any("0.0 mm and 200.0 mrad beside its pose" in what for _, what in found.problems)
+    assert found.bad_hubs == []
+    table.hub_q[1] = [1.8, 1.9, 0.0, 0.6, 0.0, 0.0, 0.0, 0.0]
+    with space.Crew(checks, DESC, arm, camera, 1) as crew:
+        found = explain.recheck(checks, crew, table)
+    assert "hub 1 is too near as drawn" in found.bad_hubs[0]
+    assert not found.ok
     assert found.tried == 4 * DESC.clear.leash_samples
 
 

@@ -9,7 +9,7 @@ from .bodies import Bodies
 from .checks import WHY, WHY_ALL, Checks
 from .description import Description, read_description
 from .drawn import draw
-from .look import Numbers, describe, scene, spans
+from .look import Numbers, describe, scene
 from .search import Built, build
 from .spread import Metric, farthest
 from .work import Crew
@@ -30,5 +30,4 @@ __all__ = [
     "farthest",
     "read_description",
     "scene",
-    "spans",
 ]

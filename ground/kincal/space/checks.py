@@ -9,7 +9,7 @@ import numpy as np
 
 from kincal import core
 from kincal.errors import KincalError
-from kincal.geometry import ArmChain, Camera, quat_to_R
+from kincal.geometry import ArmChain, Camera, quat_to_R, with_dh_errors
 
 from . import drawn
 from .bodies import Bodies
@@ -28,10 +28,15 @@ WHY = {
     256: "line of sight to those tags clear of the arm (rays)",
     512: "clear at the seed with all drawn errors",
     1024: "servo box around the seed clear under sampled postures and errors",
+    2048: "the servo can reach the pose under every named case of errors, if the description asks for it",
 }
 WHY_ALL = sum(WHY)
+HUB_LEASH = 0.05  # what flight lets joints be off a hub, KC_HUB_LEASH of kc_path.h
 FAULTY_INCID_MAX_RAD = 1.2  # a tag still decodes, though its pose is poor
 # Far more starts than 20 steps could mend are cheaper tried anew from another start.
+# Under named errors: as close as the servo is asked to come, and as far from the limits (CONFIG).
+_SERVO = {"iter_max": 60, "tol_pos_m": 2e-3, "tol_rot_rad": 5e-3, "margin": 0.0, "step_max": 0.5}
+_SERVO_MARGIN = 0.02
 _IK = {"iter_max": 20, "tol_pos_m": 1e-6, "tol_rot_rad": 1e-6, "margin": 0.0, "step_max": 1.0}
 
 
@@ -100,6 +105,8 @@ class Checks:
         for j in range(n):
             self._narrow.joint[j].q_min, self._narrow.joint[j].q_max = self.lo[j], self.hi[j]
         self._reach_m = _longest(arm, n)
+        self._cases = [with_dh_errors(arm, c) for c in desc.survive.case] if desc.survive.reach else []
+        self._servo_opt = core.ffi.new("kc_ik_opt_t *", _SERVO)
 
     # ---- seen
 
@@ -236,6 +243,28 @@ class Checks:
         q = q.astype(np.float32).astype(float)
         return q, good & np.all((q >= self.lo) & (q <= self.hi), axis=1)
 
+    def servo_problem(self, q: np.ndarray, p: np.ndarray, R: np.ndarray, leash: np.ndarray) -> str:
+        """Whether arms with the named errors can be brought to a pose from inside the servo box: from the
+        seed, or with the joints' own errors taken back."""
+        lo, hi = self.box(q, leash)
+        lo = np.maximum(lo, self.chain.q_min + _SERVO_MARGIN)
+        hi = np.minimum(hi, self.chain.q_max - _SERVO_MARGIN)
+        rows, goal = core.pose_rows(1)
+        rows[0, :3], rows[0, 3:] = p, R.reshape(9)
+        null = core.ffi.NULL
+        for k, arm in enumerate(self._cases):
+            back = np.zeros(self.chain.n)
+            for j in range(self.chain.n):
+                arm.joint[j].q_min, arm.joint[j].q_max = lo[j], hi[j]
+                back[j] = arm.joint[j].phi_rad - self.arm.joint[j].phi_rad
+            for start in (q - back, q.copy()):
+                at = core.ptr(start)
+                if core.lib.kc_ik_solve(arm, null, null, goal, self._servo_opt, at, self._eval) == 0:
+                    break
+            else:
+                return f"out of the servo's reach under case {k}"
+        return ""
+
     def problems(self, q: np.ndarray) -> list[str]:
         """First check that each row of joints fails as a place to stand, or an empty string."""
         q = np.asarray(q, float).reshape(-1, self.chain.n)
@@ -251,6 +280,8 @@ class Checks:
                     out[i] = f"too near as drawn: {pair}"
                 elif self.thick.seen(x, look.eye[i], int(seen[i])).bit_count() < self.desc.view.tags_min:
                     out[i] = "the arm hides the tags"
+                else:
+                    out[i] = self.servo_problem(x, p[i], R[i], self.leash)
         return out
 
     def problem(self, q: np.ndarray) -> str:
@@ -277,6 +308,10 @@ class Checks:
         """Joints the servo may use around a seed."""
         return np.maximum(q - leash, self.chain.q_min), np.minimum(q + leash, self.chain.q_max)
 
+    def stream(self, purpose: int, q: np.ndarray) -> np.random.Generator:
+        """Random numbers that belong to joints q, so that whoever asks again draws the same."""
+        return np.random.default_rng([self.desc.seed, purpose, *q.astype(np.float32).view(np.uint32)])
+
     def leash_problem(self, q: np.ndarray, leash: np.ndarray, samples: int, rng: np.random.Generator) -> str:
         """What touches at sampled postures of the servo box: half of them corners, and the arms in turn
         (the nominal one first)."""
@@ -288,6 +323,21 @@ class Checks:
         for i, at in enumerate(lo + (hi - lo) * u):
             if pair := arms[(offset + i) % len(arms)].touching(at):
                 return pair
+        return ""
+
+    def hub_problem(self, q: np.ndarray) -> str:
+        """Why joints q are no hub, or an empty string."""
+        if np.any(q < self.chain.q_min) or np.any(q > self.chain.q_max):
+            j = int(np.argmax(np.maximum(self.chain.q_min - q, q - self.chain.q_max)))
+            return f"outside the joint limits: J{j + 1} {q[j]:.2f} rad"
+        if pair := self.nominal.touching(q):
+            return f"too near as drawn: {pair}"
+        if found := self.wrong_touching(q):
+            pair, k = found
+            return f"too near with errors {self.errors[k]}: {pair}"
+        leash = np.minimum(self.leash, HUB_LEASH)
+        if pair := self.leash_problem(q, leash, self.desc.clear.leash_samples, self.stream(3, q)):
+            return f"not clear within {HUB_LEASH} rad of every joint: {pair}"
         return ""
 
     def hub_of(self, q: np.ndarray) -> int | None:

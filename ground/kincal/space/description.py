@@ -62,6 +62,7 @@ class Survive(_Strict):
     draws: int = pydantic.Field(ge=0, le=200)
     errors: int = pydantic.Field(ge=1)  # errors at full size in each draw
     case: list[dict[str, float]] = []  # sets of errors named by people
+    reach: bool = False  # the servo must be able to bring the tool to the pose under every case
 
 
 class Spread(_Strict):

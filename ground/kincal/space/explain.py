@@ -12,11 +12,12 @@ import numpy as np
 from kincal import core
 from kincal.errors import KincalError
 from kincal.geometry import quat_to_R
+from kincal.results import spans
 
 from .checks import Checks
-from .look import leash, spans
+from .look import leash
 from .spread import Metric
-from .work import BLOCK, Crew, examine
+from .work import BLOCK, Crew, examine, prove
 
 Tick = Callable[[str, int, int], None]
 
@@ -93,9 +94,11 @@ def candidate(checks: Checks, space: Any, number: int) -> list[Line]:
     hub = int(space.cand[number].hub)
     way = checks.segment_problem(hubs(space, n)[hub], q)
     out.append(Line(f"segment from hub {hub}", way or "clear", "clear with all errors", not way))
-    rng = np.random.default_rng([d.seed, 3, number])
     span, samples = leash(space, n), d.clear.leash_samples
-    box = checks.leash_problem(q, span, samples, rng)
+    if d.survive.reach:
+        short = checks.servo_problem(q, p, R[0], span)
+        out.append(Line("servo under named errors", short or "reaches the pose", "inside its box", not short))
+    box = checks.leash_problem(q, span, samples, checks.stream(3, q))
     out.append(Line(f"servo box +-{spans(span)} rad", box or "clear", f"{samples} postures clear", not box))
     text = f"{sum(checks.shown_by_wrong(q))} of {len(checks.errors)} arms with errors"
     out.append(Line("still shows a tag", text, "for information", True))
@@ -122,16 +125,7 @@ def corner(checks: Checks, at: np.ndarray, half_m: float, count: int) -> Corner:
     good = 0
     for block in range(-(-count // BLOCK)):
         for s in examine(checks, block, min(BLOCK, count - block * BLOCK), lo, hi):
-            reason = s.reason
-            if not reason and s.q is not None:
-                found = checks.wrong_touching(s.q)
-                reason = f"too near with errors: {found[0]}" if found else ""
-                rng = np.random.default_rng([checks.desc.seed, 3, good])
-                if not reason:
-                    pair = checks.leash_problem(s.q, checks.leash, checks.desc.clear.leash_samples, rng)
-                    reason = f"servo box not clear: {pair}" if pair else ""
-                if not reason and checks.hub_of(s.q) is None:
-                    reason = "no clear segment to a hub"
+            reason = s.reason or prove(checks, s.q)[1]
             if reason:
                 reasons[reason] += 1
             else:
@@ -141,24 +135,32 @@ def corner(checks: Checks, at: np.ndarray, half_m: float, count: int) -> Corner:
 
 @dataclass(frozen=True)
 class Checked:
-    """problems: (candidate, what). touched of tried: sampled postures of servo boxes, with other random
-    numbers than the search used."""
+    """problems: (candidate, what); bad_hubs: what. touched of tried: sampled postures of servo boxes, with
+    other random numbers than the search used."""
 
     problems: list[tuple[int, str]]
+    bad_hubs: list[str]
     touched: int
     tried: int
+
+    @property
+    def ok(self) -> bool:
+        return not self.problems and not self.bad_hubs
 
 
 def recheck(checks: Checks, crew: Crew, space: Any, tick: Tick = lambda *_a: None) -> Checked:
     """Every candidate of a table again, by its own hubs, segments and leash."""
     n = checks.chain.n
     q, h = seeds(space, n), hubs(space, n)
-    problems = []
+    problems, bad_hubs = [], []
     span, cand = leash(space, n), space.cand
     items = [
-        (i, x, h[int(cand[i].hub)], span, np.array(list(cand[i].p_m)), int(cand[i].tags))
+        (x, h[int(cand[i].hub)], span, (list(cand[i].p_m), list(cand[i].q_wxyz)), int(cand[i].tags))
         for i, x in enumerate(q)
     ]
+    for k, x in enumerate(h):
+        if problem := checks.hub_problem(x):
+            bad_hubs.append(f"hub {k} is {problem}")
     touched = 0
     for i, (what, hit) in enumerate(crew.map("recheck", items)):
         problems += [(i, w) for w in what]
@@ -169,7 +171,7 @@ def recheck(checks: Checks, crew: Crew, space: Any, tick: Tick = lambda *_a: Non
         if not good:
             problems.append((pairs[k][0], f"direct segment to {pairs[k][1]} not clear"))
         tick("direct segments", k + 1, len(pairs))
-    return Checked(problems, touched, len(q) * checks.desc.clear.leash_samples)
+    return Checked(problems, bad_hubs, touched, len(q) * checks.desc.clear.leash_samples)
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ _GROUPS = (
     ("hidden by the arm", ("the arm hides",), PURPLE),
     ("too near as drawn", ("too near as drawn",), RED),
     ("too near with errors", ("too near with errors",), "#7d2a20"),
+    ("out of the servo's reach with named errors", ("out of the servo's",), "#b8860b"),
     ("servo box not clear", ("servo box",), BLUE),
     ("no way from a hub", ("no clear segment",), "#17a2b8"),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,12 +18,6 @@ from .checks import WHY_ALL
 def leash(space: Any, n_joints: int) -> np.ndarray:
     """How far the servo may take each joint from a seed."""
     return np.array(list(space.servo_leash[0:n_joints]))
-
-
-def spans(values: Iterable[float]) -> str:
-    """A number for each joint, written once if it is the same for all."""
-    text = [f"{v:.2f}" for v in values]
-    return text[0] if len(set(text)) == 1 else " ".join(text)
 
 
 @dataclass(frozen=True)

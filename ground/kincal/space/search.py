@@ -20,7 +20,7 @@ from .description import Description
 from .spread import Metric, farthest
 from .work import BLOCK, Crew, Sample
 
-POOL = 3  # survivors that are proven, per candidate wanted
+POOL = 8  # survivors that are proven, per candidate wanted
 Tick = Callable[[str, int, int], None]
 
 
@@ -89,14 +89,12 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
 def _hubs(checks: Checks) -> list[int]:
     """Bit sets of proven segments between hubs; refuses hubs that do not hold."""
     for h, q in enumerate(checks.hubs):
-        where = "joints.hubs_rad"
-        if np.any(q < checks.chain.q_min) or np.any(q > checks.chain.q_max):
-            raise KincalError(f"hub {h} is outside the joint limits", where)
-        if pair := checks.nominal.touching(q):
-            raise KincalError(f"hub {h} is too near as drawn: {pair}", where)
-        if found := checks.wrong_touching(q):
-            pair, k = found
-            raise KincalError(f"hub {h} is too near with errors {checks.errors[k]}: {pair}", where)
+        if problem := checks.hub_problem(q):
+            raise KincalError(
+                f"hub {h} is {problem}",
+                f"joints.hubs_rad[{h}]",
+                "give it joints that are farther from everything",
+            )
     n = len(checks.hubs)
     edges = [0] * n
     for i in range(n):
@@ -135,7 +133,7 @@ def _pool(checks: Checks, kernel: Any, q: np.ndarray, n: int) -> tuple[np.ndarra
 def _prove(crew: Crew, q: np.ndarray, tick: Tick) -> tuple[np.ndarray, np.ndarray, list[Sample]]:
     """Keep what has a clear servo box and a clear straight segment to a hub, nearest hub first."""
     keep, hub, dropped = [], [], []
-    for i, (h, reason) in enumerate(crew.map("prove", list(enumerate(q)))):
+    for i, (h, reason) in enumerate(crew.map("prove", [(x,) for x in q])):
         if reason:
             dropped.append(Sample(crew.checks.chain.fk(q[i])[0], q[i], reason))
         else:

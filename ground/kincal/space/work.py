@@ -16,6 +16,7 @@ import numpy as np
 
 from kincal import tables
 from kincal.errors import KincalError
+from kincal.geometry import quat_to_R, rotation_angle
 
 from .checks import Checks
 from .description import Description
@@ -84,12 +85,11 @@ def examine(checks: Checks, block: int, count: int, lo: Any, hi: Any) -> list[Sa
     return [Sample(*s) for s in zip(p, joints, reasons, strict=True)]
 
 
-def prove(checks: Checks, number: int, q: np.ndarray) -> tuple[int, str]:
+def prove(checks: Checks, q: np.ndarray) -> tuple[int, str]:
     """Hub of a candidate (-1 if none), or what is in the way."""
-    rng = np.random.default_rng([checks.desc.seed, 3, number])
     if found := checks.wrong_touching(q):
         return -1, f"too near with errors: {found[0]}"
-    if pair := checks.leash_problem(q, checks.leash, checks.desc.clear.leash_samples, rng):
+    if pair := checks.leash_problem(q, checks.leash, checks.desc.clear.leash_samples, checks.stream(3, q)):
         return -1, f"servo box not clear: {pair}"
     hub = checks.hub_of(q)
     return (-1, "no clear segment to a hub") if hub is None else (hub, "")
@@ -101,20 +101,22 @@ def survives(checks: Checks, q: np.ndarray) -> int:
 
 
 def recheck(
-    checks: Checks, number: int, q: np.ndarray, hub: np.ndarray, leash: np.ndarray, p: np.ndarray, tags: int
+    checks: Checks, q: np.ndarray, hub: np.ndarray, leash: np.ndarray, pose: tuple, tags: int
 ) -> tuple[list[str], int]:
-    """What does not hold at a candidate (p, tags: as its table says), and how many sampled postures of its
+    """What does not hold at a candidate (pose, tags: as its table says), and how many sampled postures of its
     servo box touch, drawn with other random numbers than the search used."""
     what = [x for x in checks.problems(q) if x]
-    if (off := float(np.linalg.norm(checks.chain.fk(q)[0] - p))) > 1e-5:
-        what.append(f"its joints lead {off * 1e3:.1f} mm beside its pose")
+    (p,), (R,) = checks.poses(q)
+    off, turn = float(np.linalg.norm(p - pose[0])), rotation_angle(quat_to_R(pose[1]).T @ R)
+    if off > 1e-5 or turn > 1e-5:
+        what.append(f"its joints lead {off * 1e3:.1f} mm and {turn * 1e3:.1f} mrad beside its pose")
     if not what and (shown := checks.tags(q)) != tags:
         what.append(f"shows tags {shown:02b}, the table says {tags:02b}")
     if found := checks.wrong_touching(q):
         what.append(f"too near with errors: {found[0]}")
     if pair := checks.segment_problem(hub, q):
         what.append(f"segment from its hub not clear: {pair}")
-    rng = np.random.default_rng([checks.desc.seed, 4, number])
+    rng = checks.stream(4, q)
     count = checks.desc.clear.leash_samples
     return what, sum(bool(checks.leash_problem(q, leash, 1, rng)) for _ in range(count))
 
