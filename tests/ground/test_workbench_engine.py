@@ -266,6 +266,19 @@ def test_ripple_of_an_arm_without_gear_ratios_is_found_with_its_period(library, 
     assert size == pytest.approx(3e-3, rel=0.2)
 
 
+def test_moment_of_a_large_step_is_found_to_the_pose_and_leaves_nothing_else(arm, library, tmp_path):
+    count = iter(range(100))
+
+    def true_q(q, _direction):
+        return q + np.array([0, 0.02 * (next(count) >= 38), 0, 0, 0, 0, 0])
+
+    answer = wb.diagnose(arm, measure(tmp_path, 100, 17, true_q), library)
+    assert (answer.verdict, answer.effects[0].name) == ("effect", "bias_step[2]")
+    ((name, t0_s),) = answer.final.hypotheses[0].constants
+    assert name == "t0"
+    assert 37 * 60.0 < t0_s < 38 * 60.0  # a pose a minute
+
+
 def test_gross_outliers_do_not_hide_an_effect(arm, library, tmp_path):
     rng = np.random.default_rng(1)
     bad = rng.random(80) < 0.05

@@ -236,6 +236,7 @@ class _Search:
         for effect in library.effects.values():
             if effect.twin_of:
                 self.twins.setdefault(effect.twin_of, []).append(effect.name)
+        self.closer: dict[str, list[Hypothesis]] = {}  # effects whose constant was searched closer
         self._held: dict[tuple[str, ...], np.ndarray] = {}
         self._fits: dict[tuple[str, ...], Fit] = {(): self.base}
         self._looks: dict[tuple, Look] = {}
@@ -265,6 +266,9 @@ class _Search:
         taken = {h.name for h in others}
         # an effect that is in at all joints has nothing to add at one of them
         still_open = [c for c in self.candidates if c.name not in taken and c.effect.name not in taken]
+        if drop and drop.name in self.closer:
+            tried = self.closer[drop.name]
+            still_open = [c.closer(tried) if c.name == drop.name else c for c in still_open]
         scored, mapped = engine.candidates(still_open), engine.map()
         cells = unknown(mapped, scored)
         return Look(engine, scored, mapped, cells, _posterior(still_open, scored, cells))
@@ -273,6 +277,7 @@ class _Search:
         """The named effect that still wins when everything is linearised at the fit that contains it; None
         when the unnamed (novel) wins even there, or nothing is needed."""
         for _ in range(_SETTLE_MAX):
+            h = self.sharpen(h, accepted)
             fit = self.refit([*accepted, h])
             look = self.look(fit, accepted, drop=h)
             winner = look.best(self.room(fit) + len(h.parameters))
@@ -280,23 +285,27 @@ class _Search:
             if winner is None or look.presence(winner.name) < max(ACCEPT_ODDS * p["none"], p["novel"]):
                 return None
             if winner.name == h.name and winner.constants == h.constants:
-                break
+                return h
             h = winner
-        return self.sharpen(h, accepted)
+        return h
 
     def sharpen(self, h: Hypothesis, others: list[Hypothesis]) -> Hypothesis:
-        """The effect with its constants searched closer than the grid has them: of a large effect even a
-        small error of its moment or period leaves something that looks like another effect."""
+        """The effect with its constant searched closer than the grid has it: of a large effect even a small
+        error of its moment or period leaves something that looks like another effect."""
         for constant, values in self.library.grid_of(h.name).items():
             fixed = dict(h.constants)
-            tried = [h]
+            tried = []
             for value in finer(values, fixed[constant], self.data):
                 found = self.library.find(h.name, self.arm, self.data, {**fixed, constant: value})
-                whole = len(h.parameters) > len(found[0].parameters)
-                tried.append(merged(self.library.effects[h.effect], found) if whole else found[0])
-            engine = self.look(self.refit([*others, h]), others, drop=h).engine
-            scored = engine.scores([engine.columns.hypothesis(x) for x in tried])
-            h = tried[int(np.argmax([ln_bf for _, ln_bf in scored]))]
+                tried.append(
+                    merged(self.library.effects[h.effect], found) if h.name == h.effect and len(found) > 1
+                    else found[0]
+                )  # fmt: skip
+            if tried:
+                engine = Engine(self.refit([*others, h]), self.weight, self.stated, drop=h)
+                scored = engine.scores([engine.columns.hypothesis(x) for x in tried])
+                h = tried[int(np.argmax([ln_bf for _, ln_bf in scored]))]
+                self.closer[h.name] = tried
         return h
 
     def pair(

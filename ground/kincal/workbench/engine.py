@@ -23,12 +23,22 @@ _SAME = 1.0 - 1e-6  # cosine of two columns that are the same function
 
 @dataclass(frozen=True)
 class Candidate:
-    """A hypothesis that competes: the constants of its grid are summed over."""
+    """A hypothesis that competes: the constants of its grid are summed over, by weight (equal if none)."""
 
     name: str
     effect: Effect
     variants: tuple[Hypothesis, ...]
     prior: float
+    weights: tuple[float, ...] = ()
+
+    def closer(self, tried: list[Hypothesis]) -> Candidate:
+        """The same with the part of its grid that `tried` spans replaced by these."""
+        low, high = min(h.constants for h in tried), max(h.constants for h in tried)
+        rest = [h for h in self.variants if not low <= h.constants <= high]
+        share = 1.0 / len(self.variants)
+        inside = (1.0 - share * len(rest)) or share
+        weights = [share] * len(rest) + [inside / len(tried)] * len(tried)
+        return replace(self, variants=(*rest, *tried), weights=tuple(weights))
 
 
 @dataclass(frozen=True)
@@ -163,10 +173,12 @@ class Engine:
             one = Scored(candidate.name, ln_bf, s, h, block, self.projector, self.wz)
             found.setdefault(candidate.name, []).append(one)
         out = []
-        for variants in found.values():
+        for candidate in candidates:
+            variants = found[candidate.name]
             best = max(variants, key=lambda f: f.ln_bf)
-            ln_mean = float(np.logaddexp.reduce([f.ln_bf for f in variants]) - np.log(len(variants)))
-            out.append(replace(best, ln_bf=ln_mean))
+            weights = np.array(candidate.weights or np.ones(len(variants)))
+            ln_mean = np.logaddexp.reduce(np.log(weights / weights.sum()) + [f.ln_bf for f in variants])
+            out.append(replace(best, ln_bf=float(ln_mean)))
         return out
 
     def map(self, *, double: bool = True) -> list[Scored]:
