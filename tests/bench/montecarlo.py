@@ -5,8 +5,8 @@
 The flight core runs in this process (libkincal.so) against the simulator's arm, head and camera in the fast
 mode, 100 ms a tick as in lockstep, without LCM and without processes; what goes in and out is what the edge
 of the flight process passes on. One line per run goes to FILE at once; runs that are in it already are
-skipped, so it can be stopped and started again. Exit status 1 if a gate fails, 2 if FILE belongs to other
-tables.
+skipped, so it can be stopped and started again. Exit status 1 if a gate fails, 2 if FILE belongs to
+another flight core or other tables.
 
 Errors drawn (run number and seed say which; the bounds are those of tables/src/space.toml [survive])
 - inside: run 0 is the paper's set; then by run number in turn 5 of 10 `box`: all 28 DH errors even between
@@ -37,6 +37,7 @@ import multiprocessing
 import os
 import sys
 import time
+import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -488,11 +489,13 @@ def one(job: tuple[str, int, int]) -> dict:
 def head_line(seed: int) -> dict:
     """What a file of runs belongs to."""
     crc = {p.stem: tables.load(p)[0].crc_text for p in sorted(TABLES.glob("*.tbl"))}
-    return {"seed": seed, "bounds": bounds(), "tables": crc}
+    library = next(f / core.LIBRARY for f in core.folders() if (f / core.LIBRARY).is_file())
+    flight = f"{zlib.crc32(library.read_bytes()):08x}"
+    return {"seed": seed, "bounds": bounds(), "tables": crc, "flight": flight}
 
 
 class OtherTables(ValueError):
-    """The file holds runs of other tables, bounds or another seed."""
+    """The file holds runs of another flight core, other tables or bounds, or another seed."""
 
 
 def done(path: Path, head: dict) -> list[dict]:
@@ -503,7 +506,7 @@ def done(path: Path, head: dict) -> list[dict]:
         return []
     first, *lines = path.read_text().splitlines()
     if json.loads(first) != head:
-        raise OtherTables(f"{path} belongs to other tables, bounds or another seed")
+        raise OtherTables(f"{path} belongs to another flight core, other tables or bounds, or another seed")
     found = []
     for line in lines:
         try:
