@@ -560,8 +560,9 @@ def together(full: list[Judged]) -> Gate:
         listed = {e["name"] for e in r.said["effects"]}
         for e in r.accepted:
             due, told = r.twins(e["name"]), listed | set(e["confounded_with"])
-            asked += bool(due)
-            missing += not (due & told if e["name"] == "camera_shift" else due <= told)
+            if due:
+                asked += 1
+                missing += not (due & told if e["name"] == "camera_shift" else due <= told)
     return share_gate("twins listed together: always", asked - missing, asked, least=1.0)
 
 
