@@ -301,7 +301,9 @@ def space_build(description: Path, out: Path, tables_dir: Path, picture: Path | 
 @TABLES
 @click.option("--picture", type=PATH, default=None, help="Where to write the picture.  [default: FILE.png]")
 def space_show(file: Path, tables_dir: Path, picture: Path | None) -> None:
-    """Print numbers of a search space and draw it.
+    """Print numbers of a search space and draw it: PNG, and HTML beside it.
+
+    What was dropped is drawn by `kincal space build --picture`; a table only holds what was kept.
 
     \b
     Example:
@@ -309,19 +311,18 @@ def space_show(file: Path, tables_dir: Path, picture: Path | None) -> None:
     """
     from kincal import pictures, tables
     from kincal import space as lib
+    from kincal.space import figures
 
     image, struct = _space(file, tables_dir)
     arm_image, arm = tables.load(tables_dir / "arm.tbl")
     _, camera = tables.load(tables_dir / "camera.tbl")
     numbers, incid, rng = lib.describe(struct, arm_image, camera)
     picture = picture or file.with_suffix(".png")
-    pictures.save_space_png(
-        lib.scene(struct, arm, camera),
-        picture,
-        f"{numbers.candidates} candidates, {len(numbers.priors)} priors, table {image.crc_text}",
-        incid,
-        rng,
-    )
+    geometry = lib.scene(struct, arm, camera)
+    title = f"{numbers.candidates} candidates, {len(numbers.priors)} priors, table {image.crc_text}"
+    pictures.save_space_png(geometry, picture, title, incid, rng)
+    kept = lib.Built(image, struct, numbers.candidates, {})
+    figures.save_html(kept, geometry, picture.with_suffix(".html"), title)
     show.space(console(), image, numbers, picture)
 
 

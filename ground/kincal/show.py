@@ -147,7 +147,7 @@ def space(out: Console, image: tables_mod.Image, n: space_mod.Numbers, picture: 
     rows.add_row("candidates with a check missing", str(n.unchecked))
     rows.add_row("built for the arm table here", "yes" if n.arm_fits else f"NO: for {n.arm_crc:08x}")
     out.print(rows)
-    out.print(f"picture: {picture}")
+    out.print(f"pictures: {picture} and {picture.with_suffix('.html')}")
 
 
 def space_candidate(out: Console, number: int, lines: list[explain_mod.Line]) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from test_geometry import wam
 
 from kincal import space, tables
@@ -244,17 +245,87 @@ def test_helpers_do_not_change_the_table():
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
-        ("candidates = 300", "candidates = 2000", "candidates"),
-        ("candidates = 300", "candidate = 300", "candidate"),
+        ("candidates = 300", "candidates = 2000", "candidates: .* 1024, got 2000"),
+        ("candidates = 300", "candidate = 300", "candidate: unknown key, perhaps candidates"),
+        ("incid_max_rad ", "incid_max_deg ", "view.incid_max_deg: unknown key, perhaps incid_max_rad"),
+        ("incid_max_rad   = 0.873", "incid_max_rad = 50.0", r"got 50.0 \(radians: 50 deg are 0.8727\)"),
         ('kind  = "space"', 'kind  = "arm"', "not a search space"),
         ("step_rad       = 0.1", "step_rad       = 0.0", "clear.step_rad"),
+        ("box_max_m = [0.95,", "box_max_m = [0.2,", "tool: no room along x: box_min_m 0.3 is not below"),
+        ("box_max_m = [0.95,", "box_max_m = [950,", r"tool.box_max_m\[0\]: .*got 950"),
+        ("range_min_m     = 0.4", "range_min_m     = 1.8", "range_min_m 1.8 is not below range_max_m"),
+        ('"J7.phi_rad" = 1.3', '"J7.phi_deg" = 75', "survive.case: 'J7.phi_deg' is no DH error"),
+        ("phi_rad   = [0.1,", "phi_rad   = [-0.1,", r"survive.phi_rad\[0\]: .*got -0.1"),
+        ("half_m = [0.50, 0.70, 0.04]", "half_m = [0.50, -0.70, 0.04]", "deck: half_m must be above 0"),
+        ("half_m = [0.50, 0.70, 0.04]", "radius_m = 0.5", "kind 'box' takes centre_m and half_m"),
+        ('name = "shoulder"', 'name = "turret"', "two shapes or volumes are called 'turret'"),
+        ("[-0.35, 0.45, 1.13]", "[-0.35, 0.45]", r"keep_out\[3\].end_m\[2\]: is missing"),
+        ("seed       = 20240601", "seed       = -4", "seed"),
     ],
 )
 def test_wrong_description_is_refused_by_field(tmp_path, old, new, what):
     path = tmp_path / "space.toml"
-    path.write_text(SRC.read_text().replace(old, new))
-    with pytest.raises(KincalError, match=what):
+    assert old in SRC.read_text()
+    path.write_text(SRC.read_text().replace(old, new, 1))
+    with pytest.raises(KincalError, match=what) as refused:
         space.read_description(path)
+    assert refused.value.where == str(path)
+
+
+@pytest.mark.parametrize(
+    ("part", "change", "what", "where"),
+    [
+        ("joints", {"margin_rad": [0.1, 0.1, 0.1, 2.5, 0.1, 0.1, 0.1]}, "J4 no room", "margin_rad[3]"),
+        ("joints", {"servo_leash_rad": [0.4] * 6}, "6 values for an arm of 7 joints", "servo_leash_rad"),
+        ("view", {"head_margin_rad": 2.0}, "leave the head no room", "head_margin_rad"),
+        ("view", {"image_margin_px": 600.0}, "leave nothing of 1920 x 1080", "image_margin_px"),
+        ("view", {"tags_min": 3}, "the camera table has 2", "tags_min"),
+        ("survive", {"case": [{"J8.phi_rad": 0.1}]}, "the arm has 7 joints", "survive.case"),
+        ("spread", {"set": 99}, "has sets 0 to 24", "spread.set"),
+    ],
+)
+def test_description_that_does_not_fit_the_tables_says_where(part, change, what, where):
+    new = getattr(SMALL, part).model_copy(update=change)
+    with pytest.raises(KincalError, match=what) as refused:
+        space.build(SMALL.model_copy(update={part: new}), BIN, processes=1)
+    assert where in refused.value.where
+
+
+def test_one_leash_stands_for_all_joints():
+    joints = SMALL.joints.model_copy(update={"servo_leash_rad": 0.2})
+    survive = SMALL.survive.model_copy(update={"reach": False})
+    desc = SMALL.model_copy(update={"joints": joints, "survive": survive})
+    built = space.build(desc, BIN, processes=1)
+    assert list(built.struct.servo_leash)[:7] == pytest.approx([0.2] * 7)
+
+
+def test_the_papers_arm_is_brought_to_every_candidate_inside_its_leash(committed):
+    """By scipy from the chain of test_geometry, nothing of the search."""
+    leash = np.array(list(committed.servo_leash)[:7])
+    errors = {(7, "phi"): 1.3, (2, "alpha"): 0.4, (3, "a"): 0.01, (3, "d"): 0.15}
+    lo = np.array([-2.6, -2.0, -2.8, -0.9, -4.76, -1.6, -3.0])
+    hi = np.array([2.6, 2.0, 2.8, 3.1, 1.24, 1.6, 3.0])
+    for c in list(committed.cand[0 : committed.n_cand])[::30]:
+        seed = np.array(list(c.q_seed)[:7])
+        _, want = wam(seed)
+
+        def off(q, want=want):
+            _, T = wam(q, errors)
+            turn = T[:3, :3].T @ want[:3, :3]
+            rot = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+            return np.concatenate([T[:3, 3] - want[:3, 3], 0.3 * rot, [0.3 * max(0.0, 1.0 - np.trace(turn))]])
+
+        box = np.maximum(seed - leash, lo), np.minimum(seed + leash, hi)
+        starts = [seed + d for d in (np.zeros(7), np.eye(7)[6] * -1.3)]
+        tried = [least_squares(off, np.clip(x, box[0] + 1e-6, box[1] - 1e-6), bounds=box) for x in starts]
+        assert min(np.linalg.norm(t.fun) for t in tried) < 5e-3
+
+
+def test_hub_boxes_are_as_large_as_flight_lets_joints_be_off():
+    from kincal.space import checks
+
+    header = (ROOT / "fsw/motion/kc_path.h").read_text()
+    assert f"#define KC_HUB_LEASH {checks.HUB_LEASH}\n" in header
 
 
 def test_margins_must_fit_the_arm():

@@ -142,6 +142,22 @@ def test_worth_names_what_a_small_space_cannot_identify(committed):
     assert all(np.isnan(x.pos_m) for x in w.table)
 
 
+def test_a_space_too_small_for_the_model_names_what_it_cannot_identify(tmp_path):
+    """Four poses give 24 equations for 28 coefficients: from description to answer by commands alone."""
+    text = SRC.read_text().replace("candidates = 300", "candidates = 4").replace("= 50000", "= 2000")
+    about = tmp_path / "small.toml"
+    about.write_text(text)
+    table = tmp_path / "small.tbl"
+    assert run("space", "build", about, table, "--tables", BIN).exit_code == 0
+    done = run("space", "worth", table, "--model", "none", "--tables", BIN)
+    assert done.exit_code == 1
+    assert "24 of 28 coefficients can be identified" in done.output
+    cannot = [line.split()[0] for line in done.output.splitlines() if " cannot: " in line]
+    w = worth.worth(tables.load(table)[1], *(load(k) for k in ("arm", "terms", "config", "kernel")))
+    assert len(cannot) == 4
+    assert set(cannot) == set(w.held) <= set(w.asked)
+
+
 def test_effects_that_a_space_cannot_tell_apart_are_named(committed):
     a = apart.apart(committed, load("arm"), "wam", list(range(0, 300, 15)), 0.0005, 0.0035)
     assert a.tested > 10
@@ -180,6 +196,11 @@ def test_commands_answer_with_text_and_status(tmp_path, committed):
     assert "0 of 20" in done.output
     assert run("space", "explain", table, *where, *about).exit_code == 2
     assert run("space", "check", small, "--processes", 1, *where, *about).exit_code == 0
+    done = run("space", "show", table, *where, "--picture", tmp_path / "p.png")
+    assert done.exit_code == 0
+    assert "0.60 0.25 0.60 0.80 1.10 0.90 1.60 rad" in done.output
+    assert (tmp_path / "p.png").stat().st_size > 10_000
+    assert "kept: 300" in (tmp_path / "p.html").read_text()
     assert run("space", "diff", table, table, *where).exit_code == 0
     assert run("space", "diff", table, small, *where).exit_code == 1
     done = run("space", "worth", small, "--model", "none", *where)

@@ -161,13 +161,18 @@ class Bodies:
         known = {s.name: s for s in self.desc.shape}
         for pair in self.desc.touching:
             if not set(pair) <= set(known):
-                raise KincalError(f"unknown shape in {pair}", "touching", f"shapes are {', '.join(known)}")
+                unknown = sorted(set(pair) - set(known))
+                raise KincalError(
+                    f"unknown shape {unknown[0]!r}", "touching", f"shapes are {', '.join(known)}"
+                )
         fine = {frozenset(p) for p in self.desc.touching}
         for k in self.desc.keep_out:
             for name in k.except_:
                 stands = [s for s in known if re.fullmatch(name, s)]
                 if not stands:
-                    raise KincalError(f"unknown shape {name!r}", f"keep_out {k.name}")
+                    raise KincalError(
+                        f"no shape is called {name!r}", f"keep_out {k.name}", f"shapes are {', '.join(known)}"
+                    )
                 fine |= {frozenset((k.name, s)) for s in stands}
         contact = ET.SubElement(root, "contact")
         geoms = list(self._names.items())

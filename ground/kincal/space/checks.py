@@ -84,7 +84,14 @@ class Checks:
         margin = np.array(desc.joints.margin_rad)
         self.lo, self.hi = self.chain.q_min + margin, self.chain.q_max - margin
         if np.any(self.lo >= self.hi):
-            raise KincalError("margins leave a joint no room", "joints.margin_rad")
+            j = int(np.argmax(self.lo - self.hi))
+            raise KincalError(
+                f"a margin of {margin[j]:g} rad leaves J{j + 1} no room: its limits are "
+                f"{self.chain.q_min[j]:g} and {self.chain.q_max[j]:g} rad",
+                f"joints.margin_rad[{j}]",
+                "make the margin smaller",
+            )
+        self._fits(desc, camera)
         self.hubs = [np.array(h) for h in desc.joints.hubs_rad]
         self.leash = np.array(leash).astype(np.float32).astype(float)  # as the table keeps it
         # A margin at the image rim is a camera with a smaller image.
@@ -107,6 +114,35 @@ class Checks:
         self._reach_m = _longest(arm, n)
         self._cases = [with_dh_errors(arm, c) for c in desc.survive.case] if desc.survive.reach else []
         self._servo_opt = core.ffi.new("kc_ik_opt_t *", _SERVO)
+
+    def _fits(self, desc: Description, camera: Any) -> None:
+        """What a description asks for has to be there in the arm and camera tables."""
+        v, n = desc.view, self.chain.n
+        for s in desc.shape:
+            if s.joint > n:
+                raise KincalError(f"{s.name!r} is on joint {s.joint} of an arm of {n}", "shape")
+        for case in desc.survive.case:
+            for name in case:
+                if int(name[1]) > n:
+                    raise KincalError(f"{name!r}: the arm has {n} joints", "survive.case")
+        room = 0.5 * min(camera.width_px, camera.height_px)
+        if v.image_margin_px >= room:
+            raise KincalError(
+                f"{v.image_margin_px:g} px leave nothing of {camera.width_px} x {camera.height_px} px",
+                "view.image_margin_px",
+                f"stay below {room:g}",
+            )
+        head = 0.5 * min(camera.pan_max_rad - camera.pan_min_rad, camera.tilt_max_rad - camera.tilt_min_rad)
+        if v.head_margin_rad >= head:
+            raise KincalError(
+                f"{v.head_margin_rad:g} rad leave the head no room",
+                "view.head_margin_rad",
+                f"stay below {head:g}",
+            )
+        if v.tags_min > camera.n_tags:
+            raise KincalError(
+                f"{v.tags_min} tags wanted, the camera table has {camera.n_tags}", "view.tags_min"
+            )
 
     # ---- seen
 

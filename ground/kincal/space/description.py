@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
+import math
+import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import pydantic
 
@@ -11,16 +14,37 @@ from kincal import tables
 from kincal.errors import KincalError
 
 CAND_MAX, HUB_MAX = 1024, 16
-Vec3 = tuple[float, float, float]
+FAR_M = 10.0  # as the SPACE table
+_ERROR_NAME = re.compile(r"J([1-8])\.(phi_rad|alpha_rad|a_m|d_m)")
+_SHOWN = 6  # mistakes named at once
+
+Metres = Annotated[float, pydantic.Field(ge=-FAR_M, le=FAR_M)]
+Angle = Annotated[float, pydantic.Field(ge=-2.0 * math.pi, le=2.0 * math.pi)]
+Vec3 = tuple[Metres, Metres, Metres]
 Positive = Annotated[float, pydantic.Field(gt=0)]
+AngleSize = Annotated[float, pydantic.Field(ge=0, le=math.pi)]
+Length = Annotated[float, pydantic.Field(ge=0, le=1.0)]
+
+
+_SIZES_OF: dict[str, set[str]] = {
+    "below": set(),
+    "box": {"half_m"},
+    "capsule": {"end_m", "radius_m"},
+    "sphere": {"radius_m"},
+}
+
+
+def _sizes(name: str, half_m: Vec3 | None) -> None:
+    if half_m is not None and min(half_m) <= 0.0:
+        raise ValueError(f"{name}: half_m must be above 0 in every direction")
 
 
 class _Strict(pydantic.BaseModel):
-    model_config = pydantic.ConfigDict(extra="forbid", frozen=True)
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Joints(_Strict):
-    margin_rad: list[float]
+    margin_rad: list[AngleSize]
     hubs_rad: list[list[float]] = pydantic.Field(min_length=1, max_length=HUB_MAX)
     servo_leash_rad: Positive | list[Positive]  # of each joint, or one for all
 
@@ -29,15 +53,30 @@ class Tool(_Strict):
     box_min_m: Vec3
     box_max_m: Vec3
 
+    @pydantic.model_validator(mode="after")
+    def _has_room(self) -> Tool:
+        for axis, lo, hi in zip("xyz", self.box_min_m, self.box_max_m, strict=True):
+            if lo >= hi:
+                raise ValueError(f"no room along {axis}: box_min_m {lo:g} is not below box_max_m {hi:g}")
+        return self
+
 
 class View(_Strict):
-    range_min_m: float
-    range_max_m: float
+    range_min_m: float = pydantic.Field(ge=0)
+    range_max_m: float = pydantic.Field(gt=0)
     tags_min: int = pydantic.Field(ge=1, le=4)
     incid_max_rad: float = pydantic.Field(gt=0, lt=1.5)
     tag_min_px: float = pydantic.Field(ge=0)  # shortest edge of the black square in the image
     image_margin_px: float = pydantic.Field(ge=0)
     head_margin_rad: float = pydantic.Field(ge=0)
+
+    @pydantic.model_validator(mode="after")
+    def _has_room(self) -> View:
+        if self.range_min_m >= self.range_max_m:
+            raise ValueError(
+                f"range_min_m {self.range_min_m:g} is not below range_max_m {self.range_max_m:g}"
+            )
+        return self
 
 
 class Clear(_Strict):
@@ -53,16 +92,24 @@ class Clear(_Strict):
 class Survive(_Strict):
     """DH errors under which everything above must hold."""
 
-    phi_rad: list[float]  # one per joint
-    alpha_rad: list[float]
-    a_m: list[float]
-    d_m: list[float]
+    phi_rad: list[AngleSize]  # one per joint
+    alpha_rad: list[AngleSize]
+    a_m: list[Length]
+    d_m: list[Length]
     alone_rad: float = pydantic.Field(ge=0)  # bounds from here on are also tried alone, both ways
     alone_m: float = pydantic.Field(ge=0)
     draws: int = pydantic.Field(ge=0, le=200)
     errors: int = pydantic.Field(ge=1)  # errors at full size in each draw
     case: list[dict[str, float]] = []  # sets of errors named by people
     reach: bool = False  # the servo must be able to bring the tool to the pose under every case
+
+    @pydantic.field_validator("case")
+    @classmethod
+    def _known_errors(cls, cases: list[dict[str, float]]) -> list[dict[str, float]]:
+        for name in (name for c in cases for name in c):
+            if not _ERROR_NAME.fullmatch(name):
+                raise ValueError(f"{name!r} is no DH error; they are called J1.phi_rad, J2.a_m ...")
+        return cases
 
 
 class Spread(_Strict):
@@ -90,6 +137,7 @@ class Shape(_Strict):
             all(x is None for x in capsule) and all(x is not None for x in box)
         ):
             raise ValueError(f"{self.name}: give start, end and radius, or centre and half sizes")
+        _sizes(self.name, self.half_m)
         return self
 
 
@@ -101,8 +149,18 @@ class KeepOut(_Strict):
     centre_m: Vec3 = (0.0, 0.0, 0.0)
     half_m: Vec3 | None = None  # box
     end_m: Vec3 | None = None  # capsule: from centre to here
-    radius_m: float | None = None
+    radius_m: float | None = pydantic.Field(default=None, gt=0)
     except_: list[str] = pydantic.Field(default=[], alias="except")  # shapes that stand there by design
+
+    @pydantic.model_validator(mode="after")
+    def _complete(self) -> KeepOut:
+        given = {k for k in ("half_m", "end_m", "radius_m") if getattr(self, k) is not None}
+        want = _SIZES_OF[self.kind]
+        if given != want:
+            takes = " and ".join(["centre_m", *sorted(want)])
+            raise ValueError(f"{self.name}: a volume of kind {self.kind!r} takes {takes}")
+        _sizes(self.name, self.half_m)
+        return self
 
 
 class Sight(_Strict):
@@ -116,7 +174,7 @@ class Description(_Strict):
     kind: str
     title: str = ""
     provenance: dict[str, str] = {}
-    seed: int
+    seed: int = pydantic.Field(ge=0)
     candidates: int = pydantic.Field(ge=1, le=CAND_MAX)
     samples: int = pydantic.Field(ge=1, le=10_000_000)
     priors: int = pydantic.Field(ge=0, le=16)
@@ -131,18 +189,55 @@ class Description(_Strict):
     touching: list[tuple[str, str]] = []  # pairs of shapes that touch by design
     keep_out: list[KeepOut]
 
+    @pydantic.model_validator(mode="after")
+    def _one_of_each(self) -> Description:
+        names = [s.name for s in self.shape] + [k.name for k in self.keep_out]
+        if twice := sorted({n for n in names if names.count(n) > 1}):
+            raise ValueError(f"two shapes or volumes are called {', '.join(map(repr, twice))}")
+        return self
+
+
+def _siblings(loc: tuple[Any, ...]) -> list[str]:
+    """Keys that may stand where `loc` points."""
+    model: Any = Description
+    for part in loc[:-1]:
+        if isinstance(part, str) and model is not None:
+            field = model.model_fields.get(part)
+            inner = (field.annotation, *get_args(field.annotation)) if field else ()
+            model = next((t for t in inner if isinstance(t, type) and issubclass(t, _Strict)), None)
+    return [f.alias or name for name, f in model.model_fields.items()] if model else []
+
+
+def _mistake(error: Any) -> str:
+    """One problem of a description: where, what, and what it may have meant."""
+    loc = error["loc"]
+    where = "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in loc).lstrip(".")
+    kind, text = error["type"], error["msg"].removeprefix("Value error, ")
+    if kind == "missing":
+        return f"{where}: is missing"
+    if kind == "extra_forbidden":
+        near = difflib.get_close_matches(str(loc[-1]), _siblings(loc), 1, 0.6)
+        return f"{where}: unknown key" + (f", perhaps {near[0]}?" if near else "")
+    got = error["input"]
+    if isinstance(got, (int, float, str)) and kind != "value_error":
+        text += f", got {got!r}"
+        named = next((x for x in reversed(loc) if isinstance(x, str)), "")
+        if named.endswith("_rad") and isinstance(got, (int, float)) and abs(got) > math.pi:
+            text += f" (radians: {got:g} deg are {math.radians(got):.4g})"
+    return f"{where}: {text}" if where else text
+
 
 def read_description(path: Path) -> Description:
     doc = tables.read_toml(path)
+    if doc.get("kind") != "space":
+        raise KincalError(f"this is a {doc.get('kind')!r} source, not a search space", str(path))
     try:
-        desc = Description.model_validate(doc)
+        return Description.model_validate(doc)
     except pydantic.ValidationError as error:
-        first = error.errors()[0]
+        found = [_mistake(e) for e in error.errors()]
+        more = [f"and {len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
         raise KincalError(
-            f"{'.'.join(map(str, first['loc']))}: {first['msg']}",
+            "\n  ".join(found[:_SHOWN] + more),
             str(path),
-            "see tables/src/space.toml for a complete description",
+            "correct it; tables/src/space.toml is complete, docs/SPACES.md says what its parts mean",
         ) from None
-    if desc.kind != "space":
-        raise KincalError(f"this is a {desc.kind!r} source, not a search space", str(path))
-    return desc

@@ -24,7 +24,7 @@ _GROUPS = (
     ("hidden by the arm", ("the arm hides",), PURPLE),
     ("too near as drawn", ("too near as drawn",), RED),
     ("too near with errors", ("too near with errors",), "#7d2a20"),
-    ("out of the servo's reach with named errors", ("out of the servo's",), "#b8860b"),
+    ("servo can't reach it, named errors", ("out of the servo's",), "#b8860b"),
     ("servo box not clear", ("servo box",), BLUE),
     ("no way from a hub", ("no clear segment",), "#17a2b8"),
 )
@@ -58,9 +58,9 @@ def directions(built: Built) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def save_png(built: Built, scene: Scene, path: Path, title: str) -> None:
-    figure = plt.figure(figsize=(15.0, 5.6), dpi=110, layout="constrained")
+    figure = plt.figure(figsize=(16.0, 7.0), dpi=110, layout="constrained")
     figure.suptitle(title, fontsize=12, color=INK, x=0.01, ha="left")
-    grid = figure.add_gridspec(1, 3, width_ratios=[1.35, 1.0, 1.0])
+    grid = figure.add_gridspec(1, 3, width_ratios=[1.6, 1.0, 0.9])
     ax = figure.add_subplot(grid[0, 0], projection="3d")
     draw_scene(ax, scene)
     ax.scatter(*scene.candidates.T, s=9, color=GREEN, linewidths=0, label="kept")
@@ -69,15 +69,17 @@ def save_png(built: Built, scene: Scene, path: Path, title: str) -> None:
             ax.scatter(*p[:_SHOWN].T, s=6, color=colour, alpha=0.7, linewidths=0, label=label)
     handles, labels = ax.get_legend_handles_labels()
     keep = [i for i, x in enumerate(labels) if "candidates" not in x and "chosen" not in x]
-    ax.legend(
+    ax.legend_.remove()
+    figure.legend(
         [handles[i] for i in keep],
         [labels[i].replace("last pose", "last prior pose") for i in keep],
-        loc="upper left",
-        fontsize=7,
-        markerscale=1.6,
-        bbox_to_anchor=(-0.1, 1.02),
+        loc="outside lower left",
+        ncol=6,
+        fontsize=8.5,
+        markerscale=2.0,
     )
-    ax.set_title("Kept candidates, dropped samples, prior poses")
+    ax.set_box_aspect((1.6, 1.6, 1.4), zoom=0.98)
+    ax.set_title("Kept candidates, dropped samples, arm at the last prior pose")
     ax = figure.add_subplot(grid[0, 1])
     azimuth, elevation, spin = directions(built)
     dots = ax.scatter(azimuth, elevation, c=spin, s=14, cmap="twilight", vmin=-180, vmax=180, linewidths=0)
@@ -88,7 +90,8 @@ def save_png(built: Built, scene: Scene, path: Path, title: str) -> None:
     ax.barh([x[0] for x in counts], [x[1] for x in counts], color=[x[2] for x in counts], log=True)
     for i, x in enumerate(counts):
         ax.text(x[1] * 1.08, i, str(x[1]), va="center", fontsize=8.5, color=INK)
-    ax.set_xlim(0.8, 4.0 * max(x[1] for x in counts))
+    ax.set_axisbelow(True)
+    ax.set_xlim(0.8, 12.0 * max(x[1] for x in counts))
     ax.invert_yaxis()
     ax.set(xlabel="samples", title=f"What became of {built.n_samples} samples")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -168,9 +171,16 @@ def save_html(built: Built, scene: Scene, path: Path, title: str) -> None:
     figure.update_layout(
         template="plotly_white",
         title=title,
-        height=760,
-        legend={"x": 0.0, "y": -0.05, "orientation": "h"},
-        scene={"xaxis_title": "x [m]", "yaxis_title": "y [m]", "zaxis_title": "z [m]", "aspectmode": "data"},
+        height=840,
+        margin={"t": 90, "b": 150, "l": 40, "r": 40},
+        legend={"x": 0.0, "y": -0.13, "yanchor": "top", "orientation": "h", "itemsizing": "constant"},
+        scene={
+            "xaxis_title": "x forward [m]",
+            "yaxis_title": "y left [m]",
+            "zaxis_title": "z up [m]",
+            "aspectmode": "data",
+            "camera": {"eye": {"x": 1.3, "y": -1.7, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.15}},
+        },
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.write_html(path, include_plotlyjs=True)

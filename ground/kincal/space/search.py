@@ -13,6 +13,7 @@ import numpy as np
 from kincal import core, tables
 from kincal.errors import KincalError
 from kincal.geometry import R_to_quat
+from kincal.results import summed
 
 from . import guard
 from .checks import WHY_ALL, Checks
@@ -51,7 +52,7 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
     camera_image, camera = tables.load(need(tables_dir / "camera.tbl"))
     _, kernel = tables.load(need(tables_dir / "kernel.tbl"))
     if desc.spread.set >= kernel.n_hyper:
-        raise KincalError(f"the kernel table has {kernel.n_hyper} sets", "spread.set")
+        raise KincalError(f"the kernel table has sets 0 to {kernel.n_hyper - 1}", "spread.set")
     checks = Checks(desc, arm, camera)
     hub_edges = _hubs(checks)
     with Crew(checks, desc, arm_image.data, camera_image.data, processes) as crew:
@@ -63,11 +64,11 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
         q, hub, dropped = _prove(crew, q, tick)
         rejected.update(s.reason for s in dropped)
         if len(q) < max(desc.priors, 1):
-            worst = rejected.most_common(1)[0][0] if rejected else "no samples"
+            why = "; ".join(f"{reason} {n}" for n, reason in summed(rejected)[:3]) or "no samples"
             raise KincalError(
-                f"only {len(q)} of {len(samples)} samples are feasible; most fail: {worst}",
+                f"only {len(q)} of {len(samples)} samples could be candidates; most fail: {why}",
                 desc.title,
-                "widen the box, the view or the margins in the description",
+                "widen the box, the view or the margins in the description, or ask for more samples",
             )
         p, R = checks.poses(q)
         keep = farthest(Metric(kernel, desc.spread.set, p, R), desc.candidates, _middle(p))
