@@ -174,14 +174,14 @@ class Verdicts:
 
     def view(self, q) -> tuple[float, float, int]:
         """Head angles, and the tags that show if nothing hides them."""
-        p, R = self.checks.chain.fk(q)
-        pan, tilt, _ = self.checks.camera.aim(p)
-        problem, seen = self.checks.view_problem(p, R)
-        return pan, tilt, 0 if problem else seen
+        look = self.checks.looks(*self.checks.poses(q))
+        _, seen = self.checks.view_problems(self.checks.poses(q)[0], look)
+        return look.pan[0], look.tilt[0], int(seen[0])
 
     def in_sight(self, q, thick: bool) -> int:
-        p, _ = self.checks.chain.fk(q)
-        return self.checks.sight(self.checks.thick if thick else self.checks.nominal, q, p)
+        look = self.checks.looks(*self.checks.poses(q))
+        every_tag = (1 << len(self.checks.sizes)) - 1
+        return (self.checks.thick if thick else self.checks.nominal).seen(q, look.eye[0], every_tag)
 
     def others(self, n: int, seed: int) -> list[np.ndarray]:
         """Postures that the search would have looked at: half of them dropped because the arm hides the
