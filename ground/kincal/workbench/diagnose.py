@@ -349,13 +349,19 @@ class _Search:
 
     def helpful(self, look: Look, fit: Fit, kept: list[Hypothesis]) -> Hypothesis | None:
         """The most probable named effect that held-out poses are predicted better with, although
-        something unnamed explains more; it has to beat 'nothing missing' too."""
+        something unnamed explains more. The data have to ask for it beside the unnamed: a mere cousin of
+        that explains nothing more once it is granted."""
         if not len(self.comparison.split.held):
             return None
         best = {s.name: s.best for s in look.scored}
-        none = look.probability["none"]
-        for name in look.named(self.room(fit))[:_HELP_TRIES]:
-            if look.probability[name] > ACCEPT_ODDS * none and self.held_gain(kept, best[name])[2][1] < 1.0:
+        prior = {c.name: c.prior for c in self.candidates}
+        named = look.named(self.room(fit))[:_HELP_TRIES]
+        unnamed = max(look.unknown, key=lambda s: s.ln_bf)
+        engine = Engine(fit, self.weight, self.stated, granted=unnamed.block)
+        scored = engine.scores([engine.columns.hypothesis(best[name]) for name in named])
+        for name, (_, ln_bf) in zip(named, scored, strict=True):
+            odds = np.log(prior[name] / PRIOR_NONE) + ln_bf
+            if odds > np.log(ACCEPT_ODDS) and self.held_gain(kept, best[name])[2][1] < 1.0:
                 return best[name]
         return None
 

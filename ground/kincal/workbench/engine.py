@@ -18,6 +18,7 @@ from .novel import Cell, cells
 
 PRIOR_NONE, PRIOR_NOVEL = 0.3, 0.1
 _NULL_DRAWS = 400
+_GRANTED_WIDTH = 30.0  # prior sigmas
 _SAME = 1.0 - 1e-6  # cosine of two columns that are the same function
 
 
@@ -131,14 +132,25 @@ class Engine:
 
     drop: an effect of the fit that is to compete again. The point of linearisation stays the fit WITH
     it: a large effect bends the DH errors, and columns taken beside the truth would favour cousins.
+    granted: (rows, m) columns that count as known to be there, at any size, like the DH errors.
     """
 
-    def __init__(self, fit: Fit, weight: np.ndarray, stated: bool, drop: Hypothesis | None = None):
+    def __init__(
+        self,
+        fit: Fit,
+        weight: np.ndarray,
+        stated: bool,
+        drop: Hypothesis | None = None,
+        granted: np.ndarray | None = None,
+    ):
         self.columns = Columns(fit, weight)
         keep = np.array(
             [drop is None or not name.startswith(f"{drop.name}.") for name in fit.names], dtype=bool
         )
-        self.projector = Projector.of(self.columns.weighted(fit.J[:, keep]) * fit.sigma_prior[keep])
+        nuisance = self.columns.weighted(fit.J[:, keep]) * fit.sigma_prior[keep]
+        if granted is not None:
+            nuisance = np.hstack([nuisance, _GRANTED_WIDTH * granted])
+        self.projector = Projector.of(nuisance)
         z0 = self.columns.weighted(fit.z + fit.J @ fit.estimate)
         self.wz = self.projector.apply(z0)
         rows = float((weight > 0.35).sum() * self.columns.c)
