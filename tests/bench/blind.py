@@ -179,7 +179,7 @@ def cases(share: float, rng: np.random.Generator) -> list[Case]:
         Case("fixed head", (kind,), extra=fixed) for kind in ("camera_shift", "base_shift") for _ in times(2)
     ]
     out += [Case("twins", (kind,)) for kind in ("compliance[2]@0.7", "base_flex@0.7") for _ in times(2)]
-    weak = rng.choice(FAINT, len(times(200)))
+    weak = rng.choice(FAINT, len(times(300)))
     sizes = rng.uniform(*WEAK, len(weak))
     out += [Case("weak", (f"{kind}@{size:.2f}",)) for kind, size in zip(weak, sizes, strict=True)]
     for n in (60, 40):
