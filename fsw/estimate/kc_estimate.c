@@ -106,7 +106,10 @@ static kc_status_t fit_identified(kc_est_t *est, uint64_t asked)
     kc_est_identify(est, asked, est->coef);
     for (uint32_t pass = 1u; est->rank > 0u; pass++) {
         st = kc_est_fit(est);
-        if (st == KC_ERR_NUM || kc_est_still_identified(est, asked) || pass >= KC_EST_PASSES) { return st; }
+        if (st == KC_ERR_NUM || est->opt.hold_none || pass >= KC_EST_PASSES ||
+            kc_est_still_identified(est, asked)) {
+            return st;
+        }
         kc_est_identify(est, asked, est->coef);
         to_start(est, held_mask(est), asked);
     }

@@ -15,7 +15,7 @@
  *
  * Weak prior. While the rows are fewer than twice the coefficients estimated (the first poses of a
  * calibration), a coefficient without a prior of its own gets one about start with sigma =
- * KC_EST_WEAK_SIGMA x scale. Poorly determined directions are then not blown up by noise; later the
+ * KC_EST_WEAK_SIGMA x scale (hold_none: always). Poorly determined directions are then not blown up by noise; later the
  * prior goes and the estimate is that of the data alone. It enters cost and covariance, never rank. */
 #ifndef KC_ESTIMATE_H
 #define KC_ESTIMATE_H
@@ -46,6 +46,8 @@ typedef struct {
     double outlier_p;        /* family-wise chance of rejecting a good pose, 0 = off  */
     uint32_t outlier_max;    /* at most this many are rejected                        */
     uint8_t use_prior;       /* add (coef / prior_sigma)^2 where prior_sigma > 0      */
+    uint8_t hold_none;       /* all that is asked for is estimated, the weak prior deciding what the
+                                data leave open: the likeliest arm within its bounds, for a few looks */
 } kc_est_opt_t;
 
 /* Caller owns it (static); about 160 KiB with work space. */

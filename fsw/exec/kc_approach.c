@@ -25,7 +25,8 @@ int kc_approach_begin(kc_app_t *app, kc_out_t *out)
     const kc_active_t *a = &app->tables.active;
     kc_leg_t *l = &app->leg;
     double q[KC_JOINT_MAX], lo[KC_JOINT_MAX], hi[KC_JOINT_MAX];
-    if (a->config.approach_rad <= 0.0) { return 0; }
+    int first = kc_space_first(&a->space, (uint32_t)app->cal.candidate);
+    if (a->config.approach_rad <= 0.0 || first) { return 0; }
     memcpy(l->q_meas, l->q_target, sizeof l->q_meas);
     kc_move_box(app, (uint32_t)app->cal.candidate, lo, hi);
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) { q[j] = start_of(app, l->q_meas[j], lo[j], hi[j]); }

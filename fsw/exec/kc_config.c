@@ -81,6 +81,8 @@ static void walk_policy(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 51u, &c->power_move_w, 0.0, 1e5);
     kc_walk_rule(w, 51u, c->power_move_w >= c->power_idle_w, c->power_move_w);
     kc_walk_f64(w, 52u, &c->energy_budget_j, 0.0, 1e12);
+    kc_walk_f64(w, 53u, &c->stray_pos_m, 0.0, 10.0);
+    kc_walk_f64(w, 54u, &c->stray_rot_rad, 0.0, 4.0);
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)

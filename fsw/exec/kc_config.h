@@ -45,6 +45,9 @@ typedef struct {
     uint64_t budget_us;           /* 0 = none                                                */
     double power_idle_w, power_move_w; /* drawn at rest, and while arm or head move           */
     double energy_budget_j;       /* 0 = none                                                */
+    /* a look that the best correction within its bounds leaves so far off: this arm is not one that the
+     * ground proved motions for; 0 = not checked                                            */
+    double stray_pos_m, stray_rot_rad;
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

@@ -69,6 +69,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(75, CAL_ABORTED, WARN, "calibration aborted at pose {index}, cause {got}")                       \
     X(76, CAL_POOR, ERROR, "fit is poor: p {got}, noise scale {want}")                                 \
     X(77, CAL_ENERGY, WARN, "energy budget of {want} J used up: {got} J")                              \
+    X(78, CAL_STRAY, ERROR, "look {index} {got} m, {want} rad off the best correction within its bounds")  \
+    X(79, CAL_NOT_SEEN, ERROR, "tags seen in {got} of {want} first looks, half of them needed")        \
     X(80, COR_PROPOSED, INFO, "correction proposed, CRC {got}, {want} poses")                          \
     X(81, COR_NO_CHANGE, INFO, "nothing needs to change: p {got}")                                     \
     X(82, COR_ARMED, INFO, "approval armed for CRC {got}")                                             \

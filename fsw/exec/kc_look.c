@@ -261,7 +261,10 @@ static int begin_search(kc_app_t *app, kc_out_t *out)
 int kc_look_run(kc_app_t *app, kc_out_t *out)
 {
     switch (kc_look_poll(app, out)) {
-    case KC_LOOK_SEEN: take_seen(app); return servo(app, out);
+    case KC_LOOK_SEEN:
+        take_seen(app);
+        return kc_space_first(&app->tables.active.space, (uint32_t)app->cal.candidate) ? measure(app, out)
+                                                                                       : servo(app, out);
     case KC_LOOK_NONE: return begin_search(app, out);
     case KC_LOOK_UNSURE: kc_look_skip(app, out); return 1;
     case KC_LOOK_LATE: kc_app_abort(app, out, KC_CAUSE_CAMERA); return 0;

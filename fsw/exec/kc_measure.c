@@ -152,6 +152,7 @@ static int finish(kc_app_t *app, kc_out_t *out)
     out->has_meas = 1u;
     app->cal.cand_of[app->cal.n_meas++] = (uint16_t)app->cal.candidate;
     app->cal.usable[app->cal.candidate] = 0u;
+    app->cal.n_first += kc_space_first(&app->tables.active.space, (uint32_t)app->cal.candidate) ? 1u : 0u;
     app->cal.range_m = kc_max(m->det.range_m, KC_RANGE_MIN_M);
     app->n_meas++;
     app->cal.up = KC_UP_ADD;

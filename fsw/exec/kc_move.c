@@ -193,6 +193,7 @@ void kc_move_joints(kc_app_t *app, uint32_t cand, uint32_t iter_max, double *q)
     kc_move_goal(app, cand, &goal);
     kc_path_joints(&a->space, KC_HUB_MAX + cand, seed);
     memcpy(q, seed, a->arm.n_joints * sizeof *q);
+    if (kc_space_first(&a->space, cand)) { return; }
     (void)kc_ik_solve(&a->arm, &a->terms, app->cal.coef, &goal, &opt, q, &app->eval);
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
         q[j] = kc_clamp(q[j], seed[j] - leash[j], seed[j] + leash[j]);

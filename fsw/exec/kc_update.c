@@ -21,7 +21,7 @@ static void take_candidates(kc_app_t *app)
         kc_R_to_quat(T.R, app->cand_pt[c].q_wxyz);
         memcpy(&app->tables.staging.choice.cand_q[c * KC_JOINT_MAX], s->cand[c].q_seed,
                sizeof s->cand[c].q_seed);
-        app->cal.usable[c] = 1u;
+        app->cal.usable[c] = (uint8_t)!kc_space_first(s, c); /* first looks only by their turn */
     }
 }
 
@@ -38,7 +38,8 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     memset(c, 0, sizeof *c);
     c->session = ++app->session;
     c->acq = acq;
-    c->n_goal = n_goal;
+    c->n_goal = n_goal + kc_space_n_first(&a->space); /* they come on top */
+    if (c->n_goal > KC_MEAS_MAX) { c->n_goal = KC_MEAS_MAX; }
     c->rng = seed;
     c->free_mask = free_mask;
     c->start_us = app->now_us;
@@ -51,6 +52,7 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     app->est.terms = &a->terms;
     app->est.opt = a->config.est;
     app->est.opt.free_mask = free_mask;
+    app->est.opt.hold_none = 0u;
     app->est.n_obs = 0u;
     c->gp_ok = kc_gp_init(&app->big.gp, &a->kernel, 0u, app->cand_pt, a->space.n_cand) == KC_OK;
     c->up = KC_UP_SELECT;
@@ -128,6 +130,7 @@ static void add(kc_app_t *app)
     uint32_t last = c->n_meas - 1u;
     kc_point_t x;
     double var = 0.0;
+    app->est.opt.hold_none = (uint8_t)(c->n_meas == c->n_first); /* looks about one place leave much open */
     objective(app);
     c->res_pos_m = app->dp_m[last];
     c->res_rot_rad = app->dr_rad[last];
@@ -165,6 +168,31 @@ static void warm(kc_app_t *app)
     app->cal.up = KC_UP_GP;
 }
 
+/* Looks that no correction within its bounds explains: the arm is not one that the ground proved motions
+ * for, and goes nowhere. One such look is enough while all were taken about one place; later one can be a
+ * bad detection. */
+static int stray(kc_app_t *app, kc_out_t *out)
+{
+    const kc_config_t *c = &app->tables.active.config;
+    if (app->est.rank < app->est.n_free && !app->est.opt.hold_none) { return 0; } /* something is held */
+    double pos_m = 0.0, rot_rad = 0.0, worst_pos_m = 0.0, worst_rot_rad = 0.0;
+    uint32_t n = 0u, last = 0u;
+    for (uint32_t i = 0u; i < app->cal.n_meas; i++) {
+        residual_of(app, app->est.coef, i, &pos_m, &rot_rad);
+        int off = (c->stray_pos_m > 0.0 && pos_m > c->stray_pos_m) ||
+                  (c->stray_rot_rad > 0.0 && rot_rad > c->stray_rot_rad);
+        if (!off) { continue; }
+        n++;
+        last = i;
+        worst_pos_m = pos_m;
+        worst_rot_rad = rot_rad;
+    }
+    if (n == 0u || (n == 1u && app->cal.n_meas > app->cal.n_first)) { return 0; }
+    kc_event(&out->events, KC_EVT_CAL_STRAY, (int32_t)last, worst_pos_m, worst_rot_rad);
+    kc_app_abort(app, out, KC_CAUSE_STRAY);
+    return 1;
+}
+
 static void learn(kc_app_t *app, kc_out_t *out)
 {
     kc_cal_t *c = &app->cal;
@@ -173,7 +201,9 @@ static void learn(kc_app_t *app, kc_out_t *out)
     report_outliers(app, out);
     if (!solved(c->est_status)) {
         kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)c->est_status, 0.0);
-    } else if (app->est.rank == app->est.n_free || c->trusted) {
+    } else if (stray(app, out)) {
+        return;
+    } else if (app->est.rank == app->est.n_free || app->est.opt.hold_none || c->trusted) {
         memcpy(c->coef, app->est.coef, sizeof c->coef);
     }
     objective(app);
@@ -282,19 +312,19 @@ static int next_prior(kc_app_t *app, uint32_t *cand)
     const kc_space_t *s = &app->tables.active.space;
     while (app->cal.i_prior < s->n_prior) {
         *cand = s->prior[app->cal.i_prior++];
-        if (app->cal.usable[*cand]) { return 1; }
+        if (app->cal.usable[*cand] || kc_space_first(s, *cand)) { return 1; }
     }
     return 0;
 }
 
-/* The first measured poses again, one after every replicate_every poses. */
+/* The first measured poses again (not the first looks), one after every replicate_every poses. */
 static int next_replicate(kc_app_t *app, uint32_t *cand)
 {
     kc_cal_t *c = &app->cal;
-    uint32_t every = app->tables.active.config.replicate_every;
-    if (every == 0u || c->n_meas == 0u || c->n_meas % every != 0u || c->rep_at == c->n_meas) { return 0; }
-    c->rep_at = c->n_meas;
-    *cand = c->cand_of[c->n_rep++];
+    uint32_t every = app->tables.active.config.replicate_every, n = c->n_meas - c->n_first;
+    if (every == 0u || n == 0u || n % every != 0u || c->rep_at == n) { return 0; }
+    c->rep_at = n;
+    *cand = c->cand_of[c->n_first + c->n_rep++];
     return 1;
 }
 
@@ -360,10 +390,23 @@ static int finish(kc_app_t *app, kc_out_t *out, kc_cause_t if_nothing)
     return 1;
 }
 
+/* The first looks are over and saw too little to tell what is wrong with the arm. */
+static int unseen(kc_app_t *app, kc_out_t *out)
+{
+    const kc_space_t *s = &app->tables.active.space;
+    uint32_t n = kc_space_n_first(s), next = app->cal.i_prior;
+    int over = next >= s->n_prior || !kc_space_first(s, s->prior[next]);
+    if (!over || 2u * app->cal.n_first >= n) { return 0; }
+    kc_event(&out->events, KC_EVT_CAL_NOT_SEEN, -1, (double)app->cal.n_first, (double)n);
+    kc_app_abort(app, out, KC_CAUSE_NOT_SEEN);
+    return 1;
+}
+
 static int select(kc_app_t *app, kc_out_t *out)
 {
     kc_cal_t *c = &app->cal;
     uint32_t cand = 0u;
+    if (unseen(app, out)) { return 0; }
     if (c->stop || c->n_meas >= c->n_goal) { return finish(app, out, KC_CAUSE_NO_CANDIDATE); }
     if (choose(app, &cand) != KC_OK) {
         kc_event(&out->events, KC_EVT_CAL_NO_CANDIDATE, -1, 0.0, 0.0);

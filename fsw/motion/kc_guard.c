@@ -144,7 +144,7 @@ static int within_box(const kc_guard_ask_t *ask, const double *seed, kc_guard_wh
     double worst = 0.0;
     for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
         double off = kc_max(kc_fabs(ask->q_to[j] - seed[j]), kc_fabs(ask->q_from[j] - seed[j]));
-        double leash = ask->to < KC_HUB_MAX ? kc_min(ask->leash[j], KC_HUB_LEASH) : ask->leash[j];
+        double leash = kc_path_leash(ask->space, ask->to, ask->leash[j]);
         double by = off - leash - ask->tol - NUMBERS_TOL;
         if (by <= worst) { continue; }
         worst = by;

@@ -20,6 +20,24 @@ int kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j)
 
 static int is_hub(uint32_t node) { return node < KC_HUB_MAX; }
 
+int kc_space_first(const kc_space_t *s, uint32_t cand)
+{
+    return ((uint32_t)s->cand[cand].why & KC_CAND_FIRST) != 0u;
+}
+
+uint32_t kc_space_n_first(const kc_space_t *s)
+{
+    uint32_t n = 0u;
+    for (uint32_t i = 0u; i < s->n_prior; i++) { n += kc_space_first(s, s->prior[i]) ? 1u : 0u; }
+    return n;
+}
+
+double kc_path_leash(const kc_space_t *s, uint32_t node, double leash)
+{
+    int narrow = is_hub(node) || kc_space_first(s, node - KC_HUB_MAX);
+    return narrow ? kc_min(leash, KC_HUB_LEASH) : leash;
+}
+
 int kc_path_is_node(const kc_space_t *s, uint32_t node)
 {
     return is_hub(node) ? node < s->n_hub : node - KC_HUB_MAX < s->n_cand;
@@ -93,12 +111,12 @@ void kc_path_joints(const kc_space_t *s, uint32_t node, double *q)
     for (uint32_t j = 0u; j < s->n_joints; j++) { q[j] = (double)from[j]; }
 }
 
-static double joint_distance(const float *a, const double *leash, double leash_max, const double *q,
-                             uint32_t n)
+static double joint_distance(const kc_space_t *s, uint32_t node, const double *leash, const double *q)
 {
+    const float *a = node_joints(s, node);
     double worst = 0.0;
-    for (uint32_t j = 0u; j < n; j++) {
-        worst = kc_max(kc_fabs((double)a[j] - q[j]) / kc_min(leash[j], leash_max), worst);
+    for (uint32_t j = 0u; j < s->n_joints; j++) {
+        worst = kc_max(kc_fabs((double)a[j] - q[j]) / kc_path_leash(s, node, leash[j]), worst);
     }
     return worst;
 }
@@ -109,8 +127,7 @@ uint32_t kc_path_nearest(const kc_space_t *s, const double *leash, const double 
     *dist = KC_INF;
     for (uint32_t k = 0u; k < s->n_hub + s->n_cand; k++) {
         uint32_t node = k < s->n_hub ? k : KC_HUB_MAX + k - s->n_hub;
-        double d = joint_distance(node_joints(s, node), leash, is_hub(node) ? KC_HUB_LEASH : KC_INF, q,
-                                  s->n_joints);
+        double d = joint_distance(s, node, leash, q);
         if (d < *dist) {
             *dist = d;
             best = node;
@@ -295,6 +312,22 @@ static kc_status_t check_volume(const kc_space_t *s, uint32_t i, int32_t *index,
     return st == KC_OK && round ? check_size(v->radius_m, at, index, got) : st;
 }
 
+/* First looks come before all other priors; one that is no prior would never be taken. */
+static kc_status_t check_first(const kc_space_t *s, int32_t *index, double *got)
+{
+    uint32_t n = 0u, n_prior = kc_space_n_first(s);
+    for (uint32_t i = 0u; i < n_prior; i++) {
+        if (!kc_space_first(s, s->prior[i])) {
+            return bad(KC_SPACE_INDEX_PRIOR + (int32_t)i, (double)s->prior[i], index, got);
+        }
+    }
+    for (uint32_t i = 0u; i < s->n_cand; i++) {
+        n += kc_space_first(s, i) ? 1u : 0u;
+        if (n > n_prior) { return bad((int32_t)i, (double)s->cand[i].why, index, got); }
+    }
+    return KC_OK;
+}
+
 static kc_status_t check_edges(const kc_space_t *s, int32_t *index, double *got)
 {
     uint32_t n_bits = s->n_cand * (s->n_cand - 1u) / 2u;
@@ -331,6 +364,7 @@ kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t 
     for (uint32_t i = 0u; st == KC_OK && i < s->n_cand; i++) { st = check_cand(s, arm, i, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_body; i++) { st = check_body(s, i, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_volume; i++) { st = check_volume(s, i, index, got); }
+    if (st == KC_OK) { st = check_first(s, index, got); }
     if (st == KC_OK) { st = check_edges(s, index, got); }
     return st == KC_OK ? check_connected(s, index, got) : st;
 }

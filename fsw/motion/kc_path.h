@@ -10,6 +10,9 @@
 #define KC_PATH_MAX (KC_HUB_MAX + 2u)
 /* What joints may be off a hub [rad or m]: hubs are places to pass, proven no farther about them. */
 #define KC_HUB_LEASH 0.05
+/* Bit of kc_cand_t.why: a first look. It is measured at its seed, without servo, before anything else: looks
+ * about the place where the arm stands tell what is wrong with it before it goes anywhere. */
+#define KC_CAND_FIRST 0x8000u
 #define KC_EDGE_BYTES (KC_CAND_MAX * (KC_CAND_MAX - 1u) / 2u / 8u)
 
 /* Single precision on purpose: 0.1 um and 0.1 urad, half the memory. */
@@ -72,6 +75,14 @@ int kc_path_is_node(const kc_space_t *s, uint32_t node);
  * KC_ERR_PATH if there is none or a node does not exist (KC_NODE_NONE: the arm stands somewhere no
  * segment was proven from); *n = 0 if from == to. O(n_hub^2). */
 kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16_t *way, uint32_t *n);
+
+/* Whether a candidate that exists is a first look; the first looks among the prior poses. */
+int kc_space_first(const kc_space_t *s, uint32_t cand);
+uint32_t kc_space_n_first(const kc_space_t *s);
+
+/* Largest distance of each joint from a node that exists [rad or m]: `leash`, about hubs and first looks
+ * KC_HUB_LEASH at most. */
+double kc_path_leash(const kc_space_t *s, uint32_t node, double leash);
 
 /* Seed joints of a node that exists, n_joints values. */
 void kc_path_joints(const kc_space_t *s, uint32_t node, double *q);

@@ -133,6 +133,7 @@ def space(out: Console, image: tables_mod.Image, n: space_mod.Numbers, picture: 
     out.print(f"[bold]search space[/], CRC {image.crc_text}")
     rows = grid("", "what", "value")
     rows.add_row("candidates, hubs", f"{n.candidates}, {n.hubs}")
+    rows.add_row("first looks", str(n.first_looks))
     rows.add_row("prior poses", " ".join(map(str, n.priors)))
     rows.add_row("direct segments", str(n.direct_edges))
     rows.add_row(

@@ -454,9 +454,15 @@ def _dh_entries(dh: dict[str, Any] | None, where: str) -> Iterator[dict[str, Any
     if dh is None:
         return
     here = f"{where}:dh"
-    for j in range(1, int(_required(dh, "joints", here)) + 1):
+    n = int(_required(dh, "joints", here))
+    for j in range(1, n + 1):
         for name, comp, shift in _DH:
-            bound = number(_required(_required(dh, "bound", here), name, here), here)
+            bound = _required(_required(dh, "bound", here), name, here)
+            if isinstance(bound, list):  # one for each joint
+                if len(bound) != n:
+                    raise KincalError(f"{len(bound)} bounds for {n} joints", f"{here}.bound.{name}")
+                bound = bound[j - 1]
+            bound = number(bound, here)
             yield {
                 "name": f"J{j}.{name}",
                 "lb": -bound,

@@ -95,6 +95,8 @@ static const spoil_t s_spoil[] = {
     {50, AT(power_idle_w), 'd', -1.0},
     {51, AT(power_move_w), 'd', -1.0},
     {52, AT(energy_budget_j), 'd', -1.0},
+    {53, AT(stray_pos_m), 'd', -1.0},
+    {54, AT(stray_rot_rad), 'd', 4.5},
 };
 
 static void spoil(const spoil_t *s, double value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +32,8 @@ WHY = {
     2048: "the servo can reach the pose under every named case of errors, if the description asks for it",
 }
 WHY_ALL = sum(WHY)
+WHY_FIRST = 1 << 15  # a first look, KC_CAND_FIRST of kc_path.h
+FIRST_SHOWN = 0.9  # of the arms with errors show a tag at a first look
 HUB_LEASH = 0.05  # what flight lets joints be off a hub, KC_HUB_LEASH of kc_path.h
 FAULTY_INCID_MAX_RAD = 1.2  # a tag still decodes, though its pose is poor
 # Far more starts than 20 steps could mend are cheaper tried anew from another start.
@@ -74,6 +77,7 @@ class Checks:
             "joints.margin_rad": desc.joints.margin_rad,
             "joints.servo_leash_rad": leash,
             **{f"joints.hubs_rad.{i}": h for i, h in enumerate(desc.joints.hubs_rad)},
+            **{f"joints.first_rad.{i}": f for i, f in enumerate(desc.joints.first_rad)},
             **{f"survive.{f}": getattr(desc.survive, f) for f in ("phi_rad", "alpha_rad", "a_m", "d_m")},
         }
         for where, values in lists.items():
@@ -230,19 +234,27 @@ class Checks:
         _, seen = self.view_problems(p, look)
         return self.thick.seen(q, look.eye[0], int(seen[0]))
 
-    def shown_by_wrong(self, q: np.ndarray) -> list[bool]:
-        """Which arms with errors show a tag at joints q, the head aimed where the nominal arm's tool would
-        be."""
+    def _shown(self, q: np.ndarray, arms: Sequence[Bodies]) -> list[int]:
+        """Tags that each arm shows at joints q to a detector that takes what it gets, the head aimed where the
+        nominal arm's tool would be."""
         p, R = self.poses(q)
         look = self.looks(p, R)
         eye = look.eye[0]
         _, R_cam = self.camera.pose(look.pan[0], look.tilt[0])
         out = []
-        for arm in self.wrong:
+        for arm in arms:
             at, R_tool = arm.tool(q)
             mask = self.camera.visible(R_cam.T @ (at - eye), R_cam.T @ R_tool, FAULTY_INCID_MAX_RAD)
-            out.append(bool(mask and arm.seen(q, eye, mask)))
+            out.append(arm.seen(q, eye, mask) if mask else 0)
         return out
+
+    def shown_by_wrong(self, q: np.ndarray) -> list[bool]:
+        """Which arms with errors show a tag at joints q."""
+        return [bool(x) for x in self._shown(q, self.wrong)]
+
+    def first_tags(self, q: np.ndarray) -> int:
+        """Tags that a first look shows, the arm being as drawn."""
+        return self._shown(q, [self.thick])[0]
 
     # ---- clear
 
@@ -329,6 +341,17 @@ class Checks:
             if pair := arm.touching(q):
                 return pair, k
         return None
+
+    def first_problem(self, q: np.ndarray, hub: np.ndarray) -> str:
+        """Why joints q are no first look, or an empty string: as safe as a hub, the way there too, and a tag
+        shows under nearly all errors."""
+        if problem := self.hub_problem(q):
+            return problem
+        if pair := self.segment_problem(hub, q):
+            return f"not clear on the way from its hub: {pair}"
+        shown = sum(self.shown_by_wrong(q))
+        few = shown < FIRST_SHOWN * len(self.errors) or not self.first_tags(q)
+        return f"showing a tag with {shown} of {len(self.errors)} arms with errors" if few else ""
 
     def segment_problem(self, a: np.ndarray, b: np.ndarray) -> str:
         """What is in the way of the straight joint-space segment, both ends included."""

@@ -13,7 +13,7 @@ import pydantic
 from kincal import tables
 from kincal.errors import KincalError
 
-CAND_MAX, HUB_MAX = 1024, 16
+CAND_MAX, HUB_MAX, PRIOR_MAX = 1024, 16, 16
 FAR_M = 10.0  # as the SPACE table
 _ERROR_NAME = re.compile(r"J([1-8])\.(phi_rad|alpha_rad|a_m|d_m)")
 _SHOWN = 6  # mistakes named at once
@@ -47,6 +47,7 @@ class Joints(_Strict):
     margin_rad: list[AngleSize]
     hubs_rad: list[list[float]] = pydantic.Field(min_length=1, max_length=HUB_MAX)
     servo_leash_rad: Positive | list[Positive]  # of each joint, or one for all
+    first_rad: list[list[float]] = pydantic.Field(default=[], max_length=PRIOR_MAX)  # first looks, about hub 0
 
 
 class Tool(_Strict):
@@ -177,7 +178,7 @@ class Description(_Strict):
     seed: int = pydantic.Field(ge=0)
     candidates: int = pydantic.Field(ge=1, le=CAND_MAX)
     samples: int = pydantic.Field(ge=1, le=10_000_000)
-    priors: int = pydantic.Field(ge=0, le=16)
+    priors: int = pydantic.Field(ge=0, le=PRIOR_MAX)
     joints: Joints
     tool: Tool
     view: View
@@ -188,6 +189,15 @@ class Description(_Strict):
     shape: list[Shape]
     touching: list[tuple[str, str]] = []  # pairs of shapes that touch by design
     keep_out: list[KeepOut]
+
+    @pydantic.model_validator(mode="after")
+    def _fits_the_table(self) -> Description:
+        first = len(self.joints.first_rad)
+        if self.priors + first > PRIOR_MAX:
+            raise ValueError(f"{self.priors} priors and {first} first looks; the table has room for {PRIOR_MAX}")
+        if self.candidates + first > CAND_MAX:
+            raise ValueError(f"{self.candidates} candidates and {first} first looks; room is for {CAND_MAX}")
+        return self
 
     @pydantic.model_validator(mode="after")
     def _one_of_each(self) -> Description:

@@ -15,7 +15,7 @@ from kincal.geometry import quat_to_R
 from kincal.results import spans
 
 from .checks import Checks
-from .look import leash
+from .look import leash, ordinary
 from .spread import Metric
 from .work import BLOCK, Crew, examine, prove
 
@@ -33,7 +33,7 @@ class Line:
 
 
 def seeds(space: Any, n_joints: int) -> np.ndarray:
-    return np.array([list(c.q_seed)[:n_joints] for c in space.cand[0 : int(space.n_cand)]]).reshape(
+    return np.array([list(c.q_seed)[:n_joints] for c in space.cand[0 : ordinary(space)]]).reshape(
         -1, n_joints
     )
 
@@ -44,8 +44,15 @@ def hubs(space: Any, n_joints: int) -> np.ndarray:
 
 def candidate(checks: Checks, space: Any, number: int) -> list[Line]:
     """All checks of a candidate with their figures."""
-    if not 0 <= number < int(space.n_cand):
-        raise KincalError(f"candidate {number}: the table has 0..{int(space.n_cand) - 1}")
+    total, last = int(space.n_cand), ordinary(space) - 1
+    if not 0 <= number < total:
+        raise KincalError(f"candidate {number}: the table has 0..{last}")
+    if number > last:
+        raise KincalError(
+            f"candidate {number} is a first look, not one to choose",
+            "",
+            "see joints.first_rad in the description; `kincal space check` proves first looks again",
+        )
     d, n = checks.desc, checks.chain.n
     q = seeds(space, n)[number]
     (p,), R = checks.poses(q)
@@ -135,7 +142,7 @@ def corner(checks: Checks, at: np.ndarray, half_m: float, count: int) -> Corner:
 
 @dataclass(frozen=True)
 class Checked:
-    """problems: (candidate, what); bad_hubs: what. touched of tried: sampled postures of servo boxes, with
+    """problems: (candidate, what); bad_hubs: what is wrong with hubs and first looks. touched of tried: sampled postures of servo boxes, with
     other random numbers than the search used."""
 
     problems: list[tuple[int, str]]
@@ -161,6 +168,10 @@ def recheck(checks: Checks, crew: Crew, space: Any, tick: Tick = lambda *_a: Non
     for k, x in enumerate(h):
         if problem := checks.hub_problem(x):
             bad_hubs.append(f"hub {k} is {problem}")
+    for c in space.cand[len(q) : int(space.n_cand)]:
+        x = np.array(list(c.q_seed)[:n])
+        if problem := checks.first_problem(x, h[int(c.hub)]):
+            bad_hubs.append(f"first look at {np.round(x, 2).tolist()} is {problem}")
     touched = 0
     for i, (what, hit) in enumerate(crew.map("recheck", items)):
         problems += [(i, w) for w in what]
@@ -195,7 +206,7 @@ def difference(a: Any, b: Any, kernel: Any, hyper: int) -> Difference:
     qa, qb = seeds(a, n), seeds(b, n)
     gap = np.max(np.abs(qa[:, None] - qb[None]), axis=2)
     in_b, in_a = gap.min(axis=1) < 1e-5, gap.min(axis=0) < 1e-5
-    cands = [*a.cand[0 : int(a.n_cand)], *b.cand[0 : int(b.n_cand)]]
+    cands = [*a.cand[0 : ordinary(a)], *b.cand[0 : ordinary(b)]]
     p = np.array([list(c.p_m) for c in cands])
     metric = Metric(kernel, hyper, p, np.array([quat_to_R(list(c.q_wxyz)) for c in cands]))
     new = np.flatnonzero(~in_a)

@@ -13,6 +13,7 @@ from kincal.geometry import quat_to_R
 from kincal.pictures import BLUE, GREEN, GREY, INK, LIGHT, ORANGE, PURPLE, RED, draw_scene
 from kincal.results import Scene
 
+from .look import ordinary
 from .search import Built
 
 matplotlib.use("Agg")
@@ -47,7 +48,7 @@ def dropped(built: Built) -> list[np.ndarray]:
 
 def directions(built: Built) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Azimuth and elevation of the tool axis, and spin about it, of every candidate [deg]."""
-    R = np.array([quat_to_R(list(c.q_wxyz)) for c in built.struct.cand[0 : int(built.struct.n_cand)]])
+    R = np.array([quat_to_R(list(c.q_wxyz)) for c in built.struct.cand[0 : ordinary(built.struct)]])
     z, x = R[:, :, 2], R[:, :, 0]
     azimuth = np.degrees(np.arctan2(z[:, 1], z[:, 0]))
     elevation = np.degrees(np.arcsin(np.clip(z[:, 2], -1.0, 1.0)))
@@ -104,8 +105,8 @@ def counted(built: Built) -> list[tuple[str, int, str]]:
     n = [0] * len(_GROUPS)
     for reason, count in built.rejected.items():
         n[group(reason)] += count
-    rest = built.n_samples - sum(n) - int(built.struct.n_cand)
-    out = [("kept", int(built.struct.n_cand), GREEN), ("good as drawn, not needed", rest, LIGHT)]
+    rest = built.n_samples - sum(n) - ordinary(built.struct)
+    out = [("kept", ordinary(built.struct), GREEN), ("good as drawn, not needed", rest, LIGHT)]
     return [x for x in out + [(g[0], k, g[2]) for g, k in zip(_GROUPS, n, strict=True)] if x[1] > 0]
 
 
@@ -123,7 +124,7 @@ def save_html(built: Built, scene: Scene, path: Path, title: str) -> None:
         trace.marker = {"size": size, "color": colour, "opacity": 0.8}
         figure.add_trace(trace, row=1, col=1)
 
-    cands = built.struct.cand[0 : int(built.struct.n_cand)]
+    cands = built.struct.cand[0 : ordinary(built.struct)]
     text = [f"candidate {i}<br>hub {c.hub}, tags {c.tags:02b}" for i, c in enumerate(cands)]
     dots(scene.candidates, f"kept: {len(cands)}", GREEN, 3.5, hovertext=text, hoverinfo="text")
     for (label, _, colour), p in zip(_GROUPS, dropped(built), strict=True):

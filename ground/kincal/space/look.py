@@ -15,6 +15,16 @@ from kincal.results import Scene
 from .checks import WHY_ALL
 
 
+def ordinary(space: Any) -> int:
+    """Candidates that are chosen among; the first looks come after them."""
+    return int(space.n_cand) - int(core.lib.kc_space_n_first(space))
+
+
+def priors(space: Any) -> tuple[int, ...]:
+    """Candidates that start a calibration, after the first looks."""
+    return tuple(i for i in space.prior[0 : space.n_prior] if i < ordinary(space))
+
+
 def leash(space: Any, n_joints: int) -> np.ndarray:
     """How far the servo may take each joint from a seed."""
     return np.array(list(space.servo_leash[0:n_joints]))
@@ -25,6 +35,7 @@ class Numbers:
     """What `space show` prints."""
 
     candidates: int
+    first_looks: int
     hubs: int
     priors: tuple[int, ...]
     direct_edges: int
@@ -43,7 +54,7 @@ class Numbers:
 
 def describe(space: Any, arm_image: tables.Image, camera: Any) -> tuple[Numbers, np.ndarray, np.ndarray]:
     """Numbers, and incidence [deg] and range [m] per candidate."""
-    n = int(space.n_cand)
+    n = ordinary(space)
     cands = space.cand[0:n]
     p = np.array([list(c.p_m) for c in cands])
     R = [quat_to_R(list(c.q_wxyz)) for c in cands]
@@ -60,8 +71,9 @@ def describe(space: Any, arm_image: tables.Image, camera: Any) -> tuple[Numbers,
     edges = sum(b.bit_count() for b in core.ffi.buffer(space.edge)[:])
     numbers = Numbers(
         n,
+        int(space.n_cand) - n,
         int(space.n_hub),
-        tuple(space.prior[0 : space.n_prior]),
+        priors(space),
         edges,
         int(space.arm_crc),
         tuple(leash(space, int(space.n_joints))),
@@ -86,10 +98,10 @@ def scene(
     points: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Scene:
     """Geometry of a picture; the poses are the priors unless joint vectors are given."""
-    cands = space.cand[0 : int(space.n_cand)]
+    cands = space.cand[0 : ordinary(space)]
     chain, cam = ArmChain(arm), Camera(camera)
     if q_poses is None:
-        q_poses = np.array([list(cands[i].q_seed)[: chain.n] for i in space.prior[0 : space.n_prior]])
+        q_poses = np.array([list(cands[i].q_seed)[: chain.n] for i in priors(space)])
     bones = np.array([(points or chain.points)(q) for q in q_poses])
     target = bones[-1][-1] if len(bones) else np.array(list(cands[0].p_m))
     pan, tilt, _ = cam.aim(target)

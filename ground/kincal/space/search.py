@@ -16,7 +16,7 @@ from kincal.geometry import R_to_quat
 from kincal.results import summed
 
 from . import guard
-from .checks import WHY_ALL, Checks
+from .checks import WHY_ALL, WHY_FIRST, Checks
 from .description import Description
 from .spread import Metric, farthest
 from .work import BLOCK, Crew, Sample
@@ -55,6 +55,7 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
         raise KincalError(f"the kernel table has sets 0 to {kernel.n_hyper - 1}", "spread.set")
     checks = Checks(desc, arm, camera)
     hub_edges = _hubs(checks)
+    first = _first(checks)
     with Crew(checks, desc, arm_image.data, camera_image.data, processes) as crew:
         samples = _examine(crew, desc, tick)
         rejected = Counter(s.reason for s in samples if s.reason)
@@ -73,11 +74,15 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
         p, R = checks.poses(q)
         keep = farthest(Metric(kernel, desc.spread.set, p, R), desc.candidates, _middle(p))
         q, hub, p, R = q[keep], hub[keep], p[keep], R[keep]
+        n = len(q)
         space = core.ffi.new("kc_space_t *")
-        _fill(space, checks, q, hub, p, R, hub_edges)
-        for i, c in enumerate(_priors(crew, kernel, q, p, R, tick)):
-            space.prior[i] = c
-        space.n_prior = desc.priors
+        every = np.vstack([q, first])
+        _fill(space, checks, every, np.append(hub, np.zeros(len(first), int)), hub_edges)
+        for c in space.cand[n : len(every)]:
+            c.why, c.tags = WHY_FIRST, checks.first_tags(np.array(list(c.q_seed)[: checks.chain.n]))
+        starts = [*range(n, len(every)), *_priors(crew, kernel, q, p, R, tick)]
+        space.n_prior = len(starts)
+        space.prior[0 : len(starts)] = starts
         space.servo_leash[0 : checks.chain.n] = [float(x) for x in checks.leash]
         space.arm_crc = arm_image.crc
         guard.fill(space, desc, camera)
@@ -104,6 +109,19 @@ def _hubs(checks: Checks) -> list[int]:
                 edges[i] |= 1 << j
                 edges[j] |= 1 << i
     return edges
+
+
+def _first(checks: Checks) -> np.ndarray:
+    """Joints of the first looks; refuses any that does not hold."""
+    looks = np.array(checks.desc.joints.first_rad, float).reshape(-1, checks.chain.n)
+    for i, q in enumerate(looks):
+        if problem := checks.first_problem(q, checks.hubs[0]):
+            raise KincalError(
+                f"first look {i} is {problem}",
+                f"joints.first_rad[{i}]",
+                "take joints nearer to hub 0, or farther from what is in the way",
+            )
+    return looks
 
 
 def _examine(crew: Crew, desc: Description, tick: Tick) -> list[Sample]:
@@ -144,15 +162,8 @@ def _prove(crew: Crew, q: np.ndarray, tick: Tick) -> tuple[np.ndarray, np.ndarra
     return q[keep], np.array(hub, dtype=int), dropped
 
 
-def _fill(
-    space: Any,
-    checks: Checks,
-    q: np.ndarray,
-    hub: np.ndarray,
-    p: np.ndarray,
-    R: np.ndarray,
-    hub_edges: list[int],
-) -> None:
+def _fill(space: Any, checks: Checks, q: np.ndarray, hub: np.ndarray, hub_edges: list[int]) -> None:
+    p, R = checks.poses(q)
     space.n_cand, space.n_hub, space.n_joints = len(q), len(checks.hubs), checks.chain.n
     for h, x in enumerate(checks.hubs):
         space.hub_q[h][0 : len(x)] = [float(v) for v in x]

@@ -14,6 +14,7 @@ from kincal.errors import KincalError
 from kincal.geometry import quat_to_R
 
 from .explain import seeds
+from .look import ordinary, priors
 from .spread import Metric
 
 ACQUISITIONS = ("random", "ucb", "dopt", "vopt")
@@ -146,9 +147,9 @@ def worth(
 ) -> Worth:
     """Expected outcome for each acquisition; steps beyond the number of candidates are left out."""
     info = Information(space, arm, terms, int(config.est.free_mask), sigma_pos_m, sigma_rot_rad)
-    total = int(space.n_cand)
+    total = ordinary(space)  # first looks come on top
     steps = tuple(n for n in steps if n <= total) or (total,)
-    priors = list(space.prior[0 : int(space.n_prior)])[: steps[0]]
+    start = list(priors(space))[: steps[0]] or [0]
     cands = space.cand[0:total]
     metric = Metric(
         kernel,
@@ -157,7 +158,6 @@ def worth(
         np.array([quat_to_R(list(c.q_wxyz)) for c in cands]),
     )
     noise = float(kernel.sigma_eps / kernel.hyper[0].sigma_s)
-    start = priors or [0]
     tol = float(config.est.rank_tol)
     order = {
         "ucb": explore(metric, start, steps[-1], noise),
