@@ -106,7 +106,7 @@ static kc_status_t fit_identified(kc_est_t *est, uint64_t asked)
     kc_est_identify(est, asked, est->coef);
     for (uint32_t pass = 1u; est->rank > 0u; pass++) {
         st = kc_est_fit(est);
-        if (st == KC_ERR_NUM || est->opt.hold_none || pass >= KC_EST_PASSES ||
+        if (st == KC_ERR_NUM || est->hold_none || pass >= KC_EST_PASSES ||
             kc_est_still_identified(est, asked)) {
             return st;
         }

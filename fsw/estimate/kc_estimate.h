@@ -46,8 +46,6 @@ typedef struct {
     double outlier_p;        /* family-wise chance of rejecting a good pose, 0 = off  */
     uint32_t outlier_max;    /* at most this many are rejected                        */
     uint8_t use_prior;       /* add (coef / prior_sigma)^2 where prior_sigma > 0      */
-    uint8_t hold_none;       /* all that is asked for is estimated, the weak prior deciding what the
-                                data leave open: the likeliest arm within its bounds, for a few looks */
 } kc_est_opt_t;
 
 /* Caller owns it (static); about 160 KiB with work space. */
@@ -57,6 +55,8 @@ typedef struct {
     const kc_terms_t *terms;
     kc_est_opt_t opt;
     uint32_t n_obs;
+    uint8_t hold_none;          /* all that is asked for is estimated, the weak prior deciding what the data
+                                   leave open: the likeliest arm within its bounds, for a few looks */
     kc_obs_t obs[KC_MEAS_MAX];
     double start[KC_COEF_MAX];  /* free ones are clipped into their bounds */
     /* out */

@@ -74,14 +74,14 @@ void kc_est_identify(kc_est_t *est, uint64_t asked, const double *coef)
         est->status[c] = (uint8_t)((((asked >> c) & 1u) != 0u) ? KC_COEF_ESTIMATED : KC_COEF_MASKED);
         est->entangled[c] = 0u;
     }
-    for (uint32_t j = est->rank; j < est->n_idx && !est->opt.hold_none; j++) {
+    for (uint32_t j = est->rank; j < est->n_idx && !est->hold_none; j++) {
         const uint32_t c = est->idx[est->perm[j]];
         est->status[c] = (uint8_t)KC_COEF_HELD;
         held |= (uint64_t)1u << c;
         entangle(est, null_members(est, est->qp.L, est->n_idx, j));
     }
     take(est, asked & ~held);
-    est->weak = (est->opt.hold_none || kc_est_rows(est) < 2u * est->n_idx) ? 1u : 0u;
+    est->weak = (est->hold_none || kc_est_rows(est) < 2u * est->n_idx) ? 1u : 0u;
 }
 
 /* Two equally good choices of which to hold are common (any one of a dependent set), so the sets are not

@@ -53,7 +53,7 @@ typedef enum {
     KC_CAUSE_BUDGET = 7,       /* used up before anything was measured            */
     KC_CAUSE_SILENT = 8,       /* arm or head telemetry stopped                   */
     KC_CAUSE_STRAY = 9,        /* no correction within its bounds explains the looks */
-    KC_CAUSE_NOT_SEEN = 10     /* fewer than half of the first looks saw a tag    */
+    KC_CAUSE_NOT_SEEN = 10     /* fewer than every third first look saw a tag    */
 } kc_cause_t;
 
 /* Inputs as named by events KC_EVT_IN_*: index = input for IN_STALE, IN_COUNT, IN_SILENT and IN_NOT_UNIT,

@@ -60,7 +60,7 @@ typedef struct {
     uint16_t cand_of[KC_MEAS_MAX];      /* candidate of each measurement                     */
     uint8_t outlier_told[KC_MEAS_MAX];
     uint32_t i_prior;                   /* next prior pose                                   */
-    uint32_t n_first;                   /* first looks that were measured                    */
+    uint32_t n_tried, n_first;          /* first looks begun; those that were measured       */
     uint32_t n_rep, rep_at;             /* replicates done; n_meas when the last was chosen  */
     int32_t candidate, replicate;       /* the one under way, -1 = none                      */
     uint32_t servo_steps;

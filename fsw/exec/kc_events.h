@@ -70,7 +70,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(76, CAL_POOR, ERROR, "fit is poor: p {got}, noise scale {want}")                                 \
     X(77, CAL_ENERGY, WARN, "energy budget of {want} J used up: {got} J")                              \
     X(78, CAL_STRAY, ERROR, "look {index} {got} m, {want} rad off the best correction within its bounds")  \
-    X(79, CAL_NOT_SEEN, ERROR, "tags seen in {got} of {want} first looks, half of them needed")        \
+    X(79, CAL_NOT_SEEN, ERROR, "tags seen in {got} of {want} first looks, a third is needed")          \
     X(80, COR_PROPOSED, INFO, "correction proposed, CRC {got}, {want} poses")                          \
     X(81, COR_NO_CHANGE, INFO, "nothing needs to change: p {got}")                                     \
     X(82, COR_ARMED, INFO, "approval armed for CRC {got}")                                             \
@@ -84,6 +84,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(90, STORE_FAIL, ERROR, "store of kind {index} failed, status {got}")                             \
     X(91, GRD_WAY, WARN, "move refused: joint {index} {got} beyond the proven {want}")                 \
     X(92, GRD_VOLUME, WARN, "move refused: body {index} {got} m inside volume {want}")                 \
+    X(93, GRD_SELF, WARN, "move refused: body {index} {got} m inside body {want}")                     \
     X(95, MON_SUSPECT, WARN, "joint {index} reads wrong by {got}; joints that could be meant: {want}") \
     X(96, MON_UNEXPLAINED, WARN, "tool {got} m, {want} rad off prediction; no single joint says why")  \
     X(97, MON_NOT_AT_REST, DEBUG, "look {got} not compared: arm or head had not settled")

@@ -194,6 +194,8 @@ static void walk_bodies(kc_walk_t *w, kc_space_t *s)
         walk_point(w, 21u, b->start_m);
         walk_point(w, 22u, b->end_m);
         kc_walk_f32(w, 23u, &b->radius_m, 1e-6, LENGTH_MAX_M);
+        kc_walk_u32(w, 30u, &b->apart, 0u, (1u << KC_BODY_MAX) - 1u);
+        kc_walk_rule(w, 30u, b->apart >> i == 0u, (double)b->apart);
     }
     w->index = -1;
     uint32_t n_volume = kc_walk_count(w, 24u, &s->n_volume, 0u, KC_VOLUME_MAX);

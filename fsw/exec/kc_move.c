@@ -29,7 +29,8 @@ void kc_move_hold(kc_app_t *app, kc_out_t *out) { command(app, out, 1u); }
 /* What the guard says against it is told, and the candidate is given up; the arm stays where it is. */
 static int refused(kc_app_t *app, kc_out_t *out, uint32_t from, uint32_t to, const double *q)
 {
-    static const kc_event_id_t event[] = {KC_EVT_NONE, KC_EVT_GRD_LIMIT, KC_EVT_GRD_WAY, KC_EVT_GRD_VOLUME};
+    static const kc_event_id_t event[] = {KC_EVT_NONE, KC_EVT_GRD_LIMIT, KC_EVT_GRD_WAY, KC_EVT_GRD_VOLUME,
+                                          KC_EVT_GRD_SELF};
     const kc_active_t *a = &app->tables.active;
     double leash[KC_JOINT_MAX];
     kc_ctx_t ctx;

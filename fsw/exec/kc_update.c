@@ -7,6 +7,8 @@
 #include "kc_vec.h"
 
 #define PREDICT_ITER_MAX 8u  /* enough for a good guess of the joints at a candidate */
+#define OWN_MIN 3u           /* poses beside the first looks, which alone say little about the rest */
+#define FIRST_TRIED_MIN 7u   /* first looks before they are judged by how many saw a tag: every third */
 #define GOOD_NOISE_SCALE 2.0 /* a first fit with more residual than this is tried from a second start */
 
 /* ---- start ---- */
@@ -52,7 +54,7 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     app->est.terms = &a->terms;
     app->est.opt = a->config.est;
     app->est.opt.free_mask = free_mask;
-    app->est.opt.hold_none = 0u;
+    app->est.hold_none = 0u;
     app->est.n_obs = 0u;
     c->gp_ok = kc_gp_init(&app->big.gp, &a->kernel, 0u, app->cand_pt, a->space.n_cand) == KC_OK;
     c->up = KC_UP_SELECT;
@@ -130,7 +132,7 @@ static void add(kc_app_t *app)
     uint32_t last = c->n_meas - 1u;
     kc_point_t x;
     double var = 0.0;
-    app->est.opt.hold_none = (uint8_t)(c->n_meas == c->n_first); /* looks about one place leave much open */
+    app->est.hold_none = (uint8_t)(c->n_meas == c->n_first); /* looks about one place leave much open */
     objective(app);
     c->res_pos_m = app->dp_m[last];
     c->res_rot_rad = app->dr_rad[last];
@@ -174,7 +176,7 @@ static void warm(kc_app_t *app)
 static int stray(kc_app_t *app, kc_out_t *out)
 {
     const kc_config_t *c = &app->tables.active.config;
-    if (app->est.rank < app->est.n_free && !app->est.opt.hold_none) { return 0; } /* something is held */
+    if (app->est.rank < app->est.n_free && !app->est.hold_none) { return 0; } /* something is held */
     double pos_m = 0.0, rot_rad = 0.0, worst_pos_m = 0.0, worst_rot_rad = 0.0;
     uint32_t n = 0u, last = 0u;
     for (uint32_t i = 0u; i < app->cal.n_meas; i++) {
@@ -203,7 +205,7 @@ static void learn(kc_app_t *app, kc_out_t *out)
         kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)c->est_status, 0.0);
     } else if (stray(app, out)) {
         return;
-    } else if (app->est.rank == app->est.n_free || app->est.opt.hold_none || c->trusted) {
+    } else if (app->est.rank == app->est.n_free || app->est.hold_none || c->trusted) {
         memcpy(c->coef, app->est.coef, sizeof c->coef);
     }
     objective(app);
@@ -312,7 +314,12 @@ static int next_prior(kc_app_t *app, uint32_t *cand)
     const kc_space_t *s = &app->tables.active.space;
     while (app->cal.i_prior < s->n_prior) {
         *cand = s->prior[app->cal.i_prior++];
-        if (app->cal.usable[*cand] || kc_space_first(s, *cand)) { return 1; }
+        if (kc_space_first(s, *cand)) {
+            if (kc_space_spare(s, *cand) && 2u * app->cal.n_first >= app->cal.n_tried) { continue; }
+            app->cal.n_tried++;
+            return 1;
+        }
+        if (app->cal.usable[*cand]) { return 1; }
     }
     return 0;
 }
@@ -382,7 +389,8 @@ static kc_status_t choose(kc_app_t *app, uint32_t *cand)
 
 static int finish(kc_app_t *app, kc_out_t *out, kc_cause_t if_nothing)
 {
-    if (app->cal.n_meas == 0u) {
+    uint32_t own = app->cal.n_meas - app->cal.n_first;
+    if (own < (app->cal.n_first > 0u ? OWN_MIN : 1u)) {
         kc_app_abort(app, out, if_nothing);
         return 0;
     }
@@ -390,14 +398,14 @@ static int finish(kc_app_t *app, kc_out_t *out, kc_cause_t if_nothing)
     return 1;
 }
 
-/* The first looks are over and saw too little to tell what is wrong with the arm. */
+/* The first looks see too little to tell what is wrong with the arm. */
 static int unseen(kc_app_t *app, kc_out_t *out)
 {
     const kc_space_t *s = &app->tables.active.space;
-    uint32_t n = kc_space_n_first(s), next = app->cal.i_prior;
-    int over = next >= s->n_prior || !kc_space_first(s, s->prior[next]);
-    if (!over || 2u * app->cal.n_first >= n) { return 0; }
-    kc_event(&out->events, KC_EVT_CAL_NOT_SEEN, -1, (double)app->cal.n_first, (double)n);
+    const kc_cal_t *c = &app->cal;
+    int another = c->i_prior < s->n_prior && kc_space_spare(s, s->prior[c->i_prior]);
+    if (another || c->n_tried < FIRST_TRIED_MIN || 3u * c->n_first >= c->n_tried) { return 0; }
+    kc_event(&out->events, KC_EVT_CAL_NOT_SEEN, -1, (double)c->n_first, (double)c->n_tried);
     kc_app_abort(app, out, KC_CAUSE_NOT_SEEN);
     return 1;
 }

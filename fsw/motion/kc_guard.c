@@ -103,14 +103,54 @@ static double axis_to(const kc_volume_t *v, const double a[3], const double u[3]
     }
 }
 
-double kc_guard_clearance(const kc_space_t *s, const kc_pose_t *frame, uint32_t *body, uint32_t *volume)
+/* Axis of a body from a to a + u: where it is now, or (end 1) where it was before a correction moved it along
+ * its joint's axis. */
+static void axis_of(const kc_space_t *s, const kc_pose_t *frame, const double *along_m, uint32_t b,
+                    uint32_t end, double a[3], double u[3])
+{
+    uint32_t j = s->body[b].frame;
+    place(&frame[j], s->body[b].start_m, a);
+    place(&frame[j], s->body[b].end_m, u);
+    kc_v3_sub(u, a, u);
+    for (uint32_t i = 0u; end == 1u && i < 3u; i++) { a[i] -= along_m[j] * frame[j].R[3u * i + 2u]; }
+}
+
+static double between_bodies(const kc_space_t *s, const kc_pose_t *frame, const double *along_m, uint32_t i,
+                             uint32_t k)
+{
+    double least = KC_INF, a[3], u[3], b[3], v[3];
+    for (uint32_t e = 0u; e < 4u; e++) {
+        axis_of(s, frame, along_m, i, e / 2u, a, u);
+        axis_of(s, frame, along_m, k, e % 2u, b, v);
+        least = kc_min(least, to_segment(a, u, b, v));
+    }
+    return least - (double)s->body[i].radius_m - (double)s->body[k].radius_m;
+}
+
+double kc_guard_self_clearance(const kc_space_t *s, const kc_pose_t *frame, const double *along_m,
+                               uint32_t *body, uint32_t *other)
 {
     double least = KC_INF;
-    for (uint32_t b = 0u; b < s->n_body; b++) {
-        double a[3], u[3];
-        place(&frame[s->body[b].frame], s->body[b].start_m, a);
-        place(&frame[s->body[b].frame], s->body[b].end_m, u);
-        kc_v3_sub(u, a, u);
+    for (uint32_t i = 1u; i < s->n_body; i++) {
+        for (uint32_t k = 0u; k < i; k++) {
+            if ((s->body[i].apart >> k & 1u) == 0u) { continue; }
+            double d = between_bodies(s, frame, along_m, i, k);
+            if (d >= least) { continue; }
+            least = d;
+            *body = i;
+            *other = k;
+        }
+    }
+    return least;
+}
+
+double kc_guard_clearance(const kc_space_t *s, const kc_pose_t *frame, const double *along_m, uint32_t *body,
+                          uint32_t *volume)
+{
+    double least = KC_INF, a[3], u[3];
+    for (uint32_t k = 0u; k < 2u * s->n_body; k++) {
+        uint32_t b = k / 2u;
+        axis_of(s, frame, along_m, b, k % 2u, a, u);
         for (uint32_t v = 0u; v < s->n_volume; v++) {
             if ((s->volume[v].spared >> b & 1u) != 0u) { continue; }
             double d = axis_to(&s->volume[v], a, u) - (double)s->body[b].radius_m;
@@ -177,43 +217,63 @@ static int on_proven_way(const kc_guard_ask_t *ask, kc_guard_why_t *why)
            (is_at(ask, seed) && kc_path_leads_to(s, ask->to, ask->q_from, 2.0 * ask->tol));
 }
 
-/* ---- volumes ---- */
+/* ---- volumes and the arm itself ---- */
 
-static double clearance_at(const kc_guard_ask_t *ask, double part, kc_guard_why_t *why)
+/* Clearance at a part of the way: of volumes, of the arm itself, and which. */
+typedef struct {
+    double d[2];
+    kc_guard_why_t why[2];
+} near_t;
+
+static void near_at(const kc_guard_ask_t *ask, double part, near_t *n)
 {
     kc_pose_t frame[KC_JOINT_MAX + 1u];
+    double along_m[KC_JOINT_MAX + 1u];
     kc_ctx_t ctx = *ask->ctx;
     kc_loads_t loads;
-    uint32_t body = 0u, volume = 0u;
+    uint32_t body = 0u, met = 0u;
     for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
         ctx.q[j] = ask->q_from[j] + part * (ask->q_to[j] - ask->q_from[j]);
     }
     kc_model_loads(ask->arm, ask->terms, ask->coef, &ctx, &loads);
-    kc_model_frames(ask->arm, ask->terms, ask->coef, &ctx, &loads, frame);
-    double d = kc_guard_clearance(ask->space, frame, &body, &volume);
-    *why = (kc_guard_why_t){(int32_t)body, -d, (double)volume};
-    return d;
+    kc_model_frames(ask->arm, ask->terms, ask->coef, &ctx, &loads, frame, along_m);
+    n->d[0] = kc_guard_clearance(ask->space, frame, along_m, &body, &met);
+    n->why[0] = (kc_guard_why_t){(int32_t)body, -n->d[0], (double)met};
+    n->d[1] = kc_guard_self_clearance(ask->space, frame, along_m, &body, &met);
+    n->why[1] = (kc_guard_why_t){(int32_t)body, -n->d[1], (double)met};
 }
 
-static int clear_of_volumes(const kc_guard_ask_t *ask, kc_guard_why_t *why)
+static int is_first_look(const kc_space_t *s, uint32_t node)
+{
+    return node >= KC_HUB_MAX && kc_space_first(s, node - KC_HUB_MAX);
+}
+
+static kc_guard_verdict_t clear_way(const kc_guard_ask_t *ask, kc_guard_why_t *why)
 {
     double far = 0.0;
-    if (ask->space->n_body == 0u || ask->space->n_volume == 0u) { return 1; }
+    near_t first, n;
+    int first_look = is_first_look(ask->space, ask->from) || is_first_look(ask->space, ask->to);
+    if (first_look || ask->space->n_body == 0u) { return KC_GUARD_FINE; }
     for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
         far = kc_max(far, kc_fabs(ask->q_to[j] - ask->q_from[j]));
     }
     double steps = kc_min(kc_floor(far / KC_GUARD_STEP) + 1.0, (double)KC_GUARD_STEPS_MAX);
-    uint32_t n = (uint32_t)steps;
-    double least = kc_min(0.0, clearance_at(ask, 0.0, why)) - NUMBERS_TOL;
-    for (uint32_t k = 1u; k <= n; k++) {
-        if (clearance_at(ask, (double)k / steps, why) < least) { return 0; }
+    near_at(ask, 0.0, &first);
+    for (uint32_t k = 1u; k <= (uint32_t)steps; k++) {
+        near_at(ask, (double)k / steps, &n);
+        for (uint32_t i = 0u; i < 2u; i++) {
+            double leaving = first.d[i] - KC_GUARD_LEAVE_M;
+            if (n.d[i] >= (first.d[i] < KC_GUARD_CLEAR_M ? leaving : KC_GUARD_CLEAR_M)) { continue; }
+            *why = n.why[i];
+            return i == 0u ? KC_GUARD_VOLUME : KC_GUARD_SELF;
+        }
     }
-    return 1;
+    return KC_GUARD_FINE;
 }
 
 kc_guard_verdict_t kc_guard_check(const kc_guard_ask_t *ask, kc_guard_why_t *why)
 {
     if (!within_limits(ask, why)) { return KC_GUARD_LIMIT; }
     if (!on_proven_way(ask, why)) { return KC_GUARD_WAY; }
-    return clear_of_volumes(ask, why) ? KC_GUARD_FINE : KC_GUARD_VOLUME;
+    return clear_way(ask, why);
 }

@@ -1,4 +1,4 @@
-/* The last look at an arm command before it is sent: limits, proven ways, keep-out volumes.
+/* The last look at an arm command before it is sent: limits, proven ways, keep-out volumes, the arm itself.
  *
  * Ways and boxes were proven on the ground for many arms that are wrong; this asks again on board, for the
  * arm as it is believed to be now. No safety distance is added: the ground has it in what it proved, and here it
@@ -13,6 +13,9 @@
 
 #define KC_GUARD_STEP 0.2     /* postures looked at on the way: joints this far apart [rad or m] ... */
 #define KC_GUARD_STEPS_MAX 12u /* ... and no more than so many, however long the way                 */
+
+#define KC_GUARD_CLEAR_M 0.005 /* nothing that counts for the guard may come nearer                    */
+#define KC_GUARD_LEAVE_M 0.002 /* but an arm that is nearer already may go this much deeper to get away */
 
 typedef struct {
     const kc_arm_t *arm;
@@ -33,7 +36,8 @@ typedef enum {
     KC_GUARD_LIMIT = 1,        /* index = joint from 1, got = its value, want = the limit less margin */
     KC_GUARD_WAY = 2,          /* index = joint from 1 that is farthest beyond, got = by how much
                                   [rad or m], want = what it may be off; 0, 0, 0: no such segment     */
-    KC_GUARD_VOLUME = 3        /* index = body, got = depth [m], want = volume                        */
+    KC_GUARD_VOLUME = 3,       /* index = body, got = depth [m], want = volume                        */
+    KC_GUARD_SELF = 4          /* index = body, got = depth [m], want = the other body                */
 } kc_guard_verdict_t;
 
 typedef struct {
@@ -43,11 +47,18 @@ typedef struct {
 
 /* Distance between bodies at these frames (kc_model_frames) and volumes, the smallest of all pairs but those
  * that are spared, and which pair; negative inside (for a box: no deeper than the body's radius). KC_INF
- * without any. O(n_body n_volume). */
-double kc_guard_clearance(const kc_space_t *s, const kc_pose_t *frame, uint32_t *body, uint32_t *volume);
+ * without any. A body that a correction moved along its axis counts at both ends of that move: what it is
+ * fixed to may be longer instead. O(n_body n_volume). */
+double kc_guard_clearance(const kc_space_t *s, const kc_pose_t *frame, const double *along_m, uint32_t *body,
+                          uint32_t *volume);
 
-/* First reason why the command must not be sent. An arm that is inside a volume already, by a correction that
- * was not known before, may leave it: no posture may be deeper than the first. At most KC_GUARD_STEPS_MAX + 1
+/* The same between bodies that must not meet. O(n_body^2). */
+double kc_guard_self_clearance(const kc_space_t *s, const kc_pose_t *frame, const double *along_m,
+                               uint32_t *body, uint32_t *other);
+
+/* First reason why the command must not be sent. An arm that is too near to something already, by a
+ * correction that was not known before, may leave it. First looks are how the arm gets known; on the way to
+ * them and back nothing is measured against what is believed of it. At most KC_GUARD_STEPS_MAX + 1
  * postures. Space and arm must be validated. */
 kc_guard_verdict_t kc_guard_check(const kc_guard_ask_t *ask, kc_guard_why_t *why);
 

@@ -25,6 +25,11 @@ int kc_space_first(const kc_space_t *s, uint32_t cand)
     return ((uint32_t)s->cand[cand].why & KC_CAND_FIRST) != 0u;
 }
 
+int kc_space_spare(const kc_space_t *s, uint32_t cand)
+{
+    return ((uint32_t)s->cand[cand].why & KC_CAND_SPARE) != 0u;
+}
+
 uint32_t kc_space_n_first(const kc_space_t *s)
 {
     uint32_t n = 0u;
@@ -292,6 +297,7 @@ static kc_status_t check_body(const kc_space_t *s, uint32_t i, int32_t *index, d
     const kc_body_t *b = &s->body[i];
     int32_t at = KC_SPACE_INDEX_BODY + (int32_t)i;
     if (b->frame > s->n_joints) { return bad(at, (double)b->frame, index, got); }
+    if (b->apart >> i != 0u) { return bad(at, (double)b->apart, index, got); }
     kc_status_t st = check_point(b->start_m, at, index, got);
     if (st == KC_OK) { st = check_point(b->end_m, at, index, got); }
     return st == KC_OK ? check_size(b->radius_m, at, index, got) : st;
@@ -322,8 +328,9 @@ static kc_status_t check_first(const kc_space_t *s, int32_t *index, double *got)
         }
     }
     for (uint32_t i = 0u; i < s->n_cand; i++) {
+        int lone = kc_space_spare(s, i) && !kc_space_first(s, i);
         n += kc_space_first(s, i) ? 1u : 0u;
-        if (n > n_prior) { return bad((int32_t)i, (double)s->cand[i].why, index, got); }
+        if (lone || n > n_prior) { return bad((int32_t)i, (double)s->cand[i].why, index, got); }
     }
     return KC_OK;
 }

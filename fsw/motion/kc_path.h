@@ -13,6 +13,8 @@
 /* Bit of kc_cand_t.why: a first look. It is measured at its seed, without servo, before anything else: looks
  * about the place where the arm stands tell what is wrong with it before it goes anywhere. */
 #define KC_CAND_FIRST 0x8000u
+/* A first look that is only taken while fewer than half of those before it saw a tag. */
+#define KC_CAND_SPARE 0x4000u
 #define KC_EDGE_BYTES (KC_CAND_MAX * (KC_CAND_MAX - 1u) / 2u / 8u)
 
 /* Single precision on purpose: 0.1 um and 0.1 urad, half the memory. */
@@ -31,6 +33,7 @@ typedef struct {
     uint8_t frame;              /* 0: tool; j: turns with joint j, before d, a and alpha of its link */
     float start_m[3], end_m[3];
     float radius_m;
+    uint32_t apart;             /* bit per body before it that it must not meet                      */
 } kc_body_t;
 
 typedef enum {
@@ -78,6 +81,7 @@ kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16
 
 /* Whether a candidate that exists is a first look; the first looks among the prior poses. */
 int kc_space_first(const kc_space_t *s, uint32_t cand);
+int kc_space_spare(const kc_space_t *s, uint32_t cand);
 uint32_t kc_space_n_first(const kc_space_t *s);
 
 /* Largest distance of each joint from a node that exists [rad or m]: `leash`, about hubs and first looks

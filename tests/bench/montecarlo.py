@@ -16,8 +16,8 @@ Errors drawn (run number and seed say which; the bounds are those of tables/src/
   beyond its bound); `few`: one to three errors at
   1.5 to 4 times their bounds; `wide`: all 28 even in the box of 1.5 to 4 times the bounds, one of them at
   its end; `both`: a slip and all 28 inside their bounds. No angle is more than pi off.
-An arm that touches something where it stands before anything was commanded cannot have been brought there:
-it is drawn again, and counted.
+An arm that is within 20 mm of something where it stands before anything was commanded is drawn again, and
+counted: whoever parked it there saw to it that it stands free.
 
 Judged
 - contact: MuJoCo's arm with the true errors, with itself, deck, ground, mast, head: at every tick and at
@@ -67,12 +67,13 @@ MISSION_S = 7200.0  # the executive's patience
 LINGER_TICKS = 30  # after the end: an arm that was stopped comes to rest
 HELD_OUT = 100
 FINISH_MIN = 0.99
+START_CLEAR_M = 0.02
 OUTSIDE_CLEAR_MIN = 0.999
 ON_NODE_RAD = 0.002  # arm at rest within arrive_tol; the rest is rounding
 IDLE, REVIEW, SAFE = 0, 9, 11
 START, EXECUTIVE = 1, 2
 START_TICK = 3  # the executive hears the first housekeeping and answers it: flight has START in this tick
-KINDS_INSIDE = ("box", "alone", "box", "three", "box", "corner", "box", "alone", "box", "three")
+KINDS_INSIDE = ("box", "alone", "box", "three", "box", "box", "box", "alone", "box", "three")
 KINDS_OUTSIDE = ("slip", "few", "wide", "both")
 
 
@@ -133,6 +134,21 @@ def outside(rng, kind: str) -> ArmTruth:
     return truth
 
 
+def near(arm: Arm) -> set:
+    """Pairs of the arm's shapes and what is about it that are within START_CLEAR_M."""
+    margin = arm.model.geom_margin.copy()
+    arm.model.geom_margin[:] = START_CLEAR_M / 2  # of both geoms of a pair, added
+    pairs = set(arm.collisions())
+    arm.model.geom_margin[:] = margin
+    return pairs
+
+
+def stands_free(world: World) -> bool:
+    """Nothing is near where the arm stands that is not near an arm without errors (neighbours on the arm)."""
+    healthy = Watched(Scenario("healthy", ""), 1)
+    return not world.arm.collisions() and near(world.arm) <= near(healthy.arm)
+
+
 def draw(part: str, seed: int, run: int) -> tuple[str, ArmTruth, int]:
     """Kind, errors, and how often an arm that stood in something was thrown away."""
     kinds, make = (KINDS_INSIDE, inside) if part == "inside" else (KINDS_OUTSIDE, outside)
@@ -140,8 +156,7 @@ def draw(part: str, seed: int, run: int) -> tuple[str, ArmTruth, int]:
     rng = np.random.default_rng([seed, 0 if part == "inside" else 1, run])
     for again in range(1000):
         truth = make(rng, kind)
-        world = Watched(Scenario("drawn", "", arm=truth), 1)
-        if not world.arm.collisions():
+        if stands_free(Watched(Scenario("drawn", "", arm=truth), 1)):
             return kind, truth, again
     raise ArithmeticError(f"no arm of kind {kind} that stands free")
 

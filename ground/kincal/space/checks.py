@@ -32,7 +32,7 @@ WHY = {
     2048: "the servo can reach the pose under every named case of errors, if the description asks for it",
 }
 WHY_ALL = sum(WHY)
-WHY_FIRST = 1 << 15  # a first look, KC_CAND_FIRST of kc_path.h
+WHY_FIRST, WHY_SPARE = 1 << 15, 1 << 14  # first looks, KC_CAND_FIRST and _SPARE of kc_path.h
 FIRST_SHOWN = 0.9  # of the arms with errors show a tag at a first look
 HUB_LEASH = 0.05  # what flight lets joints be off a hub, KC_HUB_LEASH of kc_path.h
 FAULTY_INCID_MAX_RAD = 1.2  # a tag still decodes, though its pose is poor

@@ -13,7 +13,7 @@ import pydantic
 from kincal import tables
 from kincal.errors import KincalError
 
-CAND_MAX, HUB_MAX, PRIOR_MAX = 1024, 16, 16
+CAND_MAX, HUB_MAX, PRIOR_MAX = 1024, 16, 24
 FAR_M = 10.0  # as the SPACE table
 _ERROR_NAME = re.compile(r"J([1-8])\.(phi_rad|alpha_rad|a_m|d_m)")
 _SHOWN = 6  # mistakes named at once
@@ -48,6 +48,7 @@ class Joints(_Strict):
     hubs_rad: list[list[float]] = pydantic.Field(min_length=1, max_length=HUB_MAX)
     servo_leash_rad: Positive | list[Positive]  # of each joint, or one for all
     first_rad: list[list[float]] = pydantic.Field(default=[], max_length=PRIOR_MAX)  # first looks, about hub 0
+    spare_first: list[int] = []  # which of them are only taken while few before them saw a tag
 
 
 class Tool(_Strict):

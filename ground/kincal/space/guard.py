@@ -3,6 +3,7 @@ them. Flight knows capsules only, so a box on the arm becomes a bundle of capsul
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Any
 
@@ -68,6 +69,7 @@ def fill(space: Any, desc: Description, camera: Any) -> None:
             of.setdefault(s.name, []).append(n)
             n += 1
     space.n_body = n
+    _apart(space, desc, of)
     if len(desc.keep_out) > core.lib.KC_VOLUME_MAX:
         raise KincalError(f"{len(desc.keep_out)} volumes, room for {core.lib.KC_VOLUME_MAX}", "keep_out")
     for i, k in enumerate(desc.keep_out):
@@ -75,6 +77,18 @@ def fill(space: Any, desc: Description, camera: Any) -> None:
         spared = [name for name in of if any(re.fullmatch(x, name) for x in k.except_)]
         space.volume[i].spared = sum(1 << b for name in spared for b in of[name])
     space.n_volume = len(desc.keep_out)
+
+
+def _apart(space: Any, desc: Description, of: dict[str, list[int]]) -> None:
+    """Which bodies must not meet: all but those of one shape, those that touch by design, and those that cannot
+    move against each other."""
+    fine = {frozenset(pair) for pair in desc.touching}
+    for a, b in itertools.combinations(of, 2):
+        if frozenset((a, b)) in fine:
+            continue
+        for i, k in itertools.product(of[a], of[b]):
+            if space.body[i].frame != space.body[k].frame:
+                space.body[max(i, k)].apart |= 1 << min(i, k)
 
 
 def _volume(v: Any, k: KeepOut) -> None:

@@ -16,7 +16,7 @@ from kincal.geometry import R_to_quat
 from kincal.results import summed
 
 from . import guard
-from .checks import WHY_ALL, WHY_FIRST, Checks
+from .checks import WHY_ALL, WHY_FIRST, WHY_SPARE, Checks
 from .description import Description
 from .spread import Metric, farthest
 from .work import BLOCK, Crew, Sample
@@ -78,8 +78,10 @@ def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, pr
         space = core.ffi.new("kc_space_t *")
         every = np.vstack([q, first])
         _fill(space, checks, every, np.append(hub, np.zeros(len(first), int)), hub_edges)
-        for c in space.cand[n : len(every)]:
-            c.why, c.tags = WHY_FIRST, checks.first_tags(np.array(list(c.q_seed)[: checks.chain.n]))
+        for i, x in enumerate(first):
+            c = space.cand[n + i]
+            c.tags = checks.first_tags(x)
+            c.why = WHY_FIRST | (WHY_SPARE if i in desc.joints.spare_first else 0)
         starts = [*range(n, len(every)), *_priors(crew, kernel, q, p, R, tick)]
         space.n_prior = len(starts)
         space.prior[0 : len(starts)] = starts
