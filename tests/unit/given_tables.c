@@ -178,8 +178,8 @@ static double spread(uint32_t k, uint32_t j)
 static void given_bodies(kc_space_t *s)
 {
     s->n_body = 2u;
-    s->body[0] = (kc_body_t){7u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.03f}, 0.03f};
-    s->body[1] = (kc_body_t){0u, {0.1f, 0.0f, 0.0f}, {-0.1f, 0.0f, 0.0f}, 0.01f};
+    s->body[0] = (kc_body_t){7u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.03f}, 0.03f, 0u};
+    s->body[1] = (kc_body_t){0u, {0.1f, 0.0f, 0.0f}, {-0.1f, 0.0f, 0.0f}, 0.01f, 0u};
     s->n_volume = 2u;
     s->volume[0] = (kc_volume_t){KC_VOL_BELOW, {0.0f, 0.0f, -5.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 1u};
     s->volume[1] = (kc_volume_t){KC_VOL_BOX, {0.0f, 0.0f, -4.0f}, {1.0f, 1.0f, 0.1f}, 0.0f, 0u};

@@ -17,6 +17,7 @@ static double s_coef[KC_COEF_MAX], s_from[KC_JOINT_MAX], s_to[KC_JOINT_MAX], s_l
 static kc_guard_ask_t s_ask;
 static kc_guard_why_t s_why;
 static kc_pose_t s_frame[KC_JOINT_MAX + 1u];
+static double s_along_m[KC_JOINT_MAX + 1u];
 static uint32_t s_body, s_volume;
 
 void setUp(void);
@@ -27,6 +28,7 @@ void setUp(void)
     given_space(&s_s, 9u, 1u);
     memset(&s_ctx, 0, sizeof s_ctx);
     memset(s_coef, 0, sizeof s_coef);
+    memset(s_along_m, 0, sizeof s_along_m);
     for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_leash[j] = 0.4; }
     for (uint32_t i = 0u; i <= KC_JOINT_MAX; i++) { kc_pose_identity(&s_frame[i]); }
     kc_path_joints(&s_s, NODE(3u), s_from);
@@ -52,10 +54,10 @@ static double distance(kc_body_t body, kc_volume_t volume)
     s_s.n_body = s_s.n_volume = 1u;
     s_s.body[0] = body;
     s_s.volume[0] = volume;
-    return kc_guard_clearance(&s_s, s_frame, &s_body, &s_volume);
+    return kc_guard_clearance(&s_s, s_frame, s_along_m, &s_body, &s_volume);
 }
 
-#define ROD(ax, ay, az, bx, by, bz, r) ((kc_body_t){0u, {ax, ay, az}, {bx, by, bz}, r})
+#define ROD(ax, ay, az, bx, by, bz, r) ((kc_body_t){0u, {ax, ay, az}, {bx, by, bz}, r, 0u})
 
 void test_distance_to_the_ground_is_that_of_the_lower_end(void)
 {
@@ -104,16 +106,16 @@ void test_the_nearest_pair_is_named_and_spared_ones_are_not_looked_at(void)
     s_s.body[1] = ROD(0.f, 0.f, 1.f, 0.f, 0.f, 2.f, 0.1f);
     s_s.volume[0] = (kc_volume_t){KC_VOL_BELOW, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 1u};
     s_s.volume[1] = (kc_volume_t){KC_VOL_SPHERE, {0.0f, 0.0f, 3.0f}, {0.0f, 0.0f, 0.0f}, 0.3f, 0u};
-    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.6, kc_guard_clearance(&s_s, s_frame, &s_body, &s_volume));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.6, kc_guard_clearance(&s_s, s_frame, s_along_m, &s_body, &s_volume));
     TEST_ASSERT_EQUAL_UINT32(1u, s_body);
     TEST_ASSERT_EQUAL_UINT32(1u, s_volume);
     s_s.volume[1].spared = 2u;
-    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.9, kc_guard_clearance(&s_s, s_frame, &s_body, &s_volume));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.9, kc_guard_clearance(&s_s, s_frame, s_along_m, &s_body, &s_volume));
     TEST_ASSERT_EQUAL_UINT32(1u, s_body);
     TEST_ASSERT_EQUAL_UINT32(0u, s_volume);
     s_s.volume[0].spared = 3u;
     s_s.volume[1].spared = 3u;
-    TEST_ASSERT_TRUE(isinf(kc_guard_clearance(&s_s, s_frame, &s_body, &s_volume)));
+    TEST_ASSERT_TRUE(isinf(kc_guard_clearance(&s_s, s_frame, s_along_m, &s_body, &s_volume)));
 }
 
 /* ---- limits and ways ---- */
@@ -198,7 +200,7 @@ static void put_ball(const double *q, float radius)
     double left[3] = {0.1, 0.0, 0.0}, p[3];
     memcpy(s_ctx.q, q, 7u * sizeof *q);
     kc_model_loads(&s_arm, &s_terms, s_coef, &s_ctx, &loads);
-    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_frame);
+    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_frame, s_along_m);
     for (uint32_t i = 0u; i < 3u; i++) {
         p[i] = s_frame[0].p_m[i];
         for (uint32_t k = 0u; k < 3u; k++) { p[i] += s_frame[0].R[3u * i + k] * left[k]; }

@@ -214,7 +214,8 @@ static void next_frame(kc_pose_t *T, uint32_t j)
 void test_frames_stand_on_the_axes_and_turn_or_slide_with_their_joint(void)
 {
     kc_pose_t frame[KC_JOINT_MAX + 1u], T;
-    kc_model_frames(&s_arm, &s_t, NULL, &s_ctx, NULL, frame);
+    double along_m[KC_JOINT_MAX + 1u];
+    kc_model_frames(&s_arm, &s_t, NULL, &s_ctx, NULL, frame, along_m);
     for (uint32_t j = 1u; j < s_arm.n_joints; j++) {
         T = frame[j];
         next_frame(&T, j);
@@ -226,14 +227,15 @@ void test_frames_stand_on_the_axes_and_turn_or_slide_with_their_joint(void)
 void test_the_tool_frame_is_the_corrected_tool(void)
 {
     kc_pose_t frame[KC_JOINT_MAX + 1u], before[KC_JOINT_MAX + 1u];
+    double along_m[KC_JOINT_MAX + 1u];
     add_term(1u, KC_RZ, KC_VAR_ONE, 0u);
     add_term(KC_FRAME_TOOL, KC_TX, KC_VAR_ONE, 0u);
-    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, before);
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, before, along_m);
     s_coef[0] = 0.2;
     s_coef[1] = 0.03;
     kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
     kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, 0, &s_ev);
-    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame);
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m);
     assert_doubles(s_ev.T.p_m, frame[0].p_m, 3, 0.0);
     assert_doubles(s_ev.T.R, frame[0].R, 9, 0.0);
     assert_doubles(before[1].R, frame[1].R, 9, 0.0); /* the correction is beyond joint 1 */
