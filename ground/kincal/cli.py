@@ -290,7 +290,7 @@ def space_build(description: Path, out: Path, tables_dir: Path, picture: Path | 
         _, arm = tables.load(tables_dir / "arm.tbl")
         _, camera = tables.load(tables_dir / "camera.tbl")
         scene = lib.scene(built.struct, arm, camera)
-        title = f"{built.struct.n_cand} candidates of {built.n_samples} samples, {built.image.crc_text}"
+        title = f"{built.kept} candidates of {built.n_samples} samples, {built.image.crc_text}"
         figures.save_png(built, scene, picture.with_suffix(".png"), title)
         figures.save_html(built, scene, picture.with_suffix(".html"), title)
         out_console.print(f"pictures: {picture.with_suffix('.png')}, {picture.with_suffix('.html')}")
@@ -396,7 +396,7 @@ def space_explain(
 @TABLES
 @PROCESSES
 def space_check(file: Path, description: Path, tables_dir: Path, processes: int) -> None:
-    """Prove every candidate, segment and servo box of a table again; status 1 if something does not hold.
+    """Prove all candidates, first looks, segments and servo boxes of a table again; status 1 if not all hold.
 
     Servo boxes are sampled with other random numbers than the search used: the share that touches is an
     honest estimate of what the search missed.
@@ -417,7 +417,8 @@ def space_check(file: Path, description: Path, tables_dir: Path, processes: int)
     out = console()
     with bar(out) as progress, work.Crew(checks, desc, arm_image.data, camera_image.data, processes) as crew:
         found = explain.recheck(checks, crew, struct, phases(progress))
-    show.space_checked(out, file, int(struct.n_cand), found)
+    n = lib.ordinary(struct)
+    show.space_checked(out, file, n, int(struct.n_cand) - n, found)
     raise SystemExit(0 if found.ok else 1)
 
 
@@ -496,7 +497,10 @@ def space_worth(
     help="How poses are chosen.  [default: as the scenario says]",
 )
 @click.option(
-    "--poses", type=click.IntRange(1, 64), default=None, help="Number of poses.  [default: scenario]"
+    "--poses",
+    type=click.IntRange(1, 64),
+    default=None,
+    help="Number of poses besides the first looks.  [default: scenario]",
 )
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of everything random.")
 @click.option(
@@ -530,7 +534,8 @@ def run(
 ) -> None:
     """Run a whole calibration in simulation and judge it.
 
-    SCENARIO is a file or a name from sim/scenarios. Prints one line a pose, then true and estimated
+    SCENARIO is a file or a name from sim/scenarios. Prints one line a pose (the first looks, about the place
+    where the arm stands, come before the poses asked for), then true and estimated
     values of all corrections, then the pose error over held-out poses before and after. Status 1 when the
     calibration failed or a gate was missed.
 

@@ -324,7 +324,8 @@ def page_scene(scene: Scene, result: RunResult) -> go.Figure:
     if len(scene.skeletons):
         tips = scene.skeletons[:, -1, :]
         text = [
-            f"pose {p.number}, candidate {p.candidate}<br>servo steps {p.servo_steps}<br>residual "
+            f"pose {p.number}, {'first look' if p.first_look else f'candidate {p.candidate}'}"
+            f"<br>servo steps {p.servo_steps}<br>residual "
             f"{p.res_pos_m * 1e3:.2f} mm, {p.res_rot_rad * 1e3:.2f} mrad<br>f {p.f:.3f}"
             for p in result.poses[: len(tips)]
         ]

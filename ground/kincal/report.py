@@ -159,7 +159,7 @@ def _pose_table(r: RunResult) -> str:
         [
             [
                 str(p.number),
-                str(p.candidate),
+                p.place,
                 " ".join(f"{x:.3f}" for x in p.tool_m),
                 str(p.servo_steps),
                 f"{p.res_pos_m * 1e3:.2f}",

@@ -30,6 +30,12 @@ class PoseLine:
     held_pos_m: float = float("nan")  # held-out RMS with the estimate after this pose
     held_rot_rad: float = float("nan")
     f_run: float = float("nan")  # f with the largest residuals of the whole run as scale, for pictures
+    first_look: bool = False
+
+    @property
+    def place(self) -> str:
+        """Where it was measured, in few letters."""
+        return "first" if self.first_look else str(self.candidate)
 
 
 @dataclass(frozen=True)

@@ -223,6 +223,7 @@ class Judge:
             p.pred_rot_rad,
             held.pos_m,
             held.rot_rad,
+            first_look=p.candidate >= space.ordinary(self.space),
         )
 
     def lines(self, session: lcmlog.Session) -> list[PoseLine]:

@@ -120,8 +120,8 @@ def diff(out: Console, a: tables_mod.Image, b: tables_mod.Image, changes: list[t
 
 def space_built(out: Console, built: space_mod.Built, path: Path) -> None:
     out.print(
-        f"{path}: {built.struct.n_cand} candidates from {built.n_samples} samples, {len(built.image.data)} "
-        f"bytes, CRC {built.image.crc_text}"
+        f"{path}: {built.kept} candidates from {built.n_samples} samples, {built.first_looks} first looks, "
+        f"{len(built.image.data)} bytes, CRC {built.image.crc_text}"
     )
     rows = grid("", "samples dropped", "because", right=(0,))
     for n, reason in summed(built.rejected):
@@ -133,7 +133,7 @@ def space(out: Console, image: tables_mod.Image, n: space_mod.Numbers, picture: 
     out.print(f"[bold]search space[/], CRC {image.crc_text}")
     rows = grid("", "what", "value")
     rows.add_row("candidates, hubs", f"{n.candidates}, {n.hubs}")
-    rows.add_row("first looks", str(n.first_looks))
+    rows.add_row("first looks", f"{n.first_looks}, of which {n.spare} are spare")
     rows.add_row("prior poses", " ".join(map(str, n.priors)))
     rows.add_row("direct segments", str(n.direct_edges))
     rows.add_row(
@@ -167,9 +167,10 @@ def space_corner(out: Console, at: tuple[float, ...], half_m: float, c: explain_
     out.print(rows)
 
 
-def space_checked(out: Console, path: Path, n: int, found: explain_mod.Checked) -> None:
+def space_checked(out: Console, path: Path, n: int, n_first: int, found: explain_mod.Checked) -> None:
     share = found.touched / max(found.tried, 1)
-    out.print(f"{path}: {n} candidates, {len(found.problems) + len(found.bad_hubs)} problems")
+    problems = len(found.problems) + len(found.bad_hubs)
+    out.print(f"{path}: {n} candidates, {n_first} first looks, {problems} problems")
     out.print(f"servo boxes: {found.touched} of {found.tried} fresh postures touch ({share:.2%})")
     for what in found.bad_hubs:
         out.print(f"  {what}")
@@ -182,6 +183,7 @@ def space_diff(out: Console, a: tables_mod.Image, b: tables_mod.Image, d: explai
     rows.add_row("candidates in both", str(d.same))
     rows.add_row("only in the first, only in the second", f"{len(d.only_a)}, {len(d.only_b)}")
     rows.add_row("hubs", f"{d.hubs[0]} -> {d.hubs[1]}" + (", moved" if d.hubs_differ else ""))
+    rows.add_row("first looks", f"{d.first[0]} -> {d.first[1]}" + (", changed" if d.first_differ else ""))
     rows.add_row("servo leash", f"{spans(d.leash_rad[0])} -> {spans(d.leash_rad[1])} rad")
     rows.add_row("new candidate farthest from any old one", f"{d.farthest_new_m * 1e3:.0f} mm")
     rows.add_row("least kernel covariance of a new one with the old", f"{d.least_covariance:.3f}")
@@ -222,7 +224,7 @@ def space_apart(out: Console, a: apart_mod.Apart) -> None:
 
 # --------------------------------------------------------------------------- run
 
-POSE_HEAD = "pose  cand  servo   residual            f      predicted sigma     held-out"
+POSE_HEAD = "pose   cand  servo   residual            f      predicted sigma     held-out"
 
 
 def pose_line(p: PoseLine, n_goal: int) -> str:
@@ -233,7 +235,7 @@ def pose_line(p: PoseLine, n_goal: int) -> str:
         else f"  {p.held_pos_m * 1e3:8.2f} mm {p.held_rot_rad * 1e3:7.2f} mrad"
     )
     return (
-        f"{p.number:2d}/{n_goal:<2d} {p.candidate:4d}  {p.servo_steps:3d}  {p.res_pos_m * 1e3:8.2f} mm "
+        f"{p.number:2d}/{n_goal:<2d} {p.place:>5s}  {p.servo_steps:3d}  {p.res_pos_m * 1e3:8.2f} mm "
         f"{p.res_rot_rad * 1e3:8.2f} mrad  {p.f:7.3f}  {p.pred_pos_m * 1e3:7.2f} mm "
         f"{p.pred_rot_rad * 1e3:7.2f} mrad{held}"
     )

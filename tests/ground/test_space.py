@@ -14,12 +14,22 @@ from kincal.geometry import quat_to_R
 ROOT = Path(__file__).resolve().parents[2]
 SRC, BIN = ROOT / "tables" / "src" / "space.toml", ROOT / "tables" / "bin"
 DESC = space.read_description(SRC)
+FIRST, SPARE = 1 << 15, 1 << 14
 SMALL = DESC.model_copy(update={"candidates": 12, "samples": 250, "seed": 5})
 
 
 @pytest.fixture(scope="module")
 def committed():
     return tables.load(BIN / "space.tbl")[1]
+
+
+def ordinary(table):
+    """Candidates that are chosen among: all but those that say they are first looks."""
+    return [c for c in table.cand[0 : table.n_cand] if not c.why & FIRST]
+
+
+def first_looks(table):
+    return [c for c in table.cand[0 : table.n_cand] if c.why & FIRST]
 
 
 def look_at(p):
@@ -39,15 +49,16 @@ def look_at(p):
 
 def test_committed_space_was_built_for_the_committed_arm(committed):
     assert committed.arm_crc == tables.header((BIN / "arm.tbl").read_bytes()).crc
-    assert committed.n_cand == DESC.candidates
-    assert committed.n_prior == DESC.priors
+    first = len(DESC.joints.first_rad)
+    assert committed.n_cand == DESC.candidates + first
+    assert committed.n_prior == DESC.priors + first
 
 
 def test_every_candidate_is_reached_and_seen(committed):
     lo = np.array([-2.6, -2.0, -2.8, -0.9, -4.76, -1.6, -3.0]) + DESC.joints.margin_rad
     hi = np.array([2.6, 2.0, 2.8, 3.1, 1.24, 1.6, 3.0]) - np.array(DESC.joints.margin_rad)
     tilted = {0: (0.12, -25.0), 1: (-0.12, 25.0)}
-    for c in committed.cand[0 : committed.n_cand]:
+    for c in ordinary(committed):
         q = np.array(list(c.q_seed)[:7])
         _, tool = wam(q)
         assert np.all(q >= lo - 1e-6)
@@ -158,7 +169,7 @@ def test_collision_engine_agrees_with_plain_numpy_about_capsules():
 def test_seeds_and_hub_segments_are_clear_with_errors(committed):
     errors = space.draw(DESC, 7)
     assert errors[0]["J7.phi_rad"] == 1.3  # the paper's set is one of them
-    for i, c in enumerate(list(committed.cand[0 : committed.n_cand])[::12]):
+    for i, c in enumerate(ordinary(committed)[::12]):
         a, b = (np.array(list(x)[:7]) for x in (committed.hub_q[c.hub], c.q_seed))
         for s in np.linspace(0, 1, 9):
             q = a + s * (b - a)
@@ -168,11 +179,42 @@ def test_seeds_and_hub_segments_are_clear_with_errors(committed):
                     assert not too_near(q, e, DESC.clear.drawn_m, -0.005)
 
 
+def capsules_of(table, name):
+    """Bodies of the table that stand for a capsule shape, by their ends."""
+    s = SHAPES[name]
+    return [
+        i
+        for i, b in enumerate(table.body[0 : table.n_body])
+        if b.frame == s.joint and np.allclose([*b.start_m, *b.end_m], [*s.start_m, *s.end_m], atol=1e-6)
+    ]
+
+
+def test_bodies_that_must_not_meet_are_all_pairs_but_those_that_touch_by_design(committed):
+    apart = lambda i, k: bool(committed.body[max(i, k)].apart >> min(i, k) & 1)  # noqa: E731
+    fine = {frozenset(p) for p in DESC.touching}
+    single = [name for name, s in SHAPES.items() if s.radius_m is not None]
+    n_fine = n_apart = 0
+    for a in single:
+        for b in single:
+            if a >= b:
+                continue
+            (i,), (k,) = capsules_of(committed, a), capsules_of(committed, b)
+            together = frozenset((a, b)) in fine or SHAPES[a].joint == SHAPES[b].joint
+            assert apart(i, k) is not together, (a, b)
+            n_fine, n_apart = n_fine + together, n_apart + (not together)
+    assert (n_fine > 10, n_apart > 10) == (True, True)
+    # boxes on the tool are bundles of bodies that cannot move against each other
+    tool = [i for i, b in enumerate(committed.body[0 : committed.n_body]) if b.frame == 0]
+    assert len(tool) > 4
+    assert not any(apart(i, k) for i in tool for k in tool if i != k)
+    assert all(b.apart >> i == 0 for i, b in enumerate(committed.body[0 : committed.n_body]))
+
+
 def test_servo_box_is_clear_with_the_papers_errors(committed):
     rng = np.random.default_rng(4)
     e = {"J7.phi_rad": 1.3, "J3.a_m": 0.01, "J3.d_m": 0.15}
     bad = n = 0
-    for c in list(committed.cand[0 : committed.n_cand])[::10]:
+    for c in ordinary(committed)[::10]:
         for _ in range(8):
             q = np.array(list(c.q_seed)[:7]) + rng.uniform(-1, 1, 7) * list(committed.servo_leash)[:7]
             bad += bool(too_near(q, e, 0.0, 0.0))
@@ -181,18 +223,18 @@ def test_servo_box_is_clear_with_the_papers_errors(committed):
 
 
 def test_candidates_are_spread_and_priors_are_apart(committed):
-    p = np.array([list(c.p_m) for c in committed.cand[0 : committed.n_cand]])
+    p = np.array([list(c.p_m) for c in ordinary(committed)])
     gaps = np.linalg.norm(p[:, None] - p[None], axis=2) + np.eye(len(p))
     assert np.median(gaps.min(axis=1)) > 0.03
     # under the kernel's own metric: chosen poses are farther apart than as many taken at random
     _, kernel = tables.load(BIN / "kernel.tbl")
-    R = np.array([quat_to_R(list(c.q_wxyz)) for c in committed.cand[0 : committed.n_cand]])
+    R = np.array([quat_to_R(list(c.q_wxyz)) for c in ordinary(committed)])
     metric = space.Metric(kernel, DESC.spread.set, p, R)
     order = space.farthest(metric, 40, 0)
     least = lambda ids: min(metric.squared(i)[[j for j in ids if j != i]].min() for i in ids)  # noqa: E731
     drawn = [least(list(np.random.default_rng(s).choice(len(p), 40, replace=False))) for s in range(5)]
     assert least(order) > max(drawn)
-    priors = p[list(committed.prior[0 : committed.n_prior])]
+    priors = p[[i for i in committed.prior[0 : committed.n_prior] if i < len(p)]]
     assert np.linalg.norm(priors[0] - priors[1]) > 0.1
 
 
@@ -204,7 +246,7 @@ def test_same_description_gives_the_same_table_and_another_seed_another():
 
 
 def test_direct_edges_join_only_near_candidates(committed):
-    q = np.array([list(c.q_seed)[:7] for c in committed.cand[0 : committed.n_cand]])
+    q = np.array([list(c.q_seed)[:7] for c in ordinary(committed)])
     n = 0
     for i in range(len(q)):
         for j in range(i):
@@ -261,6 +303,14 @@ def test_helpers_do_not_change_the_table():
         ('name = "shoulder"', 'name = "turret"', "two shapes or volumes are called 'turret'"),
         ("[-0.35, 0.45, 1.13]", "[-0.35, 0.45]", r"keep_out\[3\].end_m\[2\]: is missing"),
         ("seed       = 20240601", "seed       = -4", "seed"),
+        (
+            "spare_first = [7,",
+            "spare_first = [20,",
+            "spare_first 20: there are 20 first looks, counted from 0",
+        ),
+        ("spare_first = [7,", "spare_first = [-1,", "spare_first -1: there are 20 first looks"),
+        ("priors     = 3 ", "priors     = 5 ", "5 priors and 20 first looks; the table has room for 24"),
+        ("candidates = 300", "candidates = 1010", "1010 candidates and 20 first looks; room is for 1024"),
     ],
 )
 def test_wrong_description_is_refused_by_field(tmp_path, old, new, what):
@@ -305,7 +355,7 @@ def test_the_papers_arm_is_brought_to_every_candidate_inside_its_leash(committed
     errors = {(7, "phi"): 1.3, (2, "alpha"): 0.4, (3, "a"): 0.01, (3, "d"): 0.15}
     lo = np.array([-2.6, -2.0, -2.8, -0.9, -4.76, -1.6, -3.0])
     hi = np.array([2.6, 2.0, 2.8, 3.1, 1.24, 1.6, 3.0])
-    for c in list(committed.cand[0 : committed.n_cand])[::30]:
+    for c in ordinary(committed)[::30]:
         seed = np.array(list(c.q_seed)[:7])
         _, want = wam(seed)
 
@@ -332,6 +382,87 @@ def test_margins_must_fit_the_arm():
     short = SMALL.joints.model_copy(update={"margin_rad": [0.1] * 6})
     with pytest.raises(KincalError, match="7 joints"):
         space.build(SMALL.model_copy(update={"joints": short}), BIN)
+
+
+def test_committed_first_looks_are_those_of_the_description_and_lead_the_priors(committed):
+    looks, n = first_looks(committed), DESC.candidates
+    assert [list(c.q_seed)[:7] for c in looks] == [pytest.approx(q) for q in DESC.joints.first_rad]
+    assert [i for i, c in enumerate(looks) if c.why & SPARE] == DESC.joints.spare_first
+    assert list(committed.prior[0 : len(looks)]) == list(range(n, n + len(looks)))
+    assert all(i < n for i in committed.prior[len(looks) : committed.n_prior])
+    assert not any(c.why & SPARE for c in ordinary(committed))
+
+
+def test_first_looks_are_clear_and_no_segment_leads_to_them_but_that_from_home(committed):
+    errors = space.draw(DESC, 7)
+    home = np.array(list(committed.hub_q[0])[:7])
+    for c in first_looks(committed):
+        assert (c.hub, c.tags != 0) == (0, True)
+        q = np.array(list(c.q_seed)[:7])
+        for s in np.linspace(0, 1, 7):
+            at = home + s * (q - home)
+            assert not too_near(at, {}, DESC.clear.nominal_m, -0.005)
+            assert not too_near(at, errors[0], DESC.clear.drawn_m, -0.005)
+    n = DESC.candidates
+    bits = np.unpackbits(np.frombuffer(bytes(committed.edge), np.uint8), bitorder="little")
+    assert not bits[n * (n - 1) // 2 :].any()
+
+
+HOME = DESC.joints.hubs_rad[0]
+
+
+def with_first(looks, spare=(), **changes):
+    joints = SMALL.joints.model_copy(update={"first_rad": looks, "spare_first": list(spare)})
+    return SMALL.model_copy(update={"joints": joints, **changes})
+
+
+def turned(joint, by):
+    return [x + by * (j == joint) for j, x in enumerate(HOME, 1)]
+
+
+def test_first_looks_are_built_behind_the_candidates_and_a_table_may_have_none():
+    built = space.build(
+        with_first([HOME, turned(7, 0.2), turned(7, -0.2)], [2], candidates=5), BIN, processes=1
+    )
+    n = space.ordinary(built.struct)
+    assert (built.kept, built.first_looks) == (n, 3)
+    why = [c.why for c in built.struct.cand[0 : n + 3]]
+    assert why == [space.WHY_ALL] * n + [FIRST, FIRST, FIRST | SPARE]
+    assert list(built.struct.prior[0 : 3 + SMALL.priors])[:3] == [n, n + 1, n + 2]
+    none = space.build(with_first([], candidates=5), BIN, processes=1)
+    assert [list(c.q_seed) for c in none.struct.cand[0:n]] == [list(c.q_seed) for c in built.struct.cand[0:n]]
+    assert (none.first_looks, none.struct.n_cand, none.struct.n_prior) == (0, n, SMALL.priors)
+
+
+@pytest.mark.parametrize(
+    ("look", "what"),
+    [
+        ([2.5, 1.8, 0.0, 0.4, 0.0, 0.0, 0.0], "first look 1 is too near as drawn: deck"),
+        (turned(6, 1.2), "first look 1 is showing a tag with [0-9]+ of 45 arms"),
+        (turned(7, 9.0), "first look 1 is outside the joint limits: J7"),
+    ],
+)
+def test_first_look_that_does_not_hold_is_refused_by_number(look, what):
+    with pytest.raises(KincalError, match=what) as refused:
+        space.build(with_first([HOME, look]), BIN, processes=1)
+    assert refused.value.where == "joints.first_rad[1]"
+
+
+def test_spare_first_look_may_show_a_tag_with_fewer_of_the_wrong_arms():
+    """Find a posture between both shares, then ask for it once as an ordinary and once as a spare look."""
+    _, arm = tables.load(BIN / "arm.tbl")
+    _, camera = tables.load(BIN / "camera.tbl")
+    checks = space.Checks(SMALL, arm, camera)
+    between = None
+    for by in np.arange(0.3, 1.2, 0.05):
+        q = np.array(turned(6, by))
+        share = np.mean(checks.shown_by_wrong(q))
+        if 0.5 <= share < 0.9 and not checks.hub_problem(q):
+            between = q
+            break
+    assert between is not None
+    assert "showing a tag with" in checks.first_problem(between, checks.hubs[0])
+    assert checks.first_problem(between, checks.hubs[0], spare=True) == ""
 
 
 def test_hub_in_the_deck_is_refused():

@@ -83,6 +83,69 @@ def test_check_finds_a_candidate_that_was_moved_and_accepts_the_others(committed
     assert found.tried == 4 * DESC.clear.leash_samples
 
 
+def with_looks(table, looks):
+    """The table with these (joints, bits) as first looks behind its candidates, from hub 0."""
+    n = table.n_cand
+    for i, (q, why) in enumerate(looks):
+        table.cand[n + i] = table.cand[0]
+        table.cand[n + i].q_seed[0:7] = [float(x) for x in q]
+        table.cand[n + i].hub, table.cand[n + i].why = 0, why
+    old = list(table.prior[0 : table.n_prior])
+    table.n_cand, table.n_prior = n + len(looks), len(looks) + len(old)
+    table.prior[0 : table.n_prior] = [*range(n, n + len(looks)), *old]
+    return table
+
+
+FIRST, SPARE = 1 << 15, 1 << 14
+HOME = np.array(DESC.joints.hubs_rad[0])
+
+
+def test_check_proves_first_looks_again(committed, checks):
+    arm, camera = (tables.load(BIN / f"{k}.tbl")[0].data for k in ("arm", "camera"))
+    table = with_looks(few(committed, [0, 5]), [(HOME, FIRST), (HOME + 0.2 * np.eye(7)[6], FIRST | SPARE)])
+    with space.Crew(checks, DESC, arm, camera, 1) as crew:
+        assert explain.recheck(checks, crew, table).ok
+        table.cand[2].q_seed[5] += 1.2  # the wrist turns the tags away
+        found = explain.recheck(checks, crew, table)
+    assert found.problems == []
+    (what,) = found.bad_hubs
+    assert what.startswith("first look at [-0.4")
+    assert "showing a tag with" in what
+    table.cand[2].q_seed[5] = float(HOME[5])
+    table.cand[3].q_seed[0:7] = [2.5, 1.8, 0.0, 0.4, 0.0, 0.0, 0.0]
+    with space.Crew(checks, DESC, arm, camera, 1) as crew:
+        (what,) = explain.recheck(checks, crew, table).bad_hubs
+    assert "too near as drawn" in what
+
+
+def test_first_looks_are_not_candidates_to_explain_show_or_compare(committed, checks):
+    plain, looks = few(committed, [0, 1, 2]), with_looks(few(committed, [0, 1, 2]), [(HOME, FIRST)])
+    with pytest.raises(KincalError, match="candidate 3 is a first look"):
+        explain.candidate(checks, looks, 3)
+    with pytest.raises(KincalError, match=r"0\.\.2"):
+        explain.candidate(checks, looks, 4)
+    numbers, incid, _ = space.describe(looks, tables.load(BIN / "arm.tbl")[0], load("camera"))
+    assert (numbers.candidates, numbers.first_looks, numbers.spare, numbers.priors) == (3, 1, 0, (0, 1))
+    assert (len(incid), numbers.unchecked) == (3, 0)
+    assert len(space.scene(looks, load("arm"), load("camera")).candidates) == 3
+    d = explain.difference(plain, looks, load("kernel"), 0)
+    assert (d.same, d.only_a, d.only_b) == (3, [], [])
+    assert (d.first, d.first_differ) == ((0, 1), True)
+    moved = with_looks(few(committed, [0, 1, 2]), [(HOME + 0.01, FIRST)])
+    assert explain.difference(looks, moved, load("kernel"), 0).first_differ
+    assert not explain.difference(looks, looks, load("kernel"), 0).first_differ
+
+
+def test_worth_does_not_count_first_looks(committed):
+    got = [load(k) for k in ("arm", "terms", "config", "kernel")]
+    ids = list(range(0, 300, 12))
+    looks = [(HOME + 0.2 * np.eye(7)[j], FIRST) for j in range(7)]
+    plain = worth.worth(few(committed, ids), *got, (8,))
+    more = worth.worth(with_looks(few(committed, ids), looks), *got, (8,))
+    assert more == plain
+    assert max(more.chosen) < len(ids)
+
+
 def test_diff_counts_what_changed(committed):
     kernel = load("kernel")
     a, b = few(committed, [0, 1, 2, 3]), few(committed, [2, 3, 4, 5, 6])

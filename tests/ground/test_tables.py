@@ -58,6 +58,7 @@ def test_reading_and_writing_again_gives_the_same_bytes(kind):
 
 
 def test_dh_block_is_the_cores_own_list_of_dh_errors():
+    """But for the bounds, which the core takes the same for all joints."""
     bound = core.ffi.new("double[4]", [1.5, 0.6, 0.05, 0.2])
     want = core.ffi.new("kc_terms_t *")
     assert core.lib.kc_terms_add_dh(want, 7, bound) == 0
@@ -65,9 +66,24 @@ def test_dh_block_is_the_cores_own_list_of_dh_errors():
     for i in range(28):
         a, b = got.coef[i], want.coef[i]
         assert core.ffi.string(a.name) == core.ffi.string(b.name)
-        assert (a.lb, a.ub, a.enabled) == (b.lb, b.ub, 1)
+        assert (a.lb, a.enabled) == (-a.ub, 1)
         s, t = got.term[i], want.term[i]
         assert (s.coef, s.frame, s.comp, s.gain) == (t.coef, t.frame, t.comp, t.gain)
+
+
+def test_bounds_of_dh_errors_are_what_the_search_space_was_proven_for_and_a_tenth_more():
+    _, got = tables.load(BIN / "terms.tbl")
+    with open(SRC / "space.toml", "rb") as f:
+        survive = tomllib.load(f)["survive"]
+    for j in range(7):
+        for k, name in enumerate(("phi_rad", "alpha_rad", "a_m", "d_m")):
+            assert got.coef[4 * j + k].ub == pytest.approx(1.1 * survive[name][j]), (j, name)
+
+
+def test_one_dh_bound_stands_for_all_joints_and_a_list_for_each(tmp_path):
+    image = tables.build(changed(tmp_path, "terms", "alpha_rad = 0.44", "alpha_rad = 0.3"))
+    _, got = tables.decode(image.data, "here")
+    assert [got.coef[4 * j + 1].ub for j in range(7)] == [0.3] * 7
 
 
 def test_per_joint_coefficients_act_before_their_joint():
@@ -125,7 +141,9 @@ def test_expression_that_is_none_is_refused(text):
         ("config", "n_poses         = 20", "n_poses         = -1", "does not fit"),
         ("config", "iter_max    = 50", "", "field 'iter_max' is missing"),
         ("config", "free_mask   = 0xffffffffffffffff", "free_mask   = 0", "refused"),
-        ("terms", "d_m = 0.2 }", "d = 0.2 }", "'d_m' is missing"),
+        ("terms", "d_m       = [0.022,", "d         = [0.022,", "'d_m' is missing"),
+        ("terms", "d_m       = [0.022,", "d_m       = [", "6 bounds for 7 joints"),
+        ("terms", "alpha_rad = 0.44", "alpha_rad = [0.44]", "1 bounds for 7 joints"),
         ("terms", 'frame = "tool"', 'frame = "elbow"', "unknown frame 'elbow'"),
         ("terms", 'comp = "tx"', 'comp = "xt"', "none of tx, ty"),
         ("kernel", "kappa = 0.3", "kappa = -0.3", "kappa"),

@@ -9,7 +9,7 @@ from .bodies import Bodies
 from .checks import WHY, WHY_ALL, Checks
 from .description import Description, read_description
 from .drawn import draw
-from .look import Numbers, describe, scene
+from .look import Numbers, describe, ordinary, scene
 from .search import Built, build
 from .spread import Metric, farthest
 from .work import Crew
@@ -28,6 +28,7 @@ __all__ = [
     "describe",
     "draw",
     "farthest",
+    "ordinary",
     "read_description",
     "scene",
 ]

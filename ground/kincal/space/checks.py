@@ -34,6 +34,7 @@ WHY = {
 WHY_ALL = sum(WHY)
 WHY_FIRST, WHY_SPARE = 1 << 15, 1 << 14  # first looks, KC_CAND_FIRST and _SPARE of kc_path.h
 FIRST_SHOWN = 0.9  # of the arms with errors show a tag at a first look
+SPARE_SHOWN = 0.5  # at a spare one: it is there for those that the others do not show
 HUB_LEASH = 0.05  # what flight lets joints be off a hub, KC_HUB_LEASH of kc_path.h
 FAULTY_INCID_MAX_RAD = 1.2  # a tag still decodes, though its pose is poor
 # Far more starts than 20 steps could mend are cheaper tried anew from another start.
@@ -235,8 +236,8 @@ class Checks:
         return self.thick.seen(q, look.eye[0], int(seen[0]))
 
     def _shown(self, q: np.ndarray, arms: Sequence[Bodies]) -> list[int]:
-        """Tags that each arm shows at joints q to a detector that takes what it gets, the head aimed where the
-        nominal arm's tool would be."""
+        """Tags that each arm shows at joints q to a detector that takes what it gets, the head aimed where
+        the nominal arm's tool would be."""
         p, R = self.poses(q)
         look = self.looks(p, R)
         eye = look.eye[0]
@@ -342,7 +343,7 @@ class Checks:
                 return pair, k
         return None
 
-    def first_problem(self, q: np.ndarray, hub: np.ndarray) -> str:
+    def first_problem(self, q: np.ndarray, hub: np.ndarray, spare: bool = False) -> str:
         """Why joints q are no first look, or an empty string: as safe as a hub, the way there too, and a tag
         shows under nearly all errors."""
         if problem := self.hub_problem(q):
@@ -350,7 +351,8 @@ class Checks:
         if pair := self.segment_problem(hub, q):
             return f"not clear on the way from its hub: {pair}"
         shown = sum(self.shown_by_wrong(q))
-        few = shown < FIRST_SHOWN * len(self.errors) or not self.first_tags(q)
+        wanted = SPARE_SHOWN if spare else FIRST_SHOWN
+        few = shown < wanted * len(self.errors) or not self.first_tags(q)
         return f"showing a tag with {shown} of {len(self.errors)} arms with errors" if few else ""
 
     def segment_problem(self, a: np.ndarray, b: np.ndarray) -> str:

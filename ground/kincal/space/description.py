@@ -47,7 +47,9 @@ class Joints(_Strict):
     margin_rad: list[AngleSize]
     hubs_rad: list[list[float]] = pydantic.Field(min_length=1, max_length=HUB_MAX)
     servo_leash_rad: Positive | list[Positive]  # of each joint, or one for all
-    first_rad: list[list[float]] = pydantic.Field(default=[], max_length=PRIOR_MAX)  # first looks, about hub 0
+    first_rad: list[list[float]] = pydantic.Field(
+        default=[], max_length=PRIOR_MAX
+    )  # first looks, about hub 0
     spare_first: list[int] = []  # which of them are only taken while few before them saw a tag
 
 
@@ -195,7 +197,11 @@ class Description(_Strict):
     def _fits_the_table(self) -> Description:
         first = len(self.joints.first_rad)
         if self.priors + first > PRIOR_MAX:
-            raise ValueError(f"{self.priors} priors and {first} first looks; the table has room for {PRIOR_MAX}")
+            raise ValueError(
+                f"{self.priors} priors and {first} first looks; the table has room for {PRIOR_MAX}"
+            )
+        if wrong := sorted({i for i in self.joints.spare_first if not 0 <= i < first}):
+            raise ValueError(f"spare_first {wrong[0]}: there are {first} first looks, counted from 0")
         if self.candidates + first > CAND_MAX:
             raise ValueError(f"{self.candidates} candidates and {first} first looks; room is for {CAND_MAX}")
         return self

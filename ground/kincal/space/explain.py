@@ -14,7 +14,7 @@ from kincal.errors import KincalError
 from kincal.geometry import quat_to_R
 from kincal.results import spans
 
-from .checks import Checks
+from .checks import WHY_SPARE, Checks
 from .look import leash, ordinary
 from .spread import Metric
 from .work import BLOCK, Crew, examine, prove
@@ -40,6 +40,12 @@ def seeds(space: Any, n_joints: int) -> np.ndarray:
 
 def hubs(space: Any, n_joints: int) -> np.ndarray:
     return np.array([list(space.hub_q[h])[:n_joints] for h in range(int(space.n_hub))])
+
+
+def first_looks(space: Any, n_joints: int) -> list[tuple[int, list[float]]]:
+    """Their bits and joints, in order."""
+    looks = space.cand[ordinary(space) : int(space.n_cand)]
+    return [(int(c.why), [round(x, 5) for x in list(c.q_seed)[:n_joints]]) for c in looks]
 
 
 def candidate(checks: Checks, space: Any, number: int) -> list[Line]:
@@ -142,8 +148,8 @@ def corner(checks: Checks, at: np.ndarray, half_m: float, count: int) -> Corner:
 
 @dataclass(frozen=True)
 class Checked:
-    """problems: (candidate, what); bad_hubs: what is wrong with hubs and first looks. touched of tried: sampled postures of servo boxes, with
-    other random numbers than the search used."""
+    """problems: (candidate, what); bad_hubs: what is wrong with hubs and first looks. touched of tried:
+    sampled postures of servo boxes, with other random numbers than the search used."""
 
     problems: list[tuple[int, str]]
     bad_hubs: list[str]
@@ -170,7 +176,7 @@ def recheck(checks: Checks, crew: Crew, space: Any, tick: Tick = lambda *_a: Non
             bad_hubs.append(f"hub {k} is {problem}")
     for c in space.cand[len(q) : int(space.n_cand)]:
         x = np.array(list(c.q_seed)[:n])
-        if problem := checks.first_problem(x, h[int(c.hub)]):
+        if problem := checks.first_problem(x, h[int(c.hub)], bool(c.why & WHY_SPARE)):
             bad_hubs.append(f"first look at {np.round(x, 2).tolist()} is {problem}")
     touched = 0
     for i, (what, hit) in enumerate(crew.map("recheck", items)):
@@ -195,6 +201,8 @@ class Difference:
     leash_rad: tuple[tuple[float, ...], tuple[float, ...]]
     hubs: tuple[int, int]
     hubs_differ: bool
+    first: tuple[int, int]
+    first_differ: bool
     farthest_new_m: float
     least_covariance: float  # of new candidates with the old ones, as the kernel sees it
 
@@ -213,6 +221,7 @@ def difference(a: Any, b: Any, kernel: Any, hyper: int) -> Difference:
     far = [float(np.min(np.linalg.norm(p[: len(qa)] - p[len(qa) + i], axis=1))) for i in new]
     cov = [float(np.max(metric.covariance(len(qa) + int(i))[: len(qa)])) for i in new]
     ha, hb = hubs(a, n), hubs(b, n)
+    fa, fb = first_looks(a, n), first_looks(b, n)
     return Difference(
         int(in_b.sum()),
         [int(i) for i in np.flatnonzero(~in_b)],
@@ -220,6 +229,8 @@ def difference(a: Any, b: Any, kernel: Any, hyper: int) -> Difference:
         (tuple(leash(a, n)), tuple(leash(b, n))),
         (len(ha), len(hb)),
         ha.shape != hb.shape or not np.allclose(ha, hb, atol=1e-6),
+        (len(fa), len(fb)),
+        fa != fb,
         max(far, default=0.0),
         min(cov, default=1.0),
     )

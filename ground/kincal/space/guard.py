@@ -80,8 +80,8 @@ def fill(space: Any, desc: Description, camera: Any) -> None:
 
 
 def _apart(space: Any, desc: Description, of: dict[str, list[int]]) -> None:
-    """Which bodies must not meet: all but those of one shape, those that touch by design, and those that cannot
-    move against each other."""
+    """Which bodies must not meet: all but those of one shape, those that touch by design, and those that
+    cannot move against each other."""
     fine = {frozenset(pair) for pair in desc.touching}
     for a, b in itertools.combinations(of, 2):
         if frozenset((a, b)) in fine:

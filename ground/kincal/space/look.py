@@ -12,7 +12,7 @@ from kincal import core, tables
 from kincal.geometry import ArmChain, Camera, quat_to_R, rotation_angle
 from kincal.results import Scene
 
-from .checks import WHY_ALL
+from .checks import WHY_ALL, WHY_SPARE
 
 
 def ordinary(space: Any) -> int:
@@ -36,6 +36,7 @@ class Numbers:
 
     candidates: int
     first_looks: int
+    spare: int  # of the first looks
     hubs: int
     priors: tuple[int, ...]
     direct_edges: int
@@ -72,6 +73,7 @@ def describe(space: Any, arm_image: tables.Image, camera: Any) -> tuple[Numbers,
     numbers = Numbers(
         n,
         int(space.n_cand) - n,
+        sum(bool(c.why & WHY_SPARE) for c in space.cand[n : int(space.n_cand)]),
         int(space.n_hub),
         priors(space),
         edges,

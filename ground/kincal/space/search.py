@@ -18,6 +18,7 @@ from kincal.results import summed
 from . import guard
 from .checks import WHY_ALL, WHY_FIRST, WHY_SPARE, Checks
 from .description import Description
+from .look import ordinary
 from .spread import Metric, farthest
 from .work import BLOCK, Crew, Sample
 
@@ -34,6 +35,14 @@ class Built:
     n_samples: int
     rejected: dict[str, int]  # why samples were dropped
     samples: list[Sample] = field(default_factory=list)  # what was examined and why dropped, for pictures
+
+    @property
+    def kept(self) -> int:
+        return ordinary(self.struct)
+
+    @property
+    def first_looks(self) -> int:
+        return int(self.struct.n_cand) - self.kept
 
 
 def need(path: Path) -> Path:
@@ -117,7 +126,7 @@ def _first(checks: Checks) -> np.ndarray:
     """Joints of the first looks; refuses any that does not hold."""
     looks = np.array(checks.desc.joints.first_rad, float).reshape(-1, checks.chain.n)
     for i, q in enumerate(looks):
-        if problem := checks.first_problem(q, checks.hubs[0]):
+        if problem := checks.first_problem(q, checks.hubs[0], i in checks.desc.joints.spare_first):
             raise KincalError(
                 f"first look {i} is {problem}",
                 f"joints.first_rad[{i}]",
