@@ -27,6 +27,14 @@ static void take_candidates(kc_app_t *app)
     }
 }
 
+/* First looks come on top, and with them fewer than OWN_MIN others would be for nothing. */
+static uint32_t goal_of(const kc_space_t *s, uint32_t n_goal)
+{
+    uint32_t n_first = kc_space_n_first(s);
+    uint32_t n_own = n_first > 0u && n_goal < OWN_MIN ? OWN_MIN : n_goal;
+    return n_own + n_first < KC_MEAS_MAX ? n_own + n_first : KC_MEAS_MAX;
+}
+
 kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t n_goal, uint32_t seed,
                             uint64_t free_mask)
 {
@@ -40,8 +48,7 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     memset(c, 0, sizeof *c);
     c->session = ++app->session;
     c->acq = acq;
-    c->n_goal = n_goal + kc_space_n_first(&a->space); /* they come on top */
-    if (c->n_goal > KC_MEAS_MAX) { c->n_goal = KC_MEAS_MAX; }
+    c->n_goal = goal_of(&a->space, n_goal);
     c->rng = seed;
     c->free_mask = free_mask;
     c->start_us = app->now_us;
@@ -177,7 +184,7 @@ static int stray(kc_app_t *app, kc_out_t *out)
 {
     const kc_config_t *c = &app->tables.active.config;
     if (app->est.rank < app->est.n_free && !app->est.hold_none) { return 0; } /* something is held */
-    double pos_m = 0.0, rot_rad = 0.0, worst_pos_m = 0.0, worst_rot_rad = 0.0;
+    double pos_m = 0.0, rot_rad = 0.0, last_pos_m = 0.0, last_rot_rad = 0.0;
     uint32_t n = 0u, last = 0u;
     for (uint32_t i = 0u; i < app->cal.n_meas; i++) {
         residual_of(app, app->est.coef, i, &pos_m, &rot_rad);
@@ -186,11 +193,11 @@ static int stray(kc_app_t *app, kc_out_t *out)
         if (!off) { continue; }
         n++;
         last = i;
-        worst_pos_m = pos_m;
-        worst_rot_rad = rot_rad;
+        last_pos_m = pos_m;
+        last_rot_rad = rot_rad;
     }
     if (n == 0u || (n == 1u && app->cal.n_meas > app->cal.n_first)) { return 0; }
-    kc_event(&out->events, KC_EVT_CAL_STRAY, (int32_t)last, worst_pos_m, worst_rot_rad);
+    kc_event(&out->events, KC_EVT_CAL_STRAY, (int32_t)last, last_pos_m, last_rot_rad);
     kc_app_abort(app, out, KC_CAUSE_STRAY);
     return 1;
 }
@@ -281,12 +288,15 @@ static void fill_progress(const kc_app_t *app, kc_progress_t *p)
     memcpy(p->coef, c->coef, sizeof p->coef);
 }
 
+/* First looks alone are never enough. */
+static int enough(const kc_cal_t *c) { return c->n_meas - c->n_first >= (c->n_first > 0u ? OWN_MIN : 1u); }
+
 /* A requirement of 0 is no requirement. Nothing is certain while the data leave something open. */
 static int certain(const kc_app_t *app)
 {
     const kc_config_t *c = &app->tables.active.config;
     if (c->stop_pos_m <= 0.0 && c->stop_rot_rad <= 0.0) { return 0; }
-    return app->cal.est_status == KC_OK && app->est.rank == app->est.n_free &&
+    return enough(&app->cal) && app->cal.est_status == KC_OK && app->est.rank == app->est.n_free &&
            app->est.dof >= app->est.n_free &&
            (c->stop_pos_m <= 0.0 || app->cal.pred_pos_m <= c->stop_pos_m) &&
            (c->stop_rot_rad <= 0.0 || app->cal.pred_rot_rad <= c->stop_rot_rad);
@@ -389,8 +399,7 @@ static kc_status_t choose(kc_app_t *app, uint32_t *cand)
 
 static int finish(kc_app_t *app, kc_out_t *out, kc_cause_t if_nothing)
 {
-    uint32_t own = app->cal.n_meas - app->cal.n_first;
-    if (own < (app->cal.n_first > 0u ? OWN_MIN : 1u)) {
+    if (!enough(&app->cal)) {
         kc_app_abort(app, out, if_nothing);
         return 0;
     }

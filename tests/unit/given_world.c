@@ -29,6 +29,37 @@ void given_world(void)
     given_space(&world.space, 24u, 1u);
 }
 
+static void given_pose_of_seed(kc_cand_t *c)
+{
+    kc_pose_t T;
+    double q[KC_JOINT_MAX], quat[4];
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { q[j] = (double)c->q_seed[j]; }
+    kc_arm_fk(&world.arm, q, &T);
+    kc_R_to_quat(T.R, quat);
+    for (uint32_t k = 0u; k < 3u; k++) { c->p_m[k] = (float)T.p_m[k]; }
+    for (uint32_t k = 0u; k < 4u; k++) { c->q_wxyz[k] = (float)quat[k]; }
+}
+
+void given_first_looks(uint32_t n, uint32_t n_spare)
+{
+    static const float home[KC_JOINT_MAX] = {-0.4f, 0.13f, -0.31f, 1.35f, -0.52f, -0.05f, -0.86f};
+    kc_space_t *s = &world.space;
+    memcpy(s->hub_q[0], home, sizeof home);
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { world.q[j] = world.q_cmd[j] = (double)home[j]; }
+    memmove(&s->prior[n], s->prior, s->n_prior * sizeof s->prior[0]);
+    s->n_prior += n;
+    for (uint32_t i = 0u; i < n; i++) {
+        uint32_t cand = s->n_cand - n + i;
+        kc_cand_t *c = &s->cand[cand];
+        s->prior[i] = (uint16_t)cand;
+        memcpy(c->q_seed, home, sizeof home);
+        if (i > 0u) { c->q_seed[(i - 1u) % 7u] += (float)(i < 8u ? FIRST_NOD_RAD : -FIRST_NOD_RAD); }
+        given_pose_of_seed(c);
+        c->hub = 0u;
+        c->why = (uint16_t)(i < n - n_spare ? KC_CAND_FIRST : KC_CAND_FIRST | KC_CAND_SPARE);
+    }
+}
+
 static void offer(uint16_t kind, const void *table)
 {
     uint32_t n = given_image(kind, table, world.image);

@@ -167,3 +167,49 @@ void test_rank_is_judged_again_where_the_fit_ended(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-8, 0.3, s_est.coef[0]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-8, 0.05, s_est.coef[1]);
 }
+
+/* ---- nothing held ---- */
+
+void test_with_nothing_held_all_are_estimated_the_weak_prior_deciding_what_is_open(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 3u, 1.0);
+    s_est.hold_none = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(18u, s_est.rank);
+    TEST_ASSERT_EQUAL_UINT32(28u, s_est.n_free);
+    TEST_ASSERT_EQUAL_UINT32(28u, s_est.n_idx);
+    TEST_ASSERT_EQUAL_UINT32(28u, count(KC_COEF_ESTIMATED));
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.weak);
+    TEST_ASSERT_TRUE(s_est.fit_pos_m < s_est.before_pos_m);
+    for (uint32_t c = 0u; c < 28u; c++) {
+        TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[c]);
+        TEST_ASSERT_TRUE(s_est.sigma[c] > 0.0);
+        TEST_ASSERT_TRUE(s_est.sigma[c] <= KC_EST_WEAK_SIGMA * s_terms.coef[c].scale);
+    }
+}
+
+void test_with_nothing_held_two_names_for_one_effect_share_it(void)
+{
+    const uint32_t twin = add_coef(0u, KC_RZ, KC_VAR_ONE);
+    memset(s_truth, 0, sizeof s_truth);
+    s_truth[0] = 0.1;
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 0.0);
+    s_terms.coef[0].scale = s_terms.coef[twin].scale;
+    s_est.opt.free_mask = 1u | (uint64_t)1u << twin;
+    s_est.hold_none = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.rank);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.05, s_est.coef[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, s_est.coef[0], s_est.coef[twin]);
+}
+
+void test_with_nothing_held_the_weak_prior_stays_however_many_looks_there_are(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 30u, 1.0);
+    s_est.hold_none = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.weak);
+    s_est.hold_none = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT8(0u, s_est.weak);
+}

@@ -195,6 +195,13 @@ void test_bodies_and_volumes_out_of_range_are_refused_by_number(void)
     s_t.space.body[0].radius_m = 0.0f;
     expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY, 23u, 0.0);
     given_space(&s_t.space, 9u, 1u);
+    s_t.space.body[1].apart = 2u; /* itself */
+    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY + 1, 30u, 2.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.body[1].apart = 1u;
+    check(KC_TBL_SPACE);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
+    given_space(&s_t.space, 9u, 1u);
     s_t.space.n_volume = KC_VOLUME_MAX + 1u;
     expect_refused(KC_TBL_SPACE, -1, 24u, KC_VOLUME_MAX + 1.0);
     given_space(&s_t.space, 9u, 1u);

@@ -241,3 +241,25 @@ void test_the_tool_frame_is_the_corrected_tool(void)
     assert_doubles(before[1].R, frame[1].R, 9, 0.0); /* the correction is beyond joint 1 */
     TEST_ASSERT_TRUE(fabs(frame[3].p_m[0] - before[3].p_m[0]) > 1e-3);
 }
+
+void test_frames_say_how_far_a_correction_moved_them_along_their_axis(void)
+{
+    kc_pose_t frame[KC_JOINT_MAX + 1u], before[KC_JOINT_MAX + 1u];
+    double along_m[KC_JOINT_MAX + 1u];
+    add_term(1u, KC_TZ, KC_VAR_ONE, 0u);
+    add_term(1u, KC_TX, KC_VAR_ONE, 1u);
+    add_term(KC_FRAME_TOOL, KC_TZ, KC_VAR_ONE, 2u);
+    memset(s_coef, 0, sizeof s_coef);
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, before, along_m);
+    for (uint32_t j = 0u; j <= s_arm.n_joints; j++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, along_m[j]); }
+    s_coef[0] = 0.03;
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m);
+    TEST_ASSERT_EQUAL_DOUBLE(0.03, along_m[2]); /* what turns with joint 2 stands beyond link 1 */
+    for (uint32_t i = 0u; i < 3u; i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, before[2].p_m[i], frame[2].p_m[i] - 0.03 * frame[2].R[3u * i + 2u]);
+    }
+    s_coef[0] = 0.0;
+    s_coef[1] = s_coef[2] = 0.05; /* across the axis, and of the tool: not along a joint's axis */
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m);
+    for (uint32_t j = 0u; j <= s_arm.n_joints; j++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, along_m[j]); }
+}

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "given_world.h"
+#include "kc_guard.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
@@ -255,6 +256,26 @@ void test_a_candidate_inside_a_volume_is_given_up_before_the_arm_moves(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 4000u) || kc_app_state(APP) == KC_ST_IDLE);
     TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas); /* others were measured */
     for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_TRUE(world.meas[k].candidate != (int32_t)cand); }
+}
+
+void test_a_candidate_where_the_arm_meets_itself_is_given_up_before_the_arm_moves(void)
+{
+    uint32_t cand = world.space.prior[0];
+    world.space.n_body = 4u; /* tool and a ball about joint 4 that reaches it at the candidate, not at the hub */
+    world.space.body[2] = (kc_body_t){4u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.01f, 0u};
+    world.space.body[3] = (kc_body_t){0u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.45f, 4u};
+    world_boot();
+    world_tick();
+    (void)world_do(KC_CMD_START, -1, 0, 3);
+    for (uint32_t i = 0u; i < 400u && APP->cal.usable[cand]; i++) { world_tick(); }
+    TEST_ASSERT_TRUE(world_events(KC_EVT_GRD_SELF) >= 1u);
+    TEST_ASSERT_EQUAL_INT(3, world.last[KC_EVT_GRD_SELF].index);
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, world.last[KC_EVT_GRD_SELF].want);
+    TEST_ASSERT_TRUE(world.last[KC_EVT_GRD_SELF].got > -KC_GUARD_CLEAR_M);
+    TEST_ASSERT_EQUAL_UINT32(world_events(KC_EVT_GRD_SELF), world_events(KC_EVT_CAL_CAND_SKIPPED));
+    TEST_ASSERT_EQUAL_UINT32(0u, world.n_meas);
+    kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX + cand, world.q_start);
+    TEST_ASSERT_TRUE(distance(world.q_cmd, world.q_start) > 1e-3); /* it never was sent there */
 }
 
 void test_a_hub_too_near_to_a_limit_is_refused_with_its_joint(void)

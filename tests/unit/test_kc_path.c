@@ -215,6 +215,54 @@ void test_an_empty_space_has_no_nearest_node(void)
     TEST_ASSERT_TRUE(isinf(dist));
 }
 
+/* ---- first looks ---- */
+
+/* Candidates 6 to 8 are first looks, 8 a spare one, ahead of two priors. */
+static void given_first(void)
+{
+    static const uint16_t prior[] = {6u, 7u, 8u, 0u, 1u};
+    for (uint32_t c = 6u; c < 9u; c++) { s_s.cand[c].why = KC_CAND_FIRST | 1u; }
+    s_s.cand[8].why |= KC_CAND_SPARE;
+    memcpy(s_s.prior, prior, sizeof prior);
+    s_s.n_prior = 5u;
+}
+
+void test_a_bit_of_why_says_what_is_a_first_look_and_what_a_spare_one(void)
+{
+    given_first();
+    s_s.cand[0].why = 0x3fffu;
+    for (uint32_t c = 0u; c < 9u; c++) {
+        TEST_ASSERT_EQUAL_INT(c >= 6u, kc_space_first(&s_s, c));
+        TEST_ASSERT_EQUAL_INT(c == 8u, kc_space_spare(&s_s, c));
+    }
+}
+
+void test_first_looks_are_counted_among_the_priors(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_space_n_first(&s_s));
+    given_first();
+    TEST_ASSERT_EQUAL_UINT32(3u, kc_space_n_first(&s_s));
+}
+
+void test_hubs_and_first_looks_have_a_short_leash_and_others_their_own(void)
+{
+    given_first();
+    TEST_ASSERT_EQUAL_DOUBLE(KC_HUB_LEASH, kc_path_leash(&s_s, 1u, 0.4));
+    TEST_ASSERT_EQUAL_DOUBLE(KC_HUB_LEASH, kc_path_leash(&s_s, NODE(6u), 0.4));
+    TEST_ASSERT_EQUAL_DOUBLE(0.02, kc_path_leash(&s_s, NODE(8u), 0.02));
+    TEST_ASSERT_EQUAL_DOUBLE(0.4, kc_path_leash(&s_s, NODE(5u), 0.4));
+}
+
+void test_an_arm_beside_a_first_look_is_as_far_off_as_beside_a_hub(void)
+{
+    double q[KC_JOINT_MAX], dist;
+    given_first();
+    kc_path_joints(&s_s, NODE(7u), q);
+    q[6] += 0.04;
+    TEST_ASSERT_EQUAL_UINT32(NODE(7u), kc_path_nearest(&s_s, s_leash, q, &dist));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.04 / KC_HUB_LEASH, dist);
+}
+
 /* ---- validation ---- */
 
 static void expect_valid(const kc_arm_t *arm)
@@ -431,6 +479,39 @@ void test_a_body_that_is_none_is_refused(void)
     expect_refused(at, 0.0);
     s_s.body[1].radius_m = NAN;
     expect_refused(at, NAN);
+}
+
+void test_a_body_that_must_not_meet_itself_or_one_after_it_is_refused(void)
+{
+    const int32_t at = KC_SPACE_INDEX_BODY + 1;
+    s_s.body[1].apart = 1u;
+    expect_valid(&s_arm);
+    s_s.body[1].apart = 2u;
+    expect_refused(at, 2.0);
+    s_s.body[0].apart = 1u;
+    expect_refused(at - 1, 1.0);
+}
+
+void test_first_looks_must_lead_the_priors(void)
+{
+    given_first();
+    expect_valid(&s_arm);
+    s_s.prior[1] = 0u;
+    s_s.prior[3] = 7u;
+    expect_refused(KC_SPACE_INDEX_PRIOR + 1, 0.0);
+}
+
+void test_a_first_look_that_is_no_prior_is_refused(void)
+{
+    given_first();
+    s_s.cand[4].why = KC_CAND_FIRST;
+    expect_refused(8, (double)(KC_CAND_FIRST | KC_CAND_SPARE | 1u)); /* one too many up to here */
+}
+
+void test_a_spare_one_that_is_no_first_look_is_refused(void)
+{
+    s_s.cand[4].why = KC_CAND_SPARE | 1u;
+    expect_refused(4, (double)(KC_CAND_SPARE | 1u));
 }
 
 void test_a_volume_that_is_none_is_refused(void)

@@ -368,3 +368,363 @@ void test_a_gp_that_breaks_down_leaves_the_choice_to_chance(void)
     TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, world.progress[5].gp_sigma);
 }
+
+/* ---- first looks ---- */
+
+#define FIRST(i) ((int32_t)(world.space.n_cand - n_looks + (i))) /* of a space with n_looks of them */
+
+/* Errors that the tables' bounds allow, so that nothing strays; a look without tags costs one frame. */
+static void given_looks_first(uint32_t n, uint32_t n_spare)
+{
+    setUp();
+    world.config.search_steps = 0u;
+    given_first_looks(n, n_spare);
+}
+
+static double seed_dist(uint32_t i)
+{
+    double far = 0.0;
+    const kc_cand_t *c = &world.space.cand[world.meas[i].candidate];
+    for (uint32_t j = 0u; j < 7u; j++) { far = fmax(far, fabs(world.meas[i].arm.q[j] - (double)c->q_seed[j])); }
+    return far;
+}
+
+static void expect_given_up(kc_cause_t cause, uint32_t n_meas)
+{
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_ABORTED));
+    TEST_ASSERT_EQUAL_DOUBLE((double)cause, world.last[KC_EVT_CAL_ABORTED].got);
+    TEST_ASSERT_EQUAL_UINT32(n_meas, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.n_proposal);
+}
+
+void test_first_looks_lead_and_come_on_top_of_the_poses_asked_for(void)
+{
+    const uint32_t n_looks = 9u;
+    given_looks_first(n_looks, 0u);
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
+    TEST_ASSERT_TRUE(all_different(15u));
+    for (uint32_t i = 0u; i < n_looks; i++) {
+        TEST_ASSERT_EQUAL_INT(FIRST(i), world.meas[i].candidate);
+        TEST_ASSERT_EQUAL_INT(-1, world.progress[i].acquisition);
+        TEST_ASSERT_EQUAL_UINT32(15u, world.progress[i].n_goal);
+    }
+    for (int32_t i = 0; i < 3; i++) { TEST_ASSERT_EQUAL_INT(i, world.meas[n_looks + (uint32_t)i].candidate); }
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_UCB, world.progress[12].acquisition);
+    TEST_ASSERT_EQUAL_DOUBLE(6.0, world.last[KC_EVT_CAL_START].got);
+    TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(15u, world.proposal.n_poses);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.2, world.proposal.kin.value[24]);
+}
+
+void test_first_looks_are_measured_at_their_seed_without_servo_and_approach(void)
+{
+    given_looks_first(9u, 0u);
+    world.config.approach_rad = 0.05;
+    world_calibrated();
+    for (uint32_t i = 0u; i < 9u; i++) {
+        TEST_ASSERT_EQUAL_UINT32(0u, world.progress[i].servo_steps);
+        TEST_ASSERT_TRUE(seed_dist(i) <= 1e-6);
+    }
+    TEST_ASSERT_TRUE(seed_dist(9u) > 0.05); /* others make up for the 0.2 rad of joint 7 */
+}
+
+void test_first_looks_never_take_more_measurements_than_there_is_room_for(void)
+{
+    given_looks_first(9u, 0u);
+    world_boot();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, (int32_t)KC_MEAS_MAX, 3));
+    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, APP->cal.n_goal);
+}
+
+void test_no_acquisition_and_no_later_choice_takes_a_first_look(void)
+{
+    given_looks_first(9u, 4u);
+    world.config.n_poses = 24u;
+    world_calibrated(); /* until nothing is left: 15 others */
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
+    TEST_ASSERT_EQUAL_UINT32(20u, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(5u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+}
+
+void test_spare_first_looks_are_left_out_when_half_of_the_others_saw_a_tag(void)
+{
+    const uint32_t n_looks = 8u;
+    given_looks_first(n_looks, 4u);
+    world.hide = 2; /* of the four that are not spare */
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(4u, APP->cal.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_INT(FIRST(2), world.meas[0].candidate);
+    TEST_ASSERT_EQUAL_INT(FIRST(3), world.meas[1].candidate);
+    TEST_ASSERT_EQUAL_INT(0, world.meas[2].candidate);
+}
+
+void test_spare_first_looks_are_taken_until_half_saw_a_tag(void)
+{
+    const uint32_t n_looks = 9u;
+    given_looks_first(n_looks, 4u);
+    world.hide = 3;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(6u, APP->cal.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(3u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_INT(FIRST(5), world.meas[2].candidate); /* one spare was enough */
+    TEST_ASSERT_EQUAL_INT(0, world.meas[3].candidate);
+    TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+}
+
+static void expect_not_seen(double seen, double tried)
+{
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NOT_SEEN));
+    TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CAL_NOT_SEEN].index);
+    TEST_ASSERT_EQUAL_DOUBLE(seen, world.last[KC_EVT_CAL_NOT_SEEN].got);
+    TEST_ASSERT_EQUAL_DOUBLE(tried, world.last[KC_EVT_CAL_NOT_SEEN].want);
+    expect_given_up(KC_CAUSE_NOT_SEEN, (uint32_t)seen);
+    for (uint32_t j = 0u; j < 7u; j++) { /* it never went farther than a nod */
+        TEST_ASSERT_TRUE(fabs(world.q[j] - world.q_start[j]) <= FIRST_NOD_RAD + 1e-6);
+    }
+}
+
+void test_seven_first_looks_that_hardly_see_a_tag_end_it(void)
+{
+    given_looks_first(9u, 0u);
+    world.hide = 100000;
+    world_calibrated();
+    expect_not_seen(0.0, 7.0);
+    given_looks_first(9u, 0u);
+    world.hide = 5; /* two of seven */
+    world_calibrated();
+    expect_not_seen(2.0, 7.0);
+}
+
+void test_they_are_judged_only_after_the_spare_ones(void)
+{
+    given_looks_first(9u, 2u);
+    world.hide = 100000;
+    world_calibrated();
+    expect_not_seen(0.0, 9.0);
+}
+
+void test_every_third_first_look_is_enough(void)
+{
+    given_looks_first(9u, 2u);
+    world.hide = 6; /* one of seven, and both spare ones */
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_NOT_SEEN));
+    TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(3u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+}
+
+void test_fewer_than_seven_first_looks_are_not_judged(void)
+{
+    given_looks_first(6u, 0u);
+    world.hide = 6;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_NOT_SEEN));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+}
+
+/* The budget is used up with so many poses beside the first looks. */
+static void stopped_with(uint32_t own)
+{
+    given_looks_first(7u, 0u);
+    world.config.budget_us = 1000000000u;
+    world_started();
+    for (uint32_t i = 0u; i < 4000u && APP->cal.n_meas < 7u + own; i++) { world_tick(); }
+    APP->tables.active.config.budget_us = 1u;
+    for (uint32_t i = 0u; i < 100u && kc_app_calibrating(APP); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(7u + own, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
+}
+
+void test_first_looks_and_two_poses_are_too_few_for_a_proposal(void)
+{
+    stopped_with(0u);
+    expect_given_up(KC_CAUSE_BUDGET, 7u);
+    stopped_with(2u);
+    expect_given_up(KC_CAUSE_BUDGET, 9u);
+    stopped_with(3u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_EQUAL_UINT32(10u, world.proposal.n_poses);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_ABORTED));
+}
+
+void test_who_asks_for_one_pose_gets_three_beside_the_first_looks(void)
+{
+    given_looks_first(7u, 0u);
+    world.config.n_poses = 1u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(10u, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+}
+
+void test_first_looks_alone_are_never_certain_enough(void)
+{
+    given_looks_first(7u, 0u);
+    world.config.est.free_mask = 1ull << 24u; /* one look tells it */
+    world.truth.joint[2].d_m = world.arm.joint[2].d_m;
+    world.config.stop_rot_rad = 1.0;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
+    TEST_ASSERT_EQUAL_UINT32(10u, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+}
+
+void test_replicates_begin_after_the_first_looks_and_repeat_none_of_them(void)
+{
+    given_looks_first(4u, 0u);
+    world.config.replicate_every = 3u;
+    world.config.n_poses = 8u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(12u, world.n_meas);
+    for (uint32_t i = 0u; i < 7u; i++) { TEST_ASSERT_EQUAL_INT(0, world.meas[i].replicate); }
+    TEST_ASSERT_EQUAL_INT(0, world.meas[7].candidate);
+    TEST_ASSERT_EQUAL_INT(1, world.meas[7].replicate);
+    TEST_ASSERT_EQUAL_INT(1, world.meas[10].candidate);
+    TEST_ASSERT_EQUAL_INT(1, world.meas[10].replicate);
+}
+
+void test_while_all_are_first_looks_everything_is_estimated_and_used(void)
+{
+    given_looks_first(3u, 0u);
+    world_started();
+    for (uint32_t n = 1u; n <= 4u; n++) {
+        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
+        TEST_ASSERT_TRUE(APP->est.rank < APP->est.n_free);
+        TEST_ASSERT_EQUAL_UINT32(n < 4u ? 0u : 28u - APP->est.rank, 28u - APP->est.n_idx);
+        TEST_ASSERT_EQUAL_INT(n < 4u, APP->est.hold_none);
+        if (n < 4u) { TEST_ASSERT_EQUAL_MEMORY(APP->est.coef, APP->cal.coef, 28u * sizeof(double)); }
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
+    given_looks_first(3u, 0u);
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
+    TEST_ASSERT_EQUAL_INT(1, APP->est.hold_none);
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+    (void)world_do(KC_CMD_START, -1, 0, 3);
+    TEST_ASSERT_EQUAL_INT(0, APP->est.hold_none);
+}
+
+/* ---- an arm that the ground did not prove ---- */
+
+/* Only the offset of joint 7 is asked for, and it is 0.2 rad: what it explains is plain. */
+static void given_offset_within(double bound_rad)
+{
+    given_looks_first(9u, 0u);
+    world.truth.joint[2].d_m = world.arm.joint[2].d_m;
+    world.config.est.free_mask = 1ull << 24u;
+    world.terms.coef[24].lb = -bound_rad;
+    world.terms.coef[24].ub = bound_rad;
+}
+
+void test_a_first_look_off_by_more_than_any_correction_explains_ends_it(void)
+{
+    given_offset_within(0.12);
+    world.config.stray_rot_rad = 0.06;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CAL_STRAY].index);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3, 0.08, world.last[KC_EVT_CAL_STRAY].want);
+    expect_given_up(KC_CAUSE_STRAY, 1u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_POSE)); /* nothing was learnt from it */
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->cal.coef[24]);
+}
+
+void test_what_a_correction_explains_to_the_limit_is_no_stray(void)
+{
+    given_offset_within(0.16);
+    world.config.stray_pos_m = 0.02;
+    world.config.stray_rot_rad = 0.06;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
+}
+
+void test_a_stray_limit_of_zero_is_none(void)
+{
+    given_offset_within(0.12);
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
+}
+
+void test_an_arm_with_all_its_errors_free_strays_by_its_length(void)
+{
+    given_looks_first(9u, 0u);
+    world.truth.joint[2].d_m = world.arm.joint[2].d_m + 0.2;
+    for (uint32_t c = 0u; c < 28u; c++) {
+        world.terms.coef[c].lb *= 0.1;
+        world.terms.coef[c].ub *= 0.1;
+    }
+    world.config.stray_pos_m = 0.02;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_TRUE(world.last[KC_EVT_CAL_STRAY].got > 0.02);
+    expect_given_up(KC_CAUSE_STRAY, (uint32_t)world.last[KC_EVT_CAL_STRAY].index + 1u);
+    TEST_ASSERT_TRUE(world.n_meas <= 9u);
+}
+
+static uint32_t s_bad_from, s_bad_to;
+
+static void bad_poses(kc_detection_t *d)
+{
+    int bad = APP->cal.n_meas >= s_bad_from && APP->cal.n_meas <= s_bad_to;
+    if (bad && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
+}
+
+static void given_bad_poses(uint32_t from, uint32_t to)
+{
+    given_offset_within(1.5);
+    s_bad_from = from;
+    s_bad_to = to;
+    world.spoil = bad_poses;
+    world.config.stray_pos_m = 0.005;
+}
+
+void test_one_bad_look_is_enough_while_all_are_first_looks(void)
+{
+    given_bad_poses(4u, 4u);
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(4, world.last[KC_EVT_CAL_STRAY].index);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.01, world.last[KC_EVT_CAL_STRAY].got);
+    expect_given_up(KC_CAUSE_STRAY, 5u);
+}
+
+void test_later_one_bad_look_is_an_outlier_and_two_are_an_arm_that_strays(void)
+{
+    given_bad_poses(11u, 11u);
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_OUTLIER));
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    given_bad_poses(11u, 12u);
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(12, world.last[KC_EVT_CAL_STRAY].index);
+    expect_given_up(KC_CAUSE_STRAY, 13u);
+}
+
+void test_nothing_strays_while_something_is_held(void)
+{
+    given_bad_poses(11u, 12u);
+    world.terms.n_coef = 29u; /* a second name for the offset: one of the two is held for ever */
+    world.terms.coef[28] = world.terms.coef[24];
+    memset(world.terms.coef[28].name, 0, KC_NAME_LEN);
+    memcpy(world.terms.coef[28].name, "twin", 4u);
+    world.terms.term[world.terms.n_term] = world.terms.term[24];
+    world.terms.term[world.terms.n_term++].coef = 28u;
+    world.config.est.free_mask |= 1ull << 28u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.rank);
+}
