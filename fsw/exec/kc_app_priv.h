@@ -53,6 +53,7 @@ typedef enum {
 /* One calibration. */
 typedef struct {
     uint32_t session, n_goal, n_meas, n_rejected;
+    uint32_t n_own;                     /* asked for beside the first looks                  */
     kc_acq_t acq;
     uint64_t rng, free_mask, start_us;
     double coef[KC_COEF_MAX];           /* latest correction, used to aim and to judge f     */

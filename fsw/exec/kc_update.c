@@ -27,12 +27,16 @@ static void take_candidates(kc_app_t *app)
     }
 }
 
-/* First looks come on top, and with them fewer than OWN_MIN others would be for nothing. */
-static uint32_t goal_of(const kc_space_t *s, uint32_t n_goal)
+/* First looks come on top: those that were measured, under way (0, 1) and to come; a spare one counts when it
+ * is taken. */
+static uint32_t goal_of(const kc_app_t *app, uint32_t under_way)
 {
-    uint32_t n_first = kc_space_n_first(s);
-    uint32_t n_own = n_first > 0u && n_goal < OWN_MIN ? OWN_MIN : n_goal;
-    return n_own + n_first < KC_MEAS_MAX ? n_own + n_first : KC_MEAS_MAX;
+    const kc_space_t *s = &app->tables.active.space;
+    uint32_t n = app->cal.n_own + app->cal.n_first + under_way;
+    for (uint32_t i = app->cal.i_prior; i < s->n_prior; i++) {
+        n += kc_space_first(s, s->prior[i]) && !kc_space_spare(s, s->prior[i]) ? 1u : 0u;
+    }
+    return n < KC_MEAS_MAX ? n : KC_MEAS_MAX;
 }
 
 kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t n_goal, uint32_t seed,
@@ -48,7 +52,8 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     memset(c, 0, sizeof *c);
     c->session = ++app->session;
     c->acq = acq;
-    c->n_goal = goal_of(&a->space, n_goal);
+    c->n_own = kc_space_n_first(&a->space) > 0u && n_goal < OWN_MIN ? OWN_MIN : n_goal;
+    c->n_goal = goal_of(app, 0u);
     c->rng = seed;
     c->free_mask = free_mask;
     c->start_us = app->now_us;
@@ -424,11 +429,12 @@ static int select(kc_app_t *app, kc_out_t *out)
     kc_cal_t *c = &app->cal;
     uint32_t cand = 0u;
     if (unseen(app, out)) { return 0; }
-    if (c->stop || c->n_meas >= c->n_goal) { return finish(app, out, KC_CAUSE_NO_CANDIDATE); }
+    if (c->stop || c->n_meas >= goal_of(app, 0u)) { return finish(app, out, KC_CAUSE_NO_CANDIDATE); }
     if (choose(app, &cand) != KC_OK) {
         kc_event(&out->events, KC_EVT_CAL_NO_CANDIDATE, -1, 0.0, 0.0);
         return finish(app, out, KC_CAUSE_NO_CANDIDATE);
     }
+    c->n_goal = goal_of(app, kc_space_first(&app->tables.active.space, cand) ? 1u : 0u);
     c->candidate = (int32_t)cand;
     c->replicate = times_measured(c, cand);
     c->servo_steps = 0u;

@@ -261,7 +261,8 @@ void test_a_candidate_inside_a_volume_is_given_up_before_the_arm_moves(void)
 void test_a_candidate_where_the_arm_meets_itself_is_given_up_before_the_arm_moves(void)
 {
     uint32_t cand = world.space.prior[0];
-    world.space.n_body = 4u; /* tool and a ball about joint 4 that reaches it at the candidate, not at the hub */
+    world.space.n_body =
+        4u; /* tool and a ball about joint 4 that reaches it at the candidate, not at the hub */
     world.space.body[2] = (kc_body_t){4u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.01f, 0u};
     world.space.body[3] = (kc_body_t){0u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.45f, 4u};
     world_boot();

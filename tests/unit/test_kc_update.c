@@ -385,7 +385,9 @@ static double seed_dist(uint32_t i)
 {
     double far = 0.0;
     const kc_cand_t *c = &world.space.cand[world.meas[i].candidate];
-    for (uint32_t j = 0u; j < 7u; j++) { far = fmax(far, fabs(world.meas[i].arm.q[j] - (double)c->q_seed[j])); }
+    for (uint32_t j = 0u; j < 7u; j++) {
+        far = fmax(far, fabs(world.meas[i].arm.q[j] - (double)c->q_seed[j]));
+    }
     return far;
 }
 
@@ -464,6 +466,7 @@ void test_spare_first_looks_are_left_out_when_half_of_the_others_saw_a_tag(void)
     TEST_ASSERT_EQUAL_INT(FIRST(2), world.meas[0].candidate);
     TEST_ASSERT_EQUAL_INT(FIRST(3), world.meas[1].candidate);
     TEST_ASSERT_EQUAL_INT(0, world.meas[2].candidate);
+    TEST_ASSERT_EQUAL_UINT32(8u, world.n_meas); /* no other poses in their place: six were asked for */
 }
 
 void test_spare_first_looks_are_taken_until_half_saw_a_tag(void)
@@ -475,6 +478,8 @@ void test_spare_first_looks_are_taken_until_half_saw_a_tag(void)
     TEST_ASSERT_EQUAL_UINT32(6u, APP->cal.n_tried);
     TEST_ASSERT_EQUAL_UINT32(3u, APP->cal.n_first);
     TEST_ASSERT_EQUAL_INT(FIRST(5), world.meas[2].candidate); /* one spare was enough */
+    TEST_ASSERT_EQUAL_UINT32(9u, world.n_meas);
+    for (uint32_t i = 2u; i < 9u; i++) { TEST_ASSERT_EQUAL_UINT32(9u, world.progress[i].n_goal); }
     TEST_ASSERT_EQUAL_INT(0, world.meas[3].candidate);
     TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_CAL_CAND_SKIPPED));
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
