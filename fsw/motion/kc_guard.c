@@ -103,38 +103,45 @@ static double axis_to(const kc_volume_t *v, const double a[3], const double u[3]
     }
 }
 
-/* Axis of a body from a to a + u: where it is now, or (end 1) where it was before a correction moved it along
- * its joint's axis. */
-static void axis_of(const kc_space_t *s, const kc_pose_t *frame, const double *along_m, uint32_t b,
-                    uint32_t end, double a[3], double u[3])
+/* An end of a body's axis where the frames say it is. A correction moved the frame along its joint's axis by
+ * `along`: of a link with a length along that axis (d) the near end stayed, so the link is longer; without one
+ * the body may stand where it was (`back`) or where the frame is now. */
+static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], int back, double out[3])
 {
-    uint32_t j = s->body[b].frame;
-    place(&frame[j], s->body[b].start_m, a);
-    place(&frame[j], s->body[b].end_m, u);
-    kc_v3_sub(u, a, u);
-    for (uint32_t i = 0u; end == 1u && i < 3u; i++) { a[i] -= along_m[j] * frame[j].R[3u * i + 2u]; }
+    double d = j > 0u ? g->arm->joint[j - 1u].d_m : 0.0;
+    double by = back ? -g->along_m[j] : 0.0;
+    if (kc_fabs(d) > 0.0) { by = g->along_m[j] * ((double)p[2] / d - 1.0); }
+    place(&g->frame[j], p, out);
+    for (uint32_t i = 0u; i < 3u; i++) { out[i] += by * g->frame[j].R[3u * i + 2u]; }
 }
 
-static double between_bodies(const kc_space_t *s, const kc_pose_t *frame, const double *along_m, uint32_t i,
-                             uint32_t k)
+/* Axis of a body from a to a + u. */
+static void axis_of(const kc_guard_arm_t *g, const kc_body_t *b, int back, double a[3], double u[3])
+{
+    place_end(g, b->frame, b->start_m, back, a);
+    place_end(g, b->frame, b->end_m, back, u);
+    kc_v3_sub(u, a, u);
+}
+
+static double between_bodies(const kc_guard_arm_t *g, const kc_body_t *one, const kc_body_t *two)
 {
     double least = KC_INF, a[3], u[3], b[3], v[3];
-    for (uint32_t e = 0u; e < 4u; e++) {
-        axis_of(s, frame, along_m, i, e / 2u, a, u);
-        axis_of(s, frame, along_m, k, e % 2u, b, v);
+    for (int e = 0; e < 4; e++) {
+        axis_of(g, one, e / 2, a, u);
+        axis_of(g, two, e % 2, b, v);
         least = kc_min(least, to_segment(a, u, b, v));
     }
-    return least - (double)s->body[i].radius_m - (double)s->body[k].radius_m;
+    return least - (double)one->radius_m - (double)two->radius_m;
 }
 
-double kc_guard_self_clearance(const kc_space_t *s, const kc_pose_t *frame, const double *along_m,
-                               uint32_t *body, uint32_t *other)
+double kc_guard_self_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *other)
 {
+    const kc_space_t *s = g->space;
     double least = KC_INF;
     for (uint32_t i = 1u; i < s->n_body; i++) {
         for (uint32_t k = 0u; k < i; k++) {
             if ((s->body[i].apart >> k & 1u) == 0u) { continue; }
-            double d = between_bodies(s, frame, along_m, i, k);
+            double d = between_bodies(g, &s->body[i], &s->body[k]);
             if (d >= least) { continue; }
             least = d;
             *body = i;
@@ -144,13 +151,13 @@ double kc_guard_self_clearance(const kc_space_t *s, const kc_pose_t *frame, cons
     return least;
 }
 
-double kc_guard_clearance(const kc_space_t *s, const kc_pose_t *frame, const double *along_m, uint32_t *body,
-                          uint32_t *volume)
+double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *volume)
 {
+    const kc_space_t *s = g->space;
     double least = KC_INF, a[3], u[3];
     for (uint32_t k = 0u; k < 2u * s->n_body; k++) {
         uint32_t b = k / 2u;
-        axis_of(s, frame, along_m, b, k % 2u, a, u);
+        axis_of(g, &s->body[b], (int)(k % 2u), a, u);
         for (uint32_t v = 0u; v < s->n_volume; v++) {
             if ((s->volume[v].spared >> b & 1u) != 0u) { continue; }
             double d = axis_to(&s->volume[v], a, u) - (double)s->body[b].radius_m;
@@ -227,8 +234,7 @@ typedef struct {
 
 static void near_at(const kc_guard_ask_t *ask, double part, near_t *n)
 {
-    kc_pose_t frame[KC_JOINT_MAX + 1u];
-    double along_m[KC_JOINT_MAX + 1u];
+    kc_guard_arm_t g = {.arm = ask->arm, .space = ask->space};
     kc_ctx_t ctx = *ask->ctx;
     kc_loads_t loads;
     uint32_t body = 0u, met = 0u;
@@ -236,10 +242,10 @@ static void near_at(const kc_guard_ask_t *ask, double part, near_t *n)
         ctx.q[j] = ask->q_from[j] + part * (ask->q_to[j] - ask->q_from[j]);
     }
     kc_model_loads(ask->arm, ask->terms, ask->coef, &ctx, &loads);
-    kc_model_frames(ask->arm, ask->terms, ask->coef, &ctx, &loads, frame, along_m);
-    n->d[0] = kc_guard_clearance(ask->space, frame, along_m, &body, &met);
+    kc_model_frames(ask->arm, ask->terms, ask->coef, &ctx, &loads, g.frame, g.along_m);
+    n->d[0] = kc_guard_clearance(&g, &body, &met);
     n->why[0] = (kc_guard_why_t){(int32_t)body, -n->d[0], (double)met};
-    n->d[1] = kc_guard_self_clearance(ask->space, frame, along_m, &body, &met);
+    n->d[1] = kc_guard_self_clearance(&g, &body, &met);
     n->why[1] = (kc_guard_why_t){(int32_t)body, -n->d[1], (double)met};
 }
 

@@ -1,8 +1,8 @@
 /* The last look at an arm command before it is sent: limits, proven ways, keep-out volumes, the arm itself.
  *
  * Ways and boxes were proven on the ground for many arms that are wrong; this asks again on board, for the
- * arm as it is believed to be now. No safety distance is added: the ground has it in what it proved, and here it
- * would only refuse what is proven. */
+ * arm as it is believed to be now. Hardly any safety distance is added: the ground has it in what it proved, and
+ * more here would only refuse what is proven. */
 #ifndef KC_GUARD_H
 #define KC_GUARD_H
 
@@ -45,16 +45,20 @@ typedef struct {
     double got, want;
 } kc_guard_why_t;
 
-/* Distance between bodies at these frames (kc_model_frames) and volumes, the smallest of all pairs but those
- * that are spared, and which pair; negative inside (for a box: no deeper than the body's radius). KC_INF
- * without any. A body that a correction moved along its axis counts at both ends of that move: what it is
- * fixed to may be longer instead. O(n_body n_volume). */
-double kc_guard_clearance(const kc_space_t *s, const kc_pose_t *frame, const double *along_m, uint32_t *body,
-                          uint32_t *volume);
+/* An arm at some joints, as kc_model_frames places it. */
+typedef struct {
+    const kc_arm_t *arm;
+    const kc_space_t *space;
+    kc_pose_t frame[KC_JOINT_MAX + 1u];
+    double along_m[KC_JOINT_MAX + 1u];
+} kc_guard_arm_t;
 
+/* Distance between bodies and volumes, the smallest of all pairs but those that are spared, and which pair;
+ * negative inside (for a box: no deeper than the body's radius). KC_INF without any. Corrections along a joint's
+ * axis make a link with a length there longer; other bodies count at both ends of the move. O(n_body n_volume). */
+double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *volume);
 /* The same between bodies that must not meet. O(n_body^2). */
-double kc_guard_self_clearance(const kc_space_t *s, const kc_pose_t *frame, const double *along_m,
-                               uint32_t *body, uint32_t *other);
+double kc_guard_self_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *other);
 
 /* First reason why the command must not be sent. An arm that is too near to something already, by a
  * correction that was not known before, may leave it. First looks are how the arm gets known; on the way to
