@@ -1,5 +1,5 @@
 """The guard's distances against MuJoCo's: the shapes and keep-out volumes of space.toml as MuJoCo geoms, the
-same as capsules in the SPACE table in flight's own geometry."""
+same as capsules in the SPACE table in flight's own geometry. Of volumes, and of shapes that must not meet."""
 
 from pathlib import Path
 
@@ -29,14 +29,22 @@ class Flight:
         desc = DESC if shapes is None else DESC.model_copy(update={"shape": shapes})
         guard.fill(self.space, desc, CAMERA)
         self.ctx, self.loads = ffi.new("kc_ctx_t *"), ffi.new("kc_loads_t *")
-        self.frame = ffi.new("kc_pose_t[]", lib.KC_JOINT_MAX + 1)
-        self.body, self.volume = ffi.new("uint32_t *"), ffi.new("uint32_t *")
+        self.placed = ffi.new("kc_guard_arm_t *")
+        self.placed.arm, self.placed.space = ARM, self.space
+        self.body, self.met = ffi.new("uint32_t *"), ffi.new("uint32_t *")
 
-    def clearance(self, q, errors):
+    def place(self, q, errors):
         coef = ffi.new("double[]", [errors.get(name, 0.0) for name in NAMES])
         self.ctx.q[0 : len(q)] = [float(x) for x in q]
-        lib.kc_model_frames(ARM, TERMS, coef, self.ctx, self.loads, self.frame)
-        return lib.kc_guard_clearance(self.space, self.frame, self.body, self.volume)
+        at = self.placed
+        lib.kc_model_frames(ARM, TERMS, coef, self.ctx, self.loads, at.frame, at.along_m)
+        return at
+
+    def clearance(self, q, errors):
+        return lib.kc_guard_clearance(self.place(q, errors), self.body, self.met)
+
+    def self_clearance(self, q, errors):
+        return lib.kc_guard_self_clearance(self.place(q, errors), self.body, self.met)
 
 
 def rod_to_box(m, d, a, b):
@@ -60,6 +68,12 @@ class Engine:
         label, outside = self.of.names, {k.name for k in DESC.keep_out}
         spared = {(s, k.name) for k in DESC.keep_out for s in k.except_}
         box = {s.name for s in DESC.shape if s.radius_m is None}
+        apart = zip(m.pair_geom1.tolist(), m.pair_geom2.tolist(), strict=True)
+        self.own = [
+            pair
+            for pair in apart
+            if all(label[g] not in outside and (boxes or label[g] not in box) for g in pair)
+        ]
         self.pairs = [
             (a, b)
             for a in range(m.ngeom)
@@ -75,6 +89,12 @@ class Engine:
         d.qpos[: len(q)] = q
         mujoco.mj_kinematics(m, d)
         return min(self.distance(m, d, a, b) for a, b in self.pairs)
+
+    def self_clearance(self, q):
+        m, d = self.of.model, self.of.data
+        d.qpos[: len(q)] = q
+        mujoco.mj_kinematics(m, d)
+        return min(mujoco.mj_geomDistance(m, d, a, b, FAR_M, None) for a, b in self.own)
 
     @staticmethod
     def distance(m, d, a, b):
@@ -96,7 +116,14 @@ def postures(rng, n):
     return rng.uniform(*q.T, (n, ARM.n_joints))
 
 
-@pytest.mark.parametrize("errors", [{}, {"J2.phi_rad": 0.1, "J4.phi_rad": -0.1, "J7.phi_rad": 1.3}])
+# Errors along the axes: links with a length there get longer or shorter (3, 5, 7), the shapes of the others
+# count where they are and where they were.
+LONGER = {f"J{j}.d_m": d for j, d in enumerate((0.04, -0.05, 0.06, 0.03, -0.04, 0.05, 0.02), 1)}
+ERRORS = [{}, {"J2.phi_rad": 0.1, "J4.phi_rad": -0.1, "J7.phi_rad": 1.3}, LONGER]
+IDS = ["nominal", "encoders", "longer"]
+
+
+@pytest.mark.parametrize("errors", ERRORS, ids=IDS)
 def test_links_are_as_far_from_everything_as_in_mujoco(errors):
     """Capsules on both sides; the corrected arm is MuJoCo's arm with these errors."""
     flight, engine = Flight([s for s in DESC.shape if s.radius_m is not None]), Engine(errors, boxes=False)
@@ -110,6 +137,42 @@ def test_links_are_as_far_from_everything_as_in_mujoco(errors):
             assert got < GEOM_TOL_M
             n_inside += 1
     assert 10 <= n_inside < 290
+
+
+def drawn_errors(rng):
+    """Encoders, and lengths along the axes."""
+    return {
+        f"J{j}.{field}": rng.normal(0.0, sigma)
+        for j in range(1, ARM.n_joints + 1)
+        for field, sigma in (("phi_rad", 0.3), ("d_m", 0.03))
+    }
+
+
+def test_links_are_as_far_from_each_other_as_in_mujoco():
+    flight = Flight([s for s in DESC.shape if s.radius_m is not None])
+    rng, n_inside, n = np.random.default_rng(8), 0, 0
+    for errors in [*ERRORS, *(drawn_errors(rng) for _ in range(7))]:
+        engine = Engine(errors, boxes=False)
+        for q in postures(rng, 60):
+            want = engine.self_clearance(q)
+            assert flight.self_clearance(q, errors) == pytest.approx(want, abs=GEOM_TOL_M)
+            n_inside += want < 0.0
+            n += 1
+    assert 30 <= n_inside <= n - 30
+
+
+def test_the_whole_arm_is_no_farther_from_itself_than_in_mujoco_and_hardly_nearer():
+    """Each of two boxes may stand in capsules that are too fat by so much."""
+    flight, rng, n = Flight(), np.random.default_rng(9), 0
+    for errors in [{}, *(drawn_errors(rng) for _ in range(4))]:
+        engine = Engine(errors)
+        for q in postures(rng, 60):
+            want, got = engine.self_clearance(q), flight.self_clearance(q, errors)
+            assert got <= max(want, 0.0) + GEOM_TOL_M
+            if want > 0.0:
+                assert got >= want - 2 * guard.TOO_FAT_M - GEOM_TOL_M
+                n += 1
+    assert n > 50
 
 
 def test_the_whole_arm_lies_in_its_capsules_and_they_are_not_much_larger():

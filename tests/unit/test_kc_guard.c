@@ -16,8 +16,7 @@ static kc_ctx_t s_ctx;
 static double s_coef[KC_COEF_MAX], s_from[KC_JOINT_MAX], s_to[KC_JOINT_MAX], s_leash[KC_JOINT_MAX];
 static kc_guard_ask_t s_ask;
 static kc_guard_why_t s_why;
-static kc_pose_t s_frame[KC_JOINT_MAX + 1u];
-static double s_along_m[KC_JOINT_MAX + 1u];
+static kc_guard_arm_t s_g; /* all frames at the base */
 static uint32_t s_body, s_volume;
 
 void setUp(void);
@@ -28,9 +27,9 @@ void setUp(void)
     given_space(&s_s, 9u, 1u);
     memset(&s_ctx, 0, sizeof s_ctx);
     memset(s_coef, 0, sizeof s_coef);
-    memset(s_along_m, 0, sizeof s_along_m);
+    s_g = (kc_guard_arm_t){.arm = &s_arm, .space = &s_s};
     for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_leash[j] = 0.4; }
-    for (uint32_t i = 0u; i <= KC_JOINT_MAX; i++) { kc_pose_identity(&s_frame[i]); }
+    for (uint32_t i = 0u; i <= KC_JOINT_MAX; i++) { kc_pose_identity(&s_g.frame[i]); }
     kc_path_joints(&s_s, NODE(3u), s_from);
     memcpy(s_to, s_from, sizeof s_to);
     s_ask = (kc_guard_ask_t){.arm = &s_arm,
@@ -54,7 +53,7 @@ static double distance(kc_body_t body, kc_volume_t volume)
     s_s.n_body = s_s.n_volume = 1u;
     s_s.body[0] = body;
     s_s.volume[0] = volume;
-    return kc_guard_clearance(&s_s, s_frame, s_along_m, &s_body, &s_volume);
+    return kc_guard_clearance(&s_g, &s_body, &s_volume);
 }
 
 #define ROD(ax, ay, az, bx, by, bz, r) ((kc_body_t){0u, {ax, ay, az}, {bx, by, bz}, r, 0u})
@@ -106,16 +105,97 @@ void test_the_nearest_pair_is_named_and_spared_ones_are_not_looked_at(void)
     s_s.body[1] = ROD(0.f, 0.f, 1.f, 0.f, 0.f, 2.f, 0.1f);
     s_s.volume[0] = (kc_volume_t){KC_VOL_BELOW, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f, 1u};
     s_s.volume[1] = (kc_volume_t){KC_VOL_SPHERE, {0.0f, 0.0f, 3.0f}, {0.0f, 0.0f, 0.0f}, 0.3f, 0u};
-    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.6, kc_guard_clearance(&s_s, s_frame, s_along_m, &s_body, &s_volume));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.6, kc_guard_clearance(&s_g, &s_body, &s_volume));
     TEST_ASSERT_EQUAL_UINT32(1u, s_body);
     TEST_ASSERT_EQUAL_UINT32(1u, s_volume);
     s_s.volume[1].spared = 2u;
-    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.9, kc_guard_clearance(&s_s, s_frame, s_along_m, &s_body, &s_volume));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.9, kc_guard_clearance(&s_g, &s_body, &s_volume));
     TEST_ASSERT_EQUAL_UINT32(1u, s_body);
     TEST_ASSERT_EQUAL_UINT32(0u, s_volume);
     s_s.volume[0].spared = 3u;
     s_s.volume[1].spared = 3u;
-    TEST_ASSERT_TRUE(isinf(kc_guard_clearance(&s_s, s_frame, s_along_m, &s_body, &s_volume)));
+    TEST_ASSERT_TRUE(isinf(kc_guard_clearance(&s_g, &s_body, &s_volume)));
+}
+
+/* ---- the arm itself ---- */
+
+/* A rod along x at height 0 of the tool, one across it at 0.5 of joint 6, a ball at 0.2 of joint 1 (links whose d
+ * is 0). */
+static void given_three_bodies(void)
+{
+    s_s.n_body = 3u;
+    s_s.body[0] = ROD(-1.f, 0.f, 0.f, 1.f, 0.f, 0.f, 0.1f);
+    s_s.body[1] = ROD(0.f, -1.f, 0.5f, 0.f, 1.f, 0.5f, 0.05f);
+    s_s.body[1].frame = 6u;
+    s_s.body[2] = ROD(0.f, 0.f, 0.2f, 0.f, 0.f, 0.2f, 0.05f);
+    s_s.body[2].frame = 1u;
+}
+
+static void expect_apart(double want, uint32_t body, uint32_t other)
+{
+    uint32_t met = 99u;
+    s_body = 99u;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, want, kc_guard_self_clearance(&s_g, &s_body, &met));
+    TEST_ASSERT_EQUAL_UINT32(body, s_body);
+    TEST_ASSERT_EQUAL_UINT32(other, met);
+}
+
+void test_of_the_arm_itself_only_pairs_that_must_not_meet_count(void)
+{
+    uint32_t met = 99u;
+    given_three_bodies();
+    TEST_ASSERT_TRUE(isinf(kc_guard_self_clearance(&s_g, &s_body, &met)));
+    TEST_ASSERT_EQUAL_UINT32(99u, met);
+    s_s.body[1].apart = 1u;
+    expect_apart(0.35, 1u, 0u);
+    s_s.body[2].apart = 2u;
+    expect_apart(0.2, 2u, 1u);
+    s_s.body[2].apart = 3u;
+    expect_apart(0.05, 2u, 0u);
+    s_s.body[2].radius_m = 0.15f; /* inside: negative */
+    expect_apart(-0.05, 2u, 0u);
+}
+
+void test_a_body_moved_along_its_axis_counts_at_both_ends_of_the_move(void)
+{
+    given_three_bodies();
+    s_s.body[2].apart = 2u;
+    for (double by = -0.1; by <= 0.11; by += 0.2) { /* the frame is where the correction put it */
+        s_g.frame[6].p_m[2] = by;
+        s_g.along_m[6] = by;
+        expect_apart(by < 0.0 ? 0.1 : 0.2, 2u, 1u); /* nearer now; nearer where it was */
+    }
+    s_g.along_m[1] = 0.15; /* both: the ball now, the rod as it was, and every other pair of ends */
+    s_g.frame[1].p_m[2] = 0.15;
+    expect_apart(0.05, 2u, 1u);
+}
+
+void test_volumes_see_both_ends_of_such_a_move_too(void)
+{
+    kc_volume_t ground = {KC_VOL_BELOW, {0.0f, 0.0f, -0.5f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0u};
+    kc_body_t rod = ROD(0.f, 0.f, 0.f, 1.f, 0.f, 0.f, 0.1f);
+    rod.frame = 6u;
+    s_g.frame[6].p_m[2] = s_g.along_m[6] = -0.1;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.3, distance(rod, ground));
+    s_g.frame[6].p_m[2] = s_g.along_m[6] = 0.1;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.4, distance(rod, ground));
+    rod.frame = 0u; /* the tool's corrections are known as they are */
+    s_g.frame[0].p_m[2] = 0.1;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.5, distance(rod, ground));
+}
+
+/* Joint 3 has d = 0.55: its link reaches from where joint 2 is, and gets longer or shorter at the far end. */
+void test_a_link_with_a_length_is_stretched_by_such_a_move(void)
+{
+    kc_volume_t ball = {KC_VOL_SPHERE, {0.0f, 0.0f, 1.0f}, {0.0f, 0.0f, 0.0f}, 0.1f, 0u};
+    kc_volume_t ground = {KC_VOL_BELOW, {0.0f, 0.0f, -0.5f}, {0.0f, 0.0f, 0.0f}, 0.0f, 0u};
+    kc_body_t link = ROD(0.f, 0.f, 0.f, 0.f, 0.f, 0.55f, 0.05f);
+    link.frame = 3u;
+    s_g.frame[3].p_m[2] = s_g.along_m[3] = 0.2;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.1, distance(link, ball)); /* far end at 0.75 */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.45, distance(link, ground)); /* near end stayed at 0 */
+    link.start_m[2] = link.end_m[2] = 0.275f; /* half way: moved by half */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.475, distance(link, ball));
 }
 
 /* ---- limits and ways ---- */
@@ -200,10 +280,10 @@ static void put_ball(const double *q, float radius)
     double left[3] = {0.1, 0.0, 0.0}, p[3];
     memcpy(s_ctx.q, q, 7u * sizeof *q);
     kc_model_loads(&s_arm, &s_terms, s_coef, &s_ctx, &loads);
-    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_frame, s_along_m);
+    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_g.frame, s_g.along_m);
     for (uint32_t i = 0u; i < 3u; i++) {
-        p[i] = s_frame[0].p_m[i];
-        for (uint32_t k = 0u; k < 3u; k++) { p[i] += s_frame[0].R[3u * i + k] * left[k]; }
+        p[i] = s_g.frame[0].p_m[i];
+        for (uint32_t k = 0u; k < 3u; k++) { p[i] += s_g.frame[0].R[3u * i + k] * left[k]; }
     }
     s_s.volume[1] = (kc_volume_t){KC_VOL_SPHERE, {(float)p[0], (float)p[1], (float)p[2]}, {0}, radius, 1u};
 }
@@ -245,4 +325,129 @@ void test_it_is_the_corrected_arm_that_is_looked_at(void)
     expect_fine();
     put_ball(s_to, 0.02f);
     expect(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+}
+
+/* ---- distances kept ---- */
+
+void test_nothing_comes_nearer_than_the_clearance(void)
+{
+    s_to[0] += 0.3;
+    put_ball(s_to, 0.02f);
+    s_s.volume[1].radius_m = 0.02f;
+    s_s.volume[1].p_m[2] += 0.1f;
+    s_s.volume[1].spared = 1u;
+    double gap = 0.0;
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_FINE, kc_guard_check(&s_ask, &s_why));
+    gap = kc_guard_clearance(&s_g, &s_body, &s_volume); /* of the frames at s_to */
+    TEST_ASSERT_TRUE(gap > KC_GUARD_CLEAR_M);
+    s_s.volume[1].radius_m = (float)(0.02 + gap - KC_GUARD_CLEAR_M - 1e-4);
+    expect_fine();
+    s_s.volume[1].radius_m = (float)(0.02 + gap - KC_GUARD_CLEAR_M + 1e-4);
+    expect(KC_GUARD_VOLUME, 1, -KC_GUARD_CLEAR_M + 1e-4, 1.0); /* not inside yet */
+}
+
+/* The nearest two bodies of the arm at some joints, as distance(). */
+static double apart_at(const double *q)
+{
+    uint32_t met;
+    kc_loads_t loads;
+    memcpy(s_ctx.q, q, 7u * sizeof *q);
+    kc_model_loads(&s_arm, &s_terms, s_coef, &s_ctx, &loads);
+    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_g.frame, s_g.along_m);
+    return kc_guard_self_clearance(&s_g, &s_body, &met);
+}
+
+/* Elbow and tool must not meet; joint 4 brings them together, s_near is nearer than s_to. */
+static void given_elbow(double gap_at_to)
+{
+    s_s.n_body = 2u;
+    s_s.body[0] = ROD(0.f, 0.f, 0.f, 0.f, 0.f, 0.2f, 0.01f);
+    s_s.body[0].frame = 3u;
+    s_s.body[1] = ROD(0.f, 0.f, 0.f, 0.f, 0.f, 0.f, 0.01f);
+    s_s.body[1].apart = 1u;
+    s_to[3] += 0.3;
+    s_s.body[1].radius_m = (float)(0.01 + apart_at(s_to) - gap_at_to);
+}
+
+void test_a_way_on_which_the_arm_meets_itself_is_refused_with_both_bodies(void)
+{
+    given_elbow(KC_GUARD_CLEAR_M + 1e-4);
+    s_s.n_volume = 0u;
+    TEST_ASSERT_TRUE(apart_at(s_from) > apart_at(s_to)); /* it gets nearer */
+    expect_fine();
+    given_space(&s_s, 9u, 1u);
+    s_to[3] -= 0.3;
+    given_elbow(-0.02);
+    expect(KC_GUARD_SELF, 1, 0.02, 0.0);
+    s_s.body[1].apart = 0u;
+    expect_fine();
+}
+
+void test_an_arm_too_near_to_itself_may_leave_but_not_go_deeper(void)
+{
+    double q[KC_JOINT_MAX];
+    given_elbow(0.001);
+    memcpy(q, s_from, sizeof q);
+    memcpy(s_from, s_to, sizeof q);
+    memcpy(s_to, q, sizeof q); /* from too near to far */
+    expect_fine();
+    memcpy(s_to, s_from, sizeof q);
+    s_to[3] += 0.002; /* a little nearer still: by less than it may */
+    double deeper = 0.001 - apart_at(s_to);
+    TEST_ASSERT_TRUE(deeper > 0.0 && deeper < KC_GUARD_LEAVE_M);
+    expect_fine();
+    s_to[3] += 0.05;
+    deeper = 0.001 - apart_at(s_to);
+    TEST_ASSERT_TRUE(deeper > KC_GUARD_LEAVE_M);
+    expect(KC_GUARD_SELF, 1, deeper - 0.001, 0.0);
+}
+
+/* ---- first looks ---- */
+
+/* From the hub of candidate 3 to it (or back) with a ball where the way ends. */
+static void given_way(int back)
+{
+    uint32_t hub = s_s.cand[3].hub;
+    kc_path_joints(&s_s, back ? NODE(3u) : hub, s_from);
+    kc_path_joints(&s_s, back ? hub : NODE(3u), s_to);
+    s_ask.from = back ? NODE(3u) : hub;
+    s_ask.to = back ? hub : NODE(3u);
+    put_ball(s_to, 0.02f);
+}
+
+void test_ways_to_first_looks_and_back_are_not_measured_against_what_is_believed(void)
+{
+    for (int back = 0; back < 2; back++) {
+        s_s.cand[3].why = 0u;
+        given_way(back);
+        expect(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+        s_s.cand[3].why = KC_CAND_FIRST;
+        expect_fine();
+    }
+    s_ask.from = s_ask.to = NODE(3u); /* inside the box the same */
+    kc_path_joints(&s_s, NODE(3u), s_to);
+    memcpy(s_from, s_to, sizeof s_to);
+    s_from[0] += 0.05;
+    put_ball(s_to, 0.02f);
+    expect_fine();
+    s_s.cand[3].why = 0u;
+    expect(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+}
+
+void test_the_box_around_a_first_look_is_small(void)
+{
+    s_s.cand[3].why = KC_CAND_FIRST;
+    s_to[2] += KC_HUB_LEASH;
+    expect_fine();
+    s_to[2] += 0.01;
+    expect(KC_GUARD_WAY, 3, 0.01 - s_ask.tol, KC_HUB_LEASH);
+}
+
+void test_limits_and_ways_hold_for_first_looks_too(void)
+{
+    s_s.cand[3].why = KC_CAND_FIRST;
+    s_ask.from = 1u - s_s.cand[3].hub; /* no such segment */
+    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+    s_to[2] = s_arm.joint[2].q_max - 0.01;
+    expect(KC_GUARD_LIMIT, 3, s_to[2], s_arm.joint[2].q_max - 0.02);
 }
