@@ -287,10 +287,12 @@ def run_end(out: Console, r: RunResult, files: list[Path]) -> None:
         for name, h in (("before", r.before), ("after", r.after)):
             shown.add_row(name, length_text(h.pos_m), angle_text(h.rot_rad))
         out.print(shown)
-    out.print(
-        f"\nverdict: {r.verdict}; rank {r.rank} of {r.n_free}; p of the fit {r.p_fit:.3f}; p of no change "
-        f"{r.p_no_change:.2g}; decision: {r.decision}; table in force {r.active_crc:08x}"
+    fit = (
+        f"; rank {r.rank} of {r.n_free}; p of the fit {r.p_fit:.3f}; p of no change {r.p_no_change:.2g}"
+        if r.n_free
+        else ""
     )
+    out.print(f"\nverdict: {r.verdict}{fit}; decision: {r.decision}; table in force {r.active_crc:08x}")
     gates = grid("", "", "gate", "got", "wanted")
     for g in r.gates:
         gates.add_row(

@@ -21,6 +21,20 @@ from .scenario import ACCEPT, ACQUISITIONS, VERDICTS, Scenario, load
 HEARD = ["KC_HK", "KC_ACK", "KC_EVENT", "KC_PROPOSAL", "KC_ARM_STATE", "KC_PANTILT_STATE"]
 IDLE, REVIEW, SAFE = 0, 9, 11  # KC_HK.state, see docs/INTERFACES.md
 TBL_KIN = 4
+ABORTED = 75  # event whose `got` is the cause, see docs/STATES.md
+CAUSES = (
+    "it was told to stop",
+    "the arm controller reports a fault",
+    "the arm did not get there in time",
+    "the head did not get there in time",
+    "no image came",
+    "no usable pose was left",
+    "the arm stands where no proven path begins",
+    "time or energy was used up",
+    "arm or head fell silent",
+    "no correction within its bounds explains what was seen, so the arm goes nowhere else",
+    "too few of the first looks saw a tag, so the arm goes nowhere else",
+)
 FIRST_HEARTBEAT_S = 30.0
 LINGER_S = 2.0  # after the end: one more heartbeat shows where flight stands
 ABORT_WAIT_S = 10.0
@@ -60,6 +74,7 @@ class Executive:
         self.pose, self.pose_us = -1, 0
         self.result: dict = {}
         self.warnings: dict[int, int] = {}
+        self.why = ""
 
     # -- inputs --------------------------------------------------------------------------------------
 
@@ -96,6 +111,8 @@ class Executive:
     def _on_event(self, m) -> None:
         if m.severity >= 2:
             self.warnings[m.id] = self.warnings.get(m.id, 0) + 1
+        if m.id == ABORTED and 0 <= m.got < len(CAUSES):
+            self.why = f": {CAUSES[int(m.got)]}"
 
     def _on_proposal(self, m) -> None:
         if self.phase == "RUN":
@@ -118,7 +135,7 @@ class Executive:
         if self.proposal is not None:
             self._go("DECIDE")
         elif self._hk_since() and self.hk.state == SAFE:
-            self._fail("flight gave the calibration up")
+            self._fail(f"flight gave the calibration up{self.why}")
         elif self._hk_since() and self.hk.state == IDLE and self._waited(LINGER_S):
             self._fail("flight is idle and proposed nothing")
 

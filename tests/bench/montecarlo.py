@@ -69,6 +69,7 @@ HELD_OUT = 100
 FINISH_MIN = 0.99
 START_CLEAR_M = 0.02
 OUTSIDE_CLEAR_MIN = 0.999
+FIRST_LEASH = 0.05 + 1e-6  # about first looks, KC_HUB_LEASH of kc_path.h
 ON_NODE_RAD = 0.002  # arm at rest within arrive_tol; the rest is rounding
 IDLE, REVIEW, SAFE = 0, 9, 11
 START, EXECUTIVE = 1, 2
@@ -309,6 +310,8 @@ class Judge:
         leash = space.servo_leash  # one for all joints, or one each
         leash = [leash] * self.n if isinstance(leash, float) else list(leash)[: self.n]
         self.leash = np.array(leash) + 1e-6  # single precision
+        first = np.array([[c.why >> 15 & 1] for c in space.cand[0:n_cand]])  # proven no farther than hubs
+        self.box = np.where(first, np.minimum(self.leash, FIRST_LEASH), self.leash)
         # Segments by their ends: nodes are the hubs, then the candidates.
         self.node = np.vstack([self.hub, self.seed])
         ends = {(a, b) for a in range(n_hub) for b in range(n_hub) if space.hub_edge[a] >> b & 1 and a < b}
@@ -337,7 +340,7 @@ class Judge:
     def proven(self, start, goal) -> tuple[str, str]:
         """What proves a command, or an empty string and how far it is from anything proven."""
         here, there = np.abs(self.seed - start), np.abs(self.seed - goal)
-        boxes = np.all(here <= self.leash + ON_NODE_RAD, 1) & np.all(there <= self.leash, 1)
+        boxes = np.all(here <= self.box + ON_NODE_RAD, 1) & np.all(there <= self.box, 1)
         if np.any(boxes):
             return f"box {int(np.argmax(boxes))}", ""
         if np.max(np.abs(goal - start)) <= ON_NODE_RAD:
@@ -346,7 +349,7 @@ class Judge:
         lines = (off_start <= ON_NODE_RAD) & (off_goal <= 1e-5)
         if np.any(lines):
             return self.name[int(np.argmax(lines))], ""
-        box = np.min(np.max(np.maximum(here, there) / self.leash, 1))
+        box = np.min(np.max(np.maximum(here, there) / self.box, 1))
         line = float(np.min(np.maximum(off_start, off_goal)))
         return "", f"nearest box {box:.2f} leashes, nearest segment {line:.3f} rad"
 

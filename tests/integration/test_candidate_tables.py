@@ -2,16 +2,18 @@
 the event that names the bad entry, and the active one stays in force, to the byte."""
 
 import struct
+import tomllib
 import zlib
 
 import pytest
-from flight import IDLE, TABLES, Flight, u32
+from flight import IDLE, ROOT, TABLES, Flight, u32
 
 import kcm
 from kincal import core, tables
 
 CMD, SPACE = kcm.cmd_t, 5
 GOOD = (TABLES / "space.tbl").read_bytes()
+N_FIRST = len(tomllib.loads((ROOT / "tables" / "src" / "space.toml").read_text())["joints"]["first_rad"])
 TBL_FORMAT, TBL_CRC, TBL_RANGE, TBL_DEPENDS, NOT_FINITE, NOT_UNIT = 21, 22, 23, 28, 32, 33
 HUB, BODY, VOLUME = 2000, 4000, 5000
 
@@ -51,7 +53,7 @@ def overfull() -> bytes:
     cand = 3 * 4 + 4 * 4 + int(s.n_joints) * 4 + 2 * 4 + 1 + 1 + 2
     n = int(s.n_cand)
     edges = (n * (n - 1) // 2 + 7) // 8
-    tail = 4 + int(s.n_body) * 29 + 4 + int(s.n_volume) * 33
+    tail = 4 + int(s.n_body) * 33 + 4 + int(s.n_volume) * 33
     head = len(payload) - tail - edges - n * cand
     first = payload[head : head + cand]
     many = 1025
@@ -150,14 +152,17 @@ def test_a_bad_candidate_table_is_refused_by_entry_and_the_active_one_stays(flig
 
 
 def test_an_edge_bit_beyond_the_candidates_is_refused(flight):
-    """In the last byte, where the number of pairs leaves some over."""
+    """In the last byte, where the number of pairs leaves some over; without first looks, which come last."""
     _, s = tables.load(TABLES / "space.tbl")
-    n = int(s.n_cand)
+    n = int(s.n_cand) - N_FIRST
+    priors = [i for i in s.prior[0 : s.n_prior] if i < n]
     bits = n * (n - 1) // 2
-    while bits % 8 == 0:  # a table with one candidate less
-        n -= 1
-        bits = n * (n - 1) // 2
-    image = with_fields({"n_cand": n, f"edge.{bits // 8}": 0x80})
+    assert bits % 8 != 0
+    fewer = {"n_cand": n, "n_prior": len(priors), **{f"prior.{i}": c for i, c in enumerate(priors)}}
+    good = with_fields(fewer)
+    send(flight, good)
+    assert flight.do(CMD.TABLE_VALIDATE, SPACE, crc_in(good)).status == 0
+    image = with_fields({**fewer, f"edge.{bits // 8}": 0x80})
     send(flight, image)
     assert flight.do(CMD.TABLE_VALIDATE, SPACE, crc_in(image)).status < 0
     assert [m.index for ch, m in flight.heard if ch == "KC_EVENT" and m.id == TBL_RANGE] == [-1]

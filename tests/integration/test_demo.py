@@ -13,6 +13,9 @@ from kincal import lcmlog, review, tables
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = ROOT / "tables" / "bin"
+JOINTS = tables.read_toml(ROOT / "tables" / "src" / "space.toml")["joints"]
+SPARE = len(JOINTS["spare_first"])
+FIRST = len(JOINTS["first_rad"]) - SPARE
 
 
 def kincal(*args, timeout=240):
@@ -41,8 +44,13 @@ def test_demo_passes_all_its_gates(demo):
 
 def test_demo_prints_one_line_a_pose_in_order(demo):
     _, done = demo
-    poses = re.findall(r"^ ?(\d+)/20 +\d+ +\d+ +[\d.]+ mm +[\d.]+ mrad +-?[\d.]+", done.stdout, re.M)
-    assert [int(p) for p in poses] == list(range(1, 21))
+    line = r"^ ?(\d+)/(\d+) +(first|\d+) +\d+ +[\d.]+ mm +[\d.]+ mrad +-?[\d.]+"
+    poses = re.findall(line, done.stdout.split("\nCorrections")[0], re.M)
+    assert [int(n) for n, _, _ in poses] == list(range(1, len(poses) + 1))
+    n_first = len(poses) - 20
+    assert FIRST <= n_first <= FIRST + SPARE
+    assert [where == "first" for _, _, where in poses] == [True] * n_first + [False] * 20
+    assert {int(goal) for _, goal, _ in poses[n_first:]} == {len(poses)}
 
 
 def test_demo_lists_true_and_estimated_values_of_all_corrections(demo):
@@ -66,7 +74,7 @@ def test_demo_shows_the_held_out_error_fall_below_the_limits(demo):
     assert {c["label"] for c in summary["curves"]} == {"ucb, fast", "random, fast"}
     for curve in summary["curves"]:
         held = [p["held_pos_m"] for p in curve["poses"]]
-        assert len(held) == 20
+        assert 20 + FIRST // 2 <= len(held) <= 20 + FIRST + SPARE
         assert held[-1] < 0.01 * held[0]
 
 
@@ -123,7 +131,8 @@ def test_log_and_review_read_what_the_run_left(demo, tmp_path):
     out, _ = demo
     log = kincal("log", out / "run.lcmlog")
     assert log.returncode == 0
-    assert "calibration 1: 20 poses" in log.stdout
+    n = int(re.search(r"calibration 1: (\d+) poses", log.stdout)[1])
+    assert 20 < n <= 20 + FIRST + SPARE
     assert "COR_ACTIVE" in log.stdout
     shown = kincal("review", "show", out / "run.lcmlog", "--picture", tmp_path / "r.png")
     assert shown.returncode == 0, shown.stderr

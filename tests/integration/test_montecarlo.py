@@ -59,7 +59,7 @@ def test_an_encoder_that_slipped_by_a_radian_touches_nothing(judge):
 def test_the_judge_knows_proven_commands(judge):
     rng = np.random.default_rng(1)
     for i in rng.choice(len(judge.seed), 30):
-        box = judge.seed[i] + rng.uniform(-1.0, 1.0, (2, judge.n)) * (judge.leash - 1e-5)
+        box = judge.seed[i] + rng.uniform(-1.0, 1.0, (2, judge.n)) * (judge.box[i] - 1e-5)
         assert judge.proven(*box)[0].startswith("box")
     for k in rng.choice(len(judge.a), 30):
         middle = 0.5 * (judge.a[k] + judge.b[k])
@@ -74,8 +74,10 @@ def test_the_judge_refuses_what_was_not_proven(judge):
     push = np.zeros(judge.n)
     push[1] = 3.0 * judge.leash[1]
     assert judge.proven(seed, seed + push)[1] != ""  # out of the servo box
-    push[1] = 0.05
-    assert judge.proven(hub, hub + push)[1] != ""  # hubs have no servo box
+    push[1] = 0.06
+    assert judge.proven(judge.hub[1], judge.hub[1] + push)[1] != ""  # hubs have no servo box
+    assert judge.proven(hub, hub + push)[1] != ""  # nor has the first look there more than a hub
+    assert judge.proven(hub, hub + 0.8 * push)[1] == ""
     assert not judge.limits(judge.hi + 1e-6)
     assert not judge.limits(np.full(judge.n, np.nan))
     assert not judge.head(judge.head_hi + 0.01)

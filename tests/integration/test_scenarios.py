@@ -129,6 +129,11 @@ class Flight:
         m.source, m.seq, m.opcode, m.status = 1, self.sent[-1].seq, self.sent[-1].opcode, status
         return "KC_ACK", m
 
+    def aborted(self, cause):
+        m = kcm.event_t()
+        m.id, m.severity, m.got = 75, 2, cause
+        return "KC_EVENT", m
+
     def proposal(self, verdict=kcm.proposal_t.CHANGE, **fields):
         m = kcm.proposal_t()
         m.crc, m.verdict = 7, verdict
@@ -245,7 +250,10 @@ def test_executive_aborts_when_a_pose_takes_too_long_but_not_while_poses_come():
 @pytest.mark.parametrize(
     "what, reason",
     [
-        (lambda f: f.tick(f.hk(11)), "gave the calibration up"),
+        (lambda f: f.tick(f.hk(11)), "flight gave the calibration up"),
+        (lambda f: f.tick(f.aborted(9), f.hk(11)), "up: no correction within its bounds explains"),
+        (lambda f: f.tick(f.aborted(10), f.hk(11)), "up: too few of the first looks saw a tag"),
+        (lambda f: f.tick(f.aborted(99), f.hk(11)), "flight gave the calibration up"),
         (lambda f: [f.tick(f.hk(0), after_s=1.1) for _ in range(3)], "idle and proposed nothing"),
     ],
 )
