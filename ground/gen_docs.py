@@ -208,10 +208,15 @@ KIND_TEXT = {
 
 def block_why() -> str:
     from kincal.space import WHY
+    from kincal.space.checks import WHY_FIRST, WHY_SPARE
 
+    looks = {
+        WHY_SPARE: "of a first look: taken only while fewer than half of those before saw a tag",
+        WHY_FIRST: "a first look about the place where the arm stands; has none of the bits 0 to 11",
+    }
     return table(
         ("bit", "value", "checked and found good"),
-        [(str(v.bit_length() - 1), str(v), text) for v, text in WHY.items()],
+        [(str(v.bit_length() - 1), str(v), text) for v, text in (WHY | looks).items()],
     )
 
 

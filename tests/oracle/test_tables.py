@@ -150,7 +150,7 @@ def test_every_kind_is_on_the_page():
                 walk(r.rows) if isinstance(r, Repeat) else flat.append(r.number)
 
         walk(rows)
-        assert flat == list(range(1, len(flat) + 1))
+        assert sorted(flat) == list(range(1, len(flat) + 1))  # newer ones stand where they belong
 
 
 @pytest.mark.parametrize("kind", KINDS)
