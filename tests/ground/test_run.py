@@ -1,16 +1,17 @@
 """Judging a run: gates, names, truth."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from samples import CRC, proposal, result, signed
+from samples import CRC, progress, proposal, result, signed
 from test_geometry import wam
 
-from kincal import lcmlog, run
+from kincal import lcmlog, run, show
 from kincal.errors import KincalError, KincalFailed
 from kincal.geometry import quat_to_R
 from kincal.results import HeldOut
@@ -121,6 +122,20 @@ def to_quat(R):
     )
     assert np.allclose(quat_to_R(q), R, atol=1e-9)
     return q
+
+
+def test_first_looks_are_told_from_candidates_in_pose_lines():
+    """By the bit that the table has for them."""
+    judge = run.Judge(BIN)
+    bits = [c.why >> 15 & 1 for c in judge.space.cand[0 : judge.space.n_cand]]
+    for candidate in (0, bits.index(1) - 1, bits.index(1), len(bits) - 1):
+        message = progress(1)
+        message.candidate = candidate
+        line = judge.pose_line(message, None)
+        assert line.first_look == bool(bits[candidate])
+        assert line.place == ("first" if bits[candidate] else str(candidate))
+        assert re.match(rf" 2/20 +{line.place}  +2 ", show.pose_line(line, 20))
+    assert show.POSE_HEAD.index("cand") + 4 == show.pose_line(line, 20).index("first") + 5
 
 
 def test_plan_comes_from_the_scenario_file():
