@@ -42,12 +42,14 @@ static double p_no_change(kc_app_t *app)
 }
 
 /* A fit counts as poor when the estimator did not finish, or the residuals are beyond what the stated
- * noise can explain. Noise somewhat larger than stated is no reason: sigma is scaled by it. */
+ * noise can explain, also without as many poses as may be rejected. Noise somewhat larger than stated is no
+ * reason: sigma is scaled by it. */
 static int poor(const kc_app_t *app, double p_fit)
 {
     const kc_est_t *e = &app->est;
+    int all_rejected = e->opt.outlier_max > 0u && e->n_outliers >= e->opt.outlier_max;
     return app->cal.est_status != KC_OK || e->dof == 0u || e->noise_scale > KC_POOR_NOISE_SCALE ||
-           (e->noise_scale > KC_POOR_NOISE_SCALE_P && p_fit < KC_POOR_P_FIT);
+           ((e->noise_scale > KC_POOR_NOISE_SCALE_P || all_rejected) && p_fit < KC_POOR_P_FIT);
 }
 
 static int estimated(uint8_t status)

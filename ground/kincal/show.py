@@ -224,6 +224,7 @@ def space_apart(out: Console, a: apart_mod.Apart) -> None:
 
 # --------------------------------------------------------------------------- run
 
+EVENTS_SHOWN = 12
 POSE_HEAD = "pose   cand  servo   residual            f      predicted sigma     held-out"
 
 
@@ -299,10 +300,12 @@ def run_end(out: Console, r: RunResult, files: list[Path]) -> None:
             "[green]ok[/]" if g.ok else "[red]MISSED[/]", escape(g.name), escape(g.got), escape(g.want)
         )
     out.print(gates)
-    for line in r.events[:12]:
-        out.print(f"[yellow]{escape(line)}[/]")
-    if len(r.events) > 12:
-        out.print(f"... and {len(r.events) - 12} more warnings, see the log")
+    more = len(r.events) - EVENTS_SHOWN
+    for i, line in enumerate(r.events):
+        if i < EVENTS_SHOWN // 2 or i >= len(r.events) - EVENTS_SHOWN // 2:  # how it ended comes last
+            out.print(f"[yellow]{escape(line)}[/]")
+        elif i == EVENTS_SHOWN // 2:
+            out.print(f"... {more} more warnings, see the log")
     for path in files:
         out.print(f"{path}")
     out.print(

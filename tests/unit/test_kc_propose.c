@@ -122,6 +122,39 @@ void test_two_to_three_times_the_noise_is_poor_if_the_fit_is_too_unlikely(void)
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
 }
 
+static int spoil_one;
+
+static void boastful_and_one_far_off(kc_detection_t *d)
+{
+    boastful(d);
+    if (spoil_one && APP->cal.n_meas == 15u && kc_app_state(APP) == KC_ST_MEASURE) {
+        d->p_cam_tool_m[1] += 0.05;
+    }
+}
+
+/* What is left is unlikely though the worst are gone: the data disagree with the model, not with themselves. */
+void test_an_unlikely_fit_that_used_up_what_may_be_rejected_is_poor_with_less_noise(void)
+{
+    static const kc_verdict_t verdict[] = {KC_VERDICT_CHANGE, KC_VERDICT_POOR};
+    for (spoil_one = 0; spoil_one < 2; spoil_one++) {
+        setUp();
+        world.spoil = boastful_and_one_far_off;
+        world.noise_m = 2e-3;
+        world.noise_rad = 8e-3;
+        world.config.sigma_pos_min_m = 11e-4;
+        world.config.sigma_rot_min_rad = 4.4e-3;
+        world.config.frames_per_meas = 1u;
+        world.config.n_poses = 24u;
+        world.config.est.outlier_max = 1u;
+        world.config.est.outlier_p = 1e-9;
+        world_calibrated();
+        TEST_ASSERT_TRUE(world.proposal.noise_scale < KC_POOR_NOISE_SCALE_P);
+        TEST_ASSERT_TRUE(world.proposal.p_fit < KC_POOR_P_FIT);
+        TEST_ASSERT_EQUAL_UINT32((uint32_t)spoil_one, world.proposal.n_outliers);
+        TEST_ASSERT_EQUAL_INT(verdict[spoil_one], world.proposal.verdict);
+    }
+}
+
 void test_too_few_poses_cannot_be_judged_and_are_poor(void)
 {
     world.config.n_poses = 2u;
