@@ -16,7 +16,8 @@
  * Weak prior. While the rows are fewer than twice the coefficients estimated (the first poses of a
  * calibration), a coefficient without a prior of its own gets one about start with sigma =
  * KC_EST_WEAK_SIGMA x scale (hold_none: always). Poorly determined directions are then not blown up by noise;
- * later the prior goes and the estimate is that of the data alone. It enters cost and covariance, never rank. */
+ * later the prior goes and the estimate is that of the data alone. It enters cost and covariance, never
+ * rank. */
 #ifndef KC_ESTIMATE_H
 #define KC_ESTIMATE_H
 

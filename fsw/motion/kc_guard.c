@@ -104,8 +104,8 @@ static double axis_to(const kc_volume_t *v, const double a[3], const double u[3]
 }
 
 /* An end of a body's axis where the frames say it is. A correction moved the frame along its joint's axis by
- * `along`: of a link with a length along that axis (d) the near end stayed, so the link is longer; without one
- * the body may stand where it was (`back`) or where the frame is now. */
+ * `along`: of a link with a length along that axis (d) the near end stayed, so the link is longer; without
+ * one the body may stand where it was (`back`) or where the frame is now. */
 static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], int back, double out[3])
 {
     double d = j > 0u ? g->arm->joint[j - 1u].d_m : 0.0;

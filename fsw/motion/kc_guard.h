@@ -1,8 +1,8 @@
 /* The last look at an arm command before it is sent: limits, proven ways, keep-out volumes, the arm itself.
  *
  * Ways and boxes were proven on the ground for many arms that are wrong; this asks again on board, for the
- * arm as it is believed to be now. Hardly any safety distance is added: the ground has it in what it proved, and
- * more here would only refuse what is proven. */
+ * arm as it is believed to be now. Hardly any safety distance is added: the ground has it in what it proved,
+ * and more here would only refuse what is proven. */
 #ifndef KC_GUARD_H
 #define KC_GUARD_H
 
@@ -54,8 +54,9 @@ typedef struct {
 } kc_guard_arm_t;
 
 /* Distance between bodies and volumes, the smallest of all pairs but those that are spared, and which pair;
- * negative inside (for a box: no deeper than the body's radius). KC_INF without any. Corrections along a joint's
- * axis make a link with a length there longer; other bodies count at both ends of the move. O(n_body n_volume). */
+ * negative inside (for a box: no deeper than the body's radius). KC_INF without any. Corrections along a
+ * joint's axis make a link with a length there longer; other bodies count at both ends of the move.
+ * O(n_body n_volume). */
 double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *volume);
 /* The same between bodies that must not meet. O(n_body^2). */
 double kc_guard_self_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *other);

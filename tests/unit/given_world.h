@@ -58,8 +58,8 @@ extern world_t world;
 
 /* Good tables, no errors, everything at rest at hub 0; nothing loaded yet. */
 void given_world(void);
-/* The last n candidates become first looks, the last n_spare of them spare, ahead of the priors: where the arm
- * stands (at hub 0, no longer at zero) and FIRST_NOD_RAD to one side of it, joint by joint. */
+/* The last n candidates become first looks, the last n_spare of them spare, ahead of the priors: where the
+ * arm stands (at hub 0, no longer at zero) and FIRST_NOD_RAD to one side of it, joint by joint. */
 #define FIRST_NOD_RAD 0.2
 void given_first_looks(uint32_t n, uint32_t n_spare);
 /* Load the tables (what the store holds first) and boot. */

@@ -119,8 +119,8 @@ void test_the_nearest_pair_is_named_and_spared_ones_are_not_looked_at(void)
 
 /* ---- the arm itself ---- */
 
-/* A rod along x at height 0 of the tool, one across it at 0.5 of joint 6, a ball at 0.2 of joint 1 (links whose d
- * is 0). */
+/* A rod along x at height 0 of the tool, one across it at 0.5 of joint 6, a ball at 0.2 of joint 1 (links
+ * whose d is 0). */
 static void given_three_bodies(void)
 {
     s_s.n_body = 3u;
