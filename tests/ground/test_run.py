@@ -1,5 +1,6 @@
 """Judging a run: gates, names, truth."""
 
+import io
 import json
 import re
 from dataclasses import replace
@@ -8,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 from samples import CRC, progress, proposal, result, signed
 from test_geometry import wam
 
@@ -136,6 +138,28 @@ def test_first_looks_are_told_from_candidates_in_pose_lines():
         assert line.place == ("first" if bits[candidate] else str(candidate))
         assert re.match(rf" 2/20 +{line.place}  +2 ", show.pose_line(line, 20))
     assert show.POSE_HEAD.index("cand") + 4 == show.pose_line(line, 20).index("first") + 5
+
+
+def test_how_a_run_ended_is_shown_however_much_was_said_before():
+    out = Console(file=io.StringIO(), width=100)
+    r = result()
+    r.events = [f"event {i}" for i in range(30)]
+    show.run_end(out, r, [])
+    said = re.findall(r"^(event \d+|\.{3} \d+)", out.file.getvalue(), re.M)
+    first, last = [f"event {i}" for i in range(6)], [f"event {i}" for i in range(24, 30)]
+    assert said == [*first, "... 18", *last]
+    r.events = r.events[:12]
+    out = Console(file=io.StringIO(), width=100)
+    show.run_end(out, r, [])
+    assert re.findall(r"^event (\d+)", out.file.getvalue(), re.M) == [str(i) for i in range(12)]
+
+
+def test_run_without_a_proposal_has_no_figures_of_a_fit():
+    out = Console(file=io.StringIO(), width=200)
+    r = result()
+    r.n_free, r.verdict, r.decision = 0, "no proposal", "flight gave up"
+    show.run_end(out, r, [])
+    assert "verdict: no proposal; decision: flight gave up; table" in out.file.getvalue()
 
 
 def test_plan_comes_from_the_scenario_file():
