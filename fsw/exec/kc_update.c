@@ -412,12 +412,13 @@ static int finish(kc_app_t *app, kc_out_t *out, kc_cause_t if_nothing)
     return 1;
 }
 
-/* The first looks see too little to tell what is wrong with the arm. */
+/* The first looks see too little to tell what is wrong with the arm. Spare ones may mend that, but an arm that
+ * shows nothing at all is not turned any further. */
 static int unseen(kc_app_t *app, kc_out_t *out)
 {
     const kc_space_t *s = &app->tables.active.space;
     const kc_cal_t *c = &app->cal;
-    int another = c->i_prior < s->n_prior && kc_space_spare(s, s->prior[c->i_prior]);
+    int another = c->n_first > 0u && c->i_prior < s->n_prior && kc_space_spare(s, s->prior[c->i_prior]);
     if (another || c->n_tried < FIRST_TRIED_MIN || 3u * c->n_first >= c->n_tried) { return 0; }
     kc_event(&out->events, KC_EVT_CAL_NOT_SEEN, -1, (double)c->n_first, (double)c->n_tried);
     kc_app_abort(app, out, KC_CAUSE_NOT_SEEN);
