@@ -512,9 +512,20 @@ void test_seven_first_looks_that_hardly_see_a_tag_end_it(void)
 void test_they_are_judged_only_after_the_spare_ones(void)
 {
     given_looks_first(9u, 2u);
+    world.hide = 6; /* one of seven, but three of nine */
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(3u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_NOT_SEEN));
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+}
+
+void test_an_arm_that_shows_nothing_takes_no_spare_ones(void)
+{
+    given_looks_first(9u, 2u);
     world.hide = 100000;
     world_calibrated();
-    expect_not_seen(0.0, 9.0);
+    expect_not_seen(0.0, 7.0);
 }
 
 void test_every_third_first_look_is_enough(void)
