@@ -14,8 +14,9 @@ from kincal import lcmlog, tables
 
 ABORTED, PROPOSED = 75, 80
 STRAY, NOT_SEEN = 9, 10
-NEAR_RAD = 0.35
 HOME = np.array(list(SPACE.hub_q[0])[:7])
+NODS = np.array([list(SPACE.cand[i].q_seed)[:7] for i in FIRST]) - HOME
+NEAR_RAD = np.max(np.abs(NODS)) + 0.002  # as far as first looks go, an arm at rest being off a little
 ARMS = {
     "an elbow encoder that is far off": '"J4.phi_rad" = 0.6',
     "a link that is bent by more than any that was proven": '"J2.alpha_rad" = 0.9',
