@@ -254,19 +254,38 @@ static int is_first_look(const kc_space_t *s, uint32_t node)
     return node >= KC_HUB_MAX && kc_space_first(s, node - KC_HUB_MAX);
 }
 
+/* What any place on the arm can travel on the way: joints turn it about axes that are no farther than the arm
+ * is long. */
+static double travel(const kc_guard_ask_t *ask, double *far)
+{
+    double reach = KC_GUARD_ABOUT_M + kc_v3_norm(ask->arm->tool_xyz_m), turned = 0.0, slid = 0.0;
+    *far = 0.0;
+    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
+        const kc_joint_t *joint = &ask->arm->joint[j];
+        double by = kc_fabs(ask->q_to[j] - ask->q_from[j]);
+        int slides = joint->type == KC_PRISMATIC;
+        reach += kc_fabs(joint->a_m) + kc_fabs(joint->d_m) + (slides ? joint->q_max - joint->q_min : 0.0);
+        turned += slides ? 0.0 : by;
+        slid += slides ? by : 0.0;
+        *far = kc_max(*far, by);
+    }
+    return turned * reach + slid;
+}
+
+/* Posture after posture; the next one is no farther than nothing can be met before it, or the least step. */
 static kc_guard_verdict_t clear_way(const kc_guard_ask_t *ask, kc_guard_why_t *why)
 {
-    double far = 0.0;
+    double far = 0.0, part = 0.0, length = travel(ask, &far);
     near_t first, n;
     int first_look = is_first_look(ask->space, ask->from) || is_first_look(ask->space, ask->to);
     if (first_look || ask->space->n_body == 0u) { return KC_GUARD_FINE; }
-    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
-        far = kc_max(far, kc_fabs(ask->q_to[j] - ask->q_from[j]));
-    }
-    double steps = kc_min(kc_floor(far / KC_GUARD_STEP) + 1.0, (double)KC_GUARD_STEPS_MAX);
+    double least = kc_max(KC_GUARD_STEP / kc_max(far, KC_GUARD_STEP), 1.0 / (double)KC_GUARD_STEPS_MAX);
     near_at(ask, 0.0, &first);
-    for (uint32_t k = 1u; k <= (uint32_t)steps; k++) {
-        near_at(ask, (double)k / steps, &n);
+    n = first;
+    for (uint32_t k = 0u; k <= KC_GUARD_STEPS_MAX && part < 1.0; k++) {
+        double free_m = kc_min(n.d[0], n.d[1]) - KC_GUARD_CLEAR_M;
+        part = kc_min(1.0, part + kc_max(least, free_m / kc_max(length, KC_GUARD_STEP)));
+        near_at(ask, part, &n);
         for (uint32_t i = 0u; i < 2u; i++) {
             double leaving = first.d[i] - KC_GUARD_LEAVE_M;
             if (n.d[i] >= (first.d[i] < KC_GUARD_CLEAR_M ? leaving : KC_GUARD_CLEAR_M)) { continue; }

@@ -11,8 +11,9 @@
 #include "kc_model.h"
 #include "kc_path.h"
 
-#define KC_GUARD_STEP 0.2     /* postures looked at on the way: joints this far apart [rad or m] ... */
-#define KC_GUARD_STEPS_MAX 12u /* ... and no more than so many, however long the way                 */
+#define KC_GUARD_STEP 0.02      /* least step between postures that are looked at [rad or m] ...        */
+#define KC_GUARD_STEPS_MAX 100u /* ... and no more steps than so many, however long the way             */
+#define KC_GUARD_ABOUT_M 0.3    /* what stands on the arm reaches so far beyond its links               */
 
 #define KC_GUARD_CLEAR_M 0.005 /* nothing that counts for the guard may come nearer                    */
 #define KC_GUARD_LEAVE_M 0.002 /* but an arm that is nearer already may go this much deeper to get away */
