@@ -208,6 +208,15 @@ static void expect(kc_guard_verdict_t verdict, int32_t index, double got, double
     TEST_ASSERT_DOUBLE_WITHIN(2e-6, want, s_why.want);
 }
 
+/* Refused at the first posture that is too near, which is no deeper than the deepest on the way. */
+static void expect_met(kc_guard_verdict_t verdict, int32_t index, double deepest_m, double want)
+{
+    TEST_ASSERT_EQUAL_INT(verdict, kc_guard_check(&s_ask, &s_why));
+    TEST_ASSERT_EQUAL_INT(index, s_why.index);
+    TEST_ASSERT_EQUAL_DOUBLE(want, s_why.want);
+    TEST_ASSERT_TRUE(s_why.got > -KC_GUARD_CLEAR_M - 2e-6 && s_why.got <= deepest_m + 2e-6);
+}
+
 static void expect_fine(void) { TEST_ASSERT_EQUAL_INT(KC_GUARD_FINE, kc_guard_check(&s_ask, &s_why)); }
 
 void test_a_joint_nearer_to_its_limit_than_the_margin_is_refused(void)
@@ -292,7 +301,7 @@ void test_a_target_inside_a_volume_is_refused_with_body_and_depth(void)
 {
     s_to[0] += 0.3;
     put_ball(s_to, 0.02f);
-    expect(KC_GUARD_VOLUME, 1, 0.03, 1.0); /* the rod's 0.01 more */
+    expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0); /* the rod's 0.01 more */
     s_s.n_volume = 1u;
     expect_fine();
     s_s.n_volume = 2u;
@@ -307,24 +316,27 @@ void test_a_volume_on_the_way_is_seen_too(void)
     s_from[0] -= 0.38;
     for (uint32_t j = 0u; j < 7u; j++) { half[j] = 0.5 * (s_from[j] + s_to[j]); }
     put_ball(half, 0.05f);
-    expect(KC_GUARD_VOLUME, 1, 0.06, 1.0);
+    expect_met(KC_GUARD_VOLUME, 1, 0.06, 1.0);
+    for (uint32_t j = 0u; j < 7u; j++) { half[j] = s_from[j] + 0.373 * (s_to[j] - s_from[j]); }
+    put_ball(half, 0.002f); /* nor is something thin passed between two postures */
+    expect_met(KC_GUARD_VOLUME, 1, 0.012, 1.0);
     put_ball(s_from, 0.02f); /* inside already: it may leave */
     expect_fine();
     double t[KC_JOINT_MAX];
     memcpy(t, s_from, sizeof t);
     memcpy(s_from, s_to, sizeof t);
     memcpy(s_to, t, sizeof t); /* but not come back */
-    expect(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+    expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
 }
 
 void test_it_is_the_corrected_arm_that_is_looked_at(void)
 {
     s_to[0] += 0.3;
     put_ball(s_to, 0.02f);
-    s_coef[0] = 0.2; /* joint 1 reads wrong: the arm is elsewhere */
+    s_coef[0] = -0.4; /* joint 1 reads wrong: the arm is elsewhere */
     expect_fine();
     put_ball(s_to, 0.02f);
-    expect(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+    expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
 }
 
 /* ---- distances kept ---- */
@@ -343,7 +355,7 @@ void test_nothing_comes_nearer_than_the_clearance(void)
     s_s.volume[1].radius_m = (float)(0.02 + gap - KC_GUARD_CLEAR_M - 1e-4);
     expect_fine();
     s_s.volume[1].radius_m = (float)(0.02 + gap - KC_GUARD_CLEAR_M + 1e-4);
-    expect(KC_GUARD_VOLUME, 1, -KC_GUARD_CLEAR_M + 1e-4, 1.0); /* not inside yet */
+    expect_met(KC_GUARD_VOLUME, 1, -KC_GUARD_CLEAR_M + 1e-4, 1.0); /* not inside yet */
 }
 
 /* The nearest two bodies of the arm at some joints, as distance(). */
@@ -378,7 +390,7 @@ void test_a_way_on_which_the_arm_meets_itself_is_refused_with_both_bodies(void)
     given_space(&s_s, 9u, 1u);
     s_to[3] -= 0.3;
     given_elbow(-0.02);
-    expect(KC_GUARD_SELF, 1, 0.02, 0.0);
+    expect_met(KC_GUARD_SELF, 1, 0.02, 0.0);
     s_s.body[1].apart = 0u;
     expect_fine();
 }
@@ -399,7 +411,7 @@ void test_an_arm_too_near_to_itself_may_leave_but_not_go_deeper(void)
     s_to[3] += 0.05;
     deeper = 0.001 - apart_at(s_to);
     TEST_ASSERT_TRUE(deeper > KC_GUARD_LEAVE_M);
-    expect(KC_GUARD_SELF, 1, deeper - 0.001, 0.0);
+    expect_met(KC_GUARD_SELF, 1, deeper - 0.001, 0.0);
 }
 
 /* ---- first looks ---- */
@@ -420,7 +432,7 @@ void test_ways_to_first_looks_and_back_are_not_measured_against_what_is_believed
     for (int back = 0; back < 2; back++) {
         s_s.cand[3].why = 0u;
         given_way(back);
-        expect(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+        expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
         s_s.cand[3].why = KC_CAND_FIRST;
         expect_fine();
     }
@@ -431,7 +443,7 @@ void test_ways_to_first_looks_and_back_are_not_measured_against_what_is_believed
     put_ball(s_to, 0.02f);
     expect_fine();
     s_s.cand[3].why = 0u;
-    expect(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+    expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
 }
 
 void test_the_box_around_a_first_look_is_small(void)
