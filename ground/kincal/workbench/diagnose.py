@@ -440,6 +440,9 @@ def _conclude(search: _Search, kept: list[Hypothesis], first: Look, last: Look, 
     ]
     p_after = lack_of_fit(current, noise_floor(current))
     novel = _novel(last) if last.novel_wins else None
+    adequate = (p_after is None or p_after > ADEQUATE_P) and novel is None
+    if not adequate:
+        findings = [_unsure(f) for f in findings]
     order = {"accepted": 0, "helps": 1, "rival": 2}
     findings.sort(
         key=lambda f: (order["accepted" if f.accepted else "helps" if f.helps else "rival"], -f.probability)
@@ -452,7 +455,7 @@ def _conclude(search: _Search, kept: list[Hypothesis], first: Look, last: Look, 
         not_testable=_not_testable(search, first),
         probability_none=first.probability["none"],
         final=current,
-        adequate_after=(p_after is None or p_after > ADEQUATE_P) and novel is None,
+        adequate_after=adequate,
         remainder=_remainder(search, kept, current),
         map_ln_bf={(s.best.locus, " x ".join(s.best.drivers)): s.ln_bf for s in first.mapped},
     )
@@ -495,6 +498,15 @@ def _remainder(search: _Search, kept: list[Hypothesis], current: Fit) -> Remaind
         fit = fit_model(search.arm, part.chain.data, [*search.given, *kept], dh=search.dh, frames=frames)
         position, rotation = rms(fit.predict(held))
     return Remainder(position, rotation, search.comparison.noise_floor, where_it_fails(current)[:3])
+
+
+def _unsure(finding: EffectFinding) -> EffectFinding:
+    """While the model with it does not explain the data, a name may be a cousin of what is missing: its
+    posterior holds only if the truth is among the names, so it is stated no surer than a claim needs."""
+    if not finding.accepted or finding.probability <= CLAIM:
+        return finding
+    why = finding.why + "; the model with it does not explain the data yet, so it is not identified"
+    return replace(finding, probability=CLAIM, why=why)
 
 
 def _verdict(first_probability, findings, novel) -> str:
