@@ -147,7 +147,8 @@ def flight_terms(n_joints: int):
     dh = source("terms")["dh"]
     names = ("phi_rad", "alpha_rad", "a_m", "d_m")
     t = ffi.new("kc_terms_t *")
-    lib.kc_terms_add_dh(t, n_joints, [dh["bound"][n] for n in names])
+    bounds = [np.max(dh["bound"][n]) for n in names]  # one for all joints, or one each: the widest
+    lib.kc_terms_add_dh(t, n_joints, bounds)
     for i in range(t.n_coef):
         t.coef[i].scale = dh["scale"][names[i % 4]]
         t.coef[i].enabled = 1
