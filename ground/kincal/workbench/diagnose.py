@@ -505,7 +505,8 @@ def _unsure(finding: EffectFinding) -> EffectFinding:
     posterior holds only if the truth is among the names, so it is stated no surer than a claim needs."""
     if not finding.accepted or finding.probability <= CLAIM:
         return finding
-    why = finding.why + "; the model with it does not explain the data yet, so it is not identified"
+    why = finding.why.replace(f"probability {finding.probability:.2f}", f"probability {CLAIM:.2f}")
+    why += "; the model with it does not explain the data yet, so it is not identified"
     return replace(finding, probability=CLAIM, why=why)
 
 
