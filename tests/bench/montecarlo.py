@@ -9,9 +9,9 @@ skipped, so it can be stopped and started again. Exit status 1 if a gate fails, 
 another flight core or other tables.
 
 Errors drawn (run number and seed say which; the bounds are those of tables/src/space.toml [survive])
-- inside: run 0 is the paper's set; then by run number in turn 5 of 10 `box`: all 28 DH errors even between
+- inside: run 0 is the paper's set; then by run number in turn 6 of 10 `box`: all 28 DH errors even between
   their bounds; 2 `alone`: one error, any of them, between half its bound and the bound, either way;
-  2 `three`: three errors at their bounds, either way; 1 `corner`: all 28 at their bounds, either way.
+  2 `three`: three errors at their bounds, either way.
 - outside: in turn `slip`: an encoder of any joint that reads 1 to 2.5 rad wrong (joint 7:
   beyond its bound); `few`: one to three errors at
   1.5 to 4 times their bounds; `wide`: all 28 even in the box of 1.5 to 4 times the bounds, one of them at
@@ -107,8 +107,6 @@ def inside(rng, kind: str) -> ArmTruth:
         return ArmTruth(errors=paper())
     if kind == "box":
         return ArmTruth(errors={n: float(rng.uniform(-s, s)) for n, s in size.items()})
-    if kind == "corner":
-        return ArmTruth(errors={n: _sign(rng) * s for n, s in size.items()})
     chosen = rng.choice(len(names), 1 if kind == "alone" else 3, replace=False)
     share = {"alone": lambda: rng.uniform(0.5, 1.0), "three": lambda: 1.0}[kind]
     return ArmTruth(errors={names[k]: _sign(rng) * share() * size[names[k]] for k in chosen})
