@@ -136,17 +136,12 @@ void kc_move_box(const kc_app_t *app, uint32_t cand, double *lo, double *hi)
     }
 }
 
-static int node_exists(const kc_space_t *s, uint32_t node)
-{
-    return node < s->n_hub || (node >= KC_HUB_MAX && node - KC_HUB_MAX < s->n_cand);
-}
-
 /* An abort can leave the arm between two nodes: on a segment that was proven, so it may finish it. */
 static int on_segment(const kc_app_t *app)
 {
     const kc_space_t *s = &app->tables.active.space;
     double a[KC_JOINT_MAX], b[KC_JOINT_MAX], num = 0.0, den = 0.0;
-    if (!node_exists(s, app->leg.seg_from) || !node_exists(s, app->leg.seg_to)) { return 0; }
+    if (!kc_path_is_node(s, app->leg.seg_from) || !kc_path_is_node(s, app->leg.seg_to)) { return 0; }
     kc_path_joints(s, app->leg.seg_from, a);
     kc_path_joints(s, app->leg.seg_to, b);
     for (uint32_t j = 0u; j < s->n_joints; j++) {
