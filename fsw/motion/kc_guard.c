@@ -1,7 +1,5 @@
 #include "kc_guard.h"
 
-#include <string.h>
-
 #include "kc_libm.h"
 #include "kc_vec.h"
 
