@@ -8,7 +8,7 @@
 
 #define PREDICT_ITER_MAX 8u  /* enough for a good guess of the joints at a candidate */
 #define OWN_MIN 3u           /* poses beside the first looks, which alone say little about the rest */
-#define FIRST_TRIED_MIN 7u   /* first looks before they are judged by how many saw a tag: every third */
+#define FIRST_TRIED_MIN 8u   /* first looks, small turns all, one of which has to show a tag */
 #define GOOD_NOISE_SCALE 2.0 /* a first fit with more residual than this is tried from a second start */
 
 /* ---- start ---- */
@@ -27,15 +27,22 @@ static void take_candidates(kc_app_t *app)
     }
 }
 
+/* First looks from here on; spare ones are not counted if only_due. */
+static uint32_t looks_left(const kc_app_t *app, int only_due)
+{
+    const kc_space_t *s = &app->tables.active.space;
+    uint32_t n = 0u;
+    for (uint32_t i = app->cal.i_prior; i < s->n_prior; i++) {
+        n += kc_space_first(s, s->prior[i]) && !(only_due && kc_space_spare(s, s->prior[i])) ? 1u : 0u;
+    }
+    return n;
+}
+
 /* First looks come on top: those that were measured, under way (0, 1) and to come; a spare one counts when it
  * is taken. */
 static uint32_t goal_of(const kc_app_t *app, uint32_t under_way)
 {
-    const kc_space_t *s = &app->tables.active.space;
-    uint32_t n = app->cal.n_own + app->cal.n_first + under_way;
-    for (uint32_t i = app->cal.i_prior; i < s->n_prior; i++) {
-        n += kc_space_first(s, s->prior[i]) && !kc_space_spare(s, s->prior[i]) ? 1u : 0u;
-    }
+    uint32_t n = app->cal.n_own + app->cal.n_first + under_way + looks_left(app, 1);
     return n < KC_MEAS_MAX ? n : KC_MEAS_MAX;
 }
 
@@ -323,6 +330,13 @@ static void report(kc_app_t *app, kc_out_t *out)
 
 /* ---- next candidate ---- */
 
+/* Spare first looks serve an arm that shows few tags; the last ones also one of which something is left open. */
+static int skip_spare(const kc_app_t *app)
+{
+    int open = app->est.rank < app->est.n_free && looks_left(app, 1) == 0u;
+    return 2u * app->cal.n_first >= app->cal.n_tried && !open;
+}
+
 /* Prior poses in their order, without those that turned out unusable. */
 static int next_prior(kc_app_t *app, uint32_t *cand)
 {
@@ -330,7 +344,7 @@ static int next_prior(kc_app_t *app, uint32_t *cand)
     while (app->cal.i_prior < s->n_prior) {
         *cand = s->prior[app->cal.i_prior++];
         if (kc_space_first(s, *cand)) {
-            if (kc_space_spare(s, *cand) && 2u * app->cal.n_first >= app->cal.n_tried) { continue; }
+            if (kc_space_spare(s, *cand) && skip_spare(app)) { continue; }
             app->cal.n_tried++;
             return 1;
         }
@@ -412,14 +426,14 @@ static int finish(kc_app_t *app, kc_out_t *out, kc_cause_t if_nothing)
     return 1;
 }
 
-/* The first looks see too little to tell what is wrong with the arm. Spare ones may mend that, but an arm that
- * shows nothing at all is not turned any further. */
+/* The first looks see too little to tell what is wrong with the arm: an arm that shows nothing after small turns
+ * is not turned any further, nor does one leave that showed hardly anything. */
 static int unseen(kc_app_t *app, kc_out_t *out)
 {
-    const kc_space_t *s = &app->tables.active.space;
     const kc_cal_t *c = &app->cal;
-    int another = c->n_first > 0u && c->i_prior < s->n_prior && kc_space_spare(s, s->prior[c->i_prior]);
-    if (another || c->n_tried < FIRST_TRIED_MIN || 3u * c->n_first >= c->n_tried) { return 0; }
+    int nothing = c->n_first == 0u && c->n_tried >= FIRST_TRIED_MIN;
+    int little = 3u * c->n_first < c->n_tried && looks_left(app, 0) == 0u;
+    if (!nothing && !little) { return 0; }
     kc_event(&out->events, KC_EVT_CAL_NOT_SEEN, -1, (double)c->n_first, (double)c->n_tried);
     kc_app_abort(app, out, KC_CAUSE_NOT_SEEN);
     return 1;

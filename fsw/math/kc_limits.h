@@ -13,7 +13,7 @@
 #define KC_HUB_MAX 16u    /* hub poses                                           */
 #define KC_BODY_MAX 24u   /* capsules that stand for the arm                     */
 #define KC_VOLUME_MAX 16u /* volumes that the arm must not enter                 */
-#define KC_PRIOR_MAX 24u  /* prior poses that start a calibration                */
+#define KC_PRIOR_MAX 32u  /* prior poses that start a calibration                */
 #define KC_TAG_MAX 4u     /* tags on the tool                                    */
 #define KC_SPECTRUM_MAX 96u /* spectral coefficients of the rotation kernel      */
 #define KC_HYPER_MAX 32u  /* hyperparameter sets to choose from on board         */

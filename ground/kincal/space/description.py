@@ -13,7 +13,7 @@ import pydantic
 from kincal import tables
 from kincal.errors import KincalError
 
-CAND_MAX, HUB_MAX, PRIOR_MAX = 1024, 16, 24
+CAND_MAX, HUB_MAX, PRIOR_MAX = 1024, 16, 32
 FAR_M = 10.0  # as the SPACE table
 _ERROR_NAME = re.compile(r"J([1-8])\.(phi_rad|alpha_rad|a_m|d_m)")
 _SHOWN = 6  # mistakes named at once
