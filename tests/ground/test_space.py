@@ -304,13 +304,13 @@ def test_helpers_do_not_change_the_table():
         ("[-0.35, 0.45, 1.13]", "[-0.35, 0.45]", r"keep_out\[3\].end_m\[2\]: is missing"),
         ("seed       = 20240601", "seed       = -4", "seed"),
         (
-            "spare_first = [7,",
-            "spare_first = [20,",
-            "spare_first 20: there are 20 first looks, counted from 0",
+            "spare_first = [4,",
+            "spare_first = [26,",
+            "spare_first 26: there are 26 first looks, counted from 0",
         ),
-        ("spare_first = [7,", "spare_first = [-1,", "spare_first -1: there are 20 first looks"),
-        ("priors     = 3 ", "priors     = 5 ", "5 priors and 20 first looks; the table has room for 24"),
-        ("candidates = 300", "candidates = 1010", "1010 candidates and 20 first looks; room is for 1024"),
+        ("spare_first = [4,", "spare_first = [-1,", "spare_first -1: there are 26 first looks"),
+        ("priors     = 3 ", "priors     = 7 ", "7 priors and 26 first looks; the table has room for 32"),
+        ("candidates = 300", "candidates = 1010", "1010 candidates and 26 first looks; room is for 1024"),
     ],
 )
 def test_wrong_description_is_refused_by_field(tmp_path, old, new, what):
