@@ -159,7 +159,7 @@ static void walk_chain(const kc_arm_t *arm, const kc_ctx_t *ctx, const twists_t 
 }
 
 void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
-                     const kc_loads_t *loads, kc_pose_t *frame, double *along_m)
+                     const kc_loads_t *loads, kc_pose_t *frame, double *along_m, double *across_m)
 {
     twists_t tw;
     kc_pose_t T, tool;
@@ -172,11 +172,13 @@ void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double 
         int slides = joint->type == KC_PRISMATIC;
         frame[i] = T;
         along_m[i] = tw[i - 1u][2];
+        across_m[i] = tw[i][0];
         kc_pose_screw(&frame[i], 2u, slides ? q : 0.0, slides ? joint->phi_rad : joint->phi_rad + q);
         kc_arm_link(joint, q, &T);
         apply_twist(&T, tw[i], NULL);
     }
     along_m[0] = 0.0;
+    across_m[0] = 0.0;
     kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
     kc_pose_mul(&T, &tool, &frame[0]);
     apply_twist(&frame[0], tw[KC_FRAME_TOOL], NULL);

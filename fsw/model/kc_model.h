@@ -47,9 +47,10 @@ void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *c
 
 /* Where the arm's parts are: frame[0] = the tool, frame[j] = what turns (or slides) with joint j, j = 1 ..
  * n_joints, standing on its axis before d, a and alpha of its link. along_m[j]: how far corrections moved it
- * along that axis; along_m[0] = 0. O(n + n_term). */
+ * along that axis; across_m[j]: how far they move what comes after its link along a; both 0 for j = 0.
+ * O(n + n_term). */
 void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
-                     const kc_loads_t *loads, kc_pose_t *frame, double *along_m);
+                     const kc_loads_t *loads, kc_pose_t *frame, double *along_m, double *across_m);
 
 /* Residual r = measured - model (kc_pose_residual) with camera-side corrections applied to
  * the measured pose, and J[c] = d(model - measured)/d coefficient c, so that

@@ -102,15 +102,22 @@ static double axis_to(const kc_volume_t *v, const double a[3], const double u[3]
 }
 
 /* An end of a body's axis where the frames say it is. A correction moved the frame along its joint's axis by
- * `along`: of a link with a length along that axis (d) the near end stayed, so the link is longer; without
- * one the body may stand where it was (`back`) or where the frame is now. */
+ * `along`: of a link with a length along that axis (d) the near end stayed, so the link is longer, and it leans
+ * by `across` towards its far end; without one the body may stand where it was (`back`) or where the frame is
+ * now. */
 static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], int back, double out[3])
 {
     double d = j > 0u ? g->arm->joint[j - 1u].d_m : 0.0;
-    double by = back ? -g->along_m[j] : 0.0;
-    if (kc_fabs(d) > 0.0) { by = g->along_m[j] * ((double)p[2] / d - 1.0); }
+    double z = back ? -g->along_m[j] : 0.0, x = 0.0;
+    if (kc_fabs(d) > 0.0) {
+        double part = (double)p[2] / d;
+        z = g->along_m[j] * (part - 1.0);
+        x = g->across_m[j] * part;
+    }
     place(&g->frame[j], p, out);
-    for (uint32_t i = 0u; i < 3u; i++) { out[i] += by * g->frame[j].R[3u * i + 2u]; }
+    for (uint32_t i = 0u; i < 3u; i++) {
+        out[i] += x * g->frame[j].R[3u * i] + z * g->frame[j].R[3u * i + 2u];
+    }
 }
 
 /* Axis of a body from a to a + u. */
@@ -240,7 +247,7 @@ static void near_at(const kc_guard_ask_t *ask, double part, near_t *n)
         ctx.q[j] = ask->q_from[j] + part * (ask->q_to[j] - ask->q_from[j]);
     }
     kc_model_loads(ask->arm, ask->terms, ask->coef, &ctx, &loads);
-    kc_model_frames(ask->arm, ask->terms, ask->coef, &ctx, &loads, g.frame, g.along_m);
+    kc_model_frames(ask->arm, ask->terms, ask->coef, &ctx, &loads, g.frame, g.along_m, g.across_m);
     n->d[0] = kc_guard_clearance(&g, &body, &met);
     n->why[0] = (kc_guard_why_t){(int32_t)body, -n->d[0], (double)met};
     n->d[1] = kc_guard_self_clearance(&g, &body, &met);

@@ -51,12 +51,13 @@ typedef struct {
     const kc_arm_t *arm;
     const kc_space_t *space;
     kc_pose_t frame[KC_JOINT_MAX + 1u];
-    double along_m[KC_JOINT_MAX + 1u];
+    double along_m[KC_JOINT_MAX + 1u], across_m[KC_JOINT_MAX + 1u];
 } kc_guard_arm_t;
 
 /* Distance between bodies and volumes, the smallest of all pairs but those that are spared, and which pair;
  * negative inside (for a box: no deeper than the body's radius). KC_INF without any. Corrections along a
- * joint's axis make a link with a length there longer; other bodies count at both ends of the move.
+ * joint's axis make a link with a length there longer, those of a let it lean; other bodies count at both ends
+ * of the move along the axis.
  * O(n_body n_volume). */
 double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *volume);
 /* The same between bodies that must not meet. O(n_body^2). */

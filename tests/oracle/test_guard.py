@@ -37,7 +37,7 @@ class Flight:
         coef = ffi.new("double[]", [errors.get(name, 0.0) for name in NAMES])
         self.ctx.q[0 : len(q)] = [float(x) for x in q]
         at = self.placed
-        lib.kc_model_frames(ARM, TERMS, coef, self.ctx, self.loads, at.frame, at.along_m)
+        lib.kc_model_frames(ARM, TERMS, coef, self.ctx, self.loads, at.frame, at.along_m, at.across_m)
         return at
 
     def clearance(self, q, errors):
@@ -119,8 +119,9 @@ def postures(rng, n):
 # Errors along the axes: links with a length there get longer or shorter (3, 5, 7), the shapes of the others
 # count where they are and where they were.
 LONGER = {f"J{j}.d_m": d for j, d in enumerate((0.04, -0.05, 0.06, 0.03, -0.04, 0.05, 0.02), 1)}
-ERRORS = [{}, {"J2.phi_rad": 0.1, "J4.phi_rad": -0.1, "J7.phi_rad": 1.3}, LONGER]
-IDS = ["nominal", "encoders", "longer"]
+LEANING = {"J3.a_m": 0.03, "J5.a_m": -0.03, "J7.a_m": 0.03, "J3.d_m": -0.05, "J5.d_m": 0.1}
+ERRORS = [{}, {"J2.phi_rad": 0.1, "J4.phi_rad": -0.1, "J7.phi_rad": 1.3}, LONGER, LEANING]
+IDS = ["nominal", "encoders", "longer", "leaning"]
 
 
 @pytest.mark.parametrize("errors", ERRORS, ids=IDS)
@@ -140,11 +141,12 @@ def test_links_are_as_far_from_everything_as_in_mujoco(errors):
 
 
 def drawn_errors(rng):
-    """Encoders, and lengths along the axes."""
+    """Encoders, lengths along the axes, and across them where a link has a length to lean with."""
     return {
         f"J{j}.{field}": rng.normal(0.0, sigma)
         for j in range(1, ARM.n_joints + 1)
-        for field, sigma in (("phi_rad", 0.3), ("d_m", 0.03))
+        for field, sigma in (("phi_rad", 0.3), ("d_m", 0.03), ("a_m", 0.02))
+        if field != "a_m" or ARM.joint[j - 1].d_m != 0.0
     }
 
 
@@ -153,7 +155,7 @@ def test_links_are_as_far_from_each_other_as_in_mujoco():
     rng, n_inside, n = np.random.default_rng(8), 0, 0
     for errors in [*ERRORS, *(drawn_errors(rng) for _ in range(7))]:
         engine = Engine(errors, boxes=False)
-        for q in postures(rng, 60):
+        for q in postures(rng, 120):
             want = engine.self_clearance(q)
             assert flight.self_clearance(q, errors) == pytest.approx(want, abs=GEOM_TOL_M)
             n_inside += want < 0.0

@@ -184,6 +184,21 @@ void test_volumes_see_both_ends_of_such_a_move_too(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.5, distance(rod, ground));
 }
 
+/* Joint 3 has d = 0.55. */
+void test_a_link_with_a_length_leans_with_an_error_across_it(void)
+{
+    kc_volume_t ball = {KC_VOL_SPHERE, {0.5f, 0.0f, 0.55f}, {0.0f, 0.0f, 0.0f}, 0.1f, 0u};
+    kc_volume_t foot = {KC_VOL_SPHERE, {-0.5f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.1f, 0u};
+    kc_body_t link = ROD(0.f, 0.f, 0.f, 0.f, 0.f, 0.55f, 0.05f);
+    link.frame = 3u;
+    s_g.across_m[3] = 0.2;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.15, distance(link, ball)); /* far end at 0.2 */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.35, distance(link, foot)); /* near end stayed at 0 */
+    link.frame = 6u; /* joint 6 has no d: what moves is beyond it */
+    s_g.across_m[6] = 0.2;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.35, distance(link, ball));
+}
+
 /* Joint 3 has d = 0.55: its link reaches from where joint 2 is, and gets longer or shorter at the far end. */
 void test_a_link_with_a_length_is_stretched_by_such_a_move(void)
 {
@@ -289,7 +304,7 @@ static void put_ball(const double *q, float radius)
     double left[3] = {0.1, 0.0, 0.0}, p[3];
     memcpy(s_ctx.q, q, 7u * sizeof *q);
     kc_model_loads(&s_arm, &s_terms, s_coef, &s_ctx, &loads);
-    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_g.frame, s_g.along_m);
+    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_g.frame, s_g.along_m, s_g.across_m);
     for (uint32_t i = 0u; i < 3u; i++) {
         p[i] = s_g.frame[0].p_m[i];
         for (uint32_t k = 0u; k < 3u; k++) { p[i] += s_g.frame[0].R[3u * i + k] * left[k]; }
@@ -365,7 +380,7 @@ static double apart_at(const double *q)
     kc_loads_t loads;
     memcpy(s_ctx.q, q, 7u * sizeof *q);
     kc_model_loads(&s_arm, &s_terms, s_coef, &s_ctx, &loads);
-    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_g.frame, s_g.along_m);
+    kc_model_frames(&s_arm, &s_terms, s_coef, &s_ctx, &loads, s_g.frame, s_g.along_m, s_g.across_m);
     return kc_guard_self_clearance(&s_g, &s_body, &met);
 }
 

@@ -214,8 +214,8 @@ static void next_frame(kc_pose_t *T, uint32_t j)
 void test_frames_stand_on_the_axes_and_turn_or_slide_with_their_joint(void)
 {
     kc_pose_t frame[KC_JOINT_MAX + 1u], T;
-    double along_m[KC_JOINT_MAX + 1u];
-    kc_model_frames(&s_arm, &s_t, NULL, &s_ctx, NULL, frame, along_m);
+    double along_m[KC_JOINT_MAX + 1u], across_m[KC_JOINT_MAX + 1u];
+    kc_model_frames(&s_arm, &s_t, NULL, &s_ctx, NULL, frame, along_m, across_m);
     for (uint32_t j = 1u; j < s_arm.n_joints; j++) {
         T = frame[j];
         next_frame(&T, j);
@@ -227,39 +227,42 @@ void test_frames_stand_on_the_axes_and_turn_or_slide_with_their_joint(void)
 void test_the_tool_frame_is_the_corrected_tool(void)
 {
     kc_pose_t frame[KC_JOINT_MAX + 1u], before[KC_JOINT_MAX + 1u];
-    double along_m[KC_JOINT_MAX + 1u];
+    double along_m[KC_JOINT_MAX + 1u], across_m[KC_JOINT_MAX + 1u];
     add_term(1u, KC_RZ, KC_VAR_ONE, 0u);
     add_term(KC_FRAME_TOOL, KC_TX, KC_VAR_ONE, 0u);
-    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, before, along_m);
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, before, along_m, across_m);
     s_coef[0] = 0.2;
     s_coef[1] = 0.03;
     kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
     kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, 0, &s_ev);
-    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m);
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m, across_m);
     assert_doubles(s_ev.T.p_m, frame[0].p_m, 3, 0.0);
     assert_doubles(s_ev.T.R, frame[0].R, 9, 0.0);
     assert_doubles(before[1].R, frame[1].R, 9, 0.0); /* the correction is beyond joint 1 */
     TEST_ASSERT_TRUE(fabs(frame[3].p_m[0] - before[3].p_m[0]) > 1e-3);
 }
 
-void test_frames_say_how_far_a_correction_moved_them_along_their_axis(void)
+void test_frames_say_how_far_corrections_move_them_along_and_across_their_axis(void)
 {
     kc_pose_t frame[KC_JOINT_MAX + 1u], before[KC_JOINT_MAX + 1u];
-    double along_m[KC_JOINT_MAX + 1u];
+    double along_m[KC_JOINT_MAX + 1u], across_m[KC_JOINT_MAX + 1u];
     add_term(1u, KC_TZ, KC_VAR_ONE, 0u);
     add_term(1u, KC_TX, KC_VAR_ONE, 1u);
     add_term(KC_FRAME_TOOL, KC_TZ, KC_VAR_ONE, 2u);
     memset(s_coef, 0, sizeof s_coef);
-    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, before, along_m);
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, before, along_m, across_m);
     for (uint32_t j = 0u; j <= s_arm.n_joints; j++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, along_m[j]); }
     s_coef[0] = 0.03;
-    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m);
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m, across_m);
     TEST_ASSERT_EQUAL_DOUBLE(0.03, along_m[2]); /* what turns with joint 2 stands beyond link 1 */
     for (uint32_t i = 0u; i < 3u; i++) {
         TEST_ASSERT_DOUBLE_WITHIN(1e-15, before[2].p_m[i], frame[2].p_m[i] - 0.03 * frame[2].R[3u * i + 2u]);
     }
     s_coef[0] = 0.0;
     s_coef[1] = s_coef[2] = 0.05; /* across the axis, and of the tool: not along a joint's axis */
-    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m);
-    for (uint32_t j = 0u; j <= s_arm.n_joints; j++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, along_m[j]); }
+    kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m, across_m);
+    for (uint32_t j = 0u; j <= s_arm.n_joints; j++) {
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, along_m[j]);
+        TEST_ASSERT_EQUAL_DOUBLE(j == 1u ? 0.05 : 0.0, across_m[j]); /* of link 1 */
+    }
 }
