@@ -4,9 +4,9 @@
 #include "kc_la.h"
 #include "kc_libm.h"
 
-/* A pose whose deletion leaves less than this part of a direction's variance can't be judged: the
- * fit follows it wherever it goes. */
-#define LEVERAGE_LEFT 1e-6
+/* A pose whose deletion leaves less than this part of a direction's variance can't be judged: without it, its
+ * place would be known ten times worse than it was measured, and the fit follows it wherever it goes. */
+#define LEVERAGE_LEFT 1e-2
 
 /* Squared deleted residual d2 = w' (I - T'T)^-1 w of observation i, w whitened residual and T = R^-T J',
  * (I - T'T being the covariance of w after the fit). Returns rows, 0 if it can't be judged. */

@@ -172,19 +172,21 @@ static int differ(const double *a, const double *b)
     return any;
 }
 
-/* Errors of the size of the paper's can lead a first fit astray. When it is not good, the solution so far
- * is the second start; the lower cost wins. Only where the data determine everything: what is held is held
- * at the active table's value, not at a guess. */
+/* Errors of the size of the paper's can lead a first fit astray, and then good looks seem to be outliers. When
+ * it is not good, the solution so far is the second start; fewer outliers win, then the lower cost. Only where
+ * nothing is held: what is held is held at the active table's value, not at a guess. */
 static void warm(kc_app_t *app)
 {
     const kc_est_t *e = &app->est;
     const double *start = app->tables.active.kin.value;
-    int good = app->cal.est_status == KC_OK && e->noise_scale <= GOOD_NOISE_SCALE;
+    uint32_t n_out = e->n_outliers;
+    int good = app->cal.est_status == KC_OK && e->noise_scale <= GOOD_NOISE_SCALE && n_out == 0u;
     double cost = solved(app->cal.est_status) ? e->cost : KC_INF;
     if (!good && differ(app->cal.coef, start)) {
         solve_from(app, app->cal.coef);
-        int better = solved(app->cal.est_status) && e->rank == e->n_free && e->cost < cost;
-        if (!better) { solve_from(app, start); }
+        int free = e->hold_none || e->rank == e->n_free;
+        int better = e->n_outliers < n_out || (e->n_outliers == n_out && e->cost < cost);
+        if (!solved(app->cal.est_status) || !free || !better) { solve_from(app, start); }
     }
     app->cal.up = KC_UP_GP;
 }

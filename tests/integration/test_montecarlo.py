@@ -37,9 +37,11 @@ def test_it_comes_to_the_same_correction_as_the_processes_over_lcm(run, judge, t
     assert bool(world.hits) >= bool(result["touched"])
 
 
+# The last four were lost once: a first look that alone told of a joint was taken for an outlier (552, 650), a
+# link that leans was counted as straight and touched (216, 785).
 @pytest.mark.slow
 def test_some_recalibrations_touch_nothing_and_finish():
-    results = [montecarlo.one(("inside", 1, run)) for run in (1, 4)]
+    results = [montecarlo.one(("inside", 1, run)) for run in (4, 552, 650, 216, 785)]
     assert montecarlo.gates(results) == {
         "no command outside limits or proven segments": True,
         "inside the bounds: no contact": True,
@@ -47,6 +49,17 @@ def test_some_recalibrations_touch_nothing_and_finish():
         "inside the bounds: the rest abort with a reason": True,
     }
     assert all(r["after_m"] < 0.001 < r["before_m"] for r in results)
+
+
+# These touched something once: at a turn of the wrist before anything was known (98, 691), and after 14 poses,
+# having left with something open (961).
+@pytest.mark.slow
+@pytest.mark.parametrize("run", [98, 691, 961])
+def test_arms_outside_the_bounds_that_stand_near_something_stop_in_time(run):
+    result = montecarlo.one(("outside", 3, run))
+    assert result["outcome"] == "aborted: stray"
+    assert not result["contacts"]
+    assert result["n_limits"] + result["n_unproven"] == 0
 
 
 def test_an_encoder_that_slipped_by_a_radian_touches_nothing(judge):
