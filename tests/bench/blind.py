@@ -62,7 +62,7 @@ BINS = (0.05, 0.2, 0.5, 0.8, 0.95, 1.0000001)
 BIN_ERROR = 0.05  # a bin is judged if chance alone moves its frequency by less (one standard error)
 # Truths as the diagnosis expects them before it has seen anything: how often nothing is wrong, how often
 # something the library has no name for, and how large an effect is, in its prior sigmas.
-FROM_PRIOR = 1500
+FROM_PRIOR = 2000
 SHARE_NONE, SHARE_UNNAMED = 0.3, 0.1
 PRIOR_SIZES = (0.3, 1.0, 3.0)
 
