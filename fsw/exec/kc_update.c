@@ -9,6 +9,8 @@
 #define PREDICT_ITER_MAX 8u  /* enough for a good guess of the joints at a candidate */
 #define OWN_MIN 3u           /* poses beside the first looks, which alone say little about the rest */
 #define FIRST_TRIED_MIN 8u   /* first looks, small turns all, one of which has to show a tag */
+#define STRAY_NOISE_SCALE 4.0 /* first looks with more residual than this are those of another arm ... */
+#define STRAY_DOF_MIN 12u     /* ... once two of them are not needed to explain the others */
 #define GOOD_NOISE_SCALE 2.0 /* a first fit with more residual than this is tried from a second start */
 
 /* ---- start ---- */
@@ -191,20 +193,33 @@ static void warm(kc_app_t *app)
     app->cal.up = KC_UP_GP;
 }
 
+/* Everything in the TERMS table is asked for: what is left is not what somebody chose to leave. */
+static int all_asked(const kc_est_t *e)
+{
+    for (uint32_t c = 0u; c < e->terms->n_coef; c++) {
+        if (e->terms->coef[c].enabled != 0u && (e->opt.free_mask >> c & 1u) == 0u) { return 0; }
+    }
+    return 1;
+}
+
 /* Looks that no correction within its bounds explains: the arm is not one that the ground proved motions
- * for, and goes nowhere. One such look is enough while all were taken about one place; later one can be a
- * bad detection. */
+ * for, and goes nowhere. One look far off is enough while all were taken about one place, and so are all of them a
+ * little (what the model lacks is nearly the same there); later one can be a bad detection. */
 static int stray(kc_app_t *app, kc_out_t *out)
 {
     const kc_config_t *c = &app->tables.active.config;
-    if (app->est.rank < app->est.n_free && !app->est.hold_none) { return 0; } /* something is held */
+    const kc_est_t *e = &app->est;
+    if (e->rank < e->n_free && !e->hold_none) { return 0; } /* something is held */
+    int limited = c->stray_pos_m > 0.0 || c->stray_rot_rad > 0.0;
+    int noisy = limited && e->hold_none && all_asked(e) && e->dof >= STRAY_DOF_MIN &&
+                e->noise_scale > STRAY_NOISE_SCALE;
     double pos_m = 0.0, rot_rad = 0.0, last_pos_m = 0.0, last_rot_rad = 0.0;
     uint32_t n = 0u, last = 0u;
     for (uint32_t i = 0u; i < app->cal.n_meas; i++) {
         residual_of(app, app->est.coef, i, &pos_m, &rot_rad);
         int off = (c->stray_pos_m > 0.0 && pos_m > c->stray_pos_m) ||
                   (c->stray_rot_rad > 0.0 && rot_rad > c->stray_rot_rad);
-        if (!off) { continue; }
+        if (!off && !(noisy && i + 1u == app->cal.n_meas)) { continue; }
         n++;
         last = i;
         last_pos_m = pos_m;

@@ -701,6 +701,30 @@ void test_an_arm_with_all_its_errors_free_strays_by_its_length(void)
     TEST_ASSERT_TRUE(world.n_meas <= 9u);
 }
 
+/* Only the bounds of joint 7's offset are too tight by 40 mrad, less than the limit: ten times the noise. */
+static void given_a_little_beyond(double stray_rot_rad)
+{
+    given_looks_first(9u, 0u);
+    world.truth.joint[2].d_m = world.arm.joint[2].d_m;
+    for (uint32_t c = 0u; c < 28u; c++) {
+        world.terms.coef[c].lb = c == 24u ? -0.16 : -1e-6;
+        world.terms.coef[c].ub = c == 24u ? 0.16 : 1e-6;
+    }
+    world.config.stray_rot_rad = stray_rot_rad;
+    world_calibrated();
+}
+
+void test_first_looks_that_all_are_a_little_off_are_those_of_another_arm(void)
+{
+    given_a_little_beyond(0.06);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_DOUBLE_WITHIN(5e-3, 0.04, world.last[KC_EVT_CAL_STRAY].want);
+    expect_given_up(KC_CAUSE_STRAY, (uint32_t)world.last[KC_EVT_CAL_STRAY].index + 1u);
+    TEST_ASSERT_TRUE(world.n_meas <= 9u);
+    given_a_little_beyond(0.0);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+}
+
 static uint32_t s_bad_from, s_bad_to;
 
 static void bad_poses(kc_detection_t *d)
