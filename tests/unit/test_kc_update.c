@@ -742,6 +742,26 @@ static void given_bad_poses(uint32_t from, uint32_t to)
     world.config.stray_pos_m = 0.005;
 }
 
+/* Too little for the limit, ten times the noise: one can be a bad detection. */
+static void given_outliers(uint32_t from, uint32_t to)
+{
+    given_bad_poses(from, to);
+    world.config.est.free_mask = ~(uint64_t)0u;
+    for (uint32_t c = 0u; c < 28u; c++) { world.terms.coef[c].enabled = c == 24u; }
+    world.config.stray_pos_m = 0.05;
+    world_calibrated();
+}
+
+void test_two_first_looks_that_do_not_fit_the_others_are_those_of_another_arm(void)
+{
+    given_outliers(5u, 5u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_OUTLIER));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    given_outliers(5u, 6u);
+    TEST_ASSERT_EQUAL_INT(6, world.last[KC_EVT_CAL_STRAY].index);
+    expect_given_up(KC_CAUSE_STRAY, 7u);
+}
+
 void test_one_bad_look_is_enough_while_all_are_first_looks(void)
 {
     given_bad_poses(4u, 4u);
