@@ -51,8 +51,8 @@ def test_some_recalibrations_touch_nothing_and_finish():
     assert all(r["after_m"] < 0.001 < r["before_m"] for r in results)
 
 
-# These touched something once: at a turn of the wrist before anything was known (98, 691), and after 14 poses,
-# having left with something open (961).
+# These touched something once: at a turn of the wrist before anything was known (98, 691), and after 14
+# poses, having left with something open (961).
 @pytest.mark.slow
 @pytest.mark.parametrize("run", [98, 691, 961])
 def test_arms_outside_the_bounds_that_stand_near_something_stop_in_time(run):
