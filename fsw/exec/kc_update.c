@@ -6,13 +6,13 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-#define PREDICT_ITER_MAX 8u  /* enough for a good guess of the joints at a candidate */
-#define OWN_MIN 3u           /* poses beside the first looks, which alone say little about the rest */
-#define FIRST_TRIED_MIN 8u   /* first looks, small turns all, one of which has to show a tag */
+#define PREDICT_ITER_MAX 8u   /* enough for a good guess of the joints at a candidate */
+#define OWN_MIN 3u            /* poses beside the first looks, which alone say little about the rest */
+#define FIRST_TRIED_MIN 8u    /* first looks, small turns all, one of which has to show a tag */
 #define STRAY_NOISE_SCALE 4.0 /* first looks with more residual than this are those of another arm ... */
 #define STRAY_DOF_MIN 12u     /* ... once two of them are not needed to explain the others */
 #define STRAY_OUTLIERS_MIN 2u /* and so many of them that do not fit the others are no bad detections */
-#define GOOD_NOISE_SCALE 2.0 /* a first fit with more residual than this is tried from a second start */
+#define GOOD_NOISE_SCALE 2.0  /* a first fit with more residual than this is tried from a second start */
 
 /* ---- start ---- */
 
@@ -203,18 +203,25 @@ static int all_asked(const kc_est_t *e)
     return 1;
 }
 
-/* Looks that no correction within its bounds explains: the arm is not one that the ground proved motions
- * for, and goes nowhere. One look far off is enough while all were taken about one place, and so are all of them a
- * little, or two that do not fit the others (what the model lacks is nearly the same there); later one can be a bad
- * detection. */
-static int stray(kc_app_t *app, kc_out_t *out)
+/* First looks that are all a little off, or two that do not fit the others. What a model lacks is nearly the same
+ * about one place, so it is not that. */
+static int another_arm(const kc_app_t *app)
 {
     const kc_config_t *c = &app->tables.active.config;
     const kc_est_t *e = &app->est;
-    if (e->rank < e->n_free && !e->hold_none) { return 0; } /* something is held */
     int limited = c->stray_pos_m > 0.0 || c->stray_rot_rad > 0.0;
     int noisy = e->dof >= STRAY_DOF_MIN && e->noise_scale > STRAY_NOISE_SCALE;
-    int another = limited && e->hold_none && all_asked(e) && (noisy || e->n_outliers >= STRAY_OUTLIERS_MIN);
+    return limited && e->hold_none && all_asked(e) && (noisy || e->n_outliers >= STRAY_OUTLIERS_MIN);
+}
+
+/* Looks that no correction within its bounds explains: the arm is not one that the ground proved motions
+ * for, and goes nowhere. One look far off is enough while all were taken about one place; later one can be a
+ * bad detection. */
+static int stray(kc_app_t *app, kc_out_t *out)
+{
+    const kc_config_t *c = &app->tables.active.config;
+    if (app->est.rank < app->est.n_free && !app->est.hold_none) { return 0; } /* something is held */
+    int another = another_arm(app);
     double pos_m = 0.0, rot_rad = 0.0, last_pos_m = 0.0, last_rot_rad = 0.0;
     uint32_t n = 0u, last = 0u;
     for (uint32_t i = 0u; i < app->cal.n_meas; i++) {

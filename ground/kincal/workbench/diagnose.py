@@ -432,17 +432,17 @@ def _conclude(search: _Search, kept: list[Hypothesis], first: Look, last: Look, 
             kept = [h for h in kept if h not in doubtful]
             current = search.refit(kept)
             last = search.look(current, kept)
-    findings = [_finding(search, h, own[h.name], p_family, kept, current, role[h.name]) for h in kept]
-    names = {h.name for h in kept}
-    findings += [
-        _finding(search, h, look, p_family, kept, None, "rival")
-        for h, look in _rivals(names, list(own.values()) or [first])
-    ]
     p_after = lack_of_fit(current, noise_floor(current))
     novel = _novel(last) if last.novel_wins else None
     adequate = (p_after is None or p_after > ADEQUATE_P) and novel is None
-    if not adequate:
-        findings = [_unsure(f) for f in findings]
+    findings = [
+        _finding(search, h, own[h.name], p_family, kept, current, role[h.name], adequate) for h in kept
+    ]
+    names = {h.name for h in kept}
+    findings += [
+        _finding(search, h, look, p_family, kept, None, "rival", adequate)
+        for h, look in _rivals(names, list(own.values()) or [first])
+    ]
     order = {"accepted": 0, "helps": 1, "rival": 2}
     findings.sort(
         key=lambda f: (order["accepted" if f.accepted else "helps" if f.helps else "rival"], -f.probability)
@@ -500,16 +500,6 @@ def _remainder(search: _Search, kept: list[Hypothesis], current: Fit) -> Remaind
     return Remainder(position, rotation, search.comparison.noise_floor, where_it_fails(current)[:3])
 
 
-def _unsure(finding: EffectFinding) -> EffectFinding:
-    """While the model with it does not explain the data, a name may be a cousin of what is missing: its
-    posterior holds only if the truth is among the names, so it is stated no surer than a claim needs."""
-    if not finding.accepted or finding.probability <= CLAIM:
-        return finding
-    why = finding.why.replace(f"probability {finding.probability:.2f}", f"probability {CLAIM:.2f}")
-    why += "; the model with it does not explain the data yet, so it is not identified"
-    return replace(finding, probability=CLAIM, why=why)
-
-
 def _verdict(first_probability, findings, novel) -> str:
     accepted = [f for f in findings if f.accepted]
     if novel is not None:
@@ -529,6 +519,7 @@ def _finding(
     kept: list[Hypothesis],
     fit: Fit | None,
     role: str,
+    adequate: bool,
 ) -> EffectFinding:
     engine = look.engine
     mine = next(s for s in look.scored if s.name == h.name)
@@ -539,6 +530,10 @@ def _finding(
     )
     before, after, interval = search.held_gain(kept, h)
     probability = look.probability.get(h.name, 0.0) if role == "rival" else look.presence(h.name)
+    # While the model with it does not explain the data, a name may be a cousin of what is missing: its
+    # posterior holds only if the truth is among the names, so it is stated no surer than a claim needs.
+    unsure = role == "accepted" and not adequate and probability > CLAIM
+    probability = CLAIM if unsure else probability
     share = mine.score.chi2 / max(float(engine.wz @ engine.wz), 1e-12)
     gain = "no held-out poses"
     if np.isfinite(after):
@@ -549,6 +544,8 @@ def _finding(
     )
     if role == "helps":
         why += "; something unnamed explains more, but held-out poses gain"
+    if unsure:
+        why += "; the model with it does not explain the data yet, so it is not identified"
     return EffectFinding(
         name=h.name,
         probability=probability,
