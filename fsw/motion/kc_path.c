@@ -318,6 +318,14 @@ static kc_status_t check_volume(const kc_space_t *s, uint32_t i, int32_t *index,
     return st == KC_OK && round ? check_size(v->radius_m, at, index, got) : st;
 }
 
+/* Twice the same would take the place of another one. */
+static kc_status_t check_prior(const kc_space_t *s, uint32_t at, int32_t *index, double *got)
+{
+    int ok = s->prior[at] < s->n_cand;
+    for (uint32_t k = 0u; k < at; k++) { ok = ok && s->prior[k] != s->prior[at]; }
+    return ok ? KC_OK : bad(KC_SPACE_INDEX_PRIOR + (int32_t)at, (double)s->prior[at], index, got);
+}
+
 /* First looks come before all other priors; one that is no prior would never be taken. */
 static kc_status_t check_first(const kc_space_t *s, int32_t *index, double *got)
 {
@@ -362,11 +370,7 @@ kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t 
 {
     kc_status_t st = check_counts(s, arm, index, got);
     if (st != KC_OK) { return st; } /* nothing else can be walked */
-    for (uint32_t k = 0u; st == KC_OK && k < s->n_prior; k++) {
-        if (s->prior[k] >= s->n_cand) {
-            st = bad(KC_SPACE_INDEX_PRIOR + (int32_t)k, (double)s->prior[k], index, got);
-        }
-    }
+    for (uint32_t k = 0u; st == KC_OK && k < s->n_prior; k++) { st = check_prior(s, k, index, got); }
     for (uint32_t h = 0u; st == KC_OK && h < s->n_hub; h++) { st = check_hub(s, arm, h, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_cand; i++) { st = check_cand(s, arm, i, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_body; i++) { st = check_body(s, i, index, got); }

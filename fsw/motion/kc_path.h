@@ -108,10 +108,10 @@ int kc_path_leads_to(const kc_space_t *s, uint32_t node, const double *q, double
 
 /* First problem found: KC_ERR_RANGE, *got = the value, *index = candidate, KC_SPACE_INDEX_HUB + hub,
  * KC_SPACE_INDEX_PRIOR + place in the list of priors, KC_SPACE_INDEX_BODY + body, KC_SPACE_INDEX_VOLUME +
- * volume, or -1. Checks counts, finite numbers, unit norms
- * (1e-6), hub and prior numbers, that hub segments go both ways, that no edge bit is set beyond n_cand,
- * and that every candidate is reachable from hub 0; with arm (NULL: skip) also its number of joints and
- * that hubs and seeds lie inside its limits (1e-6, single precision). */
+ * volume, or -1. Checks counts, finite numbers, unit norms (1e-6), hub and prior numbers, that no prior is
+ * listed twice, that hub segments go both ways, that no edge bit is set beyond n_cand, and that every
+ * candidate is reachable from hub 0; with arm (NULL: skip) also its number of joints and that hubs and
+ * seeds lie inside its limits (1e-6, single precision). */
 #define KC_SPACE_INDEX_HUB 2000
 #define KC_SPACE_INDEX_PRIOR 3000
 #define KC_SPACE_INDEX_BODY 4000

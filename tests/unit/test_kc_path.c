@@ -341,6 +341,13 @@ void test_a_prior_that_is_no_candidate_is_refused(void)
     expect_refused(KC_SPACE_INDEX_PRIOR + 1, 9.0);
 }
 
+void test_a_prior_that_is_listed_twice_is_refused(void)
+{
+    given_first();
+    s_s.prior[1] = s_s.prior[0]; /* else the first look it stood for would never be taken */
+    expect_refused(KC_SPACE_INDEX_PRIOR + 1, (double)s_s.prior[0]);
+}
+
 void test_a_hub_outside_the_joint_limits_is_refused(void)
 {
     s_s.hub_q[1][1] = 2.1f;

@@ -100,8 +100,10 @@ void test_replicates_measure_the_first_poses_again(void)
 
 void test_a_prior_pose_that_became_unusable_is_left_out(void)
 {
-    world.space.prior[1] = 0u; /* named twice: measured once */
-    world_calibrated();
+    world_started();
+    APP->cal.usable[1] = 0u;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     TEST_ASSERT_EQUAL_INT(0, world.meas[0].candidate);
     TEST_ASSERT_EQUAL_INT(2, world.meas[1].candidate);
 }
