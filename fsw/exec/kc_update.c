@@ -8,8 +8,8 @@
 
 #define PREDICT_ITER_MAX 8u   /* enough for a good guess of the joints at a candidate */
 #define OWN_MIN 3u            /* poses beside the first looks, which alone say little about the rest */
-#define FIRST_TRIED_MIN 8u    /* first looks, small turns all, one of which has to show a tag */
-#define STRAY_NOISE_SCALE 4.0 /* first looks with more residual than this are those of another arm ... */
+#define FIRST_TRIED_MIN 6u    /* first looks, small turns all, one of which has to show a tag */
+#define STRAY_NOISE_SCALE 3.0 /* first looks with more residual than this are those of another arm ... */
 #define STRAY_DOF_MIN 12u     /* ... once two of them are not needed to explain the others */
 #define STRAY_OUTLIERS_MIN 2u /* and so many of them that do not fit the others are no bad detections */
 #define GOOD_NOISE_SCALE 2.0  /* a first fit with more residual than this is tried from a second start */

@@ -14,6 +14,7 @@ from kincal.geometry import quat_to_R
 ROOT = Path(__file__).resolve().parents[2]
 SRC, BIN = ROOT / "tables" / "src" / "space.toml", ROOT / "tables" / "bin"
 DESC = space.read_description(SRC)
+N_FIRST = len(DESC.joints.first_rad)
 FIRST, SPARE = 1 << 15, 1 << 14
 SMALL = DESC.model_copy(update={"candidates": 12, "samples": 250, "seed": 5})
 
@@ -305,12 +306,20 @@ def test_helpers_do_not_change_the_table():
         ("seed       = 20240601", "seed       = -4", "seed"),
         (
             "spare_first = [4,",
-            "spare_first = [26,",
-            "spare_first 26: there are 26 first looks, counted from 0",
+            f"spare_first = [{N_FIRST},",
+            f"spare_first {N_FIRST}: there are {N_FIRST} first looks, counted from 0",
         ),
-        ("spare_first = [4,", "spare_first = [-1,", "spare_first -1: there are 26 first looks"),
-        ("priors     = 3 ", "priors     = 7 ", "7 priors and 26 first looks; the table has room for 32"),
-        ("candidates = 300", "candidates = 1010", "1010 candidates and 26 first looks; room is for 1024"),
+        ("spare_first = [4,", "spare_first = [-1,", f"spare_first -1: there are {N_FIRST} first looks"),
+        (
+            "priors     = 3 ",
+            "priors     = 8 ",
+            f"8 priors and {N_FIRST} first looks; the table has room for 32",
+        ),
+        (
+            "candidates = 300",
+            "candidates = 1010",
+            f"1010 candidates and {N_FIRST} first looks; room is for 1024",
+        ),
     ],
 )
 def test_wrong_description_is_refused_by_field(tmp_path, old, new, what):
