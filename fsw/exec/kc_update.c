@@ -9,9 +9,9 @@
 #define PREDICT_ITER_MAX 8u   /* enough for a good guess of the joints at a candidate */
 #define OWN_MIN 3u            /* poses beside the first looks, which alone say little about the rest */
 #define FIRST_TRIED_MIN 6u    /* first looks, small turns all, one of which has to show a tag */
-#define STRAY_NOISE_SCALE 3.0 /* first looks with more residual than this are those of another arm ... */
+#define STRAY_NOISE_SCALE 3.5 /* first looks with more residual than this are those of another arm ... */
 #define STRAY_DOF_MIN 12u     /* ... once two of them are not needed to explain the others */
-#define STRAY_OUTLIERS_MIN 2u /* and so many of them that do not fit the others are no bad detections */
+#define STRAY_OUTLIERS_MIN 3u /* and so many of them that do not fit the others are no bad detections */
 #define GOOD_NOISE_SCALE 2.0  /* a first fit with more residual than this is tried from a second start */
 
 /* ---- start ---- */
@@ -203,8 +203,8 @@ static int all_asked(const kc_est_t *e)
     return 1;
 }
 
-/* First looks that are all a little off, or two that do not fit the others. What a model lacks is nearly the same
- * about one place, so it is not that. */
+/* First looks that are all a little off, or several that do not fit the others. What a model lacks is nearly
+ * the same about one place, so it is not that. */
 static int another_arm(const kc_app_t *app)
 {
     const kc_config_t *c = &app->tables.active.config;

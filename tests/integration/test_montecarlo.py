@@ -1,5 +1,6 @@
 """The Monte Carlo of tests/bench: true to the processes, a judge that can say no, and a few of its runs."""
 
+import copy
 import json
 import sys
 
@@ -51,13 +52,13 @@ def test_some_recalibrations_touch_nothing_and_finish():
     assert all(r["after_m"] < 0.001 < r["before_m"] for r in results)
 
 
-# These touched something once: at a turn of the wrist before anything was known (98, 691), and after 14
-# poses, having left with something open (961).
+# These touched something once: at a turn of the wrist before anything was seen (42, 43, 45, 46) or known (44),
+# and among the candidates, having left with first looks that were all a little off (41).
 @pytest.mark.slow
-@pytest.mark.parametrize("run", [98, 691, 961])
-def test_arms_outside_the_bounds_that_stand_near_something_stop_in_time(run):
-    result = montecarlo.one(("outside", 3, run))
-    assert result["outcome"] == "aborted: stray"
+@pytest.mark.parametrize(("seed", "run"), [(41, 901), (42, 318), (43, 478), (44, 903), (45, 570), (46, 958)])
+def test_arms_outside_the_bounds_that_stand_near_something_stop_in_time(seed, run):
+    result = montecarlo.one(("outside", seed, run))
+    assert result["outcome"] in ("aborted: stray", "aborted: not seen")
     assert not result["contacts"]
     assert result["n_limits"] + result["n_unproven"] == 0
 
@@ -89,8 +90,11 @@ def test_the_judge_refuses_what_was_not_proven(judge):
     assert judge.proven(seed, seed + push)[1] != ""  # out of the servo box
     push[1] = 0.06
     assert judge.proven(judge.hub[1], judge.hub[1] + push)[1] != ""  # hubs have no servo box
-    assert judge.proven(hub, hub + push)[1] != ""  # nor has the first look there more than a hub
-    assert judge.proven(hub, hub + 0.8 * push)[1] == ""
+    only = copy.copy(judge)  # without the servo boxes that happen to reach hub 0
+    around = np.all(np.abs(judge.seed - hub) <= judge.box, 1) & np.any(judge.seed != hub, 1)
+    only.box = np.where(around[:, None], 1e-9, judge.box)
+    assert only.proven(hub, hub + push)[1] != ""  # nor has the first look there more than a hub
+    assert only.proven(hub, hub + 0.8 * push)[1] == ""
     assert not judge.limits(judge.hi + 1e-6)
     assert not judge.limits(np.full(judge.n, np.nan))
     assert not judge.head(judge.head_hi + 0.01)

@@ -347,7 +347,7 @@ def test_an_interrupted_launch_stops_everything_it_started(tmp_path):
         assert len(running_with(first["url"])) == 3
         p.send_signal(signal.SIGINT)
         _, err = p.communicate(timeout=20)
-    assert p.returncode == 130 and "all processes stopped" in err
+    assert p.returncode == 130 and "all processes stopped" in err, err
     assert running_with(first["url"]) == []
 
 

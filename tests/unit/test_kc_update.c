@@ -754,14 +754,14 @@ static void given_outliers(uint32_t from, uint32_t to)
     world_calibrated();
 }
 
-void test_two_first_looks_that_do_not_fit_the_others_are_those_of_another_arm(void)
+void test_three_first_looks_that_do_not_fit_the_others_are_those_of_another_arm(void)
 {
-    given_outliers(5u, 5u);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_OUTLIER));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
     given_outliers(5u, 6u);
-    TEST_ASSERT_EQUAL_INT(6, world.last[KC_EVT_CAL_STRAY].index);
-    expect_given_up(KC_CAUSE_STRAY, 7u);
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_CAL_OUTLIER));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    given_outliers(5u, 7u);
+    TEST_ASSERT_EQUAL_INT(7, world.last[KC_EVT_CAL_STRAY].index);
+    expect_given_up(KC_CAUSE_STRAY, 8u);
 }
 
 void test_one_bad_look_is_enough_while_all_are_first_looks(void)
