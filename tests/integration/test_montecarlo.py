@@ -52,7 +52,7 @@ def test_some_recalibrations_touch_nothing_and_finish():
     assert all(r["after_m"] < 0.001 < r["before_m"] for r in results)
 
 
-# These touched something once: at a turn of the wrist before anything was seen (42, 43, 45, 46) or known (44),
+# These touched something once: at a turn of the wrist before anything was seen (42, 43, 45, 46) or known (44)
 # and among the candidates, having left with first looks that were all a little off (41).
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "run"), [(41, 901), (42, 318), (43, 478), (44, 903), (45, 570), (46, 958)])
