@@ -328,6 +328,7 @@ def test_an_interrupted_launch_stops_everything_it_started(tmp_path):
         "--fast",
         "--out",
         run.out,
+        "--realtime",  # in lockstep a stuck flight process soon ends the run by itself
         "--fsw",
         FAKE_FSW,
         "--tables",
