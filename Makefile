@@ -319,8 +319,8 @@ bench-samples: setup build ## held-out error against number of poses, for all ac
 blind: setup core ## sealed hidden effects: what the workbench finds, and whether its probabilities are honest
 	.venv/bin/python tests/bench/blind.py
 
-montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unproven commands, how they end (RUNS, OUTSIDE)
-	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE))
+montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unproven commands, how they end (RUNS, OUTSIDE, SEED)
+	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE)) $(if $(SEED),--seed $(SEED))
 
 occlusion: setup core ## drawn frames against the search's verdict on what the arm hides
 	.venv/bin/python tests/bench/occlusion.py
