@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -337,7 +338,10 @@ def test_an_interrupted_launch_stops_everything_it_started(tmp_path):
         run.store,
     ]
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env) as p:
+    pipe = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    # What a shell started in the background is deaf to SIGINT, and so would be all it starts.
+    hear = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(argv, **pipe, env=env, preexec_fn=hear) as p:
         line = p.stdout.readline()
         assert line, p.stderr.read()
         first = json.loads(line)
@@ -347,7 +351,10 @@ def test_an_interrupted_launch_stops_everything_it_started(tmp_path):
             time.sleep(0.05)
         assert len(running_with(first["url"])) == 3
         p.send_signal(signal.SIGINT)
-        _, err = p.communicate(timeout=20)
+        try:
+            _, err = p.communicate(timeout=20)
+        finally:
+            p.kill()
     assert p.returncode == 130 and "all processes stopped" in err, err
     assert running_with(first["url"]) == []
 
