@@ -25,10 +25,14 @@ MSGS     := $(sort $(wildcard fsw/msg/*.lcm))
 UNITS    := $(sort $(wildcard tests/unit/test_*.c))
 UNIT_AUX := $(filter-out $(UNITS),$(sort $(wildcard tests/unit/*.c)))
 HEADERS  := $(sort $(wildcard $(LAYERS:%=fsw/%/kc_*.h)))
+# The ground's build of the same source: its limits (KC_GROUND), what models need, and loops over poses.
+GND_DIRS := fsw/math fsw/model ground/native
+GND_SRC  := $(sort $(wildcard $(GND_DIRS:%=%/*.c)))
+GND_HDRS := $(sort $(wildcard $(GND_DIRS:%=%/k[cg]_*.h)))
 
 WARN     := -Wall -Wextra -Werror -Wconversion -Wshadow -Wdouble-promotion
 # -ffp-contract=off: no fused multiply-add, so that every CPU gets the same bits.
-COMMON   := $(WARN) -ffp-contract=off -fPIC -g $(LAYERS:%=-Ifsw/%) -isystem /usr/include/eigen3
+COMMON   := $(WARN) -ffp-contract=off -fPIC -g $(LAYERS:%=-Ifsw/%) -Iground/native -isystem /usr/include/eigen3
 CFLAGS   := -std=c11 -Wstrict-prototypes -Wmissing-prototypes -Wvla $(COMMON)
 CXXFLAGS := -std=c++17 -fno-exceptions -fno-rtti -DEIGEN_DONT_VECTORIZE $(COMMON)
 # Test functions need no prototype: the generated main() declares them. For clang, NAN is a float.
@@ -85,6 +89,7 @@ $(STAMP)/messages: $(MSGS) | $(STAMP)/apt-build
 # san   AddressSanitizer and UndefinedBehaviorSanitizer
 # cov   line and branch counters
 # clang only compiled: the second opinion on warnings
+# gnd   the ground's limits; faster, and still the same bits: a fit evaluates millions of poses
 
 SAN := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
@@ -102,6 +107,10 @@ $(BUILD)/$1/fsw/lcm/%.c.o: fsw/lcm/%.c $(BUILD)/$1/flags $(STAMP)/messages | $(S
 	$$(Q)echo "  CC  $$@"; $2 $$(CFLAGS) $4 -isystem $(BUILD)/gen -MMD -MP -c $$< -o $$@
 
 $(BUILD)/$1/fsw/%.c.o: fsw/%.c $(BUILD)/$1/flags | $(STAMP)/apt-build
+	@mkdir -p $$(@D)
+	$$(Q)echo "  CC  $$@"; $2 $$(CFLAGS) $4 -MMD -MP -c $$< -o $$@
+
+$(BUILD)/$1/ground/%.c.o: ground/%.c $(BUILD)/$1/flags | $(STAMP)/apt-build
 	@mkdir -p $$(@D)
 	$$(Q)echo "  CC  $$@"; $2 $$(CFLAGS) $4 -MMD -MP -c $$< -o $$@
 
@@ -138,13 +147,14 @@ $(BUILD)/$1/unit/%: $(BUILD)/$1/tests/unit/%.c.o $(BUILD)/$1/tests/unit/%.runner
 	@mkdir -p $$(@D)
 	$$(Q)$3 $4 $$^ -Wl,--as-needed -llcm -lm -o $$@
 
--include $(patsubst %.o,%.d,$(call objects,$1,$(CORE_SRC) $(LCM_SRC) $(UNITS) $(UNIT_AUX)))
+-include $(patsubst %.o,%.d,$(call objects,$1,$(CORE_SRC) $(LCM_SRC) $(UNITS) $(UNIT_AUX) $(GND_SRC)))
 endef
 
 $(eval $(call variant,rel,gcc,g++,-O2 -fcallgraph-info=su))
 $(eval $(call variant,san,gcc,g++,-O1 $(SAN)))
 $(eval $(call variant,cov,gcc,g++,-Og --coverage -fprofile-abs-path))
 $(eval $(call variant,clang,$(CLANG),$(CLANGXX),-O2))
+$(eval $(call variant,gnd,gcc,g++,-O3 -fno-semantic-interposition -DKC_GROUND))
 .PHONY: FORCE
 
 # Found through two pattern rules; kept, so that the next run does not build them again.
@@ -156,7 +166,8 @@ $(eval $(call variant,clang,$(CLANG),$(CLANGXX),-O2))
 .PHONY: core fsw tagdet build
 build: core fsw tagdet messages ## everything that runs
 
-core: $(BUILD)/libkincal.so $(BUILD)/libkincal.a $(BUILD)/kincal_cdef.h ## the flight core as a library
+core: $(BUILD)/libkincal.a $(BUILD)/libkincal.so $(BUILD)/kincal_cdef.h ## the flight core as a library, and the ground's build
+core: $(BUILD)/libkincal_ground.so $(BUILD)/kincal_ground_cdef.h
 
 $(BUILD)/libkincal.a: $(BUILD)/rel/libkincal.a
 	@cp $< $@.new && mv $@.new $@
@@ -167,6 +178,13 @@ $(BUILD)/libkincal.so: $(call objects,rel,$(CORE_SRC))
 $(BUILD)/kincal_cdef.h: $(HEADERS) ground/cdef.py
 	@mkdir -p $(@D)
 	$(Q)$(PYTHON) ground/cdef.py $(LAYERS:%=fsw/%) > $@.new && mv $@.new $@
+
+$(BUILD)/libkincal_ground.so: $(call objects,gnd,$(GND_SRC))
+	$(Q)echo "  LD  $@"; gcc -shared -Wl,-z,defs $^ -lm -o $@.new && mv $@.new $@
+
+$(BUILD)/kincal_ground_cdef.h: $(GND_HDRS) ground/cdef.py
+	@mkdir -p $(@D)
+	$(Q)$(PYTHON) ground/cdef.py -DKC_GROUND $(GND_DIRS) > $@.new && mv $@.new $@
 
 fsw: $(BUILD)/kincal-fsw ## the flight process
 
@@ -246,30 +264,31 @@ heapcheck: $(BUILD)/libkincal.a ## fails when the core references a heap functio
 
 # ---- lint ---------------------------------------------------------------------------------------------
 
-C_ALL   := $(CORE_SRC) $(LCM_SRC) $(TAG_SRC)
-C_STYLE := $(C_ALL) $(UNITS) $(UNIT_AUX) $(wildcard fsw/*/*.h sim/tagdet/*.h tests/unit/*.h)
+C_ALL   := $(CORE_SRC) $(LCM_SRC) $(TAG_SRC) $(wildcard ground/native/*.c)
+C_STYLE := $(C_ALL) $(UNITS) $(UNIT_AUX) $(wildcard fsw/*/*.h ground/native/*.h sim/tagdet/*.h tests/unit/*.h)
 TIDY    := $(C_ALL:%=$(BUILD)/tidy/%.ok)
 
-.PHONY: lint lint-clang lint-tidy lint-cppcheck lint-format lint-direction lint-python lint-generated
-lint: lint-clang lint-direction lint-format lint-cppcheck lint-tidy lint-python lint-generated ## all static checks
+.PHONY: lint lint-clang lint-tidy lint-cppcheck lint-format lint-direction lint-python lint-types lint-layers \
+        lint-generated lint-glossary
+lint: lint-clang lint-direction lint-format lint-cppcheck lint-tidy lint-python lint-types lint-layers lint-generated lint-glossary ## all static checks
 
-lint-clang: $(call objects,clang,$(CORE_SRC) $(LCM_SRC) $(UNITS) $(UNIT_AUX)) ## clang, same warnings
+lint-clang: $(call objects,clang,$(CORE_SRC) $(LCM_SRC) $(UNITS) $(UNIT_AUX) $(wildcard ground/native/*.c)) ## clang, same warnings
 
 lint-tidy: $(TIDY) ## clang-tidy
 tidy-flags = $(if $(filter %.c,$1),-std=c11,-std=c++17 $(if $(filter fsw/%,$1),-fno-exceptions)) -DEIGEN_DONT_VECTORIZE \
-    $(LAYERS:%=-Ifsw/%) -isystem /usr/include/eigen3 -isystem $(BUILD)/gen -isystem /usr/include/opencv4
-$(BUILD)/tidy/%.ok: % .clang-tidy $(wildcard fsw/*/*.h) $(STAMP)/messages | $(STAMP)/apt-test
+    $(LAYERS:%=-Ifsw/%) -Iground/native -isystem /usr/include/eigen3 -isystem $(BUILD)/gen -isystem /usr/include/opencv4
+$(BUILD)/tidy/%.ok: % .clang-tidy $(wildcard fsw/*/*.h ground/native/*.h) $(STAMP)/messages | $(STAMP)/apt-test
 	@mkdir -p $(@D)
 	$(Q)echo "  TIDY $<"; clang-tidy-19 --quiet $< -- $(call tidy-flags,$<) 2>$@.err || { cat $@.err; exit 1; }
 	@touch $@
 
 # uninitvar is off: cppcheck 2.10 does not see arrays filled through a pointer to their struct's member; gcc,
-# clang-tidy and the sanitizers look for the same.
+# clang-tidy and the sanitizers look for the same. -UKC_GROUND: flight's limits, which the messages have too.
 lint-cppcheck: | $(STAMP)/apt-test $(STAMP)/messages ## cppcheck
 	@mkdir -p $(BUILD)/cppcheck
 	$(Q)cppcheck --quiet --error-exitcode=1 --inline-suppr --enable=warning,performance,portability \
-	    --std=c11 --std=c++17 --cppcheck-build-dir=$(BUILD)/cppcheck --suppress=missingIncludeSystem --suppress=uninitvar \
-	    $(LAYERS:%=-Ifsw/%) -I$(BUILD)/gen --suppress='*:$(BUILD)/gen/*' $(C_ALL)
+	    --std=c11 --std=c++17 -UKC_GROUND --cppcheck-build-dir=$(BUILD)/cppcheck --suppress=missingIncludeSystem --suppress=uninitvar \
+	    $(LAYERS:%=-Ifsw/%) -Iground/native -I$(BUILD)/gen --suppress='*:$(BUILD)/gen/*' $(C_ALL)
 
 lint-format: | $(STAMP)/apt-test ## C and C++ lay-out
 	@for f in $(C_STYLE); do clang-format-19 $$f | cmp -s - $$f || echo "$$f: not laid out: run make format"; done \
@@ -278,17 +297,28 @@ lint-format: | $(STAMP)/apt-test ## C and C++ lay-out
 lint-direction: ## includes and imports point the right way
 	$(Q)$(PYTHON) tests/lint/direction.py
 
+lint-glossary: ## one vocabulary, every term in docs/GLOSSARY.md, links lead somewhere
+	$(Q)$(PYTHON) tests/lint/glossary.py
+
 lint-python: | .venv/.stamp-dev ## ruff: rules and lay-out
 	$(Q).venv/bin/ruff check --output-format=concise --quiet --config tests/ruff.toml ground sim tests
 	$(Q).venv/bin/ruff format --quiet --check --config tests/ruff.toml ground sim tests || \
 	    { .venv/bin/ruff format --check --config tests/ruff.toml ground sim tests; exit 1; }
 
+lint-types: | .venv/.stamp-dev ## mypy, strict, over the ground tool and the simulator
+	$(Q).venv/bin/mypy --config-file tests/mypy.ini ground/kincal sim/kincal_sim
+
+lint-layers: | .venv/.stamp-dev ## import-linter: Python packages import downwards
+	$(Q)PYTHONPATH=ground:sim .venv/bin/lint-imports --config tests/layers.ini --cache-dir $(BUILD)/import-linter
+
 lint-generated: core messages .venv/.stamp-dev ## generated files are what their sources say
 	$(Q)$(PYTHON) tests/lint/events.py --check
 	$(Q)$(PY) ground/gen_docs.py --check
+	$(Q)$(PY) ground/stubs.py --check
+	$(Q)$(PY) ground/message_stubs.py --check
 	$(Q)$(PY) tests/lint/tables.py
 
-.PHONY: format dict docs tables
+.PHONY: format dict docs stubs tables pictures
 format: $(STAMP)/apt-test .venv/.stamp-dev ## lay out C, C++ and Python
 	clang-format-19 -i $(C_STYLE)
 	.venv/bin/ruff check --quiet --fix-only --select I --config tests/ruff.toml ground sim tests
@@ -297,11 +327,20 @@ format: $(STAMP)/apt-test .venv/.stamp-dev ## lay out C, C++ and Python
 dict: ## docs/EVENTS.md from the event list
 	$(PYTHON) tests/lint/events.py
 
-docs: dict core messages .venv/.stamp ## the generated parts of docs/
+docs: dict core messages .venv/.stamp stubs ## the generated parts of docs/
 	$(PY) ground/gen_docs.py
+
+stubs: core .venv/.stamp ## types of the flight core for mypy
+	$(PY) ground/stubs.py
+	$(PY) ground/message_stubs.py
 
 tables: core .venv/.stamp ## tables/bin from tables/src
 	.venv/bin/kincal table build tables/src tables/bin
+
+pictures: setup build ## docs/img made again: the sheet of a run through pixels, the tutorial's figures
+	.venv/bin/kincal run paper --accept ground --out $(BUILD)/pictures
+	cp $(BUILD)/pictures/summary.png docs/img/run.png
+	$(PY) ground/gen_tutorial.py
 
 # ---- running ------------------------------------------------------------------------------------------
 
@@ -319,7 +358,7 @@ bench-samples: setup build ## held-out error against number of poses, for all ac
 blind: setup core ## sealed hidden effects: what the workbench finds, and whether its probabilities are honest
 	.venv/bin/python tests/bench/blind.py
 
-montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unproven commands, how they end (RUNS, OUTSIDE, SEED)
+montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unverified commands, how they end (RUNS, OUTSIDE, SEED)
 	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE)) $(if $(SEED),--seed $(SEED))
 
 occlusion: setup core ## drawn frames against the search's verdict on what the arm hides

@@ -1,10 +1,11 @@
-"""Write what cffi needs to know about the flight core: its public headers, preprocessed.
+"""Write what cffi needs to know about a build of the flight core: its public headers, preprocessed.
 
     cdef.py fsw/math fsw/model ... > build/kincal_cdef.h
+    cdef.py -DKC_GROUND fsw/math fsw/model ground/native > build/kincal_ground_cdef.h
 
 cffi's parser takes plain declarations only: system headers, static inline functions and static
-assertions go, and macros that are whole numbers become `#define NAME 8`. Standard library only, so
-that the core builds without the Python environment.
+assertions go, macros that are whole numbers become `#define NAME 8`, other numbers a comment. Standard
+library only, so that the core builds without the Python environment.
 """
 
 import argparse
@@ -20,6 +21,7 @@ SYSTEM_HEADERS = ("stdint.h", "stddef.h", "stdbool.h", "math.h", "string.h", "fl
 
 
 def preprocess(text: str, dirs: list[Path], *options: str) -> str:
+    """What the C preprocessor makes of a text, system headers taken as empty."""
     with tempfile.TemporaryDirectory() as fake:
         for name in SYSTEM_HEADERS:
             Path(fake, name).write_text("#define bool _Bool\n" if name == "stdbool.h" else "")
@@ -44,36 +46,43 @@ def without_bodies(text: str) -> str:
     return "".join(out)
 
 
-def whole_number_macros(includes: str, dirs: list[Path]) -> dict[str, int]:
-    defined = preprocess(includes, dirs, "-dM")
-    names = sorted(set(re.findall(r"^#define (KC_\w+) +\S", defined, flags=re.M)))
+def macros(includes: str, dirs: list[Path], *options: str) -> dict[str, int | float]:
+    """Macros of the headers that are numbers, with their values."""
+    defined = preprocess(includes, dirs, *options, "-dM")
+    names = sorted(set(re.findall(r"^#define (K[CG]_\w+) +\S", defined, flags=re.M)))
     probe = includes + "".join(f'\nkc_probe "{name}" = {name};' for name in names)
-    values = {}
-    for name, expr in re.findall(r'^kc_probe "(\w+)" = (.*);$', preprocess(probe, dirs), flags=re.M):
+    values: dict[str, int | float] = {}
+    for name, expr in re.findall(
+        r'^kc_probe "(\w+)" = (.*);$', preprocess(probe, dirs, *options), flags=re.M
+    ):
         plain = re.sub(r"\b(0[xX][0-9a-fA-F]+|\d+)[uUlL]+\b", r"\1", expr)
-        if re.fullmatch(r"[-+*()<>|&\s\dxXa-fA-F]+", plain) and re.search(r"\d", plain):
+        if re.fullmatch(r"[-+*()<>|&.\s\dxXa-fA-F]+", plain) and re.search(r"\d", plain):
             try:
                 value = eval(plain, {"__builtins__": {}})  # noqa: S307  (digits and operators only)
             except (SyntaxError, NameError, TypeError):
                 continue
-            if isinstance(value, int):  # 1e-9 looks like digits and operators too
+            if isinstance(value, (int, float)):
                 values[name] = value
     return values
 
 
 def main() -> int:
+    """Print the declarations; exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("dirs", type=Path, nargs="+", help="header folders, lowest layer first")
-    dirs = parser.parse_args().dirs
-    headers = [h for d in dirs for h in sorted(d.glob("kc_*.h"))]
+    parser.add_argument("-D", dest="defines", action="append", default=[], help="as for the compiler")
+    given = parser.parse_args()
+    dirs, options = given.dirs, [f"-D{name}" for name in given.defines]
+    headers = [h for d in dirs for h in sorted(d.glob("k[cg]_*.h")) if not h.stem.endswith("_priv")]
     includes = "".join(f'#include "{h.name}"\n' for h in headers)
 
     print("/* Made by ground/cdef.py from the public headers of fsw/; do not edit. */")
-    for name, value in whole_number_macros(includes, dirs).items():
-        print(f"#define {name} {value}")
-    print(re.sub(r"\n{2,}", "\n", without_bodies(preprocess(includes, dirs))).strip())
+    for name, value in macros(includes, dirs, *options).items():
+        # cffi takes whole numbers only; kincal.flight reads the others from the comment
+        print(f"#define {name} {value}" if isinstance(value, int) else f"/* {name} = {value!r} */")
+    print(re.sub(r"\n{2,}", "\n", without_bodies(preprocess(includes, dirs, *options))).strip())
     return 0
 
 

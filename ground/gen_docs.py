@@ -1,10 +1,12 @@
-"""Write the parts of docs/ that follow from sources: docs/CLI.md from the commands' help, and the tables
-of docs/INTERFACES.md from the message files and headers.
+"""Write the parts of docs/ that follow from sources: docs/CLI.md from the commands' help, the tables of
+docs/INTERFACES.md from the message files and headers, those of docs/TABLES.md from the C source of the
+layouts, docs/schema/*.json from the models of files.
 
     python ground/gen_docs.py            write
     python ground/gen_docs.py --check    say what is out of date; status 1 if anything is
 
-In INTERFACES.md only what stands between `<!-- made: NAME -->` and `<!-- end -->` is replaced."""
+In INTERFACES.md and TABLES.md only what stands between `<!-- made: NAME -->` and `<!-- end -->` is
+replaced."""
 
 from __future__ import annotations
 
@@ -12,7 +14,10 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+import layouts
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -43,12 +48,15 @@ JOINT_UNIT = {
 
 @dataclass(frozen=True)
 class Field:
+    """A field of a message."""
+
     name: str
     type: str
     comment: str
 
     @property
     def unit(self) -> str:
+        """Unit by the end of the name; empty if it has none."""
         if self.name in JOINT_UNIT:
             return JOINT_UNIT[self.name]
         name = re.sub(r"_wxyz$", "", self.name)
@@ -57,6 +65,8 @@ class Field:
 
 @dataclass(frozen=True)
 class Message:
+    """A message type."""
+
     name: str
     comment: str
     fields: tuple[Field, ...]
@@ -91,20 +101,23 @@ def parse(path: Path) -> Message:
 
 
 def messages() -> list[Message]:
+    """All message types, by name."""
     return [parse(p) for p in sorted((ROOT / "fsw/msg").glob("*.lcm"))]
 
 
-# --------------------------------------------------------------------------- blocks of INTERFACES.md
+# --------------------------------------------------------------------------- blocks of pages
 
 
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    """A table in Markdown."""
     out = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     out += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return "\n".join(out)
 
 
 def block_channels() -> str:
-    from kincal.channels import CHANNELS
+    """Channels: who sends what to whom."""
+    from kincal.link import CHANNELS
 
     return table(
         ("channel", "type", "from", "to", "rate", "carries"),
@@ -116,7 +129,8 @@ def block_channels() -> str:
 
 
 def block_messages() -> str:
-    from kincal.channels import CHANNELS
+    """Every message type with its fields."""
+    from kincal.link import CHANNELS
 
     used = {c.type: [x.name for x in CHANNELS if x.type == c.type] for c in CHANNELS}
     parts = []
@@ -171,6 +185,7 @@ def c_enum(header: str, name: str) -> list[tuple[str, str, str]]:
 
 
 def block_statuses() -> str:
+    """Answers of flight to a command."""
     return table(
         ("status", "name", "meaning"),
         [(v, f"`{n}`", c) for v, n, c in c_enum("fsw/math/kc_status.h", "kc_status_t")],
@@ -178,6 +193,7 @@ def block_statuses() -> str:
 
 
 def block_states() -> str:
+    """States of the sequencer."""
     return table(
         ("state", "name", "what happens"),
         [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in c_enum("fsw/exec/kc_app.h", "kc_state_t")],
@@ -185,6 +201,7 @@ def block_states() -> str:
 
 
 def block_kinds() -> str:
+    """Kinds of tables."""
     return table(
         ("kind", "name", "holds"),
         [
@@ -197,47 +214,55 @@ def block_kinds() -> str:
 
 KIND_TEXT = {
     "KC_TBL_ARM": "DH chain, limits, masses, base and tool frames (`fsw/model/kc_arm.h`)",
-    "KC_TBL_CAMERA": "mast, head, lens, tags on the tool (`fsw/model/kc_camera.h`)",
+    "KC_TBL_CAMERA": "mast, pan-tilt unit, lens, tags on the tool (`fsw/model/kc_camera.h`)",
     "KC_TBL_TERMS": "coefficients and correction terms (`fsw/model/kc_terms.h`)",
     "KC_TBL_KIN": "values of the coefficients in force: what calibration changes (`fsw/exec/kc_tables.h`)",
-    "KC_TBL_SPACE": "candidate poses, hubs, proven segments (`fsw/motion/kc_path.h`)",
+    "KC_TBL_SPACE": "candidate poses, hubs, verified segments (`fsw/motion/kc_path.h`)",
     "KC_TBL_KERNEL": "spectral tables and hyperparameters (`fsw/design/kc_kernel.h`)",
     "KC_TBL_CONFIG": "how a calibration is run (`fsw/exec/kc_config.h`)",
 }
 
 
 def block_why() -> str:
-    from kincal.space import WHY
-    from kincal.space.checks import WHY_FIRST, WHY_SPARE
+    """Checks that a candidate passed, as bits."""
+    from kincal.space import CHECKS
+    from kincal.space.table import local_bit, reserve_bit
 
-    looks = {
-        WHY_SPARE: "of a first look: taken only while fewer than half of those before saw a tag",
-        WHY_FIRST: "a first look about the place where the arm stands; has none of the bits 0 to 11",
+    marks = {
+        reserve_bit(): "mark of a reserve pose: measured only while fewer than half of the poses before it "
+        "showed a tag",
+        local_bit(): "mark of a local initial pose, about the park pose; it has none of the bits 0 to 11",
     }
     return table(
         ("bit", "value", "checked and found good"),
-        [(str(v.bit_length() - 1), str(v), text) for v, text in (WHY | looks).items()],
+        [(str(v.bit_length() - 1), str(v), text) for v, text in (CHECKS | marks).items()],
     )
 
 
-BLOCKS: dict[str, Callable[[], str]] = {
-    "channels": block_channels,
-    "messages": block_messages,
-    "opcodes": block_opcodes,
-    "statuses": block_statuses,
-    "states": block_states,
-    "kinds": block_kinds,
-    "why": block_why,
+BLOCKS: dict[str, dict[str, Callable[[], str]]] = {
+    "INTERFACES.md": {
+        "channels": block_channels,
+        "messages": block_messages,
+        "opcodes": block_opcodes,
+        "statuses": block_statuses,
+        "states": block_states,
+        "kinds": block_kinds,
+        "why": block_why,
+    },
+    "TABLES.md": {
+        kind: partial(layouts.page_table, kind)
+        for kind in ("ARM", "CAMERA", "TERMS", "KIN", "SPACE", "KERNEL", "CONFIG")
+    },
 }
 
 
-def interfaces() -> str:
-    """INTERFACES.md with its blocks made anew."""
-    text = (DOCS / "INTERFACES.md").read_text("utf-8")
-    for name, make in BLOCKS.items():
+def with_blocks(page: str) -> str:
+    """A page of docs/ with its blocks made anew."""
+    text = (DOCS / page).read_text("utf-8")
+    for name, make in BLOCKS[page].items():
         pattern = re.compile(rf"(<!-- made: {name} -->\n).*?(<!-- end -->)", re.S)
         if len(pattern.findall(text)) != 1:
-            raise SystemExit(f"docs/INTERFACES.md needs exactly one block '<!-- made: {name} -->'")
+            raise SystemExit(f"docs/{page} needs exactly one block '<!-- made: {name} -->'")
         made = make()
         text = pattern.sub(lambda m, made=made: f"{m[1]}\n{made}\n\n{m[2]}", text)  # type: ignore[misc]
     return text
@@ -267,6 +292,7 @@ def commands() -> Iterator[tuple[str, str]]:
 
 
 def cli() -> str:
+    """CLI.md: the help of every command."""
     parts = [
         "# Commands of `kincal`\n\nMade by `python ground/gen_docs.py` from the commands' own help; "
         "do not edit.\n"
@@ -276,12 +302,23 @@ def cli() -> str:
     return "\n\n".join(parts) + "\n"
 
 
+# --------------------------------------------------------------------------- JSON Schema
+
+
+def schemas() -> dict[Path, str]:
+    """Path and text of the JSON Schema of every kind of file."""
+    from kincal.schema.files import FILES, SUFFIX, json_schema
+
+    return {DOCS / "schema" / f"{name}{SUFFIX}": json_schema(name) for name in FILES}
+
+
 # --------------------------------------------------------------------------- main
 
 
 def main(argv: list[str]) -> int:
+    """Write or check; the exit status."""
     sys.path[:0] = [str(ROOT / "ground"), str(ROOT / "build/py")]
-    wanted = {DOCS / "INTERFACES.md": interfaces(), DOCS / "CLI.md": cli()}
+    wanted = {DOCS / page: with_blocks(page) for page in BLOCKS} | {DOCS / "CLI.md": cli(), **schemas()}
     stale = [path for path, text in wanted.items() if not path.is_file() or path.read_text("utf-8") != text]
     if "--check" in argv:
         for path in stale:
@@ -290,6 +327,7 @@ def main(argv: list[str]) -> int:
             )
         return 1 if stale else 0
     for path in stale:
+        path.parent.mkdir(exist_ok=True)
         path.write_text(wanted[path], "utf-8")
         print(f"{path.relative_to(ROOT)} written")
     return 0

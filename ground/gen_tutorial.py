@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DOCUMENT = ROOT / "docs" / "TUTORIAL.md"
 IMAGES = ROOT / "docs" / "img"
 OUT = "out/tutorial"
-PICTURES = ("ladder", "posterior", "suspects", "map")
+PICTURES = ("models", "posterior", "suspects", "map")
 TOLERANCE = 0.02  # of a number, between machines
 BLOCK = re.compile(
     r"(?:<!-- status: (?P<status>\d+) -->\n)?```sh\n(?P<commands>.*?)```\n"
@@ -35,6 +35,8 @@ NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 @dataclass(frozen=True)
 class Step:
+    """A block of commands, the status it must end with, and what it printed."""
+
     commands: str
     status: int
     output: str
@@ -54,6 +56,7 @@ def run(commands: str, status: int, folder: Path) -> str:
 
 
 def perform(text: str, folder: Path) -> list[Step]:
+    """Run every block of the document, in order."""
     return [
         Step(m["commands"], int(m["status"] or 0), run(m["commands"], int(m["status"] or 0), folder))
         for m in BLOCK.finditer(text)
@@ -78,7 +81,7 @@ def shown(output: str, pattern: str) -> str:
 
 
 def numbers(steps: list[Step]) -> dict[str, float]:
-    """What the circle comes to, from the printed outputs."""
+    """Errors from step to step, from the printed outputs."""
     text = "\n".join(step.output for step in steps if "odd" not in step.commands)  # step 7 is another arm
 
     def last(pattern: str) -> float:
@@ -97,6 +100,7 @@ def numbers(steps: list[Step]) -> dict[str, float]:
 
 
 def summary(n: dict[str, float]) -> str:
+    """The table of errors, in Markdown."""
     rows = [
         ("noise floor of one measurement", n["floor"]),
         ("flight, DH alone, 200 held-out poses", n["alone"]),
@@ -139,6 +143,7 @@ def differences(old: str, new: str) -> list[str]:
 
 
 def main(argv: list[str]) -> int:
+    """Write or check; the exit status."""
     folder = ROOT / OUT
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

@@ -58,7 +58,7 @@ kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng,
     return KC_OK;
 }
 
-/* Rows of work->J: whitened columns of the coefficients asked for, times their scale. */
+/* Rows of work->J: whitened columns of the requested coefficients, times their scale. */
 static void take_jacobian(const kc_est_t *est, const double W[36], uint32_t m, kc_acq_work_t *w)
 {
     for (uint32_t j = 0; j < w->n; j++) {
@@ -86,7 +86,7 @@ static void zero(double *A, uint32_t n)
     }
 }
 
-/* The coefficients asked for, and their prior precision in units of scale. */
+/* The requested coefficients, and their prior precision in units of scale. */
 static void take_coefs(const kc_est_t *est, kc_acq_work_t *w)
 {
     w->n = 0u;
@@ -113,7 +113,7 @@ static kc_status_t information(const kc_est_t *est, kc_acq_work_t *w)
         if (est->outlier[i] != 0u) { continue; }
         kc_model_loads(est->arm, est->terms, est->coef, &o->ctx, &loads);
         const uint32_t m = kc_model_residual(est->arm, est->terms, est->coef, o, &loads, r, &w->eval);
-        (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has seen that this works */
+        (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has checked it */
         take_jacobian(est, W, m, w);
         kc_la_rank_update(w->S, w->n, LD, &w->J[0][0], 6u, 6u, 1.0);
     }
@@ -122,7 +122,7 @@ static kc_status_t information(const kc_est_t *est, kc_acq_work_t *w)
     return KC_OK;
 }
 
-/* N = M (sum over X of J'J) M into S, J in units of the variance asked for. Returns the trace of
+/* N = M (sum over X of J'J) M into S, J in units of the requested variance. Returns the trace of
  * (sum J'J) M: the total before. By N, what a measurement takes off the total is a 6x6 trace. */
 static double prepare_vopt(const kc_est_t *est, const float *q, uint32_t n_cand, double len_m,
                            kc_acq_work_t *w)

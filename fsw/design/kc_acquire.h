@@ -1,4 +1,4 @@
-/* What to measure next: GP-UCB (eq. 7), random, and information criteria. */
+/* Acquisition, the choice of the next pose: GP-UCB (eq. 7), random, and information criteria. */
 #ifndef KC_ACQUIRE_H
 #define KC_ACQUIRE_H
 
@@ -13,7 +13,7 @@ typedef enum { KC_ACQ_UCB = 0, KC_ACQ_RANDOM = 1, KC_ACQ_DOPT = 2, KC_ACQ_VOPT =
 double kc_acq_beta(uint32_t n_cand, uint32_t k, double scale);
 
 /* f of eq. 6 for every measurement from position distance dp_m[i] and rotation distance dr_rad[i];
- * s_p, s_q are the largest seen, but not below the floors. y[i] <= 0. */
+ * s_p, s_q are the largest so far, but not below the floors. y[i] <= 0. */
 void kc_acq_objective(const double *dp_m, const double *dr_rad, uint32_t n, double a1, double sp_floor_m,
                       double sq_floor_rad, double *y);
 
@@ -29,19 +29,19 @@ kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng,
  * vopt: least mean predicted pose variance over all candidates (position [m^2] / len_m^2 + rotation
  * [rad^2], len_m > 0), *value = that mean after the measurement.
  * The information is J' W J of the observations in est (but its outliers) at est->coef, the solution of the
- * last solve or, before the first, what the caller put there, plus a prior on every coefficient asked for:
+ * last solve or, before the first, what the caller put there, plus a prior on every requested coefficient:
  * its own if priors are in use, else KC_ACQ_SIGMA x scale, so that no variance is infinite.
  * Everything a context holds besides joints is taken from the last observation; before the first: gravity of
  * the arm table and zeros.
- * KC_ERR_ARG: nothing usable, no coefficient asked for, wrong kind, or cov not positive definite; KC_ERR_NUM:
+ * KC_ERR_ARG: nothing usable, no coefficient requested, wrong kind, or cov not positive definite; KC_ERR_NUM:
  * not finite. O((n_obs + n_cand) n_coef^2). */
 #define KC_ACQ_SIGMA 1.0
 typedef struct {
-    double M[KC_COEF_MAX * KC_COEF_MAX]; /* covariance, in units of scale         */
+    double M[KC_COEF_MAX * KC_COEF_MAX]; /* covariance, in units of scale */
     double S[KC_COEF_MAX * KC_COEF_MAX]; /* information; then M (sum J'J) M (vopt) */
-    double J[KC_COEF_MAX][6];            /* Jacobian of one pose, in those units   */
+    double J[KC_COEF_MAX][6];            /* Jacobian of one pose, in those units */
     double MJ[KC_COEF_MAX][6];
-    double prior[KC_COEF_MAX];           /* precision of the prior, in those units */
+    double prior[KC_COEF_MAX]; /* precision of the prior, in those units */
     uint32_t idx[KC_COEF_MAX], n;
     kc_eval_t eval;
 } kc_acq_work_t;

@@ -56,7 +56,7 @@ kc_status_t kc_gp_add(kc_gp_t *gp, const kc_point_t *x, double y, const kc_point
 {
     const uint32_t n = gp->n;
     if (n >= KC_MEAS_MAX) { return KC_ERR_FULL; }
-    gp->x[n] = *x; /* beyond gp->n: not part of the state until the factor stands */
+    gp->x[n] = *x; /* beyond gp->n: not part of the state until the factor is extended */
     if (!kc_finite(y) || factor_row(gp, n) != KC_OK) { return KC_ERR_NUM; }
     gp->y[n] = y;
     gp->n = n + 1u;

@@ -16,10 +16,10 @@ typedef struct {
     uint32_t n, n_cand;
     kc_point_t x[KC_MEAS_MAX];
     double y[KC_MEAS_MAX];
-    double L[KC_MEAS_MAX * (KC_MEAS_MAX + 1u) / 2u]; /* packed rows of chol(K + s^2 I)   */
-    double z[KC_MEAS_MAX];                           /* L^-1 y                            */
-    double var[KC_CAND_MAX];                         /* posterior variance of candidate   */
-    float v[KC_MEAS_MAX][KC_CAND_MAX];               /* rows of L^-1 K(X, candidates)     */
+    double L[KC_MEAS_MAX * (KC_MEAS_MAX + 1u) / 2u]; /* packed rows of chol(K + s^2 I) */
+    double z[KC_MEAS_MAX];             /* L^-1 y */
+    double var[KC_CAND_MAX];           /* posterior variance of candidate */
+    float v[KC_MEAS_MAX][KC_CAND_MAX]; /* rows of L^-1 K(X, candidates) */
 } kc_gp_t;
 
 /* Empty GP over n_cand candidates. KC_ERR_ARG if n_cand > KC_CAND_MAX or hyper out of range. */

@@ -6,7 +6,7 @@
 #define SUM_TOL 1e-9
 #define TRUNC_MAX 0.1
 
-/* cos t of method.md 3: |<q1,q2>| is the cosine of half the rotation angle, so eq. 1's angle has
+/* cos t of METHOD.md 3: |<q1,q2>| is the cosine of half the rotation angle, so eq. 1's angle has
  * cos d = 2 <q1,q2>^2 - 1. Both are taken without an acos. */
 static double cos_t(uint8_t arg, const double q1[4], const double q2[4])
 {

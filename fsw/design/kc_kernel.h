@@ -1,4 +1,4 @@
-/* Kernel on S3 x R3 (method.md 3): spectral table for the rotation part, Gaussian in position.
+/* Kernel on S3 x R3 (METHOD.md 3): spectral table for the rotation part, Gaussian in position.
  *
  *   k(x, x') = sigma_s^2 k_S3(t) exp(-|p - p'|^2 / (2 beta^2)),  k_S3(t) = sum_n w_n U_n(cos t)
  * with w_n = c_n spectrum_n / C_inf from the ground, summed by Clenshaw's recurrence. */
@@ -11,26 +11,26 @@
 #include "kc_status.h"
 
 typedef enum {
-    KC_KERNEL_SO3 = 0,  /* even n, t = acos|<q,q'>|: heat or Matern kernel of SO(3)  */
-    KC_KERNEL_PAPER = 1 /* all n, t = d_S3(q,q') of eq. 1, as printed                 */
+    KC_KERNEL_SO3 = 0,  /* even n, t = acos|<q,q'>|: heat or Matern kernel of SO(3) */
+    KC_KERNEL_PAPER = 1 /* all n, t = d_S3(q,q') of eq. 1, as printed */
 } kc_kernel_arg_t;
 
 /* One choice of hyperparameters with its spectral table. */
 typedef struct {
-    double sigma_s;  /* signal standard deviation                       */
-    double beta_m;   /* position length scale [m]                       */
-    double kappa;    /* rotation length scale, for people; w holds it   */
-    double nu;       /* Matern smoothness, 0 = heat                     */
-    uint32_t n_w;    /* coefficients w_0 .. w_{n_w-1}, degree n = index */
+    double sigma_s; /* signal standard deviation */
+    double beta_m;  /* position length scale [m] */
+    double kappa;   /* rotation length scale, for people; w holds it */
+    double nu;      /* Matern smoothness, 0 = heat */
+    uint32_t n_w;   /* coefficients w_0 .. w_{n_w-1}, degree n = index */
     double w[KC_SPECTRUM_MAX];
     double trunc_err; /* stated bound of what was cut off, relative to k(0) */
 } kc_hyper_t;
 
 typedef struct {
-    uint8_t arg;          /* kc_kernel_arg_t                                */
-    uint32_t n_hyper;     /* >= 1; the first one is used unless chosen on board */
-    double sigma_eps;     /* noise of f, added as sigma_eps^2 I             */
-    uint8_t choose;       /* 1: choose the set by marginal likelihood       */
+    uint8_t arg;      /* kc_kernel_arg_t */
+    uint32_t n_hyper; /* >= 1; the first one is used unless chosen on board */
+    double sigma_eps; /* noise of f, added as sigma_eps^2 I */
+    uint8_t choose;   /* 1: choose the set by marginal likelihood */
     kc_hyper_t hyper[KC_HYPER_MAX];
 } kc_kernel_t;
 

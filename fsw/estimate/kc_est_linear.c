@@ -14,7 +14,7 @@ uint32_t kc_est_block(kc_est_t *est, const double *coef, uint32_t i, double raw[
     double col[6];
     kc_model_loads(est->arm, est->terms, coef, &o->ctx, &loads);
     const uint32_t m = kc_model_residual(est->arm, est->terms, coef, o, &loads, r, &est->eval);
-    (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has seen that this works */
+    (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has checked it */
     for (uint32_t j = 0; j < n; j++) {
         kc_la_whiten_apply(W, m, est->eval.J[est->idx[j]], col);
         for (uint32_t k = 0; k < m; k++) { est->blk[k * KC_EST_LD + j] = col[k]; }

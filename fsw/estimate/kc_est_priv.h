@@ -1,7 +1,7 @@
 /* Parts of the estimator, one job a file; nobody outside fsw/estimate includes this.
  *
- * A "fit" works on the coefficients est->idx[0 .. n_idx-1]; all others stay as they are in the vector
- * it is given. R, its right-hand side z (column n_idx) and steps are in that order. */
+ * A "fit" works on the coefficients est->idx[0 .. n_idx-1]; all others keep their values in the vector
+ * that is passed. R, its right-hand side z (column n_idx) and steps are in that order. */
 #ifndef KC_EST_PRIV_H
 #define KC_EST_PRIV_H
 
@@ -11,10 +11,10 @@
 
 /* Sums over the inliers at one vector of coefficients. */
 typedef struct {
-    double chi2;           /* whitened squared residuals         */
-    double prior;          /* squared prior terms                */
-    double pos2, rot2;     /* squared residuals [m^2], [rad^2]   */
-    uint32_t n_pos, n_rot; /* poses behind them                  */
+    double chi2;           /* whitened squared residuals */
+    double prior;          /* squared prior terms */
+    double pos2, rot2;     /* squared residuals [m^2], [rad^2] */
+    uint32_t n_pos, n_rot; /* poses behind them */
     uint32_t rows;
 } kc_est_sums_t;
 
@@ -29,7 +29,7 @@ void kc_est_sums(kc_est_t *est, const double *coef, kc_est_sums_t *s);
 void kc_est_fold_data(kc_est_t *est, const double *coef);
 /* R and z of data and priors at est->coef. */
 void kc_est_linearise(kc_est_t *est);
-/* 1/sigma of the prior of coefficient c, and what it pulls to; 0 if there is none. */
+/* 1/sigma of the prior of coefficient c, and its mean; 0 if there is none. */
 double kc_est_prior_precision(const kc_est_t *est, uint32_t c, double *centre);
 /* Rows of the inliers. */
 uint32_t kc_est_rows(const kc_est_t *est);
@@ -39,10 +39,10 @@ uint32_t kc_est_rows(const kc_est_t *est);
 /* Rank of the coefficients in mask, at coef, by the data alone; idx = those, in order. cond, perm, pivot
  * and the factored columns (est->qp.L, ld n_idx) are left for the report. */
 uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef);
-/* Decide at coef which of `asked` are estimated and which held: status, entangled, rank, idx, weak. */
-void kc_est_identify(kc_est_t *est, uint64_t asked, const double *coef);
+/* Decide at coef which of `requested` are estimated and which held: status, confounded, rank, idx, weak. */
+void kc_est_identify(kc_est_t *est, uint64_t requested, const double *coef);
 /* Whether that decision still stands at est->coef: neither more nor fewer could be estimated. idx stays. */
-int kc_est_still_identified(kc_est_t *est, uint64_t asked);
+int kc_est_still_identified(kc_est_t *est, uint64_t requested);
 
 /* -- kc_est_fit.c -- */
 
@@ -54,7 +54,7 @@ double kc_est_kkt(kc_est_t *est, double cost);
 /* -- kc_outlier.c -- */
 
 /* The inlier whose deleted residual is least likely; *p its probability times the number of inliers
- * that could be judged. Returns n_obs if none could. */
+ * whose residual has a meaning. Returns n_obs if there is none. */
 uint32_t kc_est_worst(kc_est_t *est, double chi2, double *p);
 
 #endif

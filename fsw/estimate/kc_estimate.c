@@ -55,7 +55,7 @@ static int options_good(const kc_est_t *est)
     return ok;
 }
 
-static uint64_t asked_for(const kc_est_t *est)
+static uint64_t requested_mask(const kc_est_t *est)
 {
     uint64_t mask = 0u;
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
@@ -64,29 +64,29 @@ static uint64_t asked_for(const kc_est_t *est)
     return mask & est->opt.free_mask;
 }
 
-static void to_start(kc_est_t *est, uint64_t which, uint64_t asked)
+static void to_start(kc_est_t *est, uint64_t which, uint64_t requested)
 {
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
         const kc_coef_t *k = &est->terms->coef[c];
         if (((which >> c) & 1u) == 0u) { continue; }
-        const int in = ((asked >> c) & 1u) != 0u;
+        const int in = ((requested >> c) & 1u) != 0u;
         est->coef[c] = in ? kc_clamp(est->start[c], k->lb, k->ub) : est->start[c];
     }
 }
 
-static void reset(kc_est_t *est, uint64_t asked)
+static void reset(kc_est_t *est, uint64_t requested)
 {
-    to_start(est, ~(uint64_t)0u, asked);
+    to_start(est, ~(uint64_t)0u, requested);
     for (uint32_t i = 0; i < KC_MEAS_MAX; i++) { est->outlier[i] = 0u; }
     for (uint32_t c = 0; c < KC_COEF_MAX; c++) {
         est->status[c] = (uint8_t)KC_COEF_MASKED;
         est->sigma[c] = 0.0;
-        est->entangled[c] = 0u;
+        est->confounded[c] = 0u;
     }
     est->n_free = est->n_outliers = est->rank = est->iters = est->n_idx = 0u;
     est->weak = 0u;
     est->kkt = est->cond = 0.0;
-    for (uint64_t b = asked; b != 0u; b &= b - 1u) { est->n_free++; }
+    for (uint64_t b = requested; b != 0u; b &= b - 1u) { est->n_free++; }
 }
 
 static uint64_t held_mask(const kc_est_t *est)
@@ -98,28 +98,28 @@ static uint64_t held_mask(const kc_est_t *est)
     return held;
 }
 
-/* Fit, and judge rank again where the fit ended: a nominal arm can be singular where the real one is
- * not, and the other way round. Coefficients newly held go back to start. */
-static kc_status_t fit_identified(kc_est_t *est, uint64_t asked)
+/* Fit, and decide rank again at the solution: a nominal arm can be singular where the real one is not, and
+ * the other way round. Coefficients that become held return to start. */
+static kc_status_t fit_identified(kc_est_t *est, uint64_t requested)
 {
     kc_status_t st = KC_OK;
-    kc_est_identify(est, asked, est->coef);
+    kc_est_identify(est, requested, est->coef);
     for (uint32_t pass = 1u; est->rank > 0u; pass++) {
         st = kc_est_fit(est);
         if (st == KC_ERR_NUM || est->hold_none || pass >= KC_EST_PASSES ||
-            kc_est_still_identified(est, asked)) {
+            kc_est_still_identified(est, requested)) {
             return st;
         }
-        kc_est_identify(est, asked, est->coef);
-        to_start(est, held_mask(est), asked);
+        kc_est_identify(est, requested, est->coef);
+        to_start(est, held_mask(est), requested);
     }
     return KC_ERR_RANK;
 }
 
 /* One pose at a time, the worst first, until none is unlikely. */
-static kc_status_t fit_inliers(kc_est_t *est, uint64_t asked)
+static kc_status_t fit_inliers(kc_est_t *est, uint64_t requested)
 {
-    kc_status_t st = fit_identified(est, asked);
+    kc_status_t st = fit_identified(est, requested);
     for (uint32_t k = 0; k < est->opt.outlier_max && est->opt.outlier_p > 0.0 && st == KC_OK; k++) {
         kc_est_sums_t s;
         double p;
@@ -128,7 +128,7 @@ static kc_status_t fit_inliers(kc_est_t *est, uint64_t asked)
         if (worst >= est->n_obs || p >= est->opt.outlier_p) { break; }
         est->outlier[worst] = 1u;
         est->n_outliers++;
-        st = fit_identified(est, asked);
+        st = fit_identified(est, requested);
     }
     return st;
 }
@@ -152,7 +152,7 @@ static void scatter_cov(kc_est_t *est)
     }
 }
 
-/* Covariance of what is estimated and on no bound; R is folded again without those on one. */
+/* Covariance of the estimated coefficients that are not at a bound; R is folded again without the others. */
 static kc_status_t covariance(kc_est_t *est)
 {
     uint32_t n = 0u;
@@ -186,15 +186,15 @@ kc_status_t kc_est_solve(kc_est_t *est)
 {
     kc_est_sums_t s;
     if (!options_good(est)) { return KC_ERR_ARG; }
-    const uint64_t asked = asked_for(est);
-    reset(est, asked);
+    const uint64_t requested = requested_mask(est);
+    reset(est, requested);
     kc_est_sums(est, est->coef, &s);
     if (!kc_finite(s.chi2)) { return KC_ERR_NUM; }
     est->before_pos_m = rms(s.pos2, s.n_pos);
     est->before_rot_rad = rms(s.rot2, s.n_rot);
-    const kc_status_t st = fit_inliers(est, asked);
+    const kc_status_t st = fit_inliers(est, requested);
     if (st == KC_ERR_NUM) { return st; }
-    if (st == KC_ERR_RANK) { to_start(est, ~(uint64_t)0u, asked); }
+    if (st == KC_ERR_RANK) { to_start(est, ~(uint64_t)0u, requested); }
     const kc_status_t rep = report(est);
     return (rep != KC_OK) ? rep : st;
 }

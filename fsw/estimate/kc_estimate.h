@@ -1,22 +1,22 @@
-/* What is wrong with the arm: eq. 8-11 with masks, bounds, priors, covariance weights,
- * outlier rejection, damped steps, and a report of what the data cannot tell.
+/* Estimator of the correction coefficients: eq. 8-11 with masks, bounds, priors, covariance weights,
+ * outlier rejection, damped steps, and a report of what the data cannot determine.
  *
  * Linear algebra is square-root information: each pose's whitened 6 x n block is folded
  * into an upper-triangular R by Householder reflections, so neither J nor J'J of all poses
- * is ever stored and the condition number is not squared before rank is judged.
+ * is ever stored and the condition number is not squared before rank is decided.
  *
- * Which coefficients are estimated. Asked for: free_mask, enabled in the table. Their whitened
- * columns, times coef.scale, go through QR with column pivoting, without any prior. A pivot is scale over
- * the sigma that the data alone would leave that coefficient, the better determined ones being known. Those
- * below rank_tol of the largest pivot, or below KC_EST_PIVOT_MIN (the data tell less than its typical
- * size), are HELD at start and the rest is estimated. Judged at start, and
- * again at the solution: if the rank differs there, the choice is made anew and the fit repeated (at
- * most KC_EST_PASSES fits).
+ * Which coefficients are estimated. Requested are those in free_mask that the table enables. Their
+ * whitened columns, times coef.scale, go through QR with column pivoting, without any prior. A pivot is
+ * scale over the sigma that the data alone would leave that coefficient if the better determined ones were
+ * known. Those below rank_tol of the largest pivot, or below KC_EST_PIVOT_MIN (sigma larger than the
+ * typical size), are HELD at start and the rest is estimated. This is decided at start and checked at the
+ * solution: if the rank differs there, it is decided again and the fit repeated (at most KC_EST_PASSES
+ * fits).
  *
  * Weak prior. While the rows are fewer than twice the coefficients estimated (the first poses of a
  * calibration), a coefficient without a prior of its own gets one about start with sigma =
- * KC_EST_WEAK_SIGMA x scale (hold_none: always). Poorly determined directions are then not blown up by noise;
- * later the prior goes and the estimate is that of the data alone. It enters cost and covariance, never
+ * KC_EST_WEAK_SIGMA x scale (hold_none: always). Noise is then not amplified in poorly determined directions;
+ * later the prior is dropped and the estimate is that of the data alone. It enters cost and covariance, never
  * rank. */
 #ifndef KC_ESTIMATE_H
 #define KC_ESTIMATE_H
@@ -33,20 +33,20 @@
 
 typedef enum {
     KC_COEF_ESTIMATED = 0,
-    KC_COEF_MASKED = 1,   /* not asked for                                         */
-    KC_COEF_HELD = 2,     /* dependent on others: held at its start value          */
-    KC_COEF_AT_LOWER = 3, /* estimated, the bound is active                        */
+    KC_COEF_MASKED = 1,   /* not requested */
+    KC_COEF_HELD = 2,     /* dependent on others: held at its start value */
+    KC_COEF_AT_LOWER = 3, /* estimated, the bound is active */
     KC_COEF_AT_UPPER = 4
 } kc_coef_status_t;
 
 typedef struct {
-    uint64_t free_mask;      /* bit per coefficient to estimate; others keep start[]  */
-    uint32_t iter_max;       /* Gauss-Newton iterations of one fit, 1..100            */
-    double tol_step;         /* converged when every step < tol_step * scale          */
-    double rank_tol;         /* a scaled pivot below rank_tol * largest is dependent  */
-    double outlier_p;        /* family-wise chance of rejecting a good pose, 0 = off  */
-    uint32_t outlier_max;    /* at most this many are rejected                        */
-    uint8_t use_prior;       /* add (coef / prior_sigma)^2 where prior_sigma > 0      */
+    uint64_t free_mask;   /* bit per coefficient to estimate; others keep start[] */
+    uint32_t iter_max;    /* Gauss-Newton iterations of one fit, 1..100 */
+    double tol_step;      /* converged when every step < tol_step * scale */
+    double rank_tol;      /* a scaled pivot below rank_tol * largest is dependent */
+    double outlier_p;     /* family-wise chance of rejecting a good pose, 0 = off */
+    uint32_t outlier_max; /* at most this many are rejected */
+    uint8_t use_prior;    /* add (coef / prior_sigma)^2 where prior_sigma > 0 */
 } kc_est_opt_t;
 
 /* Caller owns it (static); about 160 KiB with work space. */
@@ -56,37 +56,38 @@ typedef struct {
     const kc_terms_t *terms;
     kc_est_opt_t opt;
     uint32_t n_obs;
-    uint8_t hold_none;          /* all that is asked for is estimated, the weak prior deciding what the data
-                                   leave open: the likeliest arm within its bounds, for a few looks */
+    /* hold_none: every requested coefficient is estimated; the weak prior decides what the data do not
+     * (the most likely arm within its bounds, for a few observations) */
+    uint8_t hold_none;
     kc_obs_t obs[KC_MEAS_MAX];
-    double start[KC_COEF_MAX];  /* free ones are clipped into their bounds */
+    double start[KC_COEF_MAX]; /* estimated ones are clipped to their bounds */
     /* out */
     double coef[KC_COEF_MAX];
-    double sigma[KC_COEF_MAX];               /* 1-sigma at noise scale 1; 0 if not estimated
-                                                or at a bound                                */
-    uint8_t status[KC_COEF_MAX];             /* kc_coef_status_t                             */
-    uint64_t entangled[KC_COEF_MAX];         /* other coefficients that share a null direction
+    double sigma[KC_COEF_MAX]; /* 1-sigma at noise scale 1; 0 if not estimated
+                                                or at a bound */
+    uint8_t status[KC_COEF_MAX]; /* kc_coef_status_t */
+    uint64_t confounded[KC_COEF_MAX]; /* other coefficients that share a null direction
                                                 with this one, held or not; 0 for a held one
-                                                means that it has no effect at all           */
+                                                means that it has no effect at all */
     uint8_t outlier[KC_MEAS_MAX];
     uint32_t n_outliers, rank, n_free, dof, iters;
-    double chi2;                             /* of the data, inliers                         */
-    double cost;                             /* chi2 + priors                                */
-    double kkt;                              /* largest |projected gradient|, each over the norm
+    double chi2; /* of the data, inliers */
+    double cost; /* chi2 + priors */
+    double kkt; /* largest |projected gradient|, each over the norm
                                                 of its whitened column and max(1, |residual|) */
-    double cond;                             /* largest over least scaled pivot kept         */
-    double noise_scale;                      /* sqrt(chi2/dof), 1 if dof = 0                 */
-    double fit_pos_m, fit_rot_rad;           /* RMS residual after the fit (inliers)         */
-    double before_pos_m, before_rot_rad;     /* RMS residual at start (all)                  */
+    double cond; /* largest over least scaled pivot kept */
+    double noise_scale; /* sqrt(chi2/dof), 1 if dof = 0 */
+    double fit_pos_m, fit_rot_rad; /* RMS residual after the fit (inliers) */
+    double before_pos_m, before_rot_rad; /* RMS residual at start (all) */
     union {
         double cov[KC_COEF_MAX * KC_COEF_MAX]; /* out: row-major, ld KC_COEF_MAX; zero rows and
-                                                  columns where not estimated or at a bound  */
-        kc_qp_t qp;                            /* work: only while solving                   */
+                                                  columns where not estimated or at a bound */
+        kc_qp_t qp; /* work: only while solving */
     };
     /* work */
     kc_eval_t eval;
-    uint8_t weak;                              /* the weak prior is in force                 */
-    uint32_t n_idx;                            /* coefficients in R, place -> coefficient    */
+    uint8_t weak; /* the weak prior is in force */
+    uint32_t n_idx; /* coefficients in R, place -> coefficient */
     uint32_t idx[KC_COEF_MAX];
     uint32_t perm[KC_COEF_MAX];
     double R[KC_COEF_MAX * (KC_COEF_MAX + 1u)]; /* square-root information | right-hand side */
@@ -100,7 +101,7 @@ typedef struct {
 kc_status_t kc_est_add(kc_est_t *est, const kc_obs_t *obs);
 
 /* Solve from start. KC_OK: converged. KC_ERR_ITER: best so far. KC_ERR_RANK: nothing free can be
- * determined, coef = start and the report says why. KC_ERR_ARG (options out of range, bounds crossed,
+ * determined, coef = start and status says why. KC_ERR_ARG (options out of range, bounds crossed,
  * nothing observed) / KC_ERR_NUM (not finite): outputs not valid. The cost never rises from one accepted
  * step to the next; loads are those of the coefficients at each step. Outliers: the pose with the
  * least likely deleted residual, scaled by the noise of the others where that exceeds 1, goes first,

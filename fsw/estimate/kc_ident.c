@@ -23,7 +23,7 @@ static void entangle(kc_est_t *est, uint64_t set)
 {
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
         const uint64_t bit = (uint64_t)1u << c;
-        if ((set & bit) != 0u) { est->entangled[c] |= set & ~bit; }
+        if ((set & bit) != 0u) { est->confounded[c] |= set & ~bit; }
     }
 }
 
@@ -66,13 +66,13 @@ uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef)
     return rank;
 }
 
-void kc_est_identify(kc_est_t *est, uint64_t asked, const double *coef)
+void kc_est_identify(kc_est_t *est, uint64_t requested, const double *coef)
 {
     uint64_t held = 0u;
-    est->rank = kc_est_rank(est, asked, coef);
+    est->rank = kc_est_rank(est, requested, coef);
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
-        est->status[c] = (uint8_t)((((asked >> c) & 1u) != 0u) ? KC_COEF_ESTIMATED : KC_COEF_MASKED);
-        est->entangled[c] = 0u;
+        est->status[c] = (uint8_t)((((requested >> c) & 1u) != 0u) ? KC_COEF_ESTIMATED : KC_COEF_MASKED);
+        est->confounded[c] = 0u;
     }
     for (uint32_t j = est->rank; j < est->n_idx && !est->hold_none; j++) {
         const uint32_t c = est->idx[est->perm[j]];
@@ -80,17 +80,17 @@ void kc_est_identify(kc_est_t *est, uint64_t asked, const double *coef)
         held |= (uint64_t)1u << c;
         entangle(est, null_members(est, est->qp.L, est->n_idx, j));
     }
-    take(est, asked & ~held);
+    take(est, requested & ~held);
     est->weak = (est->hold_none || kc_est_rows(est) < 2u * est->n_idx) ? 1u : 0u;
 }
 
 /* Two equally good choices of which to hold are common (any one of a dependent set), so the sets are not
  * compared: the rank of all must be the same, and those estimated must be independent. */
-int kc_est_still_identified(kc_est_t *est, uint64_t asked)
+int kc_est_still_identified(kc_est_t *est, uint64_t requested)
 {
     uint64_t kept = 0u;
     for (uint32_t j = 0; j < est->n_idx; j++) { kept |= (uint64_t)1u << est->idx[j]; }
-    const uint32_t all = kc_est_rank(est, asked, est->coef);
+    const uint32_t all = kc_est_rank(est, requested, est->coef);
     const uint32_t own = kc_est_rank(est, kept, est->coef);
     return all == est->rank && own == est->rank;
 }

@@ -8,7 +8,7 @@
 #include "kc_vec.h"
 
 #define ITER_MAX 5u     /* Gauss-Newton in one unknown                           */
-#define BIAS_MAX 1.6    /* [rad or m]; beyond it is no bias but another arm      */
+#define BIAS_MAX 1.6    /* [rad or m]; a larger error is not a joint bias        */
 #define STEP_SMALL 1e-9 /* [rad or m]                                            */
 
 /* One joint, one onset. */
@@ -41,25 +41,25 @@ kc_status_t kc_monitor_add(kc_monitor_t *m, const kc_arm_t *arm, const kc_terms_
     kc_model_loads(arm, terms, coef, &obs->ctx, &loads);
     (void)kc_model_residual(arm, terms, coef, obs, &loads, r, work);
     if (!kc_v_finite(r, 6u)) { return KC_ERR_NUM; }
-    kc_mon_look_t *k = &m->look[m->next];
+    kc_mon_obs_t *k = &m->obs[m->next];
     memcpy(k->r, r, sizeof k->r);
     memcpy(k->W, W, sizeof k->W);
     memcpy(k->Jq, work->Jq, sizeof k->Jq);
-    m->next = (m->next + 1u) % KC_MON_LOOKS;
-    if (m->n < KC_MON_LOOKS) { m->n++; }
+    m->next = (m->next + 1u) % KC_MON_OBS_MAX;
+    if (m->n < KC_MON_OBS_MAX) { m->n++; }
     return KC_OK;
 }
 
-/* Look i, counted back from the newest (0). */
-static const kc_mon_look_t *look_back(const kc_monitor_t *m, uint32_t i)
+/* Observation i, counted back from the newest (0). */
+static const kc_mon_obs_t *obs_back(const kc_monitor_t *m, uint32_t i)
 {
-    return &m->look[(m->next + KC_MON_LOOKS - 1u - i) % KC_MON_LOOKS];
+    return &m->obs[(m->next + KC_MON_OBS_MAX - 1u - i) % KC_MON_OBS_MAX];
 }
 
-/* What look k leaves when joint j is taken to stand `bias` beyond its reading, and how that changes with the
- * bias (a = - d r / d bias). A turn by b about axis z through o moves the tool p by
- * sin b z x (p - o) + (1 - cos b) z x (z x (p - o)); the row holds z x (p - o) and z. */
-static void shifted(const kc_monitor_t *m, const kc_mon_look_t *k, uint32_t j, double bias, double r[6],
+/* Residual of observation k if joint j stands `bias` beyond its reading, and its derivative with respect
+ * to the bias (a = - d r / d bias). A turn by b about axis z through o moves the tool p by sin b z x (p -
+ * o) + (1 - cos b) z x (z x (p - o)); the row holds z x (p - o) and z. */
+static void shifted(const kc_monitor_t *m, const kc_mon_obs_t *k, uint32_t j, double bias, double r[6],
                     double a[6])
 {
     const double *c = k->Jq[j], *z = c + 3;
@@ -69,7 +69,7 @@ static void shifted(const kc_monitor_t *m, const kc_mon_look_t *k, uint32_t j, d
         kc_v3_add_scaled(r, -bias, c, r);
         return;
     }
-    double zc[3], w[3], turn[9], seen[9], left[9], s = kc_sin(bias), h = kc_sin(0.5 * bias);
+    double zc[3], w[3], turn[9], measured[9], left[9], s = kc_sin(bias), h = kc_sin(0.5 * bias);
     kc_v3_cross(z, c, zc);
     for (uint32_t i = 0u; i < 3u; i++) {
         r[i] -= s * c[i] + 2.0 * h * h * zc[i];
@@ -77,20 +77,21 @@ static void shifted(const kc_monitor_t *m, const kc_mon_look_t *k, uint32_t j, d
         w[i] = -bias * z[i];
     }
     kc_R_exp(w, turn);
-    kc_R_exp(k->r + 3, seen);
-    kc_m3_mul(seen, turn, left);
+    kc_R_exp(k->r + 3, measured);
+    kc_m3_mul(measured, turn, left);
     kc_R_log(left, r + 3);
 }
 
-/* Sums over the newest n looks at this bias: chi-square, gradient, information and its variance. Of the
- * gradient's variance (= information, if looks are independent) the floor's part adds up as amplitudes. */
+/* Sums over the newest n observations at this bias: chi-square, gradient, information and its variance. Of
+ * the gradient's variance (= information, if observations are independent) the floor's part adds up as
+ * amplitudes. */
 static double sums(const kc_monitor_t *m, uint32_t n, uint32_t j, fit_t *f)
 {
     double grad = 0.0, shared = 0.0, shared2 = 0.0;
     f->rest = 0.0;
     f->info = 0.0;
     for (uint32_t i = 0u; i < n; i++) {
-        const kc_mon_look_t *k = look_back(m, i);
+        const kc_mon_obs_t *k = obs_back(m, i);
         double r[6], a[6], s2 = 0.0;
         shifted(m, k, j, f->bias, r, a);
         kc_la_whiten_apply(k->W, 6u, r, r);
@@ -110,7 +111,7 @@ static double sums(const kc_monitor_t *m, uint32_t n, uint32_t j, fit_t *f)
     return grad;
 }
 
-/* Best bias of joint j for the newest n looks. */
+/* Best bias of joint j for the newest n observations. */
 static void fit(const kc_monitor_t *m, uint32_t n, uint32_t j, fit_t *f)
 {
     memset(f, 0, sizeof *f);
@@ -129,8 +130,7 @@ static double wald(const fit_t *f)
     return f->info > 0.0 ? f->bias * f->bias * f->info * f->info / f->var : 0.0;
 }
 
-/* Joints that the newest n looks do not tell from joint j, whose fit is `best`. What looks share counts
- * less often than it is seen. */
+/* Joints that explain the newest n observations about as well as joint j, whose fit is `best`. */
 static uint32_t ties(const kc_monitor_t *m, uint32_t n, uint32_t j, const fit_t *best)
 {
     uint32_t mask = 1u << j;
@@ -146,9 +146,9 @@ static uint32_t ties(const kc_monitor_t *m, uint32_t n, uint32_t j, const fit_t 
 /* The best of all joints and onsets that are significant and leave noise. */
 static int name(const kc_monitor_t *m, kc_mon_verdict_t *v)
 {
-    const double n_hyp = (double)m->n_joints * (double)(KC_MON_LOOKS - KC_MON_MIN_LOOKS + 1u);
+    const double n_hyp = (double)m->n_joints * (double)(KC_MON_OBS_MAX - KC_MON_OBS_MIN + 1u);
     fit_t best = {0};
-    for (uint32_t n = KC_MON_MIN_LOOKS; n <= m->n; n++) {
+    for (uint32_t n = KC_MON_OBS_MIN; n <= m->n; n++) {
         for (uint32_t j = 0u; j < m->n_joints; j++) {
             fit_t f;
             fit(m, n, j, &f);
@@ -158,27 +158,27 @@ static int name(const kc_monitor_t *m, kc_mon_verdict_t *v)
             }
             best = f;
             v->joint = j;
-            v->n_looks = n;
+            v->n_obs = n;
         }
     }
-    if (v->n_looks == 0u) { return 0; }
+    if (v->n_obs == 0u) { return 0; }
     v->bias = best.bias;
     v->sigma = kc_sqrt(best.var) / best.info;
     v->stat = wald(&best);
     v->p = n_hyp * kc_chi2_sf(v->stat, 1u);
     v->rest = best.rest;
-    v->p_rest = kc_chi2_sf(best.rest, 6u * v->n_looks - 1u);
-    v->suspects = ties(m, v->n_looks, v->joint, &best);
+    v->p_rest = kc_chi2_sf(best.rest, 6u * v->n_obs - 1u);
+    v->suspects = ties(m, v->n_obs, v->joint, &best);
     return 1;
 }
 
-/* The newest looks are off, each by itself. */
+/* Whether the newest observations are off, each by itself. */
 static int all_off(const kc_monitor_t *m, double *p_most)
 {
     *p_most = 0.0;
-    if (m->n < KC_MON_OFF_LOOKS) { return 0; }
-    for (uint32_t i = 0u; i < KC_MON_OFF_LOOKS; i++) {
-        const kc_mon_look_t *k = look_back(m, i);
+    if (m->n < KC_MON_OBS_OFF) { return 0; }
+    for (uint32_t i = 0u; i < KC_MON_OBS_OFF; i++) {
+        const kc_mon_obs_t *k = obs_back(m, i);
         double w[6], chi2 = 0.0;
         kc_la_whiten_apply(k->W, 6u, k->r, w);
         for (uint32_t c = 0u; c < 6u; c++) { chi2 += w[c] * w[c]; }
@@ -188,19 +188,19 @@ static int all_off(const kc_monitor_t *m, double *p_most)
     return 1;
 }
 
-void kc_monitor_judge(const kc_monitor_t *m, kc_mon_verdict_t *v)
+void kc_monitor_evaluate(const kc_monitor_t *m, kc_mon_verdict_t *v)
 {
     memset(v, 0, sizeof *v);
     v->p = 1.0;
     if (m->n == 0u) { return; }
     double p_off;
-    v->off_m = kc_v3_norm(look_back(m, 0u)->r);
-    v->off_rad = kc_v3_norm(look_back(m, 0u)->r + 3);
+    v->off_m = kc_v3_norm(obs_back(m, 0u)->r);
+    v->off_rad = kc_v3_norm(obs_back(m, 0u)->r + 3);
     if (name(m, v)) {
         v->state = KC_MON_NAMED;
     } else if (all_off(m, &p_off)) {
         v->state = KC_MON_UNEXPLAINED;
         v->p = p_off;
-        v->n_looks = KC_MON_OFF_LOOKS;
+        v->n_obs = KC_MON_OBS_OFF;
     }
 }

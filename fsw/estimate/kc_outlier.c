@@ -4,12 +4,12 @@
 #include "kc_la.h"
 #include "kc_libm.h"
 
-/* A pose whose deletion leaves less than this part of a direction's variance can't be judged: without it, its
- * place would be known ten times worse than it was measured, and the fit follows it wherever it goes. */
+/* A pose whose deletion leaves less than this part of a direction's variance is never an outlier: without
+ * it, its prediction would be ten times less certain than its measurement, and the fit follows it anyway. */
 #define LEVERAGE_LEFT 1e-2
 
 /* Squared deleted residual d2 = w' (I - T'T)^-1 w of observation i, w whitened residual and T = R^-T J',
- * (I - T'T being the covariance of w after the fit). Returns rows, 0 if it can't be judged. */
+ * (I - T'T being the covariance of w after the fit). Returns rows, 0 for a pose without a test. */
 static uint32_t deleted_residual(kc_est_t *est, uint32_t i, double *d2)
 {
     const uint32_t n = est->n_idx;
@@ -40,7 +40,7 @@ static uint32_t deleted_residual(kc_est_t *est, uint32_t i, double *d2)
 }
 
 /* Probability of d2 when the noise is that of the other poses, but not less than stated: a stated noise
- * that is too small, or an effect the model lacks, must not throw out good poses. */
+ * that is too small, or an effect the model lacks, must not reject good poses. */
 static double probability(double d2, uint32_t m, double chi2, uint32_t dof)
 {
     const double others = (chi2 - d2) / (double)(dof - m);
@@ -51,7 +51,7 @@ uint32_t kc_est_worst(kc_est_t *est, double chi2, double *p)
 {
     const uint32_t rows = kc_est_rows(est);
     uint32_t worst = est->n_obs;
-    uint32_t judged = 0u;
+    uint32_t tested = 0u;
     *p = 1.0;
     kc_est_linearise(est);
     for (uint32_t i = 0; i < est->n_obs; i++) {
@@ -59,13 +59,13 @@ uint32_t kc_est_worst(kc_est_t *est, double chi2, double *p)
         if (est->outlier[i] != 0u) { continue; }
         const uint32_t m = deleted_residual(est, i, &d2);
         if (m == 0u || rows <= est->n_idx + m) { continue; }
-        judged++;
+        tested++;
         const double pi = probability(d2, m, chi2, rows - est->n_idx);
         if (worst == est->n_obs || pi < *p) {
             worst = i;
             *p = pi;
         }
     }
-    *p *= (double)judged;
+    *p *= (double)tested;
     return worst;
 }

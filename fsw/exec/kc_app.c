@@ -35,12 +35,12 @@ void kc_app_abort(kc_app_t *app, kc_out_t *out, kc_cause_t cause)
     kc_event(&out->events, KC_EVT_CAL_ABORTED, pose, (double)cause, 0.0);
     kc_move_hold(app, out);
     kc_propose_drop(app, out);
-    app->look.waiting = 0u;
+    app->observe.waiting = 0u;
     kc_app_enter(app, KC_ST_SAFE);
 }
 
-/* The kinematics for rollback. One that equals the active table is what a kill between the two writes of
- * an activation leaves behind: the older slot holds the right one. */
+/* The correction for rollback. One that equals the active table remains when power is lost between the two
+ * writes of an activation: then the older slot holds the right one. */
 static kc_status_t load_prev(kc_app_t *app, const uint8_t *data, uint32_t n)
 {
     kc_active_t *a = &app->tables.active;
@@ -51,7 +51,7 @@ static kc_status_t load_prev(kc_app_t *app, const uint8_t *data, uint32_t n)
 static kc_status_t load_table(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n)
 {
     uint32_t bit = 1u << kind;
-    if ((app->loaded & bit) != 0u) { return KC_ERR_STATE; } /* a better one was there */
+    if ((app->loaded & bit) != 0u) { return KC_ERR_STATE; } /* a better one was loaded before */
     kc_status_t st = kc_tbl_load(&app->tables, kind, data, n, &app->boot_events);
     if (st == KC_OK) { app->loaded |= bit; }
     return st;
@@ -70,13 +70,13 @@ static kc_status_t load_any(kc_app_t *app, uint16_t kind, const uint8_t *data, u
 kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n)
 {
     kc_status_t st = load_any(app, kind, data, n);
-    if (st != KC_OK && st != KC_ERR_STATE) { /* STATE: not needed, or its TBL_DEPENDS says it */
+    if (st != KC_OK && st != KC_ERR_STATE) { /* STATE: not needed, or reported by TBL_DEPENDS */
         kc_event(&app->boot_events, KC_EVT_BOOT_SLOT_BAD, (int32_t)kind, (double)st, 0.0);
     }
     return st;
 }
 
-/* What the journal says against what was found. */
+/* Compare the journal with what was found. */
 static void boot_state(kc_app_t *app)
 {
     const kc_journal_t *j = &app->journal;
@@ -87,7 +87,7 @@ static void boot_state(kc_app_t *app)
         app->state = KC_ST_REVIEW;
         lost = 0;
     } else if (j->state == KC_ST_REVIEW || j->state == KC_ST_ARMED) {
-        /* approved but the journal was not written any more, or both copies are gone */
+        /* approved, but stopped before the journal was written; or both copies are lost */
         if (j->proposal_crc == app->tables.active.crc[KC_TBL_KIN]) {
             kc_event(ev, KC_EVT_COR_ACTIVE, -1, (double)j->proposal_crc, 0.0);
         } else {
@@ -116,12 +116,12 @@ void kc_app_boot(kc_app_t *app)
         }
     }
     boot_state(app);
-    /* Numbers of outgoing messages go on above those of the last life. */
+    /* Sequence numbers of outgoing messages are above those of the last run. */
     int32_t base = (int32_t)(app->boot_count % 20000u) * 100000;
     app->arm_seq = base;
-    app->head_seq = base;
+    app->pantilt_seq = base;
     app->hk_seq = base;
-    app->look.frame_seq = base;
+    app->observe.frame_seq = base;
     app->journal_due = 1u;
 }
 
@@ -141,9 +141,9 @@ static int run_state(kc_app_t *app, kc_out_t *out)
     case KC_ST_MOVE: return kc_move_run(app, out);
     case KC_ST_AIM: return kc_move_aim(app, out);
     case KC_ST_SETTLE: return kc_move_settled(app, out);
-    case KC_ST_LOOK: return kc_look_run(app, out);
-    case KC_ST_SERVO: return kc_look_servo(app, out);
-    case KC_ST_SEARCH: return kc_look_search(app, out);
+    case KC_ST_OBSERVE: return kc_observe_run(app, out);
+    case KC_ST_SERVO: return kc_observe_servo(app, out);
+    case KC_ST_SEARCH: return kc_observe_search(app, out);
     case KC_ST_MEASURE: return kc_measure_run(app, out);
     case KC_ST_UPDATE: return kc_update_run(app, out);
     case KC_ST_ARMED: return kc_propose_expire(app, out);
@@ -169,7 +169,7 @@ void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *ou
     take_time(app, now_us, out);
     kc_input_take(app, in, out);
     kc_cmd_take(app, in, out);
-    kc_input_watch(app, out);
+    kc_input_check_silence(app, out);
     kc_update_budget(app, out);
     for (uint32_t i = 0u; i < KC_CHAIN_MAX && run_state(app, out); i++) {}
     kc_cmd_dump(app, out);

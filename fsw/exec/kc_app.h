@@ -1,4 +1,4 @@
-/* KinCal as a component. kc_app_step is the only door: time and messages in, messages out; no clock,
+/* KinCal as a component. kc_app_step is its only entry: time and messages in, messages out; no clock,
  * file or socket is touched, and the same inputs give the same outputs to the byte. */
 #ifndef KC_APP_H
 #define KC_APP_H
@@ -12,16 +12,16 @@
 
 typedef enum {
     KC_ST_IDLE = 0,
-    KC_ST_MOVE = 1,    /* along a proven path to the candidate           */
-    KC_ST_AIM = 2,     /* head turns                                     */
+    KC_ST_MOVE = 1, /* along a verified path to the candidate */
+    KC_ST_AIM = 2,  /* pan-tilt unit turns to the tool */
     KC_ST_SETTLE = 3,
-    KC_ST_LOOK = 4,    /* frames asked for, servo decides                */
-    KC_ST_SERVO = 5,   /* servo step under way                           */
-    KC_ST_SEARCH = 6,  /* tags not in view: head searches, bounded       */
-    KC_ST_MEASURE = 7, /* several frames at rest                         */
-    KC_ST_UPDATE = 8,  /* estimator, GP, next candidate                  */
-    KC_ST_REVIEW = 9,  /* correction proposed, waits for the ground      */
-    KC_ST_ARMED = 10,  /* first approval step received                   */
+    KC_ST_OBSERVE = 4, /* frame requested, servo decides */
+    KC_ST_SERVO = 5,   /* servo step, or approach */
+    KC_ST_SEARCH = 6,  /* tags not in view: pan-tilt unit searches, bounded */
+    KC_ST_MEASURE = 7, /* several frames at rest */
+    KC_ST_UPDATE = 8,  /* estimator, GP, next candidate */
+    KC_ST_REVIEW = 9,  /* correction proposed, waits for the ground */
+    KC_ST_ARMED = 10,  /* first approval step received */
     KC_ST_SAFE = 11    /* aborted: arm held, waits for START or ROLLBACK */
 } kc_state_t;
 
@@ -39,26 +39,45 @@ typedef enum {
     KC_CMD_TABLE_DUMP = 10
 } kc_opcode_t;
 
+/* Who commands; sequence numbers are kept per source. */
+typedef enum { KC_SRC_EXECUTIVE = 1, KC_SRC_GROUND = 2 } kc_source_t;
 #define KC_SOURCE_MAX 2u
 
-/* Why a calibration was given up (KC_EVT_CAL_ABORTED). */
-typedef enum {
-    KC_CAUSE_COMMAND = 0,
-    KC_CAUSE_ARM_FAULT = 1,
-    KC_CAUSE_ARM_LATE = 2,     /* way point not reached in time                   */
-    KC_CAUSE_HEAD_LATE = 3,    /* pan/tilt not reached in time, or never at rest  */
-    KC_CAUSE_CAMERA = 4,       /* no frame, however often it was asked for        */
-    KC_CAUSE_NO_CANDIDATE = 5, /* none left before anything was measured          */
-    KC_CAUSE_NO_PATH = 6,      /* the arm stands where no proven path begins      */
-    KC_CAUSE_BUDGET = 7,       /* used up before anything was measured            */
-    KC_CAUSE_SILENT = 8,       /* arm or head telemetry stopped                   */
-    KC_CAUSE_STRAY = 9,        /* no correction within its bounds explains the looks */
-    KC_CAUSE_NOT_SEEN = 10     /* fewer than every third first look saw a tag    */
-} kc_cause_t;
+/* Inputs as events KC_EVT_IN_* name them. */
+typedef enum { KC_INPUT_TIME = 0, KC_INPUT_ARM = 1, KC_INPUT_PANTILT = 2, KC_INPUT_DETECTION = 3 } kc_input_t;
 
-/* Inputs as named by events KC_EVT_IN_*: index = input for IN_STALE, IN_COUNT, IN_SILENT and IN_NOT_UNIT,
- * 100 input + field for IN_RANGE (docs/STATES.md lists the fields). */
-typedef enum { KC_INPUT_TIME = 0, KC_INPUT_ARM = 1, KC_INPUT_HEAD = 2, KC_INPUT_DET = 3 } kc_input_t;
+/* Fields of the inputs, index of IN_RANGE: 100 x input + number. X(first, count, "name"): a field of `count`
+ * elements takes as many numbers from `first` on. */
+#define KC_INPUT_FIELD_LIST(X)                                   \
+    X(0, 1u, "mission time [us]")                                \
+    X(101, 1u, "arm t_us")                                       \
+    X(110, KC_JOINT_MAX, "arm q_rad")                            \
+    X(120, KC_JOINT_MAX, "arm dq_rad_s")                         \
+    X(130, KC_JOINT_MAX, "arm q_cmd_rad")                        \
+    X(140, KC_JOINT_MAX, "arm dir")                              \
+    X(150, 1u, "arm temp_c")                                     \
+    X(151, 1u, "arm payload_kg")                                 \
+    X(152, 3u, "arm g_m_s2")                                     \
+    X(201, 1u, "pan-tilt t_us")                                  \
+    X(202, 1u, "pan-tilt pan_rad")                               \
+    X(203, 1u, "pan-tilt tilt_rad")                              \
+    X(301, 1u, "detection t_us")                                 \
+    X(302, 1u, "detection n_tags")                               \
+    X(303, 3u, "detection p_cam_tool_m")                         \
+    X(306, 3u, "detection p_alt_m")                              \
+    X(309, 1u, "detection rms_px")                               \
+    X(310, 1u, "detection rms_alt_px")                           \
+    X(311, 1u, "detection range_m")                              \
+    X(312, 1u, "detection incid_rad")                            \
+    X(313, 1u, "detection u_px")                                 \
+    X(314, 1u, "detection v_px")                                 \
+    X(315, 1u, "detection cov, which is not positive definite,") \
+    X(320, 8u * KC_TAG_MAX, "detection corner_px")               \
+    X(360, 36u, "detection cov")
+
+/* Name of a field as above, "" for none; never NULL. *element: which one, from 1; 0 if the field has one
+ * only. */
+const char *kc_input_field(int32_t index, uint32_t *element);
 
 /* Field meanings: fsw/msg/ message of the same name. */
 typedef struct {
@@ -157,9 +176,9 @@ typedef struct {
     uint32_t session, crc;
     int32_t verdict;
     uint32_t n_poses, n_outliers;
-    kc_kin_t kin;                    /* what would become active; encode gives crc */
+    kc_kin_t kin; /* what would become active; encode gives crc */
     uint8_t status[KC_COEF_MAX];
-    uint64_t entangled[KC_COEF_MAX];
+    uint64_t confounded[KC_COEF_MAX];
     double cov[KC_COEF_MAX * (KC_COEF_MAX + 1u) / 2u];
     uint32_t rank, n_free, dof;
     double chi2, noise_scale, p_fit, p_no_change, kkt, cond;
@@ -181,8 +200,8 @@ typedef struct {
     int32_t boot_state, boot_pose;
     uint32_t boot_count, proposal_crc;
     double energy_j;
-    int32_t mon_state, mon_joint;        /* newest verdict of the monitor; joint from 1, 0 = none */
-    uint32_t mon_suspects, mon_looks;
+    int32_t mon_state, mon_joint; /* newest verdict of the monitor; joint from 1, 0 = none */
+    uint32_t mon_suspects, mon_n_obs;
     double mon_bias, mon_sigma, mon_p;
 } kc_hk_t;
 
@@ -230,7 +249,7 @@ void kc_app_init(kc_app_t *app);
  * slot, older slot, default of the table directory); the first good one of each kind wins. kind as in
  * kc_store_t. KC_ERR_* : refused, offer the next. Order of kinds: 1..7, then PREV, PROPOSAL, JOURNAL. */
 kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n);
-/* All offered: says by events what is missing and what it was doing when it was killed; the events come
+/* All offered: records events for what is missing and for the state in which the last run ended; they come
  * out of the first step. */
 void kc_app_boot(kc_app_t *app);
 /* One tick. now_us never runs backwards (a step back is treated as no time passed, with an event). */

@@ -1,7 +1,7 @@
-/* The last motion before a measurement. Backlash, friction and wind-up leave a joint elsewhere when it came
- * from the other side; a servo always comes from where it was wrong. When the table asks for it, every joint
- * draws back by approach_rad to a side drawn at random and comes from there, so that what depends on the side
- * is spread over both and can be told apart later. */
+/* The approach: last motion before a measurement. Backlash, friction and wind-up displace a joint by an
+ * amount that depends on the side from which it came, and a servo always comes from the side of its error.
+ * If CONFIG enables it, every joint moves back by approach_rad to a side chosen at random and comes from
+ * there, so that both sides occur and the effect can be identified later. */
 #include <string.h>
 
 #include "kc_app_priv.h"
@@ -10,8 +10,8 @@
 
 enum { NONE = 0, DRAWING_BACK = 1, COMING = 2 };
 
-/* Where a joint at q draws back to. The side is turned where the other one has more room: the arm stays
- * within its limits and the box around the seed. */
+/* Where a joint at q moves back to. The side is changed if the other one has more room, so that the arm
+ * stays within its limits and the servo bound. */
 static double start_of(kc_app_t *app, double q, double lo, double hi)
 {
     double by = app->tables.active.config.approach_rad;
@@ -25,7 +25,7 @@ int kc_approach_begin(kc_app_t *app, kc_out_t *out)
     const kc_active_t *a = &app->tables.active;
     kc_leg_t *l = &app->leg;
     double q[KC_JOINT_MAX], lo[KC_JOINT_MAX], hi[KC_JOINT_MAX];
-    int first = kc_space_first(&a->space, (uint32_t)app->cal.candidate);
+    int first = kc_space_local(&a->space, (uint32_t)app->cal.candidate);
     if (a->config.approach_rad <= 0.0 || first) { return 0; }
     memcpy(l->q_meas, l->q_target, sizeof l->q_meas);
     kc_move_box(app, (uint32_t)app->cal.candidate, lo, hi);
@@ -44,7 +44,7 @@ int kc_approach_arrived(kc_app_t *app, kc_out_t *out)
         (void)kc_move_near(app, out, l->q_meas);
         return 1;
     }
-    l->approach = NONE; /* the head looks there already */
+    l->approach = NONE; /* the pan-tilt unit points there already */
     kc_measure_begin(app);
     kc_move_settle(app, KC_ST_MEASURE);
     return 1;

@@ -41,11 +41,11 @@ static kc_status_t start_tables(kc_app_t *app, kc_out_t *out)
     return KC_OK;
 }
 
-/* The arm and the head are alive and healthy. */
+/* Arm and pan-tilt unit send state and the arm has no fault. */
 static kc_status_t start_alive(kc_app_t *app, kc_out_t *out)
 {
-    uint64_t ago[2] = {app->now_us - app->arm_ok_us, app->now_us - app->head_ok_us};
-    uint8_t known[2] = {app->has_arm, app->has_head};
+    uint64_t ago[2] = {app->now_us - app->arm_ok_us, app->now_us - app->pantilt_ok_us};
+    uint8_t known[2] = {app->has_arm, app->has_pantilt};
     for (int32_t i = 0; i < 2; i++) {
         if (known[i] && ago[i] <= KC_SILENT_US) { continue; }
         return kc_cmd_refuse(app, out, KC_EVT_IN_SILENT, KC_INPUT_ARM + i, (double)ago[i],
@@ -66,7 +66,7 @@ static kc_status_t start(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
 {
     const kc_active_t *a = &app->tables.active;
     if (!tables_free(app)) { return not_now(app, out, c); }
-    if (out->n_store > 0u) { return busy(app, out); } /* an image still on its way to the store */
+    if (out->n_store > 0u) { return busy(app, out); } /* an image still has to be stored */
     kc_status_t st = start_tables(app, out);
     if (st == KC_OK) { st = start_alive(app, out); }
     if (st != KC_OK) { return st; }
@@ -137,12 +137,12 @@ static kc_status_t dump(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
     if (table ? app->tables.active.crc[kind] == 0u : app->proposal_crc == 0u) {
         return kc_cmd_refuse(app, out, KC_EVT_TBL_MISSING, kind, 0.0, 0.0, KC_ERR_STATE);
     }
-    app->dump_kind = (uint16_t)kind; /* a dump under way gives way to the new one */
+    app->dump_kind = (uint16_t)kind; /* a new dump replaces the current one */
     app->dump_at = 0u;
     return KC_OK;
 }
 
-/* Bytes [at, at + chunk) of what is dumped; returns the size of the whole. */
+/* Bytes [at, at + chunk) of the dumped image; returns its whole size. */
 static uint32_t dump_bytes(kc_app_t *app, uint8_t *data)
 {
     uint32_t total = app->proposal_n;

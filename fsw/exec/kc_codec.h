@@ -12,27 +12,27 @@
 #include "kc_events.h"
 
 typedef enum {
-    KC_WALK_SIZE = 0,  /* count bytes; CRC of them when want_crc                 */
-    KC_WALK_WRITE = 1, /* write the bytes that fall into [from, from + cap)      */
-    KC_WALK_READ = 2,  /* read and check                                         */
-    KC_WALK_CHECK = 3  /* check the values in memory, no stream                  */
+    KC_WALK_SIZE = 0,  /* count bytes; CRC of them when want_crc */
+    KC_WALK_WRITE = 1, /* write the bytes that fall into [from, from + cap) */
+    KC_WALK_READ = 2,  /* read and check */
+    KC_WALK_CHECK = 3  /* check the values in memory, no stream */
 } kc_walk_mode_t;
 
 /* Caller owns it; start from a zeroed struct and set mode and buffers. */
 typedef struct {
     kc_walk_mode_t mode;
     uint8_t want_crc;
-    uint8_t lost;             /* layout unknown from here on: a count was bad        */
-    uint8_t overrun;          /* a read went past the end; the fields there are zero */
-    uint32_t pos;             /* offset of the next byte in the stream               */
+    uint8_t lost;    /* layout unknown from here on: a count was bad */
+    uint8_t overrun; /* a read went past the end; the fields there are zero */
+    uint32_t pos;    /* offset of the next byte in the stream */
     uint32_t crc;
     const uint8_t *in;
     uint32_t in_n;
     uint8_t *out;
     uint32_t from, cap;
-    int32_t index;            /* entry being walked, -1 = none; set by the layout    */
-    uint32_t n_bad;           /* values refused so far                               */
-    kc_event_id_t bad_id;     /* first of them                                       */
+    int32_t index;        /* entry being walked, -1 = none; set by the layout */
+    uint32_t n_bad;       /* values refused so far */
+    kc_event_id_t bad_id; /* first of them */
     int32_t bad_index;
     uint32_t bad_field;
     double bad_got;

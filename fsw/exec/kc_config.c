@@ -10,7 +10,7 @@
 
 static void walk_design(kc_walk_t *w, kc_config_t *c)
 {
-    kc_walk_u8(w, 1u, &c->acquisition, KC_ACQ_UCB, KC_ACQ_VOPT);
+    kc_walk_u8(w, 1u, &c->acquisition, KC_ACQ_UCB, KC_ACQ_VOPT); /* ucb random dopt vopt */
     kc_walk_u32(w, 2u, &c->n_poses, 1u, KC_MEAS_MAX);
     kc_walk_u32(w, 3u, &c->replicate_every, 0u, KC_MEAS_MAX);
     kc_walk_f64(w, 4u, &c->beta_scale, 0.0, 1e3);
@@ -18,16 +18,16 @@ static void walk_design(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 6u, &c->sp_floor_m, TINY, 1.0);
     kc_walk_f64(w, 7u, &c->sq_floor_rad, TINY, 3.2);
     kc_walk_f64(w, 8u, &c->vopt_len_m, 1e-6, 1e3);
-    kc_walk_f64(w, 9u, &c->stop_pos_m, 0.0, 1.0);
-    kc_walk_f64(w, 10u, &c->stop_rot_rad, 0.0, 3.2);
+    kc_walk_f64(w, 9u, &c->stop_pos_m, 0.0, 1.0); /* 0 = off */
+    kc_walk_f64(w, 10u, &c->stop_rot_rad, 0.0, 3.2); /* 0 = off */
 }
 
-static void walk_looking(kc_walk_t *w, kc_config_t *c)
+static void walk_observing(kc_walk_t *w, kc_config_t *c)
 {
     kc_walk_u32(w, 11u, &c->frames_per_meas, 1u, 16u);
-    kc_walk_u32(w, 12u, &c->look_retries, 0u, 50u);
+    kc_walk_u32(w, 12u, &c->frame_retries, 0u, 50u);
     kc_walk_u64(w, 13u, &c->settle_us, 0u, HOUR_US);
-    kc_walk_u64(w, 14u, &c->look_timeout_us, 1000u, HOUR_US);
+    kc_walk_u64(w, 14u, &c->frame_timeout_us, 1000u, HOUR_US);
     kc_walk_u64(w, 15u, &c->move_timeout_us, 1000u, HOUR_US);
     kc_walk_u64(w, 16u, &c->frame_age_max_us, 1000u, HOUR_US);
     kc_walk_u32(w, 17u, &c->search_steps, 0u, 49u);
@@ -36,9 +36,9 @@ static void walk_looking(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 20u, &c->jump_rot_rad, TINY, 3.2);
     kc_walk_f64(w, 21u, &c->sigma_pos_max_m, TINY, 1.0);
     kc_walk_f64(w, 22u, &c->sigma_rot_max_rad, TINY, 3.2);
-    kc_walk_f64(w, 23u, &c->sigma_pos_min_m, TINY, 1.0);
+    kc_walk_f64(w, 23u, &c->sigma_pos_min_m, TINY, 1.0); /* not above sigma_pos_max_m */
     kc_walk_rule(w, 23u, c->sigma_pos_min_m <= c->sigma_pos_max_m, c->sigma_pos_min_m);
-    kc_walk_f64(w, 24u, &c->sigma_rot_min_rad, TINY, 3.2);
+    kc_walk_f64(w, 24u, &c->sigma_rot_min_rad, TINY, 3.2); /* not above sigma_rot_max_rad */
     kc_walk_rule(w, 24u, c->sigma_rot_min_rad <= c->sigma_rot_max_rad, c->sigma_rot_min_rad);
     kc_walk_f64(w, 25u, &c->rms_max_px, TINY, 1e3);
 }
@@ -48,7 +48,7 @@ static void walk_moving(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 26u, &c->servo.gain, TINY, 1.0);
     kc_walk_f64(w, 27u, &c->servo.damping, TINY, 10.0);
     kc_walk_f64(w, 28u, &c->servo.step_max, TINY, 3.2);
-    kc_walk_f64(w, 29u, &c->servo.leash, TINY, 10.0);
+    kc_walk_f64(w, 29u, &c->servo.bound, TINY, 10.0);
     kc_walk_f64(w, 30u, &c->servo.tol_pos_m, TINY, 1.0);
     kc_walk_f64(w, 31u, &c->servo.tol_rot_rad, TINY, 3.2);
     kc_walk_f64(w, 32u, &c->servo.margin, 0.0, 1.0);
@@ -59,11 +59,11 @@ static void walk_moving(kc_walk_t *w, kc_config_t *c)
 
 static void walk_estimating(kc_walk_t *w, kc_config_t *c)
 {
-    kc_walk_u64(w, 36u, &c->est.free_mask, 1u, UINT64_MAX);
+    kc_walk_u64(w, 36u, &c->est.free_mask, 1u, UINT64_MAX); /* bit per coefficient */
     kc_walk_u32(w, 37u, &c->est.iter_max, 1u, 100u);
     kc_walk_f64(w, 38u, &c->est.tol_step, 1e-15, 1.0);
     kc_walk_f64(w, 39u, &c->est.rank_tol, 1e-15, 1.0);
-    kc_walk_f64(w, 40u, &c->est.outlier_p, 0.0, 0.5);
+    kc_walk_f64(w, 40u, &c->est.outlier_p, 0.0, 0.5); /* 0 = off */
     kc_walk_u32(w, 41u, &c->est.outlier_max, 0u, KC_MEAS_MAX);
     kc_walk_u8(w, 42u, &c->est.use_prior, 0u, 1u);
 }
@@ -75,20 +75,23 @@ static void walk_policy(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 45u, &c->accept_sigma_max_pos_m, 0.0, 10.0);
     kc_walk_f64(w, 46u, &c->accept_p_fit_min, 0.0, 1.0);
     kc_walk_f64(w, 47u, &c->no_change_p, 0.0, 1.0);
-    kc_walk_u64(w, 48u, &c->budget_us, 0u, 1000u * HOUR_US);
-    kc_walk_f64(w, 49u, &c->approach_rad, 0.0, 1.0);
+    kc_walk_u64(w, 48u, &c->budget_us, 0u, 1000u * HOUR_US); /* 0 = none */
+    kc_walk_f64(w, 49u, &c->approach_rad, 0.0, 1.0); /* rad or m; 0 = off */
     kc_walk_f64(w, 50u, &c->power_idle_w, 0.0, 1e5);
+    /* arm or pan-tilt unit moving; at least power_idle_w */
     kc_walk_f64(w, 51u, &c->power_move_w, 0.0, 1e5);
     kc_walk_rule(w, 51u, c->power_move_w >= c->power_idle_w, c->power_move_w);
-    kc_walk_f64(w, 52u, &c->energy_budget_j, 0.0, 1e12);
-    kc_walk_f64(w, 53u, &c->stray_pos_m, 0.0, 10.0);
-    kc_walk_f64(w, 54u, &c->stray_rot_rad, 0.0, 4.0);
+    kc_walk_f64(w, 52u, &c->energy_budget_j, 0.0, 1e12); /* 0 = none */
+    /* an observation farther off the best correction within its bounds ends the calibration; 0 = not
+     * checked */
+    kc_walk_f64(w, 53u, &c->mismatch_pos_m, 0.0, 10.0);
+    kc_walk_f64(w, 54u, &c->mismatch_rot_rad, 0.0, 4.0); /* the same in angle; 0 = not checked */
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
 {
     walk_design(w, c);
-    walk_looking(w, c);
+    walk_observing(w, c);
     walk_moving(w, c);
     walk_estimating(w, c);
     walk_policy(w, c);

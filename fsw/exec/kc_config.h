@@ -1,4 +1,4 @@
-/* How a calibration is run: the CONFIG table. Plain data, every field validated. */
+/* The CONFIG table: how a calibration is run. Plain data, every field validated. */
 #ifndef KC_CONFIG_H
 #define KC_CONFIG_H
 
@@ -10,44 +10,44 @@
 
 typedef struct {
     /* design */
-    uint8_t acquisition;          /* kc_acq_t                                                */
-    uint32_t n_poses;             /* poses of a calibration, 1..KC_MEAS_MAX                  */
-    uint32_t replicate_every;     /* after so many poses measure one again, 0 = never        */
-    double beta_scale, a1;        /* eq. 7 scale; position weight of eq. 6                   */
+    uint8_t acquisition;      /* kc_acq_t */
+    uint32_t n_poses;         /* poses of a calibration, 1..KC_MEAS_MAX */
+    uint32_t replicate_every; /* poses between two replicates, 0: none */
+    double beta_scale, a1;    /* eq. 7 scale; position weight of eq. 6 */
     double sp_floor_m, sq_floor_rad;
     double vopt_len_m;
     double stop_pos_m, stop_rot_rad; /* stop when the predicted pose sigma is below both, 0 = off */
-    /* looking */
-    uint32_t frames_per_meas;     /* 1..16                                                   */
-    uint32_t look_retries;
-    uint64_t settle_us, look_timeout_us, move_timeout_us, frame_age_max_us;
-    uint32_t search_steps;        /* pan/tilt looks around the expected place, 0..49         */
+    /* observing */
+    uint32_t frames_per_meas; /* 1..16 */
+    uint32_t frame_retries;
+    uint64_t settle_us, frame_timeout_us, move_timeout_us, frame_age_max_us;
+    uint32_t search_steps; /* pan-tilt search positions around the expected place, 0..49 */
     double search_step_rad;
-    double jump_pos_m, jump_rot_rad; /* frames of one measurement may differ by so much      */
-    double sigma_pos_max_m, sigma_rot_max_rad; /* refuse a detection less certain            */
-    double sigma_pos_min_m, sigma_rot_min_rad; /* floor: detections claim no better          */
+    double jump_pos_m, jump_rot_rad; /* largest difference between frames of a measurement */
+    double sigma_pos_max_m, sigma_rot_max_rad; /* refuse a detection that is less certain */
+    double sigma_pos_min_m, sigma_rot_min_rad; /* floor of the stated sigma */
     double rms_max_px;
     /* moving */
     kc_servo_opt_t servo;
     uint32_t servo_steps_max;
     double speed_scale;
-    double arrive_tol;            /* joint distance that counts as arrived [rad or m]        */
-    double approach_rad;          /* last motion before a measurement, from a random side of every joint
-                                     [rad or m]; 0 = as the servo came                       */
+    double arrive_tol; /* joint distance that counts as arrived [rad or m] */
+    double approach_rad;          /* length of the approach, the last motion before a measurement, from a
+                                     random side of every joint [rad or m]; 0: no approach */
     /* estimating */
     kc_est_opt_t est;
-    /* policy: what may be accepted on board without the ground */
+    /* policy: which corrections may be accepted on board without the ground */
     uint8_t accept_on_board;
-    double accept_change_max_pos_m; /* RMS change of predicted pose over the search space     */
+    double accept_change_max_pos_m; /* RMS change of predicted pose over the search space */
     double accept_sigma_max_pos_m;
     double accept_p_fit_min;
-    double no_change_p;           /* above it nothing needs to change                        */
-    uint64_t budget_us;           /* 0 = none                                                */
-    double power_idle_w, power_move_w; /* drawn at rest, and while arm or head move           */
-    double energy_budget_j;       /* 0 = none                                                */
-    /* a look that the best correction within its bounds leaves so far off: this arm is not one that the
-     * ground proved motions for; 0 = not checked                                            */
-    double stray_pos_m, stray_rot_rad;
+    double no_change_p;                /* no change is proposed above this probability */
+    uint64_t budget_us;                /* 0 = none */
+    double power_idle_w, power_move_w; /* power at rest, and while arm or pan-tilt unit move */
+    double energy_budget_j;            /* 0 = none */
+    /* model mismatch: largest residual of an observation with the best correction inside its bounds. Above
+     * it the arm is not one that the paths were verified for; 0: not checked */
+    double mismatch_pos_m, mismatch_rot_rad;
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

@@ -7,9 +7,10 @@ typedef struct {
     uint8_t severity;
     const char *name;
     const char *text;
+    const char *action;
 } dict_t;
 
-#define DICT_ENTRY_(id, name, sev, text) {(id), KC_SEV_##sev, #name, text},
+#define DICT_ENTRY_(id, name, sev, text, action) {(id), KC_SEV_##sev, #name, text, action},
 static const dict_t s_dict[] = {KC_EVENT_LIST(DICT_ENTRY_)};
 #define DICT_N (sizeof s_dict / sizeof s_dict[0])
 
@@ -33,10 +34,24 @@ const char *kc_event_text(uint16_t id)
     return d != NULL ? d->text : "";
 }
 
+const char *kc_event_action(uint16_t id)
+{
+    const dict_t *d = find(id);
+    return d != NULL ? d->action : "";
+}
+
 int kc_event_severity(uint16_t id)
 {
     const dict_t *d = find(id);
     return d != NULL ? (int)d->severity : (int)KC_SEV_ERROR;
+}
+
+#define CAUSE_TEXT_(number, name, text) text,
+static const char *const s_cause[] = {KC_CAUSE_LIST(CAUSE_TEXT_)};
+
+const char *kc_cause_text(int32_t cause)
+{
+    return cause >= 0 && cause < (int32_t)KC_CAUSE_COUNT ? s_cause[cause] : "";
 }
 
 static int recorded(const kc_events_t *q, kc_event_id_t id, int32_t index)

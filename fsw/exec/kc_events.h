@@ -1,7 +1,11 @@
 /* Events: what happened, for operators. The core records, the edge sends.
  *
- * One line per event: id, name, severity, and its text with {got}, {want}, {index}. docs/EVENTS.md and
- * the ground's dictionary are made from this list. Ids never change meaning. */
+ * One line per event: id, name, severity, text, and what the operator does next ("" if nothing).
+ * docs/EVENTS.md and the ground's dictionary are made from this list. Ids never change meaning.
+ *
+ * A text names its values as {field:type}: field is index, got or want, type one of KC_EVENT_TYPE_LIST.
+ * The type says how the ground shows the number (names, units, digits); alternatives such as mm/mrad are
+ * chosen by index. ground/kincal/event_text.py is the one place that shows them. */
 #ifndef KC_EVENTS_H
 #define KC_EVENTS_H
 
@@ -11,86 +15,233 @@
 
 typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR = 3 } kc_severity_t;
 
-/* X(id, NAME, severity, "text") */
-#define KC_EVENT_LIST(X)                                                                                  \
-    X(1, BOOT, INFO, "started; boot {index}")                                                             \
-    X(2, BOOT_INTERRUPTED, WARN, "was killed in state {got} at pose {want}; that calibration is lost")    \
-    X(3, BOOT_SLOT_BAD, WARN, "stored table kind {index} unreadable, status {got}; other slot used")      \
-    X(4, BOOT_REVIEW, INFO, "correction {got} still waits for review")                                    \
-    X(10, CMD_ACCEPTED, INFO, "command {got} accepted")                                                   \
-    X(11, CMD_UNKNOWN, ERROR, "unknown command {got}")                                                    \
-    X(12, CMD_STALE, ERROR, "command sequence {got}, newer than {want} expected")                         \
-    X(13, CMD_STATE, ERROR, "command {index} refused in state {got}")                                     \
-    X(14, CMD_ARG, ERROR, "command argument {index} is {got}, allowed up to {want}")                      \
-    X(15, CMD_CRC, ERROR, "command names CRC {got}, it is {want}")                                        \
-    X(16, CMD_SOURCE, ERROR, "command from unknown source {got}")                                         \
-    X(20, TBL_STAGED, INFO, "table kind {index} staged, {got} bytes")                                     \
-    X(21, TBL_FORMAT, ERROR, "table image refused: header field {index} is {got}, expected {want}")       \
-    X(22, TBL_CRC, ERROR, "table image CRC {got}, header says {want}")                                    \
-    X(23, TBL_RANGE, ERROR, "table entry {index} out of range: {got} (field {want})")                     \
-    X(24, TBL_BAD_TOTAL, ERROR, "table kind {index} refused: {got} bad entries")                          \
-    X(25, TBL_CHUNK, ERROR, "table chunk at offset {got}, expected {want}")                               \
-    X(26, TBL_ACTIVATED, INFO, "table kind {index} active, CRC {got}")                                    \
-    X(27, TBL_NOT_READY, ERROR, "nothing staged of kind {index} that could be activated")                 \
-    X(28, TBL_DEPENDS, ERROR, "table kind {index} was built for CRC {got}, active is {want}")             \
-    X(29, TBL_MISSING, ERROR, "table kind {index} is missing")                                            \
-    X(30, TBL_DISCARDED, INFO, "staged table of kind {index} discarded")                                  \
-    X(31, TBL_BUSY, ERROR, "tables cannot change in state {got}")                                         \
-    X(32, TBL_NOT_FINITE, ERROR, "table entry {index} is not a finite number: {got} (field {want})")      \
-    X(33, TBL_NOT_UNIT, ERROR, "table entry {index} quaternion norm {got} (field {want})")                \
-    X(34, TBL_DROPPED, WARN, "table kind {index} dropped: built for CRC {got}, active is {want}")         \
-    X(40, IN_RANGE, ERROR, "input {index} out of range: {got}, allowed {want}")                           \
-    X(41, IN_STALE, WARN, "input {index} has sequence {got}, newer than {want} expected")                 \
-    X(42, IN_NOT_UNIT, ERROR, "input {index} quaternion norm {got}")                                      \
-    X(43, IN_COUNT, ERROR, "input {index} has {got} joints, arm has {want}")                              \
-    X(44, DET_OLD, WARN, "frame is {got} us old, allowed {want}")                                         \
-    X(45, DET_UNKNOWN_TAG, WARN, "detection names unknown tag {got}")                                     \
-    X(46, DET_JUMP, WARN, "detection jumps by {got}, allowed {want}")                                     \
-    X(47, DET_UNCERTAIN, WARN, "detection sigma {got}, allowed {want}")                                   \
-    X(48, DET_NONE, DEBUG, "no tag in frame {got}")                                                       \
-    X(49, DET_UNASKED, WARN, "detection of frame {got}, asked for {want}")                                \
-    X(50, ARM_FAULT, ERROR, "arm controller fault mask {got}")                                            \
-    X(51, IN_SILENT, ERROR, "input {index} silent for {got} us, allowed {want}")                          \
-    X(60, CAL_START, INFO, "calibration {index}: {got} poses, acquisition {want}")                        \
-    X(61, CAL_POSE, INFO, "pose {index} measured: {got} m, {want} rad off")                               \
-    X(62, CAL_MOVE_TIMEOUT, ERROR, "arm not there after {got} us")                                        \
-    X(63, CAL_LOOK_TIMEOUT, WARN, "no frame after {got} us")                                              \
-    X(64, CAL_TAGS_LOST, WARN, "tags not found at candidate {index} after {got} looks")                   \
-    X(65, CAL_SERVO_LIMIT, WARN, "servo stopped at candidate {index} after {got} steps, {want} m off")    \
-    X(66, CAL_CAND_SKIPPED, WARN, "candidate {index} marked unusable")                                    \
-    X(67, CAL_NO_CANDIDATE, ERROR, "no usable candidate left")                                            \
-    X(68, CAL_NO_PATH, ERROR, "no proven path to candidate {index}")                                      \
-    X(69, CAL_OUTLIER, WARN, "pose {index} rejected as outlier")                                          \
-    X(70, CAL_RANK, WARN, "rank {got} of {want}: dependent coefficients held")                            \
-    X(71, CAL_HELD, WARN, "coefficient {index} cannot be determined, held at {got}")                      \
-    X(72, CAL_EST, WARN, "estimator status {got}")                                                        \
-    X(73, CAL_BUDGET, WARN, "budget of {want} us used up after {got} us")                                 \
-    X(74, CAL_CONVERGED, INFO, "predicted pose sigma {got} m meets {want} m")                             \
-    X(75, CAL_ABORTED, WARN, "calibration aborted at pose {index}, cause {got}")                          \
-    X(76, CAL_POOR, ERROR, "fit is poor: p {got}, noise scale {want}")                                    \
-    X(77, CAL_ENERGY, WARN, "energy budget of {want} J used up: {got} J")                                 \
-    X(78, CAL_STRAY, ERROR, "look {index} {got} m, {want} rad off the best correction within its bounds") \
-    X(79, CAL_NOT_SEEN, ERROR, "tags seen in {got} of {want} first looks, a third is needed")             \
-    X(80, COR_PROPOSED, INFO, "correction proposed, CRC {got}, {want} poses")                             \
-    X(81, COR_NO_CHANGE, INFO, "nothing needs to change: p {got}")                                        \
-    X(82, COR_ARMED, INFO, "approval armed for CRC {got}")                                                \
-    X(83, COR_ACTIVE, INFO, "correction active, CRC {got}")                                               \
-    X(84, COR_REJECTED, INFO, "correction {got} rejected")                                                \
-    X(85, COR_ROLLBACK, INFO, "rolled back to CRC {got}")                                                 \
-    X(86, COR_ON_BOARD, INFO, "correction {got} accepted on board by policy")                             \
-    X(87, COR_NO_PREVIOUS, ERROR, "no previous correction to roll back to")                               \
-    X(88, COR_EXPIRED, WARN, "approval of CRC {got} not confirmed in time, review goes on")               \
-    X(89, GRD_LIMIT, WARN, "move refused: joint {index} would go to {got}, allowed {want}")               \
-    X(90, STORE_FAIL, ERROR, "store of kind {index} failed, status {got}")                                \
-    X(91, GRD_WAY, WARN, "move refused: joint {index} {got} beyond the proven {want}")                    \
-    X(92, GRD_VOLUME, WARN, "move refused: body {index} {got} m inside volume {want}")                    \
-    X(93, GRD_SELF, WARN, "move refused: body {index} {got} m inside body {want}")                        \
-    X(95, MON_SUSPECT, WARN, "joint {index} reads wrong by {got}; joints that could be meant: {want}")    \
-    X(96, MON_UNEXPLAINED, WARN, "tool {got} m, {want} rad off prediction; no single joint says why")     \
-    X(97, MON_NOT_AT_REST, DEBUG, "look {got} not compared: arm or head had not settled")
+/* X("type", "how it is shown") */
+#define KC_EVENT_TYPE_LIST(X)                                                \
+    X("count", "whole number; negative: none")                               \
+    X("number", "number without unit")                                       \
+    X("mm", "length or distance: in m, shown in mm")                         \
+    X("mrad", "angle: in rad, shown in mrad")                                \
+    X("mm/mrad", "index 0: as mm; 1: as mrad")                               \
+    X("mm/mrad/px", "index 0: as mm; 1: as mrad; 2: pixels")                 \
+    X("s", "time: in us, shown in s")                                        \
+    X("J", "energy [J]")                                                     \
+    X("crc", "CRC-32, eight hexadecimal digits")                             \
+    X("mask", "bit mask, hexadecimal")                                       \
+    X("store", "kc_tbl_kind_t or KC_STORE_*: what is stored")                \
+    X("state", "kc_state_t")                                                 \
+    X("command", "kc_opcode_t")                                              \
+    X("source", "who commands: cmd_t.SRC_*")                                 \
+    X("argument", "command argument: 0 to 3 arg_i, 4 arg_u64")               \
+    X("input", "kc_input_t")                                                 \
+    X("input_field", "field of an input message, kc_input_field")            \
+    X("status", "kc_status_t")                                               \
+    X("cause", "kc_cause_t, as a sentence")                                  \
+    X("acquisition", "kc_acq_t")                                             \
+    X("entry", "entry of a table: number from 0, with what it is")           \
+    X("field", "field number of docs/TABLES.md; 0: a rule between entries")  \
+    X("pose", "pose of this calibration, from 1")                            \
+    X("candidate", "index in the SPACE table, from 0")                       \
+    X("candidate_or_any", "the same; negative: any candidate")               \
+    X("coefficient", "name by the TERMS table, or index from 0")             \
+    X("joint", "joint, from 1")                                              \
+    X("joint_value", "joint coordinate or difference [rad; m if prismatic]") \
+    X("joints", "bit per joint (bit 0 = joint 1), shown as a list")          \
+    X("body", "body of the SPACE table, from 0")                             \
+    X("volume", "keep-out volume of the SPACE table, from 0")
 
-#define KC_EVENT_ENUM_(id, name, sev, text) KC_EVT_##name = (id),
+/* X(id, NAME, severity, "text", "operator's next step") */
+#define KC_EVENT_LIST(X)                                                                                     \
+    X(1, BOOT, INFO, "flight software started, boot {index:count}", "")                                      \
+    X(2, BOOT_INTERRUPTED, WARN,                                                                             \
+      "the last run ended in state {got:state} after {want:count} measured poses; that calibration is lost", \
+      "Check where the arm stands, then send START.")                                                        \
+    X(3, BOOT_SLOT_BAD, WARN,                                                                                \
+      "stored copy of {index:store} cannot be read ({got:status}); the other copy is used",                  \
+      "None, unless TBL_MISSING follows: then upload that table.")                                           \
+    X(4, BOOT_REVIEW, INFO, "correction CRC {got:crc} still waits for review",                               \
+      "Review it: APPROVE_ARM or REJECT.")                                                                   \
+    X(10, CMD_ACCEPTED, INFO, "command {got:command} accepted", "")                                          \
+    X(11, CMD_UNKNOWN, ERROR, "command refused: unknown opcode {got:count}",                                 \
+      "Check that sender and flight have the same message definitions.")                                     \
+    X(12, CMD_STALE, ERROR,                                                                                  \
+      "command from {index:source} refused: sequence number {got:count} is not newer than {want:count}",     \
+      "Send it again with a larger sequence number.")                                                        \
+    X(13, CMD_STATE, ERROR, "command {index:command} refused in state {got:state}",                          \
+      "See docs/STATES.md, Commands by state.")                                                              \
+    X(14, CMD_ARG, ERROR,                                                                                    \
+      "command refused: {index:argument} is {got:number}, largest allowed {want:number}",                    \
+      "Correct the argument and send the command again.")                                                    \
+    X(15, CMD_CRC, ERROR, "command refused: it names CRC {got:crc}, the one on board is {want:crc}",         \
+      "Review what is on board before you repeat the command with its CRC.")                                 \
+    X(16, CMD_SOURCE, ERROR, "command refused: unknown source {got:count}",                                  \
+      "Set the source to 1 (executive) or 2 (ground).")                                                      \
+    X(20, TBL_STAGED, INFO, "{index:store} staged, {got:count} bytes",                                       \
+      "Next: TABLE_VALIDATE, then TABLE_ACTIVATE.")                                                          \
+    X(21, TBL_FORMAT, ERROR,                                                                                 \
+      "table image refused: header field {index:count} is {got:count}, expected {want:count}",               \
+      "Rebuild the image for this version of flight and this kind of table.")                                \
+    X(22, TBL_CRC, ERROR,                                                                                    \
+      "{index:store} refused: its content has CRC {got:crc}, its header says {want:crc}",                    \
+      "Upload it again; if that does not help, rebuild it.")                                                 \
+    X(23, TBL_RANGE, ERROR, "table refused: {index:entry}, {want:field}: value {got:number} is not allowed", \
+      "Correct this value (limits: docs/TABLES.md) and build the table again.")                              \
+    X(24, TBL_BAD_TOTAL, ERROR, "{index:store} refused: {got:count} values are not allowed",                 \
+      "The event before names the first one; `kincal table check` lists them on the ground.")                \
+    X(25, TBL_CHUNK, ERROR,                                                                                  \
+      "upload of {index:store} refused: chunk starts at byte {got:count}, expected {want:count}",            \
+      "Upload the whole image again, in order.")                                                             \
+    X(26, TBL_ACTIVATED, INFO, "{index:store} active, CRC {got:crc}", "")                                    \
+    X(27, TBL_NOT_READY, ERROR, "command refused: no {index:store} is staged, or it is not validated",       \
+      "Upload it, then TABLE_VALIDATE, then TABLE_ACTIVATE.")                                                \
+    X(28, TBL_DEPENDS, ERROR,                                                                                \
+      "{index:store} refused: built for a table with CRC {got:crc}, active is {want:crc}",                   \
+      "Build it for the active tables, or activate those first.")                                            \
+    X(29, TBL_MISSING, ERROR, "no {index:store} on board", "Upload and activate it.")                        \
+    X(30, TBL_DISCARDED, INFO, "staged {index:store} discarded", "")                                         \
+    X(31, TBL_BUSY, ERROR, "tables cannot change in state {got:state}",                                      \
+      "Wait for IDLE or SAFE, or send ABORT.")                                                               \
+    X(32, TBL_NOT_FINITE, ERROR,                                                                             \
+      "table refused: {index:entry}, {want:field}: value {got:number} is not a finite number",               \
+      "Correct this value and build the table again.")                                                       \
+    X(33, TBL_NOT_UNIT, ERROR,                                                                               \
+      "table refused: {index:entry}, {want:field}: quaternion has norm {got:number}, must be 1",             \
+      "Normalise the quaternion and build the table again.")                                                 \
+    X(34, TBL_DROPPED, WARN,                                                                                 \
+      "{index:store} dropped: built for a table with CRC {got:crc}, active is {want:crc}",                   \
+      "Upload one that was built for the active tables.")                                                    \
+    X(40, IN_RANGE, ERROR, "message refused: {index:input_field} is {got:number}, limit {want:number}",      \
+      "Check the sender; a joint reading beyond its limit points to an encoder fault.")                      \
+    X(41, IN_STALE, WARN, "{index:input} message refused: {got:count} is not newer than {want:count}",       \
+      "None if it happens once; otherwise two senders are active.")                                          \
+    X(42, IN_NOT_UNIT, ERROR, "{index:input} message refused: quaternion has norm {got:number}",             \
+      "Check the sender.")                                                                                   \
+    X(43, IN_COUNT, ERROR,                                                                                   \
+      "{index:input} message refused: {got:count} joints, the ARM table has {want:count}",                   \
+      "Load the ARM table of this arm.")                                                                     \
+    X(44, DET_OLD, WARN, "detection refused: frame is {got:s} old, allowed {want:s}",                        \
+      "Check the load of the detector and the clocks.")                                                      \
+    X(45, DET_UNKNOWN_TAG, WARN, "detection refused: tag {got:count} is unknown or listed twice",            \
+      "Check the tags of the CAMERA table.")                                                                 \
+    X(46, DET_JUMP, WARN,                                                                                    \
+      "detection refused: {got:mm/mrad} from the frames before it, allowed {want:mm/mrad}",                  \
+      "None if rare; otherwise the arm or the mast was not at rest.")                                        \
+    X(47, DET_UNCERTAIN, WARN, "detection refused: uncertainty {got:mm/mrad/px}, allowed {want:mm/mrad/px}", \
+      "None if rare; otherwise check lighting, focus and the limits in CONFIG.")                             \
+    X(48, DET_NONE, DEBUG, "no tag in frame {got:count}", "")                                                \
+    X(49, DET_UNREQUESTED, WARN, "detection of frame {got:count} refused: waiting for frame {want:count}",   \
+      "None if rare; otherwise a second program requests frames.")                                           \
+    X(50, ARM_FAULT, ERROR, "arm controller reports a fault, mask {got:mask}",                               \
+      "Clear the fault at the arm controller.")                                                              \
+    X(51, IN_SILENT, ERROR, "no {index:input} message for {got:s}, allowed {want:s}",                        \
+      "Check that the sender runs and that its messages arrive.")                                            \
+    X(60, CAL_START, INFO,                                                                                   \
+      "calibration {index:count} started: {got:count} poses, chosen by {want:acquisition}", "")              \
+    X(61, CAL_POSE, INFO, "pose {index:pose} measured: {got:mm}, {want:mrad} from the prediction", "")       \
+    X(62, CAL_MOVE_TIMEOUT, ERROR, "{index:input} did not arrive or come to rest within {got:s}",            \
+      "Look for an obstacle or a fault before the next START.")                                              \
+    X(63, CAL_FRAME_TIMEOUT, WARN, "no frame within {got:s}",                                                \
+      "None if rare; CAL_ABORTED follows when retries do not help. Check camera and detector.")              \
+    X(64, CAL_TAGS_LOST, WARN,                                                                               \
+      "tags not detected at candidate {index:candidate} after {got:count} search positions",                 \
+      "None: the candidate is skipped.")                                                                     \
+    X(65, CAL_SERVO_LIMIT, WARN,                                                                             \
+      "servo stopped at candidate {index:candidate} after {got:count} steps, {want:mm} from its goal",       \
+      "None: the pose is measured where the arm stands.")                                                    \
+    X(66, CAL_CAND_SKIPPED, WARN, "candidate {index:candidate} skipped for the rest of this calibration",    \
+      "None: another one is chosen. The event before says why.")                                             \
+    X(67, CAL_NO_CANDIDATE, ERROR, "no usable candidate left",                                               \
+      "If poses are missing, uplink a SPACE table with more candidates.")                                    \
+    X(68, CAL_NO_PATH, ERROR,                                                                                \
+      "no verified path to {index:candidate_or_any}: nearest node is {got:number} servo bounds away, "       \
+      "allowed {want:number}",                                                                               \
+      "Bring the arm to the park pose, then START again.")                                                   \
+    X(69, CAL_OUTLIER, WARN, "pose {index:pose} rejected as an outlier",                                     \
+      "None if rare; otherwise diagnose the log (kincal model diagnose).")                                   \
+    X(70, CAL_RANK, WARN, "data determine {got:count} of {want:count} coefficients; the others are held",    \
+      "Ask for more poses, or for fewer coefficients.")                                                      \
+    X(71, CAL_HELD, WARN, "coefficient {index:coefficient} cannot be determined, held at {got:number}",      \
+      "See CAL_RANK.")                                                                                       \
+    X(72, CAL_EST, WARN, "estimator did not finish: {got:status}",                                           \
+      "None if rare: the correction before stays in use. Otherwise check the TERMS bounds.")                 \
+    X(73, CAL_BUDGET, WARN, "time budget of {want:s} used up after {got:s}",                                 \
+      "None: what was measured is used.")                                                                    \
+    X(74, CAL_CONVERGED, INFO, "predicted tool position sigma {got:mm} meets the requirement of {want:mm}",  \
+      "")                                                                                                    \
+    X(75, CAL_ABORTED, WARN, "calibration stopped: {got:cause}; poses measured: {index:count}",              \
+      "Remove the cause. START begins a new calibration from SAFE.")                                         \
+    X(76, CAL_POOR, ERROR, "fit is poor: probability {got:number}, noise {want:number} times as stated",     \
+      "Do not approve. Diagnose the log (kincal model diagnose): the model lacks an effect, or the noise "   \
+      "is understated.")                                                                                     \
+    X(77, CAL_ENERGY, WARN, "energy budget of {want:J} used up: {got:J}",                                    \
+      "None: what was measured is used.")                                                                    \
+    X(78, CAL_MODEL_MISMATCH, ERROR,                                                                         \
+      "pose {index:pose} is {got:mm}, {want:mrad} from the best correction within its bounds",               \
+      "Do not move the arm on. Its errors exceed the bounds of TERMS, or the model lacks an effect: "        \
+      "diagnose the log, then verify a SPACE table for wider bounds.")                                       \
+    X(79, CAL_TAGS_NOT_DETECTED, ERROR,                                                                      \
+      "tags detected at {got:count} of {want:count} local initial poses, at least a third is needed",        \
+      "Do not move the arm on. Check camera, lighting and tags; then uplink other local initial poses.")     \
+    X(80, COR_PROPOSED, INFO, "correction CRC {got:crc} proposed from {want:count} poses",                   \
+      "Review it: APPROVE_ARM and APPROVE_GO, or REJECT.")                                                   \
+    X(81, COR_NO_CHANGE, INFO,                                                                               \
+      "nothing needs to change: so large a correction has probability {got:number} if the active one is "    \
+      "right",                                                                                               \
+      "")                                                                                                    \
+    X(82, COR_ARMED, INFO, "approval of correction CRC {got:crc} armed",                                     \
+      "Send APPROVE_GO within ten minutes.")                                                                 \
+    X(83, COR_ACTIVE, INFO, "correction CRC {got:crc} active", "")                                           \
+    X(84, COR_REJECTED, INFO, "correction CRC {got:crc} rejected", "")                                       \
+    X(85, COR_ROLLBACK, INFO, "rolled back to correction CRC {got:crc}", "")                                 \
+    X(86, COR_ON_BOARD, INFO, "correction CRC {got:crc} accepted on board by the policy of CONFIG", "")      \
+    X(87, COR_NO_PREVIOUS, ERROR, "command refused: no previous correction to roll back to",                 \
+      "Uplink the KIN table that shall be active.")                                                          \
+    X(88, COR_EXPIRED, WARN, "approval of correction CRC {got:crc} expired; the review goes on",             \
+      "Send APPROVE_ARM and APPROVE_GO again.")                                                              \
+    X(89, GRD_LIMIT, WARN,                                                                                   \
+      "move refused: joint {index:joint} would go to {got:joint_value}, limit {want:joint_value}",           \
+      "None if rare: the candidate is skipped.")                                                             \
+    X(90, STORE_FAIL, ERROR, "{index:store} could not be stored ({got:status})",                             \
+      "Check space and health of the store; until then a power cut loses it.")                               \
+    X(91, GRD_PATH, WARN,                                                                                    \
+      "move refused: joint {index:joint} would be {got:joint_value} beyond the verified {want:joint_value}", \
+      "None if rare: the candidate is skipped. Joint 0: no verified segment joins the two nodes.")           \
+    X(92, GRD_VOLUME, WARN,                                                                                  \
+      "move refused: body {index:body} would be {got:mm} inside keep-out volume {want:volume} (negative: "   \
+      "too near)",                                                                                           \
+      "None if rare: the candidate is skipped. If all moves are refused, look at the arm before the next "   \
+      "START.")                                                                                              \
+    X(93, GRD_SELF, WARN,                                                                                    \
+      "move refused: body {index:body} would be {got:mm} inside body {want:body} (negative: too near)",      \
+      "As GRD_VOLUME.")                                                                                      \
+    X(95, MON_SUSPECT, WARN,                                                                                 \
+      "joint {index:joint} reads wrong by {got:joint_value}; joints that may be meant: {want:joints}",       \
+      "Take observations at other postures if several joints are named; then START limited to them "         \
+      "(docs/STATES.md).")                                                                                   \
+    X(96, MON_UNEXPLAINED, WARN,                                                                             \
+      "tool is {got:mm}, {want:mrad} from its prediction; no single joint explains it",                      \
+      "START with all coefficients.")                                                                        \
+    X(97, MON_NOT_AT_REST, DEBUG,                                                                            \
+      "detection of frame {got:count} not compared: arm or pan-tilt unit had not settled", "")
+
+#define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;
+
+/* Why a calibration was stopped (CAL_ABORTED). X(number, NAME, "text") */
+#define KC_CAUSE_LIST(X)                                                                              \
+    X(0, COMMAND, "command ABORT")                                                                    \
+    X(1, ARM_FAULT, "the arm controller reports a fault")                                             \
+    X(2, ARM_LATE, "the arm did not reach its target in time, or did not come to rest")               \
+    X(3, PANTILT_LATE, "the pan-tilt unit did not reach its target in time, or did not come to rest") \
+    X(4, CAMERA, "no frame in spite of all retries")                                                  \
+    X(5, NO_CANDIDATE, "no usable candidate left before enough was measured")                         \
+    X(6, NO_PATH, "no verified path begins where the arm stands")                                     \
+    X(7, BUDGET, "time or energy used up before enough was measured")                                 \
+    X(8, SILENT, "no state messages from the arm or the pan-tilt unit")                               \
+    X(9, MODEL_MISMATCH, "no correction within its bounds explains the observations")                 \
+    X(10, TAGS_NOT_DETECTED, "tags detected at fewer than a third of the local initial poses")
+
+#define KC_CAUSE_ENUM_(number, name, text) KC_CAUSE_##name = (number),
+typedef enum { KC_CAUSE_LIST(KC_CAUSE_ENUM_) KC_CAUSE_COUNT = KC_CAUSE_TAGS_NOT_DETECTED + 1 } kc_cause_t;
 
 typedef struct {
     uint16_t id;
@@ -108,8 +259,12 @@ typedef struct {
  * recorded once. */
 void kc_event(kc_events_t *q, kc_event_id_t id, int32_t index, double got, double want);
 
+/* The dictionary. An unknown id: "UNKNOWN", "", "", KC_SEV_ERROR; never NULL. */
 const char *kc_event_name(uint16_t id);
 const char *kc_event_text(uint16_t id);
+const char *kc_event_action(uint16_t id);
 int kc_event_severity(uint16_t id);
+/* "" for a number that is no kc_cause_t; never NULL. */
+const char *kc_cause_text(int32_t cause);
 
 #endif

@@ -7,7 +7,7 @@ static void monitor(const kc_mon_verdict_t *v, kc_hk_t *hk)
     hk->mon_state = (int32_t)v->state;
     hk->mon_joint = v->state == KC_MON_NAMED ? (int32_t)v->joint + 1 : 0;
     hk->mon_suspects = v->suspects;
-    hk->mon_looks = v->n_looks;
+    hk->mon_n_obs = v->n_obs;
     hk->mon_bias = v->bias;
     hk->mon_sigma = v->sigma;
     hk->mon_p = v->p;
@@ -40,7 +40,7 @@ static void fill(kc_app_t *app, kc_hk_t *hk)
     hk->boot_count = app->boot_count;
     hk->proposal_crc = app->proposal_crc;
     hk->energy_j = app->energy_j;
-    monitor(&app->watch.newest, hk);
+    monitor(&app->monitoring.newest, hk);
 }
 
 void kc_hk_run(kc_app_t *app, kc_out_t *out)

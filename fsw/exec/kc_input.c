@@ -1,4 +1,5 @@
-/* What comes from outside: accepted whole, or refused with an event and nothing changed. */
+/* Inputs: accepted whole, or refused with an event and nothing changed. */
+#include <stddef.h>
 #include <string.h>
 
 #include "kc_app_priv.h"
@@ -6,12 +7,34 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-#define FUTURE_US 50000u    /* clocks of two computers differ; a stamp may lead ours by so much     */
-#define JOINT_SLACK 0.5     /* encoder readings may pass the limits by so much [rad or m]           */
+#define FUTURE_US 50000u    /* clocks of two computers differ: how far a stamp may be ahead */
+#define JOINT_SLACK 0.5     /* how far encoder readings may be beyond the limits [rad or m] */
 #define SPEED_MAX 50.0      /* beyond any arm [rad/s or m/s]                                        */
 #define UNIT_TOL 1e-6
-#define RANGE_MAX_M 10.0    /* tags further off than this are a mistake                             */
+#define RANGE_MAX_M 10.0    /* largest plausible distance of the tags */
 #define PIXEL_MAX 1e5
+
+typedef struct {
+    int32_t first;
+    uint32_t count;
+    const char *name;
+} field_t;
+
+#define FIELD_(first, count, name) {(first), (count), name},
+static const field_t s_field[] = {KC_INPUT_FIELD_LIST(FIELD_)};
+#define FIELD_N (sizeof s_field / sizeof s_field[0])
+
+const char *kc_input_field(int32_t index, uint32_t *element)
+{
+    *element = 0u;
+    for (size_t i = 0u; i < FIELD_N; i++) {
+        const field_t *f = &s_field[i];
+        if (index < f->first || index >= f->first + (int32_t)f->count) { continue; }
+        if (f->count > 1u) { *element = (uint32_t)(index - f->first) + 1u; }
+        return f->name;
+    }
+    return "";
+}
 
 static int within(kc_out_t *out, int32_t field, double x, double lo, double hi)
 {
@@ -34,8 +57,8 @@ static int fresh(const kc_app_t *app, kc_out_t *out, int32_t field, uint64_t t_u
     return within(out, field, (double)t_us, (double)oldest, (double)(app->now_us + FUTURE_US));
 }
 
-/* Newer than the last accepted one. A sender that was started again counts from the beginning: after a
- * while of nothing but stale numbers its count is taken up. */
+/* Newer than the last accepted one. A sender that was started again counts from the beginning: when all
+ * its numbers were stale for a while, its count is accepted. */
 static int newer(const kc_app_t *app, kc_out_t *out, kc_input_t input, int32_t seq, int32_t last,
                  uint64_t ok_us)
 {
@@ -82,38 +105,41 @@ static void take_arm(kc_app_t *app, const kc_arm_state_t *s, kc_out_t *out)
     app->arm = *s;
     app->has_arm = 1u;
     app->arm_ok_us = app->now_us;
-    if (s->fault_mask != app->fault_told && s->fault_mask != 0) {
+    if (s->fault_mask != app->fault_reported && s->fault_mask != 0) {
         kc_event(&out->events, KC_EVT_ARM_FAULT, -1, (double)s->fault_mask, 0.0);
     }
-    app->fault_told = s->fault_mask;
+    app->fault_reported = s->fault_mask;
 }
 
-/* ---- head ---- */
+/* ---- pan-tilt unit ---- */
 
-static void take_head(kc_app_t *app, const kc_pantilt_state_t *s, kc_out_t *out)
+static void take_pantilt(kc_app_t *app, const kc_pantilt_state_t *s, kc_out_t *out)
 {
-    if (app->has_head && !newer(app, out, KC_INPUT_HEAD, s->seq, app->head.seq, app->head_ok_us)) { return; }
+    if (app->has_pantilt &&
+        !newer(app, out, KC_INPUT_PANTILT, s->seq, app->pantilt.seq, app->pantilt_ok_us)) {
+        return;
+    }
     if (!fresh(app, out, 201, s->t_us, KC_SILENT_US) ||
         !within(out, 202, s->pan_rad, -2.0 * KC_PI, 2.0 * KC_PI) ||
         !within(out, 203, s->tilt_rad, -2.0 * KC_PI, 2.0 * KC_PI)) {
         return;
     }
-    app->head = *s;
-    app->has_head = 1u;
-    app->head_ok_us = app->now_us;
+    app->pantilt = *s;
+    app->has_pantilt = 1u;
+    app->pantilt_ok_us = app->now_us;
 }
 
 /* ---- detections ---- */
 
-static int det_asked(const kc_app_t *app, kc_out_t *out, const kc_detection_t *d)
+static int det_requested(const kc_app_t *app, kc_out_t *out, const kc_detection_t *d)
 {
-    if (app->look.waiting && d->seq == app->look.frame_seq) { return 1; }
-    double want = app->look.waiting ? (double)app->look.frame_seq : 0.0;
-    kc_event(&out->events, KC_EVT_DET_UNASKED, -1, (double)d->seq, want);
+    if (app->observe.waiting && d->seq == app->observe.frame_seq) { return 1; }
+    double want = app->observe.waiting ? (double)app->observe.frame_seq : 0.0;
+    kc_event(&out->events, KC_EVT_DET_UNREQUESTED, -1, (double)d->seq, want);
     return 0;
 }
 
-/* Taken after it was asked for, and not too long ago. */
+/* Taken after its request, and not too long ago. */
 static int det_age(const kc_app_t *app, kc_out_t *out, const kc_detection_t *d)
 {
     uint64_t allowed = app->tables.active.config.frame_age_max_us;
@@ -121,7 +147,7 @@ static int det_age(const kc_app_t *app, kc_out_t *out, const kc_detection_t *d)
         kc_event(&out->events, KC_EVT_IN_RANGE, 301, (double)d->t_us, (double)app->now_us);
         return 0;
     }
-    uint64_t since = app->now_us - app->look.asked_us;
+    uint64_t since = app->now_us - app->observe.requested_us;
     double age = (double)app->now_us - (double)d->t_us;
     double limit = (double)(since + FUTURE_US < allowed ? since + FUTURE_US : allowed);
     if (age > limit) {
@@ -156,7 +182,7 @@ static int det_unit(kc_out_t *out, const double q[4])
 {
     double n = kc_sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (kc_fabs(n - 1.0) <= UNIT_TOL) { return 1; } /* NaN fails too */
-    kc_event(&out->events, KC_EVT_IN_NOT_UNIT, KC_INPUT_DET, n, 1.0);
+    kc_event(&out->events, KC_EVT_IN_NOT_UNIT, KC_INPUT_DETECTION, n, 1.0);
     return 0;
 }
 
@@ -188,7 +214,8 @@ static double worst_sigma(const double cov[36], uint32_t first)
     return kc_sqrt(v);
 }
 
-/* Well formed, but good enough? If not the frame is spent and another one is asked for. */
+/* Whether a well-formed detection is certain enough; if not, the frame is used up and another one is
+ * requested. */
 static int det_good(const kc_app_t *app, kc_out_t *out, const kc_detection_t *d)
 {
     const kc_config_t *c = &app->tables.active.config;
@@ -219,8 +246,8 @@ static int det_steady(const kc_app_t *app, kc_out_t *out, const kc_detection_t *
     return 1;
 }
 
-/* A look in normal operation: new, recent, and as good as one that was asked for. */
-static void take_look(kc_app_t *app, const kc_detection_t *d, kc_out_t *out)
+/* An observation outside calibrations: new, recent, and as certain as one of a calibration. */
+static void take_observation(kc_app_t *app, const kc_detection_t *d, kc_out_t *out)
 {
     double age = (double)app->now_us - (double)d->t_us;
     double limit = (double)app->tables.active.config.frame_age_max_us;
@@ -228,39 +255,41 @@ static void take_look(kc_app_t *app, const kc_detection_t *d, kc_out_t *out)
         kc_event(&out->events, KC_EVT_IN_RANGE, 301, (double)d->t_us, (double)app->now_us);
     } else if (age > limit) {
         kc_event(&out->events, KC_EVT_DET_OLD, -1, age, limit);
-    } else if (d->t_us <= app->watch.t_us) {
-        kc_event(&out->events, KC_EVT_IN_STALE, KC_INPUT_DET, (double)d->t_us, (double)app->watch.t_us);
+    } else if (d->t_us <= app->monitoring.t_us) {
+        kc_event(&out->events, KC_EVT_IN_STALE, KC_INPUT_DETECTION, (double)d->t_us,
+                 (double)app->monitoring.t_us);
     } else if (!within(out, 302, (double)d->n_tags, 0.0, (double)KC_TAG_MAX)) {
         return;
     } else if (d->n_tags == 0u) {
         kc_event(&out->events, KC_EVT_DET_NONE, -1, (double)d->seq, 0.0);
     } else if (det_tags(app, out, d) && det_fields(out, d) && det_good(app, out, d)) {
-        kc_watch_look(app, out, d);
+        kc_monitoring_observe(app, out, d);
     }
 }
 
 static void take_det(kc_app_t *app, const kc_detection_t *d, kc_out_t *out)
 {
-    if (kc_watch_wants(app)) {
-        take_look(app, d, out);
+    if (kc_monitoring_wants(app)) {
+        take_observation(app, d, out);
         return;
     }
-    if (!det_asked(app, out, d) || !det_age(app, out, d)) { return; }
+    if (!det_requested(app, out, d) || !det_age(app, out, d)) { return; }
     if (!within(out, 302, (double)d->n_tags, 0.0, (double)KC_TAG_MAX)) { return; }
     if (d->n_tags == 0u) {
         kc_event(&out->events, KC_EVT_DET_NONE, -1, (double)d->seq, 0.0);
     } else if (!det_tags(app, out, d) || !det_fields(out, d)) {
         return;
     }
-    app->look.det = *d;
-    kc_look_unflip(app, app->cal.coef, &app->look.det);
-    app->look.got = 1u;
-    app->look.waiting = 0u;
-    app->look.unsure = d->n_tags > 0u && (!det_good(app, out, d) || !det_steady(app, out, &app->look.det));
-    app->n_rejected += app->look.unsure;
+    app->observe.det = *d;
+    kc_observe_unflip(app, app->cal.coef, &app->observe.det);
+    app->observe.got = 1u;
+    app->observe.waiting = 0u;
+    app->observe.unsure = d->n_tags > 0u &&
+                          (!det_good(app, out, d) || !det_steady(app, out, &app->observe.det));
+    app->n_rejected += app->observe.unsure;
 }
 
-/* ---- all of them ---- */
+/* ---- all inputs ---- */
 
 void kc_input_take(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
 {
@@ -269,8 +298,8 @@ void kc_input_take(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
         kc_event(&out->events, KC_EVT_STORE_FAIL, (int32_t)in->store_kind, (double)in->store_status, 0.0);
     }
     if (in->has_arm) { take_arm(app, &in->arm, out); }
-    if (in->has_pantilt) { take_head(app, &in->pantilt, out); }
-    kc_watch_rest(app);
+    if (in->has_pantilt) { take_pantilt(app, &in->pantilt, out); }
+    kc_monitoring_rest(app);
     for (uint32_t i = 0u; i < in->n_det && i < KC_DET_QUEUE_MAX; i++) { take_det(app, &in->det[i], out); }
 }
 
@@ -282,13 +311,13 @@ static int silent(const kc_app_t *app, kc_out_t *out, kc_input_t input, uint64_t
     return 1;
 }
 
-void kc_input_watch(kc_app_t *app, kc_out_t *out)
+void kc_input_check_silence(kc_app_t *app, kc_out_t *out)
 {
     if (!kc_app_calibrating(app)) { return; }
     if (app->arm.fault_mask != 0) {
         kc_app_abort(app, out, KC_CAUSE_ARM_FAULT);
     } else if (silent(app, out, KC_INPUT_ARM, app->arm_ok_us) ||
-               silent(app, out, KC_INPUT_HEAD, app->head_ok_us)) {
+               silent(app, out, KC_INPUT_PANTILT, app->pantilt_ok_us)) {
         kc_app_abort(app, out, KC_CAUSE_SILENT);
     }
 }

@@ -8,7 +8,7 @@
 void kc_measure_begin(kc_app_t *app)
 {
     memset(&app->frames, 0, sizeof app->frames);
-    kc_look_begin(app);
+    kc_observe_begin(app);
 }
 
 /* Position and rotation vector (camera axes) of a frame against the first one. */
@@ -45,8 +45,8 @@ static void add_scalars(kc_frames_t *f, const kc_app_t *app, const kc_detection_
     f->v_px += d->v_px;
     f->rms_px += d->rms_px;
     f->rms_alt_px += d->rms_alt_px;
-    f->pan_rad += app->head.pan_rad;
-    f->tilt_rad += app->head.tilt_rad;
+    f->pan_rad += app->pantilt.pan_rad;
+    f->tilt_rad += app->pantilt.tilt_rad;
     for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
         f->q[j] += app->arm.q[j];
         f->dq[j] += app->arm.dq[j];
@@ -65,7 +65,7 @@ static int same_tags(const kc_detection_t *a, const kc_detection_t *b)
 static void add_frame(kc_app_t *app)
 {
     kc_frames_t *f = &app->frames;
-    const kc_detection_t *d = &app->look.det;
+    const kc_detection_t *d = &app->observe.det;
     double dp[3], dw[3];
     if (f->n == 0u) {
         f->det = *d;
@@ -126,9 +126,9 @@ static int finish(kc_app_t *app, kc_out_t *out)
 {
     const kc_frames_t *f = &app->frames;
     kc_meas_t *m = &out->meas;
-    kc_pantilt_state_t head = app->head;
+    kc_pantilt_state_t pantilt = app->pantilt;
     double n = (double)f->n;
-    m->pose = app->cal.n_meas;
+    m->pose = app->cal.n_meas + 1u;
     m->candidate = app->cal.candidate;
     m->replicate = app->cal.replicate;
     m->n_joints = app->tables.active.arm.n_joints;
@@ -138,21 +138,21 @@ static int finish(kc_app_t *app, kc_out_t *out)
         m->arm.dq[j] = f->dq[j] / n;
     }
     mean_detection(f, &app->tables.active.config, &m->det);
-    m->pan_rad = head.pan_rad = f->pan_rad / n;
-    m->tilt_rad = head.tilt_rad = f->tilt_rad / n;
+    m->pan_rad = pantilt.pan_rad = f->pan_rad / n;
+    m->tilt_rad = pantilt.tilt_rad = f->tilt_rad / n;
     m->n_frames = f->n;
     m->t_us = app->now_us;
     m->session = app->session;
     memcpy(m->crc, app->tables.active.crc, sizeof m->crc);
-    kc_look_obs(app, m->det.p_cam_tool_m, m->det.q_cam_tool_wxyz, &m->det, &m->arm, &head, &m->obs);
+    kc_observe_obs(app, m->det.p_cam_tool_m, m->det.q_cam_tool_wxyz, &m->det, &m->arm, &pantilt, &m->obs);
     if (kc_est_add(&app->est, &m->obs) != KC_OK) {
-        kc_look_skip(app, out);
+        kc_observe_skip(app, out);
         return 1;
     }
     out->has_meas = 1u;
     app->cal.cand_of[app->cal.n_meas++] = (uint16_t)app->cal.candidate;
     app->cal.usable[app->cal.candidate] = 0u;
-    app->cal.n_first += kc_space_first(&app->tables.active.space, (uint32_t)app->cal.candidate) ? 1u : 0u;
+    app->cal.n_local += kc_space_local(&app->tables.active.space, (uint32_t)app->cal.candidate) ? 1u : 0u;
     app->cal.range_m = kc_max(m->det.range_m, KC_RANGE_MIN_M);
     app->n_meas++;
     app->cal.up = KC_UP_ADD;
@@ -162,30 +162,30 @@ static int finish(kc_app_t *app, kc_out_t *out)
 
 static int retry(kc_app_t *app, kc_out_t *out)
 {
-    if (app->look.fails++ < app->tables.active.config.look_retries) { return 0; }
-    kc_look_skip(app, out);
+    if (app->observe.fails++ < app->tables.active.config.frame_retries) { return 0; }
+    kc_observe_skip(app, out);
     return 1;
 }
 
 int kc_measure_run(kc_app_t *app, kc_out_t *out)
 {
-    if (app->arm.moving || app->head.moving) { /* frames of one measurement are taken at one place */
+    if (app->arm.moving || app->pantilt.moving) { /* frames of one measurement are taken at one place */
         if (retry(app, out)) { return 1; }
         memset(&app->frames, 0, sizeof app->frames);
-        app->look.waiting = 0u;
-        app->look.got = 0u;
+        app->observe.waiting = 0u;
+        app->observe.got = 0u;
         kc_move_settle(app, KC_ST_MEASURE);
         return 0;
     }
-    switch (kc_look_poll(app, out)) {
-    case KC_LOOK_SEEN:
+    switch (kc_observe_poll(app, out)) {
+    case KC_OBSERVE_DETECTED:
         add_frame(app);
         if (app->frames.n >= app->tables.active.config.frames_per_meas) { return finish(app, out); }
-        (void)kc_look_poll(app, out); /* ask for the next one at once */
+        (void)kc_observe_poll(app, out); /* request the next frame at once */
         return 0;
-    case KC_LOOK_NONE: return retry(app, out);
-    case KC_LOOK_UNSURE: kc_look_skip(app, out); return 1;
-    case KC_LOOK_LATE: kc_app_abort(app, out, KC_CAUSE_CAMERA); return 0;
+    case KC_OBSERVE_NO_TAGS: return retry(app, out);
+    case KC_OBSERVE_UNCERTAIN: kc_observe_skip(app, out); return 1;
+    case KC_OBSERVE_TIMEOUT: kc_app_abort(app, out, KC_CAUSE_CAMERA); return 0;
     default: return 0;
     }
 }

@@ -1,5 +1,5 @@
-/* MOVE, AIM, SETTLE. The arm only moves along segments the ground proved, and inside the leash around a
- * candidate's seed; the head looks where the corrected arm is expected. */
+/* MOVE, AIM, SETTLE. The arm only moves along verified segments, and within the servo bound around a
+ * candidate's seed; the pan-tilt unit points where the corrected arm is expected. */
 #include <string.h>
 
 #include "kc_app_priv.h"
@@ -26,18 +26,18 @@ static void command(kc_app_t *app, kc_out_t *out, uint8_t hold)
 
 void kc_move_hold(kc_app_t *app, kc_out_t *out) { command(app, out, 1u); }
 
-/* What the guard says against it is told, and the candidate is given up; the arm stays where it is. */
+/* If the guard refuses the move: record its reason and skip the candidate; the arm stays where it is. */
 static int refused(kc_app_t *app, kc_out_t *out, uint32_t from, uint32_t to, const double *q)
 {
-    static const kc_event_id_t event[] = {KC_EVT_NONE, KC_EVT_GRD_LIMIT, KC_EVT_GRD_WAY, KC_EVT_GRD_VOLUME,
+    static const kc_event_id_t event[] = {KC_EVT_NONE, KC_EVT_GRD_LIMIT, KC_EVT_GRD_PATH, KC_EVT_GRD_VOLUME,
                                           KC_EVT_GRD_SELF};
     const kc_active_t *a = &app->tables.active;
-    double leash[KC_JOINT_MAX];
+    double bound[KC_JOINT_MAX];
     kc_ctx_t ctx;
-    kc_guard_why_t why;
-    kc_move_leash(app, leash);
+    kc_guard_reason_t why;
+    kc_move_bound(app, bound);
     kc_update_ctx(app, 0u, &ctx);
-    kc_guard_ask_t ask = {
+    kc_guard_request_t ask = {
         .arm = &a->arm,
         .terms = &a->terms,
         .coef = app->cal.coef,
@@ -47,14 +47,14 @@ static int refused(kc_app_t *app, kc_out_t *out, uint32_t from, uint32_t to, con
         .q_to = q,
         .from = from,
         .to = to,
-        .leash = leash,
+        .bound = bound,
         .margin = a->config.servo.margin,
         .tol = a->config.arrive_tol,
     };
     kc_guard_verdict_t verdict = kc_guard_check(&ask, &why);
-    if (verdict == KC_GUARD_FINE) { return 0; }
+    if (verdict == KC_GUARD_OK) { return 0; }
     kc_event(&out->events, event[verdict], why.index, why.got, why.want);
-    kc_look_skip(app, out);
+    kc_observe_skip(app, out);
     return 1;
 }
 
@@ -85,8 +85,8 @@ double kc_move_dist(const kc_app_t *app, const double *q)
     return joint_dist(app->arm.q, q, app->tables.active.arm.n_joints);
 }
 
-/* The controller repeats what it was told, so an arm that has not yet begun a short move is not taken
- * for one that has finished it. */
+/* The controller echoes its target, so that an arm that has not begun a short move yet is not taken for
+ * one that has finished it. */
 static int echoed(const kc_app_t *app)
 {
     return joint_dist(app->arm.q_cmd, app->leg.q_target, app->tables.active.arm.n_joints) <= KC_ECHO_TOL;
@@ -102,7 +102,7 @@ int kc_move_late(kc_app_t *app, kc_out_t *out)
 {
     uint64_t took = app->now_us - app->leg.start_us;
     if (took > app->tables.active.config.move_timeout_us) {
-        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, -1, (double)took, 0.0);
+        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_ARM, (double)took, 0.0);
         kc_app_abort(app, out, KC_CAUSE_ARM_LATE);
         return 1;
     }
@@ -110,33 +110,34 @@ int kc_move_late(kc_app_t *app, kc_out_t *out)
     return 0;
 }
 
-/* ---- where the arm stands ---- */
+/* ---- where the arm is ---- */
 
-/* Off a segment by no more than this many arrival tolerances: boxes were proven around nodes only. */
+/* Largest distance from a segment, in arrival tolerances: outside nodes nothing but the segments is
+ * verified. */
 #define SEGMENT_TOLS 2.0
 
-void kc_move_leash(const kc_app_t *app, double *leash)
+void kc_move_bound(const kc_app_t *app, double *bound)
 {
     const kc_active_t *a = &app->tables.active;
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
-        leash[j] = kc_min(a->config.servo.leash, (double)a->space.servo_leash[j]);
+        bound[j] = kc_min(a->config.servo.bound, (double)a->space.servo_bound[j]);
     }
 }
 
 void kc_move_box(const kc_app_t *app, uint32_t cand, double *lo, double *hi)
 {
     const kc_active_t *a = &app->tables.active;
-    double seed[KC_JOINT_MAX], leash[KC_JOINT_MAX];
-    kc_move_leash(app, leash);
+    double seed[KC_JOINT_MAX], bound[KC_JOINT_MAX];
+    kc_move_bound(app, bound);
     kc_path_joints(&a->space, KC_HUB_MAX + cand, seed);
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
         const kc_joint_t *jt = &a->arm.joint[j];
-        lo[j] = kc_max(seed[j] - leash[j], jt->q_min + a->config.servo.margin);
-        hi[j] = kc_min(seed[j] + leash[j], jt->q_max - a->config.servo.margin);
+        lo[j] = kc_max(seed[j] - bound[j], jt->q_min + a->config.servo.margin);
+        hi[j] = kc_min(seed[j] + bound[j], jt->q_max - a->config.servo.margin);
     }
 }
 
-/* An abort can leave the arm between two nodes: on a segment that was proven, so it may finish it. */
+/* After an abort the arm may be between two nodes, on a verified segment: it may finish that segment. */
 static int on_segment(const kc_app_t *app)
 {
     const kc_space_t *s = &app->tables.active.space;
@@ -157,12 +158,12 @@ uint32_t kc_move_node(const kc_app_t *app, double *dist)
 {
     const kc_active_t *a = &app->tables.active;
     double box[KC_JOINT_MAX];
-    kc_move_leash(app, box);
+    kc_move_bound(app, box);
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) { box[j] += a->config.arrive_tol; }
     uint32_t node = kc_path_nearest(&a->space, box, app->arm.q, dist);
     if (*dist <= 1.0) { return node; }
     if (on_segment(app)) { return app->leg.seg_to; }
-    /* Started anew: which segment it was on is forgotten, but the table still holds it. */
+    /* After a restart the current segment is forgotten, but the table still holds it. */
     return kc_path_on_segment(&a->space, app->arm.q, SEGMENT_TOLS * a->config.arrive_tol);
 }
 
@@ -183,16 +184,16 @@ void kc_move_joints(kc_app_t *app, uint32_t cand, uint32_t iter_max, double *q)
     const kc_active_t *a = &app->tables.active;
     const kc_servo_opt_t *s = &a->config.servo;
     kc_ik_opt_t opt = {iter_max, s->tol_pos_m, s->tol_rot_rad, s->margin, IK_STEP_MAX};
-    double seed[KC_JOINT_MAX], leash[KC_JOINT_MAX];
+    double seed[KC_JOINT_MAX], bound[KC_JOINT_MAX];
     kc_pose_t goal;
-    kc_move_leash(app, leash);
+    kc_move_bound(app, bound);
     kc_move_goal(app, cand, &goal);
     kc_path_joints(&a->space, KC_HUB_MAX + cand, seed);
     memcpy(q, seed, a->arm.n_joints * sizeof *q);
-    if (kc_space_first(&a->space, cand)) { return; }
+    if (kc_space_local(&a->space, cand)) { return; }
     (void)kc_ik_solve(&a->arm, &a->terms, app->cal.coef, &goal, &opt, q, &app->eval);
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
-        q[j] = kc_clamp(q[j], seed[j] - leash[j], seed[j] + leash[j]);
+        q[j] = kc_clamp(q[j], seed[j] - bound[j], seed[j] + bound[j]);
     }
 }
 
@@ -200,17 +201,18 @@ static int send_leg(kc_app_t *app, kc_out_t *out)
 {
     kc_leg_t *l = &app->leg;
     double q[KC_JOINT_MAX];
-    if (l->i_way < l->n_way) {
+    if (l->i_path < l->n_path) {
         l->seg_from = (uint16_t)l->node;
-        l->seg_to = l->way[l->i_way];
+        l->seg_to = l->path[l->i_path];
         app->journal_due = 1u;
-        kc_path_joints(&app->tables.active.space, l->way[l->i_way], q);
+        kc_path_joints(&app->tables.active.space, l->path[l->i_path], q);
         return kc_move_send(app, out, l->seg_from, l->seg_to, q);
     }
     return kc_move_near(app, out, l->q_final);
 }
 
-/* Head toward where the corrected arm is expected at q, plus what was learnt at this candidate. */
+/* Turn the pan-tilt unit to where the corrected arm is expected at q, with the offset measured at this
+ * candidate. */
 static void expect(kc_app_t *app, const double *q, double p[3])
 {
     const kc_active_t *a = &app->tables.active;
@@ -220,17 +222,16 @@ static void expect(kc_app_t *app, const double *q, double p[3])
     memcpy(ctx.q, q, a->arm.n_joints * sizeof *q);
     kc_model_loads(&a->arm, &a->terms, app->cal.coef, &ctx, &loads);
     kc_model_eval(&a->arm, &a->terms, app->cal.coef, &ctx, &loads, 0, &app->eval);
-    for (uint32_t i = 0u; i < 3u; i++) { p[i] = app->eval.T.p_m[i] + app->look.off_m[i]; }
+    for (uint32_t i = 0u; i < 3u; i++) { p[i] = app->eval.T.p_m[i] + app->observe.off_m[i]; }
 }
 
-/* A pose that is measured again is reached anew, over its hub: what the way does to it is part of what the
- * repeat shall tell. */
-static kc_status_t plan(const kc_app_t *app, uint32_t node, uint32_t cand, uint16_t *way, uint32_t *n)
+/* A replicate is approached again over its hub, so that it also repeats the effects of the move. */
+static kc_status_t plan(const kc_app_t *app, uint32_t node, uint32_t cand, uint16_t *path, uint32_t *n)
 {
     const kc_space_t *s = &app->tables.active.space;
-    if (app->cal.replicate == 0) { return kc_path_plan(s, node, KC_HUB_MAX + cand, way, n); }
-    kc_status_t st = kc_path_plan(s, node, s->cand[cand].hub, way, n);
-    if (st == KC_OK) { way[(*n)++] = (uint16_t)(KC_HUB_MAX + cand); }
+    if (app->cal.replicate == 0) { return kc_path_plan(s, node, KC_HUB_MAX + cand, path, n); }
+    kc_status_t st = kc_path_plan(s, node, s->cand[cand].hub, path, n);
+    if (st == KC_OK) { path[(*n)++] = (uint16_t)(KC_HUB_MAX + cand); }
     return st;
 }
 
@@ -246,27 +247,27 @@ kc_status_t kc_move_begin(kc_app_t *app, kc_out_t *out, uint32_t cand)
     }
     kc_path_joints(&a->space, node, seed);
     uint32_t first = kc_move_dist(app, seed) > a->config.arrive_tol ? 1u : 0u; /* segments begin at seeds */
-    kc_status_t st = plan(app, node, cand, &l->way[first], &n);
+    kc_status_t st = plan(app, node, cand, &l->path[first], &n);
     if (st != KC_OK) {
-        kc_event(&out->events, KC_EVT_CAL_NO_PATH, (int32_t)cand, (double)st, 0.0);
+        kc_event(&out->events, KC_EVT_CAL_NO_PATH, (int32_t)cand, dist, 1.0);
         return st;
     }
-    l->way[0] = first ? (uint16_t)node : l->way[0];
+    l->path[0] = first ? (uint16_t)node : l->path[0];
     l->node = node;
-    l->n_way = n + first;
-    l->i_way = 0u;
-    memset(app->look.off_m, 0, sizeof app->look.off_m);
+    l->n_path = n + first;
+    l->i_path = 0u;
+    memset(app->observe.off_m, 0, sizeof app->observe.off_m);
     l->approach = 0u;
-    app->look.seen_here = 0u;
-    app->look.retreat = 0u;
-    app->look.at_seed = 0u;
-    kc_servo_forget(&app->look.servo);
+    app->observe.detected_here = 0u;
+    app->observe.retreat = 0u;
+    app->observe.at_seed = 0u;
+    kc_servo_forget(&app->observe.servo);
     kc_move_joints(app, cand, IK_ITER_MAX, l->q_final);
     kc_app_enter(app, KC_ST_MOVE);
-    if (!send_leg(app, out)) { return KC_OK; } /* given up already, another one is chosen next step */
-    expect(app, l->q_final, p); /* the head may turn meanwhile */
+    if (!send_leg(app, out)) { return KC_OK; } /* skipped already; the next step chooses another one */
+    expect(app, l->q_final, p); /* the pan-tilt unit may turn meanwhile */
     (void)kc_camera_aim(&a->camera, p, &pan, &tilt);
-    kc_move_head(app, out, pan, tilt);
+    kc_move_pantilt(app, out, pan, tilt);
     return KC_OK;
 }
 
@@ -277,61 +278,64 @@ int kc_move_run(kc_app_t *app, kc_out_t *out)
         (void)kc_move_late(app, out);
         return 0;
     }
-    if (l->i_way < l->n_way) {
-        l->node = l->way[l->i_way++];
+    if (l->i_path < l->n_path) {
+        l->node = l->path[l->i_path++];
         return !send_leg(app, out);
     }
-    app->look.head_sent = 0u;
-    app->look.searched = 0u;
+    app->observe.pantilt_sent = 0u;
+    app->observe.searched = 0u;
     kc_app_enter(app, KC_ST_AIM);
     return 1;
 }
 
-/* ---- head ---- */
+/* ---- pan-tilt unit ---- */
 
-void kc_move_head(kc_app_t *app, kc_out_t *out, double pan_rad, double tilt_rad)
+void kc_move_pantilt(kc_app_t *app, kc_out_t *out, double pan_rad, double tilt_rad)
 {
     const kc_camera_t *c = &app->tables.active.camera;
-    kc_look_t *k = &app->look;
+    kc_observe_t *k = &app->observe;
     k->pan_rad = kc_clamp(pan_rad, c->pan_min_rad, c->pan_max_rad);
     k->tilt_rad = kc_clamp(tilt_rad, c->tilt_min_rad, c->tilt_max_rad);
-    k->head_us = app->now_us;
+    k->pantilt_us = app->now_us;
     out->has_pantilt_cmd = 1u;
-    out->pantilt_cmd = (kc_pantilt_cmd_t){++app->head_seq, k->pan_rad, k->tilt_rad};
+    out->pantilt_cmd = (kc_pantilt_cmd_t){++app->pantilt_seq, k->pan_rad, k->tilt_rad};
 }
 
-static double head_off(const kc_app_t *app)
+static double pantilt_error(const kc_app_t *app)
 {
-    return kc_max(kc_fabs(app->head.pan_rad - app->look.pan_rad),
-                  kc_fabs(app->head.tilt_rad - app->look.tilt_rad));
+    return kc_max(kc_fabs(app->pantilt.pan_rad - app->observe.pan_rad),
+                  kc_fabs(app->pantilt.tilt_rad - app->observe.tilt_rad));
 }
 
-int kc_move_head_there(const kc_app_t *app) { return !app->head.moving && head_off(app) <= KC_HEAD_TOL_RAD; }
+int kc_move_pantilt_there(const kc_app_t *app)
+{
+    return !app->pantilt.moving && pantilt_error(app) <= KC_PANTILT_TOL_RAD;
+}
 
 int kc_move_aim(kc_app_t *app, kc_out_t *out)
 {
-    kc_look_t *k = &app->look;
+    kc_observe_t *k = &app->observe;
     double p[3];
-    if (!k->head_sent) {
+    if (!k->pantilt_sent) {
         double pan = 0.0, tilt = 0.0;
         expect(app, app->arm.q, p);
         (void)kc_camera_aim(&app->tables.active.camera, p, &pan,
                             &tilt); /* cut off by a limit: best there is */
-        kc_move_head(app, out, pan, tilt);
+        kc_move_pantilt(app, out, pan, tilt);
         k->base_pan_rad = k->pan_rad;
         k->base_tilt_rad = k->tilt_rad;
-        k->head_sent = 1u;
+        k->pantilt_sent = 1u;
     }
-    if (kc_move_head_there(app)) {
-        kc_move_settle(app, KC_ST_LOOK);
+    if (kc_move_pantilt_there(app)) {
+        kc_move_settle(app, KC_ST_OBSERVE);
         return 1;
     }
     if (app->now_us - app->state_us > app->tables.active.config.move_timeout_us) {
-        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_HEAD, (double)(app->now_us - app->state_us),
-                 head_off(app));
-        kc_app_abort(app, out, KC_CAUSE_HEAD_LATE);
-    } else if (!app->head.moving && app->now_us - k->head_us >= KC_RESEND_US) {
-        kc_move_head(app, out, k->pan_rad, k->tilt_rad); /* lost on the way */
+        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_PANTILT,
+                 (double)(app->now_us - app->state_us), pantilt_error(app));
+        kc_app_abort(app, out, KC_CAUSE_PANTILT_LATE);
+    } else if (!app->pantilt.moving && app->now_us - k->pantilt_us >= KC_RESEND_US) {
+        kc_move_pantilt(app, out, k->pan_rad, k->tilt_rad); /* the command was lost */
     }
     return 0;
 }
@@ -340,7 +344,7 @@ int kc_move_aim(kc_app_t *app, kc_out_t *out)
 
 void kc_move_settle(kc_app_t *app, kc_state_t after)
 {
-    app->look.after = (uint8_t)after;
+    app->observe.after = (uint8_t)after;
     app->leg.resting = 0u;
     kc_app_enter(app, KC_ST_SETTLE);
 }
@@ -349,20 +353,21 @@ int kc_move_settled(kc_app_t *app, kc_out_t *out)
 {
     kc_leg_t *l = &app->leg;
     const kc_config_t *c = &app->tables.active.config;
-    if (app->arm.moving || app->head.moving) {
+    if (app->arm.moving || app->pantilt.moving) {
         l->resting = 0u;
     } else if (!l->resting) {
         l->resting = 1u;
         l->rest_us = app->now_us;
     }
     if (l->resting && app->now_us - l->rest_us >= c->settle_us) {
-        if (app->look.after == (uint8_t)KC_ST_LOOK) { kc_look_begin(app); }
-        kc_app_enter(app, (kc_state_t)app->look.after);
+        if (app->observe.after == (uint8_t)KC_ST_OBSERVE) { kc_observe_begin(app); }
+        kc_app_enter(app, (kc_state_t)app->observe.after);
         return 1;
     }
     if (app->now_us - app->state_us > c->settle_us + c->move_timeout_us) {
-        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, -1, (double)(app->now_us - app->state_us), 0.0);
-        kc_app_abort(app, out, app->head.moving ? KC_CAUSE_HEAD_LATE : KC_CAUSE_ARM_LATE);
+        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, app->pantilt.moving ? KC_INPUT_PANTILT : KC_INPUT_ARM,
+                 (double)(app->now_us - app->state_us), 0.0);
+        kc_app_abort(app, out, app->pantilt.moving ? KC_CAUSE_PANTILT_LATE : KC_CAUSE_ARM_LATE);
     }
     return 0;
 }

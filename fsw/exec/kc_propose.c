@@ -30,8 +30,8 @@ static double chi2_at(kc_app_t *app, const double *coef)
     return sum;
 }
 
-/* Chance of so large an improvement if the active table were right: the improvement of chi^2, in units
- * of the noise that the residuals show, against the coefficients that were free to make it. */
+/* Probability of so large an improvement if the active table were right: the improvement of chi^2, in units
+ * of the noise that the residuals show, against the number of free coefficients. */
 static double p_no_change(kc_app_t *app)
 {
     const kc_est_t *e = &app->est;
@@ -95,7 +95,7 @@ static void fill_numbers(kc_app_t *app, kc_proposal_t *p)
 {
     const kc_est_t *e = &app->est;
     memcpy(p->status, e->status, sizeof p->status);
-    memcpy(p->entangled, e->entangled, sizeof p->entangled);
+    memcpy(p->confounded, e->confounded, sizeof p->confounded);
     p->session = app->session;
     p->n_poses = app->cal.n_meas;
     p->n_outliers = e->n_outliers;
@@ -133,7 +133,7 @@ static void make(kc_app_t *app, kc_proposal_t *p)
     app->proposal_kin = p->kin;
 }
 
-/* What the data could not tell, by coefficient. */
+/* Coefficients that the data could not determine. */
 static void report_held(kc_app_t *app, kc_out_t *out)
 {
     const kc_est_t *e = &app->est;
@@ -295,7 +295,7 @@ kc_status_t kc_propose_rollback(kc_app_t *app, kc_out_t *out, uint32_t crc)
     return KC_OK;
 }
 
-/* A stored proposal waits on, if it still belongs to the tables that are active. */
+/* A stored proposal is kept for review if it still belongs to the active tables. */
 kc_status_t kc_propose_load(kc_app_t *app, const uint8_t *image, uint32_t n)
 {
     kc_events_t *ev = &app->boot_events;

@@ -273,7 +273,7 @@ static void refit_kin(kc_active_t *a, kc_events_t *ev)
     set_nominal(a);
 }
 
-/* The arm is another one: whatever was made for the old one goes. */
+/* The ARM table has changed: drop what was made for the old one. */
 static void refit_to_arm(kc_active_t *a, uint32_t old_crc, kc_events_t *ev)
 {
     int32_t index;
@@ -398,7 +398,7 @@ kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t
     return KC_OK;
 }
 
-/* Is it this image, whole, that the command means? */
+/* Whether the command names the staged image, and all of it is there. */
 static kc_status_t check_named(const kc_tables_t *t, uint16_t kind, uint32_t crc, kc_stage_t least,
                                kc_events_t *ev)
 {

@@ -21,7 +21,7 @@ typedef enum {
     KC_TBL_ARM = 1,
     KC_TBL_CAMERA = 2,
     KC_TBL_TERMS = 3,
-    KC_TBL_KIN = 4,    /* values of the coefficients: what calibration changes */
+    KC_TBL_KIN = 4, /* values of the coefficients: what calibration changes */
     KC_TBL_SPACE = 5,
     KC_TBL_KERNEL = 6,
     KC_TBL_CONFIG = 7,
@@ -37,7 +37,7 @@ typedef struct {
     double value[KC_COEF_MAX];
     double sigma[KC_COEF_MAX];
     uint32_t arm_crc, terms_crc; /* tables it belongs to; 0 in a nominal (all zero) table */
-    uint32_t prev_crc;           /* kinematics table it replaced                          */
+    uint32_t prev_crc;           /* kinematics table it replaced */
     uint32_t session, n_poses;
     uint64_t made_us;
 } kc_kin_t;
@@ -48,7 +48,7 @@ typedef struct {
     kc_camera_t camera;
     kc_terms_t terms;
     kc_kin_t kin;
-    kc_kin_t kin_prev;          /* for rollback */
+    kc_kin_t kin_prev; /* for rollback */
     uint32_t kin_prev_crc;
     kc_space_t space;
     kc_kernel_t kernel;
@@ -94,7 +94,7 @@ typedef struct {
     kc_active_t active;
     kc_staging_t staging;
     kc_tbl_scratch_t *scratch; /* the owner's; may overlay the GP, because tables only change
-                                  while no calibration runs                                  */
+                                  while no calibration runs */
 } kc_tables_t;
 
 /* Write table `src` (the struct of that kind) as an image. Only bytes [from, from + cap) are written, so

@@ -6,13 +6,13 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-#define PREDICT_ITER_MAX 8u   /* enough for a good guess of the joints at a candidate */
-#define OWN_MIN 3u            /* poses beside the first looks, which alone say little about the rest */
-#define FIRST_TRIED_MIN 6u    /* first looks, small turns all, one of which has to show a tag */
-#define STRAY_NOISE_SCALE 3.5 /* first looks with more residual than this are those of another arm ... */
-#define STRAY_DOF_MIN 12u     /* ... once two of them are not needed to explain the others */
-#define STRAY_OUTLIERS_MIN 3u /* and so many of them that do not fit the others are no bad detections */
-#define GOOD_NOISE_SCALE 2.0  /* a first fit with more residual than this is tried from a second start */
+#define PREDICT_ITER_MAX 8u   /* enough for an approximate solution */
+#define OWN_MIN 3u /* fewest poses besides the local initial poses */
+#define LOCAL_TRIED_MIN 6u /* local initial poses after which a tag must have been detected */
+#define MISMATCH_NOISE_SCALE 3.5 /* noise scale of local initial poses that is a mismatch ... */
+#define MISMATCH_DOF_MIN 12u /* ... with at least these degrees of freedom (two redundant poses) */
+#define MISMATCH_OUTLIERS_MIN 3u /* this many outliers among them are not bad detections */
+#define GOOD_NOISE_SCALE 2.0 /* a fit with a larger noise scale gets a second start */
 
 /* ---- start ---- */
 
@@ -26,26 +26,27 @@ static void take_candidates(kc_app_t *app)
         kc_R_to_quat(T.R, app->cand_pt[c].q_wxyz);
         memcpy(&app->tables.staging.choice.cand_q[c * KC_JOINT_MAX], s->cand[c].q_seed,
                sizeof s->cand[c].q_seed);
-        app->cal.usable[c] = (uint8_t)!kc_space_first(s, c); /* first looks only by their turn */
+        app->cal.usable[c] =
+            (uint8_t)!kc_space_local(s, c); /* the acquisition never chooses local initial poses */
     }
 }
 
-/* First looks from here on; spare ones are not counted if only_due. */
-static uint32_t looks_left(const kc_app_t *app, int only_due)
+/* Local initial poses still to come; without those in reserve if only_due. */
+static uint32_t local_left(const kc_app_t *app, int only_due)
 {
     const kc_space_t *s = &app->tables.active.space;
     uint32_t n = 0u;
-    for (uint32_t i = app->cal.i_prior; i < s->n_prior; i++) {
-        n += kc_space_first(s, s->prior[i]) && !(only_due && kc_space_spare(s, s->prior[i])) ? 1u : 0u;
+    for (uint32_t i = app->cal.i_initial; i < s->n_initial; i++) {
+        n += kc_space_local(s, s->initial[i]) && !(only_due && kc_space_reserve(s, s->initial[i])) ? 1u : 0u;
     }
     return n;
 }
 
-/* First looks come on top: those that were measured, under way (0, 1) and to come; a spare one counts when it
- * is taken. */
+/* Local initial poses come on top of the requested ones: measured, current (0 or 1) and to come; one in
+ * reserve counts when it is taken. */
 static uint32_t goal_of(const kc_app_t *app, uint32_t under_way)
 {
-    uint32_t n = app->cal.n_own + app->cal.n_first + under_way + looks_left(app, 1);
+    uint32_t n = app->cal.n_own + app->cal.n_local + under_way + local_left(app, 1);
     return n < KC_MEAS_MAX ? n : KC_MEAS_MAX;
 }
 
@@ -62,7 +63,7 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     memset(c, 0, sizeof *c);
     c->session = ++app->session;
     c->acq = acq;
-    c->n_own = kc_space_n_first(&a->space) > 0u && n_goal < OWN_MIN ? OWN_MIN : n_goal;
+    c->n_own = kc_space_n_local(&a->space) > 0u && n_goal < OWN_MIN ? OWN_MIN : n_goal;
     c->n_goal = goal_of(app, 0u);
     c->rng = seed;
     c->free_mask = free_mask;
@@ -85,7 +86,7 @@ kc_status_t kc_update_start(kc_app_t *app, kc_out_t *out, kc_acq_t acq, uint32_t
     return KC_OK;
 }
 
-/* ---- f of eq. 6 ---- */
+/* ---- objective f (eq. 6) ---- */
 
 static void residual_of(kc_app_t *app, const double *coef, uint32_t i, double *pos_m, double *rot_rad)
 {
@@ -99,7 +100,7 @@ static void residual_of(kc_app_t *app, const double *coef, uint32_t i, double *p
     *rot_rad = kc_v3_norm(&r[3]);
 }
 
-/* All y with the latest correction; the last one is the newest pose. */
+/* Objective of all poses with the latest correction; the last one is the newest pose. */
 static void objective(kc_app_t *app)
 {
     const kc_config_t *c = &app->tables.active.config;
@@ -128,17 +129,17 @@ static void solve_from(kc_app_t *app, const double *start)
 static void report_outliers(kc_app_t *app, kc_out_t *out)
 {
     for (uint32_t i = 0u; i < app->cal.n_meas; i++) {
-        if (app->est.outlier[i] && !app->cal.outlier_told[i]) {
-            kc_event(&out->events, KC_EVT_CAL_OUTLIER, (int32_t)i, 0.0, 0.0);
+        if (app->est.outlier[i] && !app->cal.outlier_reported[i]) {
+            kc_event(&out->events, KC_EVT_CAL_OUTLIER, (int32_t)i + 1, 0.0, 0.0);
         }
-        app->cal.outlier_told[i] = app->est.outlier[i];
+        app->cal.outlier_reported[i] = app->est.outlier[i];
     }
 }
 
-/* While the data do not determine everything yet, an estimate can fit what was measured and be far off
- * elsewhere. It is used to aim once it has told a pose it did not know twice as well as the correction in
- * use; a little better can be chance. */
-static int told_better(kc_app_t *app, uint32_t newest)
+/* While the data do not determine all coefficients, an estimate can fit the measured poses and be far off
+ * elsewhere. It is used for aiming once it has predicted a new pose twice as well as the correction in
+ * use; a smaller gain can be chance. */
+static int predicts_better(kc_app_t *app, uint32_t newest)
 {
     const kc_config_t *c = &app->tables.active.config;
     double pos_m = 0.0, rot_rad = 0.0;
@@ -154,12 +155,13 @@ static void add(kc_app_t *app)
     uint32_t last = c->n_meas - 1u;
     kc_point_t x;
     double var = 0.0;
-    app->est.hold_none = (uint8_t)(c->n_meas == c->n_first); /* looks about one place leave much open */
+    app->est.hold_none = (uint8_t)(c->n_meas ==
+                                   c->n_local); /* observations near one posture leave much undetermined */
     objective(app);
     c->res_pos_m = app->dp_m[last];
     c->res_rot_rad = app->dr_rad[last];
     c->f = app->y[last];
-    c->trusted = (uint8_t)told_better(app, last);
+    c->trusted = (uint8_t)predicts_better(app, last);
     point_of(&app->est.obs[last], &x);
     c->gp_mean = 0.0;
     if (c->gp_ok) { kc_gp_predict(&app->big.gp, &x, &c->gp_mean, &var); }
@@ -175,9 +177,10 @@ static int differ(const double *a, const double *b)
     return any;
 }
 
-/* Errors of the size of the paper's can lead a first fit astray, and then good looks seem to be outliers. When
- * it is not good, the solution so far is the second start; fewer outliers win, then the lower cost. Only where
- * nothing is held: what is held is held at the active table's value, not at a guess. */
+/* Large errors like the paper's can make a first fit converge to a wrong minimum, where good observations
+ * look like outliers. If a fit is not good, the solution so far is the second start; fewer outliers win,
+ * then the lower cost. Only if nothing is held: a held coefficient keeps the active table's value, not
+ * that of a trial. */
 static void warm(kc_app_t *app)
 {
     const kc_est_t *e = &app->est;
@@ -194,8 +197,8 @@ static void warm(kc_app_t *app)
     app->cal.up = KC_UP_GP;
 }
 
-/* Everything in the TERMS table is asked for: what is left is not what somebody chose to leave. */
-static int all_asked(const kc_est_t *e)
+/* Whether all coefficients of TERMS are requested: then residuals are not due to a choice of the operator. */
+static int all_requested(const kc_est_t *e)
 {
     for (uint32_t c = 0u; c < e->terms->n_coef; c++) {
         if (e->terms->coef[c].enabled != 0u && (e->opt.free_mask >> c & 1u) == 0u) { return 0; }
@@ -203,40 +206,40 @@ static int all_asked(const kc_est_t *e)
     return 1;
 }
 
-/* First looks that are all a little off, or several that do not fit the others. What a model lacks is nearly
- * the same about one place, so it is not that. */
-static int another_arm(const kc_app_t *app)
+/* Local initial poses that are all a little off, or several that do not fit the others. Effects that a
+ * model lacks are nearly the same at all of them, so they are not the reason. */
+static int local_mismatch(const kc_app_t *app)
 {
     const kc_config_t *c = &app->tables.active.config;
     const kc_est_t *e = &app->est;
-    int limited = c->stray_pos_m > 0.0 || c->stray_rot_rad > 0.0;
-    int noisy = e->dof >= STRAY_DOF_MIN && e->noise_scale > STRAY_NOISE_SCALE;
-    return limited && e->hold_none && all_asked(e) && (noisy || e->n_outliers >= STRAY_OUTLIERS_MIN);
+    int limited = c->mismatch_pos_m > 0.0 || c->mismatch_rot_rad > 0.0;
+    int noisy = e->dof >= MISMATCH_DOF_MIN && e->noise_scale > MISMATCH_NOISE_SCALE;
+    return limited && e->hold_none && all_requested(e) && (noisy || e->n_outliers >= MISMATCH_OUTLIERS_MIN);
 }
 
-/* Looks that no correction within its bounds explains: the arm is not one that the ground proved motions
- * for, and goes nowhere. One look far off is enough while all were taken about one place; later one can be a
- * bad detection. */
-static int stray(kc_app_t *app, kc_out_t *out)
+/* Model mismatch: observations that no correction within its bounds explains. The paths were not verified
+ * for such an arm, so it does not move on. One observation is enough at the local initial poses; later two
+ * are needed, since one can be a bad detection. */
+static int mismatch(kc_app_t *app, kc_out_t *out)
 {
     const kc_config_t *c = &app->tables.active.config;
-    if (app->est.rank < app->est.n_free && !app->est.hold_none) { return 0; } /* something is held */
-    int another = another_arm(app);
+    if (app->est.rank < app->est.n_free && !app->est.hold_none) { return 0; } /* a coefficient is held */
+    int another = local_mismatch(app);
     double pos_m = 0.0, rot_rad = 0.0, last_pos_m = 0.0, last_rot_rad = 0.0;
     uint32_t n = 0u, last = 0u;
     for (uint32_t i = 0u; i < app->cal.n_meas; i++) {
         residual_of(app, app->est.coef, i, &pos_m, &rot_rad);
-        int off = (c->stray_pos_m > 0.0 && pos_m > c->stray_pos_m) ||
-                  (c->stray_rot_rad > 0.0 && rot_rad > c->stray_rot_rad);
+        int off = (c->mismatch_pos_m > 0.0 && pos_m > c->mismatch_pos_m) ||
+                  (c->mismatch_rot_rad > 0.0 && rot_rad > c->mismatch_rot_rad);
         if (!off && !(another && i + 1u == app->cal.n_meas)) { continue; }
         n++;
         last = i;
         last_pos_m = pos_m;
         last_rot_rad = rot_rad;
     }
-    if (n == 0u || (n == 1u && app->cal.n_meas > app->cal.n_first)) { return 0; }
-    kc_event(&out->events, KC_EVT_CAL_STRAY, (int32_t)last, last_pos_m, last_rot_rad);
-    kc_app_abort(app, out, KC_CAUSE_STRAY);
+    if (n == 0u || (n == 1u && app->cal.n_meas > app->cal.n_local)) { return 0; }
+    kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)last + 1, last_pos_m, last_rot_rad);
+    kc_app_abort(app, out, KC_CAUSE_MODEL_MISMATCH);
     return 1;
 }
 
@@ -248,7 +251,7 @@ static void learn(kc_app_t *app, kc_out_t *out)
     report_outliers(app, out);
     if (!solved(c->est_status)) {
         kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)c->est_status, 0.0);
-    } else if (stray(app, out)) {
+    } else if (mismatch(app, out)) {
         return;
     } else if (app->est.rank == app->est.n_free || app->est.hold_none || c->trusted) {
         memcpy(c->coef, app->est.coef, sizeof c->coef);
@@ -275,8 +278,8 @@ void kc_update_ctx(const kc_app_t *app, uint32_t cand, kc_ctx_t *ctx)
     ctx->t_s = (double)app->now_us * 1e-6;
 }
 
-/* RMS of the predicted pose sigma over the search space, at most KC_PRED_MAX candidates of it, with the
- * stated noise scaled up to what the residuals show. */
+/* RMS of the predicted pose sigma over the search space, from at most KC_PRED_MAX candidates; the stated
+ * noise is scaled up to what the residuals show. */
 void kc_update_predict(kc_app_t *app)
 {
     uint32_t n = app->tables.active.space.n_cand;
@@ -301,7 +304,7 @@ static void fill_progress(const kc_app_t *app, kc_progress_t *p)
     const kc_cal_t *c = &app->cal;
     const kc_est_t *e = &app->est;
     p->session = app->session;
-    p->pose = c->n_meas - 1u;
+    p->pose = c->n_meas;
     p->n_goal = c->n_goal;
     p->candidate = c->candidate;
     p->replicate = c->replicate;
@@ -326,10 +329,10 @@ static void fill_progress(const kc_app_t *app, kc_progress_t *p)
     memcpy(p->coef, c->coef, sizeof p->coef);
 }
 
-/* First looks alone are never enough. */
-static int enough(const kc_cal_t *c) { return c->n_meas - c->n_first >= (c->n_first > 0u ? OWN_MIN : 1u); }
+/* Local initial poses alone are never enough for a proposal. */
+static int enough(const kc_cal_t *c) { return c->n_meas - c->n_local >= (c->n_local > 0u ? OWN_MIN : 1u); }
 
-/* A requirement of 0 is no requirement. Nothing is certain while the data leave something open. */
+/* A requirement of 0 is none. It is not met while a coefficient is undetermined. */
 static int certain(const kc_app_t *app)
 {
     const kc_config_t *c = &app->tables.active.config;
@@ -346,7 +349,7 @@ static void report(kc_app_t *app, kc_out_t *out)
     if (solved(c->est_status)) { kc_update_predict(app); }
     out->has_progress = 1u;
     fill_progress(app, &out->progress);
-    kc_event(&out->events, KC_EVT_CAL_POSE, (int32_t)c->n_meas - 1, c->res_pos_m, c->res_rot_rad);
+    kc_event(&out->events, KC_EVT_CAL_POSE, (int32_t)c->n_meas, c->res_pos_m, c->res_rot_rad);
     if (certain(app)) {
         kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, c->pred_pos_m, app->tables.active.config.stop_pos_m);
         c->stop = 1u;
@@ -356,21 +359,22 @@ static void report(kc_app_t *app, kc_out_t *out)
 
 /* ---- next candidate ---- */
 
-/* Spare first looks serve an arm that shows few tags; the last ones also one of which something is left open. */
-static int skip_spare(const kc_app_t *app)
+/* Local initial poses in reserve are taken while tags are detected at few; the last ones also while a
+ * coefficient is undetermined. */
+static int skip_reserve(const kc_app_t *app)
 {
-    int open = app->est.rank < app->est.n_free && looks_left(app, 1) == 0u;
-    return 2u * app->cal.n_first >= app->cal.n_tried && !open;
+    int open = app->est.rank < app->est.n_free && local_left(app, 1) == 0u;
+    return 2u * app->cal.n_local >= app->cal.n_tried && !open;
 }
 
-/* Prior poses in their order, without those that turned out unusable. */
-static int next_prior(kc_app_t *app, uint32_t *cand)
+/* Initial poses in their order, without those that have become unusable. */
+static int next_initial(kc_app_t *app, uint32_t *cand)
 {
     const kc_space_t *s = &app->tables.active.space;
-    while (app->cal.i_prior < s->n_prior) {
-        *cand = s->prior[app->cal.i_prior++];
-        if (kc_space_first(s, *cand)) {
-            if (kc_space_spare(s, *cand) && skip_spare(app)) { continue; }
+    while (app->cal.i_initial < s->n_initial) {
+        *cand = s->initial[app->cal.i_initial++];
+        if (kc_space_local(s, *cand)) {
+            if (kc_space_reserve(s, *cand) && skip_reserve(app)) { continue; }
             app->cal.n_tried++;
             return 1;
         }
@@ -379,14 +383,14 @@ static int next_prior(kc_app_t *app, uint32_t *cand)
     return 0;
 }
 
-/* The first measured poses again (not the first looks), one after every replicate_every poses. */
+/* The first measured poses again (not the local initial poses), one after every replicate_every poses. */
 static int next_replicate(kc_app_t *app, uint32_t *cand)
 {
     kc_cal_t *c = &app->cal;
-    uint32_t every = app->tables.active.config.replicate_every, n = c->n_meas - c->n_first;
+    uint32_t every = app->tables.active.config.replicate_every, n = c->n_meas - c->n_local;
     if (every == 0u || n == 0u || n % every != 0u || c->rep_at == n) { return 0; }
     c->rep_at = n;
-    *cand = c->cand_of[c->n_first + c->n_rep++];
+    *cand = c->cand_of[c->n_local + c->n_rep++];
     return 1;
 }
 
@@ -397,8 +401,8 @@ static int32_t times_measured(const kc_cal_t *c, uint32_t cand)
     return n;
 }
 
-/* Where the joints will be at each candidate once the servo is done there: with large errors far from the
- * seeds, and what a pose tells depends on the joints (tests/bench/samples.py --space). */
+/* Joints expected at each candidate after the servo: with large errors they are far from the seeds, and the
+ * information of a pose depends on them (tests/bench/samples.py --space). */
 static void predict_joints(kc_app_t *app)
 {
     for (uint32_t c = 0u; c < app->tables.active.space.n_cand; c++) {
@@ -411,7 +415,7 @@ static void predict_joints(kc_app_t *app)
     }
 }
 
-/* The acquisition asked for; random where it cannot be evaluated (GP lost, nothing solved yet). */
+/* The requested acquisition; random where it cannot be evaluated (GP lost, nothing solved yet). */
 static kc_status_t acquire(kc_app_t *app, uint32_t *cand)
 {
     const kc_active_t *a = &app->tables.active;
@@ -421,7 +425,7 @@ static kc_status_t acquire(kc_app_t *app, uint32_t *cand)
         double beta = kc_acq_beta(a->space.n_cand, c->n_meas + 1u, a->config.beta_scale);
         st = kc_acq_ucb(&app->big.gp, c->usable, beta, cand, &c->acq_value);
     } else if ((c->acq == KC_ACQ_DOPT || c->acq == KC_ACQ_VOPT) && c->n_meas > 0u && solved(c->est_status)) {
-        const double *cov = app->est.obs[c->n_meas - 1u].cov; /* the next one will be about as good */
+        const double *cov = app->est.obs[c->n_meas - 1u].cov; /* expected noise of the next one */
         predict_joints(app);
         kc_choice_work_t *w = &app->tables.staging.choice;
         st = kc_acq_info(c->acq, &app->est, w->cand_q, a->space.n_cand, c->usable, cov, a->config.vopt_len_m,
@@ -438,7 +442,7 @@ static kc_status_t choose(kc_app_t *app, uint32_t *cand)
 {
     app->cal.acq_value = 0.0;
     app->cal.chosen_by = -1;
-    if (next_prior(app, cand) || next_replicate(app, cand)) { return KC_OK; }
+    if (next_initial(app, cand) || next_replicate(app, cand)) { return KC_OK; }
     return acquire(app, cand);
 }
 
@@ -452,16 +456,16 @@ static int finish(kc_app_t *app, kc_out_t *out, kc_cause_t if_nothing)
     return 1;
 }
 
-/* The first looks see too little to tell what is wrong with the arm: an arm that shows nothing after small turns
- * is not turned any further, nor does one leave that showed hardly anything. */
-static int unseen(kc_app_t *app, kc_out_t *out)
+/* Too few detections at the local initial poses to determine the errors of the arm: without any it makes
+ * no larger moves, and with hardly any it does not leave the park pose. */
+static int too_few_detections(kc_app_t *app, kc_out_t *out)
 {
     const kc_cal_t *c = &app->cal;
-    int nothing = c->n_first == 0u && c->n_tried >= FIRST_TRIED_MIN;
-    int little = 3u * c->n_first < c->n_tried && looks_left(app, 0) == 0u;
+    int nothing = c->n_local == 0u && c->n_tried >= LOCAL_TRIED_MIN;
+    int little = 3u * c->n_local < c->n_tried && local_left(app, 0) == 0u;
     if (!nothing && !little) { return 0; }
-    kc_event(&out->events, KC_EVT_CAL_NOT_SEEN, -1, (double)c->n_first, (double)c->n_tried);
-    kc_app_abort(app, out, KC_CAUSE_NOT_SEEN);
+    kc_event(&out->events, KC_EVT_CAL_TAGS_NOT_DETECTED, -1, (double)c->n_local, (double)c->n_tried);
+    kc_app_abort(app, out, KC_CAUSE_TAGS_NOT_DETECTED);
     return 1;
 }
 
@@ -469,13 +473,13 @@ static int select(kc_app_t *app, kc_out_t *out)
 {
     kc_cal_t *c = &app->cal;
     uint32_t cand = 0u;
-    if (unseen(app, out)) { return 0; }
+    if (too_few_detections(app, out)) { return 0; }
     if (c->stop || c->n_meas >= goal_of(app, 0u)) { return finish(app, out, KC_CAUSE_NO_CANDIDATE); }
     if (choose(app, &cand) != KC_OK) {
         kc_event(&out->events, KC_EVT_CAL_NO_CANDIDATE, -1, 0.0, 0.0);
         return finish(app, out, KC_CAUSE_NO_CANDIDATE);
     }
-    c->n_goal = goal_of(app, kc_space_first(&app->tables.active.space, cand) ? 1u : 0u);
+    c->n_goal = goal_of(app, kc_space_local(&app->tables.active.space, cand) ? 1u : 0u);
     c->candidate = (int32_t)cand;
     c->replicate = times_measured(c, cand);
     c->servo_steps = 0u;
@@ -483,16 +487,16 @@ static int select(kc_app_t *app, kc_out_t *out)
     if (st == KC_ERR_STATE) {
         kc_app_abort(app, out, KC_CAUSE_NO_PATH);
     } else if (st != KC_OK) {
-        kc_look_skip(app, out); /* another one next step */
+        kc_observe_skip(app, out); /* the next step chooses another one */
     }
     return 0;
 }
 
-/* What was used since the step before, by what moves now. */
+/* Energy used since the step before, by what moves now. */
 static void count_energy(kc_app_t *app)
 {
     const kc_config_t *c = &app->tables.active.config;
-    double power_w = app->arm.moving || app->head.moving ? c->power_move_w : c->power_idle_w;
+    double power_w = app->arm.moving || app->pantilt.moving ? c->power_move_w : c->power_idle_w;
     app->energy_j += power_w * (double)(app->now_us - app->energy_us) * 1e-6;
     app->energy_us = app->now_us;
 }
@@ -516,7 +520,7 @@ void kc_update_budget(kc_app_t *app, kc_out_t *out)
     if (!selecting || !used_up(app, out)) { return; }
     if (app->state != KC_ST_UPDATE) {
         kc_move_hold(app, out);
-        app->look.waiting = 0u;
+        app->observe.waiting = 0u;
         kc_app_enter(app, KC_ST_UPDATE);
     }
     (void)finish(app, out, KC_CAUSE_BUDGET);

@@ -6,17 +6,17 @@
 static const char s_usage[] =
     "usage: kincal-fsw --tables DIR --store DIR [--url URL] [--lockstep | --live]\n"
     "\n"
-    "KinCal flight process: recalibrates the arm when it is told to, over LCM.\n"
+    "KinCal flight process: recalibrates the arm on command, over LCM.\n"
     "\n"
     "  --url URL      LCM network (default " KC_URL_DEFAULT ")\n"
     "  --tables DIR   default tables, *.tbl\n"
-    "  --store DIR    what must survive power loss; made if it is not there\n"
+    "  --store DIR    what is kept through power loss; created if it does not exist\n"
     "  --lockstep     time comes with KC_TIME from the simulator (default)\n"
     "  --live         real clock, 10 steps a second\n"
     "  --help         this text\n"
     "  --version      version\n"
     "\n"
-    "Exit status: 0 asked to stop, 1 the network failed, 2 bad arguments or directories.\n";
+    "Exit status: 0 stopped on request, 1 the network failed, 2 bad arguments or directories.\n";
 
 static kc_args_result_t bad(const char *what, const char *arg)
 {

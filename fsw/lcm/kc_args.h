@@ -12,7 +12,7 @@ typedef struct {
     int live; /* 0: lockstep, time comes with KC_TIME */
 } kc_args_t;
 
-/* RUN: go on. DONE: --help or --version was answered on stdout. BAD: what is wrong was said on stderr. */
+/* RUN: continue. DONE: --help or --version was answered on stdout. BAD: the problem was printed on stderr. */
 kc_args_result_t kc_args_parse(int argc, char **argv, kc_args_t *args);
 
 #endif

@@ -14,16 +14,16 @@
 #include "kcm_tick_done_t.h"
 #include "kcm_time_t.h"
 
-#define HELLO_MS 100        /* a participant says that it is there so often before the first tick */
+#define HELLO_MS 100        /* period of announcements before the first tick */
 #define BACKLOG 512         /* messages LCM may hold for us, per channel                          */
 
-/* ---- receiving: one decoded message at a time, on its way into the queue ---- */
+/* ---- receiving: one decoded message at a time, then into the queue ---- */
 
 static union {
     kcm_cmd_t cmd;
     kcm_table_chunk_t chunk;
     kcm_arm_state_t arm;
-    kcm_pantilt_state_t head;
+    kcm_pantilt_state_t pantilt;
     kcm_detection_t det;
     kcm_time_t time;
 } s_rx;
@@ -35,7 +35,7 @@ static int64_t clock_us(clockid_t id)
     return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
 }
 
-/* Live, nothing waits: what was stamped by another clock is due at once. */
+/* In live mode every message is due at once, whatever clock stamped it. */
 static int64_t stamp(const kc_edge_t *e, int64_t t_us) { return e->live ? INT64_MIN : t_us; }
 
 #define DECODE(type, member)                                                        \
@@ -77,10 +77,10 @@ static void on_arm(const lcm_recv_buf_t *buf, const char *channel, void *user)
     e->in.has_arm = 1u;
 }
 
-static void on_head(const lcm_recv_buf_t *buf, const char *channel, void *user)
+static void on_pantilt(const lcm_recv_buf_t *buf, const char *channel, void *user)
 {
-    DECODE(pantilt_state_t, head)
-    kc_wire_head(&s_rx.head, &e->in.pantilt);
+    DECODE(pantilt_state_t, pantilt)
+    kc_wire_pantilt(&s_rx.pantilt, &e->in.pantilt);
     e->in.has_pantilt = 1u;
 }
 
@@ -110,7 +110,7 @@ int kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app
         return -1;
     }
     int bad = subscribe(e, "KC_CMD", on_cmd) | subscribe(e, "KC_TABLE_UP", on_chunk) |
-              subscribe(e, "KC_ARM_STATE", on_arm) | subscribe(e, "KC_PANTILT_STATE", on_head) |
+              subscribe(e, "KC_ARM_STATE", on_arm) | subscribe(e, "KC_PANTILT_STATE", on_pantilt) |
               subscribe(e, "KC_DETECTION", on_det);
     if (!live) { bad |= subscribe(e, "KC_TIME", on_time); }
     if (bad != 0) { (void)fprintf(stderr, "kincal-fsw: can't subscribe at %s\n", url); }
@@ -127,7 +127,7 @@ static union {
     kcm_ack_t ack;
     kcm_event_t event;
     kcm_arm_cmd_t arm_cmd;
-    kcm_pantilt_cmd_t head_cmd;
+    kcm_pantilt_cmd_t pantilt_cmd;
     kcm_frame_request_t frame;
     kcm_table_chunk_t dump;
     kcm_hk_t hk;
@@ -170,9 +170,9 @@ static void publish_commands(kc_edge_t *e)
         PUBLISH(e, "KC_ARM_CMD", arm_cmd_t, arm_cmd);
     }
     if (o->has_pantilt_cmd) {
-        s_tx.head_cmd = (kcm_pantilt_cmd_t){e->now_us, o->pantilt_cmd.seq, o->pantilt_cmd.pan_rad,
-                                            o->pantilt_cmd.tilt_rad};
-        PUBLISH(e, "KC_PANTILT_CMD", pantilt_cmd_t, head_cmd);
+        s_tx.pantilt_cmd = (kcm_pantilt_cmd_t){e->now_us, o->pantilt_cmd.seq, o->pantilt_cmd.pan_rad,
+                                               o->pantilt_cmd.tilt_rad};
+        PUBLISH(e, "KC_PANTILT_CMD", pantilt_cmd_t, pantilt_cmd);
     }
     if (o->has_frame_request) {
         s_tx.frame = (kcm_frame_request_t){e->now_us, o->frame_seq};
@@ -207,7 +207,7 @@ static void publish_telemetry(kc_edge_t *e)
 
 /* ---- one step ---- */
 
-/* First failure is told to the component with the next step. */
+/* The first failure is reported to the component with the next step. */
 static void store_all(kc_edge_t *e)
 {
     for (uint32_t i = 0u; i < e->out.n_store; i++) {
@@ -255,7 +255,7 @@ void kc_edge_tick(kc_edge_t *e)
     }
 }
 
-/* Wait for a message, at most so long: 1 there is one, 0 none, -1 the network failed. */
+/* Wait for a message up to the time-out: 1 there is one, 0 none, -1 the network failed. */
 static int wait_message(kc_edge_t *e, int timeout_ms)
 {
     struct pollfd p = {lcm_get_fileno(e->lcm), POLLIN, 0};

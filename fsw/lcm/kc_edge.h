@@ -15,16 +15,16 @@ typedef struct {
     kc_files_t *files;
     kc_app_t *app;
     kc_queue_t queue;
-    kc_in_t in;                     /* sensor messages of the next step collect here   */
+    kc_in_t in; /* sensor messages of the next step collect here */
     kc_out_t out;
     int live;
-    int64_t now_us;                 /* of the last step                                */
-    int64_t tick;                   /* last tick done, 0 = none yet                    */
-    int64_t due_tick, due_us;       /* KC_TIME received, to be done when due_tick != tick */
-    int32_t n_done;                 /* published in the last tick, before its DONE     */
+    int64_t now_us;           /* of the last step */
+    int64_t tick;             /* last tick done, 0 = none yet */
+    int64_t due_tick, due_us; /* KC_TIME received, to be done when due_tick != tick */
+    int32_t n_done;           /* published in the last tick, before its DONE */
     int32_t n_sent, n_tx_errors, event_seq;
     uint32_t n_rx_errors;
-    int repeat;                     /* the last tick was announced again               */
+    int repeat; /* the last tick was announced again */
 } kc_edge_t;
 
 /* Subscribe. 0, or -1 with the reason on stderr. */

@@ -191,7 +191,7 @@ static int list_tables(const char *dir, list_t *l)
     return 0;
 }
 
-/* Those of the kind, which stands in the image's header. */
+/* Those of this kind; the kind is in the image's header. */
 static void offer_tables(int dir_fd, const list_t *l, uint16_t kind, kc_app_t *app)
 {
     for (uint32_t i = 0u; i < l->n; i++) {

@@ -15,13 +15,13 @@
 #define KC_SLOT_HDR_BYTES 24u
 #define KC_FILES_PATH_MAX 4096
 #define KC_FILES_KINDS 32u  /* kinds are smaller than this */
-#define KC_FILES_TABLES 64u /* *.tbl files looked at       */
+#define KC_FILES_TABLES 64u /* most *.tbl files of a directory */
 
 typedef struct {
     char dir[KC_FILES_PATH_MAX];
-    int dir_fd;                          /* also holds the lock                */
-    uint64_t number[KC_FILES_KINDS][2];  /* by kind and slot, 0 = empty or bad */
-    uint8_t there[KC_FILES_KINDS][2];    /* a file exists, good or bad         */
+    int dir_fd;                         /* also holds the lock */
+    uint64_t number[KC_FILES_KINDS][2]; /* by kind and slot, 0 = empty or bad */
+    uint8_t there[KC_FILES_KINDS][2];   /* a file exists, good or bad */
 } kc_files_t;
 
 /* Open the store, made if missing; only one process may use it. Left-overs of a write that was cut off are
@@ -29,8 +29,8 @@ typedef struct {
 int kc_files_open(kc_files_t *f, const char *dir);
 
 /* Offer everything to the component, best first: slots newest first, then the *.tbl of `tables`. Slots
- * that can't be read are offered as empty, so that it is told. Number of table files, or -1 with the
- * reason on stderr if the directory can't be read. */
+ * that cannot be read are offered as empty, so that the component reports them. Number of table files, or
+ * -1 with the reason on stderr if the directory can't be read. */
 int kc_files_load(kc_files_t *f, const char *tables, kc_app_t *app);
 
 /* Write or (n = 0) delete. KC_OK or KC_ERR_NUM with the reason on stderr; the slots are consistent

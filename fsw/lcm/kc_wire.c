@@ -48,7 +48,7 @@ void kc_wire_arm(const kcm_arm_state_t *m, kc_arm_state_t *s)
     COPY(s->g_m_s2, m->g_m_s2);
 }
 
-void kc_wire_head(const kcm_pantilt_state_t *m, kc_pantilt_state_t *s)
+void kc_wire_pantilt(const kcm_pantilt_state_t *m, kc_pantilt_state_t *s)
 {
     s->t_us = (uint64_t)m->t_us;
     s->seq = m->seq;
@@ -156,7 +156,7 @@ void kc_wire_hk(const kc_hk_t *h, int64_t t_us, int32_t n_tx_errors, kcm_hk_t *m
     m->mon_state = h->mon_state;
     m->mon_joint = h->mon_joint;
     m->mon_suspects = i32(h->mon_suspects);
-    m->mon_looks = i32(h->mon_looks);
+    m->mon_n_obs = i32(h->mon_n_obs);
     m->mon_bias = h->mon_bias;
     m->mon_sigma = h->mon_sigma;
     m->mon_p = h->mon_p;
@@ -250,7 +250,7 @@ static void proposal_coefs(const kc_proposal_t *p, kcm_proposal_t *m)
         m->value[c] = p->kin.value[c];
         m->sigma[c] = est ? p->kin.sigma[c] : 0.0;
         m->status[c] = (int8_t)p->status[c];
-        m->entangled[c] = (int64_t)p->entangled[c];
+        m->confounded[c] = (int64_t)p->confounded[c];
     }
 }
 

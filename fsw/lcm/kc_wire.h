@@ -20,7 +20,7 @@
 void kc_wire_cmd(const kcm_cmd_t *m, kc_cmd_t *c);
 void kc_wire_chunk(const kcm_table_chunk_t *m, kc_chunk_t *c);
 void kc_wire_arm(const kcm_arm_state_t *m, kc_arm_state_t *s);
-void kc_wire_head(const kcm_pantilt_state_t *m, kc_pantilt_state_t *s);
+void kc_wire_pantilt(const kcm_pantilt_state_t *m, kc_pantilt_state_t *s);
 void kc_wire_det(const kcm_detection_t *m, kc_detection_t *d);
 
 void kc_wire_ack(const kc_ack_t *a, int64_t t_us, kcm_ack_t *m);

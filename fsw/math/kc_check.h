@@ -7,16 +7,16 @@
 #include "kc_status.h"
 
 typedef struct {
-    kc_status_t st;  /* KC_OK until the first failed check, then KC_ERR_RANGE */
-    int32_t index;   /* of the first failed check                             */
-    double got;      /* its value                                             */
+    kc_status_t st; /* KC_OK until the first failed check, then KC_ERR_RANGE */
+    int32_t index;  /* of the first failed check */
+    double got;     /* its value */
 } kc_check_t;
 
 kc_check_t kc_check_start(void);
 /* Record (index, got) unless ok or something failed before. */
 void kc_check(kc_check_t *c, int ok, int32_t index, double got);
 void kc_check_finite(kc_check_t *c, const double *v, uint32_t n, int32_t index);
-void kc_check_positive(kc_check_t *c, double v, int32_t index);     /* finite, > 0  */
+void kc_check_positive(kc_check_t *c, double v, int32_t index);     /* finite, > 0 */
 void kc_check_not_negative(kc_check_t *c, double v, int32_t index); /* finite, >= 0 */
 /* Finite origin and unit quaternion (1e-6 of the norm). */
 void kc_check_frame(kc_check_t *c, const double xyz_m[3], const double q_wxyz[4], int32_t index);

@@ -1,4 +1,4 @@
-/* The one door to the C mathematics library: double precision only.
+/* The only access to the C mathematics library: double precision only.
  *
  * Flight code calls these and never libm itself, so the library can be exchanged in one place
  * on a CPU whose libm gives other bits. */

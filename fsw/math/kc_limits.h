@@ -5,31 +5,37 @@
 #ifndef KC_LIMITS_H
 #define KC_LIMITS_H
 
-#define KC_JOINT_MAX 8u   /* joints of an arm                                    */
-#define KC_COEF_MAX 64u   /* coefficients estimated together                     */
-#define KC_TERM_MAX 160u  /* correction terms (several may share a coefficient)  */
-#define KC_MEAS_MAX 64u   /* measurements held                                   */
-#define KC_CAND_MAX 1024u /* candidate poses                                     */
-#define KC_HUB_MAX 16u    /* hub poses                                           */
-#define KC_BODY_MAX 24u   /* capsules that stand for the arm                     */
-#define KC_VOLUME_MAX 16u /* volumes that the arm must not enter                 */
-#define KC_PRIOR_MAX 32u  /* prior poses that start a calibration                */
-#define KC_TAG_MAX 4u     /* tags on the tool                                    */
-#define KC_SPECTRUM_MAX 96u /* spectral coefficients of the rotation kernel      */
-#define KC_HYPER_MAX 32u  /* hyperparameter sets to choose from on board         */
-#define KC_NAME_LEN 24u   /* bytes of a name, NUL padded and NUL terminated      */
+#ifndef KC_GROUND
+#define KC_JOINT_MAX 8u  /* joints of an arm */
+#define KC_COEF_MAX 64u  /* coefficients estimated together */
+#define KC_TERM_MAX 160u /* correction terms (several may share a coefficient) */
+#else /* build of math and model for the ground (ground/native): larger arms and models */
+#define KC_JOINT_MAX 16u
+#define KC_COEF_MAX 256u
+#define KC_TERM_MAX 1024u
+#endif
+#define KC_MEAS_MAX 64u     /* measurements held */
+#define KC_CAND_MAX 1024u   /* candidate poses */
+#define KC_HUB_MAX 16u      /* hub poses */
+#define KC_BODY_MAX 24u     /* capsules that stand for the arm */
+#define KC_VOLUME_MAX 16u   /* volumes that the arm must not enter */
+#define KC_INITIAL_MAX 32u  /* initial poses that start a calibration */
+#define KC_TAG_MAX 4u       /* tags on the tool */
+#define KC_SPECTRUM_MAX 96u /* spectral coefficients of the rotation kernel */
+#define KC_HYPER_MAX 32u    /* hyperparameter sets to choose from on board */
+#define KC_NAME_LEN 24u     /* bytes of a name, NUL padded and NUL terminated */
 
 /* Frames that a correction term may act in: 0 = base .. n = last link, then: */
-#define KC_FRAME_TOOL 9u   /* after the tool frame f_T                            */
-#define KC_FRAME_CAMERA 10u /* after the camera pose in the base frame            */
-#define KC_FRAME_MEAS 11u  /* after the measured camera-to-tool pose              */
-#define KC_FRAME_COUNT 12u
+#define KC_FRAME_TOOL (KC_JOINT_MAX + 1u)   /* after the tool frame f_T */
+#define KC_FRAME_CAMERA (KC_JOINT_MAX + 2u) /* after the camera pose in the base frame */
+#define KC_FRAME_MEAS (KC_JOINT_MAX + 3u)   /* after the measured camera-to-tool pose */
+#define KC_FRAME_COUNT (KC_JOINT_MAX + 4u)
 
-#define KC_EVENTS_MAX 64u /* events one step can raise before it drops           */
-#define KC_CMD_QUEUE_MAX 8u  /* commands one step takes in                       */
-#define KC_CHUNK_QUEUE_MAX 8u /* table chunks one step takes in                  */
-#define KC_DET_QUEUE_MAX 4u  /* detections one step takes in                     */
-#define KC_CHUNK_BYTES 1024u /* payload of one table chunk                       */
-#define KC_IMAGE_MAX (144u * 1024u) /* largest table image                       */
+#define KC_EVENTS_MAX 64u     /* events one step can raise before it drops */
+#define KC_CMD_QUEUE_MAX 8u   /* commands one step takes in */
+#define KC_CHUNK_QUEUE_MAX 8u /* table chunks one step takes in */
+#define KC_DET_QUEUE_MAX 4u   /* detections one step takes in */
+#define KC_CHUNK_BYTES 1024u  /* payload of one table chunk */
+#define KC_IMAGE_MAX (144u * 1024u) /* largest table image */
 
 #endif

@@ -179,7 +179,7 @@ static double room(const kc_qp_t *qp, uint32_t i)
     return KC_INF;
 }
 
-/* Move by `want` steps of d, or to the first bound; whatever meets a bound is fixed there. */
+/* Move by `want` steps of d, or to the first bound; variables at their bound are fixed there. */
 static step_t move(kc_qp_t *qp, uint32_t m, double want)
 {
     double step = want;
@@ -212,7 +212,7 @@ static double independent_gradient(const kc_qp_t *qp, uint32_t m, uint32_t *depe
 }
 
 /* One step toward the minimum over the free variables. *floor_g: gradient that Newton's method could
- * not improve on, rounding being in the way. */
+ * not improve on, because of rounding. */
 static step_t minimise_free(kc_qp_t *qp, double tol, double *scale, double *floor_g)
 {
     uint32_t k = 0u;

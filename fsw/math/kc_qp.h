@@ -14,16 +14,16 @@ typedef struct {
     /* in: minimise 1/2 x'Hx + g'x subject to lb <= x <= ub */
     uint32_t n;
     double H[KC_COEF_MAX * KC_COEF_MAX]; /* row-major, leading dimension KC_COEF_MAX;
-                                            symmetric positive semidefinite         */
+                                            symmetric positive semidefinite */
     double g[KC_COEF_MAX];
     double lb[KC_COEF_MAX]; /* -HUGE_VAL allowed */
     double ub[KC_COEF_MAX]; /* +HUGE_VAL allowed */
     /* in and out: start (clipped into the box), then the solution */
     double x[KC_COEF_MAX];
     /* out */
-    uint8_t active[KC_COEF_MAX]; /* kc_qp_active_t                                 */
+    uint8_t active[KC_COEF_MAX]; /* kc_qp_active_t */
     double kkt;                  /* largest |projected gradient|, scaled by
-                                    max(1, |g|_inf)                                */
+                                    max(1, |g|_inf) */
     uint32_t iters;
     /* work */
     double L[KC_COEF_MAX * KC_COEF_MAX];

@@ -1,6 +1,6 @@
 #include "kc_rng.h"
 
-/* Draws that kc_rng_below may throw away; each is refused with a chance below one half. */
+/* Draws that kc_rng_below may reject; each is rejected with a chance below one half. */
 #define KC_RNG_TRIES 128
 
 uint64_t kc_rng_next(uint64_t *state)

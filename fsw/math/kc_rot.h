@@ -11,8 +11,8 @@
 #include "kc_status.h"
 
 typedef struct {
-    double p_m[3]; /* origin [m]                          */
-    double R[9];   /* rotation matrix, row-major          */
+    double p_m[3]; /* origin [m] */
+    double R[9];   /* rotation matrix, row-major */
 } kc_pose_t;
 
 void kc_pose_identity(kc_pose_t *T);
@@ -26,7 +26,7 @@ void kc_pose_screw(kc_pose_t *T, uint32_t axis, double shift_m, double angle_rad
 void kc_pose_from_quat(const double xyz_m[3], const double q_wxyz[4], kc_pose_t *out);
 
 /* eq. 1: rotation angle between two unit quaternions, 0..pi [rad]; computed as
- * 2 atan2(|v|, |w|) of q1^-1 q2, which keeps its digits near 0 (method.md 2). */
+ * 2 atan2(|v|, |w|) of q1^-1 q2, which keeps its digits near 0 (METHOD.md 2). */
 double kc_quat_dist_rad(const double q1[4], const double q2[4]);
 void kc_quat_mul(const double a[4], const double b[4], double out[4]);
 /* Scale to unit norm. KC_ERR_NUM, q unchanged, if the norm is not finite or < 1e-12. */
@@ -39,7 +39,7 @@ void kc_R_to_quat(const double R[9], double q[4]);
 void kc_R_log(const double R[9], double w_rad[3]);
 void kc_R_exp(const double w_rad[3], double R[9]);
 
-/* Residual of method.md 2: r = (p_meas - p_model ; log(R_meas R_model^T)), both in
+/* Residual of METHOD.md 2: r = (p_meas - p_model ; log(R_meas R_model^T)), both in
  * the frame that the poses are expressed in. r: [m m m rad rad rad]. */
 void kc_pose_residual(const kc_pose_t *meas, const kc_pose_t *model, double r[6]);
 

@@ -15,23 +15,23 @@
 typedef enum { KC_REVOLUTE = 0, KC_PRISMATIC = 1 } kc_joint_type_t;
 
 typedef struct {
-    uint8_t type;      /* kc_joint_type_t                                          */
-    uint8_t has_mass;  /* mass_kg and com_m are known                              */
+    uint8_t type;     /* kc_joint_type_t */
+    uint8_t has_mass; /* mass_kg and com_m are known */
     double phi_rad, alpha_rad, a_m, d_m;
-    double q_min, q_max;       /* [rad] or [m]                                     */
-    double speed_max;          /* [rad/s] or [m/s]                                 */
-    double mass_kg;            /* of link i                                        */
-    double com_m[3];           /* centre of mass in frame i                        */
-    double gear_ratio;         /* motor turns per joint turn, 0 = unknown          */
+    double q_min, q_max; /* [rad] or [m] */
+    double speed_max;    /* [rad/s] or [m/s] */
+    double mass_kg;      /* of link i */
+    double com_m[3];     /* centre of mass in frame i */
+    double gear_ratio;   /* motor turns per joint turn, 0 = unknown */
 } kc_joint_t;
 
 typedef struct {
     char name[KC_NAME_LEN];
     uint32_t n_joints; /* 1 .. KC_JOINT_MAX */
     kc_joint_t joint[KC_JOINT_MAX];
-    double base_xyz_m[3], base_quat_wxyz[4]; /* f_B: frame 0 in the base frame      */
-    double tool_xyz_m[3], tool_quat_wxyz[4]; /* f_T: tool in the last link frame    */
-    double gravity_m_s2[3];                  /* in the base frame                   */
+    double base_xyz_m[3], base_quat_wxyz[4]; /* f_B: frame 0 in the base frame */
+    double tool_xyz_m[3], tool_quat_wxyz[4]; /* f_T: tool in the last link frame */
+    double gravity_m_s2[3];                  /* in the base frame */
 } kc_arm_t;
 
 /* Nominal forward kinematics. q: n_joints values [rad or m]. Never fails for a

@@ -5,7 +5,7 @@
 
 /* Arguments are clipped here, so that no basis can overflow. */
 #define ARG_MAX 1e12
-/* tan^2 of the incidence angle is cut off here: about 80 degrees, tags are not seen beyond. */
+/* tan^2 of the incidence angle is cut off here, at about 80 degrees: tags are not detected beyond. */
 #define TAN_ARG_MAX 1.4
 
 static double of_joint(const double *v, uint32_t index)

@@ -11,26 +11,26 @@
 
 void kc_camera_pose(const kc_camera_t *cam, double pan_rad, double tilt_rad, kc_pose_t *T_base_cam)
 {
-    kc_pose_t head;
+    kc_pose_t mount;
     kc_pose_from_quat(cam->mast_xyz_m, cam->mast_quat_wxyz, T_base_cam);
     kc_pose_screw(T_base_cam, 2u, 0.0, pan_rad);
     kc_pose_screw(T_base_cam, 1u, 0.0, tilt_rad);
-    kc_pose_from_quat(cam->head_xyz_m, cam->head_quat_wxyz, &head);
-    kc_pose_mul(T_base_cam, &head, T_base_cam);
+    kc_pose_from_quat(cam->pantilt_xyz_m, cam->pantilt_quat_wxyz, &mount);
+    kc_pose_mul(T_base_cam, &mount, T_base_cam);
 }
 
-/* Point of the optical axis (o + s d, head frame) as far from the pan/tilt centre as P is.
+/* Point of the optical axis (o + s d, pan-tilt frame) as far from the pan-tilt centre as P is.
  * KC_ERR_REACH if the axis nowhere comes that close; h is its nearest point then. */
 static kc_status_t on_optical_axis(const kc_camera_t *cam, double range_m, double h[3])
 {
-    kc_pose_t head;
+    kc_pose_t mount;
     double d[3];
-    kc_pose_from_quat(cam->head_xyz_m, cam->head_quat_wxyz, &head);
-    kc_m3_col(head.R, 2u, d);
-    const double od = kc_v3_dot(head.p_m, d);
-    const double disc = od * od - kc_v3_dot(head.p_m, head.p_m) + range_m * range_m;
+    kc_pose_from_quat(cam->pantilt_xyz_m, cam->pantilt_quat_wxyz, &mount);
+    kc_m3_col(mount.R, 2u, d);
+    const double od = kc_v3_dot(mount.p_m, d);
+    const double disc = od * od - kc_v3_dot(mount.p_m, mount.p_m) + range_m * range_m;
     const double s = -od + kc_sqrt(kc_max(disc, 0.0));
-    kc_v3_add_scaled(head.p_m, s, d, h);
+    kc_v3_add_scaled(mount.p_m, s, d, h);
     return disc >= 0.0 && s > 0.0 ? KC_OK : KC_ERR_REACH;
 }
 
@@ -93,7 +93,7 @@ static int tag_visible(const kc_camera_t *cam, const kc_tag_t *tag, const kc_pos
     double z[3];
     kc_pose_from_quat(tag->xyz_m, tag->quat_wxyz, &T);
     kc_pose_mul(T_cam_tool, &T, &T);
-    kc_m3_col(T.R, 2u, z); /* into the tag, so along the line of sight when seen square on */
+    kc_m3_col(T.R, 2u, z); /* into the tag: along the line of sight when seen square on */
     if (kc_v3_dot(z, T.p_m) < kc_cos(max_incid_rad) * kc_v3_norm(T.p_m)) { return 0; }
     const double half = 0.5 * TAG_WITH_BORDER * tag->size_m;
     int inside = 1;
@@ -131,7 +131,7 @@ kc_status_t kc_camera_validate(const kc_camera_t *cam, int32_t *index, double *g
 {
     kc_check_t c = kc_check_start();
     kc_check_frame(&c, cam->mast_xyz_m, cam->mast_quat_wxyz, -1);
-    kc_check_frame(&c, cam->head_xyz_m, cam->head_quat_wxyz, -1);
+    kc_check_frame(&c, cam->pantilt_xyz_m, cam->pantilt_quat_wxyz, -1);
     kc_check_finite(&c, &cam->pan_min_rad, 1u, -1);
     kc_check_finite(&c, &cam->pan_max_rad, 1u, -1);
     kc_check(&c, cam->pan_min_rad < cam->pan_max_rad, -1, cam->pan_min_rad);

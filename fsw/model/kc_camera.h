@@ -1,6 +1,6 @@
-/* Pan/tilt camera and the tags on the tool.
+/* Camera on its pan-tilt unit, and the tags on the tool.
  *
- *   T_base_cam(pan, tilt) = T_base_mast Rz(pan) Ry(tilt) T_head_cam
+ *   T_base_cam(pan, tilt) = T_base_mast Rz(pan) Ry(tilt) T_pantilt_cam
  * Camera frame: z forward, x right, y down (OpenCV). Positive tilt looks down. */
 #ifndef KC_CAMERA_H
 #define KC_CAMERA_H
@@ -11,15 +11,15 @@
 #include "kc_rot.h"
 
 typedef struct {
-    int32_t id;            /* 36h11 member                                            */
-    double size_m;         /* edge of the black square                                */
-    double xyz_m[3];       /* tag frame in the tool frame: origin at the tag centre,  */
-    double quat_wxyz[4];   /* x right, y down, z into the tag as a viewer sees it     */
+    int32_t id;          /* 36h11 member */
+    double size_m;       /* edge of the black square */
+    double xyz_m[3];     /* tag frame in the tool frame: origin at the tag centre, */
+    double quat_wxyz[4]; /* x right, y down, z into the tag as a viewer sees it */
 } kc_tag_t;
 
 typedef struct {
     double mast_xyz_m[3], mast_quat_wxyz[4];
-    double head_xyz_m[3], head_quat_wxyz[4]; /* T_head_cam                             */
+    double pantilt_xyz_m[3], pantilt_quat_wxyz[4]; /* T_pantilt_cam */
     double pan_min_rad, pan_max_rad, tilt_min_rad, tilt_max_rad;
     double fx_px, fy_px, cx_px, cy_px;
     uint32_t width_px, height_px;
@@ -37,7 +37,7 @@ kc_status_t kc_camera_aim(const kc_camera_t *cam, const double p_base_m[3], doub
 /* Projection of a camera-frame point [px]; KC_ERR_RANGE if it is not in front. */
 kc_status_t kc_camera_project(const kc_camera_t *cam, const double p_cam_m[3], double uv_px[2]);
 
-/* Bit per tag (order of cam->tag) that lies with its white border inside the image and is seen with an
+/* Bit per tag (order of cam->tag) that lies with its white border inside the image and is visible with an
  * incidence below max_incid_rad, the tool being at T_cam_tool. No occlusion test. */
 uint32_t kc_camera_visible(const kc_camera_t *cam, const kc_pose_t *T_cam_tool, double max_incid_rad);
 

@@ -12,7 +12,7 @@ static double term_weight(const kc_term_t *t, const kc_ctx_t *ctx, const kc_load
     return t->gain * kc_basis_eval(&t->basis[0], ctx, loads) * kc_basis_eval(&t->basis[1], ctx, loads);
 }
 
-/* loads NULL: terms that look at loads count as zero. */
+/* loads NULL: terms that depend on loads count as zero. */
 static void sum_twists(const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                        const kc_loads_t *loads, twists_t tw)
 {
@@ -128,7 +128,7 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
 
     add_mass(&payload, ctx->payload_kg, T.p_m);
     add_mass(&all, ctx->payload_kg, T.p_m);
-    for (uint32_t i = n + 1u; i-- > 0u;) { /* from the tool to the base, masses collected on the way */
+    for (uint32_t i = n + 1u; i-- > 0u;) { /* from the tool to the base, masses added up */
         double m[3];
         moment_about(&all, frame[i].p_m, ctx->g_m_s2, m);
         kc_m3t_mul_v3(frame[i].R, m, loads->moment[i]);
@@ -235,12 +235,12 @@ void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *c
 /* Measured pose with the camera-side corrections, and their twist rows (model - measured). */
 static void correct_measured(const kc_obs_t *obs, const twists_t tw, kc_pose_t *M, kc_eval_t *ev)
 {
-    kc_pose_t C, seen;
+    kc_pose_t C, measured;
     kc_pose_from_quat(obs->p_cam_m, obs->q_cam_wxyz, &C);
-    kc_pose_inv(&C, &seen);
-    kc_pose_mul(&seen, M, &seen); /* T_cam_tool as seen */
+    kc_pose_inv(&C, &measured);
+    kc_pose_mul(&measured, M, &measured); /* T_cam_tool as measured */
     apply_twist(&C, tw[KC_FRAME_CAMERA], &ev->twist[6u * KC_FRAME_CAMERA]);
-    kc_pose_mul(&C, &seen, M);
+    kc_pose_mul(&C, &measured, M);
     apply_twist(M, tw[KC_FRAME_MEAS], &ev->twist[6u * KC_FRAME_MEAS]);
     finish_rows(&ev->twist[6u * KC_FRAME_CAMERA], M->p_m, -1.0);
     finish_rows(&ev->twist[6u * KC_FRAME_MEAS], M->p_m, -1.0);

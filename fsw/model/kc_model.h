@@ -6,35 +6,35 @@
 
 #include "kc_terms.h"
 
-/* One observation: what was read and what was seen, in the base frame. */
+/* One observation: joint readings and measured tool pose, in the base frame. */
 typedef struct {
     kc_ctx_t ctx;
-    double p_m[3];          /* measured tool position                              */
-    double q_wxyz[4];       /* measured orientation, used if has_rot               */
+    double p_m[3];    /* measured tool position */
+    double q_wxyz[4]; /* measured orientation, used if has_rot */
     double cov[36];         /* 6x6 row-major covariance of (p, rotation vector), base
-                               frame; 3x3 top left used if !has_rot                */
-    double p_cam_m[3];      /* camera in the base frame, used if has_cam           */
+                               frame; 3x3 top left used if !has_rot */
+    double p_cam_m[3]; /* camera in the base frame, used if has_cam */
     double q_cam_wxyz[4];
     uint8_t has_rot, has_cam;
 } kc_obs_t;
 
 /* Everything one pose gives: about 6 KiB; caller owns it. */
 typedef struct {
-    kc_pose_t T;                              /* tool in base, corrected            */
+    kc_pose_t T; /* tool in base, corrected */
     double twist[KC_FRAME_COUNT * 6u][6];     /* d pose / d component: (dp; dtheta) in
                                                  the base frame, rotation about the
                                                  tool point; index frame*6 + comp;
                                                  camera and meas rows are zero but
                                                  after kc_model_residual: d(model -
-                                                 measured) then                     */
+                                                 measured) then */
     double Jq[KC_JOINT_MAX][6];               /* d pose / d q_j at fixed corrections
                                                  (their slope in q, e.g. an encoder
-                                                 gain of 1 %, is left out)          */
-    double J[KC_COEF_MAX][6];                 /* d pose / d coefficient             */
+                                                 gain of 1 %, is left out) */
+    double J[KC_COEF_MAX][6]; /* d pose / d coefficient */
 } kc_eval_t;
 
 /* Gravity torques and moments with the coefficients `coef` (NULL: all zero). Bases that
- * look at loads count as zero here: loads are those of the chain without load-dependent
+ * depend on loads count as zero here: loads are those of the chain without load-dependent
  * corrections, which differ at second order. */
 void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                     kc_loads_t *loads);
@@ -45,18 +45,18 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
 void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                    const kc_loads_t *loads, int want_J, kc_eval_t *ev);
 
-/* Where the arm's parts are: frame[0] = the tool, frame[j] = what turns (or slides) with joint j, j = 1 ..
- * n_joints, standing on its axis before d, a and alpha of its link. along_m[j]: how far corrections moved it
- * along that axis; across_m[j]: how far they move what comes after its link along a; both 0 for j = 0.
- * O(n + n_term). */
+/* Frames of the bodies of the arm: frame[0] = the tool, frame[j] = what turns (or slides) with joint j, j
+ * = 1 .. n_joints, on its axis before d, a and alpha of its link. along_m[j]: how far corrections moved it
+ * along that axis; across_m[j]: how far they move what comes after its link along a; both 0 for j = 0. O(n
+ * + n_term). */
 void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                      const kc_loads_t *loads, kc_pose_t *frame, double *along_m, double *across_m);
 
 /* Residual r = measured - model (kc_pose_residual) with camera-side corrections applied to
  * the measured pose, and J[c] = d(model - measured)/d coefficient c, so that
  * r(coef + x) ~ r - J'x. Camera-side terms need has_cam and are zero without it.
- * rows: 6, or 3 if !has_rot (the rotation part is then zero, and the meas frame is taken to
- * stand as the model says). Returns rows. */
+ * rows: 6, or 3 if !has_rot (the rotation part is then zero, and the meas frame has the orientation
+ * of the model). Returns rows. */
 uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_obs_t *obs, const kc_loads_t *loads, double r[6], kc_eval_t *ev);
 

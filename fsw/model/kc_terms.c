@@ -6,11 +6,13 @@
 #include "kc_libm.h"
 
 /* Index of term k in a validation report. */
-#define TERM_INDEX 1000
 
 /* Typical sizes of a DH error, used for column scaling only. */
 #define DH_SCALE_RAD 0.02
 #define DH_SCALE_M 0.01
+
+/* Joints whose number is one digit of a name. */
+#define DH_JOINT_MAX (KC_JOINT_MAX < 9u ? KC_JOINT_MAX : 9u)
 
 static int index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
 {
@@ -39,7 +41,7 @@ static void check_basis(kc_check_t *c, const kc_basis_t *b, uint32_t n_joints, i
 static void check_term(kc_check_t *c, const kc_terms_t *t, uint32_t k, uint32_t n_joints)
 {
     const kc_term_t *term = &t->term[k];
-    const int32_t at = TERM_INDEX + (int32_t)k;
+    const int32_t at = KC_TERMS_INDEX_TERM + (int32_t)k;
     const int special = term->frame >= KC_FRAME_TOOL && term->frame < KC_FRAME_COUNT;
     kc_check(c, term->coef < t->n_coef, at, term->coef);
     kc_check(c, term->frame <= n_joints || special, at, term->frame);
@@ -95,7 +97,7 @@ static void add_dh_error(kc_terms_t *t, uint32_t joint, const dh_error_t *e, dou
     memset(coef, 0, sizeof *coef);
     memset(term, 0, sizeof *term);
     coef->name[0] = 'J';
-    coef->name[1] = (char)('0' + joint); /* joints are 1 .. 8 */
+    coef->name[1] = (char)('0' + joint); /* 1 .. DH_JOINT_MAX */
     memcpy(coef->name + 2, e->suffix, strlen(e->suffix));
     coef->lb = -bound;
     coef->ub = bound;
@@ -111,7 +113,7 @@ static void add_dh_error(kc_terms_t *t, uint32_t joint, const dh_error_t *e, dou
 
 kc_status_t kc_terms_add_dh(kc_terms_t *t, uint32_t n_joints, const double bound[4])
 {
-    if (n_joints > KC_JOINT_MAX || t->n_coef + 4u * n_joints > KC_COEF_MAX ||
+    if (n_joints > DH_JOINT_MAX || t->n_coef + 4u * n_joints > KC_COEF_MAX ||
         t->n_term + 4u * n_joints > KC_TERM_MAX) {
         return KC_ERR_FULL;
     }

@@ -1,4 +1,4 @@
-/* Correction terms: every physical effect as data (architecture.md).
+/* Correction terms: every physical effect as data (METHOD.md 9).
  *
  *   twist component c at frame f  +=  coefficient x basis x basis
  *
@@ -16,72 +16,72 @@
 
 typedef enum { KC_TX = 0, KC_TY = 1, KC_TZ = 2, KC_RX = 3, KC_RY = 4, KC_RZ = 5 } kc_comp_t;
 
-/* What a basis looks at. index: joint 1..n for the per-joint ones, link 0..n for the
+/* Input variable of a basis. index: joint 1..n for the per-joint ones, link 0..n for the
  * gravity moment (0 = the whole arm about frame 0). */
 typedef enum {
     KC_VAR_ONE = 0,
-    KC_VAR_Q = 1,        /* encoder reading of joint [rad or m]                     */
-    KC_VAR_TAU = 2,      /* gravity torque about joint [N m] (force [N], prismatic) */
-    KC_VAR_MX = 3,       /* gravity moment at link, components in the link frame    */
-    KC_VAR_MY = 4,       /*   [N m]                                                 */
+    KC_VAR_Q = 1,   /* encoder reading of joint [rad or m] */
+    KC_VAR_TAU = 2, /* gravity torque about joint [N m] (force [N], prismatic) */
+    KC_VAR_MX = 3,  /* gravity moment at link, components in the link frame */
+    KC_VAR_MY = 4,  /*   [N m] */
     KC_VAR_MZ = 5,
-    KC_VAR_DIR = 6,      /* approach direction of joint, -1 0 +1                    */
-    KC_VAR_TEMP = 7,     /* arm temperature [deg C]                                 */
-    KC_VAR_T = 8,        /* time [s]                                                */
-    KC_VAR_PAYLOAD = 9,  /* [kg]                                                    */
-    KC_VAR_RANGE = 10,   /* camera to tool [m]                                      */
-    KC_VAR_INCID = 11,   /* incidence angle [rad]                                   */
-    KC_VAR_U = 12,       /* image position, normalised: (u - cx)/fx                 */
-    KC_VAR_V = 13,       /* (v - cy)/fy                                             */
-    KC_VAR_R2 = 14,      /* u^2 + v^2, normalised                                   */
-    KC_VAR_PAN = 15,     /* head encoders [rad]                                     */
+    KC_VAR_DIR = 6,     /* approach direction of joint, -1 0 +1 */
+    KC_VAR_TEMP = 7,    /* arm temperature [deg C] */
+    KC_VAR_T = 8,       /* time [s] */
+    KC_VAR_PAYLOAD = 9, /* [kg] */
+    KC_VAR_RANGE = 10,  /* camera to tool [m] */
+    KC_VAR_INCID = 11,  /* incidence angle [rad] */
+    KC_VAR_U = 12,      /* image position, normalised: (u - cx)/fx */
+    KC_VAR_V = 13,      /* (v - cy)/fy */
+    KC_VAR_R2 = 14,     /* u^2 + v^2, normalised */
+    KC_VAR_PAN = 15,    /* pan-tilt encoders [rad] */
     KC_VAR_TILT = 16,
-    KC_VAR_QDOT = 17,    /* joint speed at the reading [rad/s]                      */
+    KC_VAR_QDOT = 17, /* joint speed at the reading [rad/s] */
     KC_VAR_TAU_PAYLOAD = 18, /* gravity torque about joint of 1 kg at the tool,
-                                times payload_kg [N m]                              */
-    KC_VAR_XCAM = 19,    /* measured tool position in the camera frame [m]          */
+                                times payload_kg [N m] */
+    KC_VAR_XCAM = 19, /* measured tool position in the camera frame [m] */
     KC_VAR_YCAM = 20,
     KC_VAR_ZCAM = 21,
-    KC_VAR_TAG = 22,         /* tags seen: 0 first only, 1 second only, 0.5 both      */
+    KC_VAR_TAG = 22, /* tags detected: 0 first only, 1 second only, 0.5 both */
     KC_VAR_COUNT = 23
 } kc_var_t;
 
 /* basis = fn(z),  z = c1 (x - c0), clipped to +-1e12. */
 typedef enum {
-    KC_FN_LIN = 0,   /* z                        */
+    KC_FN_LIN = 0, /* z */
     KC_FN_SIN = 1,
     KC_FN_COS = 2,
     KC_FN_TANH = 3,
-    KC_FN_LN1P = 4,  /* ln(1 + max(z, 0))        */
-    KC_FN_EXPN = 5,  /* exp(-max(z, 0))          */
-    KC_FN_STEP = 6,  /* 1 for z >= 0, else 0     */
-    KC_FN_SQ = 7,    /* z^2                      */
-    KC_FN_TAN2 = 8,  /* tan^2 z, |z| clipped to 1.4 */
+    KC_FN_LN1P = 4, /* ln(1 + max(z, 0)) */
+    KC_FN_EXPN = 5, /* exp(-max(z, 0)) */
+    KC_FN_STEP = 6, /* 1 for z >= 0, else 0 */
+    KC_FN_SQ = 7,   /* z^2 */
+    KC_FN_TAN2 = 8, /* tan^2 z, |z| clipped to 1.4 */
     KC_FN_ABS = 9,
     KC_FN_COUNT = 10
 } kc_fn_t;
 
 typedef struct {
-    uint8_t fn;    /* kc_fn_t  */
+    uint8_t fn;    /* kc_fn_t */
     uint8_t var;   /* kc_var_t; KC_VAR_ONE makes the basis 1 whatever fn is */
-    uint8_t index; /* joint or link, 0 where the variable has none          */
-    double c0, c1; /* offset and scale of the argument                      */
+    uint8_t index; /* joint or link, 0 where the variable has none */
+    double c0, c1; /* offset and scale of the argument */
 } kc_basis_t;
 
 typedef struct {
-    uint16_t coef;       /* coefficient it belongs to                        */
-    uint8_t frame;       /* 0..n, KC_FRAME_TOOL, _CAMERA, _MEAS              */
-    uint8_t comp;        /* kc_comp_t                                        */
-    double gain;         /* constant factor (unit conversion, coupling sign) */
+    uint16_t coef; /* coefficient it belongs to */
+    uint8_t frame; /* 0..n, KC_FRAME_TOOL, _CAMERA, _MEAS */
+    uint8_t comp;  /* kc_comp_t */
+    double gain;   /* constant factor (unit conversion, coupling sign) */
     kc_basis_t basis[2];
 } kc_term_t;
 
 typedef struct {
-    char name[KC_NAME_LEN]; /* "J4.a_m", "joint_compliance[2]"               */
-    double lb, ub;          /* bounds of the total value                     */
-    double prior_sigma;     /* 1-sigma of the prior about 0; 0 = flat        */
+    char name[KC_NAME_LEN]; /* "J4.a_m", "joint_compliance[2]" */
+    double lb, ub;          /* bounds of the total value */
+    double prior_sigma;     /* 1-sigma of the prior about 0; 0 = flat */
     double scale;           /* typical size: column scaling of rank decisions, > 0 */
-    uint8_t enabled;        /* 0: masked, stays at its table value           */
+    uint8_t enabled;        /* 0: masked, stays at its table value */
 } kc_coef_t;
 
 typedef struct {
@@ -90,12 +90,12 @@ typedef struct {
     kc_term_t term[KC_TERM_MAX];
 } kc_terms_t;
 
-/* What the bases may look at, for one pose. */
+/* Input variables of the bases, for one pose. */
 typedef struct {
-    double q[KC_JOINT_MAX];      /* encoder readings [rad or m]              */
+    double q[KC_JOINT_MAX]; /* encoder readings [rad or m] */
     double dir[KC_JOINT_MAX];
     double qdot[KC_JOINT_MAX];
-    double g_m_s2[3];            /* gravity in the base frame                */
+    double g_m_s2[3]; /* gravity in the base frame */
     double temp_c, t_s, payload_kg;
     double range_m, incid_rad, u_norm, v_norm, pan_rad, tilt_rad, tag;
     double p_cam_tool_m[3];
@@ -104,20 +104,21 @@ typedef struct {
 /* What gravity does to the arm in one pose (the motors hold against it), evaluated on the chain
  * with the given coefficients. Payload is a point mass at the tool point. */
 typedef struct {
-    double tau[KC_JOINT_MAX];             /* torque about joint j, index j-1 [N m] */
-    double tau_payload[KC_JOINT_MAX];     /* of payload_kg alone [N m]             */
+    double tau[KC_JOINT_MAX];         /* torque about joint j, index j-1 [N m] */
+    double tau_payload[KC_JOINT_MAX]; /* of payload_kg alone [N m] */
     double moment[KC_JOINT_MAX + 1u][3];  /* about the origin of frame i, in frame i, of
                                              everything beyond it: links i+1 .. n and
-                                             payload [N m]                         */
+                                             payload [N m] */
 } kc_loads_t;
 
 /* Value of a basis; q etc. from ctx, torques and moments from loads. Always finite for
  * finite input. */
 double kc_basis_eval(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t *loads);
-/* Whether the basis looks at a gravity torque or moment. */
+/* Whether the basis depends on a gravity torque or moment. */
 int kc_basis_needs_loads(const kc_basis_t *b);
 
-/* First problem found: KC_ERR_RANGE, *index = coefficient or 1000 + term, *got = value. */
+/* First problem found: KC_ERR_RANGE, *index = coefficient or KC_TERMS_INDEX_TERM + term, *got = value. */
+#define KC_TERMS_INDEX_TERM 1000
 kc_status_t kc_terms_validate(const kc_terms_t *t, uint32_t n_joints, int32_t *index, double *got);
 
 /* The 4 n DH error coefficients (phi, alpha, a, d of joint 1, then joint 2 ...), names

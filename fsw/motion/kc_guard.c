@@ -3,7 +3,7 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-#define BISECTIONS 40u  /* places along a body's axis, to a part in 10^12 */
+#define BISECTIONS 40u  /* position along a body's axis to 1 in 10^12 */
 #define NUMBERS_TOL 1e-6 /* tables are single precision */
 
 /* ---- distances ---- */
@@ -21,7 +21,8 @@ static void place(const kc_pose_t *T, const float p[3], double out[3])
     kc_v3_add_scaled(out, 1.0, T->p_m, out);
 }
 
-/* Part of the way from a to a + u that is nearest to p; 0 for a way without length. */
+/* Parameter (0 to 1) of the point of the segment from a to a + u that is nearest to p; 0 for one without
+ * length. */
 static double nearest_part(const double a[3], const double u[3], const double p[3])
 {
     double d[3], uu = kc_v3_dot(u, u);
@@ -101,10 +102,10 @@ static double axis_to(const kc_volume_t *v, const double a[3], const double u[3]
     }
 }
 
-/* An end of a body's axis where the frames say it is. A correction moved the frame along its joint's axis by
- * `along`: of a link with a length along that axis (d) the near end stayed, so the link is longer, and it leans
- * by `across` towards its far end; without one the body may stand where it was (`back`) or where the frame is
- * now. */
+/* An end of a body's axis in the base frame. A correction moved the frame along its joint's axis by
+ * `along`. A link with a length along that axis (d) keeps its near end: it gets longer, and tilts by
+ * `across` towards its far end. Without that length the error may lie before or after the body: it is
+ * where it was (`back`) or where the frame is now. */
 static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], int back, double out[3])
 {
     double d = j > 0u ? g->arm->joint[j - 1u].d_m : 0.0;
@@ -145,7 +146,7 @@ double kc_guard_self_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t
     double least = KC_INF;
     for (uint32_t i = 1u; i < s->n_body; i++) {
         for (uint32_t k = 0u; k < i; k++) {
-            if ((s->body[i].apart >> k & 1u) == 0u) { continue; }
+            if ((s->body[i].collision_pairs >> k & 1u) == 0u) { continue; }
             double d = between_bodies(g, &s->body[i], &s->body[k]);
             if (d >= least) { continue; }
             least = d;
@@ -164,7 +165,7 @@ double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *vol
         uint32_t b = k / 2u;
         axis_of(g, &s->body[b], (int)(k % 2u), a, u);
         for (uint32_t v = 0u; v < s->n_volume; v++) {
-            if ((s->volume[v].spared >> b & 1u) != 0u) { continue; }
+            if ((s->volume[v].excluded >> b & 1u) != 0u) { continue; }
             double d = axis_to(&s->volume[v], a, u) - (double)s->body[b].radius_m;
             if (d >= least) { continue; }
             least = d;
@@ -175,99 +176,100 @@ double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *vol
     return least;
 }
 
-/* ---- limits and ways ---- */
+/* ---- limits and verified paths ---- */
 
-static int within_limits(const kc_guard_ask_t *ask, kc_guard_why_t *why)
+static int within_limits(const kc_guard_request_t *request, kc_guard_reason_t *why)
 {
-    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
-        double q = ask->q_to[j];
-        double lo = ask->arm->joint[j].q_min + ask->margin - NUMBERS_TOL;
-        double hi = ask->arm->joint[j].q_max - ask->margin + NUMBERS_TOL;
+    for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
+        double q = request->q_to[j];
+        double lo = request->arm->joint[j].q_min + request->margin - NUMBERS_TOL;
+        double hi = request->arm->joint[j].q_max - request->margin + NUMBERS_TOL;
         if (q >= lo && q <= hi) { continue; } /* NaN is not */
-        *why = (kc_guard_why_t){(int32_t)j + 1, q, q < lo ? lo : hi};
+        *why = (kc_guard_reason_t){(int32_t)j + 1, q, q < lo ? lo : hi};
         return 0;
     }
     return 1;
 }
 
-/* Both ends in the box around the node, so everything between them too. */
-static int within_box(const kc_guard_ask_t *ask, const double *seed, kc_guard_why_t *why)
+/* Both ends within the bound of the node, so everything between them too. */
+static int within_bound(const kc_guard_request_t *request, const double *seed, kc_guard_reason_t *why)
 {
     double worst = 0.0;
-    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
-        double off = kc_max(kc_fabs(ask->q_to[j] - seed[j]), kc_fabs(ask->q_from[j] - seed[j]));
-        double leash = kc_path_leash(ask->space, ask->to, ask->leash[j]);
-        double by = off - leash - ask->tol - NUMBERS_TOL;
+    for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
+        double off = kc_max(kc_fabs(request->q_to[j] - seed[j]), kc_fabs(request->q_from[j] - seed[j]));
+        double bound = kc_path_bound(request->space, request->to, request->bound[j]);
+        double by = off - bound - request->tol - NUMBERS_TOL;
         if (by <= worst) { continue; }
         worst = by;
-        *why = (kc_guard_why_t){(int32_t)j + 1, by, leash};
+        *why = (kc_guard_reason_t){(int32_t)j + 1, by, bound};
     }
     return worst <= 0.0;
 }
 
-static int is_at(const kc_guard_ask_t *ask, const double *seed)
+static int is_at(const kc_guard_request_t *request, const double *seed)
 {
-    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
-        if (kc_fabs(ask->q_to[j] - seed[j]) > NUMBERS_TOL) { return 0; }
+    for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
+        if (kc_fabs(request->q_to[j] - seed[j]) > NUMBERS_TOL) { return 0; }
     }
     return 1;
 }
 
-static int on_proven_way(const kc_guard_ask_t *ask, kc_guard_why_t *why)
+static int on_verified_path(const kc_guard_request_t *request, kc_guard_reason_t *why)
 {
-    const kc_space_t *s = ask->space;
+    const kc_space_t *s = request->space;
     double seed[KC_JOINT_MAX];
-    *why = (kc_guard_why_t){0, 0.0, 0.0};
-    if (!kc_path_is_node(s, ask->to)) { return 0; }
-    kc_path_joints(s, ask->to, seed);
-    if (is_at(ask, seed) && ask->from != ask->to) {
-        return kc_path_on(s, ask->from, ask->to, ask->q_from, 2.0 * ask->tol);
+    *why = (kc_guard_reason_t){0, 0.0, 0.0};
+    if (!kc_path_is_node(s, request->to)) { return 0; }
+    kc_path_joints(s, request->to, seed);
+    if (is_at(request, seed) && request->from != request->to) {
+        return kc_path_on(s, request->from, request->to, request->q_from, 2.0 * request->tol);
     }
-    if (ask->from != ask->to) { return 0; }
-    /* after a stop on the way it goes on to an end of that segment */
-    return within_box(ask, seed, why) ||
-           (is_at(ask, seed) && kc_path_leads_to(s, ask->to, ask->q_from, 2.0 * ask->tol));
+    if (request->from != request->to) { return 0; }
+    /* after a stop on a segment the arm may go to one of its ends */
+    return within_bound(request, seed, why) ||
+           (is_at(request, seed) && kc_path_leads_to(s, request->to, request->q_from, 2.0 * request->tol));
 }
 
-/* ---- volumes and the arm itself ---- */
+/* ---- keep-out volumes and self-collision ---- */
 
-/* Clearance at a part of the way: of volumes, of the arm itself, and which. */
+/* Clearance at a part of the move: of volumes, between bodies, and which. */
 typedef struct {
     double d[2];
-    kc_guard_why_t why[2];
+    kc_guard_reason_t why[2];
 } near_t;
 
-static void near_at(const kc_guard_ask_t *ask, double part, near_t *n)
+static void near_at(const kc_guard_request_t *request, double part, near_t *n)
 {
-    kc_guard_arm_t g = {.arm = ask->arm, .space = ask->space};
-    kc_ctx_t ctx = *ask->ctx;
+    kc_guard_arm_t g = {.arm = request->arm, .space = request->space};
+    kc_ctx_t ctx = *request->ctx;
     kc_loads_t loads;
     uint32_t body = 0u, met = 0u;
-    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
-        ctx.q[j] = ask->q_from[j] + part * (ask->q_to[j] - ask->q_from[j]);
+    for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
+        ctx.q[j] = request->q_from[j] + part * (request->q_to[j] - request->q_from[j]);
     }
-    kc_model_loads(ask->arm, ask->terms, ask->coef, &ctx, &loads);
-    kc_model_frames(ask->arm, ask->terms, ask->coef, &ctx, &loads, g.frame, g.along_m, g.across_m);
+    kc_model_loads(request->arm, request->terms, request->coef, &ctx, &loads);
+    kc_model_frames(request->arm, request->terms, request->coef, &ctx, &loads, g.frame, g.along_m,
+                    g.across_m);
     n->d[0] = kc_guard_clearance(&g, &body, &met);
-    n->why[0] = (kc_guard_why_t){(int32_t)body, -n->d[0], (double)met};
+    n->why[0] = (kc_guard_reason_t){(int32_t)body, -n->d[0], (double)met};
     n->d[1] = kc_guard_self_clearance(&g, &body, &met);
-    n->why[1] = (kc_guard_why_t){(int32_t)body, -n->d[1], (double)met};
+    n->why[1] = (kc_guard_reason_t){(int32_t)body, -n->d[1], (double)met};
 }
 
-static int is_first_look(const kc_space_t *s, uint32_t node)
+static int is_local_pose(const kc_space_t *s, uint32_t node)
 {
-    return node >= KC_HUB_MAX && kc_space_first(s, node - KC_HUB_MAX);
+    return node >= KC_HUB_MAX && kc_space_local(s, node - KC_HUB_MAX);
 }
 
-/* What any place on the arm can travel on the way: joints turn it about axes that are no farther than the arm
- * is long. */
-static double travel(const kc_guard_ask_t *ask, double *far)
+/* Upper bound of how far any point of the arm travels during the move: joints turn it about axes that are no
+ * farther away than the arm is long. */
+static double travel(const kc_guard_request_t *request, double *far)
 {
-    double reach = KC_GUARD_ABOUT_M + kc_v3_norm(ask->arm->tool_xyz_m), turned = 0.0, slid = 0.0;
+    double reach = KC_GUARD_ABOUT_M + kc_v3_norm(request->arm->tool_xyz_m), turned = 0.0, slid = 0.0;
     *far = 0.0;
-    for (uint32_t j = 0u; j < ask->arm->n_joints; j++) {
-        const kc_joint_t *joint = &ask->arm->joint[j];
-        double by = kc_fabs(ask->q_to[j] - ask->q_from[j]);
+    for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
+        const kc_joint_t *joint = &request->arm->joint[j];
+        double by = kc_fabs(request->q_to[j] - request->q_from[j]);
         int slides = joint->type == KC_PRISMATIC;
         reach += kc_fabs(joint->a_m) + kc_fabs(joint->d_m) + (slides ? joint->q_max - joint->q_min : 0.0);
         turned += slides ? 0.0 : by;
@@ -277,20 +279,21 @@ static double travel(const kc_guard_ask_t *ask, double *far)
     return turned * reach + slid;
 }
 
-/* Posture after posture; the next one is no farther than nothing can be met before it, or the least step. */
-static kc_guard_verdict_t clear_way(const kc_guard_ask_t *ask, kc_guard_why_t *why)
+/* Posture after posture. The step to the next one is so short that no point of the arm can travel farther
+ * than the free distance, but not shorter than the least step. */
+static kc_guard_verdict_t clear_path(const kc_guard_request_t *request, kc_guard_reason_t *why)
 {
-    double far = 0.0, part = 0.0, length = travel(ask, &far);
+    double far = 0.0, part = 0.0, length = travel(request, &far);
     near_t first, n;
-    int first_look = is_first_look(ask->space, ask->from) || is_first_look(ask->space, ask->to);
-    if (first_look || ask->space->n_body == 0u) { return KC_GUARD_FINE; }
+    int local = is_local_pose(request->space, request->from) || is_local_pose(request->space, request->to);
+    if (local || request->space->n_body == 0u) { return KC_GUARD_OK; }
     double least = kc_max(KC_GUARD_STEP / kc_max(far, KC_GUARD_STEP), 1.0 / (double)KC_GUARD_STEPS_MAX);
-    near_at(ask, 0.0, &first);
+    near_at(request, 0.0, &first);
     n = first;
     for (uint32_t k = 0u; k <= KC_GUARD_STEPS_MAX && part < 1.0; k++) {
         double free_m = kc_min(n.d[0], n.d[1]) - KC_GUARD_CLEAR_M;
         part = kc_min(1.0, part + kc_max(least, free_m / kc_max(length, KC_GUARD_STEP)));
-        near_at(ask, part, &n);
+        near_at(request, part, &n);
         for (uint32_t i = 0u; i < 2u; i++) {
             double leaving = first.d[i] - KC_GUARD_LEAVE_M;
             if (n.d[i] >= (first.d[i] < KC_GUARD_CLEAR_M ? leaving : KC_GUARD_CLEAR_M)) { continue; }
@@ -298,12 +301,12 @@ static kc_guard_verdict_t clear_way(const kc_guard_ask_t *ask, kc_guard_why_t *w
             return i == 0u ? KC_GUARD_VOLUME : KC_GUARD_SELF;
         }
     }
-    return KC_GUARD_FINE;
+    return KC_GUARD_OK;
 }
 
-kc_guard_verdict_t kc_guard_check(const kc_guard_ask_t *ask, kc_guard_why_t *why)
+kc_guard_verdict_t kc_guard_check(const kc_guard_request_t *request, kc_guard_reason_t *why)
 {
-    if (!within_limits(ask, why)) { return KC_GUARD_LIMIT; }
-    if (!on_proven_way(ask, why)) { return KC_GUARD_WAY; }
-    return clear_way(ask, why);
+    if (!within_limits(request, why)) { return KC_GUARD_LIMIT; }
+    if (!on_verified_path(request, why)) { return KC_GUARD_PATH; }
+    return clear_path(request, why);
 }

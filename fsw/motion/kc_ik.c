@@ -25,7 +25,7 @@ static int inside(const double e[6], const kc_ik_opt_t *opt)
     return kc_v3_norm(e) <= opt->tol_pos_m && kc_v3_norm(&e[3]) <= opt->tol_rot_rad;
 }
 
-/* Start inside the limits, whatever the caller knew. */
+/* Start inside the limits. */
 static void clip_start(const kc_arm_t *arm, double margin, double *q)
 {
     for (uint32_t j = 0u; j < arm->n_joints; j++) {

@@ -7,10 +7,10 @@
 #include "kc_model.h"
 
 typedef struct {
-    uint32_t iter_max;          /* 1..200                                            */
+    uint32_t iter_max; /* 1..200 */
     double tol_pos_m, tol_rot_rad;
-    double margin;              /* stay this far inside the joint limits [rad or m]  */
-    double step_max;            /* largest joint step per iteration                  */
+    double margin;   /* stay this far inside the joint limits [rad or m] */
+    double step_max; /* largest joint step per iteration */
 } kc_ik_opt_t;
 
 /* Joints that bring the corrected tool (coef; NULL = nominal) to `goal`, starting from q (in and

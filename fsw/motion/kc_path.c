@@ -20,27 +20,27 @@ int kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j)
 
 static int is_hub(uint32_t node) { return node < KC_HUB_MAX; }
 
-int kc_space_first(const kc_space_t *s, uint32_t cand)
+int kc_space_local(const kc_space_t *s, uint32_t cand)
 {
-    return ((uint32_t)s->cand[cand].why & KC_CAND_FIRST) != 0u;
+    return ((uint32_t)s->cand[cand].why & KC_CAND_LOCAL) != 0u;
 }
 
-int kc_space_spare(const kc_space_t *s, uint32_t cand)
+int kc_space_reserve(const kc_space_t *s, uint32_t cand)
 {
-    return ((uint32_t)s->cand[cand].why & KC_CAND_SPARE) != 0u;
+    return ((uint32_t)s->cand[cand].why & KC_CAND_RESERVE) != 0u;
 }
 
-uint32_t kc_space_n_first(const kc_space_t *s)
+uint32_t kc_space_n_local(const kc_space_t *s)
 {
     uint32_t n = 0u;
-    for (uint32_t i = 0u; i < s->n_prior; i++) { n += kc_space_first(s, s->prior[i]) ? 1u : 0u; }
+    for (uint32_t i = 0u; i < s->n_initial; i++) { n += kc_space_local(s, s->initial[i]) ? 1u : 0u; }
     return n;
 }
 
-double kc_path_leash(const kc_space_t *s, uint32_t node, double leash)
+double kc_path_bound(const kc_space_t *s, uint32_t node, double bound)
 {
-    int narrow = is_hub(node) || kc_space_first(s, node - KC_HUB_MAX);
-    return narrow ? kc_min(leash, KC_HUB_LEASH) : leash;
+    int narrow = is_hub(node) || kc_space_local(s, node - KC_HUB_MAX);
+    return narrow ? kc_min(bound, KC_HUB_BOUND) : bound;
 }
 
 int kc_path_is_node(const kc_space_t *s, uint32_t node)
@@ -48,7 +48,7 @@ int kc_path_is_node(const kc_space_t *s, uint32_t node)
     return is_hub(node) ? node < s->n_hub : node - KC_HUB_MAX < s->n_cand;
 }
 
-/* The hub a node hangs on: itself, or the candidate's own. */
+/* Hub of a node: itself, or the candidate's own. */
 static uint32_t hub_of(const kc_space_t *s, uint32_t node)
 {
     return is_hub(node) ? node : s->cand[node - KC_HUB_MAX].hub;
@@ -77,7 +77,7 @@ static void search_hubs(const kc_space_t *s, uint32_t start, uint32_t goal, uint
 
 /* Append the hubs from start (only if `with_start`) to goal, in order. */
 static kc_status_t append_hubs(const kc_space_t *s, uint32_t start, uint32_t goal, int with_start,
-                               uint16_t *way, uint32_t *n)
+                               uint16_t *path, uint32_t *n)
 {
     uint32_t parent[KC_HUB_MAX];
     uint32_t back[KC_HUB_MAX];
@@ -86,22 +86,22 @@ static kc_status_t append_hubs(const kc_space_t *s, uint32_t start, uint32_t goa
     if (parent[goal] == KC_HUB_MAX) { return KC_ERR_PATH; }
     for (uint32_t h = goal; h != start && m < KC_HUB_MAX - 1u; h = parent[h]) { back[m++] = h; }
     if (with_start) { back[m++] = start; }
-    while (m > 0u) { way[(*n)++] = (uint16_t)back[--m]; }
+    while (m > 0u) { path[(*n)++] = (uint16_t)back[--m]; }
     return KC_OK;
 }
 
-kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16_t *way, uint32_t *n)
+kc_status_t kc_path_plan(const kc_space_t *s, uint32_t from, uint32_t to, uint16_t *path, uint32_t *n)
 {
     kc_status_t st;
     *n = 0u;
     if (!kc_path_is_node(s, from) || !kc_path_is_node(s, to)) { return KC_ERR_PATH; }
     if (from == to) { return KC_OK; }
     if (!is_hub(from) && !is_hub(to) && kc_space_edge(s, from - KC_HUB_MAX, to - KC_HUB_MAX)) {
-        way[(*n)++] = (uint16_t)to;
+        path[(*n)++] = (uint16_t)to;
         return KC_OK;
     }
-    st = append_hubs(s, hub_of(s, from), hub_of(s, to), !is_hub(from), way, n);
-    if (st == KC_OK && !is_hub(to)) { way[(*n)++] = (uint16_t)to; }
+    st = append_hubs(s, hub_of(s, from), hub_of(s, to), !is_hub(from), path, n);
+    if (st == KC_OK && !is_hub(to)) { path[(*n)++] = (uint16_t)to; }
     return st;
 }
 
@@ -116,23 +116,23 @@ void kc_path_joints(const kc_space_t *s, uint32_t node, double *q)
     for (uint32_t j = 0u; j < s->n_joints; j++) { q[j] = (double)from[j]; }
 }
 
-static double joint_distance(const kc_space_t *s, uint32_t node, const double *leash, const double *q)
+static double joint_distance(const kc_space_t *s, uint32_t node, const double *bound, const double *q)
 {
     const float *a = node_joints(s, node);
     double worst = 0.0;
     for (uint32_t j = 0u; j < s->n_joints; j++) {
-        worst = kc_max(kc_fabs((double)a[j] - q[j]) / kc_path_leash(s, node, leash[j]), worst);
+        worst = kc_max(kc_fabs((double)a[j] - q[j]) / kc_path_bound(s, node, bound[j]), worst);
     }
     return worst;
 }
 
-uint32_t kc_path_nearest(const kc_space_t *s, const double *leash, const double *q, double *dist)
+uint32_t kc_path_nearest(const kc_space_t *s, const double *bound, const double *q, double *dist)
 {
     uint32_t best = KC_NODE_NONE;
     *dist = KC_INF;
     for (uint32_t k = 0u; k < s->n_hub + s->n_cand; k++) {
         uint32_t node = k < s->n_hub ? k : KC_HUB_MAX + k - s->n_hub;
-        double d = joint_distance(s, node, leash, q);
+        double d = joint_distance(s, node, bound, q);
         if (d < *dist) {
             *dist = d;
             best = node;
@@ -161,8 +161,8 @@ static uint32_t on_hub_segment(const kc_space_t *s, const double *q, double tol)
 {
     for (uint32_t h = 0u; h < s->n_hub; h++) {
         for (uint32_t k = h + 1u; k < s->n_hub; k++) {
-            int proven = ((s->hub_edge[h] >> k) & 1u) != 0u;
-            if (proven && is_between(s->hub_q[h], s->hub_q[k], q, s->n_joints, tol)) { return h; }
+            int verified = ((s->hub_edge[h] >> k) & 1u) != 0u;
+            if (verified && is_between(s->hub_q[h], s->hub_q[k], q, s->n_joints, tol)) { return h; }
         }
     }
     return KC_NODE_NONE;
@@ -187,7 +187,7 @@ uint32_t kc_path_on_segment(const kc_space_t *s, const double *q, double tol)
     return KC_NODE_NONE;
 }
 
-static int is_proven(const kc_space_t *s, uint32_t a, uint32_t b)
+static int is_verified(const kc_space_t *s, uint32_t a, uint32_t b)
 {
     if (is_hub(a) && is_hub(b)) { return (((uint32_t)s->hub_edge[a] >> b) & 1u) != 0u; }
     if (is_hub(a)) { return s->cand[b - KC_HUB_MAX].hub == a; }
@@ -197,7 +197,7 @@ static int is_proven(const kc_space_t *s, uint32_t a, uint32_t b)
 
 int kc_path_on(const kc_space_t *s, uint32_t from, uint32_t to, const double *q, double tol)
 {
-    return kc_path_is_node(s, from) && kc_path_is_node(s, to) && is_proven(s, from, to) &&
+    return kc_path_is_node(s, from) && kc_path_is_node(s, to) && is_verified(s, from, to) &&
            is_between(node_joints(s, from), node_joints(s, to), q, s->n_joints, tol);
 }
 
@@ -223,13 +223,13 @@ static kc_status_t check_counts(const kc_space_t *s, const kc_arm_t *arm, int32_
     if (s->n_cand < 1u || s->n_cand > KC_CAND_MAX) { return bad(-1, (double)s->n_cand, index, got); }
     if (s->n_hub < 1u || s->n_hub > KC_HUB_MAX) { return bad(-1, (double)s->n_hub, index, got); }
     if (s->n_joints < 1u || s->n_joints > KC_JOINT_MAX) { return bad(-1, (double)s->n_joints, index, got); }
-    if (s->n_prior > KC_PRIOR_MAX) { return bad(-1, (double)s->n_prior, index, got); }
+    if (s->n_initial > KC_INITIAL_MAX) { return bad(-1, (double)s->n_initial, index, got); }
     if (s->n_body > KC_BODY_MAX) { return bad(-1, (double)s->n_body, index, got); }
     if (s->n_volume > KC_VOLUME_MAX) { return bad(-1, (double)s->n_volume, index, got); }
     if (arm != NULL && s->n_joints != arm->n_joints) { return bad(-1, (double)s->n_joints, index, got); }
     for (uint32_t j = 0u; j < s->n_joints; j++) {
-        double leash = (double)s->servo_leash[j];
-        if (!kc_finite(leash) || leash <= 0.0) { return bad(-1, leash, index, got); }
+        double bound = (double)s->servo_bound[j];
+        if (!kc_finite(bound) || bound <= 0.0) { return bad(-1, bound, index, got); }
     }
     return KC_OK;
 }
@@ -253,7 +253,7 @@ static kc_status_t check_hub(const kc_space_t *s, const kc_arm_t *arm, uint32_t 
 {
     int32_t at = KC_SPACE_INDEX_HUB + (int32_t)h;
     if ((uint32_t)s->hub_edge[h] >> s->n_hub != 0u) { return bad(at, (double)s->hub_edge[h], index, got); }
-    for (uint32_t k = 0u; k < s->n_hub; k++) { /* a segment can be driven both ways */
+    for (uint32_t k = 0u; k < s->n_hub; k++) { /* a segment is verified in both directions */
         if ((((uint32_t)s->hub_edge[h] >> k) & 1u) != (((uint32_t)s->hub_edge[k] >> h) & 1u)) {
             return bad(at, (double)s->hub_edge[h], index, got);
         }
@@ -297,7 +297,7 @@ static kc_status_t check_body(const kc_space_t *s, uint32_t i, int32_t *index, d
     const kc_body_t *b = &s->body[i];
     int32_t at = KC_SPACE_INDEX_BODY + (int32_t)i;
     if (b->frame > s->n_joints) { return bad(at, (double)b->frame, index, got); }
-    if (b->apart >> i != 0u) { return bad(at, (double)b->apart, index, got); }
+    if (b->collision_pairs >> i != 0u) { return bad(at, (double)b->collision_pairs, index, got); }
     kc_status_t st = check_point(b->start_m, at, index, got);
     if (st == KC_OK) { st = check_point(b->end_m, at, index, got); }
     return st == KC_OK ? check_size(b->radius_m, at, index, got) : st;
@@ -308,7 +308,7 @@ static kc_status_t check_volume(const kc_space_t *s, uint32_t i, int32_t *index,
     const kc_volume_t *v = &s->volume[i];
     int32_t at = KC_SPACE_INDEX_VOLUME + (int32_t)i;
     if (v->kind > KC_VOL_SPHERE) { return bad(at, (double)v->kind, index, got); }
-    if (v->spared >> s->n_body != 0u) { return bad(at, (double)v->spared, index, got); }
+    if (v->excluded >> s->n_body != 0u) { return bad(at, (double)v->excluded, index, got); }
     kc_status_t st = check_point(v->p_m, at, index, got);
     if (st == KC_OK) { st = check_point(v->size_m, at, index, got); }
     for (uint32_t k = 0u; st == KC_OK && v->kind == KC_VOL_BOX && k < 3u; k++) {
@@ -318,27 +318,27 @@ static kc_status_t check_volume(const kc_space_t *s, uint32_t i, int32_t *index,
     return st == KC_OK && round ? check_size(v->radius_m, at, index, got) : st;
 }
 
-/* Twice the same would take the place of another one. */
-static kc_status_t check_prior(const kc_space_t *s, uint32_t at, int32_t *index, double *got)
+/* An initial pose must not be listed twice: it would take the place of another one. */
+static kc_status_t check_initial(const kc_space_t *s, uint32_t at, int32_t *index, double *got)
 {
-    int ok = s->prior[at] < s->n_cand;
-    for (uint32_t k = 0u; k < at; k++) { ok = ok && s->prior[k] != s->prior[at]; }
-    return ok ? KC_OK : bad(KC_SPACE_INDEX_PRIOR + (int32_t)at, (double)s->prior[at], index, got);
+    int ok = s->initial[at] < s->n_cand;
+    for (uint32_t k = 0u; k < at; k++) { ok = ok && s->initial[k] != s->initial[at]; }
+    return ok ? KC_OK : bad(KC_SPACE_INDEX_INITIAL + (int32_t)at, (double)s->initial[at], index, got);
 }
 
-/* First looks come before all other priors; one that is no prior would never be taken. */
-static kc_status_t check_first(const kc_space_t *s, int32_t *index, double *got)
+/* Local initial poses lead the list of initial poses; one that is not in the list would never be measured. */
+static kc_status_t check_local(const kc_space_t *s, int32_t *index, double *got)
 {
-    uint32_t n = 0u, n_prior = kc_space_n_first(s);
-    for (uint32_t i = 0u; i < n_prior; i++) {
-        if (!kc_space_first(s, s->prior[i])) {
-            return bad(KC_SPACE_INDEX_PRIOR + (int32_t)i, (double)s->prior[i], index, got);
+    uint32_t n = 0u, n_initial = kc_space_n_local(s);
+    for (uint32_t i = 0u; i < n_initial; i++) {
+        if (!kc_space_local(s, s->initial[i])) {
+            return bad(KC_SPACE_INDEX_INITIAL + (int32_t)i, (double)s->initial[i], index, got);
         }
     }
     for (uint32_t i = 0u; i < s->n_cand; i++) {
-        int lone = kc_space_spare(s, i) && !kc_space_first(s, i);
-        n += kc_space_first(s, i) ? 1u : 0u;
-        if (lone || n > n_prior) { return bad((int32_t)i, (double)s->cand[i].why, index, got); }
+        int lone = kc_space_reserve(s, i) && !kc_space_local(s, i);
+        n += kc_space_local(s, i) ? 1u : 0u;
+        if (lone || n > n_initial) { return bad((int32_t)i, (double)s->cand[i].why, index, got); }
     }
     return KC_OK;
 }
@@ -353,7 +353,7 @@ static kc_status_t check_edges(const kc_space_t *s, int32_t *index, double *got)
     return KC_OK;
 }
 
-/* Every hub that a candidate hangs on must be reachable from hub 0. */
+/* Every hub of a candidate must be reachable from hub 0, the park pose. */
 static kc_status_t check_connected(const kc_space_t *s, int32_t *index, double *got)
 {
     uint32_t parent[KC_HUB_MAX];
@@ -370,12 +370,12 @@ kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t 
 {
     kc_status_t st = check_counts(s, arm, index, got);
     if (st != KC_OK) { return st; } /* nothing else can be walked */
-    for (uint32_t k = 0u; st == KC_OK && k < s->n_prior; k++) { st = check_prior(s, k, index, got); }
+    for (uint32_t k = 0u; st == KC_OK && k < s->n_initial; k++) { st = check_initial(s, k, index, got); }
     for (uint32_t h = 0u; st == KC_OK && h < s->n_hub; h++) { st = check_hub(s, arm, h, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_cand; i++) { st = check_cand(s, arm, i, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_body; i++) { st = check_body(s, i, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_volume; i++) { st = check_volume(s, i, index, got); }
-    if (st == KC_OK) { st = check_first(s, index, got); }
+    if (st == KC_OK) { st = check_local(s, index, got); }
     if (st == KC_OK) { st = check_edges(s, index, got); }
     return st == KC_OK ? check_connected(s, index, got) : st;
 }

@@ -7,24 +7,25 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-/* A step that cannot take away this part of the squared error, even if the model were right, is useless. */
+/* A step is useless if it removes less than this part of the squared error even by the model's own
+ * prediction. */
 #define USEFUL 0.02
-/* Moves shorter than this teach more about the noise of a look than about the arm [rad or m]. */
+/* After shorter moves the difference of two observations is mostly noise [rad or m]. */
 #define LEARN_MIN 0.03
-/* A model that explains half of a move or more leads there by itself, and faster than a learned one. */
+/* A model that explains this part of a move converges by itself, and faster than with a learned Jacobian. */
 #define LEARN_SHARE 0.5
-/* The tool can't have turned more than all joints together, but for encoder gains and noise. */
+/* The tool cannot have turned more than all joints together, apart from encoder gains and noise. */
 #define TURN_GAIN 1.1
 #define TURN_NOISE_RAD 0.05
 
-/* What a joint may still do: limits with margin, and the leash around the candidate's seed, inside which
- * the ground proved the arm safe. */
-static void box_of(const kc_joint_t *joint, double margin, double leash, double q, double q_seed, double *lo,
+/* Interval of a joint step: limits with margin, and the servo bound around the candidate's seed, inside which
+ * the arm was verified to be free of collisions. */
+static void box_of(const kc_joint_t *joint, double margin, double bound, double q, double q_seed, double *lo,
                    double *hi)
 {
     kc_dls_box(joint, margin, q, lo, hi);
-    *lo = kc_max(*lo, kc_min(q_seed - leash - q, 0.0));
-    *hi = kc_min(*hi, kc_max(q_seed + leash - q, 0.0));
+    *lo = kc_max(*lo, kc_min(q_seed - bound - q, 0.0));
+    *hi = kc_min(*hi, kc_max(q_seed + bound - q, 0.0));
 }
 
 void kc_servo_forget(kc_servo_mem_t *mem) { memset(mem, 0, sizeof *mem); }
@@ -42,7 +43,7 @@ static void jacobian(const kc_arm_t *arm, const kc_terms_t *terms, const double 
 
 /* Broyden (1965), only where the model fails, and with its Jacobian halfway along the move:
  * B += (dx - (J + B) s) s' / s's. */
-static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_pose_t *seen,
+static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_pose_t *measured,
                   const double *q, kc_servo_mem_t *mem, kc_eval_t *work)
 {
     double s[KC_JOINT_MAX], mid[KC_JOINT_MAX], dx[6];
@@ -53,7 +54,7 @@ static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *co
         s2 += s[j] * s[j];
         turn += kc_fabs(s[j]);
     }
-    kc_pose_residual(seen, &mem->seen, dx);
+    kc_pose_residual(measured, &mem->measured, dx);
     if (!kc_v_finite(dx, 6u) || kc_v3_norm(&dx[3]) > TURN_GAIN * turn + TURN_NOISE_RAD) {
         kc_servo_forget(mem);
         return;
@@ -70,32 +71,32 @@ static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *co
     }
 }
 
-static void remember(const kc_pose_t *seen, const double *q, uint32_t n, kc_servo_mem_t *mem)
+static void remember(const kc_pose_t *measured, const double *q, uint32_t n, kc_servo_mem_t *mem)
 {
     mem->has_last = 1u;
-    mem->seen = *seen;
+    mem->measured = *measured;
     memcpy(mem->q, q, n * sizeof *q);
 }
 
 kc_servo_result_t kc_servo_step(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                                const kc_pose_t *seen, const kc_pose_t *goal, const double *q,
-                                const double *q_seed, const double *leash, const kc_servo_opt_t *opt,
+                                const kc_pose_t *measured, const kc_pose_t *goal, const double *q,
+                                const double *q_seed, const double *bound, const kc_servo_opt_t *opt,
                                 double *q_cmd, kc_eval_t *work, kc_servo_mem_t *mem)
 {
     double e[6], lo[KC_JOINT_MAX], hi[KC_JOINT_MAX], dq[KC_JOINT_MAX];
     uint32_t n = arm->n_joints;
     kc_status_t st;
     memcpy(q_cmd, q, n * sizeof *q);
-    kc_pose_residual(goal, seen, e);
+    kc_pose_residual(goal, measured, e);
     if (kc_v3_norm(e) <= opt->tol_pos_m && kc_v3_norm(&e[3]) <= opt->tol_rot_rad) { return KC_SERVO_THERE; }
     if (!kc_v_finite(e, 6u)) { return KC_SERVO_STUCK; }
     if (mem != NULL) {
-        if (mem->has_last) { learn(arm, terms, coef, seen, q, mem, work); }
-        remember(seen, q, n, mem);
+        if (mem->has_last) { learn(arm, terms, coef, measured, q, mem, work); }
+        remember(measured, q, n, mem);
     }
     jacobian(arm, terms, coef, q, mem, work);
     for (uint32_t j = 0u; j < n; j++) {
-        box_of(&arm->joint[j], opt->margin, kc_min(opt->leash, leash[j]), q[j], q_seed[j], &lo[j], &hi[j]);
+        box_of(&arm->joint[j], opt->margin, kc_min(opt->bound, bound[j]), q[j], q_seed[j], &lo[j], &hi[j]);
     }
     st = kc_dls_step(work->Jq, n, e, opt->damping, lo, hi, dq);
     if (st != KC_OK || kc_dls_predicted(work->Jq, n, e, dq) > (1.0 - USEFUL) * kc_dls_cost(e)) {

@@ -1,40 +1,37 @@
-"""Errors for people: what is wrong, where, and what to do about it."""
+"""Errors for people: what is wrong, where, and what to do about it.
+
+Plain exceptions: the library raises them, `kincal.cli` turns them into an exit status."""
 
 from __future__ import annotations
 
-import click
 
-EXIT_FAILED = 1  # the work was done and its answer is no
-EXIT_INPUT = 2  # what was given cannot be used
-EXIT_DATA = 3  # the input is fine, but the data do not determine the answer
+class KincalError(Exception):
+    """Something that the caller can do something about.
 
-
-class KincalError(click.ClickException):
-    """Bad input. Renders as three short lines and ends the command with status 2."""
-
-    exit_code = EXIT_INPUT
+    what: one line, what is wrong. where: file, key path, URL or line; may be empty. todo: what to do
+    about it; may be empty. str() gives them as up to three lines.
+    """
 
     def __init__(self, what: str, where: str = "", todo: str = "") -> None:
-        lines = [what]
-        if where:
-            lines.append(f"  where: {where}")
-        if todo:
-            lines.append(f"  to do: {todo}")
-        super().__init__("\n".join(lines))
         self.what, self.where, self.todo = what, where, todo
+        super().__init__(what, where, todo)
 
-
-class KincalFailed(KincalError):
-    """The command worked but the answer is a failure (gates missed, refused, timed out)."""
-
-    exit_code = EXIT_FAILED
+    def __str__(self) -> str:
+        lines = [self.what]
+        if self.where:
+            lines.append(f"  where: {self.where}")
+        if self.todo:
+            lines.append(f"  to do: {self.todo}")
+        return "\n".join(lines)
 
 
 class BadInput(KincalError):
-    """Something given to the workbench is wrong: says what, where and what to do."""
+    """What was given cannot be used: a file, an argument, a value in one of them."""
 
 
 class CannotAnswer(KincalError):
     """The input is fine, but the data do not determine the answer (too few poses, a singular design)."""
 
-    exit_code = EXIT_DATA
+
+class CommandFailed(KincalError):
+    """The work was done and its answer is no: criteria missed, command refused, time ran out."""

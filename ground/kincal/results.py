@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from kincal.link.messages import Progress
 
 PAIRS_NAMED = 3  # of shapes, per reason
 
@@ -30,12 +33,29 @@ class PoseLine:
     held_pos_m: float = float("nan")  # held-out RMS with the estimate after this pose
     held_rot_rad: float = float("nan")
     f_run: float = float("nan")  # f with the largest residuals of the whole run as scale, for pictures
-    first_look: bool = False
+    local: bool = False  # a local initial pose, not a candidate
+
+    @classmethod
+    def of(cls, p: Progress) -> PoseLine:
+        """From flight's message alone: not where the tool was, nor the error over held-out poses."""
+        return cls(
+            number=p.pose,
+            candidate=p.candidate,
+            servo_steps=p.servo_steps,
+            tool_m=(float("nan"),) * 3,
+            res_pos_m=p.res_pos_m,
+            res_rot_rad=p.res_rot_rad,
+            f=p.f,
+            gp_mean=p.gp_mean,
+            gp_sigma=p.gp_sigma,
+            pred_pos_m=p.pred_pos_m,
+            pred_rot_rad=p.pred_rot_rad,
+        )
 
     @property
     def place(self) -> str:
-        """Where it was measured, in few letters."""
-        return "first" if self.first_look else str(self.candidate)
+        """Where it was measured, in few letters: candidate index, or that it was a local initial pose."""
+        return "local" if self.local else str(self.candidate)
 
 
 @dataclass(frozen=True)
@@ -51,6 +71,7 @@ class CoefResult:
 
     @property
     def error(self) -> float:
+        """Estimate minus true value; nan if that is unknown."""
         return self.estimate - self.true
 
     @property
@@ -61,6 +82,7 @@ class CoefResult:
 
     @property
     def inside_3_sigma(self) -> bool:
+        """Whether the true value lies within 3 sigma of the estimate."""
         return abs(self.error) <= 3.0 * self.sigma
 
 
@@ -74,8 +96,8 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class Gate:
-    """One pass/fail criterion."""
+class Criterion:
+    """One acceptance criterion, found and wanted as text."""
 
     name: str
     got: str
@@ -99,12 +121,12 @@ class Scene:
     skeletons: np.ndarray  # (poses, points, 3) joints of the arm at the chosen poses, corrected model
     mast: np.ndarray  # (2, 3) foot and head of the camera mast
     camera_m: np.ndarray  # (3,)
-    frustum: np.ndarray  # (4, 3) image corners at some distance, head aimed at the last pose
+    frustum: np.ndarray  # (4, 3) image corners at some distance, camera aimed at the last pose
 
 
-@dataclass
+@dataclass(frozen=True)
 class RunResult:
-    """One whole run."""
+    """One whole run. crc: of the proposed correction; active_crc: of the KIN table in force at the end."""
 
     title: str
     scenario: str
@@ -112,8 +134,8 @@ class RunResult:
     seed: int
     acquisition: str
     n_goal: int
-    poses: list[PoseLine] = field(default_factory=list)
-    coefs: list[CoefResult] = field(default_factory=list)
+    poses: tuple[PoseLine, ...] = ()
+    coefs: tuple[CoefResult, ...] = ()
     before: HeldOut | None = None
     after: HeldOut | None = None
     verdict: str = "no proposal"
@@ -125,16 +147,17 @@ class RunResult:
     p_fit: float = float("nan")
     p_no_change: float = float("nan")
     noise_scale: float = float("nan")
-    gates: list[Gate] = field(default_factory=list)
-    curves: list[Curve] = field(default_factory=list)
+    criteria: tuple[Criterion, ...] = ()
+    curves: tuple[Curve, ...] = ()
     scene: Scene | None = None
-    events: list[str] = field(default_factory=list)  # warnings and errors
+    events: tuple[str, ...] = ()  # warnings and errors
     mission_s: float = 0.0
     wall_s: float = 0.0
 
     @property
     def ok(self) -> bool:
-        return bool(self.gates) and all(gate.ok for gate in self.gates)
+        """Whether there are criteria and all are met."""
+        return bool(self.criteria) and all(criterion.ok for criterion in self.criteria)
 
     def as_dict(self) -> dict[str, Any]:
         """For summary.json: everything but the geometry."""
@@ -153,6 +176,7 @@ def angle_text(rad: float) -> str:
 
 
 def length_text(m: float) -> str:
+    """A length with the unit that reads best."""
     if not np.isfinite(m):
         return "-"
     return f"{m:.3f} m" if abs(m) >= 0.1 else f"{m * 1e3:.2f} mm"

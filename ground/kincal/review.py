@@ -15,13 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from kincal import channels, core, lcmlog, tables
-from kincal.errors import KincalError, KincalFailed
-from kincal.link import Link
+from kincal.errors import BadInput, CommandFailed
+from kincal.flight import Terms
+from kincal.flight.tables import decode_as
+from kincal.link import Link, read_log, unpack_covariance, unsigned32
+from kincal.link.names import VERDICTS, coef_status_name, verdict_name
 from kincal.tables import unit_of
 
 DEFAULT_JOURNAL = Path("out/review.jsonl")
 KIN_KIND = 4
+P_FIT_MIN = 1e-3  # below it the fit does not explain the data
 
 
 @dataclass(frozen=True)
@@ -33,12 +36,17 @@ class CoefLine:
     status: str
     value: float
     sigma: float  # 0 where not estimated
-    entangled: tuple[str, ...]  # coefficients it cannot be told apart from
+    confounded: tuple[str, ...]  # coefficients it cannot be distinguished from
 
     @property
     def z(self) -> float:
         """Size in sigmas; 0 where not estimated."""
         return self.value / self.sigma if self.sigma > 0.0 else 0.0
+
+    @property
+    def idle(self) -> bool:
+        """Masked and zero: not worth a line."""
+        return self.status == "masked" and self.value == 0.0
 
 
 @dataclass(frozen=True)
@@ -57,14 +65,17 @@ class Review:
 
     @property
     def crc_text(self) -> str:
+        """CRC of the proposed KIN table, eight hex digits."""
         return f"{self.crc:08x}"
 
     @property
     def changes_something(self) -> bool:
-        return self.verdict == channels.VERDICTS[1]
+        """Whether flight proposes a change."""
+        return self.verdict == VERDICTS["CHANGE"]
 
     @property
     def estimated(self) -> tuple[CoefLine, ...]:
+        """Coefficients that the fit determined."""
         return tuple(c for c in self.coefs if c.sigma > 0.0)
 
 
@@ -91,7 +102,7 @@ def from_message(p: Any, names: list[str]) -> Review:
     """Plain values of a proposal_t; names: of the coefficients, from the terms table."""
     n = p.n_coef
     names = [names[i] if i < len(names) else f"coef[{i}]" for i in range(n)]
-    cov = lcmlog.unpack_cov(p.cov, n)
+    cov = unpack_covariance(p.cov, n)
     sigma = np.array(p.sigma[:n])
     on = np.flatnonzero(sigma > 0.0)
     d = np.sqrt(np.maximum(np.diag(cov)[on], 1e-300))
@@ -99,37 +110,34 @@ def from_message(p: Any, names: list[str]) -> Review:
         CoefLine(
             names[i],
             unit_of(names[i]),
-            channels.named(channels.COEF_STATUS, p.status[i]),
+            coef_status_name(p.status[i]),
             p.value[i],
             p.sigma[i],
-            tuple(names[k] for k in range(n) if k != i and p.entangled[i] >> k & 1),
+            tuple(names[k] for k in range(n) if k != i and p.confounded[i] >> k & 1),
         )
         for i in range(n)
     )
     return Review(
-        p.crc & 0xFFFFFFFF,
+        unsigned32(p.crc),
         p.session,
-        channels.named(channels.VERDICTS, p.verdict),
+        verdict_name(p.verdict),
         p.n_poses,
         p.n_outliers,
         lines,
         cov[np.ix_(on, on)] / np.outer(d, d),
         {key: getattr(p, key) for key, _u, _t in NUMBERS},
-        p.crc_kin_before & 0xFFFFFFFF,
+        unsigned32(p.crc_kin_before),
     )
 
 
-def worries(review: Review) -> list[str]:
+def warnings(review: Review) -> list[str]:
     """What a reviewer should look at before deciding; empty when nothing stands out."""
     out = []
     k = review.numbers
-    if review.verdict == channels.VERDICTS[2]:
+    if review.verdict == VERDICTS["POOR"]:
         out.append("flight itself calls the fit poor")
-    if k["p_fit"] < 1e-3:
-        out.append(
-            f"fit is worse than the stated noise explains: p = {k['p_fit']:.2g}, "
-            f"noise scale {k['noise_scale']:.2f}"
-        )
+    if fit := _bad_fit(review):
+        out.append(fit)
     if k["rank"] < k["n_free"]:
         held = [c.name for c in review.coefs if c.status == "held"]
         out.append(f"rank {k['rank']:.0f} of {k['n_free']:.0f}; held: {', '.join(held) or 'none'}")
@@ -138,9 +146,26 @@ def worries(review: Review) -> list[str]:
         out.append(f"at a bound: {', '.join(bound)}")
     if review.n_outliers:
         out.append(f"{review.n_outliers} of {review.n_poses} poses rejected as outliers")
-    if k["fit_pos_m"] > k["before_pos_m"]:
-        out.append("residual after the fit is larger than before")
+    if larger := _larger_residual(review):
+        out.append(larger)
     return out
+
+
+def reasons_to_reject(review: Review) -> list[str]:
+    """What makes `kincal run --accept ground` reject a correction; empty when it approves."""
+    return [text for text in (_bad_fit(review), _larger_residual(review)) if text]
+
+
+def _bad_fit(review: Review) -> str:
+    p, scale = review.numbers["p_fit"], review.numbers["noise_scale"]
+    if p >= P_FIT_MIN:
+        return ""
+    return f"fit is worse than the stated noise explains: p = {p:.2g}, noise scale {scale:.2f}"
+
+
+def _larger_residual(review: Review) -> str:
+    larger = review.numbers["fit_pos_m"] > review.numbers["before_pos_m"]
+    return "residual after the fit is larger than before" if larger else ""
 
 
 @dataclass(frozen=True)
@@ -162,63 +187,50 @@ def proposals_in(path: Path) -> list[Listed]:
     return [
         Listed(
             path,
-            p.crc & 0xFFFFFFFF,
+            unsigned32(p.crc),
             p.session,
-            channels.named(channels.VERDICTS, p.verdict),
+            verdict_name(p.verdict),
             p.n_poses,
             p.p_fit,
             p.before_pos_m,
             p.fit_pos_m,
         )
-        for s in lcmlog.read(path).sessions.values()
+        for s in read_log(path).sessions.values()
         if (p := s.proposal) is not None
     ]
 
 
 def parse_crc(text: str) -> int:
+    """A CRC from up to eight hex digits; BadInput if it is none."""
     try:
         value = int(text, 16)
     except ValueError:
         value = -1
     if not 0 <= value <= 0xFFFFFFFF:
-        raise KincalError(f"{text!r} is not a CRC", todo="give its eight hex digits as listed")
+        raise BadInput(f"{text!r} is not a CRC", todo="give its eight hex digits as listed")
     return value
 
 
 def coef_names(tables_dir: Path) -> list[str]:
     """Names of the coefficients from the terms table."""
-    _, terms = tables.load(tables_dir / "terms.tbl")
-    return [core.ffi.string(terms.coef[i].name).decode() for i in range(terms.n_coef)]
+    file = tables_dir / "terms.tbl"
+    if not file.is_file():
+        raise BadInput("no terms table", str(file), "give --tables DIR with the tables of the run")
+    _, terms = decode_as("terms", file.read_bytes(), str(file))
+    return list(Terms.of_table(terms).names)
 
 
 def find(path: Path, crc: str | None, tables_dir: Path) -> Review:
     """A proposal of a log by CRC, or the last one."""
-    found = [s.proposal for s in lcmlog.read(path).sessions.values() if s.proposal is not None]
+    found = [s.proposal for s in read_log(path).sessions.values() if s.proposal is not None]
     if crc is not None:
         wanted = parse_crc(crc)
-        found = [p for p in found if p.crc & 0xFFFFFFFF == wanted]
+        found = [p for p in found if unsigned32(p.crc) == wanted]
     if not found:
-        raise KincalError(
+        raise BadInput(
             "no such proposal in the log", str(path), "`kincal review list LOG` names what is there"
         )
     return from_message(found[-1], coef_names(tables_dir))
-
-
-def save_picture(review: Review, path: Path) -> None:
-    """Corrections with error bars and their correlation."""
-    from kincal import pictures  # matplotlib is slow to load
-
-    on = review.estimated
-    pictures.save_review_png(
-        [c.name for c in on],
-        [c.unit for c in on],
-        np.array([c.value for c in on]),
-        np.array([c.sigma for c in on]),
-        review.correlation,
-        path,
-        f"Correction {review.crc_text}: {review.verdict}, {review.n_poses} poses, "
-        f"p of the fit {review.numbers['p_fit']:.3f}",
-    )
 
 
 # --------------------------------------------------------------------------- decisions
@@ -237,9 +249,9 @@ def approve(
     link.command("APPROVE_GO", (crc,), timeout_s)
     say("approved")
     try:
-        link.wait_hk(lambda hk: hk.table_crc[KIN_KIND] & 0xFFFFFFFF == crc, timeout_s, "the new table")
-    except KincalFailed:
-        raise KincalFailed(
+        link.wait_hk(lambda hk: unsigned32(hk.table_crc[KIN_KIND]) == crc, timeout_s, "the new table")
+    except CommandFailed:
+        raise CommandFailed(
             f"approved, but table {crc:08x} was not seen in housekeeping",
             link.url,
             "look at the events and at `kincal table dump kin`",
@@ -269,11 +281,11 @@ def decide(
     something else waits, or when the journal is not sound."""
     crc = parse_crc(crc_text)
     if not by.strip() or not why.strip():
-        raise KincalError("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
+        raise BadInput("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
     check_journal(journal)
     on_board = waiting(link, timeout_s)
     if on_board != crc:
-        raise KincalFailed(
+        raise CommandFailed(
             f"correction {crc:08x} does not wait on board; "
             + (f"{on_board:08x} does" if on_board else "nothing does"),
             link.url,
@@ -290,7 +302,7 @@ def decide(
 
 def waiting(link: Link, timeout_s: float = 5.0) -> int:
     """CRC of the proposal that waits on board, 0 if none."""
-    return int(link.wait_hk(lambda _hk: True, timeout_s, "housekeeping").proposal_crc) & 0xFFFFFFFF
+    return unsigned32(link.wait_hk(lambda _hk: True, timeout_s, "housekeeping").proposal_crc)
 
 
 # --------------------------------------------------------------------------- journal
@@ -298,6 +310,9 @@ def waiting(link: Link, timeout_s: float = 5.0) -> int:
 
 @dataclass(frozen=True)
 class Entry:
+    """One decision of the journal. time: UTC, ISO; crc: eight hex digits; numbers: of the proposal, empty if
+    no log was given; previous: SHA-256 of the line before, empty for the first."""
+
     time: str
     decision: str
     crc: str
@@ -318,7 +333,7 @@ def record(
 ) -> Entry:
     """Append one decision. Refuses when the journal was tampered with."""
     if not by.strip() or not why.strip():
-        raise KincalError("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
+        raise BadInput("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
     lines = _lines(journal)
     check_journal(journal)
     entry = Entry(
@@ -350,13 +365,13 @@ def check_journal(journal: Path) -> list[Entry]:
         try:
             entry = Entry(**json.loads(line))
         except (ValueError, TypeError):
-            raise KincalError(
+            raise BadInput(
                 "the review journal is damaged",
                 f"{journal}:{i}",
                 "bring back the copy in your records; the tool never rewrites it",
             ) from None
         if entry.previous != before:
-            raise KincalError(
+            raise BadInput(
                 "the review journal was changed: a line does not follow from the one before",
                 f"{journal}:{i}",
                 "bring back the copy in your records",

@@ -1,579 +1,301 @@
-"""Tables: TOML for people <-> images for flight, through the flight core's own codec.
+"""Tables: TOML for people -> images for flight, and what differs between two tables.
 
-A TOML source uses the field names of the C struct of its kind (units are in the names), so the
-headers in fsw/ say what each value means. Added for people:
-
-* ``kind``, ``title`` and ``[provenance]`` (free text: where numbers come from);
-* a number may be written as an expression string such as ``"-pi/2"`` or ``"25*deg"``;
-* enumerations by name (``acquisition = "ucb"``);
-* ``terms``: a ``[dh]`` block stands for the four DH errors of every joint, and a coefficient with
-  ``joints = [...]`` stands for one per joint;
-* ``kernel``: a ``[[set]]`` with lists of hyperparameters stands for their whole grid; the spectral
-  coefficients are computed when the table is built;
-* ``space``: a description of the search, see ``kincal space build``.
+A source (tables/src/*.toml, models in kincal.schema.tables) uses the field names of the C struct of its kind,
+so the headers in fsw/ define each value. For people, some of it is shorter: a [dh] block stands for the four
+DH errors of every joint, a coefficient with `joints = [...]` for one per joint, a kernel [[set]] with lists
+for their whole grid; the spectral coefficients of the kernel are computed when the table is built. Search
+spaces are built by kincal.space.
 """
 
 from __future__ import annotations
 
-import ast
-import functools
 import itertools
-import math
-import operator
-import tomllib
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from kincal import core
-from kincal.errors import KincalError
+from kincal.errors import BadInput
+from kincal.flight import library
+from kincal.flight.kernel import spectral_table
+from kincal.flight.tables import Image, decode, encode, fill, new, to_doc
+from kincal.schema.errors import read_toml, validate
+from kincal.schema.names import VARIABLES
+from kincal.schema.tables import (
+    SOURCES,
+    ArmSource,
+    CoefEntry,
+    DhBlock,
+    KernelSource,
+    KinSource,
+    Source,
+    TermsSource,
+)
+from kincal.schema.terms import ONE, Basis, TermEntry, basis_text, place_text
 
-KINDS = {"arm": 1, "camera": 2, "terms": 3, "kin": 4, "space": 5, "kernel": 6, "config": 7}
-KIND_NAMES = {number: name for name, number in KINDS.items()}
-CTYPES = {name: f"kc_{name}_t" for name in KINDS}
-MAGIC = b"KCT1"
-HEADER_BYTES = 16
-VERSION = 1
+if TYPE_CHECKING:
+    from kincal.flight.tables import Table
 
-FRAMES = {"base": 0, "tool": 9, "camera": 10, "meas": 11}
-# Fields that are enumerations: their names come from the headers.
-ENUMS = {
-    ("kc_joint_t", "type"): ("kc_joint_type_t", "KC_"),
-    ("kc_config_t", "acquisition"): ("kc_acq_t", "KC_ACQ_"),
-    ("kc_kernel_t", "arg"): ("kc_kernel_arg_t", "KC_KERNEL_"),
-    ("kc_term_t", "comp"): ("kc_comp_t", "KC_"),
-    ("kc_basis_t", "fn"): ("kc_fn_t", "KC_FN_"),
-    ("kc_basis_t", "var"): ("kc_var_t", "KC_VAR_"),
-    ("kc_volume_t", "kind"): ("kc_volume_kind_t", "KC_VOL_"),
-}
-# struct -> {array field: (its counter, its name in TOML)}
-LISTS: dict[str, dict[str, tuple[str, str]]] = {
-    "kc_arm_t": {"joint": ("n_joints", "joint")},
-    "kc_camera_t": {"tag": ("n_tags", "tag")},
-    "kc_terms_t": {"coef": ("n_coef", "coef"), "term": ("n_term", "term")},
-    "kc_kin_t": {"value": ("n_coef", "value"), "sigma": ("n_coef", "sigma")},
-    "kc_kernel_t": {"hyper": ("n_hyper", "hyper")},
-    "kc_hyper_t": {"w": ("n_w", "w")},
-    "kc_space_t": {
-        "cand": ("n_cand", "cand"),
-        "prior": ("n_prior", "prior"),
-        "body": ("n_body", "body"),
-        "volume": ("n_volume", "volume"),
-    },
-}
-FOR_PEOPLE = {"kind", "title", "provenance"}
+# A table as a dict with the field names of its struct.
+Doc: TypeAlias = dict[str, Any]
+SourceT = TypeVar("SourceT", bound=Source)
+_FOR_PEOPLE = {"kind", "title", "provenance"}
 
 
-@dataclass(frozen=True)
-class Image:
-    """A table image and what its header says."""
-
-    kind: str
-    version: int
-    crc: int
-    payload_bytes: int
-    data: bytes
-
-    @property
-    def crc_text(self) -> str:
-        return f"{self.crc:08x}"
+# --------------------------------------------------------------------------- building
 
 
-# --------------------------------------------------------------------------- numbers and names
-
-_OPS = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
-    ast.USub: operator.neg,
-    ast.UAdd: operator.pos,
-}
-_CONSTANTS = {"pi": math.pi, "deg": math.pi / 180.0, "inf": math.inf}
-_CALLS = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt}
-
-
-def number(value: Any, where: str) -> float:
-    """A number, or an expression of numbers, pi, deg, sin, cos, sqrt in a string."""
-    if isinstance(value, bool):
-        return float(value)
-    if isinstance(value, (int, float)):
-        return float(value)
-    if not isinstance(value, str):
-        raise KincalError(f"{value!r} is not a number", where)
-
-    def walk(node: ast.AST) -> float:
-        if isinstance(node, ast.Expression):
-            return walk(node.body)
-        if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
-            return float(node.value)
-        if isinstance(node, ast.Name) and node.id in _CONSTANTS:
-            return _CONSTANTS[node.id]
-        if isinstance(node, ast.BinOp) and type(node.op) in _OPS:
-            return _OPS[type(node.op)](walk(node.left), walk(node.right))
-        if isinstance(node, ast.UnaryOp) and type(node.op) in _OPS:
-            return _OPS[type(node.op)](walk(node.operand))
-        if (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Name)
-            and node.func.id in _CALLS
-            and len(node.args) == 1
-        ):
-            return _CALLS[node.func.id](walk(node.args[0]))
-        raise ValueError(ast.dump(node))
-
-    try:
-        return walk(ast.parse(value, mode="eval"))
-    except (ValueError, SyntaxError, ZeroDivisionError, OverflowError, RecursionError):
-        raise KincalError(
-            f"cannot work out {value!r}", where, "use numbers, + - * / **, pi, deg, sin(), cos(), sqrt()"
-        ) from None
-
-
-@functools.cache
-def enum_names(ctype: str, prefix: str) -> tuple[str, ...]:
-    """Names of an enumeration of the headers, in order, in small letters and without prefix."""
-    elements = core.ffi.typeof(ctype).elements
-    return tuple(
-        elements[i].removeprefix(prefix).lower()
-        for i in sorted(elements)
-        if not elements[i].endswith("_COUNT")
-    )
-
-
-def names_of_field(struct: str, field: str) -> tuple[str, ...]:
-    """Names that a struct field takes, empty if it is a plain number."""
-    where = ENUMS.get((struct, field))
-    return enum_names(*where) if where else ()
-
-
-def kind_number(name: str, where: str = "") -> int:
-    try:
-        return KINDS[name]
-    except KeyError:
-        raise KincalError(f"unknown table kind {name!r}", where, "kinds are " + " ".join(KINDS)) from None
-
-
-def unit_of(coef: str) -> str:
-    """Unit of a coefficient from its name."""
-    if coef.startswith("encoder_gain"):
-        return "rad/rad"
-    if coef.startswith("joint_compliance"):
-        return "rad/(N m)"
-    if coef.endswith("_rad"):
-        return "rad"
-    if coef.endswith("_m"):
-        return "m"
-    return ""
-
-
-# --------------------------------------------------------------------------- dict <-> C struct
-
-
-def _fill_value(ctype: Any, old: Any, value: Any, struct: str, field: str, where: str) -> Any:
-    """Python value to put into a struct field of that type; fills arrays and structs in place."""
-    if ctype.kind == "primitive":
-        names = names_of_field(struct, field)
-        if names and isinstance(value, str):
-            if value not in names:
-                raise KincalError(f"{value!r} is none of {', '.join(names)}", where)
-            return names.index(value)
-        x = number(value, where)
-        if "float" in ctype.cname or "double" in ctype.cname:
-            return x
-        if not math.isfinite(x) or x != int(x):
-            raise KincalError(f"{value!r} must be a whole number", where)
-        # whole numbers stay whole: a 64-bit mask does not fit a double
-        return int(value) if isinstance(value, int) else int(x)
-    if ctype.kind == "struct":
-        fill(old, value, where)
-        return None
-    assert ctype.kind == "array"
-    if ctype.item.cname == "char":
-        text = str(value).encode("ascii", "replace")
-        if len(text) >= ctype.length:
-            raise KincalError(f"{value!r} is longer than {ctype.length - 1} characters", where)
-        core.ffi.buffer(old)[:] = text.ljust(ctype.length, b"\0")
-        return None
-    if not isinstance(value, list):
-        raise KincalError(f"expected a list, got {value!r}", where)
-    if len(value) > ctype.length:
-        raise KincalError(f"{len(value)} entries, room for {ctype.length}", where)
-    for i, item in enumerate(value):
-        new = _fill_value(ctype.item, old[i], item, struct, field, f"{where}[{i}]")
-        if new is not None:
-            try:
-                old[i] = new
-            except OverflowError:
-                raise KincalError(f"{item!r} does not fit {ctype.item.cname}", f"{where}[{i}]") from None
-    return None
-
-
-def fill(target: Any, doc: Any, where: str = "") -> None:
-    """Fill a C struct from a dict with its field names. Every field must be given; none may be
-    unknown; counters follow from the lengths of lists."""
-    struct = core.ffi.typeof(target)
-    if struct.kind == "pointer":
-        target, struct = target[0], struct.item
-    name = struct.cname
-    lists = LISTS.get(name, {})
-    counters = {counter for counter, _ in lists.values()}
-    if not isinstance(doc, dict):
-        raise KincalError(f"expected a block of fields, got {doc!r}", where)
-    known = {lists[f][1] if f in lists else f for f, _ in struct.fields if f not in counters}
-    given = {key for key in doc if not (where.count(":") == 0 and key in FOR_PEOPLE)}
-    for key in sorted(given - known):
-        raise KincalError(f"unknown field {key!r}", where or name, f"fields are {', '.join(sorted(known))}")
-    for key in sorted(known - given):
-        raise KincalError(f"field {key!r} is missing", where or name)
-    for field, info in struct.fields:
-        if field in counters:
-            continue
-        key = lists[field][1] if field in lists else field
-        here = f"{where}:{key}" if where else key
-        value = doc[key]
-        if field in lists:
-            setattr(target, lists[field][0], len(value))
-        old = getattr(target, field) if info.type.kind != "primitive" else None
-        new = _fill_value(info.type, old, value, name, field, here)
-        if new is not None:
-            try:
-                setattr(target, field, new)
-            except OverflowError:
-                raise KincalError(f"{value!r} does not fit {info.type.cname}", here) from None
-
-
-def to_doc(source: Any) -> Any:
-    """The opposite of fill: a dict of plain values."""
-    ctype = core.ffi.typeof(source)
-    if ctype.kind == "pointer":
-        source, ctype = source[0], ctype.item
-    name = ctype.cname
-    lists = LISTS.get(name, {})
-    counters = {counter for counter, _ in lists.values()}
-    doc: dict[str, Any] = {}
-    for field, info in ctype.fields:
-        if field in counters:
-            continue
-        value = getattr(source, field)
-        count = int(getattr(source, lists[field][0])) if field in lists else None
-        key = lists[field][1] if field in lists else field
-        doc[key] = _plain(info.type, value, name, field, count)
-    return doc
-
-
-def _plain(ctype: Any, value: Any, struct: str, field: str, count: int | None) -> Any:
-    if ctype.kind == "primitive":
-        names = names_of_field(struct, field)
-        if names and 0 <= value < len(names):
-            return names[value]
-        return value
-    if ctype.kind == "struct":
-        return to_doc(value)
-    if ctype.item.cname == "char":
-        return core.ffi.string(value).decode("ascii", "replace")
-    if ctype.item.cname in ("uint8_t", "unsigned char") and ctype.length > 1000:
-        return core.ffi.buffer(value)[:]  # bit sets stay bytes
-    n = ctype.length if count is None else count
-    return [_plain(ctype.item, value[i], struct, field, None) for i in range(n)]
-
-
-# --------------------------------------------------------------------------- the codec
-
-
-def encode(kind: str, struct: Any) -> Image:
-    """Image of a filled C struct."""
-    number_ = kind_number(kind)
-    need = core.ffi.new("uint32_t *")
-    core.lib.kc_tbl_encode(number_, struct, 0, core.ffi.NULL, 0, need)
-    buffer = core.ffi.new("uint8_t[]", int(need[0]))
-    status = core.lib.kc_tbl_encode(number_, struct, 0, buffer, need[0], need)
-    if status != 0:
-        raise KincalError(f"the table cannot be written: {core.status_name(status)}", kind)
-    return header(bytes(core.ffi.buffer(buffer)), kind)
-
-
-def header(data: bytes, where: str = "") -> Image:
-    """Read the header only."""
-    if len(data) < HEADER_BYTES or data[:4] != MAGIC:
-        raise KincalError(
-            "this is not a table image", where, "images start with KCT1; build one with table build"
+def source_kind(source: Path) -> str:
+    """Kind of table that a TOML source is for, "space" among them. BadInput names the possible kinds."""
+    kind = read_toml(source).get("kind")
+    kinds = (*SOURCES, "space")
+    if kind not in kinds:
+        todo = "write " + " or ".join(f'kind = "{name}"' for name in kinds)
+        raise BadInput(
+            "kind: is missing" if kind is None else f"kind: {kind!r} is no kind of table", str(source), todo
         )
-    number_ = int.from_bytes(data[4:6], "little")
-    if number_ not in KIND_NAMES:
-        raise KincalError(f"unknown table kind {number_}", where)
-    return Image(
-        KIND_NAMES[number_],
-        int.from_bytes(data[6:8], "little"),
-        int.from_bytes(data[12:16], "little"),
-        int.from_bytes(data[8:12], "little"),
-        data,
-    )
+    return str(kind)
 
 
-def decode(data: bytes, where: str = "") -> tuple[Image, Any]:
-    """Check an image as flight would and return it with its C struct."""
-    image = header(data, where)
-    struct = core.ffi.new(f"{CTYPES[image.kind]} *")
-    events = core.ffi.new("kc_events_t *")
-    status = core.lib.kc_tbl_decode(KINDS[image.kind], data, len(data), struct, events)
-    if status != 0:
-        said = [event_line(e.id, e.index, e.got, e.want) for e in events.e[0 : events.n]]
-        raise KincalError(
-            f"{image.kind} table refused: {core.status_name(status)}"
-            + "".join(f"\n    {line}" for line in said),
-            where,
-        )
-    return image, struct
-
-
-def event_line(event_id: int, index: int, got: float, want: float) -> str:
-    """NAME: text of an event with its values filled in; the dictionary is the core's."""
-    name = core.ffi.string(core.lib.kc_event_name(event_id)).decode()
-    text = core.ffi.string(core.lib.kc_event_text(event_id)).decode()
-    crc = "CRC" in text or "correction {got}" in text or name in ("COR_ROLLBACK",)
-
-    def show(x: float) -> str:
-        if crc and float(x).is_integer() and abs(x) > 4096.0:
-            return f"{int(x) & 0xFFFFFFFF:08x}"
-        return f"{x:g}"
-
-    return f"{name}: " + (
-        text.replace("{got}", show(got)).replace("{want}", show(want)).replace("{index}", str(index))
-    )
-
-
-# --------------------------------------------------------------------------- TOML sources
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except FileNotFoundError:
-        raise KincalError("no such file", str(path)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise KincalError(f"not valid TOML: {error}", str(path)) from None
-
-
-def build(source: Path, tables: Path | None = None) -> Image:
-    """Build one image from its TOML source. A space description needs `tables`, the directory with the
-    arm and camera images it is built for."""
-    doc = read_toml(source)
-    where = str(source)
-    kind = doc.get("kind", "")
-    kind_number(kind, where)
+def build(source: Path) -> Image:
+    """Image of a TOML source. SchemaError lists all that is wrong with it; BadInput says what flight
+    would refuse, and for a search space by which command it is built."""
+    kind = source_kind(source)
     if kind == "space":
-        from kincal import space  # the search imports this module
-
-        return space.build(space.read_description(source), tables or source.parent.parent / "bin").image
-    expand = {"terms": expand_terms, "kernel": expand_kernel, "arm": expand_arm, "kin": expand_kin}.get(
-        kind, lambda d, _w: d
-    )
-    struct = core.ffi.new(f"{CTYPES[kind]} *")
-    body = {key: value for key, value in doc.items() if key not in FOR_PEOPLE}
-    fill(struct, expand(body, where), where)
+        raise BadInput(
+            "a search space is not built like other tables", str(source), "use `kincal space build`"
+        )
+    struct = new(kind)
+    fill(struct, _doc(validate(SOURCES[kind], read_toml(source), str(source)), str(source)), str(source))
     image = encode(kind, struct)
-    decode(image.data, where)  # what flight would refuse is refused here
+    decode(image.data, str(source))  # what flight would refuse is refused here
     return image
 
 
-def load(path: Path, tables: Path | None = None) -> tuple[Image, Any]:
-    """Image and struct of a .tbl or .toml file."""
+def load(path: Path, build_source: Callable[[Path], Image] = build) -> tuple[Image, Table]:
+    """Image and struct of a .tbl file, or of a .toml source as `build_source` builds it. BadInput
+    otherwise."""
     if path.suffix == ".toml":
-        return decode(build(path, tables).data, str(path))
+        return decode(build_source(path).data, str(path))
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise KincalError(f"cannot read: {error.strerror}", str(path)) from None
+        raise BadInput(f"cannot read: {error.strerror}", str(path)) from None
     return decode(data, str(path))
 
 
 def build_order(sources: list[Path]) -> list[Path]:
-    """Spaces last: they need the arm and the camera."""
-    return sorted(sources, key=lambda p: (read_toml(p).get("kind") == "space", p.name))
+    """Sources with spaces last: they are built for the arm and camera tables beside them."""
+    return sorted(sources, key=lambda path: (read_toml(path).get("kind") == "space", path.name))
 
 
-def expand_arm(doc: dict[str, Any], _where: str) -> dict[str, Any]:
-    """Joints may leave out mass_kg and com_m (has_mass follows) and carry a name."""
-    out = dict(doc)
-    out["joint"] = []
-    for joint in doc.get("joint", []):
-        entry = {key: value for key, value in joint.items() if key != "joint_name"}
-        entry["has_mass"] = int("mass_kg" in joint)
-        entry.setdefault("mass_kg", 0.0)
-        entry.setdefault("com_m", [0.0, 0.0, 0.0])
-        entry.setdefault("gear_ratio", 0.0)
-        out["joint"].append(entry)
-    return out
+def _doc(source: Source, where: str) -> Doc:
+    """The source with the fields of its struct, everything written out."""
+    match source:
+        case ArmSource():
+            return _arm_doc(source)
+        case TermsSource():
+            return _terms_doc(source)
+        case KernelSource():
+            return _kernel_doc(source, where)
+        case KinSource():
+            return _kin_doc(source)
+    return _fields(source)
 
 
-def expand_kin(doc: dict[str, Any], _where: str) -> dict[str, Any]:
-    """A nominal table may give n_coef instead of lists of zeros."""
-    out = dict(doc)
-    n = out.pop("n_coef", None)
-    if n is not None:
-        out = {"value": [0.0] * int(n), "sigma": [0.0] * int(n)} | out
-    return out
+def _fields(source: Source, *without: str) -> Doc:
+    return source.model_dump(mode="json", exclude=_FOR_PEOPLE | set(without))
 
 
-_DH = (("phi_rad", "rz", -1), ("alpha_rad", "rx", 0), ("a_m", "tx", 0), ("d_m", "tz", -1))
-_COEF_KEYS = ("name", "lb", "ub", "prior_sigma", "scale", "enabled")
+def _arm_doc(source: ArmSource) -> Doc:
+    """has_mass follows from what is given; joint_name is for people."""
+    doc = _fields(source)
+    for joint in doc["joint"]:
+        del joint["joint_name"]
+        joint["has_mass"] = int(joint["mass_kg"] is not None)
+        joint["mass_kg"] = joint["mass_kg"] or 0.0
+        joint["com_m"] = joint["com_m"] or [0.0, 0.0, 0.0]
+    return doc
 
 
-def expand_terms(doc: dict[str, Any], where: str) -> dict[str, Any]:
-    """[dh] and per-joint coefficients written out; terms numbered by coefficient."""
-    unknown = set(doc) - {"dh", "coef"}
-    if unknown:
-        raise KincalError(
-            f"unknown field {sorted(unknown)[0]!r}", where, "a terms table has [dh] and [[coef]]"
+def _kin_doc(source: KinSource) -> Doc:
+    doc = _fields(source, "n_coef")
+    if source.n_coef is not None:
+        doc |= {"value": [0.0] * source.n_coef, "sigma": [0.0] * source.n_coef}
+    return doc
+
+
+def _kernel_doc(source: KernelSource, where: str) -> Doc:
+    """Every [[set]] becomes the grid of its lists."""
+    hyper = []
+    for entry in source.set:
+        lists = (
+            x if isinstance(x, list) else [x] for x in (entry.nu, entry.kappa, entry.beta_m, entry.sigma_s)
         )
-    coefs: list[dict[str, Any]] = []
-    terms: list[dict[str, Any]] = []
-    for entry in itertools.chain(_dh_entries(doc.get("dh"), where), doc.get("coef", [])):
-        for j in entry.get("joints", [None]):
-            here = f"{where}:coef {entry.get('name')}"
-            coefs.append({key: _required(entry, key, here) for key in _COEF_KEYS})
-            coefs[-1]["name"] = str(entry["name"]).replace("{j}", str(j))
-            coefs[-1]["enabled"] = int(bool(entry["enabled"]))
-            for term in _required(entry, "term", here):
-                terms.append(_expand_term(term, len(coefs) - 1, j, here))
+        hyper += [_hyperparameters(source.arg, values, where) for values in itertools.product(*lists)]
+    return _fields(source, "set") | {"hyper": hyper}
+
+
+def _hyperparameters(arg: str, values: tuple[float, ...], where: str) -> Doc:
+    nu, kappa, beta_m, sigma_s = values
+    try:
+        spectrum = spectral_table(arg, kappa, nu)
+    except ValueError as error:
+        raise BadInput(str(error), where) from None
+    w, trunc_err = [float(w) for w in spectrum.w], float(spectrum.trunc_err)
+    return {"sigma_s": sigma_s, "beta_m": beta_m, "kappa": kappa, "nu": nu, "w": w, "trunc_err": trunc_err}
+
+
+# --------------------------------------------------------------------------- correction terms
+
+# DH errors in the order of a joint's coefficients: name, place, component of the twist
+_DH = (
+    ("phi_rad", "before[j]", "rz"),
+    ("alpha_rad", "link[j]", "rx"),
+    ("a_m", "link[j]", "tx"),
+    ("d_m", "before[j]", "tz"),
+)
+# joint[j] is the axis of a revolute joint; a terms table does not know the arm's joint types
+_OWN_AXIS = "rz"
+
+
+def _terms_doc(source: TermsSource) -> Doc:
+    """[dh] and per-joint coefficients written out; terms numbered by coefficient."""
+    coefs: list[Doc] = []
+    terms: list[Doc] = []
+    dh = _dh_entries(source.dh) if source.dh else ()
+    for entry in itertools.chain(dh, source.coef):
+        for j in entry.joints if entry.joints is not None else (None,):
+            terms += [_term_doc(term, len(coefs), j) for term in entry.term]
+            coefs.append(_coef_doc(entry, j))
     return {"coef": coefs, "term": terms}
 
 
-def _required(entry: dict[str, Any], key: str, where: str) -> Any:
-    try:
-        return entry[key]
-    except KeyError:
-        raise KincalError(f"field {key!r} is missing", where) from None
-
-
-def _dh_entries(dh: dict[str, Any] | None, where: str) -> Iterator[dict[str, Any]]:
-    if dh is None:
-        return
-    here = f"{where}:dh"
-    n = int(_required(dh, "joints", here))
-    for j in range(1, n + 1):
-        for name, comp, shift in _DH:
-            bound = _required(_required(dh, "bound", here), name, here)
-            if isinstance(bound, list):  # one for each joint
-                if len(bound) != n:
-                    raise KincalError(f"{len(bound)} bounds for {n} joints", f"{here}.bound.{name}")
-                bound = bound[j - 1]
-            bound = number(bound, here)
-            yield {
-                "name": f"J{j}.{name}",
-                "lb": -bound,
-                "ub": bound,
-                "prior_sigma": _required(dh, "prior_sigma", here)[name],
-                "scale": _required(dh, "scale", here)[name],
-                "enabled": dh.get("enabled", True),
-                "term": [{"frame": j + shift, "comp": comp}],
-            }
-
-
-def _expand_term(term: dict[str, Any], coef: int, j: int | None, where: str) -> dict[str, Any]:
-    frame = term.get("frame")
-    if frame == "before joint" and j is not None:
-        frame = j - 1
-    elif frame == "after joint" and j is not None:
-        frame = j
-    elif isinstance(frame, str):
-        if frame not in FRAMES:
-            raise KincalError(
-                f"unknown frame {frame!r}",
-                where,
-                "0..n, " + ", ".join(FRAMES) + ", or with joints = [...] 'before joint', 'after joint'",
+def _dh_entries(dh: DhBlock) -> Iterator[CoefEntry]:
+    for j in range(1, dh.joints + 1):
+        for name, at, comp in _DH:
+            bound = getattr(dh.bound, name)
+            bound = bound[j - 1] if isinstance(bound, list) else bound
+            yield CoefEntry(
+                name=f"J{{j}}.{name}",
+                joints=[j],
+                lb=-bound,
+                ub=bound,
+                prior_sigma=getattr(dh.prior_sigma, name),
+                scale=getattr(dh.scale, name),
+                enabled=dh.enabled,
+                term=[TermEntry(at=at, comp=comp)],
             )
-        frame = FRAMES[frame]
-    one = {"fn": "lin", "var": "one", "index": 0, "c0": 0.0, "c1": 1.0}
-    bases = [one | {k: (j if v == "joint" else v) for k, v in b.items()} for b in term.get("basis", [])]
-    bases += [one] * (2 - len(bases))
+
+
+def _coef_doc(entry: CoefEntry, j: int | None) -> Doc:
+    doc = entry.model_dump(include={"lb", "ub", "prior_sigma", "scale"})
+    return doc | {"name": entry.name.replace("{j}", str(j)), "enabled": int(entry.enabled)}
+
+
+def _term_doc(term: TermEntry, coef: int, j: int | None) -> Doc:
+    names = {} if j is None else {"j": float(j), "p": float(j - 1)}
+    frame = term.place.frame(names)
     return {
         "coef": coef,
-        "frame": frame,
-        "comp": term.get("comp"),
-        "gain": term.get("gain", 1.0),
-        "basis": bases,
+        "frame": _special_frames()[frame] if isinstance(frame, str) else frame,
+        "comp": term.comp or _OWN_AXIS,
+        "gain": float(term.gain),
+        "basis": [
+            {"fn": b.fn, "var": b.flight_var, "index": b.index, "c0": b.c0, "c1": b.c1}
+            for b in term.bases(names)
+        ],
     }
 
 
-def expand_kernel(doc: dict[str, Any], where: str) -> dict[str, Any]:
-    """Every [[set]] becomes the grid of its lists; spectral tables are computed here."""
-    from kincal import kernels  # numbers by another module; only needed to build
+@cache
+def _special_frames() -> dict[str, int]:
+    flight = library("flight")
+    return {name: flight.constant(f"KC_FRAME_{name.upper()}") for name in ("tool", "camera", "meas")}
 
-    hyper = []
-    for entry in doc.get("set", []):
-        grid = {
-            key: entry[key] if isinstance(entry.get(key), list) else [_required(entry, key, f"{where}:set")]
-            for key in ("nu", "kappa", "beta_m", "sigma_s")
-        }
-        for nu, kappa, beta_m, sigma_s in itertools.product(*grid.values()):
-            try:
-                spectrum = kernels.spectral_table(
-                    doc.get("arg", "so3"), number(kappa, where), number(nu, where)
-                )
-            except ValueError as error:
-                raise KincalError(str(error), where) from None
-            hyper.append(
-                {
-                    "sigma_s": sigma_s,
-                    "beta_m": beta_m,
-                    "kappa": kappa,
-                    "nu": nu,
-                    "w": [float(w) for w in spectrum.w],
-                    "trunc_err": float(spectrum.trunc_err),
-                }
-            )
-    return {key: value for key, value in doc.items() if key != "set"} | {"hyper": hyper}
+
+# --------------------------------------------------------------------------- for people
+
+
+def readable(struct: Table) -> Doc:
+    """A struct as a dict of plain values, correction terms in the grammar of the sources."""
+    doc = to_doc(struct)
+    if "term" in doc:
+        doc["term"] = [_readable_term(term) for term in doc["term"]]
+    return doc
+
+
+def _readable_term(term: Doc) -> Doc:
+    frame = next(
+        (name for name, number in _special_frames().items() if number == term["frame"]), term["frame"]
+    )
+    first, second = (_basis(b) for b in term["basis"])
+    return {
+        "coef": term["coef"],
+        "at": place_text(frame),
+        "comp": term["comp"],
+        "gain": term["gain"],
+        "basis": basis_text(first, second),
+    }
+
+
+def _basis(doc: Doc) -> Basis:
+    if doc["var"] == ONE.flight_var:
+        return ONE
+    var = next(name for name, variable in VARIABLES.items() if variable.flight == doc["var"])
+    return Basis(doc["fn"], var, doc["index"], doc["c0"], doc["c1"])
+
+
+def unit_of(coef: str) -> str:
+    """Unit of a coefficient from its name; "" if the name does not say it."""
+    if coef.startswith("encoder_gain"):
+        return "rad/rad"
+    if coef.startswith("joint_compliance"):
+        return "rad/(N m)"
+    return "rad" if coef.endswith("_rad") else "m" if coef.endswith("_m") else ""
 
 
 # --------------------------------------------------------------------------- differences
 
 
-def flatten(doc: Any, path: str = "") -> dict[str, Any]:
-    """path -> value; list entries that carry a name go by it."""
-    if isinstance(doc, dict):
-        out: dict[str, Any] = {}
-        for key, value in doc.items():
-            out |= flatten(value, f"{path}.{key}" if path else key)
-        return out
-    if isinstance(doc, list):
-        out = {}
-        for i, value in enumerate(doc):
-            tag = value["name"] if isinstance(value, dict) and value.get("name") else str(i)
-            out |= flatten(value, f"{path}[{tag}]")
-        return out
-    if isinstance(doc, bytes):
-        return {path: f"{sum(b.bit_count() for b in doc)} bits set, {len(doc)} bytes, hash {hash_bytes(doc)}"}
-    return {path: doc}
-
-
-def hash_bytes(data: bytes) -> str:
-    import zlib
-
-    return f"{zlib.crc32(data):08x}"
-
-
 @dataclass(frozen=True)
 class Change:
+    """A field that differs: its path, and its values in the two tables (None where it is absent)."""
+
     path: str
     a: Any
     b: Any
 
 
-def diff(a: Path, b: Path) -> tuple[Image, Image, list[Change]]:
-    """Every field that differs between two tables of one kind."""
-    image_a, struct_a = load(a)
-    image_b, struct_b = load(b)
+def flatten(doc: Any, path: str = "") -> Doc:
+    """path -> value; list entries that carry a name go by it, others by their number from 0."""
+    out: Doc = {}
+    if isinstance(doc, dict):
+        for key, value in doc.items():
+            out |= flatten(value, f"{path}.{key}" if path else key)
+    elif isinstance(doc, list):
+        for i, value in enumerate(doc):
+            tag = value["name"] if isinstance(value, dict) and value.get("name") else str(i)
+            out |= flatten(value, f"{path}[{tag}]")
+    elif isinstance(doc, bytes):
+        bits = sum(byte.bit_count() for byte in doc)
+        out[path] = f"{bits} bits set, {len(doc)} bytes, hash {zlib.crc32(doc):08x}"
+    else:
+        out[path] = doc
+    return out
+
+
+def diff(
+    a: Path, b: Path, build_source: Callable[[Path], Image] = build
+) -> tuple[Image, Image, list[Change]]:
+    """Every field that differs between two tables of one kind. BadInput if they are of two kinds."""
+    image_a, struct_a = load(a, build_source)
+    image_b, struct_b = load(b, build_source)
     if image_a.kind != image_b.kind:
-        raise KincalError(f"{image_a.kind} and {image_b.kind} tables cannot be compared", f"{a} {b}")
-    flat_a, flat_b = flatten(to_doc(struct_a)), flatten(to_doc(struct_b))
-    keys = list(flat_a) + [key for key in flat_b if key not in flat_a]
-    return (
-        image_a,
-        image_b,
-        [Change(key, flat_a.get(key), flat_b.get(key)) for key in keys if flat_a.get(key) != flat_b.get(key)],
-    )
+        raise BadInput(f"{image_a.kind} and {image_b.kind} tables cannot be compared", f"{a} {b}")
+    flat_a, flat_b = flatten(readable(struct_a)), flatten(readable(struct_b))
+    keys = dict.fromkeys((*flat_a, *flat_b))
+    changes = [Change(k, flat_a.get(k), flat_b.get(k)) for k in keys if flat_a.get(k) != flat_b.get(k)]
+    return image_a, image_b, changes

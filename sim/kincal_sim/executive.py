@@ -11,34 +11,42 @@ import argparse
 import json
 import sys
 import time
+from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import kcm
 
-from .bus import Bus, Participant
+from .bus import Bus
+from .lockstep import Participant, Received
 from .scenario import ACCEPT, ACQUISITIONS, VERDICTS, Scenario, load
 
-HEARD = ["KC_HK", "KC_ACK", "KC_EVENT", "KC_PROPOSAL", "KC_ARM_STATE", "KC_PANTILT_STATE"]
-IDLE, REVIEW, SAFE = 0, 9, 11  # KC_HK.state, see docs/INTERFACES.md
-TBL_KIN = 4
-ABORTED = 75  # event whose `got` is the cause, see docs/STATES.md
+CHANNELS = ["KC_HK", "KC_ACK", "KC_EVENT", "KC_PROPOSAL", "KC_ARM_STATE", "KC_PANTILT_STATE"]
+# An executive knows flight by docs/INTERFACES.md alone, so these numbers and texts are here once more; a test
+# compares them with the headers.
+IDLE, REVIEW, SAFE = 0, 9, 11  # KC_HK.state
+TBL_KIN = 4  # index in KC_HK.table_crc
+WARNING = 2  # KC_EVENT.severity
+ABORTED = 75  # event whose `got` is the cause, an index into CAUSES
 CAUSES = (
-    "it was told to stop",
+    "command ABORT",
     "the arm controller reports a fault",
-    "the arm did not get there in time",
-    "the head did not get there in time",
-    "no image came",
-    "no usable pose was left",
-    "the arm stands where no proven path begins",
-    "time or energy was used up",
-    "arm or head fell silent",
-    "no correction within its bounds explains what was seen, so the arm goes nowhere else",
-    "too few of the first looks saw a tag, so the arm goes nowhere else",
+    "the arm did not reach its target in time, or did not come to rest",
+    "the pan-tilt unit did not reach its target in time, or did not come to rest",
+    "no frame in spite of all retries",
+    "no usable candidate left before enough was measured",
+    "no verified path begins where the arm stands",
+    "time or energy used up before enough was measured",
+    "no state messages from the arm or the pan-tilt unit",
+    "no correction within its bounds explains the observations",
+    "tags detected at fewer than a third of the local initial poses",
 )
 FIRST_HEARTBEAT_S = 30.0
 LINGER_S = 2.0  # after the end: one more heartbeat shows where flight stands
 ABORT_WAIT_S = 10.0
 POLICY_WAIT_S = 10.0
+ACTIVE_WAIT_S = 2.0  # beyond the time-out of the answer
 PEOPLE_S = 0.1  # wall time of a tick while people decide
 GROUND_WAIT_S = 1800.0  # with --accept ground: somebody listens and will decide
 
@@ -46,238 +54,286 @@ GROUND_WAIT_S = 1800.0  # with --accept ground: somebody listens and will decide
 class Executive:
     """One calibration. tick(now_us, messages) is called ten times a second; `send` publishes a command.
 
-    Phases: HELLO (wait for heartbeat, arm and head) -> START -> RUN -> DECIDE (policy) -> ARM -> GO -> END,
-    or GROUND (somebody else decides) -> END, and from START and RUN ABORT -> END.
+    Phases: HELLO (wait for heartbeat, arm and pan-tilt unit) -> START -> RUN -> DECIDE (policy) -> ARM -> GO
+    -> END, or GROUND (somebody else decides) -> END, and from START and RUN ABORT -> END.
+
+    seed: of flight's random acquisition; acquisition, poses: instead of the scenario's; first_seq: number of
+    the first command. result: set when it is over, see record().
     """
 
     def __init__(
         self,
         scenario: Scenario,
-        send,
+        send: Callable[[kcm.cmd_t], None],
         seed: int = 1,
         acquisition: str = "",
         poses: int = 0,
         first_seq: int = 1,
     ):
         self.limits, self.send = scenario.executive, send
-        self.ask = [
-            ACQUISITIONS[acquisition or scenario.calibration.acquisition],
-            poses or scenario.calibration.poses,
-            seed,
-            0,
-        ]
-        self.mask = scenario.calibration.estimate_mask
-        self.seq = first_seq
-        self.phase, self.since_us, self.now_us, self.begun_us = "HELLO", None, 0, None
-        self.hk = self.hk_us = self.proposal = self.awaited = None
-        self.arm_heard = self.head_heard = False
-        self.pose, self.pose_us = -1, 0
+        request = scenario.calibration
+        self.start_args = [ACQUISITIONS[acquisition or request.acquisition], poses or request.poses, seed, 0]
+        self.estimate_mask = request.estimate_mask
+        self.phase = "HELLO"
         self.result: dict = {}
-        self.warnings: dict[int, int] = {}
-        self.why = ""
+        self.warnings: Counter[int] = Counter()  # events by id
+        self._seq = first_seq
+        self._now_us = 0
+        self._begun_us: int | None = None
+        self._phase_us = 0  # when this phase began
+        self._hk: Any = None
+        self._hk_us = 0
+        self._proposal: Any = None
+        self._awaited_seq: int | None = None  # command whose answer is awaited
+        self._arm_received = self._pantilt_received = False
+        self._n_poses, self._pose_us = -1, 0
+        self._abort_cause = ""
 
-    # -- inputs --------------------------------------------------------------------------------------
+    # ---- inputs ------------------------------------------------------------------------------------
 
-    def tick(self, now_us: int, messages: list) -> bool:
-        """Take what was heard, look at the clocks, act. False when everything is over."""
-        self.now_us = now_us
-        self.since_us = now_us if self.since_us is None else self.since_us
-        self.begun_us = now_us if self.begun_us is None else self.begun_us
+    def tick(self, now_us: int, messages: list[Received]) -> bool:
+        """Take in (channel, message) pairs, look at the clocks, act. False when everything is over."""
+        self._now_us = now_us
+        if self._begun_us is None:
+            self._begun_us = self._phase_us = now_us
         for channel, m in messages:
-            getattr(self, "_on_" + channel.removeprefix("KC_").lower())(m)
+            self._HANDLERS[channel](self, m)
         if self.phase not in ("ABORT", "END"):
-            self._watch()
-        getattr(self, "_do_" + self.phase.lower())()
+            self._check_timeouts()
+        self._ACTIONS[self.phase](self)
         return not (self.phase == "END" and self._waited(LINGER_S))
 
-    def _on_hk(self, m) -> None:
-        self.hk, self.hk_us = m, self.now_us
-        if m.n_poses != self.pose:
-            self.pose, self.pose_us = m.n_poses, self.now_us
+    def _on_hk(self, m: kcm.hk_t) -> None:
+        self._hk, self._hk_us = m, self._now_us
+        if m.n_poses != self._n_poses:
+            self._n_poses, self._pose_us = m.n_poses, self._now_us
 
-    def _on_arm_state(self, _) -> None:
-        self.arm_heard = True
+    def _on_arm_state(self, _: kcm.arm_state_t) -> None:
+        self._arm_received = True
 
-    def _on_pantilt_state(self, _) -> None:
-        self.head_heard = True
+    def _on_pantilt_state(self, _: kcm.pantilt_state_t) -> None:
+        self._pantilt_received = True
 
-    def _on_ack(self, m) -> None:
-        if m.source != kcm.cmd_t.SRC_EXECUTIVE or m.seq != self.awaited:
+    def _on_ack(self, m: kcm.ack_t) -> None:
+        if m.source != kcm.cmd_t.SRC_EXECUTIVE or m.seq != self._awaited_seq:
             return
-        self.awaited = None
+        self._awaited_seq = None
         if m.status != 0 and self.phase != "ABORT":
             self._fail(f"command {m.opcode} refused with status {m.status}, event {m.event_id}")
 
-    def _on_event(self, m) -> None:
-        if m.severity >= 2:
-            self.warnings[m.id] = self.warnings.get(m.id, 0) + 1
+    def _on_event(self, m: kcm.event_t) -> None:
+        if m.severity >= WARNING:
+            self.warnings[m.id] += 1
         if m.id == ABORTED and 0 <= m.got < len(CAUSES):
-            self.why = f": {CAUSES[int(m.got)]}"
+            self._abort_cause = f": {CAUSES[int(m.got)]}"
 
-    def _on_proposal(self, m) -> None:
+    def _on_proposal(self, m: kcm.proposal_t) -> None:
         if self.phase == "RUN":
-            self.proposal = m
+            self._proposal = m
 
-    # -- phases --------------------------------------------------------------------------------------
+    # ---- phases ------------------------------------------------------------------------------------
 
-    def _do_hello(self) -> None:
-        if self.hk is not None and self.arm_heard and self.head_heard:
+    def _hello(self) -> None:
+        if self._hk is not None and self._arm_received and self._pantilt_received:
             # Only a calibration of our own counts from here on.
-            self._command(kcm.cmd_t.START, self.ask, self.mask)
-            self._go("START")
+            self._command(kcm.cmd_t.START, self.start_args, self.estimate_mask)
+            self._enter("START")
 
-    def _do_start(self) -> None:
-        if self.awaited is None:
-            self._go("RUN")
-            self.pose_us = self.now_us
+    def _start(self) -> None:
+        if self._awaited_seq is None:
+            self._enter("RUN")
+            self._pose_us = self._now_us
 
-    def _do_run(self) -> None:
-        if self.proposal is not None:
-            self._go("DECIDE")
-        elif self._hk_since() and self.hk.state == SAFE:
-            self._fail(f"flight gave the calibration up{self.why}")
-        elif self._hk_since() and self.hk.state == IDLE and self._waited(LINGER_S):
+    def _run(self) -> None:
+        if self._proposal is not None:
+            self._enter("DECIDE")
+        elif self._hk_since() and self._hk.state == SAFE:
+            self._fail(f"flight aborted the calibration{self._abort_cause}")
+        elif self._hk_since() and self._hk.state == IDLE and self._waited(LINGER_S):
             self._fail("flight is idle and proposed nothing")
 
-    def _do_decide(self) -> None:
-        p, accept = self.proposal, self.limits.accept
-        if p.verdict == kcm.proposal_t.NO_CHANGE:
-            self._succeed("nothing needs to change")
-        elif p.verdict != kcm.proposal_t.CHANGE:
+    def _decide(self) -> None:
+        if self._proposal.verdict == kcm.proposal_t.NO_CHANGE:
+            self._succeed("no change needed")
+        elif self._proposal.verdict != kcm.proposal_t.CHANGE:
             self._fail("the fit is poor")
-        elif accept == "ground":
-            self._go("GROUND")
-        elif accept == "policy":
-            if self._active():
-                self._succeed("accepted on board")
-            elif self._waited(POLICY_WAIT_S):
-                self._succeed("outside the on-board policy, correction waits for the ground")
-        elif reason := self._outside_limits(p):
+        elif self.limits.accept == "ground":
+            self._enter("GROUND")
+        elif self.limits.accept == "policy":
+            self._by_policy()
+        else:
+            self._by_limits()
+
+    def _by_policy(self) -> None:
+        """Flight decides by the policy that is on board."""
+        if self._active():
+            self._succeed("accepted on board")
+        elif self._waited(POLICY_WAIT_S):
+            self._succeed("outside the on-board policy, the correction waits for the ground")
+
+    def _by_limits(self) -> None:
+        """The executive decides by the scenario's limits, in two steps."""
+        if reason := self._limit_violation(self._proposal):
             self._fail(f"correction not accepted: {reason}")
         else:
-            self._command(kcm.cmd_t.APPROVE_ARM, [p.crc, 0, 0, 0])
-            self._go("ARM")
+            self._command(kcm.cmd_t.APPROVE_ARM, [self._proposal.crc, 0, 0, 0])
+            self._enter("ARM")
 
-    def _do_ground(self) -> None:
+    def _wait_for_ground(self) -> None:
         """The ground decides; with ground_wait_s = 0 the run ends while the correction waits."""
         if self._active():
             self._succeed("correction approved by the ground and active")
-        elif self._hk_since() and self.hk.proposal_crc == 0:
+        elif self._hk_since() and self._hk.proposal_crc == 0:
             self._fail("correction rejected by the ground")
         elif self._waited(self.limits.ground_wait_s):
             self._succeed("correction waits for the ground")
 
-    def _do_arm(self) -> None:
-        if self.awaited is None:
-            self._command(kcm.cmd_t.APPROVE_GO, [self.proposal.crc, 0, 0, 0])
-            self._go("GO")
+    def _arm(self) -> None:
+        """The first step of the approval is sent; the second follows its answer."""
+        if self._awaited_seq is None:
+            self._command(kcm.cmd_t.APPROVE_GO, [self._proposal.crc, 0, 0, 0])
+            self._enter("GO")
 
-    def _do_go(self) -> None:
+    def _wait_until_active(self) -> None:
         if self._active():
             self._succeed("correction approved and active")
-        elif self._waited(self.limits.ack_timeout_s + 2.0):
+        elif self._waited(self.limits.ack_timeout_s + ACTIVE_WAIT_S):
             self._fail("approved correction did not become active")
 
-    def _do_abort(self) -> None:
-        if self.awaited is None or self._waited(ABORT_WAIT_S):
-            self._go("END")
+    def _abort(self) -> None:
+        if self._awaited_seq is None or self._waited(ABORT_WAIT_S):
+            self._enter("END")
 
-    def _do_end(self) -> None:
-        pass
+    def _end(self) -> None:
+        """Nothing is left to do; tick() says so after LINGER_S."""
 
-    # -- clocks and helpers --------------------------------------------------------------------------
+    _HANDLERS = {
+        "KC_HK": _on_hk,
+        "KC_ARM_STATE": _on_arm_state,
+        "KC_PANTILT_STATE": _on_pantilt_state,
+        "KC_ACK": _on_ack,
+        "KC_EVENT": _on_event,
+        "KC_PROPOSAL": _on_proposal,
+    }
+    _ACTIONS = {
+        "HELLO": _hello,
+        "START": _start,
+        "RUN": _run,
+        "DECIDE": _decide,
+        "GROUND": _wait_for_ground,
+        "ARM": _arm,
+        "GO": _wait_until_active,
+        "ABORT": _abort,
+        "END": _end,
+    }
 
-    def _watch(self) -> None:
-        """Heartbeat, answer and progress time-outs."""
+    # ---- clocks and helpers ------------------------------------------------------------------------
+
+    def _check_timeouts(self) -> None:
+        """Heartbeat, answer and progress."""
         limits = self.limits
         if self.phase == "HELLO":
             if self._waited(FIRST_HEARTBEAT_S):
-                heard = {"heartbeat": self.hk, "arm state": self.arm_heard, "head state": self.head_heard}
-                self._fail(f"no {' and no '.join(k for k, v in heard.items() if not v)}")
-        elif self._ago(self.hk_us) > limits.heartbeat_timeout_s:
+                self._fail(f"no {' and no '.join(self._missing())}")
+        elif self._ago(self._hk_us) > limits.heartbeat_timeout_s:
             self._fail(f"heartbeat lost for {limits.heartbeat_timeout_s:g} s")
-        elif self.awaited is not None and self._waited(limits.ack_timeout_s):
-            self._fail(f"command {self.awaited} not answered within {limits.ack_timeout_s:g} s")
-        elif self.phase == "RUN" and self._ago(self.pose_us) > limits.pose_timeout_s:
+        elif self._awaited_seq is not None and self._waited(limits.ack_timeout_s):
+            self._fail(f"command {self._awaited_seq} not answered within {limits.ack_timeout_s:g} s")
+        elif self.phase == "RUN" and self._ago(self._pose_us) > limits.pose_timeout_s:
             self._fail(f"no new pose for {limits.pose_timeout_s:g} s")
-        elif self._ago(self.begun_us) > limits.total_timeout_s:
+        elif self._ago(self._begun_us or 0) > limits.total_timeout_s:
             self._fail(f"not finished after {limits.total_timeout_s:g} s")
 
-    def _outside_limits(self, p) -> str:
+    def _missing(self) -> list[str]:
+        received = {
+            "heartbeat": self._hk is not None,
+            "arm state": self._arm_received,
+            "pan-tilt state": self._pantilt_received,
+        }
+        return [name for name, there in received.items() if not there]
+
+    def _limit_violation(self, p: kcm.proposal_t) -> str:
+        """The first of the scenario's limits that the proposal does not keep; empty if it keeps all."""
         limits = self.limits
         for name, got, allowed in (
             ("predicted position sigma", p.pred_pos_m, limits.pred_pos_max_m),
             ("predicted rotation sigma", p.pred_rot_rad, limits.pred_rot_max_rad),
             ("outliers", p.n_outliers, limits.outliers_max),
         ):
-            if not got <= allowed:
+            if not got <= allowed:  # NaN is a violation too
                 return f"{name} {got:.4g} > {allowed:.4g}"
         return ""
 
     def _active(self) -> bool:
         """Housekeeping newer than this phase shows the proposed table in force."""
-        return self._hk_since() and self.hk.table_crc[TBL_KIN] == self.proposal.crc
+        return self._hk_since() and self._hk.table_crc[TBL_KIN] == self._proposal.crc
 
     def _hk_since(self) -> bool:
-        return self.hk is not None and self.hk.t_us >= self.since_us
+        return self._hk is not None and self._hk.t_us >= self._phase_us
 
     def _ago(self, t_us: int) -> float:
-        return (self.now_us - t_us) * 1e-6
+        return (self._now_us - t_us) * 1e-6
 
     def _waited(self, seconds: float) -> bool:
-        return self._ago(self.since_us) >= seconds
+        return self._ago(self._phase_us) >= seconds
 
-    def _go(self, phase: str) -> None:
-        self.phase, self.since_us = phase, self.now_us
+    def _enter(self, phase: str) -> None:
+        self.phase, self._phase_us = phase, self._now_us
 
-    def _command(self, opcode: int, arg_i=(0, 0, 0, 0), arg_u64: int = 0) -> None:
+    def _command(self, opcode: int, arg_i: Sequence[int] = (0, 0, 0, 0), arg_u64: int = 0) -> None:
         m = kcm.cmd_t()
-        m.t_us, m.seq, m.source, m.opcode = self.now_us, self.seq, kcm.cmd_t.SRC_EXECUTIVE, opcode
+        m.t_us, m.seq, m.source, m.opcode = self._now_us, self._seq, kcm.cmd_t.SRC_EXECUTIVE, opcode
         m.arg_i, m.arg_u64 = list(arg_i), arg_u64
         self.send(m)
-        self.awaited, self.seq = self.seq, self.seq + 1
+        self._awaited_seq, self._seq = self._seq, self._seq + 1
 
     def _succeed(self, reason: str) -> None:
         self._finish(True, reason)
-        self._go("END")
+        self._enter("END")
 
     def _fail(self, reason: str) -> None:
-        """Give up. While flight still measures, it is told to stop; a proposal is left to the ground."""
+        """End without success. While flight still measures, ABORT is sent; a proposal stays."""
         self._finish(False, reason)
-        self.awaited = None
-        if self.phase in ("START", "RUN") and self.hk.state not in (IDLE, REVIEW, SAFE):
+        self._awaited_seq = None
+        if self.phase in ("START", "RUN") and self._hk.state not in (IDLE, REVIEW, SAFE):
             self._command(kcm.cmd_t.ABORT)
-            self._go("ABORT")
+            self._enter("ABORT")
         else:
-            self._go("END")
+            self._enter("END")
 
     def _finish(self, success: bool, reason: str) -> None:
         if self.result:
             return
-        p = self.proposal
+        p = self._proposal
         self.result = {
             "success": success,
             "reason": reason,
             "phase": self.phase,
             "verdict": VERDICTS[p.verdict] if p is not None and 0 <= p.verdict < len(VERDICTS) else "",
-            "crc": f"{p.crc & 0xFFFFFFFF:08x}" if p is not None else "",
-            "n_poses": p.n_poses if p is not None else max(self.pose, 0),
-            "mission_s": round(self._ago(self.begun_us), 1),
+            "crc": _hex(p.crc) if p is not None else "",
+            "n_poses": p.n_poses if p is not None else max(self._n_poses, 0),
+            "mission_s": round(self._ago(self._begun_us or 0), 1),
         }
 
     def record(self) -> dict:
         """The result with flight's last housekeeping, for result.json."""
-        hk = self.hk
+        hk = self._hk
         return {
             **self.result,
             "state": hk.state if hk else None,
-            "table_crc_kin": f"{hk.table_crc[TBL_KIN] & 0xFFFFFFFF:08x}" if hk else "",
+            "table_crc_kin": _hex(hk.table_crc[TBL_KIN]) if hk else "",
             "warnings": {str(k): v for k, v in sorted(self.warnings.items())},
         }
 
 
+def _hex(crc: int) -> str:
+    return f"{crc & 0xFFFFFFFF:08x}"
+
+
 def options(argv: list[str] | None) -> argparse.Namespace:
-    p = argparse.ArgumentParser(prog="python -m kincal_sim.executive", description=__doc__.split("\n")[0])
+    """The command line."""
+    about = (__doc__ or "").split("\n")[0]
+    p = argparse.ArgumentParser(prog="python -m kincal_sim.executive", description=about)
     p.add_argument(
         "--scenario", required=True, help="name or file: accept policy, time-outs, what to ask for"
     )
@@ -293,33 +349,46 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     return p.parse_args(argv)
 
 
-def main(argv: list[str] | None = None) -> int:
-    o = options(argv)
-    bus = Bus(o.url)
-    # Live, a restarted executive must still be newer than its predecessor: count on from the clock.
-    first_seq = int(time.time() - 1.7e9) * 4 if o.live else 1
+def scenario_of(o: argparse.Namespace) -> Scenario:
+    """The scenario with the accept policy of the command line. Raises BadInput."""
     scenario = load(o.scenario)
     scenario.executive.accept = o.accept or scenario.executive.accept
     if o.accept == "ground":
         scenario.executive.ground_wait_s = max(scenario.executive.ground_wait_s, GROUND_WAIT_S)
+    return scenario
+
+
+def main(argv: list[str] | None = None) -> int:
+    """The process; exit status as above."""
+    o = options(argv)
+    bus = Bus(o.url)
+    # Live, a restarted executive must still be newer than its predecessor: count on from the clock.
+    first_seq = int(time.time() - 1.7e9) * 4 if o.live else 1
     executive = Executive(
-        scenario, lambda m: bus.publish("KC_CMD", m), o.seed, o.acquisition, o.poses, first_seq
+        scenario_of(o), lambda m: bus.publish("KC_CMD", m), o.seed, o.acquisition, o.poses, first_seq
     )
 
-    def act(now_us: int, messages: list) -> bool:
+    def act(now_us: int, messages: list[Received]) -> bool:
         alive = executive.tick(now_us, messages)
         if executive.phase == "GROUND" and not o.live:
             time.sleep(PEOPLE_S)  # lockstep would be over before anybody has read the proposal
         return alive
 
-    part = Participant(bus, kcm.tick_done_t.WHO_EXECUTIVE, HEARD, act)
+    participant = Participant(bus, kcm.tick_done_t.WHO_EXECUTIVE, CHANNELS, act)
     o.out.mkdir(parents=True, exist_ok=True)
-    part.run_live() if o.live else part.run_lockstep()
-    # Written as a whole: whoever finds the file finds all of it.
-    part_file = o.out / "result.json.part"
-    part_file.write_text(json.dumps(executive.record(), indent=1) + "\n")
-    part_file.rename(o.out / "result.json")
+    if o.live:
+        participant.run_live()
+    else:
+        participant.run_lockstep()
+    _write_whole(o.out / "result.json", json.dumps(executive.record(), indent=1) + "\n")
     return 0 if executive.result["success"] else 1
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Whoever finds the file finds all of it."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(text)
+    part.rename(path)
 
 
 if __name__ == "__main__":

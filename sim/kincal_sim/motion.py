@@ -1,35 +1,45 @@
-"""Joint and head controllers: they know encoder readings only, and move them with limited speed."""
+"""Controllers of the arm and of the pan-tilt unit: they know encoder readings only and move them at
+limited speed. Time is in seconds and only runs forward."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-REACHED = 1e-9  # [rad] nearer than this is no motion
+REACHED_RAD = 1e-9  # nearer than this is no motion
+SETTLE_TIME_CONSTANTS = 7.0  # vibration decays to a thousandth while the arm settles
 
 
 @dataclass(frozen=True)
-class Profile:
-    """Distance along a path over time: pieces (acceleration, duration) from a starting speed."""
+class VelocityProfile:
+    """Distance along a line over time: pieces (acceleration, duration) from a starting speed."""
 
     v0: float
     pieces: tuple[tuple[float, float], ...]
 
     @staticmethod
-    def rest_to_rest(distance: float, v_max: float, a_max: float) -> Profile:
-        """Trapezoid (or triangle, if the way is short) from rest to rest."""
+    def rest_to_rest(distance: float, v_max: float, a_max: float) -> VelocityProfile:
+        """Trapezoid, or a triangle if the distance is short."""
         v = min(v_max, float(np.sqrt(distance * a_max)))
         ramp = v / a_max
-        return Profile(0.0, ((a_max, ramp), (0.0, distance / v - ramp), (-a_max, ramp)))
+        return VelocityProfile(0.0, ((a_max, ramp), (0.0, distance / v - ramp), (-a_max, ramp)))
 
     @staticmethod
-    def stop(v: float, a_max: float) -> Profile:
-        return Profile(v, ((-a_max, v / a_max),))
+    def stop(v: float, a_max: float) -> VelocityProfile:
+        """Brake from speed v."""
+        return VelocityProfile(v, ((-a_max, v / a_max),))
 
     @property
     def duration(self) -> float:
+        """[s]"""
         return sum(t for _, t in self.pieces)
+
+    @property
+    def braked_from(self) -> float:
+        """Speed before the braking at the end."""
+        return max((-a * t for a, t in self.pieces), default=0.0)
 
     def at(self, t: float) -> tuple[float, float]:
         """Distance and speed at time t since the start (clamped to the end)."""
@@ -40,129 +50,150 @@ class Profile:
         return s, v
 
 
-class Mover:
-    """Moves a vector of axes along straight lines, all axes arriving together, then settles.
+@dataclass(frozen=True)
+class Vibration:
+    """How axes vibrate after braking. gain_s: amplitude [rad] per speed braked from [rad/s]."""
 
-    A new goal while moving first brakes along the old line. Time is in seconds and only runs forward.
+    duration_s: float = 0.0
+    frequency_hz: float = 5.0
+    gain_s: float = 0.0
+
+    def at(self, dt_s: float, amplitude_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Displacement and speed dt_s after the end of the move; None once it is over.
+
+        It is cut off at a thousandth of the amplitude, so that "at rest" is exact."""
+        if self.duration_s - dt_s <= 1e-9 or not amplitude_rad.any():
+            return None
+        tau = self.duration_s / SETTLE_TIME_CONSTANTS
+        omega = 2 * np.pi * self.frequency_hz
+        decay = np.exp(-dt_s / tau)
+        displacement = amplitude_rad * decay * np.sin(omega * dt_s)
+        speed = amplitude_rad * decay * (omega * np.cos(omega * dt_s) - np.sin(omega * dt_s) / tau)
+        return displacement, speed
+
+
+class TrajectoryGenerator:
+    """Moves axes along straight lines, all of them arriving together, then lets them vibrate.
+
+    q: (n,) start; speed, accel: (n,) limits per axis. direction: (n,) sign of each axis' last motion.
+    A new goal while moving first brakes along the old line.
     """
 
-    def __init__(self, q, speed, accel, settle_s=0.0, settle_hz=5.0, settle_gain_s=0.0):
-        self.q_rest = np.array(q, float)  # start of the present line
-        self.unit = np.zeros_like(self.q_rest)
-        self.profile: Profile | None = None
-        self.t_start = self.t_rest = 0.0
-        self.goal: np.ndarray | None = None  # waits until braking is done
-        self.goal_scale = 1.0
+    def __init__(self, q: ArrayLike, speed: ArrayLike, accel: ArrayLike, vibration: Vibration | None = None):
         self.speed, self.accel = np.array(speed, float), np.array(accel, float)
-        self.settle_s, self.settle_hz, self.settle_gain_s = settle_s, settle_hz, settle_gain_s
-        self.swing = np.zeros_like(self.q_rest)
-        self.dir = np.zeros(len(self.q_rest), int)
+        self.vibration = vibration or Vibration()
+        self.direction = np.zeros(len(self.speed), int)
+        self._start = np.array(q, float)  # of the present line
+        self._unit = np.zeros_like(self._start)  # along the present line; the fastest axis has 1
+        self._line_accel = 0.0
+        self._profile: VelocityProfile | None = None  # None: at rest
+        self._t_start = self._t_rest = 0.0
+        self._goal: np.ndarray | None = None  # waits until braking is done
+        self._goal_scale = 1.0
+        self._amplitude = np.zeros_like(self._start)
 
-    def command(self, t: float, goal, scale: float) -> None:
-        """Go to `goal` with `scale` of the speed limits, from wherever the axes are at time t."""
+    def command(self, t: float, goal: ArrayLike, scale: float) -> None:
+        """Go to `goal` with `scale` (0..1] of the speed limits, from wherever the axes are at time t."""
         self._brake(t)
-        self.goal, self.goal_scale = np.array(goal, float), scale
+        self._goal, self._goal_scale = np.array(goal, float), scale
         self._advance(t)
 
     def hold(self, t: float) -> None:
         """Brake and stay."""
         self._brake(t)
-        self.goal = None
+        self._goal = None
+
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Positions, speeds, and whether anything moves or vibrates."""
+        self._advance(t)
+        if self._profile is not None:
+            s, v = self._profile.at(t - self._t_start)
+            return self._start + s * self._unit, v * self._unit, True
+        vibrating = self.vibration.at(t - self._t_rest, self._amplitude)
+        if vibrating is None:
+            return self._start.copy(), np.zeros_like(self._start), False
+        return self._start + vibrating[0], vibrating[1], True
 
     def _brake(self, t: float) -> None:
-        if self.profile is None:
+        if self._profile is None:
             return
-        s, v = self.profile.at(t - self.t_start)
-        self.q_rest = self.q_rest + s * self.unit
-        self.profile, self.t_start = Profile.stop(v, self._a_line), t
-
-    def _arrive(self, t: float) -> None:
-        # Braking shakes the arm: the first swing follows the speed it braked from.
-        v = max((-a * length for a, length in self.profile.pieces), default=0.0)
-        self.swing = self.settle_gain_s * v * self.unit
-        self.profile, self.t_rest = None, t
-
-    def _begin(self, t: float) -> None:
-        line = self.goal - self.q_rest
-        scale, self.goal = self.goal_scale, None
-        distance = float(np.max(np.abs(line)))
-        if distance < REACHED:
-            return
-        self.unit = line / distance
-        share = np.maximum(np.abs(self.unit), 1e-12)
-        self._a_line = float(np.min(self.accel / share))
-        self.profile = Profile.rest_to_rest(distance, scale * float(np.min(self.speed / share)), self._a_line)
-        self.t_start = t
-        self.dir = np.where(np.abs(line) < REACHED, self.dir, np.sign(line)).astype(int)
+        s, v = self._profile.at(t - self._t_start)
+        self._start = self._start + s * self._unit
+        self._profile, self._t_start = VelocityProfile.stop(v, self._line_accel), t
 
     def _advance(self, t: float) -> None:
         # At most: the end of braking, then the start and end of one waiting move.
         for _ in range(3):
-            if self.profile is not None and t - self.t_start >= self.profile.duration:
-                t_end = self.t_start + self.profile.duration
-                self.q_rest = self.q_rest + self.profile.at(self.profile.duration)[0] * self.unit
-                self._arrive(t_end)
-                if self.goal is not None:
-                    self._begin(t_end)
-            elif self.profile is None and self.goal is not None:
-                self._begin(t)
+            if self._profile is not None and t - self._t_start >= self._profile.duration:
+                self._arrive(self._profile)
+            elif self._profile is None and self._goal is not None:
+                self._begin(t, self._goal)
 
-    def at(self, t: float) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Positions, speeds, and whether anything moves or settles."""
-        self._advance(t)
-        if self.profile is not None:
-            s, v = self.profile.at(t - self.t_start)
-            return self.q_rest + s * self.unit, v * self.unit, True
-        left = self.settle_s - (t - self.t_rest)
-        if left <= 1e-9 or not self.swing.any():
-            return self.q_rest.copy(), np.zeros_like(self.q_rest), False
-        # Decays to a thousandth and is cut off there, so that "at rest" is exact.
-        tau = self.settle_s / 7.0
-        omega, dt = 2 * np.pi * self.settle_hz, t - self.t_rest
-        decay = np.exp(-dt / tau)
-        swing = self.swing * decay * np.sin(omega * dt)
-        speed = self.swing * decay * (omega * np.cos(omega * dt) - np.sin(omega * dt) / tau)
-        return self.q_rest + swing, speed, True
+    def _arrive(self, profile: VelocityProfile) -> None:
+        t_end = self._t_start + profile.duration
+        self._start = self._start + profile.at(profile.duration)[0] * self._unit
+        # Braking shakes the arm: the first swing follows the speed it braked from.
+        self._amplitude = self.vibration.gain_s * profile.braked_from * self._unit
+        self._profile, self._t_rest = None, t_end
+        if self._goal is not None:
+            self._begin(t_end, self._goal)
+
+    def _begin(self, t: float, goal: np.ndarray) -> None:
+        line, self._goal = goal - self._start, None
+        distance = float(np.max(np.abs(line)))
+        if distance < REACHED_RAD:
+            return
+        self._unit = line / distance
+        share = np.maximum(np.abs(self._unit), 1e-12)
+        speed = self._goal_scale * float(np.min(self.speed / share))
+        self._line_accel = float(np.min(self.accel / share))
+        self._profile = VelocityProfile.rest_to_rest(distance, speed, self._line_accel)
+        self._t_start = t
+        self.direction = np.where(np.abs(line) < REACHED_RAD, self.direction, np.sign(line)).astype(int)
 
 
 class ArmController:
-    """Takes arm commands, refuses impossible ones with a fault bit, and answers with encoder readings."""
+    """Takes arm commands and refuses impossible ones with a fault bit per joint.
 
-    def __init__(self, spec: dict, q_start=None):
-        joints, m = spec["joint"], spec["motion"]
+    spec: as arm.load_spec reads it; q_start: (n,) instead of the park pose. trajectory: encoder readings over
+    time; q_cmd: (n,) last accepted goal; fault_mask: bit j-1 for joint j.
+    """
+
+    def __init__(self, spec: dict, q_start: ArrayLike | None = None):
+        joints, motion = spec["joint"], spec["motion"]
         self.n = len(joints)
         self.q_min = np.array([j["q_rad"][0] for j in joints])
         self.q_max = np.array([j["q_rad"][1] for j in joints])
-        start = np.array(m["home_rad"] if q_start is None else q_start, float)
-        self.mover = Mover(
+        start = np.array(motion["park_rad"] if q_start is None else q_start, float)
+        self.trajectory = TrajectoryGenerator(
             start,
             [j["speed_rad_s"] for j in joints],
             [j["accel_rad_s2"] for j in joints],
-            m["settle_s"],
-            m["settle_hz"],
-            m["settle_gain_s"],
+            Vibration(motion["settle_s"], motion["settle_hz"], motion["settle_gain_s"]),
         )
         self.q_cmd = start.copy()
         self.fault_mask = 0
-        self.last_seq: int | None = None
+        self._last_seq: int | None = None
 
-    def command(self, t: float, seq: int, q_rad, speed_scale: float, hold: bool) -> bool:
-        """Start a move. False if refused: the arm goes on with what it did, fault_mask names the joints
-        (all of them for a wrong count or speed) until the next good command. A repeated or older sequence
-        number is ignored."""
-        if self.last_seq is not None and seq <= self.last_seq:
+    def command(self, t: float, seq: int, q_rad: ArrayLike, speed_scale: float, hold: bool) -> bool:
+        """Start a move, or brake and stay (hold). False if refused.
+
+        A refused command leaves the arm with what it did; fault_mask names the joints (all of them for a
+        wrong count or speed) until the next good command. A repeated or older number is ignored.
+        """
+        if self._last_seq is not None and seq <= self._last_seq:
             return False
-        self.last_seq = seq
+        self._last_seq = seq
         if hold:
             self.fault_mask = 0
-            self.mover.hold(t)
-            self.q_cmd = self.mover.at(t)[0]
+            self.trajectory.hold(t)
+            self.q_cmd = self.trajectory.at(t)[0]
             return True
         self.fault_mask = self._faults(np.asarray(q_rad, float), speed_scale)
         if self.fault_mask:
             return False
         self.q_cmd = np.array(q_rad, float)
-        self.mover.command(t, self.q_cmd, speed_scale)
+        self.trajectory.command(t, self.q_cmd, speed_scale)
         return True
 
     def _faults(self, q: np.ndarray, speed_scale: float) -> int:
@@ -172,20 +203,25 @@ class ArmController:
         return int(sum(1 << int(j) for j in np.flatnonzero(bad)))
 
 
-class HeadController:
-    """Pan/tilt head with absolute encoders; commands beyond its limits stop at the limit."""
+class PanTiltController:
+    """Pan-tilt unit with absolute encoders; a command beyond a limit stops at the limit.
+
+    trajectory: (pan, tilt) [rad] over time.
+    """
 
     def __init__(self, spec: dict):
-        head = spec["head"]
-        self.lo = np.array([head["pan_rad"][0], head["tilt_rad"][0]])
-        self.hi = np.array([head["pan_rad"][1], head["tilt_rad"][1]])
-        speed = head["speed_rad_s"]
-        self.mover = Mover(head["start_rad"], [speed, speed], [4 * speed, 4 * speed])
-        self.last_seq: int | None = None
+        unit = spec["pantilt"]
+        self.lower = np.array([unit["pan_rad"][0], unit["tilt_rad"][0]])
+        self.upper = np.array([unit["pan_rad"][1], unit["tilt_rad"][1]])
+        speed = unit["speed_rad_s"]
+        self.trajectory = TrajectoryGenerator(unit["start_rad"], [speed, speed], [4 * speed, 4 * speed])
+        self._last_seq: int | None = None
 
     def command(self, t: float, seq: int, pan_rad: float, tilt_rad: float) -> bool:
-        if (self.last_seq is not None and seq <= self.last_seq) or not np.isfinite([pan_rad, tilt_rad]).all():
+        """Start a move. False if refused: not finite, or a repeated or older number."""
+        newer = self._last_seq is None or seq > self._last_seq
+        if not newer or not np.isfinite([pan_rad, tilt_rad]).all():
             return False
-        self.last_seq = seq
-        self.mover.command(t, np.clip([pan_rad, tilt_rad], self.lo, self.hi), 1.0)
+        self._last_seq = seq
+        self.trajectory.command(t, np.clip([pan_rad, tilt_rad], self.lower, self.upper), 1.0)
         return True

@@ -1,16 +1,25 @@
 """Pose of the tool from tag corners: the arithmetic of the tag detector, for the mode without pixels.
 
-Written apart from the C++ detector; a test compares the two on the same corners.
+Written separately from the C++ detector; a test compares the two on the same corners.
+Points are (k, 3) in the tool frame [m], pixels (k, 2), K is 3x3 [px]; R (3x3) and p (3,) [m] take the tool to
+the camera frame.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from . import tags
+
+REFINE_UNTIL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
+SAME_RAD = 0.01  # two refined candidates this close are the same minimum
+SeenTag = tuple[
+    np.ndarray, float, np.ndarray
+]  # T_tool_tag, edge of the black square [m], corners (4, 2) [px]
 
 
 @dataclass(frozen=True)
@@ -25,20 +34,26 @@ class Pose:
     rms_alt_px: float
 
 
+@dataclass(frozen=True)
+class _Candidate:
+    R: np.ndarray
+    p: np.ndarray
+    rms_px: float
+
+
 def tool_corners(T_tool_tag: np.ndarray, size_m: float) -> np.ndarray:
-    """The four corners of a tag in the tool frame, in libapriltag's order (4x3)."""
-    flat = np.column_stack([tags.CORNERS * size_m, np.zeros(4)])
-    return flat @ T_tool_tag[:3, :3].T + T_tool_tag[:3, 3]
+    """(4, 3) corners of a tag in the tool frame, in libapriltag's order."""
+    return tags.corners_m(size_m) @ T_tool_tag[:3, :3].T + T_tool_tag[:3, 3]
 
 
 def project(K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Pixels of tool-frame points."""
+    """(k, 2) pixels of tool-frame points."""
     x = points @ R.T + p
     return np.column_stack([K[0, 0] * x[:, 0] / x[:, 2] + K[0, 2], K[1, 1] * x[:, 1] / x[:, 2] + K[1, 2]])
 
 
 def jacobian(K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """d pixels / d (position, rotation vector) in the camera frame, rotation error on the left."""
+    """(2k, 6) d pixels / d (position, rotation vector) in the camera frame, rotation error on the left."""
     r = points @ R.T
     x = r + p
     J = np.zeros((2 * len(points), 6))
@@ -56,61 +71,53 @@ def jacobian(K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray) ->
 
 
 def corner_sigma(rms_px: float, n_corners: int, known_px: float, weight: float) -> float:
-    """Corner noise: what is known beforehand, for `weight` residuals, and the residuals of this fit."""
+    """Corner noise [px]: what is known beforehand, for `weight` residuals, and the residuals of this fit."""
     n = 2 * n_corners
     return float(np.sqrt((weight * known_px**2 + n * rms_px**2) / (weight + n - 6.0)))
 
 
 def covariance(J: np.ndarray, sigma_px: float) -> np.ndarray:
-    """6x6 covariance (position, rotation vector) of a pose fitted to corners of this noise."""
+    """6x6 covariance (position [m], rotation vector [rad]) of a pose fitted to corners of this noise."""
     return np.linalg.inv(J.T @ J) * sigma_px**2
 
 
-def _rms(K, R, p, points, pixels) -> float:
-    e = project(K, R, p, points) - pixels
-    return float(np.sqrt(np.mean(e**2)))
+def solve(K: np.ndarray, seen: list[SeenTag]) -> Pose | None:
+    """One pose from all tags seen; None if no candidate lies in front.
+
+    Each tag gives two plane poses (IPPE); each is refined on all corners together. The best is the answer,
+    the next one that differs from it is the alternative.
+    """
+    points = np.vstack([tool_corners(T, size) for T, size, _ in seen])
+    pixels = np.vstack([px for _, _, px in seen])
+    starts = [start for tag in seen for start in _plane_poses(K, tag)]
+    refined = [_refine(K, R, p, points, pixels) for R, p in starts]
+    found = [c for c in refined if np.isfinite(c.rms_px) and np.all((points @ c.R.T + c.p)[:, 2] > 0.0)]
+    if not found:
+        return None
+    found.sort(key=lambda c: c.rms_px)
+    best = found[0]
+    other = next((c for c in found if _rotation_between(c.R, best.R) > SAME_RAD), best)
+    return Pose(best.R, best.p, best.rms_px, other.R, other.p, other.rms_px)
 
 
-def _refine(K, R, p, points, pixels) -> tuple[np.ndarray, np.ndarray, float]:
-    rvec, tvec = cv2.solvePnPRefineLM(
-        points,
-        pixels,
-        K,
-        None,
-        cv2.Rodrigues(R)[0],
-        p.reshape(3, 1).copy(),
-        (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-12),
-    )
-    R = cv2.Rodrigues(rvec)[0]
-    p = tvec.ravel()
-    return R, p, _rms(K, R, p, points, pixels)
+def _plane_poses(K: np.ndarray, seen: SeenTag) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The two plane poses of one tag, as poses (R, p) of the tool."""
+    T, size_m, px = seen
+    n, rvecs, tvecs, _ = cv2.solvePnPGeneric(tags.corners_m(size_m), px, K, None, flags=cv2.SOLVEPNP_IPPE)
+    for rvec, tvec in list(zip(rvecs, tvecs, strict=True))[:n]:
+        R = cv2.Rodrigues(rvec)[0] @ T[:3, :3].T
+        yield R, tvec.ravel() - R @ T[:3, 3]
+
+
+def _refine(
+    K: np.ndarray, R: np.ndarray, p: np.ndarray, points: np.ndarray, pixels: np.ndarray
+) -> _Candidate:
+    rvec, tvec = cv2.Rodrigues(R)[0], p.reshape(3, 1).copy()
+    rvec, tvec = cv2.solvePnPRefineLM(points, pixels, K, None, rvec, tvec, REFINE_UNTIL)
+    R, p = cv2.Rodrigues(rvec)[0], tvec.ravel()
+    rms_px = float(np.sqrt(np.mean((project(K, R, p, points) - pixels) ** 2)))
+    return _Candidate(R, p, rms_px)
 
 
 def _rotation_between(A: np.ndarray, B: np.ndarray) -> float:
     return float(np.linalg.norm(cv2.Rodrigues(A.T @ B)[0]))
-
-
-def solve(K: np.ndarray, seen: list[tuple[np.ndarray, float, np.ndarray]]) -> Pose | None:
-    """One pose from all tags seen: list of (T_tool_tag, size_m, corner pixels 4x2).
-
-    Each tag gives two plane poses (IPPE); each is refined on all corners together. The best is the
-    answer, the next one that differs from it is the alternative. None if no candidate lies in front.
-    """
-    points = np.vstack([tool_corners(T, size) for T, size, _ in seen])
-    pixels = np.vstack([px for _, _, px in seen])
-    found = []
-    for T, size, px in seen:
-        flat = np.column_stack([tags.CORNERS * size, np.zeros(4)])
-        n, rvecs, tvecs, _ = cv2.solvePnPGeneric(flat, px, K, None, flags=cv2.SOLVEPNP_IPPE)
-        for rvec, tvec in list(zip(rvecs, tvecs, strict=True))[:n]:
-            R = cv2.Rodrigues(rvec)[0] @ T[:3, :3].T
-            p = tvec.ravel() - R @ T[:3, 3]
-            R, p, rms = _refine(K, R, p, points, pixels)
-            if np.isfinite(rms) and np.all((points @ R.T + p)[:, 2] > 0.0):
-                found.append((rms, R, p))
-    if not found:
-        return None
-    found.sort(key=lambda f: f[0])
-    rms, R, p = found[0]
-    other = next((f for f in found if _rotation_between(f[1], R) > 0.01), found[0])
-    return Pose(R, p, rms, other[1], other[2], other[0])

@@ -1,9 +1,10 @@
-"""The printed pattern of 36h11 tags, taken from libapriltag so that no copy of it lives here."""
+"""Tags: their place on the tool, and the printed pattern of 36h11, taken from libapriltag."""
 
 from __future__ import annotations
 
 import ctypes
 import ctypes.util
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -11,9 +12,24 @@ import numpy as np
 # A printed tag is 8x8 cells of black square (border and code) inside one white cell all round.
 CELLS = 10
 BLACK_CELLS = 8
+FAMILY_SIZE = 587
 # In the tag frame (x right, y down), the order in which libapriltag reports the corners:
 # bottom left, bottom right, top right, top left.
 CORNERS = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
+
+
+@dataclass(frozen=True)
+class Tag:
+    """One printed tag: family member, edge of its black square, pose in the tool frame (4x4)."""
+
+    id: int
+    size_m: float
+    T_tool_tag: np.ndarray
+
+
+def corners_m(size_m: float) -> np.ndarray:
+    """(4, 3) corners of the black square in the tag frame."""
+    return np.column_stack([CORNERS * size_m, np.zeros(4)])
 
 
 class _ImageU8(ctypes.Structure):
@@ -62,7 +78,7 @@ def _cells(tag_id: int) -> bytes:
 
 
 def bitmap(tag_id: int) -> np.ndarray:
-    """Cells of one tag as 10x10 array of 0 (black) and 1 (white), white border included."""
-    if not 0 <= tag_id < 587:
-        raise ValueError(f"36h11 has members 0..586, not {tag_id}")
+    """(10, 10) cells of one tag, 0 black and 1 white, white border included. Raises ValueError."""
+    if not 0 <= tag_id < FAMILY_SIZE:
+        raise ValueError(f"36h11 has members 0..{FAMILY_SIZE - 1}, not {tag_id}")
     return (np.frombuffer(_cells(tag_id), np.uint8).reshape(CELLS, CELLS) > 127).astype(np.float32)

@@ -3,6 +3,7 @@
 #include <apriltag/apriltag.h>
 #include <apriltag/tag36h11.h>
 
+#include <algorithm>
 #include <new>
 #include <stdexcept>
 
@@ -12,17 +13,25 @@ namespace {
 // libapriltag puts pixel centres at half coordinates; here they are whole.
 constexpr double CENTRE_PX = 0.5;
 
-bool better(const apriltag_detection_t *a, const apriltag_detection_t *b)
+bool is_better(const apriltag_detection_t *a, const apriltag_detection_t *b)
 {
     return b == nullptr || a->decision_margin > b->decision_margin;
 }
 
-Seen seen_of(const Tag &tag, const apriltag_detection_t &d)
+DetectedTag detected_tag(const Tag &tag, const apriltag_detection_t &d)
 {
-    Seen s{};
-    s.tag = &tag;
-    for (size_t i = 0; i < 4; i++) { s.corner_px[i] = {d.p[i][0] - CENTRE_PX, d.p[i][1] - CENTRE_PX}; }
-    return s;
+    DetectedTag out{};
+    out.tag = &tag;
+    for (size_t i = 0; i < 4; i++) { out.corner_px[i] = {d.p[i][0] - CENTRE_PX, d.p[i][1] - CENTRE_PX}; }
+    return out;
+}
+
+// Index of a tag in the configuration; its size if the tag is unknown.
+size_t index_of(const Config &config, int id)
+{
+    const auto is_it = [id](const Tag &tag) { return tag.id == id; };
+    return static_cast<size_t>(std::find_if(config.tags.begin(), config.tags.end(), is_it) -
+                               config.tags.begin());
 }
 
 }  // namespace
@@ -43,7 +52,7 @@ Detector::~Detector()
     tag36h11_destroy(family_);
 }
 
-std::vector<Seen> Detector::find(const cv::Mat &grey, int *unknown)
+std::vector<DetectedTag> Detector::detect(const cv::Mat &grey, int *unknown)
 {
     if (grey.type() != CV_8UC1 || grey.empty()) {
         throw std::invalid_argument("the image is not 8-bit grey");
@@ -56,20 +65,19 @@ std::vector<Seen> Detector::find(const cv::Mat &grey, int *unknown)
         apriltag_detection_t *d = nullptr;
         zarray_get(all, i, static_cast<void *>(&d));
         if (static_cast<double>(d->decision_margin) < config_.min_decision_margin) { continue; }
-        bool known = false;
-        for (size_t k = 0; k < config_.tags.size(); k++) {
-            if (config_.tags[k].id != d->id) { continue; }
-            known = true;
-            if (better(d, best[k])) { best[k] = d; }
+        const size_t k = index_of(config_, d->id);
+        if (k == best.size()) {
+            (*unknown)++;
+        } else if (is_better(d, best[k])) {
+            best[k] = d;
         }
-        if (!known) { (*unknown)++; }
     }
-    std::vector<Seen> seen;
+    std::vector<DetectedTag> detected;
     for (size_t k = 0; k < best.size(); k++) {
-        if (best[k] != nullptr) { seen.push_back(seen_of(config_.tags[k], *best[k])); }
+        if (best[k] != nullptr) { detected.push_back(detected_tag(config_.tags[k], *best[k])); }
     }
     apriltag_detections_destroy(all);
-    return seen;
+    return detected;
 }
 
 }  // namespace tagdet

@@ -21,8 +21,9 @@ public:
     Detector &operator=(const Detector &) = delete;
 
     // Tags of the configuration in an 8-bit grey image, in the order of the configuration; corners with
-    // pixel centres at whole coordinates. *unknown counts sound tags that are not in the configuration.
-    std::vector<Seen> find(const cv::Mat &grey, int *unknown);
+    // pixel centres at whole coordinates. *unknown counts tags that are not in the configuration. Throws
+    // std::invalid_argument if the image is not 8-bit grey.
+    std::vector<DetectedTag> detect(const cv::Mat &grey, int *unknown);
 
 private:
     const Config &config_;

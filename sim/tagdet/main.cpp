@@ -1,6 +1,6 @@
 // kincal-tagdet: KC_IMAGE in, KC_DETECTION out; in lockstep also KC_TIME in, KC_TICK_DONE out.
 //
-// With --image it looks at picture files instead and prints one line for each, for a bench or a doubt.
+// With --image it reads image files instead and prints one JSON line for each.
 #include <lcm/lcm.h>
 #include <unistd.h>
 
@@ -28,8 +28,8 @@ extern "C" {
 namespace {
 
 using tagdet::Config;
+using tagdet::DetectedTag;
 using tagdet::Detector;
-using tagdet::Seen;
 using tagdet::Solution;
 
 constexpr int HEARTBEAT_MS = 100;
@@ -46,13 +46,13 @@ struct Options {
     std::vector<std::string> images;
 };
 
-void fill_corners(const std::vector<Seen> &seen, kcm_detection_t *msg)
+void fill_corners(const std::vector<DetectedTag> &detected, kcm_detection_t *msg)
 {
-    for (size_t k = 0; k < seen.size(); k++) {
-        msg->tag_id[k] = seen[k].tag->id;
+    for (size_t k = 0; k < detected.size(); k++) {
+        msg->tag_id[k] = detected[k].tag->id;
         for (size_t i = 0; i < 4; i++) {
-            msg->corner_px[8 * k + 2 * i] = seen[k].corner_px[i].x;
-            msg->corner_px[8 * k + 2 * i + 1] = seen[k].corner_px[i].y;
+            msg->corner_px[8 * k + 2 * i] = detected[k].corner_px[i].x;
+            msg->corner_px[8 * k + 2 * i + 1] = detected[k].corner_px[i].y;
         }
     }
 }
@@ -60,10 +60,10 @@ void fill_corners(const std::vector<Seen> &seen, kcm_detection_t *msg)
 void fill_pose(const Config &config, const Solution &s, kcm_detection_t *msg)
 {
     const std::array<double, 4> q = tagdet::quaternion(s.best.R_cam_tool);
-    const std::array<double, 4> q_alt = tagdet::quaternion(s.other.R_cam_tool);
+    const std::array<double, 4> q_alt = tagdet::quaternion(s.alternative.R_cam_tool);
     for (int i = 0; i < 3; i++) {
         msg->p_cam_tool_m[i] = s.best.p_cam_tool[i];
-        msg->p_alt_m[i] = s.other.p_cam_tool[i];
+        msg->p_alt_m[i] = s.alternative.p_cam_tool[i];
     }
     for (size_t i = 0; i < 4; i++) {
         msg->q_cam_tool_wxyz[i] = q[i];
@@ -74,7 +74,7 @@ void fill_pose(const Config &config, const Solution &s, kcm_detection_t *msg)
         for (int col = row; col < 6; col++) { msg->cov[n++] = s.cov(row, col); }
     }
     msg->rms_px = s.best.rms_px;
-    msg->rms_alt_px = s.other.rms_px;
+    msg->rms_alt_px = s.alternative.rms_px;
     msg->range_m = cv::norm(s.best.p_cam_tool);
     msg->incid_rad = s.incidence_rad;
     const cv::Vec3d uvw = config.K * s.best.p_cam_tool;
@@ -82,8 +82,9 @@ void fill_pose(const Config &config, const Solution &s, kcm_detection_t *msg)
     msg->v_px = uvw[1] / uvw[2];
 }
 
-// Everything about one picture; no tag, or no pose from those there are, gives n_tags = 0.
-kcm_detection_t look(const Config &config, Detector &detector, const cv::Mat &grey, int *unknown)
+// Everything about one frame; no tag, or no pose from those there are, gives n_tags = 0. Throws
+// std::runtime_error if the image has another size than the configuration.
+kcm_detection_t process_frame(const Config &config, Detector &detector, const cv::Mat &grey, int *unknown)
 {
     kcm_detection_t msg{};
     for (int32_t &id : msg.tag_id) { id = -1; }
@@ -93,17 +94,17 @@ kcm_detection_t look(const Config &config, Detector &detector, const cv::Mat &gr
                                  ", the configuration says " + std::to_string(config.width_px) + "x" +
                                  std::to_string(config.height_px));
     }
-    std::vector<Seen> seen = detector.find(grey, unknown);
+    std::vector<DetectedTag> detected = detector.detect(grey, unknown);
     Solution s{};
-    if (tagdet::solve(config, &seen, &s)) {
-        msg.n_tags = static_cast<int32_t>(seen.size());
-        fill_corners(seen, &msg);
+    if (tagdet::solve(config, &detected, &s)) {
+        msg.n_tags = static_cast<int32_t>(detected.size());
+        fill_corners(detected, &msg);
         fill_pose(config, s, &msg);
     }
     return msg;
 }
 
-// A frame and what follows it must wait in the socket while we look at the frame before.
+// A frame and what follows it must wait in the socket while the frame before is processed.
 std::string with_receive_buffer(const std::string &url)
 {
     if (url.rfind("udpm:", 0) != 0 || url.find("recv_buf_size=") != std::string::npos) { return url; }
@@ -130,7 +131,7 @@ public:
     {
         std::fprintf(stderr, "kincal-tagdet: listening on %s\n", options_.url.c_str());
         while (stop_requested == 0) {
-            if (options_.lockstep && last_tick_ == 0) { say_done(); }
+            if (options_.lockstep && last_tick_ == 0) { publish_done(); }
             // A signal ends the wait with an error of its own.
             if (lcm_handle_timeout(lcm_, HEARTBEAT_MS) < 0 && stop_requested == 0) {
                 throw std::runtime_error("LCM stopped working");
@@ -157,22 +158,12 @@ private:
         const auto start = std::chrono::steady_clock::now();
         kcm_detection_t msg{};
         try {
-            const cv::Mat bytes(1, image.n_bytes, CV_8UC1, static_cast<void *>(image.jpeg));
-            const cv::Mat grey = image.n_bytes > 0 ? cv::imdecode(bytes, cv::IMREAD_GRAYSCALE) : cv::Mat();
-            if (grey.empty()) { throw std::runtime_error("not a JPEG"); }
-            int unknown = 0;
-            msg = look(config_, detector_, grey, &unknown);
-            unknown_ += unknown;
-            if (unknown > 0) {
-                std::fprintf(stderr, "kincal-tagdet: frame %d: %d unknown tags\n", image.seq, unknown);
-            }
+            msg = detection_of(image);
         } catch (const std::exception &e) {
-            // A damaged picture is the world's fault: tell, and answer nothing rather than "no tag".
+            // A damaged image is reported, and not answered: that is not the same as "no tag".
             std::fprintf(stderr, "kincal-tagdet: frame %d dropped: %s\n", image.seq, e.what());
             return;
         }
-        msg.t_us = image.t_us;
-        msg.seq = image.seq;
         poses_ += msg.n_tags > 0 ? 1 : 0;
         kcm_detection_t_publish(lcm_, "KC_DETECTION", &msg);
         published_++;
@@ -183,6 +174,22 @@ private:
         }
     }
 
+    kcm_detection_t detection_of(const kcm_image_t &image)
+    {
+        const cv::Mat bytes(1, image.n_bytes, CV_8UC1, static_cast<void *>(image.jpeg));
+        const cv::Mat grey = image.n_bytes > 0 ? cv::imdecode(bytes, cv::IMREAD_GRAYSCALE) : cv::Mat();
+        if (grey.empty()) { throw std::runtime_error("not a JPEG"); }
+        int unknown = 0;
+        kcm_detection_t msg = process_frame(config_, detector_, grey, &unknown);
+        msg.t_us = image.t_us;
+        msg.seq = image.seq;
+        unknown_ += unknown;
+        if (unknown > 0) {
+            std::fprintf(stderr, "kincal-tagdet: frame %d: %d unknown tags\n", image.seq, unknown);
+        }
+        return msg;
+    }
+
     void tick(int64_t number)
     {
         if (number != last_tick_) {
@@ -190,10 +197,10 @@ private:
             published_in_tick_ = published_;
             published_ = 0;
         }
-        say_done();
+        publish_done();
     }
 
-    void say_done()
+    void publish_done()
     {
         kcm_tick_done_t done{};
         done.tick = last_tick_;
@@ -237,15 +244,15 @@ void print_json(const std::string &path, const kcm_detection_t &d, int unknown, 
     print_list("corner_px", d.corner_px, "}\n");
 }
 
-void look_at_files(const Options &options, const Config &config)
+void process_files(const Options &options, const Config &config)
 {
     Detector detector(config);
     for (const std::string &path : options.images) {
         const auto start = std::chrono::steady_clock::now();
         const cv::Mat grey = cv::imread(path, cv::IMREAD_GRAYSCALE);
-        if (grey.empty()) { throw std::runtime_error(path + ": not a readable picture"); }
+        if (grey.empty()) { throw std::runtime_error(path + ": not a readable image"); }
         int unknown = 0;
-        const kcm_detection_t msg = look(config, detector, grey, &unknown);
+        const kcm_detection_t msg = process_frame(config, detector, grey, &unknown);
         const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
         print_json(path, msg, unknown, took.count());
     }
@@ -260,7 +267,7 @@ constexpr const char *USAGE =
     "  --url URL       LCM network, for example udpm://239.255.76.67:7667?ttl=0\n"
     "  --lockstep      answer every KC_TIME with KC_TICK_DONE once all images before it are done\n"
     "  --verbose       one line for every frame\n"
-    "  --image FILE... look at picture files and print one JSON line for each\n";
+    "  --image FILE... read image files and print one JSON line for each\n";
 
 Options parse(int argc, char **argv)
 {
@@ -300,7 +307,7 @@ int main(int argc, char **argv)
         const Options options = parse(argc, argv);
         const Config config = tagdet::load_config(options.config);
         if (!options.images.empty()) {
-            look_at_files(options, config);
+            process_files(options, config);
         } else {
             Process(options, config).run();
         }

@@ -64,66 +64,77 @@ Pose refine(const cv::Matx33d &K, const Pose &start, const Points &tool, const P
 }
 
 // The two plane poses of one tag, as poses of the tool.
-std::vector<Pose> plane_poses(const cv::Matx33d &K, const Seen &seen)
+std::vector<Pose> plane_poses(const cv::Matx33d &K, const DetectedTag &detected)
 {
     std::vector<cv::Mat> rvecs;
     std::vector<cv::Mat> tvecs;
-    const Pixels pixels(seen.corner_px.begin(), seen.corner_px.end());
-    cv::solvePnPGeneric(tag_corners(*seen.tag), pixels, K, cv::noArray(), rvecs, tvecs, false,
+    const Pixels pixels(detected.corner_px.begin(), detected.corner_px.end());
+    cv::solvePnPGeneric(tag_corners(*detected.tag), pixels, K, cv::noArray(), rvecs, tvecs, false,
                         cv::SOLVEPNP_IPPE);
     std::vector<Pose> poses;
     for (size_t i = 0; i < rvecs.size(); i++) {
         cv::Matx33d R_cam_tag;
         cv::Rodrigues(rvecs[i], R_cam_tag);
         Pose pose{};
-        pose.R_cam_tool = R_cam_tag * seen.tag->R_tool_tag.t();
+        pose.R_cam_tool = R_cam_tag * detected.tag->R_tool_tag.t();
         pose.p_cam_tool = cv::Vec3d(tvecs[i].at<double>(0), tvecs[i].at<double>(1), tvecs[i].at<double>(2)) -
-                          pose.R_cam_tool * seen.tag->p_tool_tag;
+                          pose.R_cam_tool * detected.tag->p_tool_tag;
         poses.push_back(pose);
     }
     return poses;
 }
 
-// sigma^2 (J^T J)^-1 with J = d pixels / d (position, left rotation vector). False if singular.
+// d pixels / d (position, left rotation vector) of one corner, both in the camera frame.
+cv::Matx<double, 2, 6> corner_jacobian(const cv::Matx33d &K, const Pose &pose, const cv::Point3d &corner)
+{
+    const double fx = K(0, 0);
+    const double fy = K(1, 1);
+    const cv::Vec3d r = pose.R_cam_tool * cv::Vec3d(corner.x, corner.y, corner.z);
+    const cv::Vec3d x = r + pose.p_cam_tool;
+    const cv::Matx23d D(fx / x[2], 0.0, -fx * x[0] / (x[2] * x[2]), 0.0, fy / x[2],
+                        -fy * x[1] / (x[2] * x[2]));
+    // A small turn w moves the corner by w x r = -[r]x w.
+    const cv::Matx33d minus_cross(0.0, r[2], -r[1], -r[2], 0.0, r[0], r[1], -r[0], 0.0);
+    const cv::Matx23d Dw = D * minus_cross;
+    cv::Matx<double, 2, 6> J;
+    for (int row = 0; row < 2; row++) {
+        for (int col = 0; col < 3; col++) {
+            J(row, col) = D(row, col);
+            J(row, col + 3) = Dw(row, col);
+        }
+    }
+    return J;
+}
+
+// Variance of a corner coordinate [px^2]. The known corner noise counts as corner_sigma_weight residuals,
+// beside those of this fit that its 6 unknowns left free: with one tag these are only two.
+double corner_variance(const Config &config, const Pose &pose, size_t n_corners)
+{
+    const double n = 2.0 * static_cast<double>(n_corners);
+    const double known = config.corner_sigma_weight * config.corner_sigma_px * config.corner_sigma_px;
+    return (known + n * pose.rms_px * pose.rms_px) / (config.corner_sigma_weight + n - 6.0);
+}
+
+// sigma^2 (J^T J)^-1 over all corners. False if singular.
 bool covariance(const Config &config, const Pose &pose, const Points &tool, cv::Matx66d *cov)
 {
-    const double fx = config.K(0, 0);
-    const double fy = config.K(1, 1);
     cv::Matx66d JtJ = cv::Matx66d::zeros();
     for (const cv::Point3d &corner : tool) {
-        const cv::Vec3d r = pose.R_cam_tool * cv::Vec3d(corner.x, corner.y, corner.z);
-        const cv::Vec3d x = r + pose.p_cam_tool;
-        const cv::Matx23d D(fx / x[2], 0.0, -fx * x[0] / (x[2] * x[2]), 0.0, fy / x[2],
-                            -fy * x[1] / (x[2] * x[2]));
-        // A small turn w moves the corner by w x r = -[r]x w.
-        const cv::Matx33d minus_cross(0.0, r[2], -r[1], -r[2], 0.0, r[0], r[1], -r[0], 0.0);
-        const cv::Matx23d Dw = D * minus_cross;
-        cv::Matx<double, 2, 6> J;
-        for (int row = 0; row < 2; row++) {
-            for (int col = 0; col < 3; col++) {
-                J(row, col) = D(row, col);
-                J(row, col + 3) = Dw(row, col);
-            }
-        }
+        const cv::Matx<double, 2, 6> J = corner_jacobian(config.K, pose, corner);
         JtJ += J.t() * J;
     }
     bool ok = false;
     const cv::Matx66d inverse = JtJ.inv(cv::DECOMP_CHOLESKY, &ok);
-    // The known corner noise counts as so many residuals, beside those of this fit that its 6 unknowns
-    // left free: with one tag these are only two.
-    const double n = 2.0 * static_cast<double>(tool.size());
-    const double known = config.corner_sigma_weight * config.corner_sigma_px * config.corner_sigma_px;
-    const double sigma2 = (known + n * pose.rms_px * pose.rms_px) / (config.corner_sigma_weight + n - 6.0);
-    if (ok) { *cov = 0.5 * (inverse + inverse.t()) * sigma2; }
+    if (ok) { *cov = 0.5 * (inverse + inverse.t()) * corner_variance(config, pose, tool.size()); }
     return ok;
 }
 
-double least_incidence(const Pose &pose, const std::vector<Seen> &seen)
+double min_incidence(const Pose &pose, const std::vector<DetectedTag> &detected)
 {
     double best = CV_PI;
-    for (const Seen &s : seen) {
-        const cv::Vec3d centre = pose.R_cam_tool * s.tag->p_tool_tag + pose.p_cam_tool;
-        const cv::Vec3d inward = pose.R_cam_tool * s.tag->R_tool_tag * cv::Vec3d(0.0, 0.0, 1.0);
+    for (const DetectedTag &d : detected) {
+        const cv::Vec3d centre = pose.R_cam_tool * d.tag->p_tool_tag + pose.p_cam_tool;
+        const cv::Vec3d inward = pose.R_cam_tool * d.tag->R_tool_tag * cv::Vec3d(0.0, 0.0, 1.0);
         const double along = inward.dot(centre) / cv::norm(centre);
         best = std::min(best, std::acos(std::clamp(along, -1.0, 1.0)));
     }
@@ -188,48 +199,55 @@ std::array<double, 4> quaternion(const cv::Matx33d &R)
 
 namespace {
 
-// The fit to exactly these tags.
-bool solve_all(const Config &config, const std::vector<Seen> &seen, Solution *out)
+// The two plane poses of every tag, refined on all corners; those in front of the camera, best first.
+std::vector<Pose> candidates(const Config &config, const std::vector<DetectedTag> &detected,
+                             const Points &tool, const Pixels &pixels)
 {
-    Points tool;
-    Pixels pixels;
-    for (const Seen &s : seen) {
-        for (const cv::Point3d &c : tag_corners(*s.tag)) {
-            const cv::Vec3d x = s.tag->R_tool_tag * cv::Vec3d(c.x, c.y, c.z) + s.tag->p_tool_tag;
-            tool.emplace_back(x[0], x[1], x[2]);
-        }
-        pixels.insert(pixels.end(), s.corner_px.begin(), s.corner_px.end());
-    }
     std::vector<Pose> found;
-    for (const Seen &s : seen) {
-        for (const Pose &start : plane_poses(config.K, s)) {
+    for (const DetectedTag &d : detected) {
+        for (const Pose &start : plane_poses(config.K, d)) {
             const Pose pose = refine(config.K, start, tool, pixels);
             if (std::isfinite(pose.rms_px) && in_front(pose, tool)) { found.push_back(pose); }
         }
     }
-    if (found.empty()) { return false; }
     std::stable_sort(found.begin(), found.end(),
                      [](const Pose &a, const Pose &b) { return a.rms_px < b.rms_px; });
+    return found;
+}
 
+// The fit to exactly these tags.
+bool solve_all(const Config &config, const std::vector<DetectedTag> &detected, Solution *out)
+{
+    Points tool;
+    Pixels pixels;
+    for (const DetectedTag &d : detected) {
+        for (const cv::Point3d &c : tag_corners(*d.tag)) {
+            const cv::Vec3d x = d.tag->R_tool_tag * cv::Vec3d(c.x, c.y, c.z) + d.tag->p_tool_tag;
+            tool.emplace_back(x[0], x[1], x[2]);
+        }
+        pixels.insert(pixels.end(), d.corner_px.begin(), d.corner_px.end());
+    }
+    const std::vector<Pose> found = candidates(config, detected, tool, pixels);
+    if (found.empty()) { return false; }
     Solution s{};
     s.best = found.front();
     const auto other = std::find_if(found.begin(), found.end(), [&](const Pose &p) {
         return rotation_angle(s.best.R_cam_tool.t() * p.R_cam_tool) > SAME_RAD;
     });
-    s.other = other == found.end() ? s.best : *other;
-    s.incidence_rad = least_incidence(s.best, seen);
+    s.alternative = other == found.end() ? s.best : *other;
+    s.incidence_rad = min_incidence(s.best, detected);
     if (!covariance(config, s.best, tool, &s.cov)) { return false; }
     *out = s;
     return true;
 }
 
 // Takes out the tag whose absence leaves the best fit; false if no fit is left without any one of them.
-bool drop_worst(const Config &config, std::vector<Seen> *seen, Solution *out)
+bool drop_worst(const Config &config, std::vector<DetectedTag> *detected, Solution *out)
 {
     bool found = false;
-    std::vector<Seen> kept;
-    for (size_t k = 0; k < seen->size(); k++) {
-        std::vector<Seen> rest = *seen;
+    std::vector<DetectedTag> kept;
+    for (size_t k = 0; k < detected->size(); k++) {
+        std::vector<DetectedTag> rest = *detected;
         rest.erase(rest.begin() + static_cast<long>(k));
         Solution s{};
         if (!rest.empty() && solve_all(config, rest, &s) && (!found || s.best.rms_px < out->best.rms_px)) {
@@ -238,22 +256,11 @@ bool drop_worst(const Config &config, std::vector<Seen> *seen, Solution *out)
             kept = rest;
         }
     }
-    *seen = kept;
+    *detected = kept;
     return found;
 }
 
-}  // namespace
-
-bool solve(const Config &config, std::vector<Seen> *seen, Solution *out)
-{
-    Solution s{};
-    bool fits = !seen->empty() && solve_all(config, *seen, &s);
-    while (fits && s.best.rms_px > config.max_rms_px) { fits = drop_worst(config, seen, &s); }
-    if (fits) { *out = s; }
-    return fits;
-}
-
-Config load_config(const std::string &path)
+cv::FileStorage open_yaml(const std::string &path)
 {
     cv::FileStorage file;
     try {
@@ -262,6 +269,36 @@ Config load_config(const std::string &path)
         throw std::runtime_error(path + ": not readable as YAML: " + e.what());
     }
     if (!file.isOpened()) { throw std::runtime_error(path + ": cannot be opened"); }
+    return file;
+}
+
+void check_ranges(const Config &c, const std::string &path)
+{
+    const bool sane = c.width_px > 0 && c.height_px > 0 && c.K(0, 0) > 0.0 && c.K(1, 1) > 0.0 &&
+                      c.corner_sigma_px > 0.0 && c.corner_sigma_weight >= 0.0 && c.max_rms_px > 0.0 &&
+                      c.quad_decimate >= 1.0F && c.threads >= 1 && c.max_hamming >= 0 && c.max_hamming <= 2;
+    if (!sane) {
+        throw std::runtime_error(path + ": image size, focal lengths, corner_sigma_px, corner_sigma_weight, "
+                                        "max_rms_px, quad_decimate (>= 1), "
+                                        "threads (>= 1) or max_hamming (0..2) is out of range");
+    }
+    if (c.tags.empty() || c.tags.size() > 4) { throw std::runtime_error(path + ": 1 to 4 tags are needed"); }
+}
+
+}  // namespace
+
+bool solve(const Config &config, std::vector<DetectedTag> *detected, Solution *out)
+{
+    Solution s{};
+    bool fits = !detected->empty() && solve_all(config, *detected, &s);
+    while (fits && s.best.rms_px > config.max_rms_px) { fits = drop_worst(config, detected, &s); }
+    if (fits) { *out = s; }
+    return fits;
+}
+
+Config load_config(const std::string &path)
+{
+    const cv::FileStorage file = open_yaml(path);
     const cv::FileNode root = file.root();
     Config c{};
     c.width_px = field<int>(root, "width_px", path);
@@ -278,15 +315,7 @@ Config load_config(const std::string &path)
     for (const cv::FileNode &node : root["tags"]) {
         c.tags.push_back(load_tag(node, path + ": tag " + std::to_string(c.tags.size() + 1)));
     }
-    const bool sane = c.width_px > 0 && c.height_px > 0 && c.K(0, 0) > 0.0 && c.K(1, 1) > 0.0 &&
-                      c.corner_sigma_px > 0.0 && c.corner_sigma_weight >= 0.0 && c.max_rms_px > 0.0 &&
-                      c.quad_decimate >= 1.0F && c.threads >= 1 && c.max_hamming >= 0 && c.max_hamming <= 2;
-    if (!sane) {
-        throw std::runtime_error(path + ": image size, focal lengths, corner_sigma_px, corner_sigma_weight, "
-                                        "max_rms_px, quad_decimate (>= 1), "
-                                        "threads (>= 1) or max_hamming (0..2) is out of range");
-    }
-    if (c.tags.empty() || c.tags.size() > 4) { throw std::runtime_error(path + ": 1 to 4 tags are needed"); }
+    check_ranges(c, path);
     return c;
 }
 

@@ -1,4 +1,4 @@
-// Pose of the tool from the corners of the tags that are seen.
+// Pose of the tool from the corners of the detected tags.
 #ifndef KC_TAGDET_POSE_HPP
 #define KC_TAGDET_POSE_HPP
 
@@ -33,11 +33,12 @@ struct Config {
 Config load_config(const std::string &path);
 
 // A tag of the configuration in the image: corners bottom left, bottom right, top right, top left.
-struct Seen {
+struct DetectedTag {
     const Tag *tag;
     std::array<cv::Point2d, 4> corner_px;
 };
 
+// Tool in the camera frame [m], with the RMS of the reprojection error.
 struct Pose {
     cv::Matx33d R_cam_tool;
     cv::Vec3d p_cam_tool;
@@ -46,7 +47,7 @@ struct Pose {
 
 struct Solution {
     Pose best;
-    Pose other;  // the other minimum (planar flip); equal to `best` if there is none
+    Pose alternative;  // the other minimum (planar flip); equal to `best` if there is none
     // Position [m] and rotation vector [rad], both in the camera frame; rotation error on the left.
     cv::Matx66d cov;
     double incidence_rad;  // of the tag seen least obliquely
@@ -54,9 +55,9 @@ struct Solution {
 
 // One pose from all tags together. Each tag's two plane poses (IPPE) are refined on all corners; the
 // one with the least reprojection error is the answer. While its RMS is above max_rms_px, the tag
-// that spoils it most is taken out of *seen: something hides a part of it. False, with *out unchanged,
+// that worsens it most is taken out of *detected: something hides a part of it. False, with *out unchanged,
 // if nothing is left, no candidate is in front of the camera or the geometry does not fix a pose.
-bool solve(const Config &config, std::vector<Seen> *seen, Solution *out);
+bool solve(const Config &config, std::vector<DetectedTag> *detected, Solution *out);
 
 // Unit quaternion (w, x, y, z), w >= 0.
 std::array<double, 4> quaternion(const cv::Matx33d &R);

@@ -6,29 +6,30 @@ The simulator's generator (python -m kincal_sim.hidden, a process of its own) hi
 MuJoCo arm and seals what it did; the workbench (kincal.workbench) sees poses.csv and arm.toml only. All
 answers are on disk before the first seal is opened, and every seal is checked against the hash in the
 manifest. An answer is a line of DIR/answers.jsonl as soon as it is there; a run that was stopped goes on
-from there. Exit 1 if a gate fails.
+from there. Exit 1 if a criterion fails.
 
 What counts as right
 - A finding is right if it names a hidden effect: the library's name for that kind (RIGHT) and, where the
   effect sits at one joint or pair, that joint or pair. If it sits at all joints, any of them; a bare name
   ("at some joint") is right too. pd_droop is the same formula as joint_compliance, so each is right for the
   other.
-- A structural twin (`twins`) that is listed with the truth, as confounded_with or as a finding of its own,
-  counts as listed together, and a claim of it as right. Other confusions are wrong even if listed. A soft
-  joint 2 and a soft mount are twins where the generator's own figures say so: less than TWIN_CHI2 units of
-  noise tell them apart in these poses.
+- An effect that no data can tell from the truth (`confounded`) and that is listed with it, as
+  confounded_with or as a finding of its own, counts as listed together, and a claim of it as right. Other
+  confusions are wrong even if listed. A soft joint 2 and a soft mount are such where the generator's own
+  figures say so: less than CONFOUNDED_CHI2 units of noise distinguish them in these poses.
 - A claim is any listed effect with probability above 0.9. An effect is found if it was accepted.
 - A false alarm is a verdict that something is missing (effect, several_effects, novel) or an accepted
   effect when nothing was hidden. "undecidable" without an accepted effect is no alarm.
 - Visible: the effect is longer than VISIBLE in units of the noise (squared) after the DH parameters took
-  what they can; computed by the generator from the same poses. Recall and the pair gate count visible
-  effects, the rest is printed: what cannot be seen need not be found.
-- Probabilities are judged on truths drawn from the diagnosis' own prior (group "from prior"): what comes true
+  what they can; computed by the generator from the same poses. Recall and the criterion on pairs count
+  visible effects, the rest is printed: what cannot be seen need not be found.
+- Probabilities are tested on truths drawn from the diagnosis' own prior (group "from prior"): what comes true
   of something stated with 0.3 depends on how often there is nothing and how large effects are, and the other
-  groups are made for other questions. Theirs are printed beside, not judged.
+  groups are made for other questions. Theirs are printed beside, not tested.
 - Deleted: the effect's name is taken out of the library. "identified" = an accepted effect with P > 0.9
   while the model is said to be inadequate still. Frame or driver right: those of the novel finding, or of the
-  cousin that was accepted instead. For an effect at all joints the driver's family counts (tau, q, dir ...).
+  similar effect that was accepted instead. For an effect at all joints the driver's family counts (tau, q,
+  dir ...).
 - Systematic error: RMS position error over 200 noiseless poses in a part of the workspace where nothing was
   measured, by the final model; against the median of the cases without effect and with the same N.
 """
@@ -57,9 +58,9 @@ for _folder in ("ground", "sim"):
 
 CLAIM, MENTION = 0.9, 0.05
 VISIBLE = 40.0
-TWIN_CHI2 = 4.0
+CONFOUNDED_CHI2 = 4.0
 BINS = (0.05, 0.2, 0.5, 0.8, 0.95, 1.0000001)
-BIN_ERROR = 0.05  # a bin is judged if chance alone moves its frequency by less (one standard error)
+BIN_ERROR = 0.05  # a bin is tested if chance alone moves its frequency by less (one standard error)
 # Truths as the diagnosis expects them before it has seen anything: how often nothing is wrong, how often
 # something the library has no name for, and how large an effect is, in its prior sigmas.
 FROM_PRIOR = 2000
@@ -94,7 +95,7 @@ RIGHT = {
     "latency": ("latency",),
     "camera_shift": ("camera_shift",),
     "camera_step": ("camera_step",),
-    "head_error": ("pantilt_error",),
+    "pantilt_error": ("pantilt_error",),
     "focal": ("focal_length",),
     "thermal_focal": ("thermal_focal",),
     "principal_point": ("principal_point",),
@@ -173,13 +174,15 @@ def cases(share: float, rng: np.random.Generator) -> list[Case]:
     out += [Case("outliers", (kind,), extra={"outliers": 0.05}) for kind in REPAIRED for _ in times(1)]
     out += [Case("none, noise x1.5", extra={"noise": 1.5}) for _ in times(8)]
     out += [Case("noise x1.5", (kind,), extra={"noise": 1.5}) for kind in REPAIRED for _ in times(1)]
-    out += [Case("none, sorted", extra={"order": "sorted"}) for _ in times(4)]
-    out += [Case("sorted", (kind,), extra={"order": "sorted"}) for kind in REPAIRED for _ in times(1)]
-    fixed = {"fixed_head": True}
+    out += [Case("none, sorted", extra={"sequence": "sorted"}) for _ in times(4)]
+    out += [Case("sorted", (kind,), extra={"sequence": "sorted"}) for kind in REPAIRED for _ in times(1)]
+    fixed = {"fixed_pantilt": True}
     out += [
-        Case("fixed head", (kind,), extra=fixed) for kind in ("camera_shift", "base_shift") for _ in times(2)
+        Case("fixed pan-tilt", (kind,), extra=fixed)
+        for kind in ("camera_shift", "base_shift")
+        for _ in times(2)
     ]
-    out += [Case("twins", (kind,)) for kind in ("compliance[2]@0.7", "base_flex@0.7") for _ in times(2)]
+    out += [Case("confounded", (kind,)) for kind in ("compliance[2]@0.7", "base_flex@0.7") for _ in times(2)]
     for n in (60, 40):
         out += [Case("none", n=n) for _ in times(10)]
         out += [Case("alone", (kind,), n=n) for kind in named for _ in times(1)]
@@ -206,7 +209,7 @@ def from_prior(rng: np.random.Generator) -> Case:
 
 
 def quick_cases() -> list[Case]:
-    """Eleven fixed ones, for `make test`; `make blind` judges the shares."""
+    """Eleven fixed ones, for `make test`; `make blind` tests the shares."""
     return [
         *[Case("none")] * 2,
         Case("none, noise x1.5", extra={"noise": 1.5}),
@@ -217,7 +220,7 @@ def quick_cases() -> list[Case]:
         Case("two", ("second_tag", "hysteresis[all]")),
         Case("deleted", ("hysteresis[all]",), without=RIGHT["hysteresis"]),
         Case("outliers", ("encoder_step[2]",), extra={"outliers": 0.05}),
-        Case("sorted", ("latency",), extra={"order": "sorted"}),
+        Case("sorted", ("latency",), extra={"sequence": "sorted"}),
     ]
 
 
@@ -251,32 +254,29 @@ def make(folder: Path, row: dict) -> str:
 
 def _shows(library, name: str, arm, data) -> tuple[list[str], list[str]]:
     """Frames and drivers of a named effect, in the words of the map."""
-    frames, drivers = set(), set()
-    for h in library.find(name, arm, data):
-        for p in h.parameters:
-            for term in p.terms:
-                if term.frame < arm.n and term.comp == 5:
-                    frames.add(f"joint {term.frame + 1}")
-                frames.add(
-                    {0: "base", 9: "tool", 10: "camera", 11: "tag"}.get(term.frame, f"link {term.frame}")
-                )
-                if term.frame == 10 and term.comp == 2:
-                    frames.add("range")
-                drivers |= {f"{b.var}{b.index or ''}" for b in term.basis if b.var != "1"}
+    from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
+
+    places = {0: "base", FRAME_TOOL: "tool", FRAME_CAMERA: "camera", FRAME_MEAS: "tag"}
+    terms = [term for h in library.find(name, arm, data) for p in h.parameters for term in p.terms]
+    frames = {places.get(term.frame, f"link {term.frame}") for term in terms}
+    frames |= {f"joint {term.frame + 1}" for term in terms if 0 <= term.frame < arm.n and term.comp == 5}
+    frames |= {"range" for term in terms if term.frame == FRAME_CAMERA and term.comp == 2}
+    drivers = {f"{b.var}{b.index or ''}" for term in terms for b in term.basis if b.var != "1"}
     return sorted(frames), sorted(drivers)
 
 
 def arm_alone(fit, queries) -> list[list[float]]:
     """Tool positions of the fitted arm. What a model says about the camera does not move the arm, and the
     queries (positions at zero, no camera) have none: its coefficients count as zero."""
-    from kincal.workbench.chain import Chain
-    from kincal.workbench.effects import FRAME_CAMERA
+    from kincal.flight import FRAME_CAMERA, FRAME_MEAS
+    from kincal.workbench.model import observations
 
-    seen = [p.terms and all(term.frame >= FRAME_CAMERA for term in p.terms) for p in fit.parameters]
-    coefficients = np.where(np.array(seen, bool), 0.0, fit.estimate)
-    chain = Chain(fit.chain.arm, queries, fit.base, fit.tool)
-    chain.loads(fit.terms, coefficients)
-    return (-chain.evaluate(fit.terms, coefficients).r[:, :3]).tolist()
+    camera_side = [
+        bool(p.terms) and all(term.frame in (FRAME_CAMERA, FRAME_MEAS) for term in p.terms)
+        for p in fit.parameters
+    ]
+    coefficients = np.where(camera_side, 0.0, fit.estimate)
+    return fit.model.at(observations(fit.arm, queries)).poses(coefficients).p_m.tolist()
 
 
 def answer(folder: Path, row: dict, without: tuple[str, ...]) -> dict:
@@ -305,7 +305,7 @@ def answer(folder: Path, row: dict, without: tuple[str, ...]) -> dict:
                 "drivers": drivers,
             }
         )
-    novel = found.novel and {"frame": found.novel.locus, "drivers": list(found.novel.depends_on)}
+    novel = found.novel and {"frame": found.novel.location, "drivers": list(found.novel.depends_on)}
     return {
         "id": row["id"],
         "sha256": sha256,
@@ -314,7 +314,7 @@ def answer(folder: Path, row: dict, without: tuple[str, ...]) -> dict:
         "novel": novel,
         "adequate": bool(found.adequate_after),
         "none": found.probability_none,
-        "outliers": list(found.comparison.outliers),
+        "outliers": list(found.comparison.outliers.ids),
         "predicted_dh": arm_alone(found.comparison.fit_all, queries),
         "predicted": arm_alone(found.final, queries),
         "seconds": seconds,
@@ -370,7 +370,7 @@ def answers(pending: list[tuple[Case, dict]], folder: Path, processes: int):
             yield done.result()
 
 
-# ----------------------------------------------------------------------------------------------- judging
+# ---------------------------------------------------------------------------------------- evaluation
 
 
 def right_names(effect: dict) -> set[str]:
@@ -385,8 +385,8 @@ def right_names(effect: dict) -> set[str]:
     return out
 
 
-def twins(name: str, fixed_head: bool, soft: bool) -> set[str]:
-    """Structural twins: no data of this kind can tell them from `name`. soft: a soft joint 2 and a soft
+def confounded(name: str, fixed_pantilt: bool, soft: bool) -> set[str]:
+    """Effects that no data of this kind can tell from `name`. soft: a soft joint 2 and a soft
     mount are the same in these poses."""
     effect, _, place = name.partition("[")
     out = set()
@@ -394,15 +394,15 @@ def twins(name: str, fixed_head: bool, soft: bool) -> set[str]:
         out.add(f"pd_droop[{place}" if place else "pd_droop")
     if soft and name in ("joint_compliance[2]", "base_flex"):
         out |= {"joint_compliance[2]", "base_flex"} - {name}
-    if fixed_head and name == "camera_shift":
+    if fixed_pantilt and name == "camera_shift":
         out |= {"base_shift", "base_tilt"}
-    if fixed_head and name in ("base_shift", "base_tilt"):
+    if fixed_pantilt and name in ("base_shift", "base_tilt"):
         out.add("camera_shift")
     return out
 
 
 @dataclass
-class Judged:
+class Evaluated:
     """One case after its seal was opened."""
 
     case: Case
@@ -410,14 +410,14 @@ class Judged:
     said: dict
     error_dh_mm: float
     error_mm: float
-    fixed_head: bool
+    fixed_pantilt: bool
 
     @property
     def soft(self) -> bool:
-        return any(e.get("beside_rivals", np.inf) < TWIN_CHI2 for e in self.truth)
+        return any(e.get("beside_alternatives", np.inf) < CONFOUNDED_CHI2 for e in self.truth)
 
-    def twins(self, name: str) -> set[str]:
-        return twins(name, self.fixed_head, self.soft)
+    def confounded(self, name: str) -> set[str]:
+        return confounded(name, self.fixed_pantilt, self.soft)
 
     @property
     def accepted(self) -> list[dict]:
@@ -436,7 +436,7 @@ class Judged:
         if name in self.hidden_names:
             return True
         listed = set(finding["confounded_with"]) | {e["name"] for e in self.said["effects"]}
-        return bool(self.twins(name) & self.hidden_names & listed)
+        return bool(self.confounded(name) & self.hidden_names & listed)
 
     def found(self, effect: dict) -> bool:
         names = right_names(effect)
@@ -468,8 +468,8 @@ class Judged:
         )
 
 
-def judge(folder: Path, case: Case, said: dict) -> Judged:
-    from kincal_sim.hidden.case import unseal
+def evaluate(folder: Path, case: Case, said: dict) -> Evaluated:
+    from kincal_sim.hidden.seal import unseal
 
     truth = unseal(json.loads((folder / "sealed.json").read_text()), said["sha256"])
     p = np.array(truth["unseen"])[:, :3]
@@ -477,53 +477,57 @@ def judge(folder: Path, case: Case, said: dict) -> Judged:
     def error_mm(predicted) -> float:
         return 1e3 * float(np.sqrt(np.mean(np.sum((np.array(predicted) - p) ** 2, axis=1))))
 
-    fixed = truth["order"]["fixed_head"]
-    return Judged(
+    fixed = truth["spec"]["fixed_pantilt"]
+    return Evaluated(
         case, truth["effects"], said, error_mm(said["predicted_dh"]), error_mm(said["predicted"]), fixed
     )
 
 
-# ------------------------------------------------------------------------------------------------ gates
+# ---------------------------------------------------------------------------------------- criteria
 
 
 @dataclass
-class Gate:
+class Criterion:
     text: str
     value: str
     ok: bool | None  # None: too few cases to say
 
 
-def share_gate(text: str, hits: int, of: int, least: float | None = None, most: float | None = None) -> Gate:
+def share_criterion(
+    text: str, hits: int, of: int, least: float | None = None, most: float | None = None
+) -> Criterion:
     if of == 0:
-        return Gate(text, "no case", None)
+        return Criterion(text, "no case", None)
     rate = hits / of
     ok = (least is None or rate >= least) and (most is None or rate <= most)
-    return Gate(text, f"{hits}/{of} = {rate:.0%}", ok)
+    return Criterion(text, f"{hits}/{of} = {rate:.0%}", ok)
 
 
-def gates(results: list[Judged]) -> list[Gate]:
-    """The figures the issue names, at N = 100 and 1.5 sigma; claims also where effects are weaker."""
+def criteria(results: list[Evaluated]) -> list[Criterion]:
+    """The figures of docs/DIAGNOSIS.md, at N = 100 and 1.5 sigma; claims also where effects are weaker."""
     full = [r for r in results if r.case.n == 100]
     clean = [r for r in full if r.case.group == "none"]
     library = [r for r in full if r.case.group != "deleted"]
     claims = [(r, e) for r in library for e in r.claims]
     out = [
-        share_gate("false alarms on clean data <= 5 %", sum(r.alarm for r in clean), len(clean), most=0.05)
+        share_criterion(
+            "false alarms on clean data <= 5 %", sum(r.alarm for r in clean), len(clean), most=0.05
+        )
     ]
     good = sum(r.right(e) for r, e in claims)
-    out.append(share_gate("claims at P > 0.9 right >= 95 %", good, len(claims), least=0.95))
+    out.append(share_criterion("claims at P > 0.9 right >= 95 %", good, len(claims), least=0.95))
     out += reliability([r for r in results if r.case.group == "from prior"])
     pairs = [r for r in full if r.case.group == "two" and r.visible]
     both = sum(all(r.found(e) for e in r.truth) for r in pairs)
-    out.append(share_gate("two visible effects both found >= 80 %", both, len(pairs), least=0.80))
+    out.append(share_criterion("two visible effects both found >= 80 %", both, len(pairs), least=0.80))
     deleted = [r for r in full if r.case.group == "deleted"]
     bold = sum(not r.said["adequate"] and any(e["probability"] > CLAIM for e in r.accepted) for r in deleted)
     out.append(
-        share_gate("deleted: named with P > 0.9 though inadequate: never", bold, len(deleted), most=0.0)
+        share_criterion("deleted: named with P > 0.9 though inadequate: never", bold, len(deleted), most=0.0)
     )
     seen = [r for r in deleted if r.visible]
     out.append(
-        share_gate(
+        share_criterion(
             "deleted: frame or driver right >= 60 %", sum(r.shows_right() for r in seen), len(seen), least=0.6
         )
     )
@@ -532,9 +536,9 @@ def gates(results: list[Judged]) -> list[Gate]:
     return out
 
 
-def reliability(results: list[Judged]) -> list[Gate]:
+def reliability(results: list[Evaluated]) -> list[Criterion]:
     """Per bin: stated probability against frequency; off if 0.07 is exceeded beyond the sampling error (90 %
-    interval of the frequency). A bin is judged if it holds findings enough (BIN_ERROR).
+    interval of the frequency). A bin is tested if it holds findings enough (BIN_ERROR).
     """
     said = np.array([e["probability"] for r in results for e in r.said["effects"]])
     true = np.array([r.right(e) for r in results for e in r.said["effects"]], float)
@@ -544,48 +548,50 @@ def reliability(results: list[Judged]) -> list[Gate]:
         n, hits = int(inside.sum()), float(true[inside].sum())
         text = f"stated {low:.2f}..{min(high, 1.0):.2f} comes true within 0.07"
         if n == 0:
-            out.append(Gate(text, "none stated", None))
+            out.append(Criterion(text, "none stated", None))
             continue
         mean = float(said[inside].mean())
         least, most = stats.beta.ppf([0.05, 0.95], hits + 0.5, n - hits + 0.5)
         enough = np.sqrt((said[inside] * (1.0 - said[inside])).sum()) / n <= BIN_ERROR
         ok = bool(least <= mean + 0.07 and most >= mean - 0.07) if enough else None
-        out.append(Gate(text, f"said {mean:.2f}, true {hits / n:.2f} of {n} ({least:.2f}..{most:.2f})", ok))
+        out.append(
+            Criterion(text, f"said {mean:.2f}, true {hits / n:.2f} of {n} ({least:.2f}..{most:.2f})", ok)
+        )
     return out
 
 
-def repaired(full: list[Judged], clean: list[Judged]) -> Gate:
+def repaired(full: list[Evaluated], clean: list[Evaluated]) -> Criterion:
     text = "unseen-region systematic error / that of no effect <= 1.3"
     rows = [r for r in full if r.case.group == "alone" and r.truth[0]["kind"] in REPAIRED and r.accepted]
     if not rows or not clean:
-        return Gate(text, "no case", None)
+        return Criterion(text, "no case", None)
     floor = float(np.median([r.error_mm for r in clean]))
     before = float(np.median([r.error_dh_mm for r in rows]))
     after = float(np.median([r.error_mm for r in rows]))
-    return Gate(
+    return Criterion(
         text,
         f"{before:.2f} -> {after:.2f} mm, none {floor:.2f} mm: {after / floor:.2f}",
         after <= 1.3 * floor,
     )
 
 
-def together(full: list[Judged]) -> Gate:
-    """Every accepted effect that has structural twins lists them all (one of them with a fixed head, where
-    either base effect stands for both)."""
+def together(full: list[Evaluated]) -> Criterion:
+    """Every accepted effect that no data can tell from others lists them all (one of them with a camera that
+    never turns, where either base effect stands for both)."""
     asked = missing = 0
     for r in full:
         listed = {e["name"] for e in r.said["effects"]}
         for e in r.accepted:
-            due, told = r.twins(e["name"]), listed | set(e["confounded_with"])
+            due, stated = r.confounded(e["name"]), listed | set(e["confounded_with"])
             if due:
                 asked += 1
-                missing += not (due & told if e["name"] == "camera_shift" else due <= told)
-    return share_gate("twins listed together: always", asked - missing, asked, least=1.0)
+                missing += not (due & stated if e["name"] == "camera_shift" else due <= stated)
+    return share_criterion("confounded effects listed together: always", asked - missing, asked, least=1.0)
 
 
-def table(results: list[Judged]) -> list[str]:
+def table(results: list[Evaluated]) -> list[str]:
     """One line per group, kind and N."""
-    rows: dict[tuple, list[Judged]] = {}
+    rows: dict[tuple, list[Evaluated]] = {}
     for r in results:
         kinds = " + ".join(e["kind"] for e in r.truth) or "-"
         key = (r.case.group, "" if r.case.group == "two" else kinds, r.case.n)
@@ -637,7 +643,7 @@ def main() -> int:
     start = time.monotonic()
     said = ask(args.dir, todo, plan, args.processes)
     results = [
-        judge(args.dir / row["id"] / row["id"], case, one)
+        evaluate(args.dir / row["id"] / row["id"], case, one)
         for row, case, one in zip(plan, todo, said, strict=True)
     ]
     print("\n".join(table(results)))
@@ -646,20 +652,20 @@ def main() -> int:
         f"\n{len(results)} cases in {time.monotonic() - start:.0f} s; "
         f"one diagnosis: median {np.median(seconds):.1f} s, most {seconds.max():.1f} s\n"
     )
-    checked = gates(results)
-    for gate in checked:
-        mark = "  - " if gate.ok is None else " ok " if gate.ok else "FAIL"
-        print(f"{mark} {gate.text:58} {gate.value}")
+    checked = criteria(results)
+    for criterion in checked:
+        mark = "  - " if criterion.ok is None else " ok " if criterion.ok else "FAIL"
+        print(f"{mark} {criterion.text:58} {criterion.value}")
     print("\nstated probabilities of the other groups, which are no sample of anything:")
-    for gate in reliability([r for r in results if r.case.group not in ("from prior", "deleted")]):
-        print(f"     {gate.text:58} {gate.value}")
+    for criterion in reliability([r for r in results if r.case.group not in ("from prior", "deleted")]):
+        print(f"     {criterion.text:58} {criterion.value}")
     if args.json:
         args.json.write_text(
             json.dumps(
                 [{"group": r.case.group, "n": r.case.n, "truth": r.truth, "said": r.said} for r in results]
             )
         )
-    return 1 if any(gate.ok is False for gate in checked) else 0
+    return 1 if any(criterion.ok is False for criterion in checked) else 0
 
 
 if __name__ == "__main__":

@@ -1,32 +1,32 @@
-"""Whole recalibrations of arms that are wrong, many of them: does anything touch, is any command unproven?
+"""Many recalibrations of wrong arms: does anything touch, is any command not verified?
 
     python tests/bench/montecarlo.py [--runs 1000] [--outside 1000] [--seed 1] [--jobs 2] [--out FILE]
 
-The flight core runs in this process (libkincal.so) against the simulator's arm, head and camera in the fast
-mode, 100 ms a tick as in lockstep, without LCM and without processes; what goes in and out is what the edge
-of the flight process passes on. One line per run goes to FILE at once; runs that are in it already are
-skipped, so it can be stopped and started again. Exit status 1 if a gate fails, 2 if FILE belongs to
-another flight core or other tables.
+The flight core runs in this process (libkincal.so) against the simulator's arm, pan-tilt unit and camera in
+the fast mode, 100 ms a tick as in lockstep, without LCM and without processes; what goes in and out is what
+the edge of the flight process passes on. One line per run goes to FILE at once; runs that are in it already
+are skipped, so it can be stopped and started again. Exit status 1 if a criterion is missed, 2 if FILE
+belongs to another flight core or other tables.
 
-Errors drawn (run number and seed say which; the bounds are those of tables/src/space.toml [survive])
+Sampled errors (run number and seed say which; the bounds are those of tables/src/space.toml [error_bounds])
 - inside: run 0 is the paper's set; then by run number in turn 6 of 10 `box`: all 28 DH errors even between
-  their bounds; 2 `alone`: one error, any of them, between half its bound and the bound, either way;
-  2 `three`: three errors at their bounds, either way.
-- outside: in turn `slip`: an encoder of any joint that reads 1 to 2.5 rad wrong (joint 7:
-  beyond its bound); `few`: one to three errors at
-  1.5 to 4 times their bounds; `wide`: all 28 even in the box of 1.5 to 4 times the bounds, one of them at
-  its end; `both`: a slip and all 28 inside their bounds. No angle is more than pi off.
-An arm that is within 20 mm of something where it stands before anything was commanded is drawn again, and
-counted: whoever parked it there saw to it that it stands free.
+  their bounds; 2 `alone`: one error, any of them, between half its bound and the bound, either way; 2
+  `three`: three errors at their bounds, either way.
+- outside: in turn `slip`: an encoder of any joint that reads 1 to 2.5 rad wrong (joint 7: beyond its
+  bound); `few`: one to three errors at 1.5 to 4 times their bounds; `wide`: all 28 even in the box of 1.5
+  to 4 times the bounds, one of them at its end; `both`: a slip and all 28 inside their bounds. No angle is
+  more than pi off.
+An arm that is within 20 mm of something at the park pose, before anything was commanded, is sampled again,
+and counted: whoever parked it there saw to it that it stands free.
 
-Judged
-- contact: MuJoCo's arm with the true errors, with itself, deck, ground, mast, head: at every tick and at
-  SUBSTEPS times within each while arm or head move (25 ms: a joint at full speed turns 20 mrad).
-- limits: every commanded joint inside the limits of the ARM table and of the simulator's arm, every head
-  angle inside the CAMERA table's.
-- unproven: from the contents of the SPACE table, without flight's functions: a command is proven if where
-  the arm stands (by its encoders) and where it goes lie in the servo box of one candidate, or both on one
-  straight segment that the table says was proven, which it goes along.
+Checked
+- contact: MuJoCo's arm with the true errors, with itself, deck, ground, mast, pan-tilt unit: at every tick
+  and at SUBSTEPS times within each while anything moves (25 ms: a joint at full speed turns 20 mrad).
+- limits: every commanded joint inside the limits of the ARM table and of the simulator's arm, every
+  pan-tilt angle inside those of the CAMERA table.
+- verified: from the contents of the SPACE table, without flight's functions: a command is verified if where
+  the arm stands (by its encoders) and where it goes lie inside the servo bound of one candidate, or both on
+  one verified straight segment, which it goes along.
 - finished: a correction was proposed, or found not to be needed. Else: refused at START, or the cause of
   the abort. Error of the result: RMS tool position over 100 postures that were not measured, by MuJoCo.
 """
@@ -52,11 +52,16 @@ ROOT = Path(__file__).resolve().parents[2]
 for _folder in ("ground", "sim", "build/py"):
     sys.path.insert(0, str(ROOT / _folder))
 
-from kincal import core, tables  # noqa: E402
-from kincal.space import description, drawn  # noqa: E402
+from kincal.flight import check, event_name, library  # noqa: E402
+from kincal.flight import tables as codec  # noqa: E402
+from kincal.flight.builds import library_file  # noqa: E402
+from kincal.schema.space import read_description  # noqa: E402
+from kincal.space import SpaceTable, TablesFolder, error_bounds  # noqa: E402
+from kincal.space.error_sampling import DH_FIELDS  # noqa: E402
 from kincal_sim.arm import Arm  # noqa: E402
-from kincal_sim.eyes import fast_eye  # noqa: E402
-from kincal_sim.scenario import ArmTruth, Scenario, generator  # noqa: E402
+from kincal_sim.imagers import fast_imager  # noqa: E402
+from kincal_sim.randomness import generator  # noqa: E402
+from kincal_sim.scenario import ArmTruth, Scenario  # noqa: E402
 from kincal_sim.world import World  # noqa: E402
 
 TABLES = ROOT / "tables" / "bin"
@@ -64,15 +69,16 @@ SPACE_TOML = ROOT / "tables" / "src" / "space.toml"
 TICK_US = 100_000
 SUBSTEPS = 4
 MISSION_S = 7200.0  # the executive's patience
-LINGER_TICKS = 30  # after the end: an arm that was stopped comes to rest
+LINGER_TICKS = 30  # after the end: a stopped arm comes to rest
 HELD_OUT = 100
 FINISH_MIN = 0.99
 START_CLEAR_M = 0.02
 OUTSIDE_CLEAR_MIN = 0.999
-FIRST_LEASH = 0.05 + 1e-6  # about first looks, KC_HUB_LEASH of kc_path.h
+FLIGHT = library("flight")
+HUB_BOUND = FLIGHT.decimal("KC_HUB_BOUND") + 1e-6  # about hubs and local initial poses
 ON_NODE_RAD = 0.002  # arm at rest within arrive_tol; the rest is rounding
-IDLE, REVIEW, SAFE = 0, 9, 11
-START, EXECUTIVE = 1, 2
+IDLE, REVIEW, SAFE = (FLIGHT.constant(f"KC_ST_{name}") for name in ("IDLE", "REVIEW", "SAFE"))
+START, EXECUTIVE = FLIGHT.lib.KC_CMD_START, FLIGHT.lib.KC_SRC_EXECUTIVE
 START_TICK = 3  # the executive hears the first housekeeping and answers it: flight has START in this tick
 KINDS_INSIDE = ("box", "alone", "box", "three", "box", "box", "box", "alone", "box", "three")
 KINDS_OUTSIDE = ("slip", "few", "wide", "both")
@@ -82,12 +88,13 @@ KINDS_OUTSIDE = ("slip", "few", "wide", "both")
 
 
 def bounds() -> dict[str, float]:
-    """Bound of every DH error to survive, by name."""
-    return drawn.bounds(description.read_description(SPACE_TOML), 7)
+    """Bound of every DH error [rad or m], by name."""
+    return error_bounds(read_description(SPACE_TOML), 7)
 
 
 def paper() -> dict[str, float]:
-    return dict(description.read_description(SPACE_TOML).survive.case[0])
+    """The paper's set of errors."""
+    return dict(read_description(SPACE_TOML).error_bounds.case[0])
 
 
 def _sign(rng) -> float:
@@ -101,6 +108,7 @@ def _cut(errors: dict[str, float]) -> dict[str, float]:
 
 
 def inside(rng, kind: str) -> ArmTruth:
+    """An arm with errors inside their bounds."""
     size = bounds()
     names = list(size)
     if kind == "paper":
@@ -113,6 +121,7 @@ def inside(rng, kind: str) -> ArmTruth:
 
 
 def outside(rng, kind: str) -> ArmTruth:
+    """An arm with errors outside their bounds."""
     size = bounds()
     names = list(size)
     truth = ArmTruth()
@@ -144,58 +153,60 @@ def near(arm: Arm) -> set:
 
 def stands_free(world: World) -> bool:
     """Nothing is near where the arm stands that is not near an arm without errors (neighbours on the arm)."""
-    healthy = Watched(Scenario("healthy", ""), 1)
+    healthy = CheckedWorld(Scenario(name="healthy"), 1)
     return not world.arm.collisions() and near(world.arm) <= near(healthy.arm)
 
 
-def draw(part: str, seed: int, run: int) -> tuple[str, ArmTruth, int]:
-    """Kind, errors, and how often an arm that stood in something was thrown away."""
+def sample(part: str, seed: int, run: int) -> tuple[str, ArmTruth, int]:
+    """Kind, errors, and how many arms were rejected because they did not stand free."""
     kinds, make = (KINDS_INSIDE, inside) if part == "inside" else (KINDS_OUTSIDE, outside)
     kind = "paper" if part == "inside" and run == 0 else kinds[run % len(kinds)]
     rng = np.random.default_rng([seed, 0 if part == "inside" else 1, run])
-    for again in range(1000):
+    for rejected in range(1000):
         truth = make(rng, kind)
-        if stands_free(Watched(Scenario("drawn", "", arm=truth), 1)):
-            return kind, truth, again
+        if stands_free(CheckedWorld(Scenario(name="sampled", arm=truth), 1)):
+            return kind, truth, rejected
     raise ArithmeticError(f"no arm of kind {kind} that stands free")
 
 
-# ---- the world, watched ---------------------------------------------------------------------------------
+# ---- the world, with contacts recorded ------------------------------------------------------------------
 
 
-class Watched(World):
-    """The simulator's world that looks for contact much oftener, while anything moves."""
+class CheckedWorld(World):
+    """The simulator's world that also checks for contact between ticks, while anything moves.
+
+    found: contacts by pair of shapes; note: what else to record about one."""
 
     def __init__(self, scenario: Scenario, seed: int):
-        super().__init__(scenario, seed, fast_eye)
-        self.hits: dict[str, dict] = {}
-        self.note = dict  # what else to write down about a contact
-        self._still = None
-        self._look(*self._axes(0.0))
+        super().__init__(scenario, seed, fast_imager)
+        self.found: dict[str, dict] = {}
+        self.note = dict
+        self._checked = None
+        self._record_contacts(*self._axes(0.0))
 
     def _axes(self, t_s: float):
-        return self.controller.mover.at(t_s)[0], self.head.mover.at(t_s)[0]
+        return self.controller.trajectory.at(t_s)[0], self.pantilt.trajectory.at(t_s)[0]
 
-    def _obey(self, t_us: int) -> None:
-        super()._obey(t_us)
+    def execute_commands(self, t_us: int) -> None:
+        super().execute_commands(t_us)
         for k in range(1, SUBSTEPS + 1):
-            self._look(*self._axes((t_us + k * TICK_US / SUBSTEPS) * 1e-6), t_us * 1e-6)
+            self._record_contacts(*self._axes((t_us + k * TICK_US / SUBSTEPS) * 1e-6), t_us * 1e-6)
 
-    def _look(self, q, head, t_s: float = 0.0) -> None:
-        at = (q.tobytes(), head.tobytes())
-        if at == self._still:
+    def _record_contacts(self, q, pan_tilt, t_s: float = 0.0) -> None:
+        at = (q.tobytes(), pan_tilt.tobytes())
+        if at == self._checked:
             return
-        self._still = at
-        self._stand(q, head)
+        self._checked = at
+        self.settle(q, pan_tilt)
         model, data = self.arm.model, self.arm.data
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
         for c in data.contact[: data.ncon]:
             pair = " - ".join(sorted((model.geom(c.geom1).name, model.geom(c.geom2).name)))
             new = {"t_s": round(t_s, 1), "n": 0, "deep_m": 0.0, "q": np.round(q, 4).tolist(), **self.note()}
-            hit = self.hits.setdefault(pair, new)
-            hit["n"] += 1
-            hit["deep_m"] = max(hit["deep_m"], round(-float(c.dist), 4))
+            contact = self.found.setdefault(pair, new)
+            contact["n"] += 1
+            contact["deep_m"] = max(contact["deep_m"], round(-float(c.dist), 4))
 
 
 # ---- flight, in this process ----------------------------------------------------------------------------
@@ -205,47 +216,51 @@ class Flight:
     """The flight core behind the edge's door: sensor messages in, commands and telemetry out."""
 
     def __init__(self):
-        self.app = core.ffi.addressof(core.lib, "kc_app_instance")
-        self.inp, self.out = core.ffi.new("kc_in_t *"), core.ffi.new("kc_out_t *")
-        core.lib.kc_app_init(self.app)
-        for kind in range(1, len(tables.KINDS) + 1):
-            data = (TABLES / f"{tables.KIND_NAMES[kind]}.tbl").read_bytes()
-            core.check(core.lib.kc_app_load(self.app, kind, data, len(data)), f"table kind {kind}")
-        core.lib.kc_app_boot(self.app)
+        self.app = FLIGHT.ffi.addressof(FLIGHT.lib, "kc_app_instance")
+        self.inp, self.out = FLIGHT.new("kc_in_t"), FLIGHT.new("kc_out_t")
+        FLIGHT.lib.kc_app_init(self.app)
+        for name, kind in codec.kinds().items():
+            data = (TABLES / f"{name}.tbl").read_bytes()
+            check(FLIGHT.lib.kc_app_load(self.app, kind, data, len(data)), f"{name} table")
+        FLIGHT.lib.kc_app_boot(self.app)
         self.waiting: list = []  # detections come one tick after they were taken, as over the network
 
-    def step(self, now_us: int, heard: list, command=None):
+    def step(self, now_us: int, received: list, command=None):
+        """One tick: messages and a command (a dict of its fields) in, what flight sends out."""
         i = self.inp
-        core.ffi.memmove(i, bytes(core.ffi.sizeof(i[0])), core.ffi.sizeof(i[0]))
+        FLIGHT.ffi.memmove(i, bytes(FLIGHT.ffi.sizeof(i[0])), FLIGHT.ffi.sizeof(i[0]))
         for d in self.waiting:
             _detection(i.det[i.n_det], d)
             i.n_det += 1
         self.waiting = []
-        for channel, m in heard:
-            if channel == "KC_ARM_STATE":
-                _arm(i.arm, m)
-                i.has_arm = 1
-            elif channel == "KC_PANTILT_STATE":
-                h = i.pantilt
-                h.t_us, h.seq, h.pan_rad, h.tilt_rad, h.moving = (
-                    m.t_us,
-                    m.seq,
-                    m.pan_rad,
-                    m.tilt_rad,
-                    m.moving,
-                )
-                i.has_pantilt = 1
-            elif channel == "KC_DETECTION":
-                self.waiting.append(m)
+        for channel, m in received:
+            self._take(channel, m)
         if command is not None:
             i.n_cmd = 1
-            core.fill(i.cmd[0], command)
-        core.lib.kc_app_step(self.app, now_us, i, self.out)
+            FLIGHT.set_fields(i.cmd[0], command)
+        FLIGHT.lib.kc_app_step(self.app, now_us, i, self.out)
         return self.out
+
+    def _take(self, channel: str, m) -> None:
+        if channel == "KC_ARM_STATE":
+            _arm(self.inp.arm, m)
+            self.inp.has_arm = 1
+        elif channel == "KC_PANTILT_STATE":
+            _copy(self.inp.pantilt, m, ("t_us", "seq", "pan_rad", "tilt_rad", "moving"))
+            self.inp.has_pantilt = 1
+        elif channel == "KC_DETECTION":
+            self.waiting.append(m)
 
     @property
     def state(self) -> int:
-        return int(core.lib.kc_app_state(self.app))
+        """State of the executive, KC_ST_..."""
+        return int(FLIGHT.lib.kc_app_state(self.app))
+
+
+def _copy(struct, m, names) -> None:
+    """Fields of a message into a struct, by name."""
+    for name in names:
+        setattr(struct, name, getattr(m, name))
 
 
 def _arm(s, m) -> None:
@@ -256,10 +271,8 @@ def _arm(s, m) -> None:
 
 
 def _detection(d, m) -> None:
-    for name in ("t_us", "seq", "n_tags", "tag_id", "p_cam_tool_m", "p_alt_m", "q_alt_wxyz", "rms_px"):
-        setattr(d, name, getattr(m, name))
-    for name in ("q_cam_tool_wxyz", "rms_alt_px", "range_m", "incid_rad", "u_px", "v_px", "corner_px"):
-        setattr(d, name, getattr(m, name))
+    _copy(d, m, ("t_us", "seq", "n_tags", "tag_id", "p_cam_tool_m", "p_alt_m", "q_alt_wxyz", "rms_px"))
+    _copy(d, m, ("q_cam_tool_wxyz", "rms_alt_px", "range_m", "incid_rad", "u_px", "v_px", "corner_px"))
     cov = np.zeros((6, 6))
     cov[np.triu_indices(6)] = m.cov
     d.cov = (cov + np.triu(cov, 1).T).ravel().tolist()
@@ -273,6 +286,7 @@ class Message:
 
 
 def commands(out) -> list[tuple[str, Message]]:
+    """Channel and message of everything that flight commands."""
     found = []
     if out.has_arm_cmd:
         c = out.arm_cmd
@@ -287,76 +301,81 @@ def commands(out) -> list[tuple[str, Message]]:
     return found
 
 
-# ---- the judge of commands ------------------------------------------------------------------------------
+# ---- the check of commands ------------------------------------------------------------------------------
 
 
-class Judge:
-    """Says what is wrong with a command, from the contents of the tables alone."""
+def segment_ends(table: SpaceTable) -> np.ndarray:
+    """Ends of all verified segments, (n, 2) nodes: the hubs, then the poses of the table."""
+    n_hub = len(table.hub_q_rad)
+    ends = {(a, b) for b in range(n_hub) for a in range(b) if table.hub_edges[a] >> b & 1}
+    ends |= {(int(hub), n_hub + i) for i, hub in enumerate(table.hub)}
+    ends |= {(n_hub + int(j), n_hub + int(i)) for i, j in np.argwhere(table.direct)}
+    return np.array(sorted(ends)).reshape(-1, 2)
+
+
+class CommandCheck:
+    """Says what is wrong with a command, from the contents of the tables alone.
+
+    seed, bound (poses, n): seeds, and how far the servo may take each joint from them; hub (hubs, n); a, b
+    (segments, n): ends of the verified segments, and their names."""
 
     def __init__(self):
-        _, arm = tables.load(TABLES / "arm.tbl")
-        _, camera = tables.load(TABLES / "camera.tbl")
-        _, space = tables.load(TABLES / "space.tbl")
+        tables = TablesFolder(TABLES)
+        arm, camera, table = tables.arm, tables.camera, tables.space
         self.n = int(arm.n_joints)
-        self.lo = np.array([arm.joint[j].q_min for j in range(self.n)])
-        self.hi = np.array([arm.joint[j].q_max for j in range(self.n)])
-        self.head_lo = np.array([camera.pan_min_rad, camera.tilt_min_rad])
-        self.head_hi = np.array([camera.pan_max_rad, camera.tilt_max_rad])
-        n_hub, n_cand = int(space.n_hub), int(space.n_cand)
-        self.hub = np.array([list(space.hub_q[h])[: self.n] for h in range(n_hub)])
-        self.seed = np.array([list(space.cand[i].q_seed)[: self.n] for i in range(n_cand)])
-        leash = space.servo_leash  # one for all joints, or one each
-        leash = [leash] * self.n if isinstance(leash, float) else list(leash)[: self.n]
-        self.leash = np.array(leash) + 1e-6  # single precision
-        first = np.array([[c.why >> 15 & 1] for c in space.cand[0:n_cand]])  # proven no farther than hubs
-        self.box = np.where(first, np.minimum(self.leash, FIRST_LEASH), self.leash)
-        # Segments by their ends: nodes are the hubs, then the candidates.
-        self.node = np.vstack([self.hub, self.seed])
-        ends = {(a, b) for a in range(n_hub) for b in range(n_hub) if space.hub_edge[a] >> b & 1 and a < b}
-        ends |= {(int(space.cand[i].hub), n_hub + i) for i in range(n_cand)}
-        bit = np.unpackbits(np.frombuffer(core.ffi.buffer(space.edge), np.uint8), bitorder="little")
-        i, j = np.tril_indices(n_cand, -1)
-        joined = bit[i * (i - 1) // 2 + j] == 1
-        ends |= set(zip((n_hub + j[joined]).tolist(), (n_hub + i[joined]).tolist(), strict=True))
-        ends = np.array(sorted(ends)).reshape(-1, 2)
-        self.a, self.b = self.node[ends[:, 0]], self.node[ends[:, 1]]
-        names = [f"hub {h}" for h in range(n_hub)] + [f"candidate {i}" for i in range(n_cand)]
+        joints = arm.joint[0 : self.n]
+        self.lo, self.hi = np.array([j.q_min for j in joints]), np.array([j.q_max for j in joints])
+        self.pantilt_lo = np.array([camera.pan_min_rad, camera.tilt_min_rad])
+        self.pantilt_hi = np.array([camera.pan_max_rad, camera.tilt_max_rad])
+        self.hub, self.seed = table.hub_q_rad, table.q_rad
+        self.servo_bound = table.servo_bound_rad + 1e-6  # single precision
+        # local poses are verified no farther than hubs
+        local = (np.arange(len(self.seed)) >= table.n_candidates)[:, None]
+        self.bound = np.where(local, np.minimum(self.servo_bound, HUB_BOUND), self.servo_bound)
+        self._segments(table)
+
+    def _segments(self, table: SpaceTable) -> None:
+        node, ends = np.vstack([self.hub, self.seed]), segment_ends(table)
+        self.a, self.b = node[ends[:, 0]], node[ends[:, 1]]
+        names = [f"hub {h}" for h in range(len(self.hub))] + [f"candidate {i}" for i in range(len(self.seed))]
         self.name = [f"{names[a]} - {names[b]}" for a, b in ends]
 
-    def limits(self, q) -> bool:
+    def joints_allowed(self, q) -> bool:
+        """Whether joints are finite and inside the limits of the ARM table."""
         return bool(np.all(np.isfinite(q)) and np.all(q >= self.lo) and np.all(q <= self.hi))
 
-    def head(self, pan_tilt) -> bool:
-        return bool(np.all(pan_tilt >= self.head_lo) and np.all(pan_tilt <= self.head_hi))
+    def pantilt_allowed(self, pan_tilt) -> bool:
+        """Whether pan-tilt angles are inside the limits of the CAMERA table."""
+        return bool(np.all(pan_tilt >= self.pantilt_lo) and np.all(pan_tilt <= self.pantilt_hi))
 
-    def _along(self, q) -> np.ndarray:
+    def _off_segments(self, q) -> np.ndarray:
         """Distance of q to every segment (largest joint)."""
-        way = self.b - self.a
-        t = np.clip(np.sum((q - self.a) * way, 1) / np.maximum(np.sum(way * way, 1), 1e-12), 0.0, 1.0)
-        return np.max(np.abs(self.a + t[:, None] * way - q), 1)
+        along = self.b - self.a
+        t = np.clip(np.sum((q - self.a) * along, 1) / np.maximum(np.sum(along * along, 1), 1e-12), 0.0, 1.0)
+        return np.max(np.abs(self.a + t[:, None] * along - q), 1)
 
-    def proven(self, start, goal) -> tuple[str, str]:
-        """What proves a command, or an empty string and how far it is from anything proven."""
+    def verified(self, start, goal) -> tuple[str, str]:
+        """What a command was verified by; or an empty string, and how far it is from anything verified."""
         here, there = np.abs(self.seed - start), np.abs(self.seed - goal)
-        boxes = np.all(here <= self.box + ON_NODE_RAD, 1) & np.all(there <= self.box, 1)
-        if np.any(boxes):
-            return f"box {int(np.argmax(boxes))}", ""
+        inside = np.all(here <= self.bound + ON_NODE_RAD, 1) & np.all(there <= self.bound, 1)
+        if np.any(inside):
+            return f"bound {int(np.argmax(inside))}", ""
         if np.max(np.abs(goal - start)) <= ON_NODE_RAD:
             return "stays", ""
-        off_start, off_goal = self._along(start), self._along(goal)
-        lines = (off_start <= ON_NODE_RAD) & (off_goal <= 1e-5)
-        if np.any(lines):
-            return self.name[int(np.argmax(lines))], ""
-        box = np.min(np.max(np.maximum(here, there) / self.box, 1))
-        line = float(np.min(np.maximum(off_start, off_goal)))
-        return "", f"nearest box {box:.2f} leashes, nearest segment {line:.3f} rad"
+        off_start, off_goal = self._off_segments(start), self._off_segments(goal)
+        segments = (off_start <= ON_NODE_RAD) & (off_goal <= 1e-5)
+        if np.any(segments):
+            return self.name[int(np.argmax(segments))], ""
+        bounds = np.min(np.max(np.maximum(here, there) / self.bound, 1))
+        off_rad = float(np.min(np.maximum(off_start, off_goal)))
+        return "", f"nearest seed {bounds:.2f} servo bounds off, nearest segment {off_rad:.3f} rad"
 
 
 # ---- one run --------------------------------------------------------------------------------------------
 
 
 @dataclass
-class Story:
+class Record:
     """What happened in a run."""
 
     outcome: str = ""
@@ -364,8 +383,8 @@ class Story:
     poses: int = 0
     crc: int = 0
     coef: list = field(default_factory=list)
-    ends: list = field(default_factory=list)  # bad commands
-    limits: list = field(default_factory=list)
+    unverified: list = field(default_factory=list)  # commands
+    limits: list = field(default_factory=list)  # commands beyond them
     events: Counter = field(default_factory=Counter)
     commands: int = 0
     cause: int = -1
@@ -390,76 +409,83 @@ def rms_m(wrong: Arm, believed: Arm, bias, rng) -> float:
 
 def coefficient_errors(coef) -> dict[str, float]:
     """The DH errors among the coefficients of a correction (they come first, four a joint)."""
-    return {f"J{k // 4 + 1}.{drawn.FIELDS[k % 4]}": float(coef[k]) for k in range(28)}
+    return {f"J{k // 4 + 1}.{DH_FIELDS[k % 4]}": float(coef[k]) for k in range(28)}
 
 
-def fly(truth: ArmTruth, seed: int, judge: Judge) -> tuple[Story, Watched]:
+def fly(truth: ArmTruth, seed: int, checker: CommandCheck) -> tuple[Record, CheckedWorld]:
     """One recalibration from power-up to its end."""
-    world, flight, story = Watched(Scenario("drawn", "", arm=truth), seed), Flight(), Story()
-    last = {"way": "", "pose": 0}
+    world, flight, record = CheckedWorld(Scenario(name="sampled", arm=truth), seed), Flight(), Record()
+    last = {"path": "", "pose": 0}
     world.note = lambda: dict(last)
     ask = {"seq": 1, "source": EXECUTIVE, "opcode": START, "arg_i": [-1, 0, seed, 0]}
     ended, tick, stop = None, 0, int(MISSION_S * 1e6 / TICK_US)
     while tick < stop and (ended is None or tick < ended + LINGER_TICKS):
         tick += 1
         now_us = tick * TICK_US
-        heard = world.step(now_us)
-        out = flight.step(now_us, heard, ask if tick == START_TICK else None)
-        _listen(out, story)
-        sent = commands(out)
-        for channel, m in sent:
-            world.take(channel, m)
-            _judge(channel, m, world, judge, story, flight, last)
+        out = flight.step(now_us, world.step(now_us), ask if tick == START_TICK else None)
+        _listen(out, record)
+        for channel, m in commands(out):
+            world.receive(channel, m)
+            _check(channel, m, world, checker, record, flight, last)
         if ended is None and tick >= START_TICK and flight.state in (IDLE, REVIEW, SAFE):
             ended = tick
-    story.outcome = _outcome(story, ended is not None)
+    record.outcome = _outcome(record, ended is not None)
     world.mission_s = (ended or tick) * TICK_US * 1e-6
-    return story, world
+    return record, world
 
 
-def _listen(out, story: Story) -> None:
+def _listen(out, record: Record) -> None:
+    """Record what flight says."""
     for k in range(out.events.n):
         e = out.events.e[k]
-        name = core.ffi.string(core.lib.kc_event_name(e.id)).decode()
-        story.events[name] += 1
+        name = event_name(e.id)
+        record.events[name] += 1
         if name == "CAL_ABORTED":
-            story.cause = int(e.got)
+            record.cause = int(e.got)
     if out.n_ack and out.ack[0].status != 0:
-        name = core.ffi.string(core.lib.kc_event_name(out.ack[0].event_id)).decode()
-        story.outcome = f"refused: {name}"
+        name = event_name(out.ack[0].event_id)
+        record.outcome = f"refused: {name}"
     if out.has_meas:
-        story.poses += 1
+        record.poses += 1
     if out.has_proposal:
         p = out.proposal
-        story.verdict = ("no change", "change", "poor")[p.verdict]
-        story.crc = int(p.crc)
-        story.coef = list(p.kin.value)[: p.kin.n_coef]
+        record.verdict = ("no change", "change", "poor")[p.verdict]
+        record.crc = int(p.crc)
+        record.coef = list(p.kin.value)[: p.kin.n_coef]
 
 
-def _judge(channel: str, m, world: Watched, judge: Judge, story: Story, flight: Flight, last: dict) -> None:
-    if channel == "KC_PANTILT_CMD" and not judge.head(np.array([m.pan_rad, m.tilt_rad])):
-        story.limits.append(f"head {m.pan_rad:.3f} {m.tilt_rad:.3f}")
+def _check(
+    channel: str, m, world: CheckedWorld, checker: CommandCheck, record: Record, flight: Flight, last: dict
+) -> None:
+    """Record what is wrong with a command."""
+    if channel == "KC_PANTILT_CMD" and not checker.pantilt_allowed(np.array([m.pan_rad, m.tilt_rad])):
+        record.limits.append(f"pan-tilt {m.pan_rad:.3f} {m.tilt_rad:.3f}")
     if channel != "KC_ARM_CMD" or m.hold:
         return
-    story.commands += 1
-    q, here = np.array(m.q_rad[: judge.n]), world.controller.mover.at(world.now_us * 1e-6)[0]
+    record.commands += 1
+    q, here = np.array(m.q_rad[: checker.n]), world.controller.trajectory.at(world.now_us * 1e-6)[0]
     arm = world.arm
-    if not judge.limits(q) or np.any(q < arm.q_min) or np.any(q > arm.q_max) or not 0 < m.speed_scale <= 1:
-        story.limits.append(f"joints {np.round(q, 3).tolist()} scale {m.speed_scale}")
-    way, problem = judge.proven(here, q)
-    last.update(way=way or "unproven", pose=story.poses)
+    if (
+        not checker.joints_allowed(q)
+        or np.any(q < arm.q_min)
+        or np.any(q > arm.q_max)
+        or not 0 < m.speed_scale <= 1
+    ):
+        record.limits.append(f"joints {np.round(q, 3).tolist()} scale {m.speed_scale}")
+    path, problem = checker.verified(here, q)
+    last.update(path=path or "not verified", pose=record.poses)
     if problem:
-        story.ends.append(f"{problem}; state {flight.state}, pose {story.poses}")
+        record.unverified.append(f"{problem}; state {flight.state}, pose {record.poses}")
 
 
-def _outcome(story: Story, ended: bool) -> str:
-    if story.outcome:
-        return story.outcome
-    if story.verdict:
+def _outcome(record: Record, ended: bool) -> str:
+    if record.outcome:
+        return record.outcome
+    if record.verdict:
         return "finished"
-    if story.cause >= 0:
-        names = core.ffi.typeof("kc_cause_t").elements
-        return f"aborted: {names[story.cause].removeprefix('KC_CAUSE_').lower().replace('_', ' ')}"
+    if record.cause >= 0:
+        names = {number: name for name, number in FLIGHT.enum("kc_cause_t", "KC_CAUSE_").items()}
+        return f"aborted: {names[record.cause].lower().replace('_', ' ')}"
     return "ended without a proposal" if ended else "not finished in time"
 
 
@@ -467,69 +493,81 @@ def one(job: tuple[str, int, int]) -> dict:
     """A run by its number; everything about it as a line of the file."""
     part, seed, run = job
     cpu = time.process_time()
-    kind, truth, again = draw(part, seed, run)
-    story, world = fly(truth, 1000 * seed + run, Judge())
-    rng = generator(run, "held out")
-    bias = world.truth.bias_rad
-    off = rms_m(world.arm, Arm(), bias, generator(run, "held out"))
-    left = rms_m(world.arm, Arm(errors=coefficient_errors(story.coef)), bias, rng) if story.coef else None
+    kind, truth, resampled = sample(part, seed, run)
+    record, world = fly(truth, 1000 * seed + run, CommandCheck())
+    before_m, after_m = _errors_m(record, world, run)
     return {
         "part": part,
         "run": run,
         "kind": kind,
-        "outcome": story.outcome,
-        "verdict": story.verdict,
-        "crc": f"{story.crc:08x}",
-        "poses": story.poses,
-        "commands": story.commands,
-        "contacts": world.hits,
-        "limits": story.limits[:5],
-        "unproven": story.ends[:5],
-        "n_limits": len(story.limits),
-        "n_unproven": len(story.ends),
-        "before_m": round(off, 5),
-        "after_m": None if left is None else round(left, 6),
+        **_summary(record),
+        "contacts": world.found,
+        "before_m": round(before_m, 5),
+        "after_m": None if after_m is None else round(after_m, 6),
         "mission_s": round(world.mission_s, 1),
         "cpu_s": round(time.process_time() - cpu, 2),
-        "drawn_again": again,
+        "resampled": resampled,
         "errors": {k: round(v, 5) for k, v in truth.errors.items()},
         "bias": {k: round(v, 5) for k, v in truth.encoder_bias_rad.items()},
-        "coef": [round(c, 6) for c in story.coef],
-        "events": dict(sorted(story.events.items())),
+    }
+
+
+def _errors_m(record: Record, world: CheckedWorld, run: int) -> tuple[float, float | None]:
+    """RMS tool position error [m] of the nominal arm, and of the corrected one if there is a correction."""
+    arm, bias = world.arm, world.plant.encoders.bias_rad
+    before_m = rms_m(arm, Arm(), bias, generator(run, "held out"))
+    if not record.coef:
+        return before_m, None
+    corrected = Arm(errors=coefficient_errors(record.coef))
+    return before_m, rms_m(arm, corrected, bias, generator(run, "held out"))
+
+
+def _summary(record: Record) -> dict:
+    return {
+        "outcome": record.outcome,
+        "verdict": record.verdict,
+        "crc": f"{record.crc:08x}",
+        "poses": record.poses,
+        "commands": record.commands,
+        "limits": record.limits[:5],
+        "unverified": record.unverified[:5],
+        "n_limits": len(record.limits),
+        "n_unverified": len(record.unverified),
+        "coef": [round(c, 6) for c in record.coef],
+        "events": dict(sorted(record.events.items())),
     }
 
 
 # ---- all of them ----------------------------------------------------------------------------------------
 
 
-def head_line(seed: int) -> dict:
+def file_header(seed: int) -> dict:
     """What a file of runs belongs to."""
-    crc = {p.stem: tables.load(p)[0].crc_text for p in sorted(TABLES.glob("*.tbl"))}
-    library = next(f / core.LIBRARY for f in core.folders() if (f / core.LIBRARY).is_file())
-    flight = f"{zlib.crc32(library.read_bytes()):08x}"
+    crc = {p.stem: codec.header(p.read_bytes()).crc_text for p in sorted(TABLES.glob("*.tbl"))}
+    flight = f"{zlib.crc32(library_file('flight').read_bytes()):08x}"
     return {"seed": seed, "bounds": bounds(), "tables": crc, "flight": flight}
 
 
-class OtherTables(ValueError):
+class OtherRuns(ValueError):
     """The file holds runs of another flight core, other tables or bounds, or another seed."""
 
 
-def done(path: Path, head: dict) -> list[dict]:
+def read_runs(path: Path, header: dict) -> list[dict]:
     """Runs in the file; makes it if there is none. A line that was cut off is dropped."""
     if not path.exists() or not path.read_text().strip():
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(head) + "\n")
+        path.write_text(json.dumps(header) + "\n")
         return []
     first, *lines = path.read_text().splitlines()
-    if json.loads(first) != head:
-        raise OtherTables(f"{path} belongs to another flight core, other tables or bounds, or another seed")
+    if json.loads(first) != header:
+        raise OtherRuns(f"{path} belongs to another flight core, other tables or bounds, or another seed")
     found = []
     for line in lines:
         try:
             found.append(json.loads(line))
         except json.JSONDecodeError:
             continue
-    path.write_text("".join(json.dumps(x) + "\n" for x in (head, *found)))
+    path.write_text("".join(json.dumps(x) + "\n" for x in (header, *found)))
     return found
 
 
@@ -552,45 +590,56 @@ def run_all(jobs: list[tuple[str, int, int]], processes: int, path: Path, known:
 
 
 def table(results: list[dict], part: str) -> list[str]:
-    """Counts by kind of error."""
+    """Counts by kind of error, and every run that something is wrong with."""
     own = [r for r in results if r["part"] == part]
-    kinds = sorted({r["kind"] for r in own}) + ["all"]
+    kinds = sorted({r["kind"] for r in own})
     lines = [
         f"{part}: {len(own)} runs",
-        "kind    runs finished stopped contact limits unproven  left, median  cpu/run",
+        "kind    runs finished stopped contact limits unverified  left, median  cpu/run",
+        *(_row(kind, [r for r in own if r["kind"] == kind]) for kind in kinds),
+        _row("all", own),
     ]
-    for kind in kinds:
-        rows = [r for r in own if kind in ("all", r["kind"])]
-        left = [r["after_m"] for r in rows if r["after_m"] is not None]
-        lines.append(
-            f"{kind:<7} {len(rows):4d} {sum(r['outcome'] == 'finished' for r in rows):8d} "
-            f"{sum(r['outcome'] != 'finished' for r in rows):7d} {sum(bool(r['contacts']) for r in rows):7d} "
-            f"{sum(r['n_limits'] > 0 for r in rows):6d} {sum(r['n_unproven'] > 0 for r in rows):8d}  "
-            f"{1e3 * np.median(left) if left else float('nan'):9.2f} mm  "
-            f"{np.mean([r['cpu_s'] for r in rows]):5.2f} s"
-        )
     for what in ("outcome", "verdict"):
         count = Counter(r[what] for r in own if r[what])
         lines.append(f"{what}: " + ", ".join(f"{n} {k}" for k, n in count.most_common()))
-    lines.append(f"drawn again because they stood in something: {sum(r['drawn_again'] for r in own)}")
+    lines.append(f"sampled again because they did not stand free: {sum(r['resampled'] for r in own)}")
+    return lines + _contacts(own) + _bad_commands(own)
+
+
+def _row(kind: str, rows: list[dict]) -> str:
+    left = [r["after_m"] for r in rows if r["after_m"] is not None]
+    finished = sum(r["outcome"] == "finished" for r in rows)
+    return (
+        f"{kind:<7} {len(rows):4d} {finished:8d} {len(rows) - finished:7d} "
+        f"{sum(bool(r['contacts']) for r in rows):7d} {sum(r['n_limits'] > 0 for r in rows):6d} "
+        f"{sum(r['n_unverified'] > 0 for r in rows):10d}  "
+        f"{1e3 * np.median(left) if left else float('nan'):9.2f} mm  "
+        f"{np.mean([r['cpu_s'] for r in rows]):5.2f} s"
+    )
+
+
+def _contacts(own: list[dict]) -> list[str]:
     pairs = Counter(pair for r in own for pair in r["contacts"])
-    lines += [f"touched in {n} runs: {pair}" for pair, n in pairs.most_common(12)]
+    lines = [f"contact in {n} runs: {pair}" for pair, n in pairs.most_common(12)]
     for r in (r for r in own if r["contacts"]):
-        pair, hit = min(r["contacts"].items(), key=lambda x: x[1]["t_s"])
-        lines.append(f"  run {r['run']} {r['kind']}: {pair} at {hit['t_s']} s, {hit} ({r['outcome']})")
-    for r in (r for r in own if r["n_limits"] or r["n_unproven"]):
-        lines.append(f"  run {r['run']} {r['kind']}: {(r['limits'] + r['unproven'])[:2]}")
+        pair, first = min(r["contacts"].items(), key=lambda x: x[1]["t_s"])
+        lines.append(f"  run {r['run']} {r['kind']}: {pair} at {first['t_s']} s, {first} ({r['outcome']})")
     return lines
 
 
-def gates(results: list[dict]) -> dict[str, bool]:
+def _bad_commands(own: list[dict]) -> list[str]:
+    bad = (r for r in own if r["n_limits"] or r["n_unverified"])
+    return [f"  run {r['run']} {r['kind']}: {(r['limits'] + r['unverified'])[:2]}" for r in bad]
+
+
+def criteria(results: list[dict]) -> dict[str, bool]:
     """What has to hold."""
     ins = [r for r in results if r["part"] == "inside"]
     out = [r for r in results if r["part"] == "outside"]
-    bad = sum(r["n_limits"] + r["n_unproven"] for r in results)
+    bad = sum(r["n_limits"] + r["n_unverified"] for r in results)
     finished = sum(r["outcome"] == "finished" for r in ins)
     clear = sum(not r["contacts"] for r in out)
-    found = {"no command outside limits or proven segments": bad == 0}
+    found = {"no command outside limits or verified segments": bad == 0}
     if ins:
         found["inside the bounds: no contact"] = not any(r["contacts"] for r in ins)
         found[f"inside the bounds: at least {FINISH_MIN:.0%} finish"] = finished >= FINISH_MIN * len(ins)
@@ -603,6 +652,7 @@ def gates(results: list[dict]) -> dict[str, bool]:
 
 
 def options(argv: list[str] | None) -> argparse.Namespace:
+    """The command line."""
     p = argparse.ArgumentParser(prog="montecarlo.py", description=__doc__.split("\n")[0])
     p.add_argument("--runs", type=int, default=1000, help="with errors inside the bounds")
     p.add_argument("--outside", type=int, default=1000, help="with errors outside the bounds")
@@ -615,8 +665,8 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 def main(argv: list[str] | None = None) -> int:
     o = options(argv)
     try:
-        known = done(o.out, head_line(o.seed))
-    except OtherTables as e:
+        known = read_runs(o.out, file_header(o.seed))
+    except OtherRuns as e:
         print(e, file=sys.stderr)
         return 2
     jobs = [("inside", o.seed, k) for k in range(o.runs)] + [("outside", o.seed, k) for k in range(o.outside)]
@@ -624,10 +674,10 @@ def main(argv: list[str] | None = None) -> int:
     for part in ("inside", "outside"):
         if any(r["part"] == part for r in results):
             print("\n".join(table(results, part)) + "\n")
-    held = gates(results)
-    for name, good in held.items():
+    met = criteria(results)
+    for name, good in met.items():
         print(f"{'ok  ' if good else 'FAIL'} {name}")
-    return 0 if all(held.values()) else 1
+    return 0 if all(met.values()) else 1
 
 
 if __name__ == "__main__":

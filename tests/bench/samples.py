@@ -3,21 +3,22 @@
     python tests/bench/samples.py [--quick] [--seeds 20] [--space tables/bin/space.tbl] [--json FILE]
 
 The flight core's estimator, GP and acquisitions (shared library) against an arm they know nothing of:
-MuJoCo bodies moved by the paper's error set. Nothing of the flight kinematics enters the truth.
+MuJoCo bodies moved by the paper's error set. Nothing of the flight kinematics enters the ground truth.
 
-Without --space: the bare 7-DOF WAM (no base or tool offset), 600 candidates drawn anew for each seed
+Without --space: the bare 7-DOF WAM (no base or tool offset), 600 candidates sampled anew for each seed
 uniformly between the joint limits, the first 3 poses at random, then one at a time by the acquisition. A
-candidate's pose is the one the TRUE arm has at the candidate's joints: what the visual servo would be
-told to reach, reached. Measured: that pose with 0.5 mm and 0.2 deg, 1-sigma each axis; joints are read
+candidate's pose is the one the TRUE arm has at the candidate's joints: what the visual servo is asked to
+reach, reached. Measured: that pose with 0.5 mm and 0.2 deg, 1-sigma each axis; joints are read
 without error. Held out: 300 other random joint vectors; RMS distance of the corrected model's tool point
 from the true one.
 
 With --space: the scenario's arm and candidate table. A candidate's pose is the nominal one of its
 joints, as in flight; the joints measured are those that put the TRUE arm there (found on the MuJoCo
 model, within limits; candidates it can't reach are unusable). Held out: a third of the candidates, at
-most 300, drawn anew for each seed. The specification's figures are for the unrestricted set: here they are
-judged from 11 poses on. Fewer poses of a narrow space tell less whoever chooses them; GP-UCB in particular is
-no better than random there until about 15 (median 1.5 mm at 8 poses against the specification's 0.99).
+most 300, sampled anew for each seed. The specification's figures are for the unrestricted set: here they
+are compared from 11 poses on. Fewer poses of a narrow space tell less whoever chooses them; GP-UCB in
+particular is no better than random there until about 15 (median 1.5 mm at 8 poses against the
+specification's 0.99).
 
 Both: estimator from nominal start, kernel and weights of tables/src, f recomputed with every new
 correction. Two processes; the same figures every time. Exit 1 if a figure is clearly worse than the
@@ -31,6 +32,7 @@ import sys
 import time
 import tomllib
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -40,14 +42,18 @@ ROOT = Path(__file__).resolve().parents[2]
 for folder in ("ground", "sim"):
     sys.path.insert(0, str(ROOT / folder))
 
-from kincal import kernels  # noqa: E402
-from kincal.core import ffi, lib  # noqa: E402
+from kincal.flight import library  # noqa: E402
+from kincal.flight.kernel import spectral_table  # noqa: E402
+from kincal.rotations import wxyz_of_matrix  # noqa: E402
+from kincal.space import SpaceTable  # noqa: E402
 from kincal_sim import arm as sim_arm  # noqa: E402
 
+FLIGHT = library("flight")
+ffi, lib = FLIGHT.ffi, FLIGHT.lib
 ACQUISITIONS = ("random", "ucb", "dopt", "vopt")
 CODE = {"ucb": lib.KC_ACQ_UCB, "random": lib.KC_ACQ_RANDOM, "dopt": lib.KC_ACQ_DOPT, "vopt": lib.KC_ACQ_VOPT}
 POSES = (5, 6, 8, 11, 15, 20)
-N_FIRST, N_CANDIDATES, N_HELD_OUT = 3, 600, 300
+N_INITIAL, N_CANDIDATES, N_HELD_OUT = 3, 600, 300
 SIGMA_POS_M, SIGMA_ROT_RAD = 0.5e-3, np.deg2rad(0.2)
 ERRORS = {"J7.phi_rad": 1.3, "J2.alpha_rad": 0.4, "J3.a_m": 0.01, "J3.d_m": 0.15}
 
@@ -65,6 +71,7 @@ REFERENCE_SEEDS = 10
 
 
 def true_arm(bare: bool) -> sim_arm.Arm:
+    """MuJoCo's arm with the paper's errors; bare: without base and tool offset."""
     spec = sim_arm.load_spec()
     if bare:
         spec["base"]["xyz_m"] = spec["tool"]["xyz_m"] = [0.0, 0.0, 0.0]
@@ -72,6 +79,7 @@ def true_arm(bare: bool) -> sim_arm.Arm:
 
 
 def true_poses(arm: sim_arm.Arm, q: np.ndarray) -> np.ndarray:
+    """Tool poses (n, 4, 4) at joints (n, joints)."""
     poses = np.empty((len(q), 4, 4))
     for i, qi in enumerate(q):
         arm.set(qi)
@@ -80,7 +88,7 @@ def true_poses(arm: sim_arm.Arm, q: np.ndarray) -> np.ndarray:
 
 
 def rotation(w: np.ndarray) -> np.ndarray:
-    """Rodrigues."""
+    """Rotation matrix of a rotation vector [rad] (Rodrigues)."""
     angle = np.linalg.norm(w)
     k = w / max(angle, 1e-300)
     K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
@@ -117,12 +125,6 @@ def true_joints(arm: sim_arm.Arm, want: np.ndarray, q: np.ndarray, tries: int = 
 # --------------------------------------------------------------------------------------- the flight side
 
 
-def matrix_quat(R: np.ndarray) -> list[float]:
-    q = ffi.new("double[4]")
-    lib.kc_R_to_quat(ffi.new("double[9]", R.ravel().tolist()), q)
-    return list(q)
-
-
 def flight_arm(spec: dict):
     """Nominal arm table from the simulator's plain numbers (the two keep their own copies of them)."""
     a = ffi.new("kc_arm_t *")
@@ -139,11 +141,13 @@ def flight_arm(spec: dict):
 
 
 def source(name: str) -> dict:
+    """A table source of tables/src."""
     with open(ROOT / "tables" / "src" / f"{name}.toml", "rb") as f:
         return tomllib.load(f)
 
 
 def flight_terms(n_joints: int):
+    """The DH errors, bounded and scaled as in tables/src/terms.toml."""
     dh = source("terms")["dh"]
     names = ("phi_rad", "alpha_rad", "a_m", "d_m")
     t = ffi.new("kc_terms_t *")
@@ -163,10 +167,30 @@ def flight_kernel():
     k.n_hyper, k.sigma_eps = 1, doc["sigma_eps"]
     h, entry = k.hyper[0], doc["set"][0]
     h.sigma_s, h.beta_m, h.kappa, h.nu = (entry[n] for n in ("sigma_s", "beta_m", "kappa", "nu"))
-    table = kernels.spectral_table(doc["arg"], h.kappa, h.nu)
+    table = spectral_table(doc["arg"], h.kappa, h.nu)
     h.n_w, h.trunc_err = len(table.w), table.trunc_err
     h.w[0 : h.n_w] = table.w.tolist()
     return k
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What one seed works with. Of n candidates: seeds that flight knows and joints q that are measured
+    (n, joints), poses wanted and reached (n, 4, 4), and whether they can be taken (n,). Of the held-out
+    postures: joints, and true poses."""
+
+    seeds: np.ndarray
+    q: np.ndarray
+    wanted: np.ndarray
+    reached: np.ndarray
+    usable: np.ndarray
+    held_q: np.ndarray
+    held_poses: np.ndarray
+
+    @property
+    def known(self) -> bool:
+        """Whether the seeds are the joints of the measurement; else they are for the nominal arm."""
+        return self.seeds is self.q
 
 
 class Calibration:
@@ -191,33 +215,35 @@ class Calibration:
         ik = {"iter_max": 8, "tol_pos_m": 0.005, "tol_rot_rad": 0.02, "margin": 0.0, "step_max": 0.3}
         self.ik = ffi.new("kc_ik_opt_t *", ik)
 
-    def begin(self, seed: int, joints, poses, usable, known: bool) -> None:
-        """known: the joints are those of the measurement; else seeds on the nominal arm."""
-        n = len(joints)
-        self.wanted, self.seeds = poses, None if known else joints
+    def begin(self, seed: int, trial: Trial) -> None:
+        """Forget everything measured; the candidates are those of a trial."""
+        n, joints = len(trial.seeds), trial.seeds
+        self.wanted, self.seeds = trial.wanted, None if trial.known else joints
         self.est.n_obs = 0
         self.est.coef = [0.0] * len(self.est.coef)
         self.points = ffi.new("kc_point_t[]", n)
-        for point, T in zip(self.points, poses, strict=True):
-            point.p_m, point.q_wxyz = T[:3, 3].tolist(), matrix_quat(T[:3, :3])
+        for point, T in zip(self.points, trial.wanted, strict=True):
+            point.p_m, point.q_wxyz = T[:3, 3].tolist(), wxyz_of_matrix(T[:3, :3]).tolist()
         self.joints = np.zeros((n, 8), np.float32)
         self.joints[:, : joints.shape[1]] = joints
         self.joints_c = ffi.cast("float *", self.joints.ctypes.data)
-        self.usable = ffi.new("uint8_t[]", usable.astype(np.uint8).tobytes())
+        self.usable = ffi.new("uint8_t[]", trial.usable.astype(np.uint8).tobytes())
         self.n = n
         self.rng = ffi.new("uint64_t *", seed)
         assert lib.kc_gp_init(self.gp, self.kernel, 0, self.points, n) == lib.KC_OK
 
     def predict(self, ctx):
+        """Tool pose of the corrected arm."""
         lib.kc_model_loads(self.arm, self.terms, self.est.coef, ctx, self.loads)
         lib.kc_model_eval(self.arm, self.terms, self.est.coef, ctx, self.loads, 0, self.ev)
         return self.ev.T
 
     def measure(self, candidate: int, q: np.ndarray, p: np.ndarray, R: np.ndarray) -> None:
+        """Take the measurement of a candidate: joints [rad], tool position [m] and rotation."""
         obs = ffi.new("kc_obs_t *")
         obs.ctx.q[0 : len(q)] = q.tolist()
         obs.ctx.g_m_s2 = [0.0, 0.0, -9.81]
-        obs.p_m, obs.q_wxyz, obs.cov, obs.has_rot = p.tolist(), matrix_quat(R), self.cov, 1
+        obs.p_m, obs.q_wxyz, obs.cov, obs.has_rot = p.tolist(), wxyz_of_matrix(R).tolist(), self.cov, 1
         assert lib.kc_est_add(self.est, obs) == lib.KC_OK
         point = ffi.new("kc_point_t *", {"p_m": obs.p_m, "q_wxyz": obs.q_wxyz})
         assert lib.kc_gp_add(self.gp, point, 0.0, self.points) == lib.KC_OK
@@ -252,6 +278,7 @@ class Calibration:
                 self.joints[c] = list(q)
 
     def choose(self, acquisition: str) -> int:
+        """The next candidate."""
         c, value, w = ffi.new("uint32_t *"), ffi.new("double *"), self.weights
         if acquisition == "random":
             status = lib.kc_acq_random(self.usable, self.n, self.rng, c)
@@ -268,6 +295,7 @@ class Calibration:
         return c[0]
 
     def held_out_mm(self, q: np.ndarray, poses: np.ndarray) -> float:
+        """RMS position error over held-out joints (n, joints) with true poses (n, 4, 4)."""
         ctx = ffi.new("kc_ctx_t *")
         ctx.g_m_s2 = [0.0, 0.0, -9.81]
         total = 0.0
@@ -280,58 +308,59 @@ class Calibration:
 # --------------------------------------------------------------------------------------------- one session
 
 
-class Bare:
-    """Candidates of one seed: random joint vectors of the bare arm."""
+class BareArm:
+    """Candidates are random joint vectors of the bare arm."""
 
-    def __init__(self, _space: str | None):
+    def __init__(self):
         self.truth = true_arm(bare=True)
 
-    def draw(self, rng: np.random.Generator):
+    def sample(self, rng: np.random.Generator) -> Trial:
+        """Candidates and held-out postures of one seed."""
         lo, hi = self.truth.q_min, self.truth.q_max
         q = rng.uniform(lo, hi, (N_CANDIDATES, len(lo)))
         held = rng.uniform(lo, hi, (N_HELD_OUT, len(lo)))
         poses = true_poses(self.truth, q)
-        return q, q, poses, poses, np.ones(len(q), bool), held, true_poses(self.truth, held)
+        return Trial(q, q, poses, poses, np.ones(len(q), bool), held, true_poses(self.truth, held))
 
 
-class Space:
-    """The scenario's candidate table; the true arm is brought to each nominal pose once."""
+class SearchSpace:
+    """Candidates of a table; the true arm is brought to each nominal pose once."""
 
     def __init__(self, path: str):
-        from kincal import tables
-
         self.truth, nominal = true_arm(bare=False), sim_arm.Arm(sim_arm.load_spec(), {})
-        space = tables.decode(Path(path).read_bytes(), path)[1]
-        self.q = np.array([list(c.q_seed)[: self.truth.n] for c in space.cand[0 : space.n_cand]])
+        self.q = SpaceTable.load(Path(path))[1].q_rad
         self.wanted = true_poses(nominal, self.q)
         found = [true_joints(self.truth, T, q) for T, q in zip(self.wanted, self.q, strict=True)]
         self.usable = np.array([f is not None for f in found])
         self.true_q = np.array([q if f is None else f for f, q in zip(found, self.q, strict=True)])
         self.reached = true_poses(self.truth, self.true_q)
 
-    def draw(self, rng: np.random.Generator):
+    def sample(self, rng: np.random.Generator) -> Trial:
+        """Held-out candidates of one seed, and the others to choose among."""
         order = rng.permutation(np.flatnonzero(self.usable))
         held = order[: min(N_HELD_OUT, len(order) // 3)]
         usable = self.usable.copy()
         usable[held] = False
-        return self.q, self.true_q, self.wanted, self.reached, usable, self.true_q[held], self.reached[held]
+        ours = (self.q, self.true_q, self.wanted, self.reached)
+        return Trial(*ours, usable, self.true_q[held], self.reached[held])
 
 
 def session(seed: int, acquisition: str, site, cal: Calibration, poses) -> list[float]:
+    """Held-out error [mm] after each number of poses."""
     rng = np.random.default_rng(seed)
-    table_q, q, wanted, reached, usable, held_q, held_T = site.draw(rng)
-    cal.begin(seed, table_q, wanted, usable, known=table_q is q)
-    chosen = [int(c) for c in rng.choice(np.flatnonzero(usable), N_FIRST, replace=False)]
+    trial = site.sample(rng)
+    cal.begin(seed, trial)
+    chosen = [int(c) for c in rng.choice(np.flatnonzero(trial.usable), N_INITIAL, replace=False)]
     figures = []
     for n in range(1, max(poses) + 1):
-        c = chosen[n - 1] if n <= N_FIRST else cal.choose(acquisition)
-        T = reached[c]
+        c = chosen[n - 1] if n <= N_INITIAL else cal.choose(acquisition)
+        T = trial.reached[c]
         p = T[:3, 3] + rng.normal(0.0, SIGMA_POS_M, 3)
-        cal.measure(c, q[c], p, rotation(rng.normal(0.0, SIGMA_ROT_RAD, 3)) @ T[:3, :3])
-        if n >= N_FIRST:
+        cal.measure(c, trial.q[c], p, rotation(rng.normal(0.0, SIGMA_ROT_RAD, 3)) @ T[:3, :3])
+        if n >= N_INITIAL:
             cal.solve()
         if n in poses:
-            figures.append(cal.held_out_mm(held_q, held_T))
+            figures.append(cal.held_out_mm(trial.held_q, trial.held_poses))
     return figures
 
 
@@ -339,7 +368,7 @@ _worker: dict = {}
 
 
 def _start(space: str | None) -> None:
-    site = Space(space) if space else Bare(None)
+    site = SearchSpace(space) if space else BareArm()
     _worker.update(site=site, cal=Calibration(site.truth.spec))
 
 
@@ -365,8 +394,8 @@ def worse(figures: np.ndarray, reference: float, quantile: float) -> bool:
 
     Both are quantiles of few seeds. Bootstrap of our seeds gives the spread of our quantile and, drawing
     only REFERENCE_SEEDS of them and centring on the reference, the spread the reference must have had.
-    Worse: ours is the larger in more than 99.5 % of the pairs (40 figures are judged, so 1 in 200 leaves few
-    false alarms).
+    Worse: ours is the larger in more than 99.5 % of the pairs (40 figures are compared, so 1 in 200 leaves
+    few false alarms).
     """
     rng = np.random.default_rng(1)
     ours = np.quantile(rng.choice(figures, (4000, len(figures))), quantile, axis=1)
@@ -375,7 +404,7 @@ def worse(figures: np.ndarray, reference: float, quantile: float) -> bool:
     return bool(np.mean(ours > theirs) > 0.995)
 
 
-def table(results: dict[str, np.ndarray], poses, judged_from: int) -> tuple[list[str], int]:
+def table(results: dict[str, np.ndarray], poses, compared_from: int) -> tuple[list[str], int]:
     """Lines to print, and how many figures are clearly worse than the specification's (marked !)."""
     lines = [
         "held-out position RMS [mm], median / 90th percentile; below each: specification",
@@ -391,7 +420,7 @@ def table(results: dict[str, np.ndarray], poses, judged_from: int) -> tuple[list
             cell = []
             for key, quantile in (("median", 0.5), ("p90", 0.9)):
                 ref = REFERENCE[a][key][POSES.index(n)]
-                flag = ref is not None and n >= judged_from and worse(rows[:, i], ref, quantile)
+                flag = ref is not None and n >= compared_from and worse(rows[:, i], ref, quantile)
                 bad += flag
                 cell.append(("-" if ref is None else f"{ref:.2f}") + ("!" if flag else ""))
             line += f"{cell[0]:>8s} /{cell[1]:>5s}"
@@ -411,7 +440,7 @@ def main() -> int:
     seeds, poses = (4, POSES[:3]) if args.quick else (args.seeds, POSES)
     start = time.monotonic()
     results = measure(seeds, args.acquisition or ACQUISITIONS, poses, args.space)
-    lines, bad = table(results, poses, judged_from=11 if args.space else 0)
+    lines, bad = table(results, poses, compared_from=11 if args.space else 0)
     print("\n".join(lines))
     print(f"{seeds} seeds, {time.monotonic() - start:.0f} s, clearly worse figures (!): {bad}")
     if args.json:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-# a, alpha, d, q_min, q_max, mass, centre of mass, gear ratio (method.md section 1)
+# a, alpha, d, q_min, q_max, mass, centre of mass, gear ratio (METHOD.md 1)
 WAM = [
     (0.0, -np.pi / 2, 0.0, -2.6, 2.6, 10.7677, (-0.00443, 0.12189, -0.00066), 42.0),
     (0.0, np.pi / 2, 0.0, -2.0, 2.0, 3.8749, (-0.00237, 0.03106, 0.01542), 28.25),
@@ -30,8 +30,8 @@ def arm_toml(path: Path, *, masses: bool = True) -> Path:
         'name = "WAM"',
         'convention = "standard"',
         "gravity_m_s2 = [0.0, 0.0, -9.81]",
-        f"[base]\nxyz_m = [0.0, 0.0, {BASE_Z_M}]",
-        f"[tool]\nxyz_m = [0.0, 0.0, {TOOL_Z_M}]",
+        f"[base]\nxyz_m = [0.0, 0.0, {BASE_Z_M}]\nquat_wxyz = [1.0, 0.0, 0.0, 0.0]",
+        f"[tool]\nxyz_m = [0.0, 0.0, {TOOL_Z_M}]\nquat_wxyz = [1.0, 0.0, 0.0, 0.0]",
     ]
     for a, alpha, d, low, high, mass, com, gear in WAM:
         lines.append(

@@ -4,7 +4,7 @@ import lcm
 import numpy as np
 
 import kcm
-from kincal.results import CoefResult, Curve, Gate, HeldOut, PoseLine, RunResult, Scene
+from kincal.results import CoefResult, Criterion, Curve, HeldOut, PoseLine, RunResult, Scene
 
 CRC = 0xFEDCBA98  # does not fit a signed field: must survive the trip
 NAMES = [f"J{j}.{k}" for j in range(1, 8) for k in ("phi_rad", "alpha_rad", "a_m", "d_m")]
@@ -15,7 +15,7 @@ def signed(crc: int) -> int:
 
 
 def proposal(verdict: int = 1, n_coef: int = 54) -> kcm.proposal_t:
-    """28 estimated coefficients, the 27th held and entangled with the first, the rest masked."""
+    """28 estimated coefficients, the 27th held and confounded with the first, the rest masked."""
     p = kcm.proposal_t()
     rng = np.random.default_rng(2)
     A = rng.normal(size=(28, 28)) * 1e-4
@@ -26,8 +26,8 @@ def proposal(verdict: int = 1, n_coef: int = 54) -> kcm.proposal_t:
     p.value = [*np.linspace(-0.02, 0.02, 28), *[0.0] * 36]
     p.sigma = list(np.sqrt(np.diag(cov)))
     p.status = [0] * 26 + [2, 0] + [1] * 36
-    p.entangled = [0] * 64
-    p.entangled[26] = 0b1
+    p.confounded = [0] * 64
+    p.confounded[26] = 0b1
     packed = cov[:n_coef, :n_coef][np.triu_indices(n_coef)]
     p.cov = [*packed, *[0.0] * (2080 - len(packed))]
     p.rank, p.n_free, p.dof, p.chi2 = 27, 28, 93, 90.0
@@ -42,7 +42,7 @@ def progress(pose: int, n_goal: int = 20) -> kcm.progress_t:
     m.t_us, m.session, m.pose, m.n_goal, m.candidate, m.servo_steps = (
         1_000_000 * (pose + 1),
         3,
-        pose,
+        pose + 1,  # counted from 1
         n_goal,
         7 * pose,
         2,
@@ -134,9 +134,9 @@ def result(ok: bool = True) -> RunResult:
         eye + np.array([[0.5, 0.3, -0.2], [0.5, -0.3, -0.2], [0.4, -0.3, -0.6], [0.4, 0.3, -0.6]]),
     )
     return RunResult(
-        "Made-up <run>", "paper", "fast", 1, "ucb", 20, list(poses), coefs, HeldOut(200, 0.288, 1.36),
+        "Made-up <run>", "paper", "fast", 1, "ucb", 20, poses, tuple(coefs), HeldOut(200, 0.288, 1.36),
         HeldOut(200, 5e-4, 1e-3), "change proposed", CRC, CRC, "approved", 28, 28, 0.5, 0.0, 1.0,
-        [Gate("held-out position RMS", "0.50 mm", "<= 2.00 mm", ok)],
-        [Curve("ucb, fast", poses), Curve("random, fast", lines(2))], scene, ["CAL_TAGS_LOST: & more"],
+        (Criterion("held-out position RMS", "0.50 mm", "<= 2.00 mm", ok),),
+        (Curve("ucb, fast", poses), Curve("random, fast", lines(2))), scene, ("CAL_TAGS_LOST: & more",),
         400.0, 5.0,
     )  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from kincal.cli import main
-from kincal.errors import EXIT_INPUT
+from kincal.cli.errors import EXIT_INPUT
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN, SRC = ROOT / "tables" / "bin", ROOT / "tables" / "src"

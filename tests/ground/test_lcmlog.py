@@ -7,9 +7,10 @@ import pytest
 from click.testing import CliRunner
 from samples import write_log
 
-from kincal import lcmlog
+from kincal import link
 from kincal.cli import main
 from kincal.errors import KincalError
+from kincal.flight import library
 
 
 @pytest.fixture
@@ -20,25 +21,25 @@ def log(tmp_path):
 
 
 def test_summary_counts_and_orders_what_is_there(log):
-    s = lcmlog.read(log)
+    s = link.read_log(log)
     assert s.counts["KC_PROGRESS"] == 3
     assert s.counts["KC_IMAGE"] == 1
     assert s.counts["SOMETHING_ELSE"] == 1
-    assert [p.pose for p in s.sessions[3].progress] == [0, 1, 2]
+    assert [p.pose for p in s.sessions[3].progress] == [1, 2, 3]
     assert s.sessions[3].proposal.n_poses == 20
     assert s.mission_s == pytest.approx(8.5)
 
 
 def test_damaged_message_is_counted_and_the_rest_is_read(log):
-    s = lcmlog.read(log)
+    s = link.read_log(log)
     assert s.undecodable == {"KC_HK": 1}
     assert s.hk.boot_count == 2
 
 
 def test_events_come_in_words_with_their_values(log):
-    texts = [e.text for e in lcmlog.read(log).events]
-    assert texts[0] == "BOOT: started; boot 2"
-    assert texts[1] == "CAL_TAGS_LOST: tags not found at candidate 11 after 24 looks"
+    texts = [e.text for e in link.read_log(log).events]
+    assert texts[0] == "BOOT: flight software started, boot 2"
+    assert texts[1] == "CAL_TAGS_LOST: tags not detected at candidate 11 after 24 search positions"
 
 
 def test_printed_summary_hides_debug_events_unless_asked(log):
@@ -63,9 +64,24 @@ def test_file_without_messages_is_refused(tmp_path, content):
     path = tmp_path / "x.lcmlog"
     path.write_bytes(content)
     with pytest.raises(KincalError, match="no LCM messages"):
-        lcmlog.read(path)
+        link.read_log(path)
 
 
 def test_covariance_is_unpacked_row_by_row():
-    full = lcmlog.unpack_cov([1, 2, 3, 4, 5, 6], 3)
+    full = link.unpack_covariance([1, 2, 3, 4, 5, 6], 3)
     assert np.array_equal(full, [[1, 2, 3], [2, 4, 5], [3, 5, 6]])
+
+
+def test_every_number_of_the_headers_has_a_name():
+    flight, names = library("flight"), link.names
+    verdicts = flight.enum("kc_verdict_t", "KC_VERDICT_").values()
+    assert [names.verdict_name(n) for n in verdicts] == ["no change needed", "change proposed", "poor fit"]
+    assert [names.verdict_key(n) for n in verdicts] == ["no_change", "change", "poor"]
+    severities = flight.enum("kc_severity_t", "KC_SEV_").values()
+    assert [names.severity_name(n) for n in severities] == ["debug", "info", "warning", "error"]
+    assert [names.acquisition_name(n) for n in range(4)] == ["ucb", "random", "dopt", "vopt"]
+    status = [names.coef_status_name(n) for n in range(5)]
+    assert status == ["estimated", "masked", "held", "at lower bound", "at upper bound"]
+    assert names.state_name(99) == "?99"
+    with pytest.raises(KeyError):
+        names.opcode("NONSENSE")

@@ -12,8 +12,10 @@ from samples import CRC, proposal, write_log
 import kcm
 from kincal import review, tables
 from kincal.cli import main
-from kincal.errors import EXIT_FAILED, EXIT_INPUT, KincalError, KincalFailed
-from kincal.link import Link
+from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
+from kincal.errors import CommandFailed, KincalError
+from kincal.flight.tables import kind_number
+from kincal.link import Link, upload
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 APPROVE = [(kcm.cmd_t.APPROVE_ARM, CRC), (kcm.cmd_t.APPROVE_GO, CRC)]
@@ -32,12 +34,12 @@ def journal(tmp_path):
 # ------------------------------------------------------------------------ what is shown
 
 
-def test_proposal_is_told_with_names_units_and_status(names):
+def test_proposal_is_shown_with_names_units_and_status(names):
     r = review.from_message(proposal(), names)
     assert r.crc_text == "fedcba98"
     assert r.changes_something
     assert (r.coefs[0].name, r.coefs[0].unit, r.coefs[0].status) == ("J1.phi_rad", "rad", "estimated")
-    assert (r.coefs[26].status, r.coefs[26].entangled) == ("held", ("J1.phi_rad",))
+    assert (r.coefs[26].status, r.coefs[26].confounded) == ("held", ("J1.phi_rad",))
     assert r.coefs[28].status == "masked"
     assert len(r.estimated) == 27
 
@@ -65,13 +67,13 @@ def test_what_stands_out_is_named(names, change, word):
     p = proposal()
     for key, value in change.items():
         setattr(p, key, value)
-    assert any(word in w for w in review.worries(review.from_message(p, names)))
+    assert any(word in w for w in review.warnings(review.from_message(p, names)))
 
 
-def test_clean_proposal_has_no_worries(names):
+def test_clean_proposal_has_no_warnings(names):
     p = proposal()
     p.rank = 28
-    assert review.worries(review.from_message(p, names)) == []
+    assert review.warnings(review.from_message(p, names)) == []
 
 
 def test_show_prints_all_numbers_and_draws(tmp_path):
@@ -81,8 +83,9 @@ def test_show_prints_all_numbers_and_draws(tmp_path):
     assert run.exit_code == 0, run.output
     for text in ("fedcba98", "J7.a_m", "held", *[key for key, _u, _t in review.NUMBERS], "rank 27 of 28"):
         assert text in run.output
-    picture = tmp_path / "review-fedcba98.png"
-    assert picture.stat().st_size > 20_000
+    assert (tmp_path / "review-fedcba98.png").stat().st_size > 20_000
+    page = (tmp_path / "review-fedcba98.html").read_text()
+    assert all(text in page for text in ("Correction fedcba98", "Look at: rank 27 of 28", "Correlation"))
 
 
 def test_unknown_crc_is_refused(tmp_path):
@@ -158,7 +161,7 @@ def test_nothing_is_sent_when_something_else_waits(journal):
     assert not journal.exists()
 
 
-def test_refusal_by_flight_is_told_and_not_recorded(journal):
+def test_refusal_by_flight_is_reported_and_not_recorded(journal):
     with FakeFlight(CRC, refuse=(kcm.cmd_t.APPROVE_GO,)) as flight:
         run = decide(flight, "approve", journal)
     assert run.exit_code == EXIT_FAILED
@@ -216,7 +219,7 @@ def test_changed_journal_is_noticed_and_stops_decisions(journal, damage):
     journal.write_text("\n".join(lines) + "\n")
     with pytest.raises(KincalError, match="journal") as error:
         review.check_journal(journal)
-    assert f"{journal}:2" in error.value.message
+    assert f"{journal}:2" in str(error.value)
     with FakeFlight(CRC) as flight:
         run = decide(flight, "approve", journal)
     assert run.exit_code == EXIT_INPUT
@@ -235,16 +238,16 @@ def test_uplink_and_dump_bring_the_same_bytes(kind, tmp_path):
         down = CliRunner().invoke(main, ["table", "dump", kind, str(out), "--url", flight.url])
         assert down.exit_code == 0, down.output
     assert out.read_bytes() == (BIN / f"{kind}.tbl").read_bytes()
-    crc = tables.header(out.read_bytes()).crc
-    assert flight.commands[:1] == [(kcm.cmd_t.TABLE_VALIDATE, tables.KINDS[kind])]
+    crc = tables.load(out)[0].crc
+    assert flight.commands[:1] == [(kcm.cmd_t.TABLE_VALIDATE, kind_number(kind))]
     assert f"{crc:08x}" in up.output
 
 
 def test_uplink_refused_by_flight_is_a_failure():
     with FakeFlight(refuse=(kcm.cmd_t.TABLE_VALIDATE,)) as flight, Link(flight.url) as link:
         image, _ = tables.load(BIN / "config.tbl")
-        with pytest.raises(KincalFailed, match="TABLE_VALIDATE refused"):
-            link.upload(image, 3.0)
+        with pytest.raises(CommandFailed, match="TABLE_VALIDATE refused"):
+            upload(link, image, 3.0)
 
 
 def test_sequence_numbers_grow_within_a_link_and_between_calls():

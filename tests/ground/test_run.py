@@ -1,4 +1,4 @@
-"""Judging a run: gates, names, truth."""
+"""Evaluating a run: criteria, names, ground truth."""
 
 import io
 import json
@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 from samples import CRC, progress, proposal, result, signed
-from test_geometry import wam
+from test_flight_arm import wam
 
-from kincal import lcmlog, run, show
-from kincal.errors import KincalError, KincalFailed
-from kincal.geometry import quat_to_R
+from kincal import link, run, tables
+from kincal.cli.text import run as show
+from kincal.errors import CommandFailed, KincalError
 from kincal.results import HeldOut
+from kincal.rotations import wxyz_of_matrix
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = ROOT / "tables" / "bin"
-PLAN = run.Plan("t", "auto", "change", 2e-3, 5e-3)
+EXPECTED = run.Expectation("t", "auto", "change", 2e-3, 5e-3)
 
 
 def request(**changes):
@@ -29,54 +30,54 @@ def request(**changes):
 
 
 def finished(verdict=1, ok=True, errors=("J7.phi_rad",)):
-    session = lcmlog.Session(3)
+    session = link.Session(3)
     session.proposal = proposal(verdict)
     launch = {"ok": ok, "problem": "" if ok else "no new pose", "reason": "fine"}
     return SimpleNamespace(
-        launch=launch, session=session, judge=SimpleNamespace(errors=dict.fromkeys(errors, 0.1))
+        launch=launch, session=session, evaluator=SimpleNamespace(errors=dict.fromkeys(errors, 0.1))
     )
 
 
-def missed(result_, plan=PLAN, done=None, **changes):
-    return [g.name for g in run.gates(request(**changes), plan, done or finished(), result_) if not g.ok]
+def missed(result_, expected=EXPECTED, done=None, **changes):
+    return [
+        c.name for c in run.criteria(request(**changes), expected, done or finished(), result_) if not c.ok
+    ]
 
 
-def test_good_run_passes_every_gate():
+def test_good_run_meets_every_criterion():
     assert missed(result()) == []
 
 
-def test_gate_on_held_out_error():
-    r = result()
-    r.after = HeldOut(200, 2.1e-3, 5.1e-3)
+def test_criterion_on_held_out_error():
+    r = replace(result(), after=HeldOut(200, 2.1e-3, 5.1e-3))
     assert missed(r) == ["held-out position RMS", "held-out rotation RMS"]
-    r.after = HeldOut(200, float("nan"), float("nan"))
+    r = replace(r, after=HeldOut(200, float("nan"), float("nan")))
     assert missed(r) == ["held-out position RMS", "held-out rotation RMS"]
 
 
-def test_gate_on_the_table_in_force():
-    r = result()
-    r.active_crc = 5
+def test_criterion_on_the_table_in_force():
+    r = replace(result(), active_crc=5)
     assert missed(r) == ["correction in force"]
     assert missed(r, accept="ground") == ["correction in force"]
-    waits = run.Plan("t", "ground", "change", 2e-3, 5e-3)
-    assert missed(r, plan=waits) == []
+    waits = run.Expectation("t", "ground", "change", 2e-3, 5e-3)
+    assert missed(r, expected=waits) == []
 
 
-def test_gate_on_true_values_allows_one_of_28_outside_3_sigma():
+def test_criterion_on_true_values_allows_one_of_28_outside_3_sigma():
     r = result()
     for k, want in ((0, []), (1, ["true values inside 3 sigma"])):
-        c = r.coefs[k]
-        r.coefs[k] = type(c)(c.name, c.unit, c.true, c.true + 4 * c.sigma, c.sigma, c.status)
+        off = [replace(c, estimate=c.true + 4 * c.sigma) if i == k else c for i, c in enumerate(r.coefs)]
+        r = replace(r, coefs=tuple(off))
         assert missed(r) == want
 
 
-def test_true_values_are_no_gate_when_the_model_cannot_hold_them():
+def test_true_values_are_no_criterion_when_the_model_cannot_hold_them():
     r = result()
-    r.coefs = [type(c)(c.name, c.unit, c.true, c.true + 9 * c.sigma, c.sigma, c.status) for c in r.coefs]
+    r = replace(r, coefs=tuple(replace(c, estimate=c.true + 9 * c.sigma) for c in r.coefs))
     assert missed(r, done=finished(errors=("joint_compliance[4]",))) == []
 
 
-def test_gate_on_the_verdict_and_on_the_end():
+def test_criterion_on_the_verdict_and_on_the_end():
     assert missed(result(), done=finished(verdict=2)) == ["verdict"]
     assert missed(result(), done=finished(ok=False)) == ["run ended well"]
     none = finished(ok=False)
@@ -84,10 +85,8 @@ def test_gate_on_the_verdict_and_on_the_end():
     assert missed(result(), done=none) == ["run ended well"]
 
 
-def test_run_without_any_gate_has_not_passed():
-    r = result()
-    r.gates = []
-    assert not r.ok
+def test_run_without_any_criterion_has_not_passed():
+    assert not replace(result(), criteria=()).ok
 
 
 @pytest.mark.parametrize(
@@ -108,47 +107,42 @@ def test_held_out_error_falls_to_zero_with_the_true_coefficients():
     held = []
     for q in rng.uniform(-1, 1, (30, 7)):
         _, T = wam(q, errors)
-        held.append({"q_rad": q.tolist(), "p_m": T[:3, 3].tolist(), "q_wxyz": to_quat(T[:3, :3]).tolist()})
-    judge = run.Judge(BIN, {"errors": {"J3.d_m": 0.15, "J7.phi_rad": 1.3}, "held_out": held})
-    assert judge.held_out(judge.start).pos_m == pytest.approx(0.15, rel=1e-9)
-    assert judge.held_out(judge.start).rot_rad == pytest.approx(1.3, rel=1e-9)
-    after = judge.held_out(np.array([judge.errors.get(n, 0.0) for n in judge.names]))
+        held.append(
+            {"q_rad": q.tolist(), "p_m": T[:3, 3].tolist(), "q_wxyz": wxyz_of_matrix(T[:3, :3]).tolist()}
+        )
+    truth = run.GroundTruth.of({"errors": {"J3.d_m": 0.15, "J7.phi_rad": 1.3}, "held_out": held})
+    evaluator = run.Evaluator(BIN, truth)
+    before = evaluator.held_out(evaluator.initial_coef)
+    assert before.pos_m == pytest.approx(0.15, rel=1e-9)
+    assert before.rot_rad == pytest.approx(1.3, rel=1e-9)
+    after = evaluator.held_out(np.array([evaluator.errors.get(n, 0.0) for n in evaluator.names]))
     assert after.pos_m < 1e-12
     assert after.rot_rad < 1e-7
 
 
-def to_quat(R):
-    w = 0.5 * np.sqrt(max(1 + np.trace(R), 0))
-    q = np.array(
-        [w, (R[2, 1] - R[1, 2]) / (4 * w), (R[0, 2] - R[2, 0]) / (4 * w), (R[1, 0] - R[0, 1]) / (4 * w)]
-    )
-    assert np.allclose(quat_to_R(q), R, atol=1e-9)
-    return q
-
-
-def test_first_looks_are_told_from_candidates_in_pose_lines():
+def test_local_poses_are_told_from_candidates_in_pose_lines():
     """By the bit that the table has for them."""
-    judge = run.Judge(BIN)
-    bits = [c.why >> 15 & 1 for c in judge.space.cand[0 : judge.space.n_cand]]
+    evaluator = run.Evaluator(BIN)
+    _, table = tables.load(BIN / "space.tbl")
+    bits = [c.why >> 15 & 1 for c in table.cand[0 : table.n_cand]]
     for candidate in (0, bits.index(1) - 1, bits.index(1), len(bits) - 1):
         message = progress(1)
         message.candidate = candidate
-        line = judge.pose_line(message, None)
-        assert line.first_look == bool(bits[candidate])
-        assert line.place == ("first" if bits[candidate] else str(candidate))
+        line = evaluator.pose_line(message, None)
+        assert line.local == bool(bits[candidate])
+        assert line.place == ("local" if bits[candidate] else str(candidate))
         assert re.match(rf" 2/20 +{line.place}  +2 ", show.pose_line(line, 20))
-    assert show.POSE_HEAD.index("cand") + 4 == show.pose_line(line, 20).index("first") + 5
+    assert show.POSE_HEAD.index("cand") + 4 == show.pose_line(line, 20).index("local") + 5
 
 
 def test_how_a_run_ended_is_shown_however_much_was_said_before():
     out = Console(file=io.StringIO(), width=100)
-    r = result()
-    r.events = [f"event {i}" for i in range(30)]
+    r = replace(result(), events=tuple(f"event {i}" for i in range(30)))
     show.run_end(out, r, [])
     said = re.findall(r"^(event \d+|\.{3} \d+)", out.file.getvalue(), re.M)
     first, last = [f"event {i}" for i in range(6)], [f"event {i}" for i in range(24, 30)]
     assert said == [*first, "... 18", *last]
-    r.events = r.events[:12]
+    r = replace(r, events=r.events[:12])
     out = Console(file=io.StringIO(), width=100)
     show.run_end(out, r, [])
     assert re.findall(r"^event (\d+)", out.file.getvalue(), re.M) == [str(i) for i in range(12)]
@@ -156,17 +150,16 @@ def test_how_a_run_ended_is_shown_however_much_was_said_before():
 
 def test_run_without_a_proposal_has_no_figures_of_a_fit():
     out = Console(file=io.StringIO(), width=200)
-    r = result()
-    r.n_free, r.verdict, r.decision = 0, "no proposal", "flight gave up"
+    r = replace(result(), n_free=0, verdict="no proposal", decision="calibration aborted")
     show.run_end(out, r, [])
-    assert "verdict: no proposal; decision: flight gave up; table" in out.file.getvalue()
+    assert "verdict: no proposal; decision: calibration aborted; table" in out.file.getvalue()
 
 
-def test_plan_comes_from_the_scenario_file():
-    plan = run.read_plan("paper")
-    assert (plan.verdict, plan.held_out_pos_m, plan.held_out_rot_rad) == ("change", 2e-3, 5e-3)
+def test_expectation_comes_from_the_scenario_file():
+    expected = run.read_expectation("paper")
+    assert (expected.verdict, expected.held_out_pos_m, expected.held_out_rot_rad) == ("change", 2e-3, 5e-3)
     with pytest.raises(KincalError, match="healthy"):
-        run.read_plan("nonsense")
+        run.read_expectation("nonsense")
 
 
 def test_command_line_of_the_launcher_carries_what_was_asked():
@@ -177,8 +170,8 @@ def test_command_line_of_the_launcher_carries_what_was_asked():
     assert "--poses" not in request().command()
 
 
-def test_missing_result_of_a_run_is_told(tmp_path):
-    with pytest.raises(KincalFailed, match="no truth.json"):
+def test_missing_result_of_a_run_is_an_error(tmp_path):
+    with pytest.raises(CommandFailed, match="no truth.json"):
         run.read_json(tmp_path / "truth.json")
 
 
@@ -201,7 +194,7 @@ class FakeLink:
 def test_ground_approves_a_clean_proposal_in_two_steps_and_records_it(tmp_path):
     link = FakeLink()
     names = [f"c{i}" for i in range(54)]
-    run.decide(request(out=tmp_path), link, proposal(), names, lambda _t: None)
+    run.decide(request(out=tmp_path), link, proposal(), names, run.Observer())
     assert link.sent == [("APPROVE_ARM", (CRC,)), ("APPROVE_GO", (CRC,))]
     assert json.loads((tmp_path / "review.jsonl").read_text())["decision"] == "approve"
 
@@ -209,12 +202,12 @@ def test_ground_approves_a_clean_proposal_in_two_steps_and_records_it(tmp_path):
 def test_ground_rejects_a_proposal_that_does_not_fit(tmp_path):
     link, p = FakeLink(), proposal()
     p.p_fit = 1e-9
-    run.decide(request(out=tmp_path), link, p, [], lambda _t: None)
+    run.decide(request(out=tmp_path), link, p, [], run.Observer())
     assert link.sent == [("REJECT", (CRC,))]
     assert json.loads((tmp_path / "review.jsonl").read_text())["decision"] == "reject"
 
 
 def test_ground_does_nothing_when_nothing_needs_to_change(tmp_path):
     link = FakeLink()
-    run.decide(request(out=tmp_path), link, proposal(0), [], lambda _t: None)
+    run.decide(request(out=tmp_path), link, proposal(0), [], run.Observer())
     assert link.sent == []

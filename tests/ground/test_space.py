@@ -1,40 +1,45 @@
-"""Search spaces: every candidate keeps what its description promises, judged by plain numpy."""
+"""Search spaces: every candidate keeps what its description promises, checked by plain numpy."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from test_geometry import wam
+from test_flight_arm import wam
 
 from kincal import space, tables
 from kincal.errors import KincalError
-from kincal.geometry import quat_to_R
+from kincal.flight import tables as codec
+from kincal.rotations import Pose, matrix_of_wxyz
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC, BIN = ROOT / "tables" / "src" / "space.toml", ROOT / "tables" / "bin"
 DESC = space.read_description(SRC)
-N_FIRST = len(DESC.joints.first_rad)
-FIRST, SPARE = 1 << 15, 1 << 14
+N_LOCAL = len(DESC.joints.local_initial_rad)
 SMALL = DESC.model_copy(update={"candidates": 12, "samples": 250, "seed": 5})
 
 
 @pytest.fixture(scope="module")
 def committed():
+    """The struct, read without the library's view of it."""
     return tables.load(BIN / "space.tbl")[1]
 
 
-def ordinary(table):
-    """Candidates that are chosen among: all but those that say they are first looks."""
-    return [c for c in table.cand[0 : table.n_cand] if not c.why & FIRST]
+LOCAL, RESERVE = 1 << 15, 1 << 14
 
 
-def first_looks(table):
-    return [c for c in table.cand[0 : table.n_cand] if c.why & FIRST]
+def candidates(table):
+    """Poses to choose among: all but those that say they are local initial poses."""
+    return [c for c in table.cand[0 : table.n_cand] if not c.why & LOCAL]
 
 
-def look_at(p):
-    """Pan, tilt and camera pose that centre p, by hand: head at the mast, camera 5 cm ahead and 3 cm up."""
+def local_poses(table):
+    return [c for c in table.cand[0 : table.n_cand] if c.why & LOCAL]
+
+
+def aimed_at(p):
+    """Pan, tilt and camera pose that centre p, by hand: pan-tilt unit on the mast, camera 5 cm ahead and 3 cm
+    up."""
     mast = np.array([-0.35, 0.45, 1.25])
     to = p - mast
     pan = np.arctan2(to[1], to[0])
@@ -43,35 +48,35 @@ def look_at(p):
     cp, sp, ct, st = np.cos(pan), np.sin(pan), np.cos(tilt), np.sin(tilt)
     Rz = np.array([[cp, -sp, 0], [sp, cp, 0], [0, 0, 1]])
     Ry = np.array([[ct, 0, st], [0, 1, 0], [-st, 0, ct]])
-    head = Rz @ Ry
-    R = head @ np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-    return pan, tilt, mast + head @ [0.05, 0, 0.03], R
+    unit = Rz @ Ry
+    R = unit @ np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    return pan, tilt, mast + unit @ [0.05, 0, 0.03], R
 
 
 def test_committed_space_was_built_for_the_committed_arm(committed):
-    assert committed.arm_crc == tables.header((BIN / "arm.tbl").read_bytes()).crc
-    first = len(DESC.joints.first_rad)
+    assert committed.arm_crc == codec.header((BIN / "arm.tbl").read_bytes()).crc
+    first = len(DESC.joints.local_initial_rad)
     assert committed.n_cand == DESC.candidates + first
-    assert committed.n_prior == DESC.priors + first
+    assert committed.n_initial == DESC.initial_poses + first
 
 
 def test_every_candidate_is_reached_and_seen(committed):
     lo = np.array([-2.6, -2.0, -2.8, -0.9, -4.76, -1.6, -3.0]) + DESC.joints.margin_rad
     hi = np.array([2.6, 2.0, 2.8, 3.1, 1.24, 1.6, 3.0]) - np.array(DESC.joints.margin_rad)
     tilted = {0: (0.12, -25.0), 1: (-0.12, 25.0)}
-    for c in ordinary(committed):
+    for c in candidates(committed):
         q = np.array(list(c.q_seed)[:7])
         _, tool = wam(q)
         assert np.all(q >= lo - 1e-6)
         assert np.all(q <= hi + 1e-6)
         assert np.allclose(tool[:3, 3], list(c.p_m), atol=1e-5)
-        assert np.allclose(tool[:3, :3], quat_to_R(list(c.q_wxyz)), atol=1e-5)
+        assert np.allclose(tool[:3, :3], matrix_of_wxyz(list(c.q_wxyz)), atol=1e-5)
         assert np.all(tool[:3, 3] >= np.array(DESC.tool.box_min_m) - 1e-6)
         assert np.all(tool[:3, 3] <= np.array(DESC.tool.box_max_m) + 1e-6)
-        pan, tilt, eye, R = look_at(tool[:3, 3])
+        pan, tilt, eye, R = aimed_at(tool[:3, 3])
         assert (c.pan_rad, c.tilt_rad) == pytest.approx((pan, tilt), abs=1e-5)
         assert c.tags.bit_count() >= DESC.view.tags_min
-        assert c.why == space.WHY_ALL
+        assert c.why == space.ALL_CHECKS
         for tag in (k for k in (0, 1) if c.tags >> k & 1):
             x, turn = tilted[tag]
             t = np.radians(turn)
@@ -130,10 +135,10 @@ def nearest(a, b):
 
 
 def too_near(q, errors, margin, slack):
-    """Capsules nearer to deck, mast or each other than the margin, by plain numpy; slack either way."""
+    """Capsules nearer to deck, mast or each other than the margin, by numpy; slack: added to the margin."""
     ends = capsule_ends(q, errors)
     mast = (np.array([-0.35, 0.45, 0.0]), np.array([-0.35, 0.45, 1.13]))
-    fine = {frozenset(p) for p in DESC.touching}
+    fine = {frozenset(p) for p in DESC.collision_exclusions}
     gaps = {}
     for name, e in ends.items():
         r = SHAPES[name].radius_m
@@ -153,13 +158,13 @@ def test_collision_engine_agrees_with_plain_numpy_about_capsules():
     _, camera = tables.load(BIN / "camera.tbl")
     hits = 0
     for errors in ({}, {"J3.d_m": 0.15, "J7.phi_rad": 1.3}):
-        bodies = space.Bodies(DESC, arm, camera, errors, 0.02)
+        bodies = space.CollisionModel(DESC, arm, camera, errors, 0.02)
         for _ in range(250):
             q = rng.uniform([-2.6, -2.0, -2.8, -0.9, -4.7, -1.6, -3.0], [2.6, 2.0, 2.8, 3.1, 1.2, 1.6, 3.0])
             if surely := too_near(q, errors, 0.02, -0.004):
-                assert bodies.touching(q), surely
+                assert bodies.contact(q), surely
                 hits += 1
-            pair = bodies.touching(q)
+            pair = bodies.contact(q)
             if pair and all(x in {**SHAPES, "mast": 0} and "tag" not in x for x in pair.split(" - ")):
                 names = pair.split(" - ")
                 if all(x == "mast" or SHAPES[x].radius_m and SHAPES[x].joint for x in names):
@@ -168,16 +173,16 @@ def test_collision_engine_agrees_with_plain_numpy_about_capsules():
 
 
 def test_seeds_and_hub_segments_are_clear_with_errors(committed):
-    errors = space.draw(DESC, 7)
+    errors = space.sampled_errors(DESC, 7)
     assert errors[0]["J7.phi_rad"] == 1.3  # the paper's set is one of them
-    for i, c in enumerate(ordinary(committed)[::12]):
+    for i, c in enumerate(candidates(committed)[::12]):
         a, b = (np.array(list(x)[:7]) for x in (committed.hub_q[c.hub], c.q_seed))
         for s in np.linspace(0, 1, 9):
             q = a + s * (b - a)
             assert not too_near(q, {}, DESC.clear.nominal_m, -0.005)
             for e in (errors[0], errors[1 + i % (len(errors) - 1)]):
                 if not any(x.startswith(("J1.", "J2.", "J4.", "J6.")) and "phi" not in x for x in e):
-                    assert not too_near(q, e, DESC.clear.drawn_m, -0.005)
+                    assert not too_near(q, e, DESC.clear.perturbed_m, -0.005)
 
 
 def capsules_of(table, name):
@@ -190,53 +195,53 @@ def capsules_of(table, name):
     ]
 
 
-def test_bodies_that_must_not_meet_are_all_pairs_but_those_that_touch_by_design(committed):
-    apart = lambda i, k: bool(committed.body[max(i, k)].apart >> min(i, k) & 1)  # noqa: E731
-    fine = {frozenset(p) for p in DESC.touching}
+def test_collision_pairs_are_all_but_those_that_may_touch_by_design(committed):
+    checked = lambda i, k: bool(committed.body[max(i, k)].collision_pairs >> min(i, k) & 1)  # noqa: E731
+    fine = {frozenset(p) for p in DESC.collision_exclusions}
     single = [name for name, s in SHAPES.items() if s.radius_m is not None]
-    n_fine = n_apart = 0
+    n_allowed = n_checked = 0
     for a in single:
         for b in single:
             if a >= b:
                 continue
             (i,), (k,) = capsules_of(committed, a), capsules_of(committed, b)
             together = frozenset((a, b)) in fine or SHAPES[a].joint == SHAPES[b].joint
-            assert apart(i, k) is not together, (a, b)
-            n_fine, n_apart = n_fine + together, n_apart + (not together)
-    assert (n_fine > 10, n_apart > 10) == (True, True)
+            assert checked(i, k) is not together, (a, b)
+            n_allowed, n_checked = n_allowed + together, n_checked + (not together)
+    assert (n_allowed > 10, n_checked > 10) == (True, True)
     # boxes on the tool are bundles of bodies that cannot move against each other
     tool = [i for i, b in enumerate(committed.body[0 : committed.n_body]) if b.frame == 0]
     assert len(tool) > 4
-    assert not any(apart(i, k) for i in tool for k in tool if i != k)
-    assert all(b.apart >> i == 0 for i, b in enumerate(committed.body[0 : committed.n_body]))
+    assert not any(checked(i, k) for i in tool for k in tool if i != k)
+    assert all(b.collision_pairs >> i == 0 for i, b in enumerate(committed.body[0 : committed.n_body]))
 
 
-def test_servo_box_is_clear_with_the_papers_errors(committed):
+def test_servo_bound_is_clear_with_the_papers_errors(committed):
     rng = np.random.default_rng(4)
     e = {"J7.phi_rad": 1.3, "J3.a_m": 0.01, "J3.d_m": 0.15}
     bad = n = 0
-    for c in ordinary(committed)[::10]:
+    for c in candidates(committed)[::10]:
         for _ in range(8):
-            q = np.array(list(c.q_seed)[:7]) + rng.uniform(-1, 1, 7) * list(committed.servo_leash)[:7]
+            q = np.array(list(c.q_seed)[:7]) + rng.uniform(-1, 1, 7) * list(committed.servo_bound)[:7]
             bad += bool(too_near(q, e, 0.0, 0.0))
             n += 1
     assert bad <= 0.01 * n
 
 
-def test_candidates_are_spread_and_priors_are_apart(committed):
-    p = np.array([list(c.p_m) for c in ordinary(committed)])
+def test_candidates_are_spread_and_initial_poses_far_from_each_other(committed):
+    p = np.array([list(c.p_m) for c in candidates(committed)])
     gaps = np.linalg.norm(p[:, None] - p[None], axis=2) + np.eye(len(p))
     assert np.median(gaps.min(axis=1)) > 0.03
     # under the kernel's own metric: chosen poses are farther apart than as many taken at random
     _, kernel = tables.load(BIN / "kernel.tbl")
-    R = np.array([quat_to_R(list(c.q_wxyz)) for c in ordinary(committed)])
-    metric = space.Metric(kernel, DESC.spread.set, p, R)
-    order = space.farthest(metric, 40, 0)
+    poses = Pose(p, np.array([matrix_of_wxyz(list(c.q_wxyz)) for c in candidates(committed)]))
+    metric = space.KernelMetric(kernel, DESC.spread.set, poses)
+    order = space.farthest_points(metric, 40, 0)
     least = lambda ids: min(metric.squared(i)[[j for j in ids if j != i]].min() for i in ids)  # noqa: E731
-    drawn = [least(list(np.random.default_rng(s).choice(len(p), 40, replace=False))) for s in range(5)]
-    assert least(order) > max(drawn)
-    priors = p[[i for i in committed.prior[0 : committed.n_prior] if i < len(p)]]
-    assert np.linalg.norm(priors[0] - priors[1]) > 0.1
+    random = [least(list(np.random.default_rng(s).choice(len(p), 40, replace=False))) for s in range(5)]
+    assert least(order) > max(random)
+    initial = p[[i for i in committed.initial[0 : committed.n_initial] if i < len(p)]]
+    assert np.linalg.norm(initial[0] - initial[1]) > 0.1
 
 
 def test_same_description_gives_the_same_table_and_another_seed_another():
@@ -247,7 +252,7 @@ def test_same_description_gives_the_same_table_and_another_seed_another():
 
 
 def test_direct_edges_join_only_near_candidates(committed):
-    q = np.array([list(c.q_seed)[:7] for c in ordinary(committed)])
+    q = np.array([list(c.q_seed)[:7] for c in candidates(committed)])
     n = 0
     for i in range(len(q)):
         for j in range(i):
@@ -260,27 +265,28 @@ def test_direct_edges_join_only_near_candidates(committed):
 
 def test_impossible_description_says_what_most_samples_fail():
     far = SMALL.tool.model_copy(update={"box_min_m": (3.0, 3.0, 3.0), "box_max_m": (4.0, 4.0, 4.0)})
-    with pytest.raises(KincalError, match="most fail: too near to or far from the camera"):
+    with pytest.raises(KincalError, match="most fail: too close to or too far from the camera"):
         space.build(SMALL.model_copy(update={"tool": far, "samples": 60}), BIN)
 
 
 def test_metric_is_the_kernel_that_flies(committed):
-    from kincal import core
+    from builders import ffi, lib
 
     _, kernel = tables.load(BIN / "kernel.tbl")
     cands = committed.cand[0:40]
     p = np.array([list(c.p_m) for c in cands])
-    metric = space.Metric(kernel, 1, p, np.array([quat_to_R(list(c.q_wxyz)) for c in cands]))
-    points = core.ffi.new("kc_point_t[]", 40)
+    poses = Pose(p, np.array([matrix_of_wxyz(list(c.q_wxyz)) for c in cands]))
+    metric = space.KernelMetric(kernel, 1, poses)
+    points = ffi.new("kc_point_t[]", 40)
     for i, c in enumerate(cands):
         points[i].p_m, points[i].q_wxyz = list(c.p_m), list(c.q_wxyz)
-    k = [[core.lib.kc_kernel_eval(kernel, 1, points + i, points + j) for j in range(40)] for i in range(40)]
+    k = [[lib.kc_kernel_eval(kernel, 1, points + i, points + j) for j in range(40)] for i in range(40)]
     got = np.array([metric.covariance(i) for i in range(40)])
     assert np.allclose(got, np.array(k) / k[0][0], atol=2e-6)
 
 
-def test_helpers_do_not_change_the_table():
-    desc = DESC.model_copy(update={"candidates": 5, "samples": 800, "priors": 1})
+def test_worker_processes_do_not_change_the_table():
+    desc = DESC.model_copy(update={"candidates": 5, "samples": 800, "initial_poses": 1})
     one, two = (space.build(desc, BIN, processes=n).image.data for n in (1, 2))
     assert one == two
 
@@ -288,37 +294,58 @@ def test_helpers_do_not_change_the_table():
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
-        ("candidates = 300", "candidates = 2000", "candidates: .* 1024, got 2000"),
-        ("candidates = 300", "candidate = 300", "candidate: unknown key, perhaps candidates"),
-        ("incid_max_rad ", "incid_max_deg ", "view.incid_max_deg: unknown key, perhaps incid_max_rad"),
-        ("incid_max_rad   = 0.873", "incid_max_rad = 50.0", r"got 50.0 \(radians: 50 deg are 0.8727\)"),
+        ("candidates = 300", "candidates = 2000", "candidates: is 2000, must be 1024 or less"),
+        ("candidates = 300", "candidate = 300", "candidate: unknown key; write candidates"),
+        (
+            "incid_max_rad   = 0.873",
+            "incid_max_deg = 50",
+            "incid_max_rad in radians: incid_max_rad = 0.872665",
+        ),
+        ("incid_max_rad   = 0.873", "incid_max_rad = 50.0", "in radians, 50 degrees are 0.872665"),
         ('kind  = "space"', 'kind  = "arm"', "not a search space"),
-        ("step_rad       = 0.1", "step_rad       = 0.0", "clear.step_rad"),
-        ("box_max_m = [0.95,", "box_max_m = [0.2,", "tool: no room along x: box_min_m 0.3 is not below"),
-        ("box_max_m = [0.95,", "box_max_m = [950,", r"tool.box_max_m\[0\]: .*got 950"),
-        ("range_min_m     = 0.4", "range_min_m     = 1.8", "range_min_m 1.8 is not below range_max_m"),
-        ('"J7.phi_rad" = 1.3', '"J7.phi_deg" = 75', "survive.case: 'J7.phi_deg' is no DH error"),
-        ("phi_rad   = [0.1,", "phi_rad   = [-0.1,", r"survive.phi_rad\[0\]: .*got -0.1"),
-        ("half_m = [0.50, 0.70, 0.04]", "half_m = [0.50, -0.70, 0.04]", "deck: half_m must be above 0"),
+        ("step_rad       = 0.1", "step_rad       = 0.0", "clear.step_rad: is 0.0, must be above 0"),
+        (
+            "box_max_m = [0.95,",
+            "box_max_m = [0.2,",
+            "tool.box_min_m: leaves no room along x: 0.3 is not below",
+        ),
+        ("box_max_m = [0.95,", "box_max_m = [950,", r"tool.box_max_m\[1\]: is 950, must be 10 or less"),
+        (
+            "range_min_m     = 0.4",
+            "range_min_m     = 1.8",
+            "range_min_m: is 1.8, which is not below range_max_m",
+        ),
+        ('"J7.phi_rad" = 1.3', '"J7.phi_deg" = 75', "error_bounds.case: 'J7.phi_deg' is no DH error"),
+        ("phi_rad   = [0.1,", "phi_rad   = [-0.1,", r"error_bounds.phi_rad\[1\]: is -0.1, must be 0 or more"),
+        (
+            "half_m = [0.50, 0.70, 0.04]",
+            "half_m = [0.50, -0.70, 0.04]",
+            r"keep_out\[2\].half_m: must be above 0",
+        ),
         ("half_m = [0.50, 0.70, 0.04]", "radius_m = 0.5", "kind 'box' takes centre_m and half_m"),
         ('name = "shoulder"', 'name = "turret"', "two shapes or volumes are called 'turret'"),
-        ("[-0.35, 0.45, 1.13]", "[-0.35, 0.45]", r"keep_out\[3\].end_m\[2\]: is missing"),
-        ("seed       = 20240601", "seed       = -4", "seed"),
+        ("[-0.35, 0.45, 1.13]", "[-0.35, 0.45]", r"keep_out\[4\].end_m: has 2 entries, 3 are needed"),
         (
-            "spare_first = [4,",
-            f"spare_first = [{N_FIRST},",
-            f"spare_first {N_FIRST}: there are {N_FIRST} first looks, counted from 0",
+            '["stem", "scoop"]',
+            '["stem", "scop"]',
+            r"collision_exclusions\[4\]: names 'scop', which is no shape",
         ),
-        ("spare_first = [4,", "spare_first = [-1,", f"spare_first -1: there are {N_FIRST} first looks"),
+        ("seed       = 20240601", "seed       = -4", "seed: is -4"),
         (
-            "priors     = 3 ",
-            "priors     = 8 ",
-            f"8 priors and {N_FIRST} first looks; the table has room for 32",
+            "reserve = [5,",
+            f"reserve = [{N_LOCAL + 1},",
+            f"is {N_LOCAL + 1}, there are {N_LOCAL} local initial",
+        ),
+        ("reserve = [5,", "reserve = [0,", r"joints.reserve\[1\]: is 0, must be 1 or more"),
+        (
+            "initial_poses     = 3 ",
+            "initial_poses = 8 ",
+            f"is 8, with {N_LOCAL} local ones; the table has room for 32",
         ),
         (
             "candidates = 300",
             "candidates = 1010",
-            f"1010 candidates and {N_FIRST} first looks; room is for 1024",
+            f"is 1010, with {N_LOCAL} local initial poses; the table has",
         ),
     ],
 )
@@ -334,12 +361,12 @@ def test_wrong_description_is_refused_by_field(tmp_path, old, new, what):
 @pytest.mark.parametrize(
     ("part", "change", "what", "where"),
     [
-        ("joints", {"margin_rad": [0.1, 0.1, 0.1, 2.5, 0.1, 0.1, 0.1]}, "J4 no room", "margin_rad[3]"),
-        ("joints", {"servo_leash_rad": [0.4] * 6}, "6 values for an arm of 7 joints", "servo_leash_rad"),
-        ("view", {"head_margin_rad": 2.0}, "leave the head no room", "head_margin_rad"),
+        ("joints", {"margin_rad": [0.1, 0.1, 0.1, 2.5, 0.1, 0.1, 0.1]}, "J4 no room", "margin_rad[4]"),
+        ("joints", {"servo_bound_rad": [0.4] * 6}, "6 values for an arm of 7 joints", "servo_bound_rad"),
+        ("view", {"pantilt_margin_rad": 2.0}, "leave the pan-tilt unit no room", "pantilt_margin_rad"),
         ("view", {"image_margin_px": 600.0}, "leave nothing of 1920 x 1080", "image_margin_px"),
         ("view", {"tags_min": 3}, "the camera table has 2", "tags_min"),
-        ("survive", {"case": [{"J8.phi_rad": 0.1}]}, "the arm has 7 joints", "survive.case"),
+        ("error_bounds", {"case": [{"J8.phi_rad": 0.1}]}, "the arm has 7 joints", "error_bounds.case"),
         ("spread", {"set": 99}, "has sets 0 to 24", "spread.set"),
     ],
 )
@@ -350,21 +377,21 @@ def test_description_that_does_not_fit_the_tables_says_where(part, change, what,
     assert where in refused.value.where
 
 
-def test_one_leash_stands_for_all_joints():
-    joints = SMALL.joints.model_copy(update={"servo_leash_rad": 0.2})
-    survive = SMALL.survive.model_copy(update={"reach": False})
-    desc = SMALL.model_copy(update={"joints": joints, "survive": survive})
+def test_one_servo_bound_stands_for_all_joints():
+    joints = SMALL.joints.model_copy(update={"servo_bound_rad": 0.2})
+    bounds = SMALL.error_bounds.model_copy(update={"reach": False})
+    desc = SMALL.model_copy(update={"joints": joints, "error_bounds": bounds})
     built = space.build(desc, BIN, processes=1)
-    assert list(built.struct.servo_leash)[:7] == pytest.approx([0.2] * 7)
+    assert built.table.servo_bound_rad == pytest.approx([0.2] * 7)
 
 
-def test_the_papers_arm_is_brought_to_every_candidate_inside_its_leash(committed):
-    """By scipy from the chain of test_geometry, nothing of the search."""
-    leash = np.array(list(committed.servo_leash)[:7])
+def test_the_papers_arm_is_brought_to_every_candidate_inside_its_servo_bound(committed):
+    """By scipy from the chain of test_flight_arm, nothing of the search."""
+    bound = np.array(list(committed.servo_bound)[:7])
     errors = {(7, "phi"): 1.3, (2, "alpha"): 0.4, (3, "a"): 0.01, (3, "d"): 0.15}
     lo = np.array([-2.6, -2.0, -2.8, -0.9, -4.76, -1.6, -3.0])
     hi = np.array([2.6, 2.0, 2.8, 3.1, 1.24, 1.6, 3.0])
-    for c in ordinary(committed)[::30]:
+    for c in candidates(committed)[::30]:
         seed = np.array(list(c.q_seed)[:7])
         _, want = wam(seed)
 
@@ -374,17 +401,10 @@ def test_the_papers_arm_is_brought_to_every_candidate_inside_its_leash(committed
             rot = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
             return np.concatenate([T[:3, 3] - want[:3, 3], 0.3 * rot, [0.3 * max(0.0, 1.0 - np.trace(turn))]])
 
-        box = np.maximum(seed - leash, lo), np.minimum(seed + leash, hi)
+        box = np.maximum(seed - bound, lo), np.minimum(seed + bound, hi)
         starts = [seed + d for d in (np.zeros(7), np.eye(7)[6] * -1.3)]
         tried = [least_squares(off, np.clip(x, box[0] + 1e-6, box[1] - 1e-6), bounds=box) for x in starts]
         assert min(np.linalg.norm(t.fun) for t in tried) < 5e-3
-
-
-def test_hub_boxes_are_as_large_as_flight_lets_joints_be_off():
-    from kincal.space import checks
-
-    header = (ROOT / "fsw/motion/kc_path.h").read_text()
-    assert f"#define KC_HUB_LEASH {checks.HUB_LEASH}\n" in header
 
 
 def test_margins_must_fit_the_arm():
@@ -393,93 +413,92 @@ def test_margins_must_fit_the_arm():
         space.build(SMALL.model_copy(update={"joints": short}), BIN)
 
 
-def test_committed_first_looks_are_those_of_the_description_and_lead_the_priors(committed):
-    looks, n = first_looks(committed), DESC.candidates
-    assert [list(c.q_seed)[:7] for c in looks] == [pytest.approx(q) for q in DESC.joints.first_rad]
-    assert [i for i, c in enumerate(looks) if c.why & SPARE] == DESC.joints.spare_first
-    assert list(committed.prior[0 : len(looks)]) == list(range(n, n + len(looks)))
-    assert all(i < n for i in committed.prior[len(looks) : committed.n_prior])
-    assert not any(c.why & SPARE for c in ordinary(committed))
+def test_committed_local_poses_are_those_of_the_description_and_lead_the_initial_design(committed):
+    local, n = local_poses(committed), DESC.candidates
+    assert [list(c.q_seed)[:7] for c in local] == [pytest.approx(q) for q in DESC.joints.local_initial_rad]
+    assert [i for i, c in enumerate(local, 1) if c.why & RESERVE] == DESC.joints.reserve
+    assert list(committed.initial[0 : len(local)]) == list(range(n, n + len(local)))
+    assert all(i < n for i in committed.initial[len(local) : committed.n_initial])
+    assert not any(c.why & RESERVE for c in candidates(committed))
 
 
-def test_first_looks_are_clear_and_no_segment_leads_to_them_but_that_from_home(committed):
-    errors = space.draw(DESC, 7)
-    home = np.array(list(committed.hub_q[0])[:7])
-    for c in first_looks(committed):
+def test_local_poses_are_clear_and_only_segments_from_the_park_pose_lead_to_them(committed):
+    errors = space.sampled_errors(DESC, 7)
+    park = np.array(list(committed.hub_q[0])[:7])
+    for c in local_poses(committed):
         assert (c.hub, c.tags != 0) == (0, True)
         q = np.array(list(c.q_seed)[:7])
         for s in np.linspace(0, 1, 7):
-            at = home + s * (q - home)
+            at = park + s * (q - park)
             assert not too_near(at, {}, DESC.clear.nominal_m, -0.005)
-            assert not too_near(at, errors[0], DESC.clear.drawn_m, -0.005)
+            assert not too_near(at, errors[0], DESC.clear.perturbed_m, -0.005)
     n = DESC.candidates
     bits = np.unpackbits(np.frombuffer(bytes(committed.edge), np.uint8), bitorder="little")
     assert not bits[n * (n - 1) // 2 :].any()
 
 
-HOME = DESC.joints.hubs_rad[0]
+PARK = DESC.joints.hubs_rad[0]
 
 
-def with_first(looks, spare=(), **changes):
-    joints = SMALL.joints.model_copy(update={"first_rad": looks, "spare_first": list(spare)})
+def with_local(poses, reserve=(), **changes):
+    joints = SMALL.joints.model_copy(update={"local_initial_rad": poses, "reserve": list(reserve)})
     return SMALL.model_copy(update={"joints": joints, **changes})
 
 
 def turned(joint, by):
-    return [x + by * (j == joint) for j, x in enumerate(HOME, 1)]
+    return [x + by * (j == joint) for j, x in enumerate(PARK, 1)]
 
 
-def test_first_looks_are_built_behind_the_candidates_and_a_table_may_have_none():
+def test_local_poses_are_built_behind_the_candidates_and_a_table_may_have_none():
     built = space.build(
-        with_first([HOME, turned(7, 0.2), turned(7, -0.2)], [2], candidates=5), BIN, processes=1
+        with_local([PARK, turned(7, 0.2), turned(7, -0.2)], [3], candidates=5), BIN, processes=1
     )
-    n = space.ordinary(built.struct)
-    assert (built.kept, built.first_looks) == (n, 3)
-    why = [c.why for c in built.struct.cand[0 : n + 3]]
-    assert why == [space.WHY_ALL] * n + [FIRST, FIRST, FIRST | SPARE]
-    assert list(built.struct.prior[0 : 3 + SMALL.priors])[:3] == [n, n + 1, n + 2]
-    none = space.build(with_first([], candidates=5), BIN, processes=1)
-    assert [list(c.q_seed) for c in none.struct.cand[0:n]] == [list(c.q_seed) for c in built.struct.cand[0:n]]
-    assert (none.first_looks, none.struct.n_cand, none.struct.n_prior) == (0, n, SMALL.priors)
+    table, n = built.table, built.table.n_candidates
+    assert (len(table.q_rad), table.n_local, table.n_reserve) == (n + 3, 3, 1)
+    assert table.checks.tolist() == [space.ALL_CHECKS] * n + [LOCAL, LOCAL, LOCAL | RESERVE]
+    assert table.initial[:3] == (n, n + 1, n + 2)
+    none = space.build(with_local([], candidates=5), BIN, processes=1).table
+    assert np.array_equal(none.q_rad, table.q_rad[:n])
+    assert (none.n_local, len(none.q_rad), len(none.initial)) == (0, n, SMALL.initial_poses)
 
 
 @pytest.mark.parametrize(
-    ("look", "what"),
+    ("pose", "what"),
     [
-        ([2.5, 1.8, 0.0, 0.4, 0.0, 0.0, 0.0], "first look 1 is too near as drawn: deck"),
-        (turned(6, 1.2), "first look 1 is showing a tag with [0-9]+ of 45 arms"),
-        (turned(7, 9.0), "first look 1 is outside the joint limits: J7"),
+        ([2.5, 1.8, 0.0, 0.4, 0.0, 0.0, 0.0], "local initial pose 2: too close \\(nominal arm\\): deck"),
+        (turned(6, 1.2), "local initial pose 2: a tag shows with only [0-9]+ of 45 arms"),
+        (turned(7, 9.0), "local initial pose 2: outside the joint limits: J7"),
     ],
 )
-def test_first_look_that_does_not_hold_is_refused_by_number(look, what):
+def test_local_pose_that_does_not_hold_is_refused_by_number(pose, what):
     with pytest.raises(KincalError, match=what) as refused:
-        space.build(with_first([HOME, look]), BIN, processes=1)
-    assert refused.value.where == "joints.first_rad[1]"
+        space.build(with_local([PARK, pose]), BIN, processes=1)
+    assert refused.value.where == "joints.local_initial_rad[2]"
 
 
-def test_spare_first_look_may_show_a_tag_with_fewer_of_the_wrong_arms():
-    """Find a posture between both shares, then ask for it once as an ordinary and once as a spare look."""
+def test_reserve_pose_may_show_a_tag_with_fewer_of_the_wrong_arms():
+    """Find a posture between both shares, then ask for it once as an ordinary and once as a reserve pose."""
     _, arm = tables.load(BIN / "arm.tbl")
     _, camera = tables.load(BIN / "camera.tbl")
     checks = space.Checks(SMALL, arm, camera)
     between = None
     for by in np.arange(0.3, 1.2, 0.05):
         q = np.array(turned(6, by))
-        share = np.mean(checks.shown_by_wrong(q))
+        share = np.mean(checks.detected_with_errors(q))
         if 0.5 <= share < 0.9 and not checks.hub_problem(q):
             between = q
             break
     assert between is not None
-    assert "showing a tag with" in checks.first_problem(between, checks.hubs[0])
-    assert checks.first_problem(between, checks.hubs[0], spare=True) == ""
+    assert "a tag shows with only" in checks.local_problem(between, checks.hubs[0])
+    assert checks.local_problem(between, checks.hubs[0], reserve=True) == ""
 
 
 def test_hub_in_the_deck_is_refused():
     low = SMALL.joints.model_copy(update={"hubs_rad": [[2.5, 1.8, 0.0, 0.4, 0.0, 0.0, 0.0]]})
-    with pytest.raises(KincalError, match="hub 0 is too near as drawn: .*deck"):
+    with pytest.raises(KincalError, match=r"hub 0: too close \(nominal arm\): .*deck"):
         space.build(SMALL.model_copy(update={"joints": low}), BIN)
 
 
 def test_space_needs_the_built_arm(tmp_path):
-    with pytest.raises(KincalError, match="needs the built arm"):
+    with pytest.raises(KincalError, match="the built arm table is needed"):
         space.build(SMALL, tmp_path)

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from kincal import tables
 from kincal import workbench as wb
 from kincal.cli import main
-from kincal.run import Judge
+from kincal.run import Evaluator, GroundTruth
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "ground"))
@@ -96,8 +96,9 @@ def test_effect_of_nobodys_library_is_mapped_written_in_ten_lines_and_flown(tuto
 
 def held_out(out, tables_dir):
     """Position error of the correction in force over the poses that the simulator kept."""
-    from kincal import lcmlog
+    from kincal import link
 
-    judge = Judge(tables_dir, json.loads((out / "truth.json").read_text()))
-    session = max(lcmlog.read(out / "run.lcmlog").sessions.items())[1]
-    return judge.held_out(list(session.proposal.value)[: len(judge.names)]).pos_m
+    truth = GroundTruth.of(json.loads((out / "truth.json").read_text()))
+    evaluator = Evaluator(tables_dir, truth)
+    session = max(link.read_log(out / "run.lcmlog").sessions.items())[1]
+    return evaluator.held_out(list(session.proposal.value)[: len(evaluator.names)]).pos_m

@@ -1,30 +1,51 @@
-"""`pip install ./ground` in a fresh environment: the wheel holds the flight core and works anywhere."""
+"""`pip install ./ground` in a fresh environment: the wheel works anywhere, what is missing is named.
+
+The environments hold the wheel, the packages it declares, and nothing else. The packages are linked from
+the environment of the tests, so that no network is needed."""
 
 import ctypes
 import json
 import os
+import re
 import subprocess
 import sys
-import sysconfig
 import zipfile
+from importlib.metadata import distribution
 from pathlib import Path
 
+import click
 import numpy as np
 import poses
 import pytest
+from packaging.requirements import Requirement
+
+from kincal.cli import main
+from kincal.installation import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.slow
+URDF = """<robot name="bot"><link name="base"/><link name="arm"/><joint name="j" type="revolute">
+<parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/>
+</joint></robot>"""
+
+
+def child(*command, cwd, **env):
+    """What a command does that knows nothing of this tree."""
+    hidden = ("PYTHONPATH", "KINCAL_CORE", "PYTHONHOME")
+    clean = {k: v for k, v in os.environ.items() if k not in hidden} | env
+    return subprocess.run(
+        [str(c) for c in command], cwd=cwd, env=clean, capture_output=True, text=True, timeout=600
+    )
 
 
 def run(*command, cwd):
-    """A child that knows nothing of this tree."""
-    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "KINCAL_CORE", "PYTHONHOME")}
-    done = subprocess.run(
-        [str(c) for c in command], cwd=cwd, env=env, capture_output=True, text=True, timeout=300
-    )
+    done = child(*command, cwd=cwd)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+# --------------------------------------------------------------------------- environments
 
 
 @pytest.fixture(scope="module")
@@ -36,24 +57,92 @@ def wheel(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
-def installed(wheel, tmp_path_factory):
-    """A fresh environment with the wheel in it. What the wheel depends on is lent by this one, so that no
-    network is needed; the tree itself is not on the path."""
-    home = tmp_path_factory.mktemp("venv")
+def needs_of(lines, extras=()):
+    """Names of the packages that Requires-Dist lines ask for here; those of extras only if asked for."""
+    for need in map(Requirement, lines or ()):
+        if need.marker is None or any(need.marker.evaluate({"extra": e}) for e in ("", *extras)):
+            yield need.name
+
+
+def closure(names):
+    """These packages and all that they need."""
+    found, todo = set(), list(names)
+    while todo:
+        name = re.sub(r"[-_.]+", "-", todo.pop()).lower()
+        if name not in found:
+            found.add(name)
+            todo += needs_of(distribution(name).requires)
+    return found
+
+
+def link(name, site):
+    """The files of an installed package, linked into another environment."""
+    there = distribution(name)
+    for file in there.files:
+        target = site / file
+        if ".." not in file.parts and not target.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.symlink_to(there.locate_file(file).resolve())
+
+
+def environment(home, wheel, extras=()):
+    """A fresh environment with the wheel and what it declares for these extras."""
     run(sys.executable, "-m", "venv", home, cwd=home)
     python = home / "bin" / "python"
     site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=home).strip())
-    (site / "lent.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    metadata = next(n for n in zipfile.ZipFile(wheel).namelist() if n.endswith("METADATA"))
+    lines = zipfile.ZipFile(wheel).read(metadata).decode().splitlines()
+    declared = [line.partition(": ")[2] for line in lines if line.startswith("Requires-Dist")]
+    for name in closure(needs_of(declared, extras)):
+        link(name, site)
     run(python, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", wheel, cwd=home)
     return home
 
 
-def test_wheel_holds_the_core_the_declarations_and_the_messages(wheel):
+@pytest.fixture(scope="module")
+def plain(wheel, tmp_path_factory):
+    return environment(tmp_path_factory.mktemp("plain"), wheel)
+
+
+@pytest.fixture(scope="module")
+def full(wheel, tmp_path_factory):
+    return environment(tmp_path_factory.mktemp("full"), wheel, EXTRAS)
+
+
+URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two"/>
+<joint name="a" type="revolute"><parent link="base"/><child link="one"/><axis xyz="0 0 1"/>
+<origin xyz="0 0 0.3"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="b" type="revolute"><parent link="one"/><child link="two"/><axis xyz="0 1 0"/>
+<origin xyz="0.4 0 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint></robot>
+"""
+
+
+@pytest.fixture(scope="module")
+def user(full, tmp_path_factory):
+    """A user's folder: measurements, an arm, a model, and a run of the wheel's own simulator."""
+    folder = tmp_path_factory.mktemp("user")
+    poses.arm_toml(folder / "arm.toml")
+    poses.poses_csv(folder / "poses.csv", 60, 12, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0]))
+    (folder / "robot.urdf").write_text(URDF)
+    kincal = full / "bin" / "kincal"
+    run(kincal, "model", "add", "--model", "M.toml", "backlash[4]", cwd=folder)
+    said = run(kincal, "run", "healthy", "--fast", "--no-compare", "--out", "run", cwd=folder)
+    assert "passed in" in said
+    return folder
+
+
+# --------------------------------------------------------------------------- what is in it
+
+
+def test_wheel_holds_what_it_runs(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     messages = {f"kcm/{p.stem}.py" for p in (ROOT / "fsw" / "msg").glob("*.lcm")}
+    tree = {f"kincal/_tree/{name}" for name in ("sim/kincal_sim/launch.py", "sim/scenarios/paper.toml",
+            "sim/models/detector.yml", "tables/bin/space.tbl", "tables/src/space.toml", "build/kincal-fsw",
+            "build/kincal-tagdet")}  # fmt: skip
     assert {"kincal/_core/libkincal.so", "kincal/_core/kincal_cdef.h", "kincal/workbench/effects.toml",
-            "kincal/arms/wam.toml"} | messages <= names  # fmt: skip
+            "kincal/_core/libkincal_ground.so", "kincal/arms/wam.toml", "kincal/pages/GLOSSARY.md",
+            "kincal/pages/templates/page.html.j2"} | messages | tree <= names  # fmt: skip
     assert not [n for n in names if "__pycache__" in n]
 
 
@@ -69,20 +158,129 @@ def test_core_in_the_wheel_gives_the_bits_of_the_core_that_flies(wheel, tmp_path
     assert answers[0] == answers[1]
 
 
-def test_workbench_runs_from_another_folder_on_a_users_own_arm(installed, tmp_path):
-    (tmp_path / "mine").mkdir()
-    poses.arm_toml(tmp_path / "mine" / "arm.toml")
-    poses.poses_csv(
-        tmp_path / "mine" / "poses.csv", 60, 12, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0])
+def test_environments_are_clean(plain, full, tmp_path):
+    ask = (
+        "import importlib.util as u, sys; print([u.find_spec(n) is not None for n in sys.argv[1:]], sys.path)"
     )
-    kincal = installed / "bin" / "kincal"
-    where = run(installed / "bin" / "python", "-c", "import kincal; print(kincal.__file__)", cwd=tmp_path)
-    assert str(installed) in where
-    given = ("--arm", "mine/arm.toml", "--data", "mine/poses.csv")
+    for home, there in ((plain, False), (full, True)):
+        found, _, path = run(
+            home / "bin" / "python", "-c", ask, "kincal", "pytest", "mujoco", "kaleido", cwd=tmp_path
+        ).partition("]")
+        assert found == f"[True, False, {there}, {there}"
+        assert str(ROOT) not in path
+
+
+# --------------------------------------------------------------------------- every command
+
+NOBODY = ("--url", "udpm://239.255.76.67:1?ttl=0", "--timeout", "0.2")
+GIVEN = ("--arm", "arm.toml", "--data", "poses.csv")
+RUN_LOG = "run/run.lcmlog"
+# command -> arguments; runs in the user's folder
+CALLS = {
+    "table build": ("{tables}/src/config.toml", "new/config.tbl"),
+    "table show": ("{tables}/bin/arm.tbl",),
+    "table check": ("{tables}/bin/arm.tbl",),
+    "table diff": ("{tables}/src/config.toml", "{tables}/bin/config.tbl"),
+    "table uplink": ("{tables}/bin/config.tbl", *NOBODY),
+    "table dump": ("kin", "new/kin.tbl", *NOBODY),
+    "space build": ("{tables}/src/space.toml", "new/space.tbl"),
+    "space show": ("{tables}/bin/space.tbl", "--picture", "new/space.png"),
+    "space explain": ("{tables}/bin/space.tbl", "17"),
+    "space check": ("{tables}/bin/space.tbl",),
+    "space diff": ("{tables}/bin/space.tbl", "{tables}/bin/space.tbl"),
+    "space information": ("{tables}/bin/space.tbl",),
+    "space separability": ("{tables}/bin/space.tbl",),
+    "run": ("healthy", "--fast", "--no-compare", "--out", "new/run"),
+    "log": (RUN_LOG,),
+    "review list": (RUN_LOG,),
+    "review show": (RUN_LOG, "--picture", "new/review.png"),
+    "review approve": ("12345678", "--by", "me", "--why", "because", *NOBODY),
+    "review reject": ("12345678", "--by", "me", "--why", "because", *NOBODY),
+    "schema": ("-o", "new/schema"),
+    "arm list": (),
+    "arm show": ("ur5e",),
+    "arm import": ("robot.urdf", "-o", "new/arm.toml"),
+    "model compare": GIVEN,
+    "model diagnose": (*GIVEN, "--report", "new/report.html"),
+    "model fit": (*GIVEN, "--model", "M.toml"),
+    "model effects": (),
+    "model add": ("--model", "new/M.toml", "base_flex"),
+    "model remove": ("--model", "new/M.toml", "base_flex"),
+    "model undo": ("--model", "new/M.toml"),
+    "model list": ("--model", "M.toml"),
+    "model history": ("--model", "M.toml"),
+    "model next": (*GIVEN, "joint_compliance[2]", "base_flex"),
+    "model uplink": ("--model", "M.toml", "--arm", "arm.toml", "--fly", "new/fly"),
+}
+SLOW = ("space build", "space check")  # not run to their end
+NEEDS = {"run": "sim", "space": "sim", "arm import": "urdf"}  # command or group -> extra
+PICTURES = ("review show", "model diagnose")  # use the extra image
+NO_ANSWER = ("uplink", "dump", "approve", "reject")  # nobody is there to talk to
+
+
+def commands(group=main, prefix=""):
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from commands(command, f"{prefix}{name} ")
+        else:
+            yield f"{prefix}{name}"
+
+
+def call(home, user, name, cwd=None):
+    tables = next(home.glob("lib/*/site-packages/kincal/_tree/tables"))
+    words = [word.format(tables=tables) for word in CALLS[name]]
+    (user / "new").mkdir(exist_ok=True)
+    done = child(home / "bin" / "kincal", *name.split(), *words, cwd=cwd or user)
+    assert "Traceback" not in done.stdout + done.stderr, done.stderr
+    return done
+
+
+def test_every_command_is_tried():
+    assert set(CALLS) == set(commands())
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_command_runs_or_names_the_extra_in_a_clean_environment(name, plain, user):
+    done = call(plain, user, name)
+    extra = NEEDS.get(name) or NEEDS.get(name.split()[0])
+    if extra and done.returncode == 2:
+        assert f"pip install 'kincal[{extra}]'" in done.stderr
+    elif name == "table uplink" or name.split()[-1] in NO_ANSWER and name != "model uplink":
+        assert done.returncode == 1, done.stderr
+    else:
+        assert done.returncode in (0, 1), done.stderr
+
+
+EXTRA = [n for n in CALLS if NEEDS.get(n) or NEEDS.get(n.split()[0]) or n in PICTURES]
+
+
+@pytest.mark.parametrize("name", [n for n in EXTRA if n not in SLOW])
+def test_command_that_an_extra_is_for_runs_with_it(name, full, user):
+    done = call(full, user, name)
+    assert "pip install" not in done.stderr
+    assert done.returncode in (0, 1), done.stderr
+
+
+def test_page_is_written_without_the_image_extra_and_says_why_there_is_no_picture(plain, user):
+    done = call(plain, user, "review show")
+    assert "no pictures" in done.stderr
+    assert "pip install 'kincal[image]'" in done.stderr
+    assert (user / "new" / "review.html").stat().st_size > 1_000_000
+
+
+# --------------------------------------------------------------------------- a user's day
+
+
+def test_workbench_runs_from_another_folder_on_a_users_own_arm(plain, user, tmp_path):
+    kincal = plain / "bin" / "kincal"
+    where = run(plain / "bin" / "python", "-c", "import kincal; print(kincal.__file__)", cwd=tmp_path)
+    assert str(plain) in where
+    given = ("--arm", user / "arm.toml", "--data", user / "poses.csv")
     got = json.loads(run(kincal, "model", "diagnose", *given, "--json", cwd=tmp_path))
     assert (got["verdict"], got["effects"][0]["name"]) == ("effect", "backlash[4]")
     run(kincal, "model", "add", "--model", "M.toml", "backlash[4]", cwd=tmp_path)
     assert "noise floor" in run(kincal, "model", "fit", *given, "--model", "M.toml", cwd=tmp_path)
     run(kincal, "model", "uplink", "--model", "M.toml", cwd=tmp_path)
     assert "terms" in run(kincal, "table", "check", "M.tbl", cwd=tmp_path)
-    assert "WAM" in run(kincal, "model", "compare", "--arm", "wam", "--data", "mine/poses.csv", cwd=tmp_path)
+    wam = run(kincal, "model", "compare", "--arm", "wam", "--data", user / "poses.csv", cwd=tmp_path)
+    assert "WAM" in wam

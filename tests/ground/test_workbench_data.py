@@ -7,10 +7,10 @@ import poses
 import pytest
 
 from kincal import workbench as wb
-from kincal.workbench.arms import quat_to_matrix
-from kincal.workbench.chain import nominal_chain
+from kincal.rotations import Pose
 from kincal.workbench.data import Measurements
 from kincal.workbench.frames import solve_frames
+from kincal.workbench.model import nominal_chain
 
 HEADER = "q1,q2,px,py,pz"
 
@@ -80,9 +80,12 @@ def test_missing_file_is_bad_input(tmp_path):
     ("change", "words"),
     [
         (('convention = "standard"', 'convention = "classic"'), "convention"),
-        (("a_m = 0.045", "a_m = nan"), "joint 3"),
-        (("q_max_rad = 2.0", "q_max_rad = -3.0"), "joint 2"),
-        (("[base]", "[base]\nquat_wxyz = [1.0, 1.0, 0.0, 0.0]"), "norm"),
+        (("a_m = 0.045", "a_m = nan"), r"joint\[3\]\.a_m: is nan, a finite number is needed"),
+        (
+            ("q_max_rad = 2.0", "q_max_rad = -3.0"),
+            r"joint\[2\]\.q_min_rad: is -2, which is not below q_max_rad -3",
+        ),
+        (("[1.0, 0.0, 0.0, 0.0]", "[1.0, 1.0, 0.0, 0.0]"), r"base\.quat_wxyz: has norm 1\.41421"),
         (("name =", "name ="[:-1]), "TOML"),
     ],
 )
@@ -107,8 +110,10 @@ def modified_link(alpha, a, theta, d):
 def test_modified_dh_is_converted_exactly(tmp_path):
     rng = np.random.default_rng(5)
     rows = rng.uniform(-1.0, 1.0, (6, 4))
-    text = 'convention = "modified"\n' + "".join(
-        f"[[joint]]\nalpha_rad = {al}\na_m = {a}\nd_m = {d}\nphi_rad = {phi}\n"
+    identity = "xyz_m = [0, 0, 0]\nquat_wxyz = [1, 0, 0, 0]\n"
+    text = 'convention = "modified"\ngravity_m_s2 = [0, 0, -9.81]\n'
+    text += f"[base]\n{identity}[tool]\n{identity}" + "".join(
+        f'[[joint]]\ntype = "revolute"\nalpha_rad = {al}\na_m = {a}\nd_m = {d}\nphi_rad = {phi}\n'
         "q_min_rad = -6.0\nq_max_rad = 6.0\n"
         for al, a, d, phi in rows
     )
@@ -117,9 +122,7 @@ def test_modified_dh_is_converted_exactly(tmp_path):
     arm = wb.read_arm(path)
     q = rng.uniform(-3.0, 3.0, (20, 6))
     data = Measurements(source="", ids=tuple(map(str, range(20))), q=q, p_m=np.zeros((20, 3)))
-    base = np.eye(4)
-    base[:3, :3], base[:3, 3] = quat_to_matrix(arm.base.quat_wxyz), arm.base.xyz_m
-    got = base @ nominal_chain(arm, data)
+    got = (Pose.of_wxyz(arm.base.xyz_m, arm.base.quat_wxyz) @ nominal_chain(arm, data)).matrix
     for i in range(20):
         want = np.eye(4)
         for (al, a, d, phi), angle in zip(rows, q[i], strict=True):
@@ -130,24 +133,36 @@ def test_modified_dh_is_converted_exactly(tmp_path):
 @pytest.mark.parametrize("with_rotation", [True, False])
 def test_unknown_frames_are_found_without_a_first_guess(with_rotation):
     rng = np.random.default_rng(8)
-    chain = np.array([poses.tool_pose(rng.uniform(-1.5, 1.5, 7), np.zeros((7, 4))) for _ in range(40)])
+    angles = rng.uniform(-1.5, 1.5, (40, 7))
+    chain = Pose.of_matrix(np.array([poses.tool_pose(q, np.zeros((7, 4))) for q in angles]))
     for trial in range(10):
-        base, tool = np.eye(4), np.eye(4)
-        for frame in (base, tool):
-            axis = rng.normal(size=4)
-            frame[:3, :3] = quat_to_matrix(axis / np.linalg.norm(axis))
-            frame[:3, 3] = rng.uniform(-3, 3, 3)
+        quats, shifts = rng.normal(size=(2, 4)), rng.uniform(-3, 3, (2, 3))
+        base, tool = (Pose.of_wxyz(shift, quat) for shift, quat in zip(shifts, quats, strict=True))
         seen = base @ chain @ tool
-        got_base, got_tool = solve_frames(
-            chain, seen[:, :3, 3], seen[:, :3, :3] if with_rotation else None, None, None
-        )
-        np.testing.assert_allclose(got_base, base, atol=1e-6, err_msg=f"trial {trial}")
-        np.testing.assert_allclose(got_tool[:3, 3], tool[:3, 3], atol=1e-6)
+        got_base, got_tool = solve_frames(chain, seen.p_m, seen.R if with_rotation else None, None, None)
+        np.testing.assert_allclose(got_base.matrix, base.matrix, atol=1e-6, err_msg=f"trial {trial}")
+        np.testing.assert_allclose(got_tool.p_m, tool.p_m, atol=1e-6)
+
+
+@pytest.mark.parametrize("with_rotation", [True, False])
+@pytest.mark.parametrize("known", ["base", "tool"])
+def test_one_unknown_frame_is_found_beside_the_known_one(with_rotation, known):
+    rng = np.random.default_rng(9)
+    angles = rng.uniform(-1.5, 1.5, (20, 7))
+    chain = Pose.of_matrix(np.array([poses.tool_pose(q, np.zeros((7, 4))) for q in angles]))
+    base, tool = (Pose.of_wxyz(rng.uniform(-1, 1, 3), rng.normal(size=4)) for _ in range(2))
+    seen = base @ chain @ tool
+    given = {"base": (base, None), "tool": (None, tool)}[known]
+    got_base, got_tool = solve_frames(chain, seen.p_m, seen.R if with_rotation else None, *given)
+    np.testing.assert_allclose(got_base.matrix, base.matrix, atol=1e-9)
+    np.testing.assert_allclose(got_tool.p_m, tool.p_m, atol=1e-9)
 
 
 def test_too_few_poses_for_unknown_frames_cannot_be_answered():
     with pytest.raises(wb.CannotAnswer, match="poses"):
-        solve_frames(np.tile(np.eye(4), (2, 1, 1)), np.zeros((2, 3)), None, None, None)
+        solve_frames(
+            Pose(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1))), np.zeros((2, 3)), None, None, None
+        )
 
 
 def test_model_file_keeps_history_and_undo_walks_back(tmp_path):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A tiny participant in flight's place: takes the same options, moves the arm a little, asks for frames,
+"""A tiny participant in flight's place: takes the same options, moves the arm a little, requests frames,
 and proposes what --script says. It lets the simulator's processes be tested without flight software."""
 
 import argparse
@@ -10,19 +10,25 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "sim"), str(ROOT / "build" / "py")]
 
 import kcm  # noqa: E402
-from kincal_sim.bus import Bus, Participant  # noqa: E402
+from kincal_sim.bus import Bus  # noqa: E402
+from kincal_sim.lockstep import Participant  # noqa: E402
 
 IDLE, MOVE, REVIEW, SAFE = 0, 1, 9, 11
 CRC = -559038737  # what KC_PROPOSAL and approval name
 FRAMES = 5
 HEARD = ["KC_ARM_STATE", "KC_DETECTION", "KC_CMD"]
+HK_PERIOD_US = 1_000_000
+# Scripts: "change", "healthy", "poor": how the proposal is; "refuse": commands; "no-housekeeping": none after
+# the second frame; "stuck": no progress; "crash": ends with status 7.
 
 
 class FakeFlight:
+    """Flight as its telemetry shows it; script: see above."""
+
     def __init__(self, bus, script):
         self.bus, self.script = bus, script
-        self.state, self.seq, self.poses, self.asked = IDLE, 0, 0, 0
-        self.kin, self.next_hk_us, self.reading = 0, 0, None
+        self.state, self.seq, self.poses, self.requested = IDLE, 0, 0, 0
+        self.kin, self.next_hk_us, self.arm_state = 0, 0, None
 
     def publish(self, channel, m, now_us):
         m.t_us = now_us
@@ -33,25 +39,31 @@ class FakeFlight:
 
     def tick(self, now_us, messages):
         for channel, m in messages:
-            if channel == "KC_CMD":
-                self.command(m, now_us)
-            elif channel == "KC_DETECTION" and self.state == MOVE:
-                self.poses += 1
-                self.report(m)
-            elif channel == "KC_ARM_STATE":
-                self.reading = m
+            self.handle(channel, m, now_us)
         if self.state == MOVE and self.script != "stuck":
             self.work(now_us)
-        if now_us >= self.next_hk_us and not (self.script == "mute" and self.poses > 1):
-            self.next_hk_us = now_us + 1_000_000
-            hk = kcm.hk_t()
-            hk.state, hk.n_poses, hk.n_poses_goal = self.state, self.poses, FRAMES
-            hk.table_crc = [0, 0, 0, 0, self.kin, 0, 0, 0]
-            self.publish("KC_HK", hk, now_us)
+        if now_us >= self.next_hk_us and not (self.script == "no-housekeeping" and self.poses > 1):
+            self.housekeeping(now_us)
         if self.script == "crash" and self.poses > 1:
             print("fake flight crashes on purpose", file=sys.stderr)
             sys.exit(7)
         return True
+
+    def handle(self, channel, m, now_us):
+        if channel == "KC_CMD":
+            self.command(m, now_us)
+        elif channel == "KC_ARM_STATE":
+            self.arm_state = m
+        elif self.state == MOVE:
+            self.poses += 1
+            self.report(m)
+
+    def housekeeping(self, now_us):
+        self.next_hk_us = now_us + HK_PERIOD_US
+        hk = kcm.hk_t()
+        hk.state, hk.n_poses, hk.n_poses_goal = self.state, self.poses, FRAMES
+        hk.table_crc = [0, 0, 0, 0, self.kin, 0, 0, 0]
+        self.publish("KC_HK", hk, now_us)
 
     def command(self, m, now_us):
         ack = kcm.ack_t()
@@ -62,17 +74,21 @@ class FakeFlight:
             return
         if m.opcode == kcm.cmd_t.START:
             self.state = MOVE
-            cmd = kcm.arm_cmd_t()
-            cmd.n_joints, cmd.speed_scale = 7, 1.0
-            cmd.q_rad = [0.3, -0.5, 0.1, 2.0, 0.0, 0.3, 0.2, 0.0]
-            self.publish("KC_ARM_CMD", cmd, now_us)
-            head = kcm.pantilt_cmd_t()
-            head.pan_rad, head.tilt_rad = -0.77, 0.35  # sees a tag of the paper's faulty arm there
-            self.publish("KC_PANTILT_CMD", head, now_us)
+            self.move(now_us)
         elif m.opcode == kcm.cmd_t.ABORT:
             self.state = SAFE
         elif m.opcode == kcm.cmd_t.APPROVE_GO and m.arg_i[0] == CRC:
             self.kin, self.state = CRC, IDLE
+
+    def move(self, now_us):
+        """To a posture in which the camera sees a tag of the paper's faulty arm."""
+        arm = kcm.arm_cmd_t()
+        arm.n_joints, arm.speed_scale = 7, 1.0
+        arm.q_rad = [0.3, -0.5, 0.1, 2.0, 0.0, 0.3, 0.2, 0.0]
+        self.publish("KC_ARM_CMD", arm, now_us)
+        pantilt = kcm.pantilt_cmd_t()
+        pantilt.pan_rad, pantilt.tilt_rad = -0.77, 0.35
+        self.publish("KC_PANTILT_CMD", pantilt, now_us)
 
     def work(self, now_us):
         if self.poses == FRAMES:
@@ -81,14 +97,14 @@ class FakeFlight:
             p.verdict = {"healthy": p.NO_CHANGE, "poor": p.POOR}.get(self.script, p.CHANGE)
             self.state = IDLE if self.script == "healthy" else REVIEW
             self.publish("KC_PROPOSAL", p, now_us)
-        elif self.reading is not None and not self.reading.moving and self.asked == self.poses:
-            self.asked += 1
+        elif self.arm_state is not None and not self.arm_state.moving and self.requested == self.poses:
+            self.requested += 1
             self.publish("KC_FRAME_REQUEST", kcm.frame_request_t(), now_us)
 
     def report(self, m):
-        """What was seen, so that a test can compare runs."""
+        """What was detected, so that a test can compare runs. Poses count from 1."""
         meas = kcm.meas_t()
-        meas.pose, meas.n_joints, meas.q_rad = self.poses, 7, self.reading.q_rad
+        meas.pose, meas.n_joints, meas.q_rad = self.poses, 7, self.arm_state.q_rad
         meas.p_cam_tool_m, meas.q_cam_tool_wxyz, meas.n_tags = m.p_cam_tool_m, m.q_cam_tool_wxyz, m.n_tags
         self.bus.publish("KC_MEAS", meas)
 
@@ -105,8 +121,11 @@ def main():
     # Which script to play comes through the store folder: launch has no option for it, and needs none.
     script = (o.store / "script").read_text() if (o.store / "script").exists() else "change"
     flight = FakeFlight(bus, script)
-    part = Participant(bus, kcm.tick_done_t.WHO_FSW, HEARD, flight.tick)
-    part.run_live() if o.live else part.run_lockstep()
+    participant = Participant(bus, kcm.tick_done_t.WHO_FSW, HEARD, flight.tick)
+    if o.live:
+        participant.run_live()
+    else:
+        participant.run_lockstep()
 
 
 if __name__ == "__main__":

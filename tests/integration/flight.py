@@ -6,9 +6,11 @@ import time
 from pathlib import Path
 
 import kcm
+from kincal.flight import library
+from kincal.flight import tables as codec
 from kincal_sim.bus import Bus
-from kincal_sim.eyes import fast_eye
-from kincal_sim.launch import private_port
+from kincal_sim.imagers import fast_imager
+from kincal_sim.ports import private_port
 from kincal_sim.scenario import load
 from kincal_sim.world import World
 
@@ -17,16 +19,28 @@ BINARY = ROOT / "build" / "kincal-fsw"
 TABLES = ROOT / "tables" / "bin"
 TICK_US = 100_000
 ANSWER_S = 20.0
-IDLE, MOVE, UPDATE, REVIEW, ARMED, SAFE = 0, 1, 8, 9, 10, 11
-KIN = 4
+CORE = library("flight")
+STATE = CORE.enum("kc_state_t", "KC_ST_")
+EVENT = CORE.enum("kc_event_id_t", "KC_EVT_")
+CAUSE = CORE.enum("kc_cause_t", "KC_CAUSE_")
+TABLE = CORE.enum("kc_tbl_kind_t", "KC_TBL_")
+IDLE, REVIEW, SAFE = STATE["IDLE"], STATE["REVIEW"], STATE["SAFE"]
+KIN = TABLE["KIN"]
 TO_WORLD = ("KC_ARM_CMD", "KC_PANTILT_CMD", "KC_FRAME_REQUEST")
 TELEMETRY = ("KC_EVENT", "KC_HK", "KC_MEAS", "KC_PROGRESS", "KC_PROPOSAL", "KC_TABLE_DOWN")
 HEARD = ("KC_ACK", *TELEMETRY, *TO_WORLD)
-EVENT = {"BOOT_INTERRUPTED": 2, "BOOT_SLOT_BAD": 3, "BOOT_REVIEW": 4, "TBL_MISSING": 29, "COR_ACTIVE": 83}
+
+
+def read_table(kind: str):
+    """The struct of one of the project's tables."""
+    return codec.decode((TABLES / f"{kind}.tbl").read_bytes())[1]
 
 
 class Flight:
-    """One network, one store; the process may die and be started again."""
+    """One network, one store; the process may die and be started again.
+
+    heard: (channel, message) pairs of flight in the last tick; world: of the scenario, None without one.
+    """
 
     def __init__(self, store: Path, scenario: str | None = None, seed: int = 1, tables: Path = TABLES):
         self.port, self._lock = private_port()
@@ -38,7 +52,7 @@ class Flight:
         self.tick, self.done_tick, self.n_published = 0, -1, 0
         self.heard: list[tuple[str, object]] = []
         self.seq = 0
-        self.world = World(load(scenario), seed, fast_eye) if scenario else None
+        self.world = World(load(scenario), seed, fast_imager) if scenario else None
         self.bus.listen("KC_TICK_DONE", self._on_done)
         for channel in HEARD:
             self.bus.listen(channel, lambda ch, m: self.heard.append((ch, m)))
@@ -50,6 +64,7 @@ class Flight:
     # ---- process ----
 
     def start(self, env: dict | None = None, wait: bool = True) -> None:
+        """Start the process; wait: until it announces itself."""
         with open(self.stderr, "ab") as err:
             command = [BINARY, "--url", self.url, "--tables", self.tables, "--store", self.store]
             self.process = subprocess.Popen(command, stderr=err, env=env)
@@ -59,25 +74,28 @@ class Flight:
             assert self.wait_done(0), self.stderr.read_text()
 
     def wait_done(self, tick: int) -> bool:
-        """Until the tick is done; False when the process has died."""
+        """Wait until the tick is done; False when the process has died."""
         deadline = time.monotonic() + ANSWER_S
         while self.done_tick != tick:
             if not self.bus.wait(0.02) and self.process.poll() is not None:
-                while self.bus.wait(0.0):  # its last words
+                while self.bus.wait(0.0):  # what it sent last
                     pass
                 return self.done_tick == tick
             assert time.monotonic() < deadline, f"no answer to tick {tick}"
         return True
 
     def kill(self) -> None:
+        """End the process at once, as a power cut would."""
         self.process.kill()
         self.process.wait()
 
     def stop(self) -> int:
+        """End the process in good order; its exit status."""
         self.process.terminate()
         return self.process.wait(timeout=ANSWER_S)
 
     def close(self) -> None:
+        """End what still runs and give the network back."""
         if self.process is not None and self.process.poll() is None:
             self.kill()
         self._lock.close()
@@ -92,15 +110,17 @@ class Flight:
 
     @property
     def now_us(self) -> int:
+        """Mission time of the last tick."""
         return self.tick * TICK_US
 
     def send_time(self) -> None:
+        """Announce the present tick (again)."""
         t = kcm.time_t()
         t.tick, t.now_us = self.tick, self.now_us
         self.bus.publish("KC_TIME", t)
 
     def step(self) -> list[tuple[str, object]] | None:
-        """One tick; what flight said in it, or None if the process died before it was done."""
+        """One tick; flight's messages in it, or None if the process died before it was done."""
         self.tick += 1
         self.heard = []
         if self.world is not None:
@@ -111,11 +131,11 @@ class Flight:
         if self.world is not None:
             for channel, m in self.heard:
                 if channel in TO_WORLD:
-                    self.world.take(channel, m)
+                    self.world.receive(channel, m)
         return self.heard if alive else None
 
     def command(self, opcode: int, *args: int, source: int = 2, arg_u64: int = 0) -> None:
-        """Handled in the next tick."""
+        """Send a command; it is handled in the next tick."""
         c = kcm.cmd_t()
         self.seq += 1
         c.t_us, c.seq, c.source, c.opcode = self.now_us, self.seq, source, opcode
@@ -123,21 +143,22 @@ class Flight:
         self.bus.publish("KC_CMD", c)
 
     def do(self, opcode: int, *args: int):
-        """Command and its answer (None if the process died)."""
+        """Send a command and step; its answer, None if the process died."""
         self.command(opcode, *args)
         self.step()
         return next((m for ch, m in self.heard if ch == "KC_ACK"), None)
 
     def until(self, channel: str, max_ticks: int = 20_000):
+        """Step until a message comes on the channel; that message."""
         for _ in range(max_ticks):
-            said = self.step()
-            assert said is not None, self.stderr.read_text()
-            for ch, m in said:
+            heard = self.step()
+            assert heard is not None, self.stderr.read_text()
+            for ch, m in heard:
                 if ch == channel:
                     return m
         raise AssertionError(f"no {channel} in {max_ticks} ticks")
 
-    def first_words(self) -> tuple[list, object]:
+    def first_telemetry(self) -> tuple[list, object]:
         """Events and housekeeping of the first tick after a start."""
         assert self.step() is not None
         events = [m for ch, m in self.heard if ch == "KC_EVENT"]
@@ -145,10 +166,11 @@ class Flight:
 
 
 def u32(x: int) -> int:
+    """A CRC as messages carry it (int32), as an unsigned number."""
     return x & 0xFFFFFFFF
 
 
-def proposal_store(folder: Path) -> tuple[Path, int, int]:
+def store_with_proposal(folder: Path) -> tuple[Path, int, int]:
     """A store whose correction waits for review: store, its CRC, CRC of the active table."""
     store = folder / "waiting"
     with Flight(store, "encoder_bias") as f:
@@ -162,5 +184,6 @@ def proposal_store(folder: Path) -> tuple[Path, int, int]:
 
 
 def copy_store(template: Path, to: Path) -> Path:
+    """A store of its own with the files of another."""
     shutil.copytree(template, to)
     return to

@@ -1,16 +1,17 @@
-"""Helpers of the tests that run whole scenarios: start them, read their logs, judge them by MuJoCo."""
+"""Helpers of the tests that run whole scenarios: start them, read their logs, compare them with MuJoCo."""
 
 import os
-import tomllib
 from pathlib import Path
 
 import lcm
 import numpy as np
+from flight import read_table
 
-from kincal_sim import geom
+from kincal.flight import Terms
+from kincal_sim import transforms
 from kincal_sim.arm import Arm
 from kincal_sim.bus import TYPES
-from kincal_sim.launch import Run, execute
+from kincal_sim.run import Run, execute
 from kincal_sim.scenario import find
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,7 +34,7 @@ def fly(tmp_path, scenario, **options) -> dict:
     return execute(Run(find(scenario), tmp_path, fast=True, **options))
 
 
-def raw(path: Path) -> dict[str, list[bytes]]:
+def payloads(path: Path) -> dict[str, list[bytes]]:
     """Payloads of a log by channel, in order."""
     out: dict[str, list[bytes]] = {}
     for event in lcm.EventLog(str(path), "r"):
@@ -42,31 +43,25 @@ def raw(path: Path) -> dict[str, list[bytes]]:
 
 
 def messages(path: Path, channel: str) -> list:
-    return [TYPES[channel].decode(data) for data in raw(path).get(channel, [])]
+    """Decoded messages of one channel of a log, in order."""
+    return [TYPES[channel].decode(data) for data in payloads(path).get(channel, [])]
 
 
 def coefficient_names() -> list[str]:
-    """Names in table order, read from the table's source."""
-    with open(ROOT / "tables" / "src" / "terms.toml", "rb") as f:
-        src = tomllib.load(f)
-    names = [
-        f"J{j + 1}.{n}" for j in range(src["dh"]["joints"]) for n in ("phi_rad", "alpha_rad", "a_m", "d_m")
-    ]
-    for coef in src["coef"]:
-        names += [coef["name"].format(j=j) for j in coef.get("joints", [0])]
-    return names
+    """Names of the coefficients of the TERMS table, in its order."""
+    return list(Terms.of_table(read_table("terms")).names)
 
 
 def held_out_rms(truth: dict, errors: dict[str, float]) -> tuple[float, float]:
-    """RMS pose error [m], [rad] over the held-out poses of an arm that is believed to have these DH
-    errors. MuJoCo is the judge: no flight kinematics."""
+    """RMS pose error [m], [rad] over the held-out poses of an arm that is assumed to have these DH errors, by
+    MuJoCo: no flight kinematics."""
     arm = Arm(errors=errors)
     dp, dr = [], []
     for pose in truth["held_out"]:
         arm.set(pose["q_rad"])
         T = arm.T_base_tool
         dp.append(np.linalg.norm(T[:3, 3] - pose["p_m"]))
-        dr.append(geom.angle(T, geom.matrix(pose["q_wxyz"])))
+        dr.append(transforms.rotation_angle(T, transforms.rotation_matrix(pose["q_wxyz"])))
     return float(np.sqrt(np.mean(np.square(dp)))), float(np.sqrt(np.mean(np.square(dr))))
 
 

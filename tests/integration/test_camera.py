@@ -5,7 +5,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from kincal_sim import arm, camera, fastcam, geom, tags
+from kincal.errors import BadInput
+from kincal_sim import arm, camera, detection_model, tags, transforms
 
 SPHERES = 30
 
@@ -28,7 +29,7 @@ def cfg():
 
 def frontal(x_m=0.0, y_m=0.0, z_m=1.0, turn_deg=0.0):
     """Tool pose in a camera that stands in the world frame: tags seen from the front."""
-    return geom.trans(x_m, y_m, z_m) @ geom.rot("z", np.radians(turn_deg))
+    return transforms.trans(x_m, y_m, z_m) @ transforms.rot("z", np.radians(turn_deg))
 
 
 def radiance(cfg, bodies, T_cam_tool, **kwargs):
@@ -40,7 +41,7 @@ def radiance(cfg, bodies, T_cam_tool, **kwargs):
         cam.close()
 
 
-BEHIND = geom.trans(0.0, 0.0, -5.0)
+BEHIND = transforms.trans(0.0, 0.0, -5.0)
 
 
 def test_spheres_appear_where_the_pinhole_formula_puts_them(cfg):
@@ -69,7 +70,7 @@ def test_tag_is_drawn_on_its_own_plate(cfg):
     """MuJoCo draws a bright square exactly where the tag's black square is printed: the edges agree."""
     tag = cfg.tags[0]
     T = frontal(0.1, -0.05, 1.1, 20.0) @ tag.T_tool_tag
-    q = geom.quat(T)
+    q = transforms.quaternion(T)
     plate = (
         f'<geom type="box" size="{tag.size_m / 2} {tag.size_m / 2} 1e-5" pos="{T[0, 3]} {T[1, 3]} {T[2, 3]}" '
         f'quat="{q[0]} {q[1]} {q[2]} {q[3]}"/>'
@@ -101,7 +102,7 @@ def test_thing_in_front_hides_the_tag_and_thing_behind_does_not(cfg):
     assert not np.array_equal(hidden, bare)  # tag 0, on the right, is still there
     right = slice(int(cfg.K[0, 2]) + 40, int(cfg.K[0, 2]) + 180)
     assert np.abs(hidden[:, right] - free[:, right]).max() < 1e-3
-    seen = fastcam.visible_tags(cfg, *scene(left.format(z=0.7)), np.eye(4), T)
+    seen = detection_model.visible_tags(cfg, *scene(left.format(z=0.7)), np.eye(4), T)
     assert [v.tag.id for v in seen] == [0]
 
 
@@ -115,7 +116,7 @@ def test_edge_of_a_hiding_thing_is_smooth(cfg):
 
 
 def test_tag_seen_from_behind_is_not_drawn(cfg):
-    away = frontal() @ geom.rot("y", np.pi)
+    away = frontal() @ transforms.rot("y", np.pi)
     frame, _, _ = radiance(cfg, "", away)
     assert frame.max() == 0.0
 
@@ -174,8 +175,8 @@ def test_quality_gives_way_to_the_size_limit(cfg):
         cam.encode(hopeless)
     cam.close()
     assert first.quality == cfg.image["jpeg_quality"] > second.quality
-    assert max(len(first.jpeg), len(second.jpeg)) <= cfg.image["max_jpeg_bytes"]
-    assert cv2.imdecode(np.frombuffer(second.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE).shape == (1080, 1920)
+    assert max(len(first.data), len(second.data)) <= cfg.image["max_jpeg_bytes"]
+    assert cv2.imdecode(np.frombuffer(second.data, np.uint8), cv2.IMREAD_GRAYSCALE).shape == (1080, 1920)
 
 
 def test_arm_frame_looks_like_a_landing_site(cfg):
@@ -213,7 +214,7 @@ def test_bitmaps_have_white_rim_black_frame_and_differ():
 
 
 def test_unknown_setting_is_refused():
-    with pytest.raises(ValueError, match="unknown setting optics.psf"):
+    with pytest.raises(BadInput, match="optics.psf: unknown key"):
         camera.load_config(optics={"psf": 1.0})
-    with pytest.raises(ValueError, match="not one of corners, isotropic"):
-        fastcam.FastCamera(camera.load_config(fast={"noise": "pink"}), arm.Arm().model)
+    with pytest.raises(BadInput, match='detection.noise: is "pink"; write "corners" or "isotropic"'):
+        camera.load_config(detection={"noise": "pink"})

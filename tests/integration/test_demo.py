@@ -4,18 +4,20 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from kincal import lcmlog, review, tables
+from kincal import link, review
+from kincal.flight import tables as codec
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = ROOT / "tables" / "bin"
-JOINTS = tables.read_toml(ROOT / "tables" / "src" / "space.toml")["joints"]
-SPARE = len(JOINTS["spare_first"])
-FIRST = len(JOINTS["first_rad"]) - SPARE
+JOINTS = tomllib.loads((ROOT / "tables" / "src" / "space.toml").read_text())["joints"]
+RESERVE = len(JOINTS["reserve"])
+LOCAL = len(JOINTS["local_initial_rad"]) - RESERVE
 
 
 def kincal(*args, timeout=240):
@@ -35,7 +37,7 @@ def demo(tmp_path_factory):
     return out, kincal("run", "paper", "--fast", "--accept", "ground", "--out", out)
 
 
-def test_demo_passes_all_its_gates(demo):
+def test_demo_meets_all_its_criteria(demo):
     _, done = demo
     assert done.returncode == 0, done.stdout + done.stderr
     assert "MISSED" not in done.stdout
@@ -44,13 +46,13 @@ def test_demo_passes_all_its_gates(demo):
 
 def test_demo_prints_one_line_a_pose_in_order(demo):
     _, done = demo
-    line = r"^ ?(\d+)/(\d+) +(first|\d+) +\d+ +[\d.]+ mm +[\d.]+ mrad +-?[\d.]+"
+    line = r"^ ?(\d+)/(\d+) +(local|\d+) +\d+ +[\d.]+ mm +[\d.]+ mrad +-?[\d.]+"
     poses = re.findall(line, done.stdout.split("\nCorrections")[0], re.M)
     assert [int(n) for n, _, _ in poses] == list(range(1, len(poses) + 1))
-    n_first = len(poses) - 20
-    assert FIRST // 2 <= n_first <= FIRST + SPARE
-    assert [where == "first" for _, _, where in poses] == [True] * n_first + [False] * 20
-    assert {int(goal) for _, goal, _ in poses[n_first:]} == {len(poses)}
+    n_local = len(poses) - 20
+    assert LOCAL // 2 <= n_local <= LOCAL + RESERVE
+    assert [where == "local" for _, _, where in poses] == [True] * n_local + [False] * 20
+    assert {int(goal) for _, goal, _ in poses[n_local:]} == {len(poses)}
 
 
 def test_demo_lists_true_and_estimated_values_of_all_corrections(demo):
@@ -74,7 +76,7 @@ def test_demo_shows_the_held_out_error_fall_below_the_limits(demo):
     assert {c["label"] for c in summary["curves"]} == {"ucb, fast", "random, fast"}
     for curve in summary["curves"]:
         held = [p["held_pos_m"] for p in curve["poses"]]
-        assert 20 + FIRST // 2 <= len(held) <= 20 + FIRST + SPARE
+        assert 20 + LOCAL // 2 <= len(held) <= 20 + LOCAL + RESERVE
         assert held[-1] < 0.01 * held[0]
 
 
@@ -88,7 +90,7 @@ def test_demo_leaves_page_and_picture(demo):
 
 def test_ground_approved_in_two_steps_and_the_record_says_so(demo):
     out, done = demo
-    log = lcmlog.read(out / "run.lcmlog")
+    log = link.read_log(out / "run.lcmlog")
     ground = [c for c in log.commands if c.source == c.SRC_GROUND]
     crc = log.sessions[max(log.sessions)].proposal.crc
     assert [(c.opcode, c.arg_i[0]) for c in ground] == [
@@ -103,24 +105,24 @@ def test_ground_approved_in_two_steps_and_the_record_says_so(demo):
 
 def test_table_in_force_is_stored_and_holds_the_estimate(demo):
     out, _ = demo
-    proposal = next(s.proposal for s in lcmlog.read(out / "run.lcmlog").sessions.values())
+    proposal = next(s.proposal for s in link.read_log(out / "run.lcmlog").sessions.values())
     stored = [p for p in (out / "store").rglob("*") if p.is_file() and b"KCT1" in p.read_bytes()]
     found = []
     for path in stored:
         data = path.read_bytes()
         data = data[data.index(b"KCT1") :]
         size = int.from_bytes(data[8:12], "little")
-        image = tables.header(data[: 16 + size])
+        image = codec.header(data[: 16 + size])
         if image.kind == "kin" and image.crc == proposal.crc & 0xFFFFFFFF:
-            found.append(tables.decode(image.data)[1])
+            found.append(codec.decode(image.data)[1])
     assert found
     assert list(found[0].value[0:28]) == pytest.approx(proposal.value[:28], abs=0.0)
 
 
 def test_covariance_of_the_proposal_fits_its_sigmas(demo):
     out, _ = demo
-    proposal = next(s.proposal for s in lcmlog.read(out / "run.lcmlog").sessions.values())
-    cov = lcmlog.unpack_cov(proposal.cov, proposal.n_coef)
+    proposal = next(s.proposal for s in link.read_log(out / "run.lcmlog").sessions.values())
+    cov = link.unpack_covariance(proposal.cov, proposal.n_coef)
     assert np.sqrt(np.diag(cov)) == pytest.approx(np.array(proposal.sigma[: proposal.n_coef]), rel=1e-9)
     found = review.from_message(proposal, review.coef_names(BIN))
     assert np.abs(found.correlation).max() <= 1.0 + 1e-9
@@ -132,7 +134,7 @@ def test_log_and_review_read_what_the_run_left(demo, tmp_path):
     log = kincal("log", out / "run.lcmlog")
     assert log.returncode == 0
     n = int(re.search(r"calibration 1: (\d+) poses", log.stdout)[1])
-    assert 20 < n <= 20 + FIRST + SPARE
+    assert 20 < n <= 20 + LOCAL + RESERVE
     assert "COR_ACTIVE" in log.stdout
     shown = kincal("review", "show", out / "run.lcmlog", "--picture", tmp_path / "r.png")
     assert shown.returncode == 0, shown.stderr
@@ -140,8 +142,8 @@ def test_log_and_review_read_what_the_run_left(demo, tmp_path):
     assert (tmp_path / "r.png").is_file()
 
 
-def test_missed_gate_fails_the_run(tmp_path):
-    """Given a limit that no arm can meet, the exit status is 1 and the gate is named."""
+def test_a_missed_criterion_fails_the_run(tmp_path):
+    """Given a limit that no arm can meet, the exit status is 1 and the criterion is named."""
     text = (
         (ROOT / "sim/scenarios/healthy.toml")
         .read_text()
@@ -160,8 +162,8 @@ def test_missed_gate_fails_the_run(tmp_path):
 def test_healthy_arm_is_left_alone(tmp_path):
     done = kincal("run", "healthy", "--fast", "--no-compare", "--out", tmp_path)
     assert done.returncode == 0, done.stdout
-    log = lcmlog.read(tmp_path / "run.lcmlog")
-    nominal = tables.header((BIN / "kin.tbl").read_bytes()).crc
+    log = link.read_log(tmp_path / "run.lcmlog")
+    nominal = codec.header((BIN / "kin.tbl").read_bytes()).crc
     assert log.hk.table_crc[review.KIN_KIND] & 0xFFFFFFFF == nominal
     assert "no change needed" in done.stdout
 
@@ -189,4 +191,4 @@ def test_demo_through_pixels(tmp_path):
     assert summary["mode"] == "pixels"
     assert summary["after"]["pos_m"] <= 4e-3, done.stdout
     assert summary["after"]["rot_rad"] <= 10e-3
-    assert lcmlog.read(tmp_path / "run.lcmlog").counts["KC_DETECTION"] > 30
+    assert link.read_log(tmp_path / "run.lcmlog").counts["KC_DETECTION"] > 30

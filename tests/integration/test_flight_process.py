@@ -4,7 +4,7 @@ import random
 import subprocess
 
 import pytest
-from flight import BINARY, EVENT, IDLE, KIN, TABLES, TICK_US, Flight, u32
+from flight import BINARY, EVENT, IDLE, KIN, TABLE, TABLES, TICK_US, Flight, u32
 
 import kcm
 
@@ -26,7 +26,7 @@ def test_help_and_version():
 
 
 @pytest.mark.parametrize(
-    ("args", "says"),
+    ("args", "message"),
     [
         ((), "--tables is missing"),
         (("--tables", "t"), "--store is missing"),
@@ -35,9 +35,9 @@ def test_help_and_version():
         (("--live", "--lockstep", "--tables", "t", "--store", "s"), "exclude each other"),
     ],
 )
-def test_bad_arguments_are_named(args, says):
+def test_bad_arguments_are_named(args, message):
     r = run(*args)
-    assert r.returncode == 2 and says in r.stderr and "--help" in r.stderr
+    assert r.returncode == 2 and message in r.stderr and "--help" in r.stderr
 
 
 def test_directories_that_cannot_be_used_are_named(tmp_path):
@@ -68,10 +68,10 @@ def test_damaged_default_tables_are_named_and_the_rest_works(tmp_path):
     (tables / "kernel.tbl").write_bytes(bytes(data))
     with Flight(tmp_path / "store", tables=tables) as f:
         f.start()
-        events, hk = f.first_words()
+        events, hk = f.first_telemetry()
         assert "kernel.tbl refused: KC_ERR_CRC" in f.stderr.read_text()
-        assert [e.index for e in events if e.id == EVENT["TBL_MISSING"]] == [6]
-        assert hk.table_crc[6] == 0 and hk.table_crc[5] != 0
+        assert [e.index for e in events if e.id == EVENT["TBL_MISSING"]] == [TABLE["KERNEL"]]
+        assert hk.table_crc[TABLE["KERNEL"]] == 0 and hk.table_crc[TABLE["SPACE"]] != 0
 
 
 # ---- lockstep ----
@@ -101,8 +101,8 @@ def test_a_command_is_handled_in_the_tick_after_its_stamp(tmp_path):
         assert [m.status for ch, m in f.step() if ch == "KC_ACK"] == [0]
 
 
-def shuffled(tmp_path, order) -> list[bytes]:
-    """What flight says to the same messages, sent in another order."""
+def telemetry_of_shuffled(tmp_path, order) -> list[bytes]:
+    """Telemetry after the same messages, sent in another order."""
     sent = []
     for seq in range(1, 5):
         for source in (1, 2):
@@ -113,7 +113,7 @@ def shuffled(tmp_path, order) -> list[bytes]:
     image = (TABLES / "config.tbl").read_bytes()
     for at in range(0, len(image), 100):
         m = kcm.table_chunk_t()
-        m.t_us, m.kind, m.total_bytes, m.offset = TICK_US, 7, len(image), at
+        m.t_us, m.kind, m.total_bytes, m.offset = TICK_US, TABLE["CONFIG"], len(image), at
         m.n = len(image[at : at + 100])
         m.data = image[at : at + 100].ljust(1024, b"\0")
         sent.append(("KC_TABLE_UP", m))
@@ -123,20 +123,20 @@ def shuffled(tmp_path, order) -> list[bytes]:
         random.Random(order).shuffle(sent)
         for channel, m in sent:
             f.bus.publish(channel, m)
-        said = []
+        sent_back = []
         for _ in range(30):
-            said += f.step()
-        return [m.encode() for _, m in said]
+            sent_back += f.step()
+        return [m.encode() for _, m in sent_back]
 
 
 def test_the_order_of_arrival_never_matters(tmp_path):
-    first = shuffled(tmp_path, 1)
+    first = telemetry_of_shuffled(tmp_path, 1)
     assert len(first) > 20
-    assert shuffled(tmp_path, 2) == first
-    assert shuffled(tmp_path, 3) == first
+    assert telemetry_of_shuffled(tmp_path, 2) == first
+    assert telemetry_of_shuffled(tmp_path, 3) == first
 
 
-def test_two_calibrations_with_one_seed_say_the_same_bytes(tmp_path):
+def test_two_calibrations_with_one_seed_send_the_same_bytes(tmp_path):
     logs = []
     for k in range(2):
         with Flight(tmp_path / f"store{k}", "encoder_bias", seed=4) as f:
@@ -145,9 +145,9 @@ def test_two_calibrations_with_one_seed_say_the_same_bytes(tmp_path):
             f.command(CMD.START, 3, 5, 11)
             log = []
             for _ in range(3000):
-                said = f.step()
-                log += [(ch, m.encode()) for ch, m in said]
-                if any(ch == "KC_PROPOSAL" for ch, _ in said):
+                heard = f.step()
+                log += [(ch, m.encode()) for ch, m in heard]
+                if any(ch == "KC_PROPOSAL" for ch, _ in heard):
                     break
             logs.append(log)
     assert any(ch == "KC_PROPOSAL" for ch, _ in logs[0])
@@ -157,11 +157,11 @@ def test_two_calibrations_with_one_seed_say_the_same_bytes(tmp_path):
 # ---- tables ----
 
 
-def test_a_table_comes_down_as_it_lies_in_the_file(tmp_path):
+def test_a_table_dump_has_the_bytes_of_the_file(tmp_path):
     with Flight(tmp_path / "store") as f:
         f.start()
         f.step()
-        assert f.do(CMD.TABLE_DUMP, 5).status == 0
+        assert f.do(CMD.TABLE_DUMP, TABLE["SPACE"]).status == 0
         data = bytearray()
         for _ in range(300):
             for ch, m in f.heard:
@@ -175,17 +175,17 @@ def test_a_table_comes_down_as_it_lies_in_the_file(tmp_path):
         assert bytes(data) == (TABLES / "space.tbl").read_bytes()
 
 
-def test_rubbish_on_a_channel_is_counted_and_nothing_else_happens(tmp_path):
+def test_undecodable_messages_are_counted_and_nothing_else_happens(tmp_path):
     with Flight(tmp_path / "store") as f:
         f.start()
-        _, hk = f.first_words()
+        _, hk = f.first_telemetry()
         for channel in ("KC_CMD", "KC_ARM_STATE", "KC_DETECTION", "KC_TABLE_UP"):
-            f.bus.lcm.publish(channel, b"rubbish")
+            f.bus.lcm.publish(channel, b"garbage")
         hk = f.until("KC_HK", 30)
         assert hk.n_rx_errors == 4 and hk.state == IDLE and hk.n_cmd_refused == 0
 
 
-def test_live_it_keeps_its_own_time(tmp_path):
+def test_a_live_process_keeps_its_own_time(tmp_path):
     with Flight(tmp_path / "store") as f:
         f.process = subprocess.Popen(
             [BINARY, "--live", "--url", f.url, "--tables", TABLES, "--store", f.store],

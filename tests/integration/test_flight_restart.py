@@ -1,4 +1,5 @@
-"""Killed at any point and started again: the last committed table is active and it says what it was doing."""
+"""Killed at any point and started again: the last committed table is active, and telemetry says what was
+interrupted."""
 
 import os
 import random
@@ -7,17 +8,15 @@ from pathlib import Path
 
 import pytest
 from flight import (
-    ARMED,
     EVENT,
     IDLE,
     KIN,
-    MOVE,
     REVIEW,
     SAFE,
-    UPDATE,
+    STATE,
     Flight,
     copy_store,
-    proposal_store,
+    store_with_proposal,
     u32,
 )  # fmt: skip
 
@@ -29,7 +28,7 @@ CMD = kcm.cmd_t
 
 @pytest.fixture(scope="module")
 def waiting(tmp_path_factory):
-    return proposal_store(tmp_path_factory.mktemp("waiting"))
+    return store_with_proposal(tmp_path_factory.mktemp("waiting"))
 
 
 @pytest.fixture(scope="module")
@@ -49,47 +48,59 @@ def ids(events) -> list[int]:
     return [e.id for e in events]
 
 
-def test_killed_at_random_points_of_a_calibration(tmp_path):
-    """Wherever it is hit: same tables, the state and pose it was in, SAFE, and ready to start again."""
+def calibrate_for(f: Flight, ticks: int) -> int:
+    """Step that often, or until a proposal comes; the number of poses measured."""
+    poses = 0
+    for _ in range(ticks):
+        heard = f.step()
+        poses += sum(ch == "KC_MEAS" for ch, _ in heard)
+        if any(ch == "KC_PROPOSAL" for ch, _ in heard):
+            break
+    return poses
+
+
+def restart(f: Flight):
+    """Kill and start again; events and housekeeping of the first tick."""
+    f.kill()
+    f.start()
+    return f.first_telemetry()
+
+
+def test_a_process_killed_at_random_points_of_a_calibration_reports_it_and_can_start_again(tmp_path):
+    """Wherever it is killed: same tables, the interrupted state and poses, SAFE, and ready to start."""
     rng = random.Random(5)
-    seen = set()
+    interrupted = set()
     with Flight(tmp_path / "store", "encoder_bias") as f:
         f.start()
-        _, hk = f.first_words()
+        _, hk = f.first_telemetry()
         crcs = list(hk.table_crc)
         for k in range(40):
             ack = f.do(CMD.START, -1, 5, k)
             assert ack.status == 0, f"start {k}: status {ack.status}, event {ack.event_id}"
-            state, poses = None, 0
-            for _ in range(rng.randrange(1, 250)):
-                said = f.step()
-                poses += sum(ch == "KC_MEAS" for ch, _ in said)
-                for ch, m in said:
-                    state = m.state if ch == "KC_HK" else state
-                if any(ch == "KC_PROPOSAL" for ch, _ in said):
-                    break
-            f.kill()
-            f.start()
-            events, hk = f.first_words()
-            assert list(hk.table_crc) == crcs
-            assert hk.boot_count == k + 2
+            poses = calibrate_for(f, rng.randrange(1, 250))
+            events, hk = restart(f)
+            assert list(hk.table_crc) == crcs and hk.boot_count == k + 2
             if hk.state == REVIEW:
                 assert EVENT["BOOT_REVIEW"] in ids(events)
                 assert f.do(CMD.REJECT, hk.proposal_crc).status == 0
                 continue
-            seen.add(hk.boot_state)
-            assert hk.state == SAFE
-            assert MOVE <= hk.boot_state <= UPDATE and hk.boot_pose == poses
-            told = [e for e in events if e.id == EVENT["BOOT_INTERRUPTED"]]
-            assert [(e.got, e.want) for e in told] == [(hk.boot_state, hk.boot_pose)]
-    assert len(seen) >= 4, f"hit only in states {seen}"
+            interrupted.add(hk.boot_state)
+            assert hk.state == SAFE and hk.boot_pose == poses
+            assert STATE["MOVE"] <= hk.boot_state <= STATE["UPDATE"]
+            reported = [e for e in events if e.id == EVENT["BOOT_INTERRUPTED"]]
+            assert [(e.got, e.want) for e in reported] == [(hk.boot_state, hk.boot_pose)]
+    assert len(interrupted) >= 4, f"killed only in states {interrupted}"
+
+
+def i32(crc: int) -> int:
+    """A CRC as a command's argument carries it."""
+    return crc - (1 << 32) if crc >= 1 << 31 else crc
 
 
 def approve(f: Flight, crc: int):
-    """Both steps; the last answer, None if it died on the way."""
-    signed = crc - (1 << 32) if crc >= 1 << 31 else crc
-    ack = f.do(CMD.APPROVE_ARM, signed)
-    return ack and f.do(CMD.APPROVE_GO, signed)
+    """Both steps; the last answer, None if the process died before."""
+    ack = f.do(CMD.APPROVE_ARM, i32(crc))
+    return ack and f.do(CMD.APPROVE_GO, i32(crc))
 
 
 def count_changes(killer, waiting, tmp_path) -> int:
@@ -105,8 +116,33 @@ def count_changes(killer, waiting, tmp_path) -> int:
     return lo
 
 
+def killed_while_approving(f: Flight, killer: Path, at: int, torn: bool, crc: int) -> bool:
+    """Die at the change of a file with this number; whether the approval was answered before."""
+    f.start(env_of(killer, at, torn), wait=False)
+    answered = f.wait_done(0) and f.step() is not None and approve(f, crc)
+    assert f.process.wait(timeout=20) == -9
+    f.start()
+    return bool(answered)
+
+
+def check_before_activation(f: Flight, events: list, hk, new: int) -> None:
+    """The old table is in force: the correction waits for review and can be approved."""
+    assert hk.state == REVIEW and u32(hk.proposal_crc) == new
+    assert EVENT["BOOT_REVIEW"] in ids(events)
+    assert approve(f, new).status == 0
+
+
+def check_after_activation(f: Flight, events: list, hk) -> None:
+    """The new table is in force: nothing waits, and commands are accepted."""
+    assert hk.state == IDLE and hk.proposal_crc == 0
+    assert hk.boot_state in (-1, REVIEW, STATE["ARMED"])
+    if hk.boot_state != -1:
+        assert EVENT["COR_ACTIVE"] in ids(events)
+    assert f.do(CMD.NOOP).status == 0
+
+
 @pytest.mark.parametrize("torn", [False, True])
-def test_killed_before_every_single_change_of_a_file_while_a_correction_is_approved(
+def test_a_process_killed_before_any_change_of_a_file_keeps_the_old_or_the_new_table(
     waiting, killer, tmp_path, torn
 ):
     store, new, old = waiting
@@ -115,34 +151,19 @@ def test_killed_before_every_single_change_of_a_file_while_a_correction_is_appro
     outcomes = set()
     for at in range(1, n):
         with Flight(copy_store(store, tmp_path / f"kill{at}")) as f:
-            f.start(env_of(killer, at, torn), wait=False)
-            answered = f.wait_done(0) and f.step() is not None and approve(f, new)
-            assert f.process.wait(timeout=20) == -9
-            f.start()
-            events, hk = f.first_words()
+            answered = killed_while_approving(f, killer, at, torn, new)
+            events, hk = f.first_telemetry()
             active = u32(hk.table_crc[KIN])
             assert active in (old, new), f"kill {at}: {active:08x}"
             assert EVENT["BOOT_SLOT_BAD"] not in ids(events), f"kill {at}: nothing may be left half-written"
-            if answered:
-                assert active == new, f"kill {at}: answered, but not kept"
+            assert active == new or not answered, f"kill {at}: answered, but not kept"
             if active == old:
-                assert hk.state == REVIEW and u32(hk.proposal_crc) == new
-                assert EVENT["BOOT_REVIEW"] in ids(events)
-                ack = approve(f, new)
+                check_before_activation(f, events, hk, new)
             else:
-                assert hk.state == IDLE and hk.proposal_crc == 0
-                assert hk.boot_state in (-1, REVIEW, ARMED)
-                if hk.boot_state != -1:
-                    assert EVENT["COR_ACTIVE"] in ids(events)
-                ack = f.do(CMD.NOOP)
-            assert ack.status == 0
-            # and the way back is there whatever happened
-            signed = new - (1 << 32) if new >= 1 << 31 else new
-            assert f.do(CMD.ROLLBACK, signed).status == 0
-            f.kill()
-            f.start()
-            _, hk = f.first_words()
-            assert u32(hk.table_crc[KIN]) == old
+                check_after_activation(f, events, hk)
+            # Rollback is possible whatever happened.
+            assert f.do(CMD.ROLLBACK, i32(new)).status == 0
+            assert u32(restart(f)[1].table_crc[KIN]) == old
             outcomes.add(active == new)
     assert outcomes == {False, True}
 
@@ -154,7 +175,7 @@ def newest_slot(store: Path, kind: int) -> Path:
     return max(store.glob(f"k{kind:02d}.[ab]"), key=number)
 
 
-def test_files_left_by_cut_off_writes_are_ignored_and_removed(waiting, tmp_path):
+def test_files_of_interrupted_writes_are_ignored_and_removed(waiting, tmp_path):
     store, new, _ = waiting
     rng = random.Random(3)
     for k in range(8):
@@ -164,7 +185,7 @@ def test_files_left_by_cut_off_writes_are_ignored_and_removed(waiting, tmp_path)
             (copy / f"k{kind:02d}.tmp").write_bytes(image[: rng.randrange(len(image))])
         with Flight(copy) as f:
             f.start()
-            events, hk = f.first_words()
+            events, hk = f.first_telemetry()
             assert hk.state == REVIEW and u32(hk.proposal_crc) == new
             assert EVENT["BOOT_SLOT_BAD"] not in ids(events)
             assert not list(copy.glob("*.tmp"))
@@ -177,7 +198,7 @@ def test_a_damaged_journal_slot_costs_one_step_of_history_not_the_tables(waiting
     slot.write_bytes(slot.read_bytes()[:30])
     with Flight(copy) as f:
         f.start()
-        events, hk = f.first_words()
+        events, hk = f.first_telemetry()
     assert hk.state == REVIEW and u32(hk.proposal_crc) == new
     assert [(e.index, e.severity) for e in events if e.id == EVENT["BOOT_SLOT_BAD"]] == [(18, 2)]
     assert hk.boot_count == 2
@@ -196,6 +217,6 @@ def test_a_damaged_active_table_falls_back_to_the_one_before(waiting, tmp_path):
         data[200] ^= 1
         slot.write_bytes(bytes(data))
         f.start()
-        events, hk = f.first_words()
+        events, hk = f.first_telemetry()
     assert u32(hk.table_crc[KIN]) == old
     assert [e.index for e in events if e.id == EVENT["BOOT_SLOT_BAD"]] == [KIN]

@@ -33,12 +33,12 @@ def numbered(cls, *seqs):
 @pytest.fixture
 def good():
     o = hil.Outcome("paper", 12.0, {"problem": ""})
-    o.heard["KC_HK"] = [hk(k) for k in range(10)]
-    o.heard["KC_ARM_STATE"] = [state(0.1 * k, k) for k in range(100)]
-    o.heard["KC_CMD"] = numbered(kcm.cmd_t, 1, 2)
-    o.heard["KC_ACK"] = numbered(kcm.ack_t, 1, 2)
-    o.heard["KC_FRAME_REQUEST"] = numbered(kcm.frame_request_t, 1, 2, 3)
-    o.heard["KC_DETECTION"] = numbered(kcm.detection_t, 1, 2)
+    o.messages["KC_HK"] = [hk(k) for k in range(10)]
+    o.messages["KC_ARM_STATE"] = [state(0.1 * k, k) for k in range(100)]
+    o.messages["KC_CMD"] = numbered(kcm.cmd_t, 1, 2)
+    o.messages["KC_ACK"] = numbered(kcm.ack_t, 1, 2)
+    o.messages["KC_FRAME_REQUEST"] = numbered(kcm.frame_request_t, 1, 2, 3)
+    o.messages["KC_DETECTION"] = numbered(kcm.detection_t, 1, 2)
     return o
 
 
@@ -59,15 +59,19 @@ def test_a_good_run_passes_every_check(good):
     [
         (lambda o: o.result.update(problem="no luck"), "calibration_ends_as_expected", "no luck"),
         (
-            lambda o: o.heard["KC_HK"].pop(5) and o.heard["KC_HK"].pop(5),
+            lambda o: o.messages["KC_HK"].pop(5) and o.messages["KC_HK"].pop(5),
             "heartbeats_come_every_second",
             "3.00 s",
         ),
-        (lambda o: o.heard["KC_HK"].append(hk(10, 2)), "no_message_errors", "2 send"),
-        (lambda o: o.heard["KC_ARM_STATE"].append(state(9.95, 40)), "arm_states_keep_coming", "do not grow"),
-        (lambda o: o.heard["KC_ARM_STATE"].append(state(15, 400)), "arm_states_keep_coming", "5.10 s"),
-        (lambda o: o.heard["KC_ACK"].pop(), "every_command_is_answered", "1 of 2"),
-        (lambda o: o.heard["KC_DETECTION"].clear(), "frames_are_answered", "3 of 3"),
+        (lambda o: o.messages["KC_HK"].append(hk(10, 2)), "no_message_errors", "2 send"),
+        (
+            lambda o: o.messages["KC_ARM_STATE"].append(state(9.95, 40)),
+            "arm_states_keep_coming",
+            "do not grow",
+        ),
+        (lambda o: o.messages["KC_ARM_STATE"].append(state(15, 400)), "arm_states_keep_coming", "5.10 s"),
+        (lambda o: o.messages["KC_ACK"].pop(), "every_command_is_answered", "1 of 2"),
+        (lambda o: o.messages["KC_DETECTION"].clear(), "frames_are_answered", "3 of 3"),
     ],
 )
 def test_each_defect_fails_its_check(good, spoil, check, text):
@@ -76,7 +80,7 @@ def test_each_defect_fails_its_check(good, spoil, check, text):
 
 
 def test_a_run_that_broke_down_is_a_failure_with_its_reason():
-    got = failures(hil.Outcome("paper", error="fsw ended with status 7:\n  last words"))
+    got = failures(hil.Outcome("paper", error="fsw ended with status 7:\n  last output"))
     assert got["calibration_ends_as_expected"].startswith("fsw ended with status 7")
 
 
@@ -118,6 +122,6 @@ def test_options_say_which_processes_are_started(tmp_path):
 def test_a_real_time_run_goes_by_the_wall_clock(tmp_path):
     outcome = hil.run_one(fake_run(tmp_path, "healthy", "healthy", realtime=True))
     assert failures(outcome) == {}, outcome
-    t = [m.t_us for m in outcome.heard["KC_ARM_STATE"]]
+    t = [m.t_us for m in outcome.messages["KC_ARM_STATE"]]
     assert 0.09e6 < (t[-1] - t[0]) / (len(t) - 1) < 0.15e6
-    assert "KC_TIME" not in outcome.heard
+    assert "KC_TIME" not in outcome.messages

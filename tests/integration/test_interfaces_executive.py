@@ -18,16 +18,16 @@ def start(argv, out):
 
 
 @pytest.fixture
-def team(tmp_path):
+def mission(tmp_path):
     """Flight process and simulator in lockstep on a URL of their own; both end with the test."""
     url = f"udpm://239.255.76.67:{random.SystemRandom().randrange(39000, 44000)}?ttl=0&recv_buf_size=4194304"
     (tmp_path / "store").mkdir()
 
     def run(scenario):
-        with (tmp_path / "team.log").open("wb") as out:
+        with (tmp_path / "processes.log").open("wb") as out:
             fsw = ["--tables", ROOT / "tables/bin", "--store", tmp_path / "store", "--lockstep"]
             sim = ["--scenario", scenario, "--out", tmp_path, "--fast", "--seed", "1"]
-            members = [
+            processes = [
                 start([ROOT / "build/kincal-fsw", "--url", url, *fsw], out),
                 start([sys.executable, "-m", "kincal_sim.server", "--url", url, *sim], out),
             ]
@@ -37,12 +37,12 @@ def team(tmp_path):
                 done = subprocess.run(
                     [sys.executable, program, url], capture_output=True, text=True, timeout=120
                 )
-                left = members[1].wait(20)
+                status = processes[1].wait(20)
             finally:
-                for m in members:
-                    m.terminate()
-                    m.wait(20)
-        return done, left, (tmp_path / "team.log").read_text()
+                for process in processes:
+                    process.terminate()
+                    process.wait(20)
+        return done, status, (tmp_path / "processes.log").read_text()
 
     return run
 
@@ -53,13 +53,13 @@ def test_it_has_about_thirty_lines():
 
 
 @pytest.mark.parametrize(("scenario", "verdict"), [("encoder_bias", 1), ("healthy", 0)])
-def test_printed_executive_runs_a_calibration(team, scenario, verdict):
-    done, left, said = team(scenario)
-    assert done.returncode == 0, done.stdout + done.stderr + said
+def test_printed_executive_runs_a_calibration(mission, scenario, verdict):
+    done, status, log = mission(scenario)
+    assert done.returncode == 0, done.stdout + done.stderr + log
     found = re.fullmatch(r"verdict (\d), kinematics table ([0-9a-f]{8}) in force\n", done.stdout)
     assert found, done.stdout
     assert int(found[1]) == verdict
     nominal = (ROOT / "tables/bin/kin.tbl").read_bytes()[12:16][::-1].hex()
     assert (found[2] == nominal) == (verdict == 0)
     # the simulator ends because the executive left
-    assert left == 0, said
+    assert status == 0, log

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import kcm
-from kincal_sim import geom
-from kincal_sim.arm import Arm, ErrorNames, load_spec, split_errors
-from kincal_sim.effects import Compliance, State, Truth
-from kincal_sim.eyes import Darkroom
-from kincal_sim.motion import ArmController, HeadController, Mover
+from kincal_sim import transforms
+from kincal_sim.arm import Arm, UnknownName, load_spec, split_errors
+from kincal_sim.effects import JointCompliance
+from kincal_sim.imagers import BackgroundImager, Imager
+from kincal_sim.motion import ArmController, PanTiltController, TrajectoryGenerator
+from kincal_sim.plant import Conditions, NoEquilibrium, Plant
 from kincal_sim.scenario import ArmTruth, Scenario, load
+from kincal_sim.truth import build_plant, true_coefficients
 from kincal_sim.world import World
 
 SPEED, ACCEL = 0.8, 2.0
@@ -139,95 +141,101 @@ def test_all_mass_is_in_the_links_and_the_payload():
 
 def test_unknown_errors_are_refused_with_the_known_names():
     for name in ("J8.phi_rad", "J1.theta", "base.phi_rad", "elbow"):
-        with pytest.raises(ErrorNames, match="known: J1..J7"):
+        with pytest.raises(UnknownName, match="known: J1..J7"):
             split_errors({name: 0.1}, 7)
 
 
 def test_quaternions_are_exact_for_half_turns_and_random_rotations(rng):
     half_turns = [np.diag(d).astype(float) for d in ((1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
-    for R in half_turns + [geom.matrix(q / np.linalg.norm(q)) for q in rng.standard_normal((50, 4))]:
-        q = geom.quat(R)
+    for R in half_turns + [
+        transforms.rotation_matrix(q / np.linalg.norm(q)) for q in rng.standard_normal((50, 4))
+    ]:
+        q = transforms.quaternion(R)
         assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-15)
-        np.testing.assert_allclose(geom.matrix(q), R, atol=1e-14)
+        np.testing.assert_allclose(transforms.rotation_matrix(q), R, atol=1e-14)
 
 
-# -- what the encoders do not see -------------------------------------------------------------------
+# -- what the encoders do not show -------------------------------------------------------------------
 
 
-def truth_of(**settings):
-    scenario = Scenario("test", "test", arm=ArmTruth(**settings))
-    arm = scenario.build_arm()
-    return arm, scenario.build_truth(arm), scenario
+def plant_of(**settings):
+    scenario = Scenario(name="test", arm=ArmTruth(**settings))
+    return build_plant(scenario), true_coefficients(scenario)
+
+
+def rest(plant, q_read, direction=0.0):
+    """True joints for these readings; the arm stands there."""
+    return plant.settle(Conditions(q_rad=np.asarray(q_read, float), direction=direction)).q_rad
 
 
 def test_an_encoder_bias_is_a_dh_error_phi_of_the_other_sign(rng):
-    arm, truth, scenario = truth_of(encoder_bias_rad={"J2": -0.06, "J5": 0.07})
-    assert scenario.coefficients() == {"J2.phi_rad": 0.06, "J5.phi_rad": -0.07}
-    twin = Arm(errors=scenario.coefficients())
+    plant, coefficients = plant_of(encoder_bias_rad={"J2": -0.06, "J5": 0.07})
+    assert coefficients == {"J2.phi_rad": 0.06, "J5.phi_rad": -0.07}
+    arm, same = plant.arm(), Arm(errors=coefficients)
     reading = rng.uniform(arm.q_min, arm.q_max)
-    truth.settle(reading, State())
-    twin.set(reading)
-    np.testing.assert_allclose(arm.T_base_tool, twin.T_base_tool, atol=1e-12)
+    rest(plant, reading)
+    same.set(reading)
+    np.testing.assert_allclose(arm.T_base_tool, same.T_base_tool, atol=1e-12)
 
 
 def test_an_encoder_gain_turns_the_joint_in_proportion():
-    _, truth, scenario = truth_of(encoder_gain={"J4": 0.02})
-    assert scenario.coefficients() == {"encoder_gain[4]": 0.02}
-    assert truth.settle([0, 0, 0, 2.0, 0, 0, 0], State())[3] == pytest.approx(2.04)
+    plant, coefficients = plant_of(encoder_gain={"J4": 0.02})
+    assert coefficients == {"encoder_gain[4]": 0.02}
+    assert rest(plant, [0, 0, 0, 2.0, 0, 0, 0])[3] == pytest.approx(2.04)
 
 
 def test_a_soft_joint_rests_where_spring_and_gravity_balance(rng):
     soft = np.array([0, 0.002, 0.001, 0.004, 0, 0, 0])
-    arm, truth, _ = truth_of(compliance_rad_per_nm={f"J{j + 1}": c for j, c in enumerate(soft)})
+    plant, _ = plant_of(compliance_rad_per_nm={f"J{j + 1}": c for j, c in enumerate(soft)})
+    arm = plant.arm()
     for _ in range(5):
         q = rng.uniform(arm.q_min, arm.q_max)
-        q_true = truth.settle(q, State())
+        q_true = rest(plant, q)
         np.testing.assert_allclose(q_true - q, soft * arm.gravity_torque(), atol=1e-12)
         arm.set(q_true)
     # An outstretched arm sags: the tool is lower than the encoders say.
     q = np.array([0.0, 1.2, 0.0, 0.3, 0.0, 0.0, 0.0])
-    truth.settle(q, State())
+    rest(plant, q)
     sagging = arm.T_base_tool[2, 3]
     arm.set(q)
     assert sagging < arm.T_base_tool[2, 3] - 0.01
 
 
-def test_friction_keeps_a_joint_on_the_side_it_came_from():
-    _, truth, scenario = truth_of(hysteresis_rad={"J1": 0.003})
-    assert scenario.coefficients() == {"backlash[1]": 0.003}
+def test_friction_keeps_a_joint_on_the_side_from_which_it_came():
+    plant, coefficients = plant_of(hysteresis_rad={"J1": 0.003})
+    assert coefficients == {"backlash[1]": 0.003}
     for side in (-1, 0, 1):
-        q_true = truth.settle(np.full(7, 0.2), State(dir=np.array([side, 1, 1, 1, 1, 1, 1])))
+        q_true = rest(plant, np.full(7, 0.2), direction=np.array([side, 1, 1, 1, 1, 1, 1]))
         np.testing.assert_allclose(q_true, [0.2 + 0.003 * side, *[0.2] * 6], atol=1e-15)
 
 
 def test_a_coupling_moves_one_joint_by_two_others():
     coupling = {"name": "odd", "joint": "J3", "size_rad": 0.008, "tanh": "J4", "cos": "J6"}
-    _, truth, scenario = truth_of(coupling=[coupling])
-    assert scenario.coefficients() == {"odd": 0.008}
+    plant, coefficients = plant_of(coupling=[coupling])
+    assert coefficients == {"odd": 0.008}
     q = np.array([0.1, 0.2, 0.3, 1.4, 0.5, 0.6, 0.7])
-    off = truth.settle(q, State()) - q
+    off = rest(plant, q) - q
     np.testing.assert_allclose(off, [0, 0, 0.008 * np.tanh(1.4) * np.cos(0.6), 0, 0, 0, 0], atol=1e-12)
 
 
 def test_a_spring_too_soft_to_balance_is_an_error_not_a_number():
-    arm = Arm()
-    truth = Truth(arm, np.zeros(7), np.zeros(7), [Compliance(np.array([0, 1.0, 0, 1.0, 0, 0, 0]))])
-    with pytest.raises(ArithmeticError, match="no equilibrium"):
-        truth.settle([0.0, 1.2, 0.0, 0.3, 0.0, 0.0, 0.0], State())
+    plant = Plant(load_spec(), effects=[JointCompliance([0, 1.0, 0, 1.0, 0, 0, 0])])
+    with pytest.raises(NoEquilibrium, match="no equilibrium"):
+        rest(plant, [0.0, 1.2, 0.0, 0.3, 0.0, 0.0, 0.0])
 
 
 # -- motion -----------------------------------------------------------------------------------------
 
 
-def mover(q=(0.0, 0.0, 0.0), **kwargs):
+def trajectory(q=(0.0, 0.0, 0.0)):
     n = len(q)
-    return Mover(q, [SPEED] * n, [ACCEL] * n, **kwargs)
+    return TrajectoryGenerator(q, [SPEED] * n, [ACCEL] * n)
 
 
 def test_axes_move_on_a_straight_line_inside_the_limits_and_arrive_together(rng):
     for _ in range(30):
         q0, q1 = rng.uniform(-2, 2, (2, 3)) * rng.choice([1.0, 0.01], 3)
-        m, scale = mover(q0), rng.uniform(0.1, 1.0)
+        m, scale = trajectory(q0), rng.uniform(0.1, 1.0)
         m.command(0.0, q1, scale)
         h = 1e-3
         times = np.arange(0.0, 60.0, h * 50)
@@ -242,11 +250,11 @@ def test_axes_move_on_a_straight_line_inside_the_limits_and_arrive_together(rng)
         q, v, moving = m.at(duration + 1e-6)
         np.testing.assert_allclose(q, q1, atol=1e-12)
         assert not moving and not v.any()
-        np.testing.assert_array_equal(m.dir, np.sign(q1 - q0))
+        np.testing.assert_array_equal(m.direction, np.sign(q1 - q0))
 
 
 def test_speed_changes_no_faster_than_the_acceleration_limit_even_when_redirected(rng):
-    m, h = mover(), 0.01
+    m, h = trajectory(), 0.01
     v_before, q_before = np.zeros(3), np.zeros(3)
     for k in range(3000):
         t = k * h
@@ -262,7 +270,7 @@ def test_speed_changes_no_faster_than_the_acceleration_limit_even_when_redirecte
 
 
 def test_hold_brakes_and_stays():
-    m = mover()
+    m = trajectory()
     m.command(0.0, [1.0, 0.5, 0.0], 1.0)
     m.hold(0.7)
     brake = SPEED**2 / (2 * ACCEL)
@@ -273,15 +281,15 @@ def test_hold_brakes_and_stays():
     np.testing.assert_array_equal(m.at(20.0)[0], q)
 
 
-def test_an_arm_swings_for_half_a_second_after_braking_and_is_then_exactly_at_rest():
+def test_an_arm_vibrates_for_half_a_second_after_braking_and_is_then_exactly_at_rest():
     c = ArmController(load_spec(), np.zeros(7))
     goal = np.array([0.5, -0.3, 0, 0, 0, 0, 0])
     assert c.command(0.0, 1, goal, 1.0, False)
     arrival = 0.5 / SPEED + SPEED / ACCEL
-    swing = [c.mover.at(arrival + dt)[0] - goal for dt in np.linspace(0.001, 0.499, 100)]
-    assert 5e-4 < np.max(np.abs(swing)) < 5e-3
-    assert all(c.mover.at(arrival + dt)[2] for dt in (0.01, 0.25, 0.49))
-    q, v, moving = c.mover.at(arrival + 0.501)
+    vibration = [c.trajectory.at(arrival + dt)[0] - goal for dt in np.linspace(0.001, 0.499, 100)]
+    assert 5e-4 < np.max(np.abs(vibration)) < 5e-3
+    assert all(c.trajectory.at(arrival + dt)[2] for dt in (0.01, 0.25, 0.49))
+    q, v, moving = c.trajectory.at(arrival + 0.501)
     assert not moving and not v.any()
     np.testing.assert_array_equal(q, goal)
 
@@ -302,7 +310,7 @@ def test_impossible_commands_are_refused_with_fault_bits_and_the_arm_stays(q, sc
     c = ArmController(load_spec(), np.full(7, 0.1))
     assert not c.command(0.0, 1, q, scale, False)
     assert c.fault_mask == mask
-    np.testing.assert_array_equal(c.mover.at(5.0)[0], np.full(7, 0.1))
+    np.testing.assert_array_equal(c.trajectory.at(5.0)[0], np.full(7, 0.1))
     assert c.command(5.0, 2, np.zeros(7), 1.0, False) and c.fault_mask == 0
 
 
@@ -311,31 +319,31 @@ def test_repeated_and_older_commands_are_ignored():
     assert c.command(0.0, 5, np.full(7, 0.1), 1.0, False)
     for seq in (5, 4):
         assert not c.command(0.1, seq, np.full(7, -0.1), 1.0, False)
-    np.testing.assert_array_equal(c.mover.at(9.0)[0], np.full(7, 0.1))
+    np.testing.assert_array_equal(c.trajectory.at(9.0)[0], np.full(7, 0.1))
 
 
-def test_the_head_stops_at_its_limits_and_keeps_its_speed_limit():
-    head = HeadController(load_spec())
-    assert head.command(0.0, 1, 9.0, -9.0)
-    q = [head.mover.at(0.1 * k)[0] for k in range(100)]
+def test_the_pan_tilt_unit_stops_at_its_limits_and_keeps_its_speed_limit():
+    unit = PanTiltController(load_spec())
+    assert unit.command(0.0, 1, 9.0, -9.0)
+    q = [unit.trajectory.at(0.1 * k)[0] for k in range(100)]
     np.testing.assert_allclose(q[-1], [1.6, -0.6])
     assert np.max(np.abs(np.diff(q, axis=0))) <= 0.1 + 1e-9
-    assert not head.command(11.0, 2, np.nan, 0.0)
+    assert not unit.command(11.0, 2, np.nan, 0.0)
 
 
 # -- the world: messages in, messages out -----------------------------------------------------------
 
 
-def still_eye(*_):
-    """A camera that reports the frame it was given."""
+def exact_imager(*_):
+    """A camera that reports the true position at the exposure."""
 
-    def expose(frame):
+    def expose(exposure):
         m = kcm.detection_t()
-        m.t_us, m.seq = frame.t_us, frame.seq
-        m.p_cam_tool_m = (np.linalg.inv(frame.T_base_cam) @ frame.T_base_tool)[:3, 3].tolist()
+        m.t_us, m.seq = exposure.t_us, exposure.seq
+        m.p_cam_tool_m = (np.linalg.inv(exposure.T_base_cam) @ exposure.T_base_tool)[:3, 3].tolist()
         return m
 
-    return "KC_DETECTION", expose
+    return Imager("KC_DETECTION", expose)
 
 
 def arm_cmd(seq, q):
@@ -350,29 +358,29 @@ def steps(world, ticks, first=1):
 
 
 def test_a_frame_is_exposed_at_the_next_tick_with_the_true_pose_of_that_tick():
-    world = World(load("paper"), 1, still_eye)
+    world = World(load("paper"), 1, exact_imager)
     steps(world, 3)
     request = kcm.frame_request_t()
     request.seq = 41
-    world.take("KC_ARM_CMD", arm_cmd(1, [0.5, -0.3, 0.2, 1.9, 0.3, 0.2, -0.4]))
-    world.take("KC_FRAME_REQUEST", request)
+    world.receive("KC_ARM_CMD", arm_cmd(1, [0.5, -0.3, 0.2, 1.9, 0.3, 0.2, -0.4]))
+    world.receive("KC_FRAME_REQUEST", request)
     out = steps(world, 1, 4)[0]
     seen, state = out["KC_DETECTION"], out["KC_ARM_STATE"]
     assert (seen.t_us, seen.seq, state.t_us, state.moving) == (400_000, 41, 400_000, 1)
-    twin = Arm(errors=world.scenario.arm.errors)
-    twin.set(state.q_rad[:7], out["KC_PANTILT_STATE"].pan_rad, out["KC_PANTILT_STATE"].tilt_rad)
-    expected = np.linalg.inv(twin.T_base_cam) @ twin.T_base_tool
+    same = Arm(errors=world.scenario.arm.errors)
+    same.set(state.q_rad[:7], out["KC_PANTILT_STATE"].pan_rad, out["KC_PANTILT_STATE"].tilt_rad)
+    expected = np.linalg.inv(same.T_base_cam) @ same.T_base_tool
     np.testing.assert_allclose(seen.p_cam_tool_m, expected[:3, 3], atol=1e-12)
     assert "KC_DETECTION" not in steps(world, 1, 5)[0]
 
 
 def test_states_count_up_and_truth_comes_every_second():
-    world = World(load("encoder_bias"), 1, still_eye)
+    world = World(load("encoder_bias"), 1, exact_imager)
     out = steps(world, 50)
     assert [o["KC_ARM_STATE"].seq for o in out] == list(range(1, 51))
     times = [o["KC_SIM_TRUTH"].t_us for o in out if "KC_SIM_TRUTH" in o]
     assert times == [100_000, *range(1_000_000, 5_000_001, 1_000_000)]
-    bias = world.truth.bias_rad
+    bias = world.plant.encoders.bias_rad
     np.testing.assert_allclose(
         np.array(out[-1]["KC_SIM_TRUTH"].q_true_rad[:7]) + bias, out[-1]["KC_ARM_STATE"].q_rad[:7], atol=1e-12
     )
@@ -380,7 +388,7 @@ def test_states_count_up_and_truth_comes_every_second():
 
 def test_messages_of_one_tick_give_the_same_whatever_their_order_of_arrival():
     def run(order):
-        world = World(load("healthy"), 1, still_eye)
+        world = World(load("healthy"), 1, exact_imager)
         steps(world, 2)
         pantilt = kcm.pantilt_cmd_t()
         pantilt.seq, pantilt.pan_rad = 1, 0.4
@@ -391,7 +399,7 @@ def test_messages_of_one_tick_give_the_same_whatever_their_order_of_arrival():
             ("KC_FRAME_REQUEST", kcm.frame_request_t()),
         ]
         for k in order:
-            world.take(*messages[k])
+            world.receive(*messages[k])
         return [m.encode() for o in steps(world, 20, 3) for m in o.values()]
 
     first = run((0, 1, 2, 3))
@@ -401,26 +409,26 @@ def test_messages_of_one_tick_give_the_same_whatever_their_order_of_arrival():
 
 
 def test_the_world_counts_the_seconds_in_which_shapes_touch():
-    world = World(load("healthy"), 1, still_eye)
-    world.take("KC_ARM_CMD", arm_cmd(1, [2.5, 1.9, 0.0, 0.5, 0.0, 0.0, 0.0]))
+    world = World(load("healthy"), 1, exact_imager)
+    world.receive("KC_ARM_CMD", arm_cmd(1, [2.5, 1.9, 0.0, 0.5, 0.0, 0.0, 0.0]))
     steps(world, 100)
-    assert any("deck" in pair and seconds >= 3 for pair, seconds in world.touched.items())
+    assert any("deck" in pair and seconds >= 3 for pair, seconds in world.contacts.items())
 
 
 def test_noise_and_quantisation_act_on_readings_only():
     scenario = load("healthy")
     scenario.arm.encoder_noise_rad, scenario.arm.encoder_step_rad = 1e-4, 1e-5
-    world = World(scenario, 1, still_eye)
+    world = World(scenario, 1, exact_imager)
     out = steps(world, 200)
     q = np.array([o["KC_ARM_STATE"].q_rad[:7] for o in out])
-    home = np.array(world.arm.spec["motion"]["home_rad"])
-    assert np.std(q - home) == pytest.approx(1e-4, rel=0.1)
+    park = np.array(world.arm.spec["motion"]["park_rad"])
+    assert np.std(q - park) == pytest.approx(1e-4, rel=0.1)
     np.testing.assert_allclose(np.round(q / 1e-5), q / 1e-5, atol=1e-6)
-    np.testing.assert_allclose(out[-1]["KC_SIM_TRUTH"].q_true_rad[:7], home, atol=1e-12)
+    np.testing.assert_allclose(out[-1]["KC_SIM_TRUTH"].q_true_rad[:7], park, atol=1e-12)
 
 
 def test_the_arm_starts_free_of_collisions(nominal):
-    nominal.set(nominal.spec["motion"]["home_rad"], *nominal.spec["head"]["start_rad"])
+    nominal.set(nominal.spec["motion"]["park_rad"], *nominal.spec["pantilt"]["start_rad"])
     assert nominal.collisions() == []
 
 
@@ -430,41 +438,41 @@ def test_a_collision_is_noticed(nominal):
     assert any("deck" in pair for pair in nominal.collisions())
 
 
-# -- frames drawn beside the clock (real time) ------------------------------------------------------
+# -- frames rendered in the background (real time) ------------------------------------------------------
 
 
-def drawn(room, now_us, moved_us):
-    """What the darkroom hands out, waiting for its thread."""
+def completed(background, now_us, last_motion_us):
+    """What the background imager hands out, waiting for its thread."""
     deadline = time.monotonic() + 20.0
     while time.monotonic() < deadline:
-        if out := room.finished(now_us, moved_us):
+        if out := background.completed(now_us, last_motion_us):
             return out
         time.sleep(0.005)
-    raise AssertionError("nothing was drawn")
+    raise AssertionError("nothing was rendered")
 
 
-def test_a_frame_of_a_still_scene_counts_as_taken_when_it_is_drawn():
-    room = Darkroom(still_eye)
-    world = World(load("paper"), 1, room.eye)
-    instant = World(load("paper"), 1, still_eye)
+def test_a_frame_of_a_still_scene_counts_as_taken_when_it_is_ready():
+    background = BackgroundImager(exact_imager)
+    world = World(load("paper"), 1, background.imager)
+    instant = World(load("paper"), 1, exact_imager)
     for w in (world, instant):
         steps(w, 3)
-        w.take("KC_FRAME_REQUEST", kcm.frame_request_t())
+        w.receive("KC_FRAME_REQUEST", kcm.frame_request_t())
     assert "KC_DETECTION" not in steps(world, 1, 4)[0]
     expected = steps(instant, 1, 4)[0]["KC_DETECTION"]
-    ((channel, m),) = drawn(room, 900_000, world.moved_us)
+    ((channel, m),) = completed(background, 900_000, world.last_motion_us)
     assert (channel, m.t_us) == ("KC_DETECTION", 900_000)
     assert m.p_cam_tool_m == expected.p_cam_tool_m
 
 
 def test_a_frame_of_a_moving_scene_keeps_the_time_of_its_exposure():
-    room = Darkroom(still_eye)
-    world = World(load("paper"), 1, room.eye)
+    background = BackgroundImager(exact_imager)
+    world = World(load("paper"), 1, background.imager)
     steps(world, 3)
-    world.take("KC_ARM_CMD", arm_cmd(1, [0.5, -0.3, 0.2, 1.9, 0.3, 0.2, -0.4]))
-    world.take("KC_FRAME_REQUEST", kcm.frame_request_t())
+    world.receive("KC_ARM_CMD", arm_cmd(1, [0.5, -0.3, 0.2, 1.9, 0.3, 0.2, -0.4]))
+    world.receive("KC_FRAME_REQUEST", kcm.frame_request_t())
     steps(world, 1, 4)
-    assert drawn(room, 900_000, world.moved_us)[0][1].t_us == 400_000
+    assert completed(background, 900_000, world.last_motion_us)[0][1].t_us == 400_000
 
 
 def far_end(arm, shape):

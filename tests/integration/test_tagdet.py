@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import kcm
-from kincal_sim import arm, camera, fastcam, geom, pnp
+from kincal_sim import arm, camera, detection_model, pnp, transforms
 
 ROOT = Path(__file__).resolve().parents[2]
 TAGDET = ROOT / "build" / "kincal-tagdet"
@@ -33,14 +33,14 @@ def body():
 
 
 @pytest.fixture(scope="module")
-def eye(cfg, body):
+def cam(cfg, body):
     cam = camera.Camera(cfg, body.model)
     yield cam
     cam.close()
 
 
-def look_at(path, config=CONFIG):
-    """The detector's answers about picture files."""
+def detect(path, config=CONFIG):
+    """The detector's answers about image files."""
     paths = [str(p) for p in (path if isinstance(path, list) else [path])]
     run = subprocess.run(
         [TAGDET, "--config", config, "--image", *paths], capture_output=True, text=True, check=True
@@ -56,7 +56,7 @@ def covariance(answer) -> np.ndarray:
 
 def error(answer, T_cam_tool) -> np.ndarray:
     """Position and left rotation vector, measured against true."""
-    R = geom.matrix(answer["q_cam_tool_wxyz"]) @ T_cam_tool[:3, :3].T
+    R = transforms.rotation_matrix(answer["q_cam_tool_wxyz"]) @ T_cam_tool[:3, :3].T
     p = np.array(answer["p_cam_tool_m"]) - T_cam_tool[:3, 3]
     return np.concatenate([p, cv2.Rodrigues(R)[0].ravel()])
 
@@ -86,11 +86,11 @@ def floating_pose(cfg, rng) -> np.ndarray:
     face = cv2.Rodrigues(across / np.linalg.norm(across) * np.arccos(forward[2]))[0]
     axis = rng.normal(size=3)
     lean = cv2.Rodrigues(axis / np.linalg.norm(axis) * np.radians(rng.uniform(0.0, 25.0)))[0]
-    return geom.pose(ray * z, lean @ face @ geom.rot("z", rng.uniform(-3.1, 3.1))[:3, :3])
+    return transforms.transform(ray * z, lean @ face @ transforms.rot("z", rng.uniform(-3.1, 3.1))[:3, :3])
 
 
-def held_posture(cfg, body, rng) -> np.ndarray:
-    """Put the arm and the head so that the camera sees a tag of the tool; gives T_cam_tool."""
+def posture_in_view(cfg, body, rng) -> np.ndarray:
+    """Put arm and pan-tilt unit so that the camera sees a tag of the tool; gives T_cam_tool."""
     low, high = (np.array(body.spec["region"][k]) for k in ("min_m", "max_m"))
     for _ in range(100_000):
         q = rng.uniform(body.q_min, body.q_max)
@@ -102,13 +102,13 @@ def held_posture(cfg, body, rng) -> np.ndarray:
         T = np.linalg.inv(body.T_base_cam) @ body.T_base_tool
         if T[2, 2] < 0.5 or np.linalg.norm(T[:3, 3]) > 1.6:
             continue
-        if fastcam.visible_tags(cfg, body.model, body.data, body.T_base_cam, body.T_base_tool):
+        if detection_model.visible_tags(cfg, body.model, body.data, body.T_base_cam, body.T_base_tool):
             return T
     raise AssertionError("no posture with a tag in view was found")
 
 
 @pytest.fixture(scope="module")
-def frames(cfg, body, eye, tmp_path_factory):
+def frames(cfg, body, cam, tmp_path_factory):
     """Rendered frames with the truth and what the detector says: (truth, answers)."""
     folder, rng = tmp_path_factory.mktemp("frames"), np.random.default_rng(2025)
     truth, paths, sizes = [], [], []
@@ -117,13 +117,13 @@ def frames(cfg, body, eye, tmp_path_factory):
             body.set(PARKED, 0.0, 0.6)
             T = floating_pose(cfg, rng)
         else:
-            T = held_posture(cfg, body, rng)
-        frame = eye.encode(eye.render(body.data, body.T_base_cam, body.T_base_cam @ T, rng))
-        sizes.append(len(frame.jpeg))
+            T = posture_in_view(cfg, body, rng)
+        frame = cam.encode(cam.render(body.data, body.T_base_cam, body.T_base_cam @ T, rng))
+        sizes.append(len(frame.data))
         paths.append(folder / f"{i:03d}.jpg")
-        paths[-1].write_bytes(frame.jpeg)
+        paths[-1].write_bytes(frame.data)
         truth.append(T)
-    answers = look_at(paths)
+    answers = detect(paths)
     print(f"JPEG {min(sizes)}..{max(sizes)} bytes, detection {np.median([a['ms'] for a in answers]):.0f} ms")
     assert max(sizes) < cfg.image["max_jpeg_bytes"]
     return truth, answers
@@ -139,10 +139,10 @@ def test_configuration_agrees_with_the_simulated_camera_and_tags(cfg):
     for node, tag in zip(nodes, cfg.tags, strict=True):
         assert (int(node.getNode("id").real()), node.getNode("size_m").real()) == (tag.id, tag.size_m)
         xyz = [node.getNode("xyz_m").at(i).real() for i in range(3)]
-        turn = geom.rot("y", np.radians(node.getNode("turn_y_deg").real()))
-        assert np.allclose(geom.trans(*xyz) @ turn, tag.T_tool_tag, atol=1e-12)
+        turn = transforms.rot("y", np.radians(node.getNode("turn_y_deg").real()))
+        assert np.allclose(transforms.trans(*xyz) @ turn, tag.T_tool_tag, atol=1e-12)
     for name in ("corner_sigma_px", "corner_sigma_weight"):
-        assert f.getNode(name).real() == cfg.fast[name]
+        assert f.getNode(name).real() == cfg.detection[name]
 
 
 def test_corners_are_sharp_and_without_bias(cfg, frames):
@@ -198,11 +198,11 @@ def test_detector_and_fast_mode_compute_the_same_pose(cfg, frames):
         seen = [(tag[i].T_tool_tag, tag[i].size_m, px[k]) for k, i in enumerate(a["tag_id"][:n])]
         pose = pnp.solve(cfg.K, seen)
         assert np.allclose(pose.p_m, a["p_cam_tool_m"], atol=2e-6)
-        assert geom.angle(pose.R, geom.matrix(a["q_cam_tool_wxyz"])) < 5e-6
+        assert transforms.rotation_angle(pose.R, transforms.rotation_matrix(a["q_cam_tool_wxyz"])) < 5e-6
         assert pose.rms_px == pytest.approx(a["rms_px"], abs=1e-5)
         points = np.vstack([pnp.tool_corners(T, s) for T, s, _ in seen])
         sigma = pnp.corner_sigma(
-            pose.rms_px, len(points), cfg.fast["corner_sigma_px"], cfg.fast["corner_sigma_weight"]
+            pose.rms_px, len(points), cfg.detection["corner_sigma_px"], cfg.detection["corner_sigma_weight"]
         )
         P = pnp.covariance(pnp.jacobian(cfg.K, pose.R, pose.p_m, points), sigma)
         scale = np.sqrt(np.diag(P))
@@ -225,11 +225,13 @@ def test_pose_jacobian_agrees_with_differences(cfg):
 
 
 @pytest.fixture(scope="module")
-def two_tags(body, eye):
+def two_tags(body, cam):
     """A frame with both tags in sight, and its truth."""
     body.set(PARKED, 0.0, 0.6)
-    T = geom.pose([0.02, -0.03, 1.0], (geom.rot("z", 0.3) @ geom.rot("x", 0.2))[:3, :3])
-    frame = eye.render(body.data, body.T_base_cam, body.T_base_cam @ T, np.random.default_rng(9))
+    T = transforms.transform(
+        [0.02, -0.03, 1.0], (transforms.rot("z", 0.3) @ transforms.rot("x", 0.2))[:3, :3]
+    )
+    frame = cam.render(body.data, body.T_base_cam, body.T_base_cam @ T, np.random.default_rng(9))
     return frame, T
 
 
@@ -246,22 +248,22 @@ def test_partly_hidden_tag_is_left_out(cfg, two_tags, tmp_path):
     )
     cv2.fillConvexPoly(frame, quad.round().astype(np.int32), 235, cv2.LINE_AA)
     cv2.imwrite(str(tmp_path / "cut.png"), frame)
-    [a] = look_at(tmp_path / "cut.png")
+    [a] = detect(tmp_path / "cut.png")
     assert a["n_tags"] == 1 and a["tag_id"] == [0, -1, -1, -1]
     assert np.linalg.norm(error(a, T)[:3]) < 2e-3
     assert a["corner_px"][8:] == [0.0] * 24
 
 
-def test_tag_that_is_not_ours_is_counted_and_ignored(two_tags, tmp_path):
+def test_a_tag_that_is_not_configured_is_counted_and_ignored(two_tags, tmp_path):
     text = CONFIG.read_text().replace("id: 1,", "id: 77,")
     (tmp_path / "other.yml").write_text(text)
     cv2.imwrite(str(tmp_path / "two.png"), two_tags[0])
-    [a] = look_at(tmp_path / "two.png", tmp_path / "other.yml")
+    [a] = detect(tmp_path / "two.png", tmp_path / "other.yml")
     assert a["unknown_tags"] == 1 and a["n_tags"] == 1 and a["tag_id"][0] == 0
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (("fx_px: 1397.", ""), "'fx_px' is missing"),
         (("corner_sigma_px: 0.0", "corner_sigma_px: -0.0"), "out of range"),
@@ -269,11 +271,11 @@ def test_tag_that_is_not_ours_is_counted_and_ignored(two_tags, tmp_path):
         (("xyz_m: [ 0.12, 0., -0.02 ]", "xyz_m: [ 0.12, 0. ]"), "three numbers"),
     ],
 )
-def test_bad_configuration_is_refused_by_name(change, words, tmp_path):
+def test_bad_configuration_is_refused_by_name(change, message, tmp_path):
     bad = tmp_path / "bad.yml"
     bad.write_text(CONFIG.read_text().replace(*change))
     run = subprocess.run([TAGDET, "--config", bad, "--image", "x.png"], capture_output=True, text=True)
-    assert run.returncode == 1 and words in run.stderr and "bad.yml" in run.stderr
+    assert run.returncode == 1 and message in run.stderr and "bad.yml" in run.stderr
 
 
 def test_bad_command_line_shows_usage():
@@ -341,10 +343,10 @@ def bench(tmp_path):
             b.process.wait()
 
 
-def test_lockstep_answers_every_tick_after_its_images(bench, eye, two_tags, tmp_path):
+def test_lockstep_answers_every_tick_after_its_images(bench, cam, two_tags, tmp_path):
     frame, T = two_tags
-    jpeg = eye.encode(frame).jpeg
-    blank = eye.encode(np.full_like(frame, 80)).jpeg
+    jpeg = cam.encode(frame).data
+    blank = cam.encode(np.full_like(frame, 80)).data
     # Given: it announces itself with tick 0 until time begins.
     bench.until(lambda: len(bench.dones) >= 2, "the announcement")
     assert {d.tick for d in bench.dones} == {0}
@@ -365,8 +367,8 @@ def test_lockstep_answers_every_tick_after_its_images(bench, eye, two_tags, tmp_
     assert (bench.detections[1].seq, bench.detections[1].n_tags) == (6, 0)
     assert list(bench.detections[1].q_cam_tool_wxyz) == [1.0, 0.0, 0.0, 0.0]
     assert bench.tick(3) == 0
-    # A damaged picture is told of and not answered.
-    bench.image(b"not a picture", t_us=400_000, seq=7)
+    # A damaged image is reported and not answered.
+    bench.image(b"not an image", t_us=400_000, seq=7)
     assert bench.tick(4) == 0 and len(bench.detections) == 2
     assert bench.close() == 0
     log = (tmp_path / "tagdet.log").read_text()
@@ -379,18 +381,18 @@ def test_lockstep_answers_every_tick_after_its_images(bench, eye, two_tags, tmp_
 def test_fast_mode_has_the_noise_it_reports(cfg, body):
     rng = np.random.default_rng(12)
     chi, n = [], {1: 0, 2: 0}
-    camera_ = fastcam.FastCamera(cfg, body.model)
+    model = detection_model.DetectionModel(cfg, body.model)
     for i in range(240):
         if i % 2:
             body.set(PARKED, 0.0, 0.6)
             T = floating_pose(cfg, rng)
         elif i % 12 == 0:
-            T = held = held_posture(cfg, body, rng)
+            T = held = posture_in_view(cfg, body, rng)
             posture = body.data.qpos.copy()
         else:
             body.set(posture[:7], *posture[7:])
             T = held
-        d = camera_.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng)
+        d = model.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng)
         n[d["n_tags"]] += 1
         chi.append(nees(d, T))
         again = kcm.detection_t()
@@ -409,7 +411,7 @@ def mean_of_three(answers, T_cam_tool) -> float:
     return float(np.mean(np.linalg.solve(root, e) ** 2))
 
 
-def test_frames_of_a_resting_scene_share_noise_on_rendered_frames(cfg, body, eye, tmp_path):
+def test_frames_of_a_resting_scene_share_noise_on_rendered_frames(cfg, body, cam, tmp_path):
     """Three independent frames would leave a third, one frame repeated all of it; flight counts on a half."""
     rng, paths, truth = np.random.default_rng(15), [], []
     for i in range(12):
@@ -417,13 +419,13 @@ def test_frames_of_a_resting_scene_share_noise_on_rendered_frames(cfg, body, eye
             body.set(PARKED, 0.0, 0.6)
             truth.append(floating_pose(cfg, rng))
         else:
-            truth.append(held_posture(cfg, body, rng))
+            truth.append(posture_in_view(cfg, body, rng))
         for k in range(3):
             T_base_tool = body.T_base_cam @ truth[-1]
-            frame = eye.encode(eye.render(body.data, body.T_base_cam, T_base_tool, rng))
+            frame = cam.encode(cam.render(body.data, body.T_base_cam, T_base_tool, rng))
             paths.append(tmp_path / f"{i:02d}-{k}.jpg")
-            paths[-1].write_bytes(frame.jpeg)
-    answers = look_at(paths)
+            paths[-1].write_bytes(frame.data)
+    answers = detect(paths)
     scenes = [(answers[3 * i : 3 * i + 3], T) for i, T in enumerate(truth)]
     whole = [(a, T) for a, T in scenes if len({tuple(x["tag_id"]) for x in a}) == 1 and a[0]["n_tags"]]
     left = float(np.mean([mean_of_three(a, T) for a, T in whole]))
@@ -434,11 +436,11 @@ def test_frames_of_a_resting_scene_share_noise_on_rendered_frames(cfg, body, eye
 
 def test_frames_of_a_resting_scene_share_noise_in_the_fast_mode(cfg, body):
     rng, left = np.random.default_rng(16), []
-    camera_ = fastcam.FastCamera(cfg, body.model)
+    model = detection_model.DetectionModel(cfg, body.model)
     body.set(PARKED, 0.0, 0.6)
     for _ in range(150):
         T = floating_pose(cfg, rng)
-        seen = [camera_.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng) for _ in range(3)]
+        seen = [model.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng) for _ in range(3)]
         if len({d["n_tags"] for d in seen}) == 1 and seen[0]["n_tags"]:
             left.append(mean_of_three(seen, T))
     assert len(left) > 120
@@ -446,12 +448,12 @@ def test_frames_of_a_resting_scene_share_noise_in_the_fast_mode(cfg, body):
 
 
 def test_fast_mode_isotropic_noise(body):
-    iso = camera.load_config(fast={"noise": "isotropic"})
+    iso = camera.load_config(detection={"noise": "isotropic"})
     rng = np.random.default_rng(13)
     body.set(PARKED, 0.0, 0.6)
-    T = geom.pose([0.0, 0.0, 1.0], np.eye(3))
-    eye_ = fastcam.FastCamera(iso, body.model)
-    made = [eye_.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng) for _ in range(500)]
+    T = transforms.transform([0.0, 0.0, 1.0], np.eye(3))
+    model = detection_model.DetectionModel(iso, body.model)
+    made = [model.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng) for _ in range(500)]
     e = np.array([error(d, T) for d in made])
     want = np.array([0.5e-3] * 3 + [np.radians(0.2)] * 3)
     assert np.allclose(e.std(axis=0), want, rtol=0.15)
@@ -461,17 +463,17 @@ def test_fast_mode_isotropic_noise(body):
 def test_fast_mode_sees_nothing_outside_the_image_or_from_behind(cfg, body):
     rng = np.random.default_rng(14)
     body.set(PARKED, 0.0, 0.6)
-    camera_ = fastcam.FastCamera(cfg, body.model)
-    outside = geom.pose([1.2, 0.0, 1.0], np.eye(3))
-    behind = geom.pose([0.0, 0.0, 1.0], geom.rot("y", np.pi)[:3, :3])
-    far = geom.pose([0.0, 0.0, 6.0], np.eye(3))
-    back = geom.pose([0.0, 0.0, -1.0], np.eye(3))
+    model = detection_model.DetectionModel(cfg, body.model)
+    outside = transforms.transform([1.2, 0.0, 1.0], np.eye(3))
+    behind = transforms.transform([0.0, 0.0, 1.0], transforms.rot("y", np.pi)[:3, :3])
+    far = transforms.transform([0.0, 0.0, 6.0], np.eye(3))
+    back = transforms.transform([0.0, 0.0, -1.0], np.eye(3))
     for T in (outside, behind, far, back):
-        d = camera_.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng)
+        d = model.detect(body.data, body.T_base_cam, body.T_base_cam @ T, rng)
         assert d["n_tags"] == 0 and d["tag_id"] == [-1] * 4
 
 
 def test_fast_mode_sees_the_tags_that_the_detector_sees(frames):
-    """On the held frames: a tag that the fast mode calls visible is found in the pixels."""
+    """With the tool on the arm: a tag that the fast mode calls visible is detected in the pixels."""
     found = sum(a["n_tags"] >= 1 for a in frames[1][FLOATING:])
     assert found >= 0.9 * HELD

@@ -1,4 +1,4 @@
-"""tables/bin is what tables/src says: builds the sources anew and compares field by field.
+"""tables/bin is what tables/src says: builds the sources again and compares field by field.
 
     tables.py [--src DIR] [--bin DIR]
 

@@ -2,6 +2,9 @@
 
 import importlib.util
 import json
+import os
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -42,7 +45,7 @@ def compiled(folder: Path, source: str, *flags: str) -> Path:
     return obj
 
 
-# ---- direction of includes and imports
+# ---- direction of includes, layers of imports
 
 
 @pytest.mark.parametrize(
@@ -56,17 +59,15 @@ def compiled(folder: Path, source: str, *flags: str) -> Path:
         ({"fsw/model/kc_a.c": "#include <math.h>\n"}, "fsw/model/kc_a.c:1: <math.h> is not for the core"),
         ({"fsw/model/kc_a.c": "double f(double x) { return sin(x); }\n"}, "sin() instead of kc_sin()"),
         ({"fsw/exec/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
-        ({"sim/kincal_sim/x.py": "from kincal import core\n"}, "imports kincal:"),
-        (
-            {"sim/kincal_sim/x.py": "def f():\n    import kincal.tables\n"},
-            "sim/kincal_sim/x.py:2: imports kincal.tables",
-        ),
         ({"sim/kincal_sim/x.py": "LIB = 'build/libkincal.so'\n"}, "must not load the flight core"),
-        ({"ground/kincal/x.py": "import kincal_sim.world\n"}, "imports kincal_sim.world"),
+        (
+            {"fsw/exec/kc_e.h": "", "ground/native/kg_x.c": '#include "kc_e.h"\n'},
+            "native must not include kc_e.h",
+        ),
         ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
     ],
 )
-def test_a_wrong_way_include_or_import_is_named(tmp_path, files, complaint):
+def test_a_wrong_way_include_is_named(tmp_path, files, complaint):
     done = script("direction.py", write(tmp_path, files))
     assert done.returncode == 1
     assert complaint in done.stdout
@@ -79,14 +80,42 @@ def test_right_way_includes_and_words_in_comments_pass(tmp_path):
             tmp_path,
             {
                 "fsw/math/kc_a.h": "/* sin(x), <stdio.h> */\n#include <stdint.h>\n",
-                "fsw/model/kc_b.c": '#include "kc_a.h"\ndouble g(double x) { return kc_sin(x); } // cos(x)\n',
+                "fsw/model/kc_b.c": '#include "kc_a.h"\ndouble g(double x) { return kc_sin(x); } // cos(x)\n'
+                'const char *text = "see the log (\\"all\\") of tan(x)";\n',
                 "fsw/lcm/main.c": '#include <stdio.h>\n#include "kc_a.h"\n#include "kcm_time_t.h"\n',
-                "ground/kincal/x.py": "'''starts kincal_sim as a process'''\nimport kincal.tables\n",
                 "sim/kincal_sim/y.py": "from kincal_sim import world\nimport kcm\n",
             },
         ),
     )
     assert (done.returncode, done.stdout) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "complaint"),
+    [
+        (
+            "ground/kincal/flight/x.py",
+            "import kincal.workbench.fit",
+            "kincal.flight.x -> kincal.workbench.fit",
+        ),
+        ("ground/kincal/link/x.py", "from kincal.cli import main", "kincal.link.x -> kincal.cli"),
+        ("sim/kincal_sim/x.py", "def f():\n    import kincal.tables", "kincal_sim.x -> kincal.tables"),
+        ("ground/kincal/run/x.py", "import kincal_sim.world", "kincal.run.x -> kincal_sim.world"),
+    ],
+)
+def test_an_import_that_points_up_is_named(tmp_path, file, line, complaint):
+    for package in ("ground/kincal", "sim/kincal_sim"):
+        shutil.copytree(
+            TESTS.parent / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
+    (tmp_path / file).write_text(line + "\n")
+    path = f"{tmp_path / 'ground'}:{tmp_path / 'sim'}"
+    done = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--config", TESTS / "layers.ini", "--no-cache"],
+        capture_output=True, text=True, env=os.environ | {"PYTHONPATH": path}, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert complaint in done.stdout, done.stdout
 
 
 # ---- footprint
@@ -258,6 +287,111 @@ def test_pytest_errors_count_as_failures(tmp_path):
 
 def test_the_event_list_is_read_whole():
     header = (TESTS.parent / "fsw/exec/kc_events.h").read_text()
-    listed = sum(line.lstrip().startswith("X(") for line in header.splitlines())
+    listed = len(re.findall(r"^ +X\(\d+, ", header, flags=re.M))
     text = module(LINT / "events.py").document()
     assert sum(line.startswith("| ") and line[2].isdigit() for line in text.splitlines()) == listed > 0
+
+
+def test_a_placeholder_of_an_unknown_type_is_refused(tmp_path, monkeypatch):
+    events = module(LINT / "events.py")
+    text = events.HEADER.read_text().replace("{got:crc}", "{got:furlong}")
+    (tmp_path / "kc_events.h").write_text(text)
+    monkeypatch.setattr(events, "HEADER", tmp_path / "kc_events.h")
+    with pytest.raises(SystemExit, match="furlong"):
+        events.document()
+
+
+# ---- one vocabulary
+
+GLOSSARY = """# Glossary
+
+## Operation
+
+| term | meaning | source |
+|---|---|---|
+| <a id="safe"></a>safe `SAFE` | arm held | common |
+| <a id="state"></a>state | of the sequencer | UML |
+"""
+
+
+@pytest.mark.parametrize(
+    ("files", "complaint"),
+    [
+        ({"fsw/exec/kc_a.c": "int n_looks;\n"}, "fsw/exec/kc_a.c:1: 'n_looks' is an old word: observation"),
+        (
+            {"fsw/exec/kc_a.h": "/* two\n * first looks */\n"},
+            "fsw/exec/kc_a.h:2: 'first looks' is an old word",
+        ),
+        ({"fsw/msg/a_t.lcm": "double servo_leash;\n"}, "'servo_leash' is an old word: servo bound"),
+        ({"ground/kincal/x.py": "class LadderStep: ...\n"}, "'LadderStep' is an old word: nested models"),
+        ({"ground/kincal/x.py": "KEYS = {'rungs': 1}\n"}, "ground/kincal/x.py:1: 'rungs' is an old word"),
+        (
+            {"ground/kincal/x.py": '"""Help.\n\n    The camera head turns.\n"""\n'},
+            "x.py:3: 'camera head' is an old",
+        ),
+        ({"sim/models/a.toml": "[survive]\n"}, "sim/models/a.toml:1: 'survive' is an old word: error bounds"),
+        ({"tables/src/a.toml": "# as drawn\nn = 1\n"}, "tables/src/a.toml:1: 'as drawn' is an old word"),
+        ({"docs/A.md": "A proven way.\n"}, "docs/A.md:1: 'proven' is an old word: verified"),
+        ({"docs/A.md": "The column `twin_of`.\n"}, "'twin_of' is an old word: equivalent effect"),
+    ],
+)
+def test_an_old_word_is_named_with_the_new_one(tmp_path, files, complaint):
+    done = script("glossary.py", write(tmp_path, {"docs/GLOSSARY.md": GLOSSARY, **files}))
+    assert done.returncode == 1
+    assert complaint in done.stdout
+
+
+def test_the_same_words_in_their_ordinary_sense_pass(tmp_path):
+    text = "Look at the log. The hubs are far apart, and it looks like noise that is drawn from a prior.\n"
+    code = "int lookup; /* what survives a power loss; two that cannot be told apart */\n"
+    files = {"docs/GLOSSARY.md": GLOSSARY, "docs/A.md": text, "fsw/exec/kc_a.c": code}
+    done = script("glossary.py", write(tmp_path, files), "docs", "fsw")
+    assert (done.returncode, done.stdout) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("files", "complaint"),
+    [
+        (
+            {"fsw/exec/kc_app.h": "typedef enum { KC_ST_SAFE = 0, KC_ST_LIMBO = 1 } s;"},
+            "LIMBO (states): 'limbo' is not in",
+        ),
+        (
+            {"fsw/exec/kc_events.h": 'X(1, SAFE_MODE, INFO, "text", "")\n'},
+            "SAFE_MODE (events): 'mode' is not in",
+        ),
+        ({"docs/TABLES.md": "| 3 | wobble_m | f64 | | |\n"}, "wobble_m (table fields): 'wobble' is not in"),
+        (
+            {"ground/kincal/workbench/answers.py": "def f(): return {'state': 1, 'frobnicity': 2}\n"},
+            "frobnicity (JSON keys): 'frobnicity' is not in",
+        ),
+        ({"docs/CLI.md": "### `kincal safe polish`\n"}, "kincal safe polish (commands): 'polish' is not in"),
+    ],
+)
+def test_a_specialised_word_without_an_entry_is_named(tmp_path, files, complaint):
+    done = script("glossary.py", write(tmp_path, {"docs/GLOSSARY.md": GLOSSARY, **files}))
+    assert done.returncode == 1
+    assert f"{complaint} docs/GLOSSARY.md" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("page", "complaint"),
+    [
+        (GLOSSARY.replace("| common |", "| |"), "GLOSSARY.md:7: a row is"),
+        (GLOSSARY.replace('"state"', '"safe"'), "safe is there twice"),
+        (GLOSSARY.replace("</a>safe", "</a>zone"), "Operation: 'zone' stands before 'state'"),
+        (GLOSSARY + "See [STATES](STATES.md).\n", "GLOSSARY.md: link to STATES.md leads nowhere"),
+        (GLOSSARY + "See [hub](#hub).\n", "GLOSSARY.md: link to #hub leads nowhere"),
+        (GLOSSARY + "See method.md 3.\n", "GLOSSARY.md:9: method.md is outside the repository"),
+    ],
+)
+def test_a_bad_row_link_or_reference_is_named(tmp_path, page, complaint):
+    done = script("glossary.py", write(tmp_path, {"docs/GLOSSARY.md": page}))
+    assert done.returncode == 1
+    assert complaint in done.stdout
+
+
+def test_a_source_of_terms_that_is_gone_is_named(tmp_path):
+    done = script("glossary.py", write(tmp_path, {"docs/GLOSSARY.md": GLOSSARY}))
+    assert done.returncode == 1
+    assert "fsw/exec/kc_app.h: no states found" in done.stdout

@@ -1,13 +1,12 @@
-"""Calibration problems from numbers only: poses of a DH chain with errors, by numpy over all looks at
+"""Calibration problems from numbers only: poses of a DH chain with errors, by numpy over all observations at
 once, and the same problem handed to the flight estimator. No flight kinematics in here."""
 
 import numpy as np
+from builders import arm_from, dh_terms, ffi, fill, lib, view
 from chains import WAM_DH, WAM_LIMITS
 from scipy.spatial.transform import Rotation
 
-from kincal import core
-
-ffi, lib = core.ffi, core.lib
+from kincal.flight import check
 
 N = 28
 SIGMA = np.array([0.5e-3] * 3 + [np.deg2rad(0.2)] * 3)
@@ -32,7 +31,7 @@ def joints(rng, n):
     return rng.uniform(*WAM_LIMITS.T, (n, 7))
 
 
-def looks(rng, q, x, noise=1.0):
+def observations(rng, q, x, noise=1.0):
     """Measured rotations and positions of the arm with errors x."""
     R, p = chain_poses(q, x)
     turned = Rotation.from_rotvec(noise * rng.normal(0, SIGMA[3:], (len(q), 3))).as_matrix() @ R
@@ -60,10 +59,10 @@ def wam_tables(bound=BOUND):
         {"alpha_rad": al, "a_m": a, "d_m": d, "phi_rad": phi, "q_min": lo, "q_max": hi}
         for (phi, al, a, d), (lo, hi) in zip(WAM_DH, WAM_LIMITS, strict=True)
     ]
-    terms = core.dh_terms(7)
+    terms = dh_terms(7)
     for c in range(N):
         terms.coef[c].lb, terms.coef[c].ub, terms.coef[c].scale = -bound[c], bound[c], SCALE[c]
-    return core.arm_from(rows), terms
+    return arm_from(rows), terms
 
 
 class Flight:
@@ -75,9 +74,9 @@ class Flight:
         self.est = ffi.new("kc_est_t *")
         self.est.arm, self.est.terms = self.arm, self.terms
         options = {"free_mask": 2**64 - 1, "iter_max": 60, "tol_step": 1e-9, "rank_tol": 1e-4}
-        core.fill(self.est.opt, options)
+        fill(self.est.opt, options)
 
-    def look(self, q, R, p, rows=6):
+    def observe(self, q, R, p, rows=6):
         self.est.n_obs = 0
         obs = ffi.new("kc_obs_t *")
         cov = np.diag(SIGMA**2).ravel().tolist()
@@ -85,7 +84,7 @@ class Flight:
             quat = Rotation.from_matrix(Ri).as_quat(scalar_first=True).tolist()
             obs.ctx.q[0:7], obs.ctx.g_m_s2 = qi.tolist(), [0.0, 0.0, -9.81]
             obs.p_m, obs.q_wxyz, obs.cov, obs.has_rot = pi.tolist(), quat, cov, int(rows == 6)
-            core.check(lib.kc_est_add(self.est, obs), "observation")
+            check(lib.kc_est_add(self.est, obs), "observation")
         return self
 
     def solve(self):
@@ -93,23 +92,23 @@ class Flight:
 
     @property
     def x(self):
-        return core.view(self.est.coef)[: self.terms.n_coef].copy()
+        return view(self.est.coef)[: self.terms.n_coef].copy()
 
     @property
     def sigma(self):
-        return core.view(self.est.sigma)[: self.terms.n_coef].copy()
+        return view(self.est.sigma)[: self.terms.n_coef].copy()
 
     @property
     def cov(self):
         n = self.terms.n_coef
-        return core.view(self.est.cov).reshape(64, 64)[:n, :n].copy()
+        return view(self.est.cov).reshape(64, 64)[:n, :n].copy()
 
     @property
     def status(self):
         return np.array(list(self.est.status[0 : self.terms.n_coef]))
 
     @property
-    def entangled(self):
+    def confounded(self):
         """Row c: which coefficients share a null direction with c."""
         n = self.terms.n_coef
-        return np.array([[(int(self.est.entangled[c]) >> k) & 1 for k in range(n)] for c in range(n)], bool)
+        return np.array([[(int(self.est.confounded[c]) >> k) & 1 for k in range(n)] for c in range(n)], bool)

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
 ORDER = ("tx", "rx", "ty", "ry", "rz", "tz")  # method: E_i = Tx Rx Ty Ry Rz Tz
 
-# method.md, section 1
+# METHOD.md 1
 HALF_PI = np.pi / 2
 WAM_DH = np.array(
     [  # phi, alpha, a, d

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from calibration import PAPER, SCALE, SIGMA, Flight, chain_poses, joints, looks
+from builders import ffi, fill, lib
+from calibration import PAPER, SCALE, SIGMA, Flight, chain_poses, joints, observations
 from scipy.spatial.transform import Rotation
 
-from kincal import core
+from kincal.flight import check
 
-ffi, lib = core.ffi, core.lib
 LEN_M = 0.3
 N_CAND = 60
 
@@ -24,14 +24,14 @@ def pose_jacobian(x, q, h=1e-6):
 
 
 class Site:
-    """A calibration of n looks and a set of candidates."""
+    """A calibration of n observations and a set of candidates."""
 
     def __init__(self, seed, n, rows=6):
         rng = np.random.default_rng(seed)
         self.q = joints(rng, n)
         self.flight = Flight()
         if n:
-            self.flight.look(self.q, *looks(rng, self.q, PAPER), rows=rows)
+            self.flight.observe(self.q, *observations(rng, self.q, PAPER), rows=rows)
             assert self.flight.solve() == lib.KC_OK
         self.x = self.flight.x
         self.cand = joints(rng, N_CAND).astype(np.float32)
@@ -90,7 +90,7 @@ def test_ucb_is_the_largest_bound():
     rng = np.random.default_rng(3)
     kernel = ffi.new("kc_kernel_t *")
     kernel.n_hyper, kernel.sigma_eps = 1, 0.05
-    core.fill(kernel.hyper[0], {"sigma_s": 0.5, "beta_m": 0.4, "kappa": 0.5, "n_w": 3, "w": [0.4, 0, 0.2]})
+    fill(kernel.hyper[0], {"sigma_s": 0.5, "beta_m": 0.4, "kappa": 0.5, "n_w": 3, "w": [0.4, 0, 0.2]})
     quats = Rotation.random(N_CAND, rng=rng).as_quat(scalar_first=True)
     p = rng.uniform(-0.5, 0.5, (N_CAND, 3))
     cand = ffi.new("kc_point_t[]", N_CAND)
@@ -103,24 +103,24 @@ def test_ucb_is_the_largest_bound():
         return 0.25 * rot * np.exp(-np.sum((p[a][:, None] - p[b][None]) ** 2, axis=2) / (2 * 0.16))
 
     gp, c, value = ffi.new("kc_gp_t *"), ffi.new("uint32_t *"), ffi.new("double *")
-    core.check(lib.kc_gp_init(gp, kernel, 0, cand, N_CAND), "init")
-    seen, y, usable = [], [], np.ones(N_CAND, np.uint8)
+    check(lib.kc_gp_init(gp, kernel, 0, cand, N_CAND), "init")
+    measured, y, usable = [], [], np.ones(N_CAND, np.uint8)
     everything = np.arange(N_CAND)
     for step in range(1, 25):
         beta = lib.kc_acq_beta(N_CAND, step, 0.2)
         assert beta == pytest.approx(0.2 * 2 * np.log(N_CAND * step**2 * np.pi**2 / 0.6))
         flags = ffi.new("uint8_t[]", usable.tobytes())
         assert lib.kc_acq_ucb(gp, flags, beta, c, value) == lib.KC_OK
-        if seen:
-            G = np.linalg.inv(k(seen, seen) + 0.05**2 * np.eye(len(seen)))
-            cross = k(everything, seen)
+        if measured:
+            G = np.linalg.inv(k(measured, measured) + 0.05**2 * np.eye(len(measured)))
+            cross = k(everything, measured)
             mean, var = cross @ G @ y, 0.25 - np.einsum("ij,jk,ik->i", cross, G, cross)
         else:
             mean, var = np.zeros(N_CAND), np.full(N_CAND, 0.25)
         bound = np.where(usable > 0, mean + np.sqrt(beta * np.maximum(var, 0)), -np.inf)
         assert bound[c[0]] >= bound.max() - 1e-4  # single precision cache
         assert value[0] == pytest.approx(bound[c[0]], abs=1e-4)
-        seen.append(c[0])
+        measured.append(c[0])
         y.append(float(-rng.random()))
         usable[c[0]] = 0
-        core.check(lib.kc_gp_add(gp, ffi.addressof(cand[c[0]]), y[-1], cand), "add")
+        check(lib.kc_gp_add(gp, ffi.addressof(cand[c[0]]), y[-1], cand), "add")

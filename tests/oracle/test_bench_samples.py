@@ -1,4 +1,4 @@
-"""The bench of held-out errors runs, and its verdict can tell worse from unlucky."""
+"""The bench of held-out errors runs, and its verdict separates worse from unlucky."""
 
 import subprocess
 import sys

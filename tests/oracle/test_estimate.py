@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from builders import PoseModel, arm_from, basis, lib, term, terms_from
 from calibration import (
     BOUND,
     PAPER,
@@ -12,7 +13,7 @@ from calibration import (
     chain_poses,
     jacobian,
     joints,
-    looks,
+    observations,
     residual,
     wam_tables,
 )
@@ -21,9 +22,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom, chi2
 
-from kincal import core
-
-lib = core.lib
+lib = lib
 
 
 def by_scipy(q, R, p, bound=None, rows=6, start=None):
@@ -37,8 +36,8 @@ def by_scipy(q, R, p, bound=None, rows=6, start=None):
 def test_same_minimum_as_scipy(seed):
     rng = np.random.default_rng(seed)
     q = joints(rng, 20)
-    R, p = looks(rng, q, PAPER)
-    flight = Flight().look(q, R, p)
+    R, p = observations(rng, q, PAPER)
+    flight = Flight().observe(q, R, p)
     assert flight.solve() == lib.KC_OK
     other = by_scipy(q, R, p, start=PAPER)
     assert np.max(np.abs(flight.x - other.x) / flight.sigma) < 1e-4
@@ -54,8 +53,8 @@ def test_same_minimum_as_scipy_in_a_box(seed):
     q = joints(rng, 15)
     bound = np.tile([0.4, 0.1, 0.006, 0.006], 7)
     truth = rng.uniform(-1.3, 1.3, N) * bound
-    R, p = looks(rng, q, truth)
-    flight = Flight(terms=wam_tables(bound)[1]).look(q, R, p)
+    R, p = observations(rng, q, truth)
+    flight = Flight(terms=wam_tables(bound)[1]).observe(q, R, p)
     assert flight.solve() == lib.KC_OK
     other = by_scipy(q, R, p, bound)
     assert np.all(np.abs(flight.x) <= bound)
@@ -74,8 +73,8 @@ def test_same_minimum_as_scipy_in_a_box(seed):
 def test_covariance_is_the_inverse_of_the_information():
     rng = np.random.default_rng(3)
     q = joints(rng, 20)
-    R, p = looks(rng, q, PAPER)
-    flight = Flight().look(q, R, p)
+    R, p = observations(rng, q, PAPER)
+    flight = Flight().observe(q, R, p)
     flight.solve()
     J = jacobian(flight.x, q, R, p)
     want = np.linalg.inv(J.T @ J)
@@ -95,7 +94,7 @@ def test_the_truth_lies_inside_3_sigma():
     flight = Flight()
     for _ in range(200):
         q = joints(rng, 12)
-        flight.look(q, *looks(rng, q, PAPER))
+        flight.observe(q, *observations(rng, q, PAPER))
         assert flight.solve() == lib.KC_OK
         e = flight.x - PAPER
         d2.append(e @ np.linalg.solve(flight.cov, e))
@@ -111,7 +110,7 @@ def test_converges_from_zero_to_the_papers_errors(n):
     for seed in range(25):
         rng = np.random.default_rng(1000 * n + seed)
         q = joints(rng, n)
-        flight = Flight().look(q, *looks(rng, q, PAPER))
+        flight = Flight().observe(q, *observations(rng, q, PAPER))
         assert flight.solve() == lib.KC_OK
         assert np.max(np.abs(flight.x - PAPER) / np.maximum(flight.sigma, 1e-12)) < 6
 
@@ -124,7 +123,7 @@ def test_converges_from_zero_to_large_errors_of_any_joint():
         for c, size in zip(rng.choice(N, 4, replace=False), (1.0, 0.7, 0.9, 0.5), strict=True):
             truth[c] = size * BOUND[c] * rng.choice([-1, 1])
         q = joints(rng, 15)
-        flight = Flight().look(q, *looks(rng, q, truth))
+        flight = Flight().observe(q, *observations(rng, q, truth))
         good += flight.solve() == lib.KC_OK and np.all(np.abs(flight.x - truth) < 6 * flight.sigma + 1e-6)
     assert good >= 38  # least squares has other minima; nearly all starts are inside the right valley
 
@@ -133,7 +132,7 @@ def test_seven_quaternion_rows_of_the_paper_give_the_same_correction():
     """Nearest-sign quaternion difference, twice, for the rotation vector: equal to first order."""
     rng = np.random.default_rng(5)
     q = joints(rng, 20)
-    R, p = looks(rng, q, PAPER)
+    R, p = observations(rng, q, PAPER)
     quat = Rotation.from_matrix(R).as_quat()
 
     def seven_rows(x):
@@ -142,13 +141,13 @@ def test_seven_quaternion_rows_of_the_paper_give_the_same_correction():
         other *= np.sign(np.sum(quat * other, axis=1, keepdims=True))
         return np.hstack([(p - pm) / SIGMA[0], 2 * (quat - other) / SIGMA[3]]).ravel()
 
-    flight = Flight().look(q, R, p)
+    flight = Flight().observe(q, R, p)
     flight.solve()
     paper = least_squares(seven_rows, flight.x, x_scale=SCALE, xtol=1e-12, ftol=1e-12)
     assert np.max(np.abs(paper.x - flight.x) / flight.sigma) < 0.02
 
 
-# --------------------------------------------------------------------------- what the data cannot tell
+# --------------------------------------------------------------------------- identifiability
 
 
 def null_space(J, tol=1e-7):
@@ -164,9 +163,9 @@ def assert_held_and_named(flight, J):
     assert np.all(flight.x[held] == 0) and np.all(flight.sigma[held] == 0)
     assert np.all(flight.cov[held] == 0)
     involved = np.any(np.abs(null) > 1e-6, axis=0)
-    named = flight.entangled.any(axis=0) | np.isin(np.arange(N), held)
+    named = flight.confounded.any(axis=0) | np.isin(np.arange(N), held)
     assert np.array_equal(named, involved)
-    assert np.array_equal(flight.entangled, flight.entangled.T)
+    assert np.array_equal(flight.confounded, flight.confounded.T)
     estimated = flight.status == lib.KC_COEF_ESTIMATED
     assert np.linalg.matrix_rank((J * SCALE)[:, estimated]) == estimated.sum()
 
@@ -175,8 +174,8 @@ def test_position_only_determines_24():
     rng = np.random.default_rng(6)
     q = joints(rng, 30)
     truth = PAPER.copy()
-    R, p = looks(rng, q, truth)
-    flight = Flight().look(q, R, p, rows=3)
+    R, p = observations(rng, q, truth)
+    flight = Flight().observe(q, R, p, rows=3)
     assert flight.solve() == lib.KC_OK
     assert flight.est.rank == 24 and flight.est.n_free == 28
     assert_held_and_named(flight, jacobian(PAPER, q, R, p, rows=3))
@@ -190,8 +189,8 @@ def test_position_only_determines_24():
 def test_too_few_poses(n):
     rng = np.random.default_rng(60 + n)
     q = joints(rng, n)
-    R, p = looks(rng, q, 0.1 * PAPER)
-    flight = Flight().look(q, R, p)
+    R, p = observations(rng, q, 0.1 * PAPER)
+    flight = Flight().observe(q, R, p)
     assert flight.solve() == lib.KC_OK
     held = flight.status == lib.KC_COEF_HELD
     assert flight.est.rank <= 6 * n and held.sum() == N - flight.est.rank
@@ -199,13 +198,13 @@ def test_too_few_poses(n):
     assert flight.est.fit_pos_m <= flight.est.before_pos_m
 
 
-def test_masked_joints_are_left_alone_and_what_depends_on_them_is_freed():
-    """With the wrist's errors known, position alone tells all others."""
+def test_masked_joints_are_held_and_what_depends_on_them_is_freed():
+    """With the wrist's errors known, position alone determines all others."""
     rng = np.random.default_rng(8)
     q = joints(rng, 30)
     truth = np.where(np.arange(N) < 20, 0.05 * SCALE * rng.normal(size=N), 0.0)
-    R, p = looks(rng, q, truth)
-    flight = Flight().look(q, R, p, rows=3)
+    R, p = observations(rng, q, truth)
+    flight = Flight().observe(q, R, p, rows=3)
     flight.est.opt.free_mask = (1 << 20) - 1
     assert flight.solve() == lib.KC_OK
     assert np.all(flight.status[20:] == lib.KC_COEF_MASKED) and np.all(flight.x[20:] == 0)
@@ -221,20 +220,20 @@ def test_dh_with_base_and_tool_frames_has_rank_34_of_40():
     terms, coefs = [], []
     for place in places:
         for frame, comp in zip(place[::2], place[1::2], strict=True):
-            terms.append(core.term(len(coefs), frame, comp))
+            terms.append(term(len(coefs), frame, comp))
             coefs.append(
                 {"name": f"c{len(coefs)}", "lb": -1, "ub": 1, "scale": 0.1 if comp[0] == "r" else 0.05}
             )
     for frame in (0, lib.KC_FRAME_TOOL):
         for comp in components:
-            terms.append(core.term(len(coefs), frame, comp))
+            terms.append(term(len(coefs), frame, comp))
             coefs.append(
                 {"name": f"c{len(coefs)}", "lb": -1, "ub": 1, "scale": 0.1 if comp[0] == "r" else 0.05}
             )
     arm = wam_tables()[0]
     q = joints(rng, 40)
     truth = 0.1 * PAPER
-    flight = Flight(arm, core.terms_from(coefs, terms, 7)).look(q, *looks(rng, q, truth))
+    flight = Flight(arm, terms_from(coefs, terms, 7)).observe(q, *observations(rng, q, truth))
     assert flight.solve() == lib.KC_OK
     assert flight.est.n_free == 40 and flight.est.rank == 34
     assert np.sum(flight.status == lib.KC_COEF_HELD) == 6
@@ -242,20 +241,20 @@ def test_dh_with_base_and_tool_frames_has_rank_34_of_40():
 
 
 def test_gravity_compliance_is_found_with_loads_of_the_corrected_arm():
-    """A term that looks at loads: they are those of each step's coefficients."""
+    """A term that depends on loads: they are those of each step's coefficients."""
     rng = np.random.default_rng(10)
     rows = [
         {"alpha_rad": al, "a_m": a, "d_m": d, "q_min": lo, "q_max": hi, "mass_kg": 2.0, "has_mass": 1}
         for (_, al, a, d), (lo, hi) in zip(WAM_DH, WAM_LIMITS, strict=True)
     ]
-    terms = [core.term(0, 1, "rz", core.basis(var="tau", index=2)), core.term(1, 0, "rz")]
-    terms += [core.term(2, 1, "rx")]
+    terms = [term(0, 1, "rz", basis(var="tau", index=2)), term(1, 0, "rz")]
+    terms += [term(2, 1, "rx")]
     coefs = [{"name": f"c{i}", "lb": -1, "ub": 1, "scale": s} for i, s in enumerate((1e-3, 0.1, 0.1))]
-    arm, table = core.arm_from(rows), core.terms_from(coefs, terms, 7)
+    arm, table = arm_from(rows), terms_from(coefs, terms, 7)
     truth = np.array([3e-3, 0.2, 0.3])
     q = joints(rng, 10)
-    poses = [core.Model(arm, table).eval(qi, truth, want_J=False).T for qi in q]
-    flight = Flight(arm, table).look(q, [T.R for T in poses], [T.p_m for T in poses])
+    poses = [PoseModel(arm, table).eval(qi, truth, want_J=False).T for qi in q]
+    flight = Flight(arm, table).observe(q, [T.R for T in poses], [T.p_m for T in poses])
     assert flight.solve() == lib.KC_OK
     assert np.allclose(flight.x, truth, atol=1e-8)
 
@@ -270,7 +269,7 @@ def test_good_poses_are_rejected_no_more_often_than_stated():
     flight.est.opt.outlier_p, flight.est.opt.outlier_max = 0.05, 1
     for _ in range(300):
         q = joints(rng, 14)
-        flight.look(q, *looks(rng, q, 0.1 * PAPER))
+        flight.observe(q, *observations(rng, q, 0.1 * PAPER))
         flight.solve()
         rejected += flight.est.n_outliers
     assert rejected <= binom.ppf(0.999, 300, 0.05)
@@ -283,11 +282,11 @@ def test_wrong_poses_are_found():
     flight.est.opt.outlier_p, flight.est.opt.outlier_max = 0.001, 4
     for _ in range(40):
         q = joints(rng, 20)
-        R, p = looks(rng, q, PAPER)
+        R, p = observations(rng, q, PAPER)
         wrong = rng.choice(20, 2, replace=False)
-        way = rng.normal(size=(2, 3))
-        p[wrong] += way / np.linalg.norm(way, axis=1, keepdims=True) * rng.uniform(0.015, 0.1, (2, 1))
-        flight.look(q, R, p)
+        u = rng.normal(size=(2, 3))
+        p[wrong] += u / np.linalg.norm(u, axis=1, keepdims=True) * rng.uniform(0.015, 0.1, (2, 1))
+        flight.observe(q, R, p)
         assert flight.solve() == lib.KC_OK
         found = np.flatnonzero(list(flight.est.outlier[0:20]))
         assert set(wrong) <= set(found)

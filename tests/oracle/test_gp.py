@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from builders import ffi, fill, lib, pointer
 from scipy.spatial.transform import Rotation
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Kernel
 
-from kincal import core, kernels
+from kincal.flight import check
+from kincal.flight.kernel import spectral_table
 
-ffi, lib = core.ffi, core.lib
 EPS = 0.05
 HYPER = [
     (0.0, 0.3, 0.8, 0.5),
@@ -19,14 +20,14 @@ HYPER = [
 
 
 class Poses(Kernel):
-    """k of method.md 3 in numpy, sines over the infinite-looking sum; rows are (w, x, y, z, px, py, pz)."""
+    """k of METHOD.md 3 in numpy, sines over the infinite-looking sum; rows are (w, x, y, z, px, py, pz)."""
 
     def __init__(self, arg="so3", nu=0.0, kappa=0.5, beta_m=0.5, sigma_s=1.0):
         self.arg, self.nu, self.kappa, self.beta_m, self.sigma_s = arg, nu, kappa, beta_m, sigma_s
 
     def __call__(self, X, Y=None, eval_gradient=False):
         Y = X if Y is None else Y
-        w = kernels.spectral_table(self.arg, self.kappa, self.nu).w
+        w = spectral_table(self.arg, self.kappa, self.nu).w
         n = np.arange(len(w)) + 1.0
         dot = np.clip(np.abs(X[:, :4] @ Y[:, :4].T), 0, 1)
         t = np.arccos(dot) * (1 if self.arg == "so3" else 2)
@@ -62,17 +63,17 @@ def flight_kernel(arg):
     k = ffi.new("kc_kernel_t *")
     k.arg, k.n_hyper, k.sigma_eps = int(arg == "paper"), len(HYPER), EPS
     for h, (nu, kappa, beta_m, sigma_s) in zip(k.hyper, HYPER, strict=False):
-        table = kernels.spectral_table(arg, kappa, nu)
-        core.fill(h, {"nu": nu, "kappa": kappa, "beta_m": beta_m, "sigma_s": sigma_s})
-        core.fill(h, {"n_w": len(table.w), "w": table.w, "trunc_err": table.trunc_err})
+        table = spectral_table(arg, kappa, nu)
+        fill(h, {"nu": nu, "kappa": kappa, "beta_m": beta_m, "sigma_s": sigma_s})
+        fill(h, {"n_w": len(table.w), "w": table.w, "trunc_err": table.trunc_err})
     return k
 
 
 def flight_gp(kernel, hyper, X, y, cand):
     gp = ffi.new("kc_gp_t *")
-    core.check(lib.kc_gp_init(gp, kernel, hyper, cand, len(cand)), "init")
+    check(lib.kc_gp_init(gp, kernel, hyper, cand, len(cand)), "init")
     for point, value in zip(points(X), y, strict=True):
-        core.check(lib.kc_gp_add(gp, ffi.addressof(point), value, cand), "add")
+        check(lib.kc_gp_add(gp, ffi.addressof(point), value, cand), "add")
     return gp
 
 
@@ -107,7 +108,7 @@ def test_changed_values():
     X, y, far = poses(rng, 25), rng.normal(size=25), poses(rng, 10)
     kernel, cand = flight_kernel("so3"), points(far)
     gp = flight_gp(kernel, 1, X, np.zeros(25), cand)
-    lib.kc_gp_set_y(gp, core.ptr(y))
+    lib.kc_gp_set_y(gp, pointer(y))
     mean = sklearn_gp("so3", 1, X, y).predict(far)
     m, v = ffi.new("double *"), ffi.new("double *")
     for c in range(len(far)):
@@ -117,7 +118,7 @@ def test_changed_values():
 
 @pytest.mark.parametrize("truth", range(len(HYPER)))
 def test_choice_is_the_set_of_greatest_marginal_likelihood(truth):
-    """Values drawn from one of the sets; the flight GP starts on the next one."""
+    """Values sampled from one of the sets; the flight GP starts on the next one."""
     rng = np.random.default_rng(30 + truth)
     X, far = poses(rng, 50), poses(rng, 10)
     nu, kappa, beta_m, sigma_s = HYPER[truth]

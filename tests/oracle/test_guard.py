@@ -1,19 +1,19 @@
-"""The guard's distances against MuJoCo's: the shapes and keep-out volumes of space.toml as MuJoCo geoms, the
-same as capsules in the SPACE table in flight's own geometry. Of volumes, and of shapes that must not meet."""
+"""The guard's distances against MuJoCo's: shapes and keep-out volumes of space.toml as MuJoCo geoms, and as
+capsules of the SPACE table in flight's own geometry. For keep-out volumes and for pairs of shapes."""
 
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from builders import ffi, lib
 from scipy.optimize import minimize_scalar
 
-from kincal import core, tables
-from kincal.space import guard
-from kincal.space.bodies import Bodies
-from kincal.space.description import read_description
+from kincal import tables
+from kincal.schema.space import read_description
+from kincal.space.collision import CollisionModel
+from kincal.space.encoding import EXCESS_MAX_M, capsules, write_guard
 
-ffi, lib = core.ffi, core.lib
 TABLES = Path(__file__).parents[2] / "tables"
 DESC = read_description(TABLES / "src/space.toml")
 (_, ARM), (_, CAMERA), (_, TERMS) = (tables.load(TABLES / f"bin/{k}.tbl") for k in ("arm", "camera", "terms"))
@@ -27,7 +27,7 @@ class Flight:
         self.space = ffi.new("kc_space_t *")
         self.space.n_joints = ARM.n_joints
         desc = DESC if shapes is None else DESC.model_copy(update={"shape": shapes})
-        guard.fill(self.space, desc, CAMERA)
+        write_guard(self.space, desc, CAMERA)
         self.ctx, self.loads = ffi.new("kc_ctx_t *"), ffi.new("kc_loads_t *")
         self.placed = ffi.new("kc_guard_arm_t *")
         self.placed.arm, self.placed.space = ARM, self.space
@@ -63,15 +63,15 @@ class Engine:
     """Smallest distance of the arm to what it must keep out of, pair by pair."""
 
     def __init__(self, errors, boxes=True):
-        self.of = Bodies(DESC, ARM, CAMERA, errors)
+        self.of = CollisionModel(DESC, ARM, CAMERA, errors)
         m = self.of.model
-        label, outside = self.of.names, {k.name for k in DESC.keep_out}
-        spared = {(s, k.name) for k in DESC.keep_out for s in k.except_}
+        label, outside = self.of.labels, {k.name for k in DESC.keep_out}
+        excluded = {(s, k.name) for k in DESC.keep_out for s in k.except_}
         box = {s.name for s in DESC.shape if s.radius_m is None}
-        apart = zip(m.pair_geom1.tolist(), m.pair_geom2.tolist(), strict=True)
+        pairs = zip(m.pair_geom1.tolist(), m.pair_geom2.tolist(), strict=True)
         self.own = [
             pair
-            for pair in apart
+            for pair in pairs
             if all(label[g] not in outside and (boxes or label[g] not in box) for g in pair)
         ]
         self.pairs = [
@@ -80,7 +80,7 @@ class Engine:
             for b in range(m.ngeom)
             if label[a] not in outside
             and label[b] in outside
-            and (label[a], label[b]) not in spared
+            and (label[a], label[b]) not in excluded
             and (boxes or label[a] not in box)
         ]
 
@@ -140,7 +140,7 @@ def test_links_are_as_far_from_everything_as_in_mujoco(errors):
     assert 10 <= n_inside < 290
 
 
-def drawn_errors(rng):
+def sampled_errors(rng):
     """Encoders, lengths along the axes, and across them where a link has a length to lean with."""
     return {
         f"J{j}.{field}": rng.normal(0.0, sigma)
@@ -153,7 +153,7 @@ def drawn_errors(rng):
 def test_links_are_as_far_from_each_other_as_in_mujoco():
     flight = Flight([s for s in DESC.shape if s.radius_m is not None])
     rng, n_inside, n = np.random.default_rng(8), 0, 0
-    for errors in [*ERRORS, *(drawn_errors(rng) for _ in range(7))]:
+    for errors in [*ERRORS, *(sampled_errors(rng) for _ in range(7))]:
         engine = Engine(errors, boxes=False)
         for q in postures(rng, 120):
             want = engine.self_clearance(q)
@@ -164,15 +164,15 @@ def test_links_are_as_far_from_each_other_as_in_mujoco():
 
 
 def test_the_whole_arm_is_no_farther_from_itself_than_in_mujoco_and_hardly_nearer():
-    """Each of two boxes may stand in capsules that are too fat by so much."""
+    """Each of two boxes may stand in capsules that are too thick by some margin."""
     flight, rng, n = Flight(), np.random.default_rng(9), 0
-    for errors in [{}, *(drawn_errors(rng) for _ in range(4))]:
+    for errors in [{}, *(sampled_errors(rng) for _ in range(4))]:
         engine = Engine(errors)
         for q in postures(rng, 60):
             want, got = engine.self_clearance(q), flight.self_clearance(q, errors)
             assert got <= max(want, 0.0) + GEOM_TOL_M
             if want > 0.0:
-                assert got >= want - 2 * guard.TOO_FAT_M - GEOM_TOL_M
+                assert got >= want - 2 * EXCESS_MAX_M - GEOM_TOL_M
                 n += 1
     assert n > 50
 
@@ -184,7 +184,7 @@ def test_the_whole_arm_lies_in_its_capsules_and_they_are_not_much_larger():
         want, got = engine.clearance(q), flight.clearance(q, {})
         assert got <= max(want, 0.0) + GEOM_TOL_M
         if want > 0.0:
-            assert got >= want - guard.TOO_FAT_M - GEOM_TOL_M
+            assert got >= want - EXCESS_MAX_M - GEOM_TOL_M
             n += 1
     assert n > 20
 
@@ -197,7 +197,7 @@ def test_a_box_lies_in_its_capsules(shape):
     u[:1000] = np.round(u[:1000])  # corners, edges and faces
     p = np.array(shape.centre_m) + u * shape.half_m
     least = np.full(len(p), np.inf)
-    for a, b, radius in guard.capsules(shape):
+    for a, b, radius in capsules(shape):
         along = b - a
         t = np.clip((p - a) @ along / (along @ along), 0, 1)
         least = np.minimum(least, np.linalg.norm(p - a - t[:, None] * along, axis=1) - radius)

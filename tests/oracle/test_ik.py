@@ -1,4 +1,4 @@
-"""Inverse kinematics and visual servo of the flight core, judged by arms built in Pinocchio and MuJoCo: the
+"""Inverse kinematics and visual servo of the flight core, checked with arms in Pinocchio and MuJoCo: the
 true arm that is servoed is never the flight code's."""
 
 import chains
@@ -6,17 +6,19 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from builders import c_pose, ffi, fill, lib, pointer
 from scipy.spatial.transform import Rotation
 
-from kincal import core
+from kincal.flight import check, status_name
+from kincal.rotations import Pose
 
 PAPER = {(6, 0): 1.3, (1, 1): 0.4, (2, 2): 0.01, (2, 3): 0.15}  # (joint, phi alpha a d): error
 TOL_M, TOL_RAD = 0.005, 0.02
 
 
 def flight_arm():
-    arm = core.ffi.new("kc_arm_t *")
-    core.fill(
+    arm = ffi.new("kc_arm_t *")
+    fill(
         arm,
         {
             "name": "WAM7",
@@ -32,13 +34,13 @@ def flight_arm():
             ],
         },
     )
-    terms = core.ffi.new("kc_terms_t *")
-    core.check(core.lib.kc_terms_add_dh(terms, 7, [1.5, 1.5, 0.3, 0.3]), "terms")
+    terms = ffi.new("kc_terms_t *")
+    check(lib.kc_terms_add_dh(terms, 7, [1.5, 1.5, 0.3, 0.3]), "terms")
     return arm, terms
 
 
 ARM, TERMS = flight_arm()
-EVAL = core.ffi.new("kc_eval_t *")
+EVAL = ffi.new("kc_eval_t *")
 MIDDLE, HALF = chains.WAM_LIMITS.mean(axis=1), np.diff(chains.WAM_LIMITS, axis=1)[:, 0] / 2
 
 
@@ -116,8 +118,8 @@ def goals(n, seed, shrink):
     return out
 
 
-def c_pose(T):
-    return core.c_pose(core.Pose(T[:3, 3], T[:3, :3]))
+def goal_pose(T):
+    return c_pose(Pose.of_matrix(T))
 
 
 def coefs(errors):
@@ -128,15 +130,15 @@ def coefs(errors):
 
 
 def solve(goal, start, coef=None, tol=1e-9, margin=0.02):
-    opt = core.ffi.new(
+    opt = ffi.new(
         "kc_ik_opt_t *",
         {"iter_max": 200, "tol_pos_m": tol, "tol_rot_rad": tol, "margin": margin, "step_max": 0.5},
     )
     q = np.zeros(8)
     q[:7] = start
-    coef = core.ffi.NULL if coef is None else core.ptr(coef)
-    status = core.lib.kc_ik_solve(ARM, TERMS, coef, c_pose(goal), opt, core.ptr(q), EVAL)
-    return core.status_name(status), q[:7]
+    coef = ffi.NULL if coef is None else pointer(coef)
+    status = lib.kc_ik_solve(ARM, TERMS, coef, goal_pose(goal), opt, pointer(q), EVAL)
+    return status_name(status), q[:7]
 
 
 @pytest.mark.parametrize("library", ["pinocchio", "mujoco"])
@@ -180,27 +182,28 @@ def test_no_answer_leaves_the_limits_or_is_worse_than_the_start():
 
 class Servo:
     def __init__(self, memory=True, **opt):
-        defaults = {"gain": 0.9, "damping": 0.02, "step_max": 0.4, "leash": 9.0, "margin": 0.02}
+        defaults = {"gain": 0.9, "damping": 0.02, "step_max": 0.4, "bound": 9.0, "margin": 0.02}
         tolerances = {"tol_pos_m": TOL_M, "tol_rot_rad": TOL_RAD}
-        self.opt = core.ffi.new("kc_servo_opt_t *", defaults | tolerances | opt)
-        self.memory = core.ffi.new("kc_servo_mem_t *") if memory else core.ffi.NULL
+        self.opt = ffi.new("kc_servo_opt_t *", defaults | tolerances | opt)
+        self.memory = ffi.new("kc_servo_mem_t *") if memory else ffi.NULL
 
-    def run(self, arm, goal, seed, steps, look=lambda T: T):
+    def run(self, arm, goal, seed, steps, camera=lambda T: T):
         """Steps taken until there, or None; joints at the end."""
         if self.memory:
-            core.lib.kc_servo_forget(self.memory)
+            lib.kc_servo_forget(self.memory)
         q, first, command, coef = np.zeros(8), np.zeros(8), np.zeros(8), np.zeros(64)
         q[:7] = first[:7] = seed
         for k in range(steps + 1):
-            result = core.lib.kc_servo_step(
-                ARM, TERMS, core.ptr(coef), c_pose(look(arm(q))), c_pose(goal), core.ptr(q), core.ptr(first),
-                core.ptr(np.full(8, 9.0)), self.opt, core.ptr(command), EVAL, self.memory,
+            measured = goal_pose(camera(arm(q)))
+            result = lib.kc_servo_step(
+                ARM, TERMS, pointer(coef), measured, goal_pose(goal), pointer(q), pointer(first),
+                pointer(np.full(8, 9.0)), self.opt, pointer(command), EVAL, self.memory,
             )  # fmt: skip
             assert np.all(np.abs(command[:7] - MIDDLE) <= HALF - 0.02 + 1e-9)
-            assert np.all(np.abs(command[:7] - first[:7]) <= self.opt.leash + 1e-9)
+            assert np.all(np.abs(command[:7] - first[:7]) <= self.opt.bound + 1e-9)
             assert np.all(np.abs(command - q) <= self.opt.step_max + 1e-9)
-            if result != core.lib.KC_SERVO_MOVE:
-                return (k if result == core.lib.KC_SERVO_THERE else None), q[:7]
+            if result != lib.KC_SERVO_MOVE:
+                return (k if result == lib.KC_SERVO_THERE else None), q[:7]
             q[:] = command
         return None, q[:7]
 
@@ -231,11 +234,11 @@ def test_the_servo_overcomes_the_papers_errors(library):
 
 
 def test_the_servo_works_through_noise_and_encoder_biases():
-    """Looks with 0.5 mm and 0.2 deg of noise; every encoder a little off."""
+    """Observations with 0.5 mm and 0.2 deg of noise; every encoder a little off."""
     rng = np.random.default_rng(6)
     arm = TrueArm("mujoco", {}, bias=rng.uniform(-0.1, 0.1, 7))
 
-    def look(T):
+    def camera(T):
         noisy = T.copy()
         noisy[:3, 3] += rng.normal(0, 0.0005, 3)
         noisy[:3, :3] = Rotation.from_rotvec(rng.normal(0, np.radians(0.2), 3)).as_matrix() @ T[:3, :3]
@@ -243,7 +246,7 @@ def test_the_servo_works_through_noise_and_encoder_biases():
 
     servo = Servo()
     for goal, seed in goals(80, 7, 0.7):
-        steps, q = servo.run(arm, goal, seed, 10, look)
+        steps, q = servo.run(arm, goal, seed, 10, camera)
         assert steps is not None
         assert error(goal, arm(q))[0] < TOL_M + 0.003
 
@@ -266,8 +269,8 @@ def test_memory_lets_the_servo_overcome_any_joint_far_off(joint, at_least):
         assert rate[False] < 0.2
 
 
-def test_a_short_leash_is_never_left():
-    servo, arm = Servo(leash=0.3), TrueArm("pinocchio", PAPER)
+def test_a_small_servo_bound_is_never_left():
+    servo, arm = Servo(bound=0.3), TrueArm("pinocchio", PAPER)
     for goal, seed in goals(40, 9, 0.75):
         steps, q = servo.run(arm, goal, seed, 15)
         assert steps is None  # joint 7 alone would need 1.3 rad

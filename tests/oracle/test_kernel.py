@@ -3,25 +3,25 @@
 import geometric_kernels.spaces as spaces
 import numpy as np
 import pytest
+from builders import ffi, fill, lib, quat_dist_rad
 from geometric_kernels.kernels import MaternKarhunenLoeveKernel
 from scipy.spatial.transform import Rotation
 
-from kincal import core, kernels
+from kincal.flight.kernel import TOLERANCE, Spectrum, spectral_density, spectral_table
 
-ffi, lib = core.ffi, core.lib
 SETS = [(nu, kappa) for nu in (0.0, 0.5, 1.5, 2.5) for kappa in (0.3, 0.7, 1.4)]
 
 
 def kernel_table(arg, nu, kappa, sigma_s=1.0, beta_m=1.0, degrees=None):
     """degrees: cut the table there and scale the rest to k(0) = 1, as the other library does."""
-    table = kernels.spectral_table(arg, kappa, nu)
+    table = spectral_table(arg, kappa, nu)
     if degrees is not None:
         w = table.w[:degrees]
-        table = kernels.Spectrum(w / np.sum(w * (np.arange(len(w)) + 1)), table.trunc_err)
+        table = Spectrum(w / np.sum(w * (np.arange(len(w)) + 1)), table.trunc_err)
     k = ffi.new("kc_kernel_t *")
     k.arg, k.n_hyper, k.sigma_eps = int(arg == "paper"), 1, 0.01
-    core.fill(k.hyper[0], {"sigma_s": sigma_s, "beta_m": beta_m, "kappa": kappa, "nu": nu})
-    core.fill(k.hyper[0], {"n_w": len(table.w), "w": table.w, "trunc_err": table.trunc_err})
+    fill(k.hyper[0], {"sigma_s": sigma_s, "beta_m": beta_m, "kappa": kappa, "nu": nu})
+    fill(k.hyper[0], {"n_w": len(table.w), "w": table.w, "trunc_err": table.trunc_err})
     index, got = ffi.new("int32_t *"), ffi.new("double *")
     assert lib.kc_kernel_validate(k, index, got) == lib.KC_OK
     return k, table
@@ -78,7 +78,7 @@ def test_what_was_cut_off_is_stated(arg, nu, kappa):
     """Against the sum of 20000 degrees: never further off than twice the stated share."""
     k, table = kernel_table(arg, nu, kappa)
     n = np.arange(0, 20000, 2 if arg == "so3" else 1)
-    weight = (n + 1) * kernels.spectral_density(n, kappa, nu)
+    weight = (n + 1) * spectral_density(n, kappa, nu)
     t = np.linspace(0.02, np.pi / 2 if arg == "so3" else np.pi - 0.02, 60)
     full = np.array([np.sum(weight * np.sin((n + 1) * ti)) / np.sin(ti) for ti in t])
     full /= np.sum(weight * (n + 1))
@@ -86,15 +86,15 @@ def test_what_was_cut_off_is_stated(arg, nu, kappa):
     rest = 2e-4 if nu == 0.5 else 1e-7  # what 20000 degrees miss themselves
     assert np.max(np.abs(mine - full)) <= 2 * table.trunc_err + 1e-12 + rest * (nu > 0)
     if nu == 0:
-        assert table.trunc_err <= kernels.TOLERANCE
+        assert table.trunc_err <= TOLERANCE
 
 
 def test_impossible_tables_are_refused():
     for bad in (("so4", 0.5, 0.0), ("so3", 0.0, 0.0), ("so3", np.nan, 0.0), ("so3", 0.5, -1.0)):
         with pytest.raises(ValueError):
-            kernels.spectral_table(*bad)
+            spectral_table(*bad)
     with pytest.raises(ValueError, match="larger kappa"):
-        kernels.spectral_table("paper", 0.05, 0.5)
+        spectral_table("paper", 0.05, 0.5)
 
 
 def test_product_with_the_position_kernel():
@@ -123,7 +123,7 @@ def test_both_arguments_are_positive_definite(arg, kappa):
 
 def test_all_degrees_at_the_folded_angle_are_not_a_kernel():
     """All n with |<q,q'>| as cosine: least eigenvalue about -2.9 at kappa = 1."""
-    table = kernels.spectral_table("paper", 1.0, 0.0)
+    table = spectral_table("paper", 1.0, 0.0)
     quats = rotations(5, 400)
     t = np.arccos(np.clip(np.abs(quats @ quats.T), 0, 1 - 1e-14))
     folded = sum(w * np.sin((n + 1) * t) / np.sin(t) for n, w in enumerate(table.w))
@@ -143,7 +143,7 @@ def test_example_1_of_the_paper():
     """Its kernel (5), a Gaussian of the rotation distance: not definite for beta = 12, definite for 1."""
     h = np.sqrt(0.5)
     quats = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [h, h, 0, 0], [h, 0, h, 0]])
-    d = np.array([[core.quat_dist_rad(a, b) for b in quats] for a in quats])
+    d = np.array([[quat_dist_rad(a, b) for b in quats] for a in quats])
 
     def eigenvalues(beta, gamma_2=0.9):
         return np.linalg.eigvalsh(np.exp(-((gamma_2 * d) ** 2) / (2 * beta**2)))

@@ -6,10 +6,26 @@ import itertools
 import chains
 import numpy as np
 import pytest
+from builders import (
+    PoseModel,
+    arm_from,
+    basis,
+    context,
+    dh_terms,
+    ffi,
+    fill,
+    fk,
+    lib,
+    pointer,
+    pose_of,
+    term,
+    terms_from,
+    view,
+)
 from chains import COMPONENTS, by_mujoco, by_pinocchio
 from scipy.spatial.transform import Rotation
 
-from kincal import core
+from kincal.rotations import Pose
 
 TOL = 1e-9
 TOOL, CAMERA, MEAS = 9, 10, 11
@@ -37,7 +53,7 @@ def flight_arm(arm):
         }
         for i in range(arm.n)
     ]
-    return core.arm_from(
+    return arm_from(
         joints,
         base_xyz_m=arm.base[:3, 3],
         base_quat_wxyz=quat(arm.base[:3, :3]),
@@ -52,8 +68,8 @@ def all_twists(n, frames=None):
     frames = [*range(n + 1), TOOL] if frames is None else frames
     cells = list(itertools.product(frames, range(6)))
     coefs = [f"F{f}.{COMPONENTS[c]}" for f, c in cells]
-    terms = [core.term(k, f, COMPONENTS[c]) for k, (f, c) in enumerate(cells)]
-    return cells, core.terms_from(coefs, terms, n)
+    terms = [term(k, f, COMPONENTS[c]) for k, (f, c) in enumerate(cells)]
+    return cells, terms_from(coefs, terms, n)
 
 
 def arms():
@@ -88,7 +104,7 @@ def test_nominal_forward_kinematics(arm, library):
     for _ in range(10):
         q = rng.uniform(-3, 3, arm.n)
         want = library(chains.chain_of(arm, q, {})).T
-        np.testing.assert_allclose(core.fk(flown, q).matrix, want, atol=TOL)
+        np.testing.assert_allclose(fk(flown, q).matrix, want, atol=TOL)
 
 
 @pytest.mark.parametrize("library", LIBRARIES)
@@ -101,7 +117,7 @@ def test_corrected_pose_joint_jacobian_and_every_twist(arm, library):
     for skip in ((),) if len(all_frames) * 6 <= 60 else ((0,), (4,), (TOOL,)):
         frames = [f for f in all_frames if f not in skip]
         cells, terms = all_twists(arm.n, frames)
-        model = core.Model(flight_arm(arm), terms)
+        model = PoseModel(flight_arm(arm), terms)
         for _ in range(4):
             q, coef = rng.uniform(-3, 3, arm.n), rng.uniform(-0.4, 0.4, len(cells))
             got = model.eval(q, coef)
@@ -119,7 +135,7 @@ def test_corrected_pose_joint_jacobian_and_every_twist(arm, library):
 def test_dh_errors_are_the_arm_with_other_dh_numbers(arm):
     """delta moves Psi to Psi + delta exactly, also 1.3 rad and 0.15 m."""
     rng = np.random.default_rng(3)
-    model = core.Model(flight_arm(arm), core.dh_terms(arm.n))
+    model = PoseModel(flight_arm(arm), dh_terms(arm.n))
     for _ in range(10):
         q = rng.uniform(-3, 3, arm.n)
         delta = rng.uniform(-1, 1, (arm.n, 4)) * [1.3, 1.3, 0.15, 0.15]
@@ -134,7 +150,7 @@ def test_parameter_jacobian_is_the_one_of_the_method_page():
     """phi: (z x (p-o); z), alpha: (x x (p-o); x), a: (x; 0), d: (z; 0)."""
     arm = chains.wam()
     q = np.random.default_rng(4).uniform(-1.5, 1.5, 7)
-    J = core.Model(flight_arm(arm), core.dh_terms(7)).eval(q).J
+    J = PoseModel(flight_arm(arm), dh_terms(7)).eval(q).J
     T, frames = arm.base, [arm.base]
     for i in range(7):
         T = T @ chains.elementary("rz", q[i]) @ chains.link(*arm.dh[i])
@@ -163,7 +179,7 @@ def test_gravity_torques_and_moments(arm, library):
     rng = np.random.default_rng(5)
     frames = [*range(arm.n + 1), TOOL][:9]
     cells, terms = all_twists(arm.n, frames)
-    model = core.Model(flight_arm(arm), terms)
+    model = PoseModel(flight_arm(arm), terms)
     for payload in (0.0, 2.5):
         q, coef = rng.uniform(-3, 3, arm.n), rng.uniform(-0.3, 0.3, len(cells))
         twists = chain_twists(arm.n, cells, coef)
@@ -180,11 +196,11 @@ def test_gravity_torques_and_moments(arm, library):
 
 def test_gravity_pulls_an_outstretched_arm_down():
     """One horizontal link of 1 m, 2 kg at its tip, axis along -y: gravity turns it by +19.62 N m."""
-    arm = core.arm_from(
+    arm = arm_from(
         [{"a_m": 1.0, "q_min": -2, "q_max": 2, "has_mass": 1, "mass_kg": 2.0}],
         base_quat_wxyz=quat(Rotation.from_euler("x", 90, degrees=True).as_matrix()),
     )
-    model = core.Model(arm, core.dh_terms(1))
+    model = PoseModel(arm, dh_terms(1))
     assert model.eval([0.0]).Jq[0][2] == pytest.approx(1.0)  # a positive turn lifts the tip
     assert model.loads([0.0]).tau[0] == pytest.approx(-2 * 9.81)
 
@@ -197,13 +213,12 @@ def random_pose(rng, scale=1.0):
 
 
 def observation(arm, q, T_meas, T_cam=None, has_rot=True):
-    ffi = core.ffi
     obs = ffi.new("kc_obs_t *")
-    obs.ctx = core.context(arm, q)[0]
+    obs.ctx = context(arm, q)[0]
     fields = {"p_m": T_meas[:3, 3], "q_wxyz": quat(T_meas[:3, :3]), "has_rot": int(has_rot)}
     if T_cam is not None:
         fields |= {"p_cam_m": T_cam[:3, 3], "q_cam_wxyz": quat(T_cam[:3, :3]), "has_cam": 1}
-    return core.fill(obs, fields)
+    return fill(obs, fields)
 
 
 @pytest.mark.parametrize("library", LIBRARIES)
@@ -213,16 +228,16 @@ def test_camera_side_corrections(library):
     arm = chains.random_arm(rng, 4)
     cells, terms = all_twists(4, [2, CAMERA, MEAS])
     flown = flight_arm(arm)
-    model = core.Model(flown, terms)
+    model = PoseModel(flown, terms)
     for _ in range(5):
         q, coef = rng.uniform(-2, 2, 4), rng.uniform(-0.4, 0.4, len(cells))
-        cam, seen = random_pose(rng), random_pose(rng)
-        r, J = model.residual(observation(flown, q, seen, cam), coef)
+        cam, measured = random_pose(rng), random_pose(rng)
+        r, J = model.residual(observation(flown, q, measured, cam), coef)
         want = library(
             [
                 chains.Fixed(cam),
                 *chains.twist_moves(CAMERA, coef[6:12]),
-                chains.Fixed(np.linalg.inv(cam) @ seen),
+                chains.Fixed(np.linalg.inv(cam) @ measured),
                 *chains.twist_moves(MEAS, coef[12:]),
             ]
         )
@@ -239,11 +254,11 @@ def test_camera_side_terms_are_zero_without_a_camera():
     arm = chains.random_arm(rng, 3)
     flown = flight_arm(arm)
     _, terms = all_twists(3, [CAMERA, MEAS])
-    seen = random_pose(rng)
+    measured = random_pose(rng)
     coef = rng.normal(size=12) * 0.3
-    r, J = core.Model(flown, terms).residual(observation(flown, [0.1, 0.2, 0.3], seen), coef)
+    r, J = PoseModel(flown, terms).residual(observation(flown, [0.1, 0.2, 0.3], measured), coef)
     T = by_pinocchio(chains.chain_of(arm, [0.1, 0.2, 0.3], {})).T
-    np.testing.assert_allclose(r[:3], seen[:3, 3] - T[:3, 3], atol=TOL)
+    np.testing.assert_allclose(r[:3], measured[:3, 3] - T[:3, 3], atol=TOL)
     assert not J.any()
 
 
@@ -252,17 +267,17 @@ def test_position_only_observation_gives_three_rows():
     arm = chains.random_arm(rng, 3)
     flown = flight_arm(arm)
     cells, terms = all_twists(3, [1, CAMERA, MEAS])
-    model = core.Model(flown, terms)
+    model = PoseModel(flown, terms)
     q, cam = rng.normal(size=3), random_pose(rng)
     coef = rng.normal(size=len(cells)) * 0.2
     T = by_pinocchio(chains.chain_of(arm, q, {1: coef[:6]})).T
-    seen = T.copy()
-    seen[:3, 3] += [0.3, -0.2, 0.1]
-    obs = observation(flown, q, seen, cam, has_rot=False)
-    obs.q_wxyz = [9.0, 9.0, 9.0, 9.0]  # must not be looked at
+    measured = T.copy()
+    measured[:3, 3] += [0.3, -0.2, 0.1]
+    obs = observation(flown, q, measured, cam, has_rot=False)
+    obs.q_wxyz = [9.0, 9.0, 9.0, 9.0]  # must not be read
     r, J = model.residual(obs, coef)
     # The tool is taken to stand as the model says, so this is the full case with that rotation.
-    full_r, full_J = model.residual(observation(flown, q, seen, cam), coef)
+    full_r, full_J = model.residual(observation(flown, q, measured, cam), coef)
     assert r.shape == (3,)
     np.testing.assert_allclose(r, full_r[:3], atol=1e-12)
     np.testing.assert_allclose(J, full_J[:, :3], atol=1e-12)
@@ -327,15 +342,15 @@ CTX = {
 
 def raw_eval(arm, terms, coef, ctx, loads):
     """Pose at given loads, which the coefficient Jacobian holds fixed."""
-    ev = core.ffi.new("kc_eval_t *")
-    core.lib.kc_model_eval(arm, terms, core.ptr(coef), ctx, loads, 1, ev)
+    ev = ffi.new("kc_eval_t *")
+    lib.kc_model_eval(arm, terms, pointer(coef), ctx, loads, 1, ev)
     return ev
 
 
 def max_basis(b, ctx, arm):
-    loads = core.ffi.new("kc_loads_t *")
-    core.lib.kc_model_loads(arm, core.dh_terms(4), core.ffi.NULL, ctx, loads)
-    return abs(core.lib.kc_basis_eval(core.fill(core.ffi.new("kc_basis_t *"), b), ctx, loads))
+    loads = ffi.new("kc_loads_t *")
+    lib.kc_model_loads(arm, dh_terms(4), ffi.NULL, ctx, loads)
+    return abs(lib.kc_basis_eval(fill(ffi.new("kc_basis_t *"), b), ctx, loads))
 
 
 def difference(plus, minus, step):
@@ -351,9 +366,9 @@ def test_central_differences_of_every_frame_component_and_basis(var):
     arm.prismatic[:] = [False, True, False, False]
     flown = flight_arm(arm)
     q = rng.uniform(-1.5, 1.5, 4)
-    ctx = core.context(flown, q, **CTX)
+    ctx = context(flown, q, **CTX)
     cells = list(itertools.product([0, 2, 4, TOOL, CAMERA, MEAS], range(6)))
-    cam, seen = random_pose(rng), random_pose(rng)
+    cam, measured = random_pose(rng), random_pose(rng)
     for fn in FUNCTIONS:
         index = (
             int(rng.integers(1, 5))
@@ -362,31 +377,31 @@ def test_central_differences_of_every_frame_component_and_basis(var):
             if var in LINK_VARS
             else 0
         )
-        b = core.basis(fn, var, index, c0=rng.normal() * 0.3, c1=rng.uniform(0.2, 0.8))
-        other = core.basis("cos", "q", 3, c1=0.5)
-        terms = core.terms_from(
+        b = basis(fn, var, index, c0=rng.normal() * 0.3, c1=rng.uniform(0.2, 0.8))
+        other = basis("cos", "q", 3, c1=0.5)
+        terms = terms_from(
             [f"c{k}" for k in range(36)],
-            [core.term(k, f, COMPONENTS[c], b, other, gain=0.7) for k, (f, c) in enumerate(cells)],
+            [term(k, f, COMPONENTS[c], b, other, gain=0.7) for k, (f, c) in enumerate(cells)],
             4,
         )
-        # Coefficients and steps such that twists stay near 0.05 and 1e-5, whatever the basis is worth.
-        worth = max(1.0, max_basis(b, ctx, flown))
-        coef, step = rng.uniform(-0.05, 0.05, 36) / worth, 1e-5 / worth
-        obs = observation(flown, q, seen, cam)
+        # Coefficients and steps such that twists stay near 0.05 and 1e-5, for any size of the basis.
+        size = max(1.0, max_basis(b, ctx, flown))
+        coef, step = rng.uniform(-0.05, 0.05, 36) / size, 1e-5 / size
+        obs = observation(flown, q, measured, cam)
         obs.ctx = ctx[0]
-        loads = core.ffi.new("kc_loads_t *")
-        core.lib.kc_model_loads(flown, terms, core.ptr(coef), ctx, loads)
+        loads = ffi.new("kc_loads_t *")
+        lib.kc_model_loads(flown, terms, pointer(coef), ctx, loads)
 
         def camera_pose(c, terms=terms, obs=obs, loads=loads):
             """Corrected measurement = residual against a model at the identity's place: by its parts."""
-            r, ev = np.zeros(6), core.ffi.new("kc_eval_t *")
-            core.lib.kc_model_residual(flown, terms, core.ptr(c), obs, loads, core.ptr(r), ev)
-            T = core.pose_of(ev.T)
-            return core.Pose(T.p_m + r[:3], Rotation.from_rotvec(r[3:]).as_matrix() @ T.R), core.view(
+            r, ev = np.zeros(6), ffi.new("kc_eval_t *")
+            lib.kc_model_residual(flown, terms, pointer(c), obs, loads, pointer(r), ev)
+            T = pose_of(ev.T)
+            return Pose(T.p_m + r[:3], Rotation.from_rotvec(r[3:]).as_matrix() @ T.R), view(
                 ev.J, 36, 6
             ).copy()
 
-        J_arm = core.view(raw_eval(flown, terms, coef, ctx, loads).J, 36, 6).copy()
+        J_arm = view(raw_eval(flown, terms, coef, ctx, loads).J, 36, 6).copy()
         _, J_all = camera_pose(coef)
         for k, (f, _) in enumerate(cells):
             plus, minus = coef.copy(), coef.copy()
@@ -397,8 +412,8 @@ def test_central_differences_of_every_frame_component_and_basis(var):
                 assert not J_arm[k].any()
             else:
                 want = difference(
-                    core.pose_of(raw_eval(flown, terms, plus, ctx, loads).T),
-                    core.pose_of(raw_eval(flown, terms, minus, ctx, loads).T),
+                    pose_of(raw_eval(flown, terms, plus, ctx, loads).T),
+                    pose_of(raw_eval(flown, terms, minus, ctx, loads).T),
                     step,
                 )
                 np.testing.assert_allclose(J_arm[k], J_all[k])
@@ -439,7 +454,7 @@ def test_basis_values(fn):
     arm = chains.random_arm(rng, 4)
     flown = flight_arm(arm)
     q = rng.normal(size=4)
-    model = core.Model(flown, core.dh_terms(4))
+    model = PoseModel(flown, dh_terms(4))
     loads = model.loads(q, payload_kg=CTX["payload_kg"])
     gravity = by_pinocchio(chains.chain_of(arm, q, {}, CTX["payload_kg"], probes=True), arm.gravity).gravity
     bare = chains.Numbers(arm.dh, arm.prismatic, arm.base, arm.tool, arm.gravity, 0 * arm.mass, arm.com)
@@ -448,16 +463,16 @@ def test_basis_values(fn):
     tau_payload = [carried["q", j] for j in range(4)]
     moment = [[gravity["probe", i, c] for c in range(3)] for i in range(5)]
     assert np.allclose(loads.tau, tau)
-    ctx = core.context(flown, q, **CTX)
-    c_loads = core.ffi.new("kc_loads_t *")
-    core.lib.kc_model_loads(flown, core.dh_terms(4), core.ffi.NULL, ctx, c_loads)
+    ctx = context(flown, q, **CTX)
+    c_loads = ffi.new("kc_loads_t *")
+    lib.kc_model_loads(flown, dh_terms(4), ffi.NULL, ctx, c_loads)
     for var in VARIABLES:
         for index in range(1, 5) if var in JOINT_VARS else range(5) if var in LINK_VARS else (0,):
             for c0, c1 in ((0.0, 1.0), (0.37, -0.6), (-2.0, 40.0)):
-                b = core.fill(core.ffi.new("kc_basis_t *"), core.basis(fn, var, index, c0, c1))
+                b = fill(ffi.new("kc_basis_t *"), basis(fn, var, index, c0, c1))
                 x = expected_variable(var, index, CTX | {"q": q}, tau, tau_payload, moment)
                 want = FUNCTIONS[fn](c1 * (x - c0))
-                got = core.lib.kc_basis_eval(b, ctx, c_loads)
+                got = lib.kc_basis_eval(b, ctx, c_loads)
                 assert got == pytest.approx(want, rel=1e-7, abs=1e-9), (var, index, c0, c1)
 
 
@@ -466,7 +481,7 @@ def test_joint_jacobian_by_central_differences():
     arm = chains.random_arm(rng, 6)
     arm.prismatic[2] = True
     cells, terms = all_twists(6)
-    model = core.Model(flight_arm(arm), terms)
+    model = PoseModel(flight_arm(arm), terms)
     q, coef, step = rng.normal(size=6), rng.normal(size=len(cells)) * 0.2, 1e-6
     Jq = model.eval(q, coef).Jq
     for j in range(6):
@@ -483,7 +498,7 @@ def test_joint_jacobian_by_central_differences():
 def stacked(n_poses, terms, rows, tool=None, seed=11):
     arm = chains.wam(tool=chains.transform(tool or (0, 0, 0)))
     rng = np.random.default_rng(seed)
-    model = core.Model(flight_arm(arm), terms)
+    model = PoseModel(flight_arm(arm), terms)
     lo, hi = chains.WAM_LIMITS.T
     return np.vstack([model.eval(rng.uniform(lo, hi)).J[:, :rows].T for _ in range(n_poses)])
 
@@ -496,16 +511,16 @@ def column_scale(J):
 
 def flight_rank(J, tol=1e-7):
     """Rank by the flight software's square-root information and pivoted QR, six rows at a time."""
-    n, ld = J.shape[1], core.lib.KC_COEF_MAX + 1
+    n, ld = J.shape[1], lib.KC_COEF_MAX + 1
     R = np.zeros((n, ld))
     for start in range(0, len(J), 6):
         block = np.zeros((6, ld))
         part = J[start : start + 6]
         block[: len(part), :n] = part
-        core.lib.kc_la_fold(core.ptr(R), n, ld, core.ptr(block), len(part), ld)
+        lib.kc_la_fold(pointer(R), n, ld, pointer(block), len(part), ld)
     scale, pivot = column_scale(J), np.zeros(n)
-    perm, rank = core.ffi.new("uint32_t[]", n), core.ffi.new("uint32_t *")
-    core.lib.kc_la_rank(core.ptr(R), n, ld, core.ptr(scale), tol, perm, core.ptr(pivot), rank)
+    perm, rank = ffi.new("uint32_t[]", n), ffi.new("uint32_t *")
+    lib.kc_la_rank(pointer(R), n, ld, pointer(scale), tol, perm, pointer(pivot), rank)
     return rank[0], list(perm), pivot
 
 
@@ -519,13 +534,13 @@ def dh_base_tool():
             ("a", j, "tx"),
             ("d", j - 1, "tz"),
         ):
-            terms.append(core.term(len(coefs), frame, comp))
+            terms.append(term(len(coefs), frame, comp))
             coefs.append(f"J{j}.{name}")
     for name, frame in (("base", 0), ("tool", TOOL)):
         for comp in COMPONENTS:
-            terms.append(core.term(len(coefs), frame, comp))
+            terms.append(term(len(coefs), frame, comp))
             coefs.append(f"{name}.{comp}")
-    return core.terms_from(coefs, terms, 7)
+    return terms_from(coefs, terms, 7)
 
 
 @pytest.mark.parametrize(
@@ -538,8 +553,8 @@ def dh_base_tool():
     ],
 )
 def test_rank_of_the_identification_jacobian(terms, rows, tool, columns, rank):
-    """method.md 1: full pose 28 of 28, position only 24, DH with base and tool 34 of 40."""
-    J = stacked(60, core.dh_terms(7) if terms == "dh" else dh_base_tool(), rows, tool)
+    """METHOD.md 1: full pose 28 of 28, position only 24, DH with base and tool 34 of 40."""
+    J = stacked(60, dh_terms(7) if terms == "dh" else dh_base_tool(), rows, tool)
     assert J.shape[1] == columns
     assert np.linalg.matrix_rank(J * column_scale(J), tol=1e-8) == rank
     got, perm, pivot = flight_rank(J)
@@ -549,5 +564,5 @@ def test_rank_of_the_identification_jacobian(terms, rows, tool, columns, rank):
 
 
 def test_all_dh_errors_are_well_conditioned_with_full_poses():
-    J = stacked(60, core.dh_terms(7), 6)
+    J = stacked(60, dh_terms(7), 6)
     assert np.linalg.cond(J) < 4.0

@@ -1,19 +1,19 @@
-"""The miscalibration monitor against an independent chain: injected encoder biases are named, healthy looks
-raise nothing. The looks are made by numpy (calibration.py), the detector's noise is 0.5 mm and 0.2 deg."""
+"""The miscalibration monitor against an independent chain: injected encoder biases are named, healthy arms
+raise no alarm. Observations are made by numpy (calibration.py), with noise of 0.5 mm and 0.2 deg."""
 
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import ffi, fill, lib, pointer
 from calibration import PAPER, SIGMA, N, chain_poses, wam_tables
 from chains import WAM_LIMITS
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from kincal import core
-
-ffi, lib = core.ffi, core.lib
+from kincal.flight import check
+from kincal.flight.builds import doubles
 
 TABLES = Path(__file__).parents[2] / "tables/src"
 CONFIG = tomllib.loads((TABLES / "config.toml").read_text())
@@ -40,25 +40,23 @@ def working_joints(rng, n):
 class Monitor:
     def __init__(self, x=None, floor=FLOOR):
         self.arm, self.terms = wam_tables()
-        core.fill(self.arm, {"base_xyz_m": BASE, "tool_xyz_m": TOOL})
-        self.coef = core.doubles(np.pad(np.zeros(N) if x is None else x, (0, lib.KC_COEF_MAX - N)))
+        fill(self.arm, {"base_xyz_m": BASE, "tool_xyz_m": TOOL})
+        self.coef = doubles(np.pad(np.zeros(N) if x is None else x, (0, lib.KC_COEF_MAX - N)))
         self.m, self.v = ffi.new("kc_monitor_t *"), ffi.new("kc_mon_verdict_t *")
         self.work, self.obs = ffi.new("kc_eval_t *"), ffi.new("kc_obs_t *")
         lib.kc_monitor_init(self.m, self.arm, *floor)
 
-    def look(self, q, R, p):
+    def observe(self, q, R, p):
         o = self.obs
         o.ctx.q[0:7], o.has_rot = q.tolist(), 1
         o.p_m, o.cov = p.tolist(), np.diag(SIGMA**2).ravel().tolist()
         o.q_wxyz = Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()
-        core.check(
-            lib.kc_monitor_add(self.m, self.arm, self.terms, core.ptr(self.coef), o, self.work), "look"
-        )
-        lib.kc_monitor_judge(self.m, self.v)
+        check(lib.kc_monitor_add(self.m, self.arm, self.terms, pointer(self.coef), o, self.work), "add")
+        lib.kc_monitor_evaluate(self.m, self.v)
         return self.v
 
 
-def seen(rng, q, x, bias=0.0, shared=None):
+def observations(rng, q, x, bias=0.0, shared=None):
     """What the camera measures of the arm with errors x whose joints stand `bias` beyond their readings."""
     R, p = tool_poses(q + bias, x)
     w = rng.normal(0, SIGMA[3:], (len(q), 3))
@@ -68,16 +66,16 @@ def seen(rng, q, x, bias=0.0, shared=None):
     return Rotation.from_rotvec(w).as_matrix() @ R, p + d
 
 
-def run(rng, bias, n_looks=5, n_before=0, x=None, shared=None):
-    """First look with the bias at which a joint is named, and the verdict; (None, ...) if none is."""
+def run(rng, bias, n_obs=5, n_before=0, x=None, shared=None):
+    """First observation with the bias at which a joint is named, and the verdict; (None, ...) if none is."""
     x = np.zeros(N) if x is None else x
     monitor = Monitor(x)
-    q = working_joints(rng, n_before + n_looks)
-    for qi, Ri, pi in zip(q[:n_before], *seen(rng, q[:n_before], x, shared=shared), strict=True):
-        assert monitor.look(qi, Ri, pi).state == lib.KC_MON_QUIET
-    looks = zip(q[n_before:], *seen(rng, q[n_before:], x, bias, shared), strict=True)
-    for k, (qi, Ri, pi) in enumerate(looks, 1):
-        v = monitor.look(qi, Ri, pi)
+    q = working_joints(rng, n_before + n_obs)
+    for qi, Ri, pi in zip(q[:n_before], *observations(rng, q[:n_before], x, shared=shared), strict=True):
+        assert monitor.observe(qi, Ri, pi).state == lib.KC_MON_QUIET
+    rows = zip(q[n_before:], *observations(rng, q[n_before:], x, bias, shared), strict=True)
+    for k, (qi, Ri, pi) in enumerate(rows, 1):
+        v = monitor.observe(qi, Ri, pi)
         if v.state == lib.KC_MON_NAMED and v.suspects == 1 << v.joint:
             return k, v
     return (k if v.state == lib.KC_MON_NAMED else None), v
@@ -100,15 +98,15 @@ def random_cases(rng, n):
 
 @pytest.mark.parametrize("before", [0, 8])
 @pytest.mark.parametrize("x", [np.zeros(N), PAPER], ids=["nominal", "calibrated"])
-def test_random_biases_of_one_joint_are_named_within_5_looks(before, x):
-    """Also when the window is full of healthy looks, and on top of an active correction of half a metre."""
+def test_random_biases_of_one_joint_are_named_within_5_observations(before, x):
+    """Also when the window is full of healthy observations, and with an active correction of half a metre."""
     rng = np.random.default_rng(50 + before)
     alone, among = campaign(rng, random_cases(rng, 200), n_before=before, x=x)
     assert alone >= 0.95 and among >= 0.97
 
 
-def test_10_mrad_are_named_within_5_looks_whatever_the_joint():
-    """The last joint has no lever: only 0.2 deg of orientation noise tells of it, 6.4 sigma in all."""
+def test_10_mrad_are_named_within_5_observations_whatever_the_joint():
+    """The last joint has no lever: only 0.2 deg of orientation noise limits it, 6.4 sigma in all."""
     rng = np.random.default_rng(60)
     alone = [campaign(rng, [(j, 0.010 * (-1) ** i) for i in range(60)])[0] for j in range(7)]
     assert np.mean(alone) >= 0.95
@@ -121,34 +119,34 @@ def test_bias_and_its_sigma_are_right():
     whitened = []
     for j, size in random_cases(rng, 60) + [(j, s) for j in range(7) for s in (-0.8, 0.3, 1.2)]:
         monitor, q = Monitor(), working_joints(rng, 5)
-        for a in zip(q, *seen(rng, q, np.zeros(N), size * np.eye(7)[j]), strict=True):
-            v = monitor.look(*a)
-        if v.state == lib.KC_MON_NAMED and v.n_looks == 5 and v.joint == j:
+        for a in zip(q, *observations(rng, q, np.zeros(N), size * np.eye(7)[j]), strict=True):
+            v = monitor.observe(*a)
+        if v.state == lib.KC_MON_NAMED and v.n_obs == 5 and v.joint == j:
             whitened.append((v.bias - size) / v.sigma)
     assert len(whitened) >= 70
     assert np.max(np.abs(whitened)) < 4 and 0.6 < np.std(whitened) < 1.2
 
 
 @pytest.mark.parametrize("kind", ["noise", "at the floor", "one pose"])
-def test_1000_healthy_looks_raise_nothing(kind):
-    """Noise as stated; all looks off by the floor the same way on top of it; all looks at one pose."""
+def test_1000_healthy_observations_raise_nothing(kind):
+    """Noise as stated; all observations also off by the floor in one direction; all at one pose."""
     rng = np.random.default_rng(62)
     shared = np.repeat(FLOOR, 3) * rng.choice([-1, 1], 6) if kind == "at the floor" else None
     monitor, q = Monitor(), working_joints(rng, 1000)
     if kind == "one pose":
         q[:] = q[0]
-    for a in zip(q, *seen(rng, q, np.zeros(N), shared=shared), strict=True):
-        assert monitor.look(*a).state == lib.KC_MON_QUIET
+    for a in zip(q, *observations(rng, q, np.zeros(N), shared=shared), strict=True):
+        assert monitor.observe(*a).state == lib.KC_MON_QUIET
 
 
 def test_alarms_are_no_more_frequent_than_stated():
-    """20 arms, 200 looks each: the stated bound lets 0.2 alarms be expected."""
+    """20 arms, 200 observations each: the stated bound lets 0.2 alarms be expected."""
     rng = np.random.default_rng(63)
     over = 0
     for _ in range(20):
         monitor, q = Monitor(), working_joints(rng, 200)
-        for a in zip(q, *seen(rng, q, np.zeros(N)), strict=True):
-            over += monitor.look(*a).state != lib.KC_MON_QUIET
+        for a in zip(q, *observations(rng, q, np.zeros(N)), strict=True):
+            over += monitor.observe(*a).state != lib.KC_MON_QUIET
     assert over <= 1
 
 
@@ -159,20 +157,20 @@ def test_two_joints_at_once_are_not_blamed_on_one():
         i, j = rng.choice(7, 2, replace=False)
         bias = rng.uniform(0.05, 0.1) * np.eye(7)[i] - rng.uniform(0.05, 0.1) * np.eye(7)[j]
         monitor, q = Monitor(), working_joints(rng, 5)
-        for a in zip(q, *seen(rng, q, np.zeros(N), bias), strict=True):
-            v = monitor.look(*a)
+        for a in zip(q, *observations(rng, q, np.zeros(N), bias), strict=True):
+            v = monitor.observe(*a)
         wrong += v.state == lib.KC_MON_NAMED and not v.suspects & (1 << i | 1 << j)
         unexplained += v.state == lib.KC_MON_UNEXPLAINED
     assert wrong == 0 and unexplained >= 54
 
 
-def test_one_wild_look_is_no_alarm():
+def test_one_outlier_is_no_alarm():
     rng = np.random.default_rng(65)
     monitor, q = Monitor(), working_joints(rng, 30)
-    R, p = seen(rng, q, np.zeros(N))
+    R, p = observations(rng, q, np.zeros(N))
     p[10] += [0.05, 0, 0]
     for a in zip(q, R, p, strict=True):
-        assert monitor.look(*a).state == lib.KC_MON_QUIET
+        assert monitor.observe(*a).state == lib.KC_MON_QUIET
 
 
 def test_joints_whose_axes_fall_together_are_all_named():
@@ -180,27 +178,27 @@ def test_joints_whose_axes_fall_together_are_all_named():
     cancel, so what one does the others do too."""
     rng = np.random.default_rng(66)
     monitor, q = Monitor(), np.zeros((5, 7))
-    for a in zip(q, *seen(rng, q, np.zeros(N), 0.05 * np.eye(7)[4]), strict=True):
-        v = monitor.look(*a)
+    for a in zip(q, *observations(rng, q, np.zeros(N), 0.05 * np.eye(7)[4]), strict=True):
+        v = monitor.observe(*a)
     assert v.state == lib.KC_MON_NAMED and v.suspects == 0b1010101
-    # another posture tells which of them
+    # another posture separates them
     q = working_joints(rng, 5)
-    for a in zip(q, *seen(rng, q, np.zeros(N), 0.05 * np.eye(7)[4]), strict=True):
-        v = monitor.look(*a)
+    for a in zip(q, *observations(rng, q, np.zeros(N), 0.05 * np.eye(7)[4]), strict=True):
+        v = monitor.observe(*a)
     assert v.suspects == 1 << 4
 
 
 def test_statistic_is_that_of_the_dense_least_squares():
-    """Small bias, two looks: bias, sigma and remaining chi-square by the textbook, columns by differences
-    of the independent chain, the floor's part added up as amplitudes."""
+    """Small bias, two observations: bias, sigma and remaining chi-square by the textbook, columns by
+    differences of the independent chain, the floor's part added up as amplitudes."""
     rng = np.random.default_rng(67)
     q, zero, h = working_joints(rng, 2), np.zeros(N), 1e-6
     bias = 0.02 * np.eye(7)[1]
-    R, p = seen(rng, q, zero, bias)
+    R, p = observations(rng, q, zero, bias)
     monitor = Monitor()
     for a in zip(q, R, p, strict=True):
-        v = monitor.look(*a)
-    assert v.state == lib.KC_MON_NAMED and v.joint == 1 and v.n_looks == 2
+        v = monitor.observe(*a)
+    assert v.state == lib.KC_MON_NAMED and v.joint == 1 and v.n_obs == 2
 
     def residual(b):
         Rm, pm = tool_poses(q + b * np.eye(7)[1], zero)

@@ -3,9 +3,10 @@
 import daqp
 import numpy as np
 import pytest
+from builders import qp_solve
 from scipy.optimize import linprog, lsq_linear
 
-from kincal import core
+from kincal.flight import status_name
 
 N_PROBLEMS = 1000
 KINDS = ("definite", "singular", "consistent", "pinned", "half_open", "integer", "scaled", "start_on_bounds")
@@ -73,7 +74,7 @@ def solved():
     out = []
     for seed in range(N_PROBLEMS):
         H, g, lb, ub, x0 = problem(seed)
-        out.append((H, g, lb, ub, core.qp_solve(H, g, lb, ub, x0)))
+        out.append((H, g, lb, ub, qp_solve(H, g, lb, ub, x0)))
     return out
 
 
@@ -122,7 +123,7 @@ def test_least_squares_problems_agree_with_scipy():
         m = n + 5 if k % 2 else max(1, n - 3)
         A, b = rng.normal(size=(m, n)), rng.normal(size=m) * 3
         lb, ub = -rng.exponential(size=n), rng.exponential(size=n)
-        got = core.qp_solve(A.T @ A, -A.T @ b, lb, ub)
+        got = qp_solve(A.T @ A, -A.T @ b, lb, ub)
         want = lsq_linear(A, b, (lb, ub), method="bvls", tol=1e-14)
         assert got.status == 0
         assert 0.5 * np.sum((A @ got.x - b) ** 2) == pytest.approx(want.cost, abs=1e-9)
@@ -136,15 +137,15 @@ def test_without_curvature_it_is_a_linear_program():
         n = int(rng.integers(1, 30))
         g, lb = rng.normal(size=n), rng.normal(size=n)
         ub = lb + rng.exponential(size=n)
-        got = core.qp_solve(np.zeros((n, n)), g, lb, ub, (lb + ub) / 2)
+        got = qp_solve(np.zeros((n, n)), g, lb, ub, (lb + ub) / 2)
         assert got.status == 0
         assert g @ got.x == pytest.approx(linprog(g, bounds=np.c_[lb, ub]).fun, abs=1e-9)
 
 
 def test_unbounded_below_is_said_and_x_stays_in_the_box():
     H = np.diag([1.0, 0.0])
-    got = core.qp_solve(H, [0.0, -1.0], [-1, -1], [1, np.inf])
-    assert core.status_name(got.status) == "KC_ERR_NUM"
+    got = qp_solve(H, [0.0, -1.0], [-1, -1], [1, np.inf])
+    assert status_name(got.status) == "KC_ERR_NUM"
     assert -1 <= got.x[1] < np.inf
 
 
@@ -152,16 +153,16 @@ def test_from_any_start_the_same_minimum_of_a_definite_problem():
     rng = np.random.default_rng(2)
     H, g, lb, ub, _ = problem(40)
     assert np.linalg.eigvalsh(H)[0] > 0
-    first = core.qp_solve(H, g, lb, ub)
+    first = qp_solve(H, g, lb, ub)
     for _ in range(20):
-        again = core.qp_solve(H, g, lb, ub, rng.normal(size=len(g)) * 10)
+        again = qp_solve(H, g, lb, ub, rng.normal(size=len(g)) * 10)
         np.testing.assert_allclose(again.x, first.x, atol=1e-7)
 
 
 def test_same_input_same_bits():
     for seed in range(0, 200, 7):
         args = problem(seed)
-        a, b = core.qp_solve(*args), core.qp_solve(*args)
+        a, b = qp_solve(*args), qp_solve(*args)
         assert a.x.tobytes() == b.x.tobytes()
         assert (a.kkt, a.iters) == (b.kkt, b.iters)
 
@@ -183,6 +184,6 @@ def test_impossible_input_is_refused_and_x_stays(spoil):
         ub[2] = np.nan
     else:
         lb[0] = ub[0] = np.inf
-    got = core.qp_solve(H, g, lb, ub, x)
-    assert core.status_name(got.status) == "KC_ERR_ARG"
+    got = qp_solve(H, g, lb, ub, x)
+    assert status_name(got.status) == "KC_ERR_ARG"
     np.testing.assert_array_equal(got.x, x)

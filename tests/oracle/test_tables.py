@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import ffi, lib, view
 from conftest import ROOT
 
-from kincal import core
+from kincal.flight import status_name
 
 KINDS = {"arm": 1, "camera": 2, "terms": 3, "kin": 4, "space": 5, "kernel": 6, "config": 7}
 CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i32": "i", "f64": "d", "f32": "f"}
@@ -129,8 +130,8 @@ STRUCTS = {
 
 def decode(kind, image):
     """Status, struct, events as (id, index, got, want)."""
-    out, events = core.ffi.new(STRUCTS[kind]), core.ffi.new("kc_events_t *")
-    status = core.lib.kc_tbl_decode(KINDS[kind], image, len(image), out, events)
+    out, events = ffi.new(STRUCTS[kind]), ffi.new("kc_events_t *")
+    status = lib.kc_tbl_decode(KINDS[kind], image, len(image), out, events)
     return status, out, [(e.id, e.index, e.got, e.want) for e in events.e[0 : events.n]]
 
 
@@ -154,11 +155,11 @@ def test_every_kind_is_on_the_page():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_header_is_as_drawn(kind):
+def test_header_is_as_documented(kind):
     image = image_of(kind)
     payload = image[16:]
     assert image == sealed(kind, payload)
-    assert core.lib.kc_tbl_image_crc(image, len(image)) == zlib.crc32(payload)
+    assert lib.kc_tbl_image_crc(image, len(image)) == zlib.crc32(payload)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -172,7 +173,7 @@ def test_the_page_reads_what_flight_reads(kind):
     for path, value in read.values.items():
         flown = in_struct(s, path)
         if isinstance(value, str):
-            assert core.ffi.string(flown).decode() == value
+            assert ffi.string(flown).decode() == value
         elif isinstance(value, list):
             assert list(flown[0 : len(value)]) == value, path
         else:
@@ -216,17 +217,16 @@ def spoiled(kind, at, row, value):
 
 @pytest.mark.parametrize(("kind", "number", "at", "row"), list(fields()))
 def test_limits_on_the_page_are_those_of_flight(kind, number, at, row):
-    lib = core.lib
     if row.type in ("char", "quat", "quatf") or row.limits is None:
         return
     for value in beyond(row):
         status, _, events = decode(kind, spoiled(kind, at, row, value))
-        assert core.status_name(status) == "KC_ERR_RANGE"
+        assert status_name(status) == "KC_ERR_RANGE"
         assert (events[0][0], events[0][2], events[0][3]) == (lib.KC_EVT_TBL_RANGE, value, number)
         assert events[1][0] == lib.KC_EVT_TBL_BAD_TOTAL and events[1][2] >= 1
     if row.type[0] == "f":
         status, _, events = decode(kind, spoiled(kind, at, row, float("nan")))
-        assert core.status_name(status) == "KC_ERR_RANGE"
+        assert status_name(status) == "KC_ERR_RANGE"
         assert events[0][0] == lib.KC_EVT_TBL_NOT_FINITE and events[0][3] == number
     if row.note == "" and row.name[:2] != "n_":
         lo, hi = limits_of(row)
@@ -247,7 +247,7 @@ def test_quaternions_must_have_unit_norm(kind, number, at, row):
     for stretch, ok in ((1 + 5e-7, True), (1 + 2e-6, False), (1 - 2e-6, False), (0.0, False)):
         struct.pack_into(code, payload, at, *(q * stretch))
         status, _, events = decode(kind, sealed(kind, bytes(payload)))
-        refused = [e for e in events if e[0] == core.lib.KC_EVT_TBL_NOT_UNIT]
+        refused = [e for e in events if e[0] == lib.KC_EVT_TBL_NOT_UNIT]
         assert (status == 0) == ok
         assert bool(refused) != ok
         if not ok:
@@ -263,7 +263,7 @@ def test_a_table_written_from_the_page_flies():
     payload += struct.pack("<IIIIIQ", 0x11111111, 0x22222222, 0x33333333, 7, 20, 1234567890123)
     status, kin, events = decode("kin", sealed("kin", payload))
     assert status == 0 and not events
-    assert np.array_equal(core.view(kin.value)[:28], value)
+    assert np.array_equal(view(kin.value)[:28], value)
     assert (kin.arm_crc, kin.terms_crc, kin.prev_crc) == (0x11111111, 0x22222222, 0x33333333)
     assert (kin.session, kin.n_poses, kin.made_us) == (7, 20, 1234567890123)
 

@@ -53,12 +53,12 @@ void given_camera(kc_camera_t *c)
     c->mast_xyz_m[1] = 0.45;
     c->mast_xyz_m[2] = 1.25;
     c->mast_quat_wxyz[0] = 1.0;
-    c->head_xyz_m[0] = 0.05;
-    c->head_xyz_m[2] = 0.03;
-    c->head_quat_wxyz[0] = 0.5;
-    c->head_quat_wxyz[1] = -0.5;
-    c->head_quat_wxyz[2] = 0.5;
-    c->head_quat_wxyz[3] = -0.5;
+    c->pantilt_xyz_m[0] = 0.05;
+    c->pantilt_xyz_m[2] = 0.03;
+    c->pantilt_quat_wxyz[0] = 0.5;
+    c->pantilt_quat_wxyz[1] = -0.5;
+    c->pantilt_quat_wxyz[2] = 0.5;
+    c->pantilt_quat_wxyz[3] = -0.5;
     c->pan_min_rad = -1.6;
     c->pan_max_rad = 1.6;
     c->tilt_min_rad = -0.6;
@@ -128,9 +128,9 @@ void given_config(kc_config_t *c)
     c->sq_floor_rad = 2e-3;
     c->vopt_len_m = 0.3;
     c->frames_per_meas = 3u;
-    c->look_retries = 2u;
+    c->frame_retries = 2u;
     c->settle_us = 300000u;
-    c->look_timeout_us = 2000000u;
+    c->frame_timeout_us = 2000000u;
     c->move_timeout_us = 60000000u;
     c->frame_age_max_us = 1000000u;
     c->search_steps = 8u;
@@ -145,7 +145,7 @@ void given_config(kc_config_t *c)
     c->servo.gain = 0.8;
     c->servo.damping = 0.02;
     c->servo.step_max = 0.4;
-    c->servo.leash = 1.5;
+    c->servo.bound = 1.5;
     c->servo.tol_pos_m = 0.01;
     c->servo.tol_rot_rad = 0.05;
     c->servo.margin = 0.02;
@@ -194,13 +194,13 @@ void given_space(kc_space_t *s, uint32_t n_cand, uint32_t arm_crc)
     s->n_cand = n_cand;
     s->n_hub = 2u;
     s->n_joints = 7u;
-    s->n_prior = n_cand < 3u ? n_cand : 3u;
-    for (uint32_t k = 0u; k < s->n_prior; k++) { s->prior[k] = (uint16_t)k; }
+    s->n_initial = n_cand < 3u ? n_cand : 3u;
+    for (uint32_t k = 0u; k < s->n_initial; k++) { s->initial[k] = (uint16_t)k; }
     s->hub_q[1][0] = 0.5f;
     s->hub_q[1][3] = 1.0f;
     s->hub_edge[0] = 2u;
     s->hub_edge[1] = 1u;
-    for (uint32_t j = 0u; j < s->n_joints; j++) { s->servo_leash[j] = 1.5f; }
+    for (uint32_t j = 0u; j < s->n_joints; j++) { s->servo_bound[j] = 1.5f; }
     s->arm_crc = arm_crc;
     for (uint32_t i = 0u; i < n_cand; i++) {
         kc_cand_t *c = &s->cand[i];

@@ -40,23 +40,23 @@ static void given_pose_of_seed(kc_cand_t *c)
     for (uint32_t k = 0u; k < 4u; k++) { c->q_wxyz[k] = (float)quat[k]; }
 }
 
-void given_first_looks(uint32_t n, uint32_t n_spare)
+void given_local_poses(uint32_t n, uint32_t n_reserve)
 {
     static const float home[KC_JOINT_MAX] = {-0.4f, 0.13f, -0.31f, 1.35f, -0.52f, -0.05f, -0.86f};
     kc_space_t *s = &world.space;
     memcpy(s->hub_q[0], home, sizeof home);
     for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { world.q[j] = world.q_cmd[j] = (double)home[j]; }
-    memmove(&s->prior[n], s->prior, s->n_prior * sizeof s->prior[0]);
-    s->n_prior += n;
+    memmove(&s->initial[n], s->initial, s->n_initial * sizeof s->initial[0]);
+    s->n_initial += n;
     for (uint32_t i = 0u; i < n; i++) {
         uint32_t cand = s->n_cand - n + i;
         kc_cand_t *c = &s->cand[cand];
-        s->prior[i] = (uint16_t)cand;
+        s->initial[i] = (uint16_t)cand;
         memcpy(c->q_seed, home, sizeof home);
-        if (i > 0u) { c->q_seed[(i - 1u) % 7u] += (float)(i < 8u ? FIRST_NOD_RAD : -FIRST_NOD_RAD); }
+        if (i > 0u) { c->q_seed[(i - 1u) % 7u] += (float)(i < 8u ? LOCAL_STEP_RAD : -LOCAL_STEP_RAD); }
         given_pose_of_seed(c);
         c->hub = 0u;
-        c->why = (uint16_t)(i < n - n_spare ? KC_CAND_FIRST : KC_CAND_FIRST | KC_CAND_SPARE);
+        c->why = (uint16_t)(i < n - n_reserve ? KC_CAND_LOCAL : KC_CAND_LOCAL | KC_CAND_RESERVE);
     }
 }
 
@@ -99,14 +99,14 @@ void world_boot(void)
 
 void world_restart(void)
 {
-    world.asked = 0;
+    world.requested = 0;
     memset(&world.in, 0, sizeof world.in);
     memset(world.events, 0, sizeof world.events);
     world.cmd_seq[1] = world.cmd_seq[2] = 0;
     world_boot();
 }
 
-/* ---- arm and head ---- */
+/* ---- arm and pan-tilt unit ---- */
 
 static int approach(double *x, double goal, double step)
 {
@@ -123,7 +123,7 @@ static int approach(double *x, double goal, double step)
 static int move_arm(void)
 {
     double far = 0.0;
-    if (world.freeze_arm) { return 0; }
+    if (world.arm_frozen) { return 0; }
     for (uint32_t j = 0u; j < 7u; j++) { far = fmax(far, fabs(world.q_cmd[j] - world.q[j])); }
     double part = far > 0.4 ? 0.4 / far : 1.0;
     for (uint32_t j = 0u; j < 7u; j++) {
@@ -134,10 +134,10 @@ static int move_arm(void)
     return far > 0.0;
 }
 
-static void tell_arm(int moving)
+static void report_arm(int moving)
 {
     kc_arm_state_t *a = &world.in.arm;
-    world.in.has_arm = !world.mute_arm;
+    world.in.has_arm = !world.arm_silent;
     memset(a, 0, sizeof *a);
     a->t_us = world.now_us;
     a->seq = ++world.arm_seq;
@@ -145,23 +145,23 @@ static void tell_arm(int moving)
     memcpy(a->q, world.q, sizeof a->q);
     memcpy(a->q_cmd, world.q_cmd, sizeof a->q_cmd);
     memcpy(a->dir, world.dir, sizeof a->dir);
-    a->moving = moving || world.shake_arm > 0;
-    world.shake_arm -= world.shake_arm > 0;
+    a->moving = moving || world.arm_vibrates > 0;
+    world.arm_vibrates -= world.arm_vibrates > 0;
     a->fault_mask = world.fault;
     a->temp_c = 20.0;
     a->g_m_s2[2] = -9.81;
 }
 
-static void tell_head(int moving)
+static void report_pantilt(int moving)
 {
     kc_pantilt_state_t *h = &world.in.pantilt;
-    world.in.has_pantilt = !world.mute_head;
+    world.in.has_pantilt = !world.pantilt_silent;
     h->t_us = world.now_us;
-    h->seq = ++world.head_seq;
+    h->seq = ++world.pantilt_seq;
     h->pan_rad = world.pan;
     h->tilt_rad = world.tilt;
-    h->moving = moving || world.shake_head > 0;
-    world.shake_head -= world.shake_head > 0;
+    h->moving = moving || world.pantilt_vibrates > 0;
+    world.pantilt_vibrates -= world.pantilt_vibrates > 0;
 }
 
 /* ---- camera ---- */
@@ -189,7 +189,7 @@ static void expose(kc_detection_t *d)
     kc_pose_t T_tool, T_cam, T;
     memset(d, 0, sizeof *d);
     d->t_us = world.now_us;
-    d->seq = world.frame_asked;
+    d->seq = world.frame_requested;
     for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { q_true[j] = world.q[j] + world.bias[j]; }
     kc_arm_fk(&world.truth, q_true, &T_tool);
     kc_camera_pose(&world.camera, world.pan, world.tilt, &T_cam);
@@ -222,9 +222,9 @@ static void expose(kc_detection_t *d)
 static void take_frame(void)
 {
     world.in.n_det = 0u;
-    if (!world.asked) { return; }
-    world.asked = 0;
-    if (world.mute_camera) { return; }
+    if (!world.requested) { return; }
+    world.requested = 0;
+    if (world.camera_silent) { return; }
     expose(&world.in.det[0]);
     if (world.spoil != NULL) { world.spoil(&world.in.det[0]); }
     world.in.n_det = 1u;
@@ -237,24 +237,24 @@ static void obey(void)
     const kc_out_t *o = &world.out;
     if (o->has_arm_cmd) {
         world.arm_cmd = o->arm_cmd;
-        if (world.deaf_arm > 0) {
-            world.deaf_arm--;
+        if (world.arm_ignores > 0) {
+            world.arm_ignores--;
         } else {
             memcpy(world.q_cmd, o->arm_cmd.hold ? world.q : o->arm_cmd.q, sizeof world.q_cmd);
         }
     }
     if (o->has_pantilt_cmd) {
-        world.n_head_cmd++;
-        if (world.deaf_head > 0) {
-            world.deaf_head--;
+        world.n_pantilt_cmd++;
+        if (world.pantilt_ignores > 0) {
+            world.pantilt_ignores--;
         } else {
             world.pan_cmd = o->pantilt_cmd.pan_rad;
             world.tilt_cmd = o->pantilt_cmd.tilt_rad;
         }
     }
     if (o->has_frame_request) {
-        world.asked = 1;
-        world.frame_asked = o->frame_seq;
+        world.requested = 1;
+        world.frame_requested = o->frame_seq;
         world.n_frames++;
     }
 }
@@ -300,13 +300,13 @@ void world_tick(void)
 {
     world.now_us += TICK_US;
     int arm = move_arm();
-    int head = 0;
-    if (!world.freeze_head) {
-        head = approach(&world.pan, world.pan_cmd, 0.5);
-        head = approach(&world.tilt, world.tilt_cmd, 0.5) || head;
+    int pantilt = 0;
+    if (!world.pantilt_frozen) {
+        pantilt = approach(&world.pan, world.pan_cmd, 0.5);
+        pantilt = approach(&world.tilt, world.tilt_cmd, 0.5) || pantilt;
     }
-    tell_arm(arm);
-    tell_head(head);
+    report_arm(arm);
+    report_pantilt(pantilt);
     take_frame();
     kc_app_step(&kc_app_instance, world.now_us, &world.in, &world.out);
     memset(&world.in, 0, sizeof world.in);
@@ -380,7 +380,7 @@ typedef struct {
     kc_state_t state;
     kc_stage_t staged;
     uint32_t staged_n, staged_kind, proposal_crc, n_obs;
-    int32_t arm_seq, head_seq;
+    int32_t arm_seq, pantilt_seq;
 } memory_t;
 
 static memory_t s_then, s_now;
@@ -399,7 +399,7 @@ static void remember(memory_t *m)
     m->proposal_crc = a->proposal_crc;
     m->n_obs = a->est.n_obs;
     m->arm_seq = a->arm.seq;
-    m->head_seq = a->head.seq;
+    m->pantilt_seq = a->pantilt.seq;
 }
 
 void world_remember(void) { remember(&s_then); }

@@ -1,6 +1,6 @@
-/* A small world for the component: arm, head, camera and a store, moved on by one tick at a time through
- * kc_app_step alone. The arm is the tables' arm with other DH parameters; what it measures is noise-free
- * unless asked. Knobs make things go wrong. */
+/* A small world for the component: arm, pan-tilt unit, camera and a store, advanced by one tick at a time
+ * through kc_app_step alone. The arm is the tables' arm with other DH parameters; what it measures is
+ * noise-free unless requested. Settings make things fail. */
 #ifndef GIVEN_WORLD_H
 #define GIVEN_WORLD_H
 
@@ -16,38 +16,38 @@ typedef struct {
     kc_arm_t truth;
     kc_camera_t camera;
     double q[KC_JOINT_MAX], q_cmd[KC_JOINT_MAX], bias[KC_JOINT_MAX]; /* reading = q, true joint = q + bias */
-    double dir[KC_JOINT_MAX]; /* side from which each joint came last     */
+    double dir[KC_JOINT_MAX]; /* side from which each joint came last */
     double pan, tilt, pan_cmd, tilt_cmd;
-    int32_t arm_seq, head_seq, cmd_seq[3], frame_asked;
-    int asked;
+    int32_t arm_seq, pantilt_seq, cmd_seq[3], frame_requested;
+    int requested;
     uint64_t rng;
-    /* knobs */
-    int mute_arm, mute_head, mute_camera; /* no messages                              */
-    int freeze_arm, freeze_head; /* commands are echoed but nothing moves    */
-    int deaf_arm, deaf_head; /* so many commands get lost                */
-    int shake_arm, shake_head; /* telemetry says moving for so many ticks  */
-    int hide; /* no tags in so many frames                */
-    double view_rad; /* tags are seen this far off the axis, 0 = always */
-    double noise_m, noise_rad; /* of a detection                           */
-    double jump_m; /* next detection is off by this            */
+    /* settings */
+    int arm_silent, pantilt_silent, camera_silent; /* no messages */
+    int arm_frozen, pantilt_frozen; /* commands are echoed but nothing moves */
+    int arm_ignores, pantilt_ignores; /* number of commands lost */
+    int arm_vibrates, pantilt_vibrates; /* ticks during which state says moving */
+    int hide; /* number of frames without tags */
+    double view_rad; /* tags are visible up to this angle off the axis, 0: always */
+    double noise_m, noise_rad; /* of a detection */
+    double jump_m; /* next detection is off by this */
     double hide_beyond; /* joint travel since START that hides the tags, 0 = off */
     double q_start[KC_JOINT_MAX];
     int32_t fault;
-    void (*spoil)(kc_detection_t *d); /* last word on every detection             */
-    /* what came out so far */
+    void (*spoil)(kc_detection_t *d); /* changes every detection */
+    /* outputs up to now */
     uint32_t events[100], n_acks;
-    kc_event_t last[100]; /* newest event of each id                  */
+    kc_event_t last[100]; /* newest event of each id */
     kc_ack_t ack;
     kc_meas_t meas[KC_MEAS_MAX];
     kc_progress_t progress[KC_MEAS_MAX];
-    uint32_t n_meas, n_progress, n_proposal, n_frames, n_hk, n_head_cmd;
+    uint32_t n_meas, n_progress, n_proposal, n_frames, n_hk, n_pantilt_cmd;
     kc_proposal_t proposal;
     kc_hk_t hk;
     kc_arm_cmd_t arm_cmd;
     uint8_t store[WORLD_KINDS][2][KC_IMAGE_MAX]; /* newest, older */
     uint32_t stored[WORLD_KINDS][2];
     uint8_t image[KC_IMAGE_MAX];
-    kc_config_t config; /* loaded at boot; tests change it before   */
+    kc_config_t config; /* loaded at boot; tests change it before */
     kc_terms_t terms;
     kc_kernel_t kernel;
     kc_space_t space;
@@ -58,10 +58,11 @@ extern world_t world;
 
 /* Good tables, no errors, everything at rest at hub 0; nothing loaded yet. */
 void given_world(void);
-/* The last n candidates become first looks, the last n_spare of them spare, ahead of the priors: where the
- * arm stands (at hub 0, no longer at zero) and FIRST_NOD_RAD to one side of it, joint by joint. */
-#define FIRST_NOD_RAD 0.2
-void given_first_looks(uint32_t n, uint32_t n_spare);
+/* The last n candidates become local initial poses, the last n_reserve of them in reserve, ahead of the
+ * other initial poses: where the arm stands (at hub 0, no longer at zero) and LOCAL_STEP_RAD to one side
+ * of it, joint by joint. */
+#define LOCAL_STEP_RAD 0.2
+void given_local_poses(uint32_t n, uint32_t n_reserve);
 /* Load the tables (what the store holds first) and boot. */
 void world_boot(void);
 void world_tick(void);

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "given_looks.h"
+#include "given_observations.h"
 #include "given_tables.h"
 #include "kc_acquire.h"
 #include "unity.h"
@@ -33,7 +33,7 @@ void setUp(void)
     given_kernel(&s_kernel);
     given_paper_errors(s_truth);
     memset(s_cov, 0, sizeof s_cov);
-    for (int i = 0; i < 6; i++) { s_cov[7 * i] = pow(i < 3 ? LOOK_POS_M : LOOK_ROT_RAD, 2.0); }
+    for (int i = 0; i < 6; i++) { s_cov[7 * i] = pow(i < 3 ? OBS_POS_M : OBS_ROT_RAD, 2.0); }
     memset(s_q, 0, sizeof s_q);
     for (uint32_t c = 0u; c < N_CAND; c++) {
         kc_pose_t T;
@@ -61,7 +61,7 @@ void test_beta_is_that_of_srinivas(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.2 * kc_acq_beta(600u, 4u, 1.0), kc_acq_beta(600u, 4u, 0.2));
 }
 
-void test_objective_is_weighed_by_the_largest_seen(void)
+void test_objective_is_scaled_by_the_largest_so_far(void)
 {
     const double dp[3] = {0.1, 0.2, 0.0};
     const double dr[3] = {0.5, 0.0, 1.0};
@@ -145,7 +145,7 @@ void test_same_seed_same_choice(void)
     }
 }
 
-void test_information_before_the_first_look_comes_from_the_prior(void)
+void test_information_before_the_local_initial_pose_comes_from_the_prior(void)
 {
     given_session(&s_est, &s_arm, &s_terms, s_truth, 0u, 0.0);
     TEST_ASSERT_EQUAL_INT(KC_OK, info(KC_ACQ_DOPT));
@@ -154,7 +154,7 @@ void test_information_before_the_first_look_comes_from_the_prior(void)
     TEST_ASSERT_TRUE(s_c < N_CAND && s_value > 0.0);
 }
 
-void test_information_only_falls_in_value_as_looks_come_in(void)
+void test_information_only_falls_in_value_as_observations_come_in(void)
 {
     double gain = INFINITY;
     double spread = INFINITY;
@@ -210,7 +210,7 @@ void test_own_priors_replace_the_scale(void)
     TEST_ASSERT_TRUE(s_value < loose);
 }
 
-void test_position_only_looks_count_three_rows(void)
+void test_position_only_observations_count_three_rows(void)
 {
     given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 0.0);
     (void)info(KC_ACQ_DOPT);

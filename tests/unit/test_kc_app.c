@@ -77,7 +77,7 @@ void test_without_tables_it_boots_idle_and_names_what_is_missing(void)
     TEST_ASSERT_EQUAL_INT(-1, world.hk.boot_state);
 }
 
-void test_the_first_good_image_of_a_kind_wins_and_a_bad_one_is_told(void)
+void test_the_first_good_image_of_a_kind_wins_and_a_bad_one_is_reported(void)
 {
     uint32_t n;
     kc_app_init(APP);
@@ -232,12 +232,12 @@ void test_time_that_runs_backwards_counts_as_no_time_passed(void)
 
 void test_abort_holds_the_arm_and_goes_safe_from_every_state(void)
 {
-    static const kc_state_t states[] = {KC_ST_MOVE, KC_ST_AIM,     KC_ST_SETTLE,
-                                        KC_ST_LOOK, KC_ST_MEASURE, KC_ST_UPDATE};
+    static const kc_state_t states[] = {KC_ST_MOVE,    KC_ST_AIM,     KC_ST_SETTLE,
+                                        KC_ST_OBSERVE, KC_ST_MEASURE, KC_ST_UPDATE};
     for (uint32_t i = 0u; i < sizeof states / sizeof states[0]; i++) {
         given_world();
         world_started();
-        world.freeze_head = states[i] == KC_ST_AIM;
+        world.pantilt_frozen = states[i] == KC_ST_AIM;
         TEST_ASSERT_TRUE(world_until(states[i], 300u));
         TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
         TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));

@@ -19,7 +19,7 @@ static uint32_t s_n_backs;
 static double s_back[KC_MEAS_MAX][KC_JOINT_MAX], s_goal[KC_MEAS_MAX][KC_JOINT_MAX];
 
 /* A calibration; what was commanded last before each measurement, and the command before that. */
-static void watched(void)
+static void record_every_step(void)
 {
     double before[KC_JOINT_MAX] = {0.0}, newest[KC_JOINT_MAX] = {0.0};
     s_n_backs = 0u;
@@ -39,7 +39,7 @@ static void watched(void)
 
 void test_every_joint_comes_from_the_side_that_was_commanded(void)
 {
-    watched();
+    record_every_step();
     TEST_ASSERT_EQUAL_UINT32(6u, s_n_backs);
     for (uint32_t k = 0u; k < s_n_backs; k++) {
         for (uint32_t j = 0u; j < 7u; j++) {
@@ -59,11 +59,11 @@ static uint32_t sides_of(uint32_t pose)
     return mask;
 }
 
-void test_sides_are_drawn_anew_for_every_pose_and_the_same_for_a_seed(void)
+void test_sides_are_sampled_for_every_pose_and_repeat_with_the_seed(void)
 {
     uint32_t first[6], up = 0u, same = 0u;
     world.config.replicate_every = 2u; /* replicates too */
-    watched();
+    record_every_step();
     for (uint32_t k = 0u; k < 6u; k++) {
         first[k] = sides_of(k);
         for (uint32_t j = 0u; j < 7u; j++) { up += first[k] >> j & 1u; }
@@ -74,14 +74,14 @@ void test_sides_are_drawn_anew_for_every_pose_and_the_same_for_a_seed(void)
     TEST_ASSERT_EQUAL_INT(1, world.meas[4].replicate);
     setUp();
     world.config.replicate_every = 2u;
-    watched();
+    record_every_step();
     for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_EQUAL_UINT32(first[k], sides_of(k)); }
 }
 
 void test_it_never_leaves_limits_or_the_box_around_the_seed(void)
 {
     double lo[KC_JOINT_MAX], hi[KC_JOINT_MAX];
-    world.config.servo.leash = 0.03; /* less than it would draw back */
+    world.config.servo.bound = 0.03; /* less than it would draw back */
     world.truth.joint[6].phi_rad = 0.2;
     world_started();
     for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(APP); i++) {
@@ -98,9 +98,9 @@ void test_it_never_leaves_limits_or_the_box_around_the_seed(void)
 
 void test_a_joint_without_room_on_one_side_comes_from_the_other(void)
 {
-    world.config.servo.leash = 0.06;
-    world.truth.joint[6].phi_rad = 0.2; /* the servo goes to the end of the leash */
-    watched();
+    world.config.servo.bound = 0.06;
+    world.truth.joint[6].phi_rad = 0.2; /* the servo goes to the end of the bound */
+    record_every_step();
     uint32_t at_end = 0u;
     for (uint32_t k = 0u; k < s_n_backs; k++) {
         double seed[KC_JOINT_MAX];
@@ -117,10 +117,10 @@ void test_a_joint_without_room_on_one_side_comes_from_the_other(void)
 void test_without_it_nothing_is_added(void)
 {
     world.config.approach_rad = 0.0;
-    watched();
+    record_every_step();
     uint32_t to_measure = (uint32_t)APP->arm_seq;
     setUp();
-    watched();
+    record_every_step();
     TEST_ASSERT_EQUAL_UINT32(to_measure + 12u, (uint32_t)APP->arm_seq); /* two more a pose */
 }
 
@@ -128,7 +128,7 @@ void test_an_arm_that_does_not_draw_back_ends_it(void)
 {
     world_started();
     for (uint32_t i = 0u; i < 400u && APP->leg.approach == 0u; i++) { world_tick(); }
-    world.freeze_arm = 1;
+    world.arm_frozen = 1;
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 700u));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_LATE, world.last[KC_EVT_CAL_ABORTED].got);
 }

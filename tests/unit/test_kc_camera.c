@@ -9,7 +9,7 @@
 
 static kc_camera_t s_cam;
 
-/* The mast of the physical layout: head x forward, camera z along it, two tags left and right. */
+/* The mast of the physical layout: pan-tilt x forward, camera z along it, two tags left and right. */
 static void given_camera(void)
 {
     memset(&s_cam, 0, sizeof s_cam);
@@ -17,12 +17,12 @@ static void given_camera(void)
     s_cam.mast_xyz_m[1] = 0.45;
     s_cam.mast_xyz_m[2] = 1.25;
     s_cam.mast_quat_wxyz[0] = 1.0;
-    s_cam.head_xyz_m[0] = 0.05;
-    s_cam.head_xyz_m[2] = 0.03;
-    s_cam.head_quat_wxyz[0] = 0.5; /* columns -y, -z, x of the head */
-    s_cam.head_quat_wxyz[1] = -0.5;
-    s_cam.head_quat_wxyz[2] = 0.5;
-    s_cam.head_quat_wxyz[3] = -0.5;
+    s_cam.pantilt_xyz_m[0] = 0.05;
+    s_cam.pantilt_xyz_m[2] = 0.03;
+    s_cam.pantilt_quat_wxyz[0] = 0.5; /* columns -y, -z, x of the pan-tilt unit */
+    s_cam.pantilt_quat_wxyz[1] = -0.5;
+    s_cam.pantilt_quat_wxyz[2] = 0.5;
+    s_cam.pantilt_quat_wxyz[3] = -0.5;
     s_cam.pan_min_rad = -1.6;
     s_cam.pan_max_rad = 1.6;
     s_cam.tilt_min_rad = -0.6;
@@ -92,15 +92,15 @@ void test_aiming_puts_the_point_in_the_image_centre(void)
     }
 }
 
-void test_aiming_works_for_a_turned_mast_and_an_oblique_head(void)
+void test_aiming_works_for_a_turned_mast_and_an_oblique_camera_mount(void)
 {
     const double p[3] = {0.3, -0.9, 0.2};
     double pan, tilt, c[3];
     s_cam.mast_quat_wxyz[0] = 0.8;
     s_cam.mast_quat_wxyz[3] = -0.6;
-    s_cam.head_xyz_m[1] = 0.04;
-    s_cam.head_quat_wxyz[0] = 0.52;
-    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(s_cam.head_quat_wxyz));
+    s_cam.pantilt_xyz_m[1] = 0.04;
+    s_cam.pantilt_quat_wxyz[0] = 0.52;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(s_cam.pantilt_quat_wxyz));
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_aim(&s_cam, p, &pan, &tilt));
     in_camera(pan, tilt, p, c);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.0, c[0]);
@@ -120,7 +120,7 @@ void test_limits_clip_the_angles_and_say_so(void)
     TEST_ASSERT_EQUAL_DOUBLE(1.4, tilt);
 }
 
-void test_points_inside_the_head_cannot_be_aimed_at(void)
+void test_points_inside_the_pantilt_unit_cannot_be_aimed_at(void)
 {
     double pan, tilt;
     TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, s_cam.mast_xyz_m, &pan, &tilt));
@@ -128,10 +128,11 @@ void test_points_inside_the_head_cannot_be_aimed_at(void)
     /* Between centre and lens: the axis passes at that distance only behind the lens. */
     const double inside[3] = {-0.31, 0.45, 1.25};
     TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, inside, &pan, &tilt));
-    /* A camera that looks along y of the head, which tilt does not move, cannot look straight up. */
-    s_cam.head_xyz_m[0] = s_cam.head_xyz_m[2] = 0.0;
-    s_cam.head_quat_wxyz[0] = s_cam.head_quat_wxyz[1] = kc_sqrt(0.5);
-    s_cam.head_quat_wxyz[2] = s_cam.head_quat_wxyz[3] = 0.0;
+    /* A camera that observations along y of the pan-tilt unit, which tilt does not move, cannot
+     * observation straight up. */
+    s_cam.pantilt_xyz_m[0] = s_cam.pantilt_xyz_m[2] = 0.0;
+    s_cam.pantilt_quat_wxyz[0] = s_cam.pantilt_quat_wxyz[1] = kc_sqrt(0.5);
+    s_cam.pantilt_quat_wxyz[2] = s_cam.pantilt_quat_wxyz[3] = 0.0;
     const double up[3] = {-0.35, 0.45, 3.0}, down[3] = {-0.35, 0.45, -3.0};
     TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, up, &pan, &tilt));
     TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, kc_camera_aim(&s_cam, down, &pan, &tilt));
@@ -169,7 +170,7 @@ static kc_pose_t facing(double x, double y, double z, double turn_y)
     return T;
 }
 
-void test_both_tags_are_seen_square_on(void)
+void test_both_tags_are_visible_square_on(void)
 {
     const kc_pose_t T = facing(0.0, 0.0, 1.0, 0.0);
     TEST_ASSERT_EQUAL_UINT32(3u, kc_camera_visible(&s_cam, &T, 0.87));
@@ -202,7 +203,8 @@ void test_every_edge_of_the_image_cuts_tags_off(void)
 
 void test_the_white_border_must_be_inside_too(void)
 {
-    /* A tag square on: black edge 0.03 m from the centre, white border 0.0375 m; the image ends at 0.3862 m. */
+    /* A tag square on: black edge 0.03 m from the centre, white border 0.0375 m; the image ends at 0.3862
+     * m. */
     s_cam.n_tags = 1u;
     s_cam.tag[0].quat_wxyz[0] = 1.0;
     s_cam.tag[0].quat_wxyz[2] = 0.0;
@@ -234,7 +236,7 @@ void test_a_camera_with_wrong_numbers_is_refused(void)
 {
     s_cam.mast_quat_wxyz[0] = 2.0;
     refused(-1, 2.0);
-    s_cam.head_xyz_m[0] = NAN;
+    s_cam.pantilt_xyz_m[0] = NAN;
     refused(-1, NAN);
     s_cam.pan_min_rad = 1.6;
     refused(-1, 1.6);

@@ -24,12 +24,12 @@ static void given_idle(void)
 static void refused(int32_t status, uint16_t event)
 {
     uint32_t before = APP->n_cmd_refused, n = world_events(event);
-    int arm = world.mute_arm, head = world.mute_head;
-    world.mute_arm = world.mute_head = 1; /* the command is all that comes in */
+    int arm = world.arm_silent, pantilt = world.pantilt_silent;
+    world.arm_silent = world.pantilt_silent = 1; /* the command is all that comes in */
     world_remember();
     world_tick();
-    world.mute_arm = arm;
-    world.mute_head = head;
+    world.arm_silent = arm;
+    world.pantilt_silent = pantilt;
     TEST_ASSERT_EQUAL_INT(status, world.ack.status);
     TEST_ASSERT_EQUAL_INT(event, world.ack.event_id);
     TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(event));
@@ -168,21 +168,21 @@ void test_start_without_all_tables_is_refused(void)
     refused(KC_ERR_STATE, KC_EVT_TBL_MISSING);
 }
 
-void test_start_without_a_living_arm_and_head_is_refused(void)
+void test_start_without_a_living_arm_and_pantilt_is_refused(void)
 {
     world_boot();
-    world.mute_arm = 1;
+    world.arm_silent = 1;
     world_tick();
     (void)world_cmd(KC_CMD_START, -1, 0, 0);
     refused(KC_ERR_STATE, KC_EVT_IN_SILENT);
     TEST_ASSERT_EQUAL_INT(KC_INPUT_ARM, world.last[KC_EVT_IN_SILENT].index);
-    world.mute_arm = 0;
+    world.arm_silent = 0;
     world_tick();
-    world.mute_head = 1;
+    world.pantilt_silent = 1;
     world_ticks(25u);
     (void)world_cmd(KC_CMD_START, -1, 0, 0);
     refused(KC_ERR_STATE, KC_EVT_IN_SILENT);
-    TEST_ASSERT_EQUAL_INT(KC_INPUT_HEAD, world.last[KC_EVT_IN_SILENT].index);
+    TEST_ASSERT_EQUAL_INT(KC_INPUT_PANTILT, world.last[KC_EVT_IN_SILENT].index);
 }
 
 void test_start_with_an_arm_fault_is_refused(void)
@@ -194,7 +194,7 @@ void test_start_with_an_arm_fault_is_refused(void)
     refused(KC_ERR_STATE, KC_EVT_ARM_FAULT);
 }
 
-void test_start_away_from_every_proven_place_is_refused(void)
+void test_start_away_from_every_verified_place_is_refused(void)
 {
     world.q[0] = world.q_cmd[0] = 2.5;
     world.q[1] = world.q_cmd[1] = -1.9;

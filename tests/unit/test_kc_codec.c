@@ -125,7 +125,7 @@ void test_sizing_without_crc_leaves_it_zero(void)
     TEST_ASSERT_EQUAL_HEX32(0u, s_w.crc);
 }
 
-void test_writing_and_sizing_do_not_judge_values(void)
+void test_writing_and_sizing_do_not_check_values(void)
 {
     double x = NAN;
     uint8_t v = 200u;
@@ -213,7 +213,7 @@ void test_a_quaternion_with_nan_is_refused_once(void)
     TEST_ASSERT_EQUAL_UINT16(KC_EVT_TBL_NOT_FINITE, s_w.bad_id);
 }
 
-void test_quaternions_are_not_judged_while_writing(void)
+void test_quaternions_are_not_checked_while_writing(void)
 {
     double q[4] = {3.0, 0.0, 0.0, 0.0};
     given_writing(0u, sizeof s_buf);

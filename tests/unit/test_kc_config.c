@@ -54,9 +54,9 @@ static const spoil_t s_spoil[] = {
     {10, AT(stop_rot_rad), 'd', -1.0},
     {11, AT(frames_per_meas), 'u', 0.0},
     {11, AT(frames_per_meas), 'u', 17.0},
-    {12, AT(look_retries), 'u', 51.0},
+    {12, AT(frame_retries), 'u', 51.0},
     {13, AT(settle_us), 'l', 4e9},
-    {14, AT(look_timeout_us), 'l', 0.0},
+    {14, AT(frame_timeout_us), 'l', 0.0},
     {15, AT(move_timeout_us), 'l', 0.0},
     {16, AT(frame_age_max_us), 'l', 0.0},
     {17, AT(search_steps), 'u', 50.0},
@@ -71,7 +71,7 @@ static const spoil_t s_spoil[] = {
     {26, AT(servo.gain), 'd', 1.1},
     {27, AT(servo.damping), 'd', 0.0},
     {28, AT(servo.step_max), 'd', 0.0},
-    {29, AT(servo.leash), 'd', 0.0},
+    {29, AT(servo.bound), 'd', 0.0},
     {30, AT(servo.tol_pos_m), 'd', 0.0},
     {31, AT(servo.tol_rot_rad), 'd', 0.0},
     {32, AT(servo.margin), 'd', -0.1},
@@ -95,8 +95,8 @@ static const spoil_t s_spoil[] = {
     {50, AT(power_idle_w), 'd', -1.0},
     {51, AT(power_move_w), 'd', -1.0},
     {52, AT(energy_budget_j), 'd', -1.0},
-    {53, AT(stray_pos_m), 'd', -1.0},
-    {54, AT(stray_rot_rad), 'd', 4.5},
+    {53, AT(mismatch_pos_m), 'd', -1.0},
+    {54, AT(mismatch_rot_rad), 'd', 4.5},
 };
 
 static void spoil(const spoil_t *s, double value)

@@ -157,7 +157,7 @@ void test_sensor_messages_count_in_their_own_tick(void)
     send_time(1);
     pump();
     TEST_ASSERT_EQUAL_UINT8(1u, APP->has_arm);
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_head);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_pantilt);
 }
 
 void test_a_calibration_starts_over_the_network_and_moves_the_arm(void)
@@ -228,7 +228,7 @@ void test_rubbish_and_what_finds_no_room_is_counted(void)
     TEST_ASSERT_EQUAL_UINT32(9u, APP->n_rx_errors);
 }
 
-void test_a_store_that_fails_is_told_with_the_next_step(void)
+void test_a_failed_store_is_reported_with_the_next_step(void)
 {
     int fd = s_f.dir_fd;
     s_f.dir_fd = -1;

@@ -3,7 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "given_looks.h"
+#include "given_observations.h"
 #include "given_tables.h"
 #include "kc_estimate.h"
 #include "unity.h"
@@ -30,7 +30,7 @@ static kc_obs_t *given_one(void)
     uint64_t rng = 3u;
     double q[KC_JOINT_MAX];
     given_joints(&s_arm, &rng, q);
-    given_look(&s_arm, &s_terms, s_truth, q, 0.0, &rng, &s_obs);
+    given_one_observation(&s_arm, &s_terms, s_truth, q, 0.0, &rng, &s_obs);
     return &s_obs;
 }
 
@@ -169,7 +169,7 @@ void test_the_papers_errors_are_found_from_zero(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-9, s_truth[c], s_est.coef[c]);
         TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[c]);
         TEST_ASSERT_TRUE(s_est.sigma[c] > 0.0);
-        TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[c]);
+        TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[c]);
     }
     TEST_ASSERT_EQUAL_UINT32(28u, s_est.rank);
     TEST_ASSERT_EQUAL_UINT32(28u, s_est.n_free);
@@ -204,7 +204,7 @@ void test_same_data_same_bits(void)
     TEST_ASSERT_EQUAL_MEMORY(s_other.cov, s_est.cov, sizeof s_est.cov);
 }
 
-void test_few_poses_use_the_weak_prior_and_say_so(void)
+void test_few_poses_use_the_weak_prior_and_report_it(void)
 {
     given(6u, 1.0);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
@@ -298,7 +298,7 @@ void test_replicates_count_as_rows_but_not_as_rank(void)
     TEST_ASSERT_EQUAL_UINT32(54u, s_est.dof);
 }
 
-void test_one_look_without_freedom_to_spare_has_no_noise_scale(void)
+void test_one_observation_without_degrees_of_freedom_has_no_noise_scale(void)
 {
     given(1u, 1.0);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));

@@ -193,7 +193,7 @@ void test_a_store_that_cannot_be_made_or_opened_is_refused(void)
     TEST_ASSERT_EQUAL_INT(-1, kc_files_open(&other, path(s_root, "file")));
 }
 
-void test_writes_that_fail_are_told(void)
+void test_failed_writes_are_reported(void)
 {
     char cmd[192];
     (void)store_arm(1);
@@ -250,7 +250,7 @@ void test_the_first_good_table_by_name_is_taken_and_the_rest_is_passed_over(void
     TEST_ASSERT_EQUAL_INT(5, reloaded());
 }
 
-void test_more_tables_than_it_looks_at_do_no_harm(void)
+void test_more_table_files_than_there_is_room_for_do_no_harm(void)
 {
     char name[24];
     given_arm_image(4);

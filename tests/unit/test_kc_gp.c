@@ -128,7 +128,7 @@ void test_log_marginal_of_one_point_is_the_normal_density(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, want, kc_gp_log_marginal(&s_gp));
 }
 
-/* Values drawn far smoother in position than set 0 says: set 1 explains them better. */
+/* Values sampled far smoother in position than set 0 says: set 1 explains them better. */
 static void given_smooth_values(void)
 {
     s_k.hyper[1].beta_m = 20.0;

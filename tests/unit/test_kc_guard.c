@@ -13,9 +13,9 @@ static kc_space_t s_s;
 static kc_arm_t s_arm;
 static kc_terms_t s_terms;
 static kc_ctx_t s_ctx;
-static double s_coef[KC_COEF_MAX], s_from[KC_JOINT_MAX], s_to[KC_JOINT_MAX], s_leash[KC_JOINT_MAX];
-static kc_guard_ask_t s_ask;
-static kc_guard_why_t s_why;
+static double s_coef[KC_COEF_MAX], s_from[KC_JOINT_MAX], s_to[KC_JOINT_MAX], s_bound[KC_JOINT_MAX];
+static kc_guard_request_t s_ask;
+static kc_guard_reason_t s_why;
 static kc_guard_arm_t s_g; /* all frames at the base */
 static uint32_t s_body, s_volume;
 
@@ -28,22 +28,22 @@ void setUp(void)
     memset(&s_ctx, 0, sizeof s_ctx);
     memset(s_coef, 0, sizeof s_coef);
     s_g = (kc_guard_arm_t){.arm = &s_arm, .space = &s_s};
-    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_leash[j] = 0.4; }
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_bound[j] = 0.4; }
     for (uint32_t i = 0u; i <= KC_JOINT_MAX; i++) { kc_pose_identity(&s_g.frame[i]); }
     kc_path_joints(&s_s, NODE(3u), s_from);
     memcpy(s_to, s_from, sizeof s_to);
-    s_ask = (kc_guard_ask_t){.arm = &s_arm,
-                             .terms = &s_terms,
-                             .coef = s_coef,
-                             .space = &s_s,
-                             .ctx = &s_ctx,
-                             .q_from = s_from,
-                             .q_to = s_to,
-                             .from = NODE(3u),
-                             .to = NODE(3u),
-                             .leash = s_leash,
-                             .margin = 0.02,
-                             .tol = 1e-3};
+    s_ask = (kc_guard_request_t){.arm = &s_arm,
+                                 .terms = &s_terms,
+                                 .coef = s_coef,
+                                 .space = &s_s,
+                                 .ctx = &s_ctx,
+                                 .q_from = s_from,
+                                 .q_to = s_to,
+                                 .from = NODE(3u),
+                                 .to = NODE(3u),
+                                 .bound = s_bound,
+                                 .margin = 0.02,
+                                 .tol = 1e-3};
 }
 
 /* ---- distances ---- */
@@ -98,7 +98,7 @@ void test_distance_to_a_box_from_its_side_edge_and_inside(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, -0.1, distance(ROD(0.f, 0.f, 1.f, 0.f, 0.f, -0.1f, 0.1f), deck));
 }
 
-void test_the_nearest_pair_is_named_and_spared_ones_are_not_looked_at(void)
+void test_the_nearest_pair_is_named_and_excluded_ones_are_not_checked(void)
 {
     s_s.n_body = s_s.n_volume = 2u;
     s_s.body[0] = ROD(0.f, 0.f, 0.f, 0.f, 0.f, 1.f, 0.1f);
@@ -108,12 +108,12 @@ void test_the_nearest_pair_is_named_and_spared_ones_are_not_looked_at(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.6, kc_guard_clearance(&s_g, &s_body, &s_volume));
     TEST_ASSERT_EQUAL_UINT32(1u, s_body);
     TEST_ASSERT_EQUAL_UINT32(1u, s_volume);
-    s_s.volume[1].spared = 2u;
+    s_s.volume[1].excluded = 2u;
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.9, kc_guard_clearance(&s_g, &s_body, &s_volume));
     TEST_ASSERT_EQUAL_UINT32(1u, s_body);
     TEST_ASSERT_EQUAL_UINT32(0u, s_volume);
-    s_s.volume[0].spared = 3u;
-    s_s.volume[1].spared = 3u;
+    s_s.volume[0].excluded = 3u;
+    s_s.volume[1].excluded = 3u;
     TEST_ASSERT_TRUE(isinf(kc_guard_clearance(&s_g, &s_body, &s_volume)));
 }
 
@@ -131,7 +131,7 @@ static void given_three_bodies(void)
     s_s.body[2].frame = 1u;
 }
 
-static void expect_apart(double want, uint32_t body, uint32_t other)
+static void expect_distance(double want, uint32_t body, uint32_t other)
 {
     uint32_t met = 99u;
     s_body = 99u;
@@ -146,28 +146,28 @@ void test_of_the_arm_itself_only_pairs_that_must_not_meet_count(void)
     given_three_bodies();
     TEST_ASSERT_TRUE(isinf(kc_guard_self_clearance(&s_g, &s_body, &met)));
     TEST_ASSERT_EQUAL_UINT32(99u, met);
-    s_s.body[1].apart = 1u;
-    expect_apart(0.35, 1u, 0u);
-    s_s.body[2].apart = 2u;
-    expect_apart(0.2, 2u, 1u);
-    s_s.body[2].apart = 3u;
-    expect_apart(0.05, 2u, 0u);
+    s_s.body[1].collision_pairs = 1u;
+    expect_distance(0.35, 1u, 0u);
+    s_s.body[2].collision_pairs = 2u;
+    expect_distance(0.2, 2u, 1u);
+    s_s.body[2].collision_pairs = 3u;
+    expect_distance(0.05, 2u, 0u);
     s_s.body[2].radius_m = 0.15f; /* inside: negative */
-    expect_apart(-0.05, 2u, 0u);
+    expect_distance(-0.05, 2u, 0u);
 }
 
 void test_a_body_moved_along_its_axis_counts_at_both_ends_of_the_move(void)
 {
     given_three_bodies();
-    s_s.body[2].apart = 2u;
+    s_s.body[2].collision_pairs = 2u;
     for (double by = -0.1; by <= 0.11; by += 0.2) { /* the frame is where the correction put it */
         s_g.frame[6].p_m[2] = by;
         s_g.along_m[6] = by;
-        expect_apart(by < 0.0 ? 0.1 : 0.2, 2u, 1u); /* nearer now; nearer where it was */
+        expect_distance(by < 0.0 ? 0.1 : 0.2, 2u, 1u); /* nearer now; nearer where it was */
     }
     s_g.along_m[1] = 0.15; /* both: the ball now, the rod as it was, and every other pair of ends */
     s_g.frame[1].p_m[2] = 0.15;
-    expect_apart(0.05, 2u, 1u);
+    expect_distance(0.05, 2u, 1u);
 }
 
 void test_volumes_see_both_ends_of_such_a_move_too(void)
@@ -213,7 +213,7 @@ void test_a_link_with_a_length_is_stretched_by_such_a_move(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.475, distance(link, ball));
 }
 
-/* ---- limits and ways ---- */
+/* ---- limits and paths ---- */
 
 static void expect(kc_guard_verdict_t verdict, int32_t index, double got, double want)
 {
@@ -223,7 +223,7 @@ static void expect(kc_guard_verdict_t verdict, int32_t index, double got, double
     TEST_ASSERT_DOUBLE_WITHIN(2e-6, want, s_why.want);
 }
 
-/* Refused at the first posture that is too near, which is no deeper than the deepest on the way. */
+/* Refused at the first posture that is too near, which is no deeper than the deepest of the move. */
 static void expect_met(kc_guard_verdict_t verdict, int32_t index, double deepest_m, double want)
 {
     TEST_ASSERT_EQUAL_INT(verdict, kc_guard_check(&s_ask, &s_why));
@@ -232,7 +232,7 @@ static void expect_met(kc_guard_verdict_t verdict, int32_t index, double deepest
     TEST_ASSERT_TRUE(s_why.got > -KC_GUARD_CLEAR_M - 2e-6 && s_why.got <= deepest_m + 2e-6);
 }
 
-static void expect_fine(void) { TEST_ASSERT_EQUAL_INT(KC_GUARD_FINE, kc_guard_check(&s_ask, &s_why)); }
+static void expect_fine(void) { TEST_ASSERT_EQUAL_INT(KC_GUARD_OK, kc_guard_check(&s_ask, &s_why)); }
 
 void test_a_joint_nearer_to_its_limit_than_the_margin_is_refused(void)
 {
@@ -251,10 +251,10 @@ void test_inside_the_box_anything_goes_and_outside_nothing(void)
     s_from[1] -= 0.399;
     expect_fine();
     s_to[4] += 0.1;
-    expect(KC_GUARD_WAY, 5, 0.499 - 0.4 - s_ask.tol, 0.4);
+    expect(KC_GUARD_PATH, 5, 0.499 - 0.4 - s_ask.tol, 0.4);
     s_to[4] -= 0.1;
     s_from[1] -= 0.2; /* came from outside */
-    expect(KC_GUARD_WAY, 2, 0.599 - 0.4 - s_ask.tol, 0.4);
+    expect(KC_GUARD_PATH, 2, 0.599 - 0.4 - s_ask.tol, 0.4);
 }
 
 void test_the_box_around_a_hub_is_small(void)
@@ -262,28 +262,28 @@ void test_the_box_around_a_hub_is_small(void)
     s_ask.from = s_ask.to = 1u;
     kc_path_joints(&s_s, 1u, s_from);
     kc_path_joints(&s_s, 1u, s_to);
-    s_from[2] += KC_HUB_LEASH;
+    s_from[2] += KC_HUB_BOUND;
     expect_fine();
     s_from[2] += 0.01;
-    expect(KC_GUARD_WAY, 3, 0.01 - s_ask.tol, KC_HUB_LEASH);
+    expect(KC_GUARD_PATH, 3, 0.01 - s_ask.tol, KC_HUB_BOUND);
 }
 
-void test_a_proven_segment_goes_from_one_end_to_the_other(void)
+void test_a_verified_segment_goes_from_one_end_to_the_other(void)
 {
     uint32_t hub = s_s.cand[3].hub;
     s_ask.from = hub;
     kc_path_joints(&s_s, hub, s_from);
     expect_fine();
     s_to[0] += 0.01; /* not its end */
-    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+    expect(KC_GUARD_PATH, 0, 0.0, 0.0);
     s_to[0] -= 0.01;
     s_from[0] += 0.01; /* not on it */
-    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+    expect(KC_GUARD_PATH, 0, 0.0, 0.0);
     s_from[0] -= 0.01;
     s_ask.from = 1u - hub; /* no such segment */
-    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+    expect(KC_GUARD_PATH, 0, 0.0, 0.0);
     s_ask.to = NODE(9u); /* no such node */
-    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+    expect(KC_GUARD_PATH, 0, 0.0, 0.0);
 }
 
 void test_an_arm_stopped_on_a_segment_may_go_to_its_end(void)
@@ -292,7 +292,7 @@ void test_an_arm_stopped_on_a_segment_may_go_to_its_end(void)
     for (uint32_t j = 0u; j < 7u; j++) { s_from[j] += 0.3 * (s_to[j] - s_from[j]); }
     expect_fine();
     s_from[6] += 0.5;
-    TEST_ASSERT_EQUAL_INT(KC_GUARD_WAY, kc_guard_check(&s_ask, &s_why));
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_PATH, kc_guard_check(&s_ask, &s_why));
 }
 
 /* ---- volumes ---- */
@@ -324,7 +324,7 @@ void test_a_target_inside_a_volume_is_refused_with_body_and_depth(void)
     expect_fine();
 }
 
-void test_a_volume_on_the_way_is_seen_too(void)
+void test_a_volume_between_the_ends_is_found_too(void)
 {
     double half[KC_JOINT_MAX];
     s_to[0] += 0.38;
@@ -344,7 +344,7 @@ void test_a_volume_on_the_way_is_seen_too(void)
     expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
 }
 
-void test_it_is_the_corrected_arm_that_is_looked_at(void)
+void test_clearance_is_that_of_the_corrected_arm(void)
 {
     s_to[0] += 0.3;
     put_ball(s_to, 0.02f);
@@ -362,9 +362,9 @@ void test_nothing_comes_nearer_than_the_clearance(void)
     put_ball(s_to, 0.02f);
     s_s.volume[1].radius_m = 0.02f;
     s_s.volume[1].p_m[2] += 0.1f;
-    s_s.volume[1].spared = 1u;
+    s_s.volume[1].excluded = 1u;
     double gap = 0.0;
-    TEST_ASSERT_EQUAL_INT(KC_GUARD_FINE, kc_guard_check(&s_ask, &s_why));
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_OK, kc_guard_check(&s_ask, &s_why));
     gap = kc_guard_clearance(&s_g, &s_body, &s_volume); /* of the frames at s_to */
     TEST_ASSERT_TRUE(gap > KC_GUARD_CLEAR_M);
     s_s.volume[1].radius_m = (float)(0.02 + gap - KC_GUARD_CLEAR_M - 1e-4);
@@ -374,7 +374,7 @@ void test_nothing_comes_nearer_than_the_clearance(void)
 }
 
 /* The nearest two bodies of the arm at some joints, as distance(). */
-static double apart_at(const double *q)
+static double self_clearance_at(const double *q)
 {
     uint32_t met;
     kc_loads_t loads;
@@ -391,22 +391,22 @@ static void given_elbow(double gap_at_to)
     s_s.body[0] = ROD(0.f, 0.f, 0.f, 0.f, 0.f, 0.2f, 0.01f);
     s_s.body[0].frame = 3u;
     s_s.body[1] = ROD(0.f, 0.f, 0.f, 0.f, 0.f, 0.f, 0.01f);
-    s_s.body[1].apart = 1u;
+    s_s.body[1].collision_pairs = 1u;
     s_to[3] += 0.3;
-    s_s.body[1].radius_m = (float)(0.01 + apart_at(s_to) - gap_at_to);
+    s_s.body[1].radius_m = (float)(0.01 + self_clearance_at(s_to) - gap_at_to);
 }
 
-void test_a_way_on_which_the_arm_meets_itself_is_refused_with_both_bodies(void)
+void test_a_move_through_self_collision_is_refused_with_both_bodies(void)
 {
     given_elbow(KC_GUARD_CLEAR_M + 1e-4);
     s_s.n_volume = 0u;
-    TEST_ASSERT_TRUE(apart_at(s_from) > apart_at(s_to)); /* it gets nearer */
+    TEST_ASSERT_TRUE(self_clearance_at(s_from) > self_clearance_at(s_to)); /* it gets nearer */
     expect_fine();
     given_space(&s_s, 9u, 1u);
     s_to[3] -= 0.3;
     given_elbow(-0.02);
     expect_met(KC_GUARD_SELF, 1, 0.02, 0.0);
-    s_s.body[1].apart = 0u;
+    s_s.body[1].collision_pairs = 0u;
     expect_fine();
 }
 
@@ -420,19 +420,19 @@ void test_an_arm_too_near_to_itself_may_leave_but_not_go_deeper(void)
     expect_fine();
     memcpy(s_to, s_from, sizeof q);
     s_to[3] += 0.002; /* a little nearer still: by less than it may */
-    double deeper = 0.001 - apart_at(s_to);
+    double deeper = 0.001 - self_clearance_at(s_to);
     TEST_ASSERT_TRUE(deeper > 0.0 && deeper < KC_GUARD_LEAVE_M);
     expect_fine();
     s_to[3] += 0.05;
-    deeper = 0.001 - apart_at(s_to);
+    deeper = 0.001 - self_clearance_at(s_to);
     TEST_ASSERT_TRUE(deeper > KC_GUARD_LEAVE_M);
     expect_met(KC_GUARD_SELF, 1, deeper - 0.001, 0.0);
 }
 
-/* ---- first looks ---- */
+/* ---- local initial poses ---- */
 
-/* From the hub of candidate 3 to it (or back) with a ball where the way ends. */
-static void given_way(int back)
+/* From the hub of candidate 3 to it (or back) with a sphere at the end of the move. */
+static void given_path(int back)
 {
     uint32_t hub = s_s.cand[3].hub;
     kc_path_joints(&s_s, back ? NODE(3u) : hub, s_from);
@@ -442,13 +442,13 @@ static void given_way(int back)
     put_ball(s_to, 0.02f);
 }
 
-void test_ways_to_first_looks_and_back_are_not_measured_against_what_is_believed(void)
+void test_moves_to_and_from_local_initial_poses_are_not_checked_for_clearance(void)
 {
     for (int back = 0; back < 2; back++) {
         s_s.cand[3].why = 0u;
-        given_way(back);
+        given_path(back);
         expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
-        s_s.cand[3].why = KC_CAND_FIRST;
+        s_s.cand[3].why = KC_CAND_LOCAL;
         expect_fine();
     }
     s_ask.from = s_ask.to = NODE(3u); /* inside the box the same */
@@ -461,20 +461,20 @@ void test_ways_to_first_looks_and_back_are_not_measured_against_what_is_believed
     expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
 }
 
-void test_the_box_around_a_first_look_is_small(void)
+void test_the_box_around_a_local_initial_pose_is_small(void)
 {
-    s_s.cand[3].why = KC_CAND_FIRST;
-    s_to[2] += KC_HUB_LEASH;
+    s_s.cand[3].why = KC_CAND_LOCAL;
+    s_to[2] += KC_HUB_BOUND;
     expect_fine();
     s_to[2] += 0.01;
-    expect(KC_GUARD_WAY, 3, 0.01 - s_ask.tol, KC_HUB_LEASH);
+    expect(KC_GUARD_PATH, 3, 0.01 - s_ask.tol, KC_HUB_BOUND);
 }
 
-void test_limits_and_ways_hold_for_first_looks_too(void)
+void test_limits_and_paths_are_checked_at_local_initial_poses_too(void)
 {
-    s_s.cand[3].why = KC_CAND_FIRST;
+    s_s.cand[3].why = KC_CAND_LOCAL;
     s_ask.from = 1u - s_s.cand[3].hub; /* no such segment */
-    expect(KC_GUARD_WAY, 0, 0.0, 0.0);
+    expect(KC_GUARD_PATH, 0, 0.0, 0.0);
     s_to[2] = s_arm.joint[2].q_max - 0.01;
     expect(KC_GUARD_LIMIT, 3, s_to[2], s_arm.joint[2].q_max - 0.02);
 }

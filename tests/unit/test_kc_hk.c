@@ -19,7 +19,7 @@ void test_housekeeping_comes_with_the_first_step_and_then_once_a_second(void)
     TEST_ASSERT_EQUAL_INT(100000 + 6, world.hk.seq);
 }
 
-void test_it_tells_state_tables_and_counters(void)
+void test_it_reports_state_tables_and_counters(void)
 {
     world_boot();
     world_tick();
@@ -43,7 +43,7 @@ void test_it_tells_state_tables_and_counters(void)
     TEST_ASSERT_EQUAL_INT(0, world.hk.staged_kind);
 }
 
-void test_it_tells_what_is_staged(void)
+void test_it_reports_the_staged_table(void)
 {
     world_boot();
     world_tick();
@@ -57,8 +57,8 @@ void test_it_tells_what_is_staged(void)
     TEST_ASSERT_EQUAL_INT(KC_STAGE_LOADING, world.hk.staged_state);
 }
 
-/* A joint reads wrong in normal operation; every look from another posture. */
-void test_it_tells_what_the_monitor_says(void)
+/* A joint reads wrong in normal operation; every observation from another posture. */
+void test_it_reports_the_verdict_of_the_monitor(void)
 {
     world.noise_m = 5e-4;
     world.noise_rad = 3.5e-3;
@@ -72,15 +72,15 @@ void test_it_tells_what_the_monitor_says(void)
             world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
         }
         world_ticks(2u);
-        world.asked = 1;
-        world.frame_asked = 9000 + (int32_t)i;
+        world.requested = 1;
+        world.frame_requested = 9000 + (int32_t)i;
         world_tick();
     }
     world_ticks(11u);
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, world.hk.mon_state);
     TEST_ASSERT_EQUAL_INT(3, world.hk.mon_joint);
     TEST_ASSERT_TRUE((world.hk.mon_suspects >> 2u & 1u) != 0u);
-    TEST_ASSERT_EQUAL_UINT32(5u, world.hk.mon_looks);
+    TEST_ASSERT_EQUAL_UINT32(5u, world.hk.mon_n_obs);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.03, world.hk.mon_bias);
     TEST_ASSERT_TRUE(world.hk.mon_sigma > 0.0 && world.hk.mon_p <= KC_MON_P);
 }

@@ -1,8 +1,8 @@
-/* kc_ident.c: what the data cannot tell is named and left alone. */
+/* kc_ident.c: coefficients that the data cannot determine are named and held. */
 #include <math.h>
 #include <string.h>
 
-#include "given_looks.h"
+#include "given_observations.h"
 #include "given_tables.h"
 #include "kc_estimate.h"
 #include "unity.h"
@@ -66,9 +66,9 @@ void test_position_only_leaves_four_undetermined_and_names_their_company(void)
     TEST_ASSERT_EQUAL_UINT32(4u, count(KC_COEF_HELD));
     assert_held_at_start();
     for (uint32_t c = 0u; c < 28u; c++) {
-        TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[c] & ((uint64_t)1u << c)); /* others, not itself */
+        TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[c] & ((uint64_t)1u << c)); /* others, not itself */
     }
-    TEST_ASSERT_TRUE(s_est.fit_pos_m < 2.0 * LOOK_POS_M);
+    TEST_ASSERT_TRUE(s_est.fit_pos_m < 2.0 * OBS_POS_M);
 }
 
 void test_too_few_poses_determine_as_many_as_there_are_rows(void)
@@ -79,22 +79,22 @@ void test_too_few_poses_determine_as_many_as_there_are_rows(void)
     TEST_ASSERT_EQUAL_UINT32(10u, count(KC_COEF_HELD));
     assert_held_at_start();
     for (uint32_t c = 0u; c < 28u; c++) {
-        if (s_est.status[c] == KC_COEF_HELD) { TEST_ASSERT_TRUE(s_est.entangled[c] != 0u); }
+        if (s_est.status[c] == KC_COEF_HELD) { TEST_ASSERT_TRUE(s_est.confounded[c] != 0u); }
     }
 }
 
-void test_two_names_for_one_effect_are_entangled_with_each_other_only(void)
+void test_two_names_for_one_effect_are_confounded_with_each_other_only(void)
 {
-    const uint32_t twin = add_coef(0u, KC_RZ, KC_VAR_ONE); /* base turn = J1.phi */
-    s_terms.coef[twin].scale = s_terms.coef[0].scale;
+    const uint32_t other = add_coef(0u, KC_RZ, KC_VAR_ONE); /* base turn = J1.phi */
+    s_terms.coef[other].scale = s_terms.coef[0].scale;
     given_session(&s_est, &s_arm, &s_terms, s_truth, 12u, 1.0);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT32(28u, s_est.rank);
     TEST_ASSERT_EQUAL_UINT32(29u, s_est.n_free);
-    TEST_ASSERT_EQUAL_UINT64((uint64_t)1u << twin, s_est.entangled[0]);
-    TEST_ASSERT_EQUAL_UINT64((uint64_t)1u, s_est.entangled[twin]);
+    TEST_ASSERT_EQUAL_UINT64((uint64_t)1u << other, s_est.confounded[0]);
+    TEST_ASSERT_EQUAL_UINT64((uint64_t)1u, s_est.confounded[other]);
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[0]); /* equal columns: the first is kept */
-    TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[twin]);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[other]);
     TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_est.sigma[24], 1.3, s_est.coef[24]);
 }
 
@@ -105,19 +105,19 @@ void test_no_effect_at_all_is_held_without_company(void)
     s_est.start[idle] = 0.3;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[idle]);
-    TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[idle]);
+    TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[idle]);
     TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.3, s_est.coef[idle]);
 }
 
-void test_masking_the_twin_frees_the_other(void)
+void test_masking_one_of_two_confounded_coefficients_frees_the_other(void)
 {
-    const uint32_t twin = add_coef(0u, KC_RZ, KC_VAR_ONE);
+    const uint32_t other = add_coef(0u, KC_RZ, KC_VAR_ONE);
     given_session(&s_est, &s_arm, &s_terms, s_truth, 12u, 1.0);
     s_est.opt.free_mask = ~(uint64_t)1u;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_MASKED, s_est.status[0]);
-    TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[twin]);
-    TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[twin]);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[other]);
+    TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[other]);
 }
 
 void test_nothing_determined_is_reported_and_start_kept(void)
@@ -134,7 +134,7 @@ void test_nothing_determined_is_reported_and_start_kept(void)
     TEST_ASSERT_EQUAL_UINT32(30u, s_est.dof);
 }
 
-void test_nothing_asked_for_is_the_same(void)
+void test_without_requested_coefficients_nothing_changes(void)
 {
     given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 1.0);
     s_est.opt.free_mask = 0u;
@@ -144,7 +144,7 @@ void test_nothing_asked_for_is_the_same(void)
 }
 
 /* Position only: a turn about the tool's axis moves nothing until tx says that the tool is off the axis. */
-void test_rank_is_judged_again_where_the_fit_ended(void)
+void test_rank_is_decided_again_at_the_solution(void)
 {
     uint64_t rng = 5u;
     double truth[KC_COEF_MAX] = {0.0};
@@ -158,7 +158,7 @@ void test_rank_is_judged_again_where_the_fit_ended(void)
     given_session(&s_est, &s_arm, &s_terms, truth, 0u, 0.0);
     for (int i = 0; i < 10; i++) {
         given_joints(&s_arm, &rng, q);
-        given_look(&s_arm, &s_terms, truth, q, 0.0, &rng, &obs);
+        given_one_observation(&s_arm, &s_terms, truth, q, 0.0, &rng, &obs);
         obs.has_rot = 0u;
         (void)kc_est_add(&s_est, &obs);
     }
@@ -170,7 +170,7 @@ void test_rank_is_judged_again_where_the_fit_ended(void)
 
 /* ---- nothing held ---- */
 
-void test_with_nothing_held_all_are_estimated_the_weak_prior_deciding_what_is_open(void)
+void test_with_nothing_held_all_are_estimated_with_the_weak_prior(void)
 {
     given_session(&s_est, &s_arm, &s_terms, s_truth, 3u, 1.0);
     s_est.hold_none = 1u;
@@ -182,7 +182,7 @@ void test_with_nothing_held_all_are_estimated_the_weak_prior_deciding_what_is_op
     TEST_ASSERT_EQUAL_UINT8(1u, s_est.weak);
     TEST_ASSERT_TRUE(s_est.fit_pos_m < s_est.before_pos_m);
     for (uint32_t c = 0u; c < 28u; c++) {
-        TEST_ASSERT_EQUAL_UINT64(0u, s_est.entangled[c]);
+        TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[c]);
         TEST_ASSERT_TRUE(s_est.sigma[c] > 0.0);
         TEST_ASSERT_TRUE(s_est.sigma[c] <= KC_EST_WEAK_SIGMA * s_terms.coef[c].scale);
     }
@@ -190,20 +190,20 @@ void test_with_nothing_held_all_are_estimated_the_weak_prior_deciding_what_is_op
 
 void test_with_nothing_held_two_names_for_one_effect_share_it(void)
 {
-    const uint32_t twin = add_coef(0u, KC_RZ, KC_VAR_ONE);
+    const uint32_t other = add_coef(0u, KC_RZ, KC_VAR_ONE);
     memset(s_truth, 0, sizeof s_truth);
     s_truth[0] = 0.1;
     given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 0.0);
-    s_terms.coef[0].scale = s_terms.coef[twin].scale;
-    s_est.opt.free_mask = 1u | (uint64_t)1u << twin;
+    s_terms.coef[0].scale = s_terms.coef[other].scale;
+    s_est.opt.free_mask = 1u | (uint64_t)1u << other;
     s_est.hold_none = 1u;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT32(1u, s_est.rank);
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.05, s_est.coef[0]);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6, s_est.coef[0], s_est.coef[twin]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, s_est.coef[0], s_est.coef[other]);
 }
 
-void test_with_nothing_held_the_weak_prior_stays_however_many_looks_there_are(void)
+void test_with_nothing_held_the_weak_prior_stays_however_many_observations_there_are(void)
 {
     given_session(&s_est, &s_arm, &s_terms, s_truth, 30u, 1.0);
     s_est.hold_none = 1u;

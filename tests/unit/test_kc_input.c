@@ -13,7 +13,7 @@ static kc_out_t s_out;
 void setUp(void);
 void setUp(void) { given_world(); }
 
-/* A live component at rest, and a good arm and head message for the next step. */
+/* A live component at rest, and a good arm and pan-tilt unit message for the next step. */
 static void given_idle(void)
 {
     world_boot();
@@ -22,7 +22,7 @@ static void given_idle(void)
     s_in.arm = APP->arm;
     s_in.arm.seq++;
     s_in.arm.t_us = world.now_us + TICK_US;
-    s_in.pantilt = APP->head;
+    s_in.pantilt = APP->pantilt;
     s_in.pantilt.seq++;
     s_in.pantilt.t_us = world.now_us + TICK_US;
 }
@@ -128,7 +128,7 @@ void test_a_controller_that_was_started_again_is_heard_after_a_while(void)
     s_in.has_arm = 1u;
     s_in.arm.seq = 1;
     APP->arm.seq = 1000;
-    APP->head.seq = 1000;
+    APP->pantilt.seq = 1000;
     s_in.has_pantilt = 1u;
     s_in.pantilt.seq = 1;
     for (uint32_t i = 0u; i < 60u; i++) {
@@ -138,7 +138,7 @@ void test_a_controller_that_was_started_again_is_heard_after_a_while(void)
         s_in.pantilt.seq++;
     }
     TEST_ASSERT_TRUE(APP->arm.seq < 100);
-    TEST_ASSERT_TRUE(APP->head.seq < 100);
+    TEST_ASSERT_TRUE(APP->pantilt.seq < 100);
     TEST_ASSERT_EQUAL_UINT32(0u, s_out.events.n);
 }
 
@@ -148,7 +148,7 @@ void test_without_an_arm_table_the_arm_is_not_listened_to(void)
     kc_app_boot(APP);
     world_ticks(2u);
     TEST_ASSERT_EQUAL_UINT8(0u, APP->has_arm);
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_head);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_pantilt);
 }
 
 void test_an_early_clock_takes_what_is_as_old_as_it_can_be(void)
@@ -159,7 +159,7 @@ void test_an_early_clock_takes_what_is_as_old_as_it_can_be(void)
     TEST_ASSERT_EQUAL_UINT8(1u, APP->has_arm);
 }
 
-void test_an_arm_fault_is_told_once(void)
+void test_an_arm_fault_is_reported_once(void)
 {
     world_boot();
     world_tick();
@@ -175,27 +175,27 @@ void test_an_arm_fault_is_told_once(void)
     TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
 }
 
-/* ---- head ---- */
+/* ---- pan-tilt unit ---- */
 
-void test_head_state_out_of_range_is_refused(void)
+void test_pantilt_state_out_of_range_is_refused(void)
 {
     const spoiled_t s[] = {{&s_in.pantilt.pan_rad, 7.0, 202}, {&s_in.pantilt.tilt_rad, 7.0, 203}};
     refuse_each(s, 2u, 0u);
 }
 
-void test_head_state_that_is_stale_or_of_another_time_is_refused(void)
+void test_pantilt_state_that_is_stale_or_of_another_time_is_refused(void)
 {
     given_idle();
     s_in.has_pantilt = 1u;
-    s_in.pantilt.seq = APP->head.seq;
-    refused(KC_EVT_IN_STALE, KC_INPUT_HEAD);
+    s_in.pantilt.seq = APP->pantilt.seq;
+    refused(KC_EVT_IN_STALE, KC_INPUT_PANTILT);
     given_idle();
     s_in.has_pantilt = 1u;
     s_in.pantilt.t_us = world.now_us + 3u * TICK_US;
     refused(KC_EVT_IN_RANGE, 201);
 }
 
-/* ---- detections: in the middle of a measurement, one frame taken and the next one asked for ---- */
+/* ---- detections: in the middle of a measurement, one frame taken and the next one requested ---- */
 
 static kc_detection_t *given_frame(void)
 {
@@ -204,11 +204,11 @@ static kc_detection_t *given_frame(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(1u, APP->frames.n);
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->look.waiting);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->observe.waiting);
     memset(&s_in, 0, sizeof s_in);
     s_in.n_det = 1u;
-    s_in.det[0] = APP->look.det;
-    s_in.det[0].seq = APP->look.frame_seq;
+    s_in.det[0] = APP->observe.det;
+    s_in.det[0].seq = APP->observe.frame_seq;
     s_in.det[0].t_us = world.now_us + TICK_US;
     return &s_in.det[0];
 }
@@ -217,7 +217,7 @@ static kc_detection_t *given_frame(void)
 static void det_refused(uint16_t id, int32_t index)
 {
     refused(id, index);
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->look.waiting);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->observe.waiting);
     TEST_ASSERT_EQUAL_INT(KC_ST_MEASURE, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT8(0u, s_out.has_frame_request);
 }
@@ -230,16 +230,16 @@ void test_a_good_frame_is_taken(void)
     TEST_ASSERT_EQUAL_UINT32(2u, APP->frames.n);
 }
 
-void test_a_frame_nobody_asked_for_is_refused(void)
+void test_a_frame_that_was_not_requested_is_refused(void)
 {
     given_frame()->seq += 1;
-    det_refused(KC_EVT_DET_UNASKED, -1);
+    det_refused(KC_EVT_DET_UNREQUESTED, -1);
     given_frame()->seq -= 1;
-    det_refused(KC_EVT_DET_UNASKED, -1);
+    det_refused(KC_EVT_DET_UNREQUESTED, -1);
     given_idle();
     APP->state = KC_ST_REVIEW;
     s_in.n_det = 1u;
-    refused(KC_EVT_DET_UNASKED, -1);
+    refused(KC_EVT_DET_UNREQUESTED, -1);
 }
 
 void test_a_frame_that_is_repeated_is_refused(void)
@@ -249,7 +249,7 @@ void test_a_frame_that_is_repeated_is_refused(void)
     s_in.n_det = 2u;
     step();
     TEST_ASSERT_EQUAL_UINT32(2u, APP->frames.n);
-    TEST_ASSERT_EQUAL_DOUBLE((double)d->seq, only_event(KC_EVT_DET_UNASKED)->got);
+    TEST_ASSERT_EQUAL_DOUBLE((double)d->seq, only_event(KC_EVT_DET_UNREQUESTED)->got);
 }
 
 void test_a_frame_too_old_is_refused(void)
@@ -260,9 +260,9 @@ void test_a_frame_too_old_is_refused(void)
     TEST_ASSERT_EQUAL_DOUBLE(1000000.0, only_event(KC_EVT_DET_OLD)->want);
 }
 
-void test_a_frame_taken_before_it_was_asked_for_is_refused(void)
+void test_a_frame_taken_before_its_request_is_refused(void)
 {
-    given_frame()->t_us = APP->look.asked_us - 60000u;
+    given_frame()->t_us = APP->observe.requested_us - 60000u;
     det_refused(KC_EVT_DET_OLD, -1);
 }
 
@@ -286,9 +286,9 @@ void test_a_frame_with_an_unknown_tag_is_refused(void)
 void test_a_frame_whose_quaternion_is_not_unit_is_refused(void)
 {
     given_frame()->q_cam_tool_wxyz[0] += 1e-3;
-    det_refused(KC_EVT_IN_NOT_UNIT, KC_INPUT_DET);
+    det_refused(KC_EVT_IN_NOT_UNIT, KC_INPUT_DETECTION);
     given_frame()->q_alt_wxyz[0] = NAN;
-    det_refused(KC_EVT_IN_NOT_UNIT, KC_INPUT_DET);
+    det_refused(KC_EVT_IN_NOT_UNIT, KC_INPUT_DETECTION);
 }
 
 void test_a_frame_with_a_value_out_of_range_is_refused(void)
@@ -322,7 +322,7 @@ void test_a_frame_whose_covariance_is_not_positive_definite_is_refused(void)
     det_refused(KC_EVT_IN_RANGE, 315);
 }
 
-/* Well formed but not good enough: refused, and another frame is asked for. */
+/* Well formed but not good enough: refused, and another frame is requested. */
 static void det_spent(uint16_t id, int32_t index)
 {
     uint32_t rejected = APP->n_rejected;
@@ -361,7 +361,7 @@ void test_a_detection_that_is_too_uncertain_is_refused(void)
 
 /* ---- the rest ---- */
 
-void test_a_store_that_failed_is_told(void)
+void test_a_failed_store_is_reported(void)
 {
     given_idle();
     s_in.has_store_result = 1u;
@@ -391,12 +391,12 @@ void test_silence_while_calibrating_ends_it(void)
         given_world();
         world_started();
         world_ticks(3u);
-        world.mute_arm = who == 0;
-        world.mute_head = who == 1;
+        world.arm_silent = who == 0;
+        world.pantilt_silent = who == 1;
         world_ticks(25u);
         TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
         TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_IN_SILENT));
-        TEST_ASSERT_EQUAL_INT(who == 0 ? KC_INPUT_ARM : KC_INPUT_HEAD, world.last[KC_EVT_IN_SILENT].index);
+        TEST_ASSERT_EQUAL_INT(who == 0 ? KC_INPUT_ARM : KC_INPUT_PANTILT, world.last[KC_EVT_IN_SILENT].index);
         TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_SILENT, world.last[KC_EVT_CAL_ABORTED].got);
     }
 }
@@ -404,7 +404,18 @@ void test_silence_while_calibrating_ends_it(void)
 void test_silence_while_idle_is_no_matter(void)
 {
     world_boot();
-    world.mute_arm = world.mute_head = 1;
+    world.arm_silent = world.pantilt_silent = 1;
     world_ticks(50u);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_IN_SILENT));
+}
+
+void test_a_field_of_an_input_has_a_name_and_the_number_of_its_element(void)
+{
+    uint32_t element = 9u;
+    TEST_ASSERT_EQUAL_STRING("arm q_rad", kc_input_field(112, &element));
+    TEST_ASSERT_EQUAL_UINT32(3u, element);
+    TEST_ASSERT_EQUAL_STRING("pan-tilt tilt_rad", kc_input_field(203, &element));
+    TEST_ASSERT_EQUAL_UINT32(0u, element);
+    TEST_ASSERT_EQUAL_STRING("", kc_input_field(199, &element));
+    TEST_ASSERT_EQUAL_UINT32(0u, element);
 }

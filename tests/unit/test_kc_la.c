@@ -145,7 +145,7 @@ void test_folding_rows_keeps_the_normal_equations(void)
 {
     const uint32_t n = 5u, ld = 8u, ldb = 7u;
     double R[5 * 8] = {0.0}, M[36] = {0.0}, rest = 0.0;
-    for (uint32_t i = 1u; i < n; i++) { R[i * ld] = 555.0; } /* below the diagonal: not looked at */
+    for (uint32_t i = 1u; i < n; i++) { R[i * ld] = 555.0; } /* below the diagonal: not read */
     for (uint32_t rows = 1u; rows <= 6u; rows++) {
         double blk[6 * 7];
         for (uint32_t i = 0u; i < rows * ldb; i++) { blk[i] = uniform(); }

@@ -26,7 +26,7 @@ static void expect_refused(uint16_t kind, int32_t index, uint32_t field, double 
     TEST_ASSERT_EQUAL_DOUBLE(got, s_w.bad_got);
 }
 
-void test_joint_limits_the_wrong_way_round_are_refused(void)
+void test_crossed_joint_limits_are_refused(void)
 {
     given_arm(&s_t.arm);
     s_t.arm.joint[3].q_max = -1.0;
@@ -47,7 +47,7 @@ void test_a_negative_mass_is_refused(void)
     expect_refused(KC_TBL_ARM, 0, 12u, -1.0);
 }
 
-void test_head_limits_the_wrong_way_round_are_refused(void)
+void test_crossed_pantilt_limits_are_refused(void)
 {
     given_camera(&s_t.camera);
     s_t.camera.pan_max_rad = -2.0;
@@ -78,7 +78,7 @@ void test_a_camera_without_tags_is_refused(void)
     expect_refused(KC_TBL_CAMERA, -1, 15u, 0.0);
 }
 
-void test_bounds_the_wrong_way_round_are_refused(void)
+void test_crossed_bounds_are_refused(void)
 {
     given_terms(&s_t.terms);
     s_t.terms.coef[9].ub = -2.0;
@@ -114,10 +114,10 @@ void test_a_negative_sigma_is_refused(void)
     expect_refused(KC_TBL_KIN, 3, 3u, -1.0);
 }
 
-void test_priors_and_hubs_that_do_not_exist_are_refused(void)
+void test_initial_poses_and_hubs_that_do_not_exist_are_refused(void)
 {
     given_space(&s_t.space, 9u, 1u);
-    s_t.space.prior[2] = 9u;
+    s_t.space.initial[2] = 9u;
     expect_refused(KC_TBL_SPACE, 2, 5u, 9.0);
     given_space(&s_t.space, 9u, 1u);
     s_t.space.cand[7].hub = 2u;
@@ -195,10 +195,10 @@ void test_bodies_and_volumes_out_of_range_are_refused_by_number(void)
     s_t.space.body[0].radius_m = 0.0f;
     expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY, 23u, 0.0);
     given_space(&s_t.space, 9u, 1u);
-    s_t.space.body[1].apart = 2u; /* itself */
+    s_t.space.body[1].collision_pairs = 2u; /* itself */
     expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY + 1, 30u, 2.0);
     given_space(&s_t.space, 9u, 1u);
-    s_t.space.body[1].apart = 1u;
+    s_t.space.body[1].collision_pairs = 1u;
     check(KC_TBL_SPACE);
     TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
     given_space(&s_t.space, 9u, 1u);
@@ -217,6 +217,6 @@ void test_bodies_and_volumes_out_of_range_are_refused_by_number(void)
     s_t.space.volume[1].radius_m = -1.0f;
     expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 28u, -1.0);
     given_space(&s_t.space, 9u, 1u);
-    s_t.space.volume[1].spared = 4u;
+    s_t.space.volume[1].excluded = 4u;
     expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 29u, 4.0);
 }

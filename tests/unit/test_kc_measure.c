@@ -180,12 +180,12 @@ void test_frames_that_keep_jumping_break_the_measurement_off(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world.n_meas);
 }
 
-void test_a_shake_starts_the_measurement_over_once_all_is_at_rest(void)
+void test_a_vibration_restarts_the_measurement_once_all_is_at_rest(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
     world_tick();
-    world.shake_arm = 3;
+    world.arm_vibrates = 3;
     world_ticks(2u);
     TEST_ASSERT_EQUAL_INT(KC_ST_SETTLE, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(0u, APP->frames.n);
@@ -198,7 +198,7 @@ void test_a_place_that_keeps_shaking_is_skipped(void)
     world_started();
     for (uint32_t i = 0u; i < 3u; i++) {
         TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-        world.shake_head = 2;
+        world.pantilt_vibrates = 2;
         world_ticks(2u);
     }
     TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_CAND_SKIPPED) == 1u);

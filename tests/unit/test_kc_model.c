@@ -110,7 +110,7 @@ void test_the_torque_of_a_turning_joint_is_the_moment_about_its_axis(void)
     TEST_ASSERT_TRUE(fabs(s_loads.moment[1][2] - s_loads.tau[1]) > 1e-3); /* prismatic: a force */
 }
 
-void test_terms_that_look_at_loads_do_not_change_the_loads(void)
+void test_terms_that_depend_on_loads_do_not_change_the_loads(void)
 {
     static kc_loads_t plain;
     static const uint8_t var[5] = {KC_VAR_TAU, KC_VAR_MX, KC_VAR_MY, KC_VAR_MZ, KC_VAR_TAU_PAYLOAD};
@@ -129,7 +129,7 @@ void test_terms_that_look_at_loads_do_not_change_the_loads(void)
     TEST_ASSERT_TRUE(fabs(plain.tau[0] - s_loads.tau[0]) > 1e-6);
 }
 
-/* Observation of the arm with the coefficients as they are, seen from a camera. */
+/* Observation of the arm with its coefficients, from a camera. */
 static kc_obs_t given_observation(void)
 {
     kc_obs_t obs;

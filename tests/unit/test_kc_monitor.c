@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "given_looks.h"
+#include "given_observations.h"
 #include "given_small_arm.h"
 #include "given_tables.h"
 #include "kc_monitor.h"
@@ -27,26 +27,26 @@ void setUp(void)
     kc_monitor_init(&s_mon, &s_arm, 2e-4, 5e-4);
 }
 
-/* n looks at an arm whose joint j stands `bias` beyond its reading. */
-static void looks(uint32_t n, uint32_t j, double bias)
+/* n observations of an arm whose joint j stands `bias` beyond its reading. */
+static void observations(uint32_t n, uint32_t j, double bias)
 {
     double q[KC_JOINT_MAX] = {0.0}, at[KC_JOINT_MAX];
     for (uint32_t i = 0u; i < n; i++) {
         given_joints(&s_arm, &s_rng, q);
         memcpy(at, q, sizeof at);
         at[j] += bias;
-        given_look(&s_arm, &s_terms, s_coef, at, 1.0, &s_rng, &s_obs);
+        given_one_observation(&s_arm, &s_terms, s_coef, at, 1.0, &s_rng, &s_obs);
         memcpy(s_obs.ctx.q, q, sizeof q);
         TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
     }
-    kc_monitor_judge(&s_mon, &s_v);
+    kc_monitor_evaluate(&s_mon, &s_v);
 }
 
 void test_it_takes_less_than_8_kib(void) { TEST_ASSERT_TRUE(sizeof s_mon + sizeof s_v <= 8192u); }
 
-void test_without_looks_it_is_quiet(void)
+void test_without_observations_it_is_quiet(void)
 {
-    kc_monitor_judge(&s_mon, &s_v);
+    kc_monitor_evaluate(&s_mon, &s_v);
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
 }
 
@@ -54,10 +54,10 @@ void test_a_healthy_arm_is_quiet(void)
 {
     given_paper_errors(s_coef); /* known to the model, so no error */
     for (uint32_t i = 0u; i < 50u; i++) {
-        looks(1u, 0u, 0.0);
+        observations(1u, 0u, 0.0);
         TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
     }
-    TEST_ASSERT_EQUAL_UINT32(KC_MON_LOOKS, s_mon.n);
+    TEST_ASSERT_EQUAL_UINT32(KC_MON_OBS_MAX, s_mon.n);
     TEST_ASSERT_TRUE(s_v.off_m > 0.0 && s_v.off_m < 5e-3);
 }
 
@@ -65,7 +65,7 @@ void test_the_joint_that_reads_wrong_is_named_with_its_bias(void)
 {
     for (uint32_t j = 0u; j < 7u; j++) {
         kc_monitor_init(&s_mon, &s_arm, 2e-4, 5e-4);
-        looks(5u, j, 0.03);
+        observations(5u, j, 0.03);
         TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
         TEST_ASSERT_EQUAL_UINT32(j, s_v.joint);
         TEST_ASSERT_EQUAL_HEX32(1u << j, s_v.suspects);
@@ -77,52 +77,52 @@ void test_the_joint_that_reads_wrong_is_named_with_its_bias(void)
 
 void test_a_large_bias_is_the_exact_turn(void)
 {
-    looks(4u, 1u, -0.9);
+    observations(4u, 1u, -0.9);
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
     TEST_ASSERT_EQUAL_UINT32(1u, s_v.joint);
     TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_v.sigma, -0.9, s_v.bias);
 }
 
-void test_a_slip_after_many_good_looks_is_dated(void)
+void test_a_slip_after_many_good_observations_is_dated(void)
 {
-    looks(20u, 0u, 0.0);
-    looks(3u, 3u, 0.05);
+    observations(20u, 0u, 0.0);
+    observations(3u, 3u, 0.05);
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
     TEST_ASSERT_EQUAL_UINT32(3u, s_v.joint);
-    TEST_ASSERT_EQUAL_UINT32(3u, s_v.n_looks);
+    TEST_ASSERT_EQUAL_UINT32(3u, s_v.n_obs);
 }
 
-void test_one_look_names_nobody(void)
+void test_one_observation_names_no_joint(void)
 {
-    looks(1u, 0u, 0.1);
+    observations(1u, 0u, 0.1);
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
     TEST_ASSERT_TRUE(s_v.off_rad > 0.05);
 }
 
-void test_one_wild_look_among_good_ones_is_no_alarm(void)
+void test_one_outlier_among_good_observations_is_no_alarm(void)
 {
-    looks(4u, 0u, 0.0);
-    looks(1u, 0u, 0.1);
+    observations(4u, 0u, 0.0);
+    observations(1u, 0u, 0.1);
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
-    looks(1u, 0u, 0.0);
+    observations(1u, 0u, 0.0);
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
 }
 
-void test_what_no_joint_explains_is_said_after_three_looks(void)
+void test_what_no_joint_explains_is_said_after_three_observations(void)
 {
     double q[KC_JOINT_MAX] = {0.0};
     for (uint32_t i = 0u; i < 3u; i++) {
-        kc_monitor_judge(&s_mon, &s_v);
+        kc_monitor_evaluate(&s_mon, &s_v);
         TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
         given_joints(&s_arm, &s_rng, q);
-        given_look(&s_arm, &s_terms, s_coef, q, 1.0, &s_rng, &s_obs);
+        given_one_observation(&s_arm, &s_terms, s_coef, q, 1.0, &s_rng, &s_obs);
         s_obs.p_m[i] += 0.05;
         s_obs.p_m[2] += 0.05;
         TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
     }
-    kc_monitor_judge(&s_mon, &s_v);
+    kc_monitor_evaluate(&s_mon, &s_v);
     TEST_ASSERT_EQUAL_INT(KC_MON_UNEXPLAINED, s_v.state);
-    TEST_ASSERT_EQUAL_UINT32(KC_MON_OFF_LOOKS, s_v.n_looks);
+    TEST_ASSERT_EQUAL_UINT32(KC_MON_OBS_OFF, s_v.n_obs);
 }
 
 void test_joints_with_one_axis_are_all_suspect(void)
@@ -130,22 +130,22 @@ void test_joints_with_one_axis_are_all_suspect(void)
     double q[KC_JOINT_MAX] = {0.0}, at[KC_JOINT_MAX] = {0.0};
     at[2] = 0.05; /* stretched straight up, joints 1, 3, 5 and 7 turn about one line */
     for (uint32_t i = 0u; i < 3u; i++) {
-        given_look(&s_arm, &s_terms, s_coef, at, 1.0, &s_rng, &s_obs);
+        given_one_observation(&s_arm, &s_terms, s_coef, at, 1.0, &s_rng, &s_obs);
         memcpy(s_obs.ctx.q, q, sizeof q);
         TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
     }
-    kc_monitor_judge(&s_mon, &s_v);
+    kc_monitor_evaluate(&s_mon, &s_v);
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
     TEST_ASSERT_EQUAL_HEX32(0x55u, s_v.suspects);
 }
 
-void test_what_all_looks_share_does_not_average_out(void)
+void test_what_all_observations_share_does_not_average_out(void)
 {
-    looks(8u, 6u, 0.03);
+    observations(8u, 6u, 0.03);
     double sharp = s_v.sigma;
-    kc_monitor_init(&s_mon, &s_arm, LOOK_POS_M, LOOK_ROT_RAD); /* nothing but floor */
+    kc_monitor_init(&s_mon, &s_arm, OBS_POS_M, OBS_ROT_RAD); /* nothing but floor */
     s_rng = 5u;
-    looks(8u, 6u, 0.03);
+    observations(8u, 6u, 0.03);
     TEST_ASSERT_TRUE(s_v.state == KC_MON_QUIET || s_v.sigma > 2.0 * sharp);
 }
 
@@ -154,11 +154,11 @@ void test_a_floor_stands_in_for_a_covariance_that_claims_too_much(void)
     double q[KC_JOINT_MAX] = {0.0};
     for (uint32_t i = 0u; i < 6u; i++) {
         given_joints(&s_arm, &s_rng, q);
-        given_look(&s_arm, &s_terms, s_coef, q, 0.05, &s_rng, &s_obs);
+        given_one_observation(&s_arm, &s_terms, s_coef, q, 0.05, &s_rng, &s_obs);
         for (uint32_t c = 0u; c < 6u; c++) { s_obs.cov[7u * c] = 1e-14; }
         TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
     }
-    kc_monitor_judge(&s_mon, &s_v);
+    kc_monitor_evaluate(&s_mon, &s_v);
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
 }
 
@@ -169,7 +169,7 @@ void test_a_prismatic_joint_is_named_in_metres(void)
     uint32_t j = 0u;
     while (j < s_arm.n_joints && s_arm.joint[j].type != KC_PRISMATIC) { j++; }
     kc_monitor_init(&s_mon, &s_arm, 2e-4, 5e-4);
-    looks(5u, j, 0.02);
+    observations(5u, j, 0.02);
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
     TEST_ASSERT_EQUAL_UINT32(j, s_v.joint);
     TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_v.sigma, 0.02, s_v.bias);
@@ -184,9 +184,9 @@ static void refused(kc_status_t st)
     TEST_ASSERT_EQUAL_MEMORY(&before, &s_mon, sizeof before);
 }
 
-void test_a_look_that_cannot_be_judged_is_refused(void)
+void test_an_observation_without_orientation_or_noise_is_refused(void)
 {
-    looks(2u, 0u, 0.0);
+    observations(2u, 0u, 0.0);
     s_obs.has_rot = 0u;
     refused(KC_ERR_ARG);
     s_obs.has_rot = 1u;

@@ -1,4 +1,4 @@
-/* kc_move.c: proven paths, head, rest; what happens when arm or head do not do as they are told. */
+/* kc_move.c: verified paths, pan-tilt unit, rest; arm or pan-tilt unit that ignore commands. */
 #include <math.h>
 #include <string.h>
 
@@ -22,14 +22,14 @@ static double distance(const double *a, const double *b)
     return d;
 }
 
-void test_the_arm_goes_over_seeds_of_proven_nodes_only(void)
+void test_the_arm_goes_over_seeds_of_verified_nodes_only(void)
 {
     double q[KC_JOINT_MAX];
     world.truth.joint[6].phi_rad = 0.3;
     world_started();
     for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) {
-        if (world.out.has_arm_cmd && kc_app_state(APP) == KC_ST_MOVE && APP->leg.i_way < APP->leg.n_way) {
-            kc_path_joints(&kc_app_active(APP)->space, APP->leg.way[APP->leg.i_way], q);
+        if (world.out.has_arm_cmd && kc_app_state(APP) == KC_ST_MOVE && APP->leg.i_path < APP->leg.n_path) {
+            kc_path_joints(&kc_app_active(APP)->space, APP->leg.path[APP->leg.i_path], q);
             TEST_ASSERT_TRUE(distance(q, world.arm_cmd.q) < 1e-12);
         }
         world_tick();
@@ -37,14 +37,15 @@ void test_the_arm_goes_over_seeds_of_proven_nodes_only(void)
     TEST_ASSERT_TRUE(world.n_meas > 3u);
 }
 
-void test_every_command_at_a_candidate_stays_on_the_leash(void)
+void test_every_command_at_a_candidate_stays_on_the_servo_bound(void)
 {
     double seed[KC_JOINT_MAX];
     world.truth.joint[6].phi_rad = 0.6;
-    world.config.servo.leash = 0.2;
+    world.config.servo.bound = 0.2;
     world_started();
     for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) {
-        if (world.out.has_arm_cmd && (kc_app_state(APP) == KC_ST_SERVO || APP->leg.i_way == APP->leg.n_way)) {
+        if (world.out.has_arm_cmd &&
+            (kc_app_state(APP) == KC_ST_SERVO || APP->leg.i_path == APP->leg.n_path)) {
             kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX + (uint32_t)APP->cal.candidate, seed);
             TEST_ASSERT_TRUE(distance(seed, world.arm_cmd.q) < 0.2 + 1e-9);
         }
@@ -63,9 +64,9 @@ void test_the_corrected_arm_needs_no_servo_step_in_the_end(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world.progress[7].servo_steps);
 }
 
-void test_an_arm_that_does_not_arrive_is_held_and_the_calibration_given_up(void)
+void test_an_arm_that_does_not_arrive_is_held_and_the_calibration_stopped(void)
 {
-    world.freeze_arm = 1;
+    world.arm_frozen = 1;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
@@ -77,7 +78,7 @@ void test_an_arm_command_that_got_lost_is_sent_again(void)
 {
     world_boot();
     world_tick();
-    world.deaf_arm = 1;
+    world.arm_ignores = 1;
     (void)world_do(KC_CMD_START, -1, 0, 1);
     int32_t seq = world.arm_cmd.seq;
     world_ticks(12u);
@@ -90,40 +91,40 @@ void test_a_servo_step_that_is_not_done_in_time_ends_it(void)
     world.truth.joint[6].phi_rad = 0.3;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 200u));
-    world.freeze_arm = 1;
+    world.arm_frozen = 1;
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_LATE, world.last[KC_EVT_CAL_ABORTED].got);
 }
 
-void test_a_head_that_does_not_arrive_ends_it(void)
+void test_a_pantilt_unit_that_does_not_arrive_ends_it(void)
 {
-    world.freeze_head = 1;
+    world.pantilt_frozen = 1;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 300u));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
-    TEST_ASSERT_EQUAL_INT(KC_INPUT_HEAD, world.last[KC_EVT_CAL_MOVE_TIMEOUT].index);
-    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_HEAD_LATE, world.last[KC_EVT_CAL_ABORTED].got);
+    TEST_ASSERT_EQUAL_INT(KC_INPUT_PANTILT, world.last[KC_EVT_CAL_MOVE_TIMEOUT].index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_PANTILT_LATE, world.last[KC_EVT_CAL_ABORTED].got);
 }
 
-void test_a_head_command_that_got_lost_is_sent_again(void)
+void test_a_pantilt_unit_command_that_got_lost_is_sent_again(void)
 {
-    world.deaf_head = 2; /* the one under way and the one on arrival */
+    world.pantilt_ignores = 2; /* the current one and the one on arrival */
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
-    TEST_ASSERT_EQUAL_UINT32(3u, world.n_head_cmd);
+    TEST_ASSERT_EQUAL_UINT32(3u, world.n_pantilt_cmd);
 }
 
 void test_it_waits_until_everything_is_at_rest(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SETTLE, 200u));
-    world.shake_arm = 7;
+    world.arm_vibrates = 7;
     world_ticks(7u);
     TEST_ASSERT_EQUAL_INT(KC_ST_SETTLE, kc_app_state(APP));
-    world.shake_head = 3;
+    world.pantilt_vibrates = 3;
     world_ticks(3u);
     TEST_ASSERT_EQUAL_INT(KC_ST_SETTLE, kc_app_state(APP));
-    TEST_ASSERT_TRUE(world_until(KC_ST_LOOK, 3u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 3u));
 }
 
 void test_what_never_comes_to_rest_ends_it(void)
@@ -133,17 +134,17 @@ void test_what_never_comes_to_rest_ends_it(void)
         world.config.move_timeout_us = 5000000u;
         world_started();
         TEST_ASSERT_TRUE(world_until(KC_ST_SETTLE, 200u));
-        world.shake_arm = who == 0 ? 1000 : 0;
-        world.shake_head = who == 1 ? 1000 : 0;
+        world.arm_vibrates = who == 0 ? 1000 : 0;
+        world.pantilt_vibrates = who == 1 ? 1000 : 0;
         TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
-        TEST_ASSERT_EQUAL_DOUBLE(who == 0 ? (double)KC_CAUSE_ARM_LATE : (double)KC_CAUSE_HEAD_LATE,
+        TEST_ASSERT_EQUAL_DOUBLE(who == 0 ? (double)KC_CAUSE_ARM_LATE : (double)KC_CAUSE_PANTILT_LATE,
                                  world.last[KC_EVT_CAL_ABORTED].got);
     }
 }
 
 /* ---- where it stands ---- */
 
-void test_it_stands_at_a_node_within_the_leash_and_goes_to_its_seed_first(void)
+void test_it_is_at_a_node_within_its_bound_and_goes_to_its_seed_first(void)
 {
     double dist = 0.0, seed[KC_JOINT_MAX];
     kc_path_joints(&world.space, KC_HUB_MAX + 5u, seed);
@@ -153,28 +154,28 @@ void test_it_stands_at_a_node_within_the_leash_and_goes_to_its_seed_first(void)
     world_boot();
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + 5u, kc_move_node(APP, &dist));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.2 / (1.5 + world.config.arrive_tol), dist); /* in leashes */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.2 / (1.5 + world.config.arrive_tol), dist); /* in bounds */
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
     TEST_ASSERT_EQUAL_DOUBLE_ARRAY(seed, world.arm_cmd.q, world.arm.n_joints);
-    TEST_ASSERT_EQUAL_UINT16(KC_HUB_MAX + 5u, APP->leg.way[0]);
+    TEST_ASSERT_EQUAL_UINT16(KC_HUB_MAX + 5u, APP->leg.path[0]);
 }
 
-void test_beside_a_hub_it_stands_nowhere_even_within_the_leash(void)
+void test_outside_the_hub_bound_it_is_at_no_node_even_within_the_servo_bound(void)
 {
     double dist = 0.0;
-    world.config.servo.leash = 0.1; /* candidates are far from here */
+    world.config.servo.bound = 0.1; /* candidates are far from here */
     world.q[1] = world.q_cmd[1] = 0.06;
     world_boot();
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(APP, &dist));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.06 / KC_HUB_LEASH, dist);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.06 / KC_HUB_BOUND, dist);
     TEST_ASSERT_NOT_EQUAL(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
 }
 
 void test_on_no_segment_it_stands_nowhere(void)
 {
     double dist = 0.0;
-    world.config.servo.leash = 0.05;
+    world.config.servo.bound = 0.05;
     world_boot();
     world_tick();
     APP->arm.q[0] = 0.25; /* half way from hub 0 to hub 1, but for joint 4 */
@@ -205,7 +206,7 @@ void test_an_arm_carried_off_between_two_poses_ends_it(void)
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_NO_PATH, world.last[KC_EVT_CAL_ABORTED].got);
 }
 
-void test_a_candidate_without_a_proven_way_is_skipped(void)
+void test_a_candidate_without_a_verified_path_is_skipped(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
@@ -217,12 +218,12 @@ void test_a_candidate_without_a_proven_way_is_skipped(void)
     TEST_ASSERT_TRUE(kc_app_calibrating(APP));
 }
 
-void test_the_head_is_never_sent_beyond_its_limits(void)
+void test_the_pantilt_unit_is_never_sent_beyond_its_limits(void)
 {
     world_boot();
     world_tick();
     memset(&world.out, 0, sizeof world.out);
-    kc_move_head(APP, &world.out, 3.0, -3.0);
+    kc_move_pantilt(APP, &world.out, 3.0, -3.0);
     TEST_ASSERT_EQUAL_DOUBLE(1.6, world.out.pantilt_cmd.pan_rad);
     TEST_ASSERT_EQUAL_DOUBLE(-0.6, world.out.pantilt_cmd.tilt_rad);
 }
@@ -232,14 +233,14 @@ void test_the_head_is_never_sent_beyond_its_limits(void)
 /* A ball around where the candidate's seed puts the tool: only there. */
 static uint32_t forbid_prior(uint32_t place)
 {
-    uint32_t cand = world.space.prior[place];
+    uint32_t cand = world.space.initial[place];
     kc_volume_t *v = &world.space.volume[world.space.n_volume++];
     *v = (kc_volume_t){KC_VOL_SPHERE, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.02f, 0u};
     memcpy(v->p_m, world.space.cand[cand].p_m, sizeof v->p_m);
     return cand;
 }
 
-void test_a_candidate_inside_a_volume_is_given_up_before_the_arm_moves(void)
+void test_a_candidate_inside_a_volume_is_skipped_before_the_arm_moves(void)
 {
     uint32_t cand = forbid_prior(0u);
     world_boot();
@@ -258,9 +259,9 @@ void test_a_candidate_inside_a_volume_is_given_up_before_the_arm_moves(void)
     for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_TRUE(world.meas[k].candidate != (int32_t)cand); }
 }
 
-void test_a_candidate_where_the_arm_meets_itself_is_given_up_before_the_arm_moves(void)
+void test_a_candidate_in_self_collision_is_skipped_before_the_arm_moves(void)
 {
-    uint32_t cand = world.space.prior[0];
+    uint32_t cand = world.space.initial[0];
     world.space.n_body =
         4u; /* tool and a ball about joint 4 that reaches it at the candidate, not at the hub */
     world.space.body[2] = (kc_body_t){4u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.01f, 0u};
@@ -293,11 +294,11 @@ void test_a_hub_too_near_to_a_limit_is_refused_with_its_joint(void)
     TEST_ASSERT_DOUBLE_WITHIN(2e-6, (double)world.space.hub_q[0][3], world.last[KC_EVT_GRD_LIMIT].got);
 }
 
-/* Commands that nobody here should ever ask for. */
-static void refused_way(uint32_t from, uint32_t to, double off)
+/* Commands that the component should never send. */
+static void refused_path(uint32_t from, uint32_t to, double off)
 {
     double q[KC_JOINT_MAX];
-    uint32_t told = world_events(KC_EVT_GRD_WAY), skipped = world_events(KC_EVT_CAL_CAND_SKIPPED);
+    uint32_t reported = world_events(KC_EVT_GRD_PATH), skipped = world_events(KC_EVT_CAL_CAND_SKIPPED);
     int32_t seq = APP->arm_seq;
     memset(&world.out, 0, sizeof world.out);
     kc_path_joints(&kc_app_active(APP)->space, to, q);
@@ -308,26 +309,26 @@ static void refused_way(uint32_t from, uint32_t to, double off)
     TEST_ASSERT_EQUAL_INT(KC_ST_UPDATE, kc_app_state(APP));
     TEST_ASSERT_EQUAL_INT(0, APP->cal.usable[APP->cal.candidate]);
     TEST_ASSERT_EQUAL_UINT32(2u, world.out.events.n);
-    TEST_ASSERT_EQUAL_INT(KC_EVT_GRD_WAY, world.out.events.e[0].id);
-    TEST_ASSERT_EQUAL_UINT32(told, world_events(KC_EVT_GRD_WAY));
+    TEST_ASSERT_EQUAL_INT(KC_EVT_GRD_PATH, world.out.events.e[0].id);
+    TEST_ASSERT_EQUAL_UINT32(reported, world_events(KC_EVT_GRD_PATH));
     TEST_ASSERT_EQUAL_UINT32(skipped, world_events(KC_EVT_CAL_CAND_SKIPPED));
 }
 
-void test_what_is_not_proven_is_not_sent(void)
+void test_what_is_not_verified_is_not_sent(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
     uint32_t at = KC_HUB_MAX + (uint32_t)APP->cal.candidate;
-    refused_way(at, at, 1.6);                      /* beyond the box of 1.5 */
-    refused_way(at, 1u - kc_app_active(APP)->space.cand[APP->cal.candidate].hub, 0.0); /* not its hub */
-    refused_way(at, at, 1.6);
+    refused_path(at, at, 1.6);                      /* beyond the box of 1.5 */
+    refused_path(at, 1u - kc_app_active(APP)->space.cand[APP->cal.candidate].hub, 0.0); /* not its hub */
+    refused_path(at, at, 1.6);
 }
 
-void test_a_way_point_refused_on_the_way_gives_the_candidate_up(void)
+void test_a_refused_waypoint_skips_the_candidate(void)
 {
     world_started();
     TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
-    APP->tables.active.config.servo.margin = 10.0; /* no joint is so far from its limits */
+    APP->tables.active.config.servo.margin = 10.0; /* no joint has that margin */
     TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
     TEST_ASSERT_TRUE(world_events(KC_EVT_GRD_LIMIT) >= 1u); /* others are tried */
     TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_CAND_SKIPPED) >= 1u);
@@ -338,21 +339,21 @@ void test_a_way_point_refused_on_the_way_gives_the_candidate_up(void)
 static void pushed_while_looking(void)
 {
     world_started();
-    TEST_ASSERT_TRUE(world_until(KC_ST_LOOK, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
     world.q[0] += 1.8;
     world.q_cmd[0] += 1.8;
 }
 
-/* Whatever it would do next starts where nothing is proven: nothing is sent, the candidate is given up. */
+/* Any next move begins where nothing is verified: nothing is sent, the candidate is skipped. */
 static void expect_nothing_sent(void)
 {
     int32_t seq = APP->arm_seq;
-    for (uint32_t i = 0u; i < 300u && world_events(KC_EVT_GRD_WAY) == 0u; i++) {
+    for (uint32_t i = 0u; i < 300u && world_events(KC_EVT_GRD_PATH) == 0u; i++) {
         TEST_ASSERT_EQUAL_INT(seq, APP->arm_seq);
         world_tick();
     }
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_GRD_WAY));
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_GRD_WAY].index);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_GRD_PATH));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_GRD_PATH].index);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
     TEST_ASSERT_EQUAL_UINT32(0u, world.n_meas);
 }
@@ -363,19 +364,19 @@ void test_a_servo_step_from_outside_the_box_is_refused(void)
     expect_nothing_sent();
 }
 
-void test_a_way_to_the_seed_from_outside_the_box_is_refused(void)
+void test_a_move_to_the_seed_from_outside_the_bound_is_refused(void)
 {
     world.hide = 1000;
     pushed_while_looking();
     expect_nothing_sent();
 }
 
-void test_a_way_back_from_outside_the_box_is_refused(void)
+void test_a_move_back_from_outside_the_bound_is_refused(void)
 {
     world.truth.joint[6].phi_rad = 0.6;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
-    TEST_ASSERT_TRUE(world_until(KC_ST_LOOK, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
     world.hide = 1000;
     world.q[0] += 1.8;
     world.q_cmd[0] += 1.8;

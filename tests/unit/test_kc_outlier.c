@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "given_looks.h"
+#include "given_observations.h"
 #include "given_tables.h"
 #include "kc_estimate.h"
 #include "unity.h"
@@ -80,9 +80,9 @@ void test_probability_zero_turns_rejection_off(void)
     TEST_ASSERT_TRUE(s_est.noise_scale > 2.0);
 }
 
-void test_a_pose_that_alone_tells_something_is_not_judged(void)
+void test_a_pose_that_alone_determines_a_direction_is_never_an_outlier(void)
 {
-    /* five poses, 30 rows for 28 unknowns: whatever is wrong, no pose can be told from the others */
+    /* five poses, 30 rows for 28 unknowns: with any error, no pose differs from the others */
     given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 1.0);
     s_est.obs[2].p_m[0] += 0.1;
     (void)kc_est_solve(&s_est);
@@ -97,7 +97,7 @@ void test_noise_larger_than_stated_is_no_reason_to_reject(void)
     TEST_ASSERT_DOUBLE_WITHIN(1.0, 4.0, s_est.noise_scale);
 }
 
-void test_a_fit_that_ran_out_of_iterations_judges_nobody(void)
+void test_a_fit_that_ran_out_of_iterations_rejects_no_pose(void)
 {
     given_session(&s_est, &s_arm, &s_terms, s_truth, 15u, 1.0);
     s_est.obs[7].p_m[1] += 0.05;

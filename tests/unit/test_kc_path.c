@@ -1,4 +1,4 @@
-/* kc_path.c: only proven segments, and spaces that can be trusted. */
+/* kc_path.c: only verified segments, and spaces that can be trusted. */
 #include <math.h>
 #include <string.h>
 
@@ -10,7 +10,7 @@
 
 static kc_space_t s_s;
 static kc_arm_t s_arm;
-static uint16_t s_way[KC_PATH_MAX];
+static uint16_t s_path[KC_PATH_MAX];
 static uint32_t s_n;
 
 void setUp(void)
@@ -32,14 +32,14 @@ static void given_chain(uint32_t n)
     }
 }
 
-static void expect_way(uint32_t from, uint32_t to, const uint16_t *want, uint32_t n)
+static void expect_path(uint32_t from, uint32_t to, const uint16_t *want, uint32_t n)
 {
-    TEST_ASSERT_EQUAL_INT(KC_OK, kc_path_plan(&s_s, from, to, s_way, &s_n));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_path_plan(&s_s, from, to, s_path, &s_n));
     TEST_ASSERT_EQUAL_UINT32(n, s_n);
-    for (uint32_t i = 0u; i < n; i++) { TEST_ASSERT_EQUAL_UINT16(want[i], s_way[i]); }
+    for (uint32_t i = 0u; i < n; i++) { TEST_ASSERT_EQUAL_UINT16(want[i], s_path[i]); }
 }
 
-void test_an_edge_is_the_same_both_ways(void)
+void test_an_edge_is_the_same_in_both_directions(void)
 {
     TEST_ASSERT_TRUE(kc_space_edge(&s_s, 2u, 4u));
     TEST_ASSERT_TRUE(kc_space_edge(&s_s, 4u, 2u));
@@ -53,78 +53,78 @@ void test_there_is_no_edge_to_itself_or_beyond_the_candidates(void)
     TEST_ASSERT_FALSE(kc_space_edge(&s_s, 1023u, 1022u));
 }
 
-void test_no_way_is_needed_to_where_the_arm_is(void)
+void test_no_path_is_needed_to_where_the_arm_is(void)
 {
-    expect_way(NODE(3u), NODE(3u), NULL, 0u);
-    expect_way(1u, 1u, NULL, 0u);
+    expect_path(NODE(3u), NODE(3u), NULL, 0u);
+    expect_path(1u, 1u, NULL, 0u);
 }
 
-void test_a_proven_direct_move_is_taken(void)
+void test_a_verified_direct_move_is_taken(void)
 {
     const uint16_t want[] = {NODE(4u)};
-    expect_way(NODE(2u), NODE(4u), want, 1u);
+    expect_path(NODE(2u), NODE(4u), want, 1u);
 }
 
-void test_without_a_direct_move_the_way_leads_over_both_hubs(void)
+void test_without_a_direct_segment_the_path_leads_over_both_hubs(void)
 {
     const uint16_t want[] = {0u, 1u, NODE(3u)};
-    expect_way(NODE(2u), NODE(3u), want, 3u); /* 2 hangs on hub 0, 3 on hub 1 */
+    expect_path(NODE(2u), NODE(3u), want, 3u); /* 2 hangs on hub 0, 3 on hub 1 */
 }
 
 void test_candidates_of_one_hub_meet_at_it(void)
 {
     const uint16_t want[] = {0u, NODE(6u)};
-    expect_way(NODE(2u), NODE(6u), want, 2u);
+    expect_path(NODE(2u), NODE(6u), want, 2u);
 }
 
-void test_ways_between_hubs_and_candidates(void)
+void test_paths_between_hubs_and_candidates(void)
 {
     const uint16_t to_cand[] = {1u, NODE(3u)}, from_own[] = {NODE(2u)}, to_hub[] = {0u, 1u}, hubs[] = {1u},
                    own[] = {0u};
-    expect_way(0u, NODE(3u), to_cand, 2u);
-    expect_way(0u, NODE(2u), from_own, 1u);
-    expect_way(NODE(2u), 1u, to_hub, 2u);
-    expect_way(0u, 1u, hubs, 1u);
-    expect_way(NODE(2u), 0u, own, 1u);
+    expect_path(0u, NODE(3u), to_cand, 2u);
+    expect_path(0u, NODE(2u), from_own, 1u);
+    expect_path(NODE(2u), 1u, to_hub, 2u);
+    expect_path(0u, 1u, hubs, 1u);
+    expect_path(NODE(2u), 0u, own, 1u);
 }
 
-void test_the_longest_way_fits(void)
+void test_the_longest_path_fits(void)
 {
     given_chain(KC_HUB_MAX);
-    TEST_ASSERT_EQUAL_INT(KC_OK, kc_path_plan(&s_s, NODE(0u), NODE(15u), s_way, &s_n));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_path_plan(&s_s, NODE(0u), NODE(15u), s_path, &s_n));
     TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + 1u, s_n);
-    for (uint32_t h = 0u; h < KC_HUB_MAX; h++) { TEST_ASSERT_EQUAL_UINT16(h, s_way[h]); }
-    TEST_ASSERT_EQUAL_UINT16(NODE(15u), s_way[KC_HUB_MAX]);
+    for (uint32_t h = 0u; h < KC_HUB_MAX; h++) { TEST_ASSERT_EQUAL_UINT16(h, s_path[h]); }
+    TEST_ASSERT_EQUAL_UINT16(NODE(15u), s_path[KC_HUB_MAX]);
 }
 
-void test_the_shortest_way_over_hubs_is_taken_lowest_index_first(void)
+void test_the_shortest_path_over_hubs_is_taken_lowest_index_first(void)
 {
-    /* a ring 0-1-2-3-0: from 0 to 2 both ways are as long */
+    /* a ring 0-1-2-3-0: from 0 to 2 both paths are as long */
     const uint16_t want[] = {1u, 2u};
     given_chain(4u);
     s_s.hub_edge[0] |= 8u;
     s_s.hub_edge[3] |= 1u;
-    expect_way(0u, 2u, want, 2u);
+    expect_path(0u, 2u, want, 2u);
 }
 
 void test_hubs_that_are_not_connected_give_no_path(void)
 {
     s_s.hub_edge[0] = 0u;
     s_s.hub_edge[1] = 0u;
-    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, NODE(2u), NODE(3u), s_way, &s_n));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, NODE(2u), NODE(3u), s_path, &s_n));
     TEST_ASSERT_EQUAL_UINT32(0u, s_n);
 }
 
 void test_from_an_unknown_place_there_is_no_path(void)
 {
-    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, KC_NODE_NONE, NODE(3u), s_way, &s_n));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, KC_NODE_NONE, NODE(3u), s_path, &s_n));
     TEST_ASSERT_EQUAL_UINT32(0u, s_n);
 }
 
 void test_to_a_node_that_does_not_exist_there_is_no_path(void)
 {
-    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, 0u, NODE(9u), s_way, &s_n));
-    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, 0u, 2u, s_way, &s_n));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, 0u, NODE(9u), s_path, &s_n));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_PATH, kc_path_plan(&s_s, 0u, 2u, s_path, &s_n));
 }
 
 void test_joints_of_a_node_are_those_of_the_table(void)
@@ -137,24 +137,24 @@ void test_joints_of_a_node_are_those_of_the_table(void)
     TEST_ASSERT_EQUAL_DOUBLE((double)s_s.cand[5].q_seed[6], q[6]);
 }
 
-static const double s_leash[KC_JOINT_MAX] = {0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.4, 0.1};
+static const double s_bound[KC_JOINT_MAX] = {0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.4, 0.1};
 
-void test_the_nearest_node_is_found_by_its_largest_joint_difference_in_leashes(void)
+void test_the_nearest_node_is_found_by_its_largest_joint_difference_in_servo_bounds(void)
 {
     double q[KC_JOINT_MAX], dist;
     for (uint32_t c = 0u; c < 9u; c++) {
         kc_path_joints(&s_s, NODE(c), q);
         q[2] += 0.01;
         q[6] -= 0.02;
-        TEST_ASSERT_EQUAL_UINT32(NODE(c), kc_path_nearest(&s_s, s_leash, q, &dist));
+        TEST_ASSERT_EQUAL_UINT32(NODE(c), kc_path_nearest(&s_s, s_bound, q, &dist));
         TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.1, dist);
     }
     kc_path_joints(&s_s, 1u, q);
-    TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, s_leash, q, &dist));
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, s_bound, q, &dist));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, dist);
 }
 
-void test_a_joint_far_off_on_a_long_leash_is_nearer_than_one_beyond_a_short_leash(void)
+void test_a_joint_far_off_on_a_long_servo_bound_is_nearer_than_one_beyond_a_short_servo_bound(void)
 {
     double q[KC_JOINT_MAX], dist;
     memcpy(s_s.cand[1].q_seed, s_s.cand[0].q_seed, sizeof s_s.cand[0].q_seed);
@@ -162,18 +162,18 @@ void test_a_joint_far_off_on_a_long_leash_is_nearer_than_one_beyond_a_short_leas
     s_s.cand[1].q_seed[0] += 0.15f;
     kc_path_joints(&s_s, NODE(0u), q);
     q[6] += 0.35; /* candidate 1 is 0.15 rad away, candidate 0 0.35 rad */
-    TEST_ASSERT_EQUAL_UINT32(NODE(0u), kc_path_nearest(&s_s, s_leash, q, &dist));
+    TEST_ASSERT_EQUAL_UINT32(NODE(0u), kc_path_nearest(&s_s, s_bound, q, &dist));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.875, dist);
 }
 
-void test_hubs_have_a_short_leash_whatever_the_candidates_have(void)
+void test_hubs_have_a_short_servo_bound_whatever_the_candidates_have(void)
 {
     static const double shorter[KC_JOINT_MAX] = {0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.02, 0.1};
     double q[KC_JOINT_MAX], dist;
     kc_path_joints(&s_s, 1u, q);
     q[6] += 0.04;
-    TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, s_leash, q, &dist));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.04 / KC_HUB_LEASH, dist);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, s_bound, q, &dist));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.04 / KC_HUB_BOUND, dist);
     TEST_ASSERT_EQUAL_UINT32(1u, kc_path_nearest(&s_s, shorter, q, &dist));
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 2.0, dist);
 }
@@ -183,7 +183,7 @@ static void between(const float *a, const float *b, double t, double *q)
     for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { q[j] = (double)a[j] + t * ((double)b[j] - (double)a[j]); }
 }
 
-void test_a_place_on_a_proven_segment_leads_to_one_of_its_ends(void)
+void test_a_place_on_a_verified_segment_leads_to_one_of_its_ends(void)
 {
     double q[KC_JOINT_MAX];
     given_chain(3u);
@@ -211,56 +211,56 @@ void test_an_empty_space_has_no_nearest_node(void)
 {
     double q[KC_JOINT_MAX] = {0.0}, dist;
     memset(&s_s, 0, sizeof s_s);
-    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_nearest(&s_s, s_leash, q, &dist));
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_nearest(&s_s, s_bound, q, &dist));
     TEST_ASSERT_TRUE(isinf(dist));
 }
 
-/* ---- first looks ---- */
+/* ---- local initial poses ---- */
 
-/* Candidates 6 to 8 are first looks, 8 a spare one, ahead of two priors. */
+/* Candidates 6 to 8 are local initial poses, 8 in reserve, ahead of two other initial poses. */
 static void given_first(void)
 {
-    static const uint16_t prior[] = {6u, 7u, 8u, 0u, 1u};
-    for (uint32_t c = 6u; c < 9u; c++) { s_s.cand[c].why = KC_CAND_FIRST | 1u; }
-    s_s.cand[8].why |= KC_CAND_SPARE;
-    memcpy(s_s.prior, prior, sizeof prior);
-    s_s.n_prior = 5u;
+    static const uint16_t initial[] = {6u, 7u, 8u, 0u, 1u};
+    for (uint32_t c = 6u; c < 9u; c++) { s_s.cand[c].why = KC_CAND_LOCAL | 1u; }
+    s_s.cand[8].why |= KC_CAND_RESERVE;
+    memcpy(s_s.initial, initial, sizeof initial);
+    s_s.n_initial = 5u;
 }
 
-void test_a_bit_of_why_says_what_is_a_first_look_and_what_a_spare_one(void)
+void test_a_bit_of_why_says_what_is_a_local_initial_pose_and_what_a_reserve_pose(void)
 {
     given_first();
     s_s.cand[0].why = 0x3fffu;
     for (uint32_t c = 0u; c < 9u; c++) {
-        TEST_ASSERT_EQUAL_INT(c >= 6u, kc_space_first(&s_s, c));
-        TEST_ASSERT_EQUAL_INT(c == 8u, kc_space_spare(&s_s, c));
+        TEST_ASSERT_EQUAL_INT(c >= 6u, kc_space_local(&s_s, c));
+        TEST_ASSERT_EQUAL_INT(c == 8u, kc_space_reserve(&s_s, c));
     }
 }
 
-void test_first_looks_are_counted_among_the_priors(void)
+void test_local_initial_poses_are_counted_among_the_initial_poses(void)
 {
-    TEST_ASSERT_EQUAL_UINT32(0u, kc_space_n_first(&s_s));
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_space_n_local(&s_s));
     given_first();
-    TEST_ASSERT_EQUAL_UINT32(3u, kc_space_n_first(&s_s));
+    TEST_ASSERT_EQUAL_UINT32(3u, kc_space_n_local(&s_s));
 }
 
-void test_hubs_and_first_looks_have_a_short_leash_and_others_their_own(void)
+void test_hubs_and_local_initial_poses_have_a_short_servo_bound_and_others_their_own(void)
 {
     given_first();
-    TEST_ASSERT_EQUAL_DOUBLE(KC_HUB_LEASH, kc_path_leash(&s_s, 1u, 0.4));
-    TEST_ASSERT_EQUAL_DOUBLE(KC_HUB_LEASH, kc_path_leash(&s_s, NODE(6u), 0.4));
-    TEST_ASSERT_EQUAL_DOUBLE(0.02, kc_path_leash(&s_s, NODE(8u), 0.02));
-    TEST_ASSERT_EQUAL_DOUBLE(0.4, kc_path_leash(&s_s, NODE(5u), 0.4));
+    TEST_ASSERT_EQUAL_DOUBLE(KC_HUB_BOUND, kc_path_bound(&s_s, 1u, 0.4));
+    TEST_ASSERT_EQUAL_DOUBLE(KC_HUB_BOUND, kc_path_bound(&s_s, NODE(6u), 0.4));
+    TEST_ASSERT_EQUAL_DOUBLE(0.02, kc_path_bound(&s_s, NODE(8u), 0.02));
+    TEST_ASSERT_EQUAL_DOUBLE(0.4, kc_path_bound(&s_s, NODE(5u), 0.4));
 }
 
-void test_an_arm_beside_a_first_look_is_as_far_off_as_beside_a_hub(void)
+void test_a_local_initial_pose_has_the_bound_of_a_hub(void)
 {
     double q[KC_JOINT_MAX], dist;
     given_first();
     kc_path_joints(&s_s, NODE(7u), q);
     q[6] += 0.04;
-    TEST_ASSERT_EQUAL_UINT32(NODE(7u), kc_path_nearest(&s_s, s_leash, q, &dist));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.04 / KC_HUB_LEASH, dist);
+    TEST_ASSERT_EQUAL_UINT32(NODE(7u), kc_path_nearest(&s_s, s_bound, q, &dist));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.04 / KC_HUB_BOUND, dist);
 }
 
 /* ---- validation ---- */
@@ -313,8 +313,8 @@ void test_impossible_counts_are_refused(void)
     expect_refused(-1, 0.0);
     s_s.n_joints = KC_JOINT_MAX + 1u;
     expect_refused(-1, KC_JOINT_MAX + 1.0);
-    s_s.n_prior = KC_PRIOR_MAX + 1u;
-    expect_refused(-1, KC_PRIOR_MAX + 1.0);
+    s_s.n_initial = KC_INITIAL_MAX + 1u;
+    expect_refused(-1, KC_INITIAL_MAX + 1.0);
 }
 
 void test_another_number_of_joints_than_the_arm_has_is_refused(void)
@@ -323,29 +323,29 @@ void test_another_number_of_joints_than_the_arm_has_is_refused(void)
     expect_refused(-1, 6.0);
 }
 
-void test_the_leash_of_every_joint_must_be_positive_and_finite(void)
+void test_the_servo_bound_of_every_joint_must_be_positive_and_finite(void)
 {
     for (uint32_t j = 0u; j < s_arm.n_joints; j++) {
-        s_s.servo_leash[j] = 0.0f;
+        s_s.servo_bound[j] = 0.0f;
         expect_refused(-1, 0.0);
-        s_s.servo_leash[j] = NAN;
+        s_s.servo_bound[j] = NAN;
         expect_refused(-1, NAN);
     }
-    s_s.servo_leash[s_arm.n_joints] = 0.0f; /* there is no such joint */
+    s_s.servo_bound[s_arm.n_joints] = 0.0f; /* there is no such joint */
     expect_valid(&s_arm);
 }
 
-void test_a_prior_that_is_no_candidate_is_refused(void)
+void test_an_initial_pose_that_is_no_candidate_is_refused(void)
 {
-    s_s.prior[1] = 9u;
-    expect_refused(KC_SPACE_INDEX_PRIOR + 1, 9.0);
+    s_s.initial[1] = 9u;
+    expect_refused(KC_SPACE_INDEX_INITIAL + 1, 9.0);
 }
 
-void test_a_prior_that_is_listed_twice_is_refused(void)
+void test_an_initial_pose_listed_twice_is_refused(void)
 {
     given_first();
-    s_s.prior[1] = s_s.prior[0]; /* else the first look it stood for would never be taken */
-    expect_refused(KC_SPACE_INDEX_PRIOR + 1, (double)s_s.prior[0]);
+    s_s.initial[1] = s_s.initial[0]; /* else the local initial pose it stood for would never be taken */
+    expect_refused(KC_SPACE_INDEX_INITIAL + 1, (double)s_s.initial[0]);
 }
 
 void test_a_hub_outside_the_joint_limits_is_refused(void)
@@ -356,7 +356,7 @@ void test_a_hub_outside_the_joint_limits_is_refused(void)
     expect_refused(KC_SPACE_INDEX_HUB, -1.0);
 }
 
-void test_a_hub_segment_that_goes_one_way_only_is_refused(void)
+void test_a_hub_segment_in_one_direction_only_is_refused(void)
 {
     s_s.hub_edge[1] = 0u;
     expect_refused(KC_SPACE_INDEX_HUB, 2.0);
@@ -415,7 +415,7 @@ void test_a_candidate_that_no_hub_segment_leads_to_is_refused(void)
     expect_refused(1, 1.0); /* the first one on hub 1 */
 }
 
-void test_a_hub_nobody_needs_may_stand_alone(void)
+void test_an_unused_hub_may_be_isolated(void)
 {
     s_s.n_hub = 3u;
     expect_valid(&s_arm);
@@ -423,7 +423,7 @@ void test_a_hub_nobody_needs_may_stand_alone(void)
 
 /* ---- on a segment ---- */
 
-static void part_way(uint32_t a, uint32_t b, double part, double *q)
+static void part_between(uint32_t a, uint32_t b, double part, double *q)
 {
     double to[KC_JOINT_MAX];
     kc_path_joints(&s_s, a, q);
@@ -431,12 +431,12 @@ static void part_way(uint32_t a, uint32_t b, double part, double *q)
     for (uint32_t j = 0u; j < 7u; j++) { q[j] += part * (to[j] - q[j]); }
 }
 
-void test_a_place_on_a_proven_segment_is_known_from_both_ends(void)
+void test_a_place_on_a_verified_segment_is_known_from_both_ends(void)
 {
     const uint32_t pair[3][2] = {{0u, 1u}, {NODE(2u), NODE(4u)}, {NODE(3u), s_s.cand[3].hub}};
     double q[KC_JOINT_MAX];
     for (uint32_t k = 0u; k < 3u; k++) {
-        part_way(pair[k][0], pair[k][1], 0.4, q);
+        part_between(pair[k][0], pair[k][1], 0.4, q);
         TEST_ASSERT_TRUE(kc_path_on(&s_s, pair[k][0], pair[k][1], q, 1e-6));
         TEST_ASSERT_TRUE(kc_path_on(&s_s, pair[k][1], pair[k][0], q, 1e-6));
         TEST_ASSERT_TRUE(kc_path_leads_to(&s_s, pair[k][0], q, 1e-6));
@@ -447,14 +447,14 @@ void test_a_place_on_a_proven_segment_is_known_from_both_ends(void)
     }
 }
 
-void test_a_place_between_nodes_without_a_segment_is_on_none(void)
+void test_a_posture_between_nodes_without_a_segment_is_on_none(void)
 {
     double q[KC_JOINT_MAX];
-    part_way(NODE(2u), NODE(3u), 0.4, q); /* no edge */
+    part_between(NODE(2u), NODE(3u), 0.4, q); /* no edge */
     TEST_ASSERT_FALSE(kc_path_on(&s_s, NODE(2u), NODE(3u), q, 1e-3));
-    part_way(NODE(3u), 1u - s_s.cand[3].hub, 0.4, q); /* the other hub */
+    part_between(NODE(3u), 1u - s_s.cand[3].hub, 0.4, q); /* the other hub */
     TEST_ASSERT_FALSE(kc_path_on(&s_s, NODE(3u), 1u - s_s.cand[3].hub, q, 1e-3));
-    part_way(0u, 1u, 0.4, q);
+    part_between(0u, 1u, 0.4, q);
     TEST_ASSERT_FALSE(kc_path_on(&s_s, 0u, 2u, q, 10.0)); /* no such node */
     TEST_ASSERT_FALSE(kc_path_on(&s_s, NODE(9u), 0u, q, 10.0));
 }
@@ -468,7 +468,7 @@ void test_too_many_bodies_or_volumes_are_refused(void)
     s_s.n_volume = KC_VOLUME_MAX + 1u;
     expect_refused(-1, KC_VOLUME_MAX + 1.0);
     s_s.n_body = 0u;
-    s_s.volume[0].spared = 0u;
+    s_s.volume[0].excluded = 0u;
     s_s.n_volume = 0u;
     expect_valid(&s_arm);
 }
@@ -491,34 +491,34 @@ void test_a_body_that_is_none_is_refused(void)
 void test_a_body_that_must_not_meet_itself_or_one_after_it_is_refused(void)
 {
     const int32_t at = KC_SPACE_INDEX_BODY + 1;
-    s_s.body[1].apart = 1u;
+    s_s.body[1].collision_pairs = 1u;
     expect_valid(&s_arm);
-    s_s.body[1].apart = 2u;
+    s_s.body[1].collision_pairs = 2u;
     expect_refused(at, 2.0);
-    s_s.body[0].apart = 1u;
+    s_s.body[0].collision_pairs = 1u;
     expect_refused(at - 1, 1.0);
 }
 
-void test_first_looks_must_lead_the_priors(void)
+void test_local_initial_poses_must_lead_the_initial_poses(void)
 {
     given_first();
     expect_valid(&s_arm);
-    s_s.prior[1] = 0u;
-    s_s.prior[3] = 7u;
-    expect_refused(KC_SPACE_INDEX_PRIOR + 1, 0.0);
+    s_s.initial[1] = 0u;
+    s_s.initial[3] = 7u;
+    expect_refused(KC_SPACE_INDEX_INITIAL + 1, 0.0);
 }
 
-void test_a_first_look_that_is_no_prior_is_refused(void)
+void test_a_local_initial_pose_outside_the_initial_list_is_refused(void)
 {
     given_first();
-    s_s.cand[4].why = KC_CAND_FIRST;
-    expect_refused(8, (double)(KC_CAND_FIRST | KC_CAND_SPARE | 1u)); /* one too many up to here */
+    s_s.cand[4].why = KC_CAND_LOCAL;
+    expect_refused(8, (double)(KC_CAND_LOCAL | KC_CAND_RESERVE | 1u)); /* one too many up to here */
 }
 
-void test_a_spare_one_that_is_no_first_look_is_refused(void)
+void test_a_reserve_pose_that_is_no_local_initial_pose_is_refused(void)
 {
-    s_s.cand[4].why = KC_CAND_SPARE | 1u;
-    expect_refused(4, (double)(KC_CAND_SPARE | 1u));
+    s_s.cand[4].why = KC_CAND_RESERVE | 1u;
+    expect_refused(4, (double)(KC_CAND_RESERVE | 1u));
 }
 
 void test_a_volume_that_is_none_is_refused(void)
@@ -526,7 +526,7 @@ void test_a_volume_that_is_none_is_refused(void)
     const int32_t at = KC_SPACE_INDEX_VOLUME + 1;
     s_s.volume[1].kind = 4u;
     expect_refused(at, 4.0);
-    s_s.volume[1].spared = 4u; /* there are two bodies */
+    s_s.volume[1].excluded = 4u; /* there are two bodies */
     expect_refused(at, 4.0);
     s_s.volume[1].p_m[1] = NAN;
     expect_refused(at, NAN);

@@ -52,7 +52,7 @@ void test_its_covariance_is_packed_by_rows_and_scaled_like_sigma(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, p->cov[k]);
 }
 
-void test_only_what_was_asked_for_changes(void)
+void test_only_requested_coefficients_change(void)
 {
     world.bias[2] = 0.0;
     world_boot();
@@ -132,7 +132,8 @@ static void boastful_and_one_far_off(kc_detection_t *d)
     }
 }
 
-/* What is left is unlikely though the worst are gone: the data disagree with the model, not with themselves. */
+/* What is left is unlikely though the worst are gone: the data disagree with the model, not with
+ * themselves. */
 void test_an_unlikely_fit_that_used_up_what_may_be_rejected_is_poor_with_less_noise(void)
 {
     static const kc_verdict_t verdict[] = {KC_VERDICT_CHANGE, KC_VERDICT_POOR};
@@ -155,7 +156,7 @@ void test_an_unlikely_fit_that_used_up_what_may_be_rejected_is_poor_with_less_no
     }
 }
 
-void test_too_few_poses_cannot_be_judged_and_are_poor(void)
+void test_too_few_poses_give_a_poor_verdict(void)
 {
     world.config.n_poses = 2u;
     world_calibrated();
@@ -166,7 +167,7 @@ void test_too_few_poses_cannot_be_judged_and_are_poor(void)
     TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_HELD) > 0u);
 }
 
-void test_coefficients_without_any_effect_leave_nothing_to_tell(void)
+void test_coefficients_without_any_effect_are_held(void)
 {
     for (uint32_t c = 0u; c < 28u; c++) { world.terms.term[c].gain = 0.0; }
     world_calibrated();
@@ -318,7 +319,7 @@ void test_a_correction_too_uncertain_for_the_policy_waits_for_the_ground(void)
 void test_a_fit_too_unlikely_for_the_policy_waits_for_the_ground(void)
 {
     given_policy();
-    world.config.sigma_pos_min_m = 1e-6; /* no floor that makes the noise look better than it is */
+    world.config.sigma_pos_min_m = 1e-6; /* no floor that makes the noise observation better than it is */
     world.config.sigma_rot_min_rad = 1e-6;
     world.config.accept_p_fit_min = 1.0;
     waits_for_the_ground();

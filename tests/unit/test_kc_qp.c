@@ -1,4 +1,4 @@
-/* kc_qp.c: small problems with known answers, and the ways it can end. Random ones: tests/oracle. */
+/* kc_qp.c: small problems with known answers, and how it can end. Random ones: tests/oracle. */
 #include <math.h>
 #include <string.h>
 

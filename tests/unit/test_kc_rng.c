@@ -46,7 +46,7 @@ void test_below_is_even_and_in_range(void)
     for (int k = 0; k < 7; k++) { TEST_ASSERT_UINT32_WITHIN(500u, 10000u, count[k]); }
 }
 
-void test_below_throws_away_draws_that_would_favour_small_numbers(void)
+void test_below_rejects_draws_that_would_favour_small_numbers(void)
 {
     /* n just above 2^31: nearly half of all draws lie above its one multiple. */
     const uint32_t n = 0x80000001u;

@@ -1,4 +1,4 @@
-/* kc_servo.c: steps toward the goal with a model that is wrong, inside limits and leash. */
+/* kc_servo.c: steps toward the goal with a model that is wrong, inside limits and bound. */
 #include <math.h>
 #include <string.h>
 
@@ -11,7 +11,7 @@ static kc_terms_t s_terms;
 static kc_eval_t s_work;
 static kc_servo_opt_t s_opt;
 static kc_servo_mem_t s_mem;
-static double s_q[KC_JOINT_MAX], s_seed[KC_JOINT_MAX], s_cmd[KC_JOINT_MAX], s_leash[KC_JOINT_MAX];
+static double s_q[KC_JOINT_MAX], s_seed[KC_JOINT_MAX], s_cmd[KC_JOINT_MAX], s_bound[KC_JOINT_MAX];
 static kc_pose_t s_seen, s_goal;
 static const double s_zero[KC_COEF_MAX];
 
@@ -22,7 +22,7 @@ void setUp(void)
     s_true = s_arm;
     given_terms(&s_terms);
     kc_servo_forget(&s_mem);
-    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_leash[j] = 10.0; }
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s_bound[j] = 10.0; }
     memcpy(s_q, q, sizeof s_q);
     memcpy(s_seed, q, sizeof s_seed);
     kc_arm_fk(&s_arm, q, &s_goal);
@@ -30,7 +30,7 @@ void setUp(void)
     s_opt.gain = 0.8;
     s_opt.damping = 0.02;
     s_opt.step_max = 0.5;
-    s_opt.leash = 2.0;
+    s_opt.bound = 2.0;
     s_opt.tol_pos_m = 0.005;
     s_opt.tol_rot_rad = 0.02;
     s_opt.margin = 0.02;
@@ -38,11 +38,11 @@ void setUp(void)
 
 static kc_servo_result_t step(kc_servo_mem_t *mem)
 {
-    return kc_servo_step(&s_arm, &s_terms, s_zero, &s_seen, &s_goal, s_q, s_seed, s_leash, &s_opt, s_cmd,
+    return kc_servo_step(&s_arm, &s_terms, s_zero, &s_seen, &s_goal, s_q, s_seed, s_bound, &s_opt, s_cmd,
                          &s_work, mem);
 }
 
-/* Look, step, move the true arm; THERE within n steps? */
+/* Observe, step, move the true arm; THERE within n steps? */
 static kc_servo_result_t follow(kc_servo_mem_t *mem, uint32_t n)
 {
     kc_servo_result_t r = KC_SERVO_MOVE;
@@ -101,11 +101,11 @@ void test_the_papers_errors_are_overcome(void)
 
 void test_memory_overcomes_what_the_model_alone_does_not(void)
 {
-    s_opt.leash = 9.0;
+    s_opt.bound = 9.0;
     s_true.joint[2].phi_rad += 1.3;
     TEST_ASSERT_NOT_EQUAL(KC_SERVO_THERE, follow(NULL, 30u));
     setUp();
-    s_opt.leash = 9.0;
+    s_opt.bound = 9.0;
     s_true.joint[2].phi_rad += 1.3;
     TEST_ASSERT_EQUAL_INT(KC_SERVO_THERE, follow(&s_mem, 30u));
 }
@@ -119,10 +119,10 @@ void test_no_joint_moves_further_than_a_step(void)
     for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_TRUE(fabs(s_cmd[j] - s_q[j]) <= 0.1 + 1e-12); }
 }
 
-void test_no_joint_leaves_its_leash_or_its_limits(void)
+void test_no_joint_leaves_its_servo_bound_or_its_limits(void)
 {
     s_true.joint[6].phi_rad += 1.3;
-    s_opt.leash = 0.6;
+    s_opt.bound = 0.6;
     s_arm.joint[3].q_max = 1.3;
     for (uint32_t k = 0u; k < 15u; k++) {
         kc_arm_fk(&s_true, s_q, &s_seen);
@@ -133,39 +133,39 @@ void test_no_joint_leaves_its_leash_or_its_limits(void)
     }
 }
 
-/* 1.3 rad in joint 7: turned back by joint 7 alone, if its leash is long enough. */
-static kc_servo_result_t follow_on_leashes(double first_six, double last)
+/* 1.3 rad in joint 7: turned back by joint 7 alone, if its bound is long enough. */
+static kc_servo_result_t follow_on_bounds(double first_six, double last)
 {
     kc_servo_result_t r = KC_SERVO_MOVE;
     s_true.joint[6].phi_rad += 1.3;
-    for (uint32_t j = 0u; j < 7u; j++) { s_leash[j] = j < 6u ? first_six : last; }
+    for (uint32_t j = 0u; j < 7u; j++) { s_bound[j] = j < 6u ? first_six : last; }
     for (uint32_t k = 0u; k < 12u && r == KC_SERVO_MOVE; k++) {
         kc_arm_fk(&s_true, s_q, &s_seen);
         r = step(&s_mem);
         memcpy(s_q, s_cmd, sizeof s_q);
         for (uint32_t j = 0u; j < 7u; j++) {
-            TEST_ASSERT_TRUE(fabs(s_q[j] - s_seed[j]) <= s_leash[j] + 1e-9);
+            TEST_ASSERT_TRUE(fabs(s_q[j] - s_seed[j]) <= s_bound[j] + 1e-9);
         }
     }
     return r;
 }
 
-void test_every_joint_has_its_own_leash(void)
+void test_every_joint_has_its_own_servo_bound(void)
 {
-    TEST_ASSERT_EQUAL_INT(KC_SERVO_THERE, follow_on_leashes(0.2, 1.6));
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_THERE, follow_on_bounds(0.2, 1.6));
     setUp();
-    TEST_ASSERT_NOT_EQUAL(KC_SERVO_THERE, follow_on_leashes(0.2, 0.4));
+    TEST_ASSERT_NOT_EQUAL(KC_SERVO_THERE, follow_on_bounds(0.2, 0.4));
 }
 
 void test_without_room_to_move_it_is_stuck(void)
 {
-    s_opt.leash = 1e-6;
+    s_opt.bound = 1e-6;
     s_seen.p_m[0] += 0.2;
     TEST_ASSERT_EQUAL_INT(KC_SERVO_STUCK, step(&s_mem));
     expect_not_moved();
 }
 
-void test_a_look_that_is_not_finite_moves_nothing(void)
+void test_an_observation_that_is_not_finite_moves_nothing(void)
 {
     s_seen.p_m[1] = NAN;
     TEST_ASSERT_EQUAL_INT(KC_SERVO_STUCK, step(&s_mem));

@@ -163,7 +163,7 @@ void test_the_largest_search_space_fits_an_image(void)
     given_space(&s_table.space, KC_CAND_MAX, 1u);
     s_table.space.n_joints = KC_JOINT_MAX;
     s_table.space.n_hub = KC_HUB_MAX;
-    s_table.space.n_prior = KC_PRIOR_MAX;
+    s_table.space.n_initial = KC_INITIAL_MAX;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_encode(KC_TBL_SPACE, &s_table, 0u, s_image, KC_IMAGE_MAX, &s_n));
     TEST_ASSERT_LESS_OR_EQUAL(KC_IMAGE_MAX, s_n);
 }
@@ -709,7 +709,7 @@ void test_a_dependency_lost_after_validation_stops_activation(void)
     s_n = given_image(KC_TBL_KIN, &s_table, s_image);
     TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_KIN));
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_validate(&s_t, KC_TBL_KIN, image_crc(), &s_ev));
-    s_t.active.crc[KC_TBL_ARM] ^= 1u; /* as if another arm had been loaded meanwhile */
+    s_t.active.crc[KC_TBL_ARM] ^= 1u; /* as if another ARM table had been loaded meanwhile */
     remember();
     forget_events();
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_activate(&s_t, KC_TBL_KIN, image_crc(), &s_ev));
@@ -729,7 +729,7 @@ void test_terms_bring_a_nominal_correction_with_a_crc(void)
     TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.kin_prev_crc);
 }
 
-/* ---- what another arm drags along ---- */
+/* ---- what another ARM table drops ---- */
 
 static void given_another_arm(uint32_t n_joints)
 {

@@ -27,7 +27,7 @@ static int all_different(uint32_t n)
 
 /* ---- choice ---- */
 
-void test_prior_poses_come_first_then_the_acquisition_chooses(void)
+void test_initial_poses_come_first_then_the_acquisition_chooses(void)
 {
     world_calibrated();
     for (int32_t k = 0; k < 3; k++) {
@@ -52,11 +52,11 @@ void test_every_acquisition_ends_in_a_good_correction(void)
     }
 }
 
-void test_information_criteria_work_without_prior_poses_too(void)
+void test_information_criteria_work_without_initial_poses_too(void)
 {
     for (uint8_t acq = KC_ACQ_UCB; acq <= KC_ACQ_VOPT; acq++) {
         setUp();
-        world.space.n_prior = 0u;
+        world.space.n_initial = 0u;
         world.config.acquisition = acq;
         world_calibrated();
         TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
@@ -72,7 +72,7 @@ void test_the_seed_of_start_decides_random_poses(void)
     int same = 0;
     for (int32_t seed = 1; seed <= 3; seed++) {
         setUp();
-        world.space.n_prior = 0u;
+        world.space.n_initial = 0u;
         world_boot();
         world_tick();
         (void)world_do(KC_CMD_START, KC_ACQ_RANDOM, 6, seed == 3 ? 1 : seed);
@@ -98,7 +98,7 @@ void test_replicates_measure_the_first_poses_again(void)
     TEST_ASSERT_EQUAL_INT(-1, world.progress[3].acquisition);
 }
 
-void test_a_prior_pose_that_became_unusable_is_left_out(void)
+void test_a_initial_pose_that_became_unusable_is_left_out(void)
 {
     world_started();
     APP->cal.usable[1] = 0u;
@@ -199,7 +199,7 @@ void test_energy_is_counted_by_what_moves(void)
     world_started();
     while (kc_app_calibrating(APP)) {
         world_tick();
-        want_j += (APP->arm.moving || APP->head.moving ? 70.0 : 10.0) * 1e-6 * (double)TICK_US;
+        want_j += (APP->arm.moving || APP->pantilt.moving ? 70.0 : 10.0) * 1e-6 * (double)TICK_US;
     }
     world_ticks(11u);
     TEST_ASSERT_DOUBLE_WITHIN(7.1, want_j, world.hk.energy_j); /* of the step that ended it: one tick */
@@ -239,19 +239,19 @@ void test_energy_used_up_before_anything_was_measured_gives_up(void)
 
 /* ---- replicates ---- */
 
-void test_a_replicate_is_reached_anew_over_its_hub(void)
+void test_a_replicate_is_approached_again_over_its_hub(void)
 {
     world.config.replicate_every = 1u;
-    world.space.n_prior = 1u; /* so the first repeat is of the pose where the arm stands */
+    world.space.n_initial = 1u; /* so the first repeat is of the pose where the arm stands */
     world.config.n_poses = 4u;
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     const kc_space_t *s = &kc_app_active(APP)->space;
     for (uint32_t i = 0u; i < 400u && APP->cal.replicate != 1; i++) { world_tick(); }
-    uint32_t cand = (uint32_t)APP->cal.candidate, n = APP->leg.n_way;
+    uint32_t cand = (uint32_t)APP->cal.candidate, n = APP->leg.n_path;
     TEST_ASSERT_TRUE(n >= 2u);
-    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + cand, APP->leg.way[n - 1u]);
-    TEST_ASSERT_EQUAL_UINT32(s->cand[cand].hub, APP->leg.way[n - 2u]);
+    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + cand, APP->leg.path[n - 1u]);
+    TEST_ASSERT_EQUAL_UINT32(s->cand[cand].hub, APP->leg.path[n - 2u]);
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     TEST_ASSERT_EQUAL_INT(1, world.meas[1].replicate);
 }
@@ -282,10 +282,10 @@ void test_it_stops_when_the_predicted_uncertainty_meets_the_requirement(void)
 void test_it_is_never_certain_while_the_data_leave_something_open(void)
 {
     setUp();
-    world.terms.n_coef = 29u; /* a second encoder offset of joint 7: cannot be told from the first */
+    world.terms.n_coef = 29u; /* a second encoder offset of joint 7, confounded with the first */
     world.terms.coef[28] = world.terms.coef[24];
     memset(world.terms.coef[28].name, 0, KC_NAME_LEN);
-    memcpy(world.terms.coef[28].name, "twin", 4u);
+    memcpy(world.terms.coef[28].name, "other", 5u);
     world.terms.term[world.terms.n_term] = world.terms.term[24];
     world.terms.term[world.terms.n_term++].coef = 28u;
     world.config.est.free_mask = (1ull << 29u) - 1ull;
@@ -302,12 +302,12 @@ void test_it_is_never_certain_while_the_data_leave_something_open(void)
 
 /* ---- estimates ---- */
 
-void test_progress_tells_residual_f_and_prediction(void)
+void test_progress_reports_residual_f_and_prediction(void)
 {
     world_calibrated();
     for (uint32_t k = 0u; k < 6u; k++) {
         const kc_progress_t *p = &world.progress[k];
-        TEST_ASSERT_EQUAL_UINT32(k, p->pose);
+        TEST_ASSERT_EQUAL_UINT32(k + 1u, p->pose);
         TEST_ASSERT_EQUAL_UINT32(6u, p->n_goal);
         TEST_ASSERT_TRUE(p->f <= 0.0 && p->f >= -1.0);
         TEST_ASSERT_TRUE(p->gp_sigma > 0.0);
@@ -323,13 +323,13 @@ static void one_bad_pose(kc_detection_t *d)
     if (APP->cal.n_meas == 9u && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
 }
 
-void test_an_outlier_is_told_once_and_left_out(void)
+void test_an_outlier_is_reported_once_and_left_out(void)
 {
     world.spoil = one_bad_pose;
     world.config.n_poses = 14u;
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_OUTLIER));
-    TEST_ASSERT_EQUAL_INT(9, world.last[KC_EVT_CAL_OUTLIER].index);
+    TEST_ASSERT_EQUAL_INT(10, world.last[KC_EVT_CAL_OUTLIER].index);
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_outliers);
     TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
 }
@@ -344,7 +344,7 @@ void test_a_fit_that_is_not_good_is_tried_from_the_solution_so_far(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.1, world.proposal.kin.value[12]);
 }
 
-void test_an_estimator_that_fails_is_told_and_the_last_correction_kept(void)
+void test_an_estimator_failure_is_reported_and_the_last_correction_kept(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
@@ -371,22 +371,23 @@ void test_a_gp_that_breaks_down_leaves_the_choice_to_chance(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, world.progress[5].gp_sigma);
 }
 
-/* ---- first looks ---- */
+/* ---- local initial poses ---- */
 
-#define FIRST(i) ((int32_t)(world.space.n_cand - n_looks + (i))) /* of a space with n_looks of them */
+#define LOCAL(i) ((int32_t)(world.space.n_cand - n_local + (i))) /* of a space with n_local of them */
 
-/* Errors that the tables' bounds allow, so that nothing strays; a look without tags costs one frame. */
-static void given_looks_first(uint32_t n, uint32_t n_spare)
+/* Errors within the bounds of the tables, so that nothing is a mismatch; an observation without tags costs
+ * one frame. */
+static void given_local_poses_ahead(uint32_t n, uint32_t n_reserve)
 {
     setUp();
     world.config.search_steps = 0u;
-    given_first_looks(n, n_spare);
+    given_local_poses(n, n_reserve);
 }
 
-/* Only the offset of joint 7 is asked for: one look tells it, and leaves nothing open. */
-static void given_offset_alone(uint32_t n, uint32_t n_spare)
+/* Only the offset of joint 7 is requested: one observation determines it. */
+static void given_offset_alone(uint32_t n, uint32_t n_reserve)
 {
-    given_looks_first(n, n_spare);
+    given_local_poses_ahead(n, n_reserve);
     world.config.est.free_mask = 1ull << 24u;
     world.truth.joint[2].d_m = world.arm.joint[2].d_m;
 }
@@ -401,7 +402,7 @@ static double seed_dist(uint32_t i)
     return far;
 }
 
-static void expect_given_up(kc_cause_t cause, uint32_t n_meas)
+static void expect_stopped(kc_cause_t cause, uint32_t n_meas)
 {
     TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_ABORTED));
@@ -410,32 +411,32 @@ static void expect_given_up(kc_cause_t cause, uint32_t n_meas)
     TEST_ASSERT_EQUAL_UINT32(0u, world.n_proposal);
 }
 
-void test_first_looks_lead_and_come_on_top_of_the_poses_asked_for(void)
+void test_local_initial_poses_lead_and_come_on_top_of_the_requested_poses(void)
 {
-    const uint32_t n_looks = 9u;
-    given_looks_first(n_looks, 0u);
+    const uint32_t n_local = 9u;
+    given_local_poses_ahead(n_local, 0u);
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
     TEST_ASSERT_TRUE(all_different(15u));
-    for (uint32_t i = 0u; i < n_looks; i++) {
-        TEST_ASSERT_EQUAL_INT(FIRST(i), world.meas[i].candidate);
+    for (uint32_t i = 0u; i < n_local; i++) {
+        TEST_ASSERT_EQUAL_INT(LOCAL(i), world.meas[i].candidate);
         TEST_ASSERT_EQUAL_INT(-1, world.progress[i].acquisition);
         TEST_ASSERT_EQUAL_UINT32(15u, world.progress[i].n_goal);
     }
-    for (int32_t i = 0; i < 3; i++) { TEST_ASSERT_EQUAL_INT(i, world.meas[n_looks + (uint32_t)i].candidate); }
+    for (int32_t i = 0; i < 3; i++) { TEST_ASSERT_EQUAL_INT(i, world.meas[n_local + (uint32_t)i].candidate); }
     TEST_ASSERT_EQUAL_INT(KC_ACQ_UCB, world.progress[12].acquisition);
     TEST_ASSERT_EQUAL_DOUBLE(6.0, world.last[KC_EVT_CAL_START].got);
     TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_local);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(15u, world.proposal.n_poses);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.2, world.proposal.kin.value[24]);
 }
 
-void test_first_looks_are_measured_at_their_seed_without_servo_and_approach(void)
+void test_local_initial_poses_are_measured_at_their_seed_without_servo_and_approach(void)
 {
-    given_looks_first(9u, 0u);
+    given_local_poses_ahead(9u, 0u);
     world.config.approach_rad = 0.05;
     world_calibrated();
     for (uint32_t i = 0u; i < 9u; i++) {
@@ -445,49 +446,49 @@ void test_first_looks_are_measured_at_their_seed_without_servo_and_approach(void
     TEST_ASSERT_TRUE(seed_dist(9u) > 0.05); /* others make up for the 0.2 rad of joint 7 */
 }
 
-void test_first_looks_never_take_more_measurements_than_there_is_room_for(void)
+void test_local_initial_poses_never_take_more_measurements_than_there_is_room_for(void)
 {
-    given_looks_first(9u, 0u);
+    given_local_poses_ahead(9u, 0u);
     world_boot();
     world_tick();
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, (int32_t)KC_MEAS_MAX, 3));
     TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, APP->cal.n_goal);
 }
 
-void test_no_acquisition_and_no_later_choice_takes_a_first_look(void)
+void test_no_acquisition_and_no_later_choice_takes_a_local_initial_pose(void)
 {
     given_offset_alone(9u, 4u);
     world.config.n_poses = 24u;
     world_calibrated(); /* until nothing is left: 15 others */
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
     TEST_ASSERT_EQUAL_UINT32(20u, world.n_meas);
-    TEST_ASSERT_EQUAL_UINT32(5u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_UINT32(5u, APP->cal.n_local);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
 }
 
-void test_spare_first_looks_are_left_out_when_half_of_the_others_saw_a_tag(void)
+void test_reserve_local_initial_poses_are_left_out_when_half_of_the_others_saw_a_tag(void)
 {
-    const uint32_t n_looks = 8u;
-    given_offset_alone(n_looks, 4u);
-    world.hide = 2; /* of the four that are not spare */
+    const uint32_t n_local = 8u;
+    given_offset_alone(n_local, 4u);
+    world.hide = 2; /* of the four that are not in reserve */
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(4u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(2u, APP->cal.n_first);
-    TEST_ASSERT_EQUAL_INT(FIRST(2), world.meas[0].candidate);
-    TEST_ASSERT_EQUAL_INT(FIRST(3), world.meas[1].candidate);
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->cal.n_local);
+    TEST_ASSERT_EQUAL_INT(LOCAL(2), world.meas[0].candidate);
+    TEST_ASSERT_EQUAL_INT(LOCAL(3), world.meas[1].candidate);
     TEST_ASSERT_EQUAL_INT(0, world.meas[2].candidate);
-    TEST_ASSERT_EQUAL_UINT32(8u, world.n_meas); /* no other poses in their place: six were asked for */
+    TEST_ASSERT_EQUAL_UINT32(8u, world.n_meas); /* no other poses in their place: six were requested */
 }
 
-void test_spare_first_looks_are_taken_until_half_saw_a_tag(void)
+void test_reserve_local_initial_poses_are_taken_until_half_saw_a_tag(void)
 {
-    const uint32_t n_looks = 9u;
-    given_offset_alone(n_looks, 4u);
+    const uint32_t n_local = 9u;
+    given_offset_alone(n_local, 4u);
     world.hide = 3;
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(6u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(3u, APP->cal.n_first);
-    TEST_ASSERT_EQUAL_INT(FIRST(5), world.meas[2].candidate); /* one spare was enough */
+    TEST_ASSERT_EQUAL_UINT32(3u, APP->cal.n_local);
+    TEST_ASSERT_EQUAL_INT(LOCAL(5), world.meas[2].candidate); /* one in reserve was enough */
     TEST_ASSERT_EQUAL_UINT32(9u, world.n_meas);
     for (uint32_t i = 2u; i < 9u; i++) { TEST_ASSERT_EQUAL_UINT32(9u, world.progress[i].n_goal); }
     TEST_ASSERT_EQUAL_INT(0, world.meas[3].candidate);
@@ -495,77 +496,78 @@ void test_spare_first_looks_are_taken_until_half_saw_a_tag(void)
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
 }
 
-void test_the_last_spare_looks_are_taken_while_something_is_left_open(void)
+void test_the_last_reserve_poses_are_taken_while_a_coefficient_is_undetermined(void)
 {
-    given_looks_first(8u, 4u); /* nods of joints 1 to 4 leave much of 28 coefficients open */
+    given_local_poses_ahead(
+        8u, 4u); /* small motions of joints 1 to 4 leave many of 28 coefficients undetermined */
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(8u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(8u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_UINT32(8u, APP->cal.n_local);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
 }
 
-void test_spare_looks_between_others_do_not_care_what_is_open(void)
+void test_reserve_poses_between_others_do_not_depend_on_the_rank(void)
 {
-    const uint32_t n_looks = 8u;
-    given_looks_first(n_looks, 4u);
-    for (uint32_t i = 0u; i < 4u; i++) { /* the spare ones first */
-        uint16_t last = world.space.prior[7];
-        memmove(&world.space.prior[1], &world.space.prior[0], 7u * sizeof last);
-        world.space.prior[0] = last;
+    const uint32_t n_local = 8u;
+    given_local_poses_ahead(n_local, 4u);
+    for (uint32_t i = 0u; i < 4u; i++) { /* the reserve poses first */
+        uint16_t last = world.space.initial[7];
+        memmove(&world.space.initial[1], &world.space.initial[0], 7u * sizeof last);
+        world.space.initial[0] = last;
     }
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(4u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_INT(FIRST(0), world.meas[0].candidate);
+    TEST_ASSERT_EQUAL_INT(LOCAL(0), world.meas[0].candidate);
 }
 
-static void expect_not_seen(double seen, double tried)
+static void expect_too_few_detections(double detected, double tried)
 {
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NOT_SEEN));
-    TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CAL_NOT_SEEN].index);
-    TEST_ASSERT_EQUAL_DOUBLE(seen, world.last[KC_EVT_CAL_NOT_SEEN].got);
-    TEST_ASSERT_EQUAL_DOUBLE(tried, world.last[KC_EVT_CAL_NOT_SEEN].want);
-    expect_given_up(KC_CAUSE_NOT_SEEN, (uint32_t)seen);
-    for (uint32_t j = 0u; j < 7u; j++) { /* it never went farther than a nod */
-        TEST_ASSERT_TRUE(fabs(world.q[j] - world.q_start[j]) <= FIRST_NOD_RAD + 1e-6);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_TAGS_NOT_DETECTED));
+    TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CAL_TAGS_NOT_DETECTED].index);
+    TEST_ASSERT_EQUAL_DOUBLE(detected, world.last[KC_EVT_CAL_TAGS_NOT_DETECTED].got);
+    TEST_ASSERT_EQUAL_DOUBLE(tried, world.last[KC_EVT_CAL_TAGS_NOT_DETECTED].want);
+    expect_stopped(KC_CAUSE_TAGS_NOT_DETECTED, (uint32_t)detected);
+    for (uint32_t j = 0u; j < 7u; j++) { /* it made no large move */
+        TEST_ASSERT_TRUE(fabs(world.q[j] - world.q_start[j]) <= LOCAL_STEP_RAD + 1e-6);
     }
 }
 
-void test_six_first_looks_without_a_tag_end_it(void)
+void test_six_local_initial_poses_without_a_tag_end_it(void)
 {
-    given_looks_first(8u, 2u);
+    given_local_poses_ahead(8u, 2u);
     world.hide = 100000;
     world_calibrated();
-    expect_not_seen(0.0, 6.0); /* two others were to come */
-    given_looks_first(9u, 2u);
+    expect_too_few_detections(0.0, 6.0); /* two others were to come */
+    given_local_poses_ahead(9u, 2u);
     world.hide = 5; /* the sixth shows one */
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_NOT_SEEN));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_TAGS_NOT_DETECTED));
 }
 
-void test_an_arm_whose_first_looks_hardly_see_a_tag_does_not_leave(void)
+void test_an_arm_whose_local_initial_poses_hardly_see_a_tag_does_not_leave(void)
 {
-    given_looks_first(7u, 0u);
+    given_local_poses_ahead(7u, 0u);
     world.hide = 5; /* two of seven */
     world_calibrated();
-    expect_not_seen(2.0, 7.0);
+    expect_too_few_detections(2.0, 7.0);
 }
 
-void test_every_third_first_look_the_spare_ones_included_is_enough(void)
+void test_detections_at_a_third_of_the_local_initial_poses_are_enough(void)
 {
-    given_looks_first(6u, 1u);
-    world.hide = 4; /* one of five, and the spare one */
+    given_local_poses_ahead(6u, 1u);
+    world.hide = 4; /* one of five, and the reserve pose */
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_NOT_SEEN));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_TAGS_NOT_DETECTED));
     TEST_ASSERT_EQUAL_UINT32(6u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(2u, APP->cal.n_first);
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->cal.n_local);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
 }
 
-/* The budget is used up with so many poses beside the first looks. */
+/* The budget is used up with this number of poses besides the local initial poses. */
 static void stopped_with(uint32_t own)
 {
-    given_looks_first(7u, 0u);
+    given_local_poses_ahead(7u, 0u);
     world.config.budget_us = 1000000000u;
     world_started();
     for (uint32_t i = 0u; i < 4000u && APP->cal.n_meas < 7u + own; i++) { world_tick(); }
@@ -575,31 +577,31 @@ static void stopped_with(uint32_t own)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
 }
 
-void test_first_looks_and_two_poses_are_too_few_for_a_proposal(void)
+void test_local_initial_poses_and_two_poses_are_too_few_for_a_proposal(void)
 {
     stopped_with(0u);
-    expect_given_up(KC_CAUSE_BUDGET, 7u);
+    expect_stopped(KC_CAUSE_BUDGET, 7u);
     stopped_with(2u);
-    expect_given_up(KC_CAUSE_BUDGET, 9u);
+    expect_stopped(KC_CAUSE_BUDGET, 9u);
     stopped_with(3u);
     TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
     TEST_ASSERT_EQUAL_UINT32(10u, world.proposal.n_poses);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_ABORTED));
 }
 
-void test_who_asks_for_one_pose_gets_three_beside_the_first_looks(void)
+void test_a_request_for_one_pose_gets_three_beside_the_local_initial_poses(void)
 {
-    given_looks_first(7u, 0u);
+    given_local_poses_ahead(7u, 0u);
     world.config.n_poses = 1u;
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(10u, world.n_meas);
     TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
 }
 
-void test_first_looks_alone_are_never_certain_enough(void)
+void test_local_initial_poses_alone_are_never_certain_enough(void)
 {
-    given_looks_first(7u, 0u);
-    world.config.est.free_mask = 1ull << 24u; /* one look tells it */
+    given_local_poses_ahead(7u, 0u);
+    world.config.est.free_mask = 1ull << 24u; /* one observation determines it */
     world.truth.joint[2].d_m = world.arm.joint[2].d_m;
     world.config.stop_rot_rad = 1.0;
     world_calibrated();
@@ -609,9 +611,9 @@ void test_first_looks_alone_are_never_certain_enough(void)
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
 }
 
-void test_replicates_begin_after_the_first_looks_and_repeat_none_of_them(void)
+void test_replicates_begin_after_the_local_initial_poses_and_repeat_none_of_them(void)
 {
-    given_looks_first(4u, 0u);
+    given_local_poses_ahead(4u, 0u);
     world.config.replicate_every = 3u;
     world.config.n_poses = 8u;
     world_calibrated();
@@ -623,9 +625,9 @@ void test_replicates_begin_after_the_first_looks_and_repeat_none_of_them(void)
     TEST_ASSERT_EQUAL_INT(1, world.meas[10].replicate);
 }
 
-void test_while_all_are_first_looks_everything_is_estimated_and_used(void)
+void test_while_all_are_local_initial_poses_everything_is_estimated_and_used(void)
 {
-    given_looks_first(3u, 0u);
+    given_local_poses_ahead(3u, 0u);
     world_started();
     for (uint32_t n = 1u; n <= 4u; n++) {
         TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
@@ -635,7 +637,7 @@ void test_while_all_are_first_looks_everything_is_estimated_and_used(void)
         if (n < 4u) { TEST_ASSERT_EQUAL_MEMORY(APP->est.coef, APP->cal.coef, 28u * sizeof(double)); }
     }
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
-    given_looks_first(3u, 0u);
+    given_local_poses_ahead(3u, 0u);
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     TEST_ASSERT_EQUAL_INT(1, APP->est.hold_none);
@@ -644,87 +646,87 @@ void test_while_all_are_first_looks_everything_is_estimated_and_used(void)
     TEST_ASSERT_EQUAL_INT(0, APP->est.hold_none);
 }
 
-/* ---- an arm that the ground did not prove ---- */
+/* ---- model mismatch ---- */
 
-/* Only the offset of joint 7 is asked for, and it is 0.2 rad: what it explains is plain. */
+/* Only the offset of joint 7 is requested, and it is 0.2 rad: what it explains is known. */
 static void given_offset_within(double bound_rad)
 {
-    given_looks_first(9u, 0u);
+    given_local_poses_ahead(9u, 0u);
     world.truth.joint[2].d_m = world.arm.joint[2].d_m;
     world.config.est.free_mask = 1ull << 24u;
     world.terms.coef[24].lb = -bound_rad;
     world.terms.coef[24].ub = bound_rad;
 }
 
-void test_a_first_look_off_by_more_than_any_correction_explains_ends_it(void)
+void test_a_local_initial_pose_off_by_more_than_any_correction_explains_ends_it(void)
 {
     given_offset_within(0.12);
-    world.config.stray_rot_rad = 0.06;
+    world.config.mismatch_rot_rad = 0.06;
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_STRAY));
-    TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CAL_STRAY].index);
-    TEST_ASSERT_DOUBLE_WITHIN(2e-3, 0.08, world.last[KC_EVT_CAL_STRAY].want);
-    expect_given_up(KC_CAUSE_STRAY, 1u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3, 0.08, world.last[KC_EVT_CAL_MODEL_MISMATCH].want);
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 1u);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_POSE)); /* nothing was learnt from it */
     TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->cal.coef[24]);
 }
 
-void test_what_a_correction_explains_to_the_limit_is_no_stray(void)
+void test_a_residual_within_the_limit_is_no_mismatch(void)
 {
     given_offset_within(0.16);
-    world.config.stray_pos_m = 0.02;
-    world.config.stray_rot_rad = 0.06;
+    world.config.mismatch_pos_m = 0.02;
+    world.config.mismatch_rot_rad = 0.06;
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
     TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
 }
 
-void test_a_stray_limit_of_zero_is_none(void)
+void test_a_mismatch_limit_of_zero_is_none(void)
 {
     given_offset_within(0.12);
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
     TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
 }
 
-void test_an_arm_with_all_its_errors_free_strays_by_its_length(void)
+void test_with_all_errors_free_a_wrong_link_length_is_a_mismatch(void)
 {
-    given_looks_first(9u, 0u);
+    given_local_poses_ahead(9u, 0u);
     world.truth.joint[2].d_m = world.arm.joint[2].d_m + 0.2;
     for (uint32_t c = 0u; c < 28u; c++) {
         world.terms.coef[c].lb *= 0.1;
         world.terms.coef[c].ub *= 0.1;
     }
-    world.config.stray_pos_m = 0.02;
+    world.config.mismatch_pos_m = 0.02;
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_STRAY));
-    TEST_ASSERT_TRUE(world.last[KC_EVT_CAL_STRAY].got > 0.02);
-    expect_given_up(KC_CAUSE_STRAY, (uint32_t)world.last[KC_EVT_CAL_STRAY].index + 1u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
+    TEST_ASSERT_TRUE(world.last[KC_EVT_CAL_MODEL_MISMATCH].got > 0.02);
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, (uint32_t)world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
     TEST_ASSERT_TRUE(world.n_meas <= 9u);
 }
 
 /* Only the bounds of joint 7's offset are too tight by 40 mrad, less than the limit: ten times the noise. */
-static void given_a_little_beyond(double stray_rot_rad)
+static void given_a_little_beyond(double mismatch_rot_rad)
 {
-    given_looks_first(9u, 0u);
+    given_local_poses_ahead(9u, 0u);
     world.truth.joint[2].d_m = world.arm.joint[2].d_m;
     for (uint32_t c = 0u; c < 28u; c++) {
         world.terms.coef[c].lb = c == 24u ? -0.16 : -1e-6;
         world.terms.coef[c].ub = c == 24u ? 0.16 : 1e-6;
     }
-    world.config.stray_rot_rad = stray_rot_rad;
+    world.config.mismatch_rot_rad = mismatch_rot_rad;
     world_calibrated();
 }
 
-void test_first_looks_that_all_are_a_little_off_are_those_of_another_arm(void)
+void test_local_initial_poses_that_all_are_a_little_off_are_a_mismatch(void)
 {
     given_a_little_beyond(0.06);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_STRAY));
-    TEST_ASSERT_DOUBLE_WITHIN(5e-3, 0.04, world.last[KC_EVT_CAL_STRAY].want);
-    expect_given_up(KC_CAUSE_STRAY, (uint32_t)world.last[KC_EVT_CAL_STRAY].index + 1u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
+    TEST_ASSERT_DOUBLE_WITHIN(5e-3, 0.04, world.last[KC_EVT_CAL_MODEL_MISMATCH].want);
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, (uint32_t)world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
     TEST_ASSERT_TRUE(world.n_meas <= 9u);
     given_a_little_beyond(0.0);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
 }
 
 static uint32_t s_bad_from, s_bad_to;
@@ -741,7 +743,7 @@ static void given_bad_poses(uint32_t from, uint32_t to)
     s_bad_from = from;
     s_bad_to = to;
     world.spoil = bad_poses;
-    world.config.stray_pos_m = 0.005;
+    world.config.mismatch_pos_m = 0.005;
 }
 
 /* Too little for the limit, ten times the noise: one can be a bad detection. */
@@ -750,54 +752,54 @@ static void given_outliers(uint32_t from, uint32_t to)
     given_bad_poses(from, to);
     world.config.est.free_mask = ~(uint64_t)0u;
     for (uint32_t c = 0u; c < 28u; c++) { world.terms.coef[c].enabled = c == 24u; }
-    world.config.stray_pos_m = 0.05;
+    world.config.mismatch_pos_m = 0.05;
     world_calibrated();
 }
 
-void test_three_first_looks_that_do_not_fit_the_others_are_those_of_another_arm(void)
+void test_three_outliers_among_local_initial_poses_are_a_mismatch(void)
 {
     given_outliers(5u, 6u);
     TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_CAL_OUTLIER));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
     given_outliers(5u, 7u);
-    TEST_ASSERT_EQUAL_INT(7, world.last[KC_EVT_CAL_STRAY].index);
-    expect_given_up(KC_CAUSE_STRAY, 8u);
+    TEST_ASSERT_EQUAL_INT(8, world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 8u);
 }
 
-void test_one_bad_look_is_enough_while_all_are_first_looks(void)
+void test_one_bad_observation_is_enough_while_all_are_local_initial_poses(void)
 {
     given_bad_poses(4u, 4u);
     world_calibrated();
-    TEST_ASSERT_EQUAL_INT(4, world.last[KC_EVT_CAL_STRAY].index);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.01, world.last[KC_EVT_CAL_STRAY].got);
-    expect_given_up(KC_CAUSE_STRAY, 5u);
+    TEST_ASSERT_EQUAL_INT(5, world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.01, world.last[KC_EVT_CAL_MODEL_MISMATCH].got);
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 5u);
 }
 
-void test_later_one_bad_look_is_an_outlier_and_two_are_an_arm_that_strays(void)
+void test_later_one_bad_observation_is_an_outlier_and_two_are_a_mismatch(void)
 {
     given_bad_poses(11u, 11u);
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_OUTLIER));
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
     given_bad_poses(11u, 12u);
     world_calibrated();
-    TEST_ASSERT_EQUAL_INT(12, world.last[KC_EVT_CAL_STRAY].index);
-    expect_given_up(KC_CAUSE_STRAY, 13u);
+    TEST_ASSERT_EQUAL_INT(13, world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 13u);
 }
 
-void test_nothing_strays_while_something_is_held(void)
+void test_nothing_is_a_mismatch_while_a_coefficient_is_held(void)
 {
     given_bad_poses(11u, 12u);
     world.terms.n_coef = 29u; /* a second name for the offset: one of the two is held for ever */
     world.terms.coef[28] = world.terms.coef[24];
     memset(world.terms.coef[28].name, 0, KC_NAME_LEN);
-    memcpy(world.terms.coef[28].name, "twin", 4u);
+    memcpy(world.terms.coef[28].name, "other", 5u);
     world.terms.term[world.terms.n_term] = world.terms.term[24];
     world.terms.term[world.terms.n_term++].coef = 28u;
     world.config.est.free_mask |= 1ull << 28u;
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_STRAY));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
     TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.rank);
 }

@@ -39,7 +39,7 @@ void test_negative_sizes_of_a_chunk_become_too_large(void)
     TEST_ASSERT_EQUAL_UINT8(77u, c.data[1023]);
 }
 
-void test_arm_and_head_states_keep_every_reading(void)
+void test_arm_and_pantilt_states_keep_every_reading(void)
 {
     kcm_arm_state_t m;
     kc_arm_state_t s;
@@ -69,7 +69,7 @@ void test_arm_and_head_states_keep_every_reading(void)
     TEST_ASSERT_EQUAL_INT(9, s.fault_mask);
     TEST_ASSERT_EQUAL_DOUBLE(-30.0, s.temp_c);
     TEST_ASSERT_EQUAL_DOUBLE(33.0, s.g_m_s2[2]);
-    kc_wire_head(&hm, &h);
+    kc_wire_pantilt(&hm, &h);
     TEST_ASSERT_EQUAL_UINT64(10u, h.t_us);
     TEST_ASSERT_EQUAL_INT(11, h.seq);
     TEST_ASSERT_EQUAL_DOUBLE(0.2, h.tilt_rad);
@@ -151,7 +151,7 @@ void test_housekeeping_carries_the_crcs_bit_by_bit(void)
     h.mon_state = 1;
     h.mon_joint = 7;
     h.mon_suspects = 0x41u;
-    h.mon_looks = 5u;
+    h.mon_n_obs = 5u;
     h.mon_bias = -0.02;
     h.mon_sigma = 0.001;
     h.mon_p = 1e-9;
@@ -165,7 +165,7 @@ void test_housekeeping_carries_the_crcs_bit_by_bit(void)
     TEST_ASSERT_EQUAL_INT(1, m.mon_state);
     TEST_ASSERT_EQUAL_INT(7, m.mon_joint);
     TEST_ASSERT_EQUAL_HEX32(0x41u, (uint32_t)m.mon_suspects);
-    TEST_ASSERT_EQUAL_INT(5, m.mon_looks);
+    TEST_ASSERT_EQUAL_INT(5, m.mon_n_obs);
     TEST_ASSERT_EQUAL_DOUBLE(-0.02, m.mon_bias);
     TEST_ASSERT_EQUAL_DOUBLE(0.001, m.mon_sigma);
     TEST_ASSERT_EQUAL_DOUBLE(1e-9, m.mon_p);
@@ -230,7 +230,7 @@ void test_progress_and_proposal_go_out_whole(void)
     fill(s.kin.sigma, 3u, 0.1);
     s.status[1] = KC_COEF_HELD;
     s.status[2] = KC_COEF_MASKED;
-    s.entangled[1] = 1ull << 63;
+    s.confounded[1] = 1ull << 63;
     s.cov[5] = 0.25;
     kc_wire_proposal(&s, 9, &m);
     TEST_ASSERT_EQUAL_HEX32(0xcafebabeu, (uint32_t)m.crc);
@@ -240,6 +240,6 @@ void test_progress_and_proposal_go_out_whole(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, m.sigma[1]); /* not estimated */
     TEST_ASSERT_EQUAL_DOUBLE(0.0, m.sigma[2]);
     TEST_ASSERT_EQUAL_INT(KC_COEF_HELD, m.status[1]);
-    TEST_ASSERT_TRUE(m.entangled[1] == INT64_MIN);
+    TEST_ASSERT_TRUE(m.confounded[1] == INT64_MIN);
     TEST_ASSERT_EQUAL_DOUBLE(0.25, m.cov[5]);
 }

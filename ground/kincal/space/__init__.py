@@ -1,34 +1,62 @@
-"""Search spaces: candidate poses that the arm reaches, the camera sees and nothing stands in the way of, also
-when the arm is wrong (docs/SPACES.md).
+"""Search spaces: candidate poses that the arm reaches, the camera sees, and that stay clear of everything,
+also when the arm is wrong (docs/SPACES.md).
 
-description: space.toml. bodies: the arm as solid shapes. drawn: errors to survive. checks: what a candidate
-has to pass. spread: distance as the kernel sees it. work: what two processes share. search: description to
-table. look: numbers and geometry of a table."""
+From a description to a table: search (with samples, workers, checks, kinematics, view, clearance, collision,
+mjcf, error_sampling, metric, encoding). About a table: summary, explain, recheck, information, separability.
+Every check says why it fails by a kind of reasons.py."""
 
-from .bodies import Bodies
-from .checks import WHY, WHY_ALL, Checks
-from .description import Description, read_description
-from .drawn import draw
-from .look import Numbers, describe, ordinary, scene
-from .search import Built, build
-from .spread import Metric, farthest
-from .work import Crew
+from kincal.schema.space import Description, read_description
+
+from .checks import Checks
+from .collision import CollisionModel
+from .error_sampling import error_bounds, sampled_errors
+from .explain import CheckLine, Region, explain_candidate, explain_region
+from .information import Expected, ExpectedInformation, Noise, expected_information
+from .inputs import TablesFolder
+from .metric import KernelMetric, farthest_points
+from .reasons import Reason, kind_of
+from .recheck import Difference, Recheck, compare, recheck
+from .samples import Sample
+from .search import BuiltSpace, build
+from .separability import Separability, separability
+from .summary import Summary, scene, summarise
+from .table import ALL_CHECKS, CHECKS, SpaceTable
+from .workers import WorkerPool
 
 __all__ = [
-    "WHY",
-    "WHY_ALL",
-    "Bodies",
-    "Built",
+    "ALL_CHECKS",
+    "CHECKS",
+    "BuiltSpace",
+    "CheckLine",
     "Checks",
-    "Crew",
+    "CollisionModel",
     "Description",
-    "Metric",
-    "Numbers",
+    "Difference",
+    "Expected",
+    "ExpectedInformation",
+    "KernelMetric",
+    "Noise",
+    "Reason",
+    "Recheck",
+    "Region",
+    "Sample",
+    "Separability",
+    "SpaceTable",
+    "Summary",
+    "TablesFolder",
+    "WorkerPool",
     "build",
-    "describe",
-    "draw",
-    "farthest",
-    "ordinary",
+    "compare",
+    "error_bounds",
+    "expected_information",
+    "explain_candidate",
+    "explain_region",
+    "farthest_points",
+    "kind_of",
     "read_description",
+    "recheck",
+    "sampled_errors",
     "scene",
+    "separability",
+    "summarise",
 ]

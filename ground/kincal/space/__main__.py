@@ -1,5 +1,7 @@
-"""`python -m kincal.space`: a helper process of a search (work.py), not for people."""
+"""`python -m kincal.space`: a worker process of a search (workers.py), not for people."""
 
-from .work import helper
+import sys
 
-helper()
+from .workers import serve
+
+serve(sys.stdin.buffer, sys.stdout.buffer)

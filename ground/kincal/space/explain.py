@@ -1,236 +1,158 @@
-"""Why a candidate is in, why none is in a corner, whether a table still holds, what changed between two."""
+"""Why a candidate is in a search space, and why there is none in some region."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from kincal import core
-from kincal.errors import KincalError
-from kincal.geometry import quat_to_R
+from kincal.errors import BadInput
 from kincal.results import spans
 
-from .checks import WHY_SPARE, Checks
-from .look import leash, ordinary
-from .spread import Metric
-from .work import BLOCK, Crew, examine, prove
+from .arrays import Floats
+from .checks import Checks
+from .clearance import errors_text
+from .error_sampling import Stream
+from .samples import BLOCK, Box, Sample, examine, verify
+from .table import SpaceTable
 
-Tick = Callable[[str, int, int], None]
+_ROUNDING_RAD = 1e-6
 
 
 @dataclass(frozen=True)
-class Line:
-    """One check of one candidate."""
+class CheckLine:
+    """One check of one candidate, found and wanted as text. Lines that do not count are information only."""
 
     check: str
     got: str
     want: str
     ok: bool
-
-
-def seeds(space: Any, n_joints: int) -> np.ndarray:
-    return np.array([list(c.q_seed)[:n_joints] for c in space.cand[0 : ordinary(space)]]).reshape(
-        -1, n_joints
-    )
-
-
-def hubs(space: Any, n_joints: int) -> np.ndarray:
-    return np.array([list(space.hub_q[h])[:n_joints] for h in range(int(space.n_hub))])
-
-
-def first_looks(space: Any, n_joints: int) -> list[tuple[int, list[float]]]:
-    """Their bits and joints, in order."""
-    looks = space.cand[ordinary(space) : int(space.n_cand)]
-    return [(int(c.why), [round(x, 5) for x in list(c.q_seed)[:n_joints]]) for c in looks]
-
-
-def candidate(checks: Checks, space: Any, number: int) -> list[Line]:
-    """All checks of a candidate with their figures."""
-    total, last = int(space.n_cand), ordinary(space) - 1
-    if not 0 <= number < total:
-        raise KincalError(f"candidate {number}: the table has 0..{last}")
-    if number > last:
-        raise KincalError(
-            f"candidate {number} is a first look, not one to choose",
-            "",
-            "see joints.first_rad in the description; `kincal space check` proves first looks again",
-        )
-    d, n = checks.desc, checks.chain.n
-    q = seeds(space, n)[number]
-    (p,), R = checks.poses(q)
-    look = checks.looks(p[None], R)
-    pan, tilt, inside, p_cam = look.pan[0], look.tilt[0], bool(look.inside[0]), look.p_cam[0]
-    v = d.view
-    room = np.minimum(q - checks.chain.q_min, checks.chain.q_max - q) - np.array(d.joints.margin_rad)
-    tight = int(np.argmin(room))
-    out = [
-        Line(
-            "joint limits",
-            f"J{tight + 1} {room[tight]:.2f} rad inside its margin",
-            ">= 0",
-            room[tight] >= -1e-6,
-        )
-    ]
-    inside_box = bool(np.all(p >= d.tool.box_min_m) and np.all(p <= d.tool.box_max_m))
-    out.append(Line("tool in the box", " ".join(f"{x:.3f}" for x in p) + " m", "inside", inside_box))
-    far = float(np.linalg.norm(p_cam))
-    out.append(
-        Line(
-            "camera distance",
-            f"{far:.2f} m",
-            f"{v.range_min_m}..{v.range_max_m} m",
-            v.range_min_m <= far <= v.range_max_m,
-        )
-    )
-    out.append(Line("head", f"pan {pan:.2f}, tilt {tilt:.2f} rad", "inside its margins", inside))
-    tags = checks.tags(q)
-    edge, incid = checks.edge_px(look)[0], checks.incidence(look)[0]
-    shown = checks.thick.seen(q, look.eye[0], (1 << len(edge)) - 1)
-    for k in range(len(edge)):
-        text = f"{np.degrees(incid[k]):.0f} deg, edge {edge[k]:.0f} px, "
-        text += "free line of sight" if shown >> k & 1 else "hidden by the arm"
-        want = f"<= {np.degrees(v.incid_max_rad):.0f} deg, >= {v.tag_min_px:.0f} px"
-        out.append(Line(f"tag {k}", text, want, bool(tags >> k & 1)))
-    enough = tags.bit_count() >= v.tags_min
-    out.append(Line("tags in view", str(tags.bit_count()), f">= {v.tags_min}", enough))
-    pair = checks.nominal.touching(q)
-    out.append(
-        Line("clear as drawn", pair or "nothing near", f">= {d.clear.nominal_m * 1e3:.0f} mm", not pair)
-    )
-    found = checks.wrong_touching(q)
-    text = f"{found[0]} with {_errors(checks.errors[found[1]])}" if found else f"{len(checks.errors)} arms"
-    out.append(Line("clear with errors", text, f">= {d.clear.drawn_m * 1e3:.0f} mm", not found))
-    hub = int(space.cand[number].hub)
-    way = checks.segment_problem(hubs(space, n)[hub], q)
-    out.append(Line(f"segment from hub {hub}", way or "clear", "clear with all errors", not way))
-    span, samples = leash(space, n), d.clear.leash_samples
-    if d.survive.reach:
-        short = checks.servo_problem(q, p, R[0], span)
-        out.append(Line("servo under named errors", short or "reaches the pose", "inside its box", not short))
-    box = checks.leash_problem(q, span, samples, checks.stream(3, q))
-    out.append(Line(f"servo box +-{spans(span)} rad", box or "clear", f"{samples} postures clear", not box))
-    text = f"{sum(checks.shown_by_wrong(q))} of {len(checks.errors)} arms with errors"
-    out.append(Line("still shows a tag", text, "for information", True))
-    return out
-
-
-def _errors(e: dict[str, float]) -> str:
-    return ", ".join(f"{k} {v:+.2f}" for k, v in e.items())
+    counts: bool = True
 
 
 @dataclass(frozen=True)
-class Corner:
-    """What happens to tool poses in a small box."""
+class Region:
+    """What became of tool poses in a small box: how many were examined, how many could be candidates, and why
+    the others could not (reason -> count, most frequent first)."""
 
     examined: int
     good: int
     reasons: dict[str, int]
 
 
-def corner(checks: Checks, at: np.ndarray, half_m: float, count: int) -> Corner:
-    """Examines tool poses about a place and proves what is left: why is there no candidate?"""
-    lo, hi = np.asarray(at) - half_m, np.asarray(at) + half_m
-    reasons: Counter[str] = Counter()
-    good = 0
-    for block in range(-(-count // BLOCK)):
-        for s in examine(checks, block, min(BLOCK, count - block * BLOCK), lo, hi):
-            reason = s.reason or prove(checks, s.q)[1]
-            if reason:
-                reasons[reason] += 1
-            else:
-                good += 1
-    return Corner(count, good, dict(reasons.most_common()))
+def explain_region(checks: Checks, centre_m: Floats, half_m: float, samples: int) -> Region:
+    """Examines and verifies tool poses within half_m of a place (base frame): why is there no candidate?"""
+    lo, hi = np.asarray(centre_m) - half_m, np.asarray(centre_m) + half_m
+    box = Box(tuple(lo.tolist()), tuple(hi.tolist()))
+    counts = [min(BLOCK, samples - first) for first in range(0, samples, BLOCK)]
+    examined = (s for block, n in enumerate(counts) for s in examine(checks, block, n, box))
+    reasons = Counter(filter(None, (_rejection(checks, s) for s in examined)))
+    return Region(samples, samples - reasons.total(), dict(reasons.most_common()))
 
 
-@dataclass(frozen=True)
-class Checked:
-    """problems: (candidate, what); bad_hubs: what is wrong with hubs and first looks. touched of tried:
-    sampled postures of servo boxes, with other random numbers than the search used."""
-
-    problems: list[tuple[int, str]]
-    bad_hubs: list[str]
-    touched: int
-    tried: int
-
-    @property
-    def ok(self) -> bool:
-        return not self.problems and not self.bad_hubs
+def _rejection(checks: Checks, sample: Sample) -> str:
+    """Why a sample could not be a candidate, or ""."""
+    if sample.rejection or sample.q_rad is None:
+        return sample.rejection
+    return verify(checks, sample.q_rad).rejection
 
 
-def recheck(checks: Checks, crew: Crew, space: Any, tick: Tick = lambda *_a: None) -> Checked:
-    """Every candidate of a table again, by its own hubs, segments and leash."""
-    n = checks.chain.n
-    q, h = seeds(space, n), hubs(space, n)
-    problems, bad_hubs = [], []
-    span, cand = leash(space, n), space.cand
-    items = [
-        (x, h[int(cand[i].hub)], span, (list(cand[i].p_m), list(cand[i].q_wxyz)), int(cand[i].tags))
-        for i, x in enumerate(q)
-    ]
-    for k, x in enumerate(h):
-        if problem := checks.hub_problem(x):
-            bad_hubs.append(f"hub {k} is {problem}")
-    for c in space.cand[len(q) : int(space.n_cand)]:
-        x = np.array(list(c.q_seed)[:n])
-        if problem := checks.first_problem(x, h[int(c.hub)], bool(c.why & WHY_SPARE)):
-            bad_hubs.append(f"first look at {np.round(x, 2).tolist()} is {problem}")
-    touched = 0
-    for i, (what, hit) in enumerate(crew.map("recheck", items)):
-        problems += [(i, w) for w in what]
-        touched += hit
-        tick("candidates checked", i + 1, len(q))
-    pairs = [(i, j) for i in range(len(q)) for j in range(i) if core.lib.kc_space_edge(space, i, j)]
-    for k, good in enumerate(crew.map("joined", [(q[i], q[j]) for i, j in pairs])):
-        if not good:
-            problems.append((pairs[k][0], f"direct segment to {pairs[k][1]} not clear"))
-        tick("direct segments", k + 1, len(pairs))
-    return Checked(problems, bad_hubs, touched, len(q) * checks.desc.clear.leash_samples)
+def explain_candidate(checks: Checks, table: SpaceTable, index: int) -> list[CheckLine]:
+    """All checks of a candidate with their figures. BadInput if the table has no such candidate."""
+    _require_candidate(table, index)
+    return [*_Explanation(checks, table, index).lines()]
 
 
-@dataclass(frozen=True)
-class Difference:
-    """Candidates in both, only in one, and how far the new ones are from the nearest old ones."""
-
-    same: int
-    only_a: list[int]
-    only_b: list[int]
-    leash_rad: tuple[tuple[float, ...], tuple[float, ...]]
-    hubs: tuple[int, int]
-    hubs_differ: bool
-    first: tuple[int, int]
-    first_differ: bool
-    farthest_new_m: float
-    least_covariance: float  # of new candidates with the old ones, as the kernel sees it
+def _require_candidate(table: SpaceTable, index: int) -> None:
+    last = table.n_candidates - 1
+    if not 0 <= index < len(table.q_rad):
+        raise BadInput(f"candidate {index}: the table has 0..{last}")
+    if index > last:
+        raise BadInput(
+            f"candidate {index} is a local initial pose, not one to choose",
+            "",
+            "see joints.local_initial_rad in the description; `kincal space check` verifies them again",
+        )
 
 
-def difference(a: Any, b: Any, kernel: Any, hyper: int) -> Difference:
-    n = int(a.n_joints)
-    if n != int(b.n_joints):
-        raise KincalError(f"spaces of different arms: {n} and {int(b.n_joints)} joints")
-    qa, qb = seeds(a, n), seeds(b, n)
-    gap = np.max(np.abs(qa[:, None] - qb[None]), axis=2)
-    in_b, in_a = gap.min(axis=1) < 1e-5, gap.min(axis=0) < 1e-5
-    cands = [*a.cand[0 : ordinary(a)], *b.cand[0 : ordinary(b)]]
-    p = np.array([list(c.p_m) for c in cands])
-    metric = Metric(kernel, hyper, p, np.array([quat_to_R(list(c.q_wxyz)) for c in cands]))
-    new = np.flatnonzero(~in_a)
-    far = [float(np.min(np.linalg.norm(p[: len(qa)] - p[len(qa) + i], axis=1))) for i in new]
-    cov = [float(np.max(metric.covariance(len(qa) + int(i))[: len(qa)])) for i in new]
-    ha, hb = hubs(a, n), hubs(b, n)
-    fa, fb = first_looks(a, n), first_looks(b, n)
-    return Difference(
-        int(in_b.sum()),
-        [int(i) for i in np.flatnonzero(~in_b)],
-        [int(i) for i in new],
-        (tuple(leash(a, n)), tuple(leash(b, n))),
-        (len(ha), len(hb)),
-        ha.shape != hb.shape or not np.allclose(ha, hb, atol=1e-6),
-        (len(fa), len(fb)),
-        fa != fb,
-        max(far, default=0.0),
-        min(cov, default=1.0),
-    )
+class _Explanation:
+    """The checks of one candidate, one method a group."""
+
+    def __init__(self, checks: Checks, table: SpaceTable, index: int) -> None:
+        self.checks, self.desc = checks, checks.desc
+        self.bound_rad, self.hub = table.servo_bound_rad, int(table.hub[index])
+        self.q, self.hub_q = table.q_rad[index], table.hub_q_rad[self.hub]
+        poses = checks.kinematics.poses(self.q)
+        self.pose, self.views = poses[0], checks.view.aim(poses)
+
+    def lines(self) -> Iterator[CheckLine]:
+        """All checks, in the order in which the search makes them."""
+        yield self._joint_limits()
+        yield from self._view()
+        yield from self._tags()
+        yield from self._clearance()
+        yield from self._servo()
+        yield self._detections()
+
+    def _joint_limits(self) -> CheckLine:
+        kin, margin = self.checks.kinematics, np.array(self.desc.joints.margin_rad)
+        room = np.minimum(self.q - kin.q_min, kin.q_max - self.q) - margin
+        j = int(np.argmin(room))
+        text = f"J{j + 1} {room[j]:.2f} rad inside its margin"
+        return CheckLine("joint limits", text, ">= 0", bool(room[j] >= -_ROUNDING_RAD))
+
+    def _view(self) -> Iterator[CheckLine]:
+        t, v, views, p_m = self.desc.tool, self.desc.view, self.views, self.pose.p_m
+        inside = bool(np.all(p_m >= t.box_min_m) and np.all(p_m <= t.box_max_m))
+        yield CheckLine("tool in the box", " ".join(f"{x:.3f}" for x in p_m) + " m", "inside", inside)
+        far_m = float(np.linalg.norm(views.tool.p_m[0]))
+        near_enough = v.range_min_m <= far_m <= v.range_max_m
+        wanted = f"{v.range_min_m}..{v.range_max_m} m"
+        yield CheckLine("camera distance", f"{far_m:.2f} m", wanted, near_enough)
+        angles = f"pan {views.pan_rad[0]:.2f}, tilt {views.tilt_rad[0]:.2f} rad"
+        yield CheckLine("pan-tilt unit", angles, "inside its margins", bool(views.inside[0]))
+
+    def _tags(self) -> Iterator[CheckLine]:
+        v, view, views = self.desc.view, self.checks.view, self.views
+        edge_px, incid = view.tag_edges_px(views)[0], np.degrees(view.incidence_rad(views)[0])
+        good = self.checks.visible_tags(self.q)
+        every = (1 << view.n_tags) - 1
+        in_sight = self.checks.clearance.thick.visible_tags(self.q, views.camera.p_m[0], every)
+        wanted = f"<= {np.degrees(v.incid_max_rad):.0f} deg, >= {v.tag_min_px:.0f} px"
+        for k in range(view.n_tags):
+            sight = "free line of sight" if in_sight >> k & 1 else "hidden by the arm"
+            text = f"{incid[k]:.0f} deg, edge {edge_px[k]:.0f} px, {sight}"
+            yield CheckLine(f"tag {k}", text, wanted, bool(good >> k & 1), counts=False)
+        n = good.bit_count()
+        yield CheckLine("tags in view", str(n), f">= {v.tags_min}", n >= v.tags_min)
+
+    def _clearance(self) -> Iterator[CheckLine]:
+        clear, clearance = self.desc.clear, self.checks.clearance
+        pair = clearance.nominal.contact(self.q)
+        wanted = f">= {clear.nominal_m * 1e3:.0f} mm"
+        yield CheckLine("nominal clearance", pair or "nothing near", wanted, not pair)
+        found, arms = clearance.contact_with_errors(self.q), len(clearance.errors)
+        text = f"{found.pair} with {errors_text(found.errors)}" if found else f"{arms} arms"
+        wanted = f">= {clear.perturbed_m * 1e3:.0f} mm"
+        yield CheckLine("clearance with errors", text, wanted, not found)
+        pair = clearance.segment_contact(self.hub_q, self.q)
+        name = f"segment from hub {self.hub}"
+        yield CheckLine(name, pair or "clear", "clear with all errors", not pair)
+
+    def _servo(self) -> Iterator[CheckLine]:
+        checks, samples = self.checks, self.desc.clear.servo_bound_samples
+        if self.desc.error_bounds.reach:
+            problem = checks.servo_reach_problem(self.q, self.pose, self.bound_rad)
+            text = problem or "reaches the pose"
+            yield CheckLine("servo under named errors", text, "inside its bound", not problem)
+        rng = checks.stream(Stream.SERVO_BOUND, self.q)
+        pair = checks.servo_bound_contact(self.q, self.bound_rad, samples, rng)
+        name, wanted = f"servo bound +-{spans(self.bound_rad)} rad", f"{samples} postures clear"
+        yield CheckLine(name, pair or "clear", wanted, not pair)
+
+    def _detections(self) -> CheckLine:
+        shown, arms = sum(self.checks.detected_with_errors(self.q)), len(self.checks.clearance.errors)
+        text = f"{shown} of {arms} arms with errors"
+        return CheckLine("still shows a tag", text, "for information", True, counts=False)

@@ -1,221 +1,248 @@
-"""From a description to a candidate table."""
+"""From a description to a SPACE table: sample, verify, choose, connect."""
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kincal import core, tables
-from kincal.errors import KincalError
-from kincal.geometry import R_to_quat
+from kincal.errors import BadInput
+from kincal.flight import tables
+from kincal.flight.tables import decode_as
 from kincal.results import summed
+from kincal.rotations import Pose
+from kincal.schema.space import Description
 
-from . import guard
-from .checks import WHY_ALL, WHY_FIRST, WHY_SPARE, Checks
-from .description import Description
-from .look import ordinary
-from .spread import Metric, farthest
-from .work import BLOCK, Crew, Sample
+from .arrays import Bools, Floats, Ints
+from .checks import Checks
+from .encoding import encode
+from .inputs import TablesFolder
+from .metric import KernelMetric, central, farthest_points
+from .samples import BLOCK, Box, Sample, detections, examine, segment_clear, verify
+from .table import ALL_CHECKS, SpaceTable, local_bit, reserve_bit
+from .workers import WorkerPool
 
-POOL = 8  # survivors that are proven, per candidate wanted
-Tick = Callable[[str, int, int], None]
+if TYPE_CHECKING:
+    from kincal.flight.headers import KcKernel
+
+POOL = 8  # samples that are verified, per candidate wanted
+INITIAL_SHARE = 10  # initial poses come from the tenth of the candidates that shows tags under most errors
+Progress = Callable[[str, int, int], None]  # phase, items done, items in all
 
 
-@dataclass
-class Built:
-    """A finished search space."""
+def silent(_phase: str, _done: int, _of: int) -> None:
+    """A progress callback that shows nothing."""
+
+
+@dataclass(frozen=True)
+class BuiltSpace:
+    """A finished search: the table as image and as arrays, how many tool poses were examined, why those were
+    rejected that were (kind and detail -> count), and all of them for figures."""
 
     image: tables.Image
-    struct: Any
+    table: SpaceTable
     n_samples: int
-    rejected: dict[str, int]  # why samples were dropped
-    samples: list[Sample] = field(default_factory=list)  # what was examined and why dropped, for pictures
-
-    @property
-    def kept(self) -> int:
-        return ordinary(self.struct)
-
-    @property
-    def first_looks(self) -> int:
-        return int(self.struct.n_cand) - self.kept
+    rejected: dict[str, int]
+    samples: tuple[Sample, ...] = ()
 
 
-def need(path: Path) -> Path:
-    if not path.is_file():
-        raise KincalError(
-            "a search space needs the built arm, camera and kernel tables",
-            str(path),
-            "run `kincal table build tables/src tables/bin` or give --tables DIR",
-        )
-    return path
+@dataclass(frozen=True)
+class Candidates:
+    """Rows that become part of a table: joints (n, joints), hub (n,), tool poses in the base frame (n,)."""
+
+    q_rad: Floats
+    hub: Ints
+    tool: Pose
+
+    def take(self, rows: list[int]) -> Candidates:
+        """Some of the rows, in that order."""
+        return Candidates(self.q_rad[rows], self.hub[rows], self.tool[rows])
 
 
-def build(desc: Description, tables_dir: Path, tick: Tick = lambda *_a: None, processes: int = 2) -> Built:
-    """Search, prove, choose, connect. `tick(phase, done, of)` for a progress display."""
-    arm_image, arm = tables.load(need(tables_dir / "arm.tbl"))
-    camera_image, camera = tables.load(need(tables_dir / "camera.tbl"))
-    _, kernel = tables.load(need(tables_dir / "kernel.tbl"))
-    if desc.spread.set >= kernel.n_hyper:
-        raise KincalError(f"the kernel table has sets 0 to {kernel.n_hyper - 1}", "spread.set")
-    checks = Checks(desc, arm, camera)
-    hub_edges = _hubs(checks)
-    first = _first(checks)
-    with Crew(checks, desc, arm_image.data, camera_image.data, processes) as crew:
-        samples = _examine(crew, desc, tick)
-        rejected = Counter(s.reason for s in samples if s.reason)
-        good = [i for i, s in enumerate(samples) if not s.reason]
-        q = np.array([samples[i].q for i in good]).reshape(-1, checks.chain.n)
-        q, poses = _pool(checks, kernel, q, POOL * desc.candidates)
-        q, hub, dropped = _prove(crew, q, tick)
-        rejected.update(s.reason for s in dropped)
-        if len(q) < max(desc.priors, 1):
-            why = "; ".join(f"{reason} {n}" for n, reason in summed(rejected)[:3]) or "no samples"
-            raise KincalError(
-                f"only {len(q)} of {len(samples)} samples could be candidates; most fail: {why}",
-                desc.title,
-                "widen the box, the view or the margins in the description, or ask for more samples",
-            )
-        p, R = checks.poses(q)
-        keep = farthest(Metric(kernel, desc.spread.set, p, R), desc.candidates, _middle(p))
-        q, hub, p, R = q[keep], hub[keep], p[keep], R[keep]
-        n = len(q)
-        space = core.ffi.new("kc_space_t *")
-        every = np.vstack([q, first])
-        _fill(space, checks, every, np.append(hub, np.zeros(len(first), int)), hub_edges)
-        for i, x in enumerate(first):
-            c = space.cand[n + i]
-            c.tags = checks.first_tags(x)
-            c.why = WHY_FIRST | (WHY_SPARE if i in desc.joints.spare_first else 0)
-        starts = [*range(n, len(every)), *_priors(crew, kernel, q, p, R, tick)]
-        space.n_prior = len(starts)
-        space.prior[0 : len(starts)] = starts
-        space.servo_leash[0 : checks.chain.n] = [float(x) for x in checks.leash]
-        space.arm_crc = arm_image.crc
-        guard.fill(space, desc, camera)
-        _edges(crew, space, q, tick)
-    image = tables.encode("space", space)
-    tables.decode(image.data, desc.title)
-    return Built(image, space, len(samples), dict(rejected), samples + dropped)
+def build(desc: Description, tables_dir: Path, progress: Progress = silent, processes: int = 2) -> BuiltSpace:
+    """The SPACE table of a description, for arm.tbl, camera.tbl and kernel.tbl of a folder. The same inputs
+    give the same bytes. BadInput if a table is missing or does not fit, a hub or local initial pose does
+    not hold, or too few samples could be candidates."""
+    given = TablesFolder(tables_dir)
+    checks = Checks.load(desc, given)
+    kernel = _kernel(desc, given)
+    hub_edges, local = verified_hub_edges(checks), verified_local(checks)
+    with WorkerPool(checks, processes) as pool:
+        search = _Search(pool, kernel, progress)
+        found, samples = search.candidates()
+        initial = search.initial(found)
+        direct = search.direct_segments(found.q_rad)
+    table = _table(checks, found, local, hub_edges, initial, direct, given.arm_crc)
+    image = encode(table, desc, checks.camera)
+    as_flown = SpaceTable.from_struct(decode_as("space", image.data, desc.title)[1])
+    rejected = Counter(s.rejection for s in samples if s.rejection)
+    return BuiltSpace(image, as_flown, desc.samples, dict(rejected), tuple(samples))
 
 
-def _hubs(checks: Checks) -> list[int]:
-    """Bit sets of proven segments between hubs; refuses hubs that do not hold."""
-    for h, q in enumerate(checks.hubs):
+def _kernel(desc: Description, given: TablesFolder) -> KcKernel:
+    """The KERNEL table; BadInput if it lacks the set of hyperparameters that measures distance."""
+    if desc.spread.set >= given.kernel.n_hyper:
+        raise BadInput(f"the kernel table has sets 0 to {given.kernel.n_hyper - 1}", "spread.set")
+    return given.kernel
+
+
+def verified_hub_edges(checks: Checks) -> list[int]:
+    """Bit sets of clear segments between hubs. BadInput names a hub that does not hold."""
+    hubs = checks.hubs
+    for h, q in enumerate(hubs):
         if problem := checks.hub_problem(q):
-            raise KincalError(
-                f"hub {h} is {problem}",
-                f"joints.hubs_rad[{h}]",
-                "give it joints that are farther from everything",
-            )
-    n = len(checks.hubs)
-    edges = [0] * n
-    for i in range(n):
-        for j in range(i):
-            if not checks.segment_problem(checks.hubs[i], checks.hubs[j]):
-                edges[i] |= 1 << j
-                edges[j] |= 1 << i
+            todo = "give it joints that are farther from everything"
+            raise BadInput(f"hub {h}: {problem}", f"joints.hubs_rad[{h + 1}]", todo)
+    edges = [0] * len(hubs)
+    for j, i in itertools.combinations(range(len(hubs)), 2):
+        if not checks.clearance.segment_contact(hubs[i], hubs[j]):
+            edges[i] |= 1 << j
+            edges[j] |= 1 << i
     return edges
 
 
-def _first(checks: Checks) -> np.ndarray:
-    """Joints of the first looks; refuses any that does not hold."""
-    looks = np.array(checks.desc.joints.first_rad, float).reshape(-1, checks.chain.n)
-    for i, q in enumerate(looks):
-        if problem := checks.first_problem(q, checks.hubs[0], i in checks.desc.joints.spare_first):
-            raise KincalError(
-                f"first look {i} is {problem}",
-                f"joints.first_rad[{i}]",
-                "take joints nearer to hub 0, or farther from what is in the way",
+def verified_local(checks: Checks) -> Floats:
+    """Joints of the local initial poses, (n, joints). BadInput names one that does not hold."""
+    joints = checks.desc.joints
+    local = np.array(joints.local_initial_rad, float).reshape(-1, checks.kinematics.n)
+    for i, q in enumerate(local):
+        if problem := checks.local_problem(q, checks.hubs[0], i + 1 in joints.reserve):
+            todo = "take joints nearer to hub 0, or farther from what it touches"
+            raise BadInput(
+                f"local initial pose {i + 1}: {problem}", f"joints.local_initial_rad[{i + 1}]", todo
             )
-    return looks
+    return local
 
 
-def _examine(crew: Crew, desc: Description, tick: Tick) -> list[Sample]:
-    blocks = [
-        (b, min(BLOCK, desc.samples - b * BLOCK), desc.tool.box_min_m, desc.tool.box_max_m)
-        for b in range(-(-desc.samples // BLOCK))
-    ]
-    samples: list[Sample] = []
-    for part in crew.map("examine", blocks, 1):
-        samples += part
-        tick("samples examined", len(samples), desc.samples)
-    return samples
+class _Search:
+    """The steps of one search that workers share."""
+
+    def __init__(self, pool: WorkerPool, kernel: KcKernel, progress: Progress) -> None:
+        self.pool, self.kernel, self.progress = pool, kernel, progress
+        self.checks, self.desc = pool.checks, pool.checks.desc
+
+    def candidates(self) -> tuple[Candidates, list[Sample]]:
+        """Candidates, well spread, and every sample with why it was rejected."""
+        samples = self._examined()
+        pool = self._spread_out(np.array([s.q_rad for s in samples if not s.rejection]))
+        found, rejected = self._verified(pool)
+        samples += rejected
+        if len(found.q_rad) < max(self.desc.initial_poses, 1):
+            raise _too_few(self.desc, len(found.q_rad), samples)
+        chosen = self._far_apart(found.tool, self.desc.candidates)
+        return found.take(chosen), samples
+
+    def _far_apart(self, poses: Pose, n: int) -> list[int]:
+        """At most n poses far apart, from the one in the middle on."""
+        metric = KernelMetric(self.kernel, self.desc.spread.set, poses)
+        return farthest_points(metric, n, central(poses.p_m))
+
+    def _examined(self) -> list[Sample]:
+        total, box = self.desc.samples, Box(self.desc.tool.box_min_m, self.desc.tool.box_max_m)
+        blocks = [(b, min(BLOCK, total - b * BLOCK), box) for b in range(-(-total // BLOCK))]
+        samples: list[Sample] = []
+        for part in self.pool.map(examine, blocks, chunk=1):
+            samples += part
+            self.progress("samples examined", len(samples), total)
+        return samples
+
+    def _spread_out(self, q_rad: Floats) -> Floats:
+        """At most POOL for each candidate wanted, well spread: verification is what costs time."""
+        q_rad, n = q_rad.reshape(-1, self.checks.kinematics.n), POOL * self.desc.candidates
+        if len(q_rad) <= n:
+            return q_rad
+        return q_rad[sorted(self._far_apart(self.checks.kinematics.poses(q_rad), n))]
+
+    def _verified(self, q_rad: Floats) -> tuple[Candidates, list[Sample]]:
+        """Rows that stay clear with errors and have a hub, and the rejected ones."""
+        verdicts = []
+        for i, verdict in enumerate(self.pool.map(verify, [(q,) for q in q_rad])):
+            verdicts.append(verdict)
+            self.progress("servo bounds and segments", i + 1, len(q_rad))
+        tool = self.checks.kinematics.poses(q_rad)
+        keep = [i for i, v in enumerate(verdicts) if not v.rejection]
+        rejected = [Sample(tool.p_m[i], q_rad[i], v.rejection) for i, v in enumerate(verdicts) if v.rejection]
+        hub = np.array([v.hub for v in verdicts], int)
+        return Candidates(q_rad, hub, tool).take(keep), rejected
+
+    def initial(self, found: Candidates) -> list[int]:
+        """Candidates of the initial design, when nothing is known about the errors yet: among the tenth that
+        shows a tag under most of the sampled errors, spread far apart."""
+        n, total = self.desc.initial_poses, len(found.q_rad)
+        if n == 0:
+            return []
+        score = np.zeros(total)
+        for i, detected in enumerate(self.pool.map(detections, [(q,) for q in found.q_rad])):
+            score[i] = detected
+            self.progress("errors at candidates", i + 1, total)
+        best = np.argsort(-score, kind="stable")[: max(total // INITIAL_SHARE, n)]
+        return [int(best[k]) for k in self._far_apart(found.tool[best], n)]
+
+    def direct_segments(self, q_rad: Floats) -> Bools:
+        """Clear direct segments between near candidates, (n, n), below the diagonal; everything else goes
+        over hubs."""
+        pairs = near_pairs(q_rad, self.desc.clear.direct_max_rad)
+        direct = np.zeros((len(q_rad), len(q_rad)), bool)
+        clear = self.pool.map(segment_clear, [(q_rad[i], q_rad[j]) for i, j in pairs])
+        for k, (pair, is_clear) in enumerate(zip(pairs, clear, strict=True)):
+            direct[pair] = is_clear
+            self.progress("direct segments", k + 1, len(pairs))
+        return direct
 
 
-def _middle(p: np.ndarray) -> int:
-    return int(np.argmin(np.linalg.norm(p - p.mean(axis=0), axis=1)))
-
-
-def _pool(checks: Checks, kernel: Any, q: np.ndarray, n: int) -> tuple[np.ndarray, Any]:
-    """At most n, well spread: proving the way there is what costs time."""
-    p, R = checks.poses(q)
-    if len(q) > n:
-        keep = sorted(farthest(Metric(kernel, checks.desc.spread.set, p, R), n, _middle(p)))
-        q = q[keep]
-    return q, (p, R)
-
-
-def _prove(crew: Crew, q: np.ndarray, tick: Tick) -> tuple[np.ndarray, np.ndarray, list[Sample]]:
-    """Keep what has a clear servo box and a clear straight segment to a hub, nearest hub first."""
-    keep, hub, dropped = [], [], []
-    for i, (h, reason) in enumerate(crew.map("prove", [(x,) for x in q])):
-        if reason:
-            dropped.append(Sample(crew.checks.chain.fk(q[i])[0], q[i], reason))
-        else:
-            keep.append(i)
-            hub.append(h)
-        tick("servo boxes and segments", i + 1, len(q))
-    return q[keep], np.array(hub, dtype=int), dropped
-
-
-def _fill(space: Any, checks: Checks, q: np.ndarray, hub: np.ndarray, hub_edges: list[int]) -> None:
-    p, R = checks.poses(q)
-    space.n_cand, space.n_hub, space.n_joints = len(q), len(checks.hubs), checks.chain.n
-    for h, x in enumerate(checks.hubs):
-        space.hub_q[h][0 : len(x)] = [float(v) for v in x]
-        space.hub_edge[h] = hub_edges[h]
-    look = checks.looks(p, R)
-    for i in range(len(q)):
-        c = space.cand[i]
-        c.p_m[0:3] = [float(v) for v in p[i]]
-        c.q_wxyz[0:4] = [float(v) for v in R_to_quat(R[i])]
-        c.q_seed[0 : checks.chain.n] = [float(v) for v in q[i]]
-        c.pan_rad, c.tilt_rad = look.pan[i], look.tilt[i]
-        c.tags = checks.tags(q[i])
-        c.hub, c.why = int(hub[i]), WHY_ALL
-
-
-def _priors(crew: Crew, kernel: Any, q: np.ndarray, p: np.ndarray, R: np.ndarray, tick: Tick) -> list[int]:
-    """Starting poses, when nothing is known about the errors yet: among the tenth that shows a tag under most
-    of the errors drawn, spread far apart."""
-    n = crew.checks.desc.priors
-    if n == 0:
-        return []
-    score = np.zeros(len(p))
-    for i, s in enumerate(crew.map("survives", [(x,) for x in q])):
-        score[i] = s
-        tick("errors at candidates", i + 1, len(p))
-    best = np.argsort(-score, kind="stable")[: max(len(p) // 10, n)]
-    metric = Metric(kernel, crew.checks.desc.spread.set, p[best], R[best])
-    return [int(best[k]) for k in farthest(metric, n, _middle(p[best]))]
-
-
-def _edges(crew: Crew, space: Any, q: np.ndarray, tick: Tick) -> None:
-    """Direct segments between near candidates; everything else goes over hubs."""
-    limit = crew.checks.desc.clear.direct_max_rad
-    pairs = [
+def near_pairs(q_rad: Floats, limit_rad: float) -> list[tuple[int, int]]:
+    """Pairs (i, j), i > j, of rows whose joints all differ by at most a limit."""
+    return [
         (i, int(j))
-        for i in range(1, len(q))
-        for j in np.flatnonzero(np.max(np.abs(q[:i] - q[i]), axis=1) <= limit)
+        for i in range(1, len(q_rad))
+        for j in np.flatnonzero(np.max(np.abs(q_rad[:i] - q_rad[i]), axis=1) <= limit_rad)
     ]
-    for k, good in enumerate(crew.map("joined", [(q[i], q[j]) for i, j in pairs])):
-        if good:
-            i, j = pairs[k]
-            bit = i * (i - 1) // 2 + j
-            space.edge[bit // 8] |= 1 << bit % 8
-        tick("direct segments", k + 1, len(pairs))
+
+
+def _too_few(desc: Description, n: int, samples: list[Sample]) -> BadInput:
+    rejected = Counter(s.rejection for s in samples if s.rejection)
+    why = "; ".join(f"{reason} {count}" for count, reason in summed(rejected)[:3]) or "no samples"
+    return BadInput(
+        f"only {n} of {desc.samples} samples could be candidates; most fail: {why}",
+        desc.title,
+        "widen the box, the view or the margins in the description, or ask for more samples",
+    )
+
+
+def _table(
+    checks: Checks,
+    found: Candidates,
+    local_q_rad: Floats,
+    hub_edges: list[int],
+    initial: list[int],
+    direct: Bools,
+    arm_crc: int,
+) -> SpaceTable:
+    """Candidates and local initial poses put together."""
+    n, n_local = len(found.q_rad), len(local_q_rad)
+    q_rad = np.vstack([found.q_rad, local_q_rad])
+    poses = checks.kinematics.poses(q_rad)
+    views = checks.view.aim(poses)
+    tags = [checks.visible_tags(q) for q in found.q_rad] + [checks.detected_nominal(q) for q in local_q_rad]
+    reserve = [reserve_bit() * (number in checks.desc.joints.reserve) for number in range(1, n_local + 1)]
+    all_direct = np.zeros((n + n_local, n + n_local), bool)
+    all_direct[:n, :n] = direct
+    return SpaceTable(
+        q_rad=q_rad,
+        poses=poses,
+        pan_tilt_rad=np.column_stack([views.pan_rad, views.tilt_rad]),
+        tags=np.array(tags, int),
+        hub=np.append(found.hub, np.zeros(n_local, int)),
+        checks=np.array([ALL_CHECKS] * n + [local_bit() | bit for bit in reserve], int),
+        hub_q_rad=np.array(checks.hubs),
+        hub_edges=np.array(hub_edges, int),
+        direct=all_direct,
+        initial=(*range(n, n + n_local), *initial),
+        servo_bound_rad=checks.servo_bound_rad,
+        arm_crc=arm_crc,
+    )

@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Any
 
-from .compare import Comparison, Where
-from .diagnose import Diagnosis
-from .ladder import Ladder
+from . import explain
+from .adequacy import NoiseFloor, Where
+from .api import FitResult
+from .compare import Comparison
+from .diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
+from .nested import NestedModel, NestedModels
 from .nextposes import NextPose
 
-if TYPE_CHECKING:
-    from .api import FitResult
+Json = dict[str, Any]
+
+
+# ---------------------------------------------------------------------------------------------- JSON
 
 
 def _mm(value: float | None) -> float | None:
+    """Millimetres (milliradians) of metres (radians); null where there is no number."""
     return None if value is None or not math.isfinite(value) else round(value * 1e3, 6)
 
 
-def _pos_rot(pair: tuple[float | None, float | None]) -> dict:
-    return {"pos_mm": _mm(pair[0]), "rot_mrad": _mm(pair[1])}
+def _pos_rot(position_m: float | None, rotation_rad: float | None) -> Json:
+    return {"pos_mm": _mm(position_m), "rot_mrad": _mm(rotation_rad)}
 
 
-def _where(found: tuple[Where, ...]) -> list[dict]:
+def _floor(floor: NoiseFloor) -> Json:
+    return {**_pos_rot(floor.pos_m, floor.rot_rad), "source": floor.source}
+
+
+def _where(found: Sequence[Where]) -> list[Json]:
     return [
         {
             "variable": w.variable,
@@ -34,7 +45,8 @@ def _where(found: tuple[Where, ...]) -> list[dict]:
     ]
 
 
-def comparison_json(c: Comparison) -> dict:
+def comparison_json(c: Comparison) -> Json:
+    """`kincal model compare --json`."""
     return {
         "arm": c.arm,
         "data": c.source,
@@ -43,94 +55,106 @@ def comparison_json(c: Comparison) -> dict:
         "held": len(c.split.held),
         "skipped": c.skipped,
         "components": c.components,
-        "noise_floor": {
-            **_pos_rot((c.noise_floor.pos_m, c.noise_floor.rot_rad)),
-            "source": c.noise_floor.source,
-        },
-        "rms": {name: _pos_rot(pair) for name, pair in c.rms.items()},
+        "noise_floor": _floor(c.noise_floor),
+        "rms": {name: _pos_rot(*pair) for name, pair in c.rms.items()},
         "chi2_per_dof": c.chi2_per_dof,
         "p_lack_of_fit": c.p_lack_of_fit,
         "p_structure": c.p_structure,
         "adequate": c.adequate,
         "worst_poses": [
-            {"id": w.id, "pos_mm": _mm(w.pos_m), "rot_mrad": _mm(w.rot_rad), "sigma": w.sigma}
-            for w in c.worst_poses
+            {"id": w.id, **_pos_rot(w.pos_m, w.rot_rad), "sigma": w.sigma} for w in c.worst_poses
         ],
         "where": _where(c.where),
-        "outliers": list(c.outliers),
-        "outlier_note": c.outlier_note,
-        "notes": list(c.notes),
+        "outliers": list(c.outliers.ids),
+        "outlier_note": explain.outlier_note(c.outliers),
+        "notes": explain.notes(c),
     }
 
 
-def diagnosis_json(d: Diagnosis, next_poses: list[dict] | None = None) -> dict:
+def diagnosis_json(d: Diagnosis, next_poses: Sequence[NextPose] = ()) -> Json:
+    """`kincal model diagnose --json`."""
     return {
         **comparison_json(d.comparison),
         "verdict": d.verdict,
         "probability_none": d.probability_none,
         "adequate_after": d.adequate_after,
-        "effects": [
-            {
-                "name": e.name,
-                "probability": e.probability,
-                "p_value": e.p_value,
-                "delta_bic": e.delta_bic,
-                "held_rms_before_mm": _mm(e.held_rms_before_m),
-                "held_rms_after_mm": _mm(e.held_rms_after_m),
-                "held_ratio_interval": [x if math.isfinite(x) else None for x in e.held_ratio_interval],
-                "parameters": [
-                    {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit}
-                    for p in e.parameters
-                ],
-                "confounded_with": list(e.confounded_with),
-                "why": e.why,
-                "accepted": e.accepted,
-                "helps": e.helps,
-            }
-            for e in d.effects
-        ],
-        "novel": None
-        if d.novel is None
-        else {
-            "where": d.novel.locus,
-            "depends_on": list(d.novel.depends_on),
-            "suggested_terms": list(d.novel.suggested_terms),
-            "p_value": d.novel.p_value,
-            "probability": d.novel.probability,
-        },
+        "effects": [_effect_json(e) for e in d.effects],
+        "novel": None if d.novel is None else _unnamed_json(d.novel),
         "not_testable": [{"name": n.name, "needs": list(n.needs)} for n in d.not_testable],
-        "next_poses": next_poses or [],
-        "remainder": {
-            "held": _pos_rot((d.remainder.held_pos_m, d.remainder.held_rot_rad)),
-            "noise_floor": _pos_rot((d.remainder.floor.pos_m, d.remainder.floor.rot_rad)),
-            "where": _where(d.remainder.where),
-        },
+        "next_poses": poses_json(next_poses),
+        "remainder": _remainder_json(d.remainder),
     }
 
 
-def ladder_json(ladder: Ladder) -> dict:
+def _effect_json(e: EffectFinding) -> Json:
     return {
-        "rungs": [
-            {
-                "model": r.model,
-                "held_out": r.block,
-                **_pos_rot((r.pos_m, r.rot_rad)),
-                "systematic_pos_mm": _mm(r.sys_pos_m),
-                "max_pos_mm": _mm(r.max_pos_m),
-                "ratio": r.ratio,
-                "ratio_interval": None if r.ratio_interval is None else list(r.ratio_interval),
-            }
-            for r in ladder.rungs
+        "name": e.name,
+        "probability": e.probability,
+        "p_value": e.p_value,
+        "delta_bic": e.delta_bic,
+        "held_rms_before_mm": _mm(e.held.before_m),
+        "held_rms_after_mm": _mm(e.held.after_m),
+        "held_ratio_interval": [x if math.isfinite(x) else None for x in e.held.interval],
+        "parameters": [
+            {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit} for p in e.parameters
         ],
-        "noise_floor": {
-            **_pos_rot((ladder.floor.pos_m, ladder.floor.rot_rad)),
-            "source": ladder.floor.source,
-        },
-        "verdicts": list(ladder.verdicts),
+        "confounded_with": list(e.confounded_with),
+        "why": explain.why(e),
+        "accepted": e.accepted,
+        "helps": e.helps,
     }
 
 
-def fit_json(f: FitResult) -> dict:
+def _unnamed_json(u: UnnamedFinding) -> Json:
+    return {
+        "where": u.location,
+        "depends_on": list(u.depends_on),
+        "suggested_terms": [explain.suggestion(s) for s in u.suggested_terms],
+        "p_value": u.p_value,
+        "probability": u.probability,
+    }
+
+
+def _remainder_json(r: Remainder) -> Json:
+    return {
+        "held": _pos_rot(r.held_pos_m, r.held_rot_rad),
+        "noise_floor": _pos_rot(r.floor.pos_m, r.floor.rot_rad),
+        "where": _where(r.where),
+    }
+
+
+def poses_json(poses: Sequence[NextPose]) -> list[Json]:
+    """`kincal model next --json`."""
+    return [
+        {"q": list(p.q), "direction": None if p.direction is None else list(p.direction),
+         "separates": list(p.separates), "power": p.power}
+        for p in poses
+    ]  # fmt: skip
+
+
+def nested_json(nested: NestedModels) -> Json:
+    """Held-out errors of nested models."""
+    return {
+        "models": [_nested_model_json(m) for m in nested.models],
+        "noise_floor": _floor(nested.floor),
+        "verdicts": [explain.no_gain(n) for n in nested.no_gain],
+    }
+
+
+def _nested_model_json(m: NestedModel) -> Json:
+    return {
+        "model": m.model,
+        "held_out": m.block,
+        **_pos_rot(m.pos_m, m.rot_rad),
+        "systematic_pos_mm": _mm(m.sys_pos_m),
+        "max_pos_mm": _mm(m.max_pos_m),
+        "ratio": m.ratio,
+        "ratio_interval": None if m.ratio_interval is None else list(m.ratio_interval),
+    }
+
+
+def fit_json(f: FitResult) -> Json:
+    """`kincal model fit --json`."""
     return {
         **comparison_json(f.comparison),
         "effects": list(f.effects),
@@ -140,158 +164,143 @@ def fit_json(f: FitResult) -> dict:
             {"name": n, "value": float(v), "std_err": float(s), "unit": u}
             for n, v, s, u in zip(f.names, f.estimate, f.std_err, f.units, strict=True)
         ],
-        "ladder": ladder_json(f.ladder),
+        "nested_models": nested_json(f.nested),
     }
 
 
-_DRIVERS = {
-    "t": "time",
-    "order": "order in which the poses were taken",
-    "temp": "temperature",
-    "payload": "payload",
-    "tag": "tag that was seen",
-    "zcam": "distance along the line of sight",
-    "u": "image position, across",
-    "v": "image position, down",
-    "r2": "distance from the image centre, squared",
-    "incid": "incidence angle",
-    "pan": "pan of the head",
-    "tilt": "tilt of the head",
-    "sx": "tool position x",
-    "sy": "tool position y",
-    "sz": "tool position z",
-}
-_JOINT_DRIVERS = {"tau": "gravity torque", "dir": "approach direction", "qdot": "velocity"}
+# ---------------------------------------------------------------------------------------------- text
 
 
-def in_words(variable: str) -> str:
-    """tau2 -> gravity torque of joint 2; joint angles and unknown names stay."""
-    kind = variable.rstrip("0123456789")
-    if kind in _JOINT_DRIVERS and kind != variable:
-        return f"{_JOINT_DRIVERS[kind]} of joint {variable[len(kind) :]}"
-    return _DRIVERS.get(variable, variable)
-
-
-def _text_pair(pair: tuple[float | None, float | None]) -> str:
-    position, rotation = pair
-    if position is None or not math.isfinite(position):
+def _text(position_m: float | None, rotation_rad: float | None) -> str:
+    if position_m is None or not math.isfinite(position_m):
         return "unknown"
-    tail = "" if rotation is None else f", {rotation * 1e3:.2f} mrad"
-    return f"{position * 1e3:.3f} mm{tail}"
+    tail = "" if rotation_rad is None else f", {rotation_rad * 1e3:.2f} mrad"
+    return f"{position_m * 1e3:.3f} mm{tail}"
 
 
 def comparison_text(c: Comparison) -> str:
-    floor = _text_pair((c.noise_floor.pos_m, c.noise_floor.rot_rad))
-    p_text = (
-        "cannot be tested (no replicates, no stated noise)"
-        if c.p_lack_of_fit is None
-        else f"p = {c.p_lack_of_fit:.3g}"
-    )
+    """Numbers, what is left and where, and the worst poses."""
+    floor = _text(c.noise_floor.pos_m, c.noise_floor.rot_rad)
+    untested = "cannot be tested (no replicates, no stated noise)"
+    p_text = untested if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}"
     lines = [
         f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), "
         f"{c.components} components",
         *([f"skipped: {c.skipped} malformed rows"] if c.skipped else []),
-        f"nominal arm        {_text_pair(c.rms['nominal'])}",
-        f"fitted poses       {_text_pair(c.rms['fit'])}",
-        f"held-out poses     {_text_pair(c.rms['held'])}",
+        f"nominal arm        {_text(*c.rms['nominal'])}",
+        f"fitted poses       {_text(*c.rms['fit'])}",
+        f"held-out poses     {_text(*c.rms['held'])}",
         f"noise floor        {floor} ({c.noise_floor.source})",
         f"chi2 per degree    {c.chi2_per_dof:.3f}",
         f"lack of fit        {p_text}",
         f"verdict            the model {'explains' if c.adequate else 'does NOT explain'} these data",
         "",
-        "where the rest lives (share of what is left, p-value):",
+        *_rest_lines(c),
+    ]
+    return "\n".join(lines)
+
+
+def _rest_lines(c: Comparison) -> list[str]:
+    worst = ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses)
+    note = explain.outlier_note(c.outliers)
+    return [
+        "where the rest is (share of what is left, p-value):",
         *[
-            f"  {in_words(w.variable):<38}at {w.at:<18}{w.share_of_variance:7.1%}   p = {w.p_value:.2g}"
+            f"  {explain.in_words(w.variable):<38}at {w.at:<18}{w.share_of_variance:7.1%}"
+            f"   p = {w.p_value:.2g}"
             for w in c.where[:6]
         ],
         "",
-        "worst poses: "
-        + ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses),
-        "outliers: " + (", ".join(c.outliers) if c.outliers else "none"),
-        *([c.outlier_note] if c.outlier_note else []),
-        *c.notes,
+        f"worst poses: {worst}",
+        "outliers: " + (", ".join(c.outliers.ids) or "none"),
+        *([note] if note else []),
+        *explain.notes(c),
     ]
-    return "\n".join(lines)
 
 
-VERDICTS = {
-    "adequate": "Nothing is missing that these data could show.",
-    "effect": "One effect is missing.",
-    "several_effects": "Several effects are missing.",
-    "novel": "Something is missing that no effect of the library describes.",
-    "undecidable": "Something is missing, but these data do not tell what: "
-    "see the candidates and the next poses.",
-}
-
-
-def poses_json(poses: list[NextPose]) -> list[dict]:
-    return [
-        {"q": list(p.q), "direction": None if p.direction is None else list(p.direction),
-         "separates": list(p.separates), "power": p.power}
-        for p in poses
-    ]  # fmt: skip
-
-
-def poses_text(poses: list[dict]) -> str:
-    """Numbered poses; power counts the poses above too."""
+def poses_text(poses: Sequence[NextPose]) -> str:
+    """Numbered poses; power counts the poses above too. Empty if there are none."""
     if not poses:
         return ""
-    lines = [f"next poses, to separate {', '.join(poses[0]['separates'])}:"]
+    lines = [f"next poses, to separate {', '.join(poses[0].separates)}:"]
     for k, p in enumerate(poses, 1):
-        sign = "" if p["direction"] is None else "  approach " + " ".join(f"{s:+d}" for s in p["direction"])
-        lines.append(f"  {k:2d}  q = {', '.join(f'{x:+.3f}' for x in p['q'])}{sign}  power {p['power']:.2f}")
+        sign = "" if p.direction is None else "  approach " + " ".join(f"{s:+d}" for s in p.direction)
+        lines.append(f"  {k:2d}  q = {', '.join(f'{x:+.3f}' for x in p.q)}{sign}  power {p.power:.2f}")
     return "\n".join(lines)
 
 
-def _grouped(names: tuple[str, ...]) -> str:
-    """gain[1], gain[2], flex -> gain[1], [2]; flex"""
-    groups: dict[str, list[str]] = {}
-    for name in names:
-        effect, bracket, rest = name.partition("[")
-        groups.setdefault(effect, []).append(bracket + rest)
-    return "; ".join(effect + ", ".join(places) for effect, places in groups.items())
-
-
-def _remainder_text(d: Diagnosis) -> str:
-    r = d.remainder
-    floor = "unknown" if r.floor.pos_m is None else _text_pair((r.floor.pos_m, r.floor.rot_rad))
-    text = f"left on held-out poses: {_text_pair((r.held_pos_m, r.held_rot_rad))}; noise floor {floor}"
-    live = [
-        f"{w.at} by {in_words(w.variable)} ({w.share_of_variance:.0%})" for w in r.where if w.p_value < 0.001
-    ]
-    return text + (f"; it lives at {', '.join(live)}" if live else "")
-
-
-def diagnosis_text(d: Diagnosis, poses: list[dict] | None = None) -> str:
-    lines = [
+def diagnosis_text(d: Diagnosis, poses: Sequence[NextPose] = ()) -> str:
+    """The comparison, what is missing with probabilities, what is left, and the next poses."""
+    parts = [
         comparison_text(d.comparison),
         "",
-        f"diagnosis: {VERDICTS[d.verdict]} (P(nothing missing) = {d.probability_none:.2g})",
+        f"diagnosis: {explain.verdict(d)} (P(nothing missing) = {d.probability_none:.2g})",
+        *(line for e in d.effects for line in _effect_lines(e)),
+        *([] if d.novel is None else _unnamed_lines(d.novel)),
+        *([_remainder_text(d.remainder)] if d.effects or d.novel else []),
+        *(["not testable on these data:"] if d.not_testable else []),
+        *(f"      {explain.not_testable(n)}" for n in d.not_testable),
+        *([poses_text(poses)] if poses else []),
     ]
-    for e in d.effects:
-        mark = "*" if e.accepted else "+" if e.helps else " "
-        lines.append(f"{mark} {e.name:<26} P = {e.probability:.2f}   p = {e.p_value:.2g}   {e.why}")
-        lines += [f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters]
-        if e.confounded_with:
-            lines.append(f"      cannot be told from: {_grouped(e.confounded_with)}")
-    if d.novel:
-        lines += [
-            f"not in the library: {d.novel.locus}, depending on "
-            f"{' and '.join(in_words(name) for name in d.novel.depends_on)} "
-            f"(P = {d.novel.probability:.2f}, p = {d.novel.p_value:.2g})",
-            *[f"      try: {term}" for term in d.novel.suggested_terms],
-        ]
-    if d.effects or d.novel:
-        lines.append(_remainder_text(d))
-    if d.not_testable:
-        lines.append("not testable on these data:")
-        absorbed = "absorbed by the fitted parameters (DH, base, tool)"
-        lines += [
-            f"      {n.name}: {'needs ' + ', '.join(n.needs) if n.needs else absorbed}"
-            for n in d.not_testable
-        ]
-    if poses:
-        lines.append(poses_text(poses))
     if d.effects:
-        lines.append("Probabilities hold for this library and its priors; 'consistent with' is not 'proven'.")
-    return "\n".join(lines)
+        parts.append("Probabilities hold for this library and its priors; 'consistent with' is not 'proven'.")
+    return "\n".join(parts)
+
+
+def _effect_lines(e: EffectFinding) -> list[str]:
+    mark = {"accepted": "*", "helps": "+", "alternative": " "}[e.role]
+    return [
+        f"{mark} {e.name:<26} P = {e.probability:.2f}   p = {e.p_value:.2g}   {explain.why(e)}",
+        *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
+        *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),
+    ]
+
+
+def _unnamed_lines(u: UnnamedFinding) -> list[str]:
+    drivers = " and ".join(explain.in_words(name) for name in u.depends_on)
+    return [
+        f"not in the library: {u.location}, depending on {drivers} "
+        f"(P = {u.probability:.2f}, p = {u.p_value:.2g})",
+        *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
+    ]
+
+
+def _remainder_text(r: Remainder) -> str:
+    floor = _text(r.floor.pos_m, r.floor.rot_rad)
+    text = f"left on held-out poses: {_text(r.held_pos_m, r.held_rot_rad)}; noise floor {floor}"
+    found = [
+        f"{w.at} by {explain.in_words(w.variable)} ({w.share_of_variance:.0%})"
+        for w in r.where
+        if w.p_value < 0.001
+    ]
+    return text + (f"; it is at {', '.join(found)}" if found else "")
+
+
+def fit_text(f: FitResult) -> str:
+    """Held-out errors of the nested models, then every coefficient."""
+    floor = f.nested.floor
+    floor_text = "unknown" if floor.pos_m is None else f"{floor.pos_m * 1e3:.3f} mm"
+    coefficients = zip(f.names, f.estimate, f.std_err, f.units, strict=True)
+    return "\n".join(
+        [
+            f"{f.arm}: {f.comparison.poses} poses, {len(f.names)} coefficients, rank {f.rank}",
+            f"effects: {', '.join(f.effects) or 'none (DH only)'}",
+            "",
+            f"{'model':<28}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval",
+            *map(_nested_line, f.nested.models),
+            f"noise floor: {floor_text} ({floor.source})",
+            *map(explain.no_gain, f.nested.no_gain),
+            "",
+            f"{'coefficient':<34}{'value':>12}{'std err':>12}  unit",
+            *(f"{name:<34}{value:12.6f}{err:12.6f}  {unit}" for name, value, err, unit in coefficients),
+        ]
+    )
+
+
+def _nested_line(m: NestedModel) -> str:
+    rotation = f"{m.rot_rad * 1e3:9.2f}" if m.rot_rad is not None else f"{'-':>9}"
+    ratio = ""
+    if m.ratio is not None and m.ratio_interval is not None:
+        low, high = m.ratio_interval
+        ratio = f"{m.ratio:8.3f}  {low:.3f} to {high:.3f}"
+    return f"{m.model:<28}{m.block:<18}{m.pos_m * 1e3:8.3f}{rotation}{ratio}"

@@ -1,200 +1,78 @@
-"""The workbench as objects: `fit` and friends, with results that print themselves.
+"""The workbench as functions with typed results.
 
 from kincal import workbench as wb
 arm, data = wb.read_arm("arm.toml"), wb.read_csv("poses.csv", 7)
 result = wb.fit(arm, data, ["joint_compliance[2]"])
-print(result.summary())
+print(result.nested.of("held-out poses")[-1].pos_m)
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-import numpy as np
+from kincal.errors import CannotAnswer
+from kincal.schema.arm import ArmTable
 
-from kincal.errors import BadInput, CannotAnswer
-
-from .answers import poses_json
-from .arms import ArmTable
-from .compare import BULK, Comparison, compare
+from .compare import Comparison, compare
+from .constants import choose_constants
 from .data import Measurements
-from .diagnose import Diagnosis
-from .effects import Hypothesis, Library, data_constants, finer
-from .engine import Engine, merged
-from .fit import Fit, find_frames, fit_model
-from .ladder import Ladder, climb
-from .nextposes import next_poses
-from .power import confounding, harm
+from .diagnosis import Diagnosis
+from .effects import Effect, Hypothesis, Library
+from .fit import Fit, fit_model
+from .grids import data_constants
+from .hypotheses import by_constants, effect_of, merged_if_several
+from .nested import NestedModels, fit_nested
+from .nextposes import NextPose, next_poses
+from .power import Confounding, Harm, confounding, harm
+from .types import Array, Progress, no_progress
+
+_CERTAIN = 0.9  # probability from which on an effect needs no more poses
+_MOST_COMPETING = 4
 
 
 @dataclass(frozen=True)
 class FitResult:
     """A fitted model.
 
-    names: one per coefficient with its unit in the name; estimate, std_err: (k,); rank: directions
-    that the data determine, of len(names); ladder: held-out error of each model on the way.
+    names, units, estimate, std_err: one per coefficient (k,), values in their units; rank: directions that
+    the data determine, of k; noise_scale: fitted over stated noise; nested: held-out error of each model on
+    the way; constants: effect -> constants of its bases, e.g. the time of a step.
     """
 
     arm: str
     effects: tuple[str, ...]
     names: tuple[str, ...]
     units: tuple[str, ...]
-    estimate: np.ndarray
-    std_err: np.ndarray
+    estimate: Array
+    std_err: Array
     rank: int
     noise_scale: float
     comparison: Comparison
-    ladder: Ladder
+    nested: NestedModels
     fit: Fit
-    constants: dict[str, dict[str, float]]  # effect -> constants of its bases, e.g. the time of a step
-
-    def summary(self) -> str:
-        """The same numbers as text."""
-        c = self.comparison
-        lines = [
-            f"{self.arm}: {c.poses} poses, {len(self.names)} coefficients, rank {self.rank}",
-            f"effects: {', '.join(self.effects) or 'none (DH only)'}",
-            "",
-            f"{'model':<28}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval",
-        ]
-        for rung in self.ladder.rungs:
-            rot = f"{rung.rot_rad * 1e3:9.2f}" if rung.rot_rad is not None else f"{'-':>9}"
-            ratio = ""
-            if rung.ratio is not None and rung.ratio_interval is not None:
-                low, high = rung.ratio_interval
-                ratio = f"{rung.ratio:8.3f}  {low:.3f} to {high:.3f}"
-            lines.append(f"{rung.model:<28}{rung.block:<18}{rung.pos_m * 1e3:8.3f}{rot}{ratio}")
-        floor = self.ladder.floor
-        floor_text = "unknown" if floor.pos_m is None else f"{floor.pos_m * 1e3:.3f} mm"
-        lines += [f"noise floor: {floor_text} ({floor.source})", *self.ladder.verdicts, ""]
-        lines.append(f"{'coefficient':<34}{'value':>12}{'std err':>12}  unit")
-        for name, unit, value, err in zip(self.names, self.units, self.estimate, self.std_err, strict=True):
-            lines.append(f"{name:<34}{value:12.6f}{err:12.6f}  {unit}")
-        return "\n".join(lines)
-
-
-class _Chooser:
-    """Scores groups of hypotheses beside a model, to choose constants: linear in the effect, so cheap."""
-
-    def __init__(self, arm: ArmTable, data: Measurements, beside: list[Hypothesis], dh: bool, frames) -> None:
-        fit = fit_model(arm, data, beside, dh=dh, frames=frames)
-        self.engine = Engine(fit, np.where(fit.weight > BULK, 1.0, fit.weight), data.cov is not None)
-
-    def best(self, groups: list[list[Hypothesis]]) -> list[Hypothesis]:
-        columns = self.engine.columns
-        scored = self.engine.scores([np.hstack([columns.hypothesis(h) for h in group]) for group in groups])
-        return groups[int(np.argmax([s.chi2 for s, _ in scored]))]
-
-
-def choose_constants(
-    library: Library,
-    names,
-    arm: ArmTable,
-    data: Measurements | None,
-    *,
-    dh: bool = True,
-    joined: bool = False,
-    known: dict[str, dict[str, float]] | None = None,
-) -> list[Hypothesis]:
-    """Hypotheses for effect names, each grid constant (step time ...) at the value with the least cost,
-    or as known (effect -> constant -> value) from an earlier fit.
-
-    joined: a name without a joint becomes one hypothesis of all joints instead of one per joint.
-    """
-    known = known or {}
-    found: dict[str, list[Hypothesis]] = {}
-    open_names = [n for n in names if library.grid_of(n, known.get(n, {}))]
-    if open_names and data is None:
-        raise BadInput(
-            f"{open_names[0]} has constants that come from measurements; "
-            "run `kincal model fit` or give --data"
-        )
-    for name in names:
-        if name not in open_names:
-            found[name] = library.find(name, arm, data, known.get(name))
-    frames = find_frames(arm, data) if open_names else None
-    for name in open_names:
-        chooser = _Chooser(arm, data, [h for hs in found.values() for h in hs], dh, frames)
-        best = chooser.best(_by_constants(library.find(name, arm, data)))
-        for constant, values in library.grid_of(name).items():
-            fixed = dict(best[0].constants)
-            near = finer(values, fixed[constant], data)  # the grid is coarse
-            if near:
-                tried = [library.find(name, arm, data, {**fixed, constant: v}) for v in near]
-                best = chooser.best(tried)
-        found[name] = best
-    chosen: list[Hypothesis] = []
-    for name in names:
-        group = found[name]
-        chosen += [merged(library.effects[group[0].effect], group)] if joined and len(group) > 1 else group
-    return chosen
-
-
-def _by_constants(hypotheses: list[Hypothesis]) -> list[list[Hypothesis]]:
-    groups: dict[tuple, list[Hypothesis]] = {}
-    for h in hypotheses:
-        groups.setdefault(h.constants, []).append(h)
-    return list(groups.values())
-
-
-def advise(diagnosis: Diagnosis, library: Library, *, count: int = 4) -> list[dict]:
-    """Next poses when two or more effects still compete; empty otherwise."""
-    arm, data = diagnosis.final.chain.arm, diagnosis.final.chain.data
-    uncertain = [e for e in diagnosis.effects if e.probability < 0.9 or e.confounded_with]
-    names = list(dict.fromkeys(n for e in uncertain for n in (e.name, *e.confounded_with)))
-    names = [n for n in names if not library.effects[n.partition("[")[0]].twin_of][:4]
-    if len(names) < 2:
-        return []
-    known = {h.name: dict(h.constants) for h in diagnosis.final.hypotheses if h.constants}
-    rivals = [choose_constants(library, [n], arm, data, joined=True, known=known)[0] for n in names]
-    base = fit_model(arm, data, frames=(diagnosis.final.base, diagnosis.final.tool))
-    return poses_json(next_poses(base, rivals, count=count))
-
-
-def report(
-    path, diagnosis: Diagnosis, library: Library, arm, data, effects, poses, progress=None
-) -> list[Path]:
-    """Write the diagnosis report; returns the files."""
-    from .report import Content, write_report
-
-    accepted = [h for h in diagnosis.final.hypotheses if h.name not in {e.name for e in effects}]
-    ladder = climb(arm, data, [*effects, *accepted], diagnosis.comparison.noise_floor, progress=progress)
-    fit_all = diagnosis.comparison.fit_all
-    testable = [
-        e for e in library.effects.values() if not e.missing(arm, fit_all.chain.data) and not e.twin_of
-    ]
-    named = []
-    for effect in testable:
-        if effect.per != "pair" or effect.pairs:
-            group = effect.instances(arm, fit_all.chain.data)
-            first = [h for h in group if h.constants == group[len(group) // 2].constants]
-            named.append(first[0] if len(first) == 1 else merged(effect, first))
-    shown = [h for h in named if any(p.terms for p in h.parameters)]
-    content = Content(diagnosis, library, ladder, confounding(fit_all, shown), harm(fit_all, shown), poses)
-    return write_report(path, content)
+    constants: dict[str, dict[str, float]]
 
 
 def fit(
     arm: ArmTable,
     data: Measurements,
-    effects=(),
+    effects: Sequence[str] = (),
     *,
     library: Library | None = None,
     dh: bool = True,
-    progress=None,
+    progress: Progress = no_progress,
 ) -> FitResult:
-    """Fit DH, base and tool as the arm table says, and the named effects; with the ladder of held-out
-    errors."""
+    """Fit DH errors (`dh`), base and tool as the arm table says, and the named effects, and measure what
+    each brings on held-out poses.
+
+    CannotAnswer if an effect needs what the data do not have, or as `compare`; BadInput for unknown names.
+    """
     library = library or Library.load()
-    for name in effects:
-        effect = library.effects.get(name.partition("[")[0])
-        lacking = effect.missing(arm, data) if effect else []
-        if lacking:
-            raise CannotAnswer(f"{name} needs {', '.join(lacking)}, which these data do not have")
-    hypotheses = choose_constants(library, list(effects), arm, data, dh=dh)
+    _check_needs(library, effects, arm, data)
+    hypotheses = choose_constants(library, effects, arm, data, dh=dh)
     comparison = compare(arm, data, hypotheses, dh=dh)
-    ladder = climb(arm, data, hypotheses, comparison.noise_floor, dh=dh, progress=progress)
+    nested = fit_nested(arm, data, hypotheses, comparison.noise_floor, dh=dh, progress=progress)
     whole = comparison.fit_all
     return FitResult(
         arm=arm.name,
@@ -206,12 +84,100 @@ def fit(
         rank=whole.rank,
         noise_scale=whole.scale,
         comparison=comparison,
-        ladder=ladder,
+        nested=nested,
         fit=whole,
-        constants={
-            name: data_constants(data) | dict(h.constants)
-            for name in effects
-            for h in hypotheses
-            if h.effect == name.partition("[")[0] and (h.name == name or "[" not in name)
-        },
+        constants=_constants(effects, hypotheses, data),
     )
+
+
+def _check_needs(library: Library, names: Iterable[str], arm: ArmTable, data: Measurements) -> None:
+    for name in names:
+        effect = library.effects.get(effect_of(name))
+        lacking = effect.missing(arm, data) if effect else []
+        if lacking:
+            raise CannotAnswer(f"{name} needs {', '.join(lacking)}, which these data do not have")
+
+
+def _constants(
+    names: Sequence[str], hypotheses: Sequence[Hypothesis], data: Measurements
+) -> dict[str, dict[str, float]]:
+    """Constants of every effect by the name it was asked for with."""
+    return {
+        name: data_constants(data) | dict(h.constants)
+        for name in names
+        for h in hypotheses
+        if name in (h.name, h.effect)
+    }
+
+
+def advise(diagnosis: Diagnosis, library: Library, *, count: int = 4) -> tuple[NextPose, ...]:
+    """Poses to measure next when two or more effects still compete; empty otherwise."""
+    final = diagnosis.final
+    names = _competing(diagnosis, library)[:_MOST_COMPETING]
+    if len(names) < 2:
+        return ()
+    known = {h.name: dict(h.constants) for h in final.hypotheses if h.constants}
+    effects = [
+        choose_constants(library, [name], final.arm, final.data, joined=True, known=known)[0]
+        for name in names
+    ]
+    plain = fit_model(final.arm, final.data, frames=(final.base, final.tool))
+    return next_poses(plain, effects, count=count)
+
+
+def _competing(diagnosis: Diagnosis, library: Library) -> list[str]:
+    """Uncertain effects and those confounded with them, without those that no data can tell apart."""
+    uncertain = [e for e in diagnosis.effects if e.probability < _CERTAIN or e.confounded_with]
+    names = dict.fromkeys(name for e in uncertain for name in (e.name, *e.confounded_with))
+    return [name for name in names if not library.effects[effect_of(name)].equivalent_to]
+
+
+@dataclass(frozen=True)
+class ReportContent:
+    """Everything a diagnosis report shows."""
+
+    diagnosis: Diagnosis
+    library: Library
+    nested: NestedModels
+    confounding: Confounding
+    harm: tuple[Harm, ...]
+    next_poses: tuple[NextPose, ...]
+
+
+def report_content(
+    diagnosis: Diagnosis,
+    library: Library,
+    given: Sequence[Hypothesis] = (),
+    poses: Sequence[NextPose] = (),
+    *,
+    progress: Progress = no_progress,
+) -> ReportContent:
+    """What a report shows beside the diagnosis: nested models, confounding and harm of every effect.
+
+    given: the effects that the diagnosed model had from the start; poses: as `advise` gave them.
+    """
+    whole = diagnosis.comparison.fit_all
+    arm = whole.arm
+    named = {h.name for h in given}
+    added = [h for h in diagnosis.final.hypotheses if h.name not in named]
+    data = diagnosis.comparison.data
+    nested = fit_nested(arm, data, [*given, *added], diagnosis.comparison.noise_floor, progress=progress)
+    shown = _shown(library, arm, whole.data)
+    return ReportContent(
+        diagnosis, library, nested, confounding(whole, shown), harm(whole, shown), tuple(poses)
+    )
+
+
+def _shown(library: Library, arm: ArmTable, data: Measurements) -> list[Hypothesis]:
+    """Each testable effect at all its joints; pairs of joints only where the library lists them."""
+    testable = [e for e in library.effects.values() if not e.missing(arm, data) and not e.equivalent_to]
+    wholes = [_whole(e, arm, data) for e in testable if e.per != "pair" or e.pairs]
+    return [h for h in wholes if any(p.terms for p in h.parameters)]
+
+
+def _whole(effect: Effect, arm: ArmTable, data: Measurements) -> Hypothesis:
+    """An effect at all joints, its constants in the middle of their grid."""
+    instances = effect.instances(arm, data)
+    middle = instances[len(instances) // 2].constants
+    group = next(group for group in by_constants(instances) if group[0].constants == middle)
+    return merged_if_several(effect, group)

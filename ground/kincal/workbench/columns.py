@@ -2,62 +2,101 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
+
 import numpy as np
 
-from .basis import Basis
-from .effects import Hypothesis, Term
+from kincal.schema.terms import Basis
+
+from .data import Measurements
+from .effects import Hypothesis, Parameter, Term
 from .fit import Fit
+from .types import Array
+
+# Variables whose values depend on the coefficients: gravity loads, and where the model expects the tool.
+_MODELLED = {"tau", "taup", "Mx", "My", "Mz", "u", "v", "r2", "xcam", "ycam", "zcam", "sx", "sy", "sz"}
+
+
+@lru_cache(maxsize=8)
+def _recorded_values(_data: Measurements) -> dict[Basis, Array]:
+    """Memory of a data set."""
+    return {}
 
 
 class Columns:
     """Columns of correction terms, linearised at a fit, in whitened and robustly weighted rows.
 
-    rows: the square root of the pose weight times the whitener; every matrix here has N c rows,
-    pose by pose.
+    Each pose is weighted by the square root of `weight` (default: the fit's). N poses of c components;
+    every matrix here has N c rows, pose by pose. twist: (N, frames, 6, c), what one unit of each
+    twist component at each frame does to the whitened residual.
     """
 
-    def __init__(self, fit: Fit, weight: np.ndarray | None = None):
+    def __init__(self, fit: Fit, weight: Array | None = None):
         self.fit = fit
         self.n, self.c = fit.evaluation.r.shape
         self.weight = fit.weight if weight is None else weight
         self._root = np.sqrt(self.weight)
         rows = fit.whiten * self._root[:, None, None]
-        # (N, 72, c): what one unit of each frame component does to the whitened residual
-        self.twist = np.einsum("nij,nfj->nfi", rows, fit.evaluation.twist)
-        self._values: dict[Basis, np.ndarray] = {}
+        self.twist = np.einsum("nij,nfkj->nfki", rows, fit.evaluation.twist)
+        self._by_place = np.ascontiguousarray(self.twist.reshape(self.n, -1, self.c).transpose(1, 0, 2))
+        self._modelled: dict[Basis, Array] = {}
 
-    def rows_of(self, per_pose: np.ndarray) -> np.ndarray:
-        """(N, c) -> (N c,)"""
-        return per_pose.reshape(self.n * self.c)
+    def weighted(self, rows: Array) -> Array:
+        """Rows (N c,) or (N c, m) that are whitened only, with the pose weights applied."""
+        scaled: Array = rows.reshape(self.n, self.c, -1) * self._root[:, None, None]
+        return scaled.reshape(rows.shape)
 
-    def weighted(self, rows: np.ndarray) -> np.ndarray:
-        """Apply the pose weights to rows that are whitened only."""
-        shape = rows.shape
-        scaled = rows.reshape(self.n, self.c, -1) * self._root[:, None, None]
-        return scaled.reshape(shape)
+    def basis(self, basis: Basis) -> Array:
+        """(N,) values of a basis by flight's code, remembered: those that are read from the data for the data
+        set, those that the model computes (torques, where the tool is) for these columns."""
+        memory = self._modelled if basis.var in _MODELLED else _recorded_values(self.fit.data)
+        if basis not in memory:
+            memory[basis] = self.fit.model.basis_values(basis, self.fit.estimate)
+        return memory[basis]
 
-    def basis(self, basis: Basis) -> np.ndarray:
-        """(N,) values of a basis by flight's code, remembered."""
-        if basis not in self._values:
-            self._values[basis] = self.fit.chain.basis_values(basis)
-        return self._values[basis]
+    def term(self, term: Term) -> Array:
+        """(N c,) column of one correction term with coefficient 1."""
+        column: Array = self._of([term])[0]
+        return column
 
-    def term(self, term: Term) -> np.ndarray:
-        value = term.gain * self.basis(term.basis[0])
-        if term.basis[1].var != "1":
-            value = value * self.basis(term.basis[1])
-        return self.twist[:, term.frame * 6 + term.comp, :] * value[:, None]
+    def hypothesis(self, hypothesis: Hypothesis) -> Array:
+        """(N c, m) columns of an effect, each scaled by its prior sigma."""
+        return self.hypotheses([hypothesis])[0]
 
-    def hypothesis(self, hypothesis: Hypothesis) -> np.ndarray:
-        """(N c, m) columns, each scaled by its prior sigma."""
-        out = np.empty((self.n * self.c, len(hypothesis.parameters)))
-        for k, parameter in enumerate(hypothesis.parameters):
-            column = np.zeros((self.n, self.c))
-            for term in parameter.terms:
-                column += self.term(term)
-            out[:, k] = parameter.sigma * self.rows_of(column)
+    def hypotheses(self, hypotheses: Sequence[Hypothesis]) -> list[Array]:
+        """(N c, m) columns of each effect, all at once."""
+        if not hypotheses:
+            return []
+        rows = self._parameters([p for h in hypotheses for p in h.parameters])
+        ends = np.cumsum([len(h.parameters) for h in hypotheses])
+        return [block.T for block in np.split(rows, ends[:-1])]
+
+    def _parameters(self, parameters: Sequence[Parameter]) -> Array:
+        """(p, N c) sums of the terms of each parameter, scaled by its prior sigma."""
+        counts = np.array([len(p.terms) for p in parameters])
+        first = np.cumsum(counts) - counts
+        terms = self._of([term for p in parameters for term in p.terms])
+        out = np.zeros((len(parameters), self.n * self.c))
+        out[counts == 1] = terms[first[counts == 1]]
+        for k in np.flatnonzero(counts > 1):
+            out[k] = terms[first[k] : first[k] + counts[k]].sum(axis=0)
+        out *= np.array([p.sigma for p in parameters])[:, None]
         return out
 
-    def locus(self, frame: int, components: tuple[int, ...]) -> np.ndarray:
+    def _of(self, terms: Sequence[Term]) -> Array:
+        """(t, N c) rows of correction terms with coefficient 1."""
+        frames = self.twist.shape[1]
+        rows: Array = self._by_place[[6 * (t.frame % frames) + t.comp for t in terms]]
+        rows *= np.array([self._value(t) for t in terms]).reshape(len(terms), self.n, 1)
+        return rows.reshape(len(terms), self.n * self.c)
+
+    def _value(self, term: Term) -> Array:
+        """(N,) gain times bases."""
+        value: Array = term.gain * self.basis(term.basis[0])
+        return value if term.basis[1].var == "1" else value * self.basis(term.basis[1])
+
+    def location(self, frame: int, components: Sequence[int]) -> Array:
         """(N, m, c) twist rows of some components at a frame."""
-        return self.twist[:, [frame * 6 + k for k in components], :]
+        rows: Array = self.twist[:, frame, list(components), :]
+        return rows

@@ -1,10 +1,10 @@
-"""The effect library: physical effects as named bundles of correction terms, from TOML."""
+"""The effect library: physical effects as named bundles of correction terms, made concrete for an arm."""
 
 from __future__ import annotations
 
 import itertools
 import math
-import tomllib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -12,31 +12,18 @@ from pathlib import Path
 import numpy as np
 
 from kincal.errors import BadInput
+from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
+from kincal.rotations import matrix_of_wxyz
+from kincal.schema.arm import ArmTable
+from kincal.schema.effects import EffectEntry, ParameterEntry, read_effects
+from kincal.schema.names import COMPONENTS
+from kincal.schema.terms import Basis, Names, TermEntry, parse_gain
 
-from .arms import ArmTable, quat_to_matrix
-from .basis import Basis, parse_basis
 from .data import Measurements
+from .grids import Grid, data_constants, grid_values
+from .types import Array
 
-FRAME_TOOL, FRAME_CAMERA, FRAME_MEAS = 9, 10, 11
-# sensor: the measurement frame itself where the data have no camera columns (tracker, board)
-_PLACES = {
-    "base": 0,
-    "tool": FRAME_TOOL,
-    "camera": FRAME_CAMERA,
-    "sensor": FRAME_CAMERA,
-    "meas": FRAME_MEAS,
-}
-COMPONENTS = {"tx": 0, "ty": 1, "tz": 2, "rx": 3, "ry": 4, "rz": 5}
-_PER = ("arm", "joint", "pair")
-_EFFECT_KEYS = {
-    "name", "title", "formula", "per", "pairs", "joints", "needs", "looks_like", "inspect",
-    "confounded_with", "grid", "parameter", "twin_of",
-}  # fmt: skip
-_PARAMETER_KEYS = {"name", "unit", "sigma", "each_joint", "term"}
-_TERM_KEYS = {"at", "comp", "gain", "basis"}
-# Periods per turn that are tried where nobody knows them: joints turn by 3 to 6 rad, so that half a period
-# more or less still looks alike.
-_PERIODS = np.arange(3.0, 30.25, 0.5)
+_FRAMES = {"tool": FRAME_TOOL, "camera": FRAME_CAMERA, "meas": FRAME_MEAS}
 # How a need is said to people: the keys of the arm table or the columns of the data.
 _NEED_TEXT = {
     "mass": "mass_kg, com_m (arm table)",
@@ -53,7 +40,8 @@ _NEED_TEXT = {
 
 @dataclass(frozen=True)
 class Term:
-    """coefficient x gain x basis x basis, added to twist component `comp` at `frame`."""
+    """coefficient x gain x basis x basis, added to twist component `comp` (0..5: tx ty tz rx ry rz) at
+    `frame` (0 base .. n last link, then FRAME_TOOL, FRAME_CAMERA, FRAME_MEAS of kincal.flight)."""
 
     frame: int
     comp: int
@@ -63,6 +51,8 @@ class Term:
 
 @dataclass(frozen=True)
 class Parameter:
+    """A coefficient: its unit, its typical size (prior sigma, in that unit) and the terms it scales."""
+
     name: str
     unit: str
     sigma: float
@@ -88,7 +78,11 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Effect:
-    """One entry of the library as written; `instances` makes it concrete for an arm and data."""
+    """One entry of the library as written; `instances` makes it concrete for an arm and data.
+
+    per: "arm", "joint" or "pair"; needs: what arm table or data must hold; grid: constants that are
+    searched; equivalent_to: an effect with the very same formula, with which it does not compete.
+    """
 
     name: str
     title: str
@@ -98,34 +92,17 @@ class Effect:
     looks_like: str
     inspect: str
     confounded_with: tuple[str, ...]
-    parameters: tuple[dict, ...]
+    parameters: tuple[ParameterEntry, ...]
     joints: tuple[int, ...] | None = None
     pairs: tuple[tuple[int, int], ...] | None = None
-    grid: dict = field(default_factory=dict)
-    twin_of: str = ""
+    grid: Mapping[str, Grid] = field(default_factory=dict)
+    equivalent_to: str = ""
     source: str = ""
 
     def missing(self, arm: ArmTable, data: Measurements | None) -> list[str]:
-        """What this effect needs and the arm table or the data do not have."""
-        lacking = []
-        for need in self.needs:
-            if need == "mass":
-                there = arm.has_masses
-            elif need == "mass_unknown":
-                there = not arm.has_masses
-            elif need == "gear_unknown":
-                there = not arm.has_gears
-            elif need == "gear_ratio":
-                there = arm.has_gears
-            elif need == "image":
-                there = data is None or data.has("cam")
-            elif need == "own_sensor":
-                there = data is not None and data.has(need)
-            else:
-                there = data is None or data.has(need)
-            if not there:
-                lacking.append(_NEED_TEXT.get(need, need))
-        return list(dict.fromkeys(lacking))
+        """What this effect needs and the arm table or the data do not have, in words."""
+        lacking = [need for need in self.needs if not _there(need, arm, data)]
+        return list(dict.fromkeys(_NEED_TEXT.get(need, need) for need in lacking))
 
     def where(self, arm: ArmTable) -> list[dict[str, int]]:
         """The joint letters of each instance: {} for the arm, {j} per joint, {i, j} per pair."""
@@ -138,159 +115,134 @@ class Effect:
         return [{"i": i, "j": j} for i, j in pairs if max(i, j) <= arm.n]
 
     def instances(
-        self, arm: ArmTable, data: Measurements | None, known: dict[str, float] | None = None
+        self, arm: ArmTable, data: Measurements | None, known: Mapping[str, float] | None = None
     ) -> list[Hypothesis]:
         """Every joint (or pair) times every grid value. Constants named in the grid come from the data,
         or are known from an earlier fit."""
         known = known or {}
         fixed = {**data_constants(data), **known}
         grids = {
-            name: [known[name]] if name in known else _grid_values(name, values, data, self.source)
+            name: [known[name]] if name in known else grid_values(values, data)
             for name, values in self.grid.items()
         }
-        out = []
-        for letters in self.where(arm):
-            for combo in itertools.product(*grids.values()):
-                constants = tuple(zip(grids, combo, strict=True))
-                parameters = self._concrete(arm, letters, {**fixed, **dict(constants)})
-                out.append(Hypothesis(self.name, instance_name(self.name, letters), parameters, constants))
-        return out
+        return [
+            Hypothesis(
+                self.name,
+                instance_name(self.name, letters),
+                self._parameters(arm, letters, {**fixed, **dict(constants)}),
+                constants,
+            )
+            for letters in self.where(arm)
+            for constants in (tuple(zip(grids, c, strict=True)) for c in itertools.product(*grids.values()))
+        ]
 
-    def _concrete(self, arm: ArmTable, letters: dict[str, int], constants: dict) -> tuple[Parameter, ...]:
-        made = []
-        for raw in self.parameters:
-            loops = [{**letters, "j": j} for j in range(1, arm.n + 1)] if raw.get("each_joint") else [letters]
-            terms = []
-            for names in loops:
-                for term in raw["term"]:
-                    terms += _concrete_term(term, arm, names, constants, f"{self.source}: effect {self.name}")
-            terms = tuple(term for term in terms if term.gain != 0.0)
-            made.append(Parameter(raw["name"], raw.get("unit", "1"), float(raw["sigma"]), terms))
-        return tuple(made)
+    def _parameters(
+        self, arm: ArmTable, letters: Mapping[str, int], constants: Mapping[str, float]
+    ) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(p.name, p.unit, p.sigma, tuple(self._terms(p, arm, letters, constants)))
+            for p in self.parameters
+        )
+
+    def _terms(
+        self,
+        parameter: ParameterEntry,
+        arm: ArmTable,
+        letters: Mapping[str, int],
+        constants: Mapping[str, float],
+    ) -> Iterator[Term]:
+        """Terms of a parameter, once for each joint if it says so; those without effect left out."""
+        where = f"{self.source}: effect {self.name}"
+        joints = range(1, arm.n + 1) if parameter.each_joint else ()
+        for names in [{**letters, "j": j} for j in joints] or [dict(letters)]:
+            terms = (_concrete_term(entry, arm, names, constants, where) for entry in parameter.term)
+            yield from (term for term in terms if term.gain != 0.0)
 
 
-def instance_name(effect: str, letters: dict[str, int]) -> str:
+def _there(need: str, arm: ArmTable, data: Measurements | None) -> bool:
+    """Whether the arm table or the data have what an effect needs; unknown data may have everything but
+    a sensor of their own."""
+    of_arm = {
+        "mass": arm.has_masses,
+        "mass_unknown": not arm.has_masses,
+        "gear_ratio": arm.has_gears,
+        "gear_unknown": not arm.has_gears,
+    }
+    if need in of_arm:
+        return of_arm[need]
+    if need == "own_sensor":
+        return data is not None and data.has(need)
+    return data is None or data.has("cam" if need == "image" else need)
+
+
+def instance_name(effect: str, letters: Mapping[str, int]) -> str:
+    """joint_coupling[1,2] of its letters; the bare name for the whole arm."""
     if not letters:
         return effect
     return f"{effect}[{','.join(str(letters[k]) for k in sorted(letters))}]"
 
 
-def data_constants(data: Measurements | None) -> dict[str, float]:
-    """Reference temperature and begin of time, which bases may use as $T0 and $tstart."""
-    if data is None:
-        return {"T0": 20.0, "tstart": 0.0}
-    return {
-        "T0": float(np.mean(data.temp_c)) if data.temp_c is not None else 20.0,
-        "tstart": float(np.min(data.t_s)) if data.t_s is not None else 0.0,
-    }
-
-
-def _grid_values(name: str, values, data: Measurements | None, source: str) -> list[float]:
-    if isinstance(values, list):
-        return [float(v) for v in values]
-    if values == "periods":
-        return [float(v) for v in _PERIODS]
-    if data is None or data.t_s is None:
-        return [0.0 if values == "times" else 1.0]
-    t = np.unique(data.t_s)
-    span = float(t[-1] - t[0]) or 1.0
-    if values == "durations":
-        return [span / 30.0, span / 8.0, span / 2.0]
-    if values == "times":
-        # a step is placed midway between two measurements, a few poses away from either end
-        middles = 0.5 * (t[1:] + t[:-1])
-        inner = middles[2:-2] if len(middles) > 8 else middles
-        return [float(v) for v in inner[np.unique(np.linspace(0, len(inner) - 1, 16).round().astype(int))]]
-    raise BadInput(
-        f'{source}: grid {name} is {values!r}; a list of numbers, "times", "durations" or "periods" is needed'
-    )
-
-
-def finer(values, best: float, data: Measurements) -> list[float]:
-    """Values around the best one of a coarse grid, closer than its neighbours; empty if there are none."""
-    if values == "periods":
-        step = _PERIODS[1] - _PERIODS[0]
-        return [float(v) for v in best + step * np.linspace(-0.8, 0.8, 9)]
-    if values == "durations":
-        return [float(v) for v in best * 2.0 ** np.linspace(-1.0, 1.0, 9)]
-    if values != "times":
-        return []
-    t, t0 = np.unique(data.t_s), best
-    middles = 0.5 * (t[1:] + t[:-1])
-    place = int(np.abs(middles - t0).argmin())
-    reach = max(1, round(len(middles) / 16))
-    return [float(v) for v in middles[max(place - reach, 0) : place + reach + 1]]
-
-
-def _link_vector(arm: ArmTable, j: int) -> np.ndarray:
+def _link_vector(arm: ArmTable, j: int) -> Array:
     """Origin of frame j-1 to origin of frame j, in frame j."""
     joint = arm.joints[j - 1]
     return np.array([joint.a_m, joint.d_m * math.sin(joint.alpha_rad), joint.d_m * math.cos(joint.alpha_rad)])
 
 
-def _mount_lever(arm: ArmTable) -> np.ndarray:
+def _mount_lever(arm: ArmTable) -> Array:
     """From the origin of the base frame, where the arm is bolted on, to frame 0, in frame 0 [m]; a mount that
     tips turns about that origin. Zero when the base frame is unknown."""
     if arm.base.estimate:
         return np.zeros(3)
-    return quat_to_matrix(arm.base.quat_wxyz).T @ arm.base.xyz_m
+    lever: Array = matrix_of_wxyz(arm.base.quat_wxyz).T @ arm.base.xyz_m
+    return lever
 
 
-def _gain(value, arm: ArmTable, names: dict[str, int], where: str) -> float:
-    if isinstance(value, int | float) and not isinstance(value, bool):
+def _gain(value: float | str, arm: ArmTable, names: Mapping[str, int], where: str) -> float:
+    """A gain with the properties of link j and of the base filled in."""
+    if not isinstance(value, str):
         return float(value)
-    text = str(value).replace(" ", "")
-    factor = 1.0
     symbols = dict(zip(("Bx", "By", "Bz"), _mount_lever(arm), strict=True))
     if "j" in names:
         length = _link_vector(arm, names["j"])
         joint = arm.joints[names["j"] - 1]
         symbols |= dict(zip(("Lx", "Ly", "Lz"), length, strict=True)) | {"a": joint.a_m, "d": joint.d_m}
         symbols["long"] = float(np.linalg.norm(length) > 1e-6)
-    for part in text.split("*"):
-        sign = -1.0 if part.startswith("-") else 1.0
-        part = part.lstrip("+-")
-        try:
-            factor *= sign * (symbols[part] if part in symbols else float(part))
-        except ValueError:
-            raise BadInput(
-                f"{where}: gain {value!r}: {part!r} is neither a number nor Lx Ly Lz a d long Bx By Bz"
-            ) from None
-    return factor
+    gain, used = parse_gain(value)
+    for symbol in used:
+        if symbol not in symbols:
+            raise BadInput(f"gain {value!r} uses {symbol} of a link, but no joint j is meant here", where)
+        gain *= symbols[symbol]
+    return float(gain)
 
 
 def _concrete_term(
-    raw: dict, arm: ArmTable, names: dict[str, int], constants: dict, where: str
-) -> list[Term]:
-    at, comp = raw["at"], raw.get("comp")
-    values: dict[str, float] = {**constants, **names}
-    if "j" in names:
-        values["p"] = names["j"] - 1  # the link before
-    if "j" in names and arm.joints[names["j"] - 1].gear_ratio:
-        values["N"] = arm.joints[names["j"] - 1].gear_ratio
-    kind, _, token = at.partition("[")
-    token = token.rstrip("]")
-    if kind in ("joint", "link", "before"):
-        index = int(token) if token.isdigit() else names.get(token)
-        if index is None or not 1 <= index <= arm.n:
-            raise BadInput(f"{where}: at = {at!r} names no joint of this arm (1 to {arm.n})")
-        if kind == "joint":
-            frame, comp = index - 1, "tz" if arm.joints[index - 1].prismatic else "rz"
-        else:
-            frame = index if kind == "link" else index - 1
-    elif kind in _PLACES:
-        frame = _PLACES[kind]
-    else:
-        raise BadInput(
-            f"{where}: at = {at!r}; joint[j], before[j], link[j], {', '.join(_PLACES)} are possible"
-        )
-    if comp not in COMPONENTS:
-        raise BadInput(f"{where}: comp is {comp!r}; one of {', '.join(COMPONENTS)} is needed at {kind}")
-    basis = parse_basis(raw["basis"], values, where) if "basis" in raw else parse_basis("1", values, where)
+    entry: TermEntry, arm: ArmTable, names: Mapping[str, int], constants: Mapping[str, float], where: str
+) -> Term:
+    """A term of the file on this arm, joint letters and constants filled in."""
+    values = _values(arm, names, constants)
+    place, comp = entry.place, entry.comp
+    frame = place.frame(values)
+    if place.joint and not 1 <= place.index(values) <= arm.n:
+        raise BadInput(f"at = {entry.at!r} names no joint of this arm", where, f"joints are 1 to {arm.n}")
+    if place.kind == "joint":
+        comp = "tz" if arm.joints[place.index(values) - 1].prismatic else "rz"
+    assert comp is not None  # the file's reader refuses a term without
+    basis = entry.bases(values, where)
     for factor in basis:
         if factor.index > arm.n:
-            raise BadInput(f"{where}: basis {raw['basis']!r} names joint {factor.index}, the arm has {arm.n}")
-    return [Term(frame, COMPONENTS[comp], _gain(raw.get("gain", 1.0), arm, names, where), basis)]
+            raise BadInput(f"basis {entry.basis!r} names joint {factor.index}, the arm has {arm.n}", where)
+    number = frame if isinstance(frame, int) else _FRAMES[frame]
+    return Term(number, COMPONENTS.index(comp), _gain(entry.gain, arm, names, where), basis)
+
+
+def _values(arm: ArmTable, names: Mapping[str, int], constants: Mapping[str, float]) -> Names:
+    """Names that bases may use: constants, joint letters, the link before j (p), the gear ratio of j (N)."""
+    values: dict[str, float] = {**constants, **names}
+    if "j" in names:
+        values["p"] = names["j"] - 1
+        if gear_ratio := arm.joints[names["j"] - 1].gear_ratio:
+            values["N"] = gear_ratio
+    return values
 
 
 class Library:
@@ -301,28 +253,23 @@ class Library:
 
     @classmethod
     def load(cls, *user_files: str | Path) -> Library:
+        """The built-in effects and those of a user's files. BadInput names file, effect and key."""
         text = resources.files(__package__).joinpath("effects.toml").read_text(encoding="utf-8")
-        effects = _read_library(text, "effects.toml")
+        effects = _effects(text, "effects.toml")
         for path in user_files:
-            try:
-                text = Path(path).read_text(encoding="utf-8")
-            except OSError as error:
-                raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
-            mine = _read_library(text, str(path))
-            names = {effect.name for effect in effects}
-            for effect in mine:
-                if effect.name in names:
-                    raise BadInput(
-                        f"{path}: effect {effect.name!r} is already in the library; choose another name"
-                    )
+            mine = _effects(_read(path), str(path))
+            taken = {effect.name for effect in effects}
+            for name in (effect.name for effect in mine if effect.name in taken):
+                raise BadInput(f"effect {name!r} is already in the library", str(path), "choose another name")
             effects += mine
         return cls(effects)
 
     def without(self, *names: str) -> Library:
+        """The library without some effects."""
         return Library([effect for effect in self.effects.values() if effect.name not in names])
 
-    def grid_of(self, name: str, known: dict[str, float] | None = None) -> dict:
-        """Constants of an effect that have to be searched, those that are known left out."""
+    def grid_of(self, name: str, known: Mapping[str, float] | None = None) -> dict[str, Grid]:
+        """Grids of the constants of an effect that have to be searched, those that are known left out."""
         effect = self.effects.get(name.partition("[")[0])
         return {} if effect is None else {k: v for k, v in effect.grid.items() if k not in (known or {})}
 
@@ -331,7 +278,7 @@ class Library:
         name: str,
         arm: ArmTable,
         data: Measurements | None,
-        known: dict[str, float] | None = None,
+        known: Mapping[str, float] | None = None,
     ) -> list[Hypothesis]:
         """Instances for `name[joint]`, or all joints for a bare name. BadInput with near names."""
         base = name.partition("[")[0]
@@ -347,88 +294,31 @@ class Library:
         return found
 
 
-def _read_library(text: str, source: str) -> list[Effect]:
+def _read(path: str | Path) -> str:
     try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise BadInput(f"{source}: not valid TOML: {error}") from None
-    rows = table.get("effect", [])
-    if not rows:
-        raise BadInput(f"{source}: holds no [[effect]] table")
-    return [_read_effect(row, source) for row in rows]
+        return Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"cannot be read: {error.strerror}", str(path)) from None
 
 
-def _check_keys(row: dict, allowed: set[str], where: str) -> None:
-    unknown = sorted(set(row) - allowed)
-    if unknown:
-        raise BadInput(f"{where}: unknown key {unknown[0]!r}; known: {', '.join(sorted(allowed))}")
+def _effects(text: str, source: str) -> list[Effect]:
+    return [_effect(entry, source) for entry in read_effects(text, source)]
 
 
-def _read_effect(row: dict, source: str) -> Effect:
-    name = row.get("name")
-    where = f"{source}: effect {name or '?'}"
-    _check_keys(row, _EFFECT_KEYS, where)
-    if not isinstance(name, str) or not name.isidentifier():
-        raise BadInput(f"{source}: an effect's name is {name!r}; letters, digits and _ are needed")
-    per = row.get("per", "arm")
-    if per not in _PER:
-        raise BadInput(f"{where}: per is {per!r}; {', '.join(_PER)} are possible")
-    parameters = row.get("parameter", [])
-    if not parameters:
-        raise BadInput(f"{where}: has no [[effect.parameter]]")
-    needs = list(row.get("needs", []))
-    for parameter in parameters:
-        inside = f"{where}: parameter {parameter.get('name', '?')}"
-        _check_keys(parameter, _PARAMETER_KEYS, inside)
-        if not isinstance(parameter.get("name"), str):
-            raise BadInput(f"{inside}: needs a name")
-        sigma = parameter.get("sigma")
-        if (
-            isinstance(sigma, bool)
-            or not isinstance(sigma, int | float)
-            or not (math.isfinite(sigma) and sigma > 0)
-        ):
-            raise BadInput(f"{inside}: sigma (typical size) is {sigma!r}, a number above 0 is needed")
-        if not parameter.get("term"):
-            raise BadInput(f"{inside}: has no [[effect.parameter.term]]")
-        for term in parameter["term"]:
-            _check_keys(term, _TERM_KEYS, inside)
-            if "at" not in term:
-                raise BadInput(f"{inside}: a term needs at = ...")
-            needs += _needs_of(term, inside)
+def _effect(entry: EffectEntry, source: str) -> Effect:
     return Effect(
-        name=name,
-        title=row.get("title", name),
-        formula=row.get("formula", ""),
-        per=per,
-        needs=tuple(dict.fromkeys(needs)),
-        looks_like=row.get("looks_like", ""),
-        inspect=row.get("inspect", ""),
-        confounded_with=tuple(row.get("confounded_with", ())),
-        parameters=tuple(parameters),
-        joints=tuple(row["joints"]) if "joints" in row else None,
-        pairs=tuple(tuple(pair) for pair in row["pairs"]) if "pairs" in row else None,
-        grid=dict(row.get("grid", {})),
-        twin_of=row.get("twin_of", ""),
+        name=entry.name,
+        title=entry.title or entry.name,
+        formula=entry.formula,
+        per=entry.per,
+        needs=entry.all_needs(),
+        looks_like=entry.looks_like,
+        inspect=entry.inspect,
+        confounded_with=tuple(entry.confounded_with),
+        parameters=tuple(entry.parameter),
+        joints=tuple(entry.joints) if entry.joints is not None else None,
+        pairs=tuple(entry.pairs) if entry.pairs is not None else None,
+        grid=dict(entry.grid),
+        equivalent_to=entry.equivalent_to,
         source=source,
     )
-
-
-def _needs_of(term: dict, where: str) -> list[str]:
-    letters = dict.fromkeys("ijp", 1)
-    constants = {"T0": 0.0, "tstart": 0.0, "tau": 1.0, "t0": 0.0, "tau0": 1.0, "N": 1.0}
-    text = term.get("basis", "1")
-    if not isinstance(text, str):
-        raise BadInput(f'{where}: basis is {text!r}; a text such as "tanh(q4) * cos(q6)" is needed')
-    for token in _dollar_names(text):
-        constants.setdefault(token, 1.0)
-    needs = [basis.need for basis in parse_basis(text, {**constants, **letters}, where) if basis.need]
-    if term["at"] in ("camera", "meas"):
-        needs.append("cam")
-    if term["at"] == "sensor":
-        needs.append("own_sensor")
-    return ["gear_ratio", *needs] if "N*" in text else needs
-
-
-def _dollar_names(text: str) -> list[str]:
-    return [part.split(")")[0].split("*")[0].split("/")[0].strip() for part in text.split("$")[1:]]

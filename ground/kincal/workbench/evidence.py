@@ -1,4 +1,4 @@
-"""Evidence for hypotheses with the DH errors and the noise scale marginalised (docs/DIAGNOSIS.md).
+"""Evidence for hypotheses with the DH errors and the noise scale marginalised (METHOD.md 12, 13).
 
 Everything here works on whitened rows: z residuals, J columns of the nuisance parameters (DH, base,
 tool) scaled by their prior sigma, G columns of a hypothesis scaled by theirs. No arm, no files.
@@ -6,42 +6,52 @@ tool) scaled by their prior sigma, G columns of a hypothesis scaled by theirs. N
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+
+from .tails import chi2_tail
+from .types import Array, Mask, array
 
 # Sizes of an effect in units of its typical size, and their weights. The large ones are rare, but
 # without them a gross effect would be beyond what its own prior allows, and any looser shape would win.
 LAMBDAS = np.array([0.3, 1.0, 3.0, 10.0, 30.0])
 LAMBDA_WEIGHTS = np.array([1.0, 1.0, 1.0, 0.1, 0.03])
 LN_SCALE_SIGMA = 0.25
+_SMALLEST = 1e-300
+_FACTORS = 8  # of one product: far below overflow even if each is 1e30
+_RANK_TOLERANCE = 1e-9  # of the largest variance: components below say nothing
 
 
 @dataclass(frozen=True)
 class Projector:
-    """W = I - J (J'J + B^-1)^-1 J' for columns already scaled to unit prior (B = I)."""
+    """W = I - J (J'J + B^-1)^-1 J' for columns already scaled to unit prior (B = I).
 
-    basis: np.ndarray  # (rows, k) left singular vectors of J
-    shrink: np.ndarray  # (k,) s^2 / (1 + s^2)
+    basis: (rows, k) left singular vectors of J; shrink: (k,) s^2 / (1 + s^2).
+    """
+
+    basis: Array
+    shrink: Array
 
     @classmethod
-    def of(cls, columns: np.ndarray) -> Projector:
+    def of(cls, columns: Array) -> Projector:
+        """The projector that takes out columns (rows, k)."""
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         return cls(u, s**2 / (1.0 + s**2))
 
-    def apply(self, x: np.ndarray) -> np.ndarray:
-        """W x, for a vector or a matrix of columns."""
+    def apply(self, x: Array) -> Array:
+        """W x, for a vector (rows,) or a matrix of columns (rows, m)."""
         ux = self.basis.T @ x
-        return x - self.basis @ (self.shrink[:, None] * ux if ux.ndim == 2 else self.shrink * ux)
+        out: Array = x - self.basis @ (self.shrink[:, None] * ux if ux.ndim == 2 else self.shrink * ux)
+        return out
 
-    def grams(self, blocks: np.ndarray) -> np.ndarray:
-        """(k, m, m) G'WG of blocks (k, rows, m), without forming W G."""
-        k, rows, m = blocks.shape
-        seen = (self.basis.T @ blocks.transpose(1, 0, 2).reshape(rows, k * m)).reshape(-1, k, m)
-        seen = seen.transpose(1, 0, 2)
-        turned = seen.transpose(0, 2, 1) * self.shrink
-        return blocks.transpose(0, 2, 1) @ blocks - turned @ seen
+    def grams(self, blocks: Array) -> Array:
+        """(k, m, m) G'WG of blocks G' (k, m, rows), without forming W G."""
+        k, m, rows = blocks.shape
+        seen = (blocks.reshape(k * m, rows) @ self.basis).reshape(k, m, -1)
+        grams: Array = blocks @ blocks.transpose(0, 2, 1) - (seen * self.shrink) @ seen.transpose(0, 2, 1)
+        return grams
 
     @property
     def spent(self) -> float:
@@ -53,16 +63,22 @@ class Projector:
 class NoiseScale:
     """Grid over the true noise in units of the stated one, with its posterior weight under 'none'.
 
-    Weights are kept as logarithms: a large effect makes the true scale all but impossible under
-    'none', and it is just there that its Bayes factor is large.
+    s, ln_weight: (g,). Weights are kept as logarithms: a large effect makes the true scale all but
+    impossible under 'none', and it is just there that its Bayes factor is large.
     """
 
-    s: np.ndarray
-    ln_weight: np.ndarray
+    s: Array
+    ln_weight: Array
 
     @property
-    def weight(self) -> np.ndarray:
+    def weight(self) -> Array:
+        """(g,) posterior weights, sum 1."""
         return np.exp(self.ln_weight)
+
+    @property
+    def mean(self) -> float:
+        """Posterior mean of the scale."""
+        return float((self.s * self.weight).sum())
 
     @classmethod
     def posterior(cls, wz: float, dof: float, *, stated: bool = True) -> NoiseScale:
@@ -79,70 +95,90 @@ class NoiseScale:
 
 
 def ln_bayes_factor(
-    u: np.ndarray, v: np.ndarray, noise: NoiseScale, lambdas=LAMBDAS, weights=None
-) -> np.ndarray:
-    """ln BF against 'none', averaged over effect size (lambda) and noise scale.
+    u: Array, v: Array, noise: NoiseScale, lambdas: Array = LAMBDAS, weights: Array = LAMBDA_WEIGHTS
+) -> Array:
+    """ln BF against 'none' (...,), averaged over effect size (lambda, by weight) and noise scale.
 
-    u: (..., m) and v: (..., m): rotated score E'P^1/2 U and its variances (diagnosis.md section 4).
+    u: (..., m) and v: (..., m): rotated score E'P^1/2 U and its variances (METHOD.md 13).
     Components with v = 0 add nothing.
     """
-    if weights is None:
-        weights = LAMBDA_WEIGHTS if lambdas is LAMBDAS else np.ones(len(lambdas))
     s2 = noise.s[:, None] ** 2
+    per_s2 = v[..., None, :] / s2
+    chi2 = np.where(v > 0, u**2 / np.where(v > 0, v, 1.0), 0.0)[..., None, :] / s2
     out = np.full(u.shape[:-1], -np.inf)
     for lam, share in zip(lambdas, weights / np.sum(weights), strict=True):
-        x = lam**2 * v[..., None, :] / s2
-        gain = x / (1.0 + x) * np.where(v > 0, u**2 / np.where(v > 0, v, 1.0), 0.0)[..., None, :] / s2
-        ln_bf = 0.5 * (gain - np.log1p(x)).sum(axis=-1)
+        x = lam**2 * per_s2
+        ln_bf = 0.5 * ((x / (1.0 + x) * chi2).sum(axis=-1) - _ln_product(1.0 + x))
         out = np.logaddexp(out, np.log(share) + np.logaddexp.reduce(ln_bf + noise.ln_weight, axis=-1))
     return out
 
 
+def _ln_product(x: Array) -> Array:
+    """ln of the product over the last axis, of a few factors at a time: fewer logarithms, no overflow."""
+    parts = [x[..., k : k + _FACTORS].prod(axis=-1) for k in range(0, x.shape[-1], _FACTORS)]
+    return array(np.sum(np.log(parts), axis=0))
+
+
 @dataclass(frozen=True)
 class Score:
-    """Score of one hypothesis: rotated to independent components."""
+    """Score of one hypothesis of m parameters, rotated to independent components.
 
-    u: np.ndarray
-    v: np.ndarray
-    absorbed: float  # share of the effect that the nuisance parameters can imitate
+    u: (m,) scores; v: (m,) their variances; absorbed: share of the effect that the nuisance parameters
+    can imitate.
+    """
+
+    u: Array
+    v: Array
+    absorbed: float
+
+    @property
+    def _good(self) -> Mask:
+        good: Mask = self.v > _RANK_TOLERANCE * max(self.v.max(initial=0.0), _SMALLEST)
+        return good
 
     @property
     def chi2(self) -> float:
-        good = self.v > 1e-9 * max(self.v.max(initial=0.0), 1e-300)
+        """U' V^+ U, chi^2 with `rank` degrees of freedom if there is no effect."""
+        good = self._good
         return float((self.u[good] ** 2 / self.v[good]).sum())
 
     @property
     def rank(self) -> int:
-        return int((self.v > 1e-9 * max(self.v.max(initial=0.0), 1e-300)).sum())
-
-    @property
-    def p_value(self) -> float:
-        """Flat-prior score test, at noise scale 1."""
-        return float(stats.chi2.sf(self.chi2, self.rank)) if self.rank else 1.0
+        """Parameters of the effect that the data say anything about."""
+        return int(self._good.sum())
 
 
-def scores(g: np.ndarray, gram: np.ndarray, wz: np.ndarray) -> list[Score]:
-    """Scores of blocks of one width: g (k, rows, m) scaled by prior sigma; gram (k, m, m) G'WG; wz = W z0."""
-    u = g.transpose(0, 2, 1) @ wz
+def scores(g: Array, gram: Array, wz: Array) -> list[Score]:
+    """Scores of k blocks of one width: g (k, m, rows) = G' scaled by prior sigma; gram (k, m, m) G'WG;
+    wz (rows,) = W z0."""
+    u = g @ wz
     v, e = np.linalg.eigh(gram)
     raw = (g**2).sum(axis=(1, 2))
     left = v.sum(axis=1)
     v = np.maximum(v, 0.0)
-    v = np.where(v > 1e-12 * np.maximum(v.max(axis=1, initial=0.0, keepdims=True), 1e-300), v, 0.0)
+    v = np.where(v > 1e-12 * np.maximum(v.max(axis=1, initial=0.0, keepdims=True), _SMALLEST), v, 0.0)
     rotated = (e.transpose(0, 2, 1) @ u[:, :, None])[:, :, 0]
     absorbed = 1.0 - np.where(raw > 0, left / np.where(raw > 0, raw, 1.0), 0.0)
     return [Score(rotated[k], v[k], float(absorbed[k])) for k in range(len(g))]
 
 
-def score(columns: np.ndarray, projected: np.ndarray, wz: np.ndarray) -> Score:
-    """columns G (rows, m) scaled by prior sigma; projected W G; wz = W z0."""
-    return scores(columns[None], (columns.T @ projected)[None], wz)[0]
+def flat_p(chi2: float, rank: int) -> float:
+    """Tail probability of a score test; 1 where the data say nothing about the effect."""
+    return float(chi2_tail(chi2, rank)) if rank else 1.0
 
 
-def posterior(ln_bf: dict[str, float], prior: dict[str, float]) -> dict[str, float]:
-    """Softmax of ln prior + ln BF; keys as given ('none' has ln BF 0)."""
+def softmax(ln_bf: Mapping[str, float], prior: Mapping[str, float]) -> dict[str, float]:
+    """Posterior of ln prior + ln BF by name; names of prior 0 are left out, 'none' has ln BF 0."""
     names = [name for name in prior if prior[name] > 0]
     ln_p = np.array([np.log(prior[name]) + ln_bf.get(name, 0.0) for name in names])
     p = np.exp(ln_p - ln_p.max())
     p /= p.sum()
     return dict(zip(names, (float(x) for x in p), strict=True))
+
+
+def by_width(blocks: Sequence[Array]) -> dict[int, list[int]]:
+    """Positions of blocks (rows, m) by their width m: those of one width are scored together."""
+    out: dict[int, list[int]] = {}
+    for k, block in enumerate(blocks):
+        out.setdefault(block.shape[1], []).append(k)
+    return out

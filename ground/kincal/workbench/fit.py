@@ -1,105 +1,90 @@
-"""Robust nonlinear least squares of the corrected arm: DH, base, tool and any effects."""
+"""Robust nonlinear least squares of the corrected arm: DH, base, tool and any effects.
+
+Levenberg-Marquardt on whitened residuals with Gaussian priors on the coefficients; poses are weighted
+as Student-t samples (Lange, Little, Taylor, J. Am. Stat. Assoc. 84(408), 1989), the noise scale comes
+from the bulk of them. A fit is: prepare the `Problem`, `_iterate` (step, then reweight) until nothing
+changes, `_finish`.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy import stats
 
 from kincal.errors import CannotAnswer
+from kincal.flight import Evaluation, Model
+from kincal.rotations import Pose, matrix_of_wxyz
+from kincal.schema.arm import ArmTable
 
-from .arms import ArmTable, quat_to_matrix
-from .basis import ONE
-from .chain import Chain, Evaluation, nominal_chain
 from .data import Measurements
-from .effects import FRAME_TOOL, Hypothesis, Parameter, Term
+from .effects import Hypothesis, Parameter
 from .frames import solve_frames
+from .model import flight_model, nominal_chain, observations
+from .parameters import dh_parameters, effect_parameters, frame_parameters
+from .tails import chi2_quantile
+from .types import Array, array
 
 STUDENT_NU = 4.0
-# Wide enough that data of a few poses overrule them (1.3 rad is moved by 0.1 mrad), tight enough to
-# keep combinations that the data do not see from wandering.
-DH_SIGMA = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05}
-FRAME_SIGMA = {"t": 1.0, "r": 1.0}
-_MAX_ITER = 60
+GOOD_WEIGHT = 0.3  # robust weight from which on a pose counts toward noise and degrees of freedom
+_MAX_ITERATIONS = 60
+_MAX_DAMPINGS = 12
+_LEAST_DAMPING, _FIRST_DAMPING = 1e-12, 1e-6
 # Converged: the cost falls by less than this share and no pose changes its weight by more than that.
-_SAME_COST, _SAME_WEIGHT = 1e-7, 5e-3
+_SAME_COST, _SAME_WEIGHT, _SAME_STEP = 1e-7, 5e-3, 1e-9
+_LEAST_SCALE2 = 1e-6
 # Free effect parameters carry this many prior sigmas when their value is reported.
 _EFFECT_WIDTH = 10.0
 # Stand-in noise where nothing was stated; the fitted scale replaces it.
 _DEFAULT_SP_M, _DEFAULT_SR_RAD = 1e-3, 3e-3
 
-
-def dh_parameters(arm: ArmTable) -> list[tuple[str, Parameter]]:
-    """The 4 n DH errors as single terms: rz, tz at frame j-1; tx, rx at frame j."""
-    out = []
-    for j, _joint in enumerate(arm.joints, 1):
-        for name, frame, comp, unit in (
-            ("phi_rad", j - 1, 5, "rad"),
-            ("alpha_rad", j, 3, "rad"),
-            ("a_m", j, 0, "m"),
-            ("d_m", j - 1, 2, "m"),
-        ):
-            term = Term(frame, comp, 1.0, (ONE, ONE))
-            out.append((f"J{j}.{name}", Parameter(name, unit, DH_SIGMA[name], (term,))))
-    return out
+Frames = tuple[Pose, Pose]
+"""Base and tool frame."""
 
 
-def frame_parameters(arm: ArmTable) -> list[tuple[str, Parameter]]:
-    """Twists of base and tool where the arm table says they are to be estimated."""
-    out = []
-    for label, frame, number in (("base", arm.base, 0), ("tool", arm.tool, FRAME_TOOL)):
-        if frame.estimate:
-            for comp, axis in enumerate("xyz"):
-                term = Term(number, comp, 1.0, (ONE, ONE))
-                out.append((f"{label}.t{axis}_m", Parameter("t" + axis, "m", FRAME_SIGMA["t"], (term,))))
-            for comp, axis in enumerate("xyz", 3):
-                term = Term(number, comp, 1.0, (ONE, ONE))
-                out.append((f"{label}.r{axis}_rad", Parameter("r" + axis, "rad", FRAME_SIGMA["r"], (term,))))
-    return out
-
-
-def effect_parameters(hypotheses: list[Hypothesis], width: float) -> list[tuple[str, Parameter]]:
-    return [
-        (f"{h.name}.{p.name}", Parameter(p.name, p.unit, width * p.sigma, p.terms))
-        for h in hypotheses
-        for p in h.parameters
-    ]
+# ------------------------------------------------------------------------------------------- results
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model. r_m etc. are unweighted; whitened rows use the stated (or stand-in) noise.
+    """A fitted model of k coefficients on N poses with c residual components (6, or 3 for positions only).
 
-    names, estimate, std_err: one per coefficient (std_err scaled by the fitted noise scale);
-    z: (N c,) whitened residual at the estimate; J: (N c, k) whitened, not scaled; weight: (N,) robust
-    weight; d2: (N,) squared whitened distance of each pose in units of the fitted noise;
-    dof: rows minus what the parameters took; scale: fitted noise over stated noise.
+    names, parameters, estimate, std_err: one per coefficient, in the unit of the parameter (std_err scaled
+    by the fitted noise scale); cov: (k, k) their covariance; base, tool: frames that the twists of
+    base and tool correct; evaluation: unweighted residuals and derivatives at the estimate;
+    whiten: (N, c, c) inverse Cholesky factors of the stated (or stand-in) noise; z: (N c,) whitened
+    residuals; J: (N c, k) whitened derivatives of the model; weight: (N,) robust weights;
+    d2: (N,) squared whitened distance of each pose in units of the fitted noise; dof: rows of good poses
+    minus what the coefficients took; scale: fitted over stated noise; chi2: of the good poses.
     """
 
+    arm: ArmTable
+    data: Measurements
+    base: Pose
+    tool: Pose
+    hypotheses: tuple[Hypothesis, ...]
     names: tuple[str, ...]
     parameters: tuple[Parameter, ...]
-    estimate: np.ndarray
-    std_err: np.ndarray
-    cov: np.ndarray
-    chain: Chain
-    terms: object
+    estimate: Array
+    std_err: Array
+    cov: Array
+    model: Model
     evaluation: Evaluation
-    whiten: np.ndarray
-    z: np.ndarray
-    J: np.ndarray
-    weight: np.ndarray
-    d2: np.ndarray
+    whiten: Array
+    z: Array
+    J: Array
+    weight: Array
+    d2: Array
     dof: float
     scale: float
     chi2: float
     converged: bool
-    hypotheses: tuple[Hypothesis, ...] = ()
-    base: np.ndarray = field(default_factory=lambda: np.eye(4))
-    tool: np.ndarray = field(default_factory=lambda: np.eye(4))
 
-    @property
-    def sigma_prior(self) -> np.ndarray:
+    @cached_property
+    def sigma_prior(self) -> Array:
+        """(k,) prior sigma of each coefficient."""
         return np.array([p.sigma for p in self.parameters])
 
     @property
@@ -108,25 +93,27 @@ class Fit:
         scaled = self.J * self.sigma_prior / self.scale
         return int((np.linalg.svd(scaled, compute_uv=False) > 1.0).sum()) if scaled.size else 0
 
-    @property
-    def misfit(self) -> float:
-        """-2 ln of the Student-t likelihood of all poses, up to a constant. Unlike chi2 it also counts the
-        poses that were weighted down, so that models with different outliers can be compared."""
-        n, c = self.evaluation.r.shape
-        square = (self.z.reshape(n, c) ** 2).sum(axis=1) / self.scale**2
-        return float(
-            (STUDENT_NU + c) * np.log1p(square / STUDENT_NU).sum() + 2.0 * n * c * np.log(self.scale)
+    def predict(self, data: Measurements) -> Array:
+        """Residuals (M, c) of other measurements [m, rad] under this fit."""
+        return self.model.at(observations(self.arm, data)).residuals(self.estimate)
+
+    def at(self, data: Measurements) -> Fit:
+        """The same model linearised at other poses, all with full weight: what it would do there.
+
+        Only evaluation, whiten, weight, model and data follow the new poses; z, J and d2 do not."""
+        model = self.model.at(observations(self.arm, data))
+        return replace(
+            self,
+            data=data,
+            model=model,
+            evaluation=model.evaluate(self.estimate),
+            whiten=whitener(data),
+            weight=np.ones(data.n),
         )
 
-    def predict(self, data: Measurements) -> np.ndarray:
-        """Residuals (M, c) of other measurements under this fit."""
-        chain = Chain(self.chain.arm, data, self.base, self.tool)
-        chain.loads(self.terms, self.estimate)
-        return chain.evaluate(self.terms, self.estimate).r
 
-
-def rms(r: np.ndarray) -> tuple[float, float | None]:
-    """RMS position error [m] and rotation error [rad] (None without rotations)."""
+def rms(r: Array) -> tuple[float, float | None]:
+    """RMS position error [m] and rotation error [rad] (None without rotations) of residuals (N, c)."""
     if len(r) == 0:
         return float("nan"), None
     position = float(np.sqrt((r[:, :3] ** 2).sum(axis=1).mean()))
@@ -134,7 +121,78 @@ def rms(r: np.ndarray) -> tuple[float, float | None]:
     return position, rotation
 
 
-def whitener(data: Measurements) -> np.ndarray:
+# ------------------------------------------------------------------------------------------- prepare
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What one fit minimises; nothing of it changes while the fit runs.
+
+    names, parameters: one per coefficient; sigma: (k,) their prior sigmas; whiten: (N, c, c).
+    """
+
+    arm: ArmTable
+    data: Measurements
+    base: Pose
+    tool: Pose
+    hypotheses: tuple[Hypothesis, ...]
+    names: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    sigma: Array
+    model: Model
+    whiten: Array
+
+    @classmethod
+    def prepare(
+        cls,
+        arm: ArmTable,
+        data: Measurements,
+        hypotheses: Sequence[Hypothesis],
+        *,
+        dh: bool,
+        frames: Frames | None,
+        effect_width: float,
+    ) -> Problem:
+        """Coefficients, flight model and whitener of a fit. CannotAnswer if there are too few rows."""
+        base, tool = frames if frames is not None else find_frames(arm, data)
+        named = frame_parameters(arm) + (dh_parameters(arm) if dh else [])
+        named += effect_parameters(hypotheses, effect_width)
+        rows = data.n * data.components
+        if rows <= min(len(named), 6):
+            raise CannotAnswer(
+                f"{data.n} poses give {rows} rows for {len(named)} coefficients; measure more poses"
+            )
+        return cls(
+            arm=arm,
+            data=data,
+            base=base,
+            tool=tool,
+            hypotheses=tuple(hypotheses),
+            names=tuple(name for name, _ in named),
+            parameters=tuple(p for _, p in named),
+            sigma=np.array([p.sigma for _, p in named]),
+            model=flight_model(arm, data, base, tool, named),
+            whiten=whitener(data),
+        )
+
+    def start(self, values: Mapping[str, float]) -> Array:
+        """(k,) coefficients to begin with: by name, 0 where there is none."""
+        return np.array([values.get(name, 0.0) for name in self.names])
+
+    def linearised(self, coef: Array) -> _Point:
+        """The model and its whitened residuals and derivatives at coefficients, loads taken there too."""
+        ev = self.model.evaluate(coef)
+        return _Point(coef, ev, self._whitened(ev.r), np.einsum("nij,njk->nik", self.whiten, ev.J))
+
+    def trial(self, coef: Array, loads_at: Array) -> Array:
+        """(N, c) whitened residuals at coefficients, loads kept where a step began."""
+        return self._whitened(self.model.residuals(coef, loads_at))
+
+    def _whitened(self, r: Array) -> Array:
+        return array(np.einsum("nij,nj->ni", self.whiten, r))
+
+
+def whitener(data: Measurements) -> Array:
     """(N, c, c) inverse Cholesky factors of the stated noise, or of a stand-in if none was stated."""
     c = data.components
     if data.cov is None:
@@ -143,120 +201,137 @@ def whitener(data: Measurements) -> np.ndarray:
     return np.linalg.inv(np.linalg.cholesky(data.cov[:, :c, :c]))
 
 
-def find_frames(arm: ArmTable, data: Measurements) -> tuple[np.ndarray, np.ndarray]:
-    """Base and tool frame: as the table says, or found without a first guess."""
+def find_frames(arm: ArmTable, data: Measurements) -> Frames:
+    """Base and tool frame: as the table says, or found without a first guess (frames.py)."""
     known = []
     for frame in (arm.base, arm.tool):
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = quat_to_matrix(frame.quat_wxyz), frame.xyz_m
-        known.append(None if frame.estimate else matrix)
+        known.append(None if frame.estimate else Pose.of_wxyz(frame.xyz_m, frame.quat_wxyz))
     if known[0] is not None and known[1] is not None:
         return known[0], known[1]
-    rotation = None
-    if data.quat_wxyz is not None:
-        rotation = np.array([quat_to_matrix(q) for q in data.quat_wxyz])
+    rotation = None if data.quat_wxyz is None else matrix_of_wxyz(data.quat_wxyz)
     return solve_frames(nominal_chain(arm, data), data.p_m, rotation, known[0], known[1])
 
 
-def fit_model(
-    arm: ArmTable,
-    data: Measurements,
-    hypotheses: list[Hypothesis] | tuple[Hypothesis, ...] = (),
-    *,
-    dh: bool = True,
-    robust: bool = True,
-    frames: tuple[np.ndarray, np.ndarray] | None = None,
-    start: dict[str, float] | None = None,
-    effect_width: float = _EFFECT_WIDTH,
-) -> Fit:
-    """Levenberg-Marquardt with Student-t pose weights (nu = 4) and wide priors.
+# -------------------------------------------------------------------------------- step and reweight
 
-    frames: (base, tool) found before; start: coefficient values to begin with, by name.
-    CannotAnswer if there are fewer rows than the data-determined parameters need.
-    """
-    base, tool = frames if frames is not None else find_frames(arm, data)
-    parameters = frame_parameters(arm) + (dh_parameters(arm) if dh else [])
-    parameters += effect_parameters(list(hypotheses), effect_width)
-    chain = Chain(arm, data, base, tool)
-    terms = chain.terms(parameters) if parameters else chain.terms([])
-    sigma = np.array([p.sigma for _, p in parameters])
-    coef = np.array([(start or {}).get(name, 0.0) for name, _ in parameters])
-    rows = data.n * data.components
-    whiten = whitener(data)
-    if rows <= min(len(parameters), 6):
-        raise CannotAnswer(
-            f"{data.n} poses give {rows} rows for {len(parameters)} coefficients; measure more poses"
-        )
 
-    def look(x):
-        ev = chain.evaluate(terms, x)
-        z = np.einsum("nij,nj->ni", whiten, ev.r)
-        return ev, z
+@dataclass(frozen=True)
+class _Point:
+    """The model at one set of coefficients; z: (N, c), jac: (N, c, k), both whitened."""
 
-    weight = np.ones(data.n)
-    chain.loads(terms, coef)
-    ev, z = look(coef)
-    damping, converged = 1e-6, len(parameters) == 0
-    scale2 = 1.0
+    coef: Array
+    evaluation: Evaluation
+    z: Array
+    jac: Array
 
-    def cost_of(z_now, x_now):
-        return (weight[:, None] * z_now**2).sum() / scale2 + ((x_now / sigma) ** 2).sum()
 
-    for iteration in range(_MAX_ITER):
-        if not len(parameters):
-            break
-        jac = np.einsum("nij,njk->nik", whiten, ev.J)
-        root = np.sqrt(weight / scale2)[:, None]
-        a = np.concatenate([(root[:, :, None] * jac).reshape(rows, -1) * sigma, np.eye(len(sigma))])
-        b = np.concatenate([(root * z).ravel(), -coef / sigma])
-        # A'A in units of the priors: its least eigenvalue is 1, so that squaring loses nothing that matters
-        value, vector = np.linalg.eigh(a.T @ a)
-        slope = vector.T @ (a.T @ b)
-        before = cost_of(z, coef)
-        for _ in range(12):
-            step = sigma * (vector @ (slope / (value + damping)))
-            trial_ev, trial_z = look(coef + step)
-            if cost_of(trial_z, coef + step) <= before * (1 + 1e-12):
-                damping = max(damping * 0.1, 1e-12)
-                break
-            damping = max(damping * 10.0, 1e-6)
-        else:
-            converged = True  # no step lowers the cost: at the minimum to rounding
-            break
-        coef = coef + step
-        small = np.abs(step / sigma).max() < 1e-9 or before - cost_of(trial_z, coef) < _SAME_COST * before
-        chain.loads(terms, coef)
-        ev, z = look(coef)
-        old = weight.copy()
-        jac = np.einsum("nij,njk->nik", whiten, ev.J)
-        scale2, weight = _reweight(z, jac, sigma, weight, robust)
-        if small and np.abs(weight - old).max() < _SAME_WEIGHT and iteration > 1:
-            converged = True
-            break
+@dataclass(frozen=True)
+class _Weights:
+    """pose: (N,) robust weights; scale2: squared noise over stated noise."""
 
-    jac = np.einsum("nij,njk->nik", whiten, ev.J).reshape(rows, -1)
-    return _finish(
-        parameters,
-        coef,
-        sigma,
-        chain,
-        terms,
-        ev,
-        whiten,
-        z,
-        jac,
-        weight,
-        scale2,
-        converged,
-        hypotheses,
-        base,
-        tool,
+    pose: Array
+    scale2: float
+
+
+@dataclass(frozen=True)
+class _Iterate:
+    """Where an iteration stands; `converged` ends it."""
+
+    point: _Point
+    weights: _Weights
+    damping: float
+    converged: bool
+
+
+@dataclass(frozen=True)
+class _Step:
+    """An accepted step: the coefficients it leads to, and whether it was too small to matter."""
+
+    coef: Array
+    damping: float
+    small: bool
+
+
+def _solve(problem: Problem, start: Array, robust: bool) -> _Iterate:
+    """Iterate until no step lowers the cost or neither cost nor weights change any more."""
+    now = _Iterate(
+        point=problem.linearised(start),
+        weights=_Weights(np.ones(problem.data.n), 1.0),
+        damping=_FIRST_DAMPING,
+        converged=len(problem.names) == 0,
     )
+    for number in range(_MAX_ITERATIONS):
+        if now.converged:
+            break
+        now = _iterate(problem, now, robust, first=number < 2)
+    return now
 
 
-def _leverage(
-    jac: np.ndarray, sigma: np.ndarray, weight: np.ndarray, scale2: float
-) -> tuple[np.ndarray, float]:
+def _iterate(problem: Problem, now: _Iterate, robust: bool, first: bool) -> _Iterate:
+    """One accepted step and the weights that follow from it; `first`: weights have not settled yet."""
+    step = _step(problem, now)
+    if step is None:  # no step lowers the cost: at the minimum to rounding
+        return replace(now, converged=True)
+    point = problem.linearised(step.coef)
+    weights = _reweight(point, problem.sigma, now.weights, robust)
+    steady = float(np.abs(weights.pose - now.weights.pose).max()) < _SAME_WEIGHT
+    return _Iterate(point, weights, step.damping, step.small and steady and not first)
+
+
+def _step(problem: Problem, now: _Iterate) -> _Step | None:
+    """The least damped Levenberg-Marquardt step that does not raise the cost; None if there is none."""
+    value, vector, slope = _normal_equations(problem.sigma, now)
+    before = _cost(now.point.z, now.point.coef, problem.sigma, now.weights)
+    damping = now.damping
+    for _ in range(_MAX_DAMPINGS):
+        step = problem.sigma * (vector @ (slope / (value + damping)))
+        coef = now.point.coef + step
+        cost = _cost(problem.trial(coef, now.point.coef), coef, problem.sigma, now.weights)
+        if cost <= before * (1 + 1e-12):
+            tiny = float(np.abs(step / problem.sigma).max()) < _SAME_STEP
+            small = tiny or before - cost < _SAME_COST * before
+            return _Step(coef, max(damping * 0.1, _LEAST_DAMPING), small)
+        damping = max(damping * 10.0, _FIRST_DAMPING)
+    return None
+
+
+def _normal_equations(sigma: Array, now: _Iterate) -> tuple[Array, Array, Array]:
+    """Eigenvalues and vectors of A'A in units of the priors, and A'b in those vectors: its least
+    eigenvalue is 1, so that squaring loses nothing that matters."""
+    n, c = now.point.z.shape
+    root = np.sqrt(now.weights.pose / now.weights.scale2)[:, None]
+    a = np.concatenate([(root[:, :, None] * now.point.jac).reshape(n * c, -1) * sigma, np.eye(len(sigma))])
+    b = np.concatenate([(root * now.point.z).ravel(), -now.point.coef / sigma])
+    value, vector = np.linalg.eigh(a.T @ a)
+    return value, vector, vector.T @ (a.T @ b)
+
+
+def _cost(z: Array, coef: Array, sigma: Array, weights: _Weights) -> float:
+    """Weighted squares of the residuals and of the coefficients in prior sigmas."""
+    data = (weights.pose[:, None] * z**2).sum() / weights.scale2
+    return float(data + ((coef / sigma) ** 2).sum())
+
+
+def _reweight(point: _Point, sigma: Array, old: _Weights, robust: bool) -> _Weights:
+    """Noise scale and Student-t weights w = (nu + c) / (nu + d^2 / s^2), d^2 = r'(I - H)^-1 r."""
+    n, c = point.z.shape
+    hat, spent = _leverage(point.jac, sigma, old.pose, 1.0)
+    if not robust:
+        square = float((old.pose[:, None] * point.z**2).sum())
+        return _Weights(np.ones(n), max(square / max(n * c - spent, 1.0), _LEAST_SCALE2))
+    d2 = _distance(point.z, hat)
+    # the bulk sets the scale: outliers must not hide behind the noise they make themselves
+    scale2 = max(float(np.median(d2) / chi2_quantile(0.5, c)), _LEAST_SCALE2)
+    return _Weights(student_weights(d2 / scale2, c), scale2)
+
+
+def student_weights(d2: Array, c: int) -> Array:
+    """(N,) Student-t weights of poses at squared distance d2 [in units of the noise], at most 1."""
+    weights: Array = np.minimum((STUDENT_NU + c) / (STUDENT_NU + d2), 1.0)
+    return weights
+
+
+def _leverage(jac: Array, sigma: Array, weight: Array, scale2: float) -> tuple[Array, float]:
     """Hat-matrix blocks (N, c, c) and their trace for weighted rows with the priors."""
     n, c, k = jac.shape
     if k == 0:
@@ -268,80 +343,79 @@ def _leverage(
     return hat, float(np.einsum("nii->", hat))
 
 
-def _reweight(z, jac, sigma, weight, robust) -> tuple[float, np.ndarray]:
-    """Noise scale^2 and Student-t weights w = (nu + c) / (nu + d^2), d^2 = r'(I - H)^-1 r."""
-    n, c = z.shape
-    hat, spent = _leverage(jac, sigma, weight, 1.0)
-    dof = max(n * c - spent, 1.0)
-    scale2 = max(float((weight[:, None] * z**2).sum()) / dof, 1e-6)
-    if not robust:
-        return scale2, np.ones(n)
-    d2 = _distance(z, hat)
-    # the bulk sets the scale: outliers must not hide behind the noise they make themselves
-    scale2 = max(float(np.median(d2) / stats.chi2.median(c)), 1e-6)
-    weight = (STUDENT_NU + c) / (STUDENT_NU + d2 / scale2)
-    return scale2, np.minimum(weight, 1.0)
-
-
-def _distance(z: np.ndarray, hat: np.ndarray) -> np.ndarray:
-    """d_i^2 = z_i' (I - H_ii)^-1 z_i."""
-    n, c = z.shape
+def _distance(z: Array, hat: Array) -> Array:
+    """(N,) d_i^2 = z_i' (I - H_ii)^-1 z_i."""
+    c = z.shape[1]
     inner = np.eye(c) - hat
     inner += 1e-9 * np.eye(c)
-    return np.einsum("ni,ni->n", z, np.linalg.solve(inner, z[:, :, None])[:, :, 0])
+    return array(np.einsum("ni,ni->n", z, np.linalg.solve(inner, z[:, :, None])[:, :, 0]))
 
 
-def _finish(
-    parameters,
-    coef,
-    sigma,
-    chain,
-    terms,
-    ev,
-    whiten,
-    z,
-    jac,
-    weight,
-    scale2,
-    converged,
-    hypotheses,
-    base,
-    tool,
+# -------------------------------------------------------------------------------------------- finish
+
+
+def fit_model(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis] = (),
+    *,
+    dh: bool = True,
+    robust: bool = True,
+    frames: Frames | None = None,
+    start: Mapping[str, float] | None = None,
+    effect_width: float = _EFFECT_WIDTH,
 ) -> Fit:
-    n, c = z.shape
-    k = len(sigma)
-    hat, spent = _leverage(jac.reshape(n, c, k), sigma, weight, scale2)
-    rows = float((weight > 0.3).sum() * c)
-    dof = max(rows - spent, 1.0)
-    good = weight > 0.3
-    chi2 = float((z[good] ** 2).sum())
+    """Fit DH errors (`dh`), unknown frames and the effects of `hypotheses`, with wide priors.
+
+    robust: Student-t pose weights (nu = 4), else all 1; frames: (base, tool) found before;
+    start: coefficient values to begin with, by name; effect_width: prior sigmas of effects.
+    CannotAnswer if there are fewer rows than the coefficients need.
+    """
+    problem = Problem.prepare(arm, data, hypotheses, dh=dh, frames=frames, effect_width=effect_width)
+    return _finish(problem, _solve(problem, problem.start(start or {}), robust))
+
+
+def _finish(problem: Problem, last: _Iterate) -> Fit:
+    """Noise scale, covariance and distances at the end of an iteration."""
+    n, c = last.point.z.shape
+    pose = last.weights.pose
+    good = pose > GOOD_WEIGHT
+    hat, spent = _leverage(last.point.jac, problem.sigma, pose, last.weights.scale2)
+    dof = max(float(good.sum() * c) - spent, 1.0)
+    chi2 = float((last.point.z[good] ** 2).sum())
     scale = float(np.sqrt(chi2 / dof))
-    if k:
-        a = (np.sqrt(weight)[:, None, None] * jac.reshape(n, c, k)).reshape(n * c, k) * sigma / scale
-        value, vector = np.linalg.eigh(a.T @ a)  # in units of the priors: stays positive when singular
-        cov = (vector / (1.0 + np.maximum(value, 0.0))) @ vector.T * np.outer(sigma, sigma)
-    else:
-        cov = np.zeros((0, 0))
-    d2 = _distance(z, hat) / scale**2
+    cov = _covariance(last.point.jac, problem.sigma, pose, scale)
     return Fit(
-        names=tuple(name for name, _ in parameters),
-        parameters=tuple(p for _, p in parameters),
-        estimate=coef,
+        arm=problem.arm,
+        data=problem.data,
+        base=problem.base,
+        tool=problem.tool,
+        hypotheses=problem.hypotheses,
+        names=problem.names,
+        parameters=problem.parameters,
+        estimate=last.point.coef,
         std_err=np.sqrt(np.diag(cov)),
         cov=cov,
-        chain=chain,
-        terms=terms,
-        evaluation=ev,
-        whiten=whiten,
-        z=z.ravel(),
-        J=jac,
-        weight=weight,
-        d2=d2,
+        model=problem.model,
+        evaluation=last.point.evaluation,
+        whiten=problem.whiten,
+        z=last.point.z.ravel(),
+        J=last.point.jac.reshape(n * c, -1),
+        weight=pose,
+        d2=_distance(last.point.z, hat) / scale**2,
         dof=dof,
         scale=scale,
         chi2=chi2,
-        converged=converged,
-        hypotheses=tuple(hypotheses),
-        base=base,
-        tool=tool,
+        converged=last.converged,
     )
+
+
+def _covariance(jac: Array, sigma: Array, weight: Array, scale: float) -> Array:
+    """(k, k) (A'A + B^-1)^-1 with the noise at the fitted scale; positive even where A'A is singular."""
+    n, c, k = jac.shape
+    if k == 0:
+        return np.zeros((0, 0))
+    a = (np.sqrt(weight)[:, None, None] * jac).reshape(n * c, k) * sigma / scale
+    value, vector = np.linalg.eigh(a.T @ a)  # in units of the priors
+    cov: Array = (vector / (1.0 + np.maximum(value, 0.0))) @ vector.T * np.outer(sigma, sigma)
+    return cov

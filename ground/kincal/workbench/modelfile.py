@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from kincal.errors import BadInput
-
-VERSION = 1
+from kincal.schema.errors import read_toml, validate
+from kincal.schema.model import VERSION, ModelEntry
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class ModelFile:
     constants: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def add(self, names: list[str]) -> ModelFile:
+        """The model with these effects too. BadInput if one is there already, alone or for all joints."""
         after = (*self.effects, *names)
         for name in names:
             whole = name.partition("[")[0]
@@ -51,6 +52,7 @@ class ModelFile:
         return self._changed("add", tuple(names), after)
 
     def remove(self, names: list[str]) -> ModelFile:
+        """The model without these effects. BadInput if one is not in it."""
         absent = [name for name in names if name not in self.effects]
         if absent:
             there = ", ".join(self.effects) or "no effect"
@@ -76,90 +78,70 @@ class ModelFile:
 
 
 def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
-    """Read M.toml. A missing file is an empty model unless must_exist. BadInput names key and reason."""
+    """Read M.toml. A missing file is an empty model unless must_exist. SchemaError lists what is wrong."""
     path = Path(path)
     if not path.exists():
         if must_exist:
-            raise BadInput(f"{path}: no such file; `kincal model add --model {path} EFFECT` makes one")
+            raise BadInput("no such file", str(path), f"`kincal model add --model {path} EFFECT` makes one")
         return ModelFile()
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: not valid TOML: {error}") from None
-    if table.get("version", VERSION) != VERSION:
-        raise BadInput(f"{path}: version {table['version']!r}; this kincal reads version {VERSION}")
-    unknown = set(table) - {"version", "dh", "effects", "libraries", "history", "arm", "value", "constants"}
-    if unknown:
-        raise BadInput(f"{path}: unknown key {sorted(unknown)[0]!r}; known: effects, libraries, dh, arm")
-    for key in ("effects", "libraries"):
-        value = table.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(x, str) for x in value):
-            raise BadInput(f"{path}: {key} is {value!r}, a list of texts is needed")
-    effects = table.get("effects", [])
-    if len(set(effects)) < len(effects):
-        raise BadInput(f"{path}: effects names one effect twice")
-    try:
-        history = tuple(
-            Change(h["when"], h["action"], tuple(h["effects"]), tuple(h["before"]))
-            for h in table.get("history", [])
-        )
-        values = {v["name"]: (float(v["value"]), float(v["std_err"])) for v in table.get("value", [])}
-        constants = {
-            effect: {name: float(value) for name, value in row.items()}
-            for effect, row in table.get("constants", {}).items()
-        }
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise BadInput(f"{path}: a [[history]], [[value]] or [constants] entry is broken: {error}") from None
+    entry = validate(ModelEntry, read_toml(path), str(path))
     return ModelFile(
-        effects=tuple(effects),
-        libraries=tuple(table.get("libraries", [])),
-        dh=bool(table.get("dh", True)),
-        history=history,
-        arm=str(table.get("arm", "")),
-        values=values,
-        constants=constants,
+        effects=tuple(entry.effects),
+        libraries=tuple(entry.libraries),
+        dh=entry.dh,
+        history=tuple(Change(h.when, h.action, tuple(h.effects), tuple(h.before)) for h in entry.history),
+        arm=entry.arm,
+        values={v.name: (v.value, v.std_err) for v in entry.value},
+        constants=entry.constants,
     )
 
 
 def write_model(path: str | Path, model: ModelFile) -> None:
     """Write whole or not at all (new file, then rename)."""
     path = Path(path)
-    lines = [
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(
+        "w", dir=path.parent, prefix=path.name, suffix=".new", delete=False, encoding="utf-8"
+    ) as file:
+        file.write("\n".join([*_in_use(model), *_history(model), *_of_last_fit(model)]) + "\n")
+    os.replace(file.name, path)
+
+
+def _in_use(model: ModelFile) -> list[str]:
+    arm = [f"arm = {json.dumps(model.arm)}"] if model.arm else []
+    return [
         "# KinCal model: DH errors (dh), base and tool as the arm table says, and these effects.",
         f"version = {VERSION}",
         f"dh = {'true' if model.dh else 'false'}",
         f"effects = {_texts(model.effects)}",
         f"libraries = {_texts(model.libraries)}",
+        *arm,
     ]
-    if model.arm:
-        lines.append(f"arm = {json.dumps(model.arm)}")
+
+
+def _history(model: ModelFile) -> list[str]:
+    lines = []
     for change in model.history:
         lines += [
             "",
             "[[history]]",
             f"when = {json.dumps(change.when)}",
             f"action = {json.dumps(change.action)}",
-            f"effects = {_texts(change.effects)}",
-            f"before = {_texts(change.before)}",
         ]
+        lines += [f"effects = {_texts(change.effects)}", f"before = {_texts(change.before)}"]
+    return lines
+
+
+def _of_last_fit(model: ModelFile) -> list[str]:
+    lines = []
     for name, (value, std_err) in model.values.items():
-        lines += [
-            "",
-            "[[value]]",
-            f"name = {json.dumps(name)}",
-            f"value = {float(value)!r}",
-            f"std_err = {float(std_err)!r}",
-        ]
+        lines += ["", "[[value]]", f"name = {json.dumps(name)}"]
+        lines += [f"value = {float(value)!r}", f"std_err = {float(std_err)!r}"]
     for effect, row in model.constants.items():
         lines += ["", f"[constants.{json.dumps(effect)}]"]
         lines += [f"{name} = {float(value)!r}" for name, value in row.items()]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(
-        "w", dir=path.parent, prefix=path.name, suffix=".new", delete=False, encoding="utf-8"
-    ) as file:
-        file.write("\n".join(lines) + "\n")
-    os.replace(file.name, path)
+    return lines
 
 
-def _texts(items) -> str:
+def _texts(items: Iterable[str]) -> str:
     return "[" + ", ".join(json.dumps(item) for item in items) + "]"

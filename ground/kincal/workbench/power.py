@@ -2,96 +2,100 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .columns import Columns
+from .effects import Hypothesis
 from .evidence import Projector
 from .fit import Fit
+from .types import Array
 
-TWIN_CHI2 = 9.0  # below this a pair cannot be told apart with these poses
+CONFOUNDED_CHI2 = 9.0  # below this these poses cannot distinguish a pair
 _NINETY_PERCENT = 10.5  # chi^2 with 1 dof: non-centrality for 90 % power at 5 %
 
 
 @dataclass(frozen=True)
 class Confounding:
-    """d2[i, j]: how much of effect i no mixture of DH and effect j explains [chi^2]; below about 9 the
-    pair cannot be told apart with these poses (diagnosis.md 6)."""
+    """How well k effects can be distinguished.
+
+    d2: (k, k), [i, j]: how much of effect i no mixture of DH and effect j explains [chi^2]; below
+    CONFOUNDED_CHI2 these poses cannot distinguish the pair (METHOD.md 16); absorbed: (k,) share
+    of each that the fitted parameters imitate.
+    """
 
     names: tuple[str, ...]
-    d2: np.ndarray
-    absorbed: np.ndarray
+    d2: Array
+    absorbed: Array
 
 
 @dataclass(frozen=True)
 class Harm:
     """smallest: size with 90 % power, in prior sigmas; error_m: what it would do to the tool position
-    over the poses after DH has absorbed what it can."""
+    over the poses after DH has absorbed what it can, RMS."""
 
     name: str
     smallest: float
     error_m: float
 
 
-def _engine(fit: Fit):
-    columns = Columns(fit)
-    projector = Projector.of(columns.weighted(fit.J) * fit.sigma_prior)
-    return columns, projector
-
-
-def confounding(fit: Fit, hypotheses) -> Confounding:
-    """d^2(i|j) for every ordered pair of hypotheses."""
-    columns, projector = _engine(fit)
-    scale2 = fit.scale**2
+def confounding(fit: Fit, hypotheses: Sequence[Hypothesis]) -> Confounding:
+    """d^2(i|j) for every ordered pair of hypotheses, at the poses of a fit."""
+    columns, projector = _projected(fit)
     designs = [columns.hypothesis(h) for h in hypotheses]
     projected = [projector.apply(g) for g in designs]
-    k = len(designs)
-    d2 = np.zeros((k, k))
-    absorbed = np.zeros(k)
-    for i in range(k):
-        own = float((designs[i] * projected[i]).sum()) / scale2
-        absorbed[i] = 1.0 - float((designs[i] * projected[i]).sum()) / max(
-            float((designs[i] ** 2).sum()), 1e-300
-        )
-        d2[i, i] = own
-        for j in range(k):
-            if i != j:
-                inner = designs[j].T @ projected[j] + scale2 * np.eye(designs[j].shape[1])
-                cross = projected[j].T @ designs[i]
-                d2[i, j] = own - float((cross * np.linalg.solve(inner, cross)).sum()) / scale2
-    return Confounding(tuple(h.name for h in hypotheses), np.maximum(d2, 0.0), absorbed)
+    own = np.array([float((g * wg).sum()) for g, wg in zip(designs, projected, strict=True)])
+    whole = np.array([max(float((g**2).sum()), 1e-300) for g in designs])
+    shared = np.array([[_shared(gi, wj, gj, fit.scale) for gj, wj in zip(designs, projected, strict=True)]
+                       for gi in designs]).reshape(len(own), len(own))  # fmt: skip
+    np.fill_diagonal(shared, 0.0)
+    d2 = np.maximum((own[:, None] - shared) / fit.scale**2, 0.0)
+    return Confounding(tuple(h.name for h in hypotheses), d2, 1.0 - own / whole)
 
 
-def harm(fit: Fit, hypotheses) -> list[Harm]:
-    """Harm chart: what could still be wrong unseen, and how much it would hurt. Worst first."""
-    columns, projector = _engine(fit)
+def _shared(mine: Array, projected: Array, other: Array, scale: float) -> float:
+    """What of effect `mine` (rows, m) the effect `other` explains beside DH, times scale^2."""
+    inner = other.T @ projected + scale**2 * np.eye(other.shape[1])
+    cross = projected.T @ mine
+    return float((cross * np.linalg.solve(inner, cross)).sum())
+
+
+def harm(fit: Fit, hypotheses: Iterable[Hypothesis]) -> tuple[Harm, ...]:
+    """What could still be wrong unseen, and how much it would hurt at most. Worst first."""
+    columns, projector = _projected(fit)
     plain = Columns(fit, np.ones(len(fit.weight)))
+    worst = [
+        max(_harms(fit, columns, plain, projector, h), key=lambda x: x.error_m, default=None)
+        for h in hypotheses
+    ]
+    return tuple(sorted((x for x in worst if x is not None), key=lambda x: -x.error_m))
+
+
+def _harms(fit: Fit, columns: Columns, plain: Columns, projector: Projector, h: Hypothesis) -> Iterator[Harm]:
+    """One for each parameter of an effect that the data say anything about."""
     n, c = fit.evaluation.r.shape
-    unwhiten = np.linalg.inv(fit.whiten)
-    out = []
-    for h in hypotheses:
-        g = columns.hypothesis(h)
-        left = projector.apply(g)
-        worst = None
-        for k in range(g.shape[1]):
-            signal = float((g[:, k] * left[:, k]).sum()) / fit.scale**2
-            size = float(np.sqrt(_NINETY_PERCENT / signal)) if signal > 1e-9 else np.inf
-            if not np.isfinite(size):
-                continue
-            rest = plain.hypothesis(h)[:, k]
-            rest = rest - fit.J @ _absorbed_by_dh(fit, columns, g[:, k])
-            error = np.einsum("nij,nj->ni", unwhiten, rest.reshape(n, c))[:, :3]
-            found = Harm(h.name, size, size * float(np.sqrt((error**2).sum(axis=1).mean())))
-            if worst is None or found.error_m > worst.error_m:
-                worst = found
-        if worst is not None:
-            out.append(worst)
-    return sorted(out, key=lambda x: -x.error_m)
+    g, whole = columns.hypothesis(h), plain.hypothesis(h)
+    left = projector.apply(g)
+    for k in range(g.shape[1]):
+        signal = float((g[:, k] * left[:, k]).sum()) / fit.scale**2
+        if signal <= 1e-9:
+            continue
+        size = float(np.sqrt(_NINETY_PERCENT / signal))
+        rest = whole[:, k] - fit.J @ _absorbed_by_dh(fit, columns, g[:, k])
+        error = np.linalg.solve(fit.whiten, rest.reshape(n, c, 1))[:, :3, 0]
+        yield Harm(h.name, size, size * float(np.sqrt((error**2).sum(axis=1).mean())))
 
 
-def _absorbed_by_dh(fit: Fit, columns: Columns, g: np.ndarray) -> np.ndarray:
-    """The DH (and frame) change that imitates the effect best, per coefficient."""
+def _projected(fit: Fit) -> tuple[Columns, Projector]:
+    columns = Columns(fit)
+    return columns, Projector.of(columns.weighted(fit.J) * fit.sigma_prior)
+
+
+def _absorbed_by_dh(fit: Fit, columns: Columns, g: Array) -> Array:
+    """(k,) the DH (and frame) change that imitates an effect's column (rows,) best, per coefficient."""
     a = columns.weighted(fit.J) * fit.sigma_prior / fit.scale
     inner = a.T @ a + np.eye(a.shape[1])
-    return fit.sigma_prior * np.linalg.solve(inner, a.T @ g) / fit.scale
+    change: Array = fit.sigma_prior * np.linalg.solve(inner, a.T @ g) / fit.scale
+    return change

@@ -1,0 +1,427 @@
+"""`kincal model`: compare a model with measurements, find the missing effect, add it, fly it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from kincal.cli.data import Given, data_options
+from kincal.cli.options import tables_option
+from kincal.cli.provenance import say_files, today
+from kincal.cli.terminal import progress
+from kincal.errors import BadInput
+
+if TYPE_CHECKING:
+    from kincal.schema.arm import ArmTable
+    from kincal.workbench.data import Measurements
+    from kincal.workbench.effects import Library
+    from kincal.workbench.modelfile import ModelFile
+
+ARM = click.option(
+    "--arm",
+    "arm_path",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Arm table (TOML), or the name of one that is shipped (`kincal arm list`): wam.",
+)
+DATA = data_options()
+MODEL = click.option("--model", "model_path", type=click.Path(path_type=Path), default=None,
+                     help="Model file; absent: DH errors only.")  # fmt: skip
+MODEL_NEEDED = click.option(
+    "--model", "model_path", type=click.Path(path_type=Path), required=True, help="Model file."
+)
+EFFECTS = click.option("--effects", "effect_files", multiple=True, type=click.Path(path_type=Path),
+                       help="A file with your own effects; may be given several times.")  # fmt: skip
+JSON = click.option("--json", "as_json", is_flag=True, help="Machine-readable answer.")
+
+
+def _load(arm_path: Path, given: Given) -> tuple[ArmTable, Measurements]:
+    """Arm and measurements."""
+    from kincal.schema.arm import read_arm
+
+    arm = read_arm(arm_path)
+    return arm, given.read(arm)
+
+
+def _model(model_path: Path | None, effect_files: tuple[Path, ...]) -> tuple[ModelFile, Library]:
+    """Model file and the library with its own and the named effect files."""
+    from kincal.workbench.effects import Library
+    from kincal.workbench.modelfile import ModelFile, read_model
+
+    model = read_model(model_path) if model_path else ModelFile()
+    base = model_path.parent if model_path else Path()
+    files = list(dict.fromkeys([*(base / name for name in model.libraries), *effect_files]))
+    return model, Library.load(*files)
+
+
+@click.group()
+def model() -> None:
+    """Compare a model with measurements, see where it fails, learn which effect is missing, add it.
+
+    \b
+    Example:
+        kincal model diagnose --arm arm.toml --data poses.csv
+    """
+
+
+@model.command("compare")
+@ARM
+@DATA
+@MODEL
+@EFFECTS
+@JSON
+def compare_command(
+    arm_path: Path,
+    given: Given,
+    model_path: Path | None,
+    effect_files: tuple[Path, ...],
+    as_json: bool,
+) -> None:
+    """Does the model explain the data, and if not, where does it fail?
+
+    \b
+    Example:
+        kincal model compare --arm arm.toml --data poses.csv --json
+    """
+    from kincal.workbench.answers import comparison_json, comparison_text
+    from kincal.workbench.compare import compare
+    from kincal.workbench.constants import choose_constants
+
+    arm, data = _load(arm_path, given)
+    chosen, library = _model(model_path, effect_files)
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    answer = compare(arm, data, effects, dh=chosen.dh)
+    click.echo(json.dumps(comparison_json(answer), indent=1) if as_json else comparison_text(answer))
+
+
+@model.command("diagnose")
+@ARM
+@DATA
+@MODEL
+@EFFECTS
+@JSON
+@click.option(
+    "--report",
+    "report_path",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Write a self-contained page (HTML) and its figures (PNG).",
+)
+def diagnose_command(
+    arm_path: Path,
+    given: Given,
+    model_path: Path | None,
+    effect_files: tuple[Path, ...],
+    as_json: bool,
+    report_path: Path | None,
+) -> None:
+    """Which physical effect is missing? Probabilities for every effect and joint, and for none of them.
+
+    \b
+    Example:
+        kincal model diagnose --arm arm.toml --data poses.csv --report out/report.html
+    """
+    from kincal.workbench.answers import diagnosis_json, diagnosis_text
+    from kincal.workbench.api import advise, report_content
+    from kincal.workbench.constants import choose_constants
+    from kincal.workbench.diagnosis import diagnose
+
+    arm, data = _load(arm_path, given)
+    chosen, library = _model(model_path, effect_files)
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    with progress() as tick:
+        answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick)
+        poses = advise(answer, library)
+        shown = report_content(answer, library, effects, poses, progress=tick) if report_path else None
+    click.echo(
+        json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else diagnosis_text(answer, poses)
+    )
+    if shown is not None and report_path is not None:
+        from kincal.pages import diagnosis as pages
+        from kincal.pages.page import Provenance
+
+        files, why = pages.write_all(shown, report_path, Provenance.of_file(today(), given.paths))
+        say_files("report", files, why, err=as_json)
+
+
+@model.command("fit")
+@ARM
+@DATA
+@MODEL_NEEDED
+@EFFECTS
+@JSON
+def fit_command(
+    arm_path: Path,
+    given: Given,
+    model_path: Path,
+    effect_files: tuple[Path, ...],
+    as_json: bool,
+) -> None:
+    """Fit the model and show how the held-out error falls from model to model, down to the noise floor.
+
+    The values are written into the model file.
+
+    \b
+    Example:
+        kincal model fit --arm arm.toml --data poses.csv --model M.toml
+    """
+    from dataclasses import replace
+
+    from kincal.workbench.answers import fit_json, fit_text
+    from kincal.workbench.api import fit
+    from kincal.workbench.modelfile import write_model
+
+    arm, data = _load(arm_path, given)
+    chosen, library = _model(model_path, effect_files)
+    with progress() as tick:
+        result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick)
+    values = {
+        n: (float(v), float(s)) for n, v, s in zip(result.names, result.estimate, result.std_err, strict=True)
+    }
+    where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
+    write_model(model_path, replace(chosen, arm=where, values=values, constants=result.constants))
+    click.echo(json.dumps(fit_json(result), indent=1) if as_json else fit_text(result))
+
+
+@model.command("effects")
+@EFFECTS
+@JSON
+def effects_command(effect_files: tuple[Path, ...], as_json: bool) -> None:
+    """List the effect library: formula, units, typical size, what each needs and is confounded with.
+
+    \b
+    Example:
+        kincal model effects --effects my.toml
+    """
+    from kincal.cli.text import model as text
+    from kincal.workbench.effects import Library
+
+    library = Library.load(*effect_files)
+    if as_json:
+        click.echo(json.dumps(text.effects_json(library), indent=1))
+    else:
+        click.echo(text.effects(library))
+
+
+def _check_names(library: Library, names: tuple[str, ...]) -> None:
+    """Every name is an effect of the library; the joint is checked against the arm when it is fitted."""
+    for name in names:
+        base, _, joint = name.partition("[")
+        if base not in library.effects:
+            near = [n for n in library.effects if n.startswith(base[:4])] or list(library.effects)
+            raise BadInput(f"no effect {base!r}; did you mean {', '.join(near[:6])}? (kincal model effects)")
+        inside = joint.rstrip("]")
+        if joint and not (
+            joint.endswith("]") and all(x.strip().isdigit() and int(x) > 0 for x in inside.split(","))
+        ):
+            raise BadInput(f"{name!r}: write {base}[2] for one joint, or {base} for all")
+        if joint and library.effects[base].per == "arm":
+            raise BadInput(f"{base} concerns the whole arm; leave [{inside}] out")
+
+
+@model.command("add")
+@MODEL_NEEDED
+@EFFECTS
+@click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
+def add_command(model_path: Path, effect_files: tuple[Path, ...], names: tuple[str, ...]) -> None:
+    """Add effects to the model (a new model file if there is none); the change goes into its history.
+
+    \b
+    Example:
+        kincal model add --model M.toml joint_compliance[2]
+    """
+    from dataclasses import replace
+
+    from kincal.cli.text import model as text
+    from kincal.workbench.effects import Library
+    from kincal.workbench.modelfile import read_model, write_model
+
+    before = read_model(model_path, must_exist=False)
+    files = [model_path.parent / name for name in before.libraries] + list(effect_files)
+    _check_names(Library.load(*files), names)
+    after = before.add(list(names))
+    new = [str(f.resolve()) for f in effect_files if str(f.resolve()) not in before.libraries]
+    write_model(model_path, replace(after, libraries=(*before.libraries, *new)))
+    click.echo(f"{model_path}: {text.names(after)}")
+
+
+@model.command("remove")
+@MODEL_NEEDED
+@click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
+def remove_command(model_path: Path, names: tuple[str, ...]) -> None:
+    """Take effects out of the model; the change goes into its history.
+
+    \b
+    Example:
+        kincal model remove --model M.toml joint_compliance[2]
+    """
+    from kincal.cli.text import model as text
+    from kincal.workbench.modelfile import read_model, write_model
+
+    after = read_model(model_path).remove(list(names))
+    write_model(model_path, after)
+    click.echo(f"{model_path}: {text.names(after)}")
+
+
+@model.command("undo")
+@MODEL_NEEDED
+def undo_command(model_path: Path) -> None:
+    """Take back the last add or remove.
+
+    \b
+    Example:
+        kincal model undo --model M.toml
+    """
+    from kincal.cli.text import model as text
+    from kincal.workbench.modelfile import read_model, write_model
+
+    after = read_model(model_path).undo()
+    write_model(model_path, after)
+    click.echo(f"{model_path}: {text.names(after)}")
+
+
+@model.command("list")
+@MODEL_NEEDED
+@JSON
+def list_command(model_path: Path, as_json: bool) -> None:
+    """Show the effects in use and their fitted values.
+
+    \b
+    Example:
+        kincal model list --model M.toml
+    """
+    from kincal.cli.text import model as text
+    from kincal.workbench.modelfile import read_model
+
+    chosen = read_model(model_path)
+    click.echo(json.dumps(text.contents_json(chosen), indent=1) if as_json else text.contents(chosen))
+
+
+@model.command("history")
+@MODEL_NEEDED
+def history_command(model_path: Path) -> None:
+    """Show every change of the model, oldest first.
+
+    \b
+    Example:
+        kincal model history --model M.toml
+    """
+    from kincal.workbench.modelfile import read_model
+
+    for change in read_model(model_path).history:
+        click.echo(f"{change.when}  {change.action:<7} {', '.join(change.effects)}")
+
+
+@model.command("next")
+@ARM
+@DATA
+@MODEL
+@EFFECTS
+@JSON
+@click.option("--count", type=click.IntRange(1, 64), default=8, show_default=True, help="Poses wanted.")
+@click.argument("names", metavar="EFFECT EFFECT...", nargs=-1, required=True)
+def next_command(
+    arm_path: Path,
+    given: Given,
+    model_path: Path | None,
+    effect_files: tuple[Path, ...],
+    as_json: bool,
+    count: int,
+    names: tuple[str, ...],
+) -> None:
+    """The poses that separate two or more alternative effects best.
+
+    \b
+    Example:
+        kincal model next --arm arm.toml --data poses.csv joint_compliance[2] base_flex
+    """
+    from kincal.workbench.answers import poses_json, poses_text
+    from kincal.workbench.constants import choose_constants
+    from kincal.workbench.fit import fit_model
+    from kincal.workbench.nextposes import next_poses
+
+    arm, data = _load(arm_path, given)
+    chosen, library = _model(model_path, effect_files)
+    if len(names) < 2:
+        raise BadInput("name two or more alternative effects, for instance joint_compliance[2] base_flex")
+    alternatives = [
+        choose_constants(library, [name], arm, data, dh=chosen.dh, joined=True)[0] for name in names
+    ]
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    poses = next_poses(fit_model(arm, data, effects, dh=chosen.dh), alternatives, count=count)
+    click.echo(json.dumps({"next_poses": poses_json(poses)}, indent=1) if as_json else poses_text(poses))
+
+
+@model.command("uplink")
+@MODEL_NEEDED
+@EFFECTS
+@click.option(
+    "--arm",
+    "arm_path",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Arm table; absent: the one the model was fitted with.",
+)
+@data_options(
+    required=False,
+    about="Measurements, for effects whose constants follow from them (time of a step).  "
+    "[default: as the last `kincal model fit` found them]",
+)
+@click.option(
+    "--out",
+    "-o",
+    "out_path",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Image to write.  [default: MODEL with .tbl]",
+)
+@click.option(
+    "--fly",
+    "fly_dir",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Also make this directory: all images of --tables, with these terms and no correction yet.",
+)
+@tables_option("Directory with built table images, for --fly.")
+def uplink_command(
+    model_path: Path,
+    effect_files: tuple[Path, ...],
+    arm_path: Path | None,
+    given: Given | None,
+    out_path: Path | None,
+    fly_dir: Path | None,
+    tables_dir: Path,
+) -> None:
+    """The model as a correction-term table image for flight (uplink it with `kincal table uplink`).
+
+    Flight then estimates these coefficients together with the DH errors.
+
+    \b
+    Examples:
+        kincal model uplink --model M.toml -o terms.tbl
+        kincal model uplink --model M.toml --fly out/tables
+    """
+    from kincal.schema.arm import read_arm
+    from kincal.workbench.constants import choose_constants
+    from kincal.workbench.uplink import flight_tables, term_image
+
+    chosen, library = _model(model_path, effect_files)
+    where = arm_path or (Path(chosen.arm) if chosen.arm else None)
+    if where is None:
+        raise BadInput(
+            f"{model_path} does not say which arm it is for; run `kincal model fit` first or give --arm"
+        )
+    arm = read_arm(where)
+    data = given.read(arm) if given else None
+    known = {} if data is not None else chosen.constants
+    image = term_image(arm, choose_constants(library, chosen.effects, arm, data, dh=chosen.dh, known=known))
+    out = out_path or model_path.with_suffix(".tbl")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_bytes(image.data)
+    click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}")
+    if fly_dir:
+        flight_tables(tables_dir, fly_dir, image)
+        click.echo(f"{fly_dir}: tables to fly with")

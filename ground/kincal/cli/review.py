@@ -1,0 +1,151 @@
+"""`kincal review`: see a proposed correction, question it, approve or reject it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypedDict, TypeVar, Unpack
+
+import click
+
+from kincal import link
+from kincal.cli.options import FILE, PATH, TABLES, TIMEOUT, URL
+from kincal.cli.provenance import say_files, table_crcs, today
+from kincal.cli.terminal import console
+from kincal.cli.text import review as text
+
+JOURNAL = click.option(
+    "--journal",
+    type=PATH,
+    default=Path("out/review.jsonl"),
+    show_default=True,
+    envvar="KINCAL_JOURNAL",
+    help="Append-only record of decisions.",
+)
+BY = click.option("--by", required=True, help="Who decides.")
+WHY = click.option("--why", required=True, help="Reason, for the record.")
+LOG = click.option(
+    "--log",
+    "log_file",
+    type=FILE,
+    default=None,
+    help="Log with the proposal; its numbers go into the record.",
+)
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+@click.group()
+def review() -> None:
+    """See a proposed correction, question it, approve or reject it.
+
+    \b
+    Example:
+        kincal review show out/paper/run.lcmlog
+    """
+
+
+@review.command("list")
+@click.argument("logs", nargs=-1, type=FILE)
+@click.option("--live", is_flag=True, help="Also ask the flight process at --url what waits there.")
+@URL
+@TIMEOUT
+@JOURNAL
+def review_list(logs: tuple[Path, ...], live: bool, url: str, timeout_s: float, journal: Path) -> None:
+    """List proposals in logs, what waits on board, and past decisions.
+
+    \b
+    Examples:
+        kincal review list out/*/run.lcmlog
+        kincal review list --live
+    """
+    from kincal import review as lib
+
+    out = console()
+    text.proposals(out, [lib.proposals_in(path) for path in logs])
+    if live:
+        with link.Link(url) as up:
+            crc = lib.waiting(up, timeout_s)
+        out.print(f"on board: correction {crc:08x} waits for review" if crc else "on board: nothing waits")
+    text.decisions(out, lib.check_journal(journal), journal)
+
+
+@review.command("show")
+@click.argument("file", type=FILE)
+@click.option("--crc", default=None, help="Which proposal of the log, by CRC.  [default: the last]")
+@click.option(
+    "--picture",
+    type=PATH,
+    default=None,
+    help="Picture to write (.png or .svg); the page (.html) lies beside it.  [default: next to the log]",
+)
+@TABLES
+def review_show(file: Path, crc: str | None, picture: Path | None, tables_dir: Path) -> None:
+    """Show a proposal of a log with all its numbers: as text, as a page (HTML) and as a picture.
+
+    \b
+    Example:
+        kincal review show out/paper/run.lcmlog --crc 1a2b3c4d
+    """
+    from kincal import review as lib
+    from kincal.pages import review as pages
+    from kincal.pages.page import Provenance
+
+    found = lib.find(file, crc, tables_dir)
+    picture = picture or file.with_name(f"review-{found.crc_text}.png")
+    warnings = lib.warnings(found)
+    text.show(console(), found, warnings)
+    provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
+    say_files("page", *pages.write_all(found, warnings, picture, provenance))
+
+
+class Decision(TypedDict):
+    """What approve and reject are given besides the CRC."""
+
+    by: str
+    why: str
+    log_file: Path | None
+    url: str
+    timeout_s: float
+    journal: Path
+    tables_dir: Path
+
+
+def decision_options(command: Command) -> Command:
+    """Options of approve and reject."""
+    for option in (TABLES, JOURNAL, TIMEOUT, URL, LOG, WHY, BY, click.argument("crc")):
+        command = option(command)
+    return command
+
+
+@review.command("approve")
+@decision_options
+def review_approve(crc: str, **given: Unpack[Decision]) -> None:
+    """Approve the correction that waits on board: two commands bound to its CRC.
+
+    \b
+    Example:
+        kincal review approve 1a2b3c4d --by "A. Reviewer" --why "residuals clean, rank full"
+    """
+    _decide("approve", crc, given)
+
+
+@review.command("reject")
+@decision_options
+def review_reject(crc: str, **given: Unpack[Decision]) -> None:
+    """Reject the correction that waits on board; the table in force stays.
+
+    \b
+    Example:
+        kincal review reject 1a2b3c4d --by "A. Reviewer" --why "pose 7 looks blurred"
+    """
+    _decide("reject", crc, given)
+
+
+def _decide(decision: str, crc: str, given: Decision) -> None:
+    """Send a decision and record it, with the numbers of the proposal where the log is given."""
+    from kincal import review as lib
+
+    found = lib.find(given["log_file"], crc, given["tables_dir"]) if given["log_file"] else None
+    by, why, journal, timeout_s = given["by"], given["why"], given["journal"], given["timeout_s"]
+    with link.Link(given["url"]) as up:
+        lib.decide(up, decision, crc, by, why, journal, found, timeout_s, say=click.echo)

@@ -1,0 +1,179 @@
+"""`kincal table`: build, check, compare, uplink and dump tables."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from kincal import link
+from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
+from kincal.cli.options import EXISTS, PATH, TIMEOUT, URL
+from kincal.cli.terminal import console
+from kincal.cli.text import table as text
+from kincal.errors import KincalError
+
+if TYPE_CHECKING:
+    from kincal.flight.tables import Image
+
+
+def _build(source: Path, tables_dir: Path | None = None) -> Image:
+    """Image of any TOML source; a search space is built for the arm and camera tables of `tables_dir` (as
+    default tables/bin beside tables/src)."""
+    from kincal import tables
+
+    if tables.source_kind(source) != "space":
+        return tables.build(source)
+    from kincal import space
+
+    images = tables_dir or source.resolve().parent.parent / "bin"
+    return space.build(space.read_description(source), images).image
+
+
+@click.group()
+def table() -> None:
+    """Build, check, compare, uplink and dump tables.
+
+    \b
+    Example:
+        kincal table build tables/src tables/bin
+    """
+
+
+@table.command("build")
+@click.argument("source", type=EXISTS)
+@click.argument("out", type=PATH)
+@click.option(
+    "--tables",
+    "tables_dir",
+    type=PATH,
+    default=None,
+    help="Directory with arm.tbl and camera.tbl, for a search space.  [default: next to OUT]",
+)
+def table_build(source: Path, out: Path, tables_dir: Path | None) -> None:
+    """Build table images from TOML sources.
+
+    SOURCE is one file, or a directory of which every *.toml is built. What flight would refuse is
+    refused here, with the same words.
+
+    \b
+    Examples:
+        kincal table build tables/src/config.toml tables/bin/config.tbl
+        kincal table build tables/src tables/bin
+    """
+    from kincal import tables
+
+    if source.is_dir():
+        pairs = [(p, out / f"{p.stem}.tbl") for p in tables.build_order(sorted(source.glob("*.toml")))]
+    else:
+        pairs = [(source, out)]
+    for src, dst in pairs:
+        image = _build(src, tables_dir or dst.parent)
+        link.write_image(image, dst)
+        click.echo(f"{dst}: {image.kind}, {len(image.data)} bytes, CRC {image.crc_text}")
+
+
+@table.command("show")
+@click.argument("file", type=EXISTS)
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+def table_show(file: Path, as_json: bool) -> None:
+    """Print a table image (or a TOML source, as it would be built).
+
+    \b
+    Example:
+        kincal table show tables/bin/arm.tbl
+    """
+    from kincal import tables
+
+    image, struct = tables.load(file, _build)
+    doc = tables.readable(struct)
+    if as_json:
+        click.echo(
+            json.dumps(
+                {"kind": image.kind, "crc": image.crc_text, "fields": doc},
+                indent=1,
+                default=lambda b: b.hex(),
+            )
+        )
+    else:
+        text.show(console(), image, doc)
+
+
+@table.command("check")
+@click.argument("files", nargs=-1, required=True, type=EXISTS)
+def table_check(files: tuple[Path, ...]) -> None:
+    """Check tables as flight would; status 2 if any is refused.
+
+    \b
+    Example:
+        kincal table check tables/bin/*.tbl
+    """
+    from kincal import tables
+
+    bad = 0
+    for file in files:
+        try:
+            image, _ = tables.load(file, _build)
+            click.echo(f"ok    {file}: {image.kind}, CRC {image.crc_text}")
+        except KincalError as error:
+            bad += 1
+            click.echo(f"BAD   {file}: {error.what}", err=True)
+    if bad:
+        click.echo(f"{bad} of {len(files)} refused", err=True)
+        raise SystemExit(EXIT_INPUT)
+
+
+@table.command("diff")
+@click.argument("a", type=EXISTS)
+@click.argument("b", type=EXISTS)
+def table_diff(a: Path, b: Path) -> None:
+    """Print every field that differs between two tables; status 1 if any does.
+
+    \b
+    Example:
+        kincal table diff tables/src/config.toml tables/bin/config.tbl
+    """
+    from kincal import tables
+
+    image_a, image_b, changes = tables.diff(a, b, _build)
+    text.diff(console(), image_a, image_b, changes)
+    raise SystemExit(EXIT_FAILED if changes else 0)
+
+
+@table.command("uplink")
+@click.argument("file", type=EXISTS)
+@URL
+@TIMEOUT
+def table_uplink(file: Path, url: str, timeout_s: float) -> None:
+    """Send a table to flight: stage, validate, activate, and see its CRC in housekeeping.
+
+    \b
+    Example:
+        kincal table uplink tables/bin/config.tbl
+    """
+    from kincal import tables
+
+    image, _ = tables.load(file, _build)
+    with link.Link(url) as up:
+        link.upload(up, image, timeout_s)
+    click.echo(f"{image.kind} table {image.crc_text} is active")
+
+
+@table.command("dump")
+@click.argument("kind", type=click.Choice(["arm", "camera", "terms", "kin", "space", "kernel", "config"]))
+@click.argument("out", type=PATH)
+@URL
+@TIMEOUT
+def table_dump(kind: str, out: Path, url: str, timeout_s: float) -> None:
+    """Bring down the table that is active on board.
+
+    \b
+    Example:
+        kincal table dump kin out/kin.tbl
+    """
+    with link.Link(url) as down:
+        image = link.dump(down, kind, timeout_s)
+    link.write_image(image, out)
+    click.echo(f"{out}: {kind}, {len(image.data)} bytes, CRC {image.crc_text}")

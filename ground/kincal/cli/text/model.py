@@ -1,0 +1,68 @@
+"""The effect library and a model file as text."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from kincal.workbench.effects import Effect, Library
+from kincal.workbench.modelfile import ModelFile
+
+_INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
+_SHOWN = ("name", "unit", "sigma")  # of a parameter
+
+
+def effects_json(library: Library) -> list[dict[str, Any]]:
+    """Every effect as plain values, in the library's order."""
+    return [_effect_json(effect) for effect in library.effects.values()]
+
+
+def _effect_json(e: Effect) -> dict[str, Any]:
+    return {
+        "name": e.name + _INSTANCES.get(e.per, ""),
+        "title": e.title,
+        "formula": e.formula,
+        "parameters": [{key: getattr(p, key) for key in _SHOWN} for p in e.parameters],
+        "needs": list(e.needs),
+        "looks_like": e.looks_like,
+        "inspect": e.inspect,
+        "confounded_with": list(e.confounded_with),
+        "source": e.source,
+    }
+
+
+def effects(library: Library) -> str:
+    """Every effect in a few lines."""
+    return "\n".join(line for row in effects_json(library) for line in _effect_lines(row))
+
+
+def _effect_lines(row: dict[str, Any]) -> list[str]:
+    sizes = ", ".join(f"{p['name']} ~ {p['sigma']:g} {p['unit']}" for p in row["parameters"])
+    lists = (("needs", row["needs"]), ("confounded with", row["confounded_with"]))
+    return [
+        f"{row['name']:<30} {row['title']}",
+        f"    {row['formula']}    ({sizes})",
+        f"    looks like: {row['looks_like']}",
+        f"    inspect: {row['inspect']}",
+        *(f"    {what}: {', '.join(names)}" for what, names in lists if names),
+    ]
+
+
+def names(model: ModelFile) -> str:
+    """The effects of a model in one line."""
+    return ", ".join(model.effects) or "no effect (DH only)"
+
+
+def contents_json(model: ModelFile) -> dict[str, Any]:
+    """Effects in use and their fitted values."""
+    values = {name: {"value": v, "std_err": s} for name, (v, s) in model.values.items()}
+    return {"effects": list(model.effects), "dh": model.dh, "values": values}
+
+
+def contents(model: ModelFile) -> str:
+    """Effects in use, one a line, then their fitted values."""
+    fitted = [
+        f"    {name} = {value:.6g} +- {std_err:.2g}"
+        for name, (value, std_err) in model.values.items()
+        if name.partition(".")[0] in model.effects
+    ]
+    return "\n".join([*(model.effects or ("no effect (DH only)",)), *fitted])

@@ -1,0 +1,81 @@
+"""Proposed corrections and decisions about them as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from kincal.cli.text.layout import grid
+from kincal.results import angle_text, length_text
+from kincal.review import NUMBERS, CoefLine, Entry, Listed, Review
+
+_MILLI = {"rad": "mrad", "m": "mm"}
+
+
+def proposals(out: Console, logs: Sequence[Sequence[Listed]]) -> None:
+    """Proposals of several logs."""
+    columns = ("CRC", "verdict", "poses", "residual before", "after", "p of the fit", "log")
+    rows = grid("", *columns, right=(2, 3, 4, 5))
+    for p in (p for log in logs for p in log):
+        residual = length_text(p.before_pos_m), length_text(p.fit_pos_m)
+        rows.add_row(
+            f"{p.crc:08x}", p.verdict, str(p.n_poses), *residual, f"{p.p_fit:.3f}", escape(str(p.log))
+        )
+    if rows.row_count:
+        out.print(rows)
+    elif logs:
+        out.print("no proposals in these logs")
+
+
+def decisions(out: Console, entries: Sequence[Entry], journal: Path) -> None:
+    """Past decisions of a journal."""
+    if not entries:
+        out.print(f"no decisions in {journal}")
+        return
+    rows = grid(f"\nDecisions in {journal}", "time", "decision", "CRC", "by", "why")
+    for e in entries:
+        rows.add_row(e.time, e.decision, e.crc, escape(e.by), escape(e.why))
+    out.print(rows)
+
+
+def show(out: Console, r: Review, warnings: Sequence[str]) -> None:
+    """A proposal with all its numbers, and what a reviewer should look at."""
+    out.print(
+        f"[bold]correction {r.crc_text}[/]: {r.verdict}; session {r.session}, {r.n_poses} poses, replaces "
+        f"{r.crc_before:08x}"
+    )
+    shown = [c for c in r.coefs if not c.idle]
+    out.print(_coefficients(shown))
+    if len(shown) < len(r.coefs):
+        out.print(f"{len(r.coefs) - len(shown)} masked coefficients at zero not listed")
+    out.print(_numbers(r))
+    for line in warnings:
+        out.print(f"[yellow]look at: {escape(line)}[/]")
+    if not warnings:
+        out.print("nothing stands out")
+    if r.changes_something:
+        out.print(f"to decide: kincal review approve {r.crc_text} --by NAME --why TEXT   (or reject)")
+
+
+def _coefficients(coefs: Sequence[CoefLine]) -> Table:
+    columns = ("coefficient", "value", "sigma", "value/sigma", "unit", "status", "confounded with")
+    rows = grid("\nCoefficients", *columns, right=(1, 2, 3))
+    for c in coefs:
+        k = 1e3 if c.unit in _MILLI else 1.0
+        sigma = (f"± {c.sigma * k:.3f}", f"{c.z:+.1f}") if c.sigma > 0 else ("-", "-")
+        about = (_MILLI.get(c.unit, c.unit), c.status, escape(", ".join(c.confounded)))
+        rows.add_row(escape(c.name), f"{c.value * k:.3f}", *sigma, *about)
+    return rows
+
+
+def _numbers(r: Review) -> Table:
+    rows = grid("\nNumbers", "", "", "what", right=(1,))
+    texts = {"rad": angle_text, "m": length_text}
+    for key, unit, text in NUMBERS:
+        value = r.numbers[key]
+        rows.add_row(key, texts[unit](value) if unit in texts else f"{value:.4g}", text)
+    return rows

@@ -1,0 +1,90 @@
+"""Flight's events in words. The dictionary is the core's own (fsw/exec/kc_events.h)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+from . import event_format
+from .builds import FlightLibrary, library
+from .event_format import Names
+
+_ENUMS = {
+    "state": ("kc_state_t", "KC_ST_"),
+    "command": ("kc_opcode_t", "KC_CMD_"),
+    "acquisition": ("kc_acq_t", "KC_ACQ_"),
+    "status": ("kc_status_t", ""),
+}
+_MOST_INPUT_FIELDS = 400  # 100 x input + field, three inputs
+
+
+def _by_number(flight: FlightLibrary, ctype: str, prefix: str) -> dict[int, str]:
+    return {number: name for name, number in flight.enum(ctype, prefix).items()}
+
+
+def _stores(flight: FlightLibrary) -> dict[int, str]:
+    kinds = _by_number(flight, "kc_tbl_kind_t", "KC_TBL_")
+    return {number: f"{name} table" for number, name in kinds.items()} | {
+        flight.lib.KC_STORE_PROPOSAL: "proposal",
+        flight.lib.KC_STORE_PREV: "previous correction",
+        flight.lib.KC_STORE_JOURNAL: "journal",
+    }
+
+
+def _input_fields(flight: FlightLibrary) -> dict[int, str]:
+    element, names = flight.ffi.new("uint32_t *"), {}
+    for i in range(_MOST_INPUT_FIELDS):
+        if name := flight.text(flight.lib.kc_input_field(i, element)):
+            names[i] = f"{name}, element {element[0]}" if element[0] else name
+    return names
+
+
+@cache
+def event_names() -> Names:
+    """Names of the numbers in events, from the headers; those of coefficients and joint units belong to the
+    tables of an arm and are not among them."""
+    flight = library("flight")
+    lib = flight.lib
+    inputs, sources = (
+        _by_number(flight, *enum) for enum in (("kc_input_t", "KC_INPUT_"), ("kc_source_t", "KC_SRC_"))
+    )
+    return {
+        **{kind: _by_number(flight, *enum) for kind, enum in _ENUMS.items()},
+        "source": {i: name.lower() for i, name in sources.items()},
+        "store": _stores(flight),
+        "input": {i: name.lower().replace("pantilt", "pan-tilt") for i, name in inputs.items()},
+        "input_field": _input_fields(flight),
+        "cause": {i: flight.text(lib.kc_cause_text(i)) for i in range(lib.KC_CAUSE_COUNT)},
+        "entry": {
+            0: "entry",
+            lib.KC_TERMS_INDEX_TERM: "term",
+            lib.KC_SPACE_INDEX_HUB: "hub",
+            lib.KC_SPACE_INDEX_INITIAL: "initial pose",
+            lib.KC_SPACE_INDEX_BODY: "body",
+            lib.KC_SPACE_INDEX_VOLUME: "volume",
+        },
+    }
+
+
+def event_name(event_id: int) -> str:
+    """Name of an event, e.g. "CAL_DONE"."""
+    flight = library("flight")
+    return flight.text(flight.lib.kc_event_name(event_id))
+
+
+def event_text(
+    event_id: int, index: int, got: float, want: float, tables: Mapping[str, Mapping[int, str]] | None = None
+) -> str:
+    """Text of an event with its values as names and with units.
+
+    tables: names that tables give, where they are known: {"coefficient": {0: "J1.phi_rad" ...},
+    "joint_unit": {1: "rad" ...}}.
+    """
+    flight = library("flight")
+    text = flight.text(flight.lib.kc_event_text(event_id))
+    return event_format.event_text(text, index, got, want, {**event_names(), **(tables or {})})
+
+
+def event_line(event_id: int, index: int, got: float, want: float) -> str:
+    """NAME: text of an event with its values filled in."""
+    return f"{event_name(event_id)}: {event_text(event_id, index, got, want)}"

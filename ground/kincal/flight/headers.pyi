@@ -1,0 +1,1520 @@
+"""Made by ground/stubs.py from the public headers; do not edit. Types of the core for mypy."""
+
+from collections.abc import Iterable, Iterator
+from typing import Literal, Protocol, TypeAlias, TypeVar, overload
+
+from cffi import FFI
+
+CData: TypeAlias = FFI.CData
+_T = TypeVar("_T")
+
+class Array(Protocol[_T]):
+    """Array field of a struct."""
+
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[_T]: ...
+    @overload
+    def __getitem__(self, index: int) -> _T: ...
+    @overload
+    def __getitem__(self, index: slice) -> Array[_T]: ...
+    @overload
+    def __setitem__(self, index: int, value: _T) -> None: ...
+    @overload
+    def __setitem__(self, index: slice, value: Iterable[_T]) -> None: ...
+
+class KcAck(Protocol):
+    """kc_ack_t"""
+
+    source: int
+    seq: int
+    opcode: int
+    status: int
+    event_id: int
+
+class KcAcqWork(Protocol):
+    """kc_acq_work_t"""
+
+    M: Array[float]
+    S: Array[float]
+    J: Array[Array[float]]
+    MJ: Array[Array[float]]
+    prior: Array[float]
+    idx: Array[int]
+    n: int
+    eval: KcEval
+
+class KcActive(Protocol):
+    """kc_active_t"""
+
+    crc: Array[int]
+    arm: KcArm
+    camera: KcCamera
+    terms: KcTerms
+    kin: KcKin
+    kin_prev: KcKin
+    kin_prev_crc: int
+    space: KcSpace
+    kernel: KcKernel
+    config: KcConfig
+
+class KcApp(Protocol):
+    """kc_app_t"""
+
+
+class KcArmCmd(Protocol):
+    """kc_arm_cmd_t"""
+
+    seq: int
+    n_joints: int
+    q: Array[float]
+    speed_scale: float
+    hold: int
+
+class KcArmState(Protocol):
+    """kc_arm_state_t"""
+
+    t_us: int
+    seq: int
+    n_joints: int
+    q: Array[float]
+    dq: Array[float]
+    q_cmd: Array[float]
+    dir: Array[float]
+    moving: int
+    fault_mask: int
+    temp_c: float
+    payload_kg: float
+    g_m_s2: Array[float]
+
+class KcArm(Protocol):
+    """kc_arm_t"""
+
+    name: CData | bytes
+    n_joints: int
+    joint: Array[KcJoint]
+    base_xyz_m: Array[float]
+    base_quat_wxyz: Array[float]
+    tool_xyz_m: Array[float]
+    tool_quat_wxyz: Array[float]
+    gravity_m_s2: Array[float]
+
+class KcBasis(Protocol):
+    """kc_basis_t"""
+
+    fn: int
+    var: int
+    index: int
+    c0: float
+    c1: float
+
+class KcBody(Protocol):
+    """kc_body_t"""
+
+    frame: int
+    start_m: Array[float]
+    end_m: Array[float]
+    radius_m: float
+    collision_pairs: int
+
+class KcCamera(Protocol):
+    """kc_camera_t"""
+
+    mast_xyz_m: Array[float]
+    mast_quat_wxyz: Array[float]
+    pantilt_xyz_m: Array[float]
+    pantilt_quat_wxyz: Array[float]
+    pan_min_rad: float
+    pan_max_rad: float
+    tilt_min_rad: float
+    tilt_max_rad: float
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    width_px: int
+    height_px: int
+    n_tags: int
+    tag: Array[KcTag]
+
+class KcCand(Protocol):
+    """kc_cand_t"""
+
+    p_m: Array[float]
+    q_wxyz: Array[float]
+    q_seed: Array[float]
+    pan_rad: float
+    tilt_rad: float
+    tags: int
+    hub: int
+    why: int
+
+class KcCheck(Protocol):
+    """kc_check_t"""
+
+    st: int
+    index: int
+    got: float
+
+class KcChoiceWork(Protocol):
+    """kc_choice_work_t"""
+
+    acq: KcAcqWork
+    cand_q: Array[float]
+
+class KcChunk(Protocol):
+    """kc_chunk_t"""
+
+    kind: int
+    total: int
+    offset: int
+    n: int
+    data: Array[int]
+
+class KcCmd(Protocol):
+    """kc_cmd_t"""
+
+    seq: int
+    source: int
+    opcode: int
+    arg_i: Array[int]
+    arg_u64: int
+    arg_d: Array[float]
+
+class KcCoef(Protocol):
+    """kc_coef_t"""
+
+    name: CData | bytes
+    lb: float
+    ub: float
+    prior_sigma: float
+    scale: float
+    enabled: int
+
+class KcConfig(Protocol):
+    """kc_config_t"""
+
+    acquisition: int
+    n_poses: int
+    replicate_every: int
+    beta_scale: float
+    a1: float
+    sp_floor_m: float
+    sq_floor_rad: float
+    vopt_len_m: float
+    stop_pos_m: float
+    stop_rot_rad: float
+    frames_per_meas: int
+    frame_retries: int
+    settle_us: int
+    frame_timeout_us: int
+    move_timeout_us: int
+    frame_age_max_us: int
+    search_steps: int
+    search_step_rad: float
+    jump_pos_m: float
+    jump_rot_rad: float
+    sigma_pos_max_m: float
+    sigma_rot_max_rad: float
+    sigma_pos_min_m: float
+    sigma_rot_min_rad: float
+    rms_max_px: float
+    servo: KcServoOpt
+    servo_steps_max: int
+    speed_scale: float
+    arrive_tol: float
+    approach_rad: float
+    est: KcEstOpt
+    accept_on_board: int
+    accept_change_max_pos_m: float
+    accept_sigma_max_pos_m: float
+    accept_p_fit_min: float
+    no_change_p: float
+    budget_us: int
+    power_idle_w: float
+    power_move_w: float
+    energy_budget_j: float
+    mismatch_pos_m: float
+    mismatch_rot_rad: float
+
+class KcCtx(Protocol):
+    """kc_ctx_t"""
+
+    q: Array[float]
+    dir: Array[float]
+    qdot: Array[float]
+    g_m_s2: Array[float]
+    temp_c: float
+    t_s: float
+    payload_kg: float
+    range_m: float
+    incid_rad: float
+    u_norm: float
+    v_norm: float
+    pan_rad: float
+    tilt_rad: float
+    tag: float
+    p_cam_tool_m: Array[float]
+
+class KcDetection(Protocol):
+    """kc_detection_t"""
+
+    t_us: int
+    seq: int
+    n_tags: int
+    tag_id: Array[int]
+    p_cam_tool_m: Array[float]
+    q_cam_tool_wxyz: Array[float]
+    cov: Array[float]
+    p_alt_m: Array[float]
+    q_alt_wxyz: Array[float]
+    rms_px: float
+    rms_alt_px: float
+    range_m: float
+    incid_rad: float
+    u_px: float
+    v_px: float
+    corner_px: Array[float]
+
+class KcEstOpt(Protocol):
+    """kc_est_opt_t"""
+
+    free_mask: int
+    iter_max: int
+    tol_step: float
+    rank_tol: float
+    outlier_p: float
+    outlier_max: int
+    use_prior: int
+
+class KcEst(Protocol):
+    """kc_est_t"""
+
+    arm: CData
+    terms: CData
+    opt: KcEstOpt
+    n_obs: int
+    hold_none: int
+    obs: Array[KcObs]
+    start: Array[float]
+    coef: Array[float]
+    sigma: Array[float]
+    status: Array[int]
+    confounded: Array[int]
+    outlier: Array[int]
+    n_outliers: int
+    rank: int
+    n_free: int
+    dof: int
+    iters: int
+    chi2: float
+    cost: float
+    kkt: float
+    cond: float
+    noise_scale: float
+    fit_pos_m: float
+    fit_rot_rad: float
+    before_pos_m: float
+    before_rot_rad: float
+    cov: Array[float]
+    qp: KcQp
+    eval: KcEval
+    weak: int
+    n_idx: int
+    idx: Array[int]
+    perm: Array[int]
+    R: Array[float]
+    blk: Array[float]
+    pivot: Array[float]
+    trial: Array[float]
+
+class KcEval(Protocol):
+    """kc_eval_t"""
+
+    T: KcPose
+    twist: Array[Array[float]]
+    Jq: Array[Array[float]]
+    J: Array[Array[float]]
+
+class KcEvent(Protocol):
+    """kc_event_t"""
+
+    id: int
+    severity: int
+    index: int
+    got: float
+    want: float
+
+class KcEvents(Protocol):
+    """kc_events_t"""
+
+    n: int
+    dropped: int
+    e: Array[KcEvent]
+
+class KcGp(Protocol):
+    """kc_gp_t"""
+
+    kernel: CData
+    hyper: int
+    n: int
+    n_cand: int
+    x: Array[KcPoint]
+    y: Array[float]
+    L: Array[float]
+    z: Array[float]
+    var: Array[float]
+    v: Array[Array[float]]
+
+class KcGuardArm(Protocol):
+    """kc_guard_arm_t"""
+
+    arm: CData
+    space: CData
+    frame: Array[KcPose]
+    along_m: Array[float]
+    across_m: Array[float]
+
+class KcGuardReason(Protocol):
+    """kc_guard_reason_t"""
+
+    index: int
+    got: float
+    want: float
+
+class KcGuardRequest(Protocol):
+    """kc_guard_request_t"""
+
+    arm: CData
+    terms: CData
+    coef: CData
+    space: CData
+    ctx: CData
+    q_from: CData
+    q_to: CData
+    to: int
+    bound: CData
+    margin: float
+    tol: float
+
+class KcHk(Protocol):
+    """kc_hk_t"""
+
+    seq: int
+    state: int
+    session: int
+    n_poses: int
+    n_poses_goal: int
+    candidate: int
+    servo_steps: int
+    n_meas: int
+    n_rejected: int
+    n_cmd_ok: int
+    n_cmd_refused: int
+    n_events: int
+    n_events_dropped: int
+    last_event_id: int
+    n_rx_errors: int
+    crc: Array[int]
+    staged_kind: int
+    staged_bytes: int
+    staged_state: int
+    boot_state: int
+    boot_pose: int
+    boot_count: int
+    proposal_crc: int
+    energy_j: float
+    mon_state: int
+    mon_joint: int
+    mon_suspects: int
+    mon_n_obs: int
+    mon_bias: float
+    mon_sigma: float
+    mon_p: float
+
+class KcHyper(Protocol):
+    """kc_hyper_t"""
+
+    sigma_s: float
+    beta_m: float
+    kappa: float
+    nu: float
+    n_w: int
+    w: Array[float]
+    trunc_err: float
+
+class KcIkOpt(Protocol):
+    """kc_ik_opt_t"""
+
+    iter_max: int
+    tol_pos_m: float
+    tol_rot_rad: float
+    margin: float
+    step_max: float
+
+class KcIn(Protocol):
+    """kc_in_t"""
+
+    n_cmd: int
+    n_chunk: int
+    n_det: int
+    n_rx_errors: int
+    cmd: Array[KcCmd]
+    chunk: Array[KcChunk]
+    det: Array[KcDetection]
+    has_arm: int
+    has_pantilt: int
+    arm: KcArmState
+    pantilt: KcPantiltState
+    has_store_result: int
+    store_kind: int
+    store_status: int
+
+class KcJoint(Protocol):
+    """kc_joint_t"""
+
+    type: int
+    has_mass: int
+    phi_rad: float
+    alpha_rad: float
+    a_m: float
+    d_m: float
+    q_min: float
+    q_max: float
+    speed_max: float
+    mass_kg: float
+    com_m: Array[float]
+    gear_ratio: float
+
+class KcKernel(Protocol):
+    """kc_kernel_t"""
+
+    arg: int
+    n_hyper: int
+    sigma_eps: float
+    choose: int
+    hyper: Array[KcHyper]
+
+class KcKin(Protocol):
+    """kc_kin_t"""
+
+    n_coef: int
+    value: Array[float]
+    sigma: Array[float]
+    arm_crc: int
+    terms_crc: int
+    prev_crc: int
+    session: int
+    n_poses: int
+    made_us: int
+
+class KcLoads(Protocol):
+    """kc_loads_t"""
+
+    tau: Array[float]
+    tau_payload: Array[float]
+    moment: Array[Array[float]]
+
+class KcMeas(Protocol):
+    """kc_meas_t"""
+
+    pose: int
+    candidate: int
+    replicate: int
+    n_joints: int
+    arm: KcArmState
+    obs: KcObs
+    det: KcDetection
+    pan_rad: float
+    tilt_rad: float
+    n_frames: int
+    t_us: int
+    session: int
+    crc: Array[int]
+
+class KcMonObs(Protocol):
+    """kc_mon_obs_t"""
+
+    r: Array[float]
+    W: Array[float]
+    Jq: Array[Array[float]]
+
+class KcMonVerdict(Protocol):
+    """kc_mon_verdict_t"""
+
+    state: int
+    joint: int
+    suspects: int
+    n_obs: int
+    bias: float
+    sigma: float
+    stat: float
+    p: float
+    rest: float
+    p_rest: float
+    off_m: float
+    off_rad: float
+
+class KcMonitor(Protocol):
+    """kc_monitor_t"""
+
+    n_joints: int
+    prismatic: int
+    floor2: Array[float]
+    n: int
+    next: int
+    obs: Array[KcMonObs]
+
+class KcObs(Protocol):
+    """kc_obs_t"""
+
+    ctx: KcCtx
+    p_m: Array[float]
+    q_wxyz: Array[float]
+    cov: Array[float]
+    p_cam_m: Array[float]
+    q_cam_wxyz: Array[float]
+    has_rot: int
+    has_cam: int
+
+class KcOut(Protocol):
+    """kc_out_t"""
+
+    n_ack: int
+    n_event: int
+    n_store: int
+    ack: Array[KcAck]
+    events: KcEvents
+    store: Array[KcStore]
+    has_arm_cmd: int
+    has_pantilt_cmd: int
+    has_frame_request: int
+    has_hk: int
+    has_meas: int
+    has_progress: int
+    has_proposal: int
+    has_dump: int
+    arm_cmd: KcArmCmd
+    pantilt_cmd: KcPantiltCmd
+    frame_seq: int
+    hk: KcHk
+    meas: KcMeas
+    progress: KcProgress
+    proposal: KcProposal
+    dump: KcChunk
+
+class KcPantiltCmd(Protocol):
+    """kc_pantilt_cmd_t"""
+
+    seq: int
+    pan_rad: float
+    tilt_rad: float
+
+class KcPantiltState(Protocol):
+    """kc_pantilt_state_t"""
+
+    t_us: int
+    seq: int
+    pan_rad: float
+    tilt_rad: float
+    moving: int
+
+class KcPoint(Protocol):
+    """kc_point_t"""
+
+    q_wxyz: Array[float]
+    p_m: Array[float]
+
+class KcPose(Protocol):
+    """kc_pose_t"""
+
+    p_m: Array[float]
+    R: Array[float]
+
+class KcProgress(Protocol):
+    """kc_progress_t"""
+
+    session: int
+    pose: int
+    n_goal: int
+    candidate: int
+    replicate: int
+    servo_steps: int
+    acquisition: int
+    acquisition_value: float
+    res_pos_m: float
+    res_rot_rad: float
+    f: float
+    gp_mean: float
+    gp_sigma: float
+    pred_pos_m: float
+    pred_rot_rad: float
+    rank: int
+    n_free: int
+    dof: int
+    chi2: float
+    est_status: int
+    fit_pos_m: float
+    fit_rot_rad: float
+    energy_j: float
+    coef: Array[float]
+
+class KcProposal(Protocol):
+    """kc_proposal_t"""
+
+    session: int
+    crc: int
+    verdict: int
+    n_poses: int
+    n_outliers: int
+    kin: KcKin
+    status: Array[int]
+    confounded: Array[int]
+    cov: Array[float]
+    rank: int
+    n_free: int
+    dof: int
+    chi2: float
+    noise_scale: float
+    p_fit: float
+    p_no_change: float
+    kkt: float
+    cond: float
+    fit_pos_m: float
+    fit_rot_rad: float
+    before_pos_m: float
+    before_rot_rad: float
+    pred_pos_m: float
+    pred_rot_rad: float
+    crc_kin_before: int
+
+class KcQp(Protocol):
+    """kc_qp_t"""
+
+    n: int
+    H: Array[float]
+    g: Array[float]
+    lb: Array[float]
+    ub: Array[float]
+    x: Array[float]
+    active: Array[int]
+    kkt: float
+    iters: int
+    L: Array[float]
+    d: Array[float]
+    grad: Array[float]
+    idx: Array[int]
+
+class KcServoMem(Protocol):
+    """kc_servo_mem_t"""
+
+    has_last: int
+    q: Array[float]
+    measured: KcPose
+    B: Array[Array[float]]
+
+class KcServoOpt(Protocol):
+    """kc_servo_opt_t"""
+
+    gain: float
+    damping: float
+    step_max: float
+    bound: float
+    tol_pos_m: float
+    tol_rot_rad: float
+    margin: float
+
+class KcSpace(Protocol):
+    """kc_space_t"""
+
+    n_cand: int
+    n_hub: int
+    n_joints: int
+    n_initial: int
+    initial: Array[int]
+    hub_q: Array[Array[float]]
+    hub_edge: Array[int]
+    servo_bound: Array[float]
+    arm_crc: int
+    cand: Array[KcCand]
+    edge: Array[int]
+    n_body: int
+    n_volume: int
+    body: Array[KcBody]
+    volume: Array[KcVolume]
+
+class KcStaging(Protocol):
+    """kc_staging_t"""
+
+    state: int
+    kind: int
+    n: int
+    total: int
+    image: Array[int]
+    choice: KcChoiceWork
+
+class KcStore(Protocol):
+    """kc_store_t"""
+
+    kind: int
+    n: int
+    data: CData
+
+class KcTables(Protocol):
+    """kc_tables_t"""
+
+    active: KcActive
+    staging: KcStaging
+    scratch: CData
+
+class KcTag(Protocol):
+    """kc_tag_t"""
+
+    id: int
+    size_m: float
+    xyz_m: Array[float]
+    quat_wxyz: Array[float]
+
+class KcTblScratch(Protocol):
+    """kc_tbl_scratch_t"""
+
+    arm: KcArm
+    camera: KcCamera
+    terms: KcTerms
+    kin: KcKin
+    space: KcSpace
+    kernel: KcKernel
+    config: KcConfig
+
+class KcTerm(Protocol):
+    """kc_term_t"""
+
+    coef: int
+    frame: int
+    comp: int
+    gain: float
+    basis: Array[KcBasis]
+
+class KcTerms(Protocol):
+    """kc_terms_t"""
+
+    n_coef: int
+    n_term: int
+    coef: Array[KcCoef]
+    term: Array[KcTerm]
+
+class KcVolume(Protocol):
+    """kc_volume_t"""
+
+    kind: int
+    p_m: Array[float]
+    size_m: Array[float]
+    radius_m: float
+    excluded: int
+
+class KcWalk(Protocol):
+    """kc_walk_t"""
+
+    mode: int
+    want_crc: int
+    lost: int
+    overrun: int
+    pos: int
+    crc: int
+    in_n: int
+    out: CData
+    cap: int
+    index: int
+    n_bad: int
+    bad_id: int
+    bad_index: int
+    bad_field: int
+    bad_got: float
+
+class FlightCore(Protocol):
+    KC_BODY_MAX: int
+    KC_CAND_LOCAL: int
+    KC_CAND_MAX: int
+    KC_CAND_RESERVE: int
+    KC_CHUNK_BYTES: int
+    KC_CHUNK_QUEUE_MAX: int
+    KC_CMD_QUEUE_MAX: int
+    KC_COEF_MAX: int
+    KC_DET_QUEUE_MAX: int
+    KC_EST_PASSES: int
+    KC_EVENTS_MAX: int
+    KC_FRAME_CAMERA: int
+    KC_FRAME_COUNT: int
+    KC_FRAME_MEAS: int
+    KC_FRAME_TOOL: int
+    KC_GUARD_STEPS_MAX: int
+    KC_HUB_MAX: int
+    KC_HYPER_MAX: int
+    KC_IMAGE_MAX: int
+    KC_INITIAL_MAX: int
+    KC_JOINT_MAX: int
+    KC_JOURNAL_BYTES: int
+    KC_KIN_IMAGE_MAX: int
+    KC_MEAS_MAX: int
+    KC_MON_OBS_MAX: int
+    KC_MON_OBS_MIN: int
+    KC_MON_OBS_OFF: int
+    KC_NAME_LEN: int
+    KC_NODE_NONE: int
+    KC_PATH_MAX: int
+    KC_QP_ITER_PER_VAR: int
+    KC_SOURCE_MAX: int
+    KC_SPACE_INDEX_BODY: int
+    KC_SPACE_INDEX_HUB: int
+    KC_SPACE_INDEX_INITIAL: int
+    KC_SPACE_INDEX_VOLUME: int
+    KC_SPECTRUM_MAX: int
+    KC_STORE_JOURNAL: int
+    KC_STORE_PREV: int
+    KC_STORE_PROPOSAL: int
+    KC_STORE_QUEUE_MAX: int
+    KC_TAG_MAX: int
+    KC_TBL_HDR_BYTES: int
+    KC_TBL_VERSION: int
+    KC_TERMS_INDEX_TERM: int
+    KC_TERM_MAX: int
+    KC_VOLUME_MAX: int
+    KC_ERR_PATH: int
+    KC_ERR_REACH: int
+    KC_ERR_RANK: int
+    KC_ERR_STALE: int
+    KC_ERR_STATE: int
+    KC_ERR_RANGE: int
+    KC_ERR_FORMAT: int
+    KC_ERR_CRC: int
+    KC_ERR_ITER: int
+    KC_ERR_NUM: int
+    KC_ERR_FULL: int
+    KC_ERR_ARG: int
+    KC_OK: int
+    KC_QP_AT_UPPER: int
+    KC_QP_AT_LOWER: int
+    KC_QP_FREE: int
+    KC_PRISMATIC: int
+    KC_REVOLUTE: int
+    KC_RZ: int
+    KC_RY: int
+    KC_RX: int
+    KC_TZ: int
+    KC_TY: int
+    KC_TX: int
+    KC_VAR_COUNT: int
+    KC_VAR_TAG: int
+    KC_VAR_ZCAM: int
+    KC_VAR_YCAM: int
+    KC_VAR_XCAM: int
+    KC_VAR_TAU_PAYLOAD: int
+    KC_VAR_QDOT: int
+    KC_VAR_TILT: int
+    KC_VAR_PAN: int
+    KC_VAR_R2: int
+    KC_VAR_V: int
+    KC_VAR_U: int
+    KC_VAR_INCID: int
+    KC_VAR_RANGE: int
+    KC_VAR_PAYLOAD: int
+    KC_VAR_T: int
+    KC_VAR_TEMP: int
+    KC_VAR_DIR: int
+    KC_VAR_MZ: int
+    KC_VAR_MY: int
+    KC_VAR_MX: int
+    KC_VAR_TAU: int
+    KC_VAR_Q: int
+    KC_VAR_ONE: int
+    KC_FN_COUNT: int
+    KC_FN_ABS: int
+    KC_FN_TAN2: int
+    KC_FN_SQ: int
+    KC_FN_STEP: int
+    KC_FN_EXPN: int
+    KC_FN_LN1P: int
+    KC_FN_TANH: int
+    KC_FN_COS: int
+    KC_FN_SIN: int
+    KC_FN_LIN: int
+    KC_COEF_AT_UPPER: int
+    KC_COEF_AT_LOWER: int
+    KC_COEF_HELD: int
+    KC_COEF_MASKED: int
+    KC_COEF_ESTIMATED: int
+    KC_MON_UNEXPLAINED: int
+    KC_MON_NAMED: int
+    KC_MON_QUIET: int
+    KC_KERNEL_PAPER: int
+    KC_KERNEL_SO3: int
+    KC_ACQ_VOPT: int
+    KC_ACQ_DOPT: int
+    KC_ACQ_RANDOM: int
+    KC_ACQ_UCB: int
+    KC_VOL_SPHERE: int
+    KC_VOL_CAPSULE: int
+    KC_VOL_BOX: int
+    KC_VOL_BELOW: int
+    KC_GUARD_SELF: int
+    KC_GUARD_VOLUME: int
+    KC_GUARD_PATH: int
+    KC_GUARD_LIMIT: int
+    KC_GUARD_OK: int
+    KC_SERVO_STUCK: int
+    KC_SERVO_THERE: int
+    KC_SERVO_MOVE: int
+    KC_SEV_ERROR: int
+    KC_SEV_WARN: int
+    KC_SEV_INFO: int
+    KC_SEV_DEBUG: int
+    KC_EVT_NONE: int
+    KC_EVT_MON_NOT_AT_REST: int
+    KC_EVT_MON_UNEXPLAINED: int
+    KC_EVT_MON_SUSPECT: int
+    KC_EVT_GRD_SELF: int
+    KC_EVT_GRD_VOLUME: int
+    KC_EVT_GRD_PATH: int
+    KC_EVT_STORE_FAIL: int
+    KC_EVT_GRD_LIMIT: int
+    KC_EVT_COR_EXPIRED: int
+    KC_EVT_COR_NO_PREVIOUS: int
+    KC_EVT_COR_ON_BOARD: int
+    KC_EVT_COR_ROLLBACK: int
+    KC_EVT_COR_REJECTED: int
+    KC_EVT_COR_ACTIVE: int
+    KC_EVT_COR_ARMED: int
+    KC_EVT_COR_NO_CHANGE: int
+    KC_EVT_COR_PROPOSED: int
+    KC_EVT_CAL_TAGS_NOT_DETECTED: int
+    KC_EVT_CAL_MODEL_MISMATCH: int
+    KC_EVT_CAL_ENERGY: int
+    KC_EVT_CAL_POOR: int
+    KC_EVT_CAL_ABORTED: int
+    KC_EVT_CAL_CONVERGED: int
+    KC_EVT_CAL_BUDGET: int
+    KC_EVT_CAL_EST: int
+    KC_EVT_CAL_HELD: int
+    KC_EVT_CAL_RANK: int
+    KC_EVT_CAL_OUTLIER: int
+    KC_EVT_CAL_NO_PATH: int
+    KC_EVT_CAL_NO_CANDIDATE: int
+    KC_EVT_CAL_CAND_SKIPPED: int
+    KC_EVT_CAL_SERVO_LIMIT: int
+    KC_EVT_CAL_TAGS_LOST: int
+    KC_EVT_CAL_FRAME_TIMEOUT: int
+    KC_EVT_CAL_MOVE_TIMEOUT: int
+    KC_EVT_CAL_POSE: int
+    KC_EVT_CAL_START: int
+    KC_EVT_IN_SILENT: int
+    KC_EVT_ARM_FAULT: int
+    KC_EVT_DET_UNREQUESTED: int
+    KC_EVT_DET_NONE: int
+    KC_EVT_DET_UNCERTAIN: int
+    KC_EVT_DET_JUMP: int
+    KC_EVT_DET_UNKNOWN_TAG: int
+    KC_EVT_DET_OLD: int
+    KC_EVT_IN_COUNT: int
+    KC_EVT_IN_NOT_UNIT: int
+    KC_EVT_IN_STALE: int
+    KC_EVT_IN_RANGE: int
+    KC_EVT_TBL_DROPPED: int
+    KC_EVT_TBL_NOT_UNIT: int
+    KC_EVT_TBL_NOT_FINITE: int
+    KC_EVT_TBL_BUSY: int
+    KC_EVT_TBL_DISCARDED: int
+    KC_EVT_TBL_MISSING: int
+    KC_EVT_TBL_DEPENDS: int
+    KC_EVT_TBL_NOT_READY: int
+    KC_EVT_TBL_ACTIVATED: int
+    KC_EVT_TBL_CHUNK: int
+    KC_EVT_TBL_BAD_TOTAL: int
+    KC_EVT_TBL_RANGE: int
+    KC_EVT_TBL_CRC: int
+    KC_EVT_TBL_FORMAT: int
+    KC_EVT_TBL_STAGED: int
+    KC_EVT_CMD_SOURCE: int
+    KC_EVT_CMD_CRC: int
+    KC_EVT_CMD_ARG: int
+    KC_EVT_CMD_STATE: int
+    KC_EVT_CMD_STALE: int
+    KC_EVT_CMD_UNKNOWN: int
+    KC_EVT_CMD_ACCEPTED: int
+    KC_EVT_BOOT_REVIEW: int
+    KC_EVT_BOOT_SLOT_BAD: int
+    KC_EVT_BOOT_INTERRUPTED: int
+    KC_EVT_BOOT: int
+    KC_CAUSE_COUNT: int
+    KC_CAUSE_TAGS_NOT_DETECTED: int
+    KC_CAUSE_MODEL_MISMATCH: int
+    KC_CAUSE_SILENT: int
+    KC_CAUSE_BUDGET: int
+    KC_CAUSE_NO_PATH: int
+    KC_CAUSE_NO_CANDIDATE: int
+    KC_CAUSE_CAMERA: int
+    KC_CAUSE_PANTILT_LATE: int
+    KC_CAUSE_ARM_LATE: int
+    KC_CAUSE_ARM_FAULT: int
+    KC_CAUSE_COMMAND: int
+    KC_WALK_CHECK: int
+    KC_WALK_READ: int
+    KC_WALK_WRITE: int
+    KC_WALK_SIZE: int
+    KC_TBL_COUNT: int
+    KC_TBL_CONFIG: int
+    KC_TBL_KERNEL: int
+    KC_TBL_SPACE: int
+    KC_TBL_KIN: int
+    KC_TBL_TERMS: int
+    KC_TBL_CAMERA: int
+    KC_TBL_ARM: int
+    KC_STAGE_VALID: int
+    KC_STAGE_COMPLETE: int
+    KC_STAGE_LOADING: int
+    KC_STAGE_NONE: int
+    KC_ST_SAFE: int
+    KC_ST_ARMED: int
+    KC_ST_REVIEW: int
+    KC_ST_UPDATE: int
+    KC_ST_MEASURE: int
+    KC_ST_SEARCH: int
+    KC_ST_SERVO: int
+    KC_ST_OBSERVE: int
+    KC_ST_SETTLE: int
+    KC_ST_AIM: int
+    KC_ST_MOVE: int
+    KC_ST_IDLE: int
+    KC_CMD_TABLE_DUMP: int
+    KC_CMD_TABLE_DISCARD: int
+    KC_CMD_TABLE_ACTIVATE: int
+    KC_CMD_TABLE_VALIDATE: int
+    KC_CMD_ROLLBACK: int
+    KC_CMD_REJECT: int
+    KC_CMD_APPROVE_GO: int
+    KC_CMD_APPROVE_ARM: int
+    KC_CMD_ABORT: int
+    KC_CMD_START: int
+    KC_CMD_NOOP: int
+    KC_SRC_GROUND: int
+    KC_SRC_EXECUTIVE: int
+    KC_INPUT_DETECTION: int
+    KC_INPUT_PANTILT: int
+    KC_INPUT_ARM: int
+    KC_INPUT_TIME: int
+    KC_VERDICT_POOR: int
+    KC_VERDICT_CHANGE: int
+    KC_VERDICT_NO_CHANGE: int
+    def kc_status_name(self, _0: int, /) -> CData: ...
+    def kc_check_start(self, /) -> KcCheck: ...
+    def kc_check(self, _0: KcCheck | CData, _1: int, _2: int, _3: float, /) -> None: ...
+    def kc_check_finite(self, _0: KcCheck | CData, _1: CData, _2: int, _3: int, /) -> None: ...
+    def kc_check_positive(self, _0: KcCheck | CData, _1: float, _2: int, /) -> None: ...
+    def kc_check_not_negative(self, _0: KcCheck | CData, _1: float, _2: int, /) -> None: ...
+    def kc_check_frame(self, _0: KcCheck | CData, _1: CData, _2: CData, _3: int, /) -> None: ...
+    def kc_check_end(self, _0: KcCheck | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_name_ok(self, _0: CData | bytes, /) -> int: ...
+    def kc_crc32(self, _0: int, _1: object, _2: int, /) -> int: ...
+    def kc_qp_solve(self, _0: KcQp | CData, /) -> int: ...
+    def kc_rng_next(self, _0: CData, /) -> int: ...
+    def kc_rng_uniform(self, _0: CData, /) -> float: ...
+    def kc_rng_below(self, _0: CData, _1: int, /) -> int: ...
+    def kc_pose_identity(self, _0: KcPose | CData, /) -> None: ...
+    def kc_pose_mul(self, _0: KcPose | CData, _1: KcPose | CData, _2: KcPose | CData, /) -> None: ...
+    def kc_pose_inv(self, _0: KcPose | CData, _1: KcPose | CData, /) -> None: ...
+    def kc_pose_screw(self, _0: KcPose | CData, _1: int, _2: float, _3: float, /) -> None: ...
+    def kc_pose_from_quat(self, _0: CData, _1: CData, _2: KcPose | CData, /) -> None: ...
+    def kc_quat_dist_rad(self, _0: CData, _1: CData, /) -> float: ...
+    def kc_quat_mul(self, _0: CData, _1: CData, _2: CData, /) -> None: ...
+    def kc_quat_normalize(self, _0: CData, /) -> int: ...
+    def kc_quat_to_R(self, _0: CData, _1: CData, /) -> None: ...
+    def kc_R_to_quat(self, _0: CData, _1: CData, /) -> None: ...
+    def kc_R_log(self, _0: CData, _1: CData, /) -> None: ...
+    def kc_R_exp(self, _0: CData, _1: CData, /) -> None: ...
+    def kc_pose_residual(self, _0: KcPose | CData, _1: KcPose | CData, _2: CData, /) -> None: ...
+    def kc_la_chol(self, _0: CData, _1: int, _2: int, /) -> int: ...
+    def kc_la_solve_lower(self, _0: CData, _1: int, _2: int, _3: CData, /) -> None: ...
+    def kc_la_solve_lower_t(self, _0: CData, _1: int, _2: int, _3: CData, /) -> None: ...
+    def kc_la_chol_solve(self, _0: CData, _1: int, _2: int, _3: CData, /) -> None: ...
+    def kc_la_chol_inverse(self, _0: CData, _1: int, _2: int, _3: CData, _4: int, /) -> None: ...
+    def kc_la_packed_append(self, _0: CData, _1: int, _2: CData, _3: float, /) -> int: ...
+    def kc_la_packed_solve(self, _0: CData, _1: int, _2: CData, /) -> None: ...
+    def kc_la_packed_solve_t(self, _0: CData, _1: int, _2: CData, /) -> None: ...
+    def kc_la_fold(self, _0: CData, _1: int, _2: int, _3: CData, _4: int, _5: int, /) -> float: ...
+    def kc_la_solve_upper(self, _0: CData, _1: int, _2: int, _3: CData, /) -> None: ...
+    def kc_la_solve_upper_t(self, _0: CData, _1: int, _2: int, _3: CData, /) -> None: ...
+    def kc_la_upper_gram(self, _0: CData, _1: int, _2: int, _3: CData, _4: int, /) -> None: ...
+    def kc_la_upper_t_mul(self, _0: CData, _1: int, _2: int, _3: CData, _4: CData, /) -> None: ...
+    def kc_la_upper_cov(self, _0: CData, _1: int, _2: int, _3: CData, _4: int, /) -> int: ...
+    def kc_la_rank(self, _0: CData, _1: int, _2: int, _3: CData, _4: float, _5: CData, _6: CData, _7: CData, /) -> None: ...
+    def kc_la_whiten(self, _0: CData, _1: int, _2: CData, /) -> int: ...
+    def kc_la_whiten_apply(self, _0: CData, _1: int, _2: CData, _3: CData, /) -> None: ...
+    def kc_la_rank_update(self, _0: CData, _1: int, _2: int, _3: CData, _4: int, _5: int, _6: float, /) -> None: ...
+    def kc_la_congruence(self, _0: CData, _1: int, _2: int, _3: CData, _4: int, _5: int, _6: CData, /) -> None: ...
+    def kc_la_mul(self, _0: CData, _1: int, _2: int, _3: CData, _4: int, _5: int, _6: CData, /) -> None: ...
+    def kc_arm_fk(self, _0: KcArm | CData, _1: CData, _2: KcPose | CData, /) -> None: ...
+    def kc_arm_link(self, _0: KcJoint | CData, _1: float, _2: KcPose | CData, /) -> None: ...
+    def kc_arm_validate(self, _0: KcArm | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_camera_pose(self, _0: KcCamera | CData, _1: float, _2: float, _3: KcPose | CData, /) -> None: ...
+    def kc_camera_aim(self, _0: KcCamera | CData, _1: CData, _2: CData, _3: CData, /) -> int: ...
+    def kc_camera_project(self, _0: KcCamera | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_camera_visible(self, _0: KcCamera | CData, _1: KcPose | CData, _2: float, /) -> int: ...
+    def kc_camera_validate(self, _0: KcCamera | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_basis_eval(self, _0: KcBasis | CData, _1: KcCtx | CData, _2: KcLoads | CData, /) -> float: ...
+    def kc_basis_needs_loads(self, _0: KcBasis | CData, /) -> int: ...
+    def kc_terms_validate(self, _0: KcTerms | CData, _1: int, _2: CData, _3: CData, /) -> int: ...
+    def kc_terms_add_dh(self, _0: KcTerms | CData, _1: int, _2: CData, /) -> int: ...
+    def kc_model_loads(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcCtx | CData, _4: KcLoads | CData, /) -> None: ...
+    def kc_model_eval(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcCtx | CData, _4: KcLoads | CData, _5: int, _6: KcEval | CData, /) -> None: ...
+    def kc_model_frames(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcCtx | CData, _4: KcLoads | CData, _5: KcPose | CData, _6: CData, _7: CData, /) -> None: ...
+    def kc_model_residual(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcObs | CData, _4: KcLoads | CData, _5: CData, _6: KcEval | CData, /) -> int: ...
+    def kc_est_add(self, _0: KcEst | CData, _1: KcObs | CData, /) -> int: ...
+    def kc_est_solve(self, _0: KcEst | CData, /) -> int: ...
+    def kc_est_pose_cov(self, _0: KcEst | CData, _1: KcCtx | CData, _2: KcEval | CData, _3: CData, /) -> None: ...
+    def kc_chi2_sf(self, _0: float, _1: int, /) -> float: ...
+    def kc_monitor_init(self, _0: KcMonitor | CData, _1: KcArm | CData, _2: float, _3: float, /) -> None: ...
+    def kc_monitor_add(self, _0: KcMonitor | CData, _1: KcArm | CData, _2: KcTerms | CData, _3: CData, _4: KcObs | CData, _5: KcEval | CData, /) -> int: ...
+    def kc_monitor_evaluate(self, _0: KcMonitor | CData, _1: KcMonVerdict | CData, /) -> None: ...
+    def kc_kernel_rot(self, _0: KcKernel | CData, _1: int, _2: CData, _3: CData, /) -> float: ...
+    def kc_kernel_eval(self, _0: KcKernel | CData, _1: int, _2: KcPoint | CData, _3: KcPoint | CData, /) -> float: ...
+    def kc_kernel_validate(self, _0: KcKernel | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_gp_init(self, _0: KcGp | CData, _1: KcKernel | CData, _2: int, _3: KcPoint | CData, _4: int, /) -> int: ...
+    def kc_gp_add(self, _0: KcGp | CData, _1: KcPoint | CData, _2: float, _3: KcPoint | CData, /) -> int: ...
+    def kc_gp_set_y(self, _0: KcGp | CData, _1: CData, /) -> None: ...
+    def kc_gp_cand_mean(self, _0: KcGp | CData, _1: int, /) -> float: ...
+    def kc_gp_predict(self, _0: KcGp | CData, _1: KcPoint | CData, _2: CData, _3: CData, /) -> None: ...
+    def kc_gp_log_marginal(self, _0: KcGp | CData, /) -> float: ...
+    def kc_gp_choose(self, _0: KcGp | CData, _1: KcPoint | CData, /) -> int: ...
+    def kc_acq_beta(self, _0: int, _1: int, _2: float, /) -> float: ...
+    def kc_acq_objective(self, _0: CData, _1: CData, _2: int, _3: float, _4: float, _5: float, _6: CData, /) -> None: ...
+    def kc_acq_ucb(self, _0: KcGp | CData, _1: CData | bytes, _2: float, _3: CData, _4: CData, /) -> int: ...
+    def kc_acq_random(self, _0: CData | bytes, _1: int, _2: CData, _3: CData, /) -> int: ...
+    def kc_acq_info(self, _0: int, _1: KcEst | CData, _2: CData, _3: int, _4: CData | bytes, _5: CData, _6: float, _7: KcAcqWork | CData, _8: CData, _9: CData, /) -> int: ...
+    def kc_dls_cost(self, _0: CData, /) -> float: ...
+    def kc_dls_step(self, _0: CData, _1: int, _2: CData, _3: float, _4: CData, _5: CData, _6: CData, /) -> int: ...
+    def kc_dls_predicted(self, _0: CData, _1: int, _2: CData, _3: CData, /) -> float: ...
+    def kc_dls_limit(self, _0: CData, _1: int, _2: float, /) -> None: ...
+    def kc_dls_eval(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: CData, _4: KcEval | CData, /) -> None: ...
+    def kc_dls_box(self, _0: KcJoint | CData, _1: float, _2: float, _3: CData, _4: CData, /) -> None: ...
+    def kc_space_edge(self, _0: KcSpace | CData, _1: int, _2: int, /) -> int: ...
+    def kc_path_is_node(self, _0: KcSpace | CData, _1: int, /) -> int: ...
+    def kc_path_plan(self, _0: KcSpace | CData, _1: int, _2: int, _3: CData, _4: CData, /) -> int: ...
+    def kc_space_local(self, _0: KcSpace | CData, _1: int, /) -> int: ...
+    def kc_space_reserve(self, _0: KcSpace | CData, _1: int, /) -> int: ...
+    def kc_space_n_local(self, _0: KcSpace | CData, /) -> int: ...
+    def kc_path_bound(self, _0: KcSpace | CData, _1: int, _2: float, /) -> float: ...
+    def kc_path_joints(self, _0: KcSpace | CData, _1: int, _2: CData, /) -> None: ...
+    def kc_path_nearest(self, _0: KcSpace | CData, _1: CData, _2: CData, _3: CData, /) -> int: ...
+    def kc_path_on_segment(self, _0: KcSpace | CData, _1: CData, _2: float, /) -> int: ...
+    def kc_path_on(self, _0: KcSpace | CData, _1: int, _2: int, _3: CData, _4: float, /) -> int: ...
+    def kc_path_leads_to(self, _0: KcSpace | CData, _1: int, _2: CData, _3: float, /) -> int: ...
+    def kc_space_validate(self, _0: KcSpace | CData, _1: KcArm | CData, _2: CData, _3: CData, /) -> int: ...
+    def kc_guard_clearance(self, _0: KcGuardArm | CData, _1: CData, _2: CData, /) -> float: ...
+    def kc_guard_self_clearance(self, _0: KcGuardArm | CData, _1: CData, _2: CData, /) -> float: ...
+    def kc_guard_check(self, _0: KcGuardRequest | CData, _1: KcGuardReason | CData, /) -> int: ...
+    def kc_ik_solve(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcPose | CData, _4: KcIkOpt | CData, _5: CData, _6: KcEval | CData, /) -> int: ...
+    def kc_servo_forget(self, _0: KcServoMem | CData, /) -> None: ...
+    def kc_servo_step(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcPose | CData, _4: KcPose | CData, _5: CData, _6: CData, _7: CData, _8: KcServoOpt | CData, _9: CData, _10: KcEval | CData, _11: KcServoMem | CData, /) -> int: ...
+    def kc_event(self, _0: KcEvents | CData, _1: int, _2: int, _3: float, _4: float, /) -> None: ...
+    def kc_event_name(self, _0: int, /) -> CData: ...
+    def kc_event_text(self, _0: int, /) -> CData: ...
+    def kc_event_action(self, _0: int, /) -> CData: ...
+    def kc_event_severity(self, _0: int, /) -> int: ...
+    def kc_cause_text(self, _0: int, /) -> CData: ...
+    def kc_walk_u8(self, _0: KcWalk | CData, _1: int, _2: CData | bytes, _3: int, _4: int, /) -> None: ...
+    def kc_walk_u16(self, _0: KcWalk | CData, _1: int, _2: CData, _3: int, _4: int, /) -> None: ...
+    def kc_walk_u32(self, _0: KcWalk | CData, _1: int, _2: CData, _3: int, _4: int, /) -> None: ...
+    def kc_walk_i32(self, _0: KcWalk | CData, _1: int, _2: CData, _3: int, _4: int, /) -> None: ...
+    def kc_walk_u64(self, _0: KcWalk | CData, _1: int, _2: CData, _3: int, _4: int, /) -> None: ...
+    def kc_walk_f32(self, _0: KcWalk | CData, _1: int, _2: CData, _3: float, _4: float, /) -> None: ...
+    def kc_walk_f64(self, _0: KcWalk | CData, _1: int, _2: CData, _3: float, _4: float, /) -> None: ...
+    def kc_walk_vec(self, _0: KcWalk | CData, _1: int, _2: CData, _3: int, _4: float, _5: float, /) -> None: ...
+    def kc_walk_quat(self, _0: KcWalk | CData, _1: int, _2: CData, /) -> None: ...
+    def kc_walk_quatf(self, _0: KcWalk | CData, _1: int, _2: CData, /) -> None: ...
+    def kc_walk_name(self, _0: KcWalk | CData, _1: int, _2: CData | bytes, /) -> None: ...
+    def kc_walk_raw(self, _0: KcWalk | CData, _1: CData | bytes, _2: int, /) -> None: ...
+    def kc_walk_count(self, _0: KcWalk | CData, _1: int, _2: CData, _3: int, _4: int, /) -> int: ...
+    def kc_walk_rule(self, _0: KcWalk | CData, _1: int, _2: int, _3: float, /) -> None: ...
+    def kc_config_walk(self, _0: KcWalk | CData, _1: KcConfig | CData, /) -> None: ...
+    def kc_config_validate(self, _0: KcConfig | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_tbl_encode(self, _0: int, _1: object, _2: int, _3: CData | bytes, _4: int, _5: CData, /) -> int: ...
+    def kc_tbl_decode(self, _0: int, _1: CData | bytes, _2: int, _3: object, _4: KcEvents | CData, /) -> int: ...
+    def kc_tbl_image_crc(self, _0: CData | bytes, _1: int, /) -> int: ...
+    def kc_tbl_chunk(self, _0: KcTables | CData, _1: int, _2: int, _3: int, _4: CData | bytes, _5: int, _6: KcEvents | CData, /) -> int: ...
+    def kc_tbl_validate(self, _0: KcTables | CData, _1: int, _2: int, _3: KcEvents | CData, /) -> int: ...
+    def kc_tbl_activate(self, _0: KcTables | CData, _1: int, _2: int, _3: KcEvents | CData, /) -> int: ...
+    def kc_tbl_discard(self, _0: KcTables | CData, _1: KcEvents | CData, /) -> None: ...
+    def kc_tbl_load(self, _0: KcTables | CData, _1: int, _2: CData | bytes, _3: int, _4: KcEvents | CData, /) -> int: ...
+    def kc_tbl_load_prev(self, _0: KcTables | CData, _1: CData | bytes, _2: int, _3: KcEvents | CData, /) -> int: ...
+    def kc_tbl_kin_fits(self, _0: KcTables | CData, _1: KcKin | CData, _2: KcEvents | CData, /) -> int: ...
+    def kc_tbl_set_kin(self, _0: KcTables | CData, _1: KcKin | CData, _2: KcEvents | CData, /) -> int: ...
+    def kc_tbl_rollback(self, _0: KcTables | CData, _1: KcEvents | CData, /) -> int: ...
+    def kc_tbl_active_ptr(self, _0: KcActive | CData, _1: int, /) -> CData: ...
+    def kc_input_field(self, _0: int, _1: CData, /) -> CData: ...
+    def kc_app_init(self, _0: KcApp | CData, /) -> None: ...
+    def kc_app_load(self, _0: KcApp | CData, _1: int, _2: CData | bytes, _3: int, /) -> int: ...
+    def kc_app_boot(self, _0: KcApp | CData, /) -> None: ...
+    def kc_app_step(self, _0: KcApp | CData, _1: int, _2: KcIn | CData, _3: KcOut | CData, /) -> None: ...
+    def kc_app_active(self, _0: KcApp | CData, /) -> CData: ...
+    def kc_app_state(self, _0: KcApp | CData, /) -> int: ...
+    def kc_layout_walk(self, _0: KcWalk | CData, _1: int, _2: object, /) -> None: ...
+    def kc_layout_struct_bytes(self, _0: int, /) -> int: ...
+
+class GroundCore(Protocol):
+    KC_BODY_MAX: int
+    KC_CAND_MAX: int
+    KC_CHUNK_BYTES: int
+    KC_CHUNK_QUEUE_MAX: int
+    KC_CMD_QUEUE_MAX: int
+    KC_COEF_MAX: int
+    KC_DET_QUEUE_MAX: int
+    KC_EVENTS_MAX: int
+    KC_FRAME_CAMERA: int
+    KC_FRAME_COUNT: int
+    KC_FRAME_MEAS: int
+    KC_FRAME_TOOL: int
+    KC_GROUND: int
+    KC_HUB_MAX: int
+    KC_HYPER_MAX: int
+    KC_IMAGE_MAX: int
+    KC_INITIAL_MAX: int
+    KC_JOINT_MAX: int
+    KC_MEAS_MAX: int
+    KC_NAME_LEN: int
+    KC_QP_ITER_PER_VAR: int
+    KC_SPECTRUM_MAX: int
+    KC_TAG_MAX: int
+    KC_TERMS_INDEX_TERM: int
+    KC_TERM_MAX: int
+    KC_VOLUME_MAX: int
+    KG_VIEW_PASS_MAX: int
+    KC_ERR_PATH: int
+    KC_ERR_REACH: int
+    KC_ERR_RANK: int
+    KC_ERR_STALE: int
+    KC_ERR_STATE: int
+    KC_ERR_RANGE: int
+    KC_ERR_FORMAT: int
+    KC_ERR_CRC: int
+    KC_ERR_ITER: int
+    KC_ERR_NUM: int
+    KC_ERR_FULL: int
+    KC_ERR_ARG: int
+    KC_OK: int
+    KC_QP_AT_UPPER: int
+    KC_QP_AT_LOWER: int
+    KC_QP_FREE: int
+    KC_PRISMATIC: int
+    KC_REVOLUTE: int
+    KC_RZ: int
+    KC_RY: int
+    KC_RX: int
+    KC_TZ: int
+    KC_TY: int
+    KC_TX: int
+    KC_VAR_COUNT: int
+    KC_VAR_TAG: int
+    KC_VAR_ZCAM: int
+    KC_VAR_YCAM: int
+    KC_VAR_XCAM: int
+    KC_VAR_TAU_PAYLOAD: int
+    KC_VAR_QDOT: int
+    KC_VAR_TILT: int
+    KC_VAR_PAN: int
+    KC_VAR_R2: int
+    KC_VAR_V: int
+    KC_VAR_U: int
+    KC_VAR_INCID: int
+    KC_VAR_RANGE: int
+    KC_VAR_PAYLOAD: int
+    KC_VAR_T: int
+    KC_VAR_TEMP: int
+    KC_VAR_DIR: int
+    KC_VAR_MZ: int
+    KC_VAR_MY: int
+    KC_VAR_MX: int
+    KC_VAR_TAU: int
+    KC_VAR_Q: int
+    KC_VAR_ONE: int
+    KC_FN_COUNT: int
+    KC_FN_ABS: int
+    KC_FN_TAN2: int
+    KC_FN_SQ: int
+    KC_FN_STEP: int
+    KC_FN_EXPN: int
+    KC_FN_LN1P: int
+    KC_FN_TANH: int
+    KC_FN_COS: int
+    KC_FN_SIN: int
+    KC_FN_LIN: int
+    def kc_status_name(self, _0: int, /) -> CData: ...
+    def kc_check_start(self, /) -> KcCheck: ...
+    def kc_check(self, _0: KcCheck | CData, _1: int, _2: int, _3: float, /) -> None: ...
+    def kc_check_finite(self, _0: KcCheck | CData, _1: CData, _2: int, _3: int, /) -> None: ...
+    def kc_check_positive(self, _0: KcCheck | CData, _1: float, _2: int, /) -> None: ...
+    def kc_check_not_negative(self, _0: KcCheck | CData, _1: float, _2: int, /) -> None: ...
+    def kc_check_frame(self, _0: KcCheck | CData, _1: CData, _2: CData, _3: int, /) -> None: ...
+    def kc_check_end(self, _0: KcCheck | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_name_ok(self, _0: CData | bytes, /) -> int: ...
+    def kc_crc32(self, _0: int, _1: object, _2: int, /) -> int: ...
+    def kc_qp_solve(self, _0: KcQp | CData, /) -> int: ...
+    def kc_rng_next(self, _0: CData, /) -> int: ...
+    def kc_rng_uniform(self, _0: CData, /) -> float: ...
+    def kc_rng_below(self, _0: CData, _1: int, /) -> int: ...
+    def kc_pose_identity(self, _0: KcPose | CData, /) -> None: ...
+    def kc_pose_mul(self, _0: KcPose | CData, _1: KcPose | CData, _2: KcPose | CData, /) -> None: ...
+    def kc_pose_inv(self, _0: KcPose | CData, _1: KcPose | CData, /) -> None: ...
+    def kc_pose_screw(self, _0: KcPose | CData, _1: int, _2: float, _3: float, /) -> None: ...
+    def kc_pose_from_quat(self, _0: CData, _1: CData, _2: KcPose | CData, /) -> None: ...
+    def kc_quat_dist_rad(self, _0: CData, _1: CData, /) -> float: ...
+    def kc_quat_mul(self, _0: CData, _1: CData, _2: CData, /) -> None: ...
+    def kc_quat_normalize(self, _0: CData, /) -> int: ...
+    def kc_quat_to_R(self, _0: CData, _1: CData, /) -> None: ...
+    def kc_R_to_quat(self, _0: CData, _1: CData, /) -> None: ...
+    def kc_R_log(self, _0: CData, _1: CData, /) -> None: ...
+    def kc_R_exp(self, _0: CData, _1: CData, /) -> None: ...
+    def kc_pose_residual(self, _0: KcPose | CData, _1: KcPose | CData, _2: CData, /) -> None: ...
+    def kc_arm_fk(self, _0: KcArm | CData, _1: CData, _2: KcPose | CData, /) -> None: ...
+    def kc_arm_link(self, _0: KcJoint | CData, _1: float, _2: KcPose | CData, /) -> None: ...
+    def kc_arm_validate(self, _0: KcArm | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_camera_pose(self, _0: KcCamera | CData, _1: float, _2: float, _3: KcPose | CData, /) -> None: ...
+    def kc_camera_aim(self, _0: KcCamera | CData, _1: CData, _2: CData, _3: CData, /) -> int: ...
+    def kc_camera_project(self, _0: KcCamera | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_camera_visible(self, _0: KcCamera | CData, _1: KcPose | CData, _2: float, /) -> int: ...
+    def kc_camera_validate(self, _0: KcCamera | CData, _1: CData, _2: CData, /) -> int: ...
+    def kc_basis_eval(self, _0: KcBasis | CData, _1: KcCtx | CData, _2: KcLoads | CData, /) -> float: ...
+    def kc_basis_needs_loads(self, _0: KcBasis | CData, /) -> int: ...
+    def kc_terms_validate(self, _0: KcTerms | CData, _1: int, _2: CData, _3: CData, /) -> int: ...
+    def kc_terms_add_dh(self, _0: KcTerms | CData, _1: int, _2: CData, /) -> int: ...
+    def kc_model_loads(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcCtx | CData, _4: KcLoads | CData, /) -> None: ...
+    def kc_model_eval(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcCtx | CData, _4: KcLoads | CData, _5: int, _6: KcEval | CData, /) -> None: ...
+    def kc_model_frames(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcCtx | CData, _4: KcLoads | CData, _5: KcPose | CData, _6: CData, _7: CData, /) -> None: ...
+    def kc_model_residual(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: KcObs | CData, _4: KcLoads | CData, _5: CData, _6: KcEval | CData, /) -> int: ...
+    def kg_hold(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: int, _4: KcObs | CData, _5: int, _6: KcObs | CData, _7: KcLoads | CData, /) -> None: ...
+    def kg_evaluate(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: int, _4: int, _5: KcObs | CData, _6: KcLoads | CData, _7: CData, _8: CData, _9: CData, _10: CData, /) -> None: ...
+    def kg_residuals(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: int, _4: int, _5: KcObs | CData, _6: KcLoads | CData, _7: CData, /) -> None: ...
+    def kg_poses(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: int, _4: KcObs | CData, _5: KcLoads | CData, _6: KcPose | CData, _7: CData, /) -> None: ...
+    def kg_basis(self, _0: KcBasis | CData, _1: int, _2: KcObs | CData, _3: KcLoads | CData, _4: CData, /) -> None: ...
+    def kg_frames(self, _0: KcArm | CData, _1: int, _2: CData, _3: KcPose | CData, /) -> None: ...
+
+class New(Protocol):
+    """Makes a zeroed struct, by the name of its type."""
+
+    @overload
+    def __call__(self, ctype: Literal["kc_ack_t"], /) -> KcAck: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_acq_work_t"], /) -> KcAcqWork: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_active_t"], /) -> KcActive: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_arm_cmd_t"], /) -> KcArmCmd: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_arm_state_t"], /) -> KcArmState: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_arm_t"], /) -> KcArm: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_basis_t"], /) -> KcBasis: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_body_t"], /) -> KcBody: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_camera_t"], /) -> KcCamera: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_cand_t"], /) -> KcCand: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_check_t"], /) -> KcCheck: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_choice_work_t"], /) -> KcChoiceWork: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_chunk_t"], /) -> KcChunk: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_cmd_t"], /) -> KcCmd: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_coef_t"], /) -> KcCoef: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_config_t"], /) -> KcConfig: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_ctx_t"], /) -> KcCtx: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_detection_t"], /) -> KcDetection: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_est_opt_t"], /) -> KcEstOpt: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_est_t"], /) -> KcEst: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_eval_t"], /) -> KcEval: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_event_t"], /) -> KcEvent: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_events_t"], /) -> KcEvents: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_gp_t"], /) -> KcGp: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_guard_arm_t"], /) -> KcGuardArm: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_guard_reason_t"], /) -> KcGuardReason: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_guard_request_t"], /) -> KcGuardRequest: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_hk_t"], /) -> KcHk: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_hyper_t"], /) -> KcHyper: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_ik_opt_t"], /) -> KcIkOpt: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_in_t"], /) -> KcIn: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_joint_t"], /) -> KcJoint: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_kernel_t"], /) -> KcKernel: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_kin_t"], /) -> KcKin: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_loads_t"], /) -> KcLoads: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_meas_t"], /) -> KcMeas: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_mon_obs_t"], /) -> KcMonObs: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_mon_verdict_t"], /) -> KcMonVerdict: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_monitor_t"], /) -> KcMonitor: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_obs_t"], /) -> KcObs: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_out_t"], /) -> KcOut: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_pantilt_cmd_t"], /) -> KcPantiltCmd: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_pantilt_state_t"], /) -> KcPantiltState: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_point_t"], /) -> KcPoint: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_pose_t"], /) -> KcPose: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_progress_t"], /) -> KcProgress: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_proposal_t"], /) -> KcProposal: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_qp_t"], /) -> KcQp: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_servo_mem_t"], /) -> KcServoMem: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_servo_opt_t"], /) -> KcServoOpt: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_space_t"], /) -> KcSpace: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_staging_t"], /) -> KcStaging: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_store_t"], /) -> KcStore: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_tables_t"], /) -> KcTables: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_tag_t"], /) -> KcTag: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_tbl_scratch_t"], /) -> KcTblScratch: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_term_t"], /) -> KcTerm: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_terms_t"], /) -> KcTerms: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_volume_t"], /) -> KcVolume: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_walk_t"], /) -> KcWalk: ...

@@ -1,0 +1,189 @@
+"""What an LCM log holds: channels, sessions, poses, events, proposals."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import lcm
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kincal.errors import BadInput
+from kincal.flight import event_line
+from kincal.rotations import Floats
+
+from . import channels, names
+
+if TYPE_CHECKING:
+    from .messages import Ack, Cmd, Event, Hk, LcmMessage, Meas, Progress, Proposal
+
+SKIP = {"KC_IMAGE"}  # large and of no use to a summary
+TIMED = {"KC_HK", "KC_EVENT", "KC_PROGRESS"}  # say how long the mission lasted
+
+
+@dataclass(frozen=True)
+class LogEvent:
+    """An event in words; t_us: mission time."""
+
+    t_us: int
+    severity: str
+    id: int
+    text: str
+
+    @classmethod
+    def of(cls, event: Event) -> LogEvent:
+        """From its message."""
+        text = event_line(event.id, event.index, event.got, event.want)
+        return cls(event.t_us, names.severity_name(event.severity), event.id, text)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for --json."""
+        return {"t_us": self.t_us, "severity": self.severity, "id": self.id, "text": self.text}
+
+
+@dataclass
+class Session:
+    """One calibration: messages in order."""
+
+    number: int
+    progress: list[Progress] = field(default_factory=list)
+    measurements: list[Meas] = field(default_factory=list)
+    proposal: Proposal | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for --json."""
+        return {
+            "session": self.number,
+            "poses": len(self.progress),
+            "measurements": len(self.measurements),
+            "last_pred_pos_m": self.progress[-1].pred_pos_m if self.progress else None,
+            "proposal": None if self.proposal is None else proposal_dict(self.proposal),
+        }
+
+
+def proposal_dict(proposal: Proposal) -> dict[str, Any]:
+    """What --json says of a proposed correction."""
+    copied = ("rank", "n_free", "p_fit", "p_no_change", "fit_pos_m", "before_pos_m")
+    return {
+        "crc": channels.crc_text(proposal.crc),
+        "verdict": names.verdict_name(proposal.verdict),
+        **{name: getattr(proposal, name) for name in copied},
+    }
+
+
+@dataclass
+class LogSummary:
+    """A log: how many messages on each channel, how many of them damaged, and what they say."""
+
+    path: Path
+    n_messages: int = 0
+    counts: Counter[str] = field(default_factory=Counter)
+    undecodable: Counter[str] = field(default_factory=Counter)
+    t_first_us: int | None = None
+    t_last_us: int | None = None
+    sessions: dict[int, Session] = field(default_factory=dict)
+    events: list[LogEvent] = field(default_factory=list)
+    acks: list[Ack] = field(default_factory=list)
+    commands: list[Cmd] = field(default_factory=list)
+    hk: Hk | None = None  # the last one
+
+    @property
+    def mission_s(self) -> float:
+        """Mission time from the first to the last message [s]."""
+        if self.t_first_us is None or self.t_last_us is None:
+            return 0.0
+        return (self.t_last_us - self.t_first_us) * 1e-6
+
+    @property
+    def last_session(self) -> Session:
+        """The session with the highest number; an empty one if there is none."""
+        return max(self.sessions.values(), key=lambda s: s.number, default=Session(0))
+
+    def session(self, number: int) -> Session:
+        """A session, made if it is new."""
+        return self.sessions.setdefault(number, Session(number))
+
+    def add(self, channel: str, message: LcmMessage) -> None:
+        """Add one decoded message."""
+        m: Any = message
+        if channel in TIMED:
+            self.t_first_us = m.t_us if self.t_first_us is None else self.t_first_us
+            self.t_last_us = m.t_us
+        if channel == "KC_PROGRESS":
+            self.session(m.session).progress.append(m)
+        elif channel == "KC_MEAS":
+            self.session(m.session).measurements.append(m)
+        elif channel == "KC_PROPOSAL":
+            self.session(m.session).proposal = m
+        elif channel == "KC_EVENT":
+            self.events.append(LogEvent.of(m))
+        elif channel == "KC_ACK":
+            self.acks.append(m)
+        elif channel == "KC_CMD":
+            self.commands.append(m)
+        elif channel == "KC_HK":
+            self.hk = m
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for --json."""
+        crcs = {} if self.hk is None else {i: crc for i, crc in enumerate(self.hk.table_crc) if crc}
+        return {
+            "file": str(self.path),
+            "messages": self.n_messages,
+            "channels": dict(sorted(self.counts.items())),
+            "undecodable": dict(self.undecodable),
+            "mission_s": self.mission_s,
+            "sessions": [s.as_dict() for s in self.sessions.values()],
+            "events": [e.as_dict() for e in self.events],
+            "commands": len(self.commands),
+            "refused": sum(1 for a in self.acks if a.status != 0),
+            "table_crc": {i: channels.crc_text(crc) for i, crc in crcs.items()},
+            "state": None if self.hk is None else names.state_name(self.hk.state),
+        }
+
+
+def read_log(path: Path) -> LogSummary:
+    """Read a whole log once. Messages that are damaged or of unknown channels are counted, not fatal.
+    BadInput if the file holds none."""
+    summary = LogSummary(path)
+    for event in _open(path):
+        summary.n_messages += 1
+        summary.counts[event.channel] += 1
+        if event.channel in channels.BY_NAME and event.channel not in SKIP:
+            _add_event(summary, event)
+    if summary.n_messages == 0:
+        raise BadInput(
+            "the file holds no LCM messages", str(path), "give a log written by lcm-logger or a run"
+        )
+    return summary
+
+
+def _open(path: Path) -> lcm.EventLog:
+    if not path.is_file():
+        raise BadInput("no such log file", str(path))
+    try:
+        return lcm.EventLog(str(path), "r")
+    except OSError as error:
+        raise BadInput(f"cannot open the log: {error}", str(path)) from None
+
+
+def _add_event(summary: LogSummary, event: lcm.Event) -> None:
+    channels.message_type(channels.BY_NAME[event.channel].type)  # types that are not built are no damage
+    try:
+        message = channels.decode(event.channel, event.data)
+    except Exception:  # noqa: BLE001 generated decoders raise anything
+        summary.undecodable[event.channel] += 1
+        return
+    summary.add(event.channel, message)
+
+
+def unpack_covariance(packed: ArrayLike, n: int) -> Floats:
+    """Covariance (n, n) from its upper triangle stored row by row."""
+    full = np.zeros((n, n))
+    rows, cols = np.triu_indices(n)
+    full[rows, cols] = np.asarray(packed, float)[: len(rows)]
+    out: Floats = full + np.triu(full, 1).T
+    return out

@@ -1,0 +1,92 @@
+"""Table images to and from flight, in chunks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kincal.errors import CommandFailed
+from kincal.flight import library, tables
+
+from . import channels
+from .connection import Link, check_ack, is_ack
+
+if TYPE_CHECKING:
+    from .messages import TableChunk
+
+_CHUNKS_AHEAD = 4  # sent before housekeeping has to say that they have arrived
+
+
+def upload(link: Link, image: tables.Image, timeout_s: float = 30.0) -> None:
+    """Stage, validate, activate a table, and see its CRC in housekeeping. CommandFailed if flight refuses or
+    does not answer in time."""
+    kind = tables.kind_number(image.kind)
+    link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
+    for number, chunk in enumerate(_chunks(image, kind), 1):
+        chunk.t_us = link.last_t_us
+        link.publish("KC_TABLE_UP", chunk)
+        end = chunk.offset + chunk.n
+        if end == chunk.total_bytes or number % _CHUNKS_AHEAD == 0:
+            _wait_staged(link, kind, end, chunk.total_bytes, timeout_s)
+    link.command("TABLE_VALIDATE", (kind, image.crc), timeout_s)
+    link.command("TABLE_ACTIVATE", (kind, image.crc), timeout_s)
+    active = lambda hk: channels.unsigned32(hk.table_crc[kind]) == image.crc  # noqa: E731
+    link.wait_hk(active, timeout_s, "the new CRC in housekeeping")
+
+
+def _chunks(image: tables.Image, kind: int) -> Iterator[TableChunk]:
+    room = library("flight").lib.KC_CHUNK_BYTES
+    for offset in range(0, len(image.data), room):
+        part = image.data[offset : offset + room]
+        chunk: TableChunk = channels.message_type("table_chunk_t")()
+        chunk.kind, chunk.total_bytes, chunk.offset, chunk.n = kind, len(image.data), offset, len(part)
+        chunk.data = part.ljust(room, b"\0")
+        yield chunk
+
+
+def _wait_staged(link: Link, kind: int, end: int, total: int, timeout_s: float) -> None:
+    """Chunks have no answer of their own: housekeeping says how far staging has come."""
+    try:
+        staged = lambda hk: hk.staged_kind == kind and hk.staged_bytes >= end  # noqa: E731
+        link.wait_hk(staged, timeout_s, f"staging of byte {end} of {total}")
+    except CommandFailed:
+        hk = link.last_hk
+        where = link.url if hk is None else f"staged {hk.staged_bytes} bytes of kind {hk.staged_kind}"
+        raise CommandFailed(
+            "flight did not take the table",
+            where,
+            "look at the events with `kincal log`; tables only change in IDLE",
+        ) from None
+
+
+def dump(link: Link, kind: str, timeout_s: float = 60.0) -> tables.Image:
+    """Bring down the active table of a kind, checked against its CRC. CommandFailed if flight refuses, a
+    chunk is lost, or it takes too long."""
+    number = tables.kind_number(kind)
+    link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
+    seq = link.send("TABLE_DUMP", (number,))
+    data = bytearray()
+    for chunk in _received_chunks(link, seq, number, time.monotonic() + timeout_s):
+        if chunk.offset != len(data):
+            raise CommandFailed(f"dump lost a chunk at byte {len(data)}", link.url, "try again")
+        data += bytes(chunk.data[: chunk.n])
+        if len(data) >= chunk.total_bytes:
+            return tables.decode(bytes(data), link.url)[0]
+    raise CommandFailed(f"dump stopped after {len(data)} bytes", link.url, "try again")
+
+
+def _received_chunks(link: Link, seq: int, kind: int, deadline_s: float) -> Iterator[TableChunk]:
+    """Chunks of a kind until none comes in time."""
+    while (received := link.next(max(deadline_s - time.monotonic(), 0.0))) is not None:
+        if is_ack(received, seq):
+            check_ack(received.message, "TABLE_DUMP", link.url)
+        elif received.channel == "KC_TABLE_DOWN" and received.message.kind == kind:
+            yield received.message
+
+
+def write_image(image: tables.Image, path: Path) -> None:
+    """Write a table image to a file; its folder is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(image.data)

@@ -1,0 +1,46 @@
+"""A run from start to end, and what it left."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from kincal.errors import CommandFailed
+from kincal.link import LogSummary, Session, read_log
+
+from .evaluate import Evaluator, GroundTruth
+from .follow import Observer, follow
+from .processes import LOGS, Processes, read_json
+from .request import Request
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a run left: its log, its last session, launch.json, the evaluator with the ground truth, and how
+    long it took on the wall clock [s]."""
+
+    log: LogSummary
+    session: Session
+    launch: dict[str, Any]
+    evaluator: Evaluator
+    wall_s: float
+
+
+def perform(request: Request, observer: Observer | None = None) -> Finished:
+    """Run to the end, reporting every pose; decide if the ground does. CommandFailed if the run does not
+    start or breaks off."""
+    begun, observer = time.monotonic(), observer or Observer()
+    evaluator = Evaluator(request.tables)
+    with Processes(request) as processes:
+        reported = follow(request, processes, evaluator, observer)
+        errors = processes.errors()
+    if not (request.out / "launch.json").is_file():
+        raise CommandFailed(f"the run broke off: {errors or 'no message'}", str(request.out), LOGS)
+    launch = read_json(request.out / "launch.json")
+    evaluator.learn(GroundTruth.of(read_json(request.out / "truth.json")))
+    log = read_log(request.out / "run.lcmlog")
+    session = log.last_session
+    for p in session.progress[reported:]:  # live messages can be lost; the log has them all
+        observer.pose(evaluator.pose_line(p, None), p.n_goal)
+    return Finished(log, session, launch, evaluator, time.monotonic() - begun)

@@ -1,0 +1,71 @@
+"""All kinds of files, and their JSON Schema for editors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from .arm import ArmFile
+from .base import Strict
+from .datamap import DataMap
+from .effects import EffectsFile
+from .model import ModelEntry
+from .scenario import Scenario
+from .simulator import OpticsFile, PlantFile
+from .space import Description
+from .tables import SOURCES
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+SUFFIX = ".schema.json"
+
+# name of the schema -> model of the file
+FILES: dict[str, type[Strict]] = {
+    "arm": ArmFile,
+    "data-map": DataMap,
+    "effects": EffectsFile,
+    "model": ModelEntry,
+    "space": Description,
+    "scenario": Scenario,
+    "simulator-arm": PlantFile,
+    "simulator-camera": OpticsFile,
+    **{f"table-{kind}": model for kind, model in SOURCES.items()},
+}
+
+
+def json_schema(name: str) -> str:
+    """JSON Schema of one kind of file, as text. KeyError if there is none of that name."""
+    model = FILES[name]
+    schema = {"$schema": DIALECT, "$id": f"{name}{SUFFIX}", **_without_null(model.model_json_schema())}
+    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+
+
+def _without_null(node: Any) -> Any:
+    """TOML has no null: a key may be left out instead. Titles that are made of keys say nothing."""
+    if isinstance(node, list):
+        return [_without_null(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    cleaned = {key: _without_null(value) for key, value in node.items() if not _is_noise(key, value)}
+    kinds = cleaned.get("anyOf")
+    if isinstance(kinds, list):
+        kinds = [kind for kind in kinds if kind != {"type": "null"}]
+        if len(kinds) == 1:
+            del cleaned["anyOf"]
+            return kinds[0] | cleaned
+        cleaned["anyOf"] = kinds
+    return cleaned
+
+
+def _is_noise(key: str, value: Any) -> bool:
+    return (key == "title" and isinstance(value, str)) or (key == "default" and value is None)
+
+
+def write_json_schemas(folder: Path) -> list[Path]:
+    """Write the JSON Schema of every kind of file into a folder; the paths, in order of the names."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name in sorted(FILES):
+        paths.append(folder / f"{name}{SUFFIX}")
+        paths[-1].write_text(json_schema(name), encoding="utf-8")
+    return paths

@@ -1,0 +1,78 @@
+"""The model file M.toml: effects in use, with every change kept as history (docs/WORKBENCH.md)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import pydantic
+
+from .base import Strict
+from .errors import Contradiction
+from .numbers import NotNegative, Real
+
+VERSION = 1
+Name = Annotated[str, pydantic.Field(min_length=1)]
+
+
+class ChangeEntry(Strict):
+    """One entry of the history, written by the tool."""
+
+    when: str
+    """Time in UTC, ISO 8601."""
+    action: Literal["add", "remove", "undo"]
+    """What was done."""
+    effects: list[Name]
+    """Effects that it was done to."""
+    before: list[Name]
+    """Effects in use before."""
+
+
+class ValueEntry(Strict):
+    """A coefficient of the last fit, written by the tool."""
+
+    name: Name
+    """Coefficient."""
+    value: Real
+    """Estimate, in the coefficient's unit."""
+    std_err: NotNegative
+    """Standard error, in the coefficient's unit."""
+
+
+class ModelEntry(Strict):
+    """A model: the arm's DH errors, base and tool frame as the arm table says, and these effects."""
+
+    version: Literal[1] = 1
+    """Layout of this file."""
+    dh: pydantic.StrictBool = True
+    """true: the DH errors of every joint are estimated."""
+    effects: list[Name] = []
+    """Effects in use, in the order they were added: "joint_compliance[2]", "base_flex" ..."""
+    libraries: list[Name] = []
+    """Files with effects of one's own."""
+    arm: str = ""
+    """Arm table that the model was fitted with."""
+    history: list[ChangeEntry] = []
+    """Every change, oldest first."""
+    value: list[ValueEntry] = []
+    """Coefficients of the last fit."""
+    constants: dict[str, dict[str, Real]] = {}
+    """Constants of the last fit, by effect and name."""
+
+    @pydantic.field_validator("effects")
+    @classmethod
+    def _each_once(cls, effects: list[str]) -> list[str]:
+        if twice := sorted({name for name in effects if effects.count(name) > 1}):
+            raise ValueError(f"names {twice[0]} twice")
+        return effects
+
+    @pydantic.model_validator(mode="after")
+    def _whole_or_single(self) -> ModelEntry:
+        for name in self.effects:
+            whole, bracket, _ = name.partition("[")
+            if bracket and whole in self.effects:
+                raise Contradiction(
+                    "effects",
+                    f"holds {whole}, which is the effect at all joints, beside {name}",
+                    f"remove {name}",
+                )
+        return self

@@ -1,0 +1,77 @@
+"""Names of the term grammar: functions, variables, twist components, places on the arm.
+
+Names only. Their numbers are those of the flight headers (fsw/model/kc_terms.h), which `kincal.flight` reads;
+tests/ground/test_schema_terms.py compares the two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What a basis may depend on.
+
+    flight: name in kc_var_t, small letters. indexed: belongs to one joint (or link). needs: what the data or
+    the arm table must hold, "" if nothing. unit: of the value.
+    """
+
+    flight: str
+    unit: str
+    indexed: bool = False
+    needs: str = ""
+
+
+# kc_fn_t, small letters; the basis is fn(z) with z = c1 (x - c0)
+FUNCTIONS = ("lin", "sin", "cos", "tanh", "ln1p", "expn", "step", "sq", "tan2", "abs")
+
+VARIABLES = {
+    "1": Variable("one", "1"),
+    "q": Variable("q", "rad or m", True),
+    "tau": Variable("tau", "N m", True, "mass"),
+    "Mx": Variable("mx", "N m", True, "mass"),
+    "My": Variable("my", "N m", True, "mass"),
+    "Mz": Variable("mz", "N m", True, "mass"),
+    "dir": Variable("dir", "-1, 0, 1", True, "dir"),
+    "temp": Variable("temp", "deg C", needs="temp_c"),
+    "t": Variable("t", "s", needs="t_s"),
+    "payload": Variable("payload", "kg", needs="payload_kg"),
+    "range": Variable("range", "m", needs="range_m"),
+    "incid": Variable("incid", "rad", needs="incid_rad"),
+    "u": Variable("u", "1", needs="image"),
+    "v": Variable("v", "1", needs="image"),
+    "r2": Variable("r2", "1", needs="image"),
+    "pan": Variable("pan", "rad", needs="pan_rad"),
+    "tilt": Variable("tilt", "rad", needs="tilt_rad"),
+    "qdot": Variable("qdot", "rad/s", True, "qdot"),
+    "taup": Variable("tau_payload", "N m", True, "payload_kg"),
+    "xcam": Variable("xcam", "m", needs="cam"),
+    "ycam": Variable("ycam", "m", needs="cam"),
+    "zcam": Variable("zcam", "m", needs="cam"),
+    "tag": Variable("tag", "0, 0.5, 1", needs="tag"),
+    # Without camera columns the sensor is the measurement frame itself (a laser tracker, a board): the
+    # position it saw, by the same variables.
+    "sx": Variable("xcam", "m", needs="own_sensor"),
+    "sy": Variable("ycam", "m", needs="own_sensor"),
+    "sz": Variable("zcam", "m", needs="own_sensor"),
+}
+
+# kc_comp_t, small letters: translation and rotation along and about the axes of the frame
+COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
+
+# Places without an index -> (frame, what the data must hold). Frame 0 is the base; KC_FRAME_* of the headers.
+PLACES: dict[str, tuple[int | str, str]] = {
+    "base": (0, ""),
+    "tool": ("tool", ""),
+    "camera": ("camera", "cam"),
+    "sensor": ("camera", "own_sensor"),
+    "meas": ("meas", "cam"),
+}
+# Places of one joint: joint[j] is its own axis, before[j] the frame before it, link[j] the frame after it.
+JOINT_PLACES = ("joint", "before", "link")
+
+# Constants that a basis may use by name; an effect may add some of its own with [effect.grid].
+DATA_CONSTANTS = ("T0", "tstart")
+GEAR_RATIO = "N"
+JOINT_LETTERS = ("i", "j", "p")

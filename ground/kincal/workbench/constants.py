@@ -1,0 +1,103 @@
+"""Effects of a model by name, their constants (time of a step, period of a ripple) chosen from the data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kincal.errors import BadInput
+from kincal.schema.arm import ArmTable
+
+from .data import Measurements
+from .effects import Hypothesis, Library
+from .fit import Frames, find_frames, fit_model
+from .grids import finer
+from .hypotheses import by_constants, merged_if_several
+from .scoring import Scorer, bulk_weights
+
+Known = Mapping[str, Mapping[str, float]]
+"""Constants of effects from an earlier fit: effect -> constant -> value."""
+
+_UNKNOWN: Known = {}
+
+
+def choose_constants(
+    library: Library,
+    names: Sequence[str],
+    arm: ArmTable,
+    data: Measurements | None,
+    *,
+    dh: bool = True,
+    joined: bool = False,
+    known: Known = _UNKNOWN,
+) -> list[Hypothesis]:
+    """Hypotheses for effect names, each grid constant (step time ...) at the value with the least cost,
+    or as known from an earlier fit.
+
+    joined: a name without a joint becomes one hypothesis of all joints instead of one per joint. BadInput
+    for an unknown name, or where constants have to come from measurements and there are none.
+    """
+    open_names = [name for name in names if library.grid_of(name, dict(known.get(name, {})))]
+    found = {
+        name: library.find(name, arm, data, dict(known.get(name, {})))
+        for name in names
+        if name not in open_names
+    }
+    if open_names:
+        found |= _searched(library, open_names, found, arm, data, dh)
+    groups = [found[name] for name in names]
+    if joined:
+        return [merged_if_several(library.effects[group[0].effect], group) for group in groups]
+    return [h for group in groups for h in group]
+
+
+def _searched(
+    library: Library,
+    names: Sequence[str],
+    found: Mapping[str, list[Hypothesis]],
+    arm: ArmTable,
+    data: Measurements | None,
+    dh: bool,
+) -> dict[str, list[Hypothesis]]:
+    """Effects with open constants, each searched beside those before it."""
+    if data is None:
+        raise BadInput(
+            f"{names[0]} has constants that come from measurements; run `kincal model fit` or give --data"
+        )
+    search = _Search(library, arm, data, dh, find_frames(arm, data))
+    out: dict[str, list[Hypothesis]] = {}
+    for name in names:
+        beside = [h for group in (*found.values(), *out.values()) for h in group]
+        out[name] = search.best(name, beside)
+    return out
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Scores groups of instances beside a model: linear in the effect, so cheap."""
+
+    library: Library
+    arm: ArmTable
+    data: Measurements
+    dh: bool
+    frames: Frames
+
+    def best(self, name: str, beside: list[Hypothesis]) -> list[Hypothesis]:
+        """The instances of an effect with the constants of least cost, first on the grid, then closer."""
+        fit = fit_model(self.arm, self.data, beside, dh=self.dh, frames=self.frames)
+        scorer = Scorer(fit, bulk_weights(fit), self.data.cov is not None)
+        best = _least_cost(scorer, by_constants(self.library.find(name, self.arm, self.data)))
+        for constant, values in self.library.grid_of(name).items():
+            fixed = dict(best[0].constants)
+            near = finer(values, fixed[constant], self.data)
+            if near:
+                tried = [self.library.find(name, self.arm, self.data, {**fixed, constant: v}) for v in near]
+                best = _least_cost(scorer, tried)
+        return best
+
+
+def _least_cost(scorer: Scorer, groups: Sequence[list[Hypothesis]]) -> list[Hypothesis]:
+    blocks = [np.hstack([scorer.columns.hypothesis(h) for h in group]) for group in groups]
+    return groups[int(np.argmax([score.chi2 for score, _ in scorer.scores(blocks)]))]

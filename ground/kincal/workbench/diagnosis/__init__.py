@@ -1,0 +1,57 @@
+"""Which physical effect is missing: evidence for every effect and joint, with calibrated probabilities.
+
+docs/METHOD.md 12 to 17 give the mathematics. What competes is in `hypotheses`; here: the `posterior` at one
+fit, a `study` of one data set, the `selection` of effects forward and backward, and the `findings`. The
+probabilities are conditional on the library and on its priors; wording is "consistent with", never "proven".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from kincal.schema.arm import ArmTable
+
+from ..data import Measurements
+from ..effects import Hypothesis, Library
+from ..types import Progress, no_progress
+from .findings import Diagnosis, EffectFinding, ParameterValue, Remainder, UnnamedFinding, conclude
+from .selection import MAX_EFFECTS, select
+from .study import HeldGain, Model, Study
+
+__all__ = [
+    "Diagnosis",
+    "EffectFinding",
+    "HeldGain",
+    "ParameterValue",
+    "Remainder",
+    "UnnamedFinding",
+    "diagnose",
+]
+
+_STEPS = MAX_EFFECTS + 3
+
+
+def diagnose(
+    arm: ArmTable,
+    data: Measurements,
+    library: Library,
+    hypotheses: Sequence[Hypothesis] = (),
+    *,
+    dh: bool = True,
+    progress: Progress = no_progress,
+) -> Diagnosis:
+    """Find the effects that the data ask for, one after another, and say how sure that is.
+
+    library: the effects that compete; hypotheses: effects that are in the model already; dh: DH errors
+    are. BadInput if the units of the data look wrong, CannotAnswer if its poses are too few or too similar.
+    """
+
+    def taking(model: Model) -> None:
+        what = f"evidence beside {model[-1].name}" if model else "evidence"
+        progress(what, 1 + len(model), _STEPS)
+
+    progress("fit", 0, _STEPS)
+    study = Study.of(arm, data, library, hypotheses, dh)
+    found = select(study, taking)
+    progress("check", _STEPS - 1, _STEPS)
+    return conclude(study, found)

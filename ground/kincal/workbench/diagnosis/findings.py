@@ -1,0 +1,319 @@
+"""What a selection means: typed findings about effects, the unnamed, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from ..adequacy import ADEQUATE_P, NoiseFloor, Where, lack_of_fit, noise_floor, where_it_fails
+from ..compare import Comparison
+from ..effects import Hypothesis
+from ..evidence import LAMBDAS
+from ..fit import Fit, rms
+from ..hypotheses import Untestable, effect_of, place_of
+from ..power import CONFOUNDED_CHI2
+from ..scoring import Scored, family_p
+from ..types import Array
+from .posterior import ABSORBED, NONE, UNNAMED, Posterior
+from .selection import Kept, Selection
+from .study import HeldGain, Model, Study
+from .suggestions import Suggestion, suggest
+
+CLAIM = 0.9
+MENTION = 0.05
+_SURE_ENOUGH = 0.2  # nothing was accepted and "nothing is missing" is not far behind
+_MAX_ALTERNATIVES = 8
+
+Verdict = Literal["adequate", "effect", "several_effects", "novel", "undecidable"]
+Role = Literal["accepted", "helps", "alternative"]
+_ROLES: tuple[Role, ...] = ("accepted", "helps", "alternative")
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """A fitted coefficient of an effect, in its own unit."""
+
+    name: str
+    value: float
+    std_err: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class EffectFinding:
+    """One named effect with its probability.
+
+    label: name with its searched constants; role: "accepted": it won against nothing and against the
+    unnamed; "helps": it did not win, but held-out poses are predicted better with it (the interval of the
+    ratio excludes 1). Both kinds are part of the final model; "alternative": the others.
+    p_value: family-wise; delta_bic: negative if the effect is worth its parameters; held: what held-out
+    poses gain; confounded_with: effects that these data (or no data at all) can tell from it;
+    explained_share: of what the model without it leaves; capped: its probability is stated no surer than
+    CLAIM because the model with it does not explain the data yet.
+    """
+
+    name: str
+    label: str
+    role: Role
+    probability: float
+    capped: bool
+    p_value: float
+    delta_bic: float
+    held: HeldGain
+    explained_share: float
+    parameters: tuple[ParameterValue, ...]
+    confounded_with: tuple[str, ...]
+
+    @property
+    def accepted(self) -> bool:
+        """It won and is part of the final model."""
+        return self.role == "accepted"
+
+    @property
+    def helps(self) -> bool:
+        """It did not win, but it is part of the final model because held-out poses gain."""
+        return self.role == "helps"
+
+
+@dataclass(frozen=True)
+class UnnamedFinding:
+    """Something that no effect of the library describes: where it enters, the one or two variables it
+    depends on, and simple terms that imitate it."""
+
+    location: str
+    depends_on: tuple[str, ...]
+    suggested_terms: tuple[Suggestion, ...]
+    p_value: float
+    probability: float
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What the final model leaves: held-out error [m], [rad] beside the noise floor, and where it is."""
+
+    held_pos_m: float
+    held_rot_rad: float | None
+    floor: NoiseFloor
+    where: tuple[Where, ...]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Answer of `diagnose`.
+
+    comparison: of the given model with the data; effects: best first, those of the final model before
+    the alternatives; probability_none: that nothing is missing, before anything was added; final: the fit
+    with the effects of the final model; adequate_after: it explains the data; map_ln_bf: ln Bayes factor
+    of each (location, drivers) before anything was added.
+    """
+
+    comparison: Comparison
+    verdict: Verdict
+    effects: tuple[EffectFinding, ...]
+    novel: UnnamedFinding | None
+    not_testable: tuple[Untestable, ...]
+    probability_none: float
+    final: Fit
+    adequate_after: bool
+    remainder: Remainder
+    map_ln_bf: dict[tuple[str, str], float] = field(default_factory=dict)
+
+
+def conclude(study: Study, found: Selection) -> Diagnosis:
+    """Everything the answer says, from a selection."""
+    final = study.fit(found.model)
+    p_after = lack_of_fit(final, noise_floor(final))
+    novel = unnamed_finding(found.last) if found.last.unnamed_wins else None
+    adequate = (p_after is None or p_after > ADEQUATE_P) and novel is None
+    effects = effect_findings(study, found, adequate)
+    return Diagnosis(
+        comparison=study.comparison,
+        verdict=_verdict(found.first.none, effects, novel),
+        effects=effects,
+        novel=novel,
+        not_testable=not_testable(study, found.first),
+        probability_none=found.first.none,
+        final=final,
+        adequate_after=adequate,
+        remainder=remainder(study, found.model),
+        map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
+    )
+
+
+def _verdict(none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None) -> Verdict:
+    accepted = [e for e in effects if e.accepted]
+    if novel is not None:
+        return "novel"
+    if not accepted:
+        return "adequate" if none > _SURE_ENOUGH else "undecidable"
+    if len(accepted) > 1:
+        return "several_effects"
+    return "effect" if accepted[0].probability > CLAIM else "undecidable"
+
+
+def unnamed_finding(posterior: Posterior) -> UnnamedFinding:
+    """The cell of the map with the most evidence, for all that no effect describes."""
+    top = max(posterior.unknown, key=lambda s: s.ln_bf)
+    return UnnamedFinding(
+        location=top.best.location,
+        depends_on=top.best.drivers,
+        suggested_terms=suggest(top.best, posterior.scorer),
+        p_value=family_p(posterior.scorer, posterior.mapped)[top.name],
+        probability=posterior.unnamed,
+    )
+
+
+def remainder(study: Study, model: Model) -> Remainder:
+    """What a model leaves on held-out poses, and where that is."""
+    held = study.comparison.held_data
+    position, rotation = (float("nan"), None) if held is None else rms(study.held_fit(model).predict(held))
+    floor = study.comparison.noise_floor
+    return Remainder(position, rotation, floor, where_it_fails(study.fit(model))[:3])
+
+
+def not_testable(study: Study, first: Posterior) -> tuple[Untestable, ...]:
+    """Effects that lack a column or a key, whose columns do not vary, or that the fitted parameters
+    imitate exactly (those need nothing: no data of this kind can show them)."""
+    needs = {c.name: c.effect.needs for c in study.competition.candidates}
+    absorbed = [s for s in first.scored if s.score.absorbed >= ABSORBED and not place_of(s.name)]
+    data = study.base.data
+
+    def lacking(s: Scored[Hypothesis]) -> tuple[str, ...]:
+        still = () if s.block.any() else tuple(n for n in needs[s.name] if data.constant(n))
+        return tuple(f"{name} that varies" for name in still)
+
+    return (*study.competition.untestable, *(Untestable(s.name, lacking(s)) for s in absorbed))
+
+
+# ------------------------------------------------------------------------------------------- effects
+
+
+def effect_findings(study: Study, found: Selection, adequate: bool) -> tuple[EffectFinding, ...]:
+    """Findings about kept effects and alternatives, by role and probability."""
+    first = found.first
+    p_family = family_p(first.scorer, [*first.scored, *first.mapped])
+    report = _Reporter(study, found.model, p_family, adequate)
+    others = alternatives(found.kept, [k.posterior for k in found.kept] or [first])
+    findings = [report.kept(k) for k in found.kept]
+    findings += [report.alternative(h, posterior) for h, posterior in others]
+    return tuple(sorted(findings, key=lambda f: (_ROLES.index(f.role), -f.probability)))
+
+
+def alternatives(kept: Sequence[Kept], posteriors: Iterable[Posterior]) -> list[tuple[Hypothesis, Posterior]]:
+    """Effects outside the model that keep a probability worth a mention, most probable first, each with
+    the posterior that gives it most."""
+    names = {k.effect.name for k in kept}
+    effects = {effect_of(name) for name in names}
+    found: dict[str, tuple[float, Posterior]] = {}
+    for posterior in posteriors:
+        for name, p in posterior.probability.items():
+            taken = name in names or effect_of(name) in names
+            whole = name in effects  # the same effect at all joints: counted with its joint
+            if name not in (NONE, UNNAMED) and not taken and not whole and p > found.get(name, (MENTION,))[0]:
+                found[name] = p, posterior
+    best = sorted(found.items(), key=lambda item: -item[1][0])[:_MAX_ALTERNATIVES]
+    return [(posterior.by_name[name].best, posterior) for name, (_, posterior) in best]
+
+
+@dataclass(frozen=True)
+class _Reporter:
+    """Makes findings: what is the same for all of them."""
+
+    study: Study
+    model: Model
+    p_family: dict[str, float]
+    adequate: bool
+
+    def kept(self, k: Kept) -> EffectFinding:
+        """About an effect of the final model, with its fitted values."""
+        probability = k.posterior.presence(k.effect.name)
+        # While the model with it does not explain the data, a name may stand for a similar effect that is
+        # missing: its posterior holds only if the truth is among the names.
+        capped = k.role == "accepted" and not self.adequate and probability > CLAIM
+        found = self._finding(k.effect, k.role, CLAIM if capped else probability, k.posterior)
+        confounded = confounded_effects(self.study, k.effect, k.posterior)
+        values = _values(k.effect, self.study.fit(self.model))
+        return replace(found, capped=capped, confounded_with=confounded, parameters=values)
+
+    def alternative(self, h: Hypothesis, posterior: Posterior) -> EffectFinding:
+        """About an effect outside the final model."""
+        found = self._finding(h, "alternative", posterior.probability.get(h.name, 0.0), posterior)
+        visible = posterior.by_name[h.name].score.chi2 > CONFOUNDED_CHI2 * posterior.scorer.scale**2
+        confounded = confounded_effects(self.study, h, posterior) if visible else ()
+        return replace(found, confounded_with=confounded)
+
+    def _finding(self, h: Hypothesis, role: Role, probability: float, posterior: Posterior) -> EffectFinding:
+        scorer, score = posterior.scorer, posterior.by_name[h.name].score
+        return EffectFinding(
+            name=h.name,
+            label=h.label,
+            role=role,
+            probability=probability,
+            capped=False,
+            p_value=self.p_family.get(h.name, 1.0),
+            delta_bic=float(-score.chi2 / scorer.scale**2 + score.rank * np.log(len(scorer.wz))),
+            held=self.study.held_gain(self.model, h),
+            explained_share=score.chi2 / max(scorer.left, 1e-12),
+            parameters=(),
+            confounded_with=(),
+        )
+
+
+def _values(h: Hypothesis, fit: Fit) -> tuple[ParameterValue, ...]:
+    def value(name: str, unit: str) -> ParameterValue:
+        k = fit.names.index(f"{h.name}.{name}")
+        return ParameterValue(name, float(fit.estimate[k]), float(fit.std_err[k]), unit)
+
+    return tuple(value(p.name, p.unit) for p in h.parameters)
+
+
+# --------------------------------------------------------------------------------------- confounding
+
+
+def confounded_effects(study: Study, h: Hypothesis, posterior: Posterior) -> tuple[str, ...]:
+    """Effects that these data cannot tell from this one, and those that no data can."""
+    mine, scale = posterior.by_name[h.name], posterior.scorer.scale
+    similar = [
+        s.name
+        for s in posterior.scored
+        if _another(h, s) and (posterior.probability.get(s.name, 0.0) > MENTION or imitates(s, mine, scale))
+    ]
+    similar += [name for name in _moved_base(h, posterior) if name not in similar]
+    alone = {effect_of(name) for name in similar if place_of(name)}
+    # at all joints says no more than at one of them
+    listed = [name for name in similar if name not in alone]
+    equivalent = study.competition.equivalents.get(h.effect, ())
+    return (*listed, *(name + place_of(h.name) for name in equivalent))
+
+
+def _another(h: Hypothesis, other: Scored[Hypothesis]) -> bool:
+    """Not the same effect, nor that with all joints or one of them, and visible in the data."""
+    same = effect_of(other.name) == h.effect and (not place_of(other.name) or h.name == h.effect)
+    return other.name != h.name and not same and other.score.absorbed < ABSORBED
+
+
+def _moved_base(h: Hypothesis, posterior: Posterior) -> list[str]:
+    """A base turned and shifted at once imitates a moved camera that never turns; neither alone does."""
+    moves = ("base_tilt", "base_shift")
+    group = [s for s in posterior.scored if s.name in moves]
+    if h.name in moves or len(group) < 2:
+        return []
+    both = replace(group[0], block=np.hstack([s.block for s in group]))
+    mine = posterior.by_name[h.name]
+    return [s.name for s in group] if imitates(both, mine, posterior.scorer.scale) else []
+
+
+def imitates(other: Scored[Hypothesis], mine: Scored[Hypothesis], scale: float) -> bool:
+    """Whether another effect could imitate what was found, at its fitted size: less than CONFOUNDED_CHI2
+    units of chi^2 stay unexplained (METHOD.md 16)."""
+    signal = mine.columns @ _ridge(mine.columns, mine.signal, scale)
+    left = signal - other.columns @ _ridge(other.columns, signal, scale)
+    return float(left @ left) / scale**2 < CONFOUNDED_CHI2
+
+
+def _ridge(columns: Array, target: Array, scale: float) -> Array:
+    inner = columns.T @ columns + (scale / max(LAMBDAS)) ** 2 * np.eye(columns.shape[1])
+    return np.linalg.solve(inner, columns.T @ target)

@@ -1,0 +1,138 @@
+"""The posterior at one fit: probabilities of every candidate, of "nothing missing" and of the unnamed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..effects import Hypothesis
+from ..evidence import softmax
+from ..hypotheses import PRIOR_NONE, PRIOR_UNNAMED, Candidate, effect_of
+from ..scoring import Scored, Scorer, unexplained
+from ..unnamed import Cell
+
+NONE, UNNAMED = "none", "novel"  # names in `probability` beside those of effects
+ACCEPT_ODDS = 9.0
+ABSORBED = 0.995  # share of an effect that the nuisance parameters imitate: the data say nothing about it
+_LN_PREFER_SINGLE = math.log(10.0)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """All hypotheses scored at one fit.
+
+    scored: named effects; mapped: cells of the location x driver map; unknown: those of them that no
+    effect describes; probability: by name, sums to 1, with NONE and UNNAMED among the names. Effects
+    that the nuisance parameters imitate are left out of it.
+    """
+
+    scorer: Scorer
+    scored: tuple[Scored[Hypothesis], ...]
+    mapped: tuple[Scored[Cell], ...]
+    unknown: tuple[Scored[Cell], ...]
+    probability: dict[str, float]
+
+    @classmethod
+    def at(cls, scorer: Scorer, candidates: Sequence[Candidate]) -> Posterior:
+        """Score candidates and the map, and weigh them by their priors."""
+        scored, mapped = scorer.candidates(candidates), scorer.map()
+        unknown = unexplained(mapped, scored)
+        probability = _probabilities(candidates, scored, unknown)
+        return cls(scorer, tuple(scored), tuple(mapped), tuple(unknown), probability)
+
+    @cached_property
+    def by_name(self) -> dict[str, Scored[Hypothesis]]:
+        """Scored effects by name."""
+        return {s.name: s for s in self.scored}
+
+    @property
+    def none(self) -> float:
+        """Probability that nothing is missing."""
+        return self.probability[NONE]
+
+    @property
+    def unnamed(self) -> float:
+        """Probability that something is missing that no effect of the library describes."""
+        return self.probability.get(UNNAMED, 0.0)
+
+    @property
+    def something_missing(self) -> bool:
+        """Some hypothesis beats "nothing is missing" by the odds that acceptance needs."""
+        best = max(p for name, p in self.probability.items() if name != NONE)
+        return best > ACCEPT_ODDS * self.none
+
+    @property
+    def unnamed_wins(self) -> bool:
+        """Something is missing, and what no effect describes is more likely than each effect."""
+        best = max((self.presence(name) for name in self._effects), default=0.0)
+        return self.unnamed > ACCEPT_ODDS * self.none and self.unnamed > best
+
+    @property
+    def _effects(self) -> list[str]:
+        return [name for name in self.probability if name not in (NONE, UNNAMED)]
+
+    def named(self, room: int) -> list[str]:
+        """Effects by probability, best first, that need no more coefficients than there is room for."""
+        fitting = [name for name in self._effects if len(self.by_name[name].best.parameters) <= room]
+        return sorted(fitting, key=lambda name: -self.probability[name])
+
+    def best(self, room: int) -> Hypothesis | None:
+        """The best effect; one joint alone unless the data clearly ask for all of them."""
+        names = self.named(room)
+        if not names:
+            return None
+        single = next((name for name in names if name.startswith(f"{names[0]}[")), None)
+        if single is not None and self._explains_as_well(single, names[0]):
+            return self.by_name[single].best
+        return self.by_name[names[0]].best
+
+    def one_joint(self, h: Hypothesis) -> Hypothesis | None:
+        """For an effect at all joints: the joint that explains the data as well alone, if there is one."""
+        singles = [s for s in self.scored if h.name == h.effect and s.name.startswith(f"{h.name}[")]
+        top = max(singles, key=lambda s: s.ln_bf, default=None)
+        return top.best if top is not None and self._explains_as_well(top.name, h.name) else None
+
+    def _explains_as_well(self, single: str, whole: str) -> bool:
+        return self.by_name[single].ln_bf > self.by_name[whole].ln_bf - _LN_PREFER_SINGLE
+
+    def presence(self, name: str) -> float:
+        """Probability that this effect is there: at this joint (alone or with all others), or, for a
+        name without joint, at any joint."""
+        effect = effect_of(name)
+        same = {name, effect}
+        return sum(
+            p
+            for other, p in self.probability.items()
+            if other in same or (name == effect and other.startswith(f"{effect}["))
+        )
+
+    def wins(self, name: str) -> bool:
+        """This effect beats nothing (by the odds of acceptance) and the unnamed."""
+        return self.presence(name) >= max(ACCEPT_ODDS * self.none, self.unnamed)
+
+
+def _probabilities(
+    candidates: Sequence[Candidate], scored: Sequence[Scored[Hypothesis]], unknown: Sequence[Scored[Cell]]
+) -> dict[str, float]:
+    ln_bf, prior = {NONE: 0.0}, {NONE: PRIOR_NONE}
+    for candidate, s in zip(candidates, scored, strict=True):
+        if s.score.absorbed < ABSORBED:
+            ln_bf[candidate.name], prior[candidate.name] = s.ln_bf, candidate.prior
+    if unknown:
+        ln_bf[UNNAMED], prior[UNNAMED] = _ln_bf_unnamed(unknown), PRIOR_UNNAMED
+    return softmax(ln_bf, prior)
+
+
+def _ln_bf_unnamed(unknown: Sequence[Scored[Cell]]) -> float:
+    """Evidence of the whole map: half for cells of one driver, half for those of two, equal within."""
+    by_drivers = [[s.ln_bf for s in unknown if len(s.best.drivers) == count] for count in (1, 2)]
+    return _ln_mean(_ln_mean(group) for group in by_drivers if group)
+
+
+def _ln_mean(ln: Iterable[float]) -> float:
+    values = list(ln)
+    return float(np.logaddexp.reduce(values) - np.log(len(values)))

@@ -1,0 +1,250 @@
+"""Held-out error of nested models: nominal arm, DH, DH + first effect, ... beside the noise floor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from kincal.schema.arm import ArmTable
+
+from .adequacy import NoiseFloor
+from .compare import Split, choose_split
+from .data import Measurements
+from .effects import Hypothesis
+from .fit import Frames, find_frames, fit_model, rms
+from .types import Array, Indices, Mask, Progress, no_progress
+
+_BOOTSTRAP = 1000
+_NO_GAIN = 0.97  # a ratio above, with 1 in its interval, is called no help
+_FIFTH = 0.8  # quantile beyond which a fifth of the poses lies
+_LEAST_HELD, _MOST_HELD = 4, 0.6  # poses of a block, share of all poses
+
+
+@dataclass(frozen=True)
+class Block:
+    """A way of holding poses back: at random (file or every 4th), an unseen region, a time block, one
+    direction of approach. fit, held: indices of the poses."""
+
+    name: str
+    fit: Indices
+    held: Indices
+
+
+@dataclass(frozen=True)
+class NestedModel:
+    """Held-out error of one model on one block.
+
+    pos_m, rot_rad: RMS [m], [rad] (None without rotations); sys_pos_m: without the stated noise [m], None
+    where none is stated; max_pos_m: of the worst pose; ratio: pos_m over that of the model before, with a
+    95 % bootstrap interval; None for the first model.
+    """
+
+    model: str
+    block: str
+    pos_m: float
+    rot_rad: float | None
+    sys_pos_m: float | None
+    max_pos_m: float
+    ratio: float | None
+    ratio_interval: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class NoGain:
+    """An effect whose gain the held-out poses of a block do not show. `helps`: False where it brings
+    nothing, None where these poses cannot tell; ratio: with / without the effect, the others in both."""
+
+    effect: str
+    block: str
+    ratio: float
+    interval: tuple[float, float]
+    helps: Literal[False] | None
+
+
+@dataclass(frozen=True)
+class NestedModels:
+    """All models on all blocks, in the order of fitting."""
+
+    models: tuple[NestedModel, ...]
+    floor: NoiseFloor
+    no_gain: tuple[NoGain, ...]
+
+    def of(self, block: str) -> tuple[NestedModel, ...]:
+        """The models on one block."""
+        return tuple(m for m in self.models if m.block == block)
+
+
+def fit_nested(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis],
+    floor: NoiseFloor,
+    *,
+    dh: bool = True,
+    progress: Progress = no_progress,
+) -> NestedModels:
+    """Fit nominal, DH, DH + first effect, ... on every block and measure what was held back. The gain of
+    an effect compares the whole model with the one that lacks it: the order of adding does not matter."""
+    groups = _by_effect(hypotheses)
+    todo = blocks(data, choose_split(data))
+    rng = np.random.default_rng(3)
+    models: list[NestedModel] = []
+    no_gain: list[NoGain] = []
+    for number, block in enumerate(todo):
+        held_out = _HeldOut.of(arm, data, block, dh, rng)
+        steps, fitted = [*_steps(groups, dh)], []
+        for step in steps:
+            progress(f"{block.name}: {step.label}", number, len(todo))
+            fitted.append(held_out.residuals(step.hypotheses, step.dh))
+        models += held_out.models([step.label for step in steps], fitted)
+        no_gain += held_out.without_gain(groups, hypotheses, fitted[-1], models[-1])
+    return NestedModels(tuple(models), floor, tuple(no_gain))
+
+
+def _by_effect(hypotheses: Sequence[Hypothesis]) -> dict[str, list[Hypothesis]]:
+    """Effects by the name they are shown with, all joints of one together."""
+    groups: dict[str, list[Hypothesis]] = {}
+    for h in hypotheses:
+        groups.setdefault(h.effect if h.name == h.effect else h.name, []).append(h)
+    return groups
+
+
+@dataclass(frozen=True)
+class _Step:
+    label: str
+    dh: bool
+    hypotheses: tuple[Hypothesis, ...]
+
+
+def _steps(groups: dict[str, list[Hypothesis]], dh: bool) -> Iterator[_Step]:
+    yield _Step("nominal", False, ())
+    if dh:
+        yield _Step("DH", True, ())
+    used: tuple[Hypothesis, ...] = ()
+    for name, group in groups.items():
+        used = (*used, *group)
+        yield _Step(f"+ {name}", dh, used)
+
+
+@dataclass(frozen=True)
+class _HeldOut:
+    """One block with its frames found: fits models to its fit poses, measures them on the held ones."""
+
+    arm: ArmTable
+    block: Block
+    part: Measurements
+    held: Measurements
+    frames: Frames
+    dh: bool
+    rng: np.random.Generator
+
+    @classmethod
+    def of(
+        cls, arm: ArmTable, data: Measurements, block: Block, dh: bool, rng: np.random.Generator
+    ) -> _HeldOut:
+        """Frames found from the fit poses of a block."""
+        part = data.take(block.fit)
+        return cls(arm, block, part, data.take(block.held), find_frames(arm, part), dh, rng)
+
+    def residuals(self, hypotheses: Sequence[Hypothesis], dh: bool) -> Array:
+        """(M, c) residuals of the held-out poses."""
+        return fit_model(self.arm, self.part, hypotheses, dh=dh, frames=self.frames).predict(self.held)
+
+    def models(self, labels: Sequence[str], fitted: Sequence[Array]) -> list[NestedModel]:
+        """Each model beside the one before it."""
+        before = [None, *fitted]
+        return [self.model(label, r, b) for label, r, b in zip(labels, fitted, before, strict=False)]
+
+    def model(self, label: str, r: Array, before: Array | None) -> NestedModel:
+        """Errors of one model from its residuals and those of the model before."""
+        square = (r[:, :3] ** 2).sum(axis=1)
+        ratio = interval = None
+        if before is not None:
+            ratio, interval = self._ratio(square, (before[:, :3] ** 2).sum(axis=1))
+        position, rotation = rms(r)
+        worst = float(np.sqrt(square.max()))
+        systematic = self._systematic(square)
+        return NestedModel(label, self.block.name, position, rotation, systematic, worst, ratio, interval)
+
+    def _systematic(self, square: Array) -> float | None:
+        if self.held.cov is None:
+            return None
+        noise = np.einsum("nii->n", self.held.cov[:, :3, :3]).mean()
+        return float(np.sqrt(max(0.0, square.mean() - noise)))
+
+    def _ratio(self, square: Array, before: Array) -> tuple[float, tuple[float, float]]:
+        pick = self.rng.integers(0, len(square), (_BOOTSTRAP, len(square)))
+        boot = np.sqrt(square[pick].mean(axis=1) / np.maximum(before[pick].mean(axis=1), 1e-30))
+        interval = float(np.quantile(boot, 0.025)), float(np.quantile(boot, 0.975))
+        return float(np.sqrt(square.mean() / before.mean())), interval
+
+    def without_gain(
+        self,
+        groups: dict[str, list[Hypothesis]],
+        hypotheses: Sequence[Hypothesis],
+        whole: Array,
+        last: NestedModel,
+    ) -> Iterator[NoGain]:
+        """The effects whose gain these poses do not show. whole, last: residuals and errors of the model
+        with all effects; if there is only one, the model before it is the one without it."""
+        for name, group in groups.items():
+            if len(groups) > 1:
+                without = self.residuals([h for h in hypotheses if h not in group], self.dh)
+                last = self.model(name, whole, without)
+            yield from _no_gain(name, last)
+
+
+def _no_gain(name: str, model: NestedModel) -> Iterator[NoGain]:
+    if model.ratio is None or model.ratio_interval is None or model.ratio_interval[1] < 1.0:
+        return
+    helps: Literal[False] | None = False if model.ratio > _NO_GAIN else None
+    yield NoGain(name, model.block, model.ratio, model.ratio_interval, helps)
+
+
+# -------------------------------------------------------------------------------------------- blocks
+
+
+def blocks(data: Measurements, split: Split) -> list[Block]:
+    """The split in use, and a region, a time block and a direction cut from the poses it may fit."""
+    out = [Block("held-out poses", split.fit, split.held)] if len(split.held) else []
+    pool = split.fit if split.given else np.arange(data.n)
+    masks = (
+        ("unseen region", _region(data.q[pool])),
+        ("time block", _time(data, pool)),
+        ("direction", _direction(data, pool)),
+    )
+    out += [
+        Block(name, pool[~mask], pool[mask])
+        for name, mask in masks
+        if mask is not None and _LEAST_HELD <= mask.sum() <= _MOST_HELD * len(pool)
+    ]
+    return out
+
+
+def _region(q: Array) -> Mask:
+    """The fifth of the poses farthest along the leading direction of the joint angles: one corner."""
+    centred = (q - q.mean(axis=0)) / np.maximum(q.std(axis=0), 1e-9)
+    _, _, vt = np.linalg.svd(centred, full_matrices=False)
+    return _last_fifth(centred @ vt[0])
+
+
+def _time(data: Measurements, pool: Indices) -> Mask | None:
+    """The last fifth in time."""
+    if data.t_s is None or np.ptp(data.t_s[pool]) == 0:
+        return None
+    return _last_fifth(data.t_s[pool])
+
+
+def _direction(data: Measurements, pool: Indices) -> Mask | None:
+    """Poses whose joints were mostly approached upward, a fifth of them."""
+    if data.direction is None or np.ptp(data.direction) == 0:
+        return None
+    return _last_fifth(data.direction[pool].sum(axis=1) + 1e-6 * np.arange(len(pool)))
+
+
+def _last_fifth(x: Array) -> Mask:
+    mask: Mask = x >= np.quantile(x, _FIFTH)
+    return mask

@@ -1,0 +1,58 @@
+"""Coefficients of a model, each with the correction terms it scales: DH errors, frames, effects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from kincal.flight import FRAME_TOOL
+from kincal.schema.arm import ArmTable, Frame
+from kincal.schema.terms import ONE
+
+from .effects import Hypothesis, Parameter, Term
+
+# Prior sigmas. Wide enough that data of a few poses overrule them (1.3 rad is moved by 0.1 mrad), tight
+# enough to keep combinations that the data do not determine from wandering.
+DH_SIGMA = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05}
+FRAME_SIGMA = {"m": 1.0, "rad": 1.0}
+
+Named = tuple[str, Parameter]
+_FRAME_COMPONENTS = (("tx", "m"), ("ty", "m"), ("tz", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad"))
+
+
+def _constant(name: str, unit: str, sigma: float, frame: int, component: int) -> Parameter:
+    """A coefficient that is one component of the twist at one frame."""
+    return Parameter(name, unit, sigma, (Term(frame, component, 1.0, (ONE, ONE)),))
+
+
+def dh_parameters(arm: ArmTable) -> list[Named]:
+    """The 4 n DH errors as single terms: rz, tz at frame j-1; tx, rx at frame j. Names `J3.alpha_rad`."""
+    return [
+        (f"J{j}.{name}", _constant(name, unit, DH_SIGMA[name], frame, component))
+        for j in range(1, arm.n + 1)
+        for name, unit, frame, component in (
+            ("phi_rad", "rad", j - 1, 5),
+            ("alpha_rad", "rad", j, 3),
+            ("a_m", "m", j, 0),
+            ("d_m", "m", j - 1, 2),
+        )
+    ]
+
+
+def frame_parameters(arm: ArmTable) -> list[Named]:
+    """Twists of base and tool where the arm table says they are to be estimated. Names `base.tx_m`."""
+
+    def twist(label: str, frame: Frame, number: int) -> Iterator[Named]:
+        for component, (name, unit) in enumerate(_FRAME_COMPONENTS):
+            if frame.estimate:
+                yield f"{label}.{name}_{unit}", _constant(name, unit, FRAME_SIGMA[unit], number, component)
+
+    return [*twist("base", arm.base, 0), *twist("tool", arm.tool, FRAME_TOOL)]
+
+
+def effect_parameters(hypotheses: Iterable[Hypothesis], width: float) -> list[Named]:
+    """The coefficients of effects, `width` prior sigmas wide. Names `joint_compliance[2].c`."""
+    return [
+        (f"{h.name}.{p.name}", Parameter(p.name, p.unit, width * p.sigma, p.terms))
+        for h in hypotheses
+        for p in h.parameters
+    ]

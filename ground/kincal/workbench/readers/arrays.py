@@ -1,0 +1,97 @@
+"""Files that hold numbers as such: npz of numpy, Parquet."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kincal import installation
+from kincal.errors import BadInput
+from kincal.schema.datamap import DataMap
+
+from ..types import array
+from .table import Column, Joints, Table
+
+# Names of the columns of an array of several columns, where they are not NAME1, NAME2 ...
+_PARTS = {
+    "p": ("px", "py", "pz"),
+    "quat_wxyz": ("qw", "qx", "qy", "qz"),
+    "g": ("gx", "gy", "gz"),
+    "cam": ("cx", "cy", "cz", "cqw", "cqx", "cqy", "cqz"),
+}
+
+
+def read_npz(path: str, _mapping: DataMap, _joints: Joints) -> Table:
+    """The arrays of an npz file whose first dimension is that of most; those of one value are left out."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = {name: file[name] for name in file.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise BadInput("cannot be read as npz", path, str(error)) from None
+    return _table(path, {name: values for name, values in found.items() if values.ndim > 0})
+
+
+def read_parquet(path: str, _mapping: DataMap, _joints: Joints) -> Table:
+    """The columns of a Parquet file; a column of lists is an array of several columns. Times with a date
+    become seconds."""
+    installation.require("data", "reading Parquet")
+    import pyarrow
+    from pyarrow import parquet
+
+    try:
+        table = parquet.read_table(path)
+    except (OSError, pyarrow.ArrowException) as error:
+        raise BadInput("cannot be read as Parquet", path, str(error)) from None
+    return _table(path, {name: _column(path, name, table.column(name)) for name in table.column_names})
+
+
+def _column(path: str, name: str, values: Any) -> NDArray[Any]:
+    import pyarrow
+
+    kind = values.type
+    if pyarrow.types.is_timestamp(kind):
+        return array(values.cast(pyarrow.timestamp("ns")).cast("int64").to_numpy()) * 1e-9
+    if pyarrow.types.is_string(kind) or pyarrow.types.is_large_string(kind):
+        return np.array(["" if text is None else text for text in values.to_pylist()])
+    try:
+        return np.array(values.to_pylist(), dtype=float)  # None becomes nan
+    except (TypeError, ValueError):
+        raise BadInput(
+            f"column {name!r} holds {kind}, numbers or lists of one length are needed", path
+        ) from None
+
+
+def _table(path: str, arrays: dict[str, NDArray[Any]]) -> Table:
+    if not arrays:
+        raise BadInput("holds no array", path)
+    n = len(next(iter(arrays.values())))
+    for name, values in arrays.items():
+        if len(values) != n:
+            sizes = ", ".join(f"{key}: {len(rows)}" for key, rows in arrays.items())
+            raise BadInput(f"{name!r} has {len(values)} rows, others have {n}", path, f"rows are {sizes}")
+    columns: dict[str, Column] = {}
+    for name, values in arrays.items():
+        for part, column in _parts(name, values):
+            if part in columns:
+                raise BadInput(f"column {part!r} appears twice", path)
+            columns[part] = column
+    return Table(source=path, where="", row="row", numbers=range(1, n + 1), columns=columns)
+
+
+def _parts(name: str, values: NDArray[Any]) -> Iterator[tuple[str, Column]]:
+    """Columns of an array (N, ...), row by row."""
+    if values.dtype.kind in "US":
+        yield name, [str(text) for text in values]
+        return
+    flat = np.asarray(values, dtype=float).reshape(len(values), -1)
+    if values.ndim == 1:
+        yield name, flat[:, 0]
+        return
+    names = _PARTS.get(name, ())
+    if len(names) != flat.shape[1]:
+        names = tuple(f"{name}{k}" for k in range(1, flat.shape[1] + 1))
+    yield from zip(names, flat.T, strict=True)

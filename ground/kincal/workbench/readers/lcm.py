@@ -1,0 +1,98 @@
+"""Measurements from a recorded LCM log of the flight process: everything that KC_MEAS carries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from kincal.errors import BadInput
+
+from ..data import Measurements, replicate_groups
+from ..types import Array
+
+if TYPE_CHECKING:
+    from kincal.link.messages import Meas
+
+_SYNC = bytes.fromhex("eda1da01")  # first word of an LCM event log
+
+
+def is_log(path: str | Path) -> bool:
+    """Whether a file begins as LCM event logs do."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(_SYNC)) == _SYNC
+    except OSError:
+        return False
+
+
+def read_log(path: str | Path, n_joints: int, *, session: int | None = None) -> Measurements:
+    """All measurements of one session of a log (the last one with measurements if not named).
+
+    BadInput if there are none, or they are of another arm or of different tables.
+    """
+    number, rows = _session(Path(path), session)
+    where = f"{path}: session {number}"
+    if rows[0].n_joints != n_joints:
+        raise BadInput(f"{where} was recorded with {rows[0].n_joints} joints, the arm table has {n_joints}")
+    if len({(m.crc_arm, m.crc_terms, m.crc_camera) for m in rows}) > 1:
+        raise BadInput(f"{where} mixes measurements of different tables; split the log")
+    q = _stack(rows, lambda m: m.q_rad[:n_joints])
+    return Measurements(
+        source=f"{path} session {number}",
+        ids=tuple(f"{m.pose}" if not m.replicate else f"{m.pose}r{m.replicate}" for m in rows),
+        q=q,
+        p_m=_stack(rows, lambda m: m.p_m),
+        quat_wxyz=_stack(rows, lambda m: m.q_wxyz),
+        cov=_covariance(rows),
+        t_s=_stack(rows, lambda m: m.t_us * 1e-6),
+        direction=_stack(rows, lambda m: m.dir[:n_joints]),
+        qdot=_stack(rows, lambda m: m.dq_rad_s[:n_joints]),
+        g_m_s2=_stack(rows, lambda m: m.g_m_s2),
+        tag=_stack(rows, _tag_share),
+        cam_p_m=_stack(rows, lambda m: m.p_cam_m),
+        cam_quat_wxyz=_stack(rows, lambda m: m.q_cam_wxyz),
+        replicate=replicate_groups(q),
+        temp_c=_stack(rows, lambda m: m.temp_c),
+        payload_kg=_stack(rows, lambda m: m.payload_kg),
+        range_m=_stack(rows, lambda m: m.range_m),
+        incid_rad=_stack(rows, lambda m: m.incid_rad),
+        u_px=_stack(rows, lambda m: m.u_px),
+        v_px=_stack(rows, lambda m: m.v_px),
+        pan_rad=_stack(rows, lambda m: m.pan_rad),
+        tilt_rad=_stack(rows, lambda m: m.tilt_rad),
+    )
+
+
+def _session(path: Path, number: int | None) -> tuple[int, Sequence[Meas]]:
+    """Number and measurements of a session."""
+    from kincal import link  # needs the messages' types; a CSV does not
+
+    found = {n: s.measurements for n, s in link.read_log(path).sessions.items() if s.measurements}
+    if not found:
+        raise BadInput(f"{path}: holds no measurement (channel KC_MEAS); record a calibration")
+    number = max(found) if number is None else number
+    if number not in found:
+        raise BadInput(f"{path}: has no session {number}; it holds {', '.join(map(str, sorted(found)))}")
+    return number, found[number]
+
+
+def _stack(rows: Sequence[Meas], get: Callable[[Any], object]) -> Array:
+    """(N, ...) of one field of the messages."""
+    return np.array([get(m) for m in rows], dtype=float)
+
+
+def _covariance(rows: Sequence[Meas]) -> Array:
+    """(N, 6, 6) of the upper triangles."""
+    cov = np.zeros((len(rows), 6, 6))
+    cov[:, *np.triu_indices(6)] = _stack(rows, lambda m: m.cov)
+    cov += np.triu(cov, 1).transpose(0, 2, 1)
+    return cov
+
+
+def _tag_share(m: Meas) -> float:
+    """0 first tag only, 1 second only, 0.5 both (kc_terms.h KC_VAR_TAG); tags in ascending order of id."""
+    seen = [tag for tag in m.tag_id[: m.n_tags] if tag >= 0]
+    return 0.5 if len(seen) != 1 else float(seen[0] != 0)

@@ -1,0 +1,244 @@
+"""Scores every hypothesis and every cell of the map at one fit, by the same formula."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from .columns import Columns
+from .effects import Hypothesis
+from .evidence import NoiseScale, Projector, Score, by_width, flat_p, ln_bayes_factor, scores
+from .fit import Fit, student_weights
+from .hypotheses import Candidate
+from .tails import chi2_quantile, chi2_tail
+from .types import Array, Mask
+from .unnamed import Cell, cells
+
+BULK = 0.35  # robust weight from which on a pose keeps its full weight: the evidence is Gaussian
+_NULL_DRAWS = 400
+_GRANTED_WIDTH = 30.0  # prior sigmas
+_SAME = 1.0 - 1e-6  # cosine of two columns that are the same function
+_REWEIGHTINGS = 6
+_TOGETHER = 64  # tests computed at once: bounds memory
+
+What = TypeVar("What", Hypothesis, Cell, covariant=True)
+
+
+@dataclass(frozen=True)
+class Scored(Generic[What]):
+    """A named effect or a cell of the map with its evidence.
+
+    ln_bf: ln Bayes factor against "nothing missing"; best: the variant with the most evidence;
+    block: (rows, m) its columns G; signal: (rows,) W z0, what there is to explain.
+    """
+
+    name: str
+    ln_bf: float
+    score: Score
+    best: What
+    block: Array
+    projector: Projector
+    signal: Array
+
+    @cached_property
+    def columns(self) -> Array:
+        """(rows, m) W G: what of the effect the nuisance parameters cannot imitate."""
+        return self.projector.apply(self.block)
+
+
+def bulk_weights(fit: Fit) -> Array:
+    """(N,) weights of a fit, those of good poses raised to 1."""
+    return np.where(fit.weight > BULK, 1.0, fit.weight)
+
+
+def robust_weights(fit: Fit, candidates: Sequence[Candidate]) -> Array:
+    """(N,) Student-t pose weights under DH plus ALL effects at prior width, so that an effect is not
+    mistaken for outliers (METHOD.md 12.2); poses that are merely a little off keep their full weight."""
+    n, c = fit.evaluation.r.shape
+    plain = Columns(fit, np.ones(n))
+    blocks = plain.hypotheses([candidate.variants[0] for candidate in candidates if candidate.prior > 0])
+    big = np.hstack([fit.J * fit.sigma_prior, *blocks])
+    z0 = fit.z + fit.J @ fit.estimate
+    weight = np.ones(n)
+    for _ in range(_REWEIGHTINGS):
+        d2 = _ridge_distance(big, z0, weight, fit.scale, c)
+        scale2 = max(float(np.median(d2) / chi2_quantile(0.5, c)), 1e-6)
+        weight = student_weights(d2 / scale2, c)
+    return np.where(weight > BULK, 1.0, weight)
+
+
+def _ridge_distance(columns: Array, z0: Array, weight: Array, scale: float, c: int) -> Array:
+    """(N,) d_i^2 = e_i' (I - H_ii)^-1 e_i of the residuals e of a ridge fit with weighted rows.
+
+    I - H = K^-1 = I - A (s^2 I + A'A)^-1 A' (Woodbury), of which the blocks are needed.
+    """
+    root = np.repeat(np.sqrt(weight), c)
+    a = columns * root[:, None]
+    inner = np.linalg.inv(a.T @ a + scale**2 * np.eye(a.shape[1]))
+    y = root * z0
+    e = (y - a @ (inner @ (a.T @ y))).reshape(len(weight), c)
+    blocks = a.reshape(len(weight), c, -1)
+    left = np.eye(c) - (blocks @ inner) @ blocks.transpose(0, 2, 1)
+    solved = np.linalg.solve(left + 1e-9 * np.eye(c), e[:, :, None])[:, :, 0]
+    d2: Array = (e * solved).sum(axis=1) / weight
+    return d2
+
+
+class Scorer:
+    """Scores at one fit: candidates and map cells by the same formula.
+
+    weight: (N,) pose weights; stated: the data state their noise; drop: an effect of the fit that is to
+    compete again (the point of linearisation stays the fit WITH it: a large effect bends the DH errors,
+    and columns taken beside it would favour other effects); granted: (rows, m) columns that count as
+    known to be there, at any size, like the DH errors.
+
+    wz: (rows,) W z0; scale: expected noise over stated noise.
+    """
+
+    def __init__(
+        self,
+        fit: Fit,
+        weight: Array,
+        stated: bool,
+        drop: Hypothesis | None = None,
+        granted: Array | None = None,
+    ):
+        self.columns = Columns(fit, weight)
+        keep = _nuisance(fit, drop)
+        nuisance = self.columns.weighted(fit.J[:, keep]) * fit.sigma_prior[keep]
+        if granted is not None:
+            nuisance = np.hstack([nuisance, _GRANTED_WIDTH * granted])
+        self.projector = Projector.of(nuisance)
+        self.wz = self.projector.apply(self.columns.weighted(fit.z + fit.J @ fit.estimate))
+        rows = float((weight > BULK).sum() * self.columns.c)
+        dof = max(rows - self.projector.spent, 1.0)
+        self.noise = NoiseScale.posterior(float(self.wz @ self.wz), dof, stated=stated)
+        self.scale = self.noise.mean
+
+    @property
+    def left(self) -> float:
+        """z'Wz: the squares that are left to explain."""
+        return float(self.wz @ self.wz)
+
+    def scores(self, blocks: Sequence[Array]) -> list[tuple[Score, float]]:
+        """Score and ln Bayes factor of each block (rows, m); those of one width together."""
+        out: dict[int, tuple[Score, float]] = {}
+        for places in by_width(blocks).values():
+            g = np.stack([blocks[k].T for k in places])
+            found = scores(g, self.projector.grams(g), self.wz)
+            ln_bf = ln_bayes_factor(
+                np.stack([s.u for s in found]), np.stack([s.v for s in found]), self.noise
+            )
+            out |= dict(zip(places, zip(found, map(float, ln_bf), strict=True), strict=True))
+        return [out[k] for k in range(len(blocks))]
+
+    def hypotheses(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Score, float]]:
+        """Score and ln Bayes factor of each hypothesis."""
+        return self.scores(self.columns.hypotheses(hypotheses))
+
+    def candidates(self, candidates: Sequence[Candidate]) -> list[Scored[Hypothesis]]:
+        """Each candidate with its evidence averaged over its variants."""
+        variants = [h for candidate in candidates for h in candidate.variants]
+        blocks = self.columns.hypotheses(variants)
+        rows = iter(zip(variants, blocks, self.scores(blocks), strict=True))
+        return [
+            self._averaged(candidate, [next(rows) for _ in candidate.variants]) for candidate in candidates
+        ]
+
+    def _averaged(
+        self, candidate: Candidate, rows: list[tuple[Hypothesis, Array, tuple[Score, float]]]
+    ) -> Scored[Hypothesis]:
+        """The variant with the most evidence, with the evidence of all of them by weight."""
+        h, block, (score, _) = max(rows, key=lambda row: row[2][1])
+        weights = np.array(candidate.weights or np.ones(len(rows)))
+        ln_mean = np.logaddexp.reduce(np.log(weights / weights.sum()) + [row[2][1] for row in rows])
+        return Scored(candidate.name, float(ln_mean), score, h, block, self.projector, self.wz)
+
+    def map(self, *, double: bool = True) -> list[Scored[Cell]]:
+        """All cells of the location x driver map; double: also those with two drivers."""
+        made = cells(self.columns, double=double)
+        return [
+            Scored(cell.name, ln_bf, score, cell, cell.columns, self.projector, self.wz)
+            for cell, (score, ln_bf) in zip(made, self.scores([cell.columns for cell in made]), strict=True)
+        ]
+
+    @cached_property
+    def null(self) -> Array:
+        """(rows, draws) W z of noise alone."""
+        z = np.random.default_rng(1).standard_normal((len(self.wz), _NULL_DRAWS))
+        return self.projector.apply(z)
+
+
+def _nuisance(fit: Fit, drop: Hypothesis | None) -> Mask:
+    """(k,) coefficients of the fit that are marginalised: all but those of the dropped effect."""
+    return np.array([drop is None or not name.startswith(f"{drop.name}.") for name in fit.names], dtype=bool)
+
+
+def unexplained(mapped: Sequence[Scored[Cell]], known: Sequence[Scored[Hypothesis]]) -> list[Scored[Cell]]:
+    """The cells without those that are the very function of a known effect: that effect is not unnamed."""
+    taken, mine = _directions(known), _directions(mapped)
+    if not taken or not mine:
+        return list(mapped)
+    cosine = np.abs(np.array(list(mine.values())) @ np.array(list(taken.values())).T).max(axis=1)
+    same = {name for name, x in zip(mine, cosine, strict=True) if x > _SAME}
+    return [s for s in mapped if s.name not in same]
+
+
+def _directions(scored: Sequence[Scored[Hypothesis] | Scored[Cell]]) -> dict[str, Array]:
+    """Unit vectors of those with a single column."""
+    single = {s.name: s.columns[:, 0] for s in scored if s.block.shape[1] == 1}
+    return {name: x / np.linalg.norm(x) for name, x in single.items() if np.linalg.norm(x) > 0}
+
+
+def family_p(scorer: Scorer, scored: Sequence[Scored[Hypothesis] | Scored[Cell]]) -> dict[str, float]:
+    """Family-wise p-value of each score test by name: draws from the null give the distribution of the
+    least p over everything tested (Westfall, Young, Resampling-Based Multiple Testing, 1993)."""
+    own = {s.name: 1.0 for s in scored if s.score.rank == 0}
+    least = np.ones(_NULL_DRAWS)
+    for rank, (names, square) in _squares(scorer, [s for s in scored if s.score.rank > 0]).items():
+        least = np.minimum(least, chi2_tail(square[:, :-1].max(axis=0), rank))
+        p = chi2_tail(square[:, -1], rank)
+        own |= {name: float(x) for name, x in zip(names, p, strict=True)}
+    least.sort()
+    return {name: _family_wise(p, least, len(own)) for name, p in own.items()}
+
+
+def _squares(
+    scorer: Scorer, scored: Sequence[Scored[Hypothesis] | Scored[Cell]]
+) -> dict[int, tuple[list[str], Array]]:
+    """By rank: names and (tests, draws + 1) chi^2 of the null draws and, last, of the data."""
+    both = np.hstack([scorer.null, scorer.wz[:, None] / scorer.scale])
+    found: dict[int, list[tuple[str, Array]]] = {}
+    for places in by_width([s.block for s in scored]).values():
+        for start in range(0, len(places), _TOGETHER):
+            some = [scored[k] for k in places[start : start + _TOGETHER]]
+            ranks, square = _tested(np.stack([s.columns.T for s in some]), both)
+            for s, rank, row in zip(some, ranks, square, strict=True):
+                found.setdefault(int(rank), []).append((s.name, row))
+    return {
+        rank: ([name for name, _ in rows], np.array([x for _, x in rows])) for rank, rows in found.items()
+    }
+
+
+def _tested(blocks: Array, z: Array) -> tuple[Array, Array]:
+    """Ranks (k,) and chi^2 (k, d) of blocks G' (k, m, rows) against columns z (rows, d)."""
+    value, vector = np.linalg.eigh(blocks @ blocks.transpose(0, 2, 1))
+    good = value > 1e-10 * value.max(axis=1, keepdims=True)
+    white = vector.transpose(0, 2, 1) @ (blocks @ z)
+    square = np.where(good, 1.0 / np.where(good, value, 1.0), 0.0)[:, None, :] @ white**2
+    return good.sum(axis=1), square[:, 0, :]
+
+
+def _family_wise(p: float, least: Array, tests: int) -> float:
+    """Share of null draws with a smaller least p; Bonferroni below what the draws resolve."""
+    drawn = float((np.searchsorted(least, p, side="right") + 1) / (len(least) + 1))
+    return min(drawn, max(p * tests, 0.0)) if p * tests < 1.0 / len(least) else drawn
+
+
+def scaled_p(scored: Scored[Cell], scale: float) -> float:
+    """p-value of one score test at a noise scale."""
+    return flat_p(scored.score.chi2 / scale**2, scored.score.rank)

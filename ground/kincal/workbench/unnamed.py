@@ -1,0 +1,285 @@
+"""The map of the unnamed: where an error enters x what it depends on, scored like named effects.
+
+A cell is a Gaussian process embedded in the chain: at its location (a joint axis, the base, the camera,
+the tool ...) an error that is a smooth unknown function of its driver (a joint angle, a torque, time
+...), or of two drivers at once. The leading eigenvectors of the driver's kernel are its columns
+(METHOD.md 14), so the evidence of a cell and that of a named effect are on one scale.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import eigh
+
+from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
+from kincal.rotations import matrix_of_wxyz
+from kincal.schema.terms import Basis
+
+from .columns import Columns
+from .data import Measurements
+from .types import Array
+
+_SINGLE = 5  # eigenvectors of one driver
+_DOUBLE = 12  # of two drivers together
+_JOINT_SIGMA = 1.5e-3  # [rad], typical size of an unknown joint error
+_SHIFT_SIGMA = 1.5e-3  # [m]
+_MAX_INCIDENCE_MISFIT = 0.15  # of the cosine: the tag sits beside the tool point
+_MIN_INCIDENCE_POSES = 6
+_MIN_IMAGE_SPREAD = 0.01  # of normalised image position: about 14 px
+_LEAST_EIGENVALUE = 1e-6  # of the largest one
+_SHIFTS, _TURNS = (0, 1, 2), (3, 4, 5)
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where an error enters; rows: (N, m, c) twist rows, scaled to the error's typical size."""
+
+    name: str
+    rows: Array
+
+
+@dataclass(frozen=True)
+class Driver:
+    """What an error depends on; features: (N, k) of a centred kernel, scaled to unit mean variance."""
+
+    name: str
+    features: Array
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An unknown function of one or two drivers at a location; columns: (N c, m k) whitened."""
+
+    location: str
+    drivers: tuple[str, ...]
+    columns: Array
+
+    @property
+    def name(self) -> str:
+        """Location and drivers, for instance "joint 3 | q4 x q5"."""
+        return f"{self.location} | {' x '.join(self.drivers)}"
+
+
+def cells(columns: Columns, *, double: bool = True) -> list[Cell]:
+    """All cells. Cells of two drivers are only made at joints (elsewhere they cannot be distinguished)."""
+    places, singles = locations(columns), drivers(columns)
+    joints = [place for place in places if place.name.startswith("joint")]
+    out = [_cell(place, driver) for place in places for driver in singles]
+    if double:
+        out += [_cell(place, driver) for driver in _pairs(columns) for place in joints]
+    return out
+
+
+def _cell(location: Location, driver: Driver) -> Cell:
+    n, m, c = location.rows.shape
+    k = driver.features.shape[1]
+    columns = location.rows.transpose(1, 0, 2)[:, None] * driver.features.T[None, :, :, None]
+    return Cell(location.name, tuple(driver.name.split(" x ")), columns.reshape(m * k, n * c).T)
+
+
+# ----------------------------------------------------------------------------------------- locations
+
+
+def locations(columns: Columns) -> list[Location]:
+    """Joint axes, off-axis joint motions, base, tool, and the camera side when the data have it."""
+    camera = columns.fit.data.has("cam")
+    turns = [("base rotation", 0), ("tool rotation", FRAME_TOOL)]
+    shifts = [("base translation", 0), ("tool translation", FRAME_TOOL)]
+    if camera:
+        turns += [("camera rotation", FRAME_CAMERA), ("tag rotation", FRAME_MEAS)]
+        shifts += [("camera translation", FRAME_CAMERA)]
+    out = list(_joint_axes(columns))
+    out += [_range(columns)] if camera else []
+    out += [Location("tag tilt", _JOINT_SIGMA * tilt) for tilt in _tag_tilt(columns)]
+    out += [Location(name, _JOINT_SIGMA * columns.location(frame, _TURNS)) for name, frame in turns]
+    out += [
+        Location(f"link {j} tilt", _JOINT_SIGMA * columns.location(j, (3, 4)))
+        for j in range(1, columns.fit.arm.n)
+    ]
+    out += [Location(name, _SHIFT_SIGMA * columns.location(frame, _SHIFTS)) for name, frame in shifts]
+    return [location for location in out if np.abs(location.rows).max() > 0]
+
+
+def _joint_axes(columns: Columns) -> Iterator[Location]:
+    for j, joint in enumerate(columns.fit.arm.joints, 1):
+        size, component = (_SHIFT_SIGMA, 2) if joint.prismatic else (_JOINT_SIGMA, 5)
+        yield Location(f"joint {j}", size * columns.location(j - 1, (component,)))
+
+
+def _range(columns: Columns) -> Location:
+    """A shift along the line of sight."""
+    seen = np.stack([columns.basis(Basis("lin", v, 0)) for v in ("xcam", "ycam", "zcam")], axis=1)
+    ray = seen / np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-9)
+    rows = columns.location(FRAME_CAMERA, _SHIFTS)
+    return Location("range", _SHIFT_SIGMA * np.einsum("nm,nmc->nc", ray, rows)[:, None, :])
+
+
+def _tag_tilt(columns: Columns) -> Iterator[Array]:
+    """(N, 1, c) rows of a turn of the seen tag toward the camera: what a bias of the slant does."""
+    data = columns.fit.data
+    if data.incid_rad is None or data.quat_wxyz is None or data.cam_p_m is None:
+        return
+    ray = data.p_m - data.cam_p_m
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    ray_tool = np.einsum("nji,nj->ni", matrix_of_wxyz(data.quat_wxyz), ray)
+    axis = np.cross(_tag_normals(data, data.incid_rad, ray_tool), ray_tool)
+    yield np.einsum("nm,nmc->nc", axis, columns.location(FRAME_MEAS, _TURNS))[:, None, :]
+
+
+def _tag_normals(data: Measurements, incid_rad: Array, ray_tool: Array) -> Array:
+    """(N, 3) normals of the tags in the tool frame. They are not in the arm table; the recorded incidence
+    angles tell them, tag by tag; 0 where they do not."""
+    tag = data.tag if data.tag is not None else np.zeros(data.n)
+    normal = np.zeros((data.n, 3))
+    for which in np.unique(tag):
+        mine = tag == which
+        if mine.sum() < _MIN_INCIDENCE_POSES:
+            continue
+        found, *_ = np.linalg.lstsq(ray_tool[mine], np.cos(incid_rad[mine]), rcond=None)
+        if np.abs(ray_tool[mine] @ found - np.cos(incid_rad[mine])).max() < _MAX_INCIDENCE_MISFIT:
+            normal[mine] = found / np.linalg.norm(found)
+    return normal
+
+
+# ------------------------------------------------------------------------------------------- drivers
+
+
+def drivers(columns: Columns) -> list[Driver]:
+    """Everything the data record that an error could follow, and what the model adds to that (torques,
+    where the tool is)."""
+    data, arm = columns.fit.data, columns.fit.arm
+    recorded = _recorded(data, tuple(joint.prismatic for joint in arm.joints))
+    modelled = {name: _features(_rbf(x, length)) for name, x, length in _modelled(columns)}
+    found = {**modelled, **recorded}
+    return [Driver(name, found[name]) for name in _order(found, arm.n) if found[name].shape[1]]
+
+
+def _order(found: Mapping[str, Array], joints: int) -> list[str]:
+    """Names in the order of the map's columns."""
+    per_joint = [f"{kind}{j}" for kind in ("q", "tau", "dir", "qdot") for j in range(1, joints + 1)]
+    single = ["t", "temp", "payload", "tag", "zcam", "u", "v", "r2", "sx", "sy", "sz", "incid", "pan",
+              "tilt", "order"]  # fmt: skip
+    return [name for name in (*per_joint, *single) if name in found]
+
+
+@lru_cache(maxsize=4)
+def _recorded(data: Measurements, prismatic: tuple[bool, ...]) -> dict[str, Array]:
+    """Features (N, k) of the drivers that are columns of the data; they are the same at every fit."""
+    out = {
+        f"q{j}": _features(_angle_kernel(data.q[:, j - 1], slides)) for j, slides in enumerate(prismatic, 1)
+    }
+    for label, values in (("dir", data.direction), ("qdot", data.qdot)):
+        if values is not None:
+            out |= {f"{label}{j}": _linear(values[:, j - 1]) for j in range(1, len(prismatic) + 1)}
+    scalars = {"temp": data.temp_c, "payload": data.payload_kg, "tag": data.tag, "incid": data.incid_rad,
+               "pan": data.pan_rad, "tilt": data.tilt_rad}  # fmt: skip
+    out |= {name: _smooth(x) for name, x in scalars.items() if x is not None}
+    if data.t_s is not None:
+        out["order" if data.order_is_time else "t"] = _smooth(data.t_s, 0.5)
+    return out
+
+
+def _modelled(columns: Columns) -> Iterator[tuple[str, Array, float]]:
+    """(name, (N,) values, kernel length) of the drivers that the model computes: gravity torques, and
+    where it expects the tool. The measured position carries the very noise of the residual and would seem
+    to explain it."""
+    data, arm = columns.fit.data, columns.fit.arm
+    for j in range(1, arm.n + 1) if arm.has_masses else ():
+        tau = columns.basis(Basis("lin", "tau", j))
+        if tau.std() > 1e-3 * max(np.abs(tau).max(), 1e-12) and tau.std() > 1e-6:
+            yield f"tau{j}", tau, 1.5
+    expected = data.p_m - columns.fit.evaluation.r[:, :3]
+    places = zip(("sx", "sy", "sz"), expected.T, strict=True)
+    for name, x in _image(data, expected) if data.has("cam") else places:
+        if x.std() > 1e-9:
+            yield name, x, 1.0
+
+
+def _image(data: Measurements, expected: Array) -> Iterator[tuple[str, Array]]:
+    """Depth and normalised image position of the tool at its expected positions (N, 3)."""
+    assert data.cam_p_m is not None
+    assert data.cam_quat_wxyz is not None
+    x, y, z = np.einsum("nji,nj->in", matrix_of_wxyz(data.cam_quat_wxyz), expected - data.cam_p_m)
+    z = np.maximum(z, 1e-6)
+    u, v = x / z, y / z
+    yield "zcam", z
+    # a camera that always aims at the tag leaves no image position to depend on
+    if max(u.std(), v.std()) > _MIN_IMAGE_SPREAD:
+        yield from (("u", u), ("v", v), ("r2", u**2 + v**2))
+
+
+def _pairs(columns: Columns) -> tuple[Driver, ...]:
+    """Two drivers at once: joint angle x joint angle, and joint angle x everything slow."""
+    fit = columns.fit
+    return _recorded_pairs(fit.data, tuple(joint.prismatic for joint in fit.arm.joints))
+
+
+@lru_cache(maxsize=4)
+def _recorded_pairs(data: Measurements, prismatic: tuple[bool, ...]) -> tuple[Driver, ...]:
+    found = {name: x for name, x in _recorded(data, prismatic).items() if x.shape[1]}
+    angles = [name for name in found if name[0] == "q" and name[1:].isdigit()]
+    slow = [name for name in ("temp", "t", "payload", "pan", "tilt") if name in found]
+    wanted: Iterable[tuple[str, str]] = (
+        *itertools.combinations(angles, 2),
+        *itertools.product(angles, slow),
+    )
+    return tuple(Driver(f"{a} x {b}", _product(found[a], found[b])) for a, b in wanted)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """(N, k) features of the kernel (1 + k_a)(1 + k_b) - 1, compressed by SVD."""
+    both = np.einsum("ni,nj->nij", a, b).reshape(len(a), -1)
+    u, s, _ = np.linalg.svd(np.hstack([a, b, both - both.mean(axis=0)]), full_matrices=False)
+    return _unit_variance(u[:, :_DOUBLE] * s[:_DOUBLE])
+
+
+# ------------------------------------------------------------------------------------------- kernels
+
+
+def _angle_kernel(q: Array, slides: bool) -> Array:
+    """(N, N) kernel of a joint's motion: periodic in an angle [rad], squared exponential in a slide [m]."""
+    if slides:
+        return _rbf(q)
+    kernel: Array = np.exp(-2.0 * np.sin(0.5 * (q[:, None] - q[None, :])) ** 2)
+    return kernel
+
+
+def _rbf(x: Array, length: float = 1.0) -> Array:
+    """(N, N) squared exponential kernel; length: in standard deviations of x."""
+    spread = x.std()
+    z = (x - x.mean()) / (spread if spread > 0 else 1.0)
+    kernel: Array = np.exp(-0.5 * ((z[:, None] - z[None, :]) / length) ** 2)
+    return kernel
+
+
+def _smooth(x: Array, length: float = 1.0) -> Array:
+    """Features of a smooth function of x (N,); none where x does not vary."""
+    return _features(_rbf(x, length)) if x.std() > 1e-9 else np.zeros((len(x), 0))
+
+
+def _linear(x: Array) -> Array:
+    """The one feature of the kernel x x': x itself, centred; none where x does not vary."""
+    return _unit_variance((x - x.mean())[:, None]) if x.std() > 0 else np.zeros((len(x), 0))
+
+
+def _features(kernel: Array) -> Array:
+    """(N, k) leading eigenvectors of a centred kernel (N, N) times the roots of their eigenvalues."""
+    n = len(kernel)
+    centred = kernel - kernel.mean(axis=0) - kernel.mean(axis=1)[:, None] + kernel.mean()
+    values, vectors = eigh(centred, subset_by_index=(max(n - _SINGLE, 0), n - 1))
+    values = np.maximum(values[::-1], 0.0)
+    good = values > _LEAST_EIGENVALUE * max(values.max(initial=0.0), 1e-12)
+    if not good.any():
+        return np.zeros((n, 0))
+    return _unit_variance(vectors[:, ::-1][:, good] * np.sqrt(values[good]))
+
+
+def _unit_variance(features: Array) -> Array:
+    """Features (N, k) scaled so that the variances of the poses have the mean 1."""
+    scaled: Array = features / np.sqrt((features**2).sum(axis=1).mean())
+    return scaled

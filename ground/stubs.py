@@ -1,0 +1,161 @@
+"""Write the types of the flight core for mypy: structs, functions and constants of its public headers.
+
+    stubs.py [--check]        ground/kincal/flight/headers.pyi from build/kincal*_cdef.h
+
+One protocol for each struct, with its fields; one for each build of the core, with its functions and
+constants; `new` knows which struct it makes. Only type checkers read the file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from keyword import iskeyword
+from pathlib import Path
+
+from cffi import FFI
+
+ROOT = Path(__file__).resolve().parents[1]
+OUT = ROOT / "ground" / "kincal" / "flight" / "headers.pyi"
+# name of the protocol -> (library, declarations)
+BUILDS = {
+    "FlightCore": ("libkincal.so", "kincal_cdef.h"),
+    "GroundCore": ("libkincal_ground.so", "kincal_ground_cdef.h"),
+}
+HEAD = '''"""Made by ground/stubs.py from the public headers; do not edit. Types of the core for mypy."""
+
+from collections.abc import Iterable, Iterator
+from typing import Literal, Protocol, TypeAlias, TypeVar, overload
+
+from cffi import FFI
+
+CData: TypeAlias = FFI.CData
+_T = TypeVar("_T")
+
+class Array(Protocol[_T]):
+    """Array field of a struct."""
+
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[_T]: ...
+    @overload
+    def __getitem__(self, index: int) -> _T: ...
+    @overload
+    def __getitem__(self, index: slice) -> Array[_T]: ...
+    @overload
+    def __setitem__(self, index: int, value: _T) -> None: ...
+    @overload
+    def __setitem__(self, index: slice, value: Iterable[_T]) -> None: ...
+'''
+
+
+def class_name(ctype: str) -> str:
+    """kc_arm_t -> KcArm."""
+    words = ctype.removeprefix("struct ").removesuffix("_t").split("_")
+    return "".join(word.capitalize() for word in words)
+
+
+def field_type(ctype: FFI.CType) -> str:
+    """Python type of a struct field."""
+    if ctype.kind == "primitive":
+        return "float" if ctype.cname in ("double", "float") else "int"
+    if ctype.kind == "enum":
+        return "int"
+    if ctype.kind in ("struct", "union"):
+        return class_name(ctype.cname) if ctype.cname.endswith("_t") else "CData"
+    if ctype.kind == "array" and ctype.item.cname == "char":
+        return "CData | bytes"  # written as bytes, read through Library.text
+    if ctype.kind == "array":
+        return f"Array[{field_type(ctype.item)}]"
+    return "CData"
+
+
+def argument_type(ctype: FFI.CType) -> str:
+    """Python type of a function argument."""
+    if ctype.kind == "pointer" and ctype.item.kind == "struct" and ctype.item.cname.endswith("_t"):
+        return f"{class_name(ctype.item.cname)} | CData"
+    if ctype.kind == "pointer" and ctype.item.kind == "void":
+        return "object"
+    if ctype.kind == "pointer":
+        return "CData | bytes" if ctype.item.cname in ("char", "uint8_t") else "CData"
+    return field_type(ctype)
+
+
+def result_type(ctype: FFI.CType) -> str:
+    """Type annotation of what a C function returns."""
+    return "None" if ctype.kind == "void" else field_type(ctype)
+
+
+def struct_class(ctype: FFI.CType) -> list[str]:
+    """Protocol of a struct; a pointer to it has the same attributes. Nothing is known of an opaque one."""
+    lines = [f"class {class_name(ctype.cname)}(Protocol):", f'    """{ctype.cname}"""', ""]
+    lines += [
+        f"    {name}: {field_type(info.type)}"
+        for name, info in ctype.fields or []
+        if name and not iskeyword(name)
+    ]
+    return lines
+
+
+def structs(ffi: FFI, text: str) -> dict[str, FFI.CType]:
+    """Structs and unions of the declarations by name, whose size is known."""
+    out = {}
+    for name in re.findall(r"^(?:\}|typedef struct \w+) (k[cg]_\w+_t);", text, flags=re.M):
+        ctype = ffi.typeof(name)
+        if ctype.kind in ("struct", "union"):
+            out[ctype.cname] = ctype
+    return out
+
+
+def core_class(name: str, ffi: FFI, lib: object, text: str) -> list[str]:
+    """Protocol of one build: its functions and whole-number constants."""
+    lines = [f"class {name}(Protocol):"]
+    lines += [f"    {key}: int" for key in re.findall(r"^#define (\w+) ", text, flags=re.M)]
+    for enum in re.findall(r"typedef enum \{[^}]*\} (\w+);", text):
+        lines += [f"    {key}: int" for key in ffi.typeof(enum).relements]
+    for key in dict.fromkeys(re.findall(r"^[\w ]*?[ *](k[cg]_\w+)\(", text, flags=re.M)):
+        function = ffi.typeof(getattr(lib, key))
+        arguments = "".join(f", _{i}: {argument_type(a)}" for i, a in enumerate(function.args))
+        lines.append(f"    def {key}(self{arguments}, /) -> {result_type(function.result)}: ...")
+    return lines
+
+
+def stub_text() -> str:
+    """The whole file."""
+    parts, found = [HEAD.rstrip().splitlines()], {}
+    cores = []
+    for name, (library, declarations) in BUILDS.items():
+        text = (ROOT / "build" / declarations).read_text()
+        ffi = FFI()
+        ffi.cdef(text)
+        cores.append(core_class(name, ffi, ffi.dlopen(str(ROOT / "build" / library)), text))
+        found |= structs(ffi, text)
+    parts += [struct_class(ctype) for _, ctype in sorted(found.items())]
+    parts += cores
+    new = ["class New(Protocol):", '    """Makes a zeroed struct, by the name of its type."""', ""]
+    for name in sorted(name for name, ctype in found.items() if ctype.fields is not None):
+        new += [
+            "    @overload",
+            f'    def __call__(self, ctype: Literal["{name}"], /) -> {class_name(name)}: ...',
+        ]
+    parts.append(new)
+    return "\n\n".join("\n".join(lines) for lines in parts) + "\n"
+
+
+def main() -> int:
+    """Write or check the stubs of the headers; exit status."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    text = stub_text()
+    if not parser.parse_args().check:
+        OUT.write_text(text)
+    elif not OUT.is_file() or OUT.read_text() != text:
+        print(f"{OUT.relative_to(ROOT)}: out of date; run `make stubs`")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

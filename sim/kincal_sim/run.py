@@ -1,0 +1,215 @@
+"""One run of a scenario: what is started with which options, and how it ended."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from .ports import NoFreePort, private_port, private_url
+from .processes import ROOT, STOP_WAIT_S, ProcessGroup
+from .recorder import Recorder
+from .scenario import Scenario, load
+
+POLL_S = 0.02
+FILES = ("result.json", "truth.json", "run.lcmlog", "launch.json", "contacts.json")
+
+
+class LaunchError(RuntimeError):
+    """A process is missing or ended when it should not have."""
+
+
+@dataclass
+class Run:
+    """What to start and where.
+
+    scenario: file; out: folder for everything that a run leaves; url: LCM network, "" = a private one;
+    fast: no pixels; poses: 0 = as scenario and tables say; accept: policy instead of the scenario's;
+    sim, fsw: False = a bench, or a flight process that already runs on this URL, takes the place;
+    images: log the frames too; store: None = a fresh one in `out`.
+    """
+
+    scenario: Path
+    out: Path
+    url: str = ""
+    fast: bool = False
+    seed: int = 1
+    acquisition: str = ""
+    poses: int = 0
+    accept: str = ""
+    realtime: bool = False
+    sim: bool = True
+    fsw: bool = True
+    images: bool = False
+    tables: Path = ROOT / "tables" / "bin"
+    store: Path | None = None
+    fsw_bin: Path = ROOT / "build" / "kincal-fsw"
+    detector_bin: Path = ROOT / "build" / "kincal-tagdet"
+    detector_config: Path = ROOT / "sim" / "models" / "detector.yml"
+
+    @property
+    def mode(self) -> str:
+        """ "fast" or "pixels"."""
+        return "fast" if self.fast else "pixels"
+
+    def commands(self, url: str, store: Path) -> dict[str, list]:
+        """Command lines by process name, in starting order."""
+        wanted = {
+            "fsw": self.fsw,
+            "detector": not self.fast,
+            "executive": True,
+            "server": self.sim,
+        }
+        lines = {
+            "fsw": self._fsw(url, store),
+            "detector": self._detector(url),
+            "executive": self._executive(url),
+            "server": self._server(url),
+        }
+        return {name: line for name, line in lines.items() if wanted[name]}
+
+    def _fsw(self, url: str, store: Path) -> list:
+        pace = "--live" if self.realtime else "--lockstep"
+        return [self.fsw_bin, "--url", url, "--tables", self.tables, "--store", store, pace]
+
+    def _detector(self, url: str) -> list:
+        pace = [] if self.realtime else ["--lockstep"]
+        return [self.detector_bin, "--config", self.detector_config, "--url", url, *pace]
+
+    def _executive(self, url: str) -> list:
+        return [
+            *self._module("executive", url),
+            *("--poses", self.poses),
+            *(("--acquisition", self.acquisition) if self.acquisition else ()),
+            *(("--accept", self.accept) if self.accept else ()),
+            *(("--live",) if self.realtime else ()),
+        ]
+
+    def _server(self, url: str) -> list:
+        pace = ["--realtime"] if self.realtime else []
+        return [*self._module("server", url), f"--{self.mode}", *pace]
+
+    def _module(self, name: str, url: str) -> list:
+        """A process of this package, with the options that all of them have."""
+        return [
+            *(sys.executable, "-m", f"kincal_sim.{name}"),
+            *("--scenario", self.scenario.resolve()),
+            *("--url", url, "--out", self.out, "--seed", self.seed),
+        ]
+
+    def check(self) -> None:
+        """Raise LaunchError if a program or the tables are missing."""
+        for path, needed in ((self.fsw_bin, self.fsw), (self.detector_bin, not self.fast)):
+            if needed and not path.exists():
+                raise LaunchError(f"{path} is missing; run `make`")
+        if self.fsw and not any(self.tables.glob("*.tbl")):
+            raise LaunchError(f"no tables in {self.tables}; run `make tables`")
+
+
+def execute(run: Run, announce: Callable[[dict], None] | None = None) -> dict:
+    """Run a scenario to its end. The result of the executive plus "ok", "problem", "wall_s" and "url".
+
+    announce: called with the URL and the options before anything starts. Raises LaunchError if a process ends
+    when it should not; everything is stopped in any case.
+    """
+    run.check()
+    scenario = load(run.scenario)
+    store = _prepare_folders(run)
+    started = time.monotonic()
+    with _network(run.url) as url:
+        if announce:
+            announce(_facts(run, scenario, url) | {"out": str(run.out), "realtime": run.realtime})
+        _run_processes(run, url, store)
+    result = json.loads((run.out / "result.json").read_text())
+    problem = problem_with(scenario, result)
+    contacts = run.out / "contacts.json"
+    result |= _facts(run, scenario, url)
+    result |= {
+        "ok": not problem,
+        "problem": problem,
+        "wall_s": round(time.monotonic() - started, 2),
+        # Shapes of the simulated arm that touched, with the seconds; for information, it ends no run.
+        "contacts": json.loads(contacts.read_text()) if contacts.exists() else {},
+    }
+    (run.out / "launch.json").write_text(json.dumps(result, indent=1) + "\n")
+    return result
+
+
+def problem_with(scenario: Scenario, result: dict) -> str:
+    """Why a run is no success; empty if it is one. result: what the executive left."""
+    if not result.get("success"):
+        return result.get("reason", "the executive left no result")
+    if scenario.expect.verdict and result["verdict"] != scenario.expect.verdict:
+        return f"verdict {result['verdict']}, the scenario expects {scenario.expect.verdict}"
+    return ""
+
+
+def _facts(run: Run, scenario: Scenario, url: str) -> dict:
+    return {"url": url, "scenario": scenario.name, "seed": run.seed, "mode": run.mode}
+
+
+def _prepare_folders(run: Run) -> Path:
+    """Make the output folder, remove what an earlier run left in it; the store."""
+    run.out.mkdir(parents=True, exist_ok=True)
+    for name in FILES:
+        (run.out / name).unlink(missing_ok=True)
+    store = run.store or run.out / "store"
+    if run.store is None:
+        shutil.rmtree(store, ignore_errors=True)
+    store.mkdir(parents=True, exist_ok=True)
+    return store
+
+
+@contextmanager
+def _network(url: str) -> Iterator[str]:
+    """The given URL, or that of a network which is reserved as long as the run takes."""
+    lock: socket.socket | None = None
+    if not url:
+        try:
+            port, lock = private_port()
+        except NoFreePort as e:
+            raise LaunchError(str(e)) from e
+        url = private_url(port)
+    try:
+        yield url
+    finally:
+        if lock:
+            lock.close()
+
+
+def _run_processes(run: Run, url: str, store: Path) -> None:
+    group = ProcessGroup(run.out / "logs")
+    recorder = Recorder(url, run.out / "run.lcmlog", run.images)
+    try:
+        for name, argv in run.commands(url, store).items():
+            group.start(name, argv)
+        recorder.start()
+        _wait_for_end(group)
+    finally:
+        # Flight first: a late answer of its own is still telemetry, and belongs into the log.
+        group.stop()
+        recorder.close()
+
+
+def _wait_for_end(group: ProcessGroup) -> None:
+    """Until the executive and then the simulator have ended; anybody else ending before is an error."""
+    while (left := group.status("executive")) is None:
+        for name in group.processes:
+            # The simulator ends when the executive leaves, a moment before the executive itself is gone.
+            allowed = {"executive": (None, 0, 1), "server": (None, 0)}.get(name, (None,))
+            _check_status(group, name, group.status(name), allowed)
+        time.sleep(POLL_S)
+    _check_status(group, "executive", left, (0, 1))
+    if "server" in group.processes:
+        _check_status(group, "server", group.wait("server", STOP_WAIT_S), (None, 0))
+
+
+def _check_status(group: ProcessGroup, name: str, status: int | None, allowed: tuple) -> None:
+    if status not in allowed:
+        raise LaunchError(f"{name} ended with status {status}:\n{group.tail(name)}")

@@ -1,0 +1,88 @@
+"""Rotations and rigid transforms. Quaternions are unit, (w, x, y, z), w >= 0; angles in rad, lengths in m.
+
+The simulator has its own, separate from the ground's, so that an error in one of them shows in the tests.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def rot(axis: str, angle_rad: float) -> np.ndarray:
+    """4x4 rotation about a coordinate axis ("x", "y" or "z")."""
+    T = np.eye(4)
+    i = (AXES[axis] + 1) % 3
+    j = (AXES[axis] + 2) % 3
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    T[i, i], T[i, j], T[j, i], T[j, j] = c, -s, s, c
+    return T
+
+
+def trans(x_m: float, y_m: float, z_m: float) -> np.ndarray:
+    """4x4 translation."""
+    T = np.eye(4)
+    T[:3, 3] = x_m, y_m, z_m
+    return T
+
+
+def frame_error(
+    tx: float = 0.0,
+    ty: float = 0.0,
+    tz: float = 0.0,
+    rx: float = 0.0,
+    ry: float = 0.0,
+    rz: float = 0.0,
+) -> np.ndarray:
+    """4x4 finite error of a frame [m, rad] in the project's order Tx Rx Ty Ry Rz Tz."""
+    return trans(tx, 0, 0) @ rot("x", rx) @ trans(0, ty, 0) @ rot("y", ry) @ rot("z", rz) @ trans(0, 0, tz)
+
+
+def quaternion(R: np.ndarray) -> np.ndarray:
+    """(4,) unit quaternion of a rotation matrix (3x3, or the corner of a 4x4 transform).
+
+    The largest component is found first (Shepperd's method), so half turns are exact too.
+    """
+    R = np.asarray(R)[:3, :3]
+    d = np.diag(R)
+    four = np.array([1 + d.sum(), 1 + d[0] - d[1] - d[2], 1 - d[0] + d[1] - d[2], 1 - d[0] - d[1] + d[2]])
+    k = int(np.argmax(four))
+    q = np.empty(4)
+    q[k] = 0.5 * np.sqrt(four[k])
+    h = 0.25 / q[k]
+    skew = {1: R[2, 1] - R[1, 2], 2: R[0, 2] - R[2, 0], 3: R[1, 0] - R[0, 1]}
+    for i in {0, 1, 2, 3} - {k}:
+        if 0 in (i, k):
+            q[i] = h * skew[max(i, k)]
+        else:
+            q[i] = h * (R[k - 1, i - 1] + R[i - 1, k - 1])
+    q = -q if q[0] < 0 else q
+    return q / np.linalg.norm(q)
+
+
+def rotation_matrix(q_wxyz: ArrayLike) -> np.ndarray:
+    """3x3 rotation matrix of a unit quaternion."""
+    w, x, y, z = np.asarray(q_wxyz)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def transform(p_m: ArrayLike, R: np.ndarray) -> np.ndarray:
+    """4x4 transform of a position and a 3x3 rotation."""
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = p_m
+    return T
+
+
+def rotation_angle(Ra: np.ndarray, Rb: np.ndarray) -> float:
+    """Angle between two attitudes [rad], in [0, pi]."""
+    q = quaternion(np.asarray(Ra)[:3, :3].T @ np.asarray(Rb)[:3, :3])
+    return float(2 * np.arctan2(np.linalg.norm(q[1:]), abs(q[0])))

@@ -1,0 +1,63 @@
+"""Errors: plain exceptions in the library, an exit status only in the CLI."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from kincal.cli.errors import EXIT_INTERRUPTED, Commands
+from kincal.errors import BadInput, CannotAnswer, CommandFailed, KincalError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_error_says_what_where_and_what_to_do_in_three_lines():
+    error = BadInput("no joint 9", "arm.toml: joint", "count joints from 1")
+    assert str(error).splitlines() == [
+        "no joint 9",
+        "  where: arm.toml: joint",
+        "  to do: count joints from 1",
+    ]
+    assert str(KincalError("only what")) == "only what"
+
+
+def command_that_raises(error):
+    @click.group(cls=Commands)
+    def main():
+        pass
+
+    @main.command()
+    def work():
+        raise error
+
+    return CliRunner().invoke(main, ["work"])
+
+
+@pytest.mark.parametrize(
+    ("kind", "status"), [(CommandFailed, 1), (BadInput, 2), (KincalError, 2), (CannotAnswer, 3)]
+)
+def test_every_error_ends_a_command_with_its_status_and_its_text(kind, status):
+    done = command_that_raises(kind("it went wrong", "here", "try again"))
+    assert done.exit_code == status
+    assert done.output == "Error: it went wrong\n  where: here\n  to do: try again\n"
+
+
+def test_interrupted_command_ends_with_130():
+    done = command_that_raises(KeyboardInterrupt())
+    assert done.exit_code == EXIT_INTERRUPTED == 130
+    assert "Traceback" not in done.output
+
+
+def test_library_does_not_load_what_only_the_terminal_and_the_pages_need():
+    script = "import sys, kincal, kincal.errors; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        env={"PYTHONPATH": str(ROOT / "ground")},
+    )
+    heavy = {"click", "rich", "plotly", "jinja2", "kaleido", "mujoco", "cv2", "numpy"}
+    assert heavy & {name.partition(".")[0] for name in done.stdout.split()} == set(), done.stderr

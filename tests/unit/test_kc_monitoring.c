@@ -1,0 +1,171 @@
+/* kc_monitoring.c: observations in normal operation feed the monitor; during a calibration nothing
+ * changes. */
+#include <string.h>
+
+#include "given_world.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+void setUp(void);
+void setUp(void) { given_world(); }
+
+/* Idle and settled, joint j standing `bias` beyond its reading. */
+static void given_idle(uint32_t j, double bias)
+{
+    world.noise_m = 5e-4;
+    world.noise_rad = 3.5e-3;
+    world.bias[j] = bias;
+    world_boot();
+    world_ticks(4u);
+}
+
+/* Somebody else asks for n frames, each after the arm stood somewhere else. */
+static void observations(uint32_t n)
+{
+    for (uint32_t i = 0u; i < n; i++) {
+        for (uint32_t j = 0u; j < 7u; j++) {
+            world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
+        }
+        world_ticks(2u);
+        world.requested = 1;
+        world.frame_requested = 9000 + (int32_t)i;
+        world_tick();
+    }
+}
+
+void test_healthy_observations_raise_nothing(void)
+{
+    given_idle(0u, 0.0);
+    observations(100u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MON_SUSPECT));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MON_UNEXPLAINED));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_DET_UNREQUESTED));
+    TEST_ASSERT_EQUAL_UINT32(KC_MON_OBS_MAX, APP->monitoring.monitor.n);
+}
+
+void test_a_joint_that_reads_wrong_is_named_within_5_observations(void)
+{
+    for (uint32_t j = 0u; j < 7u; j++) {
+        given_world();
+        given_idle(j, 0.03);
+        observations(5u);
+        const kc_event_t *e = &world.last[KC_EVT_MON_SUSPECT];
+        TEST_ASSERT_TRUE(world_events(KC_EVT_MON_SUSPECT) >= 1u);
+        TEST_ASSERT_EQUAL_INT((int)j + 1, e->index);
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.03, e->got);
+        TEST_ASSERT_TRUE(((uint32_t)e->want >> j & 1u) != 0u);
+    }
+}
+
+void test_a_finding_is_not_repeated_with_every_observation(void)
+{
+    given_idle(1u, 0.05);
+    observations(6u);
+    uint32_t reported = world_events(KC_EVT_MON_SUSPECT);
+    observations(20u);
+    TEST_ASSERT_TRUE(world_events(KC_EVT_MON_SUSPECT) <= reported + 2u);
+}
+
+void test_two_joints_at_once_are_unexplained(void)
+{
+    given_idle(0u, 0.1);
+    world.bias[3] = -0.1;
+    observations(6u);
+    TEST_ASSERT_TRUE(world_events(KC_EVT_MON_UNEXPLAINED) >= 1u);
+}
+
+void test_observations_while_something_moves_or_has_not_settled_are_not_compared(void)
+{
+    given_idle(0u, 0.0);
+    world.arm_vibrates = 1;
+    world.requested = 1;
+    world_tick();
+    world.requested = 1; /* at rest again, but not for settle_us */
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_MON_NOT_AT_REST));
+    world_ticks(3u);
+    world.arm_silent = 1;
+    world_ticks(8u);
+    world.requested = 1;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_MON_NOT_AT_REST));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->monitoring.monitor.n);
+}
+
+static void repeat(kc_detection_t *d) { d->t_us = APP->monitoring.t_us; }
+static void early(kc_detection_t *d) { d->t_us = 1u; }
+static void ahead(kc_detection_t *d) { d->t_us += 1000000u; }
+static void crowd(kc_detection_t *d) { d->n_tags = 9u; }
+static void stranger(kc_detection_t *d) { d->tag_id[0] = 17; }
+static void vague(kc_detection_t *d) { d->cov[0] = 0.01; }
+
+/* One more observation, spoiled: this event, and the monitor as before. */
+static void refused(void (*spoil)(kc_detection_t *d), uint32_t event)
+{
+    static kc_monitor_t before;
+    before = APP->monitoring.monitor;
+    uint32_t n = world_events(event);
+    world.spoil = spoil;
+    world.requested = 1;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(event));
+    TEST_ASSERT_EQUAL_MEMORY(&before, &APP->monitoring.monitor, sizeof before);
+}
+
+void test_bad_observations_are_refused_with_their_event(void)
+{
+    given_idle(0u, 0.0);
+    observations(3u);
+    refused(repeat, KC_EVT_IN_STALE);
+    refused(early, KC_EVT_DET_OLD);
+    refused(ahead, KC_EVT_IN_RANGE);
+    refused(crowd, KC_EVT_IN_RANGE);
+    refused(stranger, KC_EVT_DET_UNKNOWN_TAG);
+    refused(vague, KC_EVT_DET_UNCERTAIN);
+    world.hide = 1;
+    refused(NULL, KC_EVT_DET_NONE);
+}
+
+void test_only_idle_listens(void)
+{
+    given_idle(0u, 0.0);
+    APP->state = KC_ST_SAFE;
+    observations(2u);
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_DET_UNREQUESTED));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->monitoring.monitor.n);
+}
+
+void test_a_new_correction_begins_a_new_window(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, APP->monitoring.reported.state);
+    APP->tables.active.crc[KC_TBL_KIN] ^= 1u;
+    APP->tables.active.kin.value[8] = 0.05; /* J3.phi_rad: the joint stands where the table says now */
+    observations(5u);
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.reported.state);
+    TEST_ASSERT_EQUAL_UINT32(5u, APP->monitoring.monitor.n);
+}
+
+/* docs/STATES.md: what the executive does with the event. */
+void test_the_named_joint_alone_is_recalibrated(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    uint32_t suspects = (uint32_t)world.last[KC_EVT_MON_SUSPECT].want;
+    TEST_ASSERT_EQUAL_HEX32(0x4u, suspects);
+    memset(world.q, 0, sizeof world.q); /* back at the hub, a verified place */
+    memset(world.q_cmd, 0, sizeof world.q_cmd);
+    world_ticks(2u);
+    kc_cmd_t *c = world_cmd(KC_CMD_START, -1, 4, 3);
+    c->arg_u64 = 0x100u; /* J3.phi_rad */
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(0, world.ack.status);
+    for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_free);
+    TEST_ASSERT_DOUBLE_WITHIN(3e-3, 0.05, world.proposal.kin.value[8]);
+}

@@ -1,0 +1,299 @@
+/* kc_observe.c: frames that do not come, the planar flip, servo, search, going back. */
+#include <math.h>
+#include <string.h>
+
+#include "given_world.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+void setUp(void);
+void setUp(void) { given_world(); }
+
+/* ---- frames ---- */
+
+void test_a_frame_that_does_not_come_is_requested_again(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
+    world.camera_silent = 1;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_FRAME_TIMEOUT, 50u));
+    TEST_ASSERT_EQUAL_INT(KC_ST_OBSERVE, kc_app_state(APP));
+    world.camera_silent = 0;
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 50u));
+}
+
+void test_a_camera_that_stays_silent_ends_it(void)
+{
+    const kc_state_t states[] = {KC_ST_OBSERVE, KC_ST_SEARCH, KC_ST_MEASURE};
+    for (uint32_t i = 0u; i < 3u; i++) {
+        given_world();
+        world.hide = states[i] == KC_ST_SEARCH ? 1 : 0;
+        world_started();
+        TEST_ASSERT_TRUE(world_until(states[i], 300u));
+        world.camera_silent = 1;
+        TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
+        TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_CAL_FRAME_TIMEOUT)); /* two retries */
+        TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_CAMERA, world.last[KC_EVT_CAL_ABORTED].got);
+    }
+}
+
+static void uncertain(kc_detection_t *d) { d->cov[0] = 1.0; }
+
+void test_a_candidate_with_uncertain_detections_is_skipped(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
+    world.spoil = uncertain;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 50u));
+    TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_DET_UNCERTAIN));
+    world.spoil = NULL;
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    TEST_ASSERT_EQUAL_INT(1, APP->cal.candidate); /* the next initial pose */
+}
+
+/* ---- planar flip ---- */
+
+static double s_rms_alt = 0.35, s_turn = 0.8;
+static int s_true_is_second;
+
+/* The other solution is turned about the camera's x axis; the right one may stand in second place. */
+static void flip(kc_detection_t *d)
+{
+    double q[4];
+    const double turn[4] = {cos(0.5 * s_turn), sin(0.5 * s_turn), 0.0, 0.0};
+    if (d->n_tags == 0u) { return; }
+    kc_quat_mul(turn, d->q_cam_tool_wxyz, q);
+    memcpy(d->q_alt_wxyz, q, sizeof q);
+    d->rms_alt_px = s_rms_alt;
+    if (!s_true_is_second) { return; }
+    memcpy(d->q_alt_wxyz, d->q_cam_tool_wxyz, sizeof q);
+    memcpy(d->q_cam_tool_wxyz, q, sizeof q);
+}
+
+static double rotation_residual(double rms_alt, double turn, int true_is_second, double arm_off)
+{
+    given_world();
+    s_rms_alt = rms_alt;
+    s_turn = turn;
+    s_true_is_second = true_is_second;
+    world.spoil = flip;
+    world.truth.joint[6].phi_rad = arm_off;
+    world.config.servo_steps_max = 0u;
+    world_started();
+    (void)world_until_event(KC_EVT_CAL_POSE, 300u);
+    return world.progress[0].res_rot_rad;
+}
+
+void test_of_two_solutions_that_fit_the_one_the_model_expects_is_taken(void)
+{
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.0, rotation_residual(0.35, 0.8, 0, 0.0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.0, rotation_residual(0.35, 0.8, 1, 0.0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.35, world.meas[0].det.rms_px);
+}
+
+void test_a_second_solution_that_fits_much_worse_is_not_taken(void)
+{
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.8, rotation_residual(0.7, 0.8, 1, 0.0));
+}
+
+void test_a_model_that_is_far_off_both_does_not_choose(void)
+{
+    /* joint 7 is off by 1.2 rad: nearer to the second solution, but too far to be trusted */
+    double r = rotation_residual(0.35, 0.8, 0, 1.2);
+    TEST_ASSERT_DOUBLE_WITHIN(0.02, 1.2, r);
+}
+
+/* ---- servo ---- */
+
+void test_servo_steps_bring_the_tool_to_the_candidate(void)
+{
+    world.truth.joint[6].phi_rad = 0.4;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 600u));
+    TEST_ASSERT_TRUE(APP->cal.servo_steps > 0u);
+    kc_pose_t goal;
+    double r[6];
+    kc_move_goal(APP, (uint32_t)APP->cal.candidate, &goal);
+    kc_pose_residual(&goal, &APP->observe.measured, r);
+    for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_DOUBLE_WITHIN(world.config.servo.tol_pos_m, 0.0, r[i]); }
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_SERVO_LIMIT));
+}
+
+void test_after_too_many_steps_it_is_measured_where_it_stands(void)
+{
+    world.truth.joint[6].phi_rad = 0.4;
+    world.config.servo_steps_max = 1u;
+    world.config.servo.step_max = 0.05;
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_SERVO_LIMIT, 300u));
+    TEST_ASSERT_EQUAL_INT(KC_ST_MEASURE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.last[KC_EVT_CAL_SERVO_LIMIT].got);
+}
+
+void test_when_a_step_hides_the_tags_it_returns_to_the_last_detection(void)
+{
+    world.truth.joint[6].phi_rad = 0.4;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
+    double there[KC_JOINT_MAX];
+    memcpy(there, world.q, sizeof there);
+    memcpy(world.q_start, world.q, sizeof there);
+    world.hide_beyond = 0.05; /* whatever the servo does from here, the tags are out of sight */
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_DOUBLE_WITHIN(1e-9, there[j], world.q[j]); }
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_SERVO_LIMIT));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+}
+
+void test_when_they_are_gone_there_too_the_candidate_is_skipped(void)
+{
+    world.truth.joint[6].phi_rad = 0.4;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
+    world.hide = 1000;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_TAGS_LOST));
+    TEST_ASSERT_EQUAL_UINT8(0u, APP->cal.usable[0]);
+}
+
+void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
+{
+    double seed[KC_JOINT_MAX];
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    APP->cal.coef[24] = 0.9; /* a correction that is wrong: joint 7 would go far from the seed */
+    APP->cal.res_pos_m = 0.0;
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(1, APP->cal.candidate);
+    kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX + 1u, seed);
+    memcpy(world.q_start, seed, sizeof seed);
+    world.hide_beyond = 0.3; /* in view only near the seed */
+    world.config.servo_steps_max = 0u;
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
+    TEST_ASSERT_TRUE(fabs(world.q[6] - seed[6]) > 0.5);
+    for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_EQUAL_DOUBLE(seed[j], world.arm_cmd.q[j]); }
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+}
+
+void test_when_the_seed_shows_nothing_either_the_candidate_is_skipped(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    APP->cal.coef[24] = 0.9;
+    APP->cal.res_pos_m = 0.0;
+    world_tick();
+    world.hide = 1000;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_CAND_SKIPPED].index);
+}
+
+/* ---- search ---- */
+
+void test_tags_out_of_view_are_found_by_turning_the_pantilt_unit(void)
+{
+    world.truth.joint[0].phi_rad = 0.35; /* the tool is some 20 degrees from where it is expected */
+    world.view_rad = 0.17;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_AIM, 300u) || kc_app_state(APP) == KC_ST_SETTLE);
+    TEST_ASSERT_TRUE(APP->observe.i_search > 0u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_TAGS_LOST));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 600u));
+}
+
+void test_a_search_without_success_is_bounded_and_the_candidate_skipped(void)
+{
+    world.hide = 1000;
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 600u));
+    TEST_ASSERT_EQUAL_DOUBLE(8.0, world.last[KC_EVT_CAL_TAGS_LOST].got);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+    TEST_ASSERT_TRUE(world.n_frames <= 9u);
+}
+
+void test_the_search_does_not_leave_the_limits_of_the_pantilt_unit(void)
+{
+    world.camera.tilt_min_rad = -0.05;
+    world.camera.tilt_max_rad = 1.2;
+    world.camera.pan_min_rad = -0.8;
+    world.camera.pan_max_rad = 0.8;
+    world.hide = 100000;
+    world_started();
+    for (uint32_t i = 0u; i < 1500u && kc_app_calibrating(APP); i++) {
+        world_tick();
+        if (!world.out.has_pantilt_cmd) { continue; }
+        TEST_ASSERT_TRUE(fabs(world.out.pantilt_cmd.pan_rad) <= 0.8);
+        TEST_ASSERT_TRUE(world.out.pantilt_cmd.tilt_rad >= -0.05 && world.out.pantilt_cmd.tilt_rad <= 1.2);
+    }
+}
+
+void test_a_frame_too_uncertain_in_the_search_is_one_without_tags(void)
+{
+    world.hide = 1;
+    world.config.frame_retries = 0u;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
+    world.spoil = uncertain;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_DET_UNCERTAIN, 50u));
+    world.spoil = NULL;
+    TEST_ASSERT_EQUAL_INT(KC_ST_SEARCH, kc_app_state(APP));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+}
+
+void test_tags_lost_again_without_a_move_are_not_searched_twice(void)
+{
+    world.hide = 1;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
+    world.hide = 1000;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 300u));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_CAL_TAGS_LOST].got);
+}
+
+void test_once_the_model_is_known_good_it_does_not_search_for_hidden_tags(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    world.hide = 1000;
+    uint32_t frames = world.n_frames;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 300u));
+    TEST_ASSERT_EQUAL_UINT32(frames + 1u, world.n_frames);
+}
+
+void test_after_a_large_residual_it_searches_as_far_as_the_tool_may_be_off(void)
+{
+    world.truth.joint[0].phi_rad = 0.25;
+    world.config.servo_steps_max = 0u;
+    world.config.search_steps = 40u;
+    world.config.search_step_rad = 0.4;
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_TRUE(APP->cal.res_pos_m > 0.05);
+    world.hide = 1000;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 600u));
+    TEST_ASSERT_EQUAL_DOUBLE(8.0, world.last[KC_EVT_CAL_TAGS_LOST].got); /* one ring, not forty cells */
+}
+
+void test_a_pantilt_unit_that_stops_in_the_search_ends_it(void)
+{
+    world.config.move_timeout_us = 5000000u;
+    world.hide = 1000;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
+    world.pantilt_frozen = 1;
+    TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 300u));
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_PANTILT_LATE, world.last[KC_EVT_CAL_ABORTED].got);
+}
+
+void test_a_pantilt_unit_command_lost_in_the_search_is_sent_again(void)
+{
+    world.hide = 3;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
+    world.pantilt_ignores = 1;
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    TEST_ASSERT_EQUAL_INT(0, world.pantilt_ignores);
+}
