@@ -1,10 +1,10 @@
 """A flight process of a few lines, in a thread: staged tables, dumps, two-step approval, housekeeping."""
 
-import random
 import threading
 import time
 
 import lcm
+from kincal_sim.ports import private_port, private_url
 from samples import signed
 
 import kcm
@@ -14,7 +14,8 @@ class FakeFlight:
     """`refuse`: opcodes answered with KC_ERR_STATE. `dead`: approval is answered, nothing becomes active."""
 
     def __init__(self, proposal_crc: int = 0, refuse: tuple[int, ...] = (), dead: bool = False) -> None:
-        self.url = f"udpm://239.255.76.67:{random.SystemRandom().randrange(33000, 39000)}?ttl=0"
+        port, self._port_lock = private_port()
+        self.url = private_url(port)
         self.proposal_crc, self.refuse, self.dead = proposal_crc, refuse, dead
         self.kin_crc, self.armed, self.images, self.staged = 1, 0, {}, (0, b"")
         self.commands: list[tuple[int, int]] = []
@@ -31,6 +32,7 @@ class FakeFlight:
     def __exit__(self, *_):
         self._stop.set()
         self._thread.join()
+        self._port_lock.close()
 
     def _run(self) -> None:
         due = 0.0

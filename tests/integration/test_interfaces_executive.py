@@ -1,12 +1,12 @@
 """The executive of docs/INTERFACES.md, exactly as printed there, runs a calibration."""
 
-import random
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from kincal_sim.ports import private_port, private_url
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "INTERFACES.md").read_text()
@@ -20,7 +20,8 @@ def start(argv, out):
 @pytest.fixture
 def mission(tmp_path):
     """Flight process and simulator in lockstep on a URL of their own; both end with the test."""
-    url = f"udpm://239.255.76.67:{random.SystemRandom().randrange(39000, 44000)}?ttl=0&recv_buf_size=4194304"
+    port, lock = private_port()
+    url = private_url(port)
     (tmp_path / "store").mkdir()
 
     def run(scenario):
@@ -44,7 +45,8 @@ def mission(tmp_path):
                     process.wait(20)
         return done, status, (tmp_path / "processes.log").read_text()
 
-    return run
+    with lock:
+        yield run
 
 
 def test_it_has_about_thirty_lines():

@@ -14,6 +14,7 @@ import pytest
 
 import kcm
 from kincal_sim import arm, camera, detection_model, pnp, transforms
+from kincal_sim.ports import private_port, private_url
 
 ROOT = Path(__file__).resolve().parents[2]
 TAGDET = ROOT / "build" / "kincal-tagdet"
@@ -294,8 +295,9 @@ def test_bad_command_line_shows_usage():
 class Bench:
     """The detector as a process, and the simulator's side of the bus."""
 
-    def __init__(self, port: int, log):
-        url = f"udpm://239.255.76.67:{port}?ttl=0"
+    def __init__(self, log):
+        port, self._port_lock = private_port()
+        url = private_url(port)
         self.bus = lcm.LCM(url)
         self.detections, self.dones = [], []
         for name, kind, box in (
@@ -332,15 +334,19 @@ class Bench:
         self.process.terminate()
         return self.process.wait(10)
 
+    def stop(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self._port_lock.close()
+
 
 @pytest.fixture
 def bench(tmp_path):
     with open(tmp_path / "tagdet.log", "w") as log:
-        b = Bench(20000 + os.getpid() % 10000, log)
+        b = Bench(log)
         yield b
-        if b.process.poll() is None:
-            b.process.kill()
-            b.process.wait()
+        b.stop()
 
 
 def test_lockstep_answers_every_tick_after_its_images(bench, cam, two_tags, tmp_path):
