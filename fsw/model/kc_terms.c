@@ -25,6 +25,12 @@ static int index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
     case KC_VAR_MX:
     case KC_VAR_MY:
     case KC_VAR_MZ: return index <= n_joints;
+    case KC_VAR_PNP_TX:
+    case KC_VAR_PNP_TY:
+    case KC_VAR_PNP_TZ:
+    case KC_VAR_PNP_RX:
+    case KC_VAR_PNP_RY:
+    case KC_VAR_PNP_RZ: return index >= 1u && index <= KC_PNP_MAX;
     default: return index == 0u;
     }
 }

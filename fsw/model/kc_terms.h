@@ -43,7 +43,15 @@ typedef enum {
     KC_VAR_YCAM = 20,
     KC_VAR_ZCAM = 21,
     KC_VAR_TAG = 22, /* tags detected: 0 first only, 1 second only, 0.5 both */
-    KC_VAR_COUNT = 23
+    /* Twist of a PnP pose per unit of a fault of camera or target, index: column 1.. KC_PNP_MAX.
+       The ground computes them for targets of many points; flight's tables hold none. */
+    KC_VAR_PNP_TX = 23, /* [m per unit] */
+    KC_VAR_PNP_TY = 24,
+    KC_VAR_PNP_TZ = 25,
+    KC_VAR_PNP_RX = 26, /* [rad per unit] */
+    KC_VAR_PNP_RY = 27,
+    KC_VAR_PNP_RZ = 28,
+    KC_VAR_COUNT = 29
 } kc_var_t;
 
 /* basis = fn(z),  z = c1 (x - c0), clipped to +-1e12. */
@@ -99,6 +107,7 @@ typedef struct {
     double temp_c, t_s, payload_kg;
     double range_m, incid_rad, u_norm, v_norm, pan_rad, tilt_rad, tag;
     double p_cam_tool_m[3];
+    double pnp[6][KC_PNP_MAX + 1u]; /* by component, then column; column 0 stays 0 */
 } kc_ctx_t;
 
 /* What gravity does to the arm in one pose (the motors hold against it), evaluated on the chain

@@ -254,6 +254,7 @@ class KcCtx(Protocol):
     tilt_rad: float
     tag: float
     p_cam_tool_m: Array[float]
+    pnp: Array[Array[float]]
 
 class KcDetection(Protocol):
     """kc_detection_t"""
@@ -861,6 +862,7 @@ class FlightCore(Protocol):
     KC_NAME_LEN: int
     KC_NODE_NONE: int
     KC_PATH_MAX: int
+    KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
     KC_SOURCE_MAX: int
     KC_SPACE_INDEX_BODY: int
@@ -903,6 +905,12 @@ class FlightCore(Protocol):
     KC_TY: int
     KC_TX: int
     KC_VAR_COUNT: int
+    KC_VAR_PNP_RZ: int
+    KC_VAR_PNP_RY: int
+    KC_VAR_PNP_RX: int
+    KC_VAR_PNP_TZ: int
+    KC_VAR_PNP_TY: int
+    KC_VAR_PNP_TX: int
     KC_VAR_TAG: int
     KC_VAR_ZCAM: int
     KC_VAR_YCAM: int
@@ -1279,6 +1287,7 @@ class GroundCore(Protocol):
     KC_JOINT_MAX: int
     KC_MEAS_MAX: int
     KC_NAME_LEN: int
+    KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
     KC_SPECTRUM_MAX: int
     KC_TAG_MAX: int
@@ -1311,6 +1320,12 @@ class GroundCore(Protocol):
     KC_TY: int
     KC_TX: int
     KC_VAR_COUNT: int
+    KC_VAR_PNP_RZ: int
+    KC_VAR_PNP_RY: int
+    KC_VAR_PNP_RX: int
+    KC_VAR_PNP_TZ: int
+    KC_VAR_PNP_TY: int
+    KC_VAR_PNP_TX: int
     KC_VAR_TAG: int
     KC_VAR_ZCAM: int
     KC_VAR_YCAM: int

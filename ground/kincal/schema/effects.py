@@ -9,7 +9,7 @@ import pydantic
 from .base import Strict
 from .datamap import RECORDED
 from .errors import Contradiction, Problem, SchemaError, parse_toml, validate
-from .names import DATA_CONSTANTS
+from .names import DATA_CONSTANTS, FAULTS
 from .numbers import Count, Positive, Real
 from .terms import TermEntry
 
@@ -17,7 +17,7 @@ JointNumber = Annotated[int, Count(ge=1, le=16)]
 # What `needs` may name beside data columns: keys of the arm table, there or absent, and groups of columns.
 NEEDS = (
     "mass", "gear_ratio", "mass_unknown", "gear_unknown", "own_sensor", "dir", "cam", "image", "rotation",
-    "qdot", *RECORDED,
+    "qdot", "points", *RECORDED,
 )  # fmt: skip
 
 
@@ -32,8 +32,20 @@ class ParameterEntry(Strict):
     """Typical size, the 1-sigma of the prior [unit]."""
     each_joint: pydantic.StrictBool = False
     """true: the terms are repeated for every joint of the arm, all with this one coefficient."""
-    term: list[TermEntry] = pydantic.Field(min_length=1, examples=["at least one [[effect.parameter.term]]"])
+    image: Literal[FAULTS] | None = None  # type: ignore[valid-type]
+    """What a unit of the coefficient does to the image of the target's points, in place of terms. Where poses
+    come from a camera and a target of many points, an effect has its coefficients with `image` only; else
+    those with terms."""
+    term: list[TermEntry] = pydantic.Field(default=[], examples=["at least one [[effect.parameter.term]]"])
     """Terms of the coefficient."""
+
+    @pydantic.model_validator(mode="after")
+    def _does_something(self) -> ParameterEntry:
+        if self.image is None and not self.term:
+            raise Contradiction("term", "is missing", "write at least one [[effect.parameter.term]]")
+        if self.image is not None and self.term:
+            raise Contradiction("image", "stands beside terms", "write one of the two")
+        return self
 
 
 class EffectEntry(Strict):

@@ -39,7 +39,7 @@ def choose_constants(
     joined: a name without a joint becomes one hypothesis of all joints instead of one per joint. BadInput
     for an unknown name, or where constants have to come from measurements and there are none.
     """
-    open_names = [name for name in names if library.grid_of(name, dict(known.get(name, {})))]
+    open_names = [name for name in names if library.is_open(name, arm, data, known.get(name, {}))]
     found = {
         name: library.find(name, arm, data, dict(known.get(name, {})))
         for name in names

@@ -28,7 +28,8 @@ class Measurements:
     seen (0 first, 1 second, 0.5 both); split: (N,) "fit" or "held"; replicate: (N,) number of the group of
     poses that were measured again (same commanded pose); the others are (N,) in the unit of their name.
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
-    unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading.
+    unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
+    whole: the set that these poses were taken from, None if they are all of it.
     """
 
     source: str
@@ -58,6 +59,7 @@ class Measurements:
     skipped: tuple[str, ...] = ()
     unknown_columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    whole: Measurements | None = None
 
     @property
     def n(self) -> int:
@@ -79,6 +81,7 @@ class Measurements:
         places = np.flatnonzero(index) if index.dtype == bool else index
         arrays = {name: x[places] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
         changes: dict[str, Any] = {**arrays, "ids": tuple(self.ids[i] for i in places)}
+        changes["whole"] = self if self.whole is None else self.whole
         return replace(self, **changes)
 
     def has(self, column: str) -> bool:
