@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kincal.rotations import Pose, matrix_of_wxyz
-from kincal.schema.names import PNP
+from kincal.schema.names import FAULTS, PNP
 
 from .arm import Arm
 from .builds import Floats, doubles, library
@@ -198,7 +198,7 @@ class Model:
         self.arm, self.terms, self.observations = arm, terms, observations
         self._ground = library("ground")
         self._last: tuple[bytes, _Held] | None = None
-        self._last_column: tuple[tuple[bytes, int], Floats] | None = None
+        self._last_columns: tuple[tuple[bytes, int], Floats] | None = None
 
     @property
     def n(self) -> int:
@@ -327,13 +327,15 @@ class Model:
         return self.observations.pnp(numbers, expected)
 
     def _pnp_values(self, basis: BasisLike, coef: Floats) -> Floats:
-        """One component of a column, for all poses; the last column is remembered."""
-        key = (coef.tobytes(), basis.index)
-        if self._last_column is None or self._last_column[0] != key:
-            expected = self._expected(self._hold(coef), coef)
-            self._last_column = key, self._pnp([basis.index], expected)[:, :, 0]
-        column = self._last_column[1][:, list(PNP).index(basis.var)]
-        return basis.c1 * (column - basis.c0)
+        """One component of a column, for all poses. Columns of one sight come together; the last are
+        remembered."""
+        sight, fault = divmod(basis.index - 1, len(FAULTS))
+        key = (coef.tobytes(), sight)
+        if self._last_columns is None or self._last_columns[0] != key:
+            numbers = [1 + sight * len(FAULTS) + k for k in range(len(FAULTS))]
+            self._last_columns = key, self._pnp(numbers, self._expected(self._hold(coef), coef))
+        values: Floats = self._last_columns[1][:, list(PNP).index(basis.var), fault]
+        return basis.c1 * (values - basis.c0)
 
     def _expected(self, held: _Held, coef: Floats) -> Pose:
         """(N,) poses of the arm at the coefficients; what is on the camera's side plays no part."""

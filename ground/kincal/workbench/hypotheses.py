@@ -9,13 +9,11 @@ from kincal.schema.arm import ArmTable
 
 from .data import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter
+from .sight import Constants, sight_constants
 
 # Prior probabilities of "nothing is missing" and "what is missing has no name in the library"; the
 # testable effects share the rest equally.
 PRIOR_NONE, PRIOR_UNNAMED = 0.3, 0.1
-
-Constants = tuple[tuple[str, float], ...]
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -30,6 +28,13 @@ class Candidate:
     variants: tuple[Hypothesis, ...]
     prior: float
     weights: tuple[float, ...] = ()
+
+    def agreeing(self, assumed: Constants) -> Candidate:
+        """The same without the variants that assume another camera or target than a model does already."""
+        if len(self.variants) < 2 or not assumed or not sight_constants(self.variants[0].constants):
+            return self
+        same = tuple(h for h in self.variants if h.constants == assumed)
+        return replace(self, variants=same or self.variants, weights=())
 
     def refined(self, finer: Sequence[Hypothesis]) -> Candidate:
         """The same with the part of its grid that `finer` spans replaced by these variants."""
@@ -73,9 +78,16 @@ class Competition:
         untestable = [Untestable(name, needs) for name, needs in missing.items() if needs]
         return cls(tuple(candidates), tuple(untestable), _equivalents(library))
 
-    def open(self, taken: Collection[str]) -> tuple[Candidate, ...]:
-        """Those that may still be added: an effect that is in at all joints has nothing to add at one."""
-        return tuple(c for c in self.candidates if c.name not in taken and c.effect.name not in taken)
+    def open(self, model: Collection[Hypothesis]) -> tuple[Candidate, ...]:
+        """Those that may still be added: an effect that is in at all joints has nothing to add at one; and one
+        camera saw one target."""
+        taken = {h.name for h in model}
+        assumed = next((x for h in model if (x := sight_constants(h.constants))), ())
+        return tuple(
+            c.agreeing(assumed)
+            for c in self.candidates
+            if c.name not in taken and c.effect.name not in taken
+        )
 
 
 def _equivalents(library: Library) -> dict[str, tuple[str, ...]]:

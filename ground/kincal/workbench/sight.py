@@ -30,6 +30,11 @@ _SAME = 1e-9
 Constants = tuple[tuple[str, float], ...]
 
 
+def sight_constants(constants: Constants) -> Constants:
+    """Those of an effect's constants that assume something of camera and target."""
+    return tuple(c for c in constants if c[0] in ("field_deg", "fill"))
+
+
 @dataclass(frozen=True)
 class Assumption:
     """What is assumed of camera and target; None: the arm table states it.

@@ -118,7 +118,7 @@ class Study:
         """What this model leaves to explain, and by what."""
         return self._remembered(
             ("beside", model),
-            lambda: Posterior.at(self.scorer(model), self.competition.open({h.name for h in model})),
+            lambda: Posterior.at(self.scorer(model), self.competition.open([*self.given, *model])),
         )
 
     def reopened(self, model: Model, h: Hypothesis, grid: Model = ()) -> Posterior:
@@ -127,7 +127,7 @@ class Study:
         return self._remembered(("for", model, h, grid), lambda: self._reopened(model, h, grid))
 
     def _reopened(self, model: Model, h: Hypothesis, grid: Model) -> Posterior:
-        open_ = self.competition.open({x.name for x in model if x is not h})
+        open_ = self.competition.open([*self.given, *(x for x in model if x is not h)])
         candidates = [c.refined(grid) if grid and c.name == h.name else c for c in open_]
         return Posterior.at(self.scorer(model, drop=h), candidates)
 
