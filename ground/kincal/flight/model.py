@@ -48,8 +48,8 @@ class PnpLike(Protocol):
     """Columns of PnP poses at N poses."""
 
     def __call__(self, numbers: Sequence[int], expected: Pose) -> Floats:
-        """(N, 6, k) twists of the columns `numbers` [m, rad per unit] in the measured frame, the view taken at
-        the expected poses (N)."""
+        """(N, 6, k) twists of the columns `numbers` [m, rad per unit] in the measured frame, the view taken
+        at the expected poses (N)."""
 
 
 # Columns of the data that go into kc_ctx_t under their own name.

@@ -181,8 +181,8 @@ def _number_pnp(struct: KcTerms) -> tuple[int, ...]:
     numbers, place = np.unique(basis["index"][mine], return_inverse=True)
     if len(numbers) > ground.lib.KC_PNP_MAX:
         raise CannotAnswer(
-            f"the model has {len(numbers)} faults of camera and target, {ground.lib.KC_PNP_MAX} are possible; "
-            "remove an effect"
+            f"the model has {len(numbers)} faults of camera and target, at most "
+            f"{ground.lib.KC_PNP_MAX} are possible; remove an effect"
         )
     basis["index"][mine] = place + 1
     return tuple(int(number) for number in numbers)

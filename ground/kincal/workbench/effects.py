@@ -116,7 +116,9 @@ class Effect:
         if self.sees_points(arm, data):
             return []
         only_points = len(self._of_points) == len(self.parameters)
-        needs = (*self.needs, "points") if only_points or arm.mount == "tool" and self._of_points else self.needs
+        needs = (
+            (*self.needs, "points") if only_points or arm.mount == "tool" and self._of_points else self.needs
+        )
         lacking = [need for need in needs if not _there(need, arm, data)]
         return list(dict.fromkeys(_NEED_TEXT.get(need, need) for need in lacking))
 
@@ -155,12 +157,14 @@ class Effect:
         ]
 
     def _through_points(self, arm: ArmTable, known: Mapping[str, float]) -> list[Hypothesis]:
-        """One instance for each assumption about camera and target that is not ruled out by known constants."""
+        """One instance for each assumption about camera and target that known constants leave open."""
         return [
             Hypothesis(
                 self.name,
                 self.name,
-                tuple(Parameter(p.name, p.unit, p.sigma, _pnp_terms(k, p.image or "")) for p in self._of_points),
+                tuple(
+                    Parameter(p.name, p.unit, p.sigma, _pnp_terms(k, p.image or "")) for p in self._of_points
+                ),
                 assumed.constants,
             )
             for k, assumed in enumerate(assumptions(arm))

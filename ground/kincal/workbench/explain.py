@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from . import sight
 from .adequacy import Outliers
 from .compare import Comparison
 from .diagnosis import Diagnosis, EffectFinding
@@ -86,7 +87,9 @@ def outlier_note(o: Outliers) -> str:
 
 def notes(c: Comparison) -> list[str]:
     """What else a reader of a comparison should know."""
-    return [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
+    still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
+    assumed = sight.in_words(c.fit_all.arm, c.data)
+    return [*still, assumed] if assumed else still
 
 
 def not_testable(n: Untestable) -> str:

@@ -15,6 +15,7 @@ from .sight import Constants, sight_constants
 # testable effects share the rest equally.
 PRIOR_NONE, PRIOR_UNNAMED = 0.3, 0.1
 
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect at one place (or at all joints) that competes.
@@ -79,14 +80,12 @@ class Competition:
         return cls(tuple(candidates), tuple(untestable), _equivalents(library))
 
     def open(self, model: Collection[Hypothesis]) -> tuple[Candidate, ...]:
-        """Those that may still be added: an effect that is in at all joints has nothing to add at one; and one
-        camera saw one target."""
+        """Those that may still be added: an effect that is in at all joints has nothing to add at one, and
+        one camera saw one target."""
         taken = {h.name for h in model}
         assumed = next((x for h in model if (x := sight_constants(h.constants))), ())
         return tuple(
-            c.agreeing(assumed)
-            for c in self.candidates
-            if c.name not in taken and c.effect.name not in taken
+            c.agreeing(assumed) for c in self.candidates if c.name not in taken and c.effect.name not in taken
         )
 
 

@@ -80,7 +80,9 @@ class PnpColumns:
         camera = Pose(self.camera.p_m[some], self.camera.R[some])
         target = camera.inverse @ expected
         seen = target.p_m[:, None] + sight.points_m @ target.R.transpose(0, 2, 1)
-        body = np.concatenate([np.broadcast_to(np.eye(3), (*sight.points_m.shape, 3)), -_cross(sight.points_m)], axis=2)
+        body = np.concatenate(
+            [np.broadcast_to(np.eye(3), (*sight.points_m.shape, 3)), -_cross(sight.points_m)], axis=2
+        )
         return _View(sight, seen, np.einsum("nij,mjk->nmik", target.R, body), target.R)
 
 

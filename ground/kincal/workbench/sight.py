@@ -75,13 +75,13 @@ def sees_points(arm: ArmTable, data: Measurements | None) -> bool:
     """Whether poses come from a camera and a target of many points, so far as that can be known: a camera
     on the flange, or a camera with its pose and `points_m`. Orientations are needed."""
     if arm.mount == "tool":
-        return data is None or (data.quat_wxyz is not None and not data.has("cam") and _looks_at(arm, data))
+        return data is None or (data.quat_wxyz is not None and not data.has("cam") and _target_known(arm, data))
     if arm.target_points_m is None:
         return False
     return data is None or (data.quat_wxyz is not None and data.has("cam"))
 
 
-def _looks_at(arm: ArmTable, data: Measurements) -> bool:
+def _target_known(arm: ArmTable, data: Measurements) -> bool:
     """The target's place is stated, or follows from where the camera looked."""
     return arm.target_points_m is not None or _centre(_all_of(data)) is not None
 
