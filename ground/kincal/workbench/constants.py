@@ -14,7 +14,7 @@ from .data import Measurements
 from .effects import Hypothesis, Library
 from .fit import Frames, find_frames, fit_model
 from .grids import finer
-from .hypotheses import by_constants, merged_if_several
+from .hypotheses import assumed_by, by_constants, merged_if_several
 from .scoring import Scorer, bulk_weights
 
 Known = Mapping[str, Mapping[str, float]]
@@ -88,7 +88,8 @@ class _Search:
         """The instances of an effect with the constants of least cost, first on the grid, then closer."""
         fit = fit_model(self.arm, self.data, beside, dh=self.dh, frames=self.frames)
         scorer = Scorer(fit, bulk_weights(fit), self.data.cov is not None)
-        best = _least_cost(scorer, by_constants(self.library.find(name, self.arm, self.data)))
+        assumed = dict(assumed_by(beside))
+        best = _least_cost(scorer, by_constants(self.library.find(name, self.arm, self.data, assumed)))
         for constant, values in self.library.grid_of(name).items():
             fixed = dict(best[0].constants)
             near = finer(values, fixed[constant], self.data)

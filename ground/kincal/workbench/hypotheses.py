@@ -83,10 +83,15 @@ class Competition:
         """Those that may still be added: an effect that is in at all joints has nothing to add at one, and
         one camera saw one target."""
         taken = {h.name for h in model}
-        assumed = next((x for h in model if (x := sight_constants(h.constants))), ())
+        assumed = assumed_by(model)
         return tuple(
             c.agreeing(assumed) for c in self.candidates if c.name not in taken and c.effect.name not in taken
         )
+
+
+def assumed_by(model: Iterable[Hypothesis]) -> Constants:
+    """What the effects of a model assume of camera and target: all the same."""
+    return next((x for h in model if (x := sight_constants(h.constants))), ())
 
 
 def _equivalents(library: Library) -> dict[str, tuple[str, ...]]:

@@ -75,7 +75,9 @@ def sees_points(arm: ArmTable, data: Measurements | None) -> bool:
     """Whether poses come from a camera and a target of many points, so far as that can be known: a camera
     on the flange, or a camera with its pose and `points_m`. Orientations are needed."""
     if arm.mount == "tool":
-        return data is None or (data.quat_wxyz is not None and not data.has("cam") and _target_known(arm, data))
+        return data is None or (
+            data.quat_wxyz is not None and not data.has("cam") and _target_known(arm, data)
+        )
     if arm.target_points_m is None:
         return False
     return data is None or (data.quat_wxyz is not None and data.has("cam"))
@@ -153,31 +155,37 @@ def in_words(arm: ArmTable, data: Measurements) -> str:
     """What is assumed of camera and target, and how to state it; empty where nothing is."""
     if not sees_points(arm, data):
         return ""
-    assumed = assumptions(arm)
-    parts, keys = [], []
-    if assumed[0].fill is not None:
-        found = _centre(_all_of(data))
-        assert found is not None
-        (x, y, _), distance = found
-        parts.append(
-            f"a square board in the plane z = 0 of the target's frame about ({x:.3f}, {y:.3f}) m, where the "
-            f"camera looked from {distance:.2f} m, {_times(FILLS)} as wide as the image there"
-        )
-        keys.append("[target] points_m")
-    if assumed[0].field_deg is not None:
-        angles = ", ".join(f"{w:.0f} x {h:.0f}" for w, h in FIELDS_DEG)
-        parts.append(f"a camera that sees {angles} degrees")
-        keys.append("[sensor] fx_px, fy_px, cx_px, cy_px, width_px, height_px")
+    assumed = assumptions(arm)[0]
+    parts = [
+        *(_target_in_words(data) if assumed.fill else ()),
+        *(_camera_in_words() if assumed.field_deg else ()),
+    ]
     if not parts:
         return ""
     return (
-        f"assumed, because the arm table does not say: {' and '.join(parts)}; the assumptions compete. "
-        f"To state them: {' and '.join(keys)}"
+        "effects of the camera act through all points of its target. The arm table does not say what these "
+        f"are; several are tried: {', seen by '.join(parts)}. To state them: "
+        f"{' and '.join(_keys(assumed))}"
     )
 
 
-def _times(values: tuple[float, ...]) -> str:
-    return ", ".join(f"{x:g}" for x in sorted(values)) + " times"
+def _target_in_words(data: Measurements) -> tuple[str]:
+    found = _centre(_all_of(data))
+    assert found is not None  # sees_points said so
+    (x, y, _), distance = found
+    sizes = ", ".join(f"{fill:g}" for fill in sorted(FILLS))
+    where = f"about ({x:.3f}, {y:.3f}, 0) m of its frame, where the camera looked from {distance:.2f} m"
+    return (f"a square board {where}, {sizes} times as wide as the image there",)
+
+
+def _camera_in_words() -> tuple[str]:
+    fields = ", ".join(f"{width:.0f} x {height:.0f}" for width, height in FIELDS_DEG)
+    return (f"a camera with a field of view of {fields} degrees",)
+
+
+def _keys(assumed: Assumption) -> list[str]:
+    target = ["[target] points_m"] if assumed.fill else []
+    return target + (["[sensor] fx_px .. height_px"] if assumed.field_deg else [])
 
 
 def camera_poses(arm: ArmTable, data: Measurements) -> Pose | None:
