@@ -119,7 +119,6 @@ class _Validation:
         ]
         return self._by_pose(left), np.array([self._by_pose(e) for e in effects])
 
-
     def _by_pose(self, rows: Array) -> Array:
         """(M,) squares of rows (M c,), summed pose by pose."""
         squares: Array = (rows.reshape(-1, self.c) ** 2).sum(axis=1)

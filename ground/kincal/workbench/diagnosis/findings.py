@@ -215,11 +215,11 @@ def effect_findings(study: Study, found: Selection, adequate: bool) -> tuple[Eff
     p_family = family_p(first.scorer, [*first.scored, *first.mapped])
     report = _Reporter(study, found.model, p_family, adequate)
     findings = [report.kept(k) for k in found.kept]
-    findings += [report.alternative(h, posterior) for h, posterior in alternatives(study, found)]
+    findings += [report.alternative(h, posterior) for h, posterior in alternatives(found)]
     return tuple(sorted(findings, key=lambda f: (_ROLES.index(f.role), -f.probability)))
 
 
-def alternatives(study: Study, found: Selection) -> list[tuple[Hypothesis, Posterior]]:
+def alternatives(found: Selection) -> list[tuple[Hypothesis, Posterior]]:
     """Effects outside the model, most probable first, each with the posterior that gives it most: those
     taken back, those that keep a probability worth a mention, and the best ones where nothing named wins."""
     most: dict[str, tuple[float, Posterior]] = {}
@@ -229,7 +229,7 @@ def alternatives(study: Study, found: Selection) -> list[tuple[Hypothesis, Poste
                 most[name] = p, posterior
     best = sorted(most.items(), key=lambda item: -item[1][0])[:_MAX_ALTERNATIVES]
     listed = {name: (posterior.by_name[name].best, posterior) for name, (_, posterior) in best}
-    for h in _best_named(study, found) if found.last.something_missing else ():
+    for h in _best_named(found) if found.last.something_missing else ():
         listed.setdefault(h.name, (h, found.last))
     back = {k.effect.name: (k.effect, k.posterior) for k in found.taken_back}
     return [*(listed | back).values()]
@@ -246,7 +246,7 @@ def _outside(found: Selection, posterior: Posterior) -> dict[str, float]:
     }
 
 
-def _best_named(study: Study, found: Selection) -> list[Hypothesis]:
+def _best_named(found: Selection) -> list[Hypothesis]:
     """The most probable named effects beside the final model, whatever their probability."""
     outside = _outside(found, found.last)
     names = sorted(outside, key=lambda name: -outside[name])[:_BEST_NAMED]

@@ -15,9 +15,8 @@ def without_doubtful(study: Study, found: Selection) -> Selection:
     that resembles the unnamed often wins a place; it has to prove itself."""
     if not (found.last.unnamed_wins and study.has_held_out):
         return found
-    gone = [k for k in found.kept if k.role == "accepted" and not study.held_gain(found.model, k.effect).gains]
-    kept = tuple(k for k in found.kept if k not in gone)
-    return _settled(study, found, kept, found.taken_back) if gone else found
+    kept = tuple(k for k in found.kept if k.role == "helps" or study.held_gain(found.model, k.effect).gains)
+    return found if kept == found.kept else _settled(study, found, kept, found.taken_back)
 
 
 def never_worse(study: Study, found: Selection) -> Selection:

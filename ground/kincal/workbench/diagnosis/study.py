@@ -161,7 +161,8 @@ class Study:
         return fit_model(near.arm, data, [*self.given, *model], dh=self.dh, frames=frames)
 
     def held_error(self, model: Model) -> PosRot:
-        """RMS error of the held-out poses [m], [rad], the model fitted to the others; NaN if there are none."""
+        """RMS error of the held-out poses [m], [rad], NaN if there are none; the model is fitted to
+        the others."""
         held = self.comparison.held_data
         return (float("nan"), None) if held is None else rms(self._held_residual(model, held))
 
