@@ -102,6 +102,8 @@ def _effect_json(e: EffectFinding) -> Json:
         "why": explain.why(e),
         "accepted": e.accepted,
         "helps": e.helps,
+        "harms": e.harms,
+        "in_model": e.in_model,
     }
 
 

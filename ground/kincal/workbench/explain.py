@@ -7,7 +7,7 @@ import math
 from . import sight
 from .adequacy import Outliers
 from .compare import Comparison
-from .diagnosis import Diagnosis, EffectFinding
+from .diagnosis import Diagnosis, EffectFinding, HeldGain
 from .diagnosis.suggestions import Suggestion
 from .hypotheses import Untestable, effect_of, place_of
 from .nested import NoGain
@@ -50,18 +50,30 @@ def in_words(variable: str) -> str:
 
 def why(e: EffectFinding) -> str:
     """One sentence about what speaks for an effect, and what restricts that."""
-    gain = "no held-out poses"
-    if math.isfinite(e.held.after_m):
-        gain = f"held-out error {e.held.before_m * 1e3:.3f} to {e.held.after_m * 1e3:.3f} mm"
     text = (
         f"consistent with {e.label}: its pattern explains {e.explained_share:.0%} of what the model "
-        f"without it leaves, {gain}, probability {e.probability:.2f}"
+        f"without it leaves, {held_gain(e.held)}, probability {e.probability:.2f}"
     )
-    if e.helps:
-        text += "; something unnamed explains more, but held-out poses gain"
+    if e.harms:
+        text += "; it harms: not in the model"
+    if e.role == "helps":
+        text += "; something unnamed explains more, but "
+        text += "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
     if e.capped:
         text += "; the model with it does not explain the data yet, so it is not identified"
     return text
+
+
+def held_gain(gain: HeldGain) -> str:
+    """What held-out poses gain from an effect, and whether that could be chance."""
+    if not math.isfinite(gain.after_m):
+        return "no held-out poses"
+    kind = "cross-validated" if gain.cross_validated else "held-out"
+    low, high = gain.interval
+    return (
+        f"{kind} error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm "
+        f"(ratio {low:.3f} to {high:.3f})"
+    )
 
 
 def suggestion(s: Suggestion) -> str:
