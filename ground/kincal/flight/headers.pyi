@@ -513,6 +513,9 @@ class KcLoads(Protocol):
     tau: Array[float]
     tau_payload: Array[float]
     moment: Array[Array[float]]
+    origin_m: Array[Array[float]]
+    g_link_m_s2: Array[Array[float]]
+    g_cross_m_s2: Array[Array[Array[float]]]
 
 class KcMeas(Protocol):
     """kc_meas_t"""
@@ -854,6 +857,7 @@ class FlightCore(Protocol):
     KC_JOINT_MAX: int
     KC_JOURNAL_BYTES: int
     KC_KIN_IMAGE_MAX: int
+    KC_LEVER_TOOL: int
     KC_MEAS_MAX: int
     KC_MON_OBS_MAX: int
     KC_MON_OBS_MIN: int
@@ -903,6 +907,12 @@ class FlightCore(Protocol):
     KC_TY: int
     KC_TX: int
     KC_VAR_COUNT: int
+    KC_VAR_LEVZ: int
+    KC_VAR_LEVY: int
+    KC_VAR_LEVX: int
+    KC_VAR_GZ: int
+    KC_VAR_GY: int
+    KC_VAR_GX: int
     KC_VAR_TAG: int
     KC_VAR_ZCAM: int
     KC_VAR_YCAM: int
@@ -1277,6 +1287,7 @@ class GroundCore(Protocol):
     KC_IMAGE_MAX: int
     KC_INITIAL_MAX: int
     KC_JOINT_MAX: int
+    KC_LEVER_TOOL: int
     KC_MEAS_MAX: int
     KC_NAME_LEN: int
     KC_QP_ITER_PER_VAR: int
@@ -1311,6 +1322,12 @@ class GroundCore(Protocol):
     KC_TY: int
     KC_TX: int
     KC_VAR_COUNT: int
+    KC_VAR_LEVZ: int
+    KC_VAR_LEVY: int
+    KC_VAR_LEVX: int
+    KC_VAR_GZ: int
+    KC_VAR_GY: int
+    KC_VAR_GX: int
     KC_VAR_TAG: int
     KC_VAR_ZCAM: int
     KC_VAR_YCAM: int

@@ -21,6 +21,7 @@ from kincal.schema.terms import Basis, Names, TermEntry, parse_gain
 
 from .data import Measurements
 from .grids import Grid, data_constants, grid_values
+from .levers import TOOL, bodies
 from .types import Array
 
 _FRAMES = {"tool": FRAME_TOOL, "camera": FRAME_CAMERA, "meas": FRAME_MEAS}
@@ -81,7 +82,8 @@ class Effect:
     """One entry of the library as written; `instances` makes it concrete for an arm and data.
 
     per: "arm", "joint" or "pair"; needs: what arm table or data must hold; grid: constants that are
-    searched; equivalent_to: an effect with the very same formula, with which it does not compete.
+    searched; joint_type: of the joints that can have it, "" for both; equivalent_to: an effect with the very
+    same formula, with which it does not compete.
     """
 
     name: str
@@ -94,6 +96,7 @@ class Effect:
     confounded_with: tuple[str, ...]
     parameters: tuple[ParameterEntry, ...]
     joints: tuple[int, ...] | None = None
+    joint_type: str = ""
     pairs: tuple[tuple[int, int], ...] | None = None
     grid: Mapping[str, Grid] = field(default_factory=dict)
     equivalent_to: str = ""
@@ -110,9 +113,13 @@ class Effect:
         if self.per == "arm":
             return [{}]
         if self.per == "joint":
-            return [{"j": j} for j in joints if j <= arm.n]
+            return [{"j": j} for j in joints if j <= arm.n and self._is_of_type(arm, j)]
         pairs = self.pairs or tuple(itertools.permutations(joints, 2))
         return [{"i": i, "j": j} for i, j in pairs if max(i, j) <= arm.n]
+
+    def _is_of_type(self, arm: ArmTable, j: int) -> bool:
+        wanted = self.joint_type == "prismatic"
+        return not self.joint_type or arm.joints[j - 1].prismatic == wanted
 
     def instances(
         self, arm: ArmTable, data: Measurements | None, known: Mapping[str, float] | None = None
@@ -125,7 +132,7 @@ class Effect:
             name: [known[name]] if name in known else grid_values(values, data)
             for name, values in self.grid.items()
         }
-        return [
+        made = [
             Hypothesis(
                 self.name,
                 instance_name(self.name, letters),
@@ -135,13 +142,15 @@ class Effect:
             for letters in self.where(arm)
             for constants in (tuple(zip(grids, c, strict=True)) for c in itertools.product(*grids.values()))
         ]
+        return [h for h in made if h.parameters]
 
     def _parameters(
         self, arm: ArmTable, letters: Mapping[str, int], constants: Mapping[str, float]
     ) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(p.name, p.unit, p.sigma, tuple(self._terms(p, arm, letters, constants)))
+            Parameter(name, p.unit, p.sigma, tuple(self._terms(p, arm, with_body, constants)))
             for p in self.parameters
+            for name, with_body in _bodies(p, arm, letters)
         )
 
     def _terms(
@@ -157,6 +166,19 @@ class Effect:
         for names in [{**letters, "j": j} for j in joints] or [dict(letters)]:
             terms = (_concrete_term(entry, arm, names, constants, where) for entry in parameter.term)
             yield from (term for term in terms if term.gain != 0.0)
+
+
+def _bodies(
+    parameter: ParameterEntry, arm: ArmTable, letters: Mapping[str, int]
+) -> Iterator[tuple[str, Mapping[str, int]]]:
+    """Name and letters of a coefficient, for each body beyond joint j if it says so."""
+    if not parameter.each_body:
+        yield parameter.name, letters
+        return
+    link = {"p": letters.get("j", 1) - 1, **letters}.get(parameter.lever_link)
+    for body in bodies(arm, int(parameter.lever_link) if link is None else link, parameter.levers):
+        name = f"{parameter.name}_tool" if body == TOOL else f"{parameter.name}{body}"
+        yield name, {**letters, "k": body}
 
 
 def _there(need: str, arm: ArmTable, data: Measurements | None) -> bool:
@@ -229,8 +251,9 @@ def _concrete_term(
     assert comp is not None  # the file's reader refuses a term without
     basis = entry.bases(values, where)
     for factor in basis:
-        if factor.index > arm.n:
-            raise BadInput(f"basis {entry.basis!r} names joint {factor.index}, the arm has {arm.n}", where)
+        if factor.highest_link > arm.n:
+            what = f"basis {entry.basis!r} names joint {factor.highest_link}, the arm has {arm.n}"
+            raise BadInput(what, where)
     number = frame if isinstance(frame, int) else _FRAMES[frame]
     return Term(number, COMPONENTS.index(comp), _gain(entry.gain, arm, names, where), basis)
 
@@ -317,6 +340,7 @@ def _effect(entry: EffectEntry, source: str) -> Effect:
         confounded_with=tuple(entry.confounded_with),
         parameters=tuple(entry.parameter),
         joints=tuple(entry.joints) if entry.joints is not None else None,
+        joint_type=entry.joint_type or "",
         pairs=tuple(entry.pairs) if entry.pairs is not None else None,
         grid=dict(entry.grid),
         equivalent_to=entry.equivalent_to,
