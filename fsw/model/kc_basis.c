@@ -30,7 +30,7 @@ static double of_lever(const kc_loads_t *loads, uint32_t index, uint32_t axis)
     const uint32_t link = KC_LEVER_LINK(index);
     const uint32_t body = KC_LEVER_BODY(index) == KC_LEVER_TOOL ? KC_FRAME_TOOL : KC_LEVER_BODY(index);
     double r[3];
-    if (link > KC_JOINT_MAX || body > KC_FRAME_TOOL) { return 0.0; }
+    if (link > KC_JOINT_MAX || KC_LEVER_BODY(index) > KC_JOINT_MAX) { return 0.0; }
     kc_v3_sub(loads->origin_m[body], loads->origin_m[link], r);
     return kc_v3_dot(r, loads->g_cross_m_s2[link][axis]);
 }

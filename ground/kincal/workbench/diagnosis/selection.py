@@ -175,15 +175,14 @@ def helpful(study: Study, model: Model) -> Hypothesis | None:
     posterior = study.posterior(model)
     if not (study.has_held_out and posterior.unknown):
         return None
-    names = posterior.named(study.room(model))[:_HELP_TRIES]
-    effects = [posterior.by_name[name].best for name in names]
+    effects = [posterior.by_name[name].best for name in posterior.named(study.room(model))]
     unnamed = max(posterior.unknown, key=lambda s: s.ln_bf)
     scored = study.scorer(model, granted=unnamed.block).hypotheses(effects)
     prior = {c.name: c.prior for c in study.competition.candidates}
-    for h, (_, ln_bf) in zip(effects, scored, strict=True):
-        odds = np.log(prior[h.name] / PRIOR_NONE) + ln_bf
-        if odds > np.log(ACCEPT_ODDS) and study.held_gain(model, h).gains:
-            return h
+    odds = [np.log(prior[h.name] / PRIOR_NONE) + ln_bf for h, (_, ln_bf) in zip(effects, scored, strict=True)]
+    for k in np.argsort(odds)[::-1][:_HELP_TRIES]:
+        if odds[k] > np.log(ACCEPT_ODDS) and study.held_gain(model, effects[k]).gains:
+            return effects[k]
     return None
 
 
