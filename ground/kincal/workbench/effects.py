@@ -24,6 +24,7 @@ from .grids import Grid, data_constants, grid_values
 from .levers import TOOL, bodies
 from .types import Array
 
+_PARALLEL_RAD = 1e-3  # axes that are nominally parallel
 _FRAMES = {"tool": FRAME_TOOL, "camera": FRAME_CAMERA, "meas": FRAME_MEAS}
 # How a need is said to people: the keys of the arm table or the columns of the data.
 _NEED_TEXT = {
@@ -210,6 +211,13 @@ def _link_vector(arm: ArmTable, j: int) -> Array:
     return np.array([joint.a_m, joint.d_m * math.sin(joint.alpha_rad), joint.d_m * math.cos(joint.alpha_rad)])
 
 
+def _parallel_to_next(arm: ArmTable, j: int) -> bool:
+    """Whether joint j + 1 turns about an axis parallel to that of joint j, and at a distance."""
+    joint = arm.joints[j - 1]
+    turning = j < arm.n and not joint.prismatic and not arm.joints[j].prismatic
+    return turning and abs(math.sin(joint.alpha_rad)) < _PARALLEL_RAD and abs(joint.a_m) > 0.0
+
+
 def _mount_lever(arm: ArmTable) -> Array:
     """From the origin of the base frame, where the arm is bolted on, to frame 0, in frame 0 [m]; a mount that
     tips turns about that origin. Zero when the base frame is unknown."""
@@ -229,6 +237,7 @@ def _gain(value: float | str, arm: ArmTable, names: Mapping[str, int], where: st
         joint = arm.joints[names["j"] - 1]
         symbols |= dict(zip(("Lx", "Ly", "Lz"), length, strict=True)) | {"a": joint.a_m, "d": joint.d_m}
         symbols["long"] = float(np.linalg.norm(length) > 1e-6)
+        symbols["parallel"] = float(_parallel_to_next(arm, names["j"]))
     gain, used = parse_gain(value)
     for symbol in used:
         if symbol not in symbols:
@@ -303,18 +312,27 @@ class Library:
         data: Measurements | None,
         known: Mapping[str, float] | None = None,
     ) -> list[Hypothesis]:
-        """Instances for `name[joint]`, or all joints for a bare name. BadInput with near names."""
+        """Instances for `name[joint]`, each joint of `name[2,3]`, or all joints for a bare name. BadInput with
+        near names."""
         base = name.partition("[")[0]
         if base not in self.effects:
             near = [n for n in self.effects if n.startswith(base[:4])] or list(self.effects)
             raise BadInput(f"no effect {base!r}; did you mean {', '.join(near[:6])}? (kincal model effects)")
         found = self.effects[base].instances(arm, data, known)
         if "[" in name:
-            wanted = name.replace(" ", "")
-            found = [h for h in found if h.name == wanted]
-            if not found:
+            wanted = _places(name.replace(" ", ""), self.effects[base])
+            found = [h for h in found if h.name in wanted]
+            if len({h.name for h in found}) < len(wanted):
                 raise BadInput(f"effect {name!r}: no such joint on {arm.name} ({arm.n} joints)")
         return found
+
+
+def _places(name: str, effect: Effect) -> set[str]:
+    """Names of the instances that a name stands for: a joint effect may name several joints."""
+    inside = name.partition("[")[2].rstrip("]")
+    if effect.per != "joint":
+        return {name}
+    return {f"{effect.name}[{joint}]" for joint in inside.split(",")}
 
 
 def _read(path: str | Path) -> str:

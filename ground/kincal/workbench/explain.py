@@ -58,6 +58,8 @@ def why(e: EffectFinding) -> str:
     )
     if e.helps:
         text += "; something unnamed explains more, but held-out poses gain"
+    if e.inferred_direction:
+        text += "; approach direction inferred from the order of measurement"
     if e.capped:
         text += "; the model with it does not explain the data yet, so it is not identified"
     return text

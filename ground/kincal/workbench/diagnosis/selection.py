@@ -175,14 +175,15 @@ def helpful(study: Study, model: Model) -> Hypothesis | None:
     posterior = study.posterior(model)
     if not (study.has_held_out and posterior.unknown):
         return None
-    effects = [posterior.by_name[name].best for name in posterior.named(study.room(model))]
+    names = posterior.named(study.room(model))[:_HELP_TRIES]
+    effects = [posterior.by_name[name].best for name in names]
     unnamed = max(posterior.unknown, key=lambda s: s.ln_bf)
     scored = study.scorer(model, granted=unnamed.block).hypotheses(effects)
     prior = {c.name: c.prior for c in study.competition.candidates}
-    odds = [np.log(prior[h.name] / PRIOR_NONE) + ln_bf for h, (_, ln_bf) in zip(effects, scored, strict=True)]
-    for k in np.argsort(odds)[::-1][:_HELP_TRIES]:
-        if odds[k] > np.log(ACCEPT_ODDS) and study.held_gain(model, effects[k]).gains:
-            return effects[k]
+    for h, (_, ln_bf) in zip(effects, scored, strict=True):
+        odds = np.log(prior[h.name] / PRIOR_NONE) + ln_bf
+        if odds > np.log(ACCEPT_ODDS) and study.held_gain(model, h).gains:
+            return h
     return None
 
 
@@ -217,8 +218,9 @@ def reviewed(study: Study, now: Reviewed, h: Hypothesis) -> Reviewed:
 
 
 def _simplified(study: Study, state: State, h: Hypothesis) -> tuple[State, Hypothesis]:
-    """One joint instead of all where it is enough beside the others."""
+    """One joint, or some, instead of all where that is enough beside the others."""
     one = study.reopened(state.model, h, state.grids.get(h.name, ())).one_joint(h)
+    one = one or study.fewest_joints(state.model, h)
     return (state, h) if one is None else (_with(state, h, one), one)
 
 
