@@ -36,12 +36,19 @@ class Given:
     units: str | None
     rotation: str | None
     skip_bad: bool
+    infer_direction: bool = True
 
     def read(self, arm: ArmTable) -> Measurements:
         """The measurements; notes and columns that nothing reads are named on stderr."""
         from kincal.workbench.readers import read_measurements
 
-        data = read_measurements(self.paths, arm, self.mapping(), skip_bad=self.skip_bad)
+        data = read_measurements(
+            self.paths,
+            arm,
+            self.mapping(),
+            skip_bad=self.skip_bad,
+            infer_direction=self.infer_direction,
+        )
         for note in data.notes:
             click.echo(f"note: {note}", err=True)
         if data.unknown_columns:
@@ -88,7 +95,7 @@ def _rotation(text: str) -> dict[str, Any]:
 
 
 def data_options(*, required: bool = True, about: str = "") -> Callable[[Command], Command]:
-    """Options --data, --map, --column, --units, --rotation and --skip-bad, given to the command as one
+    """Options --data, --map, --column, --units, --rotation, --skip-bad and --no-inferred-direction, given to the command as one
     argument `given` (None if no --data was given and none is required)."""
     options = (
         click.option(
@@ -110,6 +117,8 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
         click.option("--rotation", metavar="FORM=COLUMNS", default=None,
                      help="Orientation as xyzw, wxyz, rotvec, matrix or euler-AXES: euler-ZYX=A,B,C."),
         click.option("--skip-bad", is_flag=True, help="Skip malformed rows and count them."),
+        click.option("--no-inferred-direction", is_flag=True,
+                     help="Without dir columns do not take approach directions from the order of rows."),
     )  # fmt: skip
 
     def decorate(command: Command) -> Command:
@@ -122,9 +131,11 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
             units: str | None,
             rotation: str | None,
             skip_bad: bool,
+            no_inferred_direction: bool,
             **rest: Any,
         ) -> Any:
-            given = Given(paths, map_path, columns, units, rotation, skip_bad) if paths else None
+            said = (columns, units, rotation, skip_bad, not no_inferred_direction)
+            given = Given(paths, map_path, *said) if paths else None
             return command(*args, given=given, **rest)
 
         wrapped: Any = called

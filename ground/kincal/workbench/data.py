@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,10 @@ from .types import Array, Indices, Mask
 
 # Names that effects use for their needs, where they differ from ours.
 _RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
-_SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
+SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
+
+
+DirectionSource = Literal["measured", "inferred", "none"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +30,7 @@ class Measurements:
     base frame; cam_p_m, cam_quat_wxyz: (N, 3), (N, 4) camera pose in the base frame; tag: (N,) which tag was
     seen (0 first, 1 second, 0.5 both); split: (N,) "fit" or "held"; replicate: (N,) number of the group of
     poses that were measured again (same commanded pose); the others are (N,) in the unit of their name.
+    direction_source: "measured" (in the file), "inferred" from the order of measurement, or "none".
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
     unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
     whole: the set that these poses were taken from, None if they are all of it.
@@ -56,10 +60,15 @@ class Measurements:
     split: NDArray[np.str_] | None = None
     replicate: NDArray[np.int_] | None = None
     order_is_time: bool = False
+    direction_source: DirectionSource = "measured"
     skipped: tuple[str, ...] = ()
     unknown_columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     whole: Measurements | None = None
+
+    def __post_init__(self) -> None:
+        if self.direction is None:
+            object.__setattr__(self, "direction_source", "none")
 
     @property
     def n(self) -> int:
@@ -96,7 +105,7 @@ class Measurements:
         return values is not None and not np.ptp(values, axis=0).any()
 
 
-def replicate_groups(q: Array, tol: float = _SAME_POSE) -> NDArray[np.int_]:
+def replicate_groups(q: Array, tol: float = SAME_POSE) -> NDArray[np.int_]:
     """(N,) group number per pose: poses whose readings (N, n) all agree within `tol` [rad or m] are
     replicates; a group has the number of its first pose."""
     group = np.full(len(q), -1)

@@ -59,6 +59,8 @@ def why(e: EffectFinding) -> str:
     if e.role == "helps":
         text += "; something unnamed explains more, but "
         text += "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
+    if e.inferred_direction:
+        text += "; approach direction inferred from the order of measurement"
     if e.capped:
         text += "; the model with it does not explain the data yet, so it is not identified"
     return text
