@@ -47,7 +47,11 @@ class Given:
             click.echo(f"note: {note}", err=True)
         if data.unknown_columns:
             click.echo(f"note: columns not used: {', '.join(data.unknown_columns)}", err=True)
-        return data.without(self.excluded) if self.excluded else data
+        if not self.excluded:
+            return data
+        kept = data.without(self.excluded)
+        click.echo(f"note: {data.n - kept.n} poses excluded", err=True)
+        return kept
 
     def options(self) -> tuple[str, ...]:
         """The same options as words of a command line."""

@@ -12,9 +12,9 @@ from kincal.pages import diagnosis_figures as figures
 from kincal.pages import image
 from kincal.pages.page import Grid, Page, Provenance, Section, Tile, write
 from kincal.workbench import explain
-from kincal.workbench.answers import diagnosis_text
 from kincal.workbench.api import ReportContent
 from kincal.workbench.diagnosis import Diagnosis
+from kincal.workbench.diagnosis_text import diagnosis_text
 from kincal.workbench.hypotheses import effect_of
 from kincal.workbench.nested import NestedModels
 from kincal.workbench.nextposes import NextPose
