@@ -145,7 +145,7 @@ def diagnose_command(
         from kincal.pages import diagnosis as pages
         from kincal.pages.page import Provenance
 
-        files, why = pages.write_all(shown, report_path, Provenance.of_file(today(), given.paths))
+        files, why = pages.write_all(shown, report_path, Provenance.of_file(today(), given.paths), steps)
         say_files("report", files, why, err=as_json)
 
 

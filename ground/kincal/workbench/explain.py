@@ -9,8 +9,8 @@ from .adequacy import Outliers
 from .compare import Comparison
 from .diagnosis import Diagnosis, EffectFinding, UnnamedFinding
 from .diagnosis.suggestions import Suggestion
-from .hypotheses import Untestable, effect_of, place_of
 from .gain import judged
+from .hypotheses import Untestable, effect_of, place_of
 from .nested import EffectGain
 
 _DRIVERS = {
@@ -78,11 +78,14 @@ def probability(p: float) -> str:
 
 def odds(e: EffectFinding, d: Diagnosis) -> str:
     """The probability of an effect with what it is against; empty where held-out poses decided."""
+    return "" if e.helps else f"{probability(e.probability)} {against(e, d)}"
+
+
+def against(e: EffectFinding, d: Diagnosis) -> str:
+    """What the probability of an effect is against; empty where held-out poses decided."""
     if e.helps:
         return ""
-    if e.accepted:
-        return f'{probability(e.probability)} against "nothing missing" and the unnamed'
-    return f"{probability(e.probability)} {_rival(d)}"
+    return 'against "nothing missing" and the unnamed' if e.accepted else _rival(d)
 
 
 def _rival(d: Diagnosis) -> str:

@@ -1,4 +1,4 @@
-"""Does an effect help on held-out poses? One rule, by the interval of the ratio of errors with / without it."""
+"""Does an effect help on held-out poses? One rule, by the interval of a ratio of errors."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def _effect_panel(fit: Fit, key: _Key, terms: Sequence[tuple[str, Term]]) -> Pan
         place=_place(fit, frame, comp),
         angular=comp >= 3,
         driver=driver,
-        unit=VARIABLES[var].unit if VARIABLES[var].unit != "1" else "",
+        unit=_unit(fit, _driver(var, index)),
         x=x,
         second=next(((_driver(*s), _values(fit, *s)) for s in sorted(seconds)), None),
         motion=_motion(fit, direction),
@@ -160,6 +160,15 @@ def _driver(var: str, index: int) -> str:
     return f"{var}{index}" if VARIABLES[var].indexed else var
 
 
+def _unit(fit: Fit, driver: str) -> str:
+    """Of a variable; empty where it has none."""
+    kind = driver.rstrip("0123456789")
+    if kind == "q" and kind != driver:
+        return "m" if fit.arm.joints[int(driver[1:]) - 1].prismatic else "rad"
+    unit = VARIABLES[kind].unit if kind in VARIABLES else ""
+    return "" if unit == "1" else unit
+
+
 def _place(fit: Fit, frame: int, comp: int) -> str:
     axis = f"{'about' if comp >= 3 else 'along'} {COMPONENTS[comp][1]}"
     if frame in _FRAMES:
@@ -183,8 +192,8 @@ def place_panels(fit: Fit, place: str, drivers: Sequence[str]) -> tuple[Panel, .
     second = (drivers[1], variable_values(drivers[1], fit)) if len(drivers) > 1 else None
     panels = (
         _panel(
-            fit, place=name, angular=_angular(fit, place), driver=drivers[0], unit="", x=x, second=second,
-            motion=_motion(fit, direction), fitted=np.zeros(fit.data.n),
+            fit, place=name, angular=_angular(fit, place), driver=drivers[0], unit=_unit(fit, drivers[0]),
+            x=x, second=second, motion=_motion(fit, direction), fitted=np.zeros(fit.data.n),
         )
         for name, direction in _directions(where, columns.weight)
     )  # fmt: skip
