@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -9,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from kincal.errors import BadInput
+
 from .types import Array, Indices, Mask
 
 # Names that effects use for their needs, where they differ from ours.
 _RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
+_NAMED = 5  # ids in a message
 SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
-
 
 DirectionSource = Literal["measured", "inferred", "none"]
 
@@ -92,6 +95,17 @@ class Measurements:
         changes: dict[str, Any] = {**arrays, "ids": tuple(self.ids[i] for i in places)}
         changes["whole"] = self if self.whole is None else self.whole
         return replace(self, **changes)
+
+    def without(self, ids: Iterable[str]) -> Measurements:
+        """The poses but those with these ids. BadInput names the ids that no pose has."""
+        wanted = set(ids)
+        if unknown := sorted(wanted.difference(self.ids)):
+            raise BadInput(
+                f"no pose has the id {', '.join(unknown[:_NAMED])}",
+                self.source,
+                f"ids of these data: {', '.join(self.ids[:_NAMED])} ...",
+            )
+        return self.take(np.array([name not in wanted for name in self.ids], dtype=bool))
 
     def has(self, column: str) -> bool:
         """Whether the data carry what an effect needs (`dir`, `temp_c`, `cam`, `rotation` ...)."""
