@@ -68,7 +68,8 @@ def test_a_sweep_of_all_joints_at_once_may_be_an_order_of_motion():
 def test_ids_that_are_numbers_in_another_order_are_heeded():
     q = np.random.default_rng(0).uniform(-1, 1, (30, 2))
     data = rows_in_order(q)
-    other = wb.Measurements(**{**vars(data), "ids": tuple(map(str, np.random.default_rng(1).permutation(30)))})
+    shuffled = tuple(map(str, np.random.default_rng(1).permutation(30)))
+    other = wb.Measurements(**{**vars(data), "ids": shuffled})
     assert with_direction(other).direction is None
 
 

@@ -153,7 +153,9 @@ class Study:
         effect, known = self.library.effects[h.effect], dict(h.constants)
         arm, data = self.base.arm, self.base.data
         return tuple(
-            merged_if_several(effect, self.library.find(h.name, arm, data, {**known, constant: value}), h.name)
+            merged_if_several(
+                effect, self.library.find(h.name, arm, data, {**known, constant: value}), h.name
+            )
             for value in finer(self.library.grid_of(h.name)[constant], known[constant], data)
         )
 
