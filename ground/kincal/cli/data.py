@@ -95,8 +95,8 @@ def _rotation(text: str) -> dict[str, Any]:
 
 
 def data_options(*, required: bool = True, about: str = "") -> Callable[[Command], Command]:
-    """Options --data, --map, --column, --units, --rotation, --skip-bad and --no-inferred-direction, given to the command as one
-    argument `given` (None if no --data was given and none is required)."""
+    """Options --data, --map, --column, --units, --rotation, --skip-bad and --no-inferred-direction, given to
+    the command as one argument `given` (None if no --data was given and none is required)."""
     options = (
         click.option(
             "--data",

@@ -33,8 +33,8 @@ class ParameterEntry(Strict):
     each_joint: pydantic.StrictBool = False
     """true: the terms are repeated for every joint of the arm, all with this one coefficient."""
     each_body: pydantic.StrictBool = False
-    """true: one coefficient for each body k beyond joint j whose gravity levers are its own: NAME3 for the end of
-    link 3, NAME_tool for the tool."""
+    """true: one coefficient for each body k beyond joint j whose gravity levers are its own: NAME3 for the
+    end of link 3, NAME_tool for the tool."""
     term: list[TermEntry] = pydantic.Field(min_length=1, examples=["at least one [[effect.parameter.term]]"])
     """Terms of the coefficient."""
 

@@ -41,8 +41,8 @@ def read_measurements(
 
     arm: its table, or the number of its joints (then all are revolute and have no names); mapping: names and
     units of the columns; skip_bad: leave malformed rows out and count them; session: of an LCM log, the last
-    one with measurements if not named; infer_direction: where a file has no approach directions, take them from
-    the order of its measurements. BadInput names file, row, column and what to do.
+    one with measurements if not named; infer_direction: where a file has no approach directions, take them
+    from the order of its measurements. BadInput names file, row, column and what to do.
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     joints, chosen = Joints.of(arm), mapping or DataMap()
