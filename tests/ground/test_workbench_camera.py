@@ -34,7 +34,7 @@ def library():
 # --------------------------------------------------------------------------- columns
 
 
-def stated() -> sight.Sight:
+def sight_of_boards() -> sight.Sight:
     focal, middle = boards.K[[0, 1], [0, 1]], boards.K[:2, 2]
     size = np.array([boards.WIDTH, boards.HEIGHT])
     return sight.Sight(boards.BOARD, -middle / focal, (size - middle) / focal, focal)
@@ -84,7 +84,7 @@ def test_columns_are_the_derivatives_of_opencvs_pnp(fault, mount):
         measured = [np.linalg.inv(x) if camera is None else camera @ x for x in (target, *shifted)]
         pose = Pose(measured[0][None, :3, 3], measured[0][None, :3, :3])
         stands = None if camera is None else Pose(camera[None, :3, 3], camera[None, :3, :3])
-        got = PnpColumns((stated(),), stands, pose.R)([column_number(0, fault)], pose)[0, :, 0]
+        got = PnpColumns((sight_of_boards(),), stands, pose.R)([column_number(0, fault)], pose)[0, :, 0]
         step = np.linalg.inv(measured[2]) @ measured[1]
         want = np.r_[step[:3, 3], Rotation.from_matrix(step[:3, :3]).as_rotvec()] / (2.0 * STEP)
         np.testing.assert_allclose(got, want, atol=2e-3 * np.abs(want).max())
@@ -96,7 +96,7 @@ def test_points_outside_the_image_do_not_count():
     target, inside = partly[0]
     measured = np.linalg.inv(target)
     pose = Pose(measured[None, :3, 3], measured[None, :3, :3])
-    whole = stated()
+    whole = sight_of_boards()
     seen = replace(whole, points_m=whole.points_m[inside])
     column = [PnpColumns((s,), None, pose.R)([1], pose) for s in (whole, seen)]
     np.testing.assert_allclose(column[0], column[1], rtol=1e-9)
@@ -110,21 +110,21 @@ def test_columns_act_along_the_expected_axes():
     T = np.linalg.inv(target)
     pose = Pose(T[None, :3, 3], T[None, :3, :3])
     noisy = pose.R @ Rotation.from_rotvec([0.01, -0.02, 0.005]).as_matrix()
-    plain = PnpColumns((stated(),), None, pose.R)([1], pose)[0, :3, 0]
-    turned = PnpColumns((stated(),), None, noisy)([1], pose)[0, :3, 0]
+    plain = PnpColumns((sight_of_boards(),), None, pose.R)([1], pose)[0, :3, 0]
+    turned = PnpColumns((sight_of_boards(),), None, noisy)([1], pose)[0, :3, 0]
     np.testing.assert_allclose(pose.R[0] @ plain, noisy[0] @ turned, atol=1e-15)
 
 
 # --------------------------------------------------------------------------- what is assumed
 
 
-def eye_in_hand(tmp_path, *, told: bool, distortion=(0.1, 0.0, 0.0, 0.0), n: int = 70, seed: int = 4):
-    arm = wb.read_arm(boards.arm_toml(tmp_path / "arm.toml", "tool", told))
+def eye_in_hand(tmp_path, *, stated: bool, distortion=(0.1, 0.0, 0.0, 0.0), n: int = 70, seed: int = 4):
+    arm = wb.read_arm(boards.arm_toml(tmp_path / "arm.toml", "tool", stated))
     return arm, wb.read_csv(boards.eye_in_hand_csv(tmp_path / "poses.csv", n, seed, distortion), 7)
 
 
 def test_board_is_assumed_where_the_camera_looked(tmp_path):
-    arm, data = eye_in_hand(tmp_path, told=False, n=40)
+    arm, data = eye_in_hand(tmp_path, stated=False, n=40)
     seen = sight.sights(arm, data)
     assert len(seen) == len(sight.assumptions(arm)) == 9
     for one in seen:
@@ -135,21 +135,21 @@ def test_board_is_assumed_where_the_camera_looked(tmp_path):
 
 
 def test_part_of_a_set_assumes_what_the_whole_set_does(tmp_path):
-    arm, data = eye_in_hand(tmp_path, told=False, n=12)
+    arm, data = eye_in_hand(tmp_path, stated=False, n=12)
     part = data.take(np.array([0, 5, 7])).take(np.array([True, False, True]))
     for one, whole in zip(sight.sights(arm, part), sight.sights(arm, data), strict=True):
         np.testing.assert_array_equal(one.points_m, whole.points_m)
 
 
 def test_stated_camera_and_target_leave_nothing_to_assume(tmp_path, library):
-    arm, data = eye_in_hand(tmp_path, told=True, n=12)
+    arm, data = eye_in_hand(tmp_path, stated=True, n=12)
     assert [a.constants for a in sight.assumptions(arm)] == [()]
     assert sight.in_words(arm, data) == ""
     assert [h.label for h in library.find("lens_radial", arm, data)] == ["lens_radial"]
 
 
 def test_effects_of_one_model_assume_one_camera_and_target(tmp_path, library):
-    arm, data = eye_in_hand(tmp_path, told=False, n=40)
+    arm, data = eye_in_hand(tmp_path, stated=False, n=40)
     result = wb.fit(arm, data, ["lens_radial", "focal_length", "target_bow"], library=library)
     assumed = {tuple(result.constants[name][key] for key in ("field_deg", "fill")) for name in result.effects}
     assert len(assumed) == 1
@@ -163,7 +163,7 @@ def test_without_a_camera_on_the_flange_or_points_nothing_changes(library):
 
 
 def test_positions_alone_say_that_orientations_are_needed(tmp_path, library):
-    arm, data = eye_in_hand(tmp_path, told=True, n=12)
+    arm, data = eye_in_hand(tmp_path, stated=True, n=12)
     lacking = library.effects["lens_radial"].missing(arm, replace(data, quat_wxyz=None))
     assert any("qw..qz" in text for text in lacking)
 
@@ -175,15 +175,15 @@ def leading(answer: wb.Diagnosis):
     return next(e for e in answer.effects if e.role == "accepted")
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_radial_distortion_of_a_camera_on_the_flange_is_named(tmp_path, library, told):
-    arm, data = eye_in_hand(tmp_path, told=told)
+@pytest.mark.parametrize("stated", [True, False])
+def test_radial_distortion_of_a_camera_on_the_flange_is_named(tmp_path, library, stated):
+    arm, data = eye_in_hand(tmp_path, stated=stated)
     answer = wb.diagnose(arm, data, library)
     lens = leading(answer)
     assert lens.name == "lens_radial"
     assert lens.probability >= 0.9
     assert lens.held.gains
-    if told:
+    if stated:
         k1 = lens.parameters[0]
         assert abs(k1.value - 0.1) < 0.01 + 4.0 * k1.std_err
     else:
@@ -200,13 +200,13 @@ def test_radial_distortion_of_a_camera_that_stands_is_named(tmp_path, library):
 
 
 def test_a_perfect_camera_is_not_blamed(tmp_path, library):
-    arm, data = eye_in_hand(tmp_path, told=False, distortion=(0.0,) * 4, seed=6)
+    arm, data = eye_in_hand(tmp_path, stated=False, distortion=(0.0,) * 4, seed=6)
     answer = wb.diagnose(arm, data, library)
     assert not [e.name for e in answer.effects if e.accepted]
 
 
 def test_uplink_refuses_effects_of_another_camera(tmp_path, library):
-    arm, _ = eye_in_hand(tmp_path, told=True, n=2)
+    arm, _ = eye_in_hand(tmp_path, stated=True, n=2)
     with pytest.raises(BadInput, match="lens_radial acts through all points"):
         term_table(arm, library.find("lens_radial", arm, None))
     assert term_table(arm, library.find("encoder_gain[2]", arm, None)).n_coef == 29
