@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -36,6 +36,21 @@ class Given:
     units: str | None
     rotation: str | None
     skip_bad: bool
+    force: bool = False
+
+    def checked(self, arm: ArmTable) -> Measurements:
+        """The measurements for a command that computes with them. BadInput if arm and data do not belong
+        together, unless forced; what is odd is said on stderr and kept as `doubts`."""
+        from kincal.workbench.belonging import check, refuse
+
+        data = self.read(arm)
+        answer = check(arm, data, thorough=False)
+        if not self.force:
+            refuse(answer, arm, "correct it, or add --force to go on all the same")
+        doubts = tuple(finding.text for finding in answer.findings if finding.severity != "note")
+        for doubt in doubts:
+            click.echo(f"warning: {doubt}", err=True)
+        return replace(data, doubts=doubts)
 
     def read(self, arm: ArmTable) -> Measurements:
         """The measurements; notes and columns that nothing reads are named on stderr."""
@@ -88,8 +103,8 @@ def _rotation(text: str) -> dict[str, Any]:
 
 
 def data_options(*, required: bool = True, about: str = "") -> Callable[[Command], Command]:
-    """Options --data, --map, --column, --units, --rotation and --skip-bad, given to the command as one
-    argument `given` (None if no --data was given and none is required)."""
+    """Options --data, --map, --column, --units, --rotation, --skip-bad and --force, given to the command as
+    one argument `given` (None if no --data was given and none is required)."""
     options = (
         click.option(
             "--data",
@@ -110,6 +125,7 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
         click.option("--rotation", metavar="FORM=COLUMNS", default=None,
                      help="Orientation as xyzw, wxyz, rotvec, matrix or euler-AXES: euler-ZYX=A,B,C."),
         click.option("--skip-bad", is_flag=True, help="Skip malformed rows and count them."),
+        click.option("--force", is_flag=True, help="Go on when arm table and data do not belong together."),
     )  # fmt: skip
 
     def decorate(command: Command) -> Command:
@@ -122,9 +138,10 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
             units: str | None,
             rotation: str | None,
             skip_bad: bool,
+            force: bool,
             **rest: Any,
         ) -> Any:
-            given = Given(paths, map_path, columns, units, rotation, skip_bad) if paths else None
+            given = Given(paths, map_path, columns, units, rotation, skip_bad, force) if paths else None
             return command(*args, given=given, **rest)
 
         wrapped: Any = called

@@ -13,6 +13,7 @@ from .types import Array, Indices, Mask
 
 # Names that effects use for their needs, where they differ from ours.
 _RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
+_MEASURED = ("q", "p_m", "quat_wxyz", "direction", "payload_kg", "temp_c")  # equal in copies of a row
 _SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
 
 
@@ -28,7 +29,9 @@ class Measurements:
     seen (0 first, 1 second, 0.5 both); split: (N,) "fit" or "held"; replicate: (N,) number of the group of
     poses that were measured again (same commanded pose); the others are (N,) in the unit of their name.
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
-    unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading.
+    duplicates: number of rows that were left out as copies of another row;
+    unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
+    doubts: what speaks against the arm table and these data belonging together, in words.
     """
 
     source: str
@@ -56,8 +59,10 @@ class Measurements:
     replicate: NDArray[np.int_] | None = None
     order_is_time: bool = False
     skipped: tuple[str, ...] = ()
+    duplicates: int = 0
     unknown_columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
@@ -91,6 +96,17 @@ class Measurements:
         """Whether a column is there and never changes."""
         values = getattr(self, _RENAMED.get(column, column), None)
         return values is not None and not np.ptp(values, axis=0).any()
+
+
+def without_copies(data: Measurements) -> Measurements:
+    """The poses without rows that repeat another one to the last bit: noise makes replicates differ, so these
+    are the same measurement written twice."""
+    parts = [x for name in _MEASURED if (x := getattr(data, name)) is not None]
+    rows = np.ascontiguousarray(np.column_stack(parts)) + 0.0  # no negative zeros
+    _, first = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))), return_index=True)
+    if len(first) == data.n:
+        return data
+    return replace(data.take(np.sort(first)), duplicates=data.n - len(first))
 
 
 def replicate_groups(q: Array, tol: float = _SAME_POSE) -> NDArray[np.int_]:

@@ -86,7 +86,8 @@ def outlier_note(o: Outliers) -> str:
 
 def notes(c: Comparison) -> list[str]:
     """What else a reader of a comparison should know."""
-    return [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
+    still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
+    return [*c.data.doubts, *still]
 
 
 def not_testable(n: Untestable) -> str:

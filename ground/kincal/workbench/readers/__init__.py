@@ -52,7 +52,7 @@ def read_csv(
     """Measurements of a text file for an arm with `n_joints` joints; as read_measurements."""
     source = _existing(Path(path))
     joints, chosen = Joints.of(n_joints), mapping or DataMap()
-    return measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad)
+    return joined([measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad)])
 
 
 def _read(path: Path, joints: Joints, mapping: DataMap, skip_bad: bool, session: int | None) -> Measurements:
