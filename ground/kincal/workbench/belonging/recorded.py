@@ -15,6 +15,7 @@ from .findings import Finding
 STILL = 0.02  # [rad or m], a joint that moves less stands still
 _LIMIT_TOLERANCE = 0.01  # [rad or m] beyond a limit that is not worth a word
 _DOUBLED = 0.4  # share of repeated rows that makes a file doubled
+_ONE_POSE = 3  # poses up to which repeated rows are too little data rather than a file given twice
 _MOST_LIMIT = 4.0 * math.pi + 0.1  # [rad], beyond any turning joint's
 _MOST_REACH_M = 20.0
 _MOST_NOISE = 0.2  # of the spread of the poses, beyond which stated noise is in another unit
@@ -41,7 +42,7 @@ def _duplicates(data: Measurements) -> Iterator[Finding]:
     if not data.duplicates:
         return
     rows = data.n + data.duplicates
-    doubled = data.duplicates >= _DOUBLED * rows
+    doubled = data.duplicates >= _DOUBLED * rows and data.n > _ONE_POSE
     yield Finding(
         "duplicates",
         f"{data.duplicates} of {rows} rows repeat another row to the last digit; they were left out: a copy "
@@ -92,7 +93,7 @@ def _noise_in_millimetres(data: Measurements) -> Iterator[Finding]:
         return
     sigma_m = float(np.sqrt(np.median(np.einsum("nii->n", data.cov[:, :3, :3]) / 3.0)))
     spread_m = float(np.linalg.norm(data.p_m.std(axis=0)))
-    if sigma_m > _MOST_NOISE * spread_m:
+    if sigma_m > _MOST_NOISE * spread_m > 0.0:
         yield Finding(
             "millimetres",
             f"the stated noise is {sigma_m:.3g} m while the poses spread over {spread_m:.3g} m: "

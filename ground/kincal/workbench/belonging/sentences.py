@@ -71,14 +71,17 @@ def _sliding(reading: Reading, arm: ArmTable, _shipped: Sequence[ArmTable]) -> S
 
 def _angle(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
     unit = ANGLES[reading.angle]
-    fix = "add --units deg" if unit == "degrees" else "leave --units deg out"
+    if unit == "degrees":
+        fix = "add --units deg, or multiply by pi/180: q1..qN are radians"
+    else:
+        fix = "leave --units deg out"
     return "degrees", f"the joint readings look like {unit}", fix
 
 
 def _length(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
     unit = LENGTHS[reading.length]
     if unit == "millimetres":
-        fix = "add --units mm"
+        fix = "add --units mm, or write metres"
     else:
         fix = "leave --units mm out" if reading.length > 1.0 else "convert them to metres"
     return "millimetres", f"the measured positions look like {unit}", fix
