@@ -15,7 +15,9 @@ from scipy.spatial.transform import Rotation
 WIDTH, HEIGHT = 1280, 720
 K = np.array([[900.0, 0.0, 645.0], [0.0, 902.0, 355.0], [0.0, 0.0, 1.0]])
 HALF_M = 0.16
-BOARD = np.array([(x, y, 0.0) for x in np.linspace(-HALF_M, HALF_M, 7) for y in np.linspace(-HALF_M, HALF_M, 7)])
+BOARD = np.array(
+    [(x, y, 0.0) for x in np.linspace(-HALF_M, HALF_M, 7) for y in np.linspace(-HALF_M, HALF_M, 7)]
+)
 BOARD_M = np.array([0.62, 0.0, 0.0])  # of the fixed board in the base frame
 START = np.array([0.0, 0.35, 0.0, 2.0, 0.0, 0.7, 0.0])
 STATED = "\n".join(

@@ -77,9 +77,7 @@ def views(n: int, seed: int):
 def test_columns_are_the_derivatives_of_opencvs_pnp(fault, mount):
     rng = np.random.default_rng(3)
     for target, inside in views(6, seed=sum(map(ord, fault))):
-        shifted = [
-            boards.pnp(faulty(fault, target, s)[inside], boards.BOARD[inside]) for s in (STEP, -STEP)
-        ]
+        shifted = [boards.pnp(faulty(fault, target, s)[inside], boards.BOARD[inside]) for s in (STEP, -STEP)]
         camera = boards.pose(rng.normal(size=3), rng.normal(size=3)) if mount == "world" else None
         measured = [np.linalg.inv(x) if camera is None else camera @ x for x in (target, *shifted)]
         pose = Pose(measured[0][None, :3, 3], measured[0][None, :3, :3])

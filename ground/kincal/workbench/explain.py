@@ -136,7 +136,7 @@ def notes(c: Comparison) -> list[str]:
     """What else a reader of a comparison should know."""
     still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
     assumed = sight.in_words(c.fit_all.arm, c.data)
-    return [*still, assumed] if assumed else still
+    return [*c.data.doubts, *still, *([assumed] if assumed else [])]
 
 
 def not_testable(n: Untestable) -> str:
