@@ -1005,6 +1005,7 @@ class FlightCore(Protocol):
     KC_EVT_CAL_MOVE_TIMEOUT: int
     KC_EVT_CAL_POSE: int
     KC_EVT_CAL_START: int
+    KC_EVT_TIME_STEP: int
     KC_EVT_IN_SILENT: int
     KC_EVT_ARM_FAULT: int
     KC_EVT_DET_UNREQUESTED: int
@@ -1099,7 +1100,6 @@ class FlightCore(Protocol):
     KC_INPUT_DETECTION: int
     KC_INPUT_PANTILT: int
     KC_INPUT_ARM: int
-    KC_INPUT_TIME: int
     KC_VERDICT_POOR: int
     KC_VERDICT_CHANGE: int
     KC_VERDICT_NO_CHANGE: int
