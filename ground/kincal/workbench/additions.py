@@ -122,8 +122,8 @@ def _scorer(fit: Fit) -> Scorer:
 
 def _room(fit: Fit) -> int:
     """Coefficients that an effect may take: what the core carries, and what the poses do."""
-    spare = int(fit.dof) // 4
-    return max(0, min(MOST_TERMS, room_for(fit.parameters), spare))
+    measured = int(fit.dof) // 4
+    return max(0, min(MOST_TERMS, room_for(fit.parameters), measured))
 
 
 def _next(comparison: Comparison, fit: Fit, dh: bool) -> tuple[Addition, Fit] | None:
@@ -131,7 +131,8 @@ def _next(comparison: Comparison, fit: Fit, dh: bool) -> tuple[Addition, Fit] | 
     for effect in _wanted(fit):
         grown = fit_part(comparison, (*fit.hypotheses, effect.hypothesis), dh=dh)
         addition = _addition(comparison, fit, grown, effect)
-        if addition.crossed.gains:
+        harms = addition.held is not None and addition.held.interval[0] > 1.0
+        if addition.crossed.gains and not harms:
             return addition, grown
     return None
 
@@ -203,7 +204,7 @@ def _crossed(fit: Fit, h: Hypothesis) -> HeldGain:
     squares = np.zeros((2, fit.data.n))
     for fold in _folds(fit.data):
         for row, keep in zip(squares, (~mine, np.ones_like(mine)), strict=True):
-            row[fold] = _squares(_left_out(fit, keep, fold))
+            row[fold] = _squares(left_out(fit, keep, fold))
     return gain(*squares)
 
 
@@ -215,7 +216,7 @@ def _folds(data: Measurements) -> list[Indices]:
     return [np.flatnonzero(fold[number] == k) for k in range(_FOLDS)]
 
 
-def _left_out(fit: Fit, keep: Array, fold: Indices) -> Array:
+def left_out(fit: Fit, keep: Array, fold: Indices) -> Array:
     """(M, c) residuals [m, rad] of the poses of a fold, some coefficients solved with the others only."""
     n, c = fit.evaluation.r.shape
     a = (fit.J[:, keep] * fit.sigma_prior[keep]).reshape(n, c, -1) / fit.scale

@@ -151,10 +151,10 @@ def _competing(diagnosis: Diagnosis, library: Library) -> list[str]:
     """Uncertain effects and those confounded with them, without those that no data can tell apart."""
     uncertain = [e for e in diagnosis.effects if e.probability < _CERTAIN or e.confounded_with]
     names = dict.fromkeys(name for e in uncertain for name in (e.name, *e.confounded_with))
-    return [name for name in names if not _twin(library, name)]
+    return [name for name in names if not _is_equivalent(library, name)]
 
 
-def _twin(library: Library, name: str) -> bool:
+def _is_equivalent(library: Library, name: str) -> bool:
     effect = library.effect(name)
     return effect is not None and bool(effect.equivalent_to)
 

@@ -30,7 +30,7 @@ from .shapes import FAMILIES, Shape, Variable, is_angle, shapes, variable_basis
 from .types import Array
 
 MOST_TERMS = 16
-_LEAST_LN_BF = 2.0  # a shape is kept if it makes the data e^2 times as likely
+LEAST_LN_BF = 2.0  # a shape is kept if it makes the data e^2 times as likely
 _SIZES = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0])  # of the function, in typical sizes of its place
 _LEAST_RANGE = 1e-6
 _LEAST_TURN = 0.02  # [rad or m] a joint that moves less stands still
@@ -181,10 +181,10 @@ def _hypothesis(name: UnnamedName, place: ErrorPlace, functions: Sequence[Shape]
 
 def _kept(scorer: Scorer, whole: Hypothesis, most: int) -> list[int]:
     """Positions of the coefficients that the data ask for, the most telling first."""
-    return list(_forward(scorer, scorer.columns.hypothesis(whole), most))
+    return list(forward(scorer, scorer.columns.hypothesis(whole), most))
 
 
-def _forward(scorer: Scorer, block: Array, most: int) -> Iterator[int]:
+def forward(scorer: Scorer, block: Array, most: int) -> Iterator[int]:
     """Greedy forward selection: the column with the most evidence beside those chosen so far, while there is
     enough. Each choice is taken out of the others by a rank-one step of W = (I + G G')^-1."""
     g = block / scorer.scale
@@ -194,7 +194,7 @@ def _forward(scorer: Scorer, block: Array, most: int) -> Iterator[int]:
         u, v = g.T @ z, np.maximum((g * left).sum(axis=0), 0.0)
         ln_bf = np.where(open_, 0.5 * (u**2 / (1.0 + v) - np.log1p(v)), -np.inf)
         best = int(np.argmax(ln_bf))
-        if ln_bf[best] < _LEAST_LN_BF:
+        if ln_bf[best] < LEAST_LN_BF:
             return
         yield best
         open_[best] = False
