@@ -10,6 +10,7 @@ from .diagnosis import Diagnosis, EffectFinding
 from .diagnosis.suggestions import Suggestion
 from .hypotheses import Untestable, effect_of, place_of
 from .nested import NoGain
+from .reachable import Reachable
 
 VERDICTS = {
     "adequate": "Nothing is missing that these data could show.",
@@ -87,6 +88,16 @@ def outlier_note(o: Outliers) -> str:
 def notes(c: Comparison) -> list[str]:
     """What else a reader of a comparison should know."""
     return [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
+
+
+def reachable_by(r: Reachable) -> str:
+    """From what the reachable error was predicted, or why it is that of the model."""
+    if not r.enough:
+        return "too few poses to tell"
+    if not r.parts:
+        return "nothing that is left follows a recorded variable"
+    parts = ", ".join(f"{place} by {in_words(variable)}" for place, variable in r.parts)
+    return f"a Gaussian process over every place and recorded variable, most of it {parts}"
 
 
 def not_testable(n: Untestable) -> str:
