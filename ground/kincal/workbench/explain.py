@@ -13,6 +13,7 @@ from .diagnosis.suggestions import Suggestion
 from .gain import judged
 from .hypotheses import Untestable, effect_of, place_of
 from .nested import EffectGain
+from .reachable import Reachable
 
 _DRIVERS = {
     "t": "time",
@@ -137,6 +138,16 @@ def notes(c: Comparison) -> list[str]:
     still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
     assumed = sight.in_words(c.fit_all.arm, c.data)
     return [*c.data.doubts, *still, *([assumed] if assumed else [])]
+
+
+def reachable_by(r: Reachable) -> str:
+    """From what the reachable error was predicted, or why it is that of the model."""
+    if not r.enough:
+        return "too few poses to tell"
+    if not r.parts:
+        return "nothing that is left follows a recorded variable"
+    parts = ", ".join(f"{place} by {in_words(variable)}" for place, variable in r.parts)
+    return f"a Gaussian process over every place and recorded variable, most of it {parts}"
 
 
 def not_testable(n: Untestable) -> str:

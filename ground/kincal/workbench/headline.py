@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from . import explain
 from .compare import Comparison
 from .diagnosis import Diagnosis
 
@@ -52,10 +53,10 @@ def _now(c: Comparison, d: Diagnosis | None) -> BigNumber:
 
 
 def _reachable(c: Comparison) -> BigNumber:
-    found = getattr(c, "reachable", None)
+    found = c.reachable
     if found is None:
-        return BigNumber("reachable", None, None, "not computed")
-    return BigNumber("reachable", found.pos_m, found.rot_rad, found.by)
+        return BigNumber("reachable", None, None, "no poses are held out")
+    return BigNumber("reachable", found.pos_m, found.rot_rad, explain.reachable_by(found))
 
 
 def _floor(c: Comparison) -> BigNumber:
