@@ -18,6 +18,11 @@ static double of_moment(const kc_loads_t *loads, uint32_t link, uint32_t axis)
     return link <= KC_JOINT_MAX ? loads->moment[link][axis] : 0.0;
 }
 
+static double of_pnp(const kc_ctx_t *ctx, uint32_t var, uint32_t column)
+{
+    return column <= KC_PNP_MAX ? ctx->pnp[var - KC_VAR_PNP_TX][column] : 0.0;
+}
+
 /* Component of gravity in the frame of a link. */
 static double of_gravity(const kc_loads_t *loads, uint32_t link, uint32_t axis)
 {
@@ -66,6 +71,12 @@ static double variable(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_
     case KC_VAR_LEVX: return of_lever(loads, b->index, 0u);
     case KC_VAR_LEVY: return of_lever(loads, b->index, 1u);
     case KC_VAR_LEVZ: return of_lever(loads, b->index, 2u);
+    case KC_VAR_PNP_TX:
+    case KC_VAR_PNP_TY:
+    case KC_VAR_PNP_TZ:
+    case KC_VAR_PNP_RX:
+    case KC_VAR_PNP_RY:
+    case KC_VAR_PNP_RZ: return of_pnp(ctx, b->var, b->index);
     default: return 0.0; /* validated tables hold nothing else */
     }
 }

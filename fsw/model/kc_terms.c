@@ -37,6 +37,12 @@ static int index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
     case KC_VAR_LEVX:
     case KC_VAR_LEVY:
     case KC_VAR_LEVZ: return lever_ok(KC_LEVER_LINK(index), KC_LEVER_BODY(index), n_joints);
+    case KC_VAR_PNP_TX:
+    case KC_VAR_PNP_TY:
+    case KC_VAR_PNP_TZ:
+    case KC_VAR_PNP_RX:
+    case KC_VAR_PNP_RY:
+    case KC_VAR_PNP_RZ: return index >= 1u && index <= KC_PNP_MAX;
     default: return index == 0u;
     }
 }

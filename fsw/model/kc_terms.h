@@ -49,7 +49,15 @@ typedef enum {
     KC_VAR_LEVX = 26, /* gravity lever: moment of 1 kg at a body's origin about the origin */
     KC_VAR_LEVY = 27, /*   of a link's frame, components in that frame [N m/kg]; */
     KC_VAR_LEVZ = 28, /*   index: KC_LEVER_INDEX(link, body) */
-    KC_VAR_COUNT = 29
+    /* Twist of a PnP pose per unit of a fault of camera or target, index: column 1.. KC_PNP_MAX.
+       The ground computes them for targets of many points; flight's tables hold none. */
+    KC_VAR_PNP_TX = 29, /* [m per unit] */
+    KC_VAR_PNP_TY = 30,
+    KC_VAR_PNP_TZ = 31,
+    KC_VAR_PNP_RX = 32, /* [rad per unit] */
+    KC_VAR_PNP_RY = 33,
+    KC_VAR_PNP_RZ = 34,
+    KC_VAR_COUNT = 35
 } kc_var_t;
 
 /* Index of a gravity lever: link 0 .. n-1 (its z axis is that of joint link + 1), and a body beyond it: link
@@ -112,6 +120,7 @@ typedef struct {
     double temp_c, t_s, payload_kg;
     double range_m, incid_rad, u_norm, v_norm, pan_rad, tilt_rad, tag;
     double p_cam_tool_m[3];
+    double pnp[6][KC_PNP_MAX + 1u]; /* by component, then column; column 0 stays 0 */
 } kc_ctx_t;
 
 /* What gravity does to the arm in one pose (the motors hold against it), evaluated on the chain

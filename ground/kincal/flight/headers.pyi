@@ -254,6 +254,7 @@ class KcCtx(Protocol):
     tilt_rad: float
     tag: float
     p_cam_tool_m: Array[float]
+    pnp: Array[Array[float]]
 
 class KcDetection(Protocol):
     """kc_detection_t"""
@@ -865,6 +866,7 @@ class FlightCore(Protocol):
     KC_NAME_LEN: int
     KC_NODE_NONE: int
     KC_PATH_MAX: int
+    KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
     KC_SOURCE_MAX: int
     KC_SPACE_INDEX_BODY: int
@@ -907,6 +909,12 @@ class FlightCore(Protocol):
     KC_TY: int
     KC_TX: int
     KC_VAR_COUNT: int
+    KC_VAR_PNP_RZ: int
+    KC_VAR_PNP_RY: int
+    KC_VAR_PNP_RX: int
+    KC_VAR_PNP_TZ: int
+    KC_VAR_PNP_TY: int
+    KC_VAR_PNP_TX: int
     KC_VAR_LEVZ: int
     KC_VAR_LEVY: int
     KC_VAR_LEVX: int
@@ -1290,6 +1298,7 @@ class GroundCore(Protocol):
     KC_LEVER_TOOL: int
     KC_MEAS_MAX: int
     KC_NAME_LEN: int
+    KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
     KC_SPECTRUM_MAX: int
     KC_TAG_MAX: int
@@ -1322,6 +1331,12 @@ class GroundCore(Protocol):
     KC_TY: int
     KC_TX: int
     KC_VAR_COUNT: int
+    KC_VAR_PNP_RZ: int
+    KC_VAR_PNP_RY: int
+    KC_VAR_PNP_RX: int
+    KC_VAR_PNP_TZ: int
+    KC_VAR_PNP_TY: int
+    KC_VAR_PNP_TX: int
     KC_VAR_LEVZ: int
     KC_VAR_LEVY: int
     KC_VAR_LEVX: int

@@ -9,7 +9,7 @@ import pydantic
 from .base import Strict
 from .datamap import RECORDED
 from .errors import Contradiction, Problem, SchemaError, parse_toml, validate
-from .names import DATA_CONSTANTS, VARIABLES
+from .names import DATA_CONSTANTS, FAULTS, VARIABLES
 from .numbers import Count, Positive, Real
 from .terms import Factor, TermEntry
 
@@ -17,7 +17,7 @@ JointNumber = Annotated[int, Count(ge=1, le=16)]
 # What `needs` may name beside data columns: keys of the arm table, there or absent, and groups of columns.
 NEEDS = (
     "mass", "gear_ratio", "mass_unknown", "gear_unknown", "own_sensor", "dir", "cam", "image", "rotation",
-    "qdot", *RECORDED,
+    "qdot", "points", *RECORDED,
 )  # fmt: skip
 
 
@@ -35,8 +35,20 @@ class ParameterEntry(Strict):
     each_body: pydantic.StrictBool = False
     """true: one coefficient for each body k beyond joint j whose gravity levers are its own: NAME3 for the
     end of link 3, NAME_tool for the tool."""
-    term: list[TermEntry] = pydantic.Field(min_length=1, examples=["at least one [[effect.parameter.term]]"])
+    image: Literal[FAULTS] | None = None  # type: ignore[valid-type]
+    """What a unit of the coefficient does to the image of the target's points, in place of terms. Where poses
+    come from a camera and a target of many points, an effect has its coefficients with `image` only; else
+    those with terms."""
+    term: list[TermEntry] = pydantic.Field(default=[], examples=["at least one [[effect.parameter.term]]"])
     """Terms of the coefficient."""
+
+    @pydantic.model_validator(mode="after")
+    def _does_something(self) -> ParameterEntry:
+        if self.image is None and not self.term:
+            raise Contradiction("term", "is missing", "write at least one [[effect.parameter.term]]")
+        if self.image is not None and self.term:
+            raise Contradiction("image", "stands beside terms", "write one of the two")
+        return self
 
     @pydantic.model_validator(mode="after")
     def _has_levers(self) -> ParameterEntry:

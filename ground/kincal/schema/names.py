@@ -24,6 +24,14 @@ class Variable:
     of_body: bool = False
 
 
+# Twist of a pose from a camera by a fault of camera or target: name here -> name in kc_var_t.
+PNP = {f"p{comp}": f"pnp_{comp}" for comp in ("tx", "ty", "tz", "rx", "ry", "rz")}
+# What may be wrong with the image of a target's points, in a unit each (METHOD.md 13.1).
+FAULTS = (
+    "radial_1", "radial_2", "decentring_1", "decentring_2", "focal_x", "focal_y", "centre_x", "centre_y",
+    "bow_x", "bow_y",
+)  # fmt: skip
+
 # kc_fn_t, small letters; the basis is fn(z) with z = c1 (x - c0)
 FUNCTIONS = ("lin", "sin", "cos", "tanh", "ln1p", "expn", "step", "sq", "tan2", "abs")
 
@@ -59,6 +67,8 @@ VARIABLES = {
     "levx": Variable("levx", "N m/kg", True, of_body=True),
     "levy": Variable("levy", "N m/kg", True, of_body=True),
     "levz": Variable("levz", "N m/kg", True, of_body=True),
+    # Columns of a PnP pose, computed for effects that say `image` (METHOD.md 13.1); nobody writes them.
+    **{name: Variable(flight, "m or rad", True, "points") for name, flight in PNP.items()},
     # Without camera columns the sensor is the measurement frame itself (a laser tracker, a board): the
     # position it saw, by the same variables.
     "sx": Variable("xcam", "m", needs="own_sensor"),

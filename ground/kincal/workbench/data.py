@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -9,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from kincal.errors import BadInput
+
 from .types import Array, Indices, Mask
 
 # Names that effects use for their needs, where they differ from ours.
 _RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
+_NAMED = 5  # ids in a message
 SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
-
 
 DirectionSource = Literal["measured", "inferred", "none"]
 
@@ -32,7 +35,8 @@ class Measurements:
     poses that were measured again (same commanded pose); the others are (N,) in the unit of their name.
     direction_source: "measured" (in the file), "inferred" from the order of measurement, or "none".
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
-    unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading.
+    unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
+    whole: the set that these poses were taken from, None if they are all of it.
     """
 
     source: str
@@ -63,6 +67,7 @@ class Measurements:
     skipped: tuple[str, ...] = ()
     unknown_columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    whole: Measurements | None = None
 
     def __post_init__(self) -> None:
         if self.direction is None:
@@ -88,7 +93,19 @@ class Measurements:
         places = np.flatnonzero(index) if index.dtype == bool else index
         arrays = {name: x[places] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
         changes: dict[str, Any] = {**arrays, "ids": tuple(self.ids[i] for i in places)}
+        changes["whole"] = self if self.whole is None else self.whole
         return replace(self, **changes)
+
+    def without(self, ids: Iterable[str]) -> Measurements:
+        """The poses but those with these ids. BadInput names the ids that no pose has."""
+        wanted = set(ids)
+        if unknown := sorted(wanted.difference(self.ids)):
+            raise BadInput(
+                f"no pose has the id {', '.join(unknown[:_NAMED])}",
+                self.source,
+                f"ids of these data: {', '.join(self.ids[:_NAMED])} ...",
+            )
+        return self.take(np.array([name not in wanted for name in self.ids], dtype=bool))
 
     def has(self, column: str) -> bool:
         """Whether the data carry what an effect needs (`dir`, `temp_c`, `cam`, `rotation` ...)."""

@@ -16,12 +16,14 @@ from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import matrix_of_wxyz
 from kincal.schema.arm import ArmTable
 from kincal.schema.effects import EffectEntry, ParameterEntry, read_effects
-from kincal.schema.names import COMPONENTS
-from kincal.schema.terms import Basis, Names, TermEntry, parse_gain
+from kincal.schema.names import COMPONENTS, PNP
+from kincal.schema.terms import ONE, Basis, Names, TermEntry, parse_gain
 
 from .data import Measurements
 from .grids import Grid, data_constants, grid_values
 from .levers import TOOL, bodies
+from .pnp import column_number
+from .sight import assumptions, sees_points
 from .types import Array
 
 _PARALLEL_RAD = 1e-3  # axes that are nominally parallel
@@ -37,6 +39,7 @@ _NEED_TEXT = {
     "cam": "cx..cqz",
     "image": "cx..cqz",
     "rotation": "qw..qz",
+    "points": 'qw..qz, and [sensor] mount = "tool", or cx..cqz with [target] points_m',
 }
 
 
@@ -103,9 +106,24 @@ class Effect:
     equivalent_to: str = ""
     source: str = ""
 
+    @property
+    def _of_points(self) -> tuple[ParameterEntry, ...]:
+        """The coefficients that act on the image of a target's points."""
+        return tuple(p for p in self.parameters if p.image is not None)
+
+    def sees_points(self, arm: ArmTable, data: Measurements | None) -> bool:
+        """Whether the effect acts through a target of many points here."""
+        return bool(self._of_points) and sees_points(arm, data)
+
     def missing(self, arm: ArmTable, data: Measurements | None) -> list[str]:
         """What this effect needs and the arm table or the data do not have, in words."""
-        lacking = [need for need in self.needs if not _there(need, arm, data)]
+        if self.sees_points(arm, data):
+            return []
+        only_points = len(self._of_points) == len(self.parameters)
+        needs = (
+            (*self.needs, "points") if only_points or arm.mount == "tool" and self._of_points else self.needs
+        )
+        lacking = [need for need in needs if not _there(need, arm, data)]
         return list(dict.fromkeys(_NEED_TEXT.get(need, need) for need in lacking))
 
     def where(self, arm: ArmTable) -> list[dict[str, int]]:
@@ -128,6 +146,8 @@ class Effect:
         """Every joint (or pair) times every grid value. Constants named in the grid come from the data,
         or are known from an earlier fit."""
         known = known or {}
+        if self.sees_points(arm, data):
+            return self._through_points(arm, known)
         fixed = {**data_constants(data), **known}
         grids = {
             name: [known[name]] if name in known else grid_values(values, data)
@@ -145,12 +165,28 @@ class Effect:
         ]
         return [h for h in made if h.parameters]
 
+    def _through_points(self, arm: ArmTable, known: Mapping[str, float]) -> list[Hypothesis]:
+        """One instance for each assumption about camera and target that known constants leave open."""
+        return [
+            Hypothesis(
+                self.name,
+                self.name,
+                tuple(
+                    Parameter(p.name, p.unit, p.sigma, _pnp_terms(k, p.image or "")) for p in self._of_points
+                ),
+                assumed.constants,
+            )
+            for k, assumed in enumerate(assumptions(arm))
+            if assumed.meant_by(tuple(known.items()))
+        ]
+
     def _parameters(
         self, arm: ArmTable, letters: Mapping[str, int], constants: Mapping[str, float]
     ) -> tuple[Parameter, ...]:
         return tuple(
             Parameter(name, p.unit, p.sigma, tuple(self._terms(p, arm, with_body, constants)))
             for p in self.parameters
+            if p.image is None
             for name, with_body in _bodies(p, arm, letters)
         )
 
@@ -167,6 +203,14 @@ class Effect:
         for names in [{**letters, "j": j} for j in joints] or [dict(letters)]:
             terms = (_concrete_term(entry, arm, names, constants, where) for entry in parameter.term)
             yield from (term for term in terms if term.gain != 0.0)
+
+
+def _pnp_terms(sight: int, fault: str) -> tuple[Term, ...]:
+    """The twist by which a fault moved the measured pose, taken back there."""
+    number = column_number(sight, fault)
+    return tuple(
+        Term(FRAME_MEAS, comp, -1.0, (Basis("lin", name, number), ONE)) for comp, name in enumerate(PNP)
+    )
 
 
 def _bodies(
@@ -193,6 +237,8 @@ def _there(need: str, arm: ArmTable, data: Measurements | None) -> bool:
     }
     if need in of_arm:
         return of_arm[need]
+    if need == "points":
+        return sees_points(arm, data)
     if need == "own_sensor":
         return data is not None and data.has(need)
     return data is None or data.has("cam" if need == "image" else need)
@@ -299,6 +345,18 @@ class Library:
     def without(self, *names: str) -> Library:
         """The library without some effects."""
         return Library([effect for effect in self.effects.values() if effect.name not in names])
+
+    def is_open(
+        self, name: str, arm: ArmTable, data: Measurements | None, known: Mapping[str, float] | None = None
+    ) -> bool:
+        """Whether an effect has constants that the data still have to choose: those of its grid, or what is
+        assumed of camera and target."""
+        effect = self.effects.get(name.partition("[")[0])
+        if effect is None:
+            return False
+        if effect.sees_points(arm, data):
+            return len(effect.instances(arm, data, known)) > 1
+        return bool(self.grid_of(name, known))
 
     def grid_of(self, name: str, known: Mapping[str, float] | None = None) -> dict[str, Grid]:
         """Grids of the constants of an effect that have to be searched, those that are known left out."""

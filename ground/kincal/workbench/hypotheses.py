@@ -9,12 +9,11 @@ from kincal.schema.arm import ArmTable
 
 from .data import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter
+from .sight import Constants, sight_constants
 
 # Prior probabilities of "nothing is missing" and "what is missing has no name in the library"; the
 # testable effects share the rest equally.
 PRIOR_NONE, PRIOR_UNNAMED = 0.3, 0.1
-
-Constants = tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -30,6 +29,13 @@ class Candidate:
     variants: tuple[Hypothesis, ...]
     prior: float
     weights: tuple[float, ...] = ()
+
+    def agreeing(self, assumed: Constants) -> Candidate:
+        """The same without the variants that assume another camera or target than a model does already."""
+        if len(self.variants) < 2 or not assumed or not sight_constants(self.variants[0].constants):
+            return self
+        same = tuple(h for h in self.variants if h.constants == assumed)
+        return replace(self, variants=same or self.variants, weights=())
 
     def refined(self, finer: Sequence[Hypothesis]) -> Candidate:
         """The same with the part of its grid that `finer` spans replaced by these variants."""
@@ -73,9 +79,13 @@ class Competition:
         untestable = [Untestable(name, needs) for name, needs in missing.items() if needs]
         return cls(tuple(candidates), tuple(untestable), _equivalents(library))
 
-    def open(self, taken: Collection[str]) -> tuple[Candidate, ...]:
-        """Those that may still be added: an effect that is in at some joints has nothing to add at those."""
-        return tuple(c for c in self.candidates if not any(covers(name, c.name) for name in taken))
+    def open(self, model: Collection[Hypothesis]) -> tuple[Candidate, ...]:
+        """Those that may still be added: an effect that is in at some joints has nothing to add at those, and
+        one camera saw one target."""
+        assumed = assumed_by(model)
+        return tuple(
+            c.agreeing(assumed) for c in self.candidates if not any(covers(h.name, c.name) for h in model)
+        )
 
     def with_some_joints(self, open_: Sequence[Candidate], h: Hypothesis) -> tuple[Candidate, ...]:
         """Candidates with an effect at some joints beside it at all of them; they share their prior."""
@@ -85,6 +95,11 @@ class Competition:
         half = replace(whole, prior=0.5 * whole.prior)
         shared = [half if c is whole else c for c in open_]
         return (*shared, Candidate(h.name, whole.effect, (h,), half.prior))
+
+
+def assumed_by(model: Iterable[Hypothesis]) -> Constants:
+    """What the effects of a model assume of camera and target: all the same."""
+    return next((x for h in model if (x := sight_constants(h.constants))), ())
 
 
 def _equivalents(library: Library) -> dict[str, tuple[str, ...]]:

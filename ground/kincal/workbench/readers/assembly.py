@@ -61,6 +61,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         skipped=tuple(problems),
         unknown_columns=tuple(name for name in table.columns if name not in columns.used),
         notes=(*table.notes, *targets.notes),
+        whole=None,
         **{name: _scalar(columns, name, good) for name in RECORDED if name != "t_s"},
     )
 
