@@ -6,17 +6,24 @@ from dataclasses import replace
 
 from ..adequacy import ADEQUATE_P, lack_of_fit, noise_floor
 from ..compare import PosRot
+from .predictive import predicts
 from .states import Kept, Selection
 from .study import Model, Study
 
 
 def without_doubtful(study: Study, found: Selection) -> Selection:
-    """Where the unnamed wins in the end, only the effects that held-out poses gain from: a named effect
-    that resembles the unnamed often wins a place; it has to prove itself."""
+    """Where the unnamed wins in the end, only the effects that predict better: a named effect that resembles
+    the unnamed often wins a place; it has to prove itself, on the held-out poses or in cross-validation of
+    the others."""
     if not (found.last.unnamed_wins and study.has_held_out):
         return found
-    kept = tuple(k for k in found.kept if k.role == "helps" or study.held_gain(found.model, k.effect).gains)
+    kept = tuple(k for k in found.kept if k.role == "helps" or _proven(study, found.model, k))
     return found if kept == found.kept else _settled(study, found, kept, found.taken_back)
+
+
+def _proven(study: Study, model: Model, kept: Kept) -> bool:
+    gain = study.held_gain(model, kept.effect)
+    return gain.gains or (not gain.worse and predicts(study, model, kept.effect))
 
 
 def never_worse(study: Study, found: Selection) -> Selection:
