@@ -19,11 +19,13 @@ def without_doubtful(study: Study, found: Selection) -> Selection:
     return found if kept == found.kept else _settled(study, found, kept, found.taken_back)
 
 
-def never_worse(study: Study, found: Selection) -> Selection:
+def never_worse(study: Study, found: Selection, evaluation: Study) -> Selection:
     """Without effects that harm, and, where the model does not explain the data to within a known noise,
-    without whatever makes the whole predict held-out poses worse than no effect at all."""
+    without whatever makes the whole predict held-out poses worse than no effect at all.
+
+    evaluation: the study of all poses, where `study` has a part of them."""
     kept, back = found.kept, found.taken_back
-    while (gone := _contradicted(study, kept)) is not None:
+    while (gone := _contradicted(evaluation, kept)) is not None:
         kept, back = tuple(k for k in kept if k is not gone), (*back, gone)
     return found if kept == found.kept else _settled(study, found, kept, back)
 
