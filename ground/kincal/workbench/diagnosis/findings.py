@@ -62,7 +62,8 @@ class EffectFinding:
     p_value: family-wise; delta_bic: negative if the effect is worth its parameters; held: what held-out
     poses gain; confounded_with: effects that these data (or no data at all) can tell from it;
     explained_share: of what the model without it leaves; capped: its probability is stated no surer than
-    CLAIM because the model with it does not explain the data yet.
+    CLAIM because the model with it does not explain the data yet; inferred_direction: it rests on an approach
+    direction that nobody recorded.
     """
 
     name: str
@@ -76,6 +77,7 @@ class EffectFinding:
     explained_share: float
     parameters: tuple[ParameterValue, ...]
     confounded_with: tuple[str, ...]
+    inferred_direction: bool = False
 
     @property
     def accepted(self) -> bool:
@@ -290,13 +292,18 @@ class _Reporter:
             role=role,
             probability=probability,
             capped=False,
-            p_value=self.p_family.get(h.name, 1.0),
+            p_value=self.p_family.get(h.name, self.p_family.get(h.effect, 1.0)),
             delta_bic=float(-score.chi2 / scorer.scale**2 + score.rank * np.log(len(scorer.wz))),
             held=self.study.held_gain(self.model, h),
             explained_share=score.chi2 / max(scorer.left, 1e-12),
             parameters=(),
             confounded_with=(),
+            inferred_direction=self._rests_on_inferred_direction(h),
         )
+
+    def _rests_on_inferred_direction(self, h: Hypothesis) -> bool:
+        data = self.study.base.data
+        return data.direction_source == "inferred" and "dir" in self.study.library.effects[h.effect].needs
 
 
 def _values(h: Hypothesis, fit: Fit) -> tuple[ParameterValue, ...]:

@@ -175,8 +175,9 @@ def _predicts(study: Study, state: State, h: Hypothesis) -> bool:
 
 
 def _simplified(study: Study, state: State, h: Hypothesis) -> tuple[State, Hypothesis]:
-    """One joint instead of all where it is enough beside the others."""
+    """One joint, or some, instead of all where that is enough beside the others."""
     one = study.reopened(state.model, h, state.grids.get(h.name, ())).one_joint(h)
+    one = one or study.fewest_joints(state.model, h)
     return (state, h) if one is None else (_with(state, h, one), one)
 
 

@@ -22,6 +22,7 @@ from ..scoring import Scorer, robust_weights
 from ..types import Array, array
 from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
 from .posterior import Posterior
+from .subsets import fewest_joints, joints_with
 
 Model = tuple[Hypothesis, ...]
 """The effects of a model beside DH, frames and what was given."""
@@ -133,7 +134,7 @@ class Study:
         """What this model leaves to explain, and by what."""
         return self._remembered(
             ("beside", model),
-            lambda: Posterior.at(self.scorer(model), self.competition.open({h.name for h in model})),
+            lambda: Posterior.at(self.scorer(model), self.competition.open([*self.given, *model])),
         )
 
     def reopened(self, model: Model, h: Hypothesis, grid: Model = ()) -> Posterior:
@@ -142,9 +143,14 @@ class Study:
         return self._remembered(("for", model, h, grid), lambda: self._reopened(model, h, grid))
 
     def _reopened(self, model: Model, h: Hypothesis, grid: Model) -> Posterior:
-        open_ = self.competition.open({x.name for x in model if x is not h})
+        open_ = self.competition.open([*self.given, *(x for x in model if x is not h)])
+        open_ = self.competition.with_some_joints(open_, h)
         candidates = [c.refined(grid) if grid and c.name == h.name else c for c in open_]
         return Posterior.at(self.scorer(model, drop=h), candidates)
+
+    def fewest_joints(self, model: Model, h: Hypothesis) -> Hypothesis | None:
+        """An effect of this model at fewer joints that explain as much; None if all of them are needed."""
+        return fewest_joints(self.scorer(model, drop=h), h) if len(joints_with(h)) > 2 else None
 
     def constants_of(self, h: Hypothesis) -> tuple[str, ...]:
         """Constants of an effect that are searched on a grid."""
@@ -156,7 +162,9 @@ class Study:
         effect, known = self.library.effects[h.effect], dict(h.constants)
         arm, data = self.base.arm, self.base.data
         return tuple(
-            merged_if_several(effect, self.library.find(h.name, arm, data, {**known, constant: value}))
+            merged_if_several(
+                effect, self.library.find(h.name, arm, data, {**known, constant: value}), h.name
+            )
             for value in finer(self.library.grid_of(h.name)[constant], known[constant], data)
         )
 
