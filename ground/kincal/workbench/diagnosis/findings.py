@@ -269,7 +269,7 @@ class _Reporter:
         probability = k.posterior.presence(k.effect.name)
         # While the model with it does not explain the data, a name may stand for a similar effect that is
         # missing: its posterior holds only if the truth is among the names.
-        capped = k.role == "accepted" and not self.adequate and probability > CLAIM
+        capped = not self.adequate and probability > CLAIM
         found = self._finding(k.effect, k.role, CLAIM if capped else probability, k.posterior)
         confounded = dict.fromkeys((*confounded_effects(self.study, k.effect, k.posterior), *k.ties))
         values = _values(k.effect, self.study.fit(self.model))
