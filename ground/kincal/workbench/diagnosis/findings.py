@@ -218,7 +218,13 @@ def effect_findings(study: Study, found: Selection, adequate: bool) -> tuple[Eff
     report = _Reporter(study, found.model, p_family, adequate)
     findings = [report.kept(k) for k in found.kept]
     findings += [report.alternative(h, posterior) for h, posterior in alternatives(found)]
-    return tuple(sorted(findings, key=lambda f: (_ROLES.index(f.role), -f.probability)))
+    return tuple(sorted(findings, key=_rank))
+
+
+def _rank(f: EffectFinding) -> tuple[int, float, float]:
+    """Best first: by role, probability, and what held-out poses gain."""
+    ratio = f.held.after_m / f.held.before_m if f.held.after_m > 0.0 else 1.0
+    return _ROLES.index(f.role), -f.probability, ratio
 
 
 def alternatives(found: Selection) -> list[tuple[Hypothesis, Posterior]]:
