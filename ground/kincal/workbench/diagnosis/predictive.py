@@ -16,7 +16,7 @@ from ..effects import Hypothesis
 from .posterior import ACCEPT_ODDS
 from .study import Model, Study
 
-_SIGNIFICANT = 2.0  # standard errors of a gain
+_SIGNIFICANT = 1.645  # standard errors of a gain: one-sided 95 %
 _AS_WELL = 1.0  # standard errors within which effects predict equally well
 
 
