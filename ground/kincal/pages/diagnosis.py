@@ -144,7 +144,7 @@ def _found(data: ReportContent, poses: Poses) -> Iterator[Section]:
 def _about(e: EffectFinding, panels: Sequence[Panel], poses: Poses) -> str:
     hidden = len(panels) - finding_figures.PANELS
     more = f" {hidden} panels with smaller motions are not drawn." if hidden > 0 else ""
-    said = explain.held_gain(e)
+    said = explain.held_gain(e.held)
     return f"{said[:1].upper()}{said[1:]}. {HOW_FINDING}{more} {poses.note}".rstrip()
 
 

@@ -55,6 +55,7 @@ def comparison_json(c: Comparison) -> Json:
         "held": len(c.split.held),
         "skipped": c.skipped,
         "components": c.components,
+        "direction": c.data.direction_source,
         "noise_floor": _floor(c.noise_floor),
         "rms": {name: _pos_rot(*pair) for name, pair in c.rms.items()},
         "chi2_per_dof": c.chi2_per_dof,
@@ -102,6 +103,8 @@ def _effect_json(e: EffectFinding) -> Json:
         "why": explain.why(e),
         "accepted": e.accepted,
         "helps": e.helps,
+        "harms": e.harms,
+        "in_model": e.in_model,
     }
 
 

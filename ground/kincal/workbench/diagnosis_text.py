@@ -51,7 +51,7 @@ def _found(d: Diagnosis) -> Iterator[str]:
 def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
     odds = explain.odds(e, d)
     return [
-        f"{_MARKS[e.role]} {e.label}: {explain.held_gain(e)}" + (f"; {odds}" if odds else ""),
+        f"{_MARKS[e.role]} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),
         *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
         *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),
     ]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from . import sight
 from .adequacy import Outliers
 from .compare import Comparison
-from .diagnosis import Diagnosis, EffectFinding, UnnamedFinding
+from .diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from .diagnosis.suggestions import Suggestion
 from .gain import judged
 from .hypotheses import Untestable, effect_of, place_of
@@ -46,26 +47,31 @@ def why(e: EffectFinding) -> str:
     what won or competes by it."""
     text = (
         f"consistent with {e.label}: its pattern explains {e.explained_share:.0%} of what the model "
-        f"without it leaves, {held_gain(e)}"
+        f"without it leaves, {held_gain(e.held)}"
     )
-    if e.helps:
-        text += "; something unnamed explains more, but held-out poses gain"
+    if e.role == "helps":
+        text += "; something unnamed explains more, but "
+        text += "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
     else:
         text += f", probability {e.probability:.2f}"
+    if e.harms:
+        text += "; it harms: not in the model"
+    if e.inferred_direction:
+        text += "; approach direction inferred from the order of measurement"
     if e.capped:
         text += "; the model with it does not explain the data yet, so it is not identified"
     return text
 
 
-def held_gain(e: EffectFinding) -> str:
+def held_gain(gain: HeldGain) -> str:
     """What held-out poses say of an effect: errors without and with it, their ratio, and the judgement."""
-    if not math.isfinite(e.held.after_m):
+    if not math.isfinite(gain.after_m):
         return "no held-out poses"
-    low, high = e.held.interval
+    kind = "cross-validated" if gain.cross_validated else "held-out"
+    low, high = gain.interval
     return (
-        f"held-out error {e.held.before_m * 1e3:.3f} to {e.held.after_m * 1e3:.3f} mm, ratio "
-        f"{e.held.after_m / e.held.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}): "
-        f"{judged(e.held.interval)}"
+        f"{kind} error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm, ratio "
+        f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}): {judged(gain.interval)}"
     )
 
 
@@ -78,12 +84,12 @@ def probability(p: float) -> str:
 
 def odds(e: EffectFinding, d: Diagnosis) -> str:
     """The probability of an effect with what it is against; empty where held-out poses decided."""
-    return "" if e.helps else f"{probability(e.probability)} {against(e, d)}"
+    return "" if e.role == "helps" else f"{probability(e.probability)} {against(e, d)}"
 
 
 def against(e: EffectFinding, d: Diagnosis) -> str:
     """What the probability of an effect is against; empty where held-out poses decided."""
-    if e.helps:
+    if e.role == "helps":
         return ""
     return 'against "nothing missing" and the unnamed' if e.accepted else _competitor(d)
 
@@ -128,7 +134,9 @@ def outlier_note(o: Outliers) -> str:
 
 def notes(c: Comparison) -> list[str]:
     """What else a reader of a comparison should know."""
-    return [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
+    still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
+    assumed = sight.in_words(c.fit_all.arm, c.data)
+    return [*c.data.doubts, *still, *([assumed] if assumed else [])]
 
 
 def not_testable(n: Untestable) -> str:
