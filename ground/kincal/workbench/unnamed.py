@@ -23,6 +23,7 @@ from kincal.schema.terms import Basis
 from .columns import Columns
 from .data import Measurements
 from .places import JOINT_SIGMA, SHIFT_SIGMA, ErrorPlace, joint_places, other_places
+from .products import ScoredProduct
 from .types import Array
 
 _SINGLE = 5  # eigenvectors of one driver
@@ -52,16 +53,26 @@ class Driver:
 
 @dataclass(frozen=True)
 class Cell:
-    """An unknown function of one or two drivers at a location; columns: (N c, m k) whitened."""
+    """An unknown function of one or two drivers at a location; columns: (N c, m k) whitened.
+
+    product: of the dictionary (products.py): then the function is this one, and there is one column.
+    """
 
     location: str
     drivers: tuple[str, ...]
     columns: Array
+    product: ScoredProduct | None = None
+
+    @property
+    def at_joint(self) -> bool:
+        """The error is a motion of a joint."""
+        return self.location.startswith("joint")
 
     @property
     def name(self) -> str:
         """Location and drivers, for instance "joint 3 | q4 x q5"."""
-        return f"{self.location} | {' x '.join(self.drivers)}"
+        text = " x ".join(self.drivers) if self.product is None else self.product.text
+        return f"{self.location} | {text}"
 
 
 def cells(columns: Columns, *, double: bool = True) -> list[Cell]:

@@ -177,7 +177,7 @@ def helpful(study: Study, model: Model) -> Hypothesis | None:
         return None
     names = posterior.named(study.room(model))[:_HELP_TRIES]
     effects = [posterior.by_name[name].best for name in names]
-    unnamed = max(posterior.unknown, key=lambda s: s.ln_bf)
+    unnamed = posterior.top_unnamed
     scored = study.scorer(model, granted=unnamed.block).hypotheses(effects)
     prior = {c.name: c.prior for c in study.competition.candidates}
     for h, (_, ln_bf) in zip(effects, scored, strict=True):
