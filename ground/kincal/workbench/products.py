@@ -22,7 +22,7 @@ from kincal.schema.terms import Basis
 from .columns import Columns
 from .data import Measurements
 from .evidence import NoiseScale, Projector, ln_bayes_factor
-from .places import ErrorPlace, all_places
+from .places import TYPICAL_SIZE, ErrorPlace, all_places
 from .shapes import Product, evaluate
 from .types import Array, array
 
@@ -163,7 +163,7 @@ def spots(columns: Columns) -> list[Spot]:
     """Every component of every place that the data see."""
     fit = columns.fit
     found = [
-        Spot(place, component, place.sigma * columns.location(place.frame, (component,))[:, 0, :])
+        Spot(place, component, TYPICAL_SIZE * columns.location(place.frame, (component,))[:, 0, :])
         for place in all_places(fit.arm, fit.data)
         for component in place.components
     ]
