@@ -199,7 +199,10 @@ def names_of(found) -> list[tuple[str, str, float]]:
 
 def unnamed(found) -> PosRot:
     """Held-out error with the unnamed terms that the diagnosis proposes; none if it proposes none."""
-    return mm(getattr(found, "unnamed_held", None))
+    from kincal import workbench as wb
+
+    more = wb.add_unnamed_to(found)
+    return mm((more.held_pos_m, more.held_rot_rad))
 
 
 def try_judged(path: Path, found, arm) -> Row:

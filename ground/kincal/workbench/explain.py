@@ -111,7 +111,10 @@ def listed(names: Sequence[str]) -> str:
 
 def suggestion(s: Suggestion) -> str:
     """A term to try, as a line of an effect file."""
-    return f'at = "{s.at}", basis = "{s.basis}"' if s.basis else f'at = "{s.at}", a function of {s.driver}'
+    if not s.basis:
+        return f'at = "{s.at}", a function of {s.driver}'
+    component = f', comp = "{s.comp}"' if s.comp else ""
+    return f'at = "{s.at}"{component}, basis = "{s.basis}"'
 
 
 def no_gain(n: EffectGain) -> str:
