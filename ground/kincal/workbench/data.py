@@ -106,7 +106,7 @@ def without_copies(data: Measurements) -> Measurements:
     _, first = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))), return_index=True)
     if len(first) == data.n:
         return data
-    return replace(data.take(np.sort(first)), duplicates=data.n - len(first))
+    return replace(data.take(np.sort(first)), duplicates=data.duplicates + data.n - len(first))
 
 
 def replicate_groups(q: Array, tol: float = _SAME_POSE) -> NDArray[np.int_]:
