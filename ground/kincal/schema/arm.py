@@ -7,7 +7,8 @@ converted exactly.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -21,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from kincal.errors import BadInput
 
 from .base import Strict
-from .errors import Contradiction, read_toml, validate
+from .errors import Contradiction, parse_toml, read_toml, validate
 from .numbers import Angle, NotNegative, Positive, Real, Vec3
 
 MAX_JOINTS = 16
@@ -72,6 +73,8 @@ class JointEntry(Strict):
 
     name: str = ""
     """What people call the joint."""
+    link: str = ""
+    """What people call the link that it moves."""
     type: Literal["revolute", "prismatic"]
     """revolute turns, prismatic slides along its axis."""
     a_m: Real = pydantic.Field(examples=[0.0])
@@ -224,6 +227,7 @@ class Joint:
     com_m: tuple[float, float, float] | None = None
     gear_ratio: float | None = None
     name: str = ""
+    link: str = ""
 
 
 @dataclass(frozen=True)
@@ -254,7 +258,7 @@ class ArmTable:
     base: measurement frame -> frame 0; tool: last link -> measured frame; gravity_m_s2 (3,) in the base
     frame.
     camera: intrinsics if the file has them; mount: "world" or "tool"; target_points_m (k, 3) in the target's
-    frame or None. source: the file.
+    frame or None. source: the file; provenance: where its numbers come from, as it says.
     """
 
     name: str
@@ -266,6 +270,7 @@ class ArmTable:
     mount: str = "world"
     target_points_m: Array | None = None
     source: str = ""
+    provenance: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def n(self) -> int:
@@ -305,6 +310,11 @@ def read_arm(path: str | Path) -> ArmTable:
     return _arm(validate(ArmFile, read_toml(path), str(path)), str(path), path.stem)
 
 
+def arm_of_text(text: str, source: str) -> ArmTable:
+    """An arm table that is no file; source: what messages call it. SchemaError lists all that is wrong."""
+    return _arm(validate(ArmFile, parse_toml(text, source), source), source, source)
+
+
 def _arm(file: ArmFile, source: str, stem: str) -> ArmTable:
     joints, base = [_joint(entry) for entry in file.joint], _frame(file.base)
     if file.convention == "modified":
@@ -319,6 +329,7 @@ def _arm(file: ArmFile, source: str, stem: str) -> ArmTable:
         mount=file.sensor.mount,
         target_points_m=np.array(file.target.points_m, dtype=float) if file.target else None,
         source=source,
+        provenance=file.provenance,
     )
 
 
@@ -331,7 +342,7 @@ def _joint(entry: JointEntry) -> Joint:
     low, high = entry.limits
     return Joint(
         entry.type == "prismatic", entry.a_m, entry.alpha_rad, entry.d_m, entry.phi_rad, low, high,
-        entry.mass_kg, entry.com_m, entry.gear_ratio, entry.name,
+        entry.mass_kg, entry.com_m, entry.gear_ratio, entry.name, entry.link,
     )  # fmt: skip
 
 

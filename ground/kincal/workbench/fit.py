@@ -36,7 +36,7 @@ _LEAST_DAMPING, _FIRST_DAMPING = 1e-12, 1e-6
 _SAME_COST, _SAME_WEIGHT, _SAME_STEP = 1e-7, 5e-3, 1e-9
 _LEAST_SCALE2 = 1e-6
 # Free effect parameters carry this many prior sigmas when their value is reported.
-_EFFECT_WIDTH = 10.0
+EFFECT_WIDTH = 10.0
 # Stand-in noise where nothing was stated; the fitted scale replaces it.
 _DEFAULT_SP_M, _DEFAULT_SR_RAD = 1e-3, 3e-3
 
@@ -363,7 +363,7 @@ def fit_model(
     robust: bool = True,
     frames: Frames | None = None,
     start: Mapping[str, float] | None = None,
-    effect_width: float = _EFFECT_WIDTH,
+    effect_width: float = EFFECT_WIDTH,
 ) -> Fit:
     """Fit DH errors (`dh`), unknown frames and the effects of `hypotheses`, with wide priors.
 
