@@ -16,6 +16,7 @@ from ..types import Array
 
 # Made anew for the whole set, or of no rows.
 _MADE_ANEW = {"source", "ids", "t_s", "order_is_time", "replicate", "skipped", "unknown_columns", "notes"}
+_MADE_ANEW |= {"direction_source"}
 
 
 def joined(sets: Sequence[Measurements]) -> Measurements:
@@ -53,6 +54,7 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         ids=_ids(sets),
         t_s=times if timed else np.arange(n, dtype=float),
         order_is_time=not timed,
+        direction_source="inferred" if any(d.direction_source == "inferred" for d in sets) else "measured",
         replicate=_groups(sets, changes["q"]),
         skipped=tuple(f"{data.source}: {text}" for data in sets for text in data.skipped),
         unknown_columns=tuple(dict.fromkeys(name for data in sets for name in data.unknown_columns)),
