@@ -21,7 +21,7 @@ from kincal.export.source import c_header, c_source, describe, python_source
 from kincal.export.urdf import roll_pitch_yaw, urdf
 from kincal.schema.arm import read_arm
 from kincal.schema.model import FitEntry, FrameEntry
-from kincal.schema.names import FUNCTIONS, VARIABLES
+from kincal.schema.names import FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
 from kincal.schema.terms import ONE, Basis
 from kincal.workbench.effects import Library
 
@@ -92,11 +92,26 @@ def everything(n):
     places = itertools.cycle([0, 1, n - 1, n, "tool", "camera", "meas"])
     comps = itertools.cycle(range(6))
     indexed = {name: 1 + k % n for k, name in enumerate(VARIABLES) if VARIABLES[name].indexed}
-    bases = [Basis("lin", v, indexed.get(v, 0), 0.3, 0.7) for v in VARIABLES if v != "1"]
-    bases += [Basis("lin", v, 0) for v in ("Mx", "My", "Mz")]
+    indexed |= {"levx": LEVER_STRIDE * 1 + 3, "levy": LEVER_STRIDE * 2 + n, "levz": LEVER_STRIDE * 0}
+    bases = [Basis("lin", v, indexed.get(v, 0), 0.3, 0.7) for v in VARIABLES if v != "1" and v not in PNP]
+    bases += [Basis("lin", v, 0) for v in ("Mx", "My", "Mz", "gx", "gy", "gz")]
     bases += [Basis(fn, "q", 1 + k % n, -0.2, 1.7) for k, fn in enumerate(FUNCTIONS)]
     bases += [Basis("tan2", "incid", 0), Basis("step", "t", 0, 1800.0), Basis("tanh", "tau", 2, 0.0, 0.1)]
-    small = {"t": 1e-3, "temp": 0.1, "tau": 0.02, "Mx": 0.02, "My": 0.02, "Mz": 0.02, "taup": 0.02}
+    small = {
+        "gx": 0.1,
+        "gy": 0.1,
+        "gz": 0.1,
+        "levx": 0.1,
+        "levy": 0.1,
+        "levz": 0.1,
+        "t": 1e-3,
+        "temp": 0.1,
+        "tau": 0.02,
+        "Mx": 0.02,
+        "My": 0.02,
+        "Mz": 0.02,
+        "taup": 0.02,
+    }
     torque = Basis("sin", "tau", n, 0.0, 0.1)
     other = itertools.cycle([ONE, Basis("cos", "q", 1), Basis("lin", "payload", 0), torque])
     rows = [
@@ -126,8 +141,8 @@ MODELS = {
     "wam, effects of the library": ("wam", ["joint_compliance", "backlash[4]", "link_bending", "base_flex",
         "joint_coupling[5,6]", "bias_step[3]", "payload_sag", "link_thermal_growth", "latency", "tag_scale",
         "lens_radial", "camera_shift", "range_incidence_bias", "base_settling"]),
-    "fr3, modified DH": ("fr3", ["encoder_eccentricity[2]", "joint_ripple[6]", "mount_sag", "sensor_scale",
-                                 "joint_sag[2,4]"]),
+    "fr3, modified DH": ("fr3", ["encoder_eccentricity[2]", "joint_ripple[6]", "joint_gravity",
+        "link_gravity_tilt[2]", "sensor_scale"]),
     "wam, DH alone": ("wam", []),
 }  # fmt: skip
 
@@ -233,7 +248,7 @@ def test_missing_and_unknown_drivers_are_named(tmp_path):
 def test_every_variable_and_function_of_the_grammar_is_exported():
     from kincal.export import expressions
 
-    assert set(expressions._VARIABLES) == set(VARIABLES) - {"1"}
+    assert set(expressions._VARIABLES) == set(VARIABLES) - {"1"} - set(PNP)
     assert set(expressions._FUNCTIONS) == set(FUNCTIONS)
 
 

@@ -12,6 +12,7 @@ from kincal.workbench.constants import choose_constants
 from kincal.workbench.data import Measurements
 from kincal.workbench.diagnosis import Diagnosis
 from kincal.workbench.diagnosis import diagnose as workbench_diagnose
+from kincal.workbench.diagnosis_text import diagnosis_text
 from kincal.workbench.effects import Library
 from kincal.workbench.types import Progress, no_progress
 
@@ -47,7 +48,7 @@ class Diagnosed:
 
     def __str__(self) -> str:
         """What `kincal model diagnose` prints."""
-        return answers.diagnosis_text(self.diagnosis)
+        return diagnosis_text(self.diagnosis)
 
     def _repr_html_(self) -> str:
         rows = [

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kincal.errors import CannotAnswer
+from kincal.schema.names import LEVER_STRIDE, PNP, VARIABLES
 from kincal.schema.terms import Basis
 
 from .calibrated import FittedTerm
@@ -35,9 +36,16 @@ _VARIABLES: dict[str, tuple[str, str]] = {
     "r2": ("(view.u**2 + view.v**2)", "(view->u * view->u + view->v * view->v)"),
     **{name: (f"view.p[{k}]", f"view->p[{k}]") for k, name in enumerate(("xcam", "ycam", "zcam"))},
     **{name: (f"view.p[{k}]", f"view->p[{k}]") for k, name in enumerate(("sx", "sy", "sz"))},
+    **{f"g{c}": (f"load.gravity[{{i}}][{k}]", f"load->gravity[{{i}}][{k}]") for k, c in enumerate("xyz")},
+    **{
+        f"lev{c}": (f"_lever(load, {{i}}, {{body}}, {k})", f"lever(load, {{i}}, {{body}}, {k})")
+        for k, c in enumerate("xyz")
+    },
 }
-LINK_INDEXED = ("Mx", "My", "Mz")
-LOADS = ("tau", "Mx", "My", "Mz", "taup")
+LINK_INDEXED = ("Mx", "My", "Mz", "gx", "gy", "gz")
+MASSES = ("tau", "Mx", "My", "Mz", "taup")
+LEVERS = ("gx", "gy", "gz", "levx", "levy", "levz")
+LOADS = (*MASSES, *LEVERS)
 VIEW = ("u", "v", "r2", "xcam", "ycam", "zcam", "sx", "sy", "sz")
 IMAGE = ("u", "v", "r2")
 
@@ -53,6 +61,12 @@ _FUNCTIONS: dict[str, tuple[str, str]] = {
     "tan2": ("math.tan(min(max({z}, -1.4), 1.4)) ** 2", "square(tan(fmin(fmax({z}, -1.4), 1.4)))"),
     "abs": ("abs({z})", "fabs({z})"),
 }
+
+
+def through_points(term: FittedTerm) -> bool:
+    """Whether a term corrects a pose that a camera found from many points: that takes the camera's own
+    computation, which the generated code does not repeat."""
+    return any(basis.var in PNP for basis in term.bases)
 
 
 @dataclass(frozen=True)
@@ -72,9 +86,16 @@ def basis_expression(basis: Basis, language: Language) -> str:
     if basis.var not in _VARIABLES or basis.fn not in _FUNCTIONS:
         raise CannotAnswer(f"{basis} cannot be written as source code: {basis.var} is not known there")
     column = 0 if language == "python" else 1
-    i = basis.index if basis.var in LINK_INDEXED else basis.index - 1
-    z = _argument(_VARIABLES[basis.var][column].format(i=i), basis)
+    z = _argument(_VARIABLES[basis.var][column].format(**_index(basis)), basis)
     return _FUNCTIONS[basis.fn][column].format(z=z)
+
+
+def _index(basis: Basis) -> dict[str, object]:
+    """Joint or link from 0, and the body of a gravity lever, the tool after the last link."""
+    if VARIABLES[basis.var].of_body:
+        link, body = divmod(basis.index, LEVER_STRIDE)
+        return {"i": link, "body": body or "N + 1"}
+    return {"i": basis.index if basis.var in LINK_INDEXED else basis.index - 1}
 
 
 def _argument(x: str, basis: Basis) -> str:

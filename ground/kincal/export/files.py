@@ -14,7 +14,7 @@ from .calibrated import CalibratedArm
 from .dh import dh_table
 from .document import document
 from .leftout import LeftOut
-from .source import c_header, c_source, python_source
+from .source import c_header, c_source, python_source, source_left_out
 from .tabular import arm_toml, dh_csv
 from .urdf import urdf, urdf_left_out
 
@@ -97,11 +97,11 @@ def _urdf(arm: CalibratedArm, _path: Path) -> _Made:
 
 
 def _python(arm: CalibratedArm, _path: Path) -> _Made:
-    return (python_source(arm),), ()
+    return (python_source(arm),), source_left_out(arm)
 
 
 def _c(arm: CalibratedArm, path: Path) -> _Made:
-    return (c_source(arm, path.with_suffix(".h").name), c_header(arm)), ()
+    return (c_source(arm, path.with_suffix(".h").name), c_header(arm)), source_left_out(arm)
 
 
 _MAKERS: dict[Format, Callable[[CalibratedArm, Path], _Made]] = {

@@ -17,7 +17,8 @@ from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import Floats, Pose
 
 from .calibrated import BASE, TOOL, CalibratedArm, FittedTerm
-from .expressions import IMAGE, LOADS, VIEW, Language, Line, line, plain
+from .expressions import IMAGE, LEVERS, LOADS, MASSES, VIEW, Language, Line, line, plain, through_points
+from .leftout import LeftOut, left_out
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class Source:
     loaded: tuple[Line, ...]
     drivers: tuple[Driver, ...]
     on_sensor: bool
+    uses_masses: bool
+    uses_levers: bool
     uses_view: bool
     uses_image: bool
 
@@ -95,11 +98,14 @@ def c_header(arm: CalibratedArm) -> str:
 
 def describe(arm: CalibratedArm, language: Language) -> Source:
     """What the templates need to know of a fitted arm. CannotAnswer if a term cannot be written as code."""
-    varying = [term for term in arm.terms if not term.constant]
-    variables = {basis.var for term in varying for basis in term.bases}
+    terms = [term for term in arm.terms if not through_points(term)]
+    varying = [term for term in terms if not term.constant]
     steady = [term for term in varying if not _loaded(term)]
     loaded = [term for term in varying if _loaded(term)]
-    on_sensor = any(term.on_sensor for term in arm.terms)
+    on_sensor = any(term.on_sensor for term in terms) and len(terms) == len(arm.terms)
+    if not on_sensor:  # the sensor is modelled whole or not at all
+        varying = [term for term in varying if not term.on_sensor]
+    variables = {basis.var for term in varying for basis in term.bases}
     return Source(
         title=plain(arm.arm.name),
         sources=plain(arm.sources),
@@ -111,9 +117,19 @@ def describe(arm: CalibratedArm, language: Language) -> Source:
         loaded=tuple(line(term, _row(term.frame, arm.n), language) for term in loaded),
         drivers=tuple(_drivers(arm, variables, on_sensor)),
         on_sensor=on_sensor,
+        uses_masses=bool(variables & set(MASSES)),
+        uses_levers=bool(variables & set(LEVERS)),
         uses_view=bool(variables & set(VIEW)),
         uses_image=bool(variables & set(IMAGE)),
     )
+
+
+def source_left_out(arm: CalibratedArm) -> tuple[LeftOut, ...]:
+    """Effects of the sensor that the generated code does not hold: all of them, if some act on a pose that a
+    camera found from many points."""
+    if not any(through_points(term) for term in arm.terms):
+        return ()
+    return left_out(arm, [term for term in arm.terms if term.on_sensor])
 
 
 def _loaded(term: FittedTerm) -> bool:
@@ -135,14 +151,14 @@ def _constants(arm: CalibratedArm, groups: Iterable[str] | None) -> Floats:
 def _drivers(arm: CalibratedArm, variables: set[str], on_sensor: bool) -> Iterable[Driver]:
     """The drivers that these variables need, in a fixed order."""
     n, g = arm.n, tuple(float(x) for x in arm.arm.gravity_m_s2)
-    loads, view = bool(variables & set(LOADS)), on_sensor or bool(variables & set(VIEW))
+    masses, view = bool(variables & set(MASSES)), on_sensor or bool(variables & set(VIEW))
     table = (
         ("dir" in variables, Driver("direction", n, None, "sign of the last motion of each joint: -1, 0, 1")),
         ("qdot" in variables, Driver("qdot", n, (0.0,) * n, "joint speed [rad/s or m/s]")),
         ("temp" in variables, Driver("temp_c", 0, None, "temperature of the arm [deg C]")),
         ("t" in variables, Driver("t_s", 0, None, "time, as in the measurements [s]")),
-        (loads or "payload" in variables, Driver("payload_kg", 0, (0.0,), "extra mass at the tool [kg]")),
-        (loads, Driver("gravity_m_s2", 3, g, "gravity in the base frame [m/s^2]")),
+        (masses or "payload" in variables, Driver("payload_kg", 0, (0.0,), "extra mass at the tool [kg]")),
+        (bool(variables & set(LOADS)), Driver("gravity_m_s2", 3, g, "gravity in the base frame [m/s^2]")),
         ("range" in variables, Driver("range_m", 0, None, "range from camera to target [m]")),
         ("incid" in variables, Driver("incid_rad", 0, None, "angle of incidence at the target [rad]")),
         ("pan" in variables, Driver("pan_rad", 0, None, "pan encoder of the camera [rad]")),

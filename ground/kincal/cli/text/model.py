@@ -80,6 +80,6 @@ def left_out(made: Exported, form: str) -> str:
         [
             f"warning: --format {form} cannot hold these effects (mm: RMS over the fitted poses):",
             *(f"  {one}" for one in made.left_out),
-            "  --format python and --format c hold them all",
+            *(["  --format python and --format c hold those of the arm"] if form in ("dh", "urdf") else []),
         ]
     )
