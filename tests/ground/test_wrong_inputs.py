@@ -109,7 +109,9 @@ def arm_file(text):
 
 def unknown_frames(text):
     """An arm table with both frames to be estimated."""
-    return lambda folder: (folder / "arm.toml").write_text(text.replace("estimate = false", "estimate = true"))
+    return lambda folder: (folder / "arm.toml").write_text(
+        text.replace("estimate = false", "estimate = true")
+    )
 
 
 def content(data, name="poses.csv"):
@@ -135,7 +137,9 @@ def unrelated(folder):
 
     def change(found):
         mixed = np.random.default_rng(3).permutation(len(found))
-        return [row | {name: found[k][name] for name in (*P, *QUAT)} for row, k in zip(found, mixed, strict=True)]
+        return [
+            row | {name: found[k][name] for name in (*P, *QUAT)} for row, k in zip(found, mixed, strict=True)
+        ]
 
     _table(folder, change)
 
@@ -281,7 +285,9 @@ def test_two_files_of_different_arms_are_refused(folder):
     poses.poses_csv(folder / "poses.csv", 40, 6)
     _table(folder, _keep(["id", *Q, *P, *QUAT]))
     exchanged(*Q)(folder)
-    done = compare("--arm", folder / "arm.toml", "--data", folder / "first.csv", "--data", folder / "poses.csv")
+    done = compare(
+        "--arm", folder / "arm.toml", "--data", folder / "first.csv", "--data", folder / "poses.csv"
+    )
     assert done.exit_code == EXIT_INPUT
     assert "do not belong" in done.stderr
 
