@@ -1,5 +1,5 @@
-"""Poses from a camera and a board of many points, made with OpenCV: projection with a faulty lens, pose by PnP
-with the nominal one. The arm is the plain numpy chain of poses.py."""
+"""Poses from a camera and a board of many points, made with OpenCV: projection with a faulty lens, pose by
+PnP with the nominal one. The arm is the plain numpy chain of poses.py."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from scipy.spatial.transform import Rotation
 WIDTH, HEIGHT = 1280, 720
 K = np.array([[900.0, 0.0, 645.0], [0.0, 902.0, 355.0], [0.0, 0.0, 1.0]])
 HALF_M = 0.16
-BOARD = np.array([(x, y, 0.0) for x in np.linspace(-HALF_M, HALF_M, 7) for y in np.linspace(-HALF_M, HALF_M, 7)])
+BOARD = np.array(
+    [(x, y, 0.0) for x in np.linspace(-HALF_M, HALF_M, 7) for y in np.linspace(-HALF_M, HALF_M, 7)]
+)
 BOARD_M = np.array([0.62, 0.0, 0.0])  # of the fixed board in the base frame
 START = np.array([0.0, 0.35, 0.0, 2.0, 0.0, 0.7, 0.0])
 STATED = "\n".join(
@@ -60,7 +62,7 @@ def arm_toml(path: Path, mount: str, stated: bool) -> Path:
 
 
 def aimed(rng) -> np.ndarray | None:
-    """Joint angles whose tool looks along z at the board from somewhere; None where the arm does not reach."""
+    """Joint angles whose tool looks along z at the board from somewhere; None out of reach."""
     away = rng.uniform(0.3, 0.55)
     towards = Rotation.from_euler("xyz", [*rng.uniform(-0.6, 0.6, 2), rng.uniform(-1.5, 1.5)])
     R = towards.as_matrix() @ np.diag([1.0, -1.0, -1.0])
