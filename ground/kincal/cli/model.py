@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from kincal.cli.data import Given, data_options
+from kincal.cli.errors import EXIT_FAILED
 from kincal.cli.options import tables_option
 from kincal.cli.provenance import say_files, today
 from kincal.cli.terminal import progress
@@ -43,7 +44,7 @@ def _load(arm_path: Path, given: Given) -> tuple[ArmTable, Measurements]:
     from kincal.schema.arm import read_arm
 
     arm = read_arm(arm_path)
-    return arm, given.read(arm)
+    return arm, given.checked(arm)
 
 
 def _model(model_path: Path | None, effect_files: tuple[Path, ...]) -> tuple[ModelFile, Library]:
@@ -65,6 +66,30 @@ def model() -> None:
     Example:
         kincal model diagnose --arm arm.toml --data poses.csv
     """
+
+
+@model.command("check")
+@ARM
+@DATA
+@JSON
+def check_command(arm_path: Path, given: Given, as_json: bool) -> None:
+    """Do the arm table and the measurements belong together?
+
+    Exit status 0 if they do, 1 if something has to be put right first.
+
+    \b
+    Example:
+        kincal model check --arm arm.toml --data poses.csv
+    """
+    from kincal.cli.text import check as text
+    from kincal.schema.arm import read_arm
+    from kincal.workbench.belonging import check
+
+    arm = read_arm(arm_path)
+    answer = check(arm, given.read(arm))
+    click.echo(json.dumps(text.as_json(answer), indent=1) if as_json else text.lines(answer))
+    if not answer.ok:
+        click.get_current_context().exit(EXIT_FAILED)
 
 
 @model.command("compare")
@@ -124,10 +149,12 @@ def diagnose_command(
     Example:
         kincal model diagnose --arm arm.toml --data poses.csv --report out/report.html
     """
-    from kincal.workbench.answers import diagnosis_json, diagnosis_text
+    from kincal.workbench.advice import Inputs, next_steps
+    from kincal.workbench.answers import diagnosis_json
     from kincal.workbench.api import advise, report_content
     from kincal.workbench.constants import choose_constants
     from kincal.workbench.diagnosis import diagnose
+    from kincal.workbench.diagnosis_text import diagnosis_text
 
     arm, data = _load(arm_path, given)
     chosen, library = _model(model_path, effect_files)
@@ -136,14 +163,14 @@ def diagnose_command(
         answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick)
         poses = advise(answer, library)
         shown = report_content(answer, library, effects, poses, progress=tick) if report_path else None
-    click.echo(
-        json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else diagnosis_text(answer, poses)
-    )
+    steps = next_steps(answer, poses, Inputs(str(arm_path), given.options(), str(model_path or "")))
+    as_text = json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else ""
+    click.echo(as_text or diagnosis_text(answer, poses, steps))
     if shown is not None and report_path is not None:
         from kincal.pages import diagnosis as pages
         from kincal.pages.page import Provenance
 
-        files, why = pages.write_all(shown, report_path, Provenance.of_file(today(), given.paths))
+        files, why = pages.write_all(shown, report_path, Provenance.of_file(today(), given.paths), steps)
         say_files("report", files, why, err=as_json)
 
 

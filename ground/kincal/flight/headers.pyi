@@ -514,6 +514,9 @@ class KcLoads(Protocol):
     tau: Array[float]
     tau_payload: Array[float]
     moment: Array[Array[float]]
+    origin_m: Array[Array[float]]
+    g_link_m_s2: Array[Array[float]]
+    g_cross_m_s2: Array[Array[Array[float]]]
 
 class KcMeas(Protocol):
     """kc_meas_t"""
@@ -855,6 +858,7 @@ class FlightCore(Protocol):
     KC_JOINT_MAX: int
     KC_JOURNAL_BYTES: int
     KC_KIN_IMAGE_MAX: int
+    KC_LEVER_TOOL: int
     KC_MEAS_MAX: int
     KC_MON_OBS_MAX: int
     KC_MON_OBS_MIN: int
@@ -911,6 +915,12 @@ class FlightCore(Protocol):
     KC_VAR_PNP_TZ: int
     KC_VAR_PNP_TY: int
     KC_VAR_PNP_TX: int
+    KC_VAR_LEVZ: int
+    KC_VAR_LEVY: int
+    KC_VAR_LEVX: int
+    KC_VAR_GZ: int
+    KC_VAR_GY: int
+    KC_VAR_GX: int
     KC_VAR_TAG: int
     KC_VAR_ZCAM: int
     KC_VAR_YCAM: int
@@ -1285,6 +1295,7 @@ class GroundCore(Protocol):
     KC_IMAGE_MAX: int
     KC_INITIAL_MAX: int
     KC_JOINT_MAX: int
+    KC_LEVER_TOOL: int
     KC_MEAS_MAX: int
     KC_NAME_LEN: int
     KC_PNP_MAX: int
@@ -1326,6 +1337,12 @@ class GroundCore(Protocol):
     KC_VAR_PNP_TZ: int
     KC_VAR_PNP_TY: int
     KC_VAR_PNP_TX: int
+    KC_VAR_LEVZ: int
+    KC_VAR_LEVY: int
+    KC_VAR_LEVX: int
+    KC_VAR_GZ: int
+    KC_VAR_GY: int
+    KC_VAR_GX: int
     KC_VAR_TAG: int
     KC_VAR_ZCAM: int
     KC_VAR_YCAM: int

@@ -49,7 +49,10 @@ def choose_constants(
         found |= _searched(library, open_names, found, arm, data, dh)
     groups = [found[name] for name in names]
     if joined:
-        return [merged_if_several(library.effects[group[0].effect], group) for group in groups]
+        return [
+            merged_if_several(library.effects[group[0].effect], group, name)
+            for name, group in zip(names, groups, strict=True)
+        ]
     return [h for group in groups for h in group]
 
 
