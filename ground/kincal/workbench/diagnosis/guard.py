@@ -12,11 +12,23 @@ from .study import Model, Study
 
 def without_doubtful(study: Study, found: Selection) -> Selection:
     """Where the unnamed wins in the end, only the effects that held-out poses gain from: a named effect
-    that resembles the unnamed often wins a place; it has to prove itself."""
+    that resembles the unnamed often wins a place; it has to prove itself. One after another, the last
+    taken first: of two that can stand in for each other, neither is missed while the other is there."""
     if not (found.last.unnamed_wins and study.has_held_out):
         return found
-    kept = tuple(k for k in found.kept if k.role == "helps" or study.held_gain(found.model, k.effect).gains)
+    kept = found.kept
+    while (gone := _unproven(study, kept)) is not None:
+        kept = tuple(k for k in kept if k is not gone)
     return found if kept == found.kept else _settled(study, found, kept, found.taken_back)
+
+
+def _unproven(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
+    """The effect taken last, of those that held-out poses do not surely gain from."""
+    model = _model(kept)
+    doubtful = (
+        k for k in reversed(kept) if k.role != "helps" and not study.held_gain(model, k.effect).gains
+    )
+    return next(doubtful, None)
 
 
 def never_worse(study: Study, found: Selection) -> Selection:
