@@ -104,7 +104,7 @@ def assumed_by(model: Iterable[Hypothesis]) -> Constants:
 
 
 def _is_open(candidate: Candidate, taken: Collection[str]) -> bool:
-    """Not in the model yet, and not at all joints what is in at several; a second of its kind beside the first."""
+    """Not in the model yet, nor at all joints what is in at several; a second one beside the first."""
     if any(covers(name, candidate.name) or _would_double(candidate, name) for name in taken):
         return False
     return not candidate.effect.beside or _is_beside(candidate, taken)
@@ -116,7 +116,7 @@ def _would_double(candidate: Candidate, name: str) -> bool:
 
 
 def _is_beside(candidate: Candidate, taken: Collection[str]) -> bool:
-    """The effect that this one is a second of is in the model: at its joint, or, for all joints, at several."""
+    """The effect that this one is a second of is in the model: at its joint; for all joints, at several."""
     first = candidate.effect.beside + place_of(candidate.name)
     several = not joints_of(first)
     return any(
