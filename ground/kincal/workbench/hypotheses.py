@@ -6,6 +6,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from kincal.schema.arm import ArmTable
+from kincal.schema.names import effect_of as effect_of
+from kincal.schema.names import place_of as place_of
 
 from .data import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter
@@ -102,7 +104,7 @@ def assumed_by(model: Iterable[Hypothesis]) -> Constants:
 
 
 def _is_open(candidate: Candidate, taken: Collection[str]) -> bool:
-    """Not in the model yet, and not at all joints what is in at several; a second of its kind beside the first."""
+    """Not in the model yet, nor at all joints what is in at several; a second of its kind beside the first."""
     if any(covers(name, candidate.name) or _would_double(candidate, name) for name in taken):
         return False
     return not candidate.effect.beside or _is_beside(candidate, taken)
@@ -114,7 +116,7 @@ def _would_double(candidate: Candidate, name: str) -> bool:
 
 
 def _is_beside(candidate: Candidate, taken: Collection[str]) -> bool:
-    """The effect that this one is a second of is in the model: at its joint, or, for all joints, at several."""
+    """The effect that this one is a second of is in the model: at its joint; for all joints, at several."""
     first = candidate.effect.beside + place_of(candidate.name)
     several = not joints_of(first)
     return any(
@@ -184,16 +186,6 @@ def by_constants(hypotheses: Iterable[Hypothesis]) -> list[list[Hypothesis]]:
     for h in hypotheses:
         groups.setdefault(h.constants, []).append(h)
     return list(groups.values())
-
-
-def effect_of(name: str) -> str:
-    """The effect of a name: joint_compliance of joint_compliance[2]."""
-    return name.partition("[")[0]
-
-
-def place_of(name: str) -> str:
-    """The place of a name: "[2]" of joint_compliance[2], empty for the whole arm or all joints."""
-    return name[len(effect_of(name)) :]
 
 
 def joints_of(name: str) -> tuple[int, ...]:
