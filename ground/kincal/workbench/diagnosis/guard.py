@@ -17,11 +17,11 @@ def without_doubtful(study: Study, found: Selection) -> Selection:
     the others."""
     if not (found.last.unnamed_wins and study.has_held_out):
         return found
-    kept = tuple(k for k in found.kept if k.role == "helps" or _proven(study, found.model, k))
+    kept = tuple(k for k in found.kept if k.role == "helps" or _verified(study, found.model, k))
     return found if kept == found.kept else _settled(study, found, kept, found.taken_back)
 
 
-def _proven(study: Study, model: Model, kept: Kept) -> bool:
+def _verified(study: Study, model: Model, kept: Kept) -> bool:
     gain = study.held_gain(model, kept.effect)
     return gain.gains or (not gain.worse and predicts(study, model, kept.effect))
 
