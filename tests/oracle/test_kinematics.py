@@ -197,8 +197,8 @@ def test_gravity_torques_and_moments(arm, library):
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.parametrize("arm", ARMS, ids=IDS)
 def test_gravity_levers_are_what_the_libraries_find_for_one_kilogram(arm, library):
-    """A body of 1 kg at the origin of one frame, nothing else: moments about the axes of every frame before it,
-    and the force along a sliding joint."""
+    """A body of 1 kg at the origin of one frame, nothing else: moments about the axes of every frame before
+    it, and the force along a sliding joint."""
     rng = np.random.default_rng(8)
     cells, terms = all_twists(arm.n, [*range(arm.n + 1), TOOL][:9])
     q, coef = rng.uniform(-3, 3, arm.n), rng.uniform(-0.3, 0.3, len(cells))
