@@ -201,6 +201,12 @@ class PoseModel:
         moment = view(out.moment, n + 1, 3).copy()
         return Loads(view(out.tau, n).copy(), view(out.tau_payload, n).copy(), moment)
 
+    def basis(self, var: str, index: int, q: Any, coef: Any = None) -> float:
+        """kc_basis_eval of a variable as it is, at the loads of these coefficients."""
+        self.loads(q, coef)
+        one = fill(flight.new("kc_basis_t"), basis(var=var, index=index))
+        return float(lib.kc_basis_eval(one, context(self.arm, q), self._loads))
+
     def eval(self, q: Any, coef: Any = None, *, want_J: bool = True, **ctx: Any) -> Eval:
         """kc_model_eval at the loads of the same coefficients. ctx: fields of kc_ctx_t."""
         c, x, ev = self._coef(coef), context(self.arm, q, **ctx), self._eval

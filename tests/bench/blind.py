@@ -10,7 +10,7 @@ from there. Exit 1 if a criterion fails.
 
 What counts as right
 - A finding is right if it names a hidden effect: the library's name for that kind (RIGHT) and, where the
-  effect sits at one joint or pair, that joint or pair. If it sits at all joints, any of them; a bare name
+  effect sits at one joint or pair, that joint or pair. If it sits at all joints, any one or some of them; a bare name
   ("at some joint") is right too. pd_droop is the same formula as joint_compliance, so each is right for the
   other.
 - An effect that no data can tell from the truth (`confounded`) and that is listed with it, as
@@ -38,6 +38,7 @@ What counts as right
 
 import argparse
 import hashlib
+import itertools
 import json
 import multiprocessing
 import os
@@ -377,13 +378,18 @@ def answers(pending: list[tuple[Case, dict]], folder: Path, processes: int):
 # ---------------------------------------------------------------------------------------- evaluation
 
 
+def some_joints() -> list[tuple[int, ...]]:
+    """Every choice of joints that a name can list."""
+    return [joints for n in range(1, 8) for joints in itertools.combinations(range(1, 8), n)]
+
+
 def right_names(effect: dict) -> set[str]:
     """All names that are right for a hidden effect."""
     out = set()
     for name in RIGHT[effect["kind"]]:
         out.add(name)
         if effect["place"] == "all":
-            out |= {f"{name}[{j}]" for j in range(1, 8)}
+            out |= {f"{name}[{','.join(map(str, joints))}]" for joints in some_joints()}
         elif effect["place"]:
             out.add(f"{name}[{','.join(map(str, effect['place']))}]")
     return out

@@ -194,6 +194,30 @@ def test_gravity_torques_and_moments(arm, library):
         np.testing.assert_allclose(got.tau_payload, [want["q", j] for j in range(arm.n)], atol=1e-8)
 
 
+@pytest.mark.parametrize("library", LIBRARIES)
+@pytest.mark.parametrize("arm", ARMS, ids=IDS)
+def test_gravity_levers_are_what_the_libraries_find_for_one_kilogram(arm, library):
+    """A body of 1 kg at the origin of one frame, nothing else: moments about the axes of every frame before
+    it, and the force along a sliding joint."""
+    rng = np.random.default_rng(8)
+    cells, terms = all_twists(arm.n, [*range(arm.n + 1), TOOL][:9])
+    q, coef = rng.uniform(-3, 3, arm.n), rng.uniform(-0.3, 0.3, len(cells))
+    twists = chain_twists(arm.n, cells, coef)
+    model = PoseModel(flight_arm(arm), terms)
+    for body in range(1, arm.n + 2):  # the last one is the tool
+        mass = np.eye(arm.n + 1)[body - 1]
+        one = chains.Numbers(
+            arm.dh, arm.prismatic, arm.base, arm.tool, arm.gravity, mass[: arm.n], np.zeros((arm.n, 3))
+        )
+        want = library(chains.chain_of(one, q, twists, mass[arm.n], probes=True), arm.gravity).gravity
+        for link in range(min(body, arm.n)):
+            index = 16 * link + (body if body <= arm.n else 0)
+            got = [model.basis(f"lev{axis}", index, q, coef) for axis in "xyz"]
+            np.testing.assert_allclose(got, [want["probe", link, c] for c in range(3)], atol=1e-9)
+            if arm.prismatic[link]:
+                assert model.basis("gz", link, q, coef) == pytest.approx(want["q", link], abs=1e-9)
+
+
 def test_gravity_pulls_an_outstretched_arm_down():
     """One horizontal link of 1 m, 2 kg at its tip, axis along -y: gravity turns it by +19.62 N m."""
     arm = arm_from(
