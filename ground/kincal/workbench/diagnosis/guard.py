@@ -25,9 +25,7 @@ def without_doubtful(study: Study, found: Selection) -> Selection:
 def _unproven(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
     """The effect taken last, of those that held-out poses do not surely gain from."""
     model = _model(kept)
-    doubtful = (
-        k for k in reversed(kept) if k.role != "helps" and not study.held_gain(model, k.effect).gains
-    )
+    doubtful = (k for k in reversed(kept) if k.role != "helps" and not study.held_gain(model, k.effect).gains)
     return next(doubtful, None)
 
 
