@@ -87,6 +87,7 @@ void test_each_variable_reads_its_own_field(void)
     s_ctx.tilt_rad = 9.0;
     s_ctx.tag = 0.5;
     for (uint32_t k = 0u; k < 3u; k++) { s_ctx.p_cam_tool_m[k] = 200.0 + k; }
+    for (uint32_t k = 0u; k < 6u; k++) { s_ctx.pnp[k][KC_PNP_MAX] = 400.0 + k; }
 
     static const struct {
         uint8_t var, index;
@@ -116,6 +117,13 @@ void test_each_variable_reads_its_own_field(void)
         {KC_VAR_YCAM, 0u, 201.0},
         {KC_VAR_ZCAM, 0u, 202.0},
         {KC_VAR_TAG, 0u, 0.5},
+        {KC_VAR_PNP_TX, KC_PNP_MAX, 400.0},
+        {KC_VAR_PNP_TY, KC_PNP_MAX, 401.0},
+        {KC_VAR_PNP_TZ, KC_PNP_MAX, 402.0},
+        {KC_VAR_PNP_RX, KC_PNP_MAX, 403.0},
+        {KC_VAR_PNP_RY, KC_PNP_MAX, 404.0},
+        {KC_VAR_PNP_RZ, KC_PNP_MAX, 405.0},
+        {KC_VAR_PNP_RZ, KC_PNP_MAX + 1u, 0.0}, /* beyond the last column */
         {KC_VAR_GX, 0u, 300.0},
         {KC_VAR_GY, 8u, 381.0},
         {KC_VAR_GZ, 3u, 332.0},

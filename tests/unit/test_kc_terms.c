@@ -160,6 +160,19 @@ void test_every_variable_takes_its_own_range_of_indices(void)
     }
 }
 
+void test_columns_of_a_pnp_pose_do_not_fly(void)
+{
+    for (uint8_t var = KC_VAR_PNP_TX; var <= KC_VAR_PNP_RZ; var++) {
+        for (uint8_t i = 0u; i <= 2u; i++) {
+            int32_t index;
+            double got;
+            s_t.term[1].basis[1].var = var;
+            s_t.term[1].basis[1].index = i;
+            TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_terms_validate(&s_t, 7u, &index, &got));
+        }
+    }
+}
+
 static kc_status_t with_lever(uint8_t var, uint32_t index)
 {
     int32_t at;

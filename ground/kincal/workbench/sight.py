@@ -23,7 +23,7 @@ from .types import Array
 FIELDS_DEG = ((70.0, 44.0), (84.0, 58.0), (58.0, 45.0))
 # Half the width of an assumed board, over half that of the image at the median distance.
 FILLS = (0.7, 0.4, 1.0)
-_POINTS_ACROSS = 9  # of an assumed board
+_POINTS_ACROSS = 7  # of an assumed board
 _MOST_OBLIQUE = 0.5  # cosine between the viewing directions' mean and the normal of z = 0
 _SAME = 1e-9
 
