@@ -1,4 +1,4 @@
-"""Is a diagnosis of real poses stable, and silent where there is nothing? Random halves, and permuted residuals.
+"""Is a diagnosis of real poses stable, and silent where there is nothing? Halves, and permuted residuals.
 
     python tests/bench/halves.py [FOLDER] [--only NAME ...] [--halves 10] [--permutations 20]
                                  [--max-poses N] [--seed 1] [--json FILE]

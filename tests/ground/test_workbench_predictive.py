@@ -1,4 +1,4 @@
-"""What predicts is taken, what harms is taken back, the poses limit the coefficients, many poses are thinned."""
+"""What predicts is taken, what harms is taken back; few poses carry few coefficients, many are thinned."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
