@@ -164,7 +164,7 @@ def not_testable(n: Untestable) -> str:
 
 def verdict(d: Diagnosis) -> str:
     """The diagnosis in one sentence."""
-    taken = [e.name for e in d.effects if e.accepted or e.helps]
+    taken = [e.name for e in d.effects if e.in_model]
     with_them = f"with {listed(taken)} the held-out error falls {_fall(d)}" if taken else ""
     if d.verdict == "adequate":
         return "Nothing is missing that these data could show."
