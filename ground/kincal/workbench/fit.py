@@ -37,7 +37,7 @@ _SAME_COST, _SAME_WEIGHT, _SAME_STEP = 1e-7, 5e-3, 1e-9
 _STRAIGHT, _PROBE = 1e-2, 0.1  # prior sigmas of a step too short to bend; share of a step that is probed
 _LEAST_SCALE2 = 1e-6
 # Free effect parameters carry this many prior sigmas when their value is reported.
-_EFFECT_WIDTH = 10.0
+EFFECT_WIDTH = 10.0
 # Stand-in noise where nothing was stated; the fitted scale replaces it.
 _DEFAULT_SP_M, _DEFAULT_SR_RAD = 1e-3, 3e-3
 
@@ -396,7 +396,7 @@ def fit_model(
     robust: bool = True,
     frames: Frames | None = None,
     start: Mapping[str, float] | None = None,
-    effect_width: float = _EFFECT_WIDTH,
+    effect_width: float = EFFECT_WIDTH,
 ) -> Fit:
     """Fit DH errors (`dh`), unknown frames and the effects of `hypotheses`, with wide priors.
 

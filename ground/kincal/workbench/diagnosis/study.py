@@ -109,11 +109,10 @@ class Study:
 
     def fit(self, model: Model) -> Fit:
         """These effects beside the given ones, fitted to the data."""
-        return (
-            self._remembered(("fit", model), lambda: self._fit_to(self.base.data, self.base, model))
-            if model
-            else self.base
-        )
+        base = self.base
+        if not model:
+            return base
+        return self._remembered(("fit", model), lambda: self._fit_to(base.data, base, model))
 
     def room(self, model: Model) -> int:
         """Coefficients that may still be added to this model: what the core carries, and what the poses do.
