@@ -216,6 +216,7 @@ def comparison_text(c: Comparison) -> str:
         f"noise floor        {floor} ({c.noise_floor.source})",
         f"chi2 per degree    {c.chi2_per_dof:.3f}",
         f"lack of fit        {p_text}",
+        f"left over          {explain.left_over(c)}",
         f"verdict            the model {'explains' if c.adequate else 'does NOT explain'} these data",
         "",
         *_rest_lines(c),

@@ -75,15 +75,23 @@ class Columns:
         return [block.T for block in np.split(rows, ends[:-1])]
 
     def _parameters(self, parameters: Sequence[Parameter]) -> Array:
-        """(p, N c) sums of the terms of each parameter, scaled by its prior sigma."""
-        counts = np.array([len(p.terms) for p in parameters])
+        """(p, N c) sums of the terms of each parameter, scaled by its prior sigma. An effect at one joint and
+        the same at all of them share their terms: those are computed once."""
+        different = {id(p.terms): p.terms for p in parameters}
+        place = {key: k for k, key in enumerate(different)}
+        rows: Array = self._sums(list(different.values()))[[place[id(p.terms)] for p in parameters]]
+        rows *= np.array([p.sigma for p in parameters])[:, None]
+        return rows
+
+    def _sums(self, groups: Sequence[Sequence[Term]]) -> Array:
+        """(g, N c) sums of the terms of each group."""
+        counts = np.array([len(group) for group in groups])
         first = np.cumsum(counts) - counts
-        terms = self._of([term for p in parameters for term in p.terms])
-        out = np.zeros((len(parameters), self.n * self.c))
+        terms = self._of([term for group in groups for term in group])
+        out = np.zeros((len(groups), self.n * self.c))
         out[counts == 1] = terms[first[counts == 1]]
         for k in np.flatnonzero(counts > 1):
             out[k] = terms[first[k] : first[k] + counts[k]].sum(axis=0)
-        out *= np.array([p.sigma for p in parameters])[:, None]
         return out
 
     def _of(self, terms: Sequence[Term]) -> Array:

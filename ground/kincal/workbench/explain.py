@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from . import sight
-from .adequacy import Outliers
+from .adequacy import REPLICATES, STRUCTURE_P, Outliers
 from .compare import Comparison
 from .diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from .diagnosis.suggestions import Suggestion
@@ -134,6 +134,23 @@ def outlier_note(o: Outliers) -> str:
     if not o.clusters:
         return ""
     return f"the outliers cluster in {', '.join(o.clusters)}: that is an effect rather than bad poses"
+
+
+def left_over(c: Comparison) -> str:
+    """What is left on the fitted poses beside what is known of the noise: stated, estimated or unknown; and
+    whether it is noise at all."""
+    position = c.rms["fit"][0]
+    known, left = c.noise_floor.pos_m, f"{position * 1e3:.3f} mm are left"
+    if known is None:
+        text = f"{left}; no noise is stated and no pose repeated, so that its size alone tells nothing"
+    else:
+        kind = "noise estimated from replicates" if c.noise_floor.source == REPLICATES else "stated noise"
+        text = f"{left}, {position / known:.2f} times the {kind}"
+    if c.p_structure > STRUCTURE_P or not c.where:
+        return f"{text}; it follows no recorded variable"
+    first = c.where[0]
+    share = f"{first.share_of_variance:.0%}"
+    return f"{text}; {share} of it follows {in_words(first.variable)} at {first.at}: structure, not noise"
 
 
 def notes(c: Comparison) -> list[str]:

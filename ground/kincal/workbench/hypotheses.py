@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from kincal.schema.arm import ArmTable
 from kincal.schema.names import effect_of as effect_of
@@ -194,6 +195,7 @@ def joints_of(name: str) -> tuple[int, ...]:
     return tuple(int(number) for number in place.split(",")) if place else ()
 
 
+@lru_cache(maxsize=65536)
 def covers(name: str, other: str) -> bool:
     """Whether an effect by its name holds another: the same, at all joints, or at some and one of them."""
     if effect_of(name) != effect_of(other):

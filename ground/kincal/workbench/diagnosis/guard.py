@@ -20,8 +20,8 @@ def without_doubtful(study: Study, found: Selection) -> Selection:
     while (gone := _worst(study, kept)) is not None:
         kept = tuple(k for k in kept if k is not gone)
     model = _model(kept)
-    judged = tuple(k if study.held_gain(model, k.effect).gains else replace(k, role="helps") for k in kept)
-    return found if judged == found.kept else _settled(study, found, judged, found.taken_back)
+    sure = tuple(k if study.held_gain(model, k.effect).gains else replace(k, role="helps") for k in kept)
+    return found if sure == found.kept else _settled(study, found, sure, found.taken_back)
 
 
 def _worst(study: Study, kept: tuple[Kept, ...]) -> Kept | None:

@@ -109,13 +109,10 @@ class Study:
 
     def fit(self, model: Model) -> Fit:
         """These effects beside the given ones, fitted to the data."""
-        return self._remembered(("fit", model), lambda: self._fit(model)) if model else self.base
-
-    def _fit(self, model: Model) -> Fit:
         base = self.base
-        start = dict(zip(base.names, base.estimate, strict=True))
-        frames = (base.base, base.tool)
-        return fit_model(base.arm, base.data, [*self.given, *model], dh=self.dh, frames=frames, start=start)
+        if not model:
+            return base
+        return self._remembered(("fit", model), lambda: self._fit_to(base.data, base, model))
 
     def room(self, model: Model) -> int:
         """Coefficients that may still be added to this model: what the core carries, and what the poses do.
@@ -172,8 +169,9 @@ class Study:
         return self._remembered(("held", model), lambda: self._fit_to(part.data, part, model))
 
     def _fit_to(self, data: Measurements, near: Fit, model: Model) -> Fit:
-        frames = (near.base, near.tool)
-        return fit_model(near.arm, data, [*self.given, *model], dh=self.dh, frames=frames)
+        """A fit that begins where another one is."""
+        frames, start = (near.base, near.tool), dict(zip(near.names, near.estimate, strict=True))
+        return fit_model(near.arm, data, [*self.given, *model], dh=self.dh, frames=frames, start=start)
 
     def held_error(self, model: Model) -> PosRot:
         """RMS error of the held-out poses [m], [rad], NaN if there are none; the model is fitted to

@@ -1,0 +1,236 @@
+"""What predicts is taken, what harms is taken back; few poses carry few coefficients, many are thinned."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import poses
+import pytest
+
+from kincal import workbench as wb
+from kincal.workbench.columns import Columns
+from kincal.workbench.crossval import cross_validate, folds
+from kincal.workbench.diagnosis.guard import never_worse, without_doubtful
+from kincal.workbench.diagnosis.heldout import HeldGain
+from kincal.workbench.diagnosis.states import Kept, Selection
+from kincal.workbench.diagnosis.study import Study
+from kincal.workbench.effects import Hypothesis
+from kincal.workbench.fit import fit_model, rms
+from kincal.workbench.thinning import MANY, PART, part_of, spread, thinned
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+LIBRARY = wb.Library.load()
+TWIST = np.array([0.0, 1.0, 0.0, 0.6, 0.0, 0.0, 0.0])
+
+
+def wavy(q, _direction):
+    """An error of joint 2 by its own angle and of joint 4 by joints 4 and 6: the second has no name."""
+    return q + 4e-3 * TWIST * np.cos(q) + np.eye(7)[3] * 6e-3 * np.tanh(2 * q[3] - 2) * np.cos(q[5])
+
+
+def measured(folder, n, seed, true_q=None, **options):
+    arm = wb.read_arm(poses.arm_toml(folder / "arm.toml"))
+    return arm, wb.read_csv(poses.poses_csv(folder / f"{n}-{seed}.csv", n, seed, true_q, **options), 7)
+
+
+# --------------------------------------------------------------------------- cross-validation
+
+
+def test_cross_validation_is_ridge_regression_fold_by_fold(tmp_path):
+    """Oracle: scikit-learn's ridge regression on the stacked columns, each fold predicted by the others."""
+    from sklearn.linear_model import Ridge
+
+    arm, data = measured(tmp_path, 24, 3, wavy)
+    fit = fit_model(arm, data)
+    columns = Columns(fit, np.ones(data.n))
+    effect = LIBRARY.find("encoder_eccentricity[2]", arm, data)[0]
+    block = columns.hypothesis(effect)
+    losses = cross_validate(fit, columns, [block])
+    both = np.hstack([fit.J * fit.sigma_prior, 10.0 * block]) / fit.scale
+    target = (fit.z + fit.J @ fit.estimate) / fit.scale
+    expected = np.zeros(data.n)
+    for draw in range(3):
+        fold = folds(data, draw=draw)
+        for k in np.unique(fold):
+            held = np.repeat(fold == k, 6)
+            ridge = Ridge(alpha=1.0, fit_intercept=False, solver="svd").fit(both[~held], target[~held])
+            left = target[held] - ridge.predict(both[held])
+            expected[fold == k] += (left.reshape(-1, 6) ** 2).sum(axis=1) / 3
+    assert losses.effects[0] == pytest.approx(expected, rel=1e-5)
+    assert losses.gain[0] > 0.05
+    assert losses.sigmas[0] > 2.0
+
+
+def test_replicates_are_held_out_together(tmp_path):
+    _, data = measured(tmp_path, 30, 5)
+    groups = np.repeat(np.arange(10), 3)
+    fold = folds(replace(data, replicate=groups))
+    assert all(len(set(fold[groups == g])) == 1 for g in range(10))
+    assert len(set(fold)) > 4
+
+
+# --------------------------------------------------------------------------- gains and harms
+
+
+def test_gain_and_harm_are_said_by_one_interval():
+    noise = np.random.default_rng(0).chisquare(3, 400)
+    better = HeldGain.of(noise, 0.5 * noise, cross_validated=False)
+    worse = HeldGain.of(0.5 * noise, noise, cross_validated=False)
+    other = np.random.default_rng(1).chisquare(3, 400)
+    open_ = HeldGain.of(noise, other, cross_validated=False)
+    assert (better.gains, better.harms, better.worse) == (True, False, False)
+    assert (worse.gains, worse.harms, worse.worse) == (False, True, True)
+    assert (open_.gains, open_.harms) == (False, False)
+    assert better.after_m / better.before_m == pytest.approx(np.sqrt(0.5))
+
+
+@dataclass
+class Held:
+    """A study in which every effect multiplies the held-out error; where: whether noise explains the rest."""
+
+    factor: dict
+    n: int = 60
+    has_held_out: bool = True
+    known_noise: bool = False
+
+    def held_square(self, model):
+        return self._spread * np.prod([self.factor[h.name] ** 2 for h in model])
+
+    @property
+    def _spread(self):
+        return np.random.default_rng(3).chisquare(3, self.n)
+
+    def held_error(self, model):
+        return float(np.sqrt(self.held_square(model).mean())), None
+
+    def held_gain(self, model, h):
+        others = tuple(x for x in model if x is not h)
+        return HeldGain.of(self.held_square(others), self.held_square((*others, h)), cross_validated=False)
+
+    def posterior(self, model):
+        return f"beside {len(model)}"
+
+
+@dataclass
+class Last:
+    unnamed_wins: bool = True
+
+
+def chosen(*names):
+    kept = tuple(Kept(Hypothesis(name, name, ()), "accepted", None) for name in names)
+    return Selection(kept, tuple(k.effect for k in kept), None, Last())
+
+
+def test_what_harms_is_taken_back_and_what_helps_stays():
+    study = Held({"good": 0.7, "bad": 1.1})
+    found = never_worse(study, chosen("bad", "good"), study)
+    assert [k.effect.name for k in found.kept] == ["good"]
+    assert [k.effect.name for k in found.taken_back] == ["bad"]
+    assert found.last == "beside 1"
+
+
+def test_a_model_that_only_gains_is_left_alone():
+    study = Held({"good": 0.7, "fair": 0.95})
+    start = chosen("good", "fair")
+    assert never_worse(study, start, study) is start
+
+
+def test_doubtful_effects_go_one_after_another_and_unproven_ones_have_not_won():
+    class Noisy(Held):
+        def held_gain(self, model, h):
+            gain = super().held_gain(model, h)
+            return replace(gain, interval=(gain.interval[0] * 0.9, 1.05)) if h.name == "fair" else gain
+
+    study = Noisy({"good": 0.7, "fair": 0.97, "bad": 1.01})
+    found = without_doubtful(study, chosen("good", "fair", "bad"))
+    assert [(k.effect.name, k.role) for k in found.kept] == [("good", "accepted"), ("fair", "helps")]
+
+
+# --------------------------------------------------------------------------- few poses
+
+
+def test_few_poses_carry_few_coefficients_and_take_turns_in_being_held_out(tmp_path):
+    arm, data = measured(tmp_path, 18, 2, wavy, position_only=True)
+    data = replace(data, cov=None)
+    study = Study.of(arm, data, LIBRARY, (), True)
+    freedom = study.comparison.fit_part.dof
+    assert study.room(()) == int(freedom / 4)
+    assert len(study.held_square(())) == 18
+    found = wb.diagnose(arm, data, LIBRARY)
+    assert 4 * sum(len(e.parameters) for e in found.effects if e.in_model) <= freedom
+    assert found.remainder.held_pos_m <= found.comparison.rms["held"][0]
+    assert all(e.held.cross_validated for e in found.effects)
+
+
+def test_no_claim_is_sure_while_structure_is_left_and_noise_is_unknown(tmp_path):
+    """The library lacks both effects, and nothing says how large the noise is."""
+    arm, data = measured(tmp_path, 120, 4, wavy, position_only=True)
+    names = [n for n in LIBRARY.effects if n.startswith(("encoder_ecc", "joint_coupling", "bearing"))]
+    found = wb.diagnose(arm, replace(data, cov=None), LIBRARY.without(*names))
+    assert found.comparison.p_lack_of_fit is None
+    assert not found.adequate_after
+    assert max((e.probability for e in found.effects), default=0.0) <= 0.9
+    assert found.effects, "the best named effects are listed although something unnamed wins"
+    assert found.remainder.held_pos_m <= found.comparison.rms["held"][0]
+
+
+# --------------------------------------------------------------------------- many poses
+
+
+def test_a_part_is_spread_over_all_conditions_and_always_the_same():
+    rng = np.random.default_rng(6)
+    crowd = np.vstack([rng.normal(0.0, 0.01, (500, 2)), [[3.0, 0.0], [0.0, 3.0], [-3.0, -3.0]]])
+    first = spread(crowd, 4)
+    assert {500, 501, 502} < set(first)
+    assert list(first) == list(spread(crowd, 4))
+
+
+def test_many_poses_are_searched_on_a_part_and_judged_on_all(tmp_path):
+    n = MANY + 300
+    arm, data = measured(tmp_path, n, 8, lambda q, _: q + 4e-3 * TWIST * np.cos(q) * [0, 1, 0, 0, 0, 0, 0])
+    assert len(part_of(data)) == len(set(part_of(data))) == PART
+    fit = fit_model(arm, data)
+    few = thinned(fit)
+    assert few.data.n == PART
+    assert rms(few.evaluation.r)[0] == pytest.approx(rms(fit.evaluation.r)[0], rel=0.1)
+    assert few.model.residuals(few.estimate) == pytest.approx(few.evaluation.r, abs=1e-12)
+    found = wb.diagnose(arm, data, LIBRARY)
+    assert [e.name for e in found.effects if e.accepted] == ["encoder_eccentricity[2]"]
+    assert found.final.data.n == found.comparison.poses == n
+    amplitude = np.hypot(*[p.value for p in found.effects[0].parameters])
+    assert amplitude == pytest.approx(4e-3, rel=0.1)
+
+
+# --------------------------------------------------------------------------- the fit
+
+
+def test_a_fit_in_a_curved_valley_comes_to_its_end(tmp_path):
+    """Positions only, base and tool unknown: damped straight steps crept along the valley and ran out."""
+    path = poses.arm_toml(tmp_path / "arm.toml")
+    path.write_text(path.read_text().replace("quat_wxyz = [1.0, 0.0, 0.0, 0.0]", "estimate = true"))
+    path.write_text("\n".join(x for x in path.read_text().splitlines() if not x.startswith("xyz_m")))
+    arm = wb.read_arm(path)
+    data = wb.read_csv(poses.poses_csv(tmp_path / "p.csv", 80, 7, dh_size=2e-2, position_only=True), 7)
+    fit = fit_model(arm, replace(data, cov=None))
+    assert fit.converged
+    gradient = fit.J.T @ (np.repeat(fit.weight, 3) * fit.z) / fit.scale**2 - fit.estimate / fit.sigma_prior**2
+    downhill = gradient * fit.sigma_prior
+    inner = (fit.J * fit.sigma_prior).T * np.repeat(fit.weight, 3) @ (fit.J * fit.sigma_prior) / fit.scale**2
+    left = downhill @ np.linalg.solve(inner + np.eye(len(downhill)), downhill)
+    assert left < 1e-2  # units of chi^2 that an undamped step could still gain
+
+
+# --------------------------------------------------------------------------- real arms
+
+needs_data = pytest.mark.skipif(
+    not DATA.is_dir(), reason="the real measurements are not beside this checkout"
+)
+
+
+@needs_data
+def test_wam_is_named_and_predicted_better_than_by_independent_fits():
+    arm = wb.read_arm(DATA / "wam" / "wam.toml")
+    found = wb.diagnose(arm, wb.read_csv(DATA / "wam" / "wam.csv", 7), LIBRARY)
+    assert any(e.name.startswith("backlash") and e.accepted for e in found.effects)
+    assert found.remainder.held_pos_m <= 1.60e-3
+    assert not any(e.in_model and e.harms for e in found.effects)
