@@ -369,7 +369,7 @@ class Library:
     ) -> bool:
         """Whether an effect has constants that the data still have to choose: those of its grid, or what is
         assumed of camera and target."""
-        effect = self.effects.get(name.partition("[")[0])
+        effect = self.effect(name)
         if effect is None:
             return False
         if effect.sees_points(arm, data):
