@@ -258,6 +258,21 @@ def test_next_poses_name_the_alternatives(given):
     assert "next poses, to separate" in good("next", *given, "joint_compliance[2]", "base_flex").output
 
 
+def test_next_poses_are_written_as_measurements_are_read(given, folder, tmp_path):
+    out = tmp_path / "next.csv"
+    got = answer("next", *given, "--count", 3, "-o", out, "joint_compliance[2]", "base_flex")["next_poses"]
+    arm = wb.read_arm(folder / "arm.toml")
+    back = wb.read_csv(out, arm.n)
+    assert back.q == pytest.approx(np.array([pose["q"] for pose in got]), abs=1e-8)
+    assert back.p_m == pytest.approx(np.array([pose["tool_m"] for pose in got]), abs=1e-8)
+    assert back.direction.tolist() == [pose["direction"] for pose in got]
+    assert [set(pose) >= {"d2", "probability"} for pose in got] == [True] * 3
+    done = kincal("next", *given, "backlash[4]", "backlash[4]")
+    assert (done.exit_code, "twice" in done.output) == (EXIT_INPUT, True)
+    done = kincal("next", *given, "--inside", "1,2,x", "backlash[4]", "base_flex")
+    assert (done.exit_code, "x0,y0,z0" in done.output) == (EXIT_INPUT, True)
+
+
 def test_effects_lists_what_people_need():
     rows = {row["name"]: row for row in answer("effects")}
     assert len(rows) >= 28

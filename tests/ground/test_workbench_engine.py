@@ -8,6 +8,7 @@ import numpy as np
 import poses
 import pytest
 from scipy import stats
+from scipy.spatial import Delaunay
 
 from kincal import workbench as wb
 from kincal.flight import Arm, Model, Observations, Terms
@@ -17,8 +18,9 @@ from kincal.workbench import evidence, explain
 from kincal.workbench.answers import fit_text
 from kincal.workbench.columns import Columns
 from kincal.workbench.fit import fit_model
+from kincal.workbench.measurable import Box, Limits
 from kincal.workbench.model import flight_model
-from kincal.workbench.nextposes import next_poses
+from kincal.workbench.nextposes import expected_probability, next_poses
 from kincal.workbench.uplink import term_table
 
 DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
@@ -328,6 +330,57 @@ def test_next_poses_stay_inside_the_limits_and_gain_power(arm, library, tmp_path
     assert all(np.all(np.array(p.q) >= low) and np.all(np.array(p.q) <= high) for p in found)
     power = [p.power for p in found]
     assert power == sorted(power)
+    assert [p.probability for p in found] == sorted(p.probability for p in found)
+    assert 0.5 < found[0].probability < 1.0
+
+
+def test_expected_probability_is_the_mean_over_normal_log_odds():
+    for d2 in (0.1, 3.0, 12.0):
+        log_odds = np.random.default_rng(1).normal(d2 / 2, np.sqrt(d2), 400_000)
+        assert expected_probability(d2) == pytest.approx(np.mean(1 / (1 + np.exp(-log_odds))), abs=2e-3)
+
+
+def test_next_poses_stay_where_poses_were_measured(arm, library, tmp_path):
+    data = measure(tmp_path, 200, 19)
+    # a set that was measured in one corner only
+    seen = data.take(np.flatnonzero((data.p_m[:, 0] > 0.1) & (data.p_m[:, 2] > 0.4)))
+    fit = fit_model(arm, seen)
+    alternatives = [library.find(n, arm, seen)[0] for n in ("encoder_gain[2]", "encoder_eccentricity[2]")]
+    hull = Delaunay(seen.p_m)
+    centre = seen.p_m.mean(axis=0)
+    for p in next_poses(fit, alternatives, count=6, tries=60):
+        assert np.linalg.norm(np.array(p.tool_m) - poses.tool_pose(p.q, np.zeros((7, 4)))[:3, 3]) < 0.05
+        inward = np.array(p.tool_m) + 0.02 * (centre - p.tool_m)
+        assert hull.find_simplex(inward) >= 0
+
+
+def test_next_poses_keep_out_of_boxes_and_in_what_else_is_possible(arm, library, tmp_path):
+    data = measure(tmp_path, 60, 20)
+    fit = fit_model(arm, data)
+    alternatives = [library.find(n, arm, data)[0] for n in ("encoder_gain[2]", "encoder_eccentricity[2]")]
+    limits = Limits(
+        inside=(Box.of([2, 2, 2, -2, -2, 0.5]),),
+        outside=(Box.of([0.4, -2, 0, 2, 2, 2]),),
+        possible=lambda q: q[:, 0] > 0.0,
+    )
+    found = next_poses(fit, alternatives, count=6, tries=60, limits=limits)
+    assert len(found) == 6
+    for p in found:
+        assert p.q[0] > 0.0
+        assert p.tool_m[2] >= 0.5 - 1e-3
+        assert p.tool_m[0] <= 0.4 + 1e-3
+
+
+def test_poses_that_nothing_allows_and_doubled_effects_are_refused(arm, library, tmp_path):
+    data = measure(tmp_path, 60, 20)
+    fit = fit_model(arm, data)
+    one, two = (library.find(n, arm, data)[0] for n in ("encoder_gain[2]", "encoder_eccentricity[2]"))
+    with pytest.raises(wb.BadInput, match="twice"):
+        next_poses(fit, [one, one])
+    with pytest.raises(wb.CannotAnswer, match="inside the given boxes"):
+        next_poses(fit, [one, two], tries=20, limits=Limits(inside=(Box.of([8, 8, 8, 9, 9, 9]),)))
+    with pytest.raises(wb.BadInput, match="six numbers"):
+        Box.of([1, 2, 3])
 
 
 # --------------------------------------------------------------------------- real arms

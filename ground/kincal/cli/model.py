@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from kincal.workbench.additions import Addition
     from kincal.workbench.data import Measurements
     from kincal.workbench.effects import Library
+    from kincal.workbench.measurable import Box
     from kincal.workbench.modelfile import ModelFile
 
 ARM = click.option(
@@ -405,6 +406,26 @@ def history_command(model_path: Path) -> None:
 @EFFECTS
 @JSON
 @click.option("--count", type=click.IntRange(1, 64), default=8, show_default=True, help="Poses wanted.")
+@click.option(
+    "--inside",
+    multiple=True,
+    metavar="X0,Y0,Z0,X1,Y1,Z1",
+    help="Box for the tool point [m]; may be repeated.  [default: where poses were measured]",
+)
+@click.option(
+    "--outside",
+    multiple=True,
+    metavar="X0,Y0,Z0,X1,Y1,Z1",
+    help="Box that no part of the arm may enter [m]; may be repeated.",
+)
+@click.option(
+    "--out",
+    "-o",
+    "out_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=None,
+    help="Write the poses as CSV: joints, approach direction, tool position.",
+)
 @click.argument("names", metavar="EFFECT EFFECT...", nargs=-1, required=True)
 def next_command(
     arm_path: Path,
@@ -413,18 +434,30 @@ def next_command(
     effect_files: tuple[Path, ...],
     as_json: bool,
     count: int,
+    inside: tuple[str, ...],
+    outside: tuple[str, ...],
+    out_path: Path | None,
     names: tuple[str, ...],
 ) -> None:
     """The poses that separate two or more alternative effects best.
 
+    They lie where poses were measured: tool positions, joint ranges, directions of the tool, view of the
+    camera.
+
     \b
-    Example:
+    Examples:
         kincal model next --arm arm.toml --data poses.csv joint_compliance[2] base_flex
+        kincal model next --arm arm.toml --data poses.csv -o next.csv backlash[1] encoder_gain[1]
     """
     from kincal.workbench.answers import poses_json, poses_text
     from kincal.workbench.constants import choose_constants
     from kincal.workbench.fit import fit_model
-    from kincal.workbench.nextposes import next_poses
+    from kincal.workbench.measurable import Limits
+    from kincal.workbench.nextposes import next_poses, poses_csv
+
+    limits = Limits(_boxes("--inside", inside), _boxes("--outside", outside))
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise BadInput(f"{twice[0]} is given twice", todo="name two or more different effects")
 
     arm, data = _load(arm_path, given)
     chosen, library = _model(model_path, effect_files, arm)
@@ -434,8 +467,25 @@ def next_command(
         choose_constants(library, [name], arm, data, dh=chosen.dh, joined=True)[0] for name in names
     ]
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
-    poses = next_poses(fit_model(arm, data, effects, dh=chosen.dh), alternatives, count=count)
+    fit = fit_model(arm, data, effects, dh=chosen.dh)
+    poses = next_poses(fit, alternatives, count=count, limits=limits)
+    if out_path is not None:
+        out_path.write_text(poses_csv(poses), encoding="utf-8")
+        click.echo(f"{out_path}: {len(poses)} poses", err=as_json)
     click.echo(json.dumps({"next_poses": poses_json(poses)}, indent=1) if as_json else poses_text(poses))
+
+
+def _boxes(option: str, texts: Sequence[str]) -> tuple[Box, ...]:
+    """Boxes of an option. BadInput names what is not six numbers."""
+    from kincal.workbench.measurable import BOX_TEXT, Box
+
+    def numbers(text: str) -> list[float]:
+        try:
+            return [float(x) for x in text.split(",")]
+        except ValueError:
+            raise BadInput(f"{option} {text}: not numbers", todo=BOX_TEXT) from None
+
+    return tuple(Box.of(numbers(text)) for text in texts)
 
 
 @model.command("uplink")

@@ -51,6 +51,9 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     model = ("--model", inputs.model or _NEW_MODEL)
     if names:
         yield Step("add what was found to the model", _kincal("add", *model, *names))
+    if d.novel is not None and d.novel.held.gains:
+        why = "add the function that has no name: held-out poses gain"
+        yield Step(why, _kincal("add", *inputs.sources, *model, d.novel.name))
     if names or inputs.model or d.verdict == "adequate":
         yield Step("fit it and see what each effect brings", _kincal("fit", *inputs.sources, *model))
 

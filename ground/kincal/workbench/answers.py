@@ -149,7 +149,8 @@ def poses_json(poses: Sequence[NextPose]) -> list[Json]:
     """`kincal model next --json`."""
     return [
         {"q": list(p.q), "direction": None if p.direction is None else list(p.direction),
-         "separates": list(p.separates), "power": p.power}
+         "tool_m": list(p.tool_m), "payload_kg": p.payload_kg, "separates": list(p.separates), "d2": p.d2,
+         "power": p.power, "probability": p.probability}
         for p in poses
     ]  # fmt: skip
 
@@ -249,13 +250,19 @@ def _rest_lines(c: Comparison) -> list[str]:
 
 
 def poses_text(poses: Sequence[NextPose]) -> str:
-    """Numbered poses; power counts the poses above too. Empty if there are none."""
+    """Numbered poses, and what they buy; each line counts the poses above too. Empty if there are none."""
     if not poses:
         return ""
     lines = [f"next poses, to separate {', '.join(poses[0].separates)}:"]
     for k, p in enumerate(poses, 1):
         sign = "" if p.direction is None else "  approach " + " ".join(f"{s:+d}" for s in p.direction)
         lines.append(f"  {k:2d}  q = {', '.join(f'{x:+.3f}' for x in p.q)}{sign}  power {p.power:.2f}")
+    last = poses[-1]
+    expected = explain.probability(last.probability)
+    lines += [
+        f"with all {len(poses)} of them the true effect is expected to reach {expected} against the nearest",
+        f"alternative (d2 = {last.d2:.1f}); chance to exceed 0.90: {last.power:.2f}",
+    ]
     return "\n".join(lines)
 
 
