@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -38,6 +38,21 @@ class Given:
     skip_bad: bool
     infer_direction: bool = True
     excluded: tuple[str, ...] = ()
+    force: bool = False
+
+    def checked(self, arm: ArmTable) -> Measurements:
+        """The measurements for a command that computes with them. BadInput if arm and data do not belong
+        together, unless forced; what is odd is said on stderr and kept as `doubts`."""
+        from kincal.workbench.belonging import check, refuse
+
+        data = self.read(arm)
+        answer = check(arm, data, thorough=False)
+        if not self.force:
+            refuse(answer, arm, "correct it, or add --force to go on all the same")
+        doubts = tuple(finding.text for finding in answer.findings if finding.severity != "note")
+        for doubt in doubts:
+            click.echo(f"warning: {doubt}", err=True)
+        return replace(data, doubts=doubts)
 
     def read(self, arm: ArmTable) -> Measurements:
         """The measurements; notes and columns that nothing reads are named on stderr."""
@@ -111,8 +126,8 @@ def _rotation(text: str) -> dict[str, Any]:
 
 
 def data_options(*, required: bool = True, about: str = "") -> Callable[[Command], Command]:
-    """Options --data, --map, --column, --units, --rotation, --skip-bad, --no-inferred-direction and --exclude,
-    given to the command as one argument `given` (None if no --data was given and none is required)."""
+    """Options --data, --map, --column, --units, --rotation, --skip-bad, --no-inferred-direction, --exclude and
+    --force, given to the command as one argument `given` (None if no --data was given and none is required)."""
     options = (
         click.option(
             "--data",
@@ -137,6 +152,7 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
                      help="Without dir columns do not take approach directions from the order of rows."),
         click.option("--exclude", "excluded", multiple=True, metavar="ID,...",
                      help="Poses to leave out, by their ids, as the report lists them after a click."),
+        click.option("--force", is_flag=True, help="Go on when arm table and data do not belong together."),
     )  # fmt: skip
 
     def decorate(command: Command) -> Command:
@@ -151,10 +167,11 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
             skip_bad: bool,
             no_inferred_direction: bool,
             excluded: tuple[str, ...],
+            force: bool,
             **rest: Any,
         ) -> Any:
             ids = tuple(name.strip() for text in excluded for name in text.split(",") if name.strip())
-            said = (columns, units, rotation, skip_bad, not no_inferred_direction, ids)
+            said = (columns, units, rotation, skip_bad, not no_inferred_direction, ids, force)
             given = Given(paths, map_path, *said) if paths else None
             return command(*args, given=given, **rest)
 

@@ -10,6 +10,7 @@ import click
 
 from kincal import __version__
 from kincal.cli.data import Given, data_options
+from kincal.cli.errors import EXIT_FAILED
 from kincal.cli.options import PATH, tables_option
 from kincal.cli.provenance import say_files, today
 from kincal.cli.terminal import progress
@@ -45,7 +46,7 @@ def _load(arm_path: Path, given: Given) -> tuple[ArmTable, Measurements]:
     from kincal.schema.arm import read_arm
 
     arm = read_arm(arm_path)
-    return arm, given.read(arm)
+    return arm, given.checked(arm)
 
 
 def _model(model_path: Path | None, effect_files: tuple[Path, ...]) -> tuple[ModelFile, Library]:
@@ -67,6 +68,30 @@ def model() -> None:
     Example:
         kincal model diagnose --arm arm.toml --data poses.csv
     """
+
+
+@model.command("check")
+@ARM
+@DATA
+@JSON
+def check_command(arm_path: Path, given: Given, as_json: bool) -> None:
+    """Do the arm table and the measurements belong together?
+
+    Exit status 0 if they do, 1 if something has to be put right first.
+
+    \b
+    Example:
+        kincal model check --arm arm.toml --data poses.csv
+    """
+    from kincal.cli.text import check as text
+    from kincal.schema.arm import read_arm
+    from kincal.workbench.belonging import check
+
+    arm = read_arm(arm_path)
+    answer = check(arm, given.read(arm))
+    click.echo(json.dumps(text.as_json(answer), indent=1) if as_json else text.lines(answer))
+    if not answer.ok:
+        click.get_current_context().exit(EXIT_FAILED)
 
 
 @model.command("compare")

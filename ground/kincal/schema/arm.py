@@ -26,6 +26,7 @@ from .errors import Contradiction, parse_toml, read_toml, validate
 from .numbers import Angle, NotNegative, Positive, Real, Vec3
 
 MAX_JOINTS = 16
+_SAME_DH = 1e-6  # [rad or m], as people round DH parameters
 _UNIT_TOLERANCE = 1e-3  # of the norm of a quaternion as people round it
 
 Quat = tuple[Real, Real, Real, Real]
@@ -258,7 +259,9 @@ class ArmTable:
     base: measurement frame -> frame 0; tool: last link -> measured frame; gravity_m_s2 (3,) in the base
     frame.
     camera: intrinsics if the file has them; mount: "world" or "tool"; target_points_m (k, 3) in the target's
-    frame or None. source: the file; provenance: where its numbers come from, as it says.
+    frame or None. source: the file; provenance: where its numbers come from, as it says; first_link: a [m] and
+    alpha [rad] before joint 1 of a file in modified DH, which are in `base` here, None if the file is in
+    standard DH.
     """
 
     name: str
@@ -271,6 +274,7 @@ class ArmTable:
     target_points_m: Array | None = None
     source: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)
+    first_link: tuple[float, float] | None = None
 
     @property
     def n(self) -> int:
@@ -286,6 +290,16 @@ class ArmTable:
     def has_gears(self) -> bool:
         """Whether every joint has a gear ratio."""
         return all(joint.gear_ratio for joint in self.joints)
+
+
+def dh_rows(arm: ArmTable) -> Array:
+    """(n, 5) nominal joints: 1 for prismatic, a [m], alpha [rad], d [m], phi [rad], standard DH."""
+    return np.array([(j.prismatic, j.a_m, j.alpha_rad, j.d_m, j.phi_rad) for j in arm.joints], dtype=float)
+
+
+def same_joints(one: ArmTable, other: ArmTable) -> bool:
+    """Whether two tables describe the same nominal arm, base and tool frame aside."""
+    return one.n == other.n and np.allclose(dh_rows(one), dh_rows(other), rtol=0.0, atol=_SAME_DH)
 
 
 def shipped_arms() -> dict[str, Traversable]:
@@ -330,7 +344,25 @@ def _arm(file: ArmFile, source: str, stem: str) -> ArmTable:
         target_points_m=np.array(file.target.points_m, dtype=float) if file.target else None,
         source=source,
         provenance=file.provenance,
+        first_link=_first_link(file),
     )
+
+
+def _first_link(file: ArmFile) -> tuple[float, float] | None:
+    return (file.joint[0].a_m, file.joint[0].alpha_rad) if file.convention == "modified" else None
+
+
+def other_convention(arm: ArmTable) -> ArmTable:
+    """The arm that the same numbers mean in the other DH convention; the base frame is left as it is."""
+    if arm.first_link is None:
+        joints, _ = _from_modified(list(arm.joints), arm.base)
+        return replace(arm, joints=tuple(joints), first_link=(arm.joints[0].a_m, arm.joints[0].alpha_rad))
+    links = [arm.first_link, *((joint.a_m, joint.alpha_rad) for joint in arm.joints[:-1])]
+    joints = [
+        replace(joint, a_m=a_m, alpha_rad=alpha_rad)
+        for joint, (a_m, alpha_rad) in zip(arm.joints, links, strict=True)
+    ]
+    return replace(arm, joints=tuple(joints), first_link=None)
 
 
 def _camera(sensor: SensorEntry) -> Camera | None:

@@ -59,8 +59,8 @@ VARIABLES = {
     "ycam": Variable("ycam", "m", needs="cam"),
     "zcam": Variable("zcam", "m", needs="cam"),
     "tag": Variable("tag", "0, 0.5, 1", needs="tag"),
-    # What gravity does whatever the masses are: its direction in the frame of a link, and the moment of 1 kg at
-    # the origin of a body beyond a link, about the origin of the link's frame.
+    # What gravity does whatever the masses are: its direction in the frame of a link, and the moment of 1 kg
+    # at the origin of a body beyond a link, about the origin of the link's frame.
     "gx": Variable("gx", "m/s^2", True),
     "gy": Variable("gy", "m/s^2", True),
     "gz": Variable("gz", "m/s^2", True),
@@ -94,5 +94,6 @@ JOINT_PLACES = ("joint", "before", "link")
 DATA_CONSTANTS = ("T0", "tstart")
 GEAR_RATIO = "N"
 JOINT_LETTERS = ("i", "j", "p", "k")
-# The body of a gravity lever: a link's number, or the tool. Its index on board is 16 x link + body (kc_terms.h).
+# The body of a gravity lever: a link's number, or the tool. Its index on board is 16 x link + body
+# (kc_terms.h).
 TOOL_BODY, LEVER_STRIDE = "tool", 16

@@ -16,6 +16,7 @@ from .types import Array, Indices, Mask
 
 # Names that effects use for their needs, where they differ from ours.
 _RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
+_MEASURED = ("q", "p_m", "quat_wxyz", "direction", "payload_kg", "temp_c")  # equal in copies of a row
 _NAMED = 5  # ids in a message
 SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
 
@@ -35,7 +36,9 @@ class Measurements:
     poses that were measured again (same commanded pose); the others are (N,) in the unit of their name.
     direction_source: "measured" (in the file), "inferred" from the order of measurement, or "none".
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
+    duplicates: number of rows that were left out as copies of another row;
     unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
+    doubts: what speaks against the arm table and these data belonging together, in words;
     whole: the set that these poses were taken from, None if they are all of it.
     """
 
@@ -65,8 +68,10 @@ class Measurements:
     order_is_time: bool = False
     direction_source: DirectionSource = "measured"
     skipped: tuple[str, ...] = ()
+    duplicates: int = 0
     unknown_columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     whole: Measurements | None = None
 
     def __post_init__(self) -> None:
@@ -117,6 +122,17 @@ class Measurements:
         """Whether a column is there and never changes."""
         values = getattr(self, _RENAMED.get(column, column), None)
         return values is not None and not np.ptp(values, axis=0).any()
+
+
+def without_copies(data: Measurements) -> Measurements:
+    """The poses without rows that repeat another one to the last bit: noise makes replicates differ, so these
+    are the same measurement written twice."""
+    parts = [x for name in _MEASURED if (x := getattr(data, name)) is not None]
+    rows = np.ascontiguousarray(np.column_stack(parts)) + 0.0  # no negative zeros
+    _, first = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))), return_index=True)
+    if len(first) == data.n:
+        return data
+    return replace(data.take(np.sort(first)), duplicates=data.n - len(first), whole=None)
 
 
 def replicate_groups(q: Array, tol: float = SAME_POSE) -> NDArray[np.int_]:

@@ -43,8 +43,8 @@ def _found(d: Diagnosis) -> Iterator[str]:
     for e in d.effects:
         yield from _effect_lines(e, d)
     if d.effects:
-        yield "  * added: it won; + added: held-out poses gain; the others are alternatives. Ratios compare the"
-        yield "  final model with and without the effect. Probabilities hold for this library and its priors."
+        yield "  * added: it won; + added: held-out poses gain; the others are alternatives. Ratios are of"
+        yield "  the final model with and without the effect. Probabilities hold for this library and its priors."
 
 
 def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:

@@ -370,8 +370,8 @@ class Library:
         data: Measurements | None,
         known: Mapping[str, float] | None = None,
     ) -> list[Hypothesis]:
-        """Instances for `name[joint]`, each joint of `name[2,3]`, or all joints for a bare name. BadInput with
-        near names."""
+        """Instances for `name[joint]`, each joint of `name[2,3]`, or all joints for a bare name. BadInput
+        with near names."""
         base = name.partition("[")[0]
         if base not in self.effects:
             near = [n for n in self.effects if n.startswith(base[:4])] or list(self.effects)

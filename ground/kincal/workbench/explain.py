@@ -91,10 +91,10 @@ def against(e: EffectFinding, d: Diagnosis) -> str:
     """What the probability of an effect is against; empty where held-out poses decided."""
     if e.role == "helps":
         return ""
-    return 'against "nothing missing" and the unnamed' if e.accepted else _rival(d)
+    return 'against "nothing missing" and the unnamed' if e.accepted else _competitor(d)
 
 
-def _rival(d: Diagnosis) -> str:
+def _competitor(d: Diagnosis) -> str:
     accepted = [x.name for x in d.effects if x.accepted]
     if accepted:
         return f"in place of {listed(accepted)}"
@@ -136,7 +136,7 @@ def notes(c: Comparison) -> list[str]:
     """What else a reader of a comparison should know."""
     still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
     assumed = sight.in_words(c.fit_all.arm, c.data)
-    return [*still, assumed] if assumed else still
+    return [*c.data.doubts, *still, *([assumed] if assumed else [])]
 
 
 def not_testable(n: Untestable) -> str:

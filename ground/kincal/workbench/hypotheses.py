@@ -88,7 +88,7 @@ class Competition:
         )
 
     def with_some_joints(self, open_: Sequence[Candidate], h: Hypothesis) -> tuple[Candidate, ...]:
-        """Candidates with an effect at some of its joints beside it at all of them; they share their prior."""
+        """Candidates with an effect at some joints beside it at all of them; they share their prior."""
         whole = next((c for c in open_ if c.name == h.effect), None)
         if whole is None or len(joints_of(h.name)) < 2 or any(c.name == h.name for c in open_):
             return tuple(open_)
@@ -182,7 +182,7 @@ def joints_of(name: str) -> tuple[int, ...]:
 
 
 def covers(name: str, other: str) -> bool:
-    """Whether an effect by its name holds another: the same, at all joints, or at some joints and one of them."""
+    """Whether an effect by its name holds another: the same, at all joints, or at some and one of them."""
     if effect_of(name) != effect_of(other):
         return False
     single = joints_of(other)

@@ -62,7 +62,7 @@ def read_csv(
     source = _existing(Path(path))
     joints, chosen = Joints.of(n_joints), mapping or DataMap()
     data = measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad)
-    return with_direction(data) if infer_direction else data
+    return joined([with_direction(data) if infer_direction else data])
 
 
 def _read(path: Path, joints: Joints, mapping: DataMap, skip_bad: bool, session: int | None) -> Measurements:

@@ -11,26 +11,29 @@ from numpy.typing import NDArray
 
 from kincal.errors import BadInput
 
-from ..data import Measurements, replicate_groups
+from ..data import Measurements, replicate_groups, without_copies
 from ..types import Array
 
 # Made anew for the whole set, or of no rows.
-_MADE_ANEW = {"source", "ids", "t_s", "order_is_time", "replicate", "skipped", "unknown_columns", "notes"}
-_MADE_ANEW |= {"direction_source"}
+_MADE_ANEW = {
+    "source", "ids", "t_s", "order_is_time", "replicate", "skipped", "duplicates", "unknown_columns", "notes",
+    "doubts", "direction_source", "whole",
+}  # fmt: skip
 
 
 def joined(sets: Sequence[Measurements]) -> Measurements:
     """All poses of one or more sets, in their order.
 
     A quantity that not all of them have is left out, and a note says so; BadInput if that is the split, or
-    if two sets hold the same rows. Where an id occurs in two files, the number of the file is put before all
-    ids. Without times everywhere the order of the rows is the time.
+    if two sets hold the same rows. Rows that repeat another one are left out and counted. Where an id occurs
+    in two files, the number of the file is put before all ids. Without times everywhere the order of the rows
+    is the time.
     """
     if not sets:
         raise BadInput("no measurements given", todo="name a file with --data")
     first = sets[0]
     if len(sets) == 1:
-        return first
+        return without_copies(first)
     _refuse_doubles(sets)
     left_out: list[str] = []
     changes: dict[str, Any] = {}
@@ -47,7 +50,7 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
     timed = not any(data.order_is_time for data in sets)
     times = np.concatenate([np.zeros(0) if data.t_s is None else data.t_s for data in sets])
     n = sum(data.n for data in sets)
-    return replace(
+    together = replace(
         first,
         **changes,
         source=", ".join(data.source for data in sets),
@@ -60,6 +63,7 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         unknown_columns=tuple(dict.fromkeys(name for data in sets for name in data.unknown_columns)),
         notes=(*dict.fromkeys(note for data in sets for note in data.notes), *left_out),
     )
+    return without_copies(together)
 
 
 def _refuse_doubles(sets: Sequence[Measurements]) -> None:

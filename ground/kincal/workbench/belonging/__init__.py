@@ -1,0 +1,11 @@
+"""Do the arm table and the measurements belong together?
+
+`check` looks at what was recorded (doubled rows, readings outside the limits, joints that stand still), then
+at whether the nominal arm explains the poses. If it does not, simple misreadings of the files are tried:
+columns in another order, a joint's sign, degrees, millimetres, the other DH convention, another arm.
+"""
+
+from .check import Check, check, refuse
+from .findings import Finding
+
+__all__ = ["Check", "Finding", "check", "refuse"]

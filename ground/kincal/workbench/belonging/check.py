@@ -1,0 +1,149 @@
+"""The check: what was recorded, then whether the arm and the poses belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kincal.errors import BadInput, CannotAnswer
+from kincal.schema.arm import ArmTable
+
+from ..data import Measurements
+from ..fit import Fit, fit_model
+from .findings import Finding
+from .misfit import LEAST_POSES, misfit_of
+from .recorded import of_data
+from .search import FOUND, GOOD_MISFIT, Search, changed, without
+from .sentences import misread
+
+_MOST_MISFIT = 0.05  # of the motion, left by a fit of all DH errors: the poses are not of this arm
+_MOST_SIGMAS = 6.0  # prior sigmas of all DH corrections together (root of the sum of squares)
+_DETERMINED = 0.3  # standard error in prior sigmas below which the data speak of a coefficient
+_POSES = 150  # enough for a DH fit
+
+
+@dataclass(frozen=True)
+class Check:
+    """Whether an arm table and measurements belong together.
+
+    arm, source, poses: names of both, and how many poses there are; misfit: share of the measured motion that
+    the nominal arm leaves after its frames and joint offsets are fitted, None where there are too few poses
+    to say; findings: worst first.
+    """
+
+    arm: str
+    source: str
+    poses: int
+    misfit: float | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Nothing has to be put right."""
+        return all(finding.severity == "note" for finding in self.findings)
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """Findings that make every answer wrong."""
+        return tuple(finding for finding in self.findings if finding.severity == "error")
+
+
+def check(arm: ArmTable, data: Measurements, *, thorough: bool = True) -> Check:
+    """Look at everything that is recorded, and for a misreading of the files that explains the poses better.
+
+    thorough: also where the arm explains the poses well as it is, so that a mistake about a joint that hardly
+    moves is found too.
+    """
+    found, left = list(of_data(arm, data)), None
+    if data.n >= LEAST_POSES:
+        search = Search(arm, data)
+        left = search.misfit(search.given)
+        if thorough or left > GOOD_MISFIT:
+            found += _of_fit(search)
+    else:
+        found.append(_too_few(data))
+    return Check(arm.name, data.source, data.n, _finite(left), tuple(sorted(found, key=_rank)))
+
+
+def refuse(answer: Check, arm: ArmTable, todo: str) -> None:
+    """BadInput if a finding makes every answer wrong; todo: what to do beside the fixes."""
+    if answer.errors:
+        raise BadInput(
+            "the arm table and the measurements do not belong together:\n    "
+            + "\n    ".join(finding.text for finding in answer.errors),
+            f"{arm.source or arm.name}, {answer.source}",
+            todo,
+        )
+
+
+def _too_few(data: Measurements) -> Finding:
+    why = f"{data.n} poses are too few to tell whether the arm explains them; {LEAST_POSES} are needed"
+    return Finding("few_poses", why, "measure more poses", severity="note")
+
+
+def _rank(finding: Finding) -> tuple[int, float]:
+    return ("error", "warning", "note").index(finding.severity), -finding.gain
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and np.isfinite(value) else None
+
+
+def _of_fit(search: Search) -> Iterator[Finding]:
+    """The misreading that explains the poses, or that the arm table is not of this arm."""
+    best = search.best()
+    if search.misfit(best) * FOUND <= search.misfit(search.given):
+        for kind in changed(best):
+            gain = search.misfit(without(best, kind)) / search.misfit(best)
+            yield misread(best, kind, gain, search.arm, search.shipped)
+    else:
+        yield from _wrong_arm(search)
+
+
+def _wrong_arm(search: Search) -> Iterator[Finding]:
+    """What a fit of all DH errors says of an arm table that no simple change makes right."""
+    data, left = search.data, search.misfit(search.given)
+    rows = np.linspace(0, data.n - 1, min(data.n, _POSES)).astype(int)
+    try:
+        with np.errstate(all="ignore"):
+            fit = fit_model(search.arm, data.take(rows))
+    except (CannotAnswer, ValueError, np.linalg.LinAlgError):
+        fit = None
+    if fit is None or not misfit_of(fit) < _MOST_MISFIT:
+        rest = f"{misfit_of(fit):.0%}" if fit is not None else "most"
+        yield Finding(
+            "wrong_arm",
+            f"even with all DH errors fitted, {rest} of the measured motion is left unexplained: the arm "
+            "table is of another arm, or the poses do not belong to these readings",
+            "check the DH table against the data sheet, and that each row holds the pose of its own readings",
+        )
+        return
+    names, sigmas = _sizes(fit)
+    total = float(np.linalg.norm(sigmas))
+    if total > _MOST_SIGMAS:
+        yield Finding(
+            "wrong_arm",
+            f"the DH corrections are {total:.1f} prior sigmas large ({_largest(fit, names, sigmas)}): "
+            "that is a wrong arm table, not a correction",
+            "check the DH table against the data sheet",
+            left / misfit_of(fit),
+        )
+
+
+def _sizes(fit: Fit) -> tuple[Sequence[str], np.ndarray]:
+    """DH corrections that the data determine, in prior sigmas; joint offsets are free to be large."""
+    prior = fit.sigma_prior
+    chosen = [
+        k
+        for k, name in enumerate(fit.names)
+        if name.startswith("J") and not name.endswith("phi_rad") and fit.std_err[k] < _DETERMINED * prior[k]
+    ]
+    return [fit.names[k] for k in chosen], (fit.estimate / prior)[chosen]
+
+
+def _largest(fit: Fit, names: Sequence[str], sigmas: np.ndarray) -> str:
+    values = dict(zip(fit.names, fit.estimate, strict=True))
+    worst = [names[k] for k in np.argsort(-np.abs(sigmas))[:3]]
+    return ", ".join(f"{name} {values[name]:+.3g}" for name in worst)

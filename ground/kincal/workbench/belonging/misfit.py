@@ -1,0 +1,111 @@
+"""How badly an arm explains poses, as a share of the motion that was measured.
+
+`misfit` fits unknown frames and joint offsets. `screened` is a bound from linear regression alone: with R_B^T
+replaced by any matrix M, R_B^T (p - t_B) = R_A t_X + t_A is linear in M, t_X and R_B^T t_B. Hundreds of
+readings of the files can be compared with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from kincal.errors import CannotAnswer
+from kincal.rotations import Pose, matrix_of_wxyz, rotation_of_wxyz
+from kincal.schema.arm import ArmTable
+
+from ..data import Measurements
+from ..effects import Hypothesis
+from ..fit import Fit, fit_model
+from ..model import nominal_chain
+from ..parameters import dh_parameters
+from ..types import Array
+
+LEAST_POSES = 12  # fewer leave the regression, with its 15 unknowns, too little to say
+_KEPT = 0.8  # share of the poses that counts: outliers are no question of how files are read
+_OFFSET = "offset"  # name of the joint offsets among the coefficients
+_OFFSET_SIGMA = 0.3  # [rad or m]
+_MOST_OFFSET = 1.4  # [rad], below a quarter turn
+_LEAST_SPREAD_M, _LEAST_TURN = 1e-6, 0.1  # smallest motion that errors are compared with [m], [rad]
+
+
+def misfit(arm: ArmTable, data: Measurements) -> float:
+    """Error that is left by unknown frames and joint offsets, over the spread of the measured poses; infinite
+    where the poses do not determine the frames. Offsets of quarter turns are not fitted: they stand for
+    another reading of the files."""
+    try:
+        with np.errstate(all="ignore"):  # a wrong reading may lead anywhere
+            fit = fit_model(arm, data, [_offsets(arm)], dh=False, effect_width=1.0)
+            turned = np.abs(fit.estimate[_places(fit)]).max() > _MOST_OFFSET
+            left = misfit_of(fit_model(arm, data, dh=False) if turned else fit)
+    except (CannotAnswer, ValueError, np.linalg.LinAlgError):
+        return np.inf
+    return left if np.isfinite(left) else np.inf
+
+
+def _places(fit: Fit) -> list[int]:
+    """Where the offsets of turning joints are among the coefficients."""
+    return [k for k, name in enumerate(fit.names) if name.startswith(_OFFSET) and name.endswith("phi_rad")]
+
+
+def misfit_of(fit: Fit) -> float:
+    """Residuals of a fit over the spread of the poses it was fitted to, without the worst fifth of them."""
+    r = fit.evaluation.r
+    square = _kept(r[:, :3]) / max(_spread_m(fit.data), _LEAST_SPREAD_M) ** 2
+    if fit.data.quat_wxyz is not None:
+        square += _kept(r[:, 3:]) / max(_turn(fit.data.quat_wxyz), _LEAST_TURN) ** 2
+    return float(np.sqrt(square))
+
+
+def _offsets(arm: ArmTable) -> Hypothesis:
+    """Offsets of the readings of all joints, as one effect."""
+    wanted = {f"J{j}.{'d_m' if joint.prismatic else 'phi_rad'}" for j, joint in enumerate(arm.joints, 1)}
+    found = [replace(p, name=name, sigma=_OFFSET_SIGMA) for name, p in dh_parameters(arm) if name in wanted]
+    return Hypothesis(_OFFSET, _OFFSET, tuple(found))
+
+
+def _kept(r: Array) -> float:
+    """Mean square of rows (N, 3), the largest left out."""
+    square = np.sort((r**2).sum(axis=1))
+    return float(square[: max(int(_KEPT * len(square)), 1)].mean())
+
+
+def _spread_m(data: Measurements) -> float:
+    return float(np.sqrt(((data.p_m - data.p_m.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _turn(quat_wxyz: Array) -> float:
+    """RMS angle of orientations (N, 4) about their mean [rad]."""
+    turns = rotation_of_wxyz(quat_wxyz)
+    return float(np.sqrt(((turns * turns.mean().inv()).magnitude() ** 2).mean()))
+
+
+def screened(arm: ArmTable, data: Measurements) -> float:
+    """Share of the motion of the nominal arm that the measured poses do not follow, frames and offsets aside:
+    0 for an arm that explains them, up to about 1."""
+    chain = nominal_chain(arm, data)
+    left = _left_of_positions(chain, data.p_m)
+    if data.quat_wxyz is None:
+        return left
+    return float(np.hypot(left, _left_of_turns(chain.R, matrix_of_wxyz(data.quat_wxyz))))
+
+
+def _left_of_positions(chain: Pose, p_m: Array) -> float:
+    wanted = (chain.p_m - chain.p_m.mean(axis=0)).ravel()
+    columns = np.zeros((len(p_m), 3, 15))
+    for i in range(3):
+        columns[:, i, 3 * i : 3 * i + 3] = p_m - p_m.mean(axis=0)
+    columns[:, :, 9:12], columns[:, :, 12:] = -chain.R, np.eye(3)
+    design = columns.reshape(-1, 15)
+    size = np.linalg.norm(design, axis=0)
+    design = design / np.where(size > 0.0, size, 1.0)
+    rest = wanted - design @ np.linalg.lstsq(design, wanted, rcond=1e-10)[0]
+    return float(np.linalg.norm(rest) / max(float(np.linalg.norm(wanted)), _LEAST_SPREAD_M))
+
+
+def _left_of_turns(nominal: Array, measured: Array) -> float:
+    """From the largest singular value of K = sum R_A^T (x) R_meas^T (frames.py), N for turns that agree."""
+    k = np.einsum("nji,nlk->ikjl", nominal, measured).reshape(9, 9)
+    largest = float(np.linalg.svd(k, compute_uv=False)[0])
+    return float(np.sqrt(max(1.0 - largest / len(nominal), 0.0)))

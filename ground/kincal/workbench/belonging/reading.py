@@ -1,0 +1,157 @@
+"""Ways in which an arm table and a measurements file can be misread, each put right by a simple change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+from typing import TypeVar
+
+import numpy as np
+
+from kincal.rotations import Pose, matrix_of_wxyz
+from kincal.schema.arm import ArmTable, Frame, other_convention
+
+from ..data import Measurements
+from ..types import Array, Indices
+
+_QUARTERS = (0.5 * math.pi, -0.5 * math.pi, math.pi)
+_DEGREE = math.pi / 180.0
+_INCH = 0.0254
+_MOST_EXHAUSTIVE = 7  # joints up to which all orders and signs are tried
+LENGTHS = {1e-3: "millimetres", 1e-2: "centimetres", _INCH: "inches", 1e3: "metres, read as millimetres"}
+ANGLES = {_DEGREE: "degrees", 1.0 / _DEGREE: "radians, read as degrees"}
+
+Pair = tuple[ArmTable, Measurements]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How the files are understood; the defaults are "as given".
+
+    joints: joints of this shipped arm instead of the table's; convention: the table's numbers in the other
+    DH convention; order: (n,) which column is the reading of each joint; sign: (n,) factor of each reading;
+    offset: (n,) added to each reading [rad]; sliding: joints (from 0) that slide where the table says they
+    turn, or the other way round; angle, length: factors of readings and positions; quaternion: "wxyz" or
+    "xyzw"; turned_back: orientations are inverted; inverse: poses are; shift: rows by which readings are
+    late; free: base and tool frame are unknown, whatever the table says.
+    """
+
+    order: tuple[int, ...]
+    sign: tuple[int, ...]
+    offset: tuple[float, ...]
+    joints: str = ""
+    convention: bool = False
+    sliding: frozenset[int] = frozenset()
+    angle: float = 1.0
+    length: float = 1.0
+    quaternion: str = "wxyz"
+    turned_back: bool = False
+    inverse: bool = False
+    shift: int = 0
+    free: bool = False
+
+    @classmethod
+    def as_given(cls, n: int) -> Reading:
+        """The files as they are, for an arm with n joints."""
+        return cls(tuple(range(n)), (1,) * n, (0.0,) * n)
+
+    def of(
+        self, arm: ArmTable, data: Measurements, shipped: Sequence[ArmTable], rows: Indices | None = None
+    ) -> Pair:
+        """Arm and measurements as this reading understands them; rows: only these poses."""
+        return self._arm(arm, shipped), self._data(data, np.arange(data.n) if rows is None else rows)
+
+    def _arm(self, arm: ArmTable, shipped: Sequence[ArmTable]) -> ArmTable:
+        if self.joints:
+            (other,) = (one for one in shipped if one.source == self.joints)
+            arm = replace(arm, joints=other.joints, first_link=other.first_link)
+        if self.convention:
+            arm = other_convention(arm)
+        joints = [
+            replace(joint, prismatic=not joint.prismatic) if j in self.sliding else joint
+            for j, joint in enumerate(arm.joints)
+        ]
+        arm = replace(arm, joints=tuple(joints))
+        # another arm has other frames, and a base frame in modified DH holds the first link
+        unknown = self.free or bool(self.joints) or self.convention
+        return replace(arm, base=_free(arm.base), tool=_free(arm.tool)) if unknown else arm
+
+    def _data(self, data: Measurements, rows: Indices) -> Measurements:
+        late = data.q[(rows - self.shift) % data.n]
+        q = late[:, self.order] * self.sign * self.angle + self.offset
+        data = data.take(rows)
+        p_m, quat = data.p_m * self.length, data.quat_wxyz
+        if quat is not None and self.quaternion == "xyzw":
+            quat = np.roll(quat, 1, axis=1)
+        if quat is not None and self.turned_back:
+            quat = _turned_back(quat)
+        if quat is not None and self.inverse:
+            back = Pose(p_m, matrix_of_wxyz(quat)).inverse
+            p_m, quat = back.p_m, back.quat_wxyz
+        return replace(data, q=q, p_m=p_m, quat_wxyz=quat, cov=None)
+
+
+def _free(frame: Frame) -> Frame:
+    return replace(frame, estimate=True)
+
+
+def _turned_back(quat_wxyz: Array) -> Array:
+    """(N, 4) the inverse rotations."""
+    inverse: Array = quat_wxyz * [1.0, -1.0, -1.0, -1.0]
+    return inverse
+
+
+def motions(now: Reading, shipped: Sequence[ArmTable]) -> Iterator[Reading]:
+    """Readings one simple change away that alter how the arm moves, the likelier mistakes first."""
+    yield replace(now, convention=not now.convention)
+    yield from (replace(now, angle=factor) for factor in ANGLES)
+    yield from (replace(now, order=order) for order in _orders(now.order))
+    yield from (replace(now, sign=sign) for sign in _signs(now.sign))
+    yield from (replace(now, shift=rows) for rows in (1, -1))
+    for j in range(len(now.sign)):
+        yield replace(now, sliding=now.sliding ^ {j})
+        yield from (replace(now, offset=_at(now.offset, j, turn)) for turn in _QUARTERS)
+    yield from (replace(now, joints=arm.source) for arm in shipped)
+
+
+def _signs(sign: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """One joint the other way round, then all, then any others."""
+    for j in range(len(sign)):
+        yield _at(sign, j, -sign[j])
+    yield tuple(-s for s in sign)
+    if len(sign) <= _MOST_EXHAUSTIVE:
+        yield from product((1, -1), repeat=len(sign))
+
+
+def all_orders(now: Reading) -> Iterator[Reading]:
+    """Readings with the columns in any order; none for an arm with many joints."""
+    if len(now.order) <= _MOST_EXHAUSTIVE:
+        yield from (replace(now, order=order) for order in permutations(now.order))
+
+
+def _orders(order: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """Two columns exchanged; all of them in reverse, or moved by one."""
+    n = len(order)
+    for i, j in combinations(range(n), 2):
+        yield _at(_at(order, i, order[j]), j, order[i])
+    yield order[::-1]
+    yield (*order[1:], order[0])
+    yield (order[-1], *order[:-1])
+
+
+def _at(values: tuple[T, ...], place: int, value: T) -> tuple[T, ...]:
+    return (*values[:place], value, *values[place + 1 :])
+
+
+def poses(now: Reading, data: Measurements, arm: ArmTable) -> Iterator[Reading]:
+    """Readings one simple change away that alter what was measured, or what is known of the frames."""
+    yield from (replace(now, length=factor) for factor in LENGTHS)
+    if data.quat_wxyz is not None:
+        yield replace(now, quaternion="xyzw")
+        yield replace(now, turned_back=True)
+        yield replace(now, inverse=True)
+    if not (arm.base.estimate and arm.tool.estimate):
+        yield replace(now, free=True)

@@ -1,0 +1,132 @@
+"""The reading of the files that explains the data best: simple changes, one after the other.
+
+Each round compares every reading one change away by `screened`, and the best few of them, with those that
+the regression cannot judge, by `misfit`. A change that the final reading can do without is taken back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from kincal.schema.arm import ArmTable, read_arm, same_joints, shipped_arms
+
+from ..data import Measurements
+from ..types import Indices
+from .misfit import misfit, screened
+from .reading import Pair, Reading, all_orders, motions, poses
+
+_POSES = 60  # enough to tell gross misreadings
+_TRIED = 6  # readings a round that are fitted
+_ROUNDS = 6
+_BETTER = 0.75  # of the misfit: a step of the search
+_AS_GOOD = 1.1  # times the least misfit
+_NEEDED = 3.0  # times worse without a change: it is part of the answer
+GOOD_MISFIT = 0.02  # of the motion: below it nothing gross is wrong
+FOUND = 5.0  # times less misfit: the files were misread
+
+
+@dataclass
+class Search:
+    """Misfits of readings of one arm table and one set of measurements; each is computed once."""
+
+    arm: ArmTable
+    data: Measurements
+    fitted: dict[Reading, float] = field(default_factory=dict)
+    bounds: dict[Reading, float] = field(default_factory=dict)
+
+    @cached_property
+    def given(self) -> Reading:
+        """The files as they are."""
+        return Reading.as_given(self.arm.n)
+
+    @cached_property
+    def shipped(self) -> tuple[ArmTable, ...]:
+        """Arms that ship, with as many joints, that are not this one."""
+        found = [replace(read_arm(name), source=name) for name in shipped_arms()]
+        return tuple(one for one in found if one.n == self.arm.n and not same_joints(one, self.arm))
+
+    @cached_property
+    def rows(self) -> Indices:
+        """(M,) the poses that are looked at."""
+        random = np.random.default_rng(1)
+        return np.sort(random.choice(self.data.n, min(self.data.n, _POSES), replace=False))
+
+    def of(self, reading: Reading) -> Pair:
+        """Arm and measurements of some poses, as a reading understands them."""
+        return reading.of(self.arm, self.data, self.shipped, self.rows)
+
+    def misfit(self, reading: Reading) -> float:
+        """Share of the measured motion that the arm does not explain, by a fit."""
+        if reading not in self.fitted:
+            self.fitted[reading] = misfit(*self.of(reading))
+        return self.fitted[reading]
+
+    def bound(self, reading: Reading) -> float:
+        """The same by regression, to three digits: smaller differences leave the likelier mistake first."""
+        if reading not in self.bounds:
+            self.bounds[reading] = round(screened(*self.of(reading)), 3)
+        return self.bounds[reading]
+
+    def best(self) -> Reading:
+        """The reading with the least misfit that simple changes lead to, without changes that it does not
+        need."""
+        found = self._walk(self.given)
+        if self.misfit(found) > GOOD_MISFIT and self.misfit(found) * FOUND > self.misfit(self.given):
+            leap = min(all_orders(self.given), key=self.bound, default=self.given)
+            found = min((found, self._walk(leap)), key=self.misfit)
+        return self._pruned(found)
+
+    def _walk(self, start: Reading) -> Reading:
+        """The best of the readings that steps from a first one pass."""
+        passed = [start]
+        while len(passed) <= _ROUNDS and (following := self._step(passed[-1])) is not None:
+            passed.append(following)
+        return min(passed, key=self.misfit)
+
+    def _step(self, here: Reading) -> Reading | None:
+        """The best reading one change away; None if none is much better, by fit or by regression."""
+        ranked = sorted(motions(here, self.shipped), key=self.bound)
+        tried = [*ranked[:_TRIED], *poses(here, self.data, self.arm)]
+        least = min(map(self.misfit, tried))
+        if least < _BETTER * self.misfit(here):
+            return next(reading for reading in tried if self.misfit(reading) <= _AS_GOOD * least)
+        return ranked[0] if self.bound(ranked[0]) < _BETTER * self.bound(here) else None
+
+    def _pruned(self, reading: Reading) -> Reading:
+        for simpler in simpler_than(reading):
+            if self.misfit(simpler) < _NEEDED * self.misfit(reading):
+                return self._pruned(simpler)
+        return reading
+
+
+def simpler_than(reading: Reading) -> Iterable[Reading]:
+    """The reading with one kind of change taken back, or the change of one joint."""
+    given = Reading.as_given(len(reading.order))
+    for name in changed(reading):
+        now, back = getattr(reading, name), getattr(given, name)
+        yield _with(reading, name, back)
+        if name in ("sign", "offset"):
+            for j in np.flatnonzero(np.not_equal(now, back)):
+                yield _with(reading, name, (*now[:j], back[j], *now[j + 1 :]))
+        if name == "sliding":
+            yield from (_with(reading, name, now - {j}) for j in now)
+
+
+def changed(reading: Reading) -> list[str]:
+    """Fields in which a reading differs from the files as given."""
+    given = Reading.as_given(len(reading.order))
+    return [one.name for one in fields(Reading) if getattr(reading, one.name) != getattr(given, one.name)]
+
+
+def without(reading: Reading, name: str) -> Reading:
+    """The reading with one kind of change taken back."""
+    return _with(reading, name, getattr(Reading.as_given(len(reading.order)), name))
+
+
+def _with(reading: Reading, name: str, value: Any) -> Reading:
+    return replace(reading, **{name: value})
