@@ -126,6 +126,7 @@ def user(full, tmp_path_factory):
     (folder / "robot.urdf").write_text(URDF)
     kincal = full / "bin" / "kincal"
     run(kincal, "model", "add", "--model", "M.toml", "backlash[4]", cwd=folder)
+    run(kincal, "model", "fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml", cwd=folder)
     said = run(kincal, "run", "healthy", "--fast", "--no-compare", "--out", "run", cwd=folder)
     assert "passed in" in said
     return folder
@@ -200,6 +201,7 @@ CALLS = {
     "arm list": (),
     "arm show": ("ur5e",),
     "arm import": ("robot.urdf", "-o", "new/arm.toml"),
+    "model check": GIVEN,
     "model compare": GIVEN,
     "model diagnose": (*GIVEN, "--report", "new/report.html"),
     "model fit": (*GIVEN, "--model", "M.toml"),
@@ -210,6 +212,7 @@ CALLS = {
     "model list": ("--model", "M.toml"),
     "model history": ("--model", "M.toml"),
     "model next": (*GIVEN, "joint_compliance[2]", "base_flex"),
+    "model export": ("--model", "M.toml", "--format", "c", "-o", "new/calibrated.c"),
     "model uplink": ("--model", "M.toml", "--arm", "arm.toml", "--fly", "new/fly"),
 }
 SLOW = ("space build", "space check")  # not run to their end
