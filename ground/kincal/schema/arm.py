@@ -259,8 +259,8 @@ class ArmTable:
     base: measurement frame -> frame 0; tool: last link -> measured frame; gravity_m_s2 (3,) in the base
     frame.
     camera: intrinsics if the file has them; mount: "world" or "tool"; target_points_m (k, 3) in the target's
-    frame or None. source: the file; provenance: where its numbers come from, as it says; first_link: a [m] and
-    alpha [rad] before joint 1 of a file in modified DH, which are in `base` here, None if the file is in
+    frame or None. source: the file; provenance: where its numbers come from, as it says; first_link: a [m]
+    and alpha [rad] before joint 1 of a file in modified DH, which are in `base` here, None if the file is in
     standard DH.
     """
 
