@@ -24,9 +24,8 @@ from kincal.rotations import Pose
 from kincal.schema.model import UnnamedEntry
 from kincal.schema.names import is_unnamed
 from kincal.workbench.answers import fit_text
-from kincal.workbench.api import FitResult
+from kincal.workbench.api import FitResult, unnamed_effect
 from kincal.workbench.api import fit as workbench_fit
-from kincal.workbench.api import unnamed_effect
 from kincal.workbench.data import Measurements
 from kincal.workbench.effects import Library
 from kincal.workbench.fitrecord import fit_record, fitted
