@@ -190,6 +190,7 @@ def _fit(fit: FitEntry | None) -> list[str]:
         "[fit]",
         *(f"{key} = {json.dumps(getattr(fit, key))}" for key in ("when", "tool_version", "arm_sha256")),
         f"poses = {fit.poses}",
+        f"components = {fit.components}",
         f"held = {_texts(fit.held)}",
         *(f"{key} = {value!r}" for key, value in optional.items() if value is not None),
         f"noise_scale = {fit.noise_scale!r}",
