@@ -99,8 +99,8 @@ class Fitted:
 
     def correct(self, q: ArrayLike, **drivers: ArrayLike) -> Floats:
         """Joint readings that bring the real tool to where the nominal arm, in the base and tool frame that
-        were found, has it at q (N, n) or (n,); the position only where no orientations were measured. drivers:
-        the same for all. BadInput if that is not reached."""
+        were found, has it at q (N, n) or (n,); the position only where no orientations were measured.
+        drivers: the same for all. BadInput if that is not reached."""
         joints = np.asarray(q, dtype=float)
         solve: Callable[..., Floats] = self._code.correct
         try:

@@ -38,7 +38,8 @@ class Driver:
 class Source:
     """What the templates write.
 
-    constant: twists by frame (0..n, tool, sensor, target) of all that does not change; found: of the base and tool frame alone; steady, loaded: other corrections, without and with gravity loads.
+    constant: twists by frame (0..n, tool, sensor, target) of all that does not change; found: of the base
+    and tool frame alone; steady, loaded: other corrections, without and with gravity loads.
     """
 
     title: str
@@ -63,7 +64,7 @@ class Source:
 
     @property
     def keeps_orientation(self) -> bool:
-        """Whether `correct` restores the orientation too: six joints are needed, and measured orientations."""
+        """Whether `correct` restores the orientation too: that takes six joints and measured orientations."""
         return self.n >= 6 and self.arm.record.components == 6
 
     @property
