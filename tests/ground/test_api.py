@@ -13,6 +13,7 @@ from exports import drivers_at, python_module
 import kincal
 from kincal import workbench as wb
 from kincal.errors import BadInput
+from kincal.export import calibrated_arm
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +99,26 @@ def test_missing_driver_and_unreachable_pose_are_said(fitted):
         fitted.predict(np.zeros(7))
     with pytest.raises(BadInput, match="unknown: wind"):
         fitted.predict(np.zeros(7), direction=np.ones(7), wind=1.0)
+
+
+def test_unnamed_effect_is_fitted_saved_and_exported(tmp_path):
+    """An error of joint 3 that follows joint 4 has no name; it goes into the exported code all the same."""
+    poses.arm_toml(tmp_path / "arm.toml")
+    poses.poses_csv(
+        tmp_path / "poses.csv", 120, 4, lambda q, _: q + np.array([0, 0, 8e-3 * np.sin(2 * q[3]), 0, 0, 0, 0])
+    )
+    arm, data = kincal.Arm.load(tmp_path / "arm.toml"), kincal.Data.load(tmp_path / "poses.csv")
+    fitted = kincal.fit(arm, data, ["unnamed[joint 3: q4]"])
+    fitted.save(tmp_path / "M.toml")
+    model = wb.read_model(tmp_path / "M.toml")
+    library = wb.Library.load().with_unnamed(model.unnamed.values())
+    again = calibrated_arm(arm.table, model, library)
+    assert [c.name for c in again.coefficients] == list(fitted.names)
+    fitted.export("python", tmp_path / "made.py")
+    module = python_module(tmp_path / "made.py")
+    q = np.array([0.2, 0.5, -0.3, 1.5, 0.2, -0.9, 0.3])
+    assert np.abs(module.forward(q)[0] - fitted.predict(q).p_m).max() < 1e-9
+    assert np.linalg.norm(module.forward(q)[0] - fitted.predict(q + [0, 0, 0, 0.3, 0, 0, 0]).p_m) > 1e-3
 
 
 def test_saved_model_serves_the_commands(fitted, folder):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import poses
@@ -17,18 +19,22 @@ from kincal import workbench as wb
 from kincal.cli import main
 from kincal.errors import BadInput
 from kincal.export import calibrated_fit, dh_table
-from kincal.export.source import c_header, c_source, describe, python_source
+from kincal.export.source import c_header, c_source, describe, python_source, source_left_out
 from kincal.export.urdf import roll_pitch_yaw, urdf
 from kincal.schema.arm import read_arm
 from kincal.schema.model import FitEntry, FrameEntry
 from kincal.schema.names import FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
 from kincal.schema.terms import ONE, Basis
 from kincal.workbench.effects import Library
+from kincal.workbench.fit import fit_model
+from kincal.workbench.readers import read_measurements
+
+ROOT = Path(__file__).resolve().parents[2]
 
 FRAME = FrameEntry(xyz_m=(0, 0, 0), quat_wxyz=(1, 0, 0, 0))
 RECORD = FitEntry(
-    when="2026-01-01T00:00:00+00:00", tool_version="0", arm_sha256="", poses=1, noise_scale=1.0, base=FRAME,
-    tool=FRAME,
+    when="2026-01-01T00:00:00+00:00", tool_version="0", arm_sha256="", poses=1, components=6, noise_scale=1.0,
+    base=FRAME, tool=FRAME,
 )  # fmt: skip
 PRISMATIC = """name = "gantry */ \\"2\\""
 convention = "modified"
@@ -227,6 +233,20 @@ def test_correct_brings_the_real_tool_to_where_it_was_planned(model):
         assert np.abs(q_c - corrected).max() < 1e-7
 
 
+def test_orientation_is_left_alone_where_none_was_measured(tmp_path):
+    """Positions do not fix the wrist: joints that only a restored orientation would move stay as planned."""
+    arm = arm_named("wam", tmp_path)
+    arm = replace(arm, tool=replace(arm.tool, xyz_m=np.zeros(3)))
+    fit = unfitted(arm, random_data(arm, 5), [])
+    record = RECORD.model_copy(update={"components": 3})
+    (tmp_path / "made.py").write_text(python_source(calibrated_fit(fit, record)))
+    module, q = python_module(tmp_path / "made.py"), np.array(BENT[7])
+    sent = module.correct(q)
+    assert np.linalg.norm(module.forward(sent)[0] - module.nominal(q)[0]) < 2e-9
+    assert np.abs(module.forward(sent)[1] - module.nominal(q)[1]).max() > 1e-3
+    assert np.abs(sent - q)[6] < 1e-3
+
+
 def test_unreachable_pose_is_said_in_both_languages(model):
     _, data, module, c = model
     d = all_drivers(module, data, 0)
@@ -376,6 +396,55 @@ def test_sigma_of_a_dh_parameter_is_that_of_the_sum_it_consists_of(tmp_path):
     assert row.sigma == pytest.approx(np.sqrt(fit.cov[[i, j]][:, [i, j]].sum()))
     assert row.sigma < 0.2 * fit.std_err[i]
     assert row.state == "identifiable"
+
+
+# --------------------------------------------------------------------------- real arms
+
+SHARED = Path(os.environ.get("KINCAL_DATA", ROOT.parent / "shared" / "data"))
+REAL = {
+    "wam": (
+        ROOT / "docs" / "data" / "wam",
+        "wam.csv",
+        ["backlash[1]", "joint_gravity[2,3]", "joint_ripple[4]"],
+    ),
+    "fr3": (SHARED / "fr3", "fr3.csv", ["lens_radial", "encoder_eccentricity[2]"]),
+    "ur10": (SHARED / "ur10", "ur10d.csv", ["bearing_wobble[2]", "joint_gravity[2]"]),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_exports_of_a_real_arm_reproduce_predict(name, tmp_path):
+    pinocchio = pytest.importorskip("pinocchio")
+    home, file, names = REAL[name]
+    if not home.is_dir():
+        pytest.skip(f"no {home}")
+    arm = read_arm(next(home.glob("*.toml")))
+    data = read_measurements(home / file, arm)
+    fit = fit_model(arm, data, wb.choose_constants(Library.load(), names, arm, data))
+    module, c = generated(fit, tmp_path)
+    want = predicted(fit, data)
+    for i in range(0, data.n, 20):
+        d = drivers_at(data, i, {*module.DEFAULTS, *module.NEEDED})
+        assert np.abs(matrix(module.forward(data.q[i], **d)) - want[i]).max() < 1e-9
+        assert np.abs(c.forward(data.q[i], **d) - want[i]).max() < 1e-9
+    (tmp_path / "made.urdf").write_text(urdf(calibrated_fit(fit, RECORD)))
+    some = data.take(np.arange(0, data.n, 20))
+    got = pinocchio_poses(pinocchio, tmp_path / "made.urdf", some.q)
+    assert np.abs(got - predicted(constants_only(fit), some)).max() < 1e-9
+
+
+def test_effects_through_many_points_are_named_and_the_sensor_is_left_out(tmp_path):
+    arm = arm_named("wam", tmp_path)
+    data = random_data(arm, 6)
+    lens = hypothesis("lens_radial", ("meas", 0, 1.0, Basis("lin", "ptx", 1), ONE))
+    fit = unfitted(arm, data, [lens, *of_library(arm, ["tag_scale", "backlash[4]"])])
+    found = calibrated_fit(fit, RECORD)
+    assert {one.effect for one in source_left_out(found)} == {"lens_radial", "tag_scale"}
+    module, _ = generated(fit, tmp_path)
+    assert not hasattr(module, "measured")
+    d = drivers_at(data, 0, {*module.DEFAULTS, *module.NEEDED})
+    assert set(d) == {"direction"}
+    assert np.abs(matrix(module.forward(data.q[0], **d)) - predicted(fit, data)[0]).max() < 1e-9
 
 
 # --------------------------------------------------------------------------- files and command

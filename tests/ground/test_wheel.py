@@ -5,109 +5,19 @@ the environment of the tests, so that no network is needed."""
 
 import ctypes
 import json
-import os
-import re
-import subprocess
-import sys
 import zipfile
-from importlib.metadata import distribution
 from pathlib import Path
 
 import click
 import numpy as np
 import poses
 import pytest
-from packaging.requirements import Requirement
+from environments import child, run
 
 from kincal.cli import main
-from kincal.installation import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.slow
-URDF = """<robot name="bot"><link name="base"/><link name="arm"/><joint name="j" type="revolute">
-<parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/>
-</joint></robot>"""
-
-
-def child(*command, cwd, **env):
-    """What a command does that knows nothing of this tree."""
-    hidden = ("PYTHONPATH", "KINCAL_CORE", "PYTHONHOME")
-    clean = {k: v for k, v in os.environ.items() if k not in hidden} | env
-    return subprocess.run(
-        [str(c) for c in command], cwd=cwd, env=clean, capture_output=True, text=True, timeout=600
-    )
-
-
-def run(*command, cwd):
-    done = child(*command, cwd=cwd)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-# --------------------------------------------------------------------------- environments
-
-
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    out = tmp_path_factory.mktemp("wheel")
-    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index"]
-    run(*pip, "--wheel-dir", out, ROOT / "ground", cwd=out)
-    (path,) = out.glob("kincal-*.whl")
-    return path
-
-
-def needs_of(lines, extras=()):
-    """Names of the packages that Requires-Dist lines ask for here; those of extras only if asked for."""
-    for need in map(Requirement, lines or ()):
-        if need.marker is None or any(need.marker.evaluate({"extra": e}) for e in ("", *extras)):
-            yield need.name
-
-
-def closure(names):
-    """These packages and all that they need."""
-    found, todo = set(), list(names)
-    while todo:
-        name = re.sub(r"[-_.]+", "-", todo.pop()).lower()
-        if name not in found:
-            found.add(name)
-            todo += needs_of(distribution(name).requires)
-    return found
-
-
-def link(name, site):
-    """The files of an installed package, linked into another environment."""
-    there = distribution(name)
-    for file in there.files:
-        target = site / file
-        if ".." not in file.parts and not target.exists():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.symlink_to(there.locate_file(file).resolve())
-
-
-def environment(home, wheel, extras=()):
-    """A fresh environment with the wheel and what it declares for these extras."""
-    run(sys.executable, "-m", "venv", home, cwd=home)
-    python = home / "bin" / "python"
-    site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=home).strip())
-    metadata = next(n for n in zipfile.ZipFile(wheel).namelist() if n.endswith("METADATA"))
-    lines = zipfile.ZipFile(wheel).read(metadata).decode().splitlines()
-    declared = [line.partition(": ")[2] for line in lines if line.startswith("Requires-Dist")]
-    for name in closure(needs_of(declared, extras)):
-        link(name, site)
-    run(python, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", wheel, cwd=home)
-    return home
-
-
-@pytest.fixture(scope="module")
-def plain(wheel, tmp_path_factory):
-    return environment(tmp_path_factory.mktemp("plain"), wheel)
-
-
-@pytest.fixture(scope="module")
-def full(wheel, tmp_path_factory):
-    return environment(tmp_path_factory.mktemp("full"), wheel, EXTRAS)
-
 
 URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two"/>
 <joint name="a" type="revolute"><parent link="base"/><child link="one"/><axis xyz="0 0 1"/>
@@ -126,6 +36,7 @@ def user(full, tmp_path_factory):
     (folder / "robot.urdf").write_text(URDF)
     kincal = full / "bin" / "kincal"
     run(kincal, "model", "add", "--model", "M.toml", "backlash[4]", cwd=folder)
+    run(kincal, "model", "fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml", cwd=folder)
     said = run(kincal, "run", "healthy", "--fast", "--no-compare", "--out", "run", cwd=folder)
     assert "passed in" in said
     return folder
@@ -200,6 +111,7 @@ CALLS = {
     "arm list": (),
     "arm show": ("ur5e",),
     "arm import": ("robot.urdf", "-o", "new/arm.toml"),
+    "model check": GIVEN,
     "model compare": GIVEN,
     "model diagnose": (*GIVEN, "--report", "new/report.html"),
     "model fit": (*GIVEN, "--model", "M.toml"),
@@ -210,6 +122,7 @@ CALLS = {
     "model list": ("--model", "M.toml"),
     "model history": ("--model", "M.toml"),
     "model next": (*GIVEN, "joint_compliance[2]", "base_flex"),
+    "model export": ("--model", "M.toml", "--format", "c", "-o", "new/calibrated.c"),
     "model uplink": ("--model", "M.toml", "--arm", "arm.toml", "--fly", "new/fly"),
 }
 SLOW = ("space build", "space check")  # not run to their end

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
@@ -21,13 +21,16 @@ from kincal.export.source import describe, python_source
 from kincal.export.urdf import urdf
 from kincal.flight import Observations
 from kincal.rotations import Pose
+from kincal.schema.model import UnnamedEntry
+from kincal.schema.names import is_unnamed
 from kincal.workbench.answers import fit_text
-from kincal.workbench.api import FitResult
+from kincal.workbench.api import FitResult, unnamed_effect
 from kincal.workbench.api import fit as workbench_fit
 from kincal.workbench.data import Measurements
 from kincal.workbench.effects import Library
 from kincal.workbench.fitrecord import fit_record, fitted
 from kincal.workbench.modelfile import ModelFile, write_model
+from kincal.workbench.smooth import UnnamedName
 from kincal.workbench.types import Progress, no_progress
 
 from . import html
@@ -42,11 +45,13 @@ _PASSES = 3  # until what depends on where the sensor sees the tool is settled t
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fitted model. `result` holds all numbers of the fit; files: measurements it was fitted to."""
+    """A fitted model. `result` holds all numbers of the fit; files: measurements it was fitted to; unnamed:
+    terms of the unnamed effects."""
 
     arm: Arm
     result: FitResult
     files: tuple[Path, ...] = ()
+    unnamed: Mapping[str, UnnamedEntry] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -94,7 +99,8 @@ class Fitted:
 
     def correct(self, q: ArrayLike, **drivers: ArrayLike) -> Floats:
         """Joint readings that bring the real tool to where the nominal arm, in the base and tool frame that
-        were found, has it at q (N, n) or (n,). drivers: the same for all. BadInput if that is not reached."""
+        were found, has it at q (N, n) or (n,); the position only where no orientations were measured.
+        drivers: the same for all. BadInput if that is not reached."""
         joints = np.asarray(q, dtype=float)
         solve: Callable[..., Floats] = self._code.correct
         try:
@@ -113,7 +119,7 @@ class Fitted:
 
     def save(self, path: str | Path) -> None:
         """Write the model file M.toml, for the commands."""
-        model = ModelFile(effects=self.result.effects)
+        model = ModelFile(effects=self.result.effects, unnamed=dict(self.unnamed))
         arm = self.arm.table.source
         named = str(Path(arm).resolve()) if Path(arm).exists() else arm
         write_model(path, fitted(model, self.result, arm=named, files=self.files, version=__version__))
@@ -159,8 +165,14 @@ class Fitted:
 def fit(
     arm: Arm, data: Data | Measurements, effects: Sequence[str] = (), *, progress: Progress = no_progress
 ) -> Fitted:
-    """Fit DH errors, base and tool frame as the arm table says, and these effects. Errors as
-    `kincal.workbench.fit`."""
-    read = measurements(arm, data)
-    result = workbench_fit(arm.table, read, effects, library=Library.load(), progress=progress)
-    return Fitted(arm, result, files_of(data))
+    """Fit DH errors, base and tool frame as the arm table says, and these effects, also unnamed ones
+    ("unnamed[joint 1: q3]"), whose terms are chosen from the data. Errors as `kincal.workbench.fit`."""
+    read, library = measurements(arm, data), Library.load()
+    unnamed: dict[str, UnnamedEntry] = {}
+    for k, name in enumerate(effects):
+        if is_unnamed(name):
+            wanted, beside = UnnamedName.parse(name), effects[:k]
+            unnamed[name] = unnamed_effect(arm.table, read, wanted, beside, library=library).effect.entry()
+            library = library.with_unnamed([unnamed[name]])
+    result = workbench_fit(arm.table, read, effects, library=library, progress=progress)
+    return Fitted(arm, result, files_of(data), unnamed)

@@ -38,8 +38,8 @@ class Driver:
 class Source:
     """What the templates write.
 
-    constant: twists by frame (0..n, tool, sensor, target) of everything that does not change; found: of the
-    base and tool frame alone; steady, loaded: other corrections, without and with gravity loads.
+    constant: twists by frame (0..n, tool, sensor, target) of all that does not change; found: of the base
+    and tool frame alone; steady, loaded: other corrections, without and with gravity loads.
     """
 
     title: str
@@ -61,6 +61,11 @@ class Source:
     def n(self) -> int:
         """Number of joints."""
         return self.arm.n
+
+    @property
+    def keeps_orientation(self) -> bool:
+        """Whether `correct` restores the orientation too: that takes six joints and measured orientations."""
+        return self.n >= 6 and self.arm.record.components == 6
 
     @property
     def uses_loads(self) -> bool:
@@ -98,14 +103,10 @@ def c_header(arm: CalibratedArm) -> str:
 
 def describe(arm: CalibratedArm, language: Language) -> Source:
     """What the templates need to know of a fitted arm. CannotAnswer if a term cannot be written as code."""
-    terms = [term for term in arm.terms if not through_points(term)]
+    terms, on_sensor = _written(arm)
     varying = [term for term in terms if not term.constant]
-    steady = [term for term in varying if not _loaded(term)]
-    loaded = [term for term in varying if _loaded(term)]
-    on_sensor = any(term.on_sensor for term in terms) and len(terms) == len(arm.terms)
-    if not on_sensor:  # the sensor is modelled whole or not at all
-        varying = [term for term in varying if not term.on_sensor]
     variables = {basis.var for term in varying for basis in term.bases}
+    lines = {term: line(term, _row(term.frame, arm.n), language) for term in varying}
     return Source(
         title=plain(arm.arm.name),
         sources=plain(arm.sources),
@@ -113,8 +114,8 @@ def describe(arm: CalibratedArm, language: Language) -> Source:
         arm=arm,
         constant=_constants(arm, None),
         found=_constants(arm, [BASE, TOOL]),
-        steady=tuple(line(term, _row(term.frame, arm.n), language) for term in steady),
-        loaded=tuple(line(term, _row(term.frame, arm.n), language) for term in loaded),
+        steady=tuple(lines[term] for term in varying if not _loaded(term)),
+        loaded=tuple(lines[term] for term in varying if _loaded(term)),
         drivers=tuple(_drivers(arm, variables, on_sensor)),
         on_sensor=on_sensor,
         uses_masses=bool(variables & set(MASSES)),
@@ -122,6 +123,13 @@ def describe(arm: CalibratedArm, language: Language) -> Source:
         uses_view=bool(variables & set(VIEW)),
         uses_image=bool(variables & set(IMAGE)),
     )
+
+
+def _written(arm: CalibratedArm) -> tuple[list[FittedTerm], bool]:
+    """Terms that become code, and whether those of the sensor are among them: all of them or none."""
+    if any(through_points(term) for term in arm.terms):
+        return [term for term in arm.terms if not term.on_sensor], False
+    return list(arm.terms), any(term.on_sensor for term in arm.terms)
 
 
 def source_left_out(arm: CalibratedArm) -> tuple[LeftOut, ...]:

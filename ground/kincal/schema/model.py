@@ -74,6 +74,8 @@ class FitEntry(Strict):
     """Measurements."""
     poses: Annotated[int, pydantic.Field(ge=0)]
     """Number of poses."""
+    components: Literal[3, 6]
+    """Measured components of a pose: 3 of the position, 6 with the orientation."""
     held: list[str] = []
     """Names of the poses that were held out to test the model."""
     held_mm: NotNegative | None = None

@@ -47,6 +47,7 @@ def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEnt
         arm_sha256=arm_digest(fit.arm),
         data=[DataEntry(path=str(path), sha256=file_digest(path)) for path in files],
         poses=comparison.poses,
+        components=6 if comparison.components == 6 else 3,
         held=[comparison.data.ids[i] for i in comparison.split.held],
         held_mm=None if held[0] is None else held[0] * 1e3,
         held_mrad=None if held[1] is None else held[1] * 1e3,

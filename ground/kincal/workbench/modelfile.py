@@ -105,8 +105,8 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         values={v.name: (v.value, v.std_err) for v in entry.value},
         units={v.name: v.unit for v in entry.value},
         constants=entry.constants,
-        unnamed={u.name: u for u in entry.unnamed},
         fit=entry.fit,
+        unnamed={u.name: u for u in entry.unnamed},
     )
 
 
@@ -119,13 +119,7 @@ def write_model(path: str | Path, model: ModelFile) -> None:
     ) as file:
         file.write(
             "\n".join(
-                [
-                    *_in_use(model),
-                    *_unnamed(model),
-                    *_history(model),
-                    *_of_last_fit(model),
-                    *_fit(model.fit),
-                ]
+                [*_in_use(model), *_unnamed(model), *_history(model), *_of_last_fit(model), *_fit(model.fit)]
             )
             + "\n"
         )
@@ -196,6 +190,7 @@ def _fit(fit: FitEntry | None) -> list[str]:
         "[fit]",
         *(f"{key} = {json.dumps(getattr(fit, key))}" for key in ("when", "tool_version", "arm_sha256")),
         f"poses = {fit.poses}",
+        f"components = {fit.components}",
         f"held = {_texts(fit.held)}",
         *(f"{key} = {value!r}" for key, value in optional.items() if value is not None),
         f"noise_scale = {fit.noise_scale!r}",

@@ -99,6 +99,12 @@ def contents(model: ModelFile) -> str:
     return "\n".join([*(model.effects or ("no effect (DH only)",)), *fitted])
 
 
+_WITHOUT_EFFECTS = (
+    "  --format python and --format c hold those of the arm",
+    "  the best DH table or URDF alone comes from a model that is fitted without them",
+)
+
+
 def exported(made: Exported) -> str:
     """The files that were written."""
     return "\n".join(f"{path}: {path.stat().st_size} bytes" for path in made.files)
@@ -110,6 +116,6 @@ def left_out(made: Exported, form: str) -> str:
         [
             f"warning: --format {form} cannot hold these effects (mm: RMS over the fitted poses):",
             *(f"  {one}" for one in made.left_out),
-            *(["  --format python and --format c hold those of the arm"] if form in ("dh", "urdf") else []),
+            *(_WITHOUT_EFFECTS if form in ("dh", "urdf") else []),
         ]
     )

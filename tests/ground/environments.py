@@ -1,0 +1,69 @@
+"""Fresh environments: a wheel and the packages that it declares, linked from the environment of the tests, so
+that no network is needed."""
+
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from importlib.metadata import distribution
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+
+def child(*command, cwd, **env):
+    """What a command does that knows nothing of this tree."""
+    hidden = ("PYTHONPATH", "KINCAL_CORE", "PYTHONHOME")
+    clean = {k: v for k, v in os.environ.items() if k not in hidden} | env
+    return subprocess.run(
+        [str(c) for c in command], cwd=cwd, env=clean, capture_output=True, text=True, timeout=600
+    )
+
+
+def run(*command, cwd):
+    done = child(*command, cwd=cwd)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def needs_of(lines, extras=()):
+    """Names of the packages that Requires-Dist lines ask for here; those of extras only if asked for."""
+    for need in map(Requirement, lines or ()):
+        if need.marker is None or any(need.marker.evaluate({"extra": e}) for e in ("", *extras)):
+            yield need.name
+
+
+def closure(names):
+    """These packages and all that they need."""
+    found, todo = set(), list(names)
+    while todo:
+        name = re.sub(r"[-_.]+", "-", todo.pop()).lower()
+        if name not in found:
+            found.add(name)
+            todo += needs_of(distribution(name).requires)
+    return found
+
+
+def link(name, site):
+    """The files of an installed package, linked into another environment."""
+    there = distribution(name)
+    for file in there.files:
+        target = site / file
+        if ".." not in file.parts and not target.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.symlink_to(there.locate_file(file).resolve())
+
+
+def environment(home, wheel, extras=()):
+    """A fresh environment with the wheel and what it declares for these extras."""
+    run(sys.executable, "-m", "venv", home, cwd=home)
+    python = home / "bin" / "python"
+    site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=home).strip())
+    metadata = next(n for n in zipfile.ZipFile(wheel).namelist() if n.endswith("METADATA"))
+    lines = zipfile.ZipFile(wheel).read(metadata).decode().splitlines()
+    declared = [line.partition(": ")[2] for line in lines if line.startswith("Requires-Dist")]
+    for name in closure(needs_of(declared, extras)):
+        link(name, site)
+    run(python, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", wheel, cwd=home)
+    return home

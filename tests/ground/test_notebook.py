@@ -1,0 +1,32 @@
+"""The notebook of the real arm runs from its first cell to its last, and is small."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "ground"))
+
+import gen_notebook  # noqa: E402
+
+pytestmark = pytest.mark.slow
+NOTEBOOK = ROOT / "docs" / "WAM.ipynb"
+
+
+def test_notebook_runs_and_the_effects_predict_poses_that_took_no_part_better():
+    cells = [cell for cell in gen_notebook.executed(NOTEBOOK).cells if cell.cell_type == "code"]
+    assert all(cell.outputs for cell in cells)
+    shown = "".join(output.get("text", "") for cell in cells for output in cell.outputs)
+    plain, named = re.search(r"DH alone ([\d.]+) mm, with the effects ([\d.]+) mm", shown).groups()
+    assert float(named) < float(plain)
+    assert "wam.c wam.h" in shown
+
+
+def test_notebook_shows_its_outputs_and_is_small():
+    assert NOTEBOOK in gen_notebook.NOTEBOOKS
+    assert NOTEBOOK.stat().st_size < 200_000
+    for cell in json.loads(NOTEBOOK.read_text())["cells"]:
+        assert cell["cell_type"] == "markdown" or cell["outputs"]
