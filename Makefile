@@ -344,7 +344,7 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench-samples blind montecarlo occlusion
+.PHONY: demo hil bench-samples blind montecarlo occlusion real
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -363,6 +363,9 @@ montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, u
 
 occlusion: setup core ## drawn frames against the search's verdict on what the arm hides
 	.venv/bin/python tests/bench/occlusion.py
+
+real: setup core ## measured sets of real arms: what the diagnosis names and gains (SETS=folder, ONLY=names, JSON=file)
+	.venv/bin/python tests/bench/real.py $(SETS) $(if $(ONLY),--only $(ONLY)) $(if $(JSON),--json $(JSON))
 
 # ---- tidying ------------------------------------------------------------------------------------------
 

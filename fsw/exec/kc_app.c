@@ -125,13 +125,28 @@ void kc_app_boot(kc_app_t *app)
     app->journal_due = 1u;
 }
 
-static void take_time(kc_app_t *app, uint64_t now_us, kc_out_t *out)
+uint64_t kc_app_elapsed(const kc_app_t *app, uint64_t stamp_us)
 {
-    if (now_us < app->now_us) {
-        kc_event(&out->events, KC_EVT_IN_RANGE, KC_INPUT_TIME, (double)now_us, (double)app->now_us);
-    } else {
-        app->now_us = now_us;
+    if (stamp_us > app->clock_us) {
+        uint64_t ahead = stamp_us - app->clock_us;
+        return ahead > UINT64_MAX - app->now_us ? UINT64_MAX : app->now_us + ahead;
     }
+    uint64_t age = app->clock_us - stamp_us;
+    return age > app->now_us ? 0u : app->now_us - age;
+}
+
+/* Elapsed time goes on whatever the clock does: where that stands still or steps, a step of the process
+ * counts as one tick, so that silence and time-outs are noticed. */
+static void take_time(kc_app_t *app, uint64_t clock_us, kc_out_t *out)
+{
+    int back = clock_us < app->clock_us;
+    uint64_t passed = back ? 0u : clock_us - app->clock_us;
+    if (back || passed > KC_CLOCK_GAP_US) {
+        kc_event(&out->events, KC_EVT_TIME_STEP, -1, (double)clock_us, (double)app->clock_us);
+        passed = 0u;
+    }
+    app->now_us += passed > 0u ? passed : KC_TICK_US;
+    app->clock_us = clock_us;
 }
 
 /* One state's work; 1 if another state may go on in the same step. */
@@ -151,22 +166,24 @@ static int run_state(kc_app_t *app, kc_out_t *out)
     }
 }
 
-static void first_step(kc_app_t *app, kc_out_t *out)
+static void first_step(kc_app_t *app, uint64_t clock_us, kc_out_t *out)
 {
     out->events = app->boot_events;
     app->stepped = 1u;
-    app->hk_us = app->now_us;
+    app->now_us = clock_us;
+    app->clock_us = clock_us;
+    app->hk_us = clock_us;
     if (app->state == KC_ST_SAFE) { kc_move_hold(app, out); }
 }
 
 void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *out)
 {
     memset(out, 0, sizeof *out);
-    if (!app->stepped) {
-        app->now_us = now_us;
-        first_step(app, out);
+    if (app->stepped) {
+        take_time(app, now_us, out);
+    } else {
+        first_step(app, now_us, out);
     }
-    take_time(app, now_us, out);
     kc_input_take(app, in, out);
     kc_cmd_take(app, in, out);
     kc_input_check_silence(app, out);

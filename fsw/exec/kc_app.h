@@ -44,12 +44,11 @@ typedef enum { KC_SRC_EXECUTIVE = 1, KC_SRC_GROUND = 2 } kc_source_t;
 #define KC_SOURCE_MAX 2u
 
 /* Inputs as events KC_EVT_IN_* name them. */
-typedef enum { KC_INPUT_TIME = 0, KC_INPUT_ARM = 1, KC_INPUT_PANTILT = 2, KC_INPUT_DETECTION = 3 } kc_input_t;
+typedef enum { KC_INPUT_ARM = 1, KC_INPUT_PANTILT = 2, KC_INPUT_DETECTION = 3 } kc_input_t;
 
 /* Fields of the inputs, index of IN_RANGE: 100 x input + number. X(first, count, "name"): a field of `count`
  * elements takes as many numbers from `first` on. */
 #define KC_INPUT_FIELD_LIST(X)                                   \
-    X(0, 1u, "mission time [us]")                                \
     X(101, 1u, "arm t_us")                                       \
     X(110, KC_JOINT_MAX, "arm q_rad")                            \
     X(120, KC_JOINT_MAX, "arm dq_rad_s")                         \
@@ -252,7 +251,8 @@ kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint3
 /* All offered: records events for what is missing and for the state in which the last run ended; they come
  * out of the first step. */
 void kc_app_boot(kc_app_t *app);
-/* One tick. now_us never runs backwards (a step back is treated as no time passed, with an event). */
+/* One tick. now_us: mission time, the clock that stamps messages. Where it stands still, steps back or steps
+ * ahead, one tick counts as elapsed; time-outs go by elapsed time and see nothing of a step. */
 void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *out);
 
 /* For tests and the ground: the active tables. */

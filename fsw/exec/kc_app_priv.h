@@ -21,6 +21,10 @@
 
 #define KC_SILENT_US 2000000u /* longest silence of arm or pan-tilt unit while it matters */
 #define KC_RESYNC_US 5000000u /* stale for longer than this: the sender was started again */
+#define KC_TICK_US 100000u    /* what counts as elapsed where the clock stands still or steps */
+#define KC_CLOCK_GAP_US 2000000u /* the clock moved on by more than this: it was set */
+#define KC_CMD_WINDOW 1000000u    /* how far a command's number may be ahead of the last one */
+#define KC_CMD_RESYNC_US 10000000u /* a source silent for longer may begin anew outside that window */
 #define KC_RESEND_US 1000000u /* a command that the arm does not echo is sent again after this */
 #define KC_HK_PERIOD_US 1000000u
 #define KC_ARMED_US 600000000u  /* APPROVE_GO must follow APPROVE_ARM within ten minutes */
@@ -124,7 +128,7 @@ typedef struct {
     kc_mon_verdict_t reported;           /* last verdict that was reported */
     kc_mon_verdict_t newest;             /* verdict on the observations held */
     uint32_t crc[KC_TBL_COUNT], session; /* tables and calibration of the observations */
-    uint64_t rest_us, t_us;              /* at rest since; newest observation */
+    uint64_t rest_us, t_us;              /* elapsed: at rest since; newest observation */
     uint8_t resting;
 } kc_monitoring_t;
 
@@ -148,7 +152,9 @@ struct kc_app {
     double y[KC_MEAS_MAX], dp_m[KC_MEAS_MAX], dr_rad[KC_MEAS_MAX];
 
     kc_state_t state, reported_state;
-    uint64_t now_us, state_us, hk_us;
+    uint64_t now_us;   /* elapsed time: every time-out counts in it, and no stamp of a message */
+    uint64_t clock_us; /* mission time of the newest step */
+    uint64_t state_us, hk_us;
     uint8_t stepped, journal_due;
 
     kc_arm_state_t arm;
@@ -172,6 +178,7 @@ struct kc_app {
 
     int32_t cmd_seq[KC_SOURCE_MAX];
     uint8_t cmd_seen[KC_SOURCE_MAX];
+    uint64_t cmd_us[KC_SOURCE_MAX]; /* elapsed time of the last number taken */
     kc_ack_t *ack; /* of the command being handled */
 
     uint16_t dump_kind;
@@ -193,6 +200,8 @@ _Static_assert(sizeof(struct kc_app) <= 880u * 1024u, "memory budget of the comp
 /* kc_app.c */
 void kc_app_enter(kc_app_t *app, kc_state_t state);
 int kc_app_calibrating(const kc_app_t *app);
+/* Elapsed time at which a message with this stamp was made, as far as clocks agree. */
+uint64_t kc_app_elapsed(const kc_app_t *app, uint64_t stamp_us);
 /* Hold the arm, record the cause, go to SAFE. A correction that waits for review is dropped. */
 void kc_app_abort(kc_app_t *app, kc_out_t *out, kc_cause_t cause);
 

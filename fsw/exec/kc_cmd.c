@@ -86,9 +86,18 @@ static kc_status_t start(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
 
 /* ---- tables ---- */
 
+/* Whether a command names a kind of table at all: the numbers of kinds have 16 bits, arguments 32. */
+static int kind_ok(const kc_cmd_t *c) { return c->arg_i[0] >= 1 && c->arg_i[0] < (int32_t)KC_TBL_COUNT; }
+
+static kc_status_t bad_kind(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
+{
+    return bad_arg(app, out, 0, (double)c->arg_i[0], (double)(KC_TBL_COUNT - 1));
+}
+
 static kc_status_t validate(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
 {
     if (!tables_free(app)) { return busy(app, out); }
+    if (!kind_ok(c)) { return bad_kind(app, out, c); }
     return kc_tbl_validate(&app->tables, (uint16_t)c->arg_i[0], (uint32_t)c->arg_i[1], &out->events);
 }
 
@@ -111,6 +120,7 @@ static kc_status_t activate(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
     uint32_t before[KC_TBL_COUNT], prev = app->tables.active.kin_prev_crc;
     uint32_t n = app->tables.staging.total; /* its bytes stay in place until the next chunk */
     if (!tables_free(app)) { return busy(app, out); }
+    if (!kind_ok(c)) { return bad_kind(app, out, c); }
     memcpy(before, app->tables.active.crc, sizeof before);
     kc_status_t st = kc_tbl_activate(&app->tables, (uint16_t)c->arg_i[0], (uint32_t)c->arg_i[1],
                                      &out->events);
@@ -130,10 +140,8 @@ static kc_status_t discard(kc_app_t *app, kc_out_t *out)
 static kc_status_t dump(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
 {
     int32_t kind = c->arg_i[0];
-    int table = kind >= 1 && kind < (int32_t)KC_TBL_COUNT;
-    if (!table && kind != (int32_t)KC_STORE_PROPOSAL) {
-        return bad_arg(app, out, 0, (double)kind, (double)(KC_TBL_COUNT - 1));
-    }
+    int table = kind_ok(c);
+    if (!table && kind != (int32_t)KC_STORE_PROPOSAL) { return bad_kind(app, out, c); }
     if (table ? app->tables.active.crc[kind] == 0u : app->proposal_crc == 0u) {
         return kc_cmd_refuse(app, out, KC_EVT_TBL_MISSING, kind, 0.0, 0.0, KC_ERR_STATE);
     }
@@ -227,19 +235,34 @@ static kc_status_t execute(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
     }
 }
 
-/* Source and sequence first; a number that is refused for another reason is used up. */
+/* A number follows the last one of its source if it lies within the window after it; numbers wrap. After a
+ * silence any number outside the window counts, so that neither a wild number nor a sender that was started
+ * again locks its source out; a number within the window behind is a repetition for ever. */
+static int follows(const kc_app_t *app, uint32_t s, int32_t seq)
+{
+    if (!app->cmd_seen[s]) { return 1; }
+    uint32_t ahead = (uint32_t)seq - (uint32_t)app->cmd_seq[s];
+    uint32_t behind = (uint32_t)app->cmd_seq[s] - (uint32_t)seq;
+    if (ahead > 0u && ahead <= KC_CMD_WINDOW) { return 1; }
+    return behind > KC_CMD_WINDOW && app->now_us - app->cmd_us[s] > KC_CMD_RESYNC_US;
+}
+
+/* Source and sequence first; a number that is refused for another reason is used up. ABORT needs no number:
+ * executed twice it does what it does once. */
 static kc_status_t admit(kc_app_t *app, kc_out_t *out, const kc_cmd_t *c)
 {
     if (c->source < 1 || c->source > (int32_t)KC_SOURCE_MAX) {
         return kc_cmd_refuse(app, out, KC_EVT_CMD_SOURCE, -1, (double)c->source, 0.0, KC_ERR_ARG);
     }
     uint32_t s = (uint32_t)c->source - 1u;
-    if (app->cmd_seen[s] && c->seq <= app->cmd_seq[s]) {
+    if (follows(app, s, c->seq)) {
+        app->cmd_seen[s] = 1u;
+        app->cmd_seq[s] = c->seq;
+        app->cmd_us[s] = app->now_us;
+    } else if (c->opcode != KC_CMD_ABORT) {
         return kc_cmd_refuse(app, out, KC_EVT_CMD_STALE, c->source, (double)c->seq, (double)app->cmd_seq[s],
                              KC_ERR_STALE);
     }
-    app->cmd_seen[s] = 1u;
-    app->cmd_seq[s] = c->seq;
     return execute(app, out, c);
 }
 

@@ -64,8 +64,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(11, CMD_UNKNOWN, ERROR, "command refused: unknown opcode {got:count}",                                 \
       "Check that sender and flight have the same message definitions.")                                     \
     X(12, CMD_STALE, ERROR,                                                                                  \
-      "command from {index:source} refused: sequence number {got:count} is not newer than {want:count}",     \
-      "Send it again with a larger sequence number.")                                                        \
+      "command from {index:source} refused: sequence number {got:count} does not follow {want:count}",       \
+      "Send it again with the next number; a sender that lost its count waits 10 s.")                        \
     X(13, CMD_STATE, ERROR, "command {index:command} refused in state {got:state}",                          \
       "See docs/STATES.md, Commands by state.")                                                              \
     X(14, CMD_ARG, ERROR,                                                                                    \
@@ -134,6 +134,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Clear the fault at the arm controller.")                                                              \
     X(51, IN_SILENT, ERROR, "no {index:input} message for {got:s}, allowed {want:s}",                        \
       "Check that the sender runs and that its messages arrive.")                                            \
+    X(52, TIME_STEP, WARN, "mission clock changed from {want:s} to {got:s} within one step",                 \
+      "Check the clock source. Messages are refused until the clocks of their senders agree again.")         \
     X(60, CAL_START, INFO,                                                                                   \
       "calibration {index:count} started: {got:count} poses, chosen by {want:acquisition}", "")              \
     X(61, CAL_POSE, INFO, "pose {index:pose} measured: {got:mm}, {want:mrad} from the prediction", "")       \

@@ -53,8 +53,8 @@ static int all_within(kc_out_t *out, int32_t field, const double *x, uint32_t n,
 
 static int fresh(const kc_app_t *app, kc_out_t *out, int32_t field, uint64_t t_us, uint64_t age_us)
 {
-    uint64_t oldest = app->now_us > age_us ? app->now_us - age_us : 0u;
-    return within(out, field, (double)t_us, (double)oldest, (double)(app->now_us + FUTURE_US));
+    uint64_t oldest = app->clock_us > age_us ? app->clock_us - age_us : 0u;
+    return within(out, field, (double)t_us, (double)oldest, (double)(app->clock_us + FUTURE_US));
 }
 
 /* Newer than the last accepted one. A sender that was started again counts from the beginning: when all
@@ -86,11 +86,28 @@ static int arm_fields(const kc_app_t *app, kc_out_t *out, const kc_arm_state_t *
            all_within(out, 152, s->g_m_s2, 3u, -30.0, 30.0);
 }
 
-static int arm_ok(const kc_app_t *app, kc_out_t *out, const kc_arm_state_t *s)
+static void take_fault(kc_app_t *app, kc_out_t *out, int32_t mask)
+{
+    if (mask != app->fault_reported && mask != 0) {
+        kc_event(&out->events, KC_EVT_ARM_FAULT, -1, (double)mask, 0.0);
+    }
+    app->arm.fault_mask = mask;
+    app->fault_reported = mask;
+}
+
+/* A fault counts although the stamp is not of this time: clocks that disagree must not hide it. */
+static int arm_fresh(kc_app_t *app, kc_out_t *out, const kc_arm_state_t *s)
+{
+    if (fresh(app, out, 101, s->t_us, KC_SILENT_US)) { return 1; }
+    if (s->fault_mask != 0) { take_fault(app, out, s->fault_mask); }
+    return 0;
+}
+
+static int arm_ok(kc_app_t *app, kc_out_t *out, const kc_arm_state_t *s)
 {
     const kc_arm_t *arm = &app->tables.active.arm;
     if (app->has_arm && !newer(app, out, KC_INPUT_ARM, s->seq, app->arm.seq, app->arm_ok_us)) { return 0; }
-    if (!fresh(app, out, 101, s->t_us, KC_SILENT_US)) { return 0; }
+    if (!arm_fresh(app, out, s)) { return 0; }
     if (s->n_joints != arm->n_joints) {
         kc_event(&out->events, KC_EVT_IN_COUNT, KC_INPUT_ARM, (double)s->n_joints, (double)arm->n_joints);
         return 0;
@@ -105,10 +122,7 @@ static void take_arm(kc_app_t *app, const kc_arm_state_t *s, kc_out_t *out)
     app->arm = *s;
     app->has_arm = 1u;
     app->arm_ok_us = app->now_us;
-    if (s->fault_mask != app->fault_reported && s->fault_mask != 0) {
-        kc_event(&out->events, KC_EVT_ARM_FAULT, -1, (double)s->fault_mask, 0.0);
-    }
-    app->fault_reported = s->fault_mask;
+    take_fault(app, out, s->fault_mask);
 }
 
 /* ---- pan-tilt unit ---- */
@@ -139,16 +153,20 @@ static int det_requested(const kc_app_t *app, kc_out_t *out, const kc_detection_
     return 0;
 }
 
+static int not_ahead(const kc_app_t *app, kc_out_t *out, const kc_detection_t *d)
+{
+    if (d->t_us <= app->clock_us + FUTURE_US) { return 1; }
+    kc_event(&out->events, KC_EVT_IN_RANGE, 301, (double)d->t_us, (double)app->clock_us);
+    return 0;
+}
+
 /* Taken after its request, and not too long ago. */
 static int det_age(const kc_app_t *app, kc_out_t *out, const kc_detection_t *d)
 {
     uint64_t allowed = app->tables.active.config.frame_age_max_us;
-    if (d->t_us > app->now_us + FUTURE_US) {
-        kc_event(&out->events, KC_EVT_IN_RANGE, 301, (double)d->t_us, (double)app->now_us);
-        return 0;
-    }
+    if (!not_ahead(app, out, d)) { return 0; }
     uint64_t since = app->now_us - app->observe.requested_us;
-    double age = (double)app->now_us - (double)d->t_us;
+    double age = (double)app->clock_us - (double)d->t_us;
     double limit = (double)(since + FUTURE_US < allowed ? since + FUTURE_US : allowed);
     if (age > limit) {
         kc_event(&out->events, KC_EVT_DET_OLD, -1, age, limit);
@@ -249,14 +267,14 @@ static int det_steady(const kc_app_t *app, kc_out_t *out, const kc_detection_t *
 /* An observation outside calibrations: new, recent, and as certain as one of a calibration. */
 static void take_observation(kc_app_t *app, const kc_detection_t *d, kc_out_t *out)
 {
-    double age = (double)app->now_us - (double)d->t_us;
+    double age = (double)app->clock_us - (double)d->t_us;
     double limit = (double)app->tables.active.config.frame_age_max_us;
-    if (d->t_us > app->now_us + FUTURE_US) {
-        kc_event(&out->events, KC_EVT_IN_RANGE, 301, (double)d->t_us, (double)app->now_us);
-    } else if (age > limit) {
+    uint64_t taken_us = kc_app_elapsed(app, d->t_us);
+    if (!not_ahead(app, out, d)) { return; }
+    if (age > limit) {
         kc_event(&out->events, KC_EVT_DET_OLD, -1, age, limit);
-    } else if (d->t_us <= app->monitoring.t_us) {
-        kc_event(&out->events, KC_EVT_IN_STALE, KC_INPUT_DETECTION, (double)d->t_us,
+    } else if (taken_us <= app->monitoring.t_us) {
+        kc_event(&out->events, KC_EVT_IN_STALE, KC_INPUT_DETECTION, (double)taken_us,
                  (double)app->monitoring.t_us);
     } else if (!within(out, 302, (double)d->n_tags, 0.0, (double)KC_TAG_MAX)) {
         return;

@@ -103,7 +103,7 @@ void kc_journal_note(kc_app_t *app, kc_out_t *out)
         .candidate = app->cal.candidate,
         .seg_from = app->leg.seg_from,
         .seg_to = app->leg.seg_to,
-        .t_us = app->now_us,
+        .t_us = app->clock_us,
     };
     write_record(app);
     kc_journal_store(out, KC_STORE_JOURNAL, app->journal_bytes, KC_JOURNAL_BYTES);

@@ -100,8 +100,8 @@ static void walk_term(kc_walk_t *w, kc_term_t *t, uint32_t n_coef)
     for (uint32_t b = 0u; b < 2u; b++) {
         kc_walk_u8(w, 13u, &t->basis[b].fn, 0u, KC_FN_COUNT - 1u); /* kc_fn_t */
         kc_walk_u8(w, 14u, &t->basis[b].var, 0u, KC_VAR_COUNT - 1u); /* kc_var_t */
-        /* joint or link the variable belongs to */
-        kc_walk_u8(w, 15u, &t->basis[b].index, 0u, KC_JOINT_MAX);
+        /* joint or link the variable belongs to; gravity lever: 16 x link + body, body 0 is the tool */
+        kc_walk_u8(w, 15u, &t->basis[b].index, 0u, UINT8_MAX);
         kc_walk_f64(w, 16u, &t->basis[b].c0, -COEF_ABS_MAX, COEF_ABS_MAX);
         kc_walk_f64(w, 17u, &t->basis[b].c1, -COEF_ABS_MAX, COEF_ABS_MAX);
     }

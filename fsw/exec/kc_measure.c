@@ -141,7 +141,7 @@ static int finish(kc_app_t *app, kc_out_t *out)
     m->pan_rad = pantilt.pan_rad = f->pan_rad / n;
     m->tilt_rad = pantilt.tilt_rad = f->tilt_rad / n;
     m->n_frames = f->n;
-    m->t_us = app->now_us;
+    m->t_us = app->clock_us;
     m->session = app->session;
     memcpy(m->crc, app->tables.active.crc, sizeof m->crc);
     kc_observe_obs(app, m->det.p_cam_tool_m, m->det.q_cam_tool_wxyz, &m->det, &m->arm, &pantilt, &m->obs);

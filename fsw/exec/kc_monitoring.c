@@ -55,7 +55,7 @@ void kc_monitoring_observe(kc_app_t *app, kc_out_t *out, const kc_detection_t *d
 {
     const kc_active_t *a = &app->tables.active;
     kc_monitoring_t *w = &app->monitoring;
-    if (!w->resting || d->t_us < w->rest_us + a->config.settle_us) {
+    if (!w->resting || kc_app_elapsed(app, d->t_us) < w->rest_us + a->config.settle_us) {
         kc_event(&out->events, KC_EVT_MON_NOT_AT_REST, -1, (double)d->seq, 0.0);
         return;
     }
@@ -65,7 +65,7 @@ void kc_monitoring_observe(kc_app_t *app, kc_out_t *out, const kc_detection_t *d
     kc_observe_unflip(app, a->kin.value, &det);
     kc_observe_obs(app, det.p_cam_tool_m, det.q_cam_tool_wxyz, &det, &app->arm, &app->pantilt, &obs);
     if (kc_monitor_add(&w->monitor, &a->arm, &a->terms, a->kin.value, &obs, &app->eval) != KC_OK) { return; }
-    w->t_us = d->t_us;
+    w->t_us = kc_app_elapsed(app, d->t_us);
     kc_monitor_evaluate(&w->monitor, &w->newest);
     report(app, out, &w->newest);
 }

@@ -75,7 +75,7 @@ static void fill_kin(kc_app_t *app, kc_kin_t *k)
     k->prev_crc = a->crc[KC_TBL_KIN];
     k->session = app->session;
     k->n_poses = app->cal.n_meas;
-    k->made_us = app->now_us;
+    k->made_us = app->clock_us;
 }
 
 /* Upper triangle of the scaled covariance, row by row, of n_coef rows. */

@@ -73,7 +73,9 @@ static void on_det(const lcm_recv_buf_t *buf, const char *channel, void *user)
 static void on_arm(const lcm_recv_buf_t *buf, const char *channel, void *user)
 {
     DECODE(arm_state_t, arm)
-    kc_wire_arm(&s_rx.arm, &e->in.arm); /* the newest of a step counts */
+    int32_t faults = e->in.has_arm ? e->in.arm.fault_mask : 0;
+    kc_wire_arm(&s_rx.arm, &e->in.arm); /* the newest of a step counts, but no fault of it is lost */
+    e->in.arm.fault_mask |= faults;
     e->in.has_arm = 1u;
 }
 

@@ -4,9 +4,24 @@
 
 static int ahead(int64_t t_us, int64_t now_us) { return t_us > now_us && t_us - now_us > KC_Q_AHEAD_US; }
 
+/* The quota of a command: that of its source, 0 for all unknown ones. */
+static uint32_t account(const kc_cmd_t *m)
+{
+    return m->source >= 1 && m->source <= (int32_t)KC_SOURCE_MAX ? (uint32_t)m->source : 0u;
+}
+
+static uint32_t room(const kc_queue_t *q, const kc_cmd_t *m)
+{
+    uint32_t n = 0u;
+    uint32_t most = KC_Q_CMD_QUOTA;
+    if (m->opcode == KC_CMD_ABORT && account(m) != 0u) { most += KC_Q_CMD_ABORTS; }
+    for (uint32_t i = 0u; i < q->n_cmd; i++) { n += account(&q->cmd[i].m) == account(m); }
+    return n < most ? most - n : 0u;
+}
+
 int kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *m)
 {
-    if (q->n_cmd == KC_Q_CMD || ahead(t_us, now_us)) { return -1; }
+    if (room(q, m) == 0u || ahead(t_us, now_us)) { return -1; }
     q->cmd[q->n_cmd].t_us = t_us;
     q->cmd[q->n_cmd++].m = *m;
     return 0;
@@ -37,14 +52,17 @@ static int before(const int64_t *a, const int64_t *b, uint32_t n)
     return 0;
 }
 
-static uint32_t first_cmd(const kc_queue_t *q, int64_t now_us)
+/* taken: commands of each account in this step; the one with the fewest comes next. */
+static uint32_t first_cmd(const kc_queue_t *q, int64_t now_us, const uint32_t *taken)
 {
     uint32_t best = q->n_cmd;
     for (uint32_t i = 0u; i < q->n_cmd; i++) {
         if (q->cmd[i].t_us >= now_us) { continue; }
-        const int64_t a[2] = {q->cmd[i].m.source, q->cmd[i].m.seq};
-        const int64_t b[2] = {q->cmd[best % KC_Q_CMD].m.source, q->cmd[best % KC_Q_CMD].m.seq};
-        if (best == q->n_cmd || before(a, b, 2u)) { best = i; }
+        const kc_cmd_t *m = &q->cmd[i].m, *o = &q->cmd[best % KC_Q_CMD].m;
+        int32_t later = (int32_t)((uint32_t)m->seq - (uint32_t)o->seq); /* numbers wrap */
+        const int64_t a[3] = {taken[account(m)], m->source, later};
+        const int64_t b[3] = {taken[account(o)], o->source, 0};
+        if (best == q->n_cmd || before(a, b, 3u)) { best = i; }
     }
     return best;
 }
@@ -74,8 +92,9 @@ static uint32_t first_det(const kc_queue_t *q, int64_t now_us)
 
 void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in)
 {
-    uint32_t i;
-    while (in->n_cmd < KC_CMD_QUEUE_MAX && (i = first_cmd(q, now_us)) < q->n_cmd) {
+    uint32_t i, taken[KC_SOURCE_MAX + 1u] = {0u};
+    while (in->n_cmd < KC_CMD_QUEUE_MAX && (i = first_cmd(q, now_us, taken)) < q->n_cmd) {
+        taken[account(&q->cmd[i].m)]++;
         in->cmd[in->n_cmd++] = q->cmd[i].m;
         q->cmd[i] = q->cmd[--q->n_cmd];
     }

@@ -1,6 +1,6 @@
 /* Messages of other participants wait here until they are due, and leave in an order that does not
- * depend on when they arrived: commands by source and number, table chunks by kind and offset (time first,
- * so that one upload follows the other), detections by frame number.
+ * depend on when they arrived: commands of one source by number, sources in turn, table chunks by kind and
+ * offset (time first, so that one upload follows the other), detections by frame number.
  *
  * Due means: stamped earlier than now. In lockstep all of those have arrived when a tick begins. */
 #ifndef KC_QUEUE_H
@@ -9,6 +9,10 @@
 #include "kc_app.h"
 
 #define KC_Q_CMD 32u
+/* Commands of one source that may wait, so that none crowds out another; all unknown sources count as one.
+ * ABORT finds room beyond: 2 x (8 + 4) + 8 = KC_Q_CMD. */
+#define KC_Q_CMD_QUOTA 8u
+#define KC_Q_CMD_ABORTS 4u
 #define KC_Q_CHUNK 32u
 #define KC_Q_DET 8u
 #define KC_Q_AHEAD_US 10000000 /* a stamp further ahead than this will not be waited for */

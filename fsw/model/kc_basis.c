@@ -18,6 +18,28 @@ static double of_moment(const kc_loads_t *loads, uint32_t link, uint32_t axis)
     return link <= KC_JOINT_MAX ? loads->moment[link][axis] : 0.0;
 }
 
+static double of_pnp(const kc_ctx_t *ctx, uint32_t var, uint32_t column)
+{
+    return column <= KC_PNP_MAX ? ctx->pnp[var - KC_VAR_PNP_TX][column] : 0.0;
+}
+
+/* Component of gravity in the frame of a link. */
+static double of_gravity(const kc_loads_t *loads, uint32_t link, uint32_t axis)
+{
+    return link <= KC_JOINT_MAX ? loads->g_link_m_s2[link][axis] : 0.0;
+}
+
+/* Moment of 1 kg at a body about axis c of a link's frame: c . (r x g) = r . (g x c). */
+static double of_lever(const kc_loads_t *loads, uint32_t index, uint32_t axis)
+{
+    const uint32_t link = KC_LEVER_LINK(index);
+    const uint32_t body = KC_LEVER_BODY(index) == KC_LEVER_TOOL ? KC_FRAME_TOOL : KC_LEVER_BODY(index);
+    double r[3];
+    if (link > KC_JOINT_MAX || KC_LEVER_BODY(index) > KC_JOINT_MAX) { return 0.0; }
+    kc_v3_sub(loads->origin_m[body], loads->origin_m[link], r);
+    return kc_v3_dot(r, loads->g_cross_m_s2[link][axis]);
+}
+
 static double variable(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t *loads)
 {
     switch ((kc_var_t)b->var) {
@@ -43,6 +65,18 @@ static double variable(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_
     case KC_VAR_YCAM: return ctx->p_cam_tool_m[1];
     case KC_VAR_ZCAM: return ctx->p_cam_tool_m[2];
     case KC_VAR_TAG: return ctx->tag;
+    case KC_VAR_GX: return of_gravity(loads, b->index, 0u);
+    case KC_VAR_GY: return of_gravity(loads, b->index, 1u);
+    case KC_VAR_GZ: return of_gravity(loads, b->index, 2u);
+    case KC_VAR_LEVX: return of_lever(loads, b->index, 0u);
+    case KC_VAR_LEVY: return of_lever(loads, b->index, 1u);
+    case KC_VAR_LEVZ: return of_lever(loads, b->index, 2u);
+    case KC_VAR_PNP_TX:
+    case KC_VAR_PNP_TY:
+    case KC_VAR_PNP_TZ:
+    case KC_VAR_PNP_RX:
+    case KC_VAR_PNP_RY:
+    case KC_VAR_PNP_RZ: return of_pnp(ctx, b->var, b->index);
     default: return 0.0; /* validated tables hold nothing else */
     }
 }
@@ -75,5 +109,5 @@ double kc_basis_eval(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t 
 int kc_basis_needs_loads(const kc_basis_t *b)
 {
     return b->var == KC_VAR_TAU || b->var == KC_VAR_MX || b->var == KC_VAR_MY || b->var == KC_VAR_MZ ||
-           b->var == KC_VAR_TAU_PAYLOAD;
+           b->var == KC_VAR_TAU_PAYLOAD || (b->var >= KC_VAR_GX && b->var <= KC_VAR_LEVZ);
 }

@@ -106,6 +106,18 @@ static void link_mass(const kc_joint_t *joint, const kc_pose_t *T, beyond_t *b)
     add_mass(b, joint->mass_kg, c);
 }
 
+/* Of a frame: its origin, gravity in it, and gravity crossed with its axes. */
+static void lever_parts(const kc_pose_t *T, const double g[3], uint32_t i, kc_loads_t *loads)
+{
+    kc_v3_copy(T->p_m, loads->origin_m[i]);
+    kc_m3t_mul_v3(T->R, g, loads->g_link_m_s2[i]);
+    for (uint32_t axis = 0u; axis < 3u; axis++) {
+        double c[3];
+        kc_m3_col(T->R, axis, c);
+        kc_v3_cross(g, c, loads->g_cross_m_s2[i][axis]);
+    }
+}
+
 void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
                     kc_loads_t *loads)
 {
@@ -121,10 +133,12 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
         if (i > 0u) { kc_arm_link(&arm->joint[i - 1u], ctx->q[i - 1u], &T); }
         apply_twist(&T, tw[i], NULL);
         frame[i] = T;
+        lever_parts(&T, ctx->g_m_s2, i, loads);
     }
     kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
     kc_pose_mul(&T, &tool, &T);
     apply_twist(&T, tw[KC_FRAME_TOOL], NULL);
+    kc_v3_copy(T.p_m, loads->origin_m[KC_FRAME_TOOL]);
 
     add_mass(&payload, ctx->payload_kg, T.p_m);
     add_mass(&all, ctx->payload_kg, T.p_m);

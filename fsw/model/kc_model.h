@@ -33,7 +33,7 @@ typedef struct {
     double J[KC_COEF_MAX][6]; /* d pose / d coefficient */
 } kc_eval_t;
 
-/* Gravity torques and moments with the coefficients `coef` (NULL: all zero). Bases that
+/* Gravity torques, moments and levers with the coefficients `coef` (NULL: all zero). Bases that
  * depend on loads count as zero here: loads are those of the chain without load-dependent
  * corrections, which differ at second order. */
 void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,

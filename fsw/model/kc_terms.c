@@ -14,6 +14,12 @@
 /* Joints whose number is one digit of a name. */
 #define DH_JOINT_MAX (KC_JOINT_MAX < 9u ? KC_JOINT_MAX : 9u)
 
+/* A body beyond a link that has a joint at its end. */
+static int lever_ok(uint32_t link, uint32_t body, uint32_t n_joints)
+{
+    return link < n_joints && (body == KC_LEVER_TOOL || (body > link && body <= n_joints));
+}
+
 static int index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
 {
     switch ((kc_var_t)var) {
@@ -24,7 +30,19 @@ static int index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
     case KC_VAR_TAU_PAYLOAD: return index >= 1u && index <= n_joints;
     case KC_VAR_MX:
     case KC_VAR_MY:
-    case KC_VAR_MZ: return index <= n_joints;
+    case KC_VAR_MZ:
+    case KC_VAR_GX:
+    case KC_VAR_GY:
+    case KC_VAR_GZ: return index <= n_joints;
+    case KC_VAR_LEVX:
+    case KC_VAR_LEVY:
+    case KC_VAR_LEVZ: return lever_ok(KC_LEVER_LINK(index), KC_LEVER_BODY(index), n_joints);
+    case KC_VAR_PNP_TX:
+    case KC_VAR_PNP_TY:
+    case KC_VAR_PNP_TZ:
+    case KC_VAR_PNP_RX:
+    case KC_VAR_PNP_RY:
+    case KC_VAR_PNP_RZ: return index >= 1u && index <= KC_PNP_MAX;
     default: return index == 0u;
     }
 }

@@ -16,8 +16,8 @@
 
 typedef enum { KC_TX = 0, KC_TY = 1, KC_TZ = 2, KC_RX = 3, KC_RY = 4, KC_RZ = 5 } kc_comp_t;
 
-/* Input variable of a basis. index: joint 1..n for the per-joint ones, link 0..n for the
- * gravity moment (0 = the whole arm about frame 0). */
+/* Input variable of a basis. index: joint 1..n for the per-joint ones, link 0..n for the gravity moment
+ * (0 = the whole arm about frame 0) and for gravity in its frame; link and body for a gravity lever. */
 typedef enum {
     KC_VAR_ONE = 0,
     KC_VAR_Q = 1,   /* encoder reading of joint [rad or m] */
@@ -43,8 +43,29 @@ typedef enum {
     KC_VAR_YCAM = 20,
     KC_VAR_ZCAM = 21,
     KC_VAR_TAG = 22, /* tags detected: 0 first only, 1 second only, 0.5 both */
-    KC_VAR_COUNT = 23
+    KC_VAR_GX = 23,  /* gravity in the frame of a link [m/s^2] */
+    KC_VAR_GY = 24,
+    KC_VAR_GZ = 25,
+    KC_VAR_LEVX = 26, /* gravity lever: moment of 1 kg at a body's origin about the origin */
+    KC_VAR_LEVY = 27, /*   of a link's frame, components in that frame [N m/kg]; */
+    KC_VAR_LEVZ = 28, /*   index: KC_LEVER_INDEX(link, body) */
+    /* Twist of a PnP pose per unit of a fault of camera or target, index: column 1.. KC_PNP_MAX.
+       The ground computes them for targets of many points; flight's tables hold none. */
+    KC_VAR_PNP_TX = 29, /* [m per unit] */
+    KC_VAR_PNP_TY = 30,
+    KC_VAR_PNP_TZ = 31,
+    KC_VAR_PNP_RX = 32, /* [rad per unit] */
+    KC_VAR_PNP_RY = 33,
+    KC_VAR_PNP_RZ = 34,
+    KC_VAR_COUNT = 35
 } kc_var_t;
+
+/* Index of a gravity lever: link 0 .. n-1 (its z axis is that of joint link + 1), and a body beyond it: link
+ * body = link + 1 .. n (at most 15), or KC_LEVER_TOOL. */
+#define KC_LEVER_TOOL 0u
+#define KC_LEVER_INDEX(link, body) (16u * (link) + (body))
+#define KC_LEVER_LINK(index) ((uint32_t)(index) / 16u)
+#define KC_LEVER_BODY(index) ((uint32_t)(index) % 16u)
 
 /* basis = fn(z),  z = c1 (x - c0), clipped to +-1e12. */
 typedef enum {
@@ -64,7 +85,7 @@ typedef enum {
 typedef struct {
     uint8_t fn;    /* kc_fn_t */
     uint8_t var;   /* kc_var_t; KC_VAR_ONE makes the basis 1 whatever fn is */
-    uint8_t index; /* joint or link, 0 where the variable has none */
+    uint8_t index; /* joint, link or KC_LEVER_INDEX; 0 where the variable has none */
     double c0, c1; /* offset and scale of the argument */
 } kc_basis_t;
 
@@ -99,6 +120,7 @@ typedef struct {
     double temp_c, t_s, payload_kg;
     double range_m, incid_rad, u_norm, v_norm, pan_rad, tilt_rad, tag;
     double p_cam_tool_m[3];
+    double pnp[6][KC_PNP_MAX + 1u]; /* by component, then column; column 0 stays 0 */
 } kc_ctx_t;
 
 /* What gravity does to the arm in one pose (the motors hold against it), evaluated on the chain
@@ -109,12 +131,16 @@ typedef struct {
     double moment[KC_JOINT_MAX + 1u][3];  /* about the origin of frame i, in frame i, of
                                              everything beyond it: links i+1 .. n and
                                              payload [N m] */
+    /* What gravity levers are made of; masses play no part. */
+    double origin_m[KC_JOINT_MAX + 2u][3]; /* of frame 0 .. n, and of the tool at KC_FRAME_TOOL; base frame */
+    double g_link_m_s2[KC_JOINT_MAX + 1u][3];      /* gravity in frame i */
+    double g_cross_m_s2[KC_JOINT_MAX + 1u][3][3];  /* gravity x axis c of frame i, base frame */
 } kc_loads_t;
 
 /* Value of a basis; q etc. from ctx, torques and moments from loads. Always finite for
  * finite input. */
 double kc_basis_eval(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t *loads);
-/* Whether the basis depends on a gravity torque or moment. */
+/* Whether the basis depends on gravity: torque, moment, lever or its direction in a frame. */
 int kc_basis_needs_loads(const kc_basis_t *b);
 
 /* First problem found: KC_ERR_RANGE, *index = coefficient or KC_TERMS_INDEX_TERM + term, *got = value. */

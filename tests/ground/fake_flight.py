@@ -4,10 +4,10 @@ import threading
 import time
 
 import lcm
-from kincal_sim.ports import private_port, private_url
 from samples import signed
 
 import kcm
+from kincal_sim.ports import private_port, private_url
 
 
 class FakeFlight:

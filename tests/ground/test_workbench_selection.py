@@ -87,6 +87,9 @@ class MadeUp:
     def constants_of(self, _h):
         return ()
 
+    def fewest_joints(self, _model, _h):
+        return None
+
     def held_gain(self, _model, h):
         class Gain:
             gains = h.name in self.gains

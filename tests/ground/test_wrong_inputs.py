@@ -109,7 +109,9 @@ def arm_file(text):
 
 def unknown_frames(text):
     """An arm table with both frames to be estimated."""
-    return lambda folder: (folder / "arm.toml").write_text(text.replace("estimate = false", "estimate = true"))
+    return lambda folder: (folder / "arm.toml").write_text(
+        text.replace("estimate = false", "estimate = true")
+    )
 
 
 def content(data, name="poses.csv"):
@@ -135,7 +137,9 @@ def unrelated(folder):
 
     def change(found):
         mixed = np.random.default_rng(3).permutation(len(found))
-        return [row | {name: found[k][name] for name in (*P, *QUAT)} for row, k in zip(found, mixed, strict=True)]
+        return [
+            row | {name: found[k][name] for name in (*P, *QUAT)} for row, k in zip(found, mixed, strict=True)
+        ]
 
     _table(folder, change)
 
@@ -200,7 +204,7 @@ WRONG = {
     "one joint too many": (lambda f: arm(r"$", JOINT)(f), ["q8", "missing"]),
     "12 joints": (lambda f: arm(r"$", JOINT * 5)(f), ["q8", "q12", "missing"]),
     "one joint too few": (arm(r"\[\[joint\]\][^\[]*$", ""), ["q7", "6 joints"]),
-    "revolute as prismatic": (arm(r'type = "revolute"', 'type = "prismatic"'), ["joint 1 looks revolute"]),
+    "revolute as prismatic": (arm(r'type = "revolute"', 'type = "prismatic"'), ["joint 1 seems revolute"]),
     "base frame of another place": (arm(r"xyz_m = \[0.0, 0.0, 0.346\]", "xyz_m = [0.5, -0.4, 0.9]"),
                                     ["base or tool frame"]),
     "quaternion of norm 2": (arm(r"quat_wxyz = \[1.0", "quat_wxyz = [2.0"), ["quat_wxyz", "norm"]),
@@ -228,7 +232,7 @@ WRONG = {
     "direction of 2": (added(**{f"dir{j}": "2" for j in range(1, 8)}), ["dir1", "-1, 0 or +1"]),
     "degrees": (scaled(Q, 180.0 / np.pi), ["degrees", "--units deg"]),
     "millimetres": (scaled(P, 1e3), ["millimetres", "--units mm"]),
-    "two readings exchanged": (exchanged("q2", "q4"), ["joints 2 and 4 look exchanged"]),
+    "two readings exchanged": (exchanged("q2", "q4"), ["joints 2 and 4 seem exchanged"]),
     "readings in another order": (exchanged("q1", "q3", "q4", "q6"), ["another order"]),
     "sign of one joint": (scaled(["q2"], -1.0), ["joint 2 counts the other way"]),
     "signs of three joints": (scaled(["q1", "q4", "q6"], -1.0), ["joints 1, 4, 6 count the other way"]),
@@ -281,7 +285,9 @@ def test_two_files_of_different_arms_are_refused(folder):
     poses.poses_csv(folder / "poses.csv", 40, 6)
     _table(folder, _keep(["id", *Q, *P, *QUAT]))
     exchanged(*Q)(folder)
-    done = compare("--arm", folder / "arm.toml", "--data", folder / "first.csv", "--data", folder / "poses.csv")
+    done = compare(
+        "--arm", folder / "arm.toml", "--data", folder / "first.csv", "--data", folder / "poses.csv"
+    )
     assert done.exit_code == EXIT_INPUT
     assert "do not belong" in done.stderr
 

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from kincal_sim.ports import private_port, private_url
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,7 +1,6 @@
 """Tag detector: accuracy on rendered frames against the truth, agreement with the fast mode, LCM."""
 
 import json
-import os
 import select
 import subprocess
 import time

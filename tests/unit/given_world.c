@@ -308,7 +308,7 @@ void world_tick(void)
     report_arm(arm);
     report_pantilt(pantilt);
     take_frame();
-    kc_app_step(&kc_app_instance, world.now_us, &world.in, &world.out);
+    kc_app_step(&kc_app_instance, (uint64_t)((int64_t)world.now_us + world.skew_us), &world.in, &world.out);
     memset(&world.in, 0, sizeof world.in);
     obey();
     listen();

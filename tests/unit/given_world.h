@@ -33,6 +33,7 @@ typedef struct {
     double hide_beyond; /* joint travel since START that hides the tags, 0 = off */
     double q_start[KC_JOINT_MAX];
     int32_t fault;
+    int64_t skew_us; /* the component's clock less that of arm and camera */
     void (*spoil)(kc_detection_t *d); /* changes every detection */
     /* outputs up to now */
     uint32_t events[100], n_acks;

@@ -217,17 +217,105 @@ void test_a_second_copy_for_rollback_is_not_needed(void)
 
 /* ---- steps ---- */
 
-void test_time_that_runs_backwards_counts_as_no_time_passed(void)
+void test_a_clock_that_is_set_costs_no_elapsed_time_and_is_reported(void)
 {
-    world_boot();
-    world_ticks(3u);
-    uint64_t before = APP->now_us;
-    world.now_us -= 2u * TICK_US + 50000u;
-    world_tick();
-    TEST_ASSERT_EQUAL_UINT64(before, APP->now_us);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_IN_RANGE));
-    TEST_ASSERT_EQUAL_INT(KC_INPUT_TIME, world.last[KC_EVT_IN_RANGE].index);
-    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    const int64_t steps_us[] = {-250000, -60000000, 3600000000, 3600000000000};
+    for (uint32_t i = 0u; i < 4u; i++) {
+        given_world();
+        world.now_us = 100000000u;
+        world_boot();
+        world_ticks(3u);
+        uint64_t before = APP->now_us;
+        world.now_us = (uint64_t)((int64_t)world.now_us + steps_us[i]);
+        world_tick();
+        TEST_ASSERT_EQUAL_UINT64(before + TICK_US, APP->now_us);
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_TIME_STEP));
+        world_ticks(20u);
+        TEST_ASSERT_EQUAL_UINT64(before + 21u * TICK_US, APP->now_us);
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_TIME_STEP));
+    }
+}
+
+/* What the component's clock does while the arm's goes on: steps back, ahead for one tick, stands still. */
+static void clock_goes_wrong(int how)
+{
+    if (how == 0) { world.skew_us = -60000000; }
+    if (how == 1) { world.skew_us = world.skew_us == 0 ? 3600000000 : 0; }
+    if (how == 2) { world.skew_us -= (int64_t)TICK_US; }
+}
+
+void test_a_fault_holds_the_arm_within_two_ticks_whatever_the_clock_does(void)
+{
+    for (int how = 0; how < 3; how++) {
+        for (int later = 0; later < 15; later += 7) {
+            given_world();
+            world.now_us = 100000000u;
+            world_started();
+            world_ticks(3u);
+            for (int i = 0; i < later; i++) {
+                clock_goes_wrong(how);
+                world_tick();
+            }
+            clock_goes_wrong(how);
+            world.fault = 2;
+            world_ticks(2u);
+            TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+            TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+            TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_FAULT, world.last[KC_EVT_CAL_ABORTED].got);
+        }
+    }
+}
+
+void test_a_silent_arm_is_noticed_whatever_the_clock_does(void)
+{
+    for (int how = 0; how < 3; how++) {
+        given_world();
+        world.now_us = 100000000u;
+        world_started();
+        world_ticks(3u);
+        world.arm_silent = 1;
+        for (uint32_t i = 0u; i < 22u; i++) {
+            clock_goes_wrong(how);
+            world_tick();
+        }
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_SILENT, world.last[KC_EVT_CAL_ABORTED].got);
+    }
+}
+
+void test_after_a_wrong_hour_it_works_again_within_two_seconds(void)
+{
+    for (int both = 0; both < 2; both++) { /* the clock of all, or the component's alone */
+        given_world();
+        world.now_us = 100000000u;
+        world_boot();
+        world_ticks(3u);
+        if (both) {
+            world.now_us += 3600000000u;
+        } else {
+            world.skew_us = 3600000000;
+        }
+        world_tick();
+        if (both) {
+            world.now_us -= 3600000000u;
+        } else {
+            world.skew_us = 0;
+        }
+        uint32_t n_hk = world.n_hk;
+        world_ticks(20u);
+        TEST_ASSERT_TRUE(world.n_hk > n_hk);
+        TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
+    }
+}
+
+void test_a_calibration_goes_on_when_all_clocks_are_set_back(void)
+{
+    world.now_us = 100000000u;
+    world_started();
+    world_ticks(10u);
+    world.now_us -= 60000000u;
+    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 20000u) || kc_app_state(APP) == KC_ST_IDLE);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_ABORTED));
 }
 
 void test_abort_holds_the_arm_and_goes_safe_from_every_state(void)

@@ -71,7 +71,10 @@ void test_each_variable_reads_its_own_field(void)
         s_loads.tau_payload[j] = 50.0 + j;
     }
     for (uint32_t i = 0u; i <= KC_JOINT_MAX; i++) {
-        for (uint32_t k = 0u; k < 3u; k++) { s_loads.moment[i][k] = 100.0 + 10.0 * i + k; }
+        for (uint32_t k = 0u; k < 3u; k++) {
+            s_loads.moment[i][k] = 100.0 + 10.0 * i + k;
+            s_loads.g_link_m_s2[i][k] = 300.0 + 10.0 * i + k;
+        }
     }
     s_ctx.temp_c = 1.0;
     s_ctx.t_s = 2.0;
@@ -113,11 +116,44 @@ void test_each_variable_reads_its_own_field(void)
         {KC_VAR_YCAM, 0u, 201.0},
         {KC_VAR_ZCAM, 0u, 202.0},
         {KC_VAR_TAG, 0u, 0.5},
+        {KC_VAR_GX, 0u, 300.0},
+        {KC_VAR_GY, 8u, 381.0},
+        {KC_VAR_GZ, 3u, 332.0},
     };
     for (size_t k = 0u; k < sizeof expected / sizeof expected[0]; k++) {
         TEST_ASSERT_EQUAL_DOUBLE(expected[k].want,
                                  value(KC_FN_LIN, expected[k].var, expected[k].index, 0.0, 1.0));
     }
+}
+
+/* Frame 2 at (1, 0, 0), its axes those of the base; body 4 at (1, 2, 3), the tool at (4, 5, 6); gravity down. */
+static void given_levers(void)
+{
+    static const double link[3] = {1.0, 0.0, 0.0}, body[3] = {1.0, 2.0, 3.0}, tool[3] = {4.0, 5.0, 6.0};
+    static const double g_cross[3][3] = {{0.0, -10.0, 0.0}, {10.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};
+    memcpy(s_loads.origin_m[2], link, sizeof link);
+    memcpy(s_loads.origin_m[4], body, sizeof body);
+    memcpy(s_loads.origin_m[KC_FRAME_TOOL], tool, sizeof tool);
+    memcpy(s_loads.g_cross_m_s2[2], g_cross, sizeof g_cross);
+}
+
+void test_a_lever_is_the_moment_of_one_kilogram_at_a_body_about_a_link(void)
+{
+    given_levers();
+    const uint8_t body = KC_LEVER_INDEX(2u, 4u), tool = KC_LEVER_INDEX(2u, KC_LEVER_TOOL);
+    TEST_ASSERT_EQUAL_DOUBLE(-20.0, value(KC_FN_LIN, KC_VAR_LEVX, body, 0.0, 1.0));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, value(KC_FN_LIN, KC_VAR_LEVY, body, 0.0, 1.0));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, value(KC_FN_LIN, KC_VAR_LEVZ, body, 0.0, 1.0));
+    TEST_ASSERT_EQUAL_DOUBLE(-50.0, value(KC_FN_LIN, KC_VAR_LEVX, tool, 0.0, 1.0));
+    TEST_ASSERT_EQUAL_DOUBLE(30.0, value(KC_FN_LIN, KC_VAR_LEVY, tool, 0.0, 1.0));
+}
+
+void test_levers_beyond_the_largest_arm_read_as_zero(void)
+{
+    given_levers();
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, value(KC_FN_LIN, KC_VAR_LEVX, KC_LEVER_INDEX(2u, 9u), 0.0, 1.0));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, value(KC_FN_LIN, KC_VAR_LEVX, KC_LEVER_INDEX(9u, 4u), 0.0, 1.0));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, value(KC_FN_LIN, KC_VAR_GX, KC_JOINT_MAX + 1u, 0.0, 1.0));
 }
 
 void test_what_no_valid_table_holds_reads_as_zero(void)
@@ -142,12 +178,13 @@ void test_every_function_stays_finite_for_huge_arguments(void)
     }
 }
 
-void test_only_torques_and_moments_need_loads(void)
+void test_only_what_gravity_does_needs_loads(void)
 {
     for (uint8_t var = 0u; var < KC_VAR_COUNT; var++) {
         const kc_basis_t b = {KC_FN_LIN, var, 1u, 0.0, 1.0};
         const int want = var == KC_VAR_TAU || var == KC_VAR_MX || var == KC_VAR_MY || var == KC_VAR_MZ ||
-                         var == KC_VAR_TAU_PAYLOAD;
+                         var == KC_VAR_TAU_PAYLOAD || var == KC_VAR_GX || var == KC_VAR_GY ||
+                         var == KC_VAR_GZ || var == KC_VAR_LEVX || var == KC_VAR_LEVY || var == KC_VAR_LEVZ;
         TEST_ASSERT_EQUAL_INT(want, kc_basis_needs_loads(&b));
     }
 }

@@ -68,9 +68,84 @@ void test_a_repeated_or_older_command_number_is_refused(void)
         given_idle();
         world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10;
         accepted();
-        world_cmd(KC_CMD_ABORT, 0, 0, 0)->seq = 10 - back;
+        world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10 - back;
         refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
         TEST_ASSERT_EQUAL_DOUBLE(10.0, world.last[KC_EVT_CMD_STALE].want);
+    }
+}
+
+void test_a_repetition_is_refused_however_late_it_comes(void)
+{
+    given_idle();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10;
+    accepted();
+    world_ticks(150u);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10;
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+}
+
+void test_abort_is_taken_whatever_its_number(void)
+{
+    const int32_t numbers[] = {10, 3, -5, INT32_MIN, INT32_MAX};
+    for (uint32_t i = 0u; i < 5u; i++) {
+        given_world();
+        world_started();
+        world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10;
+        accepted();
+        world_cmd(KC_CMD_ABORT, 0, 0, 0)->seq = numbers[i];
+        world_tick();
+        TEST_ASSERT_EQUAL_INT(KC_OK, world.ack.status);
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 11; /* its number counts for nothing else */
+        accepted();
+    }
+}
+
+void test_a_number_far_ahead_is_refused_and_locks_nobody_out(void)
+{
+    given_idle();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10;
+    accepted();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 0x7fffffff;
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 11;
+    accepted();
+}
+
+void test_a_source_that_began_with_the_largest_number_is_heard_again(void)
+{
+    given_idle();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 0x7fffffff;
+    accepted();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 5;
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+    world_ticks(100u);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 6;
+    accepted();
+}
+
+void test_numbers_wrap(void)
+{
+    given_idle();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = INT32_MAX;
+    accepted();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = INT32_MIN;
+    accepted();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = INT32_MAX;
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+}
+
+void test_a_kind_of_table_with_more_than_16_bits_is_no_other_kind(void)
+{
+    const int32_t kinds[] = {65536 + 4, -65532, 0, (int32_t)KC_TBL_COUNT};
+    given_idle();
+    for (uint32_t i = 0u; i < 4u; i++) {
+        (void)world_cmd(KC_CMD_TABLE_VALIDATE, kinds[i], 0, 0);
+        refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+        (void)world_cmd(KC_CMD_TABLE_ACTIVATE, kinds[i], 0, 0);
+        refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+        (void)world_cmd(KC_CMD_TABLE_DUMP, kinds[i], 0, 0);
+        refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
     }
 }
 

@@ -160,6 +160,23 @@ void test_sensor_messages_count_in_their_own_tick(void)
     TEST_ASSERT_EQUAL_UINT8(1u, APP->has_pantilt);
 }
 
+void test_a_fault_in_an_earlier_message_of_a_step_counts(void)
+{
+    kcm_arm_state_t a;
+    memset(&a, 0, sizeof a);
+    a.n_joints = 7;
+    for (int32_t i = 0; i < 3; i++) {
+        a.t_us = 100000;
+        a.seq = i + 1;
+        a.fault_mask = i == 1 ? 4 : 0;
+        SEND(arm_state_t, "KC_ARM_STATE", a);
+    }
+    send_time(1);
+    pump();
+    TEST_ASSERT_EQUAL_INT(4, APP->arm.fault_mask);
+    TEST_ASSERT_EQUAL_INT(3, APP->arm.seq);
+}
+
 void test_a_calibration_starts_over_the_network_and_moves_the_arm(void)
 {
     send_arm(1);
@@ -218,7 +235,7 @@ void test_rubbish_and_what_finds_no_room_is_counted(void)
     pump();
     TEST_ASSERT_EQUAL_UINT32(6u, s_e.n_rx_errors);
     d.t_us = c.t_us = 50000;
-    for (uint32_t i = 0u; i < KC_Q_CMD + 1u; i++) { send_cmd(50000, 1, 0, 0); }
+    for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA + 1u; i++) { send_cmd(50000, 1, 0, 0); }
     for (uint32_t i = 0u; i < KC_Q_CHUNK + 1u; i++) { SEND(table_chunk_t, "KC_TABLE_UP", c); }
     for (uint32_t i = 0u; i < KC_Q_DET + 1u; i++) { SEND(detection_t, "KC_DETECTION", d); }
     pump();

@@ -242,8 +242,7 @@ void test_an_armed_approval_expires(void)
     (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0);
     world_ticks(5u);
     TEST_ASSERT_EQUAL_INT(KC_ST_ARMED, kc_app_state(APP));
-    world.now_us += KC_ARMED_US;
-    world_tick();
+    world_ticks(KC_ARMED_US / TICK_US);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_EXPIRED));
 }

@@ -64,8 +64,9 @@ void test_order_does_not_depend_on_arrival(void)
         }
         kc_queue_take(&s_q, 900, &s_in);
         const int32_t kinds[6] = {5, 6, 7, 5, 6, 7};
+        const int32_t seqs[6] = {0, 3, 1, 4, 2, 5}; /* the sources in turn */
         for (int i = 0; i < 6; i++) {
-            TEST_ASSERT_EQUAL_INT(i, s_in.cmd[i].seq);
+            TEST_ASSERT_EQUAL_INT(seqs[i], s_in.cmd[i].seq);
             TEST_ASSERT_EQUAL_INT(kinds[i], s_in.chunk[i].kind);
         }
         TEST_ASSERT_EQUAL_UINT32(2u, s_in.chunk[0].offset); /* the earlier upload */
@@ -85,7 +86,7 @@ void test_chunks_of_one_kind_come_by_offset(void)
 void test_a_step_takes_what_it_can_and_leaves_the_rest(void)
 {
     for (int32_t i = 0; i < 12; i++) {
-        (void)cmd(1, 1, 12 - i);
+        (void)cmd(1, 1 + i % 2, 12 - i);
         (void)chunk(1, 1, (uint32_t)(12 - i));
         if (i < 6) { (void)det(1, 6 - i); }
     }
@@ -95,7 +96,7 @@ void test_a_step_takes_what_it_can_and_leaves_the_rest(void)
     TEST_ASSERT_EQUAL_UINT32(KC_DET_QUEUE_MAX, s_in.n_det);
     memset(&s_in, 0, sizeof s_in);
     kc_queue_take(&s_q, 2, &s_in);
-    TEST_ASSERT_EQUAL_INT(9, s_in.cmd[0].seq);
+    TEST_ASSERT_EQUAL_INT(10, s_in.cmd[0].seq);
     TEST_ASSERT_EQUAL_UINT32(9u, s_in.chunk[0].offset);
     TEST_ASSERT_EQUAL_INT(5, s_in.det[0].seq);
     TEST_ASSERT_EQUAL_UINT32(4u, s_in.n_cmd);
@@ -103,7 +104,7 @@ void test_a_step_takes_what_it_can_and_leaves_the_rest(void)
 
 void test_what_finds_no_room_or_lies_too_far_ahead_is_refused(void)
 {
-    for (uint32_t i = 0u; i < KC_Q_CMD; i++) { TEST_ASSERT_EQUAL_INT(0, cmd(1, 1, 1)); }
+    for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_EQUAL_INT(0, cmd(1, 1, 1)); }
     for (uint32_t i = 0u; i < KC_Q_CHUNK; i++) { TEST_ASSERT_EQUAL_INT(0, chunk(1, 1, 1u)); }
     for (uint32_t i = 0u; i < KC_Q_DET; i++) { TEST_ASSERT_EQUAL_INT(0, det(1, 1)); }
     TEST_ASSERT_EQUAL_INT(-1, cmd(1, 1, 1));
@@ -116,4 +117,59 @@ void test_what_finds_no_room_or_lies_too_far_ahead_is_refused(void)
     TEST_ASSERT_EQUAL_INT(0, det(INT64_MIN, 1)); /* live: due at once */
     kc_queue_take(&s_q, 0, &s_in);
     TEST_ASSERT_EQUAL_UINT32(1u, s_in.n_det);
+}
+
+static int abort_cmd(int32_t source, int32_t seq)
+{
+    s_c.opcode = KC_CMD_ABORT;
+    int st = cmd(1, source, seq);
+    s_c.opcode = KC_CMD_NOOP;
+    return st;
+}
+
+void test_a_flood_of_one_source_costs_the_others_nothing(void)
+{
+    int32_t flood[] = {1, 2, 99};
+    for (uint32_t f = 0u; f < 3u; f++) {
+        setUp();
+        for (int32_t i = 0; i < 100; i++) { (void)cmd(1, flood[f], i); }
+        for (int32_t i = 0; i < 100; i++) { (void)abort_cmd(flood[f], i); }
+        for (int32_t s = 1; s <= 2; s++) {
+            if (s == flood[f]) { continue; }
+            for (int32_t i = 0; i < 8; i++) { TEST_ASSERT_EQUAL_INT(0, cmd(1, s, 1000 + i)); }
+            TEST_ASSERT_EQUAL_INT(0, abort_cmd(s, 1008));
+        }
+        kc_queue_take(&s_q, 2, &s_in);
+        int32_t n_other = 0;
+        for (uint32_t i = 0u; i < s_in.n_cmd; i++) { n_other += s_in.cmd[i].source != flood[f]; }
+        TEST_ASSERT_TRUE(n_other >= 4);
+    }
+}
+
+void test_unknown_sources_share_one_quota_and_cannot_fill_the_queue(void)
+{
+    for (int32_t i = 0; i < 100; i++) { (void)cmd(1, 3 + i, i); }
+    for (int32_t i = 0; i < 100; i++) { (void)abort_cmd(3 + i, i); }
+    TEST_ASSERT_EQUAL_UINT32(KC_Q_CMD_QUOTA, s_q.n_cmd);
+    for (int32_t s = 1; s <= 2; s++) {
+        for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_EQUAL_INT(0, cmd(1, s, 1)); }
+        for (uint32_t i = 0u; i < KC_Q_CMD_ABORTS; i++) { TEST_ASSERT_EQUAL_INT(0, abort_cmd(s, 2)); }
+    }
+    TEST_ASSERT_EQUAL_UINT32(KC_Q_CMD, s_q.n_cmd);
+}
+
+void test_abort_finds_room_where_its_own_source_has_none(void)
+{
+    for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { (void)cmd(1, 1, (int32_t)i); }
+    TEST_ASSERT_EQUAL_INT(-1, cmd(1, 1, 50));
+    TEST_ASSERT_EQUAL_INT(0, abort_cmd(1, 51));
+}
+
+void test_numbers_that_wrap_keep_their_order(void)
+{
+    (void)cmd(1, 1, INT32_MIN);
+    (void)cmd(1, 1, INT32_MAX);
+    kc_queue_take(&s_q, 2, &s_in);
+    TEST_ASSERT_EQUAL_INT(INT32_MAX, s_in.cmd[0].seq);
+    TEST_ASSERT_EQUAL_INT(INT32_MIN, s_in.cmd[1].seq);
 }

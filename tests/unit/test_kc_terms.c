@@ -136,7 +136,8 @@ void test_frames_beyond_the_arm_are_tool_camera_and_measured(void)
 /* Least and greatest index of a variable on an arm of 7 joints. */
 static void index_limits(uint8_t var, uint8_t *least, uint8_t *most)
 {
-    const int link = var == KC_VAR_MX || var == KC_VAR_MY || var == KC_VAR_MZ;
+    const int link = var == KC_VAR_MX || var == KC_VAR_MY || var == KC_VAR_MZ || var == KC_VAR_GX ||
+                     var == KC_VAR_GY || var == KC_VAR_GZ;
     const int joint = var == KC_VAR_Q || var == KC_VAR_TAU || var == KC_VAR_DIR || var == KC_VAR_QDOT ||
                       var == KC_VAR_TAU_PAYLOAD;
     *least = joint ? 1u : 0u;
@@ -145,7 +146,7 @@ static void index_limits(uint8_t var, uint8_t *least, uint8_t *most)
 
 void test_every_variable_takes_its_own_range_of_indices(void)
 {
-    for (uint8_t var = 0u; var < KC_VAR_COUNT; var++) {
+    for (uint8_t var = 0u; var < KC_VAR_LEVX; var++) {
         uint8_t least, most;
         index_limits(var, &least, &most);
         for (uint8_t i = 0u; i <= 9u; i++) {
@@ -156,5 +157,27 @@ void test_every_variable_takes_its_own_range_of_indices(void)
             const kc_status_t want = i >= least && i <= most ? KC_OK : KC_ERR_RANGE;
             TEST_ASSERT_EQUAL_INT(want, kc_terms_validate(&s_t, 7u, &index, &got));
         }
+    }
+}
+
+static kc_status_t with_lever(uint8_t var, uint32_t index)
+{
+    int32_t at;
+    double got;
+    s_t.term[1].basis[1].var = var;
+    s_t.term[1].basis[1].index = (uint8_t)index;
+    return kc_terms_validate(&s_t, 7u, &at, &got);
+}
+
+void test_a_lever_takes_a_link_with_a_joint_and_a_body_beyond_it(void)
+{
+    for (uint8_t var = KC_VAR_LEVX; var <= KC_VAR_LEVZ; var++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, with_lever(var, KC_LEVER_INDEX(0u, 1u)));
+        TEST_ASSERT_EQUAL_INT(KC_OK, with_lever(var, KC_LEVER_INDEX(6u, 7u)));
+        TEST_ASSERT_EQUAL_INT(KC_OK, with_lever(var, KC_LEVER_INDEX(6u, KC_LEVER_TOOL)));
+        TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, with_lever(var, KC_LEVER_INDEX(7u, KC_LEVER_TOOL)));
+        TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, with_lever(var, KC_LEVER_INDEX(3u, 3u)));
+        TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, with_lever(var, KC_LEVER_INDEX(3u, 2u)));
+        TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, with_lever(var, KC_LEVER_INDEX(0u, 8u)));
     }
 }

@@ -36,6 +36,8 @@ class Given:
     units: str | None
     rotation: str | None
     skip_bad: bool
+    infer_direction: bool = True
+    excluded: tuple[str, ...] = ()
     force: bool = False
 
     def checked(self, arm: ArmTable) -> Measurements:
@@ -56,12 +58,33 @@ class Given:
         """The measurements; notes and columns that nothing reads are named on stderr."""
         from kincal.workbench.readers import read_measurements
 
-        data = read_measurements(self.paths, arm, self.mapping(), skip_bad=self.skip_bad)
+        data = read_measurements(
+            self.paths,
+            arm,
+            self.mapping(),
+            skip_bad=self.skip_bad,
+            infer_direction=self.infer_direction,
+        )
         for note in data.notes:
             click.echo(f"note: {note}", err=True)
         if data.unknown_columns:
             click.echo(f"note: columns not used: {', '.join(data.unknown_columns)}", err=True)
-        return data
+        if not self.excluded:
+            return data
+        kept = data.without(self.excluded)
+        click.echo(f"note: {data.n - kept.n} poses excluded", err=True)
+        return kept
+
+    def options(self) -> tuple[str, ...]:
+        """The same options as words of a command line."""
+        pairs = [("--data", str(path)) for path in self.paths]
+        pairs += [("--map", str(self.map_path))] if self.map_path else []
+        pairs += [("--column", column) for column in self.columns]
+        pairs += [("--units", self.units)] if self.units else []
+        pairs += [("--rotation", self.rotation)] if self.rotation else []
+        pairs += [("--exclude", ",".join(self.excluded))] if self.excluded else []
+        flags = ("--skip-bad",) if self.skip_bad else ()
+        return (*(word for pair in pairs for word in pair), *flags)
 
     def mapping(self) -> DataMap:
         """The map file with the options in place of what it says. SchemaError if that is no map."""
@@ -103,8 +126,9 @@ def _rotation(text: str) -> dict[str, Any]:
 
 
 def data_options(*, required: bool = True, about: str = "") -> Callable[[Command], Command]:
-    """Options --data, --map, --column, --units, --rotation, --skip-bad and --force, given to the command as
-    one argument `given` (None if no --data was given and none is required)."""
+    """Options --data, --map, --column, --units, --rotation, --skip-bad, --no-inferred-direction, --exclude
+    and --force, given to the command as one argument `given` (None if no --data was given and none is
+    required)."""
     options = (
         click.option(
             "--data",
@@ -126,6 +150,10 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
                      help="Orientation as xyzw, wxyz, rotvec, matrix or euler-AXES: euler-ZYX=A,B,C."),
         click.option("--skip-bad", is_flag=True, help="Skip malformed rows and count them."),
         click.option("--force", is_flag=True, help="Go on when arm table and data do not belong together."),
+        click.option("--no-inferred-direction", is_flag=True,
+                     help="Without dir columns do not take approach directions from the order of rows."),
+        click.option("--exclude", "excluded", multiple=True, metavar="ID,...",
+                     help="Poses to leave out, by their ids, as the report lists them after a click."),
     )  # fmt: skip
 
     def decorate(command: Command) -> Command:
@@ -138,10 +166,14 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
             units: str | None,
             rotation: str | None,
             skip_bad: bool,
+            no_inferred_direction: bool,
+            excluded: tuple[str, ...],
             force: bool,
             **rest: Any,
         ) -> Any:
-            given = Given(paths, map_path, columns, units, rotation, skip_bad, force) if paths else None
+            ids = tuple(name.strip() for text in excluded for name in text.split(",") if name.strip())
+            said = (columns, units, rotation, skip_bad, not no_inferred_direction, ids, force)
+            given = Given(paths, map_path, *said) if paths else None
             return command(*args, given=given, **rest)
 
         wrapped: Any = called

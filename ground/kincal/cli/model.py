@@ -155,10 +155,12 @@ def diagnose_command(
     Example:
         kincal model diagnose --arm arm.toml --data poses.csv --report out/report.html
     """
-    from kincal.workbench.answers import diagnosis_json, diagnosis_text
+    from kincal.workbench.advice import Inputs, next_steps
+    from kincal.workbench.answers import diagnosis_json
     from kincal.workbench.api import advise, report_content
     from kincal.workbench.constants import choose_constants
     from kincal.workbench.diagnosis import diagnose
+    from kincal.workbench.diagnosis_text import diagnosis_text
 
     arm, data = _load(arm_path, given)
     chosen, library = _model(model_path, effect_files, arm)
@@ -167,14 +169,14 @@ def diagnose_command(
         answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick)
         poses = advise(answer, library)
         shown = report_content(answer, library, effects, poses, progress=tick) if report_path else None
-    click.echo(
-        json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else diagnosis_text(answer, poses)
-    )
+    steps = next_steps(answer, poses, Inputs(str(arm_path), given.options(), str(model_path or "")))
+    as_text = json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else ""
+    click.echo(as_text or diagnosis_text(answer, poses, steps))
     if shown is not None and report_path is not None:
         from kincal.pages import diagnosis as pages
         from kincal.pages.page import Provenance
 
-        files, why = pages.write_all(shown, report_path, Provenance.of_file(today(), given.paths))
+        files, why = pages.write_all(shown, report_path, Provenance.of_file(today(), given.paths), steps)
         say_files("report", files, why, err=as_json)
 
 

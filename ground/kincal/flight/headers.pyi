@@ -254,6 +254,7 @@ class KcCtx(Protocol):
     tilt_rad: float
     tag: float
     p_cam_tool_m: Array[float]
+    pnp: Array[Array[float]]
 
 class KcDetection(Protocol):
     """kc_detection_t"""
@@ -513,6 +514,9 @@ class KcLoads(Protocol):
     tau: Array[float]
     tau_payload: Array[float]
     moment: Array[Array[float]]
+    origin_m: Array[Array[float]]
+    g_link_m_s2: Array[Array[float]]
+    g_cross_m_s2: Array[Array[Array[float]]]
 
 class KcMeas(Protocol):
     """kc_meas_t"""
@@ -854,6 +858,7 @@ class FlightCore(Protocol):
     KC_JOINT_MAX: int
     KC_JOURNAL_BYTES: int
     KC_KIN_IMAGE_MAX: int
+    KC_LEVER_TOOL: int
     KC_MEAS_MAX: int
     KC_MON_OBS_MAX: int
     KC_MON_OBS_MIN: int
@@ -861,6 +866,7 @@ class FlightCore(Protocol):
     KC_NAME_LEN: int
     KC_NODE_NONE: int
     KC_PATH_MAX: int
+    KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
     KC_SOURCE_MAX: int
     KC_SPACE_INDEX_BODY: int
@@ -903,6 +909,18 @@ class FlightCore(Protocol):
     KC_TY: int
     KC_TX: int
     KC_VAR_COUNT: int
+    KC_VAR_PNP_RZ: int
+    KC_VAR_PNP_RY: int
+    KC_VAR_PNP_RX: int
+    KC_VAR_PNP_TZ: int
+    KC_VAR_PNP_TY: int
+    KC_VAR_PNP_TX: int
+    KC_VAR_LEVZ: int
+    KC_VAR_LEVY: int
+    KC_VAR_LEVX: int
+    KC_VAR_GZ: int
+    KC_VAR_GY: int
+    KC_VAR_GX: int
     KC_VAR_TAG: int
     KC_VAR_ZCAM: int
     KC_VAR_YCAM: int
@@ -1005,6 +1023,7 @@ class FlightCore(Protocol):
     KC_EVT_CAL_MOVE_TIMEOUT: int
     KC_EVT_CAL_POSE: int
     KC_EVT_CAL_START: int
+    KC_EVT_TIME_STEP: int
     KC_EVT_IN_SILENT: int
     KC_EVT_ARM_FAULT: int
     KC_EVT_DET_UNREQUESTED: int
@@ -1099,7 +1118,6 @@ class FlightCore(Protocol):
     KC_INPUT_DETECTION: int
     KC_INPUT_PANTILT: int
     KC_INPUT_ARM: int
-    KC_INPUT_TIME: int
     KC_VERDICT_POOR: int
     KC_VERDICT_CHANGE: int
     KC_VERDICT_NO_CHANGE: int
@@ -1277,8 +1295,10 @@ class GroundCore(Protocol):
     KC_IMAGE_MAX: int
     KC_INITIAL_MAX: int
     KC_JOINT_MAX: int
+    KC_LEVER_TOOL: int
     KC_MEAS_MAX: int
     KC_NAME_LEN: int
+    KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
     KC_SPECTRUM_MAX: int
     KC_TAG_MAX: int
@@ -1311,6 +1331,18 @@ class GroundCore(Protocol):
     KC_TY: int
     KC_TX: int
     KC_VAR_COUNT: int
+    KC_VAR_PNP_RZ: int
+    KC_VAR_PNP_RY: int
+    KC_VAR_PNP_RX: int
+    KC_VAR_PNP_TZ: int
+    KC_VAR_PNP_TY: int
+    KC_VAR_PNP_TX: int
+    KC_VAR_LEVZ: int
+    KC_VAR_LEVY: int
+    KC_VAR_LEVX: int
+    KC_VAR_GZ: int
+    KC_VAR_GY: int
+    KC_VAR_GX: int
     KC_VAR_TAG: int
     KC_VAR_ZCAM: int
     KC_VAR_YCAM: int

@@ -6,7 +6,7 @@ poses is in C too. A model is a pure function of its coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kincal.rotations import Pose, matrix_of_wxyz
+from kincal.schema.names import FAULTS, PNP
 
 from .arm import Arm
 from .builds import Floats, doubles, library
@@ -43,6 +44,14 @@ class CameraLike(Protocol):
         """Principal point, v [px]."""
 
 
+class PnpLike(Protocol):
+    """Columns of PnP poses at N poses."""
+
+    def __call__(self, numbers: Sequence[int], expected: Pose) -> Floats:
+        """(N, 6, k) twists of the columns `numbers` [m, rad per unit] in the measured frame, the view taken
+        at the expected poses (N)."""
+
+
 # Columns of the data that go into kc_ctx_t under their own name.
 _SCALARS = ("temp_c", "t_s", "payload_kg", "range_m", "incid_rad", "pan_rad", "tilt_rad", "tag")
 
@@ -50,13 +59,26 @@ _SCALARS = ("temp_c", "t_s", "payload_kg", "range_m", "incid_rad", "pan_rad", "t
 class Observations:
     """What was read and measured at N poses of an arm with n joints; fixed once made.
 
-    components: 6 with orientations, 3 with positions only.
+    components: 6 with orientations, 3 with positions only; pnp: columns of poses that come from a camera and
+    a target of many points, if they do.
     """
 
-    def __init__(self, records: NDArray[Any], n_joints: int, components: int, keep_image: bool) -> None:
+    def __init__(
+        self,
+        records: NDArray[Any],
+        n_joints: int,
+        components: int,
+        keep_image: bool,
+        pnp: PnpLike | None = None,
+    ) -> None:
         records.setflags(write=False)
         self.records, self.n_joints = records, n_joints
         self.components, self.keep_image = components, keep_image
+        self.pnp = pnp
+
+    def seen_by(self, pnp: PnpLike | None) -> Observations:
+        """The same with columns of PnP poses."""
+        return Observations(self.records, self.n_joints, self.components, self.keep_image, pnp)
 
     @property
     def n(self) -> int:
@@ -131,7 +153,7 @@ class Observations:
             rows["ctx"][name] = given.get(name, ray)
 
     def take(self, index: ArrayLike) -> Observations:
-        """Some of the poses: positions or a mask, in that order."""
+        """Some of the poses: positions or a mask, in that order; without columns of PnP poses."""
         return Observations(
             self.records[np.asarray(index)].copy(), self.n_joints, self.components, self.keep_image
         )
@@ -176,6 +198,7 @@ class Model:
         self.arm, self.terms, self.observations = arm, terms, observations
         self._ground = library("ground")
         self._last: tuple[bytes, _Held] | None = None
+        self._last_columns: tuple[tuple[bytes, int], Floats] | None = None
 
     @property
     def n(self) -> int:
@@ -226,19 +249,29 @@ class Model:
 
     def poses(self, coef: ArrayLike, loads_at: ArrayLike | None = None) -> Pose:
         """(N,) corrected tool poses in the base frame."""
-        rows = np.empty((self.n, 12))
-        self._poses(coef, loads_at, pose=rows)
-        return Pose(rows[:, :3].copy(), rows[:, 3:].reshape(-1, 3, 3).copy())
+        x, held = self._at(coef, loads_at)
+        return self._expected(held, x)
 
     def pose_jacobian(self, coef: ArrayLike, loads_at: ArrayLike | None = None) -> Floats:
         """(N, 6, k) d pose / d coefficient: position [m], rotation about the tool point [rad], base frame.
         Nothing measured plays a part; camera-side terms are zero."""
         J = np.empty((self.n, 6, self.terms.n))
-        self._poses(coef, loads_at, J=J)
+        ground, (x, held) = self._ground, self._at(coef, loads_at)
+        ground.lib.kg_poses(
+            self.arm.struct,
+            self.terms.struct,
+            ground.pointer(x),
+            self.n,
+            *self._pointers(held),
+            ground.pointer(None, "kc_pose_t"),
+            ground.pointer(J),
+        )
         return J
 
     def basis_values(self, basis: BasisLike, coef: ArrayLike) -> Floats:
         """(N,) values of a basis at the loads and the view of these coefficients."""
+        if basis.var in PNP:
+            return self._pnp_values(basis, self._coef(coef))
         ground, held = self._ground, self._hold(self._coef(coef))
         struct = ground.new("kc_basis_t")
         fill_basis(struct, basis)
@@ -278,8 +311,45 @@ class Model:
             int(self.observations.keep_image),
             *self._pointers(held),
         )
+        self._hold_pnp(held, coef)
         self._last = (key, held)
         return held
+
+    def _hold_pnp(self, held: _Held, coef: Floats) -> None:
+        """Columns of PnP poses that the terms use, at the poses that the model expects."""
+        if self.terms.pnp:
+            columns = self._pnp(self.terms.pnp, self._expected(held, coef))
+            held.observations["ctx"]["pnp"][:, :, 1 : 1 + len(self.terms.pnp)] = columns
+
+    def _pnp(self, numbers: Sequence[int], expected: Pose) -> Floats:
+        if self.observations.pnp is None:
+            return np.zeros((self.n, 6, len(numbers)))
+        return self.observations.pnp(numbers, expected)
+
+    def _pnp_values(self, basis: BasisLike, coef: Floats) -> Floats:
+        """One component of a column, for all poses. Columns of one sight come together; the last are
+        remembered."""
+        sight, fault = divmod(basis.index - 1, len(FAULTS))
+        key = (coef.tobytes(), sight)
+        if self._last_columns is None or self._last_columns[0] != key:
+            numbers = [1 + sight * len(FAULTS) + k for k in range(len(FAULTS))]
+            self._last_columns = key, self._pnp(numbers, self._expected(self._hold(coef), coef))
+        values: Floats = self._last_columns[1][:, list(PNP).index(basis.var), fault]
+        return basis.c1 * (values - basis.c0)
+
+    def _expected(self, held: _Held, coef: Floats) -> Pose:
+        """(N,) poses of the arm at the coefficients; what is on the camera's side plays no part."""
+        rows = np.empty((self.n, 12))
+        self._ground.lib.kg_poses(
+            self.arm.struct,
+            self.terms.struct,
+            self._ground.pointer(coef),
+            self.n,
+            *self._pointers(held),
+            self._ground.pointer(rows, "kc_pose_t"),
+            self._ground.pointer(None),
+        )
+        return Pose(rows[:, :3].copy(), rows[:, 3:].reshape(-1, 3, 3).copy())
 
     def _evaluate(
         self,
@@ -301,24 +371,4 @@ class Model:
             self.components,
             *self._pointers(held),
             *(ground.pointer(array) for array in (r, J, twist, Jq)),
-        )
-
-    def _poses(
-        self,
-        coef: ArrayLike,
-        loads_at: ArrayLike | None,
-        *,
-        pose: Floats | None = None,
-        J: Floats | None = None,
-    ) -> None:
-        """Fill the arrays that are given."""
-        ground, (x, held) = self._ground, self._at(coef, loads_at)
-        ground.lib.kg_poses(
-            self.arm.struct,
-            self.terms.struct,
-            ground.pointer(x),
-            self.n,
-            *self._pointers(held),
-            ground.pointer(pose, "kc_pose_t"),
-            ground.pointer(J),
         )

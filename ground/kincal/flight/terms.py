@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
+
 from kincal.errors import CannotAnswer
+from kincal.schema.names import PNP
 
 from .builds import FlightLibrary, GroundLibrary, library
 
@@ -35,6 +38,7 @@ _FRAME_MACROS = {
 # Variables of the grammar whose enumerator has another name. Without camera columns the sensor is the
 # measurement frame itself: sx, sy, sz are what xcam, ycam, zcam are then.
 _VARIABLE_NAMES = {"1": "ONE", "TAUP": "TAU_PAYLOAD", "SX": "XCAM", "SY": "YCAM", "SZ": "ZCAM"}
+_VARIABLE_NAMES |= {name.upper(): flight.upper() for name, flight in PNP.items()}
 
 
 class BasisLike(Protocol):
@@ -169,18 +173,38 @@ def fill_terms(build: FlightLibrary | GroundLibrary, coefficients: Sequence[Coef
     return out
 
 
-class Terms:
-    """The coefficients of a model and what they act on: up to 256. Do not change `struct`."""
+def _number_pnp(struct: KcTerms) -> tuple[int, ...]:
+    """Columns of PnP poses that the terms use, renumbered there from 1: a model uses few of many."""
+    ground = library("ground")
+    basis = ground.rows(struct.term, struct.n_term)["basis"]
+    mine = np.isin(basis["var"], [variable(name) for name in PNP])
+    numbers, place = np.unique(basis["index"][mine], return_inverse=True)
+    if len(numbers) > ground.lib.KC_PNP_MAX:
+        raise CannotAnswer(
+            f"the model has {len(numbers)} faults of camera and target, at most "
+            f"{ground.lib.KC_PNP_MAX} are possible; remove an effect"
+        )
+    basis["index"][mine] = place + 1
+    return tuple(int(number) for number in numbers)
 
-    def __init__(self, struct: KcTerms) -> None:
+
+class Terms:
+    """The coefficients of a model and what they act on: up to 256. Do not change `struct`.
+
+    pnp: numbers of the columns of PnP poses that the terms use, in the order in which `struct` has them.
+    """
+
+    def __init__(self, struct: KcTerms, pnp: tuple[int, ...] = ()) -> None:
         self.struct = struct
         self.n = int(struct.n_coef)
+        self.pnp = pnp
 
     @classmethod
     def of(cls, parameters: Iterable[tuple[str, ParameterLike]]) -> Terms:
         """From (name, parameter) pairs, in their order. CannotAnswer if they are too many."""
         rows = [Coefficient(name, p.terms, 1e3, p.sigma, p.sigma) for name, p in parameters]
-        return cls(fill_terms(library("ground"), rows))
+        struct = fill_terms(library("ground"), rows)
+        return cls(struct, _number_pnp(struct))
 
     @classmethod
     def of_table(cls, table: KcTerms) -> Terms:

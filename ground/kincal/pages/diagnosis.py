@@ -2,36 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 
 from kincal.pages import diagnosis_figures as figures
-from kincal.pages import image
-from kincal.pages.page import Grid, Page, Provenance, Section, Tile, write
+from kincal.pages import diagnosis_grids as grids
+from kincal.pages import finding_figures, image, residual_figures
+from kincal.pages import poses as pose_plots
+from kincal.pages.page import Command, Grid, Page, Provenance, Section, Tile, write
+from kincal.pages.poses import Poses
 from kincal.workbench import explain
-from kincal.workbench.answers import diagnosis_text
+from kincal.workbench.advice import Step
 from kincal.workbench.api import ReportContent
-from kincal.workbench.diagnosis import Diagnosis
+from kincal.workbench.diagnosis import EffectFinding
+from kincal.workbench.diagnosis_text import diagnosis_text
+from kincal.workbench.headline import big_numbers
 from kincal.workbench.hypotheses import effect_of
-from kincal.workbench.nested import NestedModels
 from kincal.workbench.nextposes import NextPose
+from kincal.workbench.partial import Panel, effect_panels, place_panels
 
-EFFECT_COLUMNS = (
-    "<effect|<role|probability|family-wise p|held out before [mm]|after [mm]|<parameters|<confounded with"
-)
-MODEL_COLUMNS = (
-    "<model|<held out|RMS [mm]|RMS [mrad]|without noise [mm]|worst [mm]|ratio to the model before"
-    "|95 % interval"
-)
 # key -> heading, and how to read the figure
 HEADINGS = {
-    "models": ("Error of the nested models", ""),
+    "models": (
+        "Held-out error of the nested models",
+        "Each model contains the one above it. One column for each way of holding poses back; bars: 95 % "
+        "interval over the held-out poses. No model can pass the dashed lines.",
+    ),
+    "gains": (
+        "What each effect brings",
+        "The whole model against the whole model without this one effect, on poses that were not fitted.",
+    ),
     "posterior": (
         "Probabilities",
-        "Blue: added; orange: alternative; grey: nothing missing. After =: effects it is confounded with.",
+        "Of what may be missing, given this library and its priors. Blue: added; orange: alternative; grey: "
+        "nothing missing; red: something unnamed. After =: effects it is confounded with. Effects that were "
+        "added because held-out poses gain are not in it: no probability speaks for them.",
     ),
     "suspects": (
         "The strongest suspects among the joints",
@@ -41,7 +49,7 @@ HEADINGS = {
         "Where the error enters and what it depends on",
         "Before any effect was added. Rows: location; columns: driver variable.",
     ),
-    "vectors": ("Residual vectors", ""),
+    "vectors": ("Residual vectors", "Drawn {grow:.0f} times as long as they are; the longest are cut."),
     "variables": (
         "Residuals by variable",
         "Residuals before any effect was added, against the variables that explain most of them.",
@@ -55,10 +63,14 @@ HEADINGS = {
     "next": ("Next poses", "They separate {names}; the power counts the poses above too."),
 }
 NEVER_HIDDEN = "No effect hides behind another with these poses."
+HOW_FINDING = (
+    "Dots: motion of this place that would explain each pose best, with the effect taken out of the model. "
+    "Means of like poses carry their standard error. Poses that say little about the place are not drawn."
+)
 
 
-def page(data: ReportContent, provenance: Provenance) -> Page:
-    """The diagnosis as a page."""
+def page(data: ReportContent, provenance: Provenance, steps: Sequence[Step] = ()) -> Page:
+    """The diagnosis as a page; steps: what to do next."""
     d = data.diagnosis
     return Page(
         kind="Diagnosis",
@@ -66,37 +78,99 @@ def page(data: ReportContent, provenance: Provenance) -> Page:
         subtitle=f"{d.comparison.poses} poses of {d.comparison.source}",
         provenance=provenance,
         verdict=explain.verdict(d),
-        summary=_findings(data),
-        tiles=_error_tiles(data.nested),
+        summary=list(_findings(data)),
+        tiles=[Tile(n.label, n.text, about=n.about) for n in big_numbers(d.comparison, d)],
+        commands=[Command(step.why, step.command) for step in steps],
+        poses=pose_plots.table(d),
         details=diagnosis_text(d, data.next_poses),
         sections=_sections(data),
     )
 
 
 def _sections(data: ReportContent) -> list[Section]:
-    d = data.diagnosis
+    d, nested = data.diagnosis, data.nested
+    poses = Poses.of(d.comparison, d.final)
+    grow = residual_figures.magnification(d)
+    reachable_m = big_numbers(d.comparison)[1].pos_m
     out = [
-        _section("models", figures.nested(data.nested), _model_grid(data.nested), _gains(data.nested)),
-        _section("posterior", figures.posterior(d), _effect_grid(d)),
-        _section("suspects", figures.suspects(d)),
+        *_found(data, poses),
+        _section("models", figures.nested(nested, reachable_m), grids.models(nested)),
+        *([_section("gains", None, grids.gains(nested))] if nested.gains else []),
+        _section("posterior", figures.posterior(d), grids.effects(d)),
+        _section("suspects", residual_figures.suspects(d, poses), text=_noted("suspects", poses)),
         _section("map", figures.location_map(d)),
-        _section("vectors", figures.vectors(d)),
-        _section("variables", figures.variables(d)),
-        _section("joints", figures.joints(d)),
+        _section(
+            "vectors", residual_figures.vectors(d, poses), text=_noted("vectors", poses).format(grow=grow)
+        ),
+        _section("variables", residual_figures.variables(d, poses), text=_noted("variables", poses)),
+        _section("joints", residual_figures.joints(d)),
         _confounding(data),
         _section("harm", figures.harm(data.harm)),
     ]
     return [*out, _next(data)] if data.next_poses else out
 
 
-def _gains(nested: NestedModels) -> str:
-    """Effects whose gain the held-out poses do not show, in sentences."""
-    return "".join(f"{line[:1].upper()}{line[1:]}. " for line in map(explain.no_gain, nested.no_gain))
-
-
 def _section(key: str, figure: go.Figure | None, grid: Grid | None = None, text: str = "") -> Section:
     title, usual = HEADINGS[key]
     return Section(key, title, text or usual, figure, grid)
+
+
+def _noted(key: str, poses: Poses) -> str:
+    return f"{HEADINGS[key][1]} {poses.note}".rstrip()
+
+
+# --------------------------------------------------------------------------- what was found
+
+
+def _found(data: ReportContent, poses: Poses) -> Iterator[Section]:
+    """A section for each effect of the final model, and one for the unnamed."""
+    d = data.diagnosis
+    for number, e in enumerate(e for e in d.effects if e.accepted or e.helps):
+        panels = [p for h in d.final.hypotheses if h.name == e.name for p in effect_panels(d.final, h)]
+        if panels:
+            yield Section(
+                f"found-{number + 1}", f"Found: {e.label}", _about(e, panels, poses),
+                finding_figures.findings(panels, poses),
+            )  # fmt: skip
+    if d.novel is not None:
+        panels = list(place_panels(d.final, d.novel.location, d.novel.depends_on))
+        sentence = explain.unnamed(d.novel)
+        text = f"{sentence[:1].upper()}{sentence[1:]}. {HOW_FINDING} {poses.note}"
+        yield Section(
+            "found-unnamed", "Found: something unnamed", text, finding_figures.findings(panels, poses)
+        )
+
+
+def _about(e: EffectFinding, panels: Sequence[Panel], poses: Poses) -> str:
+    hidden = len(panels) - finding_figures.PANELS
+    more = f" {hidden} panels with smaller motions are not drawn." if hidden > 0 else ""
+    said = explain.held_gain(e.held)
+    return f"{said[:1].upper()}{said[1:]}. {HOW_FINDING}{more} {poses.note}".rstrip()
+
+
+def _findings(data: ReportContent) -> Iterator[str]:
+    """What was found, each with what to look at on the arm."""
+    d = data.diagnosis
+    for e in d.effects:
+        if e.accepted or e.helps:
+            yield _finding(e, data)
+    if d.novel:
+        yield f"Unnamed: {explain.unnamed(d.novel)} ({explain.probability(d.novel.probability)} against every named effect)."  # noqa: E501
+    if lacking := sum(bool(n.needs) for n in d.not_testable):
+        yield (f"{lacking} effects of the library could not be tested: columns or arm data are missing "
+               "(list under The answer as text).")  # fmt: skip
+
+
+def _finding(e: EffectFinding, data: ReportContent) -> str:
+    d = data.diagnosis
+    sure = explain.odds(e, d) or "not certain, but held-out poses gain"
+    alike = f" Confounded with {explain.grouped(e.confounded_with)}." if e.confounded_with else ""
+    effect = data.library.effects.get(effect_of(e.name))
+    about = f": {effect.title}.{alike} Inspect: {effect.inspect}" if effect else f".{alike}"
+    return f"{e.name} ({sure}){about}"
+
+
+# --------------------------------------------------------------------------- what the poses can show
 
 
 def _confounding(data: ReportContent) -> Section:
@@ -119,73 +193,7 @@ def _pose_row(number: int, p: NextPose) -> list[str]:
     return [str(number), ", ".join(f"{x:.3f}" for x in p.q), approach, f"{p.power:.2f}"]
 
 
-def _error_tiles(nested: NestedModels) -> list[Tile]:
-    """The first way of holding back, model by model: what a reader looks for first."""
-    models = nested.of(nested.models[0].block)
-    out = [Tile(f"{m.model}, {m.block}, RMS", f"{m.pos_m * 1e3:.2f} mm") for m in models]
-    floor = nested.floor.pos_m
-    return [*out, Tile("noise floor", "unknown" if floor is None else f"{floor * 1e3:.2f} mm")]
-
-
-def _findings(data: ReportContent) -> list[str]:
-    """What was found, each with what to look at on the arm."""
-    d, out = data.diagnosis, []
-    for e in d.effects:
-        if e.accepted or e.helps:
-            effect = data.library.effects[effect_of(e.name)]
-            sure = (
-                f"probability {e.probability:.2f}" if e.accepted else "not certain, but held-out poses gain"
-            )
-            alike = f" Confounded with {', '.join(e.confounded_with)}." if e.confounded_with else ""
-            out.append(f"{e.name} ({sure}): {effect.title}.{alike} Inspect: {effect.inspect}")
-    if d.novel:
-        drivers = " and ".join(explain.in_words(name) for name in d.novel.depends_on)
-        out.append(f"An unnamed effect enters at {d.novel.location} and depends on {drivers} "
-                   f"(probability {d.novel.probability:.2f}).")  # fmt: skip
-    if data.next_poses:
-        names = ", ".join(data.next_poses[0].separates)
-        out.append(f"The {len(data.next_poses)} poses under Next poses separate {names}.")
-    if lacking := sum(bool(n.needs) for n in d.not_testable):
-        out.append(f"{lacking} effects of the library could not be tested: columns or arm data are missing "
-                   "(list under The answer as text).")  # fmt: skip
-    return out
-
-
-def _effect_grid(d: Diagnosis) -> Grid:
-    rows = [
-        (
-            e.name,
-            "added" if e.accepted else "alternative",
-            f"{e.probability:.3f}",
-            f"{e.p_value:.2g}",
-            f"{e.held.before_m * 1e3:.3f}",
-            f"{e.held.after_m * 1e3:.3f}",
-            "; ".join(f"{p.name} = {p.value:.4g} ± {p.std_err:.2g} {p.unit}" for p in e.parameters),
-            ", ".join(e.confounded_with),
-        )
-        for e in d.effects
-    ]
-    return Grid.of(EFFECT_COLUMNS, rows)
-
-
-def _model_grid(nested: NestedModels) -> Grid:
-    def milli(value: float | None) -> str:
-        return "" if value is None else f"{value * 1e3:.3f}"
-
-    rows = [
-        (
-            m.model,
-            m.block,
-            milli(m.pos_m),
-            milli(m.rot_rad),
-            milli(m.sys_pos_m),
-            milli(m.max_pos_m),
-            "" if m.ratio is None else f"{m.ratio:.3f}",
-            "" if m.ratio_interval is None else "{:.3f} to {:.3f}".format(*m.ratio_interval),
-        )
-        for m in nested.models
-    ]
-    return Grid.of(MODEL_COLUMNS, rows)
+# --------------------------------------------------------------------------- files
 
 
 def pictures(made: Page, path: Path) -> Mapping[Path, go.Figure]:
@@ -195,9 +203,11 @@ def pictures(made: Page, path: Path) -> Mapping[Path, go.Figure]:
     }
 
 
-def write_all(data: ReportContent, path: Path, provenance: Provenance) -> tuple[list[Path], str]:
+def write_all(
+    data: ReportContent, path: Path, provenance: Provenance, steps: Sequence[Step] = ()
+) -> tuple[list[Path], str]:
     """The page, and its figures as PNG beside it where pictures can be made.
 
     Returns the files, and why there are no pictures ("" if there are)."""
-    made = page(data, provenance)
+    made = page(data, provenance, steps)
     return image.beside([write(made, path)], pictures(made, path))

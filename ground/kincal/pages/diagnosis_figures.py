@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -10,21 +9,15 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from kincal.pages import theme
+from kincal.workbench import explain
 from kincal.workbench.diagnosis import Diagnosis
-from kincal.workbench.fit import Fit
-from kincal.workbench.nested import NestedModels
+from kincal.workbench.nested import NestedModel, NestedModels
 from kincal.workbench.power import CONFOUNDED_CHI2, Confounding, Harm
-from kincal.workbench.views import apparent_motion, variable_values
 
 _ROW_PX = 30  # of a bar chart
 _CONFOUNDING_MAX = 14
 _PLAUSIBLE = 10.0  # typical sizes; nothing is larger than that without being known
-_BINS = 8
-_VARIABLES = 8
-_SUSPECTS = 4
 _MAP_NAMED = 6  # cells that carry their number
-_UNITS = {"t": "s", "temp": "deg C", "payload": "kg", "zcam": "m", "sx": "m", "sy": "m", "sz": "m",
-          "incid": "rad", "pan": "rad", "tilt": "rad"}  # fmt: skip
 
 
 def _short(text: str, width: int) -> str:
@@ -40,32 +33,70 @@ def _bars(height_rows: int, **layout: object) -> go.Figure:
 # --------------------------------------------------------------------------- models, probabilities
 
 
-def nested(models: NestedModels) -> go.Figure:
-    """Held-out error of each nested model, a line for each way of holding poses back, and the noise floor."""
-    figure = theme.figure(430, legend={"orientation": "h", "y": -0.2})
-    for i, block in enumerate(dict.fromkeys(m.block for m in models.models)):
-        mine = models.of(block)
-        style = {"color": theme.SERIES[i % len(theme.SERIES)]}
-        figure.add_scatter(
-            x=[m.model for m in mine], y=[m.pos_m * 1e3 for m in mine], mode="lines+markers", name=block,
-            line={**style, "width": 2}, marker={**style, "symbol": theme.SYMBOLS[i], "size": 8},
-        )  # fmt: skip
-    if models.floor.pos_m is not None:
-        names = list(dict.fromkeys(m.model for m in models.models))
-        figure.add_scatter(
-            x=[names[0], names[-1]], y=[models.floor.pos_m * 1e3] * 2, mode="lines",
-            name=f"noise floor ({models.floor.source})",
-            line={"color": theme.MUTED, "dash": "dash", "width": 1.5},
-        )  # fmt: skip
-    errors_mm = [m.pos_m * 1e3 for m in models.models]
-    figure.update_yaxes(type="log", title_text="held-out position RMS [mm]", tickvals=_ticks(errors_mm))
-    last = len(dict.fromkeys(m.model for m in models.models)) - 1
-    return figure.update_xaxes(showgrid=False, range=[-0.35, last + 0.35])
+def nested(models: NestedModels, reachable_m: float | None = None) -> go.Figure:
+    """Held-out error of each nested model with its interval, a column for each way of holding poses back;
+    noise floor and what is reachable as lines."""
+    blocks = models.blocks
+    figure = make_subplots(rows=1, cols=len(blocks), subplot_titles=blocks, shared_yaxes=True,
+                           horizontal_spacing=0.03)  # fmt: skip
+    names = list(dict.fromkeys(m.model for m in models.models))
+    theme.styled(figure, 150 + _ROW_PX * len(names), showlegend=False, margin={"t": 64, "b": 56})
+    figure.update_annotations(font={"size": theme.FONT_PX})
+    for column, block in enumerate(blocks, 1):
+        figure.add_trace(_errors(models.of(block)), row=1, col=column)
+        for value_m, label, colour in _lines(models, reachable_m if column == 1 else None):
+            style = {"color": colour, "dash": "dash", "width": 1.5}
+            figure.add_vline(value_m * 1e3, line=style, row=1, col=column)
+            if column == 1:
+                figure.add_annotation(_line_label(value_m, label, colour))
+    figure.update_yaxes(autorange="reversed", showgrid=False, ticks="", type="category")
+    return figure.update_xaxes(type="log", range=_log_range(models, reachable_m), tickvals=_ticks(models),
+                               title_text="position RMS [mm]")  # fmt: skip
 
 
-def _ticks(values: Sequence[float]) -> list[float]:
-    """1, 2, 5, 10 ... around values, for a logarithmic axis."""
-    decades = range(int(np.floor(np.log10(min(values)))), int(np.ceil(np.log10(max(values)))) + 1)
+def _errors(mine: Sequence[NestedModel]) -> go.Scatter:
+    """Errors of one block with their intervals."""
+    pos_mm = np.array([m.pos_m for m in mine]) * 1e3
+    low, high = (np.array([m.pos_interval[k] for m in mine]) * 1e3 for k in (0, 1))
+    bars = {"type": "data", "symmetric": False, "array": high - pos_mm, "arrayminus": pos_mm - low}
+    return go.Scatter(
+        x=pos_mm, y=[m.model for m in mine], mode="lines+markers", marker={"color": theme.BLUE, "size": 9},
+        line={"color": theme.GRID, "width": 2}, error_x={**bars, "color": theme.BLUE, "thickness": 1.6},
+        hovertext=[f"{m.model}: {x:.3f} mm ({a:.3f} to {b:.3f})"
+                   for m, x, a, b in zip(mine, pos_mm, low, high, strict=True)], hoverinfo="text",
+    )  # fmt: skip
+
+
+def _lines(models: NestedModels, reachable_m: float | None) -> Iterator[tuple[float, str, str]]:
+    """Values [m] that no model passes, with their label and colour."""
+    if models.floor.pos_m:
+        yield models.floor.pos_m, "noise floor", theme.MUTED
+    if reachable_m:
+        yield reachable_m, "reachable", theme.GREEN
+
+
+def _line_label(value_m: float, label: str, colour: str) -> dict[str, object]:
+    """Beside a line of the first column; on a logarithmic axis it stands at the logarithm."""
+    return {
+        "x": float(np.log10(value_m * 1e3)), "y": 0, "xref": "x", "yref": "y domain", "showarrow": False,
+        "text": f"{label} {value_m * 1e3:.3g}", "font": {"size": 11, "color": colour}, "xanchor": "left",
+        "yanchor": "bottom", "xshift": 3,
+    }  # fmt: skip
+
+
+def _log_range(models: NestedModels, reachable_m: float | None) -> tuple[float, float]:
+    """Of a logarithmic axis for all that is drawn."""
+    values = [x for m in models.models for x in (m.pos_m, *m.pos_interval) if np.isfinite(x) and x > 0]
+    values += [value for value, _, _ in _lines(models, reachable_m)]
+    low, high = np.log10(min(values) * 1e3), np.log10(max(values) * 1e3)
+    edge = 0.06 * (high - low) + 0.02
+    return float(low - edge), float(high + edge)
+
+
+def _ticks(models: NestedModels) -> list[float]:
+    """1, 2, 5, 10 ... around the errors [mm], for a logarithmic axis."""
+    values = [m.pos_m * 1e3 for m in models.models]
+    decades = range(int(np.floor(np.log10(min(values)))) - 2, int(np.ceil(np.log10(max(values)))) + 1)
     return [float(f"{step}e{decade}") for decade in decades for step in (1, 2, 5)]
 
 
@@ -77,7 +108,8 @@ def _hypotheses(d: Diagnosis) -> Iterator[tuple[str, float, str, str]]:
         yield what, d.novel.probability, theme.RED, ""
     for e in d.effects:
         colour = theme.BLUE if e.accepted else theme.ORANGE
-        yield e.name, e.probability, colour, ", ".join(e.confounded_with)
+        if not e.helps:  # held-out poses decided that, no probability
+            yield e.name, e.probability, colour, explain.grouped(e.confounded_with)
 
 
 def posterior(d: Diagnosis) -> go.Figure:
@@ -85,7 +117,8 @@ def posterior(d: Diagnosis) -> go.Figure:
     rows = list(_hypotheses(d))
     figure = _bars(len(rows))
     text = [
-        f"{p:.2f}" + (f"  = {_short(confounded, 60)}" if confounded else "") for _, p, _, confounded in rows
+        explain.probability(p) + (f"  = {_short(confounded, 60)}" if confounded else "")
+        for _, p, _, confounded in rows
     ]
     figure.add_bar(
         x=[row[1] for row in rows], y=[row[0] for row in rows], orientation="h",
@@ -128,168 +161,6 @@ def _root_bar(grid: np.ndarray) -> dict[str, object]:
     ticks = [v for v in (0, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000) if v <= top]
     places = {"tickvals": [float(np.sqrt(v)) for v in ticks], "ticktext": [str(v) for v in ticks]}
     return theme.colour_bar("ln evidence over nothing missing", **places)
-
-
-# --------------------------------------------------------------------------- residuals
-
-
-def vectors(d: Diagnosis) -> go.Figure:
-    """Residual position vectors over the workspace from above and from the side, before and after the
-    accepted effects; colour: the part across the picture."""
-    before, after = d.comparison.fit_all, d.final
-    size_m = max(_rms(before), 1e-12)
-    span_m = float(np.ptp(before.data.p_m, axis=0).max()) or 1.0
-    grow = 0.12 * span_m / size_m
-    titles = [f"{name}: {_rms(fit) * 1e3:.2f} mm RMS, {view}" for view in ("from above", "from the side")
-              for name, fit in (("before", before), ("after", after))]  # fmt: skip
-    figure = make_subplots(
-        rows=2, cols=2, subplot_titles=titles, horizontal_spacing=0.08, vertical_spacing=0.11
-    )
-    theme.styled(figure, 920, showlegend=False, coloraxis=_across_bar(1.2e3 * size_m), margin={"t": 84})
-    for column, fit in enumerate((before, after), 1):
-        for row, axes in enumerate(((0, 1, 2), (0, 2, 1)), 1):
-            for trace in _arrows(fit, axes, grow):
-                figure.add_trace(trace, row=row, col=column)
-            figure.update_xaxes(title_text="xyz"[axes[0]] + " [m]", row=row, col=column)
-            anchor = {"scaleanchor": f"x{2 * row + column - 2}".replace("x1", "x"), "row": row, "col": column}
-            figure.update_yaxes(title_text="xyz"[axes[1]] + " [m]", **anchor)
-    note = {"x": 0, "y": 1.085, "xref": "paper", "yref": "paper", "showarrow": False, "font": {"size": 12}}
-    return figure.add_annotation(text=f"vectors are drawn {grow:.0f} times as long as they are", **note)
-
-
-def _rms(fit: Fit) -> float:
-    """RMS length of the position residuals [m]."""
-    return float(np.sqrt((fit.evaluation.r[:, :3] ** 2).sum(axis=1).mean()))
-
-
-def _across_bar(limit_mm: float) -> dict[str, object]:
-    bar = theme.colour_bar("part across the picture [mm]")
-    return {"colorscale": theme.SIGNED_STRONG, "cmin": -limit_mm, "cmax": limit_mm, "colorbar": bar}
-
-
-def _arrows(fit: Fit, axes: tuple[int, int, int], grow: float) -> list[go.Scatter]:
-    """Shafts as one broken line, heads as markers that are turned and coloured."""
-    a, b, across = axes
-    p, r = fit.data.p_m, fit.evaluation.r[:, :3]
-    tip = p + grow * r
-    gap = np.full(len(p), np.nan)
-    shaft = {
-        "x": np.column_stack([p[:, a], tip[:, a], gap]).ravel(),
-        "y": np.column_stack([p[:, b], tip[:, b], gap]).ravel(),
-    }
-    angle = np.degrees(np.arctan2(r[:, a], r[:, b]))  # of the marker: clockwise from up
-    heads = {
-        "symbol": "arrow",
-        "size": 9,
-        "angle": angle,
-        "color": r[:, across] * 1e3,
-        "coloraxis": "coloraxis",
-    }
-    text = [f"{np.linalg.norm(v) * 1e3:.2f} mm" for v in r]
-    return [
-        go.Scatter(**shaft, mode="lines", line={"color": theme.GREY, "width": 1.2}, hoverinfo="skip"),
-        go.Scatter(x=tip[:, a], y=tip[:, b], mode="markers", marker=heads, hovertext=text, hoverinfo="text"),
-    ]
-
-
-def axis_label(name: str) -> str:
-    """A driver variable with its unit."""
-    if name.startswith("tau"):
-        return f"{name} [N m]"
-    if name[0] == "q" and name[1:].isdigit():
-        return f"{name} [rad]"
-    return f"{name} [{_UNITS[name]}]" if name in _UNITS else name
-
-
-def _trend(x: np.ndarray, y: np.ndarray, colour: str, label: str, named: bool) -> list[go.Scatter]:
-    """Dots, and the mean of each bin with its standard error; few levels are bins themselves."""
-    levels = np.unique(x)
-    if len(levels) <= 4:
-        bins = [x == level for level in levels]
-        spread = 0.12 * (float(np.ptp(levels)) or 1.0)
-        shown = x + np.random.default_rng(1).uniform(-spread, spread, len(x))
-    else:
-        edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _BINS + 1)))
-        bins = [(x >= low) & (x <= high) for low, high in itertools.pairwise(edges)]
-        shown = x
-    bins = [b for b in bins if b.sum() > 1]
-    mean = {"x": [x[b].mean() for b in bins], "y": [y[b].mean() for b in bins]}
-    error = [y[b].std(ddof=1) / np.sqrt(b.sum()) for b in bins]
-    return [
-        go.Scatter(x=shown, y=y, mode="markers", marker={"color": colour, "size": 4, "opacity": 0.35},
-                   legendgroup=label, showlegend=False, hoverinfo="skip"),
-        go.Scatter(**mean, mode="lines+markers", name=label, legendgroup=label, showlegend=named,
-                   line={"color": colour, "width": 2}, marker={"size": 6, "color": colour},
-                   error_y={"type": "data", "array": error, "color": colour, "thickness": 1.4}),
-    ]  # fmt: skip
-
-
-def _panels(
-    titles: Sequence[str], per_row: int, height_px: int, ylabel: str
-) -> tuple[go.Figure, list[tuple[int, int]]]:
-    """A figure of small panels, and the (row, column) of each."""
-    rows = -(-len(titles) // per_row)
-    figure = make_subplots(
-        rows=rows, cols=per_row, subplot_titles=titles, shared_yaxes=True, horizontal_spacing=0.025,
-        vertical_spacing=0.28 / rows,
-    )  # fmt: skip
-    theme.styled(figure, 90 + height_px * rows, margin={"t": 44, "b": 84},
-                 legend={"orientation": "h", "y": 0.0, "yref": "container", "yanchor": "bottom"})  # fmt: skip
-    figure.update_annotations(font={"size": theme.FONT_PX})
-    places = [(i // per_row + 1, i % per_row + 1) for i in range(len(titles))]
-    for row in range(1, rows + 1):
-        figure.update_yaxes(title_text=ylabel, row=row, col=1)
-    return figure, places
-
-
-def variables(d: Diagnosis) -> go.Figure:
-    """Residual components against the variables that explain most of them, with means of bins."""
-    fit = d.comparison.fit_all
-    names = [w.variable for w in d.comparison.where[:_VARIABLES]]
-    figure, places = _panels(["" for _ in names], 4, 260, "residual [mm]")
-    for name, at in zip(names, places, strict=True):
-        for k, colour in enumerate((theme.RED, theme.GREEN, theme.BLUE)):
-            values = variable_values(name, fit), fit.evaluation.r[:, k] * 1e3
-            traces = _trend(*values, colour, "xyz"[k], named=at == (1, 1))
-            figure.add_traces(traces, rows=[at[0]] * 2, cols=[at[1]] * 2)
-        figure.update_xaxes(title_text=axis_label(name), row=at[0], col=at[1])
-    return figure
-
-
-def suspects(d: Diagnosis) -> go.Figure:
-    """The joints with the most evidence: apparent motion against its driver variable, before and after the
-    accepted effects."""
-    cells = [key for key in d.map_ln_bf if key[0].startswith("joint") and " x " not in key[1]]
-    cells = sorted(cells, key=lambda key: -d.map_ln_bf[key])[:_SUSPECTS]
-    titles = [
-        f"{place} by {variable}: ln evidence {d.map_ln_bf[place, variable]:.1f}" for place, variable in cells
-    ]
-    figure, places = _panels(titles, max(len(cells), 1), 290, "apparent joint motion [mrad]")
-    for (place, variable), at in zip(cells, places, strict=True):
-        joint = int(place.split()[1])
-        for fit, colour, label in _before_after(d):
-            values = variable_values(variable, fit), apparent_motion(fit, joint) * 1e3
-            traces = _trend(*values, colour, label, named=at == (1, 1))
-            figure.add_traces(traces, rows=[at[0]] * 2, cols=[at[1]] * 2)
-        figure.update_xaxes(title_text=axis_label(variable), row=at[0], col=at[1])
-    return figure
-
-
-def _before_after(d: Diagnosis) -> tuple[tuple[Fit, str, str], tuple[Fit, str, str]]:
-    return (d.comparison.fit_all, theme.ORANGE, "before"), (d.final, theme.BLUE, "after")
-
-
-def joints(d: Diagnosis) -> go.Figure:
-    """RMS motion of each joint alone that would explain the residuals, before and after."""
-    figure = theme.figure(
-        340, barmode="group", bargap=0.35, legend={"orientation": "h", "y": 1.0, "yanchor": "bottom"}
-    )
-    for fit, colour, label in _before_after(d):
-        n = fit.evaluation.Jq.shape[2]
-        size = [float(np.sqrt((apparent_motion(fit, j) ** 2).mean())) * 1e3 for j in range(1, n + 1)]
-        figure.add_bar(x=[str(j) for j in range(1, n + 1)], y=size, name=label, marker={"color": colour})
-    figure.update_xaxes(title_text="joint", type="category", showgrid=False)
-    return figure.update_yaxes(title_text="RMS motion [mrad]")
 
 
 # --------------------------------------------------------------------------- what the poses can show

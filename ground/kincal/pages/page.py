@@ -16,7 +16,7 @@ from plotly.offline import get_plotlyjs
 
 from kincal import __version__
 from kincal.pages import theme
-from kincal.pages.glossary import Term, terms_in
+from kincal.pages.glossary import Linker, Term, terms_in
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 
@@ -83,11 +83,20 @@ class Grid:
 
 @dataclass(frozen=True)
 class Tile:
-    """A number that a reader looks for first."""
+    """A number that a reader looks for first; about: what it is, in small print."""
 
     label: str
     text: str
     mood: str = ""
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command to copy, and what it is for."""
+
+    why: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -113,6 +122,8 @@ class Page:
     tiles: Sequence[Tile] = ()
     summary: Sequence[str] = ()  # sentences
     verdict: str = ""
+    commands: Sequence[Command] = ()  # what to do next
+    poses: Mapping[str, object] = field(default_factory=dict)  # of the linked plots, as page.js reads it
     details: str = ""  # preformatted text, folded away
 
 
@@ -126,6 +137,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters["figure_json"] = _figure_json
+    made.filters["data_json"] = _data_json
     return made
 
 
@@ -134,9 +146,16 @@ def _figure_json(figure: go.Figure) -> Markup:
     return Markup(figure.to_json().replace("<", "\\u003c"))  # noqa: S704 escaped here
 
 
+def _data_json(data: Mapping[str, object]) -> Markup:
+    """Plain values as JSON inside a script element."""
+    return Markup(json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"))  # noqa: S704 escaped here
+
+
 def render(page: Page) -> str:
     """The page as one HTML text: style, script, figures and data inside, nothing from a network."""
     drawn = any(section.figure is not None for section in page.sections)
+    terms = glossary_of(page)
+    linker = Linker(terms)
     return (
         _environment()
         .get_template("page.html.j2")
@@ -146,7 +165,8 @@ def render(page: Page) -> str:
             script=Markup((TEMPLATES / "page.js").read_text("utf-8")),  # noqa: S704
             plotly=Markup(get_plotlyjs()) if drawn else "",  # noqa: S704
             dark=Markup(json.dumps(theme.DARK)),  # noqa: S704
-            glossary=glossary_of(page),
+            glossary=terms,
+            linked=linker.linked,
         )
     )
 
@@ -154,7 +174,7 @@ def render(page: Page) -> str:
 def glossary_of(page: Page) -> list[Term]:
     """The terms of docs/GLOSSARY.md that the page uses, in its order."""
     words = [page.title, page.subtitle, *page.summary, page.verdict]
-    words += [f"{tile.label} {tile.text}" for tile in page.tiles]
+    words += [f"{tile.label} {tile.text} {tile.about}" for tile in page.tiles]
     for section in page.sections:
         words += [section.title, section.text]
         if section.grid is not None:

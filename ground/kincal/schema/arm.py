@@ -248,7 +248,7 @@ class Camera:
     height_px: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ArmTable:
     """A serial arm in standard DH.
 

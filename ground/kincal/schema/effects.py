@@ -9,15 +9,15 @@ import pydantic
 from .base import Strict
 from .datamap import RECORDED
 from .errors import Contradiction, Problem, SchemaError, parse_toml, validate
-from .names import DATA_CONSTANTS
+from .names import DATA_CONSTANTS, FAULTS, VARIABLES
 from .numbers import Count, Positive, Real
-from .terms import TermEntry
+from .terms import Factor, TermEntry
 
 JointNumber = Annotated[int, Count(ge=1, le=16)]
 # What `needs` may name beside data columns: keys of the arm table, there or absent, and groups of columns.
 NEEDS = (
     "mass", "gear_ratio", "mass_unknown", "gear_unknown", "own_sensor", "dir", "cam", "image", "rotation",
-    "qdot", *RECORDED,
+    "qdot", "points", *RECORDED,
 )  # fmt: skip
 
 
@@ -32,8 +32,44 @@ class ParameterEntry(Strict):
     """Typical size, the 1-sigma of the prior [unit]."""
     each_joint: pydantic.StrictBool = False
     """true: the terms are repeated for every joint of the arm, all with this one coefficient."""
-    term: list[TermEntry] = pydantic.Field(min_length=1, examples=["at least one [[effect.parameter.term]]"])
+    each_body: pydantic.StrictBool = False
+    """true: one coefficient for each body k beyond joint j whose gravity levers are its own: NAME3 for the end of
+    link 3, NAME_tool for the tool."""
+    image: Literal[FAULTS] | None = None  # type: ignore[valid-type]
+    """What a unit of the coefficient does to the image of the target's points, in place of terms. Where poses
+    come from a camera and a target of many points, an effect has its coefficients with `image` only; else
+    those with terms."""
+    term: list[TermEntry] = pydantic.Field(default=[], examples=["at least one [[effect.parameter.term]]"])
     """Terms of the coefficient."""
+
+    @pydantic.model_validator(mode="after")
+    def _does_something(self) -> ParameterEntry:
+        if self.image is None and not self.term:
+            raise Contradiction("term", "is missing", "write at least one [[effect.parameter.term]]")
+        if self.image is not None and self.term:
+            raise Contradiction("image", "stands beside terms", "write one of the two")
+        return self
+
+    @pydantic.model_validator(mode="after")
+    def _has_levers(self) -> ParameterEntry:
+        levers = self._of_bodies()
+        if self.each_body != bool(levers):
+            what = "is true, but no term has a lever of body k" if self.each_body else "is needed for body k"
+            raise Contradiction("each_body", what, 'write basis = "levz[p,k]" and each_body = true')
+        return self
+
+    @property
+    def levers(self) -> tuple[str, ...]:
+        """Gravity levers of body k that the terms use, in the order of the grammar."""
+        return tuple(name for name in VARIABLES if name in {f.var for f in self._of_bodies()})
+
+    @property
+    def lever_link(self) -> str:
+        """Link that those levers are about: a number or a letter."""
+        return next(f.joint for f in self._of_bodies()).partition(",")[0]
+
+    def _of_bodies(self) -> list[Factor]:
+        return [f for t in self.term for f in t.factors if "k" in f.letters()]
 
 
 class EffectEntry(Strict):
@@ -49,6 +85,8 @@ class EffectEntry(Strict):
     """One instance for the arm, one for each joint j, or one for each ordered pair of joints i, j."""
     joints: list[JointNumber] | None = None
     """Joints that can have it; all if absent."""
+    joint_type: Literal["revolute", "prismatic"] | None = None
+    """Type of the joints that can have it; both if absent."""
     pairs: list[tuple[JointNumber, JointNumber]] | None = None
     """Pairs (i, j) that can have it; all if absent."""
     needs: list[str] = []
@@ -92,17 +130,21 @@ class EffectEntry(Strict):
             raise Contradiction("pairs", f'stands in an effect with per = "{self.per}"', 'write per = "pair"')
         if self.joints is not None and self.per == "arm":
             raise Contradiction("joints", 'stands in an effect with per = "arm"', 'write per = "joint"')
+        if self.joint_type is not None and self.per != "joint":
+            what = f'stands in an effect with per = "{self.per}"'
+            raise Contradiction("joint_type", what, 'write per = "joint"')
         return self
 
     @pydantic.model_validator(mode="after")
     def _letters_and_constants_have_values(self) -> EffectEntry:
         for p, parameter in enumerate(self.parameter, 1):
             for t, term in enumerate(parameter.term, 1):
-                self._has_values(term, parameter.each_joint, f"parameter[{p}].term[{t}]")
+                self._has_values(term, parameter, f"parameter[{p}].term[{t}]")
         return self
 
-    def _has_values(self, term: TermEntry, each_joint: bool, where: str) -> None:
-        known = {"j", "p"} if each_joint else set()
+    def _has_values(self, term: TermEntry, parameter: ParameterEntry, where: str) -> None:
+        known = {"j", "p"} if parameter.each_joint else set()
+        known |= {"k"} if parameter.each_body else set()
         known |= {"arm": set(), "joint": {"j", "p"}, "pair": {"i", "j", "p"}}[self.per]
         for key, letter in _letters(term):
             if letter not in known:
@@ -121,8 +163,9 @@ class EffectEntry(Strict):
 
 def _letters(term: TermEntry) -> list[tuple[str, str]]:
     """(key, letter) of the joint letters that a term uses."""
-    used = [("at", term.place.joint), *(("basis", factor.joint) for factor in term.factors)]
-    return [(key, joint) for key, joint in used if joint and not joint.isdigit()]
+    at = [term.place.joint] if term.place.joint and not term.place.joint.isdigit() else []
+    basis = [letter for factor in term.factors for letter in factor.letters()]
+    return [*(("at", letter) for letter in at), *(("basis", letter) for letter in basis)]
 
 
 def _constants(term: TermEntry) -> list[str]:

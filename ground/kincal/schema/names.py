@@ -14,14 +14,23 @@ class Variable:
     """What a basis may depend on.
 
     flight: name in kc_var_t, small letters. indexed: belongs to one joint (or link). needs: what the data or
-    the arm table must hold, "" if nothing. unit: of the value.
+    the arm table must hold, "" if nothing. unit: of the value. of_body: belongs to a link and a body beyond.
     """
 
     flight: str
     unit: str
     indexed: bool = False
     needs: str = ""
+    of_body: bool = False
 
+
+# Twist of a pose from a camera by a fault of camera or target: name here -> name in kc_var_t.
+PNP = {f"p{comp}": f"pnp_{comp}" for comp in ("tx", "ty", "tz", "rx", "ry", "rz")}
+# What may be wrong with the image of a target's points, in a unit each (METHOD.md 13.1).
+FAULTS = (
+    "radial_1", "radial_2", "decentring_1", "decentring_2", "focal_x", "focal_y", "centre_x", "centre_y",
+    "bow_x", "bow_y",
+)  # fmt: skip
 
 # kc_fn_t, small letters; the basis is fn(z) with z = c1 (x - c0)
 FUNCTIONS = ("lin", "sin", "cos", "tanh", "ln1p", "expn", "step", "sq", "tan2", "abs")
@@ -50,6 +59,16 @@ VARIABLES = {
     "ycam": Variable("ycam", "m", needs="cam"),
     "zcam": Variable("zcam", "m", needs="cam"),
     "tag": Variable("tag", "0, 0.5, 1", needs="tag"),
+    # What gravity does whatever the masses are: its direction in the frame of a link, and the moment of 1 kg at
+    # the origin of a body beyond a link, about the origin of the link's frame.
+    "gx": Variable("gx", "m/s^2", True),
+    "gy": Variable("gy", "m/s^2", True),
+    "gz": Variable("gz", "m/s^2", True),
+    "levx": Variable("levx", "N m/kg", True, of_body=True),
+    "levy": Variable("levy", "N m/kg", True, of_body=True),
+    "levz": Variable("levz", "N m/kg", True, of_body=True),
+    # Columns of a PnP pose, computed for effects that say `image` (METHOD.md 13.1); nobody writes them.
+    **{name: Variable(flight, "m or rad", True, "points") for name, flight in PNP.items()},
     # Without camera columns the sensor is the measurement frame itself (a laser tracker, a board): the
     # position it saw, by the same variables.
     "sx": Variable("xcam", "m", needs="own_sensor"),
@@ -74,4 +93,6 @@ JOINT_PLACES = ("joint", "before", "link")
 # Constants that a basis may use by name; an effect may add some of its own with [effect.grid].
 DATA_CONSTANTS = ("T0", "tstart")
 GEAR_RATIO = "N"
-JOINT_LETTERS = ("i", "j", "p")
+JOINT_LETTERS = ("i", "j", "p", "k")
+# The body of a gravity lever: a link's number, or the tool. Its index on board is 16 x link + body (kc_terms.h).
+TOOL_BODY, LEVER_STRIDE = "tool", 16

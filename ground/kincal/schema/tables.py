@@ -270,11 +270,13 @@ class CoefEntry(Strict):
         """Only j (and p before it) of `joints` have a value here; properties of links are the effect
         library's."""
         known = {"j", "p"} if self.joints else set()
-        for key, joint in [("at", term.place.joint), *(("basis", factor.joint) for factor in term.factors)]:
-            if joint and not joint.isdigit() and joint not in known:
-                raise Contradiction(
-                    f"{where}.{key}", f"names joint {joint}", "write joints = [...] or a number"
-                )
+        at = [term.place.joint] if term.place.joint and not term.place.joint.isdigit() else []
+        basis = [letter for factor in term.factors for letter in factor.letters()]
+        for key, letters in (("at", at), ("basis", basis)):
+            for letter in letters:
+                if letter not in known:
+                    todo = "write joints = [...] or a number"
+                    raise Contradiction(f"{where}.{key}", f"names joint {letter}", todo)
         if isinstance(term.gain, str):
             raise Contradiction(f"{where}.gain", f"is {term.gain!r}", "write a number")
         if any(

@@ -8,7 +8,8 @@ A term adds `coefficient x gain x basis` to one component of the twist at one pl
     basis = "tanh(q4/0.5) * cos(q6)"    at most two factors, each var or fn(scale*(var - offset)/divisor)
     gain = "0.5*long"                   a number, or a product with properties of link j
 
-Joints count from 1; j, i and p (the joint before j) stand for them in entries that are made for many joints.
+Joints count from 1; j, i and p (the joint before j) stand for them in entries that are made for many joints;
+a gravity lever levz[p,k] has a link and a body beyond it: k in entries made for many bodies, a number, or tool.
 $name is a constant that is given when the term is made (a searched one, $T0, $tstart); N is the gear ratio.
 """
 
@@ -26,16 +27,26 @@ from kincal.errors import BadInput
 
 from .base import Strict
 from .errors import Contradiction
-from .names import COMPONENTS, FUNCTIONS, GEAR_RATIO, JOINT_LETTERS, JOINT_PLACES, PLACES, VARIABLES
+from .names import (
+    COMPONENTS,
+    FUNCTIONS,
+    GEAR_RATIO,
+    JOINT_LETTERS,
+    JOINT_PLACES,
+    LEVER_STRIDE,
+    PLACES,
+    TOOL_BODY,
+    VARIABLES,
+)
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|\$\w+|N"
-_VARIABLE = re.compile(r"^(r2|[A-Za-z]+)(?:\[(\w+)\]|(\d+))?$")
+_VARIABLE = re.compile(r"^(r2|[A-Za-z]+)(?:\[(\w+(?:,\w+)?)\]|(\d+))?$")
 _ARGUMENT = re.compile(
-    rf"^(?:(?P<scale>{_NUMBER})\s*\*\s*)?\(?\s*(?P<var>[A-Za-z]+\d*(?:\[\w+\])?|1)"
+    rf"^(?:(?P<scale>{_NUMBER})\s*\*\s*)?\(?\s*(?P<var>[A-Za-z]+\d*(?:\[\w+(?:\s*,\s*\w+)?\])?|1)"
     rf"\s*(?:(?P<sign>[-+])\s*(?P<offset>{_NUMBER}))?\s*\)?\s*(?:/\s*(?P<div>{_NUMBER}))?$"
 )
 _PLACE = re.compile(r"^([a-z]+)(?:\[(\w+)\])?$")
-GAIN_SYMBOLS = ("Lx", "Ly", "Lz", "a", "d", "long", "Bx", "By", "Bz")
+GAIN_SYMBOLS = ("Lx", "Ly", "Lz", "a", "d", "long", "parallel", "Bx", "By", "Bz")
 
 Names = Mapping[str, float]
 
@@ -71,11 +82,25 @@ class Basis:
         """As a file holds it: reading it gives the same numbers again."""
         return self.text(repr)
 
+    @property
+    def highest_link(self) -> int:
+        """The highest joint or link that the variable names; 0 where it names none."""
+        return max(divmod(self.index, LEVER_STRIDE)) if VARIABLES[self.var].of_body else self.index
+
+    def _index_text(self) -> str:
+        """2 of q2, [1,4] and [1,tool] of a gravity lever, nothing for a variable without an index."""
+        if not VARIABLES[self.var].indexed:
+            return ""
+        if not VARIABLES[self.var].of_body:
+            return str(self.index)
+        link, body = divmod(self.index, LEVER_STRIDE)
+        return f"[{link},{body or TOOL_BODY}]"
+
     def text(self, write: Callable[[float], str]) -> str:
         """The basis in the grammar, numbers written by `write`."""
         if self.var == "1":
             return "1"
-        argument = self.var + (str(self.index) if VARIABLES[self.var].indexed else "")
+        argument = self.var + self._index_text()
         if self.c0:
             offset = write(-self.c0)
             argument += offset if offset.startswith("-") else f"+{offset}"
@@ -105,9 +130,7 @@ class Factor:
 
     def bind(self, names: Names) -> Basis:
         """The basis with the values of `names`. BadInput names what has no value."""
-        index = int(self.joint) if self.joint.isdigit() else 0
-        if self.joint and not self.joint.isdigit():
-            index = int(self._value(self.joint, names))
+        index = self._index(names)
         offset = self._value(self.offset, names) * (-1.0 if self.negative else 1.0) if self.offset else 0.0
         scale = self._value(self.scale, names) if self.scale else 1.0
         c1 = scale / (self._value(self.divisor, names) if self.divisor else 1.0)
@@ -115,6 +138,22 @@ class Factor:
             # 2*q-1 means 2 (q - 0.5): the offset is in units of the variable.
             offset /= scale
         return Basis(self.fn, self.var, index, offset, c1)
+
+    def letters(self) -> list[str]:
+        """The joint letters that the index uses."""
+        return [part for part in self.joint.split(",") if part in JOINT_LETTERS]
+
+    def _index(self, names: Names) -> int:
+        """Number of the joint or link; of a link and a body, as flight counts them."""
+        link, _, body = self.joint.partition(",")
+        if not body:
+            return self._number(link, names)
+        return LEVER_STRIDE * self._number(link, names) + self._number(body, names)
+
+    def _number(self, token: str, names: Names) -> int:
+        if token in ("", TOOL_BODY):
+            return 0
+        return int(token) if token.isdigit() else int(self._value(token, names))
 
     def _value(self, token: str, names: Names) -> float:
         name = token.removeprefix("$")
@@ -195,8 +234,13 @@ def _parse_variable(text: str) -> tuple[str, str]:
         raise Contradiction(
             "", f"variable {name} needs a joint", todo=f"write for instance {name}[j] or {name}3"
         )
-    if not joint.isdigit() and joint not in JOINT_LETTERS:
-        raise Contradiction("", f"{text!r}: no joint {joint!r} here", todo="write the number or j")
+    link, comma, body = joint.partition(",")
+    if bool(comma) != VARIABLES[name].of_body:
+        example = f"{name}[p,k] or {name}[1,tool]" if VARIABLES[name].of_body else f"{name}[j]"
+        raise Contradiction("", f"{text!r} has {'two indices' if comma else 'one index'}", f"write {example}")
+    for part in (link, body) if comma else (link,):
+        if not (part.isdigit() or part in JOINT_LETTERS or (comma and part == TOOL_BODY)):
+            raise Contradiction("", f"{text!r}: no joint {part!r} here", todo="write the number or j")
     return name, joint
 
 
@@ -292,7 +336,8 @@ class TermEntry(Strict):
     """Component of the twist; joint[j] has its own axis and takes none."""
     gain: pydantic.StrictFloat | pydantic.StrictInt | pydantic.StrictStr = 1.0
     """Constant factor: a number, or a product with Lx Ly Lz (link j as a vector in its own frame [m]), a,
-    d [m], long (1 if link j has a length, else 0), Bx By Bz (origin of the base frame to frame 0 [m])."""
+    d [m], long (1 if link j has a length, else 0), parallel (1 if the axes of joints j and j + 1 are parallel,
+    else 0), Bx By Bz (origin of the base frame to frame 0 [m])."""
     basis: str = "1"
     """At most two factors, each var or fn(scale*(var - offset)), e.g. "tanh(q4/0.5) * cos(q6)"."""
 

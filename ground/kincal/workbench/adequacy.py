@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from .types import Array, Indices, Mask
 from .unnamed import drivers
 
 ADEQUATE_P = 0.05
+STRUCTURE_P = 0.01
 _MIN_REPLICATE_DOF = 6
 _CLUSTER_P = 0.01
 _MIN_CLUSTER = 3  # outliers; fewer cannot cluster
@@ -180,6 +181,16 @@ def where_it_fails(fit: Fit) -> tuple[Where, ...]:
         found = Where(name, scaled_p(s, scorer.scale), s.score.chi2 / total, s.best.location)
         by_variable.setdefault(name, []).append(found)
     return tuple(sorted(map(_best_place, by_variable.values()), key=_least_likely))
+
+
+def structure(where: Sequence[Where]) -> float:
+    """p-value that what is left follows some variable, over all variables (Bonferroni)."""
+    return min(1.0, where[0].p_value * len(where)) if where else 1.0
+
+
+def explained(p_lack_of_fit: float | None, p_structure: float) -> bool:
+    """What is left is no larger than a known noise, where one is known, and follows no variable."""
+    return p_structure > STRUCTURE_P and (p_lack_of_fit is None or p_lack_of_fit > ADEQUATE_P)
 
 
 def _least_likely(w: Where) -> tuple[float, float]:

@@ -55,6 +55,7 @@ def comparison_json(c: Comparison) -> Json:
         "held": len(c.split.held),
         "skipped": c.skipped,
         "components": c.components,
+        "direction": c.data.direction_source,
         "noise_floor": _floor(c.noise_floor),
         "rms": {name: _pos_rot(*pair) for name, pair in c.rms.items()},
         "chi2_per_dof": c.chi2_per_dof,
@@ -102,6 +103,8 @@ def _effect_json(e: EffectFinding) -> Json:
         "why": explain.why(e),
         "accepted": e.accepted,
         "helps": e.helps,
+        "harms": e.harms,
+        "in_model": e.in_model,
     }
 
 
@@ -227,53 +230,6 @@ def poses_text(poses: Sequence[NextPose]) -> str:
         sign = "" if p.direction is None else "  approach " + " ".join(f"{s:+d}" for s in p.direction)
         lines.append(f"  {k:2d}  q = {', '.join(f'{x:+.3f}' for x in p.q)}{sign}  power {p.power:.2f}")
     return "\n".join(lines)
-
-
-def diagnosis_text(d: Diagnosis, poses: Sequence[NextPose] = ()) -> str:
-    """The comparison, what is missing with probabilities, what is left, and the next poses."""
-    parts = [
-        comparison_text(d.comparison),
-        "",
-        f"diagnosis: {explain.verdict(d)} (P(nothing missing) = {d.probability_none:.2g})",
-        *(line for e in d.effects for line in _effect_lines(e)),
-        *([] if d.novel is None else _unnamed_lines(d.novel)),
-        *([_remainder_text(d.remainder)] if d.effects or d.novel else []),
-        *(["not testable on these data:"] if d.not_testable else []),
-        *(f"      {explain.not_testable(n)}" for n in d.not_testable),
-        *([poses_text(poses)] if poses else []),
-    ]
-    if d.effects:
-        parts.append("Probabilities hold for this library and its priors; 'consistent with' is not 'proven'.")
-    return "\n".join(parts)
-
-
-def _effect_lines(e: EffectFinding) -> list[str]:
-    mark = {"accepted": "*", "helps": "+", "alternative": " "}[e.role]
-    return [
-        f"{mark} {e.name:<26} P = {e.probability:.2f}   p = {e.p_value:.2g}   {explain.why(e)}",
-        *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
-        *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),
-    ]
-
-
-def _unnamed_lines(u: UnnamedFinding) -> list[str]:
-    drivers = " and ".join(explain.in_words(name) for name in u.depends_on)
-    return [
-        f"not in the library: {u.location}, depending on {drivers} "
-        f"(P = {u.probability:.2f}, p = {u.p_value:.2g})",
-        *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
-    ]
-
-
-def _remainder_text(r: Remainder) -> str:
-    floor = _text(r.floor.pos_m, r.floor.rot_rad)
-    text = f"left on held-out poses: {_text(r.held_pos_m, r.held_rot_rad)}; noise floor {floor}"
-    found = [
-        f"{w.at} by {explain.in_words(w.variable)} ({w.share_of_variance:.0%})"
-        for w in r.where
-        if w.p_value < 0.001
-    ]
-    return text + (f"; it is at {', '.join(found)}" if found else "")
 
 
 def fit_text(f: FitResult) -> str:

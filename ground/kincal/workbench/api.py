@@ -21,7 +21,7 @@ from .diagnosis import Diagnosis
 from .effects import Effect, Hypothesis, Library
 from .fit import Fit, fit_model
 from .grids import data_constants
-from .hypotheses import by_constants, effect_of, merged_if_several
+from .hypotheses import by_constants, covers, effect_of, merged_if_several
 from .nested import NestedModels, fit_nested
 from .nextposes import NextPose, next_poses
 from .power import Confounding, Harm, confounding, harm
@@ -106,7 +106,7 @@ def _constants(
         name: data_constants(data) | dict(h.constants)
         for name in names
         for h in hypotheses
-        if name in (h.name, h.effect)
+        if covers(name, h.name)
     }
 
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from kincal.schema.names import PNP
 from kincal.schema.terms import Basis
 
 from .data import Measurements
@@ -15,7 +16,8 @@ from .fit import Fit
 from .types import Array
 
 # Variables whose values depend on the coefficients: gravity loads, and where the model expects the tool.
-_MODELLED = {"tau", "taup", "Mx", "My", "Mz", "u", "v", "r2", "xcam", "ycam", "zcam", "sx", "sy", "sz"}
+_MODELLED = {"tau", "taup", "Mx", "My", "Mz", "gx", "gy", "gz", "levx", "levy", "levz", *PNP}
+_MODELLED |= {"u", "v", "r2", "xcam", "ycam", "zcam", "sx", "sy", "sz"}
 
 
 @lru_cache(maxsize=8)

@@ -11,14 +11,15 @@ from kincal.errors import BadInput, CannotAnswer
 from kincal.schema.arm import ArmTable
 
 from .adequacy import (
-    ADEQUATE_P,
     NoiseFloor,
     Outliers,
     Where,
     WorstPose,
+    explained,
     find_outliers,
     lack_of_fit,
     noise_floor,
+    structure,
     where_it_fails,
     worst_poses,
 )
@@ -27,7 +28,6 @@ from .effects import Hypothesis
 from .fit import Fit, find_frames, fit_model, rms
 from .types import Indices
 
-_STRUCTURE_P = 0.01
 _MIN_POSES = 4
 _MIN_DOF = 1.5
 _MIN_RANK_SHARE = 1.0 / 3.0  # of the coefficients; seven joints that move freely give 28 of 28
@@ -115,7 +115,7 @@ def compare(
     fit_all = fit_part if split.given else fit_model(arm, data, hypotheses, dh=dh, frames=frames)
     held = data.take(split.held) if len(split.held) else None
     floor, where = noise_floor(fit_all), where_it_fails(fit_all)
-    p_lack, p_structure = lack_of_fit(fit_all, floor), _structure(where)
+    p_lack, p_structure = lack_of_fit(fit_all, floor), structure(where)
     return Comparison(
         arm=arm.name,
         source=data.source,
@@ -134,7 +134,7 @@ def compare(
         chi2_per_dof=fit_all.scale**2,
         p_lack_of_fit=p_lack,
         p_structure=p_structure,
-        adequate=p_structure > _STRUCTURE_P and (p_lack is None or p_lack > ADEQUATE_P),
+        adequate=explained(p_lack, p_structure),
         worst_poses=worst_poses(fit_all),
         where=where,
         outliers=find_outliers(fit_all),
@@ -142,11 +142,6 @@ def compare(
         fit_all=fit_all,
         fit_part=fit_part,
     )
-
-
-def _structure(where: tuple[Where, ...]) -> float:
-    """p-value that what is left follows some variable, over all variables (Bonferroni)."""
-    return min(1.0, where[0].p_value * len(where)) if where else 1.0
 
 
 def still_joints(data: Measurements) -> tuple[int, ...]:

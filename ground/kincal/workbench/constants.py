@@ -14,7 +14,7 @@ from .data import Measurements
 from .effects import Hypothesis, Library
 from .fit import Frames, find_frames, fit_model
 from .grids import finer
-from .hypotheses import by_constants, merged_if_several
+from .hypotheses import assumed_by, by_constants, merged_if_several
 from .scoring import Scorer, bulk_weights
 
 Known = Mapping[str, Mapping[str, float]]
@@ -39,7 +39,7 @@ def choose_constants(
     joined: a name without a joint becomes one hypothesis of all joints instead of one per joint. BadInput
     for an unknown name, or where constants have to come from measurements and there are none.
     """
-    open_names = [name for name in names if library.grid_of(name, dict(known.get(name, {})))]
+    open_names = [name for name in names if library.is_open(name, arm, data, known.get(name, {}))]
     found = {
         name: library.find(name, arm, data, dict(known.get(name, {})))
         for name in names
@@ -49,7 +49,10 @@ def choose_constants(
         found |= _searched(library, open_names, found, arm, data, dh)
     groups = [found[name] for name in names]
     if joined:
-        return [merged_if_several(library.effects[group[0].effect], group) for group in groups]
+        return [
+            merged_if_several(library.effects[group[0].effect], group, name)
+            for name, group in zip(names, groups, strict=True)
+        ]
     return [h for group in groups for h in group]
 
 
@@ -88,7 +91,8 @@ class _Search:
         """The instances of an effect with the constants of least cost, first on the grid, then closer."""
         fit = fit_model(self.arm, self.data, beside, dh=self.dh, frames=self.frames)
         scorer = Scorer(fit, bulk_weights(fit), self.data.cov is not None)
-        best = _least_cost(scorer, by_constants(self.library.find(name, self.arm, self.data)))
+        assumed = dict(assumed_by(beside))
+        best = _least_cost(scorer, by_constants(self.library.find(name, self.arm, self.data, assumed)))
         for constant, values in self.library.grid_of(name).items():
             fixed = dict(best[0].constants)
             near = finer(values, fixed[constant], self.data)

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from kincal.errors import BadInput
+
 from .types import Array, Indices, Mask
 
 # Names that effects use for their needs, where they differ from ours.
 _RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
-_MEASURED = ("q", "p_m", "quat_wxyz", "direction", "payload_kg", "temp_c")  # equal in copies of a row
-_SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
+_MEASURED = ("direction", "q", "p_m", "quat_wxyz", "payload_kg", "temp_c")  # equal in copies of a row
+_NAMED = 5  # ids in a message
+SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
+
+DirectionSource = Literal["measured", "inferred", "none"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +34,11 @@ class Measurements:
     base frame; cam_p_m, cam_quat_wxyz: (N, 3), (N, 4) camera pose in the base frame; tag: (N,) which tag was
     seen (0 first, 1 second, 0.5 both); split: (N,) "fit" or "held"; replicate: (N,) number of the group of
     poses that were measured again (same commanded pose); the others are (N,) in the unit of their name.
+    direction_source: "measured" (in the file), "inferred" from the order of measurement, or "none".
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
     duplicates: number of rows that were left out as copies of another row;
     unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
+    whole: the set that these poses were taken from, None if they are all of it;
     doubts: what speaks against the arm table and these data belonging together, in words.
     """
 
@@ -58,11 +66,17 @@ class Measurements:
     split: NDArray[np.str_] | None = None
     replicate: NDArray[np.int_] | None = None
     order_is_time: bool = False
+    direction_source: DirectionSource = "measured"
     skipped: tuple[str, ...] = ()
     duplicates: int = 0
     unknown_columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    whole: Measurements | None = None
+
+    def __post_init__(self) -> None:
+        if self.direction is None:
+            object.__setattr__(self, "direction_source", "none")
 
     @property
     def n(self) -> int:
@@ -84,7 +98,19 @@ class Measurements:
         places = np.flatnonzero(index) if index.dtype == bool else index
         arrays = {name: x[places] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
         changes: dict[str, Any] = {**arrays, "ids": tuple(self.ids[i] for i in places)}
+        changes["whole"] = self if self.whole is None else self.whole
         return replace(self, **changes)
+
+    def without(self, ids: Iterable[str]) -> Measurements:
+        """The poses but those with these ids. BadInput names the ids that no pose has."""
+        wanted = set(ids)
+        if unknown := sorted(wanted.difference(self.ids)):
+            raise BadInput(
+                f"no pose has the id {', '.join(unknown[:_NAMED])}",
+                self.source,
+                f"ids of these data: {', '.join(self.ids[:_NAMED])} ...",
+            )
+        return self.take(np.array([name not in wanted for name in self.ids], dtype=bool))
 
     def has(self, column: str) -> bool:
         """Whether the data carry what an effect needs (`dir`, `temp_c`, `cam`, `rotation` ...)."""
@@ -101,15 +127,17 @@ class Measurements:
 def without_copies(data: Measurements) -> Measurements:
     """The poses without rows that repeat another one to the last bit: noise makes replicates differ, so these
     are the same measurement written twice."""
-    parts = [x for name in _MEASURED if (x := getattr(data, name)) is not None]
+    names = _MEASURED[data.direction_source == "inferred" :]
+    parts = [x for name in names if (x := getattr(data, name)) is not None]
     rows = np.ascontiguousarray(np.column_stack(parts)) + 0.0  # no negative zeros
     _, first = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))), return_index=True)
     if len(first) == data.n:
         return data
-    return replace(data.take(np.sort(first)), duplicates=data.duplicates + data.n - len(first))
+    copies = data.n - len(first)
+    return replace(data.take(np.sort(first)), whole=None, duplicates=data.duplicates + copies)
 
 
-def replicate_groups(q: Array, tol: float = _SAME_POSE) -> NDArray[np.int_]:
+def replicate_groups(q: Array, tol: float = SAME_POSE) -> NDArray[np.int_]:
     """(N,) group number per pose: poses whose readings (N, n) all agree within `tol` [rad or m] are
     replicates; a group has the number of its first pose."""
     group = np.full(len(q), -1)

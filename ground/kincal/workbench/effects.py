@@ -16,13 +16,17 @@ from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import matrix_of_wxyz
 from kincal.schema.arm import ArmTable
 from kincal.schema.effects import EffectEntry, ParameterEntry, read_effects
-from kincal.schema.names import COMPONENTS
-from kincal.schema.terms import Basis, Names, TermEntry, parse_gain
+from kincal.schema.names import COMPONENTS, PNP
+from kincal.schema.terms import ONE, Basis, Names, TermEntry, parse_gain
 
 from .data import Measurements
 from .grids import Grid, data_constants, grid_values
+from .levers import TOOL, bodies
+from .pnp import column_number
+from .sight import assumptions, sees_points
 from .types import Array
 
+_PARALLEL_RAD = 1e-3  # axes that are nominally parallel
 _FRAMES = {"tool": FRAME_TOOL, "camera": FRAME_CAMERA, "meas": FRAME_MEAS}
 # How a need is said to people: the keys of the arm table or the columns of the data.
 _NEED_TEXT = {
@@ -35,6 +39,7 @@ _NEED_TEXT = {
     "cam": "cx..cqz",
     "image": "cx..cqz",
     "rotation": "qw..qz",
+    "points": 'qw..qz, and [sensor] mount = "tool", or cx..cqz with [target] points_m',
 }
 
 
@@ -81,7 +86,8 @@ class Effect:
     """One entry of the library as written; `instances` makes it concrete for an arm and data.
 
     per: "arm", "joint" or "pair"; needs: what arm table or data must hold; grid: constants that are
-    searched; equivalent_to: an effect with the very same formula, with which it does not compete.
+    searched; joint_type: of the joints that can have it, "" for both; equivalent_to: an effect with the very
+    same formula, with which it does not compete.
     """
 
     name: str
@@ -94,14 +100,30 @@ class Effect:
     confounded_with: tuple[str, ...]
     parameters: tuple[ParameterEntry, ...]
     joints: tuple[int, ...] | None = None
+    joint_type: str = ""
     pairs: tuple[tuple[int, int], ...] | None = None
     grid: Mapping[str, Grid] = field(default_factory=dict)
     equivalent_to: str = ""
     source: str = ""
 
+    @property
+    def _of_points(self) -> tuple[ParameterEntry, ...]:
+        """The coefficients that act on the image of a target's points."""
+        return tuple(p for p in self.parameters if p.image is not None)
+
+    def sees_points(self, arm: ArmTable, data: Measurements | None) -> bool:
+        """Whether the effect acts through a target of many points here."""
+        return bool(self._of_points) and sees_points(arm, data)
+
     def missing(self, arm: ArmTable, data: Measurements | None) -> list[str]:
         """What this effect needs and the arm table or the data do not have, in words."""
-        lacking = [need for need in self.needs if not _there(need, arm, data)]
+        if self.sees_points(arm, data):
+            return []
+        only_points = len(self._of_points) == len(self.parameters)
+        needs = (
+            (*self.needs, "points") if only_points or arm.mount == "tool" and self._of_points else self.needs
+        )
+        lacking = [need for need in needs if not _there(need, arm, data)]
         return list(dict.fromkeys(_NEED_TEXT.get(need, need) for need in lacking))
 
     def where(self, arm: ArmTable) -> list[dict[str, int]]:
@@ -110,9 +132,13 @@ class Effect:
         if self.per == "arm":
             return [{}]
         if self.per == "joint":
-            return [{"j": j} for j in joints if j <= arm.n]
+            return [{"j": j} for j in joints if j <= arm.n and self._is_of_type(arm, j)]
         pairs = self.pairs or tuple(itertools.permutations(joints, 2))
         return [{"i": i, "j": j} for i, j in pairs if max(i, j) <= arm.n]
+
+    def _is_of_type(self, arm: ArmTable, j: int) -> bool:
+        wanted = self.joint_type == "prismatic"
+        return not self.joint_type or arm.joints[j - 1].prismatic == wanted
 
     def instances(
         self, arm: ArmTable, data: Measurements | None, known: Mapping[str, float] | None = None
@@ -120,12 +146,14 @@ class Effect:
         """Every joint (or pair) times every grid value. Constants named in the grid come from the data,
         or are known from an earlier fit."""
         known = known or {}
+        if self.sees_points(arm, data):
+            return self._through_points(arm, known)
         fixed = {**data_constants(data), **known}
         grids = {
             name: [known[name]] if name in known else grid_values(values, data)
             for name, values in self.grid.items()
         }
-        return [
+        made = [
             Hypothesis(
                 self.name,
                 instance_name(self.name, letters),
@@ -135,13 +163,31 @@ class Effect:
             for letters in self.where(arm)
             for constants in (tuple(zip(grids, c, strict=True)) for c in itertools.product(*grids.values()))
         ]
+        return [h for h in made if h.parameters]
+
+    def _through_points(self, arm: ArmTable, known: Mapping[str, float]) -> list[Hypothesis]:
+        """One instance for each assumption about camera and target that known constants leave open."""
+        return [
+            Hypothesis(
+                self.name,
+                self.name,
+                tuple(
+                    Parameter(p.name, p.unit, p.sigma, _pnp_terms(k, p.image or "")) for p in self._of_points
+                ),
+                assumed.constants,
+            )
+            for k, assumed in enumerate(assumptions(arm))
+            if assumed.meant_by(tuple(known.items()))
+        ]
 
     def _parameters(
         self, arm: ArmTable, letters: Mapping[str, int], constants: Mapping[str, float]
     ) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(p.name, p.unit, p.sigma, tuple(self._terms(p, arm, letters, constants)))
+            Parameter(name, p.unit, p.sigma, tuple(self._terms(p, arm, with_body, constants)))
             for p in self.parameters
+            if p.image is None
+            for name, with_body in _bodies(p, arm, letters)
         )
 
     def _terms(
@@ -159,6 +205,27 @@ class Effect:
             yield from (term for term in terms if term.gain != 0.0)
 
 
+def _pnp_terms(sight: int, fault: str) -> tuple[Term, ...]:
+    """The twist by which a fault moved the measured pose, taken back there."""
+    number = column_number(sight, fault)
+    return tuple(
+        Term(FRAME_MEAS, comp, -1.0, (Basis("lin", name, number), ONE)) for comp, name in enumerate(PNP)
+    )
+
+
+def _bodies(
+    parameter: ParameterEntry, arm: ArmTable, letters: Mapping[str, int]
+) -> Iterator[tuple[str, Mapping[str, int]]]:
+    """Name and letters of a coefficient, for each body beyond joint j if it says so."""
+    if not parameter.each_body:
+        yield parameter.name, letters
+        return
+    link = {"p": letters.get("j", 1) - 1, **letters}.get(parameter.lever_link)
+    for body in bodies(arm, int(parameter.lever_link) if link is None else link, parameter.levers):
+        name = f"{parameter.name}_tool" if body == TOOL else f"{parameter.name}{body}"
+        yield name, {**letters, "k": body}
+
+
 def _there(need: str, arm: ArmTable, data: Measurements | None) -> bool:
     """Whether the arm table or the data have what an effect needs; unknown data may have everything but
     a sensor of their own."""
@@ -170,6 +237,8 @@ def _there(need: str, arm: ArmTable, data: Measurements | None) -> bool:
     }
     if need in of_arm:
         return of_arm[need]
+    if need == "points":
+        return sees_points(arm, data)
     if need == "own_sensor":
         return data is not None and data.has(need)
     return data is None or data.has("cam" if need == "image" else need)
@@ -186,6 +255,13 @@ def _link_vector(arm: ArmTable, j: int) -> Array:
     """Origin of frame j-1 to origin of frame j, in frame j."""
     joint = arm.joints[j - 1]
     return np.array([joint.a_m, joint.d_m * math.sin(joint.alpha_rad), joint.d_m * math.cos(joint.alpha_rad)])
+
+
+def _parallel_to_next(arm: ArmTable, j: int) -> bool:
+    """Whether joint j + 1 turns about an axis parallel to that of joint j, and at a distance."""
+    joint = arm.joints[j - 1]
+    turning = j < arm.n and not joint.prismatic and not arm.joints[j].prismatic
+    return turning and abs(math.sin(joint.alpha_rad)) < _PARALLEL_RAD and abs(joint.a_m) > 0.0
 
 
 def _mount_lever(arm: ArmTable) -> Array:
@@ -207,6 +283,7 @@ def _gain(value: float | str, arm: ArmTable, names: Mapping[str, int], where: st
         joint = arm.joints[names["j"] - 1]
         symbols |= dict(zip(("Lx", "Ly", "Lz"), length, strict=True)) | {"a": joint.a_m, "d": joint.d_m}
         symbols["long"] = float(np.linalg.norm(length) > 1e-6)
+        symbols["parallel"] = float(_parallel_to_next(arm, names["j"]))
     gain, used = parse_gain(value)
     for symbol in used:
         if symbol not in symbols:
@@ -229,8 +306,9 @@ def _concrete_term(
     assert comp is not None  # the file's reader refuses a term without
     basis = entry.bases(values, where)
     for factor in basis:
-        if factor.index > arm.n:
-            raise BadInput(f"basis {entry.basis!r} names joint {factor.index}, the arm has {arm.n}", where)
+        if factor.highest_link > arm.n:
+            what = f"basis {entry.basis!r} names joint {factor.highest_link}, the arm has {arm.n}"
+            raise BadInput(what, where)
     number = frame if isinstance(frame, int) else _FRAMES[frame]
     return Term(number, COMPONENTS.index(comp), _gain(entry.gain, arm, names, where), basis)
 
@@ -268,6 +346,18 @@ class Library:
         """The library without some effects."""
         return Library([effect for effect in self.effects.values() if effect.name not in names])
 
+    def is_open(
+        self, name: str, arm: ArmTable, data: Measurements | None, known: Mapping[str, float] | None = None
+    ) -> bool:
+        """Whether an effect has constants that the data still have to choose: those of its grid, or what is
+        assumed of camera and target."""
+        effect = self.effects.get(name.partition("[")[0])
+        if effect is None:
+            return False
+        if effect.sees_points(arm, data):
+            return len(effect.instances(arm, data, known)) > 1
+        return bool(self.grid_of(name, known))
+
     def grid_of(self, name: str, known: Mapping[str, float] | None = None) -> dict[str, Grid]:
         """Grids of the constants of an effect that have to be searched, those that are known left out."""
         effect = self.effects.get(name.partition("[")[0])
@@ -280,18 +370,27 @@ class Library:
         data: Measurements | None,
         known: Mapping[str, float] | None = None,
     ) -> list[Hypothesis]:
-        """Instances for `name[joint]`, or all joints for a bare name. BadInput with near names."""
+        """Instances for `name[joint]`, each joint of `name[2,3]`, or all joints for a bare name. BadInput with
+        near names."""
         base = name.partition("[")[0]
         if base not in self.effects:
             near = [n for n in self.effects if n.startswith(base[:4])] or list(self.effects)
             raise BadInput(f"no effect {base!r}; did you mean {', '.join(near[:6])}? (kincal model effects)")
         found = self.effects[base].instances(arm, data, known)
         if "[" in name:
-            wanted = name.replace(" ", "")
-            found = [h for h in found if h.name == wanted]
-            if not found:
+            wanted = _places(name.replace(" ", ""), self.effects[base])
+            found = [h for h in found if h.name in wanted]
+            if len({h.name for h in found}) < len(wanted):
                 raise BadInput(f"effect {name!r}: no such joint on {arm.name} ({arm.n} joints)")
         return found
+
+
+def _places(name: str, effect: Effect) -> set[str]:
+    """Names of the instances that a name stands for: a joint effect may name several joints."""
+    inside = name.partition("[")[2].rstrip("]")
+    if effect.per != "joint":
+        return {name}
+    return {f"{effect.name}[{joint}]" for joint in inside.split(",")}
 
 
 def _read(path: str | Path) -> str:
@@ -317,6 +416,7 @@ def _effect(entry: EffectEntry, source: str) -> Effect:
         confounded_with=tuple(entry.confounded_with),
         parameters=tuple(entry.parameter),
         joints=tuple(entry.joints) if entry.joints is not None else None,
+        joint_type=entry.joint_type or "",
         pairs=tuple(entry.pairs) if entry.pairs is not None else None,
         grid=dict(entry.grid),
         equivalent_to=entry.equivalent_to,

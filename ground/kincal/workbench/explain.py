@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+from . import sight
 from .adequacy import Outliers
 from .compare import Comparison
-from .diagnosis import Diagnosis, EffectFinding
+from .diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from .diagnosis.suggestions import Suggestion
+from .gain import judged
 from .hypotheses import Untestable, effect_of, place_of
-from .nested import NoGain
+from .nested import EffectGain
 
-VERDICTS = {
-    "adequate": "Nothing is missing that these data could show.",
-    "effect": "One effect is missing.",
-    "several_effects": "Several effects are missing.",
-    "novel": "Something is missing that no effect of the library describes.",
-    "undecidable": "Something is missing, but these data do not determine what: "
-    "see the alternatives and the next poses.",
-}
 _DRIVERS = {
     "t": "time",
     "order": "order in which the poses were taken",
@@ -48,19 +43,69 @@ def in_words(variable: str) -> str:
 
 
 def why(e: EffectFinding) -> str:
-    """One sentence about what speaks for an effect, and what restricts that."""
-    gain = "no held-out poses"
-    if math.isfinite(e.held.after_m):
-        gain = f"held-out error {e.held.before_m * 1e3:.3f} to {e.held.after_m * 1e3:.3f} mm"
+    """One sentence about what speaks for an effect, and what restricts that. A probability is said only of
+    what won or competes by it."""
     text = (
         f"consistent with {e.label}: its pattern explains {e.explained_share:.0%} of what the model "
-        f"without it leaves, {gain}, probability {e.probability:.2f}"
+        f"without it leaves, {held_gain(e.held)}"
     )
-    if e.helps:
-        text += "; something unnamed explains more, but held-out poses gain"
+    if e.role == "helps":
+        text += "; something unnamed explains more, but "
+        text += "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
+    else:
+        text += f", probability {e.probability:.2f}"
+    if e.harms:
+        text += "; it harms: not in the model"
+    if e.inferred_direction:
+        text += "; approach direction inferred from the order of measurement"
     if e.capped:
         text += "; the model with it does not explain the data yet, so it is not identified"
     return text
+
+
+def held_gain(gain: HeldGain) -> str:
+    """What held-out poses say of an effect: errors without and with it, their ratio, and the judgement."""
+    if not math.isfinite(gain.after_m):
+        return "no held-out poses"
+    kind = "cross-validated" if gain.cross_validated else "held-out"
+    low, high = gain.interval
+    return (
+        f"{kind} error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm, ratio "
+        f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}): {judged(gain.interval)}"
+    )
+
+
+def probability(p: float) -> str:
+    """A probability that never claims to be 0 or 1."""
+    if p < 0.01:
+        return "P < 0.01"
+    return "P > 0.99" if p > 0.99 else f"P = {p:.2f}"
+
+
+def odds(e: EffectFinding, d: Diagnosis) -> str:
+    """The probability of an effect with what it is against; empty where held-out poses decided."""
+    return "" if e.role == "helps" else f"{probability(e.probability)} {against(e, d)}"
+
+
+def against(e: EffectFinding, d: Diagnosis) -> str:
+    """What the probability of an effect is against; empty where held-out poses decided."""
+    if e.role == "helps":
+        return ""
+    return 'against "nothing missing" and the unnamed' if e.accepted else _rival(d)
+
+
+def _rival(d: Diagnosis) -> str:
+    accepted = [x.name for x in d.effects if x.accepted]
+    if accepted:
+        return f"in place of {listed(accepted)}"
+    if d.novel is not None:
+        return f"against an unnamed effect ({probability(d.novel.probability)})"
+    return f'against "nothing missing" ({probability(d.probability_none)})'
+
+
+def listed(names: Sequence[str]) -> str:
+    """a; a and b; a, b and c."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def suggestion(s: Suggestion) -> str:
@@ -68,13 +113,16 @@ def suggestion(s: Suggestion) -> str:
     return f'at = "{s.at}", basis = "{s.basis}"' if s.basis else f'at = "{s.at}", a function of {s.driver}'
 
 
-def no_gain(n: NoGain) -> str:
-    """An effect that held-out poses do not gain from."""
+def no_gain(n: EffectGain) -> str:
+    """An effect that held-out poses do not show to help, by its interval."""
     low, high = n.interval
-    numbers = f"held-out error ratio {n.ratio:.3f} (95 % interval {low:.3f} to {high:.3f})"
-    if n.helps is False:
-        return f"{n.effect} does not help on {n.block}: {numbers}"
-    return f"whether {n.effect} helps on {n.block} these poses cannot tell: {numbers}"
+    numbers = (
+        f"held-out error ratio of the whole model with and without it {n.ratio:.3f} "
+        f"(95 % interval {low:.3f} to {high:.3f})"
+    )
+    if n.judged == "undecided":
+        return f"whether {n.effect} helps on {n.block} these poses cannot tell: {numbers}"
+    return f"{n.effect} {n.judged} on {n.block}: {numbers}"
 
 
 def outlier_note(o: Outliers) -> str:
@@ -87,7 +135,8 @@ def outlier_note(o: Outliers) -> str:
 def notes(c: Comparison) -> list[str]:
     """What else a reader of a comparison should know."""
     still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
-    return [*c.data.doubts, *still]
+    assumed = sight.in_words(c.fit_all.arm, c.data)
+    return [*c.data.doubts, *still, *([assumed] if assumed else [])]
 
 
 def not_testable(n: Untestable) -> str:
@@ -98,7 +147,34 @@ def not_testable(n: Untestable) -> str:
 
 def verdict(d: Diagnosis) -> str:
     """The diagnosis in one sentence."""
-    return VERDICTS[d.verdict]
+    taken = [e.name for e in d.effects if e.accepted or e.helps]
+    with_them = f"with {listed(taken)} the held-out error falls {_fall(d)}" if taken else ""
+    if d.verdict == "adequate":
+        return "Nothing is missing that these data could show."
+    if d.verdict == "undecidable":
+        return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
+    if d.verdict == "novel" and d.novel is not None:
+        what = "Something is missing that no effect of the library describes"
+        found = f"{what}: {unnamed(d.novel)}"
+        return f"{found}; {with_them}." if taken else f"{found}."
+    return f"Consistent with {listed([e.name for e in d.effects if e.accepted])}: {with_them}."
+
+
+def _fall(d: Diagnosis) -> str:
+    before, after = d.comparison.rms["held"][0], d.remainder.held_pos_m
+    if not (math.isfinite(before) and math.isfinite(after)):
+        return "by an unknown amount (no poses are held out)"
+    return f"from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
+
+
+def _closest(d: Diagnosis) -> str:
+    names = [e.name for e in d.effects][:3]
+    return f"{listed(names)} come closest" if names else "no effect stands out"
+
+
+def unnamed(u: UnnamedFinding) -> str:
+    """What is known of an unnamed effect: joint 1 has an error that follows q1 and q3."""
+    return f"{u.location} has an error that follows {listed([in_words(name) for name in u.depends_on])}"
 
 
 def grouped(names: tuple[str, ...]) -> str:

@@ -9,12 +9,11 @@ from kincal.schema.arm import ArmTable
 
 from .data import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter
+from .sight import Constants, sight_constants
 
 # Prior probabilities of "nothing is missing" and "what is missing has no name in the library"; the
 # testable effects share the rest equally.
 PRIOR_NONE, PRIOR_UNNAMED = 0.3, 0.1
-
-Constants = tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -30,6 +29,13 @@ class Candidate:
     variants: tuple[Hypothesis, ...]
     prior: float
     weights: tuple[float, ...] = ()
+
+    def agreeing(self, assumed: Constants) -> Candidate:
+        """The same without the variants that assume another camera or target than a model does already."""
+        if len(self.variants) < 2 or not assumed or not sight_constants(self.variants[0].constants):
+            return self
+        same = tuple(h for h in self.variants if h.constants == assumed)
+        return replace(self, variants=same or self.variants, weights=())
 
     def refined(self, finer: Sequence[Hypothesis]) -> Candidate:
         """The same with the part of its grid that `finer` spans replaced by these variants."""
@@ -73,9 +79,27 @@ class Competition:
         untestable = [Untestable(name, needs) for name, needs in missing.items() if needs]
         return cls(tuple(candidates), tuple(untestable), _equivalents(library))
 
-    def open(self, taken: Collection[str]) -> tuple[Candidate, ...]:
-        """Those that may still be added: an effect that is in at all joints has nothing to add at one."""
-        return tuple(c for c in self.candidates if c.name not in taken and c.effect.name not in taken)
+    def open(self, model: Collection[Hypothesis]) -> tuple[Candidate, ...]:
+        """Those that may still be added: an effect that is in at some joints has nothing to add at those, and
+        one camera saw one target."""
+        assumed = assumed_by(model)
+        return tuple(
+            c.agreeing(assumed) for c in self.candidates if not any(covers(h.name, c.name) for h in model)
+        )
+
+    def with_some_joints(self, open_: Sequence[Candidate], h: Hypothesis) -> tuple[Candidate, ...]:
+        """Candidates with an effect at some of its joints beside it at all of them; they share their prior."""
+        whole = next((c for c in open_ if c.name == h.effect), None)
+        if whole is None or len(joints_of(h.name)) < 2 or any(c.name == h.name for c in open_):
+            return tuple(open_)
+        half = replace(whole, prior=0.5 * whole.prior)
+        shared = [half if c is whole else c for c in open_]
+        return (*shared, Candidate(h.name, whole.effect, (h,), half.prior))
+
+
+def assumed_by(model: Iterable[Hypothesis]) -> Constants:
+    """What the effects of a model assume of camera and target: all the same."""
+    return next((x for h in model if (x := sight_constants(h.constants))), ())
 
 
 def _equivalents(library: Library) -> dict[str, tuple[str, ...]]:
@@ -103,19 +127,26 @@ def _candidates(
     return out
 
 
-def merged(effect: Effect, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
-    """One hypothesis with the parameters of all joints: "joint_compliance" from its instances."""
+def merged(effect: Effect, hypotheses: Sequence[Hypothesis], name: str = "") -> Hypothesis:
+    """One hypothesis with the parameters of all joints: "joint_compliance" from its instances; name: that of
+    some of the joints, "joint_compliance[2,3]"."""
     parameters = tuple(
         Parameter(f"{p.name}{h.name[len(effect.name) :]}", p.unit, p.sigma, p.terms)
         for h in hypotheses
         for p in h.parameters
     )
-    return Hypothesis(effect.name, effect.name, parameters, hypotheses[0].constants)
+    return Hypothesis(effect.name, name or effect.name, parameters, hypotheses[0].constants)
 
 
-def merged_if_several(effect: Effect, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
-    """All joints of an effect as one hypothesis; a single instance stays as it is."""
-    return merged(effect, hypotheses) if len(hypotheses) > 1 else hypotheses[0]
+def merged_if_several(effect: Effect, hypotheses: Sequence[Hypothesis], name: str = "") -> Hypothesis:
+    """All (or, with a name, some) joints of an effect as one hypothesis; a single instance stays as it is."""
+    return merged(effect, hypotheses, name) if len(hypotheses) > 1 else hypotheses[0]
+
+
+def at_joints(whole: Hypothesis, joints: Sequence[int]) -> Hypothesis:
+    """An effect at all joints cut down to two or more of them: joint_compliance[2,3]."""
+    kept = tuple(p for p in whole.parameters if joints_of(p.name)[0] in joints)
+    return replace(whole, name=f"{whole.effect}[{','.join(map(str, joints))}]", parameters=kept)
 
 
 def grouped_by_name(hypotheses: Iterable[Hypothesis]) -> dict[str, list[Hypothesis]]:
@@ -142,3 +173,17 @@ def effect_of(name: str) -> str:
 def place_of(name: str) -> str:
     """The place of a name: "[2]" of joint_compliance[2], empty for the whole arm or all joints."""
     return name[len(effect_of(name)) :]
+
+
+def joints_of(name: str) -> tuple[int, ...]:
+    """Joints that a name states: (2, 3) of joint_compliance[2,3], none for the whole arm or all joints."""
+    place = place_of(name)[1:-1]
+    return tuple(int(number) for number in place.split(",")) if place else ()
+
+
+def covers(name: str, other: str) -> bool:
+    """Whether an effect by its name holds another: the same, at all joints, or at some joints and one of them."""
+    if effect_of(name) != effect_of(other):
+        return False
+    single = joints_of(other)
+    return name == other or not joints_of(name) or (len(single) == 1 and single[0] in joints_of(name))

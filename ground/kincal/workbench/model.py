@@ -12,6 +12,7 @@ from kincal.schema.arm import ArmTable
 from .data import Measurements
 from .effects import Parameter
 from .parameters import Named
+from .pnp import PnpColumns
 
 
 def flight_model(
@@ -24,7 +25,7 @@ def flight_model(
 
 def observations(arm: ArmTable, data: Measurements) -> Observations:
     """Measurements as the flight model reads them."""
-    return Observations.of(data, arm.gravity_m_s2, arm.camera)
+    return Observations.of(data, arm.gravity_m_s2, arm.camera).seen_by(PnpColumns.of(arm, data))
 
 
 def nominal_chain(arm: ArmTable, data: Measurements) -> Pose:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -15,10 +15,9 @@ from .compare import Split, choose_split
 from .data import Measurements
 from .effects import Hypothesis
 from .fit import Frames, find_frames, fit_model, rms
+from .gain import Gain, held_ratio, judged, rms_interval
 from .types import Array, Indices, Mask, Progress, no_progress
 
-_BOOTSTRAP = 1000
-_NO_GAIN = 0.97  # a ratio above, with 1 in its interval, is called no help
 _FIFTH = 0.8  # quantile beyond which a fifth of the poses lies
 _LEAST_HELD, _MOST_HELD = 4, 0.6  # poses of a block, share of all poses
 
@@ -37,9 +36,10 @@ class Block:
 class NestedModel:
     """Held-out error of one model on one block.
 
-    pos_m, rot_rad: RMS [m], [rad] (None without rotations); sys_pos_m: without the stated noise [m], None
-    where none is stated; max_pos_m: of the worst pose; ratio: pos_m over that of the model before, with a
-    95 % bootstrap interval; None for the first model.
+    pos_m, rot_rad: RMS [m], [rad] (None without rotations); pos_interval: 95 % bootstrap interval of pos_m
+    over the held-out poses; sys_pos_m: without the stated noise [m], None where none is stated; max_pos_m: of
+    the worst pose; ratio: pos_m over that of the model before, with a 95 % bootstrap interval; None for the
+    first model.
     """
 
     model: str
@@ -50,27 +50,47 @@ class NestedModel:
     max_pos_m: float
     ratio: float | None
     ratio_interval: tuple[float, float] | None
+    pos_interval: tuple[float, float] = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)
-class NoGain:
-    """An effect whose gain the held-out poses of a block do not show. `helps`: False where it brings
-    nothing, None where these poses cannot tell; ratio: with / without the effect, the others in both."""
+class EffectGain:
+    """What one effect brings on one block: the whole model against the model without this effect alone.
+
+    before_m, after_m: held-out position RMS [m] without and with it; ratio: after / before, with its 95 %
+    bootstrap interval; judged: by that interval.
+    """
 
     effect: str
     block: str
+    before_m: float
+    after_m: float
     ratio: float
     interval: tuple[float, float]
-    helps: Literal[False] | None
+
+    @property
+    def judged(self) -> Gain:
+        """Whether it helps, by the interval."""
+        return judged(self.interval)
 
 
 @dataclass(frozen=True)
 class NestedModels:
-    """All models on all blocks, in the order of fitting."""
+    """All models on all blocks, in the order of fitting; gains: of each effect on each block."""
 
     models: tuple[NestedModel, ...]
     floor: NoiseFloor
-    no_gain: tuple[NoGain, ...]
+    gains: tuple[EffectGain, ...]
+
+    @property
+    def no_gain(self) -> tuple[EffectGain, ...]:
+        """Effects that the held-out poses of a block do not show to help."""
+        return tuple(g for g in self.gains if g.judged != "helps")
+
+    @property
+    def blocks(self) -> tuple[str, ...]:
+        """The ways of holding poses back, each once."""
+        return tuple(dict.fromkeys(m.block for m in self.models))
 
     def of(self, block: str) -> tuple[NestedModel, ...]:
         """The models on one block."""
@@ -90,18 +110,17 @@ def fit_nested(
     an effect compares the whole model with the one that lacks it: the order of adding does not matter."""
     groups = _by_effect(hypotheses)
     todo = blocks(data, choose_split(data))
-    rng = np.random.default_rng(3)
     models: list[NestedModel] = []
-    no_gain: list[NoGain] = []
+    gains: list[EffectGain] = []
     for number, block in enumerate(todo):
-        held_out = _HeldOut.of(arm, data, block, dh, rng)
+        held_out = _HeldOut.of(arm, data, block, dh)
         steps, fitted = [*_steps(groups, dh)], []
         for step in steps:
             progress(f"{block.name}: {step.label}", number, len(todo))
             fitted.append(held_out.residuals(step.hypotheses, step.dh))
         models += held_out.models([step.label for step in steps], fitted)
-        no_gain += held_out.without_gain(groups, hypotheses, fitted[-1], models[-1])
-    return NestedModels(tuple(models), floor, tuple(no_gain))
+        gains += held_out.gains(groups, hypotheses, fitted)
+    return NestedModels(tuple(models), floor, tuple(gains))
 
 
 def _by_effect(hypotheses: Sequence[Hypothesis]) -> dict[str, list[Hypothesis]]:
@@ -139,15 +158,12 @@ class _HeldOut:
     held: Measurements
     frames: Frames
     dh: bool
-    rng: np.random.Generator
 
     @classmethod
-    def of(
-        cls, arm: ArmTable, data: Measurements, block: Block, dh: bool, rng: np.random.Generator
-    ) -> _HeldOut:
+    def of(cls, arm: ArmTable, data: Measurements, block: Block, dh: bool) -> _HeldOut:
         """Frames found from the fit poses of a block."""
         part = data.take(block.fit)
-        return cls(arm, block, part, data.take(block.held), find_frames(arm, part), dh, rng)
+        return cls(arm, block, part, data.take(block.held), find_frames(arm, part), dh)
 
     def residuals(self, hypotheses: Sequence[Hypothesis], dh: bool) -> Array:
         """(M, c) residuals of the held-out poses."""
@@ -160,14 +176,16 @@ class _HeldOut:
 
     def model(self, label: str, r: Array, before: Array | None) -> NestedModel:
         """Errors of one model from its residuals and those of the model before."""
-        square = (r[:, :3] ** 2).sum(axis=1)
+        square = _square(r)
         ratio = interval = None
         if before is not None:
-            ratio, interval = self._ratio(square, (before[:, :3] ** 2).sum(axis=1))
+            ratio, interval = held_ratio(square, _square(before))
         position, rotation = rms(r)
-        worst = float(np.sqrt(square.max()))
-        systematic = self._systematic(square)
-        return NestedModel(label, self.block.name, position, rotation, systematic, worst, ratio, interval)
+        worst, systematic = float(np.sqrt(square.max())), self._systematic(square)
+        spread = rms_interval(square)
+        return NestedModel(
+            label, self.block.name, position, rotation, systematic, worst, ratio, interval, spread
+        )
 
     def _systematic(self, square: Array) -> float | None:
         if self.held.cov is None:
@@ -175,33 +193,27 @@ class _HeldOut:
         noise = np.einsum("nii->n", self.held.cov[:, :3, :3]).mean()
         return float(np.sqrt(max(0.0, square.mean() - noise)))
 
-    def _ratio(self, square: Array, before: Array) -> tuple[float, tuple[float, float]]:
-        pick = self.rng.integers(0, len(square), (_BOOTSTRAP, len(square)))
-        boot = np.sqrt(square[pick].mean(axis=1) / np.maximum(before[pick].mean(axis=1), 1e-30))
-        interval = float(np.quantile(boot, 0.025)), float(np.quantile(boot, 0.975))
-        return float(np.sqrt(square.mean() / before.mean())), interval
-
-    def without_gain(
+    def gains(
         self,
         groups: dict[str, list[Hypothesis]],
         hypotheses: Sequence[Hypothesis],
-        whole: Array,
-        last: NestedModel,
-    ) -> Iterator[NoGain]:
-        """The effects whose gain these poses do not show. whole, last: residuals and errors of the model
-        with all effects; if there is only one, the model before it is the one without it."""
+        fitted: Sequence[Array],
+    ) -> Iterator[EffectGain]:
+        """What each effect brings beside all others. fitted: residuals of the nested models, the whole one
+        last; if there is only one effect, the model before it is the one without it."""
         for name, group in groups.items():
-            if len(groups) > 1:
-                without = self.residuals([h for h in hypotheses if h not in group], self.dh)
-                last = self.model(name, whole, without)
-            yield from _no_gain(name, last)
+            rest = [h for h in hypotheses if h not in group]
+            without = self.residuals(rest, self.dh) if len(groups) > 1 else fitted[-2]
+            before, after = (_square(r) for r in (without, fitted[-1]))
+            ratio, interval = held_ratio(after, before)
+            rms_m = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+            yield EffectGain(name, self.block.name, *rms_m, ratio, interval)
 
 
-def _no_gain(name: str, model: NestedModel) -> Iterator[NoGain]:
-    if model.ratio is None or model.ratio_interval is None or model.ratio_interval[1] < 1.0:
-        return
-    helps: Literal[False] | None = False if model.ratio > _NO_GAIN else None
-    yield NoGain(name, model.block, model.ratio, model.ratio_interval, helps)
+def _square(r: Array) -> Array:
+    """(M,) squared position errors [m^2] of residuals (M, c)."""
+    square: Array = (r[:, :3] ** 2).sum(axis=1)
+    return square
 
 
 # -------------------------------------------------------------------------------------------- blocks

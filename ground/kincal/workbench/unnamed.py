@@ -26,8 +26,7 @@ from .types import Array
 
 _SINGLE = 5  # eigenvectors of one driver
 _DOUBLE = 12  # of two drivers together
-_JOINT_SIGMA = 1.5e-3  # [rad], typical size of an unknown joint error
-_SHIFT_SIGMA = 1.5e-3  # [m]
+TYPICAL_SIZE = 1.5e-3  # [rad, m] of an unknown error, whose columns are scaled by it
 _MAX_INCIDENCE_MISFIT = 0.15  # of the cosine: the tag sits beside the tool point
 _MIN_INCIDENCE_POSES = 6
 _MIN_IMAGE_SPREAD = 0.01  # of normalised image position: about 14 px
@@ -95,20 +94,20 @@ def locations(columns: Columns) -> list[Location]:
         shifts += [("camera translation", FRAME_CAMERA)]
     out = list(_joint_axes(columns))
     out += [_range(columns)] if camera else []
-    out += [Location("tag tilt", _JOINT_SIGMA * tilt) for tilt in _tag_tilt(columns)]
-    out += [Location(name, _JOINT_SIGMA * columns.location(frame, _TURNS)) for name, frame in turns]
+    out += [Location("tag tilt", TYPICAL_SIZE * tilt) for tilt in _tag_tilt(columns)]
+    out += [Location(name, TYPICAL_SIZE * columns.location(frame, _TURNS)) for name, frame in turns]
     out += [
-        Location(f"link {j} tilt", _JOINT_SIGMA * columns.location(j, (3, 4)))
+        Location(f"link {j} tilt", TYPICAL_SIZE * columns.location(j, (3, 4)))
         for j in range(1, columns.fit.arm.n)
     ]
-    out += [Location(name, _SHIFT_SIGMA * columns.location(frame, _SHIFTS)) for name, frame in shifts]
+    out += [Location(name, TYPICAL_SIZE * columns.location(frame, _SHIFTS)) for name, frame in shifts]
     return [location for location in out if np.abs(location.rows).max() > 0]
 
 
 def _joint_axes(columns: Columns) -> Iterator[Location]:
     for j, joint in enumerate(columns.fit.arm.joints, 1):
-        size, component = (_SHIFT_SIGMA, 2) if joint.prismatic else (_JOINT_SIGMA, 5)
-        yield Location(f"joint {j}", size * columns.location(j - 1, (component,)))
+        component = 2 if joint.prismatic else 5
+        yield Location(f"joint {j}", TYPICAL_SIZE * columns.location(j - 1, (component,)))
 
 
 def _range(columns: Columns) -> Location:
@@ -116,7 +115,7 @@ def _range(columns: Columns) -> Location:
     seen = np.stack([columns.basis(Basis("lin", v, 0)) for v in ("xcam", "ycam", "zcam")], axis=1)
     ray = seen / np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-9)
     rows = columns.location(FRAME_CAMERA, _SHIFTS)
-    return Location("range", _SHIFT_SIGMA * np.einsum("nm,nmc->nc", ray, rows)[:, None, :])
+    return Location("range", TYPICAL_SIZE * np.einsum("nm,nmc->nc", ray, rows)[:, None, :])
 
 
 def _tag_tilt(columns: Columns) -> Iterator[Array]:

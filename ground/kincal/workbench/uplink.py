@@ -10,6 +10,7 @@ from kincal.errors import BadInput
 from kincal.flight import library, status_name, tables
 from kincal.flight.terms import Coefficient, fill_terms
 from kincal.schema.arm import ArmTable
+from kincal.schema.names import PNP
 
 from .effects import Hypothesis
 from .hypotheses import effect_of, place_of
@@ -61,6 +62,7 @@ def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> KcTerms:
     """Flight's term table of the DH errors and the effects, all enabled. BadInput if flight cannot carry
     the arm or so many terms."""
     limits = library("flight").lib
+    _refuse_points(hypotheses)
     if arm.n > limits.KC_JOINT_MAX:
         raise BadInput(f"{arm.name} has {arm.n} joints; flight carries {limits.KC_JOINT_MAX}")
     rows = coefficients(arm, hypotheses)
@@ -71,6 +73,18 @@ def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> KcTerms:
             f"flight carries {limits.KC_COEF_MAX} and {limits.KC_TERM_MAX}"
         )
     return fill_terms(library("flight"), rows)
+
+
+def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:
+    """BadInput for effects of a camera and a target of many points: flight sees single tags, with a camera of
+    its own."""
+    for h in hypotheses:
+        if any(basis.var in PNP for p in h.parameters for term in p.terms for basis in term.basis):
+            raise BadInput(
+                f"{h.name} acts through all points of the target that these data were measured with, and "
+                "belongs to their camera; flight has a camera of its own and sees single tags",
+                todo=f"`kincal model remove {h.name}`, then uplink: the effects of the arm stay",
+            )
 
 
 def term_image(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> tables.Image:

@@ -15,8 +15,9 @@ from ..data import Measurements
 from ..effects import Hypothesis, Library
 from ..types import Progress, no_progress
 from .findings import Diagnosis, EffectFinding, ParameterValue, Remainder, UnnamedFinding, conclude
+from .heldout import HeldGain
 from .selection import MAX_EFFECTS, select
-from .study import HeldGain, Model, Study
+from .study import Model, Study
 
 __all__ = [
     "Diagnosis",

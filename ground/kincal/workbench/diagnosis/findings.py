@@ -2,30 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from ..adequacy import ADEQUATE_P, NoiseFloor, Where, lack_of_fit, noise_floor, where_it_fails
+from ..adequacy import (
+    NoiseFloor,
+    Where,
+    explained,
+    lack_of_fit,
+    noise_floor,
+    structure,
+    where_it_fails,
+)
 from ..compare import Comparison
 from ..effects import Hypothesis
 from ..evidence import LAMBDAS
-from ..fit import Fit, rms
+from ..fit import Fit
 from ..hypotheses import Untestable, effect_of, place_of
 from ..power import CONFOUNDED_CHI2
 from ..scoring import Scored, family_p
 from ..types import Array
+from .heldout import HeldGain
 from .posterior import ABSORBED, NONE, UNNAMED, Posterior
-from .selection import Kept, Selection
-from .study import HeldGain, Model, Study
+from .states import Kept, Selection
+from .study import Model, Study
 from .suggestions import Suggestion, suggest
 
 CLAIM = 0.9
 MENTION = 0.05
 _SURE_ENOUGH = 0.2  # nothing was accepted and "nothing is missing" is not far behind
 _MAX_ALTERNATIVES = 8
+_BEST_NAMED = 4  # listed where nothing named wins
 
 Verdict = Literal["adequate", "effect", "several_effects", "novel", "undecidable"]
 Role = Literal["accepted", "helps", "alternative"]
@@ -47,12 +57,13 @@ class EffectFinding:
     """One named effect with its probability.
 
     label: name with its searched constants; role: "accepted": it won against nothing and against the
-    unnamed; "helps": it did not win, but held-out poses are predicted better with it (the interval of the
-    ratio excludes 1). Both kinds are part of the final model; "alternative": the others.
+    unnamed; "helps": it did not win, but it predicts better, in cross-validation of the fit poses and on
+    the held-out ones. Both kinds are part of the final model; "alternative": the others.
     p_value: family-wise; delta_bic: negative if the effect is worth its parameters; held: what held-out
     poses gain; confounded_with: effects that these data (or no data at all) can tell from it;
     explained_share: of what the model without it leaves; capped: its probability is stated no surer than
-    CLAIM because the model with it does not explain the data yet.
+    CLAIM because the model with it does not explain the data yet; inferred_direction: it rests on an approach
+    direction that nobody recorded.
     """
 
     name: str
@@ -66,6 +77,7 @@ class EffectFinding:
     explained_share: float
     parameters: tuple[ParameterValue, ...]
     confounded_with: tuple[str, ...]
+    inferred_direction: bool = False
 
     @property
     def accepted(self) -> bool:
@@ -73,9 +85,19 @@ class EffectFinding:
         return self.role == "accepted"
 
     @property
+    def in_model(self) -> bool:
+        """It is part of the final model."""
+        return self.role != "alternative"
+
+    @property
     def helps(self) -> bool:
-        """It did not win, but it is part of the final model because held-out poses gain."""
-        return self.role == "helps"
+        """It did not win, but it is part of the final model, and held-out poses gain beyond chance."""
+        return self.role == "helps" and self.held.gains
+
+    @property
+    def harms(self) -> bool:
+        """Held-out poses are predicted worse with it, beyond chance; it is not part of the final model."""
+        return self.held.harms
 
 
 @dataclass(frozen=True)
@@ -125,9 +147,9 @@ class Diagnosis:
 def conclude(study: Study, found: Selection) -> Diagnosis:
     """Everything the answer says, from a selection."""
     final = study.fit(found.model)
-    p_after = lack_of_fit(final, noise_floor(final))
+    p_after, where = lack_of_fit(final, noise_floor(final)), where_it_fails(final)
     novel = unnamed_finding(found.last) if found.last.unnamed_wins else None
-    adequate = (p_after is None or p_after > ADEQUATE_P) and novel is None
+    adequate = explained(p_after, structure(where)) and novel is None
     effects = effect_findings(study, found, adequate)
     return Diagnosis(
         comparison=study.comparison,
@@ -138,7 +160,7 @@ def conclude(study: Study, found: Selection) -> Diagnosis:
         probability_none=found.first.none,
         final=final,
         adequate_after=adequate,
-        remainder=remainder(study, found.model),
+        remainder=remainder(study, found.model, where),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
     )
 
@@ -166,12 +188,10 @@ def unnamed_finding(posterior: Posterior) -> UnnamedFinding:
     )
 
 
-def remainder(study: Study, model: Model) -> Remainder:
-    """What a model leaves on held-out poses, and where that is."""
-    held = study.comparison.held_data
-    position, rotation = (float("nan"), None) if held is None else rms(study.held_fit(model).predict(held))
-    floor = study.comparison.noise_floor
-    return Remainder(position, rotation, floor, where_it_fails(study.fit(model))[:3])
+def remainder(study: Study, model: Model, where: Sequence[Where]) -> Remainder:
+    """What a model leaves on held-out poses; where: where it fails, worst first."""
+    position, rotation = study.held_error(model)
+    return Remainder(position, rotation, study.comparison.noise_floor, tuple(where[:3]))
 
 
 def not_testable(study: Study, first: Posterior) -> tuple[Untestable, ...]:
@@ -196,26 +216,43 @@ def effect_findings(study: Study, found: Selection, adequate: bool) -> tuple[Eff
     first = found.first
     p_family = family_p(first.scorer, [*first.scored, *first.mapped])
     report = _Reporter(study, found.model, p_family, adequate)
-    others = alternatives(found.kept, [k.posterior for k in found.kept] or [first])
     findings = [report.kept(k) for k in found.kept]
-    findings += [report.alternative(h, posterior) for h, posterior in others]
+    findings += [report.alternative(h, posterior) for h, posterior in alternatives(found)]
     return tuple(sorted(findings, key=lambda f: (_ROLES.index(f.role), -f.probability)))
 
 
-def alternatives(kept: Sequence[Kept], posteriors: Iterable[Posterior]) -> list[tuple[Hypothesis, Posterior]]:
-    """Effects outside the model that keep a probability worth a mention, most probable first, each with
-    the posterior that gives it most."""
-    names = {k.effect.name for k in kept}
+def alternatives(found: Selection) -> list[tuple[Hypothesis, Posterior]]:
+    """Effects outside the model, most probable first, each with the posterior that gives it most: those
+    taken back, those that keep a probability worth a mention, and the best ones where nothing named wins."""
+    most: dict[str, tuple[float, Posterior]] = {}
+    for posterior in [k.posterior for k in found.kept] or [found.first]:
+        for name, p in _outside(found, posterior).items():
+            if p > most.get(name, (MENTION,))[0]:
+                most[name] = p, posterior
+    best = sorted(most.items(), key=lambda item: -item[1][0])[:_MAX_ALTERNATIVES]
+    listed = {name: (posterior.by_name[name].best, posterior) for name, (_, posterior) in best}
+    for h in _best_named(found) if found.last.something_missing else ():
+        listed.setdefault(h.name, (h, found.last))
+    back = {k.effect.name: (k.effect, k.posterior) for k in found.taken_back}
+    return [*(listed | back).values()]
+
+
+def _outside(found: Selection, posterior: Posterior) -> dict[str, float]:
+    """Probabilities of the named effects that the final model does not have, at any joint or at all."""
+    names = {k.effect.name for k in found.kept}
     effects = {effect_of(name) for name in names}
-    found: dict[str, tuple[float, Posterior]] = {}
-    for posterior in posteriors:
-        for name, p in posterior.probability.items():
-            taken = name in names or effect_of(name) in names
-            whole = name in effects  # the same effect at all joints: counted with its joint
-            if name not in (NONE, UNNAMED) and not taken and not whole and p > found.get(name, (MENTION,))[0]:
-                found[name] = p, posterior
-    best = sorted(found.items(), key=lambda item: -item[1][0])[:_MAX_ALTERNATIVES]
-    return [(posterior.by_name[name].best, posterior) for name, (_, posterior) in best]
+    return {
+        name: p
+        for name, p in posterior.probability.items()
+        if name not in (NONE, UNNAMED, *names, *effects) and effect_of(name) not in names
+    }
+
+
+def _best_named(found: Selection) -> list[Hypothesis]:
+    """The most probable named effects beside the final model, whatever their probability."""
+    outside = _outside(found, found.last)
+    names = sorted(outside, key=lambda name: -outside[name])[:_BEST_NAMED]
+    return [found.last.by_name[name].best for name in names]
 
 
 @dataclass(frozen=True)
@@ -234,16 +271,18 @@ class _Reporter:
         # missing: its posterior holds only if the truth is among the names.
         capped = k.role == "accepted" and not self.adequate and probability > CLAIM
         found = self._finding(k.effect, k.role, CLAIM if capped else probability, k.posterior)
-        confounded = confounded_effects(self.study, k.effect, k.posterior)
+        confounded = dict.fromkeys((*confounded_effects(self.study, k.effect, k.posterior), *k.ties))
         values = _values(k.effect, self.study.fit(self.model))
-        return replace(found, capped=capped, confounded_with=confounded, parameters=values)
+        return replace(found, capped=capped, confounded_with=tuple(confounded), parameters=values)
 
     def alternative(self, h: Hypothesis, posterior: Posterior) -> EffectFinding:
         """About an effect outside the final model."""
-        found = self._finding(h, "alternative", posterior.probability.get(h.name, 0.0), posterior)
+        probability = posterior.probability.get(h.name, 0.0)
+        capped = not self.adequate and probability > CLAIM
+        found = self._finding(h, "alternative", CLAIM if capped else probability, posterior)
         visible = posterior.by_name[h.name].score.chi2 > CONFOUNDED_CHI2 * posterior.scorer.scale**2
         confounded = confounded_effects(self.study, h, posterior) if visible else ()
-        return replace(found, confounded_with=confounded)
+        return replace(found, capped=capped, confounded_with=confounded)
 
     def _finding(self, h: Hypothesis, role: Role, probability: float, posterior: Posterior) -> EffectFinding:
         scorer, score = posterior.scorer, posterior.by_name[h.name].score
@@ -253,13 +292,18 @@ class _Reporter:
             role=role,
             probability=probability,
             capped=False,
-            p_value=self.p_family.get(h.name, 1.0),
+            p_value=self.p_family.get(h.name, self.p_family.get(h.effect, 1.0)),
             delta_bic=float(-score.chi2 / scorer.scale**2 + score.rank * np.log(len(scorer.wz))),
             held=self.study.held_gain(self.model, h),
             explained_share=score.chi2 / max(scorer.left, 1e-12),
             parameters=(),
             confounded_with=(),
+            inferred_direction=self._rests_on_inferred_direction(h),
         )
+
+    def _rests_on_inferred_direction(self, h: Hypothesis) -> bool:
+        data = self.study.base.data
+        return data.direction_source == "inferred" and "dir" in self.study.library.effects[h.effect].needs
 
 
 def _values(h: Hypothesis, fit: Fit) -> tuple[ParameterValue, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effects import Hypothesis
 from ..evidence import softmax
-from ..hypotheses import PRIOR_NONE, PRIOR_UNNAMED, Candidate, effect_of
+from ..hypotheses import PRIOR_NONE, PRIOR_UNNAMED, Candidate, covers
 from ..scoring import Scored, Scorer, unexplained
 from ..unnamed import Cell
 
@@ -100,15 +100,9 @@ class Posterior:
         return self.by_name[single].ln_bf > self.by_name[whole].ln_bf - _LN_PREFER_SINGLE
 
     def presence(self, name: str) -> float:
-        """Probability that this effect is there: at this joint (alone or with all others), or, for a
-        name without joint, at any joint."""
-        effect = effect_of(name)
-        same = {name, effect}
-        return sum(
-            p
-            for other, p in self.probability.items()
-            if other in same or (name == effect and other.startswith(f"{effect}["))
-        )
+        """Probability that this effect is there: at this joint (alone or with others), at some of several
+        joints, or, for a name without joint, at any joint."""
+        return sum(p for other, p in self.probability.items() if covers(name, other) or covers(other, name))
 
     def wins(self, name: str) -> bool:
         """This effect beats nothing (by the odds of acceptance) and the unnamed."""

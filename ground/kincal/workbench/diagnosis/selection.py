@@ -5,63 +5,23 @@ Every function takes a `Study` and a frozen `State` (or a model) and returns a n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Literal
+from itertools import islice
 
 import numpy as np
 
 from ..effects import Hypothesis
-from ..hypotheses import PRIOR_NONE
+from .guard import never_worse, without_doubtful
 from .posterior import ACCEPT_ODDS, Posterior
+from .predictive import helpful
+from .states import Grids, Kept, Selection, Settled, State
 from .study import Model, Study
 
-MAX_EFFECTS = 5
+MAX_EFFECTS = 12  # bounds the work; before it, the poses limit the coefficients (Study.room)
 _SETTLE_MAX = 4
-_HELP_TRIES = 4  # named effects tried at each step when something unnamed wins
-
-Grids = Mapping[str, Model]
-"""By effect name: the closer search for its constants that was made last."""
-
-Role = Literal["accepted", "helps"]
-
-
-@dataclass(frozen=True)
-class State:
-    """A model on the way: effects beside the given ones, in the order they were taken."""
-
-    model: Model = ()
-    grids: Grids = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Settled:
-    """What won at the fit that contains an effect (None: no effect did), and the grids searched so far;
-    done: it is that very effect, or none, so that nothing changes any more."""
-
-    effect: Hypothesis | None
-    grids: Grids
-    done: bool = False
-
-
-@dataclass(frozen=True)
-class Kept:
-    """An effect of the final model, why it stays, and what competed for its place."""
-
-    effect: Hypothesis
-    role: Role
-    posterior: Posterior
-
-
-@dataclass(frozen=True)
-class Selection:
-    """The outcome: kept effects, their model, and the posteriors before the first and after the last one."""
-
-    kept: tuple[Kept, ...]
-    model: Model
-    first: Posterior
-    last: Posterior
+_HELP_TRIES = 4  # effects tried at each step for what they predict
 
 
 def select(study: Study, taking: Callable[[Model], None]) -> Selection:
@@ -72,7 +32,8 @@ def select(study: Study, taking: Callable[[Model], None]) -> Selection:
         states.append(state)
     first, last = study.posterior(()), study.posterior(states[-1].model)
     reviewed = backward(study, states[-1])
-    return without_doubtful(study, Selection(reviewed.kept, reviewed.state.model, first, last))
+    found = Selection(reviewed.kept, reviewed.state.model, first, last)
+    return never_worse(study, without_doubtful(study, found))
 
 
 # ------------------------------------------------------------------------------------------- forward
@@ -96,12 +57,22 @@ def extended(study: Study, state: State) -> State | None:
         return None
     found = settle(study, state, best)
     if found.effect is not None:
-        return _taken(State(state.model, found.grids), found.effect)
-    with_two = pair(study, State(state.model, found.grids), best)
+        return _taken(replace(state, grids=found.grids), found.effect)
+    with_two = pair(study, replace(state, grids=found.grids), best)
     if with_two.model != state.model:
         return with_two
-    help_ = helpful(study, state.model)
-    return None if help_ is None else _taken(with_two, help_)
+    return helped(study, with_two)
+
+
+def helped(study: Study, state: State) -> State | None:
+    """The model with the named effect that predicts best, although something unnamed explains more: chosen
+    by cross-validation of the fit poses, refused where the held-out poses contradict."""
+    for found in islice(helpful(study, state.model), _HELP_TRIES):
+        h, grids = sharpen(study, state.model, found.effect, state.grids)
+        if not study.held_gain(state.model, h).worse:
+            ties = {**state.ties, h.name: found.ties}
+            return _taken(replace(state, grids=grids, ties=ties), h)
+    return None
 
 
 def _taken(state: State, h: Hypothesis) -> State:
@@ -157,34 +128,15 @@ def pair(study: Study, state: State, first: Hypothesis) -> State:
     other = settle(study, replace(state, model=(*state.model, first)), second)
     if other.effect is None:
         return replace(state, grids=other.grids)
-    again = settle(study, State((*state.model, other.effect), other.grids), first)
+    again = settle(study, replace(state, model=(*state.model, other.effect), grids=other.grids), first)
     if again.effect is None:
         return replace(state, grids=again.grids)
-    return _taken(State((*state.model, again.effect), again.grids), other.effect)
+    return _taken(replace(state, model=(*state.model, again.effect), grids=again.grids), other.effect)
 
 
 def _beat_the_unnamed(alone: Posterior, beside: Posterior, first: Hypothesis, second: Hypothesis) -> bool:
     both = alone.probability[first.name] * beside.probability[second.name]
     return both >= ACCEPT_ODDS * alone.unnamed * beside.none
-
-
-def helpful(study: Study, model: Model) -> Hypothesis | None:
-    """The most probable named effect that held-out poses are predicted better with, although something
-    unnamed explains more. The data have to ask for it beside the unnamed: an effect that merely resembles
-    that explains nothing more once it is granted."""
-    posterior = study.posterior(model)
-    if not (study.has_held_out and posterior.unknown):
-        return None
-    names = posterior.named(study.room(model))[:_HELP_TRIES]
-    effects = [posterior.by_name[name].best for name in names]
-    unnamed = max(posterior.unknown, key=lambda s: s.ln_bf)
-    scored = study.scorer(model, granted=unnamed.block).hypotheses(effects)
-    prior = {c.name: c.prior for c in study.competition.candidates}
-    for h, (_, ln_bf) in zip(effects, scored, strict=True):
-        odds = np.log(prior[h.name] / PRIOR_NONE) + ln_bf
-        if odds > np.log(ACCEPT_ODDS) and study.held_gain(model, h).gains:
-            return h
-    return None
 
 
 # ------------------------------------------------------------------------------------------ backward
@@ -211,15 +163,22 @@ def reviewed(study: Study, now: Reviewed, h: Hypothesis) -> Reviewed:
     posterior = study.reopened(state.model, h, state.grids.get(h.name, ()))
     if posterior.wins(h.name):
         return Reviewed(state, (*now.kept, Kept(h, "accepted", posterior)))
-    if study.held_gain(state.model, h).gains:
-        return Reviewed(state, (*now.kept, Kept(h, "helps", posterior)))
+    if _predicts(study, state, h):
+        return Reviewed(state, (*now.kept, Kept(h, "helps", posterior, state.ties.get(h.name, ()))))
     without = tuple(x for x in state.model if x is not h)  # not needed once the others are there
     return replace(now, state=replace(state, model=without))
 
 
+def _predicts(study: Study, state: State, h: Hypothesis) -> bool:
+    """Held-out poses gain, or do not contradict what cross-validation of the fit poses has shown."""
+    gain = study.held_gain(state.model, h)
+    return gain.gains or (h.name in state.ties and not gain.worse)
+
+
 def _simplified(study: Study, state: State, h: Hypothesis) -> tuple[State, Hypothesis]:
-    """One joint instead of all where it is enough beside the others."""
+    """One joint, or some, instead of all where that is enough beside the others."""
     one = study.reopened(state.model, h, state.grids.get(h.name, ())).one_joint(h)
+    one = one or study.fewest_joints(state.model, h)
     return (state, h) if one is None else (_with(state, h, one), one)
 
 
@@ -234,15 +193,3 @@ def _replaced(study: Study, state: State, h: Hypothesis) -> tuple[State, Hypothe
 
 def _with(state: State, old: Hypothesis, new: Hypothesis) -> State:
     return replace(state, model=tuple(new if x is old else x for x in state.model))
-
-
-def without_doubtful(study: Study, found: Selection) -> Selection:
-    """Where the unnamed wins in the end, only the effects that held-out poses gain from: a named effect
-    that resembles the unnamed often wins a place; it has to prove itself."""
-    if not (found.last.unnamed_wins and study.has_held_out):
-        return found
-    kept = tuple(k for k in found.kept if study.held_gain(found.model, k.effect).gains)
-    if len(kept) == len(found.kept):
-        return found
-    model = tuple(k.effect for k in kept)
-    return Selection(kept, model, found.first, study.posterior(model))

@@ -10,42 +10,28 @@ import numpy as np
 
 from kincal.schema.arm import ArmTable
 
-from ..compare import Comparison, compare
+from ..compare import Comparison, PosRot, compare
+from ..crossval import folds
 from ..data import Measurements
 from ..effects import Hypothesis, Library
-from ..fit import Fit, fit_model
+from ..fit import Fit, fit_model, rms
 from ..grids import finer
 from ..hypotheses import Competition, merged_if_several
 from ..model import room_for
 from ..scoring import Scorer, robust_weights
-from ..types import Array
+from ..types import Array, array
+from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
 from .posterior import Posterior
-
-_BOOTSTRAP = 1000
-_INTERVAL = (0.025, 0.975)
+from .subsets import fewest_joints, joints_with
 
 Model = tuple[Hypothesis, ...]
 """The effects of a model beside DH, frames and what was given."""
 
 T = TypeVar("T")
 
-
-@dataclass(frozen=True)
-class HeldGain:
-    """Held-out position RMS [m] without and with an effect, and a 95 % bootstrap interval over held-out
-    poses of their ratio (with / without). NaN where no poses are held out."""
-
-    before_m: float
-    after_m: float
-    interval: tuple[float, float]
-
-    @property
-    def gains(self) -> bool:
-        """Held-out poses are predicted better: the interval excludes 1."""
-        return self.interval[1] < 1.0
-
-
-NO_HELD_OUT = HeldGain(float("nan"), float("nan"), (float("nan"), float("nan")))
+_TURNS = 5  # folds, where all poses take turns in being held out
+_LEAST_IN_TURNS = 8  # poses
+_ROWS_EACH = 4.0  # degrees of freedom that each coefficient of an effect needs
 
 
 @dataclass(frozen=True)
@@ -88,8 +74,24 @@ class Study:
 
     @property
     def has_held_out(self) -> bool:
-        """Poses are held out, so that gains can be tested."""
-        return len(self.comparison.split.held) > 0
+        """Some poses can be held out, so that gains can be tested."""
+        return len(self.comparison.split.held) > 0 or self._few
+
+    @property
+    def _few(self) -> bool:
+        """Too few poses are held out for an interval, and enough are there to take turns."""
+        return len(self.comparison.split.held) < FEW_HELD and self._pool.n >= _LEAST_IN_TURNS
+
+    @property
+    def _pool(self) -> Measurements:
+        """The poses that may be fitted."""
+        return self.base.data
+
+    @property
+    def part_weight(self) -> Array:
+        """Robust weights of the poses that `held_fit` uses."""
+        split = self.comparison.split
+        return self.weight if split.given else self.weight[split.fit]
 
     def _remembered(self, key: object, make: Callable[[], T]) -> T:
         if key not in self._memory:
@@ -107,8 +109,13 @@ class Study:
         return fit_model(base.arm, base.data, [*self.given, *model], dh=self.dh, frames=frames, start=start)
 
     def room(self, model: Model) -> int:
-        """Coefficients that may still be added to this model."""
-        return room_for(self.fit(model).parameters)
+        """Coefficients that may still be added to this model: what the core carries, and what the poses do.
+
+        Every coefficient beside DH and frames needs at least `_ROWS_EACH` degrees of freedom of the poses
+        that are fitted while others are held out."""
+        used = sum(len(h.parameters) for h in model)
+        by_poses = int(self.comparison.fit_part.dof / _ROWS_EACH) - used
+        return max(min(room_for(self.fit(model).parameters), by_poses), 0)
 
     def scorer(self, model: Model, drop: Hypothesis | None = None, granted: Array | None = None) -> Scorer:
         """Scores at the fit of this model; drop, granted: as of `Scorer`."""
@@ -118,7 +125,7 @@ class Study:
         """What this model leaves to explain, and by what."""
         return self._remembered(
             ("beside", model),
-            lambda: Posterior.at(self.scorer(model), self.competition.open({h.name for h in model})),
+            lambda: Posterior.at(self.scorer(model), self.competition.open([*self.given, *model])),
         )
 
     def reopened(self, model: Model, h: Hypothesis, grid: Model = ()) -> Posterior:
@@ -127,9 +134,14 @@ class Study:
         return self._remembered(("for", model, h, grid), lambda: self._reopened(model, h, grid))
 
     def _reopened(self, model: Model, h: Hypothesis, grid: Model) -> Posterior:
-        open_ = self.competition.open({x.name for x in model if x is not h})
+        open_ = self.competition.open([*self.given, *(x for x in model if x is not h)])
+        open_ = self.competition.with_some_joints(open_, h)
         candidates = [c.refined(grid) if grid and c.name == h.name else c for c in open_]
         return Posterior.at(self.scorer(model, drop=h), candidates)
+
+    def fewest_joints(self, model: Model, h: Hypothesis) -> Hypothesis | None:
+        """An effect of this model at fewer joints that explain as much; None if all of them are needed."""
+        return fewest_joints(self.scorer(model, drop=h), h) if len(joints_with(h)) > 2 else None
 
     def constants_of(self, h: Hypothesis) -> tuple[str, ...]:
         """Constants of an effect that are searched on a grid."""
@@ -141,35 +153,52 @@ class Study:
         effect, known = self.library.effects[h.effect], dict(h.constants)
         arm, data = self.base.arm, self.base.data
         return tuple(
-            merged_if_several(effect, self.library.find(h.name, arm, data, {**known, constant: value}))
+            merged_if_several(
+                effect, self.library.find(h.name, arm, data, {**known, constant: value}), h.name
+            )
             for value in finer(self.library.grid_of(h.name)[constant], known[constant], data)
         )
 
     def held_fit(self, model: Model) -> Fit:
         """These effects beside the given ones, fitted without the held-out poses."""
         part = self.comparison.fit_part
-        return self._remembered(
-            ("held", model),
-            lambda: fit_model(
-                part.arm, part.data, [*self.given, *model], dh=self.dh, frames=(part.base, part.tool)
-            ),
-        )
+        return self._remembered(("held", model), lambda: self._fit_to(part.data, part, model))
+
+    def _fit_to(self, data: Measurements, near: Fit, model: Model) -> Fit:
+        frames = (near.base, near.tool)
+        return fit_model(near.arm, data, [*self.given, *model], dh=self.dh, frames=frames)
+
+    def held_error(self, model: Model) -> PosRot:
+        """RMS error of the held-out poses [m], [rad], NaN if there are none; the model is fitted to
+        the others."""
+        held = self.comparison.held_data
+        return (float("nan"), None) if held is None else rms(self._held_residual(model, held))
+
+    def _held_residual(self, model: Model, held: Measurements) -> Array:
+        return self._remembered(("residual", model), lambda: self.held_fit(model).predict(held))
 
     def held_square(self, model: Model) -> Array:
-        """(M,) squared position error [m^2] of the held-out poses, the model fitted to the others only."""
+        """(M,) squared position error [m^2] of poses that the model was not fitted to: the held-out ones,
+        or all poses in turns where those are too few."""
         held = self.comparison.held_data
-        assert held is not None
-        return self._remembered(
-            ("square", model), lambda: (self.held_fit(model).predict(held)[:, :3] ** 2).sum(axis=1)
-        )
+        if self._few or held is None:
+            return self._remembered(("turns", model), lambda: self._in_turns(model))
+        return array((self._held_residual(model, held)[:, :3] ** 2).sum(axis=1))
+
+    def _in_turns(self, model: Model) -> Array:
+        """(N,) squared position errors, each fold predicted by a fit to the others."""
+        data, square = self._pool, np.zeros(self._pool.n)
+        fold = folds(data, _TURNS)
+        for k in np.unique(fold):
+            out = fold == k
+            r = self._fit_to(data.take(~out), self.base, model).predict(data.take(out))
+            square[out] = (r[:, :3] ** 2).sum(axis=1)
+        return square
 
     def held_gain(self, model: Model, h: Hypothesis) -> HeldGain:
         """What held-out poses gain from an effect, the other effects of the model with and without it."""
-        if not self.has_held_out:
+        if not self.has_held_out or len(h.parameters) > room_for(self.fit(model).parameters):
             return NO_HELD_OUT
         others = tuple(x for x in model if x.name != h.name)
         before, after = self.held_square(others), self.held_square((*others, h))
-        pick = np.random.default_rng(2).integers(0, len(before), (_BOOTSTRAP, len(before)))
-        ratio = np.sqrt(after[pick].mean(axis=1) / np.maximum(before[pick].mean(axis=1), 1e-300))
-        low, high = (float(np.quantile(ratio, q)) for q in _INTERVAL)
-        return HeldGain(float(np.sqrt(before.mean())), float(np.sqrt(after.mean())), (low, high))
+        return HeldGain.of(before, after, cross_validated=self._few)

@@ -13,9 +13,10 @@ from kincal.schema.arm import ArmTable
 from kincal.schema.datamap import DataMap
 
 from ..data import Measurements
+from ..direction import with_direction
 from .arrays import read_npz, read_parquet
 from .assembly import measurements
-from .joining import joined
+from .joining import joined, once
 from .lcm import is_log, read_log
 from .ros import is_bag, read_bag
 from .table import Joints, Reader
@@ -34,25 +35,34 @@ def read_measurements(
     *,
     skip_bad: bool = False,
     session: int | None = None,
+    infer_direction: bool = True,
 ) -> Measurements:
     """Measurements of one or several files: text (CSV), npz, Parquet, ROS bag, LCM log of the flight process.
 
     arm: its table, or the number of its joints (then all are revolute and have no names); mapping: names and
     units of the columns; skip_bad: leave malformed rows out and count them; session: of an LCM log, the last
-    one with measurements if not named. BadInput names file, row, column and what to do.
+    one with measurements if not named; infer_direction: where a file has no approach directions, take them
+    from the order of its measurements. BadInput names file, row, column and what to do.
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     joints, chosen = Joints.of(arm), mapping or DataMap()
-    return joined([_read(Path(path), joints, chosen, skip_bad, session) for path in given])
+    sets = [once(_read(Path(path), joints, chosen, skip_bad, session)) for path in given]
+    return joined([with_direction(data) for data in sets] if infer_direction else sets)
 
 
 def read_csv(
-    path: str | Path, n_joints: int, mapping: DataMap | None = None, *, skip_bad: bool = False
+    path: str | Path,
+    n_joints: int,
+    mapping: DataMap | None = None,
+    *,
+    skip_bad: bool = False,
+    infer_direction: bool = True,
 ) -> Measurements:
     """Measurements of a text file for an arm with `n_joints` joints; as read_measurements."""
     source = _existing(Path(path))
     joints, chosen = Joints.of(n_joints), mapping or DataMap()
-    return joined([measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad)])
+    data = once(measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad))
+    return with_direction(data) if infer_direction else data
 
 
 def _read(path: Path, joints: Joints, mapping: DataMap, skip_bad: bool, session: int | None) -> Measurements:

@@ -51,6 +51,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         t_s=t_s if t_s is not None else np.arange(len(q), dtype=float),
         order_is_time=t_s is None,
         direction=_rows(values.get("dir"), good),
+        direction_source="measured",
         qdot=_rows(values.get("qdot"), good),
         g_m_s2=_rows(values.get("g"), good),
         cam_p_m=None if cam is None else cam[:, :3],
@@ -62,6 +63,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         doubts=(),
         unknown_columns=tuple(name for name in table.columns if name not in columns.used),
         notes=(*table.notes, *targets.notes),
+        whole=None,
         **{name: _scalar(columns, name, good) for name in RECORDED if name != "t_s"},
     )
 

@@ -17,7 +17,7 @@ from ..types import Array
 # Made anew for the whole set, or of no rows.
 _MADE_ANEW = {
     "source", "ids", "t_s", "order_is_time", "replicate", "skipped", "duplicates", "unknown_columns", "notes",
-    "doubts",
+    "doubts", "direction_source",
 }  # fmt: skip
 
 
@@ -25,13 +25,13 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
     """All poses of one or more sets, in their order.
 
     A quantity that not all of them have is left out, and a note says so; BadInput if that is the split, or
-    if two sets hold the same rows, or an id names two poses of a file. Rows that repeat another one are left out and counted. Where an id occurs
-    in two files, the number of the file is put before all ids. Without times everywhere the order of the rows
-    is the time.
+    if two sets hold the same rows, or an id names two poses of a file. Rows that repeat another one are left
+    out and counted. Where an id occurs in two files, the number of the file is put before all ids. Without
+    times everywhere the order of the rows is the time.
     """
     if not sets:
         raise BadInput("no measurements given", todo="name a file with --data")
-    sets = [_once(data) for data in sets]
+    sets = [once(data) for data in sets]
     first = sets[0]
     if len(sets) == 1:
         return first
@@ -58,6 +58,7 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         ids=_ids(sets),
         t_s=times if timed else np.arange(n, dtype=float),
         order_is_time=not timed,
+        direction_source="inferred" if any(d.direction_source == "inferred" for d in sets) else "measured",
         replicate=_groups(sets, changes["q"]),
         skipped=tuple(f"{data.source}: {text}" for data in sets for text in data.skipped),
         unknown_columns=tuple(dict.fromkeys(name for data in sets for name in data.unknown_columns)),
@@ -67,7 +68,7 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
     return without_copies(together)
 
 
-def _once(data: Measurements) -> Measurements:
+def once(data: Measurements) -> Measurements:
     """The poses without copies; BadInput if an id then names two of them."""
     data = without_copies(data)
     if len(set(data.ids)) < data.n:

@@ -1,0 +1,79 @@
+"""Tables of a diagnosis page."""
+
+from __future__ import annotations
+
+import math
+
+from kincal.pages.page import Cell, Grid
+from kincal.workbench import explain
+from kincal.workbench.diagnosis import Diagnosis, EffectFinding
+from kincal.workbench.gain import Gain, judged
+from kincal.workbench.nested import EffectGain, NestedModel, NestedModels
+
+_EFFECTS = (
+    "<effect|<role|<probability|<against|held out without it [mm]|with it [mm]|ratio 95 % interval|<judged"
+    "|<parameters|<confounded with"
+)
+_MODELS = "<held out|<model|RMS [mm]|95 % interval|RMS [mrad]|without noise [mm]|worst [mm]|ratio to the line above|95 % interval"  # noqa: E501
+_GAINS = "<effect|<held out|without it [mm]|with it [mm]|ratio|95 % interval|<judged"
+_SAME_NOTE = (
+    "Without it: the final model without this effect alone, fitted again; for an alternative, with it: the "
+    "final model and this effect. Judged by the interval: below 1 helps, above 1 harms, no gain of 3 % or "
+    "more inside: does not help, otherwise undecided."
+)
+_MOODS: dict[Gain, str] = {"helps": "good", "harms": "bad", "does not help": "", "undecided": ""}
+_ROLES = {"accepted": "added", "helps": "added: it helps", "alternative": "alternative"}
+
+
+def effects(d: Diagnosis) -> Grid:
+    """Every finding with its probability, its gain and its values."""
+    return Grid.of(_EFFECTS, [_effect(e, d) for e in d.effects], _SAME_NOTE if d.effects else "")
+
+
+def _effect(e: EffectFinding, d: Diagnosis) -> list[str | Cell]:
+    sure = "" if e.helps else explain.probability(e.probability)
+    values = "\n".join(f"{p.name} = {p.value:.4g} ± {p.std_err:.2g} {p.unit}" for p in e.parameters)
+    return [
+        e.label, _ROLES[e.role], sure, explain.against(e, d), _milli(e.held.before_m), _milli(e.held.after_m),
+        _interval(e.held.interval), _judged(e.held.interval), values, explain.grouped(e.confounded_with),
+    ]  # fmt: skip
+
+
+def _judged(interval: tuple[float, float]) -> Cell:
+    said = judged(interval)
+    return Cell(said, _MOODS[said])
+
+
+def _milli(value: float | None) -> str:
+    return "" if value is None or not math.isfinite(value) else f"{value * 1e3:.3f}"
+
+
+def _interval(values: tuple[float, float] | None, scale: float = 1.0) -> str:
+    if values is None or not all(map(math.isfinite, values)):
+        return ""
+    return f"{values[0] * scale:.3f} to {values[1] * scale:.3f}"
+
+
+def models(nested: NestedModels) -> Grid:
+    """Held-out errors, the kinds of holding back one after the other."""
+    return Grid.of(_MODELS, [_model(m) for block in nested.blocks for m in nested.of(block)])
+
+
+def _model(m: NestedModel) -> list[str]:
+    return [
+        m.block, m.model, _milli(m.pos_m), _interval(m.pos_interval, 1e3), _milli(m.rot_rad),
+        _milli(m.sys_pos_m), _milli(m.max_pos_m), "" if m.ratio is None else f"{m.ratio:.3f}",
+        _interval(m.ratio_interval),
+    ]  # fmt: skip
+
+
+def gains(nested: NestedModels) -> Grid:
+    """What each effect brings on each kind of held-out poses."""
+    return Grid.of(_GAINS, [_gain(g) for g in nested.gains], _SAME_NOTE if nested.gains else "")
+
+
+def _gain(g: EffectGain) -> list[str | Cell]:
+    return [
+        g.effect, g.block, _milli(g.before_m), _milli(g.after_m), f"{g.ratio:.3f}", _interval(g.interval),
+        _judged(g.interval),
+    ]  # fmt: skip

@@ -1,0 +1,127 @@
+"""What was found, drawn: partial residuals of an effect with its curve, and of the unnamed at its place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from kincal.pages import theme
+from kincal.pages.poses import Poses, Range, bulk_range, dots
+from kincal.workbench import explain
+from kincal.workbench.partial import Bin, Group, Panel
+
+PANELS = 8  # of an effect
+_PER_ROW = 4
+_HEIGHT_PX = 290
+_LEAST_KNOWN = 3.0  # a pose is drawn if its standard error is at most this many times the median
+_LEVELS = 4
+_CURVE_POINTS = 400
+
+
+def findings(panels: Sequence[Panel], poses: Poses) -> go.Figure:
+    """One panel a place and driver: poses, means with standard errors, and the fitted curve."""
+    shown = panels[:PANELS]
+    across = min(len(shown), _PER_ROW)
+    down = -(-len(shown) // across)
+    figure = make_subplots(
+        rows=down, cols=across, subplot_titles=[p.place for p in shown], horizontal_spacing=0.06,
+        vertical_spacing=0.3 / down,
+    )  # fmt: skip
+    legend = {"orientation": "h", "y": 0.0, "yref": "container", "yanchor": "bottom"}
+    theme.styled(figure, 120 + _HEIGHT_PX * down, margin={"t": 44, "b": 92}, legend=legend)
+    figure.update_annotations(font={"size": theme.FONT_PX})
+    for i, panel in enumerate(shown):
+        _draw(figure, panel, poses, (i // across + 1, i % across + 1), first=i == 0)
+    return figure
+
+
+def _words(driver: str) -> str:
+    """A driver in words; what follows its name stays."""
+    name, _, rest = driver.partition(" ")
+    return f"{explain.in_words(name)} {rest}".rstrip()
+
+
+def _draw(figure: go.Figure, panel: Panel, poses: Poses, at: tuple[int, int], *, first: bool) -> None:
+    limits = _limits(panel)
+    known = panel.sigma <= _LEAST_KNOWN * float(np.median(panel.sigma))
+    colours = [theme.BLUE] if len(panel.groups) == 1 else theme.shades(len(panel.groups))
+    for group, colour in zip(panel.groups, colours, strict=True):
+        mine = group.poses & known
+        cloud = dots(
+            poses,
+            _spread(panel.x),
+            panel.y * 1e3,
+            limits,
+            mask=mine,
+            colour=colour,
+            opacity=0.3,
+            border=False,
+        )
+        for trace in (*cloud, *_curves(panel, group, colour, first)):
+            figure.add_trace(trace, row=at[0], col=at[1])
+    unit = f" [{panel.unit}]" if panel.unit else ""
+    figure.update_xaxes(title_text=_words(panel.driver) + unit, row=at[0], col=at[1])
+    figure.update_yaxes(title_text="motion [mrad]" if panel.angular else "motion [mm]", range=limits,
+                        row=at[0], col=at[1])  # fmt: skip
+
+
+def _spread(x: np.ndarray) -> np.ndarray:
+    """Few levels are spread sideways, so that their dots can be told apart."""
+    levels = np.unique(x)
+    if len(levels) > _LEVELS:
+        return x
+    width = 0.12 * (float(np.ptp(levels)) or 1.0)
+    spread: np.ndarray = x + np.random.default_rng(1).uniform(-width, width, len(x))
+    return spread
+
+
+def _limits(panel: Panel) -> Range:
+    """The curve and the means with their errors, and the middle of the poses."""
+    bins = [b for g in panel.groups for b in g.bins]
+    means = np.array([edge for b in bins for edge in (b.y - 2 * b.sigma, b.y + 2 * b.sigma, b.fitted)])
+    middle = np.quantile(panel.y, (0.1, 0.9))
+    low, high = bulk_range(np.concatenate([means, middle, panel.fitted]) * 1e3)
+    edge = 0.1 * (high - low)
+    return low - edge, high + edge
+
+
+def _curves(panel: Panel, group: Group, colour: str, first: bool) -> Iterator[go.Scatter]:
+    """Means with error bars, and what the effect says."""
+    label = group.label or "mean of like poses ± standard error"
+    shared = {"legendgroup": label, "showlegend": first}
+    yield _means(group.bins, colour, label, shared, joined=not panel.fitted.any())
+    if panel.fitted.any():
+        fitted = {
+            "legendgroup": "fit",
+            "name": "fitted effect",
+            "showlegend": first and group is panel.groups[0],
+        }
+        yield _fitted(panel, group, theme.ORANGE if not group.label else colour, fitted)
+
+
+def _means(
+    bins: Sequence[Bin], colour: str, label: str, shared: dict[str, object], *, joined: bool
+) -> go.Scatter:
+    error = [b.sigma * 1e3 for b in bins]
+    return go.Scatter(
+        x=[b.x for b in bins], y=[b.y * 1e3 for b in bins], mode="lines+markers" if joined else "markers",
+        name=label, line={"color": colour, "width": 1.6}, marker={"color": colour, "size": 7},
+        error_y={"type": "data", "array": error, "color": colour, "thickness": 1.5, "width": 3},
+        hovertext=[f"mean of {b.count} poses: {b.y * 1e3:.3g} ± {b.sigma * 1e3:.2g}" for b in bins],
+        hoverinfo="text", **shared,
+    )  # fmt: skip
+
+
+def _fitted(panel: Panel, group: Group, colour: str, style: dict[str, object]) -> go.Scatter:
+    """The curve of an effect of one driver; means of what it does where it has two."""
+    if not panel.single:
+        x, y = [b.x for b in group.bins], [b.fitted * 1e3 for b in group.bins]
+    else:
+        order = np.argsort(panel.x, kind="stable")
+        order = order[np.linspace(0, len(order) - 1, min(len(order), _CURVE_POINTS)).astype(int)]
+        x, y = panel.x[order].tolist(), (panel.fitted[order] * 1e3).tolist()
+    return go.Scatter(x=x, y=y, mode="lines", line={"color": colour, "width": 2.6, "dash": "solid"},
+                      hoverinfo="skip", **style)  # fmt: skip

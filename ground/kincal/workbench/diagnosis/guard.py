@@ -1,0 +1,70 @@
+"""Never worse: what held-out poses contradict is taken back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..adequacy import ADEQUATE_P, lack_of_fit, noise_floor
+from ..compare import PosRot
+from .states import Kept, Selection
+from .study import Model, Study
+
+
+def without_doubtful(study: Study, found: Selection) -> Selection:
+    """Where the unnamed wins in the end, only the effects that held-out poses gain from: a named effect
+    that resembles the unnamed often wins a place; it has to prove itself."""
+    if not (found.last.unnamed_wins and study.has_held_out):
+        return found
+    kept = tuple(k for k in found.kept if k.role == "helps" or study.held_gain(found.model, k.effect).gains)
+    return found if kept == found.kept else _settled(study, found, kept, found.taken_back)
+
+
+def never_worse(study: Study, found: Selection) -> Selection:
+    """Without effects that harm, and, where the model does not explain the data to within a known noise,
+    without whatever makes the whole predict held-out poses worse than no effect at all."""
+    kept, back = found.kept, found.taken_back
+    while (gone := _contradicted(study, kept)) is not None:
+        kept, back = tuple(k for k in kept if k is not gone), (*back, gone)
+    return found if kept == found.kept else _settled(study, found, kept, back)
+
+
+def _settled(
+    study: Study, found: Selection, kept: tuple[Kept, ...], taken_back: tuple[Kept, ...]
+) -> Selection:
+    model = _model(kept)
+    return replace(found, kept=kept, model=model, last=study.posterior(model), taken_back=taken_back)
+
+
+def _model(kept: tuple[Kept, ...]) -> Model:
+    return tuple(k.effect for k in kept)
+
+
+def _contradicted(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
+    """The effect that held-out poses speak against most; None if there is none."""
+    if not (kept and study.has_held_out):
+        return None
+    model = _model(kept)
+    gains = [(study.held_gain(model, k.effect), k) for k in kept]
+    harmful = [(gain.interval[0], k) for gain, k in gains if gain.harms]
+    if harmful:
+        return max(harmful, key=lambda pair: pair[0])[1]
+    if not _worse(study, model) or _explained(study, model):
+        return None
+    return max(gains, key=lambda pair: pair[0].after_m / pair[0].before_m)[1]
+
+
+def _worse(study: Study, model: Model) -> bool:
+    """Position or rotation error of the held-out poses is larger than without effects."""
+    turns = study.held_square(model).mean() > study.held_square(()).mean()
+    return bool(turns) or _larger(study.held_error(model), study.held_error(()))
+
+
+def _larger(error: PosRot, than: PosRot) -> bool:
+    return any(a > b for a, b in zip(error, than, strict=True) if a is not None and b is not None)
+
+
+def _explained(study: Study, model: Model) -> bool:
+    """The model explains the data to within a noise that is known: the evidence stands on its own."""
+    fit = study.fit(model)
+    p = lack_of_fit(fit, noise_floor(fit))
+    return p is not None and p > ADEQUATE_P

@@ -1,0 +1,54 @@
+"""What poses that a model was not fitted to gain from an effect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..types import Array
+
+FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
+_BOOTSTRAP = 1000
+_INTERVAL = (0.025, 0.975)
+
+
+@dataclass(frozen=True)
+class HeldGain:
+    """Held-out position RMS [m] without and with an effect, and a 95 % bootstrap interval over the poses of
+    their ratio (with / without). NaN where no poses are held out.
+
+    cross_validated: too few poses are held out; all poses were, in turns.
+    """
+
+    before_m: float
+    after_m: float
+    interval: tuple[float, float]
+    cross_validated: bool = False
+
+    @classmethod
+    def of(cls, before: Array, after: Array, *, cross_validated: bool) -> HeldGain:
+        """From squared position errors (M,) [m^2] of the same poses."""
+        pick = np.random.default_rng(2).integers(0, len(before), (_BOOTSTRAP, len(before)))
+        ratio = np.sqrt(after[pick].mean(axis=1) / np.maximum(before[pick].mean(axis=1), 1e-300))
+        low, high = (float(np.quantile(ratio, q)) for q in _INTERVAL)
+        rms = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+        return cls(*rms, (low, high), cross_validated)
+
+    @property
+    def gains(self) -> bool:
+        """Held-out poses are predicted better: the interval lies below 1."""
+        return self.interval[1] < 1.0
+
+    @property
+    def harms(self) -> bool:
+        """Held-out poses are predicted worse: the interval lies above 1."""
+        return self.interval[0] > 1.0
+
+    @property
+    def worse(self) -> bool:
+        """The error of the held-out poses grows, be it by chance."""
+        return self.after_m > self.before_m
+
+
+NO_HELD_OUT = HeldGain(float("nan"), float("nan"), (float("nan"), float("nan")))

@@ -1,0 +1,170 @@
+"""What faults of camera and target do to a pose computed from many points (METHOD.md 13.1).
+
+A pose from a camera is the one that fits the image of all seen points best (PnP: perspective n points).
+A fault moves each image point by d; the pose then moves by the twist xi of least |J xi - d|^2, J the
+derivative of the image by the pose. One column for each fault and sight, a twist of six components in the
+measured frame, per unit of the fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kincal.rotations import Pose, matrix_of_wxyz
+from kincal.schema.arm import ArmTable
+from kincal.schema.names import FAULTS
+
+from .data import Measurements
+from .sight import Sight, camera_poses, sees_points, sights
+from .types import Array, array
+
+_EDGE = 0.02  # of half the image: over that, points at the border lose their weight gradually
+_LEAST_SEEN = 4.0  # points; where fewer are in the image, all those in front of the camera count
+_AT_ONCE = 400  # poses: bounds memory
+
+
+def column_number(sight: int, fault: str) -> int:
+    """Number of a column, from 1, by sight (from 0) and fault."""
+    return 1 + sight * len(FAULTS) + FAULTS.index(fault)
+
+
+@dataclass(frozen=True)
+class PnpColumns:
+    """Columns of N poses.
+
+    sights: as `sight.sights`; camera: (N,) poses of a camera in the world, None for one on the flange
+    (then the measured pose is the camera's in the target's frame); measured: (N, 3, 3) its orientation.
+    """
+
+    sights: tuple[Sight, ...]
+    camera: Pose | None
+    measured: Array
+
+    @classmethod
+    def of(cls, arm: ArmTable, data: Measurements) -> PnpColumns | None:
+        """Columns for these poses; None where they do not come from a target of many points."""
+        if not sees_points(arm, data):
+            return None
+        assert data.quat_wxyz is not None
+        return cls(sights(arm, data), camera_poses(arm, data), matrix_of_wxyz(data.quat_wxyz))
+
+    def __call__(self, numbers: Sequence[int], expected: Pose) -> Array:
+        """(N, 6, k) twists of the columns `numbers` [m, rad per unit], the view taken at the expected poses
+        (N): the measured ones would carry the noise of the residual into the columns. They act at the
+        measured frame along the axes of the expected one."""
+        out = np.zeros((len(self.measured), 6, len(numbers)))
+        which = np.array([divmod(number - 1, len(FAULTS)) for number in numbers]).reshape(-1, 2)
+        for k in np.unique(which[:, 0]):
+            mine = np.flatnonzero(which[:, 0] == k)
+            out[:, :, mine] = self._of_sight(self.sights[k], expected, [FAULTS[f] for f in which[mine, 1]])
+        turn = self.measured.transpose(0, 2, 1) @ expected.R
+        return np.concatenate([turn @ out[:, :3], turn @ out[:, 3:]], axis=1)
+
+    def _of_sight(self, sight: Sight, expected: Pose, faults: Sequence[str]) -> Array:
+        out = np.empty((len(expected.p_m), 6, len(faults)))
+        for start in range(0, len(out), _AT_ONCE):
+            some = slice(start, start + _AT_ONCE)
+            view = self._view(sight, Pose(expected.p_m[some], expected.R[some]), some)
+            out[some] = view.twists(faults)
+        return out
+
+    def _view(self, sight: Sight, expected: Pose, some: slice) -> _View:
+        """Points in the camera frame, and how they move there with the measured pose."""
+        if self.camera is None:
+            seen = (sight.points_m - expected.p_m[:, None]) @ expected.R
+            moves = np.concatenate([-np.broadcast_to(np.eye(3), (*seen.shape, 3)), _cross(seen)], axis=3)
+            return _View(sight, seen, moves, expected.R.transpose(0, 2, 1))
+        camera = Pose(self.camera.p_m[some], self.camera.R[some])
+        target = camera.inverse @ expected
+        seen = target.p_m[:, None] + sight.points_m @ target.R.transpose(0, 2, 1)
+        body = np.concatenate(
+            [np.broadcast_to(np.eye(3), (*sight.points_m.shape, 3)), -_cross(sight.points_m)], axis=2
+        )
+        return _View(sight, seen, np.einsum("nij,mjk->nmik", target.R, body), target.R)
+
+
+@dataclass(frozen=True)
+class _View:
+    """n poses of m points: seen (n, m, 3) in the camera frame [m]; moves (n, m, 3, 6) by the twist of the
+    measured pose; turn (n, 3, 3) from the target's to the camera frame."""
+
+    sight: Sight
+    seen: Array
+    moves: Array
+    turn: Array
+
+    def twists(self, faults: Sequence[str]) -> Array:
+        """(n, 6, k) least-squares twists of the faults."""
+        depth = np.where(self.seen[..., 2] > 0.0, self.seen[..., 2], 1.0)
+        u, v = self.seen[..., 0] / depth, self.seen[..., 1] / depth
+        slope = _slope(u, v, depth)
+        shift = np.stack([self._shift(fault, u, v, slope) for fault in faults], axis=3)
+        weight = (np.sqrt(self._weight(u, v))[..., None] * self.sight.focal)[..., None]
+        n = len(u)
+        a = (weight * (slope @ self.moves)).reshape(n, -1, 6)
+        d = (weight * shift).reshape(n, -1, len(faults))
+        at = a.transpose(0, 2, 1)
+        return array(np.linalg.pinv(at @ a, hermitian=True) @ (at @ d))
+
+    def _weight(self, u: Array, v: Array) -> Array:
+        """(n, m) 1 for points in the image, 0 outside, falling over a narrow edge."""
+        low, high = self.sight.low, self.sight.high
+        edge = _EDGE * (high - low) / 2.0
+        inside = [
+            np.clip(np.minimum(x - low[k], high[k] - x) / edge[k], 0.0, 1.0) for k, x in enumerate((u, v))
+        ]
+        front = self.seen[..., 2] > 0.0
+        weight = np.where(front, inside[0] * inside[1], 0.0)
+        few = weight.sum(axis=1) < _LEAST_SEEN
+        return np.where(few[:, None], front, weight)
+
+    def _shift(self, fault: str, u: Array, v: Array, slope: Array) -> Array:
+        """(n, m, 2) what a unit of a fault does to the image points, normalised."""
+        if fault in _OF_CAMERA:
+            return np.stack(np.broadcast_arrays(*_OF_CAMERA[fault](u, v)), axis=2)
+        lifted = self.turn @ _bow(self.sight.points_m, fault).T  # (n, 3, m)
+        return array(np.einsum("nmij,njm->nmi", slope, lifted))
+
+
+def _slope(u: Array, v: Array, depth: Array) -> Array:
+    """(n, m, 2, 3) derivative of the normalised image position by the point in the camera frame."""
+    out = np.zeros((*u.shape, 2, 3))
+    out[..., 0, 0] = out[..., 1, 1] = 1.0 / depth
+    out[..., 0, 2], out[..., 1, 2] = -u / depth, -v / depth
+    return out
+
+
+def _cross(x: Array) -> Array:
+    """(..., 3, 3) matrices [x]: [x] y = x cross y."""
+    out = np.zeros((*x.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i, j], out[..., j, i] = -x[..., k], x[..., k]
+    return out
+
+
+# Brown's lens model (Photogrammetric Engineering 37(8), 1971) with the coefficients' usual names, focal
+# lengths by their share, and the principal point in focal lengths.
+_OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array | float, Array | float]]] = {
+    "radial_1": lambda u, v: (u * (u * u + v * v), v * (u * u + v * v)),
+    "radial_2": lambda u, v: (u * (u * u + v * v) ** 2, v * (u * u + v * v) ** 2),
+    "decentring_1": lambda u, v: (2.0 * u * v, u * u + 3.0 * v * v),
+    "decentring_2": lambda u, v: (3.0 * u * u + v * v, 2.0 * u * v),
+    "focal_x": lambda u, v: (u, 0.0 * v),
+    "focal_y": lambda u, v: (0.0 * u, v),
+    "centre_x": lambda u, v: (1.0 + 0.0 * u, 0.0 * v),
+    "centre_y": lambda u, v: (0.0 * u, 1.0 + 0.0 * v),
+}
+
+
+def _bow(points_m: Array, fault: str) -> Array:
+    """(m, 3) how far points leave the target's plane when it is bent along its x or y by 1 m from the middle
+    to the farthest point."""
+    centred = points_m - points_m.mean(axis=0)
+    normal = np.linalg.svd(centred)[2][2]
+    axis = np.eye(3)[0 if fault == "bow_x" else 1]
+    along = centred @ (axis - (axis @ normal) * normal)
+    largest = float(np.abs(along).max()) or 1.0
+    return array((along / largest)[:, None] ** 2 * normal * (1.0 if normal.sum() > 0.0 else -1.0))

@@ -1,0 +1,96 @@
+"""Approach direction inferred from the order of measurement."""
+
+import numpy as np
+import pytest
+
+from kincal import workbench as wb
+from kincal.workbench.direction import last_moves, with_direction, without_inferred
+from kincal.workbench.readers import read_measurements
+
+
+def campaign(q, **columns):
+    n = len(q)
+    return wb.Measurements(source="made", ids=tuple(map(str, range(n))), q=q, p_m=q[:, [0, 1, 1]], **columns)
+
+
+def told(data):
+    return [note for note in data.notes if "direction" in note]
+
+
+def test_the_sign_of_the_last_move_and_the_one_before_it_where_a_joint_rests():
+    q = np.array([[0.0, 1.0], [0.5, 1.0], [0.5, 0.2], [0.5005, 0.2], [0.1, 0.9]])
+    np.testing.assert_array_equal(last_moves(q), [[0, 0], [1, 0], [1, -1], [1, -1], [-1, 1]])
+
+
+def test_times_give_the_order_where_rows_do_not():
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1, 1, (30, 2))
+    shuffled = rng.permutation(30)
+    data = with_direction(campaign(q[shuffled], t_s=shuffled.astype(float)))
+    assert data.direction_source == "inferred"
+    np.testing.assert_array_equal(data.direction[np.argsort(shuffled)], last_moves(q))
+
+
+def test_recorded_directions_stay():
+    q = np.random.default_rng(0).uniform(-1, 1, (30, 2))
+    data = with_direction(campaign(q, direction=np.ones_like(q)))
+    assert data.direction_source == "measured"
+    assert (data.direction == 1.0).all()
+
+
+def rows_in_order(q, **columns):
+    return campaign(q, t_s=np.arange(len(q), dtype=float), order_is_time=True, **columns)
+
+
+@pytest.mark.parametrize("column", [0, 1])
+def test_rows_sorted_by_a_joint_are_no_order_of_motion(column):
+    q = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    data = with_direction(rows_in_order(q[np.argsort(q[:, column])]))
+    assert data.direction is None
+    assert data.direction_source == "none"
+    assert f"sorted by q{column + 1}" in told(data)[0]
+
+
+def test_a_loop_over_a_grid_and_a_random_campaign_are_one():
+    grid = np.array([(a, b) for a in np.linspace(-1, 1, 6) for b in np.linspace(-1, 1, 6)])
+    free = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+    for q in (grid, free):
+        data = with_direction(rows_in_order(q))
+        assert data.direction_source == "inferred"
+        assert "inferred from the order of rows" in told(data)[0]
+
+
+def test_a_sweep_of_all_joints_at_once_may_be_an_order_of_motion():
+    q = np.linspace(-1, 1, 60)[:, None] * np.array([1.0, 0.5])
+    assert with_direction(rows_in_order(q)).direction_source == "inferred"
+
+
+def test_ids_that_are_numbers_in_another_order_are_heeded():
+    q = np.random.default_rng(0).uniform(-1, 1, (30, 2))
+    data = rows_in_order(q)
+    shuffled = tuple(map(str, np.random.default_rng(1).permutation(30)))
+    other = wb.Measurements(**{**vars(data), "ids": shuffled})
+    assert with_direction(other).direction is None
+
+
+def test_a_subset_keeps_what_the_whole_file_said():
+    q = np.random.default_rng(0).uniform(-1, 1, (30, 2))
+    data = with_direction(rows_in_order(q))
+    np.testing.assert_array_equal(data.take(np.arange(0, 30, 3)).direction, last_moves(q)[::3])
+
+
+def write(path, q):
+    rows = [f"{a!r},{b!r},0.1,0.2,0.3" for a, b in q.tolist()]
+    path.write_text("\n".join(["q1,q2,px,py,pz", *rows]) + "\n")
+    return path
+
+
+def test_files_are_read_each_in_its_own_order_and_the_argument_switches_it_off(tmp_path):
+    q = np.random.default_rng(0).uniform(-1, 1, (24, 2))
+    files = [write(tmp_path / "a.csv", q[:12]), write(tmp_path / "b.csv", q[12:])]
+    data = read_measurements(files, 2)
+    assert data.direction_source == "inferred"
+    np.testing.assert_array_equal(data.direction, np.vstack([last_moves(q[:12]), last_moves(q[12:])]))
+    off = read_measurements(files, 2, infer_direction=False)
+    assert off.direction is None
+    assert without_inferred(data).direction_source == off.direction_source == "none"
