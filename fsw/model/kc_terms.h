@@ -133,8 +133,8 @@ typedef struct {
                                              payload [N m] */
     /* What gravity levers are made of; masses play no part. */
     double origin_m[KC_JOINT_MAX + 2u][3]; /* of frame 0 .. n, and of the tool at KC_FRAME_TOOL; base frame */
-    double g_link_m_s2[KC_JOINT_MAX + 1u][3];      /* gravity in frame i */
-    double g_cross_m_s2[KC_JOINT_MAX + 1u][3][3];  /* gravity x axis c of frame i, base frame */
+    double g_link_m_s2[KC_JOINT_MAX + 1u][3]; /* gravity in frame i */
+    double g_cross_m_s2[KC_JOINT_MAX + 1u][3][3]; /* gravity x axis c of frame i, base frame */
 } kc_loads_t;
 
 /* Value of a basis; q etc. from ctx, torques and moments from loads. Always finite for

@@ -1,5 +1,7 @@
 """Approach direction inferred from the order of measurement."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ def campaign(q, **columns):
     return wb.Measurements(source="made", ids=tuple(map(str, range(n))), q=q, p_m=q[:, [0, 1, 1]], **columns)
 
 
-def told(data):
+def said(data):
     return [note for note in data.notes if "direction" in note]
 
 
@@ -48,7 +50,7 @@ def test_rows_sorted_by_a_joint_are_no_order_of_motion(column):
     data = with_direction(rows_in_order(q[np.argsort(q[:, column])]))
     assert data.direction is None
     assert data.direction_source == "none"
-    assert f"sorted by q{column + 1}" in told(data)[0]
+    assert f"sorted by q{column + 1}" in said(data)[0]
 
 
 def test_a_loop_over_a_grid_and_a_random_campaign_are_one():
@@ -57,7 +59,7 @@ def test_a_loop_over_a_grid_and_a_random_campaign_are_one():
     for q in (grid, free):
         data = with_direction(rows_in_order(q))
         assert data.direction_source == "inferred"
-        assert "inferred from the order of rows" in told(data)[0]
+        assert "inferred from the order of rows" in said(data)[0]
 
 
 def test_a_sweep_of_all_joints_at_once_may_be_an_order_of_motion():
@@ -68,8 +70,7 @@ def test_a_sweep_of_all_joints_at_once_may_be_an_order_of_motion():
 def test_ids_that_are_numbers_in_another_order_are_heeded():
     q = np.random.default_rng(0).uniform(-1, 1, (30, 2))
     data = rows_in_order(q)
-    shuffled = tuple(map(str, np.random.default_rng(1).permutation(30)))
-    other = wb.Measurements(**{**vars(data), "ids": shuffled})
+    other = replace(data, ids=tuple(map(str, np.random.default_rng(1).permutation(30))))
     assert with_direction(other).direction is None
 
 

@@ -276,8 +276,10 @@ void test_the_lever_of_the_tool_is_the_torque_of_a_payload_of_one_kilogram(void)
     kc_model_loads(&s_arm, &s_t, NULL, &s_ctx, &s_loads);
     for (uint32_t joint = 1u; joint <= s_arm.n_joints; joint++) {
         if (s_arm.joint[joint - 1u].type == KC_PRISMATIC) { continue; }
-        const kc_basis_t b = {KC_FN_LIN, KC_VAR_LEVZ, (uint8_t)KC_LEVER_INDEX(joint - 1u, KC_LEVER_TOOL), 0.0, 1.0};
-        TEST_ASSERT_DOUBLE_WITHIN(1e-13, s_loads.tau_payload[joint - 1u], kc_basis_eval(&b, &s_ctx, &s_loads));
+        const kc_basis_t b = {KC_FN_LIN, KC_VAR_LEVZ, (uint8_t)KC_LEVER_INDEX(joint - 1u, KC_LEVER_TOOL), 0.0,
+                              1.0};
+        TEST_ASSERT_DOUBLE_WITHIN(1e-13, s_loads.tau_payload[joint - 1u],
+                                  kc_basis_eval(&b, &s_ctx, &s_loads));
     }
 }
 

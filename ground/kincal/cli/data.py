@@ -149,11 +149,11 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
         click.option("--rotation", metavar="FORM=COLUMNS", default=None,
                      help="Orientation as xyzw, wxyz, rotvec, matrix or euler-AXES: euler-ZYX=A,B,C."),
         click.option("--skip-bad", is_flag=True, help="Skip malformed rows and count them."),
-        click.option("--force", is_flag=True, help="Go on when arm table and data do not belong together."),
         click.option("--no-inferred-direction", is_flag=True,
                      help="Without dir columns do not take approach directions from the order of rows."),
         click.option("--exclude", "excluded", multiple=True, metavar="ID,...",
                      help="Poses to leave out, by their ids, as the report lists them after a click."),
+        click.option("--force", is_flag=True, help="Go on when arm table and data do not belong together."),
     )  # fmt: skip
 
     def decorate(command: Command) -> Command:

@@ -130,7 +130,7 @@ def _found(data: ReportContent, poses: Poses) -> Iterator[Section]:
         if panels:
             yield Section(
                 f"found-{number + 1}", f"Found: {e.label}", _about(e, panels, poses),
-                finding_figures.findings(panels, poses),
+                finding_figures.findings(panels, poses), grids.parameters(e),
             )  # fmt: skip
     if d.novel is not None:
         panels = list(place_panels(d.final, d.novel.location, d.novel.depends_on))

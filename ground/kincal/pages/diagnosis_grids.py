@@ -6,13 +6,13 @@ import math
 
 from kincal.pages.page import Cell, Grid
 from kincal.workbench import explain
-from kincal.workbench.diagnosis import Diagnosis, EffectFinding
+from kincal.workbench.diagnosis import Diagnosis, EffectFinding, ParameterValue
 from kincal.workbench.gain import Gain, judged
 from kincal.workbench.nested import EffectGain, NestedModel, NestedModels
 
 _EFFECTS = (
     "<effect|<role|<probability|<against|held out without it [mm]|with it [mm]|ratio 95 % interval|<judged"
-    "|<parameters|<confounded with"
+    "|<confounded with"
 )
 _MODELS = "<held out|<model|RMS [mm]|95 % interval|RMS [mrad]|without noise [mm]|worst [mm]|ratio to the line above|95 % interval"  # noqa: E501
 _GAINS = "<effect|<held out|without it [mm]|with it [mm]|ratio|95 % interval|<judged"
@@ -27,16 +27,25 @@ _ROLES = {"accepted": "added", "helps": "added: it helps", "alternative": "alter
 
 def effects(d: Diagnosis) -> Grid:
     """Every finding with its probability, its gain and its values."""
-    return Grid.of(_EFFECTS, [_effect(e, d) for e in d.effects], _SAME_NOTE if d.effects else "")
+    return filled(Grid.of(_EFFECTS, [_effect(e, d) for e in d.effects], _SAME_NOTE if d.effects else ""))
 
 
 def _effect(e: EffectFinding, d: Diagnosis) -> list[str | Cell]:
     sure = "" if e.helps else explain.probability(e.probability)
-    values = "\n".join(f"{p.name} = {p.value:.4g} ± {p.std_err:.2g} {p.unit}" for p in e.parameters)
     return [
         e.label, _ROLES[e.role], sure, explain.against(e, d), _milli(e.held.before_m), _milli(e.held.after_m),
-        _interval(e.held.interval), _judged(e.held.interval), values, explain.grouped(e.confounded_with),
+        _interval(e.held.interval), _judged(e.held.interval), explain.grouped(e.confounded_with),
     ]  # fmt: skip
+
+
+def parameters(e: EffectFinding) -> Grid:
+    """Fitted values of an effect."""
+    rows = [[p.name, f"{p.value:.4g}", f"{p.std_err:.2g}", _sigmas(p), p.unit] for p in e.parameters]
+    return Grid.of("<parameter|value|standard error|value / error|<unit", rows)
+
+
+def _sigmas(p: ParameterValue) -> str:
+    return f"{p.value / p.std_err:+.1f}" if p.std_err > 0 else ""
 
 
 def _judged(interval: tuple[float, float]) -> Cell:
@@ -56,7 +65,14 @@ def _interval(values: tuple[float, float] | None, scale: float = 1.0) -> str:
 
 def models(nested: NestedModels) -> Grid:
     """Held-out errors, the kinds of holding back one after the other."""
-    return Grid.of(_MODELS, [_model(m) for block in nested.blocks for m in nested.of(block)])
+    return filled(Grid.of(_MODELS, [_model(m) for block in nested.blocks for m in nested.of(block)]))
+
+
+def filled(grid: Grid) -> Grid:
+    """The table without columns that are empty in every row."""
+    keep = [k for k in range(len(grid.columns)) if any(row[k].text for row in grid.rows)]
+    rows = tuple(tuple(row[k] for k in keep) for row in grid.rows)
+    return Grid(tuple(grid.columns[k] for k in keep), rows, grid.note)
 
 
 def _model(m: NestedModel) -> list[str]:

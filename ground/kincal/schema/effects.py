@@ -33,8 +33,8 @@ class ParameterEntry(Strict):
     each_joint: pydantic.StrictBool = False
     """true: the terms are repeated for every joint of the arm, all with this one coefficient."""
     each_body: pydantic.StrictBool = False
-    """true: one coefficient for each body k beyond joint j whose gravity levers are its own: NAME3 for the end of
-    link 3, NAME_tool for the tool."""
+    """true: one coefficient for each body k beyond joint j whose gravity levers are its own: NAME3 for the
+    end of link 3, NAME_tool for the tool."""
     image: Literal[FAULTS] | None = None  # type: ignore[valid-type]
     """What a unit of the coefficient does to the image of the target's points, in place of terms. Where poses
     come from a camera and a target of many points, an effect has its coefficients with `image` only; else

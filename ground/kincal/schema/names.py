@@ -59,8 +59,8 @@ VARIABLES = {
     "ycam": Variable("ycam", "m", needs="cam"),
     "zcam": Variable("zcam", "m", needs="cam"),
     "tag": Variable("tag", "0, 0.5, 1", needs="tag"),
-    # What gravity does whatever the masses are: its direction in the frame of a link, and the moment of 1 kg at
-    # the origin of a body beyond a link, about the origin of the link's frame.
+    # What gravity does whatever the masses are: its direction in the frame of a link, and the moment of 1 kg
+    # at the origin of a body beyond a link, about the origin of the link's frame.
     "gx": Variable("gx", "m/s^2", True),
     "gy": Variable("gy", "m/s^2", True),
     "gz": Variable("gz", "m/s^2", True),
@@ -94,5 +94,25 @@ JOINT_PLACES = ("joint", "before", "link")
 DATA_CONSTANTS = ("T0", "tstart")
 GEAR_RATIO = "N"
 JOINT_LETTERS = ("i", "j", "p", "k")
-# The body of a gravity lever: a link's number, or the tool. Its index on board is 16 x link + body (kc_terms.h).
+# The body of a gravity lever: a link's number, or the tool. Its index on board is 16 x link + body
+# (kc_terms.h).
 TOOL_BODY, LEVER_STRIDE = "tool", 16
+
+# What `model add` makes of a function that the library has no name for: unnamed[joint 1: q1, q3].
+UNNAMED = "unnamed"
+
+
+def effect_of(name: str) -> str:
+    """The effect of a name: joint_compliance of joint_compliance[2]; of an unnamed one all of it."""
+    return name if is_unnamed(name) else name.partition("[")[0]
+
+
+def place_of(name: str) -> str:
+    """The place of a name: "[2]" of joint_compliance[2]; empty for the whole arm, all joints or an unnamed
+    effect."""
+    return name[len(effect_of(name)) :]
+
+
+def is_unnamed(name: str) -> bool:
+    """Whether a name is that of an effect by place and drivers: unnamed[joint 1: q1, q3]."""
+    return name.startswith(f"{UNNAMED}[")

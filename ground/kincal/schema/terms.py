@@ -9,7 +9,8 @@ A term adds `coefficient x gain x basis` to one component of the twist at one pl
     gain = "0.5*long"                   a number, or a product with properties of link j
 
 Joints count from 1; j, i and p (the joint before j) stand for them in entries that are made for many joints;
-a gravity lever levz[p,k] has a link and a body beyond it: k in entries made for many bodies, a number, or tool.
+a gravity lever levz[p,k] has a link and a body beyond it: k in entries made for many bodies, or a number, or
+tool.
 $name is a constant that is given when the term is made (a searched one, $T0, $tstart); N is the gear ratio.
 """
 
@@ -336,8 +337,8 @@ class TermEntry(Strict):
     """Component of the twist; joint[j] has its own axis and takes none."""
     gain: pydantic.StrictFloat | pydantic.StrictInt | pydantic.StrictStr = 1.0
     """Constant factor: a number, or a product with Lx Ly Lz (link j as a vector in its own frame [m]), a,
-    d [m], long (1 if link j has a length, else 0), parallel (1 if the axes of joints j and j + 1 are parallel,
-    else 0), Bx By Bz (origin of the base frame to frame 0 [m])."""
+    d [m], long (1 if link j has a length, else 0), parallel (1 if the axes of joints j and j + 1 are
+    parallel, else 0), Bx By Bz (origin of the base frame to frame 0 [m])."""
     basis: str = "1"
     """At most two factors, each var or fn(scale*(var - offset)), e.g. "tanh(q4/0.5) * cos(q6)"."""
 

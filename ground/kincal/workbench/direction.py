@@ -16,7 +16,7 @@ _TURNS = 0.25  # of the moves: another joint that turns back so often was not le
 
 
 def with_direction(data: Measurements) -> Measurements:
-    """The data with the approach direction inferred if none is recorded; a note says from what, or why not."""
+    """The data with the approach direction inferred if none is recorded. A note says how, or why not."""
     if data.direction is not None:
         return data
     time = "the order of rows" if data.order_is_time else "the times"

@@ -91,10 +91,10 @@ def against(e: EffectFinding, d: Diagnosis) -> str:
     """What the probability of an effect is against; empty where held-out poses decided."""
     if e.role == "helps":
         return ""
-    return 'against "nothing missing" and the unnamed' if e.accepted else _rival(d)
+    return 'against "nothing missing" and the unnamed' if e.accepted else _competitor(d)
 
 
-def _rival(d: Diagnosis) -> str:
+def _competitor(d: Diagnosis) -> str:
     accepted = [x.name for x in d.effects if x.accepted]
     if accepted:
         return f"in place of {listed(accepted)}"

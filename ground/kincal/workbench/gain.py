@@ -11,7 +11,7 @@ from .types import Array
 
 Gain = Literal["helps", "harms", "does not help", "undecided"]
 
-_WORTH = 0.97  # an effect that gains less than 3 % brings nothing
+_LEAST_GAIN = 0.97  # an effect that gains less than 3 % brings nothing
 _BOOTSTRAP = 1000
 
 
@@ -25,7 +25,7 @@ def judged(interval: tuple[float, float]) -> Gain:
         return "helps"
     if low > 1.0:
         return "harms"
-    return "does not help" if low >= _WORTH else "undecided"
+    return "does not help" if low >= _LEAST_GAIN else "undecided"
 
 
 def held_ratio(after: Array, before: Array) -> tuple[float, tuple[float, float]]:

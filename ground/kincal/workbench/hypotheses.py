@@ -6,6 +6,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from kincal.schema.arm import ArmTable
+from kincal.schema.names import effect_of as effect_of
+from kincal.schema.names import place_of as place_of
 
 from .data import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter
@@ -88,7 +90,7 @@ class Competition:
         )
 
     def with_some_joints(self, open_: Sequence[Candidate], h: Hypothesis) -> tuple[Candidate, ...]:
-        """Candidates with an effect at some of its joints beside it at all of them; they share their prior."""
+        """Candidates with an effect at some joints beside it at all of them; they share their prior."""
         whole = next((c for c in open_ if c.name == h.effect), None)
         if whole is None or len(joints_of(h.name)) < 2 or any(c.name == h.name for c in open_):
             return tuple(open_)
@@ -165,16 +167,6 @@ def by_constants(hypotheses: Iterable[Hypothesis]) -> list[list[Hypothesis]]:
     return list(groups.values())
 
 
-def effect_of(name: str) -> str:
-    """The effect of a name: joint_compliance of joint_compliance[2]."""
-    return name.partition("[")[0]
-
-
-def place_of(name: str) -> str:
-    """The place of a name: "[2]" of joint_compliance[2], empty for the whole arm or all joints."""
-    return name[len(effect_of(name)) :]
-
-
 def joints_of(name: str) -> tuple[int, ...]:
     """Joints that a name states: (2, 3) of joint_compliance[2,3], none for the whole arm or all joints."""
     place = place_of(name)[1:-1]
@@ -182,7 +174,7 @@ def joints_of(name: str) -> tuple[int, ...]:
 
 
 def covers(name: str, other: str) -> bool:
-    """Whether an effect by its name holds another: the same, at all joints, or at some joints and one of them."""
+    """Whether an effect by its name holds another: the same, at all joints, or at some and one of them."""
     if effect_of(name) != effect_of(other):
         return False
     single = joints_of(other)

@@ -151,11 +151,9 @@ class Study:
         """The effect with values of a constant about the present one, closer than the library's grid has
         them; empty where that grid is a plain list."""
         effect, known = self.library.effects[h.effect], dict(h.constants)
-        arm, data = self.base.arm, self.base.data
+        arm, data, name = self.base.arm, self.base.data, h.name
         return tuple(
-            merged_if_several(
-                effect, self.library.find(h.name, arm, data, {**known, constant: value}), h.name
-            )
+            merged_if_several(effect, self.library.find(name, arm, data, {**known, constant: value}), name)
             for value in finer(self.library.grid_of(h.name)[constant], known[constant], data)
         )
 

@@ -8,7 +8,7 @@ from ..effects import Hypothesis
 from ..hypotheses import at_joints, joints_of
 from ..scoring import Scorer
 
-_LN_WORTH = 1.0  # ln Bayes factor that a joint has to be worth to stay: below it is not worth a mention
+_LN_NEEDED = 1.0  # ln Bayes factor that a joint has to be worth to stay: below it is not worth a mention
 
 
 def fewest_joints(scorer: Scorer, whole: Hypothesis) -> Hypothesis | None:
@@ -20,7 +20,7 @@ def fewest_joints(scorer: Scorer, whole: Hypothesis) -> Hypothesis | None:
         without = [at_joints(whole, [k for k in joints if k != j]) for j in joints]
         (_, ln_now), *rest = scorer.hypotheses([now, *without])
         (_, best), now_best = max(zip(rest, without, strict=True), key=lambda pair: pair[0][1])
-        if best < ln_now - _LN_WORTH:
+        if best < ln_now - _LN_NEEDED:
             break
         now, joints = now_best, joints_of(now_best.name)
     return None if joints == before else now

@@ -51,7 +51,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         t_s=t_s if t_s is not None else np.arange(len(q), dtype=float),
         order_is_time=t_s is None,
         direction=_rows(values.get("dir"), good),
-        direction_source="measured",
+        direction_source="measured" if "dir" in values else "none",
         qdot=_rows(values.get("qdot"), good),
         g_m_s2=_rows(values.get("g"), good),
         cam_p_m=None if cam is None else cam[:, :3],

@@ -1,0 +1,244 @@
+"""Faults of camera and target in poses that were computed from many points: columns against OpenCV's PnP,
+and diagnoses of sets with a camera on the flange and with one that stands."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import boards
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from kincal import workbench as wb
+from kincal.errors import BadInput
+from kincal.rotations import Pose
+from kincal.schema.arm import ArmTable
+from kincal.schema.names import FAULTS
+from kincal.workbench import explain, sight
+from kincal.workbench.adequacy import find_outliers
+from kincal.workbench.diagnosis.study import Study
+from kincal.workbench.fit import fit_model
+from kincal.workbench.pnp import PnpColumns, column_number
+from kincal.workbench.uplink import term_table
+
+DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+STEP = 1e-4
+
+
+@pytest.fixture(scope="module")
+def library():
+    return wb.Library.load()
+
+
+# --------------------------------------------------------------------------- columns
+
+
+def sight_of_boards() -> sight.Sight:
+    focal, middle = boards.K[[0, 1], [0, 1]], boards.K[:2, 2]
+    size = np.array([boards.WIDTH, boards.HEIGHT])
+    return sight.Sight(boards.BOARD, -middle / focal, (size - middle) / focal, focal)
+
+
+def faulty(fault: str, target: np.ndarray, size: float) -> np.ndarray:
+    """Pixels that a fault of this size leaves."""
+    K, points, lens = boards.K.copy(), boards.BOARD.copy(), [0.0] * 4
+    if fault.startswith(("radial", "decentring")):
+        order = ("radial_1", "radial_2", "decentring_1", "decentring_2")
+        lens[order.index(fault)] = size
+    elif fault.startswith("focal"):
+        axis = int(fault == "focal_y")
+        K[axis, axis] *= 1.0 + size
+    elif fault.startswith("centre"):
+        axis = int(fault == "centre_y")
+        K[axis, 2] += size * K[axis, axis]
+    else:
+        points[:, 2] += size * (points[:, int(fault == "bow_y")] / boards.HALF_M) ** 2
+    return boards.project(target, lens, K, points)[0]
+
+
+def views(n: int, seed: int):
+    """Targets in the camera frame with at least 12 points well in the image, some with points outside."""
+    rng = np.random.default_rng(seed)
+    found = []
+    while len(found) < n:
+        turn = Rotation.from_euler("xyz", [np.pi + rng.uniform(-0.7, 0.7), *rng.uniform(-0.7, 0.7, 2)])
+        at = [*rng.uniform(-0.1, 0.1, 2), rng.uniform(0.3, 0.5)]
+        target = boards.pose(turn.as_rotvec(), at)
+        pixels, inside = boards.project(target)
+        border = np.minimum(pixels, [boards.WIDTH, boards.HEIGHT] - pixels).min(axis=1)
+        if inside.sum() >= 12 and not np.any((border > -1.0) & (border < 20.0)):
+            found.append((target, inside))
+    return found
+
+
+@pytest.mark.parametrize("mount", ["tool", "world"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_columns_are_the_derivatives_of_opencvs_pnp(fault, mount):
+    rng = np.random.default_rng(3)
+    for target, inside in views(6, seed=sum(map(ord, fault))):
+        shifted = [boards.pnp(faulty(fault, target, s)[inside], boards.BOARD[inside]) for s in (STEP, -STEP)]
+        camera = boards.pose(rng.normal(size=3), rng.normal(size=3)) if mount == "world" else None
+        measured = [np.linalg.inv(x) if camera is None else camera @ x for x in (target, *shifted)]
+        pose = Pose(measured[0][None, :3, 3], measured[0][None, :3, :3])
+        stands = None if camera is None else Pose(camera[None, :3, 3], camera[None, :3, :3])
+        got = PnpColumns((sight_of_boards(),), stands, pose.R)([column_number(0, fault)], pose)[0, :, 0]
+        step = np.linalg.inv(measured[2]) @ measured[1]
+        want = np.r_[step[:3, 3], Rotation.from_matrix(step[:3, :3]).as_rotvec()] / (2.0 * STEP)
+        np.testing.assert_allclose(got, want, atol=2e-3 * np.abs(want).max())
+
+
+def test_points_outside_the_image_do_not_count():
+    partly = [view for view in views(40, seed=1) if not view[1].all()]
+    assert len(partly) >= 5
+    target, inside = partly[0]
+    measured = np.linalg.inv(target)
+    pose = Pose(measured[None, :3, 3], measured[None, :3, :3])
+    whole = sight_of_boards()
+    seen = replace(whole, points_m=whole.points_m[inside])
+    column = [PnpColumns((s,), None, pose.R)([1], pose) for s in (whole, seen)]
+    np.testing.assert_allclose(column[0], column[1], rtol=1e-9)
+    everything = replace(whole, low=whole.low * 100, high=whole.high * 100)
+    assert not np.allclose(PnpColumns((everything,), None, pose.R)([1], pose), column[0], rtol=1e-2)
+
+
+def test_columns_act_along_the_expected_axes():
+    """A measured orientation with noise turns the column back: what it does in the base frame stays."""
+    target, _ = views(1, seed=2)[0]
+    T = np.linalg.inv(target)
+    pose = Pose(T[None, :3, 3], T[None, :3, :3])
+    noisy = pose.R @ Rotation.from_rotvec([0.01, -0.02, 0.005]).as_matrix()
+    plain = PnpColumns((sight_of_boards(),), None, pose.R)([1], pose)[0, :3, 0]
+    turned = PnpColumns((sight_of_boards(),), None, noisy)([1], pose)[0, :3, 0]
+    np.testing.assert_allclose(pose.R[0] @ plain, noisy[0] @ turned, atol=1e-15)
+
+
+# --------------------------------------------------------------------------- what is assumed
+
+
+def eye_in_hand(tmp_path, *, stated: bool, distortion=(0.1, 0.0, 0.0, 0.0), n: int = 70, seed: int = 4):
+    arm = wb.read_arm(boards.arm_toml(tmp_path / "arm.toml", "tool", stated))
+    return arm, wb.read_csv(boards.eye_in_hand_csv(tmp_path / "poses.csv", n, seed, distortion), 7)
+
+
+def test_board_is_assumed_where_the_camera_looked(tmp_path):
+    arm, data = eye_in_hand(tmp_path, stated=False, n=40)
+    seen = sight.sights(arm, data)
+    assert len(seen) == len(sight.assumptions(arm)) == 9
+    for one in seen:
+        np.testing.assert_allclose(one.points_m.mean(axis=0), 0.0, atol=0.03)
+    text = sight.in_words(arm, data)
+    assert "[target] points_m" in text
+    assert "fx_px" in text
+
+
+def test_part_of_a_set_assumes_what_the_whole_set_does(tmp_path):
+    arm, data = eye_in_hand(tmp_path, stated=False, n=12)
+    part = data.take(np.array([0, 5, 7])).take(np.array([True, False, True]))
+    for one, whole in zip(sight.sights(arm, part), sight.sights(arm, data), strict=True):
+        np.testing.assert_array_equal(one.points_m, whole.points_m)
+
+
+def test_stated_camera_and_target_leave_nothing_to_assume(tmp_path, library):
+    arm, data = eye_in_hand(tmp_path, stated=True, n=12)
+    assert [a.constants for a in sight.assumptions(arm)] == [()]
+    assert sight.in_words(arm, data) == ""
+    assert [h.label for h in library.find("lens_radial", arm, data)] == ["lens_radial"]
+
+
+def test_effects_of_one_model_assume_one_camera_and_target(tmp_path, library):
+    arm, data = eye_in_hand(tmp_path, stated=False, n=40)
+    result = wb.fit(arm, data, ["lens_radial", "focal_length", "target_bow"], library=library)
+    assumed = {tuple(result.constants[name][key] for key in ("field_deg", "fill")) for name in result.effects}
+    assert len(assumed) == 1
+
+
+def test_without_a_camera_on_the_flange_or_points_nothing_changes(library):
+    arm = wb.read_arm("wam")
+    assert not sight.sees_points(arm, None)
+    assert [p.name for p in library.find("lens_radial", arm, None)[0].parameters] == ["k1", "k2", "m1", "m2"]
+    assert library.effects["target_bow"].missing(arm, None)
+
+
+def test_positions_alone_say_that_orientations_are_needed(tmp_path, library):
+    arm, data = eye_in_hand(tmp_path, stated=True, n=12)
+    lacking = library.effects["lens_radial"].missing(arm, replace(data, quat_wxyz=None))
+    assert any("qw..qz" in text for text in lacking)
+
+
+# --------------------------------------------------------------------------- diagnoses
+
+
+def leading(answer: wb.Diagnosis):
+    return next(e for e in answer.effects if e.role == "accepted")
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_radial_distortion_of_a_camera_on_the_flange_is_named(tmp_path, library, stated):
+    arm, data = eye_in_hand(tmp_path, stated=stated)
+    answer = wb.diagnose(arm, data, library)
+    lens = leading(answer)
+    assert lens.name == "lens_radial"
+    assert lens.probability >= 0.9
+    assert lens.held.gains
+    if stated:
+        k1 = lens.parameters[0]
+        assert abs(k1.value - 0.1) < 0.01 + 4.0 * k1.std_err
+    else:
+        assert any("are tried" in note for note in explain.notes(answer.comparison))
+
+
+def test_radial_distortion_of_a_camera_that_stands_is_named(tmp_path, library):
+    arm = wb.read_arm(boards.arm_toml(tmp_path / "arm.toml", "world", stated=True))
+    data = wb.read_csv(boards.world_csv(tmp_path / "poses.csv", 70, 5, (0.1, 0.0, 0.0, 0.0)), 7)
+    lens = leading(wb.diagnose(arm, data, library))
+    assert (lens.name, lens.probability >= 0.9) == ("lens_radial", True)
+    k1 = lens.parameters[0]
+    assert abs(k1.value - 0.1) < 0.01 + 4.0 * k1.std_err
+
+
+def test_a_perfect_camera_is_not_blamed(tmp_path, library):
+    arm, data = eye_in_hand(tmp_path, stated=False, distortion=(0.0,) * 4, seed=6)
+    answer = wb.diagnose(arm, data, library)
+    assert not [e.name for e in answer.effects if e.accepted]
+
+
+def test_uplink_refuses_effects_of_another_camera(tmp_path, library):
+    arm, _ = eye_in_hand(tmp_path, stated=True, n=2)
+    with pytest.raises(BadInput, match="lens_radial acts through all points"):
+        term_table(arm, library.find("lens_radial", arm, None))
+    assert term_table(arm, library.find("encoder_gain[2]", arm, None)).n_coef == 29
+
+
+# --------------------------------------------------------------------------- a real arm
+
+needs_data = pytest.mark.skipif(
+    not DATA.is_dir(), reason="the real measurements are not beside this checkout"
+)
+
+
+def fr3() -> tuple[ArmTable, wb.Measurements]:
+    return wb.read_arm(DATA / "fr3" / "fr3.toml"), wb.read_csv(DATA / "fr3" / "fr3.csv", 7)
+
+
+@needs_data
+def test_fr3_names_its_camera_and_predicts_held_out_poses(library):
+    arm, data = fr3()
+    answer = wb.diagnose(arm, data, library)
+    assert leading(answer).name == "lens_radial"
+    assert answer.remainder.held_pos_m <= 0.98e-3
+    assert answer.remainder.held_rot_rad <= 2.75e-3
+    assert not {"112", "113"} & set(find_outliers(answer.final).ids)
+
+
+@needs_data
+@pytest.mark.parametrize("seed", range(2))
+def test_fr3_with_permuted_residuals_blames_no_camera(library, seed):
+    arm, data = fr3()
+    fit = fit_model(arm, data)
+    r = fit.evaluation.r[np.random.default_rng(seed).permutation(data.n)]
+    model = fit.model.poses(fit.estimate)
+    turned = Rotation.from_rotvec(r[:, 3:]) * Rotation.from_matrix(model.R)
+    mixed = replace(data, p_m=model.p_m + r[:, :3], quat_wxyz=turned.as_quat(scalar_first=True))
+    probability = Study.of(arm, mixed, library, (), True).posterior(()).probability
+    assert max(probability[name] for name in ("lens_radial", "focal_length", "target_bow")) < 0.3
