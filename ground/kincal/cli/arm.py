@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from kincal.cli.options import PATH
+from kincal.cli.outputs import FILE_OUT
 
 
 @click.group()
@@ -55,7 +56,7 @@ def show_command(name: str) -> None:
 @click.argument("urdf", type=PATH)
 @click.option("--base", metavar="LINK", default=None, help="First link.  [default: the root]")
 @click.option("--tip", metavar="LINK", default=None, help="Last link.  [default: the only end]")
-@click.option("--out", "-o", "out_path", type=PATH, required=True, help="Arm table to write (TOML).")
+@click.option("--out", "-o", "out_path", type=FILE_OUT, required=True, help="Arm table to write (TOML).")
 def import_command(urdf: Path, base: str | None, tip: str | None, out_path: Path) -> None:
     """Make an arm table from a URDF: any serial chain, as DH parameters with fixed base and tool frames.
 
@@ -67,10 +68,8 @@ def import_command(urdf: Path, base: str | None, tip: str | None, out_path: Path
     """
     from kincal.arms import import_urdf
     from kincal.cli.text import arm as text
-    from kincal.errors import BadInput
 
-    if out_path.is_dir() or not out_path.parent.is_dir():
-        raise BadInput("no file can be written there", str(out_path), "name a file in a folder that exists")
     made = import_urdf(urdf, base, tip)
+    out_path.parent.mkdir(parents=True, exist_ok=True)
     out_path.write_text(made.text, encoding="utf-8")
     click.echo(text.imported(made, out_path))

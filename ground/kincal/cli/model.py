@@ -12,6 +12,7 @@ from kincal import __version__
 from kincal.cli.data import Given, data_options
 from kincal.cli.errors import EXIT_FAILED
 from kincal.cli.options import PATH, tables_option
+from kincal.cli.outputs import FILE_OUT, FOLDER_OUT, REPORT
 from kincal.cli.provenance import say_files, today
 from kincal.cli.terminal import progress
 from kincal.errors import BadInput
@@ -40,6 +41,7 @@ MODEL = click.option("--model", "model_path", type=click.Path(path_type=Path), d
 MODEL_NEEDED = click.option(
     "--model", "model_path", type=click.Path(path_type=Path), required=True, help="Model file."
 )
+MODEL_WRITTEN = click.option("--model", "model_path", type=FILE_OUT, required=True, help="Model file.")
 EFFECTS = click.option("--effects", "effect_files", multiple=True, type=click.Path(path_type=Path),
                        help="A file with your own effects; may be given several times.")  # fmt: skip
 JSON = click.option("--json", "as_json", is_flag=True, help="Machine-readable answer.")
@@ -143,7 +145,7 @@ def compare_command(
 @click.option(
     "--report",
     "report_path",
-    type=click.Path(path_type=Path),
+    type=REPORT,
     default=None,
     help="Write a self-contained page (HTML) and its figures (PNG).",
 )
@@ -189,7 +191,7 @@ def diagnose_command(
 @model.command("fit")
 @ARM
 @DATA
-@MODEL_NEEDED
+@MODEL_WRITTEN
 @EFFECTS
 @JSON
 def fit_command(
@@ -258,7 +260,7 @@ def _check_names(library: Library, names: Sequence[str]) -> None:
 
 
 @model.command("add")
-@MODEL_NEEDED
+@MODEL_WRITTEN
 @EFFECTS
 @click.option(
     "--arm",
@@ -507,14 +509,14 @@ def _boxes(option: str, texts: Sequence[str]) -> tuple[Box, ...]:
     "--out",
     "-o",
     "out_path",
-    type=click.Path(path_type=Path),
+    type=FILE_OUT,
     default=None,
     help="Image to write.  [default: MODEL with .tbl]",
 )
 @click.option(
     "--fly",
     "fly_dir",
-    type=click.Path(path_type=Path),
+    type=FOLDER_OUT,
     default=None,
     help="Also make this directory: all images of --tables, with these terms and no correction yet.",
 )

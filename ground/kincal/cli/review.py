@@ -9,14 +9,15 @@ from typing import Any, TypedDict, TypeVar, Unpack
 import click
 
 from kincal import link
-from kincal.cli.options import FILE, PATH, TABLES, TIMEOUT, URL
+from kincal.cli.options import FILE, TABLES, TIMEOUT, URL
+from kincal.cli.outputs import FILE_OUT, PICTURE
 from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console
 from kincal.cli.text import review as text
 
 JOURNAL = click.option(
     "--journal",
-    type=PATH,
+    type=FILE_OUT,
     default=Path("out/review.jsonl"),
     show_default=True,
     envvar="KINCAL_JOURNAL",
@@ -74,7 +75,7 @@ def review_list(logs: tuple[Path, ...], live: bool, url: str, timeout_s: float, 
 @click.option("--crc", default=None, help="Which proposal of the log, by CRC.  [default: the last]")
 @click.option(
     "--picture",
-    type=PATH,
+    type=PICTURE,
     default=None,
     help="Picture to write (.png or .svg); the page (.html) lies beside it.  [default: next to the log]",
 )

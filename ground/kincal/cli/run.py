@@ -10,7 +10,8 @@ import click
 from rich.console import Console
 
 from kincal.cli.errors import EXIT_FAILED
-from kincal.cli.options import PATH, TABLES
+from kincal.cli.options import TABLES
+from kincal.cli.outputs import FOLDER_OUT
 from kincal.cli.terminal import console
 from kincal.cli.text import run as text
 
@@ -44,7 +45,9 @@ if TYPE_CHECKING:
     help="Who accepts: executive, flight's own policy, or this command as the ground, in two steps.  "
     "[default: scenario]",
 )
-@click.option("--out", "out_dir", type=PATH, default=None, help="Result directory.  [default: out/SCENARIO]")
+@click.option(
+    "--out", "out_dir", type=FOLDER_OUT, default=None, help="Result directory.  [default: out/SCENARIO]"
+)
 @click.option(
     "--summary/--no-summary", default=True, help="Write summary.html, .png and .json.  [default: summary]"
 )

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import click
 
-from kincal.cli.options import PATH
+from kincal.cli.outputs import FOLDER_OUT
 
 
 @click.command()
-@click.option("-o", "--out", type=PATH, default=Path("schema"), show_default=True, help="Folder to write to.")
+@click.option(
+    "-o", "--out", type=FOLDER_OUT, default=Path("schema"), show_default=True, help="Folder to write to."
+)
 def schema(out: Path) -> None:
     """Write the JSON Schema of every TOML file that KinCal reads.
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from kincal import link
 from kincal.cli.errors import EXIT_FAILED
-from kincal.cli.options import DESCRIPTION, EXISTS, FILE, PATH, PROCESSES, TABLES, Command
+from kincal.cli.options import DESCRIPTION, EXISTS, FILE, PROCESSES, TABLES, Command
+from kincal.cli.outputs import FILE_OUT, PICTURE
 from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console, progress
 from kincal.cli.text import space as text
@@ -32,11 +33,11 @@ def space() -> None:
 
 @space.command("build")
 @click.argument("description", type=FILE)
-@click.argument("out", type=PATH)
+@click.argument("out", type=FILE_OUT)
 @TABLES
 @click.option(
     "--picture",
-    type=PATH,
+    type=PICTURE,
     default=None,
     help="Also draw kept and rejected poses: PNG, and HTML beside it.",
 )
@@ -65,7 +66,9 @@ def space_build(description: Path, out: Path, tables_dir: Path, picture: Path | 
 @space.command("show")
 @click.argument("file", type=EXISTS)
 @TABLES
-@click.option("--picture", type=PATH, default=None, help="Where to write the picture.  [default: FILE.png]")
+@click.option(
+    "--picture", type=PICTURE, default=None, help="Where to write the picture.  [default: FILE.png]"
+)
 def space_show(file: Path, tables_dir: Path, picture: Path | None) -> None:
     """Print numbers of a search space and draw it: PNG, and HTML beside it.
 

@@ -11,6 +11,7 @@ import click
 from kincal import link
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.cli.options import EXISTS, PATH, TIMEOUT, URL
+from kincal.cli.outputs import FILE_OUT
 from kincal.cli.terminal import console
 from kincal.cli.text import table as text
 from kincal.errors import KincalError
@@ -163,7 +164,7 @@ def table_uplink(file: Path, url: str, timeout_s: float) -> None:
 
 @table.command("dump")
 @click.argument("kind", type=click.Choice(["arm", "camera", "terms", "kin", "space", "kernel", "config"]))
-@click.argument("out", type=PATH)
+@click.argument("out", type=FILE_OUT)
 @URL
 @TIMEOUT
 def table_dump(kind: str, out: Path, url: str, timeout_s: float) -> None:

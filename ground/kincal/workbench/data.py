@@ -16,7 +16,7 @@ from .types import Array, Indices, Mask
 
 # Names that effects use for their needs, where they differ from ours.
 _RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
-_MEASURED = ("q", "p_m", "quat_wxyz", "direction", "payload_kg", "temp_c")  # equal in copies of a row
+_MEASURED = ("direction", "q", "p_m", "quat_wxyz", "payload_kg", "temp_c")  # equal in copies of a row
 _NAMED = 5  # ids in a message
 SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
 
@@ -127,13 +127,14 @@ class Measurements:
 def without_copies(data: Measurements) -> Measurements:
     """The poses without rows that repeat another one to the last bit: noise makes replicates differ, so these
     are the same measurement written twice."""
-    parts = [x for name in _MEASURED if (x := getattr(data, name)) is not None]
+    names = _MEASURED[data.direction_source == "inferred" :]
+    parts = [x for name in names if (x := getattr(data, name)) is not None]
     rows = np.ascontiguousarray(np.column_stack(parts)) + 0.0  # no negative zeros
     _, first = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))), return_index=True)
     if len(first) == data.n:
         return data
-    found = data.duplicates + data.n - len(first)
-    return replace(data.take(np.sort(first)), duplicates=found, whole=None)
+    copies = data.n - len(first)
+    return replace(data.take(np.sort(first)), whole=None, duplicates=data.duplicates + copies)
 
 
 def replicate_groups(q: Array, tol: float = SAME_POSE) -> NDArray[np.int_]:

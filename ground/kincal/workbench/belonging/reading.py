@@ -91,7 +91,7 @@ class Reading:
         if quat is not None and self.inverse:
             back = Pose(p_m, matrix_of_wxyz(quat)).inverse
             p_m, quat = back.p_m, back.quat_wxyz
-        return replace(data, q=q, p_m=p_m, quat_wxyz=quat, cov=None)
+        return replace(data, q=q, p_m=p_m, quat_wxyz=quat, cov=None, whole=None)
 
 
 def _free(frame: Frame) -> Frame:

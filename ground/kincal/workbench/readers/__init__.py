@@ -16,7 +16,7 @@ from ..data import Measurements
 from ..direction import with_direction
 from .arrays import read_npz, read_parquet
 from .assembly import measurements
-from .joining import joined
+from .joining import joined, once
 from .lcm import is_log, read_log
 from .ros import is_bag, read_bag
 from .table import Joints, Reader
@@ -46,7 +46,7 @@ def read_measurements(
     """
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     joints, chosen = Joints.of(arm), mapping or DataMap()
-    sets = [_read(Path(path), joints, chosen, skip_bad, session) for path in given]
+    sets = [once(_read(Path(path), joints, chosen, skip_bad, session)) for path in given]
     return joined([with_direction(data) for data in sets] if infer_direction else sets)
 
 
@@ -61,8 +61,8 @@ def read_csv(
     """Measurements of a text file for an arm with `n_joints` joints; as read_measurements."""
     source = _existing(Path(path))
     joints, chosen = Joints.of(n_joints), mapping or DataMap()
-    data = measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad)
-    return joined([with_direction(data) if infer_direction else data])
+    data = once(measurements(read_text(str(source), chosen, joints), chosen, joints, skip_bad=skip_bad))
+    return with_direction(data) if infer_direction else data
 
 
 def _read(path: Path, joints: Joints, mapping: DataMap, skip_bad: bool, session: int | None) -> Measurements:
