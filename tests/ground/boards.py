@@ -1,5 +1,5 @@
-"""Poses from a camera and a board of many points, made with OpenCV: projection with a faulty lens, pose by PnP
-with the nominal one. The arm is the plain numpy chain of poses.py."""
+"""Poses from a camera and a board of many points, made with OpenCV: projection with a faulty lens, pose by
+PnP with the nominal one. The arm is the plain numpy chain of poses.py."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def arm_toml(path: Path, mount: str, stated: bool) -> Path:
 
 
 def aimed(rng) -> np.ndarray | None:
-    """Joint angles whose tool looks along z at the board from somewhere; None where the arm does not reach."""
+    """Joint angles whose tool looks along z at the board from somewhere; None where it is out of reach."""
     away = rng.uniform(0.3, 0.55)
     towards = Rotation.from_euler("xyz", [*rng.uniform(-0.6, 0.6, 2), rng.uniform(-1.5, 1.5)])
     R = towards.as_matrix() @ np.diag([1.0, -1.0, -1.0])

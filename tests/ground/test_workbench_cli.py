@@ -194,6 +194,44 @@ def test_model_is_built_step_by_step(given, model, folder):
     assert tomllib.loads(model.read_text())["arm"] == str(folder / "arm.toml")
 
 
+def test_unnamed_effect_is_added_fitted_taken_back_and_flown(given, model):
+    name = "unnamed[joint 4: dir4]"
+    said = good("add", *given, "--model", model, "unnamed[joint 4:dir4]").output
+    assert f"{name}: 1 coefficients" in said
+    assert "c1 x dir4 at joint[4]" in said
+    assert "they gain" in said
+    before = answer("compare", *given)["rms"]["held"]["pos_mm"]
+    assert answer("compare", *given, "--model", model)["rms"]["held"]["pos_mm"] < before
+    fitted = answer("fit", *given, "--model", model)
+    assert "+ " + name in {row["model"] for row in fitted["nested_models"]["models"]}
+    value = next(p for p in fitted["parameters"] if p["name"] == f"{name}.c1")
+    assert value["value"] == pytest.approx(3e-3, abs=4 * value["std_err"])
+    assert f"{name}.c1 = " in good("list", "--model", model).output
+    good("uplink", "--model", model)
+    good("remove", "--model", model, name)
+    assert answer("list", "--model", model)["effects"] == []
+    good("undo", "--model", model)
+    assert answer("list", "--model", model)["effects"] == [name]
+    assert answer("diagnose", *given, "--model", model)["verdict"] == "adequate"
+    twice = kincal("add", *given, "--model", model, name)
+    assert (twice.exit_code, "already in the model" in twice.output) == (EXIT_INPUT, True)
+
+
+def test_unnamed_effect_needs_measurements(model):
+    done = kincal("add", "--model", model, "unnamed[joint 4: q4]")
+    assert done.exit_code == EXIT_INPUT
+    assert "give --arm and --data" in done.output
+    model.write_text('effects = ["unnamed[joint 4: q4]"]\n')
+    done = kincal("list", "--model", model)
+    assert (done.exit_code, "add it again" in done.output) == (EXIT_INPUT, True)
+
+
+def test_list_shows_the_values_of_an_effect_at_all_joints(given, model):
+    good("add", "--model", model, "backlash")
+    good("fit", *given, "--model", model)
+    assert "backlash[4].h = " in good("list", "--model", model).output
+
+
 def test_effect_of_all_joints_is_not_added_beside_one_of_them(tmp_path):
     for first, second in (("backlash", "backlash[4]"), ("backlash[4]", "backlash")):
         path = tmp_path / f"{first}.toml"

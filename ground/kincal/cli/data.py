@@ -126,8 +126,9 @@ def _rotation(text: str) -> dict[str, Any]:
 
 
 def data_options(*, required: bool = True, about: str = "") -> Callable[[Command], Command]:
-    """Options --data, --map, --column, --units, --rotation, --skip-bad, --no-inferred-direction, --exclude and
-    --force, given to the command as one argument `given` (None if no --data was given and none is required)."""
+    """Options --data, --map, --column, --units, --rotation, --skip-bad, --no-inferred-direction, --exclude
+    and --force, given to the command as one argument `given` (None if no --data was given and none is
+    required)."""
     options = (
         click.option(
             "--data",

@@ -16,7 +16,10 @@ from kincal.cli.terminal import progress
 from kincal.errors import BadInput
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from kincal.schema.arm import ArmTable
+    from kincal.workbench.additions import Addition
     from kincal.workbench.data import Measurements
     from kincal.workbench.effects import Library
     from kincal.workbench.modelfile import ModelFile
@@ -55,7 +58,7 @@ def _model(model_path: Path | None, effect_files: tuple[Path, ...]) -> tuple[Mod
     model = read_model(model_path) if model_path else ModelFile()
     base = model_path.parent if model_path else Path()
     files = list(dict.fromkeys([*(base / name for name in model.libraries), *effect_files]))
-    return model, Library.load(*files)
+    return model, Library.load(*files).with_unnamed(model.unnamed.values())
 
 
 @click.group()
@@ -233,7 +236,7 @@ def effects_command(effect_files: tuple[Path, ...], as_json: bool) -> None:
         click.echo(text.effects(library))
 
 
-def _check_names(library: Library, names: tuple[str, ...]) -> None:
+def _check_names(library: Library, names: Sequence[str]) -> None:
     """Every name is an effect of the library; the joint is checked against the arm when it is fitted."""
     for name in names:
         base, _, joint = name.partition("[")
@@ -252,27 +255,76 @@ def _check_names(library: Library, names: tuple[str, ...]) -> None:
 @model.command("add")
 @MODEL_NEEDED
 @EFFECTS
+@click.option(
+    "--arm",
+    "arm_path",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Arm table, for an unnamed effect.  [default: the one the model was fitted with]",
+)
+@data_options(required=False, about="Measurements that the terms of an unnamed effect are chosen from.")
 @click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
-def add_command(model_path: Path, effect_files: tuple[Path, ...], names: tuple[str, ...]) -> None:
+def add_command(
+    model_path: Path,
+    effect_files: tuple[Path, ...],
+    arm_path: Path | None,
+    given: Given | None,
+    names: tuple[str, ...],
+) -> None:
     """Add effects to the model (a new model file if there is none); the change goes into its history.
 
+    An unnamed effect, as `diagnose` names it, becomes a smooth function there: ordinary terms, chosen from
+    the data that --arm and --data give, with what held-out poses gain from them.
+
     \b
-    Example:
+    Examples:
         kincal model add --model M.toml joint_compliance[2]
+        kincal model add --model M.toml --arm arm.toml --data poses.csv "unnamed[joint 1: q1, q3]"
     """
     from dataclasses import replace
 
     from kincal.cli.text import model as text
+    from kincal.schema.names import is_unnamed
     from kincal.workbench.effects import Library
     from kincal.workbench.modelfile import read_model, write_model
+    from kincal.workbench.smooth import UnnamedName
 
     before = read_model(model_path, must_exist=False)
     files = [model_path.parent / name for name in before.libraries] + list(effect_files)
-    _check_names(Library.load(*files), names)
-    after = before.add(list(names))
+    library = Library.load(*files)
+    _check_names(library, [name for name in names if not is_unnamed(name)])
+    wanted = [str(UnnamedName.parse(name)) if is_unnamed(name) else name for name in names]
+    after = before.add(wanted)
+    for k, name in enumerate(wanted):
+        if is_unnamed(name):
+            addition = _found_in_data(after, library, arm_path, given, name, (*before.effects, *wanted[:k]))
+            after = after.with_terms(addition.effect.entry())
+            click.echo(text.addition(addition))
     new = [str(f.resolve()) for f in effect_files if str(f.resolve()) not in before.libraries]
     write_model(model_path, replace(after, libraries=(*before.libraries, *new)))
     click.echo(f"{model_path}: {text.names(after)}")
+
+
+def _found_in_data(
+    chosen: ModelFile,
+    library: Library,
+    arm_path: Path | None,
+    given: Given | None,
+    name: str,
+    beside: tuple[str, ...],
+) -> Addition:
+    """Terms of an unnamed effect beside other effects of a model, and what they bring."""
+    from kincal.schema.arm import read_arm
+    from kincal.workbench.api import unnamed_effect
+    from kincal.workbench.smooth import UnnamedName
+
+    where = arm_path or (Path(chosen.arm) if chosen.arm else None)
+    if where is None or given is None:
+        raise BadInput(f"{name}: its terms are chosen from measurements", todo="give --arm and --data")
+    arm = read_arm(where)
+    known = library.with_unnamed(chosen.unnamed.values())
+    wanted = UnnamedName.parse(name)
+    return unnamed_effect(arm, given.read(arm), wanted, beside, library=known, dh=chosen.dh)
 
 
 @model.command("remove")

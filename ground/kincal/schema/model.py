@@ -7,7 +7,9 @@ from typing import Annotated, Literal
 import pydantic
 
 from .base import Strict
+from .effects import ParameterEntry
 from .errors import Contradiction
+from .names import effect_of, is_unnamed
 from .numbers import NotNegative, Real
 
 VERSION = 1
@@ -38,6 +40,15 @@ class ValueEntry(Strict):
     """Standard error, in the coefficient's unit."""
 
 
+class UnnamedEntry(Strict):
+    """Terms of an effect that the library has no name for, written by `kincal model add "unnamed[...]"`."""
+
+    name: Name
+    """Place and driver variables: unnamed[joint 1: q1, q3]."""
+    parameter: list[ParameterEntry]
+    """Coefficients with their terms. Each sigma was chosen by the data; a fit keeps to it."""
+
+
 class ModelEntry(Strict):
     """A model: the arm's DH errors, base and tool frame as the arm table says, and these effects."""
 
@@ -53,6 +64,8 @@ class ModelEntry(Strict):
     """Arm table that the model was fitted with."""
     history: list[ChangeEntry] = []
     """Every change, oldest first."""
+    unnamed: list[UnnamedEntry] = []
+    """Terms of the unnamed effects, in use or in the history."""
     value: list[ValueEntry] = []
     """Coefficients of the last fit."""
     constants: dict[str, dict[str, Real]] = {}
@@ -66,10 +79,20 @@ class ModelEntry(Strict):
         return effects
 
     @pydantic.model_validator(mode="after")
+    def _unnamed_have_terms(self) -> ModelEntry:
+        there = {entry.name for entry in self.unnamed}
+        for name in self.effects:
+            if is_unnamed(name) and name not in there:
+                raise Contradiction(
+                    "effects", f"holds {name}, but no [[unnamed]] has its terms", "add it again with --data"
+                )
+        return self
+
+    @pydantic.model_validator(mode="after")
     def _whole_or_single(self) -> ModelEntry:
         for name in self.effects:
-            whole, bracket, _ = name.partition("[")
-            if bracket and whole in self.effects:
+            whole = effect_of(name)
+            if whole != name and whole in self.effects:
                 raise Contradiction(
                     "effects",
                     f"holds {whole}, which is the effect at all joints, beside {name}",

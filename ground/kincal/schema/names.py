@@ -97,3 +97,22 @@ JOINT_LETTERS = ("i", "j", "p", "k")
 # The body of a gravity lever: a link's number, or the tool. Its index on board is 16 x link + body
 # (kc_terms.h).
 TOOL_BODY, LEVER_STRIDE = "tool", 16
+
+# What `model add` makes of a function that the library has no name for: unnamed[joint 1: q1, q3].
+UNNAMED = "unnamed"
+
+
+def effect_of(name: str) -> str:
+    """The effect of a name: joint_compliance of joint_compliance[2]; of an unnamed one all of it."""
+    return name if is_unnamed(name) else name.partition("[")[0]
+
+
+def place_of(name: str) -> str:
+    """The place of a name: "[2]" of joint_compliance[2]; empty for the whole arm, all joints or an unnamed
+    effect."""
+    return name[len(effect_of(name)) :]
+
+
+def is_unnamed(name: str) -> bool:
+    """Whether a name is that of an effect by place and drivers: unnamed[joint 1: q1, q3]."""
+    return name.startswith(f"{UNNAMED}[")

@@ -3,20 +3,26 @@
 from kincal.errors import BadInput, CannotAnswer
 from kincal.schema.arm import ArmTable, read_arm
 
-from .api import FitResult, advise, fit, report_content
+from .additions import Addition, Additions, add_one, add_unnamed, add_unnamed_to
+from .api import FitResult, advise, fit, report_content, unnamed_effect
 from .compare import Comparison, compare
 from .constants import choose_constants
+from .curves import Curve, curves
 from .data import Measurements
 from .diagnosis import Diagnosis, diagnose
 from .effects import Effect, Hypothesis, Library
 from .modelfile import ModelFile, read_model, write_model
 from .readers import read_csv, read_measurements
+from .smooth import SmoothEffect, UnnamedName
 
 __all__ = [
+    "Addition",
+    "Additions",
     "ArmTable",
     "BadInput",
     "CannotAnswer",
     "Comparison",
+    "Curve",
     "Diagnosis",
     "Effect",
     "FitResult",
@@ -24,9 +30,15 @@ __all__ = [
     "Library",
     "Measurements",
     "ModelFile",
+    "SmoothEffect",
+    "UnnamedName",
+    "add_one",
+    "add_unnamed",
+    "add_unnamed_to",
     "advise",
     "choose_constants",
     "compare",
+    "curves",
     "diagnose",
     "fit",
     "read_arm",
@@ -34,5 +46,6 @@ __all__ = [
     "read_measurements",
     "read_model",
     "report_content",
+    "unnamed_effect",
     "write_model",
 ]

@@ -10,6 +10,7 @@ from . import explain
 from .adequacy import NoiseFloor, Where
 from .api import FitResult
 from .compare import Comparison
+from .curves import Curve
 from .diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
 from .nested import NestedModel, NestedModels
 from .nextposes import NextPose
@@ -110,12 +111,24 @@ def _effect_json(e: EffectFinding) -> Json:
 
 def _unnamed_json(u: UnnamedFinding) -> Json:
     return {
+        "name": u.name,
         "where": u.location,
         "depends_on": list(u.depends_on),
         "suggested_terms": [explain.suggestion(s) for s in u.suggested_terms],
         "p_value": u.p_value,
         "probability": u.probability,
+        "held_rms_before_mm": _mm(u.held.before_m),
+        "held_rms_after_mm": _mm(u.held.after_m),
+        "held_ratio_interval": [x if math.isfinite(x) else None for x in u.held.interval],
+        "curves": [_curve_json(c) for c in u.curves],
     }
+
+
+def _curve_json(c: Curve) -> Json:
+    beside = {"beside": c.beside, "at": c.at} if c.beside else {}
+    values = {key: [float(f"{v:.6g}") for v in getattr(c, key)] for key in ("x", "value", "std")}
+    return {"driver": c.driver, "driver_unit": c.driver_unit, "component": c.component, "unit": c.unit,
+            **beside, **values}  # fmt: skip
 
 
 def _remainder_json(r: Remainder) -> Json:

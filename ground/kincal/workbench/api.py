@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from kincal.errors import CannotAnswer
 from kincal.schema.arm import ArmTable
 
+from .additions import Addition, add_one
 from .compare import Comparison, compare
 from .constants import choose_constants
 from .data import Measurements
@@ -21,10 +22,11 @@ from .diagnosis import Diagnosis
 from .effects import Effect, Hypothesis, Library
 from .fit import Fit, fit_model
 from .grids import data_constants
-from .hypotheses import by_constants, covers, effect_of, merged_if_several
+from .hypotheses import by_constants, covers, merged_if_several
 from .nested import NestedModels, fit_nested
 from .nextposes import NextPose, next_poses
 from .power import Confounding, Harm, confounding, harm
+from .smooth import UnnamedName
 from .types import Array, Progress, no_progress
 
 _CERTAIN = 0.9  # probability from which on an effect needs no more poses
@@ -90,9 +92,29 @@ def fit(
     )
 
 
+def unnamed_effect(
+    arm: ArmTable,
+    data: Measurements,
+    name: UnnamedName,
+    effects: Sequence[str] = (),
+    *,
+    library: Library | None = None,
+    dh: bool = True,
+) -> Addition:
+    """The smooth function that `name` stands for, as terms beside the effects of a model, with its gain.
+
+    The terms are chosen on the fit poses. Errors as `fit`; BadInput for a place or a driver that there is
+    not; CannotAnswer where the data do not vary the driver, or ask for no term.
+    """
+    library = library or Library.load()
+    _check_needs(library, effects, arm, data)
+    hypotheses = choose_constants(library, effects, arm, data, dh=dh)
+    return add_one(compare(arm, data, hypotheses, dh=dh), name, hypotheses, dh=dh)
+
+
 def _check_needs(library: Library, names: Iterable[str], arm: ArmTable, data: Measurements) -> None:
     for name in names:
-        effect = library.effects.get(effect_of(name))
+        effect = library.effect(name)
         lacking = effect.missing(arm, data) if effect else []
         if lacking:
             raise CannotAnswer(f"{name} needs {', '.join(lacking)}, which these data do not have")
@@ -129,7 +151,12 @@ def _competing(diagnosis: Diagnosis, library: Library) -> list[str]:
     """Uncertain effects and those confounded with them, without those that no data can tell apart."""
     uncertain = [e for e in diagnosis.effects if e.probability < _CERTAIN or e.confounded_with]
     names = dict.fromkeys(name for e in uncertain for name in (e.name, *e.confounded_with))
-    return [name for name in names if not library.effects[effect_of(name)].equivalent_to]
+    return [name for name in names if not _is_equivalent(library, name)]
+
+
+def _is_equivalent(library: Library, name: str) -> bool:
+    effect = library.effect(name)
+    return effect is not None and bool(effect.equivalent_to)
 
 
 @dataclass(frozen=True)

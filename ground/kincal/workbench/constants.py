@@ -49,11 +49,14 @@ def choose_constants(
         found |= _searched(library, open_names, found, arm, data, dh)
     groups = [found[name] for name in names]
     if joined:
-        return [
-            merged_if_several(library.effects[group[0].effect], group, name)
-            for name, group in zip(names, groups, strict=True)
-        ]
+        return [_joined(library, name, group) for name, group in zip(names, groups, strict=True)]
     return [h for group in groups for h in group]
+
+
+def _joined(library: Library, name: str, group: list[Hypothesis]) -> Hypothesis:
+    effect = library.effect(group[0].effect)
+    assert effect is not None  # it was found by this library
+    return merged_if_several(effect, group, name)
 
 
 def _searched(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -16,7 +16,8 @@ from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import matrix_of_wxyz
 from kincal.schema.arm import ArmTable
 from kincal.schema.effects import EffectEntry, ParameterEntry, read_effects
-from kincal.schema.names import COMPONENTS, PNP
+from kincal.schema.model import UnnamedEntry
+from kincal.schema.names import COMPONENTS, PNP, effect_of, is_unnamed
 from kincal.schema.terms import ONE, Basis, Names, TermEntry, parse_gain
 
 from .data import Measurements
@@ -56,12 +57,16 @@ class Term:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A coefficient: its unit, its typical size (prior sigma, in that unit) and the terms it scales."""
+    """A coefficient: its unit, its typical size (prior sigma, in that unit) and the terms it scales.
+
+    shrunk: the size was chosen by the data, and fits keep to it; else they leave it many times as wide.
+    """
 
     name: str
     unit: str
     sigma: float
     terms: tuple[Term, ...]
+    shrunk: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,7 @@ class Effect:
 
     per: "arm", "joint" or "pair"; needs: what arm table or data must hold; grid: constants that are
     searched; joint_type: of the joints that can have it, "" for both; equivalent_to: an effect with the very
-    same formula, with which it does not compete.
+    same formula, with which it does not compete; shrunk: as of `Parameter`.
     """
 
     name: str
@@ -105,6 +110,7 @@ class Effect:
     grid: Mapping[str, Grid] = field(default_factory=dict)
     equivalent_to: str = ""
     source: str = ""
+    shrunk: bool = False
 
     @property
     def _of_points(self) -> tuple[ParameterEntry, ...]:
@@ -184,7 +190,7 @@ class Effect:
         self, arm: ArmTable, letters: Mapping[str, int], constants: Mapping[str, float]
     ) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(name, p.unit, p.sigma, tuple(self._terms(p, arm, with_body, constants)))
+            Parameter(name, p.unit, p.sigma, tuple(self._terms(p, arm, with_body, constants)), self.shrunk)
             for p in self.parameters
             if p.image is None
             for name, with_body in _bodies(p, arm, letters)
@@ -324,10 +330,12 @@ def _values(arm: ArmTable, names: Mapping[str, int], constants: Mapping[str, flo
 
 
 class Library:
-    """Effects by name, the built-in ones and a user's own."""
+    """Effects by name, the built-in ones and a user's own; `unnamed`: those of a model file that have no
+    name. These never compete."""
 
-    def __init__(self, effects: list[Effect]):
+    def __init__(self, effects: list[Effect], unnamed: Sequence[Effect] = ()):
         self.effects = {effect.name: effect for effect in effects}
+        self.unnamed = {effect.name: effect for effect in unnamed}
 
     @classmethod
     def load(cls, *user_files: str | Path) -> Library:
@@ -344,14 +352,24 @@ class Library:
 
     def without(self, *names: str) -> Library:
         """The library without some effects."""
-        return Library([effect for effect in self.effects.values() if effect.name not in names])
+        left = [effect for effect in self.effects.values() if effect.name not in names]
+        return Library(left, list(self.unnamed.values()))
+
+    def with_unnamed(self, entries: Iterable[UnnamedEntry]) -> Library:
+        """The library with the unnamed effects of a model file."""
+        unnamed = [_unnamed_effect(entry) for entry in entries]
+        return Library(list(self.effects.values()), [*self.unnamed.values(), *unnamed])
+
+    def effect(self, name: str) -> Effect | None:
+        """The effect of `name[joint]`, of a bare name or of an unnamed effect; None if there is none."""
+        return self.unnamed.get(name) or self.effects.get(effect_of(name))
 
     def is_open(
         self, name: str, arm: ArmTable, data: Measurements | None, known: Mapping[str, float] | None = None
     ) -> bool:
         """Whether an effect has constants that the data still have to choose: those of its grid, or what is
         assumed of camera and target."""
-        effect = self.effects.get(name.partition("[")[0])
+        effect = self.effect(name)
         if effect is None:
             return False
         if effect.sees_points(arm, data):
@@ -360,7 +378,7 @@ class Library:
 
     def grid_of(self, name: str, known: Mapping[str, float] | None = None) -> dict[str, Grid]:
         """Grids of the constants of an effect that have to be searched, those that are known left out."""
-        effect = self.effects.get(name.partition("[")[0])
+        effect = self.effect(name)
         return {} if effect is None else {k: v for k, v in effect.grid.items() if k not in (known or {})}
 
     def find(
@@ -372,7 +390,9 @@ class Library:
     ) -> list[Hypothesis]:
         """Instances for `name[joint]`, each joint of `name[2,3]`, or all joints for a bare name. BadInput
         with near names."""
-        base = name.partition("[")[0]
+        if is_unnamed(name):
+            return self._unnamed(name).instances(arm, data, known)
+        base = effect_of(name)
         if base not in self.effects:
             near = [n for n in self.effects if n.startswith(base[:4])] or list(self.effects)
             raise BadInput(f"no effect {base!r}; did you mean {', '.join(near[:6])}? (kincal model effects)")
@@ -383,6 +403,12 @@ class Library:
             if len({h.name for h in found}) < len(wanted):
                 raise BadInput(f"effect {name!r}: no such joint on {arm.name} ({arm.n} joints)")
         return found
+
+    def _unnamed(self, name: str) -> Effect:
+        if name not in self.unnamed:
+            todo = f'`kincal model add --model M.toml "{name}" --arm A.toml --data D.csv` makes them'
+            raise BadInput(f"{name} has no terms yet", todo=todo)
+        return self.unnamed[name]
 
 
 def _places(name: str, effect: Effect) -> set[str]:
@@ -421,4 +447,21 @@ def _effect(entry: EffectEntry, source: str) -> Effect:
         grid=dict(entry.grid),
         equivalent_to=entry.equivalent_to,
         source=source,
+    )
+
+
+def _unnamed_effect(entry: UnnamedEntry) -> Effect:
+    needs = dict.fromkeys(need for p in entry.parameter for term in p.term for need in term.needs())
+    return Effect(
+        name=entry.name,
+        title="a smooth function found in the data",
+        formula="sum of its terms",
+        per="arm",
+        needs=tuple(needs),
+        looks_like="",
+        inspect="",
+        confounded_with=(),
+        parameters=tuple(entry.parameter),
+        source=entry.name,
+        shrunk=True,
     )

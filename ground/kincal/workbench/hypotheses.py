@@ -6,6 +6,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from kincal.schema.arm import ArmTable
+from kincal.schema.names import effect_of as effect_of
+from kincal.schema.names import place_of as place_of
 
 from .data import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter
@@ -163,16 +165,6 @@ def by_constants(hypotheses: Iterable[Hypothesis]) -> list[list[Hypothesis]]:
     for h in hypotheses:
         groups.setdefault(h.constants, []).append(h)
     return list(groups.values())
-
-
-def effect_of(name: str) -> str:
-    """The effect of a name: joint_compliance of joint_compliance[2]."""
-    return name.partition("[")[0]
-
-
-def place_of(name: str) -> str:
-    """The place of a name: "[2]" of joint_compliance[2], empty for the whole arm or all joints."""
-    return name[len(effect_of(name)) :]
 
 
 def joints_of(name: str) -> tuple[int, ...]:

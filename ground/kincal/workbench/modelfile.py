@@ -11,8 +11,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from kincal.errors import BadInput
+from kincal.schema.effects import ParameterEntry
 from kincal.schema.errors import read_toml, validate
-from kincal.schema.model import VERSION, ModelEntry
+from kincal.schema.model import VERSION, ModelEntry, UnnamedEntry
+from kincal.schema.names import effect_of
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class ModelFile:
     """Effects in use (in the order they were added), a user's own library files, and the history.
 
     values, constants: of the last fit, by coefficient and by effect; `uplink` uses the constants.
+    unnamed: terms of the unnamed effects, by name; those of the history too, so that `undo` finds them.
     """
 
     effects: tuple[str, ...] = ()
@@ -39,12 +42,17 @@ class ModelFile:
     arm: str = ""
     values: dict[str, tuple[float, float]] = field(default_factory=dict)
     constants: dict[str, dict[str, float]] = field(default_factory=dict)
+    unnamed: dict[str, UnnamedEntry] = field(default_factory=dict)
+
+    def with_terms(self, entry: UnnamedEntry) -> ModelFile:
+        """The model that knows the terms of an unnamed effect, or knows them anew."""
+        return replace(self, unnamed={**self.unnamed, entry.name: entry})
 
     def add(self, names: list[str]) -> ModelFile:
         """The model with these effects too. BadInput if one is there already, alone or for all joints."""
         after = (*self.effects, *names)
         for name in names:
-            whole = name.partition("[")[0]
+            whole = effect_of(name)
             if after.count(name) > 1:
                 raise BadInput(f"{name} is already in the model")
             if whole in after and any(other.startswith(f"{whole}[") for other in after):
@@ -93,6 +101,7 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         arm=entry.arm,
         values={v.name: (v.value, v.std_err) for v in entry.value},
         constants=entry.constants,
+        unnamed={u.name: u for u in entry.unnamed},
     )
 
 
@@ -103,7 +112,9 @@ def write_model(path: str | Path, model: ModelFile) -> None:
     with tempfile.NamedTemporaryFile(
         "w", dir=path.parent, prefix=path.name, suffix=".new", delete=False, encoding="utf-8"
     ) as file:
-        file.write("\n".join([*_in_use(model), *_history(model), *_of_last_fit(model)]) + "\n")
+        file.write(
+            "\n".join([*_in_use(model), *_unnamed(model), *_history(model), *_of_last_fit(model)]) + "\n"
+        )
     os.replace(file.name, path)
 
 
@@ -117,6 +128,23 @@ def _in_use(model: ModelFile) -> list[str]:
         f"libraries = {_texts(model.libraries)}",
         *arm,
     ]
+
+
+def _unnamed(model: ModelFile) -> list[str]:
+    lines = []
+    for entry in model.unnamed.values():
+        lines += ["", "[[unnamed]]", f"name = {json.dumps(entry.name)}"]
+        lines += [line for parameter in entry.parameter for line in _parameter(parameter)]
+    return lines
+
+
+def _parameter(p: ParameterEntry) -> list[str]:
+    lines = ["", "[[unnamed.parameter]]"]
+    lines += [f"name = {json.dumps(p.name)}", f"unit = {json.dumps(p.unit)}", f"sigma = {float(p.sigma)!r}"]
+    for term in p.term:
+        keys = term.model_dump(exclude_defaults=True)
+        lines += ["[[unnamed.parameter.term]]", *(f"{key} = {json.dumps(x)}" for key, x in keys.items())]
+    return lines
 
 
 def _history(model: ModelFile) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from kincal.flight import FRAME_TOOL
 from kincal.schema.arm import ArmTable, Frame
@@ -50,9 +51,10 @@ def frame_parameters(arm: ArmTable) -> list[Named]:
 
 
 def effect_parameters(hypotheses: Iterable[Hypothesis], width: float) -> list[Named]:
-    """The coefficients of effects, `width` prior sigmas wide. Names `joint_compliance[2].c`."""
+    """The coefficients of effects, `width` prior sigmas wide unless the data chose their size. Names
+    `joint_compliance[2].c`."""
     return [
-        (f"{h.name}.{p.name}", Parameter(p.name, p.unit, width * p.sigma, p.terms))
+        (f"{h.name}.{p.name}", p if p.shrunk else replace(p, sigma=width * p.sigma))
         for h in hypotheses
         for p in h.parameters
     ]

@@ -109,7 +109,9 @@ class Scorer:
     ):
         self.columns = Columns(fit, weight)
         keep = _nuisance(fit, drop)
-        nuisance = self.columns.weighted(fit.J[:, keep]) * fit.sigma_prior[keep]
+        # priors against the noise there is: stand-in noise of 1 mm would keep a fit of 0.1 mm from moving
+        noise = 1.0 if stated else fit.scale
+        nuisance = self.columns.weighted(fit.J[:, keep]) * fit.sigma_prior[keep] / noise
         if granted is not None:
             nuisance = np.hstack([nuisance, _GRANTED_WIDTH * granted])
         self.projector = Projector.of(nuisance)

@@ -16,17 +16,17 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import eigh
 
-from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
+from kincal.flight import FRAME_CAMERA, FRAME_MEAS
 from kincal.rotations import matrix_of_wxyz
 from kincal.schema.terms import Basis
 
 from .columns import Columns
 from .data import Measurements
+from .places import JOINT_SIGMA, SHIFT_SIGMA, ErrorPlace, joint_places, other_places
 from .types import Array
 
 _SINGLE = 5  # eigenvectors of one driver
 _DOUBLE = 12  # of two drivers together
-TYPICAL_SIZE = 1.5e-3  # [rad, m] of an unknown error, whose columns are scaled by it
 _MAX_INCIDENCE_MISFIT = 0.15  # of the cosine: the tag sits beside the tool point
 _MIN_INCIDENCE_POSES = 6
 _MIN_IMAGE_SPREAD = 0.01  # of normalised image position: about 14 px
@@ -86,28 +86,17 @@ def _cell(location: Location, driver: Driver) -> Cell:
 
 def locations(columns: Columns) -> list[Location]:
     """Joint axes, off-axis joint motions, base, tool, and the camera side when the data have it."""
-    camera = columns.fit.data.has("cam")
-    turns = [("base rotation", 0), ("tool rotation", FRAME_TOOL)]
-    shifts = [("base translation", 0), ("tool translation", FRAME_TOOL)]
-    if camera:
-        turns += [("camera rotation", FRAME_CAMERA), ("tag rotation", FRAME_MEAS)]
-        shifts += [("camera translation", FRAME_CAMERA)]
-    out = list(_joint_axes(columns))
+    fit = columns.fit
+    camera = fit.data.has("cam")
+    out = [_rows(place, columns) for place in joint_places(fit.arm)]
     out += [_range(columns)] if camera else []
-    out += [Location("tag tilt", TYPICAL_SIZE * tilt) for tilt in _tag_tilt(columns)]
-    out += [Location(name, TYPICAL_SIZE * columns.location(frame, _TURNS)) for name, frame in turns]
-    out += [
-        Location(f"link {j} tilt", TYPICAL_SIZE * columns.location(j, (3, 4)))
-        for j in range(1, columns.fit.arm.n)
-    ]
-    out += [Location(name, TYPICAL_SIZE * columns.location(frame, _SHIFTS)) for name, frame in shifts]
+    out += [Location("tag tilt", JOINT_SIGMA * tilt) for tilt in _tag_tilt(columns)]
+    out += [_rows(place, columns) for place in other_places(fit.arm, camera)]
     return [location for location in out if np.abs(location.rows).max() > 0]
 
 
-def _joint_axes(columns: Columns) -> Iterator[Location]:
-    for j, joint in enumerate(columns.fit.arm.joints, 1):
-        component = 2 if joint.prismatic else 5
-        yield Location(f"joint {j}", TYPICAL_SIZE * columns.location(j - 1, (component,)))
+def _rows(place: ErrorPlace, columns: Columns) -> Location:
+    return Location(place.name, place.sigma * columns.location(place.frame, place.components))
 
 
 def _range(columns: Columns) -> Location:
@@ -115,7 +104,7 @@ def _range(columns: Columns) -> Location:
     seen = np.stack([columns.basis(Basis("lin", v, 0)) for v in ("xcam", "ycam", "zcam")], axis=1)
     ray = seen / np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-9)
     rows = columns.location(FRAME_CAMERA, _SHIFTS)
-    return Location("range", TYPICAL_SIZE * np.einsum("nm,nmc->nc", ray, rows)[:, None, :])
+    return Location("range", SHIFT_SIGMA * np.einsum("nm,nmc->nc", ray, rows)[:, None, :])
 
 
 def _tag_tilt(columns: Columns) -> Iterator[Array]:

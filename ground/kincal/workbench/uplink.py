@@ -10,11 +10,12 @@ from kincal.errors import BadInput
 from kincal.flight import library, status_name, tables
 from kincal.flight.terms import Coefficient, fill_terms
 from kincal.schema.arm import ArmTable
-from kincal.schema.names import PNP
+from kincal.schema.names import PNP, is_unnamed
 
 from .effects import Hypothesis
 from .hypotheses import effect_of, place_of
 from .parameters import dh_parameters
+from .smooth import UnnamedName
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcTerms
@@ -22,15 +23,26 @@ if TYPE_CHECKING:
 # Bounds and typical sizes of the DH errors on board (tables/src/terms.toml states the reasons).
 _DH_BOUND = {"phi_rad": 1.5, "alpha_rad": 0.6, "a_m": 0.05, "d_m": 0.2}
 _DH_SCALE = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05}
-_EFFECT_BOUND, _EFFECT_PRIOR = 30.0, 3.0  # prior sigmas of the library
+_EFFECT_BOUND, _EFFECT_PRIOR = 30.0, 3.0  # prior sigmas of the library; those that data chose stay
 
 
 def flight_name(effect: str, parameter: str, alone: bool) -> str:
     """A coefficient name that fits into flight's table and keeps joint and parameter apart; alone: the
     effect has no other parameter."""
     longest = library("flight").lib.KC_NAME_LEN - 1
+    if is_unnamed(effect):
+        return f"{_short_place(effect)}.{parameter}"[-longest:]
     tail = place_of(effect) + ("" if alone else f".{parameter}")
     return effect_of(effect)[: longest - len(tail)] + tail
+
+
+def _short_place(effect: str) -> str:
+    """unnamed[link 3 tilt: q1, dir3] -> L3r:q1,dir3"""
+    name = UnnamedName.parse(effect)
+    word, *rest = name.place.split()
+    number = rest[0] if rest and rest[0].isdigit() else ""
+    kind = "" if word == "joint" else "t" if rest[-1] == "translation" else "r"
+    return f"{word[0].upper()}{number}{kind}:{','.join(name.drivers)}"
 
 
 def coefficients(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> list[Coefficient]:
@@ -45,7 +57,7 @@ def coefficients(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> list[Coeffi
             flight_name(h.name, p.name, len(h.parameters) == 1),
             p.terms,
             _EFFECT_BOUND * p.sigma,
-            _EFFECT_PRIOR * p.sigma,
+            p.sigma if p.shrunk else _EFFECT_PRIOR * p.sigma,
             p.sigma,
         )
         for h in hypotheses

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from kincal.schema.names import effect_of
+from kincal.schema.terms import TermEntry
+from kincal.workbench.additions import Addition
 from kincal.workbench.effects import Effect, Library
 from kincal.workbench.modelfile import ModelFile
 
@@ -47,6 +50,28 @@ def _effect_lines(row: dict[str, Any]) -> list[str]:
     ]
 
 
+def addition(a: Addition) -> str:
+    """The terms of an unnamed effect and what held-out poses gain from it."""
+    parameters = a.effect.entry().parameter
+    gain = a.held or a.crossed
+    low, high = gain.interval
+    by = "held-out poses" if a.held else "cross-validation"
+    verdict = "they gain" if gain.gains else "they get worse" if low > 1.0 else "no gain is shown"
+    return "\n".join(
+        [
+            f"{a.effect.name}: {len(parameters)} coefficients ({a.effect.family})",
+            *(_term_line(p.name, term) for p in parameters for term in p.term),
+            f"{by}: {gain.before_m * 1e3:.3f} -> {gain.after_m * 1e3:.3f} mm, ratio "
+            f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}): {verdict}",
+        ]
+    )
+
+
+def _term_line(name: str, term: TermEntry) -> str:
+    component = f", {term.comp}" if term.comp else ""
+    return f"    {name} x {term.basis} at {term.at}{component}"
+
+
 def names(model: ModelFile) -> str:
     """The effects of a model in one line."""
     return ", ".join(model.effects) or "no effect (DH only)"
@@ -58,11 +83,16 @@ def contents_json(model: ModelFile) -> dict[str, Any]:
     return {"effects": list(model.effects), "dh": model.dh, "values": values}
 
 
+def _belongs(owner: str, model: ModelFile) -> bool:
+    """Whether a coefficient's effect is in use: by itself, or as one joint of an effect at all of them."""
+    return owner in model.effects or effect_of(owner) in model.effects
+
+
 def contents(model: ModelFile) -> str:
     """Effects in use, one a line, then their fitted values."""
     fitted = [
         f"    {name} = {value:.6g} +- {std_err:.2g}"
         for name, (value, std_err) in model.values.items()
-        if name.partition(".")[0] in model.effects
+        if _belongs(name.partition(".")[0], model)
     ]
     return "\n".join([*(model.effects or ("no effect (DH only)",)), *fitted])

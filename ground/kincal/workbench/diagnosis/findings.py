@@ -8,6 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from kincal.errors import CannotAnswer
+
 from ..adequacy import (
     NoiseFloor,
     Where,
@@ -18,14 +20,16 @@ from ..adequacy import (
     where_it_fails,
 )
 from ..compare import Comparison
+from ..curves import Curve, curves
 from ..effects import Hypothesis
 from ..evidence import LAMBDAS
 from ..fit import Fit
 from ..hypotheses import Untestable, effect_of, place_of
 from ..power import CONFOUNDED_CHI2
-from ..scoring import Scored, family_p
+from ..scoring import Scored, Scorer, bulk_weights, family_p
+from ..smooth import UnnamedName, smooth_effect
 from ..types import Array
-from .heldout import HeldGain
+from .heldout import NO_HELD_OUT, HeldGain
 from .posterior import ABSORBED, NONE, UNNAMED, Posterior
 from .states import Kept, Selection
 from .study import Model, Study
@@ -103,13 +107,20 @@ class EffectFinding:
 @dataclass(frozen=True)
 class UnnamedFinding:
     """Something that no effect of the library describes: where it enters, the one or two variables it
-    depends on, and simple terms that imitate it."""
+    depends on, and simple terms that imitate it.
 
+    name: what `kincal model add` takes; held: what held-out poses gain from the smooth function that it adds;
+    curves: that function, fitted to all poses. Both empty where the data do not determine one.
+    """
+
+    name: str
     location: str
     depends_on: tuple[str, ...]
     suggested_terms: tuple[Suggestion, ...]
     p_value: float
     probability: float
+    held: HeldGain
+    curves: tuple[Curve, ...]
 
 
 @dataclass(frozen=True)
@@ -148,7 +159,7 @@ def conclude(study: Study, found: Selection) -> Diagnosis:
     """Everything the answer says, from a selection."""
     final = study.fit(found.model)
     p_after, where = lack_of_fit(final, noise_floor(final)), where_it_fails(final)
-    novel = unnamed_finding(found.last) if found.last.unnamed_wins else None
+    novel = unnamed_finding(study, found) if found.last.unnamed_wins else None
     adequate = explained(p_after, structure(where)) and novel is None
     effects = effect_findings(study, found, adequate)
     return Diagnosis(
@@ -176,16 +187,34 @@ def _verdict(none: float, effects: Sequence[EffectFinding], novel: UnnamedFindin
     return "effect" if accepted[0].probability > CLAIM else "undecidable"
 
 
-def unnamed_finding(posterior: Posterior) -> UnnamedFinding:
+def unnamed_finding(study: Study, found: Selection) -> UnnamedFinding:
     """The cell of the map with the most evidence, for all that no effect describes."""
+    posterior = found.last
     top = max(posterior.unknown, key=lambda s: s.ln_bf)
+    name = UnnamedName.of_cell(top.best.location, top.best.drivers)
+    held, lines = _smooth(study, found.model, name)
     return UnnamedFinding(
+        name=str(name),
         location=top.best.location,
         depends_on=top.best.drivers,
         suggested_terms=suggest(top.best, posterior.scorer),
         p_value=family_p(posterior.scorer, posterior.mapped)[top.name],
         probability=posterior.unnamed,
+        held=held,
+        curves=lines,
     )
+
+
+def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tuple[Curve, ...]]:
+    """What held-out poses gain from a smooth function of this name beside a model, its terms chosen without
+    them; and the function fitted to all poses."""
+    part = study.held_fit(model) if study.has_held_out else study.fit(model)
+    try:
+        effect = smooth_effect(name, Scorer(part, bulk_weights(part), study.stated))
+    except CannotAnswer:
+        return NO_HELD_OUT, ()
+    h = effect.hypothesis
+    return study.held_gain(model, h), curves(study.fit((*model, h)), h)
 
 
 def remainder(study: Study, model: Model, where: Sequence[Where]) -> Remainder:

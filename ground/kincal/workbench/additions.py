@@ -1,0 +1,229 @@
+"""Unnamed effects added to a model, one after another, while poses that were left out gain from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kincal.errors import CannotAnswer
+
+from .compare import Comparison
+from .data import Measurements
+from .diagnosis import Diagnosis, HeldGain
+from .effects import Hypothesis
+from .fit import Fit, fit_model, rms
+from .hypotheses import PRIOR_NONE, PRIOR_UNNAMED
+from .model import room_for
+from .places import all_places
+from .products import score_products
+from .scoring import Scorer, bulk_weights
+from .smooth import MOST_TERMS, SmoothEffect, UnnamedName, full_effect, smooth_effect
+from .types import Array, Indices, Progress, no_progress
+
+MOST_EFFECTS = 10
+_TRIED = 12  # names whose whole function is scored at each step
+_ODDS = 9.0
+_FOLDS = 5
+_BOOTSTRAP = 1000
+_NOT_PREDICTABLE = ("order", "t")  # of poses that are yet to come
+
+
+@dataclass(frozen=True)
+class Addition:
+    """One unnamed effect beside those before it.
+
+    crossed: gain by cross-validation inside the fit poses; held: gain of the held-out poses, None where there
+    are none.
+    """
+
+    effect: SmoothEffect
+    crossed: HeldGain
+    held: HeldGain | None
+
+
+@dataclass(frozen=True)
+class Additions:
+    """Unnamed effects that a model asks for.
+
+    steps: in the order they were added; fit: of the model with all of them, on the fit poses; held_pos_m,
+    held_rot_rad: RMS error of the held-out poses with it [m], [rad]; NaN and None where there are none.
+    """
+
+    steps: tuple[Addition, ...]
+    fit: Fit
+    held_pos_m: float
+    held_rot_rad: float | None
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """The added effects, as a fit takes them."""
+        return tuple(step.effect.hypothesis for step in self.steps)
+
+
+def add_unnamed(
+    comparison: Comparison,
+    hypotheses: Sequence[Hypothesis] = (),
+    *,
+    dh: bool = True,
+    most: int = MOST_EFFECTS,
+    progress: Progress = no_progress,
+) -> Additions:
+    """Add unnamed effects to a model while they pay for their number of tries in evidence and poses left out
+    in cross-validation are predicted better.
+
+    comparison: of the data; hypotheses: effects of the model. Everything is chosen on the fit poses; the
+    held-out ones only measure. most: unnamed effects at most.
+    """
+    steps: list[Addition] = []
+    fit = fit_part(comparison, hypotheses, dh=dh)
+    while len(steps) < most:
+        progress("unnamed effects", len(steps), most)
+        step = _next(comparison, fit, dh)
+        if step is None:
+            break
+        addition, fit = step
+        steps.append(addition)
+    position, rotation = rms(_held_residuals(fit, comparison.held_data))
+    return Additions(tuple(steps), fit, position, rotation)
+
+
+def add_unnamed_to(
+    diagnosis: Diagnosis, *, most: int = MOST_EFFECTS, progress: Progress = no_progress
+) -> Additions:
+    """`add_unnamed` beside the effects that a diagnosis ends with."""
+    dh = any(name.startswith("J1.") for name in diagnosis.final.names)
+    return add_unnamed(diagnosis.comparison, diagnosis.final.hypotheses, dh=dh, most=most, progress=progress)
+
+
+def add_one(
+    comparison: Comparison, name: UnnamedName, hypotheses: Sequence[Hypothesis], *, dh: bool
+) -> Addition:
+    """The smooth function of this name beside the effects of a model, chosen on the fit poses, with its gain.
+    Errors as `smooth_effect`."""
+    fit = fit_part(comparison, hypotheses, dh=dh)
+    scorer = _scorer(fit)
+    effect = smooth_effect(name, scorer, most=_room(fit))
+    return _addition(
+        comparison, fit, fit_part(comparison, (*fit.hypotheses, effect.hypothesis), dh=dh), effect
+    )
+
+
+def fit_part(comparison: Comparison, hypotheses: Sequence[Hypothesis], *, dh: bool) -> Fit:
+    """A model fitted to the fit poses of a comparison."""
+    part = comparison.fit_part
+    return fit_model(part.arm, part.data, hypotheses, dh=dh, frames=(part.base, part.tool))
+
+
+def _scorer(fit: Fit) -> Scorer:
+    return Scorer(fit, bulk_weights(fit), fit.data.cov is not None)
+
+
+def _room(fit: Fit) -> int:
+    """Coefficients that an effect may take: what the core carries, and what the poses do."""
+    measured = int(fit.dof) // 4
+    return max(0, min(MOST_TERMS, room_for(fit.parameters), measured))
+
+
+def _next(comparison: Comparison, fit: Fit, dh: bool) -> tuple[Addition, Fit] | None:
+    """The effect that the data ask for most and the fit with it; None if they ask for none that holds."""
+    for effect in _wanted(fit):
+        grown = fit_part(comparison, (*fit.hypotheses, effect.hypothesis), dh=dh)
+        addition = _addition(comparison, fit, grown, effect)
+        harms = addition.held is not None and addition.held.interval[0] > 1.0
+        if addition.crossed.gains and not harms:
+            return addition, grown
+    return None
+
+
+def _wanted(fit: Fit) -> Iterator[SmoothEffect]:
+    """Effects that beat "nothing missing" after paying for all that were tried, most evidence first."""
+    scorer, room = _scorer(fit), _room(fit)
+    names, tries = _proposed(fit, scorer)
+    found = [full_effect(name, scorer) for name in names]
+    least = np.log(_ODDS * PRIOR_NONE / PRIOR_UNNAMED) + np.log(tries)
+    for whole in sorted(found, key=lambda f: -f.ln_bf)[:2]:
+        if room and whole.ln_bf > least:
+            try:
+                yield smooth_effect(whole.name, scorer, most=room)
+            except CannotAnswer:
+                continue
+
+
+def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int]:
+    """Places and drivers that the map and the dictionary of products point at, and how many there are."""
+    cells = scorer.map()
+    scored = {(s.best.location, s.best.drivers): s.ln_bf for s in cells}
+    products = score_products(scorer.columns, scorer.projector, scorer.wz, scorer.noise, count=10 * _TRIED)
+    for product in products.best if products else ():
+        key = (product.place.name, product.drivers)
+        scored[key] = max(product.ln_bf, scored.get(key, -np.inf))
+    taken, possible = {h.name for h in fit.hypotheses}, {p.name for p in all_places(fit.arm, fit.data)}
+    ranked = sorted(scored, key=lambda key: -scored[key])
+    names = [
+        UnnamedName(place, drivers)
+        for place, drivers in ranked
+        if place in possible and not set(drivers) & set(_NOT_PREDICTABLE)
+    ]
+    return [name for name in names if str(name) not in taken][:_TRIED], max(len(scored), 1)
+
+
+# ------------------------------------------------------------------------------------------------ gains
+
+
+def _addition(comparison: Comparison, before: Fit, after: Fit, effect: SmoothEffect) -> Addition:
+    held = None
+    if comparison.held_data is not None:
+        squares = [_squares(_held_residuals(fit, comparison.held_data)) for fit in (before, after)]
+        held = gain(*squares)
+    return Addition(effect, _crossed(after, effect.hypothesis), held)
+
+
+def _held_residuals(fit: Fit, held: Measurements | None) -> Array:
+    return fit.predict(held) if held is not None else np.zeros((0, fit.data.components))
+
+
+def _squares(r: Array) -> Array:
+    """(M,) squared position errors of residuals (M, c)."""
+    squares: Array = (r[:, :3] ** 2).sum(axis=1)
+    return squares
+
+
+def gain(before: Array, after: Array) -> HeldGain:
+    """Gain from squared errors (M,) of the same poses without and with an effect."""
+    pick = np.random.default_rng(2).integers(0, len(before), (_BOOTSTRAP, len(before)))
+    ratio = np.sqrt(after[pick].mean(axis=1) / np.maximum(before[pick].mean(axis=1), 1e-300))
+    interval = float(np.quantile(ratio, 0.025)), float(np.quantile(ratio, 0.975))
+    return HeldGain(float(np.sqrt(before.mean())), float(np.sqrt(after.mean())), interval)
+
+
+def _crossed(fit: Fit, h: Hypothesis) -> HeldGain:
+    """Gain of an effect by cross-validation: the fit's linear model, solved without each fold in turn."""
+    mine = np.array([name.startswith(f"{h.name}.") for name in fit.names])
+    squares = np.zeros((2, fit.data.n))
+    for fold in _folds(fit.data):
+        for row, keep in zip(squares, (~mine, np.ones_like(mine)), strict=True):
+            row[fold] = _squares(left_out(fit, keep, fold))
+    return gain(*squares)
+
+
+def _folds(data: Measurements) -> list[Indices]:
+    """Poses of each fold, at random; replicates of one pose stay together."""
+    groups = data.replicate if data.replicate is not None else np.arange(data.n)
+    _, number = np.unique(groups, return_inverse=True)
+    fold = np.random.default_rng(4).permutation(number.max() + 1) % _FOLDS
+    return [np.flatnonzero(fold[number] == k) for k in range(_FOLDS)]
+
+
+def left_out(fit: Fit, keep: Array, fold: Indices) -> Array:
+    """(M, c) residuals [m, rad] of the poses of a fold, some coefficients solved with the others only."""
+    n, c = fit.evaluation.r.shape
+    a = (fit.J[:, keep] * fit.sigma_prior[keep]).reshape(n, c, -1) / fit.scale
+    z0 = (fit.z + fit.J @ fit.estimate).reshape(n, c) / fit.scale
+    root = np.sqrt(fit.weight)[:, None]
+    root[fold] = 0.0
+    rows = (a * root[:, :, None]).reshape(n * c, -1)
+    solved = np.linalg.solve(rows.T @ rows + np.eye(rows.shape[1]), rows.T @ (z0 * root).ravel())
+    left = (z0[fold] - a[fold] @ solved) * fit.scale
+    return np.linalg.solve(fit.whiten[fold], left[:, :, None])[:, :, 0]
