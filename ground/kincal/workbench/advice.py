@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from . import explain
 from .diagnosis import Diagnosis
+from .gain import judged
 from .nextposes import NextPose
 
 _NEW_MODEL = "M.toml"
@@ -47,11 +48,15 @@ def _kincal(*words: str) -> str:
 
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
-    names = [e.name for e in d.effects if e.accepted or e.helps]
+    names = [e.name for e in d.effects if e.role != "alternative"]
     model = ("--model", inputs.model or _NEW_MODEL)
+    smooth = d.novel is not None and judged(d.novel.held.interval) == "helps"
     if names:
         yield Step("add what was found to the model", _kincal("add", *model, *names))
-    if names or inputs.model or d.verdict == "adequate":
+    if smooth and d.novel is not None:
+        words = (*model, *inputs.sources, d.novel.name)
+        yield Step("add a smooth function for what has no name", _kincal("add", *words))
+    if names or smooth or inputs.model or d.verdict == "adequate":
         yield Step("fit it and see what each effect brings", _kincal("fit", *inputs.sources, *model))
 
 

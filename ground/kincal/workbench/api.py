@@ -198,7 +198,9 @@ def report_content(
 def _shown(library: Library, arm: ArmTable, data: Measurements) -> list[Hypothesis]:
     """Each testable effect at all its joints; pairs of joints only where the library lists them."""
     testable = [e for e in library.effects.values() if not e.missing(arm, data) and not e.equivalent_to]
-    wholes = [_whole(e, arm, data) for e in testable if e.per != "pair" or e.pairs]
+    wholes = [
+        _whole(e, arm, data) for e in testable if (e.per != "pair" or e.pairs) and e.instances(arm, data)
+    ]
     return [h for h in wholes if any(p.terms for p in h.parameters)]
 
 

@@ -97,7 +97,7 @@ def against(e: EffectFinding, d: Diagnosis) -> str:
 def _competitor(d: Diagnosis) -> str:
     accepted = [x.name for x in d.effects if x.accepted]
     if accepted:
-        return f"in place of {listed(accepted)}"
+        return f"in place of {listed(accepted) if len(accepted) < 3 else 'what was added'}"
     if d.novel is not None:
         return f"against an unnamed effect ({probability(d.novel.probability)})"
     return f'against "nothing missing" ({probability(d.probability_none)})'
@@ -147,7 +147,7 @@ def not_testable(n: Untestable) -> str:
 
 def verdict(d: Diagnosis) -> str:
     """The diagnosis in one sentence."""
-    taken = [e.name for e in d.effects if e.accepted or e.helps]
+    taken = [e.name for e in d.effects if e.role != "alternative"]
     with_them = f"with {listed(taken)} {_held_fall(d)}" if taken else ""
     if d.verdict == "adequate":
         return "Nothing is missing that these data could show."
