@@ -236,7 +236,7 @@ def test_plots_of_poses_are_linked_by_id(html, found):
         if any((t.get("meta") or {}).get("poses") for t in json.loads(text)["data"])
     }  # fmt: skip
     assert linked == {"found-1", "suspects", "vectors", "variables"}
-    known = json.loads(re.search(r'id="poses">(.*?)</script>', html, re.S)[1])
+    known = json.loads(re.search(r'id="pose-data">(.*?)</script>', html, re.S)[1])
     assert known["ids"] == list(found.data.ids)
     assert len(known["now"]) == len(known["after"]) == found.data.n
     assert sum("held out" in text for text in known["about"]) == 15

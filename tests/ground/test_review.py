@@ -1,13 +1,16 @@
 """Review: what is shown, what stands out, what is sent, what is recorded."""
 
 import json
+import re
+import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from fake_flight import FakeFlight
-from samples import CRC, proposal, write_log
+from samples import CRC, progress, proposal, write_log
 
 import kcm
 from kincal import review, tables
@@ -15,7 +18,11 @@ from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.errors import CommandFailed, KincalError
 from kincal.flight.tables import kind_number
-from kincal.link import Link, upload
+from kincal.link import Link, LogEvent, LogSummary, Session, upload
+from kincal.pages import review as review_page
+from kincal.pages.page import Provenance, render
+from kincal.review.status import status
+from kincal.review.thresholds import read_limits, thresholds
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 APPROVE = [(kcm.cmd_t.APPROVE_ARM, CRC), (kcm.cmd_t.APPROVE_GO, CRC)]
@@ -260,3 +267,81 @@ def test_sequence_numbers_grow_within_a_link_and_between_calls():
 def test_bad_url_is_refused():
     with pytest.raises(KincalError, match="cannot open LCM"):
         Link("nonsense://x")
+
+
+# ------------------------------------------------------------------------ thresholds, state, rejected poses
+
+
+def log_with(events, active=0, verdict=1):
+    """A log's summary with a proposal and events (name, index, got) after it."""
+    summary = LogSummary(Path("x"))
+    p = proposal(verdict)
+    p.t_us = 9_000_000
+    summary.sessions[3] = Session(3, [progress(0)], [], p)
+    summary.events = [
+        LogEvent(5_000_000 + k, "info", 0, "", name, index, got)
+        for k, (name, index, got) in enumerate(events)
+    ]
+    summary.hk = kcm.hk_t()
+    summary.hk.table_crc[4] = active - (1 << 32) if active >> 31 else active
+    return summary
+
+
+@pytest.mark.parametrize(
+    ("events", "active", "verdict", "state"),
+    [
+        ([("COR_PROPOSED", -1, CRC)], 0, 1, "waits for review"),
+        ([("COR_PROPOSED", -1, CRC), ("COR_ARMED", -1, CRC)], 0, 1, "approval armed, not confirmed yet"),
+        ([("COR_PROPOSED", -1, CRC), ("COR_REJECTED", -1, CRC)], 0, 1, "rejected"),
+        ([("COR_ACTIVE", -1, CRC)], CRC, 1, "in force"),
+        ([("COR_ACTIVE", -1, CRC)], 0x77, 1, "was in force; another table is now"),
+        ([("COR_REJECTED", -1, 0x77)], 0, 1, "waits for review"),
+        ([], 0, 2, "nothing to decide, the table in force stays"),
+    ],
+)
+def test_review_says_what_became_of_a_proposal(names, events, active, verdict, state):
+    log = log_with(events, active, verdict)
+    assert status(log, review.from_message(log.sessions[3].proposal, names)).state == state
+
+
+def test_rejected_poses_are_those_that_did_not_come_back(names):
+    log = log_with([("CAL_OUTLIER", 4, 0), ("CAL_OUTLIER", 9, 0), ("CAL_OUTLIER_BACK", 4, 0)])
+    r = review.from_message(log.sessions[3].proposal, names)
+    about = status(log, replace(r, n_outliers=1))
+    assert (about.rejected, about.exact) == ((9,), True)
+    assert not status(log, replace(r, n_outliers=2)).exact
+
+
+def test_decisions_of_the_journal_stand_beside_their_proposal(names, journal):
+    review.record(journal, "reject", CRC, "me", "because", "url", None)
+    review.record(journal, "approve", 0x77, "you", "why not", "url", None)
+    log = log_with([])
+    r = review.from_message(log.sessions[3].proposal, names)
+    assert [e.why for e in status(log, r, review.check_journal(journal)).decisions] == ["because"]
+
+
+def test_every_number_has_its_threshold_and_whether_it_is_kept(names):
+    r = review.from_message(proposal(), names)
+    asked = thresholds(r, read_limits(BIN))
+    assert (asked["rank"].text, asked["rank"].kept) == ("all 28 asked for", False)
+    assert asked["p_fit"].kept
+    assert asked["cond"].kept
+    config = tomllib.loads((BIN.parent / "src" / "config.toml").read_text())
+    assert asked["n_outliers"].text == f"at most {config['est']['outlier_max']}"
+    assert asked["p_no_change"].text.startswith(f"at most {config['no_change_p']:g}")
+    bad = replace(r, numbers={**r.numbers, "fit_pos_m": 1.0, "p_fit": 1e-6}, n_outliers=99)
+    wrong = {key for key, t in thresholds(bad, read_limits(BIN)).items() if t.kept is False}
+    assert wrong == {"rank", "p_fit", "fit_pos_m", "n_outliers"}
+    assert "no_change_p" not in thresholds(r, read_limits(Path("nowhere")))
+
+
+def test_review_page_says_state_thresholds_and_rejected_poses(names):
+    log = log_with([("COR_PROPOSED", -1, CRC), ("CAL_OUTLIER", 4, 0)])
+    r = replace(review.from_message(log.sessions[3].proposal, names), n_outliers=1)
+    made = review_page.page(r, [], Provenance("2026-11-22"), status(log, r), read_limits(BIN))
+    text = render(made)
+    assert "Change proposed; waits for review." in text
+    assert "kincal review approve fedcba98 --by NAME" in text
+    assert "1 of 20 poses are not in the fit. Pose: 4." in text
+    assert "all 28 asked for" in text
+    assert "of the same 19" in re.sub(r"<[^>]+>", "", text)

@@ -737,6 +737,18 @@ static void bad_poses(kc_detection_t *d)
     if (bad && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
 }
 
+void test_every_rejected_pose_that_comes_back_is_reported_so_that_the_events_tell_which_are_out(void)
+{
+    uint32_t out = 0u;
+    world.spoil = one_bad_pose;
+    world.config.n_poses = 14u;
+    world_calibrated();
+    for (uint32_t i = 0u; i < APP->est.n_obs; i++) { out += APP->est.outlier[i]; }
+    TEST_ASSERT_EQUAL_UINT32(world.proposal.n_outliers, out);
+    TEST_ASSERT_EQUAL_UINT32(out,
+                             world_events(KC_EVT_CAL_OUTLIER) - world_events(KC_EVT_CAL_OUTLIER_BACK));
+}
+
 static void given_bad_poses(uint32_t from, uint32_t to)
 {
     given_offset_within(1.5);

@@ -80,8 +80,10 @@ def review_list(logs: tuple[Path, ...], live: bool, url: str, timeout_s: float, 
     help="Picture to write (.png or .svg); the page (.html) lies beside it.  [default: next to the log]",
 )
 @TABLES
-def review_show(file: Path, crc: str | None, picture: Path | None, tables_dir: Path) -> None:
-    """Show a proposal of a log with all its numbers: as text, as a page (HTML) and as a picture.
+@JOURNAL
+def review_show(file: Path, crc: str | None, picture: Path | None, tables_dir: Path, journal: Path) -> None:
+    """Show a proposal of a log with all its numbers and their thresholds, what became of it, and which poses
+    were rejected: as text, as a page (HTML) and as a picture.
 
     \b
     Example:
@@ -90,13 +92,16 @@ def review_show(file: Path, crc: str | None, picture: Path | None, tables_dir: P
     from kincal import review as lib
     from kincal.pages import review as pages
     from kincal.pages.page import Provenance
+    from kincal.review.status import status
+    from kincal.review.thresholds import read_limits
 
-    found = lib.find(file, crc, tables_dir)
+    found, limits = lib.find(file, crc, tables_dir), read_limits(tables_dir)
+    about = status(link.read_log(file), found, lib.check_journal(journal))
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
     warnings = lib.warnings(found)
-    text.show(console(), found, warnings)
+    text.show(console(), found, warnings, about, limits)
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
-    say_files("page", *pages.write_all(found, warnings, picture, provenance))
+    say_files("page", *pages.write_all(found, warnings, picture, provenance, about, limits))
 
 
 class Decision(TypedDict):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kincal.errors import BadInput
-from kincal.flight import event_line
+from kincal.flight import event_line, event_name
 from kincal.rotations import Floats
 
 from . import channels, names
@@ -26,18 +26,23 @@ TIMED = {"KC_HK", "KC_EVENT", "KC_PROGRESS"}  # say how long the mission lasted
 
 @dataclass(frozen=True)
 class LogEvent:
-    """An event in words; t_us: mission time."""
+    """An event in words; t_us: mission time; name: without its prefix; index, got: what it is about, as
+    EVENTS.md says for each event."""
 
     t_us: int
     severity: str
     id: int
     text: str
+    name: str = ""
+    index: int = -1
+    got: float = 0.0
 
     @classmethod
     def of(cls, event: Event) -> LogEvent:
         """From its message."""
         text = event_line(event.id, event.index, event.got, event.want)
-        return cls(event.t_us, names.severity_name(event.severity), event.id, text)
+        severity = names.severity_name(event.severity)
+        return cls(event.t_us, severity, event.id, text, event_name(event.id), event.index, event.got)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for --json."""

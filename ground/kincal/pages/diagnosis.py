@@ -17,7 +17,7 @@ from kincal.pages.poses import Poses
 from kincal.workbench import explain
 from kincal.workbench.advice import Step
 from kincal.workbench.api import ReportContent
-from kincal.workbench.diagnosis import EffectFinding
+from kincal.workbench.diagnosis import EffectFinding, UnnamedFinding
 from kincal.workbench.diagnosis_text import diagnosis_text
 from kincal.workbench.headline import big_numbers
 from kincal.workbench.hypotheses import effect_of
@@ -133,12 +133,18 @@ def _found(data: ReportContent, poses: Poses) -> Iterator[Section]:
                 finding_figures.findings(panels, poses), grids.parameters(e),
             )  # fmt: skip
     if d.novel is not None:
-        panels = list(place_panels(d.final, d.novel.location, d.novel.depends_on))
-        sentence = explain.unnamed(d.novel)
-        text = f"{sentence[:1].upper()}{sentence[1:]}. {HOW_FINDING} {poses.note}"
-        yield Section(
-            "found-unnamed", "Found: something unnamed", text, finding_figures.findings(panels, poses)
-        )
+        yield _unnamed(data, poses, d.novel)
+
+
+def _unnamed(data: ReportContent, poses: Poses, novel: UnnamedFinding) -> Section:
+    panels = place_panels(data.diagnosis.final, novel.location, novel.depends_on)
+    sentence, gain = explain.unnamed(novel), explain.held_gain(novel.held)
+    text = (
+        f"{sentence[:1].upper()}{sentence[1:]}. With a smooth function there ({novel.name}): {gain}. "
+        f"{HOW_FINDING} {poses.note}"
+    )
+    figure = finding_figures.findings(panels, poses, novel.curves)
+    return Section("found-unnamed", "Found: something unnamed", text.rstrip(), figure)
 
 
 def _about(e: EffectFinding, panels: Sequence[Panel], poses: Poses) -> str:

@@ -22,7 +22,7 @@ _SAME_NOTE = (
     "more inside: does not help, otherwise undecided."
 )
 _MOODS: dict[Gain, str] = {"helps": "good", "harms": "bad", "does not help": "", "undecided": ""}
-_ROLES = {"accepted": "added", "helps": "added: it helps", "alternative": "alternative"}
+_ROLES = {"accepted": "added", "helps": "added: predictions gain", "alternative": "alternative"}
 
 
 def effects(d: Diagnosis) -> Grid:

@@ -11,6 +11,7 @@ from plotly.subplots import make_subplots
 from kincal.pages import theme
 from kincal.pages.poses import Poses, Range, bulk_range, dots
 from kincal.workbench import explain
+from kincal.workbench.curves import Curve
 from kincal.workbench.partial import Bin, Group, Panel
 
 PANELS = 8  # of an effect
@@ -21,8 +22,9 @@ _LEVELS = 4
 _CURVE_POINTS = 400
 
 
-def findings(panels: Sequence[Panel], poses: Poses) -> go.Figure:
-    """One panel a place and driver: poses, means with standard errors, and the fitted curve."""
+def findings(panels: Sequence[Panel], poses: Poses, functions: Sequence[Curve] = ()) -> go.Figure:
+    """One panel a place and driver: poses, means with standard errors, and the fitted curve. functions: of an
+    unnamed effect, drawn with their error bands."""
     shown = panels[:PANELS]
     across = min(len(shown), _PER_ROW)
     down = -(-len(shown) // across)
@@ -34,8 +36,34 @@ def findings(panels: Sequence[Panel], poses: Poses) -> go.Figure:
     theme.styled(figure, 120 + _HEIGHT_PX * down, margin={"t": 44, "b": 92}, legend=legend)
     figure.update_annotations(font={"size": theme.FONT_PX})
     for i, panel in enumerate(shown):
-        _draw(figure, panel, poses, (i // across + 1, i % across + 1), first=i == 0)
+        at = (i // across + 1, i % across + 1)
+        _draw(figure, panel, poses, at, first=i == 0)
+        for k, curve in enumerate(c for c in functions if _belongs(c, panel)):
+            for trace in _function(curve, _colours(panel)[k % len(panel.groups)], first=i == k == 0):
+                figure.add_trace(trace, row=at[0], col=at[1])
     return figure
+
+
+def _belongs(curve: Curve, panel: Panel) -> bool:
+    """Whether a function is that of a panel: of its driver, and about its axis where the place has several."""
+    _, comma, axis = panel.place.partition(", ")
+    return curve.driver == panel.driver and (not comma or curve.component[1] == axis)
+
+
+def _colours(panel: Panel) -> list[str]:
+    return [theme.BLUE] if len(panel.groups) == 1 else theme.shades(len(panel.groups))
+
+
+def _function(curve: Curve, colour: str, *, first: bool) -> Iterator[go.Scatter]:
+    """A line, and a band of two standard errors."""
+    x, y, wide = curve.x, curve.value * 1e3, 2e3 * curve.std
+    style = {"legendgroup": "function", "hoverinfo": "skip"}
+    yield go.Scatter(
+        x=[*x, *x[::-1]], y=[*(y + wide), *(y - wide)[::-1]], fill="toself", mode="none", fillcolor=colour,
+        opacity=0.15, showlegend=False, **style,
+    )  # fmt: skip
+    yield go.Scatter(x=x, y=y, mode="lines", line={"color": colour, "width": 2.6, "dash": "dash"},
+                     name="fitted smooth function, ± 2 standard errors", showlegend=first, **style)  # fmt: skip
 
 
 def _words(driver: str) -> str:
@@ -47,8 +75,7 @@ def _words(driver: str) -> str:
 def _draw(figure: go.Figure, panel: Panel, poses: Poses, at: tuple[int, int], *, first: bool) -> None:
     limits = _limits(panel)
     known = panel.sigma <= _LEAST_KNOWN * float(np.median(panel.sigma))
-    colours = [theme.BLUE] if len(panel.groups) == 1 else theme.shades(len(panel.groups))
-    for group, colour in zip(panel.groups, colours, strict=True):
+    for group, colour in zip(panel.groups, _colours(panel), strict=True):
         mine = group.poses & known
         cloud = dots(
             poses,

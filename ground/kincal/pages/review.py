@@ -5,48 +5,69 @@ from __future__ import annotations
 from pathlib import Path
 
 from kincal.pages import image, review_figures
-from kincal.pages.page import Grid, Page, Provenance, Section, Tile, write
+from kincal.pages.page import Cell, Command, Grid, Page, Provenance, Section, Tile, write
 from kincal.pages.run_figures import MILLI
 from kincal.results import angle_text, length_text
-from kincal.review import NUMBERS, CoefLine, Review
+from kincal.review import NUMBERS, P_FIT_MIN, CoefLine, Review
+from kincal.review.status import Status
+from kincal.review.thresholds import Limits, Threshold, thresholds
 
 COEF_COLUMNS = "<coefficient|value|1 sigma|value/sigma|<unit|<status|<confounded with"
 
 
-def page(review: Review, warnings: list[str], provenance: Provenance) -> Page:
-    """The proposal as a page; warnings: what a reviewer should look at."""
+def page(
+    review: Review, warnings: list[str], provenance: Provenance, about: Status, limits: Limits | None = None
+) -> Page:
+    """The proposal as a page; warnings: what a reviewer should look at; about: what became of it."""
+    waits = about.state.startswith(("waits", "approval"))
     return Page(
         kind="Review",
         title=f"Correction {review.crc_text}",
         subtitle=f"session {review.session}, {review.n_poses} poses, replaces {review.crc_before:08x}",
         provenance=provenance,
-        verdict=f"{review.verdict[:1].upper()}{review.verdict[1:]}",
-        summary=[f"Look at: {warning}" for warning in warnings] or ["Nothing stands out."],
+        verdict=f"{review.verdict[:1].upper()}{review.verdict[1:]}; {about.state}.",
+        summary=[*(f"Look at: {w}" for w in warnings), *_said(about)] or ["Nothing stands out."],
+        commands=_decisions(review) if waits else (),
         tiles=_tiles(review),
-        sections=_sections(review),
+        sections=_sections(review, about, limits),
     )
 
 
-def _tiles(r: Review) -> list[Tile]:
-    n = r.numbers
-    position = f"{length_text(n['before_pos_m'])} → {length_text(n['fit_pos_m'])}"
-    rotation = f"{angle_text(n['before_rot_rad'])} → {angle_text(n['fit_rot_rad'])}"
+def _said(about: Status) -> list[str]:
+    """Decisions in the journal."""
+    done = {"approve": "Approved", "reject": "Rejected"}
+    return [f"{done.get(e.decision, e.decision)} by {e.by}, {e.time}: {e.why}" for e in about.decisions]
+
+
+def _decisions(r: Review) -> list[Command]:
+    who = '--by NAME --why "REASON"'
     return [
-        Tile("position residual RMS", position),
-        Tile("rotation residual RMS", rotation),
-        Tile("rank of free coefficients", f"{n['rank']:.0f} of {n['n_free']:.0f}"),
-        Tile("p of the fit", f"{n['p_fit']:.3f}"),
-        Tile("p of no change", f"{n['p_no_change']:.2g}"),
-        Tile("outliers", f"{r.n_outliers} of {r.n_poses}"),
+        Command("approve it", f"kincal review approve {r.crc_text} {who}"),
+        Command("reject it; the table in force stays", f"kincal review reject {r.crc_text} {who}"),
     ]
 
 
-def _sections(r: Review) -> list[Section]:
+def _tiles(r: Review) -> list[Tile]:
+    n, same = r.numbers, f"of the same {r.n_poses - r.n_outliers} poses: table in force → proposed"
+    position = f"{length_text(n['before_pos_m'])} → {length_text(n['fit_pos_m'])}"
+    rotation = f"{angle_text(n['before_rot_rad'])} → {angle_text(n['fit_rot_rad'])}"
+    rank_mood = "" if n["rank"] == n["n_free"] else "bad"
+    return [
+        Tile("position residual RMS", position, about=same),
+        Tile("rotation residual RMS", rotation, about=same),
+        Tile("rank", f"{n['rank']:.0f} of {n['n_free']:.0f}", rank_mood, "free coefficients"),
+        Tile("p of the fit", f"{n['p_fit']:.3f}", "" if n["p_fit"] >= P_FIT_MIN else "bad",
+             f"chance of a fit as bad as this; at least {P_FIT_MIN:g}"),
+        Tile("p of no change", f"{n['p_no_change']:.2g}", about="chance of this if nothing had changed"),
+        Tile("poses rejected", f"{r.n_outliers} of {r.n_poses}", "bad" if r.n_outliers else ""),
+    ]  # fmt: skip
+
+
+def _sections(r: Review, about: Status, limits: Limits | None) -> list[Section]:
     shown = [c for c in r.coefs if not c.idle]
     rest = len(r.coefs) - len(shown)
     note = f"{rest} masked coefficients at zero are not listed." if rest else ""
     coefs = Grid.of(COEF_COLUMNS, [_coef_row(c) for c in shown], note)
-    numbers = [[key, _number(r.numbers[key], unit), text] for key, unit, text in NUMBERS]
     out = [Section("coefficients", "Coefficients", grid=coefs)]
     if r.estimated:
         drawn = Section("corrections", "Corrections", figure=review_figures.corrections(r), grid=coefs)
@@ -54,7 +75,44 @@ def _sections(r: Review) -> list[Section]:
             drawn,
             Section("correlation", "Correlation of the estimates", figure=review_figures.correlation(r)),
         ]
-    return [*out, Section("numbers", "Numbers", grid=Grid.of("<number|value|<meaning", numbers))]
+    return [_numbers(r, limits), _rejected(r, about), *out]
+
+
+def _numbers(r: Review, limits: Limits | None) -> Section:
+    """Every number with what it has to be."""
+    asked = thresholds(r, limits)
+    rows = [
+        [key, _number(r.numbers[key], unit), *_asked(asked.get(key)), text] for key, unit, text in NUMBERS
+    ]
+    outliers = [
+        "n_outliers",
+        f"{r.n_outliers}",
+        *_asked(asked.get("n_outliers")),
+        "poses rejected by the fit",
+    ]
+    note = "" if limits is not None else "Without a configuration table some thresholds are unknown."
+    grid = Grid.of("<number|value|<threshold|<kept|<meaning", [*rows, outliers], note)
+    return Section("numbers", "Numbers and their thresholds", grid=grid)
+
+
+def _asked(threshold: Threshold | None) -> tuple[str, str | Cell]:
+    if threshold is None:
+        return "for information", ""
+    words = {None: Cell(""), True: Cell("yes", "good"), False: Cell("no", "bad")}
+    return threshold.text, words[threshold.kept]
+
+
+def _rejected(r: Review, about: Status) -> Section:
+    title = "Rejected poses"
+    if not r.n_outliers and not about.rejected:
+        return Section("rejected", title, "None: every pose of the session is in the fit.")
+    named = ", ".join(map(str, about.rejected)) or "not in this log"
+    text = f"{r.n_outliers} of {r.n_poses} poses are not in the fit. Pose: {named}."
+    if not about.exact:
+        text += (
+            " These were rejected at some time; the log does not say which of them the last fit took back."
+        )
+    return Section("rejected", title, text)
 
 
 def _number(value: float, unit: str) -> str:
@@ -78,10 +136,15 @@ def _coef_row(c: CoefLine) -> list[str]:
 
 
 def write_all(
-    review: Review, warnings: list[str], picture: Path, provenance: Provenance
+    review: Review,
+    warnings: list[str],
+    picture: Path,
+    provenance: Provenance,
+    about: Status,
+    limits: Limits | None = None,
 ) -> tuple[list[Path], str]:
     """The page beside the picture (.html), and the picture (.png or .svg) where one can be made.
 
     Returns the files, and why there is no picture ("" if there is one)."""
-    files = [write(page(review, warnings, provenance), picture.with_suffix(".html"))]
-    return image.beside(files, {picture: review_figures.sheet(review)})
+    made = page(review, warnings, provenance, about, limits)
+    return image.beside([write(made, picture.with_suffix(".html"))], {picture: review_figures.sheet(review)})

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from . import explain
 from .diagnosis import Diagnosis
+from .gain import judged
 from .nextposes import NextPose
 
 _NEW_MODEL = "M.toml"
@@ -49,12 +50,13 @@ def _kincal(*words: str) -> str:
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     names = [e.name for e in d.effects if e.in_model]
     model = ("--model", inputs.model or _NEW_MODEL)
+    smooth = d.novel is not None and judged(d.novel.held.interval) == "helps"
     if names:
         yield Step("add what was found to the model", _kincal("add", *model, *names))
-    if d.novel is not None and d.novel.held.gains:
-        why = "add the function that has no name: held-out poses gain"
-        yield Step(why, _kincal("add", *inputs.sources, *model, d.novel.name))
-    if names or inputs.model or d.verdict == "adequate":
+    if smooth and d.novel is not None:
+        words = (*model, *inputs.sources, d.novel.name)
+        yield Step("add a smooth function for what has no name", _kincal("add", *words))
+    if names or smooth or inputs.model or d.verdict == "adequate":
         yield Step("fit it and see what each effect brings", _kincal("fit", *inputs.sources, *model))
 
 

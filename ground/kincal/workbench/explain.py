@@ -98,7 +98,7 @@ def against(e: EffectFinding, d: Diagnosis) -> str:
 def _competitor(d: Diagnosis) -> str:
     accepted = [x.name for x in d.effects if x.accepted]
     if accepted:
-        return f"in place of {listed(accepted)}"
+        return f"in place of {listed(accepted) if len(accepted) < 3 else 'what was added'}"
     if d.novel is not None:
         return f"against an unnamed effect ({probability(d.novel.probability)})"
     return f'against "nothing missing" ({probability(d.probability_none)})'

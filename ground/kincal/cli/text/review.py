@@ -12,6 +12,8 @@ from rich.table import Table
 from kincal.cli.text.layout import grid
 from kincal.results import angle_text, length_text
 from kincal.review import NUMBERS, CoefLine, Entry, Listed, Review
+from kincal.review.status import Status
+from kincal.review.thresholds import Limits, Threshold, thresholds
 
 _MILLI = {"rad": "mrad", "m": "mm"}
 
@@ -42,22 +44,27 @@ def decisions(out: Console, entries: Sequence[Entry], journal: Path) -> None:
     out.print(rows)
 
 
-def show(out: Console, r: Review, warnings: Sequence[str]) -> None:
-    """A proposal with all its numbers, and what a reviewer should look at."""
+def show(
+    out: Console, r: Review, warnings: Sequence[str], about: Status, limits: Limits | None = None
+) -> None:
+    """A proposal with all its numbers, what became of it, and what a reviewer should look at."""
     out.print(
-        f"[bold]correction {r.crc_text}[/]: {r.verdict}; session {r.session}, {r.n_poses} poses, replaces "
-        f"{r.crc_before:08x}"
+        f"[bold]correction {r.crc_text}[/]: {r.verdict}; {about.state}; session "
+        f"{r.session}, {r.n_poses} poses, replaces {r.crc_before:08x}"
     )
     shown = [c for c in r.coefs if not c.idle]
     out.print(_coefficients(shown))
     if len(shown) < len(r.coefs):
         out.print(f"{len(r.coefs) - len(shown)} masked coefficients at zero not listed")
-    out.print(_numbers(r))
+    out.print(_numbers(r, limits))
+    if about.rejected:
+        again = "" if about.exact else " (the log is not whole)"
+        out.print(f"poses rejected: {', '.join(map(str, about.rejected))}{again}")
     for line in warnings:
         out.print(f"[yellow]look at: {escape(line)}[/]")
     if not warnings:
         out.print("nothing stands out")
-    if r.changes_something:
+    if about.state.startswith(("waits", "approval")):
         out.print(f"to decide: kincal review approve {r.crc_text} --by NAME --why TEXT   (or reject)")
 
 
@@ -72,10 +79,18 @@ def _coefficients(coefs: Sequence[CoefLine]) -> Table:
     return rows
 
 
-def _numbers(r: Review) -> Table:
-    rows = grid("\nNumbers", "", "", "what", right=(1,))
-    texts = {"rad": angle_text, "m": length_text}
+def _numbers(r: Review, limits: Limits | None) -> Table:
+    rows = grid("\nNumbers", "", "", "threshold", "what", right=(1,))
+    texts, asked = {"rad": angle_text, "m": length_text}, thresholds(r, limits)
     for key, unit, text in NUMBERS:
         value = r.numbers[key]
-        rows.add_row(key, texts[unit](value) if unit in texts else f"{value:.4g}", text)
+        rows.add_row(
+            key, texts[unit](value) if unit in texts else f"{value:.4g}", _asked(asked.get(key)), text
+        )
     return rows
+
+
+def _asked(threshold: Threshold | None) -> str:
+    if threshold is None:
+        return ""
+    return f"[red]NOT {threshold.text}[/]" if threshold.kept is False else threshold.text

@@ -13,9 +13,13 @@ function draw(inDark) {
   for (const source of document.querySelectorAll("script[data-figure]")) {
     const figure = JSON.parse(source.textContent);
     const shown = inDark ? recoloured(figure) : figure;
-    Plotly.react(source.dataset.figure, shown.data, shown.layout, {
-      displaylogo: false, displayModeBar: false, responsive: true,
-    });
+    try {  // a browser without WebGL draws no 3-D scene, but all the others
+      Plotly.react(source.dataset.figure, shown.data, shown.layout, {
+        displaylogo: false, displayModeBar: false, responsive: true,
+      });
+    } catch (error) {
+      document.getElementById(source.dataset.figure).textContent = `not drawn: ${error.message}`;
+    }
   }
 }
 
@@ -23,7 +27,7 @@ function draw(inDark) {
 // A trace with meta.poses holds the id of each pose in customdata. The pose under the pointer and those
 // that were clicked are ringed in every plot; the clicked ones become an option to copy.
 
-const poses = JSON.parse(document.getElementById("poses")?.textContent ?? "null");
+const poses = JSON.parse(document.getElementById("pose-data")?.textContent ?? "null");
 const number = new Map(poses?.ids.map((id, k) => [id, k]));
 const excluded = new Set();
 let under = null;

@@ -1,0 +1,64 @@
+"""The threshold of each number of a proposal, and whether it is kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from kincal.flight.tables import decode_as
+
+from . import P_FIT_MIN, Review
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the configuration table asks of a correction. no_change_p: chance above which nothing is
+    proposed; rank_tol: least relative size of a direction that counts; outlier_max: poses that may be
+    rejected."""
+
+    no_change_p: float
+    rank_tol: float
+    outlier_max: int
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """What a number has to be, in words; kept: None where nothing is asked of it."""
+
+    text: str
+    kept: bool | None = None
+
+
+def read_limits(tables_dir: Path) -> Limits | None:
+    """From the configuration table of a folder; None if it has none."""
+    file = tables_dir / "config.tbl"
+    if not file.is_file():
+        return None
+    _, c = decode_as("config", file.read_bytes(), str(file))
+    return Limits(c.no_change_p, c.est.rank_tol, c.est.outlier_max)
+
+
+def thresholds(review: Review, limits: Limits | None) -> dict[str, Threshold]:
+    """By the names of NUMBERS, and n_outliers; a number without an entry is for information."""
+    k = review.numbers
+    free = f"all {k['n_free']:.0f} asked for"
+    out = {
+        "rank": Threshold(free, k["rank"] == k["n_free"]),
+        "dof": Threshold("above 0", k["dof"] > 0),
+        "chi2": Threshold("judged by p_fit"),
+        "noise_scale": Threshold("judged by p_fit"),
+        "p_fit": Threshold(f"at least {P_FIT_MIN:g}", k["p_fit"] >= P_FIT_MIN),
+        "fit_pos_m": Threshold("below before_pos_m", k["fit_pos_m"] <= k["before_pos_m"]),
+        "fit_rot_rad": Threshold("below before_rot_rad", k["fit_rot_rad"] <= k["before_rot_rad"]),
+    }
+    return out if limits is None else out | _configured(review, limits)
+
+
+def _configured(review: Review, limits: Limits) -> dict[str, Threshold]:
+    k, change = review.numbers, review.changes_something
+    most, widest = limits.no_change_p, 1.0 / limits.rank_tol
+    return {
+        "p_no_change": Threshold(f"at most {most:g} for a change", k["p_no_change"] <= most or not change),
+        "cond": Threshold(f"at most {widest:g}", k["cond"] <= widest),
+        "n_outliers": Threshold(f"at most {limits.outlier_max}", review.n_outliers <= limits.outlier_max),
+    }
