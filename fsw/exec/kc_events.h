@@ -224,7 +224,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "START with all coefficients.")                                                                        \
     X(97, MON_NOT_AT_REST, DEBUG,                                                                            \
       "detection of frame {got:count} not compared: arm or pan-tilt unit had not settled", "")   \
-    X(98, CAL_OUTLIER_BACK, INFO, "pose {index:pose} fits again: no longer rejected as an outlier", "")
+    X(98, CAL_OUTLIER_ACCEPTED, INFO, "pose {index:pose} fits again: no longer rejected as an outlier", "")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

@@ -133,7 +133,7 @@ static void report_outliers(kc_app_t *app, kc_out_t *out)
             kc_event(&out->events, KC_EVT_CAL_OUTLIER, (int32_t)i + 1, 0.0, 0.0);
         }
         if (!app->est.outlier[i] && app->cal.outlier_reported[i]) {
-            kc_event(&out->events, KC_EVT_CAL_OUTLIER_BACK, (int32_t)i + 1, 0.0, 0.0);
+            kc_event(&out->events, KC_EVT_CAL_OUTLIER_ACCEPTED, (int32_t)i + 1, 0.0, 0.0);
         }
         app->cal.outlier_reported[i] = app->est.outlier[i];
     }

@@ -305,7 +305,7 @@ def test_review_says_what_became_of_a_proposal(names, events, active, verdict, s
 
 
 def test_rejected_poses_are_those_that_did_not_come_back(names):
-    log = log_with([("CAL_OUTLIER", 4, 0), ("CAL_OUTLIER", 9, 0), ("CAL_OUTLIER_BACK", 4, 0)])
+    log = log_with([("CAL_OUTLIER", 4, 0), ("CAL_OUTLIER", 9, 0), ("CAL_OUTLIER_ACCEPTED", 4, 0)])
     r = review.from_message(log.sessions[3].proposal, names)
     about = status(log, replace(r, n_outliers=1))
     assert (about.rejected, about.exact) == ((9,), True)

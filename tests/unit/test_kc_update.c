@@ -746,7 +746,7 @@ void test_every_rejected_pose_that_comes_back_is_reported_so_that_the_events_tel
     for (uint32_t i = 0u; i < APP->est.n_obs; i++) { out += APP->est.outlier[i]; }
     TEST_ASSERT_EQUAL_UINT32(world.proposal.n_outliers, out);
     TEST_ASSERT_EQUAL_UINT32(out,
-                             world_events(KC_EVT_CAL_OUTLIER) - world_events(KC_EVT_CAL_OUTLIER_BACK));
+                             world_events(KC_EVT_CAL_OUTLIER) - world_events(KC_EVT_CAL_OUTLIER_ACCEPTED));
 }
 
 static void given_bad_poses(uint32_t from, uint32_t to)

@@ -986,7 +986,7 @@ class FlightCore(Protocol):
     KC_SEV_INFO: int
     KC_SEV_DEBUG: int
     KC_EVT_NONE: int
-    KC_EVT_CAL_OUTLIER_BACK: int
+    KC_EVT_CAL_OUTLIER_ACCEPTED: int
     KC_EVT_MON_NOT_AT_REST: int
     KC_EVT_MON_UNEXPLAINED: int
     KC_EVT_MON_SUSPECT: int

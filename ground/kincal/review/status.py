@@ -59,7 +59,7 @@ def _rejected(log: LogSummary, session: int) -> tuple[int, ...]:
     for e in log.events:
         if e.name == "CAL_OUTLIER" and begin <= e.t_us <= end:
             poses.add(e.index)
-        if e.name == "CAL_OUTLIER_BACK":
+        if e.name == "CAL_OUTLIER_ACCEPTED":
             poses.discard(e.index)
     return tuple(sorted(poses))
 

@@ -94,8 +94,8 @@ def _groups(names: tuple[str, ...], null: Array) -> tuple[tuple[str, ...], ...]:
     groups: list[set[int]] = []
     for i in inside:
         mine = {i} | {j for j in inside if cosine[i, j] > _TOGETHER}
-        touching = [g for g in groups if g & mine]
-        groups = [g for g in groups if not g & mine] + [mine.union(*touching)]
+        sharing = [g for g in groups if g & mine]
+        groups = [g for g in groups if not g & mine] + [mine.union(*sharing)]
     return tuple(tuple(names[i] for i in sorted(g)) for g in sorted(groups, key=min))
 
 
