@@ -92,8 +92,8 @@ class Effect:
 
     per: "arm", "joint" or "pair"; needs: what arm table or data must hold; grid: constants that are
     searched; joint_type: of the joints that can have it, "" for both; equivalent_to: an effect with the very
-    same formula, with which it does not compete; beside: an effect that has to be in the model; shrunk:
-    as of `Parameter`.
+    same formula, with which it does not compete; beside: an effect that has to be in the model before;
+    shrunk: as of `Parameter`.
     """
 
     name: str

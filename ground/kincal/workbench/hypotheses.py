@@ -104,7 +104,7 @@ def assumed_by(model: Iterable[Hypothesis]) -> Constants:
 
 
 def _is_open(candidate: Candidate, taken: Collection[str]) -> bool:
-    """Not in the model, nor at all joints what is in at several; a second of its kind after the first."""
+    """Not in the model yet, nor at all joints what is in at several; a second one beside the first."""
     if any(covers(name, candidate.name) or _would_double(candidate, name) for name in taken):
         return False
     return not candidate.effect.beside or _is_beside(candidate, taken)
