@@ -11,8 +11,8 @@ from there. Exit 1 if a criterion fails.
 What counts as right
 - A finding is right if it names a hidden effect: the library's name for that kind (RIGHT) and, where the
   effect sits at one joint or pair, that joint or pair. If it sits at all joints, any one or some of them; a
-  bare name ("at some joint") is right too. pd_droop is the same formula as joint_compliance, so each is right for the
-  other.
+  bare name ("at some joint") is right too. pd_droop is the same formula as joint_compliance, so each is
+  right for the other.
 - An effect that no data can tell from the truth (`confounded`) and that is listed with it, as
   confounded_with or as a finding of its own, counts as listed together, and a claim of it as right. Other
   confusions are wrong even if listed. A soft joint 2 and a soft mount are such where the generator's own

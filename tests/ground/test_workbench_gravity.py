@@ -148,6 +148,11 @@ def test_a_name_with_several_joints_stands_for_each_of_them(arm, library, tmp_pa
     assert values["backlash[5].h"] == pytest.approx(2.5e-3, rel=0.4)
 
 
+def test_one_effect_at_one_joint_by_two_names_is_refused(arm, library):
+    with pytest.raises(BadInput, match=r"backlash\[5\] twice"):
+        wb.choose_constants(library, ["backlash[1,5]", "backlash[5,6]"], arm, None)
+
+
 def test_which_effects_are_open_beside_others(arm, library, tmp_path):
     bare = replace(arm, joints=tuple(replace(j, gear_ratio=None) for j in arm.joints))
     data = measure(tmp_path, 20, 1)

@@ -50,13 +50,21 @@ def choose_constants(
     groups = [found[name] for name in names]
     if joined:
         return [_joined(library, name, group) for name, group in zip(names, groups, strict=True)]
-    return [h for group in groups for h in group]
+    return _each_once([h for group in groups for h in group])
 
 
 def _joined(library: Library, name: str, group: list[Hypothesis]) -> Hypothesis:
     effect = library.effect(group[0].effect)
     assert effect is not None  # it was found by this library
     return merged_if_several(effect, group, name)
+
+
+def _each_once(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """The same; BadInput where two names hold one effect at one joint: backlash[1,5] and backlash[5,6]."""
+    names = [h.name for h in hypotheses]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise BadInput(f"the model holds {twice[0]} twice, by two names", todo="remove one of them")
+    return hypotheses
 
 
 def _searched(

@@ -46,13 +46,6 @@ def helpful(study: Study, model: Model) -> Iterator[Helper]:
         good.remove(first)
 
 
-def predicts(study: Study, model: Model, h: Hypothesis) -> bool:
-    """Whether an effect of a model predicts the fit poses significantly better in cross-validation."""
-    fit = study.held_fit(tuple(x for x in model if x.name != h.name))
-    columns = Columns(fit, study.part_weight)
-    return bool(cross_validate(fit, columns, columns.hypotheses([h])).sigmas[0] > _SIGNIFICANT)
-
-
 def _asked_for(study: Study, model: Model) -> list[Hypothesis]:
     """Effects that win against "nothing missing" and need no more coefficients than there is room for: the
     prior of each keeps the best of many from winning by chance."""

@@ -191,4 +191,8 @@ def _replaced(study: Study, state: State, h: Hypothesis) -> tuple[State, Hypothe
 
 
 def _with(state: State, old: Hypothesis, new: Hypothesis) -> State:
-    return replace(state, model=tuple(new if x is old else x for x in state.model))
+    """Another effect in the place of one; at other joints the same has what was found about it."""
+    model = tuple(new if x is old else x for x in state.model)
+    if old.effect != new.effect or old.name not in state.ties:
+        return replace(state, model=model)
+    return replace(state, model=model, ties={**state.ties, new.name: state.ties[old.name]})
