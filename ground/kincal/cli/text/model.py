@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from kincal.export import Exported
 from kincal.schema.names import effect_of
 from kincal.schema.terms import TermEntry
 from kincal.workbench.additions import Addition
@@ -11,7 +12,7 @@ from kincal.workbench.effects import Effect, Library
 from kincal.workbench.modelfile import ModelFile
 
 _INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
-_SHOWN = ("name", "unit", "sigma")  # of a parameter
+_SHOWN = ("name", "unit", "sigma", "image")  # of a parameter
 
 
 def effects_json(library: Library) -> list[dict[str, Any]]:
@@ -38,8 +39,14 @@ def effects(library: Library) -> str:
     return "\n".join(line for row in effects_json(library) for line in _effect_lines(row))
 
 
+def _size(p: dict[str, Any]) -> str:
+    """A parameter with its typical size; of a target of many points: with what it does to their image."""
+    size = f"{p['name']} ~ {p['sigma']:g} {p['unit']}"
+    return f"{size} through many points" if p["image"] else size
+
+
 def _effect_lines(row: dict[str, Any]) -> list[str]:
-    sizes = ", ".join(f"{p['name']} ~ {p['sigma']:g} {p['unit']}" for p in row["parameters"])
+    sizes = ", ".join(_size(p) for p in row["parameters"])
     lists = (("needs", row["needs"]), ("confounded with", row["confounded_with"]))
     return [
         f"{row['name']:<30} {row['title']}",
@@ -96,3 +103,19 @@ def contents(model: ModelFile) -> str:
         if _belongs(name.partition(".")[0], model)
     ]
     return "\n".join([*(model.effects or ("no effect (DH only)",)), *fitted])
+
+
+def exported(made: Exported) -> str:
+    """The files that were written."""
+    return "\n".join(f"{path}: {path.stat().st_size} bytes" for path in made.files)
+
+
+def left_out(made: Exported, form: str) -> str:
+    """What the format does not hold, and which ones do."""
+    return "\n".join(
+        [
+            f"warning: --format {form} cannot hold these effects (mm: RMS over the fitted poses):",
+            *(f"  {one}" for one in made.left_out),
+            *(["  --format python and --format c hold those of the arm"] if form in ("dh", "urdf") else []),
+        ]
+    )
