@@ -277,7 +277,7 @@ def test_effects_lists_what_people_need():
     rows = {row["name"]: row for row in answer("effects")}
     assert len(rows) >= 28
     row = rows["joint_compliance[j]"]
-    assert row["parameters"] == [{"name": "c", "unit": "rad/(N m)", "sigma": 2e-4}]
+    assert row["parameters"] == [{"name": "c", "unit": "rad/(N m)", "sigma": 2e-4, "image": None}]
     for name, row in rows.items():
         for key in ("title", "formula", "looks_like", "inspect"):
             assert row[key], f"{name} has no {key}"

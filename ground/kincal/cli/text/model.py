@@ -12,7 +12,7 @@ from kincal.workbench.effects import Effect, Library
 from kincal.workbench.modelfile import ModelFile
 
 _INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
-_SHOWN = ("name", "unit", "sigma")  # of a parameter
+_SHOWN = ("name", "unit", "sigma", "image")  # of a parameter
 
 
 def effects_json(library: Library) -> list[dict[str, Any]]:
@@ -39,8 +39,14 @@ def effects(library: Library) -> str:
     return "\n".join(line for row in effects_json(library) for line in _effect_lines(row))
 
 
+def _size(p: dict[str, Any]) -> str:
+    """A parameter with its typical size; of a target of many points: with what it does to their image."""
+    size = f"{p['name']} ~ {p['sigma']:g} {p['unit']}"
+    return f"{size} through many points" if p["image"] else size
+
+
 def _effect_lines(row: dict[str, Any]) -> list[str]:
-    sizes = ", ".join(f"{p['name']} ~ {p['sigma']:g} {p['unit']}" for p in row["parameters"])
+    sizes = ", ".join(_size(p) for p in row["parameters"])
     lists = (("needs", row["needs"]), ("confounded with", row["confounded_with"]))
     return [
         f"{row['name']:<30} {row['title']}",
