@@ -180,22 +180,24 @@ def diagnose_command(
 @model.command("fit")
 @ARM
 @DATA
-@MODEL_NEEDED
+@MODEL
 @EFFECTS
 @JSON
 def fit_command(
     arm_path: Path,
     given: Given,
-    model_path: Path,
+    model_path: Path | None,
     effect_files: tuple[Path, ...],
     as_json: bool,
 ) -> None:
     """Fit the model and show how the held-out error falls from model to model, down to the noise floor.
 
-    The values are written into the model file.
+    The values are written into the model file. Without one this is plain DH calibration, and nothing is
+    written.
 
     \b
-    Example:
+    Examples:
+        kincal model fit --arm arm.toml --data poses.csv
         kincal model fit --arm arm.toml --data poses.csv --model M.toml
     """
     from dataclasses import replace
@@ -208,11 +210,11 @@ def fit_command(
     chosen, library = _model(model_path, effect_files)
     with progress() as tick:
         result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick)
-    values = {
-        n: (float(v), float(s)) for n, v, s in zip(result.names, result.estimate, result.std_err, strict=True)
-    }
-    where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
-    write_model(model_path, replace(chosen, arm=where, values=values, constants=result.constants))
+    if model_path is not None:
+        rows = zip(result.names, result.estimate, result.std_err, strict=True)
+        values = {n: (float(v), float(s)) for n, v, s in rows}
+        where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
+        write_model(model_path, replace(chosen, arm=where, values=values, constants=result.constants))
     click.echo(json.dumps(fit_json(result), indent=1) if as_json else fit_text(result))
 
 
