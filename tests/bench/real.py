@@ -125,7 +125,8 @@ def joints_of(data: Path) -> int:
 @dataclass(frozen=True)
 class Row:
     """What one set (or, judged: a file that its models predict) gives. names: (name, role, probability);
-    error: why there are no figures."""
+    smooth: the unnamed effects that were added; seconds: of the diagnosis; error: why there are no
+    figures."""
 
     name: str
     poses: int = 0
@@ -139,6 +140,7 @@ class Row:
     noise_source: str = ""
     verdict: str = ""
     names: list[tuple[str, str, float]] = field(default_factory=list)
+    smooth: list[str] = field(default_factory=list)
     seconds: float = 0.0
     judged: bool = False
     error: str = ""
@@ -162,12 +164,14 @@ def run_set(case: Case, most: int | None) -> list[Row]:
     if most is not None and data.n > most:
         data = data.take(np.linspace(0, data.n - 1, most).astype(int))
     found = wb.diagnose(arm, data, wb.Library.load())
-    row = row_of(case.name, found, time.monotonic() - start)
-    return [row, *(try_judged(path, found, arm) for path in case.judging)]
+    seconds = time.monotonic() - start
+    added = wb.add_unnamed_to(found)
+    row = row_of(case.name, found, added, seconds)
+    return [row, *(try_judged(path, found, added, arm) for path in case.judging)]
 
 
-def row_of(name, found, seconds: float) -> Row:
-    """Figures of a diagnosis."""
+def row_of(name, found, added, seconds: float) -> Row:
+    """Figures of a diagnosis, and of the unnamed effects added to it."""
     before, left = found.comparison, found.remainder
     reachable = before.reachable
     return Row(
@@ -176,7 +180,8 @@ def row_of(name, found, seconds: float) -> Row:
         nominal=mm(before.rms["nominal"]),
         dh=mm(before.rms["held"]),
         named=mm((left.held_pos_m, left.held_rot_rad)),
-        unnamed=unnamed(found),
+        unnamed=mm((added.held_pos_m, added.held_rot_rad)),
+        smooth=[str(step.effect.name) for step in added.steps],
         reachable=NONE if reachable is None else mm((reachable.pos_m, reachable.rot_rad)),
         reachable_by=[] if reachable is None else list(reachable.parts),
         noise=mm((before.noise_floor.pos_m, before.noise_floor.rot_rad)),
@@ -197,32 +202,26 @@ def names_of(found) -> list[tuple[str, str, float]]:
     return [*named, (place, "unnamed", found.novel.probability)]
 
 
-def unnamed(found) -> PosRot:
-    """Held-out error with the unnamed terms that the diagnosis proposes; none if it proposes none."""
-    from kincal import workbench as wb
-
-    more = wb.add_unnamed_to(found)
-    return mm((more.held_pos_m, more.held_rot_rad))
-
-
-def try_judged(path: Path, found, arm) -> Row:
+def try_judged(path: Path, found, added, arm) -> Row:
     """`judged`, or the row of its error: the set keeps its own row."""
     try:
-        return judged(path, found, arm)
+        return judged(path, found, added, arm)
     except Exception as error:
         return Row(path.stem, judged=True, error=f"{type(error).__name__}: {error}")
 
 
-def judged(path: Path, found, arm) -> Row:
-    """The models of a diagnosis, fitted to all poses, on the poses of another file."""
+def judged(path: Path, found, added, arm) -> Row:
+    """The models of a diagnosis, fitted to all poses, on the poses of another file; with unnamed effects
+    fitted to the fit poses."""
     from kincal import workbench as wb
     from kincal.workbench.fit import fit_model, rms
 
     data = wb.read_measurements(path, arm)
     plain, final = found.comparison.fit_all, found.final
     rigid = fit_model(arm, plain.data, dh=False, frames=(plain.base, plain.tool))
-    nominal, dh, named = (mm(rms(fit.predict(data))) for fit in (rigid, plain, final))
-    return Row(path.stem, data.n, nominal, dh, named, judged=True)
+    fits = (rigid, plain, final, added.fit)
+    nominal, dh, named, unnamed = (mm(rms(fit.predict(data))) for fit in fits)
+    return Row(path.stem, data.n, nominal, dh, named, unnamed, judged=True)
 
 
 # ------------------------------------------------------------------------------------------- one process each

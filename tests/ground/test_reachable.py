@@ -132,7 +132,12 @@ def real_set(folder, name, most=None):
 @real
 @pytest.mark.parametrize(
     ("folder", "name", "most", "reached_mm"),
-    [("ur5", "ur5", 400, 0.079), ("ur10", "ur10d", None, 0.264), ("fr3", "fr3", None, 1.0)],
+    [
+        ("wam", "wam", None, 1.47),
+        ("ur5", "ur5", 400, 0.079),
+        ("ur10", "ur10d", None, 0.264),
+        ("fr3", "fr3", None, 1.0),
+    ],
 )
 def test_real_arms_reach_what_independent_fits_reach(folder, name, most, reached_mm):
     """The figures of independent fits in the folder's README (ur10: of its best named effect)."""

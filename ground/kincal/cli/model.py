@@ -191,22 +191,30 @@ def diagnose_command(
 @model.command("fit")
 @ARM
 @DATA
-@MODEL_WRITTEN
+@click.option(
+    "--model",
+    "model_path",
+    type=FILE_OUT,
+    default=None,
+    help="Model file to fit and write; absent: DH errors only.",
+)
 @EFFECTS
 @JSON
 def fit_command(
     arm_path: Path,
     given: Given,
-    model_path: Path,
+    model_path: Path | None,
     effect_files: tuple[Path, ...],
     as_json: bool,
 ) -> None:
     """Fit the model and show how the held-out error falls from model to model, down to the noise floor.
 
-    The values are written into the model file.
+    The values are written into the model file. Without one this is plain DH calibration, and nothing is
+    written.
 
     \b
-    Example:
+    Examples:
+        kincal model fit --arm arm.toml --data poses.csv
         kincal model fit --arm arm.toml --data poses.csv --model M.toml
     """
     from kincal.workbench.answers import fit_json, fit_text
@@ -218,8 +226,9 @@ def fit_command(
     chosen, library = _model(model_path, effect_files, arm)
     with progress() as tick:
         result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick)
-    where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
-    write_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
+    if model_path is not None:
+        where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
+        write_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
     click.echo(json.dumps(fit_json(result), indent=1) if as_json else fit_text(result))
 
 

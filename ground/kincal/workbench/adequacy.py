@@ -83,7 +83,15 @@ def noise_floor(fit: Fit) -> NoiseFloor:
     if fit.data.cov is not None:
         variance = np.einsum("nii->ni", fit.data.cov).mean(axis=0)[: r.shape[1]]
         return NoiseFloor(*_pos_rot(variance), STATED)
-    return NoiseFloor(None, None, UNKNOWN)
+    return NoiseFloor(None, None, _unknown(dof))
+
+
+def _unknown(dof: int) -> str:
+    """Why nothing says how large the noise is."""
+    if dof == 0:
+        return UNKNOWN
+    enough = f"{dof} of the {_MIN_REPLICATE_DOF} repeated measurements that are needed"
+    return f"unknown: {enough}, and no stated covariance"
 
 
 def _replicates(fit: Fit) -> Iterator[Indices]:

@@ -11,6 +11,7 @@ from .adequacy import NoiseFloor, Where
 from .api import FitResult
 from .compare import Comparison
 from .curves import Curve
+from .design_text import axes_json, design_lines, identifiability_json
 from .diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
 from .nested import NestedModel, NestedModels
 from .nextposes import NextPose
@@ -65,6 +66,8 @@ def comparison_json(c: Comparison) -> Json:
         "noise_floor": _floor(c.noise_floor),
         "rms": {name: _pos_rot(*pair) for name, pair in c.rms.items()},
         "reachable": _reachable(c.reachable),
+        "identifiability": identifiability_json(c.identifiability),
+        "axes": {name: axes_json(axes) for name, axes in c.residual_axes.items()},
         "chi2_per_dof": c.chi2_per_dof,
         "p_lack_of_fit": c.p_lack_of_fit,
         "p_structure": c.p_structure,
@@ -203,8 +206,7 @@ def _text(position_m: float | None, rotation_rad: float | None) -> str:
 
 def comparison_text(c: Comparison) -> str:
     """Numbers, what is left and where, and the worst poses."""
-    floor = _text(c.noise_floor.pos_m, c.noise_floor.rot_rad)
-    untested = "cannot be tested (no replicates, no stated noise)"
+    untested = "cannot be tested: nothing says how large the noise is"
     p_text = untested if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}"
     lines = [
         f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), "
@@ -214,7 +216,8 @@ def comparison_text(c: Comparison) -> str:
         f"fitted poses       {_text(*c.rms['fit'])}",
         f"held-out poses     {_text(*c.rms['held'])}",
         f"reachable          {_reachable_text(c.reachable)}",
-        f"noise floor        {floor} ({c.noise_floor.source})",
+        f"noise floor        {_floor_text(c.noise_floor)}",
+        *design_lines(c),
         f"chi2 per degree    {c.chi2_per_dof:.3f}",
         f"lack of fit        {p_text}",
         f"left over          {explain.left_over(c)}",
@@ -223,6 +226,12 @@ def comparison_text(c: Comparison) -> str:
         *_rest_lines(c),
     ]
     return "\n".join(lines)
+
+
+def _floor_text(floor: NoiseFloor) -> str:
+    if floor.pos_m is None:
+        return floor.source
+    return f"{_text(floor.pos_m, floor.rot_rad)} ({floor.source})"
 
 
 def _reachable_text(r: Reachable | None) -> str:
@@ -268,8 +277,6 @@ def poses_text(poses: Sequence[NextPose]) -> str:
 
 def fit_text(f: FitResult) -> str:
     """Held-out errors of the nested models, then every coefficient."""
-    floor = f.nested.floor
-    floor_text = "unknown" if floor.pos_m is None else f"{floor.pos_m * 1e3:.3f} mm"
     coefficients = zip(f.names, f.estimate, f.std_err, f.units, strict=True)
     return "\n".join(
         [
@@ -279,7 +286,7 @@ def fit_text(f: FitResult) -> str:
             f"{'model':<28}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval",
             *map(_nested_line, f.nested.models),
             f"reachable: {_reachable_text(f.comparison.reachable)}",
-            f"noise floor: {floor_text} ({floor.source})",
+            f"noise floor: {_floor_text(f.nested.floor)}",
             *map(explain.no_gain, f.nested.no_gain),
             "",
             f"{'coefficient':<34}{'value':>12}{'std err':>12}  unit",

@@ -27,6 +27,7 @@ from .adequacy import (
 from .data import Measurements
 from .effects import Hypothesis
 from .fit import Fit, find_frames, fit_model, rms
+from .identifiability import Axis, Identifiability, identifiability, residual_axes
 from .reachable import Reachable, reachable
 from .types import Indices
 
@@ -82,6 +83,17 @@ class Comparison:
     still_joints: tuple[int, ...]
     fit_all: Fit
     fit_part: Fit
+
+    @cached_property
+    def identifiability(self) -> Identifiability:
+        """What all poses together determine of the model's coefficients."""
+        return identifiability(self.fit_all)
+
+    @cached_property
+    def residual_axes(self) -> dict[str, tuple[Axis, ...]]:
+        """Residuals by axis of the "fit" and of the "held" poses."""
+        held = () if self.held_data is None else residual_axes(self.fit_part.predict(self.held_data))
+        return {"fit": residual_axes(self.fit_part.evaluation.r), "held": held}
 
     @cached_property
     def reachable(self) -> Reachable | None:

@@ -13,6 +13,7 @@ from .fit import Fit
 from .types import Array, Mask, array
 
 _ZERO = 1e-7  # of the largest singular value of the scaled design: a direction that no pose shows
+_NO_COLUMN = 1e-10  # of the longest column: rounding
 _PART = 0.02  # of a coefficient lies in directions that no pose shows
 _TOGETHER = 0.05  # cosine from which on two such coefficients can stand for each other
 _CORRELATED = 0.95
@@ -46,7 +47,8 @@ class Identifiability:
     parameters: coefficients; rank: directions that the data show at all; determined: those that they
     determine better than the priors do; condition: of the design with columns scaled to length 1, over the
     directions that are shown; correlated: pairs with |correlation| above 0.95, largest first;
-    not_separate: groups of coefficients that can stand for each other, so that only their sum counts.
+    not_separate: groups of coefficients that can stand for each other, so that only what they do together is
+    determined; a group of one does nothing at these poses.
     """
 
     parameters: int
@@ -64,7 +66,8 @@ def identifiability(fit: Fit) -> Identifiability:
     weight = np.repeat(np.sqrt(fit.weight), fit.evaluation.r.shape[1])
     design = fit.J * weight[:, None]
     length = np.linalg.norm(design, axis=0)
-    value, vector = _singular(design / np.where(length > 0, length, 1.0))
+    seen = length > _NO_COLUMN * length.max()
+    value, vector = _singular(np.where(seen, design / np.where(seen, length, 1.0), 0.0))
     shown: Mask = value > _ZERO * value[0]
     groups = _groups(fit.names, vector[:, ~shown])
     return Identifiability(
@@ -94,8 +97,8 @@ def _groups(names: tuple[str, ...], null: Array) -> tuple[tuple[str, ...], ...]:
     groups: list[set[int]] = []
     for i in inside:
         mine = {i} | {j for j in inside if cosine[i, j] > _TOGETHER}
-        sharing = [g for g in groups if g & mine]
-        groups = [g for g in groups if not g & mine] + [mine.union(*sharing)]
+        merged = [g for g in groups if g & mine]
+        groups = [g for g in groups if not g & mine] + [mine.union(*merged)]
     return tuple(tuple(names[i] for i in sorted(g)) for g in sorted(groups, key=min))
 
 

@@ -1,0 +1,140 @@
+"""What the poses of a fit determine, on arms whose answer is known from the mechanics, and against plain
+linear algebra."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import poses
+import pytest
+from click.testing import CliRunner
+
+from kincal import workbench as wb
+from kincal.cli import main
+from kincal.workbench.identifiability import identifiability, residual_axes
+
+
+def unknown_frames(path):
+    """The WAM with base and tool frames to be found."""
+    text = poses.arm_toml(path, masses=False).read_text()
+    path.write_text(
+        text.replace("quat_wxyz = [1.0, 0.0, 0.0, 0.0]", "quat_wxyz = [1.0, 0.0, 0.0, 0.0]\nestimate = true")
+    )
+    return wb.read_arm(path)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files")
+    unknown_frames(folder / "arm.toml")
+    poses.poses_csv(folder / "d.csv", 80, 2, position_only=True)
+    return folder / "arm.toml", folder / "d.csv"
+
+
+@pytest.fixture(scope="module")
+def comparison(files):
+    arm = wb.read_arm(files[0])
+    return wb.compare(arm, wb.read_csv(files[1], 7))
+
+
+def test_a_base_along_the_first_axis_is_not_told_from_the_first_joint(comparison):
+    """Shifting the base along joint 1's axis is d1, turning it about that is phi1 (Khalil & Dombre 11)."""
+    groups = [set(group) for group in comparison.identifiability.not_separate]
+    assert {"base.tz_m", "J1.d_m"} in groups
+    assert {"base.rz_rad", "J1.phi_rad"} in groups
+    tool = next(group for group in groups if "J7.d_m" in group)
+    assert "tool.tz_m" in tool
+
+
+def test_with_known_frames_every_dh_error_of_full_poses_is_identifiable(tmp_path):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    found = wb.compare(arm, wb.read_csv(poses.poses_csv(tmp_path / "d.csv", 80, 2), 7)).identifiability
+    assert (found.parameters, found.rank, found.not_separate) == (28, 28, ())
+
+
+def test_rank_and_condition_are_those_of_numpy(comparison):
+    fit = comparison.fit_all
+    design = fit.J * np.repeat(np.sqrt(fit.weight), 3)[:, None]
+    length = np.linalg.norm(design, axis=0)
+    design = design[:, length > 1e-6] / length[length > 1e-6]
+    value = np.linalg.svd(design, compute_uv=False)
+    rank = np.linalg.matrix_rank(design, tol=1e-7 * value[0])
+    assert comparison.identifiability.rank == rank < len(fit.names)
+    assert comparison.identifiability.condition == pytest.approx(value[0] / value[rank - 1], rel=1e-6)
+
+
+def test_two_joints_that_move_together_are_correlated(comparison):
+    """Columns of phi of joints 3 and 5 made almost the same: their estimates are almost opposite."""
+    fit = comparison.fit_all
+    i, k = fit.names.index("J3.phi_rad"), fit.names.index("J5.phi_rad")
+    rng = np.random.default_rng(1)
+    design = rng.normal(size=(240, len(fit.names)))
+    design[:, k] = design[:, i] + 0.05 * rng.normal(size=240)
+    cov = np.linalg.inv(design.T @ design)
+    found = identifiability(replace(fit, J=design, cov=cov, weight=np.ones(80)))
+    (pair,) = found.correlated
+    assert {pair.first, pair.second} == {"J3.phi_rad", "J5.phi_rad"}
+    assert pair.correlation == pytest.approx(cov[i, k] / np.sqrt(cov[i, i] * cov[k, k]))
+    assert pair.correlation < -0.95
+    assert found.not_separate == ()
+
+
+def test_residuals_by_axis_add_up(comparison):
+    r = comparison.fit_part.predict(comparison.held_data)
+    axes = residual_axes(r)
+    assert [a.name for a in axes] == ["x", "y", "z"]
+    assert np.sqrt(sum(a.rms**2 for a in axes)) == pytest.approx(comparison.rms["held"][0])
+    assert [a.largest for a in axes] == pytest.approx(np.abs(r).max(axis=0))
+
+
+# ------------------------------------------------------------------------------------------- on one page
+
+
+def run(*words):
+    done = CliRunner().invoke(main, ["model", *map(str, words)])
+    assert done.exit_code == 0, done.output
+    return done
+
+
+def test_compare_says_it_on_one_page(files):
+    text = run("compare", "--arm", files[0], "--data", files[1]).stdout
+    for words in (
+        "parameters         40, rank 3",
+        "condition",
+        "base.rz_rad, J1.phi_rad",
+        "by axis",
+        "reachable",
+    ):
+        assert words in text
+
+
+def test_compare_says_it_as_json(files):
+    answer = json.loads(run("compare", "--arm", files[0], "--data", files[1], "--json").stdout)
+    found = answer["identifiability"]
+    assert found["parameters"] == 40
+    assert ["base.rz_rad", "J1.phi_rad"] in found["not_separate"]
+    assert {row["axis"] for row in answer["axes"]["held"]} == {"x", "y", "z"}
+    assert set(answer["axes"]["fit"][0]) == {"axis", "rms_mm", "max_mm"}
+    assert set(answer["reachable"]) == {"pos_mm", "rot_mrad", "by"}
+
+
+def test_fit_without_a_model_file_is_dh_calibration(files):
+    """The same coefficients as with an empty model file, and no file is written."""
+    folder = files[0].parent
+    before = set(folder.iterdir())
+    answer = json.loads(run("fit", "--arm", files[0], "--data", files[1], "--json").stdout)
+    assert len(answer["parameters"]) == 40
+    assert answer["effects"] == []
+    assert answer["rms"]["held"]["pos_mm"] < answer["rms"]["nominal"]["pos_mm"]
+    assert set(folder.iterdir()) == before
+
+
+def test_too_few_replicates_are_counted(tmp_path):
+    """Three poses measured twice: three repeated measurements, too few to say how large the noise is."""
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml", masses=False))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "d.csv", 60, 3), 7)
+    group = np.arange(60)
+    group[[10, 20, 30]] = [9, 19, 29]
+    floor = wb.compare(arm, replace(data, cov=None, replicate=group)).noise_floor
+    assert floor.pos_m is None
+    assert floor.source.startswith("unknown: 3 of the 6 repeated measurements")
