@@ -255,7 +255,13 @@ def effect_findings(study: Study, found: Selection, adequate: bool) -> tuple[Eff
     report = _Reporter(study, found.model, p_family, adequate)
     findings = [report.kept(k) for k in found.kept]
     findings += [report.alternative(h, posterior) for h, posterior in alternatives(found)]
-    return tuple(sorted(findings, key=lambda f: (_ROLES.index(f.role), -f.probability)))
+    return tuple(sorted(findings, key=_rank))
+
+
+def _rank(f: EffectFinding) -> tuple[int, float, float]:
+    """Best first: by role, probability, and what held-out poses gain."""
+    ratio = f.held.after_m / f.held.before_m if f.held.after_m > 0.0 else 1.0
+    return _ROLES.index(f.role), -f.probability, ratio
 
 
 def alternatives(found: Selection) -> list[tuple[Hypothesis, Posterior]]:
@@ -306,7 +312,7 @@ class _Reporter:
         probability = k.posterior.presence(k.effect.name)
         # While the model with it does not explain the data, a name may stand for a similar effect that is
         # missing: its posterior holds only if the truth is among the names.
-        capped = k.role == "accepted" and not self.adequate and probability > CLAIM
+        capped = not self.adequate and probability > CLAIM
         found = self._finding(k.effect, k.role, CLAIM if capped else probability, k.posterior)
         confounded = dict.fromkeys((*confounded_effects(self.study, k.effect, k.posterior), *k.ties))
         values = _values(k.effect, self.study.fit(self.model))
