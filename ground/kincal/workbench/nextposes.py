@@ -180,7 +180,8 @@ def _drawn(fit: Fit, rng: np.random.Generator, count: int) -> Measurements:
 
 
 def _aimed(fit: Fit, new: Measurements) -> Measurements:
-    """Poses with the camera of the measured pose whose tool was nearest: a camera that turns was aimed there."""
+    """Poses with the camera of the measured pose whose tool was nearest: a camera that turns was aimed
+    there."""
     _, near = KDTree(tool_poses(fit, fit.data).p_m).query(tool_poses(fit, new).p_m)
     camera = {name: getattr(fit.data, name) for name in _CAMERA}
     return replace(new, **{name: x[near] for name, x in camera.items() if x is not None})
