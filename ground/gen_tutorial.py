@@ -64,7 +64,8 @@ def perform(text: str, folder: Path) -> list[Step]:
 
 
 def shown(output: str, pattern: str) -> str:
-    """The lines that match, each gap as one line of dots."""
+    """The lines that match, each gap as one line of dots. A heading with nothing shown below it ends the
+    run: the pattern misses what the heading is for."""
     lines, kept, gap = output.splitlines(), [], False
     for line in lines:
         if re.search(pattern, line):
@@ -74,6 +75,9 @@ def shown(output: str, pattern: str) -> str:
             gap = False
         else:
             gap = True
+    for line, after in zip(kept, [*kept[1:], "..."], strict=True):
+        if line.endswith(":") and after == "...":
+            raise SystemExit(f"nothing is shown below {line!r}; mend the pattern {pattern!r}")
     return "".join(f"{line}\n" for line in kept)
 
 

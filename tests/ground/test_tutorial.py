@@ -67,6 +67,13 @@ def test_flight_estimates_the_uplinked_terms_itself(tutorial):
     assert terms.n_coef == 30
 
 
+def test_a_heading_with_nothing_shown_below_it_is_not_printed():
+    output = "where the rest is:\n  gravity torque of joint 4 at link 2\nworst poses: 3\n"
+    assert "torque" in gen_tutorial.shown(output, "^where|torque")
+    with pytest.raises(SystemExit, match="where the rest is"):
+        gen_tutorial.shown(output, "^where|tau4|^worst")
+
+
 def test_page_prints_what_its_commands_print(tutorial):
     """Same lines, same words; numbers are those of the run that wrote the page."""
     _, text, steps = tutorial

@@ -165,7 +165,11 @@ def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int]:
         for place, drivers in ranked
         if place in possible and not set(drivers) & set(_NOT_PREDICTABLE)
     ]
-    return [name for name in names if str(name) not in taken][:_TRIED], max(len(scored), 1)
+    new = [name for name in names if str(name) not in taken]
+    # the map is too smooth to point at ripples of a joint's own angle
+    own = [UnnamedName(f"joint {j}", (f"q{j}",)) for j in range(1, fit.arm.n + 1)]
+    ripples = [name for name in own if name in new[_TRIED:]]
+    return [*new[:_TRIED], *ripples], max(len(scored), 1)
 
 
 # ------------------------------------------------------------------------------------------------ gains

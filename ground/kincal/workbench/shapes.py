@@ -14,8 +14,9 @@ from kincal.schema.terms import ONE, Basis
 
 from .types import Array
 
-FAMILIES = ("cosines", "Fourier", "polynomial and tanh")
+FAMILIES = ("cosines", "Fourier", "polynomial and tanh", "fine cosines")
 _COSINES, _HARMONICS = 5, 3
+_FINE, _FINE_HALF = 40, 12.0  # of one driver alone: gear teeth and bearings ripple
 _LEAST_WEIGHT = 0.09  # products of two fine shapes are left out: too many, and noise
 _JOINT_DRIVER = re.compile(r"([a-z]+?)(\d+)")
 _SWITCHES = ("dir", "tag", "qdot")  # an error follows them in proportion
@@ -117,15 +118,18 @@ def _single(v: Variable, family: str) -> Iterator[Shape]:
         yield from _fourier(v)
     elif family == "polynomial and tanh":
         yield from _polynomial(v)
+    elif family == "fine cosines":
+        yield from _cosines(v, _FINE, _FINE_HALF)
     else:
-        yield from _cosines(v)
+        yield from _cosines(v, _COSINES, 2.0)
 
 
-def _cosines(v: Variable) -> Iterator[Shape]:
-    """Half waves over the measured range (the discrete cosine transform's)."""
-    for k in range(1, _COSINES + 1):
+def _cosines(v: Variable, count: int, half: float) -> Iterator[Shape]:
+    """Half waves over the measured range (the discrete cosine transform's); half: number of the one that is
+    half as large as the first ones."""
+    for k in range(1, count + 1):
         basis = _scaled(v, "cos", v.middle - v.half, _rounded(np.pi * k / (2.0 * v.half)))
-        yield Shape((basis, ONE), 1.0 / (1.0 + (0.5 * k) ** 2))
+        yield Shape((basis, ONE), 1.0 / (1.0 + (k / half) ** 2))
 
 
 def _fourier(v: Variable) -> Iterator[Shape]:

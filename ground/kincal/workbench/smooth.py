@@ -121,7 +121,10 @@ def _families(variables: Sequence[Variable]) -> tuple[str, ...]:
     """Those that differ for these variables."""
     if all(v.switches for v in variables):
         return FAMILIES[:1]
-    return FAMILIES if any(v.turns for v in variables) else (FAMILIES[0], FAMILIES[2])
+    cosines, fourier, polynomial, fine = FAMILIES
+    of_angles = (fourier,) if any(v.turns for v in variables) else ()
+    of_one = (fine,) if len(variables) == 1 else ()
+    return (cosines, *of_angles, polynomial, *of_one)
 
 
 def _variable(driver: str, columns: Columns) -> Variable:
