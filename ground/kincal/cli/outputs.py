@@ -20,7 +20,7 @@ class OutputFile(click.ParamType[Path]):
     def __init__(self, *suffixes: str) -> None:
         self.suffixes = suffixes
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+    def convert(self, value: Any, _param: click.Parameter | None, _ctx: click.Context | None) -> Path:
         """The path. BadInput says why nothing can be written there."""
         path = Path(value)
         if self.suffixes and path.suffix.lower() not in self.suffixes:
@@ -41,7 +41,7 @@ class OutputFolder(click.ParamType[Path]):
 
     name = "path"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+    def convert(self, value: Any, _param: click.Parameter | None, _ctx: click.Context | None) -> Path:
         """The path. BadInput says why nothing can be written there."""
         path = Path(value)
         _check_folder(path, path)
