@@ -109,6 +109,9 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(34, TBL_DROPPED, WARN,                                                                                 \
       "{index:store} dropped: built for a table with CRC {got:crc}, active is {want:crc}",                   \
       "Upload one that was built for the active tables.")                                                    \
+    X(35, TBL_OTHER_ARM, ERROR,                                                                              \
+      "{index:store} refused: made for an arm with kinematics CRC {got:crc}, the active one has {want:crc}", \
+      "Build it for the arm of the ARM table, or activate the ARM table of that arm first.")                 \
     X(40, IN_RANGE, ERROR, "message refused: {index:input_field} is {got:number}, limit {want:number}",      \
       "Check the sender; a joint reading beyond its limit points to an encoder fault.")                      \
     X(41, IN_STALE, WARN, "{index:input} message refused: {got:count} is not newer than {want:count}",       \

@@ -120,6 +120,7 @@ static void walk_terms(kc_walk_t *w, kc_terms_t *t)
         walk_term(w, &t->term[i], n_coef);
     }
     w->index = -1;
+    kc_walk_u32(w, 18u, &t->kinematics_crc, 0u, U32_MAX); /* of the arm they were made for; 0: any */
 }
 
 static void walk_kin(kc_walk_t *w, kc_kin_t *k)

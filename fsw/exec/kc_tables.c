@@ -176,6 +176,19 @@ static kc_status_t built_for(uint16_t kind, uint32_t crc, uint32_t active, kc_ev
     return KC_ERR_STATE;
 }
 
+static int made_for_arm(const kc_terms_t *terms, const kc_arm_t *arm)
+{
+    return terms->kinematics_crc == 0u || terms->kinematics_crc == kc_arm_kinematics_crc(arm);
+}
+
+static kc_status_t terms_of_arm(const kc_terms_t *terms, const kc_arm_t *arm, kc_events_t *ev)
+{
+    if (made_for_arm(terms, arm)) { return KC_OK; }
+    kc_event(ev, KC_EVT_TBL_OTHER_ARM, KC_TBL_TERMS, (double)terms->kinematics_crc,
+             (double)kc_arm_kinematics_crc(arm));
+    return KC_ERR_STATE;
+}
+
 static kc_status_t kin_in_bounds(const kc_kin_t *kin, const kc_terms_t *terms, kc_events_t *ev)
 {
     uint32_t bad = 0u;
@@ -217,6 +230,7 @@ static kc_status_t check_depends(const kc_tables_t *t, uint16_t kind, const void
         const kc_space_t *s = src;
         st = built_for(KC_TBL_SPACE, s->arm_crc, a->crc[KC_TBL_ARM], ev);
     }
+    if (st == KC_OK && kind == KC_TBL_TERMS) { st = terms_of_arm(src, &a->arm, ev); }
     return st == KC_OK ? check_rules(kind, src, a->arm.n_joints, &a->arm, ev) : st;
 }
 
@@ -278,7 +292,9 @@ static void refit_to_arm(kc_active_t *a, uint32_t old_crc, kc_events_t *ev)
 {
     int32_t index;
     double got;
-    if (a->crc[KC_TBL_TERMS] != 0u && kc_terms_validate(&a->terms, a->arm.n_joints, &index, &got) != KC_OK) {
+    if (a->crc[KC_TBL_TERMS] != 0u
+        && (!made_for_arm(&a->terms, &a->arm)
+            || kc_terms_validate(&a->terms, a->arm.n_joints, &index, &got) != KC_OK)) {
         drop_event(KC_TBL_TERMS, (double)old_crc, (double)a->crc[KC_TBL_ARM], ev);
         a->crc[KC_TBL_TERMS] = 0u;
         memset(&a->terms, 0, sizeof a->terms);

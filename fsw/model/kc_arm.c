@@ -1,6 +1,8 @@
 #include "kc_arm.h"
 
 #include "kc_check.h"
+#include "kc_crc.h"
+#include "kc_libm.h"
 #include "kc_vec.h"
 
 void kc_arm_link(const kc_joint_t *joint, double q, kc_pose_t *T)
@@ -18,6 +20,28 @@ void kc_arm_fk(const kc_arm_t *arm, const double *q, kc_pose_t *T_base_tool)
     for (uint32_t j = 0u; j < arm->n_joints; j++) { kc_arm_link(&arm->joint[j], q[j], T_base_tool); }
     kc_pose_from_quat(arm->tool_xyz_m, arm->tool_quat_wxyz, &tool);
     kc_pose_mul(T_base_tool, &tool, T_base_tool);
+}
+
+static uint32_t crc_of_number(uint32_t crc, double x)
+{
+    const uint32_t v = (uint32_t)(int32_t)kc_clamp(kc_floor(x * 1e6 + 0.5), -2e9, 2e9);
+    const uint8_t bytes[4] = { (uint8_t)(v & 0xFFu), (uint8_t)(v >> 8u & 0xFFu), (uint8_t)(v >> 16u & 0xFFu),
+                               (uint8_t)(v >> 24u) };
+    return kc_crc32(crc, bytes, 4u);
+}
+
+uint32_t kc_arm_kinematics_crc(const kc_arm_t *arm)
+{
+    uint32_t crc = 0u;
+    for (uint32_t j = 0u; j < arm->n_joints; j++) {
+        const kc_joint_t *g = &arm->joint[j];
+        crc = crc_of_number(crc, 1e-6 * (double)g->type);
+        crc = crc_of_number(crc, g->phi_rad);
+        crc = crc_of_number(crc, g->alpha_rad);
+        crc = crc_of_number(crc, g->a_m);
+        crc = crc_of_number(crc, g->d_m);
+    }
+    return crc != 0u ? crc : 1u; /* 0 says "any arm" where it is stored */
 }
 
 static void check_joint(kc_check_t *c, const kc_joint_t *j, int32_t index)

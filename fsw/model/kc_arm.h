@@ -41,6 +41,10 @@ void kc_arm_fk(const kc_arm_t *arm, const double *q, kc_pose_t *T_base_tool);
 /* T <- T T_{i-1,i}(q), nominal: across one joint and its link. */
 void kc_arm_link(const kc_joint_t *joint, double q, kc_pose_t *T);
 
+/* What identifies the chain: CRC-32 over type, phi, alpha, a, d of each joint, rounded to 1e-6 and taken as
+ * 32-bit little-endian integers of 1e-6. Limits, masses and frames do not enter. Never 0. O(n). */
+uint32_t kc_arm_kinematics_crc(const kc_arm_t *arm);
+
 /* First problem found, KC_ERR_RANGE with *index = joint (or -1), *got = the value:
  * counts, joint types, finite numbers, unit quaternions (1e-6), q_min < q_max, speed_max > 0,
  * masses and gear ratios >= 0. */

@@ -109,6 +109,7 @@ typedef struct {
     uint32_t n_coef, n_term;
     kc_coef_t coef[KC_COEF_MAX];
     kc_term_t term[KC_TERM_MAX];
+    uint32_t kinematics_crc; /* kc_arm_kinematics_crc of the arm they were made for, 0: any */
 } kc_terms_t;
 
 /* Input variables of the bases, for one pose. */

@@ -170,7 +170,7 @@ def _terms_doc(source: TermsSource) -> Doc:
         for j in entry.joints if entry.joints is not None else (None,):
             terms += [_term_doc(term, len(coefs), j) for term in entry.term]
             coefs.append(_coef_doc(entry, j))
-    return {"coef": coefs, "term": terms}
+    return {"coef": coefs, "term": terms, "kinematics_crc": source.kinematics_crc}
 
 
 def _dh_entries(dh: DhBlock) -> Iterator[CoefEntry]:

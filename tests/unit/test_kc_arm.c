@@ -37,6 +37,36 @@ void test_forward_kinematics_is_the_product_of_eq_2(void)
     for (int i = 0; i < 9; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-15, want.R[i], got.R[i]); }
 }
 
+void test_the_kinematics_crc_follows_joints_and_links_only(void)
+{
+    const uint32_t crc = kc_arm_kinematics_crc(&s_arm);
+    TEST_ASSERT_TRUE(0u != crc);
+    s_arm.joint[0].q_max += 0.1;
+    s_arm.joint[1].mass_kg += 1.0;
+    s_arm.tool_xyz_m[2] += 0.1;
+    s_arm.joint[2].alpha_rad += 1e-9; /* as people round */
+    TEST_ASSERT_EQUAL_HEX32(crc, kc_arm_kinematics_crc(&s_arm));
+    for (uint32_t j = 0u; j < s_arm.n_joints; j++) {
+        kc_arm_t other = s_arm;
+        other.joint[j].phi_rad += 1e-5;
+        TEST_ASSERT_TRUE(crc != kc_arm_kinematics_crc(&other));
+        other = s_arm;
+        other.joint[j].alpha_rad -= 1e-5;
+        TEST_ASSERT_TRUE(crc != kc_arm_kinematics_crc(&other));
+        other = s_arm;
+        other.joint[j].a_m += 1e-5;
+        TEST_ASSERT_TRUE(crc != kc_arm_kinematics_crc(&other));
+        other = s_arm;
+        other.joint[j].d_m -= 1e-5;
+        TEST_ASSERT_TRUE(crc != kc_arm_kinematics_crc(&other));
+        other = s_arm;
+        other.joint[j].type = other.joint[j].type == KC_REVOLUTE ? KC_PRISMATIC : KC_REVOLUTE;
+        TEST_ASSERT_TRUE(crc != kc_arm_kinematics_crc(&other));
+    }
+    s_arm.n_joints--;
+    TEST_ASSERT_TRUE(crc != kc_arm_kinematics_crc(&s_arm));
+}
+
 void test_a_good_arm_is_accepted(void)
 {
     int32_t index = -9;

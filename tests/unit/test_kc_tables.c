@@ -605,6 +605,48 @@ void test_terms_of_a_joint_the_arm_does_not_have_are_refused(void)
     expect_event(KC_EVT_TBL_BAD_TOTAL, KC_TBL_TERMS, 1.0, 0.0);
 }
 
+void test_terms_of_an_arm_with_the_same_joints_and_other_links_are_refused(void)
+{
+    /* given */
+    given_active(KC_TBL_ARM);
+    uint32_t mine = kc_arm_kinematics_crc(&s_t.active.arm);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.kinematics_crc = mine ^ 1u;
+    s_n = given_image(KC_TBL_TERMS, &s_table, s_image);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_TERMS));
+    forget_events();
+    /* when, then */
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_validate(&s_t, KC_TBL_TERMS, image_crc(), &s_ev));
+    expect_event(KC_EVT_TBL_OTHER_ARM, KC_TBL_TERMS, (double)(mine ^ 1u), (double)mine);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.crc[KC_TBL_TERMS]);
+}
+
+void test_terms_of_this_arm_are_accepted_and_read_back_with_its_crc(void)
+{
+    given_active(KC_TBL_ARM);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.kinematics_crc = kc_arm_kinematics_crc(&s_t.active.arm);
+    bring_in(KC_TBL_TERMS);
+    TEST_ASSERT_EQUAL_HEX32(kc_arm_kinematics_crc(&s_t.active.arm), s_t.active.terms.kinematics_crc);
+}
+
+void test_another_arm_drops_the_terms_that_were_made_for_the_old_one(void)
+{
+    /* given */
+    given_active(KC_TBL_ARM);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.kinematics_crc = kc_arm_kinematics_crc(&s_t.active.arm);
+    bring_in(KC_TBL_TERMS);
+    given_table(KC_TBL_ARM);
+    s_table.arm.joint[2].d_m += 0.01;
+    forget_events();
+    /* when */
+    bring_in(KC_TBL_ARM);
+    /* then */
+    TEST_ASSERT_TRUE(event_at(&s_ev, KC_EVT_TBL_DROPPED) >= 0);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.crc[KC_TBL_TERMS]);
+}
+
 void test_a_space_of_another_arm_is_refused(void)
 {
     given_active(KC_TBL_ARM);

@@ -529,7 +529,7 @@ def _boxes(option: str, texts: Sequence[str]) -> tuple[Box, ...]:
     default=None,
     help="Also make this directory: all images of --tables, with these terms and no correction yet.",
 )
-@tables_option("Directory with built table images, for --fly.")
+@tables_option("Directory with flight's table images: the arm has to be theirs, and --fly copies them.")
 def uplink_command(
     model_path: Path,
     effect_files: tuple[Path, ...],
@@ -551,11 +551,12 @@ def uplink_command(
     from kincal.schema.arm import read_arm
     from kincal.workbench.belonging import refuse_model_of_other_arm
     from kincal.workbench.constants import choose_constants
-    from kincal.workbench.uplink import flight_tables, term_image
+    from kincal.workbench.uplink import flight_tables, refuse_other_arm, term_image
 
     chosen, library = _model(model_path, effect_files)
     arm = read_arm(_arm_of(chosen, model_path, arm_path))
     refuse_model_of_other_arm(chosen, arm, str(model_path))
+    refuse_other_arm(arm, tables_dir)
     data = given.read(arm) if given else None
     known = {} if data is not None else chosen.constants
     image = term_image(arm, choose_constants(library, chosen.effects, arm, data, dh=chosen.dh, known=known))

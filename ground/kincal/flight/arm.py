@@ -158,6 +158,11 @@ class Arm:
         return cls(out)
 
     @property
+    def kinematics_crc(self) -> int:
+        """What identifies the nominal joints to flight; limits, masses, base and tool frame do not enter."""
+        return int(library("ground").lib.kc_arm_kinematics_crc(self.struct))
+
+    @property
     def q_min(self) -> Floats:
         """(n,) lower joint limits [rad or m]."""
         return np.array([self.struct.joint[j].q_min for j in range(self.n)])

@@ -296,6 +296,8 @@ class TermsSource(Source):
     """DH errors of all joints."""
     coef: list[CoefEntry] = []
     """Other coefficients."""
+    kinematics_crc: Crc = 0
+    """Kinematics CRC of the arm that the terms were made for (`kincal model uplink` writes it); 0: any."""
 
 
 # --------------------------------------------------------------------------- kernel

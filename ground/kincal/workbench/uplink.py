@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kincal.errors import BadInput
-from kincal.flight import library, status_name, tables
+from kincal.flight import Arm, library, status_name, tables
 from kincal.flight.terms import Coefficient, fill_terms
 from kincal.schema.arm import ArmTable
 from kincal.schema.names import PNP, is_unnamed
@@ -71,8 +71,8 @@ def coefficients(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> list[Coeffi
 
 
 def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> KcTerms:
-    """Flight's term table of the DH errors and the effects, all enabled. BadInput if flight cannot carry
-    the arm or so many terms."""
+    """Flight's term table of the DH errors and the effects, all enabled; it names the arm, so that flight
+    refuses it for another one. BadInput if flight cannot carry the arm or so many terms."""
     limits = library("flight").lib
     _refuse_points(hypotheses)
     if arm.n > limits.KC_JOINT_MAX:
@@ -84,7 +84,26 @@ def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> KcTerms:
             f"the model needs {len(rows)} coefficients and {n_terms} terms; "
             f"flight carries {limits.KC_COEF_MAX} and {limits.KC_TERM_MAX}"
         )
-    return fill_terms(library("flight"), rows)
+    table = fill_terms(library("flight"), rows)
+    table.kinematics_crc = Arm.of(arm).kinematics_crc
+    return table
+
+
+def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> None:
+    """BadInput if the arm table of flight's tables is of another arm: other nominal joints. Without an arm
+    table there is nothing to compare with."""
+    path = tables_dir / "arm.tbl"
+    if not path.exists():
+        return
+    flown = Arm.of_table(tables.decode_as("arm", path.read_bytes(), str(path))[1])
+    if flown.kinematics_crc != Arm.of(arm).kinematics_crc:
+        name = library("ground").text(flown.struct.name)
+        raise BadInput(
+            f"the model is for {arm.name} ({arm.n} joints), the arm table of these flight tables is for {name} "
+            f"({flown.n} joints) with other DH parameters",
+            str(path),
+            "name the tables of this arm with --tables, or the model of that arm",
+        )
 
 
 def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:

@@ -13,8 +13,8 @@ _OF_JOINT = re.compile(r"J(\d+)\.(phi_rad|alpha_rad|a_m|d_m)")
 
 
 def refuse_model_of_other_arm(model: ModelFile, arm: ArmTable, path: str) -> None:
-    """BadInput if the model was fitted with the table of another arm: other nominal joints, or another number
-    of them. path: of the model file, for the error."""
+    """BadInput if the model was fitted with an arm table of another arm: other nominal joints, or another
+    number of them. path: of the model file, for the error."""
     fitted = _joints_fitted(model)
     if fitted and fitted != arm.n:
         _refuse(f"an arm with {fitted} joints", arm, path)

@@ -21,7 +21,7 @@ from .misfit import misfit, screened
 from .reading import Pair, Reading, all_orders, motions, poses
 
 _POSES = 60  # enough to tell gross misreadings
-_TRIED = 6  # readings a round that are fitted
+_TRIED = 4  # readings a round that are fitted
 _ROUNDS = 6
 _BETTER = 0.75  # of the misfit: a step of the search
 _AS_GOOD = 1.1  # times the least misfit

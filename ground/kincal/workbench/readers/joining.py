@@ -24,10 +24,10 @@ _MADE_ANEW = {
 def joined(sets: Sequence[Measurements]) -> Measurements:
     """All poses of one or more sets, in their order.
 
-    A quantity that not all of them have is left out, and a note says so; BadInput if that is the split, or
-    if two sets hold the same rows, or an id names two poses of a file. Rows that repeat another one are left
-    out and counted. Where an id occurs in two files, the number of the file is put before all ids. Without
-    times everywhere the order of the rows is the time.
+    A quantity that not all of them have is left out, and a note says so; BadInput if that is the split,
+    or if two sets hold the same rows, or an id names two poses of a file. Rows that repeat another one
+    are left out and counted. Where an id occurs in two files, the number of the file is put before all
+    ids. Without times everywhere the order of the rows is the time.
     """
     if not sets:
         raise BadInput("no measurements given", todo="name a file with --data")
