@@ -192,6 +192,7 @@ def _joint(joint: ChainJoint, row: DhRow) -> list[str]:
     return [
         "[[joint]]",
         f"name = {_text(joint.name)}",
+        f"link = {_text(joint.link)}",
         f'type = "{"prismatic" if joint.prismatic else "revolute"}"',
         f"a_m = {_number(row.a_m)}",
         f"alpha_rad = {_angle(row.alpha_rad)}",

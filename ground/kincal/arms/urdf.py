@@ -32,13 +32,14 @@ _LISTED = 12  # names that an error lists
 
 @dataclass(frozen=True)
 class ChainJoint:
-    """A moving joint of the chain.
+    """A moving joint of the chain and the link that it moves.
 
     limits [rad or m], None if the URDF states none; axis at q = 0 in the base link; mass_kg, com_m (3,): of
     all that it carries up to the next moving joint, in the base link at q = 0 (mass 0 if the URDF has none).
     """
 
     name: str
+    link: str
     prismatic: bool
     limits: tuple[float, float] | None
     axis: Axis
@@ -262,7 +263,7 @@ def _chain_joints(
         mass, com = _carried(robot, inertials, joint.child, pose, later)
         direction = pose.R @ step.axis
         axis = Axis(pose.p_m.copy(), direction / float(np.linalg.norm(direction)))
-        out.append(ChainJoint(joint.name, step.prismatic, _limits(joint), axis, mass, com))
+        out.append(ChainJoint(joint.name, joint.child, step.prismatic, _limits(joint), axis, mass, com))
     return tuple(out)
 
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from kincal import __version__
 from kincal.cli.data import Given, data_options
 from kincal.cli.errors import EXIT_FAILED
-from kincal.cli.options import tables_option
+from kincal.cli.options import PATH, tables_option
 from kincal.cli.provenance import say_files, today
 from kincal.cli.terminal import progress
 from kincal.errors import BadInput
@@ -18,6 +19,7 @@ from kincal.errors import BadInput
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from kincal.export.files import Format
     from kincal.schema.arm import ArmTable
     from kincal.workbench.additions import Addition
     from kincal.workbench.data import Measurements
@@ -50,12 +52,18 @@ def _load(arm_path: Path, given: Given) -> tuple[ArmTable, Measurements]:
     return arm, given.checked(arm)
 
 
-def _model(model_path: Path | None, effect_files: tuple[Path, ...]) -> tuple[ModelFile, Library]:
-    """Model file and the library with its own and the named effect files."""
+def _model(
+    model_path: Path | None, effect_files: tuple[Path, ...], arm: ArmTable | None = None
+) -> tuple[ModelFile, Library]:
+    """Model file and the library with its own and the named effect files. BadInput if the model is of another
+    arm than `arm`."""
+    from kincal.workbench.belonging import refuse_model_of_other_arm
     from kincal.workbench.effects import Library
     from kincal.workbench.modelfile import ModelFile, read_model
 
     model = read_model(model_path) if model_path else ModelFile()
+    if arm is not None:
+        refuse_model_of_other_arm(model, arm, str(model_path))
     base = model_path.parent if model_path else Path()
     files = list(dict.fromkeys([*(base / name for name in model.libraries), *effect_files]))
     return model, Library.load(*files).with_unnamed(model.unnamed.values())
@@ -119,7 +127,7 @@ def compare_command(
     from kincal.workbench.constants import choose_constants
 
     arm, data = _load(arm_path, given)
-    chosen, library = _model(model_path, effect_files)
+    chosen, library = _model(model_path, effect_files, arm)
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
     answer = compare(arm, data, effects, dh=chosen.dh)
     click.echo(json.dumps(comparison_json(answer), indent=1) if as_json else comparison_text(answer))
@@ -160,7 +168,7 @@ def diagnose_command(
     from kincal.workbench.diagnosis_text import diagnosis_text
 
     arm, data = _load(arm_path, given)
-    chosen, library = _model(model_path, effect_files)
+    chosen, library = _model(model_path, effect_files, arm)
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
     with progress() as tick:
         answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick)
@@ -198,21 +206,17 @@ def fit_command(
     Example:
         kincal model fit --arm arm.toml --data poses.csv --model M.toml
     """
-    from dataclasses import replace
-
     from kincal.workbench.answers import fit_json, fit_text
     from kincal.workbench.api import fit
+    from kincal.workbench.fitrecord import fitted
     from kincal.workbench.modelfile import write_model
 
     arm, data = _load(arm_path, given)
-    chosen, library = _model(model_path, effect_files)
+    chosen, library = _model(model_path, effect_files, arm)
     with progress() as tick:
         result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick)
-    values = {
-        n: (float(v), float(s)) for n, v, s in zip(result.names, result.estimate, result.std_err, strict=True)
-    }
     where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
-    write_model(model_path, replace(chosen, arm=where, values=values, constants=result.constants))
+    write_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
     click.echo(json.dumps(fit_json(result), indent=1) if as_json else fit_text(result))
 
 
@@ -423,7 +427,7 @@ def next_command(
     from kincal.workbench.nextposes import next_poses
 
     arm, data = _load(arm_path, given)
-    chosen, library = _model(model_path, effect_files)
+    chosen, library = _model(model_path, effect_files, arm)
     if len(names) < 2:
         raise BadInput("name two or more alternative effects, for instance joint_compliance[2] base_flex")
     alternatives = [
@@ -484,16 +488,13 @@ def uplink_command(
         kincal model uplink --model M.toml --fly out/tables
     """
     from kincal.schema.arm import read_arm
+    from kincal.workbench.belonging import refuse_model_of_other_arm
     from kincal.workbench.constants import choose_constants
     from kincal.workbench.uplink import flight_tables, term_image
 
     chosen, library = _model(model_path, effect_files)
-    where = arm_path or (Path(chosen.arm) if chosen.arm else None)
-    if where is None:
-        raise BadInput(
-            f"{model_path} does not say which arm it is for; run `kincal model fit` first or give --arm"
-        )
-    arm = read_arm(where)
+    arm = read_arm(_arm_of(chosen, model_path, arm_path))
+    refuse_model_of_other_arm(chosen, arm, str(model_path))
     data = given.read(arm) if given else None
     known = {} if data is not None else chosen.constants
     image = term_image(arm, choose_constants(library, chosen.effects, arm, data, dh=chosen.dh, known=known))
@@ -504,3 +505,60 @@ def uplink_command(
     if fly_dir:
         flight_tables(tables_dir, fly_dir, image)
         click.echo(f"{fly_dir}: tables to fly with")
+
+
+@model.command("export")
+@click.option(
+    "--arm",
+    "arm_path",
+    type=PATH,
+    default=None,
+    help="Arm table that the model was fitted with.  [default: as the model says]",
+)
+@MODEL_NEEDED
+@EFFECTS
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["dh", "json", "urdf", "python", "c"]),
+    required=True,
+    help="dh: corrected DH table (TOML and CSV); json: everything; urdf; python, c: source code.",
+)
+@click.option("--out", "-o", "out_path", type=PATH, required=True, help="File to write.")
+def export_command(
+    arm_path: Path | None, model_path: Path, effect_files: tuple[Path, ...], form: Format, out_path: Path
+) -> None:
+    """The fitted model to take away: DH table, JSON, URDF, Python or C source.
+
+    dh and urdf hold what is constant in the model; effects that they cannot hold are named. python and c
+    hold all effects, and give the joint readings for a wanted pose.
+
+    \b
+    Examples:
+        kincal model export --model M.toml --format dh -o calibrated.toml
+        kincal model export --model M.toml --format c -o calibrated.c
+    """
+    from kincal.cli.text import model as text
+    from kincal.export import calibrated_arm, export
+    from kincal.schema.arm import read_arm
+
+    chosen, library = _model(model_path, effect_files)
+    arm = read_arm(_arm_of(chosen, model_path, arm_path))
+    made = export(
+        calibrated_arm(arm, chosen, library, name=str(model_path)),
+        form,
+        out_path,
+        keep=(model_path, Path(arm.source)),
+    )
+    click.echo(text.exported(made))
+    if made.left_out:
+        click.echo(text.left_out(made, form), err=True)
+
+
+def _arm_of(chosen: ModelFile, model_path: Path, arm_path: Path | None) -> Path:
+    """The arm table that was named, else the one that the model was fitted with."""
+    if arm_path is None and not chosen.arm:
+        raise BadInput(
+            f"{model_path} does not say which arm it is for; run `kincal model fit` first or give --arm"
+        )
+    return arm_path or Path(chosen.arm)

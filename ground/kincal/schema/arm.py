@@ -7,7 +7,8 @@ converted exactly.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -21,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from kincal.errors import BadInput
 
 from .base import Strict
-from .errors import Contradiction, read_toml, validate
+from .errors import Contradiction, parse_toml, read_toml, validate
 from .numbers import Angle, NotNegative, Positive, Real, Vec3
 
 MAX_JOINTS = 16
@@ -73,6 +74,8 @@ class JointEntry(Strict):
 
     name: str = ""
     """What people call the joint."""
+    link: str = ""
+    """What people call the link that it moves."""
     type: Literal["revolute", "prismatic"]
     """revolute turns, prismatic slides along its axis."""
     a_m: Real = pydantic.Field(examples=[0.0])
@@ -225,6 +228,7 @@ class Joint:
     com_m: tuple[float, float, float] | None = None
     gear_ratio: float | None = None
     name: str = ""
+    link: str = ""
 
 
 @dataclass(frozen=True)
@@ -256,7 +260,8 @@ class ArmTable:
     frame.
     camera: intrinsics if the file has them; mount: "world" or "tool"; target_points_m (k, 3) in the target's
     frame or None. source: the file; first_link: a [m] and alpha [rad] before joint 1 of a file in modified
-    DH, which are in `base` here, None if the file is in standard DH.
+    DH, which are in `base` here, None if the file is in standard DH; provenance: where its numbers come from,
+    as it says.
     """
 
     name: str
@@ -269,6 +274,7 @@ class ArmTable:
     target_points_m: Array | None = None
     source: str = ""
     first_link: tuple[float, float] | None = None
+    provenance: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def n(self) -> int:
@@ -318,6 +324,11 @@ def read_arm(path: str | Path) -> ArmTable:
     return _arm(validate(ArmFile, read_toml(path), str(path)), str(path), path.stem)
 
 
+def arm_of_text(text: str, source: str) -> ArmTable:
+    """An arm table that is no file; source: what messages call it. SchemaError lists all that is wrong."""
+    return _arm(validate(ArmFile, parse_toml(text, source), source), source, source)
+
+
 def _arm(file: ArmFile, source: str, stem: str) -> ArmTable:
     joints, base = [_joint(entry) for entry in file.joint], _frame(file.base)
     if file.convention == "modified":
@@ -333,6 +344,7 @@ def _arm(file: ArmFile, source: str, stem: str) -> ArmTable:
         target_points_m=np.array(file.target.points_m, dtype=float) if file.target else None,
         source=source,
         first_link=_first_link(file),
+        provenance=file.provenance,
     )
 
 
@@ -362,7 +374,7 @@ def _joint(entry: JointEntry) -> Joint:
     low, high = entry.limits
     return Joint(
         entry.type == "prismatic", entry.a_m, entry.alpha_rad, entry.d_m, entry.phi_rad, low, high,
-        entry.mass_kg, entry.com_m, entry.gear_ratio, entry.name,
+        entry.mass_kg, entry.com_m, entry.gear_ratio, entry.name, entry.link,
     )  # fmt: skip
 
 

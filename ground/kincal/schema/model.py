@@ -10,7 +10,7 @@ from .base import Strict
 from .effects import ParameterEntry
 from .errors import Contradiction
 from .names import effect_of, is_unnamed
-from .numbers import NotNegative, Real
+from .numbers import NotNegative, Real, Vec3
 
 VERSION = 1
 Name = Annotated[str, pydantic.Field(min_length=1)]
@@ -38,6 +38,58 @@ class ValueEntry(Strict):
     """Estimate, in the coefficient's unit."""
     std_err: NotNegative
     """Standard error, in the coefficient's unit."""
+    unit: str = ""
+    """Unit of both."""
+
+
+class FrameEntry(Strict):
+    """A frame that the last fit worked with."""
+
+    xyz_m: Vec3
+    """Origin [m]."""
+    quat_wxyz: tuple[Real, Real, Real, Real]
+    """Orientation, unit quaternion, scalar part first."""
+
+
+class DataEntry(Strict):
+    """A file of measurements that the model was fitted to."""
+
+    path: str
+    """Where it was."""
+    sha256: str
+    """SHA-256 of its content."""
+
+
+class FitEntry(Strict):
+    """The last fit: what it was made from, and what an export needs beside the coefficients. Written by the
+    tool."""
+
+    when: str
+    """Time in UTC, ISO 8601."""
+    tool_version: str
+    """Version of kincal."""
+    arm_sha256: str
+    """SHA-256 of the numbers of the arm table, whatever its layout."""
+    data: list[DataEntry] = []
+    """Measurements."""
+    poses: Annotated[int, pydantic.Field(ge=0)]
+    """Number of poses."""
+    held: list[str] = []
+    """Names of the poses that were held out to test the model."""
+    held_mm: NotNegative | None = None
+    """RMS position error on the held-out poses of a fit to the others [mm]."""
+    held_mrad: NotNegative | None = None
+    """RMS rotation error on the held-out poses [mrad]."""
+    noise_scale: NotNegative
+    """Fitted over stated noise."""
+    base: FrameEntry
+    """Measurement frame -> frame 0, before the corrections base.* among the coefficients."""
+    tool: FrameEntry
+    """Last link -> measured frame, before the corrections tool.*."""
+    position_change_mm: dict[str, NotNegative] = {}
+    """Effect -> RMS change of the position over the poses that it makes [mm]."""
+    covariance: list[list[float]] = []
+    """Covariance of the coefficients, lower triangle row by row, in their units and order."""
 
 
 class UnnamedEntry(Strict):
@@ -70,6 +122,8 @@ class ModelEntry(Strict):
     """Coefficients of the last fit."""
     constants: dict[str, dict[str, Real]] = {}
     """Constants of the last fit, by effect and name."""
+    fit: FitEntry | None = None
+    """The last fit; null before the first, and after a change of the effects."""
 
     @pydantic.field_validator("effects")
     @classmethod

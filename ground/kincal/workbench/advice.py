@@ -48,7 +48,7 @@ def _kincal(*words: str) -> str:
 
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
-    names = [e.name for e in d.effects if e.role != "alternative"]
+    names = [e.name for e in d.effects if e.in_model]
     model = ("--model", inputs.model or _NEW_MODEL)
     smooth = d.novel is not None and judged(d.novel.held.interval) == "helps"
     if names:

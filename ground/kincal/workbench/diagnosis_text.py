@@ -61,7 +61,8 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
     return [
         f"not in the library: {explain.unnamed(u)} "
         f'({explain.probability(u.probability)} against "nothing missing" and every named effect)',
-        f'      a smooth function there, "{u.name}": {explain.held_gain(u.held)}',
+        *([f"      a smooth function there: {explain.held_gain(u.held)}"] if u.curves else []),
+        f'      kincal model add --model M.toml --arm ARM --data DATA "{u.name}"',
         *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
     ]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from kincal.errors import BadInput
 from kincal.schema.effects import ParameterEntry
 from kincal.schema.errors import read_toml, validate
-from kincal.schema.model import VERSION, ModelEntry, UnnamedEntry
+from kincal.schema.model import VERSION, DataEntry, FitEntry, FrameEntry, ModelEntry, UnnamedEntry
 from kincal.schema.names import effect_of
 
 
@@ -31,7 +31,8 @@ class Change:
 class ModelFile:
     """Effects in use (in the order they were added), a user's own library files, and the history.
 
-    values, constants: of the last fit, by coefficient and by effect; `uplink` uses the constants.
+    values, units, constants, fit: of the last fit, by coefficient and by effect; `uplink` uses the
+    constants, exports use all.
     unnamed: terms of the unnamed effects, by name; those of the history too, so that `undo` finds them.
     """
 
@@ -41,7 +42,9 @@ class ModelFile:
     history: tuple[Change, ...] = ()
     arm: str = ""
     values: dict[str, tuple[float, float]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
     constants: dict[str, dict[str, float]] = field(default_factory=dict)
+    fit: FitEntry | None = None
     unnamed: dict[str, UnnamedEntry] = field(default_factory=dict)
 
     def with_terms(self, entry: UnnamedEntry) -> ModelFile:
@@ -82,7 +85,7 @@ class ModelFile:
     def _changed(self, action: str, names: tuple[str, ...], effects: tuple[str, ...]) -> ModelFile:
         when = datetime.now(UTC).isoformat(timespec="seconds")
         history = (*self.history, Change(when, action, names, self.effects))
-        return replace(self, effects=effects, history=history, values={}, constants={})
+        return replace(self, effects=effects, history=history, values={}, units={}, constants={}, fit=None)
 
 
 def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
@@ -100,8 +103,10 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         history=tuple(Change(h.when, h.action, tuple(h.effects), tuple(h.before)) for h in entry.history),
         arm=entry.arm,
         values={v.name: (v.value, v.std_err) for v in entry.value},
+        units={v.name: v.unit for v in entry.value},
         constants=entry.constants,
         unnamed={u.name: u for u in entry.unnamed},
+        fit=entry.fit,
     )
 
 
@@ -113,7 +118,16 @@ def write_model(path: str | Path, model: ModelFile) -> None:
         "w", dir=path.parent, prefix=path.name, suffix=".new", delete=False, encoding="utf-8"
     ) as file:
         file.write(
-            "\n".join([*_in_use(model), *_unnamed(model), *_history(model), *_of_last_fit(model)]) + "\n"
+            "\n".join(
+                [
+                    *_in_use(model),
+                    *_unnamed(model),
+                    *_history(model),
+                    *_of_last_fit(model),
+                    *_fit(model.fit),
+                ]
+            )
+            + "\n"
         )
     os.replace(file.name, path)
 
@@ -165,10 +179,44 @@ def _of_last_fit(model: ModelFile) -> list[str]:
     for name, (value, std_err) in model.values.items():
         lines += ["", "[[value]]", f"name = {json.dumps(name)}"]
         lines += [f"value = {float(value)!r}", f"std_err = {float(std_err)!r}"]
+        lines += [f"unit = {json.dumps(model.units[name])}"] if model.units.get(name) else []
     for effect, row in model.constants.items():
         lines += ["", f"[constants.{json.dumps(effect)}]"]
         lines += [f"{name} = {float(value)!r}" for name, value in row.items()]
     return lines
+
+
+def _fit(fit: FitEntry | None) -> list[str]:
+    """The table [fit]: plain keys first, as TOML wants it."""
+    if fit is None:
+        return []
+    optional = {"held_mm": fit.held_mm, "held_mrad": fit.held_mrad}
+    return [
+        "",
+        "[fit]",
+        *(f"{key} = {json.dumps(getattr(fit, key))}" for key in ("when", "tool_version", "arm_sha256")),
+        f"poses = {fit.poses}",
+        f"held = {_texts(fit.held)}",
+        *(f"{key} = {value!r}" for key, value in optional.items() if value is not None),
+        f"noise_scale = {fit.noise_scale!r}",
+        "covariance = [",
+        *(f"  [{', '.join(map(repr, row))}]," for row in fit.covariance),
+        "]",
+        *_frame("base", fit.base),
+        *_frame("tool", fit.tool),
+        *(line for data in fit.data for line in _data(data)),
+        *(["", "[fit.position_change_mm]"] if fit.position_change_mm else []),
+        *(f"{json.dumps(name)} = {value!r}" for name, value in fit.position_change_mm.items()),
+    ]
+
+
+def _frame(name: str, frame: FrameEntry) -> list[str]:
+    numbers = (f"{key} = {list(getattr(frame, key))}" for key in ("xyz_m", "quat_wxyz"))
+    return ["", f"[fit.{name}]", *numbers]
+
+
+def _data(data: DataEntry) -> list[str]:
+    return ["", "[[fit.data]]", f"path = {json.dumps(data.path)}", f"sha256 = {json.dumps(data.sha256)}"]
 
 
 def _texts(items: Iterable[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from kincal.export import Exported
 from kincal.schema.names import effect_of
 from kincal.schema.terms import TermEntry
 from kincal.workbench.additions import Addition
@@ -96,3 +97,19 @@ def contents(model: ModelFile) -> str:
         if _belongs(name.partition(".")[0], model)
     ]
     return "\n".join([*(model.effects or ("no effect (DH only)",)), *fitted])
+
+
+def exported(made: Exported) -> str:
+    """The files that were written."""
+    return "\n".join(f"{path}: {path.stat().st_size} bytes" for path in made.files)
+
+
+def left_out(made: Exported, form: str) -> str:
+    """What the format does not hold, and which ones do."""
+    return "\n".join(
+        [
+            f"warning: --format {form} cannot hold these effects (mm: RMS over the fitted poses):",
+            *(f"  {one}" for one in made.left_out),
+            *(["  --format python and --format c hold those of the arm"] if form in ("dh", "urdf") else []),
+        ]
+    )

@@ -1,0 +1,78 @@
+"""Comparison and diagnosis, as text for people and as a table in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from kincal.workbench import answers
+from kincal.workbench.compare import Comparison
+from kincal.workbench.compare import compare as workbench_compare
+from kincal.workbench.constants import choose_constants
+from kincal.workbench.data import Measurements
+from kincal.workbench.diagnosis import Diagnosis
+from kincal.workbench.diagnosis import diagnose as workbench_diagnose
+from kincal.workbench.diagnosis_text import diagnosis_text
+from kincal.workbench.effects import Library
+from kincal.workbench.types import Progress, no_progress
+
+from . import html
+from .inputs import Arm, Data, measurements
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What a model leaves of the measurements; `comparison` holds all numbers."""
+
+    comparison: Comparison
+
+    def __str__(self) -> str:
+        """What `kincal model compare` prints."""
+        return answers.comparison_text(self.comparison)
+
+    def _repr_html_(self) -> str:
+        rows = [(name, *map(html.mm, pair)) for name, pair in self.comparison.rms.items()]
+        return html.table(("poses", "mm", "mrad"), rows, self.comparison.arm) + html.text(str(self))
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """Which effects are missing; `diagnosis` holds all numbers."""
+
+    diagnosis: Diagnosis
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects that were accepted, or help."""
+        return tuple(e.name for e in self.diagnosis.effects if e.in_model)
+
+    def __str__(self) -> str:
+        """What `kincal model diagnose` prints."""
+        return diagnosis_text(self.diagnosis)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (e.name, f"{e.probability:.2f}", html.mm(e.held.before_m), html.mm(e.held.after_m))
+            for e in self.diagnosis.effects
+        ]
+        head = ("effect", "probability", "held-out mm before", "after")
+        return html.table(head, rows, self.diagnosis.comparison.arm) + html.text(str(self))
+
+
+def compare(arm: Arm, data: Data | Measurements, effects: Sequence[str] = ()) -> Compared:
+    """Does the model (DH errors and these effects) explain the data, and where does it fail?
+
+    Errors as `kincal.workbench.compare`.
+    """
+    read = measurements(arm, data)
+    chosen = choose_constants(Library.load(), effects, arm.table, read)
+    return Compared(workbench_compare(arm.table, read, chosen))
+
+
+def diagnose(
+    arm: Arm, data: Data | Measurements, effects: Sequence[str] = (), *, progress: Progress = no_progress
+) -> Diagnosed:
+    """Which effect is missing beside the DH errors and these effects?"""
+    read, library = measurements(arm, data), Library.load()
+    chosen = choose_constants(library, effects, arm.table, read)
+    return Diagnosed(workbench_diagnose(arm.table, read, library, chosen, progress=progress))

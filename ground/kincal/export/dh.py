@@ -1,0 +1,171 @@
+"""The corrected DH table: what is constant in a fitted model, as DH parameters and two frames.
+
+With E = Tx Rx Ty Ry Rz Tz after each link, rz and tz at frame j-1 add to phi and d of joint j, tx and rx at
+frame j to its a and alpha; the rest at the two ends goes into base and tool frame. All of this is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from kincal.flight import FRAME_TOOL
+from kincal.rotations import Floats, Pose
+
+from .calibrated import BASE, DH, TOOL, CalibratedArm, FittedTerm, twist_pose
+from .leftout import LeftOut, left_out
+
+TX, TY, TZ, RX, RY, RZ = range(6)
+
+State = Literal["identifiable", "not identifiable", "not estimated"]
+
+
+@dataclass(frozen=True)
+class DhParameter:
+    """One number of the table: nominal + correction = corrected, sigma its standard error, in `unit`."""
+
+    joint: int
+    name: str
+    unit: str
+    nominal: float
+    correction: float
+    sigma: float
+    state: State
+
+    @property
+    def corrected(self) -> float:
+        """The number to use."""
+        return self.nominal + self.correction
+
+
+@dataclass(frozen=True)
+class FoundFrame:
+    """A fixed frame as the fit found it; sigma (6,): of its shift and turn [m, rad], None if it was given."""
+
+    name: str
+    pose: Pose
+    sigma: Floats | None
+
+
+@dataclass(frozen=True)
+class DhTable:
+    """The part of a model that is a DH table.
+
+    parameters: phi, alpha, a, d of joint 1, then of joint 2 ...; base: measurement frame to frame 0; tool:
+    last link to measured frame; left_out: effects of the model that are not in it.
+    """
+
+    parameters: tuple[DhParameter, ...]
+    base: FoundFrame
+    tool: FoundFrame
+    left_out: tuple[LeftOut, ...]
+
+    def of_joint(self, joint: int) -> dict[str, float]:
+        """Corrected phi_rad, alpha_rad, a_m, d_m of a joint, from 1."""
+        return {p.name: p.corrected for p in self.parameters if p.joint == joint}
+
+
+def dh_table(arm: CalibratedArm) -> DhTable:
+    """The corrected DH table of a fitted arm."""
+    n = arm.n
+    return DhTable(
+        parameters=tuple(p for joint in range(1, n + 1) for p in _parameters(arm, joint)),
+        base=FoundFrame("base", arm.base @ twist_pose(_base_twist(arm)), _frame_sigma(arm, BASE)),
+        tool=FoundFrame("tool", _tool(arm), _frame_sigma(arm, TOOL)),
+        left_out=left_out(arm, [term for term in arm.terms if not _fits(term, n)]),
+    )
+
+
+def _fits(term: FittedTerm, n: int) -> bool:
+    inner = 0 < term.frame < n
+    return term.constant and not term.on_sensor and not (inner and term.comp in (TY, RY))
+
+
+# ------------------------------------------------------------------------------------ parameters
+
+
+def _parameters(arm: CalibratedArm, joint: int) -> list[DhParameter]:
+    row = arm.arm.joints[joint - 1]
+    return [
+        _parameter(arm, joint, name, unit, nominal, _at(frame, comp))
+        for name, unit, nominal, frame, comp in (
+            ("phi_rad", "rad", row.phi_rad, joint - 1, RZ),
+            ("alpha_rad", "rad", row.alpha_rad, joint, RX),
+            ("a_m", "m", row.a_m, joint, TX),
+            ("d_m", "m", row.d_m, joint - 1, TZ),
+        )
+    ]
+
+
+def _at(frame: int, comp: int) -> Callable[[FittedTerm], bool]:
+    """Whether a constant correction belongs to the DH parameter at this place."""
+    return lambda term: term.constant and (term.frame, term.comp) == (frame, comp) and not _of_base(term)
+
+
+def _of_base(term: FittedTerm) -> bool:
+    """Whether a correction at frame 0 belongs to the base frame: all but those of joint 1 itself."""
+    of_joint = term.coefficient.group == DH or "[" in term.coefficient.group
+    return term.frame == 0 and not (of_joint and term.comp in (RZ, TZ))
+
+
+def _parameter(
+    arm: CalibratedArm,
+    joint: int,
+    name: str,
+    unit: str,
+    nominal: float,
+    belongs: Callable[[FittedTerm], bool],
+) -> DhParameter:
+    terms = [term for term in _all_terms(arm) if belongs(term)]
+    weights = np.zeros(len(arm.coefficients))
+    for term in terms:
+        weights[arm.coefficients.index(term.coefficient)] = _gain(term)
+    variance = float(weights @ arm.covariance @ weights)
+    prior = float((weights**2 * [c.prior_sigma**2 for c in arm.coefficients]).sum())
+    state: State = "not estimated"
+    if terms:
+        state = "identifiable" if variance < 0.5 * prior else "not identifiable"
+    correction = sum(term.factor for term in terms)
+    return DhParameter(joint, name, unit, nominal, correction, float(np.sqrt(variance)), state)
+
+
+def _all_terms(arm: CalibratedArm) -> list[FittedTerm]:
+    """Corrections, also those whose coefficient came out as zero."""
+    return [
+        FittedTerm(c, t.frame, t.comp, c.value * t.gain, tuple(b for b in t.basis if b.var != "1"))
+        for c in arm.coefficients
+        for t in c.terms
+    ]
+
+
+def _gain(term: FittedTerm) -> float:
+    """Correction by unit of its coefficient."""
+    own = [t for t in term.coefficient.terms if (t.frame, t.comp) == (term.frame, term.comp)]
+    return sum(t.gain for t in own if all(b.var == "1" for b in t.basis))
+
+
+# ---------------------------------------------------------------------------------------- frames
+
+
+def _base_twist(arm: CalibratedArm) -> Floats:
+    """(6,) corrections at frame 0 that are not those of joint 1."""
+    out = np.zeros(6)
+    for term in arm.terms:
+        if term.constant and _of_base(term):
+            out[term.comp] += term.factor
+    return out
+
+
+def _tool(arm: CalibratedArm) -> Pose:
+    """The tool frame, with what comes after the last link's a and alpha."""
+    last = arm.constant_twist(arm.n)
+    last[[TX, RX]] = 0.0
+    return twist_pose(last) @ arm.tool @ twist_pose(arm.constant_twist(FRAME_TOOL))
+
+
+def _frame_sigma(arm: CalibratedArm, group: str) -> Floats | None:
+    sigma = [c.std_err for c in arm.coefficients if c.group == group]
+    return np.array(sigma) if sigma else None

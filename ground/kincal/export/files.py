@@ -1,0 +1,113 @@
+"""Formats that a fitted model can be taken away in, and writing them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from kincal.errors import BadInput
+
+from .calibrated import CalibratedArm
+from .dh import dh_table
+from .document import document
+from .leftout import LeftOut
+from .source import c_header, c_source, python_source, source_left_out
+from .tabular import arm_toml, dh_csv
+from .urdf import urdf, urdf_left_out
+
+Format = Literal["dh", "json", "urdf", "python", "c"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+SUFFIXES: dict[Format, tuple[str, ...]] = {
+    "dh": (".toml",),
+    "json": (".json",),
+    "urdf": (".urdf", ".xml"),
+    "python": (".py",),
+    "c": (".c",),
+}
+_BESIDE: dict[Format, str] = {"dh": ".csv", "c": ".h"}
+
+
+@dataclass(frozen=True)
+class Exported:
+    """Files that were written, and effects of the model that they do not hold."""
+
+    files: tuple[Path, ...]
+    left_out: tuple[LeftOut, ...]
+
+
+def export(arm: CalibratedArm, form: Format, path: str | Path, *, keep: tuple[Path, ...] = ()) -> Exported:
+    """Write a fitted arm: dh makes NAME.toml and NAME.csv, c NAME.c and NAME.h, the others one file.
+
+    keep: files that must not be overwritten, the inputs. BadInput for a suffix that does not belong to the
+    format, or a path that cannot be written.
+    """
+    first = Path(path)
+    files = targets(form, first)
+    _check(files, keep)
+    texts, left_out = _MAKERS[form](arm, first)
+    for file, text in zip(files, texts, strict=True):
+        _write(file, text)
+    return Exported(files, left_out)
+
+
+def targets(form: Format, path: Path) -> tuple[Path, ...]:
+    """Files that an export to a path writes. BadInput for a suffix that does not belong to the format."""
+    if path.suffix not in SUFFIXES[form]:
+        wanted = " or ".join(SUFFIXES[form])
+        raise BadInput(
+            f"--format {form} writes {wanted}", str(path), f"write -o {path.stem}{SUFFIXES[form][0]}"
+        )
+    beside = [path.with_suffix(_BESIDE[form])] if form in _BESIDE else []
+    return (path, *beside)
+
+
+def _check(files: tuple[Path, ...], keep: tuple[Path, ...]) -> None:
+    inputs = {path.resolve() for path in keep}
+    for file in files:
+        if file.resolve() in inputs:
+            raise BadInput("is an input of the export", str(file), "choose another name")
+        if file.is_dir() or not file.parent.is_dir():
+            raise BadInput("no file can be written there", str(file), "name a file in a folder that exists")
+
+
+def _write(file: Path, text: str) -> None:
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"cannot be written: {error.strerror}", str(file)) from None
+
+
+_Made = tuple[tuple[str, ...], tuple[LeftOut, ...]]
+
+
+def _dh(arm: CalibratedArm, _path: Path) -> _Made:
+    table = dh_table(arm)
+    return (arm_toml(arm, table), dh_csv(arm, table)), table.left_out
+
+
+def _json(arm: CalibratedArm, _path: Path) -> _Made:
+    return (json.dumps(document(arm, dh_table(arm)), indent=1) + "\n",), ()
+
+
+def _urdf(arm: CalibratedArm, _path: Path) -> _Made:
+    return (urdf(arm),), urdf_left_out(arm)
+
+
+def _python(arm: CalibratedArm, _path: Path) -> _Made:
+    return (python_source(arm),), source_left_out(arm)
+
+
+def _c(arm: CalibratedArm, path: Path) -> _Made:
+    return (c_source(arm, path.with_suffix(".h").name), c_header(arm)), source_left_out(arm)
+
+
+_MAKERS: dict[Format, Callable[[CalibratedArm, Path], _Made]] = {
+    "dh": _dh,
+    "json": _json,
+    "urdf": _urdf,
+    "python": _python,
+    "c": _c,
+}

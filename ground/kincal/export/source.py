@@ -1,0 +1,195 @@
+"""A fitted model as self-contained source code, Python (numpy only) and C99, from one description.
+
+Both do the same steps in the same order as flight's model (fsw/model) and its inverse kinematics
+(fsw/motion), with every effect of the model written out as one line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import jinja2
+import numpy as np
+
+from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
+from kincal.rotations import Floats, Pose
+
+from .calibrated import BASE, TOOL, CalibratedArm, FittedTerm
+from .expressions import IMAGE, LEVERS, LOADS, MASSES, VIEW, Language, Line, line, plain, through_points
+from .leftout import LeftOut, left_out
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A quantity beside the joint readings that the model depends on.
+
+    size: numbers that it consists of (0: one number); default: where a natural one exists, else None.
+    """
+
+    name: str
+    size: int
+    default: tuple[float, ...] | None
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """What the templates write.
+
+    constant: twists by frame (0..n, tool, sensor, target) of everything that does not change; found: of the
+    base and tool frame alone; steady, loaded: other corrections, without and with gravity loads.
+    """
+
+    title: str
+    sources: str
+    prefix: str
+    arm: CalibratedArm
+    constant: Floats
+    found: Floats
+    steady: tuple[Line, ...]
+    loaded: tuple[Line, ...]
+    drivers: tuple[Driver, ...]
+    on_sensor: bool
+    uses_masses: bool
+    uses_levers: bool
+    uses_view: bool
+    uses_image: bool
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.arm.n
+
+    @property
+    def uses_loads(self) -> bool:
+        """Whether gravity loads are needed."""
+        return bool(self.loaded)
+
+    @property
+    def masses(self) -> list[tuple[float, tuple[float, ...]]]:
+        """Mass [kg] and its centre in the link frame [m] of each link; 0 where the arm table has none."""
+        if not self.arm.arm.has_masses:
+            return [(0.0, (0.0, 0.0, 0.0))] * self.n
+        joints = self.arm.arm.joints
+        return [(j.mass_kg or 0.0, j.com_m or (0.0, 0.0, 0.0)) for j in joints]
+
+    @property
+    def functions(self) -> str:
+        """The text of all expressions, for helpers that only some of them need."""
+        return " ".join(one.product for one in (*self.steady, *self.loaded))
+
+
+def python_source(arm: CalibratedArm) -> str:
+    """One Python file that needs numpy only: forward, nominal, inverse, correct, measured."""
+    return _render("arm.py.j2", describe(arm, "python"))
+
+
+def c_source(arm: CalibratedArm, header: str) -> str:
+    """C99 source that needs math.h only; header: name of the file with its declarations."""
+    return _render("arm.c.j2", describe(arm, "c"), header=header)
+
+
+def c_header(arm: CalibratedArm) -> str:
+    """The declarations of `c_source`."""
+    return _render("arm.h.j2", describe(arm, "c"))
+
+
+def describe(arm: CalibratedArm, language: Language) -> Source:
+    """What the templates need to know of a fitted arm. CannotAnswer if a term cannot be written as code."""
+    terms = [term for term in arm.terms if not through_points(term)]
+    varying = [term for term in terms if not term.constant]
+    steady = [term for term in varying if not _loaded(term)]
+    loaded = [term for term in varying if _loaded(term)]
+    on_sensor = any(term.on_sensor for term in terms) and len(terms) == len(arm.terms)
+    if not on_sensor:  # the sensor is modelled whole or not at all
+        varying = [term for term in varying if not term.on_sensor]
+    variables = {basis.var for term in varying for basis in term.bases}
+    return Source(
+        title=plain(arm.arm.name),
+        sources=plain(arm.sources),
+        prefix=identifier(arm.arm.name),
+        arm=arm,
+        constant=_constants(arm, None),
+        found=_constants(arm, [BASE, TOOL]),
+        steady=tuple(line(term, _row(term.frame, arm.n), language) for term in steady),
+        loaded=tuple(line(term, _row(term.frame, arm.n), language) for term in loaded),
+        drivers=tuple(_drivers(arm, variables, on_sensor)),
+        on_sensor=on_sensor,
+        uses_masses=bool(variables & set(MASSES)),
+        uses_levers=bool(variables & set(LEVERS)),
+        uses_view=bool(variables & set(VIEW)),
+        uses_image=bool(variables & set(IMAGE)),
+    )
+
+
+def source_left_out(arm: CalibratedArm) -> tuple[LeftOut, ...]:
+    """Effects of the sensor that the generated code does not hold: all of them, if some act on a pose that a
+    camera found from many points."""
+    if not any(through_points(term) for term in arm.terms):
+        return ()
+    return left_out(arm, [term for term in arm.terms if term.on_sensor])
+
+
+def _loaded(term: FittedTerm) -> bool:
+    return any(basis.var in LOADS for basis in term.bases)
+
+
+def _row(frame: int, n: int) -> int:
+    """Row of a frame in the table of twists: 0..n, tool, sensor, target."""
+    return {FRAME_TOOL: n + 1, FRAME_CAMERA: n + 2, FRAME_MEAS: n + 3}.get(frame, frame)
+
+
+def _constants(arm: CalibratedArm, groups: Iterable[str] | None) -> Floats:
+    """(n + 4, 6) constant twists."""
+    frames = (*range(arm.n + 1), FRAME_TOOL, FRAME_CAMERA, FRAME_MEAS)
+    chosen = None if groups is None else list(groups)
+    return np.array([arm.constant_twist(frame, chosen) for frame in frames])
+
+
+def _drivers(arm: CalibratedArm, variables: set[str], on_sensor: bool) -> Iterable[Driver]:
+    """The drivers that these variables need, in a fixed order."""
+    n, g = arm.n, tuple(float(x) for x in arm.arm.gravity_m_s2)
+    masses, view = bool(variables & set(MASSES)), on_sensor or bool(variables & set(VIEW))
+    table = (
+        ("dir" in variables, Driver("direction", n, None, "sign of the last motion of each joint: -1, 0, 1")),
+        ("qdot" in variables, Driver("qdot", n, (0.0,) * n, "joint speed [rad/s or m/s]")),
+        ("temp" in variables, Driver("temp_c", 0, None, "temperature of the arm [deg C]")),
+        ("t" in variables, Driver("t_s", 0, None, "time, as in the measurements [s]")),
+        (masses or "payload" in variables, Driver("payload_kg", 0, (0.0,), "extra mass at the tool [kg]")),
+        (bool(variables & set(LOADS)), Driver("gravity_m_s2", 3, g, "gravity in the base frame [m/s^2]")),
+        ("range" in variables, Driver("range_m", 0, None, "range from camera to target [m]")),
+        ("incid" in variables, Driver("incid_rad", 0, None, "angle of incidence at the target [rad]")),
+        ("pan" in variables, Driver("pan_rad", 0, None, "pan encoder of the camera [rad]")),
+        ("tilt" in variables, Driver("tilt_rad", 0, None, "tilt encoder of the camera [rad]")),
+        ("tag" in variables, Driver("tag", 0, None, "target seen: 0 first, 1 second, 0.5 both")),
+        (view, Driver("sensor_xyz_m", 3, (0.0,) * 3, "position of the sensor in the base frame [m]")),
+        (view, Driver("sensor_wxyz", 4, (1.0, 0.0, 0.0, 0.0), "its orientation, quaternion (w, x, y, z)")),
+    )
+    return [driver for used, driver in table if used]
+
+
+def identifier(name: str) -> str:
+    """A name for C, small letters: that of the arm as far as it goes."""
+    words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")[:24].rstrip("_") or "arm"
+    return f"arm_{words}" if words[0].isdigit() else words
+
+
+def _render(template: str, source: Source, **more: str) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("kincal.export"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # code, not HTML; `plain` keeps texts inside their comments
+    )
+    return environment.get_template(template).render(
+        s=source, base=_rows(source.arm.base), tool=_rows(source.arm.tool), **more
+    )
+
+
+def _rows(pose: Pose) -> list[list[float]]:
+    """(3, 4) rows of rotation matrix and origin."""
+    return [[*map(float, row), float(x)] for row, x in zip(pose.R, pose.p_m, strict=True)]

@@ -1,0 +1,103 @@
+"""The record of a fit that M.toml keeps (frames, data, split, covariance), so that it can be exported."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from kincal.rotations import Pose
+from kincal.schema.arm import ArmTable, Frame, Joint
+from kincal.schema.model import DataEntry, FitEntry, FrameEntry
+
+from .api import FitResult
+from .fit import Fit, rms
+from .modelfile import ModelFile
+
+
+def fitted(
+    model: ModelFile, result: FitResult, *, arm: str, files: Sequence[Path], version: str
+) -> ModelFile:
+    """The model file with the values of a fit and its record.
+
+    arm: path or name of the arm table; files: measurements that were read; version: of the tool.
+    """
+    rows = zip(result.names, result.estimate, result.std_err, strict=True)
+    return replace(
+        model,
+        arm=arm,
+        values={name: (float(value), float(std_err)) for name, value, std_err in rows},
+        units=dict(zip(result.names, result.units, strict=True)),
+        constants=result.constants,
+        fit=fit_record(result, files, version),
+    )
+
+
+def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEntry:
+    """What the table [fit] of M.toml holds."""
+    fit, comparison = result.fit, result.comparison
+    held = comparison.rms["held"] if len(comparison.split.held) else (None, None)
+    return FitEntry(
+        when=datetime.now(UTC).isoformat(timespec="seconds"),
+        tool_version=version,
+        arm_sha256=arm_digest(fit.arm),
+        data=[DataEntry(path=str(path), sha256=file_digest(path)) for path in files],
+        poses=comparison.poses,
+        held=[comparison.data.ids[i] for i in comparison.split.held],
+        held_mm=None if held[0] is None else held[0] * 1e3,
+        held_mrad=None if held[1] is None else held[1] * 1e3,
+        noise_scale=fit.scale,
+        base=_frame(fit.base),
+        tool=_frame(fit.tool),
+        position_change_mm=position_changes_mm(fit),
+        covariance=[[float(f"{x:.9g}") for x in row[: i + 1]] for i, row in enumerate(fit.cov)],
+    )
+
+
+def _frame(pose: Pose) -> FrameEntry:
+    x, y, z = (float(v) for v in pose.p_m)
+    w, i, j, k = (float(v) for v in pose.quat_wxyz)
+    return FrameEntry(xyz_m=(x, y, z), quat_wxyz=(w, i, j, k))
+
+
+def position_changes_mm(fit: Fit) -> dict[str, float]:
+    """Effect -> RMS change of the position residual over the poses [mm] without its coefficients."""
+    full, out = fit.model.residuals(fit.estimate), {}
+    for hypothesis in fit.hypotheses:
+        own = {f"{hypothesis.name}.{parameter.name}" for parameter in hypothesis.parameters}
+        without = np.where([name in own for name in fit.names], 0.0, fit.estimate)
+        out[hypothesis.name] = rms(fit.model.residuals(without) - full)[0] * 1e3
+    return out
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file; of a folder (a ROS bag) over its files in the order of their names."""
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    digest = hashlib.sha256()
+    for file in files:
+        with open(file, "rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def arm_digest(arm: ArmTable) -> str:
+    """SHA-256 of what the model takes from an arm table: the same for any layout of the file, names aside."""
+    numbers = [*map(_frame_numbers, (arm.base, arm.tool)), [float(x) for x in arm.gravity_m_s2]]
+    text = repr([*map(_joint_numbers, arm.joints), *numbers])
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _joint_numbers(joint: Joint) -> tuple[object, ...]:
+    com = None if joint.com_m is None else tuple(map(float, joint.com_m))
+    dh = tuple(float(x) for x in (joint.a_m, joint.alpha_rad, joint.d_m, joint.phi_rad))
+    return (joint.prismatic, *dh, joint.mass_kg, com, joint.gear_ratio)
+
+
+def _frame_numbers(frame: Frame) -> object:
+    """An unknown frame has no numbers."""
+    return None if frame.estimate else [float(x) for x in (*frame.xyz_m, *frame.quat_wxyz)]

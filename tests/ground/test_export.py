@@ -1,0 +1,506 @@
+"""Exports: generated Python and C, DH table, URDF and JSON against `predict` and against Pinocchio."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from dataclasses import replace
+
+import numpy as np
+import poses
+import pytest
+from click.testing import CliRunner
+from exports import CModule, drivers_at, hypothesis, python_module, random_data, unfitted
+from scipy.spatial.transform import Rotation
+
+from kincal import workbench as wb
+from kincal.cli import main
+from kincal.errors import BadInput
+from kincal.export import calibrated_fit, dh_table
+from kincal.export.source import c_header, c_source, describe, python_source
+from kincal.export.urdf import roll_pitch_yaw, urdf
+from kincal.schema.arm import read_arm
+from kincal.schema.model import FitEntry, FrameEntry
+from kincal.schema.names import FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
+from kincal.schema.terms import ONE, Basis
+from kincal.workbench.effects import Library
+
+FRAME = FrameEntry(xyz_m=(0, 0, 0), quat_wxyz=(1, 0, 0, 0))
+RECORD = FitEntry(
+    when="2026-01-01T00:00:00+00:00", tool_version="0", arm_sha256="", poses=1, noise_scale=1.0, base=FRAME,
+    tool=FRAME,
+)  # fmt: skip
+PRISMATIC = """name = "gantry */ \\"2\\""
+convention = "modified"
+gravity_m_s2 = [0.3, 0.2, -9.7]
+[base]
+xyz_m = [0.1, -0.2, 0.3]
+quat_wxyz = [0.5, 0.5, -0.5, 0.5]
+[tool]
+xyz_m = [0.02, 0.03, 0.1]
+quat_wxyz = [0.7071067811865476, 0.0, 0.7071067811865476, 0.0]
+"""
+MASS = "mass_kg = {m}\ncom_m = [0.02, -0.03, {m}e-2]\n"
+
+
+def prismatic(tmp_path, masses=True):
+    """Slides and turns mixed, antiparallel and skew axes, modified DH."""
+    text = PRISMATIC
+    rows = [
+        ("prismatic", 0.1, 0.3, 0.2, 0.1),
+        ("revolute", 0.4, "pi", 0.1, -0.4),
+        ("prismatic", 0.0, 1.2, 0.3, 0.7),
+        ("revolute", 0.2, "-pi/2", 0.0, 0.0),
+        ("revolute", 0.05, 0.7, 0.2, 1.0),
+    ]
+    for k, (kind, a, alpha, d, phi) in enumerate(rows, 1):
+        unit = "m" if kind == "prismatic" else "rad"
+        text += f'[[joint]]\ntype = "{kind}"\na_m = {a}\nalpha_rad = "{alpha}"\nd_m = {d}\nphi_rad = {phi}\n'
+        text += f"q_min_{unit} = -1.5\nq_max_{unit} = 1.5\n" + (MASS.format(m=k) if masses else "")
+    (tmp_path / "gantry.toml").write_text(text)
+    return read_arm(tmp_path / "gantry.toml")
+
+
+def arm_named(name, tmp_path):
+    if name == "gantry":
+        return prismatic(tmp_path)
+    if name == "wam":
+        return read_arm(poses.arm_toml(tmp_path / "wam.toml"))
+    return read_arm(name)
+
+
+def generated(fit, tmp_path):
+    """Python module and C library of a fit."""
+    arm = calibrated_fit(fit, RECORD)
+    (tmp_path / "made.py").write_text(python_source(arm))
+    (tmp_path / "made.c").write_text(c_source(arm, "made.h"))
+    (tmp_path / "made.h").write_text(c_header(arm))
+    about = describe(arm, "c")
+    drivers = [(d.name, d.size) for d in about.drivers] + ([("image", 2)] if about.uses_image else [])
+    return python_module(tmp_path / "made.py"), CModule(tmp_path / "made.c", about.prefix, drivers, arm.n)
+
+
+def matrix(pose):
+    p, R = pose
+    out = np.eye(4)
+    out[:3, 3], out[:3, :3] = p, R
+    return out
+
+
+def everything(n):
+    """Effects with each basis function and each variable, on every kind of place."""
+    places = itertools.cycle([0, 1, n - 1, n, "tool", "camera", "meas"])
+    comps = itertools.cycle(range(6))
+    indexed = {name: 1 + k % n for k, name in enumerate(VARIABLES) if VARIABLES[name].indexed}
+    indexed |= {"levx": LEVER_STRIDE * 1 + 3, "levy": LEVER_STRIDE * 2 + n, "levz": LEVER_STRIDE * 0}
+    bases = [Basis("lin", v, indexed.get(v, 0), 0.3, 0.7) for v in VARIABLES if v != "1" and v not in PNP]
+    bases += [Basis("lin", v, 0) for v in ("Mx", "My", "Mz", "gx", "gy", "gz")]
+    bases += [Basis(fn, "q", 1 + k % n, -0.2, 1.7) for k, fn in enumerate(FUNCTIONS)]
+    bases += [Basis("tan2", "incid", 0), Basis("step", "t", 0, 1800.0), Basis("tanh", "tau", 2, 0.0, 0.1)]
+    small = {
+        "gx": 0.1,
+        "gy": 0.1,
+        "gz": 0.1,
+        "levx": 0.1,
+        "levy": 0.1,
+        "levz": 0.1,
+        "t": 1e-3,
+        "temp": 0.1,
+        "tau": 0.02,
+        "Mx": 0.02,
+        "My": 0.02,
+        "Mz": 0.02,
+        "taup": 0.02,
+    }
+    torque = Basis("sin", "tau", n, 0.0, 0.1)
+    other = itertools.cycle([ONE, Basis("cos", "q", 1), Basis("lin", "payload", 0), torque])
+    rows = [
+        (frame, comp, small.get(b.var, 1.0), b, second)
+        for b, frame, comp, second in zip(bases, places, comps, other, strict=False)
+    ]
+    constant = [
+        ("camera", 0, 1.0, ONE, ONE),
+        ("meas", 4, 1.0, ONE, ONE),
+        (2, 4, 1.0, ONE, ONE),
+        (n, 5, 1.0, ONE, ONE),
+    ]
+    return [hypothesis("everything", *rows, *constant)]
+
+
+def of_library(arm, names):
+    return [
+        h
+        for name in names
+        for h in Library.load().find(name, arm, None, {"t0": 900.0, "tau": 600.0, "k": 7.3})
+    ]
+
+
+MODELS = {
+    "wam, every basis": ("wam", None),
+    "gantry, every basis": ("gantry", None),
+    "wam, effects of the library": ("wam", ["joint_compliance", "backlash[4]", "link_bending", "base_flex",
+        "joint_coupling[5,6]", "bias_step[3]", "payload_sag", "link_thermal_growth", "latency", "tag_scale",
+        "lens_radial", "camera_shift", "range_incidence_bias", "base_settling"]),
+    "fr3, modified DH": ("fr3", ["encoder_eccentricity[2]", "joint_ripple[6]", "joint_gravity",
+        "link_gravity_tilt[2]", "sensor_scale"]),
+    "wam, DH alone": ("wam", []),
+}  # fmt: skip
+
+
+@pytest.fixture(params=MODELS)
+def model(request, tmp_path):
+    """A fit with random coefficients, data, and its generated code."""
+    name, effects = MODELS[request.param]
+    arm = arm_named(name, tmp_path)
+    found = everything(arm.n) if effects is None else of_library(arm, effects)
+    own_sensor = request.param.startswith("fr3")
+    data = random_data(arm, 5, cam_p_m=not own_sensor, cam_quat_wxyz=not own_sensor)
+    fit = unfitted(arm, data, found)
+    return fit, data, *generated(fit, tmp_path)
+
+
+def all_drivers(module, data, i):
+    return drivers_at(data, i, {*module.DEFAULTS, *module.NEEDED})
+
+
+def test_generated_code_gives_what_predict_gives_with_every_effect(model):
+    fit, data, module, c = model
+    report = module.measured if hasattr(module, "measured") else module.forward
+    said = [matrix(report(data.q[i], **all_drivers(module, data, i))) for i in range(data.n)]
+    poses_said = np.array(said)
+    quat = Rotation.from_matrix(poses_said[:, :3, :3]).as_quat(scalar_first=True)
+    measured = replace(data, p_m=poses_said[:, :3, 3], quat_wxyz=quat)
+    assert np.abs(fit.predict(measured)).max() < 1e-9  # measured as predicted: nothing is left
+    for i in range(data.n):
+        d = all_drivers(module, data, i)
+        in_c = getattr(c, report.__name__)(data.q[i], **d)
+        assert np.abs(in_c - said[i]).max() < 1e-9
+        assert np.abs(c.forward(data.q[i], **d) - matrix(module.forward(data.q[i], **d))).max() < 1e-9
+        assert np.abs(c.nominal(data.q[i]) - matrix(module.nominal(data.q[i]))).max() < 1e-9
+
+
+def test_effects_of_the_generated_code_do_something(model):
+    fit, data, module, _ = model
+    d = all_drivers(module, data, 0)
+    moved = np.linalg.norm(module.forward(data.q[0], **d)[0] - module.nominal(data.q[0])[0])
+    assert 1e-3 < moved < 1.0
+
+
+# --------------------------------------------------------------------------- the way back
+
+# Bent arms, far from singular poses and limits.
+BENT = {5: [0.2, -0.5, 0.3, 0.6, -0.4], 7: [0.2, 0.5, -0.3, 1.5, 0.2, -0.9, 0.3]}
+BENT_FR3 = [0.1, 0.3, 0.2, -1.8, 0.1, 1.9, 0.3]
+
+
+def bent(arm, seed):
+    middle = BENT_FR3 if "Franka" in arm.name else BENT[arm.n]
+    return middle + np.random.default_rng(seed).uniform(-0.2, 0.2, (3, arm.n))
+
+
+def test_inverse_reaches_a_pose_and_both_languages_agree(model):
+    fit, data, module, c = model
+    for i, q in enumerate(bent(fit.arm, 1)):
+        d = all_drivers(module, data, i)
+        p, R = module.forward(q, **d)
+        found = module.inverse(p, R, q + 0.1, **d)
+        again = module.forward(found, **d)
+        assert np.linalg.norm(again[0] - p) < 2e-9
+        assert np.abs(again[1] - R).max() < 2e-9
+        for wanted in (R, None):
+            q_c, reached = c.inverse(p, wanted, q + 0.1, **d)
+            assert reached
+            assert np.abs(q_c - module.inverse(p, wanted, q + 0.1, **d)).max() < 1e-7
+
+
+def test_correct_brings_the_real_tool_to_where_it_was_planned(model):
+    fit, data, module, c = model
+    for i, q in enumerate(bent(fit.arm, 2)):
+        d = all_drivers(module, data, i)
+        planned, corrected = module.nominal(q), module.correct(q, **d)
+        reached = module.forward(corrected, **d)
+        assert np.linalg.norm(module.forward(q, **d)[0] - planned[0]) > 1e-3
+        assert np.linalg.norm(reached[0] - planned[0]) < 2e-9
+        assert fit.arm.n < 6 or np.abs(reached[1] - planned[1]).max() < 2e-9
+        q_c, ok = c.correct(q, **d)
+        assert ok
+        assert np.abs(q_c - corrected).max() < 1e-7
+
+
+def test_unreachable_pose_is_said_in_both_languages(model):
+    _, data, module, c = model
+    d = all_drivers(module, data, 0)
+    with pytest.raises(ValueError, match="not reached"):
+        module.inverse([50.0, 0, 0], None, data.q[0], **d)
+    assert not c.inverse([50.0, 0, 0], None, data.q[0], **d)[1]
+
+
+def test_missing_and_unknown_drivers_are_named(tmp_path):
+    arm = arm_named("wam", tmp_path)
+    data = random_data(arm, 5)
+    module, _ = generated(unfitted(arm, data, of_library(arm, ["backlash[4]"])), tmp_path)
+    with pytest.raises(ValueError, match="direction"):
+        module.forward(data.q[0])
+    with pytest.raises(ValueError, match="wind"):
+        module.forward(data.q[0], direction=data.direction[0], wind=3)
+
+
+def test_every_variable_and_function_of_the_grammar_is_exported():
+    from kincal.export import expressions
+
+    assert set(expressions._VARIABLES) == set(VARIABLES) - {"1"} - set(PNP)
+    assert set(expressions._FUNCTIONS) == set(FUNCTIONS)
+
+
+# --------------------------------------------------------------------------- DH table and URDF
+
+
+def constants_only(fit):
+    """The fit with the coefficients of varying terms and of the sensor set to zero, by their names."""
+    varying = [
+        any(b.var != "1" for t in p.terms for b in t.basis) or any(t.frame in (-2, -1) for t in p.terms)
+        for p in fit.parameters
+    ]
+    return replace(fit, estimate=np.where(varying, 0.0, fit.estimate))
+
+
+def predicted(fit, data):
+    """4x4 tool poses by the flight model."""
+    from kincal.workbench.model import observations
+
+    return fit.model.at(observations(fit.arm, data)).poses(fit.estimate).matrix
+
+
+CONSTANT_MODELS = {
+    "wam": ("wam", ["encoder_bias", "base_tilt", "base_shift", "tool_shift", "joint_compliance"]),
+    "gantry": ("gantry", ["encoder_bias[3]", "tool_shift"]),
+    "fr3": ("fr3", []),
+    "ur10e": ("ur10e", ["base_shift"]),
+}
+
+
+@pytest.fixture(params=CONSTANT_MODELS)
+def constant(request, tmp_path):
+    name, effects = CONSTANT_MODELS[request.param]
+    arm = arm_named(name, tmp_path)
+    arm = replace(arm, base=replace(arm.base, estimate=True), tool=replace(arm.tool, estimate=True))
+    data = random_data(arm, 6, 40, cam_p_m=False, cam_quat_wxyz=False)
+    return unfitted(arm, data, of_library(arm, effects)), data
+
+
+def test_dh_table_is_an_arm_table_that_gives_the_constant_part_of_predict(constant, tmp_path):
+    from kincal.export.tabular import arm_toml, dh_csv
+    from kincal.flight import Arm
+    from kincal.rotations import Pose
+
+    fit, data = constant
+    arm = calibrated_fit(fit, RECORD)
+    (tmp_path / "dh.toml").write_text(arm_toml(arm, dh_table(arm)))
+    again = read_arm(tmp_path / "dh.toml")
+    assert not again.base.estimate
+    frames = [Pose.of_wxyz(f.xyz_m, f.quat_wxyz) for f in (again.base, again.tool)]
+    got = Arm.of(again, *frames).fk(data.q).matrix
+    assert np.abs(got - predicted(constants_only(fit), data)).max() < 1e-9
+    rows = [line.split(",") for line in dh_csv(arm, dh_table(arm)).splitlines() if line.startswith("joint")]
+    assert len(rows) == 4 * fit.arm.n
+    for row in rows:
+        assert float(row[3]) + float(row[4]) == pytest.approx(float(row[5]), abs=1e-15)
+
+
+def test_urdf_gives_the_constant_part_of_predict_in_pinocchio_and_yourdfpy(constant, tmp_path):
+    pinocchio = pytest.importorskip("pinocchio")
+    yourdfpy = pytest.importorskip("yourdfpy")
+    fit, data = constant
+    path = tmp_path / "made.urdf"
+    path.write_text(urdf(calibrated_fit(fit, RECORD)))
+    want = predicted(constants_only(fit), data)
+    assert np.abs(pinocchio_poses(pinocchio, path, data.q) - want).max() < 1e-9
+    robot = yourdfpy.URDF.load(str(path), load_meshes=False)
+    for q, pose in zip(data.q[:3], want, strict=False):
+        robot.update_cfg(q)
+        assert np.abs(robot.get_transform(robot.robot.joints[-1].child) - pose).max() < 1e-6
+
+
+def pinocchio_poses(pinocchio, path, qs):
+    """Poses of the last frame of a URDF in its root."""
+    model = pinocchio.buildModelFromUrdf(str(path))
+    data, out = model.createData(), []
+    for q in qs:
+        pinocchio.framesForwardKinematics(model, data, q)
+        out.append(data.oMf[model.nframes - 1].homogeneous)
+    return np.array(out)
+
+
+@pytest.mark.parametrize(
+    "pitch", [0.0, 0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 + 1e-8, 1.5707]
+)
+def test_angles_of_the_urdf_give_the_matrix_back_also_at_the_pole(pitch):
+    for roll, yaw in ((0.0, 0.0), (1.1, -2.0), (-3.0, 0.4)):
+        R = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
+        r, p, y = roll_pitch_yaw(R)
+        assert np.abs(Rotation.from_euler("ZYX", [y, p, r]).as_matrix() - R).max() < 1e-12
+
+
+def test_what_dh_and_urdf_cannot_hold_is_named(tmp_path):
+    from kincal.export.urdf import urdf_left_out
+
+    arm = arm_named("wam", tmp_path)
+    data = random_data(arm, 6)
+    tilted = hypothesis("axis_tilt[3]", (3, 4, 1.0, ONE, ONE))
+    found = [tilted, *of_library(arm, ["backlash[4]", "camera_shift", "encoder_bias[2]"])]
+    fitted = calibrated_fit(
+        unfitted(arm, data, found), replace_record(position_change_mm={"backlash[4]": 0.31})
+    )
+    in_dh = {one.effect: str(one) for one in dh_table(fitted).left_out}
+    assert set(in_dh) == {"axis_tilt[3]", "backlash[4]", "camera_shift"}
+    assert in_dh["backlash[4]"] == "backlash[4], worth 0.31 mm: it changes with dir4"
+    assert "ry at link 3" in in_dh["axis_tilt[3]"]
+    assert "sensor" in in_dh["camera_shift"]
+    assert {one.effect for one in urdf_left_out(fitted)} == {"backlash[4]", "camera_shift"}
+    assert "worth 0.31 mm" in urdf(fitted)
+
+
+def replace_record(**changes):
+    return RECORD.model_copy(update=changes)
+
+
+def test_sigma_of_a_dh_parameter_is_that_of_the_sum_it_consists_of(tmp_path):
+    """Joint 2's offset is its DH error plus its encoder bias: only their sum is determined."""
+    poses.poses_csv(tmp_path / "poses.csv", 60, 3)
+    arm, data = arm_named("wam", tmp_path), wb.read_csv(tmp_path / "poses.csv", 7)
+    fit = wb.fit(arm, data, ["encoder_bias[2]"]).fit
+    table = dh_table(calibrated_fit(fit, RECORD))
+    row = next(p for p in table.parameters if (p.joint, p.name) == (2, "phi_rad"))
+    i, j = fit.names.index("J2.phi_rad"), fit.names.index("encoder_bias[2].b")
+    assert row.correction == pytest.approx(fit.estimate[i] + fit.estimate[j])
+    assert row.sigma == pytest.approx(np.sqrt(fit.cov[[i, j]][:, [i, j]].sum()))
+    assert row.sigma < 0.2 * fit.std_err[i]
+    assert row.state == "identifiable"
+
+
+# --------------------------------------------------------------------------- files and command
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """An arm, its measurements and a fitted model."""
+    out = tmp_path_factory.mktemp("export")
+    poses.arm_toml(out / "arm.toml")
+    poses.poses_csv(out / "poses.csv", 60, 3, lambda q, d: q + np.array([0, 0, 0, 3e-3 * d[3], 0, 0, 0]))
+    assert kincal(out, "model", "add", "--model", "M.toml", "backlash[4]", "tag_scale").exit_code == 0
+    assert (
+        kincal(out, "model", "fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml").exit_code
+        == 0
+    )
+    return out
+
+
+def kincal(folder, *words):
+    """A command; words that name files are taken from the folder."""
+    files = (".toml", ".csv", ".urdf", ".py", ".c", ".json", ".pdf", ".h")
+    given = [str(folder / word) if word.endswith(files) else word for word in words]
+    return CliRunner().invoke(main, given)
+
+
+def test_model_file_holds_frames_split_data_hash_version_and_covariance(folder):
+    import hashlib
+
+    import kincal as package
+
+    model = wb.read_model(folder / "M.toml")
+    fit = model.fit
+    assert fit.tool_version == package.__version__
+    assert fit.data[0].sha256 == hashlib.sha256((folder / "poses.csv").read_bytes()).hexdigest()
+    assert len(fit.held) == 15
+    assert fit.poses == 60
+    sigma = [row[-1] ** 0.5 for row in fit.covariance]
+    assert sigma == pytest.approx([s for _, s in model.values.values()], rel=1e-6)
+    assert fit.position_change_mm["backlash[4]"] == pytest.approx(1.5, abs=0.8)
+    assert fit.base.xyz_m == pytest.approx((0, 0, poses.BASE_Z_M))
+    wb.write_model(folder / "again.toml", model)
+    assert wb.read_model(folder / "again.toml") == model
+
+
+def test_change_of_the_model_forgets_the_fit(folder):
+    model = wb.read_model(folder / "M.toml").remove(["tag_scale"])
+    assert model.fit is None
+    assert not model.values
+
+
+@pytest.mark.parametrize("form, name, files", [
+    ("dh", "o.toml", ["o.toml", "o.csv"]), ("json", "o.json", ["o.json"]), ("urdf", "o.urdf", ["o.urdf"]),
+    ("python", "o.py", ["o.py"]), ("c", "o.c", ["o.c", "o.h"]),
+])  # fmt: skip
+def test_export_writes_each_format(folder, form, name, files):
+    done = kincal(folder, "model", "export", "--model", "M.toml", "--format", form, "-o", name)
+    assert done.exit_code == 0, done.output
+    assert all((folder / file).stat().st_size > 500 for file in files)
+    assert ("backlash[4], worth" in done.stderr) == (form in ("dh", "urdf"))
+
+
+def test_exported_code_of_a_model_file_predicts_the_measurements_as_the_fit_does(folder):
+    kincal(
+        folder,
+        "model",
+        "export",
+        "--arm",
+        "arm.toml",
+        "--model",
+        "M.toml",
+        "--format",
+        "python",
+        "-o",
+        "o.py",
+    )
+    module = python_module(folder / "o.py")
+    arm, data = read_arm(folder / "arm.toml"), wb.read_csv(folder / "poses.csv", 7)
+    fit = wb.fit(arm, data, ["backlash[4]", "tag_scale"]).fit
+    for i in range(5):
+        d = drivers_at(data, i, {*module.DEFAULTS, *module.NEEDED})
+        assert np.abs(matrix(module.forward(data.q[i], **d)) - predicted(fit, data)[i]).max() < 1e-9
+
+
+def test_json_holds_every_number_with_its_unit(folder):
+    kincal(folder, "model", "export", "--model", "M.toml", "--format", "json", "-o", "o.json")
+    got, model = json.loads((folder / "o.json").read_text()), wb.read_model(folder / "M.toml")
+    assert {c["name"]: (c["value"], c["std_err"]) for c in got["coefficients"]} == model.values
+    assert {c["name"]: c["unit"] for c in got["coefficients"]} == model.units
+    covariance = np.array(got["covariance"])
+    assert np.abs(covariance - covariance.T).max() == 0
+    assert np.linalg.eigvalsh(covariance).min() > -1e-9
+    assert {"base", "tool", "base_found", "tool_found"} == set(got["frames"])
+
+
+@pytest.mark.parametrize("form, name, says", [
+    ("urdf", "o.pdf", "writes .urdf or .xml"), ("c", "o.h", "writes .c"), ("python", "o", "writes .py"),
+    ("dh", "arm.toml", "input of the export"), ("dh", "M.toml", "input of the export"),
+    ("json", "nowhere/o.json", "no file can be written there"),
+])  # fmt: skip
+def test_wrong_path_is_refused(folder, form, name, says):
+    done = kincal(
+        folder, "model", "export", "--arm", "arm.toml", "--model", "M.toml", "--format", form, "-o", name
+    )
+    assert done.exit_code == 2
+    assert says in done.stderr
+
+
+def test_model_without_values_is_refused(folder, tmp_path):
+    (tmp_path / "M.toml").write_text('version = 1\neffects = ["backlash[4]"]\n')
+    done = kincal(tmp_path, "model", "export", "--arm", str(folder / "arm.toml"), "--model", "M.toml",
+                  "--format", "c", "-o", "o.c")  # fmt: skip
+    assert done.exit_code == 2
+    assert "run `kincal model fit` first" in done.stderr
+
+
+def test_model_of_another_arm_or_with_other_values_is_refused(folder):
+    arm, model = read_arm(folder / "arm.toml"), wb.read_model(folder / "M.toml")
+    from kincal.export import calibrated_arm
+
+    with pytest.raises(BadInput, match="another arm table"):
+        calibrated_arm(read_arm("iiwa7"), model, Library.load())
+    fewer = dict(list(model.values.items())[1:])
+    with pytest.raises(BadInput, match="other effects"):
+        calibrated_arm(arm, replace(model, values=fewer), Library.load())
+    cut = model.fit.model_copy(update={"covariance": model.fit.covariance[1:]})
+    with pytest.raises(BadInput, match="covariance"):
+        calibrated_arm(arm, replace(model, fit=cut), Library.load())
