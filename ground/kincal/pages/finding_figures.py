@@ -45,7 +45,7 @@ def findings(panels: Sequence[Panel], poses: Poses, functions: Sequence[Curve] =
 
 
 def _belongs(curve: Curve, panel: Panel) -> bool:
-    """Whether a function is that of a panel: of its driver, about its axis where the place has several."""
+    """Whether a function is that of a panel: of its driver, and of its axis where the place has several."""
     _, comma, axis = panel.place.partition(", ")
     return curve.driver == panel.driver and (not comma or curve.component[1] == axis)
 
@@ -62,8 +62,9 @@ def _function(curve: Curve, colour: str, *, first: bool) -> Iterator[go.Scatter]
         x=[*x, *x[::-1]], y=[*(y + wide), *(y - wide)[::-1]], fill="toself", mode="none", fillcolor=colour,
         opacity=0.15, showlegend=False, **style,
     )  # fmt: skip
-    yield go.Scatter(x=x, y=y, mode="lines", line={"color": colour, "width": 2.6, "dash": "dash"},
-                     name="smooth function, ± 2 standard errors", showlegend=first, **style)  # fmt: skip
+    line = {"color": colour, "width": 2.6, "dash": "dash"}
+    name = "fitted smooth function, ± 2 standard errors"
+    yield go.Scatter(x=x, y=y, mode="lines", line=line, name=name, showlegend=first, **style)
 
 
 def _words(driver: str) -> str:

@@ -12,6 +12,7 @@ from .gain import judged
 from .nextposes import NextPose
 
 _NEW_MODEL = "M.toml"
+_CALIBRATED = "calibrated.toml"
 _NAMED = 8  # outliers in a command
 
 
@@ -58,6 +59,8 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
         yield Step("add a smooth function for what has no name", _kincal("add", *words))
     if names or smooth or inputs.model or d.verdict == "adequate":
         yield Step("fit it and see what each effect brings", _kincal("fit", *inputs.sources, *model))
+        words = (*model, "--format", "dh", "-o", _CALIBRATED)
+        yield Step("take the calibrated arm away (also urdf, python, c)", _kincal("export", *words))
 
 
 def _measuring(poses: Sequence[NextPose], inputs: Inputs) -> Iterator[Step]:
