@@ -62,11 +62,9 @@ def _contradicted(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
     harmful = [(gain.interval[0], k) for gain, k in gains if gain.harms]
     if harmful:
         return max(harmful, key=lambda pair: pair[0])[1]
-    if _explained(study, model):
-        return None
     # a rotation error that grows by chance does not speak against an effect that is sure to gain
     doubtful = gains if _worse(study, model) else [(g, k) for g, k in gains if not g.gains]
-    if not (doubtful and _worse(study, model, rotation=True)):
+    if not (doubtful and _worse(study, model, rotation=True)) or _explained(study, model):
         return None
     return max(doubtful, key=lambda pair: pair[0].after_m / pair[0].before_m)[1]
 
