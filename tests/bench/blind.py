@@ -10,9 +10,9 @@ from there. Exit 1 if a criterion fails.
 
 What counts as right
 - A finding is right if it names a hidden effect: the library's name for that kind (RIGHT) and, where the
-  effect sits at one joint or pair, that joint or pair. If it sits at all joints, any of them; a bare name
-  ("at some joint") is right too. pd_droop is the same formula as joint_compliance, so each is right for the
-  other.
+  effect sits at one joint or pair, that joint or pair. If it sits at all joints, any of them or some; a
+  bare name ("at some joint") is right too. pd_droop is the same formula as joint_compliance, so each is
+  right for the other.
 - An effect that no data can tell from the truth (`confounded`) and that is listed with it, as
   confounded_with or as a finding of its own, counts as listed together, and a claim of it as right. Other
   confusions are wrong even if listed. A soft joint 2 and a soft mount are such where the generator's own
@@ -38,6 +38,7 @@ What counts as right
 
 import argparse
 import hashlib
+import itertools
 import json
 import multiprocessing
 import os
@@ -383,7 +384,8 @@ def right_names(effect: dict) -> set[str]:
     for name in RIGHT[effect["kind"]]:
         out.add(name)
         if effect["place"] == "all":
-            out |= {f"{name}[{j}]" for j in range(1, 8)}
+            some = (c for k in range(1, 8) for c in itertools.combinations(range(1, 8), k))
+            out |= {f"{name}[{','.join(map(str, joints))}]" for joints in some}
         elif effect["place"]:
             out.add(f"{name}[{','.join(map(str, effect['place']))}]")
     return out
