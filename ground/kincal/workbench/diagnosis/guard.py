@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..adequacy import ADEQUATE_P, lack_of_fit, noise_floor
-from ..compare import PosRot
 from .states import Kept, Selection
 from .study import Model, Study
 
@@ -63,19 +62,22 @@ def _contradicted(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
     harmful = [(gain.interval[0], k) for gain, k in gains if gain.harms]
     if harmful:
         return max(harmful, key=lambda pair: pair[0])[1]
-    if not _worse(study, model) or _explained(study, model):
+    # a rotation error that grows by chance does not speak against an effect that is sure to gain
+    doubtful = gains if _worse(study, model) else [(g, k) for g, k in gains if not g.gains]
+    if not (doubtful and _worse(study, model, rotation=True)) or _explained(study, model):
         return None
-    return max(gains, key=lambda pair: pair[0].after_m / pair[0].before_m)[1]
+    return max(doubtful, key=lambda pair: pair[0].after_m / pair[0].before_m)[1]
 
 
-def _worse(study: Study, model: Model) -> bool:
-    """Position or rotation error of the held-out poses is larger than without effects."""
+def _worse(study: Study, model: Model, *, rotation: bool = False) -> bool:
+    """Position (rotation: or rotation) error of the held-out poses is larger than without effects."""
     turns = study.held_square(model).mean() > study.held_square(()).mean()
-    return bool(turns) or _larger(study.held_error(model), study.held_error(()))
+    after, before = study.held_error(model), study.held_error(())
+    return bool(turns) or after[0] > before[0] or (rotation and _larger(after[1], before[1]))
 
 
-def _larger(error: PosRot, than: PosRot) -> bool:
-    return any(a > b for a, b in zip(error, than, strict=True) if a is not None and b is not None)
+def _larger(after: float | None, before: float | None) -> bool:
+    return after is not None and before is not None and after > before
 
 
 def _explained(study: Study, model: Model) -> bool:

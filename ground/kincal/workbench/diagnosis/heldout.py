@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import Array
+from ..types import Array, Mask
 
 FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
+_GROSS = 10.0  # median errors
 _BOOTSTRAP = 1000
 _INTERVAL = (0.025, 0.975)
 
@@ -28,7 +29,10 @@ class HeldGain:
 
     @classmethod
     def of(cls, before: Array, after: Array, *, cross_validated: bool) -> HeldGain:
-        """From squared position errors (M,) [m^2] of the same poses."""
+        """From squared position errors (M,) [m^2] of the same poses; gross outliers, off by far with and
+        without the effect, tell nothing of it and are left out."""
+        usual = ~(_gross(before) & _gross(after))
+        before, after = before[usual], after[usual]
         pick = np.random.default_rng(2).integers(0, len(before), (_BOOTSTRAP, len(before)))
         ratio = np.sqrt(after[pick].mean(axis=1) / np.maximum(before[pick].mean(axis=1), 1e-300))
         low, high = (float(np.quantile(ratio, q)) for q in _INTERVAL)
@@ -49,6 +53,11 @@ class HeldGain:
     def worse(self) -> bool:
         """The error of the held-out poses grows, be it by chance."""
         return self.after_m > self.before_m
+
+
+def _gross(square: Array) -> Mask:
+    """(M,) errors of more than `_GROSS` times the median."""
+    return np.asarray(square > _GROSS**2 * np.median(square), dtype=bool)
 
 
 NO_HELD_OUT = HeldGain(float("nan"), float("nan"), (float("nan"), float("nan")))
