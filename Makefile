@@ -344,7 +344,7 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench-samples blind montecarlo occlusion real
+.PHONY: demo hil bench-samples blind montecarlo occlusion real halves
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -366,6 +366,9 @@ occlusion: setup core ## drawn frames against the search's verdict on what the a
 
 real: setup core ## measured sets of real arms: what the diagnosis names and gains (SETS=folder, ONLY=names, JSON=file)
 	.venv/bin/python tests/bench/real.py $(SETS) $(if $(ONLY),--only $(ONLY)) $(if $(JSON),--json $(JSON))
+
+halves: setup core ## measured sets of real arms: the same answer on random halves, silence on permuted residuals (SETS, ONLY)
+	.venv/bin/python tests/bench/halves.py $(SETS) $(if $(ONLY),--only $(ONLY))
 
 # ---- tidying ------------------------------------------------------------------------------------------
 

@@ -13,17 +13,23 @@ static int solved(const kc_app_t *app)
     return app->cal.est_status == KC_OK || app->cal.est_status == KC_ERR_ITER;
 }
 
+/* Residual of one observation at any coefficients. */
+static void residual_at(kc_app_t *app, const double *coef, const kc_obs_t *obs, double r[6])
+{
+    const kc_active_t *a = &app->tables.active;
+    kc_loads_t loads;
+    kc_model_loads(&a->arm, &a->terms, coef, &obs->ctx, &loads);
+    (void)kc_model_residual(&a->arm, &a->terms, coef, obs, &loads, r, &app->eval);
+}
+
 /* chi^2 of the inliers at any coefficients. */
 static double chi2_at(kc_app_t *app, const double *coef)
 {
-    const kc_active_t *a = &app->tables.active;
     double sum = 0.0, W[36], r[6];
     for (uint32_t i = 0u; i < app->est.n_obs; i++) {
         const kc_obs_t *obs = &app->est.obs[i];
-        kc_loads_t loads;
         if (app->est.outlier[i] || kc_la_whiten(obs->cov, 6u, W) != KC_OK) { continue; }
-        kc_model_loads(&a->arm, &a->terms, coef, &obs->ctx, &loads);
-        (void)kc_model_residual(&a->arm, &a->terms, coef, obs, &loads, r, &app->eval);
+        residual_at(app, coef, obs, r);
         kc_la_whiten_apply(W, 6u, r, r);
         for (uint32_t k = 0u; k < 6u; k++) { sum += r[k] * r[k]; }
     }
@@ -91,6 +97,22 @@ static void fill_cov(const kc_app_t *app, kc_proposal_t *p)
     }
 }
 
+/* RMS residual with the table in force, at the poses that the fit kept: those of fit_pos_m. */
+static void fill_before(kc_app_t *app, kc_proposal_t *p)
+{
+    double pos2 = 0.0, rot2 = 0.0, r[6];
+    uint32_t n = 0u;
+    for (uint32_t i = 0u; i < app->est.n_obs; i++) {
+        if (app->est.outlier[i]) { continue; }
+        residual_at(app, app->tables.active.kin.value, &app->est.obs[i], r);
+        pos2 += kc_v3_dot(r, r);
+        rot2 += kc_v3_dot(&r[3], &r[3]);
+        n++;
+    }
+    p->before_pos_m = n > 0u ? kc_sqrt(pos2 / (double)n) : 0.0;
+    p->before_rot_rad = n > 0u ? kc_sqrt(rot2 / (double)n) : 0.0;
+}
+
 static void fill_numbers(kc_app_t *app, kc_proposal_t *p)
 {
     const kc_est_t *e = &app->est;
@@ -110,8 +132,6 @@ static void fill_numbers(kc_app_t *app, kc_proposal_t *p)
     p->cond = e->cond;
     p->fit_pos_m = e->fit_pos_m;
     p->fit_rot_rad = e->fit_rot_rad;
-    p->before_pos_m = e->before_pos_m;
-    p->before_rot_rad = e->before_rot_rad;
     p->pred_pos_m = app->cal.pred_pos_m;
     p->pred_rot_rad = app->cal.pred_rot_rad;
     p->crc_kin_before = app->tables.active.crc[KC_TBL_KIN];
@@ -121,6 +141,7 @@ static void make(kc_app_t *app, kc_proposal_t *p)
 {
     fill_kin(app, &p->kin);
     fill_numbers(app, p);
+    fill_before(app, p);
     fill_cov(app, p);
     if (poor(app, p->p_fit)) {
         p->verdict = KC_VERDICT_POOR;

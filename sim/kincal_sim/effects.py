@@ -48,11 +48,17 @@ class Hysteresis(Effect):
 class JointFunction(Effect):
     """One joint is off by any function of conditions and loads: for effects that no library holds.
 
-    joint: index from 0; offset_rad(at, loads): the offset [rad].
+    joint: index from 0; offset_rad(at, loads): the offset [rad]; drivers: joints (from 1) whose angles it
+    follows, for the sealed answer.
     """
 
-    def __init__(self, joint: int, offset_rad: Callable[[Conditions, Loads], float]):
-        self.joint, self.offset_rad = joint, offset_rad
+    def __init__(
+        self,
+        joint: int,
+        offset_rad: Callable[[Conditions, Loads], float],
+        drivers: tuple[int, ...] = (),
+    ):
+        self.joint, self.offset_rad, self.drivers = joint, offset_rad, drivers
 
     def joint_offsets(self, at: Conditions, loads: Loads) -> np.ndarray:
         """(n,) [rad]"""

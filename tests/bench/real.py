@@ -134,7 +134,7 @@ class Row:
     named: PosRot = NONE
     unnamed: PosRot = NONE
     reachable: PosRot = NONE
-    reachable_by: str = ""
+    reachable_by: list[tuple[str, str]] = field(default_factory=list)
     noise: PosRot = NONE
     noise_source: str = ""
     verdict: str = ""
@@ -169,7 +169,7 @@ def run_set(case: Case, most: int | None) -> list[Row]:
 def row_of(name, found, seconds: float) -> Row:
     """Figures of a diagnosis."""
     before, left = found.comparison, found.remainder
-    reachable = getattr(before, "reachable", None)
+    reachable = before.reachable
     return Row(
         name=name,
         poses=before.poses,
@@ -178,7 +178,7 @@ def row_of(name, found, seconds: float) -> Row:
         named=mm((left.held_pos_m, left.held_rot_rad)),
         unnamed=unnamed(found),
         reachable=NONE if reachable is None else mm((reachable.pos_m, reachable.rot_rad)),
-        reachable_by="" if reachable is None else reachable.by,
+        reachable_by=[] if reachable is None else list(reachable.parts),
         noise=mm((before.noise_floor.pos_m, before.noise_floor.rot_rad)),
         noise_source=before.noise_floor.source,
         verdict=found.verdict,
@@ -199,7 +199,10 @@ def names_of(found) -> list[tuple[str, str, float]]:
 
 def unnamed(found) -> PosRot:
     """Held-out error with the unnamed terms that the diagnosis proposes; none if it proposes none."""
-    return mm(getattr(found, "unnamed_held", None))
+    from kincal import workbench as wb
+
+    more = wb.add_unnamed_to(found)
+    return mm((more.held_pos_m, more.held_rot_rad))
 
 
 def try_judged(path: Path, found, arm) -> Row:

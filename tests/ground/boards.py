@@ -62,7 +62,7 @@ def arm_toml(path: Path, mount: str, stated: bool) -> Path:
 
 
 def aimed(rng) -> np.ndarray | None:
-    """Joint angles whose tool looks along z at the board from somewhere; None where it is out of reach."""
+    """Joint angles whose tool looks along z at the board from somewhere; None out of reach."""
     away = rng.uniform(0.3, 0.55)
     towards = Rotation.from_euler("xyz", [*rng.uniform(-0.6, 0.6, 2), rng.uniform(-1.5, 1.5)])
     R = towards.as_matrix() @ np.diag([1.0, -1.0, -1.0])

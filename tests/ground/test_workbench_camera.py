@@ -116,13 +116,19 @@ def test_columns_act_along_the_expected_axes():
 # --------------------------------------------------------------------------- what is assumed
 
 
-def eye_in_hand(tmp_path, *, stated: bool, distortion=(0.1, 0.0, 0.0, 0.0), n: int = 70, seed: int = 4):
-    arm = wb.read_arm(boards.arm_toml(tmp_path / "arm.toml", "tool", stated))
-    return arm, wb.read_csv(boards.eye_in_hand_csv(tmp_path / "poses.csv", n, seed, distortion), 7)
+@pytest.fixture(scope="module")
+def distorted(tmp_path_factory):
+    """70 poses of a camera on the flange with k1 = 0.1."""
+    path = tmp_path_factory.mktemp("distorted") / "poses.csv"
+    return wb.read_csv(boards.eye_in_hand_csv(path, 70, 4, (0.1, 0.0, 0.0, 0.0)), 7)
 
 
-def test_board_is_assumed_where_the_camera_looked(tmp_path):
-    arm, data = eye_in_hand(tmp_path, stated=False, n=40)
+def arm_with_camera(tmp_path, *, stated: bool, mount: str = "tool"):
+    return wb.read_arm(boards.arm_toml(tmp_path / "arm.toml", mount, stated))
+
+
+def test_board_is_assumed_where_the_camera_looked(tmp_path, distorted):
+    arm, data = arm_with_camera(tmp_path, stated=False), distorted
     seen = sight.sights(arm, data)
     assert len(seen) == len(sight.assumptions(arm)) == 9
     for one in seen:
@@ -132,22 +138,22 @@ def test_board_is_assumed_where_the_camera_looked(tmp_path):
     assert "fx_px" in text
 
 
-def test_part_of_a_set_assumes_what_the_whole_set_does(tmp_path):
-    arm, data = eye_in_hand(tmp_path, stated=False, n=12)
+def test_part_of_a_set_assumes_what_the_whole_set_does(tmp_path, distorted):
+    arm, data = arm_with_camera(tmp_path, stated=False), distorted
     part = data.take(np.array([0, 5, 7])).take(np.array([True, False, True]))
     for one, whole in zip(sight.sights(arm, part), sight.sights(arm, data), strict=True):
         np.testing.assert_array_equal(one.points_m, whole.points_m)
 
 
-def test_stated_camera_and_target_leave_nothing_to_assume(tmp_path, library):
-    arm, data = eye_in_hand(tmp_path, stated=True, n=12)
+def test_stated_camera_and_target_leave_nothing_to_assume(tmp_path, library, distorted):
+    arm, data = arm_with_camera(tmp_path, stated=True), distorted
     assert [a.constants for a in sight.assumptions(arm)] == [()]
     assert sight.in_words(arm, data) == ""
     assert [h.label for h in library.find("lens_radial", arm, data)] == ["lens_radial"]
 
 
-def test_effects_of_one_model_assume_one_camera_and_target(tmp_path, library):
-    arm, data = eye_in_hand(tmp_path, stated=False, n=40)
+def test_effects_of_one_model_assume_one_camera_and_target(tmp_path, library, distorted):
+    arm, data = arm_with_camera(tmp_path, stated=False), distorted
     result = wb.fit(arm, data, ["lens_radial", "focal_length", "target_bow"], library=library)
     assumed = {tuple(result.constants[name][key] for key in ("field_deg", "fill")) for name in result.effects}
     assert len(assumed) == 1
@@ -160,8 +166,8 @@ def test_without_a_camera_on_the_flange_or_points_nothing_changes(library):
     assert library.effects["target_bow"].missing(arm, None)
 
 
-def test_positions_alone_say_that_orientations_are_needed(tmp_path, library):
-    arm, data = eye_in_hand(tmp_path, stated=True, n=12)
+def test_positions_alone_say_that_orientations_are_needed(tmp_path, library, distorted):
+    arm, data = arm_with_camera(tmp_path, stated=True), distorted
     lacking = library.effects["lens_radial"].missing(arm, replace(data, quat_wxyz=None))
     assert any("qw..qz" in text for text in lacking)
 
@@ -174,8 +180,8 @@ def leading(answer: wb.Diagnosis):
 
 
 @pytest.mark.parametrize("stated", [True, False])
-def test_radial_distortion_of_a_camera_on_the_flange_is_named(tmp_path, library, stated):
-    arm, data = eye_in_hand(tmp_path, stated=stated)
+def test_radial_distortion_of_a_camera_on_the_flange_is_named(tmp_path, library, stated, distorted):
+    arm, data = arm_with_camera(tmp_path, stated=stated), distorted
     answer = wb.diagnose(arm, data, library)
     lens = leading(answer)
     assert lens.name == "lens_radial"
@@ -189,7 +195,7 @@ def test_radial_distortion_of_a_camera_on_the_flange_is_named(tmp_path, library,
 
 
 def test_radial_distortion_of_a_camera_that_stands_is_named(tmp_path, library):
-    arm = wb.read_arm(boards.arm_toml(tmp_path / "arm.toml", "world", stated=True))
+    arm = arm_with_camera(tmp_path, stated=True, mount="world")
     data = wb.read_csv(boards.world_csv(tmp_path / "poses.csv", 70, 5, (0.1, 0.0, 0.0, 0.0)), 7)
     lens = leading(wb.diagnose(arm, data, library))
     assert (lens.name, lens.probability >= 0.9) == ("lens_radial", True)
@@ -198,13 +204,14 @@ def test_radial_distortion_of_a_camera_that_stands_is_named(tmp_path, library):
 
 
 def test_a_perfect_camera_is_not_blamed(tmp_path, library):
-    arm, data = eye_in_hand(tmp_path, stated=False, distortion=(0.0,) * 4, seed=6)
+    arm = arm_with_camera(tmp_path, stated=False)
+    data = wb.read_csv(boards.eye_in_hand_csv(tmp_path / "poses.csv", 40, 6, (0.0,) * 4), 7)
     answer = wb.diagnose(arm, data, library)
     assert not [e.name for e in answer.effects if e.accepted]
 
 
 def test_uplink_refuses_effects_of_another_camera(tmp_path, library):
-    arm, _ = eye_in_hand(tmp_path, stated=True, n=2)
+    arm = arm_with_camera(tmp_path, stated=True)
     with pytest.raises(BadInput, match="lens_radial acts through all points"):
         term_table(arm, library.find("lens_radial", arm, None))
     assert term_table(arm, library.find("encoder_gain[2]", arm, None)).n_coef == 29

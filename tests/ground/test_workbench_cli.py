@@ -391,6 +391,7 @@ def test_report_is_one_page_with_every_figure(given, tmp_path):
     own = re.sub(r"<script>.*?</script>", "", text, flags=re.S)  # plotly.js names its home in comments
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)|https?://|@import|url\(""", own)
     for key in (
+        "found-1",
         "models",
         "posterior",
         "suspects",
@@ -405,12 +406,12 @@ def test_report_is_one_page_with_every_figure(given, tmp_path):
         assert png.startswith(b"\x89PNG")
         width, height = struct.unpack(">II", png[16:24])
         assert min(width, height) > 100
-    assert text.count('data-figure="figure-') == 9
+    assert text.count('data-figure="figure-') == 10
     assert text.count("<table>") >= 2
     head = text[: text.index("<details>")]
-    assert "backlash[4] (probability" in head
+    assert "backlash[4] (P " in head
     assert "Inspect:" in head
-    assert "nominal, held-out poses, RMS" in head
+    assert "error now, and with the findings" in head
 
 
 def test_figures_of_awkward_data_are_made(tmp_path):

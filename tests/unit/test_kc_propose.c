@@ -132,6 +132,36 @@ static void boastful_and_one_far_off(kc_detection_t *d)
     }
 }
 
+/* The nominal arm is in force: its residuals by forward kinematics alone. */
+static double nominal_rms_m(uint32_t *n_kept)
+{
+    double sum = 0.0;
+    *n_kept = 0u;
+    for (uint32_t i = 0u; i < APP->est.n_obs; i++) {
+        const kc_obs_t *obs = &APP->est.obs[i];
+        kc_pose_t T;
+        if (APP->est.outlier[i]) { continue; }
+        kc_arm_fk(&world.arm, obs->ctx.q, &T);
+        for (uint32_t k = 0u; k < 3u; k++) { sum += (obs->p_m[k] - T.p_m[k]) * (obs->p_m[k] - T.p_m[k]); }
+        (*n_kept)++;
+    }
+    return sqrt(sum / (double)*n_kept);
+}
+
+void test_residuals_before_are_those_of_the_table_in_force_at_the_poses_that_were_kept(void)
+{
+    uint32_t n_kept = 0u;
+    spoil_one = 1;
+    world.spoil = boastful_and_one_far_off;
+    world.config.n_poses = 24u;
+    world.config.est.outlier_max = 1u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_outliers);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, nominal_rms_m(&n_kept), world.proposal.before_pos_m);
+    TEST_ASSERT_EQUAL_UINT32(world.proposal.n_poses - 1u, n_kept);
+    TEST_ASSERT_TRUE(world.proposal.before_pos_m > world.proposal.fit_pos_m);
+}
+
 /* What is left is unlikely though the worst are gone: the data disagree with the model, not with
  * themselves. */
 void test_an_unlikely_fit_that_used_up_what_may_be_rejected_is_poor_with_less_noise(void)

@@ -44,7 +44,7 @@ class Diagnosed:
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the effects that were accepted, or help."""
-        return tuple(e.name for e in self.diagnosis.effects if e.accepted or e.helps)
+        return tuple(e.name for e in self.diagnosis.effects if e.in_model)
 
     def __str__(self) -> str:
         """What `kincal model diagnose` prints."""

@@ -52,12 +52,18 @@ def _load(arm_path: Path, given: Given) -> tuple[ArmTable, Measurements]:
     return arm, given.checked(arm)
 
 
-def _model(model_path: Path | None, effect_files: tuple[Path, ...]) -> tuple[ModelFile, Library]:
-    """Model file and the library with its own and the named effect files."""
+def _model(
+    model_path: Path | None, effect_files: tuple[Path, ...], arm: ArmTable | None = None
+) -> tuple[ModelFile, Library]:
+    """Model file and the library with its own and the named effect files. BadInput if the model is of another
+    arm than `arm`."""
+    from kincal.workbench.belonging import refuse_model_of_other_arm
     from kincal.workbench.effects import Library
     from kincal.workbench.modelfile import ModelFile, read_model
 
     model = read_model(model_path) if model_path else ModelFile()
+    if arm is not None:
+        refuse_model_of_other_arm(model, arm, str(model_path))
     base = model_path.parent if model_path else Path()
     files = list(dict.fromkeys([*(base / name for name in model.libraries), *effect_files]))
     return model, Library.load(*files).with_unnamed(model.unnamed.values())
@@ -121,7 +127,7 @@ def compare_command(
     from kincal.workbench.constants import choose_constants
 
     arm, data = _load(arm_path, given)
-    chosen, library = _model(model_path, effect_files)
+    chosen, library = _model(model_path, effect_files, arm)
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
     answer = compare(arm, data, effects, dh=chosen.dh)
     click.echo(json.dumps(comparison_json(answer), indent=1) if as_json else comparison_text(answer))
@@ -162,7 +168,7 @@ def diagnose_command(
     from kincal.workbench.diagnosis_text import diagnosis_text
 
     arm, data = _load(arm_path, given)
-    chosen, library = _model(model_path, effect_files)
+    chosen, library = _model(model_path, effect_files, arm)
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
     with progress() as tick:
         answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick)
@@ -206,7 +212,7 @@ def fit_command(
     from kincal.workbench.modelfile import write_model
 
     arm, data = _load(arm_path, given)
-    chosen, library = _model(model_path, effect_files)
+    chosen, library = _model(model_path, effect_files, arm)
     with progress() as tick:
         result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick)
     where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
@@ -421,7 +427,7 @@ def next_command(
     from kincal.workbench.nextposes import next_poses
 
     arm, data = _load(arm_path, given)
-    chosen, library = _model(model_path, effect_files)
+    chosen, library = _model(model_path, effect_files, arm)
     if len(names) < 2:
         raise BadInput("name two or more alternative effects, for instance joint_compliance[2] base_flex")
     alternatives = [
@@ -482,11 +488,13 @@ def uplink_command(
         kincal model uplink --model M.toml --fly out/tables
     """
     from kincal.schema.arm import read_arm
+    from kincal.workbench.belonging import refuse_model_of_other_arm
     from kincal.workbench.constants import choose_constants
     from kincal.workbench.uplink import flight_tables, term_image
 
     chosen, library = _model(model_path, effect_files)
     arm = read_arm(_arm_of(chosen, model_path, arm_path))
+    refuse_model_of_other_arm(chosen, arm, str(model_path))
     data = given.read(arm) if given else None
     known = {} if data is not None else chosen.constants
     image = term_image(arm, choose_constants(library, chosen.effects, arm, data, dh=chosen.dh, known=known))

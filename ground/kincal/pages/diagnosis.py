@@ -125,7 +125,7 @@ def _noted(key: str, poses: Poses) -> str:
 def _found(data: ReportContent, poses: Poses) -> Iterator[Section]:
     """A section for each effect of the final model, and one for the unnamed."""
     d = data.diagnosis
-    for number, e in enumerate(e for e in d.effects if e.accepted or e.helps):
+    for number, e in enumerate(e for e in d.effects if e.in_model):
         panels = [p for h in d.final.hypotheses if h.name == e.name for p in effect_panels(d.final, h)]
         if panels:
             yield Section(
@@ -152,7 +152,7 @@ def _findings(data: ReportContent) -> Iterator[str]:
     """What was found, each with what to look at on the arm."""
     d = data.diagnosis
     for e in d.effects:
-        if e.accepted or e.helps:
+        if e.in_model:
             yield _finding(e, data)
     if d.novel:
         yield f"Unnamed: {explain.unnamed(d.novel)} ({explain.probability(d.novel.probability)} against every named effect)."  # noqa: E501

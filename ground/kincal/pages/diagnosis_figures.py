@@ -108,7 +108,7 @@ def _hypotheses(d: Diagnosis) -> Iterator[tuple[str, float, str, str]]:
         yield what, d.novel.probability, theme.RED, ""
     for e in d.effects:
         colour = theme.BLUE if e.accepted else theme.ORANGE
-        if not e.helps:  # held-out poses decided that, no probability
+        if e.role != "helps":  # held-out poses decided that, no probability
             yield e.name, e.probability, colour, explain.grouped(e.confounded_with)
 
 

@@ -31,7 +31,7 @@ def effects(d: Diagnosis) -> Grid:
 
 
 def _effect(e: EffectFinding, d: Diagnosis) -> list[str | Cell]:
-    sure = "" if e.helps else explain.probability(e.probability)
+    sure = "" if e.role == "helps" else explain.probability(e.probability)
     return [
         e.label, _ROLES[e.role], sure, explain.against(e, d), _milli(e.held.before_m), _milli(e.held.after_m),
         _interval(e.held.interval), _judged(e.held.interval), explain.grouped(e.confounded_with),

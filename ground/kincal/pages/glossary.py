@@ -55,19 +55,22 @@ class Linker:
     """Makes the first use of each term on a page a link to its entry at the foot."""
 
     def __init__(self, known: Sequence[Term]):
-        # long names first, so that "held-out poses" is not taken for "pose"
-        self._left = sorted(known, key=lambda term: -len(term.name))
+        # long names first, so that "worst poses" is not taken for "pose"
+        self._known = sorted(known, key=lambda term: -len(term.name))
+        self._pattern = re.compile("|".join(f"({_words(t)})" for t in self._known) or "(?!)", re.I)
+        self._used: set[str] = set()
 
     def linked(self, text: str) -> Markup:
         """The text as HTML, escaped; terms that were linked before stay plain."""
-        found = [(m.span(), t) for t in self._left if (m := re.search(_words(t), text, re.I))]
-        chosen: list[tuple[tuple[int, int], Term]] = []
-        for span, term in found:
-            if all(span[1] <= a or b <= span[0] for (a, b), _ in chosen):
-                chosen.append((span, term))
         out, at = Markup(""), 0
-        for (a, b), term in sorted(chosen, key=lambda item: item[0]):
-            link = Markup('<a class="word" href="#word-{}" title="{}">{}</a>')
-            out, at = out + text[at:a] + link.format(term.key, term.meaning, text[a:b]), b
-            self._left.remove(term)
+        for m in self._pattern.finditer(text):
+            term = next(t for t in self._known if re.fullmatch(_words(t), m[0], re.I))
+            out, at = out + text[at : m.start()] + self._link(term, m[0]), m.end()
         return out + text[at:]
+
+    def _link(self, term: Term, used_as: str) -> Markup | str:
+        if term.key in self._used:
+            return used_as
+        self._used.add(term.key)
+        link = Markup('<a class="word" href="#word-{}" title="{}">{}</a>')
+        return link.format(term.key, term.meaning, used_as)

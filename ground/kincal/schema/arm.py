@@ -259,9 +259,9 @@ class ArmTable:
     base: measurement frame -> frame 0; tool: last link -> measured frame; gravity_m_s2 (3,) in the base
     frame.
     camera: intrinsics if the file has them; mount: "world" or "tool"; target_points_m (k, 3) in the target's
-    frame or None. source: the file; provenance: where its numbers come from, as it says; first_link: a [m]
-    and alpha [rad] before joint 1 of a file in modified DH, which are in `base` here, None if the file is in
-    standard DH.
+    frame or None. source: the file; first_link: a [m] and alpha [rad] before joint 1 of a file in modified
+    DH, which are in `base` here, None if the file is in standard DH; provenance: where its numbers come from,
+    as it says.
     """
 
     name: str
@@ -273,8 +273,8 @@ class ArmTable:
     mount: str = "world"
     target_points_m: Array | None = None
     source: str = ""
-    provenance: Mapping[str, str] = field(default_factory=dict)
     first_link: tuple[float, float] | None = None
+    provenance: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def n(self) -> int:
@@ -343,8 +343,8 @@ def _arm(file: ArmFile, source: str, stem: str) -> ArmTable:
         mount=file.sensor.mount,
         target_points_m=np.array(file.target.points_m, dtype=float) if file.target else None,
         source=source,
-        provenance=file.provenance,
         first_link=_first_link(file),
+        provenance=file.provenance,
     )
 
 

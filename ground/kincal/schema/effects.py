@@ -99,6 +99,8 @@ class EffectEntry(Strict):
     """Effects that data can hardly tell from it."""
     equivalent_to: str = ""
     """Effect with exactly the same terms: it never competes with that one and is always listed with it."""
+    beside: str = ""
+    """Effect that has to be in the model, at the same joint, before this one competes: a second one."""
     grid: dict[str, list[Real] | Literal["times", "durations", "periods"]] = {}
     """Constants that are searched, $name in a basis: a list of values, or "times", "durations" (fractions
     of the time span of the data), "periods" (per turn)."""

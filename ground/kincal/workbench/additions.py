@@ -10,6 +10,7 @@ import numpy as np
 from kincal.errors import CannotAnswer
 
 from .compare import Comparison
+from .crossval import FOLDS, folds
 from .data import Measurements
 from .diagnosis import Diagnosis, HeldGain
 from .effects import Hypothesis
@@ -25,8 +26,6 @@ from .types import Array, Indices, Progress, no_progress
 MOST_EFFECTS = 10
 _TRIED = 12  # names whose whole function is scored at each step
 _ODDS = 9.0
-_FOLDS = 5
-_BOOTSTRAP = 1000
 _NOT_PREDICTABLE = ("order", "t")  # of poses that are yet to come
 
 
@@ -131,7 +130,7 @@ def _next(comparison: Comparison, fit: Fit, dh: bool) -> tuple[Addition, Fit] | 
     for effect in _wanted(fit):
         grown = fit_part(comparison, (*fit.hypotheses, effect.hypothesis), dh=dh)
         addition = _addition(comparison, fit, grown, effect)
-        harms = addition.held is not None and addition.held.interval[0] > 1.0
+        harms = addition.held is not None and addition.held.harms
         if addition.crossed.gains and not harms:
             return addition, grown
     return None
@@ -176,7 +175,7 @@ def _addition(comparison: Comparison, before: Fit, after: Fit, effect: SmoothEff
     held = None
     if comparison.held_data is not None:
         squares = [_squares(_held_residuals(fit, comparison.held_data)) for fit in (before, after)]
-        held = gain(*squares)
+        held = HeldGain.of(squares[0], squares[1], cross_validated=False)
     return Addition(effect, _crossed(after, effect.hypothesis), held)
 
 
@@ -190,30 +189,15 @@ def _squares(r: Array) -> Array:
     return squares
 
 
-def gain(before: Array, after: Array) -> HeldGain:
-    """Gain from squared errors (M,) of the same poses without and with an effect."""
-    pick = np.random.default_rng(2).integers(0, len(before), (_BOOTSTRAP, len(before)))
-    ratio = np.sqrt(after[pick].mean(axis=1) / np.maximum(before[pick].mean(axis=1), 1e-300))
-    interval = float(np.quantile(ratio, 0.025)), float(np.quantile(ratio, 0.975))
-    return HeldGain(float(np.sqrt(before.mean())), float(np.sqrt(after.mean())), interval)
-
-
 def _crossed(fit: Fit, h: Hypothesis) -> HeldGain:
     """Gain of an effect by cross-validation: the fit's linear model, solved without each fold in turn."""
     mine = np.array([name.startswith(f"{h.name}.") for name in fit.names])
     squares = np.zeros((2, fit.data.n))
-    for fold in _folds(fit.data):
+    number = folds(fit.data)
+    for fold in (np.flatnonzero(number == k) for k in range(FOLDS)):
         for row, keep in zip(squares, (~mine, np.ones_like(mine)), strict=True):
             row[fold] = _squares(left_out(fit, keep, fold))
-    return gain(*squares)
-
-
-def _folds(data: Measurements) -> list[Indices]:
-    """Poses of each fold, at random; replicates of one pose stay together."""
-    groups = data.replicate if data.replicate is not None else np.arange(data.n)
-    _, number = np.unique(groups, return_inverse=True)
-    fold = np.random.default_rng(4).permutation(number.max() + 1) % _FOLDS
-    return [np.flatnonzero(fold[number] == k) for k in range(_FOLDS)]
+    return HeldGain.of(squares[0], squares[1], cross_validated=True)
 
 
 def left_out(fit: Fit, keep: Array, fold: Indices) -> Array:

@@ -12,6 +12,7 @@ from .evidence import LN_SCALE_SIGMA
 from .fit import GOOD_WEIGHT, Fit
 from .scoring import Scorer, bulk_weights, scaled_p
 from .tails import chi2_quantile, chi2_tail, f_tail, normal_quantile
+from .thinning import thinned
 from .types import Array, Indices, Mask
 from .unnamed import drivers
 
@@ -152,11 +153,14 @@ def find_outliers(fit: Fit) -> Outliers:
     n, c = fit.evaluation.r.shape
     flagged: Mask = fit.d2 > chi2_quantile(0.01 / n, c)
     ids = tuple(name for name, out in zip(fit.data.ids, flagged, strict=True) if out)
-    return Outliers(ids, _clusters(fit, flagged) if len(ids) >= _MIN_CLUSTER else ())
+    return Outliers(ids, _clusters(thinned(fit), ids))
 
 
-def _clusters(fit: Fit, flagged: Mask) -> tuple[str, ...]:
-    """Variables whose values differ between the flagged poses and the others (Mann-Whitney)."""
+def _clusters(fit: Fit, ids: tuple[str, ...]) -> tuple[str, ...]:
+    """Variables whose values differ between the outliers and the other poses (Mann-Whitney)."""
+    flagged = np.isin(fit.data.ids, ids)
+    if flagged.sum() < _MIN_CLUSTER:
+        return ()
     from scipy.stats import mannwhitneyu  # here, because most data have no outliers and it loads slowly
 
     singles = drivers(Columns(fit, np.ones(fit.data.n)))
@@ -173,6 +177,7 @@ def where_it_fails(fit: Fit) -> tuple[Where, ...]:
 
     The p-value counts the places tried for that variable (Bonferroni), not the number of variables.
     """
+    fit = thinned(fit)
     scorer = Scorer(fit, bulk_weights(fit), fit.data.cov is not None)
     total = max(scorer.left, 1e-300)
     by_variable: dict[str, list[Where]] = {}

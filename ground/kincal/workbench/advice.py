@@ -47,7 +47,7 @@ def _kincal(*words: str) -> str:
 
 
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
-    names = [e.name for e in d.effects if e.accepted or e.helps]
+    names = [e.name for e in d.effects if e.in_model]
     model = ("--model", inputs.model or _NEW_MODEL)
     if names:
         yield Step("add what was found to the model", _kincal("add", *model, *names))

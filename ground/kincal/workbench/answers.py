@@ -14,6 +14,7 @@ from .curves import Curve
 from .diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
 from .nested import NestedModel, NestedModels
 from .nextposes import NextPose
+from .reachable import Reachable
 
 Json = dict[str, Any]
 
@@ -32,6 +33,10 @@ def _pos_rot(position_m: float | None, rotation_rad: float | None) -> Json:
 
 def _floor(floor: NoiseFloor) -> Json:
     return {**_pos_rot(floor.pos_m, floor.rot_rad), "source": floor.source}
+
+
+def _reachable(r: Reachable | None) -> Json | None:
+    return None if r is None else {**_pos_rot(r.pos_m, r.rot_rad), "by": explain.reachable_by(r)}
 
 
 def _where(found: Sequence[Where]) -> list[Json]:
@@ -59,6 +64,7 @@ def comparison_json(c: Comparison) -> Json:
         "direction": c.data.direction_source,
         "noise_floor": _floor(c.noise_floor),
         "rms": {name: _pos_rot(*pair) for name, pair in c.rms.items()},
+        "reachable": _reachable(c.reachable),
         "chi2_per_dof": c.chi2_per_dof,
         "p_lack_of_fit": c.p_lack_of_fit,
         "p_structure": c.p_structure,
@@ -206,6 +212,7 @@ def comparison_text(c: Comparison) -> str:
         f"nominal arm        {_text(*c.rms['nominal'])}",
         f"fitted poses       {_text(*c.rms['fit'])}",
         f"held-out poses     {_text(*c.rms['held'])}",
+        f"reachable          {_reachable_text(c.reachable)}",
         f"noise floor        {floor} ({c.noise_floor.source})",
         f"chi2 per degree    {c.chi2_per_dof:.3f}",
         f"lack of fit        {p_text}",
@@ -214,6 +221,12 @@ def comparison_text(c: Comparison) -> str:
         *_rest_lines(c),
     ]
     return "\n".join(lines)
+
+
+def _reachable_text(r: Reachable | None) -> str:
+    if r is None:
+        return "unknown (no poses are held out)"
+    return f"{_text(r.pos_m, r.rot_rad)} ({explain.reachable_by(r)})"
 
 
 def _rest_lines(c: Comparison) -> list[str]:
@@ -257,6 +270,7 @@ def fit_text(f: FitResult) -> str:
             "",
             f"{'model':<28}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval",
             *map(_nested_line, f.nested.models),
+            f"reachable: {_reachable_text(f.comparison.reachable)}",
             f"noise floor: {floor_text} ({floor.source})",
             *map(explain.no_gain, f.nested.no_gain),
             "",

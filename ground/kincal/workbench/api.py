@@ -198,13 +198,13 @@ def report_content(
 def _shown(library: Library, arm: ArmTable, data: Measurements) -> list[Hypothesis]:
     """Each testable effect at all its joints; pairs of joints only where the library lists them."""
     testable = [e for e in library.effects.values() if not e.missing(arm, data) and not e.equivalent_to]
-    wholes = [_whole(e, arm, data) for e in testable if e.per != "pair" or e.pairs]
+    listed = [e for e in testable if e.per != "pair" or e.pairs]
+    wholes = [_whole(e, e.instances(arm, data)) for e in listed if e.instances(arm, data)]
     return [h for h in wholes if any(p.terms for p in h.parameters)]
 
 
-def _whole(effect: Effect, arm: ArmTable, data: Measurements) -> Hypothesis:
+def _whole(effect: Effect, instances: list[Hypothesis]) -> Hypothesis:
     """An effect at all joints, its constants in the middle of their grid."""
-    instances = effect.instances(arm, data)
     middle = instances[len(instances) // 2].constants
     group = next(group for group in by_constants(instances) if group[0].constants == middle)
     return merged_if_several(effect, group)

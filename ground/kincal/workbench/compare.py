@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from .adequacy import (
 from .data import Measurements
 from .effects import Hypothesis
 from .fit import Fit, find_frames, fit_model, rms
+from .reachable import Reachable, reachable
 from .types import Indices
 
 _MIN_POSES = 4
@@ -80,6 +82,12 @@ class Comparison:
     still_joints: tuple[int, ...]
     fit_all: Fit
     fit_part: Fit
+
+    @cached_property
+    def reachable(self) -> Reachable | None:
+        """What a black box predicts of the held-out error; computed when first asked for (about a second),
+        None where no poses are held out."""
+        return reachable(self.fit_part, self.data, self.split.fit, self.split.held)
 
 
 def choose_split(data: Measurements) -> Split:

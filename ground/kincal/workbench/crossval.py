@@ -7,7 +7,7 @@ Tibshirani, Friedman, The Elements of Statistical Learning, 2nd ed., sections 3.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,16 +18,16 @@ from .data import Measurements
 from .fit import Fit
 from .types import Array, Mask, array
 
-FOLDS = 8
+FOLDS, _DRAWS = 8, 3  # folds, and how often poses are shared out anew: less depends on luck
 _GROSS = 0.1  # robust weight below which a pose tells nothing about what predicts better
 _WIDTH = 10.0  # prior sigmas of an effect, as in a fit
 
 
-def folds(data: Measurements, count: int = FOLDS) -> NDArray[np.int_]:
+def folds(data: Measurements, count: int = FOLDS, draw: int = 0) -> NDArray[np.int_]:
     """(N,) number of the fold of each pose, drawn at random but always alike; replicates stay together."""
     groups = data.replicate if data.replicate is not None else np.arange(data.n)
     _, number = np.unique(groups, return_inverse=True)
-    drawn = np.random.default_rng(4).permutation(int(number.max()) + 1) % count
+    drawn = np.random.default_rng(4 + draw).permutation(int(number.max()) + 1) % count
     fold: NDArray[np.int_] = drawn[number]
     return fold
 
@@ -68,14 +68,21 @@ def _sigmas(differences: Array) -> Array:
 
 def cross_validate(fit: Fit, columns: Columns, blocks: Sequence[Array]) -> Losses:
     """Losses of the model of a fit, and with each of some effects; blocks: their columns (rows, m)."""
-    fold = folds(fit.data)
     validation = _Validation.of(fit, columns, blocks)
     model, effects = np.zeros(columns.n), np.zeros((len(blocks), columns.n))
-    for k in range(int(fold.max()) + 1):
-        held = fold == k
-        model[held], effects[:, held] = validation.losses(held)
-    kept = np.where(columns.weight < _GROSS, 0.0, 1.0 / columns.weight)
+    for held in _turns(fit.data):
+        alone, with_each = validation.losses(held)
+        model[held] += alone
+        effects[:, held] += with_each
+    kept = np.where(columns.weight < _GROSS, 0.0, 1.0 / columns.weight) / _DRAWS
     return Losses(model * kept, effects * kept)
+
+
+def _turns(data: Measurements) -> Iterator[Mask]:
+    """(N,) poses that are held out together, every pose once in each draw."""
+    for draw in range(_DRAWS):
+        fold = folds(data, draw=draw)
+        yield from (fold == k for k in np.unique(fold))
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,8 @@ def without_copies(data: Measurements) -> Measurements:
     _, first = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))), return_index=True)
     if len(first) == data.n:
         return data
-    return replace(data.take(np.sort(first)), duplicates=data.n - len(first), whole=None)
+    found = data.duplicates + data.n - len(first)
+    return replace(data.take(np.sort(first)), duplicates=found, whole=None)
 
 
 def replicate_groups(q: Array, tol: float = SAME_POSE) -> NDArray[np.int_]:

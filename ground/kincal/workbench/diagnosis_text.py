@@ -43,9 +43,9 @@ def _found(d: Diagnosis) -> Iterator[str]:
     for e in d.effects:
         yield from _effect_lines(e, d)
     if d.effects:
-        yield "  * added: it won; + added: held-out poses gain; the others are alternatives. Ratios are of"
-        yield "  the final model with and without the effect. Probabilities hold for this library and its"
-        yield "  priors."
+        yield "  * added: it won; + added: held-out poses gain; the others are alternatives. Ratios: the"
+        yield "  final model with and without the effect. Probabilities hold for this library and its priors;"
+        yield "  'consistent with' is not 'proven'."
 
 
 def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
@@ -61,7 +61,8 @@ def _unnamed_lines(u: UnnamedFinding) -> list[str]:
     return [
         f"not in the library: {explain.unnamed(u)} "
         f'({explain.probability(u.probability)} against "nothing missing" and every named effect)',
-        f'      a smooth function there, "{u.name}": {explain.held_gain(u.held)}',
+        *([f"      a smooth function there: {explain.held_gain(u.held)}"] if u.curves else []),
+        f'      kincal model add --model M.toml --arm ARM --data DATA "{u.name}"',
         *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
     ]
 

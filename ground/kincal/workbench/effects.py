@@ -92,7 +92,8 @@ class Effect:
 
     per: "arm", "joint" or "pair"; needs: what arm table or data must hold; grid: constants that are
     searched; joint_type: of the joints that can have it, "" for both; equivalent_to: an effect with the very
-    same formula, with which it does not compete; shrunk: as of `Parameter`.
+    same formula, with which it does not compete; beside: an effect that has to be in the model before;
+    shrunk: as of `Parameter`.
     """
 
     name: str
@@ -109,6 +110,7 @@ class Effect:
     pairs: tuple[tuple[int, int], ...] | None = None
     grid: Mapping[str, Grid] = field(default_factory=dict)
     equivalent_to: str = ""
+    beside: str = ""
     source: str = ""
     shrunk: bool = False
 
@@ -446,6 +448,7 @@ def _effect(entry: EffectEntry, source: str) -> Effect:
         pairs=tuple(entry.pairs) if entry.pairs is not None else None,
         grid=dict(entry.grid),
         equivalent_to=entry.equivalent_to,
+        beside=entry.beside,
         source=source,
     )
 

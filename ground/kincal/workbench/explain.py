@@ -13,6 +13,7 @@ from .diagnosis.suggestions import Suggestion
 from .gain import judged
 from .hypotheses import Untestable, effect_of, place_of
 from .nested import EffectGain
+from .reachable import Reachable
 
 _DRIVERS = {
     "t": "time",
@@ -110,7 +111,10 @@ def listed(names: Sequence[str]) -> str:
 
 def suggestion(s: Suggestion) -> str:
     """A term to try, as a line of an effect file."""
-    return f'at = "{s.at}", basis = "{s.basis}"' if s.basis else f'at = "{s.at}", a function of {s.driver}'
+    if not s.basis:
+        return f'at = "{s.at}", a function of {s.driver}'
+    component = f', comp = "{s.comp}"' if s.comp else ""
+    return f'at = "{s.at}"{component}, basis = "{s.basis}"'
 
 
 def no_gain(n: EffectGain) -> str:
@@ -139,6 +143,16 @@ def notes(c: Comparison) -> list[str]:
     return [*c.data.doubts, *still, *([assumed] if assumed else [])]
 
 
+def reachable_by(r: Reachable) -> str:
+    """From what the reachable error was predicted, or why it is that of the model."""
+    if not r.enough:
+        return "too few poses to tell"
+    if not r.parts:
+        return "nothing that is left follows a recorded variable"
+    parts = ", ".join(f"{place} by {in_words(variable)}" for place, variable in r.parts)
+    return f"a Gaussian process over every place and recorded variable, most of it {parts}"
+
+
 def not_testable(n: Untestable) -> str:
     """Why an effect could not be tested."""
     absorbed = "absorbed by the fitted parameters (DH, base, tool)"
@@ -147,8 +161,8 @@ def not_testable(n: Untestable) -> str:
 
 def verdict(d: Diagnosis) -> str:
     """The diagnosis in one sentence."""
-    taken = [e.name for e in d.effects if e.accepted or e.helps]
-    with_them = f"with {listed(taken)} the held-out error falls {_fall(d)}" if taken else ""
+    taken = [e.name for e in d.effects if e.in_model]
+    with_them = f"with {listed(taken)} {_held_fall(d)}" if taken else ""
     if d.verdict == "adequate":
         return "Nothing is missing that these data could show."
     if d.verdict == "undecidable":
@@ -157,14 +171,18 @@ def verdict(d: Diagnosis) -> str:
         what = "Something is missing that no effect of the library describes"
         found = f"{what}: {unnamed(d.novel)}"
         return f"{found}; {with_them}." if taken else f"{found}."
-    return f"Consistent with {listed([e.name for e in d.effects if e.accepted])}: {with_them}."
+    names = listed([e.name for e in d.effects if e.accepted])
+    if len(taken) == sum(e.accepted for e in d.effects):
+        return f"Consistent with {names}: with {'it' if len(taken) == 1 else 'them'} {_held_fall(d)}."
+    return f"Consistent with {names}: {with_them}."
 
 
-def _fall(d: Diagnosis) -> str:
+def _held_fall(d: Diagnosis) -> str:
     before, after = d.comparison.rms["held"][0], d.remainder.held_pos_m
     if not (math.isfinite(before) and math.isfinite(after)):
-        return "by an unknown amount (no poses are held out)"
-    return f"from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
+        return "the poses are explained better (none are held out, so the gain is not measured)"
+    verb = "falls" if after < before else "goes"
+    return f"the held-out error {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
 
 
 def _closest(d: Diagnosis) -> str:

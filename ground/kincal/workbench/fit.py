@@ -34,6 +34,7 @@ _MAX_DAMPINGS = 12
 _LEAST_DAMPING, _FIRST_DAMPING = 1e-12, 1e-6
 # Converged: the cost falls by less than this share and no pose changes its weight by more than that.
 _SAME_COST, _SAME_WEIGHT, _SAME_STEP = 1e-7, 5e-3, 1e-9
+_STRAIGHT, _PROBE = 1e-2, 0.1  # prior sigmas of a step too short to bend; share of a step that is probed
 _LEAST_SCALE2 = 1e-6
 # Free effect parameters carry this many prior sigmas when their value is reported.
 EFFECT_WIDTH = 10.0
@@ -280,11 +281,11 @@ def _iterate(problem: Problem, now: _Iterate, robust: bool, first: bool) -> _Ite
 
 def _step(problem: Problem, now: _Iterate) -> _Step | None:
     """The least damped Levenberg-Marquardt step that does not raise the cost; None if there is none."""
-    value, vector, slope = _normal_equations(problem.sigma, now)
+    normal = _NormalEquations.of(problem.sigma, now)
     before = _cost(now.point.z, now.point.coef, problem.sigma, now.weights)
     damping = now.damping
     for _ in range(_MAX_DAMPINGS):
-        step = problem.sigma * (vector @ (slope / (value + damping)))
+        step = _accelerated(problem, now, normal, damping)
         coef = now.point.coef + step
         cost = _cost(problem.trial(coef, now.point.coef), coef, problem.sigma, now.weights)
         if cost <= before * (1 + 1e-12):
@@ -295,15 +296,47 @@ def _step(problem: Problem, now: _Iterate) -> _Step | None:
     return None
 
 
-def _normal_equations(sigma: Array, now: _Iterate) -> tuple[Array, Array, Array]:
-    """Eigenvalues and vectors of A'A in units of the priors, and A'b in those vectors: its least
-    eigenvalue is 1, so that squaring loses nothing that matters."""
-    n, c = now.point.z.shape
-    root = np.sqrt(now.weights.pose / now.weights.scale2)[:, None]
-    a = np.concatenate([(root[:, :, None] * now.point.jac).reshape(n * c, -1) * sigma, np.eye(len(sigma))])
-    b = np.concatenate([(root * now.point.z).ravel(), -now.point.coef / sigma])
-    value, vector = np.linalg.eigh(a.T @ a)
-    return value, vector, vector.T @ (a.T @ b)
+def _accelerated(problem: Problem, now: _Iterate, normal: _NormalEquations, damping: float) -> Array:
+    """A damped step, bent along the valley by its second derivative where the fit is far from the bottom
+    (geodesic acceleration: Transtrum, Sethna, arXiv:1201.5885). Positions alone leave long curved valleys,
+    in which straight steps would be many and short."""
+    velocity = normal.solve(normal.slope, damping)
+    if float(np.abs(velocity).max()) < _STRAIGHT:
+        return problem.sigma * velocity
+    probe = now.point.coef + _PROBE * problem.sigma * velocity
+    moved = (problem.trial(probe, now.point.coef) - now.point.z) * normal.root
+    curved = (2.0 / _PROBE) * (moved.ravel() / _PROBE + normal.rows @ velocity)
+    bend = normal.solve(normal.vector.T @ (normal.rows.T @ curved), damping)
+    return problem.sigma * (velocity + 0.5 * bend)
+
+
+@dataclass(frozen=True)
+class _NormalEquations:
+    """(A'A + damping) x = A'b in units of the priors, of the model's weighted rows (N c, k) and the priors'.
+
+    value, vector: eigenvalues and vectors of A'A, whose least is 1, so that squaring loses nothing that
+    matters; slope: A'b in those vectors; root: (N, 1) what weights the rows.
+    """
+
+    rows: Array
+    root: Array
+    value: Array
+    vector: Array
+    slope: Array
+
+    @classmethod
+    def of(cls, sigma: Array, now: _Iterate) -> _NormalEquations:
+        """At a point, with its weights."""
+        n, c = now.point.z.shape
+        root = np.sqrt(now.weights.pose / now.weights.scale2)[:, None]
+        rows = (root[:, :, None] * now.point.jac).reshape(n * c, -1) * sigma
+        value, vector = np.linalg.eigh(rows.T @ rows + np.eye(len(sigma)))
+        downhill = rows.T @ (root * now.point.z).ravel() - now.point.coef / sigma
+        return cls(rows, root, value, vector, vector.T @ downhill)
+
+    def solve(self, slope: Array, damping: float) -> Array:
+        """(k,) solution for a right side in the eigenvectors."""
+        return array(self.vector @ (slope / (self.value + damping)))
 
 
 def _cost(z: Array, coef: Array, sigma: Array, weights: _Weights) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from . import explain
 from .compare import Comparison
 from .diagnosis import Diagnosis
 
@@ -45,17 +46,17 @@ def _now(c: Comparison, d: Diagnosis | None) -> BigNumber:
     held = len(c.split.held)
     pos_m, rot_rad = c.rms["held"] if held else c.rms["fit"]
     about = f"RMS of {held} held-out poses" if held else "RMS of the fitted poses; none are held out"
-    if d is None or not held or not any(e.accepted or e.helps for e in d.effects):
+    if d is None or not held or not any(e.in_model for e in d.effects):
         return BigNumber("error now", pos_m, rot_rad, about)
     after = d.remainder.held_pos_m, d.remainder.held_rot_rad
     return BigNumber("error now, and with the findings", pos_m, rot_rad, about, *after)
 
 
 def _reachable(c: Comparison) -> BigNumber:
-    found = getattr(c, "reachable", None)
+    found = c.reachable
     if found is None:
-        return BigNumber("reachable", None, None, "not computed")
-    return BigNumber("reachable", found.pos_m, found.rot_rad, found.by)
+        return BigNumber("reachable", None, None, "no poses are held out")
+    return BigNumber("reachable", found.pos_m, found.rot_rad, explain.reachable_by(found))
 
 
 def _floor(c: Comparison) -> BigNumber:

@@ -85,9 +85,8 @@ class Competition:
         """Those that may still be added: an effect that is in at some joints has nothing to add at those, and
         one camera saw one target."""
         assumed = assumed_by(model)
-        return tuple(
-            c.agreeing(assumed) for c in self.candidates if not any(covers(h.name, c.name) for h in model)
-        )
+        taken = [h.name for h in model]
+        return tuple(c.agreeing(assumed) for c in self.candidates if _is_open(c, taken))
 
     def with_some_joints(self, open_: Sequence[Candidate], h: Hypothesis) -> tuple[Candidate, ...]:
         """Candidates with an effect at some joints beside it at all of them; they share their prior."""
@@ -102,6 +101,28 @@ class Competition:
 def assumed_by(model: Iterable[Hypothesis]) -> Constants:
     """What the effects of a model assume of camera and target: all the same."""
     return next((x for h in model if (x := sight_constants(h.constants))), ())
+
+
+def _is_open(candidate: Candidate, taken: Collection[str]) -> bool:
+    """Not in the model yet, nor at all joints what is in at several; a second one beside the first."""
+    if any(covers(name, candidate.name) or _would_double(candidate, name) for name in taken):
+        return False
+    return not candidate.effect.beside or _is_beside(candidate, taken)
+
+
+def _would_double(candidate: Candidate, name: str) -> bool:
+    """An effect at all its joints would repeat what is in at several of them."""
+    return candidate.name == effect_of(name) and len(joints_of(name)) > 1
+
+
+def _is_beside(candidate: Candidate, taken: Collection[str]) -> bool:
+    """The effect that this one is a second of is in the model: at its joint; for all joints, at several."""
+    first = candidate.effect.beside + place_of(candidate.name)
+    several = not joints_of(first)
+    return any(
+        covers(name, first) or (several and effect_of(name) == first and len(joints_of(name)) > 1)
+        for name in taken
+    )
 
 
 def _equivalents(library: Library) -> dict[str, tuple[str, ...]]:

@@ -25,7 +25,7 @@ TOOL = 0
 
 _POSTURES = 128
 _SEED = 11  # of the postures that levers are compared at
-_OWN_PART = 0.03  # of a lever's spread that others do not explain: less is no lever of its own
+_OWN_PART = 0.2  # of a lever's spread that others do not explain: less is no lever of its own
 _LEAST = 1e-3  # [N m/kg] spread of a lever: 0.1 mm
 _SOME_TOOL_M = (0.11, 0.07, 0.13)
 _GRAVITY = 9.81  # [m/s^2] where the arm table has none

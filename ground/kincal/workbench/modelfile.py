@@ -105,8 +105,8 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
         values={v.name: (v.value, v.std_err) for v in entry.value},
         units={v.name: v.unit for v in entry.value},
         constants=entry.constants,
-        fit=entry.fit,
         unnamed={u.name: u for u in entry.unnamed},
+        fit=entry.fit,
     )
 
 
@@ -119,7 +119,13 @@ def write_model(path: str | Path, model: ModelFile) -> None:
     ) as file:
         file.write(
             "\n".join(
-                [*_in_use(model), *_unnamed(model), *_history(model), *_of_last_fit(model), *_fit(model.fit)]
+                [
+                    *_in_use(model),
+                    *_unnamed(model),
+                    *_history(model),
+                    *_of_last_fit(model),
+                    *_fit(model.fit),
+                ]
             )
             + "\n"
         )

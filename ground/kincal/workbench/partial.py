@@ -20,7 +20,7 @@ from kincal.schema.terms import Basis
 from .columns import Columns
 from .effects import Hypothesis, Term
 from .fit import Fit
-from .places import JOINT_SIGMA
+from .places import TYPICAL_SIZE
 from .types import Array, Mask, array
 from .unnamed import Location, locations
 from .views import variable_values
@@ -98,7 +98,7 @@ def effect_panels(fit: Fit, effect: Hypothesis) -> tuple[Panel, ...]:
 
 def _visible(panel: Panel) -> bool:
     """The poses show motions of this place to better than a few typical sizes."""
-    return any(b.sigma < _BLIND * JOINT_SIGMA for g in panel.groups for b in g.bins)
+    return any(b.sigma < _BLIND * TYPICAL_SIZE for g in panel.groups for b in g.bins)
 
 
 _Key = tuple[int, int, str, int]  # frame, component, variable, its index
@@ -209,7 +209,7 @@ def _angular(fit: Fit, place: str) -> bool:
 
 def _directions(where: Location, weight: Array) -> Iterator[tuple[str, Array]]:
     """Each axis of a place with its (N, c) whitened derivative by a motion of 1 rad or m."""
-    rows = where.rows / (JOINT_SIGMA * np.sqrt(weight)[:, None, None])
+    rows = where.rows / (TYPICAL_SIZE * np.sqrt(weight)[:, None, None])
     for k, axis in enumerate("xyz"[: rows.shape[1]]):
         yield where.name if rows.shape[1] == 1 else f"{where.name}, {axis}", rows[:, k]
 

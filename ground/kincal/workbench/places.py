@@ -13,8 +13,7 @@ from kincal.schema.terms import TermEntry
 
 from .data import Measurements
 
-JOINT_SIGMA = 1.5e-3  # [rad], typical size of an unknown joint error
-SHIFT_SIGMA = 1.5e-3  # [m]
+TYPICAL_SIZE = 1.5e-3  # [rad, m] of an unknown error, whose columns are scaled by it
 _SHIFTS, _TURNS = (0, 1, 2), (3, 4, 5)
 _FIXED = {0: "base", FRAME_TOOL: "tool", FRAME_CAMERA: "camera", FRAME_MEAS: "meas"}
 
@@ -24,7 +23,7 @@ class ErrorPlace:
     """Components of the twist at a frame that one unknown error may have.
 
     name: "joint 3", "link 2 tilt", "base rotation" ...; frame: 0 (base) to n, or FRAME_TOOL, FRAME_CAMERA,
-    FRAME_MEAS; components: 0..5; sigma: typical size [unit].
+    FRAME_MEAS; components: 0..5.
     """
 
     name: str
@@ -35,11 +34,6 @@ class ErrorPlace:
     def shifts(self) -> bool:
         """The error is a length, not an angle."""
         return self.components[0] in _SHIFTS
-
-    @property
-    def sigma(self) -> float:
-        """Typical size [m or rad]."""
-        return SHIFT_SIGMA if self.shifts else JOINT_SIGMA
 
     @property
     def unit(self) -> str:

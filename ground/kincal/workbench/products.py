@@ -10,20 +10,21 @@ g'Wg = F^2 |L_m|^2 - sum_k s_k (F (L_m . b_k))^2, b_k the directions that the nu
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
+from kincal.schema.names import COMPONENTS
 from kincal.schema.terms import Basis
 
 from .columns import Columns
 from .data import Measurements
 from .evidence import NoiseScale, Projector, ln_bayes_factor
-from .places import ErrorPlace, all_places
+from .places import TYPICAL_SIZE, ErrorPlace, all_places
 from .shapes import Product, evaluate
-from .types import Array, Indices
+from .types import Array, array
 
 _SCORED = 512  # products whose evidence is computed: those that explain most. The others are far below
 _ABSORBED = 0.995  # share of a product that the nuisance parameters imitate: the data say nothing about it
@@ -70,6 +71,11 @@ class ScoredProduct:
     drivers: tuple[str, str]
     ln_bf: float
     column: Array
+
+    @property
+    def text(self) -> str:
+        """Component and product, for instance "rz: tanh(q4) * cos(q6)"."""
+        return f"{COMPONENTS[self.component]}: {self.bases[0]} * {self.bases[1]}"
 
 
 def product_dictionary(columns: Columns) -> Dictionary:
@@ -157,7 +163,7 @@ def spots(columns: Columns) -> list[Spot]:
     """Every component of every place that the data see."""
     fit = columns.fit
     found = [
-        Spot(place, component, place.sigma * columns.location(place.frame, (component,))[:, 0, :])
+        Spot(place, component, TYPICAL_SIZE * columns.location(place.frame, (component,))[:, 0, :])
         for place in all_places(fit.arm, fit.data)
         for component in place.components
     ]
@@ -166,11 +172,23 @@ def spots(columns: Columns) -> list[Spot]:
 
 @dataclass(frozen=True)
 class ProductScores:
-    """Evidence of a whole dictionary. best: those with the most, best first; ln_mean: ln of the mean Bayes
-    factor, half of it over joint axes, half over other places: it pays for the number of tries."""
+    """Evidence of a whole dictionary.
+
+    best: those with the most evidence, best first; ln_bf, ln_share: (S,) of those and of all others that
+    matter, in the same order: ln Bayes factor, and ln of their part of the prior; tries: number of columns.
+    """
 
     best: tuple[ScoredProduct, ...]
-    ln_mean: float
+    ln_bf: Array
+    ln_share: Array
+    tries: int
+
+    def ln_mean(self, dropped: Collection[int] = ()) -> float:
+        """ln of the mean Bayes factor over all products: it pays for the number of tries. dropped: positions
+        that do not count, because an effect of the library is that very product."""
+        kept = np.ones(len(self.ln_bf), dtype=bool)
+        kept[list(dropped)] = False
+        return float(np.logaddexp.reduce((self.ln_bf + self.ln_share)[kept], initial=-np.inf))
 
 
 def score_products(
@@ -186,7 +204,8 @@ def score_products(
     ln_bf = ln_bayes_factor(u.ravel()[top, None], v.ravel()[top, None], noise)
     order = np.argsort(-ln_bf.round(6), kind="stable")  # of the same column at two places the joint axis
     best = tuple(_scored(book, where, int(top[k]), float(ln_bf[k])) for k in order[:count])
-    return ProductScores(best, _ln_mean(ln_bf, top % len(where), where, len(book.bases)))
+    share = _ln_shares(where, len(book.bases))[top[order] % len(where)]
+    return ProductScores(best, ln_bf[order], share, len(book.bases) * len(where))
 
 
 def _moments(values: Array, where: Sequence[Spot], projector: Projector, wz: Array) -> tuple[Array, Array]:
@@ -209,12 +228,8 @@ def _scored(book: Dictionary, where: Sequence[Spot], k: int, ln_bf: float) -> Sc
     return ScoredProduct(spot.place, spot.component, product, drivers, ln_bf, column)
 
 
-def _ln_mean(ln_bf: Array, at: Indices, where: Sequence[Spot], products: int) -> float:
-    """ln of the mean Bayes factor; those that were not scored count as 0."""
+def _ln_shares(where: Sequence[Spot], products: int) -> Array:
+    """(M,) ln of the prior of one product at each spot: half for joint axes, half for other places."""
     joints = np.array([spot.place.name.startswith("joint") for spot in where])
-    groups = [mask for mask in (joints, ~joints) if mask.any()]
-    means = [
-        np.logaddexp.reduce(ln_bf[mask[at]], initial=-np.inf) - np.log(products * mask.sum())
-        for mask in groups
-    ]
-    return float(np.logaddexp.reduce(means) - np.log(len(groups)))
+    groups = len(np.unique(joints))
+    return array(-np.log(np.where(joints, joints.sum(), (~joints).sum()) * groups * products))

@@ -14,6 +14,7 @@ from .effects import Hypothesis
 from .evidence import NoiseScale, Projector, Score, by_width, flat_p, ln_bayes_factor, scores
 from .fit import Fit, student_weights
 from .hypotheses import Candidate
+from .products import ProductScores, score_products
 from .tails import chi2_quantile, chi2_tail
 from .types import Array, Mask
 from .unnamed import Cell, cells
@@ -162,7 +163,15 @@ class Scorer:
 
     def map(self, *, double: bool = True) -> list[Scored[Cell]]:
         """All cells of the location x driver map; double: also those with two drivers."""
-        made = cells(self.columns, double=double)
+        return self._as_cells(cells(self.columns, double=double))
+
+    def products(self) -> tuple[list[Scored[Cell]], ProductScores | None]:
+        """The products of two drivers with the most evidence, as cells, and the evidence of all of them."""
+        found = score_products(self.columns, self.projector, self.wz, self.noise)
+        made = [Cell(p.place.name, p.drivers, p.column[:, None], p) for p in found.best] if found else []
+        return self._as_cells(made), found
+
+    def _as_cells(self, made: Sequence[Cell]) -> list[Scored[Cell]]:
         return [
             Scored(cell.name, ln_bf, score, cell, cell.columns, self.projector, self.wz)
             for cell, (score, ln_bf) in zip(made, self.scores([cell.columns for cell in made]), strict=True)

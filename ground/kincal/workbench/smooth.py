@@ -24,7 +24,7 @@ from .columns import Columns
 from .effects import Hypothesis, Parameter, Term
 from .evidence import ln_bayes_factor
 from .fit import Fit
-from .places import ErrorPlace, find_place
+from .places import TYPICAL_SIZE, ErrorPlace, find_place
 from .scoring import Scorer
 from .shapes import FAMILIES, Shape, Variable, is_angle, shapes, variable_basis
 from .types import Array
@@ -166,7 +166,7 @@ def _hypothesis(name: UnnamedName, place: ErrorPlace, functions: Sequence[Shape]
     """Every shape on every component, each a coefficient."""
     parameters = tuple(
         Parameter(
-            f"c{number}", place.unit, place.sigma * shape.weight,
+            f"c{number}", place.unit, TYPICAL_SIZE * shape.weight,
             (Term(place.frame, component, 1.0, shape.bases),), shrunk=True,
         )
         for number, (shape, component) in enumerate(

@@ -22,7 +22,8 @@ from kincal.schema.terms import Basis
 
 from .columns import Columns
 from .data import Measurements
-from .places import JOINT_SIGMA, SHIFT_SIGMA, ErrorPlace, joint_places, other_places
+from .places import TYPICAL_SIZE, ErrorPlace, joint_places, other_places
+from .products import ScoredProduct
 from .types import Array
 
 _SINGLE = 5  # eigenvectors of one driver
@@ -52,16 +53,26 @@ class Driver:
 
 @dataclass(frozen=True)
 class Cell:
-    """An unknown function of one or two drivers at a location; columns: (N c, m k) whitened."""
+    """An unknown function of one or two drivers at a location; columns: (N c, m k) whitened.
+
+    product: of the dictionary (products.py): then the function is this one, and there is one column.
+    """
 
     location: str
     drivers: tuple[str, ...]
     columns: Array
+    product: ScoredProduct | None = None
+
+    @property
+    def at_joint(self) -> bool:
+        """The error is a motion of a joint."""
+        return self.location.startswith("joint")
 
     @property
     def name(self) -> str:
         """Location and drivers, for instance "joint 3 | q4 x q5"."""
-        return f"{self.location} | {' x '.join(self.drivers)}"
+        text = " x ".join(self.drivers) if self.product is None else self.product.text
+        return f"{self.location} | {text}"
 
 
 def cells(columns: Columns, *, double: bool = True) -> list[Cell]:
@@ -90,13 +101,13 @@ def locations(columns: Columns) -> list[Location]:
     camera = fit.data.has("cam")
     out = [_rows(place, columns) for place in joint_places(fit.arm)]
     out += [_range(columns)] if camera else []
-    out += [Location("tag tilt", JOINT_SIGMA * tilt) for tilt in _tag_tilt(columns)]
+    out += [Location("tag tilt", TYPICAL_SIZE * tilt) for tilt in _tag_tilt(columns)]
     out += [_rows(place, columns) for place in other_places(fit.arm, camera)]
     return [location for location in out if np.abs(location.rows).max() > 0]
 
 
 def _rows(place: ErrorPlace, columns: Columns) -> Location:
-    return Location(place.name, place.sigma * columns.location(place.frame, place.components))
+    return Location(place.name, TYPICAL_SIZE * columns.location(place.frame, place.components))
 
 
 def _range(columns: Columns) -> Location:
@@ -104,7 +115,7 @@ def _range(columns: Columns) -> Location:
     seen = np.stack([columns.basis(Basis("lin", v, 0)) for v in ("xcam", "ycam", "zcam")], axis=1)
     ray = seen / np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-9)
     rows = columns.location(FRAME_CAMERA, _SHIFTS)
-    return Location("range", SHIFT_SIGMA * np.einsum("nm,nmc->nc", ray, rows)[:, None, :])
+    return Location("range", TYPICAL_SIZE * np.einsum("nm,nmc->nc", ray, rows)[:, None, :])
 
 
 def _tag_tilt(columns: Columns) -> Iterator[Array]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arm import Arm, load_spec
+from ..effects import JointFunction
 from ..plant import Conditions, Effect, Plant
 from ..transforms import quaternion, trans
 from . import campaign, kinds, optics
@@ -95,6 +96,8 @@ class Bench:
             descriptions.append(
                 {"kind": request.kind, "place": request.place, "size": request.size, "theta": theta}
             )
+            if isinstance(effect, JointFunction):
+                descriptions[-1]["drivers"] = effect.drivers
         return effects, descriptions
 
     def alternatives(self, description: dict) -> list[Effect]:

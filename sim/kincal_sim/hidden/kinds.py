@@ -134,7 +134,11 @@ def _two_drivers(context: Context, theta: np.ndarray, places: tuple) -> Effect:
     joint, size = places[0] - 1, theta[0, 0]
     others = [j for j in range(N) if j not in (joint, 0)]
     a, b = context.rng.choice(others, 2, replace=False)
-    return JointFunction(joint, lambda at, _: size * np.tanh(at.q_rad[a]) * np.cos(at.q_rad[b]))
+    return JointFunction(
+        joint,
+        lambda at, _: size * np.tanh(at.q_rad[a]) * np.cos(at.q_rad[b]),
+        drivers=(int(a) + 1, int(b) + 1),
+    )
 
 
 # fmt: off

@@ -7,5 +7,6 @@ columns in another order, a joint's sign, degrees, millimetres, the other DH con
 
 from .check import Check, check, refuse
 from .findings import Finding
+from .models import refuse_model_of_other_arm
 
-__all__ = ["Check", "Finding", "check", "refuse"]
+__all__ = ["Check", "Finding", "check", "refuse", "refuse_model_of_other_arm"]

@@ -94,7 +94,7 @@ def _finite(value: float | None) -> float | None:
 def _of_fit(search: Search) -> Iterator[Finding]:
     """The misreading that explains the poses, or that the arm table is not of this arm."""
     best = search.best()
-    if search.misfit(best) * FOUND <= search.misfit(search.given):
+    if changed(best) and search.misfit(best) * FOUND <= search.misfit(search.given):
         for kind in changed(best):
             gain = search.misfit(without(best, kind)) / search.misfit(best)
             yield misread(best, kind, gain, search.arm, search.shipped)

@@ -39,7 +39,7 @@ def _order(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Se
     moved = [(j, k) for j, k in enumerate(reading.order) if j != k]
     if len(moved) == 2:
         (i, _), (j, _) = moved
-        why = f"the readings of joints {i + 1} and {j + 1} look exchanged"
+        why = f"the readings of joints {i + 1} and {j + 1} seem exchanged"
     else:
         why = "the readings are in another order: " + ", ".join(
             f"column q{k + 1} is joint {j + 1}" for j, k in moved
@@ -64,7 +64,7 @@ def _offset(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> S
 def _sliding(reading: Reading, arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
     kind = {True: "revolute", False: "prismatic"}
     listed = ", ".join(
-        f"joint {j + 1} looks {kind[arm.joints[j].prismatic]}" for j in sorted(reading.sliding)
+        f"joint {j + 1} seems {kind[arm.joints[j].prismatic]}" for j in sorted(reading.sliding)
     )
     return "joint_type", listed, "correct `type` in the arm table"
 

@@ -8,13 +8,19 @@ probabilities are conditional on the library and on its priors; wording is "cons
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from kincal.schema.arm import ArmTable
 
+from ..compare import choose_split
 from ..data import Measurements
 from ..effects import Hypothesis, Library
+from ..thinning import MANY, part_of
 from ..types import Progress, no_progress
 from .findings import Diagnosis, EffectFinding, ParameterValue, Remainder, UnnamedFinding, conclude
+from .guard import never_worse
 from .heldout import HeldGain
 from .selection import MAX_EFFECTS, select
 from .study import Model, Study
@@ -52,7 +58,17 @@ def diagnose(
         progress(what, 1 + len(model), _STEPS)
 
     progress("fit", 0, _STEPS)
-    study = Study.of(arm, data, library, hypotheses, dh)
+    study = Study.of(arm, searched(data), library, hypotheses, dh)
     found = select(study, taking)
     progress("check", _STEPS - 1, _STEPS)
-    return conclude(study, found)
+    evaluation = study.on_all(data)
+    return conclude(evaluation, never_worse(study, found, evaluation))
+
+
+def searched(data: Measurements) -> Measurements:
+    """The poses that effects are searched on: all, or a designed part of many; held-out ones stay so."""
+    if data.n <= MANY:
+        return data
+    held = np.isin(np.arange(data.n), choose_split(data).held)
+    split = np.where(held, "held", "fit")
+    return replace(data, split=split).take(part_of(data))

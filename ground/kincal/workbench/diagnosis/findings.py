@@ -26,9 +26,10 @@ from ..evidence import LAMBDAS
 from ..fit import Fit
 from ..hypotheses import Untestable, effect_of, place_of
 from ..power import CONFOUNDED_CHI2
-from ..scoring import Scored, Scorer, bulk_weights, family_p
+from ..scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
 from ..smooth import UnnamedName, smooth_effect
 from ..types import Array
+from ..unnamed import Cell
 from .heldout import NO_HELD_OUT, HeldGain
 from .posterior import ABSORBED, NONE, UNNAMED, Posterior
 from .states import Kept, Selection
@@ -190,7 +191,7 @@ def _verdict(none: float, effects: Sequence[EffectFinding], novel: UnnamedFindin
 def unnamed_finding(study: Study, found: Selection) -> UnnamedFinding:
     """The cell of the map with the most evidence, for all that no effect describes."""
     posterior = found.last
-    top = max(posterior.unknown, key=lambda s: s.ln_bf)
+    top = posterior.top_unnamed
     name = UnnamedName.of_cell(top.best.location, top.best.drivers)
     held, lines = _smooth(study, found.model, name)
     return UnnamedFinding(
@@ -198,11 +199,18 @@ def unnamed_finding(study: Study, found: Selection) -> UnnamedFinding:
         location=top.best.location,
         depends_on=top.best.drivers,
         suggested_terms=suggest(top.best, posterior.scorer),
-        p_value=family_p(posterior.scorer, posterior.mapped)[top.name],
+        p_value=_unnamed_p(posterior, top),
         probability=posterior.unnamed,
         held=held,
         curves=lines,
     )
+
+
+def _unnamed_p(posterior: Posterior, top: Scored[Cell]) -> float:
+    """Family-wise p-value over the map; of a product over the dictionary too (Bonferroni)."""
+    if top.best.product is None:
+        return family_p(posterior.scorer, posterior.mapped)[top.name]
+    return min(1.0, posterior.tries * scaled_p(top, posterior.scorer.scale))
 
 
 def _smooth(study: Study, model: Model, name: UnnamedName) -> tuple[HeldGain, tuple[Curve, ...]]:
@@ -247,7 +255,13 @@ def effect_findings(study: Study, found: Selection, adequate: bool) -> tuple[Eff
     report = _Reporter(study, found.model, p_family, adequate)
     findings = [report.kept(k) for k in found.kept]
     findings += [report.alternative(h, posterior) for h, posterior in alternatives(found)]
-    return tuple(sorted(findings, key=lambda f: (_ROLES.index(f.role), -f.probability)))
+    return tuple(sorted(findings, key=_rank))
+
+
+def _rank(f: EffectFinding) -> tuple[int, float, float]:
+    """Best first: by role, probability, and what held-out poses gain."""
+    ratio = f.held.after_m / f.held.before_m if f.held.after_m > 0.0 else 1.0
+    return _ROLES.index(f.role), -f.probability, ratio
 
 
 def alternatives(found: Selection) -> list[tuple[Hypothesis, Posterior]]:
@@ -298,7 +312,7 @@ class _Reporter:
         probability = k.posterior.presence(k.effect.name)
         # While the model with it does not explain the data, a name may stand for a similar effect that is
         # missing: its posterior holds only if the truth is among the names.
-        capped = k.role == "accepted" and not self.adequate and probability > CLAIM
+        capped = not self.adequate and probability > CLAIM
         found = self._finding(k.effect, k.role, CLAIM if capped else probability, k.posterior)
         confounded = dict.fromkeys((*confounded_effects(self.study, k.effect, k.posterior), *k.ties))
         values = _values(k.effect, self.study.fit(self.model))

@@ -11,19 +11,34 @@ from .study import Model, Study
 
 
 def without_doubtful(study: Study, found: Selection) -> Selection:
-    """Where the unnamed wins in the end, only the effects that held-out poses gain from: a named effect
-    that resembles the unnamed often wins a place; it has to prove itself."""
+    """Where the unnamed wins in the end, a named effect that resembles it may have won a place: those that
+    held-out poses are predicted worse with go, one after another, and those whose gain may be chance stay
+    for what they predict, not as having won."""
     if not (found.last.unnamed_wins and study.has_held_out):
         return found
-    kept = tuple(k for k in found.kept if k.role == "helps" or study.held_gain(found.model, k.effect).gains)
-    return found if kept == found.kept else _settled(study, found, kept, found.taken_back)
+    kept = found.kept
+    while (gone := _worst(study, kept)) is not None:
+        kept = tuple(k for k in kept if k is not gone)
+    model = _model(kept)
+    judged = tuple(k if study.held_gain(model, k.effect).gains else replace(k, role="helps") for k in kept)
+    return found if judged == found.kept else _settled(study, found, judged, found.taken_back)
 
 
-def never_worse(study: Study, found: Selection) -> Selection:
+def _worst(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
+    """The effect without which held-out poses are predicted best, if better than with it."""
+    model = _model(kept)
+    gains = [(study.held_gain(model, k.effect), k) for k in kept]
+    worse = [(gain.after_m / gain.before_m, k) for gain, k in gains if gain.worse]
+    return max(worse, key=lambda pair: pair[0])[1] if worse else None
+
+
+def never_worse(study: Study, found: Selection, evaluation: Study) -> Selection:
     """Without effects that harm, and, where the model does not explain the data to within a known noise,
-    without whatever makes the whole predict held-out poses worse than no effect at all."""
+    without whatever makes the whole predict held-out poses worse than no effect at all.
+
+    evaluation: the study of all poses, where `study` has a part of them."""
     kept, back = found.kept, found.taken_back
-    while (gone := _contradicted(study, kept)) is not None:
+    while (gone := _contradicted(evaluation, kept)) is not None:
         kept, back = tuple(k for k in kept if k is not gone), (*back, gone)
     return found if kept == found.kept else _settled(study, found, kept, back)
 

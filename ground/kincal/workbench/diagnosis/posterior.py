@@ -25,9 +25,10 @@ _LN_PREFER_SINGLE = math.log(10.0)
 class Posterior:
     """All hypotheses scored at one fit.
 
-    scored: named effects; mapped: cells of the location x driver map; unknown: those of them that no
-    effect describes; probability: by name, sums to 1, with NONE and UNNAMED among the names. Effects
-    that the nuisance parameters imitate are left out of it.
+    scored: named effects; mapped: cells of the location x driver map; unknown: those of them, and the
+    products of two drivers with the most evidence, that no effect describes; probability: by name, sums to
+    1, with NONE and UNNAMED among the names. Effects that the nuisance parameters imitate are left out of
+    it. tries: products and cells that were scored.
     """
 
     scorer: Scorer
@@ -35,14 +36,17 @@ class Posterior:
     mapped: tuple[Scored[Cell], ...]
     unknown: tuple[Scored[Cell], ...]
     probability: dict[str, float]
+    tries: int = 0
 
     @classmethod
     def at(cls, scorer: Scorer, candidates: Sequence[Candidate]) -> Posterior:
         """Score candidates and the map, and weigh them by their priors."""
         scored, mapped = scorer.candidates(candidates), scorer.map()
         unknown = unexplained(mapped, scored)
-        probability = _probabilities(candidates, scored, unknown)
-        return cls(scorer, tuple(scored), tuple(mapped), tuple(unknown), probability)
+        products, ln_mean, tries = _unknown_products(scorer, scored)
+        probability = _probabilities(candidates, scored, unknown, ln_mean)
+        both = (*unknown, *products)
+        return cls(scorer, tuple(scored), tuple(mapped), both, probability, tries + len(mapped))
 
     @cached_property
     def by_name(self) -> dict[str, Scored[Hypothesis]]:
@@ -58,6 +62,15 @@ class Posterior:
     def unnamed(self) -> float:
         """Probability that something is missing that no effect of the library describes."""
         return self.probability.get(UNNAMED, 0.0)
+
+    @property
+    def top_unnamed(self) -> Scored[Cell]:
+        """The unnamed with the most evidence, of those that there are; at a joint axis unless another place
+        explains far more: the tilt of a link about that very axis is the same error."""
+        top = max(self.unknown, key=lambda s: s.ln_bf)
+        axes = [s for s in self.unknown if s.best.at_joint and s.best.drivers == top.best.drivers]
+        axis = max(axes, key=lambda s: s.ln_bf, default=top)
+        return axis if axis.ln_bf > top.ln_bf - _LN_PREFER_SINGLE else top
 
     @property
     def something_missing(self) -> bool:
@@ -109,22 +122,42 @@ class Posterior:
         return self.presence(name) >= max(ACCEPT_ODDS * self.none, self.unnamed)
 
 
+def _unknown_products(
+    scorer: Scorer, scored: Sequence[Scored[Hypothesis]]
+) -> tuple[list[Scored[Cell]], float | None, int]:
+    """Products of two drivers that are no effect of the library; ln of the mean Bayes factor of all, and how
+    many they are."""
+    cells, found = scorer.products()
+    if found is None:
+        return [], None, 0
+    kept = unexplained(cells, scored)
+    names = {s.name for s in kept}
+    return kept, found.ln_mean([k for k, s in enumerate(cells) if s.name not in names]), found.tries
+
+
 def _probabilities(
-    candidates: Sequence[Candidate], scored: Sequence[Scored[Hypothesis]], unknown: Sequence[Scored[Cell]]
+    candidates: Sequence[Candidate],
+    scored: Sequence[Scored[Hypothesis]],
+    unknown: Sequence[Scored[Cell]],
+    products: float | None,
 ) -> dict[str, float]:
     ln_bf, prior = {NONE: 0.0}, {NONE: PRIOR_NONE}
     for candidate, s in zip(candidates, scored, strict=True):
         if s.score.absorbed < ABSORBED:
             ln_bf[candidate.name], prior[candidate.name] = s.ln_bf, candidate.prior
     if unknown:
-        ln_bf[UNNAMED], prior[UNNAMED] = _ln_bf_unnamed(unknown), PRIOR_UNNAMED
+        ln_bf[UNNAMED], prior[UNNAMED] = _ln_bf_unnamed(unknown, products), PRIOR_UNNAMED
     return softmax(ln_bf, prior)
 
 
-def _ln_bf_unnamed(unknown: Sequence[Scored[Cell]]) -> float:
-    """Evidence of the whole map: half for cells of one driver, half for those of two, equal within."""
+def _ln_bf_unnamed(unknown: Sequence[Scored[Cell]], products: float | None) -> float:
+    """Evidence of the whole map: half for cells of one driver, half for those of two, equal within; of the
+    latter half for smooth functions, half for the dictionary of products (their ln mean)."""
     by_drivers = [[s.ln_bf for s in unknown if len(s.best.drivers) == count] for count in (1, 2)]
-    return _ln_mean(_ln_mean(group) for group in by_drivers if group)
+    smooth = [_ln_mean(group) for group in by_drivers if group]
+    if products is not None:
+        smooth[1:] = [_ln_mean([*smooth[1:], products])]
+    return _ln_mean(smooth)
 
 
 def _ln_mean(ln: Iterable[float]) -> float:

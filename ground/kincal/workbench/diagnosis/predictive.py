@@ -16,7 +16,7 @@ from ..effects import Hypothesis
 from .posterior import ACCEPT_ODDS
 from .study import Model, Study
 
-_SIGNIFICANT = 2.0  # standard errors of a gain
+_SIGNIFICANT = 1.645  # standard errors of a gain: one-sided 95 %
 _AS_WELL = 1.0  # standard errors within which effects predict equally well
 
 
@@ -44,6 +44,13 @@ def helpful(study: Study, model: Model) -> Iterator[Helper]:
         first = min(ties, key=lambda k: len(asked[k].parameters))
         yield Helper(asked[first], tuple(asked[k].name for k in ties if k != first))
         good.remove(first)
+
+
+def predicts(study: Study, model: Model, h: Hypothesis) -> bool:
+    """Whether an effect of a model predicts the fit poses significantly better in cross-validation."""
+    fit = study.held_fit(tuple(x for x in model if x.name != h.name))
+    columns = Columns(fit, study.part_weight)
+    return bool(cross_validate(fit, columns, columns.hypotheses([h])).sigmas[0] > _SIGNIFICANT)
 
 
 def _asked_for(study: Study, model: Model) -> list[Hypothesis]:

@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 
 from ..effects import Hypothesis
-from .guard import never_worse, without_doubtful
+from .guard import without_doubtful
 from .posterior import ACCEPT_ODDS, Posterior
 from .predictive import helpful
 from .states import Grids, Kept, Selection, Settled, State
@@ -32,8 +32,7 @@ def select(study: Study, taking: Callable[[Model], None]) -> Selection:
         states.append(state)
     first, last = study.posterior(()), study.posterior(states[-1].model)
     reviewed = backward(study, states[-1])
-    found = Selection(reviewed.kept, reviewed.state.model, first, last)
-    return never_worse(study, without_doubtful(study, found))
+    return without_doubtful(study, Selection(reviewed.kept, reviewed.state.model, first, last))
 
 
 # ------------------------------------------------------------------------------------------- forward

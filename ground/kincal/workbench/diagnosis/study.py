@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -61,6 +61,15 @@ class Study:
         competition = Competition.of(arm, base.data, library, {h.name for h in given})
         weight = robust_weights(base, competition.candidates)
         return cls(comparison, library, tuple(given), dh, competition, weight)
+
+    def on_all(self, data: Measurements) -> Study:
+        """The same study of all poses, where this one has a part of them: for fits and held-out errors, too
+        large for posteriors."""
+        if data.n == self.comparison.poses:
+            return self
+        comparison = compare(self.base.arm, data, self.given, dh=self.dh)
+        weight = np.ones(comparison.fit_all.data.n)
+        return replace(self, comparison=comparison, weight=weight, _memory={})
 
     @property
     def base(self) -> Fit:

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from kincal.errors import BadInput
-from kincal.schema.terms import parse_basis
+from kincal.schema.terms import ONE, Basis, parse_basis
 
 from ..effects import Term
+from ..places import ErrorPlace, all_places
 from ..scoring import Scorer
 from ..unnamed import Cell
 
@@ -18,30 +19,46 @@ _SIGMA = 1e-3  # [rad or m] size at which the bases are compared
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A term of an effect file: `at` a place of the arm, with a `basis`; basis "" where only the place and
-    the driver are known."""
+    """A term of an effect file: `at` a place of the arm, component `comp` of it (empty at a joint, which has
+    its own axis), with a `basis`; basis "" where only the place and the driver are known."""
 
     at: str
     basis: str
     driver: str
+    comp: str = ""
 
 
 def suggest(cell: Cell, scorer: Scorer) -> tuple[Suggestion, ...]:
     """Simple bases, alone or as a product, that imitate the cell's function, best first."""
-    if not cell.location.startswith("joint"):
+    fit = scorer.columns.fit
+    place = next((p for p in all_places(fit.arm, fit.data) if p.name == cell.location), None)
+    if place is None:
         return tuple(Suggestion(cell.location, "", driver) for driver in cell.drivers)
-    joint = int(cell.location.split()[1])
-    ranked = sorted(((_chi2(text, joint, scorer), text) for text in _readable(cell)), reverse=True)
-    return tuple(Suggestion(f"joint[{joint}]", text, "") for _, text in ranked[:_COUNT])
+    tried = [(text, component) for text in _readable(cell) for component in place.components]
+    terms = [Term(place.frame, component, 1.0, _bases(text)) for text, component in tried]
+    scores = scorer.scores([scorer.columns.term(term)[:, None] * _SIGMA for term in terms])
+    ranked = sorted(zip(scores, tried, strict=True), key=lambda row: -row[0][0].chi2)
+    return tuple(_suggestion(place, *what) for _, what in ranked[:_COUNT])
+
+
+def _suggestion(place: ErrorPlace, text: str, component: int) -> Suggestion:
+    term = place.term(component, text)
+    return Suggestion(term.at, text, "", term.comp or "")
+
+
+def _bases(text: str) -> tuple[Basis, Basis]:
+    return parse_basis(text, {}, "suggestion")
 
 
 def _readable(cell: Cell) -> Iterator[str]:
     """Products of simple functions of the drivers, and each alone; drivers without a basis are left out."""
+    if cell.product is not None:
+        yield " * ".join(str(basis) for basis in cell.product.bases if basis != ONE)
     forms = [_forms(driver) for driver in cell.drivers]
     products = [f"{a} * {b}" for a in forms[0] for b in forms[1]] if len(forms) == 2 else []
     for text in (*products, *(form for one in forms for form in one)):
         try:
-            parse_basis(text, {}, "suggestion")
+            _bases(text)
         except BadInput:
             continue
         yield text
@@ -54,11 +71,3 @@ def _forms(driver: str) -> list[str]:
     if driver.startswith("tau"):
         return [driver, f"tanh({driver}/1.0)"]
     return ["t" if driver == "order" else driver]
-
-
-def _chi2(text: str, joint: int, scorer: Scorer) -> float:
-    """Score of a term about a joint's axis (along it, if it slides)."""
-    component = 2 if scorer.columns.fit.arm.joints[joint - 1].prismatic else 5
-    term = Term(joint - 1, component, 1.0, parse_basis(text, {}, "suggestion"))
-    column = scorer.columns.term(term)[:, None] * _SIGMA
-    return scorer.scores([column])[0][0].chi2

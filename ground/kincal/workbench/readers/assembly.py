@@ -21,7 +21,7 @@ _NO_TARGETS = TargetPoses(np.zeros((0, 3)), None, None)
 
 def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bool = False) -> Measurements:
     """The rows of a table. BadInput naming file, row and reason for columns that are missing, a malformed row
-    (with skip_bad they are left out and counted), ids that appear twice, a noise that is stated in part."""
+    (with skip_bad they are left out and counted), a noise that is stated in part."""
     columns = Columns(table, mapping, joints)
     plan = columns.plan()
     columns.read(plan)
@@ -104,16 +104,10 @@ def _check_texts(columns: Columns) -> None:
 
 
 def _ids(columns: Columns, good: Mask) -> tuple[str, ...]:
-    """Names of the poses, or their numbers from 1; BadInput if one appears twice."""
+    """Names of the poses, or their numbers from 1."""
     given = columns.texts.get("id", [""] * columns.n)
     kept = [given[k] for k in np.flatnonzero(good)]
-    names = tuple(name or str(k) for k, name in enumerate(kept, 1))
-    if len(set(names)) < len(names):
-        twice = min(name for name in names if names.count(name) > 1)
-        raise BadInput(
-            f"{columns.table.source}: id {twice!r} appears {names.count(twice)} times; ids name one pose each"
-        )
-    return names
+    return tuple(name or str(k) for k, name in enumerate(kept, 1))
 
 
 # --------------------------------------------------------------------------- noise

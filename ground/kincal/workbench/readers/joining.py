@@ -24,16 +24,17 @@ _MADE_ANEW = {
 def joined(sets: Sequence[Measurements]) -> Measurements:
     """All poses of one or more sets, in their order.
 
-    A quantity that not all of them have is left out, and a note says so; BadInput if that is the split, or
-    if two sets hold the same rows. Rows that repeat another one are left out and counted. Where an id occurs
-    in two files, the number of the file is put before all ids. Without times everywhere the order of the rows
-    is the time.
+    A quantity that not all of them have is left out, and a note says so; BadInput if that is the split,
+    or if two sets hold the same rows, or an id names two poses of a file. Rows that repeat another one
+    are left out and counted. Where an id occurs in two files, the number of the file is put before all
+    ids. Without times everywhere the order of the rows is the time.
     """
     if not sets:
         raise BadInput("no measurements given", todo="name a file with --data")
+    sets = [_once(data) for data in sets]
     first = sets[0]
     if len(sets) == 1:
-        return without_copies(first)
+        return first
     _refuse_doubles(sets)
     left_out: list[str] = []
     changes: dict[str, Any] = {}
@@ -61,9 +62,20 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         replicate=_groups(sets, changes["q"]),
         skipped=tuple(f"{data.source}: {text}" for data in sets for text in data.skipped),
         unknown_columns=tuple(dict.fromkeys(name for data in sets for name in data.unknown_columns)),
+        duplicates=sum(data.duplicates for data in sets),
         notes=(*dict.fromkeys(note for data in sets for note in data.notes), *left_out),
     )
     return without_copies(together)
+
+
+def _once(data: Measurements) -> Measurements:
+    """The poses without copies; BadInput if an id then names two of them."""
+    data = without_copies(data)
+    if len(set(data.ids)) < data.n:
+        twice = min(name for name in data.ids if data.ids.count(name) > 1)
+        times = data.ids.count(twice)
+        raise BadInput(f"{data.source}: id {twice!r} appears {times} times; ids name one pose each")
+    return data
 
 
 def _refuse_doubles(sets: Sequence[Measurements]) -> None:

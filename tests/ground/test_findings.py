@@ -1,0 +1,258 @@
+"""What a diagnosis says and shows: one rule for gains, big numbers, commands to copy, findings as curves."""
+
+import json
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import poses
+import pytest
+from click.testing import CliRunner
+from scipy.stats import bootstrap
+
+from kincal import workbench as wb
+from kincal.cli import main
+from kincal.errors import BadInput
+from kincal.pages import diagnosis as pages
+from kincal.pages import glossary
+from kincal.pages.page import Provenance, render
+from kincal.pages.poses import Poses, bulk_range, dots
+from kincal.workbench import advice, api, explain, headline
+from kincal.workbench.diagnosis_text import diagnosis_text
+from kincal.workbench.gain import held_ratio, judged
+from kincal.workbench.partial import effect_panels, place_panels
+
+BACKLASH_RAD = 3e-3
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """A diagnosis of an arm with a hidden backlash of joint 4, and what a report holds."""
+    folder = tmp_path_factory.mktemp("findings")
+    arm = wb.read_arm(poses.arm_toml(folder / "arm.toml"))
+    backlash = np.array([0, 0, 0, BACKLASH_RAD, 0, 0, 0])
+    data = wb.read_csv(poses.poses_csv(folder / "d.csv", 60, 12, lambda q, d: q + backlash * d), 7)
+    library = wb.Library.load()
+    d = wb.diagnose(arm, data, library)
+    return SimpleNamespace(d=d, content=api.report_content(d, library), data=data, folder=folder)
+
+
+# --------------------------------------------------------------------------- gains
+
+
+@pytest.mark.parametrize(
+    ("interval", "want"),
+    [((0.7, 0.9), "helps"), ((1.02, 1.2), "harms"), ((0.98, 1.1), "does not help"),
+     ((0.9, 1.1), "undecided"), ((float("nan"),) * 2, "undecided")],
+)  # fmt: skip
+def test_an_interval_says_whether_an_effect_helps(interval, want):
+    assert judged(interval) == want
+
+
+def test_interval_of_a_ratio_is_that_of_an_independent_bootstrap():
+    rng = np.random.default_rng(5)
+    before, after = rng.chisquare(3, 200) * 4.0, rng.chisquare(3, 200)
+    ratio, (low, high) = held_ratio(after, before)
+
+    def statistic(a, b, axis):
+        return np.sqrt(a.mean(axis=axis) / b.mean(axis=axis))
+
+    want = bootstrap((after, before), statistic, paired=True, method="percentile", random_state=9)
+    assert ratio == pytest.approx(statistic(after, before, 0))
+    assert (low, high) == pytest.approx(tuple(want.confidence_interval), rel=0.03)
+
+
+def test_the_same_comparison_has_the_same_numbers_in_every_table(found):
+    [finding] = [e for e in found.d.effects if e.accepted]
+    [gain] = [g for g in found.content.nested.gains if g.block == "held-out poses"]
+    assert gain.effect == finding.name == "backlash[4]"
+    assert gain.interval == pytest.approx(finding.held.interval, abs=1e-3)
+    assert gain.judged == "helps"
+
+
+# --------------------------------------------------------------------------- words
+
+
+def test_verdict_is_one_sentence_with_what_it_brings(found):
+    text = explain.verdict(found.d)
+    before, after = found.d.comparison.rms["held"][0], found.d.remainder.held_pos_m
+    assert text == (
+        f"Consistent with backlash[4]: with it the held-out error falls from {before * 1e3:.3f} "
+        f"to {after * 1e3:.3f} mm."
+    )
+
+
+def test_every_probability_stands_beside_what_it_is_against(found):
+    text = diagnosis_text(found.d)
+    said = re.findall(r"P [=<>] [\d.]+([^\n]{0,12})", text)
+    assert said
+    assert all(rest.lstrip().startswith(("against", "in place of")) for rest in said)
+    assert "P = 0.00" not in text
+    assert "P = 1.00" not in text
+
+
+def test_big_numbers_are_those_of_the_comparison(found):
+    now, reachable, floor = headline.big_numbers(found.d.comparison, found.d)
+    held_m, after_m = found.d.comparison.rms["held"][0], found.d.remainder.held_pos_m
+    assert now.text.startswith(f"{held_m * 1e3:.3f} → {after_m * 1e3:.3f} mm, ")
+    assert (now.label, reachable.label) == ("error now, and with the findings", "reachable")
+    assert floor.pos_m == found.d.comparison.noise_floor.pos_m
+    assert headline.big_numbers(found.d.comparison)[0].after_m is None
+
+
+def test_next_steps_are_commands_that_run(found, tmp_path):
+    inputs = advice.Inputs(
+        str(found.folder / "arm.toml"), ("--data", str(found.folder / "d.csv")), str(tmp_path / "M.toml")
+    )
+    steps = advice.next_steps(found.d, (), inputs)
+    assert [step.command.split()[2] for step in steps[:2]] == ["add", "fit"]
+    for step in steps[:2]:
+        words = [word.strip("'") for word in step.command.split()[1:]]
+        done = CliRunner().invoke(main, words)
+        assert done.exit_code == 0, done.output
+    assert "+ backlash[4]" in done.output
+
+
+def test_untestable_effects_are_listed_by_what_they_lack(found):
+    text = diagnosis_text(found.d)
+    lines = [line for line in text.splitlines() if line.startswith("  need qdot")]
+    assert lines == ["  need qdot: latency"]
+
+
+# --------------------------------------------------------------------------- excluded poses
+
+
+def test_excluded_poses_are_left_out_and_unknown_ids_refused(found):
+    some = found.data.ids[3], found.data.ids[7]
+    left = found.data.without(some)
+    assert left.n == found.data.n - 2
+    assert not set(some) & set(left.ids)
+    with pytest.raises(BadInput, match="no pose has the id nobody"):
+        found.data.without(["nobody"])
+
+
+def test_exclude_is_an_option_of_every_command_that_reads_measurements(found):
+    args = ["--arm", str(found.folder / "arm.toml"), "--data", str(found.folder / "d.csv"), "--json"]
+    ids = ",".join(found.data.ids[:5])
+    done = CliRunner().invoke(main, ["model", "compare", *args, "--exclude", ids])
+    assert json.loads(done.stdout)["poses"] == found.data.n - 5
+
+
+# --------------------------------------------------------------------------- findings as curves
+
+
+def test_partial_residual_of_an_effect_shows_the_true_one(found):
+    """The hidden backlash turns joint 4 by +-3 mrad with its approach direction."""
+    [effect] = found.d.final.hypotheses
+    [panel] = effect_panels(found.d.final, effect)
+    assert (panel.place, panel.driver, panel.angular) == ("joint 4", "dir4", True)
+    bins = {round(b.x): b for b in panel.groups[0].bins}
+    for sign in (-1, 1):
+        assert bins[sign].y == pytest.approx(sign * BACKLASH_RAD, abs=4 * bins[sign].sigma)
+        assert bins[sign].sigma < 0.2 * BACKLASH_RAD
+    assert sum(b.count for b in bins.values()) == found.data.n
+
+
+def test_motion_of_a_place_is_the_least_squares_one(found):
+    """Pose by pose against numpy's solver, with the whitened derivative taken by turning the joint."""
+    fit = found.d.comparison.fit_all
+    [panel] = place_panels(fit, "joint 4", ("dir4",))
+    z = fit.z.reshape(fit.data.n, -1)
+    for i in (0, 11, 42):
+        column = fit.whiten[i] @ fit.evaluation.Jq[i, :, 3]
+        want = np.linalg.lstsq(column[:, None], z[i], rcond=None)[0][0]
+        assert panel.y[i] == pytest.approx(want, rel=1e-6)
+
+
+def test_two_drivers_give_one_curve_for_each_part_of_the_second(found):
+    panel = place_panels(found.d.final, "joint 3", ("q4", "q6"))[0]
+    assert [g.label.split()[0] for g in panel.groups] == ["q6"] * 3
+    assert sum(g.poses.sum() for g in panel.groups) == found.data.n
+    assert (panel.unit, panel.single) == ("rad", False)
+
+
+# --------------------------------------------------------------------------- dots
+
+
+def fake_poses(n, flagged=()):
+    outliers = np.zeros(n, dtype=bool)
+    outliers[list(flagged)] = True
+    fit = SimpleNamespace(data=SimpleNamespace(ids=tuple(f"p{i}" for i in range(n))))
+    comparison = SimpleNamespace(outliers=SimpleNamespace(ids=tuple(f"p{i}" for i in flagged)))
+    return Poses.of(comparison, fit)
+
+
+def test_an_outlier_does_not_squash_the_axis_and_is_labelled():
+    y = np.random.default_rng(1).normal(size=200)
+    y[17] = 400.0
+    low, high = bulk_range(y)
+    assert -6 < low < high < 6
+    traces = dots(fake_poses(200, [17]), np.arange(200.0), y, (low, high))
+    inside, border, labels = traces
+    assert len(inside.x) == 199
+    assert border.y[0] == pytest.approx(high)
+    assert list(border.customdata) == list(labels.text) == ["p17"]
+
+
+def test_many_poses_are_drawn_in_part_with_all_outliers_and_that_is_said():
+    many = fake_poses(12000, [5, 11999])
+    assert len(many.drawn) < 500
+    assert {5, 11999} <= set(many.drawn.tolist())
+    assert many.note.startswith(f"{len(many.drawn)} of 12000 poses are drawn")
+    assert fake_poses(300).note == ""
+
+
+# --------------------------------------------------------------------------- the page
+
+
+@pytest.fixture(scope="module")
+def html(found):
+    steps = advice.next_steps(found.d, (), advice.Inputs("arm.toml", ("--data", "d.csv")))
+    return render(pages.page(found.content, Provenance("2026-11-22"), steps))
+
+
+def test_page_shows_the_finding_before_everything_else(html):
+    own = re.sub(r"<nav>.*?</nav>|<script\b.*?</script>", "", html, flags=re.S)
+    order = [
+        "Consistent with backlash[4]",
+        "error now, and with the findings",
+        "What to do next",
+        "kincal model add --model M.toml",
+        "Found: backlash[4]",
+        "Held-out error of the nested models",
+    ]
+    places = [own.index(text) for text in order]
+    assert places == sorted(places)
+
+
+def test_page_is_one_file_of_bearable_size(html):
+    assert len(html.encode()) < 6e6
+
+
+def test_plots_of_poses_are_linked_by_id(html, found):
+    figures = re.findall(r'data-figure="figure-([\w-]+)">(.*?)</script>', html, re.S)
+    linked = {
+        key for key, text in figures
+        if any((t.get("meta") or {}).get("poses") for t in json.loads(text)["data"])
+    }  # fmt: skip
+    assert linked == {"found-1", "suspects", "vectors", "variables"}
+    known = json.loads(re.search(r'id="poses">(.*?)</script>', html, re.S)[1])
+    assert known["ids"] == list(found.data.ids)
+    assert len(known["now"]) == len(known["after"]) == found.data.n
+    assert sum("held out" in text for text in known["about"]) == 15
+
+
+def test_words_are_links_to_the_glossary_of_the_page(html):
+    used = set(re.findall(r'class="word" href="#word-([\w-]+)"', html))
+    assert {"reachable", "noise-floor", "held-out"} <= used
+    assert used <= set(re.findall(r'<dt id="word-([\w-]+)"', html))
+
+
+def test_each_word_is_linked_once_and_the_longest_first():
+    terms = [glossary.Term("pose", "pose", "p"), glossary.Term("worst", "worst poses", "w")]
+    linker = glossary.Linker(terms)
+    assert str(linker.linked("Worst poses, a pose & a pose")) == (
+        '<a class="word" href="#word-worst" title="w">Worst poses</a>, '
+        'a <a class="word" href="#word-pose" title="p">pose</a> &amp; a pose'
+    )
+    assert str(linker.linked("worst poses < poses")) == "worst poses &lt; poses"

@@ -1,0 +1,332 @@
+"""Wrong inputs of the workbench: each ends with status 2 or 3 and words that name the likely cause."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import poses
+import pytest
+from click.testing import CliRunner
+
+from kincal.arms.library import arm_text
+from kincal.cli import main
+from kincal.cli.errors import EXIT_DATA, EXIT_INPUT
+from kincal.workbench.readers import read_measurements
+
+Q = [f"q{j}" for j in range(1, 8)]
+P, QUAT = ["px", "py", "pz"], ["qw", "qx", "qy", "qz"]
+JOINT = """
+[[joint]]
+type = "revolute"
+a_m = 0.1
+alpha_rad = 0.0
+d_m = 0.0
+phi_rad = 0.0
+q_min_rad = -3.0
+q_max_rad = 3.0
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """arm.toml and poses.csv that belong together."""
+    poses.arm_toml(tmp_path / "arm.toml", masses=False)
+    poses.poses_csv(tmp_path / "poses.csv", 40, 5)
+    _table(tmp_path, _keep(["id", *Q, *P, *QUAT]))
+    return tmp_path
+
+
+def _table(folder: Path, change: Callable[[list[dict[str, str]]], list[dict[str, str]]]) -> None:
+    """Rewrites poses.csv."""
+    path = folder / "poses.csv"
+    with path.open(newline="") as file:
+        rows = change(list(csv.DictReader(file)))
+    with path.open("w", newline="") as file:
+        out = csv.DictWriter(file, list(rows[0]))
+        out.writeheader()
+        out.writerows(rows)
+
+
+def _keep(names):
+    return lambda rows: [{name: row[name] for name in names} for row in rows]
+
+
+def rows(change):
+    """A wrong measurements file: every row changed."""
+    return lambda folder: _table(folder, lambda found: [change(dict(row)) for row in found])
+
+
+def renamed(names):
+    return rows(lambda row: {names.get(key, key): value for key, value in row.items()})
+
+
+def scaled(names, factor):
+    return rows(lambda row: row | {name: repr(float(row[name]) * factor) for name in names})
+
+
+def added(**columns):
+    return rows(lambda row: row | columns)
+
+
+def cell(number, name, value):
+    def change(found):
+        found[number][name] = value
+        return found
+
+    return lambda folder: _table(folder, change)
+
+
+def without(*names):
+    return rows(lambda row: {key: value for key, value in row.items() if key not in names})
+
+
+def exchanged(*names):
+    """Values of the columns moved to the next one in the list."""
+    return renamed(dict(zip(names, (*names[1:], names[0]), strict=True)))
+
+
+def arm(pattern, new, count=1):
+    """A wrong arm table."""
+
+    def change(folder):
+        path = folder / "arm.toml"
+        text, found = re.subn(pattern, new, path.read_text(), count=count)
+        assert found, pattern
+        path.write_text(text)
+
+    return change
+
+
+def arm_file(text):
+    return lambda folder: (folder / "arm.toml").write_text(text)
+
+
+def unknown_frames(text):
+    """An arm table with both frames to be estimated."""
+    return lambda folder: (folder / "arm.toml").write_text(
+        text.replace("estimate = false", "estimate = true")
+    )
+
+
+def content(data, name="poses.csv"):
+    return lambda folder: (folder / name).write_bytes(data)
+
+
+def doubled(folder):
+    path = folder / "poses.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, *lines[1:]]) + "\n")
+
+
+def inverted(row):
+    """The base seen from the tool."""
+    turn = poses.Rotation.from_quat([float(row[name]) for name in (*QUAT[1:], QUAT[0])]).inv()
+    p = -turn.apply([float(row[name]) for name in P])
+    x, y, z, w = turn.as_quat()
+    return row | dict(zip((*P, *QUAT), map(str, (*p, w, x, y, z)), strict=True))
+
+
+def unrelated(folder):
+    """Poses in another order than their readings."""
+
+    def change(found):
+        mixed = np.random.default_rng(3).permutation(len(found))
+        return [
+            row | {name: found[k][name] for name in (*P, *QUAT)} for row, k in zip(found, mixed, strict=True)
+        ]
+
+    _table(folder, change)
+
+
+def late(folder):
+    """Each reading one row too late."""
+    _table(
+        folder,
+        lambda found: [
+            row | {name: other[name] for name in Q} for row, other in zip(found[1:], found[:-1], strict=True)
+        ],
+    )
+
+
+def truncated_npz(folder):
+    path = folder / "whole.npz"
+    np.savez(path, q=np.zeros((20, 7)), p=np.zeros((20, 3)))
+    (folder / "poses.csv").write_bytes(path.read_bytes()[:900])
+
+
+def semicolons_with_both(folder):
+    path = folder / "poses.csv"
+    lines = path.read_text().splitlines()
+    lines = [line.replace(",", ";") for line in lines]
+    lines[3] = lines[3].replace(".", ",")
+    path.write_text("\n".join(lines) + "\n")
+
+
+def directory(name):
+    def change(folder):
+        (folder / name).unlink()
+        (folder / name).mkdir()
+
+    return change
+
+
+def gone(name):
+    return lambda folder: (folder / name).unlink()
+
+
+def other_arm(folder):
+    """Poses of an arm whose links are 0.1 m and 0.3 rad off (one sigma each)."""
+    poses.poses_csv(folder / "poses.csv", 40, 5, dh_size=0.3)
+    _table(folder, _keep(["id", *Q, *P, *QUAT]))
+
+
+WRONG = {
+    # the arm table
+    "alpha in degrees": (arm(r"alpha_rad = 1\.57\d*", "alpha_rad = 90"), ["alpha_rad", "degrees"]),
+    "key for degrees": (arm(r"alpha_rad = 1\.57\d*", "alpha_deg = 90"), ["alpha_rad", "radians"]),
+    "limits in degrees": (arm(r"q_max_rad = 2\.6", "q_max_rad = 150"), ["limit of joint 1", "degrees"]),
+    "links in millimetres": (
+        arm(r"d_m = ([1-9.0]+)", lambda m: f"d_m = {1e3 * float(m[1])}", 0), ["arm table", "millimetres"],
+    ),
+    "unknown key": (arm(r"phi_rad = 0\.0", "phi_rad = 0.0\nthete_rad = 0.0"), ["thete_rad", "unknown key"]),
+    "synonym": (arm("phi_rad", "theta_rad"), ["theta_rad", "phi_rad"]),
+    "no convention": (arm("convention.*", ""), ["convention", "missing"]),
+    "unknown convention": (arm('"standard"', '"craig"'), ["convention", "modified"]),
+    "other convention": (arm('"standard"', '"modified"'), ["DH parameters look standard"]),
+    "another shipped arm": (unknown_frames(arm_text("iiwa7")), ["wam", "--arm wam"]),
+    "another arm": (other_arm, ["wrong arm table"]),
+    "one joint too many": (lambda f: arm(r"$", JOINT)(f), ["q8", "missing"]),
+    "12 joints": (lambda f: arm(r"$", JOINT * 5)(f), ["q8", "q12", "missing"]),
+    "one joint too few": (arm(r"\[\[joint\]\][^\[]*$", ""), ["q7", "6 joints"]),
+    "revolute as prismatic": (arm(r'type = "revolute"', 'type = "prismatic"'), ["joint 1 seems revolute"]),
+    "base frame of another place": (arm(r"xyz_m = \[0.0, 0.0, 0.346\]", "xyz_m = [0.5, -0.4, 0.9]"),
+                                    ["base or tool frame"]),
+    "quaternion of norm 2": (arm(r"quat_wxyz = \[1.0", "quat_wxyz = [2.0"), ["quat_wxyz", "norm"]),
+    "text for a number": (arm(r"a_m = 0\.0", 'a_m = "wide"'), ["a_m", "wide"]),
+    "arm table no TOML": (arm_file("name: WAM\njoints: 7\n"), ["arm.toml", "not valid TOML"]),
+    "arm table of bytes": (content(bytes(range(128, 256)), "arm.toml"), ["arm.toml", "not valid TOML"]),
+    "arm table a directory": (directory("arm.toml"), ["arm.toml", "directory"]),
+    "no arm table": (gone("arm.toml"), ["arm.toml", "no such file"]),
+    # the measurements
+    "empty file": (content(b""), ["is empty", "q1..q7"]),
+    "header only": (content(",".join([*Q, *P]).encode() + b"\n"), ["no usable row"]),
+    "a directory": (directory("poses.csv"), ["poses.csv", "folder"]),
+    "no file": (gone("poses.csv"), ["poses.csv", "no such file"]),
+    "bytes": (content(bytes(range(128, 256)) * 9), ["poses.csv", "cannot be read"]),
+    "UTF-16": (content("q1,q2\n1,2\n".encode("utf-16")), ["poses.csv", "UTF-8"]),
+    "truncated npz": (truncated_npz, ["cannot be read as npz"]),
+    "not a number": (cell(3, "py", "nan"), ["line 5", "py"]),
+    "text in a number": (cell(3, "q2", "approx 3"), ["line 5", "q2", "approx 3"]),
+    "decimal commas and points": (semicolons_with_both, ["decimal commas", "decimal points"]),
+    "missing column": (without("q4"), ["q4", "missing"]),
+    "part of the quaternion": (without("qz"), ["lacks qz"]),
+    "negative sigma": (added(sp_m="-0.001", sr_rad="0.001"), ["sp_m is -0.001"]),
+    "noise in millimetres": (added(sp_m="0.6", sr_rad="0.001"), ["stated noise", "millimetres"]),
+    "unknown split": (added(split="train"), ["split is train"]),
+    "direction of 2": (added(**{f"dir{j}": "2" for j in range(1, 8)}), ["dir1", "-1, 0 or +1"]),
+    "degrees": (scaled(Q, 180.0 / np.pi), ["degrees", "--units deg"]),
+    "millimetres": (scaled(P, 1e3), ["millimetres", "--units mm"]),
+    "two readings exchanged": (exchanged("q2", "q4"), ["joints 2 and 4 seem exchanged"]),
+    "readings in another order": (exchanged("q1", "q3", "q4", "q6"), ["another order"]),
+    "sign of one joint": (scaled(["q2"], -1.0), ["joint 2 counts the other way"]),
+    "signs of three joints": (scaled(["q1", "q4", "q6"], -1.0), ["joints 1, 4, 6 count the other way"]),
+    "quaternion x, y, z, w": (exchanged("qw", "qz", "qy", "qx"), ["x, y, z, w"]),
+    "poses inverted": (rows(inverted), ["poses look inverted"]),
+    "orientations inverted": (scaled(["qx", "qy", "qz"], -1.0), ["orientations look inverted"]),
+    "readings a row late": (late, ["the row"]),
+    "poses of other rows": (unrelated, ["do not belong to these readings"]),
+    "doubled file": (doubled, ["looks doubled"]),
+    "doubled file without names": (lambda f: (without("id")(f), doubled(f)), ["looks doubled"]),
+    "one name for two poses": (cell(3, "id", "p7"), ["'p7'", "2 times"]),
+    "one pose": (lambda f: _table(f, lambda found: found[:1]), ["poses"]),
+}  # fmt: skip
+
+
+def compare(*args):
+    done = CliRunner().invoke(main, ["model", "compare", *map(str, args)])
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
+    return done
+
+
+def test_the_inputs_belong_together_before_they_are_spoilt(folder):
+    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    assert done.exit_code == 0
+    assert "warning" not in done.stderr
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_input_names_the_likely_cause(folder, case):
+    spoil, words = WRONG[case]
+    spoil(folder)
+    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    assert done.exit_code in (EXIT_INPUT, EXIT_DATA), done.output
+    assert done.stdout == ""
+    for word in words:
+        assert word in done.stderr
+
+
+def test_same_file_twice_is_refused(folder):
+    path = folder / "poses.csv"
+    shutil.copy(path, folder / "copy.csv")
+    done = compare("--arm", folder / "arm.toml", "--data", path, "--data", folder / "copy.csv")
+    assert done.exit_code == EXIT_INPUT
+    assert "same rows" in done.stderr
+
+
+def test_two_files_of_different_arms_are_refused(folder):
+    """The second file is of an arm with another order of the joints."""
+    shutil.copy(folder / "poses.csv", folder / "first.csv")
+    poses.poses_csv(folder / "poses.csv", 40, 6)
+    _table(folder, _keep(["id", *Q, *P, *QUAT]))
+    exchanged(*Q)(folder)
+    done = compare(
+        "--arm", folder / "arm.toml", "--data", folder / "first.csv", "--data", folder / "poses.csv"
+    )
+    assert done.exit_code == EXIT_INPUT
+    assert "do not belong" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["compare", "diagnose", "fit"])
+def test_a_model_of_another_arm_is_refused(folder, command):
+    values = "\n".join(f'[[value]]\nname = "J{j}.a_m"\nvalue = 0.0\nstd_err = 0.0' for j in range(1, 7))
+    (folder / "M.toml").write_text(f"version = 1\neffects = []\n{values}\n")
+    args = ["--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--model", folder / "M.toml"]
+    done = CliRunner().invoke(main, ["model", command, *map(str, args)])
+    assert done.exit_code == EXIT_INPUT
+    assert "6 joints" in done.stderr and "7 joints" in done.stderr
+
+
+def test_a_model_fitted_with_other_dh_parameters_is_refused(folder):
+    (folder / "M.toml").write_text('version = 1\narm = "iiwa7"\n')
+    args = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--model", folder / "M.toml")
+    done = compare(*args)
+    assert done.exit_code == EXIT_INPUT
+    assert "iiwa7" in done.stderr
+
+
+def test_force_goes_on_and_keeps_the_doubt_in_the_answer(folder):
+    scaled(["q7"], -1.0)(folder)
+    args = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    assert compare(*args).exit_code == EXIT_INPUT
+    done = compare(*args, "--force", "--json")
+    assert done.exit_code == 0
+    assert any("joint 7 counts the other way" in note for note in json.loads(done.stdout)["notes"])
+    assert "warning: joint 7" in done.stderr
+
+
+def test_copies_of_a_row_are_no_replicates(folder):
+    path = folder / "poses.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, *lines[3:11]]) + "\n")
+    data = read_measurements(path, 7)
+    assert (data.n, data.duplicates) == (40, 8)
+    assert len(set(data.replicate)) == 40
+    done = compare("--arm", folder / "arm.toml", "--data", path)
+    assert done.exit_code == 0
+    assert "8 of 48 rows repeat another row" in done.stderr
