@@ -166,6 +166,8 @@ class Study:
     def held_fit(self, model: Model) -> Fit:
         """These effects beside the given ones, fitted without the held-out poses."""
         part = self.comparison.fit_part
+        if not model:
+            return part
         return self._remembered(("held", model), lambda: self._fit_to(part.data, part, model))
 
     def _fit_to(self, data: Measurements, near: Fit, model: Model) -> Fit:
