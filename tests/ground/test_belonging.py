@@ -1,5 +1,5 @@
-"""Do arm table and measurements belong together: no false findings, wrong readings of real sets are found; and
-the arm that a model for flight is of."""
+"""Do arm table and measurements belong together: nothing is found where they do, wrong readings of real sets
+are found; and the arm that a model for flight is of."""
 
 from __future__ import annotations
 
