@@ -292,9 +292,9 @@ static void refit_to_arm(kc_active_t *a, uint32_t old_crc, kc_events_t *ev)
 {
     int32_t index;
     double got;
-    if (a->crc[KC_TBL_TERMS] != 0u
-        && (!made_for_arm(&a->terms, &a->arm)
-            || kc_terms_validate(&a->terms, a->arm.n_joints, &index, &got) != KC_OK)) {
+    if (a->crc[KC_TBL_TERMS] != 0u &&
+        (!made_for_arm(&a->terms, &a->arm) ||
+         kc_terms_validate(&a->terms, a->arm.n_joints, &index, &got) != KC_OK)) {
         drop_event(KC_TBL_TERMS, (double)old_crc, (double)a->crc[KC_TBL_ARM], ev);
         a->crc[KC_TBL_TERMS] = 0u;
         memset(&a->terms, 0, sizeof a->terms);

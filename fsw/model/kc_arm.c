@@ -25,8 +25,8 @@ void kc_arm_fk(const kc_arm_t *arm, const double *q, kc_pose_t *T_base_tool)
 static uint32_t crc_of_number(uint32_t crc, double x)
 {
     const uint32_t v = (uint32_t)(int32_t)kc_clamp(kc_floor(x * 1e6 + 0.5), -2e9, 2e9);
-    const uint8_t bytes[4] = { (uint8_t)(v & 0xFFu), (uint8_t)(v >> 8u & 0xFFu), (uint8_t)(v >> 16u & 0xFFu),
-                               (uint8_t)(v >> 24u) };
+    const uint8_t bytes[4] = {(uint8_t)(v & 0xFFu), (uint8_t)(v >> 8u & 0xFFu), (uint8_t)(v >> 16u & 0xFFu),
+                              (uint8_t)(v >> 24u)};
     return kc_crc32(crc, bytes, 4u);
 }
 

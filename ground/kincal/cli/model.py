@@ -586,7 +586,7 @@ def uplink_command(
     required=True,
     help="dh: corrected DH table (TOML and CSV); json: everything; urdf; python, c: source code.",
 )
-@click.option("--out", "-o", "out_path", type=PATH, required=True, help="File to write.")
+@click.option("--out", "-o", "out_path", type=FILE_OUT, required=True, help="File to write.")
 def export_command(
     arm_path: Path | None, model_path: Path, effect_files: tuple[Path, ...], form: Format, out_path: Path
 ) -> None:

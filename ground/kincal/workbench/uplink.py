@@ -99,8 +99,8 @@ def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> None:
     if flown.kinematics_crc != Arm.of(arm).kinematics_crc:
         name = library("ground").text(flown.struct.name)
         raise BadInput(
-            f"the model is for {arm.name} ({arm.n} joints), the arm table of these flight tables is for {name} "
-            f"({flown.n} joints) with other DH parameters",
+            f"the model is for {arm.name} ({arm.n} joints), the arm table of these flight tables is for "
+            f"{name} ({flown.n} joints) with other DH parameters",
             str(path),
             "name the tables of this arm with --tables, or the model of that arm",
         )
