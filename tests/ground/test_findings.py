@@ -14,6 +14,7 @@ from kincal import workbench as wb
 from kincal.cli import main
 from kincal.errors import BadInput
 from kincal.pages import diagnosis as pages
+from kincal.pages import diagnosis_grids as grids
 from kincal.pages import glossary
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
@@ -66,8 +67,15 @@ def test_the_same_comparison_has_the_same_numbers_in_every_table(found):
     [finding] = [e for e in found.d.effects if e.accepted]
     [gain] = [g for g in found.content.nested.gains if g.block == "held-out poses"]
     assert gain.effect == finding.name == "backlash[4]"
-    assert gain.interval == pytest.approx(finding.held.interval, abs=1e-3)
-    assert gain.judged == "helps"
+    assert gain.interval == found.content.nested.of("held-out poses")[-1].ratio_interval
+    assert gain.judged == judged(finding.held.interval) == "helps"
+
+
+def test_a_gain_says_which_poses_it_was_measured_on(found):
+    [finding] = [e for e in found.d.effects if e.accepted]
+    kind = "cross-validated" if finding.held.cross_validated else "held-out"
+    assert explain.held_gain(finding.held).startswith(f"{kind} error")
+    assert kind in {row[4].text for row in grids.effects(found.d).rows}
 
 
 # --------------------------------------------------------------------------- words

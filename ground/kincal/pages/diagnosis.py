@@ -29,7 +29,7 @@ HEADINGS = {
     "models": (
         "Held-out error of the nested models",
         "Each model contains the one above it. One column for each way of holding poses back; bars: 95 % "
-        "interval over the held-out poses. No model can pass the dashed lines.",
+        "interval over the held-out poses. Dashed: noise floor, and what a black box reaches.",
     ),
     "gains": (
         "What each effect brings",

@@ -11,8 +11,8 @@ from kincal.workbench.gain import Gain, judged
 from kincal.workbench.nested import EffectGain, NestedModel, NestedModels
 
 _EFFECTS = (
-    "<effect|<role|<probability|<against|held out without it [mm]|with it [mm]|ratio 95 % interval|<judged"
-    "|<confounded with"
+    "<effect|<role|<probability|<against|<measured on|without it [mm]|with it [mm]|ratio 95 % interval"
+    "|<judged|<confounded with"
 )
 _MODELS = "<held out|<model|RMS [mm]|95 % interval|RMS [mrad]|without noise [mm]|worst [mm]|ratio to the line above|95 % interval"  # noqa: E501
 _GAINS = "<effect|<held out|without it [mm]|with it [mm]|ratio|95 % interval|<judged"
@@ -31,10 +31,12 @@ def effects(d: Diagnosis) -> Grid:
 
 
 def _effect(e: EffectFinding, d: Diagnosis) -> list[str | Cell]:
+    kind = "cross-validated" if e.held.cross_validated else "held-out"
     sure = "" if e.role == "helps" else explain.probability(e.probability)
     return [
-        e.label, _ROLES[e.role], sure, explain.against(e, d), _milli(e.held.before_m), _milli(e.held.after_m),
-        _interval(e.held.interval), _judged(e.held.interval), explain.grouped(e.confounded_with),
+        e.label, _ROLES[e.role], sure, explain.against(e, d), kind, _milli(e.held.before_m),
+        _milli(e.held.after_m), _interval(e.held.interval), _judged(e.held.interval),
+        explain.grouped(e.confounded_with),
     ]  # fmt: skip
 
 
