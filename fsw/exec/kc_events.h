@@ -109,7 +109,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(34, TBL_DROPPED, WARN,                                                                                 \
       "{index:store} dropped: built for a table with CRC {got:crc}, active is {want:crc}",                   \
       "Upload one that was built for the active tables.")                                                    \
-    X(35, TBL_OTHER_ARM, ERROR,                                                                              \
+    X(35, TBL_ARM_DIFFERS, ERROR,                                                                            \
       "{index:store} refused: made for an arm with kinematics CRC {got:crc}, the active one has {want:crc}", \
       "Build it for the arm of the ARM table, or activate the ARM table of that arm first.")                 \
     X(40, IN_RANGE, ERROR, "message refused: {index:input_field} is {got:number}, limit {want:number}",      \
@@ -226,7 +226,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "tool is {got:mm}, {want:mrad} from its prediction; no single joint explains it",                      \
       "START with all coefficients.")                                                                        \
     X(97, MON_NOT_AT_REST, DEBUG,                                                                            \
-      "detection of frame {got:count} not compared: arm or pan-tilt unit had not settled", "")   \
+      "detection of frame {got:count} not compared: arm or pan-tilt unit had not settled", "")               \
     X(98, CAL_OUTLIER_ACCEPTED, INFO, "pose {index:pose} fits again: no longer rejected as an outlier", "")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),

@@ -184,7 +184,7 @@ static int made_for_arm(const kc_terms_t *terms, const kc_arm_t *arm)
 static kc_status_t terms_of_arm(const kc_terms_t *terms, const kc_arm_t *arm, kc_events_t *ev)
 {
     if (made_for_arm(terms, arm)) { return KC_OK; }
-    kc_event(ev, KC_EVT_TBL_OTHER_ARM, KC_TBL_TERMS, (double)terms->kinematics_crc,
+    kc_event(ev, KC_EVT_TBL_ARM_DIFFERS, KC_TBL_TERMS, (double)terms->kinematics_crc,
              (double)kc_arm_kinematics_crc(arm));
     return KC_ERR_STATE;
 }

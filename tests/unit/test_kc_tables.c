@@ -617,7 +617,7 @@ void test_terms_of_an_arm_with_the_same_joints_and_other_links_are_refused(void)
     forget_events();
     /* when, then */
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_validate(&s_t, KC_TBL_TERMS, image_crc(), &s_ev));
-    expect_event(KC_EVT_TBL_OTHER_ARM, KC_TBL_TERMS, (double)(mine ^ 1u), (double)mine);
+    expect_event(KC_EVT_TBL_ARM_DIFFERS, KC_TBL_TERMS, (double)(mine ^ 1u), (double)mine);
     TEST_ASSERT_EQUAL_HEX32(0u, s_t.active.crc[KC_TBL_TERMS]);
 }
 

@@ -1038,7 +1038,7 @@ class FlightCore(Protocol):
     KC_EVT_IN_NOT_UNIT: int
     KC_EVT_IN_STALE: int
     KC_EVT_IN_RANGE: int
-    KC_EVT_TBL_OTHER_ARM: int
+    KC_EVT_TBL_ARM_DIFFERS: int
     KC_EVT_TBL_DROPPED: int
     KC_EVT_TBL_NOT_UNIT: int
     KC_EVT_TBL_NOT_FINITE: int
