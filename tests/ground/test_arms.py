@@ -264,9 +264,10 @@ def test_import_writes_the_table_and_prints_the_check(tmp_path):
 
 def test_import_writes_nothing_where_it_cannot(tmp_path):
     path = random_urdf(tmp_path / "bot.urdf", 3)
-    for out in (tmp_path, tmp_path / "none" / "arm.toml"):
+    (tmp_path / "file").write_text("")
+    for out, why in ((tmp_path, "a directory"), (tmp_path / "file" / "arm.toml", "is no directory")):
         done = run("import", path, "-o", out)
-        assert (done.exit_code, "no file can be written" in done.stderr) == (2, True)
+        assert (done.exit_code, why in done.stderr) == (2, True), done.stderr
 
 
 def test_import_names_the_extra_when_the_parser_is_missing(tmp_path, monkeypatch):

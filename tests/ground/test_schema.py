@@ -24,6 +24,7 @@ SHIPPED = {
     "simulator-camera": ROOT / "sim/models/camera.toml",
     **{f"table-{kind}": ROOT / f"tables/src/{kind}.toml" for kind in tables.SOURCES},
 }
+FRAME = {"xyz_m": [0.0, 0.0, 0.0], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]}
 # What the shipped files leave out, and the kinds without a shipped file.
 ALSO = {
     "arm": {"target": {"points_m": [[0.0, 0.0, 0.0]]}},
@@ -38,6 +39,23 @@ ALSO = {
     "model": {
         "history": [{"when": "2026-01-01T00:00:00+00:00", "action": "add", "effects": ["a"], "before": []}],
         "value": [{"name": "a.k", "value": 1.0, "std_err": 0.1}],
+        "fit": {
+            "when": "2026-01-01T00:00:00+00:00",
+            "tool_version": "0.1.0",
+            "arm_sha256": "0" * 64,
+            "data": [{"path": "d.csv", "sha256": "0" * 64}],
+            "poses": 20,
+            "components": 3,
+            "noise_scale": 1.0,
+            "base": FRAME,
+            "tool": FRAME,
+        },
+        "unnamed": [
+            {
+                "name": "unnamed[joint 1: q2]",
+                "parameter": [{"name": "c1", "sigma": 1e-3, "term": [{"at": "joint[1]", "basis": "sin(q2)"}]}],
+            }
+        ],
     },
     "scenario": {
         "arm": {"coupling": [{"name": "odd", "joint": "J1", "size_rad": 0.1, "tanh": "J2", "cos": "J3"}]},

@@ -81,8 +81,8 @@ def test_page_prints_what_its_commands_print(tutorial):
              (text, gen_tutorial.written(text, steps))]  # fmt: skip
     shape = [re.sub("#+", "#", t) for t in shape]
     assert shape[0] == shape[1], "run `python ground/gen_tutorial.py`"
-    for name in gen_tutorial.PICTURES:
-        assert (gen_tutorial.IMAGES / f"tutorial-{name}.png").read_bytes().startswith(b"\x89PNG")
+    for name in gen_tutorial.PICTURES.values():
+        assert (gen_tutorial.IMAGES / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_effect_of_nobodys_library_is_mapped_written_in_ten_lines_and_flown(tutorial):

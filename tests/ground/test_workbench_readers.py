@@ -309,7 +309,8 @@ def test_noise_of_the_targets_becomes_the_covariance_of_the_pose(tmp_path):
 
 @pytest.mark.parametrize("k", [1, 2])
 def test_one_or_two_targets_are_a_position(tmp_path, k):
-    data = wb.read_measurements(targets_file(tmp_path / "d.csv", ON_TOOL[:k]), 2, targets_map(k))
+    path = targets_file(tmp_path / "d.csv", ON_TOOL[:k])
+    data = wb.read_measurements(path, 2, targets_map(k), infer_direction=False)
     assert data.quat_wxyz is None
     np.testing.assert_allclose(TURN.inv().apply(data.p_m - P), [ON_TOOL[:k].mean(axis=0)] * N, atol=1e-12)
     assert bool(data.notes) == (k == 2)
@@ -430,7 +431,7 @@ def test_bag_takes_the_joints_names_from_the_arm_table(tmp_path):
         f'estimate = true\n[[joint]]\nname = "lift"\n{joint}[[joint]]\nname = "elbow"\n{joint}'
     )
     path = bag(tmp_path / "bag", names=("finger", "elbow", "lift"))
-    data = same(wb.read_measurements(path, read_arm(table)))
+    data = same(wb.read_measurements(path, read_arm(table), infer_direction=False))
     assert not data.notes
 
 
