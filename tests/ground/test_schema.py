@@ -53,7 +53,9 @@ ALSO = {
         "unnamed": [
             {
                 "name": "unnamed[joint 1: q2]",
-                "parameter": [{"name": "c1", "sigma": 1e-3, "term": [{"at": "joint[1]", "basis": "sin(q2)"}]}],
+                "parameter": [
+                    {"name": "c1", "sigma": 1e-3, "term": [{"at": "joint[1]", "basis": "sin(q2)"}]}
+                ],
             }
         ],
     },
