@@ -169,7 +169,8 @@ def _findings(data: ReportContent) -> Iterator[str]:
 
 def _finding(e: EffectFinding, data: ReportContent) -> str:
     d = data.diagnosis
-    sure = explain.odds(e, d) or "not certain, but held-out poses gain"
+    gain = "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
+    sure = explain.odds(e, d) or f"not certain, but {gain}"
     alike = f" Confounded with {explain.grouped(e.confounded_with)}." if e.confounded_with else ""
     effect = data.library.effects.get(effect_of(e.name))
     about = f": {effect.title}.{alike} Inspect: {effect.inspect}" if effect else f".{alike}"

@@ -34,7 +34,8 @@ def suggest(cell: Cell, scorer: Scorer) -> tuple[Suggestion, ...]:
     place = next((p for p in all_places(fit.arm, fit.data) if p.name == cell.location), None)
     if place is None:
         return tuple(Suggestion(cell.location, "", driver) for driver in cell.drivers)
-    tried = [(text, component) for text in _readable(cell) for component in place.components]
+    texts = dict.fromkeys(_readable(cell))  # the product of the dictionary may be among the simple ones
+    tried = [(text, component) for text in texts for component in place.components]
     terms = [Term(place.frame, component, 1.0, _bases(text)) for text, component in tried]
     scores = scorer.scores([scorer.columns.term(term)[:, None] * _SIGMA for term in terms])
     ranked = sorted(zip(scores, tried, strict=True), key=lambda row: -row[0][0].chi2)
