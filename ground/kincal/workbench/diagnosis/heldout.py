@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..gain import held_ratio
 from ..types import Array, Mask
 
 FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
 _GROSS = 10.0  # median errors
-_BOOTSTRAP = 1000
-_INTERVAL = (0.025, 0.975)
 
 
 @dataclass(frozen=True)
@@ -33,11 +32,8 @@ class HeldGain:
         without the effect, tell nothing of it and are left out."""
         usual = ~(_gross(before) & _gross(after))
         before, after = before[usual], after[usual]
-        pick = np.random.default_rng(2).integers(0, len(before), (_BOOTSTRAP, len(before)))
-        ratio = np.sqrt(after[pick].mean(axis=1) / np.maximum(before[pick].mean(axis=1), 1e-300))
-        low, high = (float(np.quantile(ratio, q)) for q in _INTERVAL)
-        rms = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
-        return cls(*rms, (low, high), cross_validated)
+        _, interval = held_ratio(after, before)
+        return cls(float(np.sqrt(before.mean())), float(np.sqrt(after.mean())), interval, cross_validated)
 
     @property
     def gains(self) -> bool:
