@@ -103,6 +103,14 @@ def test_unknown_crc_is_refused(tmp_path):
     assert "no such proposal" in run.output
 
 
+def test_terms_table_of_another_run_would_give_wrong_names_and_is_refused():
+    crc = int.from_bytes((BIN / "terms.tbl").read_bytes()[12:16], "little")
+    assert review.coef_names(BIN, crc) == review.coef_names(BIN)
+    with pytest.raises(KincalError, match=f"made with the terms table {crc ^ 1:08x}") as error:
+        review.coef_names(BIN, crc ^ 1)
+    assert "--tables" in str(error.value)
+
+
 @pytest.mark.parametrize("text", ["", "xyz", "-1", "123456789"])
 def test_text_that_is_no_crc_is_refused(text):
     with pytest.raises(KincalError, match="is not a CRC"):

@@ -211,12 +211,19 @@ def parse_crc(text: str) -> int:
     return value
 
 
-def coef_names(tables_dir: Path) -> list[str]:
-    """Names of the coefficients from the terms table."""
+def coef_names(tables_dir: Path, terms_crc: int = 0) -> list[str]:
+    """Names of the coefficients from the terms table. BadInput if its CRC is not that of the table that a
+    proposal was made with (0: unknown): its values would get the names of others."""
     file = tables_dir / "terms.tbl"
     if not file.is_file():
         raise BadInput("no terms table", str(file), "give --tables DIR with the tables of the run")
-    _, terms = decode_as("terms", file.read_bytes(), str(file))
+    image, terms = decode_as("terms", file.read_bytes(), str(file))
+    if terms_crc not in (0, image.crc):
+        raise BadInput(
+            f"the proposal was made with the terms table {terms_crc:08x}, this one is {image.crc_text}",
+            str(file),
+            "give --tables DIR with the tables of the run",
+        )
     return list(Terms.of_table(terms).names)
 
 
@@ -230,7 +237,7 @@ def find(path: Path, crc: str | None, tables_dir: Path) -> Review:
         raise BadInput(
             "no such proposal in the log", str(path), "`kincal review list LOG` names what is there"
         )
-    return from_message(found[-1], coef_names(tables_dir))
+    return from_message(found[-1], coef_names(tables_dir, unsigned32(found[-1].crc_terms)))
 
 
 # --------------------------------------------------------------------------- decisions
