@@ -31,13 +31,6 @@ def with_direction(data: Measurements) -> Measurements:
     return replace(data, direction=direction, direction_source="inferred", notes=(*data.notes, note))
 
 
-def without_inferred(data: Measurements) -> Measurements:
-    """The data without an approach direction that nobody recorded."""
-    if data.direction_source != "inferred":
-        return data
-    return replace(data, direction=None, direction_source="none")
-
-
 def last_moves(q: Array, tol: float = SAME_POSE) -> Array:
     """(N, n) sign of each joint's last move before each pose; q: (N, n) readings in the order of measurement.
 
