@@ -29,7 +29,7 @@ What counts as right
 - Deleted: the effect's name is taken out of the library. "identified" = an accepted effect with P > 0.9
   while the model is said to be inadequate still. Frame or driver right: those of the novel finding, or of the
   similar effect that was accepted instead. For an effect at all joints the driver's family counts (tau, q,
-  dir ...).
+  dir ...). Mxj, Myj, Mzj, the gravity levers at joint j whatever its masses, follow what tauj follows.
 - Two drivers: a joint error tanh(q_a) cos(q_b). It counts where the exact column, as one more effect of the
   library, reaches P > DECIDED; right is the unnamed at that joint with both drivers.
 - Size x 0.4: the kinds of the group "alone", that much smaller. It counts where the effect is visible;
@@ -484,6 +484,8 @@ class Evaluated:
         joints = list(range(1, 8)) if everywhere else (effect["place"] or [0])
         frames = set() if everywhere else {frame.format(j=j) for j in joints if frame}
         drivers = {driver.format(j=j) for j in joints if driver}
+        if driver.startswith("tau"):
+            drivers |= {f"M{axis}{j}" for axis in "xyz" for j in joints}
         said = [(self.said["novel"]["frame"], self.said["novel"]["drivers"])] if self.said["novel"] else []
         if not said:
             said = [(frame, e["drivers"]) for e in self.accepted for frame in e["frames"]]
