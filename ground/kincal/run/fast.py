@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kincal.errors import CommandFailed
 from kincal.link import CommandLink, Received
@@ -16,7 +16,7 @@ from kincal_sim.scenario import load
 from kincal_sim.truth import truth_record
 
 from .evaluate import Evaluator, GroundTruth
-from .follow import LISTEN, Observer, decide
+from .follow import Observer, decide
 from .inprocess import Setup, Simulation
 from .perform import Finished
 from .request import Request
@@ -56,10 +56,8 @@ class InProcessLink(CommandLink):
         return self._received.popleft() if self._received else None
 
     def publish(self, channel: str, message: LcmMessage) -> None:
-        """A command; flight has it in the next tick."""
-        assert channel == "KC_CMD", channel
-        command: Any = message
-        self._simulation.send(command)
+        """See CommandLink; flight has it in the next tick."""
+        self._simulation.publish(channel, message)
 
     def _step(self) -> bool:
         """One tick; False when the run has ended."""
@@ -67,9 +65,7 @@ class InProcessLink(CommandLink):
         if tick is None:
             return False
         self.last_t_us = tick.now_us
-        for channel, message in tick.from_flight:
-            if channel in LISTEN:
-                self._received.append(self.note(channel, message))
+        self._received.extend(self.note(channel, message) for channel, message in tick.from_flight)
         return True
 
 

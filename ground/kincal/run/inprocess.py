@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
+from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -40,7 +41,7 @@ from kincal_sim.server import COMMANDS, PATIENCE_S, TICK_US  # noqa: E402
 from kincal_sim.world import World  # noqa: E402
 
 if TYPE_CHECKING:
-    from kincal.link.messages import Cmd
+    from kincal.link.messages import Cmd, LcmMessage
 
 Messages: TypeAlias = "tuple[Message, ...]"
 TABLES = installation.root() / "tables" / "bin"
@@ -67,10 +68,9 @@ class Script:
     def tick(self, now_us: int, _messages: list[Message], /) -> bool:
         """Send what is written for this tick, stamped now."""
         self._tick += 1
-        for tick, command in self._commands:
-            if tick == self._tick:
-                command.t_us = now_us
-                self._send(command)
+        for command in (copy(c) for tick, c in self._commands if tick == self._tick):
+            command.t_us = now_us
+            self._send(command)
         return True
 
 
@@ -215,10 +215,10 @@ class Simulation:
         self._file = lcm.EventLog(str(setup.log), "w", overwrite=True) if setup.log else None
         self._limit_s = setup.limit_s or self.scenario.executive.total_timeout_s + PATIENCE_S
         self._number = self._now_us = 0
-        self._sent: list[Message] = []  # commands on their way to flight
+        self._sent: list[Message] = []  # on their way to flight
         self._inbox = Inbox()
         self._executive: Executive | None = None
-        self._commander = setup.commander(self.send) if setup.commander else self._make_executive()
+        self._commander = setup.commander(self._send) if setup.commander else self._make_executive()
         self._flight = self._power_up()
 
     def __enter__(self) -> Simulation:
@@ -233,7 +233,7 @@ class Simulation:
     def _make_executive(self) -> Commander:
         chosen = self.setup
         self._executive = Executive(
-            self.scenario, self.send, self.seed, chosen.acquisition, poses=chosen.poses
+            self.scenario, self._send, self.seed, chosen.acquisition, poses=chosen.poses
         )
         return self._executive
 
@@ -244,9 +244,12 @@ class Simulation:
             lambda kind, data: self.setup.hooks.keep(self._number, kind, data),
         )
 
-    def send(self, command: Cmd) -> None:
-        """A command for flight, due at the first tick later than its stamp."""
-        self._sent.append(("KC_CMD", command))
+    def publish(self, channel: str, message: LcmMessage) -> None:
+        """A message for flight, due at the first tick later than its stamp."""
+        self._sent.append((channel, message))
+
+    def _send(self, command: Cmd) -> None:
+        self.publish("KC_CMD", command)
 
     def stop(self) -> None:
         """No more ticks."""
@@ -268,9 +271,9 @@ class Simulation:
 
     def _send_to_flight(self) -> Messages:
         """Commands of the tick before, then what the simulator measures now."""
-        commands, self._sent = self._sent, []
+        sent, self._sent = self._sent, []
         sensors = self.world.step(self._now_us)
-        to_flight = self.setup.hooks.to_flight(self._number, (*commands, *sensors))
+        to_flight = self.setup.hooks.to_flight(self._number, (*sent, *sensors))
         for channel, message in to_flight:
             self._flight.receive(channel, message)
             self._record(channel, message)
