@@ -328,7 +328,7 @@ def fly(truth: ArmTruth, seed: int, checker: CommandCheck) -> tuple[Record, Chec
     world, last = CheckedWorld(scenario, seed), {"path": "", "pose": 0}
     world.note = lambda: dict(last)
 
-    def watch(tick: Tick) -> bool:
+    def each_tick(tick: Tick) -> bool:
         _listen(tick, record)
         for channel, m in tick.from_flight:
             _check(channel, m, world, checker, record, tick.state, last)
@@ -338,7 +338,7 @@ def fly(truth: ArmTruth, seed: int, checker: CommandCheck) -> tuple[Record, Chec
 
     ask = [(START_TICK - 1, command("START", -1, 0, seed))]
     setup = Setup(TABLES, commander=lambda send: Script(send, ask), world=lambda *_: world, limit_s=MISSION_S)
-    run = simulate(scenario, seed, setup, watch=watch)
+    run = simulate(scenario, seed, setup, each_tick=each_tick)
     record.outcome = _outcome(record, record.ended is not None)
     record.mission_s = run.mission_s if record.ended is None else record.ended * TICK_US * 1e-6
     return record, world

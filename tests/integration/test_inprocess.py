@@ -29,12 +29,12 @@ def flown(*commands, hooks=None, store=None, scenario="encoder_bias", ticks=UNDE
     """A run with commands by tick (default: START) that ends when flight has stopped, or at a tick."""
     script = commands or (START,)
 
-    def watch(tick):
+    def each_tick(tick):
         stopped = tick.number > UNDER_WAY and tick.state in (STATE["IDLE"], STATE["REVIEW"], STATE["SAFE"])
         return tick.number < ticks and not stopped
 
     setup = Setup(commander=lambda send: Script(send, script), hooks=hooks or Hooks(), store=store)
-    return simulate(scenario, 1, setup, watch=watch)
+    return simulate(scenario, 1, setup, each_tick=each_tick)
 
 
 def aborted_by(run) -> int:
@@ -54,10 +54,10 @@ def test_a_script_commands_at_its_ticks():
 
 
 def test_the_executive_gives_up_when_nobody_answers_it():
-    def deaf(_tick, messages):
+    def lost(_tick, messages):
         return tuple(m for m in messages if m[0] != "KC_CMD")
 
-    run = simulate("paper", 1, Setup(hooks=Hooks(to_flight=deaf)))
+    run = simulate("paper", 1, Setup(hooks=Hooks(to_flight=lost)))
     assert run.ended
     assert run.record["reason"].startswith("command 1 not answered within")
 
@@ -152,7 +152,7 @@ def test_tables_go_up_and_down_in_this_process():
         assert dump(link, "arm").data == (TABLES / "arm.tbl").read_bytes()
 
 
-def test_a_ground_that_waits_for_what_does_not_come_is_told():
+def test_a_ground_that_waits_for_what_does_not_come_gets_an_error():
     setup = Setup(commander=lambda send: Script(send, ()), limit_s=20.0)
     with Simulation("paper", 1, setup) as simulation:
         link = InProcessLink(simulation)

@@ -107,7 +107,7 @@ class Hooks:
     passes in it. They give new messages and change none in place.
 
     to_flight: messages of simulator and commander on their way to flight; from_flight: what flight publishes
-    on its way to everybody; clock: mission time that flight is told [us]; keep: data of a kind on the way
+    on its way to everybody; clock: mission time that flight gets [us]; keep: data of a kind on the way
     into the store (empty: a deletion), None when the store refuses to write; power_loss: flight is started
     anew from its store before this tick."""
 
@@ -137,8 +137,8 @@ class Tick:
 class SimulatedRun:
     """What a run left.
 
-    ended: the commander (or `watch`) ended it; False: the limit of mission time did. state: flight's at the
-    end, KC_ST_... record: the executive's, as in result.json; empty with another commander. log: the messages
+    ended: the commander (or `each_tick`) ended it; False: the limit of mission time did. state: flight's at
+    the end, KC_ST_... record: the executive's, as in result.json; empty with another commander. log: the messages
     as a log reader has them: sessions with measurements, progress and proposal, events, answers, last
     housekeeping. contacts: seconds of mission time by pair of shapes of the true arm that touched. world: the
     simulator as it stood at the end. store: what flight kept. mission_s, wall_s: how long it took [s]."""
@@ -182,18 +182,18 @@ def simulate(
     seed: int = 1,
     setup: Setup | None = None,
     *,
-    watch: Callable[[Tick], bool] | None = None,
+    each_tick: Callable[[Tick], bool] | None = None,
 ) -> SimulatedRun:
     """One calibration from power-up to its end, in this process.
 
-    scenario: one that is loaded, a file, or a name in sim/scenarios; seed: of everything random; watch: is
-    shown every tick, and ends the run by False. The result is a function of these, of tables and of store.
+    scenario: one that is loaded, a file, or a name in sim/scenarios; seed: of everything random; each_tick:
+    gets every tick, and ends the run by False. The result is a function of these, of tables and of store.
     Costs about 0.3 ms a tick, 2 s for a calibration of 34 poses (400 s of mission time). One at a time in a
     process. BadInput for a wrong scenario, or if kincal[sim] is missing; CommandFailed if the message types
     are not built."""
     with Simulation(scenario, seed, setup) as simulation:
         while (tick := simulation.step()) is not None:
-            if watch is not None and not watch(tick):
+            if each_tick is not None and not each_tick(tick):
                 simulation.stop()
         return simulation.result()
 
