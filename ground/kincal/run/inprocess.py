@@ -138,10 +138,11 @@ class SimulatedRun:
     """What a run left.
 
     ended: the commander (or `each_tick`) ended it; False: the limit of mission time did. state: flight's at
-    the end, KC_ST_... record: the executive's, as in result.json; empty with another commander. log: the messages
-    as a log reader has them: sessions with measurements, progress and proposal, events, answers, last
-    housekeeping. contacts: seconds of mission time by pair of shapes of the true arm that touched. world: the
-    simulator as it stood at the end. store: what flight kept. mission_s, wall_s: how long it took [s]."""
+    the end, KC_ST_... record: the executive's, as in result.json; empty with another commander. log: the
+    messages as a log reader has them: sessions with measurements, progress and proposal, events, answers,
+    last housekeeping. contacts: seconds of mission time by pair of shapes of the true arm that touched.
+    world: the simulator as it stood at the end. store: what flight kept. mission_s, wall_s: how long it
+    took [s]."""
 
     scenario: Scenario
     seed: int

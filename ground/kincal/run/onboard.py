@@ -134,19 +134,17 @@ class FlightSoftware:
         return published
 
     def _take_due(self, now_us: int) -> None:
+        """What waits and is due, into the input of the core."""
         i, waiting = self._in, self._waiting
-        commands, chunks, detections = (
-            waiting.take_cmd(now_us),
-            waiting.take_chunk(now_us),
-            waiting.take_det(now_us),
-        )
-        i.n_cmd, i.n_chunk, i.n_det = len(commands), len(chunks), len(detections)
-        for k, m in enumerate(commands):
-            wire.fill_cmd(i.cmd[k], m)
-        for k, m in enumerate(chunks):
-            wire.fill_chunk(i.chunk[k], m)
-        for k, m in enumerate(detections):
-            wire.fill_detection(i.det[k], m)
+        if waiting.cmd:
+            for i.n_cmd, m in enumerate(waiting.take_cmd(now_us), 1):
+                wire.fill_cmd(i.cmd[i.n_cmd - 1], m)
+        if waiting.chunk:
+            for i.n_chunk, m in enumerate(waiting.take_chunk(now_us), 1):
+                wire.fill_chunk(i.chunk[i.n_chunk - 1], m)
+        if waiting.det:
+            for i.n_det, m in enumerate(waiting.take_det(now_us), 1):
+                wire.fill_detection(i.det[i.n_det - 1], m)
 
     def _store_all(self) -> None:
         """The first failure is reported to the core with the next step."""

@@ -17,7 +17,6 @@ from kincal.link.channels import message_type, signed32
 
 if TYPE_CHECKING:
     from kincal.flight.headers import (
-        CData,
         KcArmState,
         KcChunk,
         KcCmd,
@@ -34,6 +33,7 @@ Message: TypeAlias = "tuple[str, Any]"
 """Channel and message (a type of messages.pyi, by the channel)."""
 
 _FLIGHT = library("flight")
+_NOTHING = bytes(_FLIGHT.ffi.sizeof("kc_in_t"))
 _UNSIGNED_64 = (1 << 64) - 1
 _UPPER = np.triu_indices(6)
 _NOT_ESTIMATED = (_FLIGHT.lib.KC_COEF_MASKED, _FLIGHT.lib.KC_COEF_HELD)
@@ -87,8 +87,7 @@ def fill_detection(s: KcDetection, m: Detection) -> None:
 
 def clear(inputs: KcIn) -> None:
     """Nothing received."""
-    data: CData = _FLIGHT.address(inputs)
-    _FLIGHT.ffi.memmove(data, bytes(_FLIGHT.ffi.sizeof(data[0])), _FLIGHT.ffi.sizeof(data[0]))
+    _FLIGHT.ffi.memmove(_FLIGHT.address(inputs), _NOTHING, len(_NOTHING))
 
 
 # ---- out
