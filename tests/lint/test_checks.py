@@ -100,7 +100,7 @@ def test_right_way_includes_and_words_in_comments_pass(tmp_path):
         ),
         ("ground/kincal/link/x.py", "from kincal.cli import main", "kincal.link.x -> kincal.cli"),
         ("sim/kincal_sim/x.py", "def f():\n    import kincal.tables", "kincal_sim.x -> kincal.tables"),
-        ("ground/kincal/run/x.py", "import kincal_sim.world", "kincal.run.x -> kincal_sim.world"),
+        ("ground/kincal/workbench/x.py", "import kincal_sim.world", "kincal.workbench.x -> kincal_sim.world"),
     ],
 )
 def test_an_import_that_points_up_is_named(tmp_path, file, line, complaint):
