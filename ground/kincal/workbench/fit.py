@@ -1,9 +1,9 @@
 """Robust nonlinear least squares of the corrected arm: DH, base, tool and any effects.
 
 Levenberg-Marquardt on whitened residuals with Gaussian priors on the coefficients; poses are weighted
-as Student-t samples (Lange, Little, Taylor, J. Am. Stat. Assoc. 84(408), 1989), the noise scale comes
-from the bulk of them. A fit is: prepare the `Problem`, `_iterate` (step, then reweight) until nothing
-changes, `_finish`.
+as Student-t samples (Lange, Little, Taylor, J. Am. Stat. Assoc. 84(408), 1989). The bulk of them sets the
+noise scale and, for poses whose noise is not stated, its covariance. A fit is: prepare the `Problem`,
+`_iterate` (step, then reweight) until nothing changes, `_finish`.
 """
 
 from __future__ import annotations
@@ -38,8 +38,12 @@ _STRAIGHT, _PROBE = 1e-2, 0.1  # prior sigmas of a step too short to bend; share
 _LEAST_SCALE2 = 1e-6
 # Free effect parameters carry this many prior sigmas when their value is reported.
 EFFECT_WIDTH = 10.0
-# Stand-in noise where nothing was stated; the fitted scale replaces it.
+# Stand-in noise where nothing was stated; the fitted scale, of poses the covariance of the residuals, replaces
+# it.
 _DEFAULT_SP_M, _DEFAULT_SR_RAD = 1e-3, 3e-3
+# Where noise is unknown its covariance is mixed with that of so many poses of independent components, so that
+# few poses do not make one up.
+_NOISE_PRIOR_POSES = 12.0
 
 Frames = tuple[Pose, Pose]
 """Base and tool frame."""
@@ -55,7 +59,7 @@ class Fit:
     names, parameters, estimate, std_err: one per coefficient, in the unit of the parameter (std_err scaled
     by the fitted noise scale); cov: (k, k) their covariance; base, tool: frames that the twists of
     base and tool correct; evaluation: unweighted residuals and derivatives at the estimate;
-    whiten: (N, c, c) inverse Cholesky factors of the stated (or stand-in) noise; z: (N c,) whitened
+    whiten: (N, c, c) inverse Cholesky factors of the noise, stated or estimated; z: (N c,) whitened
     residuals; J: (N c, k) whitened derivatives of the model; weight: (N,) robust weights;
     d2: (N,) squared whitened distance of each pose in units of the fitted noise; dof: rows of good poses
     minus what the coefficients took; scale: fitted over stated noise; chi2: of the good poses.
@@ -108,7 +112,7 @@ class Fit:
             data=data,
             model=model,
             evaluation=model.evaluate(self.estimate),
-            whiten=whitener(data),
+            whiten=np.tile(self.whiten[0], (data.n, 1, 1)) if noise_is_unknown(data) else whitener(data),
             weight=np.ones(data.n),
         )
 
@@ -193,12 +197,21 @@ class Problem:
         return array(np.einsum("nij,nj->ni", self.whiten, r))
 
 
+def noise_is_unknown(data: Measurements) -> bool:
+    """Nothing says how errors of position and orientation compare, nor how they go together."""
+    return data.cov is None and data.components == 6
+
+
+def _stand_in(c: int) -> Array:
+    """(c,) standard deviations where none are stated."""
+    return np.array([_DEFAULT_SP_M] * 3 + [_DEFAULT_SR_RAD] * (c - 3))
+
+
 def whitener(data: Measurements) -> Array:
     """(N, c, c) inverse Cholesky factors of the stated noise, or of a stand-in if none was stated."""
     c = data.components
     if data.cov is None:
-        sigma = [_DEFAULT_SP_M] * 3 + [_DEFAULT_SR_RAD] * (c - 3)
-        return np.tile(np.diag(1.0 / np.array(sigma)), (data.n, 1, 1))
+        return np.tile(np.diag(1.0 / _stand_in(c)), (data.n, 1, 1))
     return np.linalg.inv(np.linalg.cholesky(data.cov[:, :c, :c]))
 
 
@@ -405,7 +418,25 @@ def fit_model(
     CannotAnswer if there are fewer rows than the coefficients need.
     """
     problem = Problem.prepare(arm, data, hypotheses, dh=dh, frames=frames, effect_width=effect_width)
-    return _finish(problem, _solve(problem, problem.start(start or {}), robust))
+    last = _solve(problem, problem.start(start or {}), robust)
+    if noise_is_unknown(data):
+        problem = replace(problem, whiten=_whitener_of(problem, last))
+        last = _solve(problem, last.point.coef, robust)
+    return _finish(problem, last)
+
+
+def _whitener_of(problem: Problem, last: _Iterate) -> Array:
+    """(N, 6, 6) inverse Cholesky factors of the covariance that the residuals show, one for all poses: a
+    point seen from afar moves with every error of orientation, so that the six numbers of a pose are no
+    independent witnesses (multivariate t with unknown covariance: Lange, Little, Taylor, section 3)."""
+    r, weight = last.point.evaluation.r, last.weights.pose
+    spent = _leverage(last.point.jac, problem.sigma, weight, last.weights.scale2)[1] / r.shape[1]
+    count = max(float(weight.sum()) - spent, 1.0)
+    square = (r * weight[:, None]).T @ r
+    plain = np.repeat(np.diag(square).reshape(2, 3).mean(axis=1), 3) / count
+    cov = (square + _NOISE_PRIOR_POSES * np.diag(plain)) / (count + _NOISE_PRIOR_POSES)
+    least = _LEAST_SCALE2 * _stand_in(6) ** 2
+    return np.tile(np.linalg.inv(np.linalg.cholesky(cov + np.diag(least))), (problem.data.n, 1, 1))
 
 
 def _finish(problem: Problem, last: _Iterate) -> Fit:
