@@ -125,8 +125,8 @@ def joints_of(data: Path) -> int:
 @dataclass(frozen=True)
 class Row:
     """What one set (or, judged: a file that its models predict) gives. names: (name, role, probability);
-    smooth: the unnamed effects that were added; seconds: of the diagnosis; error: why there are no
-    figures."""
+    smooth: the unnamed effects that were added; seconds: of the diagnosis; verdict: its kind,
+    judged: the effects that only hold for the session that was fitted; error: why there are no figures."""
 
     name: str
     poses: int = 0
@@ -221,7 +221,8 @@ def judged(path: Path, found, added, arm) -> Row:
     rigid = fit_model(arm, plain.data, dh=False, frames=(plain.base, plain.tool))
     fits = (rigid, plain, final, added.fit)
     nominal, dh, named, unnamed = (mm(rms(fit.predict(data))) for fit in fits)
-    return Row(path.stem, data.n, nominal, dh, named, unnamed, judged=True)
+    without = ", ".join(final.of_session)
+    return Row(path.stem, data.n, nominal, dh, named, unnamed, verdict=without, judged=True)
 
 
 # ------------------------------------------------------------------------------------------- one process each
@@ -274,7 +275,7 @@ def line(row: Row) -> str:
         return f"{start}  {row.error}" + ("" if row.judged else f" ({row.seconds:.0f} s)")
     figures = "".join(f"{figure(getattr(row, key)):>14}" for key in COLUMNS)
     seconds = f"{'':>7}" if row.judged else f"{row.seconds:7.1f}"
-    return f"{start}{figures}{seconds}  {'' if row.judged else names_text(row)}".rstrip()
+    return f"{start}{figures}{seconds}  {judged_text(row) if row.judged else names_text(row)}".rstrip()
 
 
 def figure(pair: PosRot) -> str:
@@ -283,6 +284,11 @@ def figure(pair: PosRot) -> str:
     if position is None:
         return "-"
     return f"{position:.3f}" + ("" if rotation is None else f"/{rotation:.2f}")
+
+
+def judged_text(row: Row) -> str:
+    """Which effects of the session did not predict another one."""
+    return f"without {row.verdict}, which holds for its session" if row.verdict else ""
 
 
 def names_text(row: Row) -> str:

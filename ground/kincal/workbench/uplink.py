@@ -89,12 +89,12 @@ def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> KcTerms:
     return table
 
 
-def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> None:
-    """BadInput if the arm table of flight's tables is of another arm: other nominal joints. Without an arm
-    table there is nothing to compare with."""
+def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> str:
+    """Which arm table of flight's tables the arm was compared with, in words. BadInput if it is of another
+    arm: other nominal joints."""
     path = tables_dir / "arm.tbl"
     if not path.exists():
-        return
+        return f"{tables_dir} holds no arm.tbl: whether flight has this arm was not checked"
     flown = Arm.of_table(tables.decode_as("arm", path.read_bytes(), str(path))[1])
     if flown.kinematics_crc != Arm.of(arm).kinematics_crc:
         name = library("ground").text(flown.struct.name)
@@ -104,6 +104,7 @@ def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> None:
             str(path),
             "name the tables of this arm with --tables, or the model of that arm",
         )
+    return f"the arm is that of {path}"
 
 
 def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:
