@@ -15,11 +15,12 @@ from kincal.cli import main
 from kincal.errors import BadInput
 from kincal.pages import diagnosis as pages
 from kincal.pages import diagnosis_grids as grids
-from kincal.pages import glossary
+from kincal.pages import glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench import advice, api, explain, headline
 from kincal.workbench.diagnosis_text import diagnosis_text
+from kincal.workbench.fit import fit_model
 from kincal.workbench.gain import held_ratio, judged
 from kincal.workbench.partial import effect_panels, place_panels
 
@@ -161,6 +162,41 @@ def test_partial_residual_of_an_effect_shows_the_true_one(found):
     assert sum(b.count for b in bins.values()) == found.data.n
 
 
+def test_curve_of_an_effect_goes_through_what_it_does_at_the_poses(found):
+    """Approach directions are levels: a point each, with the standard error of the coefficient."""
+    [effect] = found.d.final.hypotheses
+    fit = found.d.final
+    [panel] = effect_panels(fit, effect)
+    at = dict(zip(panel.x, panel.fitted, strict=True))
+    assert dict(zip(panel.line.x, panel.line.value, strict=True)) == pytest.approx(at)
+    of_one = fit.std_err[fit.names.index(f"{effect.name}.h")]
+    from_mean = np.abs(panel.line.x - panel.x.mean())
+    assert panel.line.std == pytest.approx(of_one * from_mean)
+
+
+def test_curve_is_smooth_where_no_pose_was_measured(found):
+    """A harmonic of a joint, drawn at more points than there are poses, equals its sine and cosine."""
+    arm = found.d.final.arm
+    harmonic = wb.Library.load().find("encoder_eccentricity[2]", arm, found.data)
+    fit = fit_model(arm, found.data, harmonic)
+    [panel] = effect_panels(fit, fit.hypotheses[0])
+    a, b = (fit.estimate[fit.names.index(f"encoder_eccentricity[2].{name}")] for name in "AB")
+    x = panel.line.x
+    assert np.ptp(np.diff(x)) == pytest.approx(0.0, abs=1e-9)
+    assert x[[0, -1]] == pytest.approx([panel.x.min(), panel.x.max()])
+    assert panel.line.value == pytest.approx(a * np.cos(x) + b * np.sin(x), abs=1e-12)
+    assert (panel.line.std > 0).all()
+
+
+def test_axes_name_drivers_in_words():
+    assert words.axis("levz39") == "gravity lever of link 7 at joint 3 [N m/kg]"
+    assert words.axis("levx16") == "gravity lever of tool about x of link 1 [N m/kg]"
+    assert words.axis("prx1") == "turn about x by radial 1 [m or rad]"
+    assert words.axis("dir2") == "approach direction of joint 2 [-1, 0, 1]"
+    assert words.axis("q3 modulo 0.46", "rad") == "q3 modulo 0.46 [rad]"
+    assert words.axis("u") == "image position, across"
+
+
 def test_motion_of_a_place_is_the_least_squares_one(found):
     """Pose by pose against numpy's solver, with the whitened derivative taken by turning the joint."""
     fit = found.d.comparison.fit_all
@@ -176,7 +212,7 @@ def test_two_drivers_give_one_curve_for_each_part_of_the_second(found):
     panel = place_panels(found.d.final, "joint 3", ("q4", "q6"))[0]
     assert [g.label.split()[0] for g in panel.groups] == ["q6"] * 3
     assert sum(g.poses.sum() for g in panel.groups) == found.data.n
-    assert (panel.unit, panel.single) == ("rad", False)
+    assert (panel.unit, panel.line) == ("rad", None)
 
 
 # --------------------------------------------------------------------------- dots

@@ -56,6 +56,8 @@ def _reachable(c: Comparison) -> BigNumber:
     found = c.reachable
     if found is None:
         return BigNumber("reachable", None, None, "no poses are held out")
+    if not found.enough:
+        return BigNumber("reachable", None, None, explain.reachable_by(found))
     return BigNumber("reachable", found.pos_m, found.rot_rad, explain.reachable_by(found))
 
 
