@@ -189,6 +189,19 @@ def test_more_commands_than_a_step_takes_wait_for_the_next():
     assert answered == [list(range(1, 9)), [9, 10]]
 
 
+def test_stamps_before_the_epoch_are_refused_like_those_from_the_network():
+    def old(_tick, messages):
+        def aged(m):
+            changed = copy.copy(m)
+            changed.t_us -= 3_600_000_000
+            return changed
+
+        return tuple((ch, aged(m) if ch in ("KC_ARM_STATE", "KC_PANTILT_STATE") else m) for ch, m in messages)
+
+    run = flown(hooks=Hooks(to_flight=old), ticks=20)
+    assert {e.index for e in run.log.events if e.name == "IN_RANGE"} == {101, 201}
+
+
 def test_hooks_are_values():
     assert replace(Hooks(), power_loss=lambda _: False) != Hooks()
     assert Hooks() == Hooks()

@@ -33,6 +33,7 @@ from .store import Store
 from .wire import Message
 
 installation.simulator()
+message_type("time_t")  # CommandFailed if the message types, which the simulator needs too, are not built
 from kincal_sim.executive import CHANNELS, Executive, accepted_by  # noqa: E402
 from kincal_sim.imagers import fast_imager  # noqa: E402
 from kincal_sim.lockstep import Inbox  # noqa: E402

@@ -66,20 +66,23 @@ def fill_chunk(s: KcChunk, m: TableChunk) -> None:
 
 def fill_arm(s: KcArmState, m: ArmState) -> None:
     """KC_ARM_STATE."""
-    _copy(s, m, ("t_us", "seq", "dir", "fault_mask", "temp_c", "payload_kg", "g_m_s2"))
+    s.t_us = m.t_us & _UNSIGNED_64
+    _copy(s, m, ("seq", "dir", "fault_mask", "temp_c", "payload_kg", "g_m_s2"))
     s.n_joints, s.moving = _unsigned32(m.n_joints), int(m.moving != 0)
     s.q, s.dq, s.q_cmd = m.q_rad, m.dq_rad_s, m.q_cmd_rad
 
 
 def fill_pantilt(s: KcPantiltState, m: PantiltState) -> None:
     """KC_PANTILT_STATE."""
-    _copy(s, m, ("t_us", "seq", "pan_rad", "tilt_rad"))
+    s.t_us = m.t_us & _UNSIGNED_64
+    _copy(s, m, ("seq", "pan_rad", "tilt_rad"))
     s.moving = int(m.moving != 0)
 
 
 def fill_detection(s: KcDetection, m: Detection) -> None:
     """KC_DETECTION."""
-    _copy(s, m, ("t_us", "seq", "tag_id", "p_cam_tool_m", "q_cam_tool_wxyz", "p_alt_m", "q_alt_wxyz"))
+    s.t_us = m.t_us & _UNSIGNED_64
+    _copy(s, m, ("seq", "tag_id", "p_cam_tool_m", "q_cam_tool_wxyz", "p_alt_m", "q_alt_wxyz"))
     _copy(s, m, ("rms_px", "rms_alt_px", "range_m", "incid_rad", "u_px", "v_px", "corner_px"))
     s.n_tags = _unsigned32(m.n_tags)
     s.cov = unpack_covariance(m.cov, 6).ravel().tolist()
