@@ -11,8 +11,8 @@ poses, base and tool frame fitted only; DH, named, unnamed: held-out poses with 
 effects that the diagnosis put into the model, then with the unnamed terms that it proposes; reachable: what a
 black box predicts of the rest; noise: the noise floor. Names: `name P` an accepted effect, `+name` one that
 only helps held-out poses, `? place by drivers P` something unnamed. Of a file that the models of a set
-predict: the mean of the named model's residuals, a shift between the two sessions, and the effects of the first
-session, without which it is predicted.
+predict: the mean of the named model's residuals, a shift between the two sessions, and the effects of the
+first session, without which it is predicted.
 
 Each set runs in a process of its own: whatever happens in it, it gives a row. Exit 1 if a set has none but an
 error. Uses the public library only.
@@ -128,8 +128,8 @@ def joints_of(data: Path) -> int:
 class Row:
     """What one set (or, judged: a file that its models predict) gives. names: (name, role, probability);
     smooth: the unnamed effects that were added; seconds: of the diagnosis; verdict: its kind,
-    judged: the effects that only hold for the session that was fitted; offset_mm: judged: the one shift of all
-    positions that the named model leaves; error: why there are no figures."""
+    judged: the effects that only hold for the session that was fitted; offset_mm: judged: the one shift of
+    all positions that the named model leaves; error: why there are no figures."""
 
     name: str
     poses: int = 0
