@@ -82,11 +82,25 @@ def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> KcTerms:
     if len(rows) > limits.KC_COEF_MAX or n_terms > limits.KC_TERM_MAX:
         raise BadInput(
             f"the model needs {len(rows)} coefficients and {n_terms} terms; "
-            f"flight carries {limits.KC_COEF_MAX} and {limits.KC_TERM_MAX}"
+            f"flight carries {limits.KC_COEF_MAX} and {limits.KC_TERM_MAX}",
+            todo=_leave_out(hypotheses),
         )
     table = fill_terms(library("flight"), rows)
     table.kinematics_crc = Arm.of(arm).kinematics_crc
     return table
+
+
+def _leave_out(hypotheses: Sequence[Hypothesis]) -> str:
+    """What each effect takes of the room on board, the most first, and how to see what it brings."""
+    taken: dict[str, int] = {}
+    for h in hypotheses:
+        taken[h.effect] = taken.get(h.effect, 0) + len(h.parameters)
+    by_size = sorted(taken.items(), key=lambda item: -item[1])
+    sizes = ", ".join(f"{name} {count}" for name, count in by_size)
+    return (
+        f"coefficients by effect: {sizes}; `kincal model fit` shows what held-out poses gain from each: take "
+        "out what gains least (`kincal model remove EFFECT`), or name the joints that matter (EFFECT[2,4])"
+    )
 
 
 def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> str:

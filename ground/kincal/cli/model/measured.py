@@ -11,6 +11,7 @@ import click
 from kincal import __version__
 from kincal.cli.data import Given
 from kincal.cli.errors import EXIT_FAILED
+from kincal.cli.options import FILE, tables_option
 from kincal.cli.outputs import FILE_OUT, REPORT
 from kincal.cli.provenance import say_files, today
 from kincal.cli.terminal import progress
@@ -19,9 +20,12 @@ from kincal.errors import BadInput
 from .given import ARM, DATA, EFFECTS, JSON, MODEL, load, load_model
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
+    from kincal.rotations import Floats
+    from kincal.schema.arm import ArmTable
     from kincal.workbench.measurable import Box
+    from kincal.workbench.types import Mask
 
 
 @click.command("check")
@@ -194,6 +198,14 @@ def fit_command(
     help="Box that no part of the arm may enter [m]; may be repeated.",
 )
 @click.option(
+    "--space",
+    "space_path",
+    type=FILE,
+    default=None,
+    help="Description of a search space (TOML): poses in which its shapes touch are left out.",
+)
+@tables_option("With --space: directory with the arm and camera tables that its shapes stand on.")
+@click.option(
     "--out",
     "-o",
     "out_path",
@@ -211,6 +223,8 @@ def next_command(
     count: int,
     inside: tuple[str, ...],
     outside: tuple[str, ...],
+    space_path: Path | None,
+    tables_dir: Path,
     out_path: Path | None,
     names: tuple[str, ...],
 ) -> None:
@@ -223,6 +237,7 @@ def next_command(
     Examples:
         kincal model next --arm arm.toml --data poses.csv joint_compliance[2] base_flex
         kincal model next --arm arm.toml --data poses.csv -o next.csv backlash[1] encoder_gain[1]
+        kincal model next --arm wam --data p.csv --space tables/src/space.toml backlash[1] backlash[2]
     """
     from kincal.workbench.answers import poses_json, poses_text
     from kincal.workbench.constants import choose_constants
@@ -230,12 +245,13 @@ def next_command(
     from kincal.workbench.measurable import Limits
     from kincal.workbench.nextposes import next_poses, poses_csv
 
-    limits = Limits(_boxes("--inside", inside), _boxes("--outside", outside))
+    boxes = _boxes("--inside", inside), _boxes("--outside", outside)
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise BadInput(f"{twice[0]} is given twice", todo="name two or more different effects")
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm)
+    limits = Limits(*boxes, _free_of_contact(space_path, tables_dir, arm) if space_path else None)
     if len(names) < 2:
         raise BadInput("name two or more alternative effects, for instance joint_compliance[2] base_flex")
     alternatives = [
@@ -248,6 +264,18 @@ def next_command(
         out_path.write_text(poses_csv(poses), encoding="utf-8")
         click.echo(f"{out_path}: {len(poses)} poses", err=as_json)
     click.echo(json.dumps({"next_poses": poses_json(poses)}, indent=1) if as_json else poses_text(poses))
+
+
+def _free_of_contact(space_path: Path, tables_dir: Path, arm: ArmTable) -> Callable[[Floats], Mask]:
+    """Whether shapes of a search space stand clear at joints (N, n) to (N,). BadInput if the shapes are of
+    another arm."""
+    from kincal import space
+    from kincal.workbench.uplink import refuse_other_arm
+
+    tables = space.TablesFolder(tables_dir)
+    refuse_other_arm(arm, tables_dir)
+    description = space.read_description(space_path)
+    return space.clear_of_contact(description, tables)
 
 
 def _boxes(option: str, texts: Sequence[str]) -> tuple[Box, ...]:
