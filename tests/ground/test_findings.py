@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,7 @@ from kincal.cli import main
 from kincal.errors import BadInput
 from kincal.pages import diagnosis as pages
 from kincal.pages import diagnosis_grids as grids
-from kincal.pages import glossary, words
+from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench import advice, api, explain, headline
@@ -23,6 +24,7 @@ from kincal.workbench.diagnosis_text import diagnosis_text
 from kincal.workbench.fit import fit_model
 from kincal.workbench.gain import held_ratio, judged
 from kincal.workbench.partial import effect_panels, place_panels
+from kincal.workbench.reachable import Reachable
 
 BACKLASH_RAD = 3e-3
 
@@ -147,6 +149,16 @@ def test_exclude_is_an_option_of_every_command_that_reads_measurements(found):
     assert json.loads(done.stdout)["poses"] == found.data.n - 5
 
 
+def test_too_few_poses_give_no_reachable_number_and_a_beaten_black_box_says_so(found):
+    c = SimpleNamespace(**vars(found.d.comparison))
+    c.reachable = Reachable(c.rms["held"][0], None, 0.0, enough=False)
+    few = headline.big_numbers(c)[1]
+    assert (few.text, few.about) == ("unknown", "too few poses to tell")
+    c.reachable = Reachable(2.0 * c.rms["held"][0], None, 1.0)
+    assert headline.big_numbers(c, found.d)[1].about.endswith("; the findings do better")
+    assert "better" not in headline.big_numbers(c)[1].about
+
+
 # --------------------------------------------------------------------------- findings as curves
 
 
@@ -186,6 +198,21 @@ def test_curve_is_smooth_where_no_pose_was_measured(found):
     assert x[[0, -1]] == pytest.approx([panel.x.min(), panel.x.max()])
     assert panel.line.value == pytest.approx(a * np.cos(x) + b * np.sin(x), abs=1e-12)
     assert (panel.line.std > 0).all()
+
+
+def test_means_that_say_nothing_are_not_drawn(found):
+    [effect] = found.d.final.hypotheses
+    [panel] = effect_panels(found.d.final, effect)
+    [group] = panel.groups
+    middle = float(np.median([b.sigma for b in group.bins]))
+    bins = (*group.bins, *group.bins, replace(group.bins[0], x=0.5, sigma=6 * middle))
+    figure = finding_figures.findings(
+        [replace(panel, groups=(replace(group, bins=bins),))],
+        Poses.of(found.d.comparison, found.d.final),
+    )
+    [means] = [t for t in figure.data if t.error_y.array is not None]
+    assert 0.5 not in means.x
+    assert set(means.x) == {b.x for b in group.bins if b.sigma <= 5 * middle}
 
 
 def test_axes_name_drivers_in_words():

@@ -63,7 +63,7 @@ HEADINGS = {
     ),
     "next": ("Next poses", "They separate {names}; the power counts the poses above too.{little}"),
 }
-_WORTH = 0.5  # power
+_ENOUGH_POWER = 0.5  # power
 LITTLE = (
     " All {count} together tell the right one from the others with a probability of only {power:.2f}: many "
     "more are needed, or poses outside the measured volume (kincal model next --help)."
@@ -199,7 +199,7 @@ def _next(data: ReportContent) -> Section:
     limits = np.array([[j.q_min, j.q_max] for j in data.diagnosis.final.arm.joints]).T
     q, power = np.array([p.q for p in poses]), [p.power for p in poses]
     rows = [_pose_row(k, p) for k, p in enumerate(poses, 1)]
-    little = LITTLE.format(count=len(poses), power=max(power)) if max(power) < _WORTH else ""
+    little = LITTLE.format(count=len(poses), power=max(power)) if max(power) < _ENOUGH_POWER else ""
     text = HEADINGS["next"][1].format(names=", ".join(poses[0].separates), little=little)
     grid = Grid.of("pose|<q [rad or m]|<approach|power", rows)
     return _section("next", figures.next_poses(q, limits[0], limits[1], power), grid, text)

@@ -17,6 +17,7 @@ from kincal.workbench.power import CONFOUNDED_CHI2, Confounding, Harm
 _ROW_PX = 30  # of a bar chart
 _CONFOUNDING_MAX = 14
 _PLAUSIBLE = 10.0  # typical sizes; nothing is larger than that without being known
+_BAR_GAP = 0.1  # between ticks, of the length of a colour bar
 _MAP_NAMED = 6  # cells that carry their number
 
 
@@ -159,7 +160,8 @@ def _named_cells(grid: np.ndarray) -> list[list[str]]:
 def _root_bar(grid: np.ndarray) -> dict[str, object]:
     """A colour bar whose colours go with the root of the value, and whose numbers are the value."""
     top = max(3.0, float(np.nanmax(grid)))
-    ticks = [v for v in (0, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000) if v <= top]
+    least = (_BAR_GAP**2) * top  # ticks below it would lie on zero
+    ticks = [v for v in (0, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000) if v == 0 or least <= v <= top]
     places = {"tickvals": [float(np.sqrt(v)) for v in ticks], "ticktext": [str(v) for v in ticks]}
     return theme.colour_bar("ln evidence over nothing missing", **places)
 
@@ -213,7 +215,7 @@ def harm(rows: Sequence[Harm], count: int = 14) -> go.Figure:
     figure = _bars(len(shown))
     figure.add_bar(
         x=errors_mm, y=[f"{h.name} ({h.smallest:.2g})" for h in shown], orientation="h",
-        marker={"color": theme.ORANGE}, text=[f"{x:.2f}" for x in errors_mm], textposition="outside",
+        marker={"color": theme.ORANGE}, text=[f"{x:.2g}" for x in errors_mm], textposition="outside",
         cliponaxis=False,
     )  # fmt: skip
     return figure.update_xaxes(title_text="tool error it would cause just below detection [mm]")

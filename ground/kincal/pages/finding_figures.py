@@ -136,9 +136,10 @@ def _means(
     bins: Sequence[Bin], colour: str, label: str, shared: dict[str, object], *, joined: bool
 ) -> go.Scatter:
     error = [b.sigma * 1e3 for b in bins]
+    marker = {"color": colour, "size": 8, "line": {"color": theme.INK, "width": 1}}
     return go.Scatter(
         x=[b.x for b in bins], y=[b.y * 1e3 for b in bins], mode="lines+markers" if joined else "markers",
-        name=label, line={"color": colour, "width": 1.6}, marker={"color": colour, "size": 7},
+        name=label, line={"color": colour, "width": 1.6}, marker=marker,
         error_y={"type": "data", "array": error, "color": colour, "thickness": 1.5, "width": 3},
         hovertext=[f"mean of {b.count} poses: {b.y * 1e3:.3g} ± {b.sigma * 1e3:.2g}" for b in bins],
         hoverinfo="text", **shared,

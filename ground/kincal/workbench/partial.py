@@ -149,7 +149,7 @@ def _effect_panel(fit: Fit, key: _Key, terms: Sequence[tuple[str, Term]]) -> Pan
 
 
 def _line(fit: Fit, x: Array, terms: Sequence[tuple[str, Term]]) -> Line:
-    """The curve of terms of one driver, x: (N,) its values as drawn. Few levels are points of their own; a
+    """The curve of terms of one driver, x: (N,) its values in the plot. Few levels are points of their own; a
     basis that only the core evaluates is known at the poses alone."""
     at, first = np.unique(x, return_index=True)
     evaluated = all(b.fn in EVALUATED for _, term in terms for b in term.basis)
