@@ -2,8 +2,9 @@
 
     direction.py [ROOT]
 
-C: headers by bare name, so that the compiler's include path decides which room sees which (fsw/CMakeLists.txt);
-no clock, file, heap or stream header in the core; <math.h> only behind kc_libm.h and in the Eigen shim.
+C: headers by bare name, so that the compiler's include path decides which room sees which
+(fsw/CMakeLists.txt); no clock, file, heap or stream header in the core; <math.h> only behind kc_libm.h and in
+the Eigen shim.
 sim: neither the simulator nor the detector loads flight code. Imports of Python are for import-linter
 (tests/layers.ini).
 """

@@ -1,6 +1,6 @@
 """Static memory by module and worst-case stack of the flight code.
 
-    footprint.py --max-static 1048576 --max-stack 32768 build/rel/fsw/CMakeFiles/kc_math.dir/math/kc_rot.c.o ...
+    footprint.py --max-static 1048576 --max-stack 32768 .../math/kc_rot.c.o ...
 
 Static memory is what `size` says of the object files. Stack comes from the call graphs that gcc wrote
 beside them (-fcallgraph-info=su): the deepest chain of frames, return addresses included. Fails when a

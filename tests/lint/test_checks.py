@@ -60,7 +60,8 @@ def tree(root: Path) -> Path:
     files |= {
         "fsw/msg/time_t.lcm": "package kcm; struct time_t { int64_t us; }\n",
         "fsw/lcm/main.c": "int main(void) { return 0; }\n",
-        "ground/native/kg_batch.c": '#include "kc_model.h"\nint kg(void);\nint kg(void) { return kc_model(1); }\n',
+        "ground/native/kg_batch.c": '#include "kc_model.h"\n'
+        "int kg(void);\nint kg(void) { return kc_model(1); }\n",
         "sim/tagdet/main.cpp": "int main() { return 0; }\n",
         "tests/unit/given_nothing.c": "",
         "tests/unit/test_kc_math.c": '#include "unity.h"\n#include "kc_math.h"\n'
