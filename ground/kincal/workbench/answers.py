@@ -278,13 +278,14 @@ def poses_text(poses: Sequence[NextPose]) -> str:
 def fit_text(f: FitResult) -> str:
     """Held-out errors of the nested models, then every coefficient."""
     coefficients = zip(f.names, f.estimate, f.std_err, f.units, strict=True)
+    width = max(26, *(len(m.model) for m in f.nested.models)) + 2
     return "\n".join(
         [
             f"{f.arm}: {f.comparison.poses} poses, {len(f.names)} coefficients, rank {f.rank}",
             f"effects: {', '.join(f.effects) or 'none (DH only)'}",
             "",
-            f"{'model':<28}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval",
-            *map(_nested_line, f.nested.models),
+            f"{'model':<{width}}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval",
+            *(f"{m.model:<{width}}{_errors(m)}" for m in f.nested.models),
             f"reachable: {_reachable_text(f.comparison.reachable)}",
             f"noise floor: {_floor_text(f.nested.floor)}",
             *map(explain.no_gain, f.nested.no_gain),
@@ -296,10 +297,10 @@ def fit_text(f: FitResult) -> str:
     )
 
 
-def _nested_line(m: NestedModel) -> str:
+def _errors(m: NestedModel) -> str:
     rotation = f"{m.rot_rad * 1e3:9.2f}" if m.rot_rad is not None else f"{'-':>9}"
     ratio = ""
     if m.ratio is not None and m.ratio_interval is not None:
         low, high = m.ratio_interval
         ratio = f"{m.ratio:8.3f}  {low:.3f} to {high:.3f}"
-    return f"{m.model:<28}{m.block:<18}{m.pos_m * 1e3:8.3f}{rotation}{ratio}"
+    return f"{m.block:<18}{m.pos_m * 1e3:8.3f}{rotation}{ratio}"
