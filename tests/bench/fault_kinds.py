@@ -508,7 +508,7 @@ def command_flood(t, _rng):
 
 
 @kind("the ground sends ABORT by mistake", "CAL_ABORTED")
-def stray_abort(t, _rng):
+def abort_by_mistake(t, _rng):
     return to_flight(sent(t, by_ground("ABORT")))
 
 
@@ -518,12 +518,12 @@ def start_again(t, _rng):
 
 
 @kind("the ground approves what does not exist", "CMD_STATE", "CMD_CRC")
-def stray_approval(t, _rng):
+def approval_by_mistake(t, _rng):
     return to_flight(sent(t, by_ground("APPROVE_ARM", 12345), by_ground("APPROVE_GO", 12345)))
 
 
 @kind("the ground sends ROLLBACK during the calibration", "CMD_STATE", "COR_NO_PREVIOUS")
-def stray_rollback(t, _rng):
+def rollback_by_mistake(t, _rng):
     return to_flight(sent(t, by_ground("ROLLBACK")))
 
 

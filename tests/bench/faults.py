@@ -235,8 +235,8 @@ def hang(run: SimulatedRun, record: dict, witness: Witness) -> str:
         return f"no end after {run.mission_s:.0f} s, state {witness.state}"
     if not record.get("reason"):
         return "the executive did not end"
-    lost_on_the_way = run.log.counts["KC_HK"] == 0 or "heartbeat" in record["reason"]
-    if witness.ticks - witness.heartbeat > HEARTBEAT_TICKS and not lost_on_the_way:
+    unheard = run.log.counts["KC_HK"] == 0 or "heartbeat" in record["reason"]
+    if witness.ticks - witness.heartbeat > HEARTBEAT_TICKS and not unheard:
         return f"no heartbeat for {(witness.ticks - witness.heartbeat) / 10:.1f} s"
     return ""
 
