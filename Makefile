@@ -204,7 +204,7 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench-samples blind montecarlo occlusion real halves
+.PHONY: demo hil bench-samples blind montecarlo campaign-faults occlusion real halves
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -220,6 +220,9 @@ blind: setup core ## sealed hidden effects: what the workbench finds, and whethe
 
 montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unverified commands, how they end (RUNS, OUTSIDE, SEED)
 	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE)) $(if $(SEED),--seed $(SEED))
+
+campaign-faults: setup core ## every kind of fault between flight and its surroundings (SEEDS; WRITE=1 for docs/ASSURANCE.md)
+	.venv/bin/python tests/bench/faults.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WRITE),--write)
 
 occlusion: setup core ## drawn frames against the search's verdict on what the arm hides
 	.venv/bin/python tests/bench/occlusion.py

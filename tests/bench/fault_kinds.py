@@ -1,0 +1,677 @@
+"""Kinds of faults for the campaign of faults.py: each makes hooks of a run from its onset and random numbers.
+
+A fault stands between flight and its surroundings and stays from its onset on, unless its text says more.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from kincal.link.channels import message_type
+from kincal.run.inprocess import Hooks, Messages, command
+
+N_JOINTS = 7
+NO_BIAS = np.zeros(N_JOINTS)
+JOURNAL, KIN, PROPOSAL = 18, 4, 16  # kinds of the store
+SECOND = 10  # ticks
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What one run suffers: hooks, and by how much the encoders read wrong from the onset on [rad]."""
+
+    hooks: Hooks
+    bias_rad: np.ndarray = field(default_factory=lambda: NO_BIAS)
+
+
+Make = Callable[[int, np.random.Generator], Fault]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """name, what: for the table; events: one of them explains it to an operator; by: "flight", or "executive"
+    where only the executive can notice, because its own link is broken."""
+
+    name: str
+    what: str
+    make: Make
+    events: tuple[str, ...] = ()
+    by: str = "flight"
+
+
+KINDS: list[Kind] = []
+
+
+def kind(what: str, *events: str, by: str = "flight") -> Callable[[Make], Make]:
+    """Register a kind under the name of its function."""
+
+    def register(make: Make) -> Make:
+        KINDS.append(Kind(make.__name__, what, make, events, by))
+        return make
+
+    return register
+
+
+# ---- tools
+
+
+def changed(channel: str, onset: int, change: Callable, until: int = 10**9) -> Callable:
+    """Hook: a changed copy of every message of the channel; change(message, tick) works on the copy."""
+
+    def hook(tick: int, messages: Messages) -> Messages:
+        if not onset <= tick < until:
+            return messages
+        return tuple((ch, _copied(m, change, tick) if ch == channel else m) for ch, m in messages)
+
+    return hook
+
+
+def _copied(message, change: Callable, tick: int):
+    m = copy.deepcopy(message)
+    change(m, tick)
+    return m
+
+
+def setting(channel: str, onset: int, until: int = 10**9, **values) -> Callable:
+    """Hook: fields with other values."""
+
+    def change(m, _tick: int) -> None:
+        for name, value in values.items():
+            setattr(m, name, value)
+
+    return changed(channel, onset, change, until)
+
+
+def lost(channel: str, onset: int, until: int = 10**9) -> Callable:
+    """Hook: messages of the channel do not arrive."""
+
+    def hook(tick: int, messages: Messages) -> Messages:
+        gone = onset <= tick < until
+        return tuple(m for m in messages if not (gone and m[0] == channel))
+
+    return hook
+
+
+def late(channel: str, onset: int, ticks: int) -> Callable:
+    """Hook: messages of the channel arrive later, stamps unchanged."""
+    held: list = []
+
+    def hook(tick: int, messages: Messages) -> Messages:
+        if tick < onset:
+            return messages
+        held.extend((tick + ticks, m) for m in messages if m[0] == channel)
+        due = [m for at, m in held if at <= tick]
+        held[:] = [(at, m) for at, m in held if at > tick]
+        return (*(m for m in messages if m[0] != channel), *due)
+
+    return hook
+
+
+def frozen(channel: str, onset: int, *names: str) -> Callable:
+    """Hook: fields keep the values they had at the onset; without names the whole message."""
+    kept: list = []
+
+    def change(m, _tick: int) -> None:
+        if not kept:
+            kept.append(copy.deepcopy(m))
+        for name in names or m.__slots__:
+            setattr(m, name, getattr(kept[0], name))
+
+    return changed(channel, onset, change)
+
+
+def sent(onset: int, *commands, every: int = 0) -> Callable:
+    """Hook: other commands arrive too, once at the onset or every so many ticks."""
+    first = command("NOOP", source="GROUND").seq
+
+    def hook(tick: int, messages: Messages) -> Messages:
+        again = every and tick > onset and (tick - onset) % every == 0
+        if tick != onset and not again:
+            return messages
+        extra = []
+        for k, c in enumerate(commands):
+            m = copy.deepcopy(c)
+            m.t_us, m.seq = (tick - 1) * 100_000, first + (tick - onset) * len(commands) + k
+            extra.append(("KC_CMD", m))
+        return (*messages, *extra)
+
+    return hook
+
+
+def by_ground(opcode: str, *arg_i: int):
+    """A command of the ground."""
+    return command(opcode, *arg_i, source="GROUND")
+
+
+def to_flight(hook: Callable, bias_rad: np.ndarray = NO_BIAS) -> Fault:
+    """A fault on the way to flight."""
+    return Fault(Hooks(to_flight=hook), bias_rad)
+
+
+def from_flight(hook: Callable) -> Fault:
+    """A fault on the way from flight."""
+    return Fault(Hooks(from_flight=hook))
+
+
+ARM, PANTILT, DET = "KC_ARM_STATE", "KC_PANTILT_STATE", "KC_DETECTION"
+STOPS = ("CAL_ABORTED", "IN_SILENT")
+LATE = ("CAL_MOVE_TIMEOUT", "CAL_ABORTED")
+BAD_FIT = (
+    *("CAL_MODEL_MISMATCH", "CAL_POOR", "CAL_OUTLIER", "CAL_TAGS_NOT_DETECTED", "CAL_TAGS_LOST", "CAL_RANK"),
+    *("CAL_SERVO_LIMIT", "DET_JUMP", *LATE),
+)
+
+# ---- arm
+
+
+@kind("no arm messages any more", *STOPS)
+def arm_silent(t, _rng):
+    return to_flight(lost(ARM, t))
+
+
+@kind("no arm messages for 0.5 s")
+def arm_gap(t, _rng):
+    return to_flight(lost(ARM, t, t + 5))
+
+
+@kind("the last arm message again and again", "IN_STALE", *STOPS)
+def arm_repeated(t, _rng):
+    return to_flight(frozen(ARM, t))
+
+
+@kind("encoders of all joints stand still", "CAL_ABORTED", *BAD_FIT)
+def encoders_frozen(t, _rng):
+    return to_flight(frozen(ARM, t, "q_rad", "dq_rad_s"))
+
+
+@kind("the encoder of one joint stands still", "CAL_ABORTED", *BAD_FIT)
+def encoder_frozen(t, rng):
+    joint, kept = rng.integers(N_JOINTS), []
+
+    def change(m, _tick):
+        kept.append(m.q_rad[joint])
+        m.q_rad[joint] = kept[0]
+
+    return to_flight(changed(ARM, t, change))
+
+
+@kind("a joint reading is not a number", "IN_RANGE", *STOPS)
+def encoder_nan(t, rng):
+    joint = rng.integers(N_JOINTS)
+    return to_flight(changed(ARM, t, lambda m, _: m.q_rad.__setitem__(joint, float("nan"))))
+
+
+@kind("a joint reading beyond all limits, one message in three", "IN_RANGE")
+def encoder_spikes(t, rng):
+    joint = rng.integers(N_JOINTS)
+    return to_flight(changed(ARM, t, lambda m, k: m.q_rad.__setitem__(joint, 50.0) if k % 3 == 0 else None))
+
+
+def _slip(t, bias_rad):
+    """From the first move after the onset on; the controller closes its loop on what the encoder reads."""
+    bias, begun = [*bias_rad, 0.0], []
+
+    def read(m, _tick):
+        if begun:
+            for name in ("q_rad", "q_cmd_rad"):
+                setattr(m, name, [q + b for q, b in zip(getattr(m, name), bias, strict=True)])
+
+    def moved(m, tick):
+        begun.append(tick)
+        m.q_rad = [q - b for q, b in zip(m.q_rad, bias, strict=True)]
+
+    hooks = Hooks(to_flight=changed(ARM, t, read), from_flight=changed("KC_ARM_CMD", t, moved))
+    return Fault(hooks, np.array(bias_rad))
+
+
+@kind("an encoder slips by 30 mrad, the controller goes by it", *BAD_FIT)
+def encoder_slips_30_mrad(t, rng):
+    return _slip(t, 0.03 * np.eye(N_JOINTS)[rng.integers(N_JOINTS)])
+
+
+@kind("an encoder slips by 300 mrad, the controller goes by it", *BAD_FIT)
+def encoder_slips_300_mrad(t, rng):
+    return _slip(t, 0.3 * np.eye(N_JOINTS)[rng.integers(N_JOINTS)])
+
+
+@kind("readings of all joints with 5 mrad of noise", *BAD_FIT)
+def encoder_noise(t, rng):
+    noise = rng.normal(0.0, 5e-3, (997, 8))
+    return to_flight(
+        changed(ARM, t, lambda m, k: setattr(m, "q_rad", (np.array(m.q_rad) + noise[k % 997]).tolist()))
+    )
+
+
+@kind("sequence numbers of the arm begin again", "IN_STALE", *STOPS)
+def arm_restarted(t, _rng):
+    return to_flight(changed(ARM, t, lambda m, k: setattr(m, "seq", k - t + 1)))
+
+
+@kind("stamps of the arm an hour old", "IN_RANGE", *STOPS)
+def arm_old(t, _rng):
+    return to_flight(changed(ARM, t, lambda m, _: setattr(m, "t_us", m.t_us - 3_600_000_000)))
+
+
+@kind("stamps of the arm a second ahead", "IN_RANGE", *STOPS)
+def arm_ahead(t, _rng):
+    return to_flight(changed(ARM, t, lambda m, _: setattr(m, "t_us", m.t_us + 1_000_000)))
+
+
+@kind("arm messages with six joints", "IN_COUNT", *STOPS)
+def arm_of_six_joints(t, _rng):
+    return to_flight(setting(ARM, t, n_joints=6))
+
+
+@kind("arm messages with -1 joints", "IN_COUNT", *STOPS)
+def arm_of_minus_one_joint(t, _rng):
+    return to_flight(setting(ARM, t, n_joints=-1))
+
+
+@kind("fault bit of the arm controller in one message", "ARM_FAULT", "CAL_ABORTED")
+def arm_fault(t, _rng):
+    return to_flight(setting(ARM, t, t + 1, fault_mask=4))
+
+
+@kind("the arm says that it moves, always", *LATE)
+def arm_always_moves(t, _rng):
+    return to_flight(setting(ARM, t, moving=1))
+
+
+@kind("the arm says that it rests, always", *BAD_FIT)
+def arm_never_moves(t, _rng):
+    return to_flight(setting(ARM, t, moving=0, dq_rad_s=[0.0] * 8))
+
+
+@kind("temperature of the arm beyond all limits", "IN_RANGE", *STOPS)
+def arm_too_hot(t, _rng):
+    return to_flight(setting(ARM, t, temp_c=1e6))
+
+
+@kind("negative mass in the scoop", "IN_RANGE", *STOPS)
+def arm_payload_negative(t, _rng):
+    return to_flight(setting(ARM, t, payload_kg=-1.0))
+
+
+@kind("gravity that is not a number", "IN_RANGE", *STOPS)
+def arm_gravity_nan(t, _rng):
+    return to_flight(setting(ARM, t, g_m_s2=[float("nan")] * 3))
+
+
+@kind("every arm message twice")
+def arm_twice(t, _rng):
+    def hook(tick, messages):
+        again = tuple(m for m in messages if m[0] == ARM and tick >= t)
+        return (*messages, *again)
+
+    return to_flight(hook)
+
+
+@kind("arm commands do not arrive", *LATE)
+def arm_commands_lost(t, _rng):
+    return from_flight(lost("KC_ARM_CMD", t))
+
+
+@kind("one arm command in three does not arrive", *LATE)
+def arm_commands_lost_in_part(t, rng):
+    drop = rng.random(997) < 0.33
+
+    def hook(tick, messages):
+        return tuple(m for m in messages if not (tick >= t and m[0] == "KC_ARM_CMD" and drop[tick % 997]))
+
+    return from_flight(hook)
+
+
+@kind("arm commands arrive a second late", *BAD_FIT)
+def arm_commands_late(t, _rng):
+    return from_flight(late("KC_ARM_CMD", t, SECOND))
+
+
+@kind("the arm moves at a tenth of its speed", *LATE)
+def arm_slow(t, _rng):
+    return from_flight(changed("KC_ARM_CMD", t, lambda m, _: setattr(m, "speed_scale", 0.1 * m.speed_scale)))
+
+
+# ---- pan-tilt unit
+
+
+@kind("no pan-tilt messages any more", *STOPS)
+def pantilt_silent(t, _rng):
+    return to_flight(lost(PANTILT, t))
+
+
+@kind("pan and tilt readings stand still", *BAD_FIT)
+def pantilt_frozen(t, _rng):
+    return to_flight(frozen(PANTILT, t, "pan_rad", "tilt_rad"))
+
+
+@kind("the pan reading is not a number", "IN_RANGE", *STOPS)
+def pantilt_nan(t, _rng):
+    return to_flight(setting(PANTILT, t, pan_rad=float("nan")))
+
+
+@kind("the tilt encoder slips by 20 mrad, the controller does not go by it", *BAD_FIT)
+def tilt_slips(t, _rng):
+    return to_flight(changed(PANTILT, t, lambda m, _: setattr(m, "tilt_rad", m.tilt_rad + 0.02)))
+
+
+@kind("the pan-tilt unit says that it moves, always", *LATE)
+def pantilt_always_moves(t, _rng):
+    return to_flight(setting(PANTILT, t, moving=1))
+
+
+@kind("pan-tilt commands do not arrive", "CAL_TAGS_LOST", "CAL_TAGS_NOT_DETECTED", *LATE)
+def pantilt_commands_lost(t, _rng):
+    return from_flight(lost("KC_PANTILT_CMD", t))
+
+
+# ---- camera and tags
+
+
+@kind("no detections any more", "CAL_FRAME_TIMEOUT", "CAL_ABORTED")
+def detections_lost(t, _rng):
+    return to_flight(lost(DET, t))
+
+
+@kind("one detection in three is lost", "CAL_FRAME_TIMEOUT")
+def detections_lost_in_part(t, rng):
+    drop = rng.random(997) < 0.33
+
+    def hook(tick, messages):
+        return tuple(m for m in messages if not (tick >= t and m[0] == DET and drop[tick % 997]))
+
+    return to_flight(hook)
+
+
+@kind("frame requests do not arrive", "CAL_FRAME_TIMEOUT", "CAL_ABORTED")
+def frame_requests_lost(t, _rng):
+    return from_flight(lost("KC_FRAME_REQUEST", t))
+
+
+@kind("no tag in any frame", "CAL_TAGS_LOST", "CAL_TAGS_NOT_DETECTED", "CAL_NO_CANDIDATE")
+def tags_hidden(t, _rng):
+    return to_flight(setting(DET, t, n_tags=0))
+
+
+@kind("detections a minute late", "CAL_FRAME_TIMEOUT", "DET_OLD", "DET_UNREQUESTED")
+def detections_late(t, _rng):
+    return to_flight(late(DET, t, 60 * SECOND))
+
+
+@kind("every detection twice", "DET_UNREQUESTED")
+def detections_twice(t, _rng):
+    def hook(tick, messages):
+        return (*messages, *(m for m in messages if m[0] == DET and tick >= t))
+
+    return to_flight(hook)
+
+
+@kind("detections of frames that nobody requested", "DET_UNREQUESTED")
+def detections_unrequested(t, _rng):
+    return to_flight(changed(DET, t, lambda m, _: setattr(m, "seq", m.seq + 1000)))
+
+
+@kind("a tag position that is not a number", "IN_RANGE")
+def detection_nan(t, _rng):
+    return to_flight(setting(DET, t, p_cam_tool_m=[float("nan")] * 3))
+
+
+@kind("a quaternion of norm 2", "IN_NOT_UNIT")
+def detection_not_unit(t, _rng):
+    return to_flight(
+        changed(DET, t, lambda m, _: setattr(m, "q_cam_tool_wxyz", [2.0 * x for x in m.q_cam_tool_wxyz]))
+    )
+
+
+@kind("a covariance of zeros", "IN_RANGE")
+def covariance_zero(t, _rng):
+    return to_flight(setting(DET, t, cov=[0.0] * 21))
+
+
+@kind("a covariance with negative variances", "IN_RANGE")
+def covariance_negative(t, _rng):
+    return to_flight(changed(DET, t, lambda m, _: setattr(m, "cov", [-x for x in m.cov])))
+
+
+@kind("a covariance a million times too small", *BAD_FIT)
+def covariance_too_small(t, _rng):
+    return to_flight(changed(DET, t, lambda m, _: setattr(m, "cov", [1e-6 * x for x in m.cov])))
+
+
+@kind("an unknown tag", "DET_UNKNOWN_TAG")
+def tag_unknown(t, _rng):
+    return to_flight(setting(DET, t, tag_id=[99, 98, 97, 96]))
+
+
+@kind("99 tags in one detection", "IN_RANGE")
+def tags_99(t, _rng):
+    return to_flight(setting(DET, t, n_tags=99))
+
+
+def _moved(m, offset_m) -> None:
+    m.p_cam_tool_m = [p + d for p, d in zip(m.p_cam_tool_m, offset_m, strict=True)]
+
+
+@kind("one detection in ten is 50 mm off", "DET_JUMP", *BAD_FIT)
+def detections_outliers(t, rng):
+    wild, offset = rng.random(997) < 0.1, rng.normal(0.0, 0.03, (997, 3))
+    return to_flight(changed(DET, t, lambda m, k: _moved(m, offset[k % 997]) if wild[k % 997] else None))
+
+
+@kind("the camera is knocked: all detections 20 mm off", "DET_JUMP", *BAD_FIT)
+def camera_knocked_20_mm(t, rng):
+    direction = rng.normal(size=3)
+    offset = 0.02 * direction / np.linalg.norm(direction)
+    return to_flight(changed(DET, t, lambda m, _: _moved(m, offset)))
+
+
+@kind("the camera is knocked: all detections 3 mm off", "DET_JUMP", *BAD_FIT)
+def camera_knocked_3_mm(t, rng):
+    direction = rng.normal(size=3)
+    offset = 0.003 * direction / np.linalg.norm(direction)
+    return to_flight(changed(DET, t, lambda m, _: _moved(m, offset)))
+
+
+@kind("the tags look 2 % smaller than they are (a lens fogs up)", "DET_JUMP", *BAD_FIT)
+def tags_seem_small(t, _rng):
+    return to_flight(
+        changed(DET, t, lambda m, _: setattr(m, "p_cam_tool_m", [1.02 * x for x in m.p_cam_tool_m]))
+    )
+
+
+@kind("the detector repeats its last pose under new numbers", "DET_JUMP", *BAD_FIT)
+def detector_frozen(t, _rng):
+    return to_flight(
+        frozen(DET, t, "p_cam_tool_m", "q_cam_tool_wxyz", "p_alt_m", "q_alt_wxyz", "u_px", "v_px")
+    )
+
+
+@kind("detections with four times the noise that they state", *BAD_FIT)
+def detections_noisy(t, rng):
+    noise = rng.normal(0.0, 1.0, (997, 3))
+
+    def change(m, k):
+        _moved(m, 4.0 * np.sqrt(np.abs(np.array(m.cov)[[0, 6, 11]])) * noise[k % 997])
+
+    return to_flight(changed(DET, t, change))
+
+
+# ---- commands and tables
+
+
+@kind("the ground floods flight with 20 NOOP a second")
+def command_flood(t, _rng):
+    return to_flight(sent(t, by_ground("NOOP"), by_ground("NOOP"), every=1))
+
+
+@kind("the ground sends ABORT by mistake", "CAL_ABORTED")
+def abort_by_mistake(t, _rng):
+    return to_flight(sent(t, by_ground("ABORT")))
+
+
+@kind("the ground sends START during the calibration", "CMD_STATE")
+def start_again(t, _rng):
+    return to_flight(sent(t, by_ground("START", -1, 0, 1)))
+
+
+@kind("the ground approves what does not exist", "CMD_STATE", "CMD_CRC")
+def approval_by_mistake(t, _rng):
+    return to_flight(sent(t, by_ground("APPROVE_ARM", 12345), by_ground("APPROVE_GO", 12345)))
+
+
+@kind("the ground sends ROLLBACK during the calibration", "CMD_STATE", "COR_NO_PREVIOUS")
+def rollback_by_mistake(t, _rng):
+    return to_flight(sent(t, by_ground("ROLLBACK")))
+
+
+@kind("a command with an unknown opcode", "CMD_UNKNOWN")
+def command_unknown(t, _rng):
+    c = by_ground("NOOP")
+    c.opcode = 4711
+    return to_flight(sent(t, c))
+
+
+@kind("a command of an unknown source", "CMD_SOURCE")
+def command_of_nobody(t, _rng):
+    c = by_ground("NOOP")
+    c.source = 77
+    return to_flight(sent(t, c))
+
+
+@kind("TABLE_ACTIVATE during the calibration", "TBL_BUSY", "TBL_NOT_READY", "CMD_STATE")
+def activate_during_calibration(t, _rng):
+    return to_flight(sent(t, by_ground("TABLE_ACTIVATE", KIN, 12345)))
+
+
+@kind("chunks of random bytes as a table", "TBL_BUSY", "TBL_CHUNK", "TBL_FORMAT", "TBL_CRC")
+def table_of_random_bytes(t, rng):
+    data = rng.bytes(1024)
+
+    def hook(tick, messages):
+        if tick != t:
+            return messages
+        m = message_type("table_chunk_t")()
+        m.t_us, m.kind, m.total_bytes, m.offset, m.n, m.data = (t - 1) * 100_000, KIN, 1024, 0, 1024, data
+        return (*messages, ("KC_TABLE_UP", m))
+
+    return to_flight(hook)
+
+
+@kind("the executive's commands are lost", by="executive")
+def commands_lost(t, _rng):
+    return to_flight(lost("KC_CMD", t))
+
+
+@kind("flight's answers are lost", by="executive")
+def answers_lost(t, _rng):
+    return from_flight(lost("KC_ACK", t))
+
+
+@kind("housekeeping is lost", by="executive")
+def housekeeping_lost(t, _rng):
+    return from_flight(lost("KC_HK", t))
+
+
+@kind("the proposal is lost", by="executive")
+def proposal_lost(_t, _rng):
+    return from_flight(lost("KC_PROPOSAL", 0))
+
+
+@kind("a bit of the proposed CRC flips on the way to the executive", "CMD_CRC")
+def proposal_damaged(_t, rng):
+    bit = 1 << int(rng.integers(30))
+    return from_flight(changed("KC_PROPOSAL", 0, lambda m, _: setattr(m, "crc", m.crc ^ bit)))
+
+
+# ---- time
+
+
+def _clock(step: Callable[[int, int], int]) -> Fault:
+    return Fault(Hooks(clock=step))
+
+
+@kind("flight's clock jumps an hour ahead", "TIME_STEP")
+def clock_ahead(t, _rng):
+    return _clock(lambda tick, now_us: now_us + (3_600_000_000 if tick >= t else 0))
+
+
+@kind("flight's clock jumps 20 s back", "TIME_STEP")
+def clock_back(t, _rng):
+    return _clock(lambda tick, now_us: now_us - (20_000_000 if tick >= t else 0))
+
+
+@kind("flight's clock stands still", "TIME_STEP", "IN_RANGE", *STOPS)
+def clock_stopped(t, _rng):
+    return _clock(lambda _tick, now_us: min(now_us, t * 100_000))
+
+
+@kind("flight's clock runs at twice the speed", "TIME_STEP", "IN_RANGE", *STOPS)
+def clock_fast(t, _rng):
+    return _clock(lambda tick, now_us: now_us + max(0, tick - t) * 100_000)
+
+
+@kind("flight's clock jumps a second ahead for one tick", "TIME_STEP")
+def clock_spike(t, _rng):
+    return _clock(lambda tick, now_us: now_us + (1_000_000 if tick == t else 0))
+
+
+# ---- memory and power
+
+
+@kind("the store refuses to write", "STORE_FAIL")
+def store_refuses(t, _rng):
+    return Fault(Hooks(keep=lambda tick, _kind, data: data if tick < t else None))
+
+
+@kind("power is lost", "BOOT_INTERRUPTED")
+def power_lost(t, _rng):
+    return Fault(Hooks(power_loss=lambda tick: tick == t))
+
+
+@kind("power is lost three times in two seconds", "BOOT_INTERRUPTED")
+def power_lost_three_times(t, _rng):
+    return Fault(Hooks(power_loss=lambda tick: tick in (t, t + 7, t + 20)))
+
+
+def _damaged(data: bytes) -> bytes:
+    return data[:-1] + bytes([data[-1] ^ 1]) if data else data
+
+
+@kind("what is stored is damaged, then power is lost", "BOOT_SLOT_BAD", "BOOT_INTERRUPTED")
+def store_damaged(t, _rng):
+    return Fault(Hooks(keep=lambda _tick, _kind, data: _damaged(data), power_loss=lambda tick: tick == t))
+
+
+@kind("the journal cannot be written, then power is lost", "STORE_FAIL", "BOOT_INTERRUPTED")
+def journal_refused(t, _rng):
+    return Fault(
+        Hooks(
+            keep=lambda tick, k, data: None if k == JOURNAL and tick > 10 else data,
+            power_loss=lambda tick: tick == t,
+        )
+    )
+
+
+def _power_lost_after(channel: str) -> Fault:
+    """Power is lost in the tick after the first message of a channel."""
+    heard: list[int] = []
+
+    def hook(tick: int, messages: Messages) -> Messages:
+        if any(ch == channel for ch, _ in messages):
+            heard.append(tick)
+        return messages
+
+    return Fault(Hooks(from_flight=hook, power_loss=lambda tick: bool(heard) and tick == heard[0] + 1))
+
+
+@kind("power is lost just after the proposal", "BOOT_REVIEW")
+def power_lost_in_review(_t, _rng):
+    return _power_lost_after("KC_PROPOSAL")
+
+
+@kind("power is lost just after the first measurement", "BOOT_INTERRUPTED")
+def power_lost_after_measurement(_t, _rng):
+    return _power_lost_after("KC_MEAS")

@@ -1,0 +1,93 @@
+"""The fault campaign of tests/bench: an evaluation that can fail, and some of its runs."""
+
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from runs import ROOT
+
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+
+import faults
+from fault_kinds import KIN, KINDS, Fault
+from montecarlo import coefficient_errors
+
+from kincal.run.inprocess import Hooks
+from kincal_sim.arm import Arm
+
+
+@pytest.fixture(scope="module")
+def calm():
+    """A run without a fault, and what was seen."""
+    return faults.fly(1, Hooks())
+
+
+def test_every_event_that_explains_a_fault_has_a_next_step_for_the_operator():
+    assert len(KINDS) == len({kind.name for kind in KINDS}) >= 40
+    assert all(faults.next_step(event) for kind in KINDS for event in kind.events)
+    assert all(kind.by in ("flight", "executive") for kind in KINDS)
+
+
+def test_a_run_without_a_fault_has_nothing_that_must_not_be(calm):
+    run, record, witness = calm
+    assert record["success"] and record["verdict"] == "change"
+    assert faults.wrong_correction(run, Fault(Hooks()), witness) == ""
+    assert faults.lost_table(witness) == ""
+    assert faults.hang(run, record, witness) == ""
+
+
+def test_a_wrong_correction_that_is_active_is_found(calm):
+    run, _, witness = calm
+    (crc,) = witness.proposals
+    off = replace(witness, proposals={crc: [0.01 + x for x in witness.proposals[crc]]})
+    assert "mm off" in faults.wrong_correction(run, Fault(Hooks()), off)
+    slipped = Fault(Hooks(), 0.03 * np.eye(7)[1])
+    assert "mm off" in faults.wrong_correction(run, slipped, witness)
+
+
+def test_the_error_of_a_correction_is_zero_for_the_true_arm(calm):
+    run, _, witness = calm
+    (crc,) = witness.proposals
+    truth = {**dict.fromkeys(coefficient_errors([0.0] * 28), 0.0)}
+    bias = run.world.plant.encoders.bias_rad
+    truth |= {f"J{k + 1}.phi_rad": -b for k, b in enumerate(bias)}
+    assert faults.rms_m(run.world.arm, Arm(errors=truth), bias, np.random.default_rng(1)) < 1e-9
+
+
+def test_a_lost_table_is_found(calm):
+    _, _, witness = calm
+    first = witness.crcs[0]
+    for kind in (1, KIN, 7):
+        other = tuple(5 if k == kind else crc for k, crc in enumerate(first))
+        assert faults.lost_table(replace(witness, crcs=[first, other]))
+    assert faults.lost_table(replace(witness, approved=set()))  # active, but nobody approved it
+
+
+def test_a_hang_is_found(calm):
+    run, record, witness = calm
+    assert faults.hang(replace(run, ended=False), record, witness)
+    assert faults.hang(run, {}, witness)
+    assert faults.hang(run, record, replace(witness, heartbeat=witness.ticks - 40))
+
+
+def test_an_end_that_nothing_explains_is_found(calm):
+    _, record, witness = calm
+    kind = next(k for k in KINDS if k.name == "arm_silent")
+    stopped = {**record, "success": False, "reason": "flight aborted the calibration"}
+    assert faults.silent(kind, 1, record, witness) == ""
+    assert faults.silent(kind, 1, stopped, witness)
+    explained = SimpleNamespace(warned=witness.warned + faults.Counter(["IN_SILENT"]))
+    assert faults.silent(kind, 1, stopped, explained) == ""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("arm_silent", "encoder_slips_30_mrad", "camera_knocked_3_mm", "tags_seem_small", "covariance_zero"),
+        *("proposal_damaged", "clock_ahead", "store_damaged", "power_lost_in_review", "command_flood"),
+    ],
+)
+def test_a_fault_makes_nothing_wrong_active_and_is_explained(name):
+    assert faults.one((name, 1)).faults == []
