@@ -16,7 +16,7 @@ CLANGXX  ?= clang++-19
 export PYTHON
 
 PY       := .venv/bin/python
-LAYERS   := math eigen model estimate design motion exec
+LAYERS   := math eigen model estimate design motion tables decide exec
 CORE_SRC := $(sort $(wildcard $(LAYERS:%=fsw/%/*.c) $(LAYERS:%=fsw/%/*.cpp)))
 LCM_SRC  := $(sort $(wildcard fsw/lcm/*.c))
 MAIN_SRC := $(filter %main.c,$(LCM_SRC))

@@ -206,7 +206,7 @@ def block_kinds() -> str:
         ("kind", "name", "holds"),
         [
             (v, f"`{n.removeprefix('KC_TBL_')}`", KIND_TEXT[n])
-            for v, n, _c in c_enum("fsw/exec/kc_tables.h", "kc_tbl_kind_t")
+            for v, n, _c in c_enum("fsw/tables/kc_tables.h", "kc_tbl_kind_t")
             if n in KIND_TEXT
         ],
     )
@@ -216,10 +216,10 @@ KIND_TEXT = {
     "KC_TBL_ARM": "DH chain, limits, masses, base and tool frames (`fsw/model/kc_arm.h`)",
     "KC_TBL_CAMERA": "mast, pan-tilt unit, lens, tags on the tool (`fsw/model/kc_camera.h`)",
     "KC_TBL_TERMS": "coefficients and correction terms (`fsw/model/kc_terms.h`)",
-    "KC_TBL_KIN": "values of the coefficients in force: what calibration changes (`fsw/exec/kc_tables.h`)",
-    "KC_TBL_SPACE": "candidate poses, hubs, verified segments (`fsw/motion/kc_path.h`)",
+    "KC_TBL_KIN": "values of the coefficients in force: what calibration changes (`fsw/tables/kc_tables.h`)",
+    "KC_TBL_SPACE": "candidate poses, hubs, verified segments (`fsw/motion/kc_space.h`)",
     "KC_TBL_KERNEL": "spectral tables and hyperparameters (`fsw/design/kc_kernel.h`)",
-    "KC_TBL_CONFIG": "how a calibration is run (`fsw/exec/kc_config.h`)",
+    "KC_TBL_CONFIG": "how a calibration is run (`fsw/tables/kc_config.h`)",
 }
 
 

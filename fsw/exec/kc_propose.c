@@ -1,6 +1,7 @@
 /* The proposed correction: verdict, review in two steps, acceptance on board, rollback. */
 #include <string.h>
 
+#include "kc_chi2.h"
 #include "kc_app_priv.h"
 #include "kc_la.h"
 #include "kc_libm.h"

@@ -2,7 +2,8 @@
 
     direction.py [ROOT]
 
-C: math <- eigen <- model <- estimate, design <- motion <- exec <- lcm (design may use estimate); model <-
+C: math <- eigen <- model <- estimate, design <- motion <- tables <- decide <- exec <- lcm (design may use
+estimate); model <-
 ground/native, which flight never sees; headers by bare name; no clock, file, heap or stream header in the
 core; <math.h> only behind kc_libm.h and in the Eigen shim.
 sim: neither the simulator nor the detector loads flight code. Imports of Python are for import-linter
@@ -20,8 +21,10 @@ BELOW = {
     "estimate": {"math", "eigen", "model", "estimate"},
     "design": {"math", "eigen", "model", "estimate", "design"},
     "motion": {"math", "eigen", "model", "motion"},
-    "exec": {"math", "eigen", "model", "estimate", "design", "motion", "exec"},
-    "lcm": {"math", "eigen", "model", "estimate", "design", "motion", "exec", "lcm"},
+    "tables": {"math", "eigen", "model", "estimate", "design", "motion", "tables"},
+    "decide": {"math", "eigen", "model", "estimate", "design", "motion", "tables", "decide"},
+    "exec": {"math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec"},
+    "lcm": {"math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec", "lcm"},
     "native": {"math", "model", "native"},  # ground/native, in the ground's build of math and model
 }
 CORE_SYSTEM = {"assert.h", "float.h", "limits.h", "stdbool.h", "stddef.h", "stdint.h", "string.h"}

@@ -286,7 +286,7 @@ def test_pytest_errors_count_as_failures(tmp_path):
 
 
 def test_the_event_list_is_read_whole():
-    header = (TESTS.parent / "fsw/exec/kc_events.h").read_text()
+    header = (TESTS.parent / "fsw/tables/kc_events.h").read_text()
     listed = len(re.findall(r"^ +X\(\d+, ", header, flags=re.M))
     text = module(LINT / "events.py").document()
     assert sum(line.startswith("| ") and line[2].isdigit() for line in text.splitlines()) == listed > 0
@@ -357,7 +357,7 @@ def test_the_same_words_in_their_ordinary_sense_pass(tmp_path):
             "LIMBO (states): 'limbo' is not in",
         ),
         (
-            {"fsw/exec/kc_events.h": 'X(1, SAFE_MODE, INFO, "text", "")\n'},
+            {"fsw/tables/kc_events.h": 'X(1, SAFE_MODE, INFO, "text", "")\n'},
             "SAFE_MODE (events): 'mode' is not in",
         ),
         ({"docs/TABLES.md": "| 3 | wobble_m | f64 | | |\n"}, "wobble_m (table fields): 'wobble' is not in"),
