@@ -5,7 +5,7 @@ layouts, docs/schema/*.json from the models of files.
     python ground/gen_docs.py            write
     python ground/gen_docs.py --check    say what is out of date; status 1 if anything is
 
-In INTERFACES.md and TABLES.md only what stands between `<!-- made: NAME -->` and `<!-- end -->` is
+In INTERFACES.md, STATES.md and TABLES.md only what stands between `<!-- made: NAME -->` and `<!-- end -->` is
 replaced."""
 
 from __future__ import annotations
@@ -196,7 +196,21 @@ def block_states() -> str:
     """States of the sequencer."""
     return table(
         ("state", "name", "what happens"),
-        [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in c_enum("fsw/exec/kc_app.h", "kc_state_t")],
+        [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in c_enum("fsw/exec/kc_states.h", "kc_state_t")],
+    )
+
+
+def block_transitions() -> str:
+    """Which state comes next: the table that the sequencer itself uses."""
+    text = (ROOT / "fsw/exec/kc_states.h").read_text("utf-8").replace("\\\n", " ")
+    line = re.search(r"#define KC_TRANSITION_LIST\(X\)(.*)", text)
+    rows = re.findall(r"X\((\w+), (\w+), (\w+), (\w+)\)", line[1] if line else "")
+    if not rows:
+        raise SystemExit("fsw/exec/kc_states.h: no transitions")
+    when = {"SAME_STEP": "the same step", "NEXT_STEP": "the next step"}
+    return table(
+        ("state", "outcome", "next state", "its work begins in"),
+        [(f"`{state}`", outcome.lower(), f"`{then}`", when[step]) for state, outcome, then, step in rows],
     )
 
 
@@ -249,6 +263,7 @@ BLOCKS: dict[str, dict[str, Callable[[], str]]] = {
         "kinds": block_kinds,
         "why": block_why,
     },
+    "STATES.md": {"transitions": block_transitions},
     "TABLES.md": {
         kind: partial(layouts.page_table, kind)
         for kind in ("ARM", "CAMERA", "TERMS", "KIN", "SPACE", "KERNEL", "CONFIG")

@@ -176,7 +176,7 @@ typedef struct {
 #define KC_STORE_JOURNAL 18u
 #define KC_STORE_QUEUE_MAX 10u /* 7 tables, 3 of its own */
 #define KC_JOURNAL_BYTES 64u
-#define KC_KIN_IMAGE_MAX 2048u
+#define KC_KIN_IMAGE_MAX 1280u
 typedef struct {
     uint16_t kind;
     uint32_t n;

@@ -20,7 +20,7 @@ void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *v, const k
  * local initial poses showed a tag. */
 kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *work, uint64_t *rng,
                            const kc_view_t *v, kc_out_t *out);
-/* The current candidate is given up. */
+/* Skip the current candidate. */
 void kc_select_skip(kc_plan_t *plan, const kc_view_t *v, kc_out_t *out);
 /* Count energy; FINISH when time or energy is used up, ABORT if too little was measured by then. */
 kc_outcome_t kc_select_budget(kc_cal_t *cal, const kc_view_t *v, kc_out_t *out);

@@ -12,7 +12,7 @@ typedef enum {
     KC_ST_IDLE = 0,
     KC_ST_MOVE = 1, /* along a verified path to the candidate */
     KC_ST_AIM = 2, /* pan-tilt unit turns to the tool */
-    KC_ST_SETTLE = 3,
+    KC_ST_SETTLE = 3, /* arm and pan-tilt unit come to rest */
     KC_ST_OBSERVE = 4, /* frame requested, servo decides */
     KC_ST_SERVO = 5, /* servo step under way */
     KC_ST_SEARCH = 6, /* tags not in view: frame requested at a search position */
@@ -31,15 +31,16 @@ typedef enum {
     KC_ST_LEARN = 19, /* outliers, model mismatch, Gaussian process */
     KC_ST_REPORT = 20, /* predicted uncertainty, progress */
     KC_ST_SELECT = 21, /* next candidate, or finish */
-    KC_ST_PROPOSE = 22, /* verdict and proposal */
-    KC_ST_COUNT = 23
+    KC_ST_PROPOSE = 22 /* verdict and proposal */
 } kc_state_t;
+
+#define KC_ST_COUNT ((uint32_t)KC_ST_PROPOSE + 1u)
 
 /* What a state's work or a command came to. */
 typedef enum {
     KC_OC_STAY = 0, /* the state goes on */
     KC_OC_DONE,
-    KC_OC_SKIP, /* the candidate is given up */
+    KC_OC_SKIP, /* the candidate is skipped */
     KC_OC_ABORT, /* for a cause */
     /* of OBSERVE and SEARCH */
     KC_OC_SERVO,

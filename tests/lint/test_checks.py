@@ -65,6 +65,15 @@ def compiled(folder: Path, source: str, *flags: str) -> Path:
             "native must not include kc_e.h",
         ),
         ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
+        (
+            {
+                "fsw/exec/kc_a.h": "void kc_a(void);\n",
+                "fsw/exec/kc_b.h": "void kc_b(void);\n",
+                "fsw/exec/kc_a.c": '#include "kc_b.h"\nvoid kc_a(void) { kc_b(); }\n',
+                "fsw/exec/kc_b.c": '#include "kc_a.h"\nvoid kc_b(void) { kc_a(); }\n',
+            },
+            "fsw/exec: a circle: kc_a.c -> kc_b.c -> kc_a.c",
+        ),
     ],
 )
 def test_a_wrong_way_include_is_named(tmp_path, files, complaint):
@@ -353,7 +362,7 @@ def test_the_same_words_in_their_ordinary_sense_pass(tmp_path):
     ("files", "complaint"),
     [
         (
-            {"fsw/exec/kc_app.h": "typedef enum { KC_ST_SAFE = 0, KC_ST_LIMBO = 1 } s;"},
+            {"fsw/exec/kc_states.h": "typedef enum { KC_ST_SAFE = 0, KC_ST_LIMBO = 1 } s;"},
             "LIMBO (states): 'limbo' is not in",
         ),
         (
@@ -394,4 +403,4 @@ def test_a_bad_row_link_or_reference_is_named(tmp_path, page, complaint):
 def test_a_source_of_terms_that_is_gone_is_named(tmp_path):
     done = script("glossary.py", write(tmp_path, {"docs/GLOSSARY.md": GLOSSARY}))
     assert done.returncode == 1
-    assert "fsw/exec/kc_app.h: no states found" in done.stdout
+    assert "fsw/exec/kc_states.h: no states found" in done.stdout
