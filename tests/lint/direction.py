@@ -3,9 +3,9 @@
     direction.py [ROOT]
 
 C: math <- eigen <- model <- estimate, design <- motion <- tables <- decide <- exec <- lcm (design may use
-estimate); model <-
-ground/native, which flight never sees; headers by bare name; no clock, file, heap or stream header in the
-core; no circle among the files of a room, by includes and calls; <math.h> only behind kc_libm.h and in the Eigen shim.
+estimate); model <- ground/native, which flight never sees; headers by bare name; no clock, file, heap or
+stream header in the core; <math.h> only behind kc_libm.h and in the Eigen shim; no circle among the files of
+a room, of includes between headers or of calls between sources.
 sim: neither the simulator nor the detector loads flight code. Imports of Python are for import-linter
 (tests/layers.ini).
 """
