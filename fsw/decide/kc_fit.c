@@ -2,11 +2,6 @@
 
 #include "kc_libm.h"
 
-#define GOOD_NOISE_SCALE 2.0      /* a fit with a larger noise scale gets a second start */
-#define MISMATCH_NOISE_SCALE 3.5  /* noise scale of local initial poses that is a mismatch ... */
-#define MISMATCH_DOF_MIN 12u      /* ... with at least these degrees of freedom (two redundant poses) */
-#define MISMATCH_OUTLIERS_MIN 3u  /* this many outliers among them are not bad detections */
-
 bool kc_fit_solved(kc_status_t status) { return status == KC_OK || status == KC_ERR_ITER; }
 
 kc_fit_quality_t kc_fit_quality(const kc_est_t *est, kc_status_t status)
@@ -20,9 +15,10 @@ kc_fit_quality_t kc_fit_quality(const kc_est_t *est, kc_status_t status)
     };
 }
 
-bool kc_fit_needs_second_start(const kc_fit_quality_t *first)
+bool kc_fit_needs_second_start(const kc_config_t *config, const kc_fit_quality_t *first)
 {
-    return first->status != KC_OK || !(first->noise_scale <= GOOD_NOISE_SCALE) || first->n_outliers > 0u;
+    return first->status != KC_OK || !(first->noise_scale <= config->second_start_noise_scale) ||
+           first->n_outliers > 0u;
 }
 
 bool kc_fit_second_is_better(const kc_fit_quality_t *first, const kc_fit_quality_t *second)
@@ -65,8 +61,9 @@ static bool all_requested(const kc_est_t *e)
 static bool local_mismatch(const kc_config_t *c, const kc_est_t *e)
 {
     bool limited = c->mismatch_pos_m > 0.0 || c->mismatch_rot_rad > 0.0;
-    bool noisy = e->dof >= MISMATCH_DOF_MIN && e->noise_scale > MISMATCH_NOISE_SCALE;
-    return limited && e->hold_none && all_requested(e) && (noisy || e->n_outliers >= MISMATCH_OUTLIERS_MIN);
+    bool noisy = e->dof >= c->mismatch_dof_min && e->noise_scale > c->mismatch_noise_scale;
+    return limited && e->hold_none && all_requested(e) &&
+           (noisy || e->n_outliers >= c->mismatch_outliers_min);
 }
 
 static bool beyond(const kc_config_t *c, kc_miss_t miss)

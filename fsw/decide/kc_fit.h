@@ -21,7 +21,7 @@ bool kc_fit_solved(kc_status_t status);
 kc_fit_quality_t kc_fit_quality(const kc_est_t *est, kc_status_t status);
 /* Large errors like the paper's can make a first fit converge to a wrong minimum, where good observations look
  * like outliers: such a fit gets a second start. */
-bool kc_fit_needs_second_start(const kc_fit_quality_t *first);
+bool kc_fit_needs_second_start(const kc_config_t *config, const kc_fit_quality_t *first);
 /* Whether the second start won: fewer outliers, then the lower cost. Only if nothing is held: a held
  * coefficient keeps the active table's value, not that of a trial. */
 bool kc_fit_second_is_better(const kc_fit_quality_t *first, const kc_fit_quality_t *second);

@@ -5,10 +5,6 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-/* Share of a frame's error variance that all frames of a scene at rest have in common (pixel phase,
- * compression, half-hidden edges). */
-#define FRAME_SHARED 0.25
-
 void kc_frames_clear(kc_frames_t *f) { memset(f, 0, sizeof *f); }
 
 /* Position and rotation vector (camera axes) of a frame against the first one. */
@@ -80,13 +76,13 @@ void kc_frames_add(kc_frames_t *f, const kc_detection_t *det, const kc_arm_state
     f->n++;
 }
 
-/* Covariance of the mean of n frames whose errors are correlated by FRAME_SHARED:
+/* Covariance of the mean of n frames whose errors are correlated by frame_shared:
  * C (1 + (n - 1) shared) / n. What all poses share (lens, tag size) stays too: no variance goes below
  * its floor. */
 static void mean_cov(const kc_frames_t *f, const kc_config_t *c, double cov[36])
 {
     double n = (double)f->n;
-    double share = (1.0 + (n - 1.0) * FRAME_SHARED) / n;
+    double share = (1.0 + (n - 1.0) * c->frame_shared) / n;
     for (uint32_t i = 0u; i < 36u; i++) { cov[i] = f->cov[i] / n * share; }
     for (uint32_t i = 0u; i < 6u; i++) {
         double floor = i < 3u ? c->sigma_pos_min_m : c->sigma_rot_min_rad;

@@ -5,9 +5,6 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-#define FLIP_RMS_FACTOR 2.0 /* planar flip: largest RMS ratio of the second solution */
-#define FLIP_TRUST_RAD 0.5  /* and its largest distance from the model's prediction */
-
 /* Covariance from camera to base axes: both blocks turn with R. */
 static void turn_cov(const double R[9], const double C[36], double out[36])
 {
@@ -84,10 +81,11 @@ static void swap_solutions(kc_detection_t *d)
     d->rms_alt_px = s.rms_px;
 }
 
-bool kc_observation_is_flipped(double rms_px, double rms_alt_px, double angle_rad, double angle_alt_rad)
+bool kc_observation_is_flipped(const kc_config_t *config, double rms_px, double rms_alt_px, double angle_rad,
+                               double angle_alt_rad)
 {
-    return rms_alt_px <= FLIP_RMS_FACTOR * rms_px && angle_alt_rad < angle_rad &&
-           angle_alt_rad <= FLIP_TRUST_RAD;
+    return rms_alt_px <= config->flip_rms_ratio * rms_px && angle_alt_rad < angle_rad &&
+           angle_alt_rad <= config->flip_trust_rad;
 }
 
 static double angle_to_prediction(const kc_active_t *tables, const double *coef, const kc_posture_t *at,
@@ -108,5 +106,7 @@ void kc_observation_unflip(const kc_active_t *tables, const double *coef, const 
     swap_solutions(&second);
     double angle_rad = angle_to_prediction(tables, coef, at, det);
     double angle_alt_rad = angle_to_prediction(tables, coef, at, &second);
-    if (kc_observation_is_flipped(det->rms_px, det->rms_alt_px, angle_rad, angle_alt_rad)) { *det = second; }
+    if (kc_observation_is_flipped(&tables->config, det->rms_px, det->rms_alt_px, angle_rad, angle_alt_rad)) {
+        *det = second;
+    }
 }

@@ -26,7 +26,8 @@ void kc_observation_residual(const kc_active_t *tables, const double *coef, cons
 /* Whether the second pose of a flat tag is the right one: its reprojection is about as good (rms), and its
  * angle to the prediction is smaller than that of the first one, and small enough for the prediction to be
  * trusted. */
-bool kc_observation_is_flipped(double rms_px, double rms_alt_px, double angle_rad, double angle_alt_rad);
+bool kc_observation_is_flipped(const kc_config_t *config, double rms_px, double rms_alt_px, double angle_rad,
+                               double angle_alt_rad);
 
 /* Put the pose first that is nearer to the prediction with coefficients coef. */
 void kc_observation_unflip(const kc_active_t *tables, const double *coef, const kc_posture_t *at,

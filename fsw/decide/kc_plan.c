@@ -2,9 +2,6 @@
 
 #include <string.h>
 
-#define OWN_MIN 3u         /* fewest poses besides the local initial poses */
-#define LOCAL_TRIED_MIN 6u /* local initial poses after which a tag must have been detected */
-
 /* Local initial poses still to come; without those in reserve if only_due. */
 static uint32_t local_left(const kc_plan_t *p, const kc_space_t *s, bool only_due)
 {
@@ -23,24 +20,28 @@ static uint32_t goal(const kc_plan_t *p, const kc_space_t *s, uint32_t under_way
     return n < KC_MEAS_MAX ? n : KC_MEAS_MAX;
 }
 
-void kc_plan_start(kc_plan_t *p, const kc_space_t *space, uint32_t n_goal)
+void kc_plan_start(kc_plan_t *p, const kc_space_t *space, const kc_config_t *config, uint32_t n_goal)
 {
     memset(p, 0, sizeof *p);
-    p->n_own = kc_space_n_local(space) > 0u && n_goal < OWN_MIN ? OWN_MIN : n_goal;
+    p->n_min = config->poses_min;
+    p->n_own = kc_space_n_local(space) > 0u && n_goal < p->n_min ? p->n_min : n_goal;
     p->n_goal = goal(p, space, 0u);
     for (uint32_t c = 0u; c < space->n_cand; c++) { p->usable[c] = (uint8_t)!kc_space_local(space, c); }
 }
 
-bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space)
+bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space, const kc_config_t *config)
 {
-    bool nothing = p->n_local == 0u && p->n_tried >= LOCAL_TRIED_MIN;
+    bool nothing = p->n_local == 0u && p->n_tried >= config->tags_tried_min;
     bool little = 3u * p->n_local < p->n_tried && local_left(p, space, false) == 0u;
     return nothing || little;
 }
 
 bool kc_plan_complete(const kc_plan_t *p, const kc_space_t *space) { return p->n_meas >= goal(p, space, 0u); }
 
-bool kc_plan_enough(const kc_plan_t *p) { return p->n_meas - p->n_local >= (p->n_local > 0u ? OWN_MIN : 1u); }
+bool kc_plan_enough(const kc_plan_t *p)
+{
+    return p->n_meas - p->n_local >= (p->n_local > 0u ? p->n_min : 1u);
+}
 
 /* Local initial poses in reserve are taken while tags are detected at few; the last ones also while a
  * coefficient is undetermined. */

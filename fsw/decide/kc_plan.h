@@ -8,6 +8,7 @@
 #include "kc_tables.h"
 
 typedef struct {
+    uint32_t n_min;            /* fewest of them that a proposal needs */
     uint32_t n_own;            /* poses requested, local initial poses not counted */
     uint32_t n_goal;           /* poses in all, as far as is known */
     uint32_t n_meas;           /* measured */
@@ -19,10 +20,10 @@ typedef struct {
 } kc_plan_t;
 
 /* n_goal: poses requested; with local initial poses, which come on top, at least those a proposal needs. */
-void kc_plan_start(kc_plan_t *p, const kc_space_t *space, uint32_t n_goal);
+void kc_plan_start(kc_plan_t *p, const kc_space_t *space, const kc_config_t *config, uint32_t n_goal);
 /* Local initial poses without tags: too few detections to determine the errors of the arm. Without any it
  * makes no larger moves, and with hardly any it does not leave the park pose. */
-bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space);
+bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space, const kc_config_t *config);
 /* Everything that was requested is measured. */
 bool kc_plan_complete(const kc_plan_t *p, const kc_space_t *space);
 /* Measured enough for a proposal: local initial poses alone never are. */

@@ -2,7 +2,6 @@
 
 #include "kc_libm.h"
 
-#define SEARCH_SAFETY 2.0 /* factor of the last residual up to which the next pose may be off */
 #define RANGE_MIN_M 0.1   /* nearer than this the tool is not measured */
 
 kc_no_tags_t kc_reach_no_tags(const kc_tried_t *tried, bool at_seed)
@@ -33,7 +32,7 @@ uint32_t kc_reach_search_limit(const kc_camera_t *camera, const kc_config_t *con
 {
     if (n_meas == 0u) { return config->search_steps; }
     double half = kc_atan2(0.5 * (double)camera->height_px, camera->fy_px);
-    double off = SEARCH_SAFETY * kc_atan2(residual_m, kc_max(range_m, RANGE_MIN_M)) - 0.5 * half;
+    double off = config->search_safety * kc_atan2(residual_m, kc_max(range_m, RANGE_MIN_M)) - 0.5 * half;
     double rings = kc_floor(kc_max(0.0, off) / config->search_step_rad + 0.999);
     double cells = (2.0 * rings + 1.0) * (2.0 * rings + 1.0) - 1.0;
     return cells < (double)config->search_steps ? (uint32_t)cells : config->search_steps;

@@ -3,27 +3,23 @@
 #include "kc_chi2.h"
 #include "kc_libm.h"
 
-#define POOR_NOISE_SCALE 3.0   /* noise this many times as stated: the fit is poor */
-#define POOR_NOISE_SCALE_P 2.0 /* and this many times, if the fit is less likely than ... */
-#define POOR_P_FIT 1e-9
-
 double kc_verdict_p_no_change(double chi2_gain, double noise_scale, uint32_t rank)
 {
     double scale = kc_max(1.0, noise_scale);
     return rank == 0u ? 1.0 : kc_chi2_sf(kc_max(0.0, chi2_gain) / (scale * scale), rank);
 }
 
-static bool poor(const kc_est_t *e, kc_status_t status, double p_fit)
+static bool poor(const kc_config_t *c, const kc_est_t *e, kc_status_t status, double p_fit)
 {
     bool all_rejected = e->opt.outlier_max > 0u && e->n_outliers >= e->opt.outlier_max;
-    return status != KC_OK || e->dof == 0u || e->noise_scale > POOR_NOISE_SCALE ||
-           ((e->noise_scale > POOR_NOISE_SCALE_P || all_rejected) && p_fit < POOR_P_FIT);
+    return status != KC_OK || e->dof == 0u || e->noise_scale > c->poor_noise_scale ||
+           ((e->noise_scale > c->poor_noise_scale_unlikely || all_rejected) && p_fit < c->poor_p_fit);
 }
 
 kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_status_t status, double p_fit,
                         double p_no_change)
 {
-    if (poor(est, status, p_fit)) { return KC_VERDICT_POOR; }
+    if (poor(config, est, status, p_fit)) { return KC_VERDICT_POOR; }
     return p_no_change > config->no_change_p ? KC_VERDICT_NO_CHANGE : KC_VERDICT_CHANGE;
 }
 

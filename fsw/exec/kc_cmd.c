@@ -106,8 +106,8 @@ static kc_answer_t start_args(const kc_active_t *a, const kc_cmd_t *c, kc_start_
 {
     uint64_t can = coefs(&a->terms);
     uint64_t mask = c->arg_u64 != 0u ? c->arg_u64 : a->config.est.free_mask & can;
-    if (c->arg_i[0] < -1 || c->arg_i[0] > (int32_t)KC_ACQ_LAST) {
-        return bad_arg(out, 0, (double)c->arg_i[0], (double)KC_ACQ_LAST);
+    if (c->arg_i[0] < -1 || c->arg_i[0] > (int32_t)KC_ACQ_COUNT - 1) {
+        return bad_arg(out, 0, (double)c->arg_i[0], (double)KC_ACQ_COUNT - 1);
     }
     if (c->arg_i[1] < 0 || c->arg_i[1] > (int32_t)KC_MEAS_MAX) {
         return bad_arg(out, 1, (double)c->arg_i[1], (double)KC_MEAS_MAX);

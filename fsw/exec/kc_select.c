@@ -13,7 +13,7 @@ void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *v, const k
         .energy_us = v->clock->now_us,
         .candidate = -1,
     };
-    kc_plan_start(plan, &v->tables->space, ask->n_goal);
+    kc_plan_start(plan, &v->tables->space, &v->tables->config, ask->n_goal);
     kc_event(&out->events, KC_EVT_CAL_START, (int32_t)cal->session, (double)ask->n_goal, (double)ask->acq);
 }
 
@@ -74,7 +74,7 @@ kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_
     const kc_space_t *s = &v->tables->space;
     bool undetermined = v->est->rank < v->est->n_free;
     uint32_t cand = 0u;
-    if (kc_plan_no_tags(plan, s)) {
+    if (kc_plan_no_tags(plan, s, &v->tables->config)) {
         kc_event(&out->events, KC_EVT_CAL_TAGS_NOT_DETECTED, -1, (double)plan->n_local,
                  (double)plan->n_tried);
         return kc_abort_for(KC_CAUSE_TAGS_NOT_DETECTED);

@@ -111,7 +111,9 @@ kc_outcome_t kc_update_refine(kc_learned_t *l, kc_est_t *est, const kc_view_t *v
 {
     const double *start = v->tables->kin.value;
     kc_fit_quality_t first = kc_fit_quality(est, l->status);
-    if (!kc_fit_needs_second_start(&first) || !differ(l->coef, start)) { return kc_outcome(KC_OC_DONE); }
+    if (!kc_fit_needs_second_start(&v->tables->config, &first) || !differ(l->coef, start)) {
+        return kc_outcome(KC_OC_DONE);
+    }
     l->status = solve_from(est, l->coef);
     kc_fit_quality_t second = kc_fit_quality(est, l->status);
     if (!kc_fit_second_is_better(&first, &second)) { l->status = solve_from(est, start); }

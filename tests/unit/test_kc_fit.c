@@ -40,16 +40,16 @@ void test_a_solution_is_there_when_it_converged_or_stopped_at_its_best(void)
 void test_a_second_start_is_for_fits_that_failed_are_noisy_or_rejected_a_pose(void)
 {
     kc_fit_quality_t q = kc_fit_quality(&s_est, KC_OK);
-    TEST_ASSERT_FALSE(kc_fit_needs_second_start(&q));
+    TEST_ASSERT_FALSE(kc_fit_needs_second_start(&s_config, &q));
     q = kc_fit_quality(&s_est, KC_ERR_ITER);
-    TEST_ASSERT_TRUE(kc_fit_needs_second_start(&q));
+    TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
     s_est.noise_scale = 2.001;
     q = kc_fit_quality(&s_est, KC_OK);
-    TEST_ASSERT_TRUE(kc_fit_needs_second_start(&q));
+    TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
     s_est.noise_scale = 1.0;
     s_est.n_outliers = 1u;
     q = kc_fit_quality(&s_est, KC_OK);
-    TEST_ASSERT_TRUE(kc_fit_needs_second_start(&q));
+    TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
 }
 
 void test_fewer_outliers_win_then_the_lower_cost(void)

@@ -7,10 +7,12 @@
 
 static kc_space_t s_space;
 static kc_plan_t s_plan;
+static kc_config_t s_config;
 
 /* Initial poses: n_local local ones, candidates 10, 11 ..., the last n_reserve in reserve; then 0, 1, 2. */
 static void given(uint32_t n_local, uint32_t n_reserve, uint32_t n_goal)
 {
+    given_config(&s_config);
     given_space(&s_space, 20u, 1u);
     s_space.n_initial = n_local + 3u;
     for (uint32_t i = 0u; i < n_local; i++) {
@@ -19,7 +21,7 @@ static void given(uint32_t n_local, uint32_t n_reserve, uint32_t n_goal)
                                                                        : KC_CAND_LOCAL | KC_CAND_RESERVE);
     }
     for (uint32_t i = 0u; i < 3u; i++) { s_space.initial[n_local + i] = (uint16_t)i; }
-    kc_plan_start(&s_plan, &s_space, n_goal);
+    kc_plan_start(&s_plan, &s_space, &s_config, n_goal);
 }
 
 void setUp(void) { given(0u, 0u, 5u); }
@@ -143,15 +145,15 @@ void test_six_local_poses_without_tags_end_it_and_so_does_less_than_a_third_of_a
 {
     given(9u, 0u, 5u);
     for (uint32_t i = 0u; i < 6u; i++) {
-        TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space));
+        TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space, &s_config));
         (void)next();
     }
-    TEST_ASSERT_TRUE(kc_plan_no_tags(&s_plan, &s_space));
+    TEST_ASSERT_TRUE(kc_plan_no_tags(&s_plan, &s_space, &s_config));
     measure(10u);
-    TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space)); /* there are more to come */
+    TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* there are more to come */
     for (uint32_t i = 0u; i < 3u; i++) { (void)next(); }
-    TEST_ASSERT_TRUE(kc_plan_no_tags(&s_plan, &s_space)); /* one of nine */
+    TEST_ASSERT_TRUE(kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* one of nine */
     measure(11u);
     measure(12u);
-    TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space)); /* a third */
+    TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* a third */
 }

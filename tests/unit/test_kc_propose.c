@@ -81,7 +81,7 @@ void test_more_noise_than_stated_makes_sigma_larger_not_the_fit_poor(void)
     world.config.frames_per_meas = 1u;
     world_calibrated();
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale < 2.0);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale_unlikely);
     TEST_ASSERT_TRUE(quiet > 0.0);
 }
 
@@ -100,7 +100,7 @@ void test_residuals_that_the_stated_noise_cannot_explain_make_the_fit_poor(void)
     world.config.est.outlier_p = 0.0;
     world_calibrated();
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale > 3.0);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale > world.config.poor_noise_scale);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_POOR));
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP)); /* the ground decides */
     TEST_ASSERT_TRUE(world.proposal.kin.sigma[24] > 1e-4);
@@ -117,8 +117,8 @@ void test_two_to_three_times_the_noise_is_poor_if_the_fit_is_too_unlikely(void)
     world.config.n_poses = 24u;
     world.config.est.outlier_p = 0.0;
     world_calibrated();
-    TEST_ASSERT_TRUE(world.proposal.noise_scale > 2.0);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale < 3.0);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale > world.config.poor_noise_scale_unlikely);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
 }
 
@@ -179,8 +179,8 @@ void test_an_unlikely_fit_that_used_up_what_may_be_rejected_is_poor_with_less_no
         world.config.est.outlier_max = 1u;
         world.config.est.outlier_p = 1e-9;
         world_calibrated();
-        TEST_ASSERT_TRUE(world.proposal.noise_scale < 2.0);
-        TEST_ASSERT_TRUE(world.proposal.p_fit < 1e-9);
+        TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale_unlikely);
+        TEST_ASSERT_TRUE(world.proposal.p_fit < world.config.poor_p_fit);
         TEST_ASSERT_EQUAL_UINT32((uint32_t)spoil_one, world.proposal.n_outliers);
         TEST_ASSERT_EQUAL_INT(verdict[spoil_one], world.proposal.verdict);
     }
