@@ -1,7 +1,7 @@
 """Write what cffi needs to know about a build of the flight core: its public headers, preprocessed.
 
-    cdef.py fsw/math fsw/model ... > build/kincal_cdef.h
-    cdef.py -DKC_GROUND fsw/math fsw/model ground/native > build/kincal_ground_cdef.h
+    cdef.py -o build/kincal_cdef.h fsw/math fsw/model ...
+    cdef.py -o build/kincal_ground_cdef.h -DKC_GROUND fsw/math fsw/model ground/native
 
 cffi's parser takes plain declarations only: system headers, static inline functions and static
 assertions go, macros that are whole numbers become `#define NAME 8`, other numbers a comment. Standard
@@ -67,22 +67,24 @@ def macros(includes: str, dirs: list[Path], *options: str) -> dict[str, int | fl
 
 
 def main() -> int:
-    """Print the declarations; exit status."""
+    """Write the declarations; exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("dirs", type=Path, nargs="+", help="header folders, lowest layer first")
     parser.add_argument("-D", dest="defines", action="append", default=[], help="as for the compiler")
+    parser.add_argument("-o", dest="out", type=Path, required=True, help="file to write")
     given = parser.parse_args()
     dirs, options = given.dirs, [f"-D{name}" for name in given.defines]
     headers = [h for d in dirs for h in sorted(d.glob("k[cg]_*.h")) if not h.stem.endswith("_priv")]
     includes = "".join(f'#include "{h.name}"\n' for h in headers)
 
-    print("/* Made by ground/cdef.py from the public headers of fsw/; do not edit. */")
+    lines = ["/* Made by ground/cdef.py from the public headers of fsw/; do not edit. */"]
     for name, value in macros(includes, dirs, *options).items():
         # cffi takes whole numbers only; kincal.flight reads the others from the comment
-        print(f"#define {name} {value}" if isinstance(value, int) else f"/* {name} = {value!r} */")
-    print(re.sub(r"\n{2,}", "\n", without_bodies(preprocess(includes, dirs, *options))).strip())
+        lines.append(f"#define {name} {value}" if isinstance(value, int) else f"/* {name} = {value!r} */")
+    lines.append(re.sub(r"\n{2,}", "\n", without_bodies(preprocess(includes, dirs, *options))).strip())
+    given.out.write_text("\n".join(lines) + "\n")
     return 0
 
 

@@ -3,7 +3,7 @@
     suite.py --junit build/junit --logs build/log unit oracle lint ...    run steps with make
     suite.py --junit build/junit --sum                                    only the closing line
 
-Tests are counted from the JUnit files that Unity's runner and pytest wrote, never from exit codes; a step
+Tests are counted from the JUnit files that CTest and pytest wrote, never from exit codes; a step
 without tests (lint, size ...) or one that fails without a failed test counts as one failure when it fails.
 """
 
@@ -57,7 +57,7 @@ def run(step: str, junit: Path, logs: Path, jobs: int) -> dict:
     if failed:
         print("\n".join(text[-150:]))
     elif step in ("cov", "size"):
-        print("\n".join(line for line in text if line.startswith("  ") and not line.startswith("  CC")))
+        print("\n".join(line for line in text if line.startswith(("  ", "lines:", "branches:"))))
     tests = f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else "")
     print(
         f"{'FAIL' if failed else 'ok  '}  {step:14s} {seconds:6.1f} s  {tests if step in REPORT else ''}",

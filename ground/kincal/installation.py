@@ -6,6 +6,7 @@ itself is used."""
 
 from __future__ import annotations
 
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -50,6 +51,15 @@ def require(extra: str, what: str) -> None:
         raise BadInput(
             f"{what} needs {', '.join(missing)}", todo=f"install them: pip install 'kincal[{extra}]'"
         )
+
+
+def simulator() -> None:
+    """Put the simulator (package kincal_sim) and the message types on the path of this process. BadInput if
+    what it needs is not installed."""
+    require("sim", "a simulated run")
+    for folder in (root() / "sim", root() / "build" / "py"):
+        if str(folder) not in sys.path:
+            sys.path.append(str(folder))
 
 
 def program(name: str) -> Path:

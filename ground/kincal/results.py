@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 PAIRS_NAMED = 3  # of shapes, per reason
 
+_LEAST_CHANCE = 1e-12  # below it the tail of a distribution says nothing
+
 
 @dataclass(frozen=True)
 class PoseLine:
@@ -173,6 +175,11 @@ def angle_text(rad: float) -> str:
     if not np.isfinite(rad):
         return "-"
     return f"{rad:.3f} rad" if abs(rad) >= 0.1 else f"{rad * 1e3:.2f} mrad"
+
+
+def chance_text(p: float) -> str:
+    """A probability; nothing has none at all."""
+    return f"{p:.3g}" if p >= _LEAST_CHANCE else f"below {_LEAST_CHANCE:g}"
 
 
 def length_text(m: float) -> str:

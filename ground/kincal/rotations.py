@@ -37,11 +37,6 @@ def rotvec_of_matrix(matrix: ArrayLike) -> Floats:
     return Rotation.from_matrix(np.asarray(matrix, dtype=float)).as_rotvec()
 
 
-def matrix_of_rotvec(rotvec_rad: ArrayLike) -> Floats:
-    """(..., 3, 3) rotation matrices of (..., 3) rotation vectors [rad]."""
-    return Rotation.from_rotvec(np.asarray(rotvec_rad, dtype=float)).as_matrix()
-
-
 def angle_of_matrix(matrix: ArrayLike) -> Floats:
     """Angle of (..., 3, 3) rotation matrices [rad], 0..pi, accurate near both ends."""
     return np.asarray(Rotation.from_matrix(np.asarray(matrix, dtype=float)).magnitude())

@@ -8,7 +8,6 @@ Writes DIR/result.json. Exit status 0: the calibration succeeded, 1: it did not.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections import Counter
@@ -18,6 +17,7 @@ from typing import Any
 
 import kcm
 
+from . import outputs
 from .bus import Bus
 from .lockstep import Participant, Received
 from .scenario import ACCEPT, ACQUISITIONS, VERDICTS, Scenario, load
@@ -349,13 +349,15 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     return p.parse_args(argv)
 
 
-def scenario_of(o: argparse.Namespace) -> Scenario:
-    """The scenario with the accept policy of the command line. Raises BadInput."""
-    scenario = load(o.scenario)
-    scenario.executive.accept = o.accept or scenario.executive.accept
-    if o.accept == "ground":
-        scenario.executive.ground_wait_s = max(scenario.executive.ground_wait_s, GROUND_WAIT_S)
-    return scenario
+def accepted_by(scenario: Scenario, accept: str) -> Scenario:
+    """A copy of the scenario with this accept policy; "" leaves it as it is. A ground that is asked for here
+    listens, and gets time to decide."""
+    changed = scenario.model_copy(deep=True)
+    if accept:
+        changed.executive.accept = accept  # type: ignore[assignment]  # the model checks it
+    if accept == "ground":
+        changed.executive.ground_wait_s = max(changed.executive.ground_wait_s, GROUND_WAIT_S)
+    return changed
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -365,7 +367,12 @@ def main(argv: list[str] | None = None) -> int:
     # Live, a restarted executive must still be newer than its predecessor: count on from the clock.
     first_seq = int(time.time() - 1.7e9) * 4 if o.live else 1
     executive = Executive(
-        scenario_of(o), lambda m: bus.publish("KC_CMD", m), o.seed, o.acquisition, o.poses, first_seq
+        accepted_by(load(o.scenario), o.accept),
+        lambda m: bus.publish("KC_CMD", m),
+        o.seed,
+        o.acquisition,
+        o.poses,
+        first_seq,
     )
 
     def act(now_us: int, messages: list[Received]) -> bool:
@@ -380,15 +387,8 @@ def main(argv: list[str] | None = None) -> int:
         participant.run_live()
     else:
         participant.run_lockstep()
-    _write_whole(o.out / "result.json", json.dumps(executive.record(), indent=1) + "\n")
+    outputs.write(o.out / outputs.RESULT, executive.record())
     return 0 if executive.result["success"] else 1
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Whoever finds the file finds all of it."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text)
-    part.rename(path)
 
 
 if __name__ == "__main__":

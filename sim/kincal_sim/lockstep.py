@@ -35,6 +35,23 @@ class ParticipantTimeout(RuntimeError):
     """A participant did not answer."""
 
 
+class Inbox:
+    """Messages of others wait here until they are due, and leave in canonical order."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Received] = []
+
+    def put(self, channel: str, message: Any) -> None:
+        """A message has arrived."""
+        self._waiting.append((channel, message))
+
+    def take(self, before_us: int) -> list[Received]:
+        """What was stamped before this time, in the order of channel, stamp and sequence number."""
+        due = [m for m in self._waiting if m[1].t_us < before_us]
+        self._waiting = [m for m in self._waiting if m[1].t_us >= before_us]
+        return sorted(due, key=lambda m: (m[0], m[1].t_us, getattr(m[1], "seq", 0)))
+
+
 class Participant:
     """One lockstep (or live) process that listens to channels and acts at ticks.
 
@@ -45,11 +62,11 @@ class Participant:
     def __init__(self, bus: Bus, who: int, channels: list[str], act: Callable[[int, list[Received]], bool]):
         self.bus, self.who, self.act = bus, who, act
         self.alive = True
-        self._queue: list[Received] = []
+        self._inbox = Inbox()
         self._done = kcm.tick_done_t()  # answer to the last tick
         self._done.who = who
         for channel in channels:
-            bus.listen(channel, lambda ch, m: self._queue.append((ch, m)))
+            bus.listen(channel, self._inbox.put)
 
     def run_lockstep(self) -> None:
         """Announce until the first tick, then answer ticks until act() says stop."""
@@ -82,10 +99,7 @@ class Participant:
             self._leave()
 
     def _act(self, now_us: int, before_us: int) -> None:
-        due = [m for m in self._queue if m[1].t_us < before_us]
-        self._queue = [m for m in self._queue if m[1].t_us >= before_us]
-        due.sort(key=lambda m: (m[0], m[1].t_us, getattr(m[1], "seq", 0)))
-        self.alive = self.act(now_us, due)
+        self.alive = self.act(now_us, self._inbox.take(before_us))
 
     def _leave(self) -> None:
         """Announce that nobody needs to wait for this process any more."""

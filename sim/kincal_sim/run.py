@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 import socket
 import sys
 import time
@@ -12,13 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from . import outputs
 from .ports import NoFreePort, private_port, private_url
 from .processes import ROOT, STOP_WAIT_S, ProcessGroup
 from .recorder import Recorder
-from .scenario import Scenario, load
+from .scenario import load
 
 POLL_S = 0.02
-FILES = ("result.json", "truth.json", "run.lcmlog", "launch.json", "contacts.json")
 
 
 class LaunchError(RuntimeError):
@@ -120,50 +118,14 @@ def execute(run: Run, announce: Callable[[dict], None] | None = None) -> dict:
     """
     run.check()
     scenario = load(run.scenario)
-    store = _prepare_folders(run)
+    store = outputs.prepare(run.out, run.store)
     started = time.monotonic()
     with _network(run.url) as url:
+        facts = {"url": url, "scenario": scenario.name, "seed": run.seed, "mode": run.mode}
         if announce:
-            announce(_facts(run, scenario, url) | {"out": str(run.out), "realtime": run.realtime})
+            announce(facts | {"out": str(run.out), "realtime": run.realtime})
         _run_processes(run, url, store)
-    result = json.loads((run.out / "result.json").read_text())
-    problem = problem_with(scenario, result)
-    contacts = run.out / "contacts.json"
-    result |= _facts(run, scenario, url)
-    result |= {
-        "ok": not problem,
-        "problem": problem,
-        "wall_s": round(time.monotonic() - started, 2),
-        # Shapes of the simulated arm that touched, with the seconds; for information, it ends no run.
-        "contacts": json.loads(contacts.read_text()) if contacts.exists() else {},
-    }
-    (run.out / "launch.json").write_text(json.dumps(result, indent=1) + "\n")
-    return result
-
-
-def problem_with(scenario: Scenario, result: dict) -> str:
-    """Why a run is no success; empty if it is one. result: what the executive left."""
-    if not result.get("success"):
-        return result.get("reason", "the executive left no result")
-    if scenario.expect.verdict and result["verdict"] != scenario.expect.verdict:
-        return f"verdict {result['verdict']}, the scenario expects {scenario.expect.verdict}"
-    return ""
-
-
-def _facts(run: Run, scenario: Scenario, url: str) -> dict:
-    return {"url": url, "scenario": scenario.name, "seed": run.seed, "mode": run.mode}
-
-
-def _prepare_folders(run: Run) -> Path:
-    """Make the output folder, remove what an earlier run left in it; the store."""
-    run.out.mkdir(parents=True, exist_ok=True)
-    for name in FILES:
-        (run.out / name).unlink(missing_ok=True)
-    store = run.store or run.out / "store"
-    if run.store is None:
-        shutil.rmtree(store, ignore_errors=True)
-    store.mkdir(parents=True, exist_ok=True)
-    return store
+    return outputs.conclude(run.out, scenario, facts, time.monotonic() - started)
 
 
 @contextmanager
@@ -185,7 +147,7 @@ def _network(url: str) -> Iterator[str]:
 
 def _run_processes(run: Run, url: str, store: Path) -> None:
     group = ProcessGroup(run.out / "logs")
-    recorder = Recorder(url, run.out / "run.lcmlog", run.images)
+    recorder = Recorder(url, run.out / outputs.LOG, run.images)
     try:
         for name, argv in run.commands(url, store).items():
             group.start(name, argv)

@@ -9,13 +9,13 @@ stopped answering.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from pathlib import Path
 
 import kcm
 
+from . import outputs
 from .bus import Bus
 from .imagers import BackgroundImager, fast_imager, pixel_imager
 from .lockstep import LEAVE, WHO, LockstepClock, ParticipantTimeout
@@ -114,14 +114,14 @@ def main(argv: list[str] | None = None) -> int:
     background = BackgroundImager(make_imager)
     world = World(scenario, o.seed, background.imager if o.realtime else make_imager)
     truth = truth_record(scenario, world.plant, o.seed, "fast" if o.fast else "pixels")
-    (o.out / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
+    outputs.write(o.out / outputs.TRUTH, truth)
     bus = Bus(o.url)
     for channel in COMMANDS:
         bus.listen(channel, world.receive)
     try:
         return _run(o, scenario, world, bus, background)
     finally:
-        (o.out / "contacts.json").write_text(json.dumps(world.contacts, indent=1) + "\n")
+        outputs.write(o.out / outputs.CONTACTS, world.contacts)
 
 
 def _run(

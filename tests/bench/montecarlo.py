@@ -2,11 +2,10 @@
 
     python tests/bench/montecarlo.py [--runs 1000] [--outside 1000] [--seed 1] [--jobs 2] [--out FILE]
 
-The flight core runs in this process (libkincal.so) against the simulator's arm, pan-tilt unit and camera in
-the fast mode, 100 ms a tick as in lockstep, without LCM and without processes; what goes in and out is what
-the edge of the flight process passes on. One line per run goes to FILE at once; runs that are in it already
-are skipped, so it can be stopped and started again. Exit status 1 if a criterion is missed, 2 if FILE
-belongs to another flight core or other tables.
+Each is flown by kincal.run.inprocess.simulate: the flight core against the simulator in fast mode, without
+LCM and without processes. One line per run goes to FILE at once; runs that are in it already are skipped, so
+it can be stopped and started again. Exit status 1 if a criterion is missed, 2 if FILE belongs to another
+flight core or other tables.
 
 Sampled errors (run number and seed say which; the bounds are those of tables/src/space.toml [error_bounds])
 - inside: run 0 is the paper's set; then by run number in turn 6 of 10 `box`: all 28 DH errors even between
@@ -52,9 +51,11 @@ ROOT = Path(__file__).resolve().parents[2]
 for _folder in ("ground", "sim", "build/py"):
     sys.path.insert(0, str(ROOT / _folder))
 
-from kincal.flight import check, event_name, library  # noqa: E402
+from kincal.flight import event_name, library  # noqa: E402
 from kincal.flight import tables as codec  # noqa: E402
 from kincal.flight.builds import library_file  # noqa: E402
+from kincal.link import unsigned32  # noqa: E402
+from kincal.run.inprocess import Script, Setup, Tick, command, simulate  # noqa: E402
 from kincal.schema.space import read_description  # noqa: E402
 from kincal.space import SpaceTable, TablesFolder, error_bounds  # noqa: E402
 from kincal.space.error_sampling import DH_FIELDS  # noqa: E402
@@ -78,7 +79,6 @@ FLIGHT = library("flight")
 HUB_BOUND = FLIGHT.decimal("KC_HUB_BOUND") + 1e-6  # about hubs and local initial poses
 ON_NODE_RAD = 0.002  # arm at rest within arrive_tol; the rest is rounding
 IDLE, REVIEW, SAFE = (FLIGHT.constant(f"KC_ST_{name}") for name in ("IDLE", "REVIEW", "SAFE"))
-START, EXECUTIVE = FLIGHT.lib.KC_CMD_START, FLIGHT.lib.KC_SRC_EXECUTIVE
 START_TICK = 3  # the executive hears the first housekeeping and answers it: flight has START in this tick
 KINDS_INSIDE = ("box", "alone", "box", "three", "box", "box", "box", "alone", "box", "three")
 KINDS_OUTSIDE = ("slip", "few", "wide", "both")
@@ -209,98 +209,6 @@ class CheckedWorld(World):
             contact["deep_m"] = max(contact["deep_m"], round(-float(c.dist), 4))
 
 
-# ---- flight, in this process ----------------------------------------------------------------------------
-
-
-class Flight:
-    """The flight core behind the edge's door: sensor messages in, commands and telemetry out."""
-
-    def __init__(self):
-        self.app = FLIGHT.ffi.addressof(FLIGHT.lib, "kc_app_instance")
-        self.inp, self.out = FLIGHT.new("kc_in_t"), FLIGHT.new("kc_out_t")
-        FLIGHT.lib.kc_app_init(self.app)
-        for name, kind in codec.kinds().items():
-            data = (TABLES / f"{name}.tbl").read_bytes()
-            check(FLIGHT.lib.kc_app_load(self.app, kind, data, len(data)), f"{name} table")
-        FLIGHT.lib.kc_app_boot(self.app)
-        self.waiting: list = []  # detections come one tick after they were taken, as over the network
-
-    def step(self, now_us: int, received: list, command=None):
-        """One tick: messages and a command (a dict of its fields) in, what flight sends out."""
-        i = self.inp
-        FLIGHT.ffi.memmove(i, bytes(FLIGHT.ffi.sizeof(i[0])), FLIGHT.ffi.sizeof(i[0]))
-        for d in self.waiting:
-            _detection(i.det[i.n_det], d)
-            i.n_det += 1
-        self.waiting = []
-        for channel, m in received:
-            self._take(channel, m)
-        if command is not None:
-            i.n_cmd = 1
-            FLIGHT.set_fields(i.cmd[0], command)
-        FLIGHT.lib.kc_app_step(self.app, now_us, i, self.out)
-        return self.out
-
-    def _take(self, channel: str, m) -> None:
-        if channel == "KC_ARM_STATE":
-            _arm(self.inp.arm, m)
-            self.inp.has_arm = 1
-        elif channel == "KC_PANTILT_STATE":
-            _copy(self.inp.pantilt, m, ("t_us", "seq", "pan_rad", "tilt_rad", "moving"))
-            self.inp.has_pantilt = 1
-        elif channel == "KC_DETECTION":
-            self.waiting.append(m)
-
-    @property
-    def state(self) -> int:
-        """State of the executive, KC_ST_..."""
-        return int(FLIGHT.lib.kc_app_state(self.app))
-
-
-def _copy(struct, m, names) -> None:
-    """Fields of a message into a struct, by name."""
-    for name in names:
-        setattr(struct, name, getattr(m, name))
-
-
-def _arm(s, m) -> None:
-    s.t_us, s.seq, s.n_joints = m.t_us, m.seq, m.n_joints
-    s.q, s.dq, s.q_cmd, s.dir = m.q_rad, m.dq_rad_s, m.q_cmd_rad, m.dir
-    s.moving, s.fault_mask = m.moving, m.fault_mask
-    s.temp_c, s.payload_kg, s.g_m_s2 = m.temp_c, m.payload_kg, m.g_m_s2
-
-
-def _detection(d, m) -> None:
-    _copy(d, m, ("t_us", "seq", "n_tags", "tag_id", "p_cam_tool_m", "p_alt_m", "q_alt_wxyz", "rms_px"))
-    _copy(d, m, ("q_cam_tool_wxyz", "rms_alt_px", "range_m", "incid_rad", "u_px", "v_px", "corner_px"))
-    cov = np.zeros((6, 6))
-    cov[np.triu_indices(6)] = m.cov
-    d.cov = (cov + np.triu(cov, 1).T).ravel().tolist()
-
-
-class Message:
-    """A command on its way to the simulator."""
-
-    def __init__(self, **fields):
-        self.__dict__.update(fields)
-
-
-def commands(out) -> list[tuple[str, Message]]:
-    """Channel and message of everything that flight commands."""
-    found = []
-    if out.has_arm_cmd:
-        c = out.arm_cmd
-        n, q = int(c.n_joints), list(c.q)
-        m = Message(seq=c.seq, n_joints=n, q_rad=q, speed_scale=c.speed_scale, hold=c.hold)
-        found.append(("KC_ARM_CMD", m))
-    if out.has_pantilt_cmd:
-        c = out.pantilt_cmd
-        found.append(("KC_PANTILT_CMD", Message(seq=c.seq, pan_rad=c.pan_rad, tilt_rad=c.tilt_rad)))
-    if out.has_frame_request:
-        found.append(("KC_FRAME_REQUEST", Message(seq=out.frame_seq)))
-    return found
-
-
 # ---- the check of commands ------------------------------------------------------------------------------
 
 
@@ -388,6 +296,8 @@ class Record:
     events: Counter = field(default_factory=Counter)
     commands: int = 0
     cause: int = -1
+    ended: int | None = None  # tick
+    mission_s: float = 0.0  # until then
 
 
 def rms_m(wrong: Arm, believed: Arm, bias, rng) -> float:
@@ -414,48 +324,45 @@ def coefficient_errors(coef) -> dict[str, float]:
 
 def fly(truth: ArmTruth, seed: int, checker: CommandCheck) -> tuple[Record, CheckedWorld]:
     """One recalibration from power-up to its end."""
-    world, flight, record = CheckedWorld(Scenario(name="sampled", arm=truth), seed), Flight(), Record()
-    last = {"path": "", "pose": 0}
+    scenario, record = Scenario(name="sampled", arm=truth), Record()
+    world, last = CheckedWorld(scenario, seed), {"path": "", "pose": 0}
     world.note = lambda: dict(last)
-    ask = {"seq": 1, "source": EXECUTIVE, "opcode": START, "arg_i": [-1, 0, seed, 0]}
-    ended, tick, stop = None, 0, int(MISSION_S * 1e6 / TICK_US)
-    while tick < stop and (ended is None or tick < ended + LINGER_TICKS):
-        tick += 1
-        now_us = tick * TICK_US
-        out = flight.step(now_us, world.step(now_us), ask if tick == START_TICK else None)
-        _listen(out, record)
-        for channel, m in commands(out):
-            world.receive(channel, m)
-            _check(channel, m, world, checker, record, flight, last)
-        if ended is None and tick >= START_TICK and flight.state in (IDLE, REVIEW, SAFE):
-            ended = tick
-    record.outcome = _outcome(record, ended is not None)
-    world.mission_s = (ended or tick) * TICK_US * 1e-6
+
+    def each_tick(tick: Tick) -> bool:
+        _listen(tick, record)
+        for channel, m in tick.from_flight:
+            _check(channel, m, world, checker, record, tick.state, last)
+        if record.ended is None and tick.number >= START_TICK and tick.state in (IDLE, REVIEW, SAFE):
+            record.ended = tick.number
+        return record.ended is None or tick.number < record.ended + LINGER_TICKS
+
+    ask = [(START_TICK - 1, command("START", -1, 0, seed))]
+    setup = Setup(TABLES, commander=lambda send: Script(send, ask), world=lambda *_: world, limit_s=MISSION_S)
+    run = simulate(scenario, seed, setup, each_tick=each_tick)
+    record.outcome = _outcome(record, record.ended is not None)
+    record.mission_s = run.mission_s if record.ended is None else record.ended * TICK_US * 1e-6
     return record, world
 
 
-def _listen(out, record: Record) -> None:
+def _listen(tick: Tick, record: Record) -> None:
     """Record what flight says."""
-    for k in range(out.events.n):
-        e = out.events.e[k]
-        name = event_name(e.id)
-        record.events[name] += 1
-        if name == "CAL_ABORTED":
-            record.cause = int(e.got)
-    if out.n_ack and out.ack[0].status != 0:
-        name = event_name(out.ack[0].event_id)
-        record.outcome = f"refused: {name}"
-    if out.has_meas:
-        record.poses += 1
-    if out.has_proposal:
-        p = out.proposal
-        record.verdict = ("no change", "change", "poor")[p.verdict]
-        record.crc = int(p.crc)
-        record.coef = list(p.kin.value)[: p.kin.n_coef]
+    for channel, m in tick.from_flight:
+        if channel == "KC_EVENT":
+            name = event_name(m.id)
+            record.events[name] += 1
+            if name == "CAL_ABORTED":
+                record.cause = int(m.got)
+        elif channel == "KC_ACK" and m.status != 0:
+            record.outcome = f"refused: {event_name(m.event_id)}"
+        elif channel == "KC_MEAS":
+            record.poses += 1
+        elif channel == "KC_PROPOSAL":
+            record.verdict = ("no change", "change", "poor")[m.verdict]
+            record.crc, record.coef = unsigned32(m.crc), list(m.value)[: m.n_coef]
 
 
 def _check(
-    channel: str, m, world: CheckedWorld, checker: CommandCheck, record: Record, flight: Flight, last: dict
+    channel: str, m, world: CheckedWorld, checker: CommandCheck, record: Record, state: int, last: dict
 ) -> None:
     """Record what is wrong with a command."""
     if channel == "KC_PANTILT_CMD" and not checker.pantilt_allowed(np.array([m.pan_rad, m.tilt_rad])):
@@ -475,7 +382,7 @@ def _check(
     path, problem = checker.verified(here, q)
     last.update(path=path or "not verified", pose=record.poses)
     if problem:
-        record.unverified.append(f"{problem}; state {flight.state}, pose {record.poses}")
+        record.unverified.append(f"{problem}; state {state}, pose {record.poses}")
 
 
 def _outcome(record: Record, ended: bool) -> str:
@@ -504,7 +411,7 @@ def one(job: tuple[str, int, int]) -> dict:
         "contacts": world.found,
         "before_m": round(before_m, 5),
         "after_m": None if after_m is None else round(after_m, 6),
-        "mission_s": round(world.mission_s, 1),
+        "mission_s": round(record.mission_s, 1),
         "cpu_s": round(time.process_time() - cpu, 2),
         "resampled": resampled,
         "errors": {k: round(v, 5) for k, v in truth.errors.items()},

@@ -10,7 +10,9 @@ All figures are position RMS [mm], with orientations also rotation RMS [mrad] (0
 poses, base and tool frame fitted only; DH, named, unnamed: held-out poses with DH errors, then with the
 effects that the diagnosis put into the model, then with the unnamed terms that it proposes; reachable: what a
 black box predicts of the rest; noise: the noise floor. Names: `name P` an accepted effect, `+name` one that
-only helps held-out poses, `? place by drivers P` something unnamed.
+only helps held-out poses, `? place by drivers P` something unnamed. Of a file that the models of a set
+predict: the mean of the named model's residuals, a shift between the two sessions, and the effects of the
+first session, without which it is predicted.
 
 Each set runs in a process of its own: whatever happens in it, it gives a row. Exit 1 if a set has none but an
 error. Uses the public library only.
@@ -125,8 +127,9 @@ def joints_of(data: Path) -> int:
 @dataclass(frozen=True)
 class Row:
     """What one set (or, judged: a file that its models predict) gives. names: (name, role, probability);
-    smooth: the unnamed effects that were added; seconds: of the diagnosis; error: why there are no
-    figures."""
+    smooth: the unnamed effects that were added; seconds: of the diagnosis; verdict: its kind,
+    judged: the effects that only hold for the session that was fitted; offset_mm: judged: the one shift of
+    all positions that the named model leaves; error: why there are no figures."""
 
     name: str
     poses: int = 0
@@ -143,6 +146,7 @@ class Row:
     smooth: list[str] = field(default_factory=list)
     seconds: float = 0.0
     judged: bool = False
+    offset_mm: float | None = None
     error: str = ""
 
 
@@ -220,8 +224,20 @@ def judged(path: Path, found, added, arm) -> Row:
     plain, final = found.comparison.fit_all, found.final
     rigid = fit_model(arm, plain.data, dh=False, frames=(plain.base, plain.tool))
     fits = (rigid, plain, final, added.fit)
-    nominal, dh, named, unnamed = (mm(rms(fit.predict(data))) for fit in fits)
-    return Row(path.stem, data.n, nominal, dh, named, unnamed, judged=True)
+    left = [fit.predict(data) for fit in fits]
+    nominal, dh, named, unnamed = (mm(rms(r)) for r in left)
+    offset_mm = 1e3 * float(np.linalg.norm(left[2][:, :3].mean(axis=0)))
+    return Row(
+        path.stem,
+        data.n,
+        nominal,
+        dh,
+        named,
+        unnamed,
+        verdict=", ".join(final.of_session),
+        judged=True,
+        offset_mm=offset_mm,
+    )
 
 
 # ------------------------------------------------------------------------------------------- one process each
@@ -274,7 +290,7 @@ def line(row: Row) -> str:
         return f"{start}  {row.error}" + ("" if row.judged else f" ({row.seconds:.0f} s)")
     figures = "".join(f"{figure(getattr(row, key)):>14}" for key in COLUMNS)
     seconds = f"{'':>7}" if row.judged else f"{row.seconds:7.1f}"
-    return f"{start}{figures}{seconds}  {'' if row.judged else names_text(row)}".rstrip()
+    return f"{start}{figures}{seconds}  {judged_text(row) if row.judged else names_text(row)}".rstrip()
 
 
 def figure(pair: PosRot) -> str:
@@ -283,6 +299,12 @@ def figure(pair: PosRot) -> str:
     if position is None:
         return "-"
     return f"{position:.3f}" + ("" if rotation is None else f"/{rotation:.2f}")
+
+
+def judged_text(row: Row) -> str:
+    """What a session has of its own: an offset of all positions, and effects that did not predict it."""
+    offset = [] if row.offset_mm is None else [f"all positions off by {row.offset_mm:.3f} mm"]
+    return ", ".join([*offset, *([f"without {row.verdict}"] if row.verdict else [])])
 
 
 def names_text(row: Row) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import poses
@@ -55,6 +56,25 @@ def test_compare_and_diagnose_show_themselves(given):
     for answer in (compared, found):
         assert "<table>" in answer._repr_html_()
     assert "backlash[4]" in found._repr_html_()
+
+
+@pytest.mark.parametrize("verb", [kincal.compare, kincal.diagnose, kincal.fit])
+def test_data_of_another_arm_are_refused_unless_forced(given, verb):
+    arm, data = given
+    read = data.read(arm)
+    swapped = replace(read, q=read.q[:, [0, 2, 1, 3, 4, 5, 6]])
+    with pytest.raises(BadInput, match=r"do not belong together(.|\n)*force=True"):
+        verb(arm, swapped)
+
+
+def test_a_forced_comparison_says_what_is_wrong(given):
+    arm, data = given
+    read = data.read(arm)
+    flipped = replace(read, q=read.q * [1, 1, 1, 1, 1, 1, -1])
+    compared = kincal.compare(arm, flipped, force=True)
+    assert [finding.code for finding in compared.comparison.belonging.errors] == ["sign"]
+    assert compared.comparison.belonging.doubts[0] in str(compared)
+    assert kincal.compare(arm, read).comparison.belonging.doubts == ()
 
 
 def test_fit_holds_what_the_workbench_fit_holds(given, fitted, folder):

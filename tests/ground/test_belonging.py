@@ -229,9 +229,17 @@ def test_uplink_names_the_arm_in_the_table(folder):
     args = ("uplink", "--model", folder / "M.toml", "--tables", bin_dir, "-o", folder / "terms.tbl")
     done = kincal(*args, "--arm", folder / "arm.toml")
     assert done.exit_code == 0, done.output
+    assert f"the arm is that of {bin_dir / 'arm.tbl'}" in done.output
     _, terms = tables.load(folder / "terms.tbl")
     _, flown = tables.load(bin_dir / "arm.tbl")
     assert terms.kinematics_crc == Arm.of_table(flown).kinematics_crc != 0
+
+
+def test_uplink_says_with_which_tables_it_compared_or_that_there_are_none(folder, tmp_path):
+    (folder / "M.toml").write_text("version = 1\n")
+    args = ("uplink", "--model", folder / "M.toml", "--arm", folder / "arm.toml", "-o", tmp_path / "t.tbl")
+    assert "tables/bin/arm.tbl" in kincal(*args).output
+    assert "was not checked" in kincal(*args, "--tables", tmp_path).output
 
 
 def test_uplink_refuses_a_model_of_another_arm_than_the_tables(folder):

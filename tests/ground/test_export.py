@@ -439,7 +439,9 @@ def test_effects_through_many_points_are_named_and_the_sensor_is_left_out(tmp_pa
     lens = hypothesis("lens_radial", ("meas", 0, 1.0, Basis("lin", "ptx", 1), ONE))
     fit = unfitted(arm, data, [lens, *of_library(arm, ["tag_scale", "backlash[4]"])])
     found = calibrated_fit(fit, RECORD)
-    assert {one.effect for one in source_left_out(found)} == {"lens_radial", "tag_scale"}
+    why = {one.effect: one.why for one in source_left_out(found)}
+    assert set(why) == {"lens_radial", "tag_scale"}
+    assert "residuals(data)" in why["lens_radial"]
     module, _ = generated(fit, tmp_path)
     assert not hasattr(module, "measured")
     d = drivers_at(data, 0, {*module.DEFAULTS, *module.NEEDED})

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,13 +16,15 @@ from kincal.cli import main
 from kincal.errors import BadInput
 from kincal.pages import diagnosis as pages
 from kincal.pages import diagnosis_grids as grids
-from kincal.pages import glossary
+from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench import advice, api, explain, headline
 from kincal.workbench.diagnosis_text import diagnosis_text
+from kincal.workbench.fit import fit_model
 from kincal.workbench.gain import held_ratio, judged
 from kincal.workbench.partial import effect_panels, place_panels
+from kincal.workbench.reachable import Reachable
 
 BACKLASH_RAD = 3e-3
 
@@ -146,6 +149,16 @@ def test_exclude_is_an_option_of_every_command_that_reads_measurements(found):
     assert json.loads(done.stdout)["poses"] == found.data.n - 5
 
 
+def test_too_few_poses_give_no_reachable_number_and_a_beaten_black_box_says_so(found):
+    c = SimpleNamespace(**vars(found.d.comparison))
+    c.reachable = Reachable(c.rms["held"][0], None, 0.0, enough=False)
+    few = headline.big_numbers(c)[1]
+    assert (few.text, few.about) == ("unknown", "too few poses to tell")
+    c.reachable = Reachable(2.0 * c.rms["held"][0], None, 1.0)
+    assert headline.big_numbers(c, found.d)[1].about.endswith("; the findings do better")
+    assert "better" not in headline.big_numbers(c)[1].about
+
+
 # --------------------------------------------------------------------------- findings as curves
 
 
@@ -159,6 +172,56 @@ def test_partial_residual_of_an_effect_shows_the_true_one(found):
         assert bins[sign].y == pytest.approx(sign * BACKLASH_RAD, abs=4 * bins[sign].sigma)
         assert bins[sign].sigma < 0.2 * BACKLASH_RAD
     assert sum(b.count for b in bins.values()) == found.data.n
+
+
+def test_curve_of_an_effect_goes_through_what_it_does_at_the_poses(found):
+    """Approach directions are levels: a point each, with the standard error of the coefficient."""
+    [effect] = found.d.final.hypotheses
+    fit = found.d.final
+    [panel] = effect_panels(fit, effect)
+    at = dict(zip(panel.x, panel.fitted, strict=True))
+    assert dict(zip(panel.line.x, panel.line.value, strict=True)) == pytest.approx(at)
+    of_one = fit.std_err[fit.names.index(f"{effect.name}.h")]
+    from_mean = np.abs(panel.line.x - panel.x.mean())
+    assert panel.line.std == pytest.approx(of_one * from_mean)
+
+
+def test_curve_is_smooth_where_no_pose_was_measured(found):
+    """A harmonic of a joint, drawn at more points than there are poses, equals its sine and cosine."""
+    arm = found.d.final.arm
+    harmonic = wb.Library.load().find("encoder_eccentricity[2]", arm, found.data)
+    fit = fit_model(arm, found.data, harmonic)
+    [panel] = effect_panels(fit, fit.hypotheses[0])
+    a, b = (fit.estimate[fit.names.index(f"encoder_eccentricity[2].{name}")] for name in "AB")
+    x = panel.line.x
+    assert np.ptp(np.diff(x)) == pytest.approx(0.0, abs=1e-9)
+    assert x[[0, -1]] == pytest.approx([panel.x.min(), panel.x.max()])
+    assert panel.line.value == pytest.approx(a * np.cos(x) + b * np.sin(x), abs=1e-12)
+    assert (panel.line.std > 0).all()
+
+
+def test_means_that_say_nothing_are_not_drawn(found):
+    [effect] = found.d.final.hypotheses
+    [panel] = effect_panels(found.d.final, effect)
+    [group] = panel.groups
+    middle = float(np.median([b.sigma for b in group.bins]))
+    bins = (*group.bins, *group.bins, replace(group.bins[0], x=0.5, sigma=6 * middle))
+    figure = finding_figures.findings(
+        [replace(panel, groups=(replace(group, bins=bins),))],
+        Poses.of(found.d.comparison, found.d.final),
+    )
+    [means] = [t for t in figure.data if t.error_y.array is not None]
+    assert 0.5 not in means.x
+    assert set(means.x) == {b.x for b in group.bins if b.sigma <= 5 * middle}
+
+
+def test_axes_name_drivers_in_words():
+    assert words.axis("levz39") == "gravity lever of link 7 at joint 3 [N m/kg]"
+    assert words.axis("levx16") == "gravity lever of tool about x of link 1 [N m/kg]"
+    assert words.axis("prx1") == "turn about x by radial 1 [m or rad]"
+    assert words.axis("dir2") == "approach direction of joint 2 [-1, 0, 1]"
+    assert words.axis("q3 modulo 0.46", "rad") == "q3 modulo 0.46 [rad]"
+    assert words.axis("u") == "image position, across"
 
 
 def test_motion_of_a_place_is_the_least_squares_one(found):
@@ -176,7 +239,7 @@ def test_two_drivers_give_one_curve_for_each_part_of_the_second(found):
     panel = place_panels(found.d.final, "joint 3", ("q4", "q6"))[0]
     assert [g.label.split()[0] for g in panel.groups] == ["q6"] * 3
     assert sum(g.poses.sum() for g in panel.groups) == found.data.n
-    assert (panel.unit, panel.single) == ("rad", False)
+    assert (panel.unit, panel.line) == ("rad", None)
 
 
 # --------------------------------------------------------------------------- dots

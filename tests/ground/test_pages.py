@@ -111,6 +111,13 @@ def test_page_without_figures_carries_no_script():
     assert "<script" not in page.render(made)
 
 
+def test_page_of_a_run_begins_with_what_came_out(written):
+    text = written[".html"].read_text("utf-8")
+    verdict = text[text.index('class="verdict"') :].partition("</div>")[0]
+    assert "Passed: flight says" in verdict
+    assert "poses that were not measured" in verdict
+
+
 def test_run_without_poses_still_gives_a_page():
     r = replace(result(), poses=(), coefs=(), curves=(), scene=None, before=None, after=None)
     assert "Poses" in page.render(run.page(r, ORIGIN))
@@ -182,7 +189,8 @@ def test_text_and_lines_stand_out_from_the_paper(dark):
 
     paper = shade(theme.PAPER)
     assert contrast(shade(theme.INK), paper) >= 7.0
-    assert contrast(shade(theme.MUTED), paper) >= 4.5
+    words = (theme.MUTED, theme.BLUE, theme.GREEN, theme.RED)  # WCAG 2.2, 1.4.3
+    assert all(contrast(shade(colour), paper) >= 4.5 for colour in words)
     assert all(contrast(shade(colour), paper) >= 3.0 for colour in theme.SERIES)
 
 

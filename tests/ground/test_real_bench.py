@@ -67,6 +67,7 @@ def test_a_random_file_is_predicted_with_the_models_of_its_set(done):
     assert judged["poses"] == 12
     # poses of the set itself: the fitted model leaves less than the nominal arm
     assert judged["dh"][0] < judged["nominal"][0]
+    assert 0.0 < judged["offset_mm"] < judged["named"][0]
     assert [line for line in process.stdout.splitlines() if line.startswith("  good_random")]
 
 

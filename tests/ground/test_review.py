@@ -21,6 +21,7 @@ from kincal.flight.tables import kind_number
 from kincal.link import Link, LogEvent, LogSummary, Session, upload
 from kincal.pages import review as review_page
 from kincal.pages.page import Provenance, render
+from kincal.results import chance_text
 from kincal.review.status import status
 from kincal.review.thresholds import read_limits, thresholds
 
@@ -353,3 +354,8 @@ def test_review_page_says_state_thresholds_and_rejected_poses(names):
     assert "1 of 20 poses are not in the fit. Pose: 4." in text
     assert "all 28 asked for" in text
     assert "of the same 19" in re.sub(r"<[^>]+>", "", text)
+
+
+def test_a_chance_is_never_nothing():
+    assert chance_text(0.0) == chance_text(1e-300) == "below 1e-12"
+    assert (chance_text(2.5e-7), chance_text(0.5704), chance_text(1.0)) == ("2.5e-07", "0.57", "1")

@@ -14,7 +14,7 @@ import samples
 from builders import ffi
 from click.testing import CliRunner
 
-from kincal import tables
+from kincal import space, tables
 from kincal import workbench as wb
 from kincal.cli import main
 from kincal.cli.errors import EXIT_DATA, EXIT_INPUT
@@ -256,6 +256,33 @@ def test_next_poses_name_the_alternatives(given):
         assert len(pose["q"]) == 7
         assert pose["separates"] == ["joint_compliance[2]", "base_flex"]
     assert "next poses, to separate" in good("next", *given, "joint_compliance[2]", "base_flex").output
+
+
+def test_next_poses_keep_clear_of_the_shapes_of_a_search_space(given, tmp_path):
+    """A ball that is kept out where the tool would have been."""
+    bin_dir, names = ROOT / "tables" / "bin", ("--count", 4, "joint_compliance[2]", "base_flex")
+    free = answer("next", *given, *names)["next_poses"]
+    shapes = tmp_path / "space.toml"
+    ball = f'[[keep_out]]\nname = "ball"\nkind = "sphere"\ncentre_m = {free[0]["tool_m"]}\nradius_m = 0.25\n'
+    shapes.write_text((ROOT / "tables" / "src" / "space.toml").read_text() + ball)
+    folder = space.TablesFolder(bin_dir)
+    arm = space.CollisionModel(space.read_description(shapes), folder.arm, folder.camera)
+    assert "ball" in arm.contact(np.array(free[0]["q"]))
+    clear = answer("next", *given, *names, "--space", shapes, "--tables", bin_dir)["next_poses"]
+    assert len(clear) == 4
+    for pose in clear:
+        assert arm.contact(np.array(pose["q"])) == ""
+        assert np.linalg.norm(np.subtract(pose["tool_m"], free[0]["tool_m"])) > 0.2
+
+
+def test_next_poses_refuse_shapes_of_another_arm(given, tmp_path):
+    for name in ("arm", "camera"):
+        (tmp_path / f"{name}.tbl").write_bytes((ROOT / "tables" / "bin" / f"{name}.tbl").read_bytes())
+    shapes = ROOT / "tables" / "src" / "space.toml"
+    other = ("--arm", "iiwa7", *given[2:], "--force")
+    done = kincal("next", *other, "--space", shapes, "--tables", tmp_path, "backlash[4]", "base_flex")
+    assert done.exit_code == EXIT_INPUT
+    assert "other DH parameters" in done.output
 
 
 def test_next_poses_are_written_as_measurements_are_read(given, folder, tmp_path):

@@ -2,6 +2,7 @@
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -250,8 +251,17 @@ def test_a_model_may_have_more_coefficients_than_flight_carries(arm, library, tm
     fit = fit_model(arm, data, effects)
     assert len(fit.names) == 28 + 7 + 3 * 14 > build("flight").lib.KC_COEF_MAX
     assert fit.converged
-    with pytest.raises(wb.BadInput, match="flight carries 64"):
+    with pytest.raises(
+        wb.BadInput, match=r"flight carries 64(.|\n)*encoder_eccentricity 14(.|\n)*encoder_gain 7"
+    ):
         term_table(arm, effects)
+
+
+def test_some_joints_of_an_effect_are_one_step_of_the_nested_models(arm, tmp_path):
+    names = ["backlash[2,4]", "joint_coupling[1,3]"]
+    nested = wb.fit(arm, measure(tmp_path, 60, 21), names).nested
+    assert [m.model for m in nested.of("held-out poses")] == ["nominal", "DH", *(f"+ {n}" for n in names)]
+    assert [g.effect for g in nested.gains if g.block == "held-out poses"] == names
 
 
 def test_an_effect_that_does_not_help_is_said_in_so_many_words(arm, tmp_path):
@@ -402,3 +412,20 @@ def test_ur10_full_dh_meets_the_published_bar():
     answer = wb.compare(wb.read_arm(DATA / "ur10" / "ur10.toml"), wb.read_csv(DATA / "ur10" / "ur10d.csv", 6))
     assert answer.components == 3
     assert round(answer.rms["held"][0] * 1e3, 2) <= 0.39
+
+
+# --------------------------------------------------------------------------- other sessions
+
+
+def test_data_of_another_session_are_predicted_without_the_drift_of_the_fitted_one(arm, library, tmp_path):
+    data = measure(tmp_path, 60, 31)
+    drift = 4e-3 * np.log1p((data.t_s - data.t_s.min()) / 600.0)
+    drifted = replace(data, q=data.q - np.outer(drift, np.eye(7)[3]))
+    fit = fit_model(arm, drifted, library.find("time_drift[4]", arm, drifted, {"tau": 600.0}))
+    plain = fit_model(arm, drifted)
+    assert fit.of_session == ("time_drift[4]",)
+    other = replace(drifted, source="measured a year later")
+    np.testing.assert_allclose(fit.predict(other), plain.predict(other), atol=1e-7)
+    assert np.abs(fit.predict(drifted)[:, :3]).max() < np.abs(fit.predict(other)[:, :3]).max()
+    assert "predicted without" in explain.of_session(fit)[0]
+    assert explain.of_session(plain) == []

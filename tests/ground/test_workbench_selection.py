@@ -24,7 +24,7 @@ def effect(name, parameters=1):
 
 
 def scored(name, ln_bf, parameters=1):
-    return Scored(name, ln_bf, BARE, effect(name, parameters), np.zeros((1, 1)), None, np.zeros(1))
+    return Scored(name, ln_bf, BARE, effect(name, parameters), lambda: np.zeros((1, 1)), None, np.zeros(1))
 
 
 def posterior(probability, ln_bf=None, parameters=None):

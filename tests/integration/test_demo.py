@@ -80,6 +80,12 @@ def test_demo_shows_the_held_out_error_fall_below_the_limits(demo):
         assert held[-1] < 0.01 * held[0]
 
 
+def test_demo_in_fast_mode_starts_no_process(demo):
+    out, _ = demo
+    assert json.loads((out / "launch.json").read_text())["url"] == "in-process"
+    assert not (out / "logs").exists()
+
+
 def test_demo_leaves_page_and_picture(demo):
     out, done = demo
     assert (out / "summary.html").stat().st_size > 1_000_000
@@ -160,8 +166,9 @@ def test_a_missed_criterion_fails_the_run(tmp_path):
 
 
 def test_healthy_arm_is_left_alone(tmp_path):
-    done = kincal("run", "healthy", "--fast", "--no-compare", "--out", tmp_path)
+    done = kincal("run", "healthy", "--fast", "--processes", "--no-compare", "--out", tmp_path)
     assert done.returncode == 0, done.stdout
+    assert json.loads((tmp_path / "launch.json").read_text())["url"].startswith("udpm:")
     log = link.read_log(tmp_path / "run.lcmlog")
     nominal = codec.header((BIN / "kin.tbl").read_bytes()).crc
     assert log.hk.table_crc[review.KIN_KIND] & 0xFFFFFFFF == nominal

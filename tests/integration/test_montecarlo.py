@@ -12,6 +12,7 @@ sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
 import montecarlo
 
+import kcm
 from kincal_sim.scenario import ArmTruth, Scenario
 
 
@@ -104,7 +105,9 @@ def test_contact_between_two_ticks_is_seen():
     world = montecarlo.CheckedWorld(Scenario(name="sampled", arm=ArmTruth()), 1)
     bent = [2.5, 1.9, 0.0, 0.5, 0.0, 0.0, 0.0]
     q = [*bent, 0.0]
-    world.receive("KC_ARM_CMD", montecarlo.Message(seq=1, n_joints=7, q_rad=q, speed_scale=1.0, hold=0))
+    move = kcm.arm_cmd_t()
+    move.seq, move.n_joints, move.q_rad, move.speed_scale = 1, 7, q, 1.0
+    world.receive("KC_ARM_CMD", move)
     for tick in range(1, 100):
         world.step(tick * montecarlo.TICK_US)
     assert any("deck" in pair for pair in world.found)

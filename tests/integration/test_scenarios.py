@@ -26,6 +26,7 @@ import kcm
 from kincal.errors import BadInput
 from kincal.flight import Arm as FlightArm
 from kincal.flight import Model, Observations, Terms
+from kincal.run.inprocess import Setup, Store, simulate
 from kincal_sim import executive, lockstep, ports, run
 from kincal_sim.arm import Arm
 from kincal_sim.camera import load_config
@@ -499,6 +500,25 @@ def test_flight_telemetry_is_the_same_to_the_byte_for_one_seed(runs, tmp_path):
     first, again = payloads(out / "run.lcmlog"), payloads(tmp_path / "run.lcmlog")
     for channel in FLIGHT_CHANNELS:
         assert first.get(channel, []) == again.get(channel, []), channel
+
+
+@pytest.mark.parametrize("name", ["paper", "encoder_bias", "healthy"])
+def test_a_run_in_one_process_leaves_the_same_bytes_as_the_processes(runs, name, tmp_path):
+    """Every message of everybody, the record of the executive, and all that flight stored."""
+    of_executive, out = runs(name)
+    store = Store(tmp_path / "store")
+    store.folder.mkdir()
+    done = simulate(name, 1, Setup(log=tmp_path / "run.lcmlog", store=store))
+    ours, theirs = payloads(tmp_path / "run.lcmlog"), payloads(out / "run.lcmlog")
+    assert set(FLIGHT_CHANNELS) <= set(ours)
+    theirs.pop("KC_TICK_DONE")  # nobody has to wait for anybody
+    theirs["KC_TIME"] = sorted(set(theirs["KC_TIME"]))  # a tick may be announced again
+    assert ours.keys() == theirs.keys()
+    assert [channel for channel in ours if ours[channel] != theirs[channel]] == []
+    assert done.record == {key: of_executive[key] for key in done.record}
+    kept = {path.name: path.read_bytes() for path in (out / "store").iterdir()}
+    assert kept == {path.name: path.read_bytes() for path in store.folder.iterdir()}
+    assert kept == {f"k{kind:02d}.{slot}": whole for (kind, slot), whole in store.slots.items()}
 
 
 def test_the_flight_model_explains_the_simulated_truth():

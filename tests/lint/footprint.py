@@ -1,6 +1,6 @@
 """Static memory by module and worst-case stack of the flight code.
 
-    footprint.py --max-static 1048576 --max-stack 32768 build/rel/fsw/math/kc_rot.c.o ...
+    footprint.py --max-static 1048576 --max-stack 32768 .../math/kc_rot.c.o ...
 
 Static memory is what `size` says of the object files. Stack comes from the call graphs that gcc wrote
 beside them (-fcallgraph-info=su): the deepest chain of frames, return addresses included. Fails when a
@@ -28,17 +28,12 @@ EDGE = re.compile(r'^edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
 FRAME = re.compile(r"\\n(\d+) bytes \((static|dynamic|dynamic,bounded)\)")
 
 
-def module(path: Path) -> str:
-    parts = path.parts
-    return parts[parts.index("fsw") + 1] if "fsw" in parts else parts[-2]
-
-
 def static_sizes(objects: list[Path]) -> dict[str, list[int]]:
     out = subprocess.run(["size", *map(str, objects)], capture_output=True, text=True, check=True).stdout
     sizes: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0])
     for line in out.splitlines()[1:]:
         fields = line.split()
-        row = sizes[module(Path(fields[5]))]
+        row = sizes[Path(fields[5]).parent.name]
         for k in range(3):
             row[k] += int(fields[k])
     return sizes

@@ -45,25 +45,90 @@ def compiled(folder: Path, source: str, *flags: str) -> Path:
     return obj
 
 
-# ---- direction of includes, layers of imports
+# ---- a small tree, built by the project's own CMake files
+
+ROOT = TESTS.parent
+ROOMS = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec", "lcm")
+
+
+def tree(root: Path) -> Path:
+    """The description of the build with one small file in each room, and a test of math."""
+    files = {f"fsw/{room}/kc_{room}.h": f"int kc_{room}(int n);\n" for room in ROOMS}
+    for room in ROOMS:
+        name = f"fsw/{room}/kc_{room}.{'cpp' if room == 'eigen' else 'c'}"
+        files[name] = f'#include "kc_{room}.h"\nint kc_{room}(int n) {{ return n; }}\n'
+    files |= {
+        "fsw/msg/time_t.lcm": "package kcm; struct time_t { int64_t us; }\n",
+        "fsw/lcm/main.c": "int main(void) { return 0; }\n",
+        "ground/native/kg_batch.c": '#include "kc_model.h"\n'
+        "int kg(void);\nint kg(void) { return kc_model(1); }\n",
+        "sim/tagdet/main.cpp": "int main() { return 0; }\n",
+        "tests/unit/given_nothing.c": "",
+        "tests/unit/test_kc_math.c": '#include "unity.h"\n#include "kc_math.h"\n'
+        "void test_four(void) { TEST_ASSERT_EQUAL_INT(4, kc_math(4)); }\n",
+    }
+    files["fsw/eigen/kc_eigen.h"] = '#ifdef __cplusplus\nextern "C"\n#endif\nint kc_eigen(int n);\n'
+    for name in ("CMakeLists.txt", "fsw/CMakeLists.txt", "sim/tagdet/CMakeLists.txt", "ground/CMakeLists.txt",
+                 "ground/cdef.py", "tests/unit/CMakeLists.txt", "tests/unit/main.c.in"):  # fmt: skip
+        files[name] = (ROOT / name).read_text()
+    return write(root, files)
+
+
+def tool(*command: object) -> subprocess.CompletedProcess:
+    return subprocess.run([*map(str, command)], capture_output=True, text=True)
+
+
+def configured(root: Path, build_type: str = "Release") -> Path:
+    """The build folder of a tree."""
+    done = tool("cmake", "-S", root, "-B", root / "build/x", "-G", "Ninja", "-DBUILD_TESTING=ON",
+                f"-DCMAKE_BUILD_TYPE={build_type}", "-DCMAKE_COMPILE_WARNING_AS_ERROR=ON",
+                "-DCMAKE_VERIFY_INTERFACE_HEADER_SETS=ON", f"-DUNITY={ROOT / 'build/unity/src'}")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return root / "build/x"
+
+
+def build(folder: Path, *targets: str) -> subprocess.CompletedProcess:
+    return tool("cmake", "--build", folder, "--target", *targets)
+
+
+# ---- includes point down, imports too
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return configured(tree(tmp_path_factory.mktemp("small")))
+
+
+@pytest.mark.parametrize(
+    ("file", "header", "target"),
+    [
+        ("fsw/math/kc_math.c", "kc_model.h", "kc_math"),
+        ("fsw/model/kc_model.c", "kc_eigen.h", "kc_model"),
+        ("fsw/design/kc_design.c", "kc_motion.h", "kc_design"),
+        ("fsw/exec/kc_exec.c", "kc_lcm.h", "kc_exec"),
+        ("fsw/estimate/kc_estimate.h", "kc_exec.h", "kc_estimate_verify_interface_header_sets"),
+        ("ground/native/kg_batch.c", "kc_exec.h", "kincal_native"),
+    ],
+)
+def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, header, target):
+    path = small.parents[1] / file
+    before = path.read_text()
+    path.write_text(f'#include "{header}"\n{before}')
+    done = build(small, target)
+    path.write_text(before)
+    assert done.returncode != 0
+    assert f"{header}: No such file" in done.stdout
+    assert build(small, target).returncode == 0
 
 
 @pytest.mark.parametrize(
     ("files", "complaint"),
     [
-        (
-            {"fsw/math/kc_a.c": '#include "kc_b.h"\n', "fsw/model/kc_b.h": ""},
-            "fsw/math/kc_a.c:1: math must not include kc_b.h of model",
-        ),
         ({"fsw/exec/kc_a.c": "\n#include <stdio.h>\n"}, "fsw/exec/kc_a.c:2: <stdio.h> is not for the core"),
         ({"fsw/model/kc_a.c": "#include <math.h>\n"}, "fsw/model/kc_a.c:1: <math.h> is not for the core"),
         ({"fsw/model/kc_a.c": "double f(double x) { return sin(x); }\n"}, "sin() instead of kc_sin()"),
         ({"fsw/exec/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
         ({"sim/kincal_sim/x.py": "LIB = 'build/libkincal.so'\n"}, "must not load the flight core"),
-        (
-            {"fsw/exec/kc_e.h": "", "ground/native/kg_x.c": '#include "kc_e.h"\n'},
-            "native must not include kc_e.h",
-        ),
         ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
         (
             {
@@ -76,13 +141,13 @@ def compiled(folder: Path, source: str, *flags: str) -> Path:
         ),
     ],
 )
-def test_a_wrong_way_include_is_named(tmp_path, files, complaint):
+def test_an_include_that_is_not_for_its_file_is_named(tmp_path, files, complaint):
     done = script("direction.py", write(tmp_path, files))
     assert done.returncode == 1
     assert complaint in done.stdout
 
 
-def test_right_way_includes_and_words_in_comments_pass(tmp_path):
+def test_includes_that_are_allowed_and_words_in_comments_pass(tmp_path):
     done = script(
         "direction.py",
         write(
@@ -109,7 +174,7 @@ def test_right_way_includes_and_words_in_comments_pass(tmp_path):
         ),
         ("ground/kincal/link/x.py", "from kincal.cli import main", "kincal.link.x -> kincal.cli"),
         ("sim/kincal_sim/x.py", "def f():\n    import kincal.tables", "kincal_sim.x -> kincal.tables"),
-        ("ground/kincal/run/x.py", "import kincal_sim.world", "kincal.run.x -> kincal_sim.world"),
+        ("ground/kincal/workbench/x.py", "import kincal_sim.world", "kincal.workbench.x -> kincal_sim.world"),
     ],
 )
 def test_an_import_that_points_up_is_named(tmp_path, file, line, complaint):
@@ -206,58 +271,65 @@ def test_a_core_that_wants_the_heap_or_a_clock_is_refused(tmp_path, call, compla
     assert complaint in done.stdout
 
 
-# ---- Unity's runner
+# ---- unit tests and their coverage
+
+UNIT = """#include <stdlib.h>
+#include "unity.h"
+void test_good(void) { TEST_ASSERT_EQUAL_INT(1, 1); }
+/* void test_old(void) { } */
+void test_bad(void) { TEST_ASSERT_EQUAL_INT(1, 2); }
+void test_later(void) { TEST_IGNORE_MESSAGE("not yet"); }
+void test_gone(void) { exit(0); }
+void test_crash(void) { abort(); }
+"""
 
 
-def runner(*args: object) -> subprocess.CompletedProcess:
-    command = [sys.executable, TESTS / "unit/runner.py", *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True)
-
-
-def program(folder: Path, name: str, text: str) -> Path:
-    path = folder / name
-    path.write_text("#!/bin/sh\n" + text)
-    path.chmod(0o755)
-    return path
-
-
-def test_every_test_function_of_a_file_is_run(tmp_path):
-    source = tmp_path / "test_x.c"
-    source.write_text(
-        "void test_a(void)\n{\n}\n/* void test_old(void) { } */\nvoid test_b(void) { }\nvoid setUp(void) {}\n"
-    )
-    done = runner("main", source)
-    assert done.returncode == 0
-    assert 'UnityDefaultTestRun(test_a, "test_a"' in done.stdout
-    assert 'UnityDefaultTestRun(test_b, "test_b"' in done.stdout
-    assert "test_old" not in done.stdout
-    assert "tearDown" in done.stdout
-    assert "void setUp" not in done.stdout
-
-
-def test_a_test_that_its_own_main_forgets_is_named(tmp_path):
-    source = tmp_path / "test_x.c"
-    source.write_text("void test_a(void) { }\nvoid test_b(void) { }\nint main(void) { RUN_TEST(test_a); }\n")
-    done = runner("main", source)
+def test_every_test_function_counts_and_bad_ends_are_failures(tmp_path):
+    root = tree(tmp_path)
+    write(root, {"tests/unit/test_kc_bad.c": UNIT})
+    folder, report = configured(root), tmp_path / "out.xml"
+    done = build(folder, "units")
+    assert done.returncode == 0, done.stdout
+    done = tool("ctest", "--test-dir", folder, "--output-junit", report)
     assert done.returncode != 0
-    assert "test_b" in done.stderr
+    assert module(TESTS / "suite.py").count(report) == (2, 3, 1)
+    cases = {case.get("name"): case.get("status") for case in ET.parse(report).iter("testcase")}
+    assert cases == {
+        "kc_math.test_four": "run", "kc_bad.test_good": "run", "kc_bad.test_bad": "fail",
+        "kc_bad.test_later": "notrun", "kc_bad.test_gone": "fail", "kc_bad.test_crash": "fail",
+    }  # fmt: skip
+    assert tool(folder / "unit/test_kc_math", "test_five").returncode != 0  # no such test
 
 
-@pytest.mark.parametrize(
-    ("text", "passed", "failed"),
-    [
-        ("echo f.c:1:test_a:PASS; echo '1 Tests 0 Failures 0 Ignored'", 1, 0),
-        ("echo f.c:1:test_a:FAIL: no; echo '1 Tests 1 Failures 0 Ignored'; exit 1", 0, 1),
-        ("echo f.c:1:test_a:PASS; exit 0", 1, 1),  # ended without totals
-        ("echo f.c:1:test_a:PASS; echo '1 Tests 0 Failures 0 Ignored'; exit 9", 1, 1),  # sanitizer at exit
-        ("echo f.c:1:test_a:PASS; echo '2 Tests 0 Failures 0 Ignored'", 1, 1),  # one result lost
-    ],
-)
-def test_results_are_counted_and_bad_ends_are_failures(tmp_path, text, passed, failed):
-    report = tmp_path / "out.xml"
-    done = runner("run", "--junit", report, program(tmp_path, "test_x", text))
-    assert done.returncode == (1 if failed else 0)
-    assert module(TESTS / "suite.py").count(report) == (passed, failed, 0)
+def test_a_test_that_would_never_run_does_not_compile(tmp_path):
+    root = tree(tmp_path)
+    odd = UNIT + "void  test_odd( void ) { }\n"
+    folder = configured(write(root, {"tests/unit/test_kc_odd.c": odd}))
+    done = build(folder, "test_kc_odd")
+    assert done.returncode != 0
+    assert "test_odd" in done.stdout
+    path = root / "tests/unit/test_kc_odd.c"
+    path.write_text("int helper;\n")
+    done = build(folder, "test_kc_odd")
+    assert done.returncode != 0
+    assert "no test in it" in done.stdout + done.stderr
+
+
+def test_coverage_below_the_limits_is_a_failure(tmp_path):
+    root = tree(tmp_path)
+    folder = configured(root, "Coverage")
+    gcovr = (Path(sys.executable).with_name("gcovr"), "--config", TESTS / "gcovr.cfg", "--root", root)
+    source = root / "fsw/math/kc_math.c"
+    text = source.read_text()
+    branch = text.replace("{ return", "{ volatile int m = 1; if (n > 3) { m = 0; } return m +")
+    line = "int kc_b(int n);\nint kc_b(int n)\n{\n    return n;\n}\n"
+    cases = ((text, 0), (text + line, 2), (branch, 4), (branch + line, 6))
+    for text, status in cases:
+        source.write_text(text)
+        assert build(folder, "test_kc_math").returncode == 0
+        assert tool("ctest", "--test-dir", folder).returncode == 0
+        done = tool(*gcovr, folder / "fsw/CMakeFiles/kc_math.dir")
+        assert done.returncode == status, done.stdout + done.stderr
 
 
 # ---- the summary

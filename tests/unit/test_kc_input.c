@@ -262,7 +262,8 @@ void test_a_frame_too_old_is_refused(void)
 
 void test_a_frame_taken_before_its_request_is_refused(void)
 {
-    given_frame()->t_us = APP->request.asked_us - 60000u;
+    kc_detection_t *d = given_frame();
+    d->t_us = APP->request.asked_us - 60000u;
     det_refused(KC_EVT_DET_OLD, -1);
 }
 

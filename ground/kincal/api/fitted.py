@@ -34,7 +34,7 @@ from kincal.workbench.smooth import UnnamedName
 from kincal.workbench.types import Progress, no_progress
 
 from . import html
-from .inputs import Arm, Data, files_of, measurements
+from .inputs import Arm, Data, checked, files_of, measurements
 
 Floats = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ class Fitted:
 
     def residuals(self, data: Data | Measurements | None = None) -> Floats:
         """(N, c) measured - model, base frame [m, rad], c = 6 or 3 without orientations; of the poses that
-        were fitted, or of others."""
+        were fitted, or of others; those of another source without effects of the fitted session (drift)."""
         if data is None:
             return self.result.fit.evaluation.r
         return self.result.fit.predict(measurements(self.arm, data))
@@ -163,11 +163,17 @@ class Fitted:
 
 
 def fit(
-    arm: Arm, data: Data | Measurements, effects: Sequence[str] = (), *, progress: Progress = no_progress
+    arm: Arm,
+    data: Data | Measurements,
+    effects: Sequence[str] = (),
+    *,
+    force: bool = False,
+    progress: Progress = no_progress,
 ) -> Fitted:
     """Fit DH errors, base and tool frame as the arm table says, and these effects, also unnamed ones
-    ("unnamed[joint 1: q3]"), whose terms are chosen from the data. Errors as `kincal.workbench.fit`."""
-    read, library = measurements(arm, data), Library.load()
+    ("unnamed[joint 1: q3]"), whose terms are chosen from the data. Errors as `kincal.workbench.fit`, and
+    BadInput if arm and data do not belong together, unless forced."""
+    read, library = checked(arm, data, force), Library.load()
     unnamed: dict[str, UnnamedEntry] = {}
     for k, name in enumerate(effects):
         if is_unnamed(name):

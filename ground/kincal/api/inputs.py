@@ -11,6 +11,7 @@ from kincal.errors import BadInput
 from kincal.schema.arm import ArmTable, arm_of_text, read_arm
 from kincal.schema.datamap import DataMap
 from kincal.schema.errors import read_toml, validate
+from kincal.workbench.belonging import check, refuse
 from kincal.workbench.data import Measurements
 from kincal.workbench.readers import read_measurements
 
@@ -86,6 +87,14 @@ class Data:
 def measurements(arm: Arm, data: Data | Measurements) -> Measurements:
     """Measurements as given, or read."""
     return data.read(arm) if isinstance(data, Data) else data
+
+
+def checked(arm: Arm, data: Data | Measurements, force: bool) -> Measurements:
+    """The same. BadInput if they do not belong to the arm, unless forced."""
+    read = measurements(arm, data)
+    if not force:
+        refuse(check(arm.table, read, thorough=False), arm.table, "correct it, or go on with force=True")
+    return read
 
 
 def files_of(data: Data | Measurements) -> tuple[Path, ...]:

@@ -17,7 +17,7 @@ from kincal.workbench.effects import Library
 from kincal.workbench.types import Progress, no_progress
 
 from . import html
-from .inputs import Arm, Data, measurements
+from .inputs import Arm, Data, checked
 
 
 @dataclass(frozen=True)
@@ -59,20 +59,28 @@ class Diagnosed:
         return html.table(head, rows, self.diagnosis.comparison.arm) + html.text(str(self))
 
 
-def compare(arm: Arm, data: Data | Measurements, effects: Sequence[str] = ()) -> Compared:
+def compare(
+    arm: Arm, data: Data | Measurements, effects: Sequence[str] = (), *, force: bool = False
+) -> Compared:
     """Does the model (DH errors and these effects) explain the data, and where does it fail?
 
-    Errors as `kincal.workbench.compare`.
+    Errors as `kincal.workbench.compare`, and BadInput if arm and data do not belong together, unless forced;
+    `comparison.belonging` says what is odd.
     """
-    read = measurements(arm, data)
+    read = checked(arm, data, force)
     chosen = choose_constants(Library.load(), effects, arm.table, read)
     return Compared(workbench_compare(arm.table, read, chosen))
 
 
 def diagnose(
-    arm: Arm, data: Data | Measurements, effects: Sequence[str] = (), *, progress: Progress = no_progress
+    arm: Arm,
+    data: Data | Measurements,
+    effects: Sequence[str] = (),
+    *,
+    force: bool = False,
+    progress: Progress = no_progress,
 ) -> Diagnosed:
-    """Which effect is missing beside the DH errors and these effects?"""
-    read, library = measurements(arm, data), Library.load()
+    """Which effect is missing beside the DH errors and these effects? Errors as `compare`."""
+    read, library = checked(arm, data, force), Library.load()
     chosen = choose_constants(library, effects, arm.table, read)
     return Diagnosed(workbench_diagnose(arm.table, read, library, chosen, progress=progress))

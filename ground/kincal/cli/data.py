@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -42,17 +42,16 @@ class Given:
 
     def checked(self, arm: ArmTable) -> Measurements:
         """The measurements for a command that computes with them. BadInput if arm and data do not belong
-        together, unless forced; what is odd is said on stderr and kept as `doubts`."""
+        together, unless forced; what is odd is said on stderr."""
         from kincal.workbench.belonging import check, refuse
 
         data = self.read(arm)
         answer = check(arm, data, thorough=False)
         if not self.force:
             refuse(answer, arm, "correct it, or add --force to go on all the same")
-        doubts = tuple(finding.text for finding in answer.findings if finding.severity != "note")
-        for doubt in doubts:
+        for doubt in answer.doubts:
             click.echo(f"warning: {doubt}", err=True)
-        return replace(data, doubts=doubts)
+        return data
 
     def read(self, arm: ArmTable) -> Measurements:
         """The measurements; notes and columns that nothing reads are named on stderr."""

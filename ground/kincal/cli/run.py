@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     "--fast/--pixels", default=False, help="Detections without pixels, or rendered images.  [default: pixels]"
 )
 @click.option(
+    "--processes",
+    is_flag=True,
+    help="Fast mode too as separate processes over LCM, so that others can listen and take part.",
+)
+@click.option(
     "--acquisition",
     type=click.Choice(["table", "ucb", "random", "dopt", "vopt"]),
     default=None,
@@ -60,6 +65,7 @@ if TYPE_CHECKING:
 def run(
     scenario: str,
     fast: bool,
+    processes: bool,
     acquisition: str | None,
     poses: int | None,
     seed: int,
@@ -93,6 +99,7 @@ def run(
         out_dir or Path("out") / Path(scenario).stem,
         tables_dir,
         accept,
+        processes,
     )
     out = console()
     result = lib.calibrate(request, _observer(out), compare=compare)

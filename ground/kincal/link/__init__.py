@@ -4,13 +4,14 @@ channels: every channel and its message type. names: numbers in messages as word
 transfer: tables up and down. log: recorded messages. Types of the messages are in messages.pyi."""
 
 from .channels import CHANNELS, crc_text, unsigned32
-from .connection import DEFAULT_URL, Link, Received
+from .connection import DEFAULT_URL, CommandLink, Link, Received
 from .log import LogEvent, LogSummary, Session, read_log, unpack_covariance
 from .transfer import dump, upload, write_image
 
 __all__ = [
     "CHANNELS",
     "DEFAULT_URL",
+    "CommandLink",
     "Link",
     "LogEvent",
     "LogSummary",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
@@ -34,21 +35,95 @@ class Received:
     message: Any  # one of messages.pyi, by the channel
 
 
-class Link:
-    """Listens in a thread; everything received goes to one queue, in order of arrival. Use as a context.
+class CommandLink(ABC):
+    """The ground's side of flight: commands out, answers in. A subclass brings the messages.
 
-    url: LCM network; listen: channels; first_seq: sequence number before the first command. Sequence numbers
-    must grow from call to call, so a link starts at the clock unless this is given. BadInput if LCM cannot
-    be opened."""
+    url: of the network, for people; first_seq: sequence number before the first command. Sequence numbers
+    must grow from call to call, so a link starts at the clock unless this is given."""
 
-    def __init__(self, url: str, listen: tuple[str, ...] = LISTEN, first_seq: int | None = None) -> None:
-        self._lcm = _open(url)
+    def __init__(self, url: str, first_seq: int | None = None) -> None:
         self.url = url
-        self.received: queue.Queue[Received] = queue.Queue()
-        self.bad_messages = 0
         self.last_t_us = 0  # mission time of the last message
         self.last_hk: Hk | None = None
         self._seq = int((time.time() - _EPOCH_S) * _SEQ_PER_S) if first_seq is None else first_seq
+
+    @abstractmethod
+    def next(self, timeout_s: float) -> Received | None:
+        """Next message, or None when nothing came in time."""
+
+    @abstractmethod
+    def publish(self, channel: str, message: LcmMessage) -> None:
+        """Send a message."""
+
+    def clock_s(self) -> float:
+        """The clock of time-outs [s]."""
+        return time.monotonic()
+
+    def note(self, channel: str, message: LcmMessage) -> Received:
+        """A message that was received, after what the link has to know of it."""
+        if channel == "KC_HK":
+            self.last_hk = cast("Hk", message)
+        self.last_t_us = max(self.last_t_us, getattr(message, "t_us", 0))
+        return Received(channel, message)
+
+    # ---- waiting
+
+    def wait_for(self, what: Callable[[Received], bool], timeout_s: float, name: str) -> Any:
+        """The first message that fits; others are let go. CommandFailed, with the name, if none comes."""
+        deadline = self.clock_s() + timeout_s
+        while (left := deadline - self.clock_s()) > 0.0:
+            received = self.next(left)
+            if received is not None and what(received):
+                return received.message
+        raise CommandFailed(
+            f"{name} did not come within {timeout_s:g} s",
+            self.url,
+            "is the flight process running on this URL?",
+        )
+
+    def wait_hk(self, what: Callable[[Hk], bool], timeout_s: float, name: str) -> Hk:
+        """The first housekeeping message that fits. CommandFailed, with the name, if none comes."""
+        found = self.wait_for(lambda r: r.channel == "KC_HK" and what(r.message), timeout_s, name)
+        return cast("Hk", found)
+
+    # ---- sending
+
+    def send(
+        self, opcode: str, arg_i: tuple[int, ...] = (), arg_u64: int = 0, t_us: int | None = None
+    ) -> int:
+        """Publish a command, e.g. "TABLE_DUMP"; returns its sequence number."""
+        self._seq += 1
+        command: Cmd = channels.message_type("cmd_t")()
+        command.t_us = self.last_t_us if t_us is None else t_us
+        command.seq = self._seq
+        command.source = library("flight").lib.KC_SRC_GROUND
+        command.opcode = names.opcode(opcode)
+        command.arg_i = [channels.signed32(a) for a in arg_i] + [0] * (4 - len(arg_i))
+        command.arg_u64 = arg_u64
+        command.arg_d = [0.0] * 4
+        self.publish("KC_CMD", command)
+        return self._seq
+
+    def command(
+        self, opcode: str, arg_i: tuple[int, ...] = (), timeout_s: float = 10.0, t_us: int | None = None
+    ) -> Ack:
+        """Send a command and wait for its answer. CommandFailed with flight's reason if it refuses."""
+        seq = self.send(opcode, arg_i, t_us=t_us)
+        ack = self.wait_for(lambda r: is_ack(r, seq), timeout_s, f"answer to {opcode}")
+        return check_ack(ack, opcode, self.url)
+
+
+class Link(CommandLink):
+    """Over LCM. Listens in a thread; everything received goes to one queue, in order of arrival. Use as a
+    context.
+
+    url: LCM network; listen: channels; first_seq: see CommandLink. BadInput if LCM cannot be opened."""
+
+    def __init__(self, url: str, listen: tuple[str, ...] = LISTEN, first_seq: int | None = None) -> None:
+        super().__init__(url, first_seq)
+        self._lcm = _open(url)
+        self.received: queue.Queue[Received] = queue.Queue()
+        self.bad_messages = 0
         self._stop = threading.Event()
         for name in listen:
             self._lcm.subscribe(name, self._on_message).set_queue_capacity(0)
@@ -76,67 +151,18 @@ class Link:
         except Exception:  # noqa: BLE001 a damaged packet must not end the thread; generated code raises anything
             self.bad_messages += 1
             return
-        if channel == "KC_HK":
-            self.last_hk = cast("Hk", message)
-        self.last_t_us = max(self.last_t_us, getattr(message, "t_us", 0))
-        self.received.put(Received(channel, message))
-
-    # ---- waiting
+        self.received.put(self.note(channel, message))
 
     def next(self, timeout_s: float) -> Received | None:
-        """Next message, or None when nothing came in time."""
+        """See CommandLink."""
         try:
             return self.received.get(timeout=timeout_s)
         except queue.Empty:
             return None
 
-    def wait_for(self, what: Callable[[Received], bool], timeout_s: float, name: str) -> Any:
-        """The first message that fits; others are let go. CommandFailed, with the name, if none comes."""
-        deadline = time.monotonic() + timeout_s
-        while (left := deadline - time.monotonic()) > 0.0:
-            received = self.next(left)
-            if received is not None and what(received):
-                return received.message
-        raise CommandFailed(
-            f"{name} did not come within {timeout_s:g} s",
-            self.url,
-            "is the flight process running on this URL?",
-        )
-
-    def wait_hk(self, what: Callable[[Hk], bool], timeout_s: float, name: str) -> Hk:
-        """The first housekeeping message that fits. CommandFailed, with the name, if none comes."""
-        found = self.wait_for(lambda r: r.channel == "KC_HK" and what(r.message), timeout_s, name)
-        return cast("Hk", found)
-
-    # ---- sending
-
     def publish(self, channel: str, message: LcmMessage) -> None:
-        """Send a message."""
+        """See CommandLink."""
         self._lcm.publish(channel, message.encode())
-
-    def send(
-        self, opcode: str, arg_i: tuple[int, ...] = (), arg_u64: int = 0, t_us: int | None = None
-    ) -> int:
-        """Publish a command, e.g. "TABLE_DUMP"; returns its sequence number."""
-        self._seq += 1
-        command: Cmd = channels.message_type("cmd_t")()
-        command.t_us = self.last_t_us if t_us is None else t_us
-        command.seq = self._seq
-        command.source = library("flight").lib.KC_SRC_GROUND
-        command.opcode = names.opcode(opcode)
-        command.arg_i = [channels.signed32(a) for a in arg_i] + [0] * (4 - len(arg_i))
-        command.arg_u64 = arg_u64
-        command.arg_d = [0.0] * 4
-        self.publish("KC_CMD", command)
-        return self._seq
-
-    def command(
-        self, opcode: str, arg_i: tuple[int, ...] = (), timeout_s: float = 10.0, t_us: int | None = None
-    ) -> Ack:
-        """Send a command and wait for its answer. CommandFailed with flight's reason if it refuses."""
-        seq = self.send(opcode, arg_i, t_us=t_us)
-        ack = self.wait_for(lambda r: is_ack(r, seq), timeout_s, f"answer to {opcode}")
-        return check_ack(ack, opcode, self.url)
 
 
 def _open(url: str) -> lcm.LCM:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ from kincal.errors import CommandFailed
 from kincal.flight import library, tables
 
 from . import channels
-from .connection import Link, check_ack, is_ack
+from .connection import CommandLink, check_ack, is_ack
 
 if TYPE_CHECKING:
     from .messages import TableChunk
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 _CHUNKS_AHEAD = 4  # sent before housekeeping has to say that they have arrived
 
 
-def upload(link: Link, image: tables.Image, timeout_s: float = 30.0) -> None:
+def upload(link: CommandLink, image: tables.Image, timeout_s: float = 30.0) -> None:
     """Stage, validate, activate a table, and see its CRC in housekeeping. CommandFailed if flight refuses or
     does not answer in time."""
     kind = tables.kind_number(image.kind)
@@ -46,7 +45,7 @@ def _chunks(image: tables.Image, kind: int) -> Iterator[TableChunk]:
         yield chunk
 
 
-def _wait_staged(link: Link, kind: int, end: int, total: int, timeout_s: float) -> None:
+def _wait_staged(link: CommandLink, kind: int, end: int, total: int, timeout_s: float) -> None:
     """Chunks have no answer of their own: housekeeping says how far staging has come."""
     try:
         staged = lambda hk: hk.staged_kind == kind and hk.staged_bytes >= end  # noqa: E731
@@ -61,14 +60,14 @@ def _wait_staged(link: Link, kind: int, end: int, total: int, timeout_s: float) 
         ) from None
 
 
-def dump(link: Link, kind: str, timeout_s: float = 60.0) -> tables.Image:
+def dump(link: CommandLink, kind: str, timeout_s: float = 60.0) -> tables.Image:
     """Bring down the active table of a kind, checked against its CRC. CommandFailed if flight refuses, a
     chunk is lost, or it takes too long."""
     number = tables.kind_number(kind)
     link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
     seq = link.send("TABLE_DUMP", (number,))
     data = bytearray()
-    for chunk in _received_chunks(link, seq, number, time.monotonic() + timeout_s):
+    for chunk in _received_chunks(link, seq, number, link.clock_s() + timeout_s):
         if chunk.offset != len(data):
             raise CommandFailed(f"dump lost a chunk at byte {len(data)}", link.url, "try again")
         data += bytes(chunk.data[: chunk.n])
@@ -77,9 +76,9 @@ def dump(link: Link, kind: str, timeout_s: float = 60.0) -> tables.Image:
     raise CommandFailed(f"dump stopped after {len(data)} bytes", link.url, "try again")
 
 
-def _received_chunks(link: Link, seq: int, kind: int, deadline_s: float) -> Iterator[TableChunk]:
+def _received_chunks(link: CommandLink, seq: int, kind: int, deadline_s: float) -> Iterator[TableChunk]:
     """Chunks of a kind until none comes in time."""
-    while (received := link.next(max(deadline_s - time.monotonic(), 0.0))) is not None:
+    while (received := link.next(max(deadline_s - link.clock_s(), 0.0))) is not None:
         if is_ack(received, seq):
             check_ack(received.message, "TABLE_DUMP", link.url)
         elif received.channel == "KC_TABLE_DOWN" and received.message.kind == kind:

@@ -38,7 +38,7 @@ HEADINGS = {
     "posterior": (
         "Probabilities",
         "Of what may be missing, given this library and its priors. Blue: added; orange: alternative; grey: "
-        "nothing missing; red: something unnamed. After =: effects it is confounded with. Effects that were "
+        "nothing missing; red: something unnamed. Dotted: 0.9, from which on it is sure. Effects that were "
         "added because held-out poses gain are not in it: no probability speaks for them.",
     ),
     "suspects": (
@@ -58,14 +58,21 @@ HEADINGS = {
     "confounding": ("Confounding", "Bold: below 9, cannot be distinguished with these poses."),
     "harm": (
         "What could still be wrong",
-        "Beside each effect: its smallest size with 90 % power, in typical sizes.",
+        "Effects that these poses may hide: the tool error of an effect that is just too small to be "
+        "detected with 90 % power. In brackets: that size of the effect, in typical sizes.",
     ),
-    "next": ("Next poses", "They separate {names}; the power counts the poses above too."),
+    "next": ("Next poses", "They separate {names}; the power counts the poses above too.{little}"),
 }
+_ENOUGH_POWER = 0.5  # power
+LITTLE = (
+    " All {count} together tell the right one from the others with a probability of only {power:.2f}: many "
+    "more are needed, or poses outside the measured volume (kincal model next --help)."
+)
 NEVER_HIDDEN = "No effect hides behind another with these poses."
 HOW_FINDING = (
     "Dots: motion of this place that would explain each pose best, with the effect taken out of the model. "
-    "Means of like poses carry their standard error. Poses that say little about the place are not drawn."
+    "Means of like poses carry their standard error. Poses and means that say little about the place are not "
+    "drawn. The band is that of one curve alone: curves that can stand in for each other have wide ones."
 )
 
 
@@ -79,7 +86,9 @@ def page(data: ReportContent, provenance: Provenance, steps: Sequence[Step] = ()
         provenance=provenance,
         verdict=explain.verdict(d),
         summary=list(_findings(data)),
-        tiles=[Tile(n.label, n.text, about=n.about) for n in big_numbers(d.comparison, d)],
+        tiles=[
+            Tile(n.label, n.text.replace(", ", "\n"), about=n.about) for n in big_numbers(d.comparison, d)
+        ],
         commands=[Command(step.why, step.command) for step in steps],
         poses=pose_plots.table(d),
         details=diagnosis_text(d, data.next_poses),
@@ -190,7 +199,8 @@ def _next(data: ReportContent) -> Section:
     limits = np.array([[j.q_min, j.q_max] for j in data.diagnosis.final.arm.joints]).T
     q, power = np.array([p.q for p in poses]), [p.power for p in poses]
     rows = [_pose_row(k, p) for k, p in enumerate(poses, 1)]
-    text = HEADINGS["next"][1].format(names=", ".join(poses[0].separates))
+    little = LITTLE.format(count=len(poses), power=max(power)) if max(power) < _ENOUGH_POWER else ""
+    text = HEADINGS["next"][1].format(names=", ".join(poses[0].separates), little=little)
     grid = Grid.of("pose|<q [rad or m]|<approach|power", rows)
     return _section("next", figures.next_poses(q, limits[0], limits[1], power), grid, text)
 

@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from kincal.pages import theme
+from kincal.pages import theme, words
 from kincal.workbench import explain
 from kincal.workbench.diagnosis import Diagnosis
 from kincal.workbench.nested import NestedModel, NestedModels
@@ -17,6 +17,7 @@ from kincal.workbench.power import CONFOUNDED_CHI2, Confounding, Harm
 _ROW_PX = 30  # of a bar chart
 _CONFOUNDING_MAX = 14
 _PLAUSIBLE = 10.0  # typical sizes; nothing is larger than that without being known
+_BAR_GAP = 0.1  # between ticks, of the length of a colour bar
 _MAP_NAMED = 6  # cells that carry their number
 
 
@@ -117,7 +118,7 @@ def posterior(d: Diagnosis) -> go.Figure:
     rows = list(_hypotheses(d))
     figure = _bars(len(rows))
     text = [
-        explain.probability(p) + (f"  = {_short(confounded, 60)}" if confounded else "")
+        explain.probability(p) + (f", confounded with {_short(confounded, 60)}" if confounded else "")
         for _, p, _, confounded in rows
     ]
     figure.add_bar(
@@ -140,7 +141,8 @@ def location_map(d: Diagnosis) -> go.Figure:
         grid[rows.index(location), columns.index(variable)] = max(value, 0.0)
     figure = theme.figure(150 + 19 * len(rows), margin={"t": 16})
     figure.add_heatmap(
-        z=np.sqrt(grid), x=columns, y=rows, customdata=grid, text=_named_cells(grid), texttemplate="%{text}",
+        z=np.sqrt(grid), x=[words.driver(c) for c in columns], y=rows, customdata=grid,
+        text=_named_cells(grid), texttemplate="%{text}",
         colorscale=theme.AMOUNT, zmin=0.0, zmax=float(np.sqrt(max(3.0, np.nanmax(grid)))), xgap=1, ygap=1,
         hovertemplate="%{y} by %{x}: %{customdata:.1f}<extra></extra>", colorbar=_root_bar(grid),
     )  # fmt: skip
@@ -158,7 +160,8 @@ def _named_cells(grid: np.ndarray) -> list[list[str]]:
 def _root_bar(grid: np.ndarray) -> dict[str, object]:
     """A colour bar whose colours go with the root of the value, and whose numbers are the value."""
     top = max(3.0, float(np.nanmax(grid)))
-    ticks = [v for v in (0, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000) if v <= top]
+    least = (_BAR_GAP**2) * top  # ticks below it would lie on zero
+    ticks = [v for v in (0, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000) if v == 0 or least <= v <= top]
     places = {"tickvals": [float(np.sqrt(v)) for v in ticks], "ticktext": [str(v) for v in ticks]}
     return theme.colour_bar("ln evidence over nothing missing", **places)
 
@@ -190,7 +193,7 @@ def confounding(c: Confounding) -> go.Figure | None:
         [f"<b>{v:.0f}</b>" if i != j and v < CONFOUNDED_CHI2 else f"{v:.0f}" for j, v in enumerate(row)]
         for i, row in enumerate(d2)
     ]
-    figure = theme.figure(190 + 30 * len(names))
+    figure = theme.figure(290 + 30 * len(names))
     figure.add_heatmap(
         z=share, x=names, y=names, text=text, texttemplate="%{text}", zmin=0.0, zmax=1.0,
         colorscale=theme.SHARE,
@@ -201,7 +204,7 @@ def confounding(c: Confounding) -> go.Figure | None:
         title_text="... once DH and this effect have explained it", showgrid=False, tickangle=-45
     )
     return figure.update_yaxes(
-        title_text="left of this effect [chi2] ...", autorange="reversed", showgrid=False
+        title_text="left of this effect<br>[chi2] ...", autorange="reversed", showgrid=False
     )
 
 
@@ -211,8 +214,8 @@ def harm(rows: Sequence[Harm], count: int = 14) -> go.Figure:
     errors_mm = [h.error_m * 1e3 for h in shown]
     figure = _bars(len(shown))
     figure.add_bar(
-        x=errors_mm, y=[f"{h.name} ({h.smallest:.2g} sigma)" for h in shown], orientation="h",
-        marker={"color": theme.ORANGE}, text=[f"{x:.2f}" for x in errors_mm], textposition="outside",
+        x=errors_mm, y=[f"{h.name} ({h.smallest:.2g})" for h in shown], orientation="h",
+        marker={"color": theme.ORANGE}, text=[f"{x:.2g}" for x in errors_mm], textposition="outside",
         cliponaxis=False,
     )  # fmt: skip
     return figure.update_xaxes(title_text="tool error it would cause just below detection [mm]")

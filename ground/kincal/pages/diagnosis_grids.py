@@ -34,8 +34,8 @@ def _effect(e: EffectFinding, d: Diagnosis) -> list[str | Cell]:
     kind = "cross-validated" if e.held.cross_validated else "held-out"
     sure = "" if e.role == "helps" else explain.probability(e.probability)
     return [
-        e.label, _ROLES[e.role], sure, explain.against(e, d), kind, _milli(e.held.before_m),
-        _milli(e.held.after_m), _interval(e.held.interval), _judged(e.held.interval),
+        e.label, _ROLES[e.role], sure, explain.against(e, d).removeprefix("against "), kind,
+        _milli(e.held.before_m), _milli(e.held.after_m), _interval(e.held.interval), _judged(e.held.interval),
         explain.grouped(e.confounded_with),
     ]  # fmt: skip
 

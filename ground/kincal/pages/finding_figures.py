@@ -8,9 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from kincal.pages import theme
+from kincal.pages import theme, words
 from kincal.pages.poses import Poses, Range, bulk_range, dots
-from kincal.workbench import explain
 from kincal.workbench.curves import Curve
 from kincal.workbench.partial import Bin, Group, Panel
 
@@ -19,14 +18,14 @@ _PER_ROW = 4
 _HEIGHT_PX = 290
 _LEAST_KNOWN = 3.0  # a pose is drawn if its standard error is at most this many times the median
 _LEVELS = 4
-_CURVE_POINTS = 400
+_BLURRED = 5.0  # means with more than this many times the median standard error are not drawn
 
 
 def findings(panels: Sequence[Panel], poses: Poses, functions: Sequence[Curve] = ()) -> go.Figure:
     """One panel a place and driver: poses, means with standard errors, and the fitted curve. functions: of an
     unnamed effect, drawn with their error bands."""
     shown = panels[:PANELS]
-    across = min(len(shown), _PER_ROW)
+    across = max(min(len(shown), _PER_ROW), 2)  # one alone takes half the width
     down = -(-len(shown) // across)
     figure = make_subplots(
         rows=down, cols=across, subplot_titles=[p.place for p in shown], horizontal_spacing=0.06,
@@ -58,19 +57,18 @@ def _function(curve: Curve, colour: str, *, first: bool) -> Iterator[go.Scatter]
     """A line, and a band of two standard errors."""
     x, y, wide = curve.x, curve.value * 1e3, 2e3 * curve.std
     style = {"legendgroup": "function", "hoverinfo": "skip"}
-    yield go.Scatter(
-        x=[*x, *x[::-1]], y=[*(y + wide), *(y - wide)[::-1]], fill="toself", mode="none", fillcolor=colour,
-        opacity=0.15, showlegend=False, **style,
-    )  # fmt: skip
+    yield _band(x, y, wide, colour, "function")
     line = {"color": colour, "width": 2.6, "dash": "dash"}
     name = "fitted smooth function, ± 2 standard errors"
     yield go.Scatter(x=x, y=y, mode="lines", line=line, name=name, showlegend=first, **style)
 
 
-def _words(driver: str) -> str:
-    """A driver in words; what follows its name stays."""
-    name, _, rest = driver.partition(" ")
-    return f"{explain.in_words(name)} {rest}".rstrip()
+def _band(x: np.ndarray, y: np.ndarray, wide: np.ndarray, colour: str, group: str) -> go.Scatter:
+    """What lies within `wide` of a line."""
+    return go.Scatter(
+        x=[*x, *x[::-1]], y=[*(y + wide), *(y - wide)[::-1]], fill="toself", mode="none", fillcolor=colour,
+        opacity=0.15, showlegend=False, hoverinfo="skip", legendgroup=group,
+    )  # fmt: skip
 
 
 def _draw(figure: go.Figure, panel: Panel, poses: Poses, at: tuple[int, int], *, first: bool) -> None:
@@ -85,13 +83,11 @@ def _draw(figure: go.Figure, panel: Panel, poses: Poses, at: tuple[int, int], *,
             limits,
             mask=mine,
             colour=colour,
-            opacity=0.3,
             border=False,
         )
         for trace in (*cloud, *_curves(panel, group, colour, first)):
             figure.add_trace(trace, row=at[0], col=at[1])
-    unit = f" [{panel.unit}]" if panel.unit else ""
-    figure.update_xaxes(title_text=_words(panel.driver) + unit, row=at[0], col=at[1])
+    figure.update_xaxes(title_text=words.axis(panel.driver, panel.unit), row=at[0], col=at[1])
     figure.update_yaxes(title_text="motion [mrad]" if panel.angular else "motion [mm]", range=limits,
                         row=at[0], col=at[1])  # fmt: skip
 
@@ -120,36 +116,42 @@ def _curves(panel: Panel, group: Group, colour: str, first: bool) -> Iterator[go
     """Means with error bars, and what the effect says."""
     label = group.label or "mean of like poses ± standard error"
     shared = {"legendgroup": label, "showlegend": first}
-    yield _means(group.bins, colour, label, shared, joined=not panel.fitted.any())
+    yield _means(_sharp(panel, group), colour, label, shared, joined=not panel.fitted.any())
     if panel.fitted.any():
         fitted = {
             "legendgroup": "fit",
-            "name": "fitted effect",
+            "name": "fitted effect" + (", ± 2 standard errors" if panel.line is not None else ""),
             "showlegend": first and group is panel.groups[0],
         }
-        yield _fitted(panel, group, theme.ORANGE if not group.label else colour, fitted)
+        yield from _fitted(panel, group, theme.ORANGE if not group.label else colour, fitted)
+
+
+def _sharp(panel: Panel, group: Group) -> list[Bin]:
+    """Means that say something: bars across the whole panel hide the others."""
+    limit = _BLURRED * float(np.median([b.sigma for g in panel.groups for b in g.bins]))
+    return [b for b in group.bins if b.sigma <= limit]
 
 
 def _means(
     bins: Sequence[Bin], colour: str, label: str, shared: dict[str, object], *, joined: bool
 ) -> go.Scatter:
     error = [b.sigma * 1e3 for b in bins]
+    marker = {"color": colour, "size": 8, "line": {"color": theme.INK, "width": 1}}
     return go.Scatter(
         x=[b.x for b in bins], y=[b.y * 1e3 for b in bins], mode="lines+markers" if joined else "markers",
-        name=label, line={"color": colour, "width": 1.6}, marker={"color": colour, "size": 7},
+        name=label, line={"color": colour, "width": 1.6}, marker=marker,
         error_y={"type": "data", "array": error, "color": colour, "thickness": 1.5, "width": 3},
         hovertext=[f"mean of {b.count} poses: {b.y * 1e3:.3g} ± {b.sigma * 1e3:.2g}" for b in bins],
         hoverinfo="text", **shared,
     )  # fmt: skip
 
 
-def _fitted(panel: Panel, group: Group, colour: str, style: dict[str, object]) -> go.Scatter:
-    """The curve of an effect of one driver; means of what it does where it has two."""
-    if not panel.single:
-        x, y = [b.x for b in group.bins], [b.fitted * 1e3 for b in group.bins]
+def _fitted(panel: Panel, group: Group, colour: str, style: dict[str, object]) -> Iterator[go.Scatter]:
+    """The curve of an effect of one driver, with its error band; means of what it does where it has two."""
+    if panel.line is not None:
+        x, y, wide = panel.line.x, panel.line.value * 1e3, 2e3 * panel.line.std
+        yield _band(x, y, wide, colour, str(style["legendgroup"]))
     else:
-        order = np.argsort(panel.x, kind="stable")
-        order = order[np.linspace(0, len(order) - 1, min(len(order), _CURVE_POINTS)).astype(int)]
-        x, y = panel.x[order].tolist(), (panel.fitted[order] * 1e3).tolist()
-    return go.Scatter(x=x, y=y, mode="lines", line={"color": colour, "width": 2.6, "dash": "solid"},
-                      hoverinfo="skip", **style)  # fmt: skip
+        x, y = np.array([b.x for b in group.bins]), np.array([b.fitted * 1e3 for b in group.bins])
+    yield go.Scatter(x=x, y=y, mode="lines", line={"color": colour, "width": 2.6, "dash": "solid"},
+                     hoverinfo="skip", **style)  # fmt: skip

@@ -48,7 +48,7 @@ def terms_in(text: str) -> list[Term]:
 
 
 def _words(term: Term) -> str:
-    return rf"\b{re.escape(term.name)}(s|es)?\b"
+    return rf"\b(?<!-){re.escape(term.name)}(s|es)?\b"
 
 
 class Linker:

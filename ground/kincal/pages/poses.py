@@ -16,6 +16,7 @@ from kincal.workbench.fit import Fit
 
 _ALL = 500  # poses up to which each one is drawn
 _SOME = 400  # drawn of more
+_FEW = 60  # poses up to which dots are large
 _LABELS = 4  # of a panel
 _BULK = (0.01, 0.99)  # quantiles that set the range of an axis ...
 _MARGIN = 0.35  # ... and how far it may reach beyond, of the distance between them
@@ -70,11 +71,12 @@ def _bulk(values: np.ndarray) -> Range:
 
 def dots(
     poses: Poses, x: np.ndarray, y: np.ndarray, limits: Range, *, mask: np.ndarray | None = None,
-    colour: str = theme.GREY, size: float = 4.5, opacity: float = 0.45, border: bool = True,
+    colour: str = theme.GREY, border: bool = True,
 ) -> list[go.Scatter]:  # fmt: skip
     """One dot for each drawn pose of a mask at x, y (N,), outliers with their ids. Poses beyond the limits of
-    y stand at the border as triangles; without `border` only outliers do."""
+    y stand at the border as triangles; without `border` only outliers do. Few dots are large, many faint."""
     k = poses.chosen(mask)
+    size, opacity = (7.0, 0.75) if len(poses.drawn) <= _FEW else (4.5, 0.4)
     beyond = (y > limits[1]).astype(int) - (y < limits[0])
     inside, outside = k[beyond[k] == 0], k[(beyond[k] != 0) & (border | poses.flagged[k])]
     out = [linked(poses, inside, x, y, {"color": colour, "opacity": opacity, "size": size})]

@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from kincal.pages import theme
+from kincal.pages import theme, words
 from kincal.pages.poses import Poses, Range, bulk_range, dots
 from kincal.workbench.diagnosis import Diagnosis
 from kincal.workbench.fit import Fit
@@ -18,8 +18,6 @@ from kincal.workbench.views import apparent_motion, variable_values
 _BINS = 8
 _VARIABLES = 8
 _SUSPECTS = 4
-_UNITS = {"t": "s", "temp": "deg C", "payload": "kg", "zcam": "m", "sx": "m", "sy": "m", "sz": "m",
-          "incid": "rad", "pan": "rad", "tilt": "rad"}  # fmt: skip
 
 
 def vectors(d: Diagnosis, poses: Poses) -> go.Figure:
@@ -100,15 +98,6 @@ def _arrows(
     ]  # fmt: skip
 
 
-def axis_label(name: str) -> str:
-    """A driver variable with its unit."""
-    if name.startswith("tau"):
-        return f"{name} [N m]"
-    if name[0] == "q" and name[1:].isdigit():
-        return f"{name} [rad]"
-    return f"{name} [{_UNITS[name]}]" if name in _UNITS else name
-
-
 def _trend(
     poses: Poses, x: np.ndarray, y: np.ndarray, limits: Range, colour: str, label: str, named: bool
 ) -> list[go.Scatter]:
@@ -126,7 +115,7 @@ def _trend(
     mean = {"x": [x[b].mean() for b in bins], "y": [y[b].mean() for b in bins]}
     error = [y[b].std(ddof=1) / np.sqrt(b.sum()) for b in bins]
     return [
-        *dots(poses, shown, y, limits, colour=colour, size=4, opacity=0.35),
+        *dots(poses, shown, y, limits, colour=colour),
         go.Scatter(**mean, mode="lines+markers", name=label, legendgroup=label, showlegend=named,
                    line={"color": colour, "width": 2}, marker={"size": 6, "color": colour},
                    error_y={"type": "data", "array": error, "color": colour, "thickness": 1.4}),
@@ -134,12 +123,13 @@ def _trend(
 
 
 def _panels(
-    titles: Sequence[str], per_row: int, height_px: int, ylabel: str
+    titles: Sequence[str], per_row: int, height_px: int, ylabel: str, *, shared: bool = True
 ) -> tuple[go.Figure, list[tuple[int, int]]]:
     """A figure of small panels, and the (row, column) of each."""
     rows = -(-len(titles) // per_row)
     figure = make_subplots(
-        rows=rows, cols=per_row, subplot_titles=titles, shared_yaxes=True, horizontal_spacing=0.025,
+        rows=rows, cols=per_row, subplot_titles=titles, shared_yaxes=shared,
+        horizontal_spacing=0.025 if shared else 0.05,
         vertical_spacing=0.28 / rows,
     )  # fmt: skip
     theme.styled(figure, 90 + height_px * rows, margin={"t": 44, "b": 84},
@@ -163,7 +153,7 @@ def variables(d: Diagnosis, poses: Poses) -> go.Figure:
         for part, axis, colour in zip(parts, "xyz", (theme.RED, theme.GREEN, theme.BLUE), strict=True):
             traces = _trend(poses, x, part, limits, colour, axis, named=at == (1, 1))
             figure.add_traces(traces, rows=[at[0]] * len(traces), cols=[at[1]] * len(traces))
-        figure.update_xaxes(title_text=axis_label(name), row=at[0], col=at[1])
+        figure.update_xaxes(title_text=words.axis(name), row=at[0], col=at[1])
     return figure.update_yaxes(range=limits)
 
 
@@ -172,20 +162,19 @@ def suspects(d: Diagnosis, poses: Poses) -> go.Figure:
     accepted effects."""
     cells = [key for key in d.map_ln_bf if key[0].startswith("joint") and " x " not in key[1]]
     cells = sorted(cells, key=lambda key: -d.map_ln_bf[key])[:_SUSPECTS]
-    titles = [
-        f"{place} by {variable}: ln evidence {d.map_ln_bf[place, variable]:.1f}" for place, variable in cells
-    ]
-    figure, places = _panels(titles, max(len(cells), 1), 290, "apparent joint motion [mrad]")
+    titles = [f"{place}, ln evidence {d.map_ln_bf[place, variable]:.1f}" for place, variable in cells]
+    figure, places = _panels(titles, max(len(cells), 1), 290, "apparent joint motion [mrad]", shared=False)
     moved = {(place, label): apparent_motion(fit, int(place.split()[1])) * 1e3
              for place, _ in cells for fit, _, label in _before_after(d)}  # fmt: skip
-    limits = bulk_range(*moved.values())
     for (place, variable), at in zip(cells, places, strict=True):
+        limits = bulk_range(*(y for (where, _), y in moved.items() if where == place))
         for fit, colour, label in _before_after(d):
             x = variable_values(variable, fit)
             traces = _trend(poses, x, moved[place, label], limits, colour, label, named=at == (1, 1))
             figure.add_traces(traces, rows=[at[0]] * len(traces), cols=[at[1]] * len(traces))
-        figure.update_xaxes(title_text=axis_label(variable), row=at[0], col=at[1])
-    return figure.update_yaxes(range=limits)
+        figure.update_xaxes(title_text=words.axis(variable), row=at[0], col=at[1])
+        figure.update_yaxes(range=limits, row=at[0], col=at[1])
+    return figure
 
 
 def _before_after(d: Diagnosis) -> tuple[tuple[Fit, str, str], ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from kincal.pages import image, review_figures
 from kincal.pages.page import Cell, Command, Grid, Page, Provenance, Section, Tile, write
 from kincal.pages.run_figures import MILLI
-from kincal.results import angle_text, length_text
+from kincal.results import angle_text, chance_text, length_text
 from kincal.review import NUMBERS, P_FIT_MIN, CoefLine, Review
 from kincal.review.status import Status
 from kincal.review.thresholds import Limits, Threshold, thresholds
@@ -56,9 +56,9 @@ def _tiles(r: Review) -> list[Tile]:
         Tile("position residual RMS", position, about=same),
         Tile("rotation residual RMS", rotation, about=same),
         Tile("rank", f"{n['rank']:.0f} of {n['n_free']:.0f}", rank_mood, "free coefficients"),
-        Tile("p of the fit", f"{n['p_fit']:.3f}", "" if n["p_fit"] >= P_FIT_MIN else "bad",
+        Tile("p of the fit", chance_text(n["p_fit"]), "" if n["p_fit"] >= P_FIT_MIN else "bad",
              f"chance of a fit as bad as this; at least {P_FIT_MIN:g}"),
-        Tile("p of no change", f"{n['p_no_change']:.2g}", about="chance of this if nothing had changed"),
+        Tile("p of no change", chance_text(n["p_no_change"]), about="chance of this if nothing had changed"),
         Tile("poses rejected", f"{r.n_outliers} of {r.n_poses}", "bad" if r.n_outliers else ""),
     ]  # fmt: skip
 
@@ -82,7 +82,8 @@ def _numbers(r: Review, limits: Limits | None) -> Section:
     """Every number with what it has to be."""
     asked = thresholds(r, limits)
     rows = [
-        [key, _number(r.numbers[key], unit), *_asked(asked.get(key)), text] for key, unit, text in NUMBERS
+        [key, _number(key, r.numbers[key], unit), *_asked(asked.get(key)), text]
+        for key, unit, text in NUMBERS
     ]
     outliers = [
         "n_outliers",
@@ -115,7 +116,9 @@ def _rejected(r: Review, about: Status) -> Section:
     return Section("rejected", title, text)
 
 
-def _number(value: float, unit: str) -> str:
+def _number(key: str, value: float, unit: str) -> str:
+    if key.startswith("p_"):
+        return chance_text(value)
     if unit == "rad":
         return angle_text(value)
     return length_text(value) if unit == "m" else f"{value:.4g}"

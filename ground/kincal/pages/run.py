@@ -27,9 +27,19 @@ def page(result: RunResult, provenance: Provenance) -> Page:
             f"seed {result.seed}; {result.mission_s:.0f} s of mission time in {result.wall_s:.0f} s"
         ),
         provenance=provenance,
+        verdict=_verdict(result),
         tiles=_tiles(result),
         sections=_sections(result),
     )
+
+
+def _verdict(r: RunResult) -> str:
+    """What came out, in one sentence."""
+    said = f"{'Passed' if r.ok else 'Failed'}: flight says {r.verdict}"
+    if not (r.before and r.after):
+        return f"{said}."
+    change = f"{length_text(r.before.pos_m)} to {length_text(r.after.pos_m)}"
+    return f"{said}; the position error at {r.after.n} poses that were not measured goes from {change}."
 
 
 def _tiles(r: RunResult) -> list[Tile]:

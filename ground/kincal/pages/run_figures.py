@@ -144,7 +144,11 @@ def add_corrections(figure: go.Figure, coefs: Sequence[CoefResult], unit: str, a
         hovertext=[_coef_text(c, unit) for c in rows], hoverinfo="text",
     )  # fmt: skip
     _add(figure, trace, at)
-    figure.update_yaxes(title_text=f"[{MILLI[unit]}]", row=at[0], col=at[1])
+    figure.update_yaxes(
+        title_text=f"{'error of the estimate' if known else 'correction'} [{MILLI[unit]}]",
+        row=at[0],
+        col=at[1],
+    )
     figure.update_xaxes(tickangle=-90, showgrid=False, row=at[0], col=at[1])
     for c in rows:
         if known and c.true != 0.0:

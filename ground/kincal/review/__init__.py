@@ -18,7 +18,7 @@ import numpy as np
 from kincal.errors import BadInput, CommandFailed
 from kincal.flight import Terms
 from kincal.flight.tables import decode_as
-from kincal.link import Link, read_log, unpack_covariance, unsigned32
+from kincal.link import CommandLink, read_log, unpack_covariance, unsigned32
 from kincal.link.names import VERDICTS, coef_status_name, verdict_name
 from kincal.tables import unit_of
 
@@ -244,7 +244,7 @@ def find(path: Path, crc: str | None, tables_dir: Path) -> Review:
 
 
 def approve(
-    link: Link,
+    link: CommandLink,
     crc: int,
     timeout_s: float = 10.0,
     t_us: int | None = None,
@@ -267,14 +267,14 @@ def approve(
     return crc
 
 
-def reject(link: Link, crc: int, timeout_s: float = 10.0) -> None:
+def reject(link: CommandLink, crc: int, timeout_s: float = 10.0) -> None:
     """Tell flight to drop the proposal."""
     link.command("REJECT", (crc,), timeout_s)
     link.wait_hk(lambda hk: hk.proposal_crc == 0, timeout_s, "the end of the proposal")
 
 
 def decide(
-    link: Link,
+    link: CommandLink,
     decision: str,
     crc_text: str,
     by: str,
@@ -307,7 +307,7 @@ def decide(
     say(f"recorded in {journal}")
 
 
-def waiting(link: Link, timeout_s: float = 5.0) -> int:
+def waiting(link: CommandLink, timeout_s: float = 5.0) -> int:
     """CRC of the proposal that waits on board, 0 if none."""
     return unsigned32(link.wait_hk(lambda _hk: True, timeout_s, "housekeeping").proposal_crc)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from kincal import review
-from kincal.link import Link, Received
+from kincal.link import CommandLink, Link, Received
 from kincal.results import PoseLine
 
 from .evaluate import Evaluator, GroundTruth
@@ -69,7 +69,7 @@ def _learn_truth(request: Request, evaluator: Evaluator) -> None:
 
 
 def decide(
-    request: Request, link: Link, proposal: Proposal, names: Sequence[str], observer: Observer
+    request: Request, link: CommandLink, proposal: Proposal, names: Sequence[str], observer: Observer
 ) -> None:
     """The ground's review of a run: approve what flight proposes unless the fit is bad. The decision goes
     into the journal of the run. CommandFailed if flight refuses it."""

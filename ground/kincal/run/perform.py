@@ -28,9 +28,17 @@ class Finished:
 
 
 def perform(request: Request, observer: Observer | None = None) -> Finished:
-    """Run to the end, reporting every pose; decide if the ground does. CommandFailed if the run does not
-    start or breaks off."""
-    begun, observer = time.monotonic(), observer or Observer()
+    """Run to the end, reporting every pose; decide if the ground does. In this process if no images are
+    needed, else in processes of its own. CommandFailed if the run does not start or breaks off."""
+    if request.in_process:
+        from . import fast  # the only part that needs the simulator here
+
+        return fast.perform(request, observer or Observer())
+    return _perform_in_processes(request, observer or Observer())
+
+
+def _perform_in_processes(request: Request, observer: Observer) -> Finished:
+    begun = time.monotonic()
     evaluator = Evaluator(request.tables)
     with Processes(request) as processes:
         reported = follow(request, processes, evaluator, observer)

@@ -17,7 +17,8 @@ SCENARIOS = installation.root() / "sim" / "scenarios"
 class Request:
     """A run: scenario (file, or name in sim/scenarios), mode ("fast" or "pixels"), what replaces the
     scenario's choice (None: nothing), seed of everything random, folder for results, folder of table images,
-    and who accepts a correction ("auto", "policy", "ground"; None: as the scenario says)."""
+    who accepts a correction ("auto", "policy", "ground"; None: as the scenario says), and whether fast mode
+    too starts processes that talk over LCM, as pixels always do."""
 
     scenario: str
     mode: str
@@ -27,6 +28,12 @@ class Request:
     out: Path
     tables: Path
     accept: str | None = None
+    processes: bool = False
+
+    @property
+    def in_process(self) -> bool:
+        """Whether the run needs no other process."""
+        return self.mode == "fast" and not self.processes
 
     def command(self) -> list[str]:
         """Command line of the simulator's launcher."""

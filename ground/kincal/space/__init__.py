@@ -8,7 +8,7 @@ Every check says why it fails by a kind of reasons.py."""
 from kincal.schema.space import Description, read_description
 
 from .checks import Checks
-from .collision import CollisionModel
+from .collision import CollisionModel, clear_of_contact
 from .error_sampling import error_bounds, sampled_errors
 from .explain import CheckLine, Region, explain_candidate, explain_region
 from .information import Expected, ExpectedInformation, Noise, expected_information
@@ -46,6 +46,7 @@ __all__ = [
     "TablesFolder",
     "WorkerPool",
     "build",
+    "clear_of_contact",
     "compare",
     "error_bounds",
     "expected_information",

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from kincal.rotations import Pose
 from kincal.schema.space import Description
 
 from .arrays import Floats
+from .fit import require_fit
+from .inputs import TablesFolder
 from .mjcf import ArmModel
 
 if TYPE_CHECKING:
@@ -89,6 +92,18 @@ class CollisionModel:
         )
         blocked = (ids >= 0) & (hit_m < reach_m - _PRINT_GAP_M) & (ids != self._plate_of.get(tag, -1))
         return not np.any(blocked)
+
+
+def clear_of_contact(desc: Description, tables: TablesFolder) -> Callable[[Floats], NDArray[np.bool_]]:
+    """A test of joints (N, joints) [rad or m]: whether the nominal arm keeps its distance to itself and to
+    what is around it, (N,). BadInput if the description does not fit the tables."""
+    require_fit(desc, tables.arm, tables.camera)
+    nominal = CollisionModel(desc, tables.arm, tables.camera, None, desc.clear.nominal_m)
+
+    def clear(q_rad: Floats) -> NDArray[np.bool_]:
+        return np.array([not nominal.contact(q) for q in q_rad], dtype=bool)
+
+    return clear
 
 
 def _print_points(tag: KcTag, half_m: float) -> Floats:

@@ -288,6 +288,7 @@ def fit_text(f: FitResult) -> str:
             f"reachable: {_reachable_text(f.comparison.reachable)}",
             f"noise floor: {_floor_text(f.nested.floor)}",
             *map(explain.no_gain, f.nested.no_gain),
+            *explain.of_session(f.fit),
             "",
             f"{'coefficient':<34}{'value':>12}{'std err':>12}  unit",
             *(f"{name:<34}{value:12.6f}{err:12.6f}  {unit}" for name, value, err, unit in coefficients),

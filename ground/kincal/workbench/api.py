@@ -74,7 +74,7 @@ def fit(
     _check_needs(library, effects, arm, data)
     hypotheses = choose_constants(library, effects, arm, data, dh=dh)
     comparison = compare(arm, data, hypotheses, dh=dh)
-    nested = fit_nested(arm, data, hypotheses, comparison.noise_floor, dh=dh, progress=progress)
+    nested = fit_nested(arm, data, hypotheses, comparison.noise_floor, effects, dh=dh, progress=progress)
     whole = comparison.fit_all
     return FitResult(
         arm=arm.name,

@@ -24,6 +24,7 @@ from .adequacy import (
     where_it_fails,
     worst_poses,
 )
+from .belonging import Check, check
 from .data import Measurements
 from .effects import Hypothesis
 from .fit import Fit, find_frames, fit_model, rms
@@ -88,6 +89,11 @@ class Comparison:
     def identifiability(self) -> Identifiability:
         """What all poses together determine of the model's coefficients."""
         return identifiability(self.fit_all)
+
+    @cached_property
+    def belonging(self) -> Check:
+        """Whether arm table and measurements belong together; computed when first asked for."""
+        return check(self.fit_all.arm, self.data, thorough=False)
 
     @cached_property
     def residual_axes(self) -> dict[str, tuple[Axis, ...]]:

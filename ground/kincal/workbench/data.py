@@ -38,7 +38,6 @@ class Measurements:
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
     duplicates: number of rows that were left out as copies of another row;
     unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
-    doubts: what speaks against the arm table and these data belonging together, in words;
     whole: the set that these poses were taken from, None if they are all of it.
     """
 
@@ -71,7 +70,6 @@ class Measurements:
     duplicates: int = 0
     unknown_columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
     whole: Measurements | None = None
 
     def __post_init__(self) -> None:

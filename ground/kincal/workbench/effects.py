@@ -85,6 +85,12 @@ class Hypothesis:
             return self.name
         return f"{self.name} ({', '.join(f'{k} = {v:.4g}' for k, v in self.constants)})"
 
+    @property
+    def of_session(self) -> bool:
+        """It depends on time, and holds for the session that was measured: what drifts or settles starts anew
+        in the next one."""
+        return any(basis.var == "t" for p in self.parameters for term in p.terms for basis in term.basis)
+
 
 @dataclass(frozen=True)
 class Effect:

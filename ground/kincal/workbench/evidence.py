@@ -176,9 +176,9 @@ def softmax(ln_bf: Mapping[str, float], prior: Mapping[str, float]) -> dict[str,
     return dict(zip(names, (float(x) for x in p), strict=True))
 
 
-def by_width(blocks: Sequence[Array]) -> dict[int, list[int]]:
-    """Positions of blocks (rows, m) by their width m: those of one width are scored together."""
+def by_width(widths: Sequence[int]) -> dict[int, list[int]]:
+    """Positions of blocks by their width: those of one width are scored together."""
     out: dict[int, list[int]] = {}
-    for k, block in enumerate(blocks):
-        out.setdefault(block.shape[1], []).append(k)
+    for k, width in enumerate(widths):
+        out.setdefault(width, []).append(k)
     return out

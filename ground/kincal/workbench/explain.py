@@ -10,6 +10,7 @@ from .adequacy import REPLICATES, STRUCTURE_P, Outliers
 from .compare import Comparison
 from .diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from .diagnosis.suggestions import Suggestion
+from .fit import Fit
 from .gain import judged
 from .hypotheses import Untestable, effect_of, place_of
 from .nested import EffectGain
@@ -129,6 +130,15 @@ def no_gain(n: EffectGain) -> str:
     return f"{n.effect} {n.judged} on {n.block}: {numbers}"
 
 
+def of_session(fit: Fit) -> list[str]:
+    """Effects that other data are predicted without; empty where there are none."""
+    names = fit.of_session
+    if not names:
+        return []
+    verb = "hold" if len(names) > 1 else "holds"
+    return [f"{listed(names)} {verb} for the session of these data only: other data are predicted without"]
+
+
 def outlier_note(o: Outliers) -> str:
     """Empty unless the outliers cluster."""
     if not o.clusters:
@@ -157,7 +167,7 @@ def notes(c: Comparison) -> list[str]:
     """What else a reader of a comparison should know."""
     still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
     assumed = sight.in_words(c.fit_all.arm, c.data)
-    return [*c.data.doubts, *still, *([assumed] if assumed else [])]
+    return [*c.belonging.doubts, *still, *([assumed] if assumed else [])]
 
 
 def reachable_by(r: Reachable) -> str:

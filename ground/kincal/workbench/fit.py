@@ -1,9 +1,9 @@
 """Robust nonlinear least squares of the corrected arm: DH, base, tool and any effects.
 
 Levenberg-Marquardt on whitened residuals with Gaussian priors on the coefficients; poses are weighted
-as Student-t samples (Lange, Little, Taylor, J. Am. Stat. Assoc. 84(408), 1989), the noise scale comes
-from the bulk of them. A fit is: prepare the `Problem`, `_iterate` (step, then reweight) until nothing
-changes, `_finish`.
+as Student-t samples (Lange, Little, Taylor, J. Am. Stat. Assoc. 84(408), 1989). The bulk of them sets the
+noise scale and, for poses whose noise is not stated, its covariance. A fit is: prepare the `Problem`,
+`_iterate` (step, then reweight) until nothing changes, `_finish`.
 """
 
 from __future__ import annotations
@@ -34,12 +34,16 @@ _MAX_DAMPINGS = 12
 _LEAST_DAMPING, _FIRST_DAMPING = 1e-12, 1e-6
 # Converged: the cost falls by less than this share and no pose changes its weight by more than that.
 _SAME_COST, _SAME_WEIGHT, _SAME_STEP = 1e-7, 5e-3, 1e-9
+_ROUGH_COST = 1e-3  # the same for a fit that only tells the noise
 _STRAIGHT, _PROBE = 1e-2, 0.1  # prior sigmas of a step too short to bend; share of a step that is probed
 _LEAST_SCALE2 = 1e-6
 # Free effect parameters carry this many prior sigmas when their value is reported.
 EFFECT_WIDTH = 10.0
-# Stand-in noise where nothing was stated; the fitted scale replaces it.
+# Stand-in noise where nothing was stated; the fitted scale replaces it, for poses the residuals' covariance.
 _DEFAULT_SP_M, _DEFAULT_SR_RAD = 1e-3, 3e-3
+# Where noise is unknown its covariance is mixed with that of so many poses of independent components, so that
+# few poses do not make one up.
+_NOISE_PRIOR_POSES = 12.0
 
 Frames = tuple[Pose, Pose]
 """Base and tool frame."""
@@ -55,7 +59,7 @@ class Fit:
     names, parameters, estimate, std_err: one per coefficient, in the unit of the parameter (std_err scaled
     by the fitted noise scale); cov: (k, k) their covariance; base, tool: frames that the twists of
     base and tool correct; evaluation: unweighted residuals and derivatives at the estimate;
-    whiten: (N, c, c) inverse Cholesky factors of the stated (or stand-in) noise; z: (N c,) whitened
+    whiten: (N, c, c) inverse Cholesky factors of the noise, stated or estimated; z: (N c,) whitened
     residuals; J: (N c, k) whitened derivatives of the model; weight: (N,) robust weights;
     d2: (N,) squared whitened distance of each pose in units of the fitted noise; dof: rows of good poses
     minus what the coefficients took; scale: fitted over stated noise; chi2: of the good poses.
@@ -94,9 +98,26 @@ class Fit:
         scaled = self.J * self.sigma_prior / self.scale
         return int((np.linalg.svd(scaled, compute_uv=False) > 1.0).sum()) if scaled.size else 0
 
+    @property
+    def of_session(self) -> tuple[str, ...]:
+        """Effects that hold for the session of these data only."""
+        return tuple(h.name for h in self.hypotheses if h.of_session)
+
+    @cached_property
+    def beyond_session(self) -> Fit:
+        """The model fitted to the same poses without the effects of their session: what carries over."""
+        if not self.of_session:
+            return self
+        kept = [h for h in self.hypotheses if not h.of_session]
+        start = dict(zip(self.names, self.estimate, strict=True))
+        dh = any(name.startswith("J1.") for name in self.names)
+        return fit_model(self.arm, self.data, kept, dh=dh, frames=(self.base, self.tool), start=start)
+
     def predict(self, data: Measurements) -> Array:
-        """Residuals (M, c) of other measurements [m, rad] under this fit."""
-        return self.model.at(observations(self.arm, data)).residuals(self.estimate)
+        """Residuals (M, c) of other measurements [m, rad] under this fit; those of another source under
+        `beyond_session`."""
+        fit = self if data.source == self.data.source else self.beyond_session
+        return fit.model.at(observations(fit.arm, data)).residuals(fit.estimate)
 
     def at(self, data: Measurements) -> Fit:
         """The same model linearised at other poses, all with full weight: what it would do there.
@@ -108,7 +129,7 @@ class Fit:
             data=data,
             model=model,
             evaluation=model.evaluate(self.estimate),
-            whiten=whitener(data),
+            whiten=np.tile(self.whiten[0], (data.n, 1, 1)) if noise_is_unknown(data) else whitener(data),
             weight=np.ones(data.n),
         )
 
@@ -193,12 +214,21 @@ class Problem:
         return array(np.einsum("nij,nj->ni", self.whiten, r))
 
 
+def noise_is_unknown(data: Measurements) -> bool:
+    """Nothing says how errors of position and orientation compare, nor how they go together."""
+    return data.cov is None and data.components == 6
+
+
+def _stand_in(c: int) -> Array:
+    """(c,) standard deviations where none are stated."""
+    return np.array([_DEFAULT_SP_M] * 3 + [_DEFAULT_SR_RAD] * (c - 3))
+
+
 def whitener(data: Measurements) -> Array:
     """(N, c, c) inverse Cholesky factors of the stated noise, or of a stand-in if none was stated."""
     c = data.components
     if data.cov is None:
-        sigma = [_DEFAULT_SP_M] * 3 + [_DEFAULT_SR_RAD] * (c - 3)
-        return np.tile(np.diag(1.0 / np.array(sigma)), (data.n, 1, 1))
+        return np.tile(np.diag(1.0 / _stand_in(c)), (data.n, 1, 1))
     return np.linalg.inv(np.linalg.cholesky(data.cov[:, :c, :c]))
 
 
@@ -253,7 +283,7 @@ class _Step:
     small: bool
 
 
-def _solve(problem: Problem, start: Array, robust: bool) -> _Iterate:
+def _solve(problem: Problem, start: Array, robust: bool, same_cost: float = _SAME_COST) -> _Iterate:
     """Iterate until no step lowers the cost or neither cost nor weights change any more."""
     now = _Iterate(
         point=problem.linearised(start),
@@ -264,13 +294,13 @@ def _solve(problem: Problem, start: Array, robust: bool) -> _Iterate:
     for number in range(_MAX_ITERATIONS):
         if now.converged:
             break
-        now = _iterate(problem, now, robust, first=number < 2)
+        now = _iterate(problem, now, robust, same_cost, first=number < 2)
     return now
 
 
-def _iterate(problem: Problem, now: _Iterate, robust: bool, first: bool) -> _Iterate:
+def _iterate(problem: Problem, now: _Iterate, robust: bool, same_cost: float, first: bool) -> _Iterate:
     """One accepted step and the weights that follow from it; `first`: weights have not settled yet."""
-    step = _step(problem, now)
+    step = _step(problem, now, same_cost)
     if step is None:  # no step lowers the cost: at the minimum to rounding
         return replace(now, converged=True)
     point = problem.linearised(step.coef)
@@ -279,7 +309,7 @@ def _iterate(problem: Problem, now: _Iterate, robust: bool, first: bool) -> _Ite
     return _Iterate(point, weights, step.damping, step.small and steady and not first)
 
 
-def _step(problem: Problem, now: _Iterate) -> _Step | None:
+def _step(problem: Problem, now: _Iterate, same_cost: float) -> _Step | None:
     """The least damped Levenberg-Marquardt step that does not raise the cost; None if there is none."""
     normal = _NormalEquations.of(problem.sigma, now)
     before = _cost(now.point.z, now.point.coef, problem.sigma, now.weights)
@@ -290,7 +320,7 @@ def _step(problem: Problem, now: _Iterate) -> _Step | None:
         cost = _cost(problem.trial(coef, now.point.coef), coef, problem.sigma, now.weights)
         if cost <= before * (1 + 1e-12):
             tiny = float(np.abs(step / problem.sigma).max()) < _SAME_STEP
-            small = tiny or before - cost < _SAME_COST * before
+            small = tiny or before - cost < same_cost * before
             return _Step(coef, max(damping * 0.1, _LEAST_DAMPING), small)
         damping = max(damping * 10.0, _FIRST_DAMPING)
     return None
@@ -405,7 +435,25 @@ def fit_model(
     CannotAnswer if there are fewer rows than the coefficients need.
     """
     problem = Problem.prepare(arm, data, hypotheses, dh=dh, frames=frames, effect_width=effect_width)
-    return _finish(problem, _solve(problem, problem.start(start or {}), robust))
+    at = problem.start(start or {})
+    if noise_is_unknown(data):
+        rough = _solve(problem, at, robust, _ROUGH_COST)
+        problem, at = replace(problem, whiten=_whitener_of(problem, rough)), rough.point.coef
+    return _finish(problem, _solve(problem, at, robust))
+
+
+def _whitener_of(problem: Problem, last: _Iterate) -> Array:
+    """(N, 6, 6) inverse Cholesky factors of the covariance that the residuals show, one for all poses: a
+    point seen from afar moves with every error of orientation, so that the six numbers of a pose are no
+    independent witnesses (multivariate t with unknown covariance: Lange, Little, Taylor, section 3)."""
+    r, weight = last.point.evaluation.r, last.weights.pose
+    spent = _leverage(last.point.jac, problem.sigma, weight, last.weights.scale2)[1] / r.shape[1]
+    count = max(float(weight.sum()) - spent, 1.0)
+    square = (r * weight[:, None]).T @ r
+    plain = np.repeat(np.diag(square).reshape(2, 3).mean(axis=1), 3) / count
+    cov = (square + _NOISE_PRIOR_POSES * np.diag(plain)) / (count + _NOISE_PRIOR_POSES)
+    least = _LEAST_SCALE2 * _stand_in(6) ** 2
+    return np.tile(np.linalg.inv(np.linalg.cholesky(cov + np.diag(least))), (problem.data.n, 1, 1))
 
 
 def _finish(problem: Problem, last: _Iterate) -> Fit:

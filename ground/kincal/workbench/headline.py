@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from . import explain
 from .compare import Comparison
@@ -39,7 +39,10 @@ def _arrow(before: float, after: float | None, unit: str) -> str:
 
 def big_numbers(c: Comparison, d: Diagnosis | None = None) -> tuple[BigNumber, ...]:
     """Error now (and with the findings of a diagnosis), what is reachable, noise floor."""
-    return _now(c, d), _reachable(c), _floor(c)
+    now, black_box = _now(c, d), _reachable(c)
+    if now.after_m is not None and black_box.pos_m is not None and now.after_m < black_box.pos_m:
+        black_box = replace(black_box, about=f"{black_box.about}; the findings do better")
+    return now, black_box, _floor(c)
 
 
 def _now(c: Comparison, d: Diagnosis | None) -> BigNumber:
@@ -56,6 +59,8 @@ def _reachable(c: Comparison) -> BigNumber:
     found = c.reachable
     if found is None:
         return BigNumber("reachable", None, None, "no poses are held out")
+    if not found.enough:
+        return BigNumber("reachable", None, None, explain.reachable_by(found))
     return BigNumber("reachable", found.pos_m, found.rot_rad, explain.reachable_by(found))
 
 

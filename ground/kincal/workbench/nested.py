@@ -16,6 +16,7 @@ from .data import Measurements
 from .effects import Hypothesis
 from .fit import Frames, find_frames, fit_model, rms
 from .gain import Gain, held_ratio, judged, rms_interval
+from .hypotheses import covers
 from .types import Array, Indices, Mask, Progress, no_progress
 
 _FIFTH = 0.8  # quantile beyond which a fifth of the poses lies
@@ -102,13 +103,17 @@ def fit_nested(
     data: Measurements,
     hypotheses: Sequence[Hypothesis],
     floor: NoiseFloor,
+    names: Sequence[str] = (),
     *,
     dh: bool = True,
     progress: Progress = no_progress,
 ) -> NestedModels:
     """Fit nominal, DH, DH + first effect, ... on every block and measure what was held back. The gain of
-    an effect compares the whole model with the one that lacks it: the order of adding does not matter."""
-    groups = _by_effect(hypotheses)
+    an effect compares the whole model with the one that lacks it: the order of adding does not matter.
+
+    names: what the hypotheses were asked for as; those of one name (all joints of an effect, or some) count
+    as one effect."""
+    groups = _by_effect(hypotheses, names)
     todo = blocks(data, choose_split(data))
     models: list[NestedModel] = []
     gains: list[EffectGain] = []
@@ -123,11 +128,11 @@ def fit_nested(
     return NestedModels(tuple(models), floor, tuple(gains))
 
 
-def _by_effect(hypotheses: Sequence[Hypothesis]) -> dict[str, list[Hypothesis]]:
-    """Effects by the name they are shown with, all joints of one together."""
+def _by_effect(hypotheses: Sequence[Hypothesis], names: Sequence[str]) -> dict[str, list[Hypothesis]]:
+    """Effects by the name they are shown with."""
     groups: dict[str, list[Hypothesis]] = {}
     for h in hypotheses:
-        groups.setdefault(h.effect if h.name == h.effect else h.name, []).append(h)
+        groups.setdefault(next((name for name in names if covers(name, h.name)), h.name), []).append(h)
     return groups
 
 

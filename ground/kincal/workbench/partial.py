@@ -21,6 +21,7 @@ from .columns import Columns
 from .effects import Hypothesis, Term
 from .fit import Fit
 from .places import TYPICAL_SIZE
+from .shapes import EVALUATED, evaluate
 from .types import Array, Mask, array
 from .unnamed import Location, locations
 from .views import variable_values
@@ -28,6 +29,7 @@ from .views import variable_values
 _BINS, _LEAST_BINS, _POSES_PER_BIN = 12, 4, 12
 _FAST = 3.0  # [1/rad] a sine or cosine of more than this times its variable is drawn against its phase
 _LEVELS = 4  # a variable with no more different values is drawn value by value
+_POINTS = 121  # of a curve
 _GROUPS = 3  # curves of a panel, by the second driver
 _FRAMES = {FRAME_TOOL: "tool", FRAME_CAMERA: "camera", FRAME_MEAS: "measured frame"}
 _LEAST_INFORMATION = 1e-12
@@ -57,13 +59,25 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
+class Line:
+    """What an effect of one driver does over the measured range.
+
+    x: (M,) from low to high; value: (M,) [rad or m]; std: (M,) its standard error about the mean over the
+    poses (a constant cannot be told from the DH errors)."""
+
+    x: Array
+    value: Array
+    std: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Panel:
     """Motion of one place against one driver, pose by pose.
 
     place: for people, with the axis; driver, unit: of x; angular: the motion is an angle [rad], else [m];
     x, y, sigma: (N,) driver, partial residual and its standard error; fitted: (N,) what the effect does;
-    groups: means of alike poses; single: the effect is a function of this driver alone, so that its values
-    are a curve.
+    groups: means of alike poses; line: the effect as a curve, None unless it is a function of this driver
+    alone.
     """
 
     place: str
@@ -75,7 +89,7 @@ class Panel:
     sigma: Array
     fitted: Array
     groups: tuple[Group, ...]
-    single: bool
+    line: Line | None = None
 
     @property
     def size(self) -> float:
@@ -116,7 +130,7 @@ def _by_place(effect: Hypothesis) -> dict[_Key, list[tuple[str, Term]]]:
 
 def _effect_panel(fit: Fit, key: _Key, terms: Sequence[tuple[str, Term]]) -> Panel:
     frame, comp, var, index = key
-    fitted = sum((_contribution(fit, name, term) for name, term in terms), np.zeros(fit.data.n))
+    fitted = array(_design(fit, terms) @ fit.estimate[[fit.names.index(name) for name, _ in terms]])
     direction = np.einsum("nij,nj->ni", fit.whiten, fit.evaluation.twist[:, frame, comp])
     seconds = {(b.var, b.index) for _, term in terms for b in term.basis[1:]} - {("1", 0), (var, index)}
     driver, x = _folded(_driver(var, index), _values(fit, var, index), terms)
@@ -130,7 +144,34 @@ def _effect_panel(fit: Fit, key: _Key, terms: Sequence[tuple[str, Term]]) -> Pan
         second=next(((_driver(*s), _values(fit, *s)) for s in sorted(seconds)), None),
         motion=_motion(fit, direction),
         fitted=fitted,
+        line=None if seconds else _line(fit, x, terms),
     )
+
+
+def _line(fit: Fit, x: Array, terms: Sequence[tuple[str, Term]]) -> Line:
+    """The curve of terms of one driver, x: (N,) its values in the plot. Few levels are points of their own; a
+    basis that only the core evaluates is known at the poses alone."""
+    at, first = np.unique(x, return_index=True)
+    evaluated = all(b.fn in EVALUATED for _, term in terms for b in term.basis)
+    if evaluated and len(at) > _LEVELS:
+        at = np.linspace(at[0], at[-1], _POINTS)
+        design = np.column_stack([term.gain * _product(term, at) for _, term in terms])
+    else:
+        design = _design(fit, terms)[first]
+    names = [fit.names.index(name) for name, _ in terms]
+    centred = design - _design(fit, terms).mean(axis=0)
+    variance = np.einsum("mi,ij,mj->m", centred, fit.cov[np.ix_(names, names)], centred)
+    return Line(at, array(design @ fit.estimate[names]), np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _product(term: Term, x: Array) -> Array:
+    return array(evaluate(term.basis[0], x) * evaluate(term.basis[1], x))
+
+
+def _design(fit: Fit, terms: Sequence[tuple[str, Term]]) -> Array:
+    """(N, k) motion that one unit of each coefficient makes at the poses."""
+    columns = [term.gain * _basis(fit, term.basis[0]) * _basis(fit, term.basis[1]) for _, term in terms]
+    return np.column_stack(columns)
 
 
 def _folded(driver: str, x: Array, terms: Sequence[tuple[str, Term]]) -> tuple[str, Array]:
@@ -141,12 +182,6 @@ def _folded(driver: str, x: Array, terms: Sequence[tuple[str, Term]]) -> tuple[s
         return driver, x
     period = 2.0 * np.pi / rates.pop()
     return f"{driver} modulo {period:.4g}", array(np.mod(x, period))
-
-
-def _contribution(fit: Fit, name: str, term: Term) -> Array:
-    """(N,) motion that one term makes."""
-    coefficient = float(fit.estimate[fit.names.index(name)]) * term.gain
-    return coefficient * _basis(fit, term.basis[0]) * _basis(fit, term.basis[1])
 
 
 def _basis(fit: Fit, basis: Basis) -> Array:
@@ -236,13 +271,14 @@ def _panel(
     second: tuple[str, Array] | None,
     motion: tuple[Array, Array],
     fitted: Array,
+    line: Line | None = None,
 ) -> Panel:
     left, sigma = motion
     y = fitted + left
     groups = tuple(
         Group(label, poses, tuple(_bins(x, y, sigma, fitted, poses))) for label, poses in _groups(second, fit)
     )
-    return Panel(place, driver, unit, angular, x, y, sigma, fitted, groups, second is None)
+    return Panel(place, driver, unit, angular, x, y, sigma, fitted, groups, line)
 
 
 def _groups(second: tuple[str, Array] | None, fit: Fit) -> list[tuple[str, Mask]]:

@@ -100,11 +100,10 @@ class _View:
         """(n, 6, k) least-squares twists of the faults."""
         depth = np.where(self.seen[..., 2] > 0.0, self.seen[..., 2], 1.0)
         u, v = self.seen[..., 0] / depth, self.seen[..., 1] / depth
-        slope = _slope(u, v, depth)
-        shift = np.stack([self._shift(fault, u, v, slope) for fault in faults], axis=3)
+        shift = np.stack([self._shift(fault, u, v, depth) for fault in faults], axis=3)
         weight = (np.sqrt(self._weight(u, v))[..., None] * self.sight.focal)[..., None]
         n = len(u)
-        a = (weight * (slope @ self.moves)).reshape(n, -1, 6)
+        a = (weight * _image(u, v, depth, self.moves)).reshape(n, -1, 6)
         d = (weight * shift).reshape(n, -1, len(faults))
         at = a.transpose(0, 2, 1)
         return array(np.linalg.pinv(at @ a, hermitian=True) @ (at @ d))
@@ -121,20 +120,22 @@ class _View:
         few = weight.sum(axis=1) < _LEAST_SEEN
         return np.where(few[:, None], front, weight)
 
-    def _shift(self, fault: str, u: Array, v: Array, slope: Array) -> Array:
+    def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> Array:
         """(n, m, 2) what a unit of a fault does to the image points, normalised."""
         if fault in _OF_CAMERA:
             return np.stack(np.broadcast_arrays(*_OF_CAMERA[fault](u, v)), axis=2)
-        lifted = self.turn @ _bow(self.sight.points_m, fault).T  # (n, 3, m)
-        return array(np.einsum("nmij,njm->nmi", slope, lifted))
+        lifted = _bow(self.sight.points_m, fault) @ self.turn.transpose(0, 2, 1)
+        return _image(u, v, depth, lifted[..., None])[..., 0]
 
 
-def _slope(u: Array, v: Array, depth: Array) -> Array:
-    """(n, m, 2, 3) derivative of the normalised image position by the point in the camera frame."""
-    out = np.zeros((*u.shape, 2, 3))
-    out[..., 0, 0] = out[..., 1, 1] = 1.0 / depth
-    out[..., 0, 2], out[..., 1, 2] = -u / depth, -v / depth
-    return out
+def _image(u: Array, v: Array, depth: Array, moves: Array) -> Array:
+    """(n, m, 2, k) how normalised image points move with points that move by `moves` (n, m, 3, k) in the
+    camera frame."""
+    away, per = moves[..., 2, :], 1.0 / depth[..., None]
+    return np.stack(
+        [(moves[..., 0, :] - u[..., None] * away) * per, (moves[..., 1, :] - v[..., None] * away) * per],
+        axis=2,
+    )
 
 
 def _cross(x: Array) -> Array:

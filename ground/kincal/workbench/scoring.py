@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -34,18 +34,23 @@ class Scored(Generic[What]):
     """A named effect or a cell of the map with its evidence.
 
     ln_bf: ln Bayes factor against "nothing missing"; best: the variant with the most evidence;
-    block: (rows, m) its columns G; signal: (rows,) W z0, what there is to explain.
+    make: gives its columns G; signal: (rows,) W z0, what there is to explain.
     """
 
     name: str
     ln_bf: float
     score: Score
     best: What
-    block: Array
+    make: Callable[[], Array]
     projector: Projector
     signal: Array
 
-    @cached_property
+    @property
+    def block(self) -> Array:
+        """(rows, m) columns G."""
+        return self.make()
+
+    @property
     def columns(self) -> Array:
         """(rows, m) W G: what of the effect the nuisance parameters cannot imitate."""
         return self.projector.apply(self.block)
@@ -130,7 +135,7 @@ class Scorer:
     def scores(self, blocks: Sequence[Array]) -> list[tuple[Score, float]]:
         """Score and ln Bayes factor of each block (rows, m); those of one width together."""
         out: dict[int, tuple[Score, float]] = {}
-        for places in by_width(blocks).values():
+        for places in by_width([block.shape[1] for block in blocks]).values():
             g = np.stack([blocks[k].T for k in places])
             found = scores(g, self.projector.grams(g), self.wz)
             ln_bf = ln_bayes_factor(
@@ -159,7 +164,7 @@ class Scorer:
         h, block, (score, _) = max(rows, key=lambda row: row[2][1])
         weights = np.array(candidate.weights or np.ones(len(rows)))
         ln_mean = np.logaddexp.reduce(np.log(weights / weights.sum()) + [row[2][1] for row in rows])
-        return Scored(candidate.name, float(ln_mean), score, h, block, self.projector, self.wz)
+        return Scored(candidate.name, float(ln_mean), score, h, lambda: block, self.projector, self.wz)
 
     def map(self, *, double: bool = True) -> list[Scored[Cell]]:
         """All cells of the location x driver map; double: also those with two drivers."""
@@ -168,13 +173,18 @@ class Scorer:
     def products(self) -> tuple[list[Scored[Cell]], ProductScores | None]:
         """The products of two drivers with the most evidence, as cells, and the evidence of all of them."""
         found = score_products(self.columns, self.projector, self.wz, self.noise)
-        made = [Cell(p.place.name, p.drivers, p.column[:, None], p) for p in found.best] if found else []
+        one = np.ones((self.columns.n, 1))
+        made = [
+            Cell(p.place.name, p.drivers, p.column.reshape(self.columns.n, 1, -1), one, p)
+            for p in (found.best if found else ())
+        ]
         return self._as_cells(made), found
 
     def _as_cells(self, made: Sequence[Cell]) -> list[Scored[Cell]]:
+        found = self.scores([cell.columns for cell in made])
         return [
-            Scored(cell.name, ln_bf, score, cell, cell.columns, self.projector, self.wz)
-            for cell, (score, ln_bf) in zip(made, self.scores([cell.columns for cell in made]), strict=True)
+            Scored(cell.name, ln_bf, score, cell, partial(getattr, cell, "columns"), self.projector, self.wz)
+            for cell, (score, ln_bf) in zip(made, found, strict=True)
         ]
 
     @cached_property
@@ -201,7 +211,7 @@ def unexplained(mapped: Sequence[Scored[Cell]], known: Sequence[Scored[Hypothesi
 
 def _directions(scored: Sequence[Scored[Hypothesis] | Scored[Cell]]) -> dict[str, Array]:
     """Unit vectors of those with a single column."""
-    single = {s.name: s.columns[:, 0] for s in scored if s.block.shape[1] == 1}
+    single = {s.name: s.columns[:, 0] for s in scored if len(s.score.u) == 1}
     return {name: x / np.linalg.norm(x) for name, x in single.items() if np.linalg.norm(x) > 0}
 
 
@@ -224,7 +234,7 @@ def _squares(
     """By rank: names and (tests, draws + 1) chi^2 of the null draws and, last, of the data."""
     both = np.hstack([scorer.null, scorer.wz[:, None] / scorer.scale])
     found: dict[int, list[tuple[str, Array]]] = {}
-    for places in by_width([s.block for s in scored]).values():
+    for places in by_width([len(s.score.u) for s in scored]).values():
         for start in range(0, len(places), _TOGETHER):
             some = [scored[k] for k in places[start : start + _TOGETHER]]
             ranks, square = _tested(np.stack([s.columns.T for s in some]), both)

@@ -28,6 +28,8 @@ _FUNCTIONS: dict[str, Callable[[Array], Array]] = {
     "cos": np.cos,
     "tanh": np.tanh,
 }
+EVALUATED = tuple(_FUNCTIONS)
+"""Functions of bases that `evaluate` knows."""
 
 Product = tuple[Basis, Basis]
 

@@ -24,7 +24,7 @@ from .columns import Columns
 from .data import Measurements
 from .places import TYPICAL_SIZE, ErrorPlace, joint_places, other_places
 from .products import ScoredProduct
-from .types import Array
+from .types import Array, array
 
 _SINGLE = 5  # eigenvectors of one driver
 _DOUBLE = 12  # of two drivers together
@@ -53,15 +53,25 @@ class Driver:
 
 @dataclass(frozen=True)
 class Cell:
-    """An unknown function of one or two drivers at a location; columns: (N c, m k) whitened.
+    """An unknown function of one or two drivers at a location.
 
-    product: of the dictionary (products.py): then the function is this one, and there is one column.
+    rows: (N, m, c) of the location; features: (N, k) of the drivers; product: of the dictionary
+    (products.py): then the function is this one, and there is one column.
     """
 
     location: str
     drivers: tuple[str, ...]
-    columns: Array
+    rows: Array
+    features: Array
     product: ScoredProduct | None = None
+
+    @property
+    def columns(self) -> Array:
+        """(N c, m k) whitened; made when asked for, since all cells of all fits fill gigabytes."""
+        n, m, c = self.rows.shape
+        k = self.features.shape[1]
+        columns = self.rows.transpose(1, 0, 2)[:, None] * self.features.T[None, :, :, None]
+        return array(columns.reshape(m * k, n * c).T)
 
     @property
     def at_joint(self) -> bool:
@@ -86,10 +96,7 @@ def cells(columns: Columns, *, double: bool = True) -> list[Cell]:
 
 
 def _cell(location: Location, driver: Driver) -> Cell:
-    n, m, c = location.rows.shape
-    k = driver.features.shape[1]
-    columns = location.rows.transpose(1, 0, 2)[:, None] * driver.features.T[None, :, :, None]
-    return Cell(location.name, tuple(driver.name.split(" x ")), columns.reshape(m * k, n * c).T)
+    return Cell(location.name, tuple(driver.name.split(" x ")), location.rows, driver.features)
 
 
 # ----------------------------------------------------------------------------------------- locations

@@ -82,19 +82,33 @@ def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> KcTerms:
     if len(rows) > limits.KC_COEF_MAX or n_terms > limits.KC_TERM_MAX:
         raise BadInput(
             f"the model needs {len(rows)} coefficients and {n_terms} terms; "
-            f"flight carries {limits.KC_COEF_MAX} and {limits.KC_TERM_MAX}"
+            f"flight carries {limits.KC_COEF_MAX} and {limits.KC_TERM_MAX}",
+            todo=_leave_out(hypotheses),
         )
     table = fill_terms(library("flight"), rows)
     table.kinematics_crc = Arm.of(arm).kinematics_crc
     return table
 
 
-def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> None:
-    """BadInput if the arm table of flight's tables is of another arm: other nominal joints. Without an arm
-    table there is nothing to compare with."""
+def _leave_out(hypotheses: Sequence[Hypothesis]) -> str:
+    """What each effect takes of the room on board, the most first, and how to see what it brings."""
+    taken: dict[str, int] = {}
+    for h in hypotheses:
+        taken[h.effect] = taken.get(h.effect, 0) + len(h.parameters)
+    by_size = sorted(taken.items(), key=lambda item: -item[1])
+    sizes = ", ".join(f"{name} {count}" for name, count in by_size)
+    return (
+        f"coefficients by effect: {sizes}; `kincal model fit` shows what held-out poses gain from each: take "
+        "out what gains least (`kincal model remove EFFECT`), or name the joints that matter (EFFECT[2,4])"
+    )
+
+
+def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> str:
+    """Which arm table of flight's tables the arm was compared with, in words. BadInput if it is of another
+    arm: other nominal joints."""
     path = tables_dir / "arm.tbl"
     if not path.exists():
-        return
+        return f"{tables_dir} holds no arm.tbl: whether flight has this arm was not checked"
     flown = Arm.of_table(tables.decode_as("arm", path.read_bytes(), str(path))[1])
     if flown.kinematics_crc != Arm.of(arm).kinematics_crc:
         name = library("ground").text(flown.struct.name)
@@ -104,6 +118,7 @@ def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> None:
             str(path),
             "name the tables of this arm with --tables, or the model of that arm",
         )
+    return f"the arm is that of {path}"
 
 
 def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from kincal.cli.text.layout import grid
-from kincal.results import angle_text, length_text
+from kincal.results import angle_text, chance_text, length_text
 from kincal.review import NUMBERS, CoefLine, Entry, Listed, Review
 from kincal.review.status import Status
 from kincal.review.thresholds import Limits, Threshold, thresholds
@@ -84,9 +84,8 @@ def _numbers(r: Review, limits: Limits | None) -> Table:
     texts, asked = {"rad": angle_text, "m": length_text}, thresholds(r, limits)
     for key, unit, text in NUMBERS:
         value = r.numbers[key]
-        rows.add_row(
-            key, texts[unit](value) if unit in texts else f"{value:.4g}", _asked(asked.get(key)), text
-        )
+        say = chance_text if key.startswith("p_") else texts.get(unit, "{:.4g}".format)
+        rows.add_row(key, say(value), _asked(asked.get(key)), text)
     return rows
 
 

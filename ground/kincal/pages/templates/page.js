@@ -9,12 +9,16 @@ function recoloured(value) {
   return Object.fromEntries(Object.entries(value).map(([key, inner]) => [key, recoloured(inner)]));
 }
 
-function draw(inDark) {
+// On paper a figure has this width, and the style sheet shrinks it to that of the page.
+const PAPER_WIDTH_PX = 960;
+
+function draw(inDark, width) {
   for (const source of document.querySelectorAll("script[data-figure]")) {
     const figure = JSON.parse(source.textContent);
     const shown = inDark ? recoloured(figure) : figure;
     try {  // a browser without WebGL draws no 3-D scene, but all the others
-      Plotly.react(source.dataset.figure, shown.data, shown.layout, {
+      const layout = width ? { ...shown.layout, width } : shown.layout;
+      Plotly.react(source.dataset.figure, shown.data, layout, {
         displaylogo: false, displayModeBar: false, responsive: true,
       });
     } catch (error) {
@@ -142,5 +146,5 @@ if (poses) {
   document.getElementById("pose-clear").addEventListener("click", () => { excluded.clear(); showPicked(); });
 }
 dark.addEventListener("change", () => draw(dark.matches));
-window.addEventListener("beforeprint", () => draw(false));
+window.addEventListener("beforeprint", () => draw(false, PAPER_WIDTH_PX));
 window.addEventListener("afterprint", () => draw(dark.matches));

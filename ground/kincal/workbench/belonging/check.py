@@ -45,6 +45,11 @@ class Check:
         return all(finding.severity == "note" for finding in self.findings)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against it, in words."""
+        return tuple(finding.text for finding in self.findings if finding.severity != "note")
+
+    @property
     def errors(self) -> tuple[Finding, ...]:
         """Findings that make every answer wrong."""
         return tuple(finding for finding in self.findings if finding.severity == "error")

@@ -388,7 +388,7 @@ def _moved_base(h: Hypothesis, posterior: Posterior) -> list[str]:
     group = [s for s in posterior.scored if s.name in moves]
     if h.name in moves or len(group) < 2:
         return []
-    both = replace(group[0], block=np.hstack([s.block for s in group]))
+    both = replace(group[0], make=lambda: np.hstack([s.block for s in group]))
     mine = posterior.by_name[h.name]
     return [s.name for s in group] if imitates(both, mine, posterior.scorer.scale) else []
 

@@ -11,16 +11,17 @@ from .study import Model, Study
 
 def without_doubtful(study: Study, found: Selection) -> Selection:
     """Where the unnamed wins in the end, a named effect that resembles it may have won a place: those that
-    held-out poses are predicted worse with go, one after another, and those whose gain may be chance stay
-    for what they predict, not as having won."""
+    held-out poses are predicted worse with go, one after another. Where it wins still, those whose gain may
+    be chance stay for what they predict, not as having won."""
     if not (found.last.unnamed_wins and study.has_held_out):
         return found
     kept = found.kept
     while (gone := _worst(study, kept)) is not None:
         kept = tuple(k for k in kept if k is not gone)
     model = _model(kept)
-    sure = tuple(k if study.held_gain(model, k.effect).gains else replace(k, role="helps") for k in kept)
-    return found if sure == found.kept else _settled(study, found, sure, found.taken_back)
+    if study.posterior(model).unnamed_wins:
+        kept = tuple(k if study.held_gain(model, k.effect).gains else replace(k, role="helps") for k in kept)
+    return found if kept == found.kept else _settled(study, found, kept, found.taken_back)
 
 
 def _worst(study: Study, kept: tuple[Kept, ...]) -> Kept | None:

@@ -17,7 +17,7 @@ from ..types import Array
 # Made anew for the whole set, or of no rows.
 _MADE_ANEW = {
     "source", "ids", "t_s", "order_is_time", "replicate", "skipped", "duplicates", "unknown_columns", "notes",
-    "doubts", "direction_source", "whole",
+    "direction_source", "whole",
 }  # fmt: skip
 
 

@@ -1,0 +1,291 @@
+"""`kincal model check`, `compare`, `diagnose`, `fit`, `next`: what measurements say."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from kincal import __version__
+from kincal.cli.data import Given
+from kincal.cli.errors import EXIT_FAILED
+from kincal.cli.options import FILE, tables_option
+from kincal.cli.outputs import FILE_OUT, REPORT
+from kincal.cli.provenance import say_files, today
+from kincal.cli.terminal import progress
+from kincal.errors import BadInput
+
+from .given import ARM, DATA, EFFECTS, JSON, MODEL, load, load_model
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from kincal.rotations import Floats
+    from kincal.schema.arm import ArmTable
+    from kincal.workbench.measurable import Box
+    from kincal.workbench.types import Mask
+
+
+@click.command("check")
+@ARM
+@DATA
+@JSON
+def check_command(arm_path: Path, given: Given, as_json: bool) -> None:
+    """Do the arm table and the measurements belong together?
+
+    Exit status 0 if they do, 1 if something has to be put right first.
+
+    \b
+    Example:
+        kincal model check --arm arm.toml --data poses.csv
+    """
+    from kincal.cli.text import check as text
+    from kincal.schema.arm import read_arm
+    from kincal.workbench.belonging import check
+
+    arm = read_arm(arm_path)
+    answer = check(arm, given.read(arm))
+    click.echo(json.dumps(text.as_json(answer), indent=1) if as_json else text.lines(answer))
+    if not answer.ok:
+        click.get_current_context().exit(EXIT_FAILED)
+
+
+@click.command("compare")
+@ARM
+@DATA
+@MODEL
+@EFFECTS
+@JSON
+def compare_command(
+    arm_path: Path,
+    given: Given,
+    model_path: Path | None,
+    effect_files: tuple[Path, ...],
+    as_json: bool,
+) -> None:
+    """Does the model explain the data, and if not, where does it fail?
+
+    \b
+    Example:
+        kincal model compare --arm arm.toml --data poses.csv --json
+    """
+    from kincal.workbench.answers import comparison_json, comparison_text
+    from kincal.workbench.compare import compare
+    from kincal.workbench.constants import choose_constants
+
+    arm, data = load(arm_path, given)
+    chosen, library = load_model(model_path, effect_files, arm)
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    answer = compare(arm, data, effects, dh=chosen.dh)
+    click.echo(json.dumps(comparison_json(answer), indent=1) if as_json else comparison_text(answer))
+
+
+@click.command("diagnose")
+@ARM
+@DATA
+@MODEL
+@EFFECTS
+@JSON
+@click.option(
+    "--report",
+    "report_path",
+    type=REPORT,
+    default=None,
+    help="Write a self-contained page (HTML) and its figures (PNG).",
+)
+def diagnose_command(
+    arm_path: Path,
+    given: Given,
+    model_path: Path | None,
+    effect_files: tuple[Path, ...],
+    as_json: bool,
+    report_path: Path | None,
+) -> None:
+    """Which physical effect is missing? Probabilities for every effect and joint, and for none of them.
+
+    \b
+    Example:
+        kincal model diagnose --arm arm.toml --data poses.csv --report out/report.html
+    """
+    from kincal.workbench.advice import Inputs, next_steps
+    from kincal.workbench.answers import diagnosis_json
+    from kincal.workbench.api import advise, report_content
+    from kincal.workbench.constants import choose_constants
+    from kincal.workbench.diagnosis import diagnose
+    from kincal.workbench.diagnosis_text import diagnosis_text
+
+    arm, data = load(arm_path, given)
+    chosen, library = load_model(model_path, effect_files, arm)
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    with progress() as tick:
+        answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick)
+        poses = advise(answer, library)
+        shown = report_content(answer, library, effects, poses, progress=tick) if report_path else None
+    steps = next_steps(answer, poses, Inputs(str(arm_path), given.options(), str(model_path or "")))
+    as_text = json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else ""
+    click.echo(as_text or diagnosis_text(answer, poses, steps))
+    if shown is not None and report_path is not None:
+        from kincal.pages import diagnosis as pages
+        from kincal.pages.page import Provenance
+
+        files, why = pages.write_all(shown, report_path, Provenance.of_file(today(), given.paths), steps)
+        say_files("report", files, why, err=as_json)
+
+
+@click.command("fit")
+@ARM
+@DATA
+@click.option(
+    "--model",
+    "model_path",
+    type=FILE_OUT,
+    default=None,
+    help="Model file to fit and write; absent: DH errors only.",
+)
+@EFFECTS
+@JSON
+def fit_command(
+    arm_path: Path,
+    given: Given,
+    model_path: Path | None,
+    effect_files: tuple[Path, ...],
+    as_json: bool,
+) -> None:
+    """Fit the model and show how the held-out error falls from model to model, down to the noise floor.
+
+    The values are written into the model file. Without one this is plain DH calibration, and nothing is
+    written.
+
+    \b
+    Examples:
+        kincal model fit --arm arm.toml --data poses.csv
+        kincal model fit --arm arm.toml --data poses.csv --model M.toml
+    """
+    from kincal.workbench.answers import fit_json, fit_text
+    from kincal.workbench.api import fit
+    from kincal.workbench.fitrecord import fitted
+    from kincal.workbench.modelfile import write_model
+
+    arm, data = load(arm_path, given)
+    chosen, library = load_model(model_path, effect_files, arm)
+    with progress() as tick:
+        result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick)
+    if model_path is not None:
+        where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
+        write_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
+    click.echo(json.dumps(fit_json(result), indent=1) if as_json else fit_text(result))
+
+
+@click.command("next")
+@ARM
+@DATA
+@MODEL
+@EFFECTS
+@JSON
+@click.option("--count", type=click.IntRange(1, 64), default=8, show_default=True, help="Poses wanted.")
+@click.option(
+    "--inside",
+    multiple=True,
+    metavar="X0,Y0,Z0,X1,Y1,Z1",
+    help="Box for the tool point [m]; may be repeated.  [default: where poses were measured]",
+)
+@click.option(
+    "--outside",
+    multiple=True,
+    metavar="X0,Y0,Z0,X1,Y1,Z1",
+    help="Box that no part of the arm may enter [m]; may be repeated.",
+)
+@click.option(
+    "--space",
+    "space_path",
+    type=FILE,
+    default=None,
+    help="Description of a search space (TOML): poses in which its shapes touch are left out.",
+)
+@tables_option("With --space: directory with the arm and camera tables that its shapes stand on.")
+@click.option(
+    "--out",
+    "-o",
+    "out_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=None,
+    help="Write the poses as CSV: joints, approach direction, tool position.",
+)
+@click.argument("names", metavar="EFFECT EFFECT...", nargs=-1, required=True)
+def next_command(
+    arm_path: Path,
+    given: Given,
+    model_path: Path | None,
+    effect_files: tuple[Path, ...],
+    as_json: bool,
+    count: int,
+    inside: tuple[str, ...],
+    outside: tuple[str, ...],
+    space_path: Path | None,
+    tables_dir: Path,
+    out_path: Path | None,
+    names: tuple[str, ...],
+) -> None:
+    """The poses that separate two or more alternative effects best.
+
+    They lie where poses were measured: tool positions, joint ranges, directions of the tool, view of the
+    camera.
+
+    \b
+    Examples:
+        kincal model next --arm arm.toml --data poses.csv joint_compliance[2] base_flex
+        kincal model next --arm arm.toml --data poses.csv -o next.csv backlash[1] encoder_gain[1]
+        kincal model next --arm wam --data p.csv --space tables/src/space.toml backlash[1] backlash[2]
+    """
+    from kincal.workbench.answers import poses_json, poses_text
+    from kincal.workbench.constants import choose_constants
+    from kincal.workbench.fit import fit_model
+    from kincal.workbench.measurable import Limits
+    from kincal.workbench.nextposes import next_poses, poses_csv
+
+    boxes = _boxes("--inside", inside), _boxes("--outside", outside)
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise BadInput(f"{twice[0]} is given twice", todo="name two or more different effects")
+
+    arm, data = load(arm_path, given)
+    chosen, library = load_model(model_path, effect_files, arm)
+    limits = Limits(*boxes, _free_of_contact(space_path, tables_dir, arm) if space_path else None)
+    if len(names) < 2:
+        raise BadInput("name two or more alternative effects, for instance joint_compliance[2] base_flex")
+    alternatives = [
+        choose_constants(library, [name], arm, data, dh=chosen.dh, joined=True)[0] for name in names
+    ]
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    fit = fit_model(arm, data, effects, dh=chosen.dh)
+    poses = next_poses(fit, alternatives, count=count, limits=limits)
+    if out_path is not None:
+        out_path.write_text(poses_csv(poses), encoding="utf-8")
+        click.echo(f"{out_path}: {len(poses)} poses", err=as_json)
+    click.echo(json.dumps({"next_poses": poses_json(poses)}, indent=1) if as_json else poses_text(poses))
+
+
+def _free_of_contact(space_path: Path, tables_dir: Path, arm: ArmTable) -> Callable[[Floats], Mask]:
+    """Whether shapes of a search space stand clear at joints (N, n) to (N,). BadInput if the shapes are of
+    another arm."""
+    from kincal import space
+    from kincal.workbench.uplink import refuse_other_arm
+
+    tables = space.TablesFolder(tables_dir)
+    refuse_other_arm(arm, tables_dir)
+    description = space.read_description(space_path)
+    return space.clear_of_contact(description, tables)
+
+
+def _boxes(option: str, texts: Sequence[str]) -> tuple[Box, ...]:
+    """Boxes of an option. BadInput names what is not six numbers."""
+    from kincal.workbench.measurable import BOX_TEXT, Box
+
+    def numbers(text: str) -> list[float]:
+        try:
+            return [float(x) for x in text.split(",")]
+        except ValueError:
+            raise BadInput(f"{option} {text}: not numbers", todo=BOX_TEXT) from None
+
+    return tuple(Box.of(numbers(text)) for text in texts)

@@ -1,0 +1,158 @@
+"""The flight core in this process, behind the same door as in the flight process: kc_app_step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from kincal.errors import KincalError
+from kincal.flight import library
+
+from . import wire
+from .store import Store
+from .wire import Message
+
+if TYPE_CHECKING:
+    from kincal.flight.headers import KcApp
+
+_FLIGHT = library("flight")
+_LIB = _FLIGHT.lib
+_KINDS = (
+    *range(1, _LIB.KC_TBL_COUNT),
+    *(_LIB.KC_STORE_PREV, _LIB.KC_STORE_PROPOSAL, _LIB.KC_STORE_JOURNAL),  # the order of kc_app_load
+)
+_KIND_AT = slice(4, 6)  # of a table image
+_M = TypeVar("_M")
+
+Keep = Callable[[int, bytes], "bytes | None"]
+"""Kind and data that are to be kept -> what is kept; None: the memory refuses to write."""
+
+
+class _Waiting:
+    """Messages that wait until they are due: stamped earlier than the tick. They leave in an order that does
+    not depend on when they came, as from fsw/lcm/kc_queue.h; its quotas have no counterpart here."""
+
+    def __init__(self) -> None:
+        self.cmd: list[Any] = []
+        self.chunk: list[Any] = []
+        self.det: list[Any] = []
+
+    def take_cmd(self, now_us: int) -> list[Any]:
+        """Commands, the sources in turn, each by number."""
+        due, self.cmd = _split(self.cmd, now_us)
+        due.sort(key=lambda m: (m.source, m.seq))
+        turn: dict[int, int] = {}
+        keyed = []
+        for m in due:
+            account = m.source if 1 <= m.source <= _LIB.KC_SOURCE_MAX else 0
+            turn[account] = turn.get(account, 0) + 1
+            keyed.append(((turn[account], m.source), m))
+        keyed.sort(key=lambda pair: pair[0])
+        return self._most("cmd", [m for _, m in keyed], _LIB.KC_CMD_QUEUE_MAX)
+
+    def take_chunk(self, now_us: int) -> list[Any]:
+        """Table chunks by time, kind and offset."""
+        due, self.chunk = _split(self.chunk, now_us)
+        due.sort(key=lambda m: (m.t_us, m.kind, m.offset))
+        return self._most("chunk", due, _LIB.KC_CHUNK_QUEUE_MAX)
+
+    def take_det(self, now_us: int) -> list[Any]:
+        """Detections by frame number."""
+        due, self.det = _split(self.det, now_us)
+        due.sort(key=lambda m: m.seq)
+        return self._most("det", due, _LIB.KC_DET_QUEUE_MAX)
+
+    def _most(self, name: str, due: list[Any], room: int) -> list[Any]:
+        """As much as one step takes; the rest waits for the next."""
+        getattr(self, name).extend(due[room:])
+        return due[:room]
+
+
+def _split(waiting: list[_M], now_us: int) -> tuple[list[_M], list[_M]]:
+    due = [m for m in waiting if cast(Any, m).t_us < now_us]
+    return due, [m for m in waiting if cast(Any, m).t_us >= now_us]
+
+
+class FlightSoftware:
+    """The flight core with tables and a store, a step at a time.
+
+    tables: folder of images; store: what an earlier flight left, and where this one keeps things; keep: what
+    becomes of data on the way into the store. The core has one instance in a process: making another one
+    here ends the first, whose step() then raises KincalError."""
+
+    _newest: FlightSoftware | None = None
+
+    def __init__(self, tables: Path, store: Store, keep: Keep = lambda _kind, data: data) -> None:
+        self.store, self.keep = store, keep
+        self._app = cast("KcApp", _FLIGHT.ffi.addressof(cast(Any, _LIB), "kc_app_instance"))
+        self._in, self._out = _FLIGHT.new("kc_in_t"), _FLIGHT.new("kc_out_t")
+        self._waiting = _Waiting()
+        self._event_seq = 0
+        FlightSoftware._newest = self
+        _LIB.kc_app_init(self._app)
+        images = [path.read_bytes() for path in sorted(tables.glob("*.tbl"))]
+        for kind in _KINDS:
+            defaults = [image for image in images if int.from_bytes(image[_KIND_AT], "little") == kind]
+            for data in (*store.offered(kind), *defaults):
+                _LIB.kc_app_load(self._app, kind, data, len(data))
+        _LIB.kc_app_boot(self._app)
+
+    @property
+    def state(self) -> int:
+        """State of flight after the last step, KC_ST_..."""
+        return int(_LIB.kc_app_state(self._app))
+
+    def receive(self, channel: str, message: Any) -> None:
+        """A message for flight; of other channels it takes no notice. States of arm and pan-tilt unit are for
+        the next step, everything else for the first one later than its stamp."""
+        if channel == "KC_ARM_STATE":
+            faults = self._in.arm.fault_mask if self._in.has_arm else 0
+            wire.fill_arm(self._in.arm, message)
+            self._in.arm.fault_mask |= faults  # the newest of a step counts, but no fault of it is lost
+            self._in.has_arm = 1
+        elif channel == "KC_PANTILT_STATE":
+            wire.fill_pantilt(self._in.pantilt, message)
+            self._in.has_pantilt = 1
+        elif channel == "KC_DETECTION":
+            self._waiting.det.append(message)
+        elif channel == "KC_CMD":
+            self._waiting.cmd.append(message)
+        elif channel == "KC_TABLE_UP":
+            self._waiting.chunk.append(message)
+
+    def step(self, now_us: int) -> list[Message]:
+        """One tick at a mission time; what flight publishes, after all of it is stored."""
+        if FlightSoftware._newest is not self:
+            raise KincalError("another flight was started in this process", todo="run one after the other")
+        self._take_due(now_us)
+        _LIB.kc_app_step(self._app, now_us, self._in, self._out)
+        wire.clear(self._in)
+        self._store_all()
+        published = list(wire.messages(self._out, now_us, self._event_seq))
+        self._event_seq += self._out.events.n
+        return published
+
+    def _take_due(self, now_us: int) -> None:
+        """What waits and is due, into the input of the core."""
+        i, waiting = self._in, self._waiting
+        if waiting.cmd:
+            for i.n_cmd, m in enumerate(waiting.take_cmd(now_us), 1):
+                wire.fill_cmd(i.cmd[i.n_cmd - 1], m)
+        if waiting.chunk:
+            for i.n_chunk, m in enumerate(waiting.take_chunk(now_us), 1):
+                wire.fill_chunk(i.chunk[i.n_chunk - 1], m)
+        if waiting.det:
+            for i.n_det, m in enumerate(waiting.take_det(now_us), 1):
+                wire.fill_detection(i.det[i.n_det - 1], m)
+
+    def _store_all(self) -> None:
+        """The first failure is reported to the core with the next step."""
+        for request in self._out.store[0 : self._out.n_store]:
+            data = bytes(_FLIGHT.ffi.buffer(request.data, request.n)) if request.n else b""
+            kept = self.keep(request.kind, data)
+            if kept is not None:
+                self.store.keep(request.kind, kept)
+            elif not self._in.has_store_result:
+                self._in.has_store_result, self._in.store_kind = 1, request.kind
+                self._in.store_status = _LIB.KC_ERR_NUM

@@ -1,0 +1,95 @@
+"""Poses whose noise nobody stated: position and orientation errors that go together are no evidence."""
+
+from dataclasses import replace
+
+import numpy as np
+import poses
+import pytest
+from scipy.spatial.transform import Rotation
+
+from kincal import workbench as wb
+from kincal.workbench.diagnosis.study import Study
+from kincal.workbench.fit import fit_model
+
+LEVER_M = np.array([0.05, 0.02, 0.4])  # from the sensor's target to the tool
+SIGMA_ROT_RAD, SIGMA_POS_M = np.array([3e-3, 2e-3, 1e-3]), 2e-4
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return wb.read_arm(poses.arm_toml(tmp_path_factory.mktemp("arm") / "arm.toml"))
+
+
+def lever_noise():
+    """(6, 6) square root of a covariance: the position moves with every error of orientation."""
+    x, y, z = LEVER_M
+    moved = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ np.diag(SIGMA_ROT_RAD)
+    return np.block([[SIGMA_POS_M * np.eye(3), moved], [np.zeros((3, 3)), np.diag(SIGMA_ROT_RAD)]])
+
+
+def measured(n, seed, stated=False):
+    """n poses of an arm with DH errors and such noise."""
+    rng = np.random.default_rng(seed)
+    low, high = (np.array([row[k] for row in poses.WAM]) for k in (3, 4))
+    q = rng.uniform(low, high, (n, 7))
+    errors = 3e-3 * rng.normal(size=(7, 4)) / [1.0, 1.0, 3.0, 3.0]
+    true = np.array([poses.tool_pose(row, errors) for row in q])
+    root = lever_noise()
+    noise = rng.normal(size=(n, 6)) @ root.T
+    turned = Rotation.from_rotvec(noise[:, 3:]) * Rotation.from_matrix(true[:, :3, :3])
+    return wb.Measurements(
+        source="made up",
+        ids=tuple(map(str, range(n))),
+        q=q,
+        p_m=true[:, :3, 3] + noise[:, :3],
+        quat_wxyz=turned.as_quat(scalar_first=True),
+        t_s=np.arange(n, dtype=float),
+        cov=np.tile(root @ root.T, (n, 1, 1)) if stated else None,
+    )
+
+
+def correlations(cov):
+    sigma = np.sqrt(np.diag(cov))
+    return cov / np.outer(sigma, sigma)
+
+
+def test_the_covariance_of_unknown_noise_is_that_of_the_residuals(arm):
+    fit = fit_model(arm, measured(400, 1))
+    found = np.linalg.inv(fit.whiten[0].T @ fit.whiten[0]) * fit.scale**2
+    true = lever_noise() @ lever_noise().T
+    assert np.abs(correlations(true))[0, 4] > 0.9
+    assert correlations(found) == pytest.approx(correlations(true), abs=0.2)
+    assert np.sqrt(np.diag(found)[[0, 1, 3, 4, 5]]) == pytest.approx(
+        np.sqrt(np.diag(true)[[0, 1, 3, 4, 5]]), rel=0.3
+    )
+
+
+def test_unknown_noise_is_fitted_almost_as_well_as_stated_noise(arm):
+    def error(fit, stated):
+        return np.abs(fit.predict(stated) - best.predict(stated)).max(axis=0)
+
+    stated, other = measured(120, 1, stated=True), measured(200, 2)
+    best = fit_model(arm, stated)
+    found = fit_model(arm, replace(stated, cov=None))
+    plain = fit_model(arm, replace(stated, cov=np.tile(np.diag([1e-6] * 3 + [9e-6] * 3), (120, 1, 1))))
+    assert error(found, other)[:3].max() < 0.5 * error(plain, other)[:3].max()
+
+
+def test_the_same_holds_at_other_poses(arm):
+    fit = fit_model(arm, measured(60, 3))
+    there = fit.at(measured(5, 4))
+    assert there.whiten == pytest.approx(fit.whiten[:5])
+
+
+def test_residuals_without_noise_do_not_break_the_covariance(arm):
+    data = measured(40, 5)
+    model = fit_model(arm, data).model.poses(np.zeros(28))
+    exact = replace(data, p_m=model.p_m, quat_wxyz=Rotation.from_matrix(model.R).as_quat(scalar_first=True))
+    assert np.abs(fit_model(arm, exact).evaluation.r).max() < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_that_goes_together_is_no_effect(arm, seed):
+    posterior = Study.of(arm, measured(100, 20 + seed), wb.Library.load(), (), True).posterior(())
+    assert posterior.none > 0.4
+    assert not posterior.something_missing

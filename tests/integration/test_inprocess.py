@@ -1,0 +1,207 @@
+"""Flight and simulator in one process: commands as a script, tables up and down, and faults as hooks.
+
+That such a run gives the bits of the processes is shown in test_scenarios.py.
+"""
+
+import copy
+from dataclasses import replace
+
+import pytest
+from flight import CAUSE, STATE, TABLES, read_table
+
+from kincal.errors import CommandFailed, KincalError
+from kincal.flight import tables as codec
+from kincal.link import dump, upload
+from kincal.run.fast import InProcessLink
+from kincal.run.inprocess import Hooks, Script, Setup, Simulation, Store, command, simulate
+from kincal.run.onboard import FlightSoftware
+
+POSES = 4  # besides the local initial poses
+START = (2, command("START", -1, POSES, 1))
+UNDER_WAY = 400  # a tick in the middle of the local initial poses
+
+
+def events(run) -> list[str]:
+    return [e.name for e in run.log.events]
+
+
+def flown(*commands, hooks=None, store=None, scenario="encoder_bias", ticks=UNDER_WAY + 300):
+    """A run with commands by tick (default: START) that ends when flight has stopped, or at a tick."""
+    script = commands or (START,)
+
+    def each_tick(tick):
+        stopped = tick.number > UNDER_WAY and tick.state in (STATE["IDLE"], STATE["REVIEW"], STATE["SAFE"])
+        return tick.number < ticks and not stopped
+
+    setup = Setup(commander=lambda send: Script(send, script), hooks=hooks or Hooks(), store=store)
+    return simulate(scenario, 1, setup, each_tick=each_tick)
+
+
+def aborted_by(run) -> int:
+    return int(next(e.got for e in run.log.events if e.name == "CAL_ABORTED"))
+
+
+def test_without_a_command_nothing_moves_and_the_limit_of_time_ends_the_run():
+    run = simulate("paper", 1, Setup(commander=lambda send: Script(send, ()), limit_s=3.0))
+    assert (run.ended, run.state, run.mission_s) == (False, STATE["IDLE"], 3.0)
+    assert (run.log.counts["KC_HK"], run.log.counts["KC_ARM_CMD"], run.record) == (3, 0, {})
+
+
+def test_a_script_commands_at_its_ticks():
+    run = flown(START, (UNDER_WAY, command("ABORT", seq=2)))
+    assert [(a.seq, a.status, a.t_us) for a in run.log.acks] == [(1, 0, 300_000), (2, 0, 40_100_000)]
+    assert aborted_by(run) == CAUSE["COMMAND"]
+
+
+def test_the_executive_gives_up_when_nobody_answers_it():
+    def lost(_tick, messages):
+        return tuple(m for m in messages if m[0] != "KC_CMD")
+
+    run = simulate("paper", 1, Setup(hooks=Hooks(to_flight=lost)))
+    assert run.ended
+    assert run.record["reason"].startswith("command 1 not answered within")
+
+
+def test_silence_of_the_arm_aborts_a_calibration():
+    def silent(tick, messages):
+        return tuple(m for m in messages if tick < UNDER_WAY or m[0] != "KC_ARM_STATE")
+
+    run = flown(hooks=Hooks(to_flight=silent))
+    assert run.state == STATE["SAFE"]
+    assert aborted_by(run) == CAUSE["SILENT"]
+
+
+def test_frames_that_nobody_takes_abort_a_calibration():
+    def no_camera(tick, messages):
+        return tuple(m for m in messages if tick < UNDER_WAY or m[0] != "KC_FRAME_REQUEST")
+
+    run = flown(hooks=Hooks(from_flight=no_camera), ticks=UNDER_WAY + 3000)
+    assert aborted_by(run) == CAUSE["CAMERA"]
+
+
+def test_altered_messages_reach_flight_and_leave_the_simulator_alone():
+    def hot(_tick, messages):
+        def heated(m):
+            changed = copy.copy(m)
+            changed.temp_c = 1e4
+            return changed
+
+        return tuple((ch, heated(m) if ch == "KC_ARM_STATE" else m) for ch, m in messages)
+
+    run = flown(hooks=Hooks(to_flight=hot), ticks=20)
+    assert "IN_RANGE" in events(run)
+    assert run.world.arm.n == 7 and not run.log.last_session.measurements
+
+
+def test_power_loss_ends_the_calibration_and_flight_says_so():
+    run = flown(hooks=Hooks(power_loss=lambda tick: tick == UNDER_WAY))
+    assert run.state == STATE["SAFE"]
+    assert "BOOT_INTERRUPTED" in events(run)
+    assert run.log.hk.boot_count == 2
+
+
+def test_a_store_that_refuses_is_reported_once_a_failure():
+    run = flown(hooks=Hooks(keep=lambda tick, _kind, data: data if tick < UNDER_WAY else None))
+    assert "STORE_FAIL" in events(run)
+
+
+def test_a_clock_that_stands_still_is_no_elapsed_time():
+    stands = Hooks(clock=lambda _tick, now_us: min(now_us, UNDER_WAY * 100_000))
+    run = flown(hooks=stands, ticks=UNDER_WAY + 20)
+    assert run.log.hk.t_us == UNDER_WAY * 100_000
+
+
+def test_the_same_faults_give_the_same_messages():
+    def noisy(tick, messages):
+        return () if tick % 7 == 0 else messages
+
+    first, again = (flown(hooks=Hooks(to_flight=noisy), ticks=200) for _ in range(2))
+    assert [e.text for e in first.log.events] == [e.text for e in again.log.events]
+    assert first.log.hk.encode() == again.log.hk.encode()
+
+
+def test_a_damaged_slot_is_left_for_the_one_before():
+    store = Store()
+    flown(store=store, ticks=20)
+    journal = 18  # KC_STORE_JOURNAL
+    older, newest = reversed(store.offered(journal))
+    slot = next(key for key, whole in store.slots.items() if key[0] == journal and whole.endswith(newest))
+    store.slots[slot] = store.slots[slot][:-1] + b"\xff"
+    assert store.offered(journal) == [b"", older]
+    assert "BOOT_SLOT_BAD" in events(flown(store=store, ticks=5))
+
+
+def test_a_store_in_a_folder_is_read_again(tmp_path):
+    store = Store(tmp_path)
+    for data in (b"one", b"two", b"three"):
+        store.keep(4, data)
+    assert Store(tmp_path).offered(4) == [b"three", b"two"]
+    store.keep(4, b"")
+    assert Store(tmp_path).offered(4) == []
+
+
+def test_tables_go_up_and_down_in_this_process():
+    setup = Setup(commander=lambda send: Script(send, ()))
+    with Simulation("paper", 1, setup) as simulation:
+        link = InProcessLink(simulation)
+        config = read_table("config")
+        config.n_poses += 1
+        image = codec.encode("config", config)
+        upload(link, image)
+        assert dump(link, "config").data == image.data
+        assert dump(link, "arm").data == (TABLES / "arm.tbl").read_bytes()
+
+
+def test_a_ground_that_waits_for_what_does_not_come_gets_an_error():
+    setup = Setup(commander=lambda send: Script(send, ()), limit_s=20.0)
+    with Simulation("paper", 1, setup) as simulation:
+        link = InProcessLink(simulation)
+        with pytest.raises(CommandFailed, match="proposal did not come within 10 s"):
+            link.wait_for(lambda r: r.channel == "KC_PROPOSAL", 10.0, "proposal")
+        with pytest.raises(CommandFailed, match="the run ended while the ground waited"):
+            link.wait_for(lambda r: r.channel == "KC_PROPOSAL", 20.0, "proposal")
+
+
+def test_one_flight_at_a_time():
+    first = FlightSoftware(TABLES, Store())
+    FlightSoftware(TABLES, Store()).step(100_000)
+    with pytest.raises(KincalError, match="another flight was started"):
+        first.step(100_000)
+
+
+def test_commands_are_taken_by_source_in_turn_and_number():
+    sent = []
+    for k in (3, 1, 2):
+        sent += [command("NOOP", seq=k), command("NOOP", seq=k, source="GROUND")]
+    flight = FlightSoftware(TABLES, Store())
+    for m in sent:
+        flight.receive("KC_CMD", m)
+    acks = [m for channel, m in flight.step(100_000) if channel == "KC_ACK"]
+    assert [(a.source, a.seq) for a in acks] == [(1, 1), (2, 1), (1, 2), (2, 2), (1, 3), (2, 3)]
+
+
+def test_more_commands_than_a_step_takes_wait_for_the_next():
+    flight = FlightSoftware(TABLES, Store())
+    for k in range(1, 11):
+        flight.receive("KC_CMD", command("NOOP", seq=k))
+    steps = [flight.step(t_us) for t_us in (100_000, 200_000)]
+    answered = [[m.seq for channel, m in step if channel == "KC_ACK"] for step in steps]
+    assert answered == [list(range(1, 9)), [9, 10]]
+
+
+def test_stamps_before_the_epoch_are_refused_like_those_from_the_network():
+    def old(_tick, messages):
+        def aged(m):
+            changed = copy.copy(m)
+            changed.t_us -= 3_600_000_000
+            return changed
+
+        return tuple((ch, aged(m) if ch in ("KC_ARM_STATE", "KC_PANTILT_STATE") else m) for ch, m in messages)
+
+    run = flown(hooks=Hooks(to_flight=old), ticks=20)
+    assert {e.index for e in run.log.events if e.name == "IN_RANGE"} == {101, 201}
+
+
+def test_hooks_are_values():
+    assert replace(Hooks(), power_loss=lambda _: False) != Hooks()
+    assert Hooks() == Hooks()
