@@ -5,7 +5,7 @@ layouts, docs/schema/*.json from the models of files.
     python ground/gen_docs.py            write
     python ground/gen_docs.py --check    say what is out of date; status 1 if anything is
 
-In INTERFACES.md and TABLES.md only what stands between `<!-- made: NAME -->` and `<!-- end -->` is
+In INTERFACES.md, STATES.md and TABLES.md only what stands between `<!-- made: NAME -->` and `<!-- end -->` is
 replaced."""
 
 from __future__ import annotations
@@ -196,7 +196,21 @@ def block_states() -> str:
     """States of the sequencer."""
     return table(
         ("state", "name", "what happens"),
-        [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in c_enum("fsw/exec/kc_app.h", "kc_state_t")],
+        [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in c_enum("fsw/exec/kc_states.h", "kc_state_t")],
+    )
+
+
+def block_transitions() -> str:
+    """Which state comes next: the table that the sequencer itself uses."""
+    text = (ROOT / "fsw/exec/kc_states.h").read_text("utf-8").replace("\\\n", " ")
+    line = re.search(r"#define KC_TRANSITION_LIST\(X\)(.*)", text)
+    rows = re.findall(r"X\((\w+), (\w+), (\w+), (\w+)\)", line[1] if line else "")
+    if not rows:
+        raise SystemExit("fsw/exec/kc_states.h: no transitions")
+    when = {"SAME_STEP": "the same step", "NEXT_STEP": "the next step"}
+    return table(
+        ("state", "outcome", "next state", "its work begins in"),
+        [(f"`{state}`", outcome.lower(), f"`{then}`", when[step]) for state, outcome, then, step in rows],
     )
 
 
@@ -206,7 +220,7 @@ def block_kinds() -> str:
         ("kind", "name", "holds"),
         [
             (v, f"`{n.removeprefix('KC_TBL_')}`", KIND_TEXT[n])
-            for v, n, _c in c_enum("fsw/exec/kc_tables.h", "kc_tbl_kind_t")
+            for v, n, _c in c_enum("fsw/tables/kc_tables.h", "kc_tbl_kind_t")
             if n in KIND_TEXT
         ],
     )
@@ -216,10 +230,10 @@ KIND_TEXT = {
     "KC_TBL_ARM": "DH chain, limits, masses, base and tool frames (`fsw/model/kc_arm.h`)",
     "KC_TBL_CAMERA": "mast, pan-tilt unit, lens, tags on the tool (`fsw/model/kc_camera.h`)",
     "KC_TBL_TERMS": "coefficients and correction terms (`fsw/model/kc_terms.h`)",
-    "KC_TBL_KIN": "values of the coefficients in force: what calibration changes (`fsw/exec/kc_tables.h`)",
-    "KC_TBL_SPACE": "candidate poses, hubs, verified segments (`fsw/motion/kc_path.h`)",
+    "KC_TBL_KIN": "values of the coefficients in force: what calibration changes (`fsw/tables/kc_tables.h`)",
+    "KC_TBL_SPACE": "candidate poses, hubs, verified segments (`fsw/motion/kc_space.h`)",
     "KC_TBL_KERNEL": "spectral tables and hyperparameters (`fsw/design/kc_kernel.h`)",
-    "KC_TBL_CONFIG": "how a calibration is run (`fsw/exec/kc_config.h`)",
+    "KC_TBL_CONFIG": "how a calibration is run (`fsw/tables/kc_config.h`)",
 }
 
 
@@ -249,6 +263,7 @@ BLOCKS: dict[str, dict[str, Callable[[], str]]] = {
         "kinds": block_kinds,
         "why": block_why,
     },
+    "STATES.md": {"transitions": block_transitions},
     "TABLES.md": {
         kind: partial(layouts.page_table, kind)
         for kind in ("ARM", "CAMERA", "TERMS", "KIN", "SPACE", "KERNEL", "CONFIG")

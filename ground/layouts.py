@@ -1,5 +1,5 @@
 """Layout of the flight tables, for docs/TABLES.md: read from the C source that walks them
-(fsw/exec/kc_layout.c, kc_config.c).
+(fsw/tables/kc_layout.c, kc_config.c).
 
 Fields, order, types and limits are what the source calls. A comment behind a call, or on the line before it,
 is the note of the field. Values of constants come from the flight core."""
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-EXEC = Path(__file__).resolve().parent.parent / "fsw/exec"
+TABLES = Path(__file__).resolve().parent.parent / "fsw/tables"
 # The bit set of the segments has no range, and so no call with a number.
 BIT_SET = ("18", "edge", "u8[n_edge]")
 TYPES = {"name": "char[24]", "count": "u32"}
@@ -203,6 +203,6 @@ def markdown(block: Block) -> list[str]:
 
 def page_table(kind: str) -> str:
     """The layout of a table kind ("CONFIG") in Markdown."""
-    source = Source("".join((EXEC / name).read_text("utf-8") for name in ("kc_layout.c", "kc_config.c")))
+    source = Source("".join((TABLES / name).read_text("utf-8") for name in ("kc_layout.c", "kc_config.c")))
     head = ["| field | name | type | limits | |", "|---:|---|---|---|---|"]
     return "\n".join(head + markdown(source.table(kind)))

@@ -37,8 +37,8 @@ uint32_t kc_est_rows(const kc_est_t *est);
 /* -- kc_ident.c -- */
 
 /* Rank of the coefficients in mask, at coef, by the data alone; idx = those, in order. cond, perm, pivot
- * and the factored columns (est->qp.L, ld n_idx) are left for the report. */
-uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef);
+ * stay in est for the report; F (n_coef^2 values) gets the factored columns, ld n_idx. */
+uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef, double *F);
 /* Decide at coef which of `requested` are estimated and which held: status, confounded, rank, idx, weak. */
 void kc_est_identify(kc_est_t *est, uint64_t requested, const double *coef);
 /* Whether that decision still stands at est->coef: neither more nor fewer could be estimated. idx stays. */

@@ -111,7 +111,4 @@ kc_status_t kc_est_solve(kc_est_t *est);
 /* Covariance (6x6, row-major) of the predicted tool pose at ctx with the solved estimate. */
 void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36]);
 
-/* chi^2 upper tail probability, dof >= 1 (regularised incomplete gamma); 1 for chi2 <= 0, NaN for NaN. */
-double kc_chi2_sf(double chi2, uint32_t dof);
-
 #endif

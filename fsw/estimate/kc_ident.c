@@ -48,10 +48,8 @@ static double tolerance(const kc_est_t *est, const double *scale)
     return kc_max(est->opt.rank_tol, KC_EST_PIVOT_MIN / kc_sqrt(kc_max(top2, TINY)));
 }
 
-/* The QP is not running now: its factor's place takes the copy of R to be factored. */
-uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef)
+uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef, double *F)
 {
-    double *F = est->qp.L;
     double *scale = est->qp.d;
     uint32_t rank = 0u;
     take(est, mask);
@@ -68,8 +66,9 @@ uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef)
 
 void kc_est_identify(kc_est_t *est, uint64_t requested, const double *coef)
 {
+    double *F = est->qp.L; /* the QP is not running now */
     uint64_t held = 0u;
-    est->rank = kc_est_rank(est, requested, coef);
+    est->rank = kc_est_rank(est, requested, coef, F);
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
         est->status[c] = (uint8_t)((((requested >> c) & 1u) != 0u) ? KC_COEF_ESTIMATED : KC_COEF_MASKED);
         est->confounded[c] = 0u;
@@ -78,7 +77,7 @@ void kc_est_identify(kc_est_t *est, uint64_t requested, const double *coef)
         const uint32_t c = est->idx[est->perm[j]];
         est->status[c] = (uint8_t)KC_COEF_HELD;
         held |= (uint64_t)1u << c;
-        entangle(est, null_members(est, est->qp.L, est->n_idx, j));
+        entangle(est, null_members(est, F, est->n_idx, j));
     }
     take(est, requested & ~held);
     est->weak = (est->hold_none || kc_est_rows(est) < 2u * est->n_idx) ? 1u : 0u;
@@ -88,9 +87,10 @@ void kc_est_identify(kc_est_t *est, uint64_t requested, const double *coef)
  * compared: the rank of all must be the same, and those estimated must be independent. */
 int kc_est_still_identified(kc_est_t *est, uint64_t requested)
 {
+    double *F = est->qp.L; /* not needed afterwards */
     uint64_t kept = 0u;
     for (uint32_t j = 0; j < est->n_idx; j++) { kept |= (uint64_t)1u << est->idx[j]; }
-    const uint32_t all = kc_est_rank(est, requested, est->coef);
-    const uint32_t own = kc_est_rank(est, kept, est->coef);
+    const uint32_t all = kc_est_rank(est, requested, est->coef, F);
+    const uint32_t own = kc_est_rank(est, kept, est->coef, F);
     return all == est->rank && own == est->rank;
 }

@@ -1,3 +1,4 @@
+#include "kc_chi2.h"
 #include "kc_monitor.h"
 
 #include <string.h>

@@ -1,5 +1,6 @@
 #include <stddef.h>
 
+#include "kc_chi2.h"
 #include "kc_est_priv.h"
 #include "kc_la.h"
 #include "kc_libm.h"

@@ -1,43 +1,42 @@
 #include <string.h>
 
-#include "kc_app_priv.h"
+#include "kc_app_parts.h"
+#include "kc_sequence.h"
+
+#define TICK_US 100000u       /* what counts as elapsed where the clock stands still or steps */
+#define CLOCK_GAP_US 2000000u /* the clock moved on by more than this: it was set */
 
 kc_app_t kc_app_instance;
+
+/* ---- start ---- */
 
 void kc_app_init(kc_app_t *app)
 {
     memset(app, 0, sizeof *app);
-    app->tables.scratch = &app->big.scratch;
+    app->view = (kc_view_t){
+        .clock = &app->clock,
+        .place = &app->place,
+        .tables = &app->tables.active,
+        .telemetry = &app->input.telemetry,
+        .cal = &app->cal,
+        .plan = &app->plan,
+        .learned = &app->learned,
+        .est = &app->est,
+        .servo_steps = &app->observe.servo_steps,
+    };
+    app->tables.scratch = &app->arena.idle.scratch;
+    app->tables.staging.image = app->arena.idle.staged;
     app->cal.candidate = -1;
-    app->leg.seg_from = KC_NODE_NONE;
-    app->leg.seg_to = KC_NODE_NONE;
-    app->journal.candidate = -1;
+    app->move.seg_from = KC_NODE_NONE;
+    app->move.seg_to = KC_NODE_NONE;
+    app->journal.found.candidate = -1;
     app->boot_state = -1;
     app->boot_pose = -1;
 }
 
 const kc_active_t *kc_app_active(const kc_app_t *app) { return &app->tables.active; }
 
-kc_state_t kc_app_state(const kc_app_t *app) { return app->state; }
-
-int kc_app_calibrating(const kc_app_t *app) { return app->state >= KC_ST_MOVE && app->state <= KC_ST_UPDATE; }
-
-void kc_app_enter(kc_app_t *app, kc_state_t state)
-{
-    app->state = state;
-    app->state_us = app->now_us;
-    app->journal_due = 1u;
-}
-
-void kc_app_abort(kc_app_t *app, kc_out_t *out, kc_cause_t cause)
-{
-    int32_t pose = kc_app_calibrating(app) ? (int32_t)app->cal.n_meas : -1;
-    kc_event(&out->events, KC_EVT_CAL_ABORTED, pose, (double)cause, 0.0);
-    kc_move_hold(app, out);
-    kc_propose_drop(app, out);
-    app->observe.waiting = 0u;
-    kc_app_enter(app, KC_ST_SAFE);
-}
+kc_state_t kc_app_state(const kc_app_t *app) { return app->place.state; }
 
 /* The correction for rollback. One that equals the active table remains when power is lost between the two
  * writes of an activation: then the older slot holds the right one. */
@@ -60,9 +59,9 @@ static kc_status_t load_table(kc_app_t *app, uint16_t kind, const uint8_t *data,
 static kc_status_t load_any(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n)
 {
     switch (kind) {
-    case KC_STORE_JOURNAL: return kc_journal_load(app, data, n);
+    case KC_STORE_JOURNAL: return kc_journal_load(&app->journal, data, n);
     case KC_STORE_PREV: return load_prev(app, data, n);
-    case KC_STORE_PROPOSAL: return kc_propose_load(app, data, n);
+    case KC_STORE_PROPOSAL: return kc_review_load(&app->review, &app->tables, data, n, &app->boot_events);
     default: return kind < KC_TBL_COUNT ? load_table(app, kind, data, n) : KC_ERR_ARG;
     }
 }
@@ -76,28 +75,26 @@ kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint3
     return st;
 }
 
-/* Compare the journal with what was found. */
+/* Compare the journal with what was found: the state to begin in. */
 static void boot_state(kc_app_t *app)
 {
-    const kc_journal_t *j = &app->journal;
+    const kc_journal_t *j = &app->journal.found;
     kc_events_t *ev = &app->boot_events;
-    int lost = j->state >= KC_ST_MOVE && j->state <= KC_ST_UPDATE;
-    if (app->proposal_crc != 0u) {
-        kc_event(ev, KC_EVT_BOOT_REVIEW, -1, (double)app->proposal_crc, 0.0);
-        app->state = KC_ST_REVIEW;
-        lost = 0;
-    } else if (j->state == KC_ST_REVIEW || j->state == KC_ST_ARMED) {
+    kc_state_t was = (kc_state_t)j->state;
+    bool lost = kc_states_calibrating(was);
+    if (app->review.crc != 0u) {
+        kc_event(ev, KC_EVT_BOOT_REVIEW, -1, (double)app->review.crc, 0.0);
+        app->place.state = KC_ST_REVIEW;
+        lost = false;
+    } else if (was == KC_ST_REVIEW || was == KC_ST_ARMED) {
         /* approved, but stopped before the journal was written; or both copies are lost */
-        if (j->proposal_crc == app->tables.active.crc[KC_TBL_KIN]) {
-            kc_event(ev, KC_EVT_COR_ACTIVE, -1, (double)j->proposal_crc, 0.0);
-        } else {
-            lost = 1;
-        }
-    } else if (lost || j->state == KC_ST_SAFE) {
-        app->state = KC_ST_SAFE;
+        lost = j->proposal_crc != app->tables.active.crc[KC_TBL_KIN];
+        if (!lost) { kc_event(ev, KC_EVT_COR_ACTIVE, -1, (double)j->proposal_crc, 0.0); }
+    } else if (lost || was == KC_ST_SAFE) {
+        app->place.state = KC_ST_SAFE;
     }
     if (lost) { kc_event(ev, KC_EVT_BOOT_INTERRUPTED, -1, (double)j->state, (double)j->pose); }
-    if (j->state != KC_ST_IDLE) {
+    if (was != KC_ST_IDLE) {
         app->boot_state = (int32_t)j->state;
         app->boot_pose = (int32_t)j->pose;
     }
@@ -105,10 +102,11 @@ static void boot_state(kc_app_t *app)
 
 void kc_app_boot(kc_app_t *app)
 {
-    app->boot_count = app->journal.boot_count + 1u;
-    app->session = app->journal.session;
-    app->leg.seg_from = app->journal.seg_from;
-    app->leg.seg_to = app->journal.seg_to;
+    const kc_journal_t *j = &app->journal.found;
+    app->boot_count = j->boot_count + 1u;
+    app->cal.session = j->session;
+    app->move.seg_from = j->seg_from;
+    app->move.seg_to = j->seg_to;
     kc_event(&app->boot_events, KC_EVT_BOOT, (int32_t)app->boot_count, 0.0, 0.0);
     for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
         if (app->tables.active.crc[kind] == 0u) {
@@ -118,78 +116,116 @@ void kc_app_boot(kc_app_t *app)
     boot_state(app);
     /* Sequence numbers of outgoing messages are above those of the last run. */
     int32_t base = (int32_t)(app->boot_count % 20000u) * 100000;
-    app->arm_seq = base;
-    app->pantilt_seq = base;
-    app->hk_seq = base;
-    app->observe.frame_seq = base;
-    app->journal_due = 1u;
+    app->move.seq = base;
+    app->pantilt.seq = base;
+    app->hk.seq = base;
+    app->request.seq = base;
 }
 
-uint64_t kc_app_elapsed(const kc_app_t *app, uint64_t stamp_us)
-{
-    if (stamp_us > app->clock_us) {
-        uint64_t ahead = stamp_us - app->clock_us;
-        return ahead > UINT64_MAX - app->now_us ? UINT64_MAX : app->now_us + ahead;
-    }
-    uint64_t age = app->clock_us - stamp_us;
-    return age > app->now_us ? 0u : app->now_us - age;
-}
+/* ---- one step ---- */
 
 /* Elapsed time goes on whatever the clock does: where that stands still or steps, a step of the process
  * counts as one tick, so that silence and time-outs are noticed. */
-static void take_time(kc_app_t *app, uint64_t clock_us, kc_out_t *out)
+static void take_time(kc_clock_t *c, uint64_t clock_us, kc_out_t *out)
 {
-    int back = clock_us < app->clock_us;
-    uint64_t passed = back ? 0u : clock_us - app->clock_us;
-    if (back || passed > KC_CLOCK_GAP_US) {
-        kc_event(&out->events, KC_EVT_TIME_STEP, -1, (double)clock_us, (double)app->clock_us);
+    bool back = clock_us < c->clock_us;
+    uint64_t passed = back ? 0u : clock_us - c->clock_us;
+    if (back || passed > CLOCK_GAP_US) {
+        kc_event(&out->events, KC_EVT_TIME_STEP, -1, (double)clock_us, (double)c->clock_us);
         passed = 0u;
     }
-    app->now_us += passed > 0u ? passed : KC_TICK_US;
-    app->clock_us = clock_us;
-}
-
-/* One state's work; 1 if another state may go on in the same step. */
-static int run_state(kc_app_t *app, kc_out_t *out)
-{
-    switch (app->state) {
-    case KC_ST_MOVE: return kc_move_run(app, out);
-    case KC_ST_AIM: return kc_move_aim(app, out);
-    case KC_ST_SETTLE: return kc_move_settled(app, out);
-    case KC_ST_OBSERVE: return kc_observe_run(app, out);
-    case KC_ST_SERVO: return kc_observe_servo(app, out);
-    case KC_ST_SEARCH: return kc_observe_search(app, out);
-    case KC_ST_MEASURE: return kc_measure_run(app, out);
-    case KC_ST_UPDATE: return kc_update_run(app, out);
-    case KC_ST_ARMED: return kc_propose_expire(app, out);
-    default: return 0; /* IDLE, REVIEW and SAFE wait for commands */
-    }
+    c->now_us += passed > 0u ? passed : TICK_US;
+    c->clock_us = clock_us;
 }
 
 static void first_step(kc_app_t *app, uint64_t clock_us, kc_out_t *out)
 {
     out->events = app->boot_events;
-    app->stepped = 1u;
-    app->now_us = clock_us;
-    app->clock_us = clock_us;
-    app->hk_us = clock_us;
-    if (app->state == KC_ST_SAFE) { kc_move_hold(app, out); }
+    app->stepped = true;
+    app->clock = (kc_clock_t){clock_us, clock_us};
+    app->hk.due_us = clock_us;
+    if (app->place.state == KC_ST_SAFE) { kc_move_hold(&app->move, &app->view, out); }
+}
+
+static void take_inputs(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
+{
+    app->n_rx_errors = in->n_rx_errors;
+    if (in->has_store_result && in->store_status != 0) {
+        kc_event(&out->events, KC_EVT_STORE_FAIL, (int32_t)in->store_kind, (double)in->store_status, 0.0);
+    }
+    kc_input_telemetry(&app->input, &app->view, in, out);
+    kc_sequence_detections(app, in, out);
+    kc_sequence_commands(app, in, out);
+}
+
+static void note(kc_app_t *app, kc_out_t *out)
+{
+    kc_journal_t now = {
+        .state = (uint32_t)app->place.state,
+        .session = app->cal.session,
+        .pose = app->plan.n_meas,
+        .boot_count = app->boot_count,
+        .kin_crc = app->tables.active.crc[KC_TBL_KIN],
+        .proposal_crc = app->review.crc,
+        .candidate = app->cal.candidate,
+        .seg_from = app->move.seg_from,
+        .seg_to = app->move.seg_to,
+        .t_us = app->clock.clock_us,
+    };
+    kc_journal_note(&app->journal, &now, out);
+}
+
+static void report_monitor(const kc_mon_verdict_t *v, kc_hk_t *hk)
+{
+    hk->mon_state = (int32_t)v->state;
+    hk->mon_joint = v->state == KC_MON_NAMED ? (int32_t)v->joint + 1 : 0;
+    hk->mon_suspects = v->suspects;
+    hk->mon_n_obs = v->n_obs;
+    hk->mon_bias = v->bias;
+    hk->mon_sigma = v->sigma;
+    hk->mon_p = v->p;
+}
+
+static void report(const kc_app_t *app, kc_hk_t *hk)
+{
+    const kc_staging_t *s = &app->tables.staging;
+    hk->state = (int32_t)app->place.state;
+    hk->session = app->cal.session;
+    hk->n_poses = app->plan.n_meas;
+    hk->n_poses_goal = app->plan.n_goal;
+    hk->candidate = app->cal.candidate;
+    hk->servo_steps = app->observe.servo_steps;
+    hk->n_rejected = app->input.n_rejected;
+    hk->n_cmd_ok = app->cmd_log.n_ok;
+    hk->n_cmd_refused = app->cmd_log.n_refused;
+    hk->n_rx_errors = app->n_rx_errors;
+    memcpy(hk->crc, app->tables.active.crc, sizeof hk->crc);
+    hk->staged_state = (int32_t)s->state;
+    hk->staged_kind = s->state == KC_STAGE_NONE ? 0 : (int32_t)s->kind;
+    hk->staged_bytes = s->n;
+    hk->boot_state = app->boot_state;
+    hk->boot_pose = app->boot_pose;
+    hk->boot_count = app->boot_count;
+    hk->proposal_crc = app->review.crc;
+    hk->energy_j = app->cal.energy_j;
+    report_monitor(&app->monitoring.newest, hk);
 }
 
 void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *out)
 {
     memset(out, 0, sizeof *out);
     if (app->stepped) {
-        take_time(app, now_us, out);
+        take_time(&app->clock, now_us, out);
     } else {
         first_step(app, now_us, out);
     }
-    kc_input_take(app, in, out);
-    kc_cmd_take(app, in, out);
-    kc_input_check_silence(app, out);
-    kc_update_budget(app, out);
-    for (uint32_t i = 0u; i < KC_CHAIN_MAX && run_state(app, out); i++) {}
-    kc_cmd_dump(app, out);
-    kc_journal_note(app, out);
-    kc_hk_run(app, out);
+    take_inputs(app, in, out);
+    kc_sequence_run(app, out);
+    kc_dump_run(&app->dump, &app->review, &app->view, out);
+    note(app, out);
+    if (kc_hk_count(&app->hk, app->clock.now_us, out)) {
+        out->has_hk = 1u;
+        kc_hk_fill(&app->hk, &out->hk);
+        report(app, &out->hk);
+    }
 }

@@ -5,25 +5,11 @@
 
 #include <stdint.h>
 
-#include "kc_acquire.h"
 #include "kc_estimate.h"
-#include "kc_gp.h"
+#include "kc_sensors.h"
+#include "kc_states.h"
 #include "kc_tables.h"
-
-typedef enum {
-    KC_ST_IDLE = 0,
-    KC_ST_MOVE = 1, /* along a verified path to the candidate */
-    KC_ST_AIM = 2,  /* pan-tilt unit turns to the tool */
-    KC_ST_SETTLE = 3,
-    KC_ST_OBSERVE = 4, /* frame requested, servo decides */
-    KC_ST_SERVO = 5,   /* servo step, or approach */
-    KC_ST_SEARCH = 6,  /* tags not in view: pan-tilt unit searches, bounded */
-    KC_ST_MEASURE = 7, /* several frames at rest */
-    KC_ST_UPDATE = 8,  /* estimator, GP, next candidate */
-    KC_ST_REVIEW = 9,  /* correction proposed, waits for the ground */
-    KC_ST_ARMED = 10,  /* first approval step received */
-    KC_ST_SAFE = 11    /* aborted: arm held, waits for START or ROLLBACK */
-} kc_state_t;
+#include "kc_verdict.h"
 
 typedef enum {
     KC_CMD_NOOP = 0,
@@ -44,35 +30,38 @@ typedef enum { KC_SRC_EXECUTIVE = 1, KC_SRC_GROUND = 2 } kc_source_t;
 #define KC_SOURCE_MAX 2u
 
 /* Inputs as events KC_EVT_IN_* name them. */
-typedef enum { KC_INPUT_ARM = 1, KC_INPUT_PANTILT = 2, KC_INPUT_DETECTION = 3 } kc_input_t;
+typedef enum { KC_INPUT_ARM = 1, KC_INPUT_PANTILT = 2, KC_INPUT_DETECTION = 3 } kc_sensor_t;
 
-/* Fields of the inputs, index of IN_RANGE: 100 x input + number. X(first, count, "name"): a field of `count`
- * elements takes as many numbers from `first` on. */
-#define KC_INPUT_FIELD_LIST(X)                                   \
-    X(101, 1u, "arm t_us")                                       \
-    X(110, KC_JOINT_MAX, "arm q_rad")                            \
-    X(120, KC_JOINT_MAX, "arm dq_rad_s")                         \
-    X(130, KC_JOINT_MAX, "arm q_cmd_rad")                        \
-    X(140, KC_JOINT_MAX, "arm dir")                              \
-    X(150, 1u, "arm temp_c")                                     \
-    X(151, 1u, "arm payload_kg")                                 \
-    X(152, 3u, "arm g_m_s2")                                     \
-    X(201, 1u, "pan-tilt t_us")                                  \
-    X(202, 1u, "pan-tilt pan_rad")                               \
-    X(203, 1u, "pan-tilt tilt_rad")                              \
-    X(301, 1u, "detection t_us")                                 \
-    X(302, 1u, "detection n_tags")                               \
-    X(303, 3u, "detection p_cam_tool_m")                         \
-    X(306, 3u, "detection p_alt_m")                              \
-    X(309, 1u, "detection rms_px")                               \
-    X(310, 1u, "detection rms_alt_px")                           \
-    X(311, 1u, "detection range_m")                              \
-    X(312, 1u, "detection incid_rad")                            \
-    X(313, 1u, "detection u_px")                                 \
-    X(314, 1u, "detection v_px")                                 \
-    X(315, 1u, "detection cov, which is not positive definite,") \
-    X(320, 8u * KC_TAG_MAX, "detection corner_px")               \
-    X(360, 36u, "detection cov")
+/* Fields of the inputs, index of IN_RANGE: 100 x input + number. X(first, count, NAME, "name"): a field of
+ * `count` elements takes as many numbers from `first` on. */
+#define KC_INPUT_FIELD_LIST(X)                                                  \
+    X(101, 1u, ARM_T, "arm t_us")                                               \
+    X(110, KC_JOINT_MAX, ARM_Q, "arm q_rad")                                    \
+    X(120, KC_JOINT_MAX, ARM_DQ, "arm dq_rad_s")                                \
+    X(130, KC_JOINT_MAX, ARM_Q_CMD, "arm q_cmd_rad")                            \
+    X(140, KC_JOINT_MAX, ARM_DIR, "arm dir")                                    \
+    X(150, 1u, ARM_TEMP, "arm temp_c")                                          \
+    X(151, 1u, ARM_PAYLOAD, "arm payload_kg")                                   \
+    X(152, 3u, ARM_G, "arm g_m_s2")                                             \
+    X(201, 1u, PANTILT_T, "pan-tilt t_us")                                      \
+    X(202, 1u, PANTILT_PAN, "pan-tilt pan_rad")                                 \
+    X(203, 1u, PANTILT_TILT, "pan-tilt tilt_rad")                               \
+    X(301, 1u, DET_T, "detection t_us")                                         \
+    X(302, 1u, DET_N_TAGS, "detection n_tags")                                  \
+    X(303, 3u, DET_P, "detection p_cam_tool_m")                                 \
+    X(306, 3u, DET_P_ALT, "detection p_alt_m")                                  \
+    X(309, 1u, DET_RMS, "detection rms_px")                                     \
+    X(310, 1u, DET_RMS_ALT, "detection rms_alt_px")                             \
+    X(311, 1u, DET_RANGE, "detection range_m")                                  \
+    X(312, 1u, DET_INCID, "detection incid_rad")                                \
+    X(313, 1u, DET_U, "detection u_px")                                         \
+    X(314, 1u, DET_V, "detection v_px")                                         \
+    X(315, 1u, DET_COV_SHAPE, "detection cov, which is not positive definite,") \
+    X(320, 8u * KC_TAG_MAX, DET_CORNER, "detection corner_px")                  \
+    X(360, 36u, DET_COV, "detection cov")
+
+#define KC_INPUT_FIELD_ENUM_(first, count, NAME, name) KC_FIELD_##NAME = (first),
+typedef enum { KC_INPUT_FIELD_LIST(KC_INPUT_FIELD_ENUM_) } kc_field_t;
 
 /* Name of a field as above, "" for none; never NULL. *element: which one, from 1; 0 if the field has one
  * only. */
@@ -93,39 +82,15 @@ typedef struct {
     uint8_t data[KC_CHUNK_BYTES];
 } kc_chunk_t;
 typedef struct {
-    uint64_t t_us;
-    int32_t seq;
-    uint32_t n_joints;
-    double q[KC_JOINT_MAX], dq[KC_JOINT_MAX], q_cmd[KC_JOINT_MAX], dir[KC_JOINT_MAX];
-    uint8_t moving;
-    int32_t fault_mask;
-    double temp_c, payload_kg, g_m_s2[3];
-} kc_arm_state_t;
-typedef struct {
     int32_t seq;
     uint32_t n_joints;
     double q[KC_JOINT_MAX], speed_scale;
     uint8_t hold;
 } kc_arm_cmd_t;
 typedef struct {
-    uint64_t t_us;
-    int32_t seq;
-    double pan_rad, tilt_rad;
-    uint8_t moving;
-} kc_pantilt_state_t;
-typedef struct {
     int32_t seq;
     double pan_rad, tilt_rad;
 } kc_pantilt_cmd_t;
-typedef struct {
-    uint64_t t_us;
-    int32_t seq;
-    uint32_t n_tags;
-    int32_t tag_id[KC_TAG_MAX];
-    double p_cam_tool_m[3], q_cam_tool_wxyz[4], cov[36];
-    double p_alt_m[3], q_alt_wxyz[4], rms_px, rms_alt_px;
-    double range_m, incid_rad, u_px, v_px, corner_px[8u * KC_TAG_MAX];
-} kc_detection_t;
 
 typedef struct {
     uint32_t n_cmd, n_chunk, n_det, n_rx_errors;
@@ -169,8 +134,6 @@ typedef struct {
     double coef[KC_COEF_MAX];
 } kc_progress_t;
 
-typedef enum { KC_VERDICT_NO_CHANGE = 0, KC_VERDICT_CHANGE = 1, KC_VERDICT_POOR = 2 } kc_verdict_t;
-
 typedef struct {
     uint32_t session, crc;
     int32_t verdict;
@@ -213,7 +176,7 @@ typedef struct {
 #define KC_STORE_JOURNAL 18u
 #define KC_STORE_QUEUE_MAX 10u /* 7 tables, 3 of its own */
 #define KC_JOURNAL_BYTES 64u
-#define KC_KIN_IMAGE_MAX 2048u
+#define KC_KIN_IMAGE_MAX 1280u
 typedef struct {
     uint16_t kind;
     uint32_t n;

@@ -1,6 +1,8 @@
+#include "kc_journal.h"
+
+#include <stdbool.h>
 #include <string.h>
 
-#include "kc_app_priv.h"
 #include "kc_codec.h"
 #include "kc_crc.h"
 
@@ -25,11 +27,10 @@ static void store_kin(kc_out_t *out, uint16_t kind, const kc_kin_t *kin, uint32_
     kc_journal_store(out, kind, image, n);
 }
 
-void kc_journal_kin(kc_app_t *app, kc_out_t *out)
+void kc_journal_kin(kc_journal_images_t *images, const kc_active_t *a, kc_out_t *out)
 {
-    const kc_active_t *a = &app->tables.active;
-    store_kin(out, KC_STORE_PREV, &a->kin_prev, a->kin_prev_crc, app->prev_image);
-    store_kin(out, KC_TBL_KIN, &a->kin, a->crc[KC_TBL_KIN], app->kin_image);
+    store_kin(out, KC_STORE_PREV, &a->kin_prev, a->kin_prev_crc, images->prev);
+    store_kin(out, KC_TBL_KIN, &a->kin, a->crc[KC_TBL_KIN], images->kin);
 }
 
 /* The record: magic, fields, zeros, CRC-32 of all before it. */
@@ -37,7 +38,7 @@ static void walk(kc_walk_t *w, kc_journal_t *j)
 {
     uint32_t magic = JOURNAL_MAGIC;
     kc_walk_u32(w, 0u, &magic, JOURNAL_MAGIC, JOURNAL_MAGIC);
-    kc_walk_u32(w, 1u, &j->state, 0u, (uint32_t)KC_ST_SAFE);
+    kc_walk_u32(w, 1u, &j->state, 0u, (uint32_t)KC_ST_COUNT - 1u);
     kc_walk_u32(w, 2u, &j->session, 0u, UINT32_MAX);
     kc_walk_u32(w, 3u, &j->pose, 0u, KC_MEAS_MAX);
     kc_walk_u32(w, 4u, &j->boot_count, 0u, UINT32_MAX);
@@ -54,9 +55,9 @@ static uint32_t le32(const uint8_t *b)
     return (uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
 }
 
-kc_status_t kc_journal_load(kc_app_t *app, const uint8_t *data, uint32_t n)
+kc_status_t kc_journal_load(kc_journal_store_t *store, const uint8_t *data, uint32_t n)
 {
-    if (app->journal.boot_count != 0u) { return KC_ERR_STATE; }
+    if (store->found.boot_count != 0u) { return KC_ERR_STATE; }
     if (n != KC_JOURNAL_BYTES) { return KC_ERR_FORMAT; }
     if (kc_crc32(0u, data, JOURNAL_CRC_AT) != le32(&data[JOURNAL_CRC_AT])) { return KC_ERR_CRC; }
     kc_journal_t j;
@@ -69,42 +70,35 @@ kc_status_t kc_journal_load(kc_app_t *app, const uint8_t *data, uint32_t n)
     w.index = -1;
     walk(&w, &j);
     if (w.n_bad > 0u) { return KC_ERR_RANGE; }
-    app->journal = j;
+    store->found = j;
     return KC_OK;
 }
 
-static void write_record(kc_app_t *app)
+static void write_record(kc_journal_store_t *j)
 {
     kc_walk_t w;
     memset(&w, 0, sizeof w);
-    memset(app->journal_bytes, 0, sizeof app->journal_bytes);
+    memset(j->bytes, 0, sizeof j->bytes);
     w.mode = KC_WALK_WRITE;
-    w.out = app->journal_bytes;
+    w.out = j->bytes;
     w.cap = KC_JOURNAL_BYTES;
     w.index = -1;
-    walk(&w, &app->journal);
-    uint32_t crc = kc_crc32(0u, app->journal_bytes, JOURNAL_CRC_AT);
-    for (uint32_t i = 0u; i < 4u; i++) {
-        app->journal_bytes[JOURNAL_CRC_AT + i] = (uint8_t)(crc >> (8u * i));
-    }
+    walk(&w, &j->last);
+    uint32_t crc = kc_crc32(0u, j->bytes, JOURNAL_CRC_AT);
+    for (uint32_t i = 0u; i < 4u; i++) { j->bytes[JOURNAL_CRC_AT + i] = (uint8_t)(crc >> (8u * i)); }
 }
 
-void kc_journal_note(kc_app_t *app, kc_out_t *out)
+static bool same(const kc_journal_t *a, const kc_journal_t *b)
 {
-    if (!app->journal_due) { return; }
-    app->journal_due = 0u;
-    app->journal = (kc_journal_t){
-        .state = (uint32_t)app->state,
-        .session = app->session,
-        .pose = app->cal.n_meas,
-        .boot_count = app->boot_count,
-        .kin_crc = app->tables.active.crc[KC_TBL_KIN],
-        .proposal_crc = app->proposal_crc,
-        .candidate = app->cal.candidate,
-        .seg_from = app->leg.seg_from,
-        .seg_to = app->leg.seg_to,
-        .t_us = app->clock_us,
-    };
-    write_record(app);
-    kc_journal_store(out, KC_STORE_JOURNAL, app->journal_bytes, KC_JOURNAL_BYTES);
+    return a->state == b->state && a->session == b->session && a->pose == b->pose &&
+           a->boot_count == b->boot_count && a->kin_crc == b->kin_crc && a->proposal_crc == b->proposal_crc &&
+           a->candidate == b->candidate && a->seg_from == b->seg_from && a->seg_to == b->seg_to;
+}
+
+void kc_journal_note(kc_journal_store_t *j, const kc_journal_t *now, kc_out_t *out)
+{
+    if (same(now, &j->last)) { return; }
+    j->last = *now;
+    write_record(j);
+    kc_journal_store(out, KC_STORE_JOURNAL, j->bytes, KC_JOURNAL_BYTES);
 }

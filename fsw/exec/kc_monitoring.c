@@ -1,71 +1,76 @@
-/* Normal operation: detections outside calibrations feed the miscalibration monitor. */
+#include "kc_monitoring.h"
+
 #include <string.h>
 
-#include "kc_app_priv.h"
 #include "kc_libm.h"
+#include "kc_observation.h"
 
-int kc_monitoring_wants(const kc_app_t *app)
+#define FRESH_US 500000u /* oldest readings that an observation is compared with */
+#define REPEAT_SIGMA 3.0 /* change of a bias that is reported again [sigma] */
+
+bool kc_monitoring_wants(const kc_view_t *v)
 {
-    const uint32_t *crc = app->tables.active.crc;
-    return app->state == KC_ST_IDLE && !app->observe.waiting && crc[KC_TBL_ARM] != 0u &&
-           crc[KC_TBL_CAMERA] != 0u && crc[KC_TBL_TERMS] != 0u && crc[KC_TBL_CONFIG] != 0u;
+    const uint32_t *crc = v->tables->crc;
+    return v->place->state == KC_ST_IDLE && crc[KC_TBL_ARM] != 0u && crc[KC_TBL_CAMERA] != 0u &&
+           crc[KC_TBL_TERMS] != 0u && crc[KC_TBL_CONFIG] != 0u;
 }
 
-void kc_monitoring_rest(kc_app_t *app)
+void kc_monitoring_rest(kc_monitoring_t *w, const kc_view_t *v)
 {
-    int heard = app->has_arm && app->has_pantilt && app->now_us - app->arm_ok_us <= KC_MONITORING_FRESH_US &&
-                app->now_us - app->pantilt_ok_us <= KC_MONITORING_FRESH_US;
-    if (!heard || app->arm.moving || app->pantilt.moving || app->arm.fault_mask != 0) {
-        app->monitoring.resting = 0u;
-    } else if (!app->monitoring.resting) {
-        app->monitoring.resting = 1u;
-        app->monitoring.rest_us = app->now_us;
-    }
+    const kc_telemetry_t *t = v->telemetry;
+    uint64_t now_us = v->clock->now_us;
+    bool heard = t->has_arm && t->has_pantilt && now_us - t->arm_ok_us <= FRESH_US &&
+                 now_us - t->pantilt_ok_us <= FRESH_US;
+    bool resting = heard && kc_view_at_rest(v) && t->arm.fault_mask == 0;
+    if (resting && !w->resting) { w->rest_us = now_us; }
+    w->resting = resting;
 }
 
 /* Observations with other tables, or from before a calibration, do not count. */
-static void restart_if_changed(kc_app_t *app)
+static void restart_if_changed(kc_monitoring_t *w, kc_monitor_t *monitor, const kc_view_t *v)
 {
-    kc_monitoring_t *w = &app->monitoring;
-    const kc_active_t *a = &app->tables.active;
-    if (w->session == app->session && memcmp(w->crc, a->crc, sizeof w->crc) == 0) { return; }
-    kc_monitor_init(&w->monitor, &a->arm, a->config.sigma_pos_min_m, a->config.sigma_rot_min_rad);
+    const kc_active_t *a = v->tables;
+    if (w->session == v->cal->session && memcmp(w->crc, a->crc, sizeof w->crc) == 0) { return; }
+    kc_monitor_init(monitor, &a->arm, a->config.sigma_pos_min_m, a->config.sigma_rot_min_rad);
     memset(&w->reported, 0, sizeof w->reported);
     memset(&w->newest, 0, sizeof w->newest);
     memcpy(w->crc, a->crc, sizeof w->crc);
-    w->session = app->session;
+    w->session = v->cal->session;
 }
 
 /* Report each finding once, and again when other joints are suspected or the bias has changed. */
-static void report(kc_app_t *app, kc_out_t *out, const kc_mon_verdict_t *v)
+static void report(kc_monitoring_t *w, kc_out_t *out)
 {
-    kc_mon_verdict_t *t = &app->monitoring.reported;
-    int same = v->state == t->state && v->suspects == t->suspects && v->joint == t->joint &&
-               kc_fabs(v->bias - t->bias) <= KC_MONITORING_REPEAT_SIGMA * t->sigma;
+    const kc_mon_verdict_t *v = &w->newest, *last = &w->reported;
+    bool same = v->state == last->state && v->suspects == last->suspects && v->joint == last->joint &&
+                kc_fabs(v->bias - last->bias) <= REPEAT_SIGMA * last->sigma;
     if (same || v->state == KC_MON_QUIET) { return; }
     if (v->state == KC_MON_NAMED) {
         kc_event(&out->events, KC_EVT_MON_SUSPECT, (int32_t)v->joint + 1, v->bias, (double)v->suspects);
     } else {
         kc_event(&out->events, KC_EVT_MON_UNEXPLAINED, -1, v->off_m, v->off_rad);
     }
-    *t = *v;
+    w->reported = *v;
 }
 
-void kc_monitoring_observe(kc_app_t *app, kc_out_t *out, const kc_detection_t *d)
+void kc_monitoring_observe(kc_monitoring_t *w, kc_monitor_t *monitor, const kc_view_t *v,
+                           const kc_detection_t *d, kc_out_t *out)
 {
-    const kc_active_t *a = &app->tables.active;
-    kc_monitoring_t *w = &app->monitoring;
-    if (!w->resting || kc_app_elapsed(app, d->t_us) < w->rest_us + a->config.settle_us) {
+    const kc_active_t *a = v->tables;
+    kc_posture_t at = {&v->telemetry->arm, &v->telemetry->pantilt, (double)v->clock->now_us * 1e-6};
+    uint64_t taken_us = kc_view_elapsed(v, d->t_us);
+    kc_detection_t det = *d;
+    kc_obs_t obs;
+    kc_eval_t eval;
+    if (!w->resting || taken_us < w->rest_us + a->config.settle_us) {
         kc_event(&out->events, KC_EVT_MON_NOT_AT_REST, -1, (double)d->seq, 0.0);
         return;
     }
-    restart_if_changed(app);
-    kc_detection_t det = *d;
-    kc_obs_t obs;
-    kc_observe_unflip(app, a->kin.value, &det);
-    kc_observe_obs(app, det.p_cam_tool_m, det.q_cam_tool_wxyz, &det, &app->arm, &app->pantilt, &obs);
-    if (kc_monitor_add(&w->monitor, &a->arm, &a->terms, a->kin.value, &obs, &app->eval) != KC_OK) { return; }
-    w->t_us = kc_app_elapsed(app, d->t_us);
-    kc_monitor_evaluate(&w->monitor, &w->newest);
-    report(app, out, &w->newest);
+    restart_if_changed(w, monitor, v);
+    kc_observation_unflip(a, a->kin.value, &at, &det);
+    kc_observation(&a->camera, &det, &at, &obs);
+    if (kc_monitor_add(monitor, &a->arm, &a->terms, a->kin.value, &obs, &eval) != KC_OK) { return; }
+    w->t_us = taken_us;
+    kc_monitor_evaluate(monitor, &w->newest);
+    report(w, out);
 }

@@ -4,7 +4,8 @@
 
 C: headers by bare name, so that the compiler's include path decides which room sees which
 (fsw/CMakeLists.txt); no clock, file, heap or stream header in the core; <math.h> only behind kc_libm.h and in
-the Eigen shim.
+the Eigen shim; no circle among the files of a room, of includes between headers or of calls between
+sources.
 sim: neither the simulator nor the detector loads flight code. Imports of Python are for import-linter
 (tests/layers.ini).
 """
@@ -68,6 +69,48 @@ def check_c(root: Path) -> list[str]:
     return faults
 
 
+DEFINED = re.compile(r"^(?!static)[a-z][\w \*]*\b(kc_\w+)\([^;{}]*\)\s*\{", re.M)
+
+
+def needs(root: Path, room: str) -> dict[str, set[str]]:
+    """Who needs whom among the files of a room: a header the headers that it includes, a source the sources
+    whose functions it calls."""
+    texts = {f: without_comments(f.read_text()) for f in sorted(root.glob(f"fsw/{room}/*.[ch]"))}
+    home = {name: f.name for f, text in texts.items() if f.suffix == ".c" for name in DEFINED.findall(text)}
+    found = {}
+    for f, text in texts.items():
+        if f.suffix == ".h":
+            named = set(re.findall(r'#\s*include\s*"([^"]+)"', text)) & {g.name for g in texts}
+        else:
+            named = {home[name] for name in re.findall(r"\b(kc_\w+)\s*\(", text) if name in home}
+        found[f.name] = named - {f.name}
+    return found
+
+
+def circle(graph: dict[str, set[str]]) -> list[str]:
+    """Files that lead from one back to itself, or nothing."""
+    done: set[str] = set()
+
+    def visit(at: str, before: list[str]) -> list[str]:
+        if at in before:
+            return [*before[before.index(at) :], at]
+        if at in done:
+            return []
+        for then in sorted(graph[at]):
+            if found := visit(then, [*before, at]):
+                return found
+        done.add(at)
+        return []
+
+    return next((found for start in sorted(graph) if (found := visit(start, []))), [])
+
+
+def check_circles(root: Path) -> list[str]:
+    rooms = sorted({f.parent.name for f in root.glob("fsw/*/*.[ch]")})
+    found = {room: circle(needs(root, room)) for room in rooms}
+    return [f"fsw/{room}: a circle: {' -> '.join(files)}" for room, files in found.items() if files]
+
+
 def check_sim(root: Path) -> list[str]:
     """The simulator and the detector know nothing of the flight core, in any language."""
     faults = []
@@ -84,7 +127,7 @@ def check_sim(root: Path) -> list[str]:
 
 def main() -> int:
     root = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parents[2]
-    faults = check_c(root) + check_sim(root)
+    faults = check_c(root) + check_circles(root) + check_sim(root)
     for fault in faults:
         print(fault)
     return 1 if faults else 0

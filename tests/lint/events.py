@@ -1,4 +1,4 @@
-"""docs/EVENTS.md from the lists in fsw/exec/kc_events.h.
+"""docs/EVENTS.md from the lists in fsw/tables/kc_events.h.
 
 events.py            write it
 events.py --check    fail if it is not what the header says
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-HEADER = ROOT / "fsw/exec/kc_events.h"
+HEADER = ROOT / "fsw/tables/kc_events.h"
 DOC = ROOT / "docs/EVENTS.md"
 
 STRING = r'((?:"(?:[^"\\]|\\.)*"\s*)+)'
@@ -20,7 +20,7 @@ PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
 
 INTRO = """# Events
 
-Made by `make dict` from `KC_EVENT_LIST` in `fsw/exec/kc_events.h`; do not edit.
+Made by `make dict` from `KC_EVENT_LIST` in `fsw/tables/kc_events.h`; do not edit.
 
 Every event carries its id, a severity, three numbers (`index`, `got`, `want`) and the mission time. The text
 says what the numbers mean: `{field:type}` stands for one of them, shown as the table of types says. The last

@@ -48,7 +48,7 @@ def compiled(folder: Path, source: str, *flags: str) -> Path:
 # ---- a small tree, built by the project's own CMake files
 
 ROOT = TESTS.parent
-ROOMS = ("math", "eigen", "model", "estimate", "design", "motion", "exec", "lcm")
+ROOMS = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec", "lcm")
 
 
 def tree(root: Path) -> Path:
@@ -130,6 +130,15 @@ def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, he
         ({"fsw/exec/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
         ({"sim/kincal_sim/x.py": "LIB = 'build/libkincal.so'\n"}, "must not load the flight core"),
         ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
+        (
+            {
+                "fsw/exec/kc_a.h": "void kc_a(void);\n",
+                "fsw/exec/kc_b.h": "void kc_b(void);\n",
+                "fsw/exec/kc_a.c": '#include "kc_b.h"\nvoid kc_a(void) { kc_b(); }\n',
+                "fsw/exec/kc_b.c": '#include "kc_a.h"\nvoid kc_b(void) { kc_a(); }\n',
+            },
+            "fsw/exec: a circle: kc_a.c -> kc_b.c -> kc_a.c",
+        ),
     ],
 )
 def test_an_include_that_is_not_for_its_file_is_named(tmp_path, files, complaint):
@@ -358,7 +367,7 @@ def test_pytest_errors_count_as_failures(tmp_path):
 
 
 def test_the_event_list_is_read_whole():
-    header = (TESTS.parent / "fsw/exec/kc_events.h").read_text()
+    header = (TESTS.parent / "fsw/tables/kc_events.h").read_text()
     listed = len(re.findall(r"^ +X\(\d+, ", header, flags=re.M))
     text = module(LINT / "events.py").document()
     assert sum(line.startswith("| ") and line[2].isdigit() for line in text.splitlines()) == listed > 0
@@ -425,11 +434,11 @@ def test_the_same_words_in_their_ordinary_sense_pass(tmp_path):
     ("files", "complaint"),
     [
         (
-            {"fsw/exec/kc_app.h": "typedef enum { KC_ST_SAFE = 0, KC_ST_LIMBO = 1 } s;"},
+            {"fsw/exec/kc_states.h": "typedef enum { KC_ST_SAFE = 0, KC_ST_LIMBO = 1 } s;"},
             "LIMBO (states): 'limbo' is not in",
         ),
         (
-            {"fsw/exec/kc_events.h": 'X(1, SAFE_MODE, INFO, "text", "")\n'},
+            {"fsw/tables/kc_events.h": 'X(1, SAFE_MODE, INFO, "text", "")\n'},
             "SAFE_MODE (events): 'mode' is not in",
         ),
         ({"docs/TABLES.md": "| 3 | wobble_m | f64 | | |\n"}, "wobble_m (table fields): 'wobble' is not in"),
@@ -466,4 +475,4 @@ def test_a_bad_row_link_or_reference_is_named(tmp_path, page, complaint):
 def test_a_source_of_terms_that_is_gone_is_named(tmp_path):
     done = script("glossary.py", write(tmp_path, {"docs/GLOSSARY.md": GLOSSARY}))
     assert done.returncode == 1
-    assert "fsw/exec/kc_app.h: no states found" in done.stdout
+    assert "fsw/exec/kc_states.h: no states found" in done.stdout

@@ -163,6 +163,19 @@ void given_config(kc_config_t *c)
     c->accept_sigma_max_pos_m = 0.002;
     c->accept_p_fit_min = 0.01;
     c->no_change_p = 0.05;
+    c->flip_rms_ratio = 2.0;
+    c->flip_trust_rad = 0.5;
+    c->frame_shared = 0.25;
+    c->search_safety = 2.0;
+    c->poses_min = 3u;
+    c->tags_tried_min = 6u;
+    c->second_start_noise_scale = 2.0;
+    c->mismatch_noise_scale = 3.5;
+    c->mismatch_dof_min = 12u;
+    c->mismatch_outliers_min = 3u;
+    c->poor_noise_scale = 3.0;
+    c->poor_noise_scale_unlikely = 2.0;
+    c->poor_p_fit = 1e-9;
 }
 
 /* Joints spread over the middle of the limits by a low-discrepancy sequence. */

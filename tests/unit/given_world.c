@@ -335,6 +335,8 @@ int world_until_event(uint32_t id, uint32_t max)
     return world.events[id] > before;
 }
 
+bool world_calibrating(void) { return kc_states_calibrating(kc_app_state(&kc_app_instance)); }
+
 uint32_t world_events(uint32_t id) { return world.events[id]; }
 
 kc_cmd_t *world_cmd(int32_t opcode, int32_t a0, int32_t a1, int32_t a2)
@@ -368,7 +370,7 @@ void world_started(void)
 void world_calibrated(void)
 {
     world_started();
-    for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(&kc_app_instance); i++) { world_tick(); }
+    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
 }
 
 /* ---- nothing changed ---- */
@@ -376,6 +378,8 @@ void world_calibrated(void)
 typedef struct {
     kc_active_t active;
     kc_cal_t cal;
+    kc_plan_t plan;
+    kc_learned_t learned;
     kc_frames_t frames;
     kc_state_t state;
     kc_stage_t staged;
@@ -391,15 +395,19 @@ static void remember(memory_t *m)
     memset(m, 0, sizeof *m);
     m->active = a->tables.active;
     m->cal = a->cal;
+    m->cal.energy_j = 0.0; /* goes on with time */
+    m->cal.energy_us = 0u;
+    m->plan = a->plan;
+    m->learned = a->learned;
     m->frames = a->frames;
-    m->state = a->state;
+    m->state = a->place.state;
     m->staged = a->tables.staging.state;
     m->staged_n = a->tables.staging.n;
     m->staged_kind = a->tables.staging.kind;
-    m->proposal_crc = a->proposal_crc;
+    m->proposal_crc = a->review.crc;
     m->n_obs = a->est.n_obs;
-    m->arm_seq = a->arm.seq;
-    m->pantilt_seq = a->pantilt.seq;
+    m->arm_seq = a->input.telemetry.arm.seq;
+    m->pantilt_seq = a->input.telemetry.pantilt.seq;
 }
 
 void world_remember(void) { remember(&s_then); }

@@ -4,7 +4,7 @@
 #ifndef GIVEN_WORLD_H
 #define GIVEN_WORLD_H
 
-#include "kc_app_priv.h"
+#include "kc_app_parts.h"
 
 #define TICK_US 100000u
 #define WORLD_KINDS 20u
@@ -82,6 +82,8 @@ void world_started(void);
 void world_calibrated(void);
 /* Power loss: only the store remains. */
 void world_restart(void);
+/* Whether the state is one of a calibration. */
+bool world_calibrating(void);
 uint32_t world_events(uint32_t id);
 /* Remember what a refused input must not change: active tables, staging, state, calibration, frames, the last
  * accepted telemetry and the proposal; and ask whether it is all still the same. */

@@ -225,13 +225,13 @@ void test_a_clock_that_is_set_costs_no_elapsed_time_and_is_reported(void)
         world.now_us = 100000000u;
         world_boot();
         world_ticks(3u);
-        uint64_t before = APP->now_us;
+        uint64_t before = APP->clock.now_us;
         world.now_us = (uint64_t)((int64_t)world.now_us + steps_us[i]);
         world_tick();
-        TEST_ASSERT_EQUAL_UINT64(before + TICK_US, APP->now_us);
+        TEST_ASSERT_EQUAL_UINT64(before + TICK_US, APP->clock.now_us);
         TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_TIME_STEP));
         world_ticks(20u);
-        TEST_ASSERT_EQUAL_UINT64(before + 21u * TICK_US, APP->now_us);
+        TEST_ASSERT_EQUAL_UINT64(before + 21u * TICK_US, APP->clock.now_us);
         TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_TIME_STEP));
     }
 }
@@ -349,7 +349,7 @@ void test_abort_in_review_drops_the_proposal(void)
     TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_REJECTED));
     TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_STORE_PROPOSAL][0]);
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->proposal_crc);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->review.crc);
 }
 
 void test_after_an_abort_a_calibration_can_start_again(void)

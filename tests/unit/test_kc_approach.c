@@ -24,7 +24,7 @@ static void record_every_step(void)
     double before[KC_JOINT_MAX] = {0.0}, newest[KC_JOINT_MAX] = {0.0};
     s_n_backs = 0u;
     world_started();
-    for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(APP); i++) {
+    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) {
         if (world.out.has_arm_cmd) {
             memcpy(before, newest, sizeof before);
             memcpy(newest, world.arm_cmd.q, sizeof newest);
@@ -84,9 +84,9 @@ void test_it_never_leaves_limits_or_the_box_around_the_seed(void)
     world.config.servo.bound = 0.03; /* less than it would draw back */
     world.truth.joint[6].phi_rad = 0.2;
     world_started();
-    for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(APP); i++) {
+    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) {
         if (world.out.has_arm_cmd && kc_app_state(APP) == KC_ST_SERVO) {
-            kc_move_box(APP, (uint32_t)APP->cal.candidate, lo, hi);
+            kc_move_box(kc_app_active(APP), (uint32_t)APP->cal.candidate, lo, hi);
             for (uint32_t j = 0u; j < 7u; j++) {
                 TEST_ASSERT_TRUE(world.arm_cmd.q[j] >= lo[j] - 1e-12 && world.arm_cmd.q[j] <= hi[j] + 1e-12);
             }
@@ -118,16 +118,16 @@ void test_without_it_nothing_is_added(void)
 {
     world.config.approach_rad = 0.0;
     record_every_step();
-    uint32_t to_measure = (uint32_t)APP->arm_seq;
+    uint32_t to_measure = (uint32_t)APP->move.seq;
     setUp();
     record_every_step();
-    TEST_ASSERT_EQUAL_UINT32(to_measure + 12u, (uint32_t)APP->arm_seq); /* two more a pose */
+    TEST_ASSERT_EQUAL_UINT32(to_measure + 12u, (uint32_t)APP->move.seq); /* two more a pose */
 }
 
 void test_an_arm_that_does_not_draw_back_ends_it(void)
 {
     world_started();
-    for (uint32_t i = 0u; i < 400u && APP->leg.approach == 0u; i++) { world_tick(); }
+    TEST_ASSERT_TRUE(world_until(KC_ST_WITHDRAW, 400u));
     world.arm_frozen = 1;
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 700u));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_LATE, world.last[KC_EVT_CAL_ABORTED].got);

@@ -1,6 +1,7 @@
 /* kc_chi2.c: known values; the whole range is compared with scipy in tests/oracle/test_estimate.py. */
 #include <math.h>
 
+#include "kc_chi2.h"
 #include "kc_estimate.h"
 #include "unity.h"
 

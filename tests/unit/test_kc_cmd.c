@@ -23,7 +23,7 @@ static void given_idle(void)
 /* The command of this tick is refused: answer, event, and nothing changed. */
 static void refused(int32_t status, uint16_t event)
 {
-    uint32_t before = APP->n_cmd_refused, n = world_events(event);
+    uint32_t before = APP->cmd_log.n_refused, n = world_events(event);
     int arm = world.arm_silent, pantilt = world.pantilt_silent;
     world.arm_silent = world.pantilt_silent = 1; /* the command is all that comes in */
     world_remember();
@@ -33,17 +33,17 @@ static void refused(int32_t status, uint16_t event)
     TEST_ASSERT_EQUAL_INT(status, world.ack.status);
     TEST_ASSERT_EQUAL_INT(event, world.ack.event_id);
     TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(event));
-    TEST_ASSERT_EQUAL_UINT32(before + 1u, APP->n_cmd_refused);
+    TEST_ASSERT_EQUAL_UINT32(before + 1u, APP->cmd_log.n_refused);
     TEST_ASSERT_TRUE_MESSAGE(world_unchanged(), "something changed");
 }
 
 static void accepted(void)
 {
-    uint32_t before = APP->n_cmd_ok, n = world_events(KC_EVT_CMD_ACCEPTED);
+    uint32_t before = APP->cmd_log.n_ok, n = world_events(KC_EVT_CMD_ACCEPTED);
     world_tick();
     TEST_ASSERT_EQUAL_INT(KC_OK, world.ack.status);
     TEST_ASSERT_EQUAL_INT(0, world.ack.event_id);
-    TEST_ASSERT_EQUAL_UINT32(before + 1u, APP->n_cmd_ok);
+    TEST_ASSERT_EQUAL_UINT32(before + 1u, APP->cmd_log.n_ok);
     TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(KC_EVT_CMD_ACCEPTED));
 }
 
@@ -226,7 +226,7 @@ void test_start_takes_its_arguments(void)
     given_idle();
     world_cmd(KC_CMD_START, KC_ACQ_RANDOM, 4, 9)->arg_u64 = 0xffu;
     accepted();
-    TEST_ASSERT_EQUAL_UINT32(4u, APP->cal.n_goal);
+    TEST_ASSERT_EQUAL_UINT32(4u, APP->plan.n_goal);
     TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, APP->cal.acq);
     TEST_ASSERT_EQUAL_UINT64(0xffu, APP->est.opt.free_mask);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_START));
@@ -299,7 +299,7 @@ void test_commands_in_the_wrong_state_are_refused(void)
         int32_t state = (int32_t)kc_app_state(APP);
         TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(when_moving[i], 0, 0, 0));
         TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_STATE, world.ack.event_id);
-        TEST_ASSERT_TRUE(kc_app_calibrating(APP));
+        TEST_ASSERT_TRUE(world_calibrating());
         TEST_ASSERT_TRUE(state != KC_ST_SAFE);
     }
 }
@@ -319,7 +319,7 @@ void test_tables_cannot_change_while_a_calibration_runs(void)
     world_tick();
     TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
     TEST_ASSERT_EQUAL_UINT32(4u, world_events(KC_EVT_TBL_BUSY));
-    TEST_ASSERT_TRUE(kc_app_calibrating(APP));
+    TEST_ASSERT_TRUE(world_calibrating());
 }
 
 /* ---- tables up ---- */
@@ -557,7 +557,7 @@ void test_a_waiting_proposal_can_be_dumped(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DUMP, KC_STORE_PROPOSAL, 0, 0));
     uint32_t n = collect(10u);
     TEST_ASSERT_EQUAL_UINT32(world.proposal.crc, kc_tbl_image_crc(s_dumped, n));
-    TEST_ASSERT_EQUAL_UINT32(APP->proposal_n, n);
+    TEST_ASSERT_EQUAL_UINT32(APP->review.n, n);
 }
 
 void test_a_dump_of_nothing_is_refused(void)

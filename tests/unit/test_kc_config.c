@@ -97,6 +97,19 @@ static const spoil_t s_spoil[] = {
     {52, AT(energy_budget_j), 'd', -1.0},
     {53, AT(mismatch_pos_m), 'd', -1.0},
     {54, AT(mismatch_rot_rad), 'd', 4.5},
+    {55, AT(flip_rms_ratio), 'd', 0.5},
+    {56, AT(flip_trust_rad), 'd', 4.0},
+    {57, AT(frame_shared), 'd', 1.1},
+    {58, AT(search_safety), 'd', 0.5},
+    {59, AT(poses_min), 'u', 0.0},
+    {60, AT(tags_tried_min), 'u', 0.0},
+    {61, AT(second_start_noise_scale), 'd', 0.5},
+    {62, AT(mismatch_noise_scale), 'd', 0.5},
+    {63, AT(mismatch_dof_min), 'u', 0.0},
+    {64, AT(mismatch_outliers_min), 'u', 0.0},
+    {65, AT(poor_noise_scale), 'd', 2e3},
+    {66, AT(poor_noise_scale_unlikely), 'd', 0.5},
+    {67, AT(poor_p_fit), 'd', 1.5},
 };
 
 static void spoil(const spoil_t *s, double value)

@@ -124,12 +124,12 @@ void test_a_tick_is_done_once_and_its_answer_repeated(void)
     TEST_ASSERT_EQUAL_INT(KCM_TICK_DONE_T_WHO_FSW, s_done.who);
     int32_t n = s_done.n_published;
     TEST_ASSERT_EQUAL_INT((int)(s_n_event + s_n_hk), n);
-    uint64_t now = APP->now_us;
+    uint64_t now = APP->clock.now_us;
     send_time(1);
     pump();
     TEST_ASSERT_EQUAL_UINT32(2u, s_n_done);
     TEST_ASSERT_EQUAL_INT(n, s_done.n_published);
-    TEST_ASSERT_EQUAL_UINT64(now, APP->now_us);
+    TEST_ASSERT_EQUAL_UINT64(now, APP->clock.now_us);
     send_time(2);
     pump();
     TEST_ASSERT_EQUAL_INT64(2, s_done.tick);
@@ -156,8 +156,8 @@ void test_sensor_messages_count_in_their_own_tick(void)
     send_arm(1);
     send_time(1);
     pump();
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_arm);
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_pantilt);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->input.telemetry.has_arm);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->input.telemetry.has_pantilt);
 }
 
 void test_a_fault_in_an_earlier_message_of_a_step_counts(void)
@@ -173,8 +173,8 @@ void test_a_fault_in_an_earlier_message_of_a_step_counts(void)
     }
     send_time(1);
     pump();
-    TEST_ASSERT_EQUAL_INT(4, APP->arm.fault_mask);
-    TEST_ASSERT_EQUAL_INT(3, APP->arm.seq);
+    TEST_ASSERT_EQUAL_INT(4, APP->input.telemetry.arm.fault_mask);
+    TEST_ASSERT_EQUAL_INT(3, APP->input.telemetry.arm.seq);
 }
 
 void test_a_calibration_starts_over_the_network_and_moves_the_arm(void)
@@ -188,7 +188,7 @@ void test_a_calibration_starts_over_the_network_and_moves_the_arm(void)
     pump();
     TEST_ASSERT_EQUAL_INT(KC_OK, s_ack.status);
     TEST_ASSERT_EQUAL_UINT32(1u, s_n_arm_cmd);
-    TEST_ASSERT_TRUE(kc_app_calibrating(APP));
+    TEST_ASSERT_TRUE(world_calibrating());
 }
 
 void test_a_table_goes_up_and_comes_down(void)
@@ -263,7 +263,7 @@ void test_a_failed_store_is_reported_with_the_next_step(void)
 void test_a_negative_time_is_taken_for_zero(void)
 {
     kc_edge_step(&s_e, -5);
-    TEST_ASSERT_EQUAL_UINT64(0u, APP->now_us);
+    TEST_ASSERT_EQUAL_UINT64(0u, APP->clock.now_us);
 }
 
 void test_it_says_hello_until_the_first_tick_and_runs_until_it_is_stopped(void)
@@ -282,7 +282,7 @@ void test_live_it_steps_by_the_clock_and_takes_messages_at_once(void)
     TEST_ASSERT_EQUAL_INT(0, kc_edge_run(&s_e, &s_stop));
     TEST_ASSERT_TRUE(s_n_hk >= 1u);
     TEST_ASSERT_EQUAL_UINT32(0u, s_n_done);
-    TEST_ASSERT_TRUE(APP->now_us > 1600000000000000u);
+    TEST_ASSERT_TRUE(APP->clock.now_us > 1600000000000000u);
 }
 
 void test_a_network_that_cannot_be_made_is_refused(void)

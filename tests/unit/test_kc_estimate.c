@@ -3,6 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "kc_chi2.h"
 #include "given_observations.h"
 #include "given_tables.h"
 #include "kc_estimate.h"

@@ -19,10 +19,10 @@ static void given_idle(void)
     world_boot();
     world_ticks(2u);
     memset(&s_in, 0, sizeof s_in);
-    s_in.arm = APP->arm;
+    s_in.arm = APP->input.telemetry.arm;
     s_in.arm.seq++;
     s_in.arm.t_us = world.now_us + TICK_US;
-    s_in.pantilt = APP->pantilt;
+    s_in.pantilt = APP->input.telemetry.pantilt;
     s_in.pantilt.seq++;
     s_in.pantilt.t_us = world.now_us + TICK_US;
 }
@@ -92,9 +92,9 @@ void test_arm_state_with_a_repeated_or_older_number_is_refused(void)
     for (int32_t back = 0; back < 3; back++) {
         given_idle();
         s_in.has_arm = 1u;
-        s_in.arm.seq = APP->arm.seq - back;
+        s_in.arm.seq = APP->input.telemetry.arm.seq - back;
         refused(KC_EVT_IN_STALE, KC_INPUT_ARM);
-        TEST_ASSERT_EQUAL_DOUBLE((double)APP->arm.seq, only_event(KC_EVT_IN_STALE)->want);
+        TEST_ASSERT_EQUAL_DOUBLE((double)APP->input.telemetry.arm.seq, only_event(KC_EVT_IN_STALE)->want);
     }
 }
 
@@ -127,8 +127,8 @@ void test_a_controller_that_was_started_again_is_heard_after_a_while(void)
     given_idle();
     s_in.has_arm = 1u;
     s_in.arm.seq = 1;
-    APP->arm.seq = 1000;
-    APP->pantilt.seq = 1000;
+    APP->input.telemetry.arm.seq = 1000;
+    APP->input.telemetry.pantilt.seq = 1000;
     s_in.has_pantilt = 1u;
     s_in.pantilt.seq = 1;
     for (uint32_t i = 0u; i < 60u; i++) {
@@ -137,8 +137,8 @@ void test_a_controller_that_was_started_again_is_heard_after_a_while(void)
         s_in.arm.seq++;
         s_in.pantilt.seq++;
     }
-    TEST_ASSERT_TRUE(APP->arm.seq < 100);
-    TEST_ASSERT_TRUE(APP->pantilt.seq < 100);
+    TEST_ASSERT_TRUE(APP->input.telemetry.arm.seq < 100);
+    TEST_ASSERT_TRUE(APP->input.telemetry.pantilt.seq < 100);
     TEST_ASSERT_EQUAL_UINT32(0u, s_out.events.n);
 }
 
@@ -147,8 +147,8 @@ void test_without_an_arm_table_the_arm_is_not_listened_to(void)
     kc_app_init(APP);
     kc_app_boot(APP);
     world_ticks(2u);
-    TEST_ASSERT_EQUAL_UINT8(0u, APP->has_arm);
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_pantilt);
+    TEST_ASSERT_EQUAL_UINT8(0u, APP->input.telemetry.has_arm);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->input.telemetry.has_pantilt);
 }
 
 void test_an_early_clock_takes_what_is_as_old_as_it_can_be(void)
@@ -156,7 +156,7 @@ void test_an_early_clock_takes_what_is_as_old_as_it_can_be(void)
     world.now_us = 0u;
     world_boot();
     world_tick();
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->has_arm);
+    TEST_ASSERT_EQUAL_UINT8(1u, APP->input.telemetry.has_arm);
 }
 
 void test_an_arm_fault_is_reported_once(void)
@@ -187,7 +187,7 @@ void test_pantilt_state_that_is_stale_or_of_another_time_is_refused(void)
 {
     given_idle();
     s_in.has_pantilt = 1u;
-    s_in.pantilt.seq = APP->pantilt.seq;
+    s_in.pantilt.seq = APP->input.telemetry.pantilt.seq;
     refused(KC_EVT_IN_STALE, KC_INPUT_PANTILT);
     given_idle();
     s_in.has_pantilt = 1u;
@@ -204,11 +204,11 @@ static kc_detection_t *given_frame(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(1u, APP->frames.n);
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->observe.waiting);
+    TEST_ASSERT_EQUAL_INT(KC_FRAME_AWAITED, APP->request.frame);
     memset(&s_in, 0, sizeof s_in);
     s_in.n_det = 1u;
-    s_in.det[0] = APP->observe.det;
-    s_in.det[0].seq = APP->observe.frame_seq;
+    s_in.det[0] = APP->request.det;
+    s_in.det[0].seq = APP->request.seq;
     s_in.det[0].t_us = world.now_us + TICK_US;
     return &s_in.det[0];
 }
@@ -217,7 +217,7 @@ static kc_detection_t *given_frame(void)
 static void det_refused(uint16_t id, int32_t index)
 {
     refused(id, index);
-    TEST_ASSERT_EQUAL_UINT8(1u, APP->observe.waiting);
+    TEST_ASSERT_EQUAL_INT(KC_FRAME_AWAITED, APP->request.frame);
     TEST_ASSERT_EQUAL_INT(KC_ST_MEASURE, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT8(0u, s_out.has_frame_request);
 }
@@ -237,7 +237,7 @@ void test_a_frame_that_was_not_requested_is_refused(void)
     given_frame()->seq -= 1;
     det_refused(KC_EVT_DET_UNREQUESTED, -1);
     given_idle();
-    APP->state = KC_ST_REVIEW;
+    APP->place.state = KC_ST_REVIEW;
     s_in.n_det = 1u;
     refused(KC_EVT_DET_UNREQUESTED, -1);
 }
@@ -263,7 +263,7 @@ void test_a_frame_too_old_is_refused(void)
 void test_a_frame_taken_before_its_request_is_refused(void)
 {
     kc_detection_t *d = given_frame();
-    d->t_us = APP->observe.requested_us - 60000u;
+    d->t_us = APP->request.asked_us - 60000u;
     det_refused(KC_EVT_DET_OLD, -1);
 }
 
@@ -326,14 +326,14 @@ void test_a_frame_whose_covariance_is_not_positive_definite_is_refused(void)
 /* Well formed but not good enough: refused, and another frame is requested. */
 static void det_spent(uint16_t id, int32_t index)
 {
-    uint32_t rejected = APP->n_rejected;
+    uint32_t rejected = APP->input.n_rejected;
     world_remember();
     step();
     TEST_ASSERT_EQUAL_UINT32(1u, s_out.events.n);
     TEST_ASSERT_EQUAL_INT(index, only_event(id)->index);
     TEST_ASSERT_TRUE_MESSAGE(world_unchanged(), "something changed");
     TEST_ASSERT_EQUAL_UINT8(1u, s_out.has_frame_request);
-    TEST_ASSERT_EQUAL_UINT32(rejected + 1u, APP->n_rejected);
+    TEST_ASSERT_EQUAL_UINT32(rejected + 1u, APP->input.n_rejected);
 }
 
 void test_a_detection_that_jumps_is_refused_and_the_average_stays(void)

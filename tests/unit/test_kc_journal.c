@@ -31,11 +31,11 @@ void test_a_record_says_state_session_pose_and_candidate(void)
 {
     given_record();
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, sizeof s_rec));
-    TEST_ASSERT_EQUAL_UINT32(KC_ST_MEASURE, APP->journal.state);
-    TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.session);
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.pose);
-    TEST_ASSERT_EQUAL_INT(0, APP->journal.candidate);
-    TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.boot_count);
+    TEST_ASSERT_EQUAL_UINT32(KC_ST_MEASURE, APP->journal.found.state);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.found.session);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.found.pose);
+    TEST_ASSERT_EQUAL_INT(0, APP->journal.found.candidate);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.found.boot_count);
     TEST_ASSERT_EQUAL_MEMORY("KCJ1", s_rec, 4u);
 }
 
@@ -49,7 +49,7 @@ void test_a_damaged_record_is_refused_and_the_older_one_is_taken(void)
     s_rec[4] = 99u; /* no such state */
     reseal();
     TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, sizeof s_rec));
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.boot_count);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.found.boot_count);
     s_rec[4] = KC_ST_IDLE;
     reseal();
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, sizeof s_rec));
@@ -63,7 +63,7 @@ void test_every_change_of_state_is_stored_in_the_step_that_makes_it(void)
     world_boot();
     world_tick();
     (void)world_do(KC_CMD_START, -1, 2, 1);
-    for (uint32_t i = 0u; i < 400u && kc_app_calibrating(APP); i++) {
+    for (uint32_t i = 0u; i < 400u && world_calibrating(); i++) {
         last = kc_app_state(APP);
         world_tick();
         if (kc_app_state(APP) == last) { continue; }
@@ -71,7 +71,7 @@ void test_every_change_of_state_is_stored_in_the_step_that_makes_it(void)
         TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, world.out.store[world.out.n_store - 1u].kind);
         TEST_ASSERT_EQUAL_UINT8(kc_app_state(APP), rec[4]);
     }
-    TEST_ASSERT_FALSE(kc_app_calibrating(APP));
+    TEST_ASSERT_FALSE(world_calibrating());
 }
 
 void test_a_quiet_component_stores_nothing(void)
@@ -107,7 +107,7 @@ void test_boots_are_counted_and_sessions_go_on(void)
     world_restart();
     world_tick();
     (void)world_do(KC_CMD_START, -1, 0, 1);
-    TEST_ASSERT_EQUAL_UINT32(2u, APP->session);
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->cal.session);
     TEST_ASSERT_EQUAL_INT(300000 + 1,
-                          APP->arm_seq - 1); /* hold and move, numbered above those of earlier lives */
+                          APP->move.seq - 1); /* hold and move, numbered above those of earlier lives */
 }

@@ -187,7 +187,7 @@ void test_a_vibration_restarts_the_measurement_once_all_is_at_rest(void)
     world_tick();
     world.arm_vibrates = 3;
     world_ticks(2u);
-    TEST_ASSERT_EQUAL_INT(KC_ST_SETTLE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(KC_ST_REST, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(0u, APP->frames.n);
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 100u));
     TEST_ASSERT_EQUAL_UINT32(3u, world.meas[0].n_frames);
@@ -211,5 +211,5 @@ void test_a_measurement_that_the_estimator_does_not_take_is_skipped(void)
     APP->est.n_obs = KC_MEAS_MAX; /* full */
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 100u));
     TEST_ASSERT_EQUAL_UINT32(0u, world.n_meas);
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->cal.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->plan.n_meas);
 }

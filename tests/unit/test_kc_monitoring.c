@@ -42,7 +42,7 @@ void test_healthy_observations_raise_nothing(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MON_SUSPECT));
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MON_UNEXPLAINED));
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_DET_UNREQUESTED));
-    TEST_ASSERT_EQUAL_UINT32(KC_MON_OBS_MAX, APP->monitoring.monitor.n);
+    TEST_ASSERT_EQUAL_UINT32(KC_MON_OBS_MAX, APP->arena.idle.monitor.n);
 }
 
 void test_a_joint_that_reads_wrong_is_named_within_5_observations(void)
@@ -91,7 +91,7 @@ void test_observations_while_something_moves_or_has_not_settled_are_not_compared
     world.requested = 1;
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_MON_NOT_AT_REST));
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->monitoring.monitor.n);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->arena.idle.monitor.n);
 }
 
 static void repeat(kc_detection_t *d) { d->t_us = APP->monitoring.t_us; }
@@ -105,13 +105,13 @@ static void vague(kc_detection_t *d) { d->cov[0] = 0.01; }
 static void refused(void (*spoil)(kc_detection_t *d), uint32_t event)
 {
     static kc_monitor_t before;
-    before = APP->monitoring.monitor;
+    before = APP->arena.idle.monitor;
     uint32_t n = world_events(event);
     world.spoil = spoil;
     world.requested = 1;
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(event));
-    TEST_ASSERT_EQUAL_MEMORY(&before, &APP->monitoring.monitor, sizeof before);
+    TEST_ASSERT_EQUAL_MEMORY(&before, &APP->arena.idle.monitor, sizeof before);
 }
 
 void test_bad_observations_are_refused_with_their_event(void)
@@ -131,10 +131,10 @@ void test_bad_observations_are_refused_with_their_event(void)
 void test_only_idle_listens(void)
 {
     given_idle(0u, 0.0);
-    APP->state = KC_ST_SAFE;
+    APP->place.state = KC_ST_SAFE;
     observations(2u);
     TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_DET_UNREQUESTED));
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->monitoring.monitor.n);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->arena.idle.monitor.n);
 }
 
 void test_a_new_correction_begins_a_new_window(void)
@@ -146,7 +146,7 @@ void test_a_new_correction_begins_a_new_window(void)
     APP->tables.active.kin.value[8] = 0.05; /* J3.phi_rad: the joint stands where the table says now */
     observations(5u);
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.reported.state);
-    TEST_ASSERT_EQUAL_UINT32(5u, APP->monitoring.monitor.n);
+    TEST_ASSERT_EQUAL_UINT32(5u, APP->arena.idle.monitor.n);
 }
 
 /* docs/STATES.md: what the executive does with the event. */
@@ -163,7 +163,7 @@ void test_the_named_joint_alone_is_recalibrated(void)
     c->arg_u64 = 0x100u; /* J3.phi_rad */
     world_tick();
     TEST_ASSERT_EQUAL_INT(0, world.ack.status);
-    for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_free);

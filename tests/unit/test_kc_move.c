@@ -27,9 +27,9 @@ void test_the_arm_goes_over_seeds_of_verified_nodes_only(void)
     double q[KC_JOINT_MAX];
     world.truth.joint[6].phi_rad = 0.3;
     world_started();
-    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) {
-        if (world.out.has_arm_cmd && kc_app_state(APP) == KC_ST_MOVE && APP->leg.i_path < APP->leg.n_path) {
-            kc_path_joints(&kc_app_active(APP)->space, APP->leg.path[APP->leg.i_path], q);
+    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) {
+        if (world.out.has_arm_cmd && kc_app_state(APP) == KC_ST_MOVE && APP->move.i_path < APP->move.n_path) {
+            kc_path_joints(&kc_app_active(APP)->space, APP->move.path[APP->move.i_path], q);
             TEST_ASSERT_TRUE(distance(q, world.arm_cmd.q) < 1e-12);
         }
         world_tick();
@@ -43,9 +43,9 @@ void test_every_command_at_a_candidate_stays_on_the_servo_bound(void)
     world.truth.joint[6].phi_rad = 0.6;
     world.config.servo.bound = 0.2;
     world_started();
-    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) {
+    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) {
         if (world.out.has_arm_cmd &&
-            (kc_app_state(APP) == KC_ST_SERVO || APP->leg.i_path == APP->leg.n_path)) {
+            (kc_app_state(APP) == KC_ST_SERVO || APP->move.i_path == APP->move.n_path)) {
             kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX + (uint32_t)APP->cal.candidate, seed);
             TEST_ASSERT_TRUE(distance(seed, world.arm_cmd.q) < 0.2 + 1e-9);
         }
@@ -153,11 +153,11 @@ void test_it_is_at_a_node_within_its_bound_and_goes_to_its_seed_first(void)
     memcpy(world.q_cmd, world.q, sizeof world.q);
     world_boot();
     world_tick();
-    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + 5u, kc_move_node(APP, &dist));
+    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + 5u, kc_move_node(&APP->move, &APP->view, &dist));
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.2 / (1.5 + world.config.arrive_tol), dist); /* in bounds */
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
     TEST_ASSERT_EQUAL_DOUBLE_ARRAY(seed, world.arm_cmd.q, world.arm.n_joints);
-    TEST_ASSERT_EQUAL_UINT16(KC_HUB_MAX + 5u, APP->leg.path[0]);
+    TEST_ASSERT_EQUAL_UINT16(KC_HUB_MAX + 5u, APP->move.path[0]);
 }
 
 void test_outside_the_hub_bound_it_is_at_no_node_even_within_the_servo_bound(void)
@@ -167,7 +167,7 @@ void test_outside_the_hub_bound_it_is_at_no_node_even_within_the_servo_bound(voi
     world.q[1] = world.q_cmd[1] = 0.06;
     world_boot();
     world_tick();
-    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(APP, &dist));
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(&APP->move, &APP->view, &dist));
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.06 / KC_HUB_BOUND, dist);
     TEST_ASSERT_NOT_EQUAL(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
 }
@@ -178,19 +178,19 @@ void test_on_no_segment_it_stands_nowhere(void)
     world.config.servo.bound = 0.05;
     world_boot();
     world_tick();
-    APP->arm.q[0] = 0.25; /* half way from hub 0 to hub 1, but for joint 4 */
-    APP->leg.seg_from = 0u;
-    APP->leg.seg_to = 1u;
-    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(APP, &dist));
-    APP->arm.q[3] = 0.5;
-    TEST_ASSERT_EQUAL_UINT32(1u, kc_move_node(APP, &dist));
+    APP->input.telemetry.arm.q[0] = 0.25; /* half way from hub 0 to hub 1, but for joint 4 */
+    APP->move.seg_from = 0u;
+    APP->move.seg_to = 1u;
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_move_node(&APP->move, &APP->view, &dist));
+    APP->input.telemetry.arm.q[3] = 0.5;
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_move_node(&APP->move, &APP->view, &dist));
     /* Forgotten or unusable: the table still knows the segment, and leads to its lower end. */
-    APP->leg.seg_to = KC_HUB_MAX + 1000u; /* a candidate that there is not */
-    TEST_ASSERT_EQUAL_UINT32(0u, kc_move_node(APP, &dist));
-    APP->leg.seg_to = 0u; /* no length */
-    TEST_ASSERT_EQUAL_UINT32(0u, kc_move_node(APP, &dist));
-    APP->leg.seg_from = 7u; /* a hub that there is not */
-    TEST_ASSERT_EQUAL_UINT32(0u, kc_move_node(APP, &dist));
+    APP->move.seg_to = KC_HUB_MAX + 1000u; /* a candidate that there is not */
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_move_node(&APP->move, &APP->view, &dist));
+    APP->move.seg_to = 0u; /* no length */
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_move_node(&APP->move, &APP->view, &dist));
+    APP->move.seg_from = 7u; /* a hub that there is not */
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_move_node(&APP->move, &APP->view, &dist));
 }
 
 void test_an_arm_carried_off_between_two_poses_ends_it(void)
@@ -215,7 +215,7 @@ void test_a_candidate_without_a_verified_path_is_skipped(void)
     memset(APP->tables.active.space.edge, 0, sizeof APP->tables.active.space.edge);
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_NO_PATH, 20u));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
-    TEST_ASSERT_TRUE(kc_app_calibrating(APP));
+    TEST_ASSERT_TRUE(world_calibrating());
 }
 
 void test_the_pantilt_unit_is_never_sent_beyond_its_limits(void)
@@ -223,7 +223,7 @@ void test_the_pantilt_unit_is_never_sent_beyond_its_limits(void)
     world_boot();
     world_tick();
     memset(&world.out, 0, sizeof world.out);
-    kc_move_pantilt(APP, &world.out, 3.0, -3.0);
+    kc_pantilt_turn(&APP->pantilt, &APP->view, &world.out, 3.0, -3.0);
     TEST_ASSERT_EQUAL_DOUBLE(1.6, world.out.pantilt_cmd.pan_rad);
     TEST_ASSERT_EQUAL_DOUBLE(-0.6, world.out.pantilt_cmd.tilt_rad);
 }
@@ -246,7 +246,7 @@ void test_a_candidate_inside_a_volume_is_skipped_before_the_arm_moves(void)
     world_boot();
     world_tick();
     (void)world_do(KC_CMD_START, -1, 0, 3);
-    for (uint32_t i = 0u; i < 400u && APP->cal.usable[cand]; i++) { world_tick(); }
+    for (uint32_t i = 0u; i < 400u && APP->plan.usable[cand]; i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_GRD_VOLUME));
     TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_GRD_VOLUME].index); /* the tool */
     TEST_ASSERT_EQUAL_DOUBLE(2.0, world.last[KC_EVT_GRD_VOLUME].want);
@@ -269,7 +269,7 @@ void test_a_candidate_in_self_collision_is_skipped_before_the_arm_moves(void)
     world_boot();
     world_tick();
     (void)world_do(KC_CMD_START, -1, 0, 3);
-    for (uint32_t i = 0u; i < 400u && APP->cal.usable[cand]; i++) { world_tick(); }
+    for (uint32_t i = 0u; i < 400u && APP->plan.usable[cand]; i++) { world_tick(); }
     TEST_ASSERT_TRUE(world_events(KC_EVT_GRD_SELF) >= 1u);
     TEST_ASSERT_EQUAL_INT(3, world.last[KC_EVT_GRD_SELF].index);
     TEST_ASSERT_EQUAL_DOUBLE(2.0, world.last[KC_EVT_GRD_SELF].want);
@@ -287,7 +287,7 @@ void test_a_hub_too_near_to_a_limit_is_refused_with_its_joint(void)
     memset(world.space.edge, 0, sizeof world.space.edge);
     for (uint32_t j = 0u; j < 7u; j++) { world.q[j] = world.q_cmd[j] = (double)world.space.hub_q[1][j]; }
     world_started();
-    for (uint32_t i = 0u; i < 4000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_TRUE(world_events(KC_EVT_GRD_LIMIT) > 0u);
     TEST_ASSERT_EQUAL_INT(4, world.last[KC_EVT_GRD_LIMIT].index);
     TEST_ASSERT_DOUBLE_WITHIN(2e-6, world.arm.joint[3].q_max - 0.05, world.last[KC_EVT_GRD_LIMIT].want);
@@ -298,20 +298,18 @@ void test_a_hub_too_near_to_a_limit_is_refused_with_its_joint(void)
 static void refused_path(uint32_t from, uint32_t to, double off)
 {
     double q[KC_JOINT_MAX];
-    uint32_t reported = world_events(KC_EVT_GRD_PATH), skipped = world_events(KC_EVT_CAL_CAND_SKIPPED);
-    int32_t seq = APP->arm_seq;
+    int32_t seq = APP->move.seq;
     memset(&world.out, 0, sizeof world.out);
     kc_path_joints(&kc_app_active(APP)->space, to, q);
     q[0] += q[0] > 0.0 ? -off : off;
-    TEST_ASSERT_FALSE(kc_move_send(APP, &world.out, from, to, q));
-    TEST_ASSERT_EQUAL_INT(seq, APP->arm_seq);
+    TEST_ASSERT_FALSE(kc_move_send(&APP->move, &APP->view, &world.out, from, to, q));
+    TEST_ASSERT_EQUAL_INT(seq, APP->move.seq);
     TEST_ASSERT_EQUAL_UINT32(0u, world.out.has_arm_cmd);
-    TEST_ASSERT_EQUAL_INT(KC_ST_UPDATE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_INT(0, APP->cal.usable[APP->cal.candidate]);
-    TEST_ASSERT_EQUAL_UINT32(2u, world.out.events.n);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.out.events.n);
     TEST_ASSERT_EQUAL_INT(KC_EVT_GRD_PATH, world.out.events.e[0].id);
-    TEST_ASSERT_EQUAL_UINT32(reported, world_events(KC_EVT_GRD_PATH));
-    TEST_ASSERT_EQUAL_UINT32(skipped, world_events(KC_EVT_CAL_CAND_SKIPPED));
+    if (from == to) {
+        TEST_ASSERT_EQUAL_INT(KC_OC_SKIP, kc_move_near(&APP->move, &APP->view, &world.out, q).id);
+    }
 }
 
 void test_what_is_not_verified_is_not_sent(void)
@@ -329,7 +327,7 @@ void test_a_refused_waypoint_skips_the_candidate(void)
     world_started();
     TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
     APP->tables.active.config.servo.margin = 10.0; /* no joint has that margin */
-    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_SELECT, 300u));
     TEST_ASSERT_TRUE(world_events(KC_EVT_GRD_LIMIT) >= 1u); /* others are tried */
     TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_CAND_SKIPPED) >= 1u);
     TEST_ASSERT_EQUAL_UINT32(0u, world.n_meas);
@@ -347,9 +345,9 @@ static void pushed_while_looking(void)
 /* Any next move begins where nothing is verified: nothing is sent, the candidate is skipped. */
 static void expect_nothing_sent(void)
 {
-    int32_t seq = APP->arm_seq;
+    int32_t seq = APP->move.seq;
     for (uint32_t i = 0u; i < 300u && world_events(KC_EVT_GRD_PATH) == 0u; i++) {
-        TEST_ASSERT_EQUAL_INT(seq, APP->arm_seq);
+        TEST_ASSERT_EQUAL_INT(seq, APP->move.seq);
         world_tick();
     }
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_GRD_PATH));

@@ -111,10 +111,10 @@ void test_servo_steps_bring_the_tool_to_the_candidate(void)
     world.truth.joint[6].phi_rad = 0.4;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 600u));
-    TEST_ASSERT_TRUE(APP->cal.servo_steps > 0u);
+    TEST_ASSERT_TRUE(APP->observe.servo_steps > 0u);
     kc_pose_t goal;
     double r[6];
-    kc_move_goal(APP, (uint32_t)APP->cal.candidate, &goal);
+    kc_move_goal(&kc_app_active(APP)->space, (uint32_t)APP->cal.candidate, &goal);
     kc_pose_residual(&goal, &APP->observe.measured, r);
     for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_DOUBLE_WITHIN(world.config.servo.tol_pos_m, 0.0, r[i]); }
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_SERVO_LIMIT));
@@ -154,7 +154,7 @@ void test_when_they_are_gone_there_too_the_candidate_is_skipped(void)
     world.hide = 1000;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_TAGS_LOST));
-    TEST_ASSERT_EQUAL_UINT8(0u, APP->cal.usable[0]);
+    TEST_ASSERT_EQUAL_UINT8(0u, APP->plan.usable[0]);
 }
 
 void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
@@ -162,15 +162,15 @@ void test_when_the_corrected_joints_show_nothing_the_seed_is_tried(void)
     double seed[KC_JOINT_MAX];
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    APP->cal.coef[24] = 0.9; /* a correction that is wrong: joint 7 would go far from the seed */
-    APP->cal.res_pos_m = 0.0;
+    APP->learned.coef[24] = 0.9; /* a correction that is wrong: joint 7 would go far from the seed */
+    APP->learned.res.pos_m = 0.0;
     world_tick();
     TEST_ASSERT_EQUAL_INT(1, APP->cal.candidate);
     kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX + 1u, seed);
     memcpy(world.q_start, seed, sizeof seed);
     world.hide_beyond = 0.3; /* in view only near the seed */
     world.config.servo_steps_max = 0u;
-    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_SEED, 300u));
     TEST_ASSERT_TRUE(fabs(world.q[6] - seed[6]) > 0.5);
     for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_EQUAL_DOUBLE(seed[j], world.arm_cmd.q[j]); }
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
@@ -181,8 +181,8 @@ void test_when_the_seed_shows_nothing_either_the_candidate_is_skipped(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    APP->cal.coef[24] = 0.9;
-    APP->cal.res_pos_m = 0.0;
+    APP->learned.coef[24] = 0.9;
+    APP->learned.res.pos_m = 0.0;
     world_tick();
     world.hide = 1000;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_CAND_SKIPPED, 300u));
@@ -221,7 +221,7 @@ void test_the_search_does_not_leave_the_limits_of_the_pantilt_unit(void)
     world.camera.pan_max_rad = 0.8;
     world.hide = 100000;
     world_started();
-    for (uint32_t i = 0u; i < 1500u && kc_app_calibrating(APP); i++) {
+    for (uint32_t i = 0u; i < 1500u && world_calibrating(); i++) {
         world_tick();
         if (!world.out.has_pantilt_cmd) { continue; }
         TEST_ASSERT_TRUE(fabs(world.out.pantilt_cmd.pan_rad) <= 0.8);
@@ -238,7 +238,7 @@ void test_a_frame_too_uncertain_in_the_search_is_one_without_tags(void)
     world.spoil = uncertain;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_DET_UNCERTAIN, 50u));
     world.spoil = NULL;
-    TEST_ASSERT_EQUAL_INT(KC_ST_SEARCH, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(KC_ST_TURN, kc_app_state(APP)); /* to the next search position */
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
 }
 
@@ -271,7 +271,7 @@ void test_after_a_large_residual_it_searches_as_far_as_the_tool_may_be_off(void)
     world.config.search_step_rad = 0.4;
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_TRUE(APP->cal.res_pos_m > 0.05);
+    TEST_ASSERT_TRUE(APP->learned.res.pos_m > 0.05);
     world.hide = 1000;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_TAGS_LOST, 600u));
     TEST_ASSERT_EQUAL_DOUBLE(8.0, world.last[KC_EVT_CAL_TAGS_LOST].got); /* one ring, not forty cells */

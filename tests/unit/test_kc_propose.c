@@ -60,7 +60,7 @@ void test_only_requested_coefficients_change(void)
     world_cmd(KC_CMD_START, -1, 8, 1)->arg_u64 = 1ull << 24u; /* joint 7 only */
     for (uint32_t i = 0u; i < 3000u; i++) {
         world_tick();
-        if (!kc_app_calibrating(APP)) { break; }
+        if (!world_calibrating()) { break; }
     }
     const kc_proposal_t *p = &world.proposal;
     for (uint32_t c = 0u; c < 28u; c++) {
@@ -81,7 +81,7 @@ void test_more_noise_than_stated_makes_sigma_larger_not_the_fit_poor(void)
     world.config.frames_per_meas = 1u;
     world_calibrated();
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale < 2.0);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale_unlikely);
     TEST_ASSERT_TRUE(quiet > 0.0);
 }
 
@@ -100,7 +100,7 @@ void test_residuals_that_the_stated_noise_cannot_explain_make_the_fit_poor(void)
     world.config.est.outlier_p = 0.0;
     world_calibrated();
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale > KC_POOR_NOISE_SCALE);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale > world.config.poor_noise_scale);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_POOR));
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP)); /* the ground decides */
     TEST_ASSERT_TRUE(world.proposal.kin.sigma[24] > 1e-4);
@@ -117,8 +117,8 @@ void test_two_to_three_times_the_noise_is_poor_if_the_fit_is_too_unlikely(void)
     world.config.n_poses = 24u;
     world.config.est.outlier_p = 0.0;
     world_calibrated();
-    TEST_ASSERT_TRUE(world.proposal.noise_scale > KC_POOR_NOISE_SCALE_P);
-    TEST_ASSERT_TRUE(world.proposal.noise_scale < KC_POOR_NOISE_SCALE);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale > world.config.poor_noise_scale_unlikely);
+    TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
 }
 
@@ -127,7 +127,7 @@ static int spoil_one;
 static void boastful_and_one_far_off(kc_detection_t *d)
 {
     boastful(d);
-    if (spoil_one && APP->cal.n_meas == 15u && kc_app_state(APP) == KC_ST_MEASURE) {
+    if (spoil_one && APP->plan.n_meas == 15u && kc_app_state(APP) == KC_ST_MEASURE) {
         d->p_cam_tool_m[1] += 0.05;
     }
 }
@@ -179,8 +179,8 @@ void test_an_unlikely_fit_that_used_up_what_may_be_rejected_is_poor_with_less_no
         world.config.est.outlier_max = 1u;
         world.config.est.outlier_p = 1e-9;
         world_calibrated();
-        TEST_ASSERT_TRUE(world.proposal.noise_scale < KC_POOR_NOISE_SCALE_P);
-        TEST_ASSERT_TRUE(world.proposal.p_fit < KC_POOR_P_FIT);
+        TEST_ASSERT_TRUE(world.proposal.noise_scale < world.config.poor_noise_scale_unlikely);
+        TEST_ASSERT_TRUE(world.proposal.p_fit < world.config.poor_p_fit);
         TEST_ASSERT_EQUAL_UINT32((uint32_t)spoil_one, world.proposal.n_outliers);
         TEST_ASSERT_EQUAL_INT(verdict[spoil_one], world.proposal.verdict);
     }
@@ -211,13 +211,13 @@ void test_coefficients_without_any_effect_are_held(void)
 static void refused(int32_t opcode, uint32_t crc, int32_t status, uint16_t event)
 {
     kc_state_t state = kc_app_state(APP);
-    uint32_t active = active_crc(), waiting = APP->proposal_crc;
+    uint32_t active = active_crc(), waiting = APP->review.crc;
     TEST_ASSERT_EQUAL_INT(status, world_do(opcode, (int32_t)crc, 0, 0));
     TEST_ASSERT_EQUAL_INT(event, world.ack.event_id);
     TEST_ASSERT_TRUE(world_events(event) > 0u);
     TEST_ASSERT_EQUAL_INT(state, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(active, active_crc());
-    TEST_ASSERT_EQUAL_UINT32(waiting, APP->proposal_crc);
+    TEST_ASSERT_EQUAL_UINT32(waiting, APP->review.crc);
 }
 
 void test_approval_takes_two_steps_bound_to_the_crc(void)
@@ -259,7 +259,7 @@ void test_a_corrected_arm_needs_no_change(void)
     (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
     (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
     (void)world_do(KC_CMD_START, -1, 0, 5);
-    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(2u, world.n_proposal);
     TEST_ASSERT_EQUAL_UINT32(2u, world.proposal.session);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, world.proposal.verdict);
@@ -272,7 +272,7 @@ void test_an_armed_approval_expires(void)
     (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0);
     world_ticks(5u);
     TEST_ASSERT_EQUAL_INT(KC_ST_ARMED, kc_app_state(APP));
-    world_ticks(KC_ARMED_US / TICK_US);
+    world_ticks(600000000u / TICK_US);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_EXPIRED));
 }
@@ -435,7 +435,7 @@ void test_a_stored_proposal_that_is_damaged_or_belongs_to_other_tables_is_droppe
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
     APP->tables.active.crc[KC_TBL_KIN] = kc_tbl_image_crc(s_image, s_n); /* or this one */
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
-    TEST_ASSERT_EQUAL_UINT32(0u, APP->proposal_crc);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->review.crc);
     APP->tables.active.crc[KC_TBL_KIN] = kin;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n));
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE,

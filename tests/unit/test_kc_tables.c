@@ -7,6 +7,7 @@
 
 static kc_tables_t s_t, s_before;
 static kc_tbl_scratch_t s_scratch, s_table, s_back;
+static uint8_t s_staged[KC_IMAGE_MAX];
 static kc_events_t s_ev;
 static uint8_t s_image[KC_IMAGE_MAX], s_window[KC_IMAGE_MAX];
 static uint32_t s_n;
@@ -18,6 +19,7 @@ void setUp(void)
     memset(&s_t, 0, sizeof s_t);
     memset(&s_table, 0, sizeof s_table);
     s_t.scratch = &s_scratch;
+    s_t.staging.image = s_staged;
     forget_events();
 }
 

@@ -76,7 +76,7 @@ void test_the_seed_of_start_decides_random_poses(void)
         world_boot();
         world_tick();
         (void)world_do(KC_CMD_START, KC_ACQ_RANDOM, 6, seed == 3 ? 1 : seed);
-        for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) { world_tick(); }
+        for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
         for (uint32_t k = 0u; k < 6u; k++) {
             if (seed == 1) { first[k] = world.meas[k].candidate; }
             same += seed == 2 && first[k] == world.meas[k].candidate;
@@ -101,7 +101,7 @@ void test_replicates_measure_the_first_poses_again(void)
 void test_a_initial_pose_that_became_unusable_is_left_out(void)
 {
     world_started();
-    APP->cal.usable[1] = 0u;
+    APP->plan.usable[1] = 0u;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     TEST_ASSERT_EQUAL_INT(0, world.meas[0].candidate);
@@ -118,7 +118,7 @@ void test_hyperparameters_are_chosen_on_board_when_the_table_asks(void)
     world.kernel.hyper[0].sigma_s = 1e-3; /* f = -1 of the first pose cannot come from that */
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_EQUAL_UINT32(1u, APP->big.gp.hyper);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->arena.calibration.gp.hyper);
 }
 
 /* ---- nothing left ---- */
@@ -160,7 +160,7 @@ void test_a_budget_used_up_while_choosing_proposes_too(void)
     world.config.budget_us = 1000000000u;
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    TEST_ASSERT_EQUAL_INT(KC_UP_SELECT, APP->cal.up);
+    TEST_ASSERT_EQUAL_INT(KC_ST_SELECT, kc_app_state(APP));
     APP->tables.active.config.budget_us = 1u;
     world.arm_cmd.hold = 9u;
     world_tick();
@@ -197,9 +197,10 @@ void test_energy_is_counted_by_what_moves(void)
     world.config.power_idle_w = 10.0;
     world.config.power_move_w = 70.0;
     world_started();
-    while (kc_app_calibrating(APP)) {
+    while (world_calibrating()) {
         world_tick();
-        want_j += (APP->arm.moving || APP->pantilt.moving ? 70.0 : 10.0) * 1e-6 * (double)TICK_US;
+        want_j += (APP->input.telemetry.arm.moving || APP->input.telemetry.pantilt.moving ? 70.0 : 10.0) *
+                  1e-6 * (double)TICK_US;
     }
     world_ticks(11u);
     TEST_ASSERT_DOUBLE_WITHIN(7.1, want_j, world.hk.energy_j); /* of the step that ended it: one tick */
@@ -248,10 +249,10 @@ void test_a_replicate_is_approached_again_over_its_hub(void)
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     const kc_space_t *s = &kc_app_active(APP)->space;
     for (uint32_t i = 0u; i < 400u && APP->cal.replicate != 1; i++) { world_tick(); }
-    uint32_t cand = (uint32_t)APP->cal.candidate, n = APP->leg.n_path;
+    uint32_t cand = (uint32_t)APP->cal.candidate, n = APP->move.n_path;
     TEST_ASSERT_TRUE(n >= 2u);
-    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + cand, APP->leg.path[n - 1u]);
-    TEST_ASSERT_EQUAL_UINT32(s->cand[cand].hub, APP->leg.path[n - 2u]);
+    TEST_ASSERT_EQUAL_UINT32(KC_HUB_MAX + cand, APP->move.path[n - 1u]);
+    TEST_ASSERT_EQUAL_UINT32(s->cand[cand].hub, APP->move.path[n - 2u]);
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     TEST_ASSERT_EQUAL_INT(1, world.meas[1].replicate);
 }
@@ -320,7 +321,7 @@ void test_progress_reports_residual_f_and_prediction(void)
 /* One frame of a late pose is far off although it claims to be good. */
 static void one_bad_pose(kc_detection_t *d)
 {
-    if (APP->cal.n_meas == 9u && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
+    if (APP->plan.n_meas == 9u && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
 }
 
 void test_an_outlier_is_reported_once_and_left_out(void)
@@ -349,12 +350,12 @@ void test_an_estimator_failure_is_reported_and_the_last_correction_kept(void)
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
     APP->est.opt.iter_max = 0u; /* not allowed: the estimator refuses */
-    memset(APP->cal.coef, 0, sizeof APP->cal.coef);
-    APP->cal.coef[24] = 0.123;
+    memset(APP->learned.coef, 0, sizeof APP->learned.coef);
+    APP->learned.coef[24] = 0.123;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_EST, 300u));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_ERR_ARG, world.last[KC_EVT_CAL_EST].got);
-    TEST_ASSERT_EQUAL_DOUBLE(0.123, APP->cal.coef[24]);
-    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_DOUBLE(0.123, APP->learned.coef[24]);
+    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, world.proposal.kin.value[24]); /* what is active, not a guess */
     TEST_ASSERT_EQUAL_DOUBLE(1.0, world.proposal.p_no_change);
@@ -364,8 +365,8 @@ void test_a_gp_that_breaks_down_leaves_the_choice_to_chance(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
-    APP->cal.gp_ok = 0u;
-    for (uint32_t i = 0u; i < 3000u && kc_app_calibrating(APP); i++) { world_tick(); }
+    APP->learned.gp_ok = false;
+    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
     TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, world.progress[5].gp_sigma);
@@ -426,8 +427,8 @@ void test_local_initial_poses_lead_and_come_on_top_of_the_requested_poses(void)
     for (int32_t i = 0; i < 3; i++) { TEST_ASSERT_EQUAL_INT(i, world.meas[n_local + (uint32_t)i].candidate); }
     TEST_ASSERT_EQUAL_INT(KC_ACQ_UCB, world.progress[12].acquisition);
     TEST_ASSERT_EQUAL_DOUBLE(6.0, world.last[KC_EVT_CAL_START].got);
-    TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_local);
+    TEST_ASSERT_EQUAL_UINT32(9u, APP->plan.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(9u, APP->plan.n_local);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(15u, world.proposal.n_poses);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
@@ -452,7 +453,7 @@ void test_local_initial_poses_never_take_more_measurements_than_there_is_room_fo
     world_boot();
     world_tick();
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, (int32_t)KC_MEAS_MAX, 3));
-    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, APP->cal.n_goal);
+    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, APP->plan.n_goal);
 }
 
 void test_no_acquisition_and_no_later_choice_takes_a_local_initial_pose(void)
@@ -462,7 +463,7 @@ void test_no_acquisition_and_no_later_choice_takes_a_local_initial_pose(void)
     world_calibrated(); /* until nothing is left: 15 others */
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
     TEST_ASSERT_EQUAL_UINT32(20u, world.n_meas);
-    TEST_ASSERT_EQUAL_UINT32(5u, APP->cal.n_local);
+    TEST_ASSERT_EQUAL_UINT32(5u, APP->plan.n_local);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
 }
 
@@ -472,8 +473,8 @@ void test_reserve_local_initial_poses_are_left_out_when_half_of_the_others_saw_a
     given_offset_alone(n_local, 4u);
     world.hide = 2; /* of the four that are not in reserve */
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(4u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(2u, APP->cal.n_local);
+    TEST_ASSERT_EQUAL_UINT32(4u, APP->plan.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->plan.n_local);
     TEST_ASSERT_EQUAL_INT(LOCAL(2), world.meas[0].candidate);
     TEST_ASSERT_EQUAL_INT(LOCAL(3), world.meas[1].candidate);
     TEST_ASSERT_EQUAL_INT(0, world.meas[2].candidate);
@@ -486,8 +487,8 @@ void test_reserve_local_initial_poses_are_taken_until_half_saw_a_tag(void)
     given_offset_alone(n_local, 4u);
     world.hide = 3;
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(6u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(3u, APP->cal.n_local);
+    TEST_ASSERT_EQUAL_UINT32(6u, APP->plan.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(3u, APP->plan.n_local);
     TEST_ASSERT_EQUAL_INT(LOCAL(5), world.meas[2].candidate); /* one in reserve was enough */
     TEST_ASSERT_EQUAL_UINT32(9u, world.n_meas);
     for (uint32_t i = 2u; i < 9u; i++) { TEST_ASSERT_EQUAL_UINT32(9u, world.progress[i].n_goal); }
@@ -501,8 +502,8 @@ void test_the_last_reserve_poses_are_taken_while_a_coefficient_is_undetermined(v
     given_local_poses_ahead(
         8u, 4u); /* small motions of joints 1 to 4 leave many of 28 coefficients undetermined */
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(8u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(8u, APP->cal.n_local);
+    TEST_ASSERT_EQUAL_UINT32(8u, APP->plan.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(8u, APP->plan.n_local);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
 }
 
@@ -516,7 +517,7 @@ void test_reserve_poses_between_others_do_not_depend_on_the_rank(void)
         world.space.initial[0] = last;
     }
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(4u, APP->cal.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(4u, APP->plan.n_tried);
     TEST_ASSERT_EQUAL_INT(LOCAL(0), world.meas[0].candidate);
 }
 
@@ -541,7 +542,7 @@ void test_six_local_initial_poses_without_a_tag_end_it(void)
     given_local_poses_ahead(9u, 2u);
     world.hide = 5; /* the sixth shows one */
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(9u, APP->cal.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(9u, APP->plan.n_tried);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_TAGS_NOT_DETECTED));
 }
 
@@ -559,8 +560,8 @@ void test_detections_at_a_third_of_the_local_initial_poses_are_enough(void)
     world.hide = 4; /* one of five, and the reserve pose */
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_TAGS_NOT_DETECTED));
-    TEST_ASSERT_EQUAL_UINT32(6u, APP->cal.n_tried);
-    TEST_ASSERT_EQUAL_UINT32(2u, APP->cal.n_local);
+    TEST_ASSERT_EQUAL_UINT32(6u, APP->plan.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->plan.n_local);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
 }
 
@@ -570,9 +571,9 @@ static void stopped_with(uint32_t own)
     given_local_poses_ahead(7u, 0u);
     world.config.budget_us = 1000000000u;
     world_started();
-    for (uint32_t i = 0u; i < 4000u && APP->cal.n_meas < 7u + own; i++) { world_tick(); }
+    for (uint32_t i = 0u; i < 4000u && APP->plan.n_meas < 7u + own; i++) { world_tick(); }
     APP->tables.active.config.budget_us = 1u;
-    for (uint32_t i = 0u; i < 100u && kc_app_calibrating(APP); i++) { world_tick(); }
+    for (uint32_t i = 0u; i < 100u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(7u + own, world.n_meas);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
 }
@@ -634,7 +635,7 @@ void test_while_all_are_local_initial_poses_everything_is_estimated_and_used(voi
         TEST_ASSERT_TRUE(APP->est.rank < APP->est.n_free);
         TEST_ASSERT_EQUAL_UINT32(n < 4u ? 0u : 28u - APP->est.rank, 28u - APP->est.n_idx);
         TEST_ASSERT_EQUAL_INT(n < 4u, APP->est.hold_none);
-        if (n < 4u) { TEST_ASSERT_EQUAL_MEMORY(APP->est.coef, APP->cal.coef, 28u * sizeof(double)); }
+        if (n < 4u) { TEST_ASSERT_EQUAL_MEMORY(APP->est.coef, APP->learned.coef, 28u * sizeof(double)); }
     }
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
     given_local_poses_ahead(3u, 0u);
@@ -668,7 +669,7 @@ void test_a_local_initial_pose_off_by_more_than_any_correction_explains_ends_it(
     TEST_ASSERT_DOUBLE_WITHIN(2e-3, 0.08, world.last[KC_EVT_CAL_MODEL_MISMATCH].want);
     expect_stopped(KC_CAUSE_MODEL_MISMATCH, 1u);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_POSE)); /* nothing was learnt from it */
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->cal.coef[24]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->learned.coef[24]);
 }
 
 void test_a_residual_within_the_limit_is_no_mismatch(void)
@@ -733,7 +734,7 @@ static uint32_t s_bad_from, s_bad_to;
 
 static void bad_poses(kc_detection_t *d)
 {
-    int bad = APP->cal.n_meas >= s_bad_from && APP->cal.n_meas <= s_bad_to;
+    int bad = APP->plan.n_meas >= s_bad_from && APP->plan.n_meas <= s_bad_to;
     if (bad && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
 }
 

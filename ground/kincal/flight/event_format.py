@@ -1,6 +1,6 @@
 """Text of a flight event with its values filled in.
 
-The texts stand in fsw/exec/kc_events.h (docs/EVENTS.md). They name values as `{field:type}`; the field is
+The texts stand in fsw/tables/kc_events.h (docs/EVENTS.md). They name values as `{field:type}`; the field is
 index, got or want, and KC_EVENT_TYPE_LIST in that header says what each type means. This is the one place
 that shows them. It knows no enum numbers: names come from the caller, who reads them from the headers.
 """

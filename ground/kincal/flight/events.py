@@ -1,4 +1,4 @@
-"""Flight's events in words. The dictionary is the core's own (fsw/exec/kc_events.h)."""
+"""Flight's events in words. The dictionary is the core's own (fsw/tables/kc_events.h)."""
 
 from __future__ import annotations
 

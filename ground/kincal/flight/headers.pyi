@@ -57,9 +57,69 @@ class KcActive(Protocol):
     kernel: KcKernel
     config: KcConfig
 
+class KcAnswer(Protocol):
+    """kc_answer_t"""
+
+    status: int
+    event: int
+    outcome: KcOutcome
+
 class KcApp(Protocol):
     """kc_app_t"""
 
+    view: KcView
+    arena: KcArena
+    tables: KcTables
+    clock: KcClock
+    place: KcPlace
+    input: KcInput
+    cmd_log: KcCmdLog
+    dump: KcDump
+    cal: KcCal
+    plan: KcPlan
+    learned: KcLearned
+    est: KcEst
+    rng: int
+    move: KcMove
+    pantilt: KcPantilt
+    rest: KcRest
+    request: KcRequest
+    observe: KcObserve
+    q_meas: Array[float]
+    frames: KcFrames
+    review: KcReview
+    monitoring: KcMonitoring
+    hk: KcHkState
+    journal: KcJournalStore
+    images: KcJournalImages
+    boot_events: KcEvents
+    boot_count: int
+    loaded: int
+    boot_state: int
+    boot_pose: int
+    n_rx_errors: int
+    stepped: int
+
+class KcArenaCalibration(Protocol):
+    """kc_arena_calibration_t"""
+
+    gp: KcGp
+    cand_pt: Array[KcPoint]
+    cand_q: Array[float]
+    acq: KcAcqWork
+
+class KcArenaIdle(Protocol):
+    """kc_arena_idle_t"""
+
+    staged: Array[int]
+    scratch: KcTblScratch
+    monitor: KcMonitor
+
+class KcArena(Protocol):
+    """kc_arena_t"""
+
+    calibration: KcArenaCalibration
+    idle: KcArenaIdle
 
 class KcArmCmd(Protocol):
     """kc_arm_cmd_t"""
@@ -116,6 +176,19 @@ class KcBody(Protocol):
     radius_m: float
     collision_pairs: int
 
+class KcCal(Protocol):
+    """kc_cal_t"""
+
+    session: int
+    acq: int
+    start_us: int
+    energy_j: float
+    energy_us: int
+    candidate: int
+    replicate: int
+    acq_value: float
+    chosen_by: int
+
 class KcCamera(Protocol):
     """kc_camera_t"""
 
@@ -155,12 +228,6 @@ class KcCheck(Protocol):
     index: int
     got: float
 
-class KcChoiceWork(Protocol):
-    """kc_choice_work_t"""
-
-    acq: KcAcqWork
-    cand_q: Array[float]
-
 class KcChunk(Protocol):
     """kc_chunk_t"""
 
@@ -169,6 +236,21 @@ class KcChunk(Protocol):
     offset: int
     n: int
     data: Array[int]
+
+class KcClock(Protocol):
+    """kc_clock_t"""
+
+    now_us: int
+    clock_us: int
+
+class KcCmdLog(Protocol):
+    """kc_cmd_log_t"""
+
+    seq: Array[int]
+    seen: Array[int]
+    us: Array[int]
+    n_ok: int
+    n_refused: int
 
 class KcCmd(Protocol):
     """kc_cmd_t"""
@@ -235,6 +317,19 @@ class KcConfig(Protocol):
     energy_budget_j: float
     mismatch_pos_m: float
     mismatch_rot_rad: float
+    flip_rms_ratio: float
+    flip_trust_rad: float
+    frame_shared: float
+    search_safety: float
+    poses_min: int
+    tags_tried_min: int
+    second_start_noise_scale: float
+    mismatch_noise_scale: float
+    mismatch_dof_min: int
+    mismatch_outliers_min: int
+    poor_noise_scale: float
+    poor_noise_scale_unlikely: float
+    poor_p_fit: float
 
 class KcCtx(Protocol):
     """kc_ctx_t"""
@@ -275,6 +370,13 @@ class KcDetection(Protocol):
     u_px: float
     v_px: float
     corner_px: Array[float]
+
+class KcDump(Protocol):
+    """kc_dump_t"""
+
+    kind: int
+    at: int
+    crc: int
 
 class KcEstOpt(Protocol):
     """kc_est_opt_t"""
@@ -352,6 +454,37 @@ class KcEvents(Protocol):
     dropped: int
     e: Array[KcEvent]
 
+class KcFitQuality(Protocol):
+    """kc_fit_quality_t"""
+
+    status: int
+    noise_scale: float
+    cost: float
+    n_outliers: int
+    nothing_held: int
+
+class KcFrames(Protocol):
+    """kc_frames_t"""
+
+    n: int
+    first: KcPose
+    dp_m: Array[float]
+    dw_rad: Array[float]
+    cov: Array[float]
+    q: Array[float]
+    dq: Array[float]
+    range_m: float
+    incid_rad: float
+    u_px: float
+    v_px: float
+    rms_px: float
+    rms_alt_px: float
+    pan_rad: float
+    tilt_rad: float
+    corner_px: Array[float]
+    same_tags: int
+    det: KcDetection
+
 class KcGp(Protocol):
     """kc_gp_t"""
 
@@ -396,6 +529,16 @@ class KcGuardRequest(Protocol):
     bound: CData
     margin: float
     tol: float
+
+class KcHkState(Protocol):
+    """kc_hk_state_t"""
+
+    due_us: int
+    seq: int
+    n_meas: int
+    n_events: int
+    n_dropped: int
+    last_event_id: int
 
 class KcHk(Protocol):
     """kc_hk_t"""
@@ -470,6 +613,13 @@ class KcIn(Protocol):
     store_kind: int
     store_status: int
 
+class KcInput(Protocol):
+    """kc_input_t"""
+
+    telemetry: KcTelemetry
+    fault_reported: int
+    n_rejected: int
+
 class KcJoint(Protocol):
     """kc_joint_t"""
 
@@ -485,6 +635,33 @@ class KcJoint(Protocol):
     mass_kg: float
     com_m: Array[float]
     gear_ratio: float
+
+class KcJournalImages(Protocol):
+    """kc_journal_images_t"""
+
+    kin: Array[int]
+    prev: Array[int]
+
+class KcJournalStore(Protocol):
+    """kc_journal_store_t"""
+
+    found: KcJournal
+    last: KcJournal
+    bytes: Array[int]
+
+class KcJournal(Protocol):
+    """kc_journal_t"""
+
+    state: int
+    session: int
+    pose: int
+    boot_count: int
+    kin_crc: int
+    proposal_crc: int
+    candidate: int
+    seg_from: int
+    seg_to: int
+    t_us: int
 
 class KcKernel(Protocol):
     """kc_kernel_t"""
@@ -507,6 +684,24 @@ class KcKin(Protocol):
     session: int
     n_poses: int
     made_us: int
+
+class KcLearned(Protocol):
+    """kc_learned_t"""
+
+    status: int
+    coef: Array[float]
+    gp_ok: int
+    trusted: int
+    converged: int
+    res: KcMiss
+    f: float
+    gp_mean: float
+    gp_sigma: float
+    pred: KcMiss
+    outlier_reported: Array[int]
+    y: Array[float]
+    dp_m: Array[float]
+    dr_rad: Array[float]
 
 class KcLoads(Protocol):
     """kc_loads_t"""
@@ -534,6 +729,12 @@ class KcMeas(Protocol):
     t_us: int
     session: int
     crc: Array[int]
+
+class KcMiss(Protocol):
+    """kc_miss_t"""
+
+    pos_m: float
+    rot_rad: float
 
 class KcMonObs(Protocol):
     """kc_mon_obs_t"""
@@ -568,6 +769,38 @@ class KcMonitor(Protocol):
     next: int
     obs: Array[KcMonObs]
 
+class KcMonitoring(Protocol):
+    """kc_monitoring_t"""
+
+    reported: KcMonVerdict
+    newest: KcMonVerdict
+    crc: Array[int]
+    session: int
+    rest_us: int
+    t_us: int
+    resting: int
+
+class KcMove(Protocol):
+    """kc_move_t"""
+
+    node: int
+    path: Array[int]
+    n_path: int
+    i_path: int
+    q_target: Array[float]
+    q_final: Array[float]
+    seg_from: int
+    seg_to: int
+    sent_us: int
+    start_us: int
+    seq: int
+
+class KcNext(Protocol):
+    """kc_next_t"""
+
+    state: int
+    same_step: int
+
 class KcObs(Protocol):
     """kc_obs_t"""
 
@@ -579,6 +812,21 @@ class KcObs(Protocol):
     q_cam_wxyz: Array[float]
     has_rot: int
     has_cam: int
+
+class KcObserve(Protocol):
+    """kc_observe_t"""
+
+    tried: KcTried
+    servo_steps: int
+    i_search: int
+    middle_pan_rad: float
+    middle_tilt_rad: float
+    measured: KcPose
+    predicted: KcPose
+    off_m: Array[float]
+    q_detected: Array[float]
+    q_servo: Array[float]
+    servo: KcServoMem
 
 class KcOut(Protocol):
     """kc_out_t"""
@@ -606,6 +854,12 @@ class KcOut(Protocol):
     proposal: KcProposal
     dump: KcChunk
 
+class KcOutcome(Protocol):
+    """kc_outcome_t"""
+
+    id: int
+    cause: int
+
 class KcPantiltCmd(Protocol):
     """kc_pantilt_cmd_t"""
 
@@ -622,6 +876,35 @@ class KcPantiltState(Protocol):
     tilt_rad: float
     moving: int
 
+class KcPantilt(Protocol):
+    """kc_pantilt_t"""
+
+    pan_rad: float
+    tilt_rad: float
+    sent_us: int
+    seq: int
+
+class KcPlace(Protocol):
+    """kc_place_t"""
+
+    state: int
+    since_us: int
+
+class KcPlan(Protocol):
+    """kc_plan_t"""
+
+    n_min: int
+    n_own: int
+    n_goal: int
+    n_meas: int
+    n_tried: int
+    n_local: int
+    i_initial: int
+    n_rep: int
+    rep_at: int
+    cand_of: Array[int]
+    usable: Array[int]
+
 class KcPoint(Protocol):
     """kc_point_t"""
 
@@ -633,6 +916,13 @@ class KcPose(Protocol):
 
     p_m: Array[float]
     R: Array[float]
+
+class KcPosture(Protocol):
+    """kc_posture_t"""
+
+    arm: CData
+    pantilt: CData
+    t_s: float
 
 class KcProgress(Protocol):
     """kc_progress_t"""
@@ -708,6 +998,29 @@ class KcQp(Protocol):
     grad: Array[float]
     idx: Array[int]
 
+class KcRequest(Protocol):
+    """kc_request_t"""
+
+    frame: int
+    fails: int
+    asked_us: int
+    seq: int
+    det: KcDetection
+
+class KcRest(Protocol):
+    """kc_rest_t"""
+
+    resting: int
+    since_us: int
+
+class KcReview(Protocol):
+    """kc_review_t"""
+
+    kin: KcKin
+    image: Array[int]
+    n: int
+    crc: int
+
 class KcServoMem(Protocol):
     """kc_servo_mem_t"""
 
@@ -753,8 +1066,15 @@ class KcStaging(Protocol):
     kind: int
     n: int
     total: int
-    image: Array[int]
-    choice: KcChoiceWork
+    image: CData
+
+class KcStart(Protocol):
+    """kc_start_t"""
+
+    acq: int
+    n_goal: int
+    seed: int
+    free_mask: int
 
 class KcStore(Protocol):
     """kc_store_t"""
@@ -789,6 +1109,16 @@ class KcTblScratch(Protocol):
     kernel: KcKernel
     config: KcConfig
 
+class KcTelemetry(Protocol):
+    """kc_telemetry_t"""
+
+    arm: KcArmState
+    pantilt: KcPantiltState
+    has_arm: int
+    has_pantilt: int
+    arm_ok_us: int
+    pantilt_ok_us: int
+
 class KcTerm(Protocol):
     """kc_term_t"""
 
@@ -806,6 +1136,36 @@ class KcTerms(Protocol):
     coef: Array[KcCoef]
     term: Array[KcTerm]
     kinematics_crc: int
+
+class KcTried(Protocol):
+    """kc_tried_t"""
+
+    detected: int
+    seed: int
+    searched: int
+    retreated: int
+
+class KcVerdictCase(Protocol):
+    """kc_verdict_case_t"""
+
+    determined: int
+    bounds_active: int
+    p_fit: float
+    sigma_pos_m: float
+    change_pos_m: float
+
+class KcView(Protocol):
+    """kc_view_t"""
+
+    clock: CData
+    place: CData
+    tables: CData
+    telemetry: CData
+    cal: CData
+    plan: CData
+    learned: CData
+    est: CData
+    servo_steps: CData
 
 class KcVolume(Protocol):
     """kc_volume_t"""
@@ -869,11 +1229,13 @@ class FlightCore(Protocol):
     KC_PATH_MAX: int
     KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
+    KC_SILENT_US: int
     KC_SOURCE_MAX: int
     KC_SPACE_INDEX_BODY: int
     KC_SPACE_INDEX_HUB: int
     KC_SPACE_INDEX_INITIAL: int
     KC_SPACE_INDEX_VOLUME: int
+    KC_SPACE_SAMPLES: int
     KC_SPECTRUM_MAX: int
     KC_STORE_JOURNAL: int
     KC_STORE_PREV: int
@@ -966,6 +1328,7 @@ class FlightCore(Protocol):
     KC_MON_QUIET: int
     KC_KERNEL_PAPER: int
     KC_KERNEL_SO3: int
+    KC_ACQ_COUNT: int
     KC_ACQ_VOPT: int
     KC_ACQ_DOPT: int
     KC_ACQ_RANDOM: int
@@ -1093,6 +1456,24 @@ class FlightCore(Protocol):
     KC_STAGE_COMPLETE: int
     KC_STAGE_LOADING: int
     KC_STAGE_NONE: int
+    KC_NO_TAGS_SKIP: int
+    KC_NO_TAGS_RETREAT: int
+    KC_NO_TAGS_SEARCH: int
+    KC_NO_TAGS_SEED: int
+    KC_VERDICT_POOR: int
+    KC_VERDICT_CHANGE: int
+    KC_VERDICT_NO_CHANGE: int
+    KC_ST_PROPOSE: int
+    KC_ST_SELECT: int
+    KC_ST_REPORT: int
+    KC_ST_LEARN: int
+    KC_ST_REFINE: int
+    KC_ST_TURN: int
+    KC_ST_REST: int
+    KC_ST_APPROACH: int
+    KC_ST_WITHDRAW: int
+    KC_ST_RETREAT: int
+    KC_ST_SEED: int
     KC_ST_SAFE: int
     KC_ST_ARMED: int
     KC_ST_REVIEW: int
@@ -1105,6 +1486,25 @@ class FlightCore(Protocol):
     KC_ST_AIM: int
     KC_ST_MOVE: int
     KC_ST_IDLE: int
+    KC_OC_ROLLBACK: int
+    KC_OC_EXPIRE: int
+    KC_OC_REJECT: int
+    KC_OC_APPROVE: int
+    KC_OC_ARM: int
+    KC_OC_START: int
+    KC_OC_REVIEW: int
+    KC_OC_FINISH: int
+    KC_OC_DISTURBED: int
+    KC_OC_SEARCH: int
+    KC_OC_RETREAT: int
+    KC_OC_SEED: int
+    KC_OC_APPROACH: int
+    KC_OC_MEASURE: int
+    KC_OC_SERVO: int
+    KC_OC_ABORT: int
+    KC_OC_SKIP: int
+    KC_OC_DONE: int
+    KC_OC_STAY: int
     KC_CMD_TABLE_DUMP: int
     KC_CMD_TABLE_DISCARD: int
     KC_CMD_TABLE_ACTIVATE: int
@@ -1121,9 +1521,36 @@ class FlightCore(Protocol):
     KC_INPUT_DETECTION: int
     KC_INPUT_PANTILT: int
     KC_INPUT_ARM: int
-    KC_VERDICT_POOR: int
-    KC_VERDICT_CHANGE: int
-    KC_VERDICT_NO_CHANGE: int
+    KC_FIELD_DET_COV: int
+    KC_FIELD_DET_CORNER: int
+    KC_FIELD_DET_COV_SHAPE: int
+    KC_FIELD_DET_V: int
+    KC_FIELD_DET_U: int
+    KC_FIELD_DET_INCID: int
+    KC_FIELD_DET_RANGE: int
+    KC_FIELD_DET_RMS_ALT: int
+    KC_FIELD_DET_RMS: int
+    KC_FIELD_DET_P_ALT: int
+    KC_FIELD_DET_P: int
+    KC_FIELD_DET_N_TAGS: int
+    KC_FIELD_DET_T: int
+    KC_FIELD_PANTILT_TILT: int
+    KC_FIELD_PANTILT_PAN: int
+    KC_FIELD_PANTILT_T: int
+    KC_FIELD_ARM_G: int
+    KC_FIELD_ARM_PAYLOAD: int
+    KC_FIELD_ARM_TEMP: int
+    KC_FIELD_ARM_DIR: int
+    KC_FIELD_ARM_Q_CMD: int
+    KC_FIELD_ARM_DQ: int
+    KC_FIELD_ARM_Q: int
+    KC_FIELD_ARM_T: int
+    KC_FRAME_TIMEOUT: int
+    KC_FRAME_UNCERTAIN: int
+    KC_FRAME_NO_TAGS: int
+    KC_FRAME_DETECTED: int
+    KC_FRAME_AWAITED: int
+    KC_FRAME_NONE: int
     def kc_status_name(self, _0: int, /) -> CData: ...
     def kc_check_start(self, /) -> KcCheck: ...
     def kc_check(self, _0: KcCheck | CData, _1: int, _2: int, _3: float, /) -> None: ...
@@ -1133,6 +1560,7 @@ class FlightCore(Protocol):
     def kc_check_frame(self, _0: KcCheck | CData, _1: CData, _2: CData, _3: int, /) -> None: ...
     def kc_check_end(self, _0: KcCheck | CData, _1: CData, _2: CData, /) -> int: ...
     def kc_name_ok(self, _0: CData | bytes, /) -> int: ...
+    def kc_chi2_sf(self, _0: float, _1: int, /) -> float: ...
     def kc_crc32(self, _0: int, _1: object, _2: int, /) -> int: ...
     def kc_qp_solve(self, _0: KcQp | CData, /) -> int: ...
     def kc_rng_next(self, _0: CData, /) -> int: ...
@@ -1191,7 +1619,6 @@ class FlightCore(Protocol):
     def kc_est_add(self, _0: KcEst | CData, _1: KcObs | CData, /) -> int: ...
     def kc_est_solve(self, _0: KcEst | CData, /) -> int: ...
     def kc_est_pose_cov(self, _0: KcEst | CData, _1: KcCtx | CData, _2: KcEval | CData, _3: CData, /) -> None: ...
-    def kc_chi2_sf(self, _0: float, _1: int, /) -> float: ...
     def kc_monitor_init(self, _0: KcMonitor | CData, _1: KcArm | CData, _2: float, _3: float, /) -> None: ...
     def kc_monitor_add(self, _0: KcMonitor | CData, _1: KcArm | CData, _2: KcTerms | CData, _3: CData, _4: KcObs | CData, _5: KcEval | CData, /) -> int: ...
     def kc_monitor_evaluate(self, _0: KcMonitor | CData, _1: KcMonVerdict | CData, /) -> None: ...
@@ -1217,18 +1644,18 @@ class FlightCore(Protocol):
     def kc_dls_eval(self, _0: KcArm | CData, _1: KcTerms | CData, _2: CData, _3: CData, _4: KcEval | CData, /) -> None: ...
     def kc_dls_box(self, _0: KcJoint | CData, _1: float, _2: float, _3: CData, _4: CData, /) -> None: ...
     def kc_space_edge(self, _0: KcSpace | CData, _1: int, _2: int, /) -> int: ...
-    def kc_path_is_node(self, _0: KcSpace | CData, _1: int, /) -> int: ...
-    def kc_path_plan(self, _0: KcSpace | CData, _1: int, _2: int, _3: CData, _4: CData, /) -> int: ...
     def kc_space_local(self, _0: KcSpace | CData, _1: int, /) -> int: ...
     def kc_space_reserve(self, _0: KcSpace | CData, _1: int, /) -> int: ...
     def kc_space_n_local(self, _0: KcSpace | CData, /) -> int: ...
+    def kc_space_validate(self, _0: KcSpace | CData, _1: KcArm | CData, _2: CData, _3: CData, /) -> int: ...
+    def kc_path_is_node(self, _0: KcSpace | CData, _1: int, /) -> int: ...
+    def kc_path_plan(self, _0: KcSpace | CData, _1: int, _2: int, _3: CData, _4: CData, /) -> int: ...
     def kc_path_bound(self, _0: KcSpace | CData, _1: int, _2: float, /) -> float: ...
     def kc_path_joints(self, _0: KcSpace | CData, _1: int, _2: CData, /) -> None: ...
     def kc_path_nearest(self, _0: KcSpace | CData, _1: CData, _2: CData, _3: CData, /) -> int: ...
     def kc_path_on_segment(self, _0: KcSpace | CData, _1: CData, _2: float, /) -> int: ...
     def kc_path_on(self, _0: KcSpace | CData, _1: int, _2: int, _3: CData, _4: float, /) -> int: ...
     def kc_path_leads_to(self, _0: KcSpace | CData, _1: int, _2: CData, _3: float, /) -> int: ...
-    def kc_space_validate(self, _0: KcSpace | CData, _1: KcArm | CData, _2: CData, _3: CData, /) -> int: ...
     def kc_guard_clearance(self, _0: KcGuardArm | CData, _1: CData, _2: CData, /) -> float: ...
     def kc_guard_self_clearance(self, _0: KcGuardArm | CData, _1: CData, _2: CData, /) -> float: ...
     def kc_guard_check(self, _0: KcGuardRequest | CData, _1: KcGuardReason | CData, /) -> int: ...
@@ -1270,6 +1697,44 @@ class FlightCore(Protocol):
     def kc_tbl_set_kin(self, _0: KcTables | CData, _1: KcKin | CData, _2: KcEvents | CData, /) -> int: ...
     def kc_tbl_rollback(self, _0: KcTables | CData, _1: KcEvents | CData, /) -> int: ...
     def kc_tbl_active_ptr(self, _0: KcActive | CData, _1: int, /) -> CData: ...
+    def kc_layout_walk(self, _0: KcWalk | CData, _1: int, _2: object, /) -> None: ...
+    def kc_layout_struct_bytes(self, _0: int, /) -> int: ...
+    def kc_fit_solved(self, _0: int, /) -> int: ...
+    def kc_fit_quality(self, _0: KcEst | CData, _1: int, /) -> KcFitQuality: ...
+    def kc_fit_needs_second_start(self, _0: KcConfig | CData, _1: KcFitQuality | CData, /) -> int: ...
+    def kc_fit_second_is_better(self, _0: KcFitQuality | CData, _1: KcFitQuality | CData, /) -> int: ...
+    def kc_fit_predicts_better(self, _0: KcConfig | CData, _1: KcMiss, _2: KcMiss, /) -> int: ...
+    def kc_fit_certain(self, _0: KcConfig | CData, _1: KcEst | CData, _2: int, _3: KcMiss, /) -> int: ...
+    def kc_fit_mismatch(self, _0: KcConfig | CData, _1: KcEst | CData, _2: KcMiss | CData, _3: int, _4: int, _5: CData, /) -> int: ...
+    def kc_frames_clear(self, _0: KcFrames | CData, /) -> None: ...
+    def kc_frames_add(self, _0: KcFrames | CData, _1: KcDetection | CData, _2: KcArmState | CData, _3: KcPantiltState | CData, /) -> None: ...
+    def kc_frames_jump(self, _0: KcFrames | CData, _1: KcDetection | CData, _2: CData, _3: CData, /) -> None: ...
+    def kc_frames_mean(self, _0: KcFrames | CData, _1: KcConfig | CData, _2: KcDetection | CData, _3: KcArmState | CData, _4: KcPantiltState | CData, /) -> None: ...
+    def kc_observation(self, _0: KcCamera | CData, _1: KcDetection | CData, _2: KcPosture | CData, _3: KcObs | CData, /) -> None: ...
+    def kc_observation_residual(self, _0: KcActive | CData, _1: CData, _2: KcObs | CData, _3: CData, _4: KcPose | CData, /) -> None: ...
+    def kc_observation_is_flipped(self, _0: KcConfig | CData, _1: float, _2: float, _3: float, _4: float, /) -> int: ...
+    def kc_observation_unflip(self, _0: KcActive | CData, _1: CData, _2: KcPosture | CData, _3: KcDetection | CData, /) -> None: ...
+    def kc_plan_start(self, _0: KcPlan | CData, _1: KcSpace | CData, _2: KcConfig | CData, _3: int, /) -> None: ...
+    def kc_plan_no_tags(self, _0: KcPlan | CData, _1: KcSpace | CData, _2: KcConfig | CData, /) -> int: ...
+    def kc_plan_complete(self, _0: KcPlan | CData, _1: KcSpace | CData, /) -> int: ...
+    def kc_plan_enough(self, _0: KcPlan | CData, /) -> int: ...
+    def kc_plan_next(self, _0: KcPlan | CData, _1: KcSpace | CData, _2: int, _3: int, _4: CData, /) -> int: ...
+    def kc_plan_choose(self, _0: KcPlan | CData, _1: KcSpace | CData, _2: int, /) -> int: ...
+    def kc_plan_measured(self, _0: KcPlan | CData, _1: KcSpace | CData, _2: int, /) -> None: ...
+    def kc_plan_skipped(self, _0: KcPlan | CData, _1: int, /) -> None: ...
+    def kc_reach_no_tags(self, _0: KcTried | CData, _1: int, /) -> int: ...
+    def kc_reach_spiral(self, _0: int, _1: CData, _2: CData, /) -> None: ...
+    def kc_reach_search_limit(self, _0: KcCamera | CData, _1: KcConfig | CData, _2: int, _3: float, _4: float, /) -> int: ...
+    def kc_reach_draw_back(self, _0: float, _1: float, _2: float, _3: float, _4: int, /) -> float: ...
+    def kc_verdict_p_no_change(self, _0: float, _1: float, _2: int, /) -> float: ...
+    def kc_verdict(self, _0: KcConfig | CData, _1: KcEst | CData, _2: int, _3: float, _4: float, /) -> int: ...
+    def kc_verdict_acceptable(self, _0: KcConfig | CData, _1: KcVerdictCase | CData, /) -> int: ...
+    def kc_states_calibrating(self, _0: int, /) -> int: ...
+    def kc_states_estimating(self, _0: int, /) -> int: ...
+    def kc_states_next(self, _0: int, _1: int, /) -> KcNext: ...
+    def kc_answer_ok(self, _0: int, /) -> KcAnswer: ...
+    def kc_answer_refuse(self, _0: KcEvents | CData, _1: int, _2: int, _3: float, _4: float, _5: int, /) -> KcAnswer: ...
+    def kc_answer_by(self, _0: int, _1: KcEvents | CData, _2: int, _3: int, /) -> KcAnswer: ...
     def kc_input_field(self, _0: int, _1: CData, /) -> CData: ...
     def kc_app_init(self, _0: KcApp | CData, /) -> None: ...
     def kc_app_load(self, _0: KcApp | CData, _1: int, _2: CData | bytes, _3: int, /) -> int: ...
@@ -1277,8 +1742,89 @@ class FlightCore(Protocol):
     def kc_app_step(self, _0: KcApp | CData, _1: int, _2: KcIn | CData, _3: KcOut | CData, /) -> None: ...
     def kc_app_active(self, _0: KcApp | CData, /) -> CData: ...
     def kc_app_state(self, _0: KcApp | CData, /) -> int: ...
-    def kc_layout_walk(self, _0: KcWalk | CData, _1: int, _2: object, /) -> None: ...
-    def kc_layout_struct_bytes(self, _0: int, /) -> int: ...
+    def kc_journal_store(self, _0: KcOut | CData, _1: int, _2: CData | bytes, _3: int, /) -> None: ...
+    def kc_journal_kin(self, _0: KcJournalImages | CData, _1: KcActive | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_journal_load(self, _0: KcJournalStore | CData, _1: CData | bytes, _2: int, /) -> int: ...
+    def kc_journal_note(self, _0: KcJournalStore | CData, _1: KcJournal | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_view_elapsed(self, _0: KcView | CData, _1: int, /) -> int: ...
+    def kc_view_in_state_us(self, _0: KcView | CData, /) -> int: ...
+    def kc_view_at_rest(self, _0: KcView | CData, /) -> int: ...
+    def kc_view_ctx(self, _0: KcView | CData, _1: int, _2: KcCtx | CData, /) -> None: ...
+    def kc_view_expect(self, _0: KcView | CData, _1: CData, _2: KcPose | CData, /) -> None: ...
+    def kc_view_pose(self, _0: KcView | CData, _1: CData, _2: int, _3: KcPose | CData, /) -> None: ...
+    def kc_view_distance(self, _0: KcView | CData, _1: CData, /) -> float: ...
+    def kc_view_seed(self, _0: KcView | CData, _1: CData, /) -> None: ...
+    def kc_view_local(self, _0: KcView | CData, /) -> int: ...
+    def kc_select_start(self, _0: KcCal | CData, _1: KcPlan | CData, _2: KcView | CData, _3: KcStart | CData, _4: KcOut | CData, /) -> None: ...
+    def kc_select_run(self, _0: KcCal | CData, _1: KcPlan | CData, _2: KcArenaCalibration | CData, _3: CData, _4: KcView | CData, _5: KcOut | CData, /) -> KcOutcome: ...
+    def kc_select_skip(self, _0: KcPlan | CData, _1: KcView | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_select_budget(self, _0: KcCal | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
+    def kc_cmd_admit(self, _0: KcCmdLog | CData, _1: KcView | CData, _2: KcCmd | CData, _3: KcOut | CData, /) -> KcAnswer: ...
+    def kc_cmd_answer(self, _0: KcCmdLog | CData, _1: KcCmd | CData, _2: KcAnswer | CData, _3: KcOut | CData, /) -> None: ...
+    def kc_cmd_not_now(self, _0: KcView | CData, _1: KcCmd | CData, _2: KcOut | CData, /) -> KcAnswer: ...
+    def kc_cmd_tables_free(self, _0: KcView | CData, /) -> int: ...
+    def kc_cmd_start(self, _0: KcView | CData, _1: KcCmd | CData, _2: KcStart | CData, _3: KcOut | CData, /) -> KcAnswer: ...
+    def kc_cmd_table(self, _0: KcTables | CData, _1: KcJournalImages | CData, _2: KcView | CData, _3: KcCmd | CData, _4: KcOut | CData, /) -> KcAnswer: ...
+    def kc_cmd_chunk(self, _0: KcTables | CData, _1: KcView | CData, _2: KcChunk | CData, _3: KcOut | CData, /) -> None: ...
+    def kc_review_encode(self, _0: KcReview | CData, _1: KcKin | CData, /) -> int: ...
+    def kc_review_wait(self, _0: KcReview | CData, _1: KcOut | CData, _2: int, /) -> None: ...
+    def kc_review_activate(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcJournalImages | CData, _3: KcOut | CData, /) -> int: ...
+    def kc_review_drop(self, _0: KcReview | CData, _1: KcOut | CData, /) -> None: ...
+    def kc_review_armed(self, _0: KcReview | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
+    def kc_review_arm(self, _0: KcReview | CData, _1: int, _2: KcOut | CData, /) -> KcAnswer: ...
+    def kc_review_go(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcJournalImages | CData, _3: int, _4: KcOut | CData, /) -> KcAnswer: ...
+    def kc_review_reject(self, _0: KcReview | CData, _1: int, _2: KcOut | CData, /) -> KcAnswer: ...
+    def kc_review_rollback(self, _0: KcTables | CData, _1: KcJournalImages | CData, _2: int, _3: KcOut | CData, /) -> KcAnswer: ...
+    def kc_review_load(self, _0: KcReview | CData, _1: KcTables | CData, _2: CData | bytes, _3: int, _4: KcEvents | CData, /) -> int: ...
+    def kc_dump_begin(self, _0: KcDump | CData, _1: KcReview | CData, _2: KcView | CData, _3: KcCmd | CData, _4: KcOut | CData, /) -> KcAnswer: ...
+    def kc_dump_run(self, _0: KcDump | CData, _1: KcReview | CData, _2: KcView | CData, _3: KcOut | CData, /) -> None: ...
+    def kc_hk_count(self, _0: KcHkState | CData, _1: int, _2: KcOut | CData, /) -> int: ...
+    def kc_hk_fill(self, _0: KcHkState | CData, _1: KcHk | CData, /) -> None: ...
+    def kc_request_begin(self, _0: KcRequest | CData, /) -> None: ...
+    def kc_request_drop(self, _0: KcRequest | CData, /) -> None: ...
+    def kc_request_answer(self, _0: KcRequest | CData, _1: KcDetection | CData, _2: int, /) -> None: ...
+    def kc_request_poll(self, _0: KcRequest | CData, _1: KcView | CData, _2: KcOut | CData, /) -> int: ...
+    def kc_request_retry(self, _0: KcRequest | CData, _1: KcView | CData, /) -> int: ...
+    def kc_input_telemetry(self, _0: KcInput | CData, _1: KcView | CData, _2: KcIn | CData, _3: KcOut | CData, /) -> None: ...
+    def kc_input_detection(self, _0: KcInput | CData, _1: KcRequest | CData, _2: KcFrames | CData, _3: KcView | CData, _4: KcDetection | CData, _5: KcOut | CData, /) -> None: ...
+    def kc_input_observation(self, _0: KcView | CData, _1: int, _2: KcDetection | CData, _3: KcOut | CData, /) -> int: ...
+    def kc_input_silence(self, _0: KcView | CData, _1: KcOut | CData, /) -> KcOutcome: ...
+    def kc_monitoring_wants(self, _0: KcView | CData, /) -> int: ...
+    def kc_monitoring_rest(self, _0: KcMonitoring | CData, _1: KcView | CData, /) -> None: ...
+    def kc_monitoring_observe(self, _0: KcMonitoring | CData, _1: KcMonitor | CData, _2: KcView | CData, _3: KcDetection | CData, _4: KcOut | CData, /) -> None: ...
+    def kc_move_hold(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_move_send(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, _3: int, _4: int, _5: CData, /) -> int: ...
+    def kc_move_near(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, _3: CData, /) -> KcOutcome: ...
+    def kc_move_begin(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
+    def kc_move_run(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
+    def kc_move_wait(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
+    def kc_move_node(self, _0: KcMove | CData, _1: KcView | CData, _2: CData, /) -> int: ...
+    def kc_move_bound(self, _0: KcActive | CData, _1: CData, /) -> None: ...
+    def kc_move_box(self, _0: KcActive | CData, _1: int, _2: CData, _3: CData, /) -> None: ...
+    def kc_move_goal(self, _0: KcSpace | CData, _1: int, _2: KcPose | CData, /) -> None: ...
+    def kc_move_joints(self, _0: KcView | CData, _1: int, _2: int, _3: CData, /) -> None: ...
+    def kc_pantilt_turn(self, _0: KcPantilt | CData, _1: KcView | CData, _2: KcOut | CData, _3: float, _4: float, /) -> None: ...
+    def kc_pantilt_aim(self, _0: KcPantilt | CData, _1: KcView | CData, _2: KcOut | CData, _3: CData, _4: CData, /) -> None: ...
+    def kc_pantilt_wait(self, _0: KcPantilt | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
+    def kc_observe_begin(self, _0: KcObserve | CData, /) -> None: ...
+    def kc_observe_aimed(self, _0: KcObserve | CData, _1: KcPantilt | CData, /) -> None: ...
+    def kc_observe_run(self, _0: KcObserve | CData, _1: KcRequest | CData, _2: KcView | CData, _3: KcOut | CData, /) -> KcOutcome: ...
+    def kc_observe_search(self, _0: KcObserve | CData, _1: KcRequest | CData, _2: KcView | CData, _3: KcOut | CData, /) -> KcOutcome: ...
+    def kc_observe_turn(self, _0: KcObserve | CData, _1: KcPantilt | CData, _2: KcView | CData, _3: KcOut | CData, /) -> KcOutcome: ...
+    def kc_rest_begin(self, _0: KcRest | CData, /) -> None: ...
+    def kc_rest_run(self, _0: KcRest | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
+    def kc_approach_wanted(self, _0: KcView | CData, /) -> int: ...
+    def kc_approach_start(self, _0: KcView | CData, _1: CData, _2: CData, _3: CData, /) -> None: ...
+    def kc_measure_run(self, _0: KcFrames | CData, _1: KcRequest | CData, _2: KcEst | CData, _3: KcView | CData, _4: KcOut | CData, /) -> KcOutcome: ...
+    def kc_propose_run(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcJournalImages | CData, _3: KcView | CData, _4: KcOut | CData, /) -> KcOutcome: ...
+    def kc_sequence_commands(self, _0: KcApp | CData, _1: KcIn | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_sequence_detections(self, _0: KcApp | CData, _1: KcIn | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_sequence_run(self, _0: KcApp | CData, _1: KcOut | CData, /) -> None: ...
+    def kc_update_start(self, _0: KcLearned | CData, _1: KcEst | CData, _2: KcArenaCalibration | CData, _3: KcView | CData, _4: int, /) -> None: ...
+    def kc_update_solve(self, _0: KcLearned | CData, _1: KcEst | CData, _2: KcGp | CData, _3: KcView | CData, /) -> KcOutcome: ...
+    def kc_update_refine(self, _0: KcLearned | CData, _1: KcEst | CData, _2: KcView | CData, /) -> KcOutcome: ...
+    def kc_update_learn(self, _0: KcLearned | CData, _1: KcArenaCalibration | CData, _2: KcView | CData, _3: KcOut | CData, /) -> KcOutcome: ...
+    def kc_update_report(self, _0: KcLearned | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
 
 class GroundCore(Protocol):
     KC_BODY_MAX: int
@@ -1390,6 +1936,7 @@ class GroundCore(Protocol):
     def kc_check_frame(self, _0: KcCheck | CData, _1: CData, _2: CData, _3: int, /) -> None: ...
     def kc_check_end(self, _0: KcCheck | CData, _1: CData, _2: CData, /) -> int: ...
     def kc_name_ok(self, _0: CData | bytes, /) -> int: ...
+    def kc_chi2_sf(self, _0: float, _1: int, /) -> float: ...
     def kc_crc32(self, _0: int, _1: object, _2: int, /) -> int: ...
     def kc_qp_solve(self, _0: KcQp | CData, /) -> int: ...
     def kc_rng_next(self, _0: CData, /) -> int: ...
@@ -1442,6 +1989,16 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_active_t"], /) -> KcActive: ...
     @overload
+    def __call__(self, ctype: Literal["kc_answer_t"], /) -> KcAnswer: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_app_t"], /) -> KcApp: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_arena_calibration_t"], /) -> KcArenaCalibration: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_arena_idle_t"], /) -> KcArenaIdle: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_arena_t"], /) -> KcArena: ...
+    @overload
     def __call__(self, ctype: Literal["kc_arm_cmd_t"], /) -> KcArmCmd: ...
     @overload
     def __call__(self, ctype: Literal["kc_arm_state_t"], /) -> KcArmState: ...
@@ -1452,15 +2009,19 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_body_t"], /) -> KcBody: ...
     @overload
+    def __call__(self, ctype: Literal["kc_cal_t"], /) -> KcCal: ...
+    @overload
     def __call__(self, ctype: Literal["kc_camera_t"], /) -> KcCamera: ...
     @overload
     def __call__(self, ctype: Literal["kc_cand_t"], /) -> KcCand: ...
     @overload
     def __call__(self, ctype: Literal["kc_check_t"], /) -> KcCheck: ...
     @overload
-    def __call__(self, ctype: Literal["kc_choice_work_t"], /) -> KcChoiceWork: ...
-    @overload
     def __call__(self, ctype: Literal["kc_chunk_t"], /) -> KcChunk: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_clock_t"], /) -> KcClock: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_cmd_log_t"], /) -> KcCmdLog: ...
     @overload
     def __call__(self, ctype: Literal["kc_cmd_t"], /) -> KcCmd: ...
     @overload
@@ -1472,6 +2033,8 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_detection_t"], /) -> KcDetection: ...
     @overload
+    def __call__(self, ctype: Literal["kc_dump_t"], /) -> KcDump: ...
+    @overload
     def __call__(self, ctype: Literal["kc_est_opt_t"], /) -> KcEstOpt: ...
     @overload
     def __call__(self, ctype: Literal["kc_est_t"], /) -> KcEst: ...
@@ -1482,6 +2045,10 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_events_t"], /) -> KcEvents: ...
     @overload
+    def __call__(self, ctype: Literal["kc_fit_quality_t"], /) -> KcFitQuality: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_frames_t"], /) -> KcFrames: ...
+    @overload
     def __call__(self, ctype: Literal["kc_gp_t"], /) -> KcGp: ...
     @overload
     def __call__(self, ctype: Literal["kc_guard_arm_t"], /) -> KcGuardArm: ...
@@ -1489,6 +2056,8 @@ class New(Protocol):
     def __call__(self, ctype: Literal["kc_guard_reason_t"], /) -> KcGuardReason: ...
     @overload
     def __call__(self, ctype: Literal["kc_guard_request_t"], /) -> KcGuardRequest: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_hk_state_t"], /) -> KcHkState: ...
     @overload
     def __call__(self, ctype: Literal["kc_hk_t"], /) -> KcHk: ...
     @overload
@@ -1498,15 +2067,27 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_in_t"], /) -> KcIn: ...
     @overload
+    def __call__(self, ctype: Literal["kc_input_t"], /) -> KcInput: ...
+    @overload
     def __call__(self, ctype: Literal["kc_joint_t"], /) -> KcJoint: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_journal_images_t"], /) -> KcJournalImages: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_journal_store_t"], /) -> KcJournalStore: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_journal_t"], /) -> KcJournal: ...
     @overload
     def __call__(self, ctype: Literal["kc_kernel_t"], /) -> KcKernel: ...
     @overload
     def __call__(self, ctype: Literal["kc_kin_t"], /) -> KcKin: ...
     @overload
+    def __call__(self, ctype: Literal["kc_learned_t"], /) -> KcLearned: ...
+    @overload
     def __call__(self, ctype: Literal["kc_loads_t"], /) -> KcLoads: ...
     @overload
     def __call__(self, ctype: Literal["kc_meas_t"], /) -> KcMeas: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_miss_t"], /) -> KcMiss: ...
     @overload
     def __call__(self, ctype: Literal["kc_mon_obs_t"], /) -> KcMonObs: ...
     @overload
@@ -1514,23 +2095,47 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_monitor_t"], /) -> KcMonitor: ...
     @overload
+    def __call__(self, ctype: Literal["kc_monitoring_t"], /) -> KcMonitoring: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_move_t"], /) -> KcMove: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_next_t"], /) -> KcNext: ...
+    @overload
     def __call__(self, ctype: Literal["kc_obs_t"], /) -> KcObs: ...
     @overload
+    def __call__(self, ctype: Literal["kc_observe_t"], /) -> KcObserve: ...
+    @overload
     def __call__(self, ctype: Literal["kc_out_t"], /) -> KcOut: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_outcome_t"], /) -> KcOutcome: ...
     @overload
     def __call__(self, ctype: Literal["kc_pantilt_cmd_t"], /) -> KcPantiltCmd: ...
     @overload
     def __call__(self, ctype: Literal["kc_pantilt_state_t"], /) -> KcPantiltState: ...
     @overload
+    def __call__(self, ctype: Literal["kc_pantilt_t"], /) -> KcPantilt: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_place_t"], /) -> KcPlace: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_plan_t"], /) -> KcPlan: ...
+    @overload
     def __call__(self, ctype: Literal["kc_point_t"], /) -> KcPoint: ...
     @overload
     def __call__(self, ctype: Literal["kc_pose_t"], /) -> KcPose: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_posture_t"], /) -> KcPosture: ...
     @overload
     def __call__(self, ctype: Literal["kc_progress_t"], /) -> KcProgress: ...
     @overload
     def __call__(self, ctype: Literal["kc_proposal_t"], /) -> KcProposal: ...
     @overload
     def __call__(self, ctype: Literal["kc_qp_t"], /) -> KcQp: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_request_t"], /) -> KcRequest: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_rest_t"], /) -> KcRest: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_review_t"], /) -> KcReview: ...
     @overload
     def __call__(self, ctype: Literal["kc_servo_mem_t"], /) -> KcServoMem: ...
     @overload
@@ -1540,6 +2145,8 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_staging_t"], /) -> KcStaging: ...
     @overload
+    def __call__(self, ctype: Literal["kc_start_t"], /) -> KcStart: ...
+    @overload
     def __call__(self, ctype: Literal["kc_store_t"], /) -> KcStore: ...
     @overload
     def __call__(self, ctype: Literal["kc_tables_t"], /) -> KcTables: ...
@@ -1548,9 +2155,17 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_tbl_scratch_t"], /) -> KcTblScratch: ...
     @overload
+    def __call__(self, ctype: Literal["kc_telemetry_t"], /) -> KcTelemetry: ...
+    @overload
     def __call__(self, ctype: Literal["kc_term_t"], /) -> KcTerm: ...
     @overload
     def __call__(self, ctype: Literal["kc_terms_t"], /) -> KcTerms: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_tried_t"], /) -> KcTried: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_verdict_case_t"], /) -> KcVerdictCase: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_view_t"], /) -> KcView: ...
     @overload
     def __call__(self, ctype: Literal["kc_volume_t"], /) -> KcVolume: ...
     @overload

@@ -500,6 +500,32 @@ class ConfigSource(Source):
     mismatch_rot_rad: Real
     """An observation farther than this from the best correction within its bounds stops the calibration
     [rad]."""
+    flip_rms_ratio: Real = 2.0
+    """The second pose of a flat tag is taken up to this RMS over that of the first."""
+    flip_trust_rad: Real = 0.5
+    """And up to this angle to the prediction [rad]."""
+    frame_shared: Real = 0.25
+    """Share of the error variance that the frames of one measurement have in common."""
+    search_safety: Real = 2.0
+    """Factor of the last residual up to which the next pose may be off."""
+    poses_min: Natural = 3
+    """Fewest poses besides the local initial poses."""
+    tags_tried_min: Natural = 6
+    """Local initial poses after which a tag must have been detected."""
+    second_start_noise_scale: Real = 2.0
+    """A fit with a larger noise scale gets a second start."""
+    mismatch_noise_scale: Real = 3.5
+    """Noise scale of the local initial poses above which the arm is another one."""
+    mismatch_dof_min: Natural = 12
+    """Degrees of freedom that this takes."""
+    mismatch_outliers_min: Natural = 3
+    """Outliers among the local initial poses that are no bad detections any more."""
+    poor_noise_scale: Real = 3.0
+    """Noise scale above which the fit is poor."""
+    poor_noise_scale_unlikely: Real = 2.0
+    """Noise scale above which a fit less likely than poor_p_fit is poor."""
+    poor_p_fit: Real = 1e-9
+    """p-value of the fit below which it is unlikely."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock

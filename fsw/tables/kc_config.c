@@ -10,7 +10,7 @@
 
 static void walk_design(kc_walk_t *w, kc_config_t *c)
 {
-    kc_walk_u8(w, 1u, &c->acquisition, KC_ACQ_UCB, KC_ACQ_VOPT); /* ucb random dopt vopt */
+    kc_walk_u8(w, 1u, &c->acquisition, KC_ACQ_UCB, KC_ACQ_COUNT - 1u); /* ucb random dopt vopt */
     kc_walk_u32(w, 2u, &c->n_poses, 1u, KC_MEAS_MAX);
     kc_walk_u32(w, 3u, &c->replicate_every, 0u, KC_MEAS_MAX);
     kc_walk_f64(w, 4u, &c->beta_scale, 0.0, 1e3);
@@ -88,6 +88,24 @@ static void walk_policy(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 54u, &c->mismatch_rot_rad, 0.0, 4.0); /* the same in angle; 0 = not checked */
 }
 
+static void walk_decisions(kc_walk_t *w, kc_config_t *c)
+{
+    kc_walk_f64(w, 55u, &c->flip_rms_ratio, 1.0, 100.0);
+    kc_walk_f64(w, 56u, &c->flip_trust_rad, 0.0, 3.2);
+    kc_walk_f64(w, 57u, &c->frame_shared, 0.0, 1.0);
+    kc_walk_f64(w, 58u, &c->search_safety, 1.0, 100.0);
+    kc_walk_u32(w, 59u, &c->poses_min, 1u, KC_MEAS_MAX);
+    kc_walk_u32(w, 60u, &c->tags_tried_min, 1u, KC_INITIAL_MAX);
+    kc_walk_f64(w, 61u, &c->second_start_noise_scale, 1.0, 1e3);
+    kc_walk_f64(w, 62u, &c->mismatch_noise_scale, 1.0, 1e3);
+    kc_walk_u32(w, 63u, &c->mismatch_dof_min, 1u, 6u * KC_MEAS_MAX);
+    kc_walk_u32(w, 64u, &c->mismatch_outliers_min, 1u, KC_MEAS_MAX);
+    kc_walk_f64(w, 65u, &c->poor_noise_scale, 1.0, 1e3);
+    kc_walk_f64(w, 66u, &c->poor_noise_scale_unlikely, 1.0, 1e3); /* not above poor_noise_scale */
+    kc_walk_rule(w, 66u, c->poor_noise_scale_unlikely <= c->poor_noise_scale, c->poor_noise_scale_unlikely);
+    kc_walk_f64(w, 67u, &c->poor_p_fit, 0.0, 1.0);
+}
+
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
 {
     walk_design(w, c);
@@ -95,6 +113,7 @@ void kc_config_walk(kc_walk_t *w, kc_config_t *c)
     walk_moving(w, c);
     walk_estimating(w, c);
     walk_policy(w, c);
+    walk_decisions(w, c);
 }
 
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got)

@@ -8,7 +8,6 @@
 
 #include <stdint.h>
 
-#include "kc_acquire.h"
 #include "kc_arm.h"
 #include "kc_camera.h"
 #include "kc_config.h"
@@ -62,21 +61,11 @@ typedef enum {
     KC_STAGE_VALID = 3
 } kc_stage_t;
 
-/* What choosing the next pose needs; lies over the staged image, since nothing is staged while a
- * calibration runs. */
-typedef struct {
-    kc_acq_work_t acq;
-    float cand_q[KC_CAND_MAX * KC_JOINT_MAX]; /* seed joints of the candidates */
-} kc_choice_work_t;
-
 typedef struct {
     kc_stage_t state;
     uint16_t kind;
     uint32_t n, total;
-    union {
-        uint8_t image[KC_IMAGE_MAX];
-        kc_choice_work_t choice; /* the owner's, while nothing is staged */
-    };
+    uint8_t *image; /* the owner's, KC_IMAGE_MAX bytes; kept only while something is staged */
 } kc_staging_t;
 
 /* A staged image decoded, before it may become active. */
@@ -93,8 +82,8 @@ typedef union {
 typedef struct {
     kc_active_t active;
     kc_staging_t staging;
-    kc_tbl_scratch_t *scratch; /* the owner's; may overlay the GP, because tables only change
-                                  while no calibration runs */
+    kc_tbl_scratch_t *scratch; /* the owner's; used inside one call of kc_tbl_activate, kc_tbl_validate,
+                                  kc_tbl_load or kc_tbl_load_prev */
 } kc_tables_t;
 
 /* Write table `src` (the struct of that kind) as an image. Only bytes [from, from + cap) are written, so
@@ -142,6 +131,6 @@ kc_status_t kc_tbl_set_kin(kc_tables_t *t, const kc_kin_t *kin, kc_events_t *ev)
 kc_status_t kc_tbl_rollback(kc_tables_t *t, kc_events_t *ev);
 
 /* The active struct of a kind, NULL for an unknown kind; meaningful only while crc[kind] != 0. */
-void *kc_tbl_active_ptr(kc_active_t *a, uint16_t kind);
+const void *kc_tbl_active_ptr(const kc_active_t *a, uint16_t kind);
 
 #endif

@@ -1,5 +1,6 @@
 #include "kc_tables.h"
 
+#include <stddef.h>
 #include <string.h>
 
 #include "kc_crc.h"
@@ -236,18 +237,17 @@ static kc_status_t check_depends(const kc_tables_t *t, uint16_t kind, const void
 
 /* ---- Activation ---- */
 
-void *kc_tbl_active_ptr(kc_active_t *a, uint16_t kind)
+/* Where the struct of each kind is. */
+static const size_t s_at[KC_TBL_COUNT] = {
+    [KC_TBL_ARM] = offsetof(kc_active_t, arm),       [KC_TBL_CAMERA] = offsetof(kc_active_t, camera),
+    [KC_TBL_TERMS] = offsetof(kc_active_t, terms),   [KC_TBL_KIN] = offsetof(kc_active_t, kin),
+    [KC_TBL_SPACE] = offsetof(kc_active_t, space),   [KC_TBL_KERNEL] = offsetof(kc_active_t, kernel),
+    [KC_TBL_CONFIG] = offsetof(kc_active_t, config),
+};
+
+const void *kc_tbl_active_ptr(const kc_active_t *a, uint16_t kind)
 {
-    switch (kind) {
-    case KC_TBL_ARM: return &a->arm;
-    case KC_TBL_CAMERA: return &a->camera;
-    case KC_TBL_TERMS: return &a->terms;
-    case KC_TBL_KIN: return &a->kin;
-    case KC_TBL_SPACE: return &a->space;
-    case KC_TBL_KERNEL: return &a->kernel;
-    case KC_TBL_CONFIG: return &a->config;
-    default: return NULL;
-    }
+    return kind >= 1u && kind < KC_TBL_COUNT ? (const uint8_t *)a + s_at[kind] : NULL;
 }
 
 static void drop_event(uint16_t kind, double built_crc, double active_crc, kc_events_t *ev)
@@ -309,7 +309,7 @@ static void refit_to_arm(kc_active_t *a, uint32_t old_crc, kc_events_t *ev)
 static void make_active(kc_active_t *a, uint16_t kind, const void *src, uint32_t crc, kc_events_t *ev)
 {
     uint32_t old_crc = a->crc[kind];
-    memcpy(kc_tbl_active_ptr(a, kind), src, kc_layout_struct_bytes(kind));
+    memcpy((uint8_t *)a + s_at[kind], src, kc_layout_struct_bytes(kind));
     a->crc[kind] = crc;
     kc_event(ev, KC_EVT_TBL_ACTIVATED, (int32_t)kind, (double)crc, 0.0);
     if (kind == KC_TBL_ARM && old_crc != crc) { refit_to_arm(a, old_crc, ev); }

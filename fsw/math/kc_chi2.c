@@ -1,4 +1,5 @@
-#include "kc_estimate.h"
+#include "kc_chi2.h"
+
 #include "kc_libm.h"
 
 /* Enough for dof up to 6 KC_MEAS_MAX at any argument: the series takes about 10 sqrt(a) terms near

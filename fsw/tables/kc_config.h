@@ -48,6 +48,20 @@ typedef struct {
     /* model mismatch: largest residual of an observation with the best correction inside its bounds. Above
      * it the arm is not one that the paths were verified for; 0: not checked */
     double mismatch_pos_m, mismatch_rot_rad;
+    /* thresholds of decisions (fsw/decide) */
+    double flip_rms_ratio; /* planar flip: largest RMS of the second pose over that of the first */
+    double flip_trust_rad; /* and its largest angle to the prediction */
+    double frame_shared; /* share of the error variance that the frames of a measurement have in common */
+    double search_safety; /* factor of the last residual up to which the next pose may be off */
+    uint32_t poses_min; /* fewest poses besides the local initial poses */
+    uint32_t tags_tried_min; /* local initial poses after which a tag must have been detected */
+    double second_start_noise_scale; /* a fit with a larger noise scale gets a second start */
+    double mismatch_noise_scale; /* noise scale of local initial poses that is a mismatch ... */
+    uint32_t mismatch_dof_min; /* ... with at least these degrees of freedom */
+    uint32_t mismatch_outliers_min; /* this many outliers among them are not bad detections */
+    double poor_noise_scale; /* noise this many times as stated: the fit is poor */
+    double poor_noise_scale_unlikely; /* and this many times, if the fit is less likely than ... */
+    double poor_p_fit;
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

@@ -1,0 +1,88 @@
+#include "kc_fit.h"
+
+#include "kc_libm.h"
+
+bool kc_fit_solved(kc_status_t status) { return status == KC_OK || status == KC_ERR_ITER; }
+
+kc_fit_quality_t kc_fit_quality(const kc_est_t *est, kc_status_t status)
+{
+    return (kc_fit_quality_t){
+        .status = status,
+        .noise_scale = est->noise_scale,
+        .cost = kc_fit_solved(status) ? est->cost : KC_INF,
+        .n_outliers = est->n_outliers,
+        .nothing_held = est->hold_none || est->rank == est->n_free,
+    };
+}
+
+bool kc_fit_needs_second_start(const kc_config_t *config, const kc_fit_quality_t *first)
+{
+    return first->status != KC_OK || !(first->noise_scale <= config->second_start_noise_scale) ||
+           first->n_outliers > 0u;
+}
+
+bool kc_fit_second_is_better(const kc_fit_quality_t *first, const kc_fit_quality_t *second)
+{
+    bool better = second->n_outliers < first->n_outliers ||
+                  (second->n_outliers == first->n_outliers && second->cost < first->cost);
+    return kc_fit_solved(second->status) && second->nothing_held && better;
+}
+
+static double weighted(const kc_config_t *c, kc_miss_t miss)
+{
+    return c->a1 * miss.pos_m / c->vopt_len_m + (1.0 - c->a1) * miss.rot_rad;
+}
+
+bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_miss_t with_used)
+{
+    return 2.0 * weighted(config, with_new) < weighted(config, with_used);
+}
+
+bool kc_fit_certain(const kc_config_t *config, const kc_est_t *est, kc_status_t status, kc_miss_t sigma)
+{
+    const kc_config_t *c = config;
+    if (c->stop_pos_m <= 0.0 && c->stop_rot_rad <= 0.0) { return false; }
+    return status == KC_OK && est->rank == est->n_free && est->dof >= est->n_free &&
+           (c->stop_pos_m <= 0.0 || sigma.pos_m <= c->stop_pos_m) &&
+           (c->stop_rot_rad <= 0.0 || sigma.rot_rad <= c->stop_rot_rad);
+}
+
+/* Whether all coefficients of TERMS are requested: then residuals are not due to a choice of the operator. */
+static bool all_requested(const kc_est_t *e)
+{
+    for (uint32_t c = 0u; c < e->terms->n_coef; c++) {
+        if (e->terms->coef[c].enabled != 0u && (e->opt.free_mask >> c & 1u) == 0u) { return false; }
+    }
+    return true;
+}
+
+/* Local initial poses that are all a little off, or several that do not fit the others. Effects that a
+ * model lacks are nearly the same at all of them, so they are not the reason. */
+static bool local_mismatch(const kc_config_t *c, const kc_est_t *e)
+{
+    bool limited = c->mismatch_pos_m > 0.0 || c->mismatch_rot_rad > 0.0;
+    bool noisy = e->dof >= c->mismatch_dof_min && e->noise_scale > c->mismatch_noise_scale;
+    return limited && e->hold_none && all_requested(e) &&
+           (noisy || e->n_outliers >= c->mismatch_outliers_min);
+}
+
+static bool beyond(const kc_config_t *c, kc_miss_t miss)
+{
+    return (c->mismatch_pos_m > 0.0 && miss.pos_m > c->mismatch_pos_m) ||
+           (c->mismatch_rot_rad > 0.0 && miss.rot_rad > c->mismatch_rot_rad);
+}
+
+bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss, uint32_t n_meas,
+                     uint32_t n_local, uint32_t *worst)
+{
+    bool newest_too = local_mismatch(config, est);
+    uint32_t n = 0u;
+    *worst = 0u;
+    if (est->rank < est->n_free && !est->hold_none) { return false; } /* a coefficient is held */
+    for (uint32_t i = 0u; i < n_meas; i++) {
+        if (!beyond(config, miss[i]) && !(newest_too && i + 1u == n_meas)) { continue; }
+        n++;
+        *worst = i;
+    }
+    return n >= (n_meas > n_local ? 2u : 1u);
+}

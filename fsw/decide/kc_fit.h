@@ -1,0 +1,50 @@
+/* Judging an estimate: does it need a second start, is it used for aiming, is it certain enough, is this the
+ * arm that the paths were verified for? */
+#ifndef KC_FIT_H
+#define KC_FIT_H
+
+#include <stdbool.h>
+
+#include "kc_estimate.h"
+#include "kc_tables.h"
+
+/* What an estimate is compared by. */
+typedef struct {
+    kc_status_t status;
+    double noise_scale, cost;
+    uint32_t n_outliers;
+    bool nothing_held; /* no requested coefficient was held, or none could be */
+} kc_fit_quality_t;
+
+/* The solver left a solution: it converged, or stopped at its best. */
+bool kc_fit_solved(kc_status_t status);
+kc_fit_quality_t kc_fit_quality(const kc_est_t *est, kc_status_t status);
+/* Large errors like the paper's can make a first fit converge to a wrong minimum, where good observations look
+ * like outliers: such a fit gets a second start. */
+bool kc_fit_needs_second_start(const kc_config_t *config, const kc_fit_quality_t *first);
+/* Whether the second start won: fewer outliers, then the lower cost. Only if nothing is held: a held
+ * coefficient keeps the active table's value, not that of a trial. */
+bool kc_fit_second_is_better(const kc_fit_quality_t *first, const kc_fit_quality_t *second);
+
+/* Distance of a pose from its prediction. */
+typedef struct {
+    double pos_m, rot_rad;
+} kc_miss_t;
+
+/* While the data do not determine all coefficients, an estimate can fit the measured poses and be far off
+ * elsewhere. It is used for aiming once it has predicted a new pose twice as well as the correction in use; a
+ * smaller gain can be chance. */
+bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_miss_t with_used);
+
+/* Whether the required sigma is met. A requirement of 0 is none; it is not met while a coefficient is
+ * undetermined. */
+bool kc_fit_certain(const kc_config_t *config, const kc_est_t *est, kc_status_t status, kc_miss_t sigma);
+
+/* Model mismatch: observations that no correction within its bounds explains. miss: residuals of the n_meas
+ * observations with the estimate; n_local: how many of them are local initial poses. True if the paths were
+ * not verified for such an arm; *worst is the newest such pose, from 0. One observation is enough at the local
+ * initial poses; later two are needed, since one can be a bad detection. */
+bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss, uint32_t n_meas,
+                     uint32_t n_local, uint32_t *worst);
+
+#endif

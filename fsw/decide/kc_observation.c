@@ -1,0 +1,112 @@
+#include "kc_observation.h"
+
+#include <string.h>
+
+#include "kc_libm.h"
+#include "kc_vec.h"
+
+/* Covariance from camera to base axes: both blocks turn with R. */
+static void turn_cov(const double R[9], const double C[36], double out[36])
+{
+    for (uint32_t i = 0u; i < 6u; i++) {
+        for (uint32_t j = 0u; j < 6u; j++) {
+            const double *ri = &R[3u * (i % 3u)], *rj = &R[3u * (j % 3u)];
+            const uint32_t bi = 3u * (i / 3u), bj = 3u * (j / 3u);
+            double s = 0.0;
+            for (uint32_t a = 0u; a < 3u; a++) {
+                for (uint32_t b = 0u; b < 3u; b++) { s += ri[a] * C[6u * (bi + a) + bj + b] * rj[b]; }
+            }
+            out[6u * i + j] = s;
+        }
+    }
+}
+
+static void fill_ctx(const kc_camera_t *cam, const kc_detection_t *det, const kc_posture_t *at, kc_ctx_t *c)
+{
+    const kc_arm_state_t *arm = at->arm;
+    memset(c, 0, sizeof *c);
+    memcpy(c->q, arm->q, sizeof c->q);
+    memcpy(c->dir, arm->dir, sizeof c->dir);
+    memcpy(c->qdot, arm->dq, sizeof c->qdot);
+    kc_v3_copy(arm->g_m_s2, c->g_m_s2);
+    c->temp_c = arm->temp_c;
+    c->t_s = at->t_s;
+    c->payload_kg = arm->payload_kg;
+    c->range_m = det->range_m;
+    c->incid_rad = det->incid_rad;
+    c->u_norm = (det->u_px - cam->cx_px) / cam->fx_px;
+    c->v_norm = (det->v_px - cam->cy_px) / cam->fy_px;
+    c->pan_rad = at->pantilt->pan_rad;
+    c->tilt_rad = at->pantilt->tilt_rad;
+    kc_v3_copy(det->p_cam_tool_m, c->p_cam_tool_m);
+}
+
+void kc_observation(const kc_camera_t *camera, const kc_detection_t *det, const kc_posture_t *at,
+                    kc_obs_t *obs)
+{
+    kc_pose_t T_cam, T;
+    memset(obs, 0, sizeof *obs);
+    kc_camera_pose(camera, at->pantilt->pan_rad, at->pantilt->tilt_rad, &T_cam);
+    kc_v3_copy(det->p_cam_tool_m, T.p_m);
+    kc_quat_to_R(det->q_cam_tool_wxyz, T.R);
+    kc_pose_mul(&T_cam, &T, &T);
+    kc_v3_copy(T.p_m, obs->p_m);
+    kc_R_to_quat(T.R, obs->q_wxyz);
+    turn_cov(T_cam.R, det->cov, obs->cov);
+    kc_v3_copy(T_cam.p_m, obs->p_cam_m);
+    kc_R_to_quat(T_cam.R, obs->q_cam_wxyz);
+    obs->has_rot = 1u;
+    obs->has_cam = 1u;
+    fill_ctx(camera, det, at, &obs->ctx);
+}
+
+void kc_observation_residual(const kc_active_t *tables, const double *coef, const kc_obs_t *obs, double r[6],
+                             kc_pose_t *predicted)
+{
+    kc_loads_t loads;
+    kc_eval_t eval;
+    kc_model_loads(&tables->arm, &tables->terms, coef, &obs->ctx, &loads);
+    (void)kc_model_residual(&tables->arm, &tables->terms, coef, obs, &loads, r, &eval);
+    if (predicted != NULL) { *predicted = eval.T; }
+}
+
+static void swap_solutions(kc_detection_t *d)
+{
+    kc_detection_t s = *d;
+    memcpy(d->p_cam_tool_m, s.p_alt_m, sizeof d->p_cam_tool_m);
+    memcpy(d->q_cam_tool_wxyz, s.q_alt_wxyz, sizeof d->q_cam_tool_wxyz);
+    memcpy(d->p_alt_m, s.p_cam_tool_m, sizeof d->p_alt_m);
+    memcpy(d->q_alt_wxyz, s.q_cam_tool_wxyz, sizeof d->q_alt_wxyz);
+    d->rms_px = s.rms_alt_px;
+    d->rms_alt_px = s.rms_px;
+}
+
+bool kc_observation_is_flipped(const kc_config_t *config, double rms_px, double rms_alt_px, double angle_rad,
+                               double angle_alt_rad)
+{
+    return rms_alt_px <= config->flip_rms_ratio * rms_px && angle_alt_rad < angle_rad &&
+           angle_alt_rad <= config->flip_trust_rad;
+}
+
+static double angle_to_prediction(const kc_active_t *tables, const double *coef, const kc_posture_t *at,
+                                  const kc_detection_t *det)
+{
+    kc_obs_t obs;
+    double r[6];
+    kc_observation(&tables->camera, det, at, &obs);
+    kc_observation_residual(tables, coef, &obs, r, NULL);
+    return kc_v3_norm(&r[3]);
+}
+
+void kc_observation_unflip(const kc_active_t *tables, const double *coef, const kc_posture_t *at,
+                           kc_detection_t *det)
+{
+    kc_detection_t second = *det;
+    if (det->n_tags == 0u) { return; }
+    swap_solutions(&second);
+    double angle_rad = angle_to_prediction(tables, coef, at, det);
+    double angle_alt_rad = angle_to_prediction(tables, coef, at, &second);
+    if (kc_observation_is_flipped(&tables->config, det->rms_px, det->rms_alt_px, angle_rad, angle_alt_rad)) {
+        *det = second;
+    }
+}

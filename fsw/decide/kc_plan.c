@@ -1,0 +1,99 @@
+#include "kc_plan.h"
+
+#include <string.h>
+
+/* Local initial poses still to come; without those in reserve if only_due. */
+static uint32_t local_left(const kc_plan_t *p, const kc_space_t *s, bool only_due)
+{
+    uint32_t n = 0u;
+    for (uint32_t i = p->i_initial; i < s->n_initial; i++) {
+        n += kc_space_local(s, s->initial[i]) && !(only_due && kc_space_reserve(s, s->initial[i])) ? 1u : 0u;
+    }
+    return n;
+}
+
+/* Local initial poses come on top of the requested ones: measured, current (0 or 1) and to come; one in
+ * reserve counts when it is taken. */
+static uint32_t goal(const kc_plan_t *p, const kc_space_t *s, uint32_t under_way)
+{
+    uint32_t n = p->n_own + p->n_local + under_way + local_left(p, s, true);
+    return n < KC_MEAS_MAX ? n : KC_MEAS_MAX;
+}
+
+void kc_plan_start(kc_plan_t *p, const kc_space_t *space, const kc_config_t *config, uint32_t n_goal)
+{
+    memset(p, 0, sizeof *p);
+    p->n_min = config->poses_min;
+    p->n_own = kc_space_n_local(space) > 0u && n_goal < p->n_min ? p->n_min : n_goal;
+    p->n_goal = goal(p, space, 0u);
+    for (uint32_t c = 0u; c < space->n_cand; c++) { p->usable[c] = (uint8_t)!kc_space_local(space, c); }
+}
+
+bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space, const kc_config_t *config)
+{
+    bool nothing = p->n_local == 0u && p->n_tried >= config->tags_tried_min;
+    bool little = 3u * p->n_local < p->n_tried && local_left(p, space, false) == 0u;
+    return nothing || little;
+}
+
+bool kc_plan_complete(const kc_plan_t *p, const kc_space_t *space) { return p->n_meas >= goal(p, space, 0u); }
+
+bool kc_plan_enough(const kc_plan_t *p)
+{
+    return p->n_meas - p->n_local >= (p->n_local > 0u ? p->n_min : 1u);
+}
+
+/* Local initial poses in reserve are taken while tags are detected at few; the last ones also while a
+ * coefficient is undetermined. */
+static bool reserve_needed(const kc_plan_t *p, const kc_space_t *s, bool undetermined)
+{
+    return 2u * p->n_local < p->n_tried || (undetermined && local_left(p, s, true) == 0u);
+}
+
+/* Initial poses in their order, without those that have become unusable. */
+static bool next_initial(kc_plan_t *p, const kc_space_t *s, bool undetermined, uint32_t *cand)
+{
+    while (p->i_initial < s->n_initial) {
+        *cand = s->initial[p->i_initial++];
+        if (kc_space_local(s, *cand)) {
+            if (kc_space_reserve(s, *cand) && !reserve_needed(p, s, undetermined)) { continue; }
+            p->n_tried++;
+            return true;
+        }
+        if (p->usable[*cand]) { return true; }
+    }
+    return false;
+}
+
+/* The first measured poses again (not the local initial poses), one after every `every` poses. */
+static bool next_replicate(kc_plan_t *p, uint32_t every, uint32_t *cand)
+{
+    uint32_t n = p->n_meas - p->n_local;
+    if (every == 0u || n == 0u || n % every != 0u || p->rep_at == n) { return false; }
+    p->rep_at = n;
+    *cand = p->cand_of[p->n_local + p->n_rep++];
+    return true;
+}
+
+bool kc_plan_next(kc_plan_t *p, const kc_space_t *space, uint32_t replicate_every, bool undetermined,
+                  uint32_t *cand)
+{
+    return next_initial(p, space, undetermined, cand) || next_replicate(p, replicate_every, cand);
+}
+
+uint32_t kc_plan_choose(kc_plan_t *p, const kc_space_t *space, uint32_t cand)
+{
+    uint32_t n = 0u;
+    p->n_goal = goal(p, space, kc_space_local(space, cand) ? 1u : 0u);
+    for (uint32_t i = 0u; i < p->n_meas; i++) { n += p->cand_of[i] == cand ? 1u : 0u; }
+    return n;
+}
+
+void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand)
+{
+    p->cand_of[p->n_meas++] = (uint16_t)cand;
+    p->usable[cand] = 0u;
+    p->n_local += kc_space_local(space, cand) ? 1u : 0u;
+}
+
+void kc_plan_skipped(kc_plan_t *p, uint32_t cand) { p->usable[cand] = 0u; }

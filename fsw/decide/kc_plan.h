@@ -1,0 +1,40 @@
+/* Which poses a calibration measures, and how many: the initial design in its order, replicates, and what is
+ * left to the acquisition. */
+#ifndef KC_PLAN_H
+#define KC_PLAN_H
+
+#include <stdbool.h>
+
+#include "kc_tables.h"
+
+typedef struct {
+    uint32_t n_min;            /* fewest of them that a proposal needs */
+    uint32_t n_own;            /* poses requested, local initial poses not counted */
+    uint32_t n_goal;           /* poses in all, as far as is known */
+    uint32_t n_meas;           /* measured */
+    uint32_t n_tried, n_local; /* local initial poses begun, measured */
+    uint32_t i_initial;        /* next initial pose */
+    uint32_t n_rep, rep_at;    /* replicates done; poses measured when the last was chosen */
+    uint16_t cand_of[KC_MEAS_MAX]; /* candidate of each measurement */
+    uint8_t usable[KC_CAND_MAX];   /* what the acquisition may choose; never local initial poses */
+} kc_plan_t;
+
+/* n_goal: poses requested; with local initial poses, which come on top, at least those a proposal needs. */
+void kc_plan_start(kc_plan_t *p, const kc_space_t *space, const kc_config_t *config, uint32_t n_goal);
+/* Local initial poses without tags: too few detections to determine the errors of the arm. Without any it
+ * makes no larger moves, and with hardly any it does not leave the park pose. */
+bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space, const kc_config_t *config);
+/* Everything that was requested is measured. */
+bool kc_plan_complete(const kc_plan_t *p, const kc_space_t *space);
+/* Measured enough for a proposal: local initial poses alone never are. */
+bool kc_plan_enough(const kc_plan_t *p);
+/* Next pose that is not the acquisition's to choose: an initial pose or a replicate; false if there is none.
+ * undetermined: the estimate leaves coefficients open, so reserve poses are of use. */
+bool kc_plan_next(kc_plan_t *p, const kc_space_t *space, uint32_t replicate_every, bool undetermined,
+                  uint32_t *cand);
+/* Candidate chosen: n_goal counts it. Returns how many times it was measured before. */
+uint32_t kc_plan_choose(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
+void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
+void kc_plan_skipped(kc_plan_t *p, uint32_t cand);
+
+#endif

@@ -1,0 +1,33 @@
+/* What a finished calibration says about the arm, and whether its correction may be accepted on board. */
+#ifndef KC_VERDICT_H
+#define KC_VERDICT_H
+
+#include <stdbool.h>
+
+#include "kc_estimate.h"
+#include "kc_tables.h"
+
+typedef enum { KC_VERDICT_NO_CHANGE = 0, KC_VERDICT_CHANGE = 1, KC_VERDICT_POOR = 2 } kc_verdict_t;
+
+/* Probability of so large an improvement of chi-square if the active table were right: in units of the noise
+ * that the residuals show, against the number of determined coefficients. */
+double kc_verdict_p_no_change(double chi2_gain, double noise_scale, uint32_t rank);
+
+/* POOR: the estimator did not finish, or the residuals are beyond what the stated noise can explain, also
+ * without as many poses as may be rejected. Noise somewhat larger than stated is no reason: sigma is scaled by
+ * it. */
+kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_status_t status, double p_fit,
+                        double p_no_change);
+
+/* What the policy of CONFIG looks at. */
+typedef struct {
+    bool determined;    /* every requested coefficient was */
+    bool bounds_active; /* of any coefficient */
+    double p_fit, sigma_pos_m;
+    double change_pos_m; /* RMS change of the predicted tool position over the search space */
+} kc_verdict_case_t;
+
+/* Small, well determined, nothing odd about it: the table may allow to take it without the ground. */
+bool kc_verdict_acceptable(const kc_config_t *config, const kc_verdict_case_t *proposed);
+
+#endif

@@ -1,0 +1,39 @@
+/* Memory that is used for one thing while a calibration runs and for another while none does: the only place
+ * where storage overlaps.
+ *
+ *   calibration   from START until the state is IDLE or SAFE again. START discards what is staged and begins
+ *                 everything here anew.
+ *   idle          otherwise: tables are staged and decoded, the monitor holds its window. Commands for tables
+ *                 are refused while a calibration runs or its correction waits for review, and the monitor
+ *                 begins a new window after a calibration.
+ *
+ * One step hands an image in `idle.staged` to the store; START is refused in that step. In PROPOSE and in a
+ * review a correction is put in force, for which idle.scratch is used: the calibration part is not needed any
+ * more by then. */
+#ifndef KC_ARENA_H
+#define KC_ARENA_H
+
+#include "kc_acquire.h"
+#include "kc_gp.h"
+#include "kc_monitor.h"
+#include "kc_tables.h"
+
+typedef struct {
+    kc_gp_t gp;
+    kc_point_t cand_pt[KC_CAND_MAX];          /* goal poses of the candidates */
+    float cand_q[KC_CAND_MAX * KC_JOINT_MAX]; /* joints expected there */
+    kc_acq_work_t acq;                        /* only inside one choice */
+} kc_arena_calibration_t;
+
+typedef struct {
+    uint8_t staged[KC_IMAGE_MAX];
+    kc_tbl_scratch_t scratch; /* only inside one function of kc_tables.h */
+    kc_monitor_t monitor;
+} kc_arena_idle_t;
+
+typedef union {
+    kc_arena_calibration_t calibration;
+    kc_arena_idle_t idle;
+} kc_arena_t;
+
+#endif

@@ -1,0 +1,109 @@
+#include "kc_review.h"
+
+#include <string.h>
+
+#define ARMED_US 600000000u /* APPROVE_GO must follow APPROVE_ARM within ten minutes */
+
+uint32_t kc_review_encode(kc_review_t *r, const kc_kin_t *kin)
+{
+    (void)kc_tbl_encode(KC_TBL_KIN, kin, 0u, r->image, KC_KIN_IMAGE_MAX, &r->n);
+    r->kin = *kin;
+    return kc_tbl_image_crc(r->image, r->n);
+}
+
+void kc_review_wait(kc_review_t *r, kc_out_t *out, uint32_t n_poses)
+{
+    r->crc = kc_tbl_image_crc(r->image, r->n);
+    kc_journal_store(out, KC_STORE_PROPOSAL, r->image, r->n);
+    kc_event(&out->events, KC_EVT_COR_PROPOSED, -1, (double)r->crc, (double)n_poses);
+}
+
+static void forget(kc_review_t *r, kc_out_t *out)
+{
+    r->crc = 0u;
+    kc_journal_store(out, KC_STORE_PROPOSAL, r->image, 0u);
+}
+
+kc_status_t kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images,
+                               kc_out_t *out)
+{
+    kc_status_t st = kc_tbl_set_kin(tables, &r->kin, &out->events);
+    if (st != KC_OK) { return st; }
+    kc_journal_kin(images, &tables->active, out);
+    forget(r, out);
+    kc_event(&out->events, KC_EVT_COR_ACTIVE, -1, (double)tables->active.crc[KC_TBL_KIN], 0.0);
+    return KC_OK;
+}
+
+void kc_review_drop(kc_review_t *r, kc_out_t *out)
+{
+    if (r->crc == 0u) { return; }
+    kc_event(&out->events, KC_EVT_COR_REJECTED, -1, (double)r->crc, 0.0);
+    forget(r, out);
+}
+
+kc_outcome_t kc_review_armed(const kc_review_t *r, const kc_view_t *v, kc_out_t *out)
+{
+    if (kc_view_in_state_us(v) <= ARMED_US) { return kc_outcome(KC_OC_STAY); }
+    kc_event(&out->events, KC_EVT_COR_EXPIRED, -1, (double)r->crc, 0.0);
+    return kc_outcome(KC_OC_EXPIRE);
+}
+
+/* ---- commands ---- */
+
+static kc_answer_t wrong_crc(kc_out_t *out, uint32_t crc, uint32_t want)
+{
+    return kc_answer_refuse(&out->events, KC_EVT_CMD_CRC, -1, (double)crc, (double)want, KC_ERR_CRC);
+}
+
+kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, kc_out_t *out)
+{
+    if (crc != r->crc) { return wrong_crc(out, crc, r->crc); }
+    kc_event(&out->events, KC_EVT_COR_ARMED, -1, (double)crc, 0.0);
+    return kc_answer_ok(KC_OC_ARM);
+}
+
+kc_answer_t kc_review_go(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images, uint32_t crc,
+                         kc_out_t *out)
+{
+    uint32_t mark = out->events.n;
+    if (crc != r->crc) { return wrong_crc(out, crc, r->crc); }
+    kc_status_t st = kc_review_activate(r, tables, images, out);
+    return kc_answer_by(st, &out->events, mark, KC_OC_APPROVE);
+}
+
+kc_answer_t kc_review_reject(kc_review_t *r, uint32_t crc, kc_out_t *out)
+{
+    if (crc != r->crc) { return wrong_crc(out, crc, r->crc); }
+    kc_review_drop(r, out);
+    return kc_answer_ok(KC_OC_REJECT);
+}
+
+kc_answer_t kc_review_rollback(kc_tables_t *tables, kc_journal_images_t *images, uint32_t crc, kc_out_t *out)
+{
+    uint32_t mark = out->events.n, active = tables->active.crc[KC_TBL_KIN];
+    if (crc != active) { return wrong_crc(out, crc, active); }
+    kc_status_t st = kc_tbl_rollback(tables, &out->events);
+    if (st == KC_OK) { kc_journal_kin(images, &tables->active, out); }
+    return kc_answer_by(st, &out->events, mark, KC_OC_ROLLBACK);
+}
+
+/* ---- boot ---- */
+
+kc_status_t kc_review_load(kc_review_t *r, const kc_tables_t *tables, const uint8_t *image, uint32_t n,
+                           kc_events_t *ev)
+{
+    uint32_t active = tables->active.crc[KC_TBL_KIN];
+    if (r->crc != 0u || kc_tbl_image_crc(image, n) == active) { return KC_ERR_STATE; }
+    kc_status_t st = n <= KC_KIN_IMAGE_MAX ? kc_tbl_decode(KC_TBL_KIN, image, n, &r->kin, ev) : KC_ERR_FORMAT;
+    if (st == KC_OK) { st = kc_tbl_kin_fits(tables, &r->kin, ev); }
+    if (st != KC_OK) { return st; }
+    if (r->kin.prev_crc != active) {
+        kc_event(ev, KC_EVT_TBL_DEPENDS, KC_TBL_KIN, (double)r->kin.prev_crc, (double)active);
+        return KC_ERR_STATE;
+    }
+    memcpy(r->image, image, n);
+    r->n = n;
+    r->crc = kc_tbl_image_crc(image, n);
+    return KC_OK;
+}

@@ -1,0 +1,40 @@
+/* A correction that waits for the ground: approval in two steps, rejection; activation and rollback. */
+#ifndef KC_REVIEW_H
+#define KC_REVIEW_H
+
+#include "kc_answer.h"
+#include "kc_app.h"
+#include "kc_journal.h"
+#include "kc_view.h"
+
+typedef struct {
+    kc_kin_t kin;
+    uint8_t image[KC_KIN_IMAGE_MAX];
+    uint32_t n, crc; /* crc 0: nothing waits */
+} kc_review_t;
+
+/* Encode a proposed correction; gives its CRC. Nothing waits yet. */
+uint32_t kc_review_encode(kc_review_t *r, const kc_kin_t *kin);
+/* The correction that was encoded waits for the ground from now on. */
+void kc_review_wait(kc_review_t *r, kc_out_t *out, uint32_t n_poses);
+/* Put the correction in force, the old one kept, both stored before the proposal is forgotten, so that a kill
+ * between any two of the writes leaves something consistent. */
+kc_status_t kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images,
+                               kc_out_t *out);
+/* Forget it, with an event; nothing happens if none waits. */
+void kc_review_drop(kc_review_t *r, kc_out_t *out);
+/* ARMED: EXPIRE when the second step does not come. */
+kc_outcome_t kc_review_armed(const kc_review_t *r, const kc_view_t *v, kc_out_t *out);
+
+/* Commands; crc is the one they name. */
+kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, kc_out_t *out);
+kc_answer_t kc_review_go(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images, uint32_t crc,
+                         kc_out_t *out);
+kc_answer_t kc_review_reject(kc_review_t *r, uint32_t crc, kc_out_t *out);
+kc_answer_t kc_review_rollback(kc_tables_t *tables, kc_journal_images_t *images, uint32_t crc, kc_out_t *out);
+
+/* Boot: a stored proposal is kept for review if it still belongs to the active tables. */
+kc_status_t kc_review_load(kc_review_t *r, const kc_tables_t *tables, const uint8_t *image, uint32_t n,
+                           kc_events_t *ev);
+
+#endif

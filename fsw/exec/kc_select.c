@@ -1,0 +1,125 @@
+#include "kc_select.h"
+
+#include "kc_move.h"
+
+#define PREDICT_ITER_MAX 8u /* enough for an approximate solution */
+
+void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *v, const kc_start_t *ask, kc_out_t *out)
+{
+    *cal = (kc_cal_t){
+        .session = cal->session + 1u,
+        .acq = ask->acq,
+        .start_us = v->clock->now_us,
+        .energy_us = v->clock->now_us,
+        .candidate = -1,
+    };
+    kc_plan_start(plan, &v->tables->space, &v->tables->config, ask->n_goal);
+    kc_event(&out->events, KC_EVT_CAL_START, (int32_t)cal->session, (double)ask->n_goal, (double)ask->acq);
+}
+
+/* ---- the acquisition ---- */
+
+/* Joints expected at each candidate after the servo: with large errors they are far from the seeds, and the
+ * information of a pose depends on them (tests/bench/samples.py --space). */
+static void predict_joints(kc_arena_calibration_t *work, const kc_view_t *v)
+{
+    for (uint32_t c = 0u; c < v->tables->space.n_cand; c++) {
+        double q[KC_JOINT_MAX] = {0};
+        if (v->plan->usable[c] == 0u) { continue; }
+        kc_move_joints(v, c, PREDICT_ITER_MAX, q);
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { work->cand_q[c * KC_JOINT_MAX + j] = (float)q[j]; }
+    }
+}
+
+/* The requested acquisition; KC_ERR_ARG where it cannot be evaluated (GP lost, nothing solved yet). */
+static kc_status_t requested(kc_cal_t *cal, kc_arena_calibration_t *work, const kc_view_t *v, uint32_t *cand)
+{
+    const kc_active_t *a = v->tables;
+    const uint8_t *usable = v->plan->usable;
+    uint32_t n = v->plan->n_meas;
+    bool by_information = cal->acq == KC_ACQ_DOPT || cal->acq == KC_ACQ_VOPT;
+    if (cal->acq == KC_ACQ_UCB && v->learned->gp_ok) {
+        double beta = kc_acq_beta(a->space.n_cand, n + 1u, a->config.beta_scale);
+        return kc_acq_ucb(&work->gp, usable, beta, cand, &cal->acq_value);
+    }
+    if (!by_information || n == 0u || !kc_fit_solved(v->learned->status)) { return KC_ERR_ARG; }
+    const double *cov = v->est->obs[n - 1u].cov; /* expected noise of the next one */
+    predict_joints(work, v);
+    return kc_acq_info(cal->acq, v->est, work->cand_q, a->space.n_cand, usable, cov, a->config.vopt_len_m,
+                       &work->acq, cand, &cal->acq_value);
+}
+
+/* By the acquisition; at random where it cannot be evaluated. */
+static kc_status_t acquire(kc_cal_t *cal, kc_arena_calibration_t *work, uint64_t *rng, const kc_view_t *v,
+                           uint32_t *cand)
+{
+    cal->chosen_by = (int32_t)cal->acq;
+    kc_status_t st = requested(cal, work, v, cand);
+    if (st == KC_OK) { return st; }
+    cal->chosen_by = (int32_t)KC_ACQ_RANDOM;
+    cal->acq_value = 0.0;
+    return kc_acq_random(v->plan->usable, v->tables->space.n_cand, rng, cand);
+}
+
+/* ---- SELECT ---- */
+
+static kc_outcome_t finish(const kc_view_t *v, kc_cause_t if_nothing)
+{
+    return kc_plan_enough(v->plan) ? kc_outcome(KC_OC_FINISH) : kc_abort_for(if_nothing);
+}
+
+kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *work, uint64_t *rng,
+                           const kc_view_t *v, kc_out_t *out)
+{
+    const kc_space_t *s = &v->tables->space;
+    bool undetermined = v->est->rank < v->est->n_free;
+    uint32_t cand = 0u;
+    if (kc_plan_no_tags(plan, s, &v->tables->config)) {
+        kc_event(&out->events, KC_EVT_CAL_TAGS_NOT_DETECTED, -1, (double)plan->n_local,
+                 (double)plan->n_tried);
+        return kc_abort_for(KC_CAUSE_TAGS_NOT_DETECTED);
+    }
+    if (v->learned->converged || kc_plan_complete(plan, s)) { return finish(v, KC_CAUSE_NO_CANDIDATE); }
+    cal->acq_value = 0.0;
+    cal->chosen_by = -1;
+    if (!kc_plan_next(plan, s, v->tables->config.replicate_every, undetermined, &cand) &&
+        acquire(cal, work, rng, v, &cand) != KC_OK) {
+        kc_event(&out->events, KC_EVT_CAL_NO_CANDIDATE, -1, 0.0, 0.0);
+        return finish(v, KC_CAUSE_NO_CANDIDATE);
+    }
+    cal->candidate = (int32_t)cand;
+    cal->replicate = (int32_t)kc_plan_choose(plan, s, cand);
+    return kc_outcome(KC_OC_DONE);
+}
+
+void kc_select_skip(kc_plan_t *plan, const kc_view_t *v, kc_out_t *out)
+{
+    kc_event(&out->events, KC_EVT_CAL_CAND_SKIPPED, v->cal->candidate, 0.0, 0.0);
+    kc_plan_skipped(plan, (uint32_t)v->cal->candidate);
+}
+
+/* ---- budgets ---- */
+
+/* Energy used since the step before, by what moves now. */
+static void count_energy(kc_cal_t *cal, const kc_view_t *v)
+{
+    const kc_config_t *c = &v->tables->config;
+    double power_w = kc_view_at_rest(v) ? c->power_idle_w : c->power_move_w;
+    cal->energy_j += power_w * (double)(v->clock->now_us - cal->energy_us) * 1e-6;
+    cal->energy_us = v->clock->now_us;
+}
+
+kc_outcome_t kc_select_budget(kc_cal_t *cal, const kc_view_t *v, kc_out_t *out)
+{
+    const kc_config_t *c = &v->tables->config;
+    kc_state_t state = v->place->state;
+    uint64_t used_us = v->clock->now_us - cal->start_us;
+    if (!kc_states_calibrating(state)) { return kc_outcome(KC_OC_STAY); }
+    count_energy(cal, v);
+    if (kc_states_estimating(state)) { return kc_outcome(KC_OC_STAY); } /* a measured pose is used */
+    bool late = c->budget_us > 0u && used_us > c->budget_us;
+    bool flat = c->energy_budget_j > 0.0 && cal->energy_j > c->energy_budget_j;
+    if (late) { kc_event(&out->events, KC_EVT_CAL_BUDGET, -1, (double)used_us, (double)c->budget_us); }
+    if (flat) { kc_event(&out->events, KC_EVT_CAL_ENERGY, -1, cal->energy_j, c->energy_budget_j); }
+    return late || flat ? finish(v, KC_CAUSE_BUDGET) : kc_outcome(KC_OC_STAY);
+}

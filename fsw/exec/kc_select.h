@@ -1,0 +1,28 @@
+/* SELECT: the next candidate, or the end of the calibration; budgets. */
+#ifndef KC_SELECT_H
+#define KC_SELECT_H
+
+#include "kc_app.h"
+#include "kc_arena.h"
+#include "kc_view.h"
+
+/* What START asks for. */
+typedef struct {
+    kc_acq_t acq;
+    uint32_t n_goal, seed;
+    uint64_t free_mask;
+} kc_start_t;
+
+/* A new session. */
+void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *v, const kc_start_t *ask,
+                     kc_out_t *out);
+/* DONE: cal->candidate is chosen; FINISH; ABORT: nothing was measured that a proposal could use, or too few
+ * local initial poses showed a tag. */
+kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *work, uint64_t *rng,
+                           const kc_view_t *v, kc_out_t *out);
+/* Skip the current candidate. */
+void kc_select_skip(kc_plan_t *plan, const kc_view_t *v, kc_out_t *out);
+/* Count energy; FINISH when time or energy is used up, ABORT if too little was measured by then. */
+kc_outcome_t kc_select_budget(kc_cal_t *cal, const kc_view_t *v, kc_out_t *out);
+
+#endif

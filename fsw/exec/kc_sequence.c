@@ -1,0 +1,239 @@
+#include "kc_sequence.h"
+
+#include <string.h>
+
+#include "kc_app_parts.h"
+#include "kc_approach.h"
+#include "kc_measure.h"
+#include "kc_propose.h"
+#include "kc_select.h"
+#include "kc_update.h"
+
+#define CHAIN_MAX 4u /* states that one step may pass through */
+
+/* ---- what a state begins with ---- */
+
+static kc_outcome_t withdraw(kc_app_t *app, kc_out_t *out)
+{
+    double q[KC_JOINT_MAX];
+    memcpy(app->q_meas, app->move.q_target, sizeof app->q_meas);
+    kc_approach_start(&app->view, &app->rng, app->q_meas, q);
+    return kc_move_near(&app->move, &app->view, out, q);
+}
+
+static kc_outcome_t to_seed(kc_app_t *app, kc_out_t *out)
+{
+    double seed[KC_JOINT_MAX];
+    kc_view_seed(&app->view, seed);
+    return kc_move_near(&app->move, &app->view, out, seed);
+}
+
+static kc_outcome_t aim(kc_app_t *app, kc_out_t *out)
+{
+    kc_pantilt_aim(&app->pantilt, &app->view, out, app->input.telemetry.arm.q, app->observe.off_m);
+    kc_observe_aimed(&app->observe, &app->pantilt);
+    return kc_outcome(KC_OC_STAY);
+}
+
+static kc_outcome_t begin(kc_app_t *app, kc_out_t *out)
+{
+    const kc_view_t *v = &app->view;
+    switch (app->place.state) {
+    case KC_ST_AIM: return aim(app, out);
+    case KC_ST_SETTLE:
+    case KC_ST_REST: kc_rest_begin(&app->rest); break;
+    case KC_ST_OBSERVE:
+    case KC_ST_SEARCH: kc_request_begin(&app->request); break;
+    case KC_ST_SERVO: return kc_move_near(&app->move, v, out, app->observe.q_servo);
+    case KC_ST_RETREAT: return kc_move_near(&app->move, v, out, app->observe.q_detected);
+    case KC_ST_SEED: return to_seed(app, out);
+    case KC_ST_WITHDRAW: return withdraw(app, out);
+    case KC_ST_APPROACH: return kc_move_near(&app->move, v, out, app->q_meas);
+    case KC_ST_TURN: return kc_observe_turn(&app->observe, &app->pantilt, v, out);
+    case KC_ST_UPDATE: kc_plan_measured(&app->plan, &v->tables->space, (uint32_t)app->cal.candidate); break;
+    default: break;
+    }
+    return kc_outcome(KC_OC_STAY);
+}
+
+/* ---- what a state does in a step ---- */
+
+/* The next candidate is chosen: the arm sets off, and the pan-tilt unit turns meanwhile. */
+static kc_outcome_t select_next(kc_app_t *app, kc_out_t *out)
+{
+    const kc_view_t *v = &app->view;
+    kc_outcome_t oc = kc_select_run(&app->cal, &app->plan, &app->arena.calibration, &app->rng, v, out);
+    if (oc.id != KC_OC_DONE) { return oc; }
+    kc_observe_begin(&app->observe);
+    oc = kc_move_begin(&app->move, v, out);
+    if (oc.id == KC_OC_DONE) { kc_pantilt_aim(&app->pantilt, v, out, app->move.q_final, app->observe.off_m); }
+    return oc;
+}
+
+static kc_outcome_t work(kc_app_t *app, kc_out_t *out)
+{
+    const kc_view_t *v = &app->view;
+    kc_arena_calibration_t *arena = &app->arena.calibration;
+    switch (app->place.state) {
+    case KC_ST_MOVE: return kc_move_run(&app->move, v, out);
+    case KC_ST_SERVO:
+    case KC_ST_SEED:
+    case KC_ST_RETREAT:
+    case KC_ST_WITHDRAW:
+    case KC_ST_APPROACH: return kc_move_wait(&app->move, v, out);
+    case KC_ST_AIM:
+    case KC_ST_TURN: return kc_pantilt_wait(&app->pantilt, v, out);
+    case KC_ST_SETTLE:
+    case KC_ST_REST: return kc_rest_run(&app->rest, v, out);
+    case KC_ST_OBSERVE: return kc_observe_run(&app->observe, &app->request, v, out);
+    case KC_ST_SEARCH: return kc_observe_search(&app->observe, &app->request, v, out);
+    case KC_ST_MEASURE: return kc_measure_run(&app->frames, &app->request, &app->est, v, out);
+    case KC_ST_UPDATE: return kc_update_solve(&app->learned, &app->est, &arena->gp, v);
+    case KC_ST_REFINE: return kc_update_refine(&app->learned, &app->est, v);
+    case KC_ST_LEARN: return kc_update_learn(&app->learned, arena, v, out);
+    case KC_ST_REPORT: return kc_update_report(&app->learned, v, out);
+    case KC_ST_SELECT: return select_next(app, out);
+    case KC_ST_PROPOSE: return kc_propose_run(&app->review, &app->tables, &app->images, v, out);
+    case KC_ST_ARMED: return kc_review_armed(&app->review, v, out);
+    default: return kc_outcome(KC_OC_STAY); /* IDLE, REVIEW and SAFE wait for commands */
+    }
+}
+
+/* ---- from state to state ---- */
+
+/* Hold the arm, record the cause. A correction that waits for review is dropped. */
+static void stop(kc_app_t *app, kc_out_t *out, kc_cause_t cause)
+{
+    int32_t pose = kc_states_calibrating(app->place.state) ? (int32_t)app->plan.n_meas : -1;
+    kc_event(&out->events, KC_EVT_CAL_ABORTED, pose, (double)cause, 0.0);
+    kc_move_hold(&app->move, &app->view, out);
+    kc_review_drop(&app->review, out);
+    kc_request_drop(&app->request);
+}
+
+/* Frames are of one place and one measurement. */
+static void leave(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
+{
+    if (app->place.state == KC_ST_MEASURE) { kc_frames_clear(&app->frames); }
+    if (oc.id == KC_OC_DISTURBED) { kc_request_drop(&app->request); }
+    if (oc.id == KC_OC_SKIP) { kc_select_skip(&app->plan, &app->view, out); }
+    if (oc.id == KC_OC_ABORT) { stop(app, out, oc.cause); }
+}
+
+/* Go where the table says; a state may be left at once by what it begins with. True if the work of the new
+ * state begins in this step. */
+static bool follow(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
+{
+    bool same_step = false;
+    for (uint32_t i = 0u; oc.id != KC_OC_STAY && i < CHAIN_MAX; i++) {
+        kc_next_t next = kc_states_next(app->place.state, oc.id);
+        leave(app, oc, out);
+        app->place = (kc_place_t){next.state, app->clock.now_us};
+        same_step = next.same_step;
+        oc = begin(app, out);
+    }
+    return same_step;
+}
+
+/* A budget is used up in the middle of a pose: that is lost. */
+static void check_budget(kc_app_t *app, kc_out_t *out)
+{
+    kc_outcome_t oc = kc_select_budget(&app->cal, &app->view, out);
+    if (oc.id != KC_OC_STAY && app->place.state != KC_ST_SELECT) {
+        kc_move_hold(&app->move, &app->view, out);
+        kc_request_drop(&app->request);
+    }
+    (void)follow(app, oc, out);
+}
+
+void kc_sequence_run(kc_app_t *app, kc_out_t *out)
+{
+    (void)follow(app, kc_input_silence(&app->view, out), out);
+    check_budget(app, out);
+    for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work(app, out), out); i++) {}
+}
+
+/* ---- inputs ---- */
+
+void kc_sequence_detections(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
+{
+    const kc_view_t *v = &app->view;
+    kc_monitoring_rest(&app->monitoring, v);
+    for (uint32_t i = 0u; i < in->n_det && i < KC_DET_QUEUE_MAX; i++) {
+        const kc_detection_t *d = &in->det[i];
+        if (!kc_monitoring_wants(v) || app->request.frame == KC_FRAME_AWAITED) {
+            kc_input_detection(&app->input, &app->request, &app->frames, v, d, out);
+        } else if (kc_input_observation(v, app->monitoring.t_us, d, out)) {
+            kc_monitoring_observe(&app->monitoring, &app->arena.idle.monitor, v, d, out);
+        }
+    }
+}
+
+static kc_answer_t start(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
+{
+    const kc_view_t *v = &app->view;
+    double dist = 0.0;
+    kc_start_t ask;
+    kc_answer_t answer = kc_cmd_start(v, c, &ask, out);
+    if (answer.status != KC_OK) { return answer; }
+    if (kc_move_node(&app->move, v, &dist) == KC_NODE_NONE) {
+        return kc_answer_refuse(&out->events, KC_EVT_CAL_NO_PATH, -1, dist, 1.0, KC_ERR_PATH);
+    }
+    kc_tbl_discard(&app->tables, &out->events);
+    kc_select_start(&app->cal, &app->plan, v, &ask, out);
+    kc_update_start(&app->learned, &app->est, &app->arena.calibration, v, ask.free_mask);
+    kc_observe_begin(&app->observe);
+    app->rng = ask.seed;
+    return answer;
+}
+
+static kc_answer_t in_review(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
+{
+    uint32_t crc = (uint32_t)c->arg_i[0];
+    bool waits = app->place.state == KC_ST_REVIEW, armed = app->place.state == KC_ST_ARMED;
+    if (c->opcode == KC_CMD_APPROVE_ARM && waits) { return kc_review_arm(&app->review, crc, out); }
+    if (c->opcode == KC_CMD_APPROVE_GO && armed) {
+        return kc_review_go(&app->review, &app->tables, &app->images, crc, out);
+    }
+    if (c->opcode == KC_CMD_REJECT && (waits || armed)) { return kc_review_reject(&app->review, crc, out); }
+    return kc_cmd_not_now(&app->view, c, out);
+}
+
+static kc_answer_t rollback(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
+{
+    if (!kc_cmd_tables_free(&app->view)) { return kc_cmd_not_now(&app->view, c, out); }
+    return kc_review_rollback(&app->tables, &app->images, (uint32_t)c->arg_i[0], out);
+}
+
+static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
+{
+    switch (c->opcode) {
+    case KC_CMD_NOOP: return kc_answer_ok(KC_OC_STAY);
+    case KC_CMD_START: return start(app, c, out);
+    case KC_CMD_ABORT: return kc_answer_ok(KC_OC_ABORT);
+    case KC_CMD_APPROVE_ARM:
+    case KC_CMD_APPROVE_GO:
+    case KC_CMD_REJECT: return in_review(app, c, out);
+    case KC_CMD_ROLLBACK: return rollback(app, c, out);
+    case KC_CMD_TABLE_VALIDATE:
+    case KC_CMD_TABLE_ACTIVATE:
+    case KC_CMD_TABLE_DISCARD: return kc_cmd_table(&app->tables, &app->images, &app->view, c, out);
+    case KC_CMD_TABLE_DUMP: return kc_dump_begin(&app->dump, &app->review, &app->view, c, out);
+    default:
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_UNKNOWN, -1, (double)c->opcode, 0.0, KC_ERR_ARG);
+    }
+}
+
+void kc_sequence_commands(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
+{
+    for (uint32_t i = 0u; i < in->n_chunk && i < KC_CHUNK_QUEUE_MAX; i++) {
+        kc_cmd_chunk(&app->tables, &app->view, &in->chunk[i], out);
+    }
+    for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
+        const kc_cmd_t *c = &in->cmd[i];
+        kc_answer_t answer = kc_cmd_admit(&app->cmd_log, &app->view, c, out);
+        if (answer.status == KC_OK) { answer = execute(app, c, out); }
+        (void)follow(app, answer.outcome, out);
+        kc_cmd_answer(&app->cmd_log, c, &answer, out);
+    }
+}

@@ -1,0 +1,14 @@
+/* The sequencer: runs the state, takes its outcome, and goes where the table of kc_states.h says. */
+#ifndef KC_SEQUENCE_H
+#define KC_SEQUENCE_H
+
+#include "kc_app.h"
+
+/* Commands and chunks of one step. */
+void kc_sequence_commands(kc_app_t *app, const kc_in_t *in, kc_out_t *out);
+/* Detections of one step: to the calibration, or to the monitor. */
+void kc_sequence_detections(kc_app_t *app, const kc_in_t *in, kc_out_t *out);
+/* Faults, silence, budgets; then the work of the state, and of those that follow in the same step. */
+void kc_sequence_run(kc_app_t *app, kc_out_t *out);
+
+#endif

@@ -1,0 +1,80 @@
+#include "kc_view.h"
+
+#include <string.h>
+
+#include "kc_libm.h"
+#include "kc_path.h"
+#include "kc_vec.h"
+
+uint64_t kc_view_elapsed(const kc_view_t *v, uint64_t stamp_us)
+{
+    const kc_clock_t *c = v->clock;
+    if (stamp_us > c->clock_us) {
+        uint64_t ahead = stamp_us - c->clock_us;
+        return ahead > UINT64_MAX - c->now_us ? UINT64_MAX : c->now_us + ahead;
+    }
+    uint64_t age = c->clock_us - stamp_us;
+    return age > c->now_us ? 0u : c->now_us - age;
+}
+
+uint64_t kc_view_in_state_us(const kc_view_t *v) { return v->clock->now_us - v->place->since_us; }
+
+bool kc_view_at_rest(const kc_view_t *v)
+{
+    return !v->telemetry->arm.moving && !v->telemetry->pantilt.moving;
+}
+
+void kc_view_ctx(const kc_view_t *v, uint32_t cand, kc_ctx_t *ctx)
+{
+    const kc_arm_state_t *arm = &v->telemetry->arm;
+    memset(ctx, 0, sizeof *ctx);
+    kc_path_joints(&v->tables->space, KC_HUB_MAX + cand, ctx->q);
+    kc_v3_copy(arm->g_m_s2, ctx->g_m_s2);
+    ctx->temp_c = arm->temp_c;
+    ctx->payload_kg = arm->payload_kg;
+    ctx->t_s = (double)v->clock->now_us * 1e-6;
+}
+
+static void pose(const kc_view_t *v, const double *coef, const kc_ctx_t *ctx, kc_pose_t *T)
+{
+    const kc_active_t *a = v->tables;
+    kc_loads_t loads;
+    kc_eval_t eval;
+    kc_model_loads(&a->arm, &a->terms, coef, ctx, &loads);
+    kc_model_eval(&a->arm, &a->terms, coef, ctx, &loads, 0, &eval);
+    *T = eval.T;
+}
+
+void kc_view_expect(const kc_view_t *v, const double *q, kc_pose_t *T)
+{
+    kc_ctx_t ctx;
+    kc_view_ctx(v, 0u, &ctx);
+    memcpy(ctx.q, q, v->tables->arm.n_joints * sizeof *q);
+    pose(v, v->learned->coef, &ctx, T);
+}
+
+void kc_view_pose(const kc_view_t *v, const double *coef, uint32_t cand, kc_pose_t *T)
+{
+    kc_ctx_t ctx;
+    kc_view_ctx(v, cand, &ctx);
+    pose(v, coef, &ctx, T);
+}
+
+double kc_view_distance(const kc_view_t *v, const double *q)
+{
+    double worst = 0.0;
+    for (uint32_t j = 0u; j < v->tables->arm.n_joints; j++) {
+        worst = kc_max(worst, kc_fabs(v->telemetry->arm.q[j] - q[j]));
+    }
+    return worst;
+}
+
+void kc_view_seed(const kc_view_t *v, double *q)
+{
+    kc_path_joints(&v->tables->space, KC_HUB_MAX + (uint32_t)v->cal->candidate, q);
+}
+
+bool kc_view_local(const kc_view_t *v)
+{
+    return kc_space_local(&v->tables->space, (uint32_t)v->cal->candidate);
+}

@@ -1,0 +1,176 @@
+/* kc_fit.c: second start, trust, certainty, model mismatch, each rule by itself. */
+#include <string.h>
+
+#include "given_tables.h"
+#include "kc_fit.h"
+#include "unity.h"
+
+static kc_config_t s_config;
+static kc_terms_t s_terms;
+static kc_est_t s_est;
+static kc_miss_t s_miss[KC_MEAS_MAX];
+static uint32_t s_worst;
+
+void setUp(void)
+{
+    given_config(&s_config);
+    given_terms(&s_terms);
+    s_config.mismatch_pos_m = 0.02;
+    s_config.mismatch_rot_rad = 0.06;
+    s_config.stop_pos_m = 0.001;
+    s_config.stop_rot_rad = 0.01;
+    s_config.a1 = 0.5;
+    s_config.vopt_len_m = 0.5;
+    memset(&s_est, 0, sizeof s_est);
+    memset(s_miss, 0, sizeof s_miss);
+    s_est.terms = &s_terms;
+    s_est.opt.free_mask = UINT64_MAX;
+    s_est.rank = s_est.n_free = 28u;
+    s_est.dof = 30u;
+    s_est.noise_scale = 1.0;
+    s_est.cost = 10.0;
+}
+
+void test_a_solution_is_there_when_it_converged_or_stopped_at_its_best(void)
+{
+    TEST_ASSERT_TRUE(kc_fit_solved(KC_OK) && kc_fit_solved(KC_ERR_ITER));
+    TEST_ASSERT_FALSE(kc_fit_solved(KC_ERR_RANK) || kc_fit_solved(KC_ERR_NUM) || kc_fit_solved(KC_ERR_ARG));
+}
+
+void test_a_second_start_is_for_fits_that_failed_are_noisy_or_rejected_a_pose(void)
+{
+    kc_fit_quality_t q = kc_fit_quality(&s_est, KC_OK);
+    TEST_ASSERT_FALSE(kc_fit_needs_second_start(&s_config, &q));
+    q = kc_fit_quality(&s_est, KC_ERR_ITER);
+    TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
+    s_est.noise_scale = 2.001;
+    q = kc_fit_quality(&s_est, KC_OK);
+    TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
+    s_est.noise_scale = 1.0;
+    s_est.n_outliers = 1u;
+    q = kc_fit_quality(&s_est, KC_OK);
+    TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
+}
+
+void test_fewer_outliers_win_then_the_lower_cost(void)
+{
+    kc_fit_quality_t first = {KC_OK, 1.0, 10.0, 1u, true}, second = first;
+    TEST_ASSERT_FALSE(kc_fit_second_is_better(&first, &second)); /* as good is not better */
+    second.cost = 9.0;
+    TEST_ASSERT_TRUE(kc_fit_second_is_better(&first, &second));
+    second.n_outliers = 2u;
+    TEST_ASSERT_FALSE(kc_fit_second_is_better(&first, &second));
+    second.n_outliers = 0u;
+    second.cost = 99.0;
+    TEST_ASSERT_TRUE(kc_fit_second_is_better(&first, &second));
+}
+
+void test_a_second_start_that_holds_a_coefficient_or_fails_never_wins(void)
+{
+    kc_fit_quality_t first = {KC_ERR_NUM, 1.0, 0.0, 1u, true}, second = {KC_OK, 1.0, 1.0, 0u, false};
+    TEST_ASSERT_FALSE(kc_fit_second_is_better(&first, &second));
+    second.nothing_held = true;
+    second.status = KC_ERR_NUM;
+    TEST_ASSERT_FALSE(kc_fit_second_is_better(&first, &second));
+}
+
+void test_an_unsolved_first_fit_loses_to_any_solution_with_as_many_outliers(void)
+{
+    kc_fit_quality_t first = kc_fit_quality(&s_est, KC_ERR_NUM), second = kc_fit_quality(&s_est, KC_OK);
+    TEST_ASSERT_TRUE(kc_fit_second_is_better(&first, &second));
+    s_est.rank = 20u;
+    TEST_ASSERT_FALSE(kc_fit_quality(&s_est, KC_OK).nothing_held);
+    s_est.hold_none = 1u;
+    TEST_ASSERT_TRUE(kc_fit_quality(&s_est, KC_OK).nothing_held);
+}
+
+void test_an_estimate_is_trusted_when_it_predicts_twice_as_well(void)
+{
+    kc_miss_t used = {0.1, 0.2}; /* 0.5 x 0.1 / 0.5 + 0.5 x 0.2 = 0.2 */
+    TEST_ASSERT_TRUE(kc_fit_predicts_better(&s_config, (kc_miss_t){0.05, 0.09}, used));
+    TEST_ASSERT_FALSE(kc_fit_predicts_better(&s_config, (kc_miss_t){0.05, 0.11}, used));
+}
+
+void test_the_required_sigma_must_be_met_by_a_determined_estimate(void)
+{
+    kc_miss_t sigma = {0.001, 0.01};
+    TEST_ASSERT_TRUE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
+    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_ERR_ITER, sigma));
+    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.0011, 0.01}));
+    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001, 0.011}));
+    s_est.dof = 27u;
+    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
+    s_est.dof = 30u;
+    s_est.rank = 27u;
+    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
+}
+
+void test_a_requirement_of_zero_is_none(void)
+{
+    s_config.stop_rot_rad = 0.0;
+    TEST_ASSERT_TRUE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001, 9.0}));
+    s_config.stop_pos_m = 0.0;
+    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.0, 0.0}));
+}
+
+static bool mismatch(uint32_t n_meas, uint32_t n_local)
+{
+    return kc_fit_mismatch(&s_config, &s_est, s_miss, n_meas, n_local, &s_worst);
+}
+
+void test_one_observation_beyond_the_limits_is_enough_at_local_poses_two_later(void)
+{
+    TEST_ASSERT_FALSE(mismatch(5u, 5u));
+    s_miss[2].pos_m = 0.021;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+    TEST_ASSERT_EQUAL_UINT32(2u, s_worst);
+    TEST_ASSERT_FALSE(mismatch(6u, 5u));
+    s_miss[4].rot_rad = 0.061;
+    TEST_ASSERT_TRUE(mismatch(6u, 5u));
+    TEST_ASSERT_EQUAL_UINT32(4u, s_worst); /* the newest */
+}
+
+void test_a_held_coefficient_excuses_everything_unless_none_may_be_held(void)
+{
+    s_miss[0].pos_m = 1.0;
+    s_est.rank = 27u;
+    TEST_ASSERT_FALSE(mismatch(1u, 1u));
+    s_est.hold_none = 1u;
+    TEST_ASSERT_TRUE(mismatch(1u, 1u));
+}
+
+void test_a_limit_of_zero_is_not_checked(void)
+{
+    s_miss[0] = (kc_miss_t){1.0, 1.0};
+    s_config.mismatch_pos_m = 0.0;
+    TEST_ASSERT_TRUE(mismatch(1u, 1u));
+    s_config.mismatch_rot_rad = 0.0;
+    TEST_ASSERT_FALSE(mismatch(1u, 1u));
+    s_est.hold_none = 1u;
+    s_est.n_outliers = 3u;
+    TEST_ASSERT_FALSE(mismatch(1u, 1u));
+}
+
+void test_local_poses_that_are_all_a_little_off_are_another_arm(void)
+{
+    s_est.hold_none = 1u;
+    s_est.dof = 12u;
+    s_est.noise_scale = 3.501;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+    TEST_ASSERT_EQUAL_UINT32(4u, s_worst);
+    s_est.noise_scale = 3.5;
+    TEST_ASSERT_FALSE(mismatch(5u, 5u));
+    s_est.noise_scale = 3.501;
+    s_est.dof = 11u;
+    TEST_ASSERT_FALSE(mismatch(5u, 5u));
+    s_est.n_outliers = 3u;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+}
+
+void test_residuals_that_come_from_the_operators_choice_are_no_mismatch(void)
+{
+    s_est.hold_none = 1u;
+    s_est.n_outliers = 3u;
+    s_est.opt.free_mask = 0x1u; /* one coefficient of 28 */
+    TEST_ASSERT_FALSE(mismatch(5u, 5u));
+}

@@ -1,0 +1,99 @@
+/* kc_frames.c: the mean of frames and its covariance, against numbers by hand. */
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "kc_frames.h"
+#include "unity.h"
+
+static kc_frames_t s_f;
+static kc_config_t s_config;
+static kc_detection_t s_d, s_mean;
+static kc_arm_state_t s_arm;
+static kc_pantilt_state_t s_pantilt;
+
+void setUp(void)
+{
+    given_config(&s_config);
+    s_config.sigma_pos_min_m = 1e-6;
+    s_config.sigma_rot_min_rad = 1e-6;
+    memset(&s_d, 0, sizeof s_d);
+    memset(&s_arm, 0, sizeof s_arm);
+    memset(&s_pantilt, 0, sizeof s_pantilt);
+    kc_frames_clear(&s_f);
+    s_d.q_cam_tool_wxyz[0] = 1.0;
+    s_d.n_tags = 1u;
+    s_d.tag_id[0] = 7;
+    for (uint32_t i = 0u; i < 6u; i++) { s_d.cov[7u * i] = 4e-6; }
+}
+
+/* A frame at x, turned by angle about z. */
+static void add(double x_m, double angle_rad)
+{
+    s_d.p_cam_tool_m[0] = x_m;
+    s_d.q_cam_tool_wxyz[0] = cos(0.5 * angle_rad);
+    s_d.q_cam_tool_wxyz[3] = sin(0.5 * angle_rad);
+    s_d.corner_px[0] = 100.0 * x_m;
+    s_arm.q[2] = 10.0 * x_m;
+    s_pantilt.pan_rad = x_m;
+    kc_frames_add(&s_f, &s_d, &s_arm, &s_pantilt);
+}
+
+static void mean(void) { kc_frames_mean(&s_f, &s_config, &s_mean, &s_arm, &s_pantilt); }
+
+void test_the_mean_of_positions_turns_readings_and_corners(void)
+{
+    add(0.1, 0.2);
+    add(0.3, 0.4);
+    mean();
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.2, s_mean.p_cam_tool_m[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, sin(0.15), fabs(s_mean.q_cam_tool_wxyz[3]));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 2.0, s_arm.q[2]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.2, s_pantilt.pan_rad);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 20.0, s_mean.corner_px[0]);
+}
+
+void test_corners_of_different_tags_are_not_averaged(void)
+{
+    add(0.1, 0.0);
+    s_d.tag_id[0] = 8;
+    add(0.3, 0.0);
+    mean();
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 10.0, s_mean.corner_px[0]);
+    TEST_ASSERT_EQUAL_INT32(7, s_mean.tag_id[0]); /* those of the first frame */
+}
+
+void test_errors_that_frames_share_do_not_average_out(void)
+{
+    s_config.frame_shared = 0.25;
+    for (uint32_t i = 0u; i < 3u; i++) { add(0.1, 0.0); }
+    mean();
+    TEST_ASSERT_DOUBLE_WITHIN(1e-18, 4e-6 * (1.0 + 2.0 * 0.25) / 3.0, s_mean.cov[0]);
+    s_config.frame_shared = 1.0;
+    mean();
+    TEST_ASSERT_DOUBLE_WITHIN(1e-18, 4e-6, s_mean.cov[0]);
+}
+
+void test_no_variance_goes_below_its_floor(void)
+{
+    s_config.sigma_pos_min_m = 0.01;
+    s_config.sigma_rot_min_rad = 0.02;
+    add(0.1, 0.0);
+    mean();
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 1e-4, s_mean.cov[7]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 4e-4, s_mean.cov[28]);
+}
+
+void test_a_jump_is_the_distance_from_the_mean_of_the_frames_before(void)
+{
+    double pos_m = 9.0, rot_rad = 9.0;
+    kc_frames_jump(&s_f, &s_d, &pos_m, &rot_rad);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, pos_m); /* nothing to compare with */
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, rot_rad);
+    add(0.1, 0.1);
+    add(0.3, 0.3);
+    s_d.p_cam_tool_m[0] = 0.5;
+    kc_frames_jump(&s_f, &s_d, &pos_m, &rot_rad);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.3, pos_m);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.1, rot_rad);
+}

@@ -1,0 +1,159 @@
+/* kc_plan.c: how many poses, and which, from the SPACE table alone. */
+#include <string.h>
+
+#include "given_tables.h"
+#include "kc_plan.h"
+#include "unity.h"
+
+static kc_space_t s_space;
+static kc_plan_t s_plan;
+static kc_config_t s_config;
+
+/* Initial poses: n_local local ones, candidates 10, 11 ..., the last n_reserve in reserve; then 0, 1, 2. */
+static void given(uint32_t n_local, uint32_t n_reserve, uint32_t n_goal)
+{
+    given_config(&s_config);
+    given_space(&s_space, 20u, 1u);
+    s_space.n_initial = n_local + 3u;
+    for (uint32_t i = 0u; i < n_local; i++) {
+        s_space.initial[i] = (uint16_t)(10u + i);
+        s_space.cand[10u + i].why = (uint16_t)(i < n_local - n_reserve ? KC_CAND_LOCAL
+                                                                       : KC_CAND_LOCAL | KC_CAND_RESERVE);
+    }
+    for (uint32_t i = 0u; i < 3u; i++) { s_space.initial[n_local + i] = (uint16_t)i; }
+    kc_plan_start(&s_plan, &s_space, &s_config, n_goal);
+}
+
+void setUp(void) { given(0u, 0u, 5u); }
+
+static uint32_t next(void)
+{
+    uint32_t cand = 999u;
+    return kc_plan_next(&s_plan, &s_space, 0u, false, &cand) ? cand : 999u;
+}
+
+static void measure(uint32_t cand) { kc_plan_measured(&s_plan, &s_space, cand); }
+
+void test_initial_poses_come_in_their_order_and_then_it_is_the_acquisitions_turn(void)
+{
+    for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_EQUAL_UINT32(i, next()); }
+    TEST_ASSERT_EQUAL_UINT32(999u, next());
+}
+
+void test_an_initial_pose_that_was_skipped_is_passed_over(void)
+{
+    kc_plan_skipped(&s_plan, 1u);
+    TEST_ASSERT_EQUAL_UINT32(0u, next());
+    TEST_ASSERT_EQUAL_UINT32(2u, next());
+}
+
+void test_the_acquisition_may_choose_all_but_local_measured_and_skipped_candidates(void)
+{
+    given(2u, 0u, 5u);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_plan.usable[3]);
+    TEST_ASSERT_EQUAL_UINT8(0u, s_plan.usable[10]);
+    measure(3u);
+    kc_plan_skipped(&s_plan, 4u);
+    TEST_ASSERT_EQUAL_UINT8(0u, s_plan.usable[3]);
+    TEST_ASSERT_EQUAL_UINT8(0u, s_plan.usable[4]);
+}
+
+void test_local_initial_poses_come_on_top_of_the_requested_ones(void)
+{
+    given(4u, 0u, 5u);
+    TEST_ASSERT_EQUAL_UINT32(9u, s_plan.n_goal);
+    given(4u, 2u, 5u); /* a reserve pose counts when it is taken */
+    TEST_ASSERT_EQUAL_UINT32(7u, s_plan.n_goal);
+    given(4u, 0u, 1u); /* who asks for fewer gets three */
+    TEST_ASSERT_EQUAL_UINT32(7u, s_plan.n_goal);
+    given(4u, 0u, KC_MEAS_MAX); /* but never more than are held */
+    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, s_plan.n_goal);
+}
+
+void test_a_reserve_pose_is_taken_only_while_tags_are_detected_at_few(void)
+{
+    given(4u, 2u, 5u);
+    TEST_ASSERT_EQUAL_UINT32(10u, next());
+    TEST_ASSERT_EQUAL_UINT32(11u, next());
+    measure(10u); /* one of two: half of them is enough */
+    TEST_ASSERT_EQUAL_UINT32(0u, next());
+    given(4u, 2u, 5u);
+    (void)next();
+    (void)next(); /* no tag at either */
+    TEST_ASSERT_EQUAL_UINT32(12u, next());
+}
+
+void test_the_last_reserve_poses_are_taken_while_a_coefficient_is_undetermined(void)
+{
+    uint32_t cand = 999u;
+    given(3u, 1u, 5u);
+    measure(next());
+    measure(next());
+    TEST_ASSERT_TRUE(kc_plan_next(&s_plan, &s_space, 0u, true, &cand));
+    TEST_ASSERT_EQUAL_UINT32(12u, cand);
+}
+
+void test_a_reserve_pose_under_way_counts(void)
+{
+    given(3u, 1u, 5u);
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_plan_choose(&s_plan, &s_space, 0u));
+    TEST_ASSERT_EQUAL_UINT32(7u, s_plan.n_goal);
+    (void)next();
+    (void)next();
+    (void)next();
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_plan_choose(&s_plan, &s_space, 12u));
+    TEST_ASSERT_EQUAL_UINT32(6u, s_plan.n_goal); /* two showed no tag, the third is under way */
+}
+
+void test_replicates_repeat_the_first_poses_one_after_every_so_many(void)
+{
+    uint32_t cand = 999u;
+    for (uint32_t i = 0u; i < 3u; i++) { measure(next()); }
+    TEST_ASSERT_FALSE(kc_plan_next(&s_plan, &s_space, 2u, false, &cand)); /* three are no multiple of two */
+    measure(7u);
+    TEST_ASSERT_TRUE(kc_plan_next(&s_plan, &s_space, 2u, false, &cand));
+    TEST_ASSERT_EQUAL_UINT32(0u, cand);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_plan_choose(&s_plan, &s_space, cand));
+    TEST_ASSERT_FALSE(kc_plan_next(&s_plan, &s_space, 2u, false, &cand)); /* once */
+}
+
+void test_it_is_complete_when_the_requested_poses_are_measured(void)
+{
+    for (uint32_t i = 0u; i < 5u; i++) {
+        TEST_ASSERT_FALSE(kc_plan_complete(&s_plan, &s_space));
+        measure(i);
+    }
+    TEST_ASSERT_TRUE(kc_plan_complete(&s_plan, &s_space));
+}
+
+void test_local_initial_poses_alone_are_never_enough(void)
+{
+    TEST_ASSERT_FALSE(kc_plan_enough(&s_plan));
+    measure(0u);
+    TEST_ASSERT_TRUE(kc_plan_enough(&s_plan));
+    given(4u, 0u, 5u);
+    for (uint32_t i = 0u; i < 4u; i++) { measure(10u + i); }
+    TEST_ASSERT_FALSE(kc_plan_enough(&s_plan));
+    for (uint32_t i = 0u; i < 3u; i++) {
+        TEST_ASSERT_FALSE(kc_plan_enough(&s_plan));
+        measure(i);
+    }
+    TEST_ASSERT_TRUE(kc_plan_enough(&s_plan));
+}
+
+void test_six_local_poses_without_tags_end_it_and_so_does_less_than_a_third_of_all(void)
+{
+    given(9u, 0u, 5u);
+    for (uint32_t i = 0u; i < 6u; i++) {
+        TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space, &s_config));
+        (void)next();
+    }
+    TEST_ASSERT_TRUE(kc_plan_no_tags(&s_plan, &s_space, &s_config));
+    measure(10u);
+    TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* there are more to come */
+    for (uint32_t i = 0u; i < 3u; i++) { (void)next(); }
+    TEST_ASSERT_TRUE(kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* one of nine */
+    measure(11u);
+    measure(12u);
+    TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* a third */
+}

@@ -1,0 +1,313 @@
+/* kc_space.c: spaces that can be trusted. */
+#include <math.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "kc_space.h"
+#include "unity.h"
+
+static kc_space_t s_s;
+static kc_arm_t s_arm;
+
+void setUp(void)
+{
+    given_arm(&s_arm);
+    given_space(&s_s, 9u, 1u);
+}
+
+/* Hubs in a chain 0-1-2-...-(n-1), candidate k on hub k. */
+static void given_chain(uint32_t n)
+{
+    given_space(&s_s, n, 1u);
+    memset(s_s.edge, 0, sizeof s_s.edge);
+    s_s.n_hub = n;
+    for (uint32_t h = 0u; h < n; h++) {
+        s_s.hub_edge[h] = (uint16_t)((h > 0u ? 1u << (h - 1u) : 0u) | (h + 1u < n ? 1u << (h + 1u) : 0u));
+        s_s.cand[h].hub = (uint8_t)h;
+    }
+}
+
+void test_an_edge_is_the_same_in_both_directions(void)
+{
+    TEST_ASSERT_TRUE(kc_space_edge(&s_s, 2u, 4u));
+    TEST_ASSERT_TRUE(kc_space_edge(&s_s, 4u, 2u));
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 2u, 3u));
+}
+
+void test_there_is_no_edge_to_itself_or_beyond_the_candidates(void)
+{
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 2u, 2u));
+    s_s.edge[sizeof s_s.edge - 1u] = 0xffu;
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 1023u, 1022u));
+}
+
+/* ---- local initial poses ---- */
+
+/* Candidates 6 to 8 are local initial poses, 8 in reserve, ahead of two other initial poses. */
+static void given_first(void)
+{
+    static const uint16_t initial[] = {6u, 7u, 8u, 0u, 1u};
+    for (uint32_t c = 6u; c < 9u; c++) { s_s.cand[c].why = KC_CAND_LOCAL | 1u; }
+    s_s.cand[8].why |= KC_CAND_RESERVE;
+    memcpy(s_s.initial, initial, sizeof initial);
+    s_s.n_initial = 5u;
+}
+
+void test_a_bit_of_why_says_what_is_a_local_initial_pose_and_what_a_reserve_pose(void)
+{
+    given_first();
+    s_s.cand[0].why = 0x3fffu;
+    for (uint32_t c = 0u; c < 9u; c++) {
+        TEST_ASSERT_EQUAL_INT(c >= 6u, kc_space_local(&s_s, c));
+        TEST_ASSERT_EQUAL_INT(c == 8u, kc_space_reserve(&s_s, c));
+    }
+}
+
+void test_local_initial_poses_are_counted_among_the_initial_poses(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_space_n_local(&s_s));
+    given_first();
+    TEST_ASSERT_EQUAL_UINT32(3u, kc_space_n_local(&s_s));
+}
+
+/* ---- validation ---- */
+
+static void expect_valid(const kc_arm_t *arm)
+{
+    int32_t index = -7;
+    double got = -7.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_space_validate(&s_s, arm, &index, &got));
+    TEST_ASSERT_EQUAL_INT32(-7, index);
+}
+
+static void expect_refused(int32_t want_index, double want_got)
+{
+    int32_t index = -7;
+    double got = -7.0;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_space_validate(&s_s, &s_arm, &index, &got));
+    TEST_ASSERT_EQUAL_INT32(want_index, index);
+    if (isnan(want_got)) {
+        TEST_ASSERT_TRUE(isnan(got));
+    } else {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, want_got, got);
+    }
+    setUp();
+}
+
+void test_a_good_space_is_accepted_with_and_without_an_arm(void)
+{
+    expect_valid(&s_arm);
+    expect_valid(NULL);
+    given_space(&s_s, KC_CAND_MAX, 1u);
+    expect_valid(&s_arm);
+    given_space(&s_s, 1u, 1u);
+    expect_valid(&s_arm);
+    given_chain(KC_HUB_MAX);
+    expect_valid(&s_arm);
+}
+
+void test_impossible_counts_are_refused(void)
+{
+    s_s.n_cand = 0u;
+    expect_refused(-1, 0.0);
+    s_s.n_cand = KC_CAND_MAX + 1u;
+    expect_refused(-1, KC_CAND_MAX + 1.0);
+    s_s.n_hub = 0u;
+    expect_refused(-1, 0.0);
+    s_s.n_hub = KC_HUB_MAX + 1u;
+    expect_refused(-1, KC_HUB_MAX + 1.0);
+    s_s.n_joints = 0u;
+    expect_refused(-1, 0.0);
+    s_s.n_joints = KC_JOINT_MAX + 1u;
+    expect_refused(-1, KC_JOINT_MAX + 1.0);
+    s_s.n_initial = KC_INITIAL_MAX + 1u;
+    expect_refused(-1, KC_INITIAL_MAX + 1.0);
+}
+
+void test_another_number_of_joints_than_the_arm_has_is_refused(void)
+{
+    s_s.n_joints = 6u;
+    expect_refused(-1, 6.0);
+}
+
+void test_the_servo_bound_of_every_joint_must_be_positive_and_finite(void)
+{
+    for (uint32_t j = 0u; j < s_arm.n_joints; j++) {
+        s_s.servo_bound[j] = 0.0f;
+        expect_refused(-1, 0.0);
+        s_s.servo_bound[j] = NAN;
+        expect_refused(-1, NAN);
+    }
+    s_s.servo_bound[s_arm.n_joints] = 0.0f; /* there is no such joint */
+    expect_valid(&s_arm);
+}
+
+void test_an_initial_pose_that_is_no_candidate_is_refused(void)
+{
+    s_s.initial[1] = 9u;
+    expect_refused(KC_SPACE_INDEX_INITIAL + 1, 9.0);
+}
+
+void test_an_initial_pose_listed_twice_is_refused(void)
+{
+    given_first();
+    s_s.initial[1] = s_s.initial[0]; /* else the local initial pose it stood for would never be taken */
+    expect_refused(KC_SPACE_INDEX_INITIAL + 1, (double)s_s.initial[0]);
+}
+
+void test_a_hub_outside_the_joint_limits_is_refused(void)
+{
+    s_s.hub_q[1][1] = 2.1f;
+    expect_refused(KC_SPACE_INDEX_HUB + 1, 2.1);
+    s_s.hub_q[0][3] = -1.0f;
+    expect_refused(KC_SPACE_INDEX_HUB, -1.0);
+}
+
+void test_a_hub_segment_in_one_direction_only_is_refused(void)
+{
+    s_s.hub_edge[1] = 0u;
+    expect_refused(KC_SPACE_INDEX_HUB, 2.0);
+}
+
+void test_a_segment_to_a_hub_that_does_not_exist_is_refused(void)
+{
+    s_s.hub_edge[1] = 5u;
+    expect_refused(KC_SPACE_INDEX_HUB + 1, 5.0);
+}
+
+void test_a_candidate_with_nan_is_refused_wherever_it_is(void)
+{
+    s_s.cand[3].p_m[2] = NAN;
+    expect_refused(3, NAN);
+    s_s.cand[3].q_wxyz[1] = NAN;
+    expect_refused(3, NAN);
+    s_s.cand[3].q_seed[6] = NAN;
+    expect_refused(3, NAN);
+    s_s.cand[3].pan_rad = NAN;
+    expect_refused(3, NAN);
+    s_s.cand[3].tilt_rad = NAN;
+    expect_refused(3, NAN);
+}
+
+void test_a_candidate_off_the_unit_norm_is_refused(void)
+{
+    for (uint32_t k = 0u; k < 4u; k++) { s_s.cand[3].q_wxyz[k] *= 1.00001f; }
+    expect_refused(3, 1.00001);
+}
+
+void test_a_seed_outside_the_joint_limits_is_refused(void)
+{
+    s_s.cand[8].q_seed[4] = 1.25f;
+    expect_refused(8, 1.25);
+}
+
+void test_a_candidate_on_a_hub_that_does_not_exist_is_refused(void)
+{
+    s_s.cand[8].hub = 2u;
+    expect_refused(8, 2.0);
+}
+
+void test_an_edge_bit_beyond_the_candidates_is_refused(void)
+{
+    s_s.edge[4] = (uint8_t)(s_s.edge[4] | 0x10u); /* 9 candidates: bits 0..35 */
+    expect_refused(-1, (double)(s_s.edge[4]));
+    s_s.edge[sizeof s_s.edge - 1u] = 1u;
+    expect_refused(-1, 1.0);
+}
+
+void test_a_candidate_that_no_hub_segment_leads_to_is_refused(void)
+{
+    s_s.hub_edge[0] = 0u;
+    s_s.hub_edge[1] = 0u;
+    expect_refused(1, 1.0); /* the first one on hub 1 */
+}
+
+void test_an_unused_hub_may_be_isolated(void)
+{
+    s_s.n_hub = 3u;
+    expect_valid(&s_arm);
+}
+
+/* ---- bodies and volumes ---- */
+
+void test_too_many_bodies_or_volumes_are_refused(void)
+{
+    s_s.n_body = KC_BODY_MAX + 1u;
+    expect_refused(-1, KC_BODY_MAX + 1.0);
+    s_s.n_volume = KC_VOLUME_MAX + 1u;
+    expect_refused(-1, KC_VOLUME_MAX + 1.0);
+    s_s.n_body = 0u;
+    s_s.volume[0].excluded = 0u;
+    s_s.n_volume = 0u;
+    expect_valid(&s_arm);
+}
+
+void test_a_body_that_is_none_is_refused(void)
+{
+    const int32_t at = KC_SPACE_INDEX_BODY + 1;
+    s_s.body[1].frame = 8u;
+    expect_refused(at, 8.0);
+    s_s.body[1].start_m[2] = NAN;
+    expect_refused(at, NAN);
+    s_s.body[1].end_m[0] = INFINITY;
+    expect_refused(at, INFINITY);
+    s_s.body[1].radius_m = 0.0f;
+    expect_refused(at, 0.0);
+    s_s.body[1].radius_m = NAN;
+    expect_refused(at, NAN);
+}
+
+void test_a_body_that_must_not_meet_itself_or_one_after_it_is_refused(void)
+{
+    const int32_t at = KC_SPACE_INDEX_BODY + 1;
+    s_s.body[1].collision_pairs = 1u;
+    expect_valid(&s_arm);
+    s_s.body[1].collision_pairs = 2u;
+    expect_refused(at, 2.0);
+    s_s.body[0].collision_pairs = 1u;
+    expect_refused(at - 1, 1.0);
+}
+
+void test_local_initial_poses_must_lead_the_initial_poses(void)
+{
+    given_first();
+    expect_valid(&s_arm);
+    s_s.initial[1] = 0u;
+    s_s.initial[3] = 7u;
+    expect_refused(KC_SPACE_INDEX_INITIAL + 1, 0.0);
+}
+
+void test_a_local_initial_pose_outside_the_initial_list_is_refused(void)
+{
+    given_first();
+    s_s.cand[4].why = KC_CAND_LOCAL;
+    expect_refused(8, (double)(KC_CAND_LOCAL | KC_CAND_RESERVE | 1u)); /* one too many up to here */
+}
+
+void test_a_reserve_pose_that_is_no_local_initial_pose_is_refused(void)
+{
+    s_s.cand[4].why = KC_CAND_RESERVE | 1u;
+    expect_refused(4, (double)(KC_CAND_RESERVE | 1u));
+}
+
+void test_a_volume_that_is_none_is_refused(void)
+{
+    const int32_t at = KC_SPACE_INDEX_VOLUME + 1;
+    s_s.volume[1].kind = 4u;
+    expect_refused(at, 4.0);
+    s_s.volume[1].excluded = 4u; /* there are two bodies */
+    expect_refused(at, 4.0);
+    s_s.volume[1].p_m[1] = NAN;
+    expect_refused(at, NAN);
+    s_s.volume[1].size_m[1] = NAN;
+    expect_refused(at, NAN);
+    s_s.volume[1].size_m[2] = 0.0f;
+    expect_refused(at, 0.0);
+    s_s.volume[1].kind = KC_VOL_CAPSULE; /* has no radius */
+    expect_refused(at, 0.0);
+    s_s.volume[1].kind = KC_VOL_SPHERE;
+    expect_refused(at, 0.0);
+    s_s.volume[1].kind = KC_VOL_SPHERE;
+    s_s.volume[1].radius_m = 0.1f;
+    expect_valid(&s_arm);
+}
