@@ -7,7 +7,13 @@
 #include "kc_estimate.h"
 #include "kc_gp.h"
 
-typedef enum { KC_ACQ_UCB = 0, KC_ACQ_RANDOM = 1, KC_ACQ_DOPT = 2, KC_ACQ_VOPT = 3, KC_ACQ_COUNT = 4 } kc_acq_t;
+typedef enum {
+    KC_ACQ_UCB = 0,
+    KC_ACQ_RANDOM = 1,
+    KC_ACQ_DOPT = 2,
+    KC_ACQ_VOPT = 3,
+    KC_ACQ_COUNT = 4
+} kc_acq_t;
 
 /* beta_k = 2 log(|X| k^2 pi^2 / (6 * 0.1)) * scale  (Srinivas et al. 2009, Theorem 1). */
 double kc_acq_beta(uint32_t n_cand, uint32_t k, double scale);

@@ -55,22 +55,22 @@ static uint32_t le32(const uint8_t *b)
     return (uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
 }
 
-kc_status_t kc_journal_load(kc_journal_store_t *store, const uint8_t *data, uint32_t n)
+kc_status_t kc_journal_load(kc_journal_store_t *j, const uint8_t *data, uint32_t n)
 {
-    if (store->found.boot_count != 0u) { return KC_ERR_STATE; }
+    if (j->found.boot_count != 0u) { return KC_ERR_STATE; }
     if (n != KC_JOURNAL_BYTES) { return KC_ERR_FORMAT; }
     if (kc_crc32(0u, data, JOURNAL_CRC_AT) != le32(&data[JOURNAL_CRC_AT])) { return KC_ERR_CRC; }
-    kc_journal_t j;
-    memset(&j, 0, sizeof j);
+    kc_journal_t found;
+    memset(&found, 0, sizeof found);
     kc_walk_t w;
     memset(&w, 0, sizeof w);
     w.mode = KC_WALK_READ;
     w.in = data;
     w.in_n = n;
     w.index = -1;
-    walk(&w, &j);
+    walk(&w, &found);
     if (w.n_bad > 0u) { return KC_ERR_RANGE; }
-    store->found = j;
+    j->found = found;
     return KC_OK;
 }
 
