@@ -7,13 +7,9 @@ from collections import deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from kincal import installation
 from kincal.errors import CommandFailed
 from kincal.link import CommandLink, Received
-
-# isort: split  inprocess has put the simulator on the path
-from kincal_sim import outputs
-from kincal_sim.scenario import load
-from kincal_sim.truth import truth_record
 
 from .evaluate import Evaluator, GroundTruth
 from .follow import Observer, decide
@@ -21,6 +17,11 @@ from .inprocess import Setup, Simulation
 from .perform import Finished
 from .request import Request
 from .store import Store
+
+installation.simulator()
+from kincal_sim import outputs  # noqa: E402
+from kincal_sim.scenario import load  # noqa: E402
+from kincal_sim.truth import truth_record  # noqa: E402
 
 if TYPE_CHECKING:
     from kincal.link.messages import LcmMessage
