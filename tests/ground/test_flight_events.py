@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from kincal.flight import library
 from kincal.flight.event_format import TYPES, event_text
 
 HEADER = (
-    (Path(__file__).resolve().parents[2] / "fsw" / "exec" / "kc_events.h").read_text().replace("\\\n", " ")
+    (Path(__file__).resolve().parents[2] / "fsw" / "tables" / "kc_events.h").read_text().replace("\\\n", " ")
 )
 NAMES = {
     "store": {3: "TERMS table", 16: "proposal"},
@@ -23,6 +24,12 @@ NAMES = {
     "joint_unit": {1: "rad", 2: "m"},
     "entry": {0: "entry", 1000: "term", 2000: "hub"},
 }
+
+
+def test_the_enumeration_has_every_event_of_the_header():
+    events = library("flight").enum("kc_event_id_t", "KC_EVT_")
+    listed = {name: int(number) for number, name in re.findall(r"X\((\d+), (\w+),", body("KC_EVENT_LIST"))}
+    assert events == {"NONE": 0, **listed}
 
 
 def body(macro: str) -> str:

@@ -87,12 +87,12 @@ class _Library:
 
     def enum(self, ctype: str, prefix: str) -> dict[str, int]:
         """Enumeration of the headers as {name: number}, in order of the numbers; names without the prefix
-        and in capitals, without the _COUNT that closes some: enum("kc_state_t", "KC_ST_")["IDLE"]."""
+        and in capitals, without the COUNT that closes some: enum("kc_state_t", "KC_ST_")["IDLE"]."""
         found: Mapping[int, str] = self.ffi.typeof(ctype).elements
         return {
             found[number].removeprefix(prefix): number
             for number in sorted(found)
-            if not found[number].endswith("_COUNT")
+            if found[number] != f"{prefix}COUNT"
         }
 
     # -- structs and arrays
