@@ -46,7 +46,7 @@ def event_names() -> Names:
     flight = library("flight")
     lib = flight.lib
     inputs, sources = (
-        _by_number(flight, *enum) for enum in (("kc_input_t", "KC_INPUT_"), ("kc_source_t", "KC_SRC_"))
+        _by_number(flight, *enum) for enum in (("kc_sensor_t", "KC_INPUT_"), ("kc_source_t", "KC_SRC_"))
     )
     return {
         **{kind: _by_number(flight, *enum) for kind, enum in _ENUMS.items()},
