@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from kincal.errors import BadInput
+from kincal.schema import names
 from kincal.schema.scenario import ArmTruth, Scenario, read_scenario
 
 from .arm import UnknownName, joint_index, load_spec, per_joint, split_errors
 
 SCENARIO_DIR = Path(__file__).resolve().parent.parent / "scenarios"
-ACQUISITIONS = {"table": -1, "ucb": 0, "random": 1, "dopt": 2, "vopt": 3}
+ACQUISITIONS = {"table": -1, **{name: number for number, name in enumerate(names.ACQUISITIONS)}}
 VERDICTS = ("no_change", "change", "poor")
 ACCEPT = ("ground", "auto", "policy")
 

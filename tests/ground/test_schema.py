@@ -12,6 +12,7 @@ from kincal.errors import BadInput
 from kincal.flight import library
 from kincal.schema import arm, base, errors, files, scenario, space, tables
 from kincal.schema.errors import SchemaError, read_toml, validate
+from kincal.schema.names import ACQUISITIONS
 from kincal.workbench.effects import Library
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -430,6 +431,10 @@ def test_source_has_the_fields_of_its_struct(model, struct, differs):
 def test_names_of_a_key_are_those_of_the_headers(model, key, enum, prefix):
     names = base.choices_of(model.model_fields[key].annotation)
     assert sorted(names) == sorted(name.lower() for name in library("flight").enum(enum, prefix))
+
+
+def test_acquisitions_stand_in_the_order_of_their_numbers():
+    assert [name.upper() for name in ACQUISITIONS] == list(library("flight").enum("kc_acq_t", "KC_ACQ_"))
 
 
 # --------------------------------------------------------------------------- other files

@@ -14,6 +14,7 @@ from kincal.cli.options import TABLES
 from kincal.cli.outputs import FOLDER_OUT
 from kincal.cli.terminal import console
 from kincal.cli.text import run as text
+from kincal.schema.names import ACQUISITIONS
 
 if TYPE_CHECKING:
     from kincal.results import PoseLine, RunResult
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--acquisition",
-    type=click.Choice(["table", "ucb", "random", "dopt", "vopt"]),
+    type=click.Choice(["table", *ACQUISITIONS]),
     default=None,
     help="How poses are chosen.  [default: as the scenario says]",
 )

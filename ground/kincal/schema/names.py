@@ -1,4 +1,4 @@
-"""Names of the term grammar: functions, variables, twist components, places on the arm.
+"""Names of the term grammar: functions, variables, twist components, places on the arm; of acquisitions.
 
 Names only. Their numbers are those of the flight headers (fsw/model/kc_terms.h), which `kincal.flight` reads;
 tests/ground/test_schema_terms.py compares the two.
@@ -7,6 +7,7 @@ tests/ground/test_schema_terms.py compares the two.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,10 @@ class Variable:
     needs: str = ""
     of_body: bool = False
 
+
+Acquisition = Literal["ucb", "random", "dopt", "vopt"]
+"""How the next pose is chosen; in the order of their numbers (kc_acq_t)."""
+ACQUISITIONS: tuple[str, ...] = get_args(Acquisition)
 
 # Twist of a pose from a camera by a fault of camera or target: name here -> name in kc_var_t.
 PNP = {f"p{comp}": f"pnp_{comp}" for comp in ("tx", "ty", "tz", "rx", "ry", "rz")}

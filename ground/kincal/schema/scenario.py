@@ -11,6 +11,7 @@ import pydantic
 
 from .base import Strict
 from .errors import Contradiction, read_toml, validate
+from .names import Acquisition
 from .numbers import Count, NotNegative, Real, Vec3
 from .simulator import DetectionSettings, OpticsSettings
 
@@ -101,7 +102,7 @@ class Environment(Section):
 class Calibration(Section):
     """What the executive asks for; the defaults leave the choice to the flight tables."""
 
-    acquisition: Literal["table", "ucb", "random", "dopt", "vopt"] = "table"
+    acquisition: Literal["table", Acquisition] = "table"
     """How the next pose is chosen; table: as the configuration table says."""
     poses: Annotated[int, Count(ge=0)] = 0
     """Number of poses; 0: as the configuration table says."""

@@ -16,6 +16,7 @@ import pydantic
 from .arm import Quat
 from .base import Strict
 from .errors import Contradiction
+from .names import Acquisition
 from .numbers import Angle, Count, NotNegative, Positive, Real, Vec3
 from .terms import TermEntry
 
@@ -418,7 +419,7 @@ class ConfigSource(Source):
 
     kind: Literal["config"]
     """Kind of table."""
-    acquisition: Literal["ucb", "random", "dopt", "vopt"]
+    acquisition: Acquisition
     """How the next pose is chosen."""
     n_poses: Natural
     """Poses of a calibration."""
