@@ -424,7 +424,9 @@ def test_data_of_another_session_are_predicted_without_the_drift_of_the_fitted_o
     fit = fit_model(arm, drifted, library.find("time_drift[4]", arm, drifted, {"tau": 600.0}))
     plain = fit_model(arm, drifted)
     assert fit.of_session == ("time_drift[4]",)
-    other = replace(drifted, source="measured a year later")
+    other = replace(drifted, q=drifted.q + 1e-4, source="measured a year later")
+    copy = replace(drifted, source="a copy of the file")
+    np.testing.assert_array_equal(fit.predict(copy), fit.predict(drifted))
     np.testing.assert_allclose(fit.predict(other), plain.predict(other), atol=1e-7)
     assert np.abs(fit.predict(drifted)[:, :3]).max() < np.abs(fit.predict(other)[:, :3]).max()
     assert "predicted without" in explain.of_session(fit)[0]

@@ -77,7 +77,7 @@ class Fitted:
 
     def residuals(self, data: Data | Measurements | None = None) -> Floats:
         """(N, c) measured - model, base frame [m, rad], c = 6 or 3 without orientations; of the poses that
-        were fitted, or of others; those of another source without effects of the fitted session (drift)."""
+        were fitted, or of others; those of another session without effects of the fitted session (drift)."""
         if data is None:
             return self.result.fit.evaluation.r
         return self.result.fit.predict(measurements(self.arm, data))

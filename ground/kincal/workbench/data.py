@@ -122,6 +122,17 @@ class Measurements:
         return values is not None and not np.ptp(values, axis=0).any()
 
 
+def of_one_session(data: Measurements, known: Measurements) -> bool:
+    """Whether all poses of `data` are measurements of `known`: of the same source, or the same readings and
+    positions to the last bit, wherever they were read from."""
+    if data.source == known.source:
+        return True
+    rows, all_rows = (
+        {row.tobytes() for row in np.column_stack([x.q, x.p_m])} for x in (data, known.whole or known)
+    )
+    return rows <= all_rows
+
+
 def without_copies(data: Measurements) -> Measurements:
     """The poses without rows that repeat another one to the last bit: noise makes replicates differ, so these
     are the same measurement written twice."""

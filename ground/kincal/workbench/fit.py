@@ -19,7 +19,7 @@ from kincal.flight import Evaluation, Model
 from kincal.rotations import Pose, matrix_of_wxyz
 from kincal.schema.arm import ArmTable
 
-from .data import Measurements
+from .data import Measurements, of_one_session
 from .effects import Hypothesis, Parameter
 from .frames import solve_frames
 from .model import flight_model, nominal_chain, observations
@@ -114,9 +114,9 @@ class Fit:
         return fit_model(self.arm, self.data, kept, dh=dh, frames=(self.base, self.tool), start=start)
 
     def predict(self, data: Measurements) -> Array:
-        """Residuals (M, c) of other measurements [m, rad] under this fit; those of another source under
+        """Residuals (M, c) of other measurements [m, rad] under this fit; those of another session under
         `beyond_session`."""
-        fit = self if data.source == self.data.source else self.beyond_session
+        fit = self if of_one_session(data, self.data) else self.beyond_session
         return fit.model.at(observations(fit.arm, data)).residuals(fit.estimate)
 
     def at(self, data: Measurements) -> Fit:
