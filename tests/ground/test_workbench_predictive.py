@@ -91,6 +91,7 @@ class Held:
     factor: dict
     n: int = 60
     has_held_out: bool = True
+    unnamed_wins: bool = True
     known_noise: bool = False
 
     def held_square(self, model):
@@ -108,12 +109,15 @@ class Held:
         return HeldGain.of(self.held_square(others), self.held_square((*others, h)), cross_validated=False)
 
     def posterior(self, model):
-        return f"beside {len(model)}"
+        return Last(self.unnamed_wins, len(model))
 
 
 @dataclass
 class Last:
+    """A posterior beside so many effects."""
+
     unnamed_wins: bool = True
+    effects: int = -1
 
 
 def chosen(*names):
@@ -126,7 +130,7 @@ def test_what_harms_is_taken_back_and_what_helps_stays():
     found = never_worse(study, chosen("bad", "good"), study)
     assert [k.effect.name for k in found.kept] == ["good"]
     assert [k.effect.name for k in found.taken_back] == ["bad"]
-    assert found.last == "beside 1"
+    assert found.last == Last(True, 1)
 
 
 def test_a_model_that_only_gains_is_left_alone():
@@ -144,6 +148,9 @@ def test_doubtful_effects_go_one_after_another_and_unproven_ones_have_not_won():
     study = Noisy({"good": 0.7, "fair": 0.97, "bad": 1.01})
     found = without_doubtful(study, chosen("good", "fair", "bad"))
     assert [(k.effect.name, k.role) for k in found.kept] == [("good", "accepted"), ("fair", "helps")]
+    study.unnamed_wins = False
+    found = without_doubtful(study, chosen("good", "fair", "bad"))
+    assert [(k.effect.name, k.role) for k in found.kept] == [("good", "accepted"), ("fair", "accepted")]
 
 
 # --------------------------------------------------------------------------- few poses
