@@ -81,8 +81,9 @@ class Posterior:
     @property
     def unnamed_wins(self) -> bool:
         """Something is missing, and what no effect describes is more likely than each effect."""
-        best = max((self.presence(name) for name in self._effects), default=0.0)
-        return self.unnamed > ACCEPT_ODDS * self.none and self.unnamed > best
+        return self.unnamed > ACCEPT_ODDS * self.none and all(
+            self.unnamed > self.presence(name) for name in self._effects
+        )
 
     @property
     def _effects(self) -> list[str]:
