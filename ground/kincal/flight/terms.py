@@ -111,20 +111,20 @@ class Coefficient:
 @cache
 def functions() -> dict[str, int]:
     """Basis functions of the headers by their name in the grammar: {"lin": 0 ...}."""
-    return {name.lower(): number for name, number in library("flight").enum("kc_fn_t", "KC_FN_").items()}
+    return {name.lower(): number for name, number in library("ground").enum("kc_fn_t", "KC_FN_").items()}
 
 
 @cache
 def components() -> dict[str, int]:
     """Twist components by name: {"tx": 0 .. "rz": 5}."""
-    return {name.lower(): number for name, number in library("flight").enum("kc_comp_t", "KC_").items()}
+    return {name.lower(): number for name, number in library("ground").enum("kc_comp_t", "KC_").items()}
 
 
 @cache
 def variable(name: str) -> int:
     """Number of a basis variable by its name in the grammar, any case. KeyError if there is none."""
     upper = name.upper()
-    return library("flight").enum("kc_var_t", "KC_VAR_")[_VARIABLE_NAMES.get(upper, upper)]
+    return library("ground").enum("kc_var_t", "KC_VAR_")[_VARIABLE_NAMES.get(upper, upper)]
 
 
 def fill_basis(out: KcBasis, basis: BasisLike) -> None:

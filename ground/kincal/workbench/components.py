@@ -76,9 +76,10 @@ class Components:
         """Covariance of the rows of poses `at` with those of poses `of`, without noise."""
         a, b = self.rows(at), self.rows(of)
         live = self._live(variance)
-        mine = self.columns[np.ix_(a, live)]
-        other = mine if at is of else self.columns[np.ix_(b, live)]
-        out = self.nuisance[a] @ self.nuisance[b].T + (mine * variance[self.group[live]]) @ other.T
+        sigma = np.sqrt(variance[self.group[live]])
+        mine = self.columns[np.ix_(a, live)] * sigma
+        other = mine if at is of else self.columns[np.ix_(b, live)] * sigma  # the same array: half the work
+        out = self.nuisance[a] @ self.nuisance[b].T + mine @ other.T
         blocks = out.reshape(len(at), self.c, len(of), self.c)
         for place, part in self._dense(variance):
             if part.any():

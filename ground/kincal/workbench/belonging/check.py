@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -59,8 +60,14 @@ def check(arm: ArmTable, data: Measurements, *, thorough: bool = True) -> Check:
     """Look at everything that is recorded, and for a misreading of the files that explains the poses better.
 
     thorough: also where the arm explains the poses well as it is, so that a mistake about a joint that hardly
-    moves is found too.
+    moves is found too. The answer for the same two objects is remembered: a command asks before it computes,
+    and its answer shows it.
     """
+    return _check(arm, data, thorough)
+
+
+@lru_cache(maxsize=4)
+def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
     found, left = list(of_data(arm, data)), None
     if data.n >= LEAST_POSES:
         search = Search(arm, data)

@@ -7,18 +7,19 @@ readings of the files can be compared with it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from kincal.errors import CannotAnswer
+from kincal.flight import Arm
 from kincal.rotations import Pose, matrix_of_wxyz, rotation_of_wxyz
 from kincal.schema.arm import ArmTable
 
 from ..data import Measurements
 from ..effects import Hypothesis
 from ..fit import Fit, fit_model
-from ..model import nominal_chain
 from ..parameters import dh_parameters
 from ..types import Array
 
@@ -27,6 +28,8 @@ _KEPT = 0.8  # share of the poses that counts: outliers are no question of how f
 _OFFSET = "offset"  # name of the joint offsets among the coefficients
 _OFFSET_SIGMA = 0.3  # [rad or m]
 _MOST_OFFSET = 1.4  # [rad], below a quarter turn
+_RANK = 1e-10  # of the regression, to its largest singular value
+_AT_ONCE = 256  # ways of reading the files, for memory
 _LEAST_SPREAD_M, _LEAST_TURN = 1e-6, 0.1  # smallest motion that errors are compared with [m], [rad]
 
 
@@ -81,31 +84,64 @@ def _turn(quat_wxyz: Array) -> float:
     return float(np.sqrt(((turns * turns.mean().inv()).magnitude() ** 2).mean()))
 
 
-def screened(arm: ArmTable, data: Measurements) -> float:
+def screened(arm: ArmTable, q: Array, data: Measurements) -> Array:
     """Share of the motion of the nominal arm that the measured poses do not follow, frames and offsets aside:
-    0 for an arm that explains them, up to about 1."""
-    chain = nominal_chain(arm, data)
-    left = _left_of_positions(chain, data.p_m)
-    if data.quat_wxyz is None:
+    0 for an arm that explains them, up to about 1.
+
+    q: (K, N, n) joint readings of the N poses, understood in K ways; the answer has one value for each. 5000
+    ways of 60 poses take about half a second.
+    """
+    poses = Arm.of(arm)
+    turns = None if data.quat_wxyz is None else matrix_of_wxyz(data.quat_wxyz)
+    follow = _Positions(data.p_m)
+    left = []
+    for some in np.array_split(q, max(math.ceil(len(q) / _AT_ONCE), 1)):
+        chain = poses.fk(some)
+        one = follow.left_of(chain)
+        left.append(one if turns is None else np.hypot(one, _left_of_turns(chain.R, turns)))
+    return np.concatenate(left)
+
+
+class _Positions:
+    """The regression of the nominal arm's positions on measured ones (N, 3) [m]."""
+
+    def __init__(self, p_m: Array) -> None:
+        known = np.zeros((len(p_m), 3, 12))
+        for i in range(3):
+            known[:, i, 3 * i : 3 * i + 3] = p_m - p_m.mean(axis=0)
+        known[:, :, 9:] = np.eye(3)
+        u, s, _ = np.linalg.svd(_scaled(known.reshape(-1, 12)), full_matrices=False)
+        self._basis = u[:, s > _RANK * s[0]]  # (3N, r) what the measured positions explain, for every arm
+
+    def left_of(self, chain: Pose) -> Array:
+        """(K,) shares of the positions of K x N poses that are left; the tool offset turns with the chain."""
+        wanted = (chain.p_m - chain.p_m.mean(axis=-2, keepdims=True)).reshape(len(chain.p_m), -1, 1)
+        turning = chain.R.reshape(len(chain.R), -1, 3)
+        size = np.linalg.norm(wanted, axis=1)[:, 0]
+        wanted, turning = self._without_known(wanted), self._without_known(turning)
+        u, s, _ = np.linalg.svd(turning, full_matrices=False)
+        u = u * (s > _RANK * math.sqrt(turning.shape[1] / 3))[:, None, :]  # its columns have this length
+        rest = wanted - u @ (np.swapaxes(u, 1, 2) @ wanted)
+        left: Array = np.linalg.norm(rest, axis=1)[:, 0] / np.maximum(size, _LEAST_SPREAD_M)
         return left
-    return float(np.hypot(left, _left_of_turns(chain.R, matrix_of_wxyz(data.quat_wxyz))))
+
+    def _without_known(self, columns: Array) -> Array:
+        out: Array = columns - self._basis @ (self._basis.T @ columns)
+        return out
 
 
-def _left_of_positions(chain: Pose, p_m: Array) -> float:
-    wanted = (chain.p_m - chain.p_m.mean(axis=0)).ravel()
-    columns = np.zeros((len(p_m), 3, 15))
-    for i in range(3):
-        columns[:, i, 3 * i : 3 * i + 3] = p_m - p_m.mean(axis=0)
-    columns[:, :, 9:12], columns[:, :, 12:] = -chain.R, np.eye(3)
-    design = columns.reshape(-1, 15)
-    size = np.linalg.norm(design, axis=0)
-    design = design / np.where(size > 0.0, size, 1.0)
-    rest = wanted - design @ np.linalg.lstsq(design, wanted, rcond=1e-10)[0]
-    return float(np.linalg.norm(rest) / max(float(np.linalg.norm(wanted)), _LEAST_SPREAD_M))
+def _scaled(columns: Array) -> Array:
+    """Columns of unit length; those of zeros stay."""
+    size = np.linalg.norm(columns, axis=0)
+    out: Array = columns / np.where(size > 0.0, size, 1.0)
+    return out
 
 
-def _left_of_turns(nominal: Array, measured: Array) -> float:
-    """From the largest singular value of K = sum R_A^T (x) R_meas^T (frames.py), N for turns that agree."""
-    k = np.einsum("nji,nlk->ikjl", nominal, measured).reshape(9, 9)
-    largest = float(np.linalg.svd(k, compute_uv=False)[0])
-    return float(np.sqrt(max(1.0 - largest / len(nominal), 0.0)))
+def _left_of_turns(nominal: Array, measured: Array) -> Array:
+    """(K,) from the largest singular value of K = sum R_A^T (x) R_meas^T (frames.py), N for turns that agree;
+    nominal: (K, N, 3, 3), measured: (N, 3, 3)."""
+    k = np.swapaxes(nominal.reshape(len(nominal), -1, 9), 1, 2) @ measured.reshape(-1, 9)
+    k = k.reshape(-1, 3, 3, 3, 3).transpose(0, 2, 4, 1, 3).reshape(-1, 9, 9)
+    largest = np.linalg.svd(k, compute_uv=False)[:, 0]
+    left: Array = np.sqrt(np.maximum(1.0 - largest / len(measured), 0.0))
+    return left

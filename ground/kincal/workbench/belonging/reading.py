@@ -79,9 +79,19 @@ class Reading:
         unknown = self.free or bool(self.joints) or self.convention
         return replace(arm, base=_free(arm.base), tool=_free(arm.tool)) if unknown else arm
 
-    def _data(self, data: Measurements, rows: Indices) -> Measurements:
+    def joint_values(self, data: Measurements, rows: Indices) -> Array:
+        """(N, n) joint readings of some poses, as this reading understands them."""
         late = data.q[(rows - self.shift) % data.n]
-        q = late[:, self.order] * self.sign * self.angle + self.offset
+        q: Array = late[:, self.order] * self.sign * self.angle + self.offset
+        return q
+
+    def with_joint_values_as_given(self) -> Reading:
+        """What this reading says of arm and poses alone."""
+        given = Reading.as_given(len(self.order))
+        return replace(self, order=given.order, sign=given.sign, offset=given.offset, angle=1.0, shift=0)
+
+    def _data(self, data: Measurements, rows: Indices) -> Measurements:
+        q = self.joint_values(data, rows)
         data = data.take(rows)
         p_m, quat = data.p_m * self.length, data.quat_wxyz
         if quat is not None and self.quaternion == "xyzw":

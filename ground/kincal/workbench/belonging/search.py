@@ -6,6 +6,7 @@ the regression cannot judge, by `misfit`. A change that the final reading can do
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -66,19 +67,36 @@ class Search:
             self.fitted[reading] = misfit(*self.of(reading))
         return self.fitted[reading]
 
+    def ranked(self, readings: Iterable[Reading]) -> list[Reading]:
+        """Readings by their misfit by regression, least first. It counts to three digits: smaller differences
+        leave the likelier mistake first."""
+        readings = list(readings)
+        self._screen(reading for reading in readings if reading not in self.bounds)
+        return sorted(readings, key=self.bounds.__getitem__)
+
     def bound(self, reading: Reading) -> float:
-        """The same by regression, to three digits: smaller differences leave the likelier mistake first."""
-        if reading not in self.bounds:
-            self.bounds[reading] = round(screened(*self.of(reading)), 3)
+        """The misfit by regression."""
+        self.ranked([reading])
         return self.bounds[reading]
+
+    def _screen(self, readings: Iterable[Reading]) -> None:
+        """Those that differ only in joint readings are computed together."""
+        groups: dict[Reading, list[Reading]] = defaultdict(list)
+        for reading in readings:
+            groups[reading.with_joint_values_as_given()].append(reading)
+        for shared, group in groups.items():
+            arm, data = self.of(shared)
+            q = np.stack([reading.joint_values(self.data, self.rows) for reading in group])
+            for reading, left in zip(group, screened(arm, q, data), strict=True):
+                self.bounds[reading] = round(float(left), 3)
 
     def best(self) -> Reading:
         """The reading with the least misfit that simple changes lead to, without changes that it does not
         need."""
         found = self._walk(self.given)
         if self.misfit(found) > GOOD_MISFIT and self.misfit(found) * FOUND > self.misfit(self.given):
-            leap = min(all_orders(self.given), key=self.bound, default=self.given)
-            found = min((found, self._walk(leap)), key=self.misfit)
+            leap = self.ranked(all_orders(self.given))[:1]
+            found = min((found, *map(self._walk, leap)), key=self.misfit)
         return self._pruned(found)
 
     def _walk(self, start: Reading) -> Reading:
@@ -90,7 +108,7 @@ class Search:
 
     def _step(self, here: Reading) -> Reading | None:
         """The best reading one change away; None if none is much better, by fit or by regression."""
-        ranked = sorted(motions(here, self.shipped), key=self.bound)
+        ranked = self.ranked(motions(here, self.shipped))
         tried = [*ranked[:_TRIED], *poses(here, self.data, self.arm)]
         least = min(map(self.misfit, tried))
         if least < _BETTER * self.misfit(here):
