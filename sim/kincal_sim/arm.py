@@ -108,6 +108,11 @@ class Arm:
         return transform(self.data.xpos[body], self.data.xmat[body].reshape(3, 3))
 
     @property
+    def p_base_tool_m(self) -> np.ndarray:
+        """(3,) position of the tool frame [m]."""
+        return self.data.xpos[self._tool].copy()
+
+    @property
     def T_base_tool(self) -> np.ndarray:
         """4x4 pose of the tool frame."""
         return self._pose(self._tool)

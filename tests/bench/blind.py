@@ -5,8 +5,8 @@
 The simulator's generator (python -m kincal_sim.hidden, a process of its own) hides effects in a nonlinear
 MuJoCo arm and seals what it did; the workbench (kincal.workbench) sees poses.csv and arm.toml only. All
 answers are on disk before the first seal is opened, and every seal is checked against the hash in the
-manifest. An answer is a line of DIR/answers.jsonl as soon as it is there; a run that was stopped goes on
-from there. Exit 1 if a criterion fails.
+manifest. Answers are lines of DIR/answers.jsonl as soon as a block of cases is done; a run that was stopped
+goes on from there. Exit 1 if a criterion fails.
 
 What counts as right
 - A finding is right if it names a hidden effect: the library's name for that kind (RIGHT) and, where the
@@ -47,6 +47,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -62,6 +63,7 @@ for _folder in ("ground", "sim"):
     sys.path.insert(0, str(ROOT / _folder))
 
 CLAIM, MENTION = 0.9, 0.05
+BLOCK = 20  # cases that are made together
 VISIBLE = 40.0
 CONFOUNDED_CHI2 = 4.0
 DECIDED = 0.99
@@ -233,29 +235,25 @@ def quick_cases() -> list[Case]:
     ]
 
 
-def make(folder: Path, row: dict) -> str:
-    """Let the generator write one case, if it is not there; gives the hash of its seal."""
-    place = folder / row["id"]
-    (place / "plan.json").parent.mkdir(parents=True, exist_ok=True)
-    wanted, there = json.dumps([row]), place / "plan.json"
+def block(row: dict) -> str:
+    """Name of the folder of cases that are made together: starting the generator takes as long as a case."""
+    return f"b{int(row['id'][1:]) // BLOCK:04d}"
+
+
+def make(folder: Path, rows: list[dict]) -> dict[str, str]:
+    """Let the generator write the cases of a block, if they are not there; gives the hash of each seal."""
+    place = folder / block(rows[0])
+    place.mkdir(parents=True, exist_ok=True)
+    wanted, there = json.dumps(rows), place / "plan.json"
     if not (there.exists() and there.read_text() == wanted and (place / "manifest.json").exists()):
         there.write_text(wanted)
         (place / "manifest.json").unlink(missing_ok=True)
-        command = [
-            sys.executable,
-            "-m",
-            "kincal_sim.hidden",
-            "make",
-            "--out",
-            str(place),
-            "--plan",
-            str(there),
-        ]
+        command = [sys.executable, "-m", "kincal_sim.hidden", "make", "--out", place, "--plan", there]
         env = {**os.environ, "PYTHONPATH": str(ROOT / "sim")}
-        done = subprocess.run(command, env=env, stdout=subprocess.DEVNULL)
+        done = subprocess.run(list(map(str, command)), env=env, stdout=subprocess.DEVNULL)
         if done.returncode:
             raise RuntimeError("the generator of hidden effects failed")
-    return json.loads((place / "manifest.json").read_text())[0]["sha256"]
+    return {made["id"]: made["sha256"] for made in json.loads((place / "manifest.json").read_text())}
 
 
 # ----------------------------------------------------------------------------------------------- answers
@@ -288,15 +286,19 @@ def arm_alone(fit, queries) -> list[list[float]]:
     return fit.model.at(observations(fit.arm, queries)).poses(coefficients).p_m.tolist()
 
 
-def answer(folder: Path, row: dict, without: tuple[str, ...]) -> dict:
+def answer_block(folder: Path, pending: list[tuple[Case, dict]]) -> list[dict]:
+    """What the workbench says about the cases of a block."""
+    sha256 = make(folder, [row for _, row in pending])
+    return [answer(folder / block(row) / row["id"], case, sha256[row["id"]]) for case, row in pending]
+
+
+def answer(folder: Path, case: Case, sha256: str) -> dict:
     """What the workbench says about one case, as plain data; the seal is not touched."""
     from kincal import workbench as wb
 
-    sha256 = make(folder, row)
-    arm = wb.read_arm(folder / row["id"] / "arm.toml")
-    folder = folder / row["id"] / row["id"]
+    arm = wb.read_arm(folder.parent / "arm.toml")
     data = wb.read_csv(folder / "poses.csv", arm.n)
-    library = wb.Library.load().without(*without)
+    library = wb.Library.load().without(*case.without)
     start = time.perf_counter()
     found = wb.diagnose(arm, data, library)
     seconds = time.perf_counter() - start
@@ -316,7 +318,7 @@ def answer(folder: Path, row: dict, without: tuple[str, ...]) -> dict:
         )
     novel = found.novel and {"frame": found.novel.location, "drivers": list(found.novel.depends_on)}
     return {
-        "id": row["id"],
+        "id": folder.name,
         "sha256": sha256,
         "verdict": found.verdict,
         "effects": effects,
@@ -334,14 +336,15 @@ def fingerprint() -> str:
     """Of the sources that answers come from."""
     digest = hashlib.sha256()
     folders = (ROOT / "ground" / "kincal" / "workbench", ROOT / "sim" / "kincal_sim" / "hidden")
-    for path in [path for folder in folders for path in sorted(folder.glob("*.*"))]:
-        digest.update(path.read_bytes())
+    for folder in folders:
+        for path in sorted(path for path in folder.rglob("*.*") if path.suffix != ".pyc"):
+            digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
 def ask(folder: Path, todo: list[Case], plan: list[dict], processes: int) -> list[dict]:
-    """All answers. Each is a line of answers.jsonl as soon as it is there; a run that was stopped, or that
-    asked for some groups only, goes on from there as long as the sources are the same."""
+    """All answers. Each is a line of answers.jsonl as soon as its block is done; a run that was stopped, or
+    that asked for some groups only, goes on from there as long as the sources are the same."""
     folder.mkdir(parents=True, exist_ok=True)
     path, mark = folder / "answers.jsonl", json.dumps({"of": fingerprint()})
     lines = path.read_text().splitlines() if path.exists() else []
@@ -368,15 +371,15 @@ def ask(folder: Path, todo: list[Case], plan: list[dict], processes: int) -> lis
     return [done[row["id"]] for row in plan]
 
 
-def answers(pending: list[tuple[Case, dict]], folder: Path, processes: int):
+def answers(pending: list[tuple[Case, dict]], folder: Path, processes: int) -> Iterator[dict]:
+    blocks = [list(some) for _, some in itertools.groupby(pending, key=lambda one: block(one[1]))]
     if processes == 1:
-        for case, row in pending:
-            yield answer(folder, row, case.without)
+        for some in blocks:
+            yield from answer_block(folder, some)
         return
     with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-        running = [pool.submit(answer, folder, row, case.without) for case, row in pending]
-        for done in as_completed(running):
-            yield done.result()
+        for done in as_completed([pool.submit(answer_block, folder, some) for some in blocks]):
+            yield from done.result()
 
 
 # ---------------------------------------------------------------------------------------- evaluation
@@ -706,7 +709,7 @@ def main() -> int:
     start = time.monotonic()
     said = ask(args.dir, todo, plan, args.processes)
     results = [
-        evaluate(args.dir / row["id"] / row["id"], case, one)
+        evaluate(args.dir / block(row) / row["id"], case, one)
         for row, case, one in zip(plan, todo, said, strict=True)
     ]
     print("\n".join(table(results)))

@@ -71,14 +71,15 @@ def postures(
     RuntimeError if too few are found.
     """
     low, high = _region(arm, unseen)
+    q_low, q_high = arm.q_min + LIMIT_MARGIN_RAD, arm.q_max - LIMIT_MARGIN_RAD
     found: list[Posture] = []
     for _ in range(POSTURE_TRIES):
         if len(found) == n:
             return found
-        q = rng.uniform(arm.q_min + LIMIT_MARGIN_RAD, arm.q_max - LIMIT_MARGIN_RAD)
+        q = rng.uniform(q_low, q_high)
         arm.set(q)
-        p = arm.T_base_tool[:3, 3]
-        if not ((p > low).all() and (p < high).all()):
+        p = arm.p_base_tool_m
+        if not all(a < x < b for a, x, b in zip(low, p, high, strict=True)):  # most end here
             continue
         pan, tilt = _random_aim(arm, p, rng) if aim is None else aim
         arm.set(q, pan, tilt)
