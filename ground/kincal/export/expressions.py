@@ -6,48 +6,28 @@ from dataclasses import dataclass
 from typing import Literal
 
 from kincal.errors import CannotAnswer
-from kincal.schema.names import LEVER_STRIDE, PNP, VARIABLES
+from kincal.schema.names import LEVER_STRIDE, PNP, VARIABLES, Variable
 from kincal.schema.terms import Basis
 
 from .calibrated import FittedTerm
 
 Language = Literal["python", "c"]
 
-# Value of each basis variable in the generated code; {i} counts joints from 0, links from 0 (the base).
-_VARIABLES: dict[str, tuple[str, str]] = {
-    "q": ("q[{i}]", "q[{i}]"),
-    "tau": ("load.tau[{i}]", "load->tau[{i}]"),
-    "Mx": ("load.moment[{i}][0]", "load->moment[{i}][0]"),
-    "My": ("load.moment[{i}][1]", "load->moment[{i}][1]"),
-    "Mz": ("load.moment[{i}][2]", "load->moment[{i}][2]"),
-    "taup": ("load.tau_payload[{i}]", "load->tau_payload[{i}]"),
-    "dir": ('d["direction"][{i}]', "d->direction[{i}]"),
-    "qdot": ('d["qdot"][{i}]', "d->qdot[{i}]"),
-    "temp": ('d["temp_c"]', "d->temp_c"),
-    "t": ('d["t_s"]', "d->t_s"),
-    "payload": ('d["payload_kg"]', "d->payload_kg"),
-    "range": ('d["range_m"]', "d->range_m"),
-    "incid": ('d["incid_rad"]', "d->incid_rad"),
-    "pan": ('d["pan_rad"]', "d->pan_rad"),
-    "tilt": ('d["tilt_rad"]', "d->tilt_rad"),
-    "tag": ('d["tag"]', "d->tag"),
-    "u": ("view.u", "view->u"),
-    "v": ("view.v", "view->v"),
-    "r2": ("(view.u**2 + view.v**2)", "(view->u * view->u + view->v * view->v)"),
-    **{name: (f"view.p[{k}]", f"view->p[{k}]") for k, name in enumerate(("xcam", "ycam", "zcam"))},
-    **{name: (f"view.p[{k}]", f"view->p[{k}]") for k, name in enumerate(("sx", "sy", "sz"))},
-    **{f"g{c}": (f"load.gravity[{{i}}][{k}]", f"load->gravity[{{i}}][{k}]") for k, c in enumerate("xyz")},
-    **{
-        f"lev{c}": (f"_lever(load, {{i}}, {{body}}, {k})", f"lever(load, {{i}}, {{body}}, {k})")
-        for k, c in enumerate("xyz")
-    },
-}
-LINK_INDEXED = ("Mx", "My", "Mz", "gx", "gy", "gz")
-MASSES = ("tau", "Mx", "My", "Mz", "taup")
-LEVERS = ("gx", "gy", "gz", "levx", "levy", "levz")
-LOADS = (*MASSES, *LEVERS)
-VIEW = ("u", "v", "r2", "xcam", "ycam", "zcam", "sx", "sy", "sz")
-IMAGE = ("u", "v", "r2")
+
+def _variables_with(*texts: str) -> frozenset[str]:
+    """Variables whose expression has one of these texts in it."""
+    return frozenset(
+        name
+        for name, of in VARIABLES.items()
+        if of.computed and any(text in of.computed[0] for text in texts)
+    )
+
+
+LEVERS = _variables_with("load.gravity", "_lever(load")
+MASSES = _variables_with("load.") - LEVERS
+LOADS = MASSES | LEVERS
+IMAGE = _variables_with("view.u", "view.v")
+VIEW = _variables_with("view.p") | IMAGE
 
 _FUNCTIONS: dict[str, tuple[str, str]] = {
     "lin": ("{z}", "{z}"),
@@ -83,11 +63,22 @@ class Line:
 
 def basis_expression(basis: Basis, language: Language) -> str:
     """The value of a basis. CannotAnswer for a variable or function that the generated code does not know."""
-    if basis.var not in _VARIABLES or basis.fn not in _FUNCTIONS:
+    if not known(basis.var) or basis.fn not in _FUNCTIONS:
         raise CannotAnswer(f"{basis} cannot be written as source code: {basis.var} is not known there")
     column = 0 if language == "python" else 1
-    z = _argument(_VARIABLES[basis.var][column].format(**_index(basis)), basis)
+    z = _argument(_value(VARIABLES[basis.var])[column].format(**_index(basis)), basis)
     return _FUNCTIONS[basis.fn][column].format(z=z)
+
+
+def known(variable: str) -> bool:
+    """Whether the generated code has the value of a variable."""
+    return bool(VARIABLES[variable].given or VARIABLES[variable].computed)
+
+
+def _value(of: Variable) -> tuple[str, str]:
+    """The value of a known variable in both languages."""
+    index = "[{i}]" if of.indexed else ""
+    return of.computed or (f'd["{of.given}"]{index}', f"d->{of.given}{index}")
 
 
 def _index(basis: Basis) -> dict[str, object]:
@@ -95,7 +86,7 @@ def _index(basis: Basis) -> dict[str, object]:
     if VARIABLES[basis.var].of_body:
         link, body = divmod(basis.index, LEVER_STRIDE)
         return {"i": link, "body": body or "N + 1"}
-    return {"i": basis.index if basis.var in LINK_INDEXED else basis.index - 1}
+    return {"i": basis.index if VARIABLES[basis.var].of_link else basis.index - 1}
 
 
 def _argument(x: str, basis: Basis) -> str:

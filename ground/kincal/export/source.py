@@ -15,6 +15,7 @@ import numpy as np
 
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import Floats, Pose
+from kincal.schema.names import VARIABLES, Variable
 
 from .calibrated import BASE, TOOL, CalibratedArm, FittedTerm
 from .expressions import IMAGE, LEVERS, LOADS, MASSES, VIEW, Language, Line, line, plain, through_points
@@ -118,10 +119,10 @@ def describe(arm: CalibratedArm, language: Language) -> Source:
         loaded=tuple(lines[term] for term in varying if _loaded(term)),
         drivers=tuple(_drivers(arm, variables, on_sensor)),
         on_sensor=on_sensor,
-        uses_masses=bool(variables & set(MASSES)),
-        uses_levers=bool(variables & set(LEVERS)),
-        uses_view=bool(variables & set(VIEW)),
-        uses_image=bool(variables & set(IMAGE)),
+        uses_masses=bool(variables & MASSES),
+        uses_levers=bool(variables & LEVERS),
+        uses_view=bool(variables & VIEW),
+        uses_image=bool(variables & IMAGE),
     )
 
 
@@ -158,24 +159,23 @@ def _constants(arm: CalibratedArm, groups: Iterable[str] | None) -> Floats:
 
 def _drivers(arm: CalibratedArm, variables: set[str], on_sensor: bool) -> Iterable[Driver]:
     """The drivers that these variables need, in a fixed order."""
-    n, g = arm.n, tuple(float(x) for x in arm.arm.gravity_m_s2)
-    masses, view = bool(variables & set(MASSES)), on_sensor or bool(variables & set(VIEW))
-    table = (
-        ("dir" in variables, Driver("direction", n, None, "sign of the last motion of each joint: -1, 0, 1")),
-        ("qdot" in variables, Driver("qdot", n, (0.0,) * n, "joint speed [rad/s or m/s]")),
-        ("temp" in variables, Driver("temp_c", 0, None, "temperature of the arm [deg C]")),
-        ("t" in variables, Driver("t_s", 0, None, "time, as in the measurements [s]")),
-        (masses or "payload" in variables, Driver("payload_kg", 0, (0.0,), "extra mass at the tool [kg]")),
-        (bool(variables & set(LOADS)), Driver("gravity_m_s2", 3, g, "gravity in the base frame [m/s^2]")),
-        ("range" in variables, Driver("range_m", 0, None, "range from camera to target [m]")),
-        ("incid" in variables, Driver("incid_rad", 0, None, "angle of incidence at the target [rad]")),
-        ("pan" in variables, Driver("pan_rad", 0, None, "pan encoder of the camera [rad]")),
-        ("tilt" in variables, Driver("tilt_rad", 0, None, "tilt encoder of the camera [rad]")),
-        ("tag" in variables, Driver("tag", 0, None, "target seen: 0 first, 1 second, 0.5 both")),
-        (view, Driver("sensor_xyz_m", 3, (0.0,) * 3, "position of the sensor in the base frame [m]")),
-        (view, Driver("sensor_wxyz", 4, (1.0, 0.0, 0.0, 0.0), "its orientation, quaternion (w, x, y, z)")),
-    )
-    return [driver for used, driver in table if used]
+    masses, view = bool(variables & MASSES), on_sensor or bool(variables & VIEW)
+    for name, variable in VARIABLES.items():
+        if variable.given and (name in variables or name == "payload" and masses):
+            yield _driver(variable, arm.n)
+    if variables & LOADS:
+        g = tuple(float(x) for x in arm.arm.gravity_m_s2)
+        yield Driver("gravity_m_s2", 3, g, "gravity in the base frame [m/s^2]")
+    if view:
+        yield Driver("sensor_xyz_m", 3, (0.0,) * 3, "position of the sensor in the base frame [m]")
+        yield Driver("sensor_wxyz", 4, (1.0, 0.0, 0.0, 0.0), "its orientation, quaternion (w, x, y, z)")
+
+
+def _driver(variable: Variable, n: int) -> Driver:
+    """What a caller gives as the value of a variable; n: joints."""
+    count, default = n if variable.indexed else 0, variable.unless_given
+    values = None if default is None else (default,) * max(count, 1)
+    return Driver(variable.given, count, values, f"{variable.about} [{variable.unit}]")
 
 
 def identifier(name: str) -> str:

@@ -15,14 +15,22 @@ class Variable:
     """What a basis may depend on.
 
     flight: name in kc_var_t, small letters. indexed: belongs to one joint (or link). needs: what the data or
-    the arm table must hold, "" if nothing. unit: of the value. of_body: belongs to a link and a body beyond.
+    the arm table must hold, "" if nothing. unit: of the value. of_link: its index is a link, 0 for the base;
+    of_body: a link and a body beyond. In exported code a value is given by the caller, by the name `given`,
+    with what it is `about` in words and its value where the caller says nothing (None: it must be given); or
+    it is `computed`, an expression in Python and in C with {i} for the joint from 0, or the link.
     """
 
     flight: str
     unit: str
     indexed: bool = False
     needs: str = ""
+    of_link: bool = False
     of_body: bool = False
+    given: str = ""
+    about: str = ""
+    unless_given: float | None = None
+    computed: tuple[str, str] | None = None
 
 
 Acquisition = Literal["ucb", "random", "dopt", "vopt"]
@@ -42,43 +50,93 @@ FUNCTIONS = ("lin", "sin", "cos", "tanh", "ln1p", "expn", "step", "sq", "tan2", 
 
 VARIABLES = {
     "1": Variable("one", "1"),
-    "q": Variable("q", "rad or m", True),
-    "tau": Variable("tau", "N m", True, "mass"),
-    "Mx": Variable("mx", "N m", True, "mass"),
-    "My": Variable("my", "N m", True, "mass"),
-    "Mz": Variable("mz", "N m", True, "mass"),
-    "dir": Variable("dir", "-1, 0, 1", True, "dir"),
-    "temp": Variable("temp", "deg C", needs="temp_c"),
-    "t": Variable("t", "s", needs="t_s"),
-    "payload": Variable("payload", "kg", needs="payload_kg"),
-    "range": Variable("range", "m", needs="range_m"),
-    "incid": Variable("incid", "rad", needs="incid_rad"),
-    "u": Variable("u", "1", needs="image"),
-    "v": Variable("v", "1", needs="image"),
-    "r2": Variable("r2", "1", needs="image"),
-    "pan": Variable("pan", "rad", needs="pan_rad"),
-    "tilt": Variable("tilt", "rad", needs="tilt_rad"),
-    "qdot": Variable("qdot", "rad/s", True, "qdot"),
-    "taup": Variable("tau_payload", "N m", True, "payload_kg"),
-    "xcam": Variable("xcam", "m", needs="cam"),
-    "ycam": Variable("ycam", "m", needs="cam"),
-    "zcam": Variable("zcam", "m", needs="cam"),
-    "tag": Variable("tag", "0, 0.5, 1", needs="tag"),
+    "q": Variable("q", "rad or m", True, computed=("q[{i}]", "q[{i}]")),
+    "tau": Variable("tau", "N m", True, "mass", computed=("load.tau[{i}]", "load->tau[{i}]")),
+    "Mx": Variable(
+        "mx", "N m", True, "mass", of_link=True, computed=("load.moment[{i}][0]", "load->moment[{i}][0]")
+    ),
+    "My": Variable(
+        "my", "N m", True, "mass", of_link=True, computed=("load.moment[{i}][1]", "load->moment[{i}][1]")
+    ),
+    "Mz": Variable(
+        "mz", "N m", True, "mass", of_link=True, computed=("load.moment[{i}][2]", "load->moment[{i}][2]")
+    ),
+    "dir": Variable(
+        "dir", "-1, 0, 1", True, "dir", given="direction", about="sign of the last motion of each joint"
+    ),
+    "temp": Variable("temp", "deg C", needs="temp_c", given="temp_c", about="temperature of the arm"),
+    "t": Variable("t", "s", needs="t_s", given="t_s", about="time, as in the measurements"),
+    "payload": Variable(
+        "payload",
+        "kg",
+        needs="payload_kg",
+        given="payload_kg",
+        about="extra mass at the tool",
+        unless_given=0.0,
+    ),
+    "range": Variable("range", "m", needs="range_m", given="range_m", about="range from camera to target"),
+    "incid": Variable(
+        "incid", "rad", needs="incid_rad", given="incid_rad", about="angle of incidence at the target"
+    ),
+    "u": Variable("u", "1", needs="image", computed=("view.u", "view->u")),
+    "v": Variable("v", "1", needs="image", computed=("view.v", "view->v")),
+    "r2": Variable(
+        "r2",
+        "1",
+        needs="image",
+        computed=("(view.u**2 + view.v**2)", "(view->u * view->u + view->v * view->v)"),
+    ),
+    "pan": Variable("pan", "rad", needs="pan_rad", given="pan_rad", about="pan encoder of the camera"),
+    "tilt": Variable("tilt", "rad", needs="tilt_rad", given="tilt_rad", about="tilt encoder of the camera"),
+    "qdot": Variable(
+        "qdot", "rad/s or m/s", True, "qdot", given="qdot", about="joint speed", unless_given=0.0
+    ),
+    "taup": Variable(
+        "tau_payload", "N m", True, "payload_kg", computed=("load.tau_payload[{i}]", "load->tau_payload[{i}]")
+    ),
+    "xcam": Variable("xcam", "m", needs="cam", computed=("view.p[0]", "view->p[0]")),
+    "ycam": Variable("ycam", "m", needs="cam", computed=("view.p[1]", "view->p[1]")),
+    "zcam": Variable("zcam", "m", needs="cam", computed=("view.p[2]", "view->p[2]")),
+    "tag": Variable("tag", "0, 0.5, 1", needs="tag", given="tag", about="target seen: first, both, second"),
     # What gravity does whatever the masses are: its direction in the frame of a link, and the moment of 1 kg
     # at the origin of a body beyond a link, about the origin of the link's frame.
-    "gx": Variable("gx", "m/s^2", True),
-    "gy": Variable("gy", "m/s^2", True),
-    "gz": Variable("gz", "m/s^2", True),
-    "levx": Variable("levx", "N m/kg", True, of_body=True),
-    "levy": Variable("levy", "N m/kg", True, of_body=True),
-    "levz": Variable("levz", "N m/kg", True, of_body=True),
+    "gx": Variable(
+        "gx", "m/s^2", True, of_link=True, computed=("load.gravity[{i}][0]", "load->gravity[{i}][0]")
+    ),
+    "gy": Variable(
+        "gy", "m/s^2", True, of_link=True, computed=("load.gravity[{i}][1]", "load->gravity[{i}][1]")
+    ),
+    "gz": Variable(
+        "gz", "m/s^2", True, of_link=True, computed=("load.gravity[{i}][2]", "load->gravity[{i}][2]")
+    ),
+    "levx": Variable(
+        "levx",
+        "N m/kg",
+        True,
+        of_body=True,
+        computed=("_lever(load, {i}, {body}, 0)", "lever(load, {i}, {body}, 0)"),
+    ),
+    "levy": Variable(
+        "levy",
+        "N m/kg",
+        True,
+        of_body=True,
+        computed=("_lever(load, {i}, {body}, 1)", "lever(load, {i}, {body}, 1)"),
+    ),
+    "levz": Variable(
+        "levz",
+        "N m/kg",
+        True,
+        of_body=True,
+        computed=("_lever(load, {i}, {body}, 2)", "lever(load, {i}, {body}, 2)"),
+    ),
     # Columns of a PnP pose, computed for effects that say `image` (METHOD.md 13.1); nobody writes them.
     **{name: Variable(flight, "m or rad", True, "points") for name, flight in PNP.items()},
     # Without camera columns the sensor is the measurement frame itself (a laser tracker, a board): the
     # position it saw, by the same variables.
-    "sx": Variable("xcam", "m", needs="own_sensor"),
-    "sy": Variable("ycam", "m", needs="own_sensor"),
-    "sz": Variable("zcam", "m", needs="own_sensor"),
+    "sx": Variable("xcam", "m", needs="own_sensor", computed=("view.p[0]", "view->p[0]")),
+    "sy": Variable("ycam", "m", needs="own_sensor", computed=("view.p[1]", "view->p[1]")),
+    "sz": Variable("zcam", "m", needs="own_sensor", computed=("view.p[2]", "view->p[2]")),
 }
 
 # kc_comp_t, small letters: translation and rotation along and about the axes of the frame
