@@ -237,7 +237,7 @@ halves: setup core ## measured sets of real arms: the same answer on random halv
 
 .PHONY: clean distclean
 clean: ## delete what was built; keep the downloads
-	rm -rf $(filter-out $(BUILD)/unity $(STAMP),$(wildcard $(BUILD)/*))
+	rm -rf $(filter-out $(BUILD)/unity $(BUILD)/musl $(STAMP),$(wildcard $(BUILD)/*))
 
 distclean: ## delete the downloads too
 	rm -rf $(BUILD) .venv
