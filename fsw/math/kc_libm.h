@@ -21,14 +21,7 @@ double kc_log(double x);
 double kc_log1p(double x);
 double kc_tanh(double x);
 double kc_floor(double x);
-/* ln |gamma(x)|; *sign: that of gamma(x). */
-double kc_lgamma_r(double x, int *sign);
-
-static inline double kc_lgamma(double x)
-{
-    int sign;
-    return kc_lgamma_r(x, &sign);
-}
+double kc_lgamma(double x); /* ln |gamma(x)| */
 
 static inline double kc_sqrt(double x) { return sqrt(x); }
 static inline double kc_fabs(double x) { return fabs(x); }

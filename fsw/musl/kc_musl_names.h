@@ -25,8 +25,8 @@
 #define log1p kc_log1p
 #define tanh kc_tanh
 #define floor kc_floor
-#define __lgamma_r kc_lgamma_r
 
+#define __lgamma_r kc_musl_lgamma_r
 #define atan kc_musl_atan
 #define expm1 kc_musl_expm1
 #define scalbn kc_musl_scalbn

@@ -19,7 +19,7 @@ HEAP = re.compile(
     r"|strdup|strndup|asprintf|vasprintf|getline|open_memstream|sbrk|brk|mmap|munmap|_Zn[wa].*|_Zd[la].*"
     r"|__cxa_allocate_exception|__cxa_throw)$"
 )
-# Memory functions, and what the compiler and linker put in by themselves. No mathematics: all of it is in the core.
+# Memory functions, and what the linker puts in by itself. No mathematics: that is in the core.
 ALLOWED = re.compile(r"^(memcpy|memmove|memset|memcmp|strlen|strncmp|strcmp|strnlen|_GLOBAL_OFFSET_TABLE_)$")
 
 
