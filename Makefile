@@ -24,7 +24,7 @@ STAMP := $(BUILD)/stamp
 
 .PHONY: setup setup-demo
 setup: setup-demo $(STAMP)/apt-test .venv/.stamp-dev $(BUILD)/unity/src/unity.c ## all that tests need
-setup-demo: $(STAMP)/apt-build .venv/.stamp ## all that the demo needs
+setup-demo: $(STAMP)/apt-build .venv/.stamp $(BUILD)/musl/COPYRIGHT ## all that the demo needs
 
 $(STAMP)/apt-%: .ci/packages.%
 	@mkdir -p $(@D)
@@ -41,6 +41,9 @@ $(STAMP)/apt-%: .ci/packages.%
 
 $(BUILD)/unity/src/unity.c:
 	.ci/unity $(BUILD)/unity
+
+$(BUILD)/musl/COPYRIGHT: .ci/musl.sha256
+	.ci/musl $(BUILD)/musl
 
 .PHONY: lock
 lock: ## resolve the Python requirements anew (needs the network)
@@ -68,7 +71,7 @@ messages: $(BUILD)/rel/build.ninja ## LCM types for C and Python
 compile = $(Q)flock $(BUILD)/$1 cmake --build --preset $1 $(if $(V),--verbose) --target $2
 
 # Only the first time, and for other presets: a build looks for other sources and CMake files by itself.
-$(BUILD)/%/build.ninja: CMakePresets.json | $(STAMP)/apt-build
+$(BUILD)/%/build.ninja: CMakePresets.json | $(STAMP)/apt-build $(BUILD)/musl/COPYRIGHT
 	$(Q)mkdir -p $(@D) && flock $(@D) cmake --preset $* > $(@D).log || { cat $(@D).log; exit 1; }
 	@touch $@
 
