@@ -24,7 +24,7 @@ STAMP := $(BUILD)/stamp
 
 .PHONY: setup setup-demo
 setup: setup-demo $(STAMP)/apt-test .venv/.stamp-dev $(BUILD)/unity/src/unity.c ## all that tests need
-setup-demo: $(STAMP)/apt-build .venv/.stamp ## all that the demo needs
+setup-demo: $(STAMP)/apt-build .venv/.stamp $(BUILD)/musl/COPYRIGHT ## all that the demo needs
 
 $(STAMP)/apt-%: .ci/packages.%
 	@mkdir -p $(@D)
@@ -41,6 +41,9 @@ $(STAMP)/apt-%: .ci/packages.%
 
 $(BUILD)/unity/src/unity.c:
 	.ci/unity $(BUILD)/unity
+
+$(BUILD)/musl/COPYRIGHT: .ci/musl.sha256
+	.ci/musl $(BUILD)/musl
 
 .PHONY: lock
 lock: ## resolve the Python requirements anew (needs the network)
@@ -68,7 +71,7 @@ messages: $(BUILD)/rel/build.ninja ## LCM types for C and Python
 compile = $(Q)flock $(BUILD)/$1 cmake --build --preset $1 $(if $(V),--verbose) --target $2
 
 # Only the first time, and for other presets: a build looks for other sources and CMake files by itself.
-$(BUILD)/%/build.ninja: CMakePresets.json | $(STAMP)/apt-build
+$(BUILD)/%/build.ninja: CMakePresets.json | $(STAMP)/apt-build $(BUILD)/musl/COPYRIGHT
 	$(Q)mkdir -p $(@D) && flock $(@D) cmake --preset $* > $(@D).log || { cat $(@D).log; exit 1; }
 	@touch $@
 
@@ -107,14 +110,24 @@ test: setup ## everything a change has to pass, with a summary
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log \
 	    unit unit-san oracle integration ground-test lint-test cov size heapcheck lint
 
-# Other CPUs, under qemu: the core and its unit tests, without LCM.
-CROSS := aarch64 riscv64 powerpc64
-.PHONY: cross $(CROSS:%=cross-%)
-cross: $(CROSS:%=cross-%) ## unit tests of the core on other CPUs (installs compilers and qemu)
+# The same bits everywhere: recorded calibrations give the same telemetry and tables on every CPU and with every compiler,
+# also without an operating system. Unit tests on other CPUs besides. fma needs a processor that has it.
+CROSS  := aarch64 riscv64 powerpc64
+REPLAY := rel fma clang-plain clang-fma cortex-m7 $(CROSS)
+.PHONY: cross $(CROSS:%=cross-%) $(REPLAY:%=replay-%)
+cross: $(CROSS:%=cross-%) $(REPLAY:%=replay-%) ## other CPUs: unit tests, and calibrations bit for bit (installs compilers and qemu)
 $(CROSS:%=cross-%): cross-%: $(STAMP)/apt-cross $(BUILD)/%/build.ninja $(BUILD)/unity/src/unity.c
 	$(call compile,$*,units)
 	$(call ctest,$*,$*)
-$(CROSS:%=$(BUILD)/%/build.ninja): | $(STAMP)/apt-cross
+$(REPLAY:%=replay-%): replay-%: $(BUILD)/cross/record.bin $(BUILD)/%/build.ninja $(BUILD)/unity/src/unity.c
+	$(call compile,$*,replayed)
+$(filter-out $(BUILD)/rel/%,$(REPLAY:%=$(BUILD)/%/build.ninja)): | $(STAMP)/apt-cross
+$(BUILD)/clang%/build.ninja: | $(STAMP)/apt-test
+
+.PHONY: record
+$(BUILD)/cross/record.bin: record
+record: core messages .venv/.stamp ## calibrations for the replay, and what it has to give
+	$(Q)PYTHONPATH=ground:sim $(PY) tests/cross/record.py $(BUILD)/cross
 
 # ---- measures of the flight core ----------------------------------------------------------------------
 
@@ -134,7 +147,7 @@ heapcheck: $(BUILD)/rel/build.ninja ## fails when the core references a heap fun
 # ---- lint ---------------------------------------------------------------------------------------------
 
 C_DIRS := fsw ground/native sim/tagdet
-C_ALL   = $(shell find $(C_DIRS) tests/unit -name '*.[ch]' -o -name '*.[ch]pp')
+C_ALL   = $(shell find $(C_DIRS) tests/unit tests/cross -name '*.[ch]' -o -name '*.[ch]pp')
 
 .PHONY: lint lint-clang lint-tidy lint-cppcheck lint-format lint-direction lint-python lint-types lint-layers \
         lint-generated lint-glossary
@@ -237,7 +250,7 @@ halves: setup core ## measured sets of real arms: the same answer on random halv
 
 .PHONY: clean distclean
 clean: ## delete what was built; keep the downloads
-	rm -rf $(filter-out $(BUILD)/unity $(STAMP),$(wildcard $(BUILD)/*))
+	rm -rf $(filter-out $(BUILD)/unity $(BUILD)/musl $(STAMP),$(wildcard $(BUILD)/*))
 
 distclean: ## delete the downloads too
 	rm -rf $(BUILD) .venv

@@ -3,9 +3,9 @@
     direction.py [ROOT]
 
 C: headers by bare name, so that the compiler's include path decides which room sees which
-(fsw/CMakeLists.txt); no clock, file, heap or stream header in the core; <math.h> only behind kc_libm.h and in
-the Eigen shim; no circle among the files of a room, of includes between headers or of calls between
-sources.
+(fsw/CMakeLists.txt); no clock, file, heap or stream header in the core; <math.h> only behind kc_libm.h, for
+musl and in the Eigen shim; no circle among the files of a room, of includes between headers or of calls
+between sources.
 sim: neither the simulator nor the detector loads flight code. Imports of Python are for import-linter
 (tests/layers.ini).
 """
@@ -14,9 +14,11 @@ import re
 import sys
 from pathlib import Path
 
+LIBM_HEADER = "fsw/math/kc_libm.h"
 CORE_SYSTEM = {"assert.h", "float.h", "limits.h", "stdbool.h", "stddef.h", "stdint.h", "string.h"}
 CORE_EXTRA = {
-    "fsw/math/kc_libm.h": {"math.h"},
+    LIBM_HEADER: {"math.h"},
+    "fsw/musl/kc_musl_names.h": {"math.h"},
     "fsw/eigen": {
         "Eigen/Core",
         "Eigen/Dense",
@@ -34,6 +36,7 @@ CORE_EXTRA = {
         "algorithm",
     },
 }
+LIBM_ROOMS = ("eigen", "musl")
 LIBM = re.compile(
     r"(?<![\w.>])(sin|cos|tan|asin|acos|atan|atan2|sqrt|exp|log|log1p|expm1|tanh|pow|fabs|hypot|fmod)\s*\("
 )
@@ -64,7 +67,7 @@ def check_c(root: Path) -> list[str]:
             elif system := re.match(r"\s*#\s*include\s*<([^>]+)>", line):
                 if core and system[1] not in CORE_SYSTEM | extra:
                     faults.append(f"{name}:{n}: <{system[1]}> is not for the core")
-            elif core and layer != "eigen" and name != "fsw/math/kc_libm.h" and (call := LIBM.search(line)):
+            elif core and layer not in LIBM_ROOMS and name != LIBM_HEADER and (call := LIBM.search(line)):
                 faults.append(f"{name}:{n}: {call[1]}() instead of kc_{call[1]}() of kc_libm.h")
     return faults
 

@@ -69,7 +69,9 @@ def tree(root: Path) -> Path:
     }
     files["fsw/eigen/kc_eigen.h"] = '#ifdef __cplusplus\nextern "C"\n#endif\nint kc_eigen(int n);\n'
     for name in ("CMakeLists.txt", "fsw/CMakeLists.txt", "sim/tagdet/CMakeLists.txt", "ground/CMakeLists.txt",
-                 "ground/cdef.py", "tests/unit/CMakeLists.txt", "tests/unit/main.c.in"):  # fmt: skip
+                 "fsw/musl/kc_musl_names.h", "fsw/math/kc_libm.h", "fsw/math/kc_libm.c",
+                 "tests/cross/CMakeLists.txt", "tests/cross/replay.c", "tests/cross/host.c", "ground/cdef.py",
+                 "tests/unit/CMakeLists.txt", "tests/unit/main.c.in"):  # fmt: skip
         files[name] = (ROOT / name).read_text()
     return write(root, files)
 
@@ -82,7 +84,8 @@ def configured(root: Path, build_type: str = "Release") -> Path:
     """The build folder of a tree."""
     done = tool("cmake", "-S", root, "-B", root / "build/x", "-G", "Ninja", "-DBUILD_TESTING=ON",
                 f"-DCMAKE_BUILD_TYPE={build_type}", "-DCMAKE_COMPILE_WARNING_AS_ERROR=ON",
-                "-DCMAKE_VERIFY_INTERFACE_HEADER_SETS=ON", f"-DUNITY={ROOT / 'build/unity/src'}")  # fmt: skip
+                "-DCMAKE_VERIFY_INTERFACE_HEADER_SETS=ON", f"-DUNITY={ROOT / 'build/unity/src'}",
+                f"-DMUSL={ROOT / 'build/musl'}")  # fmt: skip
     assert done.returncode == 0, done.stderr
     return root / "build/x"
 
@@ -259,6 +262,7 @@ def test_static_memory_is_data_and_bss_by_module(tmp_path):
         ("void *malloc(unsigned long);\nvoid *f(void) { return malloc(4); }", "heap functions: malloc"),
         ("void free(void *);\nvoid f(void *p) { free(p); }", "heap functions: free"),
         ("void *_Znwm(unsigned long);\nvoid *f(void) { return _Znwm(4); }", "heap functions: _Znwm"),
+        ("double sin(double);\ndouble f(double x) { return sin(x); }", "not for the core: sin"),
         ("long time(long *);\nlong f(void) { return time(0); }", "not for the core: time"),
     ],
 )
@@ -269,6 +273,27 @@ def test_a_core_that_wants_the_heap_or_a_clock_is_refused(tmp_path, call, compla
     done = script("heap.py", archive)
     assert done.returncode == 1
     assert complaint in done.stdout
+
+
+# ---- mathematics
+
+
+def fetched(folder: Path, source: Path) -> subprocess.CompletedProcess:
+    environment = os.environ | {"MUSL_DIR": str(source)}
+    command = [str(ROOT / ".ci/musl"), str(folder)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True)
+
+
+def test_mathematics_is_taken_only_as_it_was_tested(tmp_path):
+    """A good folder first: the files come, and no network is needed."""
+    assert fetched(tmp_path / "good", ROOT / "build/musl").returncode == 0
+    assert (tmp_path / "good/src/math/sin.c").read_text() == (ROOT / "build/musl/src/math/sin.c").read_text()
+    other = tmp_path / "good/src/math/exp_data.c"
+    other.write_text(other.read_text().replace("0x1.", "0x1.0", 1))
+    refused = fetched(tmp_path / "bad", tmp_path / "good")
+    assert refused.returncode == 1
+    assert "src/math/exp_data.c" in refused.stdout + refused.stderr
+    assert not (tmp_path / "bad").exists()
 
 
 # ---- unit tests and their coverage

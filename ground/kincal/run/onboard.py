@@ -85,7 +85,7 @@ class FlightSoftware:
 
     def __init__(self, tables: Path, store: Store, keep: Keep = lambda _kind, data: data) -> None:
         self.store, self.keep = store, keep
-        self._app = cast("KcApp", _FLIGHT.ffi.addressof(cast(Any, _LIB), "kc_app_instance"))
+        self._app = cast("KcApp", _FLIGHT.ffi.addressof(cast(Any, _FLIGHT.lib), "kc_app_instance"))
         self._in, self._out = _FLIGHT.new("kc_in_t"), _FLIGHT.new("kc_out_t")
         self._waiting = _Waiting()
         self._event_seq = 0

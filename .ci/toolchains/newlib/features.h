@@ -1,0 +1,1 @@
+/* musl asks for it; what it needs stands in kc_musl_names.h. */
