@@ -62,8 +62,8 @@ static bool local_mismatch(const kc_config_t *c, const kc_est_t *e)
 {
     bool limited = c->mismatch_pos_m > 0.0 || c->mismatch_rot_rad > 0.0;
     bool noisy = e->dof >= c->mismatch_dof_min && e->noise_scale > c->mismatch_noise_scale;
-    return limited && e->hold_none && all_requested(e) &&
-           (noisy || e->n_outliers >= c->mismatch_outliers_min);
+    uint32_t n_outliers = e->n_outliers - (e->without > 0u ? 1u : 0u);
+    return limited && e->hold_none && all_requested(e) && (noisy || n_outliers >= c->mismatch_outliers_min);
 }
 
 static bool beyond(const kc_config_t *c, kc_miss_t miss)
@@ -80,7 +80,8 @@ bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_mi
     *worst = 0u;
     if (est->rank < est->n_free && !est->hold_none) { return false; } /* a coefficient is held */
     for (uint32_t i = 0u; i < n_meas; i++) {
-        if (!beyond(config, miss[i]) && !(newest_too && i + 1u == n_meas)) { continue; }
+        bool left_out = i + 1u == est->without;
+        if (left_out || (!beyond(config, miss[i]) && !(newest_too && i + 1u == n_meas))) { continue; }
         n++;
         *worst = i;
     }

@@ -43,7 +43,8 @@ bool kc_fit_certain(const kc_config_t *config, const kc_est_t *est, kc_status_t 
 /* Model mismatch: observations that no correction within its bounds explains. miss: residuals of the n_meas
  * observations with the estimate; n_local: how many of them are local initial poses. True if the paths were
  * not verified for such an arm; *worst is the newest such pose, from 0. One observation is enough at the local
- * initial poses; later two are needed, since one can be a bad detection. */
+ * initial poses, where one bad detection is left out beforehand (kc_leave_out.h; it does not count here); later
+ * two are needed, since one can be a bad detection. */
 bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss, uint32_t n_meas,
                      uint32_t n_local, uint32_t *worst);
 

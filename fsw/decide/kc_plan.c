@@ -75,18 +75,39 @@ static bool next_replicate(kc_plan_t *p, uint32_t every, uint32_t *cand)
     return true;
 }
 
+static uint32_t times_measured(const kc_plan_t *p, uint32_t cand)
+{
+    uint32_t n = 0u;
+    for (uint32_t i = 0u; i < p->n_meas; i++) { n += p->cand_of[i] == cand ? 1u : 0u; }
+    return n;
+}
+
+void kc_plan_again(kc_plan_t *p, uint32_t i)
+{
+    if (times_measured(p, p->cand_of[i]) == 1u) { p->again = i + 1u; }
+}
+
+/* A local initial pose again. */
+static bool next_again(kc_plan_t *p, uint32_t *cand)
+{
+    if (p->again == 0u) { return false; }
+    *cand = p->cand_of[p->again - 1u];
+    p->again = 0u;
+    p->n_tried++;
+    return true;
+}
+
 bool kc_plan_next(kc_plan_t *p, const kc_space_t *space, uint32_t replicate_every, bool undetermined,
                   uint32_t *cand)
 {
-    return next_initial(p, space, undetermined, cand) || next_replicate(p, replicate_every, cand);
+    return next_again(p, cand) || next_initial(p, space, undetermined, cand) ||
+           next_replicate(p, replicate_every, cand);
 }
 
 uint32_t kc_plan_choose(kc_plan_t *p, const kc_space_t *space, uint32_t cand)
 {
-    uint32_t n = 0u;
     p->n_goal = goal(p, space, kc_space_local(space, cand) ? 1u : 0u);
-    for (uint32_t i = 0u; i < p->n_meas; i++) { n += p->cand_of[i] == cand ? 1u : 0u; }
-    return n;
+    return times_measured(p, cand);
 }
 
 void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand)

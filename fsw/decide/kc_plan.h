@@ -14,6 +14,7 @@ typedef struct {
     uint32_t n_meas;           /* measured */
     uint32_t n_tried, n_local; /* local initial poses begun, measured */
     uint32_t i_initial;        /* next initial pose */
+    uint32_t again;            /* measurement whose pose is the next, from 1; 0: none */
     uint32_t n_rep, rep_at;    /* replicates done; poses measured when the last was chosen */
     uint16_t cand_of[KC_MEAS_MAX]; /* candidate of each measurement */
     uint8_t usable[KC_CAND_MAX];   /* what the acquisition may choose; never local initial poses */
@@ -32,6 +33,8 @@ bool kc_plan_enough(const kc_plan_t *p);
  * undetermined: the estimate leaves coefficients open, so reserve poses are of use. */
 bool kc_plan_next(kc_plan_t *p, const kc_space_t *space, uint32_t replicate_every, bool undetermined,
                   uint32_t *cand);
+/* The local initial pose of measurement i (from 0) is measured again, the next time; nothing if it was already. */
+void kc_plan_again(kc_plan_t *p, uint32_t i);
 /* Candidate chosen: n_goal counts it. Returns how many times it was measured before. */
 uint32_t kc_plan_choose(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
 void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand);

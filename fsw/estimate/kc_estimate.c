@@ -77,13 +77,14 @@ static void to_start(kc_est_t *est, uint64_t which, uint64_t requested)
 static void reset(kc_est_t *est, uint64_t requested)
 {
     to_start(est, ~(uint64_t)0u, requested);
-    for (uint32_t i = 0; i < KC_MEAS_MAX; i++) { est->outlier[i] = 0u; }
+    for (uint32_t i = 0; i < KC_MEAS_MAX; i++) { est->outlier[i] = (i + 1u == est->without) ? 1u : 0u; }
     for (uint32_t c = 0; c < KC_COEF_MAX; c++) {
         est->status[c] = (uint8_t)KC_COEF_MASKED;
         est->sigma[c] = 0.0;
         est->confounded[c] = 0u;
     }
-    est->n_free = est->n_outliers = est->rank = est->iters = est->n_idx = 0u;
+    est->n_outliers = (est->without > 0u) ? 1u : 0u;
+    est->n_free = est->rank = est->iters = est->n_idx = 0u;
     est->weak = 0u;
     est->kkt = est->cond = 0.0;
     for (uint64_t b = requested; b != 0u; b &= b - 1u) { est->n_free++; }

@@ -59,6 +59,7 @@ typedef struct {
     /* hold_none: every requested coefficient is estimated; the weak prior decides what the data do not
      * (the most likely arm within its bounds, for a few observations) */
     uint8_t hold_none;
+    uint32_t without; /* observation that is rejected beforehand, from 1; 0: none */
     kc_obs_t obs[KC_MEAS_MAX];
     double start[KC_COEF_MAX]; /* estimated ones are clipped to their bounds */
     /* out */

@@ -50,7 +50,6 @@ static kc_outcome_t begin(kc_app_t *app, kc_out_t *out)
     case KC_ST_WITHDRAW: return withdraw(app, out);
     case KC_ST_APPROACH: return kc_move_near(&app->move, v, out, app->q_meas);
     case KC_ST_TURN: return kc_observe_turn(&app->observe, &app->pantilt, v, out);
-    case KC_ST_UPDATE: kc_plan_measured(&app->plan, &v->tables->space, (uint32_t)app->cal.candidate); break;
     default: break;
     }
     return kc_outcome(KC_OC_STAY);
@@ -90,7 +89,7 @@ static kc_outcome_t work(kc_app_t *app, kc_out_t *out)
     case KC_ST_MEASURE: return kc_measure_run(&app->frames, &app->request, &app->est, v, out);
     case KC_ST_UPDATE: return kc_update_solve(&app->learned, &app->est, &arena->gp, v);
     case KC_ST_REFINE: return kc_update_refine(&app->learned, &app->est, v);
-    case KC_ST_LEARN: return kc_update_learn(&app->learned, arena, v, out);
+    case KC_ST_LEARN: return kc_update_learn(&app->learned, &app->est, &app->plan, arena, v, out);
     case KC_ST_REPORT: return kc_update_report(&app->learned, v, out);
     case KC_ST_SELECT: return select_next(app, out);
     case KC_ST_PROPOSE: return kc_propose_run(&app->review, &app->tables, &app->images, v, out);
@@ -115,6 +114,9 @@ static void stop(kc_app_t *app, kc_out_t *out, kc_cause_t cause)
 static void leave(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
 {
     if (app->place.state == KC_ST_MEASURE) { kc_frames_clear(&app->frames); }
+    if (app->place.state == KC_ST_MEASURE && oc.id == KC_OC_DONE) {
+        kc_plan_measured(&app->plan, &app->view.tables->space, (uint32_t)app->cal.candidate);
+    }
     if (oc.id == KC_OC_DISTURBED) { kc_request_drop(&app->request); }
     if (oc.id == KC_OC_SKIP) { kc_select_skip(&app->plan, &app->view, out); }
     if (oc.id == KC_OC_ABORT) { stop(app, out, oc.cause); }

@@ -51,6 +51,8 @@ typedef enum {
     KC_OC_SEARCH,
     /* of MEASURE */
     KC_OC_DISTURBED,
+    /* of LEARN */
+    KC_OC_AGAIN,
     /* of SELECT and PROPOSE */
     KC_OC_FINISH,
     KC_OC_REVIEW,
@@ -111,6 +113,7 @@ static inline kc_outcome_t kc_abort_for(kc_cause_t cause) { return (kc_outcome_t
     X(UPDATE, DONE, REFINE, NEXT_STEP)         \
     X(REFINE, DONE, LEARN, NEXT_STEP)          \
     X(LEARN, DONE, REPORT, NEXT_STEP)          \
+    X(LEARN, AGAIN, UPDATE, NEXT_STEP)         \
     X(REPORT, DONE, SELECT, NEXT_STEP)         \
     X(CALIBRATING, FINISH, PROPOSE, SAME_STEP) \
     X(PROPOSE, DONE, IDLE, NEXT_STEP)          \

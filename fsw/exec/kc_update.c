@@ -32,6 +32,7 @@ void kc_update_start(kc_learned_t *l, kc_est_t *est, kc_arena_calibration_t *wor
     est->opt = a->config.est;
     est->opt.free_mask = free_mask;
     est->hold_none = 0u;
+    est->without = 0u;
     est->n_obs = 0u;
     l->gp_ok = kc_gp_init(&work->gp, &a->kernel, 0u, work->cand_pt, a->space.n_cand) == KC_OK;
 }
@@ -132,15 +133,40 @@ static void report_outliers(kc_learned_t *l, const kc_view_t *v, kc_out_t *out)
     }
 }
 
-static bool mismatch(const kc_view_t *v, kc_out_t *out)
+/* *worst: the newest pose that is a mismatch, with its residual. */
+static bool mismatch(const kc_view_t *v, uint32_t *worst, kc_miss_t *worst_miss)
 {
     kc_miss_t miss[KC_MEAS_MAX];
-    uint32_t worst = 0u, n = v->plan->n_meas;
+    uint32_t n = v->plan->n_meas;
     for (uint32_t i = 0u; i < n; i++) { miss[i] = miss_of(v, v->est->coef, i); }
-    if (!kc_fit_mismatch(&v->tables->config, v->est, miss, n, v->plan->n_local, &worst)) { return false; }
-    kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)worst + 1, miss[worst].pos_m,
-             miss[worst].rot_rad);
-    return true;
+    bool found = kc_fit_mismatch(&v->tables->config, v->est, miss, n, v->plan->n_local, worst);
+    *worst_miss = miss[*worst];
+    return found;
+}
+
+/* Whether the estimate is that of the arm that was verified. Among local initial poses, one bad detection is
+ * searched for first; its pose is the next to be measured. */
+static kc_outcome_t evaluate(kc_learned_t *l, kc_est_t *est, kc_plan_t *plan, const kc_view_t *v,
+                             kc_out_t *out)
+{
+    uint32_t worst = 0u, without = est->without;
+    kc_miss_t miss = {0.0, 0.0};
+    bool solved = kc_fit_solved(l->status);
+    bool fits = !solved || !mismatch(v, &worst, &miss);
+    kc_leave_out_answer_t answer = fits ? KC_LEAVE_OUT_DONE : KC_LEAVE_OUT_NONE;
+    if (plan->n_meas == plan->n_local) {
+        double cost = solved ? est->cost : KC_INF;
+        answer = kc_leave_out_next(&l->leave_out, &v->tables->config, plan, est->obs, fits, cost,
+                                   &est->without);
+    }
+    if (answer == KC_LEAVE_OUT_AGAIN) { return kc_outcome(KC_OC_AGAIN); }
+    report_outliers(l, v, out);
+    if (answer == KC_LEAVE_OUT_NONE) {
+        kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)worst + 1, miss.pos_m, miss.rot_rad);
+        return kc_abort_for(KC_CAUSE_MODEL_MISMATCH);
+    }
+    if (without > 0u && plan->n_meas == plan->n_local) { kc_plan_again(plan, without - 1u); }
+    return kc_outcome(KC_OC_DONE);
 }
 
 static void grow_gp(kc_learned_t *l, kc_arena_calibration_t *work, const kc_view_t *v)
@@ -153,16 +179,15 @@ static void grow_gp(kc_learned_t *l, kc_arena_calibration_t *work, const kc_view
     if (v->tables->kernel.choose) { (void)kc_gp_choose(&work->gp, work->cand_pt); }
 }
 
-kc_outcome_t kc_update_learn(kc_learned_t *l, kc_arena_calibration_t *work, const kc_view_t *v, kc_out_t *out)
+kc_outcome_t kc_update_learn(kc_learned_t *l, kc_est_t *est, kc_plan_t *plan, kc_arena_calibration_t *work,
+                             const kc_view_t *v, kc_out_t *out)
 {
-    const kc_est_t *e = v->est;
-    report_outliers(l, v, out);
+    kc_outcome_t evaluated = evaluate(l, est, plan, v, out);
+    if (evaluated.id != KC_OC_DONE) { return evaluated; }
     if (!kc_fit_solved(l->status)) {
         kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)l->status, 0.0);
-    } else if (mismatch(v, out)) {
-        return kc_abort_for(KC_CAUSE_MODEL_MISMATCH);
-    } else if (e->rank == e->n_free || e->hold_none || l->trusted) {
-        memcpy(l->coef, e->coef, sizeof l->coef);
+    } else if (est->rank == est->n_free || est->hold_none || l->trusted) {
+        memcpy(l->coef, est->coef, sizeof l->coef);
     }
     objective(l, v);
     grow_gp(l, work, v);

@@ -167,6 +167,22 @@ void test_local_poses_that_are_all_a_little_off_are_another_arm(void)
     TEST_ASSERT_TRUE(mismatch(5u, 5u));
 }
 
+void test_an_observation_that_is_left_out_is_no_mismatch_and_no_outlier(void)
+{
+    s_miss[2].pos_m = 0.021;
+    s_est.without = 3u;
+    TEST_ASSERT_FALSE(mismatch(5u, 5u));
+    s_miss[4].pos_m = 0.021;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+    TEST_ASSERT_FALSE(mismatch(6u, 5u)); /* one of two */
+    s_miss[4].pos_m = 0.0;
+    s_est.hold_none = 1u;
+    s_est.n_outliers = 3u; /* the third is the one left out */
+    TEST_ASSERT_FALSE(mismatch(5u, 5u));
+    s_est.n_outliers = 4u;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+}
+
 void test_residuals_that_come_from_the_operators_choice_are_no_mismatch(void)
 {
     s_est.hold_none = 1u;

@@ -105,3 +105,20 @@ void test_a_fit_that_ran_out_of_iterations_rejects_no_pose(void)
     TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
 }
+
+void test_an_observation_left_out_beforehand_is_an_outlier_whatever_its_residual(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 15u, 1.0);
+    s_est.obs[3].p_m[1] += 0.3; /* so far off that it would spoil the first fit */
+    s_est.without = 4u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.n_outliers);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.outlier[3]);
+    TEST_ASSERT_EQUAL_UINT32(14u * 6u - s_est.rank, s_est.dof);
+    TEST_ASSERT_TRUE(s_est.noise_scale < 2.0);
+    s_est.without = 0u;
+    s_est.opt.outlier_p = 0.0;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+    TEST_ASSERT_TRUE(s_est.noise_scale > 2.0);
+}

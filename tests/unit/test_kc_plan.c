@@ -157,3 +157,18 @@ void test_six_local_poses_without_tags_end_it_and_so_does_less_than_a_third_of_a
     measure(12u);
     TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* a third */
 }
+
+void test_a_local_initial_pose_is_measured_again_once_and_counts(void)
+{
+    given(4u, 0u, 5u);
+    measure(next());
+    measure(next());
+    kc_plan_again(&s_plan, 0u);
+    TEST_ASSERT_EQUAL_UINT32(10u, next());
+    TEST_ASSERT_EQUAL_UINT32(3u, s_plan.n_tried);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_plan_choose(&s_plan, &s_space, 10u));
+    TEST_ASSERT_EQUAL_UINT32(10u, s_plan.n_goal); /* on top, as all local initial poses */
+    measure(10u);
+    kc_plan_again(&s_plan, 0u); /* it was */
+    TEST_ASSERT_EQUAL_UINT32(12u, next());
+}

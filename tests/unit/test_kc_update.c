@@ -665,10 +665,10 @@ void test_a_local_initial_pose_off_by_more_than_any_correction_explains_ends_it(
     world.config.mismatch_rot_rad = 0.06;
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
+    TEST_ASSERT_EQUAL_INT(2, world.last[KC_EVT_CAL_MODEL_MISMATCH].index); /* measured again: the same */
+    TEST_ASSERT_EQUAL_INT(world.meas[0].candidate, world.meas[1].candidate);
     TEST_ASSERT_DOUBLE_WITHIN(2e-3, 0.08, world.last[KC_EVT_CAL_MODEL_MISMATCH].want);
-    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 1u);
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_POSE)); /* nothing was learnt from it */
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 2u);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->learned.coef[24]);
 }
 
@@ -701,9 +701,10 @@ void test_with_all_errors_free_a_wrong_link_length_is_a_mismatch(void)
     world.config.mismatch_pos_m = 0.02;
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
-    TEST_ASSERT_TRUE(world.last[KC_EVT_CAL_MODEL_MISMATCH].got > 0.02);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->est.without); /* the estimate is that of all observations again */
+    TEST_ASSERT_TRUE(APP->est.noise_scale > world.config.mismatch_noise_scale);
     expect_stopped(KC_CAUSE_MODEL_MISMATCH, (uint32_t)world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
-    TEST_ASSERT_TRUE(world.n_meas <= 9u);
+    TEST_ASSERT_TRUE(world.n_meas <= 18u);
 }
 
 /* Only the bounds of joint 7's offset are too tight by 40 mrad, less than the limit: ten times the noise. */
@@ -725,7 +726,7 @@ void test_local_initial_poses_that_all_are_a_little_off_are_a_mismatch(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
     TEST_ASSERT_DOUBLE_WITHIN(5e-3, 0.04, world.last[KC_EVT_CAL_MODEL_MISMATCH].want);
     expect_stopped(KC_CAUSE_MODEL_MISMATCH, (uint32_t)world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
-    TEST_ASSERT_TRUE(world.n_meas <= 9u);
+    TEST_ASSERT_TRUE(world.n_meas <= 18u);
     given_a_little_beyond(0.0);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
 }
@@ -774,18 +775,60 @@ void test_three_outliers_among_local_initial_poses_are_a_mismatch(void)
     given_outliers(5u, 6u);
     TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_CAL_OUTLIER));
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
-    given_outliers(5u, 7u);
-    TEST_ASSERT_EQUAL_INT(8, world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
-    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 8u);
+    given_outliers(5u, 7u); /* each of them would leave two, and agrees with what is measured again there */
+    TEST_ASSERT_EQUAL_INT(11, world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 11u);
 }
 
-void test_one_bad_observation_is_enough_while_all_are_local_initial_poses(void)
+/* Two measurements of a pose agree to within 4 mm. */
+static void given_bad_detections(uint32_t from, uint32_t to)
 {
-    given_bad_poses(4u, 4u);
+    given_bad_poses(from, to);
+    world.config.jump_pos_m = 0.004;
     world_calibrated();
-    TEST_ASSERT_EQUAL_INT(5, world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
+}
+
+static uint32_t times_measured(int32_t candidate)
+{
+    uint32_t n = 0u;
+    for (uint32_t i = 0u; i < world.n_meas; i++) { n += world.meas[i].candidate == candidate ? 1u : 0u; }
+    return n;
+}
+
+void test_a_single_bad_detection_at_any_local_initial_pose_is_left_out_and_its_pose_measured_again(void)
+{
+    for (uint32_t k = 0u; k < 9u; k++) {
+        given_bad_detections(k, k);
+        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
+        TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+        TEST_ASSERT_EQUAL_UINT32(k + 1u, APP->est.without);
+        TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_outliers);
+        TEST_ASSERT_EQUAL_UINT32(2u, times_measured(world.meas[k].candidate));
+        TEST_ASSERT_DOUBLE_WITHIN(2e-3, 0.2, world.proposal.kin.value[24]);
+    }
+}
+
+void test_two_bad_detections_among_the_local_initial_poses_end_it(void)
+{
+    given_bad_detections(4u, 5u); /* the second where the first is measured again */
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 6u);
+    TEST_ASSERT_EQUAL_INT(6, world.last[KC_EVT_CAL_MODEL_MISMATCH].index);
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.01, world.last[KC_EVT_CAL_MODEL_MISMATCH].got);
-    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 5u);
+}
+
+static void two_bad_poses(kc_detection_t *d)
+{
+    int bad = APP->plan.n_meas == 2u || APP->plan.n_meas == 6u;
+    if (bad && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
+}
+
+void test_a_second_bad_detection_is_not_left_out(void)
+{
+    given_bad_poses(0u, 0u);
+    world.config.jump_pos_m = 0.004;
+    world.spoil = two_bad_poses;
+    world_calibrated();
+    expect_stopped(KC_CAUSE_MODEL_MISMATCH, 7u);
 }
 
 void test_later_one_bad_observation_is_an_outlier_and_two_are_a_mismatch(void)
