@@ -47,7 +47,7 @@ void test_an_outcome_that_a_state_does_not_have_leaves_it(void)
 {
     expect(KC_ST_IDLE, KC_OC_DONE, KC_ST_IDLE, false);
     expect(KC_ST_AIM, KC_OC_SKIP, KC_ST_AIM, false);
-    expect(KC_ST_REVIEW, KC_OC_APPROVE, KC_ST_REVIEW, false); /* not without the first step */
+    expect(KC_ST_REVIEW, KC_OC_EXPIRE, KC_ST_REVIEW, false); /* not without the first step */
 }
 
 void test_a_pose_goes_from_selection_to_report(void)
