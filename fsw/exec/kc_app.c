@@ -77,7 +77,7 @@ static kc_status_t load_kin(kc_app_t *app, const uint8_t *data, uint32_t n)
     bool named = kc_storing_counts(journaled(app) && j->kin_crc != 0u, j->kin_crc, crc);
     if (named || crc == 0u || n > KC_KIN_IMAGE_MAX) { return load_table(app, KC_TBL_KIN, data, n); }
     if (app->tables.active.crc[KC_TBL_KIN] != j->kin_crc && app->n_other == 0u) {
-        memcpy(app->images.kin, data, n);
+        memcpy(app->arena.idle.images.kin, data, n);
         app->n_other = n;
     }
     return KC_ERR_STATE;
@@ -87,7 +87,7 @@ static kc_status_t load_kin(kc_app_t *app, const uint8_t *data, uint32_t n)
 static void settle_kin(kc_app_t *app)
 {
     if (app->n_other > 0u && app->tables.active.crc[KC_TBL_KIN] != app->journal.found.kin_crc) {
-        (void)load_table(app, KC_TBL_KIN, app->images.kin, app->n_other);
+        (void)load_table(app, KC_TBL_KIN, app->arena.idle.images.kin, app->n_other);
     }
     app->n_other = 0u;
 }

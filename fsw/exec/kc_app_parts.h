@@ -54,12 +54,11 @@ struct kc_app {
     kc_hk_state_t hk;
 
     kc_journal_store_t journal;
-    kc_journal_images_t images;
     kc_change_t change;
     kc_scrub_t scrub;
     kc_events_t boot_events;
     uint32_t boot_count, loaded; /* loaded: bit per kind of table */
-    uint32_t n_other;            /* boot: bytes of a correction that the journal does not name, in images.kin */
+    uint32_t n_other;            /* boot: bytes of a correction that the journal does not name, in the arena */
     int32_t boot_state, boot_pose;
     uint32_t n_rx_errors;
     bool stepped;

@@ -1,5 +1,5 @@
 /* Memory is compared with its CRC while flight runs: active tables, the correction for rollback, and the
- * observations of the estimator. KC_SCRUB_BYTES of it a step, so that all of it is seen in about ten seconds. */
+ * observations of the estimator. KC_SCRUB_BYTES of it a step, so that all of it is seen in about six seconds. */
 #ifndef KC_SCRUB_H
 #define KC_SCRUB_H
 

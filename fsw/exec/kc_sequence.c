@@ -99,7 +99,7 @@ static kc_change_parts_t change_parts(kc_app_t *app)
         .tables = &app->tables,
         .review = &app->review,
         .journal = &app->journal,
-        .images = &app->images,
+        .images = &app->arena.idle.images,
         .log = &app->cmd_log,
         .now = kc_sequence_record(app),
     };

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "given_tables.h"
+#include "kc_crc.h"
 #include "kc_rng.h"
 #include "kc_vec.h"
 
@@ -352,6 +353,12 @@ int world_until_event(uint32_t id, uint32_t max)
     uint32_t before = world.events[id];
     for (uint32_t i = 0u; i < max && world.events[id] == before; i++) { world_tick(); }
     return world.events[id] > before;
+}
+
+void world_seal(uint16_t kind)
+{
+    kc_active_t *a = &kc_app_instance.tables.active;
+    a->seal[kind] = kc_crc32(0u, kc_tbl_active_ptr(a, kind), kc_tbl_active_bytes(kind));
 }
 
 bool world_stored(uint32_t max)

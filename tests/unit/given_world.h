@@ -85,6 +85,8 @@ bool world_stored(uint32_t max);
 void world_started(void);
 /* A calibration from START to its end. */
 void world_calibrated(void);
+/* A test has changed the active table of this kind in memory on purpose: flight shall take it as it is. */
+void world_seal(uint16_t kind);
 /* Power loss: only the store remains. */
 void world_restart(void);
 /* Whether the state is one of a calibration. */
