@@ -165,9 +165,8 @@ kc_outcome_t kc_change_stored(kc_change_t *c, const kc_change_parts_t *p, const 
     if (!asked && !answered) { return kc_outcome(KC_OC_STAY); }
     c->asked = false;
     report(c, st, (int32_t)in->store_kind, out);
-    if (asked) { return go_on(c, p, st, (int32_t)in->store_kind, out); }
-    if (st != KC_OK) { kc_journal_again(p->journal, p->view->clock->now_us + RETRY_US); }
-    return kc_outcome(KC_OC_STAY);
+    if (st != KC_OK) { kc_journal_again(p->journal, p->view->clock->now_us + (asked ? 0u : RETRY_US)); }
+    return asked ? go_on(c, p, st, (int32_t)in->store_kind, out) : kc_outcome(KC_OC_STAY);
 }
 
 void kc_change_cancel(kc_change_t *c, kc_cmd_log_t *log, kc_out_t *out)
