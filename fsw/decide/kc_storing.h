@@ -1,4 +1,4 @@
-/* Decisions about what is stored: try again or give up, and which stored copy counts after a restart. */
+/* Decisions about what is stored: try again or refuse, and which stored copy counts after a restart. */
 #ifndef KC_STORING_H
 #define KC_STORING_H
 
@@ -7,7 +7,7 @@
 
 #include "kc_status.h"
 
-typedef enum { KC_STORING_DONE, KC_STORING_AGAIN, KC_STORING_GIVE_UP } kc_storing_t;
+typedef enum { KC_STORING_DONE, KC_STORING_AGAIN, KC_STORING_REFUSE } kc_storing_t;
 
 /* After try number `tries` (from 1) that came to `status`; `retries` more than one are allowed. */
 kc_storing_t kc_storing_next(kc_status_t status, uint32_t tries, uint32_t retries);

@@ -58,7 +58,7 @@ struct kc_app {
     kc_scrub_t scrub;
     kc_events_t boot_events;
     uint32_t boot_count, loaded; /* loaded: bit per kind of table */
-    uint32_t n_other;            /* boot: bytes of a correction that the journal does not name, in the arena */
+    uint32_t n_other; /* boot: bytes of a correction that the journal does not name, in the arena */
     int32_t boot_state, boot_pose;
     uint32_t n_rx_errors;
     bool stepped;

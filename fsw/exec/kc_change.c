@@ -114,10 +114,12 @@ static kc_outcome_t make(const kc_change_t *c, const kc_change_parts_t *p, kc_ou
 }
 
 /* Everything stays as it was. A new correction waits for the ground in any case. */
-static kc_outcome_t give_up(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
+static kc_outcome_t refuse(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
 {
     switch (c->kind) {
-    case KC_CHANGE_ACCEPT: kc_change_begin(c, KC_CHANGE_PROPOSE, p->view, NULL); return kc_outcome(KC_OC_STAY);
+    case KC_CHANGE_ACCEPT:
+        kc_change_begin(c, KC_CHANGE_PROPOSE, p->view, NULL);
+        return kc_outcome(KC_OC_STAY);
     case KC_CHANGE_PROPOSE: kc_review_wait(p->review, out); return kc_outcome(KC_OC_REVIEW);
     case KC_CHANGE_APPROVE:
     case KC_CHANGE_REJECT: return kc_outcome(KC_OC_REVIEW);
@@ -149,11 +151,11 @@ static kc_outcome_t go_on(kc_change_t *c, const kc_change_parts_t *p, kc_status_
         c->due_us = p->view->clock->now_us + RETRY_US;
         return oc;
     }
-    if (next == KC_STORING_GIVE_UP) {
-        kc_event(&out->events, KC_EVT_STORE_GAVE_UP, kind, (double)st, (double)c->tries);
+    if (next == KC_STORING_REFUSE) {
+        kc_event(&out->events, KC_EVT_STORE_REFUSED, kind, (double)st, (double)c->tries);
     }
-    answer(c, p->log, st, KC_EVT_STORE_GAVE_UP, out);
-    oc = next == KC_STORING_DONE ? make(c, p, out) : give_up(c, p, out);
+    answer(c, p->log, st, KC_EVT_STORE_REFUSED, out);
+    oc = next == KC_STORING_DONE ? make(c, p, out) : refuse(c, p, out);
     if (oc.id != KC_OC_STAY) { c->kind = KC_CHANGE_NONE; }
     return oc;
 }

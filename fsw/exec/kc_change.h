@@ -3,7 +3,7 @@
  * All that it needs is asked of the edge in one step, the journal at the end. The journal names by CRC what is
  * in force, so its write makes the change: whatever happens before it, the old state comes back after a
  * restart, whatever happens after it, the new one. What could not be stored is tried again, as often as
- * CONFIG says; then the change is given up and everything stays as it was. */
+ * CONFIG says; then the change is refused and everything stays as it was. */
 #ifndef KC_CHANGE_H
 #define KC_CHANGE_H
 
@@ -51,10 +51,10 @@ typedef struct {
 void kc_change_begin(kc_change_t *c, kc_change_kind_t kind, const kc_view_t *v, const kc_cmd_t *cmd);
 /* STORE: ask the edge, when it is time. */
 void kc_change_run(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out);
-/* The edge's answer to the requests of the last step, whoever made them: the change is made or given up, and
+/* The edge's answer to the requests of the last step, whoever made them: the change is made or refused, and
  * its command answered; or it is tried again (STAY). */
 kc_outcome_t kc_change_stored(kc_change_t *c, const kc_change_parts_t *p, const kc_in_t *in, kc_out_t *out);
-/* ABORT: it is given up between two tries; its command is refused. */
+/* ABORT: it ends between two tries; its command is refused. */
 void kc_change_cancel(kc_change_t *c, kc_cmd_log_t *log, kc_out_t *out);
 
 #endif

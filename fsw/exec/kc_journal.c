@@ -92,7 +92,8 @@ static bool same(const kc_journal_t *a, const kc_journal_t *b)
 {
     return a->state == b->state && a->session == b->session && a->pose == b->pose &&
            a->boot_count == b->boot_count && a->kin_crc == b->kin_crc && a->prev_crc == b->prev_crc &&
-           a->proposal_crc == b->proposal_crc && a->candidate == b->candidate && a->seg_from == b->seg_from && a->seg_to == b->seg_to;
+           a->proposal_crc == b->proposal_crc && a->candidate == b->candidate && a->seg_from == b->seg_from &&
+           a->seg_to == b->seg_to;
 }
 
 void kc_journal_write(kc_journal_store_t *j, const kc_journal_t *now, kc_out_t *out)

@@ -17,9 +17,9 @@ typedef struct {
 
 typedef struct {
     kc_journal_t found; /* at boot; boot_count 0: none */
-    kc_journal_t last;  /* handed to the store last */
-    bool again;         /* and to be stored once more, from due_us on */
-    uint64_t due_us;    /* elapsed time */
+    kc_journal_t last; /* handed to the store last */
+    bool again; /* and to be stored once more, from due_us on */
+    uint64_t due_us; /* elapsed time */
     uint8_t bytes[KC_JOURNAL_BYTES];
 } kc_journal_store_t;
 

@@ -36,12 +36,12 @@ static void follow_obs(kc_scrub_t *s, const kc_est_t *est)
 static kc_outcome_t found(kc_scrub_t *s, kc_active_t *a, uint32_t part, kc_events_t *ev)
 {
     if (part == PART_OBS) {
-        kc_event(ev, KC_EVT_MEM_OBSERVATIONS, -1, (double)s->n_obs, 0.0);
+        kc_event(ev, KC_EVT_MEMORY_OBSERVATIONS, -1, (double)s->n_obs, 0.0);
         s->n_obs = s->obs_seal = 0u; /* sealed anew: one event for one change */
     } else {
         uint32_t *crc = part == 0u ? &a->kin_prev_crc : &a->crc[part];
         int32_t kind = part == 0u ? (int32_t)KC_STORE_PREV : (int32_t)part;
-        kc_event(ev, KC_EVT_MEM_TABLE, kind, (double)*crc, 0.0);
+        kc_event(ev, KC_EVT_MEMORY_TABLE, kind, (double)*crc, 0.0);
         *crc = 0u;
         s->lost |= 1u << part;
     }

@@ -302,7 +302,9 @@ static kc_status_t write_slot(kc_files_t *f, const kc_store_t *s)
     kc_status_t st = put_slot(f, name, s, next);
     if (st != KC_OK) { /* not half done: what was the newest is so again */
         look_at(f, s->kind, slot);
-        if (f->number[s->kind][slot] != 0u && f->number[s->kind][slot] != next) { return st; } /* the old one */
+        if (f->number[s->kind][slot] != 0u && f->number[s->kind][slot] != next) {
+            return st;
+        } /* the old one */
         (void)unlinkat(f->dir_fd, name, 0);
         (void)fsync(f->dir_fd);
     }

@@ -142,9 +142,9 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Check that the sender runs and that its messages arrive.")                                            \
     X(52, TIME_STEP, WARN, "mission clock changed from {want:s} to {got:s} within one step",                 \
       "Check the clock source. Messages are refused until the clocks of their senders agree again.")         \
-    X(53, MEM_TABLE, ERROR, "{index:store} CRC {got:crc} has changed in memory; it is not used any more",    \
+    X(53, MEMORY_TABLE, ERROR, "{index:store} CRC {got:crc} has changed in memory; it is not used any more", \
       "Restart flight: it loads what is stored. Or upload and activate that table.")                         \
-    X(54, MEM_OBSERVATIONS, ERROR, "the {got:count} observations have changed in memory",                    \
+    X(54, MEMORY_OBSERVATIONS, ERROR, "the {got:count} observations have changed in memory",                 \
       "None: that calibration is lost, START begins a new one.")                                             \
     X(60, CAL_START, INFO,                                                                                   \
       "calibration {index:count} started: {got:count} poses, chosen by {want:acquisition}", "")              \
@@ -235,9 +235,9 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "START with all coefficients.")                                                                        \
     X(97, MON_NOT_AT_REST, DEBUG,                                                                            \
       "detection of frame {got:count} not compared: arm or pan-tilt unit had not settled", "")               \
-    X(98, CAL_OUTLIER_ACCEPTED, INFO, "pose {index:pose} fits again: no longer rejected as an outlier", "") \
-    X(99, STORE_GAVE_UP, ERROR,                                                                              \
-      "the change is not made: {index:store} could not be stored in {want:count} tries ({got:status})",      \
+    X(98, CAL_OUTLIER_ACCEPTED, INFO, "pose {index:pose} fits again: no longer rejected as an outlier", "")  \
+    X(99, STORE_REFUSED, ERROR,                                                                              \
+      "the change is refused: {index:store} could not be stored in {want:count} tries ({got:status})",       \
       "What was in force remains, and a correction that waited still waits. Make the store work, then send " \
       "the command again (a correction: APPROVE_ARM and APPROVE_GO). Until then do not switch off.")
 
@@ -256,7 +256,7 @@ typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;
     X(7, BUDGET, "time or energy used up before enough was measured")                                 \
     X(8, SILENT, "no state messages from the arm or the pan-tilt unit")                               \
     X(9, MODEL_MISMATCH, "no correction within its bounds explains the observations")                 \
-    X(10, TAGS_NOT_DETECTED, "tags detected at fewer than a third of the local initial poses")                           \
+    X(10, TAGS_NOT_DETECTED, "tags detected at fewer than a third of the local initial poses")        \
     X(11, MEMORY, "tables or observations have changed in memory")
 
 #define KC_CAUSE_ENUM_(number, name, text) KC_CAUSE_##name = (number),

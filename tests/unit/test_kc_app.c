@@ -157,7 +157,8 @@ void test_an_approval_that_the_journal_does_not_name_has_not_happened(void)
     memcpy(journal, world.store[KC_STORE_JOURNAL][0], sizeof journal);
     memcpy(proposal, world.store[KC_STORE_PROPOSAL][0], n);
     (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
-    memcpy(world.store[KC_STORE_JOURNAL][0], journal, sizeof journal); /* its write and what follows never were */
+    memcpy(world.store[KC_STORE_JOURNAL][0], journal,
+           sizeof journal); /* its write and what follows never were */
     memcpy(world.store[KC_STORE_PROPOSAL][0], proposal, n);
     world.stored[KC_STORE_PROPOSAL][0] = n;
     world_restart();
@@ -203,7 +204,8 @@ void test_what_the_journal_names_and_the_store_does_not_have_is_reported(void)
     expect_lost(KC_TBL_KIN, crc, nominal);
     world_restart();
     world_tick();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST)); /* said once: the journal names the new one */
+    TEST_ASSERT_EQUAL_UINT32(0u,
+                             world_events(KC_EVT_BOOT_LOST)); /* said once: the journal names the new one */
 }
 
 void test_a_correction_that_the_journal_does_not_name_is_used_only_if_the_right_one_is_not_there(void)

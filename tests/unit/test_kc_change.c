@@ -45,13 +45,13 @@ static void expect_in_force(uint32_t kin, uint32_t proposal, kc_state_t state)
     TEST_ASSERT_EQUAL_INT(state, kc_app_state(APP));
 }
 
-static void gave_up(int32_t kind, int32_t status)
+static void was_refused(int32_t kind, int32_t status)
 {
     TEST_ASSERT_EQUAL_INT(status, world.ack.status);
-    TEST_ASSERT_EQUAL_INT(KC_EVT_STORE_GAVE_UP, world.ack.event_id);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_GAVE_UP));
-    TEST_ASSERT_EQUAL_INT(kind, world.last[KC_EVT_STORE_GAVE_UP].index);
-    TEST_ASSERT_EQUAL_DOUBLE(3.0, world.last[KC_EVT_STORE_GAVE_UP].want); /* CONFIG: two retries */
+    TEST_ASSERT_EQUAL_INT(KC_EVT_STORE_REFUSED, world.ack.event_id);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_REFUSED));
+    TEST_ASSERT_EQUAL_INT(kind, world.last[KC_EVT_STORE_REFUSED].index);
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, world.last[KC_EVT_STORE_REFUSED].want); /* CONFIG: two retries */
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_FAIL));
 }
 
@@ -61,7 +61,7 @@ void test_an_approval_that_cannot_be_stored_is_refused_and_the_proposal_waits_on
     armed();
     world.store_fails = -1;
     (void)world_do(KC_CMD_APPROVE_GO, (int32_t)s_crc, 0, 0);
-    gave_up(KC_TBL_KIN, KC_ERR_NUM);
+    was_refused(KC_TBL_KIN, KC_ERR_NUM);
     expect_in_force(s_before, s_crc, KC_ST_REVIEW);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ACTIVE));
     world.store_fails = 0;
@@ -82,7 +82,7 @@ void test_whichever_kind_the_store_refuses_nothing_is_half_made(void)
         world.store_fails = -1;
         world.store_fails_kind = kinds[i];
         (void)world_do(KC_CMD_APPROVE_GO, (int32_t)s_crc, 0, 0);
-        gave_up((int32_t)kinds[i], KC_ERR_NUM);
+        was_refused((int32_t)kinds[i], KC_ERR_NUM);
         expect_in_force(s_before, s_crc, KC_ST_REVIEW);
         world.store_fails = 0;
         world_ticks(12u); /* the journal is stored again */
@@ -101,7 +101,7 @@ void test_a_store_that_works_again_in_time_costs_only_time(void)
     TEST_ASSERT_UINT64_WITHIN(400000u, 2200000u, APP->clock.now_us - begun_us);
     expect_in_force(s_crc, 0u, KC_ST_IDLE);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_FAIL));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_STORE_GAVE_UP));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_STORE_REFUSED));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
 }
 
@@ -123,7 +123,7 @@ void test_a_rejection_that_cannot_be_stored_is_refused(void)
     given_proposal();
     world.store_fails = -1;
     (void)world_do(KC_CMD_REJECT, (int32_t)s_crc, 0, 0);
-    gave_up((int32_t)KC_STORE_JOURNAL, KC_ERR_NUM);
+    was_refused((int32_t)KC_STORE_JOURNAL, KC_ERR_NUM);
     expect_in_force(s_before, s_crc, KC_ST_REVIEW);
 }
 
@@ -136,7 +136,7 @@ void test_a_rollback_that_cannot_be_stored_leaves_the_correction_in_idle_and_in_
         world.store_fails = -1;
         world.store_fails_kind = KC_TBL_KIN;
         (void)world_do(KC_CMD_ROLLBACK, (int32_t)s_crc, 0, 0);
-        gave_up(KC_TBL_KIN, KC_ERR_NUM);
+        was_refused(KC_TBL_KIN, KC_ERR_NUM);
         expect_in_force(s_crc, 0u, safe ? KC_ST_SAFE : KC_ST_IDLE);
         TEST_ASSERT_EQUAL_UINT32(s_before, kc_app_active(APP)->kin_prev_crc);
         world.store_fails = 0;
@@ -171,7 +171,7 @@ void test_a_table_that_cannot_be_stored_does_not_become_active_and_stays_staged(
         world.config.n_poses = 9u;
         world.store_fails = -1;
         TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, upload(KC_TBL_CONFIG, &world.config));
-        gave_up(KC_TBL_CONFIG, KC_ERR_NUM);
+        was_refused(KC_TBL_CONFIG, KC_ERR_NUM);
         TEST_ASSERT_EQUAL_UINT32(8u, kc_app_active(APP)->config.n_poses);
         TEST_ASSERT_EQUAL_INT(safe ? KC_ST_SAFE : KC_ST_IDLE, kc_app_state(APP));
         TEST_ASSERT_EQUAL_INT(KC_STAGE_VALID, APP->tables.staging.state);
@@ -206,8 +206,8 @@ void test_a_proposal_that_cannot_be_stored_waits_in_memory_and_its_loss_is_repor
     world.store_fails_kind = KC_STORE_PROPOSAL;
     given_proposal();
     expect_in_force(s_before, s_crc, KC_ST_REVIEW);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_GAVE_UP));
-    TEST_ASSERT_EQUAL_INT((int32_t)KC_STORE_PROPOSAL, world.last[KC_EVT_STORE_GAVE_UP].index);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_REFUSED));
+    TEST_ASSERT_EQUAL_INT((int32_t)KC_STORE_PROPOSAL, world.last[KC_EVT_STORE_REFUSED].index);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_PROPOSED));
     world_tick();
     world_restart();
@@ -230,7 +230,7 @@ void test_a_correction_accepted_on_board_that_cannot_be_stored_waits_for_the_gro
     given_proposal();
     expect_in_force(s_before, s_crc, KC_ST_REVIEW);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ON_BOARD));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_GAVE_UP));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_REFUSED));
     world_restart();
     world_tick();
     expect_in_force(s_before, s_crc, KC_ST_REVIEW); /* it is stored as a proposal */

@@ -371,7 +371,8 @@ void test_a_start_in_the_step_that_stores_a_table_is_refused(void)
     (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
     (void)world_cmd(KC_CMD_START, -1, 0, 0);
     world_tick();
-    TEST_ASSERT_EQUAL_UINT32(2u, world.n_acks); /* VALIDATE and START; ACTIVATE is answered when it is stored */
+    TEST_ASSERT_EQUAL_UINT32(2u,
+                             world.n_acks); /* VALIDATE and START; ACTIVATE is answered when it is stored */
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world.ack.status);
     TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_STATE, world.ack.event_id);
     TEST_ASSERT_EQUAL_UINT32(6u, kc_app_active(APP)->config.n_poses);

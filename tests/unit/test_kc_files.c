@@ -595,7 +595,7 @@ static void killed_everywhere(int32_t (*change)(void))
             TEST_ASSERT_TRUE(harmed(change, KILLS, at, torn[t]));
             check_kill(&c, at, torn[t]);
             if (same(in_force(), c.after)) {
-                new++;
+                new ++;
                 continue;
             }
             old++;
@@ -618,8 +618,8 @@ static void check_failure(const case_t *c, harm_t harm)
     (void)snprintf(what, sizeof what, "harm %d at change %ld", (int)harm, s_m.at);
     in_force_t now = in_force();
     TEST_ASSERT_TRUE_MESSAGE(same(now, s_acked == KC_OK ? c->after : c->before), what);
-    TEST_ASSERT_TRUE_MESSAGE(s_acked == KC_OK || world_events(KC_EVT_STORE_GAVE_UP) > 0u, what);
-    if (s_acked != KC_OK) { TEST_ASSERT_EQUAL_INT(KC_EVT_STORE_GAVE_UP, world.ack.event_id); }
+    TEST_ASSERT_TRUE_MESSAGE(s_acked == KC_OK || world_events(KC_EVT_STORE_REFUSED) > 0u, what);
+    if (s_acked != KC_OK) { TEST_ASSERT_EQUAL_INT(KC_EVT_STORE_REFUSED, world.ack.event_id); }
     TEST_ASSERT_TRUE_MESSAGE(!s_m.reached || world_events(KC_EVT_STORE_FAIL) > 0u || harm == FLIPS, what);
     TEST_ASSERT_TRUE_MESSAGE(same(restarted(), now), what);
     if (s_acked != KC_OK) { TEST_ASSERT_EQUAL_INT(KC_OK, c->change()); }
@@ -636,7 +636,9 @@ static void refused_everywhere(int32_t (*change)(void))
         for (unsigned h = 0u; h < sizeof harms / sizeof harms[0]; h++) {
             restore(&s_begin);
             TEST_ASSERT_FALSE(harmed(change, harms[h], at, 0.0));
-            if (harms[h] != FAILS_ALL_BUT_DELETING) { TEST_ASSERT_EQUAL_INT(KC_OK, s_acked); } /* tried again */
+            if (harms[h] != FAILS_ALL_BUT_DELETING) {
+                TEST_ASSERT_EQUAL_INT(KC_OK, s_acked);
+            } /* tried again */
             check_failure(&c, harms[h]);
         }
     }

@@ -15,7 +15,10 @@ void setUp(void)
     world.truth.joint[6].phi_rad = 0.1;
 }
 
-static void flip(void *at, uint32_t n, uint32_t bit) { ((uint8_t *)at)[bit / 8u % n] ^= (uint8_t)(1u << bit % 8u); }
+static void flip(void *at, uint32_t n, uint32_t bit)
+{
+    ((uint8_t *)at)[bit / 8u % n] ^= (uint8_t)(1u << bit % 8u);
+}
 
 static void expect_safe(uint32_t event, int32_t index)
 {
@@ -37,7 +40,8 @@ void test_healthy_memory_is_left_alone_through_a_calibration_and_an_approval(voi
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ROLLBACK, crc, 0, 0));
     world_ticks(2u * ROUND);
     TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MEM_TABLE) + world_events(KC_EVT_MEM_OBSERVATIONS));
+    TEST_ASSERT_EQUAL_UINT32(0u,
+                             world_events(KC_EVT_MEMORY_TABLE) + world_events(KC_EVT_MEMORY_OBSERVATIONS));
 }
 
 void test_any_flipped_bit_of_any_active_table_ends_in_safe_and_a_restart_heals_it(void)
@@ -51,7 +55,7 @@ void test_any_flipped_bit_of_any_active_table_ends_in_safe_and_a_restart_heals_i
             uint32_t n = kc_tbl_active_bytes(kind), crc = a->crc[kind];
             flip((void *)kc_tbl_active_ptr(a, kind), n, k * (8u * n / 4u) + 5u * k);
             world_ticks(ROUND);
-            expect_safe(KC_EVT_MEM_TABLE, kind);
+            expect_safe(KC_EVT_MEMORY_TABLE, kind);
             TEST_ASSERT_EQUAL_UINT32(0u, a->crc[kind]);
             TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(KC_CMD_START, -1, 0, 0));
             TEST_ASSERT_EQUAL_INT(KC_EVT_TBL_MISSING, world.ack.event_id);
@@ -70,7 +74,7 @@ void test_a_flipped_bit_while_the_arm_moves_holds_it(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_SETTLE, 300u));
     flip(&APP->tables.active.arm, (uint32_t)sizeof(kc_arm_t), 77u);
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, ROUND));
-    expect_safe(KC_EVT_MEM_TABLE, KC_TBL_ARM);
+    expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_ARM);
 }
 
 void test_the_correction_for_rollback_is_compared_too_and_comes_back_from_the_store(void)
@@ -82,7 +86,7 @@ void test_the_correction_for_rollback_is_compared_too_and_comes_back_from_the_st
     uint32_t prev = kc_app_active(APP)->kin_prev_crc;
     flip(&APP->tables.active.kin_prev, (uint32_t)sizeof(kc_kin_t), 1000u);
     world_ticks(ROUND);
-    expect_safe(KC_EVT_MEM_TABLE, (int32_t)KC_STORE_PREV);
+    expect_safe(KC_EVT_MEMORY_TABLE, (int32_t)KC_STORE_PREV);
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(KC_CMD_ROLLBACK, crc, 0, 0));
     world_restart();
     world_tick();
@@ -98,7 +102,7 @@ void test_a_correction_that_changed_in_memory_comes_back_from_the_store(void)
     (void)world_do(KC_CMD_APPROVE_GO, crc, 0, 0);
     flip(&APP->tables.active.kin.value[2], 8u, 51u);
     world_ticks(ROUND);
-    expect_safe(KC_EVT_MEM_TABLE, KC_TBL_KIN);
+    expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_KIN);
     world_restart();
     world_tick();
     TEST_ASSERT_EQUAL_UINT32((uint32_t)crc, kc_app_active(APP)->crc[KC_TBL_KIN]);
@@ -112,9 +116,9 @@ void test_a_flipped_bit_of_an_observation_ends_the_calibration_and_a_new_one_may
     world_tick(); /* the newest is sealed at the end of its step */
     flip(&APP->est.obs[2], (uint32_t)sizeof(kc_obs_t), 333u);
     for (uint32_t i = 0u; i < ROUND && world_calibrating(); i++) { world_tick(); }
-    expect_safe(KC_EVT_MEM_OBSERVATIONS, -1);
+    expect_safe(KC_EVT_MEMORY_OBSERVATIONS, -1);
     world_ticks(2u * ROUND);
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_MEM_OBSERVATIONS)); /* said once */
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_MEMORY_OBSERVATIONS)); /* said once */
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
     for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
@@ -130,7 +134,7 @@ void test_a_table_that_is_replaced_while_it_is_compared_is_no_fault(void)
         (void)world_do(KC_CMD_ROLLBACK, crc, 0, 0);
         world_tick();
     }
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MEM_TABLE));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MEMORY_TABLE));
 }
 
 void test_a_fault_in_the_step_that_asks_for_storing_makes_nothing_of_it(void)
@@ -143,7 +147,7 @@ void test_a_fault_in_the_step_that_asks_for_storing_makes_nothing_of_it(void)
     flip(&APP->tables.active.config, (uint32_t)sizeof(kc_config_t), 4u);
     (void)world_cmd(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
     world_tick();
-    expect_safe(KC_EVT_MEM_TABLE, KC_TBL_CONFIG);
+    expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_CONFIG);
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world.ack.status);
     world_ticks(3u);
     TEST_ASSERT_EQUAL_UINT32(before, kc_app_active(APP)->crc[KC_TBL_KIN]);
