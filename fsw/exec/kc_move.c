@@ -169,6 +169,17 @@ void kc_move_goal(const kc_space_t *space, uint32_t cand, kc_pose_t *T)
     kc_quat_to_R(q, T->R);
 }
 
+uint64_t kc_move_joints_cost(const kc_view_t *v, uint32_t iter_max)
+{
+    /* an iteration evaluates the model twice, with loads; the start once */
+    return (2u * (uint64_t)iter_max + 1u) * (kc_model_cost(&v->tables->arm, &v->tables->terms) + 10000u);
+}
+
+uint64_t kc_move_begin_cost(const kc_view_t *v)
+{
+    return kc_move_joints_cost(v, IK_ITER_MAX) + 1000000u; /* and one check of the guard */
+}
+
 void kc_move_joints(const kc_view_t *v, uint32_t cand, uint32_t iter_max, double *q)
 {
     const kc_active_t *a = v->tables;

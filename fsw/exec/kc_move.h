@@ -48,5 +48,8 @@ void kc_move_goal(const kc_space_t *space, uint32_t cand, kc_pose_t *T);
 /* Joints that bring the corrected arm to the candidate, as far as the servo bound allows. Not reaching it
  * is no error: the servo continues from there, and a pose measured beside its candidate is as good. */
 void kc_move_joints(const kc_view_t *v, uint32_t cand, uint32_t iter_max, double *q);
+/* Bounds of the instructions of kc_move_joints and kc_move_begin. */
+uint64_t kc_move_joints_cost(const kc_view_t *v, uint32_t iter_max);
+uint64_t kc_move_begin_cost(const kc_view_t *v);
 
 #endif

@@ -50,7 +50,15 @@ static kc_outcome_t begin(kc_app_t *app, kc_out_t *out)
     case KC_ST_WITHDRAW: return withdraw(app, out);
     case KC_ST_APPROACH: return kc_move_near(&app->move, v, out, app->q_meas);
     case KC_ST_TURN: return kc_observe_turn(&app->observe, &app->pantilt, v, out);
-    case KC_ST_UPDATE: kc_plan_measured(&app->plan, &v->tables->space, (uint32_t)app->cal.candidate); break;
+    case KC_ST_UPDATE:
+        kc_plan_measured(&app->plan, &v->tables->space, (uint32_t)app->cal.candidate);
+        kc_update_begin(&app->learned);
+        break;
+    case KC_ST_REFINE:
+    case KC_ST_LEARN:
+    case KC_ST_REPORT: kc_update_begin(&app->learned); break;
+    case KC_ST_SELECT: kc_select_begin(&app->arena.calibration); break;
+    case KC_ST_PROPOSE: kc_propose_begin(&app->proposing); break;
     default: break;
     }
     return kc_outcome(KC_OC_STAY);
@@ -59,10 +67,11 @@ static kc_outcome_t begin(kc_app_t *app, kc_out_t *out)
 /* ---- what a state does in a step ---- */
 
 /* The next candidate is chosen: the arm sets off, and the pan-tilt unit turns meanwhile. */
-static kc_outcome_t select_next(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t select_next(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
-    kc_outcome_t oc = kc_select_run(&app->cal, &app->plan, &app->arena.calibration, &app->rng, v, out);
+    kc_arena_calibration_t *arena = &app->arena.calibration;
+    kc_outcome_t oc = kc_select_run(&app->cal, &app->plan, arena, &app->rng, v, work, out);
     if (oc.id != KC_OC_DONE) { return oc; }
     kc_observe_begin(&app->observe);
     oc = kc_move_begin(&app->move, v, out);
@@ -70,7 +79,7 @@ static kc_outcome_t select_next(kc_app_t *app, kc_out_t *out)
     return oc;
 }
 
-static kc_outcome_t work(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
     kc_arena_calibration_t *arena = &app->arena.calibration;
@@ -88,12 +97,13 @@ static kc_outcome_t work(kc_app_t *app, kc_out_t *out)
     case KC_ST_OBSERVE: return kc_observe_run(&app->observe, &app->request, v, out);
     case KC_ST_SEARCH: return kc_observe_search(&app->observe, &app->request, v, out);
     case KC_ST_MEASURE: return kc_measure_run(&app->frames, &app->request, &app->est, v, out);
-    case KC_ST_UPDATE: return kc_update_solve(&app->learned, &app->est, &arena->gp, v);
-    case KC_ST_REFINE: return kc_update_refine(&app->learned, &app->est, v);
-    case KC_ST_LEARN: return kc_update_learn(&app->learned, arena, v, out);
-    case KC_ST_REPORT: return kc_update_report(&app->learned, v, out);
-    case KC_ST_SELECT: return select_next(app, out);
-    case KC_ST_PROPOSE: return kc_propose_run(&app->review, &app->tables, &app->images, v, out);
+    case KC_ST_UPDATE: return kc_update_solve(&app->learned, &app->est, &arena->gp, v, work);
+    case KC_ST_REFINE: return kc_update_refine(&app->learned, &app->est, v, work);
+    case KC_ST_LEARN: return kc_update_learn(&app->learned, arena, v, work, out);
+    case KC_ST_REPORT: return kc_update_report(&app->learned, v, work, out);
+    case KC_ST_SELECT: return select_next(app, work, out);
+    case KC_ST_PROPOSE:
+        return kc_propose_run(&app->proposing, &app->review, &app->tables, &app->images, v, work, out);
     case KC_ST_ARMED: return kc_review_armed(&app->review, v, out);
     default: return kc_outcome(KC_OC_STAY); /* IDLE, REVIEW and SAFE wait for commands */
     }
@@ -146,11 +156,11 @@ static void check_budget(kc_app_t *app, kc_out_t *out)
     (void)follow(app, oc, out);
 }
 
-void kc_sequence_run(kc_app_t *app, kc_out_t *out)
+void kc_sequence_run(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     (void)follow(app, kc_input_silence(&app->view, out), out);
     check_budget(app, out);
-    for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work(app, out), out); i++) {}
+    for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work_on(app, work, out), out); i++) {}
 }
 
 /* ---- inputs ---- */
@@ -169,7 +179,7 @@ void kc_sequence_detections(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
     }
 }
 
-static kc_answer_t start(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
+static kc_answer_t start(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
     double dist = 0.0;
@@ -184,6 +194,7 @@ static kc_answer_t start(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
     kc_update_start(&app->learned, &app->est, &app->arena.calibration, v, ask.free_mask);
     kc_observe_begin(&app->observe);
     app->rng = ask.seed;
+    kc_work_spend(work, kc_update_start_cost(v));
     return answer;
 }
 
@@ -205,11 +216,11 @@ static kc_answer_t rollback(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
     return kc_review_rollback(&app->tables, &app->images, (uint32_t)c->arg_i[0], out);
 }
 
-static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
+static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
 {
     switch (c->opcode) {
     case KC_CMD_NOOP: return kc_answer_ok(KC_OC_STAY);
-    case KC_CMD_START: return start(app, c, out);
+    case KC_CMD_START: return start(app, c, work, out);
     case KC_CMD_ABORT: return kc_answer_ok(KC_OC_ABORT);
     case KC_CMD_APPROVE_ARM:
     case KC_CMD_APPROVE_GO:
@@ -224,7 +235,7 @@ static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
     }
 }
 
-void kc_sequence_commands(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
+void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)
 {
     for (uint32_t i = 0u; i < in->n_chunk && i < KC_CHUNK_QUEUE_MAX; i++) {
         kc_cmd_chunk(&app->tables, &app->view, &in->chunk[i], out);
@@ -232,7 +243,7 @@ void kc_sequence_commands(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
     for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
         const kc_cmd_t *c = &in->cmd[i];
         kc_answer_t answer = kc_cmd_admit(&app->cmd_log, &app->view, c, out);
-        if (answer.status == KC_OK) { answer = execute(app, c, out); }
+        if (answer.status == KC_OK) { answer = execute(app, c, work, out); }
         (void)follow(app, answer.outcome, out);
         kc_cmd_answer(&app->cmd_log, c, &answer, out);
     }

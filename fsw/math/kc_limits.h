@@ -40,4 +40,7 @@
 #define KC_CHUNK_BYTES 1024u  /* payload of one table chunk */
 #define KC_IMAGE_MAX (144u * 1024u) /* largest table image */
 
+/* Instructions that one step spends on computations that go on in the next (kc_work.h). */
+#define KC_STEP_WORK 8000000u
+
 #endif

@@ -4,6 +4,11 @@
 
 #include "kc_vec.h"
 
+uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms)
+{
+    return 20000u + 3000u * (uint64_t)arm->n_joints + 2000u * (uint64_t)terms->n_term;
+}
+
 /* Twists of all frames: component sums of the correction terms. */
 typedef double twists_t[KC_FRAME_COUNT][6];
 
