@@ -48,7 +48,7 @@ uint64_t kc_kernel_cost(const kc_kernel_t *k)
 {
     uint64_t n_w = 0u;
     for (uint32_t i = 0u; i < k->n_hyper; i++) { n_w = k->hyper[i].n_w > n_w ? k->hyper[i].n_w : n_w; }
-    return 1000u + 10u * n_w;
+    return 350u + 7u * n_w;
 }
 
 static int in_range(double x, double lo, double hi, double *got)

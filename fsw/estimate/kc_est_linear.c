@@ -25,12 +25,6 @@ uint32_t kc_est_block(kc_est_t *est, const double *coef, uint32_t i, double raw[
     return m;
 }
 
-uint64_t kc_est_block_cost(const kc_est_t *est)
-{
-    const uint64_t n = est->terms->n_coef;
-    return kc_model_cost(est->arm, est->terms) + 10000u + 200u * n + 40u * n * n;
-}
-
 uint32_t kc_est_rows(const kc_est_t *est)
 {
     uint32_t rows = 0u;

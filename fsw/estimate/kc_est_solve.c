@@ -259,14 +259,22 @@ static void advance(kc_est_t *est)
 static uint64_t advance_cost(const kc_est_t *est)
 {
     const uint64_t n = est->n_idx;
-    return est->job.pass == (uint8_t)KC_EST_PASS_FOLD ? 20000u + 12u * n * n * n : 5000u + 30u * n * n;
+    return est->job.pass == (uint8_t)KC_EST_PASS_FOLD ? 20000u + 10u * n * n * n : 5000u + 30u * n * n;
+}
+
+/* Of one observation in a pass: its whitened rows, and their way into R. */
+static uint64_t observation_cost(const kc_est_t *est)
+{
+    const uint64_t n = est->n_idx;
+    const uint64_t rows = kc_model_cost(est->arm, est->terms, 1) + 5000u + 260u * n;
+    return est->job.pass == (uint8_t)KC_EST_PASS_SUMS ? rows : rows + 64u * n * n;
 }
 
 /* The pass over the observations; true when it is over. */
 static bool pass(kc_est_t *est, kc_work_t *work)
 {
     kc_est_job_t *job = &est->job;
-    const uint64_t cost = kc_est_block_cost(est);
+    const uint64_t cost = observation_cost(est);
     for (; job->i < est->n_obs; job->i++) {
         if (est->outlier[job->i] != 0u) { continue; }
         if (!kc_work_take(work, cost)) { return false; }

@@ -135,10 +135,9 @@ kc_status_t kc_est_solve(kc_est_t *est);
  * is what kc_est_solve returns; outputs are valid only then. Nothing of the inputs may change between. */
 void kc_est_begin(kc_est_t *est);
 bool kc_est_step(kc_est_t *est, kc_work_t *work);
-/* Bound of the instructions for the whitened rows of one observation, or for kc_est_pose_cov. */
-uint64_t kc_est_block_cost(const kc_est_t *est);
 
 /* Covariance (6x6, row-major) of the predicted tool pose at ctx with the solved estimate. */
+uint64_t kc_est_pose_cov_cost(const kc_est_t *est); /* bound of its instructions */
 void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36]);
 
 #endif

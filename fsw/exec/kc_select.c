@@ -26,13 +26,14 @@ enum { FRESH = 0, JOINTS, INFORMATION, ACQUIRED, CHOSEN };
  * information of a pose depends on them (tests/bench/samples.py --space). False: goes on in the next step. */
 static bool predict_joints(kc_arena_calibration_t *arena, const kc_view_t *v, kc_work_t *work)
 {
-    const uint64_t cost = kc_move_joints_cost(v, PREDICT_ITER_MAX);
+    const uint64_t cost = kc_move_joints_cost(v, KC_MOVE_EVALS(PREDICT_ITER_MAX));
     kc_choice_t *ch = &arena->choice;
     for (; ch->i < v->tables->space.n_cand; ch->i++) {
         double q[KC_JOINT_MAX] = {0};
         if (v->plan->usable[ch->i] == 0u) { continue; }
         if (!kc_work_take(work, cost)) { return false; }
-        kc_move_joints(v, ch->i, PREDICT_ITER_MAX, q);
+        uint32_t n = kc_move_joints(v, ch->i, PREDICT_ITER_MAX, q);
+        kc_work_return(work, cost - kc_move_joints_cost(v, n));
         for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
             arena->cand_q[ch->i * KC_JOINT_MAX + j] = (float)q[j];
         }

@@ -13,19 +13,19 @@
 
 /* ---- what a state begins with ---- */
 
-static kc_outcome_t withdraw(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t withdraw(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     double q[KC_JOINT_MAX];
     memcpy(app->q_meas, app->move.q_target, sizeof app->q_meas);
     kc_approach_start(&app->view, &app->rng, app->q_meas, q);
-    return kc_move_near(&app->move, &app->view, out, q);
+    return kc_move_near(&app->move, &app->view, work, out, q);
 }
 
-static kc_outcome_t to_seed(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t to_seed(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     double seed[KC_JOINT_MAX];
     kc_view_seed(&app->view, seed);
-    return kc_move_near(&app->move, &app->view, out, seed);
+    return kc_move_near(&app->move, &app->view, work, out, seed);
 }
 
 static kc_outcome_t aim(kc_app_t *app, kc_out_t *out)
@@ -35,7 +35,7 @@ static kc_outcome_t aim(kc_app_t *app, kc_out_t *out)
     return kc_outcome(KC_OC_STAY);
 }
 
-static kc_outcome_t begin(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t begin(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
     switch (app->place.state) {
@@ -44,11 +44,11 @@ static kc_outcome_t begin(kc_app_t *app, kc_out_t *out)
     case KC_ST_REST: kc_rest_begin(&app->rest); break;
     case KC_ST_OBSERVE:
     case KC_ST_SEARCH: kc_request_begin(&app->request); break;
-    case KC_ST_SERVO: return kc_move_near(&app->move, v, out, app->observe.q_servo);
-    case KC_ST_RETREAT: return kc_move_near(&app->move, v, out, app->observe.q_detected);
-    case KC_ST_SEED: return to_seed(app, out);
-    case KC_ST_WITHDRAW: return withdraw(app, out);
-    case KC_ST_APPROACH: return kc_move_near(&app->move, v, out, app->q_meas);
+    case KC_ST_SERVO: return kc_move_near(&app->move, v, work, out, app->observe.q_servo);
+    case KC_ST_RETREAT: return kc_move_near(&app->move, v, work, out, app->observe.q_detected);
+    case KC_ST_SEED: return to_seed(app, work, out);
+    case KC_ST_WITHDRAW: return withdraw(app, work, out);
+    case KC_ST_APPROACH: return kc_move_near(&app->move, v, work, out, app->q_meas);
     case KC_ST_TURN: return kc_observe_turn(&app->observe, &app->pantilt, v, out);
     case KC_ST_UPDATE:
         kc_plan_measured(&app->plan, &v->tables->space, (uint32_t)app->cal.candidate);
@@ -74,7 +74,7 @@ static kc_outcome_t select_next(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     kc_outcome_t oc = kc_select_run(&app->cal, &app->plan, arena, &app->rng, v, work, out);
     if (oc.id != KC_OC_DONE) { return oc; }
     kc_observe_begin(&app->observe);
-    oc = kc_move_begin(&app->move, v, out);
+    oc = kc_move_begin(&app->move, v, work, out);
     if (oc.id == KC_OC_DONE) { kc_pantilt_aim(&app->pantilt, v, out, app->move.q_final, app->observe.off_m); }
     return oc;
 }
@@ -84,12 +84,12 @@ static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     const kc_view_t *v = &app->view;
     kc_arena_calibration_t *arena = &app->arena.calibration;
     switch (app->place.state) {
-    case KC_ST_MOVE: return kc_move_run(&app->move, v, out);
+    case KC_ST_MOVE: return kc_move_run(&app->move, v, work, out);
     case KC_ST_SERVO:
     case KC_ST_SEED:
     case KC_ST_RETREAT:
     case KC_ST_WITHDRAW:
-    case KC_ST_APPROACH: return kc_move_wait(&app->move, v, out);
+    case KC_ST_APPROACH: return kc_move_wait(&app->move, v, work, out);
     case KC_ST_AIM:
     case KC_ST_TURN: return kc_pantilt_wait(&app->pantilt, v, out);
     case KC_ST_SETTLE:
@@ -132,7 +132,7 @@ static void leave(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
 
 /* Go where the table says; a state may be left at once by what it begins with. True if the work of the new
  * state begins in this step. */
-static bool follow(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
+static bool follow(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *out)
 {
     bool same_step = false;
     for (uint32_t i = 0u; oc.id != KC_OC_STAY && i < CHAIN_MAX; i++) {
@@ -140,27 +140,27 @@ static bool follow(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
         leave(app, oc, out);
         app->place = (kc_place_t){next.state, app->clock.now_us};
         same_step = next.same_step;
-        oc = begin(app, out);
+        oc = begin(app, work, out);
     }
     return same_step;
 }
 
 /* A budget is used up in the middle of a pose: that is lost. */
-static void check_budget(kc_app_t *app, kc_out_t *out)
+static void check_budget(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     kc_outcome_t oc = kc_select_budget(&app->cal, &app->view, out);
     if (oc.id != KC_OC_STAY && app->place.state != KC_ST_SELECT) {
         kc_move_hold(&app->move, &app->view, out);
         kc_request_drop(&app->request);
     }
-    (void)follow(app, oc, out);
+    (void)follow(app, oc, work, out);
 }
 
 void kc_sequence_run(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
-    (void)follow(app, kc_input_silence(&app->view, out), out);
-    check_budget(app, out);
-    for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work_on(app, work, out), out); i++) {}
+    (void)follow(app, kc_input_silence(&app->view, out), work, out);
+    check_budget(app, work, out);
+    for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work_on(app, work, out), work, out); i++) {}
 }
 
 /* ---- inputs ---- */
@@ -244,7 +244,7 @@ void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_
         const kc_cmd_t *c = &in->cmd[i];
         kc_answer_t answer = kc_cmd_admit(&app->cmd_log, &app->view, c, out);
         if (answer.status == KC_OK) { answer = execute(app, c, work, out); }
-        (void)follow(app, answer.outcome, out);
+        (void)follow(app, answer.outcome, work, out);
         kc_cmd_answer(&app->cmd_log, c, &answer, out);
     }
 }

@@ -55,7 +55,7 @@ static kc_miss_t miss_of(const kc_view_t *v, const double *coef, uint32_t i)
  * step. */
 static bool misses(kc_learned_t *l, const kc_view_t *v, const double *coef, kc_work_t *work)
 {
-    const uint64_t cost = kc_model_cost(&v->tables->arm, &v->tables->terms);
+    const uint64_t cost = kc_model_cost(&v->tables->arm, &v->tables->terms, 1);
     for (; l->i < v->plan->n_meas; l->i++) {
         if (!kc_work_take(work, cost)) { return false; }
         kc_miss_t miss = miss_of(v, coef, l->i);
@@ -264,7 +264,7 @@ kc_outcome_t kc_update_learn(kc_learned_t *l, kc_arena_calibration_t *arena, con
  * noise is scaled up to what the residuals show. False: goes on in the next step. */
 static bool predict(kc_learned_t *l, const kc_view_t *v, kc_work_t *work)
 {
-    const uint64_t cost = kc_est_block_cost(v->est);
+    const uint64_t cost = kc_est_pose_cov_cost(v->est);
     uint32_t n = v->tables->space.n_cand, stride = kc_view_stride(v);
     double cov[36];
     for (; l->i < n; l->i += stride) {

@@ -41,6 +41,6 @@
 #define KC_IMAGE_MAX (144u * 1024u) /* largest table image */
 
 /* Instructions that one step spends on computations that go on in the next (kc_work.h). */
-#define KC_STEP_WORK 8000000u
+#define KC_STEP_WORK 9000000u
 
 #endif

@@ -29,6 +29,9 @@ static inline bool kc_work_take(kc_work_t *w, uint64_t cost)
     return true;
 }
 
+/* Give back what a unit that was charged did not use. */
+static inline void kc_work_return(kc_work_t *w, uint64_t cost) { w->used -= cost; }
+
 /* Charge what is not put off. */
 static inline void kc_work_spend(kc_work_t *w, uint64_t cost) { w->used += cost; }
 
