@@ -100,51 +100,57 @@ static void take_coefs(const kc_est_t *est, kc_acq_work_t *w)
     }
 }
 
-/* M = (sum J' W J + prior)^-1 over the observations. */
-static kc_status_t information(const kc_est_t *est, kc_acq_work_t *w)
+/* ---- parts: M = (sum J' W J + prior)^-1 over the observations ---- */
+
+typedef enum { OVER = 0, INFORM, INVERT, SPREAD, WEIGH, GAIN } phase_t;
+
+static void inform(const kc_est_t *est, uint32_t i, kc_acq_work_t *w)
 {
+    const kc_obs_t *o = &est->obs[i];
     kc_loads_t loads;
     double W[36];
     double r[6];
-    zero(w->S, w->n);
-    for (uint32_t j = 0; j < w->n; j++) { w->S[j * LD + j] = w->prior[j]; }
-    for (uint32_t i = 0; i < est->n_obs; i++) {
-        const kc_obs_t *o = &est->obs[i];
-        if (est->outlier[i] != 0u) { continue; }
-        kc_model_loads(est->arm, est->terms, est->coef, &o->ctx, &loads);
-        const uint32_t m = kc_model_residual(est->arm, est->terms, est->coef, o, &loads, r, &w->eval);
-        (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has checked it */
-        take_jacobian(est, W, m, w);
-        kc_la_rank_update(w->S, w->n, LD, &w->J[0][0], 6u, 6u, 1.0);
-    }
+    kc_model_loads(est->arm, est->terms, est->coef, &o->ctx, &loads);
+    const uint32_t m = kc_model_residual(est->arm, est->terms, est->coef, o, &loads, r, &w->eval);
+    (void)kc_la_whiten(o->cov, m, W); /* kc_est_add has checked it */
+    take_jacobian(est, W, m, w);
+    kc_la_rank_update(w->S, w->n, LD, &w->J[0][0], 6u, 6u, 1.0);
+}
+
+/* S becomes zero for what is summed over the candidates. */
+static kc_status_t invert(kc_acq_work_t *w)
+{
     if (kc_la_chol(w->S, w->n, LD) != KC_OK) { return KC_ERR_NUM; }
     kc_la_chol_inverse(w->S, w->n, LD, w->M, LD);
+    zero(w->S, w->n);
     return KC_OK;
 }
 
-/* N = M (sum over X of J'J) M into S, J in units of the requested variance. Returns the trace of
- * (sum J'J) M: the total before. By N, what a measurement takes off the total is a 6x6 trace. */
-static double prepare_vopt(const kc_est_t *est, const float *q, uint32_t n_cand, double len_m,
-                           kc_acq_work_t *w)
+/* ---- vopt: N = M (sum over X of J'J) M into S, J in units of the requested variance. By N, what a
+ * measurement takes off the total is a 6x6 trace. ---- */
+
+static void spread(const kc_est_t *est, const float *q, kc_acq_work_t *w)
+{
+    double unit[36] = {0};
+    for (uint32_t k = 0; k < 6u; k++) { unit[k * 7u] = (k < 3u) ? 1.0 / w->len_m : 1.0; }
+    eval_candidate(est, q, w);
+    take_jacobian(est, unit, 6u, w);
+    kc_la_rank_update(w->S, w->n, LD, &w->J[0][0], 6u, 6u, 1.0);
+}
+
+/* total: trace of (sum J'J) M, the total before. */
+static void weigh(kc_acq_work_t *w)
 {
     const uint32_t n = w->n;
     double *line = w->prior; /* no longer needed */
-    double unit[36] = {0};
-    double total = 0.0;
-    for (uint32_t k = 0; k < 6u; k++) { unit[k * 7u] = (k < 3u) ? 1.0 / len_m : 1.0; }
-    zero(w->S, n);
-    for (uint32_t i = 0; i < n_cand; i++) {
-        eval_candidate(est, &q[i * KC_JOINT_MAX], w);
-        take_jacobian(est, unit, 6u, w);
-        kc_la_rank_update(w->S, n, LD, &w->J[0][0], 6u, 6u, 1.0);
-    }
+    w->total = 0.0;
     for (uint32_t i = 0; i < n; i++) { /* S <- S M, row by row */
         for (uint32_t j = 0; j < n; j++) {
             line[j] = 0.0;
             for (uint32_t k = 0; k < n; k++) { line[j] += w->S[i * LD + k] * w->M[k * LD + j]; }
         }
         for (uint32_t j = 0; j < n; j++) { w->S[i * LD + j] = line[j]; }
-        total += line[i];
+        w->total += line[i];
     }
     for (uint32_t j = 0; j < n; j++) { /* S <- M S, column by column */
         for (uint32_t i = 0; i < n; i++) {
@@ -153,11 +159,12 @@ static double prepare_vopt(const kc_est_t *est, const float *q, uint32_t n_cand,
         }
         for (uint32_t i = 0; i < n; i++) { w->S[i * LD + j] = line[i]; }
     }
-    return total;
 }
 
+/* ---- the candidate of the largest gain ---- */
+
 /* dopt: log det(I + J M J'). vopt: tr((I + J M J')^-1 J N J'). */
-static kc_status_t gain(kc_acq_t kind, kc_acq_work_t *w, double *value)
+static kc_status_t gain(kc_acq_work_t *w, double *value)
 {
     double A[36];
     double B[36];
@@ -165,7 +172,7 @@ static kc_status_t gain(kc_acq_t kind, kc_acq_work_t *w, double *value)
     for (uint32_t k = 0; k < 6u; k++) { A[k * 7u] += 1.0; }
     *value = 0.0;
     if (kc_la_chol(A, 6u, 6u) != KC_OK) { return KC_ERR_NUM; }
-    if (kind == KC_ACQ_DOPT) {
+    if (w->kind == KC_ACQ_DOPT) {
         for (uint32_t k = 0; k < 6u; k++) { *value += 2.0 * kc_log(A[k * 7u]); }
         return KC_OK;
     }
@@ -177,41 +184,131 @@ static kc_status_t gain(kc_acq_t kind, kc_acq_work_t *w, double *value)
     return KC_OK;
 }
 
-static kc_status_t best_gain(kc_acq_t kind, const kc_est_t *est, const float *q, uint32_t n_cand,
-                             const uint8_t *usable, const double W[36], kc_acq_work_t *w, uint32_t *c,
-                             double *value)
+static kc_status_t consider(const kc_est_t *est, const float *q, kc_acq_work_t *w)
 {
-    kc_status_t st = KC_ERR_ARG;
-    for (uint32_t i = 0; i < n_cand; i++) {
-        double g;
-        if (usable[i] == 0u) { continue; }
-        eval_candidate(est, &q[i * KC_JOINT_MAX], w);
-        take_jacobian(est, W, 6u, w);
-        if (gain(kind, w, &g) != KC_OK) { return KC_ERR_NUM; }
-        if (st != KC_OK || g > *value) {
-            *c = i;
-            *value = g;
-            st = KC_OK;
-        }
+    double g;
+    eval_candidate(est, q, w);
+    take_jacobian(est, w->W, 6u, w);
+    if (gain(w, &g) != KC_OK) { return KC_ERR_NUM; }
+    if (w->status != KC_OK || g > w->value) {
+        w->best = w->i;
+        w->value = g;
+        w->status = KC_OK;
     }
-    return st;
+    return KC_OK;
+}
+
+/* ---- steps ---- */
+
+void kc_acq_info_begin(kc_acq_t kind, const kc_est_t *est, const double cov[36], double len_m,
+                       kc_acq_work_t *work)
+{
+    work->phase = (uint8_t)OVER;
+    work->status = KC_ERR_ARG;
+    work->kind = kind;
+    work->len_m = len_m;
+    work->i = 0u;
+    take_coefs(est, work);
+    if ((kind != KC_ACQ_DOPT && kind != KC_ACQ_VOPT) || work->n == 0u || !(len_m > 0.0) ||
+        kc_la_whiten(cov, 6u, work->W) != KC_OK) {
+        return;
+    }
+    zero(work->S, work->n);
+    for (uint32_t j = 0; j < work->n; j++) { work->S[j * LD + j] = work->prior[j]; }
+    work->phase = (uint8_t)INFORM;
+}
+
+static void next(kc_acq_work_t *w, phase_t phase)
+{
+    w->phase = (uint8_t)phase;
+    w->i = 0u;
+}
+
+static void fail(kc_acq_work_t *w)
+{
+    w->status = KC_ERR_NUM;
+    w->phase = (uint8_t)OVER;
+}
+
+/* How many units the phase has; what one costs; unit i of it; and what comes after the last one. */
+static uint32_t units(const kc_est_t *est, uint32_t n_cand, const kc_acq_work_t *w)
+{
+    if (w->phase == (uint8_t)INFORM) { return est->n_obs; }
+    return w->phase == (uint8_t)SPREAD || w->phase == (uint8_t)GAIN ? n_cand : 1u;
+}
+
+static uint64_t unit_cost(const kc_est_t *est, const kc_acq_work_t *w)
+{
+    const uint64_t n = w->n;
+    const uint64_t jacobian = kc_model_cost(est->arm, est->terms, 1) + 5000u + 260u * n;
+    switch ((phase_t)w->phase) {
+    case INVERT: return 20000u + 3u * n * n * n;
+    case WEIGH: return 20000u + 14u * n * n * n;
+    case GAIN: return jacobian + 5000u + (w->kind == KC_ACQ_VOPT ? 104u : 52u) * n * n;
+    default: return jacobian + 32u * n * n;
+    }
+}
+
+static bool needed(const kc_est_t *est, const uint8_t *usable, const kc_acq_work_t *w)
+{
+    if (w->phase == (uint8_t)INFORM) { return est->outlier[w->i] == 0u; }
+    return w->phase != (uint8_t)GAIN || usable[w->i] != 0u;
+}
+
+static void do_unit(const kc_est_t *est, const float *q, kc_acq_work_t *w)
+{
+    const float *at = &q[w->i * KC_JOINT_MAX];
+    kc_status_t st = KC_OK;
+    switch ((phase_t)w->phase) {
+    case INFORM: inform(est, w->i, w); break;
+    case INVERT: st = invert(w); break;
+    case SPREAD: spread(est, at, w); break;
+    case WEIGH: weigh(w); break;
+    default: st = consider(est, at, w); break;
+    }
+    if (st != KC_OK) { fail(w); }
+}
+
+static void after(kc_acq_work_t *w, uint32_t n_cand)
+{
+    switch ((phase_t)w->phase) {
+    case INFORM: next(w, INVERT); break;
+    case INVERT: next(w, w->kind == KC_ACQ_VOPT ? SPREAD : GAIN); break;
+    case SPREAD: next(w, WEIGH); break;
+    case WEIGH: next(w, GAIN); break;
+    default:
+        if (w->kind == KC_ACQ_VOPT && w->status == KC_OK) { w->value = (w->total - w->value) / (double)n_cand; }
+        next(w, OVER);
+        break;
+    }
+}
+
+bool kc_acq_info_step(const kc_est_t *est, const float *q, uint32_t n_cand, const uint8_t *usable,
+                      kc_acq_work_t *work, kc_work_t *budget)
+{
+    while (work->phase != (uint8_t)OVER) {
+        const uint32_t n = units(est, n_cand, work);
+        const uint64_t cost = unit_cost(est, work);
+        for (; work->i < n && work->phase != (uint8_t)OVER; work->i++) {
+            if (!needed(est, usable, work)) { continue; }
+            if (!kc_work_take(budget, cost)) { return false; }
+            do_unit(est, q, work);
+        }
+        if (work->phase != (uint8_t)OVER) { after(work, n_cand); }
+    }
+    return true;
 }
 
 kc_status_t kc_acq_info(kc_acq_t kind, const kc_est_t *est, const float *q, uint32_t n_cand,
                         const uint8_t *usable, const double cov[36], double len_m, kc_acq_work_t *work,
                         uint32_t *c, double *value)
 {
-    double W[36];
-    double total = 0.0;
-    take_coefs(est, work);
-    if ((kind != KC_ACQ_DOPT && kind != KC_ACQ_VOPT) || work->n == 0u || !(len_m > 0.0) ||
-        kc_la_whiten(cov, 6u, W) != KC_OK) {
-        return KC_ERR_ARG;
+    kc_work_t all = kc_work_unlimited();
+    kc_acq_info_begin(kind, est, cov, len_m, work);
+    (void)kc_acq_info_step(est, q, n_cand, usable, work, &all);
+    if (work->status == KC_OK) {
+        *c = work->best;
+        *value = work->value;
     }
-    kc_status_t st = information(est, work);
-    if (st != KC_OK) { return st; }
-    if (kind == KC_ACQ_VOPT) { total = prepare_vopt(est, q, n_cand, len_m, work); }
-    st = best_gain(kind, est, q, n_cand, usable, W, work, c, value);
-    if (st == KC_OK && kind == KC_ACQ_VOPT) { *value = (total - *value) / (double)n_cand; }
-    return st;
+    return work->status;
 }

@@ -46,13 +46,29 @@ typedef struct {
     double M[KC_COEF_MAX * KC_COEF_MAX]; /* covariance, in units of scale */
     double S[KC_COEF_MAX * KC_COEF_MAX]; /* information; then M (sum J'J) M (vopt) */
     double J[KC_COEF_MAX][6];            /* Jacobian of one pose, in those units */
-    double MJ[KC_COEF_MAX][6];
     double prior[KC_COEF_MAX]; /* precision of the prior, in those units */
     uint32_t idx[KC_COEF_MAX], n;
     kc_eval_t eval;
+    /* where the choice stands between two steps (kc_acquire.c) */
+    uint8_t phase; /* 0: over */
+    uint32_t i;    /* next observation or candidate */
+    kc_acq_t kind;
+    double W[36]; /* whitens a measurement */
+    double len_m, total;
+    /* its result */
+    kc_status_t status;
+    uint32_t best;
+    double value;
 } kc_acq_work_t;
 kc_status_t kc_acq_info(kc_acq_t kind, const kc_est_t *est, const float *q, uint32_t n_cand,
                         const uint8_t *usable, const double cov[36], double len_m, kc_acq_work_t *work,
                         uint32_t *c, double *value);
+
+/* The same in parts: begin, then step, once a step of the process, until it answers true; then work->status,
+ * best and value are what kc_acq_info gives. est, q, n_cand and usable may not change between. */
+void kc_acq_info_begin(kc_acq_t kind, const kc_est_t *est, const double cov[36], double len_m,
+                       kc_acq_work_t *work);
+bool kc_acq_info_step(const kc_est_t *est, const float *q, uint32_t n_cand, const uint8_t *usable,
+                      kc_acq_work_t *work, kc_work_t *budget);
 
 #endif

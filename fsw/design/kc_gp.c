@@ -107,28 +107,72 @@ static kc_status_t refactor(kc_gp_t *gp, uint32_t hyper)
     return st;
 }
 
-static void recache(kc_gp_t *gp, const kc_point_t *cand)
+void kc_gp_choose_begin(kc_gp_t *gp)
 {
-    for (uint32_t c = 0; c < gp->n_cand; c++) { gp->var[c] = prior_var(gp, &cand[c]); }
-    for (uint32_t i = 0; i < gp->n; i++) { cache_row(gp, i, cand); }
+    gp->choice = (kc_gp_choice_t){.old = gp->hyper, .best = gp->hyper, .best_ml = kc_gp_log_marginal(gp)};
 }
 
 /* Trial factors overwrite L, so no second one is kept; the best is factored once more at the end. A set
- * whose factor breaks down is not chosen; the present one never does, since it was built on it. */
+ * whose factor breaks down is passed over. */
+static void try_set(kc_gp_t *gp, uint32_t h)
+{
+    kc_gp_choice_t *c = &gp->choice;
+    if (h == c->old || refactor(gp, h) != KC_OK) { return; }
+    const double ml = kc_gp_log_marginal(gp);
+    if (ml > c->best_ml) {
+        c->best_ml = ml;
+        c->best = h;
+    }
+}
+
+static void take_best(kc_gp_t *gp, const kc_point_t *cand)
+{
+    (void)refactor(gp, gp->choice.best);
+    if (gp->choice.best == gp->choice.old) { return; }
+    for (uint32_t c = 0; c < gp->n_cand; c++) { gp->var[c] = prior_var(gp, &cand[c]); }
+}
+
+/* Of a factor of all points, of a row of the candidate cache, of its prior variances. */
+static uint64_t factor_cost(const kc_gp_t *gp)
+{
+    const uint64_t n = gp->n + 1u;
+    return 10000u + n * n * kc_kernel_cost(gp->kernel) / 2u + 3u * n * n * n;
+}
+
+static uint64_t row_cost(const kc_gp_t *gp)
+{
+    return 10000u + gp->n_cand * (kc_kernel_cost(gp->kernel) + 6u * (uint64_t)gp->n);
+}
+
+uint64_t kc_gp_cost(const kc_gp_t *gp)
+{
+    const uint64_t n = gp->n + 1u;
+    return row_cost(gp) + n * (kc_kernel_cost(gp->kernel) + 20u * n);
+}
+
+bool kc_gp_choose_step(kc_gp_t *gp, const kc_point_t *cand, kc_work_t *work)
+{
+    kc_gp_choice_t *c = &gp->choice;
+    for (; c->h < gp->kernel->n_hyper; c->h++) {
+        if (!kc_work_take(work, factor_cost(gp))) { return false; }
+        try_set(gp, c->h);
+    }
+    if (c->h == gp->kernel->n_hyper) {
+        if (!kc_work_take(work, factor_cost(gp) + row_cost(gp))) { return false; }
+        take_best(gp, cand);
+        c->h++;
+    }
+    for (; c->best != c->old && c->i < gp->n; c->i++) {
+        if (!kc_work_take(work, row_cost(gp))) { return false; }
+        cache_row(gp, c->i, cand);
+    }
+    return true;
+}
+
 uint32_t kc_gp_choose(kc_gp_t *gp, const kc_point_t *cand)
 {
-    const uint32_t old = gp->hyper;
-    uint32_t best = old;
-    double best_ml = kc_gp_log_marginal(gp);
-    for (uint32_t h = 0; h < gp->kernel->n_hyper; h++) {
-        if (h == old || refactor(gp, h) != KC_OK) { continue; }
-        const double ml = kc_gp_log_marginal(gp);
-        if (ml > best_ml) {
-            best_ml = ml;
-            best = h;
-        }
-    }
-    (void)refactor(gp, best);
-    if (best != old) { recache(gp, cand); }
-    return best;
+    kc_work_t work = kc_work_unlimited();
+    kc_gp_choose_begin(gp);
+    (void)kc_gp_choose_step(gp, cand, &work);
+    return gp->hyper;
 }

@@ -7,6 +7,14 @@
 
 #include "kc_kernel.h"
 #include "kc_limits.h"
+#include "kc_work.h"
+
+/* Where a choice of hyperparameters stands between two steps. */
+typedef struct {
+    uint32_t old, best, h; /* set in force before, best up to now, next one to try */
+    uint32_t i;            /* next row of the candidate cache */
+    double best_ml;
+} kc_gp_choice_t;
 
 /* Caller owns it; the candidate cache is single precision (relative 6e-8, only ranks
  * candidates), everything else double. */
@@ -20,6 +28,7 @@ typedef struct {
     double z[KC_MEAS_MAX];             /* L^-1 y */
     double var[KC_CAND_MAX];           /* posterior variance of candidate */
     float v[KC_MEAS_MAX][KC_CAND_MAX]; /* rows of L^-1 K(X, candidates) */
+    kc_gp_choice_t choice;
 } kc_gp_t;
 
 /* Empty GP over n_cand candidates. KC_ERR_ARG if n_cand > KC_CAND_MAX or hyper out of range. */
@@ -39,5 +48,11 @@ double kc_gp_log_marginal(const kc_gp_t *gp);
 /* Hyperparameter set with the greatest marginal likelihood; rebuilds the GP on it if it differs from
  * the current one. Returns its index. O(n_hyper n^3 + n^2 n_cand). */
 uint32_t kc_gp_choose(kc_gp_t *gp, const kc_point_t *cand);
+/* The same in parts: begin, then step, once a step of the process, until it answers true; in between nothing
+ * else of the GP may be used. */
+void kc_gp_choose_begin(kc_gp_t *gp);
+bool kc_gp_choose_step(kc_gp_t *gp, const kc_point_t *cand, kc_work_t *work);
+/* Bound of the instructions of kc_gp_add, kc_gp_init or kc_gp_predict. */
+uint64_t kc_gp_cost(const kc_gp_t *gp);
 
 #endif

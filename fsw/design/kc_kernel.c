@@ -44,6 +44,13 @@ double kc_kernel_eval(const kc_kernel_t *k, uint32_t hyper, const kc_point_t *x1
            kc_exp(-0.5 * d2 / (h->beta_m * h->beta_m));
 }
 
+uint64_t kc_kernel_cost(const kc_kernel_t *k)
+{
+    uint64_t n_w = 0u;
+    for (uint32_t i = 0u; i < k->n_hyper; i++) { n_w = k->hyper[i].n_w > n_w ? k->hyper[i].n_w : n_w; }
+    return 350u + 7u * n_w;
+}
+
 static int in_range(double x, double lo, double hi, double *got)
 {
     *got = x;

@@ -2,7 +2,6 @@
 #include "kc_la.h"
 #include "kc_libm.h"
 
-#define DAMP_START 1e-3
 #define DAMP_MAX 1e12
 #define DAMP_UP 8.0
 #define DAMP_DOWN 0.1
@@ -11,7 +10,7 @@
 #define BOUND_SNAP 1e-9 /* of scale: a total this close to its bound is on it   */
 
 /* Model of the cost around est->coef, in steps over scale: H = S R'R S, g = -S R'z, box for the total. */
-static void build_qp(kc_est_t *est)
+void kc_est_model(kc_est_t *est)
 {
     kc_qp_t *qp = &est->qp;
     const uint32_t n = est->n_idx;
@@ -30,19 +29,24 @@ static void build_qp(kc_est_t *est)
             qp->H[i * KC_COEF_MAX + j] *= k->scale * est->terms->coef[est->idx[j]].scale;
         }
     }
+    for (uint32_t i = 0; i < n; i++) { est->pivot[i] = qp->H[i * KC_COEF_MAX + i]; }
 }
 
-/* Marquardt: the diagonal grows by `by` of its undamped value diag. */
-static void damp(kc_est_t *est, const double *diag, double by)
+/* Marquardt: the diagonal grows by lambda of its undamped value. */
+kc_est_step_t kc_est_try(kc_est_t *est)
 {
+    kc_est_job_t *job = &est->job;
+    if (job->tries >= TRIES_MAX || job->lambda >= DAMP_MAX) { return KC_EST_STEP_NONE; }
     for (uint32_t i = 0; i < est->n_idx; i++) {
-        est->qp.H[i * KC_COEF_MAX + i] = diag[i] * (1.0 + by);
+        est->qp.H[i * KC_COEF_MAX + i] = est->pivot[i] * (1.0 + job->lambda);
         est->qp.x[i] = 0.0;
     }
+    kc_qp_begin(&est->qp); /* its x is feasible whatever it answers; the cost decides */
+    return KC_EST_STEP_AGAIN;
 }
 
-/* est->trial = coef + step, kept inside the box against rounding. Returns the largest step over scale. */
-static double take_step(kc_est_t *est)
+/* Kept inside the box against rounding. largest: step over scale. */
+void kc_est_trial(kc_est_t *est)
 {
     double largest = 0.0;
     for (uint32_t c = 0; c < est->terms->n_coef; c++) { est->trial[c] = est->coef[c]; }
@@ -52,7 +56,7 @@ static double take_step(kc_est_t *est)
         est->trial[c] = kc_clamp(est->coef[c] + est->qp.x[i] * k->scale, k->lb, k->ub);
         largest = kc_max(largest, kc_fabs(est->qp.x[i]));
     }
-    return largest;
+    est->job.largest = largest;
 }
 
 /* Fall of the quadratic model over the step: -(2 g'x + x'Hx), as cost is twice the QP's. */
@@ -67,51 +71,21 @@ static double predicted_fall(const kc_qp_t *qp)
     return s;
 }
 
-static double cost_at(kc_est_t *est, const double *coef)
+kc_est_step_t kc_est_judge(kc_est_t *est, double trial_cost)
 {
-    kc_est_sums_t s;
-    kc_est_sums(est, coef, &s);
-    return s.chi2 + s.prior;
-}
-
-typedef enum { STEP_TAKEN, STEP_LAST, STEP_NONE } step_t;
-
-/* Raise the damping until the cost does not rise. */
-static step_t descend(kc_est_t *est, double *lambda, double *cost)
-{
-    double diag[KC_COEF_MAX] = {0};
-    kc_est_linearise(est);
-    build_qp(est);
-    for (uint32_t i = 0; i < est->n_idx; i++) { diag[i] = est->qp.H[i * KC_COEF_MAX + i]; }
-    for (uint32_t t = 0; t < TRIES_MAX && *lambda < DAMP_MAX; t++) {
-        damp(est, diag, *lambda);
-        (void)kc_qp_solve(&est->qp); /* feasible whatever it answers; the cost decides */
-        const double largest = take_step(est);
-        const double trial_cost = cost_at(est, est->trial);
-        if (trial_cost <= *cost) {
-            for (uint32_t c = 0; c < est->terms->n_coef; c++) { est->coef[c] = est->trial[c]; }
-            *cost = trial_cost;
-            *lambda *= DAMP_DOWN;
-            return (largest < est->opt.tol_step) ? STEP_LAST : STEP_TAKEN;
-        }
-        /* at the minimum the sum's rounding is larger than what is left to gain */
-        if (largest < est->opt.tol_step || predicted_fall(&est->qp) < ROUNDING * *cost) { return STEP_LAST; }
-        *lambda *= DAMP_UP;
+    kc_est_job_t *job = &est->job;
+    const int small = job->largest < est->opt.tol_step;
+    if (trial_cost <= job->cost) {
+        for (uint32_t c = 0; c < est->terms->n_coef; c++) { est->coef[c] = est->trial[c]; }
+        job->cost = trial_cost;
+        job->lambda *= DAMP_DOWN;
+        return small ? KC_EST_STEP_LAST : KC_EST_STEP_TAKEN;
     }
-    return STEP_NONE;
-}
-
-kc_status_t kc_est_fit(kc_est_t *est)
-{
-    double lambda = DAMP_START;
-    double cost = cost_at(est, est->coef);
-    step_t step = STEP_TAKEN;
-    if (!kc_finite(cost)) { return KC_ERR_NUM; }
-    for (uint32_t it = 0; it < est->opt.iter_max && step == STEP_TAKEN; it++) {
-        step = descend(est, &lambda, &cost);
-        est->iters++;
-    }
-    return (step == STEP_LAST) ? KC_OK : KC_ERR_ITER;
+    /* at the minimum the sum's rounding is larger than what is left to gain */
+    if (small || predicted_fall(&est->qp) < ROUNDING * job->cost) { return KC_EST_STEP_LAST; }
+    job->lambda *= DAMP_UP;
+    job->tries++;
+    return KC_EST_STEP_AGAIN;
 }
 
 /* Bound that coefficient c sits on, from its value and the sign of the cost's gradient there. */
@@ -135,7 +109,6 @@ double kc_est_kkt(kc_est_t *est, double cost)
     double *z = est->trial;
     double *g = est->qp.g;
     double worst = 0.0;
-    kc_est_linearise(est);
     for (uint32_t i = 0; i < n; i++) { z[i] = est->R[i * KC_EST_LD + n]; }
     kc_la_upper_t_mul(est->R, n, KC_EST_LD, z, g);
     for (uint32_t i = 0; i < n; i++) {

@@ -50,45 +50,53 @@ static double sum_squares(const double *v, uint32_t n)
     return s;
 }
 
-void kc_est_sums(kc_est_t *est, const double *coef, kc_est_sums_t *s)
+void kc_est_pass_begin(kc_est_t *est, kc_est_pass_t pass, const double *coef)
 {
-    *s = (kc_est_sums_t){0};
-    for (uint32_t i = 0; i < est->n_obs; i++) {
-        if (est->outlier[i] != 0u) { continue; }
-        double r[6];
-        const uint32_t m = kc_est_block(est, coef, i, r);
-        for (uint32_t k = 0; k < m; k++) {
-            const double w = est->blk[k * KC_EST_LD + est->n_idx];
-            s->chi2 += w * w;
-        }
-        s->rows += m;
-        s->n_pos++;
-        s->pos2 += sum_squares(r, 3u);
-        if (m == 6u) {
-            s->n_rot++;
-            s->rot2 += sum_squares(&r[3], 3u);
-        }
+    kc_est_job_t *job = &est->job;
+    job->pass = (uint8_t)pass;
+    job->i = 0u;
+    job->at = coef;
+    if (pass == KC_EST_PASS_SUMS) { job->sums = (kc_est_sums_t){0}; }
+    if (pass != KC_EST_PASS_FOLD) { return; }
+    for (uint32_t k = 0; k < est->n_idx * KC_EST_LD; k++) { est->R[k] = 0.0; }
+}
+
+void kc_est_sums_add(kc_est_t *est, uint32_t i)
+{
+    kc_est_sums_t *s = &est->job.sums;
+    double r[6];
+    const uint32_t m = kc_est_block(est, est->job.at, i, r);
+    for (uint32_t k = 0; k < m; k++) {
+        const double w = est->blk[k * KC_EST_LD + est->n_idx];
+        s->chi2 += w * w;
     }
-    for (uint32_t j = 0; j < est->n_idx; j++) {
-        double centre;
-        const double w = kc_est_prior_precision(est, est->idx[j], &centre) * (coef[est->idx[j]] - centre);
-        s->prior += w * w;
+    s->rows += m;
+    s->n_pos++;
+    s->pos2 += sum_squares(r, 3u);
+    if (m == 6u) {
+        s->n_rot++;
+        s->rot2 += sum_squares(&r[3], 3u);
     }
 }
 
-void kc_est_fold_data(kc_est_t *est, const double *coef)
+void kc_est_sums_end(kc_est_t *est)
 {
-    const uint32_t n = est->n_idx;
-    for (uint32_t k = 0; k < n * KC_EST_LD; k++) { est->R[k] = 0.0; }
-    for (uint32_t i = 0; i < est->n_obs; i++) {
-        if (est->outlier[i] != 0u) { continue; }
-        const uint32_t m = kc_est_block(est, coef, i, NULL);
-        (void)kc_la_fold(est->R, n, KC_EST_LD, est->blk, m, KC_EST_LD);
+    for (uint32_t j = 0; j < est->n_idx; j++) {
+        const uint32_t c = est->idx[j];
+        double centre;
+        const double w = kc_est_prior_precision(est, c, &centre) * (est->job.at[c] - centre);
+        est->job.sums.prior += w * w;
     }
+}
+
+void kc_est_fold(kc_est_t *est, uint32_t i)
+{
+    const uint32_t m = kc_est_block(est, est->job.at, i, NULL);
+    (void)kc_la_fold(est->R, est->n_idx, KC_EST_LD, est->blk, m, KC_EST_LD);
 }
 
 /* One row a coefficient: [1/sigma at its place | (centre - coef)/sigma]. */
-static void fold_prior(kc_est_t *est, const double *coef)
+void kc_est_fold_prior(kc_est_t *est)
 {
     const uint32_t n = est->n_idx;
     for (uint32_t j = 0; j < n; j++) {
@@ -97,13 +105,7 @@ static void fold_prior(kc_est_t *est, const double *coef)
         if (w <= 0.0) { continue; }
         for (uint32_t k = 0; k < n; k++) { est->blk[k] = 0.0; }
         est->blk[j] = w;
-        est->blk[n] = w * (centre - coef[est->idx[j]]);
+        est->blk[n] = w * (centre - est->coef[est->idx[j]]);
         (void)kc_la_fold(est->R, n, KC_EST_LD, est->blk, 1u, KC_EST_LD);
     }
-}
-
-void kc_est_linearise(kc_est_t *est)
-{
-    kc_est_fold_data(est, est->coef);
-    fold_prior(est, est->coef);
 }

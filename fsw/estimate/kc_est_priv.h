@@ -9,26 +9,26 @@
 
 #define KC_EST_LD (KC_COEF_MAX + 1u)
 
-/* Sums over the inliers at one vector of coefficients. */
-typedef struct {
-    double chi2;           /* whitened squared residuals */
-    double prior;          /* squared prior terms */
-    double pos2, rot2;     /* squared residuals [m^2], [rad^2] */
-    uint32_t n_pos, n_rot; /* poses behind them */
-    uint32_t rows;
-} kc_est_sums_t;
+/* What is computed observation by observation (inliers only), or iteration by iteration. */
+typedef enum {
+    KC_EST_PASS_SUMS,    /* job.sums at job.at, priors as kc_est_prior_precision says */
+    KC_EST_PASS_FOLD,    /* R and z of the data at job.at */
+    KC_EST_PASS_OUTLIER, /* job.worst, job.p_worst, job.n_tested; R of data and priors is there */
+    KC_EST_PASS_QP       /* the QP */
+} kc_est_pass_t;
 
 /* -- kc_est_linear.c: residuals, R and priors -- */
 
 /* Whitened rows of observation i at coef into est->blk, (n_idx + 1) wide: [J | r]. Returns the number
  * of rows; raw (if not NULL) gets the residual in m and rad. */
 uint32_t kc_est_block(kc_est_t *est, const double *coef, uint32_t i, double raw[6]);
-/* Residual sums at coef, priors as kc_est_prior_precision says. */
-void kc_est_sums(kc_est_t *est, const double *coef, kc_est_sums_t *s);
-/* R and z of the data at coef. */
-void kc_est_fold_data(kc_est_t *est, const double *coef);
-/* R and z of data and priors at est->coef. */
-void kc_est_linearise(kc_est_t *est);
+/* Begin a pass at coef, which may not change before it is over; its work on observation i; its end. */
+void kc_est_pass_begin(kc_est_t *est, kc_est_pass_t pass, const double *coef);
+void kc_est_sums_add(kc_est_t *est, uint32_t i);
+void kc_est_sums_end(kc_est_t *est);
+void kc_est_fold(kc_est_t *est, uint32_t i);
+/* R and z get the priors at est->coef. */
+void kc_est_fold_prior(kc_est_t *est);
 /* 1/sigma of the prior of coefficient c, and its mean; 0 if there is none. */
 double kc_est_prior_precision(const kc_est_t *est, uint32_t c, double *centre);
 /* Rows of the inliers. */
@@ -36,25 +36,49 @@ uint32_t kc_est_rows(const kc_est_t *est);
 
 /* -- kc_ident.c -- */
 
-/* Rank of the coefficients in mask, at coef, by the data alone; idx = those, in order. cond, perm, pivot
- * stay in est for the report; F (n_coef^2 values) gets the factored columns, ld n_idx. */
-uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef, double *F);
-/* Decide at coef which of `requested` are estimated and which held: status, confounded, rank, idx, weak. */
-void kc_est_identify(kc_est_t *est, uint64_t requested, const double *coef);
-/* Whether that decision still stands at est->coef: neither more nor fewer could be estimated. idx stays. */
-int kc_est_still_identified(kc_est_t *est, uint64_t requested);
+/* est->idx = the coefficients in mask, in order. */
+void kc_est_take(kc_est_t *est, uint64_t mask);
+/* Rank of the coefficients in idx by R, which the data alone made. cond, perm, pivot stay in est for the
+ * report; F (n_coef^2 values) gets the factored columns, ld n_idx. */
+uint32_t kc_est_rank(kc_est_t *est, double *F);
+/* Decide by R of all `requested` which of them are estimated and which held: status, confounded, rank, idx,
+ * weak. */
+void kc_est_identify(kc_est_t *est, uint64_t requested);
 
-/* -- kc_est_fit.c -- */
+/* -- kc_est_fit.c: the parts of a damped Gauss-Newton step on idx from est->coef -- */
 
-/* Damped Gauss-Newton on idx from est->coef. KC_OK, KC_ERR_ITER or KC_ERR_NUM. */
-kc_status_t kc_est_fit(kc_est_t *est);
-/* Largest scaled projected gradient at est->coef; marks active bounds in status. */
+typedef enum { KC_EST_STEP_TAKEN, KC_EST_STEP_LAST, KC_EST_STEP_AGAIN, KC_EST_STEP_NONE } kc_est_step_t;
+
+/* Model of the cost by R and z; lambda, cost stay in est->job. */
+void kc_est_model(kc_est_t *est);
+/* Begin the QP with the damping of now; KC_EST_STEP_NONE if that is exhausted, else AGAIN. */
+kc_est_step_t kc_est_try(kc_est_t *est);
+/* est->trial = coef + step of the QP. */
+void kc_est_trial(kc_est_t *est);
+/* Take the step if the cost at est->trial does not rise; AGAIN with more damping. */
+kc_est_step_t kc_est_judge(kc_est_t *est, double trial_cost);
+/* Largest scaled projected gradient at est->coef by R and z; marks active bounds in status. */
 double kc_est_kkt(kc_est_t *est, double cost);
 
 /* -- kc_outlier.c -- */
 
-/* The inlier whose deleted residual is least likely; *p its probability times the number of inliers
- * whose residual has a meaning. Returns n_obs if there is none. */
-uint32_t kc_est_worst(kc_est_t *est, double chi2, double *p);
+/* Test inlier i: job.worst = the one whose deleted residual is least likely (n_obs: none), job.p_worst = its
+ * probability, job.n_tested = inliers whose residual has a meaning. job.sums: chi2 of all. */
+void kc_est_outlier_test(kc_est_t *est, uint32_t i);
+
+/* -- kc_estimate.c -- */
+
+int kc_est_options_good(const kc_est_t *est);
+uint64_t kc_est_requested(const kc_est_t *est);
+/* Outputs as before the first fit; the coefficients `which` at their start. */
+void kc_est_reset(kc_est_t *est, uint64_t requested);
+void kc_est_to_start(kc_est_t *est, uint64_t which, uint64_t requested);
+uint64_t kc_est_held(const kc_est_t *est);
+/* RMS of the sums, 0 if nothing was summed. */
+double kc_est_rms(double sum2, uint32_t n);
+/* idx = the estimated coefficients that are not at a bound. */
+void kc_est_take_inside(kc_est_t *est);
+/* Their covariance by R. */
+kc_status_t kc_est_covariance(kc_est_t *est);
 
 #endif

@@ -42,7 +42,7 @@ kc_status_t kc_est_add(kc_est_t *est, const kc_obs_t *obs)
     return KC_OK;
 }
 
-static int options_good(const kc_est_t *est)
+int kc_est_options_good(const kc_est_t *est)
 {
     const kc_est_opt_t *o = &est->opt;
     int ok = est->n_obs >= 1u && est->n_obs <= KC_MEAS_MAX && est->terms->n_coef <= KC_COEF_MAX &&
@@ -55,7 +55,7 @@ static int options_good(const kc_est_t *est)
     return ok;
 }
 
-static uint64_t requested_mask(const kc_est_t *est)
+uint64_t kc_est_requested(const kc_est_t *est)
 {
     uint64_t mask = 0u;
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
@@ -64,7 +64,7 @@ static uint64_t requested_mask(const kc_est_t *est)
     return mask & est->opt.free_mask;
 }
 
-static void to_start(kc_est_t *est, uint64_t which, uint64_t requested)
+void kc_est_to_start(kc_est_t *est, uint64_t which, uint64_t requested)
 {
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
         const kc_coef_t *k = &est->terms->coef[c];
@@ -74,9 +74,9 @@ static void to_start(kc_est_t *est, uint64_t which, uint64_t requested)
     }
 }
 
-static void reset(kc_est_t *est, uint64_t requested)
+void kc_est_reset(kc_est_t *est, uint64_t requested)
 {
-    to_start(est, ~(uint64_t)0u, requested);
+    kc_est_to_start(est, ~(uint64_t)0u, requested);
     for (uint32_t i = 0; i < KC_MEAS_MAX; i++) { est->outlier[i] = (i + 1u == est->without) ? 1u : 0u; }
     for (uint32_t c = 0; c < KC_COEF_MAX; c++) {
         est->status[c] = (uint8_t)KC_COEF_MASKED;
@@ -90,7 +90,7 @@ static void reset(kc_est_t *est, uint64_t requested)
     for (uint64_t b = requested; b != 0u; b &= b - 1u) { est->n_free++; }
 }
 
-static uint64_t held_mask(const kc_est_t *est)
+uint64_t kc_est_held(const kc_est_t *est)
 {
     uint64_t held = 0u;
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
@@ -99,43 +99,7 @@ static uint64_t held_mask(const kc_est_t *est)
     return held;
 }
 
-/* Fit, and decide rank again at the solution: a nominal arm can be singular where the real one is not, and
- * the other way round. Coefficients that become held return to start. */
-static kc_status_t fit_identified(kc_est_t *est, uint64_t requested)
-{
-    kc_status_t st = KC_OK;
-    kc_est_identify(est, requested, est->coef);
-    for (uint32_t pass = 1u; est->rank > 0u; pass++) {
-        st = kc_est_fit(est);
-        if (st == KC_ERR_NUM || est->hold_none || pass >= KC_EST_PASSES ||
-            kc_est_still_identified(est, requested)) {
-            return st;
-        }
-        kc_est_identify(est, requested, est->coef);
-        to_start(est, held_mask(est), requested);
-    }
-    return KC_ERR_RANK;
-}
-
-/* One pose at a time, the worst first, until none is unlikely. */
-static kc_status_t fit_inliers(kc_est_t *est, uint64_t requested)
-{
-    kc_status_t st = fit_identified(est, requested);
-    for (uint32_t k = 0; k < est->opt.outlier_max && est->opt.outlier_p > 0.0 && st == KC_OK; k++) {
-        kc_est_sums_t s;
-        double p;
-        kc_est_sums(est, est->coef, &s);
-        const uint32_t worst = kc_est_worst(est, s.chi2, &p);
-        if (worst >= est->n_obs || p >= est->opt.outlier_p) { break; }
-        est->outlier[worst] = 1u;
-        est->n_outliers++;
-        st = fit_identified(est, requested);
-    }
-    return st;
-}
-
-/* RMS of the sums, 0 if nothing was summed. */
-static double rms(double sum2, uint32_t n) { return (n > 0u) ? kc_sqrt(sum2 / (double)n) : 0.0; }
+double kc_est_rms(double sum2, uint32_t n) { return (n > 0u) ? kc_sqrt(sum2 / (double)n) : 0.0; }
 
 /* Spread the n_idx x n_idx block at the top left of cov to its coefficients, from the last backwards:
  * places only move to higher rows and columns, so nothing is overwritten before it was moved. */
@@ -153,51 +117,27 @@ static void scatter_cov(kc_est_t *est)
     }
 }
 
-/* Covariance of the estimated coefficients that are not at a bound; R is folded again without the others. */
-static kc_status_t covariance(kc_est_t *est)
+void kc_est_take_inside(kc_est_t *est)
 {
     uint32_t n = 0u;
     for (uint32_t j = 0; j < est->n_idx; j++) {
         if (est->status[est->idx[j]] == (uint8_t)KC_COEF_ESTIMATED) { est->idx[n++] = est->idx[j]; }
     }
     est->n_idx = n;
-    kc_est_linearise(est);
+}
+
+kc_status_t kc_est_covariance(kc_est_t *est)
+{
     for (uint32_t k = 0; k < KC_COEF_MAX * KC_COEF_MAX; k++) { est->cov[k] = 0.0; }
-    const kc_status_t st = kc_la_upper_cov(est->R, n, KC_EST_LD, est->cov, KC_COEF_MAX);
+    const kc_status_t st = kc_la_upper_cov(est->R, est->n_idx, KC_EST_LD, est->cov, KC_COEF_MAX);
     scatter_cov(est);
     return st;
 }
 
-static kc_status_t report(kc_est_t *est)
+uint64_t kc_est_pose_cov_cost(const kc_est_t *est)
 {
-    kc_est_sums_t s;
-    kc_est_sums(est, est->coef, &s);
-    est->chi2 = s.chi2;
-    est->cost = s.chi2 + s.prior;
-    est->fit_pos_m = rms(s.pos2, s.n_pos);
-    est->fit_rot_rad = rms(s.rot2, s.n_rot);
-    est->kkt = kc_est_kkt(est, est->cost);
-    const kc_status_t st = covariance(est);
-    est->dof = (s.rows > est->n_idx) ? s.rows - est->n_idx : 0u;
-    est->noise_scale = (est->dof > 0u) ? kc_sqrt(est->chi2 / (double)est->dof) : 1.0;
-    return st;
-}
-
-kc_status_t kc_est_solve(kc_est_t *est)
-{
-    kc_est_sums_t s;
-    if (!options_good(est)) { return KC_ERR_ARG; }
-    const uint64_t requested = requested_mask(est);
-    reset(est, requested);
-    kc_est_sums(est, est->coef, &s);
-    if (!kc_finite(s.chi2)) { return KC_ERR_NUM; }
-    est->before_pos_m = rms(s.pos2, s.n_pos);
-    est->before_rot_rad = rms(s.rot2, s.n_rot);
-    const kc_status_t st = fit_inliers(est, requested);
-    if (st == KC_ERR_NUM) { return st; }
-    if (st == KC_ERR_RANK) { to_start(est, ~(uint64_t)0u, requested); }
-    const kc_status_t rep = report(est);
-    return (rep != KC_OK) ? rep : st;
+    const uint64_t n = est->terms->n_coef;
+    return kc_model_cost(est->arm, est->terms, 1) + 10000u + 52u * n * n;
 }
 
 void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36])

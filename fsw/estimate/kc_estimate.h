@@ -26,6 +26,7 @@
 #include "kc_limits.h"
 #include "kc_model.h"
 #include "kc_qp.h"
+#include "kc_work.h"
 
 #define KC_EST_PASSES 4u
 #define KC_EST_WEAK_SIGMA 3.0
@@ -48,6 +49,27 @@ typedef struct {
     uint32_t outlier_max; /* at most this many are rejected */
     uint8_t use_prior;    /* add (coef / prior_sigma)^2 where prior_sigma > 0 */
 } kc_est_opt_t;
+
+/* Sums over the inliers at one vector of coefficients. */
+typedef struct {
+    double chi2;           /* whitened squared residuals */
+    double prior;          /* squared prior terms */
+    double pos2, rot2;     /* squared residuals [m^2], [rad^2] */
+    uint32_t n_pos, n_rot; /* poses behind them */
+    uint32_t rows;
+} kc_est_sums_t;
+
+/* Where a solution stands between two steps (kc_est_solve.c). */
+typedef struct {
+    uint8_t phase, pass;  /* kc_est_phase_t, kc_est_pass_t */
+    uint32_t i;           /* next observation of the pass */
+    const double *at;     /* coefficients of the pass */
+    uint64_t requested, kept;
+    kc_status_t status;
+    kc_est_sums_t sums;
+    uint32_t n_fits, iter, tries, n_tested, worst, rank_all;
+    double lambda, cost, largest, p_worst;
+} kc_est_job_t;
 
 /* Caller owns it (static); about 160 KiB with work space. */
 typedef struct {
@@ -86,6 +108,7 @@ typedef struct {
         kc_qp_t qp; /* work: only while solving */
     };
     /* work */
+    kc_est_job_t job;
     kc_eval_t eval;
     uint8_t weak; /* the weak prior is in force */
     uint32_t n_idx; /* coefficients in R, place -> coefficient */
@@ -93,7 +116,7 @@ typedef struct {
     uint32_t perm[KC_COEF_MAX];
     double R[KC_COEF_MAX * (KC_COEF_MAX + 1u)]; /* square-root information | right-hand side */
     double blk[6u * (KC_COEF_MAX + 1u)];
-    double pivot[KC_COEF_MAX];
+    double pivot[KC_COEF_MAX]; /* of the rank; in a fit, where none is decided: the undamped diagonal of H */
     double trial[KC_COEF_MAX];
 } kc_est_t;
 
@@ -109,7 +132,13 @@ kc_status_t kc_est_add(kc_est_t *est, const kc_obs_t *obs);
  * then the fit is repeated. O(passes * iters * n_obs * n_coef^2). */
 kc_status_t kc_est_solve(kc_est_t *est);
 
+/* The same in parts: begin, then step, once a step of the process, until it answers true. Then est->job.status
+ * is what kc_est_solve returns; outputs are valid only then. Nothing of the inputs may change between. */
+void kc_est_begin(kc_est_t *est);
+bool kc_est_step(kc_est_t *est, kc_work_t *work);
+
 /* Covariance (6x6, row-major) of the predicted tool pose at ctx with the solved estimate. */
+uint64_t kc_est_pose_cov_cost(const kc_est_t *est); /* bound of its instructions */
 void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36]);
 
 #endif

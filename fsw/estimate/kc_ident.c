@@ -27,7 +27,7 @@ static void entangle(kc_est_t *est, uint64_t set)
     }
 }
 
-static void take(kc_est_t *est, uint64_t mask)
+void kc_est_take(kc_est_t *est, uint64_t mask)
 {
     est->n_idx = 0u;
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
@@ -48,12 +48,10 @@ static double tolerance(const kc_est_t *est, const double *scale)
     return kc_max(est->opt.rank_tol, KC_EST_PIVOT_MIN / kc_sqrt(kc_max(top2, TINY)));
 }
 
-uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef, double *F)
+uint32_t kc_est_rank(kc_est_t *est, double *F)
 {
     double *scale = est->qp.d;
     uint32_t rank = 0u;
-    take(est, mask);
-    kc_est_fold_data(est, coef);
     const uint32_t n = est->n_idx;
     for (uint32_t i = 0; i < n; i++) {
         scale[i] = est->terms->coef[est->idx[i]].scale;
@@ -64,11 +62,11 @@ uint32_t kc_est_rank(kc_est_t *est, uint64_t mask, const double *coef, double *F
     return rank;
 }
 
-void kc_est_identify(kc_est_t *est, uint64_t requested, const double *coef)
+void kc_est_identify(kc_est_t *est, uint64_t requested)
 {
     double *F = est->qp.L; /* the QP is not running now */
     uint64_t held = 0u;
-    est->rank = kc_est_rank(est, requested, coef, F);
+    est->rank = kc_est_rank(est, F);
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
         est->status[c] = (uint8_t)((((requested >> c) & 1u) != 0u) ? KC_COEF_ESTIMATED : KC_COEF_MASKED);
         est->confounded[c] = 0u;
@@ -79,18 +77,6 @@ void kc_est_identify(kc_est_t *est, uint64_t requested, const double *coef)
         held |= (uint64_t)1u << c;
         entangle(est, null_members(est, F, est->n_idx, j));
     }
-    take(est, requested & ~held);
+    kc_est_take(est, requested & ~held);
     est->weak = (est->hold_none || kc_est_rows(est) < 2u * est->n_idx) ? 1u : 0u;
-}
-
-/* Two equally good choices of which to hold are common (any one of a dependent set), so the sets are not
- * compared: the rank of all must be the same, and those estimated must be independent. */
-int kc_est_still_identified(kc_est_t *est, uint64_t requested)
-{
-    double *F = est->qp.L; /* not needed afterwards */
-    uint64_t kept = 0u;
-    for (uint32_t j = 0; j < est->n_idx; j++) { kept |= (uint64_t)1u << est->idx[j]; }
-    const uint32_t all = kc_est_rank(est, requested, est->coef, F);
-    const uint32_t own = kc_est_rank(est, kept, est->coef, F);
-    return all == est->rank && own == est->rank;
 }

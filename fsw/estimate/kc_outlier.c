@@ -48,25 +48,17 @@ static double probability(double d2, uint32_t m, double chi2, uint32_t dof)
     return kc_chi2_sf(d2 / kc_max(1.0, others), m);
 }
 
-uint32_t kc_est_worst(kc_est_t *est, double chi2, double *p)
+void kc_est_outlier_test(kc_est_t *est, uint32_t i)
 {
+    kc_est_job_t *job = &est->job;
     const uint32_t rows = kc_est_rows(est);
-    uint32_t worst = est->n_obs;
-    uint32_t tested = 0u;
-    *p = 1.0;
-    kc_est_linearise(est);
-    for (uint32_t i = 0; i < est->n_obs; i++) {
-        double d2;
-        if (est->outlier[i] != 0u) { continue; }
-        const uint32_t m = deleted_residual(est, i, &d2);
-        if (m == 0u || rows <= est->n_idx + m) { continue; }
-        tested++;
-        const double pi = probability(d2, m, chi2, rows - est->n_idx);
-        if (worst == est->n_obs || pi < *p) {
-            worst = i;
-            *p = pi;
-        }
+    double d2;
+    const uint32_t m = deleted_residual(est, i, &d2);
+    if (m == 0u || rows <= est->n_idx + m) { return; }
+    job->n_tested++;
+    const double p = probability(d2, m, job->sums.chi2, rows - est->n_idx);
+    if (job->worst == est->n_obs || p < job->p_worst) {
+        job->worst = i;
+        job->p_worst = p;
     }
-    *p *= (double)tested;
-    return worst;
 }

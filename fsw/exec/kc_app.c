@@ -200,13 +200,13 @@ static void first_step(kc_app_t *app, uint64_t clock_us, kc_out_t *out)
     if (app->place.state == KC_ST_SAFE) { kc_move_hold(&app->move, &app->view, out); }
 }
 
-static void take_inputs(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
+static void take_inputs(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)
 {
     app->n_rx_errors = in->n_rx_errors;
-    kc_sequence_stored(app, in, out);
+    kc_sequence_stored(app, work, in, out);
     kc_input_telemetry(&app->input, &app->view, in, out);
     kc_sequence_detections(app, in, out);
-    kc_sequence_commands(app, in, out);
+    kc_sequence_commands(app, work, in, out);
 }
 
 /* While a change is stored, the journal is part of it. */
@@ -255,15 +255,16 @@ static void report(const kc_app_t *app, kc_hk_t *hk)
 
 void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *out)
 {
+    kc_work_t work = kc_work_of_step();
     memset(out, 0, sizeof *out);
     if (app->stepped) {
         take_time(&app->clock, now_us, out);
     } else {
         first_step(app, now_us, out);
     }
-    take_inputs(app, in, out);
-    kc_sequence_run(app, out);
-    kc_sequence_scrub(app, out);
+    take_inputs(app, &work, in, out);
+    kc_sequence_run(app, &work, out);
+    kc_sequence_scrub(app, &work, out);
     kc_dump_run(&app->dump, &app->review, &app->view, out);
     note(app, out);
     if (kc_hk_count(&app->hk, app->clock.now_us, out)) {

@@ -16,6 +16,7 @@
 #include "kc_move.h"
 #include "kc_observe.h"
 #include "kc_pantilt.h"
+#include "kc_propose.h"
 #include "kc_request.h"
 #include "kc_rest.h"
 #include "kc_review.h"
@@ -38,6 +39,7 @@ struct kc_app {
     kc_plan_t plan;
     kc_learned_t learned;
     kc_est_t est;
+    kc_proposing_t proposing;
     uint64_t rng;
 
     /* the current candidate */

@@ -18,10 +18,17 @@
 #include "kc_monitor.h"
 #include "kc_tables.h"
 
+/* Where the choice of the next candidate stands between two steps (kc_select.c). */
+typedef struct {
+    uint32_t part, i;
+    uint32_t cand; /* the one chosen */
+} kc_choice_t;
+
 typedef struct {
     kc_gp_t gp;
     kc_point_t cand_pt[KC_CAND_MAX];          /* goal poses of the candidates */
     float cand_q[KC_CAND_MAX * KC_JOINT_MAX]; /* joints expected there */
+    kc_choice_t choice;
     kc_acq_work_t acq;                        /* only inside one choice */
 } kc_arena_calibration_t;
 

@@ -28,17 +28,21 @@ static void command(kc_move_t *m, const kc_view_t *v, kc_out_t *out, bool hold)
     m->sent_us = v->clock->now_us;
 }
 
-void kc_move_hold(kc_move_t *m, const kc_view_t *v, kc_out_t *out) { command(m, v, out, true); }
+void kc_move_hold(kc_move_t *m, const kc_view_t *v, kc_out_t *out)
+{
+    m->checking = false;
+    command(m, v, out, true);
+}
 
-/* If the guard refuses the move: record its reason; the arm stays where it is. */
-static bool refused(const kc_view_t *v, kc_out_t *out, uint32_t from, uint32_t to, const double *q)
+/* The guard's check, as far as it goes in this step; it records its reason to refuse, and the arm stays where it
+ * is. Else the command is sent. */
+static kc_outcome_t check(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
     static const kc_event_id_t event[] = {KC_EVT_NONE, KC_EVT_GRD_LIMIT, KC_EVT_GRD_PATH, KC_EVT_GRD_VOLUME,
                                           KC_EVT_GRD_SELF};
     const kc_active_t *a = v->tables;
     double bound[KC_JOINT_MAX];
     kc_ctx_t ctx;
-    kc_guard_reason_t why;
     kc_move_bound(a, bound);
     kc_view_ctx(v, 0u, &ctx);
     kc_guard_request_t ask = {
@@ -47,34 +51,46 @@ static bool refused(const kc_view_t *v, kc_out_t *out, uint32_t from, uint32_t t
         .coef = v->learned->coef,
         .space = &a->space,
         .ctx = &ctx,
-        .q_from = v->telemetry->arm.q,
-        .q_to = q,
-        .from = from,
-        .to = to,
+        .q_from = m->q_from,
+        .q_to = m->q_to,
+        .from = m->from,
+        .to = m->to,
         .bound = bound,
         .margin = a->config.servo.margin,
         .tol = a->config.arrive_tol,
     };
-    kc_guard_verdict_t verdict = kc_guard_check(&ask, &why);
-    if (verdict == KC_GUARD_OK) { return false; }
-    kc_event(&out->events, event[verdict], why.index, why.got, why.want);
-    return true;
-}
-
-bool kc_move_send(kc_move_t *m, const kc_view_t *v, kc_out_t *out, uint32_t from, uint32_t to,
-                  const double *q)
-{
-    if (refused(v, out, from, to, q)) { return false; }
-    memcpy(m->q_target, q, v->tables->arm.n_joints * sizeof *q);
+    if (!m->checking) {
+        m->checking = true;
+        kc_guard_begin(&ask, &m->check);
+    }
+    if (!kc_guard_step(&ask, &m->check, work)) { return kc_outcome(KC_OC_STAY); }
+    m->checking = false;
+    if (m->check.verdict != KC_GUARD_OK) {
+        const kc_guard_reason_t *why = &m->check.why;
+        kc_event(&out->events, event[m->check.verdict], why->index, why->got, why->want);
+        return kc_outcome(KC_OC_SKIP);
+    }
+    memcpy(m->q_target, m->q_to, a->arm.n_joints * sizeof *m->q_to);
     m->start_us = v->clock->now_us;
     command(m, v, out, false);
-    return true;
+    return kc_outcome(KC_OC_STAY);
 }
 
-kc_outcome_t kc_move_near(kc_move_t *m, const kc_view_t *v, kc_out_t *out, const double *q)
+kc_outcome_t kc_move_send(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out, uint32_t from,
+                          uint32_t to, const double *q)
+{
+    m->checking = false;
+    m->from = from;
+    m->to = to;
+    memcpy(m->q_from, v->telemetry->arm.q, sizeof m->q_from);
+    memcpy(m->q_to, q, v->tables->arm.n_joints * sizeof *q);
+    return check(m, v, work, out);
+}
+
+kc_outcome_t kc_move_near(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out, const double *q)
 {
     uint32_t node = KC_HUB_MAX + (uint32_t)v->cal->candidate;
-    return kc_outcome(kc_move_send(m, v, out, node, node, q) ? KC_OC_STAY : KC_OC_SKIP);
+    return kc_move_send(m, v, work, out, node, node, q);
 }
 
 /* The controller echoes its target, so that an arm that has not begun a short move yet is not taken for
@@ -88,8 +104,9 @@ static bool echoed(const kc_move_t *m, const kc_view_t *v)
     return worst <= ECHO_TOL;
 }
 
-kc_outcome_t kc_move_wait(kc_move_t *m, const kc_view_t *v, kc_out_t *out)
+kc_outcome_t kc_move_wait(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
+    if (m->checking) { return check(m, v, work, out); }
     uint64_t took = v->clock->now_us - m->start_us;
     bool heard = echoed(m, v);
     if (heard && !v->telemetry->arm.moving &&
@@ -169,7 +186,17 @@ void kc_move_goal(const kc_space_t *space, uint32_t cand, kc_pose_t *T)
     kc_quat_to_R(q, T->R);
 }
 
-void kc_move_joints(const kc_view_t *v, uint32_t cand, uint32_t iter_max, double *q)
+uint64_t kc_move_joints_cost(const kc_view_t *v, uint32_t n)
+{
+    return n * (kc_model_cost(&v->tables->arm, &v->tables->terms, 0) + 10000u);
+}
+
+uint64_t kc_move_begin_cost(const kc_view_t *v)
+{
+    return kc_move_joints_cost(v, KC_MOVE_EVALS(IK_ITER_MAX));
+}
+
+uint32_t kc_move_joints(const kc_view_t *v, uint32_t cand, uint32_t iter_max, double *q)
 {
     const kc_active_t *a = v->tables;
     const kc_servo_opt_t *s = &a->config.servo;
@@ -177,26 +204,28 @@ void kc_move_joints(const kc_view_t *v, uint32_t cand, uint32_t iter_max, double
     double seed[KC_JOINT_MAX], bound[KC_JOINT_MAX];
     kc_pose_t goal;
     kc_eval_t eval;
+    uint32_t n = 0u;
     kc_move_bound(a, bound);
     kc_move_goal(&a->space, cand, &goal);
     kc_path_joints(&a->space, KC_HUB_MAX + cand, seed);
     memcpy(q, seed, a->arm.n_joints * sizeof *q);
-    if (kc_space_local(&a->space, cand)) { return; }
-    (void)kc_ik_solve(&a->arm, &a->terms, v->learned->coef, &goal, &opt, q, &eval);
+    if (kc_space_local(&a->space, cand)) { return n; }
+    (void)kc_ik_solve(&a->arm, &a->terms, v->learned->coef, &goal, &opt, q, &eval, &n);
     for (uint32_t j = 0u; j < a->arm.n_joints; j++) {
         q[j] = kc_clamp(q[j], seed[j] - bound[j], seed[j] + bound[j]);
     }
+    return n;
 }
 
 /* To the next way point; after the last one to the joints at the candidate. */
-static bool send_leg(kc_move_t *m, const kc_view_t *v, kc_out_t *out)
+static kc_outcome_t send_leg(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
     double q[KC_JOINT_MAX];
-    if (m->i_path >= m->n_path) { return kc_move_near(m, v, out, m->q_final).id == KC_OC_STAY; }
+    if (m->i_path >= m->n_path) { return kc_move_near(m, v, work, out, m->q_final); }
     m->seg_from = (uint16_t)m->node;
     m->seg_to = m->path[m->i_path];
     kc_path_joints(&v->tables->space, m->seg_to, q);
-    return kc_move_send(m, v, out, m->seg_from, m->seg_to, q);
+    return kc_move_send(m, v, work, out, m->seg_from, m->seg_to, q);
 }
 
 /* A replicate is approached again over its hub, so that it also repeats the effects of the move. */
@@ -210,7 +239,7 @@ static kc_status_t plan(const kc_view_t *v, uint32_t node, uint16_t *path, uint3
     return st;
 }
 
-kc_outcome_t kc_move_begin(kc_move_t *m, const kc_view_t *v, kc_out_t *out)
+kc_outcome_t kc_move_begin(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
     const kc_active_t *a = v->tables;
     double dist = 0.0, seed[KC_JOINT_MAX];
@@ -229,14 +258,14 @@ kc_outcome_t kc_move_begin(kc_move_t *m, const kc_view_t *v, kc_out_t *out)
     m->node = node;
     m->n_path = n + first;
     m->i_path = 0u;
-    kc_move_joints(v, (uint32_t)v->cal->candidate, IK_ITER_MAX, m->q_final);
-    return kc_outcome(send_leg(m, v, out) ? KC_OC_DONE : KC_OC_SKIP);
+    (void)kc_move_joints(v, (uint32_t)v->cal->candidate, IK_ITER_MAX, m->q_final);
+    return kc_outcome(send_leg(m, v, work, out).id == KC_OC_STAY ? KC_OC_DONE : KC_OC_SKIP);
 }
 
-kc_outcome_t kc_move_run(kc_move_t *m, const kc_view_t *v, kc_out_t *out)
+kc_outcome_t kc_move_run(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
-    kc_outcome_t arrived = kc_move_wait(m, v, out);
+    kc_outcome_t arrived = kc_move_wait(m, v, work, out);
     if (arrived.id != KC_OC_DONE || m->i_path >= m->n_path) { return arrived; }
     m->node = m->path[m->i_path++];
-    return kc_outcome(send_leg(m, v, out) ? KC_OC_STAY : KC_OC_SKIP);
+    return send_leg(m, v, work, out);
 }

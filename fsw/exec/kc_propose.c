@@ -8,28 +8,42 @@
 #include "kc_observation.h"
 #include "kc_vec.h"
 
+#define PROPOSE_COST 2000000u /* bound of the instructions for covariance, image and putting in force */
+
 /* ---- statistics ---- */
 
-/* chi^2 of the inliers at any coefficients. */
-static double chi2_at(const kc_view_t *v, const double *coef)
+static void add_observation(kc_proposing_t *j, const kc_view_t *v, const kc_obs_t *obs)
 {
-    const kc_est_t *e = v->est;
-    double sum = 0.0, W[36], r[6];
-    for (uint32_t i = 0u; i < e->n_obs; i++) {
-        if (e->outlier[i] || kc_la_whiten(e->obs[i].cov, 6u, W) != KC_OK) { continue; }
-        kc_observation_residual(v->tables, coef, &e->obs[i], r, NULL);
-        kc_la_whiten_apply(W, 6u, r, r);
-        for (uint32_t k = 0u; k < 6u; k++) { sum += r[k] * r[k]; }
-    }
-    return sum;
+    double W[36], r[6];
+    kc_observation_residual(v->tables, v->tables->kin.value, obs, r, NULL);
+    j->pos2 += kc_v3_dot(r, r);
+    j->rot2 += kc_v3_dot(&r[3], &r[3]);
+    j->n++;
+    (void)kc_la_whiten(obs->cov, 6u, W); /* kc_est_add has checked it */
+    kc_la_whiten_apply(W, 6u, r, r);
+    for (uint32_t k = 0u; k < 6u; k++) { j->chi2_before += r[k] * r[k]; }
+    kc_observation_residual(v->tables, v->est->coef, obs, r, NULL);
+    kc_la_whiten_apply(W, 6u, r, r);
+    for (uint32_t k = 0u; k < 6u; k++) { j->chi2_after += r[k] * r[k]; }
 }
 
-static double p_no_change(const kc_view_t *v)
+/* Residuals of the inliers with the table in force and with the estimate. False: goes on in the next step. */
+static bool sum_observations(kc_proposing_t *j, const kc_view_t *v, kc_work_t *work)
+{
+    const uint64_t cost = 2u * kc_model_cost(&v->tables->arm, &v->tables->terms, 1);
+    for (; j->i_obs < v->est->n_obs; j->i_obs++) {
+        if (v->est->outlier[j->i_obs]) { continue; }
+        if (!kc_work_take(work, cost)) { return false; }
+        add_observation(j, v, &v->est->obs[j->i_obs]);
+    }
+    return true;
+}
+
+static double p_no_change(const kc_proposing_t *j, const kc_view_t *v)
 {
     const kc_est_t *e = v->est;
     if (e->rank == 0u || !kc_fit_solved(v->learned->status)) { return 1.0; }
-    double gain = chi2_at(v, v->tables->kin.value) - chi2_at(v, e->coef);
-    return kc_verdict_p_no_change(gain, e->noise_scale, e->rank);
+    return kc_verdict_p_no_change(j->chi2_before - j->chi2_after, e->noise_scale, e->rank);
 }
 
 static bool estimated(uint8_t status)
@@ -73,23 +87,13 @@ static void fill_cov(const kc_view_t *v, kc_proposal_t *p)
 }
 
 /* RMS residual with the table in force, at the poses that the fit kept: those of fit_pos_m. */
-static void fill_before(const kc_view_t *v, kc_proposal_t *p)
+static void fill_before(const kc_proposing_t *j, kc_proposal_t *p)
 {
-    const kc_est_t *e = v->est;
-    double pos2 = 0.0, rot2 = 0.0, r[6];
-    uint32_t n = 0u;
-    for (uint32_t i = 0u; i < e->n_obs; i++) {
-        if (e->outlier[i]) { continue; }
-        kc_observation_residual(v->tables, v->tables->kin.value, &e->obs[i], r, NULL);
-        pos2 += kc_v3_dot(r, r);
-        rot2 += kc_v3_dot(&r[3], &r[3]);
-        n++;
-    }
-    p->before_pos_m = n > 0u ? kc_sqrt(pos2 / (double)n) : 0.0;
-    p->before_rot_rad = n > 0u ? kc_sqrt(rot2 / (double)n) : 0.0;
+    p->before_pos_m = j->n > 0u ? kc_sqrt(j->pos2 / (double)j->n) : 0.0;
+    p->before_rot_rad = j->n > 0u ? kc_sqrt(j->rot2 / (double)j->n) : 0.0;
 }
 
-static void fill_numbers(const kc_view_t *v, kc_proposal_t *p)
+static void fill_numbers(const kc_proposing_t *j, const kc_view_t *v, kc_proposal_t *p)
 {
     const kc_est_t *e = v->est;
     memcpy(p->status, e->status, sizeof p->status);
@@ -103,7 +107,7 @@ static void fill_numbers(const kc_view_t *v, kc_proposal_t *p)
     p->chi2 = e->chi2;
     p->noise_scale = e->noise_scale;
     p->p_fit = e->dof > 0u ? kc_chi2_sf(e->chi2, e->dof) : 1.0;
-    p->p_no_change = p_no_change(v);
+    p->p_no_change = p_no_change(j, v);
     p->kkt = e->kkt;
     p->cond = e->cond;
     p->fit_pos_m = e->fit_pos_m;
@@ -113,11 +117,11 @@ static void fill_numbers(const kc_view_t *v, kc_proposal_t *p)
     p->crc_kin_before = v->tables->crc[KC_TBL_KIN];
 }
 
-static void make(const kc_view_t *v, kc_proposal_t *p)
+static void make(const kc_proposing_t *j, const kc_view_t *v, kc_proposal_t *p)
 {
     fill_kin(v, &p->kin);
-    fill_numbers(v, p);
-    fill_before(v, p);
+    fill_numbers(j, v, p);
+    fill_before(j, p);
     fill_cov(v, p);
     p->verdict = (int32_t)kc_verdict(&v->tables->config, v->est, v->learned->status, p->p_fit,
                                      p->p_no_change);
@@ -137,20 +141,28 @@ static void report_held(const kc_view_t *v, const kc_kin_t *kin, kc_out_t *out)
 
 /* ---- policy ---- */
 
-/* RMS change of the predicted tool position over the search space. */
-static double change_m(const kc_view_t *v, const kc_kin_t *kin)
+/* Change of the predicted tool position over the search space. False: goes on in the next step. */
+static bool sum_changes(kc_proposing_t *j, const kc_view_t *v, kc_work_t *work)
 {
-    const kc_active_t *a = v->tables;
-    uint32_t n = a->space.n_cand, stride = (n + KC_SPACE_SAMPLES - 1u) / KC_SPACE_SAMPLES, count = 0u;
-    double sum = 0.0, d[3];
-    for (uint32_t c = 0u; c < n; c += stride, count++) {
+    const uint64_t cost = 2u * kc_model_cost(&v->tables->arm, &v->tables->terms, 0);
+    uint32_t n = v->tables->space.n_cand, stride = kc_view_stride(v);
+    kc_kin_t kin;
+    double d[3];
+    fill_kin(v, &kin);
+    for (; j->i_cand < n; j->i_cand += stride) {
         kc_pose_t before, after;
-        kc_view_pose(v, a->kin.value, c, &before);
-        kc_view_pose(v, kin->value, c, &after);
+        if (!kc_work_take(work, cost)) { return false; }
+        kc_view_pose(v, v->tables->kin.value, j->i_cand, &before);
+        kc_view_pose(v, kin.value, j->i_cand, &after);
         kc_v3_sub(after.p_m, before.p_m, d);
-        sum += kc_v3_dot(d, d);
+        j->change2 += kc_v3_dot(d, d);
     }
-    return kc_sqrt(sum / (double)count);
+    return true;
+}
+
+static double change_m(const kc_proposing_t *j, const kc_view_t *v)
+{
+    return kc_sqrt(j->change2 / (double)(j->i_cand / kc_view_stride(v)));
 }
 
 static bool bounds_active(const kc_proposal_t *p)
@@ -162,23 +174,28 @@ static bool bounds_active(const kc_proposal_t *p)
     return any;
 }
 
-static bool acceptable(const kc_view_t *v, const kc_proposal_t *p)
+static bool acceptable(const kc_proposing_t *j, const kc_view_t *v, const kc_proposal_t *p)
 {
     kc_verdict_case_t proposed = {
         .determined = p->rank == p->n_free,
         .bounds_active = bounds_active(p),
         .p_fit = p->p_fit,
         .sigma_pos_m = p->pred_pos_m,
-        .change_pos_m = change_m(v, &p->kin),
+        .change_pos_m = change_m(j, v),
     };
     return kc_verdict_acceptable(&v->tables->config, &proposed);
 }
 
-kc_outcome_t kc_propose_run(kc_review_t *r, const kc_tables_t *tables, const kc_view_t *v, bool *accepted,
-                            kc_out_t *out)
+void kc_propose_begin(kc_proposing_t *j) { memset(j, 0, sizeof *j); }
+
+kc_outcome_t kc_propose_run(kc_proposing_t *j, kc_review_t *r, const kc_tables_t *tables, const kc_view_t *v,
+                            bool *accepted, kc_work_t *work, kc_out_t *out)
 {
     kc_proposal_t *p = &out->proposal;
-    make(v, p);
+    if (!sum_observations(j, v, work) || !sum_changes(j, v, work) || !kc_work_take(work, PROPOSE_COST)) {
+        return kc_outcome(KC_OC_STAY);
+    }
+    make(j, v, p);
     p->crc = kc_review_encode(r, &p->kin);
     report_held(v, &p->kin, out);
     out->has_proposal = 1u;
@@ -190,7 +207,7 @@ kc_outcome_t kc_propose_run(kc_review_t *r, const kc_tables_t *tables, const kc_
     if (p->verdict == (int32_t)KC_VERDICT_POOR) {
         kc_event(&out->events, KC_EVT_CAL_POOR, -1, p->p_fit, p->noise_scale);
     } else {
-        *accepted = acceptable(v, p) && kc_tbl_kin_fits(tables, &p->kin, &out->events) == KC_OK;
+        *accepted = acceptable(j, v, p) && kc_tbl_kin_fits(tables, &p->kin, &out->events) == KC_OK;
     }
     return kc_outcome(KC_OC_STORE);
 }

@@ -19,46 +19,86 @@ void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *v, const k
 
 /* ---- the acquisition ---- */
 
+/* Parts of a choice. */
+enum { FRESH = 0, JOINTS, INFORMATION, ACQUIRED, CHOSEN };
+
 /* Joints expected at each candidate after the servo: with large errors they are far from the seeds, and the
- * information of a pose depends on them (tests/bench/samples.py --space). */
-static void predict_joints(kc_arena_calibration_t *work, const kc_view_t *v)
+ * information of a pose depends on them (tests/bench/samples.py --space). False: goes on in the next step. */
+static bool predict_joints(kc_arena_calibration_t *arena, const kc_view_t *v, kc_work_t *work)
 {
-    for (uint32_t c = 0u; c < v->tables->space.n_cand; c++) {
+    const uint64_t cost = kc_move_joints_cost(v, KC_MOVE_EVALS(PREDICT_ITER_MAX));
+    kc_choice_t *ch = &arena->choice;
+    for (; ch->i < v->tables->space.n_cand; ch->i++) {
         double q[KC_JOINT_MAX] = {0};
-        if (v->plan->usable[c] == 0u) { continue; }
-        kc_move_joints(v, c, PREDICT_ITER_MAX, q);
-        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { work->cand_q[c * KC_JOINT_MAX + j] = (float)q[j]; }
+        if (v->plan->usable[ch->i] == 0u) { continue; }
+        if (!kc_work_take(work, cost)) { return false; }
+        uint32_t n = kc_move_joints(v, ch->i, PREDICT_ITER_MAX, q);
+        kc_work_return(work, cost - kc_move_joints_cost(v, n));
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
+            arena->cand_q[ch->i * KC_JOINT_MAX + j] = (float)q[j];
+        }
     }
+    return true;
 }
 
-/* The requested acquisition; KC_ERR_ARG where it cannot be evaluated (GP lost, nothing solved yet). */
-static kc_status_t requested(kc_cal_t *cal, kc_arena_calibration_t *work, const kc_view_t *v, uint32_t *cand)
+static void choose(kc_choice_t *ch, uint32_t cand)
+{
+    ch->cand = cand;
+    ch->part = CHOSEN;
+}
+
+/* By UCB, or at random where the requested acquisition cannot be evaluated (GP lost, nothing solved yet).
+ * KC_ERR_ARG: no candidate is left. */
+static kc_status_t at_once(kc_cal_t *cal, kc_arena_calibration_t *arena, uint64_t *rng, const kc_view_t *v)
 {
     const kc_active_t *a = v->tables;
     const uint8_t *usable = v->plan->usable;
-    uint32_t n = v->plan->n_meas;
-    bool by_information = cal->acq == KC_ACQ_DOPT || cal->acq == KC_ACQ_VOPT;
+    uint32_t cand = 0u;
+    kc_status_t st = KC_ERR_ARG;
+    cal->chosen_by = (int32_t)cal->acq;
     if (cal->acq == KC_ACQ_UCB && v->learned->gp_ok) {
-        double beta = kc_acq_beta(a->space.n_cand, n + 1u, a->config.beta_scale);
-        return kc_acq_ucb(&work->gp, usable, beta, cand, &cal->acq_value);
+        double beta = kc_acq_beta(a->space.n_cand, v->plan->n_meas + 1u, a->config.beta_scale);
+        st = kc_acq_ucb(&arena->gp, usable, beta, &cand, &cal->acq_value);
     }
-    if (!by_information || n == 0u || !kc_fit_solved(v->learned->status)) { return KC_ERR_ARG; }
-    const double *cov = v->est->obs[n - 1u].cov; /* expected noise of the next one */
-    predict_joints(work, v);
-    return kc_acq_info(cal->acq, v->est, work->cand_q, a->space.n_cand, usable, cov, a->config.vopt_len_m,
-                       &work->acq, cand, &cal->acq_value);
+    if (st != KC_OK) {
+        cal->chosen_by = (int32_t)KC_ACQ_RANDOM;
+        cal->acq_value = 0.0;
+        st = kc_acq_random(usable, a->space.n_cand, rng, &cand);
+    }
+    choose(&arena->choice, cand);
+    return st;
 }
 
-/* By the acquisition; at random where it cannot be evaluated. */
-static kc_status_t acquire(kc_cal_t *cal, kc_arena_calibration_t *work, uint64_t *rng, const kc_view_t *v,
-                           uint32_t *cand)
+static bool by_information(const kc_cal_t *cal, const kc_view_t *v)
 {
-    cal->chosen_by = (int32_t)cal->acq;
-    kc_status_t st = requested(cal, work, v, cand);
-    if (st == KC_OK) { return st; }
-    cal->chosen_by = (int32_t)KC_ACQ_RANDOM;
-    cal->acq_value = 0.0;
-    return kc_acq_random(v->plan->usable, v->tables->space.n_cand, rng, cand);
+    return (cal->acq == KC_ACQ_DOPT || cal->acq == KC_ACQ_VOPT) && v->plan->n_meas > 0u &&
+           kc_fit_solved(v->learned->status);
+}
+
+/* The information criteria; where they cannot be evaluated, what at_once() gives. False: goes on in the next
+ * step. */
+static bool inform(kc_cal_t *cal, kc_arena_calibration_t *arena, const kc_view_t *v, kc_work_t *work)
+{
+    const kc_active_t *a = v->tables;
+    kc_choice_t *ch = &arena->choice;
+    if (ch->part == JOINTS) {
+        const double *cov = v->est->obs[v->plan->n_meas - 1u].cov; /* expected noise of the next one */
+        if (!predict_joints(arena, v, work)) { return false; }
+        kc_acq_info_begin(cal->acq, v->est, cov, a->config.vopt_len_m, &arena->acq);
+        ch->part = INFORMATION;
+    }
+    if (ch->part == INFORMATION) {
+        if (!kc_acq_info_step(v->est, arena->cand_q, a->space.n_cand, v->plan->usable, &arena->acq, work)) {
+            return false;
+        }
+        ch->part = ACQUIRED;
+        if (arena->acq.status == KC_OK) {
+            cal->chosen_by = (int32_t)cal->acq;
+            cal->acq_value = arena->acq.value;
+            choose(ch, arena->acq.best);
+        }
+    }
+    return true;
 }
 
 /* ---- SELECT ---- */
@@ -68,8 +108,10 @@ static kc_outcome_t finish(const kc_view_t *v, kc_cause_t if_nothing)
     return kc_plan_enough(v->plan) ? kc_outcome(KC_OC_FINISH) : kc_abort_for(if_nothing);
 }
 
-kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *work, uint64_t *rng,
-                           const kc_view_t *v, kc_out_t *out)
+void kc_select_begin(kc_arena_calibration_t *arena) { arena->choice = (kc_choice_t){0}; }
+
+/* What needs no acquisition: an end, initial poses, replicates. */
+static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, const kc_view_t *v, kc_out_t *out)
 {
     const kc_space_t *s = &v->tables->space;
     bool undetermined = v->est->rank < v->est->n_free;
@@ -82,13 +124,27 @@ kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_
     if (v->learned->converged || kc_plan_complete(plan, s)) { return finish(v, KC_CAUSE_NO_CANDIDATE); }
     cal->acq_value = 0.0;
     cal->chosen_by = -1;
-    if (!kc_plan_next(plan, s, v->tables->config.replicate_every, undetermined, &cand) &&
-        acquire(cal, work, rng, v, &cand) != KC_OK) {
+    ch->part = by_information(cal, v) ? JOINTS : ACQUIRED;
+    if (kc_plan_next(plan, s, v->tables->config.replicate_every, undetermined, &cand)) { choose(ch, cand); }
+    return kc_outcome(KC_OC_STAY);
+}
+
+kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, uint64_t *rng,
+                           const kc_view_t *v, kc_work_t *work, kc_out_t *out)
+{
+    kc_choice_t *ch = &arena->choice;
+    if (ch->part == FRESH) {
+        kc_outcome_t oc = planned(cal, plan, ch, v, out);
+        if (oc.id != KC_OC_STAY) { return oc; }
+    }
+    if (!inform(cal, arena, v, work)) { return kc_outcome(KC_OC_STAY); }
+    if (ch->part == ACQUIRED && at_once(cal, arena, rng, v) != KC_OK) {
         kc_event(&out->events, KC_EVT_CAL_NO_CANDIDATE, -1, 0.0, 0.0);
         return finish(v, KC_CAUSE_NO_CANDIDATE);
     }
-    cal->candidate = (int32_t)cand;
-    cal->replicate = (int32_t)kc_plan_choose(plan, s, cand);
+    if (!kc_work_take(work, kc_move_begin_cost(v))) { return kc_outcome(KC_OC_STAY); }
+    cal->candidate = (int32_t)ch->cand;
+    cal->replicate = (int32_t)kc_plan_choose(plan, &v->tables->space, ch->cand);
     return kc_outcome(KC_OC_DONE);
 }
 

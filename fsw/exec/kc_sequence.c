@@ -13,19 +13,19 @@
 
 /* ---- what a state begins with ---- */
 
-static kc_outcome_t withdraw(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t withdraw(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     double q[KC_JOINT_MAX];
     memcpy(app->q_meas, app->move.q_target, sizeof app->q_meas);
     kc_approach_start(&app->view, &app->rng, app->q_meas, q);
-    return kc_move_near(&app->move, &app->view, out, q);
+    return kc_move_near(&app->move, &app->view, work, out, q);
 }
 
-static kc_outcome_t to_seed(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t to_seed(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     double seed[KC_JOINT_MAX];
     kc_view_seed(&app->view, seed);
-    return kc_move_near(&app->move, &app->view, out, seed);
+    return kc_move_near(&app->move, &app->view, work, out, seed);
 }
 
 static kc_outcome_t aim(kc_app_t *app, kc_out_t *out)
@@ -35,7 +35,7 @@ static kc_outcome_t aim(kc_app_t *app, kc_out_t *out)
     return kc_outcome(KC_OC_STAY);
 }
 
-static kc_outcome_t begin(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t begin(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
     switch (app->place.state) {
@@ -44,12 +44,18 @@ static kc_outcome_t begin(kc_app_t *app, kc_out_t *out)
     case KC_ST_REST: kc_rest_begin(&app->rest); break;
     case KC_ST_OBSERVE:
     case KC_ST_SEARCH: kc_request_begin(&app->request); break;
-    case KC_ST_SERVO: return kc_move_near(&app->move, v, out, app->observe.q_servo);
-    case KC_ST_RETREAT: return kc_move_near(&app->move, v, out, app->observe.q_detected);
-    case KC_ST_SEED: return to_seed(app, out);
-    case KC_ST_WITHDRAW: return withdraw(app, out);
-    case KC_ST_APPROACH: return kc_move_near(&app->move, v, out, app->q_meas);
+    case KC_ST_SERVO: return kc_move_near(&app->move, v, work, out, app->observe.q_servo);
+    case KC_ST_RETREAT: return kc_move_near(&app->move, v, work, out, app->observe.q_detected);
+    case KC_ST_SEED: return to_seed(app, work, out);
+    case KC_ST_WITHDRAW: return withdraw(app, work, out);
+    case KC_ST_APPROACH: return kc_move_near(&app->move, v, work, out, app->q_meas);
     case KC_ST_TURN: return kc_observe_turn(&app->observe, &app->pantilt, v, out);
+    case KC_ST_UPDATE:
+    case KC_ST_REFINE:
+    case KC_ST_LEARN:
+    case KC_ST_REPORT: kc_update_begin(&app->learned); break;
+    case KC_ST_SELECT: kc_select_begin(&app->arena.calibration); break;
+    case KC_ST_PROPOSE: kc_propose_begin(&app->proposing); break;
     default: break;
     }
     return kc_outcome(KC_OC_STAY);
@@ -58,13 +64,14 @@ static kc_outcome_t begin(kc_app_t *app, kc_out_t *out)
 /* ---- what a state does in a step ---- */
 
 /* The next candidate is chosen: the arm sets off, and the pan-tilt unit turns meanwhile. */
-static kc_outcome_t select_next(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t select_next(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
-    kc_outcome_t oc = kc_select_run(&app->cal, &app->plan, &app->arena.calibration, &app->rng, v, out);
+    kc_arena_calibration_t *arena = &app->arena.calibration;
+    kc_outcome_t oc = kc_select_run(&app->cal, &app->plan, arena, &app->rng, v, work, out);
     if (oc.id != KC_OC_DONE) { return oc; }
     kc_observe_begin(&app->observe);
-    oc = kc_move_begin(&app->move, v, out);
+    oc = kc_move_begin(&app->move, v, work, out);
     if (oc.id == KC_OC_DONE) { kc_pantilt_aim(&app->pantilt, v, out, app->move.q_final, app->observe.off_m); }
     return oc;
 }
@@ -104,10 +111,10 @@ static kc_change_parts_t change_parts(kc_app_t *app)
     };
 }
 
-static kc_outcome_t propose(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t propose(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
-    bool accepted;
-    kc_outcome_t oc = kc_propose_run(&app->review, &app->tables, &app->view, &accepted, out);
+    bool accepted = false;
+    kc_outcome_t oc = kc_propose_run(&app->proposing, &app->review, &app->tables, &app->view, &accepted, work, out);
     kc_change_kind_t kind = accepted ? KC_CHANGE_ACCEPT : KC_CHANGE_PROPOSE;
     if (oc.id == KC_OC_STORE) { kc_change_begin(&app->change, kind, &app->view, NULL); }
     return oc;
@@ -120,17 +127,17 @@ static kc_outcome_t store(kc_app_t *app, kc_out_t *out)
     return kc_outcome(KC_OC_STAY);
 }
 
-static kc_outcome_t work(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
     kc_arena_calibration_t *arena = &app->arena.calibration;
     switch (app->place.state) {
-    case KC_ST_MOVE: return kc_move_run(&app->move, v, out);
+    case KC_ST_MOVE: return kc_move_run(&app->move, v, work, out);
     case KC_ST_SERVO:
     case KC_ST_SEED:
     case KC_ST_RETREAT:
     case KC_ST_WITHDRAW:
-    case KC_ST_APPROACH: return kc_move_wait(&app->move, v, out);
+    case KC_ST_APPROACH: return kc_move_wait(&app->move, v, work, out);
     case KC_ST_AIM:
     case KC_ST_TURN: return kc_pantilt_wait(&app->pantilt, v, out);
     case KC_ST_SETTLE:
@@ -138,12 +145,12 @@ static kc_outcome_t work(kc_app_t *app, kc_out_t *out)
     case KC_ST_OBSERVE: return kc_observe_run(&app->observe, &app->request, v, out);
     case KC_ST_SEARCH: return kc_observe_search(&app->observe, &app->request, v, out);
     case KC_ST_MEASURE: return kc_measure_run(&app->frames, &app->request, &app->est, v, out);
-    case KC_ST_UPDATE: return kc_update_solve(&app->learned, &app->est, &arena->gp, v);
-    case KC_ST_REFINE: return kc_update_refine(&app->learned, &app->est, v);
-    case KC_ST_LEARN: return kc_update_learn(&app->learned, &app->est, &app->plan, arena, v, out);
-    case KC_ST_REPORT: return kc_update_report(&app->learned, v, out);
-    case KC_ST_SELECT: return select_next(app, out);
-    case KC_ST_PROPOSE: return propose(app, out);
+    case KC_ST_UPDATE: return kc_update_solve(&app->learned, &app->est, &arena->gp, v, work);
+    case KC_ST_REFINE: return kc_update_refine(&app->learned, &app->est, v, work);
+    case KC_ST_LEARN: return kc_update_learn(&app->learned, &app->est, &app->plan, arena, v, work, out);
+    case KC_ST_REPORT: return kc_update_report(&app->learned, v, work, out);
+    case KC_ST_SELECT: return select_next(app, work, out);
+    case KC_ST_PROPOSE: return propose(app, work, out);
     case KC_ST_STORE: return store(app, out);
     case KC_ST_ARMED: return kc_review_armed(&app->review, v, out);
     default: return kc_outcome(KC_OC_STAY); /* IDLE, REVIEW and SAFE wait for commands */
@@ -177,7 +184,7 @@ static void leave(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
 
 /* Go where the table says; a state may be left at once by what it begins with. True if the work of the new
  * state begins in this step. */
-static bool follow(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
+static bool follow(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *out)
 {
     bool same_step = false;
     for (uint32_t i = 0u; oc.id != KC_OC_STAY && i < CHAIN_MAX; i++) {
@@ -185,40 +192,40 @@ static bool follow(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
         leave(app, oc, out);
         app->place = (kc_place_t){next.state, app->clock.now_us};
         same_step = next.same_step;
-        oc = begin(app, out);
+        oc = begin(app, work, out);
     }
     return same_step;
 }
 
 /* A budget is used up in the middle of a pose: that is lost. */
-static void check_budget(kc_app_t *app, kc_out_t *out)
+static void check_budget(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     kc_outcome_t oc = kc_select_budget(&app->cal, &app->view, out);
     if (oc.id != KC_OC_STAY && app->place.state != KC_ST_SELECT) {
         kc_move_hold(&app->move, &app->view, out);
         kc_request_drop(&app->request);
     }
-    (void)follow(app, oc, out);
+    (void)follow(app, oc, work, out);
 }
 
-void kc_sequence_run(kc_app_t *app, kc_out_t *out)
+void kc_sequence_run(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
-    (void)follow(app, kc_input_silence(&app->view, out), out);
-    check_budget(app, out);
-    for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work(app, out), out); i++) {}
+    (void)follow(app, kc_input_silence(&app->view, out), work, out);
+    check_budget(app, work, out);
+    for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work_on(app, work, out), work, out); i++) {}
 }
 
-void kc_sequence_scrub(kc_app_t *app, kc_out_t *out)
+void kc_sequence_scrub(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
-    (void)follow(app, kc_scrub_run(&app->scrub, &app->tables, &app->est, &out->events), out);
+    (void)follow(app, kc_scrub_run(&app->scrub, &app->tables, &app->est, &out->events), work, out);
 }
 
 /* ---- inputs ---- */
 
-void kc_sequence_stored(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
+void kc_sequence_stored(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)
 {
     kc_change_parts_t parts = change_parts(app);
-    (void)follow(app, kc_change_stored(&app->change, &parts, in, out), out);
+    (void)follow(app, kc_change_stored(&app->change, &parts, in, out), work, out);
 }
 
 void kc_sequence_detections(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
@@ -235,7 +242,7 @@ void kc_sequence_detections(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
     }
 }
 
-static kc_answer_t start(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
+static kc_answer_t start(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
     double dist = 0.0;
@@ -250,6 +257,7 @@ static kc_answer_t start(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
     kc_update_start(&app->learned, &app->est, &app->arena.calibration, v, ask.free_mask);
     kc_observe_begin(&app->observe);
     app->rng = ask.seed;
+    kc_work_spend(work, kc_update_start_cost(v));
     return answer;
 }
 
@@ -271,11 +279,11 @@ static kc_answer_t rollback(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
     return kc_review_rollback(&app->tables, (uint32_t)c->arg_i[0], out);
 }
 
-static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
+static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
 {
     switch (c->opcode) {
     case KC_CMD_NOOP: return kc_answer_ok(KC_OC_STAY);
-    case KC_CMD_START: return start(app, c, out);
+    case KC_CMD_START: return start(app, c, work, out);
     case KC_CMD_ABORT: return kc_answer_ok(KC_OC_ABORT);
     case KC_CMD_APPROVE_ARM:
     case KC_CMD_APPROVE_GO:
@@ -300,7 +308,7 @@ static kc_change_kind_t change_of(int32_t opcode)
     }
 }
 
-void kc_sequence_commands(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
+void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)
 {
     for (uint32_t i = 0u; i < in->n_chunk && i < KC_CHUNK_QUEUE_MAX; i++) {
         kc_cmd_chunk(&app->tables, &app->view, &in->chunk[i], out);
@@ -308,12 +316,12 @@ void kc_sequence_commands(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
     for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
         const kc_cmd_t *c = &in->cmd[i];
         kc_answer_t answer = kc_cmd_admit(&app->cmd_log, &app->view, c, out);
-        if (answer.status == KC_OK) { answer = execute(app, c, out); }
+        if (answer.status == KC_OK) { answer = execute(app, c, work, out); }
         if (answer.outcome.id == KC_OC_STORE) { /* answered when it is stored */
             kc_change_begin(&app->change, change_of(c->opcode), &app->view, c);
         } else {
             kc_cmd_answer(&app->cmd_log, c, &answer, out);
         }
-        (void)follow(app, answer.outcome, out);
+        (void)follow(app, answer.outcome, work, out);
     }
 }

@@ -34,7 +34,13 @@ void kc_update_start(kc_learned_t *l, kc_est_t *est, kc_arena_calibration_t *wor
     est->hold_none = 0u;
     est->without = 0u;
     est->n_obs = 0u;
+    est->rank = est->n_free = 0u; /* an ABORT may have left an estimate half done */
     l->gp_ok = kc_gp_init(&work->gp, &a->kernel, 0u, work->cand_pt, a->space.n_cand) == KC_OK;
+}
+
+uint64_t kc_update_start_cost(const kc_view_t *v)
+{
+    return 100000u + v->tables->space.n_cand * (500u + kc_kernel_cost(&v->tables->kernel));
 }
 
 /* ---- objective f (eq. 6) ---- */
@@ -46,17 +52,25 @@ static kc_miss_t miss_of(const kc_view_t *v, const double *coef, uint32_t i)
     return (kc_miss_t){kc_v3_norm(r), kc_v3_norm(&r[3])};
 }
 
-/* Objective of all poses with the latest correction; the last one is the newest pose. */
+/* Residuals of all poses at coef into dp_m, dr_rad; the last one is the newest pose. False: goes on in the next
+ * step. */
+static bool misses(kc_learned_t *l, const kc_view_t *v, const double *coef, kc_work_t *work)
+{
+    const uint64_t cost = kc_model_cost(&v->tables->arm, &v->tables->terms, 1);
+    for (; l->i < v->plan->n_meas; l->i++) {
+        if (!kc_work_take(work, cost)) { return false; }
+        kc_miss_t miss = miss_of(v, coef, l->i);
+        l->dp_m[l->i] = miss.pos_m;
+        l->dr_rad[l->i] = miss.rot_rad;
+    }
+    return true;
+}
+
+/* Objective of all poses from their residuals with the latest correction. */
 static void objective(kc_learned_t *l, const kc_view_t *v)
 {
     const kc_config_t *c = &v->tables->config;
-    uint32_t n = v->plan->n_meas;
-    for (uint32_t i = 0u; i < n; i++) {
-        kc_miss_t miss = miss_of(v, l->coef, i);
-        l->dp_m[i] = miss.pos_m;
-        l->dr_rad[i] = miss.rot_rad;
-    }
-    kc_acq_objective(l->dp_m, l->dr_rad, n, c->a1, c->sp_floor_m, c->sq_floor_rad, l->y);
+    kc_acq_objective(l->dp_m, l->dr_rad, v->plan->n_meas, c->a1, c->sp_floor_m, c->sq_floor_rad, l->y);
 }
 
 static kc_point_t newest_point(const kc_view_t *v)
@@ -68,12 +82,36 @@ static kc_point_t newest_point(const kc_view_t *v)
     return x;
 }
 
+/* ---- parts of a state ---- */
+
+void kc_update_begin(kc_learned_t *l)
+{
+    l->part = 0u;
+    l->i = 0u;
+    l->sum2 = (kc_miss_t){0.0, 0.0};
+}
+
+static void next_part(kc_learned_t *l)
+{
+    l->part++;
+    l->i = 0u;
+}
+
+static uint64_t gp_cost(const kc_learned_t *l, const kc_gp_t *gp) { return l->gp_ok ? kc_gp_cost(gp) : 0u; }
+
 /* ---- UPDATE, REFINE ---- */
 
-static kc_status_t solve_from(kc_est_t *est, const double *start)
+static void solve_from(kc_est_t *est, const double *start)
 {
     memcpy(est->start, start, sizeof est->start);
-    return kc_est_solve(est);
+    kc_est_begin(est);
+}
+
+static bool solved(kc_learned_t *l, kc_est_t *est, kc_work_t *work)
+{
+    if (!kc_est_step(est, work)) { return false; }
+    l->status = est->job.status;
+    return true;
 }
 
 static bool predicts_better(const kc_learned_t *l, const kc_view_t *v, uint32_t newest)
@@ -82,7 +120,8 @@ static bool predicts_better(const kc_learned_t *l, const kc_view_t *v, uint32_t 
     return kc_fit_predicts_better(&v->tables->config, miss_of(v, v->est->coef, newest), l->res);
 }
 
-kc_outcome_t kc_update_solve(kc_learned_t *l, kc_est_t *est, const kc_gp_t *gp, const kc_view_t *v)
+/* What the newest pose says of the estimate before it; a new one begins. */
+static void begin_estimate(kc_learned_t *l, kc_est_t *est, const kc_gp_t *gp, const kc_view_t *v)
 {
     const kc_plan_t *p = v->plan;
     uint32_t newest = p->n_meas - 1u;
@@ -93,12 +132,24 @@ kc_outcome_t kc_update_solve(kc_learned_t *l, kc_est_t *est, const kc_gp_t *gp, 
     objective(l, v);
     l->res = (kc_miss_t){l->dp_m[newest], l->dr_rad[newest]};
     l->f = l->y[newest];
-    l->trusted = predicts_better(l, v, newest); /* of the estimate before this pose */
+    l->trusted = predicts_better(l, v, newest);
     l->gp_mean = 0.0;
     if (l->gp_ok) { kc_gp_predict(gp, &x, &l->gp_mean, &var); }
     l->gp_sigma = kc_sqrt(kc_max(var, 0.0));
-    l->status = solve_from(est, v->tables->kin.value);
-    return kc_outcome(KC_OC_DONE);
+    solve_from(est, v->tables->kin.value);
+}
+
+kc_outcome_t kc_update_solve(kc_learned_t *l, kc_est_t *est, const kc_gp_t *gp, const kc_view_t *v,
+                             kc_work_t *work)
+{
+    if (l->part == 0u) {
+        if (!misses(l, v, l->coef, work) || !kc_work_take(work, gp_cost(l, gp))) {
+            return kc_outcome(KC_OC_STAY);
+        }
+        begin_estimate(l, est, gp, v);
+        next_part(l);
+    }
+    return kc_outcome(solved(l, est, work) ? KC_OC_DONE : KC_OC_STAY);
 }
 
 static bool differ(const double *a, const double *b)
@@ -108,17 +159,26 @@ static bool differ(const double *a, const double *b)
     return any;
 }
 
-kc_outcome_t kc_update_refine(kc_learned_t *l, kc_est_t *est, const kc_view_t *v)
+/* Parts: is it needed; the second start; the first one again if that was better. */
+kc_outcome_t kc_update_refine(kc_learned_t *l, kc_est_t *est, const kc_view_t *v, kc_work_t *work)
 {
     const double *start = v->tables->kin.value;
-    kc_fit_quality_t first = kc_fit_quality(est, l->status);
-    if (!kc_fit_needs_second_start(&v->tables->config, &first) || !differ(l->coef, start)) {
-        return kc_outcome(KC_OC_DONE);
+    if (l->part == 0u) {
+        l->first = kc_fit_quality(est, l->status);
+        if (!kc_fit_needs_second_start(&v->tables->config, &l->first) || !differ(l->coef, start)) {
+            return kc_outcome(KC_OC_DONE);
+        }
+        solve_from(est, l->coef);
+        next_part(l);
     }
-    l->status = solve_from(est, l->coef);
-    kc_fit_quality_t second = kc_fit_quality(est, l->status);
-    if (!kc_fit_second_is_better(&first, &second)) { l->status = solve_from(est, start); }
-    return kc_outcome(KC_OC_DONE);
+    if (!solved(l, est, work)) { return kc_outcome(KC_OC_STAY); }
+    if (l->part == 1u) {
+        kc_fit_quality_t second = kc_fit_quality(est, l->status);
+        if (kc_fit_second_is_better(&l->first, &second)) { return kc_outcome(KC_OC_DONE); }
+        solve_from(est, start);
+        next_part(l);
+    }
+    return kc_outcome(solved(l, est, work) ? KC_OC_DONE : KC_OC_STAY);
 }
 
 /* ---- LEARN ---- */
@@ -133,15 +193,13 @@ static void report_outliers(kc_learned_t *l, const kc_view_t *v, kc_out_t *out)
     }
 }
 
-/* *worst: the newest pose that is a mismatch, with its residual. */
-static bool mismatch(const kc_view_t *v, uint32_t *worst, kc_miss_t *worst_miss)
+/* By the residuals at the new estimate; *worst: the newest pose that is a mismatch. */
+static bool mismatch(const kc_learned_t *l, const kc_view_t *v, uint32_t *worst)
 {
     kc_miss_t miss[KC_MEAS_MAX];
     uint32_t n = v->plan->n_meas;
-    for (uint32_t i = 0u; i < n; i++) { miss[i] = miss_of(v, v->est->coef, i); }
-    bool found = kc_fit_mismatch(&v->tables->config, v->est, miss, n, v->plan->n_local, worst);
-    *worst_miss = miss[*worst];
-    return found;
+    for (uint32_t i = 0u; i < n; i++) { miss[i] = (kc_miss_t){l->dp_m[i], l->dr_rad[i]}; }
+    return kc_fit_mismatch(&v->tables->config, v->est, miss, n, v->plan->n_local, worst);
 }
 
 /* Whether the estimate is that of the arm that was verified. Among local initial poses, one bad detection is
@@ -150,19 +208,19 @@ static kc_outcome_t evaluate(kc_learned_t *l, kc_est_t *est, kc_plan_t *plan, co
                              kc_out_t *out)
 {
     uint32_t worst = 0u, without = est->without;
-    kc_miss_t miss = {0.0, 0.0};
-    bool solved = kc_fit_solved(l->status);
-    bool fits = !solved || !mismatch(v, &worst, &miss);
+    bool is_solved = kc_fit_solved(l->status);
+    bool fits = !is_solved || !mismatch(l, v, &worst);
     kc_leave_out_answer_t answer = fits ? KC_LEAVE_OUT_DONE : KC_LEAVE_OUT_NONE;
     if (plan->n_meas == plan->n_local) {
-        double cost = solved ? est->cost : KC_INF;
+        double cost = is_solved ? est->cost : KC_INF;
         answer = kc_leave_out_next(&l->leave_out, &v->tables->config, plan, est->obs, fits, cost,
                                    &est->without);
     }
     if (answer == KC_LEAVE_OUT_AGAIN) { return kc_outcome(KC_OC_AGAIN); }
     report_outliers(l, v, out);
     if (answer == KC_LEAVE_OUT_NONE) {
-        kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)worst + 1, miss.pos_m, miss.rot_rad);
+        kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)worst + 1, l->dp_m[worst],
+                 l->dr_rad[worst]);
         return kc_abort_for(KC_CAUSE_MODEL_MISMATCH);
     }
     if (without > 0u && plan->n_meas == plan->n_local) { kc_plan_again(plan, without - 1u); }
@@ -176,43 +234,70 @@ static void grow_gp(kc_learned_t *l, kc_arena_calibration_t *work, const kc_view
     l->gp_ok = kc_gp_add(&work->gp, &x, l->y[v->plan->n_meas - 1u], work->cand_pt) == KC_OK;
     if (!l->gp_ok) { return; }
     kc_gp_set_y(&work->gp, l->y);
-    if (v->tables->kernel.choose) { (void)kc_gp_choose(&work->gp, work->cand_pt); }
+    kc_gp_choose_begin(&work->gp);
 }
 
-kc_outcome_t kc_update_learn(kc_learned_t *l, kc_est_t *est, kc_plan_t *plan, kc_arena_calibration_t *work,
-                             const kc_view_t *v, kc_out_t *out)
+enum { EVALUATE = 0, OBJECTIVE, CHOOSE };
+
+static kc_outcome_t learn_evaluate(kc_learned_t *l, kc_est_t *est, kc_plan_t *plan, const kc_view_t *v,
+                                   kc_work_t *work, kc_out_t *out)
 {
+    bool is_solved = kc_fit_solved(l->status);
+    if (is_solved && !misses(l, v, est->coef, work)) { return kc_outcome(KC_OC_STAY); }
     kc_outcome_t evaluated = evaluate(l, est, plan, v, out);
     if (evaluated.id != KC_OC_DONE) { return evaluated; }
-    if (!kc_fit_solved(l->status)) {
+    if (!is_solved) {
         kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)l->status, 0.0);
     } else if (est->rank == est->n_free || est->hold_none || l->trusted) {
         memcpy(l->coef, est->coef, sizeof l->coef);
     }
-    objective(l, v);
-    grow_gp(l, work, v);
+    next_part(l);
     return kc_outcome(KC_OC_DONE);
+}
+
+static kc_outcome_t learn_objective(kc_learned_t *l, kc_arena_calibration_t *arena, const kc_view_t *v,
+                                    kc_work_t *work)
+{
+    if (!misses(l, v, l->coef, work) || !kc_work_take(work, gp_cost(l, &arena->gp))) {
+        return kc_outcome(KC_OC_STAY);
+    }
+    objective(l, v);
+    grow_gp(l, arena, v);
+    next_part(l);
+    return kc_outcome(KC_OC_DONE);
+}
+
+kc_outcome_t kc_update_learn(kc_learned_t *l, kc_est_t *est, kc_plan_t *plan, kc_arena_calibration_t *arena,
+                             const kc_view_t *v, kc_work_t *work, kc_out_t *out)
+{
+    kc_outcome_t oc = kc_outcome(KC_OC_DONE);
+    if (l->part == EVALUATE) { oc = learn_evaluate(l, est, plan, v, work, out); }
+    if (oc.id == KC_OC_DONE && l->part == OBJECTIVE) { oc = learn_objective(l, arena, v, work); }
+    if (oc.id != KC_OC_DONE || !l->gp_ok || !v->tables->kernel.choose) { return oc; }
+    return kc_outcome(kc_gp_choose_step(&arena->gp, arena->cand_pt, work) ? KC_OC_DONE : KC_OC_STAY);
 }
 
 /* ---- REPORT ---- */
 
 /* RMS of the predicted pose sigma over the search space, from at most KC_SPACE_SAMPLES candidates; the stated
- * noise is scaled up to what the residuals show. */
-static kc_miss_t predict(const kc_view_t *v)
+ * noise is scaled up to what the residuals show. False: goes on in the next step. */
+static bool predict(kc_learned_t *l, const kc_view_t *v, kc_work_t *work)
 {
-    uint32_t n = v->tables->space.n_cand;
-    uint32_t stride = (n + KC_SPACE_SAMPLES - 1u) / KC_SPACE_SAMPLES, count = 0u;
-    double pos = 0.0, rot = 0.0, cov[36];
-    for (uint32_t c = 0u; c < n; c += stride, count++) {
+    const uint64_t cost = kc_est_pose_cov_cost(v->est);
+    uint32_t n = v->tables->space.n_cand, stride = kc_view_stride(v);
+    double cov[36];
+    for (; l->i < n; l->i += stride) {
         kc_ctx_t ctx;
         kc_eval_t eval;
-        kc_view_ctx(v, c, &ctx);
+        if (!kc_work_take(work, cost)) { return false; }
+        kc_view_ctx(v, l->i, &ctx);
         kc_est_pose_cov(v->est, &ctx, &eval, cov);
-        pos += cov[0] + cov[7] + cov[14];
-        rot += cov[21] + cov[28] + cov[35];
+        l->sum2.pos_m += cov[0] + cov[7] + cov[14];
+        l->sum2.rot_rad += cov[21] + cov[28] + cov[35];
     }
-    double scale = kc_max(1.0, v->est->noise_scale);
-    return (kc_miss_t){scale * kc_sqrt(pos / (double)count), scale * kc_sqrt(rot / (double)count)};
+    double scale = kc_max(1.0, v->est->noise_scale), count = (double)(l->i / stride);
+    l->pred = (kc_miss_t){scale * kc_sqrt(l->sum2.pos_m / count), scale * kc_sqrt(l->sum2.rot_rad / count)};
+    return true;
 }
 
 static void fill_progress(const kc_view_t *v, kc_progress_t *p)
@@ -245,10 +330,10 @@ static void fill_progress(const kc_view_t *v, kc_progress_t *p)
     memcpy(p->coef, l->coef, sizeof p->coef);
 }
 
-kc_outcome_t kc_update_report(kc_learned_t *l, const kc_view_t *v, kc_out_t *out)
+kc_outcome_t kc_update_report(kc_learned_t *l, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
     const kc_config_t *c = &v->tables->config;
-    if (kc_fit_solved(l->status)) { l->pred = predict(v); }
+    if (kc_fit_solved(l->status) && !predict(l, v, work)) { return kc_outcome(KC_OC_STAY); }
     out->has_progress = 1u;
     fill_progress(v, &out->progress);
     kc_event(&out->events, KC_EVT_CAL_POSE, (int32_t)v->plan->n_meas, l->res.pos_m, l->res.rot_rad);

@@ -17,6 +17,11 @@ uint64_t kc_view_elapsed(const kc_view_t *v, uint64_t stamp_us)
     return age > c->now_us ? 0u : c->now_us - age;
 }
 
+uint32_t kc_view_stride(const kc_view_t *v)
+{
+    return (v->tables->space.n_cand + KC_SPACE_SAMPLES - 1u) / KC_SPACE_SAMPLES;
+}
+
 uint64_t kc_view_in_state_us(const kc_view_t *v) { return v->clock->now_us - v->place->since_us; }
 
 bool kc_view_at_rest(const kc_view_t *v)

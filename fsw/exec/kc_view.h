@@ -58,6 +58,10 @@ typedef struct {
     kc_leave_out_t leave_out; /* search for a bad detection among the local initial poses */
     uint8_t outlier_reported[KC_MEAS_MAX];
     double y[KC_MEAS_MAX], dp_m[KC_MEAS_MAX], dr_rad[KC_MEAS_MAX]; /* objective and its parts, by pose */
+    /* where a state of the update stands between two steps (kc_update.c) */
+    uint32_t part, i;
+    kc_fit_quality_t first; /* estimate of the first start */
+    kc_miss_t sum2;         /* of predicted variances */
 } kc_learned_t;
 
 typedef struct {
@@ -77,6 +81,8 @@ typedef struct {
 /* Candidates that stand for the search space in predictions. */
 #define KC_SPACE_SAMPLES 256u
 
+/* Every how many candidates one of them is. */
+uint32_t kc_view_stride(const kc_view_t *v);
 /* Elapsed time at which a message with this stamp was made, as far as clocks agree. */
 uint64_t kc_view_elapsed(const kc_view_t *v, uint64_t stamp_us);
 uint64_t kc_view_in_state_us(const kc_view_t *v);

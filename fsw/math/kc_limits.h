@@ -41,4 +41,7 @@
 #define KC_IMAGE_MAX (144u * 1024u) /* largest table image */
 #define KC_SCRUB_BYTES 4096u /* memory that one step compares with its CRC */
 
+/* Instructions that one step spends on computations that go on in the next (kc_work.h). */
+#define KC_STEP_WORK 9000000u
+
 #endif

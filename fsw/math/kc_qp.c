@@ -211,9 +211,9 @@ static double independent_gradient(const kc_qp_t *qp, uint32_t m, uint32_t *depe
     return worst;
 }
 
-/* One step toward the minimum over the free variables. *floor_g: gradient that Newton's method could
+/* One step toward the minimum over the free variables. floor_g: gradient that Newton's method could
  * not improve on, because of rounding. */
-static step_t minimise_free(kc_qp_t *qp, double tol, double *scale, double *floor_g)
+static step_t minimise_free(kc_qp_t *qp, double tol)
 {
     uint32_t k = 0u;
     const uint32_t m = factor_free(qp);
@@ -225,44 +225,68 @@ static step_t minimise_free(kc_qp_t *qp, double tol, double *scale, double *floo
         flat_direction(qp, m, k);
     }
     const step_t step = move(qp, m, newton ? 1.0 : exact_step(qp, m));
-    *scale = gradient(qp);
+    qp->scale = gradient(qp);
     if (newton && step == STEP_FULL) {
         const double after = independent_gradient(qp, m, &k);
-        if (after > 0.5 * before) { *floor_g = after; }
+        if (after > 0.5 * before) { qp->floor_g = after; }
     }
     return step;
 }
 
 /* KKT residual, and the status it earns. */
-static kc_status_t finish(kc_qp_t *qp, double scale, kc_status_t st)
+static void finish(kc_qp_t *qp)
 {
     double worst_free, worst_fixed;
     (void)worst_variable(qp, 0, &worst_free);
     (void)worst_variable(qp, 1, &worst_fixed);
     const double worst = kc_max(worst_free, worst_fixed);
     qp->kkt = worst / kc_max(1.0, max_abs(qp->g, qp->n));
-    const int solved = qp->kkt <= KKT_TOL || worst <= GRAD_TOL * scale;
-    return st == KC_ERR_ITER && solved ? KC_OK : st;
+    const int solved = qp->kkt <= KKT_TOL || worst <= GRAD_TOL * qp->scale;
+    if (qp->status == KC_ERR_ITER && solved) { qp->status = KC_OK; }
 }
+
+void kc_qp_begin(kc_qp_t *qp)
+{
+    qp->status = arguments_ok(qp) ? KC_ERR_ITER : KC_ERR_ARG;
+    if (qp->status == KC_ERR_ARG) { return; }
+    for (uint32_t i = 0u; i < qp->n; i++) { settle(qp, i); }
+    qp->floor_g = 0.0;
+    qp->scale = gradient(qp);
+    qp->iters = 0u;
+}
+
+/* A step toward the minimum over the free variables; or, there, one more variable becomes free. False at the
+ * minimum over all, and where there is none. */
+static bool improve(kc_qp_t *qp)
+{
+    double worst;
+    const double tol = kc_max(GRAD_TOL * qp->scale, qp->floor_g);
+    (void)worst_variable(qp, 0, &worst);
+    if (worst > tol) {
+        if (minimise_free(qp, tol) == STEP_UNBOUNDED) { qp->status = KC_ERR_NUM; }
+        qp->iters++;
+        return qp->status == KC_ERR_ITER;
+    }
+    const uint32_t wrong = worst_variable(qp, 1, &worst);
+    if (worst <= tol) { return false; }
+    qp->active[wrong] = KC_QP_FREE;
+    qp->iters++;
+    return true;
+}
+
+bool kc_qp_iterate(kc_qp_t *qp)
+{
+    if (qp->status == KC_ERR_ARG) { return false; }
+    if (improve(qp) && qp->iters < KC_QP_ITER_PER_VAR * qp->n) { return true; }
+    finish(qp);
+    return false;
+}
+
+uint64_t kc_qp_cost(uint32_t n) { return 5000u + 100u * (uint64_t)n + 30u * (uint64_t)n * n + (uint64_t)n * n * n * 6u / 10u; }
 
 kc_status_t kc_qp_solve(kc_qp_t *qp)
 {
-    if (!arguments_ok(qp)) { return KC_ERR_ARG; }
-    double floor_g = 0.0, worst;
-    for (uint32_t i = 0u; i < qp->n; i++) { settle(qp, i); }
-    double scale = gradient(qp);
-    const uint32_t iter_max = KC_QP_ITER_PER_VAR * qp->n;
-    kc_status_t st = KC_ERR_ITER;
-    for (qp->iters = 0u; qp->iters < iter_max && st == KC_ERR_ITER; qp->iters++) {
-        const double tol = kc_max(GRAD_TOL * scale, floor_g);
-        (void)worst_variable(qp, 0, &worst);
-        if (worst > tol) {
-            if (minimise_free(qp, tol, &scale, &floor_g) == STEP_UNBOUNDED) { st = KC_ERR_NUM; }
-            continue;
-        }
-        const uint32_t wrong = worst_variable(qp, 1, &worst);
-        if (worst <= tol) { break; }
-        qp->active[wrong] = KC_QP_FREE;
-    }
-    return finish(qp, scale, st);
+    kc_qp_begin(qp);
+    for (uint32_t i = 0u; i < KC_QP_ITER_PER_VAR * KC_COEF_MAX && kc_qp_iterate(qp); i++) {}
+    return qp->status;
 }

@@ -2,6 +2,7 @@
 #ifndef KC_QP_H
 #define KC_QP_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_limits.h"
@@ -25,7 +26,9 @@ typedef struct {
     double kkt;                  /* largest |projected gradient|, scaled by
                                     max(1, |g|_inf) */
     uint32_t iters;
+    kc_status_t status; /* of kc_qp_solve */
     /* work */
+    double scale, floor_g; /* rounding errors of the gradient; what Newton's method could not improve on */
     double L[KC_COEF_MAX * KC_COEF_MAX];
     double d[KC_COEF_MAX];
     double grad[KC_COEF_MAX];
@@ -41,5 +44,11 @@ typedef struct {
  * best so far. KC_ERR_NUM: unbounded below (singular H, infinite bounds), x feasible.
  * O(iterations * n^3); same bits for the same input. */
 kc_status_t kc_qp_solve(kc_qp_t *qp);
+
+/* The same in parts: begin, then iterate until it answers false; qp->status is what kc_qp_solve returns. */
+void kc_qp_begin(kc_qp_t *qp);
+bool kc_qp_iterate(kc_qp_t *qp);
+/* Bound of the instructions of one iteration with n variables. */
+uint64_t kc_qp_cost(uint32_t n);
 
 #endif

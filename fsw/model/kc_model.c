@@ -4,6 +4,12 @@
 
 #include "kc_vec.h"
 
+uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, int want_J)
+{
+    const uint64_t n = arm->n_joints, passes = want_J ? 3u : 2u; /* over the terms */
+    return 12000u + 2500u * n + passes * 300u * (uint64_t)terms->n_term;
+}
+
 /* Twists of all frames: component sums of the correction terms. */
 typedef double twists_t[KC_FRAME_COUNT][6];
 

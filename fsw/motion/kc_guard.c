@@ -232,13 +232,7 @@ static int on_verified_path(const kc_guard_request_t *request, kc_guard_reason_t
 
 /* ---- keep-out volumes and self-collision ---- */
 
-/* Clearance at a part of the move: of volumes, between bodies, and which. */
-typedef struct {
-    double d[2];
-    kc_guard_reason_t why[2];
-} near_t;
-
-static void near_at(const kc_guard_request_t *request, double part, near_t *n)
+static void near_at(const kc_guard_request_t *request, double part, kc_guard_near_t *n)
 {
     kc_guard_arm_t g = {.arm = request->arm, .space = request->space};
     kc_ctx_t ctx = *request->ctx;
@@ -279,34 +273,89 @@ static double travel(const kc_guard_request_t *request, double *far)
     return turned * reach + slid;
 }
 
-/* Posture after posture. The step to the next one is so short that no point of the arm can travel farther
- * than the free distance, but not shorter than the least step. */
-static kc_guard_verdict_t clear_path(const kc_guard_request_t *request, kc_guard_reason_t *why)
+/* The clearance is checked posture after posture. The step to the next one is so short that no point of the
+ * arm can travel farther than the free distance, but not shorter than the least step. */
+static double next_part(const kc_guard_request_t *request, const kc_guard_job_t *job)
 {
-    double far = 0.0, part = 0.0, length = travel(request, &far);
-    near_t first, n;
-    int local = is_local_pose(request->space, request->from) || is_local_pose(request->space, request->to);
-    if (local || request->space->n_body == 0u) { return KC_GUARD_OK; }
+    double far = 0.0, length = travel(request, &far);
     double least = kc_max(KC_GUARD_STEP / kc_max(far, KC_GUARD_STEP), 1.0 / (double)KC_GUARD_STEPS_MAX);
-    near_at(request, 0.0, &first);
-    n = first;
-    for (uint32_t k = 0u; k <= KC_GUARD_STEPS_MAX && part < 1.0; k++) {
-        double free_m = kc_min(n.d[0], n.d[1]) - KC_GUARD_CLEAR_M;
-        part = kc_min(1.0, part + kc_max(least, free_m / kc_max(length, KC_GUARD_STEP)));
-        near_at(request, part, &n);
-        for (uint32_t i = 0u; i < 2u; i++) {
-            double leaving = first.d[i] - KC_GUARD_LEAVE_M;
-            if (n.d[i] >= (first.d[i] < KC_GUARD_CLEAR_M ? leaving : KC_GUARD_CLEAR_M)) { continue; }
-            *why = n.why[i];
-            return i == 0u ? KC_GUARD_VOLUME : KC_GUARD_SELF;
+    double free_m = kc_min(job->at.d[0], job->at.d[1]) - KC_GUARD_CLEAR_M;
+    return kc_min(1.0, job->part + kc_max(least, free_m / kc_max(length, KC_GUARD_STEP)));
+}
+
+static void check_clearance(kc_guard_job_t *job)
+{
+    for (uint32_t i = 0u; i < 2u && !job->over; i++) {
+        double first = job->first.d[i];
+        if (job->at.d[i] >= (first < KC_GUARD_CLEAR_M ? first - KC_GUARD_LEAVE_M : KC_GUARD_CLEAR_M)) {
+            continue;
         }
+        job->why = job->at.why[i];
+        job->verdict = i == 0u ? KC_GUARD_VOLUME : KC_GUARD_SELF;
+        job->over = true;
     }
-    return KC_GUARD_OK;
+}
+
+static void next_posture(const kc_guard_request_t *request, kc_guard_job_t *job)
+{
+    if (job->k == 0u) {
+        near_at(request, 0.0, &job->first);
+        job->at = job->first;
+    } else {
+        job->part = next_part(request, job);
+        near_at(request, job->part, &job->at);
+        check_clearance(job);
+    }
+    job->k++;
+    job->over = job->over || job->k > KC_GUARD_STEPS_MAX + 1u || !(job->part < 1.0);
+}
+
+/* Bound of the instructions for one posture: of a body's two axes against every volume, of pairs of bodies. */
+static uint64_t posture_cost(const kc_guard_request_t *request)
+{
+    static const uint64_t volume[] = {
+        [KC_VOL_BELOW] = 100u, [KC_VOL_BOX] = 5000u, [KC_VOL_CAPSULE] = 900u, [KC_VOL_SPHERE] = 300u};
+    const kc_space_t *s = request->space;
+    uint64_t cost = kc_model_cost(request->arm, request->terms, 0);
+    for (uint32_t b = 0u; b < s->n_body; b++) {
+        cost += 2000u;
+        for (uint32_t v = 0u; v < s->n_volume; v++) {
+            cost += (s->volume[v].excluded >> b & 1u) != 0u ? 0u : 2u * volume[s->volume[v].kind];
+        }
+        for (uint32_t k = 0u; k < b; k++) { cost += (s->body[b].collision_pairs >> k & 1u) * 5500u; }
+    }
+    return cost;
+}
+
+void kc_guard_begin(const kc_guard_request_t *request, kc_guard_job_t *job)
+{
+    const kc_space_t *s = request->space;
+    *job = (kc_guard_job_t){.verdict = KC_GUARD_OK};
+    if (!within_limits(request, &job->why)) {
+        job->verdict = KC_GUARD_LIMIT;
+    } else if (!on_verified_path(request, &job->why)) {
+        job->verdict = KC_GUARD_PATH;
+    }
+    job->over = job->verdict != KC_GUARD_OK || s->n_body == 0u || is_local_pose(s, request->from) ||
+                is_local_pose(s, request->to);
+}
+
+bool kc_guard_step(const kc_guard_request_t *request, kc_guard_job_t *job, kc_work_t *work)
+{
+    const uint64_t cost = posture_cost(request);
+    while (!job->over) {
+        if (!kc_work_take(work, cost)) { return false; }
+        next_posture(request, job);
+    }
+    return true;
 }
 
 kc_guard_verdict_t kc_guard_check(const kc_guard_request_t *request, kc_guard_reason_t *why)
 {
-    if (!within_limits(request, why)) { return KC_GUARD_LIMIT; }
-    if (!on_verified_path(request, why)) { return KC_GUARD_PATH; }
-    return clear_path(request, why);
+    kc_work_t work = kc_work_unlimited();
+    kc_guard_job_t job;
+    kc_guard_begin(request, &job);
+    (void)kc_guard_step(request, &job, &work);
+    if (job.verdict != KC_GUARD_OK) { *why = job.why; }
+    return job.verdict;
 }

@@ -11,6 +11,7 @@
 
 #include "kc_model.h"
 #include "kc_path.h"
+#include "kc_work.h"
 
 #define KC_GUARD_STEP 0.02      /* least step between postures that are checked [rad or m] ... */
 #define KC_GUARD_STEPS_MAX 100u /* ... and the most steps, however long the move */
@@ -68,10 +69,30 @@ double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *vol
 /* The same between bodies that must not touch. O(n_body^2). */
 double kc_guard_self_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *other);
 
+/* Clearance at a part of the move: of volumes, between bodies, and which. */
+typedef struct {
+    double d[2];
+    kc_guard_reason_t why[2];
+} kc_guard_near_t;
+
+/* Where a check stands between two steps. */
+typedef struct {
+    kc_guard_near_t first, at; /* where the move begins, and at the newest posture */
+    double part;               /* of the move, up to the newest posture */
+    uint32_t k;                /* next posture */
+    bool over;
+    kc_guard_verdict_t verdict; /* when it is over */
+    kc_guard_reason_t why;
+} kc_guard_job_t;
+
 /* First reason why the command must not be sent. An arm that is too near to something already, according
  * to a new correction, may leave it. Clearances are not checked on moves to and from local initial poses:
  * there the correction is not known yet. At most KC_GUARD_STEPS_MAX + 1 postures. Space and arm must be
  * validated. */
 kc_guard_verdict_t kc_guard_check(const kc_guard_request_t *request, kc_guard_reason_t *why);
+/* The same in parts: begin, then step, once a step of the process and with the same request, until it answers
+ * true; then the job holds verdict and reason. */
+void kc_guard_begin(const kc_guard_request_t *request, kc_guard_job_t *job);
+bool kc_guard_step(const kc_guard_request_t *request, kc_guard_job_t *job, kc_work_t *work);
 
 #endif

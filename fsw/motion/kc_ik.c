@@ -55,18 +55,20 @@ static kc_status_t trial(const kc_arm_t *arm, const kc_ik_opt_t *opt, double dam
  * not is undone and the damping raised. One evaluation per iteration, so a refused step costs a second
  * one to restore the Jacobian of q. */
 kc_status_t kc_ik_solve(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
-                        const kc_pose_t *goal, const kc_ik_opt_t *opt, double *q, kc_eval_t *work)
+                        const kc_pose_t *goal, const kc_ik_opt_t *opt, double *q, kc_eval_t *work,
+                        uint32_t *evals)
 {
     double e[6], e_try[6], q_try[KC_JOINT_MAX];
     double damping = DAMPING_START;
     double cost;
-    uint32_t iters = opt->iter_max < ITER_MAX ? opt->iter_max : ITER_MAX;
+    uint32_t n = 1u, iters = opt->iter_max < ITER_MAX ? opt->iter_max : ITER_MAX;
     clip_start(arm, opt->margin, q);
     cost = pose_error(arm, terms, coef, goal, q, work, e);
     for (uint32_t i = 0u; i < iters && !inside(e, opt) && damping <= DAMPING_MAX; i++) {
         double cost_try;
         if (trial(arm, opt, damping, e, q, work, q_try) != KC_OK) { break; }
         cost_try = pose_error(arm, terms, coef, goal, q_try, work, e_try);
+        n++;
         if (cost_try < cost) { /* NaN fails */
             cost = cost_try;
             memcpy(q, q_try, arm->n_joints * sizeof *q);
@@ -75,7 +77,9 @@ kc_status_t kc_ik_solve(const kc_arm_t *arm, const kc_terms_t *terms, const doub
         } else {
             damping *= 4.0;
             (void)pose_error(arm, terms, coef, goal, q, work, e);
+            n++;
         }
     }
+    if (evals != NULL) { *evals = n; }
     return inside(e, opt) ? KC_OK : KC_ERR_REACH;
 }

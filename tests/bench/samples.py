@@ -274,7 +274,7 @@ class Calibration:
             if self.usable[c]:
                 goal.p_m, goal.R = self.wanted[c][:3, 3].tolist(), self.wanted[c][:3, :3].ravel().tolist()
                 q[0 : self.arm.n_joints] = self.seeds[c].tolist()
-                lib.kc_ik_solve(self.arm, self.terms, self.est.coef, goal, self.ik, q, self.ev)
+                lib.kc_ik_solve(self.arm, self.terms, self.est.coef, goal, self.ik, q, self.ev, ffi.NULL)
                 self.joints[c] = list(q)
 
     def choose(self, acquisition: str) -> int:

@@ -137,7 +137,7 @@ def solve(goal, start, coef=None, tol=1e-9, margin=0.02):
     q = np.zeros(8)
     q[:7] = start
     coef = ffi.NULL if coef is None else pointer(coef)
-    status = lib.kc_ik_solve(ARM, TERMS, coef, goal_pose(goal), opt, pointer(q), EVAL)
+    status = lib.kc_ik_solve(ARM, TERMS, coef, goal_pose(goal), opt, pointer(q), EVAL, ffi.NULL)
     return status_name(status), q[:7]
 
 

@@ -125,13 +125,13 @@ static int move_arm(void)
 {
     double far = 0.0;
     if (world.arm_frozen) { return 0; }
-    for (uint32_t j = 0u; j < 7u; j++) { far = fmax(far, fabs(world.q_cmd[j] - world.q[j])); }
+    for (uint32_t j = 0u; j < world.arm.n_joints; j++) { far = fmax(far, fabs(world.q_cmd[j] - world.q[j])); }
     double part = far > 0.4 ? 0.4 / far : 1.0;
-    for (uint32_t j = 0u; j < 7u; j++) {
+    for (uint32_t j = 0u; j < world.arm.n_joints; j++) {
         double d = world.q_cmd[j] - world.q[j];
         if (fabs(d) > 1e-9) { world.dir[j] = d > 0.0 ? 1.0 : -1.0; }
     }
-    for (uint32_t j = 0u; j < 7u; j++) { world.q[j] += part * (world.q_cmd[j] - world.q[j]); }
+    for (uint32_t j = 0u; j < world.arm.n_joints; j++) { world.q[j] += part * (world.q_cmd[j] - world.q[j]); }
     return far > 0.0;
 }
 
@@ -142,7 +142,7 @@ static void report_arm(int moving)
     memset(a, 0, sizeof *a);
     a->t_us = world.now_us;
     a->seq = ++world.arm_seq;
-    a->n_joints = 7u;
+    a->n_joints = world.arm.n_joints;
     memcpy(a->q, world.q, sizeof a->q);
     memcpy(a->q_cmd, world.q_cmd, sizeof a->q_cmd);
     memcpy(a->dir, world.dir, sizeof a->dir);
@@ -173,7 +173,7 @@ static int hidden(const kc_pose_t *T)
 {
     double off = atan2(sqrt(T->p_m[0] * T->p_m[0] + T->p_m[1] * T->p_m[1]), T->p_m[2]);
     double far = 0.0;
-    for (uint32_t j = 0u; j < 7u; j++) { far = fmax(far, fabs(world.q[j] - world.q_start[j])); }
+    for (uint32_t j = 0u; j < world.arm.n_joints; j++) { far = fmax(far, fabs(world.q[j] - world.q_start[j])); }
     if (world.view_rad > 0.0 && off > world.view_rad) { return 1; }
     if (world.hide_beyond > 0.0 && far > world.hide_beyond) { return 1; }
     if (world.hide > 0) {

@@ -9,6 +9,7 @@
 static kc_arm_t s_arm;
 static kc_terms_t s_terms;
 static kc_eval_t s_work;
+static uint32_t s_evals;
 static kc_ik_opt_t s_opt;
 static double s_q[KC_JOINT_MAX];
 
@@ -53,7 +54,7 @@ static kc_pose_t planar_goal(double q1, double q2)
 
 static kc_status_t solve(const kc_pose_t *goal, const double *coef)
 {
-    return kc_ik_solve(&s_arm, &s_terms, coef, goal, &s_opt, s_q, &s_work);
+    return kc_ik_solve(&s_arm, &s_terms, coef, goal, &s_opt, s_q, &s_work, &s_evals);
 }
 
 void test_the_planar_arm_finds_its_closed_form(void)

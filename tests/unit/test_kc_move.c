@@ -302,13 +302,15 @@ static void refused_path(uint32_t from, uint32_t to, double off)
     memset(&world.out, 0, sizeof world.out);
     kc_path_joints(&kc_app_active(APP)->space, to, q);
     q[0] += q[0] > 0.0 ? -off : off;
-    TEST_ASSERT_FALSE(kc_move_send(&APP->move, &APP->view, &world.out, from, to, q));
+    kc_work_t work = kc_work_of_step();
+    kc_outcome_t oc = kc_move_send(&APP->move, &APP->view, &work, &world.out, from, to, q);
+    TEST_ASSERT_EQUAL_INT(KC_OC_SKIP, oc.id);
     TEST_ASSERT_EQUAL_INT(seq, APP->move.seq);
     TEST_ASSERT_EQUAL_UINT32(0u, world.out.has_arm_cmd);
     TEST_ASSERT_EQUAL_UINT32(1u, world.out.events.n);
     TEST_ASSERT_EQUAL_INT(KC_EVT_GRD_PATH, world.out.events.e[0].id);
     if (from == to) {
-        TEST_ASSERT_EQUAL_INT(KC_OC_SKIP, kc_move_near(&APP->move, &APP->view, &world.out, q).id);
+        TEST_ASSERT_EQUAL_INT(KC_OC_SKIP, kc_move_near(&APP->move, &APP->view, &work, &world.out, q).id);
     }
 }
 

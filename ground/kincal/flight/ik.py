@@ -50,7 +50,7 @@ class Solver:
         goal, at = flight.pointer(rows, "kc_pose_t"), flight.pointer(q)
         status = [
             flight.lib.kc_ik_solve(
-                self._arm, null, null, goal + i, self._options, at + self._n * i, self._work
+                self._arm, null, null, goal + i, self._options, at + self._n * i, self._work, null
             )
             for i in range(len(rows))
         ]
