@@ -131,7 +131,7 @@ record: core messages .venv/.stamp ## calibrations for the replay, and what it h
 
 # ---- measures of the flight core ----------------------------------------------------------------------
 
-.PHONY: cov size heapcheck
+.PHONY: cov size heapcheck wcet
 cov: $(BUILD)/cov/build.ninja $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## line and branch coverage of the core by the unit tests
 	$(call compile,cov,units)
 	@find $(BUILD)/cov -name '*.gcda' -delete
@@ -144,14 +144,18 @@ size: $(BUILD)/rel/build.ninja ## static bytes by module and worst stack
 heapcheck: $(BUILD)/rel/build.ninja ## fails when the core references a heap function
 	$(call compile,rel,heapcheck)
 
+wcet: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-wcet ## instructions of every step with all sizes at their limits (installs valgrind; CASES, 4 min)
+	$(call compile,rel,wcet)
+	$(Q)$(PYTHON) tests/bench/wcet.py $(CASES)
+
 # ---- lint ---------------------------------------------------------------------------------------------
 
 C_DIRS := fsw ground/native sim/tagdet
 C_ALL   = $(shell find $(C_DIRS) tests/unit tests/cross -name '*.[ch]' -o -name '*.[ch]pp')
 
-.PHONY: lint lint-clang lint-tidy lint-cppcheck lint-format lint-direction lint-python lint-types lint-layers \
-        lint-generated lint-glossary
-lint: lint-clang lint-direction lint-format lint-cppcheck lint-python lint-types lint-layers lint-generated lint-glossary ## all static checks
+.PHONY: lint lint-clang lint-tidy lint-cppcheck lint-format lint-direction lint-loops lint-python lint-types \
+        lint-layers lint-generated lint-glossary
+lint: lint-clang lint-direction lint-loops lint-format lint-cppcheck lint-python lint-types lint-layers lint-generated lint-glossary ## all static checks
 
 lint-clang lint-tidy &: $(BUILD)/clang/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-test ## clang's warnings, clang-tidy, every header alone
 	$(call compile,clang,all units all_verify_interface_header_sets)
@@ -169,6 +173,9 @@ lint-format: $(STAMP)/apt-test ## C and C++ layout
 
 lint-direction: ## what includes name; the simulator loads no flight code
 	$(Q)$(PYTHON) tests/lint/direction.py
+
+lint-loops: ## every loop of the core has a named bound (docs/LOOPS.md)
+	$(Q)$(PYTHON) tests/lint/loops.py --check
 
 lint-glossary: ## one vocabulary, every term in docs/GLOSSARY.md, links lead somewhere
 	$(Q)$(PYTHON) tests/lint/glossary.py
@@ -197,8 +204,9 @@ format: $(STAMP)/apt-test .venv/.stamp-dev ## lay out C, C++ and Python
 	.venv/bin/ruff check --quiet --fix-only --select I --config tests/ruff.toml ground sim tests
 	.venv/bin/ruff format --quiet --config tests/ruff.toml ground sim tests
 
-dict: ## docs/EVENTS.md from the event list
+dict: ## docs/EVENTS.md from the event list, docs/LOOPS.md from the loops
 	$(PYTHON) tests/lint/events.py
+	$(PYTHON) tests/lint/loops.py
 
 docs: dict core messages .venv/.stamp stubs ## the generated parts of docs/
 	$(PY) ground/gen_docs.py

@@ -243,7 +243,7 @@ static uint64_t unit_cost(const kc_est_t *est, const kc_acq_work_t *w)
     const uint64_t jacobian = kc_model_cost(est->arm, est->terms, 1) + 5000u + 260u * n;
     switch ((phase_t)w->phase) {
     case INVERT: return 20000u + 3u * n * n * n;
-    case WEIGH: return 20000u + 14u * n * n * n;
+    case WEIGH: return 20000u + 20u * n * n * n;
     case GAIN: return jacobian + 5000u + (w->kind == KC_ACQ_VOPT ? 104u : 52u) * n * n;
     default: return jacobian + 32u * n * n;
     }

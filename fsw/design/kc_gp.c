@@ -136,12 +136,12 @@ static void take_best(kc_gp_t *gp, const kc_point_t *cand)
 static uint64_t factor_cost(const kc_gp_t *gp)
 {
     const uint64_t n = gp->n + 1u;
-    return 10000u + n * n * kc_kernel_cost(gp->kernel) / 2u + 3u * n * n * n;
+    return 10000u + n * n * kc_kernel_cost(gp->kernel) / 2u + 5u * n * n * n;
 }
 
 static uint64_t row_cost(const kc_gp_t *gp)
 {
-    return 10000u + gp->n_cand * (kc_kernel_cost(gp->kernel) + 6u * (uint64_t)gp->n);
+    return 10000u + gp->n_cand * (kc_kernel_cost(gp->kernel) + 10u * (uint64_t)gp->n);
 }
 
 uint64_t kc_gp_cost(const kc_gp_t *gp)

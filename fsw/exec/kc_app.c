@@ -265,7 +265,7 @@ void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *ou
     take_inputs(app, &work, in, out);
     kc_sequence_run(app, &work, out);
     kc_sequence_scrub(app, &work, out);
-    kc_dump_run(&app->dump, &app->review, &app->view, out);
+    kc_dump_run(&app->dump, &app->review, &app->view, &work, out);
     note(app, out);
     if (kc_hk_count(&app->hk, app->clock.now_us, out)) {
         out->has_hk = 1u;

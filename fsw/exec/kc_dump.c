@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#define CHUNK_COST (40u * KC_IMAGE_MAX) /* bound of the instructions: the whole image is made for each chunk */
+
 static uint32_t crc_of(const kc_review_t *r, const kc_view_t *v, int32_t kind)
 {
     return kind == (int32_t)KC_STORE_PROPOSAL ? r->crc : v->tables->crc[kind];
@@ -37,10 +39,10 @@ static uint32_t bytes(const kc_dump_t *d, const kc_review_t *r, const kc_view_t 
     return total;
 }
 
-void kc_dump_run(kc_dump_t *d, const kc_review_t *r, const kc_view_t *v, kc_out_t *out)
+void kc_dump_run(kc_dump_t *d, const kc_review_t *r, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
     kc_chunk_t *c = &out->dump;
-    if (d->kind == 0u) { return; }
+    if (d->kind == 0u || !kc_work_take(work, CHUNK_COST)) { return; }
     uint32_t crc = crc_of(r, v, (int32_t)d->kind);
     if (d->at == 0u) { d->crc = crc; }
     if (crc == 0u || crc != d->crc) {

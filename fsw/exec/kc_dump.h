@@ -16,6 +16,6 @@ typedef struct {
 kc_answer_t kc_dump_begin(kc_dump_t *d, const kc_review_t *r, const kc_view_t *v, const kc_cmd_t *c,
                           kc_out_t *out);
 /* Next chunk. The table can be gone or another one before its dump ended: what began is not continued then. */
-void kc_dump_run(kc_dump_t *d, const kc_review_t *r, const kc_view_t *v, kc_out_t *out);
+void kc_dump_run(kc_dump_t *d, const kc_review_t *r, const kc_view_t *v, kc_work_t *work, kc_out_t *out);
 
 #endif

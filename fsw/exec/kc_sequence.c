@@ -279,6 +279,15 @@ static kc_answer_t rollback(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
     return kc_review_rollback(&app->tables, (uint32_t)c->arg_i[0], out);
 }
 
+/* A table is checked, decoded and compared as a whole: a step has time for a large one, or for several small. */
+static kc_answer_t table(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
+{
+    if (!kc_work_take(work, kc_tbl_cost(&app->tables))) {
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_WORK, c->opcode, 0.0, 0.0, KC_ERR_STATE);
+    }
+    return kc_cmd_table(&app->tables, &app->view, c, out);
+}
+
 static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
 {
     switch (c->opcode) {
@@ -291,7 +300,7 @@ static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc
     case KC_CMD_ROLLBACK: return rollback(app, c, out);
     case KC_CMD_TABLE_VALIDATE:
     case KC_CMD_TABLE_ACTIVATE:
-    case KC_CMD_TABLE_DISCARD: return kc_cmd_table(&app->tables, &app->view, c, out);
+    case KC_CMD_TABLE_DISCARD: return table(app, c, work, out);
     case KC_CMD_TABLE_DUMP: return kc_dump_begin(&app->dump, &app->review, &app->view, c, out);
     default:
         return kc_answer_refuse(&out->events, KC_EVT_CMD_UNKNOWN, -1, (double)c->opcode, 0.0, KC_ERR_ARG);

@@ -78,6 +78,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Review what is on board before you repeat the command with its CRC.")                                 \
     X(16, CMD_SOURCE, ERROR, "command refused: unknown source {got:count}",                                  \
       "Set the source to 1 (executive) or 2 (ground).")                                                      \
+    X(18, CMD_WORK, ERROR, "command {index:command} refused: commands before it used up the step",           \
+      "Send it again.")                                                                                      \
     X(20, TBL_STAGED, INFO, "{index:store} staged, {got:count} bytes",                                       \
       "Next: TABLE_VALIDATE, then TABLE_ACTIVATE.")                                                          \
     X(21, TBL_FORMAT, ERROR,                                                                                 \

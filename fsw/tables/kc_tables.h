@@ -110,6 +110,7 @@ kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t
  *   TERMS needs an ARM; KIN needs ARM and TERMS, the CRCs it was made for (none in a nominal table) and
  *   values inside the bounds; SPACE needs the ARM it was built for, by CRC.
  * The image stays staged when it is refused. */
+uint64_t kc_tbl_cost(const kc_tables_t *t); /* bound of the instructions for what is staged */
 kc_status_t kc_tbl_validate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev);
 /* Activate what was validated: all or nothing (it is decoded again, since the scratch is shared and other
  * tables may have changed). Tables that depend on it and no longer fit are dropped, TBL_DROPPED each:

@@ -243,3 +243,22 @@ void test_what_is_not_finite_is_reported(void)
     s_est.coef[2] = NAN;
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, info(KC_ACQ_DOPT));
 }
+
+void test_information_in_parts_gives_the_same_bits(void)
+{
+    static const kc_acq_t kind[2] = {KC_ACQ_DOPT, KC_ACQ_VOPT};
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 0.0);
+    for (uint32_t k = 0u; k < 2u; k++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, info(kind[k]));
+        kc_acq_info_begin(kind[k], &s_est, s_cov, 0.3, &s_work);
+        uint32_t steps = 0u;
+        for (bool over = false; !over; steps++) {
+            kc_work_t budget = {1u, 0u};
+            over = kc_acq_info_step(&s_est, s_q, N_CAND, s_usable, &s_work, &budget);
+        }
+        TEST_ASSERT_TRUE(steps > N_CAND);
+        TEST_ASSERT_EQUAL_INT(KC_OK, s_work.status);
+        TEST_ASSERT_EQUAL_UINT32(s_c, s_work.best);
+        TEST_ASSERT_EQUAL_MEMORY(&s_value, &s_work.value, sizeof s_value);
+    }
+}

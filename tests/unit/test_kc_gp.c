@@ -154,6 +154,26 @@ void test_choose_takes_the_likelier_set_and_rebuilds_on_it(void)
     TEST_ASSERT_EQUAL_MEMORY(s_other.z, s_gp.z, 30u * sizeof *s_gp.z);
 }
 
+void test_a_choice_in_parts_gives_the_same_bits(void)
+{
+    s_k.hyper[0].sigma_s = 1e-3;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_gp_init(&s_gp, &s_k, 0u, s_cand, N_CAND));
+    add(&s_gp, 6u);
+    s_other = s_gp;
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_gp_choose(&s_gp, s_cand));
+    kc_gp_choose_begin(&s_other);
+    uint32_t steps = 0u;
+    for (bool over = false; !over; steps++) {
+        kc_work_t work = {1u, 0u};
+        over = kc_gp_choose_step(&s_other, s_cand, &work);
+    }
+    TEST_ASSERT_EQUAL_UINT32(2u + 1u + 6u + 0u, steps); /* two sets, the best, six rows */
+    TEST_ASSERT_EQUAL_UINT32(1u, s_other.hyper);
+    TEST_ASSERT_EQUAL_MEMORY(s_gp.L, s_other.L, sizeof s_gp.L);
+    TEST_ASSERT_EQUAL_MEMORY(s_gp.var, s_other.var, sizeof s_gp.var);
+    TEST_ASSERT_EQUAL_MEMORY(s_gp.v, s_other.v, sizeof s_gp.v);
+}
+
 void test_choose_keeps_the_present_set_to_the_bit_when_it_is_best(void)
 {
     given_smooth_values();

@@ -478,3 +478,23 @@ void test_limits_and_paths_are_checked_at_local_initial_poses_too(void)
     s_to[2] = s_arm.joint[2].q_max - 0.01;
     expect(KC_GUARD_LIMIT, 3, s_to[2], s_arm.joint[2].q_max - 0.02);
 }
+
+/* ---- in parts ---- */
+
+void test_a_check_in_parts_comes_to_the_same(void)
+{
+    kc_guard_job_t job;
+    s_to[0] += 0.3;
+    put_ball(s_to, 0.02f);
+    kc_guard_verdict_t whole = kc_guard_check(&s_ask, &s_why);
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, whole);
+    kc_guard_begin(&s_ask, &job);
+    uint32_t steps = 0u;
+    for (bool over = false; !over; steps++) {
+        kc_work_t work = {1u, 0u};
+        over = kc_guard_step(&s_ask, &job, &work);
+    }
+    TEST_ASSERT_TRUE(steps > 2u);
+    TEST_ASSERT_EQUAL_INT(whole, job.verdict);
+    TEST_ASSERT_EQUAL_MEMORY(&s_why.got, &job.why.got, sizeof s_why.got);
+}

@@ -59,6 +59,33 @@ void test_several_gross_ones_go_too(void)
     assert_truth_within_4_sigma();
 }
 
+/* One unit a step, and many: the same bits as at once. */
+void test_a_solution_in_parts_has_the_same_bits(void)
+{
+    static kc_est_t whole;
+    static const uint64_t most[2] = {1u, 1000000u};
+    given_session(&whole, &s_arm, &s_terms, s_truth, 15u, 1.0);
+    whole.obs[7].p_m[1] += 0.01;
+    s_est = whole;
+    (void)kc_est_solve(&whole);
+    TEST_ASSERT_EQUAL_UINT32(1u, whole.n_outliers);
+    for (uint32_t k = 0u; k < 2u; k++) {
+        kc_est_begin(&s_est);
+        uint32_t steps = 0u;
+        for (bool over = false; !over; steps++) {
+            kc_work_t work = {most[k], 0u};
+            over = kc_est_step(&s_est, &work);
+        }
+        TEST_ASSERT_TRUE(steps > (k == 0u ? 500u : 20u));
+        TEST_ASSERT_EQUAL_INT(KC_OK, s_est.job.status);
+        TEST_ASSERT_EQUAL_MEMORY(whole.coef, s_est.coef, sizeof s_est.coef);
+        TEST_ASSERT_EQUAL_MEMORY(whole.sigma, s_est.sigma, sizeof s_est.sigma);
+        TEST_ASSERT_EQUAL_MEMORY(whole.cov, s_est.cov, sizeof s_est.cov);
+        TEST_ASSERT_EQUAL_MEMORY(whole.outlier, s_est.outlier, sizeof s_est.outlier);
+        TEST_ASSERT_EQUAL_MEMORY(&whole.kkt, &s_est.kkt, sizeof s_est.kkt);
+    }
+}
+
 void test_no_more_go_than_allowed(void)
 {
     given_session(&s_est, &s_arm, &s_terms, s_truth, 20u, 1.0);
