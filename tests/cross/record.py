@@ -55,8 +55,8 @@ def outputs(o: object) -> tuple[bytes, ...]:
     frame = struct.pack("<i", o.frame_seq) if o.has_frame_request else b""
     commands = b"".join(packed(FFI, x) for x in acks) + there("arm_cmd", "pantilt_cmd") + frame
     kept = (struct.pack("<HI", s.kind, s.n) + bytes(FFI.buffer(s.data, s.n)) for s in o.store[0 : o.n_store])
-    told = there("hk", "meas", "progress", "dump")
-    return commands, b"".join(packed(FFI, x) for x in events), told, there("proposal"), b"".join(kept)
+    telemetry = there("hk", "meas", "progress", "dump")
+    return commands, b"".join(packed(FFI, x) for x in events), telemetry, there("proposal"), b"".join(kept)
 
 
 class Recorder:

@@ -15,8 +15,8 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
-# Functions outside the tree (memcpy; for the process: LCM, libc) have no call graph. What one of them may take,
-# on top of our own chain: glibc's string functions stay well below.
+# Functions outside the tree (memcpy; for the process: LCM, libc) have no call graph. What one of them may
+# take, on top of our own chain: glibc's string functions stay well below.
 LIBRARY_BYTES = 1024
 
 # Calls through a pointer, by calling function: which functions can be meant. Empty as long as the
