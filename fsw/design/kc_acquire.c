@@ -277,7 +277,9 @@ static void after(kc_acq_work_t *w, uint32_t n_cand)
     case SPREAD: next(w, WEIGH); break;
     case WEIGH: next(w, GAIN); break;
     default:
-        if (w->kind == KC_ACQ_VOPT && w->status == KC_OK) { w->value = (w->total - w->value) / (double)n_cand; }
+        if (w->kind == KC_ACQ_VOPT && w->status == KC_OK) {
+            w->value = (w->total - w->value) / (double)n_cand;
+        }
         next(w, OVER);
         break;
     }

@@ -71,7 +71,7 @@ static double predicted_fall(const kc_qp_t *qp)
     return s;
 }
 
-kc_est_step_t kc_est_judge(kc_est_t *est, double trial_cost)
+kc_est_step_t kc_est_compare(kc_est_t *est, double trial_cost)
 {
     kc_est_job_t *job = &est->job;
     const int small = job->largest < est->opt.tol_step;

@@ -56,7 +56,7 @@ kc_est_step_t kc_est_try(kc_est_t *est);
 /* est->trial = coef + step of the QP. */
 void kc_est_trial(kc_est_t *est);
 /* Take the step if the cost at est->trial does not rise; AGAIN with more damping. */
-kc_est_step_t kc_est_judge(kc_est_t *est, double trial_cost);
+kc_est_step_t kc_est_compare(kc_est_t *est, double trial_cost);
 /* Largest scaled projected gradient at est->coef by R and z; marks active bounds in status. */
 double kc_est_kkt(kc_est_t *est, double cost);
 

@@ -8,20 +8,20 @@
 
 typedef enum {
     DONE = 0,
-    BEFORE,     /* sums at start: residual before */
+    BEFORE, /* sums at start: residual before */
     IDENTIFIED, /* R at coef: which are estimated */
-    COSTED,     /* sums at coef: a fit begins */
+    COSTED, /* sums at coef: a fit begins */
     LINEARISED, /* R at coef: model of the cost */
-    STEPPED,    /* the QP is solved: a step to try */
-    TRIED,      /* sums at trial: is it taken? */
+    STEPPED, /* the QP is solved: a step to try */
+    TRIED, /* sums at trial: is it taken? */
     ALL_RANKED, /* R of all requested at the solution */
     OWN_RANKED, /* R of those estimated there: does the decision still stand? */
-    FITTED,     /* sums at coef: chi2 for the test of outliers */
-    WEIGHED,    /* R at coef: the test begins */
-    TESTED,     /* the worst inlier is known */
-    REPORTED,   /* sums at coef: chi2, RMS */
-    CHECKED,    /* R at coef: KKT residual */
-    INVERTED    /* R of those not at a bound: covariance */
+    FITTED, /* sums at coef: chi2 for the test of outliers */
+    WEIGHED, /* R at coef: the test begins */
+    TESTED, /* the worst inlier is known */
+    REPORTED, /* sums at coef: chi2, RMS */
+    CHECKED, /* R at coef: KKT residual */
+    INVERTED /* R of those not at a bound: covariance */
 } phase_t;
 
 static void next(kc_est_t *est, phase_t phase, kc_est_pass_t pass)
@@ -162,7 +162,10 @@ static void stepped(kc_est_t *est)
     est->job.at = est->trial;
 }
 
-static void tried(kc_est_t *est) { go_on(est, kc_est_judge(est, est->job.sums.chi2 + est->job.sums.prior)); }
+static void tried(kc_est_t *est)
+{
+    go_on(est, kc_est_compare(est, est->job.sums.chi2 + est->job.sums.prior));
+}
 
 /* ---- outliers ---- */
 

@@ -2,7 +2,8 @@
 
 #include <string.h>
 
-#define CHUNK_COST (40u * KC_IMAGE_MAX) /* bound of the instructions: the whole image is made for each chunk */
+#define CHUNK_COST \
+    (40u * KC_IMAGE_MAX) /* bound of the instructions: the whole image is made for each chunk */
 
 static uint32_t crc_of(const kc_review_t *r, const kc_view_t *v, int32_t kind)
 {

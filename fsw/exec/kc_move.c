@@ -191,10 +191,7 @@ uint64_t kc_move_joints_cost(const kc_view_t *v, uint32_t n)
     return n * (kc_model_cost(&v->tables->arm, &v->tables->terms, 0) + 10000u);
 }
 
-uint64_t kc_move_begin_cost(const kc_view_t *v)
-{
-    return kc_move_joints_cost(v, KC_MOVE_EVALS(IK_ITER_MAX));
-}
+uint64_t kc_move_begin_cost(const kc_view_t *v) { return kc_move_joints_cost(v, KC_MOVE_EVALS(IK_ITER_MAX)); }
 
 uint32_t kc_move_joints(const kc_view_t *v, uint32_t cand, uint32_t iter_max, double *q)
 {

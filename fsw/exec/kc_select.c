@@ -111,7 +111,8 @@ static kc_outcome_t finish(const kc_view_t *v, kc_cause_t if_nothing)
 void kc_select_begin(kc_arena_calibration_t *arena) { arena->choice = (kc_choice_t){0}; }
 
 /* What needs no acquisition: an end, initial poses, replicates. */
-static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, const kc_view_t *v, kc_out_t *out)
+static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, const kc_view_t *v,
+                            kc_out_t *out)
 {
     const kc_space_t *s = &v->tables->space;
     bool undetermined = v->est->rank < v->est->n_free;

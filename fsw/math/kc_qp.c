@@ -282,7 +282,10 @@ bool kc_qp_iterate(kc_qp_t *qp)
     return false;
 }
 
-uint64_t kc_qp_cost(uint32_t n) { return 5000u + 100u * (uint64_t)n + 30u * (uint64_t)n * n + (uint64_t)n * n * n * 6u / 10u; }
+uint64_t kc_qp_cost(uint32_t n)
+{
+    return 5000u + 100u * (uint64_t)n + 30u * (uint64_t)n * n + (uint64_t)n * n * n * 6u / 10u;
+}
 
 kc_status_t kc_qp_solve(kc_qp_t *qp)
 {

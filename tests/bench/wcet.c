@@ -40,7 +40,9 @@ static void calibrate(uint8_t acq)
     static const char *name[] = {"ucb", "random", "dopt", "vopt"};
     s_case = name[acq];
     given_largest(acq);
-    if (acq == KC_ACQ_VOPT) { world.config.est.iter_max = 12u; } /* converged, so that outliers are looked for */
+    if (acq == KC_ACQ_VOPT) {
+        world.config.est.iter_max = 12u;
+    } /* converged, so that outliers are looked for */
     world_boot();
     tick();
     (void)world_cmd(KC_CMD_START, acq, (int32_t)KC_MEAS_MAX, 3);

@@ -2,8 +2,8 @@
 
     python tests/bench/wcet.py [CASE...]
 
-tests/bench/wcet.c makes the steps. The counts are those of this processor's instructions and the same at every
-run. Prints a table by state; exits with 1 if a step takes more than LIMIT."""
+tests/bench/wcet.c makes the steps. The counts are those of this processor's instructions and the same at
+every run. Prints a table by state; exits with 1 if a step takes more than LIMIT."""
 
 from __future__ import annotations
 

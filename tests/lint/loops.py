@@ -3,9 +3,10 @@
     loops.py [--check] [ROOT]
 
 Writes docs/LOOPS.md: each loop of fsw/math to fsw/exec with its bound; with --check compares. A bound is a number
-or a macro of upper case in the loop's condition, or what tests/lint/loops.toml says of the variable in it: a name
-that has one meaning everywhere, or one of a file ("n"), or of a function in it ("kc_x.n"). Whatever bound that file gives has to be made of numbers and of
-macros that the code defines. Exits with 1 if a loop has none, or if the list is not what the code says."""
+or a macro of upper case in the loop's condition, or what tests/lint/loops.toml says of the variable in it: a
+name that has one meaning everywhere, one of a file ("n"), or of a function in it ("kc_x.n"). Whatever bound that
+file gives has to be made of numbers and of macros that the code defines. Exits with 1 if a loop has none, or if
+the list is not what the code says."""
 
 import re
 import sys
@@ -34,7 +35,7 @@ def loops_of(text: str):
 
 
 def candidates(first: str, condition: str):
-    """Expressions that may bound the loop: what a comparison has on its right, or where a countdown begins."""
+    """Expressions that may bound the loop: the right of a comparison, or where a countdown begins."""
     for part in condition.split("&&"):
         right = re.search(r"<=?\s*(.+)$", part.strip())
         if right and "<<" not in part:
@@ -92,7 +93,9 @@ def survey(root: Path) -> tuple[list[tuple[str, int, str, str, str]], list[str]]
             got = None
             for expression in candidates(first, condition):
                 mine = set()
-                scoped = {k.removeprefix(name + "."): (k, v) for k, v in here.items() if k.startswith(name + ".")}
+                scoped = {
+                    k.removeprefix(name + "."): (k, v) for k, v in here.items() if k.startswith(name + ".")
+                }
                 if expression in scoped:
                     key, got = scoped[expression]
                     used[path.name].add(key)
@@ -120,8 +123,8 @@ def page(rows) -> str:
     out = [
         "# Loops",
         "",
-        "Which bound does each loop of the flight core have? Made by `tests/lint/loops.py` from the code and from",
-        "`tests/lint/loops.toml`; `make lint-loops` fails on a loop without one. Constants are those of",
+        "Which bound does each loop of the flight core have? Made by `tests/lint/loops.py` from the code and",
+        "from `tests/lint/loops.toml`; `make lint-loops` fails on a loop without one. Constants are those of",
         "`fsw/math/kc_limits.h`, or of the file itself.",
         "",
         f"{len(rows)} loops.",

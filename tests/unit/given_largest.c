@@ -49,7 +49,8 @@ static void largest_terms(void)
             .comp = (uint8_t)(k / 8u % 6u),
             .gain = 1.0,
             .basis = {{fn[k % 4u], (uint8_t)(k % 2u ? KC_VAR_TAU : KC_VAR_LEVX), 0u, 0.1 * k, 0.3 + 0.01 * k},
-                      {fn[k / 4u % 4u], KC_VAR_Q, (uint8_t)(1u + (k + 3u) % KC_JOINT_MAX), 0.0, 1.0 + 0.02 * k}},
+                      {fn[k / 4u % 4u], KC_VAR_Q, (uint8_t)(1u + (k + 3u) % KC_JOINT_MAX), 0.0,
+                       1.0 + 0.02 * k}},
         };
         t->term[k].basis[0].index = (uint8_t)(k % 2u ? 1u + link : KC_LEVER_INDEX(link, KC_LEVER_TOOL));
     }
@@ -62,7 +63,8 @@ static void largest_kernel(void)
     k->choose = 1u;
     for (uint32_t i = 0u; i < k->n_hyper; i++) {
         kc_hyper_t *h = &k->hyper[i];
-        *h = (kc_hyper_t){.sigma_s = 0.2 + 0.1 * i, .beta_m = 0.2 + 0.02 * i, .kappa = 0.7, .trunc_err = 1e-9};
+        *h =
+            (kc_hyper_t){.sigma_s = 0.2 + 0.1 * i, .beta_m = 0.2 + 0.02 * i, .kappa = 0.7, .trunc_err = 1e-9};
         h->n_w = KC_SPECTRUM_MAX - 1u;
         double sum = 0.0;
         for (uint32_t n = 0u; n < h->n_w; n += 2u) {
@@ -78,12 +80,13 @@ static void largest_bodies(kc_space_t *s)
     s->n_body = KC_BODY_MAX;
     for (uint32_t i = 0u; i < KC_BODY_MAX; i++) {
         float x = 0.01f * (float)(i + 1u);
-        s->body[i] = (kc_body_t){(uint8_t)(i % (KC_JOINT_MAX + 1u)), {x, 0.0f, 0.0f}, {x, 0.0f, 1e-3f}, 1e-4f,
-                                 (1u << i) - 1u};
+        s->body[i] = (kc_body_t){
+            (uint8_t)(i % (KC_JOINT_MAX + 1u)), {x, 0.0f, 0.0f}, {x, 0.0f, 1e-3f}, 1e-4f, (1u << i) - 1u};
     }
     s->n_volume = KC_VOLUME_MAX;
     for (uint32_t i = 0u; i < KC_VOLUME_MAX; i++) {
-        s->volume[i] = (kc_volume_t){KC_VOL_BOX, {0.0f, 0.0f, -5.0f - 0.3f * (float)i}, {1.0f, 1.0f, 0.1f}, 0.0f, 0u};
+        s->volume[i] =
+            (kc_volume_t){KC_VOL_BOX, {0.0f, 0.0f, -5.0f - 0.3f * (float)i}, {1.0f, 1.0f, 0.1f}, 0.0f, 0u};
     }
 }
 

@@ -173,7 +173,9 @@ static int hidden(const kc_pose_t *T)
 {
     double off = atan2(sqrt(T->p_m[0] * T->p_m[0] + T->p_m[1] * T->p_m[1]), T->p_m[2]);
     double far = 0.0;
-    for (uint32_t j = 0u; j < world.arm.n_joints; j++) { far = fmax(far, fabs(world.q[j] - world.q_start[j])); }
+    for (uint32_t j = 0u; j < world.arm.n_joints; j++) {
+        far = fmax(far, fabs(world.q[j] - world.q_start[j]));
+    }
     if (world.view_rad > 0.0 && off > world.view_rad) { return 1; }
     if (world.hide_beyond > 0.0 && far > world.hide_beyond) { return 1; }
     if (world.hide > 0) {
