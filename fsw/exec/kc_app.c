@@ -2,6 +2,7 @@
 
 #include "kc_app_parts.h"
 #include "kc_sequence.h"
+#include "kc_storing.h"
 
 #define TICK_US 100000u       /* what counts as elapsed where the clock stands still or steps */
 #define CLOCK_GAP_US 2000000u /* the clock moved on by more than this: it was set */
@@ -38,13 +39,25 @@ const kc_active_t *kc_app_active(const kc_app_t *app) { return &app->tables.acti
 
 kc_state_t kc_app_state(const kc_app_t *app) { return app->place.state; }
 
-/* The correction for rollback. One that equals the active table remains when power is lost between the two
- * writes of an activation: then the older slot holds the right one. */
+/* Whether the journal knows what is in force. */
+static bool journaled(const kc_app_t *app) { return app->journal.found.boot_count != 0u; }
+
+/* One that equals the active table is of no use. Without a journal it is what remains when power is lost in
+ * the middle of an activation: then the older slot holds the right one. */
 static kc_status_t load_prev(kc_app_t *app, const uint8_t *data, uint32_t n)
 {
     kc_active_t *a = &app->tables.active;
-    if (a->kin_prev_crc != 0u || kc_tbl_image_crc(data, n) == a->crc[KC_TBL_KIN]) { return KC_ERR_STATE; }
+    uint32_t crc = kc_tbl_image_crc(data, n), named = app->journal.found.prev_crc;
+    if (a->kin_prev_crc != 0u || crc == a->crc[KC_TBL_KIN]) { return KC_ERR_STATE; }
+    if (!kc_storing_counts(journaled(app), named, crc)) { return KC_ERR_STATE; }
     return kc_tbl_load_prev(&app->tables, data, n, &app->boot_events);
+}
+
+static kc_status_t load_proposal(kc_app_t *app, const uint8_t *data, uint32_t n)
+{
+    uint32_t named = app->journal.found.proposal_crc, crc = kc_tbl_image_crc(data, n);
+    if (n > 0u && !kc_storing_counts(journaled(app), named, crc)) { return KC_ERR_STATE; }
+    return kc_review_load(&app->review, &app->tables, data, n, &app->boot_events);
 }
 
 static kc_status_t load_table(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n)
@@ -56,12 +69,37 @@ static kc_status_t load_table(kc_app_t *app, uint16_t kind, const uint8_t *data,
     return st;
 }
 
+/* A correction that the journal does not name is kept, in case the right one is not found. */
+static kc_status_t load_kin(kc_app_t *app, const uint8_t *data, uint32_t n)
+{
+    const kc_journal_t *j = &app->journal.found;
+    uint32_t crc = kc_tbl_image_crc(data, n);
+    bool named = kc_storing_counts(journaled(app) && j->kin_crc != 0u, j->kin_crc, crc);
+    if (named || crc == 0u || n > KC_KIN_IMAGE_MAX) { return load_table(app, KC_TBL_KIN, data, n); }
+    if (app->tables.active.crc[KC_TBL_KIN] != j->kin_crc && app->n_other == 0u) {
+        memcpy(app->arena.idle.images.kin, data, n);
+        app->n_other = n;
+    }
+    return KC_ERR_STATE;
+}
+
+/* All corrections were offered. */
+static void settle_kin(kc_app_t *app)
+{
+    if (app->n_other > 0u && app->tables.active.crc[KC_TBL_KIN] != app->journal.found.kin_crc) {
+        (void)load_table(app, KC_TBL_KIN, app->arena.idle.images.kin, app->n_other);
+    }
+    app->n_other = 0u;
+}
+
 static kc_status_t load_any(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n)
 {
+    if (kind == KC_TBL_KIN) { return load_kin(app, data, n); }
+    if (kind > KC_TBL_KIN && kind != KC_STORE_JOURNAL) { settle_kin(app); }
     switch (kind) {
     case KC_STORE_JOURNAL: return kc_journal_load(&app->journal, data, n);
     case KC_STORE_PREV: return load_prev(app, data, n);
-    case KC_STORE_PROPOSAL: return kc_review_load(&app->review, &app->tables, data, n, &app->boot_events);
+    case KC_STORE_PROPOSAL: return load_proposal(app, data, n);
     default: return kind < KC_TBL_COUNT ? load_table(app, kind, data, n) : KC_ERR_ARG;
     }
 }
@@ -75,25 +113,38 @@ kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint3
     return st;
 }
 
-/* Compare the journal with what was found: the state to begin in. */
+/* Compare what the journal names with what was found. */
+static void compare(const kc_app_t *app, kc_events_t *ev)
+{
+    const kc_journal_t *j = &app->journal.found;
+    const kc_active_t *a = &app->tables.active;
+    uint32_t kin = a->crc[KC_TBL_KIN];
+    if (j->kin_crc != 0u && j->kin_crc != kin) {
+        kc_event(ev, KC_EVT_BOOT_LOST, KC_TBL_KIN, (double)kin, (double)j->kin_crc);
+    }
+    if (j->prev_crc != 0u && j->prev_crc != a->kin_prev_crc && j->prev_crc != kin) {
+        kc_event(ev, KC_EVT_BOOT_LOST, (int32_t)KC_STORE_PREV, (double)a->kin_prev_crc, (double)j->prev_crc);
+    }
+    if (j->proposal_crc != 0u && app->review.crc == 0u) {
+        kc_event(ev, KC_EVT_BOOT_LOST, (int32_t)KC_STORE_PROPOSAL, 0.0, (double)j->proposal_crc);
+    }
+}
+
+/* The state to begin in. */
 static void boot_state(kc_app_t *app)
 {
     const kc_journal_t *j = &app->journal.found;
     kc_events_t *ev = &app->boot_events;
     kc_state_t was = (kc_state_t)j->state;
-    bool lost = kc_states_calibrating(was);
     if (app->review.crc != 0u) {
         kc_event(ev, KC_EVT_BOOT_REVIEW, -1, (double)app->review.crc, 0.0);
         app->place.state = KC_ST_REVIEW;
-        lost = false;
-    } else if (was == KC_ST_REVIEW || was == KC_ST_ARMED) {
-        /* approved, but stopped before the journal was written; or both copies are lost */
-        lost = j->proposal_crc != app->tables.active.crc[KC_TBL_KIN];
-        if (!lost) { kc_event(ev, KC_EVT_COR_ACTIVE, -1, (double)j->proposal_crc, 0.0); }
-    } else if (lost || was == KC_ST_SAFE) {
+    } else if (kc_states_calibrating(was) || was == KC_ST_SAFE) {
         app->place.state = KC_ST_SAFE;
     }
-    if (lost) { kc_event(ev, KC_EVT_BOOT_INTERRUPTED, -1, (double)j->state, (double)j->pose); }
+    if (kc_states_calibrating(was)) {
+        kc_event(ev, KC_EVT_BOOT_INTERRUPTED, -1, (double)j->state, (double)j->pose);
+    }
     if (was != KC_ST_IDLE) {
         app->boot_state = (int32_t)j->state;
         app->boot_pose = (int32_t)j->pose;
@@ -103,6 +154,7 @@ static void boot_state(kc_app_t *app)
 void kc_app_boot(kc_app_t *app)
 {
     const kc_journal_t *j = &app->journal.found;
+    settle_kin(app);
     app->boot_count = j->boot_count + 1u;
     app->cal.session = j->session;
     app->move.seg_from = j->seg_from;
@@ -113,6 +165,7 @@ void kc_app_boot(kc_app_t *app)
             kc_event(&app->boot_events, KC_EVT_TBL_MISSING, (int32_t)kind, 0.0, 0.0);
         }
     }
+    compare(app, &app->boot_events);
     boot_state(app);
     /* Sequence numbers of outgoing messages are above those of the last run. */
     int32_t base = (int32_t)(app->boot_count % 20000u) * 100000;
@@ -150,29 +203,18 @@ static void first_step(kc_app_t *app, uint64_t clock_us, kc_out_t *out)
 static void take_inputs(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
 {
     app->n_rx_errors = in->n_rx_errors;
-    if (in->has_store_result && in->store_status != 0) {
-        kc_event(&out->events, KC_EVT_STORE_FAIL, (int32_t)in->store_kind, (double)in->store_status, 0.0);
-    }
+    kc_sequence_stored(app, in, out);
     kc_input_telemetry(&app->input, &app->view, in, out);
     kc_sequence_detections(app, in, out);
     kc_sequence_commands(app, in, out);
 }
 
+/* While a change is stored, the journal is part of it. */
 static void note(kc_app_t *app, kc_out_t *out)
 {
-    kc_journal_t now = {
-        .state = (uint32_t)app->place.state,
-        .session = app->cal.session,
-        .pose = app->plan.n_meas,
-        .boot_count = app->boot_count,
-        .kin_crc = app->tables.active.crc[KC_TBL_KIN],
-        .proposal_crc = app->review.crc,
-        .candidate = app->cal.candidate,
-        .seg_from = app->move.seg_from,
-        .seg_to = app->move.seg_to,
-        .t_us = app->clock.clock_us,
-    };
-    kc_journal_note(&app->journal, &now, out);
+    if (app->place.state == KC_ST_STORE) { return; }
+    kc_journal_t now = kc_sequence_record(app);
+    kc_journal_note(&app->journal, &now, app->clock.now_us, out);
 }
 
 static void report_monitor(const kc_mon_verdict_t *v, kc_hk_t *hk)
@@ -221,6 +263,7 @@ void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *ou
     }
     take_inputs(app, in, out);
     kc_sequence_run(app, out);
+    kc_sequence_scrub(app, out);
     kc_dump_run(&app->dump, &app->review, &app->view, out);
     note(app, out);
     if (kc_hk_count(&app->hk, app->clock.now_us, out)) {

@@ -100,7 +100,8 @@ typedef struct {
     uint8_t has_arm, has_pantilt;
     kc_arm_state_t arm;
     kc_pantilt_state_t pantilt;
-    /* answers of the edge to store requests of the last step: status by kind */
+    /* answer of the edge to the store requests of the last step, if there were any: KC_OK when all of them are
+     * done and read back; else that of the first failure and its kind, those after it were not done */
     uint8_t has_store_result;
     uint16_t store_kind;
     int32_t store_status;
@@ -167,14 +168,15 @@ typedef struct {
     double mon_bias, mon_sigma, mon_p;
 } kc_hk_t;
 
-/* What the edge must keep through power loss. Each kind has two slots; the edge writes the older one
- * (write new file, sync, rename) and numbers it. kind 1..7: a table image; KC_STORE_PROPOSAL: the KIN
+/* What the edge must keep through power loss: done in order, up to the first failure, each one read back. Each
+ * kind has two slots; the edge writes the older one (write new file, sync, rename) and numbers it, or nothing if
+ * the newest holds the same already. A write that failed leaves the newest slot as it was. kind 1..7: a table image; KC_STORE_PROPOSAL: the KIN
  * image that waits for review; KC_STORE_PREV: the KIN image for rollback; KC_STORE_JOURNAL: a
  * kc_journal_t record. n = 0: delete. */
 #define KC_STORE_PROPOSAL 16u
 #define KC_STORE_PREV 17u
 #define KC_STORE_JOURNAL 18u
-#define KC_STORE_QUEUE_MAX 10u /* 7 tables, 3 of its own */
+#define KC_STORE_QUEUE_MAX 10u
 #define KC_JOURNAL_BYTES 64u
 #define KC_KIN_IMAGE_MAX 1280u
 typedef struct {
@@ -185,7 +187,7 @@ typedef struct {
 
 typedef struct {
     uint32_t n_ack, n_event, n_store;
-    kc_ack_t ack[KC_CMD_QUEUE_MAX];
+    kc_ack_t ack[KC_CMD_QUEUE_MAX + 1u]; /* also of a command that had to be stored */
     kc_events_t events;
     kc_store_t store[KC_STORE_QUEUE_MAX];
     uint8_t has_arm_cmd, has_pantilt_cmd, has_frame_request, has_hk, has_meas, has_progress, has_proposal,
@@ -208,8 +210,9 @@ extern kc_app_t kc_app_instance; /* the one instance of the flight process */
 /* Start. Tables come next through kc_app_load, then kc_app_boot. */
 void kc_app_init(kc_app_t *app);
 /* Offer a stored or default image before boot: the edge offers every image it finds, best first (newest
- * slot, older slot, default of the table directory); the first good one of each kind wins. kind as in
- * kc_store_t. KC_ERR_* : refused, offer the next. Order of kinds: 1..7, then PREV, PROPOSAL, JOURNAL. */
+ * slot, older slot, default of the table directory); the first good one of each kind wins, of KIN, PREV and
+ * PROPOSAL the one that the journal names. kind as in kc_store_t. KC_ERR_* : refused, offer the next. Order of
+ * kinds: JOURNAL, 1..7, PREV, PROPOSAL. */
 kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n);
 /* All offered: records events for what is missing and for the state in which the last run ended; they come
  * out of the first step. */

@@ -5,6 +5,7 @@
 
 #include "kc_app.h"
 #include "kc_arena.h"
+#include "kc_change.h"
 #include "kc_cmd.h"
 #include "kc_dump.h"
 #include "kc_frames.h"
@@ -18,6 +19,7 @@
 #include "kc_request.h"
 #include "kc_rest.h"
 #include "kc_review.h"
+#include "kc_scrub.h"
 #include "kc_view.h"
 
 struct kc_app {
@@ -52,9 +54,11 @@ struct kc_app {
     kc_hk_state_t hk;
 
     kc_journal_store_t journal;
-    kc_journal_images_t images;
+    kc_change_t change;
+    kc_scrub_t scrub;
     kc_events_t boot_events;
     uint32_t boot_count, loaded; /* loaded: bit per kind of table */
+    uint32_t n_other; /* boot: bytes of a correction that the journal does not name, in the arena */
     int32_t boot_state, boot_pose;
     uint32_t n_rx_errors;
     bool stepped;

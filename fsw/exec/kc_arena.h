@@ -7,14 +7,14 @@
  *                 are refused while a calibration runs or its correction waits for review, and the monitor
  *                 begins a new window after a calibration.
  *
- * One step hands an image in `idle.staged` to the store; START is refused in that step. In PROPOSE and in a
- * review a correction is put in force, for which idle.scratch is used: the calibration part is not needed any
- * more by then. */
+ * In STORE images in `idle` are handed to the store, and a correction or a table is put in force, for which
+ * idle.scratch is used: the calibration part is not needed any more by then. */
 #ifndef KC_ARENA_H
 #define KC_ARENA_H
 
 #include "kc_acquire.h"
 #include "kc_gp.h"
+#include "kc_journal.h"
 #include "kc_monitor.h"
 #include "kc_tables.h"
 
@@ -29,6 +29,7 @@ typedef struct {
     uint8_t staged[KC_IMAGE_MAX];
     kc_tbl_scratch_t scratch; /* only inside one function of kc_tables.h */
     kc_monitor_t monitor;
+    kc_journal_images_t images; /* in STORE, and at boot */
 } kc_arena_idle_t;
 
 typedef union {

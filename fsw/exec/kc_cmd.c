@@ -125,7 +125,6 @@ static kc_answer_t start_args(const kc_active_t *a, const kc_cmd_t *c, kc_start_
 kc_answer_t kc_cmd_start(const kc_view_t *v, const kc_cmd_t *c, kc_start_t *ask, kc_out_t *out)
 {
     if (!kc_cmd_tables_free(v)) { return kc_cmd_not_now(v, c, out); }
-    if (out->n_store > 0u) { return busy(v, out); } /* an image still has to be stored */
     kc_answer_t answer = all_tables(v, out);
     if (answer.status == KC_OK) { answer = alive(v, out); }
     return answer.status == KC_OK ? start_args(v->tables, c, ask, out) : answer;
@@ -133,34 +132,7 @@ kc_answer_t kc_cmd_start(const kc_view_t *v, const kc_cmd_t *c, kc_start_t *ask,
 
 /* ---- tables ---- */
 
-/* Store what changed: the table itself, the correction if it went with it, and tables that were dropped. */
-static void store_changes(const kc_tables_t *tables, kc_journal_images_t *images, uint16_t kind, uint32_t n,
-                          const uint32_t before[KC_TBL_COUNT], uint32_t prev_before, kc_out_t *out)
-{
-    const kc_active_t *a = &tables->active;
-    const uint8_t *image = tables->staging.image;
-    if (kind != KC_TBL_KIN) { kc_journal_store(out, kind, image, n); }
-    for (uint16_t k = 1u; k < KC_TBL_COUNT; k++) {
-        if (before[k] != 0u && a->crc[k] == 0u) { kc_journal_store(out, k, image, 0u); }
-    }
-    if (kind == KC_TBL_KIN || a->crc[KC_TBL_KIN] != before[KC_TBL_KIN] || a->kin_prev_crc != prev_before) {
-        kc_journal_kin(images, a, out);
-    }
-}
-
-static kc_answer_t activate(kc_tables_t *tables, kc_journal_images_t *images, uint16_t kind, uint32_t crc,
-                            kc_out_t *out)
-{
-    uint32_t before[KC_TBL_COUNT], prev = tables->active.kin_prev_crc, mark = out->events.n;
-    uint32_t n = tables->staging.total; /* its bytes stay in place until the next chunk */
-    memcpy(before, tables->active.crc, sizeof before);
-    kc_status_t st = kc_tbl_activate(tables, kind, crc, &out->events);
-    if (st == KC_OK) { store_changes(tables, images, kind, n, before, prev, out); }
-    return kc_answer_by(st, &out->events, mark, KC_OC_STAY);
-}
-
-kc_answer_t kc_cmd_table(kc_tables_t *tables, kc_journal_images_t *images, const kc_view_t *v,
-                         const kc_cmd_t *c, kc_out_t *out)
+kc_answer_t kc_cmd_table(kc_tables_t *tables, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out)
 {
     uint32_t mark = out->events.n, crc = (uint32_t)c->arg_i[1];
     if (!kc_cmd_tables_free(v)) { return busy(v, out); }
@@ -173,7 +145,9 @@ kc_answer_t kc_cmd_table(kc_tables_t *tables, kc_journal_images_t *images, const
         return bad_arg(out, 0, (double)c->arg_i[0], (double)(KC_TBL_COUNT - 1));
     }
     uint16_t kind = (uint16_t)c->arg_i[0];
-    if (c->opcode == KC_CMD_TABLE_ACTIVATE) { return activate(tables, images, kind, crc, out); }
+    if (c->opcode == KC_CMD_TABLE_ACTIVATE) {
+        return kc_answer_by(kc_tbl_ready(tables, kind, crc, &out->events), &out->events, mark, KC_OC_STORE);
+    }
     return kc_answer_by(kc_tbl_validate(tables, kind, crc, &out->events), &out->events, mark, KC_OC_STAY);
 }
 

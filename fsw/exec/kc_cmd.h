@@ -6,7 +6,6 @@
 
 #include "kc_answer.h"
 #include "kc_app.h"
-#include "kc_journal.h"
 #include "kc_select.h"
 #include "kc_view.h"
 
@@ -29,9 +28,8 @@ bool kc_cmd_tables_free(const kc_view_t *v);
 
 /* START: may it, and what does it ask for? */
 kc_answer_t kc_cmd_start(const kc_view_t *v, const kc_cmd_t *c, kc_start_t *ask, kc_out_t *out);
-/* TABLE_VALIDATE, TABLE_ACTIVATE, TABLE_DISCARD. */
-kc_answer_t kc_cmd_table(kc_tables_t *tables, kc_journal_images_t *images, const kc_view_t *v,
-                         const kc_cmd_t *c, kc_out_t *out);
+/* TABLE_VALIDATE, TABLE_DISCARD; TABLE_ACTIVATE: STORE, it becomes active when it is stored. */
+kc_answer_t kc_cmd_table(kc_tables_t *tables, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out);
 void kc_cmd_chunk(kc_tables_t *tables, const kc_view_t *v, const kc_chunk_t *c, kc_out_t *out);
 
 #endif

@@ -1,36 +1,35 @@
 #include "kc_journal.h"
 
-#include <stdbool.h>
 #include <string.h>
 
 #include "kc_codec.h"
 #include "kc_crc.h"
 
-#define JOURNAL_MAGIC 0x314A434Bu /* "KCJ1", little-endian */
+#define JOURNAL_MAGIC 0x324A434Bu /* "KCJ2", little-endian */
 #define JOURNAL_CRC_AT (KC_JOURNAL_BYTES - 4u)
 
-/* Kinds that one step may store; table kinds count as long as they differ. */
-_Static_assert(KC_STORE_QUEUE_MAX >= KC_TBL_COUNT - 1u + 3u, "every kind fits in the queue of one step");
+/* The most that one step asks for: what is left of one change (three deletions), all of the next (five), the
+ * journal, and a proposal that ABORT drops. */
+_Static_assert(KC_STORE_QUEUE_MAX >= 10u, "all requests of one step fit");
 
 void kc_journal_store(kc_out_t *out, uint16_t kind, const uint8_t *data, uint32_t n)
 {
-    uint32_t i = 0u;
-    while (i < out->n_store && out->store[i].kind != kind) { i++; } /* the last word of a step counts */
-    out->store[i] = (kc_store_t){.kind = kind, .n = n, .data = data};
-    if (i == out->n_store) { out->n_store++; }
+    out->store[out->n_store++] = (kc_store_t){.kind = kind, .n = n, .data = data};
 }
 
-static void store_kin(kc_out_t *out, uint16_t kind, const kc_kin_t *kin, uint32_t crc, uint8_t *image)
+static uint32_t store_kin(kc_out_t *out, uint16_t kind, const kc_kin_t *kin, uint32_t crc, uint8_t *image)
 {
     uint32_t n = 0u;
-    if (crc != 0u) { (void)kc_tbl_encode(KC_TBL_KIN, kin, 0u, image, KC_KIN_IMAGE_MAX, &n); }
+    if (crc == 0u) { return 0u; }
+    (void)kc_tbl_encode(KC_TBL_KIN, kin, 0u, image, KC_KIN_IMAGE_MAX, &n);
     kc_journal_store(out, kind, image, n);
+    return n;
 }
 
 void kc_journal_kin(kc_journal_images_t *images, const kc_active_t *a, kc_out_t *out)
 {
-    store_kin(out, KC_STORE_PREV, &a->kin_prev, a->kin_prev_crc, images->prev);
-    store_kin(out, KC_TBL_KIN, &a->kin, a->crc[KC_TBL_KIN], images->kin);
+    images->n_kin = store_kin(out, KC_TBL_KIN, &a->kin, a->crc[KC_TBL_KIN], images->kin);
+    images->n_prev = store_kin(out, KC_STORE_PREV, &a->kin_prev, a->kin_prev_crc, images->prev);
 }
 
 /* The record: magic, fields, zeros, CRC-32 of all before it. */
@@ -48,6 +47,7 @@ static void walk(kc_walk_t *w, kc_journal_t *j)
     kc_walk_u16(w, 8u, &j->seg_from, 0u, UINT16_MAX);
     kc_walk_u16(w, 9u, &j->seg_to, 0u, UINT16_MAX);
     kc_walk_u64(w, 10u, &j->t_us, 0u, UINT64_MAX);
+    kc_walk_u32(w, 11u, &j->prev_crc, 0u, UINT32_MAX);
 }
 
 static uint32_t le32(const uint8_t *b)
@@ -91,14 +91,27 @@ static void write_record(kc_journal_store_t *j)
 static bool same(const kc_journal_t *a, const kc_journal_t *b)
 {
     return a->state == b->state && a->session == b->session && a->pose == b->pose &&
-           a->boot_count == b->boot_count && a->kin_crc == b->kin_crc && a->proposal_crc == b->proposal_crc &&
-           a->candidate == b->candidate && a->seg_from == b->seg_from && a->seg_to == b->seg_to;
+           a->boot_count == b->boot_count && a->kin_crc == b->kin_crc && a->prev_crc == b->prev_crc &&
+           a->proposal_crc == b->proposal_crc && a->candidate == b->candidate && a->seg_from == b->seg_from &&
+           a->seg_to == b->seg_to;
 }
 
-void kc_journal_note(kc_journal_store_t *j, const kc_journal_t *now, kc_out_t *out)
+void kc_journal_write(kc_journal_store_t *j, const kc_journal_t *now, kc_out_t *out)
 {
-    if (same(now, &j->last)) { return; }
     j->last = *now;
+    j->again = false;
     write_record(j);
     kc_journal_store(out, KC_STORE_JOURNAL, j->bytes, KC_JOURNAL_BYTES);
+}
+
+void kc_journal_again(kc_journal_store_t *j, uint64_t due_us)
+{
+    j->again = true;
+    j->due_us = due_us;
+}
+
+void kc_journal_note(kc_journal_store_t *j, const kc_journal_t *now, uint64_t now_us, kc_out_t *out)
+{
+    bool due = j->again && now_us >= j->due_us;
+    if (due || !same(now, &j->last)) { kc_journal_write(j, now, out); }
 }

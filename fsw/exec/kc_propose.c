@@ -174,24 +174,23 @@ static bool acceptable(const kc_view_t *v, const kc_proposal_t *p)
     return kc_verdict_acceptable(&v->tables->config, &proposed);
 }
 
-kc_outcome_t kc_propose_run(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images,
-                            const kc_view_t *v, kc_out_t *out)
+kc_outcome_t kc_propose_run(kc_review_t *r, const kc_tables_t *tables, const kc_view_t *v, bool *accepted,
+                            kc_out_t *out)
 {
     kc_proposal_t *p = &out->proposal;
     make(v, p);
     p->crc = kc_review_encode(r, &p->kin);
     report_held(v, &p->kin, out);
     out->has_proposal = 1u;
+    *accepted = false;
     if (p->verdict == (int32_t)KC_VERDICT_NO_CHANGE) {
         kc_event(&out->events, KC_EVT_COR_NO_CHANGE, -1, p->p_no_change, 0.0);
         return kc_outcome(KC_OC_DONE);
     }
     if (p->verdict == (int32_t)KC_VERDICT_POOR) {
         kc_event(&out->events, KC_EVT_CAL_POOR, -1, p->p_fit, p->noise_scale);
-    } else if (acceptable(v, p) && kc_review_activate(r, tables, images, out) == KC_OK) {
-        kc_event(&out->events, KC_EVT_COR_ON_BOARD, -1, (double)p->crc, 0.0);
-        return kc_outcome(KC_OC_DONE);
+    } else {
+        *accepted = acceptable(v, p) && kc_tbl_kin_fits(tables, &p->kin, &out->events) == KC_OK;
     }
-    kc_review_wait(r, out, p->n_poses);
-    return kc_outcome(KC_OC_REVIEW);
+    return kc_outcome(KC_OC_STORE);
 }

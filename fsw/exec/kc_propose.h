@@ -6,8 +6,8 @@
 #include "kc_review.h"
 #include "kc_view.h"
 
-/* DONE: no change, or accepted on board and in force; REVIEW: it waits for the ground. */
-kc_outcome_t kc_propose_run(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images,
-                            const kc_view_t *v, kc_out_t *out);
+/* DONE: no change; STORE: it is to be stored, and then put in force (*accepted) or reviewed by the ground. */
+kc_outcome_t kc_propose_run(kc_review_t *r, const kc_tables_t *tables, const kc_view_t *v, bool *accepted,
+                            kc_out_t *out);
 
 #endif

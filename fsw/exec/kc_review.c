@@ -11,28 +11,24 @@ uint32_t kc_review_encode(kc_review_t *r, const kc_kin_t *kin)
     return kc_tbl_image_crc(r->image, r->n);
 }
 
-void kc_review_wait(kc_review_t *r, kc_out_t *out, uint32_t n_poses)
+void kc_review_wait(kc_review_t *r, kc_out_t *out)
 {
     r->crc = kc_tbl_image_crc(r->image, r->n);
-    kc_journal_store(out, KC_STORE_PROPOSAL, r->image, r->n);
-    kc_event(&out->events, KC_EVT_COR_PROPOSED, -1, (double)r->crc, (double)n_poses);
+    kc_event(&out->events, KC_EVT_COR_PROPOSED, -1, (double)r->crc, (double)r->kin.n_poses);
 }
 
+/* The journal names it no more; the copy is deleted so that it does not come back without a journal. */
 static void forget(kc_review_t *r, kc_out_t *out)
 {
     r->crc = 0u;
     kc_journal_store(out, KC_STORE_PROPOSAL, r->image, 0u);
 }
 
-kc_status_t kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images,
-                               kc_out_t *out)
+void kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_out_t *out)
 {
-    kc_status_t st = kc_tbl_set_kin(tables, &r->kin, &out->events);
-    if (st != KC_OK) { return st; }
-    kc_journal_kin(images, &tables->active, out);
+    (void)kc_tbl_set_kin(tables, &r->kin, &out->events); /* it fitted, and tables cannot have changed since */
     forget(r, out);
     kc_event(&out->events, KC_EVT_COR_ACTIVE, -1, (double)tables->active.crc[KC_TBL_KIN], 0.0);
-    return KC_OK;
 }
 
 void kc_review_drop(kc_review_t *r, kc_out_t *out)
@@ -63,29 +59,26 @@ kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, kc_out_t *out)
     return kc_answer_ok(KC_OC_ARM);
 }
 
-kc_answer_t kc_review_go(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images, uint32_t crc,
-                         kc_out_t *out)
+kc_answer_t kc_review_go(kc_review_t *r, const kc_tables_t *tables, uint32_t crc, kc_out_t *out)
 {
     uint32_t mark = out->events.n;
     if (crc != r->crc) { return wrong_crc(out, crc, r->crc); }
-    kc_status_t st = kc_review_activate(r, tables, images, out);
-    return kc_answer_by(st, &out->events, mark, KC_OC_APPROVE);
+    kc_status_t st = kc_tbl_decode(KC_TBL_KIN, r->image, r->n, &r->kin, &out->events);
+    if (st == KC_OK) { st = kc_tbl_kin_fits(tables, &r->kin, &out->events); }
+    return kc_answer_by(st, &out->events, mark, KC_OC_STORE);
 }
 
-kc_answer_t kc_review_reject(kc_review_t *r, uint32_t crc, kc_out_t *out)
+kc_answer_t kc_review_reject(const kc_review_t *r, uint32_t crc, kc_out_t *out)
 {
-    if (crc != r->crc) { return wrong_crc(out, crc, r->crc); }
-    kc_review_drop(r, out);
-    return kc_answer_ok(KC_OC_REJECT);
+    return crc == r->crc ? kc_answer_ok(KC_OC_STORE) : wrong_crc(out, crc, r->crc);
 }
 
-kc_answer_t kc_review_rollback(kc_tables_t *tables, kc_journal_images_t *images, uint32_t crc, kc_out_t *out)
+kc_answer_t kc_review_rollback(const kc_tables_t *tables, uint32_t crc, kc_out_t *out)
 {
-    uint32_t mark = out->events.n, active = tables->active.crc[KC_TBL_KIN];
-    if (crc != active) { return wrong_crc(out, crc, active); }
-    kc_status_t st = kc_tbl_rollback(tables, &out->events);
-    if (st == KC_OK) { kc_journal_kin(images, &tables->active, out); }
-    return kc_answer_by(st, &out->events, mark, KC_OC_ROLLBACK);
+    const kc_active_t *a = &tables->active;
+    if (crc != a->crc[KC_TBL_KIN]) { return wrong_crc(out, crc, a->crc[KC_TBL_KIN]); }
+    if (a->kin_prev_crc != 0u) { return kc_answer_ok(KC_OC_STORE); }
+    return kc_answer_refuse(&out->events, KC_EVT_COR_NO_PREVIOUS, -1, 0.0, 0.0, KC_ERR_STATE);
 }
 
 /* ---- boot ---- */

@@ -16,22 +16,20 @@ typedef struct {
 /* Encode a proposed correction; gives its CRC. Nothing waits yet. */
 uint32_t kc_review_encode(kc_review_t *r, const kc_kin_t *kin);
 /* The correction that was encoded waits for the ground from now on. */
-void kc_review_wait(kc_review_t *r, kc_out_t *out, uint32_t n_poses);
-/* Put the correction in force, the old one kept, both stored before the proposal is forgotten, so that a kill
- * between any two of the writes leaves something consistent. */
-kc_status_t kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images,
-                               kc_out_t *out);
+void kc_review_wait(kc_review_t *r, kc_out_t *out);
+/* Put the correction in force, the old one kept; nothing waits any more. Everything is stored already. */
+void kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_out_t *out);
 /* Forget it, with an event; nothing happens if none waits. */
 void kc_review_drop(kc_review_t *r, kc_out_t *out);
 /* ARMED: EXPIRE when the second step does not come. */
 kc_outcome_t kc_review_armed(const kc_review_t *r, const kc_view_t *v, kc_out_t *out);
 
-/* Commands; crc is the one they name. */
+/* Commands; crc is the one they name. STORE: nothing has changed yet, it is to be stored first. */
 kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, kc_out_t *out);
-kc_answer_t kc_review_go(kc_review_t *r, kc_tables_t *tables, kc_journal_images_t *images, uint32_t crc,
-                         kc_out_t *out);
-kc_answer_t kc_review_reject(kc_review_t *r, uint32_t crc, kc_out_t *out);
-kc_answer_t kc_review_rollback(kc_tables_t *tables, kc_journal_images_t *images, uint32_t crc, kc_out_t *out);
+/* The image is decoded again: what was approved is what its CRC names. */
+kc_answer_t kc_review_go(kc_review_t *r, const kc_tables_t *tables, uint32_t crc, kc_out_t *out);
+kc_answer_t kc_review_reject(const kc_review_t *r, uint32_t crc, kc_out_t *out);
+kc_answer_t kc_review_rollback(const kc_tables_t *tables, uint32_t crc, kc_out_t *out);
 
 /* Boot: a stored proposal is kept for review if it still belongs to the active tables. */
 kc_status_t kc_review_load(kc_review_t *r, const kc_tables_t *tables, const uint8_t *image, uint32_t n,

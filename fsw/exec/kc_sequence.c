@@ -70,6 +70,57 @@ static kc_outcome_t select_next(kc_app_t *app, kc_out_t *out)
     return oc;
 }
 
+kc_journal_t kc_sequence_record(const kc_app_t *app)
+{
+    const kc_active_t *a = &app->tables.active;
+    const kc_journal_t *last = &app->journal.last;
+    /* What was lost in memory is still in the store, and comes back from there. */
+    bool kin_lost = a->crc[KC_TBL_KIN] == 0u && (app->scrub.lost & 1u << KC_TBL_KIN) != 0u;
+    bool prev_lost = a->kin_prev_crc == 0u && (app->scrub.lost & 1u) != 0u;
+    return (kc_journal_t){
+        .state = (uint32_t)app->place.state,
+        .session = app->cal.session,
+        .pose = app->plan.n_meas,
+        .boot_count = app->boot_count,
+        .kin_crc = kin_lost ? last->kin_crc : a->crc[KC_TBL_KIN],
+        .prev_crc = prev_lost ? last->prev_crc : a->kin_prev_crc,
+        .proposal_crc = app->review.crc,
+        .candidate = app->cal.candidate,
+        .seg_from = app->move.seg_from,
+        .seg_to = app->move.seg_to,
+        .t_us = app->clock.clock_us,
+    };
+}
+
+static kc_change_parts_t change_parts(kc_app_t *app)
+{
+    return (kc_change_parts_t){
+        .view = &app->view,
+        .tables = &app->tables,
+        .review = &app->review,
+        .journal = &app->journal,
+        .images = &app->arena.idle.images,
+        .log = &app->cmd_log,
+        .now = kc_sequence_record(app),
+    };
+}
+
+static kc_outcome_t propose(kc_app_t *app, kc_out_t *out)
+{
+    bool accepted;
+    kc_outcome_t oc = kc_propose_run(&app->review, &app->tables, &app->view, &accepted, out);
+    kc_change_kind_t kind = accepted ? KC_CHANGE_ACCEPT : KC_CHANGE_PROPOSE;
+    if (oc.id == KC_OC_STORE) { kc_change_begin(&app->change, kind, &app->view, NULL); }
+    return oc;
+}
+
+static kc_outcome_t store(kc_app_t *app, kc_out_t *out)
+{
+    kc_change_parts_t parts = change_parts(app);
+    kc_change_run(&app->change, &parts, out);
+    return kc_outcome(KC_OC_STAY);
+}
+
 static kc_outcome_t work(kc_app_t *app, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
@@ -93,7 +144,8 @@ static kc_outcome_t work(kc_app_t *app, kc_out_t *out)
     case KC_ST_LEARN: return kc_update_learn(&app->learned, arena, v, out);
     case KC_ST_REPORT: return kc_update_report(&app->learned, v, out);
     case KC_ST_SELECT: return select_next(app, out);
-    case KC_ST_PROPOSE: return kc_propose_run(&app->review, &app->tables, &app->images, v, out);
+    case KC_ST_PROPOSE: return propose(app, out);
+    case KC_ST_STORE: return store(app, out);
     case KC_ST_ARMED: return kc_review_armed(&app->review, v, out);
     default: return kc_outcome(KC_OC_STAY); /* IDLE, REVIEW and SAFE wait for commands */
     }
@@ -106,6 +158,7 @@ static void stop(kc_app_t *app, kc_out_t *out, kc_cause_t cause)
 {
     int32_t pose = kc_states_calibrating(app->place.state) ? (int32_t)app->plan.n_meas : -1;
     kc_event(&out->events, KC_EVT_CAL_ABORTED, pose, (double)cause, 0.0);
+    kc_change_cancel(&app->change, &app->cmd_log, out);
     kc_move_hold(&app->move, &app->view, out);
     kc_review_drop(&app->review, out);
     kc_request_drop(&app->request);
@@ -153,7 +206,18 @@ void kc_sequence_run(kc_app_t *app, kc_out_t *out)
     for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work(app, out), out); i++) {}
 }
 
+void kc_sequence_scrub(kc_app_t *app, kc_out_t *out)
+{
+    (void)follow(app, kc_scrub_run(&app->scrub, &app->tables, &app->est, &out->events), out);
+}
+
 /* ---- inputs ---- */
+
+void kc_sequence_stored(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
+{
+    kc_change_parts_t parts = change_parts(app);
+    (void)follow(app, kc_change_stored(&app->change, &parts, in, out), out);
+}
 
 void kc_sequence_detections(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
 {
@@ -193,7 +257,7 @@ static kc_answer_t in_review(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
     bool waits = app->place.state == KC_ST_REVIEW, armed = app->place.state == KC_ST_ARMED;
     if (c->opcode == KC_CMD_APPROVE_ARM && waits) { return kc_review_arm(&app->review, crc, out); }
     if (c->opcode == KC_CMD_APPROVE_GO && armed) {
-        return kc_review_go(&app->review, &app->tables, &app->images, crc, out);
+        return kc_review_go(&app->review, &app->tables, crc, out);
     }
     if (c->opcode == KC_CMD_REJECT && (waits || armed)) { return kc_review_reject(&app->review, crc, out); }
     return kc_cmd_not_now(&app->view, c, out);
@@ -202,7 +266,7 @@ static kc_answer_t in_review(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
 static kc_answer_t rollback(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
 {
     if (!kc_cmd_tables_free(&app->view)) { return kc_cmd_not_now(&app->view, c, out); }
-    return kc_review_rollback(&app->tables, &app->images, (uint32_t)c->arg_i[0], out);
+    return kc_review_rollback(&app->tables, (uint32_t)c->arg_i[0], out);
 }
 
 static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
@@ -217,10 +281,20 @@ static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
     case KC_CMD_ROLLBACK: return rollback(app, c, out);
     case KC_CMD_TABLE_VALIDATE:
     case KC_CMD_TABLE_ACTIVATE:
-    case KC_CMD_TABLE_DISCARD: return kc_cmd_table(&app->tables, &app->images, &app->view, c, out);
+    case KC_CMD_TABLE_DISCARD: return kc_cmd_table(&app->tables, &app->view, c, out);
     case KC_CMD_TABLE_DUMP: return kc_dump_begin(&app->dump, &app->review, &app->view, c, out);
     default:
         return kc_answer_refuse(&out->events, KC_EVT_CMD_UNKNOWN, -1, (double)c->opcode, 0.0, KC_ERR_ARG);
+    }
+}
+
+static kc_change_kind_t change_of(int32_t opcode)
+{
+    switch (opcode) {
+    case KC_CMD_APPROVE_GO: return KC_CHANGE_APPROVE;
+    case KC_CMD_REJECT: return KC_CHANGE_REJECT;
+    case KC_CMD_ROLLBACK: return KC_CHANGE_ROLLBACK;
+    default: return KC_CHANGE_TABLE;
     }
 }
 
@@ -233,7 +307,11 @@ void kc_sequence_commands(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
         const kc_cmd_t *c = &in->cmd[i];
         kc_answer_t answer = kc_cmd_admit(&app->cmd_log, &app->view, c, out);
         if (answer.status == KC_OK) { answer = execute(app, c, out); }
+        if (answer.outcome.id == KC_OC_STORE) { /* answered when it is stored */
+            kc_change_begin(&app->change, change_of(c->opcode), &app->view, c);
+        } else {
+            kc_cmd_answer(&app->cmd_log, c, &answer, out);
+        }
         (void)follow(app, answer.outcome, out);
-        kc_cmd_answer(&app->cmd_log, c, &answer, out);
     }
 }

@@ -3,7 +3,14 @@
 #define KC_SEQUENCE_H
 
 #include "kc_app.h"
+#include "kc_journal.h"
 
+/* The edge's answer to the store requests of the last step. */
+void kc_sequence_stored(kc_app_t *app, const kc_in_t *in, kc_out_t *out);
+/* A slice of the memory is compared with its CRC. */
+void kc_sequence_scrub(kc_app_t *app, kc_out_t *out);
+/* The journal's record of this step. */
+kc_journal_t kc_sequence_record(const kc_app_t *app);
 /* Commands and chunks of one step. */
 void kc_sequence_commands(kc_app_t *app, const kc_in_t *in, kc_out_t *out);
 /* Detections of one step: to the calibration, or to the monitor. */

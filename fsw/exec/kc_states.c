@@ -14,7 +14,8 @@ static const row_t s_row[] = {KC_TRANSITION_LIST(ROW_)};
 
 bool kc_states_calibrating(kc_state_t state)
 {
-    return state != KC_ST_IDLE && state != KC_ST_REVIEW && state != KC_ST_ARMED && state != KC_ST_SAFE;
+    return state != KC_ST_IDLE && state != KC_ST_REVIEW && state != KC_ST_ARMED && state != KC_ST_SAFE &&
+           state != KC_ST_STORE;
 }
 
 bool kc_states_estimating(kc_state_t state)

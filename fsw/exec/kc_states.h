@@ -31,10 +31,11 @@ typedef enum {
     KC_ST_LEARN = 19, /* outliers, model mismatch, Gaussian process */
     KC_ST_REPORT = 20, /* predicted uncertainty, progress */
     KC_ST_SELECT = 21, /* next candidate, or finish */
-    KC_ST_PROPOSE = 22 /* verdict and proposal */
+    KC_ST_PROPOSE = 22, /* verdict and proposal */
+    KC_ST_STORE = 23 /* a change is stored, read back, and made then */
 } kc_state_t;
 
-#define KC_ST_COUNT ((uint32_t)KC_ST_PROPOSE + 1u)
+#define KC_ST_COUNT ((uint32_t)KC_ST_STORE + 1u)
 
 /* What a state's work or a command came to. */
 typedef enum {
@@ -57,10 +58,10 @@ typedef enum {
     /* of commands, time-outs and budgets */
     KC_OC_START,
     KC_OC_ARM,
-    KC_OC_APPROVE,
-    KC_OC_REJECT,
     KC_OC_EXPIRE,
-    KC_OC_ROLLBACK
+    KC_OC_STORE,
+    /* of STORE, for a table or a rollback that began in SAFE */
+    KC_OC_SAFE
 } kc_outcome_id_t;
 
 typedef struct {
@@ -114,14 +115,16 @@ static inline kc_outcome_t kc_abort_for(kc_cause_t cause) { return (kc_outcome_t
     X(REPORT, DONE, SELECT, NEXT_STEP)         \
     X(CALIBRATING, FINISH, PROPOSE, SAME_STEP) \
     X(PROPOSE, DONE, IDLE, NEXT_STEP)          \
-    X(PROPOSE, REVIEW, REVIEW, NEXT_STEP)      \
+    X(PROPOSE, STORE, STORE, SAME_STEP)        \
     X(REVIEW, ARM, ARMED, NEXT_STEP)           \
-    X(REVIEW, REJECT, IDLE, NEXT_STEP)         \
-    X(ARMED, APPROVE, IDLE, NEXT_STEP)         \
-    X(ARMED, REJECT, IDLE, NEXT_STEP)          \
+    X(REVIEW, STORE, STORE, SAME_STEP)         \
+    X(ARMED, STORE, STORE, SAME_STEP)          \
     X(ARMED, EXPIRE, REVIEW, NEXT_STEP)        \
-    X(IDLE, ROLLBACK, IDLE, NEXT_STEP)         \
-    X(SAFE, ROLLBACK, IDLE, NEXT_STEP)         \
+    X(IDLE, STORE, STORE, SAME_STEP)           \
+    X(SAFE, STORE, STORE, SAME_STEP)           \
+    X(STORE, DONE, IDLE, NEXT_STEP)            \
+    X(STORE, REVIEW, REVIEW, NEXT_STEP)        \
+    X(STORE, SAFE, SAFE, NEXT_STEP)            \
     X(ANY, ABORT, SAFE, NEXT_STEP)
 
 typedef struct {

@@ -209,12 +209,12 @@ static void publish_telemetry(kc_edge_t *e)
 
 /* ---- one step ---- */
 
-/* The first failure is reported to the component with the next step. */
+/* Up to the first failure; the component hears how it went with the next step. */
 static void store_all(kc_edge_t *e)
 {
-    for (uint32_t i = 0u; i < e->out.n_store; i++) {
-        kc_status_t st = kc_files_store(e->files, &e->out.store[i]);
-        if (st == KC_OK || e->in.has_store_result) { continue; }
+    kc_status_t st = KC_OK;
+    for (uint32_t i = 0u; i < e->out.n_store && st == KC_OK; i++) {
+        st = kc_files_store(e->files, &e->out.store[i]);
         e->in.has_store_result = 1u;
         e->in.store_kind = e->out.store[i].kind;
         e->in.store_status = (int32_t)st;

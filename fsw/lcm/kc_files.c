@@ -19,7 +19,7 @@
 
 static const char s_magic[4] = {'K', 'C', 'S', '1'};
 /* Order in which the component wants them. */
-static const uint16_t s_kinds[] = {1, 2, 3, 4, 5, 6, 7, KC_STORE_PREV, KC_STORE_PROPOSAL, KC_STORE_JOURNAL};
+static const uint16_t s_kinds[] = {KC_STORE_JOURNAL, 1, 2, 3, 4, 5, 6, 7, KC_STORE_PREV, KC_STORE_PROPOSAL};
 #define N_KINDS (sizeof s_kinds / sizeof s_kinds[0])
 
 static int complain(const char *what, const char *name)
@@ -236,6 +236,7 @@ static int write_all(int fd, const uint8_t *data, size_t n)
     return 0;
 }
 
+/* Its pages are dropped at the end, so that it is read back from the medium. */
 static int write_tmp(const kc_files_t *f, const char *name, const uint8_t *hdr, const kc_store_t *s)
 {
     int fd = openat(f->dir_fd, name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
@@ -243,30 +244,70 @@ static int write_tmp(const kc_files_t *f, const char *name, const uint8_t *hdr, 
     int r = write_all(fd, hdr, KC_SLOT_HDR_BYTES);
     if (r == 0) { r = write_all(fd, s->data, s->n); }
     if (r == 0) { r = fsync(fd); }
+    (void)posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED);
     return close(fd) == 0 ? r : -1;
+}
+
+/* Whether the slot holds this data under this number. */
+static int holds(const kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number)
+{
+    map_t m = {NULL, NULL, 0u};
+    if (map_file(f->dir_fd, name, &m) != 1) { return 0; }
+    int same = slot_number(&m, s->kind) == number && m.n == KC_SLOT_HDR_BYTES + s->n &&
+               memcmp(&m.data[KC_SLOT_HDR_BYTES], s->data, s->n) == 0;
+    unmap(&m);
+    return same;
+}
+
+static void make_header(uint8_t *hdr, const kc_store_t *s, uint64_t number)
+{
+    memset(hdr, 0, KC_SLOT_HDR_BYTES);
+    memcpy(hdr, s_magic, sizeof s_magic);
+    put_le(&hdr[4], s->kind, 2u);
+    put_le(&hdr[8], number, 8u);
+    put_le(&hdr[16], s->n, 4u);
+    put_le(&hdr[CRC_AT], slot_crc(hdr, s->data, s->n), 4u);
+}
+
+/* In place of a slot: a kill at any point leaves the old or the new one. */
+static kc_status_t put_slot(kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number)
+{
+    char tmp[NAME_MAX_];
+    uint8_t hdr[KC_SLOT_HDR_BYTES];
+    make_header(hdr, s, number);
+    tmp_name(s->kind, tmp);
+    if (write_tmp(f, tmp, hdr, s) != 0 || renameat(f->dir_fd, tmp, f->dir_fd, name) != 0) {
+        (void)complain("can't write", name);
+        (void)unlinkat(f->dir_fd, tmp, 0); /* it may be what fills the store */
+        return KC_ERR_NUM;
+    }
+    if (fsync(f->dir_fd) != 0) {
+        (void)complain("can't sync", f->dir);
+        return KC_ERR_NUM;
+    }
+    if (holds(f, name, s, number)) { return KC_OK; }
+    (void)fprintf(stderr, "kincal-fsw: %s does not read back as it was written\n", name);
+    return KC_ERR_CRC;
 }
 
 static kc_status_t write_slot(kc_files_t *f, const kc_store_t *s)
 {
     uint64_t *num = f->number[s->kind];
     unsigned slot = num[1] < num[0] ? 1u : 0u; /* the older one, or the bad one */
-    uint64_t next = (num[0] > num[1] ? num[0] : num[1]) + 1u;
-    char name[NAME_MAX_], tmp[NAME_MAX_];
-    uint8_t hdr[KC_SLOT_HDR_BYTES] = {0};
-    memcpy(hdr, s_magic, sizeof s_magic);
-    put_le(&hdr[4], s->kind, 2u);
-    put_le(&hdr[8], next, 8u);
-    put_le(&hdr[16], s->n, 4u);
-    put_le(&hdr[CRC_AT], slot_crc(hdr, s->data, s->n), 4u);
+    char name[NAME_MAX_];
+    slot_name(s->kind, 1u - slot, name);
+    if (num[1u - slot] > 0u && holds(f, name, s, num[1u - slot])) { return KC_OK; }
     slot_name(s->kind, slot, name);
-    tmp_name(s->kind, tmp);
-    if (write_tmp(f, tmp, hdr, s) != 0 || renameat(f->dir_fd, tmp, f->dir_fd, name) != 0) {
-        (void)complain("can't write", name);
-        return KC_ERR_NUM;
+    uint64_t next = num[1u - slot] + 1u;
+    kc_status_t st = put_slot(f, name, s, next);
+    look_at(f, s->kind, slot);
+    if (st != KC_OK &&
+        (num[slot] == 0u || num[slot] == next)) { /* half done: the newest before is so again */
+        (void)unlinkat(f->dir_fd, name, 0);
+        (void)fsync(f->dir_fd);
+        look_at(f, s->kind, slot);
     }
-    f->there[s->kind][slot] = 1u;
-    num[slot] = next;
-    return KC_OK;
+    return st;
 }
 
 /* The older slot first: a kill between the two must not bring it back. */
@@ -290,7 +331,8 @@ static kc_status_t delete_slots(kc_files_t *f, uint16_t kind)
 
 kc_status_t kc_files_store(kc_files_t *f, const kc_store_t *s)
 {
-    kc_status_t st = s->n > 0u ? write_slot(f, s) : delete_slots(f, s->kind);
+    if (s->n > 0u) { return write_slot(f, s); }
+    kc_status_t st = delete_slots(f, s->kind);
     if (st == KC_OK && fsync(f->dir_fd) != 0) {
         (void)complain("can't sync", f->dir);
         st = KC_ERR_NUM;

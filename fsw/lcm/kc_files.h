@@ -1,7 +1,8 @@
 /* Files: the store that survives power loss, and the directory of default tables.
  *
  * Store: two slots per kind, kNN.a and kNN.b. A write goes to the older slot: temporary file, fsync,
- * rename, fsync of the directory; so at every instant at least the newest slot but one is whole.
+ * rename, fsync of the directory, and is read back; so at every instant at least the newest slot but one is
+ * whole. What the newest slot holds already is not written again. A slot whose write failed is removed.
  *
  *   slot: "KCS1", u16 kind, u16 0, u64 number, u32 bytes, u32 CRC-32 of all before and of the data, data
  * all little-endian; the number grows by one with every write of that kind. */
@@ -33,8 +34,8 @@ int kc_files_open(kc_files_t *f, const char *dir);
  * -1 with the reason on stderr if the directory can't be read. */
 int kc_files_load(kc_files_t *f, const char *tables, kc_app_t *app);
 
-/* Write or (n = 0) delete. KC_OK or KC_ERR_NUM with the reason on stderr; the slots are consistent
- * either way. */
+/* Write and read back, or (n = 0) delete. KC_OK, or KC_ERR_NUM (not written) or KC_ERR_CRC (reads otherwise) with
+ * the reason on stderr; the newest slot is what it was then, as far as the medium obeys. */
 kc_status_t kc_files_store(kc_files_t *f, const kc_store_t *s);
 
 #endif

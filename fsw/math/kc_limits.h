@@ -39,5 +39,6 @@
 #define KC_DET_QUEUE_MAX 4u   /* detections one step takes in */
 #define KC_CHUNK_BYTES 1024u  /* payload of one table chunk */
 #define KC_IMAGE_MAX (144u * 1024u) /* largest table image */
+#define KC_SCRUB_BYTES 4096u /* memory that one step compares with its CRC */
 
 #endif

@@ -104,6 +104,7 @@ static void walk_decisions(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 66u, &c->poor_noise_scale_unlikely, 1.0, 1e3); /* not above poor_noise_scale */
     kc_walk_rule(w, 66u, c->poor_noise_scale_unlikely <= c->poor_noise_scale, c->poor_noise_scale_unlikely);
     kc_walk_f64(w, 67u, &c->poor_p_fit, 0.0, 1.0);
+    kc_walk_u32(w, 68u, &c->store_retries, 0u, 100u);
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)

@@ -62,6 +62,7 @@ typedef struct {
     double poor_noise_scale; /* noise this many times as stated: the fit is poor */
     double poor_noise_scale_unlikely; /* and this many times, if the fit is less likely than ... */
     double poor_p_fit;
+    uint32_t store_retries; /* what could not be stored is tried this many times more */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

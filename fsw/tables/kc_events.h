@@ -60,6 +60,9 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "None, unless TBL_MISSING follows: then upload that table.")                                           \
     X(4, BOOT_REVIEW, INFO, "correction CRC {got:crc} still waits for review",                               \
       "Review it: APPROVE_ARM or REJECT.")                                                                   \
+    X(5, BOOT_LOST, ERROR,                                                                                   \
+      "{index:store} CRC {want:crc} was in force and is not in the store; CRC {got:crc} is in force now",    \
+      "CRC 00000000: none. Upload the KIN table that shall be active, or calibrate again.")                  \
     X(10, CMD_ACCEPTED, INFO, "command {got:command} accepted", "")                                          \
     X(11, CMD_UNKNOWN, ERROR, "command refused: unknown opcode {got:count}",                                 \
       "Check that sender and flight have the same message definitions.")                                     \
@@ -139,6 +142,10 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Check that the sender runs and that its messages arrive.")                                            \
     X(52, TIME_STEP, WARN, "mission clock changed from {want:s} to {got:s} within one step",                 \
       "Check the clock source. Messages are refused until the clocks of their senders agree again.")         \
+    X(53, MEMORY_TABLE, ERROR, "{index:store} CRC {got:crc} has changed in memory; it is not used any more", \
+      "Restart flight: it loads what is stored. Or upload and activate that table.")                         \
+    X(54, MEMORY_OBSERVATIONS, ERROR, "the {got:count} observations have changed in memory",                 \
+      "None: that calibration is lost, START begins a new one.")                                             \
     X(60, CAL_START, INFO,                                                                                   \
       "calibration {index:count} started: {got:count} poses, chosen by {want:acquisition}", "")              \
     X(61, CAL_POSE, INFO, "pose {index:pose} measured: {got:mm}, {want:mrad} from the prediction", "")       \
@@ -206,7 +213,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "move refused: joint {index:joint} would go to {got:joint_value}, limit {want:joint_value}",           \
       "None if rare: the candidate is skipped.")                                                             \
     X(90, STORE_FAIL, ERROR, "{index:store} could not be stored ({got:status})",                             \
-      "Check space and health of the store; until then a power cut loses it.")                               \
+      "None at first: it is tried again. If it stays so, check space and health of the store; until then a " \
+      "power cut loses it.")                                                                                 \
     X(91, GRD_PATH, WARN,                                                                                    \
       "move refused: joint {index:joint} would be {got:joint_value} beyond the verified {want:joint_value}", \
       "None if rare: the candidate is skipped. Joint 0: no verified segment joins the two nodes.")           \
@@ -227,7 +235,11 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "START with all coefficients.")                                                                        \
     X(97, MON_NOT_AT_REST, DEBUG,                                                                            \
       "detection of frame {got:count} not compared: arm or pan-tilt unit had not settled", "")               \
-    X(98, CAL_OUTLIER_ACCEPTED, INFO, "pose {index:pose} fits again: no longer rejected as an outlier", "")
+    X(98, CAL_OUTLIER_ACCEPTED, INFO, "pose {index:pose} fits again: no longer rejected as an outlier", "")  \
+    X(99, STORE_REFUSED, ERROR,                                                                              \
+      "the change is refused: {index:store} could not be stored in {want:count} tries ({got:status})",       \
+      "What was in force remains, and a correction that waited still waits. Make the store work, then send " \
+      "the command again (a correction: APPROVE_ARM and APPROVE_GO). Until then do not switch off.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;
@@ -244,10 +256,11 @@ typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;
     X(7, BUDGET, "time or energy used up before enough was measured")                                 \
     X(8, SILENT, "no state messages from the arm or the pan-tilt unit")                               \
     X(9, MODEL_MISMATCH, "no correction within its bounds explains the observations")                 \
-    X(10, TAGS_NOT_DETECTED, "tags detected at fewer than a third of the local initial poses")
+    X(10, TAGS_NOT_DETECTED, "tags detected at fewer than a third of the local initial poses")        \
+    X(11, MEMORY, "tables or observations have changed in memory")
 
 #define KC_CAUSE_ENUM_(number, name, text) KC_CAUSE_##name = (number),
-typedef enum { KC_CAUSE_LIST(KC_CAUSE_ENUM_) KC_CAUSE_COUNT = KC_CAUSE_TAGS_NOT_DETECTED + 1 } kc_cause_t;
+typedef enum { KC_CAUSE_LIST(KC_CAUSE_ENUM_) KC_CAUSE_COUNT = KC_CAUSE_MEMORY + 1 } kc_cause_t;
 
 typedef struct {
     uint16_t id;

@@ -250,6 +250,18 @@ const void *kc_tbl_active_ptr(const kc_active_t *a, uint16_t kind)
     return kind >= 1u && kind < KC_TBL_COUNT ? (const uint8_t *)a + s_at[kind] : NULL;
 }
 
+uint32_t kc_tbl_active_bytes(uint16_t kind)
+{
+    return kind == 0u ? (uint32_t)sizeof(kc_kin_t) : kc_layout_struct_bytes(kind);
+}
+
+/* Memory is compared with this while flight runs. */
+static void seal(kc_active_t *a, uint16_t kind)
+{
+    const void *data = kind == 0u ? &a->kin_prev : kc_tbl_active_ptr(a, kind);
+    a->seal[kind] = kc_crc32(0u, data, kc_tbl_active_bytes(kind));
+}
+
 static void drop_event(uint16_t kind, double built_crc, double active_crc, kc_events_t *ev)
 {
     kc_event(ev, KC_EVT_TBL_DROPPED, (int32_t)kind, built_crc, active_crc);
@@ -263,6 +275,7 @@ static void set_nominal(kc_active_t *a)
     if (a->crc[KC_TBL_TERMS] == 0u) { return; }
     a->kin.n_coef = a->terms.n_coef;
     a->crc[KC_TBL_KIN] = table_crc(KC_TBL_KIN, &a->kin);
+    seal(a, KC_TBL_KIN);
 }
 
 static int kin_still_fits(const kc_active_t *a, const kc_kin_t *kin)
@@ -311,6 +324,7 @@ static void make_active(kc_active_t *a, uint16_t kind, const void *src, uint32_t
     uint32_t old_crc = a->crc[kind];
     memcpy((uint8_t *)a + s_at[kind], src, kc_layout_struct_bytes(kind));
     a->crc[kind] = crc;
+    seal(a, kind);
     kc_event(ev, KC_EVT_TBL_ACTIVATED, (int32_t)kind, (double)crc, 0.0);
     if (kind == KC_TBL_ARM && old_crc != crc) { refit_to_arm(a, old_crc, ev); }
     if (kind == KC_TBL_ARM || kind == KC_TBL_TERMS) { refit_kin(a, ev); }
@@ -321,6 +335,7 @@ static void keep_prev(kc_active_t *a)
     if (a->crc[KC_TBL_KIN] == 0u) { return; }
     a->kin_prev = a->kin;
     a->kin_prev_crc = a->crc[KC_TBL_KIN];
+    seal(a, 0u);
 }
 
 kc_status_t kc_tbl_set_kin(kc_tables_t *t, const kc_kin_t *kin, kc_events_t *ev)
@@ -341,6 +356,7 @@ kc_status_t kc_tbl_rollback(kc_tables_t *t, kc_events_t *ev)
     }
     a->kin = a->kin_prev;
     a->crc[KC_TBL_KIN] = a->kin_prev_crc;
+    seal(a, KC_TBL_KIN);
     memset(&a->kin_prev, 0, sizeof a->kin_prev);
     a->kin_prev_crc = 0u;
     kc_event(ev, KC_EVT_COR_ROLLBACK, -1, (double)a->crc[KC_TBL_KIN], 0.0);
@@ -364,6 +380,7 @@ kc_status_t kc_tbl_load_prev(kc_tables_t *t, const uint8_t *image, uint32_t n, k
     if (st != KC_OK) { return st; }
     t->active.kin_prev = t->scratch->kin;
     t->active.kin_prev_crc = kc_tbl_image_crc(image, n);
+    seal(&t->active, 0u);
     return KC_OK;
 }
 
@@ -444,10 +461,15 @@ kc_status_t kc_tbl_validate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_even
     return st == KC_OK ? decode_staged(t, ev) : st;
 }
 
-kc_status_t kc_tbl_activate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev)
+kc_status_t kc_tbl_ready(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev)
 {
     kc_status_t st = check_named(t, kind, crc, KC_STAGE_VALID, ev);
-    if (st == KC_OK) { st = decode_staged(t, ev); }
+    return st == KC_OK ? decode_staged(t, ev) : st;
+}
+
+kc_status_t kc_tbl_activate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev)
+{
+    kc_status_t st = kc_tbl_ready(t, kind, crc, ev);
     if (st != KC_OK) { return st; }
     if (kind == KC_TBL_KIN) { keep_prev(&t->active); }
     make_active(&t->active, kind, t->scratch, crc, ev);

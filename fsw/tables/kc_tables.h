@@ -52,6 +52,8 @@ typedef struct {
     kc_space_t space;
     kc_kernel_t kernel;
     kc_config_t config;
+    /* CRC of each struct above as it lies in memory, by kind; [0]: kin_prev. Set with every change of it */
+    uint32_t seal[KC_TBL_COUNT];
 } kc_active_t;
 
 typedef enum {
@@ -114,6 +116,8 @@ kc_status_t kc_tbl_validate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_even
  * KIN falls back to a nominal table of zeros, which has a CRC like any other; the rest to none. A new KIN
  * keeps the old one as kin_prev. Nothing is staged afterwards. */
 kc_status_t kc_tbl_activate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev);
+/* Whether kc_tbl_activate would: the same checks, the same events; nothing changes. */
+kc_status_t kc_tbl_ready(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev);
 void kc_tbl_discard(kc_tables_t *t, kc_events_t *ev);
 
 /* Boot: decode, check and activate an image that was stored; kin_prev stays. In order of kinds. Errors as
@@ -132,5 +136,7 @@ kc_status_t kc_tbl_rollback(kc_tables_t *t, kc_events_t *ev);
 
 /* The active struct of a kind, NULL for an unknown kind; meaningful only while crc[kind] != 0. */
 const void *kc_tbl_active_ptr(const kc_active_t *a, uint16_t kind);
+/* Bytes of the struct of a kind, 0: of kin_prev; 0 for an unknown kind. */
+uint32_t kc_tbl_active_bytes(uint16_t kind);
 
 #endif

@@ -41,6 +41,7 @@ CAUSES = (
     "no state messages from the arm or the pan-tilt unit",
     "no correction within its bounds explains the observations",
     "tags detected at fewer than a third of the local initial poses",
+    "tables or observations have changed in memory",
 )
 FIRST_HEARTBEAT_S = 30.0
 LINGER_S = 2.0  # after the end: one more heartbeat shows where flight stands

@@ -56,6 +56,7 @@ class KcActive(Protocol):
     space: KcSpace
     kernel: KcKernel
     config: KcConfig
+    seal: Array[int]
 
 class KcAnswer(Protocol):
     """kc_answer_t"""
@@ -91,10 +92,12 @@ class KcApp(Protocol):
     monitoring: KcMonitoring
     hk: KcHkState
     journal: KcJournalStore
-    images: KcJournalImages
+    change: KcChange
+    scrub: KcScrub
     boot_events: KcEvents
     boot_count: int
     loaded: int
+    n_other: int
     boot_state: int
     boot_pose: int
     n_rx_errors: int
@@ -114,6 +117,7 @@ class KcArenaIdle(Protocol):
     staged: Array[int]
     scratch: KcTblScratch
     monitor: KcMonitor
+    images: KcJournalImages
 
 class KcArena(Protocol):
     """kc_arena_t"""
@@ -220,6 +224,29 @@ class KcCand(Protocol):
     tags: int
     hub: int
     why: int
+
+class KcChangeParts(Protocol):
+    """kc_change_parts_t"""
+
+    view: CData
+    tables: CData
+    review: CData
+    journal: CData
+    images: CData
+    log: CData
+    now: KcJournal
+
+class KcChange(Protocol):
+    """kc_change_t"""
+
+    kind: int
+    safe: int
+    by_command: int
+    cmd: KcCmd
+    tries: int
+    asked: int
+    due_us: int
+    failing: int
 
 class KcCheck(Protocol):
     """kc_check_t"""
@@ -330,6 +357,7 @@ class KcConfig(Protocol):
     poor_noise_scale: float
     poor_noise_scale_unlikely: float
     poor_p_fit: float
+    store_retries: int
 
 class KcCtx(Protocol):
     """kc_ctx_t"""
@@ -641,12 +669,16 @@ class KcJournalImages(Protocol):
 
     kin: Array[int]
     prev: Array[int]
+    n_kin: int
+    n_prev: int
 
 class KcJournalStore(Protocol):
     """kc_journal_store_t"""
 
     found: KcJournal
     last: KcJournal
+    again: int
+    due_us: int
     bytes: Array[int]
 
 class KcJournal(Protocol):
@@ -657,6 +689,7 @@ class KcJournal(Protocol):
     pose: int
     boot_count: int
     kin_crc: int
+    prev_crc: int
     proposal_crc: int
     candidate: int
     seg_from: int
@@ -1021,6 +1054,17 @@ class KcReview(Protocol):
     n: int
     crc: int
 
+class KcScrub(Protocol):
+    """kc_scrub_t"""
+
+    part: int
+    at: int
+    crc: int
+    seal: int
+    n_obs: int
+    obs_seal: int
+    lost: int
+
 class KcServoMem(Protocol):
     """kc_servo_mem_t"""
 
@@ -1229,6 +1273,7 @@ class FlightCore(Protocol):
     KC_PATH_MAX: int
     KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
+    KC_SCRUB_BYTES: int
     KC_SILENT_US: int
     KC_SOURCE_MAX: int
     KC_SPACE_INDEX_BODY: int
@@ -1350,6 +1395,7 @@ class FlightCore(Protocol):
     KC_SEV_INFO: int
     KC_SEV_DEBUG: int
     KC_EVT_NONE: int
+    KC_EVT_STORE_REFUSED: int
     KC_EVT_CAL_OUTLIER_ACCEPTED: int
     KC_EVT_MON_NOT_AT_REST: int
     KC_EVT_MON_UNEXPLAINED: int
@@ -1388,6 +1434,8 @@ class FlightCore(Protocol):
     KC_EVT_CAL_MOVE_TIMEOUT: int
     KC_EVT_CAL_POSE: int
     KC_EVT_CAL_START: int
+    KC_EVT_MEMORY_OBSERVATIONS: int
+    KC_EVT_MEMORY_TABLE: int
     KC_EVT_TIME_STEP: int
     KC_EVT_IN_SILENT: int
     KC_EVT_ARM_FAULT: int
@@ -1424,11 +1472,13 @@ class FlightCore(Protocol):
     KC_EVT_CMD_STALE: int
     KC_EVT_CMD_UNKNOWN: int
     KC_EVT_CMD_ACCEPTED: int
+    KC_EVT_BOOT_LOST: int
     KC_EVT_BOOT_REVIEW: int
     KC_EVT_BOOT_SLOT_BAD: int
     KC_EVT_BOOT_INTERRUPTED: int
     KC_EVT_BOOT: int
     KC_CAUSE_COUNT: int
+    KC_CAUSE_MEMORY: int
     KC_CAUSE_TAGS_NOT_DETECTED: int
     KC_CAUSE_MODEL_MISMATCH: int
     KC_CAUSE_SILENT: int
@@ -1460,9 +1510,13 @@ class FlightCore(Protocol):
     KC_NO_TAGS_RETREAT: int
     KC_NO_TAGS_SEARCH: int
     KC_NO_TAGS_SEED: int
+    KC_STORING_REFUSE: int
+    KC_STORING_AGAIN: int
+    KC_STORING_DONE: int
     KC_VERDICT_POOR: int
     KC_VERDICT_CHANGE: int
     KC_VERDICT_NO_CHANGE: int
+    KC_ST_STORE: int
     KC_ST_PROPOSE: int
     KC_ST_SELECT: int
     KC_ST_REPORT: int
@@ -1486,10 +1540,9 @@ class FlightCore(Protocol):
     KC_ST_AIM: int
     KC_ST_MOVE: int
     KC_ST_IDLE: int
-    KC_OC_ROLLBACK: int
+    KC_OC_SAFE: int
+    KC_OC_STORE: int
     KC_OC_EXPIRE: int
-    KC_OC_REJECT: int
-    KC_OC_APPROVE: int
     KC_OC_ARM: int
     KC_OC_START: int
     KC_OC_REVIEW: int
@@ -1545,6 +1598,13 @@ class FlightCore(Protocol):
     KC_FIELD_ARM_DQ: int
     KC_FIELD_ARM_Q: int
     KC_FIELD_ARM_T: int
+    KC_CHANGE_TABLE: int
+    KC_CHANGE_ROLLBACK: int
+    KC_CHANGE_REJECT: int
+    KC_CHANGE_APPROVE: int
+    KC_CHANGE_ACCEPT: int
+    KC_CHANGE_PROPOSE: int
+    KC_CHANGE_NONE: int
     KC_FRAME_TIMEOUT: int
     KC_FRAME_UNCERTAIN: int
     KC_FRAME_NO_TAGS: int
@@ -1690,6 +1750,7 @@ class FlightCore(Protocol):
     def kc_tbl_chunk(self, _0: KcTables | CData, _1: int, _2: int, _3: int, _4: CData | bytes, _5: int, _6: KcEvents | CData, /) -> int: ...
     def kc_tbl_validate(self, _0: KcTables | CData, _1: int, _2: int, _3: KcEvents | CData, /) -> int: ...
     def kc_tbl_activate(self, _0: KcTables | CData, _1: int, _2: int, _3: KcEvents | CData, /) -> int: ...
+    def kc_tbl_ready(self, _0: KcTables | CData, _1: int, _2: int, _3: KcEvents | CData, /) -> int: ...
     def kc_tbl_discard(self, _0: KcTables | CData, _1: KcEvents | CData, /) -> None: ...
     def kc_tbl_load(self, _0: KcTables | CData, _1: int, _2: CData | bytes, _3: int, _4: KcEvents | CData, /) -> int: ...
     def kc_tbl_load_prev(self, _0: KcTables | CData, _1: CData | bytes, _2: int, _3: KcEvents | CData, /) -> int: ...
@@ -1697,6 +1758,7 @@ class FlightCore(Protocol):
     def kc_tbl_set_kin(self, _0: KcTables | CData, _1: KcKin | CData, _2: KcEvents | CData, /) -> int: ...
     def kc_tbl_rollback(self, _0: KcTables | CData, _1: KcEvents | CData, /) -> int: ...
     def kc_tbl_active_ptr(self, _0: KcActive | CData, _1: int, /) -> CData: ...
+    def kc_tbl_active_bytes(self, _0: int, /) -> int: ...
     def kc_layout_walk(self, _0: KcWalk | CData, _1: int, _2: object, /) -> None: ...
     def kc_layout_struct_bytes(self, _0: int, /) -> int: ...
     def kc_fit_solved(self, _0: int, /) -> int: ...
@@ -1726,6 +1788,8 @@ class FlightCore(Protocol):
     def kc_reach_spiral(self, _0: int, _1: CData, _2: CData, /) -> None: ...
     def kc_reach_search_limit(self, _0: KcCamera | CData, _1: KcConfig | CData, _2: int, _3: float, _4: float, /) -> int: ...
     def kc_reach_draw_back(self, _0: float, _1: float, _2: float, _3: float, _4: int, /) -> float: ...
+    def kc_storing_next(self, _0: int, _1: int, _2: int, /) -> int: ...
+    def kc_storing_counts(self, _0: int, _1: int, _2: int, /) -> int: ...
     def kc_verdict_p_no_change(self, _0: float, _1: float, _2: int, /) -> float: ...
     def kc_verdict(self, _0: KcConfig | CData, _1: KcEst | CData, _2: int, _3: float, _4: float, /) -> int: ...
     def kc_verdict_acceptable(self, _0: KcConfig | CData, _1: KcVerdictCase | CData, /) -> int: ...
@@ -1745,7 +1809,9 @@ class FlightCore(Protocol):
     def kc_journal_store(self, _0: KcOut | CData, _1: int, _2: CData | bytes, _3: int, /) -> None: ...
     def kc_journal_kin(self, _0: KcJournalImages | CData, _1: KcActive | CData, _2: KcOut | CData, /) -> None: ...
     def kc_journal_load(self, _0: KcJournalStore | CData, _1: CData | bytes, _2: int, /) -> int: ...
-    def kc_journal_note(self, _0: KcJournalStore | CData, _1: KcJournal | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_journal_write(self, _0: KcJournalStore | CData, _1: KcJournal | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_journal_again(self, _0: KcJournalStore | CData, _1: int, /) -> None: ...
+    def kc_journal_note(self, _0: KcJournalStore | CData, _1: KcJournal | CData, _2: int, _3: KcOut | CData, /) -> None: ...
     def kc_view_elapsed(self, _0: KcView | CData, _1: int, /) -> int: ...
     def kc_view_in_state_us(self, _0: KcView | CData, /) -> int: ...
     def kc_view_at_rest(self, _0: KcView | CData, /) -> int: ...
@@ -1764,18 +1830,22 @@ class FlightCore(Protocol):
     def kc_cmd_not_now(self, _0: KcView | CData, _1: KcCmd | CData, _2: KcOut | CData, /) -> KcAnswer: ...
     def kc_cmd_tables_free(self, _0: KcView | CData, /) -> int: ...
     def kc_cmd_start(self, _0: KcView | CData, _1: KcCmd | CData, _2: KcStart | CData, _3: KcOut | CData, /) -> KcAnswer: ...
-    def kc_cmd_table(self, _0: KcTables | CData, _1: KcJournalImages | CData, _2: KcView | CData, _3: KcCmd | CData, _4: KcOut | CData, /) -> KcAnswer: ...
+    def kc_cmd_table(self, _0: KcTables | CData, _1: KcView | CData, _2: KcCmd | CData, _3: KcOut | CData, /) -> KcAnswer: ...
     def kc_cmd_chunk(self, _0: KcTables | CData, _1: KcView | CData, _2: KcChunk | CData, _3: KcOut | CData, /) -> None: ...
     def kc_review_encode(self, _0: KcReview | CData, _1: KcKin | CData, /) -> int: ...
-    def kc_review_wait(self, _0: KcReview | CData, _1: KcOut | CData, _2: int, /) -> None: ...
-    def kc_review_activate(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcJournalImages | CData, _3: KcOut | CData, /) -> int: ...
+    def kc_review_wait(self, _0: KcReview | CData, _1: KcOut | CData, /) -> None: ...
+    def kc_review_activate(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcOut | CData, /) -> None: ...
     def kc_review_drop(self, _0: KcReview | CData, _1: KcOut | CData, /) -> None: ...
     def kc_review_armed(self, _0: KcReview | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
     def kc_review_arm(self, _0: KcReview | CData, _1: int, _2: KcOut | CData, /) -> KcAnswer: ...
-    def kc_review_go(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcJournalImages | CData, _3: int, _4: KcOut | CData, /) -> KcAnswer: ...
+    def kc_review_go(self, _0: KcReview | CData, _1: KcTables | CData, _2: int, _3: KcOut | CData, /) -> KcAnswer: ...
     def kc_review_reject(self, _0: KcReview | CData, _1: int, _2: KcOut | CData, /) -> KcAnswer: ...
-    def kc_review_rollback(self, _0: KcTables | CData, _1: KcJournalImages | CData, _2: int, _3: KcOut | CData, /) -> KcAnswer: ...
+    def kc_review_rollback(self, _0: KcTables | CData, _1: int, _2: KcOut | CData, /) -> KcAnswer: ...
     def kc_review_load(self, _0: KcReview | CData, _1: KcTables | CData, _2: CData | bytes, _3: int, _4: KcEvents | CData, /) -> int: ...
+    def kc_change_begin(self, _0: KcChange | CData, _1: int, _2: KcView | CData, _3: KcCmd | CData, /) -> None: ...
+    def kc_change_run(self, _0: KcChange | CData, _1: KcChangeParts | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_change_stored(self, _0: KcChange | CData, _1: KcChangeParts | CData, _2: KcIn | CData, _3: KcOut | CData, /) -> KcOutcome: ...
+    def kc_change_cancel(self, _0: KcChange | CData, _1: KcCmdLog | CData, _2: KcOut | CData, /) -> None: ...
     def kc_dump_begin(self, _0: KcDump | CData, _1: KcReview | CData, _2: KcView | CData, _3: KcCmd | CData, _4: KcOut | CData, /) -> KcAnswer: ...
     def kc_dump_run(self, _0: KcDump | CData, _1: KcReview | CData, _2: KcView | CData, _3: KcOut | CData, /) -> None: ...
     def kc_hk_count(self, _0: KcHkState | CData, _1: int, _2: KcOut | CData, /) -> int: ...
@@ -1813,10 +1883,14 @@ class FlightCore(Protocol):
     def kc_observe_turn(self, _0: KcObserve | CData, _1: KcPantilt | CData, _2: KcView | CData, _3: KcOut | CData, /) -> KcOutcome: ...
     def kc_rest_begin(self, _0: KcRest | CData, /) -> None: ...
     def kc_rest_run(self, _0: KcRest | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
+    def kc_scrub_run(self, _0: KcScrub | CData, _1: KcTables | CData, _2: KcEst | CData, _3: KcEvents | CData, /) -> KcOutcome: ...
     def kc_approach_wanted(self, _0: KcView | CData, /) -> int: ...
     def kc_approach_start(self, _0: KcView | CData, _1: CData, _2: CData, _3: CData, /) -> None: ...
     def kc_measure_run(self, _0: KcFrames | CData, _1: KcRequest | CData, _2: KcEst | CData, _3: KcView | CData, _4: KcOut | CData, /) -> KcOutcome: ...
-    def kc_propose_run(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcJournalImages | CData, _3: KcView | CData, _4: KcOut | CData, /) -> KcOutcome: ...
+    def kc_propose_run(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcView | CData, _3: CData, _4: KcOut | CData, /) -> KcOutcome: ...
+    def kc_sequence_stored(self, _0: KcApp | CData, _1: KcIn | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_sequence_scrub(self, _0: KcApp | CData, _1: KcOut | CData, /) -> None: ...
+    def kc_sequence_record(self, _0: KcApp | CData, /) -> KcJournal: ...
     def kc_sequence_commands(self, _0: KcApp | CData, _1: KcIn | CData, _2: KcOut | CData, /) -> None: ...
     def kc_sequence_detections(self, _0: KcApp | CData, _1: KcIn | CData, _2: KcOut | CData, /) -> None: ...
     def kc_sequence_run(self, _0: KcApp | CData, _1: KcOut | CData, /) -> None: ...
@@ -1850,6 +1924,7 @@ class GroundCore(Protocol):
     KC_NAME_LEN: int
     KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
+    KC_SCRUB_BYTES: int
     KC_SPECTRUM_MAX: int
     KC_TAG_MAX: int
     KC_TERMS_INDEX_TERM: int
@@ -2015,6 +2090,10 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_cand_t"], /) -> KcCand: ...
     @overload
+    def __call__(self, ctype: Literal["kc_change_parts_t"], /) -> KcChangeParts: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_change_t"], /) -> KcChange: ...
+    @overload
     def __call__(self, ctype: Literal["kc_check_t"], /) -> KcCheck: ...
     @overload
     def __call__(self, ctype: Literal["kc_chunk_t"], /) -> KcChunk: ...
@@ -2136,6 +2215,8 @@ class New(Protocol):
     def __call__(self, ctype: Literal["kc_rest_t"], /) -> KcRest: ...
     @overload
     def __call__(self, ctype: Literal["kc_review_t"], /) -> KcReview: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_scrub_t"], /) -> KcScrub: ...
     @overload
     def __call__(self, ctype: Literal["kc_servo_mem_t"], /) -> KcServoMem: ...
     @overload

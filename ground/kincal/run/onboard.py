@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 _FLIGHT = library("flight")
 _LIB = _FLIGHT.lib
 _KINDS = (
+    _LIB.KC_STORE_JOURNAL,  # the order of kc_app_load
     *range(1, _LIB.KC_TBL_COUNT),
-    *(_LIB.KC_STORE_PREV, _LIB.KC_STORE_PROPOSAL, _LIB.KC_STORE_JOURNAL),  # the order of kc_app_load
+    *(_LIB.KC_STORE_PREV, _LIB.KC_STORE_PROPOSAL),
 )
 _KIND_AT = slice(4, 6)  # of a table image
 _M = TypeVar("_M")
@@ -147,12 +148,12 @@ class FlightSoftware:
                 wire.fill_detection(i.det[i.n_det - 1], m)
 
     def _store_all(self) -> None:
-        """The first failure is reported to the core with the next step."""
+        """Up to the first failure; the core hears how it went with the next step."""
         for request in self._out.store[0 : self._out.n_store]:
             data = bytes(_FLIGHT.ffi.buffer(request.data, request.n)) if request.n else b""
             kept = self.keep(request.kind, data)
-            if kept is not None:
-                self.store.keep(request.kind, kept)
-            elif not self._in.has_store_result:
-                self._in.has_store_result, self._in.store_kind = 1, request.kind
-                self._in.store_status = _LIB.KC_ERR_NUM
+            self._in.has_store_result, self._in.store_kind = 1, request.kind
+            self._in.store_status = _LIB.KC_OK if kept is not None else _LIB.KC_ERR_NUM
+            if kept is None:
+                return
+            self.store.keep(request.kind, kept)

@@ -37,13 +37,15 @@ class Store:
         return [b""] * (len(there) - len(good)) + [self.slots[kind, slot][_HEADER_BYTES:] for slot in good]
 
     def keep(self, kind: int, data: bytes) -> None:
-        """Write the older slot of the kind; no data: delete both."""
+        """Write the older slot of the kind, unless the newest holds the same; no data: delete both."""
         if not data:
             for slot in SLOTS:
                 self._put(kind, slot, None)
             return
         numbers = {slot: self._number(kind, slot) for slot in SLOTS}
-        slot = "b" if numbers["b"] < numbers["a"] else "a"
+        slot, newest = ("b", "a") if numbers["b"] < numbers["a"] else ("a", "b")
+        if numbers[newest] and self.slots[kind, newest][_HEADER_BYTES:] == data:
+            return
         header = _HEADER.pack(_MAGIC, kind, max(numbers.values()) + 1, len(data))
         self._put(kind, slot, header + _CRC.pack(zlib.crc32(header + data)) + data)
 

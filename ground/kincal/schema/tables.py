@@ -527,6 +527,8 @@ class ConfigSource(Source):
     """Noise scale above which a fit less likely than poor_p_fit is poor."""
     poor_p_fit: Real = 1e-9
     """p-value of the fit below which it is unlikely."""
+    store_retries: int = 2
+    """Times that storing is tried again, a second apart."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock
