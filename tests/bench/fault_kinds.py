@@ -626,6 +626,16 @@ def store_refuses(t, _rng):
     return Fault(Hooks(keep=lambda tick, _kind, data: data if tick < t else None))
 
 
+@kind("the store refuses to write a correction", "STORE_REFUSED")
+def correction_refused(_t, _rng):
+    return Fault(Hooks(keep=lambda _tick, k, data: None if k == KIN else data))
+
+
+@kind("the store refuses to write every other second", "STORE_FAIL")
+def store_refuses_often(_t, _rng):
+    return Fault(Hooks(keep=lambda tick, _kind, data: None if tick % 20 < 10 else data))
+
+
 @kind("power is lost", "BOOT_INTERRUPTED")
 def power_lost(t, _rng):
     return Fault(Hooks(power_loss=lambda tick: tick == t))

@@ -10,7 +10,8 @@ Judged, by MuJoCo and from messages and stored images, not by flight's own verdi
 - wrong: a correction was active whose tool position, RMS over postures that were not measured, is more than
   WRONG_M off the true arm. That is the largest predicted sigma with which the executive accepts.
 - lost: a table was not active any more, or not the one that was there before; for kinematics also not one
-  that had been proposed and approved.
+  that had been proposed and approved. Or a correction that was answered as approved is not in force when
+  flight is started again from what it stored.
 - hang: no end within LIMIT_S of mission time, or flight not at rest at the end, or no heartbeat any more.
 - silent: the run did not end as it does without the fault, and no warning or error that an operator can act
   on says so: one of the events that the kind names, with a next step in the dictionary; or the executive's
@@ -49,6 +50,7 @@ from kincal.flight import library  # noqa: E402
 from kincal.flight import tables as codec  # noqa: E402
 from kincal.link import unsigned32  # noqa: E402
 from kincal.run.inprocess import Hooks, Message, Setup, SimulatedRun, Tick, simulate  # noqa: E402
+from kincal.run.onboard import FlightSoftware  # noqa: E402
 from kincal_sim.arm import Arm  # noqa: E402
 from kincal_sim.executive import Executive  # noqa: E402
 from kincal_sim.randomness import generator  # noqa: E402
@@ -188,7 +190,7 @@ def one(job: tuple[str, int]) -> Verdict:
         ended,
         tuple(sorted(witness.warned)),
         wrong_correction(run, fault, witness),
-        lost_table(witness),
+        lost_table(witness) or lost_approval(run, witness),
         hang(run, record, witness),
         silent(kind, seed, record, witness),
         round(run.mission_s, 1),
@@ -227,6 +229,15 @@ def lost_table(witness: Witness) -> str:
             if crcs[kind] not in allowed:
                 return f"{codec.kind_name(kind)} is {crcs[kind]:08x}"
     return ""
+
+
+def lost_approval(run: SimulatedRun, witness: Witness) -> str:
+    """What was answered as approved is in force when flight is started again from what it stored."""
+    if not witness.approved:
+        return ""
+    published = FlightSoftware(TABLES, run.store).step(1)
+    (crc,) = (unsigned32(m.table_crc[KIN]) for channel, m in published if channel == "KC_HK")
+    return "" if crc in witness.approved else f"after a restart kinematics is {crc:08x}"
 
 
 def hang(run: SimulatedRun, record: dict, witness: Witness) -> str:

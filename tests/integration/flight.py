@@ -19,6 +19,7 @@ BINARY = ROOT / "build" / "kincal-fsw"
 TABLES = ROOT / "tables" / "bin"
 TICK_US = 100_000
 ANSWER_S = 20.0
+STORING_TICKS = 60  # in which a change is stored or refused
 CORE = library("flight")
 STATE = CORE.enum("kc_state_t", "KC_ST_")
 EVENT = CORE.enum("kc_event_id_t", "KC_EVT_")
@@ -143,9 +144,14 @@ class Flight:
         self.bus.publish("KC_CMD", c)
 
     def do(self, opcode: int, *args: int):
-        """Send a command and step; its answer, None if the process died."""
+        """Send a command and step until it is answered, which is after it is stored; its answer, None if the
+        process died."""
         self.command(opcode, *args)
-        self.step()
+        for _ in range(STORING_TICKS):
+            if self.step() is None:
+                break
+            if answers := [m for ch, m in self.heard if ch == "KC_ACK"]:
+                return answers[0]
         return next((m for ch, m in self.heard if ch == "KC_ACK"), None)
 
     def until(self, channel: str, max_ticks: int = 20_000):
@@ -179,6 +185,7 @@ def store_with_proposal(folder: Path) -> tuple[Path, int, int]:
         assert f.do(kcm.cmd_t.START, 2, 6, 1).status == 0
         p = f.until("KC_PROPOSAL")
         assert p.verdict == p.CHANGE
+        assert f.until("KC_HK").state == REVIEW  # stored, and the journal twice
         f.kill()
     return store, u32(p.crc), u32(p.crc_kin_before)
 

@@ -15,6 +15,7 @@ from fault_kinds import KIN, KINDS, Fault
 from montecarlo import coefficient_errors
 
 from kincal.run.inprocess import Hooks
+from kincal.run.store import Store
 from kincal_sim.arm import Arm
 
 
@@ -54,6 +55,13 @@ def test_the_error_of_a_correction_is_zero_for_the_true_arm(calm):
     bias = run.world.plant.encoders.bias_rad
     truth |= {f"J{k + 1}.phi_rad": -b for k, b in enumerate(bias)}
     assert faults.rms_m(run.world.arm, Arm(errors=truth), bias, np.random.default_rng(1)) < 1e-9
+
+
+def test_an_approval_that_was_answered_but_not_kept_is_found(calm):
+    run, _, witness = calm
+    assert witness.approved and faults.lost_approval(run, witness) == ""
+    forgetful = replace(run, store=Store())
+    assert "after a restart" in faults.lost_approval(forgetful, witness)
 
 
 def test_a_lost_table_is_found(calm):

@@ -176,6 +176,7 @@ void given_config(kc_config_t *c)
     c->poor_noise_scale = 3.0;
     c->poor_noise_scale_unlikely = 2.0;
     c->poor_p_fit = 1e-9;
+    c->store_retries = 2u;
 }
 
 /* Joints spread over the middle of the limits by a low-discrepancy sequence. */

@@ -4,12 +4,13 @@
 #include <string.h>
 
 #include "given_tables.h"
+#include "kc_crc.h"
 #include "kc_rng.h"
 #include "kc_vec.h"
 
 world_t world;
 
-static const uint16_t s_kinds[] = {1, 2, 3, 4, 5, 6, 7, KC_STORE_PREV, KC_STORE_PROPOSAL, KC_STORE_JOURNAL};
+static const uint16_t s_kinds[] = {KC_STORE_JOURNAL, 1, 2, 3, 4, 5, 6, 7, KC_STORE_PREV, KC_STORE_PROPOSAL};
 
 void given_world(void)
 {
@@ -259,23 +260,42 @@ static void obey(void)
     }
 }
 
-static void keep(const kc_store_t *s)
+static kc_status_t keep(const kc_store_t *s)
 {
     uint16_t k = s->kind;
+    if (world.keep != NULL) { return world.keep(s); }
+    if (world.store_fails != 0 && (world.store_fails_kind == 0u || world.store_fails_kind == k)) {
+        world.store_fails -= world.store_fails > 0;
+        return KC_ERR_NUM;
+    }
     if (s->n == 0u) {
         world.stored[k][0] = world.stored[k][1] = 0u;
-        return;
+        return KC_OK;
     }
+    if (world.stored[k][0] == s->n && memcmp(world.store[k][0], s->data, s->n) == 0) { return KC_OK; }
     memcpy(world.store[k][1], world.store[k][0], world.stored[k][0]);
     world.stored[k][1] = world.stored[k][0];
     memcpy(world.store[k][0], s->data, s->n);
     world.stored[k][0] = s->n;
+    return KC_OK;
+}
+
+/* Up to the first failure; the component hears of it in the next step. */
+static void store_all(const kc_out_t *o)
+{
+    kc_status_t st = KC_OK;
+    for (uint32_t i = 0u; i < o->n_store && st == KC_OK; i++) {
+        st = keep(&o->store[i]);
+        world.in.has_store_result = 1u;
+        world.in.store_kind = o->store[i].kind;
+        world.in.store_status = (int32_t)st;
+    }
 }
 
 static void listen(void)
 {
     const kc_out_t *o = &world.out;
-    for (uint32_t i = 0u; i < o->n_store; i++) { keep(&o->store[i]); }
+    store_all(o);
     for (uint32_t i = 0u; i < o->events.n; i++) {
         world.events[o->events.e[i].id]++;
         world.last[o->events.e[i].id] = o->events.e[i];
@@ -335,6 +355,18 @@ int world_until_event(uint32_t id, uint32_t max)
     return world.events[id] > before;
 }
 
+void world_seal(uint16_t kind)
+{
+    kc_active_t *a = &kc_app_instance.tables.active;
+    a->seal[kind] = kc_crc32(0u, kc_tbl_active_ptr(a, kind), kc_tbl_active_bytes(kind));
+}
+
+bool world_stored(uint32_t max)
+{
+    for (uint32_t i = 0u; i < max && kc_app_state(&kc_app_instance) == KC_ST_STORE; i++) { world_tick(); }
+    return kc_app_state(&kc_app_instance) != KC_ST_STORE;
+}
+
 bool world_calibrating(void) { return kc_states_calibrating(kc_app_state(&kc_app_instance)); }
 
 uint32_t world_events(uint32_t id) { return world.events[id]; }
@@ -355,7 +387,9 @@ kc_cmd_t *world_cmd(int32_t opcode, int32_t a0, int32_t a1, int32_t a2)
 int32_t world_do(int32_t opcode, int32_t a0, int32_t a1, int32_t a2)
 {
     (void)world_cmd(opcode, a0, a1, a2);
+    uint32_t before = world.n_acks;
     world_tick();
+    for (uint32_t i = 0u; i < 100u && world.n_acks == before; i++) { world_tick(); } /* it is stored first */
     return world.ack.status;
 }
 
@@ -371,6 +405,7 @@ void world_calibrated(void)
 {
     world_started();
     for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
+    (void)world_stored(100u);
 }
 
 /* ---- nothing changed ---- */

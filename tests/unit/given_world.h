@@ -35,6 +35,9 @@ typedef struct {
     int32_t fault;
     int64_t skew_us; /* the component's clock less that of arm and camera */
     void (*spoil)(kc_detection_t *d); /* changes every detection */
+    kc_status_t (*keep)(const kc_store_t *s); /* the store, if not the one below */
+    int store_fails; /* number of requests that the store refuses, -1: all */
+    uint16_t store_fails_kind; /* of this kind only, 0: of any */
     /* outputs up to now */
     uint32_t events[100], n_acks;
     kc_event_t last[100]; /* newest event of each id */
@@ -74,12 +77,16 @@ int world_until(kc_state_t state, uint32_t max);
 int world_until_event(uint32_t id, uint32_t max);
 /* Put a command into the next tick. */
 kc_cmd_t *world_cmd(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
-/* The same, then the tick; returns the status of its answer. */
+/* The same, then ticks until it is answered; returns the status of its answer. */
 int32_t world_do(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
+/* Step until no change is being stored. */
+bool world_stored(uint32_t max);
 /* Boot, one tick to hear the arm, START; then the first state. */
 void world_started(void);
 /* A calibration from START to its end. */
 void world_calibrated(void);
+/* A test has changed the active table of this kind in memory on purpose: flight shall take it as it is. */
+void world_seal(uint16_t kind);
 /* Power loss: only the store remains. */
 void world_restart(void);
 /* Whether the state is one of a calibration. */

@@ -147,33 +147,99 @@ void test_a_proposal_survives_a_restart_and_can_be_approved_then(void)
     TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
 }
 
-void test_killed_between_approval_and_journal_it_knows_that_the_correction_is_active(void)
+void test_an_approval_that_the_journal_does_not_name_has_not_happened(void)
 {
-    static uint8_t journal[KC_JOURNAL_BYTES];
+    static uint8_t journal[KC_JOURNAL_BYTES], proposal[KC_KIN_IMAGE_MAX];
     make_arm_wrong();
     world_calibrated();
-    uint32_t crc = world.proposal.crc;
+    uint32_t crc = world.proposal.crc, n = world.stored[KC_STORE_PROPOSAL][0];
     (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
     memcpy(journal, world.store[KC_STORE_JOURNAL][0], sizeof journal);
+    memcpy(proposal, world.store[KC_STORE_PROPOSAL][0], n);
     (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
-    memcpy(world.store[KC_STORE_JOURNAL][0], journal, sizeof journal); /* last write never happened */
+    memcpy(world.store[KC_STORE_JOURNAL][0], journal,
+           sizeof journal); /* its write and what follows never were */
+    memcpy(world.store[KC_STORE_PROPOSAL][0], proposal, n);
+    world.stored[KC_STORE_PROPOSAL][0] = n;
     world_restart();
     world_tick();
-    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_INTERRUPTED));
-    TEST_ASSERT_EQUAL_INT(KC_ST_ARMED, world.hk.boot_state);
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(world.proposal.crc_kin_before, kc_app_active(APP)->crc[KC_TBL_KIN]);
+    TEST_ASSERT_EQUAL_UINT32(crc, world.hk.proposal_crc);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
 }
 
-void test_a_review_whose_proposal_is_gone_from_the_store_counts_as_lost(void)
+static void restarted_without(uint16_t kind)
+{
+    world.stored[kind][0] = world.stored[kind][1] = 0u;
+    world_restart();
+    world_tick();
+}
+
+static void expect_lost(uint16_t kind, uint32_t named, uint32_t now)
+{
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_LOST));
+    TEST_ASSERT_EQUAL_INT(kind, world.last[KC_EVT_BOOT_LOST].index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)named, world.last[KC_EVT_BOOT_LOST].want);
+    TEST_ASSERT_EQUAL_DOUBLE((double)now, world.last[KC_EVT_BOOT_LOST].got);
+}
+
+void test_what_the_journal_names_and_the_store_does_not_have_is_reported(void)
 {
     make_arm_wrong();
     world_calibrated();
-    world.stored[KC_STORE_PROPOSAL][0] = world.stored[KC_STORE_PROPOSAL][1] = 0u;
+    uint32_t crc = world.proposal.crc, nominal = world.proposal.crc_kin_before;
+    restarted_without(KC_STORE_PROPOSAL);
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    expect_lost(KC_STORE_PROPOSAL, crc, 0u);
+    given_world();
+    make_arm_wrong();
+    world_calibrated();
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
+    (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
+    TEST_ASSERT_EQUAL_UINT32(crc, kc_app_active(APP)->crc[KC_TBL_KIN]);
+    restarted_without(KC_STORE_PREV);
+    expect_lost(KC_STORE_PREV, nominal, 0u);
+    restarted_without(KC_TBL_KIN);
+    expect_lost(KC_TBL_KIN, crc, nominal);
     world_restart();
     world_tick();
-    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_INTERRUPTED));
+    TEST_ASSERT_EQUAL_UINT32(0u,
+                             world_events(KC_EVT_BOOT_LOST)); /* said once: the journal names the new one */
+}
+
+void test_a_correction_that_the_journal_does_not_name_is_used_only_if_the_right_one_is_not_there(void)
+{
+    make_arm_wrong();
+    world_calibrated();
+    uint32_t crc = world.proposal.crc, nominal = world.proposal.crc_kin_before;
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
+    (void)world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
+    /* the newest copy is one of an approval that was cut off */
+    memcpy(world.store[KC_TBL_KIN][1], world.store[KC_TBL_KIN][0], KC_KIN_IMAGE_MAX);
+    world.stored[KC_TBL_KIN][1] = world.stored[KC_TBL_KIN][0];
+    static kc_kin_t other;
+    given_kin(&other);
+    world.stored[KC_TBL_KIN][0] = given_image(KC_TBL_KIN, &other, world.store[KC_TBL_KIN][0]);
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(crc, kc_app_active(APP)->crc[KC_TBL_KIN]);
+    TEST_ASSERT_EQUAL_UINT32(nominal, kc_app_active(APP)->kin_prev_crc);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
+    memcpy(world.store[KC_TBL_KIN][1], world.store[KC_STORE_PREV][0], world.stored[KC_STORE_PREV][0]);
+    world.stored[KC_TBL_KIN][1] =
+        world.stored[KC_STORE_PREV][0]; /* two that are not the right one: the newest */
+    uint32_t found = kc_tbl_image_crc(world.store[KC_TBL_KIN][0], world.stored[KC_TBL_KIN][0]);
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(found, kc_app_active(APP)->crc[KC_TBL_KIN]);
+    expect_lost(KC_TBL_KIN, crc, found);
+    /* without a journal the newest counts too */
+    world.stored[KC_STORE_JOURNAL][0] = world.stored[KC_STORE_JOURNAL][1] = 0u;
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(found, kc_app_active(APP)->crc[KC_TBL_KIN]);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
 }
 
 void test_the_copy_for_rollback_survives_and_one_equal_to_the_active_table_is_passed_over(void)

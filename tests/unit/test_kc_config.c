@@ -110,6 +110,7 @@ static const spoil_t s_spoil[] = {
     {65, AT(poor_noise_scale), 'd', 2e3},
     {66, AT(poor_noise_scale_unlikely), 'd', 0.5},
     {67, AT(poor_p_fit), 'd', 1.5},
+    {68, AT(store_retries), 'u', 101.0},
 };
 
 static void spoil(const spoil_t *s, double value)

@@ -217,10 +217,15 @@ void test_a_table_goes_up_and_comes_down(void)
     }
     send_time(2);
     pump();
-    TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
-    TEST_ASSERT_TRUE(s_f.there[KC_TBL_CONFIG][0]); /* stored before anybody heard of it */
-    send_cmd(200000, 3, KC_CMD_TABLE_DUMP, KC_TBL_CONFIG);
+    TEST_ASSERT_TRUE(s_f.there[KC_TBL_CONFIG][0]); /* stored before it is active and answered */
+    TEST_ASSERT_EQUAL_UINT32(6u, kc_app_active(APP)->config.n_poses);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_n_ack);
     send_time(3);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(9u, kc_app_active(APP)->config.n_poses);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_n_ack);
+    send_cmd(300000, 3, KC_CMD_TABLE_DUMP, KC_TBL_CONFIG);
+    send_time(4);
     pump();
     TEST_ASSERT_EQUAL_UINT32(1u, s_n_down);
 }

@@ -1,11 +1,15 @@
 /* kc_files.c: the store through torn writes, damage and kills; the directory of tables. */
-#define _DEFAULT_SOURCE /* NOLINT: mkdtemp */
+#define _GNU_SOURCE /* NOLINT: mkdtemp, syscall */
 
+#include <errno.h>
 #include <fcntl.h>
+#include <setjmp.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include "given_tables.h"
@@ -19,6 +23,99 @@ static kc_files_t s_f;
 static char s_root[64], s_dir[128], s_tables[128], s_path[256];
 static uint8_t s_image[KC_IMAGE_MAX];
 static uint32_t s_n;
+
+/* ---- a medium that fails, or loses power, at any change of a file ----
+ *
+ * These take the place of the C library's for kc_files.c. Changes are counted from 1 while s_count is on. */
+
+typedef enum { HOLDS, KILLS, FAILS_ONCE, FAILS_FROM, FAILS_ALL_BUT_DELETING, FLIPS } harm_t;
+
+static struct {
+    int on;
+    harm_t harm;
+    long at, n;    /* change that suffers, changes so far */
+    double torn;   /* KILLS: part of a write that is done first */
+    int fd;        /* open for writing */
+    int reached;   /* the change was reached */
+    jmp_buf power; /* gone */
+} s_m = {.fd = -1};
+
+static int suffers(int deleting)
+{
+    if (!s_m.on) { return 0; }
+    s_m.n++;
+    int hit = s_m.n == s_m.at || (s_m.n > s_m.at && s_m.harm >= FAILS_FROM && s_m.harm != FLIPS);
+    if (!hit || s_m.harm == HOLDS || (deleting && s_m.harm == FAILS_ALL_BUT_DELETING)) { return 0; }
+    s_m.reached = 1;
+    if (s_m.harm == FLIPS) { return 0; }
+    errno = s_m.at % 2 == 0 ? ENOSPC : EROFS;
+    return 1;
+}
+
+static void die(void)
+{
+    if (s_m.harm != KILLS) { return; }
+    if (s_m.fd >= 0) { (void)syscall(SYS_close, s_m.fd); }
+    s_m.fd = -1;
+    s_m.on = 0;
+    longjmp(s_m.power, 1);
+}
+
+ssize_t write(int fd, const void *buf, size_t n)
+{
+    static uint8_t flipped[KC_IMAGE_MAX];
+    if (fd != s_m.fd) { return syscall(SYS_write, fd, buf, n); }
+    if (suffers(0)) {
+        size_t part = (size_t)((double)n * s_m.torn);
+        if (s_m.harm == KILLS) { (void)syscall(SYS_write, fd, buf, part); }
+        die();
+        return -1;
+    }
+    if (s_m.on && s_m.harm == FLIPS && s_m.n == s_m.at) {
+        memcpy(flipped, buf, n);
+        flipped[n / 2u] ^= 4u;
+        return syscall(SYS_write, fd, flipped, n);
+    }
+    return syscall(SYS_write, fd, buf, n);
+}
+
+int openat(int dir, const char *name, int flags, ...)
+{
+    va_list va;
+    va_start(va, flags);
+    unsigned mode = (flags & O_CREAT) != 0 ? va_arg(va, unsigned) : 0u;
+    va_end(va);
+    int writing = (flags & O_CREAT) != 0;
+    if (writing && suffers(0)) {
+        die();
+        return -1;
+    }
+    int fd = (int)syscall(SYS_openat, dir, name, flags, mode);
+    if (writing) { s_m.fd = fd; }
+    return fd;
+}
+
+int fsync(int fd)
+{
+    if (!suffers(0)) { return fcntl(fd, F_GETFD) < 0 ? -1 : 0; } /* nothing here outlives the test */
+    die();
+    return -1;
+}
+
+int renameat(int from_dir, const char *from, int to_dir, const char *to)
+{
+    s_m.fd = -1; /* closed */
+    if (!suffers(0)) { return (int)syscall(SYS_renameat2, from_dir, from, to_dir, to, 0u); }
+    die();
+    return -1;
+}
+
+int unlinkat(int dir, const char *name, int flags)
+{
+    if (!suffers(1)) { return (int)syscall(SYS_unlinkat, dir, name, flags); }
+    die();
+    return -1;
+}
 
 static const char *path(const char *dir, const char *name)
 {
@@ -51,6 +148,8 @@ static void close_store(void)
 void setUp(void);
 void setUp(void)
 {
+    memset(&s_m, 0, sizeof s_m);
+    s_m.fd = -1;
     given_world();
     memcpy(s_root, "/tmp/kc_files_XXXXXX", 21u);
     TEST_ASSERT_NOT_NULL(mkdtemp(s_root));
@@ -264,4 +363,344 @@ void test_more_table_files_than_there_is_room_for_do_no_harm(void)
 void test_a_tables_directory_that_is_not_there_is_refused(void)
 {
     TEST_ASSERT_EQUAL_INT(-1, kc_files_load(&s_f, "/nowhere", APP));
+}
+
+/* ---- approval, rejection, rollback, a correction from the ground: killed or refused anywhere ---- */
+
+typedef struct {
+    uint32_t n[KC_FILES_KINDS][2];
+    uint8_t data[KC_FILES_KINDS][2][KC_SLOT_HDR_BYTES + KC_KIN_IMAGE_MAX];
+} stored_t;
+
+/* What is in force. */
+typedef struct {
+    uint32_t kin, prev, proposal;
+} in_force_t;
+
+static stored_t s_begin;
+static long s_kills, s_failures;
+
+static kc_status_t keep_in_files(const kc_store_t *s) { return kc_files_store(&s_f, s); }
+
+static const uint16_t s_small[] = {KC_TBL_KIN, KC_STORE_PREV, KC_STORE_PROPOSAL, KC_STORE_JOURNAL};
+
+static void slot_path(uint16_t kind, unsigned slot)
+{
+    char name[16];
+    (void)snprintf(name, sizeof name, "k%02u.%c", (unsigned)kind, slot == 0u ? 'a' : 'b');
+    (void)path(s_dir, name);
+}
+
+static void save(stored_t *to)
+{
+    memset(to, 0, sizeof *to);
+    for (unsigned i = 0u; i < 8u; i++) {
+        uint16_t k = s_small[i / 2u];
+        slot_path(k, i % 2u);
+        FILE *f = fopen(s_path, "rb");
+        if (f == NULL) { continue; }
+        to->n[k][i % 2u] = (uint32_t)fread(to->data[k][i % 2u], 1u, sizeof to->data[k][0], f);
+        (void)fclose(f);
+    }
+}
+
+static void restore(const stored_t *from)
+{
+    for (unsigned i = 0u; i < 8u; i++) {
+        uint16_t k = s_small[i / 2u];
+        slot_path(k, i % 2u);
+        (void)remove(s_path);
+        if (from->n[k][i % 2u] == 0u) { continue; }
+        FILE *f = fopen(s_path, "wb");
+        TEST_ASSERT_NOT_NULL(f);
+        (void)fwrite(from->data[k][i % 2u], 1u, from->n[k][i % 2u], f);
+        (void)fclose(f);
+    }
+}
+
+/* The default tables as files, once; later starts load them and what is stored. */
+static void given_default_tables(void)
+{
+    static const uint16_t kinds[] = {1, 2, 3, 5, 6, 7};
+    world_boot();
+    for (unsigned i = 0u; i < 6u; i++) {
+        char name[16];
+        (void)snprintf(name, sizeof name, "t%u.tbl", (unsigned)kinds[i]);
+        s_n = given_image(kinds[i], kc_tbl_active_ptr(kc_app_active(APP), kinds[i]), s_image);
+        write_file(s_tables, name, s_image, s_n);
+    }
+}
+
+static void power_up(void)
+{
+    close_store();
+    open_store();
+    world.requested = 0;
+    memset(&world.in, 0, sizeof world.in);
+    memset(world.events, 0, sizeof world.events);
+    world.cmd_seq[1] = world.cmd_seq[2] = 0;
+    kc_app_init(APP);
+    (void)kc_files_load(&s_f, s_tables, APP);
+    kc_app_boot(APP);
+    world_tick();
+}
+
+static in_force_t in_force(void)
+{
+    const kc_active_t *a = kc_app_active(APP);
+    return (in_force_t){a->crc[KC_TBL_KIN], a->kin_prev_crc, APP->review.crc};
+}
+
+static int same(in_force_t a, in_force_t b)
+{
+    return a.kin == b.kin && a.prev == b.prev && a.proposal == b.proposal;
+}
+
+static int32_t approve(void)
+{
+    int32_t crc = (int32_t)APP->review.crc;
+    int32_t st = world_do(KC_CMD_APPROVE_ARM, crc, 0, 0);
+    return st == KC_OK ? world_do(KC_CMD_APPROVE_GO, crc, 0, 0) : st;
+}
+
+static int32_t reject(void) { return world_do(KC_CMD_REJECT, (int32_t)APP->review.crc, 0, 0); }
+
+static int32_t roll_back(void)
+{
+    return world_do(KC_CMD_ROLLBACK, (int32_t)kc_app_active(APP)->crc[KC_TBL_KIN], 0, 0);
+}
+
+static int32_t from_ground(void)
+{
+    static kc_kin_t kin;
+    given_kin(&kin);
+    kin.arm_crc = kc_app_active(APP)->crc[KC_TBL_ARM];
+    kin.terms_crc = kc_app_active(APP)->crc[KC_TBL_TERMS];
+    kin.value[3] = 0.01;
+    s_n = given_image(KC_TBL_KIN, &kin, s_image);
+    int32_t crc = (int32_t)kc_tbl_image_crc(s_image, s_n);
+    for (uint32_t at = 0u; at < s_n; at += KC_CHUNK_BYTES) {
+        kc_chunk_t *c = &world.in.chunk[world.in.n_chunk++];
+        *c = (kc_chunk_t){.kind = KC_TBL_KIN, .total = s_n, .offset = at};
+        c->n = s_n - at < KC_CHUNK_BYTES ? s_n - at : KC_CHUNK_BYTES;
+        memcpy(c->data, &s_image[at], c->n);
+    }
+    int32_t st = world_do(KC_CMD_TABLE_VALIDATE, KC_TBL_KIN, crc, 0);
+    return st == KC_OK ? world_do(KC_CMD_TABLE_ACTIVATE, KC_TBL_KIN, crc, 0) : st;
+}
+
+/* A calibration, up to a proposal that waits. */
+static void proposed(double phi_rad)
+{
+    world.truth.joint[6].phi_rad = phi_rad;
+    memset(world.q, 0, sizeof world.q);
+    memset(world.q_cmd, 0, sizeof world.q_cmd);
+    world_ticks(2u);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 8, 3));
+    for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
+    TEST_ASSERT_TRUE(world_stored(10u));
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+}
+
+/* n_before approvals, and a proposal that waits (or was rejected). */
+static void given_history(int n_before, int waits)
+{
+    given_default_tables();
+    world.keep = keep_in_files;
+    power_up();
+    for (int i = 0; i <= n_before; i++) {
+        proposed(0.1 * (i + 1));
+        if (i < n_before) { TEST_ASSERT_EQUAL_INT(KC_OK, approve()); }
+    }
+    if (!waits) { TEST_ASSERT_EQUAL_INT(KC_OK, reject()); }
+    world_ticks(3u);
+    save(&s_begin);
+}
+
+static int32_t s_acked; /* answer of the change; 1: none came */
+
+/* From the saved store: power up and make the change on a medium that does harm. True if power was lost. */
+static int harmed(int32_t (*change)(void), harm_t harm, long at, double torn)
+{
+    s_acked = 1;
+    s_m.harm = harm;
+    s_m.at = at;
+    s_m.torn = torn;
+    s_m.n = 0;
+    s_m.reached = 0;
+    if (setjmp(s_m.power) != 0) { return 1; }
+    power_up();
+    s_m.on = 1;
+    world.ack.status = 1;
+    s_acked = change();
+    world_ticks(3u);
+    s_m.on = 0;
+    return 0;
+}
+
+/* What is in force after a restart, with nothing missed and nothing left half-written. */
+static in_force_t restarted(void)
+{
+    s_m.on = 0;
+    power_up();
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_SLOT_BAD));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_TBL_DEPENDS));
+    TEST_ASSERT_EQUAL_INT(APP->review.crc != 0u ? KC_ST_REVIEW : KC_ST_IDLE, kc_app_state(APP));
+    return in_force();
+}
+
+typedef struct {
+    int32_t (*change)(void);
+    in_force_t before, after;
+    long n; /* changes of files that it takes */
+} case_t;
+
+static case_t given_case(int32_t (*change)(void))
+{
+    case_t c = {.change = change};
+    restore(&s_begin);
+    power_up();
+    c.before = in_force();
+    restore(&s_begin);
+    TEST_ASSERT_FALSE(harmed(change, HOLDS, 0, 0.0));
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_acked);
+    c.n = s_m.n;
+    c.after = in_force();
+    TEST_ASSERT_FALSE(same(c.before, c.after));
+    TEST_ASSERT_TRUE(same(c.after, restarted()));
+    return c;
+}
+
+/* Old or new, never a mixture; new for certain if it was answered. */
+static void check_kill(const case_t *c, long at, double torn)
+{
+    char what[64];
+    (void)snprintf(what, sizeof what, "kill at change %ld, %.2f of it done", at, torn);
+    in_force_t now = restarted();
+    TEST_ASSERT_TRUE_MESSAGE(same(now, c->before) || same(now, c->after), what);
+    TEST_ASSERT_TRUE_MESSAGE(s_acked != KC_OK || same(now, c->after), what);
+    s_kills++;
+}
+
+/* Killed at every change of a file, a write torn in several places; then made again, and killed again. */
+static void killed_everywhere(int32_t (*change)(void))
+{
+    static const double torn[] = {0.0, 0.02, 0.5, 0.99, 1.0};
+    case_t c = given_case(change);
+    int old = 0, new = 0;
+    for (long at = 1; at <= c.n; at++) {
+        for (unsigned t = 0u; t < sizeof torn / sizeof torn[0]; t++) {
+            restore(&s_begin);
+            TEST_ASSERT_TRUE(harmed(change, KILLS, at, torn[t]));
+            check_kill(&c, at, torn[t]);
+            if (same(in_force(), c.after)) {
+                new ++;
+                continue;
+            }
+            old++;
+            for (long k = 0; k < 2 && same(in_force(), c.before); k++) {
+                long again = (at * 7 + (long)t * 3 + k * 11) % c.n + 1;
+                if (harmed(change, KILLS, again, 0.5)) { check_kill(&c, again, 0.5); }
+            }
+            if (same(in_force(), c.before)) { TEST_ASSERT_EQUAL_INT(KC_OK, c.change()); }
+            TEST_ASSERT_TRUE(same(restarted(), c.after));
+        }
+    }
+    TEST_ASSERT_TRUE(old > 0 && new > 0);
+}
+
+/* Answered as made: it is, and stays so. Answered as refused: nothing has changed, an event says so, and later
+ * it can be made. */
+static void check_failure(const case_t *c, harm_t harm)
+{
+    char what[64];
+    (void)snprintf(what, sizeof what, "harm %d at change %ld", (int)harm, s_m.at);
+    in_force_t now = in_force();
+    TEST_ASSERT_TRUE_MESSAGE(same(now, s_acked == KC_OK ? c->after : c->before), what);
+    TEST_ASSERT_TRUE_MESSAGE(s_acked == KC_OK || world_events(KC_EVT_STORE_REFUSED) > 0u, what);
+    if (s_acked != KC_OK) { TEST_ASSERT_EQUAL_INT(KC_EVT_STORE_REFUSED, world.ack.event_id); }
+    TEST_ASSERT_TRUE_MESSAGE(!s_m.reached || world_events(KC_EVT_STORE_FAIL) > 0u || harm == FLIPS, what);
+    TEST_ASSERT_TRUE_MESSAGE(same(restarted(), now), what);
+    if (s_acked != KC_OK) { TEST_ASSERT_EQUAL_INT(KC_OK, c->change()); }
+    TEST_ASSERT_TRUE_MESSAGE(same(restarted(), c->after), what);
+    s_failures++;
+}
+
+/* Every change of a file fails: once, or it and all after it; every write reads back otherwise. */
+static void refused_everywhere(int32_t (*change)(void))
+{
+    static const harm_t harms[] = {FAILS_ONCE, FAILS_ALL_BUT_DELETING, FLIPS};
+    case_t c = given_case(change);
+    for (long at = 1; at <= c.n; at++) {
+        for (unsigned h = 0u; h < sizeof harms / sizeof harms[0]; h++) {
+            restore(&s_begin);
+            TEST_ASSERT_FALSE(harmed(change, harms[h], at, 0.0));
+            if (harms[h] != FAILS_ALL_BUT_DELETING) {
+                TEST_ASSERT_EQUAL_INT(KC_OK, s_acked);
+            } /* tried again */
+            check_failure(&c, harms[h]);
+        }
+    }
+}
+
+static void given_first(void) { given_history(0, 1); }
+static void given_second(void) { given_history(1, 1); }
+static void given_none_waiting(void) { given_history(2, 0); }
+
+static void killed_and_refused(void (*given)(void), int32_t (*change)(void))
+{
+    given();
+    killed_everywhere(change);
+    refused_everywhere(change);
+    (void)printf("%ld kills, %ld failures\n", s_kills, s_failures);
+}
+
+void test_the_first_approval_is_made_or_not_wherever_it_is_killed_or_refused(void)
+{
+    killed_and_refused(given_first, approve);
+    TEST_ASSERT_TRUE(s_kills >= 350 && s_failures >= 100);
+}
+
+void test_a_later_approval_is_made_or_not_wherever_it_is_killed_or_refused(void)
+{
+    killed_and_refused(given_second, approve);
+    TEST_ASSERT_TRUE(s_kills >= 330 && s_failures >= 90);
+}
+
+void test_a_rejection_is_made_or_not_wherever_it_is_killed_or_refused(void)
+{
+    killed_and_refused(given_second, reject);
+    TEST_ASSERT_TRUE(s_kills >= 100 && s_failures >= 40);
+}
+
+void test_a_rollback_is_made_or_not_wherever_it_is_killed_or_refused(void)
+{
+    killed_and_refused(given_none_waiting, roll_back);
+    TEST_ASSERT_TRUE(s_kills >= 180 && s_failures >= 60);
+}
+
+void test_a_correction_from_the_ground_is_made_or_not_wherever_it_is_killed_or_refused(void)
+{
+    killed_and_refused(given_none_waiting, from_ground);
+    TEST_ASSERT_TRUE(s_kills >= 260 && s_failures >= 70);
+}
+
+/* The medium dies for good at any change. What was answered as made stays; what was answered as refused may
+ * be found made only if the medium died between the write that makes it and its confirmation. */
+void test_on_a_medium_that_dies_for_good_at_most_the_last_write_is_uncertain(void)
+{
+    int uncertain = 0;
+    given_second();
+    case_t c = given_case(approve);
+    for (long at = 1; at <= c.n; at++) {
+        restore(&s_begin);
+        TEST_ASSERT_FALSE(harmed(approve, FAILS_FROM, at, 0.0));
+        in_force_t now = in_force(), later = restarted();
+        TEST_ASSERT_TRUE(same(now, s_acked == KC_OK ? c.after : c.before));
+        TEST_ASSERT_TRUE(same(later, c.before) || same(later, c.after));
+        uncertain += !same(now, later);
+        TEST_ASSERT_TRUE(s_acked != KC_OK || same(later, now));
+    }
+    TEST_ASSERT_EQUAL_INT(1, uncertain);
 }

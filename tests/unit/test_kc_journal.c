@@ -36,7 +36,7 @@ void test_a_record_says_state_session_pose_and_candidate(void)
     TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.found.pose);
     TEST_ASSERT_EQUAL_INT(0, APP->journal.found.candidate);
     TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.found.boot_count);
-    TEST_ASSERT_EQUAL_MEMORY("KCJ1", s_rec, 4u);
+    TEST_ASSERT_EQUAL_MEMORY("KCJ2", s_rec, 4u);
 }
 
 void test_a_damaged_record_is_refused_and_the_older_one_is_taken(void)
@@ -63,10 +63,10 @@ void test_every_change_of_state_is_stored_in_the_step_that_makes_it(void)
     world_boot();
     world_tick();
     (void)world_do(KC_CMD_START, -1, 2, 1);
-    for (uint32_t i = 0u; i < 400u && world_calibrating(); i++) {
+    for (uint32_t i = 0u; i < 400u && (world_calibrating() || kc_app_state(APP) == KC_ST_STORE); i++) {
         last = kc_app_state(APP);
         world_tick();
-        if (kc_app_state(APP) == last) { continue; }
+        if (kc_app_state(APP) == last || kc_app_state(APP) == KC_ST_STORE) { continue; }
         const uint8_t *rec = world.out.store[world.out.n_store - 1u].data;
         TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, world.out.store[world.out.n_store - 1u].kind);
         TEST_ASSERT_EQUAL_UINT8(kc_app_state(APP), rec[4]);
@@ -84,16 +84,23 @@ void test_a_quiet_component_stores_nothing(void)
     }
 }
 
-void test_the_last_word_on_a_kind_is_the_one_that_is_stored(void)
+void test_a_record_that_could_not_be_stored_is_tried_again_each_second_and_reported_once(void)
 {
-    static const uint8_t a[2] = {1, 2}, b[3] = {3, 4, 5};
-    memset(&world.out, 0, sizeof world.out);
-    kc_journal_store(&world.out, 4u, a, 2u);
-    kc_journal_store(&world.out, 5u, a, 2u);
-    kc_journal_store(&world.out, 4u, b, 3u);
-    TEST_ASSERT_EQUAL_UINT32(2u, world.out.n_store);
-    TEST_ASSERT_EQUAL_PTR(b, world.out.store[0].data);
-    TEST_ASSERT_EQUAL_UINT32(3u, world.out.store[0].n);
+    world_boot();
+    world_tick();
+    world.store_fails = -1;
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0); /* to SAFE: a new record */
+    world_ticks(35u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_FAIL));
+    TEST_ASSERT_EQUAL_INT((int32_t)KC_STORE_JOURNAL, world.last[KC_EVT_STORE_FAIL].index);
+    TEST_ASSERT_EQUAL_UINT8(KC_ST_IDLE, world.store[KC_STORE_JOURNAL][0][4]);
+    world.store_fails = 0;
+    world_ticks(12u);
+    TEST_ASSERT_EQUAL_UINT8(KC_ST_SAFE, world.store[KC_STORE_JOURNAL][0][4]);
+    world.store_fails = 1;
+    (void)world_do(KC_CMD_START, -1, 0, 1);
+    world_ticks(3u);
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_STORE_FAIL)); /* news again */
 }
 
 void test_boots_are_counted_and_sessions_go_on(void)

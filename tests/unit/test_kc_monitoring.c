@@ -144,6 +144,7 @@ void test_a_new_correction_begins_a_new_window(void)
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, APP->monitoring.reported.state);
     APP->tables.active.crc[KC_TBL_KIN] ^= 1u;
     APP->tables.active.kin.value[8] = 0.05; /* J3.phi_rad: the joint stands where the table says now */
+    world_seal(KC_TBL_KIN);
     observations(5u);
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.reported.state);
     TEST_ASSERT_EQUAL_UINT32(5u, APP->arena.idle.monitor.n);
@@ -164,6 +165,7 @@ void test_the_named_joint_alone_is_recalibrated(void)
     world_tick();
     TEST_ASSERT_EQUAL_INT(0, world.ack.status);
     for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
+    TEST_ASSERT_TRUE(world_stored(10u));
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_free);

@@ -327,6 +327,7 @@ void test_a_refused_waypoint_skips_the_candidate(void)
     world_started();
     TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
     APP->tables.active.config.servo.margin = 10.0; /* no joint has that margin */
+    world_seal(KC_TBL_CONFIG);
     TEST_ASSERT_TRUE(world_until(KC_ST_SELECT, 300u));
     TEST_ASSERT_TRUE(world_events(KC_EVT_GRD_LIMIT) >= 1u); /* others are tried */
     TEST_ASSERT_TRUE(world_events(KC_EVT_CAL_CAND_SKIPPED) >= 1u);

@@ -246,10 +246,16 @@ void test_an_activation_is_stored_so_that_no_kill_between_two_writes_does_harm(v
     (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, 0, 0);
     (void)world_cmd(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0);
     world_tick();
-    const uint16_t order[] = {KC_STORE_PREV, KC_TBL_KIN, KC_STORE_PROPOSAL, KC_STORE_JOURNAL};
+    /* what is in force, its copy for rollback, what comes; then the journal names it */
+    const uint16_t order[] = {KC_TBL_KIN, KC_STORE_PREV, KC_TBL_KIN, KC_STORE_JOURNAL};
     TEST_ASSERT_EQUAL_UINT32(4u, world.out.n_store);
     for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_EQUAL_UINT16(order[i], world.out.store[i].kind); }
-    TEST_ASSERT_EQUAL_UINT32(0u, world.out.store[2].n);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.events[KC_EVT_COR_ACTIVE]);
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(1u, world.events[KC_EVT_COR_ACTIVE]);
+    TEST_ASSERT_EQUAL_UINT16(KC_STORE_PROPOSAL, world.out.store[0].kind);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.out.store[0].n);
+    TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, world.out.store[1].kind); /* its second copy */
 }
 
 void test_a_corrected_arm_needs_no_change(void)

@@ -24,15 +24,16 @@ void test_a_budget_ends_every_state_of_a_calibration_and_no_other(void)
     }
 }
 
-void test_only_idle_review_armed_and_safe_are_outside_a_calibration(void)
+void test_only_idle_review_armed_safe_and_store_are_outside_a_calibration(void)
 {
     uint32_t outside = 0u;
     for (uint32_t s = 0u; s < KC_ST_COUNT; s++) { outside += kc_states_calibrating((kc_state_t)s) ? 0u : 1u; }
-    TEST_ASSERT_EQUAL_UINT32(4u, outside);
+    TEST_ASSERT_EQUAL_UINT32(5u, outside);
     TEST_ASSERT_FALSE(kc_states_calibrating(KC_ST_IDLE));
     TEST_ASSERT_FALSE(kc_states_calibrating(KC_ST_REVIEW));
     TEST_ASSERT_FALSE(kc_states_calibrating(KC_ST_ARMED));
     TEST_ASSERT_FALSE(kc_states_calibrating(KC_ST_SAFE));
+    TEST_ASSERT_FALSE(kc_states_calibrating(KC_ST_STORE));
 }
 
 void test_the_states_of_the_estimate_and_the_proposal_wait_for_no_budget(void)
@@ -47,7 +48,7 @@ void test_an_outcome_that_a_state_does_not_have_leaves_it(void)
 {
     expect(KC_ST_IDLE, KC_OC_DONE, KC_ST_IDLE, false);
     expect(KC_ST_AIM, KC_OC_SKIP, KC_ST_AIM, false);
-    expect(KC_ST_REVIEW, KC_OC_APPROVE, KC_ST_REVIEW, false); /* not without the first step */
+    expect(KC_ST_REVIEW, KC_OC_EXPIRE, KC_ST_REVIEW, false); /* not without the first step */
 }
 
 void test_a_pose_goes_from_selection_to_report(void)

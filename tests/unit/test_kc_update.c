@@ -162,6 +162,7 @@ void test_a_budget_used_up_while_choosing_proposes_too(void)
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
     TEST_ASSERT_EQUAL_INT(KC_ST_SELECT, kc_app_state(APP));
     APP->tables.active.config.budget_us = 1u;
+    world_seal(KC_TBL_CONFIG);
     world.arm_cmd.hold = 9u;
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
@@ -184,6 +185,7 @@ void test_a_budget_does_not_cut_an_update_short(void)
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
     APP->tables.active.config.budget_us = 1u;
+    world_seal(KC_TBL_CONFIG);
     TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 20u) || kc_app_state(APP) == KC_ST_IDLE);
     TEST_ASSERT_EQUAL_UINT32(1u, world.n_progress);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
@@ -573,6 +575,7 @@ static void stopped_with(uint32_t own)
     world_started();
     for (uint32_t i = 0u; i < 4000u && APP->plan.n_meas < 7u + own; i++) { world_tick(); }
     APP->tables.active.config.budget_us = 1u;
+    world_seal(KC_TBL_CONFIG);
     for (uint32_t i = 0u; i < 100u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(7u + own, world.n_meas);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
