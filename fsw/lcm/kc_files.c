@@ -236,7 +236,7 @@ static int write_all(int fd, const uint8_t *data, size_t n)
     return 0;
 }
 
-/* What is read later has to come from the medium, not from memory. */
+/* Its pages are dropped at the end, so that it is read back from the medium. */
 static int write_tmp(const kc_files_t *f, const char *name, const uint8_t *hdr, const kc_store_t *s)
 {
     int fd = openat(f->dir_fd, name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
@@ -300,15 +300,13 @@ static kc_status_t write_slot(kc_files_t *f, const kc_store_t *s)
     slot_name(s->kind, slot, name);
     uint64_t next = num[1u - slot] + 1u;
     kc_status_t st = put_slot(f, name, s, next);
-    if (st != KC_OK) { /* not half done: what was the newest is so again */
-        look_at(f, s->kind, slot);
-        if (f->number[s->kind][slot] != 0u && f->number[s->kind][slot] != next) {
-            return st;
-        } /* the old one */
+    look_at(f, s->kind, slot);
+    if (st != KC_OK &&
+        (num[slot] == 0u || num[slot] == next)) { /* half done: the newest before is so again */
         (void)unlinkat(f->dir_fd, name, 0);
         (void)fsync(f->dir_fd);
+        look_at(f, s->kind, slot);
     }
-    look_at(f, s->kind, slot);
     return st;
 }
 

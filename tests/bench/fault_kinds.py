@@ -631,7 +631,7 @@ def correction_refused(_t, _rng):
     return Fault(Hooks(keep=lambda _tick, k, data: None if k == KIN else data))
 
 
-@kind("the store refuses to write every other second")
+@kind("the store refuses to write every other second", "STORE_FAIL")
 def store_refuses_often(_t, _rng):
     return Fault(Hooks(keep=lambda tick, _kind, data: None if tick % 20 < 10 else data))
 

@@ -226,13 +226,15 @@ void test_a_correction_that_the_journal_does_not_name_is_used_only_if_the_right_
     TEST_ASSERT_EQUAL_UINT32(crc, kc_app_active(APP)->crc[KC_TBL_KIN]);
     TEST_ASSERT_EQUAL_UINT32(nominal, kc_app_active(APP)->kin_prev_crc);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
-    world.stored[KC_TBL_KIN][1] = 0u;
+    memcpy(world.store[KC_TBL_KIN][1], world.store[KC_STORE_PREV][0], world.stored[KC_STORE_PREV][0]);
+    world.stored[KC_TBL_KIN][1] =
+        world.stored[KC_STORE_PREV][0]; /* two that are not the right one: the newest */
     uint32_t found = kc_tbl_image_crc(world.store[KC_TBL_KIN][0], world.stored[KC_TBL_KIN][0]);
     world_restart();
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(found, kc_app_active(APP)->crc[KC_TBL_KIN]);
     expect_lost(KC_TBL_KIN, crc, found);
-    /* without a journal the newest counts */
+    /* without a journal the newest counts too */
     world.stored[KC_STORE_JOURNAL][0] = world.stored[KC_STORE_JOURNAL][1] = 0u;
     world_restart();
     world_tick();

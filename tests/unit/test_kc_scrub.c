@@ -1,6 +1,7 @@
 /* kc_scrub.c: memory that changes by itself is found, named, and not used any more. */
 #include <string.h>
 
+#include "given_tables.h"
 #include "given_world.h"
 #include "unity.h"
 
@@ -107,6 +108,31 @@ void test_a_correction_that_changed_in_memory_comes_back_from_the_store(void)
     world_tick();
     TEST_ASSERT_EQUAL_UINT32((uint32_t)crc, kc_app_active(APP)->crc[KC_TBL_KIN]);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
+}
+
+void test_a_correction_that_changed_in_memory_can_be_replaced_from_the_ground(void)
+{
+    static kc_kin_t kin;
+    world_boot();
+    world_tick();
+    flip(&APP->tables.active.kin, (uint32_t)sizeof(kc_kin_t), 700u);
+    world_ticks(ROUND);
+    expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_KIN);
+    given_kin(&kin);
+    kin.arm_crc = kc_app_active(APP)->crc[KC_TBL_ARM];
+    kin.terms_crc = kc_app_active(APP)->crc[KC_TBL_TERMS];
+    uint32_t n = given_image(KC_TBL_KIN, &kin, world.image);
+    int32_t crc = (int32_t)kc_tbl_image_crc(world.image, n);
+    for (uint32_t at = 0u; at < n; at += KC_CHUNK_BYTES) {
+        uint32_t left = n - at, part = left < KC_CHUNK_BYTES ? left : KC_CHUNK_BYTES;
+        world.in.chunk[0] = (kc_chunk_t){.kind = KC_TBL_KIN, .total = n, .offset = at, .n = part};
+        memcpy(world.in.chunk[0].data, &world.image[at], part);
+        world.in.n_chunk = 1u;
+        world_tick();
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_VALIDATE, KC_TBL_KIN, crc, 0));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_ACTIVATE, KC_TBL_KIN, crc, 0));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 0));
 }
 
 void test_a_flipped_bit_of_an_observation_ends_the_calibration_and_a_new_one_may_start(void)
