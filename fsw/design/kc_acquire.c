@@ -241,7 +241,7 @@ static uint64_t unit_cost(const kc_est_t *est, const kc_acq_work_t *w)
 {
     const uint64_t n = w->n;
     const uint64_t jacobian = kc_model_cost(est->arm, est->terms, 1) + 5000u + 260u * n;
-    switch ((phase_t)w->phase) {
+    switch (w->phase) {
     case INVERT: return 20000u + 3u * n * n * n;
     case WEIGH: return 20000u + 20u * n * n * n;
     case GAIN: return jacobian + 5000u + (w->kind == KC_ACQ_VOPT ? 104u : 52u) * n * n;
@@ -259,7 +259,7 @@ static void do_unit(const kc_est_t *est, const float *q, kc_acq_work_t *w)
 {
     const float *at = &q[w->i * KC_JOINT_MAX];
     kc_status_t st = KC_OK;
-    switch ((phase_t)w->phase) {
+    switch (w->phase) {
     case INFORM: inform(est, w->i, w); break;
     case INVERT: st = invert(w); break;
     case SPREAD: spread(est, at, w); break;
@@ -271,7 +271,7 @@ static void do_unit(const kc_est_t *est, const float *q, kc_acq_work_t *w)
 
 static void after(kc_acq_work_t *w, uint32_t n_cand)
 {
-    switch ((phase_t)w->phase) {
+    switch (w->phase) {
     case INFORM: next(w, INVERT); break;
     case INVERT: next(w, w->kind == KC_ACQ_VOPT ? SPREAD : GAIN); break;
     case SPREAD: next(w, WEIGH); break;

@@ -162,7 +162,8 @@ static bool sum_changes(kc_proposing_t *j, const kc_view_t *v, kc_work_t *work)
 
 static double change_m(const kc_proposing_t *j, const kc_view_t *v)
 {
-    return kc_sqrt(j->change2 / (double)(j->i_cand / kc_view_stride(v)));
+    uint32_t count = j->i_cand / kc_view_stride(v);
+    return kc_sqrt(j->change2 / (double)count);
 }
 
 static bool bounds_active(const kc_proposal_t *p)

@@ -295,8 +295,10 @@ static bool predict(kc_learned_t *l, const kc_view_t *v, kc_work_t *work)
         l->sum2.pos_m += cov[0] + cov[7] + cov[14];
         l->sum2.rot_rad += cov[21] + cov[28] + cov[35];
     }
-    double scale = kc_max(1.0, v->est->noise_scale), count = (double)(l->i / stride);
-    l->pred = (kc_miss_t){scale * kc_sqrt(l->sum2.pos_m / count), scale * kc_sqrt(l->sum2.rot_rad / count)};
+    uint32_t count = l->i / stride;
+    double scale = kc_max(1.0, v->est->noise_scale);
+    l->pred = (kc_miss_t){scale * kc_sqrt(l->sum2.pos_m / (double)count),
+                          scale * kc_sqrt(l->sum2.rot_rad / (double)count)};
     return true;
 }
 

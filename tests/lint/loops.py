@@ -2,11 +2,11 @@
 
     loops.py [--check] [ROOT]
 
-Writes docs/LOOPS.md: each loop of fsw/math to fsw/exec with its bound; with --check compares. A bound is a number
-or a macro of upper case in the loop's condition, or what tests/lint/loops.toml says of the variable in it: a
-name that has one meaning everywhere, one of a file ("n"), or of a function in it ("kc_x.n"). Whatever bound that
-file gives has to be made of numbers and of macros that the code defines. Exits with 1 if a loop has none, or if
-the list is not what the code says."""
+Writes docs/LOOPS.md: each loop of fsw/math to fsw/exec with its bound; with --check compares. A bound is a
+number or a macro of upper case in the loop's condition, or what tests/lint/loops.toml says of the variable in
+it: a name that has one meaning everywhere, one of a file ("n"), or of a function in it ("kc_x.n"). Whatever
+bound that file gives has to be made of numbers and of macros that the code defines. Exits with 1 if a loop
+has none, or if the list is not what the code says."""
 
 import re
 import sys

@@ -160,6 +160,16 @@ void test_numbers_that_overflow_are_reported(void)
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_est_solve(&s_est));
 }
 
+/* The residuals at start are finite, the cost with its prior is not. */
+void test_a_prior_that_overflows_is_reported(void)
+{
+    given(6u, 0.0);
+    s_est.opt.use_prior = 1u;
+    s_terms.coef[0].prior_sigma = 1e-200;
+    s_est.start[0] = 0.01;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_est_solve(&s_est));
+}
+
 /* ---- solving ---- */
 
 void test_the_papers_errors_are_found_from_zero(void)
