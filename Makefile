@@ -225,7 +225,7 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench-samples blind montecarlo campaign-faults occlusion real halves
+.PHONY: demo hil bench-samples blind montecarlo sigma campaign-faults occlusion real halves
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -238,6 +238,9 @@ bench-samples: setup build ## held-out error against number of poses, for all ac
 
 blind: setup core ## sealed hidden effects: what the workbench finds, and whether its probabilities are honest
 	.venv/bin/python tests/bench/blind.py
+
+sigma: setup build ## calibrations through pixels: is the stated sigma what the error is? (RUNS, SEED)
+	.venv/bin/python tests/bench/sigma.py $(if $(RUNS),--runs $(RUNS)) $(if $(SEED),--seed $(SEED))
 
 montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unverified commands, how they end (RUNS, OUTSIDE, SEED)
 	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE)) $(if $(SEED),--seed $(SEED))

@@ -31,6 +31,10 @@ from .tag_renderer import Lighting, TagRenderer, Window
 from .tags import Tag
 from .transforms import rot, trans
 
+# Beside the tags' prints: more than the detector looks at.
+TAG_MARGIN_PX = 40
+JPEG_BLOCK_PX = 16
+FLAT_DN = 96
 MODELS = Path(__file__).resolve().parent.parent / "models"
 
 
@@ -99,6 +103,14 @@ class Jpeg:
     quality: int
 
 
+@dataclass(frozen=True)
+class TagsRadiance:
+    """The scene about the tags as it reaches the lens, 0..255."""
+
+    part: Window
+    frame: np.ndarray
+
+
 class Camera:
     """Takes frames of one MuJoCo model. Holds a software GL context; call close() when done."""
 
@@ -136,10 +148,46 @@ class Camera:
         self._update(data, T_base_cam)
         frame, depth = self._render_window(T_base_cam, Window(0, 0, cfg.width_px, cfg.height_px), 1)
         frame = np.ascontiguousarray(frame)
-        lighting = Lighting(self.model, data, self._scene.lights[: self._scene.nlight], self._shadows)
-        for tag in cfg.tags:
-            self._tags.draw(frame, depth, lighting, T_base_cam, T_base_tool, tag)
+        self._draw_tags(frame, depth, data, T_base_cam, T_base_tool)
         return frame
+
+    def _draw_tags(
+        self,
+        frame: np.ndarray,
+        depth_m: np.ndarray,
+        data: mujoco.MjData,
+        T_base_cam: np.ndarray,
+        T_base_tool: np.ndarray,
+    ) -> None:
+        lighting = Lighting(self.model, data, self._scene.lights[: self._scene.nlight], self._shadows)
+        for tag in self.cfg.tags:
+            self._tags.draw(frame, depth_m, lighting, T_base_cam, T_base_tool, tag)
+
+    def tags_radiance(
+        self, data: mujoco.MjData, T_base_cam: np.ndarray, T_base_tool: np.ndarray
+    ) -> TagsRadiance | None:
+        """The part of radiance() about the tags, in a fraction of the time; None if no tag faces the camera.
+
+        It is made of whole JPEG blocks, so that compression there is that of the whole frame.
+        """
+        T_cam_tool = np.linalg.inv(T_base_cam) @ T_base_tool
+        part = self._tags.around(T_cam_tool, self.cfg.tags, TAG_MARGIN_PX, JPEG_BLOCK_PX)
+        if part is None:
+            return None
+        shape = (self.cfg.height_px, self.cfg.width_px)
+        frame, depth = np.zeros(shape, np.float32), np.full(shape, np.inf, np.float32)
+        self._gl.make_current()
+        self._update(data, T_base_cam)
+        frame[part.slices], depth[part.slices] = self._render_window(T_base_cam, part, 1)
+        self._draw_tags(frame, depth, data, T_base_cam, T_base_tool)
+        return TagsRadiance(part, frame[part.slices].copy())
+
+    def expose_tags(self, radiance: TagsRadiance | None, rng: np.random.Generator) -> np.ndarray:
+        """(height, width) uint8: one frame of tags_radiance(), flat grey elsewhere."""
+        image = np.full((self.cfg.height_px, self.cfg.width_px), FLAT_DN, np.uint8)
+        if radiance is not None:
+            image[radiance.part.slices] = self._expose(radiance.frame, rng)
+        return image
 
     def render(
         self,
@@ -149,10 +197,13 @@ class Camera:
         rng: np.random.Generator,
     ) -> np.ndarray:
         """(height, width) uint8: one frame in grey. The MuJoCo world is the arm's base frame."""
+        return self._expose(self.radiance(data, T_base_cam, T_base_tool), rng)
+
+    def _expose(self, frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """What the sensor makes of it: lens blur, shot and read noise, 8 bits."""
         optics = self.cfg.optics
-        frame = self.radiance(data, T_base_cam, T_base_tool)
         sigma = optics["psf_sigma_px"]
-        frame = cv2.GaussianBlur(frame, (7, 7), sigma) if sigma > 0.0 else frame
+        frame = cv2.GaussianBlur(frame, (7, 7), sigma) if sigma > 0.0 else frame.copy()
         noise_dn = np.sqrt(optics["read_noise_dn"] ** 2 + frame / np.float32(optics["electrons_per_dn"]))
         frame += noise_dn * rng.standard_normal(frame.shape, dtype=np.float32)
         return np.clip(np.rint(frame), 0, 255).astype(np.uint8)

@@ -120,6 +120,20 @@ class TagRenderer:
         mean = mixed.reshape(part.height, SUPER, part.width, SUPER).mean(axis=(1, 3))
         frame[part.slices] = mean
 
+    def around(
+        self, T_cam_tool: np.ndarray, drawn: Sequence[Tag], margin_px: int, block_px: int
+    ) -> Window | None:
+        """The part of the image with all tags in view and a margin about them, in whole blocks."""
+        windows = [self._window(T_cam_tool @ tag.T_tool_tag, tag) for tag in drawn]
+        found = [w for w in windows if w is not None]
+        if not found:
+            return None
+        low = np.min([[w.u0, w.v0] for w in found], axis=0) - margin_px
+        high = np.max([[w.u0 + w.width, w.v0 + w.height] for w in found], axis=0) + margin_px
+        u0, v0 = np.maximum(low // block_px * block_px, 0)
+        u1, v1 = np.minimum(-(-high // block_px) * block_px, self.size_px)
+        return Window(int(u0), int(v0), int(u1 - u0), int(v1 - v0))
+
     def _window(self, T_cam_tag: np.ndarray, tag: Tag) -> Window | None:
         """The part of the image that the tag covers; None if it is not in view or seen from behind."""
         R, t = T_cam_tag[:3, :3], T_cam_tag[:3, 3]

@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <cstring>
 #include <exception>
+#include <iostream>
 #include <opencv2/imgcodecs.hpp>
 #include <stdexcept>
 #include <string>
@@ -244,17 +245,27 @@ void print_json(const std::string &path, const kcm_detection_t &d, int unknown, 
     print_list("corner_px", d.corner_px, "}\n");
 }
 
+void process_file(const Config &config, Detector &detector, const std::string &path)
+{
+    const auto start = std::chrono::steady_clock::now();
+    const cv::Mat grey = cv::imread(path, cv::IMREAD_GRAYSCALE);
+    if (grey.empty()) { throw std::runtime_error(path + ": not a readable image"); }
+    int unknown = 0;
+    const kcm_detection_t msg = process_frame(config, detector, grey, &unknown);
+    const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
+    print_json(path, msg, unknown, took.count());
+    std::fflush(stdout);
+}
+
 void process_files(const Options &options, const Config &config)
 {
     Detector detector(config);
     for (const std::string &path : options.images) {
-        const auto start = std::chrono::steady_clock::now();
-        const cv::Mat grey = cv::imread(path, cv::IMREAD_GRAYSCALE);
-        if (grey.empty()) { throw std::runtime_error(path + ": not a readable image"); }
-        int unknown = 0;
-        const kcm_detection_t msg = process_frame(config, detector, grey, &unknown);
-        const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
-        print_json(path, msg, unknown, took.count());
+        if (path != "-") {
+            process_file(config, detector, path);
+            continue;
+        }
+        for (std::string line; std::getline(std::cin, line);) { process_file(config, detector, line); }
     }
 }
 
@@ -267,7 +278,8 @@ constexpr const char *USAGE =
     "  --url URL       LCM network, for example udpm://239.255.76.67:7667?ttl=0\n"
     "  --lockstep      answer every KC_TIME with KC_TICK_DONE once all images before it are done\n"
     "  --verbose       one line for every frame\n"
-    "  --image FILE... read image files and print one JSON line for each\n";
+    "  --image FILE... read image files and print one JSON line for each;\n"
+    "                  - reads their names from standard input, one a line, until it ends\n";
 
 Options parse(int argc, char **argv)
 {

@@ -12,6 +12,15 @@ namespace {
 constexpr double SAME_RAD = 0.01;
 constexpr int REFINE_ITER_MAX = 50;
 constexpr double REFINE_EPS = 1e-12;
+constexpr int WEIGHTED_ITER_MAX = 15;
+constexpr double WEIGHTED_EPS = 1e-10;
+// Tilts of a tag seen from the front: the minima are not farther from each other, the one minimum is not more oblique.
+constexpr double FRONT_BETWEEN_RAD = 0.21;
+constexpr double FRONT_INCIDENCE_RAD = 0.105;
+constexpr int TILTS_ALONG = 30;  // to each side
+constexpr int TILTS_ACROSS = 8;
+constexpr double TILT_SIGMAS = 4.0;
+constexpr int TILT_ITER = 2;
 
 using Points = std::vector<cv::Point3d>;
 using Pixels = std::vector<cv::Point2d>;
@@ -106,27 +115,281 @@ cv::Matx<double, 2, 6> corner_jacobian(const cv::Matx33d &K, const Pose &pose, c
     return J;
 }
 
-// Variance of a corner coordinate [px^2]. The known corner noise counts as corner_sigma_weight residuals,
-// beside those of this fit that its 6 unknowns left free: with one tag these are only two.
-double corner_variance(const Config &config, const Pose &pose, size_t n_corners)
+using Corners = std::array<cv::Point2d, 4>;
+using Matx88 = cv::Matx<double, 8, 8>;
+using Matx84 = cv::Matx<double, 8, 4>;
+
+// Standard deviation of the offset of a line that was fitted to an edge [px]. An edge along a row or a column of
+// pixels meets every pixel at the same place, so that its error does not average out.
+double edge_sigma(const Config &config, const cv::Point2d &along)
 {
-    const double n = 2.0 * static_cast<double>(n_corners);
-    const double known = config.corner_sigma_weight * config.corner_sigma_px * config.corner_sigma_px;
-    return (known + n * pose.rms_px * pose.rms_px) / (config.corner_sigma_weight + n - 6.0);
+    const double steps = std::min(std::abs(along.x), std::abs(along.y));
+    const double aligned = config.aligned_sigma_px * config.aligned_sigma_px / (1.0 + std::pow(steps, 4));
+    return std::sqrt(config.edge_sigma_px * config.edge_sigma_px + aligned);
 }
 
-// sigma^2 (J^T J)^-1 over all corners. False if singular.
-bool covariance(const Config &config, const Pose &pose, const Points &tool, cv::Matx66d *cov)
+// Corners are where the lines of neighbouring edges meet. The error of a line fitted to points that are spread
+// evenly over the edge is sigma in its middle and twice that at its ends, which go opposite ways: covariance
+// sigma^2 [4 -2; -2 4]. Information (inverse covariance) of the eight coordinates.
+Matx88 corner_information(const Config &config, const Corners &px)
 {
-    cv::Matx66d JtJ = cv::Matx66d::zeros();
-    for (const cv::Point3d &corner : tool) {
-        const cv::Matx<double, 2, 6> J = corner_jacobian(config.K, pose, corner);
-        JtJ += J.t() * J;
+    Matx88 offset_cov = Matx88::zeros();  // start and end of edge k, which goes from corner k to the next
+    Matx88 corner_of = Matx88::zeros();  // d corners / d offsets
+    std::array<cv::Vec2d, 4> normal;
+    for (size_t k = 0; k < 4; k++) {
+        const cv::Point2d along = px[(k + 1) % 4] - px[k];
+        const int at = static_cast<int>(2 * k);
+        const double variance = std::pow(edge_sigma(config, along), 2);
+        normal[k] = cv::Vec2d(-along.y, along.x) / cv::norm(along);
+        offset_cov(at, at) = offset_cov(at + 1, at + 1) = 4.0 * variance;
+        offset_cov(at, at + 1) = offset_cov(at + 1, at) = -2.0 * variance;
     }
+    for (size_t k = 0; k < 4; k++) {
+        const size_t before = (k + 3) % 4;
+        const cv::Matx22d meet(normal[before][0], normal[before][1], normal[k][0], normal[k][1]);
+        const cv::Matx22d inverse = meet.inv();
+        for (int row = 0; row < 2; row++) {
+            const int at = static_cast<int>(2 * k) + row;
+            corner_of(at, static_cast<int>(2 * before) + 1) = inverse(row, 0);
+            corner_of(at, static_cast<int>(2 * k)) = inverse(row, 1);
+        }
+    }
+    const Matx88 cov = corner_of * offset_cov * corner_of.t();
+    return cov.inv(cv::DECOMP_CHOLESKY);
+}
+
+// Normal equations of the corners of one pose.
+struct Normal {
+    cv::Matx66d H;
+    cv::Vec6d g;
+    double chi2;
+};
+
+Normal normal_equations(const Config &config, const Pose &pose, const Points &tool, const Pixels &pixels,
+                        const std::vector<Matx88> &information)
+{
+    Normal out{cv::Matx66d::zeros(), cv::Vec6d::all(0.0), 0.0};
+    for (size_t tag = 0; tag < information.size(); tag++) {
+        cv::Matx<double, 8, 6> J;
+        cv::Vec<double, 8> r;
+        for (size_t i = 0; i < 4; i++) {
+            const size_t k = 4 * tag + i;
+            const cv::Vec3d corner(tool[k].x, tool[k].y, tool[k].z);
+            const cv::Vec3d x = config.K * (pose.R_cam_tool * corner + pose.p_cam_tool);
+            const cv::Matx<double, 2, 6> Ji = corner_jacobian(config.K, pose, tool[k]);
+            const int at = static_cast<int>(2 * i);
+            r[at] = pixels[k].x - x[0] / x[2];
+            r[at + 1] = pixels[k].y - x[1] / x[2];
+            for (int col = 0; col < 6; col++) {
+                J(at, col) = Ji(0, col);
+                J(at + 1, col) = Ji(1, col);
+            }
+        }
+        const cv::Matx<double, 6, 8> JtI = J.t() * information[tag];
+        out.H += JtI * J;
+        out.g += JtI * r;
+        out.chi2 += r.dot(information[tag] * r);
+    }
+    return out;
+}
+
+// The pose that the corners with these covariances make most likely, from one nearby. False if singular.
+bool weighted(const Config &config, const Points &tool, const Pixels &pixels,
+              const std::vector<Matx88> &information, Pose *pose)
+{
+    for (int it = 0; it < WEIGHTED_ITER_MAX; it++) {
+        const Normal n = normal_equations(config, *pose, tool, pixels, information);
+        bool ok = false;
+        const cv::Vec6d step = n.H.inv(cv::DECOMP_CHOLESKY, &ok) * n.g;
+        if (!ok) { return false; }
+        cv::Matx33d turn;
+        cv::Rodrigues(cv::Vec3d(step[3], step[4], step[5]), turn);
+        pose->p_cam_tool += cv::Vec3d(step[0], step[1], step[2]);
+        pose->R_cam_tool = turn * pose->R_cam_tool;
+        if (cv::norm(step) < WEIGHTED_EPS) { break; }
+    }
+    pose->rms_px = reprojection_rms(config.K, *pose, tool, pixels);
+    return true;
+}
+
+// How much larger the variance is than known beforehand. What is known counts as corner_sigma_weight residuals,
+// beside those of this fit that its unknowns left free: with one tag these are only two.
+double variance_scale(const Config &config, double chi2, size_t n_corners, double unknowns)
+{
+    const double n = 2.0 * static_cast<double>(n_corners);
+    return (config.corner_sigma_weight + chi2) / (config.corner_sigma_weight + n - unknowns);
+}
+
+// First order. False if singular.
+bool covariance(const Config &config, const Pose &pose, const Points &tool, const Pixels &pixels,
+                const std::vector<Matx88> &information, cv::Matx66d *cov)
+{
+    const Normal n = normal_equations(config, pose, tool, pixels, information);
     bool ok = false;
-    const cv::Matx66d inverse = JtJ.inv(cv::DECOMP_CHOLESKY, &ok);
-    if (ok) { *cov = 0.5 * (inverse + inverse.t()) * corner_variance(config, pose, tool.size()); }
+    const cv::Matx66d inverse = n.H.inv(cv::DECOMP_CHOLESKY, &ok);
+    if (ok) { *cov = 0.5 * (inverse + inverse.t()) * variance_scale(config, n.chi2, tool.size(), 6.0); }
     return ok;
+}
+
+cv::Matx33d rotation(const cv::Vec3d &w)
+{
+    cv::Matx33d R;
+    cv::Rodrigues(w, R);
+    return R;
+}
+
+cv::Vec3d rotation_vector(const cv::Matx33d &R)
+{
+    cv::Vec3d w;
+    cv::Rodrigues(R, w);
+    return w;
+}
+
+// ---- a single tag seen from the front -------------------------------------------------------------------
+//
+// The image depends on the tilt of such a tag in second order: the two minima are close, and the
+// covariance of neither says how far the truth may be. So the likelihood of the corners is summed over a grid of
+// tilts about the middle of the two minima. Position and turn about the line of sight are fitted at each tilt.
+
+// One tilt: pose of the tag with the best position and turn there.
+struct Tilted {
+    cv::Matx33d R;
+    cv::Vec3d p;
+    double chi2, log_likelihood;
+    cv::Matx44d H;  // of position and turn
+};
+
+Tilted at_tilt(const Config &config, const cv::Matx33d &R, const cv::Vec3d &p, const cv::Vec3d &line,
+               const Points &flat, const Corners &px, const Matx88 &information)
+{
+    Tilted t{R, p, 0.0, 0.0, cv::Matx44d::zeros()};
+    for (int it = 0; it <= TILT_ITER; it++) {
+        Matx84 A;
+        cv::Vec<double, 8> r;
+        for (size_t i = 0; i < 4; i++) {
+            const cv::Vec3d from_centre = t.R * cv::Vec3d(flat[i].x, flat[i].y, flat[i].z);
+            const cv::Vec3d x = from_centre + t.p;
+            const cv::Vec3d uvw = config.K * x;
+            const cv::Vec3d turned = line.cross(from_centre);
+            const int at = static_cast<int>(2 * i);
+            for (int row = 0; row < 2; row++) {
+                const double f = config.K(row, row) / x[2];
+                A(at + row, row) = f;
+                A(at + row, 1 - row) = 0.0;
+                A(at + row, 2) = -f * x[row] / x[2];
+                A(at + row, 3) = f * turned[row] - f * x[row] / x[2] * turned[2];
+            }
+            r[at] = px[i].x - uvw[0] / uvw[2];
+            r[at + 1] = px[i].y - uvw[1] / uvw[2];
+        }
+        const cv::Matx<double, 4, 8> AtI = A.t() * information;
+        t.H = AtI * A;
+        t.chi2 = r.dot(information * r);
+        if (it == TILT_ITER) { break; }
+        const cv::Vec4d step = t.H.inv() * (AtI * r);
+        t.p += cv::Vec3d(step[0], step[1], step[2]);
+        t.R = rotation(step[3] * line) * t.R;
+    }
+    const double weight = config.corner_sigma_weight;
+    t.log_likelihood = -0.5 * (weight + 8.0) * std::log1p(t.chi2 / weight) -
+                       0.5 * std::log(cv::determinant(t.H));
+    return t;
+}
+
+// Range of tilts: along the difference of the minima and across it [rad].
+struct TiltGrid {
+    cv::Matx33d R_cam_tag;  // middle
+    cv::Vec3d p_cam_tag, line, along, across;
+    double reach_along, reach_across;
+};
+
+TiltGrid tilt_grid(const Tag &tag, const Solution &s)
+{
+    TiltGrid g{};
+    const cv::Matx33d R = s.best.R_cam_tool * tag.R_tool_tag;
+    const cv::Vec3d between = rotation_vector(s.alternative.R_cam_tool * s.best.R_cam_tool.t());
+    g.R_cam_tag = rotation(0.5 * between) * R;
+    g.p_cam_tag = 0.5 * (s.best.R_cam_tool * tag.p_tool_tag + s.best.p_cam_tool +
+                         s.alternative.R_cam_tool * tag.p_tool_tag + s.alternative.p_cam_tool);
+    g.line = g.p_cam_tag / cv::norm(g.p_cam_tag);
+    const cv::Vec3d flat = cv::norm(between) > SAME_RAD ? between - g.line * g.line.dot(between)
+                                                        : g.line.cross(cv::Vec3d(0.0, 1.0, 0.0));
+    g.along = flat / cv::norm(flat);
+    g.across = g.line.cross(g.along);
+    return g;
+}
+
+void set_reach(TiltGrid *g, const cv::Matx66d &cov, double between_rad)
+{
+    const cv::Matx33d C = cov.get_minor<3, 3>(3, 3);
+    g->reach_along = 0.5 * between_rad + TILT_SIGMAS * std::sqrt(g->along.dot(C * g->along));
+    g->reach_across = TILT_SIGMAS * std::sqrt(g->across.dot(C * g->across));
+}
+
+std::vector<Tilted> all_tilts(const Config &config, const DetectedTag &d, const TiltGrid &g,
+                              const Matx88 &information)
+{
+    const Points flat = tag_corners(*d.tag);
+    std::vector<Tilted> tilts;
+    for (int i = -TILTS_ALONG; i <= TILTS_ALONG; i++) {
+        for (int k = -TILTS_ACROSS; k <= TILTS_ACROSS; k++) {
+            const cv::Vec3d w = g.along * (g.reach_along * i / TILTS_ALONG) +
+                                g.across * (g.reach_across * k / TILTS_ACROSS);
+            tilts.push_back(at_tilt(config, rotation(w) * g.R_cam_tag, g.p_cam_tag, g.line, flat, d.corner_px,
+                                    information));
+        }
+    }
+    return tilts;
+}
+
+// Weights of tilts, with the sum 1.
+std::vector<double> likelihoods(const std::vector<Tilted> &tilts)
+{
+    double most = tilts.front().log_likelihood, sum = 0.0;
+    for (const Tilted &t : tilts) { most = std::max(most, t.log_likelihood); }
+    std::vector<double> weights;
+    for (const Tilted &t : tilts) {
+        weights.push_back(std::exp(t.log_likelihood - most));
+        sum += weights.back();
+    }
+    for (double &w : weights) { w /= sum; }
+    return weights;
+}
+
+// Mean pose of the tool over all tilts by their likelihood, with its covariance.
+void average(const Config &config, const DetectedTag &d, const TiltGrid &g, const std::vector<Tilted> &tilts,
+             Solution *s)
+{
+    const std::vector<double> weights = likelihoods(tilts);
+    const cv::Matx33d R_middle = g.R_cam_tag * d.tag->R_tool_tag.t();
+    std::vector<cv::Vec6d> poses;  // position, rotation vector from the middle
+    cv::Vec6d mean = cv::Vec6d::all(0.0);
+    cv::Matx44d H = cv::Matx44d::zeros();
+    double chi2 = 0.0;
+    for (size_t k = 0; k < tilts.size(); k++) {
+        const cv::Matx33d R = tilts[k].R * d.tag->R_tool_tag.t();
+        const cv::Vec3d p = tilts[k].p - R * d.tag->p_tool_tag;
+        const cv::Vec3d w = rotation_vector(R * R_middle.t());
+        poses.emplace_back(p[0], p[1], p[2], w[0], w[1], w[2]);
+        mean += weights[k] * poses.back();
+        H += weights[k] * tilts[k].H;
+        chi2 += weights[k] * tilts[k].chi2;
+    }
+    s->best.R_cam_tool = rotation(cv::Vec3d(mean[3], mean[4], mean[5])) * R_middle;
+    s->best.p_cam_tool = cv::Vec3d(mean[0], mean[1], mean[2]);
+    const cv::Vec3d lever = g.line.cross(-(s->best.R_cam_tool * d.tag->p_tool_tag));
+    cv::Matx<double, 6, 4> of_tool = cv::Matx<double, 6, 4>::zeros();
+    for (int row = 0; row < 3; row++) {
+        of_tool(row, row) = 1.0;
+        of_tool(row, 3) = lever[row];
+        of_tool(row + 3, 3) = g.line[row];
+    }
+    s->cov = of_tool * (H.inv() * variance_scale(config, chi2, 4, 4.0)) * of_tool.t();
+    for (size_t k = 0; k < tilts.size(); k++) {
+        const cv::Vec6d off = poses[k] - mean;
+        s->cov += weights[k] * (off * off.t());
+    }
+    s->cov = 0.5 * (s->cov + s->cov.t());
 }
 
 double min_incidence(const Pose &pose, const std::vector<DetectedTag> &detected)
@@ -201,18 +464,48 @@ namespace {
 
 // The two plane poses of every tag, refined on all corners; those in front of the camera, best first.
 std::vector<Pose> candidates(const Config &config, const std::vector<DetectedTag> &detected,
-                             const Points &tool, const Pixels &pixels)
+                             const Points &tool, const Pixels &pixels, const std::vector<Matx88> &information)
 {
     std::vector<Pose> found;
     for (const DetectedTag &d : detected) {
         for (const Pose &start : plane_poses(config.K, d)) {
-            const Pose pose = refine(config.K, start, tool, pixels);
-            if (std::isfinite(pose.rms_px) && in_front(pose, tool)) { found.push_back(pose); }
+            Pose pose = refine(config.K, start, tool, pixels);
+            const bool good = weighted(config, tool, pixels, information, &pose);
+            if (good && std::isfinite(pose.rms_px) && in_front(pose, tool)) { found.push_back(pose); }
         }
     }
     std::stable_sort(found.begin(), found.end(),
                      [](const Pose &a, const Pose &b) { return a.rms_px < b.rms_px; });
     return found;
+}
+
+double between(const Solution &s) { return rotation_angle(s.best.R_cam_tool.t() * s.alternative.R_cam_tool); }
+
+bool from_the_front(const Solution &s)
+{
+    const double angle = between(s);
+    return angle > SAME_RAD ? angle < FRONT_BETWEEN_RAD : s.incidence_rad < FRONT_INCIDENCE_RAD;
+}
+
+// The mean over the tilts of a single tag takes the place of the best pose and its covariance.
+void average_tilts(const Config &config, const DetectedTag &d, const Matx88 &information, Solution *s)
+{
+    TiltGrid g = tilt_grid(*d.tag, *s);
+    Points tool;
+    for (const cv::Point3d &c : tag_corners(*d.tag)) {
+        const cv::Vec3d x = d.tag->R_tool_tag * cv::Vec3d(c.x, c.y, c.z) + d.tag->p_tool_tag;
+        tool.emplace_back(x[0], x[1], x[2]);
+    }
+    // In the middle tilts are least certain.
+    Pose middle{};
+    middle.R_cam_tool = g.R_cam_tag * d.tag->R_tool_tag.t();
+    middle.p_cam_tool = g.p_cam_tag - middle.R_cam_tool * d.tag->p_tool_tag;
+    const Pixels pixels(d.corner_px.begin(), d.corner_px.end());
+    const Normal n = normal_equations(config, middle, tool, pixels, {information});
+    bool ok = false;
+    const cv::Matx66d cov = n.H.inv(cv::DECOMP_CHOLESKY, &ok);
+    set_reach(&g, ok ? cov : s->cov, between(*s));
+    average(config, d, g, all_tilts(config, d, g, information), s);
 }
 
 // The fit to exactly these tags.
@@ -227,7 +520,9 @@ bool solve_all(const Config &config, const std::vector<DetectedTag> &detected, S
         }
         pixels.insert(pixels.end(), d.corner_px.begin(), d.corner_px.end());
     }
-    const std::vector<Pose> found = candidates(config, detected, tool, pixels);
+    std::vector<Matx88> information;
+    for (const DetectedTag &d : detected) { information.push_back(corner_information(config, d.corner_px)); }
+    const std::vector<Pose> found = candidates(config, detected, tool, pixels, information);
     if (found.empty()) { return false; }
     Solution s{};
     s.best = found.front();
@@ -236,7 +531,12 @@ bool solve_all(const Config &config, const std::vector<DetectedTag> &detected, S
     });
     s.alternative = other == found.end() ? s.best : *other;
     s.incidence_rad = min_incidence(s.best, detected);
-    if (!covariance(config, s.best, tool, &s.cov)) { return false; }
+    if (!covariance(config, s.best, tool, pixels, information, &s.cov)) { return false; }
+    if (detected.size() == 1 && from_the_front(s)) {
+        average_tilts(config, detected.front(), information.front(), &s);
+        s.best.rms_px = reprojection_rms(config.K, s.best, tool, pixels);
+        s.alternative = s.best;  // the mean stands for both
+    }
     *out = s;
     return true;
 }
@@ -275,11 +575,12 @@ cv::FileStorage open_yaml(const std::string &path)
 void check_ranges(const Config &c, const std::string &path)
 {
     const bool sane = c.width_px > 0 && c.height_px > 0 && c.K(0, 0) > 0.0 && c.K(1, 1) > 0.0 &&
-                      c.corner_sigma_px > 0.0 && c.corner_sigma_weight >= 0.0 && c.max_rms_px > 0.0 &&
-                      c.quad_decimate >= 1.0F && c.threads >= 1 && c.max_hamming >= 0 && c.max_hamming <= 2;
+                      c.edge_sigma_px > 0.0 && c.aligned_sigma_px >= 0.0 && c.corner_sigma_weight > 0.0 &&
+                      c.max_rms_px > 0.0 && c.quad_decimate >= 1.0F && c.threads >= 1 && c.max_hamming >= 0 &&
+                      c.max_hamming <= 2;
     if (!sane) {
-        throw std::runtime_error(path + ": image size, focal lengths, corner_sigma_px, corner_sigma_weight, "
-                                        "max_rms_px, quad_decimate (>= 1), "
+        throw std::runtime_error(path + ": image size, focal lengths, edge_sigma_px, aligned_sigma_px, "
+                                        "corner_sigma_weight, max_rms_px, quad_decimate (>= 1), "
                                         "threads (>= 1) or max_hamming (0..2) is out of range");
     }
     if (c.tags.empty() || c.tags.size() > 4) { throw std::runtime_error(path + ": 1 to 4 tags are needed"); }
@@ -305,7 +606,8 @@ Config load_config(const std::string &path)
     c.height_px = field<int>(root, "height_px", path);
     c.K = cv::Matx33d(field<double>(root, "fx_px", path), 0.0, field<double>(root, "cx_px", path), 0.0,
                       field<double>(root, "fy_px", path), field<double>(root, "cy_px", path), 0.0, 0.0, 1.0);
-    c.corner_sigma_px = field<double>(root, "corner_sigma_px", path);
+    c.edge_sigma_px = field<double>(root, "edge_sigma_px", path);
+    c.aligned_sigma_px = field<double>(root, "aligned_sigma_px", path);
     c.corner_sigma_weight = field<double>(root, "corner_sigma_weight", path);
     c.max_rms_px = field<double>(root, "max_rms_px", path);
     c.quad_decimate = field<float>(root, "quad_decimate", path);

@@ -21,7 +21,7 @@ struct Tag {
 struct Config {
     int width_px, height_px;
     cv::Matx33d K;  // pixel centres have whole coordinates
-    double corner_sigma_px, corner_sigma_weight;
+    double edge_sigma_px, aligned_sigma_px, corner_sigma_weight;
     double max_rms_px;
     float quad_decimate;
     int threads, max_hamming;
