@@ -5,6 +5,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/file.h>
@@ -269,25 +270,35 @@ static void make_header(uint8_t *hdr, const kc_store_t *s, uint64_t number)
     put_le(&hdr[CRC_AT], slot_crc(hdr, s->data, s->n), 4u);
 }
 
-/* In place of a slot: a kill at any point leaves the old or the new one. */
-static kc_status_t put_slot(kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number)
+static kc_status_t bad_tmp(const kc_files_t *f, const char *tmp, kc_status_t st)
+{
+    (void)unlinkat(f->dir_fd, tmp, 0); /* it may be what fills the store */
+    return st;
+}
+
+/* In place of a slot, and only what reads back as it was written: a kill at any point leaves the old or the new
+ * one. */
+static kc_status_t put_slot(const kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number)
 {
     char tmp[NAME_MAX_];
     uint8_t hdr[KC_SLOT_HDR_BYTES];
     make_header(hdr, s, number);
     tmp_name(s->kind, tmp);
-    if (write_tmp(f, tmp, hdr, s) != 0 || renameat(f->dir_fd, tmp, f->dir_fd, name) != 0) {
+    if (write_tmp(f, tmp, hdr, s) != 0) {
         (void)complain("can't write", name);
-        (void)unlinkat(f->dir_fd, tmp, 0); /* it may be what fills the store */
-        return KC_ERR_NUM;
+        return bad_tmp(f, tmp, KC_ERR_NUM);
     }
-    if (fsync(f->dir_fd) != 0) {
-        (void)complain("can't sync", f->dir);
-        return KC_ERR_NUM;
+    if (!holds(f, tmp, s, number)) {
+        (void)fprintf(stderr, "kincal-fsw: %s does not read back as it was written\n", name);
+        return bad_tmp(f, tmp, KC_ERR_CRC);
     }
-    if (holds(f, name, s, number)) { return KC_OK; }
-    (void)fprintf(stderr, "kincal-fsw: %s does not read back as it was written\n", name);
-    return KC_ERR_CRC;
+    if (renameat(f->dir_fd, tmp, f->dir_fd, name) != 0) {
+        (void)complain("can't replace", name);
+        return bad_tmp(f, tmp, KC_ERR_NUM);
+    }
+    if (fsync(f->dir_fd) == 0) { return KC_OK; }
+    (void)complain("can't sync", f->dir);
+    return KC_ERR_NUM;
 }
 
 static kc_status_t write_slot(kc_files_t *f, const kc_store_t *s)
@@ -298,11 +309,12 @@ static kc_status_t write_slot(kc_files_t *f, const kc_store_t *s)
     slot_name(s->kind, 1u - slot, name);
     if (num[1u - slot] > 0u && holds(f, name, s, num[1u - slot])) { return KC_OK; }
     slot_name(s->kind, slot, name);
+    bool same = num[slot] > 0u && holds(f, name, s, num[slot]);
     uint64_t next = num[1u - slot] + 1u;
     kc_status_t st = put_slot(f, name, s, next);
     look_at(f, s->kind, slot);
-    if (st != KC_OK &&
-        (num[slot] == 0u || num[slot] == next)) { /* half done: the newest before is so again */
+    /* Half done: the newest before is so again. But this may be the only copy of what was here already. */
+    if (st != KC_OK && num[slot] == next && !same) {
         (void)unlinkat(f->dir_fd, name, 0);
         (void)fsync(f->dir_fd);
         look_at(f, s->kind, slot);

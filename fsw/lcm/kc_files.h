@@ -1,8 +1,8 @@
 /* Files: the store that survives power loss, and the directory of default tables.
  *
  * Store: two slots per kind, kNN.a and kNN.b. A write goes to the older slot: temporary file, fsync,
- * rename, fsync of the directory, and is read back; so at every instant at least the newest slot but one is
- * whole. What the newest slot holds already is not written again. A slot whose write failed is removed.
+ * read back, rename, fsync of the directory; so at every instant at least the newest slot but one is
+ * whole. What the newest slot holds already is not written again. What was not confirmed is removed.
  *
  *   slot: "KCS1", u16 kind, u16 0, u64 number, u32 bytes, u32 CRC-32 of all before and of the data, data
  * all little-endian; the number grows by one with every write of that kind. */

@@ -686,6 +686,28 @@ void test_a_correction_from_the_ground_is_made_or_not_wherever_it_is_killed_or_r
     TEST_ASSERT_TRUE(s_kills >= 260 && s_failures >= 70);
 }
 
+/* An approval that lost power as late as it could without being made, and is rejected then: the newest copies
+ * are not those in force, and the next change must not write over the last copy of what is. */
+static void given_left_overs(void)
+{
+    given_second();
+    case_t c = given_case(approve);
+    long at = c.n;
+    do {
+        restore(&s_begin);
+        TEST_ASSERT_TRUE(harmed(approve, KILLS, at--, 1.0));
+    } while (!same(restarted(), c.before));
+    TEST_ASSERT_EQUAL_INT(KC_OK, reject());
+    world_ticks(3u);
+    save(&s_begin);
+}
+
+void test_a_correction_after_an_approval_that_was_cut_off_is_made_or_not(void)
+{
+    killed_and_refused(given_left_overs, from_ground);
+    TEST_ASSERT_TRUE(s_kills >= 260 && s_failures >= 70);
+}
+
 /* The medium dies for good at any change. What was answered as made stays; what was answered as refused may
  * be found made only if the medium died between the write that makes it and its confirmation. */
 void test_on_a_medium_that_dies_for_good_at_most_the_last_write_is_uncertain(void)
