@@ -521,6 +521,7 @@ bool solve_all(const Config &config, const std::vector<DetectedTag> &detected, S
         pixels.insert(pixels.end(), d.corner_px.begin(), d.corner_px.end());
     }
     std::vector<Matx88> information;
+    information.reserve(detected.size());
     for (const DetectedTag &d : detected) { information.push_back(corner_information(config, d.corner_px)); }
     const std::vector<Pose> found = candidates(config, detected, tool, pixels, information);
     if (found.empty()) { return false; }
