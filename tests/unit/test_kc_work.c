@@ -88,6 +88,7 @@ void test_every_acquisition_goes_to_the_end(void)
     for (uint8_t acq = KC_ACQ_UCB; acq <= KC_ACQ_VOPT; acq++) {
         begin(acq);
         for (uint32_t i = 0u; i < 20000u && world_calibrating(); i++) { world_tick(); }
+        TEST_ASSERT_TRUE(world_stored(20u));
         TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
         TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, APP->plan.n_meas);
         TEST_ASSERT_EQUAL_UINT32(KC_COEF_MAX, world.proposal.rank);
@@ -118,6 +119,7 @@ void test_a_calibration_after_an_abort_is_that_of_a_fresh_start(void)
         (void)world_do(KC_CMD_START, -1, 0, 3);
         TEST_ASSERT_EQUAL_UINT32(0u, APP->est.n_free);
         for (uint32_t i = 0u; i < 4000u && world_calibrating(); i++) { world_tick(); }
+        TEST_ASSERT_TRUE(world_stored(20u));
         TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
         if (k == 0u) { fresh = world.proposal; }
     }
