@@ -153,9 +153,10 @@ wcet: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-wcet ## i
 C_DIRS := fsw ground/native sim/tagdet
 C_ALL   = $(shell find $(C_DIRS) tests/unit tests/cross -name '*.[ch]' -o -name '*.[ch]pp')
 
-.PHONY: lint lint-clang lint-tidy lint-cppcheck lint-format lint-direction lint-loops lint-python lint-types \
+.PHONY: lint lint-clang lint-tidy lint-cppcheck lint-format lint-direction lint-loops lint-requirements \
+        lint-python lint-types \
         lint-layers lint-generated lint-glossary
-lint: lint-clang lint-direction lint-loops lint-format lint-cppcheck lint-python lint-types lint-layers lint-generated lint-glossary ## all static checks
+lint: lint-clang lint-direction lint-loops lint-requirements lint-format lint-cppcheck lint-python lint-types lint-layers lint-generated lint-glossary ## all static checks
 
 lint-clang lint-tidy &: $(BUILD)/clang/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-test ## clang's warnings, clang-tidy, every header alone
 	$(call compile,clang,all units all_verify_interface_header_sets)
@@ -173,6 +174,9 @@ lint-format: $(STAMP)/apt-test ## C and C++ layout
 
 lint-direction: ## what includes name; the simulator loads no flight code
 	$(Q)$(PYTHON) tests/lint/direction.py
+
+lint-requirements: ## every requirement of flight has a test, every test of flight a requirement
+	$(Q)$(PYTHON) tests/lint/requirements.py
 
 lint-loops: ## every loop of the core has a named bound (docs/LOOPS.md)
 	$(Q)$(PYTHON) tests/lint/loops.py --check

@@ -538,3 +538,44 @@ def test_a_loop_without_a_bound_is_named(tmp_path, files, complaint):
     done = script("loops.py", root, "--check")
     assert done.returncode == 1
     assert complaint in done.stdout
+
+
+# ---- requirements
+
+REQUIREMENT = "id,requirement,rationale,verified by\nKC-A-01,It shall stop.,Safety.,{}\n"
+VERIFIED = {
+    "Makefile": "wcet: core\n",
+    "tests/unit/test_kc_a.c": "void test_it_stops(void) {}\n",
+    "docs/REQUIREMENTS.csv": REQUIREMENT.format("tests/unit/test_kc_a.c::test_it_stops; make wcet"),
+}
+
+
+def test_a_requirement_with_its_tests_is_accepted(tmp_path):
+    done = script("requirements.py", write(tmp_path, VERIFIED))
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("files", "complaint"),
+    [
+        ({"docs/REQUIREMENTS.csv": REQUIREMENT.format("tests/unit/test_kc_b.c")}, "no such file"),
+        ({"docs/REQUIREMENTS.csv": REQUIREMENT.format("tests/unit/test_kc_a.c::test_x")}, "no such test"),
+        ({"docs/REQUIREMENTS.csv": REQUIREMENT.format("make cross")}, "make cross: no such target"),
+        ({"docs/REQUIREMENTS.csv": REQUIREMENT.format("")}, "KC-A-01: verified by is empty"),
+        ({"docs/REQUIREMENTS.csv": REQUIREMENT.replace("A-01", "1").format("make wcet")}, "the id is not like"),
+        ({"docs/REQUIREMENTS.csv": REQUIREMENT.replace("shall ", "").format("make wcet")}, "what shall be"),
+        ({"docs/REQUIREMENTS.csv": "id,text\nKC-A-01,x\n"}, "the columns have to be"),
+        (
+            {"docs/REQUIREMENTS.csv": VERIFIED["docs/REQUIREMENTS.csv"] + "KC-A-01,It shall.,Why.,make wcet\n"},
+            "KC-A-01: twice",
+        ),
+        (
+            {"tests/unit/test_kc_b.c": "void test_x(void) {}\n"},
+            "tests/unit/test_kc_b.c: verifies no requirement",
+        ),
+    ],
+)
+def test_a_requirement_without_a_test_and_a_test_without_one_are_named(tmp_path, files, complaint):
+    done = script("requirements.py", write(tmp_path, VERIFIED | files))
+    assert done.returncode == 1
+    assert complaint in done.stdout
