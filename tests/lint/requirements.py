@@ -2,8 +2,9 @@
 
     requirements.py [ROOT]
 
-docs/REQUIREMENTS.csv: id, requirement, rationale, verified by. What verifies stands with semicolons between: a
-test file, a test in it (file::function), or a target (`make wcet`). Exits with 1 and says what does not hold."""
+docs/REQUIREMENTS.csv: id, requirement, rationale, verified by. What verifies stands with semicolons between:
+a test file, a test in it (file::function), or a target (`make wcet`). Exits with 1 and says what does not
+hold."""
 
 import csv
 import re

@@ -562,11 +562,14 @@ def test_a_requirement_with_its_tests_is_accepted(tmp_path):
         ({"docs/REQUIREMENTS.csv": REQUIREMENT.format("tests/unit/test_kc_a.c::test_x")}, "no such test"),
         ({"docs/REQUIREMENTS.csv": REQUIREMENT.format("make cross")}, "make cross: no such target"),
         ({"docs/REQUIREMENTS.csv": REQUIREMENT.format("")}, "KC-A-01: verified by is empty"),
-        ({"docs/REQUIREMENTS.csv": REQUIREMENT.replace("A-01", "1").format("make wcet")}, "the id is not like"),
+        ({"docs/REQUIREMENTS.csv": REQUIREMENT.replace("A-01", "1").format("make wcet")}, "the id is not"),
         ({"docs/REQUIREMENTS.csv": REQUIREMENT.replace("shall ", "").format("make wcet")}, "what shall be"),
         ({"docs/REQUIREMENTS.csv": "id,text\nKC-A-01,x\n"}, "the columns have to be"),
         (
-            {"docs/REQUIREMENTS.csv": VERIFIED["docs/REQUIREMENTS.csv"] + "KC-A-01,It shall.,Why.,make wcet\n"},
+            {
+                "docs/REQUIREMENTS.csv": VERIFIED["docs/REQUIREMENTS.csv"]
+                + "KC-A-01,It shall.,Why.,make wcet\n"
+            },
             "KC-A-01: twice",
         ),
         (
