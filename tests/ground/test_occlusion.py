@@ -32,7 +32,9 @@ def test_frames_show_what_the_table_says_of_its_candidates(arm, search):
         for v in occlusion.compare(arm, search, f"candidate {i}", q, stated, None if i % 25 else rng, None)
     ]
     assert len(ours) >= len(occlusion.candidates(1))
-    assert occlusion.agreement(ours, "verdict used, frame") >= occlusion.AGREEMENT_MIN
+    for like in ("links as they are, both", "links thicker, both"):
+        assert occlusion.agreement(ours, like) >= occlusion.AGREEMENT_MIN
+    assert occlusion.only_rims(ours)
     assert occlusion.overstated(ours) <= 1.0 - occlusion.AGREEMENT_MIN
     asked = [v for v in ours if v.verdict and v.detected is not None]
     assert len(asked) >= 10
