@@ -88,6 +88,40 @@ static double to_box(const double a[3], const double u[3], const double half[3])
     return kc_min(at_hi, beyond_box(p, half, out));
 }
 
+/* Axis of a body from a to a + u. */
+typedef struct {
+    double a[3], u[3], half_m;
+} axis_t;
+
+/* Instructions; tests/bench/wcet.c compares them with what is executed. */
+static const uint64_t s_volume_cost[] = {
+    [KC_VOL_BELOW] = 100u, [KC_VOL_BOX] = 400u, [KC_VOL_CAPSULE] = 900u, [KC_VOL_SPHERE] = 300u};
+#define BOX_COST 5000u  /* more, for the distance of one that may be the nearest */
+#define AXES_COST 2000u /* both axes of a body */
+#define PAIR_COST 800u
+#define PART_COST 1200u  /* more, for each distance of a pair */
+#define ROUNDING_M 1e-9 /* a lower bound of a distance must not exceed it by rounding */
+
+/* Lower bounds of distances, by the spheres about the axes. */
+static double axis_at_least(const axis_t *one, const axis_t *two)
+{
+    double d[3];
+    kc_v3_sub(one->a, two->a, d);
+    kc_v3_add_scaled(d, 0.5, one->u, d);
+    kc_v3_add_scaled(d, -0.5, two->u, d);
+    return kc_v3_norm(d) - one->half_m - two->half_m - ROUNDING_M;
+}
+
+static double box_at_least(const kc_volume_t *v, const axis_t *axis)
+{
+    double p[3], half[3], mid[3], out[3];
+    widen(v->p_m, p);
+    widen(v->size_m, half);
+    kc_v3_add_scaled(axis->a, 0.5, axis->u, mid);
+    kc_v3_sub(mid, p, mid);
+    return beyond_box(mid, half, out) - axis->half_m - ROUNDING_M;
+}
+
 /* From the axis a + s u of a body to the volume. */
 static double axis_to(const kc_volume_t *v, const double a[3], const double u[3])
 {
@@ -121,59 +155,105 @@ static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], int
     }
 }
 
-/* Axis of a body from a to a + u. */
-static void axis_of(const kc_guard_arm_t *g, const kc_body_t *b, int back, double a[3], double u[3])
+/* Both axes of every body: with its frame where the move along the axis ends, and where it began. */
+static void find_axes(const kc_guard_arm_t *g, axis_t axes[KC_BODY_MAX][2])
 {
-    place_end(g, b->frame, b->start_m, back, a);
-    place_end(g, b->frame, b->end_m, back, u);
-    kc_v3_sub(u, a, u);
+    for (uint32_t b = 0u; b < g->space->n_body; b++) {
+        const kc_body_t *body = &g->space->body[b];
+        for (uint32_t e = 0u; e < 2u; e++) {
+            axis_t *axis = &axes[b][e];
+            place_end(g, body->frame, body->start_m, (int)e, axis->a);
+            place_end(g, body->frame, body->end_m, (int)e, axis->u);
+            kc_v3_sub(axis->u, axis->a, axis->u);
+            axis->half_m = 0.5 * kc_v3_norm(axis->u);
+        }
+    }
 }
 
-static double between_bodies(const kc_guard_arm_t *g, const kc_body_t *one, const kc_body_t *two)
+/* Smallest distance so far, of which pair, and the instructions that its search was charged with. */
+typedef struct {
+    double d;
+    uint32_t body, met;
+    uint64_t cost;
+} nearest_t;
+
+static void take_nearer(nearest_t *n, double d, uint32_t body, uint32_t met)
 {
-    double least = KC_INF, a[3], u[3], b[3], v[3];
-    for (int e = 0; e < 4; e++) {
-        axis_of(g, one, e / 2, a, u);
-        axis_of(g, two, e % 2, b, v);
-        least = kc_min(least, to_segment(a, u, b, v));
+    if (d >= n->d) { return; }
+    n->d = d;
+    n->body = body;
+    n->met = met;
+}
+
+static void between_bodies(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2], uint32_t i, uint32_t k,
+                           nearest_t *n)
+{
+    double radii = (double)s->body[i].radius_m + (double)s->body[k].radius_m;
+    n->cost += PAIR_COST;
+    for (uint32_t e = 0u; e < 4u; e++) {
+        const axis_t *one = &axes[i][e / 2u], *two = &axes[k][e % 2u];
+        if (axis_at_least(one, two) - radii >= n->d) { continue; }
+        n->cost += PART_COST;
+        take_nearer(n, to_segment(one->a, one->u, two->a, two->u) - radii, i, k);
     }
-    return least - (double)one->radius_m - (double)two->radius_m;
+}
+
+static void nearest_body(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2], nearest_t *n)
+{
+    for (uint32_t i = 1u; i < s->n_body; i++) {
+        for (uint32_t k = 0u; k < i; k++) {
+            if ((s->body[i].collision_pairs >> k & 1u) != 0u) { between_bodies(s, axes, i, k, n); }
+        }
+    }
+}
+
+static void to_volume(const kc_space_t *s, const axis_t *axis, uint32_t body, uint32_t volume, nearest_t *n)
+{
+    const kc_volume_t *v = &s->volume[volume];
+    double radius = (double)s->body[body].radius_m;
+    n->cost += s_volume_cost[v->kind];
+    if (v->kind == KC_VOL_BOX) {
+        if (box_at_least(v, axis) - radius >= n->d) { return; }
+        n->cost += BOX_COST;
+    }
+    take_nearer(n, axis_to(v, axis->a, axis->u) - radius, body, volume);
+}
+
+static void nearest_volume(const kc_space_t *s, const axis_t axes[KC_BODY_MAX][2], nearest_t *n)
+{
+    for (uint32_t k = 0u; k < 2u * s->n_body; k++) {
+        uint32_t b = k / 2u;
+        for (uint32_t v = 0u; v < s->n_volume; v++) {
+            if ((s->volume[v].excluded >> b & 1u) == 0u) { to_volume(s, &axes[b][k % 2u], b, v, n); }
+        }
+    }
+}
+
+static double answer(const nearest_t *n, uint32_t *body, uint32_t *met)
+{
+    if (n->d < KC_INF) {
+        *body = n->body;
+        *met = n->met;
+    }
+    return n->d;
 }
 
 double kc_guard_self_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *other)
 {
-    const kc_space_t *s = g->space;
-    double least = KC_INF;
-    for (uint32_t i = 1u; i < s->n_body; i++) {
-        for (uint32_t k = 0u; k < i; k++) {
-            if ((s->body[i].collision_pairs >> k & 1u) == 0u) { continue; }
-            double d = between_bodies(g, &s->body[i], &s->body[k]);
-            if (d >= least) { continue; }
-            least = d;
-            *body = i;
-            *other = k;
-        }
-    }
-    return least;
+    axis_t axes[KC_BODY_MAX][2];
+    nearest_t n = {.d = KC_INF};
+    find_axes(g, axes);
+    nearest_body(g->space, axes, &n);
+    return answer(&n, body, other);
 }
 
 double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *volume)
 {
-    const kc_space_t *s = g->space;
-    double least = KC_INF, a[3], u[3];
-    for (uint32_t k = 0u; k < 2u * s->n_body; k++) {
-        uint32_t b = k / 2u;
-        axis_of(g, &s->body[b], (int)(k % 2u), a, u);
-        for (uint32_t v = 0u; v < s->n_volume; v++) {
-            if ((s->volume[v].excluded >> b & 1u) != 0u) { continue; }
-            double d = axis_to(&s->volume[v], a, u) - (double)s->body[b].radius_m;
-            if (d >= least) { continue; }
-            least = d;
-            *body = b;
-            *volume = v;
-        }
-    }
-    return least;
+    axis_t axes[KC_BODY_MAX][2];
+    nearest_t n = {.d = KC_INF};
+    find_axes(g, axes);
+    nearest_volume(g->space, axes, &n);
+    return answer(&n, body, volume);
 }
 
 /* ---- limits and verified paths ---- */
@@ -232,22 +312,29 @@ static int on_verified_path(const kc_guard_request_t *request, kc_guard_reason_t
 
 /* ---- keep-out volumes and self-collision ---- */
 
-static void near_at(const kc_guard_request_t *request, double part, kc_guard_near_t *n)
+/* The instructions that it was charged with. */
+static uint64_t near_at(const kc_guard_request_t *request, double part, kc_guard_near_t *near)
 {
     kc_guard_arm_t g = {.arm = request->arm, .space = request->space};
     kc_ctx_t ctx = *request->ctx;
     kc_loads_t loads;
-    uint32_t body = 0u, met = 0u;
+    axis_t axes[KC_BODY_MAX][2];
+    nearest_t n[2] = {{.d = KC_INF}, {.d = KC_INF}};
     for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
         ctx.q[j] = request->q_from[j] + part * (request->q_to[j] - request->q_from[j]);
     }
     kc_model_loads(request->arm, request->terms, request->coef, &ctx, &loads);
     kc_model_frames(request->arm, request->terms, request->coef, &ctx, &loads, g.frame, g.along_m,
                     g.across_m);
-    n->d[0] = kc_guard_clearance(&g, &body, &met);
-    n->why[0] = (kc_guard_reason_t){(int32_t)body, -n->d[0], (double)met};
-    n->d[1] = kc_guard_self_clearance(&g, &body, &met);
-    n->why[1] = (kc_guard_reason_t){(int32_t)body, -n->d[1], (double)met};
+    find_axes(&g, axes);
+    nearest_volume(g.space, axes, &n[0]);
+    nearest_body(g.space, axes, &n[1]);
+    for (uint32_t i = 0u; i < 2u; i++) {
+        near->d[i] = n[i].d;
+        near->why[i] = (kc_guard_reason_t){(int32_t)n[i].body, -n[i].d, (double)n[i].met};
+    }
+    return kc_model_cost(request->arm, request->terms, 0) + AXES_COST * g.space->n_body + n[0].cost +
+           n[1].cost;
 }
 
 static int is_local_pose(const kc_space_t *s, uint32_t node)
@@ -296,33 +383,38 @@ static void check_clearance(kc_guard_job_t *job)
     }
 }
 
-static void next_posture(const kc_guard_request_t *request, kc_guard_job_t *job)
+/* The instructions that it was charged with. */
+static uint64_t next_posture(const kc_guard_request_t *request, kc_guard_job_t *job)
 {
+    uint64_t cost;
     if (job->k == 0u) {
-        near_at(request, 0.0, &job->first);
+        cost = near_at(request, 0.0, &job->first);
         job->at = job->first;
     } else {
         job->part = next_part(request, job);
-        near_at(request, job->part, &job->at);
+        cost = near_at(request, job->part, &job->at);
         check_clearance(job);
     }
     job->k++;
     job->over = job->over || job->k > KC_GUARD_STEPS_MAX + 1u || !(job->part < 1.0);
+    return cost;
 }
 
 /* Bound of the instructions for one posture: of a body's two axes against every volume, of pairs of bodies. */
 static uint64_t posture_cost(const kc_guard_request_t *request)
 {
-    static const uint64_t volume[] = {
-        [KC_VOL_BELOW] = 100u, [KC_VOL_BOX] = 5000u, [KC_VOL_CAPSULE] = 900u, [KC_VOL_SPHERE] = 300u};
     const kc_space_t *s = request->space;
     uint64_t cost = kc_model_cost(request->arm, request->terms, 0);
     for (uint32_t b = 0u; b < s->n_body; b++) {
-        cost += 2000u;
+        cost += AXES_COST;
         for (uint32_t v = 0u; v < s->n_volume; v++) {
-            cost += (s->volume[v].excluded >> b & 1u) != 0u ? 0u : 2u * volume[s->volume[v].kind];
+            uint64_t one = s_volume_cost[s->volume[v].kind] +
+                           (s->volume[v].kind == KC_VOL_BOX ? BOX_COST : 0u);
+            cost += (s->volume[v].excluded >> b & 1u) != 0u ? 0u : 2u * one;
         }
-        for (uint32_t k = 0u; k < b; k++) { cost += (s->body[b].collision_pairs >> k & 1u) * 5500u; }
+        for (uint32_t k = 0u; k < b; k++) {
+            cost += (s->body[b].collision_pairs >> k & 1u) * (PAIR_COST + 4u * PART_COST);
+        }
     }
     return cost;
 }
@@ -345,7 +437,7 @@ bool kc_guard_step(const kc_guard_request_t *request, kc_guard_job_t *job, kc_wo
     const uint64_t cost = posture_cost(request);
     while (!job->over) {
         if (!kc_work_take(work, cost)) { return false; }
-        next_posture(request, job);
+        kc_work_return(work, cost - next_posture(request, job));
     }
     return true;
 }
