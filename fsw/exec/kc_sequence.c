@@ -226,6 +226,9 @@ void kc_sequence_scrub(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 void kc_sequence_stored(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)
 {
     kc_change_parts_t parts = change_parts(app);
+    if (app->place.state == KC_ST_STORE && in->has_store_result) {
+        kc_work_spend(work, kc_tbl_cost(&app->tables));
+    }
     (void)follow(app, kc_change_stored(&app->change, &parts, in, out), work, out);
 }
 

@@ -455,7 +455,7 @@ static kc_status_t decode_staged(kc_tables_t *t, kc_events_t *ev)
     return st;
 }
 
-uint64_t kc_tbl_cost(const kc_tables_t *t) { return 50000u + 40u * (uint64_t)t->staging.total; }
+uint64_t kc_tbl_cost(const kc_tables_t *t) { return 50000u + 55u * (uint64_t)t->staging.total; }
 
 kc_status_t kc_tbl_validate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev)
 {
