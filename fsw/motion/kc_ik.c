@@ -20,7 +20,7 @@ static double pose_error(const kc_arm_t *arm, const kc_terms_t *terms, const dou
     return kc_dls_cost(e);
 }
 
-static int inside(const double e[6], const kc_ik_opt_t *opt)
+static bool inside(const double e[6], const kc_ik_opt_t *opt)
 {
     return kc_v3_norm(e) <= opt->tol_pos_m && kc_v3_norm(&e[3]) <= opt->tol_rot_rad;
 }
