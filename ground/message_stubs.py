@@ -16,8 +16,8 @@ from gen_docs import Message, messages
 
 TARGET = Path(__file__).resolve().parent / "kincal" / "link" / "messages.pyi"
 CHANNELS = Path(__file__).resolve().parent / "kincal" / "schema" / "channels.py"
-CHANNELS_HEAD = '''"""Made by ground/message_stubs.py from fsw/msg; do not edit. Every LCM channel: name, message type,
-sender, receivers, rate, what it carries."""
+CHANNELS_HEAD = '''"""Made by ground/message_stubs.py from fsw/msg; do not edit. Every LCM channel: name, type
+of its messages, sender, receivers, rate, what it carries."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Made by ground/message_stubs.py from fsw/msg; do not edit. Every LCM channel: name, message type,
-sender, receivers, rate, what it carries."""
+"""Made by ground/message_stubs.py from fsw/msg; do not edit. Every LCM channel: name, type
+of its messages, sender, receivers, rate, what it carries."""
 
 from __future__ import annotations
 
