@@ -25,7 +25,7 @@
     struct {                                                               \
         int64_t t_us;                                                      \
         kc_##message##_t m;                                                \
-    } member[room];
+    } member[room]; /* NOLINT(bugprone-macro-parentheses): a declaration */
 typedef struct {
     KC_IN_LIST(KC_Q_WAITING_, KC_Q_NONE_)
 } kc_queue_t;
