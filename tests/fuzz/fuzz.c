@@ -154,10 +154,7 @@ static void check_arm_cmd(const kc_app_t *app, const kc_arm_cmd_t *c, kc_state_t
     MUST(c->n_joints <= KC_JOINT_MAX);
     check_finite(c->q, c->n_joints);
     check_finite(&c->speed_scale, 1u);
-    if (c->hold) {
-        MUST(memcmp(c->q, app->input.telemetry.arm.q, sizeof c->q) == 0);
-        return;
-    }
+    if (c->hold) { return; } /* where it is: q is ignored */
     MUST(kc_states_calibrating(before) || kc_states_calibrating(kc_app_state(app)));
     MUST(c->n_joints == a->arm.n_joints);
     for (uint32_t j = 0u; j < c->n_joints; j++) {
