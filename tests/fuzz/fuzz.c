@@ -101,6 +101,7 @@ void fuzz_given_world(void)
     world.config.frames_per_meas = 1u;
     world.config.search_steps = 3u;
     world.config.est.iter_max = 8u;
+    world.config.est.free_mask = 0xFFu; /* joints 1 and 2 */
     keep_image(KC_TBL_ARM, &world.arm);
     world.space.arm_crc = kc_tbl_image_crc(fuzz_image[KC_TBL_ARM].data, fuzz_image[KC_TBL_ARM].n);
     keep_image(KC_TBL_CAMERA, &world.camera);
