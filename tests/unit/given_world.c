@@ -228,9 +228,13 @@ static void take_frame(void)
     if (!world.requested) { return; }
     world.requested = 0;
     if (world.camera_silent) { return; }
-    expose(&world.in.det[0]);
-    if (world.spoil != NULL) { world.spoil(&world.in.det[0]); }
-    world.in.n_det = 1u;
+    world.in.n_det = world.frames_at_once > 0u ? world.frames_at_once : 1u;
+    for (uint32_t i = 0u; i < world.in.n_det; i++) {
+        kc_detection_t *d = &world.in.det[i];
+        expose(d);
+        d->t_us -= world.in.n_det - 1u - i;
+        if (world.spoil != NULL) { world.spoil(d); }
+    }
 }
 
 /* ---- what came out ---- */

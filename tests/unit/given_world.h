@@ -24,6 +24,7 @@ typedef struct {
     /* settings */
     int arm_silent, pantilt_silent, camera_silent; /* no messages */
     int arm_frozen, pantilt_frozen; /* commands are echoed but nothing moves */
+    uint32_t frames_at_once; /* detections that arrive together, each 1 us older than the next (0: one) */
     int arm_ignores, pantilt_ignores; /* number of commands lost */
     int arm_vibrates, pantilt_vibrates; /* ticks during which state says moving */
     int hide; /* number of frames without tags */

@@ -137,6 +137,49 @@ void test_only_idle_listens(void)
     TEST_ASSERT_EQUAL_UINT32(0u, APP->arena.idle.monitor.n);
 }
 
+static void evaluate(kc_work_t work)
+{
+    static kc_out_t out;
+    kc_monitoring_evaluate(&APP->monitoring, &APP->arena.idle.monitor, &APP->view, &work, &out);
+}
+
+void test_the_verdict_waits_for_a_step_that_has_room_for_it(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    APP->monitoring.newest.state = KC_MON_QUIET;
+    evaluate(kc_work_of_step());
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state); /* nothing new */
+    APP->monitoring.due = true;
+    evaluate((kc_work_t){KC_STEP_WORK, KC_STEP_WORK});
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state);
+    evaluate(kc_work_of_step());
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, APP->monitoring.newest.state);
+}
+
+void test_observations_with_other_tables_get_no_verdict(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    APP->monitoring.newest.state = KC_MON_QUIET;
+    APP->monitoring.due = true;
+    APP->tables.active.crc[KC_TBL_KIN] ^= 1u;
+    evaluate(kc_work_of_step());
+    APP->tables.active.crc[KC_TBL_KIN] ^= 1u;
+    evaluate(kc_work_of_step());
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state);
+}
+
+void test_detections_of_one_step_get_one_verdict(void)
+{
+    given_idle(2u, 0.05);
+    world.frames_at_once = KC_DET_QUEUE_MAX;
+    observations(2u);
+    TEST_ASSERT_EQUAL_UINT32(KC_MON_OBS_MAX, APP->arena.idle.monitor.n);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, APP->monitoring.newest.state);
+    TEST_ASSERT_FALSE(APP->monitoring.due);
+}
+
 void test_a_new_correction_begins_a_new_window(void)
 {
     given_idle(2u, 0.05);
