@@ -4,8 +4,8 @@
 #include "fuzz.h"
 #include "kc_crc.h"
 
-uint32_t __real_kc_crc32(uint32_t crc, const void *data, uint32_t n); // NOLINT: names of the linker's --wrap
-uint32_t __wrap_kc_crc32(uint32_t crc, const void *data, uint32_t n); // NOLINT
+uint32_t __real_kc_crc32(uint32_t crc, const void *data, uint32_t n);  // NOLINT: names of the linker's --wrap
+uint32_t __wrap_kc_crc32(uint32_t crc, const void *data, uint32_t n);  // NOLINT
 
 static uint32_t s_table[8][256];
 
@@ -22,7 +22,8 @@ static void make_table(void)
             s_table[k][i] = (c >> 8) ^ s_table[0][c & 255u];
         }
     }
-    MUST(__wrap_kc_crc32(7u, s_table, sizeof s_table - 3u) == __real_kc_crc32(7u, s_table, sizeof s_table - 3u));
+    MUST(__wrap_kc_crc32(7u, s_table, sizeof s_table - 3u) ==
+         __real_kc_crc32(7u, s_table, sizeof s_table - 3u));
 }
 
 uint32_t __wrap_kc_crc32(uint32_t crc, const void *data, uint32_t n)
@@ -35,8 +36,9 @@ uint32_t __wrap_kc_crc32(uint32_t crc, const void *data, uint32_t n)
         memcpy(&lo, p, 4u); /* little-endian, as x86-64 is */
         memcpy(&hi, p + 4u, 4u);
         lo ^= c;
-        c = s_table[7][lo & 255u] ^ s_table[6][lo >> 8 & 255u] ^ s_table[5][lo >> 16 & 255u] ^ s_table[4][lo >> 24] ^
-            s_table[3][hi & 255u] ^ s_table[2][hi >> 8 & 255u] ^ s_table[1][hi >> 16 & 255u] ^ s_table[0][hi >> 24];
+        c = s_table[7][lo & 255u] ^ s_table[6][lo >> 8 & 255u] ^ s_table[5][lo >> 16 & 255u] ^
+            s_table[4][lo >> 24] ^ s_table[3][hi & 255u] ^ s_table[2][hi >> 8 & 255u] ^
+            s_table[1][hi >> 16 & 255u] ^ s_table[0][hi >> 24];
     }
     for (; n > 0u; n--) { c = (c >> 8) ^ s_table[0][(c ^ *p++) & 255u]; }
     return ~c;

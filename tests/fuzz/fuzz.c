@@ -38,8 +38,9 @@ uint32_t fuzz_u32(fuzz_t *f)
 
 double fuzz_f64(fuzz_t *f)
 {
-    static const double edge[] = {0.0,  -0.0,  1.0,   -1.0,  NAN,  INFINITY, -INFINITY, 1.7976931348623157e308,
-                                  5e-324, 1e-12, 1e300, -1e300, 1e6, -1e6,    3.14159265358979, 0.1};
+    static const double edge[] = {
+        0.0,    -0.0,  1.0,   -1.0,   NAN, INFINITY, -INFINITY,        1.7976931348623157e308,
+        5e-324, 1e-12, 1e300, -1e300, 1e6, -1e6,     3.14159265358979, 0.1};
     uint8_t which = fuzz_u8(f);
     if (which < 0xF0u) { return edge[which % 16u]; }
     uint64_t bits = (uint64_t)fuzz_u32(f) << 32;
@@ -91,13 +92,14 @@ static void keep_image(uint16_t kind, const void *table)
     memcpy(i->data, image, i->n);
 }
 
-void fuzz_given_world(void)
+void fuzz_given_world(uint32_t n_local)
 {
     kc_kin_t kin;
     given_world();
     given_kin(&kin);
     given_space(&world.space, 8u, 1u);
-    world.config.n_poses = 3u;
+    if (n_local > 0u) { given_local_poses(n_local, 1u); }
+    world.config.n_poses = n_local + 3u;
     world.config.frames_per_meas = 1u;
     world.config.search_steps = 3u;
     world.config.est.iter_max = 8u;
@@ -153,7 +155,7 @@ static void check_arm_cmd(const kc_app_t *app, const kc_arm_cmd_t *c, kc_state_t
 {
     const kc_active_t *a = &app->tables.active;
     MUST(c->n_joints <= KC_JOINT_MAX);
-    check_finite(c->q, c->n_joints);
+    check_finite(c->q, KC_JOINT_MAX);
     check_finite(&c->speed_scale, 1u);
     if (c->hold) { return; } /* where it is: q is ignored */
     MUST(kc_states_calibrating(before) || kc_states_calibrating(kc_app_state(app)));
@@ -171,7 +173,8 @@ static void check_commands(const kc_app_t *app, const kc_out_t *out, kc_state_t 
     if (out->has_pantilt_cmd) {
         MUST(kc_states_calibrating(before) || kc_states_calibrating(kc_app_state(app)));
         MUST(out->pantilt_cmd.pan_rad >= cam->pan_min_rad && out->pantilt_cmd.pan_rad <= cam->pan_max_rad);
-        MUST(out->pantilt_cmd.tilt_rad >= cam->tilt_min_rad && out->pantilt_cmd.tilt_rad <= cam->tilt_max_rad);
+        MUST(out->pantilt_cmd.tilt_rad >= cam->tilt_min_rad &&
+             out->pantilt_cmd.tilt_rad <= cam->tilt_max_rad);
     }
 }
 
@@ -191,6 +194,7 @@ static void check_telemetry(const kc_out_t *out)
         check_finite(&p->chi2, 12u); /* to pred_rot_rad */
     }
     if (out->has_meas) {
+        check_finite(out->meas.arm.q, 4u * KC_JOINT_MAX); /* to dir */
         check_finite(out->meas.obs.p_m, 3u);
         check_finite(out->meas.obs.q_wxyz, 4u);
         check_finite(out->meas.obs.cov, 36u);
@@ -209,7 +213,9 @@ static void check_counts(const kc_app_t *app, const kc_out_t *out)
     for (uint32_t i = 0u; i < out->n_store; i++) {
         MUST(out->store[i].n <= KC_IMAGE_MAX && (out->store[i].n == 0u || out->store[i].data != NULL));
     }
-    if (out->has_dump) { MUST(out->dump.n <= KC_CHUNK_BYTES && out->dump.offset + out->dump.n <= out->dump.total); }
+    if (out->has_dump) {
+        MUST(out->dump.n <= KC_CHUNK_BYTES && out->dump.offset + out->dump.n <= out->dump.total);
+    }
     MUST(app->est.n_obs <= KC_MEAS_MAX && app->plan.n_meas <= KC_MEAS_MAX);
 }
 

@@ -35,7 +35,8 @@ typedef struct {
     uint32_t n;
 } fuzz_image_t;
 extern fuzz_image_t fuzz_image[KC_TBL_COUNT];
-void fuzz_given_world(void); /* given_world with them; fills fuzz_image */
+/* given_world with them, n_local of the candidates local initial poses; fills fuzz_image. */
+void fuzz_given_world(uint32_t n_local);
 
 /* After a step: counts within their limits, no number that is not finite, no pointer moved, memory as sealed; the
  * arm is sent only to places inside its limits and inside the bound of a node, and only during a calibration; the

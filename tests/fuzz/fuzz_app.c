@@ -249,8 +249,8 @@ static void uplink(fuzz_t *f)
 
 static void toggle(uint8_t what)
 {
-    int *const setting[] = {&world.arm_silent,  &world.pantilt_silent, &world.camera_silent,
-                            &world.arm_frozen,  &world.pantilt_frozen};
+    int *const setting[] = {&world.arm_silent, &world.pantilt_silent, &world.camera_silent, &world.arm_frozen,
+                            &world.pantilt_frozen};
     if (what < 0x50u) {
         int *s = setting[what % 5u];
         *s = !*s;
@@ -292,10 +292,21 @@ static void power_loss(fuzz_t *f)
     step();
 }
 
+/* Detections that nobody requested, at other joints: what the monitor gets. */
+static void observe(uint8_t what)
+{
+    for (uint32_t i = 0u; i < 1u + what / 64u; i++) {
+        world.q_cmd[i] += 0.1;
+        steps(1u);
+        world.requested = 1;
+        steps(1u);
+    }
+}
+
 static void act(fuzz_t *f)
 {
     uint8_t what = fuzz_u8(f);
-    switch (what % 12u) {
+    switch (what % 13u) {
     case 0u:
     case 1u:
     case 2u: steps(1u + (what >> 4)); break;
@@ -318,7 +329,8 @@ static void act(fuzz_t *f)
             s_fails = what >> 4;
         }
         break;
-    default: power_loss(f); break;
+    case 11u: power_loss(f); break;
+    default: observe(what); break;
     }
 }
 
@@ -330,7 +342,7 @@ typedef struct {
     uint8_t world[WORLD_BYTES];
 } begin_t;
 
-#define BEGINS_MAX 24u
+#define BEGINS_MAX 48u
 static begin_t *s_begin[BEGINS_MAX];
 static uint32_t s_n_begin;
 
@@ -374,11 +386,10 @@ static void remember_calibration(void)
     remember();
 }
 
-int LLVMFuzzerInitialize(int *argc, char ***argv)
+static void fly(uint32_t n_local)
 {
-    (void)argc;
-    (void)argv;
-    fuzz_given_world();
+    fuzz_given_world(n_local);
+    memset(&s_slots, 0, sizeof s_slots);
     world.keep = keep;
     world.spoil_in = spoil_in;
     world.bias[1] = 0.05;
@@ -386,9 +397,17 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
     world_boot();
     world_tick();
     remember();
-    world.config.approach_rad = 0.1; /* with WITHDRAW, APPROACH and REST */
+    world.config.approach_rad = n_local > 0u ? 0.1 : 0.0; /* WITHDRAW, APPROACH and REST, or not */
     world_started();
     remember_calibration();
+}
+
+int LLVMFuzzerInitialize(int *argc, char ***argv)
+{
+    (void)argc;
+    (void)argv;
+    fly(0u);
+    fly(4u);
     return 0;
 }
 

@@ -20,7 +20,8 @@
 #define APP (&kc_app_instance)
 #define CHANGES_MAX 6u
 
-static const uint16_t s_kind[] = {KC_STORE_JOURNAL, KC_TBL_KIN, KC_STORE_PREV, KC_STORE_PROPOSAL, KC_TBL_CONFIG, KC_TBL_ARM};
+static const uint16_t s_kind[] = {KC_STORE_JOURNAL,  KC_TBL_KIN,    KC_STORE_PREV,
+                                  KC_STORE_PROPOSAL, KC_TBL_CONFIG, KC_TBL_ARM};
 #define KINDS (sizeof s_kind / sizeof s_kind[0])
 
 typedef struct {
@@ -104,12 +105,13 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
 {
     (void)argc;
     (void)argv;
-    (void)snprintf(s_dir, sizeof s_dir, "%s/kincal-fuzz-XXXXXX", access("/dev/shm", W_OK) == 0 ? "/dev/shm" : "/tmp");
+    (void)snprintf(s_dir, sizeof s_dir, "%s/kincal-fuzz-XXXXXX",
+                   access("/dev/shm", W_OK) == 0 ? "/dev/shm" : "/tmp");
     MUST(mkdtemp(s_dir) != NULL && atexit(remove_all) == 0);
     (void)snprintf(s_tables, sizeof s_tables, "%s/tables", s_dir);
     MUST(mkdir(s_tables, 0700) == 0);
     MUST(kc_files_open(&s_files, s_dir) == 0);
-    fuzz_given_world();
+    fuzz_given_world(0u);
     world.bias[1] = 0.05;
     calibrate();
     store_table(KC_TBL_ARM);

@@ -22,7 +22,7 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
     kc_events_t ev = {0};
     (void)argc;
     (void)argv;
-    fuzz_given_world();
+    fuzz_given_world(3u);
     s_good.scratch = &s_scratch;
     s_good.staging.image = s_stage;
     for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
@@ -75,7 +75,8 @@ static void check_roadmap(const kc_active_t *a)
     double q[KC_JOINT_MAX] = {0.0}, dist, bound[KC_JOINT_MAX];
     uint32_t n = 0u, last = KC_HUB_MAX + a->space.n_cand - 1u;
     for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { bound[j] = (double)a->space.servo_bound[j]; }
-    MUST(kc_path_plan(&a->space, 0u, last, path, &n) == KC_OK && n > 0u && n <= KC_PATH_MAX); /* all are reachable */
+    MUST(kc_path_plan(&a->space, 0u, last, path, &n) == KC_OK && n > 0u &&
+         n <= KC_PATH_MAX); /* all are reachable */
     MUST(path[n - 1u] == last);
     kc_path_joints(&a->space, last, q);
     MUST(kc_path_nearest(&a->space, bound, q, &dist) != KC_NODE_NONE && dist <= 1.0);
