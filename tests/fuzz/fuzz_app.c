@@ -222,11 +222,11 @@ static void uplink(fuzz_t *f)
 {
     static uint8_t image[sizeof fuzz_image[0].data];
     uint16_t kind = 1u + fuzz_u8(f) % (KC_TBL_COUNT - 1u);
-    uint8_t way = fuzz_u8(f);
+    uint8_t how = fuzz_u8(f);
     uint32_t n = fuzz_image[kind].n;
     memcpy(image, fuzz_image[kind].data, n);
-    if (way & 1u) { fuzz_spoil(f, image, n); }
-    if ((way & 2u) == 0u) { fuzz_seal_image(kind, image, n); }
+    if (how & 1u) { fuzz_spoil(f, image, n); }
+    if ((how & 2u) == 0u) { fuzz_seal_image(kind, image, n); }
     for (s_n_chunk = 0u; s_n_chunk < KC_CHUNK_QUEUE_MAX && s_n_chunk * KC_CHUNK_BYTES < n; s_n_chunk++) {
         kc_chunk_t *c = &s_chunk[s_n_chunk];
         uint32_t at = s_n_chunk * KC_CHUNK_BYTES;
@@ -234,13 +234,13 @@ static void uplink(fuzz_t *f)
         c->n = n - at < KC_CHUNK_BYTES ? n - at : KC_CHUNK_BYTES;
         memcpy(c->data, &image[at], c->n);
     }
-    if (way & 4u) { /* a bad chunk */
+    if (how & 4u) { /* a bad chunk */
         kc_chunk_t *c = &s_chunk[fuzz_u8(f) % KC_CHUNK_QUEUE_MAX];
-        *(way & 8u ? &c->n : way & 16u ? &c->offset : &c->total) = fuzz_u32(f);
-        if (way & 32u) { c->kind = (int32_t)(int8_t)fuzz_u8(f); }
+        *(how & 8u ? &c->n : how & 16u ? &c->offset : &c->total) = fuzz_u32(f);
+        if (how & 32u) { c->kind = (int32_t)(int8_t)fuzz_u8(f); }
     }
     step();
-    if (way & 64u) { return; }
+    if (how & 64u) { return; }
     right_command(KC_CMD_TABLE_VALIDATE, 0u);
     step();
     right_command(KC_CMD_TABLE_ACTIVATE, 0u);
@@ -272,9 +272,9 @@ static void toggle(uint8_t what)
 /* What is stored, spoiled or not, is all that is left. */
 static void power_loss(fuzz_t *f)
 {
-    uint8_t way = fuzz_u8(f);
+    uint8_t how = fuzz_u8(f);
     uint16_t kind = (uint16_t)(fuzz_u8(f) % WORLD_KINDS);
-    if (way & 1u) { fuzz_spoil(f, s_slots.data[kind][(way >> 1) & 1u], s_slots.n[kind][(way >> 1) & 1u]); }
+    if (how & 1u) { fuzz_spoil(f, s_slots.data[kind][(how >> 1) & 1u], s_slots.n[kind][(how >> 1) & 1u]); }
     kc_app_init(APP);
     static const uint16_t order[] = {KC_STORE_JOURNAL, 1, 2, 3, 4, 5, 6, 7, KC_STORE_PREV, KC_STORE_PROPOSAL};
     for (uint32_t i = 0u; i < sizeof order / sizeof order[0]; i++) {

@@ -62,16 +62,16 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
 }
 
 /* Bytes of the message, in s_buf: those of the input over a message of zeros, so that a short input gives a whole
- * one; way 1: cut off there; way 2: with a wrong fingerprint, if the input has none. */
-static uint32_t make_message(fuzz_t *f, uint32_t channel, uint8_t way)
+ * one; how 1: cut off there; how 2: with a wrong fingerprint, if the input has none. */
+static uint32_t make_message(fuzz_t *f, uint32_t channel, uint8_t how)
 {
     memset(&s_message, 0, sizeof s_message);
     uint32_t whole = (uint32_t)encode(channel), n = fuzz_u16(f) % (whole + 1u);
     memcpy(s_buf, s_again, whole);
-    uint32_t from = (way & 2u) != 0u ? 0u : 8u;
+    uint32_t from = (how & 2u) != 0u ? 0u : 8u;
     for (uint32_t i = from; i < n; i++) { s_buf[i] = fuzz_u8(f); }
     fuzz_spoil(f, &s_buf[8], whole - 8u);
-    return (way & 1u) != 0u ? n : whole;
+    return (how & 1u) != 0u ? n : whole;
 }
 
 /* The handler takes what LCM's decoder takes, and the rest counts as an error. */
@@ -119,8 +119,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     int32_t faults = 0;
     for (uint32_t i = 0u; i < MESSAGES_MAX && f.left > 0u; i++) {
         uint32_t channel = fuzz_u8(&f) % CHANNELS;
-        uint8_t way = fuzz_u8(&f);
-        receive(channel, make_message(&f, channel, way));
+        uint8_t how = fuzz_u8(&f);
+        receive(channel, make_message(&f, channel, how));
         check_queue(&s_edge.queue);
         if (channel == 2u && s_edge.in.has_arm) {
             MUST((s_edge.in.arm.fault_mask & faults) == faults); /* no fault is lost */

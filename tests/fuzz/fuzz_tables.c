@@ -1,7 +1,7 @@
-/* Table images: what is accepted writes back to the same bytes, by every way in alike; what is refused changes
+/* Table images: what is accepted writes back to the same bytes, by uplink and at boot alike; what is refused changes
  * nothing; an accepted table can be used.
  *
- * Input: kind, way, then either places at which a good image is spoiled, or an image. */
+ * Input: kind, how, then either places at which a good image is spoiled, or an image. */
 #include <math.h>
 #include <string.h>
 
@@ -33,20 +33,20 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
 }
 
 /* The image of the input; its size. */
-static uint32_t make_image(fuzz_t *f, uint16_t kind, uint8_t way)
+static uint32_t make_image(fuzz_t *f, uint16_t kind, uint8_t how)
 {
     const fuzz_image_t *good = &fuzz_image[kind < KC_TBL_COUNT ? kind : 0u];
     uint32_t n = good->n;
-    if ((way & 1u) != 0u) {
+    if ((how & 1u) != 0u) {
         n = f->left < sizeof s_image ? (uint32_t)f->left : (uint32_t)sizeof s_image;
         memcpy(s_image, f->at, n);
     } else {
         memcpy(s_image, good->data, n);
-        uint32_t cut = (way & 4u) != 0u ? fuzz_u16(f) % (n + 1u) : 0u;
+        uint32_t cut = (how & 4u) != 0u ? fuzz_u16(f) % (n + 1u) : 0u;
         fuzz_spoil(f, s_image, n);
         n -= cut;
     }
-    if ((way & 2u) == 0u) { fuzz_seal_image(kind, s_image, n); }
+    if ((how & 2u) == 0u) { fuzz_seal_image(kind, s_image, n); }
     return n;
 }
 
@@ -117,8 +117,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     kc_events_t ev = {0};
     uint32_t again = 0u;
     uint16_t kind = fuzz_u8(&f) % (KC_TBL_COUNT + 1u);
-    uint8_t way = fuzz_u8(&f);
-    uint32_t n = make_image(&f, kind, way);
+    uint8_t how = fuzz_u8(&f);
+    uint32_t n = make_image(&f, kind, how);
 
     kc_status_t decoded = kc_tbl_decode(kind, s_image, n, &s_table, &ev);
     if (decoded == KC_OK) {
