@@ -2,7 +2,7 @@
  * component, and its first steps.
  *
  * Input: changes of the files that an approved calibration and a correction that waits for review leave; each a
- * file, a how, and places at which it is spoiled. CRCs are made right again, or not. */
+ * file, how, and places at which it is spoiled. CRCs are made right again, or not. */
 #define _GNU_SOURCE /* NOLINT: mkdtemp, openat */
 #include <fcntl.h>
 #include <stdio.h>
