@@ -125,6 +125,11 @@ fuzz-cov: $(BUILD)/fuzz-cov/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-
 fuzz-seeds: fuzz ## tests/fuzz/seeds anew from what was found
 	$(Q)$(call FUZZ,fuzz) --pack
 
+.PHONY: mutation
+mutation: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## do the unit tests notice a changed token? (FILES, N of each, SEED, JOBS; an hour)
+	$(call compile,rel,units)
+	$(Q)$(PYTHON) tests/mutation.py $(FILES) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS))
+
 # The same bits everywhere: recorded calibrations give the same telemetry and tables on every CPU and with every compiler,
 # also without an operating system. Unit tests on other CPUs besides. fma needs a processor that has it.
 CROSS  := aarch64 riscv64 powerpc64
