@@ -12,7 +12,7 @@
 
 static kc_edge_t s_edge;
 static kc_files_t s_files;
-static uint8_t s_buf[4096], s_again[4096];
+static uint8_t s_buf[4096], s_again[4096], s_arrived[4096];
 
 static const char *const s_channel[] = {"KC_CMD",           "KC_TABLE_UP",  "KC_ARM_STATE",
                                         "KC_PANTILT_STATE", "KC_DETECTION", "KC_TIME"};
@@ -53,11 +53,28 @@ static int encode(uint32_t channel)
     }
 }
 
+/* The handlers, as the process subscribes them: called without a network between, which would take most of the time. */
+static lcm_msg_handler_t s_handler[CHANNELS];
+
+lcm_subscription_t *__real_lcm_subscribe(lcm_t *lcm, const char *channel, lcm_msg_handler_t handler,
+                                         void *user);  // NOLINT: names of the linker's --wrap
+lcm_subscription_t *__wrap_lcm_subscribe(lcm_t *lcm, const char *channel, lcm_msg_handler_t handler,
+                                         void *user);  // NOLINT
+lcm_subscription_t *__wrap_lcm_subscribe(lcm_t *lcm, const char *channel, lcm_msg_handler_t handler,
+                                         void *user)
+{
+    for (uint32_t i = 0u; i < CHANNELS; i++) {
+        if (strcmp(channel, s_channel[i]) == 0) { s_handler[i] = handler; }
+    }
+    return __real_lcm_subscribe(lcm, channel, handler, user);
+}
+
 int LLVMFuzzerInitialize(int *argc, char ***argv)
 {
     (void)argc;
     (void)argv;
     MUST(kc_edge_open(&s_edge, "memq://", &s_files, &kc_app_instance, 0) == 0);
+    for (uint32_t i = 0u; i < CHANNELS; i++) { MUST(s_handler[i] != NULL); }
     return 0;
 }
 
@@ -81,8 +98,10 @@ static void receive(uint32_t channel, uint32_t n)
     int used = decode(channel, (int)n);
     MUST(used <= (int)n);
     if (used >= 0) { MUST(encode(channel) == used && memcmp(s_again, s_buf, (size_t)used) == 0); }
-    MUST(lcm_publish(s_edge.lcm, s_channel[channel], s_buf, n) == 0);
-    while (lcm_handle_timeout(s_edge.lcm, 0) > 0) {}
+    uint8_t *end = &s_arrived[sizeof s_arrived - n]; /* what reads past it is found */
+    memcpy(end, s_buf, n);
+    s_handler[channel](&(lcm_recv_buf_t){.data = end, .data_size = n, .lcm = s_edge.lcm}, s_channel[channel],
+                       &s_edge);
     MUST(used >= 0 || s_edge.n_rx_errors == errors + 1u);
 }
 
