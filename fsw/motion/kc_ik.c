@@ -32,7 +32,7 @@ static void keep(point_t *at, const double e[6], double cost, const kc_eval_t *w
     at->cost = cost;
 }
 
-static int inside(const double e[6], const kc_ik_opt_t *opt)
+static bool inside(const double e[6], const kc_ik_opt_t *opt)
 {
     return kc_v3_norm(e) <= opt->tol_pos_m && kc_v3_norm(&e[3]) <= opt->tol_rot_rad;
 }

@@ -121,7 +121,7 @@ static void idle(void)
             world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
         }
         ticks(20u);
-        world.requested = 1;
+        world.requested = true;
         tick();
     }
     (void)fprintf(stderr, "monitor: %u observations, state %d, suspects %x\n",

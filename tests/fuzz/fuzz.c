@@ -135,20 +135,20 @@ static void check_finite(const double *x, uint32_t n)
 }
 
 /* Inside the box of a node: hubs and candidates, with the bound of a candidate that CONFIG and SPACE allow. */
-static int near_node(const kc_active_t *a, const double *q)
+static bool near_node(const kc_active_t *a, const double *q)
 {
     for (uint32_t node = 0u; node < KC_HUB_MAX + a->space.n_cand; node++) {
-        int hub = node < KC_HUB_MAX;
+        bool hub = node < KC_HUB_MAX;
         const float *seed = hub ? a->space.hub_q[node] : a->space.cand[node - KC_HUB_MAX].q_seed;
-        int in = !hub || node < a->space.n_hub;
+        bool in = !hub || node < a->space.n_hub;
         for (uint32_t j = 0u; j < a->arm.n_joints && in; j++) {
             double bound = fmin(a->config.servo.bound, (double)a->space.servo_bound[j]);
             if (hub) { bound = fmin(bound, 0.05); }
             in = fabs(q[j] - (double)seed[j]) <= bound + a->config.arrive_tol + 1e-6;
         }
-        if (in) { return 1; }
+        if (in) { return true; }
     }
-    return 0;
+    return false;
 }
 
 static void check_arm_cmd(const kc_app_t *app, const kc_arm_cmd_t *c, kc_state_t before)

@@ -249,10 +249,10 @@ static void uplink(fuzz_t *f)
 
 static void toggle(uint8_t what)
 {
-    int *const setting[] = {&world.arm_silent, &world.pantilt_silent, &world.camera_silent, &world.arm_frozen,
-                            &world.pantilt_frozen};
+    bool *const setting[] = {&world.arm_silent, &world.pantilt_silent, &world.camera_silent,
+                             &world.arm_frozen, &world.pantilt_frozen};
     if (what < 0x50u) {
-        int *s = setting[what % 5u];
+        bool *s = setting[what % 5u];
         *s = !*s;
     } else if (what < 0x70u) {
         world.arm_ignores = what & 7;

@@ -73,7 +73,7 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
 {
     (void)argc;
     (void)argv;
-    MUST(kc_edge_open(&s_edge, "memq://", &s_files, &kc_app_instance, 0) == 0);
+    MUST(kc_edge_open(&s_edge, "memq://", &s_files, &kc_app_instance, false));
     for (uint32_t i = 0u; i < CHANNELS; i++) { MUST(s_handler[i] != NULL); }
     return 0;
 }
@@ -133,7 +133,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     s_edge.in.has_arm = s_edge.in.has_pantilt = 0u;
     s_edge.in.arm.fault_mask = 0;
     s_edge.n_rx_errors = 0u;
-    s_edge.live = fuzz_u8(&f) & 1;
+    s_edge.live = (fuzz_u8(&f) & 1u) != 0u;
     s_edge.now_us = (int64_t)(int32_t)fuzz_u32(&f) * 1000;
     int32_t faults = 0;
     for (uint32_t i = 0u; i < MESSAGES_MAX && f.left > 0u; i++) {

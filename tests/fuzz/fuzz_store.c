@@ -27,7 +27,7 @@ static const uint16_t s_kind[] = {KC_STORE_JOURNAL,  KC_TBL_KIN,    KC_STORE_PRE
 typedef struct {
     uint8_t data[4096];
     uint32_t n; /* 0: there is no such file */
-    uint8_t changed;
+    bool changed;
 } file_t;
 
 static char s_dir[64], s_tables[96];
@@ -47,7 +47,7 @@ static void write_file(int dir, const char *name, const uint8_t *data, uint32_t 
     MUST(fd >= 0 && write(fd, data, n) == (ssize_t)n && close(fd) == 0);
 }
 
-static void put_file(int dir, uint32_t i, uint32_t slot, const uint8_t *data, uint32_t n, int there)
+static void put_file(int dir, uint32_t i, uint32_t slot, const uint8_t *data, uint32_t n, bool there)
 {
     char name[16];
     name_of(name, i, slot);
@@ -110,7 +110,7 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
     MUST(mkdtemp(s_dir) != NULL && atexit(remove_all) == 0);
     (void)snprintf(s_tables, sizeof s_tables, "%s/tables", s_dir);
     MUST(mkdir(s_tables, 0700) == 0);
-    MUST(kc_files_open(&s_files, s_dir) == 0);
+    MUST(kc_files_open(&s_files, s_dir));
     fuzz_given_world(0u);
     world.bias[1] = 0.05;
     calibrate();
@@ -163,7 +163,7 @@ static void change(fuzz_t *f, int dir)
     uint32_t i = fuzz_u8(f) % KINDS, slot = fuzz_u8(f) & 1u, n;
     uint8_t how = fuzz_u8(f);
     const file_t *from = &s_file[(how & 16u) ? fuzz_u8(f) % KINDS : i][(how & 32u) ? 1u - slot : slot];
-    s_file[i][slot].changed = 1u;
+    s_file[i][slot].changed = true;
     memcpy(data, from->data, from->n);
     n = from->n;
     if ((how & 16u) && n > 5u) { data[4] = (uint8_t)s_kind[i]; }
@@ -179,7 +179,7 @@ static void restore(int dir)
         for (uint32_t slot = 0u; slot < 2u; slot++) {
             file_t *f = &s_file[i][slot];
             if (f->changed) { put_file(dir, i, slot, f->data, f->n, f->n > 0u); }
-            f->changed = 0u;
+            f->changed = false;
         }
     }
 }
@@ -208,7 +208,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     fuzz_t f = {data, size};
     int dir = open(s_dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     for (uint32_t i = 0u; i < CHANGES_MAX && f.left > 0u; i++) { change(&f, dir); }
-    MUST(kc_files_open(&s_files, s_dir) == 0);
+    MUST(kc_files_open(&s_files, s_dir));
     kc_app_init(APP);
     MUST(kc_files_load(&s_files, s_tables, APP) == 5);
     kc_app_boot(APP);

@@ -28,7 +28,7 @@ static void observations(uint32_t n)
             world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
         }
         world_ticks(2u);
-        world.requested = 1;
+        world.requested = true;
         world.frame_requested = 9000 + (int32_t)i;
         world_tick();
     }
@@ -80,15 +80,15 @@ void test_observations_while_something_moves_or_has_not_settled_are_not_compared
 {
     given_idle(0u, 0.0);
     world.arm_vibrates = 1;
-    world.requested = 1;
+    world.requested = true;
     world_tick();
-    world.requested = 1; /* at rest again, but not for settle_us */
+    world.requested = true; /* at rest again, but not for settle_us */
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_MON_NOT_AT_REST));
     world_ticks(3u);
-    world.arm_silent = 1;
+    world.arm_silent = true;
     world_ticks(8u);
-    world.requested = 1;
+    world.requested = true;
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_MON_NOT_AT_REST));
     TEST_ASSERT_EQUAL_UINT32(0u, APP->arena.idle.monitor.n);
@@ -108,7 +108,7 @@ static void refused(void (*spoil)(kc_detection_t *d), uint32_t event)
     before = APP->arena.idle.monitor;
     uint32_t n = world_events(event);
     world.spoil = spoil;
-    world.requested = 1;
+    world.requested = true;
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(event));
     TEST_ASSERT_EQUAL_MEMORY(&before, &APP->arena.idle.monitor, sizeof before);
