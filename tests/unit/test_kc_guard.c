@@ -498,3 +498,21 @@ void test_a_check_in_parts_comes_to_the_same(void)
     TEST_ASSERT_EQUAL_INT(whole, job.verdict);
     TEST_ASSERT_EQUAL_MEMORY(&s_why.got, &job.why.got, sizeof s_why.got);
 }
+
+/* Far between the ends, so that no step may be as long as the whole slide. */
+void test_a_volume_in_the_way_of_a_sliding_joint_is_found(void)
+{
+    double half[KC_JOINT_MAX];
+    s_arm.joint[0].type = KC_PRISMATIC;
+    s_arm.joint[0].q_min = -2.0;
+    s_arm.joint[0].q_max = 2.0;
+    s_bound[0] = 2.0;
+    s_from[0] -= 0.9;
+    s_to[0] += 0.9;
+    for (uint32_t j = 0u; j < 7u; j++) { half[j] = s_from[j] + 0.443 * (s_to[j] - s_from[j]); }
+    s_s.n_volume = 2u;
+    put_ball(half, 0.002f);
+    expect_met(KC_GUARD_VOLUME, 1, 0.012, 1.0);
+    s_s.volume[1].p_m[0] += 5.0f;
+    expect_fine();
+}

@@ -862,3 +862,41 @@ void test_nothing_is_a_mismatch_while_a_coefficient_is_held(void)
     TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.rank);
 }
+
+void test_without_a_solution_an_information_criterion_leaves_the_choice_to_chance(void)
+{
+    for (uint8_t acq = KC_ACQ_DOPT; acq <= KC_ACQ_VOPT; acq++) {
+        setUp();
+        world.config.acquisition = acq;
+        world_started();
+        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+        APP->est.opt.iter_max = 0u; /* not allowed: the estimator refuses */
+        for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
+        TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
+        TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
+    }
+}
+
+void test_where_no_candidate_is_left_an_information_criterion_ends_the_calibration(void)
+{
+    world.config.acquisition = KC_ACQ_DOPT;
+    world_started();
+    for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    memset(APP->plan.usable, 0, sizeof APP->plan.usable);
+    for (uint32_t i = 0u; i < 300u && world_calibrating(); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
+    TEST_ASSERT_EQUAL_UINT32(3u, world.n_meas);
+}
+
+void test_a_gp_without_room_is_lost_and_the_calibration_goes_on(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    APP->arena.calibration.gp.n = KC_MEAS_MAX;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_FALSE(APP->learned.gp_ok);
+    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
+}
