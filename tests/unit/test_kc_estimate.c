@@ -406,7 +406,9 @@ void test_an_observation_that_changes_on_the_way_never_gives_a_covariance_that_i
         n_failed += s_est.job.status == KC_OK ? 0u : 1u;
         if (s_est.job.status != KC_OK) { continue; }
         for (uint32_t i = 0u; i < 28u; i++) {
-            for (uint32_t j = 0u; j < 28u; j++) { TEST_ASSERT_TRUE(isfinite(s_est.cov[i * KC_COEF_MAX + j])); }
+            for (uint32_t j = 0u; j < 28u; j++) {
+                TEST_ASSERT_TRUE(isfinite(s_est.cov[i * KC_COEF_MAX + j]));
+            }
         }
     }
     TEST_ASSERT_TRUE(n_failed > 50u);

@@ -516,3 +516,20 @@ void test_a_volume_in_the_way_of_a_sliding_joint_is_found(void)
     s_s.volume[1].p_m[0] += 5.0f;
     expect_fine();
 }
+
+void test_a_check_that_runs_out_of_postures_refuses(void)
+{
+    kc_guard_job_t job;
+    kc_work_t one = {1u, 0u};
+    s_to[0] += 0.3;
+    expect_fine();
+    kc_guard_begin(&s_ask, &job);
+    TEST_ASSERT_FALSE(kc_guard_step(&s_ask, &job, &one)); /* the first posture */
+    job.at.d[0] = KC_GUARD_CLEAR_M; /* so that the next one is near */
+    job.k = KC_GUARD_STEPS_MAX + 1u;
+    one.used = 0u;
+    (void)kc_guard_step(&s_ask, &job, &one);
+    TEST_ASSERT_TRUE(job.over);
+    TEST_ASSERT_TRUE(job.part < 1.0);
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
+}

@@ -453,7 +453,9 @@ void test_a_proposal_without_an_observation_that_counts_has_no_residual_before(v
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_REPORT, 3000u));
     while (world_calibrating() && world.n_proposal == 0u) {
-        if (APP->plan.n_meas == world.config.n_poses) { memset(APP->est.outlier, 1, sizeof APP->est.outlier); }
+        if (APP->plan.n_meas == world.config.n_poses) {
+            memset(APP->est.outlier, 1, sizeof APP->est.outlier);
+        }
         world_tick();
     }
     TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
@@ -465,7 +467,8 @@ void test_a_correction_that_does_not_fit_the_tables_waits_for_the_ground(void)
 {
     given_policy();
     world_started();
-    while (world_calibrating() && APP->plan.n_meas < world.config.n_poses) { world_tick(); }
+    while (world_calibrating() && world.n_progress < world.config.n_poses) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(0u, world.n_proposal); /* estimated, and not proposed yet */
     APP->tables.active.terms.coef[24].ub = 0.005; /* behind its back: it will propose 0.01 */
     world_seal(KC_TBL_TERMS);
     for (uint32_t i = 0u; i < 200u && world.n_proposal == 0u; i++) { world_tick(); }

@@ -247,3 +247,17 @@ void test_running_out_of_iterations_is_an_answer(void)
     TEST_ASSERT_TRUE(s_qp.kkt > 1e-3);
     for (uint32_t i = 0u; i < 2u; i++) { TEST_ASSERT_TRUE(s_qp.x[i] >= -1.0 && s_qp.x[i] <= 1.0); }
 }
+
+/* As if rounding hid the truth: the gradient is not what the step was made for, and the step does not lower it. */
+void test_a_gradient_that_newtons_method_does_not_lower_is_not_tried_again(void)
+{
+    given_identity(1u);
+    kc_qp_begin(&s_qp);
+    s_qp.grad[0] = 0.5;
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(-0.5, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, s_qp.floor_g);
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(-0.5, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, s_qp.status); /* and it is no solution */
+}

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "given_world.h"
+#include "kc_update.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
@@ -899,4 +900,53 @@ void test_a_gp_without_room_is_lost_and_the_calibration_goes_on(void)
     for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
     TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
+}
+
+/* ---- what does not fit into a step waits ---- */
+
+static kc_app_t s_saved;
+
+/* The part that begins when the residuals are done: it is charged by itself, and begins with the charge. `run` is
+ * called with ever more work left in the step. Returns how often the residuals were done and the part waited. */
+static uint32_t waits(kc_outcome_t (*run)(kc_work_t *work))
+{
+    uint32_t n = 0u, part = APP->learned.part;
+    s_saved = *APP;
+    for (uint64_t left = 0u; APP->learned.part == part; left += 2000u) {
+        *APP = s_saved;
+        kc_work_t work = {left + 1u, 1u};
+        TEST_ASSERT_TRUE(left < KC_STEP_WORK);
+        bool over = run(&work).id == KC_OC_DONE;
+        TEST_ASSERT_TRUE(work.used <= left + 1u);
+        if (APP->learned.part != part) { break; }
+        TEST_ASSERT_FALSE(over);
+        TEST_ASSERT_EQUAL_MEMORY(&s_saved.est.job, &APP->est.job, sizeof s_saved.est.job);
+        TEST_ASSERT_EQUAL_UINT32(s_saved.arena.calibration.gp.n, APP->arena.calibration.gp.n);
+        n += APP->learned.i == APP->plan.n_meas ? 1u : 0u;
+    }
+    return n;
+}
+
+static kc_outcome_t solve(kc_work_t *work)
+{
+    return kc_update_solve(&APP->learned, &APP->est, &APP->arena.calibration.gp, &APP->view, work);
+}
+
+static kc_outcome_t learn(kc_work_t *work)
+{
+    return kc_update_learn(&APP->learned, &APP->est, &APP->plan, &APP->arena.calibration, &APP->view, work,
+                           &world.out);
+}
+
+void test_estimate_and_gp_begin_when_there_is_time_for_them(void)
+{
+    world.config.n_poses = 12u;
+    world_started();
+    for (uint32_t i = 0u; i < 10u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    kc_update_begin(&APP->learned);
+    TEST_ASSERT_TRUE(waits(solve) > 0u);
+    *APP = s_saved;
+    APP->learned.part = 1u; /* the residuals of LEARN, then the GP */
+    TEST_ASSERT_TRUE(waits(learn) > 0u);
 }
