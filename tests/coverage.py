@@ -2,10 +2,11 @@
 
     coverage.py EXPORT EXCEPTIONS [ROOT]
 
-EXPORT: what `llvm-cov export` says of the unit tests. A condition decides if it alone changed the outcome of its
-decision. A statement that never ran in a function that is called stands behind such a condition. EXCEPTIONS: a
-table (file, function, condition, never, reason); each row excuses one finding, and one that excuses none is wrong
-too. Prints a line for each file with findings and exits with 1 if there is any."""
+EXPORT: what `llvm-cov export` says of the unit tests. A condition decides if it alone changed the outcome of
+its decision. A statement that never ran in a function that is called stands behind such a condition. clang
+leaves out a decision with another one inside an operand, as in `a && !(b && c)`: never measured. EXCEPTIONS:
+a table (file, function, condition, never, reason); each row excuses one finding, and one that excuses none is
+wrong too. Prints a line for each finding and exits with 1 if there is any."""
 
 import csv
 import json
@@ -25,7 +26,7 @@ class Finding(NamedTuple):
     file: str
     function: str
     condition: str  # as the source has it, in one line; empty: the whole function
-    never: str  # called, true, false, decides
+    never: str  # called, true, false, decides, measured
 
 
 class Condition(NamedTuple):
@@ -74,7 +75,7 @@ class Measured:
 
         used: set[Condition] = set()
         for l0, c0, l1, c1, _, _, decides in record["mcdc_records"]:
-            # A decision does not say of which expansion it is; the first that has its conditions, and is not used.
+            # A decision does not say of which expansion it is: the first with its conditions, not yet used.
             for conditions in several.values():
                 inside = sorted(c for c in conditions if (l0, c0) <= c.begin and c.end <= (l1, c1))
                 if len(inside) == len(decides) and not used.intersection(inside):
@@ -93,6 +94,14 @@ class Measured:
         part[0] = part[0][c0 - 1 :]
         return " ".join(" ".join(part).split())
 
+    def operand(self, condition: Condition) -> bool:
+        """Whether && or || stands beside it."""
+        lines = (self.root / condition.file).read_text().splitlines()
+        (l0, c0), (l1, c1) = condition.begin, condition.end
+        before = " ".join([*lines[: l0 - 1], lines[l0 - 1][: c0 - 1]]).rstrip(" (!\\")
+        after = " ".join([lines[l1 - 1][c1 - 1 :], *lines[l1 : l1 + 3]]).lstrip(" )\\")
+        return before.endswith(("&&", "||")) or after.startswith(("&&", "||"))
+
     def findings(self) -> Iterator[tuple[Finding, int]]:
         """Each with its line."""
         for (file, function), calls in self.calls.items():
@@ -101,7 +110,9 @@ class Measured:
         for condition, seen in sorted(self.seen.items()):
             if not self.calls[condition.file, condition.function] and not seen:
                 continue
-            wanted = ["true", "false"] + ["decides"] * (condition in self.several)
+            several = condition in self.several
+            wanted = ["measured"] * (not several and self.operand(condition))
+            wanted += ["true", "false"] + ["decides"] * several
             missing = [one for one in wanted if one not in seen]
             if missing:
                 # One that is never false cannot decide: one finding.
@@ -136,9 +147,9 @@ def main() -> int:
     for finding in left.elements():
         wrong += 1
         print(f"{exceptions}: needed no more: {', '.join(finding)}")
-    several = len(measured.several)
-    print(f"  {len(measured.calls)} functions, {len(measured.seen)} conditions, {several} of them in decisions with")
-    print(f"  several (MC/DC): {wrong} findings, {n_excused} excused")
+    sizes = len(measured.calls), len(measured.seen), len(measured.several)
+    print("  {} functions, {} conditions, {} of them in decisions with several (MC/DC):".format(*sizes))
+    print(f"  {wrong} findings, {n_excused} excused")
     return 1 if wrong else 0
 
 

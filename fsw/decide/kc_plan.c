@@ -7,7 +7,7 @@ static uint32_t local_left(const kc_plan_t *p, const kc_space_t *s, bool only_du
 {
     uint32_t n = 0u;
     for (uint32_t i = p->i_initial; i < s->n_initial; i++) {
-        n += kc_space_local(s, s->initial[i]) && !(only_due && kc_space_reserve(s, s->initial[i])) ? 1u : 0u;
+        n += kc_space_local(s, s->initial[i]) && (!only_due || !kc_space_reserve(s, s->initial[i])) ? 1u : 0u;
     }
     return n;
 }

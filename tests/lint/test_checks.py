@@ -366,25 +366,27 @@ def covered(folder: Path, exceptions: str) -> subprocess.CompletedProcess:
 def test_a_condition_that_no_test_decides_is_a_failure(tmp_path):
     root = tree(tmp_path)
     folder = configured(root, "Coverage", "-DCMAKE_C_COMPILER=clang-19", "-DCMAKE_CXX_COMPILER=clang++-19")
+    each = "for (int i = 0; i < n; i++) { m = %s ? 0 : m; }"
     cases = [  # called with n = 4; what is never what
         ("m = n > 3;", []),  # a value, no condition
         ("if (n > 3) { m = 0; }", [("n > 3", "false")]),
         ("for (int i = 0; i < n; i++) { m = 0; }", []),
         ("if (n > 3 && one) { m = 0; }", [("n > 3", "false"), ("one", "false")]),
-        ("for (int i = 2; i < n + 2; i++) { m = i > 3 && i < n ? 0 : m; }", [("i < n", "true"), ("i > 3", "decides")]),
-        ("for (int i = 2; i < n + 2; i++) { m = i > 3 && i < n + 1 ? 0 : m; }", []),
-        # both values are seen; the second is true only when the first is already
-        ("for (int i = 0; i < n; i++) { m = i > 1 || i < 1 ? 0 : m; }", []),
-        ("for (int i = 0; i < n; i++) { m = i > 1 && (i > 2 || i * i < 9) ? 0 : m; }", [("i * i < 9", "false"), ("i > 2", "decides")]),
-        ("SKIP(n) SKIP(n + 9)", [("(x) > 5", "true"), ("one", "true"), ("(x) > 5", "false"), ("one", "false")]),
+        (each % "i > 1 && i < n", [("i < n", "false")]),
+        (each % "i > 1 && i < 3", []),
+        # both values are seen, but the first is never the reason: where it is true, the second is false
+        (each % "i > 1 && i * i < 4", [("i * i < 4", "true"), ("i > 1", "decides")]),
+        (each % "i > 1 && (i > 2 || i * i < 9)", [("i * i < 9", "false"), ("i > 2", "decides")]),
+        (each % "one && !(i > 1 && i < 3)", [(c, "measured") for c in ("one", "i > 1", "i < 3")]),
+        ("SKIP(n) SKIP(n + 9)", [(c, never) for c in ("(x) > 5", "one") for never in ("true", "false")]),
         ("return n + m; } int kc_b(int n); int kc_b(int n) { int m = 0;", [("", "called")]),
-    ]  # fmt: skip
+    ]
+    head = (
+        '#include "kc_math.h"\n#define SKIP(x) if ((x) > 5 && one) { m = 1; }\n'
+        "static volatile int one = 1;\nint kc_math(int n)\n{\n    volatile int m = 0;\n    m = !one;\n"
+    )
     for body, wanted in cases:
-        (root / "fsw/math/kc_math.c").write_text(
-            '#include "kc_math.h"\n#define SKIP(x) if ((x) > 5 && one) { m = 1; }\n'
-            "static volatile int one = 1;\n"
-            f"int kc_math(int n)\n{{\n    volatile int m = 0;\n    m = !one;\n    {body}\n    return n + 0 * m;\n}}\n"
-        )
+        (root / "fsw/math/kc_math.c").write_text(f"{head}    {body}\n    return n + 0 * m;\n}}\n")
         counted(folder)
         done = covered(folder, "")
         found = re.findall(r"^fsw/math/kc_math\.c:\d+: kc_\w+: never (\w+): ?(.*)$", done.stdout, re.M)

@@ -388,7 +388,7 @@ void test_a_bound_is_active_only_if_the_cost_would_fall_beyond_it(void)
 }
 
 /* A bit of an observation flips during the fit; the memory check (kc_scrub.c) may be late. */
-void test_an_observation_that_changes_on_the_way_never_gives_a_covariance_that_is_none(void)
+void test_an_observation_damaged_during_the_fit_never_gives_a_covariance_that_is_none(void)
 {
     uint32_t n_failed = 0u;
     bool done = false;

@@ -280,7 +280,8 @@ void test_an_observation_that_cannot_be_compared_changes_nothing(void)
     kc_detection_t d = world.in.det[0];
     d.t_us = world.now_us;
     d.p_cam_tool_m[0] = NAN;
-    kc_monitoring_observe(&APP->monitoring, &APP->arena.idle.monitor, &APP->view, &d, &world.out);
+    kc_work_t work = kc_work_of_step();
+    kc_monitoring_observe(&APP->monitoring, &APP->arena.idle.monitor, &APP->view, &d, &work, &world.out);
     TEST_ASSERT_EQUAL_UINT32(3u, APP->arena.idle.monitor.n);
     TEST_ASSERT_EQUAL_UINT64(before.t_us, APP->monitoring.t_us);
     TEST_ASSERT_EQUAL_MEMORY(&before.newest, &APP->monitoring.newest, sizeof before.newest);
