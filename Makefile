@@ -256,7 +256,7 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench-samples blind montecarlo sigma campaign-faults occlusion real halves
+.PHONY: demo hil bench-samples blind montecarlo sigma campaign-faults assurance occlusion real halves
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -278,6 +278,9 @@ montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, u
 
 campaign-faults: setup core ## every kind of fault between flight and its surroundings (SEEDS; WRITE=1 for docs/ASSURANCE.md)
 	.venv/bin/python tests/bench/faults.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WRITE),--write)
+
+assurance: setup build ## every long check of the flight core, for docs/ASSURANCE.md (CHECKS="wcet cov"; all: hours)
+	$(Q)$(PYTHON) tests/assurance.py $(CHECKS)
 
 occlusion: setup core ## drawn frames against the search's verdict on what the arm hides
 	.venv/bin/python tests/bench/occlusion.py
