@@ -537,8 +537,8 @@ static uint32_t collect(uint32_t max)
 {
     uint32_t total = 0u;
     for (uint32_t i = 0u; i < max; i++) {
-        const kc_chunk_t *c = &world.out.dump;
-        if (world.out.has_dump) {
+        const kc_chunk_t *c = &world.out.table_down;
+        if (world.out.has_table_down) {
             memcpy(&s_dumped[c->offset], c->data, c->n);
             total = c->total;
             if (c->offset + c->n == c->total) { return total; }
@@ -556,7 +556,7 @@ void test_a_table_comes_down_as_it_went_up(void)
     TEST_ASSERT_EQUAL_UINT32(s_n, collect(200u));
     TEST_ASSERT_EQUAL_MEMORY(s_image, s_dumped, s_n);
     world_tick();
-    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_dump);
+    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_table_down);
 }
 
 void test_a_waiting_proposal_can_be_dumped(void)
@@ -591,10 +591,10 @@ void test_a_dump_ends_when_its_table_changes(void)
 {
     given_idle();
     (void)world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0);
-    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_dump);
+    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_table_down);
     APP->tables.active.crc[KC_TBL_SPACE] ^= 1u; /* another one was activated */
     world_tick();
-    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_dump);
+    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_table_down);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_TBL_MISSING));
     (void)world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0);
     APP->tables.active.crc[KC_TBL_SPACE] = 0u; /* or it is gone */
@@ -609,10 +609,10 @@ void test_a_dump_larger_than_a_chunk_comes_in_two(void)
     APP->review.crc = 77u;
     for (uint32_t i = 0u; i < KC_KIN_IMAGE_MAX; i++) { APP->review.image[i] = (uint8_t)(i * 7u); }
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DUMP, KC_STORE_PROPOSAL, 0, 0));
-    TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_BYTES, world.out.dump.n);
+    TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_BYTES, world.out.table_down.n);
     TEST_ASSERT_EQUAL_UINT32(KC_KIN_IMAGE_MAX, collect(10u));
     TEST_ASSERT_EQUAL_MEMORY(APP->review.image, s_dumped, KC_KIN_IMAGE_MAX);
-    TEST_ASSERT_EQUAL_UINT32(KC_KIN_IMAGE_MAX - KC_CHUNK_BYTES, world.out.dump.n);
+    TEST_ASSERT_EQUAL_UINT32(KC_KIN_IMAGE_MAX - KC_CHUNK_BYTES, world.out.table_down.n);
 }
 
 void test_a_dump_waits_while_a_step_has_no_time_for_it(void)
@@ -623,11 +623,11 @@ void test_a_dump_waits_while_a_step_has_no_time_for_it(void)
     uint32_t at = APP->dump.at;
     memset(&world.out, 0, sizeof world.out);
     kc_dump_run(&APP->dump, &APP->review, &APP->view, &busy, &world.out);
-    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_dump);
+    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_table_down);
     TEST_ASSERT_EQUAL_UINT32(at, APP->dump.at);
     kc_dump_run(&APP->dump, &APP->review, &APP->view, &idle, &world.out);
-    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_dump);
-    TEST_ASSERT_EQUAL_UINT32(at, world.out.dump.offset);
+    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_table_down);
+    TEST_ASSERT_EQUAL_UINT32(at, world.out.table_down.offset);
 }
 
 /* One more is announced than there is room for: what lies behind the queue is no chunk. */
