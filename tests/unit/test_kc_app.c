@@ -428,6 +428,19 @@ void test_after_an_abort_a_calibration_can_start_again(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
 }
 
+/* ---- found missing by mutants ---- */
+
+void test_an_abort_is_reported_with_pose_and_cause_alone(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+    const kc_event_t *e = &world.last[KC_EVT_CAL_ABORTED];
+    TEST_ASSERT_EQUAL_INT(1, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_COMMAND, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
+}
+
 void test_where_the_journal_names_no_correction_the_stored_one_is_taken(void)
 {
     static kc_kin_t kin;

@@ -602,6 +602,21 @@ void test_a_dump_ends_when_its_table_changes(void)
     TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_TBL_MISSING));
 }
 
+/* ---- found missing by mutants ---- */
+
+/* Silence counts from the source's last command, however late it is. */
+void test_late_too_a_wild_number_is_refused_while_its_source_is_heard(void)
+{
+    world_boot();
+    world_ticks(300u);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 5000000;
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world.ack.status);
+    world_ticks(5u);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 7;
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+}
+
 void test_a_dump_larger_than_a_chunk_comes_in_two(void)
 {
     given_idle();

@@ -421,6 +421,29 @@ void test_a_field_of_an_input_has_a_name_and_the_number_of_its_element(void)
     TEST_ASSERT_EQUAL_UINT32(0u, element);
 }
 
+/* Found by fuzzing: nothing checks these entries, and they are published. */
+void test_entries_beyond_the_joints_of_the_arm_are_not_taken(void)
+{
+    given_idle();
+    s_in.has_arm = 1u;
+    for (uint32_t j = s_in.arm.n_joints; j < KC_JOINT_MAX; j++) {
+        s_in.arm.q[j] = s_in.arm.dq[j] = (double)NAN;
+        s_in.arm.q_cmd[j] = (double)INFINITY;
+        s_in.arm.dir[j] = -1e265;
+    }
+    step();
+    const kc_arm_state_t *a = &APP->input.telemetry.arm;
+    TEST_ASSERT_EQUAL_INT(s_in.arm.seq, a->seq);
+    TEST_ASSERT_LESS_THAN_UINT32(KC_JOINT_MAX, a->n_joints);
+    for (uint32_t j = a->n_joints; j < KC_JOINT_MAX; j++) {
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, a->q[j]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, a->dq[j]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, a->q_cmd[j]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, a->dir[j]);
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(world.q[0], a->q[0]);
+}
+
 void test_a_tag_that_is_named_twice_is_refused_wherever_it_stands(void)
 {
     kc_detection_t *d = given_frame();

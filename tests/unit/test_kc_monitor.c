@@ -197,6 +197,16 @@ void test_an_observation_without_orientation_or_noise_is_refused(void)
     refused(KC_ERR_NUM);
 }
 
+/* ---- found missing by mutants ---- */
+
+void test_every_prismatic_joint_is_known_as_one(void)
+{
+    s_arm.joint[2].type = KC_PRISMATIC;
+    s_arm.joint[6].type = KC_PRISMATIC;
+    kc_monitor_init(&s_mon, &s_arm, 2e-4, 5e-4);
+    TEST_ASSERT_EQUAL_HEX32(1u << 2 | 1u << 6, s_mon.prismatic);
+}
+
 /* Terms can undo what a joint does. */
 void test_a_joint_that_moves_nothing_is_never_suspected(void)
 {

@@ -216,6 +216,26 @@ void test_the_named_joint_alone_is_recalibrated(void)
     TEST_ASSERT_DOUBLE_WITHIN(3e-3, 0.05, world.proposal.kin.value[8]);
 }
 
+/* ---- found missing by mutants ---- */
+
+void test_an_observation_counts_from_the_settling_time_on(void)
+{
+    given_idle(0u, 0.0);
+    world.arm_vibrates = 1;
+    world_tick();
+    for (uint32_t i = 0u; i < 2u; i++) { /* at rest since this tick; then for settle_us exactly */
+        world.requested = 1;
+        world.frame_requested = 77;
+        world_tick();
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_MON_NOT_AT_REST));
+        TEST_ASSERT_EQUAL_UINT32(i, APP->arena.idle.monitor.n);
+    }
+    const kc_event_t *e = &world.last[KC_EVT_MON_NOT_AT_REST];
+    TEST_ASSERT_EQUAL_INT(-1, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE(77.0, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
+}
+
 void test_without_a_table_that_it_needs_nothing_is_compared(void)
 {
     static const uint16_t kinds[] = {KC_TBL_ARM, KC_TBL_CAMERA, KC_TBL_TERMS, KC_TBL_CONFIG};
