@@ -37,6 +37,8 @@ static struct {
     double torn;   /* KILLS: part of a write that is done first */
     int fd;        /* open for writing */
     bool reached;   /* the change was reached */
+    int write_errno, n_odd; /* the next n_odd writes write nothing: 0, or -1 with this errno */
+    bool close_fails;       /* of what was written */
     jmp_buf power; /* gone */
 } s_m = {.fd = -1};
 
@@ -65,6 +67,11 @@ ssize_t write(int fd, const void *buf, size_t n)
 {
     static uint8_t flipped[KC_IMAGE_MAX];
     if (fd != s_m.fd) { return syscall(SYS_write, fd, buf, n); }
+    if (s_m.n_odd > 0) {
+        s_m.n_odd--;
+        errno = s_m.write_errno;
+        return s_m.write_errno == 0 ? 0 : -1;
+    }
     if (suffers(false)) {
         size_t part = (size_t)((double)n * s_m.torn);
         if (s_m.harm == KILLS) { (void)syscall(SYS_write, fd, buf, part); }
@@ -93,6 +100,14 @@ int openat(int dir, const char *name, int flags, ...)
     int fd = (int)syscall(SYS_openat, dir, name, flags, mode);
     if (writing) { s_m.fd = fd; }
     return fd;
+}
+
+int close(int fd)
+{
+    bool fails = s_m.close_fails && fd >= 0 && fd == s_m.fd;
+    int done = (int)syscall(SYS_close, fd);
+    if (fails) { errno = EIO; }
+    return fails ? -1 : done;
 }
 
 int fsync(int fd)
@@ -317,6 +332,54 @@ void test_failed_writes_are_reported(void)
 }
 
 /* ---- default tables ---- */
+
+void test_a_write_that_a_signal_interrupts_is_repeated(void)
+{
+    s_m.write_errno = EINTR;
+    s_m.n_odd = 3;
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(1));
+    TEST_ASSERT_EQUAL_INT(0, s_m.n_odd);
+    TEST_ASSERT_EQUAL_INT(1, reloaded());
+}
+
+void test_a_write_that_writes_nothing_or_fails_at_its_end_is_refused(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(1));
+    s_m.n_odd = 1;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(2));
+    s_m.write_errno = EIO;
+    s_m.n_odd = 1;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(2));
+    s_m.close_fails = true;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(2));
+    s_m.close_fails = false;
+    TEST_ASSERT_EQUAL_INT(1, reloaded());
+}
+
+void test_a_table_of_another_size_is_another_table(void)
+{
+    static kc_space_t space;
+    given_space(&space, 12u, 1u);
+    const kc_store_t longer = {KC_TBL_SPACE, given_image(KC_TBL_SPACE, &space, s_image), s_image};
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &longer));
+    const kc_store_t shorter = {KC_TBL_SPACE, longer.n - 1u, s_image}; /* the same bytes, but for the last */
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &shorter));
+    TEST_ASSERT_EQUAL_UINT64(2u, s_f.number[KC_TBL_SPACE][0] > s_f.number[KC_TBL_SPACE][1]
+                                     ? s_f.number[KC_TBL_SPACE][0]
+                                     : s_f.number[KC_TBL_SPACE][1]);
+}
+
+void test_a_slot_that_is_gone_when_it_is_loaded_does_no_harm(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(1));
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(2));
+    const uint64_t *num = s_f.number[KC_TBL_ARM];
+    (void)snprintf(s_path, sizeof s_path, "%s/%s", s_dir, num[1] > num[0] ? "k01.b" : "k01.a");
+    TEST_ASSERT_EQUAL_INT(0, unlink(s_path));
+    TEST_ASSERT_TRUE(kc_files_load(&s_f, s_tables, APP) >= 0);
+    kc_app_boot(APP);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.01, kc_app_active(APP)->arm.tool_xyz_m[2]); /* the one before */
+}
 
 void test_default_tables_fill_what_the_store_does_not_have(void)
 {
