@@ -454,7 +454,8 @@ def test_every_deviation_from_misra_is_decided_and_no_decision_is_left_over(row,
 
 def test_misra_finds_a_goto(tmp_path, monkeypatch):
     misra = module(LINT / "misra.py")
-    source = "int kc_x(int n);\nint kc_x(int n)\n{\n    if (n > 0) { goto end; }\n    n = 1;\nend:\n    return n;\n}\n"
+    source = "int kc_x(int n);\nint kc_x(int n)\n{\n    if (n > 0) { goto end; }\n    n = 1;\n"
+    source += "end:\n    return n;\n}\n"
     write(tmp_path, {f"fsw/{room}/kc_{room}.c": "" for room in misra.ROOMS} | {"fsw/math/kc_x.c": source})
     monkeypatch.setattr(misra, "ROOT", tmp_path)
     assert "kc_x.c" in misra.findings(None)["15.1"]
