@@ -470,6 +470,37 @@ def test_an_event_needs_a_cause_and_what_to_do(old, new, complaint, tmp_path, mo
         events.documents()
 
 
+# ---- MISRA
+
+
+@pytest.mark.parametrize(
+    ("row", "found", "complaint"),
+    [
+        ("10.4,mixed,accepted,compilers check,*", {"10.4": {"a.c": 2}}, None),
+        ("10.4,mixed,accepted,compilers check,a.c", {"10.4": {"a.c": 2}, "15.1": {"b.c": 1}}, "15.1"),
+        ("10.4,mixed,accepted,compilers check,a.c", {"10.4": {"a.c": 1, "b.c": 1}}, "b.c too"),
+        ("10.4,mixed,accepted,compilers check,a.c b.c", {"10.4": {"a.c": 1}}, "not in b.c any more"),
+        ("10.4,mixed,accepted,compilers check,*", {}, "delete its row"),
+        ("10.4,mixed,perhaps,compilers check,*", {"10.4": {"a.c": 1}}, "decision"),
+        ("10.4,mixed,accepted,,*", {"10.4": {"a.c": 1}}, "reason"),
+    ],
+)
+def test_every_deviation_from_misra_is_decided_and_no_decision_is_left_over(row, found, complaint):
+    names = ("rule", "kind", "decision", "reason", "files")
+    rows = [dict(zip(names, row.split(","), strict=True))]
+    said = module(LINT / "misra.py").complaints(rows, found)
+    assert [complaint in line for line in said] == [True] if complaint else said == []
+
+
+def test_misra_finds_a_goto(tmp_path, monkeypatch):
+    misra = module(LINT / "misra.py")
+    source = "int kc_x(int n);\nint kc_x(int n)\n{\n    if (n > 0) { goto end; }\n    n = 1;\n"
+    source += "end:\n    return n;\n}\n"
+    write(tmp_path, {f"fsw/{room}/kc_{room}.c": "" for room in misra.ROOMS} | {"fsw/math/kc_x.c": source})
+    monkeypatch.setattr(misra, "ROOT", tmp_path)
+    assert "kc_x.c" in misra.findings(None)["15.1"]
+
+
 # ---- one vocabulary
 
 GLOSSARY = """# Glossary
