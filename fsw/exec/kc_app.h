@@ -5,6 +5,7 @@
 
 #include <stdint.h>
 
+#include "kc_auth.h"
 #include "kc_estimate.h"
 #include "kc_sensors.h"
 #include "kc_states.h"
@@ -28,6 +29,10 @@ typedef enum {
 /* Who commands; sequence numbers are kept per source. */
 typedef enum { KC_SRC_EXECUTIVE = 1, KC_SRC_GROUND = 2 } kc_source_t;
 #define KC_SOURCE_MAX 2u
+
+/* What may come signed. Each has counters of its own, so that their order within a step does not matter. */
+typedef enum { KC_SIGNED_CMD = 0, KC_SIGNED_CHUNK = 1 } kc_signed_kind_t;
+#define KC_SIGNED_COUNT 2u
 
 /* Inputs as events KC_EVT_IN_* name them. */
 typedef enum { KC_INPUT_ARM = 1, KC_INPUT_PANTILT = 2, KC_INPUT_DETECTION = 3 } kc_sensor_t;
@@ -69,17 +74,21 @@ const char *kc_input_field(int32_t index, uint32_t *element);
 
 /* Field meanings: fsw/msg/ message of the same name. */
 typedef struct {
+    uint64_t t_us;
     int32_t seq, source, opcode, arg_i[4];
     uint64_t arg_u64;
     double arg_d[4];
+    kc_auth_t auth;
 } kc_cmd_t;
 typedef struct {
     int32_t source, seq, opcode, status, event_id;
 } kc_ack_t;
 typedef struct {
-    int32_t kind;
+    uint64_t t_us;
+    int32_t source, kind;
     uint32_t total, offset, n;
     uint8_t data[KC_CHUNK_BYTES];
+    kc_auth_t auth;
 } kc_chunk_t;
 typedef struct {
     int32_t seq;
@@ -177,7 +186,7 @@ typedef struct {
 #define KC_STORE_PREV 17u
 #define KC_STORE_JOURNAL 18u
 #define KC_STORE_QUEUE_MAX 10u
-#define KC_JOURNAL_BYTES 64u
+#define KC_JOURNAL_BYTES 96u
 #define KC_KIN_IMAGE_MAX 1280u
 typedef struct {
     uint16_t kind;
@@ -209,6 +218,8 @@ extern kc_app_t kc_app_instance; /* the one instance of the flight process */
 
 /* Start. Tables come next through kc_app_load, then kc_app_boot. */
 void kc_app_init(kc_app_t *app);
+/* The keys whose holders may command, before boot. Without them only what needs no signature is taken. */
+void kc_app_keys(kc_app_t *app, const kc_keys_t *keys);
 /* Offer a stored or default image before boot: the edge offers every image it finds, best first (newest
  * slot, older slot, default of the table directory); the first good one of each kind wins, of KIN, PREV and
  * PROPOSAL the one that the journal names. kind as in kc_store_t. KC_ERR_* : refused, offer the next. Order of

@@ -13,23 +13,37 @@ static int32_t i32(uint32_t x) { return (int32_t)x; }
 
 /* ---- in ---- */
 
+static void wire_auth(int32_t key_id, int64_t counter, const int64_t *mac, kc_auth_t *a)
+{
+    a->key_id = (uint32_t)key_id;
+    a->counter = (uint64_t)counter;
+    for (uint32_t i = 0u; i < KC_MAC_BYTES; i++) {
+        a->mac[i] = (uint8_t)((uint64_t)mac[i / 8u] >> (8u * (i % 8u)));
+    }
+}
+
 void kc_wire_cmd(const kcm_cmd_t *m, kc_cmd_t *c)
 {
+    c->t_us = (uint64_t)m->t_us;
     c->seq = m->seq;
     c->source = m->source;
     c->opcode = m->opcode;
     COPY(c->arg_i, m->arg_i);
     c->arg_u64 = (uint64_t)m->arg_u64;
     COPY(c->arg_d, m->arg_d);
+    wire_auth(m->key_id, m->counter, m->mac, &c->auth);
 }
 
 void kc_wire_chunk(const kcm_table_chunk_t *m, kc_chunk_t *c)
 {
+    c->t_us = (uint64_t)m->t_us;
+    c->source = m->source;
     c->kind = m->kind;
     c->total = (uint32_t)m->total_bytes; /* negative ones become too large */
     c->offset = (uint32_t)m->offset;
     c->n = (uint32_t)m->n;
     COPY(c->data, m->data);
+    wire_auth(m->key_id, m->counter, m->mac, &c->auth);
 }
 
 void kc_wire_arm(const kcm_arm_state_t *m, kc_arm_state_t *s)
@@ -117,6 +131,7 @@ void kc_wire_arm_cmd(const kc_arm_cmd_t *c, int64_t t_us, kcm_arm_cmd_t *m)
 
 void kc_wire_dump(const kc_chunk_t *c, int64_t t_us, kcm_table_chunk_t *m)
 {
+    memset(m, 0, sizeof *m); /* nobody's, and not signed */
     m->t_us = t_us;
     m->kind = c->kind;
     m->total_bytes = i32(c->total);

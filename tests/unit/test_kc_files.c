@@ -158,6 +158,7 @@ void setUp(void)
     TEST_ASSERT_EQUAL_INT(0, mkdir(s_tables, 0777));
     open_store();
     kc_app_init(APP);
+    kc_app_keys(APP, &world.keys);
 }
 
 void tearDown(void);
@@ -189,6 +190,7 @@ static int reloaded(void)
     close_store();
     open_store();
     kc_app_init(APP);
+    kc_app_keys(APP, &world.keys);
     TEST_ASSERT_TRUE(kc_files_load(&s_f, s_tables, APP) >= 0);
     kc_app_boot(APP);
     if (kc_app_active(APP)->crc[KC_TBL_ARM] == 0u) { return 0; }
@@ -440,6 +442,7 @@ static void power_up(void)
     memset(world.events, 0, sizeof world.events);
     world.cmd_seq[1] = world.cmd_seq[2] = 0;
     kc_app_init(APP);
+    kc_app_keys(APP, &world.keys);
     (void)kc_files_load(&s_f, s_tables, APP);
     kc_app_boot(APP);
     world_tick();
