@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import lcm
 
 from kincal import installation
+from kincal.keys import Signer, of_simulation
 from kincal.link import LogSummary
 from kincal.link.channels import message_type
 
@@ -218,6 +219,8 @@ class Simulation:
         self._limit_s = setup.limit_s or self.scenario.executive.total_timeout_s + PATIENCE_S
         self._number = self._now_us = 0
         self._sent: list[Message] = []  # on their way to flight
+        self._key = of_simulation(seed)
+        self.signer = Signer(self._key, self.store.count)
         self._inbox = Inbox()
         self._executive: Executive | None = None
         self._commander = setup.commander(self._send) if setup.commander else self._make_executive()
@@ -244,6 +247,7 @@ class Simulation:
             self.setup.tables,
             self.store,
             lambda kind, data: self.setup.hooks.keep(self._number, kind, data),
+            (self._key,),
         )
 
     def publish(self, channel: str, message: LcmMessage) -> None:
@@ -251,7 +255,8 @@ class Simulation:
         self._sent.append((channel, message))
 
     def _send(self, command: Cmd) -> None:
-        self.publish("KC_CMD", command)
+        """A command of the commander, signed if it is not."""
+        self.publish("KC_CMD", command if command.key_id else self.signer.command(command))
 
     def stop(self) -> None:
         """No more ticks."""

@@ -6,6 +6,7 @@ for byte.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -52,14 +53,23 @@ def _unsigned32(value: int) -> int:
     return value & 0xFFFFFFFF
 
 
+def _fill_auth(s: KcCmd | KcChunk, m: Cmd | TableChunk) -> None:
+    s.t_us = m.t_us & _UNSIGNED_64
+    s.auth.key_id, s.auth.counter = _unsigned32(m.key_id), m.counter & _UNSIGNED_64
+    s.auth.mac = list(struct.pack("<2q", *m.mac))
+
+
 def fill_cmd(s: KcCmd, m: Cmd) -> None:
     """KC_CMD."""
+    _fill_auth(s, m)
     _copy(s, m, ("seq", "source", "opcode", "arg_i", "arg_d"))
     s.arg_u64 = m.arg_u64 & _UNSIGNED_64
 
 
 def fill_chunk(s: KcChunk, m: TableChunk) -> None:
     """KC_TABLE_UP."""
+    _fill_auth(s, m)
+    s.source = m.source
     s.kind, s.data[0 : len(m.data)] = m.kind, bytes(m.data)
     s.total, s.offset, s.n = (_unsigned32(x) for x in (m.total_bytes, m.offset, m.n))
 
@@ -117,13 +127,15 @@ def messages(out: KcOut, t_us: int, event_seq: int) -> Iterator[Message]:
         yield "KC_PROPOSAL", _proposal(out.proposal, t_us)
     if out.has_dump:
         data, total = bytes(out.dump.data), signed32(out.dump.total)
-        yield "KC_TABLE_DOWN", _message("table_chunk_t", out.dump, t_us=t_us, total_bytes=total, data=data)
+        unsigned = {"source": 0, "key_id": 0, "counter": 0, "mac": [0, 0]}
+        given = {"t_us": t_us, "total_bytes": total, "data": data, **unsigned}
+        yield "KC_TABLE_DOWN", _message("table_chunk_t", out.dump, **given)
     if out.has_hk:
         crcs = _plain(out.hk.crc)
         yield "KC_HK", _message("hk_t", out.hk, t_us=t_us, n_tx_errors=0, table_crc=crcs)
 
 
-def _message(type_name: str, source: object, **given: object) -> LcmMessage:
+def _message(type_name: str, source: object, /, **given: object) -> LcmMessage:
     """A message; fields that are not given are those of the struct with the same names."""
     message: LcmMessage = message_type(type_name)()
     for name in message_type(type_name).__slots__:
