@@ -299,6 +299,15 @@ static void store_all(const kc_out_t *o)
     }
 }
 
+static void remember_answered(const kc_ack_t *ack)
+{
+    for (uint32_t i = 0u; i < KC_CMD_QUEUE_MAX; i++) {
+        const kc_cmd_t *c = &world.sent[i];
+        bool same = c->source == ack->source && c->seq == ack->seq && c->opcode == ack->opcode;
+        if (same && ack->status == KC_OK) { world.answered = *c; }
+    }
+}
+
 static void listen(void)
 {
     const kc_out_t *o = &world.out;
@@ -310,6 +319,7 @@ static void listen(void)
     for (uint32_t i = 0u; i < o->n_ack; i++) {
         world.ack = o->ack[i];
         world.n_acks++;
+        remember_answered(&world.ack);
     }
     if (o->has_meas) { world.meas[world.n_meas++ % KC_MEAS_MAX] = o->meas; }
     if (o->has_progress) { world.progress[world.n_progress++ % KC_MEAS_MAX] = o->progress; }
@@ -332,6 +342,7 @@ void world_sign_cmd(kc_cmd_t *c)
     c->auth.counter = ++world.counter;
     kc_auth_text_t text = kc_signed_cmd(c, head);
     kc_auth_mac(&world.keys.key[0], &text, c->auth.mac);
+    world.sent[world.counter % KC_CMD_QUEUE_MAX] = *c;
 }
 
 void world_sign_chunk(kc_chunk_t *c)

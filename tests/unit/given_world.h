@@ -23,6 +23,8 @@ typedef struct {
     uint64_t rng;
     kc_keys_t keys; /* of flight, set at boot; the first one signs */
     uint64_t counter; /* of the last message that was signed */
+    kc_cmd_t sent[KC_CMD_QUEUE_MAX]; /* the last signed commands, by counter modulo their number */
+    kc_cmd_t answered; /* the last of them that was accepted; key 0: none was */
     /* settings */
     int arm_silent, pantilt_silent, camera_silent; /* no messages */
     int arm_frozen, pantilt_frozen; /* commands are echoed but nothing moves */
