@@ -14,10 +14,10 @@
 
 static const char s_head[] = "kincal-keys 1\n";
 
-static int complain(const char *path, const char *what)
+static bool complain(const char *path, const char *what)
 {
     (void)fprintf(stderr, "kincal-fsw: keys %s: %s\n", path, what);
-    return -1;
+    return false;
 }
 
 /* Only its owner may read it, and that is who runs this process. */
@@ -62,22 +62,23 @@ static int digit(char c)
 
 static const char *take_secret(const char *at, uint8_t *secret)
 {
-    int ones = 0; /* a secret of zeros is none */
+    uint8_t ones = 0u; /* a secret of zeros is none */
     for (uint32_t i = 0u; i < KC_KEY_BYTES; i++, at += 2) {
         int high = digit(at[0]);
         int low = high < 0 ? -1 : digit(at[1]); /* the text ends with a zero */
         if (low < 0) { return NULL; }
         secret[i] = (uint8_t)(16 * high + low);
-        ones |= secret[i];
+        ones = (uint8_t)(ones | secret[i]);
     }
-    return ones != 0 && *at == '\n' ? at + 1 : NULL;
+    return ones != 0u && *at == '\n' ? at + 1 : NULL;
 }
 
-static int known(const kc_keys_t *keys, uint32_t id)
+static bool known(const kc_keys_t *keys, uint32_t id)
 {
-    int found = 0;
-    for (uint32_t i = 0u; i < keys->n; i++) { found |= keys->key[i].id == id; }
-    return found;
+    for (uint32_t i = 0u; i < keys->n; i++) {
+        if (keys->key[i].id == id) { return true; }
+    }
+    return false;
 }
 
 static const char *take_keys(const char *at, kc_keys_t *keys)
@@ -117,14 +118,14 @@ static const char *read_keys(int fd, kc_keys_t *keys)
     return wrong;
 }
 
-int kc_keys_read(const char *path, kc_keys_t *keys)
+bool kc_keys_read(const char *path, kc_keys_t *keys)
 {
     memset(keys, 0, sizeof *keys);
     int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (fd < 0) { return complain(path, strerror(errno)); }
     const char *wrong = read_keys(fd, keys);
     (void)close(fd);
-    if (wrong == NULL) { return 0; }
+    if (wrong == NULL) { return true; }
     memset(keys, 0, sizeof *keys);
     return complain(path, wrong);
 }

@@ -7,10 +7,12 @@
 #ifndef KC_KEYS_H
 #define KC_KEYS_H
 
+#include <stdbool.h>
+
 #include "kc_auth.h"
 
-/* 0, or -1 with the reason on stderr and no keys: the file cannot be read, belongs to somebody else, can be read or
+/* false with the reason on stderr and no keys: the file cannot be read, belongs to somebody else, can be read or
  * written by others, or is not as above. */
-int kc_keys_read(const char *path, kc_keys_t *keys);
+bool kc_keys_read(const char *path, kc_keys_t *keys);
 
 #endif

@@ -46,7 +46,7 @@ static void refused(void)
 {
     static const kc_keys_t none;
     memset(&s_keys, 0xff, sizeof s_keys);
-    TEST_ASSERT_EQUAL_INT(-1, kc_keys_read(s_path, &s_keys));
+    TEST_ASSERT_FALSE(kc_keys_read(s_path, &s_keys));
     TEST_ASSERT_EQUAL_MEMORY(&none, &s_keys, sizeof none);
 }
 
@@ -60,12 +60,12 @@ void test_one_or_two_keys_are_read(void)
 {
     const char *one = "kincal-keys 1\n7 " A "\n", *two = "kincal-keys 1\n7 " A "\n2147483647 " B "\n";
     given_file(one, strlen(one), 0600);
-    TEST_ASSERT_EQUAL_INT(0, kc_keys_read(s_path, &s_keys));
+    TEST_ASSERT_TRUE(kc_keys_read(s_path, &s_keys));
     TEST_ASSERT_EQUAL_UINT32(1u, s_keys.n);
     TEST_ASSERT_EQUAL_UINT32(7u, s_keys.key[0].id);
     for (uint32_t i = 0u; i < KC_KEY_BYTES; i++) { TEST_ASSERT_EQUAL_UINT8(i, s_keys.key[0].secret[i]); }
     given_file(two, strlen(two), 0400);
-    TEST_ASSERT_EQUAL_INT(0, kc_keys_read(s_path, &s_keys));
+    TEST_ASSERT_TRUE(kc_keys_read(s_path, &s_keys));
     TEST_ASSERT_EQUAL_UINT32(2u, s_keys.n);
     TEST_ASSERT_EQUAL_UINT32(0x7fffffffu, s_keys.key[1].id);
     TEST_ASSERT_EQUAL_UINT8(0xffu, s_keys.key[1].secret[31]);
@@ -92,7 +92,7 @@ void test_a_file_of_another_user_is_refused(void)
 void test_what_is_no_file_is_refused(void)
 {
     refused(); /* there is none */
-    TEST_ASSERT_EQUAL_INT(-1, kc_keys_read(s_dir, &s_keys));
+    TEST_ASSERT_FALSE(kc_keys_read(s_dir, &s_keys));
     TEST_ASSERT_EQUAL_INT(0, mkfifo(s_path, 0600));
     refused(); /* and does not wait for a writer */
 }

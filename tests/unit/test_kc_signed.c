@@ -17,7 +17,7 @@ void setUp(void)
     given_world();
     world_boot();
     world_ticks(2u);
-    world.arm_silent = world.pantilt_silent = 1; /* commands are all that comes in */
+    world.arm_silent = world.pantilt_silent = true; /* commands are all that comes in */
 }
 
 static kc_cmd_t given_start(void)
@@ -39,14 +39,14 @@ static const kc_chunk_t *given_chunk(void)
 
 static void send(const kc_cmd_t *c)
 {
-    world.as_sent = 1;
+    world.as_sent = true;
     world.in.cmd[world.in.n_cmd++] = *c;
     world_tick();
 }
 
 static void send_chunk(const kc_chunk_t *c)
 {
-    world.as_sent = 1;
+    world.as_sent = true;
     world.in.chunk[world.in.n_chunk++] = *c;
     world_tick();
 }
@@ -163,7 +163,7 @@ void test_a_command_with_any_bit_flipped_changes_nothing(void)
         n++;
     }
     TEST_ASSERT_EQUAL_UINT32(8u * (KC_SIGNED_HEAD_MAX - 16u + KC_MAC_BYTES), n); /* no label, but the MAC */
-    world.arm_silent = world.pantilt_silent = 0;
+    world.arm_silent = world.pantilt_silent = false;
     world_ticks(2u);
     TEST_ASSERT_EQUAL_INT(KC_OK, taken(&good));
     TEST_ASSERT_TRUE(world_calibrating());
@@ -320,7 +320,7 @@ void test_a_refused_command_is_not_taken_after_a_restart_either(void)
     world_ticks(25u);
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, taken(&c)); /* the arm is silent */
     world_restart();
-    world.arm_silent = world.pantilt_silent = 0;
+    world.arm_silent = world.pantilt_silent = false;
     world_ticks(2u);
     uint32_t before = world_events(KC_EVT_CMD_REPLAYED);
     send(&c);
