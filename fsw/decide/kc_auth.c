@@ -24,7 +24,7 @@ static const kc_key_t *find(const kc_keys_t *keys, uint32_t id)
     return NULL;
 }
 
-kc_auth_verdict_t kc_auth_judge(const kc_keys_t *keys, const kc_auth_t *auth, uint64_t last,
+kc_auth_verdict_t kc_auth_check(const kc_keys_t *keys, const kc_auth_t *auth, uint64_t last,
                                 const kc_auth_text_t *text)
 {
     uint8_t mac[KC_MAC_BYTES];

@@ -44,7 +44,7 @@ typedef enum {
 void kc_auth_mac(const kc_key_t *key, const kc_auth_text_t *text, uint8_t mac[KC_MAC_BYTES]);
 /* last: counter of the last message taken, of this sender on this channel. The comparison of the MAC takes the same
  * time for every MAC. A counter is looked at only behind a good MAC. */
-kc_auth_verdict_t kc_auth_judge(const kc_keys_t *keys, const kc_auth_t *auth, uint64_t last,
+kc_auth_verdict_t kc_auth_check(const kc_keys_t *keys, const kc_auth_t *auth, uint64_t last,
                                 const kc_auth_text_t *text);
 /* A bound of the instructions of judging a text of n bytes. */
 uint64_t kc_auth_cost(uint32_t n);

@@ -35,12 +35,12 @@ static kc_answer_t unknown_source(int32_t source, kc_out_t *out)
 static bool known_source(int32_t source) { return source >= 1 && source <= (int32_t)KC_SOURCE_MAX; }
 
 /* By MAC and counter; one that is taken uses its counter up. */
-static kc_answer_t judge(kc_cmd_log_t *log, kc_signed_kind_t kind, int32_t source, const kc_auth_t *auth,
-                         const kc_auth_text_t *text, kc_out_t *out)
+static kc_answer_t by_signature(kc_cmd_log_t *log, kc_signed_kind_t kind, int32_t source,
+                                const kc_auth_t *auth, const kc_auth_text_t *text, kc_out_t *out)
 {
     uint64_t *last = &log->counter[kind][source - 1];
     double key = (double)auth->key_id;
-    switch (kc_auth_judge(&log->keys, auth, *last, text)) {
+    switch (kc_auth_check(&log->keys, auth, *last, text)) {
     case KC_AUTH_GOOD: *last = auth->counter; return kc_answer_ok(KC_OC_STAY);
     case KC_AUTH_UNSIGNED:
         return kc_answer_refuse(&out->events, KC_EVT_CMD_UNSIGNED, source, 0.0, 0.0, KC_ERR_AUTH);
@@ -74,7 +74,7 @@ kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *
     if (!known_source(c->source)) { return unknown_source(c->source, out); }
     if (!is_signed && needs_no_signature(c->opcode)) { return by_number(log, v, c, out); }
     kc_auth_text_t text = kc_signed_cmd(c, head);
-    return judge(log, KC_SIGNED_CMD, c->source, &c->auth, &text, out);
+    return by_signature(log, KC_SIGNED_CMD, c->source, &c->auth, &text, out);
 }
 
 void kc_cmd_answer(kc_cmd_log_t *log, const kc_cmd_t *c, const kc_answer_t *answer, kc_out_t *out)
@@ -197,7 +197,7 @@ static bool admit_chunk(kc_cmd_log_t *log, const kc_chunk_t *c, kc_out_t *out)
     uint8_t head[KC_SIGNED_HEAD_MAX];
     if (!known_source(c->source)) { return unknown_source(c->source, out).status == KC_OK; }
     kc_auth_text_t text = kc_signed_chunk(c, head);
-    return judge(log, KC_SIGNED_CHUNK, c->source, &c->auth, &text, out).status == KC_OK;
+    return by_signature(log, KC_SIGNED_CHUNK, c->source, &c->auth, &text, out).status == KC_OK;
 }
 
 void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *v, const kc_chunk_t *c,

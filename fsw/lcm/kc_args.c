@@ -12,7 +12,8 @@ static const char s_usage[] =
     "  --url URL      LCM network (default " KC_URL_DEFAULT ")\n"
     "  --tables DIR   default tables, *.tbl\n"
     "  --store DIR    what is kept through power loss; created if it does not exist\n"
-    "  --keys FILE    whose signed commands are taken (default: $" KC_KEYS_VARIABLE "); without it nothing can be\n"
+    "  --keys FILE    whose signed commands are taken (default: $" KC_KEYS_VARIABLE
+    "); without it nothing can be\n"
     "                 changed, and no calibration started. `kincal key new` makes one\n"
     "  --lockstep     time comes with KC_TIME from the simulator (default)\n"
     "  --live         real clock, 10 steps a second\n"

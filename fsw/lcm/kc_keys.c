@@ -25,7 +25,9 @@ static const char *unsafe(const struct stat *st)
 {
     if (!S_ISREG(st->st_mode)) { return "not a file"; }
     if (st->st_uid != geteuid()) { return "belongs to another user; make keys as the user of this process"; }
-    if ((st->st_mode & 0077u) != 0u) { return "others may read or change it: `chmod 600`, and make new keys"; }
+    if ((st->st_mode & 0077u) != 0u) {
+        return "others may read or change it: `chmod 600`, and make new keys";
+    }
     return NULL;
 }
 

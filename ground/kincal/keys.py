@@ -153,7 +153,9 @@ def read(path: Path) -> tuple[Key, ...]:
             text = file.read(1024)
     except OSError as error:
         raise BadInput(
-            f"no keys: {error.strerror}", str(path), f"name a file by --keys or ${VARIABLE}; `kincal key new` makes one"
+            f"no keys: {error.strerror}",
+            str(path),
+            f"name a file by --keys or ${VARIABLE}; `kincal key new` makes one",
         ) from None
     return _parse(text.decode("ascii", "replace"), path)
 

@@ -36,7 +36,9 @@ def add_options(p: argparse.ArgumentParser) -> None:
 
 def shared_fields(o: argparse.Namespace) -> dict:
     """The shared options as fields of a Run."""
-    return {name: getattr(o, name) for name in ("url", "fast", "seed", "acquisition", "poses", "tables", "keys")}
+    return {
+        name: getattr(o, name) for name in ("url", "fast", "seed", "acquisition", "poses", "tables", "keys")
+    }
 
 
 def options(argv: list[str] | None) -> argparse.Namespace:

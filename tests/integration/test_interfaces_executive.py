@@ -40,7 +40,10 @@ def mission(tmp_path):
                 program = tmp_path / "executive.py"
                 program.write_text(CODE)
                 done = subprocess.run(
-                    [sys.executable, program, url, tmp_path / "keys"], capture_output=True, text=True, timeout=120
+                    [sys.executable, program, url, tmp_path / "keys"],
+                    capture_output=True,
+                    text=True,
+                    timeout=120,
                 )
                 status = processes[1].wait(20)
             finally:

@@ -39,7 +39,8 @@ typedef struct {
     double jump_m; /* next detection is off by this */
     double hide_beyond; /* joint travel since START that hides the tags, 0 = off */
     double q_start[KC_JOINT_MAX];
-    bool as_sent; /* commands and chunks go out as the test made them; otherwise those that have to be are signed */
+    bool
+        as_sent; /* commands and chunks go out as the test made them; otherwise those that have to be are signed */
     int32_t fault;
     int64_t skew_us; /* the component's clock less that of arm and camera */
     void (*spoil)(kc_detection_t *d); /* changes every detection */

@@ -97,15 +97,19 @@ static int32_t taken(const kc_cmd_t *c)
 void test_a_command_is_laid_out_field_by_field_in_little_endian(void)
 {
     static const uint8_t expected[] = {
-        'K', 'i', 'n', 'C', 'a', 'l', ' ', 'c', 'o', 'm', 'm', 'a', 'n', 'd', ' ', '1', /* label */
+        'K',  'i',  'n',  'C',  'a',  'l',  ' ',  'c',  'o', 'm', 'm', 'a',
+        'n',  'd',  ' ',  '1', /* label */
         0x04, 0x03, 0x02, 0x01,                                                         /* key */
         0x18, 0x17, 0x16, 0x15, 0x14, 0x13, 0x12, 0x11,                                 /* counter */
         0x28, 0x27, 0x26, 0x25, 0x24, 0x23, 0x22, 0x21,                                 /* t_us */
-        2, 0, 0, 0, 0xfe, 0xff, 0xff, 0xff, 1, 0, 0, 0,                                 /* source, seq, opcode */
-        1, 0, 0, 0, 2, 0, 0, 0, 3, 0, 0, 0, 0xff, 0xff, 0xff, 0xff,                     /* arg_i */
-        8, 7, 6, 5, 4, 3, 2, 1,                                                         /* arg_u64 */
-        0, 0, 0, 0, 0, 0, 0xf8, 0x3f, 0, 0, 0, 0, 0, 0, 0, 0x80,                        /* arg_d: 1.5, -0.0 */
-        0, 0, 0, 0, 0, 0, 0, 0xc0, 0, 0, 0, 0, 0, 0, 0, 0,                              /* -2, 0 */
+        2,    0,    0,    0,    0xfe, 0xff, 0xff, 0xff, 1,   0,   0,   0, /* source, seq, opcode */
+        1,    0,    0,    0,    2,    0,    0,    0,    3,   0,   0,   0,
+        0xff, 0xff, 0xff, 0xff, /* arg_i */
+        8,    7,    6,    5,    4,    3,    2,    1, /* arg_u64 */
+        0,    0,    0,    0,    0,    0,    0xf8, 0x3f, 0,   0,   0,   0,
+        0,    0,    0,    0x80, /* arg_d: 1.5, -0.0 */
+        0,    0,    0,    0,    0,    0,    0,    0xc0, 0,   0,   0,   0,
+        0,    0,    0,    0, /* -2, 0 */
     };
     uint8_t head[KC_SIGNED_HEAD_MAX];
     const kc_cmd_t c = {
@@ -129,8 +133,10 @@ void test_a_chunk_is_laid_out_with_all_its_bytes(void)
 {
     static const uint8_t expected[] = {
         'K', 'i', 'n', 'C', 'a', 'l', ' ', 'c', 'h', 'u', 'n', 'k', ' ', '1', 0, 0, /* label */
-        4, 0, 0, 0, 5, 0, 0, 0, 0, 0, 0, 0, 6, 0, 0, 0, 0, 0, 0, 0,                 /* key, counter, t_us */
-        2, 0, 0, 0, 7, 0, 0, 0, 8, 0, 0, 0, 9, 0, 0, 0, 10, 0, 0, 0,                /* source to n */
+        4,   0,   0,   0,   5,   0,   0,   0,   0,   0,   0,   0,   6,   0,   0, 0,
+        0,   0,   0,   0, /* key, counter, t_us */
+        2,   0,   0,   0,   7,   0,   0,   0,   8,   0,   0,   0,   9,   0,   0, 0,
+        10,  0,   0,   0, /* source to n */
     };
     uint8_t head[KC_SIGNED_HEAD_MAX];
     s_chunk = (kc_chunk_t){.t_us = 6u, .source = 2, .kind = 7, .total = 8u, .offset = 9u, .n = 10u};
@@ -178,8 +184,9 @@ void test_a_chunk_with_any_bit_flipped_changes_nothing(void)
         s_chunk.data[bit / 8u] ^= (uint8_t)(1u << bit % 8u);
         refused_chunk(&s_chunk);
     }
-    uint32_t *fields[] = {(uint32_t *)&s_chunk.source, (uint32_t *)&s_chunk.kind, &s_chunk.total,
-                          &s_chunk.offset,             &s_chunk.n,                &s_chunk.auth.key_id};
+    uint32_t *fields[] = {
+        (uint32_t *)&s_chunk.source, (uint32_t *)&s_chunk.kind, &s_chunk.total, &s_chunk.offset, &s_chunk.n,
+        &s_chunk.auth.key_id};
     for (uint32_t f = 0u; f < 6u; f++) {
         for (uint32_t bit = 0u; bit < 32u; bit++) {
             s_chunk = good;
@@ -202,9 +209,16 @@ void test_a_chunk_with_any_bit_flipped_changes_nothing(void)
 
 void test_what_changes_anything_is_refused_without_a_signature(void)
 {
-    static const int32_t all[] = {KC_CMD_START,          KC_CMD_APPROVE_ARM,    KC_CMD_APPROVE_GO,
-                                  KC_CMD_REJECT,         KC_CMD_ROLLBACK,       KC_CMD_TABLE_VALIDATE,
-                                  KC_CMD_TABLE_ACTIVATE, KC_CMD_TABLE_DISCARD, 11, -1};
+    static const int32_t all[] = {KC_CMD_START,
+                                  KC_CMD_APPROVE_ARM,
+                                  KC_CMD_APPROVE_GO,
+                                  KC_CMD_REJECT,
+                                  KC_CMD_ROLLBACK,
+                                  KC_CMD_TABLE_VALIDATE,
+                                  KC_CMD_TABLE_ACTIVATE,
+                                  KC_CMD_TABLE_DISCARD,
+                                  11,
+                                  -1};
     for (uint32_t i = 0u; i < sizeof all / sizeof all[0]; i++) {
         const kc_cmd_t c = {.seq = (int32_t)i + 1, .source = 2, .opcode = all[i]};
         uint32_t before = world_events(KC_EVT_CMD_UNSIGNED);
@@ -259,7 +273,7 @@ void test_a_number_of_a_stranger_does_not_lock_a_signed_sender_out(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, taken(&own));
 }
 
-void test_a_chunk_is_no_command_and_sources_and_channels_count_apart(void)
+void test_a_chunk_is_no_command_and_sources_and_channels_have_counters_of_their_own(void)
 {
     kc_cmd_t c = {.seq = 1, .source = 2, .opcode = KC_CMD_TABLE_DISCARD};
     s_chunk = *given_chunk();

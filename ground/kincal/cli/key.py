@@ -84,7 +84,9 @@ def key_retire(file: Path | None) -> None:
     """
     path = keys.file_of(file)
     gone = keys.retire(path)
-    click.echo(f"{path}: key {gone.id} is gone, key {keys.read(path)[0].id} signs; copy the file, start flight again")
+    click.echo(
+        f"{path}: key {gone.id} is gone, key {keys.read(path)[0].id} signs; copy the file, start flight again"
+    )
 
 
 @key.command("show")
