@@ -1,8 +1,8 @@
 """Keys of commands: the file that holds them, and the signatures that they make.
 
-Flight takes a command that changes anything only with a MAC over all of its fields and a counter that it has not
-seen before (docs/INTERFACES.md, Signed commands). This is the sender's side; it shares no code with flight's
-(fsw/decide/kc_auth.c, fsw/exec/kc_signed.c)."""
+Flight takes a command that changes anything only with a MAC over all of its fields and a counter that it has
+not seen before (docs/INTERFACES.md, Signed commands). This is the sender's side; it shares no code with
+flight's (fsw/decide/kc_auth.c, fsw/exec/kc_signed.c)."""
 
 from __future__ import annotations
 
@@ -69,10 +69,11 @@ class Signer:
         """The same table_chunk_t, signed for its source."""
         return self._sign(m, _chunk_text)
 
-    def _sign(self, m: Any, text: Callable[[Any], bytes]) -> Any:
+    def _sign(self, message: _M, text: Callable[[Any], bytes]) -> _M:
+        m: Any = message
         m.key_id, m.counter = self.key.id, self.count(m.source)
         m.mac = list(self.key.mac(text(m)))
-        return m
+        return message
 
 
 def _command_text(m: Any) -> bytes:
@@ -100,9 +101,9 @@ def counting() -> Count:
 
 
 def counters_beside(keys: Path) -> Count:
-    """Counters in a file for each source, beside the key file: they outlive the sender, and senders at the same
-    time share them. A file that is missing begins at the clock [us], and so above whatever was used before it was
-    lost."""
+    """Counters in a file for each source, beside the key file: they outlive the sender, and senders at the
+    same time share them. A file that is missing begins at the clock [us], and so above whatever was used
+    before it was lost."""
 
     def count(source: int) -> int:
         path = count_file(keys, source)
@@ -146,7 +147,8 @@ def signer_of(path: Path) -> Signer:
 
 
 def read(path: Path) -> tuple[Key, ...]:
-    """Keys of a file, the one that signs first. BadInput if it is missing, others may read it, or it is none."""
+    """Keys of a file, the one that signs first. BadInput if it is missing, others may read it, or it is no
+    key file."""
     try:
         with path.open("rb") as file:
             _check_owner(os.fstat(file.fileno()), path)
@@ -218,8 +220,8 @@ def rotate(path: Path) -> Key:
 
 
 def retire(path: Path) -> Key:
-    """Take the older key out: the newer one signs from now on. Returns the one that is gone. BadInput if there is
-    one key only."""
+    """Take the older key out: the newer one signs from now on. Returns the one that is gone. BadInput if
+    there is one key only."""
     keys = read(path)
     if len(keys) < MOST:
         raise BadInput("there is no other key", str(path), "`kincal key rotate` adds one")
@@ -231,6 +233,6 @@ def retire(path: Path) -> Key:
 
 
 def of_simulation(seed: int) -> Key:
-    """The key of a simulated run in lockstep: made from its seed, since such a run has to be repeatable to the byte.
-    It protects nothing."""
+    """The key of a simulated run in lockstep: made from its seed, since such a run has to be repeatable to
+    the byte. It protects nothing."""
     return Key(1, hashlib.blake2b(f"simulated run {seed}".encode(), digest_size=_SECRET_BYTES).digest())

@@ -32,8 +32,8 @@ class Run:
     scenario: file; out: folder for everything that a run leaves; url: LCM network, "" = a private one;
     fast: no pixels; poses: 0 = as scenario and tables say; accept: policy instead of the scenario's;
     sim, fsw: False = a bench, or a flight process that already runs on this URL, takes the place;
-    images: log the frames too; store: None = a fresh one in `out`; keys: key file, None = one of this run beside
-    the store, or, with a flight process that runs already, the user's.
+    images: log the frames too; store: None = a fresh one in `out`; keys: key file, None = one of this run
+    beside the store, or, with a flight process that runs already, the user's.
     """
 
     scenario: Path
@@ -106,8 +106,8 @@ class Run:
         ]
 
     def key_file(self, store: Path) -> Path:
-        """The key file: the given one, or one beside the store, made if missing. In lockstep the run has to be
-        repeatable to the byte, so its key comes from the seed and its counters begin at 0."""
+        """The key file: the given one, or one beside the store, made if missing. In lockstep the run has to
+        be repeatable to the byte, so its key comes from the seed and its counters begin at 0."""
         if self.keys is not None or not self.fsw:
             return keys.file_of(self.keys)
         path = store.with_name(f"{store.name}.keys")

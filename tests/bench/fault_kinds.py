@@ -127,7 +127,8 @@ def frozen(channel: str, onset: int, *names: str) -> Callable:
 
 
 def sent(onset: int, *commands, every: int = 0, key: Key | None = KEY) -> Callable:
-    """Hook: other commands arrive too, once at the onset or every so many ticks, signed with a key or (None) not."""
+    """Hook: other commands arrive too, once at the onset or every so many ticks, signed with a key or (None)
+    not."""
     first = command("NOOP", source="GROUND").seq
 
     def hook(tick: int, messages: Messages) -> Messages:
@@ -563,12 +564,11 @@ def commands_forged(t, _rng):
 
 
 @kind("what the executive sends is sent once more a second later", "CMD_REPLAYED")
-def commands_repeated(t, _rng):
+def commands_repeated(_t, _rng):
     kept: dict = {}
 
     def hook(tick, messages):
-        own = [copy.deepcopy(m) for channel, m in messages if channel == "KC_CMD"]
-        kept[tick] = own
+        kept[tick] = [copy.deepcopy(m) for channel, m in messages if channel == "KC_CMD"]
         return (*messages, *(("KC_CMD", m) for m in kept.get(tick - SECOND, ())))
 
     return to_flight(hook)

@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 
 import kcm
-from kincal.flight import library
 from kincal import keys
+from kincal.flight import library
 from kincal.flight import tables as codec
 from kincal_sim.bus import Bus
 from kincal_sim.imagers import fast_imager

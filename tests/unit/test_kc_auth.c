@@ -72,7 +72,7 @@ void test_either_key_is_good_with_a_higher_counter(void)
     }
 }
 
-void test_what_is_not_signed_or_with_an_unknown_key_is_told_apart(void)
+void test_what_is_not_signed_or_with_an_unknown_key_has_a_verdict_of_its_own(void)
 {
     kc_keys_t keys = given_keys();
     kc_auth_t a = given_signed(&keys.key[1], 8u);

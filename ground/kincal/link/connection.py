@@ -40,8 +40,8 @@ class CommandLink(ABC):
     """The ground's side of flight: commands out, answers in. A subclass brings the messages.
 
     url: of the network, for people; first_seq: sequence number before the first command. Sequence numbers
-    must grow from call to call, so a link starts at the clock unless this is given. signer: signs what is sent;
-    without it flight takes NOOP, ABORT and TABLE_DUMP only."""
+    must grow from call to call, so a link starts at the clock unless this is given. signer: signs what is
+    sent; without it flight takes NOOP, ABORT and TABLE_DUMP only."""
 
     def __init__(self, url: str, first_seq: int | None = None, signer: Signer | None = None) -> None:
         self.url, self.signer = url, signer
@@ -125,7 +125,8 @@ class Link(CommandLink):
     """Over LCM. Listens in a thread; everything received goes to one queue, in order of arrival. Use as a
     context.
 
-    url: LCM network; listen: channels; first_seq, signer: see CommandLink. BadInput if LCM cannot be opened."""
+    url: LCM network; listen: channels; first_seq, signer: see CommandLink. BadInput if LCM cannot be
+    opened."""
 
     def __init__(
         self,

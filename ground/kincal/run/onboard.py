@@ -77,7 +77,7 @@ def _split(waiting: list[_M], now_us: int) -> tuple[list[_M], list[_M]]:
 
 
 def _key_ring(keys: Sequence[Key]) -> KcKeys:
-    ring = cast("KcKeys", _FLIGHT.new("kc_keys_t"))
+    ring: KcKeys = _FLIGHT.new("kc_keys_t")
     ring.n = len(keys)
     for to, key in zip(ring.key, keys, strict=False):
         to.id, to.secret = key.id, list(key.secret)
@@ -88,8 +88,8 @@ class FlightSoftware:
     """The flight core with tables and a store, a step at a time.
 
     tables: folder of images; store: what an earlier flight left, and where this one keeps things; keep: what
-    becomes of data on the way into the store; keys: whose commands are taken. The core has one instance in a process: making another one
-    here ends the first, whose step() then raises KincalError."""
+    becomes of data on the way into the store; keys: whose commands are taken. The core has one
+    instance in a process: making another one here ends the first, whose step() then raises KincalError."""
 
     _newest: FlightSoftware | None = None
 

@@ -20,8 +20,8 @@ LOGS = "look into logs/ of that directory"
 class Processes:
     """A running launcher; use as a context, so that nothing outlives an interruption.
 
-    url: LCM network of the run; keys: file whose key it takes commands with. BadInput if this installation lacks something that a run needs,
-    CommandFailed if the launcher does not start."""
+    url: LCM network of the run; keys: file whose key it takes commands with. BadInput if this installation
+    lacks something that a run needs, CommandFailed if the launcher does not start."""
 
     def __init__(self, request: Request) -> None:
         _check_installation(request)

@@ -22,8 +22,8 @@ SLOTS = "ab"
 class Store:
     """Slots by (kind, "a" or "b"), whole as in files; in memory, and in a folder if one is given.
 
-    slots may be changed between steps, as a broken memory would. count: counters of those who sign commands to this
-    flight; like the store they outlive a run."""
+    slots may be changed between steps, as a broken memory would. count: counters of those who sign commands
+    to this flight; like the store they outlive a run."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self.folder = folder
