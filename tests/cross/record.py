@@ -2,8 +2,8 @@
 
     record.py FOLDER        FOLDER/record.bin, expected.txt, and replay_fields.h for replay.c
 
-record.bin is a list of calls: length, kind of call ("i"nit, "k"eys, "l"oad, "b"oot, "s"tep) and its
-arguments, as fields.py says. It holds several calibrations, each begins with "i", and so does the start after a power
+record.bin is a list of calls: length, kind of call ("i"nit, "k"eys, "l"oad, "b"oot, "s"tep)
+and its arguments, as fields.py says. It holds several calibrations, each begins with "i", and so does the start after a power
 loss. expected.txt is what the replay has to print: replay.c says what it is.
 """
 
@@ -52,10 +52,10 @@ def outputs(o: object) -> tuple[bytes, ...]:
         return b"".join(packed(FFI, getattr(o, name)) for name in names if getattr(o, f"has_{name}"))
 
     acks, events = o.ack[0 : o.n_ack], o.events.e[0 : o.events.n]
-    frame = struct.pack("<i", o.frame_seq) if o.has_frame_request else b""
+    frame = struct.pack("<i", o.frame_request.seq) if o.has_frame_request else b""
     commands = b"".join(packed(FFI, x) for x in acks) + there("arm_cmd", "pantilt_cmd") + frame
     kept = (struct.pack("<HI", s.kind, s.n) + bytes(FFI.buffer(s.data, s.n)) for s in o.store[0 : o.n_store])
-    telemetry = there("hk", "meas", "progress", "dump")
+    telemetry = there("hk", "meas", "progress", "table_down")
     return commands, b"".join(packed(FFI, x) for x in events), telemetry, there("proposal"), b"".join(kept)
 
 

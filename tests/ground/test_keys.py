@@ -101,7 +101,7 @@ def test_rotation_adds_a_key_that_signs_when_the_old_one_is_retired(file):
         keys.retire(file)
 
 
-def test_counters_grow_over_senders_and_are_apart_for_each_source(file):
+def test_counters_grow_over_senders_and_each_source_has_its_own(file):
     first, second = keys.signer_of(file), keys.signer_of(file)
     ground = [s.command(command()).counter for s in (first, second, first)]
     assert ground == [ground[0], ground[0] + 1, ground[0] + 2]

@@ -58,9 +58,9 @@ def test_commands_of_a_wrong_key_are_refused(flight):
         assert events == [EVENT[why]] and ack.event_id == EVENT[why] and hk.state == IDLE
 
 
-def test_a_signed_command_that_was_changed_or_cut_on_its_way_is_refused(flight):
-    """A bit of every byte of the packet, and packets of every length. Those that are no message any more
-    are only counted; the time stamp is tested where time stands still for nobody (tests/unit/test_kc_signed.c)."""
+def test_a_signed_command_that_was_changed_or_cut_off_is_refused(flight):
+    """A bit of every byte of the packet, and packets of every length. Those that are no
+    message any more are only counted; the time stamp is tested where time stands still for nobody (tests/unit/test_kc_signed.c)."""
     whole = flight.signer.command(command(flight)).encode()
     hk_before = flight.until("KC_HK")
     sent = 0
@@ -115,7 +115,7 @@ def test_what_was_recorded_is_refused_when_it_is_played_again_also_after_a_resta
     assert flight.do(CMD.START, -1, 4, 1).status == 0
 
 
-def test_a_command_on_the_channel_of_tables_and_the_other_way_round_is_no_message(flight):
+def test_a_command_on_the_channel_of_tables_is_no_message(flight):
     signed = flight.signer.command(command(flight)).encode()
     before = flight.until("KC_HK").n_rx_errors
     events, acks, hk = send(flight, signed, "KC_TABLE_UP")
