@@ -3,8 +3,8 @@
     record.py FOLDER        FOLDER/record.bin, expected.txt, and replay_fields.h for replay.c
 
 record.bin is a list of calls: length, kind of call ("i"nit, "k"eys, "l"oad, "b"oot, "s"tep)
-and its arguments, as fields.py says. It holds several calibrations, each begins with "i", and so does the start after a power
-loss. expected.txt is what the replay has to print: replay.c says what it is.
+and its arguments, as fields.py says. It holds several calibrations, each begins with "i", and so does the
+start after a power loss. expected.txt is what the replay has to print: replay.c says what it is.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def check_c(root: Path) -> list[str]:
         for n, line in enumerate(text.splitlines(), 1):
             if header := re.match(r'\s*#\s*include\s*"([^"]+)"', line):
                 if header[1] not in own | FOREIGN.get(name, set()) and (
-                    core or not header[1].startswith("kcm_")
+                    core or not re.match(r"kcm[_.]", header[1])
                 ):
                     faults.append(f"{name}:{n}: {header[1]} is no header of fsw/ (headers go by bare name)")
             elif system := re.match(r"\s*#\s*include\s*<([^>]+)>", line):
