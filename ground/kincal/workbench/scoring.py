@@ -11,7 +11,7 @@ import numpy as np
 
 from .columns import Columns
 from .effects import Hypothesis
-from .evidence import NoiseScale, Projector, Score, by_width, flat_p, ln_bayes_factor, scores
+from .evidence import NoiseScale, Projector, Score, flat_p, ln_bayes_factor, scores, together
 from .fit import Fit, student_weights
 from .hypotheses import Candidate
 from .products import ProductScores, score_products
@@ -24,7 +24,6 @@ _NULL_DRAWS = 400
 _GRANTED_WIDTH = 30.0  # prior sigmas
 _SAME = 1.0 - 1e-6  # cosine of two columns that are the same function
 _REWEIGHTINGS = 6
-_TOGETHER = 64  # tests computed at once: bounds memory
 
 What = TypeVar("What", Hypothesis, Cell, covariant=True)
 
@@ -133,16 +132,20 @@ class Scorer:
         return float(self.wz @ self.wz)
 
     def scores(self, blocks: Sequence[Array]) -> list[tuple[Score, float]]:
-        """Score and ln Bayes factor of each block (rows, m); those of one width together."""
+        """Score and ln Bayes factor of each block (rows, m)."""
+        return self._scores([block.shape[1] for block in blocks], lambda k: blocks[k])
+
+    def _scores(self, widths: Sequence[int], block: Callable[[int], Array]) -> list[tuple[Score, float]]:
+        """The same of blocks of these widths that are made when they are needed; some of one width together."""
         out: dict[int, tuple[Score, float]] = {}
-        for places in by_width([block.shape[1] for block in blocks]).values():
-            g = np.stack([blocks[k].T for k in places])
+        for some in together(widths):
+            g = np.stack([block(k).T for k in some])
             found = scores(g, self.projector.grams(g), self.wz)
             ln_bf = ln_bayes_factor(
                 np.stack([s.u for s in found]), np.stack([s.v for s in found]), self.noise
             )
-            out |= dict(zip(places, zip(found, map(float, ln_bf), strict=True), strict=True))
-        return [out[k] for k in range(len(blocks))]
+            out |= dict(zip(some, zip(found, map(float, ln_bf), strict=True), strict=True))
+        return [out[k] for k in range(len(widths))]
 
     def hypotheses(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Score, float]]:
         """Score and ln Bayes factor of each hypothesis."""
@@ -181,7 +184,7 @@ class Scorer:
         return self._as_cells(made), found
 
     def _as_cells(self, made: Sequence[Cell]) -> list[Scored[Cell]]:
-        found = self.scores([cell.columns for cell in made])
+        found = self._scores([cell.width for cell in made], lambda k: made[k].columns)
         return [
             Scored(cell.name, ln_bf, score, cell, partial(getattr, cell, "columns"), self.projector, self.wz)
             for cell, (score, ln_bf) in zip(made, found, strict=True)
@@ -234,12 +237,11 @@ def _squares(
     """By rank: names and (tests, draws + 1) chi^2 of the null draws and, last, of the data."""
     both = np.hstack([scorer.null, scorer.wz[:, None] / scorer.scale])
     found: dict[int, list[tuple[str, Array]]] = {}
-    for places in by_width([len(s.score.u) for s in scored]).values():
-        for start in range(0, len(places), _TOGETHER):
-            some = [scored[k] for k in places[start : start + _TOGETHER]]
-            ranks, square = _tested(np.stack([s.columns.T for s in some]), both)
-            for s, rank, row in zip(some, ranks, square, strict=True):
-                found.setdefault(int(rank), []).append((s.name, row))
+    for places in together([len(s.score.u) for s in scored]):
+        some = [scored[k] for k in places]
+        ranks, square = _tested(np.stack([s.columns.T for s in some]), both)
+        for s, rank, row in zip(some, ranks, square, strict=True):
+            found.setdefault(int(rank), []).append((s.name, row))
     return {
         rank: ([name for name, _ in rows], np.array([x for _, x in rows])) for rank, rows in found.items()
     }
