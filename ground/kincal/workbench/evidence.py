@@ -54,6 +54,12 @@ class Projector:
         grams: Array = blocks @ blocks.transpose(0, 2, 1) - (seen * self.shrink) @ seen.transpose(0, 2, 1)
         return grams
 
+    def without(self, blocks: Array) -> Array:
+        """(k, m, rows) G'W of blocks G' (k, m, rows)."""
+        rows = blocks.reshape(-1, blocks.shape[2])
+        left: Array = rows - (rows @ self.basis * self.shrink) @ self.basis.T
+        return left.reshape(blocks.shape)
+
     @property
     def spent(self) -> float:
         """Degrees of freedom the nuisance parameters took."""

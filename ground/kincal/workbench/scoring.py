@@ -8,6 +8,7 @@ from functools import cached_property, partial
 from typing import Generic, TypeVar
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from .columns import Columns
 from .effects import Hypothesis
@@ -83,11 +84,12 @@ def _ridge_distance(columns: Array, z0: Array, weight: Array, scale: float, c: i
     """
     root = np.repeat(np.sqrt(weight), c)
     a = columns * root[:, None]
-    inner = np.linalg.inv(a.T @ a + scale**2 * np.eye(a.shape[1]))
+    lower = np.linalg.cholesky(a.T @ a + scale**2 * np.eye(a.shape[1]))
+    taken = solve_triangular(lower, a.T, lower=True, check_finite=False).T  # H = taken taken'
     y = root * z0
-    e = (y - a @ (inner @ (a.T @ y))).reshape(len(weight), c)
-    blocks = a.reshape(len(weight), c, -1)
-    left = np.eye(c) - (blocks @ inner) @ blocks.transpose(0, 2, 1)
+    e = (y - taken @ (taken.T @ y)).reshape(len(weight), c)
+    blocks = taken.reshape(len(weight), c, -1)
+    left = np.eye(c) - blocks @ blocks.transpose(0, 2, 1)
     solved = np.linalg.solve(left + 1e-9 * np.eye(c), e[:, :, None])[:, :, 0]
     d2: Array = (e * solved).sum(axis=1) / weight
     return d2
@@ -239,7 +241,7 @@ def _squares(
     found: dict[int, list[tuple[str, Array]]] = {}
     for places in together([len(s.score.u) for s in scored]):
         some = [scored[k] for k in places]
-        ranks, square = _tested(np.stack([s.columns.T for s in some]), both)
+        ranks, square = _tested(scorer.projector.without(np.stack([s.block.T for s in some])), both)
         for s, rank, row in zip(some, ranks, square, strict=True):
             found.setdefault(int(rank), []).append((s.name, row))
     return {
@@ -249,9 +251,10 @@ def _squares(
 
 def _tested(blocks: Array, z: Array) -> tuple[Array, Array]:
     """Ranks (k,) and chi^2 (k, d) of blocks G' (k, m, rows) against columns z (rows, d)."""
+    k, m, rows = blocks.shape
     value, vector = np.linalg.eigh(blocks @ blocks.transpose(0, 2, 1))
     good = value > 1e-10 * value.max(axis=1, keepdims=True)
-    white = vector.transpose(0, 2, 1) @ (blocks @ z)
+    white = vector.transpose(0, 2, 1) @ (blocks.reshape(k * m, rows) @ z).reshape(k, m, -1)
     square = np.where(good, 1.0 / np.where(good, value, 1.0), 0.0)[:, None, :] @ white**2
     return good.sum(axis=1), square[:, 0, :]
 
