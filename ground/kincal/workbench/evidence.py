@@ -189,7 +189,7 @@ def softmax(ln_bf: Mapping[str, float], prior: Mapping[str, float]) -> dict[str,
 
 
 def together(widths: Sequence[int]) -> Iterator[list[int]]:
-    """Positions of blocks that are scored together: of one width, and few enough for the processor's cache."""
+    """Positions of blocks that are scored together: of one width, few enough for the cache."""
     same: dict[int, list[int]] = {}
     for k, width in enumerate(widths):
         same.setdefault(width, []).append(k)

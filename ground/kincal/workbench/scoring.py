@@ -138,7 +138,7 @@ class Scorer:
         return self._scores([block.shape[1] for block in blocks], lambda k: blocks[k])
 
     def _scores(self, widths: Sequence[int], block: Callable[[int], Array]) -> list[tuple[Score, float]]:
-        """The same of blocks of these widths that are made when they are needed; some of one width together."""
+        """The same of blocks of these widths, made when they are needed."""
         out: dict[int, tuple[Score, float]] = {}
         for some in together(widths):
             g = np.stack([block(k).T for k in some])

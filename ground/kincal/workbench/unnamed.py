@@ -68,7 +68,7 @@ class Cell:
     @property
     def width(self) -> int:
         """Number of columns, m k."""
-        return self.rows.shape[1] * self.features.shape[1]
+        return int(self.rows.shape[1] * self.features.shape[1])
 
     @property
     def columns(self) -> Array:
