@@ -57,12 +57,12 @@ def rank_sum_p(x: Array, y: Array) -> float:
 
 
 def _rank_sum_share(n: int, m: int, most: int) -> float:
-    """Share of the ways to choose n of n + m ranks whose statistic U is `most` at most: coefficients of the
+    """Share of the choices of n from n + m ranks whose statistic U is `most` at most: coefficients of the
     Gaussian binomial, the product of (1 - z^(m+i)) / (1 - z^i) for i = 1 .. n."""
-    ways = np.zeros(most + 1)
-    ways[0] = 1.0
+    counts = np.zeros(most + 1)
+    counts[0] = 1.0
     for i in range(1, n + 1):
-        ways[m + i :] -= ways[: max(most + 1 - m - i, 0)].copy()
+        counts[m + i :] -= counts[: max(most + 1 - m - i, 0)].copy()
         for k in range(i, most + 1):
-            ways[k] += ways[k - i]
-    return float(ways.sum() / special.binom(n + m, n))
+            counts[k] += counts[k - i]
+    return float(counts.sum() / special.binom(n + m, n))
