@@ -247,5 +247,5 @@ def test_fr3_with_permuted_residuals_blames_no_camera(library, seed):
     model = fit.model.poses(fit.estimate)
     turned = Rotation.from_rotvec(r[:, 3:]) * Rotation.from_matrix(model.R)
     mixed = replace(data, p_m=model.p_m + r[:, :3], quat_wxyz=turned.as_quat(scalar_first=True))
-    probability = Study.of(arm, mixed, library, (), True).posterior(()).probability
+    probability = Study.of(wb.compare(arm, mixed), library, (), True).posterior(()).probability
     assert max(probability[name] for name in ("lens_radial", "focal_length", "target_bow")) < 0.3
