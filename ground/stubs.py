@@ -58,7 +58,7 @@ def class_name(ctype: str) -> str:
 def field_type(ctype: FFI.CType) -> str:
     """Python type of a struct field."""
     if ctype.kind == "primitive":
-        return "float" if ctype.cname in ("double", "float") else "int"
+        return {"double": "float", "float": "float", "_Bool": "bool"}.get(ctype.cname, "int")
     if ctype.kind == "enum":
         return "int"
     if ctype.kind in ("struct", "union"):

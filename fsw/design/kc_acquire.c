@@ -76,7 +76,7 @@ static void eval_candidate(const kc_est_t *est, const float *q, kc_acq_work_t *w
     if (est->n_obs > 0u) { ctx = est->obs[est->n_obs - 1u].ctx; }
     for (uint32_t j = 0; j < KC_JOINT_MAX; j++) { ctx.q[j] = (double)q[j]; }
     kc_model_loads(est->arm, est->terms, est->coef, &ctx, &loads);
-    kc_model_eval(est->arm, est->terms, est->coef, &ctx, &loads, 1, &w->eval);
+    kc_model_eval(est->arm, est->terms, est->coef, &ctx, &loads, true, &w->eval);
 }
 
 static void zero(double *A, uint32_t n)
@@ -93,7 +93,7 @@ static void take_coefs(const kc_est_t *est, kc_acq_work_t *w)
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
         const kc_coef_t *k = &est->terms->coef[c];
         if (k->enabled == 0u || ((est->opt.free_mask >> c) & 1u) == 0u) { continue; }
-        const int own = est->opt.use_prior != 0u && k->prior_sigma > 0.0;
+        const bool own = est->opt.use_prior != 0u && k->prior_sigma > 0.0;
         const double s = own ? k->scale / k->prior_sigma : 1.0 / KC_ACQ_SIGMA;
         w->prior[w->n] = s * s;
         w->idx[w->n++] = c;
@@ -240,7 +240,7 @@ static uint32_t units(const kc_est_t *est, uint32_t n_cand, const kc_acq_work_t 
 static uint64_t unit_cost(const kc_est_t *est, const kc_acq_work_t *w)
 {
     const uint64_t n = w->n;
-    const uint64_t jacobian = kc_model_cost(est->arm, est->terms, 1) + 5000u + 260u * n;
+    const uint64_t jacobian = kc_model_cost(est->arm, est->terms, true) + 5000u + 260u * n;
     switch (w->phase) {
     case INVERT: return 20000u + 3u * n * n * n;
     case WEIGH: return 20000u + 20u * n * n * n;

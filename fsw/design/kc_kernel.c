@@ -51,7 +51,7 @@ uint64_t kc_kernel_cost(const kc_kernel_t *k)
     return 350u + 7u * n_w;
 }
 
-static int in_range(double x, double lo, double hi, double *got)
+static bool in_range(double x, double lo, double hi, double *got)
 {
     *got = x;
     return x >= lo && x <= hi; /* NaN fails */

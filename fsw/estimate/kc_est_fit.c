@@ -74,7 +74,7 @@ static double predicted_fall(const kc_qp_t *qp)
 kc_est_step_t kc_est_compare(kc_est_t *est, double trial_cost)
 {
     kc_est_job_t *job = &est->job;
-    const int small = job->largest < est->opt.tol_step;
+    const bool small = job->largest < est->opt.tol_step;
     if (trial_cost <= job->cost) {
         for (uint32_t c = 0; c < est->terms->n_coef; c++) { est->coef[c] = est->trial[c]; }
         job->cost = trial_cost;

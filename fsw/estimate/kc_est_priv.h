@@ -5,6 +5,8 @@
 #ifndef KC_EST_PRIV_H
 #define KC_EST_PRIV_H
 
+#include <stdbool.h>
+
 #include "kc_estimate.h"
 
 #define KC_EST_LD (KC_COEF_MAX + 1u)
@@ -68,7 +70,7 @@ void kc_est_outlier_test(kc_est_t *est, uint32_t i);
 
 /* -- kc_estimate.c -- */
 
-int kc_est_options_good(const kc_est_t *est);
+bool kc_est_options_good(const kc_est_t *est);
 uint64_t kc_est_requested(const kc_est_t *est);
 /* Outputs as before the first fit; the coefficients `which` at their start. */
 void kc_est_reset(kc_est_t *est, uint64_t requested);

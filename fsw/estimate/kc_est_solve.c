@@ -269,7 +269,7 @@ static uint64_t advance_cost(const kc_est_t *est)
 static uint64_t observation_cost(const kc_est_t *est)
 {
     const uint64_t n = est->n_idx;
-    const uint64_t rows = kc_model_cost(est->arm, est->terms, 1) + 5000u + 260u * n;
+    const uint64_t rows = kc_model_cost(est->arm, est->terms, true) + 5000u + 260u * n;
     return est->job.pass == (uint8_t)KC_EST_PASS_SUMS ? rows : rows + 64u * n * n;
 }
 

@@ -9,14 +9,14 @@ _Static_assert(sizeof(kc_est_t) <= 176u * 1024u, "estimator memory budget");
 
 #define UNIT_TOL 1e-6
 
-static int unit_norm(const double q[4])
+static bool unit_norm(const double q[4])
 {
     double s = 0.0;
     for (uint32_t i = 0; i < 4u; i++) { s += q[i] * q[i]; }
     return kc_fabs(kc_sqrt(s) - 1.0) <= UNIT_TOL;
 }
 
-static int ctx_finite(const kc_ctx_t *c)
+static bool ctx_finite(const kc_ctx_t *c)
 {
     const double one[8] = {c->temp_c,    c->t_s,    c->payload_kg, c->range_m,
                            c->incid_rad, c->u_norm, c->v_norm,     c->pan_rad + c->tilt_rad};
@@ -25,7 +25,7 @@ static int ctx_finite(const kc_ctx_t *c)
            kc_v_finite(c->p_cam_tool_m, 3u);
 }
 
-static int obs_good(const kc_obs_t *o)
+static bool obs_good(const kc_obs_t *o)
 {
     double W[36];
     const uint32_t m = (o->has_rot != 0u) ? 6u : 3u;
@@ -42,12 +42,12 @@ kc_status_t kc_est_add(kc_est_t *est, const kc_obs_t *obs)
     return KC_OK;
 }
 
-int kc_est_options_good(const kc_est_t *est)
+bool kc_est_options_good(const kc_est_t *est)
 {
     const kc_est_opt_t *o = &est->opt;
-    int ok = est->n_obs >= 1u && est->n_obs <= KC_MEAS_MAX && est->terms->n_coef <= KC_COEF_MAX &&
-             o->iter_max >= 1u && o->iter_max <= 100u && o->tol_step > 0.0 && o->rank_tol > 0.0 &&
-             o->outlier_p >= 0.0;
+    bool ok = est->n_obs >= 1u && est->n_obs <= KC_MEAS_MAX && est->terms->n_coef <= KC_COEF_MAX &&
+              o->iter_max >= 1u && o->iter_max <= 100u && o->tol_step > 0.0 && o->rank_tol > 0.0 &&
+              o->outlier_p >= 0.0;
     for (uint32_t c = 0; ok && c < est->terms->n_coef; c++) {
         const kc_coef_t *k = &est->terms->coef[c];
         ok = k->lb <= k->ub && k->scale > 0.0 && kc_finite(est->start[c]);
@@ -69,7 +69,7 @@ void kc_est_to_start(kc_est_t *est, uint64_t which, uint64_t requested)
     for (uint32_t c = 0; c < est->terms->n_coef; c++) {
         const kc_coef_t *k = &est->terms->coef[c];
         if (((which >> c) & 1u) == 0u) { continue; }
-        const int in = ((requested >> c) & 1u) != 0u;
+        const bool in = ((requested >> c) & 1u) != 0u;
         est->coef[c] = in ? kc_clamp(est->start[c], k->lb, k->ub) : est->start[c];
     }
 }
@@ -137,13 +137,13 @@ kc_status_t kc_est_covariance(kc_est_t *est)
 uint64_t kc_est_pose_cov_cost(const kc_est_t *est)
 {
     const uint64_t n = est->terms->n_coef;
-    return kc_model_cost(est->arm, est->terms, 1) + 10000u + 52u * n * n;
+    return kc_model_cost(est->arm, est->terms, true) + 10000u + 52u * n * n;
 }
 
 void kc_est_pose_cov(const kc_est_t *est, const kc_ctx_t *ctx, kc_eval_t *work, double cov[36])
 {
     kc_loads_t loads;
     kc_model_loads(est->arm, est->terms, est->coef, ctx, &loads);
-    kc_model_eval(est->arm, est->terms, est->coef, ctx, &loads, 1, work);
+    kc_model_eval(est->arm, est->terms, est->coef, ctx, &loads, true, work);
     kc_la_congruence(est->cov, est->terms->n_coef, KC_COEF_MAX, &work->J[0][0], 6u, 6u, cov);
 }

@@ -145,7 +145,7 @@ static uint32_t ties(const kc_monitor_t *m, uint32_t n, uint32_t j, const fit_t 
 }
 
 /* The best of all joints and onsets that are significant and leave noise. */
-static int name(const kc_monitor_t *m, kc_mon_verdict_t *v)
+static bool name(const kc_monitor_t *m, kc_mon_verdict_t *v)
 {
     const double n_hyp = (double)m->n_joints * (double)(KC_MON_OBS_MAX - KC_MON_OBS_MIN + 1u);
     fit_t best = {0};
@@ -162,7 +162,7 @@ static int name(const kc_monitor_t *m, kc_mon_verdict_t *v)
             v->n_obs = n;
         }
     }
-    if (v->n_obs == 0u) { return 0; }
+    if (v->n_obs == 0u) { return false; }
     v->bias = best.bias;
     v->sigma = kc_sqrt(best.var) / best.info;
     v->stat = wald(&best);
@@ -170,23 +170,30 @@ static int name(const kc_monitor_t *m, kc_mon_verdict_t *v)
     v->rest = best.rest;
     v->p_rest = kc_chi2_sf(best.rest, 6u * v->n_obs - 1u);
     v->suspects = ties(m, v->n_obs, v->joint, &best);
-    return 1;
+    return true;
 }
 
 /* Whether the newest observations are off, each by itself. */
-static int all_off(const kc_monitor_t *m, double *p_most)
+static bool all_off(const kc_monitor_t *m, double *p_most)
 {
     *p_most = 0.0;
-    if (m->n < KC_MON_OBS_OFF) { return 0; }
+    if (m->n < KC_MON_OBS_OFF) { return false; }
     for (uint32_t i = 0u; i < KC_MON_OBS_OFF; i++) {
         const kc_mon_obs_t *k = obs_back(m, i);
         double w[6], chi2 = 0.0;
         kc_la_whiten_apply(k->W, 6u, k->r, w);
         for (uint32_t c = 0u; c < 6u; c++) { chi2 += w[c] * w[c]; }
         *p_most = kc_max(*p_most, kc_chi2_sf(chi2, 6u));
-        if (*p_most > KC_MON_P) { return 0; }
+        if (*p_most > KC_MON_P) { return false; }
     }
-    return 1;
+    return true;
+}
+
+/* Fits of each joint: one for each onset, and one to compare it with the joint that is named. */
+uint64_t kc_monitor_evaluate_cost(const kc_monitor_t *m)
+{
+    const uint64_t n = m->n, observations = n * (n + 1u) / 2u + n, tests = n + 1u;
+    return m->n_joints * (2500u * (ITER_MAX + 1u) * observations + 10000u * tests) + 10000u;
 }
 
 void kc_monitor_evaluate(const kc_monitor_t *m, kc_mon_verdict_t *v)

@@ -66,5 +66,6 @@ kc_status_t kc_monitor_add(kc_monitor_t *m, const kc_arm_t *arm, const kc_terms_
                            const kc_obs_t *obs, kc_eval_t *work);
 /* Verdict on the observations held. O(n_joints KC_MON_OBS_MAX^2). */
 void kc_monitor_evaluate(const kc_monitor_t *m, kc_mon_verdict_t *v);
+uint64_t kc_monitor_evaluate_cost(const kc_monitor_t *m); /* bound of its instructions */
 
 #endif

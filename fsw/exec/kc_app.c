@@ -205,7 +205,7 @@ static void take_inputs(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_ou
     app->n_rx_errors = in->n_rx_errors;
     kc_sequence_stored(app, work, in, out);
     kc_input_telemetry(&app->input, &app->view, in, out);
-    kc_sequence_detections(app, in, out);
+    kc_sequence_detections(app, work, in, out);
     kc_sequence_commands(app, work, in, out);
 }
 
@@ -265,6 +265,7 @@ void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *ou
     take_inputs(app, &work, in, out);
     kc_sequence_run(app, &work, out);
     kc_sequence_scrub(app, &work, out);
+    kc_monitoring_evaluate(&app->monitoring, &app->arena.idle.monitor, &app->view, &work, out);
     kc_dump_run(&app->dump, &app->review, &app->view, &work, out);
     note(app, out);
     if (kc_hk_count(&app->hk, app->clock.now_us, out)) {

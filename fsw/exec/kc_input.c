@@ -199,7 +199,7 @@ static bool tag_known(const kc_camera_t *cam, int32_t id)
 static bool det_tags(const kc_view_t *v, kc_out_t *out, const kc_detection_t *d)
 {
     for (uint32_t i = 0u; i < d->n_tags; i++) {
-        int twice = 0;
+        bool twice = false;
         for (uint32_t j = 0u; j < i; j++) { twice = twice || d->tag_id[j] == d->tag_id[i]; }
         if (twice || !tag_known(&v->tables->camera, d->tag_id[i])) {
             kc_event(&out->events, KC_EVT_DET_UNKNOWN_TAG, (int32_t)i, (double)d->tag_id[i], 0.0);

@@ -7,6 +7,7 @@
 
 #define FRESH_US 500000u /* oldest readings that an observation is compared with */
 #define REPEAT_SIGMA 3.0 /* change of a bias that is reported again [sigma] */
+#define ADD_COST 30000u  /* bound of the instructions of an observation, without the model */
 
 bool kc_monitoring_wants(const kc_view_t *v)
 {
@@ -27,10 +28,14 @@ void kc_monitoring_rest(kc_monitoring_t *w, const kc_view_t *v)
 }
 
 /* Observations with other tables, or from before a calibration, do not count. */
-static void restart_if_changed(kc_monitoring_t *w, kc_monitor_t *monitor, const kc_view_t *v)
+static bool changed(const kc_monitoring_t *w, const kc_view_t *v)
+{
+    return w->session != v->cal->session || memcmp(w->crc, v->tables->crc, sizeof w->crc) != 0;
+}
+
+static void restart(kc_monitoring_t *w, kc_monitor_t *monitor, const kc_view_t *v)
 {
     const kc_active_t *a = v->tables;
-    if (w->session == v->cal->session && memcmp(w->crc, a->crc, sizeof w->crc) == 0) { return; }
     kc_monitor_init(monitor, &a->arm, a->config.sigma_pos_min_m, a->config.sigma_rot_min_rad);
     memset(&w->reported, 0, sizeof w->reported);
     memset(&w->newest, 0, sizeof w->newest);
@@ -54,7 +59,7 @@ static void report(kc_monitoring_t *w, kc_out_t *out)
 }
 
 void kc_monitoring_observe(kc_monitoring_t *w, kc_monitor_t *monitor, const kc_view_t *v,
-                           const kc_detection_t *d, kc_out_t *out)
+                           const kc_detection_t *d, kc_work_t *work, kc_out_t *out)
 {
     const kc_active_t *a = v->tables;
     kc_posture_t at = {&v->telemetry->arm, &v->telemetry->pantilt, (double)v->clock->now_us * 1e-6};
@@ -66,11 +71,21 @@ void kc_monitoring_observe(kc_monitoring_t *w, kc_monitor_t *monitor, const kc_v
         kc_event(&out->events, KC_EVT_MON_NOT_AT_REST, -1, (double)d->seq, 0.0);
         return;
     }
-    restart_if_changed(w, monitor, v);
+    if (changed(w, v)) { restart(w, monitor, v); }
     kc_observation_unflip(a, a->kin.value, &at, &det);
     kc_observation(&a->camera, &det, &at, &obs);
+    kc_work_spend(work, kc_model_cost(&a->arm, &a->terms, 0) + ADD_COST);
     if (kc_monitor_add(monitor, &a->arm, &a->terms, a->kin.value, &obs, &eval) != KC_OK) { return; }
     w->t_us = taken_us;
+    w->due = true;
+}
+
+void kc_monitoring_evaluate(kc_monitoring_t *w, const kc_monitor_t *monitor, const kc_view_t *v,
+                            kc_work_t *work, kc_out_t *out)
+{
+    if (!kc_monitoring_wants(v) || changed(w, v)) { w->due = false; }
+    if (!w->due || !kc_work_take(work, kc_monitor_evaluate_cost(monitor))) { return; }
+    w->due = false;
     kc_monitor_evaluate(monitor, &w->newest);
     report(w, out);
 }

@@ -188,7 +188,7 @@ void kc_move_goal(const kc_space_t *space, uint32_t cand, kc_pose_t *T)
 
 uint64_t kc_move_joints_cost(const kc_view_t *v, uint32_t n)
 {
-    return n * (kc_model_cost(&v->tables->arm, &v->tables->terms, 0) + 10000u);
+    return n * (kc_model_cost(&v->tables->arm, &v->tables->terms, false) + 10000u);
 }
 
 uint64_t kc_move_begin_cost(const kc_view_t *v) { return kc_move_joints_cost(v, KC_MOVE_EVALS(IK_ITER_MAX)); }

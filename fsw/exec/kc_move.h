@@ -54,9 +54,9 @@ void kc_move_box(const kc_active_t *tables, uint32_t cand, double *lo, double *h
 /* Goal pose of the tool at a candidate. */
 void kc_move_goal(const kc_space_t *space, uint32_t cand, kc_pose_t *T);
 /* Joints that bring the corrected arm to the candidate, as far as the servo bound allows. Not reaching it
- * is no error: the servo continues from there, and a pose measured beside its candidate is as good. Returns how often the model was
- * evaluated: at most KC_MOVE_EVALS(iter_max). */
-#define KC_MOVE_EVALS(iter_max) (2u * (iter_max) + 1u)
+ * is no error: the servo continues from there, and a pose measured beside its candidate is as good. Returns how
+ * often the model was evaluated: at most KC_MOVE_EVALS(iter_max). */
+#define KC_MOVE_EVALS(iter_max) ((iter_max) + 1u)
 uint32_t kc_move_joints(const kc_view_t *v, uint32_t cand, uint32_t iter_max, double *q);
 /* Bounds of the instructions of kc_move_joints that evaluates the model n times, and of kc_move_begin without
  * the guard. */

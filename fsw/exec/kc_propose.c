@@ -30,7 +30,7 @@ static void add_observation(kc_proposing_t *j, const kc_view_t *v, const kc_obs_
 /* Residuals of the inliers with the table in force and with the estimate. False: goes on in the next step. */
 static bool sum_observations(kc_proposing_t *j, const kc_view_t *v, kc_work_t *work)
 {
-    const uint64_t cost = 2u * kc_model_cost(&v->tables->arm, &v->tables->terms, 1);
+    const uint64_t cost = 2u * kc_model_cost(&v->tables->arm, &v->tables->terms, true);
     for (; j->i_obs < v->est->n_obs; j->i_obs++) {
         if (v->est->outlier[j->i_obs]) { continue; }
         if (!kc_work_take(work, cost)) { return false; }
@@ -144,7 +144,7 @@ static void report_held(const kc_view_t *v, const kc_kin_t *kin, kc_out_t *out)
 /* Change of the predicted tool position over the search space. False: goes on in the next step. */
 static bool sum_changes(kc_proposing_t *j, const kc_view_t *v, kc_work_t *work)
 {
-    const uint64_t cost = 2u * kc_model_cost(&v->tables->arm, &v->tables->terms, 0);
+    const uint64_t cost = 2u * kc_model_cost(&v->tables->arm, &v->tables->terms, false);
     uint32_t n = v->tables->space.n_cand, stride = kc_view_stride(v);
     kc_kin_t kin;
     double d[3];

@@ -232,7 +232,7 @@ void kc_sequence_stored(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_ou
     (void)follow(app, kc_change_stored(&app->change, &parts, in, out), work, out);
 }
 
-void kc_sequence_detections(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
+void kc_sequence_detections(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
     kc_monitoring_rest(&app->monitoring, v);
@@ -241,7 +241,7 @@ void kc_sequence_detections(kc_app_t *app, const kc_in_t *in, kc_out_t *out)
         if (!kc_monitoring_wants(v) || app->request.frame == KC_FRAME_AWAITED) {
             kc_input_detection(&app->input, &app->request, &app->frames, v, d, out);
         } else if (kc_input_observation(v, app->monitoring.t_us, d, out)) {
-            kc_monitoring_observe(&app->monitoring, &app->arena.idle.monitor, v, d, out);
+            kc_monitoring_observe(&app->monitoring, &app->arena.idle.monitor, v, d, work, out);
         }
     }
 }

@@ -14,7 +14,7 @@ kc_journal_t kc_sequence_record(const kc_app_t *app);
 /* Commands and chunks of one step. */
 void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out);
 /* Detections of one step: to the calibration, or to the monitor. */
-void kc_sequence_detections(kc_app_t *app, const kc_in_t *in, kc_out_t *out);
+void kc_sequence_detections(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out);
 /* Faults, silence, budgets; then the work of the state, and of those that follow in the same step, as far as
  * `work` goes. */
 void kc_sequence_run(kc_app_t *app, kc_work_t *work, kc_out_t *out);

@@ -56,7 +56,7 @@ static kc_miss_t miss_of(const kc_view_t *v, const double *coef, uint32_t i)
  * step. */
 static bool misses(kc_learned_t *l, const kc_view_t *v, const double *coef, kc_work_t *work)
 {
-    const uint64_t cost = kc_model_cost(&v->tables->arm, &v->tables->terms, 1);
+    const uint64_t cost = kc_model_cost(&v->tables->arm, &v->tables->terms, true);
     for (; l->i < v->plan->n_meas; l->i++) {
         if (!kc_work_take(work, cost)) { return false; }
         kc_miss_t miss = miss_of(v, coef, l->i);

@@ -46,7 +46,7 @@ static void pose(const kc_view_t *v, const double *coef, const kc_ctx_t *ctx, kc
     kc_loads_t loads;
     kc_eval_t eval;
     kc_model_loads(&a->arm, &a->terms, coef, ctx, &loads);
-    kc_model_eval(&a->arm, &a->terms, coef, ctx, &loads, 0, &eval);
+    kc_model_eval(&a->arm, &a->terms, coef, ctx, &loads, false, &eval);
     *T = eval.T;
 }
 

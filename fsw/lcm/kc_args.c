@@ -42,17 +42,17 @@ static kc_args_result_t complete(const kc_args_t *args)
 
 kc_args_result_t kc_args_parse(int argc, char **argv, kc_args_t *args)
 {
-    int lockstep = 0;
-    *args = (kc_args_t){KC_URL_DEFAULT, NULL, NULL, 0};
+    bool lockstep = false;
+    *args = (kc_args_t){KC_URL_DEFAULT, NULL, NULL, false};
     for (int i = 1; i < argc; i++) {
         const char **value = value_of(args, argv[i]);
         if (value != NULL) {
             if (i + 1 >= argc) { return bad("no value after ", argv[i]); }
             *value = argv[++i];
         } else if (strcmp(argv[i], "--live") == 0) {
-            args->live = 1;
+            args->live = true;
         } else if (strcmp(argv[i], "--lockstep") == 0) {
-            lockstep = 1;
+            lockstep = true;
         } else if (strcmp(argv[i], "--help") == 0) {
             (void)fputs(s_usage, stdout);
             return KC_ARGS_DONE;

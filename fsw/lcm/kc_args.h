@@ -2,6 +2,8 @@
 #ifndef KC_ARGS_H
 #define KC_ARGS_H
 
+#include <stdbool.h>
+
 #define KC_VERSION "0.1.0"
 #define KC_URL_DEFAULT "udpm://239.255.76.67:7667?ttl=0"
 
@@ -9,7 +11,7 @@ typedef enum { KC_ARGS_RUN = 0, KC_ARGS_DONE = 1, KC_ARGS_BAD = 2 } kc_args_resu
 
 typedef struct {
     const char *url, *tables, *store;
-    int live; /* 0: lockstep, time comes with KC_TIME */
+    bool live; /* false: lockstep, time comes with KC_TIME */
 } kc_args_t;
 
 /* RUN: continue. DONE: --help or --version was answered on stdout. BAD: the problem was printed on stderr. */

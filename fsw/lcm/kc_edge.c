@@ -51,7 +51,7 @@ static void on_cmd(const lcm_recv_buf_t *buf, const char *channel, void *user)
     kc_cmd_t c;
     DECODE(cmd_t, cmd)
     kc_wire_cmd(&s_rx.cmd, &c);
-    if (kc_queue_cmd(&e->queue, stamp(e, s_rx.cmd.t_us), e->now_us, &c) != 0) { e->n_rx_errors++; }
+    if (!kc_queue_cmd(&e->queue, stamp(e, s_rx.cmd.t_us), e->now_us, &c)) { e->n_rx_errors++; }
 }
 
 static void on_chunk(const lcm_recv_buf_t *buf, const char *channel, void *user)
@@ -59,7 +59,7 @@ static void on_chunk(const lcm_recv_buf_t *buf, const char *channel, void *user)
     static kc_chunk_t c;
     DECODE(table_chunk_t, chunk)
     kc_wire_chunk(&s_rx.chunk, &c);
-    if (kc_queue_chunk(&e->queue, stamp(e, s_rx.chunk.t_us), e->now_us, &c) != 0) { e->n_rx_errors++; }
+    if (!kc_queue_chunk(&e->queue, stamp(e, s_rx.chunk.t_us), e->now_us, &c)) { e->n_rx_errors++; }
 }
 
 static void on_det(const lcm_recv_buf_t *buf, const char *channel, void *user)
@@ -67,7 +67,7 @@ static void on_det(const lcm_recv_buf_t *buf, const char *channel, void *user)
     static kc_detection_t d;
     DECODE(detection_t, det)
     kc_wire_det(&s_rx.det, &d);
-    if (kc_queue_det(&e->queue, stamp(e, s_rx.det.t_us), e->now_us, &d) != 0) { e->n_rx_errors++; }
+    if (!kc_queue_det(&e->queue, stamp(e, s_rx.det.t_us), e->now_us, &d)) { e->n_rx_errors++; }
 }
 
 static void on_arm(const lcm_recv_buf_t *buf, const char *channel, void *user)
@@ -94,13 +94,13 @@ static void on_time(const lcm_recv_buf_t *buf, const char *channel, void *user)
     e->due_us = s_rx.time.now_us;
 }
 
-static int subscribe(kc_edge_t *e, const char *channel, lcm_msg_handler_t handler)
+static bool subscribe(kc_edge_t *e, const char *channel, lcm_msg_handler_t handler)
 {
     lcm_subscription_t *s = lcm_subscribe(e->lcm, channel, handler, e);
-    return s == NULL ? -1 : lcm_subscription_set_queue_capacity(s, BACKLOG);
+    return s != NULL && lcm_subscription_set_queue_capacity(s, BACKLOG) == 0;
 }
 
-int kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app, int live)
+bool kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app, bool live)
 {
     memset(e, 0, sizeof *e);
     e->files = files;
@@ -109,14 +109,13 @@ int kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app
     e->lcm = lcm_create(url);
     if (e->lcm == NULL) {
         (void)fprintf(stderr, "kincal-fsw: no LCM network at %s\n", url);
-        return -1;
+        return false;
     }
-    int bad = subscribe(e, "KC_CMD", on_cmd) | subscribe(e, "KC_TABLE_UP", on_chunk) |
-              subscribe(e, "KC_ARM_STATE", on_arm) | subscribe(e, "KC_PANTILT_STATE", on_pantilt) |
-              subscribe(e, "KC_DETECTION", on_det);
-    if (!live) { bad |= subscribe(e, "KC_TIME", on_time); }
-    if (bad != 0) { (void)fprintf(stderr, "kincal-fsw: can't subscribe at %s\n", url); }
-    return bad != 0 ? -1 : 0;
+    bool good = subscribe(e, "KC_CMD", on_cmd) && subscribe(e, "KC_TABLE_UP", on_chunk) &&
+                subscribe(e, "KC_ARM_STATE", on_arm) && subscribe(e, "KC_PANTILT_STATE", on_pantilt) &&
+                subscribe(e, "KC_DETECTION", on_det) && (live || subscribe(e, "KC_TIME", on_time));
+    if (!good) { (void)fprintf(stderr, "kincal-fsw: can't subscribe at %s\n", url); }
+    return good;
 }
 
 void kc_edge_close(kc_edge_t *e) { lcm_destroy(e->lcm); }
@@ -246,7 +245,7 @@ static void done(kc_edge_t *e)
 void kc_edge_tick(kc_edge_t *e)
 {
     if (e->repeat) {
-        e->repeat = 0;
+        e->repeat = false;
         done(e);
     } else if (e->due_tick != e->tick) {
         int32_t sent = e->n_sent;
@@ -257,17 +256,16 @@ void kc_edge_tick(kc_edge_t *e)
     }
 }
 
-/* Wait for a message up to the time-out: 1 there is one, 0 none, -1 the network failed. */
-static int wait_message(kc_edge_t *e, int timeout_ms)
+/* Handle the next message, or wait for one up to the time-out; false if the network failed. */
+static bool wait_message(kc_edge_t *e, int timeout_ms)
 {
     struct pollfd p = {lcm_get_fileno(e->lcm), POLLIN, 0};
     int r = poll(&p, 1u, timeout_ms);
-    if (r < 0) { return errno == EINTR ? 0 : -1; }
-    if (r == 0) { return 0; }
-    return lcm_handle(e->lcm) == 0 ? 1 : -1;
+    if (r < 0) { return errno == EINTR; }
+    return r == 0 || lcm_handle(e->lcm) == 0;
 }
 
-static int run_lockstep(kc_edge_t *e, const volatile int *stop)
+static bool run_lockstep(kc_edge_t *e, const volatile sig_atomic_t *stop)
 {
     int64_t hello = 0;
     while (!*stop) {
@@ -276,21 +274,21 @@ static int run_lockstep(kc_edge_t *e, const volatile int *stop)
             hello = now + (int64_t)HELLO_MS * 1000;
             done(e);
         }
-        if (wait_message(e, HELLO_MS) < 0) { return -1; }
+        if (!wait_message(e, HELLO_MS)) { return false; }
         kc_edge_tick(e);
     }
-    return 0;
+    return true;
 }
 
 /* ---- live ---- */
 
-static int run_live(kc_edge_t *e, const volatile int *stop)
+static bool run_live(kc_edge_t *e, const volatile sig_atomic_t *stop)
 {
     int64_t due = clock_us(CLOCK_MONOTONIC);
     while (!*stop) {
         int64_t left = due - clock_us(CLOCK_MONOTONIC);
         if (left > 0) {
-            if (wait_message(e, (int)((left + 999) / 1000)) < 0) { return -1; }
+            if (!wait_message(e, (int)((left + 999) / 1000))) { return false; }
             continue;
         }
         kc_edge_step(e, clock_us(CLOCK_REALTIME));
@@ -300,12 +298,12 @@ static int run_live(kc_edge_t *e, const volatile int *stop)
             due = clock_us(CLOCK_MONOTONIC);
         }
     }
-    return 0;
+    return true;
 }
 
-int kc_edge_run(kc_edge_t *e, const volatile int *stop)
+bool kc_edge_run(kc_edge_t *e, const volatile sig_atomic_t *stop)
 {
-    int r = e->live ? run_live(e, stop) : run_lockstep(e, stop);
-    if (r != 0) { (void)fprintf(stderr, "kincal-fsw: the LCM network failed\n"); }
-    return r;
+    bool good = e->live ? run_live(e, stop) : run_lockstep(e, stop);
+    if (!good) { (void)fprintf(stderr, "kincal-fsw: the LCM network failed\n"); }
+    return good;
 }

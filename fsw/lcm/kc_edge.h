@@ -4,6 +4,8 @@
 #define KC_EDGE_H
 
 #include <lcm/lcm.h>
+#include <signal.h>
+#include <stdbool.h>
 
 #include "kc_files.h"
 #include "kc_queue.h"
@@ -17,20 +19,20 @@ typedef struct {
     kc_queue_t queue;
     kc_in_t in; /* sensor messages of the next step collect here */
     kc_out_t out;
-    int live;
+    bool live;
     int64_t now_us;           /* of the last step */
     int64_t tick;             /* last tick done, 0 = none yet */
     int64_t due_tick, due_us; /* KC_TIME received, to be done when due_tick != tick */
     int32_t n_done;           /* published in the last tick, before its DONE */
     int32_t n_sent, n_tx_errors, event_seq;
     uint32_t n_rx_errors;
-    int repeat; /* the last tick was announced again */
+    bool repeat; /* the last tick was announced again */
 } kc_edge_t;
 
-/* Subscribe. 0, or -1 with the reason on stderr. */
-int kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app, int live);
-/* Run until *stop is set (0) or the network fails (-1). */
-int kc_edge_run(kc_edge_t *e, const volatile int *stop);
+/* Subscribe. false with the reason on stderr. */
+bool kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app, bool live);
+/* Run until *stop is set; false if the network fails before, with the reason on stderr. */
+bool kc_edge_run(kc_edge_t *e, const volatile sig_atomic_t *stop);
 /* One step of the component at now_us, its store requests written, its messages published. */
 void kc_edge_step(kc_edge_t *e, int64_t now_us);
 /* Handle the KC_TIME received, if any: a new tick is stepped and answered, a repeated one answered. */

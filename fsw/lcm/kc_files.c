@@ -23,10 +23,11 @@ static const char s_magic[4] = {'K', 'C', 'S', '1'};
 static const uint16_t s_kinds[] = {KC_STORE_JOURNAL, 1, 2, 3, 4, 5, 6, 7, KC_STORE_PREV, KC_STORE_PROPOSAL};
 #define N_KINDS (sizeof s_kinds / sizeof s_kinds[0])
 
-static int complain(const char *what, const char *name)
+/* false, so that it can be returned */
+static bool complain(const char *what, const char *name)
 {
     (void)fprintf(stderr, "kincal-fsw: %s %s: %s\n", what, name, strerror(errno));
-    return -1;
+    return false;
 }
 
 static void slot_name(uint16_t kind, unsigned slot, char name[NAME_MAX_])
@@ -42,22 +43,23 @@ typedef struct {
     size_t n;
 } map_t;
 
-/* 1 mapped, 0 there is no such file, -1 it can't be read or is empty. */
-static int map_file(int dir_fd, const char *name, map_t *m)
+/* MAP_BAD: it can't be read or is empty. */
+typedef enum { MAP_OK = 0, MAP_NO_FILE, MAP_BAD } map_result_t;
+static map_result_t map_file(int dir_fd, const char *name, map_t *m)
 {
     struct stat st;
     int fd = openat(dir_fd, name, O_RDONLY | O_CLOEXEC);
-    if (fd < 0) { return errno == ENOENT ? 0 : -1; }
+    if (fd < 0) { return errno == ENOENT ? MAP_NO_FILE : MAP_BAD; }
     void *p = MAP_FAILED;
     if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0) {
         p = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_PRIVATE, fd, 0);
     }
     (void)close(fd);
-    if (p == MAP_FAILED) { return -1; }
+    if (p == MAP_FAILED) { return MAP_BAD; }
     m->base = p;
     m->data = p;
     m->n = (size_t)st.st_size;
-    return 1;
+    return MAP_OK;
 }
 
 static void unmap(const map_t *m) { (void)munmap(m->base, m->n); }
@@ -96,10 +98,10 @@ static void look_at(kc_files_t *f, uint16_t kind, unsigned slot)
     char name[NAME_MAX_];
     map_t m = {NULL, NULL, 0u};
     slot_name(kind, slot, name);
-    int r = map_file(f->dir_fd, name, &m);
-    f->there[kind][slot] = r != 0;
-    f->number[kind][slot] = r == 1 ? slot_number(&m, kind) : 0u;
-    if (r == 1) { unmap(&m); }
+    map_result_t r = map_file(f->dir_fd, name, &m);
+    f->there[kind][slot] = r != MAP_NO_FILE;
+    f->number[kind][slot] = r == MAP_OK ? slot_number(&m, kind) : 0u;
+    if (r == MAP_OK) { unmap(&m); }
 }
 
 static void tmp_name(uint16_t kind, char name[NAME_MAX_])
@@ -107,7 +109,7 @@ static void tmp_name(uint16_t kind, char name[NAME_MAX_])
     (void)snprintf(name, NAME_MAX_, "k%02u.tmp", (unsigned)kind);
 }
 
-int kc_files_open(kc_files_t *f, const char *dir)
+bool kc_files_open(kc_files_t *f, const char *dir)
 {
     memset(f, 0, sizeof *f);
     f->dir_fd = -1;
@@ -122,7 +124,7 @@ int kc_files_open(kc_files_t *f, const char *dir)
     if (flock(f->dir_fd, LOCK_EX | LOCK_NB) != 0) {
         (void)fprintf(stderr, "kincal-fsw: another flight process uses the store %s\n", dir);
         (void)close(f->dir_fd);
-        return -1;
+        return false;
     }
     for (size_t i = 0u; i < N_KINDS; i++) {
         char name[NAME_MAX_];
@@ -131,7 +133,7 @@ int kc_files_open(kc_files_t *f, const char *dir)
         look_at(f, s_kinds[i], 0u);
         look_at(f, s_kinds[i], 1u);
     }
-    return 0;
+    return true;
 }
 
 /* ---- offering ---- */
@@ -141,7 +143,7 @@ static void offer_slot(const kc_files_t *f, uint16_t kind, unsigned slot, kc_app
     char name[NAME_MAX_];
     map_t m = {NULL, NULL, 0u};
     slot_name(kind, slot, name);
-    if (map_file(f->dir_fd, name, &m) != 1) { return; }
+    if (map_file(f->dir_fd, name, &m) != MAP_OK) { return; }
     (void)kc_app_load(app, kind, &m.data[KC_SLOT_HDR_BYTES], (uint32_t)(m.n - KC_SLOT_HDR_BYTES));
     unmap(&m);
 }
@@ -174,13 +176,13 @@ static void insert(list_t *l, const char *name)
     memcpy(l->name[i], name, strlen(name));
 }
 
-static int is_table(const char *name)
+static bool is_table(const char *name)
 {
     size_t n = strlen(name);
     return n > 4u && n < 64u && strcmp(&name[n - 4u], ".tbl") == 0;
 }
 
-static int list_tables(const char *dir, list_t *l)
+static bool list_tables(const char *dir, list_t *l)
 {
     const struct dirent *e;
     DIR *d = opendir(dir);
@@ -189,7 +191,7 @@ static int list_tables(const char *dir, list_t *l)
         if (is_table(e->d_name) && l->n < KC_FILES_TABLES) { insert(l, e->d_name); }
     }
     (void)closedir(d);
-    return 0;
+    return true;
 }
 
 /* Those of this kind; the kind is in the image's header. */
@@ -197,7 +199,7 @@ static void offer_tables(int dir_fd, const list_t *l, uint16_t kind, kc_app_t *a
 {
     for (uint32_t i = 0u; i < l->n; i++) {
         map_t m = {NULL, NULL, 0u};
-        if (map_file(dir_fd, l->name[i], &m) != 1) { continue; }
+        if (map_file(dir_fd, l->name[i], &m) != MAP_OK) { continue; }
         if (m.n >= KC_TBL_HDR_BYTES && m.n <= KC_IMAGE_MAX && get_le(&m.data[4], 2u) == kind) {
             kc_status_t st = kc_app_load(app, kind, m.data, (uint32_t)m.n);
             if (st != KC_OK && st != KC_ERR_STATE) {
@@ -212,9 +214,12 @@ int kc_files_load(kc_files_t *f, const char *tables, kc_app_t *app)
 {
     static list_t list;
     memset(&list, 0, sizeof list);
-    if (list_tables(tables, &list) != 0) { return -1; }
+    if (!list_tables(tables, &list)) { return -1; }
     int dir_fd = open(tables, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (dir_fd < 0) { return complain("can't read the tables", tables); }
+    if (dir_fd < 0) {
+        (void)complain("can't read the tables", tables);
+        return -1;
+    }
     for (size_t i = 0u; i < N_KINDS; i++) {
         offer_slots(f, s_kinds[i], app);
         if (s_kinds[i] < KC_TBL_COUNT) { offer_tables(dir_fd, &list, s_kinds[i], app); }
@@ -225,37 +230,35 @@ int kc_files_load(kc_files_t *f, const char *tables, kc_app_t *app)
 
 /* ---- writing ---- */
 
-static int write_all(int fd, const uint8_t *data, size_t n)
+static bool write_all(int fd, const uint8_t *data, size_t n)
 {
     while (n > 0u) {
         ssize_t w = write(fd, data, n);
         if (w < 0 && errno == EINTR) { continue; }
-        if (w <= 0) { return -1; }
+        if (w <= 0) { return false; }
         data += w;
         n -= (size_t)w;
     }
-    return 0;
+    return true;
 }
 
 /* Its pages are dropped at the end, so that it is read back from the medium. */
-static int write_tmp(const kc_files_t *f, const char *name, const uint8_t *hdr, const kc_store_t *s)
+static bool write_tmp(const kc_files_t *f, const char *name, const uint8_t *hdr, const kc_store_t *s)
 {
     int fd = openat(f->dir_fd, name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-    if (fd < 0) { return -1; }
-    int r = write_all(fd, hdr, KC_SLOT_HDR_BYTES);
-    if (r == 0) { r = write_all(fd, s->data, s->n); }
-    if (r == 0) { r = fsync(fd); }
+    if (fd < 0) { return false; }
+    bool good = write_all(fd, hdr, KC_SLOT_HDR_BYTES) && write_all(fd, s->data, s->n) && fsync(fd) == 0;
     (void)posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED);
-    return close(fd) == 0 ? r : -1;
+    return close(fd) == 0 && good;
 }
 
 /* Whether the slot holds this data under this number. */
-static int holds(const kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number)
+static bool holds(const kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number)
 {
     map_t m = {NULL, NULL, 0u};
-    if (map_file(f->dir_fd, name, &m) != 1) { return 0; }
-    int same = slot_number(&m, s->kind) == number && m.n == KC_SLOT_HDR_BYTES + s->n &&
-               memcmp(&m.data[KC_SLOT_HDR_BYTES], s->data, s->n) == 0;
+    if (map_file(f->dir_fd, name, &m) != MAP_OK) { return false; }
+    bool same = slot_number(&m, s->kind) == number && m.n == KC_SLOT_HDR_BYTES + s->n &&
+                memcmp(&m.data[KC_SLOT_HDR_BYTES], s->data, s->n) == 0;
     unmap(&m);
     return same;
 }
@@ -284,7 +287,7 @@ static kc_status_t put_slot(const kc_files_t *f, const char *name, const kc_stor
     uint8_t hdr[KC_SLOT_HDR_BYTES];
     make_header(hdr, s, number);
     tmp_name(s->kind, tmp);
-    if (write_tmp(f, tmp, hdr, s) != 0) {
+    if (!write_tmp(f, tmp, hdr, s)) {
         (void)complain("can't write", name);
         return bad_tmp(f, tmp, KC_ERR_NUM);
     }

@@ -9,6 +9,7 @@
 #ifndef KC_FILES_H
 #define KC_FILES_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_app.h"
@@ -26,8 +27,8 @@ typedef struct {
 } kc_files_t;
 
 /* Open the store, made if missing; only one process may use it. Left-overs of a write that was cut off are
- * removed. 0, or -1 with the reason on stderr. */
-int kc_files_open(kc_files_t *f, const char *dir);
+ * removed. false with the reason on stderr. */
+bool kc_files_open(kc_files_t *f, const char *dir);
 
 /* Offer everything to the component, best first: slots newest first, then the *.tbl of `tables`. Slots
  * that cannot be read are offered as empty, so that the component reports them. Number of table files, or

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-static int ahead(int64_t t_us, int64_t now_us) { return t_us > now_us && t_us - now_us > KC_Q_AHEAD_US; }
+static bool ahead(int64_t t_us, int64_t now_us) { return t_us > now_us && t_us - now_us > KC_Q_AHEAD_US; }
 
 /* The quota of a command: that of its source, 0 for all unknown ones. */
 static uint32_t account(const kc_cmd_t *m)
@@ -19,37 +19,37 @@ static uint32_t room(const kc_queue_t *q, const kc_cmd_t *m)
     return n < most ? most - n : 0u;
 }
 
-int kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *m)
+bool kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *m)
 {
-    if (room(q, m) == 0u || ahead(t_us, now_us)) { return -1; }
+    if (room(q, m) == 0u || ahead(t_us, now_us)) { return false; }
     q->cmd[q->n_cmd].t_us = t_us;
     q->cmd[q->n_cmd++].m = *m;
-    return 0;
+    return true;
 }
 
-int kc_queue_chunk(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_chunk_t *m)
+bool kc_queue_chunk(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_chunk_t *m)
 {
-    if (q->n_chunk == KC_Q_CHUNK || ahead(t_us, now_us)) { return -1; }
+    if (q->n_chunk == KC_Q_CHUNK || ahead(t_us, now_us)) { return false; }
     q->chunk[q->n_chunk].t_us = t_us;
     q->chunk[q->n_chunk++].m = *m;
-    return 0;
+    return true;
 }
 
-int kc_queue_det(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_detection_t *m)
+bool kc_queue_det(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_detection_t *m)
 {
-    if (q->n_det == KC_Q_DET || ahead(t_us, now_us)) { return -1; }
+    if (q->n_det == KC_Q_DET || ahead(t_us, now_us)) { return false; }
     q->det[q->n_det].t_us = t_us;
     q->det[q->n_det++].m = *m;
-    return 0;
+    return true;
 }
 
 /* Order of two messages: by the first pair of keys that differs. */
-static int before(const int64_t *a, const int64_t *b, uint32_t n)
+static bool before(const int64_t *a, const int64_t *b, uint32_t n)
 {
     for (uint32_t i = 0u; i < n; i++) {
         if (a[i] != b[i]) { return a[i] < b[i]; }
     }
-    return 0;
+    return false;
 }
 
 /* taken: commands of each account in this step; the one with the fewest comes next. */

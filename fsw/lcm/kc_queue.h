@@ -6,6 +6,8 @@
 #ifndef KC_QUEUE_H
 #define KC_QUEUE_H
 
+#include <stdbool.h>
+
 #include "kc_app.h"
 
 #define KC_Q_CMD 32u
@@ -33,10 +35,10 @@ typedef struct {
     } det[KC_Q_DET];
 } kc_queue_t;
 
-/* 0, or -1 if there is no room or the stamp lies too far ahead of now: the message is lost. */
-int kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *m);
-int kc_queue_chunk(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_chunk_t *m);
-int kc_queue_det(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_detection_t *m);
+/* Whether it waits now; false if there is no room or the stamp lies too far ahead of now: the message is lost. */
+bool kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *m);
+bool kc_queue_chunk(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_chunk_t *m);
+bool kc_queue_det(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_detection_t *m);
 /* Move what is due into in, as much as one step takes; the rest waits for the next. */
 void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in);
 

@@ -246,7 +246,7 @@ void kc_wire_progress(const kc_progress_t *p, int64_t t_us, kcm_progress_t *m)
 static void proposal_coefs(const kc_proposal_t *p, kcm_proposal_t *m)
 {
     for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
-        int est = p->status[c] != (uint8_t)KC_COEF_MASKED && p->status[c] != (uint8_t)KC_COEF_HELD;
+        bool est = p->status[c] != (uint8_t)KC_COEF_MASKED && p->status[c] != (uint8_t)KC_COEF_HELD;
         m->value[c] = p->kin.value[c];
         m->sigma[c] = est ? p->kin.sigma[c] : 0.0;
         m->status[c] = (int8_t)p->status[c];

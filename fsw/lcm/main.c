@@ -8,7 +8,7 @@
 #include "kc_args.h"
 #include "kc_edge.h"
 
-static volatile int s_stop;
+static volatile sig_atomic_t s_stop;
 static kc_files_t s_files;
 static kc_edge_t s_edge;
 
@@ -28,15 +28,15 @@ static void catch_signals(void)
 }
 
 /* Everything that is kept, and the default tables, into the component. */
-static int load(const kc_args_t *args)
+static bool load(const kc_args_t *args)
 {
-    if (kc_files_open(&s_files, args->store) != 0) { return -1; }
+    if (!kc_files_open(&s_files, args->store)) { return false; }
     kc_app_init(&kc_app_instance);
     int n = kc_files_load(&s_files, args->tables, &kc_app_instance);
-    if (n < 0) { return -1; }
+    if (n < 0) { return false; }
     if (n == 0) { (void)fprintf(stderr, "kincal-fsw: no *.tbl in %s; waiting for uplink\n", args->tables); }
     kc_app_boot(&kc_app_instance);
-    return 0;
+    return true;
 }
 
 int main(int argc, char **argv)
@@ -48,9 +48,9 @@ int main(int argc, char **argv)
     default: break;
     }
     catch_signals();
-    if (load(&args) != 0) { return 2; }
-    if (kc_edge_open(&s_edge, args.url, &s_files, &kc_app_instance, args.live) != 0) { return 1; }
-    int r = kc_edge_run(&s_edge, &s_stop);
+    if (!load(&args)) { return 2; }
+    if (!kc_edge_open(&s_edge, args.url, &s_files, &kc_app_instance, args.live)) { return 1; }
+    bool good = kc_edge_run(&s_edge, &s_stop);
     kc_edge_close(&s_edge);
-    return r == 0 ? 0 : 1;
+    return good ? 0 : 1;
 }

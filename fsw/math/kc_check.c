@@ -11,7 +11,7 @@ kc_check_t kc_check_start(void)
     return c;
 }
 
-void kc_check(kc_check_t *c, int ok, int32_t index, double got)
+void kc_check(kc_check_t *c, bool ok, int32_t index, double got)
 {
     if (ok || c->st != KC_OK) { return; }
     c->st = KC_ERR_RANGE;
@@ -52,11 +52,11 @@ kc_status_t kc_check_end(const kc_check_t *c, int32_t *index, double *got)
     return c->st;
 }
 
-int kc_name_ok(const char *name)
+bool kc_name_ok(const char *name)
 {
     uint32_t n = 0u;
     while (n < KC_NAME_LEN && name[n] >= ' ' && name[n] <= '~') { n++; }
-    int ok = n > 0u && n < KC_NAME_LEN;
+    bool ok = n > 0u && n < KC_NAME_LEN;
     for (uint32_t i = n; i < KC_NAME_LEN; i++) { ok = ok && name[i] == '\0'; }
     return ok;
 }

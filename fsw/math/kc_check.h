@@ -2,6 +2,7 @@
 #ifndef KC_CHECK_H
 #define KC_CHECK_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_status.h"
@@ -14,7 +15,7 @@ typedef struct {
 
 kc_check_t kc_check_start(void);
 /* Record (index, got) unless ok or something failed before. */
-void kc_check(kc_check_t *c, int ok, int32_t index, double got);
+void kc_check(kc_check_t *c, bool ok, int32_t index, double got);
 void kc_check_finite(kc_check_t *c, const double *v, uint32_t n, int32_t index);
 void kc_check_positive(kc_check_t *c, double v, int32_t index);     /* finite, > 0 */
 void kc_check_not_negative(kc_check_t *c, double v, int32_t index); /* finite, >= 0 */
@@ -24,6 +25,6 @@ void kc_check_frame(kc_check_t *c, const double xyz_m[3], const double q_wxyz[4]
 kc_status_t kc_check_end(const kc_check_t *c, int32_t *index, double *got);
 
 /* A name of KC_NAME_LEN bytes: not empty, printable ASCII, NUL terminated and padded with NUL. */
-int kc_name_ok(const char *name);
+bool kc_name_ok(const char *name);
 
 #endif

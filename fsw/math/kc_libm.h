@@ -7,6 +7,7 @@
 #define KC_LIBM_H
 
 #include <math.h>
+#include <stdbool.h>
 
 #define KC_PI 3.14159265358979323846
 #define KC_INF HUGE_VAL
@@ -31,6 +32,6 @@ static inline double kc_min(double a, double b) { return a < b ? a : b; }
 static inline double kc_max(double a, double b) { return a > b ? a : b; }
 static inline double kc_clamp(double x, double lo, double hi) { return kc_min(kc_max(x, lo), hi); }
 
-static inline int kc_finite(double x) { return isfinite(x) != 0; }
+static inline bool kc_finite(double x) { return isfinite(x); }
 
 #endif

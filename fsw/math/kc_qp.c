@@ -32,10 +32,10 @@ static double max_abs(const double *v, uint32_t n)
     return m;
 }
 
-static int arguments_ok(const kc_qp_t *qp)
+static bool arguments_ok(const kc_qp_t *qp)
 {
-    if (qp->n == 0u || qp->n > KC_COEF_MAX) { return 0; }
-    int ok = kc_v_finite(qp->g, qp->n) && kc_v_finite(qp->x, qp->n);
+    if (qp->n == 0u || qp->n > KC_COEF_MAX) { return false; }
+    bool ok = kc_v_finite(qp->g, qp->n) && kc_v_finite(qp->x, qp->n);
     for (uint32_t i = 0u; i < qp->n; i++) {
         ok = ok && kc_v_finite(&qp->H[i * LD], qp->n);
         /* NaN fails every comparison; a bound of infinity on the wrong side leaves no x. */
@@ -70,8 +70,8 @@ static double violation(const kc_qp_t *qp, uint32_t i)
     return kc_fabs(g);
 }
 
-/* The free or the fixed variable (rested 0 or 1) that violates the conditions most; *worst: by how much. */
-static uint32_t worst_variable(const kc_qp_t *qp, int rested, double *worst)
+/* The free or the fixed variable (rested) that violates the conditions most; *worst: by how much. */
+static uint32_t worst_variable(const kc_qp_t *qp, bool rested, double *worst)
 {
     uint32_t at = 0u;
     *worst = 0.0;
@@ -187,7 +187,7 @@ static step_t move(kc_qp_t *qp, uint32_t m, double want)
     if (!(step < KC_INF)) { return STEP_UNBOUNDED; }
     for (uint32_t i = 0u; i < m; i++) {
         const uint32_t v = qp->idx[i];
-        const int meets = room(qp, i) <= step;
+        const bool meets = room(qp, i) <= step;
         qp->x[v] += step * qp->d[i];
         if (meets) { qp->x[v] = qp->d[i] > 0.0 ? qp->ub[v] : qp->lb[v]; }
         settle(qp, v);
@@ -218,7 +218,7 @@ static step_t minimise_free(kc_qp_t *qp, double tol)
     uint32_t k = 0u;
     const uint32_t m = factor_free(qp);
     const double before = independent_gradient(qp, m, &k);
-    const int newton = before > tol;
+    const bool newton = before > tol;
     if (newton) {
         newton_direction(qp, m);
     } else {
@@ -237,11 +237,11 @@ static step_t minimise_free(kc_qp_t *qp, double tol)
 static void finish(kc_qp_t *qp)
 {
     double worst_free, worst_fixed;
-    (void)worst_variable(qp, 0, &worst_free);
-    (void)worst_variable(qp, 1, &worst_fixed);
+    (void)worst_variable(qp, false, &worst_free);
+    (void)worst_variable(qp, true, &worst_fixed);
     const double worst = kc_max(worst_free, worst_fixed);
     qp->kkt = worst / kc_max(1.0, max_abs(qp->g, qp->n));
-    const int solved = qp->kkt <= KKT_TOL || worst <= GRAD_TOL * qp->scale;
+    const bool solved = qp->kkt <= KKT_TOL || worst <= GRAD_TOL * qp->scale;
     if (qp->status == KC_ERR_ITER && solved) { qp->status = KC_OK; }
 }
 
@@ -261,13 +261,13 @@ static bool improve(kc_qp_t *qp)
 {
     double worst;
     const double tol = kc_max(GRAD_TOL * qp->scale, qp->floor_g);
-    (void)worst_variable(qp, 0, &worst);
+    (void)worst_variable(qp, false, &worst);
     if (worst > tol) {
         if (minimise_free(qp, tol) == STEP_UNBOUNDED) { qp->status = KC_ERR_NUM; }
         qp->iters++;
         return qp->status == KC_ERR_ITER;
     }
-    const uint32_t wrong = worst_variable(qp, 1, &worst);
+    const uint32_t wrong = worst_variable(qp, true, &worst);
     if (worst <= tol) { return false; }
     qp->active[wrong] = KC_QP_FREE;
     qp->iters++;

@@ -2,6 +2,7 @@
 #ifndef KC_VEC_H
 #define KC_VEC_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_libm.h"
@@ -65,9 +66,9 @@ static inline void kc_m3_mul(const double A[9], const double B[9], double out[9]
     }
 }
 
-static inline int kc_v_finite(const double *v, uint32_t n)
+static inline bool kc_v_finite(const double *v, uint32_t n)
 {
-    int ok = 1;
+    bool ok = true;
     for (uint32_t i = 0; i < n; i++) { ok = ok && kc_finite(v[i]); }
     return ok;
 }

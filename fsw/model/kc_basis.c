@@ -106,7 +106,7 @@ double kc_basis_eval(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t 
     }
 }
 
-int kc_basis_needs_loads(const kc_basis_t *b)
+bool kc_basis_needs_loads(const kc_basis_t *b)
 {
     return b->var == KC_VAR_TAU || b->var == KC_VAR_MX || b->var == KC_VAR_MY || b->var == KC_VAR_MZ ||
            b->var == KC_VAR_TAU_PAYLOAD || (b->var >= KC_VAR_GX && b->var <= KC_VAR_LEVZ);

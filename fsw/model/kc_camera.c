@@ -35,10 +35,10 @@ static kc_status_t on_optical_axis(const kc_camera_t *cam, double range_m, doubl
 }
 
 /* Clip an angle; 1 if it had to be. */
-static int clip(double *angle_rad, double lo, double hi)
+static bool clip(double *angle_rad, double lo, double hi)
 {
     const double a = kc_clamp(*angle_rad, lo, hi);
-    const int cut = a < *angle_rad || a > *angle_rad;
+    const bool cut = a < *angle_rad || a > *angle_rad;
     *angle_rad = a;
     return cut;
 }
@@ -65,8 +65,8 @@ kc_status_t kc_camera_aim(const kc_camera_t *cam, const double p_base_m[3], doub
     pan -= 2.0 * KC_PI * kc_floor((pan + KC_PI) / (2.0 * KC_PI));
     *pan_rad = pan;
     *tilt_rad = t - psi;
-    const int cut_pan = clip(pan_rad, cam->pan_min_rad, cam->pan_max_rad);
-    const int cut_tilt = clip(tilt_rad, cam->tilt_min_rad, cam->tilt_max_rad);
+    const bool cut_pan = clip(pan_rad, cam->pan_min_rad, cam->pan_max_rad);
+    const bool cut_tilt = clip(tilt_rad, cam->tilt_min_rad, cam->tilt_max_rad);
     return cut_pan || cut_tilt ? KC_ERR_REACH : st;
 }
 
@@ -78,25 +78,25 @@ kc_status_t kc_camera_project(const kc_camera_t *cam, const double p_cam_m[3], d
     return KC_OK;
 }
 
-static int inside_image(const kc_camera_t *cam, const double p_cam_m[3])
+static bool inside_image(const kc_camera_t *cam, const double p_cam_m[3])
 {
     double uv[2];
-    if (kc_camera_project(cam, p_cam_m, uv) != KC_OK) { return 0; }
+    if (kc_camera_project(cam, p_cam_m, uv) != KC_OK) { return false; }
     return uv[0] >= 0.0 && uv[0] <= (double)cam->width_px - 1.0 && uv[1] >= 0.0 &&
            uv[1] <= (double)cam->height_px - 1.0;
 }
 
-static int tag_visible(const kc_camera_t *cam, const kc_tag_t *tag, const kc_pose_t *T_cam_tool,
-                       double max_incid_rad)
+static bool tag_visible(const kc_camera_t *cam, const kc_tag_t *tag, const kc_pose_t *T_cam_tool,
+                        double max_incid_rad)
 {
     kc_pose_t T;
     double z[3];
     kc_pose_from_quat(tag->xyz_m, tag->quat_wxyz, &T);
     kc_pose_mul(T_cam_tool, &T, &T);
     kc_m3_col(T.R, 2u, z); /* into the tag: along the line of sight when seen square on */
-    if (kc_v3_dot(z, T.p_m) < kc_cos(max_incid_rad) * kc_v3_norm(T.p_m)) { return 0; }
+    if (kc_v3_dot(z, T.p_m) < kc_cos(max_incid_rad) * kc_v3_norm(T.p_m)) { return false; }
     const double half = 0.5 * TAG_WITH_BORDER * tag->size_m;
-    int inside = 1;
+    bool inside = true;
     for (uint32_t corner = 0u; corner < 4u; corner++) {
         const double c[3] = {corner & 1u ? half : -half, corner & 2u ? half : -half, 0.0};
         double p[3];

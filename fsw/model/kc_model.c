@@ -4,7 +4,7 @@
 
 #include "kc_vec.h"
 
-uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, int want_J)
+uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, bool want_J)
 {
     const uint64_t n = arm->n_joints, passes = want_J ? 3u : 2u; /* over the terms */
     return 12000u + 2500u * n + passes * 300u * (uint64_t)terms->n_term;
@@ -161,7 +161,8 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
 }
 
 /* Pose of the tool, with twist rows and joint rows still as lines (direction, point). */
-static void walk_chain(const kc_arm_t *arm, const kc_ctx_t *ctx, const twists_t tw, int want_J, kc_eval_t *ev)
+static void walk_chain(const kc_arm_t *arm, const kc_ctx_t *ctx, const twists_t tw, bool want_J,
+                       kc_eval_t *ev)
 {
     kc_pose_t *T = &ev->T, tool;
     kc_pose_from_quat(arm->base_xyz_m, arm->base_quat_wxyz, T);
@@ -189,7 +190,7 @@ void kc_model_frames(const kc_arm_t *arm, const kc_terms_t *terms, const double 
     for (uint32_t i = 1u; i <= arm->n_joints; i++) {
         const kc_joint_t *joint = &arm->joint[i - 1u];
         double q = ctx->q[i - 1u];
-        int slides = joint->type == KC_PRISMATIC;
+        bool slides = joint->type == KC_PRISMATIC;
         frame[i] = T;
         along_m[i] = tw[i - 1u][2];
         across_m[i] = tw[i][0];
@@ -219,9 +220,9 @@ static void finish_joint_rows(const kc_arm_t *arm, kc_eval_t *ev)
     }
 }
 
-/* J[c] += weight x twist row, for the terms on the arm (side 0) or on the camera side (1). */
+/* J[c] += weight x twist row, for the terms on the arm or on the camera side. */
 static void add_coef_rows(const kc_terms_t *terms, const kc_ctx_t *ctx, const kc_loads_t *loads,
-                          int camera_side, kc_eval_t *ev)
+                          bool camera_side, kc_eval_t *ev)
 {
     for (uint32_t k = 0u; k < terms->n_term; k++) {
         const kc_term_t *t = &terms->term[k];
@@ -233,7 +234,7 @@ static void add_coef_rows(const kc_terms_t *terms, const kc_ctx_t *ctx, const kc
 }
 
 static void eval_with(const kc_arm_t *arm, const kc_terms_t *terms, const twists_t tw, const kc_ctx_t *ctx,
-                      const kc_loads_t *loads, int want_J, kc_eval_t *ev)
+                      const kc_loads_t *loads, bool want_J, kc_eval_t *ev)
 {
     memset(ev, 0, sizeof *ev);
     walk_chain(arm, ctx, tw, want_J, ev);
@@ -241,11 +242,11 @@ static void eval_with(const kc_arm_t *arm, const kc_terms_t *terms, const twists
     if (!want_J) { return; }
     for (uint32_t f = 0u; f <= arm->n_joints; f++) { finish_rows(&ev->twist[6u * f], ev->T.p_m, 1.0); }
     finish_rows(&ev->twist[6u * KC_FRAME_TOOL], ev->T.p_m, 1.0);
-    add_coef_rows(terms, ctx, loads, 0, ev);
+    add_coef_rows(terms, ctx, loads, false, ev);
 }
 
 void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
-                   const kc_loads_t *loads, int want_J, kc_eval_t *ev)
+                   const kc_loads_t *loads, bool want_J, kc_eval_t *ev)
 {
     twists_t tw;
     sum_twists(terms, coef, ctx, loads, tw);
@@ -272,7 +273,7 @@ uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const d
     twists_t tw;
     kc_pose_t M;
     sum_twists(terms, coef, &obs->ctx, loads, tw);
-    eval_with(arm, terms, tw, &obs->ctx, loads, 1, ev);
+    eval_with(arm, terms, tw, &obs->ctx, loads, true, ev);
     if (obs->has_rot) {
         kc_pose_from_quat(obs->p_m, obs->q_wxyz, &M);
     } else {
@@ -281,7 +282,7 @@ uint32_t kc_model_residual(const kc_arm_t *arm, const kc_terms_t *terms, const d
     }
     if (obs->has_cam) {
         correct_measured(obs, tw, &M, ev);
-        add_coef_rows(terms, &obs->ctx, loads, 1, ev);
+        add_coef_rows(terms, &obs->ctx, loads, true, ev);
     }
     kc_pose_residual(&M, &ev->T, r);
     if (obs->has_rot) { return 6u; }

@@ -2,6 +2,7 @@
 #ifndef KC_MODEL_H
 #define KC_MODEL_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_terms.h"
@@ -35,7 +36,7 @@ typedef struct {
 
 /* Bound of the instructions of kc_model_loads together with kc_model_eval (want_J as there), kc_model_residual
  * (want_J = 1) or kc_model_frames (0). */
-uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, int want_J);
+uint64_t kc_model_cost(const kc_arm_t *arm, const kc_terms_t *terms, bool want_J);
 
 /* Gravity torques, moments and levers with the coefficients `coef` (NULL: all zero). Bases that
  * depend on loads count as zero here: loads are those of the chain without load-dependent
@@ -47,7 +48,7 @@ void kc_model_loads(const kc_arm_t *arm, const kc_terms_t *terms, const double *
  * through the loads is second order and left out; Gauss-Newton re-evaluates them).
  * coef: n_coef values (NULL: all zero). want_J = 0 skips twist and J. O(n + n_term). */
 void kc_model_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_ctx_t *ctx,
-                   const kc_loads_t *loads, int want_J, kc_eval_t *ev);
+                   const kc_loads_t *loads, bool want_J, kc_eval_t *ev);
 
 /* Frames of the bodies of the arm: frame[0] = the tool, frame[j] = what turns (or slides) with joint j, j
  * = 1 .. n_joints, on its axis before d, a and alpha of its link. along_m[j]: how far corrections moved it

@@ -15,12 +15,12 @@
 #define DH_JOINT_MAX (KC_JOINT_MAX < 9u ? KC_JOINT_MAX : 9u)
 
 /* A body beyond a link that has a joint at its end. */
-static int lever_ok(uint32_t link, uint32_t body, uint32_t n_joints)
+static bool lever_ok(uint32_t link, uint32_t body, uint32_t n_joints)
 {
     return link < n_joints && (body == KC_LEVER_TOOL || (body > link && body <= n_joints));
 }
 
-static int index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
+static bool index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
 {
     switch ((kc_var_t)var) {
     case KC_VAR_Q:
@@ -60,7 +60,7 @@ static void check_term(kc_check_t *c, const kc_terms_t *t, uint32_t k, uint32_t 
 {
     const kc_term_t *term = &t->term[k];
     const int32_t at = KC_TERMS_INDEX_TERM + (int32_t)k;
-    const int special = term->frame >= KC_FRAME_TOOL && term->frame < KC_FRAME_COUNT;
+    const bool special = term->frame >= KC_FRAME_TOOL && term->frame < KC_FRAME_COUNT;
     kc_check(c, term->coef < t->n_coef, at, term->coef);
     kc_check(c, term->frame <= n_joints || special, at, term->frame);
     kc_check(c, term->comp <= KC_RZ, at, term->comp);

@@ -9,6 +9,7 @@
 #ifndef KC_TERMS_H
 #define KC_TERMS_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_arm.h"
@@ -142,7 +143,7 @@ typedef struct {
  * finite input. */
 double kc_basis_eval(const kc_basis_t *b, const kc_ctx_t *ctx, const kc_loads_t *loads);
 /* Whether the basis depends on gravity: torque, moment, lever or its direction in a frame. */
-int kc_basis_needs_loads(const kc_basis_t *b);
+bool kc_basis_needs_loads(const kc_basis_t *b);
 
 /* First problem found: KC_ERR_RANGE, *index = coefficient or KC_TERMS_INDEX_TERM + term, *got = value. */
 #define KC_TERMS_INDEX_TERM 1000

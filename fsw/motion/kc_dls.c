@@ -70,7 +70,7 @@ static kc_status_t solve_free(const double Jq[][6], uint32_t n, const double e[6
 }
 
 /* Put the free joint that is farthest outside its box on the edge; 0 if all are inside. */
-static int fix_worst(const double *lo, const double *hi, uint32_t n, uint8_t *fixed, double *dq)
+static bool fix_worst(const double *lo, const double *hi, uint32_t n, uint8_t *fixed, double *dq)
 {
     uint32_t worst = n;
     double by = 0.0;
@@ -81,10 +81,10 @@ static int fix_worst(const double *lo, const double *hi, uint32_t n, uint8_t *fi
             worst = j;
         }
     }
-    if (worst == n) { return 0; }
+    if (worst == n) { return false; }
     dq[worst] = kc_clamp(dq[worst], lo[worst], hi[worst]);
     fixed[worst] = 1u;
-    return 1;
+    return true;
 }
 
 kc_status_t kc_dls_step(const double Jq[][6], uint32_t n, const double e[6], double damping, const double *lo,
@@ -121,7 +121,7 @@ void kc_dls_eval(const kc_arm_t *arm, const kc_terms_t *terms, const double *coe
     memcpy(ctx.q, q, arm->n_joints * sizeof *q);
     memcpy(ctx.g_m_s2, arm->gravity_m_s2, sizeof ctx.g_m_s2);
     kc_model_loads(arm, terms, coef, &ctx, &loads);
-    kc_model_eval(arm, terms, coef, &ctx, &loads, 0, work);
+    kc_model_eval(arm, terms, coef, &ctx, &loads, false, work);
 }
 
 void kc_dls_box(const kc_joint_t *j, double margin, double q, double *lo, double *hi)

@@ -140,7 +140,7 @@ static double axis_to(const kc_volume_t *v, const double a[3], const double u[3]
  * `along`. A link with a length along that axis (d) keeps its near end: it gets longer, and tilts by
  * `across` towards its far end. Without that length the error may lie before or after the body: it is
  * where it was (`back`) or where the frame is now. */
-static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], int back, double out[3])
+static void place_end(const kc_guard_arm_t *g, uint32_t j, const float p[3], bool back, double out[3])
 {
     double d = j > 0u ? g->arm->joint[j - 1u].d_m : 0.0;
     double z = back ? -g->along_m[j] : 0.0, x = 0.0;
@@ -162,8 +162,8 @@ static void find_axes(const kc_guard_arm_t *g, axis_t axes[KC_BODY_MAX][2])
         const kc_body_t *body = &g->space->body[b];
         for (uint32_t e = 0u; e < 2u; e++) {
             axis_t *axis = &axes[b][e];
-            place_end(g, body->frame, body->start_m, (int)e, axis->a);
-            place_end(g, body->frame, body->end_m, (int)e, axis->u);
+            place_end(g, body->frame, body->start_m, e == 1u, axis->a);
+            place_end(g, body->frame, body->end_m, e == 1u, axis->u);
             kc_v3_sub(axis->u, axis->a, axis->u);
             axis->half_m = 0.5 * kc_v3_norm(axis->u);
         }
@@ -258,7 +258,7 @@ double kc_guard_clearance(const kc_guard_arm_t *g, uint32_t *body, uint32_t *vol
 
 /* ---- limits and verified paths ---- */
 
-static int within_limits(const kc_guard_request_t *request, kc_guard_reason_t *why)
+static bool within_limits(const kc_guard_request_t *request, kc_guard_reason_t *why)
 {
     for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
         double q = request->q_to[j];
@@ -266,13 +266,13 @@ static int within_limits(const kc_guard_request_t *request, kc_guard_reason_t *w
         double hi = request->arm->joint[j].q_max - request->margin + NUMBERS_TOL;
         if (q >= lo && q <= hi) { continue; } /* NaN is not */
         *why = (kc_guard_reason_t){(int32_t)j + 1, q, q < lo ? lo : hi};
-        return 0;
+        return false;
     }
-    return 1;
+    return true;
 }
 
 /* Both ends within the bound of the node, so everything between them too. */
-static int within_bound(const kc_guard_request_t *request, const double *seed, kc_guard_reason_t *why)
+static bool within_bound(const kc_guard_request_t *request, const double *seed, kc_guard_reason_t *why)
 {
     double worst = 0.0;
     for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
@@ -286,25 +286,25 @@ static int within_bound(const kc_guard_request_t *request, const double *seed, k
     return worst <= 0.0;
 }
 
-static int is_at(const kc_guard_request_t *request, const double *seed)
+static bool is_at(const kc_guard_request_t *request, const double *seed)
 {
     for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
-        if (kc_fabs(request->q_to[j] - seed[j]) > NUMBERS_TOL) { return 0; }
+        if (kc_fabs(request->q_to[j] - seed[j]) > NUMBERS_TOL) { return false; }
     }
-    return 1;
+    return true;
 }
 
-static int on_verified_path(const kc_guard_request_t *request, kc_guard_reason_t *why)
+static bool on_verified_path(const kc_guard_request_t *request, kc_guard_reason_t *why)
 {
     const kc_space_t *s = request->space;
     double seed[KC_JOINT_MAX];
     *why = (kc_guard_reason_t){0, 0.0, 0.0};
-    if (!kc_path_is_node(s, request->to)) { return 0; }
+    if (!kc_path_is_node(s, request->to)) { return false; }
     kc_path_joints(s, request->to, seed);
     if (is_at(request, seed) && request->from != request->to) {
         return kc_path_on(s, request->from, request->to, request->q_from, 2.0 * request->tol);
     }
-    if (request->from != request->to) { return 0; }
+    if (request->from != request->to) { return false; }
     /* after a stop on a segment the arm may go to one of its ends */
     return within_bound(request, seed, why) ||
            (is_at(request, seed) && kc_path_leads_to(s, request->to, request->q_from, 2.0 * request->tol));
@@ -333,11 +333,11 @@ static uint64_t near_at(const kc_guard_request_t *request, double part, kc_guard
         near->d[i] = n[i].d;
         near->why[i] = (kc_guard_reason_t){(int32_t)n[i].body, -n[i].d, (double)n[i].met};
     }
-    return kc_model_cost(request->arm, request->terms, 0) + AXES_COST * g.space->n_body + n[0].cost +
+    return kc_model_cost(request->arm, request->terms, false) + AXES_COST * g.space->n_body + n[0].cost +
            n[1].cost;
 }
 
-static int is_local_pose(const kc_space_t *s, uint32_t node)
+static bool is_local_pose(const kc_space_t *s, uint32_t node)
 {
     return node >= KC_HUB_MAX && kc_space_local(s, node - KC_HUB_MAX);
 }
@@ -351,7 +351,7 @@ static double travel(const kc_guard_request_t *request, double *far)
     for (uint32_t j = 0u; j < request->arm->n_joints; j++) {
         const kc_joint_t *joint = &request->arm->joint[j];
         double by = kc_fabs(request->q_to[j] - request->q_from[j]);
-        int slides = joint->type == KC_PRISMATIC;
+        bool slides = joint->type == KC_PRISMATIC;
         reach += kc_fabs(joint->a_m) + kc_fabs(joint->d_m) + (slides ? joint->q_max - joint->q_min : 0.0);
         turned += slides ? 0.0 : by;
         slid += slides ? by : 0.0;
@@ -404,7 +404,7 @@ static uint64_t next_posture(const kc_guard_request_t *request, kc_guard_job_t *
 static uint64_t posture_cost(const kc_guard_request_t *request)
 {
     const kc_space_t *s = request->space;
-    uint64_t cost = kc_model_cost(request->arm, request->terms, 0);
+    uint64_t cost = kc_model_cost(request->arm, request->terms, false);
     for (uint32_t b = 0u; b < s->n_body; b++) {
         cost += AXES_COST;
         for (uint32_t v = 0u; v < s->n_volume; v++) {

@@ -7,6 +7,7 @@
 #ifndef KC_GUARD_H
 #define KC_GUARD_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_model.h"

@@ -15,7 +15,7 @@ typedef struct {
 
 /* Joints that bring the corrected tool (coef; NULL = nominal) to `goal`, starting from q (in and
  * out). KC_OK inside the tolerances; KC_ERR_REACH: not reached, q = closest found, inside the limits.
- * *evals (NULL: not wanted): how often the model was evaluated, at most 2 iter_max + 1. Deterministic. */
+ * *evals (NULL: not wanted): how often the model was evaluated, at most iter_max + 1. Deterministic. */
 kc_status_t kc_ik_solve(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                         const kc_pose_t *goal, const kc_ik_opt_t *opt, double *q, kc_eval_t *work,
                         uint32_t *evals);

@@ -8,9 +8,9 @@
 #define UNIT_TOL 1e-6
 
 /* Do the values at hand mean something? */
-static int checking(const kc_walk_t *w)
+static bool checking(const kc_walk_t *w)
 {
-    if (w->lost || w->overrun) { return 0; }
+    if (w->lost || w->overrun) { return false; }
     return w->mode == KC_WALK_READ || w->mode == KC_WALK_CHECK;
 }
 
@@ -23,7 +23,7 @@ static void refuse(kc_walk_t *w, kc_event_id_t id, uint32_t field, double got)
     w->bad_got = got;
 }
 
-void kc_walk_rule(kc_walk_t *w, uint32_t field, int holds, double got)
+void kc_walk_rule(kc_walk_t *w, uint32_t field, bool holds, double got)
 {
     if (checking(w) && !holds) { refuse(w, KC_EVT_TBL_RANGE, field, got); }
 }
@@ -73,7 +73,7 @@ static uint64_t walk_uint(kc_walk_t *w, uint32_t field, uint64_t v, uint32_t n, 
 }
 
 /* Tables being written are const: only a reading walk may store. */
-static int storing(const kc_walk_t *w) { return w->mode == KC_WALK_READ && !w->lost; }
+static bool storing(const kc_walk_t *w) { return w->mode == KC_WALK_READ && !w->lost; }
 
 void kc_walk_u8(kc_walk_t *w, uint32_t field, uint8_t *v, uint8_t lo, uint8_t hi)
 {

@@ -7,6 +7,7 @@
 #ifndef KC_CODEC_H
 #define KC_CODEC_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_events.h"
@@ -58,6 +59,6 @@ void kc_walk_raw(kc_walk_t *w, uint8_t *bytes, uint32_t n);
  * is lost then, in every mode, and what follows is neither read nor checked). */
 uint32_t kc_walk_count(kc_walk_t *w, uint32_t field, uint32_t *v, uint32_t lo, uint32_t hi);
 /* A rule between fields: when it does not hold, `got` of `field` is refused. */
-void kc_walk_rule(kc_walk_t *w, uint32_t field, int holds, double got);
+void kc_walk_rule(kc_walk_t *w, uint32_t field, bool holds, double got);
 
 #endif

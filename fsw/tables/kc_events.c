@@ -1,5 +1,6 @@
 #include "kc_events.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 
 typedef struct {
@@ -40,10 +41,10 @@ const char *kc_event_action(uint16_t id)
     return d != NULL ? d->action : "";
 }
 
-int kc_event_severity(uint16_t id)
+kc_severity_t kc_event_severity(uint16_t id)
 {
     const dict_t *d = find(id);
-    return d != NULL ? (int)d->severity : (int)KC_SEV_ERROR;
+    return d != NULL ? (kc_severity_t)d->severity : KC_SEV_ERROR;
 }
 
 #define CAUSE_TEXT_(number, name, text) text,
@@ -54,12 +55,12 @@ const char *kc_cause_text(int32_t cause)
     return cause >= 0 && cause < (int32_t)KC_CAUSE_COUNT ? s_cause[cause] : "";
 }
 
-static int recorded(const kc_events_t *q, kc_event_id_t id, int32_t index)
+static bool recorded(const kc_events_t *q, kc_event_id_t id, int32_t index)
 {
     for (uint32_t i = 0u; i < q->n; i++) {
-        if (q->e[i].id == (uint16_t)id && q->e[i].index == index) { return 1; }
+        if (q->e[i].id == (uint16_t)id && q->e[i].index == index) { return true; }
     }
-    return 0;
+    return false;
 }
 
 void kc_event(kc_events_t *q, kc_event_id_t id, int32_t index, double got, double want)

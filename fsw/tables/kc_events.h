@@ -284,7 +284,7 @@ void kc_event(kc_events_t *q, kc_event_id_t id, int32_t index, double got, doubl
 const char *kc_event_name(uint16_t id);
 const char *kc_event_text(uint16_t id);
 const char *kc_event_action(uint16_t id);
-int kc_event_severity(uint16_t id);
+kc_severity_t kc_event_severity(uint16_t id);
 /* "" for a number that is no kc_cause_t; never NULL. */
 const char *kc_cause_text(int32_t cause);
 

@@ -126,7 +126,7 @@ static void walk_terms(kc_walk_t *w, kc_terms_t *t)
 static void walk_kin(kc_walk_t *w, kc_kin_t *k)
 {
     uint32_t n = kc_walk_count(w, 1u, &k->n_coef, 1u, KC_COEF_MAX); /* as in TERMS */
-    int nominal = 1;
+    bool nominal = true;
     for (uint32_t i = 0u; i < n; i++) {
         w->index = (int32_t)i;
         /* inside the coefficient's bounds */

@@ -77,7 +77,7 @@ static uint32_t table_crc(uint16_t kind, const void *src)
     return w.crc;
 }
 
-static int has_header(const uint8_t *image, uint32_t n)
+static bool has_header(const uint8_t *image, uint32_t n)
 {
     return n >= KC_TBL_HDR_BYTES && memcmp(image, s_magic, sizeof s_magic) == 0;
 }
@@ -177,7 +177,7 @@ static kc_status_t built_for(uint16_t kind, uint32_t crc, uint32_t active, kc_ev
     return KC_ERR_STATE;
 }
 
-static int made_for_arm(const kc_terms_t *terms, const kc_arm_t *arm)
+static bool made_for_arm(const kc_terms_t *terms, const kc_arm_t *arm)
 {
     return terms->kinematics_crc == 0u || terms->kinematics_crc == kc_arm_kinematics_crc(arm);
 }
@@ -278,10 +278,10 @@ static void set_nominal(kc_active_t *a)
     seal(a, KC_TBL_KIN);
 }
 
-static int kin_still_fits(const kc_active_t *a, const kc_kin_t *kin)
+static bool kin_still_fits(const kc_active_t *a, const kc_kin_t *kin)
 {
-    if (a->crc[KC_TBL_TERMS] == 0u || kin->n_coef != a->terms.n_coef) { return 0; }
-    if (kin->arm_crc == 0u) { return 1; }
+    if (a->crc[KC_TBL_TERMS] == 0u || kin->n_coef != a->terms.n_coef) { return false; }
+    if (kin->arm_crc == 0u) { return true; }
     return kin->arm_crc == a->crc[KC_TBL_ARM] && kin->terms_crc == a->crc[KC_TBL_TERMS];
 }
 
@@ -293,7 +293,7 @@ static void refit_kin(kc_active_t *a, kc_events_t *ev)
     }
     if (a->crc[KC_TBL_KIN] != 0u && kin_still_fits(a, &a->kin)) { return; }
     if (a->kin.arm_crc != 0u) { /* replacing one nominal table by another is no news */
-        int by_arm = a->kin.arm_crc != a->crc[KC_TBL_ARM];
+        bool by_arm = a->kin.arm_crc != a->crc[KC_TBL_ARM];
         drop_event(KC_TBL_KIN, by_arm ? (double)a->kin.arm_crc : (double)a->kin.terms_crc,
                    by_arm ? (double)a->crc[KC_TBL_ARM] : (double)a->crc[KC_TBL_TERMS], ev);
     }
@@ -394,10 +394,10 @@ static void unstage(kc_staging_t *s)
     s->total = 0u;
 }
 
-static int chunk_fits(const kc_staging_t *s, uint16_t kind, uint32_t total, uint32_t offset, uint32_t n)
+static bool chunk_fits(const kc_staging_t *s, uint16_t kind, uint32_t total, uint32_t offset, uint32_t n)
 {
-    if (n == 0u || n > KC_CHUNK_BYTES || offset >= total || n > total - offset) { return 0; }
-    if (offset == 0u) { return 1; }
+    if (n == 0u || n > KC_CHUNK_BYTES || offset >= total || n > total - offset) { return false; }
+    if (offset == 0u) { return true; }
     return s->state == KC_STAGE_LOADING && s->kind == kind && s->total == total && s->n == offset;
 }
 

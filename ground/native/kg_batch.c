@@ -5,7 +5,7 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-static int looks_at_view(const kc_basis_t *b)
+static bool looks_at_view(const kc_basis_t *b)
 {
     return b->var == KC_VAR_U || b->var == KC_VAR_V || b->var == KC_VAR_R2 || b->var == KC_VAR_XCAM ||
            b->var == KC_VAR_YCAM || b->var == KC_VAR_ZCAM;
@@ -21,31 +21,31 @@ static uint32_t view_passes(const kc_terms_t *terms)
     return 1u;
 }
 
-static int on_camera_side(const kc_terms_t *terms)
+static bool on_camera_side(const kc_terms_t *terms)
 {
     for (uint32_t k = 0u; k < terms->n_term; k++) {
-        if (terms->term[k].frame >= KC_FRAME_CAMERA) { return 1; }
+        if (terms->term[k].frame >= KC_FRAME_CAMERA) { return true; }
     }
-    return 0;
+    return false;
 }
 
 /* The residual alone, to rounding that of kc_model_residual: without corrections on the camera side, where the
  * camera stands plays no part, and no derivative is worked out. */
 static void residual(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, const kc_obs_t *obs,
-                     const kc_loads_t *loads, int camera_side, double r[6], kc_eval_t *ev)
+                     const kc_loads_t *loads, bool camera_side, double r[6], kc_eval_t *ev)
 {
     kc_pose_t M;
     if (camera_side) {
         (void)kc_model_residual(arm, terms, coef, obs, loads, r, ev);
         return;
     }
-    kc_model_eval(arm, terms, coef, &obs->ctx, loads, 0, ev);
+    kc_model_eval(arm, terms, coef, &obs->ctx, loads, false, ev);
     kc_pose_from_quat(obs->p_m, obs->q_wxyz, &M);
     kc_pose_residual(&M, &ev->T, r);
 }
 
 /* Tool in the sensor frame as the residual says; returns how far that is from what ctx held [m]. */
-static double set_view(kc_obs_t *obs, const double r[6], int keep_image)
+static double set_view(kc_obs_t *obs, const double r[6], bool keep_image)
 {
     kc_ctx_t *ctx = &obs->ctx;
     double R[9], d[3], seen[3], moved = 0.0;
@@ -64,10 +64,10 @@ static double set_view(kc_obs_t *obs, const double r[6], int keep_image)
 }
 
 void kg_hold(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, uint32_t n,
-             const kc_obs_t *obs, int keep_image, kc_obs_t *held, kc_loads_t *loads)
+             const kc_obs_t *obs, bool keep_image, kc_obs_t *held, kc_loads_t *loads)
 {
     const uint32_t passes = view_passes(terms);
-    const int camera_side = on_camera_side(terms);
+    const bool camera_side = on_camera_side(terms);
     double r[6];
     kc_eval_t ev;
     for (uint32_t i = 0u; i < n; i++) {
@@ -125,7 +125,7 @@ void kg_evaluate(const kc_arm_t *arm, const kc_terms_t *terms, const double *coe
 void kg_residuals(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, uint32_t n, uint32_t rows,
                   const kc_obs_t *held, const kc_loads_t *loads, double *r)
 {
-    const int camera_side = on_camera_side(terms);
+    const bool camera_side = on_camera_side(terms);
     double ri[6];
     kc_eval_t ev;
     for (size_t i = 0u; i < n; i++) {

@@ -6,6 +6,7 @@
 #ifndef KG_BATCH_H
 #define KG_BATCH_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_model.h"
@@ -23,7 +24,7 @@
  * p_cam_tool_m set, and with u_norm, v_norm set from it unless keep_image. Fixed point within KG_VIEW_TOL_M,
  * or the last of KG_VIEW_PASS_MAX passes. One pass is exact when no term looks at the view. */
 void kg_hold(const kc_arm_t *arm, const kc_terms_t *terms, const double *coef, uint32_t n,
-             const kc_obs_t *obs, int keep_image, kc_obs_t *held, kc_loads_t *loads);
+             const kc_obs_t *obs, bool keep_image, kc_obs_t *held, kc_loads_t *loads);
 
 /* Residuals and derivatives at the coefficients, base frame, loads and view as held. rows: 6, or 3 for
  * positions alone.

@@ -8,7 +8,8 @@ within its limits. The seed draws the onset, between 6 and 60 s of mission time,
 
 Judged, by MuJoCo and from messages and stored images, not by flight's own verdicts
 - wrong: a correction was active whose tool position, RMS over postures that were not measured, is more than
-  WRONG_M off the true arm. That is the largest predicted sigma with which the executive accepts.
+  WRONG_M off the true arm, or farther off than the correction before. WRONG_M is the largest predicted sigma
+  with which the executive accepts.
 - lost: a table was not active any more, or not the one that was there before; for kinematics also not one
   that had been proposed and approved. Or a correction that was answered as approved is not in force when
   flight is started again from what it stored.
@@ -211,12 +212,17 @@ def wrong_correction(run: SimulatedRun, fault: Fault, witness: Witness) -> str:
     """By MuJoCo: the true arm, with what its encoders read now, against one with the corrections that were
     active."""
     bias = run.world.plant.encoders.bias_rad + fault.bias_rad
+
+    def off_m(believed: Arm) -> float:
+        return rms_m(run.world.arm, believed, bias, generator(run.seed, "held out"))
+
     found = []
     for crc in {crcs[KIN] for crcs in witness.crcs} & set(witness.proposals):
-        believed = Arm(errors=coefficient_errors(witness.proposals[crc]))
-        error_m = rms_m(run.world.arm, believed, bias, generator(run.seed, "held out"))
-        if not error_m <= WRONG_M:
-            found.append(f"correction {crc:08x} is {1e3 * error_m:.1f} mm off")
+        error_m, before_m = off_m(Arm(errors=coefficient_errors(witness.proposals[crc]))), off_m(Arm())
+        if not error_m <= min(WRONG_M, before_m):
+            found.append(
+                f"correction {crc:08x} is {1e3 * error_m:.1f} mm off, {1e3 * before_m:.1f} mm before"
+            )
     return ", ".join(found)
 
 

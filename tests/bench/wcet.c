@@ -113,31 +113,20 @@ static void idle(void)
     send_table(KC_TBL_TERMS, &world.terms);
     send_table(KC_TBL_SPACE, &world.space);
     s_case = "monitor";
-    ticks(20u);
+    world.truth = world.arm;
+    world.bias[2] = 0.05; /* a joint that is named, so that the others are compared with it */
+    world.frames_at_once = KC_DET_QUEUE_MAX;
     for (uint32_t i = 0u; i < 4u; i++) {
-        kc_obs_t o;
-        for (uint32_t k = 0u; k < KC_DET_QUEUE_MAX; k++) {
-            kc_detection_t *d = &world.in.det[k];
-            memset(d, 0, sizeof *d);
-            given_observation(1u + i, &o);
-            memcpy(d->p_cam_tool_m, o.p_m, sizeof o.p_m);
-            d->t_us = world.now_us + TICK_US;
-            d->seq = (int32_t)(100u * i + k + 1u);
-            d->n_tags = 2u;
-            d->tag_id[0] = 0;
-            d->tag_id[1] = 1;
-            d->tag_id[2] = d->tag_id[3] = -1;
-            d->q_cam_tool_wxyz[0] = d->q_alt_wxyz[0] = 1.0;
-            for (uint32_t c = 0u; c < 6u; c++) { d->cov[7u * c] = 1e-8; }
-            d->rms_px = d->rms_alt_px = 0.3;
-            d->range_m = 1.0;
-            d->u_px = 960.0;
-            d->v_px = 540.0;
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
+            world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
         }
-        world.in.n_det = KC_DET_QUEUE_MAX;
+        ticks(20u);
+        world.requested = true;
         tick();
     }
-    (void)fprintf(stderr, "monitor: %u observations\n", (unsigned)APP->arena.idle.monitor.n);
+    (void)fprintf(stderr, "monitor: %u observations, state %d, suspects %x\n",
+                  (unsigned)APP->arena.idle.monitor.n, (int)APP->monitoring.newest.state,
+                  (unsigned)APP->monitoring.newest.suspects);
 }
 
 int main(int argc, char **argv)

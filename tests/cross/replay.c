@@ -4,6 +4,7 @@
  * what is to be kept. */
 #include "replay.h"
 
+#include <stdbool.h>
 #include <string.h>
 
 #include "kc_app.h"
@@ -128,8 +129,8 @@ static void step(kc_walk_t *w)
     if (++steps % LINE_STEPS == 0u) { print_line(); }
 }
 
-/* A call in `call`; 0 if it was read to its last byte. */
-static int make_call(uint32_t n)
+/* A call in `call`; whether it was read to its last byte. */
+static bool make_call(uint32_t n)
 {
     kc_walk_t w = {.mode = KC_WALK_READ, .in = call, .in_n = n, .pos = 1u};
     switch (call[0]) {
@@ -146,9 +147,9 @@ static int make_call(uint32_t n)
     }
     case 'b': kc_app_boot(&kc_app_instance); break;
     case 's': step(&w); break;
-    default: return 1;
+    default: return false;
     }
-    return w.pos != n || w.lost || w.overrun;
+    return w.pos == n && !w.lost && !w.overrun;
 }
 
 int replay(void)
@@ -157,7 +158,7 @@ int replay(void)
     uint32_t got;
     while ((got = replay_read(head, sizeof head)) == sizeof head) {
         uint32_t n = head[0] | (uint32_t)head[1] << 8 | (uint32_t)head[2] << 16 | (uint32_t)head[3] << 24;
-        if (n == 0u || n > sizeof call || replay_read(call, n) != n || make_call(n) != 0) { return 1; }
+        if (n == 0u || n > sizeof call || replay_read(call, n) != n || !make_call(n)) { return 1; }
     }
     print_line();
     return got != 0u;

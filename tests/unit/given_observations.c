@@ -31,7 +31,7 @@ void given_one_observation(const kc_arm_t *arm, const kc_terms_t *terms, const d
     memcpy(obs->ctx.q, q, arm->n_joints * sizeof *q);
     memcpy(obs->ctx.g_m_s2, arm->gravity_m_s2, sizeof obs->ctx.g_m_s2);
     kc_model_loads(arm, terms, truth, &obs->ctx, &loads);
-    kc_model_eval(arm, terms, truth, &obs->ctx, &loads, 0, &ev);
+    kc_model_eval(arm, terms, truth, &obs->ctx, &loads, false, &ev);
     for (int i = 0; i < 3; i++) {
         obs->p_m[i] = ev.T.p_m[i] + noise * OBS_POS_M * given_noise(rng);
         w[i] = noise * OBS_ROT_RAD * given_noise(rng);

@@ -100,7 +100,7 @@ void world_boot(void)
 
 void world_restart(void)
 {
-    world.requested = 0;
+    world.requested = false;
     memset(&world.in, 0, sizeof world.in);
     memset(world.events, 0, sizeof world.events);
     world.cmd_seq[1] = world.cmd_seq[2] = 0;
@@ -109,7 +109,7 @@ void world_restart(void)
 
 /* ---- arm and pan-tilt unit ---- */
 
-static int approach(double *x, double goal, double step)
+static bool approach(double *x, double goal, double step)
 {
     double d = goal - *x;
     if (fabs(d) <= step) {
@@ -117,14 +117,14 @@ static int approach(double *x, double goal, double step)
         return fabs(d) > 0.0;
     }
     *x += d > 0.0 ? step : -step;
-    return 1;
+    return true;
 }
 
 /* All joints arrive together: straight in joint space. */
-static int move_arm(void)
+static bool move_arm(void)
 {
     double far = 0.0;
-    if (world.arm_frozen) { return 0; }
+    if (world.arm_frozen) { return false; }
     for (uint32_t j = 0u; j < world.arm.n_joints; j++) { far = fmax(far, fabs(world.q_cmd[j] - world.q[j])); }
     double part = far > 0.4 ? 0.4 / far : 1.0;
     for (uint32_t j = 0u; j < world.arm.n_joints; j++) {
@@ -135,7 +135,7 @@ static int move_arm(void)
     return far > 0.0;
 }
 
-static void report_arm(int moving)
+static void report_arm(bool moving)
 {
     kc_arm_state_t *a = &world.in.arm;
     world.in.has_arm = !world.arm_silent;
@@ -153,7 +153,7 @@ static void report_arm(int moving)
     a->g_m_s2[2] = -9.81;
 }
 
-static void report_pantilt(int moving)
+static void report_pantilt(bool moving)
 {
     kc_pantilt_state_t *h = &world.in.pantilt;
     world.in.has_pantilt = !world.pantilt_silent;
@@ -169,20 +169,20 @@ static void report_pantilt(int moving)
 
 static double noise(double sigma) { return sigma * sqrt(3.0) * (2.0 * kc_rng_uniform(&world.rng) - 1.0); }
 
-static int hidden(const kc_pose_t *T)
+static bool hidden(const kc_pose_t *T)
 {
     double off = atan2(sqrt(T->p_m[0] * T->p_m[0] + T->p_m[1] * T->p_m[1]), T->p_m[2]);
     double far = 0.0;
     for (uint32_t j = 0u; j < world.arm.n_joints; j++) {
         far = fmax(far, fabs(world.q[j] - world.q_start[j]));
     }
-    if (world.view_rad > 0.0 && off > world.view_rad) { return 1; }
-    if (world.hide_beyond > 0.0 && far > world.hide_beyond) { return 1; }
+    if (world.view_rad > 0.0 && off > world.view_rad) { return true; }
+    if (world.hide_beyond > 0.0 && far > world.hide_beyond) { return true; }
     if (world.hide > 0) {
         world.hide--;
-        return 1;
+        return true;
     }
-    return 0;
+    return false;
 }
 
 static void expose(kc_detection_t *d)
@@ -226,11 +226,15 @@ static void take_frame(void)
 {
     world.in.n_det = 0u;
     if (!world.requested) { return; }
-    world.requested = 0;
+    world.requested = false;
     if (world.camera_silent) { return; }
-    expose(&world.in.det[0]);
-    if (world.spoil != NULL) { world.spoil(&world.in.det[0]); }
-    world.in.n_det = 1u;
+    world.in.n_det = world.frames_at_once > 0u ? world.frames_at_once : 1u;
+    for (uint32_t i = 0u; i < world.in.n_det; i++) {
+        kc_detection_t *d = &world.in.det[i];
+        expose(d);
+        d->t_us -= world.in.n_det - 1u - i;
+        if (world.spoil != NULL) { world.spoil(d); }
+    }
 }
 
 /* ---- what came out ---- */
@@ -256,7 +260,7 @@ static void obey(void)
         }
     }
     if (o->has_frame_request) {
-        world.requested = 1;
+        world.requested = true;
         world.frame_requested = o->frame_seq;
         world.n_frames++;
     }
@@ -321,8 +325,8 @@ static void listen(void)
 void world_tick(void)
 {
     world.now_us += TICK_US;
-    int arm = move_arm();
-    int pantilt = 0;
+    bool arm = move_arm();
+    bool pantilt = false;
     if (!world.pantilt_frozen) {
         pantilt = approach(&world.pan, world.pan_cmd, 0.5);
         pantilt = approach(&world.tilt, world.tilt_cmd, 0.5) || pantilt;
@@ -341,16 +345,16 @@ void world_ticks(uint32_t n)
     for (uint32_t i = 0u; i < n; i++) { world_tick(); }
 }
 
-int world_until(kc_state_t state, uint32_t max)
+bool world_until(kc_state_t state, uint32_t max)
 {
     for (uint32_t i = 0u; i < max; i++) {
-        if (kc_app_state(&kc_app_instance) == state) { return 1; }
+        if (kc_app_state(&kc_app_instance) == state) { return true; }
         world_tick();
     }
     return kc_app_state(&kc_app_instance) == state;
 }
 
-int world_until_event(uint32_t id, uint32_t max)
+bool world_until_event(uint32_t id, uint32_t max)
 {
     uint32_t before = world.events[id];
     for (uint32_t i = 0u; i < max && world.events[id] == before; i++) { world_tick(); }
@@ -449,7 +453,7 @@ static void remember(memory_t *m)
 
 void world_remember(void) { remember(&s_then); }
 
-int world_unchanged(void)
+bool world_unchanged(void)
 {
     remember(&s_now);
     return memcmp(&s_then, &s_now, sizeof s_then) == 0;

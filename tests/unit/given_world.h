@@ -4,6 +4,8 @@
 #ifndef GIVEN_WORLD_H
 #define GIVEN_WORLD_H
 
+#include <stdbool.h>
+
 #include "kc_app_parts.h"
 
 #define TICK_US 100000u
@@ -19,11 +21,12 @@ typedef struct {
     double dir[KC_JOINT_MAX]; /* side from which each joint came last */
     double pan, tilt, pan_cmd, tilt_cmd;
     int32_t arm_seq, pantilt_seq, cmd_seq[3], frame_requested;
-    int requested;
+    bool requested;
     uint64_t rng;
     /* settings */
-    int arm_silent, pantilt_silent, camera_silent; /* no messages */
-    int arm_frozen, pantilt_frozen; /* commands are echoed but nothing moves */
+    bool arm_silent, pantilt_silent, camera_silent; /* no messages */
+    bool arm_frozen, pantilt_frozen; /* commands are echoed but nothing moves */
+    uint32_t frames_at_once; /* detections that arrive together, each 1 us older than the next (0: one) */
     int arm_ignores, pantilt_ignores; /* number of commands lost */
     int arm_vibrates, pantilt_vibrates; /* ticks during which state says moving */
     int hide; /* number of frames without tags */
@@ -71,10 +74,10 @@ void given_local_poses(uint32_t n, uint32_t n_reserve);
 void world_boot(void);
 void world_tick(void);
 void world_ticks(uint32_t n);
-/* Step until the state; 0 if it does not come within max ticks. */
-int world_until(kc_state_t state, uint32_t max);
+/* Step until the state; false if it does not come within max ticks. */
+bool world_until(kc_state_t state, uint32_t max);
 /* Step until the event came once more than before. */
-int world_until_event(uint32_t id, uint32_t max);
+bool world_until_event(uint32_t id, uint32_t max);
 /* Put a command into the next tick. */
 kc_cmd_t *world_cmd(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
 /* The same, then ticks until it is answered; returns the status of its answer. */
@@ -95,6 +98,6 @@ uint32_t world_events(uint32_t id);
 /* Remember what a refused input must not change: active tables, staging, state, calibration, frames, the last
  * accepted telemetry and the proposal; and ask whether it is all still the same. */
 void world_remember(void);
-int world_unchanged(void);
+bool world_unchanged(void);
 
 #endif

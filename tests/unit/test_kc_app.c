@@ -339,7 +339,7 @@ void test_a_silent_arm_is_noticed_whatever_the_clock_does(void)
         world.now_us = 100000000u;
         world_started();
         world_ticks(3u);
-        world.arm_silent = 1;
+        world.arm_silent = true;
         for (uint32_t i = 0u; i < 22u; i++) {
             clock_goes_wrong(how);
             world_tick();

@@ -128,7 +128,7 @@ void test_an_arm_that_does_not_draw_back_ends_it(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_WITHDRAW, 400u));
-    world.arm_frozen = 1;
+    world.arm_frozen = true;
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 700u));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_LATE, world.last[KC_EVT_CAL_ABORTED].got);
 }

@@ -35,15 +35,15 @@ static void assert_passed(void)
 
 void test_only_the_first_problem_is_kept(void)
 {
-    kc_check(&s_c, 1, 1, 1.0);
-    kc_check(&s_c, 0, 2, 2.0);
-    kc_check(&s_c, 0, 3, 3.0);
+    kc_check(&s_c, true, 1, 1.0);
+    kc_check(&s_c, false, 2, 2.0);
+    kc_check(&s_c, false, 3, 3.0);
     assert_failed(2, 2.0);
 }
 
 void test_without_a_problem_nothing_is_written(void)
 {
-    kc_check(&s_c, 1, 1, 1.0);
+    kc_check(&s_c, true, 1, 1.0);
     assert_passed();
 }
 

@@ -24,8 +24,8 @@ static void given_idle(void)
 static void refused(int32_t status, uint16_t event)
 {
     uint32_t before = APP->cmd_log.n_refused, n = world_events(event);
-    int arm = world.arm_silent, pantilt = world.pantilt_silent;
-    world.arm_silent = world.pantilt_silent = 1; /* the command is all that comes in */
+    bool arm = world.arm_silent, pantilt = world.pantilt_silent;
+    world.arm_silent = world.pantilt_silent = true; /* the command is all that comes in */
     world_remember();
     world_tick();
     world.arm_silent = arm;
@@ -247,14 +247,14 @@ void test_start_without_all_tables_is_refused(void)
 void test_start_without_a_living_arm_and_pantilt_is_refused(void)
 {
     world_boot();
-    world.arm_silent = 1;
+    world.arm_silent = true;
     world_tick();
     (void)world_cmd(KC_CMD_START, -1, 0, 0);
     refused(KC_ERR_STATE, KC_EVT_IN_SILENT);
     TEST_ASSERT_EQUAL_INT(KC_INPUT_ARM, world.last[KC_EVT_IN_SILENT].index);
-    world.arm_silent = 0;
+    world.arm_silent = false;
     world_tick();
-    world.pantilt_silent = 1;
+    world.pantilt_silent = true;
     world_ticks(25u);
     (void)world_cmd(KC_CMD_START, -1, 0, 0);
     refused(KC_ERR_STATE, KC_EVT_IN_SILENT);

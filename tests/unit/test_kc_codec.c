@@ -319,7 +319,7 @@ void test_a_bad_count_ends_the_walk_in_every_mode(void)
         expect_refused(KC_EVT_TBL_RANGE, 6u, 9.0);
         pos = s_w.pos;
         kc_walk_u16(&s_w, 7u, &after, 0u, 1u);
-        kc_walk_rule(&s_w, 7u, 0, 1.0);
+        kc_walk_rule(&s_w, 7u, false, 1.0);
         TEST_ASSERT_EQUAL_UINT32(pos, s_w.pos);
         TEST_ASSERT_EQUAL_UINT16(5u, after);
         TEST_ASSERT_EQUAL_UINT32(1u, s_w.n_bad);
@@ -336,11 +336,11 @@ void test_a_count_below_its_least_is_refused(void)
 
 void test_a_rule_between_fields_is_checked_only_where_values_are(void)
 {
-    kc_walk_rule(&s_w, 3u, 0, 1.0);
+    kc_walk_rule(&s_w, 3u, false, 1.0);
     TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
     s_w.mode = KC_WALK_CHECK;
-    kc_walk_rule(&s_w, 3u, 1, 1.0);
+    kc_walk_rule(&s_w, 3u, true, 1.0);
     TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
-    kc_walk_rule(&s_w, 3u, 0, 1.0);
+    kc_walk_rule(&s_w, 3u, false, 1.0);
     expect_refused(KC_EVT_TBL_RANGE, 3u, 1.0);
 }

@@ -30,7 +30,7 @@ static uint8_t s_buf[4096];
 static kcm_tick_done_t s_done;
 static kcm_ack_t s_ack;
 static uint32_t s_n_done, s_n_ack, s_n_hk, s_n_event, s_n_down, s_n_arm_cmd;
-static volatile int s_stop;
+static volatile sig_atomic_t s_stop;
 
 static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
 {
@@ -51,7 +51,7 @@ static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
     s_n_arm_cmd += strcmp(channel, "KC_ARM_CMD") == 0;
 }
 
-static void given_edge(int live)
+static void given_edge(bool live)
 {
     given_world();
     world_boot();
@@ -59,13 +59,13 @@ static void given_edge(int live)
     s_stop = 0;
     memcpy(s_dir, "/tmp/kc_edge_XXXXXX", 20u);
     TEST_ASSERT_NOT_NULL(mkdtemp(s_dir));
-    TEST_ASSERT_EQUAL_INT(0, kc_files_open(&s_f, s_dir));
-    TEST_ASSERT_EQUAL_INT(0, kc_edge_open(&s_e, "memq://", &s_f, APP, live));
+    TEST_ASSERT_TRUE(kc_files_open(&s_f, s_dir));
+    TEST_ASSERT_TRUE(kc_edge_open(&s_e, "memq://", &s_f, APP, live));
     (void)lcm_subscription_set_queue_capacity(lcm_subscribe(s_e.lcm, "KC_.*", on_any, NULL), 10000);
 }
 
 void setUp(void);
-void setUp(void) { given_edge(0); }
+void setUp(void) { given_edge(false); }
 
 void tearDown(void);
 void tearDown(void)
@@ -274,7 +274,7 @@ void test_a_negative_time_is_taken_for_zero(void)
 void test_it_says_hello_until_the_first_tick_and_runs_until_it_is_stopped(void)
 {
     for (int64_t k = 1; k <= 3; k++) { send_time(k); }
-    TEST_ASSERT_EQUAL_INT(0, kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_TRUE(kc_edge_run(&s_e, &s_stop));
     TEST_ASSERT_EQUAL_UINT32(4u, s_n_done); /* tick 0 and three more */
     TEST_ASSERT_EQUAL_INT64(3, s_e.tick);
 }
@@ -282,9 +282,9 @@ void test_it_says_hello_until_the_first_tick_and_runs_until_it_is_stopped(void)
 void test_live_it_steps_by_the_clock_and_takes_messages_at_once(void)
 {
     tearDown();
-    given_edge(1);
+    given_edge(true);
     send_cmd(INT64_MAX, 1, KC_CMD_NOOP, 0); /* whatever clock the sender has */
-    TEST_ASSERT_EQUAL_INT(0, kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_TRUE(kc_edge_run(&s_e, &s_stop));
     TEST_ASSERT_TRUE(s_n_hk >= 1u);
     TEST_ASSERT_EQUAL_UINT32(0u, s_n_done);
     TEST_ASSERT_TRUE(APP->clock.now_us > 1600000000000000u);
@@ -293,5 +293,5 @@ void test_live_it_steps_by_the_clock_and_takes_messages_at_once(void)
 void test_a_network_that_cannot_be_made_is_refused(void)
 {
     static kc_edge_t e;
-    TEST_ASSERT_EQUAL_INT(-1, kc_edge_open(&e, "nonsense://", &s_f, APP, 0));
+    TEST_ASSERT_FALSE(kc_edge_open(&e, "nonsense://", &s_f, APP, false));
 }

@@ -338,7 +338,7 @@ void test_pose_covariance_is_that_of_the_coefficients_seen_through_the_jacobian(
     (void)kc_est_solve(&s_est);
     kc_est_pose_cov(&s_est, &s_est.obs[3].ctx, &work, cov);
     kc_model_loads(&s_arm, &s_terms, s_est.coef, &s_est.obs[3].ctx, &loads);
-    kc_model_eval(&s_arm, &s_terms, s_est.coef, &s_est.obs[3].ctx, &loads, 1, &s_other.eval);
+    kc_model_eval(&s_arm, &s_terms, s_est.coef, &s_est.obs[3].ctx, &loads, true, &s_other.eval);
     for (uint32_t i = 0u; i < 28u; i++) {
         for (uint32_t j = 0u; j < 28u; j++) {
             for (int k = 0; k < 3; k++) {

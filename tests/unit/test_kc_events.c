@@ -1,4 +1,5 @@
 /* kc_events.c: recording and the dictionary. */
+#include <stdbool.h>
 #include <string.h>
 
 #include "kc_events.h"
@@ -73,17 +74,17 @@ void test_ids_rise_so_that_none_is_used_twice(void)
 }
 
 #define TYPE_(type, how) type,
-static int known_type(const char *type, size_t n)
+static bool known_type(const char *type, size_t n)
 {
     static const char *const types[] = {KC_EVENT_TYPE_LIST(TYPE_)};
     for (size_t i = 0u; i < sizeof types / sizeof types[0]; i++) {
-        if (strlen(types[i]) == n && strncmp(types[i], type, n) == 0) { return 1; }
+        if (strlen(types[i]) == n && strncmp(types[i], type, n) == 0) { return true; }
     }
-    return 0;
+    return false;
 }
 
 /* The placeholder that begins at p, up to its closing brace: {index:type}, {got:type} or {want:type}. */
-static int known_placeholder(const char *p)
+static bool known_placeholder(const char *p)
 {
     static const char *const fields[] = {"{index:", "{got:", "{want:"};
     const char *end = strchr(p, '}');
@@ -91,7 +92,7 @@ static int known_placeholder(const char *p)
         const char *type = p + strlen(fields[i]);
         if (strncmp(p, fields[i], strlen(fields[i])) == 0) { return known_type(type, (size_t)(end - type)); }
     }
-    return 0;
+    return false;
 }
 
 #define TEXT_(id, name, sev, text, action) text,

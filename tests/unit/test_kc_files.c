@@ -31,25 +31,25 @@ static uint32_t s_n;
 typedef enum { HOLDS, KILLS, FAILS_ONCE, FAILS_FROM, FAILS_ALL_BUT_DELETING, FLIPS } harm_t;
 
 static struct {
-    int on;
+    bool on;
     harm_t harm;
     long at, n;    /* change that suffers, changes so far */
     double torn;   /* KILLS: part of a write that is done first */
     int fd;        /* open for writing */
-    int reached;   /* the change was reached */
+    bool reached;   /* the change was reached */
     jmp_buf power; /* gone */
 } s_m = {.fd = -1};
 
-static int suffers(int deleting)
+static bool suffers(bool deleting)
 {
-    if (!s_m.on) { return 0; }
+    if (!s_m.on) { return false; }
     s_m.n++;
-    int hit = s_m.n == s_m.at || (s_m.n > s_m.at && s_m.harm >= FAILS_FROM && s_m.harm != FLIPS);
-    if (!hit || s_m.harm == HOLDS || (deleting && s_m.harm == FAILS_ALL_BUT_DELETING)) { return 0; }
-    s_m.reached = 1;
-    if (s_m.harm == FLIPS) { return 0; }
+    bool hit = s_m.n == s_m.at || (s_m.n > s_m.at && s_m.harm >= FAILS_FROM && s_m.harm != FLIPS);
+    if (!hit || s_m.harm == HOLDS || (deleting && s_m.harm == FAILS_ALL_BUT_DELETING)) { return false; }
+    s_m.reached = true;
+    if (s_m.harm == FLIPS) { return false; }
     errno = s_m.at % 2 == 0 ? ENOSPC : EROFS;
-    return 1;
+    return true;
 }
 
 static void die(void)
@@ -57,7 +57,7 @@ static void die(void)
     if (s_m.harm != KILLS) { return; }
     if (s_m.fd >= 0) { (void)syscall(SYS_close, s_m.fd); }
     s_m.fd = -1;
-    s_m.on = 0;
+    s_m.on = false;
     longjmp(s_m.power, 1);
 }
 
@@ -65,7 +65,7 @@ ssize_t write(int fd, const void *buf, size_t n)
 {
     static uint8_t flipped[KC_IMAGE_MAX];
     if (fd != s_m.fd) { return syscall(SYS_write, fd, buf, n); }
-    if (suffers(0)) {
+    if (suffers(false)) {
         size_t part = (size_t)((double)n * s_m.torn);
         if (s_m.harm == KILLS) { (void)syscall(SYS_write, fd, buf, part); }
         die();
@@ -85,8 +85,8 @@ int openat(int dir, const char *name, int flags, ...)
     va_start(va, flags);
     unsigned mode = (flags & O_CREAT) != 0 ? va_arg(va, unsigned) : 0u;
     va_end(va);
-    int writing = (flags & O_CREAT) != 0;
-    if (writing && suffers(0)) {
+    bool writing = (flags & O_CREAT) != 0;
+    if (writing && suffers(false)) {
         die();
         return -1;
     }
@@ -97,7 +97,7 @@ int openat(int dir, const char *name, int flags, ...)
 
 int fsync(int fd)
 {
-    if (!suffers(0)) { return fcntl(fd, F_GETFD) < 0 ? -1 : 0; } /* nothing here outlives the test */
+    if (!suffers(false)) { return fcntl(fd, F_GETFD) < 0 ? -1 : 0; } /* nothing here outlives the test */
     die();
     return -1;
 }
@@ -105,14 +105,14 @@ int fsync(int fd)
 int renameat(int from_dir, const char *from, int to_dir, const char *to)
 {
     s_m.fd = -1; /* closed */
-    if (!suffers(0)) { return (int)syscall(SYS_renameat2, from_dir, from, to_dir, to, 0u); }
+    if (!suffers(false)) { return (int)syscall(SYS_renameat2, from_dir, from, to_dir, to, 0u); }
     die();
     return -1;
 }
 
 int unlinkat(int dir, const char *name, int flags)
 {
-    if (!suffers(1)) { return (int)syscall(SYS_unlinkat, dir, name, flags); }
+    if (!suffers(true)) { return (int)syscall(SYS_unlinkat, dir, name, flags); }
     die();
     return -1;
 }
@@ -131,13 +131,13 @@ static void write_file(const char *dir, const char *name, const void *data, size
     (void)fclose(f);
 }
 
-static int exists(const char *dir, const char *name)
+static bool exists(const char *dir, const char *name)
 {
     struct stat st;
     return stat(path(dir, name), &st) == 0;
 }
 
-static void open_store(void) { TEST_ASSERT_EQUAL_INT(0, kc_files_open(&s_f, s_dir)); }
+static void open_store(void) { TEST_ASSERT_TRUE(kc_files_open(&s_f, s_dir)); }
 
 static void close_store(void)
 {
@@ -275,9 +275,9 @@ void test_what_was_deleted_does_not_come_back(void)
 void test_only_one_process_may_use_a_store(void)
 {
     static kc_files_t other;
-    TEST_ASSERT_EQUAL_INT(-1, kc_files_open(&other, s_dir));
+    TEST_ASSERT_FALSE(kc_files_open(&other, s_dir));
     close_store();
-    TEST_ASSERT_EQUAL_INT(0, kc_files_open(&other, s_dir));
+    TEST_ASSERT_TRUE(kc_files_open(&other, s_dir));
     (void)close(other.dir_fd);
 }
 
@@ -286,10 +286,10 @@ void test_a_store_that_cannot_be_made_or_opened_is_refused(void)
     static kc_files_t other;
     static char longer[KC_FILES_PATH_MAX + 2];
     memset(longer, 'x', sizeof longer - 1u);
-    TEST_ASSERT_EQUAL_INT(-1, kc_files_open(&other, longer));
-    TEST_ASSERT_EQUAL_INT(-1, kc_files_open(&other, "/dev/null/store"));
+    TEST_ASSERT_FALSE(kc_files_open(&other, longer));
+    TEST_ASSERT_FALSE(kc_files_open(&other, "/dev/null/store"));
     write_file(s_root, "file", "x", 1u);
-    TEST_ASSERT_EQUAL_INT(-1, kc_files_open(&other, path(s_root, "file")));
+    TEST_ASSERT_FALSE(kc_files_open(&other, path(s_root, "file")));
 }
 
 void test_failed_writes_are_reported(void)
@@ -435,7 +435,7 @@ static void power_up(void)
 {
     close_store();
     open_store();
-    world.requested = 0;
+    world.requested = false;
     memset(&world.in, 0, sizeof world.in);
     memset(world.events, 0, sizeof world.events);
     world.cmd_seq[1] = world.cmd_seq[2] = 0;
@@ -451,7 +451,7 @@ static in_force_t in_force(void)
     return (in_force_t){a->crc[KC_TBL_KIN], a->kin_prev_crc, APP->review.crc};
 }
 
-static int same(in_force_t a, in_force_t b)
+static bool same(in_force_t a, in_force_t b)
 {
     return a.kin == b.kin && a.prev == b.prev && a.proposal == b.proposal;
 }
@@ -503,7 +503,7 @@ static void proposed(double phi_rad)
 }
 
 /* n_before approvals, and a proposal that waits (or was rejected). */
-static void given_history(int n_before, int waits)
+static void given_history(int n_before, bool waits)
 {
     given_default_tables();
     world.keep = keep_in_files;
@@ -520,28 +520,28 @@ static void given_history(int n_before, int waits)
 static int32_t s_acked; /* answer of the change; 1: none came */
 
 /* From the saved store: power up and make the change on a medium that does harm. True if power was lost. */
-static int harmed(int32_t (*change)(void), harm_t harm, long at, double torn)
+static bool harmed(int32_t (*change)(void), harm_t harm, long at, double torn)
 {
     s_acked = 1;
     s_m.harm = harm;
     s_m.at = at;
     s_m.torn = torn;
     s_m.n = 0;
-    s_m.reached = 0;
-    if (setjmp(s_m.power) != 0) { return 1; }
+    s_m.reached = false;
+    if (setjmp(s_m.power) != 0) { return true; }
     power_up();
-    s_m.on = 1;
+    s_m.on = true;
     world.ack.status = 1;
     s_acked = change();
     world_ticks(3u);
-    s_m.on = 0;
-    return 0;
+    s_m.on = false;
+    return false;
 }
 
 /* What is in force after a restart, with nothing missed and nothing left half-written. */
 static in_force_t restarted(void)
 {
-    s_m.on = 0;
+    s_m.on = false;
     power_up();
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_LOST));
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_SLOT_BAD));
@@ -644,9 +644,9 @@ static void refused_everywhere(int32_t (*change)(void))
     }
 }
 
-static void given_first(void) { given_history(0, 1); }
-static void given_second(void) { given_history(1, 1); }
-static void given_none_waiting(void) { given_history(2, 0); }
+static void given_first(void) { given_history(0, true); }
+static void given_second(void) { given_history(1, true); }
+static void given_none_waiting(void) { given_history(2, false); }
 
 static void killed_and_refused(void (*given)(void), int32_t (*change)(void))
 {

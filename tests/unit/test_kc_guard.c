@@ -432,7 +432,7 @@ void test_an_arm_too_near_to_itself_may_leave_but_not_go_deeper(void)
 /* ---- local initial poses ---- */
 
 /* From the hub of candidate 3 to it (or back) with a sphere at the end of the move. */
-static void given_path(int back)
+static void given_path(bool back)
 {
     uint32_t hub = s_s.cand[3].hub;
     kc_path_joints(&s_s, back ? NODE(3u) : hub, s_from);

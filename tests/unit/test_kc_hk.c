@@ -72,7 +72,7 @@ void test_it_reports_the_verdict_of_the_monitor(void)
             world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
         }
         world_ticks(2u);
-        world.requested = 1;
+        world.requested = true;
         world.frame_requested = 9000 + (int32_t)i;
         world_tick();
     }

@@ -100,6 +100,19 @@ void test_a_goal_out_of_reach_gives_the_closest_found(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.0, s_q[1]);
 }
 
+void test_an_iteration_evaluates_the_model_once_also_when_its_step_is_refused(void)
+{
+    kc_pose_t goal;
+    given_planar_arm();
+    kc_pose_identity(&goal);
+    goal.p_m[0] = 2.0; /* out of reach: steps that do not help end the search */
+    s_q[0] = 0.5;
+    s_q[1] = 0.5;
+    s_opt.iter_max = 7u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, solve(&goal, NULL));
+    TEST_ASSERT_EQUAL_UINT32(8u, s_evals);
+}
+
 void test_a_start_outside_the_limits_is_brought_inside(void)
 {
     kc_pose_t goal = planar_goal(0.7, -1.1);
@@ -158,13 +171,13 @@ static void expect_all_reached(const double *coef)
         memcpy(ctx.g_m_s2, s_arm.gravity_m_s2, sizeof ctx.g_m_s2);
         kc_path_joints(&space, KC_HUB_MAX + c, ctx.q);
         kc_model_loads(&s_arm, &s_terms, coef, &ctx, &loads);
-        kc_model_eval(&s_arm, &s_terms, coef, &ctx, &loads, 0, &s_work);
+        kc_model_eval(&s_arm, &s_terms, coef, &ctx, &loads, false, &s_work);
         goal = s_work.T;
         for (uint32_t j = 0u; j < 7u; j++) { s_q[j] = ctx.q[j] + ((j + c) % 2u == 0u ? 0.2 : -0.2); }
         TEST_ASSERT_EQUAL_INT(KC_OK, solve(&goal, coef));
         memcpy(ctx.q, s_q, sizeof ctx.q);
         kc_model_loads(&s_arm, &s_terms, coef, &ctx, &loads);
-        kc_model_eval(&s_arm, &s_terms, coef, &ctx, &loads, 0, &s_work);
+        kc_model_eval(&s_arm, &s_terms, coef, &ctx, &loads, false, &s_work);
         kc_pose_residual(&goal, &s_work.T, r);
         for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.0, r[k]); }
         for (uint32_t j = 0u; j < 7u; j++) {

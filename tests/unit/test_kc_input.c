@@ -405,7 +405,7 @@ void test_silence_while_calibrating_ends_it(void)
 void test_silence_while_idle_is_no_matter(void)
 {
     world_boot();
-    world.arm_silent = world.pantilt_silent = 1;
+    world.arm_silent = world.pantilt_silent = true;
     world_ticks(50u);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_IN_SILENT));
 }

@@ -54,7 +54,7 @@ void test_without_corrections_it_is_the_nominal_arm(void)
     add_term(1u, KC_RZ, KC_VAR_ONE, 0u);
     kc_arm_fk(&s_arm, s_ctx.q, &T);
     kc_model_loads(&s_arm, &s_t, NULL, &s_ctx, &s_loads);
-    kc_model_eval(&s_arm, &s_t, NULL, &s_ctx, &s_loads, 1, &s_ev);
+    kc_model_eval(&s_arm, &s_t, NULL, &s_ctx, &s_loads, true, &s_ev);
     assert_doubles(T.p_m, s_ev.T.p_m, 3, 1e-15);
     assert_doubles(T.R, s_ev.T.R, 9, 1e-15);
 }
@@ -65,8 +65,8 @@ void test_without_want_J_the_pose_is_the_same_and_the_rows_are_zero(void)
     add_term(1u, KC_RZ, KC_VAR_Q, 2u);
     s_coef[0] = 0.3;
     kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
-    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, 1, &s_ev);
-    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, 0, &s_ev2);
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, true, &s_ev);
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev2);
     TEST_ASSERT_EQUAL_MEMORY(&s_ev.T, &s_ev2.T, sizeof s_ev.T);
     TEST_ASSERT_EQUAL_MEMORY(s_ev.Jq, s_ev2.Jq, sizeof s_ev.Jq);
     TEST_ASSERT_EQUAL_MEMORY(zero.twist, s_ev2.twist, sizeof zero.twist);
@@ -83,7 +83,7 @@ void test_terms_of_one_coefficient_add_up(void)
     s_t.term[1].gain = -2.0;
     s_t.n_coef = 1u;
     kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
-    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, 1, &s_ev);
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, true, &s_ev);
     for (int i = 0; i < 6; i++) { sum[i] = 0.9 * s_ev.twist[6 + KC_RX][i] - 2.0 * s_ev.twist[12 + KC_TY][i]; }
     assert_doubles(sum, s_ev.J[0], 6, 1e-15);
 }
@@ -136,7 +136,7 @@ static kc_obs_t given_observation(void)
     memset(&obs, 0, sizeof obs);
     obs.ctx = s_ctx;
     kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
-    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, 0, &s_ev);
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev);
     memcpy(obs.p_m, s_ev.T.p_m, sizeof obs.p_m);
     kc_R_to_quat(s_ev.T.R, obs.q_wxyz);
     obs.p_cam_m[0] = -1.0;
@@ -176,7 +176,7 @@ void test_the_arm_side_does_not_see_camera_terms(void)
     s_coef[0] = s_coef[1] = 0.1;
     kc_obs_t obs = given_observation();
     double r[6];
-    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, 1, &s_ev);
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, true, &s_ev);
     assert_doubles(zero, s_ev.J[0], 6, 0.0);
     assert_doubles(zero, s_ev.J[1], 6, 0.0);
     obs.has_cam = 0u;
@@ -234,7 +234,7 @@ void test_the_tool_frame_is_the_corrected_tool(void)
     s_coef[0] = 0.2;
     s_coef[1] = 0.03;
     kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
-    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, 0, &s_ev);
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev);
     kc_model_frames(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, frame, along_m, across_m);
     assert_doubles(s_ev.T.p_m, frame[0].p_m, 3, 0.0);
     assert_doubles(s_ev.T.R, frame[0].R, 9, 0.0);

@@ -28,7 +28,7 @@ static void observations(uint32_t n)
             world.q_cmd[j] = world.q[j] = 0.3 + 0.17 * (double)((3u * i + 5u * j) % 7u);
         }
         world_ticks(2u);
-        world.requested = 1;
+        world.requested = true;
         world.frame_requested = 9000 + (int32_t)i;
         world_tick();
     }
@@ -80,15 +80,15 @@ void test_observations_while_something_moves_or_has_not_settled_are_not_compared
 {
     given_idle(0u, 0.0);
     world.arm_vibrates = 1;
-    world.requested = 1;
+    world.requested = true;
     world_tick();
-    world.requested = 1; /* at rest again, but not for settle_us */
+    world.requested = true; /* at rest again, but not for settle_us */
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_MON_NOT_AT_REST));
     world_ticks(3u);
-    world.arm_silent = 1;
+    world.arm_silent = true;
     world_ticks(8u);
-    world.requested = 1;
+    world.requested = true;
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_MON_NOT_AT_REST));
     TEST_ASSERT_EQUAL_UINT32(0u, APP->arena.idle.monitor.n);
@@ -108,7 +108,7 @@ static void refused(void (*spoil)(kc_detection_t *d), uint32_t event)
     before = APP->arena.idle.monitor;
     uint32_t n = world_events(event);
     world.spoil = spoil;
-    world.requested = 1;
+    world.requested = true;
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(n + 1u, world_events(event));
     TEST_ASSERT_EQUAL_MEMORY(&before, &APP->arena.idle.monitor, sizeof before);
@@ -135,6 +135,49 @@ void test_only_idle_listens(void)
     observations(2u);
     TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_DET_UNREQUESTED));
     TEST_ASSERT_EQUAL_UINT32(0u, APP->arena.idle.monitor.n);
+}
+
+static void evaluate(kc_work_t work)
+{
+    static kc_out_t out;
+    kc_monitoring_evaluate(&APP->monitoring, &APP->arena.idle.monitor, &APP->view, &work, &out);
+}
+
+void test_the_verdict_waits_for_a_step_that_has_room_for_it(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    APP->monitoring.newest.state = KC_MON_QUIET;
+    evaluate(kc_work_of_step());
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state); /* nothing new */
+    APP->monitoring.due = true;
+    evaluate((kc_work_t){KC_STEP_WORK, KC_STEP_WORK});
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state);
+    evaluate(kc_work_of_step());
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, APP->monitoring.newest.state);
+}
+
+void test_observations_with_other_tables_get_no_verdict(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    APP->monitoring.newest.state = KC_MON_QUIET;
+    APP->monitoring.due = true;
+    APP->tables.active.crc[KC_TBL_KIN] ^= 1u;
+    evaluate(kc_work_of_step());
+    APP->tables.active.crc[KC_TBL_KIN] ^= 1u;
+    evaluate(kc_work_of_step());
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state);
+}
+
+void test_detections_of_one_step_get_one_verdict(void)
+{
+    given_idle(2u, 0.05);
+    world.frames_at_once = KC_DET_QUEUE_MAX;
+    observations(2u);
+    TEST_ASSERT_EQUAL_UINT32(KC_MON_OBS_MAX, APP->arena.idle.monitor.n);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, APP->monitoring.newest.state);
+    TEST_ASSERT_FALSE(APP->monitoring.due);
 }
 
 void test_a_new_correction_begins_a_new_window(void)

@@ -66,7 +66,7 @@ void test_the_corrected_arm_needs_no_servo_step_in_the_end(void)
 
 void test_an_arm_that_does_not_arrive_is_held_and_the_calibration_stopped(void)
 {
-    world.arm_frozen = 1;
+    world.arm_frozen = true;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
@@ -91,14 +91,14 @@ void test_a_servo_step_that_is_not_done_in_time_ends_it(void)
     world.truth.joint[6].phi_rad = 0.3;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 200u));
-    world.arm_frozen = 1;
+    world.arm_frozen = true;
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_LATE, world.last[KC_EVT_CAL_ABORTED].got);
 }
 
 void test_a_pantilt_unit_that_does_not_arrive_ends_it(void)
 {
-    world.pantilt_frozen = 1;
+    world.pantilt_frozen = true;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 300u));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));

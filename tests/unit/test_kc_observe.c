@@ -16,10 +16,10 @@ void test_a_frame_that_does_not_come_is_requested_again(void)
 {
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
-    world.camera_silent = 1;
+    world.camera_silent = true;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_FRAME_TIMEOUT, 50u));
     TEST_ASSERT_EQUAL_INT(KC_ST_OBSERVE, kc_app_state(APP));
-    world.camera_silent = 0;
+    world.camera_silent = false;
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 50u));
 }
 
@@ -31,7 +31,7 @@ void test_a_camera_that_stays_silent_ends_it(void)
         world.hide = states[i] == KC_ST_SEARCH ? 1 : 0;
         world_started();
         TEST_ASSERT_TRUE(world_until(states[i], 300u));
-        world.camera_silent = 1;
+        world.camera_silent = true;
         TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 100u));
         TEST_ASSERT_EQUAL_UINT32(3u, world_events(KC_EVT_CAL_FRAME_TIMEOUT)); /* two retries */
         TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_CAMERA, world.last[KC_EVT_CAL_ABORTED].got);
@@ -55,7 +55,7 @@ void test_a_candidate_with_uncertain_detections_is_skipped(void)
 /* ---- planar flip ---- */
 
 static double s_rms_alt = 0.35, s_turn = 0.8;
-static int s_true_is_second;
+static bool s_true_is_second;
 
 /* The other solution is turned about the camera's x axis; the right one may stand in second place. */
 static void flip(kc_detection_t *d)
@@ -71,7 +71,7 @@ static void flip(kc_detection_t *d)
     memcpy(d->q_cam_tool_wxyz, q, sizeof q);
 }
 
-static double rotation_residual(double rms_alt, double turn, int true_is_second, double arm_off)
+static double rotation_residual(double rms_alt, double turn, bool true_is_second, double arm_off)
 {
     given_world();
     s_rms_alt = rms_alt;
@@ -87,20 +87,20 @@ static double rotation_residual(double rms_alt, double turn, int true_is_second,
 
 void test_of_two_solutions_that_fit_the_one_the_model_expects_is_taken(void)
 {
-    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.0, rotation_residual(0.35, 0.8, 0, 0.0));
-    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.0, rotation_residual(0.35, 0.8, 1, 0.0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.0, rotation_residual(0.35, 0.8, false, 0.0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.0, rotation_residual(0.35, 0.8, true, 0.0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.35, world.meas[0].det.rms_px);
 }
 
 void test_a_second_solution_that_fits_much_worse_is_not_taken(void)
 {
-    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.8, rotation_residual(0.7, 0.8, 1, 0.0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.8, rotation_residual(0.7, 0.8, true, 0.0));
 }
 
 void test_a_model_that_is_far_off_both_does_not_choose(void)
 {
     /* joint 7 is off by 1.2 rad: nearer to the second solution, but too far to be trusted */
-    double r = rotation_residual(0.35, 0.8, 0, 1.2);
+    double r = rotation_residual(0.35, 0.8, false, 1.2);
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 1.2, r);
 }
 
@@ -283,7 +283,7 @@ void test_a_pantilt_unit_that_stops_in_the_search_ends_it(void)
     world.hide = 1000;
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
-    world.pantilt_frozen = 1;
+    world.pantilt_frozen = true;
     TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 300u));
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_PANTILT_LATE, world.last[KC_EVT_CAL_ABORTED].got);
 }

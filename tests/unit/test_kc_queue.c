@@ -17,21 +17,21 @@ void setUp(void)
     memset(&s_in, 0, sizeof s_in);
 }
 
-static int cmd(int64_t t, int32_t source, int32_t seq)
+static bool cmd(int64_t t, int32_t source, int32_t seq)
 {
     s_c.source = source;
     s_c.seq = seq;
     return kc_queue_cmd(&s_q, t, 1000, &s_c);
 }
 
-static int chunk(int64_t t, int32_t kind, uint32_t offset)
+static bool chunk(int64_t t, int32_t kind, uint32_t offset)
 {
     s_k.kind = kind;
     s_k.offset = offset;
     return kc_queue_chunk(&s_q, t, 1000, &s_k);
 }
 
-static int det(int64_t t, int32_t seq)
+static bool det(int64_t t, int32_t seq)
 {
     s_d.seq = seq;
     return kc_queue_det(&s_q, t, 1000, &s_d);
@@ -104,27 +104,27 @@ void test_a_step_takes_what_it_can_and_leaves_the_rest(void)
 
 void test_what_finds_no_room_or_lies_too_far_ahead_is_refused(void)
 {
-    for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_EQUAL_INT(0, cmd(1, 1, 1)); }
-    for (uint32_t i = 0u; i < KC_Q_CHUNK; i++) { TEST_ASSERT_EQUAL_INT(0, chunk(1, 1, 1u)); }
-    for (uint32_t i = 0u; i < KC_Q_DET; i++) { TEST_ASSERT_EQUAL_INT(0, det(1, 1)); }
-    TEST_ASSERT_EQUAL_INT(-1, cmd(1, 1, 1));
-    TEST_ASSERT_EQUAL_INT(-1, chunk(1, 1, 1u));
-    TEST_ASSERT_EQUAL_INT(-1, det(1, 1));
+    for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_TRUE(cmd(1, 1, 1)); }
+    for (uint32_t i = 0u; i < KC_Q_CHUNK; i++) { TEST_ASSERT_TRUE(chunk(1, 1, 1u)); }
+    for (uint32_t i = 0u; i < KC_Q_DET; i++) { TEST_ASSERT_TRUE(det(1, 1)); }
+    TEST_ASSERT_FALSE(cmd(1, 1, 1));
+    TEST_ASSERT_FALSE(chunk(1, 1, 1u));
+    TEST_ASSERT_FALSE(det(1, 1));
     setUp();
-    TEST_ASSERT_EQUAL_INT(-1, cmd(1001 + KC_Q_AHEAD_US, 1, 1));
-    TEST_ASSERT_EQUAL_INT(-1, chunk(1001 + KC_Q_AHEAD_US, 1, 1u));
-    TEST_ASSERT_EQUAL_INT(-1, det(1001 + KC_Q_AHEAD_US, 1));
-    TEST_ASSERT_EQUAL_INT(0, det(INT64_MIN, 1)); /* live: due at once */
+    TEST_ASSERT_FALSE(cmd(1001 + KC_Q_AHEAD_US, 1, 1));
+    TEST_ASSERT_FALSE(chunk(1001 + KC_Q_AHEAD_US, 1, 1u));
+    TEST_ASSERT_FALSE(det(1001 + KC_Q_AHEAD_US, 1));
+    TEST_ASSERT_TRUE(det(INT64_MIN, 1)); /* live: due at once */
     kc_queue_take(&s_q, 0, &s_in);
     TEST_ASSERT_EQUAL_UINT32(1u, s_in.n_det);
 }
 
-static int abort_cmd(int32_t source, int32_t seq)
+static bool abort_cmd(int32_t source, int32_t seq)
 {
     s_c.opcode = KC_CMD_ABORT;
-    int st = cmd(1, source, seq);
+    bool waits = cmd(1, source, seq);
     s_c.opcode = KC_CMD_NOOP;
-    return st;
+    return waits;
 }
 
 void test_a_flood_of_one_source_costs_the_others_nothing(void)
@@ -136,8 +136,8 @@ void test_a_flood_of_one_source_costs_the_others_nothing(void)
         for (int32_t i = 0; i < 100; i++) { (void)abort_cmd(flood[f], i); }
         for (int32_t s = 1; s <= 2; s++) {
             if (s == flood[f]) { continue; }
-            for (int32_t i = 0; i < 8; i++) { TEST_ASSERT_EQUAL_INT(0, cmd(1, s, 1000 + i)); }
-            TEST_ASSERT_EQUAL_INT(0, abort_cmd(s, 1008));
+            for (int32_t i = 0; i < 8; i++) { TEST_ASSERT_TRUE(cmd(1, s, 1000 + i)); }
+            TEST_ASSERT_TRUE(abort_cmd(s, 1008));
         }
         kc_queue_take(&s_q, 2, &s_in);
         int32_t n_other = 0;
@@ -152,8 +152,8 @@ void test_unknown_sources_share_one_quota_and_cannot_fill_the_queue(void)
     for (int32_t i = 0; i < 100; i++) { (void)abort_cmd(3 + i, i); }
     TEST_ASSERT_EQUAL_UINT32(KC_Q_CMD_QUOTA, s_q.n_cmd);
     for (int32_t s = 1; s <= 2; s++) {
-        for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_EQUAL_INT(0, cmd(1, s, 1)); }
-        for (uint32_t i = 0u; i < KC_Q_CMD_ABORTS; i++) { TEST_ASSERT_EQUAL_INT(0, abort_cmd(s, 2)); }
+        for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_TRUE(cmd(1, s, 1)); }
+        for (uint32_t i = 0u; i < KC_Q_CMD_ABORTS; i++) { TEST_ASSERT_TRUE(abort_cmd(s, 2)); }
     }
     TEST_ASSERT_EQUAL_UINT32(KC_Q_CMD, s_q.n_cmd);
 }
@@ -161,8 +161,8 @@ void test_unknown_sources_share_one_quota_and_cannot_fill_the_queue(void)
 void test_abort_finds_room_where_its_own_source_has_none(void)
 {
     for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { (void)cmd(1, 1, (int32_t)i); }
-    TEST_ASSERT_EQUAL_INT(-1, cmd(1, 1, 50));
-    TEST_ASSERT_EQUAL_INT(0, abort_cmd(1, 51));
+    TEST_ASSERT_FALSE(cmd(1, 1, 50));
+    TEST_ASSERT_TRUE(abort_cmd(1, 51));
 }
 
 void test_numbers_that_wrap_keep_their_order(void)

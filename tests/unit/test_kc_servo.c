@@ -214,7 +214,7 @@ void test_after_learning_the_last_move_is_explained(void)
         ctx.q[j] = mid[j];
     }
     kc_model_loads(&s_arm, &s_terms, s_zero, &ctx, &loads);
-    kc_model_eval(&s_arm, &s_terms, s_zero, &ctx, &loads, 0, &at_mid);
+    kc_model_eval(&s_arm, &s_terms, s_zero, &ctx, &loads, false, &at_mid);
     for (uint32_t r = 0u; r < 6u; r++) {
         for (uint32_t j = 0u; j < 7u; j++) {
             dx[r] -= (at_mid.Jq[j][r] + s_mem.B[j][r]) * (s_q[j] - s_seed[j]);

@@ -136,10 +136,10 @@ void test_frames_beyond_the_arm_are_tool_camera_and_measured(void)
 /* Least and greatest index of a variable on an arm of 7 joints. */
 static void index_limits(uint8_t var, uint8_t *least, uint8_t *most)
 {
-    const int link = var == KC_VAR_MX || var == KC_VAR_MY || var == KC_VAR_MZ || var == KC_VAR_GX ||
-                     var == KC_VAR_GY || var == KC_VAR_GZ;
-    const int joint = var == KC_VAR_Q || var == KC_VAR_TAU || var == KC_VAR_DIR || var == KC_VAR_QDOT ||
-                      var == KC_VAR_TAU_PAYLOAD;
+    const bool link = var == KC_VAR_MX || var == KC_VAR_MY || var == KC_VAR_MZ || var == KC_VAR_GX ||
+                      var == KC_VAR_GY || var == KC_VAR_GZ;
+    const bool joint = var == KC_VAR_Q || var == KC_VAR_TAU || var == KC_VAR_DIR || var == KC_VAR_QDOT ||
+                       var == KC_VAR_TAU_PAYLOAD;
     *least = joint ? 1u : 0u;
     *most = joint || link ? 7u : 0u;
 }

@@ -15,14 +15,14 @@ void setUp(void)
     world.truth.joint[2].d_m += 0.02;
 }
 
-static int all_different(uint32_t n)
+static bool all_different(uint32_t n)
 {
     for (uint32_t i = 0u; i < n; i++) {
         for (uint32_t j = 0u; j < i; j++) {
-            if (world.meas[i].candidate == world.meas[j].candidate) { return 0; }
+            if (world.meas[i].candidate == world.meas[j].candidate) { return false; }
         }
     }
-    return 1;
+    return true;
 }
 
 /* ---- choice ---- */
@@ -738,7 +738,7 @@ static uint32_t s_bad_from, s_bad_to;
 
 static void bad_poses(kc_detection_t *d)
 {
-    int bad = APP->plan.n_meas >= s_bad_from && APP->plan.n_meas <= s_bad_to;
+    bool bad = APP->plan.n_meas >= s_bad_from && APP->plan.n_meas <= s_bad_to;
     if (bad && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
 }
 
@@ -821,7 +821,7 @@ void test_two_bad_detections_among_the_local_initial_poses_end_it(void)
 
 static void two_bad_poses(kc_detection_t *d)
 {
-    int bad = APP->plan.n_meas == 2u || APP->plan.n_meas == 6u;
+    bool bad = APP->plan.n_meas == 2u || APP->plan.n_meas == 6u;
     if (bad && kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += 0.01; }
 }
 

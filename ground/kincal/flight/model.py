@@ -308,7 +308,7 @@ class Model:
             ground.pointer(coef),
             self.n,
             ground.pointer(records, "kc_obs_t"),
-            int(self.observations.keep_image),
+            self.observations.keep_image,
             *self._pointers(held),
         )
         self._hold_pnp(held, coef)
