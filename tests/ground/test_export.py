@@ -456,6 +456,17 @@ def test_what_dh_and_urdf_cannot_hold_is_named(tmp_path):
     assert "worth 0.31 mm" in urdf(fitted)
 
 
+def test_arm_table_keeps_the_corners_of_both_tags(tmp_path):
+    from kincal.export.tabular import arm_toml
+
+    arm = replace(arm_named("wam", tmp_path), target_points_m=np.eye(3), target_second_m=-np.eye(3))
+    found = calibrated_fit(unfitted(arm, random_data(arm, 6), []), RECORD)
+    (tmp_path / "dh.toml").write_text(arm_toml(found, four_parameter_table(found)))
+    again = read_arm(tmp_path / "dh.toml")
+    np.testing.assert_array_equal(again.target_points_m, np.eye(3))
+    np.testing.assert_array_equal(again.target_second_m, -np.eye(3))
+
+
 def replace_record(**changes):
     return RECORD.model_copy(update=changes)
 
