@@ -208,7 +208,7 @@ format: $(STAMP)/apt-test .venv/.stamp-dev ## lay out C, C++ and Python
 	.venv/bin/ruff check --quiet --fix-only --select I --config tests/ruff.toml ground sim tests
 	.venv/bin/ruff format --quiet --config tests/ruff.toml ground sim tests
 
-dict: ## docs/EVENTS.md from the event list, docs/LOOPS.md from the loops
+dict: ## docs/EVENTS.md and the tables of docs/OPERATIONS.md from the event list, docs/LOOPS.md from the loops
 	$(PYTHON) tests/lint/events.py
 	$(PYTHON) tests/lint/loops.py
 

@@ -46,6 +46,10 @@ JOINT_UNIT = {
 # --------------------------------------------------------------------------- message files
 
 
+# What a message's comment begins with, once for each channel: name, sender, receivers, rate, what it carries.
+CHANNEL = re.compile(r"Channel (KC_\w+): (.+?) -> (.+?); (.+?); (.+?)\.(?: +|$)")
+
+
 @dataclass(frozen=True)
 class Field:
     """A field of a message."""
@@ -71,6 +75,7 @@ class Message:
     comment: str
     fields: tuple[Field, ...]
     constants: tuple[tuple[str, int], ...]
+    channels: tuple[tuple[str, ...], ...]
 
 
 def parse(path: Path) -> Message:
@@ -97,7 +102,12 @@ def parse(path: Path) -> Message:
             else:
                 raise SystemExit(f"{path}: cannot read {statement!r}")
             comment, statement = [], ""
-    return Message(path.stem, about, tuple(fields), tuple(constants))
+    channels = CHANNEL.findall(about)
+    if not channels:
+        raise SystemExit(f"{path}: no `// Channel KC_...: sender -> receivers; rate; what it carries.`")
+    return Message(
+        path.stem, CHANNEL.sub("", about).strip(), tuple(fields), tuple(constants), tuple(channels)
+    )
 
 
 def messages() -> list[Message]:
@@ -135,9 +145,9 @@ def block_messages() -> str:
     used = {c.type: [x.name for x in CHANNELS if x.type == c.type] for c in CHANNELS}
     parts = []
     for m in messages():
-        about = re.sub(r"^Channels? .*?\.\s", "", m.comment)
         parts.append(
-            f"### {m.name}\n\n{', '.join(f'`{c}`' for c in used[m.name])}. {about}\n\n"
+            f"### {m.name}\n\n{', '.join(f'`{c}`' for c in used[m.name])}. {m.comment}".rstrip()
+            + "\n\n"
             + table(
                 ("field", "type", "unit", "meaning"),
                 [(f"`{f.name}`", f"`{f.type}`", f.unit, f.comment) for f in m.fields],

@@ -1,9 +1,10 @@
-"""Types of the LCM messages for mypy: ground/kincal/link/messages.pyi, from fsw/msg/*.lcm.
+"""From fsw/msg/*.lcm: types of the LCM messages for mypy, ground/kincal/link/messages.pyi, and the list of
+channels, ground/kincal/schema/channels.py.
 
     message_stubs.py [--check]
 
 lcm-gen writes classes without types; these protocols say what is in them. With --check nothing is written,
-and the exit status is 1 if the file is not what the messages say."""
+and the exit status is 1 if a file is not what the messages say."""
 
 from __future__ import annotations
 
@@ -14,6 +15,34 @@ from pathlib import Path
 from gen_docs import Message, messages
 
 TARGET = Path(__file__).resolve().parent / "kincal" / "link" / "messages.pyi"
+CHANNELS = Path(__file__).resolve().parent / "kincal" / "schema" / "channels.py"
+CHANNELS_HEAD = '''"""Made by ground/message_stubs.py from fsw/msg; do not edit. Every LCM channel: name, type
+of its messages, sender, receivers, rate, what it carries."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Channel(NamedTuple):
+    """One LCM channel: message type of fsw/msg, who sends, who receives, how often, what for."""
+
+    name: str
+    type: str
+    sender: str
+    receivers: str
+    rate: str
+    purpose: str
+
+
+# fmt: off
+CHANNELS = (
+'''
+CHANNELS_END = """
+)
+# fmt: on
+BY_NAME = {channel.name: channel for channel in CHANNELS}
+"""
 HEAD = '''"""Made by ground/message_stubs.py from fsw/msg; do not edit. Types of the LCM messages for mypy."""
 
 from typing import Protocol
@@ -47,16 +76,24 @@ def stub(message: Message) -> str:
     return "\n".join(head + fields)
 
 
+def channels() -> str:
+    """The list of channels, by name."""
+    rows = sorted((name, m.name, *rest) for m in messages() for name, *rest in m.channels)
+    lines = ["    Channel(" + ", ".join(f'"{cell}"' for cell in row) + "),  # noqa: E501" for row in rows]
+    return CHANNELS_HEAD + "\n".join(lines) + CHANNELS_END
+
+
 def main() -> int:
-    """Write or check the stubs of the messages; exit status."""
-    text = "\n\n".join([HEAD.rstrip(), *map(stub, messages())]) + "\n"
-    if "--check" in sys.argv[1:]:
-        same = TARGET.exists() and TARGET.read_text() == text
-        if not same:
-            print(f"{TARGET}: not what fsw/msg says: run make stubs")
-        return 0 if same else 1
-    TARGET.write_text(text)
-    return 0
+    """Write or check the files; exit status."""
+    stubs = "\n\n".join([HEAD.rstrip(), *map(stub, messages())]) + "\n"
+    status = 0
+    for path, text in ((TARGET, stubs), (CHANNELS, channels())):
+        if "--check" not in sys.argv[1:]:
+            path.write_text(text)
+        elif not path.exists() or path.read_text() != text:
+            print(f"{path}: not what fsw/msg says: run make stubs")
+            status = 1
+    return status
 
 
 if __name__ == "__main__":

@@ -4,31 +4,36 @@
 
 #include <stdint.h>
 
+#include "kc_fields.h"
 #include "kc_limits.h"
 
+/* clang-format off */
+#define KC_ARM_STATE_FIELDS(F, A)                                             \
+    F(uint64_t, t_us) F(int32_t, seq) F(uint32_t, n_joints) F(double, temp_c) \
+    F(double, payload_kg) A(double, g_m_s2, 3)
 typedef struct {
-    uint64_t t_us;
-    int32_t seq;
-    uint32_t n_joints;
+    KC_ARM_STATE_FIELDS(KC_FIELD_, KC_ARRAY_)
     double q[KC_JOINT_MAX], dq[KC_JOINT_MAX], q_cmd[KC_JOINT_MAX], dir[KC_JOINT_MAX];
     uint8_t moving;
     int32_t fault_mask;
-    double temp_c, payload_kg, g_m_s2[3];
 } kc_arm_state_t;
+
+#define KC_PANTILT_STATE_FIELDS(F, A)                                        \
+    F(uint64_t, t_us) F(int32_t, seq) F(double, pan_rad) F(double, tilt_rad)
 typedef struct {
-    uint64_t t_us;
-    int32_t seq;
-    double pan_rad, tilt_rad;
+    KC_PANTILT_STATE_FIELDS(KC_FIELD_, KC_ARRAY_)
     uint8_t moving;
 } kc_pantilt_state_t;
+
+#define KC_DETECTION_FIELDS(F, A)                                                             \
+    F(uint64_t, t_us) F(int32_t, seq) F(uint32_t, n_tags) A(int32_t, tag_id, KC_TAG_MAX)      \
+    A(double, p_cam_tool_m, 3) A(double, q_cam_tool_wxyz, 4) A(double, p_alt_m, 3)            \
+    A(double, q_alt_wxyz, 4) F(double, rms_px) F(double, rms_alt_px) F(double, range_m)       \
+    F(double, incid_rad) F(double, u_px) F(double, v_px) A(double, corner_px, 8 * KC_TAG_MAX)
 typedef struct {
-    uint64_t t_us;
-    int32_t seq;
-    uint32_t n_tags;
-    int32_t tag_id[KC_TAG_MAX];
-    double p_cam_tool_m[3], q_cam_tool_wxyz[4], cov[36];
-    double p_alt_m[3], q_alt_wxyz[4], rms_px, rms_alt_px;
-    double range_m, incid_rad, u_px, v_px, corner_px[8u * KC_TAG_MAX];
+    KC_DETECTION_FIELDS(KC_FIELD_, KC_ARRAY_)
+    double cov[36];
 } kc_detection_t;
+/* clang-format on */
 
 #endif

@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "kc_estimate.h"
+#include "kc_fields.h"
 #include "kc_sensors.h"
 #include "kc_states.h"
 #include "kc_tables.h"
@@ -67,106 +68,145 @@ typedef enum { KC_INPUT_FIELD_LIST(KC_INPUT_FIELD_ENUM_) } kc_field_t;
  * only. */
 const char *kc_input_field(int32_t index, uint32_t *element);
 
-/* Field meanings: fsw/msg/ message of the same name. */
+/* ---- messages. Field meanings: fsw/msg, message of the same name ---- */
+
+/* clang-format off */
+#define KC_CMD_FIELDS(F, A)                                                    \
+    F(int32_t, seq) F(int32_t, source) F(int32_t, opcode) A(int32_t, arg_i, 4) \
+    F(uint64_t, arg_u64) A(double, arg_d, 4)
 typedef struct {
-    int32_t seq, source, opcode, arg_i[4];
-    uint64_t arg_u64;
-    double arg_d[4];
+    KC_CMD_FIELDS(KC_FIELD_, KC_ARRAY_)
 } kc_cmd_t;
+
+#define KC_ACK_FIELDS(F, A)                                                  \
+    F(int32_t, source) F(int32_t, seq) F(int32_t, opcode) F(int32_t, status) \
+    F(int32_t, event_id)
 typedef struct {
-    int32_t source, seq, opcode, status, event_id;
+    KC_ACK_FIELDS(KC_FIELD_, KC_ARRAY_)
 } kc_ack_t;
+
+#define KC_TABLE_CHUNK_FIELDS(F, A)                                                      \
+    F(int32_t, kind) F(uint32_t, offset) F(uint32_t, n) A(uint8_t, data, KC_CHUNK_BYTES)
 typedef struct {
-    int32_t kind;
-    uint32_t total, offset, n;
-    uint8_t data[KC_CHUNK_BYTES];
+    KC_TABLE_CHUNK_FIELDS(KC_FIELD_, KC_ARRAY_)
+    uint32_t total;
 } kc_chunk_t;
+typedef kc_chunk_t kc_table_chunk_t; /* by its name as a message */
+
+#define KC_ARM_CMD_FIELDS(F, A)                                                   \
+    F(int32_t, seq) F(uint32_t, n_joints) F(double, speed_scale) F(uint8_t, hold)
 typedef struct {
-    int32_t seq;
-    uint32_t n_joints;
-    double q[KC_JOINT_MAX], speed_scale;
-    uint8_t hold;
+    KC_ARM_CMD_FIELDS(KC_FIELD_, KC_ARRAY_)
+    double q[KC_JOINT_MAX];
 } kc_arm_cmd_t;
+
+#define KC_PANTILT_CMD_FIELDS(F, A) F(int32_t, seq) F(double, pan_rad) F(double, tilt_rad)
 typedef struct {
-    int32_t seq;
-    double pan_rad, tilt_rad;
+    KC_PANTILT_CMD_FIELDS(KC_FIELD_, KC_ARRAY_)
 } kc_pantilt_cmd_t;
 
+#define KC_FRAME_REQUEST_FIELDS(F, A) F(int32_t, seq)
 typedef struct {
-    uint32_t n_cmd, n_chunk, n_det, n_rx_errors;
-    kc_cmd_t cmd[KC_CMD_QUEUE_MAX];
-    kc_chunk_t chunk[KC_CHUNK_QUEUE_MAX];
-    kc_detection_t det[KC_DET_QUEUE_MAX];
-    uint8_t has_arm, has_pantilt;
+    KC_FRAME_REQUEST_FIELDS(KC_FIELD_, KC_ARRAY_)
+} kc_frame_request_t;
+
+#define KC_MEAS_FIELDS(F, A)                                                           \
+    F(uint64_t, t_us) F(uint32_t, session) F(uint32_t, pose) F(int32_t, candidate)     \
+    F(int32_t, replicate) F(uint32_t, n_joints) F(double, pan_rad) F(double, tilt_rad) \
+    F(uint32_t, n_frames)
+typedef struct {
+    KC_MEAS_FIELDS(KC_FIELD_, KC_ARRAY_)
     kc_arm_state_t arm;
-    kc_pantilt_state_t pantilt;
+    kc_obs_t obs;
+    kc_detection_t det; /* averaged over n_frames */
+    uint32_t crc[KC_TBL_COUNT];
+} kc_meas_t;
+
+#define KC_PROGRESS_FIELDS(F, A)                                                           \
+    F(uint32_t, session) F(uint32_t, pose) F(uint32_t, n_goal) F(int32_t, candidate)       \
+    F(int32_t, replicate) F(uint32_t, servo_steps) F(int32_t, acquisition)                 \
+    F(double, acquisition_value) F(double, res_pos_m) F(double, res_rot_rad) F(double, f)  \
+    F(double, gp_mean) F(double, gp_sigma) F(double, pred_pos_m) F(double, pred_rot_rad)   \
+    F(uint32_t, rank) F(uint32_t, n_free) F(uint32_t, dof) F(double, chi2)                 \
+    F(int32_t, est_status) F(double, fit_pos_m) F(double, fit_rot_rad) F(double, energy_j) \
+    A(double, coef, KC_COEF_MAX)
+typedef struct {
+    KC_PROGRESS_FIELDS(KC_FIELD_, KC_ARRAY_)
+} kc_progress_t;
+
+#define KC_PROPOSAL_FIELDS(F, A)                                                                 \
+    F(uint32_t, session) F(uint32_t, crc) F(int32_t, verdict) F(uint32_t, n_poses)               \
+    F(uint32_t, n_outliers) A(uint8_t, status, KC_COEF_MAX) A(uint64_t, confounded, KC_COEF_MAX) \
+    A(double, cov, KC_COEF_MAX * (KC_COEF_MAX + 1u) / 2u) F(uint32_t, rank) F(uint32_t, n_free)  \
+    F(uint32_t, dof) F(double, chi2) F(double, noise_scale) F(double, p_fit)                     \
+    F(double, p_no_change) F(double, kkt) F(double, cond) F(double, fit_pos_m)                   \
+    F(double, fit_rot_rad) F(double, before_pos_m) F(double, before_rot_rad)                     \
+    F(double, pred_pos_m) F(double, pred_rot_rad) F(uint32_t, crc_kin_before)
+typedef struct {
+    KC_PROPOSAL_FIELDS(KC_FIELD_, KC_ARRAY_)
+    kc_kin_t kin; /* what would become active; encode gives crc */
+} kc_proposal_t;
+
+/* mon_*: newest verdict of the monitor; mon_joint from 1, 0 = none. n_tx_errors: filled in by the edge. */
+#define KC_HK_FIELDS(F, A)                                                                       \
+    F(int32_t, seq) F(int32_t, state) F(uint32_t, session) F(uint32_t, n_poses)                  \
+    F(uint32_t, n_poses_goal) F(int32_t, candidate) F(uint32_t, servo_steps) F(uint32_t, n_meas) \
+    F(uint32_t, n_rejected) F(uint32_t, n_cmd_ok) F(uint32_t, n_cmd_refused)                     \
+    F(uint32_t, n_events) F(uint32_t, n_events_dropped) F(int32_t, last_event_id)                \
+    F(int32_t, n_tx_errors) F(uint32_t, n_rx_errors) A(uint32_t, table_crc, KC_TBL_COUNT)        \
+    F(int32_t, staged_kind) F(uint32_t, staged_bytes) F(int32_t, staged_state)                   \
+    F(int32_t, boot_state) F(int32_t, boot_pose) F(uint32_t, boot_count)                         \
+    F(uint32_t, proposal_crc) F(double, energy_j) F(int32_t, mon_state) F(int32_t, mon_joint)    \
+    F(uint32_t, mon_suspects) F(uint32_t, mon_n_obs) F(double, mon_bias) F(double, mon_sigma)    \
+    F(double, mon_p)
+typedef struct {
+    KC_HK_FIELDS(KC_FIELD_, KC_ARRAY_)
+} kc_hk_t;
+/* clang-format on */
+
+/* ---- channels: what comes in and goes out, and by which name ----
+ *
+ * X(CHANNEL, member, message, copied): channel KC_CHANNEL, member of kc_in_t or kc_out_t, kc_message_t here and
+ * kcm_message_t on the wire. copied: FIELDS, as KC_CHANNEL_FIELDS lists them; or OWN, by a function of kc_wire.c.
+ * The member of a new channel has the channel's name.
+ *
+ * To flight. QUEUED(..., order, step, room): each one counts, at most `step` come in with a step and `room` wait.
+ * order SEQ: by their field seq (others: kc_queue.c). NEWEST: the newest of a step counts. */
+#define KC_IN_LIST(QUEUED, NEWEST)                                                   \
+    QUEUED(CMD, cmd, cmd, FIELDS, TURN, KC_CMD_QUEUE_MAX, KC_Q_CMD)                  \
+    QUEUED(TABLE_UP, chunk, table_chunk, OWN, PLACE, KC_CHUNK_QUEUE_MAX, KC_Q_CHUNK) \
+    QUEUED(DETECTION, det, detection, OWN, SEQ, KC_DET_QUEUE_MAX, KC_Q_DET)          \
+    NEWEST(ARM_STATE, arm, arm_state, OWN)                                           \
+    NEWEST(PANTILT_STATE, pantilt, pantilt_state, OWN)
+
+/* From flight, in the order in which they are published, after answers and events. */
+#define KC_OUT_LIST(X)                                     \
+    X(ARM_CMD, arm_cmd, arm_cmd, OWN)                      \
+    X(PANTILT_CMD, pantilt_cmd, pantilt_cmd, FIELDS)       \
+    X(FRAME_REQUEST, frame_request, frame_request, FIELDS) \
+    X(MEAS, meas, meas, OWN)                               \
+    X(PROGRESS, progress, progress, FIELDS)                \
+    X(PROPOSAL, proposal, proposal, OWN)                   \
+    X(TABLE_DOWN, table_down, table_chunk, OWN)            \
+    X(HK, hk, hk, FIELDS)
+
+#define KC_IN_COUNT_(CHANNEL, member, message, copied, order, step, room) uint32_t n_##member;
+#define KC_IN_QUEUED_(CHANNEL, member, message, copied, order, step, room) kc_##message##_t member[step];
+#define KC_IN_HAS_(CHANNEL, member, message, copied) uint8_t has_##member;
+#define KC_IN_NEWEST_(CHANNEL, member, message, copied) kc_##message##_t member;
+#define KC_IN_NONE_(...)
+typedef struct {
+    KC_IN_LIST(KC_IN_COUNT_, KC_IN_NONE_)
+    uint32_t n_rx_errors;
+    KC_IN_LIST(KC_IN_QUEUED_, KC_IN_NONE_)
+    KC_IN_LIST(KC_IN_NONE_, KC_IN_HAS_)
+    KC_IN_LIST(KC_IN_NONE_, KC_IN_NEWEST_)
     /* answer of the edge to the store requests of the last step, if there were any: KC_OK when all of them are
      * done and read back; else that of the first failure and its kind, those after it were not done */
     uint8_t has_store_result;
     uint16_t store_kind;
     int32_t store_status;
 } kc_in_t;
-
-typedef struct {
-    uint32_t pose;
-    int32_t candidate, replicate;
-    uint32_t n_joints;
-    kc_arm_state_t arm;
-    kc_obs_t obs;
-    kc_detection_t det; /* det: averaged over n_frames */
-    double pan_rad, tilt_rad;
-    uint32_t n_frames;
-    uint64_t t_us;
-    uint32_t session;
-    uint32_t crc[KC_TBL_COUNT];
-} kc_meas_t;
-
-typedef struct {
-    uint32_t session, pose, n_goal;
-    int32_t candidate, replicate;
-    uint32_t servo_steps;
-    int32_t acquisition;
-    double acquisition_value, res_pos_m, res_rot_rad, f, gp_mean, gp_sigma, pred_pos_m, pred_rot_rad;
-    uint32_t rank, n_free, dof;
-    double chi2;
-    int32_t est_status;
-    double fit_pos_m, fit_rot_rad;
-    double energy_j;
-    double coef[KC_COEF_MAX];
-} kc_progress_t;
-
-typedef struct {
-    uint32_t session, crc;
-    int32_t verdict;
-    uint32_t n_poses, n_outliers;
-    kc_kin_t kin; /* what would become active; encode gives crc */
-    uint8_t status[KC_COEF_MAX];
-    uint64_t confounded[KC_COEF_MAX];
-    double cov[KC_COEF_MAX * (KC_COEF_MAX + 1u) / 2u];
-    uint32_t rank, n_free, dof;
-    double chi2, noise_scale, p_fit, p_no_change, kkt, cond;
-    double fit_pos_m, fit_rot_rad, before_pos_m, before_rot_rad, pred_pos_m, pred_rot_rad;
-    uint32_t crc_kin_before;
-} kc_proposal_t;
-
-typedef struct {
-    int32_t seq, state;
-    uint32_t session, n_poses, n_poses_goal;
-    int32_t candidate;
-    uint32_t servo_steps;
-    uint32_t n_meas, n_rejected, n_cmd_ok, n_cmd_refused, n_events, n_events_dropped;
-    int32_t last_event_id;
-    uint32_t n_rx_errors, crc[KC_TBL_COUNT];
-    int32_t staged_kind;
-    uint32_t staged_bytes;
-    int32_t staged_state;
-    int32_t boot_state, boot_pose;
-    uint32_t boot_count, proposal_crc;
-    double energy_j;
-    int32_t mon_state, mon_joint; /* newest verdict of the monitor; joint from 1, 0 = none */
-    uint32_t mon_suspects, mon_n_obs;
-    double mon_bias, mon_sigma, mon_p;
-} kc_hk_t;
 
 /* What the edge must keep through power loss: done in order, up to the first failure, each one read back. Each
  * kind has two slots; the edge writes the older one (write new file, sync, rename) and numbers it, or nothing if
@@ -185,21 +225,15 @@ typedef struct {
     const uint8_t *data; /* valid until the next step */
 } kc_store_t;
 
+#define KC_OUT_HAS_(CHANNEL, member, message, copied) uint8_t has_##member;
+#define KC_OUT_MEMBER_(CHANNEL, member, message, copied) kc_##message##_t member;
 typedef struct {
-    uint32_t n_ack, n_event, n_store;
+    uint32_t n_ack, n_store;
     kc_ack_t ack[KC_CMD_QUEUE_MAX + 1u]; /* also of a command that had to be stored */
     kc_events_t events;
     kc_store_t store[KC_STORE_QUEUE_MAX];
-    uint8_t has_arm_cmd, has_pantilt_cmd, has_frame_request, has_hk, has_meas, has_progress, has_proposal,
-        has_dump;
-    kc_arm_cmd_t arm_cmd;
-    kc_pantilt_cmd_t pantilt_cmd;
-    int32_t frame_seq;
-    kc_hk_t hk;
-    kc_meas_t meas;
-    kc_progress_t progress;
-    kc_proposal_t proposal;
-    kc_chunk_t dump;
+    KC_OUT_LIST(KC_OUT_HAS_)
+    KC_OUT_LIST(KC_OUT_MEMBER_)
 } kc_out_t;
 
 /* The component's whole state; static, caller owns it, callers touch nothing inside. */

@@ -42,7 +42,7 @@ static uint32_t bytes(const kc_dump_t *d, const kc_review_t *r, const kc_view_t 
 
 void kc_dump_run(kc_dump_t *d, const kc_review_t *r, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
-    kc_chunk_t *c = &out->dump;
+    kc_chunk_t *c = &out->table_down;
     if (d->kind == 0u || !kc_work_take(work, CHUNK_COST)) { return; }
     uint32_t crc = crc_of(r, v, (int32_t)d->kind);
     if (d->at == 0u) { d->crc = crc; }
@@ -51,7 +51,7 @@ void kc_dump_run(kc_dump_t *d, const kc_review_t *r, const kc_view_t *v, kc_work
         d->kind = 0u;
         return;
     }
-    out->has_dump = 1u;
+    out->has_table_down = 1u;
     c->kind = (int32_t)d->kind;
     c->total = bytes(d, r, v, c->data);
     c->offset = d->at;

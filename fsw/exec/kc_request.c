@@ -17,7 +17,7 @@ void kc_request_answer(kc_request_t *r, const kc_detection_t *det, bool certain)
 static void ask(kc_request_t *r, const kc_view_t *v, kc_out_t *out)
 {
     out->has_frame_request = 1u;
-    out->frame_seq = ++r->seq;
+    out->frame_request.seq = ++r->seq;
     r->asked_us = v->clock->now_us;
     r->frame = KC_FRAME_AWAITED;
 }

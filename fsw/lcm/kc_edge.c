@@ -9,22 +9,16 @@
 #include <time.h>
 
 #include "kc_wire.h"
-#include "kcm_frame_request_t.h"
-#include "kcm_pantilt_cmd_t.h"
-#include "kcm_tick_done_t.h"
-#include "kcm_time_t.h"
 
 #define HELLO_MS 100        /* period of announcements before the first tick */
 #define BACKLOG 512         /* messages LCM may hold for us, per channel                          */
 
 /* ---- receiving: one decoded message at a time, then into the queue ---- */
 
+#define RX_QUEUED(CHANNEL, member, message, copied, order, step, room) kcm_##message##_t member;
+#define RX_NEWEST(CHANNEL, member, message, copied) kcm_##message##_t member;
 static union {
-    kcm_cmd_t cmd;
-    kcm_table_chunk_t chunk;
-    kcm_arm_state_t arm;
-    kcm_pantilt_state_t pantilt;
-    kcm_detection_t det;
+    KC_IN_LIST(RX_QUEUED, RX_NEWEST)
     kcm_time_t time;
 } s_rx;
 
@@ -46,45 +40,22 @@ static int64_t stamp(const kc_edge_t *e, int64_t t_us) { return e->live ? INT64_
         return;                                                                     \
     }
 
-static void on_cmd(const lcm_recv_buf_t *buf, const char *channel, void *user)
-{
-    kc_cmd_t c;
-    DECODE(cmd_t, cmd)
-    kc_wire_cmd(&s_rx.cmd, &c);
-    if (!kc_queue_cmd(&e->queue, stamp(e, s_rx.cmd.t_us), e->now_us, &c)) { e->n_rx_errors++; }
-}
-
-static void on_chunk(const lcm_recv_buf_t *buf, const char *channel, void *user)
-{
-    static kc_chunk_t c;
-    DECODE(table_chunk_t, chunk)
-    kc_wire_chunk(&s_rx.chunk, &c);
-    if (!kc_queue_chunk(&e->queue, stamp(e, s_rx.chunk.t_us), e->now_us, &c)) { e->n_rx_errors++; }
-}
-
-static void on_det(const lcm_recv_buf_t *buf, const char *channel, void *user)
-{
-    static kc_detection_t d;
-    DECODE(detection_t, det)
-    kc_wire_det(&s_rx.det, &d);
-    if (!kc_queue_det(&e->queue, stamp(e, s_rx.det.t_us), e->now_us, &d)) { e->n_rx_errors++; }
-}
-
-static void on_arm(const lcm_recv_buf_t *buf, const char *channel, void *user)
-{
-    DECODE(arm_state_t, arm)
-    int32_t faults = e->in.has_arm ? e->in.arm.fault_mask : 0;
-    kc_wire_arm(&s_rx.arm, &e->in.arm); /* the newest of a step counts, but no fault of it is lost */
-    e->in.arm.fault_mask |= faults;
-    e->in.has_arm = 1u;
-}
-
-static void on_pantilt(const lcm_recv_buf_t *buf, const char *channel, void *user)
-{
-    DECODE(pantilt_state_t, pantilt)
-    kc_wire_pantilt(&s_rx.pantilt, &e->in.pantilt);
-    e->in.has_pantilt = 1u;
-}
+#define ON_QUEUED(CHANNEL, member, message, copied, order, step, room)                                      \
+    static void on_##member(const lcm_recv_buf_t *buf, const char *channel, void *user)                     \
+    {                                                                                                       \
+        static kc_##message##_t m;                                                                          \
+        DECODE(message##_t, member)                                                                         \
+        kc_wire_##member(&s_rx.member, &m);                                                                 \
+        if (!kc_queue_##member(&e->queue, stamp(e, s_rx.member.t_us), e->now_us, &m)) { e->n_rx_errors++; } \
+    }
+#define ON_NEWEST(CHANNEL, member, message, copied)                                     \
+    static void on_##member(const lcm_recv_buf_t *buf, const char *channel, void *user) \
+    {                                                                                   \
+        DECODE(message##_t, member)                                                     \
+        kc_wire_##member(&s_rx.member, &e->in.member);                                  \
+        e->in.has_##member = 1u;                                                        \
+    }
+KC_IN_LIST(ON_QUEUED, ON_NEWEST)
 
 static void on_time(const lcm_recv_buf_t *buf, const char *channel, void *user)
 {
@@ -100,6 +71,11 @@ static bool subscribe(kc_edge_t *e, const char *channel, lcm_msg_handler_t handl
     return s != NULL && lcm_subscription_set_queue_capacity(s, BACKLOG) == 0;
 }
 
+#define SUBSCRIBE_NEWEST(CHANNEL, member, message, copied) \
+    good = good && subscribe(e, "KC_" #CHANNEL, on_##member);
+#define SUBSCRIBE_QUEUED(CHANNEL, member, message, copied, order, step, room) \
+    SUBSCRIBE_NEWEST(CHANNEL, member, message, copied)
+
 bool kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app, bool live)
 {
     memset(e, 0, sizeof *e);
@@ -111,9 +87,8 @@ bool kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *ap
         (void)fprintf(stderr, "kincal-fsw: no LCM network at %s\n", url);
         return false;
     }
-    bool good = subscribe(e, "KC_CMD", on_cmd) && subscribe(e, "KC_TABLE_UP", on_chunk) &&
-                subscribe(e, "KC_ARM_STATE", on_arm) && subscribe(e, "KC_PANTILT_STATE", on_pantilt) &&
-                subscribe(e, "KC_DETECTION", on_det) && (live || subscribe(e, "KC_TIME", on_time));
+    bool good = live || subscribe(e, "KC_TIME", on_time);
+    KC_IN_LIST(SUBSCRIBE_QUEUED, SUBSCRIBE_NEWEST)
     if (!good) { (void)fprintf(stderr, "kincal-fsw: can't subscribe at %s\n", url); }
     return good;
 }
@@ -124,17 +99,11 @@ void kc_edge_close(kc_edge_t *e) { lcm_destroy(e->lcm); }
 
 static uint8_t s_buf[24u * 1024u];
 
+#define TX(CHANNEL, member, message, copied) kcm_##message##_t member;
 static union {
+    KC_OUT_LIST(TX)
     kcm_ack_t ack;
     kcm_event_t event;
-    kcm_arm_cmd_t arm_cmd;
-    kcm_pantilt_cmd_t pantilt_cmd;
-    kcm_frame_request_t frame;
-    kcm_table_chunk_t dump;
-    kcm_hk_t hk;
-    kcm_meas_t meas;
-    kcm_progress_t progress;
-    kcm_proposal_t proposal;
     kcm_tick_done_t done;
 } s_tx;
 
@@ -163,47 +132,17 @@ static void publish_answers(kc_edge_t *e)
     }
 }
 
-static void publish_commands(kc_edge_t *e)
-{
-    const kc_out_t *o = &e->out;
-    if (o->has_arm_cmd) {
-        kc_wire_arm_cmd(&o->arm_cmd, e->now_us, &s_tx.arm_cmd);
-        PUBLISH(e, "KC_ARM_CMD", arm_cmd_t, arm_cmd);
+#define PUBLISH_OUT(CHANNEL, member, message, copied)          \
+    if (o->has_##member) {                                     \
+        kc_wire_##member(&o->member, e->now_us, &s_tx.member); \
+        PUBLISH(e, "KC_" #CHANNEL, message##_t, member);       \
     }
-    if (o->has_pantilt_cmd) {
-        s_tx.pantilt_cmd = (kcm_pantilt_cmd_t){e->now_us, o->pantilt_cmd.seq, o->pantilt_cmd.pan_rad,
-                                               o->pantilt_cmd.tilt_rad};
-        PUBLISH(e, "KC_PANTILT_CMD", pantilt_cmd_t, pantilt_cmd);
-    }
-    if (o->has_frame_request) {
-        s_tx.frame = (kcm_frame_request_t){e->now_us, o->frame_seq};
-        PUBLISH(e, "KC_FRAME_REQUEST", frame_request_t, frame);
-    }
-}
 
-static void publish_telemetry(kc_edge_t *e)
+static void publish_all(kc_edge_t *e)
 {
-    const kc_out_t *o = &e->out;
-    if (o->has_meas) {
-        kc_wire_meas(&o->meas, &s_tx.meas);
-        PUBLISH(e, "KC_MEAS", meas_t, meas);
-    }
-    if (o->has_progress) {
-        kc_wire_progress(&o->progress, e->now_us, &s_tx.progress);
-        PUBLISH(e, "KC_PROGRESS", progress_t, progress);
-    }
-    if (o->has_proposal) {
-        kc_wire_proposal(&o->proposal, e->now_us, &s_tx.proposal);
-        PUBLISH(e, "KC_PROPOSAL", proposal_t, proposal);
-    }
-    if (o->has_dump) {
-        kc_wire_dump(&o->dump, e->now_us, &s_tx.dump);
-        PUBLISH(e, "KC_TABLE_DOWN", table_chunk_t, dump);
-    }
-    if (o->has_hk) {
-        kc_wire_hk(&o->hk, e->now_us, e->n_tx_errors, &s_tx.hk);
-        PUBLISH(e, "KC_HK", hk_t, hk);
-    }
+    kc_out_t *o = &e->out;
+    o->hk.n_tx_errors = e->n_tx_errors; /* before this step's messages */
+    KC_OUT_LIST(PUBLISH_OUT)
 }
 
 /* ---- one step ---- */
@@ -230,8 +169,7 @@ void kc_edge_step(kc_edge_t *e, int64_t now_us)
     memset(&e->in, 0, sizeof e->in);
     store_all(e);
     publish_answers(e);
-    publish_commands(e);
-    publish_telemetry(e);
+    publish_all(e);
 }
 
 /* ---- lockstep ---- */

@@ -19,29 +19,9 @@ static uint32_t room(const kc_queue_t *q, const kc_cmd_t *m)
     return n < most ? most - n : 0u;
 }
 
-bool kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *m)
-{
-    if (room(q, m) == 0u || ahead(t_us, now_us)) { return false; }
-    q->cmd[q->n_cmd].t_us = t_us;
-    q->cmd[q->n_cmd++].m = *m;
-    return true;
-}
+static bool over_quota(const kc_queue_t *q, const kc_cmd_t *m) { return room(q, m) == 0u; }
 
-bool kc_queue_chunk(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_chunk_t *m)
-{
-    if (q->n_chunk == KC_Q_CHUNK || ahead(t_us, now_us)) { return false; }
-    q->chunk[q->n_chunk].t_us = t_us;
-    q->chunk[q->n_chunk++].m = *m;
-    return true;
-}
-
-bool kc_queue_det(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_detection_t *m)
-{
-    if (q->n_det == KC_Q_DET || ahead(t_us, now_us)) { return false; }
-    q->det[q->n_det].t_us = t_us;
-    q->det[q->n_det++].m = *m;
-    return true;
-}
+/* ---- orders of KC_IN_LIST: what is before what, what is refused besides when the queue is full ---- */
 
 /* Order of two messages: by the first pair of keys that differs. */
 static bool before(const int64_t *a, const int64_t *b, uint32_t n)
@@ -53,57 +33,66 @@ static bool before(const int64_t *a, const int64_t *b, uint32_t n)
 }
 
 /* taken: commands of each account in this step; the one with the fewest comes next. */
-static uint32_t first_cmd(const kc_queue_t *q, int64_t now_us, const uint32_t *taken)
+static bool turn_before(const uint32_t *taken, const kc_cmd_t *m, const kc_cmd_t *o)
 {
-    uint32_t best = q->n_cmd;
-    for (uint32_t i = 0u; i < q->n_cmd; i++) {
-        if (q->cmd[i].t_us >= now_us) { continue; }
-        const kc_cmd_t *m = &q->cmd[i].m, *o = &q->cmd[best % KC_Q_CMD].m;
-        int32_t later = (int32_t)((uint32_t)m->seq - (uint32_t)o->seq); /* numbers wrap */
-        const int64_t a[3] = {taken[account(m)], m->source, later};
-        const int64_t b[3] = {taken[account(o)], o->source, 0};
-        if (best == q->n_cmd || before(a, b, 3u)) { best = i; }
-    }
-    return best;
+    int32_t later = (int32_t)((uint32_t)m->seq - (uint32_t)o->seq); /* numbers wrap */
+    const int64_t a[3] = {taken[account(m)], m->source, later};
+    const int64_t b[3] = {taken[account(o)], o->source, 0};
+    return before(a, b, 3u);
 }
 
-static uint32_t first_chunk(const kc_queue_t *q, int64_t now_us)
+static bool place_before(int64_t m_us, const kc_chunk_t *m, int64_t o_us, const kc_chunk_t *o)
 {
-    uint32_t best = q->n_chunk;
-    for (uint32_t i = 0u; i < q->n_chunk; i++) {
-        if (q->chunk[i].t_us >= now_us) { continue; }
-        const uint32_t k = best % KC_Q_CHUNK;
-        const int64_t a[3] = {q->chunk[i].t_us, q->chunk[i].m.kind, q->chunk[i].m.offset};
-        const int64_t b[3] = {q->chunk[k].t_us, q->chunk[k].m.kind, q->chunk[k].m.offset};
-        if (best == q->n_chunk || before(a, b, 3u)) { best = i; }
-    }
-    return best;
+    const int64_t a[3] = {m_us, m->kind, m->offset};
+    const int64_t b[3] = {o_us, o->kind, o->offset};
+    return before(a, b, 3u);
 }
 
-static uint32_t first_det(const kc_queue_t *q, int64_t now_us)
-{
-    uint32_t best = q->n_det;
-    for (uint32_t i = 0u; i < q->n_det; i++) {
-        if (q->det[i].t_us >= now_us) { continue; }
-        if (best == q->n_det || q->det[i].m.seq < q->det[best].m.seq) { best = i; }
-    }
-    return best;
-}
+#define BEFORE_TURN(taken, a, b) turn_before((taken), &(a)->m, &(b)->m)
+#define BEFORE_PLACE(taken, a, b) place_before((a)->t_us, &(a)->m, (b)->t_us, &(b)->m)
+#define BEFORE_SEQ(taken, a, b) ((a)->m.seq < (b)->m.seq)
+#define REFUSED_TURN(q, m) over_quota((q), (m))
+#define REFUSED_PLACE(q, m) false
+#define REFUSED_SEQ(q, m) false
+#define TOOK_TURN(taken, m) (taken)[account(m)]++;
+#define TOOK_PLACE(taken, m)
+#define TOOK_SEQ(taken, m)
 
+/* ---- the queues of the list ---- */
+
+#define PUT(CHANNEL, member, message, copied, order, step, room)                                       \
+    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m)     \
+    {                                                                                                  \
+        if (q->n_##member >= (room) || REFUSED_##order(q, m) || ahead(t_us, now_us)) { return false; } \
+        q->member[q->n_##member].t_us = t_us;                                                          \
+        q->member[q->n_##member++].m = *m;                                                             \
+        return true;                                                                                   \
+    }
+KC_IN_LIST(PUT, KC_Q_NONE_)
+
+/* Place of the one that comes next, n if none is due. */
+#define FIRST(CHANNEL, member, message, copied, order, step, room)                                 \
+    static uint32_t first_##member(const kc_queue_t *q, int64_t now_us, const uint32_t *taken)     \
+    {                                                                                              \
+        uint32_t best = q->n_##member;                                                             \
+        (void)taken;                                                                               \
+        for (uint32_t i = 0u; i < q->n_##member; i++) {                                            \
+            if (q->member[i].t_us >= now_us) { continue; }                                         \
+            if (best == q->n_##member || BEFORE_##order(taken, &q->member[i], &q->member[best])) { \
+                best = i;                                                                          \
+            }                                                                                      \
+        }                                                                                          \
+        return best;                                                                               \
+    }
+KC_IN_LIST(FIRST, KC_Q_NONE_)
+
+#define TAKE(CHANNEL, member, message, copied, order, step, room)                               \
+    while (in->n_##member < (step) && (i = first_##member(q, now_us, taken)) < q->n_##member) { \
+        TOOK_##order(taken, &q->member[i].m) in->member[in->n_##member++] = q->member[i].m;     \
+        q->member[i] = q->member[--q->n_##member];                                              \
+    }
 void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in)
 {
     uint32_t i, taken[KC_SOURCE_MAX + 1u] = {0u};
-    while (in->n_cmd < KC_CMD_QUEUE_MAX && (i = first_cmd(q, now_us, taken)) < q->n_cmd) {
-        taken[account(&q->cmd[i].m)]++;
-        in->cmd[in->n_cmd++] = q->cmd[i].m;
-        q->cmd[i] = q->cmd[--q->n_cmd];
-    }
-    while (in->n_chunk < KC_CHUNK_QUEUE_MAX && (i = first_chunk(q, now_us)) < q->n_chunk) {
-        in->chunk[in->n_chunk++] = q->chunk[i].m;
-        q->chunk[i] = q->chunk[--q->n_chunk];
-    }
-    while (in->n_det < KC_DET_QUEUE_MAX && (i = first_det(q, now_us)) < q->n_det) {
-        in->det[in->n_det++] = q->det[i].m;
-        q->det[i] = q->det[--q->n_det];
-    }
+    KC_IN_LIST(TAKE, KC_Q_NONE_)
 }

@@ -19,26 +19,21 @@
 #define KC_Q_DET 8u
 #define KC_Q_AHEAD_US 10000000 /* a stamp further ahead than this will not be waited for */
 
+#define KC_Q_NONE_(...)
+#define KC_Q_WAITING_(CHANNEL, member, message, copied, order, step, room) \
+    uint32_t n_##member;                                                   \
+    struct {                                                               \
+        int64_t t_us;                                                      \
+        kc_##message##_t m;                                                \
+    } member[room]; /* NOLINT(bugprone-macro-parentheses): a declaration */
 typedef struct {
-    uint32_t n_cmd, n_chunk, n_det;
-    struct {
-        int64_t t_us;
-        kc_cmd_t m;
-    } cmd[KC_Q_CMD];
-    struct {
-        int64_t t_us;
-        kc_chunk_t m;
-    } chunk[KC_Q_CHUNK];
-    struct {
-        int64_t t_us;
-        kc_detection_t m;
-    } det[KC_Q_DET];
+    KC_IN_LIST(KC_Q_WAITING_, KC_Q_NONE_)
 } kc_queue_t;
 
-/* Whether it waits now; false if there is no room or the stamp lies too far ahead of now: the message is lost. */
-bool kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *m);
-bool kc_queue_chunk(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_chunk_t *m);
-bool kc_queue_det(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_detection_t *m);
+/* kc_queue_cmd and so on, one for each queued channel: whether it waits now; false if there is no room or the stamp lies too far ahead of now: the message is lost. */
+#define KC_Q_PUT_(CHANNEL, member, message, copied, order, step, room) \
+    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m);
+KC_IN_LIST(KC_Q_PUT_, KC_Q_NONE_)
 /* Move what is due into in, as much as one step takes; the rest waits for the next. */
 void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in);
 

@@ -9,28 +9,9 @@ from typing import Any
 import lcm
 
 import kcm
+from kincal.schema.channels import CHANNELS
 
-TYPES = {
-    "KC_TIME": kcm.time_t,
-    "KC_TICK_DONE": kcm.tick_done_t,
-    "KC_ARM_STATE": kcm.arm_state_t,
-    "KC_ARM_CMD": kcm.arm_cmd_t,
-    "KC_PANTILT_STATE": kcm.pantilt_state_t,
-    "KC_PANTILT_CMD": kcm.pantilt_cmd_t,
-    "KC_FRAME_REQUEST": kcm.frame_request_t,
-    "KC_IMAGE": kcm.image_t,
-    "KC_DETECTION": kcm.detection_t,
-    "KC_CMD": kcm.cmd_t,
-    "KC_ACK": kcm.ack_t,
-    "KC_TABLE_UP": kcm.table_chunk_t,
-    "KC_TABLE_DOWN": kcm.table_chunk_t,
-    "KC_EVENT": kcm.event_t,
-    "KC_HK": kcm.hk_t,
-    "KC_MEAS": kcm.meas_t,
-    "KC_PROGRESS": kcm.progress_t,
-    "KC_PROPOSAL": kcm.proposal_t,
-    "KC_SIM_TRUTH": kcm.sim_truth_t,
-}
+TYPES: dict[str, Any] = {channel.name: getattr(kcm, channel.type) for channel in CHANNELS}
 
 
 class Bus:

@@ -52,10 +52,10 @@ def outputs(o: object) -> tuple[bytes, ...]:
         return b"".join(packed(FFI, getattr(o, name)) for name in names if getattr(o, f"has_{name}"))
 
     acks, events = o.ack[0 : o.n_ack], o.events.e[0 : o.events.n]
-    frame = struct.pack("<i", o.frame_seq) if o.has_frame_request else b""
+    frame = struct.pack("<i", o.frame_request.seq) if o.has_frame_request else b""
     commands = b"".join(packed(FFI, x) for x in acks) + there("arm_cmd", "pantilt_cmd") + frame
     kept = (struct.pack("<HI", s.kind, s.n) + bytes(FFI.buffer(s.data, s.n)) for s in o.store[0 : o.n_store])
-    telemetry = there("hk", "meas", "progress", "dump")
+    telemetry = there("hk", "meas", "progress", "table_down")
     return commands, b"".join(packed(FFI, x) for x in events), telemetry, there("proposal"), b"".join(kept)
 
 

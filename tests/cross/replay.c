@@ -58,7 +58,7 @@ static void sum_commands(kc_walk_t *w)
     for (uint32_t i = 0u; i < out.n_ack; i++) { walk_kc_ack_t(w, &out.ack[i]); }
     if (out.has_arm_cmd) { walk_kc_arm_cmd_t(w, &out.arm_cmd); }
     if (out.has_pantilt_cmd) { walk_kc_pantilt_cmd_t(w, &out.pantilt_cmd); }
-    if (out.has_frame_request) { kc_walk_i32(w, 0u, &out.frame_seq, INT32_MIN, INT32_MAX); }
+    if (out.has_frame_request) { kc_walk_i32(w, 0u, &out.frame_request.seq, INT32_MIN, INT32_MAX); }
 }
 
 static void sum_telemetry(kc_walk_t *w)
@@ -66,7 +66,7 @@ static void sum_telemetry(kc_walk_t *w)
     if (out.has_hk) { walk_kc_hk_t(w, &out.hk); }
     if (out.has_meas) { walk_kc_meas_t(w, &out.meas); }
     if (out.has_progress) { walk_kc_progress_t(w, &out.progress); }
-    if (out.has_dump) { walk_kc_chunk_t(w, &out.dump); }
+    if (out.has_table_down) { walk_kc_chunk_t(w, &out.table_down); }
 }
 
 static void sum_store(kc_walk_t *w)

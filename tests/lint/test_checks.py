@@ -395,7 +395,8 @@ def test_pytest_errors_count_as_failures(tmp_path):
 def test_the_event_list_is_read_whole():
     header = (TESTS.parent / "fsw/tables/kc_events.h").read_text()
     listed = len(re.findall(r"^ +X\(\d+, ", header, flags=re.M))
-    text = module(LINT / "events.py").document()
+    events = module(LINT / "events.py")
+    text = events.documents()[events.DOC]
     assert sum(line.startswith("| ") and line[2].isdigit() for line in text.splitlines()) == listed > 0
 
 
@@ -405,7 +406,28 @@ def test_a_placeholder_of_an_unknown_type_is_refused(tmp_path, monkeypatch):
     (tmp_path / "kc_events.h").write_text(text)
     monkeypatch.setattr(events, "HEADER", tmp_path / "kc_events.h")
     with pytest.raises(SystemExit, match="furlong"):
-        events.document()
+        events.documents()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("\nBOOT = ", "\n# BOOT = ", "event without an entry: BOOT"),
+        ("[event]\n", '[event]\nNEWS = { cause = "x", do = "y" }\n', "entry of no event: NEWS"),
+        ('COR_ROLLBACK = { cause = "ROLLBACK."', 'COR_ROLLBACK = { cause = " "', "COR_ROLLBACK: needs cause"),
+        ("\nCAMERA = ", "\n# CAMERA = ", "cause without an entry: CAMERA"),
+        ("`kincal log run", "`kincal lag run", "kincal lag"),
+        ("`budget_us`", "`budgets_us`", "budgets_us"),
+    ],
+)
+def test_an_event_needs_a_cause_and_what_to_do(old, new, complaint, tmp_path, monkeypatch):
+    events = module(LINT / "events.py")
+    text = events.TABLE.read_text()
+    assert old in text
+    (tmp_path / "kc_events.toml").write_text(text.replace(old, new, 1))
+    monkeypatch.setattr(events, "TABLE", tmp_path / "kc_events.toml")
+    with pytest.raises(SystemExit, match=complaint):
+        events.documents()
 
 
 # ---- one vocabulary

@@ -261,7 +261,7 @@ static void obey(void)
     }
     if (o->has_frame_request) {
         world.requested = true;
-        world.frame_requested = o->frame_seq;
+        world.frame_requested = o->frame_request.seq;
         world.n_frames++;
     }
 }

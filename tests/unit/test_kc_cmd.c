@@ -537,8 +537,8 @@ static uint32_t collect(uint32_t max)
 {
     uint32_t total = 0u;
     for (uint32_t i = 0u; i < max; i++) {
-        const kc_chunk_t *c = &world.out.dump;
-        if (world.out.has_dump) {
+        const kc_chunk_t *c = &world.out.table_down;
+        if (world.out.has_table_down) {
             memcpy(&s_dumped[c->offset], c->data, c->n);
             total = c->total;
             if (c->offset + c->n == c->total) { return total; }
@@ -556,7 +556,7 @@ void test_a_table_comes_down_as_it_went_up(void)
     TEST_ASSERT_EQUAL_UINT32(s_n, collect(200u));
     TEST_ASSERT_EQUAL_MEMORY(s_image, s_dumped, s_n);
     world_tick();
-    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_dump);
+    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_table_down);
 }
 
 void test_a_waiting_proposal_can_be_dumped(void)
@@ -591,10 +591,10 @@ void test_a_dump_ends_when_its_table_changes(void)
 {
     given_idle();
     (void)world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0);
-    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_dump);
+    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_table_down);
     APP->tables.active.crc[KC_TBL_SPACE] ^= 1u; /* another one was activated */
     world_tick();
-    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_dump);
+    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_table_down);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_TBL_MISSING));
     (void)world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0);
     APP->tables.active.crc[KC_TBL_SPACE] = 0u; /* or it is gone */

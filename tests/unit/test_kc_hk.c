@@ -38,7 +38,7 @@ void test_it_reports_state_tables_and_counters(void)
     TEST_ASSERT_EQUAL_UINT32(7u, world.hk.n_rx_errors);
     TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_UNKNOWN, world.hk.last_event_id);
     TEST_ASSERT_EQUAL_UINT32(0u, world.hk.n_events_dropped);
-    TEST_ASSERT_EQUAL_MEMORY(kc_app_active(APP)->crc, world.hk.crc, sizeof world.hk.crc);
+    TEST_ASSERT_EQUAL_MEMORY(kc_app_active(APP)->crc, world.hk.table_crc, sizeof world.hk.table_crc);
     TEST_ASSERT_EQUAL_INT(-1, world.hk.boot_state);
     TEST_ASSERT_EQUAL_INT(0, world.hk.staged_kind);
 }

@@ -140,9 +140,9 @@ class KcArmCmd(Protocol):
 
     seq: int
     n_joints: int
-    q: Array[float]
     speed_scale: float
     hold: int
+    q: Array[float]
 
 class KcArmState(Protocol):
     """kc_arm_state_t"""
@@ -150,15 +150,15 @@ class KcArmState(Protocol):
     t_us: int
     seq: int
     n_joints: int
+    temp_c: float
+    payload_kg: float
+    g_m_s2: Array[float]
     q: Array[float]
     dq: Array[float]
     q_cmd: Array[float]
     dir: Array[float]
     moving: int
     fault_mask: int
-    temp_c: float
-    payload_kg: float
-    g_m_s2: Array[float]
 
 class KcArm(Protocol):
     """kc_arm_t"""
@@ -276,10 +276,10 @@ class KcChunk(Protocol):
     """kc_chunk_t"""
 
     kind: int
-    total: int
     offset: int
     n: int
     data: Array[int]
+    total: int
 
 class KcClock(Protocol):
     """kc_clock_t"""
@@ -405,7 +405,6 @@ class KcDetection(Protocol):
     tag_id: Array[int]
     p_cam_tool_m: Array[float]
     q_cam_tool_wxyz: Array[float]
-    cov: Array[float]
     p_alt_m: Array[float]
     q_alt_wxyz: Array[float]
     rms_px: float
@@ -415,6 +414,7 @@ class KcDetection(Protocol):
     u_px: float
     v_px: float
     corner_px: Array[float]
+    cov: Array[float]
 
 class KcDump(Protocol):
     """kc_dump_t"""
@@ -541,6 +541,11 @@ class KcFitQuality(Protocol):
     n_outliers: int
     nothing_held: bool
 
+class KcFrameRequest(Protocol):
+    """kc_frame_request_t"""
+
+    seq: int
+
 class KcFrames(Protocol):
     """kc_frames_t"""
 
@@ -662,8 +667,9 @@ class KcHk(Protocol):
     n_events: int
     n_events_dropped: int
     last_event_id: int
+    n_tx_errors: int
     n_rx_errors: int
-    crc: Array[int]
+    table_crc: Array[int]
     staged_kind: int
     staged_bytes: int
     staged_state: int
@@ -839,18 +845,18 @@ class KcLoads(Protocol):
 class KcMeas(Protocol):
     """kc_meas_t"""
 
+    t_us: int
+    session: int
     pose: int
     candidate: int
     replicate: int
     n_joints: int
-    arm: KcArmState
-    obs: KcObs
-    det: KcDetection
     pan_rad: float
     tilt_rad: float
     n_frames: int
-    t_us: int
-    session: int
+    arm: KcArmState
+    obs: KcObs
+    det: KcDetection
     crc: Array[int]
 
 class KcMiss(Protocol):
@@ -960,7 +966,6 @@ class KcOut(Protocol):
     """kc_out_t"""
 
     n_ack: int
-    n_event: int
     n_store: int
     ack: Array[KcAck]
     events: KcEvents
@@ -968,19 +973,19 @@ class KcOut(Protocol):
     has_arm_cmd: int
     has_pantilt_cmd: int
     has_frame_request: int
-    has_hk: int
     has_meas: int
     has_progress: int
     has_proposal: int
-    has_dump: int
+    has_table_down: int
+    has_hk: int
     arm_cmd: KcArmCmd
     pantilt_cmd: KcPantiltCmd
-    frame_seq: int
-    hk: KcHk
+    frame_request: KcFrameRequest
     meas: KcMeas
     progress: KcProgress
     proposal: KcProposal
-    dump: KcChunk
+    table_down: KcChunk
+    hk: KcHk
 
 class KcOutcome(Protocol):
     """kc_outcome_t"""
@@ -1089,7 +1094,6 @@ class KcProposal(Protocol):
     verdict: int
     n_poses: int
     n_outliers: int
-    kin: KcKin
     status: Array[int]
     confounded: Array[int]
     cov: Array[float]
@@ -1109,6 +1113,7 @@ class KcProposal(Protocol):
     pred_pos_m: float
     pred_rot_rad: float
     crc_kin_before: int
+    kin: KcKin
 
 class KcProposing(Protocol):
     """kc_proposing_t"""
@@ -2307,6 +2312,8 @@ class New(Protocol):
     def __call__(self, ctype: Literal["kc_events_t"], /) -> KcEvents: ...
     @overload
     def __call__(self, ctype: Literal["kc_fit_quality_t"], /) -> KcFitQuality: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_frame_request_t"], /) -> KcFrameRequest: ...
     @overload
     def __call__(self, ctype: Literal["kc_frames_t"], /) -> KcFrames: ...
     @overload

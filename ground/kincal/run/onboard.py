@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -35,39 +35,45 @@ class _Waiting:
     not depend on when they came, as from fsw/lcm/kc_queue.h; its quotas have no counterpart here."""
 
     def __init__(self) -> None:
-        self.cmd: list[Any] = []
-        self.chunk: list[Any] = []
-        self.det: list[Any] = []
+        self._waiting: dict[str, list[Any]] = {}
 
-    def take_cmd(self, now_us: int) -> list[Any]:
-        """Commands, the sources in turn, each by number."""
-        due, self.cmd = _split(self.cmd, now_us)
-        due.sort(key=lambda m: (m.source, m.seq))
-        turn: dict[int, int] = {}
-        keyed = []
-        for m in due:
-            account = m.source if 1 <= m.source <= _LIB.KC_SOURCE_MAX else 0
-            turn[account] = turn.get(account, 0) + 1
-            keyed.append(((turn[account], m.source), m))
-        keyed.sort(key=lambda pair: pair[0])
-        return self._most("cmd", [m for _, m in keyed], _LIB.KC_CMD_QUEUE_MAX)
+    def add(self, name: str, message: Any) -> None:
+        """A message for the member `name` of kc_in_t."""
+        self._waiting.setdefault(name, []).append(message)
 
-    def take_chunk(self, now_us: int) -> list[Any]:
-        """Table chunks by time, kind and offset."""
-        due, self.chunk = _split(self.chunk, now_us)
-        due.sort(key=lambda m: (m.t_us, m.kind, m.offset))
-        return self._most("chunk", due, _LIB.KC_CHUNK_QUEUE_MAX)
+    def take(self, now_us: int) -> Iterator[tuple[str, list[Any]]]:
+        """What is due, by member, as much as one step takes; the rest waits for the next."""
+        for name in [name for name, waiting in self._waiting.items() if waiting]:
+            due, later = _split(self._waiting[name], now_us)
+            due = _ORDER.get(name, _by_number)(due)
+            room = len(getattr(_ROOM, name))
+            self._waiting[name] = later + due[room:]
+            yield name, due[:room]
 
-    def take_det(self, now_us: int) -> list[Any]:
-        """Detections by frame number."""
-        due, self.det = _split(self.det, now_us)
-        due.sort(key=lambda m: m.seq)
-        return self._most("det", due, _LIB.KC_DET_QUEUE_MAX)
 
-    def _most(self, name: str, due: list[Any], room: int) -> list[Any]:
-        """As much as one step takes; the rest waits for the next."""
-        getattr(self, name).extend(due[room:])
-        return due[:room]
+def _in_turn(due: list[Any]) -> list[Any]:
+    """Commands, the sources in turn, each by number."""
+    turn: dict[int, int] = {}
+    keyed = []
+    for m in sorted(due, key=lambda m: (m.source, m.seq)):
+        account = m.source if 1 <= m.source <= _LIB.KC_SOURCE_MAX else 0
+        turn[account] = turn.get(account, 0) + 1
+        keyed.append(((turn[account], m.source), m))
+    return [m for _, m in sorted(keyed, key=lambda pair: pair[0])]
+
+
+def _by_place(due: list[Any]) -> list[Any]:
+    """Table chunks by time, kind and offset."""
+    return sorted(due, key=lambda m: (m.t_us, m.kind, m.offset))
+
+
+def _by_number(due: list[Any]) -> list[Any]:
+    return sorted(due, key=lambda m: m.seq)
+
+
+# Orders of KC_IN_LIST other than SEQ, by member.
+_ORDER = {"cmd": _in_turn, "chunk": _by_place}
+_ROOM = _FLIGHT.new("kc_in_t")
 
 
 def _split(waiting: list[_M], now_us: int) -> tuple[list[_M], list[_M]]:
@@ -107,20 +113,12 @@ class FlightSoftware:
     def receive(self, channel: str, message: Any) -> None:
         """A message for flight; of other channels it takes no notice. States of arm and pan-tilt unit are for
         the next step, everything else for the first one later than its stamp."""
-        if channel == "KC_ARM_STATE":
-            faults = self._in.arm.fault_mask if self._in.has_arm else 0
-            wire.fill_arm(self._in.arm, message)
-            self._in.arm.fault_mask |= faults  # the newest of a step counts, but no fault of it is lost
-            self._in.has_arm = 1
-        elif channel == "KC_PANTILT_STATE":
-            wire.fill_pantilt(self._in.pantilt, message)
-            self._in.has_pantilt = 1
-        elif channel == "KC_DETECTION":
-            self._waiting.det.append(message)
-        elif channel == "KC_CMD":
-            self._waiting.cmd.append(message)
-        elif channel == "KC_TABLE_UP":
-            self._waiting.chunk.append(message)
+        name = wire.member(channel)
+        if name and hasattr(self._in, f"n_{name}"):
+            self._waiting.add(name, message)
+        elif name:
+            wire.fill(name, getattr(self._in, name), message)
+            setattr(self._in, f"has_{name}", 1)
 
     def step(self, now_us: int) -> list[Message]:
         """One tick at a mission time; what flight publishes, after all of it is stored."""
@@ -136,16 +134,10 @@ class FlightSoftware:
 
     def _take_due(self, now_us: int) -> None:
         """What waits and is due, into the input of the core."""
-        i, waiting = self._in, self._waiting
-        if waiting.cmd:
-            for i.n_cmd, m in enumerate(waiting.take_cmd(now_us), 1):
-                wire.fill_cmd(i.cmd[i.n_cmd - 1], m)
-        if waiting.chunk:
-            for i.n_chunk, m in enumerate(waiting.take_chunk(now_us), 1):
-                wire.fill_chunk(i.chunk[i.n_chunk - 1], m)
-        if waiting.det:
-            for i.n_det, m in enumerate(waiting.take_det(now_us), 1):
-                wire.fill_detection(i.det[i.n_det - 1], m)
+        for name, due in self._waiting.take(now_us):
+            for k, m in enumerate(due):
+                wire.fill(name, getattr(self._in, name)[k], m)
+            setattr(self._in, f"n_{name}", len(due))
 
     def _store_all(self) -> None:
         """Up to the first failure; the core hears how it went with the next step."""

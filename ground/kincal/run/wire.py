@@ -6,20 +6,20 @@ for byte.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from kincal.flight import library
 from kincal.link import unpack_covariance
-from kincal.link.channels import message_type, signed32
+from kincal.link.channels import BY_NAME, message_type, signed32
 
 if TYPE_CHECKING:
     from kincal.flight.headers import (
+        KcArmCmd,
         KcArmState,
         KcChunk,
-        KcCmd,
         KcDetection,
         KcIn,
         KcMeas,
@@ -27,14 +27,21 @@ if TYPE_CHECKING:
         KcPantiltState,
         KcProposal,
     )
-    from kincal.link.messages import ArmState, Cmd, Detection, LcmMessage, PantiltState, TableChunk
+    from kincal.link.messages import ArmState, Detection, LcmMessage, PantiltState, TableChunk
 
 Message: TypeAlias = "tuple[str, Any]"
 """Channel and message (a type of messages.pyi, by the channel)."""
 
 _FLIGHT = library("flight")
 _NOTHING = bytes(_FLIGHT.ffi.sizeof("kc_in_t"))
-_UNSIGNED_64 = (1 << 64) - 1
+_MASK = {"uint64_t": (1 << 64) - 1, "uint32_t": (1 << 32) - 1}  # LCM has no unsigned types
+_OTHERWISE = ("cov", "data", "moving", "fault_mask")
+_OUTPUTS = [name[4:] for name, _ in _FLIGHT.ffi.typeof("kc_out_t").fields or () if name.startswith("has_")]
+_INPUTS = {
+    name.removeprefix("has_").removeprefix("n_")
+    for name, _ in _FLIGHT.ffi.typeof("kc_in_t").fields or ()
+    if name.startswith(("has_", "n_"))
+} - {"rx_errors", "store_result"}
 _UPPER = np.triu_indices(6)
 _NOT_ESTIMATED = (_FLIGHT.lib.KC_COEF_MASKED, _FLIGHT.lib.KC_COEF_HELD)
 
@@ -42,50 +49,74 @@ _NOT_ESTIMATED = (_FLIGHT.lib.KC_COEF_MASKED, _FLIGHT.lib.KC_COEF_HELD)
 # ---- in
 
 
-def _copy(struct: object, message: object, names: Sequence[str]) -> None:
-    for name in names:
-        setattr(struct, name, getattr(message, name))
-
-
 def _unsigned32(value: int) -> int:
     """LCM has no unsigned types: negative ones become too large."""
     return value & 0xFFFFFFFF
 
 
-def fill_cmd(s: KcCmd, m: Cmd) -> None:
-    """KC_CMD."""
-    _copy(s, m, ("seq", "source", "opcode", "arg_i", "arg_d"))
-    s.arg_u64 = m.arg_u64 & _UNSIGNED_64
+def _alike(struct: Any, message: Any) -> None:
+    """What both name alike and hold in the same way, as KC_..._FIELDS of the core."""
+    ctype = _FLIGHT.ffi.typeof(struct)
+    fields = (ctype.item if ctype.kind == "pointer" else ctype).fields
+    for name, field in fields or ():
+        if name not in message.__slots__:
+            continue
+        value, bits = getattr(message, name), _MASK.get(field.type.cname)
+        if name not in _OTHERWISE:
+            setattr(struct, name, value if bits is None else value & bits)
 
 
 def fill_chunk(s: KcChunk, m: TableChunk) -> None:
     """KC_TABLE_UP."""
-    s.kind, s.data[0 : len(m.data)] = m.kind, bytes(m.data)
-    s.total, s.offset, s.n = (_unsigned32(x) for x in (m.total_bytes, m.offset, m.n))
+    _alike(s, m)
+    s.data[0 : len(m.data)], s.total = bytes(m.data), _unsigned32(m.total_bytes)
 
 
 def fill_arm(s: KcArmState, m: ArmState) -> None:
-    """KC_ARM_STATE."""
-    s.t_us = m.t_us & _UNSIGNED_64
-    _copy(s, m, ("seq", "dir", "fault_mask", "temp_c", "payload_kg", "g_m_s2"))
-    s.n_joints, s.moving = _unsigned32(m.n_joints), int(m.moving != 0)
+    """KC_ARM_STATE: the newest of a step counts, but no fault of it is lost."""
+    _alike(s, m)
     s.q, s.dq, s.q_cmd = m.q_rad, m.dq_rad_s, m.q_cmd_rad
+    s.moving, s.fault_mask = int(m.moving != 0), s.fault_mask | m.fault_mask
 
 
 def fill_pantilt(s: KcPantiltState, m: PantiltState) -> None:
     """KC_PANTILT_STATE."""
-    s.t_us = m.t_us & _UNSIGNED_64
-    _copy(s, m, ("seq", "pan_rad", "tilt_rad"))
+    _alike(s, m)
     s.moving = int(m.moving != 0)
 
 
 def fill_detection(s: KcDetection, m: Detection) -> None:
     """KC_DETECTION."""
-    s.t_us = m.t_us & _UNSIGNED_64
-    _copy(s, m, ("seq", "tag_id", "p_cam_tool_m", "q_cam_tool_wxyz", "p_alt_m", "q_alt_wxyz"))
-    _copy(s, m, ("rms_px", "rms_alt_px", "range_m", "incid_rad", "u_px", "v_px", "corner_px"))
-    s.n_tags = _unsigned32(m.n_tags)
+    _alike(s, m)
     s.cov = unpack_covariance(m.cov, 6).ravel().tolist()
+
+
+# Channel -> member of kc_in_t, if it is not the channel's name, and what fills it, if not _alike.
+_MEMBERS = {
+    "CMD": "cmd",
+    "TABLE_UP": "chunk",
+    "DETECTION": "det",
+    "ARM_STATE": "arm",
+    "PANTILT_STATE": "pantilt",
+}
+_FILL: dict[str, Callable[[Any, Any], None]] = {
+    "chunk": fill_chunk,
+    "det": fill_detection,
+    "arm": fill_arm,
+    "pantilt": fill_pantilt,
+}
+
+
+def member(channel: str) -> str:
+    """Where a message of a channel goes: the member of kc_in_t, "" if it is not for flight."""
+    name = channel.removeprefix("KC_")
+    name = _MEMBERS.get(name, name.lower())
+    return name if name in _INPUTS else ""
+
+
+def fill(name: str, struct: object, message: object) -> None:
+    """A message into its struct of kc_in_t; name: of the member."""
+    _FILL.get(name, _alike)(struct, message)
 
 
 def clear(inputs: KcIn) -> None:
@@ -103,24 +134,12 @@ def messages(out: KcOut, t_us: int, event_seq: int) -> Iterator[Message]:
         yield "KC_ACK", _message("ack_t", ack, t_us=t_us)
     for k, event in enumerate(out.events.e[0 : out.events.n], 1):
         yield "KC_EVENT", _message("event_t", event, t_us=t_us, seq=event_seq + k)
-    if out.has_arm_cmd:
-        yield "KC_ARM_CMD", _message("arm_cmd_t", out.arm_cmd, t_us=t_us, q_rad=list(out.arm_cmd.q))
-    if out.has_pantilt_cmd:
-        yield "KC_PANTILT_CMD", _message("pantilt_cmd_t", out.pantilt_cmd, t_us=t_us)
-    if out.has_frame_request:
-        yield "KC_FRAME_REQUEST", _message("frame_request_t", None, t_us=t_us, seq=out.frame_seq)
-    if out.has_meas:
-        yield "KC_MEAS", _meas(out.meas)
-    if out.has_progress:
-        yield "KC_PROGRESS", _message("progress_t", out.progress, t_us=t_us)
-    if out.has_proposal:
-        yield "KC_PROPOSAL", _proposal(out.proposal, t_us)
-    if out.has_dump:
-        data, total = bytes(out.dump.data), signed32(out.dump.total)
-        yield "KC_TABLE_DOWN", _message("table_chunk_t", out.dump, t_us=t_us, total_bytes=total, data=data)
-    if out.has_hk:
-        crcs = _plain(out.hk.crc)
-        yield "KC_HK", _message("hk_t", out.hk, t_us=t_us, n_tx_errors=0, table_crc=crcs)
+    for name in _OUTPUTS:
+        if getattr(out, f"has_{name}"):
+            channel = f"KC_{name.upper()}"
+            struct, make = getattr(out, name), _MAKE.get(name)
+            message = make(struct, t_us) if make else _message(BY_NAME[channel].type, struct, t_us=t_us)
+            yield channel, message
 
 
 def _message(type_name: str, source: object, **given: object) -> LcmMessage:
@@ -144,7 +163,15 @@ def _packed(cov: Any) -> list[float]:
     return upper
 
 
-def _meas(s: KcMeas) -> LcmMessage:
+def _arm_cmd(s: KcArmCmd, t_us: int) -> LcmMessage:
+    return _message("arm_cmd_t", s, t_us=t_us, q_rad=list(s.q))
+
+
+def _table_down(s: KcChunk, t_us: int) -> LcmMessage:
+    return _message("table_chunk_t", s, t_us=t_us, total_bytes=signed32(s.total), data=bytes(s.data))
+
+
+def _meas(s: KcMeas, _t_us: int) -> LcmMessage:
     crc = _plain(s.crc)
     lib = _FLIGHT.lib
     given = {name: _plain(getattr(s.arm, name)) for name in ("temp_c", "payload_kg", "g_m_s2")}
@@ -188,6 +215,15 @@ def _proposal(s: KcProposal, t_us: int) -> LcmMessage:
         crc_arm=signed32(kin.arm_crc),
         crc_terms=signed32(kin.terms_crc),
     )
+
+
+# Members of kc_out_t that are not sent as _message does.
+_MAKE: dict[str, Callable[[Any, int], LcmMessage]] = {
+    "arm_cmd": _arm_cmd,
+    "meas": _meas,
+    "proposal": _proposal,
+    "table_down": _table_down,
+}
 
 
 def _signed64(value: int) -> int:
