@@ -631,7 +631,8 @@ void test_a_box_that_is_passed_over_is_charged_with_less(void)
     s_s.body[0] = (kc_body_t){0u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.03f}, 0.03f, 0u};
     s_s.n_volume = 2u;
     for (uint32_t i = 0u; i < 2u; i++) {
-        s_s.volume[i] = (kc_volume_t){KC_VOL_BOX, {0.0f, 0.0f, -2.0f - (float)i}, {0.1f, 0.1f, 0.1f}, 0.0f, 0u};
+        s_s.volume[i] =
+            (kc_volume_t){KC_VOL_BOX, {0.0f, 0.0f, -2.0f - (float)i}, {0.1f, 0.1f, 0.1f}, 0.0f, 0u};
     }
     uint64_t near_first = charged();
     s_s.volume[0].p_m[2] = -3.0f;
