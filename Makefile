@@ -153,11 +153,17 @@ record: core messages .venv/.stamp ## calibrations for the replay, and what it h
 # ---- measures of the flight core ----------------------------------------------------------------------
 
 .PHONY: cov size heapcheck wcet
-cov: $(BUILD)/cov/build.ninja $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## line and branch coverage of the core by the unit tests
-	$(call compile,cov,units)
-	@find $(BUILD)/cov -name '*.gcda' -delete
+# Counters of all unit tests, merged; what they mean for each condition is read from the library, which has the whole core.
+COUNTED := $(BUILD)/cov/profile
+$(BUILD)/cov/build.ninja: | $(STAMP)/apt-test
+cov: export LLVM_PROFILE_FILE = $(CURDIR)/$(COUNTED)/%m.profraw
+cov: $(BUILD)/cov/build.ninja $(BUILD)/unity/src/unity.c ## lines, branches and conditions (MC/DC) of the core by the unit tests
+	$(call compile,cov,units kincal_shared)
+	@rm -rf $(COUNTED)
 	$(call ctest,cov,cov) > $(BUILD)/cov/tests.txt || { cat $(BUILD)/cov/tests.txt; exit 1; }
-	$(Q).venv/bin/gcovr --config tests/gcovr.cfg --root . --txt $(if $(V),-,$(BUILD)/cov/coverage.txt) $(BUILD)/cov/fsw/CMakeFiles
+	$(Q)llvm-profdata-19 merge -o $(BUILD)/cov/core.profdata $(COUNTED)
+	$(Q)llvm-cov-19 export -instr-profile=$(BUILD)/cov/core.profdata $(BUILD)/cov/libkincal.so > $(BUILD)/cov/core.json
+	$(Q)$(PYTHON) tests/coverage.py $(BUILD)/cov/core.json tests/coverage.csv
 
 size: $(BUILD)/rel/build.ninja ## static bytes by module and worst stack
 	$(call compile,rel,size)

@@ -657,3 +657,38 @@ void test_joints_that_the_arm_does_not_have_are_not_looked_at(void)
     s_ask.from = s_s.cand[3].hub;
     expect_fine();
 }
+
+/* Far between the ends, so that no step may be as long as the whole slide. */
+void test_a_volume_in_the_way_of_a_sliding_joint_is_found(void)
+{
+    double half[KC_JOINT_MAX];
+    s_arm.joint[0].type = KC_PRISMATIC;
+    s_arm.joint[0].q_min = -2.0;
+    s_arm.joint[0].q_max = 2.0;
+    s_bound[0] = 2.0;
+    s_from[0] -= 0.9;
+    s_to[0] += 0.9;
+    for (uint32_t j = 0u; j < 7u; j++) { half[j] = s_from[j] + 0.443 * (s_to[j] - s_from[j]); }
+    s_s.n_volume = 2u;
+    put_ball(half, 0.002f);
+    expect_met(KC_GUARD_VOLUME, 1, 0.012, 1.0);
+    s_s.volume[1].p_m[0] += 5.0f;
+    expect_fine();
+}
+
+void test_a_check_that_runs_out_of_postures_refuses(void)
+{
+    kc_guard_job_t job;
+    kc_work_t one = {1u, 0u};
+    s_to[0] += 0.3;
+    expect_fine();
+    kc_guard_begin(&s_ask, &job);
+    TEST_ASSERT_FALSE(kc_guard_step(&s_ask, &job, &one)); /* the first posture */
+    job.at.d[0] = KC_GUARD_CLEAR_M; /* so that the next one is near */
+    job.k = KC_GUARD_STEPS_MAX + 1u;
+    one.used = 0u;
+    (void)kc_guard_step(&s_ask, &job, &one);
+    TEST_ASSERT_TRUE(job.over);
+    TEST_ASSERT_TRUE(job.part < 1.0);
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
+}

@@ -501,6 +501,36 @@ void test_an_approval_expires_ten_minutes_after_its_first_step(void)
     expect_event(KC_EVT_COR_EXPIRED, -1, (double)world.proposal.crc, 0.0);
 }
 
+void test_a_proposal_without_an_observation_that_counts_has_no_residual_before(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_REPORT, 3000u));
+    while (world_calibrating() && world.n_proposal == 0u) {
+        if (APP->plan.n_meas == world.config.n_poses) {
+            memset(APP->est.outlier, 1, sizeof APP->est.outlier);
+        }
+        world_tick();
+    }
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.proposal.before_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.proposal.before_rot_rad);
+}
+
+void test_a_correction_that_does_not_fit_the_tables_waits_for_the_ground(void)
+{
+    given_policy();
+    world_started();
+    while (world_calibrating() && world.n_progress < world.config.n_poses) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(0u, world.n_proposal); /* estimated, and not proposed yet */
+    APP->tables.active.terms.coef[24].ub = 0.005; /* behind its back: it will propose 0.01 */
+    world_seal(KC_TBL_TERMS);
+    for (uint32_t i = 0u; i < 200u && world.n_proposal == 0u; i++) { world_tick(); }
+    TEST_ASSERT_TRUE(world_stored(10u));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ON_BOARD));
+}
+
 /* What is proposed from the estimate as it stands after a calibration. */
 static kc_proposing_t s_proposing;
 static kc_out_t s_out;
@@ -547,15 +577,6 @@ void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void
         TEST_ASSERT_EQUAL_DOUBLE(0.75, s_out.proposal.kin.sigma[c]);
     }
     TEST_ASSERT_EQUAL_DOUBLE(APP->est.coef[2], s_out.proposal.kin.value[2]);
-}
-
-void test_without_a_pose_that_was_kept_no_residual_is_stated(void)
-{
-    world_calibrated();
-    memset(APP->est.outlier, 1, sizeof APP->est.outlier);
-    (void)steps_to_propose(UINT64_MAX);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_out.proposal.before_pos_m);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_out.proposal.before_rot_rad);
 }
 
 /* One observation or one candidate in a step that has room for no more, then the proposal. */

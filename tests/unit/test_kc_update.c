@@ -948,3 +948,90 @@ void test_residuals_of_all_poses_come_before_the_estimate(void)
     TEST_ASSERT_EQUAL_UINT32(0u, l->part);
     TEST_ASSERT_EQUAL_UINT32(1u, l->i);
 }
+
+void test_without_a_solution_an_information_criterion_leaves_the_choice_to_chance(void)
+{
+    for (uint8_t acq = KC_ACQ_DOPT; acq <= KC_ACQ_VOPT; acq++) {
+        setUp();
+        world.config.acquisition = acq;
+        world_started();
+        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+        APP->est.opt.iter_max = 0u; /* not allowed: the estimator refuses */
+        for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
+        TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
+        TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
+    }
+}
+
+void test_where_no_candidate_is_left_an_information_criterion_ends_the_calibration(void)
+{
+    world.config.acquisition = KC_ACQ_DOPT;
+    world_started();
+    for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    memset(APP->plan.usable, 0, sizeof APP->plan.usable);
+    for (uint32_t i = 0u; i < 300u && world_calibrating(); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
+    TEST_ASSERT_EQUAL_UINT32(3u, world.n_meas);
+}
+
+void test_a_gp_without_room_is_lost_and_the_calibration_goes_on(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    APP->arena.calibration.gp.n = KC_MEAS_MAX;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_FALSE(APP->learned.gp_ok);
+    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
+}
+
+/* ---- what does not fit into a step waits ---- */
+
+static kc_app_t s_saved;
+
+/* The part that begins when the residuals are done: it is charged by itself, and begins with the charge. `run` is
+ * called with ever more work left in the step. Returns how often the residuals were done and the part waited. */
+static uint32_t waits(kc_outcome_t (*run)(kc_work_t *work))
+{
+    uint32_t n = 0u, part = APP->learned.part;
+    s_saved = *APP;
+    for (uint64_t left = 0u; APP->learned.part == part; left += 2000u) {
+        *APP = s_saved;
+        kc_work_t work = {left + 1u, 1u};
+        TEST_ASSERT_TRUE(left < KC_STEP_WORK);
+        bool over = run(&work).id == KC_OC_DONE;
+        TEST_ASSERT_TRUE(work.used <= left + 1u);
+        if (APP->learned.part != part) { break; }
+        TEST_ASSERT_FALSE(over);
+        TEST_ASSERT_EQUAL_MEMORY(&s_saved.est.job, &APP->est.job, sizeof s_saved.est.job);
+        TEST_ASSERT_EQUAL_UINT32(s_saved.arena.calibration.gp.n, APP->arena.calibration.gp.n);
+        n += APP->learned.i == APP->plan.n_meas ? 1u : 0u;
+    }
+    return n;
+}
+
+static kc_outcome_t solve(kc_work_t *work)
+{
+    return kc_update_solve(&APP->learned, &APP->est, &APP->arena.calibration.gp, &APP->view, work);
+}
+
+static kc_outcome_t learn(kc_work_t *work)
+{
+    return kc_update_learn(&APP->learned, &APP->est, &APP->plan, &APP->arena.calibration, &APP->view, work,
+                           &world.out);
+}
+
+void test_estimate_and_gp_begin_when_there_is_time_for_them(void)
+{
+    world.config.n_poses = 12u;
+    world_started();
+    for (uint32_t i = 0u; i < 10u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    kc_update_begin(&APP->learned);
+    TEST_ASSERT_TRUE(waits(solve) > 0u);
+    *APP = s_saved;
+    APP->learned.part = 1u; /* the residuals of LEARN, then the GP */
+    TEST_ASSERT_TRUE(waits(learn) > 0u);
+}
