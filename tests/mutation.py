@@ -2,15 +2,17 @@
 
     mutation.py [FILE ...] [--number 10] [--seed 1] [--jobs 1] [--patience 20] [--at LINE]
 
-FILE is a source of flight (default: the files that guard the arm, the tables and the store). Of each, `number` mutants
-are drawn with a fixed seed: another comparison or arithmetical or logical operator, a condition negated, a constant
-changed, a statement deleted, min for max. One that does not compile, or compiles to the same code, is drawn anew.
-Each is compiled alone and put before the core in programs of the unit tests: the tests of the file first, then those
-of its room and of the rooms above, the quickest first, up to `patience` seconds each. A test that fails or does not end kills it.
+FILE is a source of flight (default: the files that guard the arm, the tables and the store). Of each,
+`number` mutants are drawn with a fixed seed: another comparison or arithmetical or logical operator, a
+condition negated, a constant changed, a statement deleted, min for max. One that does not compile, or
+compiles to the same code, is drawn anew. Each is compiled alone and put before the core in programs of the
+unit tests: the tests of the file first, then those of its room and of the rooms above, the quickest first,
+up to `patience` seconds each. A test that fails or does not end kills it.
 
-A survivor has to stand in tests/mutation.csv with a reason, as `equivalent` (no input tells it from the original) or
-as `accepted`. The exit status is 1 if one does not stand there, or if fewer than 95 % of those that are not
-equivalent are killed. The sources in the tree are never touched; everything happens in build/mutation."""
+One that is not killed has to stand in tests/mutation.csv with a reason, as `equivalent` (no input tells it
+from the original) or as `accepted`. The exit status is 1 if one does not stand there, or if fewer than 95 %
+of those that are not equivalent are killed. The sources in the tree are never touched; everything happens in
+build/mutation."""
 
 import argparse
 import csv
@@ -49,7 +51,9 @@ TOKEN = re.compile(
     r"(?P<number>(?<![\w.])(?:0x[\da-fA-F]+|\d+(?:\.\d*)?(?:e[+-]?\d+)?)[uUlLfF]*)|(?P<word>[A-Za-z_]\w*)"
     r"|(?P<keep>->|\.\.\.|\*=|/=|&=|\^=|%=)|(?P<operator>[<>=!&|+\-]{2}|[<>+\-*/!])"
 )
-DECLARATION = re.compile(r"\s*(static |const |unsigned |struct )*(void|bool|int|char|float|double|size_t|\w+_t)\b[ *]+\w+")
+DECLARATION = re.compile(
+    r"\s*(static |const |unsigned |struct )*(void|bool|int|char|float|double|size_t|\w+_t)\b[ *]+\w+"
+)
 STATEMENT = re.compile(r"\s+(?!return|break|continue|default|case|else|goto|if|for|while|do\b|\})[^{}]*;\s*$")
 
 
@@ -186,8 +190,15 @@ class Programs:
         if not objects or known:
             return
         libraries = [BUILT / "libgiven.a", BUILT / "libunity.a"]
-        run("gcc", "-o", program, *objects, *libraries, "-L" + str(WORK / "none"), "-Wl,--no-as-needed", "-lmutant",
-            "-L" + str(WORK), "-lcore", "-Wl,--as-needed", BUILT / "libkcm.a", "-llcm", "-lm")  # fmt: skip
+        mutant_first = [
+            "-L" + str(WORK / "none"),
+            "-Wl,--no-as-needed",
+            "-lmutant",
+            "-L" + str(WORK),
+            "-lcore",
+        ]
+        more = ["-Wl,--as-needed", BUILT / "libkcm.a", "-llcm", "-lm"]
+        run("gcc", "-o", program, *objects, *libraries, *mutant_first, *more)
         if self.seconds.get(folder.stem, 0.0) > self.patience_s:
             return  # known to be too slow for other files than its own
         began = time.monotonic()
@@ -211,7 +222,9 @@ class Programs:
         """Tests of the file, then those of its room and above, quickest first."""
         own = f"test_{Path(path).stem}"
         least = self.rooms.index(room(path))
-        where = {f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms}
+        where = {
+            f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms
+        }
         above = [t for t in self.seconds if t != own and where.get(t, len(self.rooms)) >= least]
         above = [t for t in above if self.seconds[t] <= self.patience_s]
         return [own] * (own in self.seconds) + sorted(above, key=self.seconds.__getitem__)
@@ -225,7 +238,9 @@ class Programs:
         out = words.index("-o")
         words[out + 1] = str(folder / "mutant.o")
         words[words.index("-c") + 1] = str(text)
-        words = [w for w in words if w not in ("-g", "-Werror", "-MD", "-fcallgraph-info=su") and w != "ccache"]
+        words = [
+            w for w in words if w not in ("-g", "-Werror", "-MD", "-fcallgraph-info=su") and w != "ccache"
+        ]
         for flag in ("-MT", "-MF"):
             if flag in words:
                 del words[words.index(flag) : words.index(flag) + 2]
@@ -308,10 +323,12 @@ def main() -> int:
             row = known.get((path, mutant.function(source), before, after))
             equivalent += row is not None and row["verdict"] == "equivalent"
             new += row is None
-            print(f"  {row['verdict'] if row else 'SURVIVES'}: line {mutant.line(source)}, {mutant.function(source)}")
+            verdict = row["verdict"] if row else "NOT KILLED"
+            print(f"  {verdict}: line {mutant.line(source)}, {mutant.function(source)}")
             print(f"    - {before}\n    + {after}", flush=True)
     share = killed / max(1, total - equivalent)
-    print(f"{killed} of {total} killed, {equivalent} equivalent: {100.0 * share:.1f} %; {new} not in {REVIEWED.name}")
+    percent = f"{100.0 * share:.1f} %"
+    print(f"{killed} of {total} killed, {equivalent} equivalent: {percent}; {new} without a reason")
     return 0 if share >= LEAST_SHARE and new == 0 else 1
 
 

@@ -811,3 +811,42 @@ void test_on_a_medium_that_dies_for_good_at_most_the_last_write_is_uncertain(voi
     }
     TEST_ASSERT_EQUAL_INT(1, uncertain);
 }
+
+/* ---- found missing by mutants ---- */
+
+static size_t read_slot(const char *name, uint8_t *whole, size_t most)
+{
+    FILE *f = fopen(path(s_dir, name), "rb");
+    TEST_ASSERT_NOT_NULL(f);
+    size_t n = fread(whole, 1u, most, f);
+    (void)fclose(f);
+    return n;
+}
+
+/* A slot that cannot be read holds nothing, though its content is what has to be stored. */
+void test_a_damaged_slot_with_the_right_content_is_no_copy(void)
+{
+    static uint8_t whole[KC_IMAGE_MAX + KC_SLOT_HDR_BYTES];
+    (void)store_arm(1);
+    (void)store_arm(2);
+    size_t n = read_slot("k01.b", whole, sizeof whole);
+    whole[20] ^= 1u; /* its CRC */
+    write_file(s_dir, "k01.b", whole, n);
+    TEST_ASSERT_EQUAL_INT(0, unlink(path(s_dir, "k01.a")));
+    TEST_ASSERT_EQUAL_INT(0, reloaded());
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(2));
+    TEST_ASSERT_EQUAL_INT(2, reloaded());
+}
+
+void test_the_reserved_bytes_of_a_slot_are_zero(void)
+{
+    uint8_t header[KC_SLOT_HDR_BYTES];
+    for (int which = 1; which <= 4; which++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(which));
+        TEST_ASSERT_EQUAL_UINT64(sizeof header,
+                                 read_slot((which & 1) != 0 ? "k01.a" : "k01.b", header, sizeof header));
+        TEST_ASSERT_EQUAL_HEX8(0u, header[6]);
+        TEST_ASSERT_EQUAL_HEX8(0u, header[7]);
+        TEST_ASSERT_EQUAL_HEX8(which, header[8]);
+    }
+}

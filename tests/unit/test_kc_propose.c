@@ -579,15 +579,6 @@ void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void
     TEST_ASSERT_EQUAL_DOUBLE(APP->est.coef[2], s_out.proposal.kin.value[2]);
 }
 
-void test_without_a_pose_that_was_kept_no_residual_is_stated(void)
-{
-    world_calibrated();
-    memset(APP->est.outlier, 1, sizeof APP->est.outlier);
-    (void)steps_to_propose(UINT64_MAX);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_out.proposal.before_pos_m);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_out.proposal.before_rot_rad);
-}
-
 /* One observation or one candidate in a step that has room for no more, then the proposal. */
 void test_a_proposal_is_charged_observation_by_observation_and_candidate_by_candidate(void)
 {
