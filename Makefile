@@ -111,7 +111,27 @@ lint-test: $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## the checks find what t
 test: setup ## everything a change has to pass, with a summary
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log \
-	    unit unit-san oracle integration ground-test lint-test cov size heapcheck lint
+	    unit unit-san fuzz oracle integration ground-test lint-test cov size heapcheck lint
+
+# libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
+# harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.
+FUZZ = $(PYTHON) tests/fuzz/run.py $(BUILD)/$1/fuzz $(BUILD)/fuzz/corpus $(HARNESS)
+.PHONY: fuzz fuzz-cov fuzz-seeds
+fuzz: $(BUILD)/fuzz/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-test ## fuzz tables, messages, store and sequences of steps (SECONDS or RUNS of each, HARNESS)
+	$(call compile,fuzz,harnesses)
+	$(Q)$(call FUZZ,fuzz) $(if $(SECONDS),--seconds $(SECONDS)) $(if $(RUNS),--runs $(RUNS))
+
+fuzz-cov: $(BUILD)/fuzz-cov/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-test ## lines and branches of flight that the inputs of `make fuzz` reach
+	$(call compile,fuzz-cov,harnesses)
+	$(Q)$(call FUZZ,fuzz-cov) --coverage $(wildcard fsw/*/)
+
+fuzz-seeds: fuzz ## tests/fuzz/seeds anew from what was found
+	$(Q)$(call FUZZ,fuzz) --pack
+
+.PHONY: mutation
+mutation: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## do the unit tests notice a changed token? (FILES, N of each, SEED, JOBS; an hour)
+	$(call compile,rel,units)
+	$(Q)$(PYTHON) tests/mutation.py $(FILES) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS))
 
 # The same bits everywhere: recorded calibrations give the same telemetry and tables on every CPU and with every compiler,
 # also without an operating system. Unit tests on other CPUs besides. fma needs a processor that has it.
@@ -126,6 +146,7 @@ $(REPLAY:%=replay-%): replay-%: $(BUILD)/cross/record.bin $(BUILD)/%/build.ninja
 	$(call compile,$*,replayed)
 $(filter-out $(BUILD)/rel/%,$(REPLAY:%=$(BUILD)/%/build.ninja)): | $(STAMP)/apt-cross
 $(BUILD)/clang%/build.ninja: | $(STAMP)/apt-test
+$(BUILD)/fuzz/build.ninja $(BUILD)/fuzz-cov/build.ninja: | $(STAMP)/apt-test
 
 .PHONY: record
 $(BUILD)/cross/record.bin: record
@@ -135,11 +156,17 @@ record: core messages .venv/.stamp ## calibrations for the replay, and what it h
 # ---- measures of the flight core ----------------------------------------------------------------------
 
 .PHONY: cov size heapcheck wcet
-cov: $(BUILD)/cov/build.ninja $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## line and branch coverage of the core by the unit tests
-	$(call compile,cov,units)
-	@find $(BUILD)/cov -name '*.gcda' -delete
+# Counters of all unit tests, merged; what they mean for each condition is read from the library, which has the whole core.
+COUNTED := $(BUILD)/cov/profile
+$(BUILD)/cov/build.ninja: | $(STAMP)/apt-test
+cov: export LLVM_PROFILE_FILE = $(CURDIR)/$(COUNTED)/%m.profraw
+cov: $(BUILD)/cov/build.ninja $(BUILD)/unity/src/unity.c ## lines, branches and conditions (MC/DC) of the core by the unit tests
+	$(call compile,cov,units kincal_shared)
+	@rm -rf $(COUNTED)
 	$(call ctest,cov,cov) > $(BUILD)/cov/tests.txt || { cat $(BUILD)/cov/tests.txt; exit 1; }
-	$(Q).venv/bin/gcovr --config tests/gcovr.cfg --root . --txt $(if $(V),-,$(BUILD)/cov/coverage.txt) $(BUILD)/cov/fsw/CMakeFiles
+	$(Q)llvm-profdata-19 merge -o $(BUILD)/cov/core.profdata $(COUNTED)
+	$(Q)llvm-cov-19 export -instr-profile=$(BUILD)/cov/core.profdata $(BUILD)/cov/libkincal.so > $(BUILD)/cov/core.json
+	$(Q)$(PYTHON) tests/coverage.py $(BUILD)/cov/core.json tests/coverage.csv
 
 size: $(BUILD)/rel/build.ninja ## static bytes by module and worst stack
 	$(call compile,rel,size)
@@ -154,7 +181,7 @@ wcet: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-wcet ## i
 # ---- lint ---------------------------------------------------------------------------------------------
 
 C_DIRS := fsw ground/native sim/tagdet
-C_ALL   = $(shell find $(C_DIRS) tests/unit tests/cross -name '*.[ch]' -o -name '*.[ch]pp')
+C_ALL   = $(shell find $(C_DIRS) tests/unit tests/cross tests/fuzz -name '*.[ch]' -o -name '*.[ch]pp')
 
 .PHONY: lint lint-clang lint-tidy lint-cppcheck lint-format lint-direction lint-loops lint-requirements \
         lint-python lint-types \

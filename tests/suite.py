@@ -57,7 +57,7 @@ def run(step: str, junit: Path, logs: Path, jobs: int) -> dict:
     if failed:
         print("\n".join(text[-150:]))
     elif step in ("cov", "size"):
-        print("\n".join(line for line in text if line.startswith(("  ", "lines:", "branches:"))))
+        print("\n".join(line for line in text if line.startswith("  ")))
     tests = f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else "")
     print(
         f"{'FAIL' if failed else 'ok  '}  {step:14s} {seconds:6.1f} s  {tests if step in REPORT else ''}",

@@ -81,7 +81,7 @@ bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_mi
     if (est->rank < est->n_free && !est->hold_none) { return false; } /* a coefficient is held */
     for (uint32_t i = 0u; i < n_meas; i++) {
         bool left_out = i + 1u == est->without;
-        if (left_out || (!beyond(config, miss[i]) && !(newest_too && i + 1u == n_meas))) { continue; }
+        if (left_out || (!beyond(config, miss[i]) && (!newest_too || i + 1u != n_meas))) { continue; }
         n++;
         *worst = i;
     }

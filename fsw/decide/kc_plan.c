@@ -7,7 +7,7 @@ static uint32_t local_left(const kc_plan_t *p, const kc_space_t *s, bool only_du
 {
     uint32_t n = 0u;
     for (uint32_t i = p->i_initial; i < s->n_initial; i++) {
-        n += kc_space_local(s, s->initial[i]) && !(only_due && kc_space_reserve(s, s->initial[i])) ? 1u : 0u;
+        n += kc_space_local(s, s->initial[i]) && (!only_due || !kc_space_reserve(s, s->initial[i])) ? 1u : 0u;
     }
     return n;
 }
@@ -69,7 +69,7 @@ static bool next_initial(kc_plan_t *p, const kc_space_t *s, bool undetermined, u
 static bool next_replicate(kc_plan_t *p, uint32_t every, uint32_t *cand)
 {
     uint32_t n = p->n_meas - p->n_local;
-    if (every == 0u || n == 0u || n % every != 0u || p->rep_at == n) { return false; }
+    if (every == 0u || n % every != 0u || p->rep_at == n) { return false; }
     p->rep_at = n;
     *cand = p->cand_of[p->n_local + p->n_rep++];
     return true;

@@ -50,10 +50,7 @@ kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng,
     if (n == 0u) { return KC_ERR_ARG; }
     uint32_t pick = kc_rng_below(rng, n);
     for (uint32_t i = 0; i < n_cand; i++) {
-        if (usable[i] == 0u) { continue; }
-        *c = i;
-        if (pick == 0u) { break; }
-        pick--;
+        if (usable[i] != 0u && pick-- == 0u) { *c = i; }
     }
     return KC_OK;
 }

@@ -181,7 +181,7 @@ double kc_la_fold(double *R, uint32_t n, uint32_t ld, double *blk, uint32_t m, u
     for (uint32_t k = 0u; k < n; k++) {
         auto b = B.col(k);
         const double b2 = b.squaredNorm();
-        if (!(b2 > 0.0)) { continue; }
+        if (b2 <= 0.0) { continue; } /* NaN goes on, into the diagonal */
         const Reflection h(U(k, k), b2);
         U(k, k) = h.r;
         for (uint32_t j = k + 1u; j <= n; j++) {

@@ -253,8 +253,7 @@ static void advance(kc_est_t *est)
     case TESTED: tested(est); break;
     case REPORTED: reported(est); break;
     case CHECKED: checked(est); break;
-    case INVERTED: inverted(est); break;
-    case DONE: break;
+    default: inverted(est); break; /* INVERTED; at DONE there is nothing to advance */
     }
 }
 

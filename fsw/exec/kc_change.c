@@ -74,7 +74,7 @@ static void request(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *
 
 void kc_change_run(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
 {
-    if (c->asked || p->view->clock->now_us < c->due_us) { return; }
+    if (p->view->clock->now_us < c->due_us) { return; }
     request(c, p, out);
     c->asked = true;
 }

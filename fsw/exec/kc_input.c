@@ -119,11 +119,20 @@ static bool arm_ok(kc_input_t *i, const kc_view_t *v, kc_out_t *out, const kc_ar
     return arm_fields(v, out, s);
 }
 
+/* Entries beyond the arm's joints are 0, whatever was sent: nothing has checked them, and they are published. */
+static void clear_unused(kc_arm_state_t *s)
+{
+    for (uint32_t j = s->n_joints; j < KC_JOINT_MAX; j++) {
+        s->q[j] = s->dq[j] = s->q_cmd[j] = s->dir[j] = 0.0;
+    }
+}
+
 static void take_arm(kc_input_t *i, const kc_view_t *v, const kc_arm_state_t *s, kc_out_t *out)
 {
     if (v->tables->crc[KC_TBL_ARM] == 0u) { return; } /* nothing to check it against */
     if (!arm_ok(i, v, out, s)) { return; }
     i->telemetry.arm = *s;
+    clear_unused(&i->telemetry.arm);
     i->telemetry.has_arm = true;
     i->telemetry.arm_ok_us = v->clock->now_us;
     take_fault(i, out, s->fault_mask);

@@ -63,7 +63,7 @@ kc_outcome_t kc_scrub_run(kc_scrub_t *s, kc_tables_t *tables, const kc_est_t *es
         if (s->at < p.n) { return kc_outcome(KC_OC_STAY); }
     }
     /* A part that was replaced on the way is looked at the next time round. */
-    bool whole = p.n > 0u && s->at == p.n && s->seal == p.seal;
+    bool whole = p.n > 0u && s->seal == p.seal;
     bool changed = whole && s->crc != p.seal;
     uint32_t part = s->part;
     s->part = (part + 1u) % PART_N;

@@ -178,5 +178,6 @@ kc_outcome_t kc_select_budget(kc_cal_t *cal, const kc_view_t *v, kc_out_t *out)
     bool flat = c->energy_budget_j > 0.0 && cal->energy_j > c->energy_budget_j;
     if (late) { kc_event(&out->events, KC_EVT_CAL_BUDGET, -1, (double)used_us, (double)c->budget_us); }
     if (flat) { kc_event(&out->events, KC_EVT_CAL_ENERGY, -1, cal->energy_j, c->energy_budget_j); }
-    return late || flat ? finish(v, KC_CAUSE_BUDGET) : kc_outcome(KC_OC_STAY);
+    if (late || flat) { return finish(v, KC_CAUSE_BUDGET); }
+    return kc_outcome(KC_OC_STAY);
 }

@@ -241,7 +241,7 @@ void kc_sequence_detections(kc_app_t *app, kc_work_t *work, const kc_in_t *in, k
     kc_monitoring_rest(&app->monitoring, v);
     for (uint32_t i = 0u; i < in->n_det && i < KC_DET_QUEUE_MAX; i++) {
         const kc_detection_t *d = &in->det[i];
-        if (!kc_monitoring_wants(v) || app->request.frame == KC_FRAME_AWAITED) {
+        if (!kc_monitoring_wants(v)) {
             kc_input_detection(&app->input, &app->request, &app->frames, v, d, out);
         } else if (kc_input_observation(v, app->monitoring.t_us, d, out)) {
             kc_monitoring_observe(&app->monitoring, &app->arena.idle.monitor, v, d, work, out);

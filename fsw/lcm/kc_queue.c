@@ -2,7 +2,11 @@
 
 #include <string.h>
 
-static bool ahead(int64_t t_us, int64_t now_us) { return t_us > now_us && t_us - now_us > KC_Q_AHEAD_US; }
+/* Their difference may exceed 63 bits: nothing has checked either. */
+static bool ahead(int64_t t_us, int64_t now_us)
+{
+    return t_us > now_us && (uint64_t)t_us - (uint64_t)now_us > KC_Q_AHEAD_US;
+}
 
 /* The quota of a command: that of its source, 0 for all unknown ones. */
 static uint32_t account(const kc_cmd_t *m)

@@ -48,6 +48,5 @@ double kc_chi2_sf(double chi2, uint32_t dof)
     const double a = 0.5 * (double)dof;
     const double x = 0.5 * chi2;
     if (x <= 0.0) { return 1.0; }
-    const double q = (x < a + 1.0) ? 1.0 - lower_series(a, x) : upper_fraction(a, x);
-    return (q < 0.0) ? 0.0 : q;
+    return (x < a + 1.0) ? 1.0 - lower_series(a, x) : upper_fraction(a, x);
 }

@@ -5,8 +5,6 @@
 #include "kc_check.h"
 #include "kc_libm.h"
 
-/* Index of term k in a validation report. */
-
 /* Typical sizes of a DH error, used for column scaling only. */
 #define DH_SCALE_RAD 0.02
 #define DH_SCALE_M 0.01
@@ -20,6 +18,9 @@ static bool lever_ok(uint32_t link, uint32_t body, uint32_t n_joints)
     return link < n_joints && (body == KC_LEVER_TOOL || (body > link && body <= n_joints));
 }
 
+/* Counted from 1. */
+static bool one_of(uint32_t index, uint32_t n) { return index >= 1u && index <= n; }
+
 static bool index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
 {
     switch ((kc_var_t)var) {
@@ -27,7 +28,7 @@ static bool index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
     case KC_VAR_TAU:
     case KC_VAR_DIR:
     case KC_VAR_QDOT:
-    case KC_VAR_TAU_PAYLOAD: return index >= 1u && index <= n_joints;
+    case KC_VAR_TAU_PAYLOAD: return one_of(index, n_joints);
     case KC_VAR_MX:
     case KC_VAR_MY:
     case KC_VAR_MZ:
@@ -42,7 +43,7 @@ static bool index_ok(uint32_t var, uint32_t index, uint32_t n_joints)
     case KC_VAR_PNP_TZ:
     case KC_VAR_PNP_RX:
     case KC_VAR_PNP_RY:
-    case KC_VAR_PNP_RZ: return index >= 1u && index <= KC_PNP_MAX;
+    case KC_VAR_PNP_RZ: return one_of(index, KC_PNP_MAX);
     default: return index == 0u;
     }
 }

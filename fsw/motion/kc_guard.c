@@ -383,6 +383,15 @@ static void check_clearance(kc_guard_job_t *job)
     }
 }
 
+/* Bound of the loop over postures; the steps of next_part() end before it. What is not checked is not clear. */
+static void check_bound(kc_guard_job_t *job)
+{
+    if (job->over || job->k < KC_GUARD_STEPS_MAX + 2u) { return; }
+    job->why = job->at.why[0];
+    job->verdict = KC_GUARD_VOLUME;
+    job->over = true;
+}
+
 /* The instructions that it was charged with. */
 static uint64_t next_posture(const kc_guard_request_t *request, kc_guard_job_t *job)
 {
@@ -396,7 +405,8 @@ static uint64_t next_posture(const kc_guard_request_t *request, kc_guard_job_t *
         check_clearance(job);
     }
     job->k++;
-    job->over = job->over || job->k > KC_GUARD_STEPS_MAX + 1u || !(job->part < 1.0);
+    job->over = job->over || !(job->part < 1.0);
+    check_bound(job);
     return cost;
 }
 

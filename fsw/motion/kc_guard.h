@@ -88,8 +88,8 @@ typedef struct {
 
 /* First reason why the command must not be sent. An arm that is too near to something already, according
  * to a new correction, may leave it. Clearances are not checked on moves to and from local initial poses:
- * there the correction is not known yet. At most KC_GUARD_STEPS_MAX + 1 postures. Space and arm must be
- * validated. */
+ * there the correction is not known yet. At most KC_GUARD_STEPS_MAX + 2 postures; should they not do, the
+ * verdict is VOLUME. Space and arm must be validated. */
 kc_guard_verdict_t kc_guard_check(const kc_guard_request_t *request, kc_guard_reason_t *why);
 /* The same in parts: begin, then step, once a step of the process and with the same request, until it answers
  * true; then the job holds verdict and reason. */

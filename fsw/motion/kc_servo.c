@@ -55,7 +55,7 @@ static void learn(const kc_arm_t *arm, const kc_terms_t *terms, const double *co
         turn += kc_fabs(s[j]);
     }
     kc_pose_residual(measured, &mem->measured, dx);
-    if (!kc_v_finite(dx, 6u) || kc_v3_norm(&dx[3]) > TURN_GAIN * turn + TURN_NOISE_RAD) {
+    if (kc_v3_norm(&dx[3]) > TURN_GAIN * turn + TURN_NOISE_RAD) {
         kc_servo_forget(mem);
         return;
     }

@@ -81,12 +81,12 @@ def tool(*command: object) -> subprocess.CompletedProcess:
     return subprocess.run([*map(str, command)], capture_output=True, text=True)
 
 
-def configured(root: Path, build_type: str = "Release") -> Path:
+def configured(root: Path, build_type: str = "Release", *options: str) -> Path:
     """The build folder of a tree."""
     done = tool("cmake", "-S", root, "-B", root / "build/x", "-G", "Ninja", "-DBUILD_TESTING=ON",
                 f"-DCMAKE_BUILD_TYPE={build_type}", "-DCMAKE_COMPILE_WARNING_AS_ERROR=ON",
                 "-DCMAKE_VERIFY_INTERFACE_HEADER_SETS=ON", f"-DUNITY={ROOT / 'build/unity/src'}",
-                f"-DMUSL={ROOT / 'build/musl'}", f"-DMONOCYPHER={ROOT / 'build/monocypher'}")  # fmt: skip
+                f"-DMUSL={ROOT / 'build/musl'}", f"-DMONOCYPHER={ROOT / 'build/monocypher'}", *options)  # fmt: skip
     assert done.returncode == 0, done.stderr
     return root / "build/x"
 
@@ -351,21 +351,61 @@ def test_a_test_that_would_never_run_does_not_compile(tmp_path):
     assert "no test in it" in done.stdout + done.stderr
 
 
-def test_coverage_below_the_limits_is_a_failure(tmp_path):
+def counted(folder: Path) -> None:
+    """Counters of the unit tests of a tree, as `make cov` exports them."""
+    profile, counters = folder / "x.profraw", folder / "x.profdata"
+    done = build(folder, "test_kc_math", "kincal_shared")
+    assert done.returncode == 0, done.stdout
+    assert tool("env", f"LLVM_PROFILE_FILE={profile}", folder / "unit/test_kc_math").returncode == 0
+    assert tool("llvm-profdata-19", "merge", "-o", counters, profile).returncode == 0
+    done = tool("llvm-cov-19", "export", f"-instr-profile={counters}", folder / "libkincal.so")
+    (folder / "x.json").write_text(done.stdout)
+
+
+def covered(folder: Path, exceptions: str) -> subprocess.CompletedProcess:
+    """tests/coverage.py, with the functions of all files but kc_math.c excused."""
+    table = folder / "x.csv"
+    command = (sys.executable, TESTS / "coverage.py", folder / "x.json", table, folder.parents[1])
+    table.write_text("file,function,condition,never,reason\n")
+    others = re.findall(r"^(fsw/.+):0: (\w+): never called: $", tool(*command).stdout, re.M)
+    rows = [f"{file},{name},,called,not tested\n" for file, name in others if file != "fsw/math/kc_math.c"]
+    table.write_text("".join([table.read_text(), *rows, exceptions]))
+    return tool(*command)
+
+
+def test_a_condition_that_no_test_decides_is_a_failure(tmp_path):
     root = tree(tmp_path)
-    folder = configured(root, "Coverage")
-    gcovr = (Path(sys.executable).with_name("gcovr"), "--config", TESTS / "gcovr.cfg", "--root", root)
-    source = root / "fsw/math/kc_math.c"
-    text = source.read_text()
-    branch = text.replace("{ return", "{ volatile int m = 1; if (n > 3) { m = 0; } return m +")
-    line = "int kc_b(int n);\nint kc_b(int n)\n{\n    return n;\n}\n"
-    cases = ((text, 0), (text + line, 2), (branch, 4), (branch + line, 6))
-    for text, status in cases:
-        source.write_text(text)
-        assert build(folder, "test_kc_math").returncode == 0
-        assert tool("ctest", "--test-dir", folder).returncode == 0
-        done = tool(*gcovr, folder / "fsw/CMakeFiles/kc_math.dir")
-        assert done.returncode == status, done.stdout + done.stderr
+    folder = configured(root, "Coverage", "-DCMAKE_C_COMPILER=clang-19", "-DCMAKE_CXX_COMPILER=clang++-19")
+    each = "for (int i = 0; i < n; i++) { m = %s ? 0 : m; }"
+    cases = [  # called with n = 4; what is never what
+        ("m = n > 3;", []),  # a value, no condition
+        ("if (n > 3) { m = 0; }", [("n > 3", "false")]),
+        ("for (int i = 0; i < n; i++) { m = 0; }", []),
+        ("if (n > 3 && one) { m = 0; }", [("n > 3", "false"), ("one", "false")]),
+        (each % "i > 1 && i < n", [("i < n", "false")]),
+        (each % "i > 1 && i < 3", []),
+        # both values are seen, but the first is never the reason: where it is true, the second is false
+        (each % "i > 1 && i * i < 4", [("i * i < 4", "true"), ("i > 1", "decides")]),
+        (each % "i > 1 && (i > 2 || i * i < 9)", [("i * i < 9", "false"), ("i > 2", "decides")]),
+        (each % "one && !(i > 1 && i < 3)", [(c, "measured") for c in ("one", "i > 1", "i < 3")]),
+        ("SKIP(n) SKIP(n + 9)", [(c, never) for c in ("(x) > 5", "one") for never in ("true", "false")]),
+        ("return n + m; } int kc_b(int n); int kc_b(int n) { int m = 0;", [("", "called")]),
+    ]
+    head = (
+        '#include "kc_math.h"\n#define SKIP(x) if ((x) > 5 && one) { m = 1; }\n'
+        "static volatile int one = 1;\nint kc_math(int n)\n{\n    volatile int m = 0;\n    m = !one;\n"
+    )
+    for body, wanted in cases:
+        (root / "fsw/math/kc_math.c").write_text(f"{head}    {body}\n    return n + 0 * m;\n}}\n")
+        counted(folder)
+        done = covered(folder, "")
+        found = re.findall(r"^fsw/math/kc_math\.c:\d+: kc_\w+: never (\w+): ?(.*)$", done.stdout, re.M)
+        assert sorted((text, never) for never, text in found) == sorted(wanted), done.stdout + done.stderr
+        assert done.returncode == (1 if wanted else 0)
+    rows = "fsw/math/kc_math.c,kc_b,,called,tested\n"
+    assert covered(folder, rows).returncode == 0
+    assert "needed no more" in covered(folder, rows + rows).stdout
+    assert "no reason" in covered(folder, rows.replace("tested", "")).stderr
 
 
 # ---- the summary

@@ -387,6 +387,7 @@ void world_tick(void)
     report_arm(arm);
     report_pantilt(pantilt);
     take_frame();
+    if (world.spoil_in != NULL) { world.spoil_in(&world.in); }
     sign_all();
     kc_app_step(&kc_app_instance, (uint64_t)((int64_t)world.now_us + world.skew_us), &world.in, &world.out);
     memset(&world.in, 0, sizeof world.in);

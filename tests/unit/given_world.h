@@ -44,6 +44,7 @@ typedef struct {
     int32_t fault;
     int64_t skew_us; /* the component's clock less that of arm and camera */
     void (*spoil)(kc_detection_t *d); /* changes every detection */
+    void (*spoil_in)(kc_in_t *in); /* changes the whole input of every step */
     kc_status_t (*keep)(const kc_store_t *s); /* the store, if not the one below */
     int store_fails; /* number of requests that the store refuses, -1: all */
     uint16_t store_fails_kind; /* of this kind only, 0: of any */

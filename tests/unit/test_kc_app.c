@@ -427,3 +427,54 @@ void test_after_an_abort_a_calibration_can_start_again(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
 }
+
+/* ---- found missing by mutants ---- */
+
+void test_an_abort_is_reported_with_pose_and_cause_alone(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+    const kc_event_t *e = &world.last[KC_EVT_CAL_ABORTED];
+    TEST_ASSERT_EQUAL_INT(1, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_COMMAND, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
+}
+
+void test_where_the_journal_names_no_correction_the_stored_one_is_taken(void)
+{
+    static kc_kin_t kin;
+    given_kin(&kin);
+    world_boot();
+    APP->journal.found.boot_count = 1u;
+    APP->journal.found.kin_crc = 0u;
+    uint32_t n = given_image(KC_TBL_KIN, &kin, world.image);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_app_load(APP, KC_TBL_KIN, world.image, n));
+    TEST_ASSERT_EQUAL_UINT32(kc_tbl_image_crc(world.image, n), kc_app_active(APP)->crc[KC_TBL_KIN]);
+}
+
+void test_a_stored_correction_too_short_or_too_long_to_be_one_is_reported(void)
+{
+    static kc_kin_t kin;
+    given_kin(&kin);
+    uint32_t n = given_image(KC_TBL_KIN, &kin, world.image);
+    world_boot();
+    APP->journal.found.boot_count = 1u;
+    APP->journal.found.kin_crc = kc_tbl_image_crc(world.image, n) ^ 1u;
+    uint32_t before = APP->boot_events.n;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_TBL_KIN, world.image, 4u));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_TBL_KIN, world.image, KC_KIN_IMAGE_MAX + 1u));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->n_other);
+    TEST_ASSERT_TRUE(APP->boot_events.n > before);
+}
+
+void test_a_stored_proposal_without_a_byte_is_reported(void)
+{
+    make_arm_wrong();
+    world_calibrated();
+    world_restart();
+    APP->review.crc = 0u; /* not found yet; the journal names it */
+    APP->boot_events.n = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_STORE_PROPOSAL, world.image, 0u));
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_BOOT_SLOT_BAD, APP->boot_events.e[APP->boot_events.n - 1u].id);
+}

@@ -132,3 +132,13 @@ void test_wrong_joints_are_refused_by_number(void)
     s_arm.joint[1].gear_ratio = -2.0;
     refused(1, -2.0);
 }
+
+/* Its last number was chosen for this: the CRC of all of them is 0, which stands for any arm. */
+void test_the_crc_of_an_arm_is_never_that_of_any_arm(void)
+{
+    memset(&s_arm.joint[0], 0, sizeof s_arm.joint[0]);
+    s_arm.n_joints = 1u;
+    s_arm.joint[0].a_m = 0.001;
+    s_arm.joint[0].d_m = -1863.346618;
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_arm_kinematics_crc(&s_arm));
+}

@@ -283,3 +283,57 @@ void test_a_proposal_that_changed_in_memory_cannot_be_approved(void)
     TEST_ASSERT_EQUAL_INT(KC_EVT_TBL_CRC, world.ack.event_id);
     expect_in_force(s_before, s_crc, KC_ST_ARMED);
 }
+
+/* ---- found missing by mutants ---- */
+
+static const kc_store_t *stored_in_step(uint16_t kind)
+{
+    for (uint32_t i = 0u; i < world.out.n_store; i++) {
+        if (world.out.store[i].kind == kind) { return &world.out.store[i]; }
+    }
+    return NULL;
+}
+
+/* A proposal is stored with the record that names it, so that no power loss after it forgets it. */
+void test_the_record_stored_with_a_proposal_names_it(void)
+{
+    static kc_journal_store_t journal;
+    world_started();
+    uint32_t steps = 0u;
+    for (; steps < 4000u && stored_in_step(KC_STORE_PROPOSAL) == NULL; steps++) { world_tick(); }
+    const kc_store_t *image = stored_in_step(KC_STORE_PROPOSAL), *record = stored_in_step(KC_STORE_JOURNAL);
+    TEST_ASSERT_NOT_NULL(image);
+    TEST_ASSERT_NOT_NULL(record);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_journal_load(&journal, record->data, record->n));
+    TEST_ASSERT_EQUAL_HEX32(kc_tbl_image_crc(image->data, image->n), journal.found.proposal_crc);
+    TEST_ASSERT_EQUAL_UINT32(KC_ST_REVIEW, journal.found.state);
+}
+
+void test_after_a_rollback_nothing_is_kept_to_roll_back_to(void)
+{
+    approved();
+    world_ticks(3u);
+    TEST_ASSERT_TRUE(world.stored[KC_STORE_PREV][0] > 0u);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ROLLBACK, (int32_t)s_crc, 0, 0));
+    world_ticks(3u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_STORE_PREV][0]);
+}
+
+/* The journal names corrections alone: its record is only there for the counter of the command, and before it. */
+void test_a_table_that_is_no_correction_is_stored_behind_the_counter_of_its_command(void)
+{
+    world_boot();
+    world_ticks(20u);
+    world.config.n_poses = 9u;
+    world.store_fails = -1;
+    world.store_fails_kind = KC_TBL_CONFIG;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, upload(KC_TBL_CONFIG, &world.config)); /* it stays staged */
+    world_ticks(20u);
+    int32_t crc = (int32_t)kc_tbl_image_crc(APP->tables.staging.image, APP->tables.staging.n);
+    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
+    for (uint32_t i = 0u; i < 10u && stored_in_step(KC_TBL_CONFIG) == NULL; i++) { world_tick(); }
+    TEST_ASSERT_NOT_NULL(stored_in_step(KC_TBL_CONFIG));
+    TEST_ASSERT_EQUAL_UINT32(2u, world.out.n_store);
+    TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, world.out.store[0].kind);
+    TEST_ASSERT_EQUAL_UINT16(KC_TBL_CONFIG, world.out.store[1].kind);
+}

@@ -43,3 +43,17 @@ void test_it_falls_with_chi2_and_rises_with_degrees_of_freedom(void)
 }
 
 void test_nan_stays_nan(void) { TEST_ASSERT_TRUE(isnan(kc_chi2_sf(NAN, 3u))); }
+
+/* Far beyond the degrees of freedom of a calibration the sums are cut off, but the answer stays a probability. */
+void test_more_degrees_of_freedom_than_it_is_made_for_give_a_probability(void)
+{
+    const uint32_t dof[] = {2000000u, 1000000000u};
+    for (uint32_t i = 0u; i < 2u; i++) {
+        for (double part = 0.99; part < 1.01; part += 0.001) {
+            double p = kc_chi2_sf(part * (double)dof[i], dof[i]);
+            TEST_ASSERT_TRUE(p >= 0.0 && p <= 1.0);
+        }
+        double just = kc_chi2_sf((double)dof[i] + 2.001, dof[i]);
+        TEST_ASSERT_TRUE(just >= 0.0 && just <= 1.0);
+    }
+}

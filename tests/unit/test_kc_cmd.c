@@ -603,3 +603,66 @@ void test_a_dump_ends_when_its_table_changes(void)
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_TBL_MISSING));
 }
+
+/* ---- found missing by mutants ---- */
+
+/* Silence counts from the source's last command, however late it is. */
+void test_late_too_a_wild_number_is_refused_while_its_source_is_heard(void)
+{
+    world_boot();
+    world_ticks(300u);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 5000000;
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world.ack.status);
+    world_ticks(5u);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 7;
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+}
+
+void test_a_dump_larger_than_a_chunk_comes_in_two(void)
+{
+    given_idle();
+    APP->review.n = KC_KIN_IMAGE_MAX;
+    APP->review.crc = 77u;
+    for (uint32_t i = 0u; i < KC_KIN_IMAGE_MAX; i++) { APP->review.image[i] = (uint8_t)(i * 7u); }
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DUMP, KC_STORE_PROPOSAL, 0, 0));
+    TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_BYTES, world.out.table_down.n);
+    TEST_ASSERT_EQUAL_UINT32(KC_KIN_IMAGE_MAX, collect(10u));
+    TEST_ASSERT_EQUAL_MEMORY(APP->review.image, s_dumped, KC_KIN_IMAGE_MAX);
+    TEST_ASSERT_EQUAL_UINT32(KC_KIN_IMAGE_MAX - KC_CHUNK_BYTES, world.out.table_down.n);
+}
+
+void test_a_dump_waits_while_a_step_has_no_time_for_it(void)
+{
+    kc_work_t busy = {KC_STEP_WORK, KC_STEP_WORK}, idle = kc_work_of_step();
+    given_idle();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DUMP, KC_TBL_SPACE, 0, 0));
+    uint32_t at = APP->dump.at;
+    memset(&world.out, 0, sizeof world.out);
+    kc_dump_run(&APP->dump, &APP->review, &APP->view, &busy, &world.out);
+    TEST_ASSERT_EQUAL_UINT8(0u, world.out.has_table_down);
+    TEST_ASSERT_EQUAL_UINT32(at, APP->dump.at);
+    kc_dump_run(&APP->dump, &APP->review, &APP->view, &idle, &world.out);
+    TEST_ASSERT_EQUAL_UINT8(1u, world.out.has_table_down);
+    TEST_ASSERT_EQUAL_UINT32(at, world.out.table_down.offset);
+}
+
+/* One more is announced than there is room for: what lies behind the queue is no chunk. */
+void test_of_chunks_no_more_are_read_than_the_queue_holds(void)
+{
+    given_idle();
+    s_n = 2u * KC_CHUNK_QUEUE_MAX * KC_CHUNK_BYTES; /* of an image whose content does not matter yet */
+    memset(&world.in, 0, sizeof world.in);
+    world.in.n_chunk = KC_CHUNK_QUEUE_MAX + 1u;
+    for (uint32_t i = 0u; i < KC_CHUNK_QUEUE_MAX; i++) {
+        kc_chunk_t *c = &world.in.chunk[i];
+        c->kind = KC_TBL_SPACE;
+        c->total = s_n;
+        c->offset = i * KC_CHUNK_BYTES;
+        c->n = KC_CHUNK_BYTES;
+        world_sign_chunk(c);
+    }
+    kc_app_step(APP, world.now_us + TICK_US, &world.in, &world.out);
+    TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_QUEUE_MAX * KC_CHUNK_BYTES, APP->tables.staging.n);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.out.events.n);
+}

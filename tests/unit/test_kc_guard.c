@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "given_tables.h"
+#include "kc_rng.h"
 #include "unity.h"
 
 #define NODE(c) (KC_HUB_MAX + (c))
@@ -497,4 +498,197 @@ void test_a_check_in_parts_comes_to_the_same(void)
     TEST_ASSERT_TRUE(steps > 2u);
     TEST_ASSERT_EQUAL_INT(whole, job.verdict);
     TEST_ASSERT_EQUAL_MEMORY(&s_why.got, &job.why.got, sizeof s_why.got);
+}
+
+/* ---- found missing by mutants ---- */
+
+/* Beyond the end of the segment at the hub, where the nearest point of it is the end itself. */
+static void step_off_the_hub(double by)
+{
+    uint32_t hub = s_s.cand[3].hub;
+    kc_path_joints(&s_s, hub, s_from);
+    s_from[0] += s_from[0] < s_to[0] ? -by : by;
+}
+
+void test_a_segment_is_left_by_twice_the_tolerance_at_most(void)
+{
+    for (uint32_t stopped = 0u; stopped < 2u; stopped++) {
+        s_ask.from = stopped ? s_ask.to : s_s.cand[3].hub;
+        step_off_the_hub(1.9e-3);
+        expect_fine();
+        step_off_the_hub(2.1e-3);
+        TEST_ASSERT_EQUAL_INT(KC_GUARD_PATH, kc_guard_check(&s_ask, &s_why));
+    }
+}
+
+static double drawn(uint64_t *rng) { return 2.0 * kc_rng_uniform(rng) - 1.0; }
+
+static kc_body_t drawn_rod(uint64_t *rng)
+{
+    kc_body_t b = {.radius_m = 0.02f};
+    for (uint32_t i = 0u; i < 3u; i++) {
+        b.start_m[i] = (float)drawn(rng);
+        b.end_m[i] = b.start_m[i] + (float)(1.2 * drawn(rng));
+    }
+    return b;
+}
+
+static void on_rod(const kc_body_t *b, double part, double p[3])
+{
+    for (uint32_t i = 0u; i < 3u; i++) {
+        p[i] = (double)b->start_m[i] + part * ((double)b->end_m[i] - (double)b->start_m[i]);
+    }
+}
+
+#define SAMPLES 60u
+#define SAMPLE_TOL 0.03 /* half the distance of two samples on the longest rod, on both rods */
+
+/* From samples on both axes: independent, and at most SAMPLE_TOL too large. */
+static double sampled_between(const kc_body_t *one, const kc_body_t *two)
+{
+    double least = HUGE_VAL, p[3], q[3];
+    for (uint32_t i = 0u; i <= SAMPLES; i++) {
+        on_rod(one, (double)i / SAMPLES, p);
+        for (uint32_t k = 0u; k <= SAMPLES; k++) {
+            on_rod(two, (double)k / SAMPLES, q);
+            least = fmin(least, sqrt(pow(p[0] - q[0], 2.0) + pow(p[1] - q[1], 2.0) + pow(p[2] - q[2], 2.0)));
+        }
+    }
+    return least - (double)one->radius_m - (double)two->radius_m;
+}
+
+/* Pairs that a bound passes over are never the nearest. */
+void test_the_nearest_of_many_bodies_is_found(void)
+{
+    uint64_t rng = 5u;
+    for (uint32_t n = 0u; n < 60u; n++) {
+        double want = HUGE_VAL;
+        uint32_t met = 0u;
+        s_s.n_body = 5u;
+        for (uint32_t i = 0u; i < s_s.n_body; i++) {
+            s_s.body[i] = drawn_rod(&rng);
+            s_s.body[i].collision_pairs = (1u << i) - 1u;
+            for (uint32_t k = 0u; k < i; k++) {
+                want = fmin(want, sampled_between(&s_s.body[i], &s_s.body[k]));
+            }
+        }
+        TEST_ASSERT_DOUBLE_WITHIN(SAMPLE_TOL, want, kc_guard_self_clearance(&s_g, &s_body, &met));
+        TEST_ASSERT_DOUBLE_WITHIN(SAMPLE_TOL, want, sampled_between(&s_s.body[s_body], &s_s.body[met]));
+    }
+}
+
+static double sampled_to_box(const kc_body_t *b, const kc_volume_t *v)
+{
+    double least = HUGE_VAL, p[3];
+    for (uint32_t i = 0u; i <= 10u * SAMPLES; i++) {
+        double d2 = 0.0;
+        on_rod(b, (double)i / (10.0 * SAMPLES), p);
+        for (uint32_t k = 0u; k < 3u; k++) {
+            double out = fabs(p[k] - (double)v->p_m[k]) - (double)v->size_m[k];
+            d2 += out > 0.0 ? out * out : 0.0;
+        }
+        least = fmin(least, sqrt(d2));
+    }
+    return least - (double)b->radius_m;
+}
+
+void test_the_nearest_of_many_boxes_is_found(void)
+{
+    uint64_t rng = 8u;
+    for (uint32_t n = 0u; n < 60u; n++) {
+        double want = HUGE_VAL;
+        s_s.n_body = s_s.n_volume = 4u;
+        for (uint32_t i = 0u; i < 4u; i++) {
+            kc_volume_t *v = &s_s.volume[i];
+            s_s.body[i] = drawn_rod(&rng);
+            *v = (kc_volume_t){.kind = KC_VOL_BOX};
+            for (uint32_t k = 0u; k < 3u; k++) {
+                v->p_m[k] = (float)(2.0 * drawn(&rng));
+                v->size_m[k] = (float)(0.01 + 0.3 * fabs(drawn(&rng)));
+            }
+        }
+        for (uint32_t i = 0u; i < 16u; i++) {
+            want = fmin(want, sampled_to_box(&s_s.body[i / 4u], &s_s.volume[i % 4u]));
+        }
+        TEST_ASSERT_DOUBLE_WITHIN(2e-3, want, kc_guard_clearance(&s_g, &s_body, &s_volume));
+    }
+}
+
+/* Instructions that a check is charged with. */
+static uint64_t charged(void)
+{
+    kc_work_t work = kc_work_unlimited();
+    kc_guard_job_t job;
+    kc_guard_begin(&s_ask, &job);
+    TEST_ASSERT_TRUE(kc_guard_step(&s_ask, &job, &work));
+    return work.used;
+}
+
+/* A box is charged with what it costs: little where a bound says that another one is nearer. */
+void test_a_box_that_is_passed_over_is_charged_with_less(void)
+{
+    s_s.n_body = 1u;
+    s_s.body[0] = (kc_body_t){0u, {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.03f}, 0.03f, 0u};
+    s_s.n_volume = 2u;
+    for (uint32_t i = 0u; i < 2u; i++) {
+        s_s.volume[i] =
+            (kc_volume_t){KC_VOL_BOX, {0.0f, 0.0f, -2.0f - (float)i}, {0.1f, 0.1f, 0.1f}, 0.0f, 0u};
+    }
+    uint64_t near_first = charged();
+    s_s.volume[0].p_m[2] = -3.0f;
+    s_s.volume[1].p_m[2] = -2.0f;
+    uint64_t near_last = charged();
+    TEST_ASSERT_TRUE(near_last >= near_first + 5000u);
+    s_s.volume[1].excluded = 1u;
+    TEST_ASSERT_TRUE(charged() + 5000u <= near_last);
+}
+
+/* What lies beyond the arm's joints in arrays plays no part. */
+void test_joints_that_the_arm_does_not_have_are_not_looked_at(void)
+{
+    double seed[KC_JOINT_MAX];
+    s_from[7] = s_to[7] = 9.0;
+    s_bound[7] = 0.0;
+    s_arm.joint[7].q_max = -1.0;
+    expect_fine();
+    kc_path_joints(&s_s, s_s.cand[3].hub, seed);
+    memcpy(s_from, seed, 7u * sizeof *seed);
+    expect_fine();
+    s_ask.from = s_s.cand[3].hub;
+    expect_fine();
+}
+
+/* Far between the ends, so that no step may be as long as the whole slide. */
+void test_a_volume_in_the_way_of_a_sliding_joint_is_found(void)
+{
+    double half[KC_JOINT_MAX];
+    s_arm.joint[0].type = KC_PRISMATIC;
+    s_arm.joint[0].q_min = -2.0;
+    s_arm.joint[0].q_max = 2.0;
+    s_bound[0] = 2.0;
+    s_from[0] -= 0.9;
+    s_to[0] += 0.9;
+    for (uint32_t j = 0u; j < 7u; j++) { half[j] = s_from[j] + 0.443 * (s_to[j] - s_from[j]); }
+    s_s.n_volume = 2u;
+    put_ball(half, 0.002f);
+    expect_met(KC_GUARD_VOLUME, 1, 0.012, 1.0);
+    s_s.volume[1].p_m[0] += 5.0f;
+    expect_fine();
+}
+
+void test_a_check_that_runs_out_of_postures_refuses(void)
+{
+    kc_guard_job_t job;
+    kc_work_t one = {1u, 0u};
+    s_to[0] += 0.3;
+    expect_fine();
+    kc_guard_begin(&s_ask, &job);
+    TEST_ASSERT_FALSE(kc_guard_step(&s_ask, &job, &one)); /* the first posture */
+    job.at.d[0] = KC_GUARD_CLEAR_M; /* so that the next one is near */
+    job.k = KC_GUARD_STEPS_MAX + 1u;
+    one.used = 0u;
+    (void)kc_guard_step(&s_ask, &job, &one);
+    TEST_ASSERT_TRUE(job.over);
+    TEST_ASSERT_TRUE(job.part < 1.0);
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
 }

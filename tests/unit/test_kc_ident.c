@@ -213,3 +213,63 @@ void test_with_nothing_held_the_weak_prior_stays_however_many_observations_there
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT8(0u, s_est.weak);
 }
+
+/* All frames coincide. Where frame 1 is turned by a quarter, x of frame 2 is y of the base; at the solution it is x
+ * of the base. So the rank is the same at both places, and the set chosen at the start is none at the solution. */
+static uint32_t s_base_x, s_base_y, s_turn, s_moved_x;
+
+static void given_a_set_that_is_dependent_at_the_solution(void)
+{
+    const double q[KC_JOINT_MAX] = {0.0};
+    uint64_t rng = 1u;
+    kc_obs_t obs;
+    memset(s_arm.joint, 0, sizeof s_arm.joint);
+    memset(s_arm.base_xyz_m, 0, sizeof s_arm.base_xyz_m);
+    memset(s_arm.tool_xyz_m, 0, sizeof s_arm.tool_xyz_m);
+    s_terms.n_coef = s_terms.n_term = 0u;
+    s_base_x = add_coef(0u, KC_TX, KC_VAR_ONE);
+    s_base_y = add_coef(0u, KC_TY, KC_VAR_ONE);
+    s_turn = add_coef(1u, KC_RZ, KC_VAR_ONE);
+    s_moved_x = add_coef(2u, KC_TX, KC_VAR_ONE);
+    s_terms.coef[s_turn].lb = -2.0;
+    s_terms.coef[s_turn].ub = 2.0;
+    s_terms.coef[s_moved_x].scale = 0.2; /* so that it is chosen, and s_base_y is not */
+    memset(s_truth, 0, sizeof s_truth);
+    s_truth[s_base_x] = 0.03;
+    s_truth[s_base_y] = 0.01;
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 0u, 0.0);
+    for (uint32_t i = 0u; i < 4u; i++) {
+        given_one_observation(&s_arm, &s_terms, s_truth, q, 0.0, &rng, &obs);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_add(&s_est, &obs));
+    }
+    s_est.start[s_turn] = 1.5707963267948966;
+}
+
+void test_a_set_that_is_no_longer_independent_at_the_solution_is_chosen_anew(void)
+{
+    given_a_set_that_is_dependent_at_the_solution();
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(3u, s_est.rank);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[s_turn]);
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[s_base_y]);
+    TEST_ASSERT_EQUAL_UINT32(1u, count(KC_COEF_HELD));
+    TEST_ASSERT_TRUE((s_est.confounded[s_base_x] >> s_moved_x & 1u) != 0u);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.01, s_est.coef[s_base_y]);
+    assert_held_at_start();
+}
+
+void test_after_as_many_choices_as_there_may_be_the_last_one_stands(void)
+{
+    kc_work_t one = {1u, 0u}, all = kc_work_unlimited();
+    given_a_set_that_is_dependent_at_the_solution();
+    kc_est_begin(&s_est);
+    for (uint32_t i = 0u; i < 100u && s_est.job.n_fits == 0u; i++) {
+        one.used = 0u;
+        (void)kc_est_step(&s_est, &one);
+    }
+    s_est.job.n_fits = KC_EST_PASSES;
+    TEST_ASSERT_TRUE(kc_est_step(&s_est, &all));
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[s_base_y]);
+    TEST_ASSERT_EQUAL_UINT32(1u, count(KC_COEF_HELD));
+    assert_held_at_start();
+}

@@ -217,3 +217,21 @@ void test_the_same_question_gives_the_same_bits(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, solve(&goal, zero));
     TEST_ASSERT_EQUAL_MEMORY(first, s_q, sizeof first);
 }
+
+void test_more_iterations_than_there_may_be_are_not_done(void)
+{
+    kc_pose_t goal;
+    kc_pose_identity(&goal);
+    goal.p_m[0] = 30.0;
+    s_opt.iter_max = 1000000u;
+    s_opt.step_max = 1e-6; /* never there, and every step an improvement */
+    TEST_ASSERT_EQUAL_INT(KC_ERR_REACH, solve(&goal, NULL));
+    TEST_ASSERT_EQUAL_UINT32(200u + 1u, s_evals);
+}
+
+void test_the_number_of_evaluations_is_optional(void)
+{
+    kc_pose_t goal;
+    kc_arm_fk(&s_arm, s_q, &goal);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_ik_solve(&s_arm, &s_terms, NULL, &goal, &s_opt, s_q, &s_work, NULL));
+}

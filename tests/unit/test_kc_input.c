@@ -420,3 +420,56 @@ void test_a_field_of_an_input_has_a_name_and_the_number_of_its_element(void)
     TEST_ASSERT_EQUAL_STRING("", kc_input_field(199, &element));
     TEST_ASSERT_EQUAL_UINT32(0u, element);
 }
+
+/* Found by fuzzing: nothing checks these entries, and they are published. */
+void test_entries_beyond_the_joints_of_the_arm_are_not_taken(void)
+{
+    given_idle();
+    s_in.has_arm = 1u;
+    for (uint32_t j = s_in.arm.n_joints; j < KC_JOINT_MAX; j++) {
+        s_in.arm.q[j] = s_in.arm.dq[j] = (double)NAN;
+        s_in.arm.q_cmd[j] = (double)INFINITY;
+        s_in.arm.dir[j] = -1e265;
+    }
+    step();
+    const kc_arm_state_t *a = &APP->input.telemetry.arm;
+    TEST_ASSERT_EQUAL_INT(s_in.arm.seq, a->seq);
+    TEST_ASSERT_LESS_THAN_UINT32(KC_JOINT_MAX, a->n_joints);
+    for (uint32_t j = a->n_joints; j < KC_JOINT_MAX; j++) {
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, a->q[j]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, a->dq[j]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, a->q_cmd[j]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, a->dir[j]);
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(world.q[0], a->q[0]);
+}
+
+void test_a_tag_that_is_named_twice_is_refused_wherever_it_stands(void)
+{
+    kc_detection_t *d = given_frame();
+    APP->tables.active.camera.n_tags = 3u;
+    APP->tables.active.camera.tag[2] = APP->tables.active.camera.tag[1];
+    APP->tables.active.camera.tag[2].id = 2;
+    world_seal(KC_TBL_CAMERA);
+    d->n_tags = 3u;
+    d->tag_id[2] = 0; /* that of the first; the one between is another */
+    det_refused(KC_EVT_DET_UNKNOWN_TAG, 2);
+    d->tag_id[2] = 2;
+    step();
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->frames.n);
+}
+
+void test_of_detections_no_more_are_read_than_the_queue_holds(void)
+{
+    kc_detection_t good = *given_frame();
+    good.seq -= 1; /* not the one that is waited for */
+    s_in.n_det = KC_DET_QUEUE_MAX + 1u;
+    for (uint32_t i = 0u; i < KC_DET_QUEUE_MAX; i++) { s_in.det[i] = good; }
+    memset(&s_in.has_arm, 0x55, 1u); /* what lies behind */
+    s_in.arm = APP->input.telemetry.arm;
+    s_in.arm.seq += 1;
+    s_in.arm.t_us = world.now_us + TICK_US;
+    step();
+    TEST_ASSERT_EQUAL_UINT32(1u, s_out.events.n);
+    TEST_ASSERT_EQUAL_UINT16(KC_EVT_DET_UNREQUESTED, s_out.events.e[0].id);
+}

@@ -196,3 +196,37 @@ void test_an_observation_without_orientation_or_noise_is_refused(void)
     s_obs.cov[1] = s_obs.cov[6] = 1.0;
     refused(KC_ERR_NUM);
 }
+
+/* ---- found missing by mutants ---- */
+
+void test_every_prismatic_joint_is_known_as_one(void)
+{
+    s_arm.joint[2].type = KC_PRISMATIC;
+    s_arm.joint[6].type = KC_PRISMATIC;
+    kc_monitor_init(&s_mon, &s_arm, 2e-4, 5e-4);
+    TEST_ASSERT_EQUAL_HEX32(1u << 2 | 1u << 6, s_mon.prismatic);
+}
+
+/* Terms can undo what a joint does. */
+void test_a_joint_that_moves_nothing_is_never_suspected(void)
+{
+    observations(6u, 1u, 0.05);
+    for (uint32_t i = 0u; i < KC_MON_OBS_MAX; i++) {
+        memset(s_mon.obs[i].Jq[4], 0, sizeof s_mon.obs[i].Jq[4]);
+    }
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_v.joint);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_v.suspects >> 4u & 1u);
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.05, s_v.bias);
+}
+
+void test_a_joint_whose_effect_is_no_number_is_never_suspected(void)
+{
+    observations(6u, 1u, 0.05);
+    for (uint32_t i = 0u; i < KC_MON_OBS_MAX; i++) { s_mon.obs[i].Jq[0][2] = s_mon.obs[i].Jq[4][1] = NAN; }
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_v.joint);
+    TEST_ASSERT_EQUAL_HEX32(0u, s_v.suspects & 0x11u);
+}

@@ -1,5 +1,6 @@
 /* kc_monitoring.c: observations in normal operation feed the monitor; during a calibration nothing
  * changes. */
+#include <math.h>
 #include <string.h>
 
 #include "given_world.h"
@@ -213,4 +214,95 @@ void test_the_named_joint_alone_is_recalibrated(void)
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_free);
     TEST_ASSERT_DOUBLE_WITHIN(3e-3, 0.05, world.proposal.kin.value[8]);
+}
+
+/* ---- found missing by mutants ---- */
+
+void test_an_observation_counts_from_the_settling_time_on(void)
+{
+    given_idle(0u, 0.0);
+    world.arm_vibrates = 1;
+    world_tick();
+    for (uint32_t i = 0u; i < 2u; i++) { /* at rest since this tick; then for settle_us exactly */
+        world.requested = 1;
+        world.frame_requested = 77;
+        world_tick();
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_MON_NOT_AT_REST));
+        TEST_ASSERT_EQUAL_UINT32(i, APP->arena.idle.monitor.n);
+    }
+    const kc_event_t *e = &world.last[KC_EVT_MON_NOT_AT_REST];
+    TEST_ASSERT_EQUAL_INT(-1, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE(77.0, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
+}
+
+void test_without_a_table_that_it_needs_nothing_is_compared(void)
+{
+    static const uint16_t kinds[] = {KC_TBL_ARM, KC_TBL_CAMERA, KC_TBL_TERMS, KC_TBL_CONFIG};
+    for (uint32_t i = 0u; i < 4u; i++) {
+        given_world();
+        given_idle(0u, 0.0);
+        observations(2u);
+        APP->tables.active.crc[kinds[i]] = 0u;
+        observations(1u);
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_DET_UNREQUESTED));
+        TEST_ASSERT_EQUAL_UINT32(2u, APP->arena.idle.monitor.n);
+    }
+}
+
+void test_a_finding_is_repeated_when_other_joints_are_suspected_or_the_bias_has_changed(void)
+{
+    given_idle(2u, 0.05);
+    observations(8u);
+    uint32_t n = world_events(KC_EVT_MON_SUSPECT);
+    kc_mon_verdict_t *reported = &APP->monitoring.reported;
+    for (uint32_t what = 0u; what < 5u; what++) {
+        *reported = APP->monitoring.newest;
+        TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, reported->state);
+        switch (what) {
+        case 0u: break; /* the same */
+        case 1u: reported->suspects ^= 0x40u; break;
+        case 2u: reported->joint = 5u; break;
+        case 3u: reported->bias += 20.0 * reported->sigma; break;
+        default: reported->bias -= 20.0 * reported->sigma; break;
+        }
+        observations(1u);
+        n += what > 0u ? 1u : 0u;
+        TEST_ASSERT_EQUAL_UINT32(n, world_events(KC_EVT_MON_SUSPECT));
+    }
+}
+
+void test_that_a_finding_has_gone_is_no_event(void)
+{
+    given_idle(0u, 0.0);
+    observations(3u);
+    APP->monitoring.reported.state = KC_MON_NAMED;
+    observations(1u);
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, APP->monitoring.reported.state);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MON_SUSPECT) + world_events(KC_EVT_MON_UNEXPLAINED));
+}
+
+void test_a_calibration_begins_a_new_window(void)
+{
+    given_idle(0u, 0.0);
+    observations(3u);
+    APP->cal.session++;
+    observations(2u);
+    TEST_ASSERT_EQUAL_UINT32(2u, APP->arena.idle.monitor.n);
+}
+
+void test_an_observation_that_cannot_be_compared_changes_nothing(void)
+{
+    given_idle(0u, 0.0);
+    observations(3u);
+    kc_monitoring_t before = APP->monitoring;
+    kc_detection_t d = world.in.det[0];
+    d.t_us = world.now_us;
+    d.p_cam_tool_m[0] = NAN;
+    kc_work_t work = kc_work_of_step();
+    kc_monitoring_observe(&APP->monitoring, &APP->arena.idle.monitor, &APP->view, &d, &work, &world.out);
+    TEST_ASSERT_EQUAL_UINT32(3u, APP->arena.idle.monitor.n);
+    TEST_ASSERT_EQUAL_UINT64(before.t_us, APP->monitoring.t_us);
+    TEST_ASSERT_EQUAL_MEMORY(&before.newest, &APP->monitoring.newest, sizeof before.newest);
 }

@@ -392,3 +392,20 @@ void test_an_approach_from_outside_the_box_is_refused(void)
     pushed_while_looking();
     expect_nothing_sent();
 }
+
+void test_a_replicate_without_a_verified_path_to_its_hub_is_skipped(void)
+{
+    world.space.n_initial = 2u;
+    world.config.replicate_every = 2u;
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u)); /* the second; it hangs on the other hub */
+    memset(APP->tables.active.space.hub_edge, 0, sizeof APP->tables.active.space.hub_edge);
+    memset(APP->tables.active.space.edge, 0, sizeof APP->tables.active.space.edge);
+    world_seal(KC_TBL_SPACE);
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_NO_PATH, 20u));
+    TEST_ASSERT_EQUAL_INT(1, APP->cal.replicate);
+    TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CAL_NO_PATH].index);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+    TEST_ASSERT_TRUE(world_calibrating());
+}

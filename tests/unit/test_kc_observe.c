@@ -297,3 +297,29 @@ void test_a_pantilt_unit_command_lost_in_the_search_is_sent_again(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
     TEST_ASSERT_EQUAL_INT(0, world.pantilt_ignores);
 }
+
+void test_search_positions_beyond_one_limit_are_left_out(void)
+{
+    for (uint32_t which = 0u; which < 4u; which++) {
+        given_world();
+        world.hide = 100000;
+        world_started();
+        TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
+        kc_camera_t *c = &APP->tables.active.camera;
+        const double pan = APP->observe.middle_pan_rad, tilt = APP->observe.middle_tilt_rad;
+        switch (which) {
+        case 0u: c->pan_min_rad = pan - 0.01; break;
+        case 1u: c->pan_max_rad = pan + 0.01; break;
+        case 2u: c->tilt_min_rad = tilt - 0.01; break;
+        default: c->tilt_max_rad = tilt + 0.01; break;
+        }
+        world_seal(KC_TBL_CAMERA);
+        uint32_t turned = world.n_pantilt_cmd;
+        for (uint32_t i = 0u; i < 600u && world_events(KC_EVT_CAL_TAGS_LOST) == 0u; i++) {
+            world_tick();
+            TEST_ASSERT_TRUE(world.pan_cmd >= c->pan_min_rad && world.pan_cmd <= c->pan_max_rad);
+            TEST_ASSERT_TRUE(world.tilt_cmd >= c->tilt_min_rad && world.tilt_cmd <= c->tilt_max_rad);
+        }
+        TEST_ASSERT_TRUE(world.n_pantilt_cmd > turned + 2u); /* the others are searched */
+    }
+}

@@ -269,3 +269,20 @@ void test_a_posture_between_nodes_without_a_segment_is_on_none(void)
     TEST_ASSERT_FALSE(kc_path_on(&s_s, 0u, 2u, q, 10.0)); /* no such node */
     TEST_ASSERT_FALSE(kc_path_on(&s_s, NODE(9u), 0u, q, 10.0));
 }
+
+/* ---- found missing by mutants ---- */
+
+/* What lies beyond the arm's joints in arrays plays no part. */
+void test_joints_that_the_arm_does_not_have_are_not_looked_at(void)
+{
+    double q[KC_JOINT_MAX], bound[KC_JOINT_MAX], dist = 0.0;
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { bound[j] = 0.4; }
+    kc_path_joints(&s_s, NODE(3u), q);
+    q[7] = 9.0;
+    s_s.cand[3].q_seed[7] = -5.0f;
+    TEST_ASSERT_EQUAL_UINT32(NODE(3u), kc_path_nearest(&s_s, bound, q, &dist));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, dist);
+    TEST_ASSERT_TRUE(kc_path_on(&s_s, s_s.cand[3].hub, NODE(3u), q, 1e-6));
+    TEST_ASSERT_TRUE(kc_path_leads_to(&s_s, NODE(3u), q, 1e-6));
+    TEST_ASSERT_EQUAL_UINT32(s_s.cand[3].hub, kc_path_on_segment(&s_s, q, 1e-6));
+}

@@ -172,3 +172,20 @@ void test_a_local_initial_pose_is_measured_again_once_and_counts(void)
     kc_plan_again(&s_plan, 0u); /* it was */
     TEST_ASSERT_EQUAL_UINT32(12u, next());
 }
+
+void test_before_a_pose_is_measured_there_is_nothing_to_repeat(void)
+{
+    uint32_t cand = 999u;
+    for (uint32_t i = 0u; i < 3u; i++) { kc_plan_skipped(&s_plan, i); }
+    TEST_ASSERT_FALSE(kc_plan_next(&s_plan, &s_space, 1u, false, &cand));
+}
+
+void test_a_reserve_pose_is_not_taken_while_others_may_still_determine_the_coefficient(void)
+{
+    uint32_t cand = 999u;
+    given(3u, 0u, 5u);
+    s_space.cand[11].why |= KC_CAND_RESERVE; /* the second of three */
+    measure(next());
+    TEST_ASSERT_TRUE(kc_plan_next(&s_plan, &s_space, 0u, true, &cand));
+    TEST_ASSERT_EQUAL_UINT32(12u, cand);
+}

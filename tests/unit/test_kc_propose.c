@@ -447,3 +447,85 @@ void test_a_stored_proposal_that_is_damaged_or_belongs_to_other_tables_is_droppe
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE,
                           kc_app_load(APP, KC_STORE_PROPOSAL, s_image, s_n)); /* one is enough */
 }
+
+/* ---- found missing by mutants ---- */
+
+static void expect_event(uint32_t id, int32_t index, double got, double want)
+{
+    const kc_event_t *e = &world.last[id];
+    TEST_ASSERT_TRUE(world_events(id) > 0u);
+    TEST_ASSERT_EQUAL_INT(index, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE(got, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(want, e->want);
+}
+
+/* Whole events, as docs/EVENTS.md describes them. */
+void test_events_of_a_review_say_what_they_are_about(void)
+{
+    world_calibrated();
+    double crc = (double)world.proposal.crc, before = (double)active_crc();
+    int32_t arg = (int32_t)world.proposal.crc;
+    expect_event(KC_EVT_COR_PROPOSED, -1, crc, 8.0);
+    (void)world_do(KC_CMD_APPROVE_ARM, 5, 0, 0);
+    expect_event(KC_EVT_CMD_CRC, -1, 5.0, crc);
+    (void)world_do(KC_CMD_APPROVE_ARM, arg, 0, 0);
+    expect_event(KC_EVT_COR_ARMED, -1, crc, 0.0);
+    (void)world_do(KC_CMD_APPROVE_GO, arg, 0, 0);
+    expect_event(KC_EVT_COR_ACTIVE, -1, crc, 0.0);
+    (void)world_do(KC_CMD_ROLLBACK, 6, 0, 0);
+    expect_event(KC_EVT_CMD_CRC, -1, 6.0, crc);
+    (void)world_do(KC_CMD_ROLLBACK, arg, 0, 0);
+    expect_event(KC_EVT_COR_ROLLBACK, -1, before, 0.0);
+    (void)world_do(KC_CMD_ROLLBACK, (int32_t)active_crc(), 0, 0);
+    expect_event(KC_EVT_COR_NO_PREVIOUS, -1, 0.0, 0.0);
+}
+
+void test_events_of_a_rejection_say_what_they_are_about(void)
+{
+    world_calibrated();
+    double crc = (double)world.proposal.crc;
+    (void)world_do(KC_CMD_REJECT, 7, 0, 0);
+    expect_event(KC_EVT_CMD_CRC, -1, 7.0, crc);
+    (void)world_do(KC_CMD_REJECT, (int32_t)world.proposal.crc, 0, 0);
+    expect_event(KC_EVT_COR_REJECTED, -1, crc, 0.0);
+}
+
+void test_an_approval_expires_ten_minutes_after_its_first_step(void)
+{
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0));
+    uint64_t armed_us = APP->place.since_us;
+    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 7000u));
+    TEST_ASSERT_EQUAL_UINT64(600000000u + TICK_US, APP->clock.now_us - armed_us);
+    expect_event(KC_EVT_COR_EXPIRED, -1, (double)world.proposal.crc, 0.0);
+}
+
+void test_a_proposal_without_an_observation_that_counts_has_no_residual_before(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_REPORT, 3000u));
+    while (world_calibrating() && world.n_proposal == 0u) {
+        if (APP->plan.n_meas == world.config.n_poses) {
+            memset(APP->est.outlier, 1, sizeof APP->est.outlier);
+        }
+        world_tick();
+    }
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.proposal.before_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.proposal.before_rot_rad);
+}
+
+void test_a_correction_that_does_not_fit_the_tables_waits_for_the_ground(void)
+{
+    given_policy();
+    world_started();
+    while (world_calibrating() && world.n_progress < world.config.n_poses) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(0u, world.n_proposal); /* estimated, and not proposed yet */
+    APP->tables.active.terms.coef[24].ub = 0.005; /* behind its back: it will propose 0.01 */
+    world_seal(KC_TBL_TERMS);
+    for (uint32_t i = 0u; i < 200u && world.n_proposal == 0u; i++) { world_tick(); }
+    TEST_ASSERT_TRUE(world_stored(10u));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ON_BOARD));
+}

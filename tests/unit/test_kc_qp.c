@@ -214,3 +214,50 @@ void test_impossible_input_is_refused(void)
     s_qp.lb[0] = s_qp.ub[0] = -HUGE_VAL;
     refused();
 }
+
+/* H = 11' + 1e-7 I: 1e7 of each variable cancel in the gradient, so its rounding is more than what is accepted of a
+ * well-conditioned problem. */
+void test_a_gradient_that_is_rounding_counts_as_none(void)
+{
+    given_identity(2u);
+    *H(0, 0) = *H(1, 1) = 1.0 + 1e-7;
+    *H(0, 1) = *H(1, 0) = 1.0;
+    s_qp.g[0] = 1.0;
+    s_qp.g[1] = -1.1;
+    for (uint32_t i = 0u; i < 2u; i++) {
+        s_qp.lb[i] = -1e12;
+        s_qp.ub[i] = 1e12;
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, -1.05e7, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 1.05e7, s_qp.x[1]);
+    TEST_ASSERT_TRUE(s_qp.kkt > 1e-9); /* of which 1e7 are rounding of the last bit */
+}
+
+void test_running_out_of_iterations_is_an_answer(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = s_qp.g[1] = 0.25;
+    kc_qp_begin(&s_qp);
+    s_qp.x[0] = s_qp.x[1] = -1.0; /* on bounds that it has to leave, one after the other */
+    kc_qp_begin(&s_qp);
+    s_qp.iters = KC_QP_ITER_PER_VAR * 2u - 1u;
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, s_qp.status);
+    TEST_ASSERT_TRUE(s_qp.kkt > 1e-3);
+    for (uint32_t i = 0u; i < 2u; i++) { TEST_ASSERT_TRUE(s_qp.x[i] >= -1.0 && s_qp.x[i] <= 1.0); }
+}
+
+/* As if rounding hid the truth: the gradient is not what the step was made for, and the step does not lower it. */
+void test_a_gradient_that_newtons_method_does_not_lower_is_not_tried_again(void)
+{
+    given_identity(1u);
+    kc_qp_begin(&s_qp);
+    s_qp.grad[0] = 0.5;
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(-0.5, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, s_qp.floor_g);
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(-0.5, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, s_qp.status); /* and it is no solution */
+}

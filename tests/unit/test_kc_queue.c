@@ -173,3 +173,12 @@ void test_numbers_that_wrap_keep_their_order(void)
     TEST_ASSERT_EQUAL_INT(INT32_MAX, s_in.cmd[0].seq);
     TEST_ASSERT_EQUAL_INT(INT32_MIN, s_in.cmd[1].seq);
 }
+
+/* Found by fuzzing: the difference of the two overflowed, and the message was taken. */
+void test_a_stamp_as_far_ahead_as_numbers_go_is_refused(void)
+{
+    s_c.source = 1;
+    TEST_ASSERT_FALSE(kc_queue_cmd(&s_q, INT64_MAX, -5, &s_c));
+    TEST_ASSERT_FALSE(kc_queue_cmd(&s_q, INT64_MAX, INT64_MIN, &s_c));
+    TEST_ASSERT_TRUE(kc_queue_cmd(&s_q, INT64_MAX, INT64_MAX - KC_Q_AHEAD_US, &s_c));
+}

@@ -243,3 +243,16 @@ void test_a_turn_the_joints_cannot_have_made_is_forgotten(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, s_mem.B[0][0]);
     TEST_ASSERT_EQUAL_UINT8(1u, s_mem.has_last);
 }
+
+void test_a_later_observation_that_is_not_finite_leaves_what_was_learned(void)
+{
+    static kc_servo_mem_t before;
+    s_seen.p_m[0] += 0.1;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
+    memcpy(s_q, s_cmd, sizeof s_q);
+    s_seen.p_m[0] = NAN;
+    before = s_mem;
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_STUCK, step(&s_mem));
+    expect_not_moved();
+    TEST_ASSERT_EQUAL_MEMORY(&before, &s_mem, sizeof before);
+}

@@ -255,6 +255,8 @@ void test_a_body_that_is_none_is_refused(void)
     expect_refused(at, 0.0);
     s_s.body[1].radius_m = NAN;
     expect_refused(at, NAN);
+    s_s.body[1].radius_m = INFINITY;
+    expect_refused(at, INFINITY);
 }
 
 void test_a_body_that_must_not_meet_itself_or_one_after_it_is_refused(void)

@@ -969,3 +969,46 @@ void test_a_previous_correction_that_does_not_fit_is_refused(void)
     TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_tbl_load_prev(&s_t, s_image, s_n, &s_ev));
     expect_active_unchanged();
 }
+
+void test_the_same_terms_again_keep_the_correction(void)
+{
+    given_all_active();
+    given_correction(0.01);
+    bring_in(KC_TBL_KIN);
+    given_correction(0.02);
+    bring_in(KC_TBL_KIN);
+    remember();
+    given_table(KC_TBL_TERMS);
+    bring_in(KC_TBL_TERMS);
+    expect_active_unchanged();
+    TEST_ASSERT_TRUE(event_at(&s_ev, KC_EVT_TBL_DROPPED) < 0);
+}
+
+void test_another_arm_drops_a_correction_although_the_terms_are_the_same(void)
+{
+    given_all_active();
+    given_correction(0.01);
+    bring_in(KC_TBL_KIN);
+    given_another_arm(7u);
+    bring_in(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_t.active.kin.value[0]);
+}
+
+/* A flipped bit took the ARM table out of force (kc_scrub.c); the ground uploads it again. */
+void test_an_arm_that_comes_back_finds_its_search_space(void)
+{
+    given_all_active();
+    uint32_t space = s_t.active.crc[KC_TBL_SPACE];
+    s_t.active.crc[KC_TBL_ARM] = 0u;
+    given_table(KC_TBL_ARM);
+    bring_in(KC_TBL_ARM);
+    TEST_ASSERT_EQUAL_HEX32(space, s_t.active.crc[KC_TBL_SPACE]);
+    TEST_ASSERT_TRUE(event_at(&s_ev, KC_EVT_TBL_DROPPED) < 0);
+}
+
+void test_no_table_has_the_number_zero_or_one_beyond_the_last(void)
+{
+    TEST_ASSERT_NULL(kc_tbl_active_ptr(&s_t.active, 0u));
+    TEST_ASSERT_NULL(kc_tbl_active_ptr(&s_t.active, KC_TBL_COUNT));
+    TEST_ASSERT_EQUAL_PTR(&s_t.active.arm, kc_tbl_active_ptr(&s_t.active, KC_TBL_ARM));
+}

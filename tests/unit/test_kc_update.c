@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "given_world.h"
+#include "kc_update.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
@@ -861,4 +862,175 @@ void test_nothing_is_a_mismatch_while_a_coefficient_is_held(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_MODEL_MISMATCH));
     TEST_ASSERT_EQUAL_UINT32(15u, world.n_meas);
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.rank);
+}
+
+/* ---- found missing by mutants ---- */
+
+void test_an_outlier_is_reported_by_its_pose_alone(void)
+{
+    world.spoil = one_bad_pose;
+    world.config.n_poses = 14u;
+    world_calibrated();
+    const kc_event_t *e = &world.last[KC_EVT_CAL_OUTLIER];
+    TEST_ASSERT_EQUAL_INT(10, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
+}
+
+void test_progress_says_how_the_estimator_ended(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world.progress[0].est_status);
+    APP->est.opt.iter_max = 0u; /* not allowed: the estimator refuses */
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, world.progress[1].est_status);
+}
+
+/* Over every candidate of a small space, each once. */
+void test_the_prediction_is_the_mean_over_the_candidates(void)
+{
+    kc_miss_t sum2 = {0.0, 0.0};
+    world_started();
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    const kc_est_t *e = &APP->est;
+    for (uint32_t c = 0u; c < world.space.n_cand; c++) {
+        kc_ctx_t ctx;
+        kc_eval_t eval;
+        double cov[36];
+        kc_view_ctx(&APP->view, c, &ctx);
+        kc_est_pose_cov(e, &ctx, &eval, cov);
+        sum2.pos_m += cov[0] + cov[7] + cov[14];
+        sum2.rot_rad += cov[21] + cov[28] + cov[35];
+    }
+    double n = (double)world.space.n_cand, scale = fmax(1.0, e->noise_scale);
+    const kc_progress_t *p = &world.progress[3];
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, scale * sqrt(sum2.pos_m / n), p->pred_pos_m);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, scale * sqrt(sum2.rot_rad / n), p->pred_rot_rad);
+}
+
+/* With every estimate f of all poses changes, and the Gaussian process goes by the new ones. */
+void test_the_gaussian_process_holds_f_of_the_newest_estimate(void)
+{
+    world_started();
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    const kc_gp_t *gp = &APP->arena.calibration.gp;
+    TEST_ASSERT_EQUAL_UINT32(4u, gp->n);
+    for (uint32_t i = 0u; i < gp->n; i++) { TEST_ASSERT_EQUAL_DOUBLE(APP->learned.y[i], gp->y[i]); }
+}
+
+/* A second start begins at the latest correction, a third one at the one in force. */
+void test_a_second_start_begins_at_the_latest_correction(void)
+{
+    kc_work_t work = {1u, 1u}; /* used up: the estimate is begun, and waits */
+    world_started();
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    kc_learned_t *l = &APP->learned;
+    APP->tables.active.config.second_start_noise_scale = 1e-9;
+    world_seal(KC_TBL_CONFIG);
+    l->coef[24] = 0.0625;
+    kc_update_begin(l);
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, kc_update_refine(l, &APP->est, &APP->view, &work).id);
+    TEST_ASSERT_EQUAL_UINT32(1u, l->part);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0625, APP->est.start[24]);
+}
+
+/* Cut off after the first of them, the estimate has not begun. */
+void test_residuals_of_all_poses_come_before_the_estimate(void)
+{
+    kc_work_t work = {1u, 0u}; /* room for one pose */
+    world_started();
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    kc_learned_t *l = &APP->learned;
+    kc_update_begin(l);
+    (void)kc_update_solve(l, &APP->est, &APP->arena.calibration.gp, &APP->view, &work);
+    TEST_ASSERT_EQUAL_UINT32(0u, l->part);
+    TEST_ASSERT_EQUAL_UINT32(1u, l->i);
+}
+
+void test_without_a_solution_an_information_criterion_leaves_the_choice_to_chance(void)
+{
+    for (uint8_t acq = KC_ACQ_DOPT; acq <= KC_ACQ_VOPT; acq++) {
+        setUp();
+        world.config.acquisition = acq;
+        world_started();
+        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+        APP->est.opt.iter_max = 0u; /* not allowed: the estimator refuses */
+        for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
+        TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
+        TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
+    }
+}
+
+void test_where_no_candidate_is_left_an_information_criterion_ends_the_calibration(void)
+{
+    world.config.acquisition = KC_ACQ_DOPT;
+    world_started();
+    for (uint32_t i = 0u; i < 3u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    memset(APP->plan.usable, 0, sizeof APP->plan.usable);
+    for (uint32_t i = 0u; i < 300u && world_calibrating(); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
+    TEST_ASSERT_EQUAL_UINT32(3u, world.n_meas);
+}
+
+void test_a_gp_without_room_is_lost_and_the_calibration_goes_on(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    APP->arena.calibration.gp.n = KC_MEAS_MAX;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    TEST_ASSERT_FALSE(APP->learned.gp_ok);
+    for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(6u, world.n_meas);
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_RANDOM, world.progress[5].acquisition);
+}
+
+/* ---- what does not fit into a step waits ---- */
+
+static kc_app_t s_saved;
+
+/* The part that begins when the residuals are done: it is charged by itself, and begins with the charge. `run` is
+ * called with ever more work left in the step. Returns how often the residuals were done and the part waited. */
+static uint32_t waits(kc_outcome_t (*run)(kc_work_t *work))
+{
+    uint32_t n = 0u, part = APP->learned.part;
+    s_saved = *APP;
+    for (uint64_t left = 0u; APP->learned.part == part; left += 2000u) {
+        *APP = s_saved;
+        kc_work_t work = {left + 1u, 1u};
+        TEST_ASSERT_TRUE(left < KC_STEP_WORK);
+        bool over = run(&work).id == KC_OC_DONE;
+        TEST_ASSERT_TRUE(work.used <= left + 1u);
+        if (APP->learned.part != part) { break; }
+        TEST_ASSERT_FALSE(over);
+        TEST_ASSERT_EQUAL_MEMORY(&s_saved.est.job, &APP->est.job, sizeof s_saved.est.job);
+        TEST_ASSERT_EQUAL_UINT32(s_saved.arena.calibration.gp.n, APP->arena.calibration.gp.n);
+        n += APP->learned.i == APP->plan.n_meas ? 1u : 0u;
+    }
+    return n;
+}
+
+static kc_outcome_t solve(kc_work_t *work)
+{
+    return kc_update_solve(&APP->learned, &APP->est, &APP->arena.calibration.gp, &APP->view, work);
+}
+
+static kc_outcome_t learn(kc_work_t *work)
+{
+    return kc_update_learn(&APP->learned, &APP->est, &APP->plan, &APP->arena.calibration, &APP->view, work,
+                           &world.out);
+}
+
+void test_estimate_and_gp_begin_when_there_is_time_for_them(void)
+{
+    world.config.n_poses = 12u;
+    world_started();
+    for (uint32_t i = 0u; i < 10u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    kc_update_begin(&APP->learned);
+    TEST_ASSERT_TRUE(waits(solve) > 0u);
+    *APP = s_saved;
+    APP->learned.part = 1u; /* the residuals of LEARN, then the GP */
+    TEST_ASSERT_TRUE(waits(learn) > 0u);
 }

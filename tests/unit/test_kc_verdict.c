@@ -101,3 +101,16 @@ void test_each_rule_of_the_policy_leaves_the_correction_to_the_ground(void)
     s_case.change_pos_m = 0.0051;
     expect_left_to_the_ground();
 }
+
+/* ---- found missing by mutants ---- */
+
+void test_an_unlikely_fit_is_poor_beyond_its_thresholds_not_at_them(void)
+{
+    double noise = s_config.poor_noise_scale_unlikely, p = s_config.poor_p_fit;
+    s_est.noise_scale = noise;
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, verdict(0.5 * p, 0.0));
+    s_est.noise_scale = nextafter(noise, 9.0);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, verdict(0.5 * p, 0.0));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, verdict(nextafter(p, 0.0), 0.0));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, verdict(p, 0.0));
+}
