@@ -253,6 +253,7 @@ static void power_loss(fuzz_t *f)
     uint16_t kind = (uint16_t)(fuzz_u8(f) % WORLD_KINDS);
     if (how & 1u) { fuzz_spoil(f, s_slots.data[kind][(how >> 1) & 1u], s_slots.n[kind][(how >> 1) & 1u]); }
     kc_app_init(APP);
+    kc_app_keys(APP, &world.keys);
     static const uint16_t order[] = {KC_STORE_JOURNAL, 1, 2, 3, 4, 5, 6, 7, KC_STORE_PREV, KC_STORE_PROPOSAL};
     for (uint32_t i = 0u; i < sizeof order / sizeof order[0]; i++) {
         uint16_t k = order[i];

@@ -210,6 +210,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     for (uint32_t i = 0u; i < CHANGES_MAX && f.left > 0u; i++) { change(&f, dir); }
     MUST(kc_files_open(&s_files, s_dir));
     kc_app_init(APP);
+    kc_app_keys(APP, &world.keys);
     MUST(kc_files_load(&s_files, s_tables, APP) == 5);
     kc_app_boot(APP);
     check_boot();

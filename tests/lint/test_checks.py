@@ -86,7 +86,8 @@ def configured(root: Path, build_type: str = "Release", *options: str) -> Path:
     done = tool("cmake", "-S", root, "-B", root / "build/x", "-G", "Ninja", "-DBUILD_TESTING=ON",
                 f"-DCMAKE_BUILD_TYPE={build_type}", "-DCMAKE_COMPILE_WARNING_AS_ERROR=ON",
                 "-DCMAKE_VERIFY_INTERFACE_HEADER_SETS=ON", f"-DUNITY={ROOT / 'build/unity/src'}",
-                f"-DMUSL={ROOT / 'build/musl'}", f"-DMONOCYPHER={ROOT / 'build/monocypher'}", *options)  # fmt: skip
+                f"-DMUSL={ROOT / 'build/musl'}", f"-DMONOCYPHER={ROOT / 'build/monocypher'}",
+                *options)  # fmt: skip
     assert done.returncode == 0, done.stderr
     return root / "build/x"
 

@@ -319,8 +319,8 @@ void test_after_a_rollback_nothing_is_kept_to_roll_back_to(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_STORE_PREV][0]);
 }
 
-/* The journal names corrections alone: another table is stored without a record. */
-void test_a_table_that_is_no_correction_is_stored_alone(void)
+/* The journal names corrections alone: its record is only there for the counter of the command, and before it. */
+void test_a_table_that_is_no_correction_is_stored_behind_the_counter_of_its_command(void)
 {
     world_boot();
     world_ticks(20u);
@@ -333,5 +333,7 @@ void test_a_table_that_is_no_correction_is_stored_alone(void)
     (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, crc, 0);
     for (uint32_t i = 0u; i < 10u && stored_in_step(KC_TBL_CONFIG) == NULL; i++) { world_tick(); }
     TEST_ASSERT_NOT_NULL(stored_in_step(KC_TBL_CONFIG));
-    TEST_ASSERT_EQUAL_UINT32(1u, world.out.n_store);
+    TEST_ASSERT_EQUAL_UINT32(2u, world.out.n_store);
+    TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, world.out.store[0].kind);
+    TEST_ASSERT_EQUAL_UINT16(KC_TBL_CONFIG, world.out.store[1].kind);
 }

@@ -660,6 +660,7 @@ void test_of_chunks_no_more_are_read_than_the_queue_holds(void)
         c->total = s_n;
         c->offset = i * KC_CHUNK_BYTES;
         c->n = KC_CHUNK_BYTES;
+        world_sign_chunk(c);
     }
     kc_app_step(APP, world.now_us + TICK_US, &world.in, &world.out);
     TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_QUEUE_MAX * KC_CHUNK_BYTES, APP->tables.staging.n);
