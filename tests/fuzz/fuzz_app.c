@@ -127,42 +127,19 @@ static void spoil_in(kc_in_t *in)
 static uint32_t s_steps;
 
 /* All that is published can be encoded as a message. */
+#define MESSAGE(CHANNEL, member, message, copied) kcm_##message##_t member;
+#define ENCODE(CHANNEL, member, message, copied)                                \
+    if (o->has_##member) {                                                      \
+        kc_wire_##member(&o->member, 0, &m.member);                             \
+        MUST(kcm_##message##_t_encode(buf, 0, (int)sizeof buf, &m.member) > 0); \
+    }
 static void check_messages(const kc_out_t *o)
 {
     static uint8_t buf[24u * 1024u];
     static union {
-        kcm_arm_cmd_t arm_cmd;
-        kcm_table_chunk_t dump;
-        kcm_hk_t hk;
-        kcm_meas_t meas;
-        kcm_progress_t progress;
-        kcm_proposal_t proposal;
+        KC_OUT_LIST(MESSAGE)
     } m;
-    int n = (int)sizeof buf;
-    if (o->has_arm_cmd) {
-        kc_wire_arm_cmd(&o->arm_cmd, 0, &m.arm_cmd);
-        MUST(kcm_arm_cmd_t_encode(buf, 0, n, &m.arm_cmd) > 0);
-    }
-    if (o->has_dump) {
-        kc_wire_dump(&o->dump, 0, &m.dump);
-        MUST(kcm_table_chunk_t_encode(buf, 0, n, &m.dump) > 0);
-    }
-    if (o->has_hk) {
-        kc_wire_hk(&o->hk, 0, 0, &m.hk);
-        MUST(kcm_hk_t_encode(buf, 0, n, &m.hk) > 0);
-    }
-    if (o->has_meas) {
-        kc_wire_meas(&o->meas, &m.meas);
-        MUST(kcm_meas_t_encode(buf, 0, n, &m.meas) > 0);
-    }
-    if (o->has_progress) {
-        kc_wire_progress(&o->progress, 0, &m.progress);
-        MUST(kcm_progress_t_encode(buf, 0, n, &m.progress) > 0);
-    }
-    if (o->has_proposal) {
-        kc_wire_proposal(&o->proposal, 0, &m.proposal);
-        MUST(kcm_proposal_t_encode(buf, 0, n, &m.proposal) > 0);
-    }
+    KC_OUT_LIST(ENCODE)
 }
 
 static void step(void)
