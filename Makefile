@@ -24,7 +24,7 @@ STAMP := $(BUILD)/stamp
 
 .PHONY: setup setup-demo
 setup: setup-demo $(STAMP)/apt-test .venv/.stamp-dev $(BUILD)/unity/src/unity.c ## all that tests need
-setup-demo: $(STAMP)/apt-build .venv/.stamp $(BUILD)/musl/COPYRIGHT ## all that the demo needs
+setup-demo: $(STAMP)/apt-build .venv/.stamp $(BUILD)/musl/COPYRIGHT $(BUILD)/monocypher/LICENCE.md ## all that the demo needs
 
 $(STAMP)/apt-%: .ci/packages.%
 	@mkdir -p $(@D)
@@ -44,6 +44,9 @@ $(BUILD)/unity/src/unity.c:
 
 $(BUILD)/musl/COPYRIGHT: .ci/musl.sha256
 	.ci/musl $(BUILD)/musl
+
+$(BUILD)/monocypher/LICENCE.md: .ci/monocypher.sha256
+	.ci/monocypher $(BUILD)/monocypher
 
 .PHONY: lock
 lock: ## resolve the Python requirements anew (needs the network)
@@ -71,7 +74,7 @@ messages: $(BUILD)/rel/build.ninja ## LCM types for C and Python
 compile = $(Q)flock $(BUILD)/$1 cmake --build --preset $1 $(if $(V),--verbose) --target $2
 
 # Only the first time, and for other presets: a build looks for other sources and CMake files by itself.
-$(BUILD)/%/build.ninja: CMakePresets.json | $(STAMP)/apt-build $(BUILD)/musl/COPYRIGHT
+$(BUILD)/%/build.ninja: CMakePresets.json | $(STAMP)/apt-build $(BUILD)/musl/COPYRIGHT $(BUILD)/monocypher/LICENCE.md
 	$(Q)mkdir -p $(@D) && flock $(@D) cmake --preset $* > $(@D).log || { cat $(@D).log; exit 1; }
 	@touch $@
 
@@ -266,7 +269,7 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench-samples blind montecarlo sigma campaign-faults occlusion real halves
+.PHONY: demo hil bench-samples blind montecarlo sigma campaign-faults assurance occlusion real halves
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -289,6 +292,9 @@ montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, u
 campaign-faults: setup core ## every kind of fault between flight and its surroundings (SEEDS; WRITE=1 for docs/ASSURANCE.md)
 	.venv/bin/python tests/bench/faults.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WRITE),--write)
 
+assurance: setup build ## every long check of the flight core, for docs/ASSURANCE.md (CHECKS="wcet cov"; all: hours)
+	$(Q)$(PYTHON) tests/assurance.py $(CHECKS)
+
 occlusion: setup core ## drawn frames against the search's verdict on what the arm hides
 	.venv/bin/python tests/bench/occlusion.py
 
@@ -302,7 +308,7 @@ halves: setup core ## measured sets of real arms: the same answer on random halv
 
 .PHONY: clean distclean
 clean: ## delete what was built; keep the downloads
-	rm -rf $(filter-out $(BUILD)/unity $(BUILD)/musl $(STAMP),$(wildcard $(BUILD)/*))
+	rm -rf $(filter-out $(BUILD)/unity $(BUILD)/musl $(BUILD)/monocypher $(STAMP),$(wildcard $(BUILD)/*))
 
 distclean: ## delete the downloads too
 	rm -rf $(BUILD) .venv

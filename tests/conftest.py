@@ -3,6 +3,10 @@
 import os
 from pathlib import Path
 
+import pytest
+
+from kincal import keys
+
 # Off-screen OpenGL: set before anything imports mujoco.
 os.environ.setdefault("MUJOCO_GL", "osmesa")
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
@@ -11,3 +15,12 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(autouse=True, scope="session")
+def key_file(tmp_path_factory):
+    """Keys of the tests' own: nobody's home is touched."""
+    path = tmp_path_factory.mktemp("keys") / "keys"
+    keys.new(path)
+    os.environ[keys.VARIABLE] = str(path)
+    return path

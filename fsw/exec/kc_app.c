@@ -35,6 +35,8 @@ void kc_app_init(kc_app_t *app)
     app->boot_pose = -1;
 }
 
+void kc_app_keys(kc_app_t *app, const kc_keys_t *keys) { app->cmd_log.keys = *keys; }
+
 const kc_active_t *kc_app_active(const kc_app_t *app) { return &app->tables.active; }
 
 kc_state_t kc_app_state(const kc_app_t *app) { return app->place.state; }
@@ -157,6 +159,7 @@ void kc_app_boot(kc_app_t *app)
     settle_kin(app);
     app->boot_count = j->boot_count + 1u;
     app->cal.session = j->session;
+    memcpy(app->cmd_log.counter, j->counter, sizeof app->cmd_log.counter);
     app->move.seg_from = j->seg_from;
     app->move.seg_to = j->seg_to;
     kc_event(&app->boot_events, KC_EVT_BOOT, (int32_t)app->boot_count, 0.0, 0.0);
@@ -165,6 +168,7 @@ void kc_app_boot(kc_app_t *app)
             kc_event(&app->boot_events, KC_EVT_TBL_MISSING, (int32_t)kind, 0.0, 0.0);
         }
     }
+    if (app->cmd_log.keys.n == 0u) { kc_event(&app->boot_events, KC_EVT_BOOT_NO_KEYS, -1, 0.0, 0.0); }
     compare(app, &app->boot_events);
     boot_state(app);
     /* Sequence numbers of outgoing messages are above those of the last run. */

@@ -5,6 +5,7 @@
 
 #include <stdint.h>
 
+#include "kc_auth.h"
 #include "kc_estimate.h"
 #include "kc_fields.h"
 #include "kc_sensors.h"
@@ -29,6 +30,10 @@ typedef enum {
 /* Who commands; sequence numbers are kept per source. */
 typedef enum { KC_SRC_EXECUTIVE = 1, KC_SRC_GROUND = 2 } kc_source_t;
 #define KC_SOURCE_MAX 2u
+
+/* What may come signed. Each has counters of its own, so that their order within a step does not matter. */
+typedef enum { KC_SIGNED_CMD = 0, KC_SIGNED_CHUNK = 1 } kc_signed_kind_t;
+#define KC_SIGNED_COUNT 2u
 
 /* Inputs as events KC_EVT_IN_* name them. */
 typedef enum { KC_INPUT_ARM = 1, KC_INPUT_PANTILT = 2, KC_INPUT_DETECTION = 3 } kc_sensor_t;
@@ -72,10 +77,11 @@ const char *kc_input_field(int32_t index, uint32_t *element);
 
 /* clang-format off */
 #define KC_CMD_FIELDS(F, A)                                                    \
-    F(int32_t, seq) F(int32_t, source) F(int32_t, opcode) A(int32_t, arg_i, 4) \
-    F(uint64_t, arg_u64) A(double, arg_d, 4)
+    F(uint64_t, t_us) F(int32_t, seq) F(int32_t, source) F(int32_t, opcode)    \
+    A(int32_t, arg_i, 4) F(uint64_t, arg_u64) A(double, arg_d, 4)
 typedef struct {
     KC_CMD_FIELDS(KC_FIELD_, KC_ARRAY_)
+    kc_auth_t auth;
 } kc_cmd_t;
 
 #define KC_ACK_FIELDS(F, A)                                                  \
@@ -86,10 +92,13 @@ typedef struct {
 } kc_ack_t;
 
 #define KC_TABLE_CHUNK_FIELDS(F, A)                                                      \
-    F(int32_t, kind) F(uint32_t, offset) F(uint32_t, n) A(uint8_t, data, KC_CHUNK_BYTES)
+    F(int32_t, source) F(int32_t, kind) F(uint32_t, offset) F(uint32_t, n)               \
+    A(uint8_t, data, KC_CHUNK_BYTES)
 typedef struct {
     KC_TABLE_CHUNK_FIELDS(KC_FIELD_, KC_ARRAY_)
+    uint64_t t_us; /* of a chunk to flight */
     uint32_t total;
+    kc_auth_t auth;
 } kc_chunk_t;
 typedef kc_chunk_t kc_table_chunk_t; /* by its name as a message */
 
@@ -173,7 +182,7 @@ typedef struct {
  * To flight. QUEUED(..., order, step, room): each one counts, at most `step` come in with a step and `room` wait.
  * order SEQ: by their field seq (others: kc_queue.c). NEWEST: the newest of a step counts. */
 #define KC_IN_LIST(QUEUED, NEWEST)                                                   \
-    QUEUED(CMD, cmd, cmd, FIELDS, TURN, KC_CMD_QUEUE_MAX, KC_Q_CMD)                  \
+    QUEUED(CMD, cmd, cmd, OWN, TURN, KC_CMD_QUEUE_MAX, KC_Q_CMD)                     \
     QUEUED(TABLE_UP, chunk, table_chunk, OWN, PLACE, KC_CHUNK_QUEUE_MAX, KC_Q_CHUNK) \
     QUEUED(DETECTION, det, detection, OWN, SEQ, KC_DET_QUEUE_MAX, KC_Q_DET)          \
     NEWEST(ARM_STATE, arm, arm_state, OWN)                                           \
@@ -217,7 +226,7 @@ typedef struct {
 #define KC_STORE_PREV 17u
 #define KC_STORE_JOURNAL 18u
 #define KC_STORE_QUEUE_MAX 10u
-#define KC_JOURNAL_BYTES 64u
+#define KC_JOURNAL_BYTES 96u
 #define KC_KIN_IMAGE_MAX 1280u
 typedef struct {
     uint16_t kind;
@@ -243,6 +252,8 @@ extern kc_app_t kc_app_instance; /* the one instance of the flight process */
 
 /* Start. Tables come next through kc_app_load, then kc_app_boot. */
 void kc_app_init(kc_app_t *app);
+/* The keys whose holders may command, before boot. Without them only what needs no signature is taken. */
+void kc_app_keys(kc_app_t *app, const kc_keys_t *keys);
 /* Offer a stored or default image before boot: the edge offers every image it finds, best first (newest
  * slot, older slot, default of the table directory); the first good one of each kind wins, of KIN, PREV and
  * PROPOSAL the one that the journal names. kind as in kc_store_t. KC_ERR_* : refused, offer the next. Order of

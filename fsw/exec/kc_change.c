@@ -58,7 +58,10 @@ static void request(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *
             replace_kin(p, s->image, s->n, &after, out);
             break;
         }
-        kc_journal_store(out, s->kind, s->image, s->n); /* the journal names no other tables */
+        /* The journal names no other tables. It has the counter of the command, and is stored before what that
+         * does. */
+        kc_journal_write(p->journal, &after, out);
+        kc_journal_store(out, s->kind, s->image, s->n);
         return;
     case KC_CHANGE_REJECT: after.proposal_crc = 0u; break;
     default: /* APPROVE, ACCEPT */

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "kc_signed.h"
+
 #define WINDOW 1000000u     /* how far a command's number may be ahead of the last one */
 #define RESYNC_US 10000000u /* a source silent for longer may begin anew outside that window */
 
@@ -19,11 +21,40 @@ static bool follows(const kc_cmd_log_t *log, const kc_view_t *v, uint32_t s, int
     return behind > WINDOW && v->clock->now_us - log->us[s] > RESYNC_US;
 }
 
-kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out)
+/* Commands that change nothing, and ABORT, which only stops. */
+static bool needs_no_signature(int32_t opcode)
 {
-    if (c->source < 1 || c->source > (int32_t)KC_SOURCE_MAX) {
-        return kc_answer_refuse(&out->events, KC_EVT_CMD_SOURCE, -1, (double)c->source, 0.0, KC_ERR_ARG);
+    return opcode == KC_CMD_NOOP || opcode == KC_CMD_ABORT || opcode == KC_CMD_TABLE_DUMP;
+}
+
+static kc_answer_t unknown_source(int32_t source, kc_out_t *out)
+{
+    return kc_answer_refuse(&out->events, KC_EVT_CMD_SOURCE, -1, (double)source, 0.0, KC_ERR_ARG);
+}
+
+static bool known_source(int32_t source) { return source >= 1 && source <= (int32_t)KC_SOURCE_MAX; }
+
+/* By MAC and counter; one that is taken uses its counter up. */
+static kc_answer_t by_signature(kc_cmd_log_t *log, kc_signed_kind_t kind, int32_t source,
+                                const kc_auth_t *auth, const kc_auth_text_t *text, kc_out_t *out)
+{
+    uint64_t *last = &log->counter[kind][source - 1];
+    double key = (double)auth->key_id;
+    switch (kc_auth_check(&log->keys, auth, *last, text)) {
+    case KC_AUTH_GOOD: *last = auth->counter; return kc_answer_ok(KC_OC_STAY);
+    case KC_AUTH_UNSIGNED:
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_UNSIGNED, source, 0.0, 0.0, KC_ERR_AUTH);
+    case KC_AUTH_UNKNOWN_KEY:
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_KEY, source, key, 0.0, KC_ERR_AUTH);
+    case KC_AUTH_REPLAYED:
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_REPLAYED, source, (double)auth->counter,
+                                (double)*last, KC_ERR_STALE);
+    default: return kc_answer_refuse(&out->events, KC_EVT_CMD_FORGED, source, key, 0.0, KC_ERR_AUTH);
     }
+}
+
+static kc_answer_t by_number(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out)
+{
     uint32_t s = (uint32_t)c->source - 1u;
     if (follows(log, v, s, c->seq)) {
         log->seen[s] = true;
@@ -34,6 +65,16 @@ kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *
                                 (double)log->seq[s], KC_ERR_STALE);
     }
     return kc_answer_ok(KC_OC_STAY);
+}
+
+kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out)
+{
+    uint8_t head[KC_SIGNED_HEAD_MAX];
+    bool is_signed = c->auth.key_id != 0u && c->opcode != KC_CMD_ABORT;
+    if (!known_source(c->source)) { return unknown_source(c->source, out); }
+    if (!is_signed && needs_no_signature(c->opcode)) { return by_number(log, v, c, out); }
+    kc_auth_text_t text = kc_signed_cmd(c, head);
+    return by_signature(log, KC_SIGNED_CMD, c->source, &c->auth, &text, out);
 }
 
 void kc_cmd_answer(kc_cmd_log_t *log, const kc_cmd_t *c, const kc_answer_t *answer, kc_out_t *out)
@@ -151,8 +192,18 @@ kc_answer_t kc_cmd_table(kc_tables_t *tables, const kc_view_t *v, const kc_cmd_t
     return kc_answer_by(kc_tbl_validate(tables, kind, crc, &out->events), &out->events, mark, KC_OC_STAY);
 }
 
-void kc_cmd_chunk(kc_tables_t *tables, const kc_view_t *v, const kc_chunk_t *c, kc_out_t *out)
+static bool admit_chunk(kc_cmd_log_t *log, const kc_chunk_t *c, kc_out_t *out)
 {
+    uint8_t head[KC_SIGNED_HEAD_MAX];
+    if (!known_source(c->source)) { return unknown_source(c->source, out).status == KC_OK; }
+    kc_auth_text_t text = kc_signed_chunk(c, head);
+    return by_signature(log, KC_SIGNED_CHUNK, c->source, &c->auth, &text, out).status == KC_OK;
+}
+
+void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *v, const kc_chunk_t *c,
+                  kc_out_t *out)
+{
+    if (!admit_chunk(log, c, out)) { return; }
     if (!kc_cmd_tables_free(v)) {
         (void)busy(v, out);
     } else if (c->kind < 1 || c->kind >= (int32_t)KC_TBL_COUNT) {

@@ -10,13 +10,16 @@
 #include "kc_view.h"
 
 typedef struct {
-    int32_t seq[KC_SOURCE_MAX]; /* last number taken */
+    kc_keys_t keys;
+    uint64_t counter[KC_SIGNED_COUNT][KC_SOURCE_MAX]; /* of the last signed message taken */
+    int32_t seq[KC_SOURCE_MAX]; /* last number taken of a command without a signature */
     bool seen[KC_SOURCE_MAX];
     uint64_t us[KC_SOURCE_MAX]; /* elapsed time of the last number taken */
     uint32_t n_ok, n_refused;
 } kc_cmd_log_t;
 
-/* Source and sequence; a number that is refused for another reason is used up. ABORT needs no number: executed
+/* A signed command: MAC and counter. One without a signature, if it needs none: source and sequence. A counter or
+ * number that is refused for another reason is used up. ABORT is taken as it comes: it only stops, and executed
  * twice it does what it does once. */
 kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out);
 /* Answer a command, and count it. */
@@ -30,6 +33,8 @@ bool kc_cmd_tables_free(const kc_view_t *v);
 kc_answer_t kc_cmd_start(const kc_view_t *v, const kc_cmd_t *c, kc_start_t *ask, kc_out_t *out);
 /* TABLE_VALIDATE, TABLE_DISCARD; TABLE_ACTIVATE: STORE, it becomes active when it is stored. */
 kc_answer_t kc_cmd_table(kc_tables_t *tables, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out);
-void kc_cmd_chunk(kc_tables_t *tables, const kc_view_t *v, const kc_chunk_t *c, kc_out_t *out);
+/* A chunk has to be signed. It is not answered; events say why one is refused. */
+void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *v, const kc_chunk_t *c,
+                  kc_out_t *out);
 
 #endif

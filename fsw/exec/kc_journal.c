@@ -5,7 +5,7 @@
 #include "kc_codec.h"
 #include "kc_crc.h"
 
-#define JOURNAL_MAGIC 0x324A434Bu /* "KCJ2", little-endian */
+#define JOURNAL_MAGIC 0x334A434Bu /* "KCJ3", little-endian */
 #define JOURNAL_CRC_AT (KC_JOURNAL_BYTES - 4u)
 
 /* The most that one step asks for: what is left of one change (three deletions), all of the next (five), the
@@ -48,6 +48,11 @@ static void walk(kc_walk_t *w, kc_journal_t *j)
     kc_walk_u16(w, 9u, &j->seg_to, 0u, UINT16_MAX);
     kc_walk_u64(w, 10u, &j->t_us, 0u, UINT64_MAX);
     kc_walk_u32(w, 11u, &j->prev_crc, 0u, UINT32_MAX);
+    for (uint32_t kind = 0u; kind < KC_SIGNED_COUNT; kind++) {
+        for (uint32_t s = 0u; s < KC_SOURCE_MAX; s++) {
+            kc_walk_u64(w, 12u, &j->counter[kind][s], 0u, UINT64_MAX);
+        }
+    }
 }
 
 static uint32_t le32(const uint8_t *b)
@@ -88,9 +93,14 @@ static void write_record(kc_journal_store_t *j)
     for (uint32_t i = 0u; i < 4u; i++) { j->bytes[JOURNAL_CRC_AT + i] = (uint8_t)(crc >> (8u * i)); }
 }
 
+static bool same_counters(const kc_journal_t *a, const kc_journal_t *b)
+{
+    return memcmp(a->counter, b->counter, sizeof a->counter) == 0;
+}
+
 static bool same(const kc_journal_t *a, const kc_journal_t *b)
 {
-    return a->state == b->state && a->session == b->session && a->pose == b->pose &&
+    return same_counters(a, b) && a->state == b->state && a->session == b->session && a->pose == b->pose &&
            a->boot_count == b->boot_count && a->kin_crc == b->kin_crc && a->prev_crc == b->prev_crc &&
            a->proposal_crc == b->proposal_crc && a->candidate == b->candidate && a->seg_from == b->seg_from &&
            a->seg_to == b->seg_to;
@@ -113,5 +123,7 @@ void kc_journal_again(kc_journal_store_t *j, uint64_t due_us)
 void kc_journal_note(kc_journal_store_t *j, const kc_journal_t *now, uint64_t now_us, kc_out_t *out)
 {
     bool due = j->again && now_us >= j->due_us;
+    bool counted = !same_counters(now, &j->last);
     if (due || !same(now, &j->last)) { kc_journal_write(j, now, out); }
+    if (counted) { kc_journal_again(j, 0u); }
 }

@@ -13,6 +13,7 @@ typedef struct {
     int32_t candidate;
     uint16_t seg_from, seg_to;
     uint64_t t_us;
+    uint64_t counter[KC_SIGNED_COUNT][KC_SOURCE_MAX]; /* of the last signed messages taken */
 } kc_journal_t;
 
 typedef struct {
@@ -40,7 +41,8 @@ kc_status_t kc_journal_load(kc_journal_store_t *j, const uint8_t *data, uint32_t
 void kc_journal_write(kc_journal_store_t *j, const kc_journal_t *now, kc_out_t *out);
 /* Store it once more from due_us on, since it could not be stored, or to have a second copy. */
 void kc_journal_again(kc_journal_store_t *j, uint64_t due_us);
-/* Store `now` if more than the time differs from what was stored last, or if it has to be stored again. */
+/* Store `now` if more than the time differs from what was stored last, or if it has to be stored again. New
+ * counters are stored twice, so that the older copy of the record has them too. */
 void kc_journal_note(kc_journal_store_t *j, const kc_journal_t *now, uint64_t now_us, kc_out_t *out);
 
 #endif

@@ -7,6 +7,7 @@
 #include "kc_measure.h"
 #include "kc_propose.h"
 #include "kc_select.h"
+#include "kc_signed.h"
 #include "kc_update.h"
 
 #define CHAIN_MAX 4u /* states that one step may pass through */
@@ -83,7 +84,7 @@ kc_journal_t kc_sequence_record(const kc_app_t *app)
     /* What was lost in memory is still in the store, and comes back from there. */
     bool kin_lost = a->crc[KC_TBL_KIN] == 0u && (app->scrub.lost & 1u << KC_TBL_KIN) != 0u;
     bool prev_lost = a->kin_prev_crc == 0u && (app->scrub.lost & 1u) != 0u;
-    return (kc_journal_t){
+    kc_journal_t now = {
         .state = (uint32_t)app->place.state,
         .session = app->cal.session,
         .pose = app->plan.n_meas,
@@ -96,6 +97,8 @@ kc_journal_t kc_sequence_record(const kc_app_t *app)
         .seg_to = app->move.seg_to,
         .t_us = app->clock.clock_us,
     };
+    memcpy(now.counter, app->cmd_log.counter, sizeof now.counter);
+    return now;
 }
 
 static kc_change_parts_t change_parts(kc_app_t *app)
@@ -324,10 +327,12 @@ static kc_change_kind_t change_of(int32_t opcode)
 void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)
 {
     for (uint32_t i = 0u; i < in->n_chunk && i < KC_CHUNK_QUEUE_MAX; i++) {
-        kc_cmd_chunk(&app->tables, &app->view, &in->chunk[i], out);
+        kc_work_spend(work, kc_auth_cost(KC_SIGNED_HEAD_MAX + KC_CHUNK_BYTES));
+        kc_cmd_chunk(&app->cmd_log, &app->tables, &app->view, &in->chunk[i], out);
     }
     for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
         const kc_cmd_t *c = &in->cmd[i];
+        if (c->auth.key_id != 0u) { kc_work_spend(work, kc_auth_cost(KC_SIGNED_HEAD_MAX)); }
         kc_answer_t answer = kc_cmd_admit(&app->cmd_log, &app->view, c, out);
         if (answer.status == KC_OK) { answer = execute(app, c, work, out); }
         if (answer.outcome.id == KC_OC_STORE) { /* answered when it is stored */

@@ -15,7 +15,7 @@
 #include "kc_app.h"
 
 #define KC_SLOT_HDR_BYTES 24u
-#define KC_FILES_PATH_MAX 4096
+#define KC_FILES_PATH_MAX 1024
 #define KC_FILES_KINDS 32u  /* kinds are smaller than this */
 #define KC_FILES_TABLES 64u /* most *.tbl files of a directory */
 

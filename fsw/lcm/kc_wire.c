@@ -42,10 +42,27 @@ KC_OUT_LIST(OUT)
 
 /* ---- in ---- */
 
+static void copy_auth(int32_t key_id, int64_t counter, const int64_t *mac, kc_auth_t *to)
+{
+    to->key_id = (uint32_t)key_id;
+    to->counter = (uint64_t)counter;
+    for (uint32_t i = 0u; i < KC_MAC_BYTES; i++) {
+        to->mac[i] = (uint8_t)((uint64_t)mac[i / 8u] >> (8u * (i % 8u)));
+    }
+}
+
+void kc_wire_cmd(const kcm_cmd_t *from, kc_cmd_t *to)
+{
+    COPY_FIELDS(KC_CMD_FIELDS)
+    copy_auth(from->key_id, from->counter, from->mac, &to->auth);
+}
+
 void kc_wire_chunk(const kcm_table_chunk_t *from, kc_chunk_t *to)
 {
     COPY_FIELDS(KC_TABLE_CHUNK_FIELDS)
+    to->t_us = (uint64_t)from->t_us;
     to->total = (uint32_t)from->total_bytes; /* negative ones become too large */
+    copy_auth(from->key_id, from->counter, from->mac, &to->auth);
 }
 
 void kc_wire_arm(const kcm_arm_state_t *from, kc_arm_state_t *to)
@@ -109,6 +126,7 @@ void kc_wire_arm_cmd(const kc_arm_cmd_t *from, int64_t t_us, kcm_arm_cmd_t *to)
 
 void kc_wire_table_down(const kc_chunk_t *from, int64_t t_us, kcm_table_chunk_t *to)
 {
+    memset(to, 0, sizeof *to); /* nobody's, and not signed */
     to->t_us = t_us;
     COPY_FIELDS(KC_TABLE_CHUNK_FIELDS)
     to->total_bytes = i32(from->total);

@@ -7,6 +7,7 @@
 
 #include "kc_args.h"
 #include "kc_edge.h"
+#include "kc_keys.h"
 
 static volatile sig_atomic_t s_stop;
 static kc_files_t s_files;
@@ -30,8 +31,12 @@ static void catch_signals(void)
 /* Everything that is kept, and the default tables, into the component. */
 static bool load(const kc_args_t *args)
 {
+    kc_keys_t keys = {0};
+    if (args->keys != NULL && !kc_keys_read(args->keys, &keys)) { return false; }
     if (!kc_files_open(&s_files, args->store)) { return false; }
     kc_app_init(&kc_app_instance);
+    kc_app_keys(&kc_app_instance, &keys);
+    if (keys.n == 0u) { (void)fprintf(stderr, "kincal-fsw: no --keys; nothing can be changed or started\n"); }
     int n = kc_files_load(&s_files, args->tables, &kc_app_instance);
     if (n < 0) { return false; }
     if (n == 0) { (void)fprintf(stderr, "kincal-fsw: no *.tbl in %s; waiting for uplink\n", args->tables); }

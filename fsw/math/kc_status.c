@@ -16,6 +16,7 @@ const char *kc_status_name(kc_status_t st)
     case KC_ERR_RANK: return "KC_ERR_RANK";
     case KC_ERR_REACH: return "KC_ERR_REACH";
     case KC_ERR_PATH: return "KC_ERR_PATH";
+    case KC_ERR_AUTH: return "KC_ERR_AUTH";
     default: return "KC_ERR_?";
     }
 }

@@ -15,7 +15,8 @@ typedef enum {
     KC_ERR_STALE = -9,  /* too old, repeated or out of sequence */
     KC_ERR_RANK = -10,  /* the data do not determine what was requested */
     KC_ERR_REACH = -11, /* no joint angles reach the pose inside the limits */
-    KC_ERR_PATH = -12   /* no verified path */
+    KC_ERR_PATH = -12,  /* no verified path */
+    KC_ERR_AUTH = -13   /* not signed, or with a key or a MAC that is not right */
 } kc_status_t;
 
 /* Short name of a status, for people ("KC_OK", "KC_ERR_ARG" ...); never NULL. */

@@ -63,6 +63,16 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(5, BOOT_LOST, ERROR,                                                                                   \
       "{index:store} CRC {want:crc} was in force and is not in the store; CRC {got:crc} is in force now",    \
       "CRC 00000000: none. Upload the KIN table that shall be active, or calibrate again.")                  \
+    X(6, BOOT_NO_KEYS, WARN, "no keys: only NOOP, ABORT and TABLE_DUMP are taken",                           \
+      "Start kincal-fsw with --keys FILE; `kincal key new` makes the file.")                                 \
+    X(7, CMD_KEY, ERROR, "message from {index:source} refused: key {got:count} is not known here",           \
+      "Give sender and flight the same key file; flight reads it when it starts.")                           \
+    X(8, CMD_FORGED, ERROR, "message from {index:source} refused: its MAC does not fit key {got:count}",     \
+      "Not sent by a holder of the key, or changed on the way. Find out who sends on this network.")         \
+    X(9, CMD_REPLAYED, ERROR,                                                                                \
+      "message from {index:source} refused: its counter {got:count} is not above {want:count}",              \
+      "Repeated, or overtaken by a later one: send anew. After the loss of FILE.count*: "                    \
+      "docs/INTERFACES.md, Keys.")                                                                           \
     X(10, CMD_ACCEPTED, INFO, "command {got:command} accepted", "")                                          \
     X(11, CMD_UNKNOWN, ERROR, "command refused: unknown opcode {got:count}",                                 \
       "Check that sender and flight have the same message definitions.")                                     \
@@ -80,6 +90,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Set the source to 1 (executive) or 2 (ground).")                                                      \
     X(18, CMD_WORK, ERROR, "command {index:command} refused: commands before it used up the step",           \
       "Send it again.")                                                                                      \
+    X(19, CMD_UNSIGNED, ERROR, "message from {index:source} refused: it has to be signed, and is not",       \
+      "Sign it: docs/INTERFACES.md, Signed commands. `kincal` does, with --keys FILE.")                      \
     X(20, TBL_STAGED, INFO, "{index:store} staged, {got:count} bytes",                                       \
       "Next: TABLE_VALIDATE, then TABLE_ACTIVATE.")                                                          \
     X(21, TBL_FORMAT, ERROR,                                                                                 \

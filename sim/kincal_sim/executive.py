@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import kcm
+from kincal.keys import DEFAULT, VARIABLE, file_of, signer_of
 
 from . import outputs
 from .bus import Bus
@@ -346,6 +347,7 @@ def options(argv: list[str] | None) -> argparse.Namespace:
     p.add_argument(
         "--accept", default="", choices=["", *ACCEPT], help="accept policy (default: the scenario's)"
     )
+    p.add_argument("--keys", type=Path, help=f"key file (default: ${VARIABLE}, else {DEFAULT})")
     p.add_argument("--live", action="store_true", help="wall clock instead of lockstep")
     return p.parse_args(argv)
 
@@ -364,12 +366,13 @@ def accepted_by(scenario: Scenario, accept: str) -> Scenario:
 def main(argv: list[str] | None = None) -> int:
     """The process; exit status as above."""
     o = options(argv)
+    signer = signer_of(file_of(o.keys))
     bus = Bus(o.url)
     # Live, a restarted executive must still be newer than its predecessor: count on from the clock.
     first_seq = int(time.time() - 1.7e9) * 4 if o.live else 1
     executive = Executive(
         accepted_by(load(o.scenario), o.accept),
-        lambda m: bus.publish("KC_CMD", m),
+        lambda m: bus.publish("KC_CMD", signer.command(m)),
         o.seed,
         o.acquisition,
         o.poses,

@@ -31,11 +31,14 @@ def add_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--poses", type=int, default=0, help="0: as scenario and tables say")
     p.add_argument("--url", default="", help="LCM URL (default: a private port)")
     p.add_argument("--tables", type=Path, default=Run.tables)
+    p.add_argument("--keys", type=Path, help="key file of flight and executive (default: one of this run)")
 
 
 def shared_fields(o: argparse.Namespace) -> dict:
     """The shared options as fields of a Run."""
-    return {name: getattr(o, name) for name in ("url", "fast", "seed", "acquisition", "poses", "tables")}
+    return {
+        name: getattr(o, name) for name in ("url", "fast", "seed", "acquisition", "poses", "tables", "keys")
+    }
 
 
 def options(argv: list[str] | None) -> argparse.Namespace:

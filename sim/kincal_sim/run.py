@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from kincal import keys
+
 from . import outputs
 from .ports import NoFreePort, private_port, private_url
 from .processes import ROOT, STOP_WAIT_S, ProcessGroup
@@ -30,7 +32,8 @@ class Run:
     scenario: file; out: folder for everything that a run leaves; url: LCM network, "" = a private one;
     fast: no pixels; poses: 0 = as scenario and tables say; accept: policy instead of the scenario's;
     sim, fsw: False = a bench, or a flight process that already runs on this URL, takes the place;
-    images: log the frames too; store: None = a fresh one in `out`.
+    images: log the frames too; store: None = a fresh one in `out`; keys: key file, None = one of this run
+    beside the store, or, with a flight process that runs already, the user's.
     """
 
     scenario: Path
@@ -47,6 +50,7 @@ class Run:
     images: bool = False
     tables: Path = ROOT / "tables" / "bin"
     store: Path | None = None
+    keys: Path | None = None
     fsw_bin: Path = ROOT / "build" / "kincal-fsw"
     detector_bin: Path = ROOT / "build" / "kincal-tagdet"
     detector_config: Path = ROOT / "sim" / "models" / "detector.yml"
@@ -56,7 +60,7 @@ class Run:
         """ "fast" or "pixels"."""
         return "fast" if self.fast else "pixels"
 
-    def commands(self, url: str, store: Path) -> dict[str, list]:
+    def commands(self, url: str, store: Path, keys: Path) -> dict[str, list]:
         """Command lines by process name, in starting order."""
         wanted = {
             "fsw": self.fsw,
@@ -65,9 +69,9 @@ class Run:
             "server": self.sim,
         }
         lines = {
-            "fsw": self._fsw(url, store),
+            "fsw": [*self._fsw(url, store), "--keys", keys],
             "detector": self._detector(url),
-            "executive": self._executive(url),
+            "executive": [*self._executive(url), "--keys", keys],
             "server": self._server(url),
         }
         return {name: line for name, line in lines.items() if wanted[name]}
@@ -101,6 +105,26 @@ class Run:
             *("--url", url, "--out", self.out, "--seed", self.seed),
         ]
 
+    def key_file(self, store: Path) -> Path:
+        """The key file: the given one, or one beside the store, made if missing. In lockstep the run has to
+        be repeatable to the byte, so its key comes from the seed and its counters begin at 0."""
+        if self.keys is not None or not self.fsw:
+            return keys.file_of(self.keys)
+        path = store.with_name(f"{store.name}.keys")
+        if self.store is None:  # a fresh flight
+            path.unlink(missing_ok=True)
+        if not path.exists():
+            self._make_keys(path)
+        return path
+
+    def _make_keys(self, path: Path) -> None:
+        if self.realtime:
+            keys.new(path)
+            return
+        keys.write(path, (keys.of_simulation(self.seed),))
+        for source in (1, 2):
+            keys.count_file(path, source).write_text("0\n")
+
     def check(self) -> None:
         """Raise LaunchError if a program or the tables are missing."""
         for path, needed in ((self.fsw_bin, self.fsw), (self.detector_bin, not self.fast)):
@@ -119,12 +143,13 @@ def execute(run: Run, announce: Callable[[dict], None] | None = None) -> dict:
     run.check()
     scenario = load(run.scenario)
     store = outputs.prepare(run.out, run.store)
+    key_file = run.key_file(store)
     started = time.monotonic()
     with _network(run.url) as url:
         facts = {"url": url, "scenario": scenario.name, "seed": run.seed, "mode": run.mode}
         if announce:
-            announce(facts | {"out": str(run.out), "realtime": run.realtime})
-        _run_processes(run, url, store)
+            announce(facts | {"out": str(run.out), "realtime": run.realtime, "keys": str(key_file)})
+        _run_processes(run, url, store, key_file)
     return outputs.conclude(run.out, scenario, facts, time.monotonic() - started)
 
 
@@ -145,11 +170,11 @@ def _network(url: str) -> Iterator[str]:
             lock.close()
 
 
-def _run_processes(run: Run, url: str, store: Path) -> None:
+def _run_processes(run: Run, url: str, store: Path, key_file: Path) -> None:
     group = ProcessGroup(run.out / "logs")
     recorder = Recorder(url, run.out / outputs.LOG, run.images)
     try:
-        for name, argv in run.commands(url, store).items():
+        for name, argv in run.commands(url, store, key_file).items():
             group.start(name, argv)
         recorder.start()
         _wait_for_end(group)

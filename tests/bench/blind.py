@@ -534,7 +534,8 @@ def exact_decides(folder: Path, effect: dict) -> bool:
     )
     arm = wb.read_arm(folder.parent / "arm.toml")
     data = wb.read_csv(folder / "poses.csv", arm.n)
-    return Study.of(arm, data, wb.Library.load(own), (), True).posterior(()).probability["exact"] > DECIDED
+    study = Study.of(wb.compare(arm, data), wb.Library.load(own), (), True)
+    return study.posterior(()).probability["exact"] > DECIDED
 
 
 # ---------------------------------------------------------------------------------------- criteria

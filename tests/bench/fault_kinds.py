@@ -11,12 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from kincal.keys import Key, Signer
 from kincal.link.channels import message_type
 from kincal.run.inprocess import Hooks, Messages, command
 
 N_JOINTS = 7
 NO_BIAS = np.zeros(N_JOINTS)
 JOURNAL, KIN, PROPOSAL = 18, 4, 16  # kinds of the store
+KEY = Key(1, bytes(range(32)))  # of every run
 SECOND = 10  # ticks
 
 
@@ -124,8 +126,9 @@ def frozen(channel: str, onset: int, *names: str) -> Callable:
     return changed(channel, onset, change)
 
 
-def sent(onset: int, *commands, every: int = 0) -> Callable:
-    """Hook: other commands arrive too, once at the onset or every so many ticks."""
+def sent(onset: int, *commands, every: int = 0, key: Key | None = KEY) -> Callable:
+    """Hook: other commands arrive too, once at the onset or every so many ticks, signed with a key or (None)
+    not."""
     first = command("NOOP", source="GROUND").seq
 
     def hook(tick: int, messages: Messages) -> Messages:
@@ -136,10 +139,17 @@ def sent(onset: int, *commands, every: int = 0) -> Callable:
         for k, c in enumerate(commands):
             m = copy.deepcopy(c)
             m.t_us, m.seq = (tick - 1) * 100_000, first + (tick - onset) * len(commands) + k
+            if key is not None:
+                signed_at(m.seq, key).command(m)
             extra.append(("KC_CMD", m))
         return (*messages, *extra)
 
     return hook
+
+
+def signed_at(counter: int, key: Key = KEY) -> Signer:
+    """A signer whose counter follows from the tick, since hooks have no memory."""
+    return Signer(key, lambda _source: counter)
 
 
 def by_ground(opcode: str, *arg_i: int):
@@ -541,6 +551,37 @@ def command_of_nobody(t, _rng):
     return to_flight(sent(t, c))
 
 
+@kind("a stranger without a key sends every command that changes anything", "CMD_UNSIGNED")
+def commands_unsigned(t, _rng):
+    opcodes = ("START", "APPROVE_ARM", "APPROVE_GO", "REJECT", "ROLLBACK", "TABLE_DISCARD", "TABLE_ACTIVATE")
+    return to_flight(sent(t, *(by_ground(opcode, KIN) for opcode in opcodes), key=None))
+
+
+@kind("a stranger with another key sends REJECT and ROLLBACK every second", "CMD_FORGED")
+def commands_forged(t, _rng):
+    stranger = Key(KEY.id, bytes(32))
+    return to_flight(sent(t, by_ground("REJECT"), by_ground("ROLLBACK"), every=SECOND, key=stranger))
+
+
+@kind("what the executive sends is sent once more a second later", "CMD_REPLAYED")
+def commands_repeated(_t, _rng):
+    kept: dict = {}
+
+    def hook(tick, messages):
+        kept[tick] = [copy.deepcopy(m) for channel, m in messages if channel == "KC_CMD"]
+        return (*messages, *(("KC_CMD", m) for m in kept.get(tick - SECOND, ())))
+
+    return to_flight(hook)
+
+
+@kind("the executive's signatures are damaged on their way", "CMD_FORGED", by="executive")
+def signatures_damaged(t, _rng):
+    def change(m, _tick: int) -> None:
+        m.mac = [m.mac[0] ^ 1, m.mac[1]]
+
+    return to_flight(changed("KC_CMD", t, change))
+
+
 @kind("TABLE_ACTIVATE during the calibration", "TBL_BUSY", "TBL_NOT_READY", "CMD_STATE")
 def activate_during_calibration(t, _rng):
     return to_flight(sent(t, by_ground("TABLE_ACTIVATE", KIN, 12345)))
@@ -555,7 +596,8 @@ def table_of_random_bytes(t, rng):
             return messages
         m = message_type("table_chunk_t")()
         m.t_us, m.kind, m.total_bytes, m.offset, m.n, m.data = (t - 1) * 100_000, KIN, 1024, 0, 1024, data
-        return (*messages, ("KC_TABLE_UP", m))
+        m.source = 2
+        return (*messages, ("KC_TABLE_UP", signed_at(t).chunk(m)))
 
     return to_flight(hook)
 

@@ -44,7 +44,7 @@ ROOT = Path(__file__).resolve().parents[2]
 for _folder in ("ground", "sim", "build/py", "tests/bench"):
     sys.path.insert(0, str(ROOT / _folder))
 
-from fault_kinds import KIN, KINDS, Fault, Kind  # noqa: E402
+from fault_kinds import KEY, KIN, KINDS, Fault, Kind  # noqa: E402
 from montecarlo import coefficient_errors, rms_m  # noqa: E402
 
 from kincal.flight import library  # noqa: E402
@@ -163,7 +163,10 @@ def fly(seed: int, hooks: Hooks) -> tuple[SimulatedRun, dict, Witness]:
         return witness.at_rest < REST_TICKS
 
     run = simulate(
-        scenario, seed, Setup(TABLES, commander=make, hooks=hooks, limit_s=LIMIT_S), each_tick=each_tick
+        scenario,
+        seed,
+        Setup(TABLES, commander=make, key=KEY, hooks=hooks, limit_s=LIMIT_S),
+        each_tick=each_tick,
     )
     return run, people[0].executive.record(), witness
 

@@ -2,9 +2,9 @@
 
     record.py FOLDER        FOLDER/record.bin, expected.txt, and replay_fields.h for replay.c
 
-record.bin is a list of calls: length, kind of call ("i"nit, "l"oad, "b"oot, "s"tep) and its arguments, as
-fields.py says. It holds several calibrations, each begins with "i", and so does the start after a power
-loss. expected.txt is what the replay has to print: replay.c says what it is.
+record.bin is a list of calls: length, kind of call ("i"nit, "k"eys, "l"oad, "b"oot, "s"tep)
+and its arguments, as fields.py says. It holds several calibrations, each begins with "i", and so does the
+start after a power loss. expected.txt is what the replay has to print: replay.c says what it is.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from kincal.run import onboard
 from kincal.run.inprocess import Hooks, Setup, simulate
 
 FFI = onboard._FLIGHT.ffi
-IN = ("kc_cmd_t", "kc_chunk_t", "kc_detection_t", "kc_arm_state_t", "kc_pantilt_state_t")
+IN = ("kc_keys_t", "kc_cmd_t", "kc_chunk_t", "kc_detection_t", "kc_arm_state_t", "kc_pantilt_state_t")
 OUT = ("kc_ack_t", "kc_event_t", "kc_arm_cmd_t", "kc_pantilt_cmd_t", "kc_hk_t", "kc_meas_t", "kc_progress_t",
        "kc_proposal_t", "kc_chunk_t")  # fmt: skip
 LINE_STEPS = 100
@@ -89,6 +89,10 @@ class Recorder:
         self.end()
         self._app = app
         self._core.kc_app_init(app)
+
+    def kc_app_keys(self, app: object, keys: object) -> None:
+        self._note(b"k", packed(FFI, keys[0]))
+        self._core.kc_app_keys(app, keys)
 
     def kc_app_load(self, app: object, kind: int, data: bytes, n: int) -> int:
         self._note(b"l", struct.pack("<H", kind) + bytes(data[:n]))

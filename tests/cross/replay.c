@@ -138,6 +138,12 @@ static bool make_call(uint32_t n)
         if (steps > 0u) { print_line(); }
         begin();
         break;
+    case 'k': {
+        kc_keys_t keys;
+        walk_kc_keys_t(&w, &keys);
+        kc_app_keys(&kc_app_instance, &keys);
+        break;
+    }
     case 'l': {
         uint16_t kind;
         kc_walk_u16(&w, 0u, &kind, 0u, UINT16_MAX);

@@ -127,19 +127,19 @@ static void spoil_in(kc_in_t *in)
 static uint32_t s_steps;
 
 /* All that is published can be encoded as a message. */
-#define MESSAGE(CHANNEL, member, message, copied) kcm_##message##_t member;
-#define ENCODE(CHANNEL, member, message, copied)                                \
+static void check_messages(const kc_out_t *o)
+{
+    static uint8_t buf[24u * 1024u];
+#define MEMBER(CHANNEL, member, message, copied) kcm_##message##_t member;
+    static union {
+        KC_OUT_LIST(MEMBER)
+    } m;
+#define ENCODES(CHANNEL, member, message, copied)                               \
     if (o->has_##member) {                                                      \
         kc_wire_##member(&o->member, 0, &m.member);                             \
         MUST(kcm_##message##_t_encode(buf, 0, (int)sizeof buf, &m.member) > 0); \
     }
-static void check_messages(const kc_out_t *o)
-{
-    static uint8_t buf[24u * 1024u];
-    static union {
-        KC_OUT_LIST(MESSAGE)
-    } m;
-    KC_OUT_LIST(ENCODE)
+    KC_OUT_LIST(ENCODES)
 }
 
 static void step(void)

@@ -51,6 +51,19 @@ def test_interrupted_command_ends_with_130():
     assert "Traceback" not in done.output
 
 
+def test_commands_and_workbench_do_not_load_what_few_of_their_answers_need():
+    script = "import sys, kincal.cli, kincal.workbench; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        env={"PYTHONPATH": str(ROOT / "ground")},
+    )
+    loaded = set(done.stdout.split())
+    assert {"scipy.stats", "scipy.optimize", "plotly", "pyarrow"} & loaded == set(), done.stderr
+    assert "numpy" in loaded
+
+
 def test_library_does_not_load_what_only_the_terminal_and_the_pages_need():
     script = "import sys, kincal, kincal.errors; print(*sys.modules)"
     done = subprocess.run(

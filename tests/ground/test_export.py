@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from kincal import workbench as wb
 from kincal.cli import main
 from kincal.errors import BadInput
 from kincal.export import calibrated_fit, dh_table
+from kincal.export.dh import four_parameter_table
 from kincal.export.source import c_header, c_source, describe, python_source, source_left_out
 from kincal.export.urdf import roll_pitch_yaw, urdf
 from kincal.schema.arm import read_arm
@@ -309,23 +311,95 @@ def constant(request, tmp_path):
     return unfitted(arm, data, of_library(arm, effects)), data
 
 
+def no_beta(fit):
+    """The fit with no turn between parallel axes."""
+    return replace(fit, estimate=np.where([n.endswith(".beta_rad") for n in fit.names], 0.0, fit.estimate))
+
+
 def test_dh_table_is_an_arm_table_that_gives_the_constant_part_of_predict(constant, tmp_path):
-    from kincal.export.tabular import arm_toml, dh_csv
+    from kincal.export.tabular import arm_toml
     from kincal.flight import Arm
     from kincal.rotations import Pose
 
-    fit, data = constant
+    fit, data = no_beta(constant[0]), constant[1]
     arm = calibrated_fit(fit, RECORD)
-    (tmp_path / "dh.toml").write_text(arm_toml(arm, dh_table(arm)))
+    (tmp_path / "dh.toml").write_text(arm_toml(arm, four_parameter_table(arm)))
     again = read_arm(tmp_path / "dh.toml")
     assert not again.base.estimate
     frames = [Pose.of_wxyz(f.xyz_m, f.quat_wxyz) for f in (again.base, again.tool)]
     got = Arm.of(again, *frames).fk(data.q).matrix
     assert np.abs(got - predicted(constants_only(fit), data)).max() < 1e-9
-    rows = [line.split(",") for line in dh_csv(arm, dh_table(arm)).splitlines() if line.startswith("joint")]
-    assert len(rows) == 4 * fit.arm.n
+
+
+def screw(axis, shift, angle):
+    """(4, 4) shift along and turn about an axis, 0 x .. 2 z."""
+    out = np.eye(4)
+    out[:3, :3] = Rotation.from_rotvec(angle * np.eye(3)[axis]).as_matrix()
+    out[axis, 3] = shift
+    return out
+
+
+def test_dh_csv_gives_the_constant_part_of_predict_with_beta(constant):
+    """Rz(phi + q) Tz(d) Tx(a) Rx(alpha) Ry(beta) of Hayati and Mirmirani, with the numbers of the CSV."""
+    from kincal.export.tabular import dh_csv
+
+    fit, data = constant
+    arm = calibrated_fit(fit, RECORD)
+    table = dh_table(arm)
+    lines = dh_csv(arm, table).splitlines()
+    rows = [line.split(",") for line in lines if line.startswith("joint")]
+    turned = sum(name.endswith(".beta_rad") for name in fit.names)
+    assert len(rows) == 4 * fit.arm.n + turned
     for row in rows:
         assert float(row[3]) + float(row[4]) == pytest.approx(float(row[5]), abs=1e-15)
+    want = predicted(constants_only(fit), data)
+    for q, pose in zip(data.q, want, strict=True):
+        got = table.base.pose.matrix
+        for k, joint in enumerate(fit.arm.joints, 1):
+            v = {row[1]: float(row[5]) for row in rows if row[0] == f"joint {k}"}
+            slide, turn = (q[k - 1], 0.0) if joint.prismatic else (0.0, q[k - 1])
+            got = got @ screw(2, v["d_m"] + slide, v["phi_rad"] + turn) @ screw(0, v["a_m"], v["alpha_rad"])
+            got = got @ screw(1, 0.0, v.get("beta_rad", 0.0))
+        assert np.abs(got @ table.tool.pose.matrix - pose).max() < 1e-9
+
+
+def test_arm_table_without_beta_is_as_good_as_a_fit_without_beta(tmp_path, monkeypatch):
+    """An arm table has no place for beta. Its other numbers are those that fit best without, to first
+    order."""
+    from kincal.export.tabular import arm_toml
+    from kincal.workbench.parameters import dh_parameters
+
+    arm = arm_named("ur10e", tmp_path)
+    arm = replace(arm, base=replace(arm.base, estimate=True), tool=replace(arm.tool, estimate=True))
+    data = random_data(arm, 6, 120, cam_p_m=False, cam_quat_wxyz=False)
+    true = unfitted(arm, data, [])
+    beta = np.array([name.endswith(".beta_rad") for name in true.names])
+    assert beta.sum() == 2
+    true = replace(true, estimate=np.where(beta, [3e-4], 0.02 * true.estimate))
+    pose = predicted(true, data)
+    noise = np.random.default_rng(8).normal(0, 2e-5, (2, data.n, 3))
+    turns = Rotation.from_matrix(pose[:, :3, :3]) * Rotation.from_rotvec(noise[1])
+    data = replace(data, p_m=pose[:, :3, 3] + noise[0], quat_wxyz=turns.as_quat(scalar_first=True))
+    data = replace(data, cov=np.tile(4e-10 * np.eye(6), (data.n, 1, 1)))
+    fit = fit_model(arm, data, robust=False)
+    assert fit.estimate[beta] == pytest.approx([3e-4, 3e-4], rel=0.1)
+
+    found = calibrated_fit(fit, replace_record(position_change_mm={"DH beta": 0.4}))
+    (tmp_path / "dh.toml").write_text(arm_toml(found, four_parameter_table(found)))
+    assert "not contained: DH beta, worth 0.4 mm" in (tmp_path / "dh.toml").read_text()
+    with monkeypatch.context() as patched:
+        four = [p for p in dh_parameters(arm) if not p[0].endswith(".beta_rad")]
+        patched.setattr(sys.modules["kincal.workbench.fit"], "dh_parameters", lambda _: four)
+        best = rms_mm(fit_model(arm, data, robust=False), data)
+        exported = rms_mm(fit_model(read_arm(tmp_path / "dh.toml"), data, dh=False), data)
+    assert best > 0.1  # DH alone does not express it
+    assert exported < 1.01 * best
+    assert rms_mm(no_beta(fit), data) > 1.15 * best  # what leaving it out would give
+
+
+def rms_mm(fit, data):
+    """Position error of a fit's coefficients."""
+    return 1e3 * np.sqrt(((predicted(fit, data)[:, :3, 3] - data.p_m) ** 2).sum(axis=1).mean())
 
 
 def test_urdf_gives_the_constant_part_of_predict_in_pinocchio_and_yourdfpy(constant, tmp_path):
@@ -372,13 +446,25 @@ def test_what_dh_and_urdf_cannot_hold_is_named(tmp_path):
     fitted = calibrated_fit(
         unfitted(arm, data, found), replace_record(position_change_mm={"backlash[4]": 0.31})
     )
-    in_dh = {one.effect: str(one) for one in dh_table(fitted).left_out}
+    in_dh = {one.effect: str(one) for one in four_parameter_table(fitted).left_out}
     assert set(in_dh) == {"axis_tilt[3]", "backlash[4]", "camera_shift"}
     assert in_dh["backlash[4]"] == "backlash[4], worth 0.31 mm: it changes with dir4"
     assert "ry at link 3" in in_dh["axis_tilt[3]"]
+    assert "axis_tilt[3]" not in {one.effect for one in dh_table(fitted).left_out}  # it is its beta
     assert "sensor" in in_dh["camera_shift"]
     assert {one.effect for one in urdf_left_out(fitted)} == {"backlash[4]", "camera_shift"}
     assert "worth 0.31 mm" in urdf(fitted)
+
+
+def test_arm_table_keeps_the_corners_of_both_tags(tmp_path):
+    from kincal.export.tabular import arm_toml
+
+    arm = replace(arm_named("wam", tmp_path), target_points_m=np.eye(3), target_second_m=-np.eye(3))
+    found = calibrated_fit(unfitted(arm, random_data(arm, 6), []), RECORD)
+    (tmp_path / "dh.toml").write_text(arm_toml(found, four_parameter_table(found)))
+    again = read_arm(tmp_path / "dh.toml")
+    np.testing.assert_array_equal(again.target_points_m, np.eye(3))
+    np.testing.assert_array_equal(again.target_second_m, -np.eye(3))
 
 
 def replace_record(**changes):

@@ -8,10 +8,12 @@ import numpy as np
 import poses
 import pytest
 from click.testing import CliRunner
+from exports import random_data, unfitted
 
 from kincal import workbench as wb
 from kincal.cli import main
 from kincal.workbench.identifiability import identifiability, residual_axes
+from kincal.workbench.uplink import coefficients, term_image
 
 
 def unknown_frames(path):
@@ -138,3 +140,42 @@ def test_too_few_replicates_are_counted(tmp_path):
     floor = wb.compare(arm, replace(data, cov=None, replicate=group)).noise_floor
     assert floor.pos_m is None
     assert floor.source.startswith("unknown: 3 of the 6 repeated measurements")
+
+
+def scara(path):
+    """Two parallel turns, a slide along them and a turn about the slide, frames to be found."""
+    rows = [("revolute", 0.3, "0"), ("revolute", 0.25, "pi"), ("prismatic", 0.0, "0"), ("revolute", 0.0, "0")]
+    text = "".join(
+        f'[[joint]]\ntype = "{kind}"\na_m = {a}\nalpha_rad = "{alpha}"\nd_m = 0.1\nphi_rad = 0.0\n'
+        + "q_min_{0} = -1.5\nq_max_{0} = 1.5\n".format("m" if kind == "prismatic" else "rad")
+        for kind, a, alpha in rows
+    )
+    frame = "xyz_m = [0.0, 0.0, 0.0]\nquat_wxyz = [1.0, 0.0, 0.0, 0.0]\nestimate = true\n"
+    head = 'name = "scara"\nconvention = "standard"\ngravity_m_s2 = [0.0, 0.0, -9.81]\n'
+    path.write_text(f"{head}[base]\n{frame}[tool]\n{frame}{text}")
+    return wb.read_arm(path)
+
+
+@pytest.mark.parametrize("name", ["wam", "fr3", "irb120", "ur5e", "scara"])
+def test_plain_dh_holds_every_small_error_of_every_link(name, tmp_path):
+    """A model is complete if no small shift or turn of any link needs more coefficients (Mooring, Roth &
+    Driels, Fundamentals of Manipulator Calibration, 1991); DH alone is not where axes are parallel."""
+    arm = scara(tmp_path / "scara.toml") if name == "scara" else wb.read_arm(name)
+    arm = replace(arm, base=replace(arm.base, estimate=True), tool=replace(arm.tool, estimate=True))
+    fit = unfitted(arm, random_data(arm, 5, 60), [])
+    fit = replace(fit, evaluation=fit.model.evaluate(np.zeros(len(fit.names))))
+    design = fit.evaluation.J.reshape(-1, len(fit.names))
+    basis = np.linalg.svd(design / np.maximum(np.linalg.norm(design, axis=0), 1e-12), full_matrices=False)
+    shown = basis[0][:, basis[1] > 1e-7]
+    link = fit.evaluation.twist[:, : arm.n + 1]
+    columns = link.transpose(0, 3, 1, 2).reshape(len(design), -1)
+    left = np.linalg.norm(columns - shown @ (shown.T @ columns), axis=0) / np.linalg.norm(columns, axis=0)
+    assert left.max() < 1e-6, np.argwhere(left.reshape(arm.n + 1, 6) > 1e-6).tolist()
+
+
+def test_flight_takes_the_turns_between_parallel_axes():
+    arm = wb.read_arm("ur5e")
+    rows = {row.name: row.terms for row in coefficients(arm, [])}
+    assert [name for name in rows if "beta" in name] == ["J2.beta_rad", "J3.beta_rad"]
+    assert [(t.frame, t.comp, t.gain) for t in rows["J2.beta_rad"]] == [(2, 4, 1.0)]
+    assert term_image(arm, []).data

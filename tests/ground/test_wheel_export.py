@@ -24,9 +24,8 @@ CHAIN = [
     ("wrist_2_joint", "wrist_2_link", (0, 0.104, 0), (0, 0, 0), (0, 0, 1)),
     ("wrist_3_joint", "wrist_3_link", (0, 0, 0.085), (0, 0, 0), (0, 1, 0)),
 ]
-# What DH errors leave of wrong origins: mounting, tool, and joints 2 to 4, whose axes are parallel.
-TILTS = ("parallel_axis_tilt[2]", "parallel_axis_tilt[3]", "base_tilt")
-EFFECTS = ("encoder_eccentricity[2]", *TILTS, "base_shift", "tool_shift")
+# What DH errors leave of wrong origins: mounting and tool.
+EFFECTS = ("encoder_eccentricity[2]", "base_tilt", "base_shift", "tool_shift")
 TOOL = ((0, 0.092, 0.05), (0, 0, np.pi / 2))
 
 

@@ -102,6 +102,30 @@ def test_points_outside_the_image_do_not_count():
     assert not np.allclose(PnpColumns((everything,), None, pose.R)([1], pose), column[0], rtol=1e-2)
 
 
+def test_poses_of_the_second_tag_are_computed_from_its_corners(tmp_path):
+    """Two tags on the tool, 25 degrees to either side: each pose has the columns of the tag that it saw."""
+    tilted = Rotation.from_euler("y", 25, degrees=True).as_matrix()
+    corners = [[0.03 * x, 0.03 * y, 0.0] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    sides = ((tilted, 0.1), (tilted.T, -0.1))
+    left, right = (np.array(corners) @ turn.T + [x, 0.0, 0.0] for turn, x in sides)
+    text = Path(arm_with_camera(tmp_path, stated=True, mount="world").source).read_text()
+    head, tail = text.split(f"points_m = {boards.BOARD.tolist()}\n")
+
+    def columns(name, *keys):
+        rows = "".join(f"{key} = {points.tolist()}\n" for key, points in keys)
+        (tmp_path / name).write_text(head + rows + tail)
+        arm = wb.read_arm(tmp_path / name)
+        found = PnpColumns.of(arm, data)
+        return found([column_number(0, "radial_1")], Pose(data.p_m, found.measured))
+
+    data = wb.read_csv(boards.world_csv(tmp_path / "poses.csv", 8, 5, (0.1, 0.0, 0.0, 0.0)), 7)
+    data = replace(data, tag=np.arange(8.0) % 2.0)
+    first, second = columns("a.toml", ("points_m", left)), columns("b.toml", ("points_m", right))
+    both = columns("c.toml", ("points_m", left), ("second_points_m", right))
+    assert np.abs(first - second).max() > 1e-3
+    np.testing.assert_array_equal(both, np.where((data.tag == 1.0)[:, None, None], second, first))
+
+
 def test_columns_act_along_the_expected_axes():
     """A measured orientation with noise turns the column back: what it does in the base frame stays."""
     target, _ = views(1, seed=2)[0]
@@ -247,5 +271,5 @@ def test_fr3_with_permuted_residuals_blames_no_camera(library, seed):
     model = fit.model.poses(fit.estimate)
     turned = Rotation.from_rotvec(r[:, 3:]) * Rotation.from_matrix(model.R)
     mixed = replace(data, p_m=model.p_m + r[:, :3], quat_wxyz=turned.as_quat(scalar_first=True))
-    probability = Study.of(arm, mixed, library, (), True).posterior(()).probability
+    probability = Study.of(wb.compare(arm, mixed), library, (), True).posterior(()).probability
     assert max(probability[name] for name in ("lens_radial", "focal_length", "target_bow")) < 0.3

@@ -15,13 +15,14 @@ from kincal import workbench as wb
 from kincal.flight import Arm, Model, Observations, Terms
 from kincal.flight import library as build
 from kincal.schema.terms import parse_basis, split_product
-from kincal.workbench import evidence, explain
+from kincal.workbench import evidence, explain, scoring
 from kincal.workbench.answers import fit_text
 from kincal.workbench.columns import Columns
 from kincal.workbench.fit import fit_model
 from kincal.workbench.measurable import Box, Limits
 from kincal.workbench.model import flight_model
 from kincal.workbench.nextposes import expected_probability, next_poses
+from kincal.workbench.tails import rank_sum_p
 from kincal.workbench.uplink import term_table
 
 DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
@@ -61,6 +62,75 @@ def test_bayes_factor_equals_the_ratio_of_multivariate_normal_densities():
     none = stats.multivariate_normal(np.zeros(rows), np.eye(rows) + j @ j.T)
     full = stats.multivariate_normal(np.zeros(rows), np.eye(rows) + j @ j.T + 0.7**2 * g @ g.T)
     assert got == pytest.approx(full.logpdf(z) - none.logpdf(z), abs=1e-9)
+
+
+@pytest.mark.parametrize("parameters", [1, 5, 12, 30])
+def test_bayes_factor_of_many_effects_is_that_of_each(parameters):
+    rng = np.random.default_rng(parameters)
+    u, v = 3.0 * rng.standard_normal((7, parameters)), 10.0 * rng.random((7, parameters))
+    v[0, -1] = 0.0
+    noise = evidence.NoiseScale.posterior(600.0, 560.0)
+    share = evidence.LAMBDA_WEIGHTS / evidence.LAMBDA_WEIGHTS.sum()
+    plain = []
+    for k in range(len(u)):
+        good = v[k] > 0
+        terms = []
+        for size, ln_share in zip(evidence.LAMBDAS, np.log(share), strict=True):
+            for s, ln_weight in zip(noise.s, noise.ln_weight, strict=True):
+                x = size**2 * v[k, good] / s**2
+                ln_bf = 0.5 * np.sum(x / (1 + x) * u[k, good] ** 2 / v[k, good] / s**2 - np.log1p(x))
+                terms.append(ln_share + ln_weight + ln_bf)
+        plain.append(np.logaddexp.reduce(terms))
+    assert evidence.ln_bayes_factor(u, v, noise) == pytest.approx(plain, rel=1e-10)
+    assert evidence.ln_bayes_factor(u[1], v[1], noise) == pytest.approx(plain[1], rel=1e-10)
+
+
+def test_blocks_are_projected_as_columns_are():
+    rng = np.random.default_rng(3)
+    projector = evidence.Projector.of(rng.standard_normal((60, 9)))
+    blocks = rng.standard_normal((4, 5, 60))
+    for block, left in zip(blocks, projector.without(blocks), strict=True):
+        assert left == pytest.approx(projector.apply(block.T).T, abs=1e-12)
+
+
+def test_blocks_together_have_one_width_and_none_is_lost():
+    widths = [3, 5, 3] * 100
+    groups = list(evidence.together(widths))
+    assert sorted(k for group in groups for k in group) == list(range(300))
+    assert all(len({widths[k] for k in group}) == 1 for group in groups)
+    assert max(map(len, groups)) == 64
+
+
+def test_distance_of_a_ridge_fit_is_that_of_the_covariance_of_its_rows():
+    """I - H = s^2 (s^2 I + A A')^-1, inverted whole."""
+    rng = np.random.default_rng(4)
+    n, c, scale = 12, 3, 0.7
+    columns, z, weight = (
+        rng.standard_normal((n * c, 20)),
+        rng.standard_normal(n * c),
+        rng.uniform(0.2, 1.0, n),
+    )
+    root = np.repeat(np.sqrt(weight), c)
+    a = columns * root[:, None]
+    left = scale**2 * np.linalg.inv(scale**2 * np.eye(n * c) + a @ a.T)
+    e = left @ (root * z)
+    d2 = [
+        e[i : i + c] @ np.linalg.solve(left[i : i + c, i : i + c], e[i : i + c]) for i in range(0, n * c, c)
+    ]
+    got = scoring._ridge_distance(columns, z, weight, scale, c)
+    assert got == pytest.approx(np.array(d2) / weight, rel=1e-6)
+
+
+@pytest.mark.parametrize(("n", "m"), [(3, 100), (100, 3), (8, 9), (8, 40), (9, 40), (30, 200)])
+@pytest.mark.parametrize("ties", [False, True])
+def test_rank_sum_test_is_that_of_scipy(n, m, ties):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        x, y = rng.standard_normal(n) + 0.4 * seed, rng.standard_normal(m)
+        if ties:
+            x, y = x.round(1), y.round(1)
+        assert rank_sum_p(x, y) == pytest.approx(stats.mannwhitneyu(x, y).pvalue, rel=1e-10)
+    assert rank_sum_p(np.ones(n), np.ones(m)) == 1.0
 
 
 def test_an_effect_that_dh_imitates_is_absorbed():

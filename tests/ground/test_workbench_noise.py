@@ -90,6 +90,6 @@ def test_residuals_without_noise_do_not_break_the_covariance(arm):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_that_goes_together_is_no_effect(arm, seed):
-    posterior = Study.of(arm, measured(100, 20 + seed), wb.Library.load(), (), True).posterior(())
+    posterior = Study.of(wb.compare(arm, measured(100, 20 + seed)), wb.Library.load(), (), True).posterior(())
     assert posterior.none > 0.4
     assert not posterior.something_missing

@@ -159,7 +159,7 @@ def test_doubtful_effects_go_one_after_another_and_unproven_ones_have_not_won():
 def test_few_poses_carry_few_coefficients_and_take_turns_in_being_held_out(tmp_path):
     arm, data = measured(tmp_path, 18, 2, wavy, position_only=True)
     data = replace(data, cov=None)
-    study = Study.of(arm, data, LIBRARY, (), True)
+    study = Study.of(wb.compare(arm, data), LIBRARY, (), True)
     freedom = study.comparison.fit_part.dof
     assert study.room(()) == int(freedom / 4)
     assert len(study.held_square(())) == 18

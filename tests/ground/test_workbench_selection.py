@@ -147,7 +147,7 @@ def test_a_study_gives_the_same_answer_whatever_was_asked_before(tmp_path):
     data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 30, 21), 7)
     library = wb.Library.load()
     h = library.find("backlash[2]", arm, data)[0]
-    fresh, used = (Study.of(arm, data, library, (), True) for _ in range(2))
+    fresh, used = (Study.of(wb.compare(arm, data), library, (), True) for _ in range(2))
     used.posterior(())
     used.fit((h,))
     used.reopened((h,), h)

@@ -114,6 +114,7 @@ def main():
     p.add_argument("--url", required=True)
     p.add_argument("--tables", type=Path)
     p.add_argument("--store", type=Path)
+    p.add_argument("--keys", type=Path)
     p.add_argument("--lockstep", action="store_true")
     p.add_argument("--live", action="store_true")
     o = p.parse_args()

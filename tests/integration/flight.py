@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import kcm
+from kincal import keys
 from kincal.flight import library
 from kincal.flight import tables as codec
 from kincal_sim.bus import Bus
@@ -53,6 +54,10 @@ class Flight:
         self.tick, self.done_tick, self.n_published = 0, -1, 0
         self.heard: list[tuple[str, object]] = []
         self.seq = 0
+        self.keys = store.parent / f"{store.name}.keys"
+        if not self.keys.exists():
+            keys.new(self.keys)
+        self.signer = keys.signer_of(self.keys)
         self.world = World(load(scenario), seed, fast_imager) if scenario else None
         self.bus.listen("KC_TICK_DONE", self._on_done)
         for channel in HEARD:
@@ -68,6 +73,7 @@ class Flight:
         """Start the process; wait: until it announces itself."""
         with open(self.stderr, "ab") as err:
             command = [BINARY, "--url", self.url, "--tables", self.tables, "--store", self.store]
+            command += ["--keys", self.keys]
             self.process = subprocess.Popen(command, stderr=err, env=env)
         self.done_tick = -1
         self.seq = 0  # numbers of commands count from the start of the process
@@ -141,7 +147,7 @@ class Flight:
         self.seq += 1
         c.t_us, c.seq, c.source, c.opcode = self.now_us, self.seq, source, opcode
         c.arg_i, c.arg_u64 = (list(args) + [0, 0, 0, 0])[:4], arg_u64
-        self.bus.publish("KC_CMD", c)
+        self.bus.publish("KC_CMD", self.signer.command(c))
 
     def do(self, opcode: int, *args: int):
         """Send a command and step until it is answered, which is after it is stored; its answer, None if the

@@ -120,12 +120,17 @@ def telemetry_of_shuffled(tmp_path, order) -> list[bytes]:
     with Flight(tmp_path / f"store{order}") as f:
         f.start()
         f.step()
+        for channel, m in sent:
+            if channel == "KC_TABLE_UP":
+                m.source = CMD.SRC_GROUND
+                f.signer.chunk(m)
         random.Random(order).shuffle(sent)
         for channel, m in sent:
             f.bus.publish(channel, m)
         sent_back = []
         for _ in range(30):
             sent_back += f.step()
+        assert [m.staged_bytes for ch, m in sent_back if ch == "KC_HK"][-1] == len(image)
         return [m.encode() for _, m in sent_back]
 
 
@@ -188,7 +193,7 @@ def test_undecodable_messages_are_counted_and_nothing_else_happens(tmp_path):
 def test_a_live_process_keeps_its_own_time(tmp_path):
     with Flight(tmp_path / "store") as f:
         f.process = subprocess.Popen(
-            [BINARY, "--live", "--url", f.url, "--tables", TABLES, "--store", f.store],
+            [BINARY, "--live", "--url", f.url, "--tables", TABLES, "--store", f.store, "--keys", f.keys],
             stderr=subprocess.DEVNULL,
         )
         for _ in range(400):

@@ -108,9 +108,9 @@ def test_options_say_which_processes_are_started(tmp_path):
     o = hil.options(["paper", "--url", url, "--no-sim", "--no-fsw", "--out", str(tmp_path)])
     (run,) = hil.plan(o)
     assert run.realtime and run.poses == hil.SHORT_POSES
-    assert list(run.commands(url, tmp_path)) == ["detector", "executive"]
+    assert list(run.commands(url, tmp_path, tmp_path / "keys")) == ["detector", "executive"]
     (run,) = hil.plan(hil.options(["healthy", "--fast"]))
-    commands = run.commands(url, tmp_path)
+    commands = run.commands(url, tmp_path, tmp_path / "keys")
     assert list(commands) == ["fsw", "executive", "server"]
     assert (
         "--live" in commands["fsw"]

@@ -86,7 +86,7 @@ def configured(root: Path, build_type: str = "Release", *options: str) -> Path:
     done = tool("cmake", "-S", root, "-B", root / "build/x", "-G", "Ninja", "-DBUILD_TESTING=ON",
                 f"-DCMAKE_BUILD_TYPE={build_type}", "-DCMAKE_COMPILE_WARNING_AS_ERROR=ON",
                 "-DCMAKE_VERIFY_INTERFACE_HEADER_SETS=ON", f"-DUNITY={ROOT / 'build/unity/src'}",
-                f"-DMUSL={ROOT / 'build/musl'}", *options)  # fmt: skip
+                f"-DMUSL={ROOT / 'build/musl'}", f"-DMONOCYPHER={ROOT / 'build/monocypher'}", *options)  # fmt: skip
     assert done.returncode == 0, done.stderr
     return root / "build/x"
 
@@ -276,12 +276,12 @@ def test_a_core_that_wants_the_heap_or_a_clock_is_refused(tmp_path, call, compla
     assert complaint in done.stdout
 
 
-# ---- mathematics
+# ---- what is fetched
 
 
-def fetched(folder: Path, source: Path) -> subprocess.CompletedProcess:
-    environment = os.environ | {"MUSL_DIR": str(source)}
-    command = [str(ROOT / ".ci/musl"), str(folder)]
+def fetched(folder: Path, source: Path, what: str = "musl") -> subprocess.CompletedProcess:
+    environment = os.environ | {f"{what.upper()}_DIR": str(source)}
+    command = [str(ROOT / ".ci" / what), str(folder)]
     return subprocess.run(command, env=environment, capture_output=True, text=True)
 
 
@@ -294,6 +294,16 @@ def test_mathematics_is_taken_only_as_it_was_tested(tmp_path):
     refused = fetched(tmp_path / "bad", tmp_path / "good")
     assert refused.returncode == 1
     assert "src/math/exp_data.c" in refused.stdout + refused.stderr
+    assert not (tmp_path / "bad").exists()
+
+
+def test_message_authentication_is_taken_only_as_it_was_tested(tmp_path):
+    assert fetched(tmp_path / "good", ROOT / "build/monocypher", "monocypher").returncode == 0
+    other = tmp_path / "good/src/monocypher.c"
+    other.write_text(other.read_text().replace("crypto_verify16", "crypto_verify_16", 1))
+    refused = fetched(tmp_path / "bad", tmp_path / "good", "monocypher")
+    assert refused.returncode == 1
+    assert "src/monocypher.c" in refused.stdout + refused.stderr
     assert not (tmp_path / "bad").exists()
 
 

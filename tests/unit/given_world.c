@@ -6,6 +6,7 @@
 #include "given_tables.h"
 #include "kc_crc.h"
 #include "kc_rng.h"
+#include "kc_signed.h"
 #include "kc_vec.h"
 
 world_t world;
@@ -25,6 +26,9 @@ void given_world(void)
     world.truth = world.arm;
     world.now_us = 1000000u;
     world.rng = 7u;
+    world.keys.n = 1u;
+    world.keys.key[0].id = 1u;
+    for (uint32_t i = 0u; i < KC_KEY_BYTES; i++) { world.keys.key[0].secret[i] = (uint8_t)(i + 1u); }
     world.noise_m = 1e-4;
     world.noise_rad = 2e-4;
     given_space(&world.space, 24u, 1u);
@@ -86,6 +90,7 @@ static void offer_default(uint16_t kind)
 void world_boot(void)
 {
     kc_app_init(&kc_app_instance);
+    kc_app_keys(&kc_app_instance, &world.keys);
     for (uint32_t i = 0u; i < sizeof s_kinds / sizeof s_kinds[0]; i++) {
         uint16_t k = s_kinds[i];
         for (uint32_t s = 0u; s < 2u; s++) {
@@ -298,6 +303,15 @@ static void store_all(const kc_out_t *o)
     }
 }
 
+static void remember_answered(const kc_ack_t *ack)
+{
+    for (uint32_t i = 0u; i < KC_CMD_QUEUE_MAX; i++) {
+        const kc_cmd_t *c = &world.sent[i];
+        bool same = c->source == ack->source && c->seq == ack->seq && c->opcode == ack->opcode;
+        if (same && ack->status == KC_OK) { world.answered = *c; }
+    }
+}
+
 static void listen(void)
 {
     const kc_out_t *o = &world.out;
@@ -309,6 +323,7 @@ static void listen(void)
     for (uint32_t i = 0u; i < o->n_ack; i++) {
         world.ack = o->ack[i];
         world.n_acks++;
+        remember_answered(&world.ack);
     }
     if (o->has_meas) { world.meas[world.n_meas++ % KC_MEAS_MAX] = o->meas; }
     if (o->has_progress) { world.progress[world.n_progress++ % KC_MEAS_MAX] = o->progress; }
@@ -319,6 +334,44 @@ static void listen(void)
     if (o->has_hk) {
         world.hk = o->hk;
         world.n_hk++;
+    }
+}
+
+/* ---- commands ---- */
+
+void world_sign_cmd(kc_cmd_t *c)
+{
+    uint8_t head[KC_SIGNED_HEAD_MAX];
+    c->auth.key_id = world.keys.key[0].id;
+    c->auth.counter = ++world.counter;
+    kc_auth_text_t text = kc_signed_cmd(c, head);
+    kc_auth_mac(&world.keys.key[0], &text, c->auth.mac);
+    world.sent[world.counter % KC_CMD_QUEUE_MAX] = *c;
+}
+
+void world_sign_chunk(kc_chunk_t *c)
+{
+    uint8_t head[KC_SIGNED_HEAD_MAX];
+    if (c->source == 0) { c->source = KC_SRC_GROUND; }
+    c->auth.key_id = world.keys.key[0].id;
+    c->auth.counter = ++world.counter;
+    kc_auth_text_t text = kc_signed_chunk(c, head);
+    kc_auth_mac(&world.keys.key[0], &text, c->auth.mac);
+}
+
+static bool open_to_all(const kc_cmd_t *c)
+{
+    return c->opcode == KC_CMD_NOOP || c->opcode == KC_CMD_ABORT || c->opcode == KC_CMD_TABLE_DUMP;
+}
+
+static void sign_all(void)
+{
+    if (world.as_sent) { return; }
+    for (uint32_t i = 0u; i < world.in.n_chunk && i < KC_CHUNK_QUEUE_MAX; i++) {
+        world_sign_chunk(&world.in.chunk[i]);
+    }
+    for (uint32_t i = 0u; i < world.in.n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
+        if (!open_to_all(&world.in.cmd[i])) { world_sign_cmd(&world.in.cmd[i]); }
     }
 }
 
@@ -335,6 +388,7 @@ void world_tick(void)
     report_pantilt(pantilt);
     take_frame();
     if (world.spoil_in != NULL) { world.spoil_in(&world.in); }
+    sign_all();
     kc_app_step(&kc_app_instance, (uint64_t)((int64_t)world.now_us + world.skew_us), &world.in, &world.out);
     memset(&world.in, 0, sizeof world.in);
     obey();

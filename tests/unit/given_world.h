@@ -23,6 +23,10 @@ typedef struct {
     int32_t arm_seq, pantilt_seq, cmd_seq[3], frame_requested;
     bool requested;
     uint64_t rng;
+    kc_keys_t keys; /* of flight, set at boot; the first one signs */
+    uint64_t counter; /* of the last message that was signed */
+    kc_cmd_t sent[KC_CMD_QUEUE_MAX]; /* the last signed commands, by counter modulo their number */
+    kc_cmd_t answered; /* the last of them that was accepted; key 0: none was */
     /* settings */
     bool arm_silent, pantilt_silent, camera_silent; /* no messages */
     bool arm_frozen, pantilt_frozen; /* commands are echoed but nothing moves */
@@ -35,6 +39,8 @@ typedef struct {
     double jump_m; /* next detection is off by this */
     double hide_beyond; /* joint travel since START that hides the tags, 0 = off */
     double q_start[KC_JOINT_MAX];
+    bool
+        as_sent; /* commands and chunks go out as the test made them; otherwise those that have to be are signed */
     int32_t fault;
     int64_t skew_us; /* the component's clock less that of arm and camera */
     void (*spoil)(kc_detection_t *d); /* changes every detection */
@@ -81,7 +87,10 @@ bool world_until(kc_state_t state, uint32_t max);
 bool world_until_event(uint32_t id, uint32_t max);
 /* Put a command into the next tick. */
 kc_cmd_t *world_cmd(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
-/* The same, then ticks until it is answered; returns the status of its answer. */
+/* Sign a message with the next counter. */
+void world_sign_cmd(kc_cmd_t *c);
+void world_sign_chunk(kc_chunk_t *c);
+/* Put a command into the next tick, then ticks until it is answered; returns the status of its answer. */
 int32_t world_do(int32_t opcode, int32_t a0, int32_t a1, int32_t a2);
 /* Step until no change is being stored. */
 bool world_stored(uint32_t max);

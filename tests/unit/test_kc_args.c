@@ -1,5 +1,8 @@
 /* kc_args.c: the command line. */
+#define _POSIX_C_SOURCE 200809L /* NOLINT: setenv */
+
 #include <stdio.h>
+#include <stdlib.h>
 
 #include "kc_args.h"
 #include "unity.h"
@@ -22,6 +25,21 @@ void test_directories_are_all_it_needs(void)
     TEST_ASSERT_EQUAL_STRING("s", s_a.store);
     TEST_ASSERT_EQUAL_STRING(KC_URL_DEFAULT, s_a.url);
     TEST_ASSERT_EQUAL_INT(0, s_a.live);
+}
+
+void test_keys_come_by_option_or_environment(void)
+{
+    (void)unsetenv(KC_KEYS_VARIABLE);
+    TEST_ASSERT_EQUAL_INT(KC_ARGS_RUN, PARSE("--tables", "t", "--store", "s"));
+    TEST_ASSERT_NULL(s_a.keys);
+    (void)setenv(KC_KEYS_VARIABLE, "", 1);
+    TEST_ASSERT_EQUAL_INT(KC_ARGS_RUN, PARSE("--tables", "t", "--store", "s"));
+    TEST_ASSERT_NULL(s_a.keys);
+    (void)setenv(KC_KEYS_VARIABLE, "e", 1);
+    TEST_ASSERT_EQUAL_INT(KC_ARGS_RUN, PARSE("--tables", "t", "--store", "s"));
+    TEST_ASSERT_EQUAL_STRING("e", s_a.keys);
+    TEST_ASSERT_EQUAL_INT(KC_ARGS_RUN, PARSE("--tables", "t", "--store", "s", "--keys", "k"));
+    TEST_ASSERT_EQUAL_STRING("k", s_a.keys);
 }
 
 void test_everything_can_be_said(void)

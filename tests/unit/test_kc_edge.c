@@ -9,6 +9,7 @@
 #include "given_tables.h"
 #include "given_world.h"
 #include "kc_edge.h"
+#include "kc_wire.h"
 #include "kcm_ack_t.h"
 #include "kcm_arm_state_t.h"
 #include "kcm_cmd_t.h"
@@ -103,6 +104,33 @@ static void send_arm(int64_t tick)
     SEND(pantilt_state_t, "KC_PANTILT_STATE", h);
 }
 
+static void to_wire(const kc_auth_t *a, int32_t *key_id, int64_t *counter, int64_t *mac)
+{
+    *key_id = (int32_t)a->key_id;
+    *counter = (int64_t)a->counter;
+    memset(mac, 0, 2u * sizeof *mac);
+    for (uint32_t i = 0u; i < KC_MAC_BYTES; i++) {
+        mac[i / 8u] = (int64_t)((uint64_t)mac[i / 8u] | (uint64_t)a->mac[i] << (8u * (i % 8u)));
+    }
+}
+
+static void sign(kcm_cmd_t *m)
+{
+    kc_cmd_t c;
+    kc_wire_cmd(m, &c);
+    world_sign_cmd(&c);
+    to_wire(&c.auth, &m->key_id, &m->counter, m->mac);
+}
+
+static void sign_chunk(kcm_table_chunk_t *m)
+{
+    static kc_chunk_t c;
+    m->source = 2;
+    kc_wire_chunk(m, &c);
+    world_sign_chunk(&c);
+    to_wire(&c.auth, &m->key_id, &m->counter, m->mac);
+}
+
 static void send_cmd(int64_t t_us, int32_t seq, int32_t opcode, int32_t a0)
 {
     kcm_cmd_t c;
@@ -112,6 +140,7 @@ static void send_cmd(int64_t t_us, int32_t seq, int32_t opcode, int32_t a0)
     c.source = 2;
     c.opcode = opcode;
     c.arg_i[0] = a0;
+    if (opcode != KC_CMD_NOOP && opcode != KC_CMD_ABORT && opcode != KC_CMD_TABLE_DUMP) { sign(&c); }
     SEND(cmd_t, "KC_CMD", c);
 }
 
@@ -201,6 +230,7 @@ void test_a_table_goes_up_and_comes_down(void)
     c.kind = KC_TBL_CONFIG;
     c.total_bytes = c.n = (int32_t)n;
     memcpy(c.data, world.image, n);
+    sign_chunk(&c);
     SEND(table_chunk_t, "KC_TABLE_UP", c);
     send_time(1);
     pump();
@@ -213,6 +243,7 @@ void test_a_table_goes_up_and_comes_down(void)
     for (int32_t k = 0; k < 2; k++) {
         v.seq = k + 1;
         v.opcode = KC_CMD_TABLE_VALIDATE + k;
+        sign(&v);
         SEND(cmd_t, "KC_CMD", v);
     }
     send_time(2);

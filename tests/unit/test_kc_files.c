@@ -37,6 +37,8 @@ static struct {
     double torn;   /* KILLS: part of a write that is done first */
     int fd;        /* open for writing */
     bool reached;   /* the change was reached */
+    int write_errno, n_odd; /* the next n_odd writes write nothing: 0, or -1 with this errno */
+    bool close_fails;       /* of what was written */
     jmp_buf power; /* gone */
 } s_m = {.fd = -1};
 
@@ -65,6 +67,11 @@ ssize_t write(int fd, const void *buf, size_t n)
 {
     static uint8_t flipped[KC_IMAGE_MAX];
     if (fd != s_m.fd) { return syscall(SYS_write, fd, buf, n); }
+    if (s_m.n_odd > 0) {
+        s_m.n_odd--;
+        errno = s_m.write_errno;
+        return s_m.write_errno == 0 ? 0 : -1;
+    }
     if (suffers(false)) {
         size_t part = (size_t)((double)n * s_m.torn);
         if (s_m.harm == KILLS) { (void)syscall(SYS_write, fd, buf, part); }
@@ -93,6 +100,14 @@ int openat(int dir, const char *name, int flags, ...)
     int fd = (int)syscall(SYS_openat, dir, name, flags, mode);
     if (writing) { s_m.fd = fd; }
     return fd;
+}
+
+int close(int fd)
+{
+    bool fails = s_m.close_fails && fd >= 0 && fd == s_m.fd;
+    int done = (int)syscall(SYS_close, fd);
+    if (fails) { errno = EIO; }
+    return fails ? -1 : done;
 }
 
 int fsync(int fd)
@@ -158,6 +173,7 @@ void setUp(void)
     TEST_ASSERT_EQUAL_INT(0, mkdir(s_tables, 0777));
     open_store();
     kc_app_init(APP);
+    kc_app_keys(APP, &world.keys);
 }
 
 void tearDown(void);
@@ -189,6 +205,7 @@ static int reloaded(void)
     close_store();
     open_store();
     kc_app_init(APP);
+    kc_app_keys(APP, &world.keys);
     TEST_ASSERT_TRUE(kc_files_load(&s_f, s_tables, APP) >= 0);
     kc_app_boot(APP);
     if (kc_app_active(APP)->crc[KC_TBL_ARM] == 0u) { return 0; }
@@ -318,6 +335,54 @@ void test_failed_writes_are_reported(void)
 
 /* ---- default tables ---- */
 
+void test_a_write_that_a_signal_interrupts_is_repeated(void)
+{
+    s_m.write_errno = EINTR;
+    s_m.n_odd = 3;
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(1));
+    TEST_ASSERT_EQUAL_INT(0, s_m.n_odd);
+    TEST_ASSERT_EQUAL_INT(1, reloaded());
+}
+
+void test_a_write_that_writes_nothing_or_fails_at_its_end_is_refused(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(1));
+    s_m.n_odd = 1;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(2));
+    s_m.write_errno = EIO;
+    s_m.n_odd = 1;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(2));
+    s_m.close_fails = true;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(2));
+    s_m.close_fails = false;
+    TEST_ASSERT_EQUAL_INT(1, reloaded());
+}
+
+void test_a_table_of_another_size_is_another_table(void)
+{
+    static kc_space_t space;
+    given_space(&space, 12u, 1u);
+    const kc_store_t longer = {KC_TBL_SPACE, given_image(KC_TBL_SPACE, &space, s_image), s_image};
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &longer));
+    const kc_store_t shorter = {KC_TBL_SPACE, longer.n - 1u, s_image}; /* the same bytes, but for the last */
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &shorter));
+    TEST_ASSERT_EQUAL_UINT64(2u, s_f.number[KC_TBL_SPACE][0] > s_f.number[KC_TBL_SPACE][1]
+                                     ? s_f.number[KC_TBL_SPACE][0]
+                                     : s_f.number[KC_TBL_SPACE][1]);
+}
+
+void test_a_slot_that_is_gone_when_it_is_loaded_does_no_harm(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(1));
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(2));
+    const uint64_t *num = s_f.number[KC_TBL_ARM];
+    (void)snprintf(s_path, sizeof s_path, "%s/%s", s_dir, num[1] > num[0] ? "k01.b" : "k01.a");
+    TEST_ASSERT_EQUAL_INT(0, unlink(s_path));
+    TEST_ASSERT_TRUE(kc_files_load(&s_f, s_tables, APP) >= 0);
+    kc_app_boot(APP);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.01, kc_app_active(APP)->arm.tool_xyz_m[2]); /* the one before */
+}
+
 void test_default_tables_fill_what_the_store_does_not_have(void)
 {
     given_arm_image(7);
@@ -378,7 +443,7 @@ typedef struct {
 } in_force_t;
 
 static stored_t s_begin;
-static long s_kills, s_failures;
+static long s_kills, s_failures, s_replays;
 
 static kc_status_t keep_in_files(const kc_store_t *s) { return kc_files_store(&s_f, s); }
 
@@ -440,6 +505,7 @@ static void power_up(void)
     memset(world.events, 0, sizeof world.events);
     world.cmd_seq[1] = world.cmd_seq[2] = 0;
     kc_app_init(APP);
+    kc_app_keys(APP, &world.keys);
     (void)kc_files_load(&s_f, s_tables, APP);
     kc_app_boot(APP);
     world_tick();
@@ -528,6 +594,8 @@ static bool harmed(int32_t (*change)(void), harm_t harm, long at, double torn)
     s_m.torn = torn;
     s_m.n = 0;
     s_m.reached = false;
+    memset(world.sent, 0, sizeof world.sent);
+    memset(&world.answered, 0, sizeof world.answered);
     if (setjmp(s_m.power) != 0) { return true; }
     power_up();
     s_m.on = true;
@@ -572,6 +640,21 @@ static case_t given_case(int32_t (*change)(void))
     return c;
 }
 
+/* What was answered as accepted is refused when somebody sends it again. */
+static void check_replay(const char *what)
+{
+    in_force_t now = in_force();
+    uint32_t before = world_events(KC_EVT_CMD_REPLAYED);
+    if (world.answered.auth.key_id == 0u) { return; }
+    s_replays++;
+    world.as_sent = true;
+    world.in.cmd[world.in.n_cmd++] = world.answered;
+    world_tick();
+    world.as_sent = false;
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(before + 1u, world_events(KC_EVT_CMD_REPLAYED), what);
+    TEST_ASSERT_TRUE_MESSAGE(same(now, in_force()), what);
+}
+
 /* Old or new, never a mixture; new for certain if it was answered. */
 static void check_kill(const case_t *c, long at, double torn)
 {
@@ -580,6 +663,7 @@ static void check_kill(const case_t *c, long at, double torn)
     in_force_t now = restarted();
     TEST_ASSERT_TRUE_MESSAGE(same(now, c->before) || same(now, c->after), what);
     TEST_ASSERT_TRUE_MESSAGE(s_acked != KC_OK || same(now, c->after), what);
+    check_replay(what);
     s_kills++;
 }
 
@@ -653,13 +737,14 @@ static void killed_and_refused(void (*given)(void), int32_t (*change)(void))
     given();
     killed_everywhere(change);
     refused_everywhere(change);
-    (void)printf("%ld kills, %ld failures\n", s_kills, s_failures);
+    (void)printf("%ld kills, %ld failures, %ld repetitions\n", s_kills, s_failures, s_replays);
 }
 
 void test_the_first_approval_is_made_or_not_wherever_it_is_killed_or_refused(void)
 {
     killed_and_refused(given_first, approve);
     TEST_ASSERT_TRUE(s_kills >= 350 && s_failures >= 100);
+    TEST_ASSERT_TRUE(s_replays >= 200); /* of the first step of the approval, or of both */
 }
 
 void test_a_later_approval_is_made_or_not_wherever_it_is_killed_or_refused(void)

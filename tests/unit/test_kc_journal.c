@@ -36,7 +36,7 @@ void test_a_record_says_state_session_pose_and_candidate(void)
     TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.found.pose);
     TEST_ASSERT_EQUAL_INT(0, APP->journal.found.candidate);
     TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.found.boot_count);
-    TEST_ASSERT_EQUAL_MEMORY("KCJ2", s_rec, 4u);
+    TEST_ASSERT_EQUAL_MEMORY("KCJ3", s_rec, 4u);
 }
 
 void test_a_damaged_record_is_refused_and_the_older_one_is_taken(void)

@@ -5,6 +5,7 @@
 
 #include "given_tables.h"
 #include "given_world.h"
+#include "kc_propose.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
@@ -528,4 +529,69 @@ void test_a_correction_that_does_not_fit_the_tables_waits_for_the_ground(void)
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ON_BOARD));
+}
+
+/* What is proposed from the estimate as it stands after a calibration. */
+static kc_proposing_t s_proposing;
+static kc_out_t s_out;
+
+static uint32_t steps_to_propose(uint64_t work_of_step)
+{
+    static kc_review_t review;
+    bool accepted = false;
+    uint32_t n = 0u;
+    memset(&s_out, 0, sizeof s_out);
+    kc_propose_begin(&s_proposing);
+    for (; n < 1000u && !s_out.has_proposal; n++) {
+        kc_work_t work = {work_of_step, 0u};
+        (void)kc_propose_run(&s_proposing, &review, &APP->tables, &APP->view, &accepted, &work, &s_out);
+    }
+    return n;
+}
+
+void test_a_proposal_states_the_fit_of_the_estimate(void)
+{
+    world_calibrated();
+    const kc_est_t *e = &APP->est;
+    TEST_ASSERT_EQUAL_UINT32(1u, steps_to_propose(UINT64_MAX));
+    TEST_ASSERT_EQUAL_DOUBLE(e->fit_pos_m, s_out.proposal.fit_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(e->fit_rot_rad, s_out.proposal.fit_rot_rad);
+    TEST_ASSERT_TRUE(e->fit_rot_rad > 0.0);
+    /* what the estimator minimised, summed anew */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 * e->chi2, e->chi2, s_proposing.chi2_after);
+    TEST_ASSERT_TRUE(s_proposing.chi2_before > s_proposing.chi2_after);
+}
+
+void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void)
+{
+    static const uint8_t kept[] = {KC_COEF_MASKED, KC_COEF_HELD};
+    world_calibrated();
+    for (uint32_t c = 0u; c < 2u; c++) {
+        APP->est.status[c] = kept[c];
+        APP->tables.active.kin.value[c] = 0.25;
+        APP->tables.active.kin.sigma[c] = 0.75;
+    }
+    (void)steps_to_propose(UINT64_MAX);
+    for (uint32_t c = 0u; c < 2u; c++) {
+        TEST_ASSERT_EQUAL_DOUBLE(0.25, s_out.proposal.kin.value[c]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.75, s_out.proposal.kin.sigma[c]);
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(APP->est.coef[2], s_out.proposal.kin.value[2]);
+}
+
+void test_without_a_pose_that_was_kept_no_residual_is_stated(void)
+{
+    world_calibrated();
+    memset(APP->est.outlier, 1, sizeof APP->est.outlier);
+    (void)steps_to_propose(UINT64_MAX);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_out.proposal.before_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_out.proposal.before_rot_rad);
+}
+
+/* One observation or one candidate in a step that has room for no more, then the proposal. */
+void test_a_proposal_is_charged_observation_by_observation_and_candidate_by_candidate(void)
+{
+    world_calibrated();
+    uint32_t kept = APP->est.n_obs - APP->est.n_outliers;
+    TEST_ASSERT_EQUAL_UINT32(kept + world.space.n_cand + 1u, steps_to_propose(1u));
 }

@@ -12,9 +12,13 @@ static void fill(double *v, uint32_t n, double from)
 
 void test_commands_keep_every_argument(void)
 {
-    kcm_cmd_t m = {1, 2, 3, 4, {5, 6, 7, -8}, -1, {1.5, 2.5, 3.5, 4.5}};
+    kcm_cmd_t m = {1, 2, 3, 4, {5, 6, 7, -8}, -1, {1.5, 2.5, 3.5, 4.5}, 7, -2, {0x0807060504030201, -2}};
     kc_cmd_t c;
     kc_wire_cmd(&m, &c);
+    TEST_ASSERT_EQUAL_UINT64(1u, c.t_us);
+    TEST_ASSERT_EQUAL_UINT32(7u, c.auth.key_id);
+    TEST_ASSERT_EQUAL_UINT64(UINT64_MAX - 1u, c.auth.counter);
+    TEST_ASSERT_EQUAL_MEMORY("\1\2\3\4\5\6\7\10\376\377\377\377\377\377\377\377", c.auth.mac, KC_MAC_BYTES);
     TEST_ASSERT_EQUAL_INT(2, c.seq);
     TEST_ASSERT_EQUAL_INT(3, c.source);
     TEST_ASSERT_EQUAL_INT(4, c.opcode);
@@ -32,7 +36,17 @@ void test_negative_sizes_of_a_chunk_become_too_large(void)
     m.offset = -1024;
     m.n = -5;
     m.data[1023] = 77u;
+    m.t_us = 3;
+    m.source = 2;
+    m.key_id = 8;
+    m.counter = 9;
+    m.mac[1] = 10;
     kc_wire_chunk(&m, &c);
+    TEST_ASSERT_EQUAL_UINT64(3u, c.t_us);
+    TEST_ASSERT_EQUAL_INT(2, c.source);
+    TEST_ASSERT_EQUAL_UINT32(8u, c.auth.key_id);
+    TEST_ASSERT_EQUAL_UINT64(9u, c.auth.counter);
+    TEST_ASSERT_EQUAL_UINT8(10u, c.auth.mac[8]);
     TEST_ASSERT_EQUAL_INT(5, c.kind);
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, c.total);
     TEST_ASSERT_TRUE(c.offset > KC_IMAGE_MAX && c.n > KC_CHUNK_BYTES);
@@ -133,7 +147,12 @@ void test_answers_events_and_commands_go_out_whole(void)
     k.offset = 1024u;
     k.n = 976u;
     k.data[3] = 9u;
+    km.counter = 1;
+    km.key_id = km.source = 1; /* of a message before it */
     kc_wire_table_down(&k, 99, &km);
+    TEST_ASSERT_EQUAL_INT(0, km.source);
+    TEST_ASSERT_EQUAL_INT(0, km.key_id);
+    TEST_ASSERT_EQUAL_INT64(0, km.counter);
     TEST_ASSERT_EQUAL_INT(2000, km.total_bytes);
     TEST_ASSERT_EQUAL_INT(976, km.n);
     TEST_ASSERT_EQUAL_UINT8(9u, km.data[3]);

@@ -12,7 +12,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from kincal import __version__  # noqa: E402
-from kincal.cli import arm, log, model, review, run, schema, space, table  # noqa: E402
+from kincal.cli import arm, key, log, model, review, run, schema, space, table  # noqa: E402
 from kincal.cli.errors import Commands  # noqa: E402
 
 
@@ -34,6 +34,7 @@ def main() -> None:
 
 for _group in (
     arm.arm,
+    key.key,
     log.log,
     model.model,
     review.review,

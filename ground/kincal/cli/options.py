@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from kincal import installation, link
+from kincal import installation, keys, link
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -22,6 +22,15 @@ URL = click.option(
     show_default=True,
     envvar="KINCAL_URL",
     help="LCM URL of the flight process.",
+)
+KEYS = click.option(
+    "--keys",
+    "key_file",
+    type=PATH,
+    default=keys.DEFAULT,
+    show_default=True,
+    envvar=keys.VARIABLE,
+    help="Key file; its first key signs what is sent.",
 )
 
 

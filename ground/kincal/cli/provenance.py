@@ -9,8 +9,6 @@ from pathlib import Path
 
 import click
 
-from kincal import tables
-
 TABLE_KINDS = ("arm", "camera", "terms", "kin", "space", "kernel", "config")
 
 
@@ -23,6 +21,8 @@ def today() -> str:
 
 def table_crcs(directory: Path, kinds: Iterable[str] = TABLE_KINDS) -> dict[str, str]:
     """kind -> CRC of the table images that a directory holds."""
+    from kincal import tables
+
     paths = {kind: directory / f"{kind}.tbl" for kind in kinds}
     return {kind: tables.load(path)[0].crc_text for kind, path in paths.items() if path.is_file()}
 

@@ -9,11 +9,12 @@ from typing import Any, TypedDict, TypeVar, Unpack
 import click
 
 from kincal import link
-from kincal.cli.options import FILE, TABLES, TIMEOUT, URL
+from kincal.cli.options import FILE, KEYS, TABLES, TIMEOUT, URL
 from kincal.cli.outputs import FILE_OUT, PICTURE
 from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console
 from kincal.cli.text import review as text
+from kincal.keys import file_of, signer_of
 
 JOURNAL = click.option(
     "--journal",
@@ -111,6 +112,7 @@ class Decision(TypedDict):
     why: str
     log_file: Path | None
     url: str
+    key_file: Path
     timeout_s: float
     journal: Path
     tables_dir: Path
@@ -118,7 +120,7 @@ class Decision(TypedDict):
 
 def decision_options(command: Command) -> Command:
     """Options of approve and reject."""
-    for option in (TABLES, JOURNAL, TIMEOUT, URL, LOG, WHY, BY, click.argument("crc")):
+    for option in (TABLES, JOURNAL, TIMEOUT, KEYS, URL, LOG, WHY, BY, click.argument("crc")):
         command = option(command)
     return command
 
@@ -153,5 +155,5 @@ def _decide(decision: str, crc: str, given: Decision) -> None:
 
     found = lib.find(given["log_file"], crc, given["tables_dir"]) if given["log_file"] else None
     by, why, journal, timeout_s = given["by"], given["why"], given["journal"], given["timeout_s"]
-    with link.Link(given["url"]) as up:
+    with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
         lib.decide(up, decision, crc, by, why, journal, found, timeout_s, say=click.echo)

@@ -10,11 +10,12 @@ import click
 
 from kincal import link
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
-from kincal.cli.options import EXISTS, PATH, TIMEOUT, URL
+from kincal.cli.options import EXISTS, KEYS, PATH, TIMEOUT, URL
 from kincal.cli.outputs import FILE_OUT
 from kincal.cli.terminal import console
 from kincal.cli.text import table as text
 from kincal.errors import KincalError
+from kincal.keys import file_of, signer_of
 
 if TYPE_CHECKING:
     from kincal.flight.tables import Image
@@ -146,8 +147,9 @@ def table_diff(a: Path, b: Path) -> None:
 @table.command("uplink")
 @click.argument("file", type=EXISTS)
 @URL
+@KEYS
 @TIMEOUT
-def table_uplink(file: Path, url: str, timeout_s: float) -> None:
+def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float) -> None:
     """Send a table to flight: stage, validate, activate, and see its CRC in housekeeping.
 
     \b
@@ -157,7 +159,7 @@ def table_uplink(file: Path, url: str, timeout_s: float) -> None:
     from kincal import tables
 
     image, _ = tables.load(file, _build)
-    with link.Link(url) as up:
+    with link.Link(url, signer=signer_of(file_of(key_file))) as up:
         link.upload(up, image, timeout_s)
     click.echo(f"{image.kind} table {image.crc_text} is active")
 

@@ -19,7 +19,7 @@ from kincal.workbench.effects import Library, Parameter, Term
 from kincal.workbench.fit import EFFECT_WIDTH, Fit
 from kincal.workbench.fitrecord import arm_digest
 from kincal.workbench.modelfile import ModelFile
-from kincal.workbench.parameters import dh_parameters, effect_parameters, frame_parameters
+from kincal.workbench.parameters import BETA, dh_parameters, effect_parameters, frame_parameters, is_beta
 
 DH, BASE, TOOL = "DH", "base", "tool"
 """Groups of coefficients that are no effect of the library."""
@@ -29,8 +29,8 @@ DH, BASE, TOOL = "DH", "base", "tool"
 class Coefficient:
     """A fitted coefficient.
 
-    group: DH, base, tool, or the effect it belongs to; value, std_err in `unit`; prior_sigma: the same for
-    its prior; terms: what it scales.
+    group: DH, DH beta, base, tool, or the effect it belongs to; value, std_err in `unit`; prior_sigma: the
+    same for its prior; terms: what it scales.
     """
 
     name: str
@@ -101,7 +101,8 @@ class CalibratedArm:
     @property
     def effects(self) -> tuple[str, ...]:
         """Names of the effects in the model."""
-        return tuple(dict.fromkeys(c.group for c in self.coefficients if c.group not in (DH, BASE, TOOL)))
+        plain = (DH, BETA, BASE, TOOL)
+        return tuple(dict.fromkeys(c.group for c in self.coefficients if c.group not in plain))
 
     def constant_twist(self, frame: int, groups: Iterable[str] | None = None) -> Floats:
         """(6,) sum of the constant corrections at a frame [m, rad]; groups: of these coefficients only."""
@@ -233,7 +234,7 @@ def _named(arm: ArmTable, model: ModelFile, library: Library, name: str) -> list
 def _coefficient(name: str, effect: str, parameter: Parameter, value: tuple[float, float]) -> Coefficient:
     """effect: empty for the DH errors and the frames, whose names say what they are: J3.a_m, base.tx_m."""
     first = name.partition(".")[0]
-    group = effect or (first if first in (BASE, TOOL) else DH)
+    group = effect or (first if first in (BASE, TOOL) else BETA if is_beta(name) else DH)
     return Coefficient(name, group, parameter.unit, value[0], value[1], parameter.sigma, parameter.terms)
 
 

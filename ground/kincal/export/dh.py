@@ -1,24 +1,30 @@
 """The corrected DH table: what is constant in a fitted model, as DH parameters and two frames.
 
 With E = Tx Rx Ty Ry Rz Tz after each link, rz and tz at frame j-1 add to phi and d of joint j, tx and rx at
-frame j to its a and alpha; the rest at the two ends goes into base and tool frame. All of this is exact.
+frame j to its a and alpha. ry there is beta, a turn about y that ends the link where the next axis is
+parallel: Rz(phi + q) Tz(d) Tx(a) Rx(alpha) Ry(beta) (METHOD.md 9). The rest at the two ends goes into base
+and tool frame. All of this is exact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from kincal.flight import FRAME_TOOL
 from kincal.rotations import Floats, Pose
+from kincal.workbench.parameters import BETA
 
 from .calibrated import BASE, DH, TOOL, CalibratedArm, FittedTerm, twist_pose
 from .leftout import LeftOut, left_out
 
 TX, TY, TZ, RX, RY, RZ = range(6)
+FOUR = ("phi_rad", "alpha_rad", "a_m", "d_m")
+TURNED = (*FOUR, "beta_rad")
+_LEAST_SIGMA_RAD = 1e-7  # of a beta: a covariance beside priors of 0.1 rad is rounding below
 
 State = Literal["identifiable", "not identifiable", "not estimated"]
 
@@ -54,8 +60,9 @@ class FoundFrame:
 class DhTable:
     """The part of a model that is a DH table.
 
-    parameters: phi, alpha, a, d of joint 1, then of joint 2 ...; base: measurement frame to frame 0; tool:
-    last link to measured frame; left_out: effects of the model that are not in it.
+    parameters: phi, alpha, a, d of joint 1 (and beta where a model has one), then of joint 2 ...; base:
+    measurement frame to frame 0; tool: last link to measured frame; left_out: effects of the model that are
+    not in it.
     """
 
     parameters: tuple[DhParameter, ...]
@@ -64,24 +71,50 @@ class DhTable:
     left_out: tuple[LeftOut, ...]
 
     def of_joint(self, joint: int) -> dict[str, float]:
-        """Corrected phi_rad, alpha_rad, a_m, d_m of a joint, from 1."""
+        """Corrected phi_rad, alpha_rad, a_m, d_m of a joint, from 1, and beta_rad where there is one."""
         return {p.name: p.corrected for p in self.parameters if p.joint == joint}
 
 
 def dh_table(arm: CalibratedArm) -> DhTable:
-    """The corrected DH table of a fitted arm."""
+    """The corrected DH table of a fitted arm, with beta."""
+    return _table(arm, TURNED)
+
+
+def four_parameter_table(arm: CalibratedArm) -> DhTable:
+    """The corrected DH table of a fitted arm as an arm table holds it: without beta, the other parameters as
+    a fit without beta would have them."""
+    table = _table(_given_no_beta(arm), FOUR)
+    dropped = left_out(arm, [term for term in arm.terms if term.coefficient.group == BETA])
+    return replace(table, left_out=(*dropped, *table.left_out))
+
+
+def _table(arm: CalibratedArm, columns: tuple[str, ...]) -> DhTable:
     n = arm.n
+    found = [p for joint in range(1, n + 1) for p in _parameters(arm, joint)]
     return DhTable(
-        parameters=tuple(p for joint in range(1, n + 1) for p in _parameters(arm, joint)),
+        parameters=tuple(p for p in found if p.name in columns),
         base=FoundFrame("base", arm.base @ twist_pose(_base_twist(arm)), _frame_sigma(arm, BASE)),
         tool=FoundFrame("tool", _tool(arm), _frame_sigma(arm, TOOL)),
-        left_out=left_out(arm, [term for term in arm.terms if not _fits(term, n)]),
+        left_out=left_out(arm, [term for term in arm.terms if not _fits(term, n, columns)]),
     )
 
 
-def _fits(term: FittedTerm, n: int) -> bool:
+def _given_no_beta(arm: CalibratedArm) -> CalibratedArm:
+    """The arm with the most probable coefficients if every beta were zero: the mean of the fit's normal
+    distribution under that condition."""
+    beta = np.array([c.group == BETA for c in arm.coefficients], dtype=bool)
+    value, cov = np.array([c.value for c in arm.coefficients]), arm.covariance
+    own = cov[np.ix_(beta, beta)] + _LEAST_SIGMA_RAD**2 * np.eye(int(beta.sum()))
+    moved = value - cov[:, beta] @ np.linalg.solve(own, value[beta])
+    kept = np.where(beta, 0.0, moved)
+    rows = zip(arm.coefficients, kept, strict=True)
+    return replace(arm, coefficients=tuple(replace(c, value=float(x)) for c, x in rows))
+
+
+def _fits(term: FittedTerm, n: int, columns: tuple[str, ...]) -> bool:
     inner = 0 < term.frame < n
-    return term.constant and not term.on_sensor and not (inner and term.comp in (TY, RY))
+    no_place = (TY,) if columns == TURNED else (TY, RY)
+    return term.constant and not term.on_sensor and not (inner and term.comp in no_place)
 
 
 # ------------------------------------------------------------------------------------ parameters
@@ -89,6 +122,7 @@ def _fits(term: FittedTerm, n: int) -> bool:
 
 def _parameters(arm: CalibratedArm, joint: int) -> list[DhParameter]:
     row = arm.arm.joints[joint - 1]
+    tilted = joint < arm.n and any(map(_at(joint, RY), _all_terms(arm)))
     return [
         _parameter(arm, joint, name, unit, nominal, _at(frame, comp))
         for name, unit, nominal, frame, comp in (
@@ -96,7 +130,9 @@ def _parameters(arm: CalibratedArm, joint: int) -> list[DhParameter]:
             ("alpha_rad", "rad", row.alpha_rad, joint, RX),
             ("a_m", "m", row.a_m, joint, TX),
             ("d_m", "m", row.d_m, joint - 1, TZ),
+            ("beta_rad", "rad", 0.0, joint, RY),
         )
+        if name != "beta_rad" or tilted
     ]
 
 

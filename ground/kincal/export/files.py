@@ -11,7 +11,7 @@ from typing import Literal, get_args
 from kincal.errors import BadInput
 
 from .calibrated import CalibratedArm
-from .dh import dh_table
+from .dh import dh_table, four_parameter_table
 from .document import document
 from .leftout import LeftOut
 from .source import c_header, c_source, python_source, source_left_out
@@ -84,8 +84,8 @@ _Made = tuple[tuple[str, ...], tuple[LeftOut, ...]]
 
 
 def _dh(arm: CalibratedArm, _path: Path) -> _Made:
-    table = dh_table(arm)
-    return (arm_toml(arm, table), dh_csv(arm, table)), table.left_out
+    four = four_parameter_table(arm)
+    return (arm_toml(arm, four), dh_csv(arm, dh_table(arm))), four.left_out
 
 
 def _json(arm: CalibratedArm, _path: Path) -> _Made:

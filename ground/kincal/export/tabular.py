@@ -59,8 +59,9 @@ def _sensor(arm: ArmTable) -> list[str]:
         values = {key: value for key, value in vars(arm.camera).items() if value is not None}
         lines += [f"{key} = {float(value)!r}" for key, value in values.items()]
     if arm.target_points_m is not None:
-        points = ", ".join(_numbers(point) for point in arm.target_points_m)
-        lines += ["", "[target]", f"points_m = [{points}]"]
+        lines += ["", "[target]", f"points_m = {_points(arm.target_points_m)}"]
+        if arm.target_second_m is not None:
+            lines += [f"second_points_m = {_points(arm.target_second_m)}"]
     return lines
 
 
@@ -98,6 +99,10 @@ def _frame_rows(frame: FoundFrame) -> list[str]:
 
 def _numbers(values: Iterable[float]) -> str:
     return f"[{', '.join(repr(float(value)) for value in values)}]"
+
+
+def _points(rows: Iterable[Iterable[float]]) -> str:
+    return f"[{', '.join(map(_numbers, rows))}]"
 
 
 def _text(text: str) -> str:

@@ -172,6 +172,21 @@ class KcArm(Protocol):
     tool_quat_wxyz: Array[float]
     gravity_m_s2: Array[float]
 
+class KcAuth(Protocol):
+    """kc_auth_t"""
+
+    key_id: int
+    counter: int
+    mac: Array[int]
+
+class KcAuthText(Protocol):
+    """kc_auth_text_t"""
+
+    head: CData
+    body: CData
+    n_head: int
+    n_body: int
+
 class KcBasis(Protocol):
     """kc_basis_t"""
 
@@ -275,11 +290,14 @@ class KcChoice(Protocol):
 class KcChunk(Protocol):
     """kc_chunk_t"""
 
+    source: int
     kind: int
     offset: int
     n: int
     data: Array[int]
+    t_us: int
     total: int
+    auth: KcAuth
 
 class KcClock(Protocol):
     """kc_clock_t"""
@@ -290,6 +308,8 @@ class KcClock(Protocol):
 class KcCmdLog(Protocol):
     """kc_cmd_log_t"""
 
+    keys: KcKeys
+    counter: Array[Array[int]]
     seq: Array[int]
     seen: Array[bool]
     us: Array[int]
@@ -299,12 +319,14 @@ class KcCmdLog(Protocol):
 class KcCmd(Protocol):
     """kc_cmd_t"""
 
+    t_us: int
     seq: int
     source: int
     opcode: int
     arg_i: Array[int]
     arg_u64: int
     arg_d: Array[float]
+    auth: KcAuth
 
 class KcCoef(Protocol):
     """kc_coef_t"""
@@ -778,6 +800,7 @@ class KcJournal(Protocol):
     seg_from: int
     seg_to: int
     t_us: int
+    counter: Array[Array[int]]
 
 class KcKernel(Protocol):
     """kc_kernel_t"""
@@ -787,6 +810,18 @@ class KcKernel(Protocol):
     sigma_eps: float
     choose: int
     hyper: Array[KcHyper]
+
+class KcKey(Protocol):
+    """kc_key_t"""
+
+    id: int
+    secret: Array[int]
+
+class KcKeys(Protocol):
+    """kc_keys_t"""
+
+    n: int
+    key: Array[KcKey]
 
 class KcKin(Protocol):
     """kc_kin_t"""
@@ -1385,8 +1420,11 @@ class FlightCore(Protocol):
     KC_INITIAL_MAX: int
     KC_JOINT_MAX: int
     KC_JOURNAL_BYTES: int
+    KC_KEY_BYTES: int
+    KC_KEY_MAX: int
     KC_KIN_IMAGE_MAX: int
     KC_LEVER_TOOL: int
+    KC_MAC_BYTES: int
     KC_MEAS_MAX: int
     KC_MON_OBS_MAX: int
     KC_MON_OBS_MIN: int
@@ -1397,6 +1435,8 @@ class FlightCore(Protocol):
     KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
     KC_SCRUB_BYTES: int
+    KC_SIGNED_COUNT: int
+    KC_SIGNED_HEAD_MAX: int
     KC_SILENT_US: int
     KC_SOURCE_MAX: int
     KC_SPACE_INDEX_BODY: int
@@ -1416,6 +1456,7 @@ class FlightCore(Protocol):
     KC_TERMS_INDEX_TERM: int
     KC_TERM_MAX: int
     KC_VOLUME_MAX: int
+    KC_ERR_AUTH: int
     KC_ERR_PATH: int
     KC_ERR_REACH: int
     KC_ERR_RANK: int
@@ -1589,6 +1630,7 @@ class FlightCore(Protocol):
     KC_EVT_TBL_CRC: int
     KC_EVT_TBL_FORMAT: int
     KC_EVT_TBL_STAGED: int
+    KC_EVT_CMD_UNSIGNED: int
     KC_EVT_CMD_WORK: int
     KC_EVT_CMD_SOURCE: int
     KC_EVT_CMD_CRC: int
@@ -1597,6 +1639,10 @@ class FlightCore(Protocol):
     KC_EVT_CMD_STALE: int
     KC_EVT_CMD_UNKNOWN: int
     KC_EVT_CMD_ACCEPTED: int
+    KC_EVT_CMD_REPLAYED: int
+    KC_EVT_CMD_FORGED: int
+    KC_EVT_CMD_KEY: int
+    KC_EVT_BOOT_NO_KEYS: int
     KC_EVT_BOOT_LOST: int
     KC_EVT_BOOT_REVIEW: int
     KC_EVT_BOOT_SLOT_BAD: int
@@ -1631,6 +1677,11 @@ class FlightCore(Protocol):
     KC_STAGE_COMPLETE: int
     KC_STAGE_LOADING: int
     KC_STAGE_NONE: int
+    KC_AUTH_REPLAYED: int
+    KC_AUTH_FORGED: int
+    KC_AUTH_UNKNOWN_KEY: int
+    KC_AUTH_UNSIGNED: int
+    KC_AUTH_GOOD: int
     KC_LEAVE_OUT_NONE: int
     KC_LEAVE_OUT_AGAIN: int
     KC_LEAVE_OUT_DONE: int
@@ -1700,6 +1751,8 @@ class FlightCore(Protocol):
     KC_CMD_NOOP: int
     KC_SRC_GROUND: int
     KC_SRC_EXECUTIVE: int
+    KC_SIGNED_CHUNK: int
+    KC_SIGNED_CMD: int
     KC_INPUT_DETECTION: int
     KC_INPUT_PANTILT: int
     KC_INPUT_ARM: int
@@ -1918,6 +1971,9 @@ class FlightCore(Protocol):
     def kc_tbl_active_bytes(self, _0: int, /) -> int: ...
     def kc_layout_walk(self, _0: KcWalk | CData, _1: int, _2: object, /) -> None: ...
     def kc_layout_struct_bytes(self, _0: int, /) -> int: ...
+    def kc_auth_mac(self, _0: KcKey | CData, _1: KcAuthText | CData, _2: CData | bytes, /) -> None: ...
+    def kc_auth_check(self, _0: KcKeys | CData, _1: KcAuth | CData, _2: int, _3: KcAuthText | CData, /) -> int: ...
+    def kc_auth_cost(self, _0: int, /) -> int: ...
     def kc_fit_solved(self, _0: int, /) -> bool: ...
     def kc_fit_quality(self, _0: KcEst | CData, _1: int, /) -> KcFitQuality: ...
     def kc_fit_needs_second_start(self, _0: KcConfig | CData, _1: KcFitQuality | CData, /) -> bool: ...
@@ -1961,6 +2017,7 @@ class FlightCore(Protocol):
     def kc_answer_by(self, _0: int, _1: KcEvents | CData, _2: int, _3: int, /) -> KcAnswer: ...
     def kc_input_field(self, _0: int, _1: CData, /) -> CData: ...
     def kc_app_init(self, _0: KcApp | CData, /) -> None: ...
+    def kc_app_keys(self, _0: KcApp | CData, _1: KcKeys | CData, /) -> None: ...
     def kc_app_load(self, _0: KcApp | CData, _1: int, _2: CData | bytes, _3: int, /) -> int: ...
     def kc_app_boot(self, _0: KcApp | CData, /) -> None: ...
     def kc_app_step(self, _0: KcApp | CData, _1: int, _2: KcIn | CData, _3: KcOut | CData, /) -> None: ...
@@ -1993,7 +2050,7 @@ class FlightCore(Protocol):
     def kc_cmd_tables_free(self, _0: KcView | CData, /) -> bool: ...
     def kc_cmd_start(self, _0: KcView | CData, _1: KcCmd | CData, _2: KcStart | CData, _3: KcOut | CData, /) -> KcAnswer: ...
     def kc_cmd_table(self, _0: KcTables | CData, _1: KcView | CData, _2: KcCmd | CData, _3: KcOut | CData, /) -> KcAnswer: ...
-    def kc_cmd_chunk(self, _0: KcTables | CData, _1: KcView | CData, _2: KcChunk | CData, _3: KcOut | CData, /) -> None: ...
+    def kc_cmd_chunk(self, _0: KcCmdLog | CData, _1: KcTables | CData, _2: KcView | CData, _3: KcChunk | CData, _4: KcOut | CData, /) -> None: ...
     def kc_review_encode(self, _0: KcReview | CData, _1: KcKin | CData, /) -> int: ...
     def kc_review_wait(self, _0: KcReview | CData, _1: KcOut | CData, /) -> None: ...
     def kc_review_activate(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcOut | CData, /) -> None: ...
@@ -2060,6 +2117,8 @@ class FlightCore(Protocol):
     def kc_sequence_commands(self, _0: KcApp | CData, _1: KcWork | CData, _2: KcIn | CData, _3: KcOut | CData, /) -> None: ...
     def kc_sequence_detections(self, _0: KcApp | CData, _1: KcWork | CData, _2: KcIn | CData, _3: KcOut | CData, /) -> None: ...
     def kc_sequence_run(self, _0: KcApp | CData, _1: KcWork | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_signed_cmd(self, _0: KcCmd | CData, _1: CData | bytes, /) -> KcAuthText: ...
+    def kc_signed_chunk(self, _0: KcChunk | CData, _1: CData | bytes, /) -> KcAuthText: ...
     def kc_update_start(self, _0: KcLearned | CData, _1: KcEst | CData, _2: KcArenaCalibration | CData, _3: KcView | CData, _4: int, /) -> None: ...
     def kc_update_start_cost(self, _0: KcView | CData, /) -> int: ...
     def kc_update_begin(self, _0: KcLearned | CData, /) -> None: ...
@@ -2087,6 +2146,7 @@ class GroundCore(Protocol):
     KC_IMAGE_MAX: int
     KC_INITIAL_MAX: int
     KC_JOINT_MAX: int
+    KC_KEY_MAX: int
     KC_LEVER_TOOL: int
     KC_MEAS_MAX: int
     KC_NAME_LEN: int
@@ -2100,6 +2160,7 @@ class GroundCore(Protocol):
     KC_TERM_MAX: int
     KC_VOLUME_MAX: int
     KG_VIEW_PASS_MAX: int
+    KC_ERR_AUTH: int
     KC_ERR_PATH: int
     KC_ERR_REACH: int
     KC_ERR_RANK: int
@@ -2264,6 +2325,10 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_arm_t"], /) -> KcArm: ...
     @overload
+    def __call__(self, ctype: Literal["kc_auth_t"], /) -> KcAuth: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_auth_text_t"], /) -> KcAuthText: ...
+    @overload
     def __call__(self, ctype: Literal["kc_basis_t"], /) -> KcBasis: ...
     @overload
     def __call__(self, ctype: Literal["kc_body_t"], /) -> KcBody: ...
@@ -2355,6 +2420,10 @@ class New(Protocol):
     def __call__(self, ctype: Literal["kc_journal_t"], /) -> KcJournal: ...
     @overload
     def __call__(self, ctype: Literal["kc_kernel_t"], /) -> KcKernel: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_key_t"], /) -> KcKey: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_keys_t"], /) -> KcKeys: ...
     @overload
     def __call__(self, ctype: Literal["kc_kin_t"], /) -> KcKin: ...
     @overload

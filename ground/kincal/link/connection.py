@@ -14,11 +14,12 @@ import lcm
 
 from kincal.errors import BadInput, CommandFailed
 from kincal.flight import event_name, library, status_name
+from kincal.keys import Signer
 
 from . import channels, names
 
 if TYPE_CHECKING:
-    from .messages import Ack, Cmd, Hk, LcmMessage
+    from .messages import Ack, Cmd, Hk, LcmMessage, TableChunk
 
 DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 LISTEN = ("KC_ACK", "KC_HK", "KC_EVENT", "KC_PROPOSAL", "KC_PROGRESS", "KC_TABLE_DOWN")
@@ -39,10 +40,11 @@ class CommandLink(ABC):
     """The ground's side of flight: commands out, answers in. A subclass brings the messages.
 
     url: of the network, for people; first_seq: sequence number before the first command. Sequence numbers
-    must grow from call to call, so a link starts at the clock unless this is given."""
+    must grow from call to call, so a link starts at the clock unless this is given. signer: signs what is
+    sent; without it flight takes NOOP, ABORT and TABLE_DUMP only."""
 
-    def __init__(self, url: str, first_seq: int | None = None) -> None:
-        self.url = url
+    def __init__(self, url: str, first_seq: int | None = None, signer: Signer | None = None) -> None:
+        self.url, self.signer = url, signer
         self.last_t_us = 0  # mission time of the last message
         self.last_hk: Hk | None = None
         self._seq = int((time.time() - _EPOCH_S) * _SEQ_PER_S) if first_seq is None else first_seq
@@ -101,8 +103,14 @@ class CommandLink(ABC):
         command.arg_i = [channels.signed32(a) for a in arg_i] + [0] * (4 - len(arg_i))
         command.arg_u64 = arg_u64
         command.arg_d = [0.0] * 4
-        self.publish("KC_CMD", command)
+        self.publish("KC_CMD", self.signer.command(command) if self.signer else command)
         return self._seq
+
+    def send_chunk(self, chunk: TableChunk) -> None:
+        """Publish a chunk of a table."""
+        chunk.t_us = self.last_t_us
+        chunk.source = library("flight").lib.KC_SRC_GROUND
+        self.publish("KC_TABLE_UP", self.signer.chunk(chunk) if self.signer else chunk)
 
     def command(
         self, opcode: str, arg_i: tuple[int, ...] = (), timeout_s: float = 10.0, t_us: int | None = None
@@ -117,10 +125,17 @@ class Link(CommandLink):
     """Over LCM. Listens in a thread; everything received goes to one queue, in order of arrival. Use as a
     context.
 
-    url: LCM network; listen: channels; first_seq: see CommandLink. BadInput if LCM cannot be opened."""
+    url: LCM network; listen: channels; first_seq, signer: see CommandLink. BadInput if LCM cannot be
+    opened."""
 
-    def __init__(self, url: str, listen: tuple[str, ...] = LISTEN, first_seq: int | None = None) -> None:
-        super().__init__(url, first_seq)
+    def __init__(
+        self,
+        url: str,
+        listen: tuple[str, ...] = LISTEN,
+        first_seq: int | None = None,
+        signer: Signer | None = None,
+    ) -> None:
+        super().__init__(url, first_seq, signer)
         self._lcm = _open(url)
         self.received: queue.Queue[Received] = queue.Queue()
         self.bad_messages = 0

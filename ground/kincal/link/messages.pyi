@@ -53,6 +53,9 @@ class Cmd(LcmMessage, Protocol):
     arg_i: list[int]
     arg_u64: int
     arg_d: list[float]
+    key_id: int
+    counter: int
+    mac: list[int]
 
 class Detection(LcmMessage, Protocol):
     """detection_t"""
@@ -272,11 +275,15 @@ class TableChunk(LcmMessage, Protocol):
     """table_chunk_t"""
 
     t_us: int
+    source: int
     kind: int
     total_bytes: int
     offset: int
     n: int
     data: bytes
+    key_id: int
+    counter: int
+    mac: list[int]
 
 class TickDone(LcmMessage, Protocol):
     """tick_done_t"""

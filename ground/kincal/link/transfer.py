@@ -24,8 +24,7 @@ def upload(link: CommandLink, image: tables.Image, timeout_s: float = 30.0) -> N
     kind = tables.kind_number(image.kind)
     link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
     for number, chunk in enumerate(_chunks(image, kind), 1):
-        chunk.t_us = link.last_t_us
-        link.publish("KC_TABLE_UP", chunk)
+        link.send_chunk(chunk)
         end = chunk.offset + chunk.n
         if end == chunk.total_bytes or number % _CHUNKS_AHEAD == 0:
             _wait_staged(link, kind, end, chunk.total_bytes, timeout_s)

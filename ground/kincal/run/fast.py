@@ -34,7 +34,7 @@ class InProcessLink(CommandLink):
     of time-outs is mission time."""
 
     def __init__(self, simulation: Simulation) -> None:
-        super().__init__(URL, first_seq=0)
+        super().__init__(URL, first_seq=0, signer=simulation.signer)
         self._simulation = simulation
         self._received: deque[Received] = deque()
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from kincal import review
+from kincal.keys import signer_of
 from kincal.link import CommandLink, Link, Received
 from kincal.results import PoseLine
 
@@ -38,7 +39,7 @@ class Observer:
 def follow(request: Request, processes: Processes, evaluator: Evaluator, observer: Observer) -> int:
     """Report poses while they come, decide if the ground does; returns how many poses were reported."""
     reported = 0
-    with Link(processes.url, LISTEN, first_seq=0) as link:
+    with Link(processes.url, LISTEN, first_seq=0, signer=signer_of(processes.keys)) as link:
         for received in _until_ended(processes, link):
             message = received.message
             if received.channel == "KC_PROGRESS" and message.pose == reported + 1:

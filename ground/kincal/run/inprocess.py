@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import lcm
 
 from kincal import installation
+from kincal.keys import Key, Signer, of_simulation
 from kincal.link import LogSummary
 from kincal.link.channels import message_type
 
@@ -164,7 +165,8 @@ class Setup:
 
     tables: folder of table images; store: what an earlier flight left (None: nothing); acquisition, poses,
     accept: instead of the scenario's choice ("", 0: as the scenario says); commander: instead of the
-    executive; world: makes the simulator; hooks: faults; log: file for an LCM log (None: no file); limit_s:
+    executive; key: signs commands, and flight takes it (None: one made from the seed); world: makes the
+    simulator; hooks: faults; log: file for an LCM log (None: no file); limit_s:
     of mission time [s] (0: a minute more than the executive's patience)."""
 
     tables: Path = TABLES
@@ -173,6 +175,7 @@ class Setup:
     poses: int = 0
     accept: str = ""
     commander: MakeCommander | None = None
+    key: Key | None = None
     world: Callable[[Scenario, int], World] | None = None
     hooks: Hooks = field(default_factory=Hooks)
     log: Path | None = None
@@ -218,6 +221,8 @@ class Simulation:
         self._limit_s = setup.limit_s or self.scenario.executive.total_timeout_s + PATIENCE_S
         self._number = self._now_us = 0
         self._sent: list[Message] = []  # on their way to flight
+        self._key = setup.key or of_simulation(seed)
+        self.signer = Signer(self._key, self.store.count)
         self._inbox = Inbox()
         self._executive: Executive | None = None
         self._commander = setup.commander(self._send) if setup.commander else self._make_executive()
@@ -244,6 +249,7 @@ class Simulation:
             self.setup.tables,
             self.store,
             lambda kind, data: self.setup.hooks.keep(self._number, kind, data),
+            (self._key,),
         )
 
     def publish(self, channel: str, message: LcmMessage) -> None:
@@ -251,7 +257,8 @@ class Simulation:
         self._sent.append((channel, message))
 
     def _send(self, command: Cmd) -> None:
-        self.publish("KC_CMD", command)
+        """A command of the commander, signed if it is not."""
+        self.publish("KC_CMD", command if command.key_id else self.signer.command(command))
 
     def stop(self) -> None:
         """No more ticks."""

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from kincal.errors import KincalError
 from kincal.flight import library
+from kincal.keys import Key
 
 from . import wire
 from .store import Store
 from .wire import Message
 
 if TYPE_CHECKING:
-    from kincal.flight.headers import KcApp
+    from kincal.flight.headers import KcApp, KcKeys
 
 _FLIGHT = library("flight")
 _LIB = _FLIGHT.lib
@@ -81,16 +82,26 @@ def _split(waiting: list[_M], now_us: int) -> tuple[list[_M], list[_M]]:
     return due, [m for m in waiting if cast(Any, m).t_us >= now_us]
 
 
+def _key_ring(keys: Sequence[Key]) -> KcKeys:
+    ring: KcKeys = _FLIGHT.new("kc_keys_t")
+    ring.n = len(keys)
+    for to, key in zip(ring.key, keys, strict=False):
+        to.id, to.secret = key.id, list(key.secret)
+    return ring
+
+
 class FlightSoftware:
     """The flight core with tables and a store, a step at a time.
 
     tables: folder of images; store: what an earlier flight left, and where this one keeps things; keep: what
-    becomes of data on the way into the store. The core has one instance in a process: making another one
-    here ends the first, whose step() then raises KincalError."""
+    becomes of data on the way into the store; keys: whose commands are taken. The core has one
+    instance in a process: making another one here ends the first, whose step() then raises KincalError."""
 
     _newest: FlightSoftware | None = None
 
-    def __init__(self, tables: Path, store: Store, keep: Keep = lambda _kind, data: data) -> None:
+    def __init__(
+        self, tables: Path, store: Store, keep: Keep = lambda _kind, data: data, keys: Sequence[Key] = ()
+    ) -> None:
         self.store, self.keep = store, keep
         self._app = cast("KcApp", _FLIGHT.ffi.addressof(cast(Any, _FLIGHT.lib), "kc_app_instance"))
         self._in, self._out = _FLIGHT.new("kc_in_t"), _FLIGHT.new("kc_out_t")
@@ -98,6 +109,7 @@ class FlightSoftware:
         self._event_seq = 0
         FlightSoftware._newest = self
         _LIB.kc_app_init(self._app)
+        _LIB.kc_app_keys(self._app, _key_ring(keys))
         images = [path.read_bytes() for path in sorted(tables.glob("*.tbl"))]
         for kind in _KINDS:
             defaults = [image for image in images if int.from_bytes(image[_KIND_AT], "little") == kind]

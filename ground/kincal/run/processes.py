@@ -20,8 +20,8 @@ LOGS = "look into logs/ of that directory"
 class Processes:
     """A running launcher; use as a context, so that nothing outlives an interruption.
 
-    url: LCM network of the run. BadInput if this installation lacks something that a run needs,
-    CommandFailed if the launcher does not start."""
+    url: LCM network of the run; keys: file whose key it takes commands with. BadInput if this installation
+    lacks something that a run needs, CommandFailed if the launcher does not start."""
 
     def __init__(self, request: Request) -> None:
         _check_installation(request)
@@ -31,13 +31,14 @@ class Processes:
         self.child = subprocess.Popen(
             request.command(), stdout=subprocess.PIPE, stderr=self._errors, text=True, env=_environment()
         )
-        self.url = self._read_url(request.scenario)
+        self.url, self.keys = self._read_first(request.scenario)
 
-    def _read_url(self, scenario: str) -> str:
-        """The launcher's first line names the LCM network."""
+    def _read_first(self, scenario: str) -> tuple[str, Path]:
+        """The launcher's first line names the LCM network and the key file."""
         first = self.child.stdout.readline() if self.child.stdout else ""
         try:
-            return str(json.loads(first)["url"])
+            facts = json.loads(first)
+            return str(facts["url"]), Path(facts["keys"])
         except (ValueError, KeyError):
             self.child.wait()
             what = f"the scenario did not start: {self.errors() or first.strip()}"

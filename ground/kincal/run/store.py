@@ -10,6 +10,8 @@ import struct
 import zlib
 from pathlib import Path
 
+from kincal.keys import counting
+
 _MAGIC = b"KCS1"
 _HEADER = struct.Struct("<4sHxxQI")  # magic, kind, number, bytes of data; then the CRC of it all
 _CRC = struct.Struct("<I")
@@ -20,11 +22,13 @@ SLOTS = "ab"
 class Store:
     """Slots by (kind, "a" or "b"), whole as in files; in memory, and in a folder if one is given.
 
-    slots may be changed between steps, as a broken memory would."""
+    slots may be changed between steps, as a broken memory would. count: counters of those who sign commands
+    to this flight; like the store they outlive a run."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self.folder = folder
         self.slots: dict[tuple[int, str], bytes] = {}
+        self.count = counting()
         for path in sorted(folder.glob("k??.[ab]")) if folder else ():
             self.slots[int(path.stem[1:]), path.suffix[1:]] = path.read_bytes()
 

@@ -6,6 +6,7 @@ for byte.
 
 from __future__ import annotations
 
+import struct as packing
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
     from kincal.flight.headers import (
         KcArmCmd,
         KcArmState,
+        KcAuth,
         KcChunk,
+        KcCmd,
         KcDetection,
         KcIn,
         KcMeas,
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
         KcPantiltState,
         KcProposal,
     )
-    from kincal.link.messages import ArmState, Detection, LcmMessage, PantiltState, TableChunk
+    from kincal.link.messages import ArmState, Cmd, Detection, LcmMessage, PantiltState, TableChunk
 
 Message: TypeAlias = "tuple[str, Any]"
 """Channel and message (a type of messages.pyi, by the channel)."""
@@ -35,7 +38,7 @@ Message: TypeAlias = "tuple[str, Any]"
 _FLIGHT = library("flight")
 _NOTHING = bytes(_FLIGHT.ffi.sizeof("kc_in_t"))
 _MASK = {"uint64_t": (1 << 64) - 1, "uint32_t": (1 << 32) - 1}  # LCM has no unsigned types
-_OTHERWISE = ("cov", "data", "moving", "fault_mask")
+_OTHERWISE = ("cov", "data", "moving", "fault_mask", "mac")
 _OUTPUTS = [name[4:] for name, _ in _FLIGHT.ffi.typeof("kc_out_t").fields or () if name.startswith("has_")]
 _INPUTS = {
     name.removeprefix("has_").removeprefix("n_")
@@ -66,10 +69,22 @@ def _alike(struct: Any, message: Any) -> None:
             setattr(struct, name, value if bits is None else value & bits)
 
 
+def _fill_auth(auth: KcAuth, m: Cmd | TableChunk) -> None:
+    _alike(auth, m)
+    auth.mac = list(packing.pack("<2q", *m.mac))
+
+
+def fill_cmd(s: KcCmd, m: Cmd) -> None:
+    """KC_CMD."""
+    _alike(s, m)
+    _fill_auth(s.auth, m)
+
+
 def fill_chunk(s: KcChunk, m: TableChunk) -> None:
     """KC_TABLE_UP."""
     _alike(s, m)
     s.data[0 : len(m.data)], s.total = bytes(m.data), _unsigned32(m.total_bytes)
+    _fill_auth(s.auth, m)
 
 
 def fill_arm(s: KcArmState, m: ArmState) -> None:
@@ -100,6 +115,7 @@ _MEMBERS = {
     "PANTILT_STATE": "pantilt",
 }
 _FILL: dict[str, Callable[[Any, Any], None]] = {
+    "cmd": fill_cmd,
     "chunk": fill_chunk,
     "det": fill_detection,
     "arm": fill_arm,
@@ -142,7 +158,7 @@ def messages(out: KcOut, t_us: int, event_seq: int) -> Iterator[Message]:
             yield channel, message
 
 
-def _message(type_name: str, source: object, **given: object) -> LcmMessage:
+def _message(type_name: str, source: object, /, **given: object) -> LcmMessage:
     """A message; fields that are not given are those of the struct with the same names."""
     message: LcmMessage = message_type(type_name)()
     for name in message_type(type_name).__slots__:
@@ -168,7 +184,9 @@ def _arm_cmd(s: KcArmCmd, t_us: int) -> LcmMessage:
 
 
 def _table_down(s: KcChunk, t_us: int) -> LcmMessage:
-    return _message("table_chunk_t", s, t_us=t_us, total_bytes=signed32(s.total), data=bytes(s.data))
+    """Nobody's, and not signed."""
+    given = {"t_us": t_us, "total_bytes": signed32(s.total), "data": bytes(s.data)}
+    return _message("table_chunk_t", s, **given, key_id=0, counter=0, mac=[0, 0])
 
 
 def _meas(s: KcMeas, _t_us: int) -> LcmMessage:

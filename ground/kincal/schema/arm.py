@@ -171,6 +171,8 @@ class TargetEntry(Strict):
 
     points_m: list[Vec3] = pydantic.Field(min_length=1, examples=[[[0.0, 0.0, 0.0]]])
     """Points that one pose was computed from (corners of a board or tag), in the target's frame [m]."""
+    second_points_m: list[Vec3] | None = pydantic.Field(None, min_length=1)
+    """The same of poses with tag = 1: corners of a second tag, in the same frame [m]."""
 
 
 class ArmFile(Strict):
@@ -259,9 +261,9 @@ class ArmTable:
     base: measurement frame -> frame 0; tool: last link -> measured frame; gravity_m_s2 (3,) in the base
     frame.
     camera: intrinsics if the file has them; mount: "world" or "tool"; target_points_m (k, 3) in the target's
-    frame or None. source: the file; provenance: where its numbers come from, as it says; first_link: a [m]
-    and alpha [rad] before joint 1 of a file in modified DH, which are in `base` here, None if the file is in
-    standard DH.
+    frame or None; target_second_m (k, 3) those of poses with tag = 1 or None. source: the file; provenance:
+    where its numbers come from, as it says; first_link: a [m] and alpha [rad] before joint 1 of a file in
+    modified DH, which are in `base` here, None if the file is in standard DH.
     """
 
     name: str
@@ -272,6 +274,7 @@ class ArmTable:
     camera: Camera | None = None
     mount: str = "world"
     target_points_m: Array | None = None
+    target_second_m: Array | None = None
     source: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)
     first_link: tuple[float, float] | None = None
@@ -341,11 +344,16 @@ def _arm(file: ArmFile, source: str, stem: str) -> ArmTable:
         gravity_m_s2=np.array(file.gravity_m_s2, dtype=float),
         camera=_camera(file.sensor),
         mount=file.sensor.mount,
-        target_points_m=np.array(file.target.points_m, dtype=float) if file.target else None,
+        target_points_m=_points(file.target.points_m if file.target else None),
+        target_second_m=_points(file.target.second_points_m if file.target else None),
         source=source,
         provenance=file.provenance,
         first_link=_first_link(file),
     )
+
+
+def _points(rows: list[Vec3] | None) -> Array | None:
+    return None if rows is None else np.array(rows, dtype=float)
 
 
 def _first_link(file: ArmFile) -> tuple[float, float] | None:

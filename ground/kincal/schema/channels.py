@@ -34,8 +34,8 @@ CHANNELS = (
     Channel("KC_PROGRESS", "progress_t", "flight", "executive, ground", "one per pose", "estimate after each pose"),  # noqa: E501
     Channel("KC_PROPOSAL", "proposal_t", "flight", "executive, ground", "one per calibration", "proposed correction, or nothing to change"),  # noqa: E501
     Channel("KC_SIM_TRUTH", "sim_truth_t", "simulator", "log only", "with each frame", "truth for tests and pictures"),  # noqa: E501
-    Channel("KC_TABLE_DOWN", "table_chunk_t", "flight", "ground", "one chunk a tick while dumping", "table dump"),  # noqa: E501
-    Channel("KC_TABLE_UP", "table_chunk_t", "ground", "flight", "on demand", "table image in chunks, staged"),  # noqa: E501
+    Channel("KC_TABLE_DOWN", "table_chunk_t", "flight", "ground", "one chunk a tick while dumping", "table dump, not signed"),  # noqa: E501
+    Channel("KC_TABLE_UP", "table_chunk_t", "ground", "flight", "on demand", "table image in chunks, staged; signed"),  # noqa: E501
     Channel("KC_TICK_DONE", "tick_done_t", "flight, detector, executive", "simulator", "once a tick, lockstep only", "this participant has published everything of the tick"),  # noqa: E501
     Channel("KC_TIME", "time_t", "simulator", "flight, detector, executive", "10 Hz mission time, lockstep only", "starts tick `tick`; mission time of the tick"),  # noqa: E501
 )

@@ -89,7 +89,7 @@ class FitEntry(Strict):
     tool: FrameEntry
     """Last link -> measured frame, before the corrections tool.*."""
     position_change_mm: dict[str, NotNegative] = {}
-    """Effect -> RMS change of the position over the poses that it makes [mm]."""
+    """Effect, or "DH beta" -> RMS change of the position over the poses that it makes [mm]."""
     covariance: list[list[float]] = []
     """Covariance of the coefficients, lower triangle row by row, in their units and order."""
 

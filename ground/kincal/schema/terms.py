@@ -47,7 +47,7 @@ _ARGUMENT = re.compile(
     rf"\s*(?:(?P<sign>[-+])\s*(?P<offset>{_NUMBER}))?\s*\)?\s*(?:/\s*(?P<div>{_NUMBER}))?$"
 )
 _PLACE = re.compile(r"^([a-z]+)(?:\[(\w+)\])?$")
-GAIN_SYMBOLS = ("Lx", "Ly", "Lz", "a", "d", "long", "parallel", "Bx", "By", "Bz")
+GAIN_SYMBOLS = ("Lx", "Ly", "Lz", "a", "d", "long", "Bx", "By", "Bz")
 
 Names = Mapping[str, float]
 
@@ -337,8 +337,7 @@ class TermEntry(Strict):
     """Component of the twist; joint[j] has its own axis and takes none."""
     gain: pydantic.StrictFloat | pydantic.StrictInt | pydantic.StrictStr = 1.0
     """Constant factor: a number, or a product with Lx Ly Lz (link j as a vector in its own frame [m]), a,
-    d [m], long (1 if link j has a length, else 0), parallel (1 if the axes of joints j and j + 1 are
-    parallel, else 0), Bx By Bz (origin of the base frame to frame 0 [m])."""
+    d [m], long (1 if link j has a length, else 0), Bx By Bz (origin of the base frame to frame 0 [m])."""
     basis: str = "1"
     """At most two factors, each var or fn(scale*(var - offset)), e.g. "tanh(q4/0.5) * cos(q6)"."""
 

@@ -11,7 +11,7 @@ from .columns import Columns
 from .evidence import LN_SCALE_SIGMA
 from .fit import GOOD_WEIGHT, Fit
 from .scoring import Scorer, bulk_weights, scaled_p
-from .tails import chi2_quantile, chi2_tail, f_tail, normal_quantile
+from .tails import chi2_quantile, chi2_tail, f_tail, normal_quantile, rank_sum_p
 from .thinning import thinned
 from .types import Array, Indices, Mask
 from .unnamed import drivers
@@ -169,12 +169,10 @@ def _clusters(fit: Fit, ids: tuple[str, ...]) -> tuple[str, ...]:
     flagged = np.isin(fit.data.ids, ids)
     if flagged.sum() < _MIN_CLUSTER:
         return ()
-    from scipy.stats import mannwhitneyu  # here, because most data have no outliers and it loads slowly
-
     singles = drivers(Columns(fit, np.ones(fit.data.n)))
 
     def p_value(x: Array) -> float:
-        return float(mannwhitneyu(x[flagged], x[~flagged]).pvalue)
+        return rank_sum_p(x[flagged], x[~flagged])
 
     return tuple(d.name for d in singles if p_value(d.features[:, 0]) * len(singles) < _CLUSTER_P)
 

@@ -15,6 +15,7 @@ from kincal.errors import CannotAnswer
 from kincal.schema.arm import ArmTable
 
 from .additions import Addition, add_one
+from .beside import Begin, when_asked
 from .compare import Comparison, compare
 from .constants import choose_constants
 from .data import Measurements
@@ -64,16 +65,17 @@ def fit(
     library: Library | None = None,
     dh: bool = True,
     progress: Progress = no_progress,
+    begin: Begin = when_asked,
 ) -> FitResult:
     """Fit DH errors (`dh`), base and tool as the arm table says, and the named effects, and measure what
-    each brings on held-out poses.
+    each brings on held-out poses. begin: as of `compare`.
 
     CannotAnswer if an effect needs what the data do not have, or as `compare`; BadInput for unknown names.
     """
     library = library or Library.load()
     _check_needs(library, effects, arm, data)
     hypotheses = choose_constants(library, effects, arm, data, dh=dh)
-    comparison = compare(arm, data, hypotheses, dh=dh)
+    comparison = compare(arm, data, hypotheses, dh=dh, begin=begin)
     nested = fit_nested(arm, data, hypotheses, comparison.noise_floor, effects, dh=dh, progress=progress)
     whole = comparison.fit_all
     return FitResult(

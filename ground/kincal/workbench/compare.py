@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from .adequacy import (
     worst_poses,
 )
 from .belonging import Check, check
+from .beside import Begin, when_asked
 from .data import Measurements
 from .effects import Hypothesis
 from .fit import Fit, find_frames, fit_model, rms
@@ -61,7 +62,7 @@ class Comparison:
     p_lack_of_fit: of the size of the leftover, None where nothing says how large the noise is;
     p_structure: that it follows some recorded variable somewhere, over all variables;
     still_joints: joints (from 1) that the poses do not move; fit_all: fitted to every pose (to the fit
-    poses if the file keeps some back); fit_part: fitted to the fit poses.
+    poses if the file keeps some back); fit_part: fitted to the fit poses; black_box: gives `reachable`.
     """
 
     arm: str
@@ -84,6 +85,7 @@ class Comparison:
     still_joints: tuple[int, ...]
     fit_all: Fit
     fit_part: Fit
+    black_box: Callable[[], Reachable | None] = field(repr=False)
 
     @cached_property
     def identifiability(self) -> Identifiability:
@@ -103,9 +105,9 @@ class Comparison:
 
     @cached_property
     def reachable(self) -> Reachable | None:
-        """What a black box predicts of the held-out error; computed when first asked for (about a second),
-        None where no poses are held out."""
-        return reachable(self.fit_part, self.data, self.split.fit, self.split.held)
+        """What a black box predicts of the held-out error (about a second of work); None where no poses are
+        held out."""
+        return self.black_box()
 
 
 def choose_split(data: Measurements) -> Split:
@@ -124,11 +126,12 @@ def compare(
     hypotheses: Sequence[Hypothesis] = (),
     *,
     dh: bool = True,
+    begin: Begin = when_asked,
 ) -> Comparison:
     """Robust fit on the fit poses, its error on the held-out ones, lack of fit, and where it fails.
 
-    hypotheses: effects in the model; dh: DH errors too. BadInput if the units look wrong; CannotAnswer
-    if the poses are too few or too similar.
+    hypotheses: effects in the model; dh: DH errors too; begin: how the work for `reachable` begins. BadInput
+    if the units look wrong; CannotAnswer if the poses are too few or too similar.
     """
     check_units(arm, data)
     split = choose_split(data)
@@ -137,6 +140,7 @@ def compare(
     frames = find_frames(arm, part)
     fit_part = fit_model(arm, part, hypotheses, dh=dh, frames=frames)
     _check_design(fit_part, dh)
+    black_box = begin(partial(reachable, fit_part, data, split.fit, split.held))
     # the whole model is tested on every pose unless the file keeps some back
     fit_all = fit_part if split.given else fit_model(arm, data, hypotheses, dh=dh, frames=frames)
     held = data.take(split.held) if len(split.held) else None
@@ -167,6 +171,7 @@ def compare(
         still_joints=still_joints(data),
         fit_all=fit_all,
         fit_part=fit_part,
+        black_box=black_box,
     )
 
 

@@ -27,7 +27,6 @@ from .pnp import column_number
 from .sight import assumptions, sees_points
 from .types import Array
 
-_PARALLEL_RAD = 1e-3  # axes that are nominally parallel
 _FRAMES = {"tool": FRAME_TOOL, "camera": FRAME_CAMERA, "meas": FRAME_MEAS}
 # How a need is said to people: the keys of the arm table or the columns of the data.
 _NEED_TEXT = {
@@ -271,13 +270,6 @@ def _link_vector(arm: ArmTable, j: int) -> Array:
     return np.array([joint.a_m, joint.d_m * math.sin(joint.alpha_rad), joint.d_m * math.cos(joint.alpha_rad)])
 
 
-def _parallel_to_next(arm: ArmTable, j: int) -> bool:
-    """Whether joint j + 1 turns about an axis parallel to that of joint j, and at a distance."""
-    joint = arm.joints[j - 1]
-    turning = j < arm.n and not joint.prismatic and not arm.joints[j].prismatic
-    return turning and abs(math.sin(joint.alpha_rad)) < _PARALLEL_RAD and abs(joint.a_m) > 0.0
-
-
 def _mount_lever(arm: ArmTable) -> Array:
     """From the origin of the base frame, where the arm is bolted on, to frame 0, in frame 0 [m]; a mount that
     tips turns about that origin. Zero when the base frame is unknown."""
@@ -297,7 +289,6 @@ def _gain(value: float | str, arm: ArmTable, names: Mapping[str, int], where: st
         joint = arm.joints[names["j"] - 1]
         symbols |= dict(zip(("Lx", "Ly", "Lz"), length, strict=True)) | {"a": joint.a_m, "d": joint.d_m}
         symbols["long"] = float(np.linalg.norm(length) > 1e-6)
-        symbols["parallel"] = float(_parallel_to_next(arm, names["j"]))
     gain, used = parse_gain(value)
     for symbol in used:
         if symbol not in symbols:

@@ -6,7 +6,7 @@ tool) scaled by their prior sigma, G columns of a hypothesis scaled by theirs. N
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ LAMBDA_WEIGHTS = np.array([1.0, 1.0, 1.0, 0.1, 0.03])
 LN_SCALE_SIGMA = 0.25
 _SMALLEST = 1e-300
 _FACTORS = 8  # of one product: far below overflow even if each is 1e30
+_TOGETHER = 64  # blocks
 _RANK_TOLERANCE = 1e-9  # of the largest variance: components below say nothing
 
 
@@ -52,6 +53,12 @@ class Projector:
         seen = (blocks.reshape(k * m, rows) @ self.basis).reshape(k, m, -1)
         grams: Array = blocks @ blocks.transpose(0, 2, 1) - (seen * self.shrink) @ seen.transpose(0, 2, 1)
         return grams
+
+    def without(self, blocks: Array) -> Array:
+        """(k, m, rows) G'W of blocks G' (k, m, rows)."""
+        rows = blocks.reshape(-1, blocks.shape[2])
+        left: Array = rows - (rows @ self.basis * self.shrink) @ self.basis.T
+        return left.reshape(blocks.shape)
 
     @property
     def spent(self) -> float:
@@ -102,20 +109,25 @@ def ln_bayes_factor(
     u: (..., m) and v: (..., m): rotated score E'P^1/2 U and its variances (METHOD.md 13).
     Components with v = 0 add nothing.
     """
-    s2 = noise.s[:, None] ** 2
-    per_s2 = v[..., None, :] / s2
-    chi2 = np.where(v > 0, u**2 / np.where(v > 0, v, 1.0), 0.0)[..., None, :] / s2
-    out = np.full(u.shape[:-1], -np.inf)
+    s2 = noise.s**2
+    # components first: sums and products over them are then sums of whole arrays
+    u, v = (np.moveaxis(x, -1, 0)[..., None] for x in (u, v))
+    per_s2 = v / s2
+    chi2 = np.where(v > 0, u**2 / np.where(v > 0, v, 1.0), 0.0) / s2
+    out = np.full(u.shape[1:-1], -np.inf)
     for lam, share in zip(lambdas, weights / np.sum(weights), strict=True):
         x = lam**2 * per_s2
-        ln_bf = 0.5 * ((x / (1.0 + x) * chi2).sum(axis=-1) - _ln_product(1.0 + x))
+        grown = 1.0 + x
+        x /= grown
+        x *= chi2
+        ln_bf = 0.5 * (x.sum(axis=0) - _ln_product(grown))
         out = np.logaddexp(out, np.log(share) + np.logaddexp.reduce(ln_bf + noise.ln_weight, axis=-1))
     return out
 
 
 def _ln_product(x: Array) -> Array:
-    """ln of the product over the last axis, of a few factors at a time: fewer logarithms, no overflow."""
-    parts = [x[..., k : k + _FACTORS].prod(axis=-1) for k in range(0, x.shape[-1], _FACTORS)]
+    """ln of the product over the first axis, of a few factors at a time: fewer logarithms, no overflow."""
+    parts = [x[k : k + _FACTORS].prod(axis=0) for k in range(0, len(x), _FACTORS)]
     return array(np.sum(np.log(parts), axis=0))
 
 
@@ -176,9 +188,10 @@ def softmax(ln_bf: Mapping[str, float], prior: Mapping[str, float]) -> dict[str,
     return dict(zip(names, (float(x) for x in p), strict=True))
 
 
-def by_width(widths: Sequence[int]) -> dict[int, list[int]]:
-    """Positions of blocks by their width: those of one width are scored together."""
-    out: dict[int, list[int]] = {}
+def together(widths: Sequence[int]) -> Iterator[list[int]]:
+    """Positions of blocks that are scored together: of one width, few enough for the cache."""
+    same: dict[int, list[int]] = {}
     for k, width in enumerate(widths):
-        out.setdefault(width, []).append(k)
-    return out
+        same.setdefault(width, []).append(k)
+    for places in same.values():
+        yield from (places[k : k + _TOGETHER] for k in range(0, len(places), _TOGETHER))

@@ -17,6 +17,7 @@ from kincal.schema.model import DataEntry, FitEntry, FrameEntry
 from .api import FitResult
 from .fit import Fit, rms
 from .modelfile import ModelFile
+from .parameters import BETA, is_beta
 
 
 def fitted(
@@ -66,13 +67,18 @@ def _frame(pose: Pose) -> FrameEntry:
 
 
 def position_changes_mm(fit: Fit) -> dict[str, float]:
-    """Effect -> RMS change of the position residual over the poses [mm] without its coefficients."""
-    full, out = fit.model.residuals(fit.estimate), {}
-    for hypothesis in fit.hypotheses:
-        own = {f"{hypothesis.name}.{parameter.name}" for parameter in hypothesis.parameters}
+    """Effect (and the turns between parallel axes) -> RMS change of the position residual over the poses [mm]
+    without its coefficients."""
+    full = fit.model.residuals(fit.estimate)
+    groups = {h.name: {f"{h.name}.{p.name}" for p in h.parameters} for h in fit.hypotheses}
+    if beta := {name for name in fit.names if is_beta(name)}:
+        groups[BETA] = beta
+
+    def change_mm(own: set[str]) -> float:
         without = np.where([name in own for name in fit.names], 0.0, fit.estimate)
-        out[hypothesis.name] = rms(fit.model.residuals(without) - full)[0] * 1e3
-    return out
+        return rms(fit.model.residuals(without) - full)[0] * 1e3
+
+    return {name: change_mm(own) for name, own in groups.items()}
 
 
 def file_digest(path: Path) -> str:

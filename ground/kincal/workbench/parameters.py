@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
@@ -13,8 +14,15 @@ from .effects import Hypothesis, Parameter, Term
 
 # Prior sigmas. Wide enough that data of a few poses overrule them (1.3 rad is moved by 0.1 mrad), tight
 # enough to keep combinations that the data do not determine from wandering.
-DH_SIGMA = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05}
+DH_SIGMA = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05, "beta_rad": 0.1}
 FRAME_SIGMA = {"m": 1.0, "rad": 1.0}
+
+# Axes of consecutive joints whose sine is less count as parallel: a tilt of 5 mrad in their common plane
+# would turn the common normal, and with it phi, by more than the prior sigma of 0.1 rad.
+_PARALLEL = 0.05
+
+BETA = "DH beta"
+"""What the turns between parallel axes are called together where a file cannot hold them."""
 
 Named = tuple[str, Parameter]
 _FRAME_COMPONENTS = (("tx", "m"), ("ty", "m"), ("tz", "m"), ("rx", "rad"), ("ry", "rad"), ("rz", "rad"))
@@ -26,7 +34,8 @@ def _constant(name: str, unit: str, sigma: float, frame: int, component: int) ->
 
 
 def dh_parameters(arm: ArmTable) -> list[Named]:
-    """The 4 n DH errors as single terms: rz, tz at frame j-1; tx, rx at frame j. Names `J3.alpha_rad`."""
+    """The DH errors as single terms: rz, tz at frame j-1; tx, rx at frame j; and ry there where the next axis
+    is nearly parallel (Hayati & Mirmirani's beta, METHOD.md 9). Names `J3.alpha_rad`."""
     return [
         (f"J{j}.{name}", _constant(name, unit, DH_SIGMA[name], frame, component))
         for j in range(1, arm.n + 1)
@@ -35,8 +44,20 @@ def dh_parameters(arm: ArmTable) -> list[Named]:
             ("alpha_rad", "rad", j, 3),
             ("a_m", "m", j, 0),
             ("d_m", "m", j - 1, 2),
+            ("beta_rad", "rad", j, 4),
         )
+        if name != "beta_rad" or _parallel_to_next(arm, j)
     ]
+
+
+def is_beta(name: str) -> bool:
+    """Whether a coefficient is a turn between parallel axes: J2.beta_rad."""
+    return name.endswith(".beta_rad")
+
+
+def _parallel_to_next(arm: ArmTable, j: int) -> bool:
+    """Whether the axis of joint j + 1 is nearly parallel to that of joint j."""
+    return j < arm.n and abs(math.sin(arm.joints[j - 1].alpha_rad)) < _PARALLEL
 
 
 def frame_parameters(arm: ArmTable) -> list[Named]:

@@ -9,7 +9,7 @@ measured frame, per unit of the fault.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from kincal.schema.names import FAULTS
 
 from .data import Measurements
 from .sight import Sight, camera_poses, sees_points, sights
-from .types import Array, array
+from .types import Array, Mask, array
 
 _EDGE = 0.02  # of half the image: over that, points at the border lose their weight gradually
 _LEAST_SEEN = 4.0  # points; where fewer are in the image, all those in front of the camera count
@@ -36,12 +36,14 @@ class PnpColumns:
     """Columns of N poses.
 
     sights: as `sight.sights`; camera: (N,) poses of a camera in the world, None for one on the flange
-    (then the measured pose is the camera's in the target's frame); measured: (N, 3, 3) its orientation.
+    (then the measured pose is the camera's in the target's frame); measured: (N, 3, 3) its orientation;
+    second: (N,) poses that were computed from the second target, None if there is one only.
     """
 
     sights: tuple[Sight, ...]
     camera: Pose | None
     measured: Array
+    second: Mask | None = None
 
     @classmethod
     def of(cls, arm: ArmTable, data: Measurements) -> PnpColumns | None:
@@ -49,7 +51,8 @@ class PnpColumns:
         if not sees_points(arm, data):
             return None
         assert data.quat_wxyz is not None
-        return cls(sights(arm, data), camera_poses(arm, data), matrix_of_wxyz(data.quat_wxyz))
+        second = None if data.tag is None or arm.target_second_m is None else data.tag == 1.0
+        return cls(sights(arm, data), camera_poses(arm, data), matrix_of_wxyz(data.quat_wxyz), second)
 
     def __call__(self, numbers: Sequence[int], expected: Pose) -> Array:
         """(N, 6, k) twists of the columns `numbers` [m, rad per unit], the view taken at the expected poses
@@ -59,7 +62,12 @@ class PnpColumns:
         which = np.array([divmod(number - 1, len(FAULTS)) for number in numbers]).reshape(-1, 2)
         for k in np.unique(which[:, 0]):
             mine = np.flatnonzero(which[:, 0] == k)
-            out[:, :, mine] = self._of_sight(self.sights[k], expected, [FAULTS[f] for f in which[mine, 1]])
+            sight, faults = self.sights[k], [FAULTS[f] for f in which[mine, 1]]
+            found = self._of_sight(sight, expected, faults)
+            if self.second is not None and sight.second_m is not None:
+                of_second = self._of_sight(replace(sight, points_m=sight.second_m), expected, faults)
+                found = np.where(self.second[:, None, None], of_second, found)
+            out[:, :, mine] = found
         turn = self.measured.transpose(0, 2, 1) @ expected.R
         return np.concatenate([turn @ out[:, :3], turn @ out[:, 3:]], axis=1)
 

@@ -8,10 +8,11 @@ from functools import cached_property, partial
 from typing import Generic, TypeVar
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from .columns import Columns
 from .effects import Hypothesis
-from .evidence import NoiseScale, Projector, Score, by_width, flat_p, ln_bayes_factor, scores
+from .evidence import NoiseScale, Projector, Score, flat_p, ln_bayes_factor, scores, together
 from .fit import Fit, student_weights
 from .hypotheses import Candidate
 from .products import ProductScores, score_products
@@ -24,7 +25,6 @@ _NULL_DRAWS = 400
 _GRANTED_WIDTH = 30.0  # prior sigmas
 _SAME = 1.0 - 1e-6  # cosine of two columns that are the same function
 _REWEIGHTINGS = 6
-_TOGETHER = 64  # tests computed at once: bounds memory
 
 What = TypeVar("What", Hypothesis, Cell, covariant=True)
 
@@ -84,11 +84,12 @@ def _ridge_distance(columns: Array, z0: Array, weight: Array, scale: float, c: i
     """
     root = np.repeat(np.sqrt(weight), c)
     a = columns * root[:, None]
-    inner = np.linalg.inv(a.T @ a + scale**2 * np.eye(a.shape[1]))
+    lower = np.linalg.cholesky(a.T @ a + scale**2 * np.eye(a.shape[1]))
+    taken = solve_triangular(lower, a.T, lower=True, check_finite=False).T  # H = taken taken'
     y = root * z0
-    e = (y - a @ (inner @ (a.T @ y))).reshape(len(weight), c)
-    blocks = a.reshape(len(weight), c, -1)
-    left = np.eye(c) - (blocks @ inner) @ blocks.transpose(0, 2, 1)
+    e = (y - taken @ (taken.T @ y)).reshape(len(weight), c)
+    blocks = taken.reshape(len(weight), c, -1)
+    left = np.eye(c) - blocks @ blocks.transpose(0, 2, 1)
     solved = np.linalg.solve(left + 1e-9 * np.eye(c), e[:, :, None])[:, :, 0]
     d2: Array = (e * solved).sum(axis=1) / weight
     return d2
@@ -133,16 +134,20 @@ class Scorer:
         return float(self.wz @ self.wz)
 
     def scores(self, blocks: Sequence[Array]) -> list[tuple[Score, float]]:
-        """Score and ln Bayes factor of each block (rows, m); those of one width together."""
+        """Score and ln Bayes factor of each block (rows, m)."""
+        return self._scores([block.shape[1] for block in blocks], lambda k: blocks[k])
+
+    def _scores(self, widths: Sequence[int], block: Callable[[int], Array]) -> list[tuple[Score, float]]:
+        """The same of blocks of these widths, made when they are needed."""
         out: dict[int, tuple[Score, float]] = {}
-        for places in by_width([block.shape[1] for block in blocks]).values():
-            g = np.stack([blocks[k].T for k in places])
+        for some in together(widths):
+            g = np.stack([block(k).T for k in some])
             found = scores(g, self.projector.grams(g), self.wz)
             ln_bf = ln_bayes_factor(
                 np.stack([s.u for s in found]), np.stack([s.v for s in found]), self.noise
             )
-            out |= dict(zip(places, zip(found, map(float, ln_bf), strict=True), strict=True))
-        return [out[k] for k in range(len(blocks))]
+            out |= dict(zip(some, zip(found, map(float, ln_bf), strict=True), strict=True))
+        return [out[k] for k in range(len(widths))]
 
     def hypotheses(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Score, float]]:
         """Score and ln Bayes factor of each hypothesis."""
@@ -181,7 +186,7 @@ class Scorer:
         return self._as_cells(made), found
 
     def _as_cells(self, made: Sequence[Cell]) -> list[Scored[Cell]]:
-        found = self.scores([cell.columns for cell in made])
+        found = self._scores([cell.width for cell in made], lambda k: made[k].columns)
         return [
             Scored(cell.name, ln_bf, score, cell, partial(getattr, cell, "columns"), self.projector, self.wz)
             for cell, (score, ln_bf) in zip(made, found, strict=True)
@@ -234,12 +239,11 @@ def _squares(
     """By rank: names and (tests, draws + 1) chi^2 of the null draws and, last, of the data."""
     both = np.hstack([scorer.null, scorer.wz[:, None] / scorer.scale])
     found: dict[int, list[tuple[str, Array]]] = {}
-    for places in by_width([len(s.score.u) for s in scored]).values():
-        for start in range(0, len(places), _TOGETHER):
-            some = [scored[k] for k in places[start : start + _TOGETHER]]
-            ranks, square = _tested(np.stack([s.columns.T for s in some]), both)
-            for s, rank, row in zip(some, ranks, square, strict=True):
-                found.setdefault(int(rank), []).append((s.name, row))
+    for places in together([len(s.score.u) for s in scored]):
+        some = [scored[k] for k in places]
+        ranks, square = _tested(scorer.projector.without(np.stack([s.block.T for s in some])), both)
+        for s, rank, row in zip(some, ranks, square, strict=True):
+            found.setdefault(int(rank), []).append((s.name, row))
     return {
         rank: ([name for name, _ in rows], np.array([x for _, x in rows])) for rank, rows in found.items()
     }
@@ -247,9 +251,10 @@ def _squares(
 
 def _tested(blocks: Array, z: Array) -> tuple[Array, Array]:
     """Ranks (k,) and chi^2 (k, d) of blocks G' (k, m, rows) against columns z (rows, d)."""
+    k, m, rows = blocks.shape
     value, vector = np.linalg.eigh(blocks @ blocks.transpose(0, 2, 1))
     good = value > 1e-10 * value.max(axis=1, keepdims=True)
-    white = vector.transpose(0, 2, 1) @ (blocks @ z)
+    white = vector.transpose(0, 2, 1) @ (blocks.reshape(k * m, rows) @ z).reshape(k, m, -1)
     square = np.where(good, 1.0 / np.where(good, value, 1.0), 0.0)[:, None, :] @ white**2
     return good.sum(axis=1), square[:, 0, :]
 

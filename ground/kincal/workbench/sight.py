@@ -61,7 +61,8 @@ class Assumption:
 class Sight:
     """A camera and the points it looks at.
 
-    points_m: (m, 3) in the target's frame; low, high: (2,) borders of the image, normalised; focal:
+    points_m: (m, 3) in the target's frame; second_m: those of poses with tag = 1, None if they are the same;
+    low, high: (2,) borders of the image, normalised; focal:
     (2,) what a unit of normalised image position along u and v weighs (pixels, or 1).
     """
 
@@ -69,6 +70,7 @@ class Sight:
     low: Array
     high: Array
     focal: Array
+    second_m: Array | None = None
 
 
 def sees_points(arm: ArmTable, data: Measurements | None) -> bool:
@@ -113,7 +115,7 @@ def _sight(arm: ArmTable, data: Measurements, assumed: Assumption) -> Sight:
         assert found is not None and assumed.fill is not None  # sees_points said so
         centre, distance = found
         points = centre + _board(assumed.fill * distance * float(high[0] - low[0]) / 2.0)
-    return Sight(points, low, high, focal)
+    return Sight(points, low, high, focal, arm.target_second_m)
 
 
 def _image(arm: ArmTable, assumed: Assumption) -> tuple[Array, Array, Array]:

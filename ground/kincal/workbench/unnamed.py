@@ -66,6 +66,11 @@ class Cell:
     product: ScoredProduct | None = None
 
     @property
+    def width(self) -> int:
+        """Number of columns, m k."""
+        return int(self.rows.shape[1] * self.features.shape[1])
+
+    @property
     def columns(self) -> Array:
         """(N c, m k) whitened; made when asked for, since all cells of all fits fill gigabytes."""
         n, m, c = self.rows.shape

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from kincal.flight.headers import KcTerms
 
 # Bounds and typical sizes of the DH errors on board (tables/src/terms.toml states the reasons).
-_DH_BOUND = {"phi_rad": 1.5, "alpha_rad": 0.6, "a_m": 0.05, "d_m": 0.2}
-_DH_SCALE = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05}
+_DH_BOUND = {"phi_rad": 1.5, "alpha_rad": 0.6, "a_m": 0.05, "d_m": 0.2, "beta_rad": 0.6}
+_DH_SCALE = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05, "beta_rad": 0.1}
 _EFFECT_BOUND, _EFFECT_PRIOR = 30.0, 3.0  # prior sigmas of the library; those that data chose stay
 
 

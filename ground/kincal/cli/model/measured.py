@@ -72,14 +72,17 @@ def compare_command(
         kincal model compare --arm arm.toml --data poses.csv --json
     """
     from kincal.workbench.answers import comparison_json, comparison_text
+    from kincal.workbench.beside import second_process
     from kincal.workbench.compare import compare
     from kincal.workbench.constants import choose_constants
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm)
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
-    answer = compare(arm, data, effects, dh=chosen.dh)
-    click.echo(json.dumps(comparison_json(answer), indent=1) if as_json else comparison_text(answer))
+    with second_process() as begin:
+        answer = compare(arm, data, effects, dh=chosen.dh, begin=begin)
+        said = json.dumps(comparison_json(answer), indent=1) if as_json else comparison_text(answer)
+    click.echo(said)
 
 
 @click.command("diagnose")
@@ -112,6 +115,7 @@ def diagnose_command(
     from kincal.workbench.advice import Inputs, next_steps
     from kincal.workbench.answers import diagnosis_json
     from kincal.workbench.api import advise, report_content
+    from kincal.workbench.beside import second_process
     from kincal.workbench.constants import choose_constants
     from kincal.workbench.diagnosis import diagnose
     from kincal.workbench.diagnosis_text import diagnosis_text
@@ -119,13 +123,15 @@ def diagnose_command(
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm)
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
-    with progress() as tick:
-        answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick)
-        poses = advise(answer, library)
-        shown = report_content(answer, library, effects, poses, progress=tick) if report_path else None
-    steps = next_steps(answer, poses, Inputs(str(arm_path), given.options(), str(model_path or "")))
-    as_text = json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else ""
-    click.echo(as_text or diagnosis_text(answer, poses, steps))
+    with second_process() as begin:
+        with progress() as tick:
+            answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick, begin=begin)
+            poses = advise(answer, library)
+            shown = report_content(answer, library, effects, poses, progress=tick) if report_path else None
+        steps = next_steps(answer, poses, Inputs(str(arm_path), given.options(), str(model_path or "")))
+        as_text = json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else ""
+        said = as_text or diagnosis_text(answer, poses, steps)
+    click.echo(said)
     if shown is not None and report_path is not None:
         from kincal.pages import diagnosis as pages
         from kincal.pages.page import Provenance
@@ -165,17 +171,20 @@ def fit_command(
     """
     from kincal.workbench.answers import fit_json, fit_text
     from kincal.workbench.api import fit
+    from kincal.workbench.beside import second_process
     from kincal.workbench.fitrecord import fitted
     from kincal.workbench.modelfile import write_model
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm)
-    with progress() as tick:
-        result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick)
+    with second_process() as begin:
+        with progress() as tick:
+            result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick, begin=begin)
+        said = json.dumps(fit_json(result), indent=1) if as_json else fit_text(result)
     if model_path is not None:
         where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
         write_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
-    click.echo(json.dumps(fit_json(result), indent=1) if as_json else fit_text(result))
+    click.echo(said)
 
 
 @click.command("next")

@@ -14,7 +14,8 @@ import numpy as np
 
 from kincal.schema.arm import ArmTable
 
-from ..compare import choose_split
+from ..beside import Begin, when_asked
+from ..compare import choose_split, compare
 from ..data import Measurements
 from ..effects import Hypothesis, Library
 from ..thinning import MANY, part_of
@@ -46,11 +47,13 @@ def diagnose(
     *,
     dh: bool = True,
     progress: Progress = no_progress,
+    begin: Begin = when_asked,
 ) -> Diagnosis:
     """Find the effects that the data ask for, one after another, and say how sure that is.
 
     library: the effects that compete; hypotheses: effects that are in the model already; dh: DH errors
-    are. BadInput if the units of the data look wrong, CannotAnswer if its poses are too few or too similar.
+    are; begin: as of `compare`. BadInput if the units of the data look wrong, CannotAnswer if its poses are
+    too few or too similar.
     """
 
     def taking(model: Model) -> None:
@@ -58,10 +61,12 @@ def diagnose(
         progress(what, 1 + len(model), _STEPS)
 
     progress("fit", 0, _STEPS)
-    study = Study.of(arm, searched(data), library, hypotheses, dh)
+    comparison, part = compare(arm, data, hypotheses, dh=dh, begin=begin), searched(data)
+    of_part = comparison if part is data else compare(arm, part, hypotheses, dh=dh)
+    study = Study.of(of_part, library, hypotheses, dh)
     found = select(study, taking)
     progress("check", _STEPS - 1, _STEPS)
-    evaluation = study.on_all(data)
+    evaluation = study.judging(comparison)
     return conclude(evaluation, never_worse(study, found, evaluation))
 
 

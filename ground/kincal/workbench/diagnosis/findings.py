@@ -159,7 +159,7 @@ class Diagnosis:
 def conclude(study: Study, found: Selection) -> Diagnosis:
     """Everything the answer says, from a selection."""
     final = study.fit(found.model)
-    p_after, where = lack_of_fit(final, noise_floor(final)), where_it_fails(final)
+    p_after, where = _left_by(final, study.comparison)
     novel = unnamed_finding(study, found) if found.last.unnamed_wins else None
     adequate = explained(p_after, structure(where)) and novel is None
     effects = effect_findings(study, found, adequate)
@@ -175,6 +175,13 @@ def conclude(study: Study, found: Selection) -> Diagnosis:
         remainder=remainder(study, found.model, where),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
     )
+
+
+def _left_by(final: Fit, c: Comparison) -> tuple[float | None, tuple[Where, ...]]:
+    """Lack of fit of the final model, and where it fails: known where nothing was added."""
+    if final is c.fit_all:
+        return c.p_lack_of_fit, c.where
+    return lack_of_fit(final, noise_floor(final)), where_it_fails(final)
 
 
 def _verdict(none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None) -> Verdict:

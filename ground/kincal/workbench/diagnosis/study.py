@@ -8,9 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from kincal.schema.arm import ArmTable
-
-from ..compare import Comparison, PosRot, compare
+from ..compare import Comparison, PosRot
 from ..crossval import folds
 from ..data import Measurements
 from ..effects import Hypothesis, Library
@@ -52,22 +50,18 @@ class Study:
     _memory: dict[object, object] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(
-        cls, arm: ArmTable, data: Measurements, library: Library, given: Sequence[Hypothesis], dh: bool
-    ) -> Study:
-        """Compare the given model with the data and prepare the candidates. Errors as `compare`."""
-        comparison = compare(arm, data, given, dh=dh)
+    def of(cls, comparison: Comparison, library: Library, given: Sequence[Hypothesis], dh: bool) -> Study:
+        """Prepare the candidates for what the given model leaves. comparison: of that model with the data."""
         base = comparison.fit_all
-        competition = Competition.of(arm, base.data, library, {h.name for h in given})
+        competition = Competition.of(base.arm, base.data, library, {h.name for h in given})
         weight = robust_weights(base, competition.candidates)
         return cls(comparison, library, tuple(given), dh, competition, weight)
 
-    def on_all(self, data: Measurements) -> Study:
+    def judging(self, comparison: Comparison) -> Study:
         """The same study of all poses, where this one has a part of them: for fits and held-out errors, too
-        large for posteriors."""
-        if data.n == self.comparison.poses:
+        large for posteriors. comparison: of the given model with all poses."""
+        if comparison is self.comparison:
             return self
-        comparison = compare(self.base.arm, data, self.given, dh=self.dh)
         weight = np.ones(comparison.fit_all.data.n)
         return replace(self, comparison=comparison, weight=weight, _memory={})
 

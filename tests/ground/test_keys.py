@@ -1,0 +1,159 @@
+"""Key files and counters of senders, and the commands that handle them."""
+
+import os
+import threading
+
+import pytest
+from click.testing import CliRunner
+
+import kcm
+from kincal import keys
+from kincal.cli import main
+from kincal.errors import BadInput
+
+GOOD = "kincal-keys 1\n7 " + "0a" * 32 + "\n"
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "sub" / "keys"
+    keys.new(path)
+    return path
+
+
+def cli(*args):
+    return CliRunner().invoke(main, [str(a) for a in args])
+
+
+def command(source=2):
+    m = kcm.cmd_t()
+    m.source, m.opcode = source, m.START
+    return m
+
+
+def test_a_new_file_is_for_its_owner_only_and_never_replaces_one(file):
+    assert file.stat().st_mode & 0o777 == 0o600
+    (key,) = keys.read(file)
+    assert key.id == 1 and len(set(key.secret)) > 8
+    with pytest.raises(BadInput, match="there is a key file already"):
+        keys.new(file)
+    assert keys.read(file) == (key,)
+
+
+def test_no_two_files_have_the_same_key(tmp_path):
+    assert keys.new(tmp_path / "a").secret != keys.new(tmp_path / "b").secret
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o620, 0o604, 0o602, 0o666])
+def test_a_file_that_others_may_read_or_change_is_refused(file, mode):
+    file.chmod(mode)
+    with pytest.raises(BadInput, match="others may read or change the keys"):
+        keys.read(file)
+
+
+def test_a_file_of_another_user_is_refused(file, monkeypatch):
+    monkeypatch.setattr(os, "geteuid", lambda: file.stat().st_uid + 1)
+    with pytest.raises(BadInput, match="another user"):
+        keys.read(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "kincal-keys 1\n",
+        GOOD.replace("keys 1", "keys 2"),
+        GOOD.replace("7 ", "0 "),
+        GOOD.replace("7 ", "2147483648 "),
+        GOOD.replace("7 ", "-7 "),
+        GOOD.replace("0a\n", "\n"),
+        GOOD.replace("0a\n", "0a0a\n"),
+        GOOD.replace("0a\n", "0g\n"),
+        GOOD.replace("0a", "00"),
+        GOOD + GOOD.splitlines()[1] + "\n",
+        GOOD + "".join(f"{n} {'0b' * 32}\n" for n in (8, 9)),
+    ],
+)
+def test_a_text_with_anything_wrong_is_refused(tmp_path, text):
+    path = tmp_path / "keys"
+    path.write_text(text)
+    path.chmod(0o600)
+    with pytest.raises(BadInput) as refused:
+        keys.read(path)
+    assert str(path) in refused.value.where and "0a0a" not in str(refused.value)
+
+
+def test_a_missing_file_says_how_to_make_one(tmp_path):
+    with pytest.raises(BadInput, match="kincal key new"):
+        keys.read(tmp_path / "keys")
+
+
+def test_rotation_adds_a_key_that_signs_when_the_old_one_is_retired(file):
+    (old,) = keys.read(file)
+    new = keys.rotate(file)
+    assert keys.read(file) == (old, new) and new.id == 2
+    assert keys.signer_of(file).key == old
+    with pytest.raises(BadInput, match="under way"):
+        keys.rotate(file)
+    assert keys.retire(file) == old
+    assert keys.signer_of(file).key == new and file.stat().st_mode & 0o777 == 0o600
+    with pytest.raises(BadInput, match="no other key"):
+        keys.retire(file)
+
+
+def test_counters_grow_over_senders_and_each_source_has_its_own(file):
+    first, second = keys.signer_of(file), keys.signer_of(file)
+    ground = [s.command(command()).counter for s in (first, second, first)]
+    assert ground == [ground[0], ground[0] + 1, ground[0] + 2]
+    keys.count_file(file, 1).write_text("5\n")
+    assert first.command(command(source=1)).counter == 6
+    keys.rotate(file)
+    keys.retire(file)
+    assert keys.signer_of(file).command(command()).counter == ground[0] + 3
+
+
+def test_counters_that_were_lost_begin_above_those_before(file):
+    before = keys.signer_of(file).command(command()).counter
+    keys.count_file(file, 2).unlink()
+    assert keys.signer_of(file).command(command()).counter > before
+
+
+def test_senders_at_the_same_time_never_share_a_counter(file):
+    counters, count = [], keys.counters_beside(file)
+
+    def send():
+        counters.extend(count(2) for _ in range(50))
+
+    threads = [threading.Thread(target=send) for _ in range(4)]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    assert len(set(counters)) == 200
+
+
+def test_a_damaged_counter_is_refused(file):
+    keys.count_file(file, 2).write_text("many\n")
+    with pytest.raises(BadInput, match="no counter"):
+        keys.signer_of(file).command(command())
+
+
+def test_commands_make_rotate_retire_and_show(tmp_path):
+    path = tmp_path / "keys"
+    assert cli("key", "new", path).exit_code == 0
+    secret = keys.read(path)[0].secret.hex()
+    assert "key 2 added" in cli("key", "rotate", path).output
+    shown = cli("key", "show", path).output
+    assert "key 1 signs, key 2 is new" in shown and secret not in shown
+    assert "key 1 is gone, key 2 signs" in cli("key", "retire", path).output
+    refused = cli("key", "new", path)
+    assert refused.exit_code == 2 and "there is a key file already" in refused.output
+
+
+def test_nothing_is_sent_without_a_key(tmp_path):
+    refused = cli("review", "reject", "1a2b3c4d", "--by", "a", "--why", "b", "--keys", tmp_path / "none")
+    assert refused.exit_code == 2 and "kincal key new" in refused.output
+
+
+def test_the_key_of_a_simulation_follows_from_its_seed():
+    assert keys.of_simulation(1) == keys.of_simulation(1) != keys.of_simulation(2)

@@ -1,0 +1,126 @@
+/* kc_keys.c: the key file. */
+#define _DEFAULT_SOURCE /* NOLINT: mkdtemp */
+
+#include "kc_keys.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "unity.h"
+
+#define A "000102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1e1f"
+#define B "ff0102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1eff"
+
+static char s_dir[64], s_path[80];
+static kc_keys_t s_keys;
+
+void setUp(void);
+void setUp(void)
+{
+    memcpy(s_dir, "/tmp/kc_keys_XXXXXX", 20u);
+    TEST_ASSERT_NOT_NULL(mkdtemp(s_dir));
+    (void)snprintf(s_path, sizeof s_path, "%s/keys", s_dir);
+}
+
+void tearDown(void);
+void tearDown(void)
+{
+    (void)remove(s_path);
+    (void)rmdir(s_dir);
+}
+
+static void given_file(const void *text, size_t n, mode_t mode)
+{
+    FILE *f = fopen(s_path, "wb");
+    TEST_ASSERT_NOT_NULL(f);
+    (void)fwrite(text, 1u, n, f);
+    (void)fclose(f);
+    TEST_ASSERT_EQUAL_INT(0, chmod(s_path, mode));
+}
+
+/* Refused, and no key is left of it. */
+static void refused(void)
+{
+    static const kc_keys_t none;
+    memset(&s_keys, 0xff, sizeof s_keys);
+    TEST_ASSERT_FALSE(kc_keys_read(s_path, &s_keys));
+    TEST_ASSERT_EQUAL_MEMORY(&none, &s_keys, sizeof none);
+}
+
+static void refused_text(const char *text)
+{
+    given_file(text, strlen(text), 0600);
+    refused();
+}
+
+void test_one_or_two_keys_are_read(void)
+{
+    const char *one = "kincal-keys 1\n7 " A "\n", *two = "kincal-keys 1\n7 " A "\n2147483647 " B "\n";
+    given_file(one, strlen(one), 0600);
+    TEST_ASSERT_TRUE(kc_keys_read(s_path, &s_keys));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_keys.n);
+    TEST_ASSERT_EQUAL_UINT32(7u, s_keys.key[0].id);
+    for (uint32_t i = 0u; i < KC_KEY_BYTES; i++) { TEST_ASSERT_EQUAL_UINT8(i, s_keys.key[0].secret[i]); }
+    given_file(two, strlen(two), 0400);
+    TEST_ASSERT_TRUE(kc_keys_read(s_path, &s_keys));
+    TEST_ASSERT_EQUAL_UINT32(2u, s_keys.n);
+    TEST_ASSERT_EQUAL_UINT32(0x7fffffffu, s_keys.key[1].id);
+    TEST_ASSERT_EQUAL_UINT8(0xffu, s_keys.key[1].secret[31]);
+}
+
+void test_a_file_that_others_may_read_or_change_is_refused(void)
+{
+    const char *text = "kincal-keys 1\n7 " A "\n";
+    static const mode_t modes[] = {0640, 0620, 0610, 0604, 0602, 0601, 0666};
+    for (uint32_t i = 0u; i < sizeof modes / sizeof modes[0]; i++) {
+        given_file(text, strlen(text), modes[i]);
+        refused();
+    }
+}
+
+void test_a_file_of_another_user_is_refused(void)
+{
+    const char *text = "kincal-keys 1\n7 " A "\n";
+    given_file(text, strlen(text), 0600);
+    if (chown(s_path, 12345, 12345) != 0) { TEST_IGNORE_MESSAGE("only root can give files away"); }
+    refused();
+}
+
+void test_what_is_no_file_is_refused(void)
+{
+    refused(); /* there is none */
+    TEST_ASSERT_FALSE(kc_keys_read(s_dir, &s_keys));
+    TEST_ASSERT_EQUAL_INT(0, mkfifo(s_path, 0600));
+    refused(); /* and does not wait for a writer */
+}
+
+void test_a_text_with_anything_wrong_is_refused(void)
+{
+    static char longer[2000] = "kincal-keys 1\n";
+    refused_text("");
+    refused_text("kincal-keys 1");
+    refused_text("kincal-keys 1\n");
+    refused_text("kincal-keys 2\n7 " A "\n");
+    refused_text("7 " A "\n");
+    refused_text("kincal-keys 1\n7 " A);       /* cut off */
+    refused_text("kincal-keys 1\n7 " A "0\n"); /* too long */
+    refused_text("kincal-keys 1\n7 0102\n");
+    refused_text("kincal-keys 1\n0 " A "\n");
+    refused_text("kincal-keys 1\n-7 " A "\n");
+    refused_text("kincal-keys 1\n2147483648 " A "\n");
+    refused_text("kincal-keys 1\n99999999999999999999999 " A "\n");
+    refused_text("kincal-keys 1\n " A "\n");
+    refused_text("kincal-keys 1\n7\t" A "\n");
+    refused_text("kincal-keys 1\n7 " A "\n7 " B "\n"); /* twice the same number */
+    refused_text("kincal-keys 1\n7 " A "\n8 " B "\n9 " A "\n");
+    refused_text("kincal-keys 1\n7 " A "\n\n");
+    refused_text("kincal-keys 1\n7 0000000000000000000000000000000000000000000000000000000000000000\n");
+    refused_text("kincal-keys 1\n7 0g0102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1e1\n");
+    given_file("kincal-keys 1\n7 " A "\n\0\n", 83u, 0600); /* a zero in the text */
+    refused();
+    memset(&longer[14], '\n', sizeof longer - 15u);
+    refused_text(longer);
+}

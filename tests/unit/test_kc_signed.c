@@ -1,0 +1,364 @@
+/* kc_signed.c: which bytes are signed, and that no stranger gets past them: by way of kc_app_step. */
+#include <stddef.h>
+#include <string.h>
+
+#include "given_tables.h"
+#include "given_world.h"
+#include "kc_signed.h"
+#include "unity.h"
+
+#define APP (&kc_app_instance)
+
+static kc_chunk_t s_chunk;
+
+void setUp(void);
+void setUp(void)
+{
+    given_world();
+    world_boot();
+    world_ticks(2u);
+    world.arm_silent = world.pantilt_silent = true; /* commands are all that comes in */
+}
+
+static kc_cmd_t given_start(void)
+{
+    kc_cmd_t c = {.t_us = 5u, .seq = 7, .source = 1, .opcode = KC_CMD_START, .arg_i = {-1, 4, 3, 0}};
+    world_sign_cmd(&c);
+    return c;
+}
+
+static const kc_chunk_t *given_chunk(void)
+{
+    world.config.n_poses = 9u;
+    uint32_t n = given_image(KC_TBL_CONFIG, &world.config, world.image);
+    s_chunk = (kc_chunk_t){.t_us = 5u, .kind = KC_TBL_CONFIG, .total = n, .n = n};
+    memcpy(s_chunk.data, world.image, n);
+    world_sign_chunk(&s_chunk);
+    return &s_chunk;
+}
+
+static void send(const kc_cmd_t *c)
+{
+    world.as_sent = true;
+    world.in.cmd[world.in.n_cmd++] = *c;
+    world_tick();
+}
+
+static void send_chunk(const kc_chunk_t *c)
+{
+    world.as_sent = true;
+    world.in.chunk[world.in.n_chunk++] = *c;
+    world_tick();
+}
+
+static uint32_t refusals(void)
+{
+    return world_events(KC_EVT_CMD_UNSIGNED) + world_events(KC_EVT_CMD_KEY) +
+           world_events(KC_EVT_CMD_FORGED) + world_events(KC_EVT_CMD_REPLAYED) +
+           world_events(KC_EVT_CMD_SOURCE);
+}
+
+/* Refused with one event, and nothing changed: no table, no state, no counter. */
+static void refused(const kc_cmd_t *c)
+{
+    kc_cmd_log_t log = APP->cmd_log;
+    uint32_t before = refusals();
+    world_remember();
+    send(c);
+    TEST_ASSERT_EQUAL_UINT32(before + 1u, refusals());
+    TEST_ASSERT_TRUE(world.ack.status == KC_ERR_AUTH || world.ack.status == KC_ERR_STALE ||
+                     world.ack.status == KC_ERR_ARG);
+    TEST_ASSERT_TRUE(world_unchanged());
+    TEST_ASSERT_EQUAL_MEMORY(log.counter, APP->cmd_log.counter, sizeof log.counter);
+    TEST_ASSERT_EQUAL_MEMORY(log.seq, APP->cmd_log.seq, sizeof log.seq);
+}
+
+static void refused_chunk(const kc_chunk_t *c)
+{
+    kc_cmd_log_t log = APP->cmd_log;
+    uint32_t before = refusals();
+    world_remember();
+    send_chunk(c);
+    TEST_ASSERT_EQUAL_UINT32(before + 1u, refusals());
+    TEST_ASSERT_TRUE(world_unchanged());
+    TEST_ASSERT_EQUAL_MEMORY(log.counter, APP->cmd_log.counter, sizeof log.counter);
+}
+
+static int32_t taken(const kc_cmd_t *c)
+{
+    uint32_t before = refusals();
+    send(c);
+    TEST_ASSERT_EQUAL_UINT32(before, refusals());
+    return world.ack.status;
+}
+
+/* ---- layout ---- */
+
+void test_a_command_is_laid_out_field_by_field_in_little_endian(void)
+{
+    static const uint8_t expected[] = {
+        'K',  'i',  'n',  'C',  'a',  'l',  ' ',  'c',  'o', 'm', 'm', 'a',
+        'n',  'd',  ' ',  '1', /* label */
+        0x04, 0x03, 0x02, 0x01,                                                         /* key */
+        0x18, 0x17, 0x16, 0x15, 0x14, 0x13, 0x12, 0x11,                                 /* counter */
+        0x28, 0x27, 0x26, 0x25, 0x24, 0x23, 0x22, 0x21,                                 /* t_us */
+        2,    0,    0,    0,    0xfe, 0xff, 0xff, 0xff, 1,   0,   0,   0, /* source, seq, opcode */
+        1,    0,    0,    0,    2,    0,    0,    0,    3,   0,   0,   0,
+        0xff, 0xff, 0xff, 0xff, /* arg_i */
+        8,    7,    6,    5,    4,    3,    2,    1, /* arg_u64 */
+        0,    0,    0,    0,    0,    0,    0xf8, 0x3f, 0,   0,   0,   0,
+        0,    0,    0,    0x80, /* arg_d: 1.5, -0.0 */
+        0,    0,    0,    0,    0,    0,    0,    0xc0, 0,   0,   0,   0,
+        0,    0,    0,    0, /* -2, 0 */
+    };
+    uint8_t head[KC_SIGNED_HEAD_MAX];
+    const kc_cmd_t c = {
+        .t_us = 0x2122232425262728u,
+        .seq = -2,
+        .source = 2,
+        .opcode = 1,
+        .arg_i = {1, 2, 3, -1},
+        .arg_u64 = 0x0102030405060708u,
+        .arg_d = {1.5, -0.0, -2.0, 0.0},
+        .auth = {.key_id = 0x01020304u, .counter = 0x1112131415161718u},
+    };
+    kc_auth_text_t text = kc_signed_cmd(&c, head);
+    TEST_ASSERT_EQUAL_UINT32(sizeof expected, text.n_head);
+    TEST_ASSERT_EQUAL_UINT32(KC_SIGNED_HEAD_MAX, text.n_head);
+    TEST_ASSERT_EQUAL_UINT32(0u, text.n_body);
+    TEST_ASSERT_EQUAL_MEMORY(expected, text.head, sizeof expected);
+}
+
+void test_a_chunk_is_laid_out_with_all_its_bytes(void)
+{
+    static const uint8_t expected[] = {
+        'K', 'i', 'n', 'C', 'a', 'l', ' ', 'c', 'h', 'u', 'n', 'k', ' ', '1', 0, 0, /* label */
+        4,   0,   0,   0,   5,   0,   0,   0,   0,   0,   0,   0,   6,   0,   0, 0,
+        0,   0,   0,   0, /* key, counter, t_us */
+        2,   0,   0,   0,   7,   0,   0,   0,   8,   0,   0,   0,   9,   0,   0, 0,
+        10,  0,   0,   0, /* source to n */
+    };
+    uint8_t head[KC_SIGNED_HEAD_MAX];
+    s_chunk = (kc_chunk_t){.t_us = 6u, .source = 2, .kind = 7, .total = 8u, .offset = 9u, .n = 10u};
+    s_chunk.auth = (kc_auth_t){.key_id = 4u, .counter = 5u};
+    kc_auth_text_t text = kc_signed_chunk(&s_chunk, head);
+    TEST_ASSERT_EQUAL_UINT32(sizeof expected, text.n_head);
+    TEST_ASSERT_EQUAL_MEMORY(expected, text.head, sizeof expected);
+    TEST_ASSERT_EQUAL_PTR(s_chunk.data, text.body);
+    TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_BYTES, text.n_body); /* also those beyond n */
+}
+
+/* ---- strangers ---- */
+
+static bool is_padding(size_t at)
+{
+    size_t key_end = offsetof(kc_cmd_t, auth.key_id) + 4u, arg_end = offsetof(kc_cmd_t, arg_i) + 16u;
+    return (at >= key_end && at < offsetof(kc_cmd_t, auth.counter)) ||
+           (at >= arg_end && at < offsetof(kc_cmd_t, arg_u64));
+}
+
+void test_a_command_with_any_bit_flipped_changes_nothing(void)
+{
+    const kc_cmd_t good = given_start();
+    uint32_t n = 0u;
+    for (uint32_t bit = 0u; bit < 8u * sizeof good; bit++) {
+        kc_cmd_t c = good;
+        if (is_padding(bit / 8u)) { continue; }
+        ((uint8_t *)&c)[bit / 8u] ^= (uint8_t)(1u << bit % 8u);
+        refused(&c);
+        n++;
+    }
+    TEST_ASSERT_EQUAL_UINT32(8u * (KC_SIGNED_HEAD_MAX - 16u + KC_MAC_BYTES), n); /* no label, but the MAC */
+    world.arm_silent = world.pantilt_silent = false;
+    world_ticks(2u);
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&good));
+    TEST_ASSERT_TRUE(world_calibrating());
+}
+
+void test_a_chunk_with_any_bit_flipped_changes_nothing(void)
+{
+    static kc_chunk_t good;
+    good = *given_chunk();
+    for (uint32_t bit = 0u; bit < 8u * KC_CHUNK_BYTES; bit += 7u) { /* every bit: test_kc_auth.c */
+        s_chunk = good;
+        s_chunk.data[bit / 8u] ^= (uint8_t)(1u << bit % 8u);
+        refused_chunk(&s_chunk);
+    }
+    uint32_t *fields[] = {
+        (uint32_t *)&s_chunk.source, (uint32_t *)&s_chunk.kind, &s_chunk.total, &s_chunk.offset, &s_chunk.n,
+        &s_chunk.auth.key_id};
+    for (uint32_t f = 0u; f < 6u; f++) {
+        for (uint32_t bit = 0u; bit < 32u; bit++) {
+            s_chunk = good;
+            *fields[f] ^= 1u << bit;
+            refused_chunk(&s_chunk);
+        }
+    }
+    for (uint32_t bit = 0u; bit < 64u; bit++) {
+        s_chunk = good;
+        s_chunk.auth.counter ^= 1ull << bit;
+        refused_chunk(&s_chunk);
+        s_chunk = good;
+        s_chunk.t_us ^= 1ull << bit;
+        refused_chunk(&s_chunk);
+    }
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
+    send_chunk(&good);
+    TEST_ASSERT_TRUE(APP->tables.staging.state != KC_STAGE_NONE);
+}
+
+void test_what_changes_anything_is_refused_without_a_signature(void)
+{
+    static const int32_t all[] = {KC_CMD_START,
+                                  KC_CMD_APPROVE_ARM,
+                                  KC_CMD_APPROVE_GO,
+                                  KC_CMD_REJECT,
+                                  KC_CMD_ROLLBACK,
+                                  KC_CMD_TABLE_VALIDATE,
+                                  KC_CMD_TABLE_ACTIVATE,
+                                  KC_CMD_TABLE_DISCARD,
+                                  11,
+                                  -1};
+    for (uint32_t i = 0u; i < sizeof all / sizeof all[0]; i++) {
+        const kc_cmd_t c = {.seq = (int32_t)i + 1, .source = 2, .opcode = all[i]};
+        uint32_t before = world_events(KC_EVT_CMD_UNSIGNED);
+        refused(&c);
+        TEST_ASSERT_EQUAL_UINT32(before + 1u, world_events(KC_EVT_CMD_UNSIGNED));
+        TEST_ASSERT_EQUAL_INT(KC_ERR_AUTH, world.ack.status);
+    }
+    s_chunk = *given_chunk();
+    s_chunk.auth.key_id = 0u;
+    refused_chunk(&s_chunk);
+}
+
+void test_without_keys_nothing_can_be_changed_and_events_say_so(void)
+{
+    const kc_cmd_t start = given_start();
+    kc_cmd_t noop = {.seq = 1, .source = 1, .opcode = KC_CMD_NOOP};
+    world.keys.n = 0u;
+    world_boot();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_NO_KEYS));
+    refused(&start);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_KEY));
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&noop));
+    noop.opcode = KC_CMD_ABORT;
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&noop));
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+}
+
+void test_abort_is_taken_with_any_signature_or_none(void)
+{
+    kc_cmd_t c = {.seq = 1, .source = 1, .opcode = KC_CMD_ABORT};
+    for (uint32_t i = 0u; i < 3u; i++) {
+        setUp();
+        c.auth.key_id = i; /* none; of a known key, forged; of an unknown key */
+        TEST_ASSERT_EQUAL_INT(KC_OK, taken(&c));
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    }
+}
+
+void test_a_number_of_a_stranger_does_not_lock_a_signed_sender_out(void)
+{
+    kc_cmd_t stranger = {.seq = 1000, .source = 1, .opcode = KC_CMD_NOOP}, own = stranger;
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&stranger));
+    own.seq = 2;
+    world_sign_cmd(&own);
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&own));
+    stranger.auth.key_id = 1u;
+    stranger.auth.counter = UINT64_MAX;
+    refused(&stranger);
+    own.seq = 3;
+    world_sign_cmd(&own);
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&own));
+}
+
+void test_a_chunk_is_no_command_and_sources_and_channels_have_counters_of_their_own(void)
+{
+    kc_cmd_t c = {.seq = 1, .source = 2, .opcode = KC_CMD_TABLE_DISCARD};
+    s_chunk = *given_chunk();
+    c.auth = s_chunk.auth; /* the MAC of a chunk */
+    refused(&c);
+    world_sign_cmd(&c);
+    send_chunk(&s_chunk); /* signed before the command */
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&c));
+    c.source = 1;
+    refused(&c); /* the same signature from another source */
+    world.counter = 0u;
+    world_sign_cmd(&c);
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&c)); /* the executive has counters of its own */
+}
+
+/* ---- repeated, reordered, after a restart ---- */
+
+void test_a_repeated_or_overtaken_command_is_refused(void)
+{
+    kc_cmd_t first = {.seq = 1, .source = 2, .opcode = KC_CMD_TABLE_DISCARD}, second = first;
+    world_sign_cmd(&first);
+    world_sign_cmd(&second);
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&second));
+    refused(&first);
+    refused(&second);
+    TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_CMD_REPLAYED));
+    TEST_ASSERT_EQUAL_DOUBLE((double)second.auth.counter, world.last[KC_EVT_CMD_REPLAYED].want);
+}
+
+/* Power is lost right after the step that took them; then again with the newest record of the journal lost too. */
+void test_nothing_that_was_taken_is_taken_again_after_a_restart(void)
+{
+    for (uint32_t lost = 0u; lost < 2u; lost++) {
+        setUp();
+        kc_cmd_t c = {.seq = 1, .source = 2, .opcode = KC_CMD_TABLE_DISCARD};
+        world_sign_cmd(&c);
+        TEST_ASSERT_EQUAL_INT(KC_OK, taken(&c));
+        send_chunk(given_chunk());
+        if (lost > 0u) {
+            world_tick(); /* writes the second copy */
+            world.stored[KC_STORE_JOURNAL][0] = 0u;
+        }
+        world_restart();
+        world_tick();
+        TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
+        refused(&c);
+        refused_chunk(&s_chunk);
+        TEST_ASSERT_EQUAL_UINT32(2u, world_events(KC_EVT_CMD_REPLAYED));
+        world_sign_cmd(&c);
+        TEST_ASSERT_EQUAL_INT(KC_OK, taken(&c));
+    }
+}
+
+/* Refused for its state: its counter is used up all the same, so that it is not done later. */
+void test_a_refused_command_is_not_taken_after_a_restart_either(void)
+{
+    kc_cmd_t c = given_start();
+    world_ticks(25u);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, taken(&c)); /* the arm is silent */
+    world_restart();
+    world.arm_silent = world.pantilt_silent = false;
+    world_ticks(2u);
+    uint32_t before = world_events(KC_EVT_CMD_REPLAYED);
+    send(&c);
+    TEST_ASSERT_EQUAL_UINT32(before + 1u, world_events(KC_EVT_CMD_REPLAYED));
+    TEST_ASSERT_FALSE(world_calibrating());
+}
+
+void test_both_keys_of_a_rotation_are_taken_and_a_retired_one_is_not(void)
+{
+    kc_cmd_t c = {.seq = 1, .source = 2, .opcode = KC_CMD_TABLE_DISCARD}, old = c;
+    kc_keys_t keys = world.keys;
+    keys.n = 2u;
+    keys.key[1] = (kc_key_t){.id = 2u, .secret = {1u}};
+    kc_app_keys(APP, &keys);
+    world_sign_cmd(&c);
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&c));
+    world_sign_cmd(&old);
+    world.keys = (kc_keys_t){.n = 1u, .key = {keys.key[1]}};
+    world_sign_cmd(&c);
+    TEST_ASSERT_EQUAL_INT(KC_OK, taken(&c));
+    world_restart(); /* with the new key only */
+    world_tick();
+    refused(&old);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_KEY));
+    refused(&c); /* counters go on over a rotation */
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_REPLAYED));
+}
