@@ -197,7 +197,7 @@ lint-cppcheck: messages $(STAMP)/apt-test ## cppcheck
 	@mkdir -p $(BUILD)/cppcheck
 	$(Q)cppcheck --quiet --error-exitcode=1 --inline-suppr --enable=warning,performance,portability \
 	    --std=c11 --std=c++17 -UKC_GROUND --cppcheck-build-dir=$(BUILD)/cppcheck --suppress=missingIncludeSystem \
-	    --suppress=uninitvar $(addprefix -I,$(wildcard fsw/*/)) -I$(BUILD)/gen --suppress='*:$(BUILD)/gen/*' $(C_DIRS)
+	    --suppress=uninitvar $(addprefix -I,$(wildcard fsw/*/)) -I$(BUILD)/gen -I$(BUILD)/gen-all --suppress='*:$(BUILD)/gen/*' $(C_DIRS)
 
 lint-misra: $(STAMP)/apt-test ## MISRA C:2012 over the core: no deviation that tests/lint/misra.csv does not decide
 	$(Q)$(PYTHON) tests/lint/misra.py $(BUILD)/misra

@@ -1,11 +1,11 @@
-"""MISRA C:2012 over the flight core, by cppcheck's addon: what deviates is in misra.csv, decided once for each
-kind, and nothing else deviates.
+"""MISRA C:2012 over the flight core, by cppcheck's addon: what deviates is in misra.csv, decided once for
+each kind, and nothing else deviates.
 
 misra.py [FOLDER]    check; cppcheck keeps its results in FOLDER
 
 A finding of a rule without a row fails, so does one in a file that its row does not name, and a row (or a
-file of it) without a finding: its reason has gone. The texts of the rules are not free; the table has their numbers
-and says in our words what the code does.
+file of it) without a finding: its reason has gone. The texts of the rules are not free; the table has their
+numbers and says in our words what the code does.
 """
 
 import csv
