@@ -4,8 +4,6 @@
 
 #include "kc_storing.h"
 
-#define RETRY_US 1000000u /* from a failure to the next try */
-
 void kc_change_begin(kc_change_t *c, kc_change_kind_t kind, const kc_view_t *v, const kc_cmd_t *cmd)
 {
     bool failing = c->failing;
@@ -143,6 +141,8 @@ static void report(kc_change_t *c, kc_status_t st, int32_t kind, kc_out_t *out)
     c->failing = st != KC_OK;
 }
 
+static uint64_t retry_us(const kc_change_parts_t *p) { return p->tables->active.config.store_retry_us; }
+
 /* The next try, or the end, of a change that was asked for. */
 static kc_outcome_t go_on(kc_change_t *c, const kc_change_parts_t *p, kc_status_t st, int32_t kind,
                           kc_out_t *out)
@@ -151,7 +151,7 @@ static kc_outcome_t go_on(kc_change_t *c, const kc_change_parts_t *p, kc_status_
     c->tries++;
     kc_storing_t next = kc_storing_next(st, c->tries, p->tables->active.config.store_retries);
     if (next == KC_STORING_AGAIN) {
-        c->due_us = p->view->clock->now_us + RETRY_US;
+        c->due_us = p->view->clock->now_us + retry_us(p);
         return oc;
     }
     if (next == KC_STORING_REFUSE) {
@@ -170,7 +170,7 @@ kc_outcome_t kc_change_stored(kc_change_t *c, const kc_change_parts_t *p, const 
     if (!asked && !answered) { return kc_outcome(KC_OC_STAY); }
     c->asked = false;
     report(c, st, (int32_t)in->store_kind, out);
-    if (st != KC_OK) { kc_journal_again(p->journal, p->view->clock->now_us + (asked ? 0u : RETRY_US)); }
+    if (st != KC_OK) { kc_journal_again(p->journal, p->view->clock->now_us + (asked ? 0u : retry_us(p))); }
     return asked ? go_on(c, p, st, (int32_t)in->store_kind, out) : kc_outcome(KC_OC_STAY);
 }
 

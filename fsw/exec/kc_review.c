@@ -2,8 +2,6 @@
 
 #include <string.h>
 
-#define ARMED_US 600000000u /* APPROVE_GO must follow APPROVE_ARM within ten minutes */
-
 uint32_t kc_review_encode(kc_review_t *r, const kc_kin_t *kin)
 {
     (void)kc_tbl_encode(KC_TBL_KIN, kin, 0u, r->image, KC_KIN_IMAGE_MAX, &r->n);
@@ -40,7 +38,7 @@ void kc_review_drop(kc_review_t *r, kc_out_t *out)
 
 kc_outcome_t kc_review_armed(const kc_review_t *r, const kc_view_t *v, kc_out_t *out)
 {
-    if (kc_view_in_state_us(v) <= ARMED_US) { return kc_outcome(KC_OC_STAY); }
+    if (kc_view_in_state_us(v) <= v->tables->config.approval_timeout_us) { return kc_outcome(KC_OC_STAY); }
     kc_event(&out->events, KC_EVT_COR_EXPIRED, -1, (double)r->crc, 0.0);
     return kc_outcome(KC_OC_EXPIRE);
 }

@@ -105,6 +105,8 @@ static void walk_decisions(kc_walk_t *w, kc_config_t *c)
     kc_walk_rule(w, 66u, c->poor_noise_scale_unlikely <= c->poor_noise_scale, c->poor_noise_scale_unlikely);
     kc_walk_f64(w, 67u, &c->poor_p_fit, 0.0, 1.0);
     kc_walk_u32(w, 68u, &c->store_retries, 0u, 100u);
+    kc_walk_u64(w, 69u, &c->store_retry_us, 1000u, HOUR_US);
+    kc_walk_u64(w, 70u, &c->approval_timeout_us, 1000000u, HOUR_US);
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)

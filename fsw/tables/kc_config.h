@@ -63,6 +63,8 @@ typedef struct {
     double poor_noise_scale_unlikely; /* and this many times, if the fit is less likely than ... */
     double poor_p_fit;
     uint32_t store_retries; /* what could not be stored is tried this many times more */
+    uint64_t store_retry_us; /* from a failure to the next try */
+    uint64_t approval_timeout_us; /* APPROVE_GO must follow APPROVE_ARM in this time */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

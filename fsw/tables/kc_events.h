@@ -214,7 +214,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "right",                                                                                               \
       "")                                                                                                    \
     X(82, COR_ARMED, INFO, "approval of correction CRC {got:crc} armed",                                     \
-      "Send APPROVE_GO within ten minutes.")                                                                 \
+      "Send APPROVE_GO within approval_timeout_us of CONFIG.")                                               \
     X(83, COR_ACTIVE, INFO, "correction CRC {got:crc} active", "")                                           \
     X(84, COR_REJECTED, INFO, "correction CRC {got:crc} rejected", "")                                       \
     X(85, COR_ROLLBACK, INFO, "rolled back to correction CRC {got:crc}", "")                                 \

@@ -177,6 +177,8 @@ void given_config(kc_config_t *c)
     c->poor_noise_scale_unlikely = 2.0;
     c->poor_p_fit = 1e-9;
     c->store_retries = 2u;
+    c->store_retry_us = 1000000u;
+    c->approval_timeout_us = 600000000u;
 }
 
 /* Joints spread over the middle of the limits by a low-discrepancy sequence. */

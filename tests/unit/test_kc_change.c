@@ -105,6 +105,16 @@ void test_a_store_that_works_again_in_time_costs_only_time(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
 }
 
+void test_between_tries_passes_the_time_that_config_says(void)
+{
+    world.config.store_retry_us = 5000000u;
+    armed();
+    world.store_fails = 1;
+    uint64_t begun_us = APP->clock.now_us;
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_GO, (int32_t)s_crc, 0, 0));
+    TEST_ASSERT_UINT64_WITHIN(400000u, 5200000u, APP->clock.now_us - begun_us);
+}
+
 void test_without_an_answer_of_the_edge_nothing_is_taken_for_stored(void)
 {
     armed();

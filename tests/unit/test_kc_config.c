@@ -111,6 +111,8 @@ static const spoil_t s_spoil[] = {
     {66, AT(poor_noise_scale_unlikely), 'd', 0.5},
     {67, AT(poor_p_fit), 'd', 1.5},
     {68, AT(store_retries), 'u', 101.0},
+    {69, AT(store_retry_us), 'l', 0.0},
+    {70, AT(approval_timeout_us), 'l', 4e9},
 };
 
 static void spoil(const spoil_t *s, double value)

@@ -491,13 +491,14 @@ void test_events_of_a_rejection_say_what_they_are_about(void)
     expect_event(KC_EVT_COR_REJECTED, -1, crc, 0.0);
 }
 
-void test_an_approval_expires_ten_minutes_after_its_first_step(void)
+void test_an_approval_expires_as_config_says_after_its_first_step(void)
 {
+    world.config.approval_timeout_us = 7000000u;
     world_calibrated();
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0));
     uint64_t armed_us = APP->place.since_us;
-    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 7000u));
-    TEST_ASSERT_EQUAL_UINT64(600000000u + TICK_US, APP->clock.now_us - armed_us);
+    TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 100u));
+    TEST_ASSERT_EQUAL_UINT64(7000000u + TICK_US, APP->clock.now_us - armed_us);
     expect_event(KC_EVT_COR_EXPIRED, -1, (double)world.proposal.crc, 0.0);
 }
 

@@ -397,6 +397,8 @@ class KcConfig(Protocol):
     poor_noise_scale_unlikely: float
     poor_p_fit: float
     store_retries: int
+    store_retry_us: int
+    approval_timeout_us: int
 
 class KcCtx(Protocol):
     """kc_ctx_t"""

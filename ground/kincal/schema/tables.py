@@ -528,7 +528,11 @@ class ConfigSource(Source):
     poor_p_fit: Real = 1e-9
     """p-value of the fit below which it is unlikely."""
     store_retries: int = 2
-    """Times that storing is tried again, a second apart."""
+    """Times that storing is tried again."""
+    store_retry_us: Microseconds = 1_000_000
+    """Time from a failure of the store to the next try."""
+    approval_timeout_us: Microseconds = 600_000_000
+    """Time in which APPROVE_GO must follow APPROVE_ARM."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock
