@@ -21,6 +21,7 @@ class Bus:
         self.lcm = lcm.LCM(url)
         self.n_published = 0
         self.n_rx_errors = 0
+        self._subscriptions: list[Any] = []
 
     def listen(self, channel: str, handler: Callable[[str, Any], None]) -> None:
         """Call handler(channel, message) for every message; undecodable ones are only counted."""
@@ -35,7 +36,16 @@ class Bus:
             handler(ch, message)
 
         # LCM's own queue of 30 drops what a slow reader misses; nothing may be dropped here.
-        self.lcm.subscribe(channel, on).set_queue_capacity(0)
+        subscription = self.lcm.subscribe(channel, on)
+        subscription.set_queue_capacity(0)
+        self._subscriptions.append(subscription)
+
+    def close(self) -> None:
+        """Listen no more. The LCM object holds its handlers, and they often hold it: Python cannot free such a
+        circle, and its sockets would stay open."""
+        for subscription in self._subscriptions:
+            self.lcm.unsubscribe(subscription)
+        self._subscriptions.clear()
 
     def publish(self, channel: str, message: Any) -> None:
         """Send a message of the class in TYPES."""

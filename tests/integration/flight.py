@@ -105,6 +105,7 @@ class Flight:
         """End what still runs and give the network back."""
         if self.process is not None and self.process.poll() is None:
             self.kill()
+        self.bus.close()
         self._lock.close()
 
     def __enter__(self):

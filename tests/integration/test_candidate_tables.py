@@ -100,10 +100,10 @@ def send(f: Flight, image: bytes) -> list:
     events, step = [], 1024
     for at in range(0, len(image), step):
         m = kcm.table_chunk_t()
-        m.t_us, m.kind, m.total_bytes, m.offset = f.now_us, SPACE, len(image), at
+        m.t_us, m.source, m.kind, m.total_bytes, m.offset = f.now_us, 2, SPACE, len(image), at
         part = image[at : at + step]
         m.n, m.data = len(part), part + bytes(step - len(part))
-        f.bus.publish("KC_TABLE_UP", m)
+        f.bus.publish("KC_TABLE_UP", f.signer.chunk(m))
         events += [m for ch, m in f.step() if ch == "KC_EVENT"]
     return events
 
