@@ -41,8 +41,8 @@ class Bus:
         self._subscriptions.append(subscription)
 
     def close(self) -> None:
-        """Listen no more. The LCM object holds its handlers, and they often hold it: Python cannot free such a
-        circle, and its sockets would stay open."""
+        """Listen no more. The LCM object holds its handlers, and they often hold it: Python cannot free such
+        a circle, and its sockets would stay open."""
         for subscription in self._subscriptions:
             self.lcm.unsubscribe(subscription)
         self._subscriptions.clear()
