@@ -57,21 +57,21 @@ def rows(text: str) -> dict[str, str]:
     return {found[1]: line for line in table.splitlines() if (found := re.match(r"\| `make ([\w-]+)", line))}
 
 
-def run(check: Check) -> tuple[bool, str]:
-    """Whether it passed, and its row."""
+def run(check: Check, measured: str) -> tuple[bool, str]:
+    """Whether it passed, and its row. measured: the commit."""
     log, begun_s = LOGS / f"{check.name}.txt", time.monotonic()
     command = ["make", "--no-print-directory", check.name, *check.arguments]
     with log.open("w") as out:
         passed = subprocess.run(command, cwd=ROOT, stdout=out, stderr=subprocess.STDOUT).returncode == 0
     lines = (line.strip() for line in log.read_text(errors="replace").splitlines())
-    figures = [re.sub(r"\s+", " ", line) for line in lines if re.fullmatch(check.figures, line)]
+    figures = [re.sub(r"\s+", " ", line).rstrip(":") for line in lines if re.fullmatch(check.figures, line)]
     found = "; ".join(figures) or ("nothing" if passed else "")
     cells = (
         f"`{' '.join(['make', check.name, *check.arguments])}`",
         check.question,
         found if passed else f"**FAILED** {found}",
         f"{(time.monotonic() - begun_s) / 60:.0f}",
-        commit(),
+        measured,
     )
     return passed, f"| {' | '.join(cells)} |"
 
@@ -95,11 +95,11 @@ def write(found: dict[str, str]) -> None:
 def main(names: Iterable[str]) -> int:
     """Run the checks; exit status as above."""
     LOGS.mkdir(parents=True, exist_ok=True)
-    failed = 0
+    failed, measured = 0, commit()
     for check in CHECKS:
         if names and check.name not in names:
             continue
-        passed, row = run(check)
+        passed, row = run(check, measured)
         failed += not passed
         write({check.name: row})
         print(row, flush=True)
