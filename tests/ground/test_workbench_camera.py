@@ -15,7 +15,7 @@ from kincal.errors import BadInput
 from kincal.rotations import Pose
 from kincal.schema.arm import ArmTable
 from kincal.schema.names import FAULTS
-from kincal.workbench import explain, sight
+from kincal.workbench import explain, pnp, sight
 from kincal.workbench.adequacy import find_outliers
 from kincal.workbench.diagnosis.study import Study
 from kincal.workbench.fit import fit_model
@@ -273,3 +273,12 @@ def test_fr3_with_permuted_residuals_blames_no_camera(library, seed):
     mixed = replace(data, p_m=model.p_m + r[:, :3], quat_wxyz=turned.as_quat(scalar_first=True))
     probability = Study.of(wb.compare(arm, mixed), library, (), True).posterior(()).probability
     assert max(probability[name] for name in ("lens_radial", "focal_length", "target_bow")) < 0.3
+
+
+@pytest.mark.parametrize(("n_points", "bends"), [(4, False), (9, True)])
+def test_four_corners_cannot_bend_a_board_can(n_points, bends):
+    """Corners of a tag are all as far from its middle: a bow lifts them alike, as a mount does."""
+    grid = np.array([[x, y, 0.0] for x in (-0.03, 0.0, 0.03) for y in (-0.03, 0.0, 0.03)])
+    points_m = grid if n_points == 9 else grid[[0, 2, 8, 6]]
+    assert (np.ptp(pnp._bow(points_m, "bow_x")[:, 2]) > 0.9) == bends
+    assert np.any(pnp._bow(points_m, "bow_y")) == bends

@@ -168,9 +168,14 @@ _OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array | float, Array | floa
 }
 
 
+_CORNERS = 4
+
+
 def _bow(points_m: Array, fault: str) -> Array:
     """(m, 3) how far points leave the target's plane when it is bent along its x or y by 1 m from the middle
-    to the farthest point."""
+    to the farthest point. Of four corners nothing: lifted alike, they are a tag that is mounted elsewhere."""
+    if len(points_m) <= _CORNERS:
+        return np.zeros(points_m.shape)
     centred = points_m - points_m.mean(axis=0)
     normal = np.linalg.svd(centred)[2][2]
     axis = np.eye(3)[0 if fault == "bow_x" else 1]
