@@ -31,7 +31,8 @@ kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_statu
 bool kc_verdict_acceptable(const kc_config_t *config, const kc_verdict_case_t *proposed)
 {
     const kc_config_t *c = config;
-    return c->accept_on_board && proposed->determined && !proposed->bounds_active && !proposed->all_rejected &&
-           proposed->p_fit >= c->accept_p_fit_min && proposed->sigma_pos_m <= c->accept_sigma_max_pos_m &&
+    return c->accept_on_board && proposed->determined && !proposed->bounds_active &&
+           !proposed->all_rejected && proposed->p_fit >= c->accept_p_fit_min &&
+           proposed->sigma_pos_m <= c->accept_sigma_max_pos_m &&
            proposed->change_pos_m <= c->accept_change_max_pos_m;
 }
