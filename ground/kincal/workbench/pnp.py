@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from kincal.rotations import Pose, matrix_of_wxyz
 from kincal.schema.arm import ArmTable
@@ -20,7 +19,7 @@ from kincal.schema.names import FAULTS
 
 from .data import Measurements
 from .sight import Sight, camera_poses, sees_points, sights
-from .types import Array, Mask, array
+from .types import Array, Indices, Mask, array
 
 _EDGE = 0.02  # of half the image: over that, points at the border lose their weight gradually
 _LEAST_SEEN = 4.0  # points; where fewer are in the image, all those in front of the camera count
@@ -181,7 +180,7 @@ def _moved_points(points_m: Array, fault: str) -> Array:
     mounted elsewhere."""
     centred = points_m - points_m.mean(axis=0)
     if fault == "target_size":
-        return centred
+        return array(centred)
     if len(points_m) <= _CORNERS:
         return np.zeros(points_m.shape)
     normal = np.linalg.svd(centred)[2][2]
@@ -210,7 +209,7 @@ def _edges_outward(u: Array, v: Array, sight: Sight) -> Array:
     return array(moved * sight.focal.mean() / sight.focal)
 
 
-def _in_order(points_m: Array) -> npt.NDArray[np.intp]:
+def _in_order(points_m: Array) -> Indices:
     """(m,) points of a plane in the order in which one walks around them."""
     centred = points_m - points_m.mean(axis=0)
     x, y = np.linalg.svd(centred)[2][:2] @ centred.T
