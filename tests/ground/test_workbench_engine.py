@@ -47,7 +47,9 @@ def measure(tmp_path, n, seed, true_q=None, **more):
 
 def score(projector, g, z):
     """Score of one block of columns."""
-    return evidence.scores(g.T[None], projector.grams(g.T[None]), projector.apply(z))[0]
+    (moments,) = evidence.block_moments([g], np.column_stack([projector.basis, projector.apply(z)]))
+    own, cross = moments.own[None], moments.cross[None]
+    return evidence.scores(own, projector.gram(own, cross[:, :, :-1]), cross[:, :, -1])[0]
 
 
 def test_bayes_factor_equals_the_ratio_of_multivariate_normal_densities():

@@ -9,7 +9,7 @@ the tool ...) an error that is a smooth unknown function of its driver (a joint 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,6 +22,7 @@ from kincal.schema.terms import Basis
 
 from .columns import Columns
 from .data import Measurements
+from .evidence import Moments
 from .places import TYPICAL_SIZE, ErrorPlace, joint_places, other_places
 from .products import ScoredProduct
 from .types import Array, array
@@ -72,7 +73,8 @@ class Cell:
 
     @property
     def columns(self) -> Array:
-        """(N c, m k) whitened; made when asked for, since all cells of all fits fill gigabytes."""
+        """(N c, m k) whitened; made when asked for, since all cells of all fits fill gigabytes. Scores do
+        without them: `cell_moments`."""
         n, m, c = self.rows.shape
         k = self.features.shape[1]
         columns = self.rows.transpose(1, 0, 2)[:, None] * self.features.T[None, :, :, None]
@@ -102,6 +104,30 @@ def cells(columns: Columns, *, double: bool = True) -> list[Cell]:
 
 def _cell(location: Location, driver: Driver) -> Cell:
     return Cell(location.name, tuple(driver.name.split(" x ")), location.rows, driver.features)
+
+
+def cell_moments(made: Sequence[Cell], columns: Array) -> list[Moments]:
+    """Moments of cells with columns (rows, d), without making theirs: all functions at a location see the
+    columns through its rows."""
+    together: dict[tuple[int, int], list[int]] = {}
+    for k, cell in enumerate(made):
+        together.setdefault((id(cell.rows), cell.features.shape[1]), []).append(k)
+    out: dict[int, Moments] = {}
+    for places in together.values():
+        some = _moments_at(made[places[0]].rows, np.stack([made[k].features.T for k in places]), columns)
+        out |= dict(zip(places, some, strict=True))
+    return [out[k] for k in range(len(made))]
+
+
+def _moments_at(rows: Array, features: Array, columns: Array) -> Iterator[Moments]:
+    """Of cells at one location, rows (N, m, c), with features (D, k, N)."""
+    (n, m, c), (count, k, _) = rows.shape, features.shape
+    seen = (rows @ columns.reshape(n, c, -1)).reshape(n, -1)
+    cross = (features.reshape(-1, n) @ seen).reshape(count, k, m, -1).transpose(0, 2, 1, 3)
+    pairs = (rows @ rows.transpose(0, 2, 1)).reshape(n, m * m).T
+    own = (features[:, None] * pairs[:, None, :]) @ features.transpose(0, 2, 1)[:, None]
+    own = own.reshape(count, m, m, k, k).transpose(0, 1, 3, 2, 4)
+    return map(Moments, own.reshape(count, m * k, m * k), cross.reshape(count, m * k, -1))
 
 
 # ----------------------------------------------------------------------------------------- locations
