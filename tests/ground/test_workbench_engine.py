@@ -87,12 +87,15 @@ def test_bayes_factor_of_many_effects_is_that_of_each(parameters):
     assert evidence.ln_bayes_factor(u[1], v[1], noise) == pytest.approx(plain[1], rel=1e-10)
 
 
-def test_blocks_are_projected_as_columns_are():
+def test_moments_of_blocks_are_those_of_projected_columns():
     rng = np.random.default_rng(3)
     projector = evidence.Projector.of(rng.standard_normal((60, 9)))
-    blocks = rng.standard_normal((4, 5, 60))
-    for block, left in zip(blocks, projector.without(blocks), strict=True):
-        assert left == pytest.approx(projector.apply(block.T).T, abs=1e-12)
+    blocks = [rng.standard_normal((60, width)) for width in (5, 1, 5)]
+    for block, m in zip(blocks, evidence.block_moments(blocks, projector.basis), strict=True):
+        left = projector.apply(block)
+        once, twice = (w.gram(m.own[None], m.cross[None])[0] for w in (projector, projector.squared))
+        assert once == pytest.approx(block.T @ left, abs=1e-12)
+        assert twice == pytest.approx(left.T @ left, abs=1e-12)
 
 
 def test_blocks_together_have_one_width_and_none_is_lost():

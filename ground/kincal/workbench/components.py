@@ -1,9 +1,9 @@
 """A Gaussian process that is the sum of many, each with a variance of its own.
 
-Residuals of N poses with c components are nuisance + components + noise. A component is an error at a place of
-the chain that is an unknown function of something: its covariance is the geometry of the place times the
-function's kernel, of low rank (features, such as those of a cell of the map) or dense (smooth in many variables
-at once). The variances are those of greatest likelihood (METHOD.md 18).
+Residuals of N poses with c components are nuisance + components + noise. A component is an error at a place
+of the chain that is an unknown function of something: its covariance is the geometry of the place times the
+function's kernel, of low rank (features, such as those of a cell of the map) or dense (smooth in many
+variables at once). The variances are those of greatest likelihood (METHOD.md 18).
 
 Covariances are never made of columns: all that one place needs of the inverse is one number for each pair of
 poses, which serves all its kernels. Rows of some poses are ordered component by component.

@@ -135,7 +135,8 @@ def _that_matters(noise: NoiseScale, chi2: Array, v: Array, lam: float, share: f
     s2 = noise.s[most.argmax(axis=-1)][..., None] ** 2
     grown = 1.0 + lam**2 * v / s2
     less = 0.5 * (chi2 / s2 / grown + np.log(grown)).sum(axis=0) - np.log(share)
-    matters = (most > most.max(axis=-1, keepdims=True) - less - _LN_ROUNDING).reshape(-1, len(noise.s)).any(axis=0)
+    enough = most > most.max(axis=-1, keepdims=True) - less - _LN_ROUNDING
+    matters = enough.reshape(-1, len(noise.s)).any(axis=0)
     return NoiseScale(noise.s[matters], noise.ln_weight[matters])
 
 

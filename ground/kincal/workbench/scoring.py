@@ -201,9 +201,7 @@ class Scorer:
         ]
         return self._as_cells(made, self.scores([cell.columns for cell in made])), found
 
-    def _as_cells(
-        self, made: Sequence[Cell], found: Sequence[tuple[Score, float]]
-    ) -> list[Scored[Cell]]:
+    def _as_cells(self, made: Sequence[Cell], found: Sequence[tuple[Score, float]]) -> list[Scored[Cell]]:
         return [
             Scored(cell.name, ln_bf, score, cell, partial(getattr, cell, "columns"), self.projector, self.wz)
             for cell, (score, ln_bf) in zip(made, found, strict=True)
