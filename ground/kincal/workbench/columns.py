@@ -78,21 +78,15 @@ class Columns:
         """(p, N c) sums of the terms of each parameter, scaled by its prior sigma. An effect at one joint and
         the same at all of them share their terms: those are computed once."""
         different = {id(p.terms): p.terms for p in parameters}
-        place = {key: k for k, key in enumerate(different)}
-        rows: Array = self._sums(list(different.values()))[[place[id(p.terms)] for p in parameters]]
-        rows *= np.array([p.sigma for p in parameters])[:, None]
-        return rows
-
-    def _sums(self, groups: Sequence[Sequence[Term]]) -> Array:
-        """(g, N c) sums of the terms of each group."""
-        counts = np.array([len(group) for group in groups])
+        counts = np.array([len(terms) for terms in different.values()])
         first = np.cumsum(counts) - counts
-        terms = self._of([term for group in groups for term in group])
-        out = np.zeros((len(groups), self.n * self.c))
-        out[counts == 1] = terms[first[counts == 1]]
+        terms = self._of([term for group in different.values() for term in group])
         for k in np.flatnonzero(counts > 1):
-            out[k] = terms[first[k] : first[k] + counts[k]].sum(axis=0)
-        return out
+            terms[first[k]] = terms[first[k] : first[k] + counts[k]].sum(axis=0)
+        place = dict(zip(different, np.minimum(first, len(terms) - 1), strict=True))
+        rows: Array = terms[[place[id(p.terms)] for p in parameters]]
+        rows *= np.array([p.sigma if p.terms else 0.0 for p in parameters])[:, None]
+        return rows
 
     def _of(self, terms: Sequence[Term]) -> Array:
         """(t, N c) rows of correction terms with coefficient 1."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import lapack
 
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS
 from kincal.rotations import matrix_of_wxyz
@@ -305,15 +305,18 @@ def _linear(x: Array) -> Array:
 
 
 def _features(kernel: Array) -> Array:
-    """(N, k) leading eigenvectors of a centred kernel (N, N) times the roots of their eigenvalues."""
-    n = len(kernel)
-    centred = kernel - kernel.mean(axis=0) - kernel.mean(axis=1)[:, None] + kernel.mean()
-    values, vectors = eigh(centred, subset_by_index=(max(n - _SINGLE, 0), n - 1))
-    values = np.maximum(values[::-1], 0.0)
-    good = values > _LEAST_EIGENVALUE * max(values.max(initial=0.0), 1e-12)
+    """(N, k) leading eigenvectors of a centred kernel (N, N) times the roots of their eigenvalues.
+
+    Smooth kernels have a rank of some twenty to rounding, which a pivoted Cholesky factor shows: the vectors
+    are those of that factor."""
+    factor, pivots, rank, _ = lapack.dpstrf(kernel, lower=1)
+    lower = np.zeros((len(kernel), rank))
+    lower[pivots - 1] = np.tril(factor[:, :rank])
+    vectors, roots, _ = np.linalg.svd(lower - lower.mean(axis=0), full_matrices=False)
+    good = roots[:_SINGLE] ** 2 > _LEAST_EIGENVALUE * max(roots.max(initial=0.0) ** 2, 1e-12)
     if not good.any():
-        return np.zeros((n, 0))
-    return _unit_variance(vectors[:, ::-1][:, good] * np.sqrt(values[good]))
+        return np.zeros((len(kernel), 0))
+    return _unit_variance((vectors * roots)[:, :_SINGLE][:, good])
 
 
 def _unit_variance(features: Array) -> Array:
