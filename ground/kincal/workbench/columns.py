@@ -84,8 +84,13 @@ class Columns:
         terms = self._of([term for p in parameters for term in p.terms])
         for k in np.flatnonzero(counts > 1):
             terms[first[k]] = terms[first[k] : first[k] + counts[k]].sum(axis=0)
-        rows = _taken(terms, np.minimum(first, len(terms) - 1).tolist())
-        rows *= np.array([p.sigma if p.terms else 0.0 for p in parameters])[:, None]
+        there = counts > 0
+        if there.all():
+            rows = _taken(terms, first.tolist())
+        else:
+            rows = np.zeros((len(parameters), self.n * self.c))
+            rows[there] = terms[first[there]]
+        rows *= np.array([p.sigma for p in parameters])[:, None]
         return rows
 
     def _of(self, terms: Sequence[Term]) -> Array:
@@ -108,7 +113,7 @@ class Columns:
 
 def _taken(rows: Array, places: Sequence[int]) -> Array:
     """Some of the rows; a view where they follow one another."""
-    if list(places) == list(range(places[0], places[0] + len(places))):
+    if places and list(places) == list(range(places[0], places[0] + len(places))):
         return rows[places[0] : places[0] + len(places)]
     taken: Array = rows[places]
     return taken
