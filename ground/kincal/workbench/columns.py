@@ -68,8 +68,8 @@ class Columns:
         return self.hypotheses([hypothesis])[0]
 
     def hypotheses(self, hypotheses: Sequence[Hypothesis]) -> list[Array]:
-        """(N c, m) columns of each effect, all at once; not to be written to. Effects at one joint and the same
-        at all of them share their terms: those are computed once."""
+        """(N c, m) columns of each effect, all at once; not to be written to. Effects at one joint and the
+        same at all of them share their terms: those are computed once."""
         if not hypotheses:
             return []
         keys = [[(id(p.terms), p.sigma) for p in h.parameters] for h in hypotheses]

@@ -35,6 +35,7 @@ _NULL_DRAWS = 400
 _GRANTED_WIDTH = 30.0  # prior sigmas
 _SAME = 1.0 - 1e-6  # cosine of two columns that are the same function
 _REWEIGHTINGS = 6
+_CANCELS = 1e-4  # of an effect's squares: of what is left below it, differences show rounding alone
 
 What = TypeVar("What", Hypothesis, Cell, covariant=True)
 
@@ -256,14 +257,18 @@ def _squares(
     scorer: Scorer, scored: Sequence[Scored[Hypothesis] | Scored[Cell]]
 ) -> dict[int, tuple[list[str], Array]]:
     """By rank: names and (tests, draws + 1) chi^2 of the null draws and, last, of the data."""
-    twice = scorer.projector.squared
-    both = scorer.projector.apply(np.hstack([scorer.null, scorer.wz[:, None] / scorer.scale]))
-    moments = _moments(scored, np.hstack([twice.basis, both]))
+    twice, z = scorer.projector.squared, np.hstack([scorer.null, scorer.wz[:, None] / scorer.scale])
+    moments = _moments(scored, np.hstack([twice.basis, scorer.projector.apply(z)]))
     found: dict[int, tuple[list[str], list[Array]]] = {}
     for some in together([len(one.own) for one in moments]):
         own, cross = (np.stack([getattr(moments[k], name) for k in some]) for name in ("own", "cross"))
         seen, u = np.split(cross, [twice.basis.shape[1]], axis=2)
-        for k, rank, row in zip(some, *_tested(twice.gram(own, seen), u), strict=True):
+        gram = twice.gram(own, seen)
+        whole, left = (np.trace(x, axis1=1, axis2=2) for x in (own, gram))
+        for k in np.flatnonzero(left < _CANCELS * whole):
+            columns = scored[some[k]].columns
+            gram[k], u[k] = columns.T @ columns, columns.T @ z
+        for k, rank, row in zip(some, *_tested(gram, u), strict=True):
             names, rows = found.setdefault(int(rank), ([], []))
             names.append(scored[k].name)
             rows.append(row)
