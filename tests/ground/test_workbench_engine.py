@@ -3,6 +3,7 @@
 import os
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -506,3 +507,24 @@ def test_data_of_another_session_are_predicted_without_the_drift_of_the_fitted_o
     assert np.abs(fit.predict(drifted)[:, :3]).max() < np.abs(fit.predict(other)[:, :3]).max()
     assert "predicted without" in explain.of_session(fit)[0]
     assert explain.of_session(plain) == []
+
+
+def test_absorbed_effects_have_p_values_by_their_own_columns(arm, tmp_path):
+    """Effects that granted columns imitate: all that is left of their squares is rounding."""
+    fit = fit_model(arm, measure(tmp_path, 60, 7))
+    rng = np.random.default_rng(5)
+    granted = 1e3 * rng.standard_normal((len(fit.z), 4))
+    scorer = scoring.Scorer(fit, np.ones(60), True, granted=granted)
+    blocks = [1e-3 * granted @ rng.standard_normal((4, 2)) for _ in range(30)]
+    score, known = evidence.Score(np.ones(2), np.ones(2), 1.0), (scorer.projector, scorer.wz)
+    scored = [
+        scoring.Scored(f"e{k}", 0.0, score, None, partial(np.copy, block), *known)
+        for k, block in enumerate(blocks)
+    ]
+    least, own = np.ones(scorer.null.shape[1]), []
+    for block in blocks:
+        q, _ = np.linalg.qr(scorer.projector.apply(block))
+        least = np.minimum(least, stats.chi2.sf(((q.T @ scorer.null) ** 2).sum(axis=0), 2))
+        own.append(stats.chi2.sf(((q.T @ scorer.wz) ** 2).sum() / scorer.scale**2, 2))
+    want = [(np.sum(least <= p) + 1) / (len(least) + 1) for p in own]
+    assert list(scoring.family_p(scorer, scored).values()) == pytest.approx(want, abs=0.01)
