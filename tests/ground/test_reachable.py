@@ -23,8 +23,8 @@ def scalar(x, y, columns, length):
     """A process of one component a pose: one low-rank component, one dense one; no nuisance."""
     kernel = np.exp(-0.5 * (x[:, None] - x[None]) ** 2 / length**2)
     n, p = columns.shape
-    place = Place(np.ones((n, 1)), kernel[None])
-    return Components(1, y, np.zeros((n, 0)), columns, np.zeros(p, int), (place,), ("low", "dense"))
+    place = Place(np.ones((n, 1)), columns, np.zeros(p, int), kernel[None])
+    return Components(1, y, np.zeros((n, 0)), (place,), ("low", "dense"))
 
 
 @pytest.fixture
@@ -67,17 +67,15 @@ def test_variances_are_those_of_greatest_likelihood(drawn):
 
 def test_vector_components_share_one_function(drawn):
     """Two components a pose that see one error with different gains: the covariance is rows rows' times the
-    kernel, written out."""
+    kernels, written out component by component."""
     x, _, columns = drawn
     gains = np.random.default_rng(1).normal(size=(150, 2))
     kernel = np.exp(-0.5 * (x[:, None] - x[None]) ** 2)
-    place = Place(gains.reshape(-1, 1), kernel[None])
-    nothing = np.zeros((300, 0)), np.repeat(columns, 2, axis=0), np.zeros(4, int)
-    process = Components(2, np.zeros(300), *nothing, (place,), ("low", "dense"))
-    got = process.cross(np.array([3, 7]), np.array([5]), np.array([0.0, 2.0]))
-    want = [
-        [2.0 * gains[i, a] * gains[5, b] * kernel[i, 5] for b in range(2)] for i in (3, 7) for a in range(2)
-    ]
+    place = Place(gains.reshape(-1, 1), columns, np.zeros(4, int), kernel[None])
+    process = Components(2, np.zeros(300), np.zeros((300, 0)), (place,), ("low", "dense"))
+    got = process.between(np.array([3, 7]), np.array([5])).covariance(np.array([0.5, 2.0]))
+    sums = 0.5 * columns @ columns.T + 2.0 * kernel
+    want = [[gains[i, a] * gains[5, b] * sums[i, 5] for b in range(2)] for a in range(2) for i in (3, 7)]
     assert got == pytest.approx(np.array(want))
 
 

@@ -3,6 +3,7 @@
 import os
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,9 @@ def measure(tmp_path, n, seed, true_q=None, **more):
 
 def score(projector, g, z):
     """Score of one block of columns."""
-    return evidence.scores(g.T[None], projector.grams(g.T[None]), projector.apply(z))[0]
+    (moments,) = evidence.block_moments([g], np.column_stack([projector.basis, projector.apply(z)]))
+    own, cross = moments.own[None], moments.cross[None]
+    return evidence.scores(own, projector.gram(own, cross[:, :, :-1]), cross[:, :, -1])[0]
 
 
 def test_bayes_factor_equals_the_ratio_of_multivariate_normal_densities():
@@ -85,12 +88,15 @@ def test_bayes_factor_of_many_effects_is_that_of_each(parameters):
     assert evidence.ln_bayes_factor(u[1], v[1], noise) == pytest.approx(plain[1], rel=1e-10)
 
 
-def test_blocks_are_projected_as_columns_are():
+def test_moments_of_blocks_are_those_of_projected_columns():
     rng = np.random.default_rng(3)
     projector = evidence.Projector.of(rng.standard_normal((60, 9)))
-    blocks = rng.standard_normal((4, 5, 60))
-    for block, left in zip(blocks, projector.without(blocks), strict=True):
-        assert left == pytest.approx(projector.apply(block.T).T, abs=1e-12)
+    blocks = [rng.standard_normal((60, width)) for width in (5, 1, 5)]
+    for block, m in zip(blocks, evidence.block_moments(blocks, projector.basis), strict=True):
+        left = projector.apply(block)
+        once, twice = (w.gram(m.own[None], m.cross[None])[0] for w in (projector, projector.squared))
+        assert once == pytest.approx(block.T @ left, abs=1e-12)
+        assert twice == pytest.approx(left.T @ left, abs=1e-12)
 
 
 def test_blocks_together_have_one_width_and_none_is_lost():
@@ -501,3 +507,24 @@ def test_data_of_another_session_are_predicted_without_the_drift_of_the_fitted_o
     assert np.abs(fit.predict(drifted)[:, :3]).max() < np.abs(fit.predict(other)[:, :3]).max()
     assert "predicted without" in explain.of_session(fit)[0]
     assert explain.of_session(plain) == []
+
+
+def test_absorbed_effects_have_p_values_by_their_own_columns(arm, tmp_path):
+    """Effects that granted columns imitate: all that is left of their squares is rounding."""
+    fit = fit_model(arm, measure(tmp_path, 60, 7))
+    rng = np.random.default_rng(5)
+    granted = 1e3 * rng.standard_normal((len(fit.z), 4))
+    scorer = scoring.Scorer(fit, np.ones(60), True, granted=granted)
+    blocks = [1e-3 * granted @ rng.standard_normal((4, 2)) for _ in range(30)]
+    score, known = evidence.Score(np.ones(2), np.ones(2), 1.0), (scorer.projector, scorer.wz)
+    scored = [
+        scoring.Scored(f"e{k}", 0.0, score, None, partial(np.copy, block), *known)
+        for k, block in enumerate(blocks)
+    ]
+    least, own = np.ones(scorer.null.shape[1]), []
+    for block in blocks:
+        q, _ = np.linalg.qr(scorer.projector.apply(block))
+        least = np.minimum(least, stats.chi2.sf(((q.T @ scorer.null) ** 2).sum(axis=0), 2))
+        own.append(stats.chi2.sf(((q.T @ scorer.wz) ** 2).sum() / scorer.scale**2, 2))
+    want = [(np.sum(least <= p) + 1) / (len(least) + 1) for p in own]
+    assert list(scoring.family_p(scorer, scored).values()) == pytest.approx(want, abs=0.01)

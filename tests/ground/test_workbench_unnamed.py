@@ -19,6 +19,7 @@ from kincal.workbench.fit import fit_model, rms
 from kincal.workbench.model import observations
 from kincal.workbench.products import product_dictionary, score_products, spots
 from kincal.workbench.scoring import Scorer, bulk_weights
+from kincal.workbench.unnamed import cell_moments, cells
 from kincal.workbench.uplink import term_image
 
 DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
@@ -105,6 +106,18 @@ def test_forward_selection_follows_the_ratio_of_multivariate_normal_densities():
         wanted.append(best)
     assert {2, 7} <= set(wanted)
     assert list(smooth.forward(Rows(j, z), g, 9)) == wanted
+
+
+def test_moments_of_cells_are_those_of_their_columns(arm, measured):
+    """Locations of one component and of several, one driver and two."""
+    columns = scorer_of(fit_model(arm, measured)).columns
+    others = np.random.default_rng(2).normal(size=(measured.n * columns.c, 3))
+    made = cells(columns)
+    assert {(cell.rows.shape[1], len(cell.drivers)) for cell in made} >= {(1, 1), (1, 2), (2, 1), (3, 1)}
+    for cell, moments in zip(made, cell_moments(made, others), strict=True):
+        size = np.linalg.norm(cell.columns)
+        assert moments.own == pytest.approx(cell.columns.T @ cell.columns, abs=1e-12 * size**2)
+        assert moments.cross == pytest.approx(cell.columns.T @ others, abs=1e-12 * size)
 
 
 def test_products_are_scored_like_any_other_column(arm, measured):

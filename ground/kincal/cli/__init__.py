@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, MutableMapping
+from importlib import import_module
 
 import click
 
@@ -12,11 +14,38 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 from kincal import __version__  # noqa: E402
-from kincal.cli import arm, key, log, model, review, run, schema, space, table  # noqa: E402
 from kincal.cli.errors import Commands  # noqa: E402
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+class _Groups(MutableMapping[str, click.Command]):
+    """The groups by name, each loaded when it is asked for: no command waits for what another one needs."""
+
+    def __init__(self, *names: str) -> None:
+        self._found: dict[str, click.Command | None] = dict.fromkeys(names)
+
+    def __getitem__(self, name: str) -> click.Command:
+        found = self._found[name] or getattr(import_module(f"kincal.cli.{name}"), name)
+        self._found[name] = found
+        return found
+
+    def __setitem__(self, name: str, command: click.Command) -> None:
+        self._found[name] = command
+
+    def __delitem__(self, name: str) -> None:
+        del self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+
+@click.group(
+    cls=Commands,
+    commands=_Groups("arm", "key", "log", "model", "review", "run", "schema", "space", "table"),
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(__version__)
 def main() -> None:
     """Ground side of KinCal: make tables and search spaces, run calibrations, read logs, review
@@ -30,17 +59,3 @@ def main() -> None:
     Example:
         kincal run paper --fast
     """
-
-
-for _group in (
-    arm.arm,
-    key.key,
-    log.log,
-    model.model,
-    review.review,
-    run.run,
-    schema.schema,
-    space.space,
-    table.table,
-):
-    main.add_command(_group)

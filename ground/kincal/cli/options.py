@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options that several commands share; those of commands that talk to flight are in wire.py."""
 
 from __future__ import annotations
 
@@ -8,30 +8,13 @@ from typing import Any, TypeVar
 
 import click
 
-from kincal import installation, keys, link
+from kincal import installation
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 EXISTS = click.Path(path_type=Path, exists=True)
-
-URL = click.option(
-    "--url",
-    default=link.DEFAULT_URL,
-    show_default=True,
-    envvar="KINCAL_URL",
-    help="LCM URL of the flight process.",
-)
-KEYS = click.option(
-    "--keys",
-    "key_file",
-    type=PATH,
-    default=keys.DEFAULT,
-    show_default=True,
-    envvar=keys.VARIABLE,
-    help="Key file; its first key signs what is sent.",
-)
 
 
 def tables_option(what: str) -> Callable[[Command], Command]:
@@ -53,14 +36,6 @@ DESCRIPTION = click.option(
     default=lambda: installation.file("tables/src/space.toml"),
     show_default="tables/src/space.toml, else as shipped",
     help="What the table was built from.",
-)
-TIMEOUT = click.option(
-    "--timeout",
-    "timeout_s",
-    type=float,
-    default=10.0,
-    show_default=True,
-    help="Seconds to wait for each answer.",
 )
 PROCESSES = click.option(
     "--processes",

@@ -9,11 +9,12 @@ from typing import Any, TypedDict, TypeVar, Unpack
 import click
 
 from kincal import link
-from kincal.cli.options import FILE, KEYS, TABLES, TIMEOUT, URL
+from kincal.cli.options import FILE, TABLES
 from kincal.cli.outputs import FILE_OUT, PICTURE
 from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console
 from kincal.cli.text import review as text
+from kincal.cli.wire import KEYS, TIMEOUT, URL
 from kincal.keys import file_of, signer_of
 
 JOURNAL = click.option(

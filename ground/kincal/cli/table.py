@@ -10,10 +10,11 @@ import click
 
 from kincal import link
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
-from kincal.cli.options import EXISTS, KEYS, PATH, TIMEOUT, URL
+from kincal.cli.options import EXISTS, PATH
 from kincal.cli.outputs import FILE_OUT
 from kincal.cli.terminal import console
 from kincal.cli.text import table as text
+from kincal.cli.wire import KEYS, TIMEOUT, URL
 from kincal.errors import KincalError
 from kincal.keys import file_of, signer_of
 

@@ -12,11 +12,10 @@ from pydantic.fields import FieldInfo
 
 
 class Strict(pydantic.BaseModel):
-    """A table of a file: only the keys below, frozen; the text under a key is its documentation."""
+    """A table of a file: only the keys below, frozen; the text under a key is its documentation (read by
+    files.py when it is wanted: reading all sources takes longer than everything else at the start)."""
 
-    model_config = pydantic.ConfigDict(
-        extra="forbid", frozen=True, use_attribute_docstrings=True, allow_inf_nan=False
-    )
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     # Names that people write for a key, where no rule finds it.
     SYNONYMS: ClassVar[dict[str, str]] = {}
 

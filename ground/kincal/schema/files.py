@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
+import textwrap
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core.core_schema import ModelSchema
+
 from .arm import ArmFile
-from .base import Strict
+from .base import Strict, model_of
 from .datamap import DataMap
 from .effects import EffectsFile
 from .model import ModelEntry
@@ -33,10 +40,48 @@ FILES: dict[str, type[Strict]] = {
 }
 
 
+class _Documented(GenerateJsonSchema):
+    """JSON Schema with the text under each key as its description."""
+
+    def model_schema(self, schema: ModelSchema) -> JsonSchemaValue:
+        """Schema of one table."""
+        found, table = super().model_schema(schema), schema["cls"]
+        texts = _texts_under_keys(table)
+        for name, field in table.model_fields.items():
+            kind = model_of(field.annotation)
+            if name in texts and (kind is None or texts[name] != kind.__doc__):  # the table says so itself
+                found["properties"][field.alias or name]["description"] = texts[name]
+        return found
+
+
+def _texts_under_keys(table: type) -> dict[str, str]:
+    """By attribute: the string that stands under it in the source of its class."""
+    found: dict[str, str] = {}
+    for cls in reversed(table.__mro__):
+        if issubclass(cls, Strict):
+            found |= _texts_in(cls)
+    return found
+
+
+def _texts_in(cls: type) -> dict[str, str]:
+    (node,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
+    assert isinstance(node, ast.ClassDef)
+    return {
+        key.target.id: inspect.cleandoc(text.value.value)
+        for key, text in pairwise(node.body)
+        if isinstance(key, ast.AnnAssign)
+        and isinstance(key.target, ast.Name)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
+    }
+
+
 def json_schema(name: str) -> str:
     """JSON Schema of one kind of file, as text. KeyError if there is none of that name."""
     model = FILES[name]
-    schema = {"$schema": DIALECT, "$id": f"{name}{SUFFIX}", **_without_null(model.model_json_schema())}
+    made = model.model_json_schema(schema_generator=_Documented)
+    schema = {"$schema": DIALECT, "$id": f"{name}{SUFFIX}", **_without_null(made)}
     return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
 
 

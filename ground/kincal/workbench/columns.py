@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -67,32 +68,30 @@ class Columns:
         return self.hypotheses([hypothesis])[0]
 
     def hypotheses(self, hypotheses: Sequence[Hypothesis]) -> list[Array]:
-        """(N c, m) columns of each effect, all at once."""
+        """(N c, m) columns of each effect, all at once; not to be written to. Effects at one joint and the
+        same at all of them share their terms: those are computed once."""
         if not hypotheses:
             return []
-        rows = self._parameters([p for h in hypotheses for p in h.parameters])
-        ends = np.cumsum([len(h.parameters) for h in hypotheses])
-        return [block.T for block in np.split(rows, ends[:-1])]
+        keys = [[(id(p.terms), p.sigma) for p in h.parameters] for h in hypotheses]
+        each = dict(zip(itertools.chain(*keys), (p for h in hypotheses for p in h.parameters), strict=True))
+        rows, place = self._parameters(list(each.values())), {key: k for k, key in enumerate(each)}
+        return [_taken(rows, [place[key] for key in some]).T for some in keys]
 
     def _parameters(self, parameters: Sequence[Parameter]) -> Array:
-        """(p, N c) sums of the terms of each parameter, scaled by its prior sigma. An effect at one joint and
-        the same at all of them share their terms: those are computed once."""
-        different = {id(p.terms): p.terms for p in parameters}
-        place = {key: k for k, key in enumerate(different)}
-        rows: Array = self._sums(list(different.values()))[[place[id(p.terms)] for p in parameters]]
+        """(p, N c) sums of the terms of each parameter, scaled by its prior sigma."""
+        counts = np.array([len(p.terms) for p in parameters])
+        first = np.cumsum(counts) - counts
+        terms = self._of([term for p in parameters for term in p.terms])
+        for k in np.flatnonzero(counts > 1):
+            terms[first[k]] = terms[first[k] : first[k] + counts[k]].sum(axis=0)
+        there = counts > 0
+        if there.all():
+            rows = _taken(terms, first.tolist())
+        else:
+            rows = np.zeros((len(parameters), self.n * self.c))
+            rows[there] = terms[first[there]]
         rows *= np.array([p.sigma for p in parameters])[:, None]
         return rows
-
-    def _sums(self, groups: Sequence[Sequence[Term]]) -> Array:
-        """(g, N c) sums of the terms of each group."""
-        counts = np.array([len(group) for group in groups])
-        first = np.cumsum(counts) - counts
-        terms = self._of([term for group in groups for term in group])
-        out = np.zeros((len(groups), self.n * self.c))
-        out[counts == 1] = terms[first[counts == 1]]
-        for k in np.flatnonzero(counts > 1):
-            out[k] = terms[first[k] : first[k] + counts[k]].sum(axis=0)
-        return out
 
     def _of(self, terms: Sequence[Term]) -> Array:
         """(t, N c) rows of correction terms with coefficient 1."""
@@ -110,3 +109,11 @@ class Columns:
         """(N, m, c) twist rows of some components at a frame."""
         rows: Array = self.twist[:, frame, list(components), :]
         return rows
+
+
+def _taken(rows: Array, places: Sequence[int]) -> Array:
+    """Some of the rows; a view where they follow one another."""
+    if places and list(places) == list(range(places[0], places[0] + len(places))):
+        return rows[places[0] : places[0] + len(places)]
+    taken: Array = rows[places]
+    return taken

@@ -105,8 +105,8 @@ class Comparison:
 
     @cached_property
     def reachable(self) -> Reachable | None:
-        """What a black box predicts of the held-out error (about a second of work); None where no poses are
-        held out."""
+        """What a black box predicts of the held-out error (half a second of work for 100 poses); None where
+        no poses are held out."""
         return self.black_box()
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,7 @@ LN_SCALE_SIGMA = 0.25
 _SMALLEST = 1e-300
 _FACTORS = 8  # of one product: far below overflow even if each is 1e30
 _TOGETHER = 64  # blocks
+_LN_ROUNDING = 45.0  # e^-45 is 3e-20
 _RANK_TOLERANCE = 1e-9  # of the largest variance: components below say nothing
 
 
@@ -47,18 +49,15 @@ class Projector:
         out: Array = x - self.basis @ (self.shrink[:, None] * ux if ux.ndim == 2 else self.shrink * ux)
         return out
 
-    def grams(self, blocks: Array) -> Array:
-        """(k, m, m) G'WG of blocks G' (k, m, rows), without forming W G."""
-        k, m, rows = blocks.shape
-        seen = (blocks.reshape(k * m, rows) @ self.basis).reshape(k, m, -1)
-        grams: Array = blocks @ blocks.transpose(0, 2, 1) - (seen * self.shrink) @ seen.transpose(0, 2, 1)
+    def gram(self, own: Array, seen: Array) -> Array:
+        """(k, m, m) G'WG of k blocks, from G'G and seen (k, m, basis) G'basis."""
+        grams: Array = own - (seen * self.shrink) @ seen.transpose(0, 2, 1)
         return grams
 
-    def without(self, blocks: Array) -> Array:
-        """(k, m, rows) G'W of blocks G' (k, m, rows)."""
-        rows = blocks.reshape(-1, blocks.shape[2])
-        left: Array = rows - (rows @ self.basis * self.shrink) @ self.basis.T
-        return left.reshape(blocks.shape)
+    @cached_property
+    def squared(self) -> Projector:
+        """W W."""
+        return Projector(self.basis, self.shrink * (2.0 - self.shrink))
 
     @property
     def spent(self) -> float:
@@ -109,13 +108,15 @@ def ln_bayes_factor(
     u: (..., m) and v: (..., m): rotated score E'P^1/2 U and its variances (METHOD.md 13).
     Components with v = 0 add nothing.
     """
-    s2 = noise.s**2
     # components first: sums and products over them are then sums of whole arrays
     u, v = (np.moveaxis(x, -1, 0)[..., None] for x in (u, v))
-    per_s2 = v / s2
-    chi2 = np.where(v > 0, u**2 / np.where(v > 0, v, 1.0), 0.0) / s2
+    shares = weights / np.sum(weights)
+    chi2 = np.where(v > 0, u**2 / np.where(v > 0, v, 1.0), 0.0)
+    noise = _that_matters(noise, chi2, v, float(lambdas[0]), float(shares[0]))
+    s2 = noise.s**2
+    per_s2, chi2 = v / s2, chi2 / s2
     out = np.full(u.shape[1:-1], -np.inf)
-    for lam, share in zip(lambdas, weights / np.sum(weights), strict=True):
+    for lam, share in zip(lambdas, shares, strict=True):
         x = lam**2 * per_s2
         grown = 1.0 + x
         x /= grown
@@ -123,6 +124,20 @@ def ln_bayes_factor(
         ln_bf = 0.5 * (x.sum(axis=0) - _ln_product(grown))
         out = np.logaddexp(out, np.log(share) + np.logaddexp.reduce(ln_bf + noise.ln_weight, axis=-1))
     return out
+
+
+def _that_matters(noise: NoiseScale, chi2: Array, v: Array, lam: float, share: float) -> NoiseScale:
+    """The part of the grid from which the factors of some effects come, all but a rounding error of each.
+
+    Nowhere is an effect of any size worth more than half its chi^2; where that is largest, an effect of one
+    size lam, with its share, is worth this less. chi2, v: (m, ..., 1), of noise 1."""
+    most = noise.ln_weight + 0.5 * chi2.sum(axis=0) / noise.s**2
+    s2 = noise.s[most.argmax(axis=-1)][..., None] ** 2
+    grown = 1.0 + lam**2 * v / s2
+    less = 0.5 * (chi2 / s2 / grown + np.log(grown)).sum(axis=0) - np.log(share)
+    enough = most > most.max(axis=-1, keepdims=True) - less - _LN_ROUNDING
+    matters = enough.reshape(-1, len(noise.s)).any(axis=0)
+    return NoiseScale(noise.s[matters], noise.ln_weight[matters])
 
 
 def _ln_product(x: Array) -> Array:
@@ -160,18 +175,34 @@ class Score:
         return int(self._good.sum())
 
 
-def scores(g: Array, gram: Array, wz: Array) -> list[Score]:
-    """Scores of k blocks of one width: g (k, m, rows) = G' scaled by prior sigma; gram (k, m, m) G'WG;
-    wz (rows,) = W z0."""
-    u = g @ wz
+@dataclass(frozen=True)
+class Moments:
+    """What a score needs of a block of columns G: own (m, m) G'G, and cross (m, d) G'C for some columns C."""
+
+    own: Array
+    cross: Array
+
+
+def block_moments(blocks: Sequence[Array], columns: Array) -> list[Moments]:
+    """Moments of blocks (rows, m) with columns (rows, d)."""
+    out: dict[int, Moments] = {}
+    for some in together([block.shape[1] for block in blocks]):
+        g = np.stack([blocks[k].T for k in some])
+        cross = (g.reshape(-1, g.shape[2]) @ columns).reshape(*g.shape[:2], -1)
+        out |= dict(zip(some, map(Moments, g @ g.transpose(0, 2, 1), cross), strict=True))
+    return [out[k] for k in range(len(blocks))]
+
+
+def scores(own: Array, gram: Array, u: Array) -> list[Score]:
+    """Scores of k blocks of one width: G'G, G'WG (k, m, m) and u = G'W z0 (k, m), G scaled by prior sigma."""
     v, e = np.linalg.eigh(gram)
-    raw = (g**2).sum(axis=(1, 2))
+    raw = np.trace(own, axis1=1, axis2=2)
     left = v.sum(axis=1)
     v = np.maximum(v, 0.0)
     v = np.where(v > 1e-12 * np.maximum(v.max(axis=1, initial=0.0, keepdims=True), _SMALLEST), v, 0.0)
     rotated = (e.transpose(0, 2, 1) @ u[:, :, None])[:, :, 0]
     absorbed = 1.0 - np.where(raw > 0, left / np.where(raw > 0, raw, 1.0), 0.0)
-    return [Score(rotated[k], v[k], float(absorbed[k])) for k in range(len(g))]
+    return [Score(rotated[k], v[k], float(absorbed[k])) for k in range(len(gram))]
 
 
 def flat_p(chi2: float, rank: int) -> float:

@@ -401,8 +401,7 @@ def _leverage(jac: Array, sigma: Array, weight: Array, scale2: float) -> tuple[A
         return np.zeros((n, c, c)), 0.0
     a = (np.sqrt(weight / scale2)[:, None, None] * jac * sigma).reshape(n * c, k)
     inverse = np.linalg.inv(a.T @ a + np.eye(k))
-    blocks = a.reshape(n, c, k)
-    hat = (blocks @ inverse) @ blocks.transpose(0, 2, 1)
+    hat = (a @ inverse).reshape(n, c, k) @ a.reshape(n, c, k).transpose(0, 2, 1)
     return hat, float(np.einsum("nii->", hat))
 
 

@@ -10,7 +10,7 @@ g'Wg = F^2 |L_m|^2 - sum_k s_k (F (L_m . b_k))^2, b_k the directions that the nu
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -142,16 +142,16 @@ def _centred(name: str, index: int, x: Array) -> Factor:
     return Factor(driver, Basis("lin", name, index, middle), x - middle)
 
 
-def _dictionary(pairs: Iterator[tuple[Factor, Factor]]) -> Dictionary:
-    bases, drivers, rows = [], [], []
-    for a, b in pairs:
-        value = a.values * b.values
-        spread = value.std()
-        if spread > 1e-9:
-            bases.append((a.basis, b.basis))
-            drivers.append((a.driver, b.driver))
-            rows.append(value / spread)
-    return Dictionary(tuple(bases), tuple(drivers), np.array(rows))
+def _dictionary(pairs: Iterable[tuple[Factor, Factor]]) -> Dictionary:
+    two = list(pairs)
+    values = np.array([a.values for a, _ in two]) * np.array([b.values for _, b in two])
+    spread = values.std(axis=-1) if two else np.zeros(0)
+    kept = np.flatnonzero(spread > 1e-9)
+    return Dictionary(
+        tuple((two[k][0].basis, two[k][1].basis) for k in kept),
+        tuple((two[k][0].driver, two[k][1].driver) for k in kept),
+        values[kept] / spread[kept, None],
+    )
 
 
 def _joined(a: Dictionary, b: Dictionary) -> Dictionary:

@@ -20,7 +20,7 @@ from .components import Components, Fitted, Place
 from .data import Measurements
 from .fit import Fit, rms
 from .types import Array, Indices, array
-from .unnamed import cells
+from .unnamed import drivers, locations
 
 _FIT_ROWS, _SEARCH_ROWS, _HELD_ROWS = 1200, 720, 900  # bound the time on large data
 _FOLDS = 3
@@ -28,7 +28,6 @@ _MIN_POSES = 20
 _NOTHING = 0.98  # cross-validated error ratio from which on nothing is predictable
 _RIPPLES = range(3, 31)  # periods a turn
 _NUISANCE_WIDTH = 30.0  # standard errors
-_SIGMA = 1e-3  # [rad or m] scale of a joint's columns; any will do
 _SMOOTHNESS = (1.0, 2.0)  # lengths of kernels of all joint angles together [rad]
 _PARTS = 5
 _MOST_PAIRS = 36  # of joints; kernels of more would not fit into memory
@@ -119,7 +118,7 @@ class _Box:
     def judged(self, before: tuple[float, float | None], share: float) -> Reachable:
         """The error on the held-out poses, never above `before`, which is that of all of them."""
         fitted = self.process.fit(self.train, self.process.fit(self._search).variances)
-        rows = self.process.predict(fitted, self.held).reshape(len(self.held), -1)
+        rows = self.process.predict(fitted, self.held).reshape(-1, len(self.held)).T
         found = np.linalg.solve(self.at.whiten[self.held], rows[:, :, None])[:, :, 0]
         left = self.at.evaluation.r[self.held]
         old, new = rms(left), rms(left - share * found)
@@ -149,73 +148,89 @@ def _process(at: Fit, weight: Array, fit: Fit) -> Components:
     """All components at the poses of `at`; fit: the model that says how sure its coefficients are."""
     columns = Columns(at, weight)
     sigma = np.minimum(fit.sigma_prior, _NUISANCE_WIDTH * fit.std_err)
-    low = [*_cells(columns), *_ripples(columns)]
-    names, blocks = [name for name, _ in low], [_unit(block) for _, block in low]
-    places, dense = _places(columns)
     k = at.evaluation.J.shape[2]
+    places = [place for place in _places(columns) if place.rows.any()]
     return Components(
         c=columns.c,
         y=columns.weighted(np.einsum("nij,nj->ni", at.whiten, at.evaluation.r).ravel()),
         nuisance=columns.weighted(np.einsum("nij,njk->nik", at.whiten, at.evaluation.J).reshape(-1, k))
         * sigma,
-        columns=np.hstack(blocks),
-        group=np.repeat(np.arange(len(blocks)), [block.shape[1] for block in blocks]),
-        places=places,
-        names=(*names, *dense),
+        places=tuple(place.made for place in places),
+        names=tuple(name for place in places for name in place.names),
     )
 
 
-def _unit(block: Array) -> Array:
-    """A block of columns scaled so that the variances of its rows have the mean 1."""
-    return array(block / np.sqrt((block**2).sum(axis=1).mean()))
+@dataclass(frozen=True)
+class _Kernels:
+    """Kernels (k, N, N) of many variables, with their names."""
+
+    names: tuple[str, ...]
+    stack: Array
+
+    @classmethod
+    def of(cls, kernels: dict[str, Array], n: int) -> _Kernels:
+        """Kernels (N, N) by name."""
+        return cls(tuple(kernels), np.array(list(kernels.values())).reshape(-1, n, n))
 
 
-def _cells(columns: Columns) -> Iterator[tuple[str, Array]]:
-    """The map's cells of one driver."""
-    for cell in cells(columns, double=False):
-        if cell.columns.any():
-            yield cell.name, cell.columns
+@dataclass(frozen=True)
+class _Functions:
+    """A place, rows (N, m, c), and what errors there may follow: features (N, k) of one driver each, by its
+    name, and kernels."""
+
+    name: str
+    rows: Array
+    features: dict[str, Array]
+    kernels: _Kernels
+
+    @property
+    def names(self) -> list[str]:
+        """Of the components, in their order."""
+        return [f"{self.name} | {variable}" for variable in (*self.features, *self.kernels.names)]
+
+    @property
+    def made(self) -> Place:
+        """The place of the process; each component is scaled so that the variances of its rows have the mean
+        1."""
+        n, m, c = self.rows.shape
+        rows = self.rows / np.sqrt((self.rows**2).sum() / (n * c))
+        weight = (rows**2).sum(axis=(1, 2)) / c
+        features = [x / np.sqrt((weight @ x**2).sum() / n) for x in self.features.values()]
+        return Place(
+            rows.transpose(0, 2, 1).reshape(n * c, m),
+            np.hstack([np.zeros((n, 0)), *features]),
+            np.repeat(np.arange(len(features)), [x.shape[1] for x in features]),
+            self.kernels.stack,
+        )
 
 
-def _ripples(columns: Columns) -> Iterator[tuple[str, Array]]:
-    """A wave of k periods a turn at each revolute joint, too fast for the map's kernels."""
-    for j, joint in enumerate(columns.fit.arm.joints, 1):
-        axis = _SIGMA * columns.twist[:, j - 1, 5, :]
-        if joint.prismatic or not axis.any():
-            continue
-        for k in _RIPPLES:
-            angle = k * columns.fit.data.q[:, j - 1, None]
-            waves = [(axis * wave(angle)).ravel() for wave in (np.cos, np.sin)]
-            yield f"joint {j} | ripple of {k} periods", np.stack(waves, axis=1)
-
-
-def _places(columns: Columns) -> tuple[tuple[Place, ...], list[str]]:
-    """Smooth functions of many variables: errors of all joints, of the base and of the tool; and of two joint
-    angles: errors of each joint."""
+def _places(columns: Columns) -> Iterator[_Functions]:
+    """The map's cells of one driver, and at joints waves and smooth functions of two angles; then smooth
+    functions of many variables: errors of all joints, of the base and of the tool."""
+    singles = {driver.name: driver.features for driver in drivers(columns)}
+    none, pairs, many = (
+        _Kernels.of(kernels, columns.n) for kernels in ({}, _pair_kernels(columns), _kernels(columns))
+    )
+    for place in locations(columns):
+        seen = (place.rows**2).sum(axis=(1, 2))
+        features = {name: x for name, x in singles.items() if (seen @ x**2).any()}
+        if place.name.startswith("joint"):
+            waves = _ripples(columns, int(place.name.split()[1]))
+            yield _Functions(place.name, place.rows, features | waves, pairs)
+        else:
+            yield _Functions(place.name, place.rows, features, none)
     n, size = columns.fit.arm.n, 3 if columns.c == 3 else 6
-    several = (
-        _kernels(columns),
-        {
-            "all joints": columns.twist[:, :n, 5, :],
-            "base": columns.twist[:, 0, :size, :],
-            "tool": columns.twist[:, n + 1, :size, :],
-        },
-    )
-    single = (
-        _pair_kernels(columns),
-        {
-            f"joint {j}": columns.twist[:, j - 1, 2 if joint.prismatic else 5, None, :]
-            for j, joint in enumerate(columns.fit.arm.joints, 1)
-        },
-    )
-    places, names = [], []
-    for kernels, twists in (several, single):
-        stack = np.stack(list(kernels.values()))
-        for place, twist in twists.items():
-            if kernels and twist.any():
-                places.append(Place(_unit(twist.transpose(0, 2, 1).reshape(-1, twist.shape[1])), stack))
-                names += [f"{place} | {kernel}" for kernel in kernels]
-    return tuple(places), names
+    yield _Functions("all joints", columns.twist[:, :n, 5, :], {}, many)
+    yield _Functions("base", columns.twist[:, 0, :size, :], {}, many)
+    yield _Functions("tool", columns.twist[:, n + 1, :size, :], {}, many)
+
+
+def _ripples(columns: Columns, joint: int) -> dict[str, Array]:
+    """Features (N, 2) of waves of k periods a turn of a revolute joint, too fast for the map's kernels."""
+    if columns.fit.arm.joints[joint - 1].prismatic:
+        return {}
+    q = columns.fit.data.q[:, joint - 1, None]
+    return {f"ripple of {k} periods": np.hstack([np.cos(k * q), np.sin(k * q)]) for k in _RIPPLES}
 
 
 def _kernels(columns: Columns) -> dict[str, Array]:

@@ -12,19 +12,30 @@ from scipy.linalg import solve_triangular
 
 from .columns import Columns
 from .effects import Hypothesis
-from .evidence import NoiseScale, Projector, Score, flat_p, ln_bayes_factor, scores, together
+from .evidence import (
+    Moments,
+    NoiseScale,
+    Projector,
+    Score,
+    block_moments,
+    flat_p,
+    ln_bayes_factor,
+    scores,
+    together,
+)
 from .fit import Fit, student_weights
 from .hypotheses import Candidate
 from .products import ProductScores, score_products
 from .tails import chi2_quantile, chi2_tail
 from .types import Array, Mask
-from .unnamed import Cell, cells
+from .unnamed import Cell, cell_moments, cells
 
 BULK = 0.35  # robust weight from which on a pose keeps its full weight: the evidence is Gaussian
 _NULL_DRAWS = 400
 _GRANTED_WIDTH = 30.0  # prior sigmas
 _SAME = 1.0 - 1e-6  # cosine of two columns that are the same function
 _REWEIGHTINGS = 6
+_CANCELS = 1e-4  # of an effect's squares: of what is left below it, differences show rounding alone
 
 What = TypeVar("What", Hypothesis, Cell, covariant=True)
 
@@ -135,19 +146,24 @@ class Scorer:
 
     def scores(self, blocks: Sequence[Array]) -> list[tuple[Score, float]]:
         """Score and ln Bayes factor of each block (rows, m)."""
-        return self._scores([block.shape[1] for block in blocks], lambda k: blocks[k])
+        return self._scores(block_moments(blocks, self._known))
 
-    def _scores(self, widths: Sequence[int], block: Callable[[int], Array]) -> list[tuple[Score, float]]:
-        """The same of blocks of these widths, made when they are needed."""
+    @cached_property
+    def _known(self) -> Array:
+        """(rows, k + 1) what the moments of blocks are taken with: the projector's basis, and W z0."""
+        return np.column_stack([self.projector.basis, self.wz])
+
+    def _scores(self, moments: Sequence[Moments]) -> list[tuple[Score, float]]:
+        """Score and ln Bayes factor of blocks, from their moments with `_known`."""
         out: dict[int, tuple[Score, float]] = {}
-        for some in together(widths):
-            g = np.stack([block(k).T for k in some])
-            found = scores(g, self.projector.grams(g), self.wz)
+        for some in together([len(one.own) for one in moments]):
+            own, cross = (np.stack([getattr(moments[k], name) for k in some]) for name in ("own", "cross"))
+            found = scores(own, self.projector.gram(own, cross[:, :, :-1]), cross[:, :, -1])
             ln_bf = ln_bayes_factor(
                 np.stack([s.u for s in found]), np.stack([s.v for s in found]), self.noise
             )
             out |= dict(zip(some, zip(found, map(float, ln_bf), strict=True), strict=True))
-        return [out[k] for k in range(len(widths))]
+        return [out[k] for k in range(len(moments))]
 
     def hypotheses(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Score, float]]:
         """Score and ln Bayes factor of each hypothesis."""
@@ -173,7 +189,8 @@ class Scorer:
 
     def map(self, *, double: bool = True) -> list[Scored[Cell]]:
         """All cells of the location x driver map; double: also those with two drivers."""
-        return self._as_cells(cells(self.columns, double=double))
+        made = cells(self.columns, double=double)
+        return self._as_cells(made, self._scores(cell_moments(made, self._known)))
 
     def products(self) -> tuple[list[Scored[Cell]], ProductScores | None]:
         """The products of two drivers with the most evidence, as cells, and the evidence of all of them."""
@@ -183,10 +200,9 @@ class Scorer:
             Cell(p.place.name, p.drivers, p.column.reshape(self.columns.n, 1, -1), one, p)
             for p in (found.best if found else ())
         ]
-        return self._as_cells(made), found
+        return self._as_cells(made, self.scores([cell.columns for cell in made])), found
 
-    def _as_cells(self, made: Sequence[Cell]) -> list[Scored[Cell]]:
-        found = self._scores([cell.width for cell in made], lambda k: made[k].columns)
+    def _as_cells(self, made: Sequence[Cell], found: Sequence[tuple[Score, float]]) -> list[Scored[Cell]]:
         return [
             Scored(cell.name, ln_bf, score, cell, partial(getattr, cell, "columns"), self.projector, self.wz)
             for cell, (score, ln_bf) in zip(made, found, strict=True)
@@ -216,8 +232,12 @@ def unexplained(mapped: Sequence[Scored[Cell]], known: Sequence[Scored[Hypothesi
 
 def _directions(scored: Sequence[Scored[Hypothesis] | Scored[Cell]]) -> dict[str, Array]:
     """Unit vectors of those with a single column."""
-    single = {s.name: s.columns[:, 0] for s in scored if len(s.score.u) == 1}
-    return {name: x / np.linalg.norm(x) for name, x in single.items() if np.linalg.norm(x) > 0}
+    single = [s for s in scored if len(s.score.u) == 1]
+    if not single:
+        return {}
+    columns = single[0].projector.apply(np.hstack([s.block for s in single]))
+    length = np.linalg.norm(columns, axis=0)
+    return {s.name: columns[:, k] / length[k] for k, s in enumerate(single) if length[k] > 0}
 
 
 def family_p(scorer: Scorer, scored: Sequence[Scored[Hypothesis] | Scored[Cell]]) -> dict[str, float]:
@@ -237,24 +257,38 @@ def _squares(
     scorer: Scorer, scored: Sequence[Scored[Hypothesis] | Scored[Cell]]
 ) -> dict[int, tuple[list[str], Array]]:
     """By rank: names and (tests, draws + 1) chi^2 of the null draws and, last, of the data."""
-    both = np.hstack([scorer.null, scorer.wz[:, None] / scorer.scale])
-    found: dict[int, list[tuple[str, Array]]] = {}
-    for places in together([len(s.score.u) for s in scored]):
-        some = [scored[k] for k in places]
-        ranks, square = _tested(scorer.projector.without(np.stack([s.block.T for s in some])), both)
-        for s, rank, row in zip(some, ranks, square, strict=True):
-            found.setdefault(int(rank), []).append((s.name, row))
-    return {
-        rank: ([name for name, _ in rows], np.array([x for _, x in rows])) for rank, rows in found.items()
-    }
+    twice, z = scorer.projector.squared, np.hstack([scorer.null, scorer.wz[:, None] / scorer.scale])
+    moments = _moments(scored, np.hstack([twice.basis, scorer.projector.apply(z)]))
+    found: dict[int, tuple[list[str], list[Array]]] = {}
+    for some in together([len(one.own) for one in moments]):
+        own, cross = (np.stack([getattr(moments[k], name) for k in some]) for name in ("own", "cross"))
+        seen, u = np.split(cross, [twice.basis.shape[1]], axis=2)
+        gram = twice.gram(own, seen)
+        whole, left = (np.trace(x, axis1=1, axis2=2) for x in (own, gram))
+        for k in np.flatnonzero(left < _CANCELS * whole):
+            columns = scored[some[k]].columns
+            gram[k], u[k] = columns.T @ columns, columns.T @ z
+        for k, rank, row in zip(some, *_tested(gram, u), strict=True):
+            names, rows = found.setdefault(int(rank), ([], []))
+            names.append(scored[k].name)
+            rows.append(row)
+    return {rank: (names, np.array(rows)) for rank, (names, rows) in found.items()}
 
 
-def _tested(blocks: Array, z: Array) -> tuple[Array, Array]:
-    """Ranks (k,) and chi^2 (k, d) of blocks G' (k, m, rows) against columns z (rows, d)."""
-    k, m, rows = blocks.shape
-    value, vector = np.linalg.eigh(blocks @ blocks.transpose(0, 2, 1))
+def _moments(scored: Sequence[Scored[Hypothesis] | Scored[Cell]], columns: Array) -> list[Moments]:
+    """Moments with columns (rows, d)."""
+    made = [s.best for s in scored if isinstance(s.best, Cell)]
+    of_cells = iter(cell_moments(made, columns))
+    others = [s.block for s in scored if not isinstance(s.best, Cell)]
+    of_others = iter(block_moments(others, columns))
+    return [next(of_cells if isinstance(s.best, Cell) else of_others) for s in scored]
+
+
+def _tested(gram: Array, u: Array) -> tuple[Array, Array]:
+    """Ranks (k,) and chi^2 (k, d) of blocks with G'WWG (k, m, m) and G'W times columns (k, m, d)."""
+    value, vector = np.linalg.eigh(gram)
     good = value > 1e-10 * value.max(axis=1, keepdims=True)
-    white = vector.transpose(0, 2, 1) @ (blocks.reshape(k * m, rows) @ z).reshape(k, m, -1)
+    white = vector.transpose(0, 2, 1) @ u
     square = np.where(good, 1.0 / np.where(good, value, 1.0), 0.0)[:, None, :] @ white**2
     return good.sum(axis=1), square[:, 0, :]
 

@@ -9,12 +9,12 @@ the tool ...) an error that is a smooth unknown function of its driver (a joint 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import lapack
 
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS
 from kincal.rotations import matrix_of_wxyz
@@ -22,6 +22,7 @@ from kincal.schema.terms import Basis
 
 from .columns import Columns
 from .data import Measurements
+from .evidence import Moments
 from .places import TYPICAL_SIZE, ErrorPlace, joint_places, other_places
 from .products import ScoredProduct
 from .types import Array, array
@@ -72,7 +73,8 @@ class Cell:
 
     @property
     def columns(self) -> Array:
-        """(N c, m k) whitened; made when asked for, since all cells of all fits fill gigabytes."""
+        """(N c, m k) whitened; made when asked for, since all cells of all fits fill gigabytes. Scores do
+        without them: `cell_moments`."""
         n, m, c = self.rows.shape
         k = self.features.shape[1]
         columns = self.rows.transpose(1, 0, 2)[:, None] * self.features.T[None, :, :, None]
@@ -102,6 +104,30 @@ def cells(columns: Columns, *, double: bool = True) -> list[Cell]:
 
 def _cell(location: Location, driver: Driver) -> Cell:
     return Cell(location.name, tuple(driver.name.split(" x ")), location.rows, driver.features)
+
+
+def cell_moments(made: Sequence[Cell], columns: Array) -> list[Moments]:
+    """Moments of cells with columns (rows, d), without making theirs: all functions at a location see the
+    columns through its rows."""
+    together: dict[tuple[int, int], list[int]] = {}
+    for k, cell in enumerate(made):
+        together.setdefault((id(cell.rows), cell.features.shape[1]), []).append(k)
+    out: dict[int, Moments] = {}
+    for places in together.values():
+        some = _moments_at(made[places[0]].rows, np.stack([made[k].features.T for k in places]), columns)
+        out |= dict(zip(places, some, strict=True))
+    return [out[k] for k in range(len(made))]
+
+
+def _moments_at(rows: Array, features: Array, columns: Array) -> Iterator[Moments]:
+    """Of cells at one location, rows (N, m, c), with features (D, k, N)."""
+    (n, m, c), (count, k, _) = rows.shape, features.shape
+    seen = (rows @ columns.reshape(n, c, -1)).reshape(n, -1)
+    cross = (features.reshape(-1, n) @ seen).reshape(count, k, m, -1).transpose(0, 2, 1, 3)
+    pairs = (rows @ rows.transpose(0, 2, 1)).reshape(n, m * m).T
+    own = (features[:, None] * pairs[:, None, :]) @ features.transpose(0, 2, 1)[:, None]
+    own = own.reshape(count, m, m, k, k).transpose(0, 1, 3, 2, 4)
+    return map(Moments, own.reshape(count, m * k, m * k), cross.reshape(count, m * k, -1))
 
 
 # ----------------------------------------------------------------------------------------- locations
@@ -279,15 +305,18 @@ def _linear(x: Array) -> Array:
 
 
 def _features(kernel: Array) -> Array:
-    """(N, k) leading eigenvectors of a centred kernel (N, N) times the roots of their eigenvalues."""
-    n = len(kernel)
-    centred = kernel - kernel.mean(axis=0) - kernel.mean(axis=1)[:, None] + kernel.mean()
-    values, vectors = eigh(centred, subset_by_index=(max(n - _SINGLE, 0), n - 1))
-    values = np.maximum(values[::-1], 0.0)
-    good = values > _LEAST_EIGENVALUE * max(values.max(initial=0.0), 1e-12)
+    """(N, k) leading eigenvectors of a centred kernel (N, N) times the roots of their eigenvalues.
+
+    Smooth kernels have a rank of some twenty to rounding, which a pivoted Cholesky factor shows: the vectors
+    are those of that factor."""
+    factor, pivots, rank, _ = lapack.dpstrf(kernel, lower=1)
+    lower = np.zeros((len(kernel), rank))
+    lower[pivots - 1] = np.tril(factor[:, :rank])
+    vectors, roots, _ = np.linalg.svd(lower - lower.mean(axis=0), full_matrices=False)
+    good = roots[:_SINGLE] ** 2 > _LEAST_EIGENVALUE * max(roots.max(initial=0.0) ** 2, 1e-12)
     if not good.any():
-        return np.zeros((n, 0))
-    return _unit_variance(vectors[:, ::-1][:, good] * np.sqrt(values[good]))
+        return np.zeros((len(kernel), 0))
+    return _unit_variance((vectors * roots)[:, :_SINGLE][:, good])
 
 
 def _unit_variance(features: Array) -> Array:

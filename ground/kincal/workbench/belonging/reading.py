@@ -81,14 +81,14 @@ class Reading:
 
     def joint_values(self, data: Measurements, rows: Indices) -> Array:
         """(N, n) joint readings of some poses, as this reading understands them."""
-        late = data.q[(rows - self.shift) % data.n]
-        q: Array = late[:, self.order] * self.sign * self.angle + self.offset
-        return q
+        found: Array = joint_values([self], data, rows)[0]
+        return found
 
-    def with_joint_values_as_given(self) -> Reading:
-        """What this reading says of arm and poses alone."""
-        given = Reading.as_given(len(self.order))
-        return replace(self, order=given.order, sign=given.sign, offset=given.offset, angle=1.0, shift=0)
+    @property
+    def of_the_rest(self) -> tuple[object, ...]:
+        """What this reading says of arm and poses alone: all but the joint readings."""
+        return (self.joints, self.convention, self.sliding, self.length, self.quaternion, self.turned_back,
+                self.inverse, self.free)  # fmt: skip
 
     def _data(self, data: Measurements, rows: Indices) -> Measurements:
         q = self.joint_values(data, rows)
@@ -102,6 +102,19 @@ class Reading:
             back = Pose(p_m, matrix_of_wxyz(quat)).inverse
             p_m, quat = back.p_m, back.quat_wxyz
         return replace(data, q=q, p_m=p_m, quat_wxyz=quat, cov=None, whole=None)
+
+
+def joint_values(readings: Sequence[Reading], data: Measurements, rows: Indices) -> Array:
+    """(K, N, n) joint readings of some poses, as each of K readings understands them."""
+    shift = np.array([reading.shift for reading in readings])
+    order, sign, offset = (
+        np.array([getattr(reading, name) for reading in readings])[:, None]
+        for name in ("order", "sign", "offset")
+    )
+    angle = np.array([reading.angle for reading in readings])[:, None, None]
+    late = data.q[(rows - shift[:, None]) % data.n]
+    q: Array = np.take_along_axis(late, order, axis=2) * sign * angle + offset
+    return q
 
 
 def _free(frame: Frame) -> Frame:
@@ -136,10 +149,9 @@ def _signs(sign: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
         yield from product((1, -1), repeat=len(sign))
 
 
-def all_orders(now: Reading) -> Iterator[Reading]:
-    """Readings with the columns in any order; none for an arm with many joints."""
-    if len(now.order) <= _MOST_EXHAUSTIVE:
-        yield from (replace(now, order=order) for order in permutations(now.order))
+def all_orders(n: int) -> list[tuple[int, ...]]:
+    """The columns of n joints in any order; none for an arm with many joints."""
+    return list(permutations(range(n))) if n <= _MOST_EXHAUSTIVE else []
 
 
 def _orders(order: tuple[int, ...]) -> Iterator[tuple[int, ...]]:

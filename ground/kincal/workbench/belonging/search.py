@@ -17,9 +17,9 @@ import numpy as np
 from kincal.schema.arm import ArmTable, read_arm, same_joints, shipped_arms
 
 from ..data import Measurements
-from ..types import Indices
+from ..types import Array, Indices
 from .misfit import misfit, screened
-from .reading import Pair, Reading, all_orders, motions, poses
+from .reading import Pair, Reading, all_orders, joint_values, motions, poses
 
 _POSES = 60  # enough to tell gross misreadings
 _TRIED = 4  # readings a round that are fitted
@@ -81,22 +81,30 @@ class Search:
 
     def _screen(self, readings: Iterable[Reading]) -> None:
         """Those that differ only in joint readings are computed together."""
-        groups: dict[Reading, list[Reading]] = defaultdict(list)
+        groups: dict[tuple[object, ...], list[Reading]] = defaultdict(list)
         for reading in readings:
-            groups[reading.with_joint_values_as_given()].append(reading)
-        for shared, group in groups.items():
-            arm, data = self.of(shared)
-            q = np.stack([reading.joint_values(self.data, self.rows) for reading in group])
-            for reading, left in zip(group, screened(arm, q, data), strict=True):
-                self.bounds[reading] = round(float(left), 3)
+            groups[reading.of_the_rest].append(reading)
+        for group in groups.values():
+            arm, data = self.of(group[0])
+            left = screened(arm, joint_values(group, self.data, self.rows), data)
+            self.bounds |= zip(group, _to_three_digits(left), strict=True)
+
+    def _best_order(self) -> list[Reading]:
+        """The files with their columns in the order that explains most; none for an arm with many joints."""
+        orders = all_orders(self.arm.n)
+        if not orders:
+            return []
+        arm, data = self.of(self.given)
+        q = self.data.q[self.rows][:, np.array(orders)].transpose(1, 0, 2)
+        left = _to_three_digits(screened(arm, q, data))
+        return [replace(self.given, order=orders[left.index(min(left))])]
 
     def best(self) -> Reading:
         """The reading with the least misfit that simple changes lead to, without changes that it does not
         need."""
         found = self._walk(self.given)
         if self.misfit(found) > GOOD_MISFIT and self.misfit(found) * FOUND > self.misfit(self.given):
-            leap = self.ranked(all_orders(self.given))[:1]
-            found = min((found, *map(self._walk, leap)), key=self.misfit)
+            found = min((found, *map(self._walk, self._best_order())), key=self.misfit)
         return self._pruned(found)
 
     def _walk(self, start: Reading) -> Reading:
@@ -120,6 +128,10 @@ class Search:
             if self.misfit(simpler) < _NEEDED * self.misfit(reading):
                 return self._pruned(simpler)
         return reading
+
+
+def _to_three_digits(left: Array) -> list[float]:
+    return [round(float(x), 3) for x in left]
 
 
 def simpler_than(reading: Reading) -> Iterable[Reading]:

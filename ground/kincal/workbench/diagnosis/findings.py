@@ -28,7 +28,7 @@ from ..hypotheses import Untestable, effect_of, place_of
 from ..power import CONFOUNDED_CHI2
 from ..scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
 from ..smooth import UnnamedName, smooth_effect
-from ..types import Array
+from ..types import Array, array
 from ..unnamed import Cell
 from .heldout import NO_HELD_OUT, HeldGain
 from .posterior import ABSORBED, NONE, UNNAMED, Posterior
@@ -369,11 +369,12 @@ def _values(h: Hypothesis, fit: Fit) -> tuple[ParameterValue, ...]:
 
 def confounded_effects(study: Study, h: Hypothesis, posterior: Posterior) -> tuple[str, ...]:
     """Effects that these data cannot tell from this one, and those that no data can."""
-    mine, scale = posterior.by_name[h.name], posterior.scorer.scale
+    scale = posterior.scorer.scale
+    signal = _found_signal(h, posterior)
     similar = [
         s.name
         for s in posterior.scored
-        if _another(h, s) and (posterior.probability.get(s.name, 0.0) > MENTION or imitates(s, mine, scale))
+        if _another(h, s) and (posterior.probability.get(s.name, 0.0) > MENTION or imitates(s, signal, scale))
     ]
     similar += [name for name in _moved_base(h, posterior) if name not in similar]
     alone = {effect_of(name) for name in similar if place_of(name)}
@@ -396,15 +397,22 @@ def _moved_base(h: Hypothesis, posterior: Posterior) -> list[str]:
     if h.name in moves or len(group) < 2:
         return []
     both = replace(group[0], make=lambda: np.hstack([s.block for s in group]))
+    signal, scale = _found_signal(h, posterior), posterior.scorer.scale
+    return [s.name for s in group] if imitates(both, signal, scale) else []
+
+
+def _found_signal(h: Hypothesis, posterior: Posterior) -> Array:
+    """(rows,) what an effect does at its fitted size, beside the nuisance parameters."""
     mine = posterior.by_name[h.name]
-    return [s.name for s in group] if imitates(both, mine, posterior.scorer.scale) else []
+    columns = mine.columns
+    return array(columns @ _ridge(columns, mine.signal, posterior.scorer.scale))
 
 
-def imitates(other: Scored[Hypothesis], mine: Scored[Hypothesis], scale: float) -> bool:
-    """Whether another effect could imitate what was found, at its fitted size: less than CONFOUNDED_CHI2
-    units of chi^2 stay unexplained (METHOD.md 16)."""
-    signal = mine.columns @ _ridge(mine.columns, mine.signal, scale)
-    left = signal - other.columns @ _ridge(other.columns, signal, scale)
+def imitates(other: Scored[Hypothesis], signal: Array, scale: float) -> bool:
+    """Whether another effect could imitate what was found: less than CONFOUNDED_CHI2 units of chi^2 stay
+    unexplained (METHOD.md 16)."""
+    columns = other.columns
+    left = signal - columns @ _ridge(columns, signal, scale)
     return float(left @ left) / scale**2 < CONFOUNDED_CHI2
 
 

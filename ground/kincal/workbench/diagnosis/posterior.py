@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effects import Hypothesis
 from ..evidence import softmax
-from ..hypotheses import PRIOR_NONE, PRIOR_UNNAMED, Candidate, covers
+from ..hypotheses import PRIOR_NONE, PRIOR_UNNAMED, Candidate, covers, effect_of
 from ..scoring import Scored, Scorer, unexplained
 from ..unnamed import Cell
 
@@ -116,7 +116,16 @@ class Posterior:
     def presence(self, name: str) -> float:
         """Probability that this effect is there: at this joint (alone or with others), at some of several
         joints, or, for a name without joint, at any joint."""
-        return sum(p for other, p in self.probability.items() if covers(name, other) or covers(other, name))
+        same = self._by_effect.get(effect_of(name), ())
+        return sum(p for other, p in same if covers(name, other) or covers(other, name))
+
+    @cached_property
+    def _by_effect(self) -> dict[str, list[tuple[str, float]]]:
+        """Names and probabilities of the instances of each effect."""
+        found: dict[str, list[tuple[str, float]]] = {}
+        for name, p in self.probability.items():
+            found.setdefault(effect_of(name), []).append((name, p))
+        return found
 
     def wins(self, name: str) -> bool:
         """This effect beats nothing (by the odds of acceptance) and the unnamed."""

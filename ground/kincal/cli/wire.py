@@ -1,0 +1,33 @@
+"""Options of the commands that talk to the flight process."""
+
+from __future__ import annotations
+
+import click
+
+from kincal import keys, link
+from kincal.cli.options import PATH
+
+URL = click.option(
+    "--url",
+    default=link.DEFAULT_URL,
+    show_default=True,
+    envvar="KINCAL_URL",
+    help="LCM URL of the flight process.",
+)
+KEYS = click.option(
+    "--keys",
+    "key_file",
+    type=PATH,
+    default=keys.DEFAULT,
+    show_default=True,
+    envvar=keys.VARIABLE,
+    help="Key file; its first key signs what is sent.",
+)
+TIMEOUT = click.option(
+    "--timeout",
+    "timeout_s",
+    type=float,
+    default=10.0,
+    show_default=True,
+    help="Seconds to wait for each answer.",
+)
