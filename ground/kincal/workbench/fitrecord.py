@@ -18,6 +18,7 @@ from .api import FitResult
 from .fit import Fit, rms
 from .modelfile import ModelFile
 from .parameters import BETA, is_beta
+from .types import Array
 
 
 def fitted(
@@ -58,6 +59,18 @@ def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEnt
         position_change_mm=position_changes_mm(fit),
         covariance=[[float(f"{x:.9g}") for x in row[: i + 1]] for i, row in enumerate(fit.cov)],
     )
+
+
+def covariance_of(model: ModelFile) -> Array | None:
+    """(k, k) covariance of the coefficients of the last fit, in the order of `model.values`; None if the
+    model holds no fit, or not the rows of these coefficients."""
+    k, rows = len(model.values), model.fit.covariance if model.fit else []
+    if not k or [len(row) for row in rows] != list(range(1, k + 1)):
+        return None
+    out = np.zeros((k, k))
+    for i, row in enumerate(rows):
+        out[i, : i + 1] = out[: i + 1, i] = row
+    return out
 
 
 def _frame(pose: Pose) -> FrameEntry:

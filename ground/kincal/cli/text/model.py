@@ -10,6 +10,7 @@ from kincal.schema.terms import TermEntry
 from kincal.workbench.additions import Addition
 from kincal.workbench.effects import Effect, Library
 from kincal.workbench.modelfile import ModelFile
+from kincal.workbench.nested import EffectGain
 
 _INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
 _SHOWN = ("name", "unit", "sigma", "image")  # of a parameter
@@ -55,6 +56,15 @@ def _effect_lines(row: dict[str, Any]) -> list[str]:
         f"    inspect: {row['inspect']}",
         *(f"    {what}: {', '.join(names)}" for what, names in lists if names),
     ]
+
+
+def cost(gain: EffectGain) -> str:
+    """What a model loses on held-out poses without some of its effects."""
+    low, high = gain.interval
+    return (
+        f"held-out error without them {gain.before_m * 1e3:.3f} mm, with them {gain.after_m * 1e3:.3f} mm "
+        f"(with / without {gain.ratio:.3f}, 95 % interval {low:.3f} to {high:.3f})"
+    )
 
 
 def addition(a: Addition) -> str:
