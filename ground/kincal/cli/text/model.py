@@ -116,7 +116,7 @@ def contents(model: ModelFile) -> str:
 
 
 _WITHOUT_EFFECTS = (
-    "  --format python and --format c hold those of the arm",
+    "  --format python and --format c hold them",
     "  the best DH table or URDF alone comes from a model that is fitted without them",
 )
 
