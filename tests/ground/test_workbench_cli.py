@@ -194,6 +194,13 @@ def test_model_is_built_step_by_step(given, model, folder):
     assert tomllib.loads(model.read_text())["arm"] == str(folder / "arm.toml")
 
 
+def test_list_shows_the_values_of_an_effect_at_some_joints(given, model):
+    good("add", "--model", model, "backlash[3,4]")
+    good("fit", *given, "--model", model)
+    shown = good("list", "--model", model).output.splitlines()
+    assert [line.split()[0] for line in shown] == ["backlash[3,4]", "backlash[3].h", "backlash[4].h"]
+
+
 def test_unnamed_effect_is_added_fitted_taken_back_and_flown(given, model):
     name = "unnamed[joint 4: dir4]"
     said = good("add", *given, "--model", model, "unnamed[joint 4:dir4]").output

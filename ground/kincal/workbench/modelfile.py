@@ -88,7 +88,7 @@ class ModelFile:
                 depth -= 1
             else:
                 return self._changed("undo", change.effects, change.before)
-        raise BadInput("nothing to undo: the history is empty")
+        raise BadInput("nothing to undo: every change was taken back")
 
     def _changed(self, action: str, names: tuple[str, ...], effects: tuple[str, ...]) -> ModelFile:
         when = datetime.now(UTC).isoformat(timespec="seconds")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from kincal.export import Exported
-from kincal.schema.names import effect_of
 from kincal.schema.terms import TermEntry
 from kincal.workbench.additions import Addition
 from kincal.workbench.effects import Effect, Library
+from kincal.workbench.hypotheses import covers
 from kincal.workbench.modelfile import ModelFile
 from kincal.workbench.nested import EffectGain
 
@@ -101,8 +101,8 @@ def contents_json(model: ModelFile) -> dict[str, Any]:
 
 
 def _belongs(owner: str, model: ModelFile) -> bool:
-    """Whether a coefficient's effect is in use: by itself, or as one joint of an effect at all of them."""
-    return owner in model.effects or effect_of(owner) in model.effects
+    """Whether a coefficient's effect is in use: by itself, or at one joint of an effect at all or some."""
+    return any(covers(name, owner) for name in model.effects)
 
 
 def contents(model: ModelFile) -> str:
