@@ -26,11 +26,6 @@ DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / 
 STEP = 1e-4
 
 
-@pytest.fixture(scope="module")
-def library():
-    return wb.Library.load()
-
-
 # --------------------------------------------------------------------------- columns
 
 

@@ -13,6 +13,7 @@ import pytest
 import samples
 from builders import ffi
 from click.testing import CliRunner
+from commands import kincal
 
 from kincal import space, tables
 from kincal import workbench as wb
@@ -52,12 +53,6 @@ sigma = 5e-3
 at = "joint[3]"
 basis = "tanh(q4) * cos(q6)"
 """
-
-
-def kincal(*args):
-    done = CliRunner().invoke(main, ["model", *map(str, args)])
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
-    return done
 
 
 def good(*args):

@@ -5,23 +5,16 @@ import re
 import numpy as np
 import poses
 import pytest
-from click.testing import CliRunner
+from commands import kincal
 
 from kincal import tables
 from kincal import workbench as wb
-from kincal.cli import main
 from kincal.schema.model import FitEntry
 from kincal.workbench.effects import Hypothesis, Parameter, Term
 from kincal.workbench.modelfile import ModelFile
 from kincal.workbench.room import order_of_leaving, size
 
 MANY = ("encoder_harmonic2", "encoder_eccentricity", "bearing_wobble", "backlash[4]")
-
-
-def kincal(*args):
-    done = CliRunner().invoke(main, ["model", *map(str, args)])
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
-    return done
 
 
 def effect(name, count):

@@ -193,7 +193,8 @@ def _drivers(
         g = tuple(float(x) for x in arm.arm.gravity_m_s2)
         yield Driver("gravity_m_s2", 3, g, "gravity in the base frame [m/s^2]")
     if view:
-        yield Driver("sensor_xyz_m", 3, (0.0,) * 3, "position of the sensor in the base frame [m]")
+        own = ", left as it is: the measured pose is the camera's own" if camera and camera.on_tool else ""
+        yield Driver("sensor_xyz_m", 3, (0.0,) * 3, f"position of the sensor in the base frame [m]{own}")
         yield Driver("sensor_wxyz", 4, (1.0, 0.0, 0.0, 0.0), "its orientation, quaternion (w, x, y, z)")
 
 
