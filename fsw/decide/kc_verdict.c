@@ -9,9 +9,14 @@ double kc_verdict_p_no_change(double chi2_gain, double noise_scale, uint32_t ran
     return rank == 0u ? 1.0 : kc_chi2_sf(kc_max(0.0, chi2_gain) / (scale * scale), rank);
 }
 
+bool kc_verdict_all_rejected(const kc_est_t *est)
+{
+    return est->opt.outlier_max > 0u && est->n_outliers >= est->opt.outlier_max;
+}
+
 static bool poor(const kc_config_t *c, const kc_est_t *e, kc_status_t status, double p_fit)
 {
-    bool all_rejected = e->opt.outlier_max > 0u && e->n_outliers >= e->opt.outlier_max;
+    bool all_rejected = kc_verdict_all_rejected(e);
     return status != KC_OK || e->dof == 0u || e->noise_scale > c->poor_noise_scale ||
            ((e->noise_scale > c->poor_noise_scale_unlikely || all_rejected) && p_fit < c->poor_p_fit);
 }
@@ -27,6 +32,7 @@ bool kc_verdict_acceptable(const kc_config_t *config, const kc_verdict_case_t *p
 {
     const kc_config_t *c = config;
     return c->accept_on_board && proposed->determined && !proposed->bounds_active &&
-           proposed->p_fit >= c->accept_p_fit_min && proposed->sigma_pos_m <= c->accept_sigma_max_pos_m &&
+           !proposed->all_rejected && proposed->p_fit >= c->accept_p_fit_min &&
+           proposed->sigma_pos_m <= c->accept_sigma_max_pos_m &&
            proposed->change_pos_m <= c->accept_change_max_pos_m;
 }

@@ -13,6 +13,9 @@ typedef enum { KC_VERDICT_NO_CHANGE = 0, KC_VERDICT_CHANGE = 1, KC_VERDICT_POOR 
  * that the residuals show, against the number of determined coefficients. */
 double kc_verdict_p_no_change(double chi2_gain, double noise_scale, uint32_t rank);
 
+/* As many poses are rejected as the table allows: more may be bad, and took part in the fit. */
+bool kc_verdict_all_rejected(const kc_est_t *est);
+
 /* POOR: the estimator did not finish, or the residuals are beyond what the stated noise can explain, also
  * without as many poses as may be rejected. Noise somewhat larger than stated is no reason: sigma is scaled by
  * it. */
@@ -23,6 +26,7 @@ kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_statu
 typedef struct {
     bool determined;    /* every requested coefficient was */
     bool bounds_active; /* of any coefficient */
+    bool all_rejected;  /* kc_verdict_all_rejected */
     double p_fit, sigma_pos_m;
     double change_pos_m; /* RMS change of the predicted tool position over the search space */
 } kc_verdict_case_t;

@@ -180,6 +180,7 @@ static bool acceptable(const kc_proposing_t *j, const kc_view_t *v, const kc_pro
     kc_verdict_case_t proposed = {
         .determined = p->rank == p->n_free,
         .bounds_active = bounds_active(p),
+        .all_rejected = kc_verdict_all_rejected(v->est),
         .p_fit = p->p_fit,
         .sigma_pos_m = p->pred_pos_m,
         .change_pos_m = change_m(j, v),

@@ -66,6 +66,7 @@ POSE_TIMEOUT_S = 120.0  # the executive's patience with one pose, so that a stuc
 REST_TICKS = 30
 HEARTBEAT_TICKS = 30  # the longest pause at the end
 WRONG_M = 0.005
+RUNS_OF_PROCESS = 200  # then a fresh one: what MuJoCo and LCM keep of every run would come to gigabytes
 FLIGHT = library("flight")
 AT_REST = tuple(FLIGHT.constant(f"KC_ST_{name}") for name in ("IDLE", "REVIEW", "ARMED", "SAFE"))
 WARNING = FLIGHT.constant("KC_SEV_WARN")
@@ -286,7 +287,7 @@ def fly_all(jobs: list[tuple[str, int]], processes: int) -> list[Verdict]:
     if processes == 1:
         return [one(job) for job in jobs]
     verdicts = []
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+    with multiprocessing.get_context("spawn").Pool(processes, maxtasksperchild=RUNS_OF_PROCESS) as pool:
         for k, verdict in enumerate(pool.imap(one, jobs), 1):
             verdicts.append(verdict)
             for fault in verdict.faults:

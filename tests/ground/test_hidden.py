@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import tomllib
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from kincal_sim import transforms
 from kincal_sim.arm import load_spec
-from kincal_sim.hidden import campaign, case, kinds, optical_effects, optics, seal
+from kincal_sim.hidden import campaign, case, files, kinds, optical_effects, optics, seal
 from kincal_sim.hidden.bench import Bench
 from kincal_sim.hidden.spec import CaseSpec
 from kincal_sim.plant import Effect, Plant
@@ -26,6 +27,22 @@ def observations(*effects, n=6, **more):
     poses, _ = bench.campaign()
     hidden, described = bench.hide()
     return [(bench.observe(at, hidden), bench.observe(at, [])) for at in poses], described, bench
+
+
+def test_the_arm_table_states_the_corners_of_both_tags_where_the_camera_sees_them():
+    target = tomllib.loads(files.arm_toml(load_spec()))["target"]
+    pairs, _, bench = observations(n=12)
+    seen = set()
+    for _, healthy in pairs:
+        tag = healthy.at.tag
+        corners = np.array(target[("points_m", "second_points_m")[tag]])
+        T_cam_tool = np.linalg.inv(healthy.T_base_cam) @ healthy.T_base_tool
+        in_camera = corners @ T_cam_tool[:3, :3].T + T_cam_tool[:3, 3]
+        u, v, w = bench.optics.K @ in_camera.T
+        wanted_px = optics.image(bench.optics, healthy.T_cam_tag)
+        assert np.allclose(np.array([u / w, v / w]).T, wanted_px, atol=1e-3)
+        seen.add(tag)
+    assert seen == {0, 1}
 
 
 # ---- files and seals ----------------------------------------------------------------------------------

@@ -336,7 +336,11 @@ def test_every_number_has_its_threshold_and_whether_it_is_kept(names):
     assert asked["p_fit"].kept
     assert asked["cond"].kept
     config = tomllib.loads((BIN.parent / "src" / "config.toml").read_text())
-    assert asked["n_outliers"].text == f"at most {config['est']['outlier_max']}"
+    most = config["est"]["outlier_max"]
+    assert asked["n_outliers"].text == f"fewer than {most}, the most that flight rejects"
+    assert [
+        thresholds(replace(r, n_outliers=n), read_limits(BIN))["n_outliers"].kept for n in (most - 1, most)
+    ] == [True, False]
     assert asked["p_no_change"].text.startswith(f"at most {config['no_change_p']:g}")
     bad = replace(r, numbers={**r.numbers, "fit_pos_m": 1.0, "p_fit": 1e-6}, n_outliers=99)
     wrong = {key for key, t in thresholds(bad, read_limits(BIN)).items() if t.kept is False}

@@ -29,10 +29,13 @@ STEP = 1e-4
 # --------------------------------------------------------------------------- columns
 
 
-def sight_of_boards() -> sight.Sight:
+TAG = np.array([[0.05, -0.05, 0.0], [-0.05, 0.05, 0.0], [0.05, 0.05, 0.0], [-0.05, -0.05, 0.0]])  # no order
+
+
+def sight_of_boards(points=boards.BOARD) -> sight.Sight:
     focal, middle = boards.K[[0, 1], [0, 1]], boards.K[:2, 2]
     size = np.array([boards.WIDTH, boards.HEIGHT])
-    return sight.Sight(boards.BOARD, -middle / focal, (size - middle) / focal, focal)
+    return sight.Sight(points, -middle / focal, (size - middle) / focal, focal)
 
 
 def faulty(fault: str, target: np.ndarray, size: float) -> np.ndarray:
@@ -47,9 +50,27 @@ def faulty(fault: str, target: np.ndarray, size: float) -> np.ndarray:
     elif fault.startswith("centre"):
         axis = int(fault == "centre_y")
         K[axis, 2] += size * K[axis, axis]
+    elif fault == "target_size":
+        points *= 1.0 + size
+    elif fault == "target_edges":
+        return grown(boards.project(target, lens, K, TAG)[0], size * K[[0, 1], [0, 1]].mean())
     else:
         points[:, 2] += size * (points[:, int(fault == "bow_y")] / boards.HALF_M) ** 2
     return boards.project(target, lens, K, points)[0]
+
+
+def grown(px: np.ndarray, by_px: float) -> np.ndarray:
+    """Corners of TAG where the moved lines through its edges meet, in homogeneous coordinates."""
+    neighbours = {0: (2, 3), 1: (2, 3), 2: (0, 1), 3: (0, 1)}
+
+    def moved(a, b):
+        line = np.cross(np.r_[px[a], 1.0], np.r_[px[b], 1.0])
+        line /= np.hypot(*line[:2])
+        side = np.sign(line @ np.r_[px.mean(axis=0), 1.0])
+        return line + [0.0, 0.0, side * by_px]
+
+    meet = [np.cross(*(moved(k, other) for other in neighbours[k])) for k in range(4)]
+    return np.array([x[:2] / x[2] for x in meet])
 
 
 def views(n: int, seed: int):
@@ -71,13 +92,15 @@ def views(n: int, seed: int):
 @pytest.mark.parametrize("fault", FAULTS)
 def test_columns_are_the_derivatives_of_opencvs_pnp(fault, mount):
     rng = np.random.default_rng(3)
+    points = TAG if fault == "target_edges" else boards.BOARD
     for target, inside in views(6, seed=sum(map(ord, fault))):
-        shifted = [boards.pnp(faulty(fault, target, s)[inside], boards.BOARD[inside]) for s in (STEP, -STEP)]
+        seen = inside if points is boards.BOARD else np.full(len(points), True)
+        shifted = [boards.pnp(faulty(fault, target, s)[seen], points[seen]) for s in (STEP, -STEP)]
         camera = boards.pose(rng.normal(size=3), rng.normal(size=3)) if mount == "world" else None
         measured = [np.linalg.inv(x) if camera is None else camera @ x for x in (target, *shifted)]
         pose = Pose(measured[0][None, :3, 3], measured[0][None, :3, :3])
         stands = None if camera is None else Pose(camera[None, :3, 3], camera[None, :3, :3])
-        got = PnpColumns((sight_of_boards(),), stands, pose.R)([column_number(0, fault)], pose)[0, :, 0]
+        got = PnpColumns((sight_of_boards(points),), stands, pose.R)([column_number(0, fault)], pose)[0, :, 0]
         step = np.linalg.inv(measured[2]) @ measured[1]
         want = np.r_[step[:3, 3], Rotation.from_matrix(step[:3, :3]).as_rotvec()] / (2.0 * STEP)
         np.testing.assert_allclose(got, want, atol=2e-3 * np.abs(want).max())
@@ -275,5 +298,5 @@ def test_four_corners_cannot_bend_a_board_can(n_points, bends):
     """Corners of a tag are all as far from its middle: a bow lifts them alike, as a mount does."""
     grid = np.array([[x, y, 0.0] for x in (-0.03, 0.0, 0.03) for y in (-0.03, 0.0, 0.03)])
     points_m = grid if n_points == 9 else grid[[0, 2, 8, 6]]
-    assert (np.ptp(pnp.bow(points_m, "bow_x")[:, 2]) > 0.9) == bends
-    assert np.any(pnp.bow(points_m, "bow_y")) == bends
+    assert (np.ptp(pnp.moved_points(points_m, "bow_x")[:, 2]) > 0.9) == bends
+    assert np.any(pnp.moved_points(points_m, "bow_y")) == bends

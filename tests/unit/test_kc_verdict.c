@@ -22,7 +22,7 @@ void setUp(void)
     s_est.dof = 20u;
     s_est.noise_scale = 1.0;
     s_est.opt.outlier_max = 4u;
-    s_case = (kc_verdict_case_t){true, false, 0.001, 0.002, 0.005}; /* just so */
+    s_case = (kc_verdict_case_t){true, false, false, 0.001, 0.002, 0.005}; /* just so */
 }
 
 static kc_verdict_t verdict(double p_fit, double p_no_change)
@@ -93,6 +93,8 @@ void test_each_rule_of_the_policy_leaves_the_correction_to_the_ground(void)
     s_case.determined = false;
     expect_left_to_the_ground();
     s_case.bounds_active = true;
+    expect_left_to_the_ground();
+    s_case.all_rejected = true;
     expect_left_to_the_ground();
     s_case.p_fit = 0.00099;
     expect_left_to_the_ground();

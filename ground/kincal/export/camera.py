@@ -8,7 +8,7 @@ import numpy as np
 
 from kincal.rotations import Floats
 from kincal.schema.model import SightEntry
-from kincal.workbench.pnp import EDGE, LEAST_SEEN, bow, fault_of_column
+from kincal.workbench.pnp import EDGE, LEAST_SEEN, fault_of_column, moved_points
 
 from .calibrated import CalibratedArm
 from .expressions import points_of
@@ -24,12 +24,14 @@ _SHIFTS: dict[str, tuple[str, str]] = {
     "centre_x": ("1.0", "0.0"),
     "centre_y": ("0.0", "1.0"),
 }
+# Faults that the generated code does not know: the edges of a tag in the image.
+_NOT_WRITTEN = frozenset({"target_edges"})
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of camera or target. shift: expressions along u and v; None for a bent target, which is the
-    `bow`-th list of heights of `Target.bows`."""
+    """A fault of camera or target. shift: expressions along u and v; None for points that lie elsewhere (a
+    bent or too large target), which are the `bow`-th list of `Target.bows`."""
 
     name: str
     shift: tuple[str, str] | None
@@ -38,7 +40,8 @@ class Fault:
 
 @dataclass(frozen=True)
 class Target:
-    """points: (m, 3) in the target's frame [m]; bows: (m, 3) heights of each bent shape, by 1 m."""
+    """points: (m, 3) in the target's frame [m]; bows: (m, 3) how its points move by a unit of
+    each fault that moves them."""
 
     points: Floats
     bows: tuple[Floats, ...]
@@ -66,18 +69,21 @@ class Camera:
 
 def camera_of(arm: CalibratedArm) -> Camera | None:
     """Camera and target of the effects that act through all points of it; None if there is no such effect, or
-    the fit does not say what they are."""
+    the fit does not say what they are, or a fault cannot be written."""
     numbers = sorted({basis.index for term in arm.terms for basis in points_of(term)})
     sight = arm.record.sight
     if not numbers or sight is None:
         return None
     names = [fault_of_column(number) for number in numbers]
+    if _NOT_WRITTEN.intersection(names):
+        return None
     bent = [name for name in names if name not in _SHIFTS]
     low, high = np.array(sight.low), np.array(sight.high)
     return Camera(
         on_tool=sight.on_tool,
         targets=tuple(
-            Target(points, tuple(bow(points, name) for name in bent)) for points in _all_points(sight)
+            Target(points, tuple(moved_points(points, name) for name in bent))
+            for points in _all_points(sight)
         ),
         low=low,
         high=high,

@@ -60,5 +60,8 @@ def _configured(review: Review, limits: Limits) -> dict[str, Threshold]:
     return {
         "p_no_change": Threshold(f"at most {most:g} for a change", k["p_no_change"] <= most or not change),
         "cond": Threshold(f"at most {widest:g}", k["cond"] <= widest),
-        "n_outliers": Threshold(f"at most {limits.outlier_max}", review.n_outliers <= limits.outlier_max),
+        "n_outliers": Threshold(
+            f"fewer than {limits.outlier_max}, the most that flight rejects",
+            review.n_outliers < limits.outlier_max,
+        ),
     }

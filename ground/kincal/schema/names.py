@@ -42,8 +42,10 @@ PNP = {f"p{comp}": f"pnp_{comp}" for comp in ("tx", "ty", "tz", "rx", "ry", "rz"
 # What may be wrong with the image of a target's points, in a unit each (METHOD.md 13.1).
 FAULTS = (
     "radial_1", "radial_2", "decentring_1", "decentring_2", "focal_x", "focal_y", "centre_x", "centre_y",
-    "bow_x", "bow_y",
+    "bow_x", "bow_y", "target_size", "target_edges",
 )  # fmt: skip
+# Of those, faults of a target on the tool; a fixed one that is too large is a sensor with a wrong scale.
+FAULTS_ON_TOOL = ("target_size", "target_edges")
 
 # kc_fn_t, small letters; the basis is fn(z) with z = c1 (x - c0)
 FUNCTIONS = ("lin", "sin", "cos", "tanh", "ln1p", "expn", "step", "sq", "tan2", "abs")

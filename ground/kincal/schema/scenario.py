@@ -114,13 +114,15 @@ class Limits(Section):
     """Executive: what it accepts without the ground, and how long it waits [s of mission time]."""
 
     accept: Literal["ground", "auto", "policy"] = "auto"
-    """Who accepts a correction: the ground, always (auto), or the limits below (policy)."""
+    """Who accepts a correction: an operator (ground), the executive within the limits below (auto), or flight
+    by the policy of its CONFIG table (policy)."""
     pred_pos_max_m: NotNegative = 0.005
-    """Largest predicted position sigma that the policy accepts [m]."""
+    """Largest predicted position sigma that the executive accepts [m]."""
     pred_rot_max_rad: NotNegative = 0.02
-    """Largest predicted rotation sigma that the policy accepts [rad]."""
-    outliers_max: Annotated[int, Count(ge=0)] = 5
-    """Most rejected poses that the policy accepts."""
+    """Largest predicted rotation sigma that the executive accepts [rad]."""
+    outliers_max: Annotated[int, Count(ge=0)] = 2
+    """Most rejected poses that the executive accepts; more are a case for an operator. An encoder that slips
+    halfway leaves poses of two different arms, and the fit is of both."""
     heartbeat_timeout_s: NotNegative = 5.0
     """Longest silence of flight [s]."""
     ack_timeout_s: NotNegative = 3.0

@@ -17,7 +17,7 @@ from kincal.rotations import matrix_of_wxyz
 from kincal.schema.arm import ArmTable
 from kincal.schema.effects import EffectEntry, ParameterEntry, read_effects
 from kincal.schema.model import UnnamedEntry
-from kincal.schema.names import COMPONENTS, PNP, effect_of, is_unnamed
+from kincal.schema.names import COMPONENTS, FAULTS_ON_TOOL, PNP, effect_of, is_unnamed
 from kincal.schema.terms import ONE, Basis, Names, TermEntry, parse_gain
 
 from .data import Measurements
@@ -126,7 +126,9 @@ class Effect:
 
     def sees_points(self, arm: ArmTable, data: Measurements | None) -> bool:
         """Whether the effect acts through a target of many points here."""
-        return bool(self._of_points) and sees_points(arm, data)
+        fixed_target = arm.mount == "tool"
+        here = any(not (fixed_target and p.image in FAULTS_ON_TOOL) for p in self._of_points)
+        return here and sees_points(arm, data)
 
     def missing(self, arm: ArmTable, data: Measurements | None) -> list[str]:
         """What this effect needs and the arm table or the data do not have, in words."""

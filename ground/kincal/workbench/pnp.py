@@ -19,7 +19,7 @@ from kincal.schema.names import FAULTS
 
 from .data import Measurements
 from .sight import Sight, camera_poses, sees_points, sights
-from .types import Array, Mask, array
+from .types import Array, Indices, Mask, array
 
 EDGE = 0.02  # of half the image: over that, points at the border lose their weight gradually
 LEAST_SEEN = 4.0  # points; where fewer are in the image, all those in front of the camera count
@@ -142,8 +142,10 @@ class _View:
         """(n, m, 2) what a unit of a fault does to the image points, normalised."""
         if fault in _OF_CAMERA:
             return np.stack(np.broadcast_arrays(*_OF_CAMERA[fault](u, v)), axis=2)
-        lifted = bow(self.sight.points_m, fault) @ self.turn.transpose(0, 2, 1)
-        return _image(u, v, depth, lifted[..., None])[..., 0]
+        if fault == "target_edges":
+            return _edges_outward(u, v, self.sight)
+        moved = moved_points(self.sight.points_m, fault) @ self.turn.transpose(0, 2, 1)
+        return _image(u, v, depth, moved[..., None])[..., 0]
 
 
 def _image(u: Array, v: Array, depth: Array, moves: Array) -> Array:
@@ -181,14 +183,44 @@ _OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array | float, Array | floa
 _CORNERS = 4
 
 
-def bow(points_m: Array, fault: str) -> Array:
-    """(m, 3) how far points leave the target's plane when it is bent along its x or y by 1 m from the middle
-    to the farthest point. Of four corners nothing: lifted alike, they are a tag that is mounted elsewhere."""
+def moved_points(points_m: Array, fault: str) -> Array:
+    """(m, 3) how far points lie from where the table has them. target_size: all farther from the middle, by a
+    share of their distance. bow: how far they leave the target's plane when it is bent along its x or y by
+    1 m from the middle to the farthest point; of four corners nothing: lifted alike, they are a tag that is
+    mounted elsewhere."""
+    centred = points_m - points_m.mean(axis=0)
+    if fault == "target_size":
+        return array(centred)
     if len(points_m) <= _CORNERS:
         return np.zeros(points_m.shape)
-    centred = points_m - points_m.mean(axis=0)
     normal = np.linalg.svd(centred)[2][2]
     axis = np.eye(3)[0 if fault == "bow_x" else 1]
     along = centred @ (axis - (axis @ normal) * normal)
     largest = float(np.abs(along).max()) or 1.0
     return array((along / largest)[:, None] ** 2 * normal * (1.0 if normal.sum() > 0.0 else -1.0))
+
+
+def _edges_outward(u: Array, v: Array, sight: Sight) -> Array:
+    """(n, 4, 2) how the corners of a tag move when all its edges in the image move outward by one focal
+    length (a bright tag blooms). Nothing for other targets: only the edges of a tag are the borders of
+    something bright."""
+    if u.shape[1] != _CORNERS:
+        return np.zeros((*u.shape, 2))
+    around = _in_order(sight.points_m)
+    px = np.stack([u, v], axis=2)[:, around] * sight.focal
+    edge = np.roll(px, -1, axis=1) - px  # from corner k to the next one
+    normal = np.stack([edge[..., 1], -edge[..., 0]], axis=2)
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    outward = np.sum(normal * (px - px.mean(axis=1, keepdims=True)), axis=2, keepdims=True)
+    normal *= np.sign(outward)
+    meeting = np.stack([np.roll(normal, 1, axis=1), normal], axis=2)  # the two edges of each corner
+    moved = np.empty_like(px)
+    moved[:, around] = np.linalg.solve(meeting, np.ones((*meeting.shape[:3], 1)))[..., 0]
+    return array(moved * sight.focal.mean() / sight.focal)
+
+
+def _in_order(points_m: Array) -> Indices:
+    """(m,) points of a plane in the order in which one walks around them."""
+    centred = points_m - points_m.mean(axis=0)
+    x, y = np.linalg.svd(centred)[2][:2] @ centred.T
+    return np.argsort(np.arctan2(y, x))

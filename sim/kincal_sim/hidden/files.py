@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import tags
 from ..mjcf import GRAVITY_EARTH
 from ..plant import Conditions
 from ..transforms import quaternion
@@ -23,6 +24,7 @@ _POSE = ["px", "py", "pz", "qw", "qx", "qy", "qz"]
 _COV = [f"c{i}{j}" for i in range(1, 7) for j in range(i, 7)]
 _CAMERA = ["cx", "cy", "cz", "cqw", "cqx", "cqy", "cqz", "pan_rad", "tilt_rad", "tag"]
 COLUMNS = ["id", *_STATE, *_POSE, *_COV, "range_m", "incid_rad", "u_px", "v_px", *_CAMERA, "replicate"]
+TARGETS = ("points_m", "second_points_m")  # by tag
 QUERY_COLUMNS = ["id", *_STATE, "px", "py", "pz"]
 
 
@@ -75,9 +77,17 @@ def arm_toml(spec: dict) -> str:
         lines += _frame_lines(frame, spec[frame])
     cam = spec["camera"]
     lines += ["[sensor]", *(f"{key} = {cam[key]}" for key in ("fx_px", "fy_px", "cx_px", "cy_px"))]
+    lines += ["[target]", *(f"{key} = {_corners(spec, tag)}" for tag, key in enumerate(TARGETS))]
     for joint, gear_ratio in zip(spec["joint"], kinds.GEAR_RATIO, strict=True):
         lines += _joint_lines(joint, gear_ratio)
     return "\n".join(lines) + "\n"
+
+
+def _corners(spec: dict, tag: int) -> list[list[float]]:
+    """Of a tag, in the tool's frame; rows of three, as TOML has them."""
+    T_tool_tag = optics.nominal_tag_pose(spec, tag)
+    corners_m = tags.corners_m(spec["tag"][tag]["size_m"])
+    return (corners_m @ T_tool_tag[:3, :3].T + T_tool_tag[:3, 3]).round(9).tolist()
 
 
 def _frame_lines(name: str, frame: dict) -> list[str]:
