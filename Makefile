@@ -255,7 +255,7 @@ dict: ## docs/EVENTS.md and the tables of docs/OPERATIONS.md from the event list
 docs: dict core messages .venv/.stamp stubs ## the generated parts of docs/
 	$(PY) ground/gen_docs.py
 
-stubs: core .venv/.stamp ## types of the flight core for mypy
+stubs: core .venv/.stamp ## types of the flight core and of the messages for mypy, list of channels
 	$(PY) ground/stubs.py
 	$(PY) ground/message_stubs.py
 

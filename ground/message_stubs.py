@@ -1,5 +1,5 @@
 """From fsw/msg/*.lcm: types of the LCM messages for mypy, ground/kincal/link/messages.pyi, and the list of
-channels, ground/kincal/schema/channels.py.
+channels, ground/kincal/schema/channels.csv.
 
     message_stubs.py [--check]
 
@@ -8,6 +8,8 @@ and the exit status is 1 if a file is not what the messages say."""
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 import sys
 from pathlib import Path
@@ -15,34 +17,8 @@ from pathlib import Path
 from gen_docs import Message, messages
 
 TARGET = Path(__file__).resolve().parent / "kincal" / "link" / "messages.pyi"
-CHANNELS = Path(__file__).resolve().parent / "kincal" / "schema" / "channels.py"
-CHANNELS_HEAD = '''"""Made by ground/message_stubs.py from fsw/msg; do not edit. Every LCM channel: name, type
-of its messages, sender, receivers, rate, what it carries."""
-
-from __future__ import annotations
-
-from typing import NamedTuple
-
-
-class Channel(NamedTuple):
-    """One LCM channel: message type of fsw/msg, who sends, who receives, how often, what for."""
-
-    name: str
-    type: str
-    sender: str
-    receivers: str
-    rate: str
-    purpose: str
-
-
-# fmt: off
-CHANNELS = (
-'''
-CHANNELS_END = """
-)
-# fmt: on
-BY_NAME = {channel.name: channel for channel in CHANNELS}
-"""
+CHANNELS = Path(__file__).resolve().parent / "kincal" / "schema" / "channels.csv"
+COLUMNS = ("name", "type", "sender", "receivers", "rate", "purpose")
 HEAD = '''"""Made by ground/message_stubs.py from fsw/msg; do not edit. Types of the LCM messages for mypy."""
 
 from typing import Protocol
@@ -79,8 +55,9 @@ def stub(message: Message) -> str:
 def channels() -> str:
     """The list of channels, by name."""
     rows = sorted((name, m.name, *rest) for m in messages() for name, *rest in m.channels)
-    lines = ["    Channel(" + ", ".join(f'"{cell}"' for cell in row) + "),  # noqa: E501" for row in rows]
-    return CHANNELS_HEAD + "\n".join(lines) + CHANNELS_END
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([COLUMNS, *rows])
+    return out.getvalue()
 
 
 def main() -> int:

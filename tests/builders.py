@@ -20,12 +20,6 @@ fill, pointer, view = flight.set_fields, flight.pointer, flight.array
 # --------------------------------------------------------------------------- rotations and poses
 
 
-def pose_rows(n: int) -> tuple[np.ndarray, Any]:
-    """n kc_pose_t as rows of position and rotation matrix, (n, 12), and the pointer to the first."""
-    rows = np.zeros((n, 12))
-    return rows, pointer(rows, "kc_pose_t")
-
-
 def pose_of(c_pose: Any) -> Pose:
     """Copy of a kc_pose_t."""
     return Pose(view(c_pose.p_m).copy(), view(c_pose.R, 3, 3).copy())

@@ -1,14 +1,28 @@
-"""Environments that several test files share; making one takes seconds."""
+"""What several test files share: the true arm's table, the effect library, environments of the wheel."""
 
 import sys
 from pathlib import Path
 
+import poses
 import pytest
 from environments import environment, run
 
+from kincal import workbench as wb
 from kincal.installation import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def arm(tmp_path_factory):
+    """The WAM, all of it known but its errors."""
+    return wb.read_arm(poses.arm_toml(tmp_path_factory.mktemp("arm") / "arm.toml"))
+
+
+@pytest.fixture(scope="session")
+def library():
+    """The effects that ship."""
+    return wb.Library.load()
 
 
 @pytest.fixture(scope="session")

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 import poses
 import pytest
-from click.testing import CliRunner
+from commands import kincal
 
 from kincal import tables
 from kincal import workbench as wb
-from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.flight import Arm
 from kincal.rotations import Pose
@@ -165,12 +164,6 @@ def folder(tmp_path):
     poses.arm_toml(tmp_path / "arm.toml")
     poses.poses_csv(tmp_path / "poses.csv", 40, 5)
     return tmp_path
-
-
-def kincal(*args):
-    done = CliRunner().invoke(main, ["model", *map(str, args)])
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
-    return done
 
 
 def test_check_says_ok_with_status_0(folder):

@@ -9,6 +9,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import boards
 import numpy as np
 import poses
 import pytest
@@ -24,11 +25,13 @@ from kincal.export.dh import four_parameter_table
 from kincal.export.source import c_header, c_source, describe, python_source, source_left_out
 from kincal.export.urdf import roll_pitch_yaw, urdf
 from kincal.schema.arm import read_arm
-from kincal.schema.model import FitEntry, FrameEntry
-from kincal.schema.names import FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
+from kincal.schema.model import FitEntry, FrameEntry, SightEntry
+from kincal.schema.names import FAULTS, FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
 from kincal.schema.terms import ONE, Basis
 from kincal.workbench.effects import Library
 from kincal.workbench.fit import fit_model
+from kincal.workbench.fitrecord import sight_entry
+from kincal.workbench.pnp import column_number
 from kincal.workbench.readers import read_measurements
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -79,7 +82,7 @@ def arm_named(name, tmp_path):
 
 def generated(fit, tmp_path):
     """Python module and C library of a fit."""
-    arm = calibrated_fit(fit, RECORD)
+    arm = calibrated_fit(fit, RECORD.model_copy(update={"sight": sight_entry(fit)}))
     (tmp_path / "made.py").write_text(python_source(arm))
     (tmp_path / "made.c").write_text(c_source(arm, "made.h"))
     (tmp_path / "made.h").write_text(c_header(arm))
@@ -171,18 +174,25 @@ def all_drivers(module, data, i):
     return drivers_at(data, i, {*module.DEFAULTS, *module.NEEDED})
 
 
-def test_generated_code_gives_what_predict_gives_with_every_effect(model):
-    fit, data, module, c = model
+def measured_is_what_predict_expects(fit, data, module, c):
+    """Poses measured as the generated code says leave no residual. Returns them."""
     report = module.measured if hasattr(module, "measured") else module.forward
     said = [matrix(report(data.q[i], **all_drivers(module, data, i))) for i in range(data.n)]
     poses_said = np.array(said)
     quat = Rotation.from_matrix(poses_said[:, :3, :3]).as_quat(scalar_first=True)
     measured = replace(data, p_m=poses_said[:, :3, 3], quat_wxyz=quat)
-    assert np.abs(fit.predict(measured)).max() < 1e-9  # measured as predicted: nothing is left
+    assert np.abs(fit.predict(measured)).max() < 1e-9
+    for i in range(data.n):
+        in_c = getattr(c, report.__name__)(data.q[i], **all_drivers(module, data, i))
+        assert np.abs(in_c - said[i]).max() < 1e-9
+    return poses_said
+
+
+def test_generated_code_gives_what_predict_gives_with_every_effect(model):
+    fit, data, module, c = model
+    measured_is_what_predict_expects(fit, data, module, c)
     for i in range(data.n):
         d = all_drivers(module, data, i)
-        in_c = getattr(c, report.__name__)(data.q[i], **d)
-        assert np.abs(in_c - said[i]).max() < 1e-9
         assert np.abs(c.forward(data.q[i], **d) - matrix(module.forward(data.q[i], **d))).max() < 1e-9
         assert np.abs(c.nominal(data.q[i]) - matrix(module.nominal(data.q[i]))).max() < 1e-9
 
@@ -270,7 +280,7 @@ def test_missing_and_unknown_drivers_are_named(tmp_path):
 def test_every_variable_and_function_of_the_grammar_is_exported():
     from kincal.export import expressions
 
-    assert {name for name in VARIABLES if expressions.known(name)} == set(VARIABLES) - {"1"} - set(PNP)
+    assert {name for name in VARIABLES if expressions.known(name)} == set(VARIABLES) - {"1"}
     assert not {name for name, of in VARIABLES.items() if of.given and of.computed}
     assert set(expressions._FUNCTIONS) == set(FUNCTIONS)
 
@@ -514,26 +524,120 @@ def test_exports_of_a_real_arm_reproduce_predict(name, tmp_path):
         d = drivers_at(data, i, {*module.DEFAULTS, *module.NEEDED})
         assert np.abs(matrix(module.forward(data.q[i], **d)) - want[i]).max() < 1e-9
         assert np.abs(c.forward(data.q[i], **d) - want[i]).max() < 1e-9
+    assert hasattr(module, "measured") == (name == "fr3")
+    measured_is_what_predict_expects(fit, data.take(np.arange(0, data.n, 20)), module, c)
     (tmp_path / "made.urdf").write_text(urdf(calibrated_fit(fit, RECORD)))
     some = data.take(np.arange(0, data.n, 20))
     got = pinocchio_poses(pinocchio, tmp_path / "made.urdf", some.q)
     assert np.abs(got - predicted(constants_only(fit), some)).max() < 1e-9
 
 
-def test_effects_through_many_points_are_named_and_the_sensor_is_left_out(tmp_path):
+def with_board_in_view(fit, data):
+    """The fit and poses with the target (or with the camera, if it stands) where most of the board is in the
+    image."""
+    rng = np.random.default_rng(8)
+    tool = predicted(fit, data)
+    view = boards.pose([0.3, -0.2, 0.1], [0.03, -0.02, 0.35])  # board in the camera frame
+    if fit.arm.mount == "tool":
+        board = tool[0] @ view
+        points = boards.BOARD @ board[:3, :3].T + board[:3, 3]
+        return replace(fit, arm=replace(fit.arm, target_points_m=points)), data
+    camera = tool @ np.linalg.inv(view)
+    camera[:, :3, 3] += rng.uniform(-0.04, 0.04, (data.n, 3))
+    quat = Rotation.from_matrix(camera[:, :3, :3]).as_quat(scalar_first=True)
+    return fit, replace(data, cam_p_m=camera[:, :3, 3], cam_quat_wxyz=quat)
+
+
+@pytest.mark.parametrize("second", [False, True])
+@pytest.mark.parametrize("mount", ["tool", "world"])
+def test_measured_is_the_pose_that_the_camera_finds_with_every_fault(mount, second, tmp_path):
+    arm = read_arm(boards.arm_toml(tmp_path / "arm.toml", mount, True))
+    arm = replace(arm, **{f: replace(getattr(arm, f), estimate=False) for f in ("base", "tool")})
+    on_tool = mount == "tool"
+    data = random_data(arm, 8, cam_p_m=not on_tool, cam_quat_wxyz=not on_tool)
+    data = replace(data, q=BENT[7] + np.random.default_rng(8).uniform(-0.05, 0.05, data.q.shape))
+    faults = [
+        hypothesis(fault, *(("meas", c, -1.0, Basis("lin", name, column_number(0, fault)), ONE)
+                            for c, name in enumerate(PNP)))
+        for fault in FAULTS if fault != "target_edges"
+    ]  # fmt: skip
+    fit = unfitted(arm, data, [*faults, *of_library(arm, ["backlash[4]"])])
+    fit, data = with_board_in_view(fit, data)
+    arm = fit.arm
+    if second:
+        arm = replace(arm, target_second_m=0.7 * arm.target_points_m + 0.3 * arm.target_points_m.mean(axis=0))
+        fit = replace(fit, arm=arm)
+    module, c = generated(fit, tmp_path)
+    said = measured_is_what_predict_expects(fit, data, module, c)
+    moved = np.linalg.norm(said[:, :3, 3] - predicted(fit, data)[:, :3, 3], axis=1)
+    assert np.median(moved) > 1e-4
+    # The border of the image cuts the board, so that its weights are tried, but leaves more than a line.
+    assert 0.3 < min(seen_share(arm, data, fit, i) for i in range(data.n)) < 0.95
+    assert ("tag" in module.DEFAULTS) == second
+    if second:
+        one, other = (
+            module.measured(data.q[0], **{**all_drivers(module, data, 0), "tag": t}) for t in (0, 1)
+        )
+        assert np.linalg.norm(one[0] - other[0]) > 1e-5
+
+
+def seen_share(arm, data, fit, i):
+    """Share of the points of the board that is in the image at pose i."""
+    tool = predicted(fit, data)[i]
+    target = np.linalg.inv(tool)
+    if arm.mount != "tool":
+        camera = np.eye(4)
+        camera[:3, :3] = Rotation.from_quat(data.cam_quat_wxyz[i], scalar_first=True).as_matrix()
+        camera[:3, 3] = data.cam_p_m[i]
+        target = np.linalg.inv(camera) @ tool
+    return boards.project(target, points=arm.target_points_m)[1].mean()
+
+
+SIGHT = SightEntry(on_tool=False, points_m=boards.BOARD.tolist(), low=(-1, -1), high=(1, 1), focal=(1, 1))
+
+
+@pytest.mark.parametrize("number, sight", [(1, None), (column_number(0, "target_edges"), SIGHT)])
+def test_sensor_is_left_out_and_named_if_its_target_is_unknown_or_a_fault_not_written(
+    number, sight, tmp_path
+):
     arm = arm_named("wam", tmp_path)
     data = random_data(arm, 6)
-    lens = hypothesis("lens_radial", ("meas", 0, 1.0, Basis("lin", "ptx", 1), ONE))
+    lens = hypothesis("lens_radial", ("meas", 0, 1.0, Basis("lin", "ptx", number), ONE))
     fit = unfitted(arm, data, [lens, *of_library(arm, ["tag_scale", "backlash[4]"])])
-    found = calibrated_fit(fit, RECORD)
+    found = calibrated_fit(fit, RECORD.model_copy(update={"sight": sight}))
     why = {one.effect: one.why for one in source_left_out(found)}
     assert set(why) == {"lens_radial", "tag_scale"}
-    assert "residuals(data)" in why["lens_radial"]
-    module, _ = generated(fit, tmp_path)
+    assert "not the arm" in why["lens_radial"]
+    (tmp_path / "made.py").write_text(python_source(found))
+    module = python_module(tmp_path / "made.py")
     assert not hasattr(module, "measured")
     d = drivers_at(data, 0, {*module.DEFAULTS, *module.NEEDED})
     assert set(d) == {"direction"}
     assert np.abs(matrix(module.forward(data.q[0], **d)) - predicted(fit, data)[0]).max() < 1e-9
+
+
+def test_model_file_keeps_the_camera_and_target_that_were_assumed(tmp_path):
+    """Nothing is stated: the board follows from the measurements, which the export does not see."""
+    home = SHARED / "fr3"
+    if not home.is_dir():
+        pytest.skip(f"no {home}")
+    arm, data, out = next(home.glob("*.toml")), home / "fr3.csv", tmp_path / "M.toml"
+    runner = CliRunner()
+    for words in (("add", "--model", out, "lens_radial"),
+                  ("fit", "--arm", arm, "--data", data, "--model", out),
+                  ("export", "--model", out, "--format", "python", "-o", tmp_path / "o.py")):  # fmt: skip
+        done = runner.invoke(main, ["model", *map(str, words)])
+        assert done.exit_code == 0, done.output
+    assert "not in" not in done.stderr
+    table = read_arm(arm)
+    read = read_measurements(data, table)
+    fit = wb.fit(table, read, ["lens_radial"]).fit
+    assert fit.data.n == read.n
+    assert wb.read_model(out).fit.sight == sight_entry(fit)
+    module, some = python_module(tmp_path / "o.py"), read.take(np.arange(0, read.n, 20))
+    said = [module.measured(q) for q in some.q]
+    quat = Rotation.from_matrix([R for _, R in said]).as_quat(scalar_first=True)
+    assert np.abs(fit.predict(replace(some, p_m=np.array([p for p, _ in said]), quat_wxyz=quat))).max() < 1e-9
 
 
 # --------------------------------------------------------------------------- files and command

@@ -26,6 +26,13 @@ SHIPPED = {
     **{f"table-{kind}": ROOT / f"tables/src/{kind}.toml" for kind in tables.SOURCES},
 }
 FRAME = {"xyz_m": [0.0, 0.0, 0.0], "quat_wxyz": [1.0, 0.0, 0.0, 0.0]}
+SIGHT = {
+    "on_tool": True,
+    "points_m": [[0.0, 0.0, 0.0]],
+    "low": [-0.5, -0.3],
+    "high": [0.5, 0.3],
+    "focal": [900.0, 900.0],
+}
 # What the shipped files leave out, and the kinds without a shipped file.
 ALSO = {
     "arm": {"target": {"points_m": [[0.0, 0.0, 0.0]]}},
@@ -50,6 +57,7 @@ ALSO = {
             "noise_scale": 1.0,
             "base": FRAME,
             "tool": FRAME,
+            "sight": SIGHT,
         },
         "unnamed": [
             {

@@ -26,11 +26,6 @@ DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / 
 STEP = 1e-4
 
 
-@pytest.fixture(scope="module")
-def library():
-    return wb.Library.load()
-
-
 # --------------------------------------------------------------------------- columns
 
 
@@ -303,5 +298,5 @@ def test_four_corners_cannot_bend_a_board_can(n_points, bends):
     """Corners of a tag are all as far from its middle: a bow lifts them alike, as a mount does."""
     grid = np.array([[x, y, 0.0] for x in (-0.03, 0.0, 0.03) for y in (-0.03, 0.0, 0.03)])
     points_m = grid if n_points == 9 else grid[[0, 2, 8, 6]]
-    assert (np.ptp(pnp._moved_points(points_m, "bow_x")[:, 2]) > 0.9) == bends
-    assert np.any(pnp._moved_points(points_m, "bow_y")) == bends
+    assert (np.ptp(pnp.moved_points(points_m, "bow_x")[:, 2]) > 0.9) == bends
+    assert np.any(pnp.moved_points(points_m, "bow_y")) == bends

@@ -13,6 +13,7 @@ import pytest
 import samples
 from builders import ffi
 from click.testing import CliRunner
+from commands import kincal
 
 from kincal import space, tables
 from kincal import workbench as wb
@@ -52,12 +53,6 @@ sigma = 5e-3
 at = "joint[3]"
 basis = "tanh(q4) * cos(q6)"
 """
-
-
-def kincal(*args):
-    done = CliRunner().invoke(main, ["model", *map(str, args)])
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exc_info
-    return done
 
 
 def good(*args):
@@ -192,6 +187,13 @@ def test_model_is_built_step_by_step(given, model, folder):
     # values are in the file now, and the arm it is for
     assert "backlash[4].h = " in good("list", "--model", model).output
     assert tomllib.loads(model.read_text())["arm"] == str(folder / "arm.toml")
+
+
+def test_list_shows_the_values_of_an_effect_at_some_joints(given, model):
+    good("add", "--model", model, "backlash[3,4]")
+    good("fit", *given, "--model", model)
+    shown = good("list", "--model", model).output.splitlines()
+    assert [line.split()[0] for line in shown] == ["backlash[3,4]", "backlash[3].h", "backlash[4].h"]
 
 
 def test_unnamed_effect_is_added_fitted_taken_back_and_flown(given, model):

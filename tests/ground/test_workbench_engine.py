@@ -29,16 +29,6 @@ from kincal.workbench.uplink import term_table
 DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 
 
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    return wb.read_arm(poses.arm_toml(tmp_path_factory.mktemp("arm") / "arm.toml"))
-
-
-@pytest.fixture(scope="module")
-def library():
-    return wb.Library.load()
-
-
 def measure(tmp_path, n, seed, true_q=None, **more):
     return wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", n, seed, true_q, **more), 7)
 

@@ -22,11 +22,6 @@ def arm(tmp_path_factory):
     return wb.read_arm(poses.arm_toml(tmp_path_factory.mktemp("arm") / "arm.toml", masses=False))
 
 
-@pytest.fixture(scope="module")
-def library():
-    return wb.Library.load()
-
-
 def measure(tmp_path, n, seed, true_q=None, **more):
     return wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", n, seed, true_q, **more), 7)
 

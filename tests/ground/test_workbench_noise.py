@@ -15,11 +15,6 @@ LEVER_M = np.array([0.05, 0.02, 0.4])  # from the sensor's target to the tool
 SIGMA_ROT_RAD, SIGMA_POS_M = np.array([3e-3, 2e-3, 1e-3]), 2e-4
 
 
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    return wb.read_arm(poses.arm_toml(tmp_path_factory.mktemp("arm") / "arm.toml"))
-
-
 def lever_noise():
     """(6, 6) square root of a covariance: the position moves with every error of orientation."""
     x, y, z = LEVER_M

@@ -27,11 +27,6 @@ DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / 
 NOISE_M = float(np.linalg.norm(poses.SIGMA[:3]))
 
 
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory):
-    return wb.read_arm(poses.arm_toml(tmp_path_factory.mktemp("arm") / "arm.toml"))
-
-
 def bump(q4):
     """A smooth function that is none of the shapes."""
     return 8e-3 * np.exp(-(((q4 - 1.5) / 0.8) ** 2))

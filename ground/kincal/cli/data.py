@@ -151,7 +151,7 @@ def data_options(*, required: bool = True, about: str = "") -> Callable[[Command
         click.option("--no-inferred-direction", is_flag=True,
                      help="Without dir columns do not take approach directions from the order of rows."),
         click.option("--exclude", "excluded", multiple=True, metavar="ID,...",
-                     help="Poses to leave out, by their ids, as the report lists them after a click."),
+                     help="Ids of poses to leave out; the page of `diagnose` lists those clicked."),
         click.option("--force", is_flag=True, help="Go on when arm table and data do not belong together."),
     )  # fmt: skip
 

@@ -4,21 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
 
 import click
 
 from kincal import keys
 from kincal.cli.options import PATH
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-
-def _file(command: Command) -> Command:
-    shown = f"${keys.VARIABLE}, else {keys.DEFAULT}"
-    argument = click.argument("file", type=PATH, required=False, envvar=keys.VARIABLE, metavar="[FILE]")
-    command.__doc__ = (command.__doc__ or "").replace("FILE_DEFAULT", f"FILE: {shown} unless it is given.")
-    return argument(command)
 
 
 @click.group()
@@ -35,71 +25,54 @@ def key() -> None:
     """
 
 
-@key.command("new")
-@_file
-def key_new(file: Path | None) -> None:
-    """Make a key file with one key.
+def _verb(act: Callable[[Path], str]) -> Callable[[Path], str]:
+    """Make `kincal key NAME` of a function that acts on the key file and returns what to say of it."""
+    name = act.__name__.removeprefix("key_")
 
-    FILE_DEFAULT
+    def command(file: Path | None) -> None:
+        path = keys.file_of(file)
+        click.echo(f"{path}: {act(path)}")
+
+    command.__doc__ = f"""{act.__doc__}
+
+    Without FILE: the file of ${keys.VARIABLE}, else {keys.DEFAULT}.
 
     \b
     Example:
-        kincal key new ~/.kincal/keys
+        kincal key {name}
     """
-    path = keys.file_of(file)
+    file = click.argument("file", type=PATH, required=False)
+    key.command(name)(file(command))
+    return act
+
+
+@_verb
+def key_new(path: Path) -> str:
+    """Make a key file with one key."""
     made = keys.new(path)
-    click.echo(f"{path}: key {made.id}; start kincal-fsw with --keys and this file")
+    return f"key {made.id}; start kincal-fsw with --keys and this file"
 
 
-@key.command("rotate")
-@_file
-def key_rotate(file: Path | None) -> None:
+@_verb
+def key_rotate(path: Path) -> str:
     """Add a new key; the old one signs until `kincal key retire`.
 
-    Give the file to flight and to all senders, and start flight again: it takes both keys then.
-
-    FILE_DEFAULT
-
-    \b
-    Example:
-        kincal key rotate
-    """
-    path = keys.file_of(file)
+    Give the file to flight and to all senders, and start flight again: it takes both keys then."""
     made = keys.rotate(path)
-    click.echo(f"{path}: key {made.id} added; copy the file, start flight again, then `kincal key retire`")
+    return f"key {made.id} added; copy the file, start flight again, then `kincal key retire`"
 
 
-@key.command("retire")
-@_file
-def key_retire(file: Path | None) -> None:
+@_verb
+def key_retire(path: Path) -> str:
     """Take the old key out; the new one signs from now on.
 
-    Give the file to all senders, then to flight, and start flight again: it refuses the old key then.
-
-    FILE_DEFAULT
-
-    \b
-    Example:
-        kincal key retire
-    """
-    path = keys.file_of(file)
+    Give the file to all senders, then to flight, and start flight again: it refuses the old key then."""
     gone = keys.retire(path)
-    click.echo(
-        f"{path}: key {gone.id} is gone, key {keys.read(path)[0].id} signs; copy the file, start flight again"
-    )
+    return f"key {gone.id} is gone, key {keys.read(path)[0].id} signs; copy the file, start flight again"
 
 
-@key.command("show")
-@_file
-def key_show(file: Path | None) -> None:
-    """Check a key file and list the numbers of its keys, not the keys.
-
-    FILE_DEFAULT
-
-    \b
-    Example:
-        kincal key show
-    """
-    path = keys.file_of(file)
+@_verb
+def key_show(path: Path) -> str:
+    """Check a key file and list the numbers of its keys, not the keys."""
     signs, *others = keys.read(path)
-    click.echo(f"{path}: key {signs.id} signs" + "".join(f", key {k.id} is new" for k in others))
+    return f"key {signs.id} signs" + "".join(f", key {k.id} is new" for k in others)

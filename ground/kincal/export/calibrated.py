@@ -17,7 +17,7 @@ from kincal.schema.terms import Basis
 from kincal.workbench.constants import choose_constants
 from kincal.workbench.effects import Library, Parameter, Term
 from kincal.workbench.fit import EFFECT_WIDTH, Fit
-from kincal.workbench.fitrecord import arm_digest
+from kincal.workbench.fitrecord import arm_digest, covariance_of
 from kincal.workbench.modelfile import ModelFile
 from kincal.workbench.parameters import BETA, dh_parameters, effect_parameters, frame_parameters, is_beta
 
@@ -194,12 +194,15 @@ def calibrated_arm(
     named = _named(arm, model, library, name)
     if [n for n, *_ in named] != list(model.values):
         raise _stale(name, "its values are those of other effects, or of another version of their library")
+    covariance = covariance_of(model)
+    if covariance is None:
+        raise _stale(name, f"its covariance does not have the {len(named)} rows of the coefficients")
     return CalibratedArm(
         arm=arm,
         base=_pose(record.base),
         tool=_pose(record.tool),
         coefficients=tuple(_coefficient(n, effect, p, model.values[n]) for n, effect, p in named),
-        covariance=_symmetric(record.covariance, len(named), name),
+        covariance=covariance,
         record=record,
     )
 
@@ -240,13 +243,3 @@ def _coefficient(name: str, effect: str, parameter: Parameter, value: tuple[floa
 
 def _pose(frame: FrameEntry) -> Pose:
     return Pose.of_wxyz(frame.xyz_m, frame.quat_wxyz)
-
-
-def _symmetric(lower: list[list[float]], k: int, name: str) -> Floats:
-    """(k, k) of the rows of a lower triangle."""
-    if [len(row) for row in lower] != list(range(1, k + 1)):
-        raise _stale(name, f"its covariance does not have the {k} rows of the coefficients")
-    out = np.zeros((k, k))
-    for i, row in enumerate(lower):
-        out[i, : i + 1] = out[: i + 1, i] = row
-    return out

@@ -43,10 +43,9 @@ _FUNCTIONS: dict[str, tuple[str, str]] = {
 }
 
 
-def through_points(term: FittedTerm) -> bool:
-    """Whether a term corrects a pose that a camera found from many points: that takes the camera's own
-    computation, which the generated code does not repeat."""
-    return any(basis.var in PNP for basis in term.bases)
+def points_of(term: FittedTerm) -> tuple[Basis, ...]:
+    """Bases by which a term corrects a pose that a camera found from many points."""
+    return tuple(basis for basis in term.bases if basis.var in PNP)
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def _value(of: Variable) -> tuple[str, str]:
 
 
 def _index(basis: Basis) -> dict[str, object]:
-    """Joint or link from 0, and the body of a gravity lever, the tool after the last link."""
+    """Joint, link or column from 0, and the body of a gravity lever, the tool after the last link."""
     if VARIABLES[basis.var].of_body:
         link, body = divmod(basis.index, LEVER_STRIDE)
         return {"i": link, "body": body or "N + 1"}

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from .calibrated import CalibratedArm, FittedTerm, component_name, frame_name, term_text
-from .expressions import through_points
+from .expressions import points_of
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,8 @@ def left_out(arm: CalibratedArm, terms: Iterable[FittedTerm]) -> tuple[LeftOut, 
 
 
 def _why(terms: list[FittedTerm]) -> str:
-    if any(through_points(term) for term in terms):
-        return (
-            "it corrects the poses that the camera of these data found from its target; the exported "
-            "functions say where the arm is, without it, and `kincal.fit(...).residuals(data)` judges such "
-            "poses with it"
-        )
+    if any(points_of(term) for term in terms):
+        return "it corrects the pose that a camera finds from its target, not the arm"
     if any(term.on_sensor for term in terms):
         return "it corrects the sensor, not the arm"
     varying = list(dict.fromkeys(term_text(term) for term in terms if not term.constant))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jinja2
 import numpy as np
@@ -18,7 +18,8 @@ from kincal.rotations import Floats, Pose
 from kincal.schema.names import VARIABLES, Variable
 
 from .calibrated import BASE, TOOL, CalibratedArm, FittedTerm
-from .expressions import IMAGE, LEVERS, LOADS, MASSES, VIEW, Language, Line, line, plain, through_points
+from .camera import Camera, camera_of
+from .expressions import IMAGE, LEVERS, LOADS, MASSES, VIEW, Language, Line, line, plain, points_of
 from .leftout import LeftOut, left_out
 
 
@@ -40,7 +41,8 @@ class Source:
     """What the templates write.
 
     constant: twists by frame (0..n, tool, sensor, target) of all that does not change; found: of the base
-    and tool frame alone; steady, loaded: other corrections, without and with gravity loads.
+    and tool frame alone; steady, loaded: other corrections, without and with gravity loads; seen: those of
+    a pose that a camera found from many points; camera: that camera and its target, if there are any.
     """
 
     title: str
@@ -51,6 +53,8 @@ class Source:
     found: Floats
     steady: tuple[Line, ...]
     loaded: tuple[Line, ...]
+    seen: tuple[Line, ...]
+    camera: Camera | None
     drivers: tuple[Driver, ...]
     on_sensor: bool
     uses_masses: bool
@@ -84,7 +88,7 @@ class Source:
     @property
     def functions(self) -> str:
         """The text of all expressions, for helpers that only some of them need."""
-        return " ".join(one.product for one in (*self.steady, *self.loaded))
+        return " ".join(one.product for one in (*self.steady, *self.loaded, *self.seen))
 
 
 def python_source(arm: CalibratedArm) -> str:
@@ -104,9 +108,16 @@ def c_header(arm: CalibratedArm) -> str:
 
 def describe(arm: CalibratedArm, language: Language) -> Source:
     """What the templates need to know of a fitted arm. CannotAnswer if a term cannot be written as code."""
-    terms, on_sensor = _written(arm)
+    camera = camera_of(arm)
+    if _sensor_fits(arm, camera):
+        terms = list(arm.terms)
+    else:
+        terms, camera = [term for term in arm.terms if not term.on_sensor], None
+    on_sensor = any(term.on_sensor for term in terms)
     varying = [term for term in terms if not term.constant]
-    variables = {basis.var for term in varying for basis in term.bases}
+    seen = [term for term in varying if points_of(term)]
+    varying = [term for term in varying if not points_of(term)]
+    variables = {basis.var for term in (*varying, *seen) for basis in term.bases}
     lines = {term: line(term, _row(term.frame, arm.n), language) for term in varying}
     return Source(
         title=plain(arm.arm.name),
@@ -117,7 +128,9 @@ def describe(arm: CalibratedArm, language: Language) -> Source:
         found=_constants(arm, [BASE, TOOL]),
         steady=tuple(lines[term] for term in varying if not _loaded(term)),
         loaded=tuple(lines[term] for term in varying if _loaded(term)),
-        drivers=tuple(_drivers(arm, variables, on_sensor)),
+        seen=tuple(line(_placed(term, camera), _row(term.frame, arm.n), language) for term in seen),
+        camera=camera,
+        drivers=tuple(_drivers(arm, variables, on_sensor, camera)),
         on_sensor=on_sensor,
         uses_masses=bool(variables & MASSES),
         uses_levers=bool(variables & LEVERS),
@@ -126,19 +139,28 @@ def describe(arm: CalibratedArm, language: Language) -> Source:
     )
 
 
-def _written(arm: CalibratedArm) -> tuple[list[FittedTerm], bool]:
-    """Terms that become code, and whether those of the sensor are among them: all of them or none."""
-    if any(through_points(term) for term in arm.terms):
-        return [term for term in arm.terms if not term.on_sensor], False
-    return list(arm.terms), any(term.on_sensor for term in arm.terms)
+def _sensor_fits(arm: CalibratedArm, camera: Camera | None) -> bool:
+    """Whether the effects of the sensor can be written: those through many points need a camera and target
+    that are known, and depend on nothing that the pose itself decides."""
+    through = [term for term in arm.terms if points_of(term)]
+    variables = {basis.var for term in through for basis in term.bases}
+    return not through or (camera is not None and not variables & (VIEW | LOADS))
 
 
 def source_left_out(arm: CalibratedArm) -> tuple[LeftOut, ...]:
-    """Effects of the sensor that the generated code does not hold: all of them, if some act on a pose that a
-    camera found from many points."""
-    if not any(through_points(term) for term in arm.terms):
+    """Effects of the sensor that the generated code does not hold: all of them, or none."""
+    if _sensor_fits(arm, camera_of(arm)):
         return ()
     return left_out(arm, [term for term in arm.terms if term.on_sensor])
+
+
+def _placed(term: FittedTerm, camera: Camera | None) -> FittedTerm:
+    """The term with its columns counted as the generated code has them."""
+    assert camera is not None
+    places = {number: place for place, number in enumerate(camera.numbers, 1)}
+    through = points_of(term)
+    bases = (replace(b, index=places[b.index]) if b in through else b for b in term.bases)
+    return replace(term, bases=tuple(bases))
 
 
 def _loaded(term: FittedTerm) -> bool:
@@ -157,17 +179,22 @@ def _constants(arm: CalibratedArm, groups: Iterable[str] | None) -> Floats:
     return np.array([arm.constant_twist(frame, chosen) for frame in frames])
 
 
-def _drivers(arm: CalibratedArm, variables: set[str], on_sensor: bool) -> Iterable[Driver]:
+def _drivers(
+    arm: CalibratedArm, variables: set[str], on_sensor: bool, camera: Camera | None
+) -> Iterable[Driver]:
     """The drivers that these variables need, in a fixed order."""
     masses, view = bool(variables & MASSES), on_sensor or bool(variables & VIEW)
     for name, variable in VARIABLES.items():
         if variable.given and (name in variables or name == "payload" and masses):
             yield _driver(variable, arm.n)
+    if camera and len(camera.targets) > 1 and "tag" not in variables:
+        yield replace(_driver(VARIABLES["tag"], arm.n), default=(0.0,))
     if variables & LOADS:
         g = tuple(float(x) for x in arm.arm.gravity_m_s2)
         yield Driver("gravity_m_s2", 3, g, "gravity in the base frame [m/s^2]")
     if view:
-        yield Driver("sensor_xyz_m", 3, (0.0,) * 3, "position of the sensor in the base frame [m]")
+        own = ", left as it is: the measured pose is the camera's own" if camera and camera.on_tool else ""
+        yield Driver("sensor_xyz_m", 3, (0.0,) * 3, f"position of the sensor in the base frame [m]{own}")
         yield Driver("sensor_wxyz", 4, (1.0, 0.0, 0.0, 0.0), "its orientation, quaternion (w, x, y, z)")
 
 

@@ -57,7 +57,6 @@ class Image:
     kind: str
     version: int
     crc: int
-    payload_bytes: int
     data: bytes
 
     @property
@@ -256,7 +255,7 @@ def header(data: bytes, where: str = "") -> Image:
     kind, version, size, crc = (
         int.from_bytes(data[low:high], "little") for low, high in ((4, 6), (6, 8), (8, 12), (12, 16))
     )
-    return Image(kind_name(kind, where), version, crc, size, data)
+    return Image(kind_name(kind, where), version, crc, data)
 
 
 def decode(data: bytes, where: str = "") -> tuple[Image, Table]:

@@ -22,7 +22,6 @@ from kincal.link import CommandLink, read_log, unpack_covariance, unsigned32
 from kincal.link.names import VERDICTS, coef_status_name, verdict_name
 from kincal.tables import unit_of
 
-DEFAULT_JOURNAL = Path("out/review.jsonl")
 KIN_KIND = 4
 P_FIT_MIN = 1e-3  # below it the fit does not explain the data
 

@@ -13,7 +13,6 @@ from .numbers import Positive, Vec3
 Name = Annotated[str, pydantic.Field(min_length=1)]
 Names = Name | list[Name]
 
-EULER_AXES = ("x", "y", "z", "X", "Y", "Z")
 COUNT = {"wxyz": 4, "xyzw": 4, "rotvec": 3, "matrix": 9, "euler": 3}
 
 

@@ -60,6 +60,23 @@ class DataEntry(Strict):
     """SHA-256 of its content."""
 
 
+class SightEntry(Strict):
+    """Camera and target of the last fit, for effects that act through all points of the target."""
+
+    on_tool: bool
+    """true: the camera is on the tool, and the measured pose is its own; false: the target is on the tool."""
+    points_m: list[Vec3]
+    """Points of the target in its frame [m]."""
+    second_m: list[Vec3] | None = None
+    """Those of poses with tag = 1, if these are others."""
+    low: tuple[Real, Real]
+    """Left and upper border of the image, normalised."""
+    high: tuple[Real, Real]
+    """Right and lower border."""
+    focal: tuple[Real, Real]
+    """What a unit of normalised image position weighs along u and v [px], or 1."""
+
+
 class FitEntry(Strict):
     """The last fit: what it was made from, and what an export needs beside the coefficients. Written by the
     tool."""
@@ -88,6 +105,8 @@ class FitEntry(Strict):
     """Measurement frame -> frame 0, before the corrections base.* among the coefficients."""
     tool: FrameEntry
     """Last link -> measured frame, before the corrections tool.*."""
+    sight: SightEntry | None = None
+    """Camera and target, stated or assumed; null unless an effect acts through all points of the target."""
     position_change_mm: dict[str, NotNegative] = {}
     """Effect, or "DH beta" -> RMS change of the position over the poses that it makes [mm]."""
     covariance: list[list[float]] = []

@@ -133,7 +133,10 @@ VARIABLES = {
         computed=("_lever(load, {i}, {body}, 2)", "lever(load, {i}, {body}, 2)"),
     ),
     # Columns of a PnP pose, computed for effects that say `image` (METHOD.md 13.1); nobody writes them.
-    **{name: Variable(flight, "m or rad", True, "points") for name, flight in PNP.items()},
+    **{
+        name: Variable(flight, "m or rad", True, "points", computed=(f"pnp[{{i}}][{c}]", f"pnp[{{i}}][{c}]"))
+        for c, (name, flight) in enumerate(PNP.items())
+    },
     # Without camera columns the sensor is the measurement frame itself (a laser tracker, a board): the
     # position it saw, by the same variables.
     "sx": Variable("xcam", "m", needs="own_sensor", computed=("view.p[0]", "view->p[0]")),

@@ -11,7 +11,6 @@ import numpy as np
 from kincal.flight import Arm
 from kincal.flight.camera import Camera
 from kincal.results import Scene
-from kincal.rotations import angle_of_matrix
 
 from .arrays import Floats
 from .table import ALL_CHECKS, SpaceTable
@@ -39,7 +38,6 @@ class Summary:
     range_m: tuple[float, float]  # from the camera
     incid_deg: tuple[float, float]  # of the most oblique tag in view
     nearest_m: float  # median distance to the nearest other candidate
-    spin_rad: float  # widest rotation from the first candidate
     two_tags: int  # candidates that show more than one tag
     unchecked: int  # candidates that lack a check
     arm_fits: bool  # built for the arm table it is shown with
@@ -67,7 +65,6 @@ def summarise(table: SpaceTable, camera: KcCamera, arm_crc: int) -> Summary:
         range_m=_extent(range_m),
         incid_deg=_extent(incid_deg),
         nearest_m=float(np.median(gaps_m.min(axis=1))),
-        spin_rad=float(np.max(angle_of_matrix(cands.poses.R[0].T @ cands.poses.R))),
         two_tags=int(np.sum(np.bitwise_count(cands.tags) > 1)),
         unchecked=int(np.sum(cands.checks != ALL_CHECKS)),
         arm_fits=table.arm_crc == arm_crc,

@@ -258,11 +258,17 @@ def _rest_lines(c: Comparison) -> list[str]:
     ]
 
 
+_LIKELY = 0.5  # power below which next poses promise little
+
+
 def poses_text(poses: Sequence[NextPose]) -> str:
     """Numbered poses, and what they buy; each line counts the poses above too. Empty if there are none."""
     if not poses:
         return ""
-    lines = [f"next poses, to separate {', '.join(poses[0].separates)}:"]
+    lines = [
+        f"next poses, to separate {', '.join(poses[0].separates)} (power: chance that the true one then",
+        "exceeds P = 0.90; each line counts the poses above too):",
+    ]
     for k, p in enumerate(poses, 1):
         sign = "" if p.direction is None else "  approach " + " ".join(f"{s:+d}" for s in p.direction)
         lines.append(f"  {k:2d}  q = {', '.join(f'{x:+.3f}' for x in p.q)}{sign}  power {p.power:.2f}")
@@ -270,8 +276,10 @@ def poses_text(poses: Sequence[NextPose]) -> str:
     expected = explain.probability(last.probability)
     lines += [
         f"with all {len(poses)} of them the true effect is expected to reach {expected} against the nearest",
-        f"alternative (d2 = {last.d2:.1f}); chance to exceed 0.90: {last.power:.2f}",
+        f"alternative (squared distance d2 = {last.d2:.1f})",
     ]
+    if last.power < _LIKELY:
+        lines.append("they will hardly tell: measure many more, or what the effects' `inspect` lines say")
     return "\n".join(lines)
 
 

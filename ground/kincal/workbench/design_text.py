@@ -36,8 +36,8 @@ def design_lines(c: Comparison) -> Iterator[str]:
     """Parameters, rank and condition; what cannot be told apart; residuals by axis."""
     x = c.identifiability
     yield (
-        f"parameters         {x.parameters}, rank {x.rank}, {x.determined} known better than before, "
-        f"condition {x.condition:.3g}"
+        f"parameters         {x.parameters}, rank {x.rank}, {x.determined} known better than by their "
+        f"priors, condition {x.condition:.3g}"
     )
     yield from _correlated_lines(x)
     yield from _group_lines(x)

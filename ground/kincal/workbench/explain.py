@@ -121,13 +121,11 @@ def suggestion(s: Suggestion) -> str:
 def no_gain(n: EffectGain) -> str:
     """An effect that held-out poses do not show to help, by its interval."""
     low, high = n.interval
-    numbers = (
-        f"held-out error ratio of the whole model with and without it {n.ratio:.3f} "
+    verb = "is undecided" if n.judged == "undecided" else n.judged
+    return (
+        f"{n.effect} {verb} on {n.block}: error of the whole model over that without it {n.ratio:.3f} "
         f"(95 % interval {low:.3f} to {high:.3f})"
     )
-    if n.judged == "undecided":
-        return f"whether {n.effect} helps on {n.block} these poses cannot tell: {numbers}"
-    return f"{n.effect} {n.judged} on {n.block}: {numbers}"
 
 
 def of_session(fit: Fit) -> list[str]:

@@ -12,12 +12,16 @@ import numpy as np
 
 from kincal.rotations import Pose
 from kincal.schema.arm import ArmTable, Frame, Joint
-from kincal.schema.model import DataEntry, FitEntry, FrameEntry
+from kincal.schema.model import DataEntry, FitEntry, FrameEntry, SightEntry
+from kincal.schema.names import PNP
 
 from .api import FitResult
 from .fit import Fit, rms
 from .modelfile import ModelFile
 from .parameters import BETA, is_beta
+from .pnp import sight_of_column
+from .sight import sights
+from .types import Array
 
 
 def fitted(
@@ -55,8 +59,45 @@ def fit_record(result: FitResult, files: Sequence[Path], version: str) -> FitEnt
         noise_scale=fit.scale,
         base=_frame(fit.base),
         tool=_frame(fit.tool),
+        sight=sight_entry(fit),
         position_change_mm=position_changes_mm(fit),
         covariance=[[float(f"{x:.9g}") for x in row[: i + 1]] for i, row in enumerate(fit.cov)],
+    )
+
+
+def covariance_of(model: ModelFile) -> Array | None:
+    """(k, k) covariance of the coefficients of the last fit, in the order of `model.values`; None if the
+    model holds no fit, or not the rows of these coefficients."""
+    k, rows = len(model.values), model.fit.covariance if model.fit else []
+    if not k or [len(row) for row in rows] != list(range(1, k + 1)):
+        return None
+    out = np.zeros((k, k))
+    for i, row in enumerate(rows):
+        out[i, : i + 1] = out[: i + 1, i] = row
+    return out
+
+
+def sight_entry(fit: Fit) -> SightEntry | None:
+    """Camera and target that effects act through; None if none does, or if they assume several."""
+    used = {
+        sight_of_column(basis.index)
+        for parameter in fit.parameters
+        for term in parameter.terms
+        for basis in term.basis
+        if basis.var in PNP
+    }
+    if len(used) != 1:
+        return None
+    sight = sights(fit.arm, fit.data)[used.pop()]
+    return SightEntry.model_validate(
+        {
+            "on_tool": fit.arm.mount == "tool",
+            "points_m": sight.points_m.tolist(),
+            "second_m": None if sight.second_m is None else sight.second_m.tolist(),
+            "low": tuple(sight.low.tolist()),
+            "high": tuple(sight.high.tolist()),
+            "focal": tuple(sight.focal.tolist()),
+        }
     )
 
 

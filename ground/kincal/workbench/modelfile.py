@@ -13,7 +13,15 @@ from pathlib import Path
 from kincal.errors import BadInput
 from kincal.schema.effects import ParameterEntry
 from kincal.schema.errors import read_toml, validate
-from kincal.schema.model import VERSION, DataEntry, FitEntry, FrameEntry, ModelEntry, UnnamedEntry
+from kincal.schema.model import (
+    VERSION,
+    DataEntry,
+    FitEntry,
+    FrameEntry,
+    ModelEntry,
+    SightEntry,
+    UnnamedEntry,
+)
 from kincal.schema.names import effect_of
 
 
@@ -80,7 +88,7 @@ class ModelFile:
                 depth -= 1
             else:
                 return self._changed("undo", change.effects, change.before)
-        raise BadInput("nothing to undo: the history is empty")
+        raise BadInput("nothing to undo: every change was taken back")
 
     def _changed(self, action: str, names: tuple[str, ...], effects: tuple[str, ...]) -> ModelFile:
         when = datetime.now(UTC).isoformat(timespec="seconds")
@@ -200,6 +208,7 @@ def _fit(fit: FitEntry | None) -> list[str]:
         *_frame("base", fit.base),
         *_frame("tool", fit.tool),
         *(line for data in fit.data for line in _data(data)),
+        *_sight(fit.sight),
         *(["", "[fit.position_change_mm]"] if fit.position_change_mm else []),
         *(f"{json.dumps(name)} = {value!r}" for name, value in fit.position_change_mm.items()),
     ]
@@ -208,6 +217,11 @@ def _fit(fit: FitEntry | None) -> list[str]:
 def _frame(name: str, frame: FrameEntry) -> list[str]:
     numbers = (f"{key} = {list(getattr(frame, key))}" for key in ("xyz_m", "quat_wxyz"))
     return ["", f"[fit.{name}]", *numbers]
+
+
+def _sight(sight: SightEntry | None) -> list[str]:
+    keys = {} if sight is None else sight.model_dump(mode="json", exclude_none=True)
+    return ["", "[fit.sight]", *(f"{key} = {json.dumps(x)}" for key, x in keys.items())] if keys else []
 
 
 def _data(data: DataEntry) -> list[str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kincal.errors import CannotAnswer
 from kincal.schema.arm import ArmTable
 
 from .adequacy import NoiseFloor
@@ -19,6 +20,8 @@ from .gain import Gain, held_ratio, judged, rms_interval
 from .hypotheses import covers
 from .types import Array, Indices, Mask, Progress, no_progress
 
+HELD_OUT = "held-out poses"
+"""The block of the split in use."""
 _FIFTH = 0.8  # quantile beyond which a fifth of the poses lies
 _LEAST_HELD, _MOST_HELD = 4, 0.6  # poses of a block, share of all poses
 
@@ -128,6 +131,26 @@ def fit_nested(
     return NestedModels(tuple(models), floor, tuple(gains))
 
 
+def cost_without(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis],
+    left_out: Sequence[Hypothesis],
+    *,
+    dh: bool = True,
+) -> EffectGain:
+    """What the effects that are left out bring together on the held-out poses. CannotAnswer if none are held
+    out."""
+    block = next((b for b in blocks(data, choose_split(data)) if b.name == HELD_OUT), None)
+    if block is None:
+        raise CannotAnswer(
+            "no poses are held out", todo="measure more, or leave some out by the column split"
+        )
+    held_out = _HeldOut.of(arm, data, block, dh)
+    after = held_out.residuals(hypotheses, dh)
+    return held_out.gain(", ".join(h.name for h in left_out), left_out, hypotheses, after)
+
+
 def _by_effect(hypotheses: Sequence[Hypothesis], names: Sequence[str]) -> dict[str, list[Hypothesis]]:
     """Effects by the name they are shown with."""
     groups: dict[str, list[Hypothesis]] = {}
@@ -207,12 +230,25 @@ class _HeldOut:
         """What each effect brings beside all others. fitted: residuals of the nested models, the whole one
         last; if there is only one effect, the model before it is the one without it."""
         for name, group in groups.items():
-            rest = [h for h in hypotheses if h not in group]
-            without = self.residuals(rest, self.dh) if len(groups) > 1 else fitted[-2]
-            before, after = (_square(r) for r in (without, fitted[-1]))
-            ratio, interval = held_ratio(after, before)
-            rms_m = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
-            yield EffectGain(name, self.block.name, *rms_m, ratio, interval)
+            without = fitted[-2] if len(groups) == 1 else None
+            yield self.gain(name, group, hypotheses, fitted[-1], without)
+
+    def gain(
+        self,
+        name: str,
+        group: Sequence[Hypothesis],
+        hypotheses: Sequence[Hypothesis],
+        whole: Array,
+        without: Array | None = None,
+    ) -> EffectGain:
+        """What a group of the hypotheses brings beside the others. whole, without: (M, c) residuals with and
+        without it, the latter None if no fit gave them yet."""
+        if without is None:
+            without = self.residuals([h for h in hypotheses if h not in group], self.dh)
+        before, after = _square(without), _square(whole)
+        ratio, interval = held_ratio(after, before)
+        rms_m = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+        return EffectGain(name, self.block.name, *rms_m, ratio, interval)
 
 
 def _square(r: Array) -> Array:
@@ -226,7 +262,7 @@ def _square(r: Array) -> Array:
 
 def blocks(data: Measurements, split: Split) -> list[Block]:
     """The split in use, and a region, a time block and a direction cut from the poses it may fit."""
-    out = [Block("held-out poses", split.fit, split.held)] if len(split.held) else []
+    out = [Block(HELD_OUT, split.fit, split.held)] if len(split.held) else []
     pool = split.fit if split.given else np.arange(data.n)
     masks = (
         ("unseen region", _region(data.q[pool])),

@@ -21,14 +21,24 @@ from .data import Measurements
 from .sight import Sight, camera_poses, sees_points, sights
 from .types import Array, Indices, Mask, array
 
-_EDGE = 0.02  # of half the image: over that, points at the border lose their weight gradually
-_LEAST_SEEN = 4.0  # points; where fewer are in the image, all those in front of the camera count
+EDGE = 0.02  # of half the image: over that, points at the border lose their weight gradually
+LEAST_SEEN = 4.0  # points; where fewer are in the image, all those in front of the camera count
 _AT_ONCE = 400  # poses: bounds memory
 
 
 def column_number(sight: int, fault: str) -> int:
     """Number of a column, from 1, by sight (from 0) and fault."""
     return 1 + sight * len(FAULTS) + FAULTS.index(fault)
+
+
+def sight_of_column(number: int) -> int:
+    """The sight that a column belongs to."""
+    return (number - 1) // len(FAULTS)
+
+
+def fault_of_column(number: int) -> str:
+    """The fault that a column stands for."""
+    return FAULTS[(number - 1) % len(FAULTS)]
 
 
 @dataclass(frozen=True)
@@ -119,13 +129,13 @@ class _View:
     def _weight(self, u: Array, v: Array) -> Array:
         """(n, m) 1 for points in the image, 0 outside, falling over a narrow edge."""
         low, high = self.sight.low, self.sight.high
-        edge = _EDGE * (high - low) / 2.0
+        edge = EDGE * (high - low) / 2.0
         inside = [
             np.clip(np.minimum(x - low[k], high[k] - x) / edge[k], 0.0, 1.0) for k, x in enumerate((u, v))
         ]
         front = self.seen[..., 2] > 0.0
         weight = np.where(front, inside[0] * inside[1], 0.0)
-        few = weight.sum(axis=1) < _LEAST_SEEN
+        few = weight.sum(axis=1) < LEAST_SEEN
         return np.where(few[:, None], front, weight)
 
     def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> Array:
@@ -134,7 +144,7 @@ class _View:
             return np.stack(np.broadcast_arrays(*_OF_CAMERA[fault](u, v)), axis=2)
         if fault == "target_edges":
             return _edges_outward(u, v, self.sight)
-        moved = _moved_points(self.sight.points_m, fault) @ self.turn.transpose(0, 2, 1)
+        moved = moved_points(self.sight.points_m, fault) @ self.turn.transpose(0, 2, 1)
         return _image(u, v, depth, moved[..., None])[..., 0]
 
 
@@ -173,7 +183,7 @@ _OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array | float, Array | floa
 _CORNERS = 4
 
 
-def _moved_points(points_m: Array, fault: str) -> Array:
+def moved_points(points_m: Array, fault: str) -> Array:
     """(m, 3) how far points lie from where the table has them. target_size: all farther from the middle, by a
     share of their distance. bow: how far they leave the target's plane when it is bent along its x or y by
     1 m from the middle to the farthest point; of four corners nothing: lifted alike, they are a tag that is

@@ -31,7 +31,6 @@ _ABSORBED = 0.995  # share of a product that the nuisance parameters imitate: th
 _LEAST_SPREAD = 0.02  # [rad or m] a joint that moves less stands still
 _ANGLE_FORMS = (("lin", 1.0), ("sin", 1.0), ("cos", 1.0), ("sin", 2.0), ("cos", 2.0), ("tanh", 1.0))
 _SLIDE_FORMS = (("lin", 1.0), ("sq", 1.0))
-_SLOW = ("temp", "payload", "t", "pan", "tilt")
 
 
 @dataclass(frozen=True)

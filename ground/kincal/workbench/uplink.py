@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,8 +13,10 @@ from kincal.flight.terms import Coefficient, fill_terms
 from kincal.schema.arm import ArmTable
 from kincal.schema.names import PNP, is_unnamed
 
+from . import room
 from .effects import Hypothesis
-from .hypotheses import effect_of, place_of
+from .hypotheses import covers, effect_of, place_of
+from .modelfile import ModelFile
 from .parameters import dh_parameters
 from .smooth import UnnamedName
 
@@ -70,37 +73,72 @@ def coefficients(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> list[Coeffi
     return rows
 
 
-def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> KcTerms:
+def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis], model: ModelFile | None = None) -> KcTerms:
     """Flight's term table of the DH errors and the effects, all enabled; it names the arm, so that flight
-    refuses it for another one. BadInput if flight cannot carry the arm or so many terms."""
+    refuses it for another one. model: whose last fit says what could be left out. BadInput if flight cannot
+    carry the arm or so many terms."""
     limits = library("flight").lib
     _refuse_points(hypotheses)
     if arm.n > limits.KC_JOINT_MAX:
-        raise BadInput(f"{arm.name} has {arm.n} joints; flight carries {limits.KC_JOINT_MAX}")
+        raise BadInput(
+            f"{arm.name} has {arm.n} joints; flight carries {limits.KC_JOINT_MAX}",
+            todo="a model of this arm stays on the ground: `kincal model export` makes it usable elsewhere",
+        )
     rows = coefficients(arm, hypotheses)
     n_terms = sum(len(row.terms) for row in rows)
-    if len(rows) > limits.KC_COEF_MAX or n_terms > limits.KC_TERM_MAX:
+    most, most_terms = limits.KC_COEF_MAX, limits.KC_TERM_MAX
+    if len(rows) > most or n_terms > most_terms:
+        own, _ = room.size(hypotheses)
         raise BadInput(
-            f"the model needs {len(rows)} coefficients and {n_terms} terms; "
-            f"flight carries {limits.KC_COEF_MAX} and {limits.KC_TERM_MAX}",
-            todo=_leave_out(hypotheses),
+            f"the model needs {len(rows)} coefficients ({len(rows) - own} of DH errors, {own} of effects) "
+            f"and {n_terms} terms; flight carries {most} and {most_terms}",
+            todo=_leave_out(hypotheses, model, len(rows) - most, n_terms - most_terms),
         )
     table = fill_terms(library("flight"), rows)
     table.kinematics_crc = Arm.of(arm).kinematics_crc
     return table
 
 
-def _leave_out(hypotheses: Sequence[Hypothesis]) -> str:
-    """What each effect takes of the room on board, the most first, and how to see what it brings."""
-    taken: dict[str, int] = {}
-    for h in hypotheses:
-        taken[h.effect] = taken.get(h.effect, 0) + len(h.parameters)
-    by_size = sorted(taken.items(), key=lambda item: -item[1])
-    sizes = ", ".join(f"{name} {count}" for name, count in by_size)
-    return (
-        f"coefficients by effect: {sizes}; `kincal model fit` shows what held-out poses gain from each: take "
-        "out what gains least (`kincal model remove EFFECT`), or name the joints that matter (EFFECT[2,4])"
-    )
+def _leave_out(
+    hypotheses: Sequence[Hypothesis], model: ModelFile | None, coefficients: int, terms: int
+) -> str:
+    """Which effects to leave out, so many coefficients and terms at least, and what that costs the fit."""
+    order = room.order_of_leaving(hypotheses, model) if model else []
+    if not order:
+        taken: dict[str, int] = {}
+        for h in hypotheses:
+            taken[h.effect] = taken.get(h.effect, 0) + len(h.parameters)
+        by_size = sorted(taken.items(), key=lambda item: -item[1])
+        sizes = ", ".join(f"{name} {count}" for name, count in by_size)
+        return f"`kincal model fit` first, then this says what to leave out; coefficients by effect: {sizes}"
+    go: list[str] = []
+    for leaves in order:
+        if coefficients > 0 or terms > 0:
+            go.append(leaves.name)
+            coefficients, terms = coefficients - leaves.coefficients, terms - leaves.terms
+    lines = [
+        "leave out what the poses of the last fit show least. In order of leaving, with the rise of chi^2",
+        "  (about 1 for each coefficient that means nothing):",
+        f"    {'effect':<32} coefficients  terms  chi^2 lost  for each coefficient",
+        *(
+            f"    {x.name:<32} {x.coefficients:>12} {x.terms:>6} {x.chi2:>11.1f} {x.each:>21.1f}"
+            + ("  leave out" if x.name in go else "")
+            for x in order
+        ),
+        "  add to the command: " + " ".join(f"--drop {shlex.quote(name)}" for name in go),
+        "  and --data to see what it costs on held-out poses; the model file keeps all effects",
+    ]
+    return "\n".join(lines)
+
+
+def dropped(hypotheses: Sequence[Hypothesis], names: Sequence[str]) -> list[Hypothesis]:
+    """The effects that these names leave out, each at all joints or at some. BadInput for a name that none
+    of them has."""
+    for name in names:
+        if not any(covers(name, h.name) for h in hypotheses):
+            there = ", ".join(h.name for h in hypotheses) or "no effect"
+            raise BadInput(f"{name} is not in the model; it holds {there}")
+    return [h for h in hypotheses if any(covers(name, h.name) for name in names)]
 
 
 def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> str:
@@ -133,10 +171,12 @@ def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:
             )
 
 
-def term_image(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> tables.Image:
-    """The encoded image. BadInput if flight's own validation for this arm refuses it."""
+def term_image(
+    arm: ArmTable, hypotheses: Sequence[Hypothesis], model: ModelFile | None = None
+) -> tables.Image:
+    """The encoded image. BadInput as `term_table`, or if flight's own validation for this arm refuses it."""
     flight = library("flight")
-    struct = term_table(arm, hypotheses)
+    struct = term_table(arm, hypotheses, model)
     index, got = flight.ffi.new("int32_t *"), flight.ffi.new("double *")
     status = flight.lib.kc_terms_validate(struct, arm.n, index, got)
     if status != 0:

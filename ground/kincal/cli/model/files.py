@@ -232,6 +232,13 @@ def history_command(model_path: Path) -> None:
     default=None,
     help="Also make this directory: all images of --tables, with these terms and no correction yet.",
 )
+@click.option(
+    "--drop",
+    "drop",
+    multiple=True,
+    metavar="EFFECT",
+    help="Leave an effect out of the image, at all joints or at some ([2,3]); may be given several times.",
+)
 @tables_option("Directory with flight's table images: the arm has to be theirs, and --fly copies them.")
 def uplink_command(
     model_path: Path,
@@ -240,21 +247,26 @@ def uplink_command(
     given: Given | None,
     out_path: Path | None,
     fly_dir: Path | None,
+    drop: tuple[str, ...],
     tables_dir: Path,
 ) -> None:
     """The model as a correction-term table image for flight (uplink it with `kincal table uplink`).
 
-    Flight then estimates these coefficients together with the DH errors.
+    Flight then estimates these coefficients together with the DH errors. It carries 64 coefficients; of a
+    larger model this says which effects to --drop, and with --data what that costs on held-out poses.
 
     \b
     Examples:
         kincal model uplink --model M.toml -o terms.tbl
         kincal model uplink --model M.toml --fly out/tables
+        kincal model uplink --model M.toml --drop 'joint_ripple[5,6]' --data poses.csv
     """
+    from kincal.cli.text import model as text
     from kincal.schema.arm import read_arm
     from kincal.workbench.belonging import refuse_model_of_other_arm
     from kincal.workbench.constants import choose_constants
-    from kincal.workbench.uplink import flight_tables, refuse_other_arm, term_image
+    from kincal.workbench.nested import cost_without
+    from kincal.workbench.uplink import dropped, flight_tables, refuse_other_arm, term_image
 
     chosen, library = load_model(model_path, effect_files)
     arm = read_arm(arm_of(chosen, model_path, arm_path))
@@ -262,11 +274,17 @@ def uplink_command(
     compared = refuse_other_arm(arm, tables_dir)
     data = given.read(arm) if given else None
     known = {} if data is not None else chosen.constants
-    image = term_image(arm, choose_constants(library, chosen.effects, arm, data, dh=chosen.dh, known=known))
+    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh, known=known)
+    left_out = dropped(effects, drop)
+    image = term_image(arm, [h for h in effects if h not in left_out], chosen)
     out = out_path or model_path.with_suffix(".tbl")
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(image.data)
     click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}; {compared}")
+    if left_out:
+        click.echo(f"left out: {', '.join(h.name for h in left_out)}")
+    if left_out and data is not None:
+        click.echo(text.cost(cost_without(arm, data, effects, left_out, dh=chosen.dh)))
     if fly_dir:
         flight_tables(tables_dir, fly_dir, image)
         click.echo(f"{fly_dir}: tables to fly with")

@@ -34,7 +34,11 @@ def _finding_json(finding: Finding) -> dict[str, Any]:
 def lines(answer: Check) -> str:
     """The verdict, then each finding with what to do about it."""
     verdict = "belong together" if not answer.errors else "do NOT belong together"
-    left = "" if answer.misfit is None else f"; the nominal arm leaves {answer.misfit:.2%} of the motion"
+    left = (
+        ""
+        if answer.misfit is None
+        else f"; the nominal arm leaves {answer.misfit:.2%} of the motion unexplained"
+    )
     head = f"{answer.arm} and {answer.source} ({answer.poses} poses) {verdict}{left}"
     return "\n".join([head, *(line for finding in answer.findings for line in _finding(finding))])
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from kincal.export import Exported
-from kincal.schema.names import effect_of
 from kincal.schema.terms import TermEntry
 from kincal.workbench.additions import Addition
 from kincal.workbench.effects import Effect, Library
+from kincal.workbench.hypotheses import covers
 from kincal.workbench.modelfile import ModelFile
+from kincal.workbench.nested import EffectGain
 
 _INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
 _SHOWN = ("name", "unit", "sigma", "image")  # of a parameter
@@ -57,6 +58,15 @@ def _effect_lines(row: dict[str, Any]) -> list[str]:
     ]
 
 
+def cost(gain: EffectGain) -> str:
+    """What a model loses on held-out poses without some of its effects."""
+    low, high = gain.interval
+    return (
+        f"held-out error without them {gain.before_m * 1e3:.3f} mm, with them {gain.after_m * 1e3:.3f} mm "
+        f"(with / without {gain.ratio:.3f}, 95 % interval {low:.3f} to {high:.3f})"
+    )
+
+
 def addition(a: Addition) -> str:
     """The terms of an unnamed effect and what held-out poses gain from it."""
     parameters = a.effect.entry().parameter
@@ -91,8 +101,8 @@ def contents_json(model: ModelFile) -> dict[str, Any]:
 
 
 def _belongs(owner: str, model: ModelFile) -> bool:
-    """Whether a coefficient's effect is in use: by itself, or as one joint of an effect at all of them."""
-    return owner in model.effects or effect_of(owner) in model.effects
+    """Whether a coefficient's effect is in use: by itself, or at one joint of an effect at all or some."""
+    return any(covers(name, owner) for name in model.effects)
 
 
 def contents(model: ModelFile) -> str:
@@ -106,7 +116,7 @@ def contents(model: ModelFile) -> str:
 
 
 _WITHOUT_EFFECTS = (
-    "  --format python and --format c hold those of the arm",
+    "  --format python and --format c hold them",
     "  the best DH table or URDF alone comes from a model that is fitted without them",
 )
 

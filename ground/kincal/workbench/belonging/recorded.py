@@ -20,7 +20,6 @@ _MOST_LIMIT = 4.0 * math.pi + 0.1  # [rad], beyond any turning joint's
 _MOST_REACH_M = 20.0
 _MOST_NOISE = 0.2  # of the spread of the poses, beyond which stated noise is in another unit
 _CONSTANTS = ("dir", "temp_c", "payload_kg", "range_m", "incid_rad")
-_FROZEN = 3  # poses in a row at the same measured place: the sensor did not follow
 
 
 def of_data(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
