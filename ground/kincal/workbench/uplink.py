@@ -167,9 +167,9 @@ def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:
             raise BadInput(
                 f"{h.name} acts through all points of the target that these data were measured with, and "
                 "belongs to their camera; flight has a camera of its own and sees single tags",
-                todo=f"`kincal model remove {h.name}`, then uplink: the effects of the arm stay. If flight has "
-                "this very camera and these tags, diagnose again without `[target]` in the arm table: most of "
-                "these effects then have terms that fly",
+                todo=f"`kincal model remove {h.name}`, then uplink: the effects of the arm stay. If flight "
+                "has this very camera and these tags, diagnose again without `[target]` in the arm table: "
+                "most of these effects then have terms that fly",
             )
 
 
