@@ -115,6 +115,18 @@ void test_between_tries_passes_the_time_that_config_says(void)
     TEST_ASSERT_UINT64_WITHIN(400000u, 5200000u, APP->clock.now_us - begun_us);
 }
 
+void test_the_step_that_puts_a_large_table_in_force_has_no_time_for_another(void)
+{
+    armed();
+    (void)world_cmd(KC_CMD_APPROVE_GO, (int32_t)s_crc, 0, 0);
+    world_tick();
+    APP->tables.staging.total = KC_IMAGE_MAX; /* what a large one is charged with; nothing is staged */
+    (void)world_cmd(KC_CMD_TABLE_VALIDATE, KC_TBL_SPACE, 1, 0);
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_WORK));
+}
+
 void test_without_an_answer_of_the_edge_nothing_is_taken_for_stored(void)
 {
     armed();

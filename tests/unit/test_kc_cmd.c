@@ -173,6 +173,8 @@ void test_an_unknown_source_is_refused(void)
         given_idle();
         world_cmd(KC_CMD_ABORT, 0, 0, 0)->source = sources[i];
         refused(KC_ERR_ARG, KC_EVT_CMD_SOURCE);
+        TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CMD_SOURCE].index);
+        TEST_ASSERT_EQUAL_DOUBLE(sources[i], world.last[KC_EVT_CMD_SOURCE].got);
     }
 }
 
@@ -202,6 +204,8 @@ void test_start_with_bad_arguments_is_refused(void)
     (void)world_cmd(KC_CMD_START, 4, 0, 0);
     refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
     TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CMD_ARG].index);
+    TEST_ASSERT_EQUAL_DOUBLE(4.0, world.last[KC_EVT_CMD_ARG].got);
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, world.last[KC_EVT_CMD_ARG].want);
     (void)world_cmd(KC_CMD_START, -2, 0, 0);
     refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
     (void)world_cmd(KC_CMD_START, -1, 65, 0);
