@@ -13,6 +13,7 @@ import re
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +38,7 @@ class Check:
 CHECKS = (
     Check("cov", "is every condition of the core decided by a unit test?", r"\d+ (functions|findings), .*"),
     Check("wcet", "how long is the longest step?", r"worst step: .*"),
-    Check("cross", "are the bits the same everywhere?", r"\d+% tests passed.*"),
+    Check("cross", "are the bits the same everywhere?", r"\d+% tests passed.*|replay of .* same to the byte"),
     Check("fuzz", "does any input break it?", r"(ok|FAIL) .*runs.*", ("RUNS=2500000",)),
     Check("mutation", "do the tests notice a changed token?", r"\d+ of \d+ killed, .*"),
     Check(
@@ -63,9 +64,10 @@ def run(check: Check, measured: str) -> tuple[bool, str]:
     command = ["make", "--no-print-directory", check.name, *check.arguments]
     with log.open("w") as out:
         passed = subprocess.run(command, cwd=ROOT, stdout=out, stderr=subprocess.STDOUT).returncode == 0
-    lines = (line.strip() for line in log.read_text(errors="replace").splitlines())
-    figures = [re.sub(r"\s+", " ", line).rstrip(":") for line in lines if re.fullmatch(check.figures, line)]
-    found = "; ".join(figures) or ("nothing" if passed else "")
+    lines = (re.sub(r"^\[\d+/\d+\] ", "", x.strip()) for x in log.read_text(errors="replace").splitlines())
+    figures = Counter(re.sub(r"\s+", " ", x).rstrip(":") for x in lines if re.fullmatch(check.figures, x))
+    found = "; ".join(f"{n} times {x}" if n > 1 else x for x, n in figures.items())
+    found = found or ("nothing" if passed else "")
     cells = (
         f"`{' '.join(['make', check.name, *check.arguments])}`",
         check.question,
