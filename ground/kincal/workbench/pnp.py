@@ -118,11 +118,14 @@ class _View:
         """(n, 6, k) least-squares twists of the faults."""
         depth = np.where(self.seen[..., 2] > 0.0, self.seen[..., 2], 1.0)
         u, v = self.seen[..., 0] / depth, self.seen[..., 1] / depth
-        shift = np.stack([self._shift(fault, u, v, depth) for fault in faults], axis=3)
+        shift = np.empty((*u.shape, 2, len(faults)))
+        for k, fault in enumerate(faults):
+            shift[..., 0, k], shift[..., 1, k] = self._shift(fault, u, v, depth)
         weight = (np.sqrt(self._weight(u, v))[..., None] * self.sight.focal)[..., None]
         n = len(u)
         a = (weight * _image(u, v, depth, self.moves)).reshape(n, -1, 6)
-        d = (weight * shift).reshape(n, -1, len(faults))
+        shift *= weight
+        d = shift.reshape(n, -1, len(faults))
         at = a.transpose(0, 2, 1)
         return array(np.linalg.pinv(at @ a, hermitian=True) @ (at @ d))
 
@@ -138,14 +141,16 @@ class _View:
         few = weight.sum(axis=1) < LEAST_SEEN
         return np.where(few[:, None], front, weight)
 
-    def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> Array:
-        """(n, m, 2) what a unit of a fault does to the image points, normalised."""
+    def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> tuple[Array | float, Array | float]:
+        """What a unit of a fault does to the image points, normalised: numbers, or (n, m), along both axes."""
         if fault in _OF_CAMERA:
-            return np.stack(np.broadcast_arrays(*_OF_CAMERA[fault](u, v)), axis=2)
+            return _OF_CAMERA[fault](u, v)
         if fault == "target_edges":
-            return _edges_outward(u, v, self.sight)
+            outward = _edges_outward(u, v, self.sight)
+            return outward[..., 0], outward[..., 1]
         moved = moved_points(self.sight.points_m, fault) @ self.turn.transpose(0, 2, 1)
-        return _image(u, v, depth, moved[..., None])[..., 0]
+        image = _image(u, v, depth, moved[..., None])
+        return image[..., 0, 0], image[..., 1, 0]
 
 
 def _image(u: Array, v: Array, depth: Array, moves: Array) -> Array:
@@ -173,10 +178,10 @@ _OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array | float, Array | floa
     "radial_2": lambda u, v: (u * (u * u + v * v) ** 2, v * (u * u + v * v) ** 2),
     "decentring_1": lambda u, v: (2.0 * u * v, u * u + 3.0 * v * v),
     "decentring_2": lambda u, v: (3.0 * u * u + v * v, 2.0 * u * v),
-    "focal_x": lambda u, v: (u, 0.0 * v),
-    "focal_y": lambda u, v: (0.0 * u, v),
-    "centre_x": lambda u, v: (1.0 + 0.0 * u, 0.0 * v),
-    "centre_y": lambda u, v: (0.0 * u, 1.0 + 0.0 * v),
+    "focal_x": lambda u, v: (u, 0.0),
+    "focal_y": lambda u, v: (0.0, v),
+    "centre_x": lambda u, v: (1.0, 0.0),
+    "centre_y": lambda u, v: (0.0, 1.0),
 }
 
 
