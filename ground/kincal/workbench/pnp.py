@@ -141,8 +141,8 @@ class _View:
         few = weight.sum(axis=1) < LEAST_SEEN
         return np.where(few[:, None], front, weight)
 
-    def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> tuple[Array | float, Array | float]:
-        """What a unit of a fault does to the image points, normalised: numbers, or (n, m), along both axes."""
+    def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> tuple[Array, Array]:
+        """(n, m) what a unit of a fault does to the image points, normalised, along both axes."""
         if fault in _OF_CAMERA:
             return _OF_CAMERA[fault](u, v)
         if fault == "target_edges":
@@ -173,15 +173,15 @@ def _cross(x: Array) -> Array:
 
 # Brown's lens model (Photogrammetric Engineering 37(8), 1971) with the coefficients' usual names, focal
 # lengths by their share, and the principal point in focal lengths.
-_OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array | float, Array | float]]] = {
+_OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array, Array]]] = {
     "radial_1": lambda u, v: (u * (u * u + v * v), v * (u * u + v * v)),
     "radial_2": lambda u, v: (u * (u * u + v * v) ** 2, v * (u * u + v * v) ** 2),
     "decentring_1": lambda u, v: (2.0 * u * v, u * u + 3.0 * v * v),
     "decentring_2": lambda u, v: (3.0 * u * u + v * v, 2.0 * u * v),
-    "focal_x": lambda u, v: (u, 0.0),
-    "focal_y": lambda u, v: (0.0, v),
-    "centre_x": lambda u, v: (1.0, 0.0),
-    "centre_y": lambda u, v: (0.0, 1.0),
+    "focal_x": lambda u, v: (u, 0.0 * v),
+    "focal_y": lambda u, v: (0.0 * u, v),
+    "centre_x": lambda u, v: (1.0 + 0.0 * u, 0.0 * v),
+    "centre_y": lambda u, v: (0.0 * u, 1.0 + 0.0 * v),
 }
 
 

@@ -1,8 +1,9 @@
 """The reading of the files that explains the data best: simple changes, one after the other.
 
 Each round compares every reading one change away by `screened`, and the best few of them, with those that
-the regression cannot judge, by `misfit`: other units and orientations only where much of the motion is left,
-as these mistakes leave much. A change that the final reading can do without is taken back.
+the regression cannot judge, by `misfit`: a quick search tries other units and orientations only where much
+of the motion is left, as these mistakes leave much. A change that the final reading can do without is taken
+back.
 """
 
 from __future__ import annotations
@@ -35,10 +36,14 @@ FOUND = 5.0  # times less misfit: the files were misread
 
 @dataclass
 class Search:
-    """Misfits of readings of one arm table and one set of measurements; each is computed once."""
+    """Misfits of readings of one arm table and one set of measurements; each is computed once.
+
+    thorough: units and orientations are tried however little of the motion is left.
+    """
 
     arm: ArmTable
     data: Measurements
+    thorough: bool = True
     fitted: dict[Reading, float] = field(default_factory=dict)
     bounds: dict[Reading, float] = field(default_factory=dict)
 
@@ -126,9 +131,10 @@ class Search:
         return ranked[0] if self.bound(ranked[0]) < _BETTER * self.bound(here) else None
 
     def _measured_otherwise(self, here: Reading) -> Iterable[Reading]:
-        """Readings in which the poses are other ones; none if they follow the arm: a factor between units and
-        an inverse change the motion throughout."""
-        return poses(here, self.data) if self.misfit(here) > _MEASURED_RIGHT else ()
+        """Readings in which the poses are other ones; a quick search has none if they follow the arm: a
+        factor between units and an inverse change the motion throughout."""
+        wanted = self.thorough or self.misfit(here) > _MEASURED_RIGHT
+        return poses(here, self.data) if wanted else ()
 
     def _pruned(self, reading: Reading) -> Reading:
         for simpler in simpler_than(reading):
