@@ -118,11 +118,14 @@ class _View:
         """(n, 6, k) least-squares twists of the faults."""
         depth = np.where(self.seen[..., 2] > 0.0, self.seen[..., 2], 1.0)
         u, v = self.seen[..., 0] / depth, self.seen[..., 1] / depth
-        shift = np.stack([self._shift(fault, u, v, depth) for fault in faults], axis=3)
+        shift = np.empty((*u.shape, 2, len(faults)))
+        for k, fault in enumerate(faults):
+            shift[..., 0, k], shift[..., 1, k] = self._shift(fault, u, v, depth)
         weight = (np.sqrt(self._weight(u, v))[..., None] * self.sight.focal)[..., None]
         n = len(u)
         a = (weight * _image(u, v, depth, self.moves)).reshape(n, -1, 6)
-        d = (weight * shift).reshape(n, -1, len(faults))
+        shift *= weight
+        d = shift.reshape(n, -1, len(faults))
         at = a.transpose(0, 2, 1)
         return array(np.linalg.pinv(at @ a, hermitian=True) @ (at @ d))
 
@@ -138,14 +141,16 @@ class _View:
         few = weight.sum(axis=1) < LEAST_SEEN
         return np.where(few[:, None], front, weight)
 
-    def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> Array:
-        """(n, m, 2) what a unit of a fault does to the image points, normalised."""
+    def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> tuple[Array, Array]:
+        """(n, m) what a unit of a fault does to the image points, normalised, along both axes."""
         if fault in _OF_CAMERA:
-            return np.stack(np.broadcast_arrays(*_OF_CAMERA[fault](u, v)), axis=2)
+            return _OF_CAMERA[fault](u, v)
         if fault == "target_edges":
-            return _edges_outward(u, v, self.sight)
+            outward = _edges_outward(u, v, self.sight)
+            return outward[..., 0], outward[..., 1]
         moved = moved_points(self.sight.points_m, fault) @ self.turn.transpose(0, 2, 1)
-        return _image(u, v, depth, moved[..., None])[..., 0]
+        image = _image(u, v, depth, moved[..., None])
+        return image[..., 0, 0], image[..., 1, 0]
 
 
 def _image(u: Array, v: Array, depth: Array, moves: Array) -> Array:
@@ -168,7 +173,7 @@ def _cross(x: Array) -> Array:
 
 # Brown's lens model (Photogrammetric Engineering 37(8), 1971) with the coefficients' usual names, focal
 # lengths by their share, and the principal point in focal lengths.
-_OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array | float, Array | float]]] = {
+_OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array, Array]]] = {
     "radial_1": lambda u, v: (u * (u * u + v * v), v * (u * u + v * v)),
     "radial_2": lambda u, v: (u * (u * u + v * v) ** 2, v * (u * u + v * v) ** 2),
     "decentring_1": lambda u, v: (2.0 * u * v, u * u + 3.0 * v * v),

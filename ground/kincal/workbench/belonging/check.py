@@ -70,7 +70,7 @@ def check(arm: ArmTable, data: Measurements, *, thorough: bool = True) -> Check:
 def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
     found, left = list(of_data(arm, data)), None
     if data.n >= LEAST_POSES:
-        search = Search(arm, data)
+        search = Search(arm, data, thorough)
         left = search.misfit(search.given)
         if thorough or left > GOOD_MISFIT:
             found += _of_fit(search)

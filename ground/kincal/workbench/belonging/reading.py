@@ -168,12 +168,16 @@ def _at(values: tuple[T, ...], place: int, value: T) -> tuple[T, ...]:
     return (*values[:place], value, *values[place + 1 :])
 
 
-def poses(now: Reading, data: Measurements, arm: ArmTable) -> Iterator[Reading]:
-    """Readings one simple change away that alter what was measured, or what is known of the frames."""
+def poses(now: Reading, data: Measurements) -> Iterator[Reading]:
+    """Readings one simple change away that alter what was measured."""
     yield from (replace(now, length=factor) for factor in LENGTHS)
     if data.quat_wxyz is not None:
         yield replace(now, quaternion="xyzw")
         yield replace(now, turned_back=True)
         yield replace(now, inverse=True)
+
+
+def frames(now: Reading, arm: ArmTable) -> Iterator[Reading]:
+    """Readings one simple change away that alter what is known of the frames."""
     if not (arm.base.estimate and arm.tool.estimate):
         yield replace(now, free=True)

@@ -1,7 +1,9 @@
 """The reading of the files that explains the data best: simple changes, one after the other.
 
 Each round compares every reading one change away by `screened`, and the best few of them, with those that
-the regression cannot judge, by `misfit`. A change that the final reading can do without is taken back.
+the regression cannot judge, by `misfit`: a quick search tries other units and orientations only where much
+of the motion is left, as these mistakes leave much. A change that the final reading can do without is taken
+back.
 """
 
 from __future__ import annotations
@@ -19,11 +21,12 @@ from kincal.schema.arm import ArmTable, read_arm, same_joints, shipped_arms
 from ..data import Measurements
 from ..types import Array, Indices
 from .misfit import misfit, screened
-from .reading import Pair, Reading, all_orders, joint_values, motions, poses
+from .reading import Pair, Reading, all_orders, frames, joint_values, motions, poses
 
 _POSES = 60  # enough to tell gross misreadings
 _TRIED = 4  # readings a round that are fitted
 _ROUNDS = 6
+_MEASURED_RIGHT = 0.05  # of the motion: below it units and orientations of the poses are not in doubt
 _BETTER = 0.75  # of the misfit: a step of the search
 _AS_GOOD = 1.1  # times the least misfit
 _NEEDED = 3.0  # times worse without a change: it is part of the answer
@@ -33,10 +36,14 @@ FOUND = 5.0  # times less misfit: the files were misread
 
 @dataclass
 class Search:
-    """Misfits of readings of one arm table and one set of measurements; each is computed once."""
+    """Misfits of readings of one arm table and one set of measurements; each is computed once.
+
+    thorough: units and orientations are tried however little of the motion is left.
+    """
 
     arm: ArmTable
     data: Measurements
+    thorough: bool = True
     fitted: dict[Reading, float] = field(default_factory=dict)
     bounds: dict[Reading, float] = field(default_factory=dict)
 
@@ -117,11 +124,17 @@ class Search:
     def _step(self, here: Reading) -> Reading | None:
         """The best reading one change away; None if none is much better, by fit or by regression."""
         ranked = self.ranked(motions(here, self.shipped))
-        tried = [*ranked[:_TRIED], *poses(here, self.data, self.arm)]
+        tried = [*ranked[:_TRIED], *self._measured_otherwise(here), *frames(here, self.arm)]
         least = min(map(self.misfit, tried))
         if least < _BETTER * self.misfit(here):
             return next(reading for reading in tried if self.misfit(reading) <= _AS_GOOD * least)
         return ranked[0] if self.bound(ranked[0]) < _BETTER * self.bound(here) else None
+
+    def _measured_otherwise(self, here: Reading) -> Iterable[Reading]:
+        """Readings in which the poses are other ones; a quick search has none if they follow the arm: a
+        factor between units and an inverse change the motion throughout."""
+        wanted = self.thorough or self.misfit(here) > _MEASURED_RIGHT
+        return poses(here, self.data) if wanted else ()
 
     def _pruned(self, reading: Reading) -> Reading:
         for simpler in simpler_than(reading):

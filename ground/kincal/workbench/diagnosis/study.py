@@ -201,5 +201,6 @@ class Study:
         if not self.has_held_out or len(h.parameters) > room_for(self.fit(model).parameters):
             return NO_HELD_OUT
         others = tuple(x for x in model if x.name != h.name)
-        before, after = self.held_square(others), self.held_square((*others, h))
+        before = self.held_square(others)
+        after = self.held_square(model if h in model else (*others, h))  # one order, one fit
         return HeldGain.of(before, after, cross_validated=self._few)
