@@ -112,6 +112,8 @@ def command(tmp_path):
         text=True,
         start_new_session=True,
         env=os.environ | {"PYTHONPATH": str(ROOT / "ground")},
+        # A test run in the background of a shell has SIGINT ignored, which its children inherit.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     end = time.monotonic() + PATIENCE_S
     while not (second := children(process.pid)) and time.monotonic() < end:
