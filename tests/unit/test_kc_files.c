@@ -400,18 +400,22 @@ void test_the_first_good_table_by_name_is_taken_and_the_rest_is_passed_over(void
     write_file(s_tables, "b.tbl", s_image, s_n);
     given_arm_image(6);
     write_file(s_tables, "c.tbl", s_image, s_n);
+    write_file(s_tables, "a.txt", s_image, s_n);
+    write_file(s_tables, ".tbl", s_image, s_n);
+    memset(name, 'a', sizeof name);
+    memcpy(&name[60], ".tbl", 5u); /* a name too long for us */
+    write_file(s_tables, name, s_image, s_n);
     s_image[50] ^= 1u;
     write_file(s_tables, "a.tbl", s_image, s_n); /* damaged */
-    write_file(s_tables, "arm.txt", s_image, s_n);
-    write_file(s_tables, ".tbl", s_image, s_n);
-    write_file(s_tables, "empty.tbl", s_image, 0u);
-    write_file(s_tables, "short.tbl", s_image, 9u);
+    write_file(s_tables, "a0.tbl", s_image, 0u);
+    write_file(s_tables, "a9.tbl", s_image, 9u);
     memcpy(huge, s_image, KC_TBL_HDR_BYTES);
-    write_file(s_tables, "huge.tbl", huge, sizeof huge);
-    memset(name, 'n', sizeof name);
-    memcpy(&name[70], ".tbl", 5u); /* a name too long for us */
-    write_file(s_tables, name, s_image, s_n);
+    write_file(s_tables, "ah.tbl", huge, sizeof huge);
     TEST_ASSERT_EQUAL_INT(5, reloaded());
+    memcpy(&name[59], ".tbl", 5u); /* one letter less */
+    given_arm_image(6);
+    write_file(s_tables, name, s_image, s_n);
+    TEST_ASSERT_EQUAL_INT(6, reloaded());
 }
 
 void test_more_table_files_than_there_is_room_for_do_no_harm(void)
