@@ -333,6 +333,86 @@ void test_failed_writes_are_reported(void)
     s_f.dir_fd = fd;
 }
 
+/* ---- what is said on standard error ---- */
+
+static int s_heard, s_stderr;
+
+static void listen(void)
+{
+    s_heard = (int)syscall(SYS_memfd_create, "stderr", 0u);
+    s_stderr = dup(2);
+    (void)dup2(s_heard, 2);
+}
+
+static void expect_said(const char *what)
+{
+    char text[2048] = {0};
+    (void)dup2(s_stderr, 2);
+    (void)close(s_stderr);
+    TEST_ASSERT_TRUE(pread(s_heard, text, sizeof text - 1u, 0) >= 0);
+    (void)close(s_heard);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, what), what);
+}
+
+void test_what_the_store_cannot_do_is_said(void)
+{
+    const kc_store_t gone = {KC_TBL_ARM, 0u, s_image};
+    const struct {
+        long at;
+        harm_t harm;
+        const char *said;
+    } changes[] = {{1, FAILS_ONCE, "can't write k01.a"},
+                   {3, FLIPS, "k01.a does not read back as it was written"},
+                   {5, FAILS_ONCE, "can't replace k01.a"},
+                   {6, FAILS_ONCE, "can't sync"}};
+    (void)store_arm(1);
+    (void)store_arm(2);
+    for (uint32_t i = 0u; i < 4u; i++) {
+        s_m.on = true;
+        s_m.n = 0;
+        s_m.at = changes[i].at;
+        s_m.harm = changes[i].harm;
+        listen();
+        kc_status_t st = store_arm(3);
+        expect_said(changes[i].said);
+        TEST_ASSERT_TRUE(st != KC_OK);
+        TEST_ASSERT_EQUAL_INT(2, reloaded());
+    }
+    s_m.at = 2; /* the second slot that is deleted */
+    s_m.n = 0;
+    s_m.harm = FAILS_ONCE;
+    listen();
+    kc_status_t st = kc_files_store(&s_f, &gone);
+    expect_said("can't delete k01.b");
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, st);
+}
+
+/* Without standard input the store's folder may get its number. */
+void test_a_process_without_standard_input_has_a_store_too(void)
+{
+    int input = dup(0);
+    close_store();
+    (void)close(0);
+    bool opened = kc_files_open(&s_f, s_dir);
+    int fd = s_f.dir_fd;
+    s_f.dir_fd = dup(fd);
+    (void)dup2(input, 0);
+    (void)close(input);
+    TEST_ASSERT_TRUE(opened);
+    TEST_ASSERT_EQUAL_INT(0, fd);
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(4));
+}
+
+void test_a_table_that_is_refused_is_named_with_the_reason(void)
+{
+    given_arm_image(6);
+    s_image[50] ^= 1u;
+    write_file(s_tables, "a.tbl", s_image, s_n);
+    listen();
+    TEST_ASSERT_EQUAL_INT(0, reloaded());
+    expect_said("kincal-fsw: table a.tbl refused: ");
+}
+
 /* ---- default tables ---- */
 
 void test_a_write_that_a_signal_interrupts_is_repeated(void)
