@@ -59,8 +59,12 @@ static void was_refused(int32_t kind, int32_t status)
     TEST_ASSERT_EQUAL_INT(KC_EVT_STORE_REFUSED, world.ack.event_id);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_REFUSED));
     TEST_ASSERT_EQUAL_INT(kind, world.last[KC_EVT_STORE_REFUSED].index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)status, world.last[KC_EVT_STORE_REFUSED].got);
     TEST_ASSERT_EQUAL_DOUBLE(3.0, world.last[KC_EVT_STORE_REFUSED].want); /* CONFIG: two retries */
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_FAIL));
+    TEST_ASSERT_EQUAL_INT(kind, world.last[KC_EVT_STORE_FAIL].index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)status, world.last[KC_EVT_STORE_FAIL].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_STORE_FAIL].want);
 }
 
 /* The fault of the old code: acknowledged, sent as active, and lost at the next start without a word. */
@@ -133,6 +137,10 @@ void test_the_step_that_puts_a_large_table_in_force_has_no_time_for_another(void
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_WORK));
+    TEST_ASSERT_EQUAL_INT(KC_CMD_TABLE_VALIDATE, world.last[KC_EVT_CMD_WORK].index);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_CMD_WORK].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_CMD_WORK].want);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world.ack.status);
 }
 
 void test_without_an_answer_of_the_edge_nothing_is_taken_for_stored(void)

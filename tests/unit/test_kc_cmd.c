@@ -283,6 +283,10 @@ void test_start_away_from_every_verified_place_is_refused(void)
     given_idle();
     (void)world_cmd(KC_CMD_START, -1, 0, 0);
     refused(KC_ERR_PATH, KC_EVT_CAL_NO_PATH);
+    const kc_event_t *e = &world.last[KC_EVT_CAL_NO_PATH];
+    TEST_ASSERT_EQUAL_INT(-1, e->index);
+    TEST_ASSERT_TRUE(e->got > 1.0 && e->got < 1e6); /* servo bounds to the nearest place */
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, e->want);
 }
 
 /* ---- commands in the wrong state ---- */

@@ -511,7 +511,10 @@ void test_more_table_files_than_there_is_room_for_do_no_harm(void)
 
 void test_a_tables_directory_that_is_not_there_is_refused(void)
 {
-    TEST_ASSERT_EQUAL_INT(-1, kc_files_load(&s_f, "/nowhere", APP));
+    listen();
+    int n = kc_files_load(&s_f, "/nowhere", APP);
+    expect_said("can't read the tables /nowhere");
+    TEST_ASSERT_EQUAL_INT(-1, n);
 }
 
 /* ---- approval, rejection, rollback, a correction from the ground: killed or refused anywhere ---- */

@@ -761,3 +761,37 @@ void test_a_check_that_runs_out_of_postures_refuses(void)
     TEST_ASSERT_TRUE(job.part < 1.0);
     TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
 }
+
+/* Postures of a move of joint 1, which keeps the height above the ground. */
+static uint32_t postures_above_ground(double free_m)
+{
+    kc_work_t work = kc_work_unlimited();
+    kc_work_t one = {1u, 0u};
+    kc_guard_job_t job;
+    s_s.n_body = s_s.n_volume = 1u;
+    s_s.volume[0] = (kc_volume_t){.kind = KC_VOL_BELOW};
+    kc_guard_begin(&s_ask, &job);
+    (void)kc_guard_step(&s_ask, &job, &one);
+    s_s.volume[0].p_m[2] = (float)(job.first.d[0] - KC_GUARD_CLEAR_M - free_m);
+    kc_guard_begin(&s_ask, &job);
+    TEST_ASSERT_TRUE(kc_guard_step(&s_ask, &job, &work));
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_OK, job.verdict);
+    return job.k;
+}
+
+/* As far as the free distance lets the farthest point of the arm travel, but not less than the least step. */
+void test_steps_of_a_check_are_as_long_as_the_free_distance_allows(void)
+{
+    const double by = 0.3;
+    double reach = KC_GUARD_ABOUT_M;
+    for (uint32_t j = 0u; j < 7u; j++) { reach += fabs(s_arm.joint[j].a_m) + fabs(s_arm.joint[j].d_m); }
+    const double *tool = s_arm.tool_xyz_m;
+    reach += sqrt(tool[0] * tool[0] + tool[1] * tool[1] + tool[2] * tool[2]);
+    s_to[0] += by;
+    for (uint32_t steps = 1u; steps < 6u; steps++) {
+        TEST_ASSERT_EQUAL_UINT32(1u + steps, postures_above_ground(1.01 * by * reach / steps));
+        TEST_ASSERT_EQUAL_UINT32(2u + steps, postures_above_ground(0.99 * by * reach / steps));
+    }
+    uint32_t most = (uint32_t)ceil(by / KC_GUARD_STEP);
+    TEST_ASSERT_UINT32_WITHIN(1u, 1u + most, postures_above_ground(1e-4));
+}

@@ -649,3 +649,50 @@ void test_a_proposal_is_charged_observation_by_observation_and_candidate_by_cand
     uint32_t kept = APP->est.n_obs - APP->est.n_outliers;
     TEST_ASSERT_EQUAL_UINT32(kept + world.space.n_cand + 1u, steps_to_propose(1u));
 }
+
+void test_events_of_a_verdict_say_what_it_rests_on(void)
+{
+    world.truth.joint[6].phi_rad = 0.0;
+    world_calibrated();
+    expect_event(KC_EVT_COR_NO_CHANGE, -1, world.proposal.p_no_change, 0.0);
+    setUp();
+    world.config.n_poses = 2u;
+    world_calibrated();
+    const kc_proposal_t *p = &world.proposal;
+    expect_event(KC_EVT_CAL_RANK, -1, (double)p->rank, (double)p->n_free);
+    expect_event(KC_EVT_CAL_POOR, -1, p->p_fit, p->noise_scale);
+    uint32_t last = 28u, held = 0u;
+    for (uint32_t c = 0u; c < 28u; c++) {
+        if (p->status[c] != (uint8_t)KC_COEF_HELD) { continue; }
+        last = c;
+        held++;
+    }
+    TEST_ASSERT_EQUAL_UINT32(held, world_events(KC_EVT_CAL_HELD));
+    const kc_event_t *e = &world.last[KC_EVT_CAL_HELD];
+    TEST_ASSERT_EQUAL_INT((int)last, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE(p->kin.value[last], e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
+}
+
+void test_a_correction_accepted_on_board_is_reported_with_its_crc(void)
+{
+    given_policy();
+    world_calibrated();
+    expect_event(KC_EVT_COR_ON_BOARD, -1, (double)active_crc(), 0.0);
+    TEST_ASSERT_EQUAL_HEX32(world.proposal.crc, active_crc());
+}
+
+/* An image as large as there is room for is looked into, one byte more is not. */
+void test_a_stored_proposal_larger_than_its_room_is_not_looked_into(void)
+{
+    static kc_review_t review;
+    kc_events_t ev;
+    world_boot();
+    for (uint32_t over = 0u; over < 2u; over++) {
+        memset(&ev, 0, sizeof ev);
+        memset(world.image, 0, sizeof world.image);
+        TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_review_load(&review, &APP->tables, world.image,
+                                                            KC_KIN_IMAGE_MAX + over, &ev));
+        TEST_ASSERT_EQUAL_UINT32(1u - over, ev.n);
+    }
+}

@@ -377,7 +377,9 @@ void test_an_estimator_failure_is_reported_and_the_last_correction_kept(void)
     memset(APP->learned.coef, 0, sizeof APP->learned.coef);
     APP->learned.coef[24] = 0.123;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_EST, 300u));
+    TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CAL_EST].index);
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_ERR_ARG, world.last[KC_EVT_CAL_EST].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_CAL_EST].want);
     TEST_ASSERT_EQUAL_DOUBLE(0.123, APP->learned.coef[24]);
     for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
