@@ -4,6 +4,9 @@
 
 #include "given_tables.h"
 #include "given_world.h"
+#include "kc_sequence.h"
+#include "kc_signed.h"
+#include "kc_update.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
@@ -837,4 +840,33 @@ void test_the_bounds_of_command_numbers_are_exact(void)
     refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
     world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 9;
     accepted();
+}
+
+static uint64_t charged(void)
+{
+    kc_work_t work = kc_work_of_step();
+    memset(&world.out, 0, sizeof world.out);
+    kc_sequence_commands(APP, &work, &world.in, &world.out);
+    world.in.n_cmd = world.in.n_chunk = 0u;
+    return work.used;
+}
+
+/* Whether it is accepted or not. */
+void test_what_a_step_takes_in_is_charged(void)
+{
+    const uint64_t head = kc_auth_cost(KC_SIGNED_HEAD_MAX);
+    given_idle();
+    (void)world_cmd(KC_CMD_NOOP, 0, 0, 0);
+    TEST_ASSERT_EQUAL_UINT64(0u, charged()); /* no signature to check */
+    for (uint32_t n = 1u; n < 3u; n++) {
+        for (uint32_t i = 0u; i < n; i++) { world_sign_cmd(world_cmd(KC_CMD_REJECT, 0, 0, 0)); }
+        TEST_ASSERT_EQUAL_UINT64(n * head, charged());
+        world.in.n_chunk = n;
+        TEST_ASSERT_EQUAL_UINT64(n * kc_auth_cost(KC_SIGNED_HEAD_MAX + KC_CHUNK_BYTES), charged());
+    }
+    world_sign_cmd(world_cmd(KC_CMD_TABLE_VALIDATE, 0, 0, 0));
+    TEST_ASSERT_EQUAL_UINT64(head + kc_tbl_cost(&APP->tables), charged());
+    world_sign_cmd(world_cmd(KC_CMD_START, -1, 0, 0));
+    TEST_ASSERT_EQUAL_UINT64(head + kc_update_start_cost(&APP->view), charged());
+    TEST_ASSERT_TRUE(world_calibrating());
 }

@@ -324,3 +324,21 @@ void test_an_observation_is_compared_with_the_correction_at_its_time(void)
     TEST_ASSERT_TRUE(t_s > 0.5);
     TEST_ASSERT_DOUBLE_WITHIN(1e-5, 1e-3 * t_s, APP->monitoring.newest.off_rad);
 }
+
+void test_an_observation_and_a_verdict_are_charged(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    kc_detection_t d = world.in.det[0];
+    d.t_us = world.now_us;
+    const kc_active_t *a = &APP->tables.active;
+    kc_work_t work = kc_work_of_step();
+    kc_monitoring_observe(&APP->monitoring, &APP->arena.idle.monitor, &APP->view, &d, &work, &world.out);
+    TEST_ASSERT_EQUAL_UINT32(6u, APP->arena.idle.monitor.n);
+    TEST_ASSERT_TRUE(work.used > kc_model_cost(&a->arm, &a->terms, false));
+    const uint64_t cost = kc_monitor_evaluate_cost(&APP->arena.idle.monitor);
+    evaluate((kc_work_t){cost, 1u});
+    TEST_ASSERT_TRUE(APP->monitoring.due); /* it does not quite fit */
+    evaluate((kc_work_t){cost + 1u, 1u});
+    TEST_ASSERT_FALSE(APP->monitoring.due);
+}

@@ -691,8 +691,8 @@ void test_a_stored_proposal_larger_than_its_room_is_not_looked_into(void)
     for (uint32_t over = 0u; over < 2u; over++) {
         memset(&ev, 0, sizeof ev);
         memset(world.image, 0, sizeof world.image);
-        TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_review_load(&review, &APP->tables, world.image,
-                                                            KC_KIN_IMAGE_MAX + over, &ev));
+        TEST_ASSERT_EQUAL_INT(
+            KC_ERR_FORMAT, kc_review_load(&review, &APP->tables, world.image, KC_KIN_IMAGE_MAX + over, &ev));
         TEST_ASSERT_EQUAL_UINT32(1u - over, ev.n);
     }
 }

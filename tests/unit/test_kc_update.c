@@ -1095,3 +1095,18 @@ void test_a_calibration_begins_with_nothing_of_the_one_before(void)
         TEST_ASSERT_EQUAL_MEMORY(at->q_seed, &arena->cand_q[c * KC_JOINT_MAX], sizeof at->q_seed);
     }
 }
+
+void test_the_begin_of_a_calibration_is_charged_candidate_by_candidate(void)
+{
+    world_boot();
+    kc_space_t *s = &APP->tables.active.space;
+    s->n_cand = 0u;
+    uint64_t none = kc_update_start_cost(&APP->view), one_more = 0u;
+    for (uint32_t n = 1u; n < 4u; n++) {
+        s->n_cand = n;
+        one_more = (kc_update_start_cost(&APP->view) - none) / n;
+        TEST_ASSERT_TRUE(one_more > kc_kernel_cost(&world.kernel));
+        TEST_ASSERT_EQUAL_UINT64(none + n * one_more, kc_update_start_cost(&APP->view));
+    }
+    TEST_ASSERT_TRUE(none > one_more);
+}
