@@ -63,6 +63,10 @@ void test_noop_is_answered_with_source_number_and_opcode(void)
     TEST_ASSERT_EQUAL_INT(2, world.ack.source);
     TEST_ASSERT_EQUAL_INT(41, world.ack.seq);
     TEST_ASSERT_EQUAL_INT(KC_CMD_NOOP, world.ack.opcode);
+    const kc_event_t *e = &world.last[KC_EVT_CMD_ACCEPTED];
+    TEST_ASSERT_EQUAL_INT(41, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CMD_NOOP, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
 }
 
 void test_a_repeated_or_older_command_number_is_refused(void)
@@ -769,7 +773,7 @@ void test_without_arguments_a_start_takes_those_of_config(void)
     TEST_ASSERT_EQUAL_UINT64(0xf0u, APP->est.opt.free_mask);
 }
 
-void test_what_is_refused_in_a_state_is_told_with_the_state(void)
+void test_what_is_refused_in_a_state_is_reported_with_it(void)
 {
     const int32_t cmds[] = {KC_CMD_TABLE_VALIDATE, KC_CMD_TABLE_ACTIVATE, KC_CMD_TABLE_DISCARD};
     given_idle();
@@ -797,7 +801,7 @@ static kc_cmd_t *unsigned_cmd(int32_t opcode, int32_t source)
     return c;
 }
 
-void test_a_command_that_is_not_admitted_is_told_with_source_and_key(void)
+void test_a_command_that_is_not_admitted_is_reported_with_source_and_key(void)
 {
     given_idle();
     (void)unsigned_cmd(KC_CMD_ROLLBACK, 2);

@@ -498,6 +498,18 @@ void test_the_first_good_table_by_name_is_taken_and_the_rest_is_passed_over(void
     TEST_ASSERT_EQUAL_INT(6, reloaded());
 }
 
+/* Whatever the order in which the directory has them. */
+void test_of_many_good_tables_the_first_by_name_is_taken(void)
+{
+    char name[24];
+    for (int i = 20; i > 0; i--) {
+        given_arm_image(i);
+        (void)snprintf(name, sizeof name, "t%02d.tbl", i);
+        write_file(s_tables, name, s_image, s_n);
+    }
+    TEST_ASSERT_EQUAL_INT(1, reloaded());
+}
+
 void test_more_table_files_than_there_is_room_for_do_no_harm(void)
 {
     char name[24];

@@ -191,6 +191,10 @@ void test_a_place_on_a_verified_segment_leads_to_one_of_its_ends(void)
     TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 0.01));
     s_s.edge[2u * 1u / 2u / 8u] |= (uint8_t)(1u << (2u * 1u / 2u + 1u)); /* bit 2 (2 - 1) / 2 + 1 = 2 */
     TEST_ASSERT_EQUAL_UINT32(NODE(1u), kc_path_on_segment(&s_s, q, 0.01));
+    s_s.hub_edge[0] |= 4u;
+    s_s.hub_edge[2] |= 1u;
+    between(s_s.hub_q[0], s_s.hub_q[2], 0.4, q); /* now there is one */
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_path_on_segment(&s_s, q, 0.01));
 }
 
 void test_an_empty_space_has_no_nearest_node(void)
