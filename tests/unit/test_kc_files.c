@@ -385,6 +385,12 @@ void test_what_the_store_cannot_do_is_said(void)
     kc_status_t st = kc_files_store(&s_f, &gone);
     expect_said("can't delete k01.b");
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, st);
+    s_m.at = 3; /* both are gone, but not for certain */
+    s_m.n = 0;
+    listen();
+    st = kc_files_store(&s_f, &gone);
+    expect_said("can't sync");
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, st);
 }
 
 /* Without standard input the store's folder may get its number. */
