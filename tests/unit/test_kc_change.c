@@ -19,6 +19,14 @@ void setUp(void)
 
 static uint32_t active_crc(void) { return kc_app_active(APP)->crc[KC_TBL_KIN]; }
 
+static const kc_store_t *stored_in_step(uint16_t kind)
+{
+    for (uint32_t i = 0u; i < world.out.n_store; i++) {
+        if (world.out.store[i].kind == kind) { return &world.out.store[i]; }
+    }
+    return NULL;
+}
+
 static void given_proposal(void)
 {
     world_calibrated();
@@ -51,8 +59,12 @@ static void was_refused(int32_t kind, int32_t status)
     TEST_ASSERT_EQUAL_INT(KC_EVT_STORE_REFUSED, world.ack.event_id);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_REFUSED));
     TEST_ASSERT_EQUAL_INT(kind, world.last[KC_EVT_STORE_REFUSED].index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)status, world.last[KC_EVT_STORE_REFUSED].got);
     TEST_ASSERT_EQUAL_DOUBLE(3.0, world.last[KC_EVT_STORE_REFUSED].want); /* CONFIG: two retries */
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_FAIL));
+    TEST_ASSERT_EQUAL_INT(kind, world.last[KC_EVT_STORE_FAIL].index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)status, world.last[KC_EVT_STORE_FAIL].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_STORE_FAIL].want);
 }
 
 /* The fault of the old code: acknowledged, sent as active, and lost at the next start without a word. */
@@ -125,6 +137,10 @@ void test_the_step_that_puts_a_large_table_in_force_has_no_time_for_another(void
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ACTIVE));
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_WORK));
+    TEST_ASSERT_EQUAL_INT(KC_CMD_TABLE_VALIDATE, world.last[KC_EVT_CMD_WORK].index);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_CMD_WORK].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_CMD_WORK].want);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world.ack.status);
 }
 
 void test_without_an_answer_of_the_edge_nothing_is_taken_for_stored(void)
@@ -231,6 +247,8 @@ void test_a_proposal_that_cannot_be_stored_waits_in_memory_and_its_loss_is_repor
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_REFUSED));
     TEST_ASSERT_EQUAL_INT((int32_t)KC_STORE_PROPOSAL, world.last[KC_EVT_STORE_REFUSED].index);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_PROPOSED));
+    /* the record that failed with it is stored again, in this very step */
+    TEST_ASSERT_NOT_NULL(stored_in_step(KC_STORE_JOURNAL));
     world_tick();
     world_restart();
     world_tick();
@@ -308,14 +326,6 @@ void test_a_proposal_that_changed_in_memory_cannot_be_approved(void)
 
 /* ---- found missing by mutants ---- */
 
-static const kc_store_t *stored_in_step(uint16_t kind)
-{
-    for (uint32_t i = 0u; i < world.out.n_store; i++) {
-        if (world.out.store[i].kind == kind) { return &world.out.store[i]; }
-    }
-    return NULL;
-}
-
 /* A proposal is stored with the record that names it, so that no power loss after it forgets it. */
 void test_the_record_stored_with_a_proposal_names_it(void)
 {
@@ -358,4 +368,81 @@ void test_a_table_that_is_no_correction_is_stored_behind_the_counter_of_its_comm
     TEST_ASSERT_EQUAL_UINT32(2u, world.out.n_store);
     TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, world.out.store[0].kind);
     TEST_ASSERT_EQUAL_UINT16(KC_TBL_CONFIG, world.out.store[1].kind);
+}
+
+/* Step until the change of the command is asked for. */
+static void asked(int32_t opcode)
+{
+    (void)world_cmd(opcode, (int32_t)s_crc, 0, 0);
+    for (uint32_t i = 0u; i < 10u; i++) {
+        world_tick();
+        if (kc_app_state(APP) == KC_ST_STORE && stored_in_step(KC_STORE_JOURNAL) != NULL) { return; }
+    }
+    TEST_FAIL_MESSAGE("nothing was asked for");
+}
+
+/* The record that is stored with a change, behind all else of it, says what is in force after it. */
+static void expect_record(uint32_t kin, uint32_t prev, uint32_t proposal)
+{
+    static kc_journal_store_t journal;
+    const kc_store_t *record = &world.out.store[world.out.n_store - 1u];
+    memset(&journal, 0, sizeof journal);
+    TEST_ASSERT_EQUAL_UINT16(KC_STORE_JOURNAL, record->kind);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_journal_load(&journal, record->data, record->n));
+    TEST_ASSERT_EQUAL_UINT32(KC_ST_IDLE, journal.found.state);
+    TEST_ASSERT_EQUAL_HEX32(kin, journal.found.kin_crc);
+    TEST_ASSERT_EQUAL_HEX32(prev, journal.found.prev_crc);
+    TEST_ASSERT_EQUAL_HEX32(proposal, journal.found.proposal_crc);
+}
+
+static void expect_image(uint32_t i, uint16_t kind, uint32_t crc)
+{
+    const kc_store_t *s = &world.out.store[i];
+    TEST_ASSERT_TRUE(i < world.out.n_store);
+    TEST_ASSERT_EQUAL_UINT16(kind, s->kind);
+    TEST_ASSERT_EQUAL_HEX32(crc, kc_tbl_image_crc(s->data, s->n));
+}
+
+/* What is in force is copied first, so that no write hits its last copy. */
+void test_a_change_is_asked_for_in_an_order_that_keeps_what_is_in_force(void)
+{
+    armed();
+    asked(KC_CMD_APPROVE_GO);
+    expect_image(0u, KC_TBL_KIN, s_before);
+    expect_image(1u, KC_STORE_PREV, s_before);
+    expect_image(2u, KC_TBL_KIN, s_crc);
+    TEST_ASSERT_EQUAL_UINT32(4u, world.out.n_store);
+    expect_record(s_crc, s_before, 0u);
+    TEST_ASSERT_TRUE(world_stored(20u));
+    world_ticks(3u);
+    memset(&APP->arena, 0x5a, sizeof APP->arena); /* nothing of it is left from the approval */
+    asked(KC_CMD_ROLLBACK);
+    expect_image(0u, KC_TBL_KIN, s_crc);
+    expect_image(1u, KC_STORE_PREV, s_before);
+    expect_image(2u, KC_TBL_KIN, s_before);
+    TEST_ASSERT_EQUAL_UINT32(4u, world.out.n_store);
+    expect_record(s_before, 0u, 0u);
+}
+
+void test_the_record_stored_with_a_rejection_names_no_proposal(void)
+{
+    given_proposal();
+    asked(KC_CMD_REJECT);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.out.n_store);
+    expect_record(s_before, 0u, 0u);
+}
+
+void test_a_command_that_was_answered_is_not_answered_again_by_an_abort(void)
+{
+    for (int refused = 0; refused < 2; refused++) {
+        setUp();
+        armed();
+        world.store_fails = refused ? -1 : 0;
+        (void)world_do(KC_CMD_APPROVE_GO, (int32_t)s_crc, 0, 0);
+        uint32_t n = world.n_acks;
+        world.store_fails = 0;
+        (void)world_cmd(KC_CMD_ABORT, 0, 0, 0);
+        world_ticks(3u);
+        TEST_ASSERT_EQUAL_UINT32(n + 1u, world.n_acks);
+    }
 }

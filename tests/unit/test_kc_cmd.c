@@ -4,6 +4,9 @@
 
 #include "given_tables.h"
 #include "given_world.h"
+#include "kc_sequence.h"
+#include "kc_signed.h"
+#include "kc_update.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
@@ -60,6 +63,10 @@ void test_noop_is_answered_with_source_number_and_opcode(void)
     TEST_ASSERT_EQUAL_INT(2, world.ack.source);
     TEST_ASSERT_EQUAL_INT(41, world.ack.seq);
     TEST_ASSERT_EQUAL_INT(KC_CMD_NOOP, world.ack.opcode);
+    const kc_event_t *e = &world.last[KC_EVT_CMD_ACCEPTED];
+    TEST_ASSERT_EQUAL_INT(41, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)KC_CMD_NOOP, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
 }
 
 void test_a_repeated_or_older_command_number_is_refused(void)
@@ -283,6 +290,10 @@ void test_start_away_from_every_verified_place_is_refused(void)
     given_idle();
     (void)world_cmd(KC_CMD_START, -1, 0, 0);
     refused(KC_ERR_PATH, KC_EVT_CAL_NO_PATH);
+    const kc_event_t *e = &world.last[KC_EVT_CAL_NO_PATH];
+    TEST_ASSERT_EQUAL_INT(-1, e->index);
+    TEST_ASSERT_TRUE(e->got > 1.0 && e->got < 1e6); /* servo bounds to the nearest place */
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, e->want);
 }
 
 /* ---- commands in the wrong state ---- */
@@ -669,4 +680,197 @@ void test_of_chunks_no_more_are_read_than_the_queue_holds(void)
     kc_app_step(APP, world.now_us + TICK_US, &world.in, &world.out);
     TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_QUEUE_MAX * KC_CHUNK_BYTES, APP->tables.staging.n);
     TEST_ASSERT_EQUAL_UINT32(0u, world.out.events.n);
+}
+
+/* The command of this tick is refused, and its event says what it is about. */
+static void refused_for(int32_t status, uint16_t event, int32_t index, double got, double want)
+{
+    refused(status, event);
+    TEST_ASSERT_EQUAL_INT(index, world.last[event].index);
+    TEST_ASSERT_EQUAL_DOUBLE(got, world.last[event].got);
+    TEST_ASSERT_EQUAL_DOUBLE(want, world.last[event].want);
+}
+
+void test_a_start_names_the_first_table_that_is_missing(void)
+{
+    given_idle();
+    for (uint16_t kind = KC_TBL_COUNT - 1u; kind > 0u; kind--) {
+        APP->tables.active.crc[kind] = 0u;
+        (void)world_cmd(KC_CMD_START, -1, 0, 0);
+        refused_for(KC_ERR_STATE, KC_EVT_TBL_MISSING, kind, 0.0, 0.0);
+    }
+}
+
+/* What was heard this long ago still counts; one step later it does not. */
+void test_a_start_takes_arm_and_pantilt_as_alive_until_they_are_silent_for_too_long(void)
+{
+    for (int32_t who = 0; who < 2; who++) {
+        given_world();
+        given_idle();
+        *(who == 0 ? &world.arm_silent : &world.pantilt_silent) = true;
+        world_ticks(KC_SILENT_US / TICK_US);
+        (void)world_cmd(KC_CMD_START, -1, 0, 0);
+        refused_for(KC_ERR_STATE, KC_EVT_IN_SILENT, (int32_t)KC_INPUT_ARM + who,
+                    (double)(KC_SILENT_US + TICK_US), (double)KC_SILENT_US);
+        given_world();
+        given_idle();
+        *(who == 0 ? &world.arm_silent : &world.pantilt_silent) = true;
+        world_ticks(KC_SILENT_US / TICK_US - 1u);
+        (void)world_cmd(KC_CMD_START, -1, 0, 0);
+        accepted();
+    }
+}
+
+void test_a_start_with_an_arm_fault_says_which(void)
+{
+    world_boot();
+    world.fault = 6;
+    world_ticks(2u);
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    refused_for(KC_ERR_STATE, KC_EVT_ARM_FAULT, -1, 6.0, 0.0);
+}
+
+/* Each argument of START: the first value beyond its range, and the last one in it. */
+void test_a_refused_argument_is_named_with_what_came_and_the_most_there_may_be(void)
+{
+    const double can = (double)((1ull << 28) - 1u);
+    given_idle();
+    for (int32_t off = -2; off <= 4; off += 6) {
+        (void)world_cmd(KC_CMD_START, off, 3, 0);
+        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 0, off, 3.0);
+    }
+    for (int32_t off = -1; off <= 65; off += 66) {
+        (void)world_cmd(KC_CMD_START, 2, off, 0);
+        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 1, off, 64.0);
+    }
+    world_cmd(KC_CMD_START, 2, 5, 0)->arg_u64 = 3ull << 27;
+    refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 4, (double)(3ull << 27), can);
+    for (int32_t opcode = KC_CMD_TABLE_VALIDATE; opcode <= KC_CMD_TABLE_ACTIVATE; opcode++) {
+        (void)world_cmd(opcode, 0, 5, 0);
+        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 0, 0.0, (double)(KC_TBL_COUNT - 1));
+        (void)world_cmd(opcode, KC_TBL_COUNT, 5, 0);
+        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 0, (double)KC_TBL_COUNT, (double)(KC_TBL_COUNT - 1));
+        (void)world_cmd(opcode, KC_TBL_COUNT - 1, 5, 0); /* there is this kind, and nothing staged */
+        refused(KC_ERR_STATE, KC_EVT_TBL_NOT_READY);
+        (void)world_cmd(opcode, 1, 5, 0);
+        refused(KC_ERR_STATE, KC_EVT_TBL_NOT_READY);
+    }
+    (void)world_cmd(KC_CMD_START, KC_ACQ_COUNT - 1, KC_MEAS_MAX, 0);
+    accepted();
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_COUNT - 1, APP->cal.acq);
+    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, APP->plan.n_goal);
+}
+
+void test_without_arguments_a_start_takes_those_of_config(void)
+{
+    world.config.acquisition = KC_ACQ_DOPT;
+    world.config.est.free_mask = 0xf0u;
+    given_idle();
+    (void)world_cmd(KC_CMD_START, -1, 0, 7);
+    accepted();
+    TEST_ASSERT_EQUAL_INT(KC_ACQ_DOPT, APP->cal.acq);
+    TEST_ASSERT_EQUAL_UINT32(world.config.n_poses, APP->plan.n_goal);
+    TEST_ASSERT_EQUAL_UINT64(0xf0u, APP->est.opt.free_mask);
+}
+
+void test_what_is_refused_in_a_state_is_reported_with_it(void)
+{
+    const int32_t cmds[] = {KC_CMD_TABLE_VALIDATE, KC_CMD_TABLE_ACTIVATE, KC_CMD_TABLE_DISCARD};
+    given_idle();
+    (void)world_cmd(KC_CMD_APPROVE_GO, 0, 0, 0);
+    refused_for(KC_ERR_STATE, KC_EVT_CMD_STATE, KC_CMD_APPROVE_GO, (double)KC_ST_IDLE, 0.0);
+    (void)world_cmd(11, 0, 0, 0);
+    refused_for(KC_ERR_ARG, KC_EVT_CMD_UNKNOWN, -1, 11.0, 0.0);
+    APP->place.state = KC_ST_REVIEW;
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    refused_for(KC_ERR_STATE, KC_EVT_CMD_STATE, KC_CMD_START, (double)KC_ST_REVIEW, 0.0);
+    (void)world_cmd(KC_CMD_ROLLBACK, 0, 0, 0);
+    refused_for(KC_ERR_STATE, KC_EVT_CMD_STATE, KC_CMD_ROLLBACK, (double)KC_ST_REVIEW, 0.0);
+    for (uint32_t i = 0u; i < 3u; i++) {
+        (void)world_cmd(cmds[i], KC_TBL_CONFIG, 0, 0);
+        refused_for(KC_ERR_STATE, KC_EVT_TBL_BUSY, -1, (double)KC_ST_REVIEW, 0.0);
+    }
+}
+
+/* Sent as the test made it, so that nobody signs it. */
+static kc_cmd_t *unsigned_cmd(int32_t opcode, int32_t source)
+{
+    kc_cmd_t *c = world_cmd(opcode, 0, 0, 0);
+    world.as_sent = true;
+    c->source = source;
+    return c;
+}
+
+void test_a_command_that_is_not_admitted_is_reported_with_source_and_key(void)
+{
+    given_idle();
+    (void)unsigned_cmd(KC_CMD_ROLLBACK, 2);
+    refused_for(KC_ERR_AUTH, KC_EVT_CMD_UNSIGNED, 2, 0.0, 0.0);
+    kc_cmd_t *c = unsigned_cmd(KC_CMD_ROLLBACK, 2);
+    world_sign_cmd(c);
+    uint32_t key = c->auth.key_id;
+    c->arg_i[2] ^= 1;
+    refused_for(KC_ERR_AUTH, KC_EVT_CMD_FORGED, 2, (double)key, 0.0);
+    c = unsigned_cmd(KC_CMD_ROLLBACK, 2);
+    world_sign_cmd(c);
+    c->auth.key_id = 9999u;
+    refused_for(KC_ERR_AUTH, KC_EVT_CMD_KEY, 2, 9999.0, 0.0);
+    c = unsigned_cmd(KC_CMD_TABLE_DISCARD, 2);
+    world_sign_cmd(c);
+    const kc_cmd_t same = *c;
+    accepted();
+    *unsigned_cmd(KC_CMD_TABLE_DISCARD, 2) = same;
+    refused_for(KC_ERR_STALE, KC_EVT_CMD_REPLAYED, 2, (double)same.auth.counter, (double)same.auth.counter);
+    unsigned_cmd(KC_CMD_NOOP, 2)->seq = 5;
+    accepted();
+    unsigned_cmd(KC_CMD_NOOP, 2)->seq = 4;
+    refused_for(KC_ERR_STALE, KC_EVT_CMD_STALE, 2, 4.0, 5.0);
+}
+
+/* The window of numbers ahead, and the silence after which another beginning is taken: to the last of both. */
+void test_the_bounds_of_command_numbers_are_exact(void)
+{
+    given_idle();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10;
+    accepted();
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10 + 1000001;
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10 + 1000000;
+    accepted();
+    world_ticks(99u);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 9; /* 10 s later exactly */
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10; /* within the window behind: never */
+    refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 9;
+    accepted();
+}
+
+static uint64_t charged(void)
+{
+    kc_work_t work = kc_work_of_step();
+    memset(&world.out, 0, sizeof world.out);
+    kc_sequence_commands(APP, &work, &world.in, &world.out);
+    world.in.n_cmd = world.in.n_chunk = 0u;
+    return work.used;
+}
+
+/* Whether it is accepted or not. */
+void test_what_a_step_takes_in_is_charged(void)
+{
+    const uint64_t head = kc_auth_cost(KC_SIGNED_HEAD_MAX);
+    given_idle();
+    (void)world_cmd(KC_CMD_NOOP, 0, 0, 0);
+    TEST_ASSERT_EQUAL_UINT64(0u, charged()); /* no signature to check */
+    for (uint32_t n = 1u; n < 3u; n++) {
+        for (uint32_t i = 0u; i < n; i++) { world_sign_cmd(world_cmd(KC_CMD_REJECT, 0, 0, 0)); }
+        TEST_ASSERT_EQUAL_UINT64(n * head, charged());
+        world.in.n_chunk = n;
+        TEST_ASSERT_EQUAL_UINT64(n * kc_auth_cost(KC_SIGNED_HEAD_MAX + KC_CHUNK_BYTES), charged());
+    }
+    world_sign_cmd(world_cmd(KC_CMD_TABLE_VALIDATE, 0, 0, 0));
+    TEST_ASSERT_EQUAL_UINT64(head + kc_tbl_cost(&APP->tables), charged());
+    world_sign_cmd(world_cmd(KC_CMD_START, -1, 0, 0));
+    TEST_ASSERT_EQUAL_UINT64(head + kc_update_start_cost(&APP->view), charged());
+    TEST_ASSERT_TRUE(world_calibrating());
 }

@@ -333,6 +333,92 @@ void test_failed_writes_are_reported(void)
     s_f.dir_fd = fd;
 }
 
+/* ---- what is said on standard error ---- */
+
+static int s_heard, s_stderr;
+
+static void listen(void)
+{
+    s_heard = (int)syscall(SYS_memfd_create, "stderr", 0u);
+    s_stderr = dup(2);
+    (void)dup2(s_heard, 2);
+}
+
+static void expect_said(const char *what)
+{
+    char text[2048] = {0};
+    (void)dup2(s_stderr, 2);
+    (void)close(s_stderr);
+    TEST_ASSERT_TRUE(pread(s_heard, text, sizeof text - 1u, 0) >= 0);
+    (void)close(s_heard);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, what), what);
+}
+
+void test_what_the_store_cannot_do_is_said(void)
+{
+    const kc_store_t gone = {KC_TBL_ARM, 0u, s_image};
+    const struct {
+        long at;
+        harm_t harm;
+        const char *said;
+    } changes[] = {{1, FAILS_ONCE, "can't write k01.a"},
+                   {3, FLIPS, "k01.a does not read back as it was written"},
+                   {5, FAILS_ONCE, "can't replace k01.a"},
+                   {6, FAILS_ONCE, "can't sync"}};
+    (void)store_arm(1);
+    (void)store_arm(2);
+    for (uint32_t i = 0u; i < 4u; i++) {
+        s_m.on = true;
+        s_m.n = 0;
+        s_m.at = changes[i].at;
+        s_m.harm = changes[i].harm;
+        listen();
+        kc_status_t st = store_arm(3);
+        expect_said(changes[i].said);
+        TEST_ASSERT_TRUE(st != KC_OK);
+        TEST_ASSERT_EQUAL_INT(2, reloaded());
+    }
+    s_m.at = 2; /* the second slot that is deleted */
+    s_m.n = 0;
+    s_m.harm = FAILS_ONCE;
+    listen();
+    kc_status_t st = kc_files_store(&s_f, &gone);
+    expect_said("can't delete k01.b");
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, st);
+    s_m.at = 3; /* both are gone, but not for certain */
+    s_m.n = 0;
+    listen();
+    st = kc_files_store(&s_f, &gone);
+    expect_said("can't sync");
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, st);
+}
+
+/* Without standard input the store's folder may get its number. */
+void test_a_process_without_standard_input_has_a_store_too(void)
+{
+    int input = dup(0);
+    close_store();
+    (void)close(0);
+    bool opened = kc_files_open(&s_f, s_dir);
+    int fd = s_f.dir_fd;
+    s_f.dir_fd = dup(fd);
+    (void)dup2(input, 0);
+    (void)close(input);
+    TEST_ASSERT_TRUE(opened);
+    TEST_ASSERT_EQUAL_INT(0, fd);
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(4));
+}
+
+void test_a_table_that_is_refused_is_named_with_the_reason(void)
+{
+    given_arm_image(6);
+    s_image[50] ^= 1u;
+    write_file(s_tables, "a.tbl", s_image, s_n);
+    listen();
+    TEST_ASSERT_EQUAL_INT(0, reloaded());
+    expect_said("kincal-fsw: table a.tbl refused: ");
+}
+
 /* ---- default tables ---- */
 
 void test_a_write_that_a_signal_interrupts_is_repeated(void)
@@ -400,18 +486,34 @@ void test_the_first_good_table_by_name_is_taken_and_the_rest_is_passed_over(void
     write_file(s_tables, "b.tbl", s_image, s_n);
     given_arm_image(6);
     write_file(s_tables, "c.tbl", s_image, s_n);
+    write_file(s_tables, "a.txt", s_image, s_n);
+    write_file(s_tables, ".tbl", s_image, s_n);
+    memset(name, 'a', sizeof name);
+    memcpy(&name[60], ".tbl", 5u); /* a name too long for us */
+    write_file(s_tables, name, s_image, s_n);
     s_image[50] ^= 1u;
     write_file(s_tables, "a.tbl", s_image, s_n); /* damaged */
-    write_file(s_tables, "arm.txt", s_image, s_n);
-    write_file(s_tables, ".tbl", s_image, s_n);
-    write_file(s_tables, "empty.tbl", s_image, 0u);
-    write_file(s_tables, "short.tbl", s_image, 9u);
+    write_file(s_tables, "a0.tbl", s_image, 0u);
+    write_file(s_tables, "a9.tbl", s_image, 9u);
     memcpy(huge, s_image, KC_TBL_HDR_BYTES);
-    write_file(s_tables, "huge.tbl", huge, sizeof huge);
-    memset(name, 'n', sizeof name);
-    memcpy(&name[70], ".tbl", 5u); /* a name too long for us */
-    write_file(s_tables, name, s_image, s_n);
+    write_file(s_tables, "ah.tbl", huge, sizeof huge);
     TEST_ASSERT_EQUAL_INT(5, reloaded());
+    memcpy(&name[59], ".tbl", 5u); /* one letter less */
+    given_arm_image(6);
+    write_file(s_tables, name, s_image, s_n);
+    TEST_ASSERT_EQUAL_INT(6, reloaded());
+}
+
+/* Whatever the order in which the directory has them. */
+void test_of_many_good_tables_the_first_by_name_is_taken(void)
+{
+    char name[24];
+    for (int i = 20; i > 0; i--) {
+        given_arm_image(i);
+        (void)snprintf(name, sizeof name, "t%02d.tbl", i);
+        write_file(s_tables, name, s_image, s_n);
+    }
+    TEST_ASSERT_EQUAL_INT(1, reloaded());
 }
 
 void test_more_table_files_than_there_is_room_for_do_no_harm(void)
@@ -427,7 +529,10 @@ void test_more_table_files_than_there_is_room_for_do_no_harm(void)
 
 void test_a_tables_directory_that_is_not_there_is_refused(void)
 {
-    TEST_ASSERT_EQUAL_INT(-1, kc_files_load(&s_f, "/nowhere", APP));
+    listen();
+    int n = kc_files_load(&s_f, "/nowhere", APP);
+    expect_said("can't read the tables /nowhere");
+    TEST_ASSERT_EQUAL_INT(-1, n);
 }
 
 /* ---- approval, rejection, rollback, a correction from the ground: killed or refused anywhere ---- */

@@ -246,6 +246,24 @@ void test_a_joint_nearer_to_its_limit_than_the_margin_is_refused(void)
     TEST_ASSERT_EQUAL_INT(3, s_why.index);
 }
 
+/* Numbers of tables are single precision: a target on the margin is on it, whichever way it was rounded. */
+void test_a_joint_exactly_at_the_margin_of_a_limit_is_fine(void)
+{
+    double lo = s_arm.joint[2].q_min + s_ask.margin, hi = s_arm.joint[2].q_max - s_ask.margin;
+    s_s.n_body = 0u;
+    for (uint32_t j = 0u; j < 7u; j++) { s_bound[j] = 9.0; }
+    for (double off = -5e-7; off < 6e-7; off += 5e-7) {
+        s_to[2] = hi + off;
+        expect_fine();
+        s_to[2] = lo + off;
+        expect_fine();
+    }
+    s_to[2] = hi + 2e-6;
+    expect(KC_GUARD_LIMIT, 3, hi + 2e-6, hi);
+    s_to[2] = lo - 2e-6;
+    expect(KC_GUARD_LIMIT, 3, lo - 2e-6, lo);
+}
+
 void test_inside_the_box_anything_goes_and_outside_nothing(void)
 {
     s_to[4] += 0.399;
@@ -567,7 +585,7 @@ void test_the_nearest_of_many_bodies_is_found(void)
         s_s.n_body = 5u;
         for (uint32_t i = 0u; i < s_s.n_body; i++) {
             s_s.body[i] = drawn_rod(&rng);
-            s_s.body[i].collision_pairs = (1u << i) - 1u;
+            s_s.body[i].collision_pairs = UINT32_MAX; /* itself and later ones too: they play no part */
             for (uint32_t k = 0u; k < i; k++) {
                 want = fmin(want, sampled_between(&s_s.body[i], &s_s.body[k]));
             }
@@ -622,6 +640,57 @@ static uint64_t charged(void)
     kc_guard_begin(&s_ask, &job);
     TEST_ASSERT_TRUE(kc_guard_step(&s_ask, &job, &work));
     return work.used;
+}
+
+/* What is charged for the first posture alone, and what has to be left of a step to begin with it. */
+static uint64_t charged_for_one(void)
+{
+    kc_work_t one = {1u, 0u};
+    kc_guard_job_t job;
+    kc_guard_begin(&s_ask, &job);
+    (void)kc_guard_step(&s_ask, &job, &one);
+    TEST_ASSERT_EQUAL_UINT32(1u, job.k);
+    return one.used;
+}
+
+static uint64_t set_aside(void)
+{
+    uint64_t least = 0u, most = 1ull << 30;
+    while (most - least > 1u) {
+        uint64_t left = (least + most) / 2u;
+        kc_work_t work = {left + 1u, 1u};
+        kc_guard_job_t job;
+        kc_guard_begin(&s_ask, &job);
+        (void)kc_guard_step(&s_ask, &job, &work);
+        if (job.k > 0u) {
+            most = left;
+        } else {
+            least = left;
+        }
+    }
+    return most;
+}
+
+/* Where nothing can be passed over, no more and no less is set aside than is charged. */
+void test_what_is_set_aside_for_a_posture_is_what_it_may_cost(void)
+{
+    static const uint8_t kinds[] = {KC_VOL_BELOW, KC_VOL_BOX, KC_VOL_CAPSULE, KC_VOL_SPHERE};
+    s_s.n_volume = 1u;
+    for (uint32_t i = 0u; i < 4u; i++) {
+        s_s.n_body = 1u;
+        s_s.body[0] = ROD(0.f, 0.f, 0.f, 0.f, 0.f, 0.2f, 0.01f);
+        s_s.volume[0] = (kc_volume_t){kinds[i], {0.0f, 0.0f, -9.0f}, {0.1f, 0.1f, -8.0f}, 0.1f, 0u};
+        uint64_t one = set_aside();
+        if (kinds[i] != KC_VOL_BOX) { TEST_ASSERT_EQUAL_UINT64(charged_for_one(), one); }
+        TEST_ASSERT_TRUE(charged_for_one() <= one);
+        s_s.volume[0].excluded = 1u; /* of this body alone */
+        TEST_ASSERT_EQUAL_UINT64(charged_for_one(), set_aside());
+        TEST_ASSERT_TRUE(set_aside() < one);
+    }
+    given_three_bodies();
+    s_s.volume[0] = (kc_volume_t){KC_VOL_SPHERE, {0.0f, 0.0f, -9.0f}, {0}, 0.1f, 2u};
+    s_s.body[2].collision_pairs = ~1u; /* the one before; itself and later ones play no part */
+    TEST_ASSERT_EQUAL_UINT64(charged_for_one(), set_aside());
 }
 
 /* A box is charged with what it costs: little where a bound says that another one is nearer. */
@@ -691,4 +760,38 @@ void test_a_check_that_runs_out_of_postures_refuses(void)
     TEST_ASSERT_TRUE(job.over);
     TEST_ASSERT_TRUE(job.part < 1.0);
     TEST_ASSERT_EQUAL_INT(KC_GUARD_VOLUME, job.verdict);
+}
+
+/* Postures of a move of joint 1, which keeps the height above the ground. */
+static uint32_t postures_above_ground(double free_m)
+{
+    kc_work_t work = kc_work_unlimited();
+    kc_work_t one = {1u, 0u};
+    kc_guard_job_t job;
+    s_s.n_body = s_s.n_volume = 1u;
+    s_s.volume[0] = (kc_volume_t){.kind = KC_VOL_BELOW};
+    kc_guard_begin(&s_ask, &job);
+    (void)kc_guard_step(&s_ask, &job, &one);
+    s_s.volume[0].p_m[2] = (float)(job.first.d[0] - KC_GUARD_CLEAR_M - free_m);
+    kc_guard_begin(&s_ask, &job);
+    TEST_ASSERT_TRUE(kc_guard_step(&s_ask, &job, &work));
+    TEST_ASSERT_EQUAL_INT(KC_GUARD_OK, job.verdict);
+    return job.k;
+}
+
+/* As far as the free distance lets the farthest point of the arm travel, but not less than the least step. */
+void test_steps_of_a_check_are_as_long_as_the_free_distance_allows(void)
+{
+    const double by = 0.3;
+    double reach = KC_GUARD_ABOUT_M;
+    for (uint32_t j = 0u; j < 7u; j++) { reach += fabs(s_arm.joint[j].a_m) + fabs(s_arm.joint[j].d_m); }
+    const double *tool = s_arm.tool_xyz_m;
+    reach += sqrt(tool[0] * tool[0] + tool[1] * tool[1] + tool[2] * tool[2]);
+    s_to[0] += by;
+    for (uint32_t steps = 1u; steps < 6u; steps++) {
+        TEST_ASSERT_EQUAL_UINT32(1u + steps, postures_above_ground(1.01 * by * reach / steps));
+        TEST_ASSERT_EQUAL_UINT32(2u + steps, postures_above_ground(0.99 * by * reach / steps));
+    }
+    uint32_t most = (uint32_t)ceil(by / KC_GUARD_STEP);
+    TEST_ASSERT_UINT32_WITHIN(1u, 1u + most, postures_above_ground(1e-4));
 }

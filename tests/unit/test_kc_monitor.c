@@ -48,6 +48,8 @@ void test_without_observations_it_is_quiet(void)
 {
     kc_monitor_evaluate(&s_mon, &s_v);
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_v.p);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_v.off_m);
 }
 
 void test_a_healthy_arm_is_quiet(void)
@@ -123,6 +125,7 @@ void test_what_no_joint_explains_is_said_after_three_observations(void)
     kc_monitor_evaluate(&s_mon, &s_v);
     TEST_ASSERT_EQUAL_INT(KC_MON_UNEXPLAINED, s_v.state);
     TEST_ASSERT_EQUAL_UINT32(KC_MON_OBS_OFF, s_v.n_obs);
+    TEST_ASSERT_TRUE(s_v.p < KC_MON_P);
 }
 
 void test_joints_with_one_axis_are_all_suspect(void)
@@ -229,4 +232,43 @@ void test_a_joint_whose_effect_is_no_number_is_never_suspected(void)
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
     TEST_ASSERT_EQUAL_UINT32(1u, s_v.joint);
     TEST_ASSERT_EQUAL_HEX32(0u, s_v.suspects & 0x11u);
+}
+
+/* So small that a fit over one good observation more would leave noise as well. */
+void test_a_small_slip_is_dated_where_it_explains_most(void)
+{
+    observations(3u, 6u, 0.05);
+    double bias = 5.0 * sqrt(3.0) * s_v.sigma;
+    for (uint64_t seed = 1u; seed < 6u; seed++) {
+        kc_monitor_init(&s_mon, &s_arm, 2e-4, 5e-4);
+        s_rng = seed;
+        observations(5u, 6u, 0.0);
+        TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
+        observations(3u, 6u, bias);
+        TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+        TEST_ASSERT_EQUAL_UINT32(6u, s_v.joint);
+        TEST_ASSERT_UINT32_WITHIN(1u, 3u, s_v.n_obs);
+        TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_v.sigma, bias, s_v.bias);
+    }
+}
+
+/* n observations in one posture, of whose variance a part f is shared: the variance of the mean is
+ * (1 + (n - 1) f) / n of one. */
+void test_the_shared_part_of_the_noise_stays_and_the_rest_averages_out(void)
+{
+    double q[KC_JOINT_MAX] = {0.3, 0.5, -0.4, 1.2, 0.2, -0.9, 0.1}, at[KC_JOINT_MAX], var[9] = {0.0};
+    memcpy(at, q, sizeof at);
+    at[3] += 0.05;
+    kc_monitor_init(&s_mon, &s_arm, 0.6 * OBS_POS_M, 0.6 * OBS_ROT_RAD);
+    given_one_observation(&s_arm, &s_terms, s_coef, at, 0.0, &s_rng, &s_obs);
+    memcpy(s_obs.ctx.q, q, sizeof q);
+    for (uint32_t n = 1u; n <= KC_MON_OBS_MAX; n++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
+        kc_monitor_evaluate(&s_mon, &s_v);
+        var[n] = s_v.sigma * s_v.sigma;
+        if (n < 3u) { continue; }
+        TEST_ASSERT_EQUAL_UINT32(3u, s_v.joint);
+        TEST_ASSERT_EQUAL_UINT32(n, s_v.n_obs);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, (1.0 + 0.36 * (n - 1u)) / n / (1.36 / 2.0), var[n] / var[2]);
+    }
 }

@@ -75,6 +75,10 @@ void test_two_joints_at_once_are_unexplained(void)
     world.bias[3] = -0.1;
     observations(6u);
     TEST_ASSERT_TRUE(world_events(KC_EVT_MON_UNEXPLAINED) >= 1u);
+    const kc_event_t *e = &world.last[KC_EVT_MON_UNEXPLAINED];
+    TEST_ASSERT_EQUAL_INT(-1, e->index);
+    TEST_ASSERT_TRUE(e->got > 0.01 && e->got < 0.5); /* m, of the newest observation */
+    TEST_ASSERT_TRUE(e->want > 0.05 && e->want < 0.3); /* rad */
 }
 
 void test_observations_while_something_moves_or_has_not_settled_are_not_compared(void)
@@ -305,4 +309,36 @@ void test_an_observation_that_cannot_be_compared_changes_nothing(void)
     TEST_ASSERT_EQUAL_UINT32(3u, APP->arena.idle.monitor.n);
     TEST_ASSERT_EQUAL_UINT64(before.t_us, APP->monitoring.t_us);
     TEST_ASSERT_EQUAL_MEMORY(&before.newest, &APP->monitoring.newest, sizeof before.newest);
+}
+
+/* A joint that the correction knows to drift by 1 mrad/s, and that does not. */
+void test_an_observation_is_compared_with_the_correction_at_its_time(void)
+{
+    world.terms.term[8].basis[0] = (kc_basis_t){.fn = KC_FN_LIN, .var = KC_VAR_T, .c1 = 1.0};
+    given_idle(0u, 0.0);
+    world.noise_m = world.noise_rad = 0.0;
+    APP->tables.active.kin.value[8] = 1e-3;
+    world_seal(KC_TBL_KIN);
+    observations(1u);
+    double t_s = (double)APP->clock.now_us * 1e-6;
+    TEST_ASSERT_TRUE(t_s > 0.5);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 1e-3 * t_s, APP->monitoring.newest.off_rad);
+}
+
+void test_an_observation_and_a_verdict_are_charged(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    kc_detection_t d = world.in.det[0];
+    d.t_us = world.now_us;
+    const kc_active_t *a = &APP->tables.active;
+    kc_work_t work = kc_work_of_step();
+    kc_monitoring_observe(&APP->monitoring, &APP->arena.idle.monitor, &APP->view, &d, &work, &world.out);
+    TEST_ASSERT_EQUAL_UINT32(6u, APP->arena.idle.monitor.n);
+    TEST_ASSERT_TRUE(work.used > kc_model_cost(&a->arm, &a->terms, false));
+    const uint64_t cost = kc_monitor_evaluate_cost(&APP->arena.idle.monitor);
+    evaluate((kc_work_t){cost, 1u});
+    TEST_ASSERT_TRUE(APP->monitoring.due); /* it does not quite fit */
+    evaluate((kc_work_t){cost + 1u, 1u});
+    TEST_ASSERT_FALSE(APP->monitoring.due);
 }

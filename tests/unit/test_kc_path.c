@@ -191,6 +191,10 @@ void test_a_place_on_a_verified_segment_leads_to_one_of_its_ends(void)
     TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 0.01));
     s_s.edge[2u * 1u / 2u / 8u] |= (uint8_t)(1u << (2u * 1u / 2u + 1u)); /* bit 2 (2 - 1) / 2 + 1 = 2 */
     TEST_ASSERT_EQUAL_UINT32(NODE(1u), kc_path_on_segment(&s_s, q, 0.01));
+    s_s.hub_edge[0] |= 4u;
+    s_s.hub_edge[2] |= 1u;
+    between(s_s.hub_q[0], s_s.hub_q[2], 0.4, q); /* now there is one */
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_path_on_segment(&s_s, q, 0.01));
 }
 
 void test_an_empty_space_has_no_nearest_node(void)
@@ -285,4 +289,31 @@ void test_joints_that_the_arm_does_not_have_are_not_looked_at(void)
     TEST_ASSERT_TRUE(kc_path_on(&s_s, s_s.cand[3].hub, NODE(3u), q, 1e-6));
     TEST_ASSERT_TRUE(kc_path_leads_to(&s_s, NODE(3u), q, 1e-6));
     TEST_ASSERT_EQUAL_UINT32(s_s.cand[3].hub, kc_path_on_segment(&s_s, q, 1e-6));
+}
+
+/* Bits of a node itself and of nodes beyond the table's number name no segment. */
+void test_nodes_that_the_table_does_not_have_are_not_looked_at(void)
+{
+    double q[KC_JOINT_MAX], dist = 0.0;
+    uint32_t last = s_s.n_cand - 1u, hub = s_s.cand[last].hub;
+    memset(s_s.edge, 0xff, sizeof s_s.edge);
+    for (uint32_t h = 0u; h < KC_HUB_MAX; h++) { s_s.hub_edge[h] = 0xffffu; }
+    part_between(NODE(last), NODE(2u), 0.4, q);
+    TEST_ASSERT_EQUAL_UINT32(NODE(2u), kc_path_on_segment(&s_s, q, 1e-6));
+    s_s.n_cand = last;
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 1e-6));
+    TEST_ASSERT_FALSE(kc_path_leads_to(&s_s, NODE(2u), q, 1e-6));
+    part_between(NODE(last), hub, 0.4, q);
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 1e-6));
+    TEST_ASSERT_FALSE(kc_path_leads_to(&s_s, hub, q, 1e-6));
+    kc_path_joints(&s_s, NODE(last), q);
+    TEST_ASSERT_TRUE(kc_path_nearest(&s_s, s_bound, q, &dist) != NODE(last));
+    TEST_ASSERT_TRUE(dist > 1.0);
+    s_s.n_hub = 1u;
+    s_s.n_cand = 0u;
+    kc_path_joints(&s_s, 1u, q);
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 1e-6));
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_path_nearest(&s_s, s_bound, q, &dist));
+    kc_path_joints(&s_s, 0u, q); /* at a hub, but on no segment */
+    TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 1e-6));
 }

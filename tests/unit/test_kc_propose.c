@@ -5,7 +5,9 @@
 
 #include "given_tables.h"
 #include "given_world.h"
+#include "kc_chi2.h"
 #include "kc_propose.h"
+#include "kc_rot.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
@@ -134,9 +136,9 @@ static void boastful_and_one_far_off(kc_detection_t *d)
 }
 
 /* The nominal arm is in force: its residuals by forward kinematics alone. */
-static double nominal_rms_m(uint32_t *n_kept)
+static double nominal_rms_m(uint32_t *n_kept, double *rot_rad)
 {
-    double sum = 0.0;
+    double sum = 0.0, rot = 0.0;
     *n_kept = 0u;
     for (uint32_t i = 0u; i < APP->est.n_obs; i++) {
         const kc_obs_t *obs = &APP->est.obs[i];
@@ -144,21 +146,28 @@ static double nominal_rms_m(uint32_t *n_kept)
         if (APP->est.outlier[i]) { continue; }
         kc_arm_fk(&world.arm, obs->ctx.q, &T);
         for (uint32_t k = 0u; k < 3u; k++) { sum += (obs->p_m[k] - T.p_m[k]) * (obs->p_m[k] - T.p_m[k]); }
+        double quat[4], same = 0.0;
+        kc_R_to_quat(T.R, quat);
+        for (uint32_t k = 0u; k < 4u; k++) { same += quat[k] * obs->q_wxyz[k]; }
+        rot += pow(2.0 * acos(fabs(same)), 2.0);
         (*n_kept)++;
     }
+    *rot_rad = sqrt(rot / (double)*n_kept);
     return sqrt(sum / (double)*n_kept);
 }
 
 void test_residuals_before_are_those_of_the_table_in_force_at_the_poses_that_were_kept(void)
 {
     uint32_t n_kept = 0u;
+    double rot_rad = 0.0;
     spoil_one = 1;
     world.spoil = boastful_and_one_far_off;
     world.config.n_poses = 24u;
     world.config.est.outlier_max = 1u;
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_outliers);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, nominal_rms_m(&n_kept), world.proposal.before_pos_m);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, nominal_rms_m(&n_kept, &rot_rad), world.proposal.before_pos_m);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, rot_rad, world.proposal.before_rot_rad);
     TEST_ASSERT_EQUAL_UINT32(world.proposal.n_poses - 1u, n_kept);
     TEST_ASSERT_TRUE(world.proposal.before_pos_m > world.proposal.fit_pos_m);
 }
@@ -561,6 +570,59 @@ void test_a_proposal_states_the_fit_of_the_estimate(void)
     /* what the estimator minimised, summed anew */
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 * e->chi2, e->chi2, s_proposing.chi2_after);
     TEST_ASSERT_TRUE(s_proposing.chi2_before > s_proposing.chi2_after);
+    const kc_proposal_t *p = &s_out.proposal;
+    TEST_ASSERT_EQUAL_DOUBLE(e->chi2, p->chi2);
+    TEST_ASSERT_EQUAL_UINT32(e->dof, p->dof);
+    TEST_ASSERT_EQUAL_DOUBLE(kc_chi2_sf(e->chi2, e->dof), p->p_fit);
+    TEST_ASSERT_EQUAL_DOUBLE(e->noise_scale, p->noise_scale);
+    TEST_ASSERT_EQUAL_DOUBLE(e->kkt, p->kkt);
+    TEST_ASSERT_EQUAL_DOUBLE(e->cond, p->cond);
+    TEST_ASSERT_EQUAL_UINT32(e->rank, p->rank);
+    TEST_ASSERT_EQUAL_UINT32(e->n_free, p->n_free);
+    TEST_ASSERT_EQUAL_UINT32(e->n_outliers, p->n_outliers);
+    TEST_ASSERT_EQUAL_UINT32(1u, p->session);
+    TEST_ASSERT_EQUAL_UINT32(8u, p->n_poses);
+    TEST_ASSERT_EQUAL_DOUBLE(APP->learned.pred.pos_m, p->pred_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(APP->learned.pred.rot_rad, p->pred_rot_rad);
+    TEST_ASSERT_EQUAL_HEX32(active_crc(), p->crc_kin_before);
+    TEST_ASSERT_EQUAL_MEMORY(e->status, p->status, sizeof p->status);
+    TEST_ASSERT_EQUAL_MEMORY(e->confounded, p->confounded, sizeof p->confounded);
+}
+
+/* Chi-square that the estimate takes away from the table in force: none if that is the estimate, and otherwise as
+ * likely by chance as with a degree of freedom for each coefficient. */
+void test_how_likely_no_change_is_follows_from_what_the_estimate_takes_away(void)
+{
+    world.truth.joint[6].phi_rad = 0.0;
+    world.noise_m = 1e-3;
+    world.noise_rad = 4e-3;
+    world_calibrated();
+    (void)steps_to_propose(UINT64_MAX);
+    double before = s_proposing.chi2_before, gain = before - s_proposing.chi2_after;
+    TEST_ASSERT_TRUE(gain > 0.0);
+    APP->est.noise_scale = sqrt(gain / 28.0);
+    (void)steps_to_propose(UINT64_MAX);
+    double scale = fmax(1.0, APP->est.noise_scale);
+    double p = kc_chi2_sf(gain / (scale * scale), APP->est.rank);
+    TEST_ASSERT_TRUE(p > 0.01 && p < 0.9999);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, p, s_out.proposal.p_no_change);
+    memcpy(APP->est.coef, APP->tables.active.kin.value, sizeof APP->est.coef);
+    (void)steps_to_propose(UINT64_MAX);
+    TEST_ASSERT_EQUAL_DOUBLE(before, s_proposing.chi2_before);
+    TEST_ASSERT_EQUAL_DOUBLE(before, s_proposing.chi2_after);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_out.proposal.p_no_change);
+}
+
+void test_residuals_larger_than_stated_scale_sigma_and_covariance_alike(void)
+{
+    world_calibrated();
+    APP->est.noise_scale = 3.0;
+    (void)steps_to_propose(UINT64_MAX);
+    const kc_proposal_t *p = &s_out.proposal;
+    for (uint32_t i = 0u, k = 0u; i < 28u; k += 28u - i, i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 3.0 * APP->est.sigma[i], p->kin.sigma[i]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, p->kin.sigma[i], sqrt(p->cov[k]));
+    }
 }
 
 void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void)
@@ -586,4 +648,51 @@ void test_a_proposal_is_charged_observation_by_observation_and_candidate_by_cand
     world_calibrated();
     uint32_t kept = APP->est.n_obs - APP->est.n_outliers;
     TEST_ASSERT_EQUAL_UINT32(kept + world.space.n_cand + 1u, steps_to_propose(1u));
+}
+
+void test_events_of_a_verdict_say_what_it_rests_on(void)
+{
+    world.truth.joint[6].phi_rad = 0.0;
+    world_calibrated();
+    expect_event(KC_EVT_COR_NO_CHANGE, -1, world.proposal.p_no_change, 0.0);
+    setUp();
+    world.config.n_poses = 2u;
+    world_calibrated();
+    const kc_proposal_t *p = &world.proposal;
+    expect_event(KC_EVT_CAL_RANK, -1, (double)p->rank, (double)p->n_free);
+    expect_event(KC_EVT_CAL_POOR, -1, p->p_fit, p->noise_scale);
+    uint32_t last = 28u, held = 0u;
+    for (uint32_t c = 0u; c < 28u; c++) {
+        if (p->status[c] != (uint8_t)KC_COEF_HELD) { continue; }
+        last = c;
+        held++;
+    }
+    TEST_ASSERT_EQUAL_UINT32(held, world_events(KC_EVT_CAL_HELD));
+    const kc_event_t *e = &world.last[KC_EVT_CAL_HELD];
+    TEST_ASSERT_EQUAL_INT((int)last, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE(p->kin.value[last], e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
+}
+
+void test_a_correction_accepted_on_board_is_reported_with_its_crc(void)
+{
+    given_policy();
+    world_calibrated();
+    expect_event(KC_EVT_COR_ON_BOARD, -1, (double)active_crc(), 0.0);
+    TEST_ASSERT_EQUAL_HEX32(world.proposal.crc, active_crc());
+}
+
+/* An image as large as there is room for is looked into, one byte more is not. */
+void test_a_stored_proposal_larger_than_its_room_is_not_looked_into(void)
+{
+    static kc_review_t review;
+    kc_events_t ev;
+    world_boot();
+    for (uint32_t over = 0u; over < 2u; over++) {
+        memset(&ev, 0, sizeof ev);
+        memset(world.image, 0, sizeof world.image);
+        TEST_ASSERT_EQUAL_INT(
+            KC_ERR_FORMAT, kc_review_load(&review, &APP->tables, world.image, KC_KIN_IMAGE_MAX + over, &ev));
+        TEST_ASSERT_EQUAL_UINT32(1u - over, ev.n);
+    }
 }

@@ -88,6 +88,9 @@ void test_the_correction_for_rollback_is_compared_too_and_comes_back_from_the_st
     flip(&APP->tables.active.kin_prev, (uint32_t)sizeof(kc_kin_t), 1000u);
     world_ticks(ROUND);
     expect_safe(KC_EVT_MEMORY_TABLE, (int32_t)KC_STORE_PREV);
+    TEST_ASSERT_EQUAL_HEX32(0u, kc_app_active(APP)->kin_prev_crc);
+    TEST_ASSERT_EQUAL_HEX32(prev, APP->journal.last.prev_crc); /* the store still has it */
+    TEST_ASSERT_EQUAL_HEX32((uint32_t)crc, APP->journal.last.kin_crc);
     TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(KC_CMD_ROLLBACK, crc, 0, 0));
     world_restart();
     world_tick();
@@ -104,6 +107,8 @@ void test_a_correction_that_changed_in_memory_comes_back_from_the_store(void)
     flip(&APP->tables.active.kin.value[2], 8u, 51u);
     world_ticks(ROUND);
     expect_safe(KC_EVT_MEMORY_TABLE, KC_TBL_KIN);
+    TEST_ASSERT_EQUAL_HEX32(0u, kc_app_active(APP)->crc[KC_TBL_KIN]);
+    TEST_ASSERT_EQUAL_HEX32((uint32_t)crc, APP->journal.last.kin_crc); /* the store still has it */
     world_restart();
     world_tick();
     TEST_ASSERT_EQUAL_UINT32((uint32_t)crc, kc_app_active(APP)->crc[KC_TBL_KIN]);

@@ -180,6 +180,23 @@ void test_a_budget_used_up_before_anything_was_measured_gives_up(void)
     TEST_ASSERT_EQUAL_UINT32(0u, world.n_proposal);
 }
 
+/* The frame that was asked for may come when the arm is elsewhere. */
+void test_a_frame_asked_for_before_the_budget_was_used_up_is_not_awaited_any_more(void)
+{
+    world.config.budget_us = 1000000000u;
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u));
+    world.camera_silent = true;
+    for (uint32_t i = 0u; i < 300u && APP->request.frame != KC_FRAME_AWAITED; i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_INT(KC_FRAME_AWAITED, APP->request.frame);
+    APP->tables.active.config.budget_us = 1u;
+    world_seal(KC_TBL_CONFIG);
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
+    TEST_ASSERT_EQUAL_INT(KC_FRAME_NONE, APP->request.frame);
+    TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+}
+
 void test_a_budget_does_not_cut_an_update_short(void)
 {
     world.config.budget_us = 1000000000u;
@@ -277,6 +294,10 @@ void test_it_stops_when_the_predicted_uncertainty_meets_the_requirement(void)
     TEST_ASSERT_TRUE(n >= 10u && n < 24u);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
     TEST_ASSERT_TRUE(world.progress[n - 1u].pred_pos_m <= 1e-3);
+    const kc_event_t *e = &world.last[KC_EVT_CAL_CONVERGED];
+    TEST_ASSERT_EQUAL_INT(-1, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE(world.progress[n - 1u].pred_pos_m, e->got);
+    TEST_ASSERT_EQUAL_DOUBLE(1e-3, e->want);
     n = poses_until_certain(0.0, 5e-3);
     TEST_ASSERT_TRUE(n < 24u && world.progress[n - 1u].pred_rot_rad <= 5e-3);
     TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(1e-3, 1e-9)); /* both are needed */
@@ -356,7 +377,9 @@ void test_an_estimator_failure_is_reported_and_the_last_correction_kept(void)
     memset(APP->learned.coef, 0, sizeof APP->learned.coef);
     APP->learned.coef[24] = 0.123;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_EST, 300u));
+    TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CAL_EST].index);
     TEST_ASSERT_EQUAL_DOUBLE((double)KC_ERR_ARG, world.last[KC_EVT_CAL_EST].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.last[KC_EVT_CAL_EST].want);
     TEST_ASSERT_EQUAL_DOUBLE(0.123, APP->learned.coef[24]);
     for (uint32_t i = 0u; i < 3000u && world_calibrating(); i++) { world_tick(); }
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
@@ -1034,4 +1057,56 @@ void test_estimate_and_gp_begin_when_there_is_time_for_them(void)
     *APP = s_saved;
     APP->learned.part = 1u; /* the residuals of LEARN, then the GP */
     TEST_ASSERT_TRUE(waits(learn) > 0u);
+}
+
+/* Whatever the calibration before left behind. */
+void test_a_calibration_begins_with_nothing_of_the_one_before(void)
+{
+    kc_arena_calibration_t *arena = &APP->arena.calibration;
+    kc_est_t *e = &APP->est;
+    world_boot();
+    world_tick();
+    memset(&APP->learned, 0x5a, sizeof APP->learned);
+    memset(arena, 0x5a, sizeof *arena);
+    memset(e, 0x5a, sizeof *e);
+    APP->tables.active.kin.value[3] = 0.25;
+    kc_update_start(&APP->learned, e, arena, &APP->view, 0x30u);
+    TEST_ASSERT_EQUAL_PTR(&APP->tables.active.arm, e->arm);
+    TEST_ASSERT_EQUAL_PTR(&APP->tables.active.terms, e->terms);
+    TEST_ASSERT_EQUAL_UINT64(0x30u, e->opt.free_mask);
+    TEST_ASSERT_EQUAL_DOUBLE(world.config.est.outlier_p, e->opt.outlier_p);
+    TEST_ASSERT_EQUAL_UINT32(0u, e->hold_none);
+    TEST_ASSERT_EQUAL_UINT32(0u, e->without);
+    TEST_ASSERT_EQUAL_UINT32(0u, e->n_obs);
+    TEST_ASSERT_EQUAL_UINT32(0u, e->rank);
+    TEST_ASSERT_EQUAL_UINT32(0u, e->n_free);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, APP->learned.coef[3]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->learned.f);
+    TEST_ASSERT_FALSE(APP->learned.converged);
+    TEST_ASSERT_TRUE(APP->learned.gp_ok);
+    for (uint32_t c = 0u; c < world.space.n_cand; c++) { /* where the tool is at each candidate */
+        const kc_cand_t *at = &world.space.cand[c];
+        for (uint32_t i = 0u; i < 3u; i++) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, (double)at->p_m[i], arena->cand_pt[c].p_m[i]);
+        }
+        double same = 0.0;
+        for (uint32_t i = 0u; i < 4u; i++) { same += (double)at->q_wxyz[i] * arena->cand_pt[c].q_wxyz[i]; }
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.0, fabs(same));
+        TEST_ASSERT_EQUAL_MEMORY(at->q_seed, &arena->cand_q[c * KC_JOINT_MAX], sizeof at->q_seed);
+    }
+}
+
+void test_the_begin_of_a_calibration_is_charged_candidate_by_candidate(void)
+{
+    world_boot();
+    kc_space_t *s = &APP->tables.active.space;
+    s->n_cand = 0u;
+    uint64_t none = kc_update_start_cost(&APP->view), one_more = 0u;
+    for (uint32_t n = 1u; n < 4u; n++) {
+        s->n_cand = n;
+        one_more = (kc_update_start_cost(&APP->view) - none) / n;
+        TEST_ASSERT_TRUE(one_more > kc_kernel_cost(&world.kernel));
+        TEST_ASSERT_EQUAL_UINT64(none + n * one_more, kc_update_start_cost(&APP->view));
+    }
+    TEST_ASSERT_TRUE(none > one_more);
 }
