@@ -111,7 +111,7 @@ lint-test: $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## the checks find what t
 test: setup ## everything a change has to pass, with a summary
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log \
-	    unit unit-san fuzz oracle integration ground-test lint-test cov size heapcheck lint
+	    unit unit-san fuzz oracle integration ground-test lint-test cov size heapcheck wcet mutation-short sigma-short lint
 
 # libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
 # harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.
@@ -128,10 +128,12 @@ fuzz-cov: $(BUILD)/fuzz-cov/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-
 fuzz-seeds: fuzz ## tests/fuzz/seeds anew from what was found
 	$(Q)$(call FUZZ,fuzz) --pack
 
-.PHONY: mutation
-mutation: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## do the unit tests notice a changed token? (FILES, N of each, SEED, JOBS; an hour)
+.PHONY: mutation mutation-short
+mutation: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## do the unit tests notice a changed token? (FILES, N of each, SEED, JOBS; 5 min)
 	$(call compile,rel,units)
 	$(Q)$(PYTHON) tests/mutation.py $(FILES) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS))
+mutation-short: ## a few of them, of what guards the arm and takes commands
+	$(Q)$(MAKE) mutation FILES="fsw/motion/kc_guard.c fsw/exec/kc_cmd.c fsw/exec/kc_change.c" N=5
 
 # The same bits everywhere: recorded calibrations give the same telemetry and tables on every CPU and with every compiler,
 # also without an operating system. Unit tests on other CPUs besides. fma needs a processor that has it.
@@ -285,6 +287,10 @@ blind: setup core ## sealed hidden effects: what the workbench finds, and whethe
 
 sigma: setup build ## calibrations through pixels: is the stated sigma what the error is? (RUNS, SEED)
 	.venv/bin/python tests/bench/sigma.py $(if $(RUNS),--runs $(RUNS)) $(if $(SEED),--seed $(SEED))
+
+.PHONY: sigma-short
+sigma-short: ## a few of them
+	$(Q)$(MAKE) sigma RUNS=8
 
 montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unverified commands, how they end (RUNS, OUTSIDE, SEED)
 	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE)) $(if $(SEED),--seed $(SEED))
