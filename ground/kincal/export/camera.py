@@ -8,43 +8,33 @@ import numpy as np
 
 from kincal.rotations import Floats
 from kincal.schema.model import SightEntry
-from kincal.workbench.pnp import EDGE, LEAST_SEEN, fault_of_column, moved_points
+from kincal.workbench.pnp import EDGE, LEAST_SEEN, OF_CAMERA, fault_of_column, moved_points
 
 from .calibrated import CalibratedArm
 from .expressions import points_of
 
-# What a unit of a fault of the camera moves an image point by, along u and v; the same text in Python and C.
-_SHIFTS: dict[str, tuple[str, str]] = {
-    "radial_1": ("u * (u * u + v * v)", "v * (u * u + v * v)"),
-    "radial_2": ("u * (u * u + v * v) * (u * u + v * v)", "v * (u * u + v * v) * (u * u + v * v)"),
-    "decentring_1": ("2.0 * u * v", "u * u + 3.0 * v * v"),
-    "decentring_2": ("3.0 * u * u + v * v", "2.0 * u * v"),
-    "focal_x": ("u", "0.0"),
-    "focal_y": ("0.0", "v"),
-    "centre_x": ("1.0", "0.0"),
-    "centre_y": ("0.0", "1.0"),
-}
 # Faults that the generated code does not know: the edges of a tag in the image.
 _NOT_WRITTEN = frozenset({"target_edges"})
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of camera or target. shift: expressions along u and v; None for points that lie elsewhere (a
-    bent or too large target), which are the `bow`-th list of `Target.bows`."""
+    """A fault of camera or target. shift: what a unit of it moves an image point by along u and v, as
+    expressions of both languages; None for points that lie elsewhere (a bent or too large target), whose
+    motions are `Target.moves[move]`."""
 
     name: str
     shift: tuple[str, str] | None
-    bow: int = 0
+    move: int = 0
 
 
 @dataclass(frozen=True)
 class Target:
-    """points: (m, 3) in the target's frame [m]; bows: (m, 3) how its points move by a unit of
+    """points: (m, 3) in the target's frame [m]; moves: (m, 3) how its points move by a unit of
     each fault that moves them."""
 
     points: Floats
-    bows: tuple[Floats, ...]
+    moves: tuple[Floats, ...]
 
 
 @dataclass(frozen=True)
@@ -77,12 +67,12 @@ def camera_of(arm: CalibratedArm) -> Camera | None:
     names = [fault_of_column(number) for number in numbers]
     if _NOT_WRITTEN.intersection(names):
         return None
-    bent = [name for name in names if name not in _SHIFTS]
+    moving = [name for name in names if name not in OF_CAMERA]
     low, high = np.array(sight.low), np.array(sight.high)
     return Camera(
         on_tool=sight.on_tool,
         targets=tuple(
-            Target(points, tuple(moved_points(points, name) for name in bent))
+            Target(points, tuple(moved_points(points, name) for name in moving))
             for points in _all_points(sight)
         ),
         low=low,
@@ -92,10 +82,43 @@ def camera_of(arm: CalibratedArm) -> Camera | None:
         least_seen=LEAST_SEEN,
         numbers=tuple(numbers),
         faults=tuple(
-            Fault(name, _SHIFTS.get(name), bent.index(name) if name in bent else 0) for name in names
+            Fault(name, None, moving.index(name)) if name in moving else Fault(name, _shift(name))
+            for name in names
         ),
     )
 
 
 def _all_points(sight: SightEntry) -> list[Floats]:
     return [np.array(points) for points in (sight.points_m, sight.second_m) if points is not None]
+
+
+@dataclass(frozen=True)
+class _Text:
+    """A name or what was computed from names, as text that Python and C read alike.
+
+    binds: 2 a name, 1 a product, 0 a sum; what binds less than its place needs gets brackets.
+    """
+
+    text: str
+    binds: int = 2
+
+    def __add__(self, other: _Text) -> _Text:
+        return _Text(f"{self._at(0)} + {other._at(1)}", 0)
+
+    def __mul__(self, other: _Text) -> _Text:
+        return _Text(f"{self._at(1)} * {other._at(2)}", 1)
+
+    def __rmul__(self, number: float) -> _Text:
+        return _Text(f"{number} * {self._at(2)}", 1)
+
+    def __str__(self) -> str:
+        return self.text
+
+    def _at(self, binds: int) -> str:
+        return self.text if self.binds >= binds else f"({self.text})"
+
+
+def _shift(fault: str) -> tuple[str, str]:
+    """The formulas of a fault of the camera as text."""
+    along_u, along_v = OF_CAMERA[fault](_Text("u"), _Text("v"))
+    return str(along_u), str(along_v)

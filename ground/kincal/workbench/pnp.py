@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,24 @@ from .types import Array, Indices, Mask, array
 EDGE = 0.02  # of half the image: over that, points at the border lose their weight gradually
 LEAST_SEEN = 4.0  # points; where fewer are in the image, all those in front of the camera count
 _AT_ONCE = 400  # poses: bounds memory
+_CORNERS = 4
+Shift = tuple[Any, Any]
+# Brown's lens model (Photogrammetric Engineering 37(8), 1971) with the coefficients' usual names, focal
+# lengths by their share, and the principal point in focal lengths. Only sums and products: the export calls
+# them with names in place of arrays, and so has the same formulas as text.
+OF_CAMERA: dict[str, Callable[[Any, Any], Shift]] = {
+    "radial_1": lambda u, v: (u * (u * u + v * v), v * (u * u + v * v)),
+    "radial_2": lambda u, v: (
+        u * ((u * u + v * v) * (u * u + v * v)),
+        v * ((u * u + v * v) * (u * u + v * v)),
+    ),
+    "decentring_1": lambda u, v: (2.0 * u * v, u * u + 3.0 * v * v),
+    "decentring_2": lambda u, v: (3.0 * u * u + v * v, 2.0 * u * v),
+    "focal_x": lambda u, _: (u, 0.0),
+    "focal_y": lambda _, v: (0.0, v),
+    "centre_x": lambda *_: (1.0, 0.0),
+    "centre_y": lambda *_: (0.0, 1.0),
+}
 
 
 def column_number(sight: int, fault: str) -> int:
@@ -141,10 +160,10 @@ class _View:
         few = weight.sum(axis=1) < LEAST_SEEN
         return np.where(few[:, None], front, weight)
 
-    def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> tuple[Array, Array]:
+    def _shift(self, fault: str, u: Array, v: Array, depth: Array) -> Shift:
         """(n, m) what a unit of a fault does to the image points, normalised, along both axes."""
-        if fault in _OF_CAMERA:
-            return _OF_CAMERA[fault](u, v)
+        if fault in OF_CAMERA:
+            return OF_CAMERA[fault](u, v)
         if fault == "target_edges":
             outward = _edges_outward(u, v, self.sight)
             return outward[..., 0], outward[..., 1]
@@ -169,23 +188,6 @@ def _cross(x: Array) -> Array:
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         out[..., i, j], out[..., j, i] = -x[..., k], x[..., k]
     return out
-
-
-# Brown's lens model (Photogrammetric Engineering 37(8), 1971) with the coefficients' usual names, focal
-# lengths by their share, and the principal point in focal lengths.
-_OF_CAMERA: dict[str, Callable[[Array, Array], tuple[Array, Array]]] = {
-    "radial_1": lambda u, v: (u * (u * u + v * v), v * (u * u + v * v)),
-    "radial_2": lambda u, v: (u * (u * u + v * v) ** 2, v * (u * u + v * v) ** 2),
-    "decentring_1": lambda u, v: (2.0 * u * v, u * u + 3.0 * v * v),
-    "decentring_2": lambda u, v: (3.0 * u * u + v * v, 2.0 * u * v),
-    "focal_x": lambda u, v: (u, 0.0 * v),
-    "focal_y": lambda u, v: (0.0 * u, v),
-    "centre_x": lambda u, v: (1.0 + 0.0 * u, 0.0 * v),
-    "centre_y": lambda u, v: (0.0 * u, 1.0 + 0.0 * v),
-}
-
-
-_CORNERS = 4
 
 
 def moved_points(points_m: Array, fault: str) -> Array:
