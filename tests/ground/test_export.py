@@ -25,7 +25,7 @@ from kincal.export.dh import four_parameter_table
 from kincal.export.source import c_header, c_source, describe, python_source, source_left_out
 from kincal.export.urdf import roll_pitch_yaw, urdf
 from kincal.schema.arm import read_arm
-from kincal.schema.model import FitEntry, FrameEntry, SightEntry
+from kincal.schema.model import FitEntry, FrameEntry
 from kincal.schema.names import FAULTS, FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
 from kincal.schema.terms import ONE, Basis
 from kincal.workbench.effects import Library
@@ -532,15 +532,18 @@ def test_exports_of_a_real_arm_reproduce_predict(name, tmp_path):
     assert np.abs(got - predicted(constants_only(fit), some)).max() < 1e-9
 
 
-def with_board_in_view(fit, data):
-    """The fit and poses with the target (or with the camera, if it stands) where most of the board is in the
+TAG = np.array([[0.05, -0.05, 0.0], [-0.05, 0.05, 0.0], [0.05, 0.05, 0.0], [-0.05, -0.05, 0.0]])  # no order
+
+
+def with_target_in_view(fit, data):
+    """The fit and poses with the target (or with the camera, if it stands) where most of a board is in the
     image."""
     rng = np.random.default_rng(8)
     tool = predicted(fit, data)
     view = boards.pose([0.3, -0.2, 0.1], [0.03, -0.02, 0.35])  # board in the camera frame
     if fit.arm.mount == "tool":
         board = tool[0] @ view
-        points = boards.BOARD @ board[:3, :3].T + board[:3, 3]
+        points = fit.arm.target_points_m @ board[:3, :3].T + board[:3, 3]
         return replace(fit, arm=replace(fit.arm, target_points_m=points)), data
     camera = tool @ np.linalg.inv(view)
     camera[:, :3, 3] += rng.uniform(-0.04, 0.04, (data.n, 3))
@@ -548,32 +551,43 @@ def with_board_in_view(fit, data):
     return fit, replace(data, cam_p_m=camera[:, :3, 3], cam_quat_wxyz=quat)
 
 
-@pytest.mark.parametrize("second", [False, True])
+def smaller(points_m):
+    return 0.7 * points_m + 0.3 * points_m.mean(axis=0)
+
+
+def with_middle(points_m):
+    """Of four corners no tag any more."""
+    return np.vstack([smaller(points_m), points_m.mean(axis=0)])
+
+
+@pytest.mark.parametrize("second", [None, smaller, with_middle])
+@pytest.mark.parametrize("points_m", [boards.BOARD, TAG], ids=["board", "tag"])
 @pytest.mark.parametrize("mount", ["tool", "world"])
-def test_measured_is_the_pose_that_the_camera_finds_with_every_fault(mount, second, tmp_path):
+def test_measured_is_the_pose_that_the_camera_finds_with_every_fault(mount, points_m, second, tmp_path):
     arm = read_arm(boards.arm_toml(tmp_path / "arm.toml", mount, True))
     arm = replace(arm, **{f: replace(getattr(arm, f), estimate=False) for f in ("base", "tool")})
+    arm = replace(arm, target_points_m=points_m)
     on_tool = mount == "tool"
     data = random_data(arm, 8, cam_p_m=not on_tool, cam_quat_wxyz=not on_tool)
     data = replace(data, q=BENT[7] + np.random.default_rng(8).uniform(-0.05, 0.05, data.q.shape))
     faults = [
         hypothesis(fault, *(("meas", c, -1.0, Basis("lin", name, column_number(0, fault)), ONE)
                             for c, name in enumerate(PNP)))
-        for fault in FAULTS if fault != "target_edges"
+        for fault in FAULTS
     ]  # fmt: skip
     fit = unfitted(arm, data, [*faults, *of_library(arm, ["backlash[4]"])])
-    fit, data = with_board_in_view(fit, data)
+    fit, data = with_target_in_view(fit, data)
     arm = fit.arm
     if second:
-        arm = replace(arm, target_second_m=0.7 * arm.target_points_m + 0.3 * arm.target_points_m.mean(axis=0))
+        arm = replace(arm, target_second_m=second(arm.target_points_m))
         fit = replace(fit, arm=arm)
     module, c = generated(fit, tmp_path)
     said = measured_is_what_predict_expects(fit, data, module, c)
     moved = np.linalg.norm(said[:, :3, 3] - predicted(fit, data)[:, :3, 3], axis=1)
     assert np.median(moved) > 1e-4
     # The border of the image cuts the board, so that its weights are tried, but leaves more than a line.
-    assert 0.3 < min(seen_share(arm, data, fit, i) for i in range(data.n)) < 0.95
-    assert ("tag" in module.DEFAULTS) == second
+    assert points_m is TAG or 0.3 < min(seen_share(arm, data, fit, i) for i in range(data.n)) < 0.95
+    assert ("tag" in module.DEFAULTS) == bool(second)
     if second:
         one, other = (
             module.measured(data.q[0], **{**all_drivers(module, data, 0), "tag": t}) for t in (0, 1)
@@ -593,21 +607,21 @@ def seen_share(arm, data, fit, i):
     return boards.project(target, points=arm.target_points_m)[1].mean()
 
 
-SIGHT = SightEntry(on_tool=False, points_m=boards.BOARD.tolist(), low=(-1, -1), high=(1, 1), focal=(1, 1))
+def through_points(sight):
+    """An effect that acts through all points of the target, under one of the assumptions what that is."""
+    column = Basis("lin", "ptx", column_number(sight, "radial_1"))
+    return hypothesis(f"lens_radial_{sight}", ("meas", 0, 1.0, column, ONE))
 
 
-@pytest.mark.parametrize("number, sight", [(1, None), (column_number(0, "target_edges"), SIGHT)])
-def test_sensor_is_left_out_and_named_if_its_target_is_unknown_or_a_fault_not_written(
-    number, sight, tmp_path
-):
+def test_sensor_is_left_out_and_named_if_its_effects_assume_several_targets(tmp_path):
     arm = arm_named("wam", tmp_path)
     data = random_data(arm, 6)
-    lens = hypothesis("lens_radial", ("meas", 0, 1.0, Basis("lin", "ptx", number), ONE))
-    fit = unfitted(arm, data, [lens, *of_library(arm, ["tag_scale", "backlash[4]"])])
-    found = calibrated_fit(fit, RECORD.model_copy(update={"sight": sight}))
+    lenses = [through_points(0), through_points(1)]
+    fit = unfitted(arm, data, [*lenses, *of_library(arm, ["tag_scale", "backlash[4]"])])
+    found = calibrated_fit(fit, RECORD)
     why = {one.effect: one.why for one in source_left_out(found)}
-    assert set(why) == {"lens_radial", "tag_scale"}
-    assert "not the arm" in why["lens_radial"]
+    assert set(why) == {"lens_radial_0", "lens_radial_1", "tag_scale"}
+    assert "not the arm" in why["lens_radial_0"]
     (tmp_path / "made.py").write_text(python_source(found))
     module = python_module(tmp_path / "made.py")
     assert not hasattr(module, "measured")

@@ -8,30 +8,37 @@ import numpy as np
 
 from kincal.rotations import Floats
 from kincal.schema.model import SightEntry
-from kincal.workbench.pnp import EDGE, LEAST_SEEN, OF_CAMERA, fault_of_column, moved_points
+from kincal.workbench.pnp import (
+    CORNERS,
+    EDGE,
+    LEAST_SEEN,
+    OF_CAMERA,
+    fault_of_column,
+    in_order,
+    moved_points,
+)
 
 from .calibrated import CalibratedArm
 from .expressions import points_of
 
-# Faults that the generated code does not know: the edges of a tag in the image.
-_NOT_WRITTEN = frozenset({"target_edges"})
+_EDGES = "target_edges"
 
 
 @dataclass(frozen=True)
 class Fault:
     """A fault of camera or target. shift: what a unit of it moves an image point by along u and v, as
-    expressions of both languages; None for points that lie elsewhere (a bent or too large target), whose
-    motions are `Target.moves[move]`."""
+    expressions of both languages; move: instead, for points that lie elsewhere (a bent or too large
+    target), which of `Target.moves` theirs are. Neither: the edges of a tag in the image."""
 
     name: str
-    shift: tuple[str, str] | None
-    move: int = 0
+    shift: tuple[str, str] | None = None
+    move: int | None = None
 
 
 @dataclass(frozen=True)
 class Target:
-    """points: (m, 3) in the target's frame [m]; moves: (m, 3) how its points move by a unit of
-    each fault that moves them."""
+    """points: (m, 3) in the target's frame [m], corners of a tag as one walks around it; moves: (m, 3) how
+    its points move by a unit of each fault that moves them."""
 
     points: Floats
     moves: tuple[Floats, ...]
@@ -56,18 +63,26 @@ class Camera:
     numbers: tuple[int, ...]
     faults: tuple[Fault, ...]
 
+    @property
+    def edges(self) -> bool:
+        """Whether edges of a tag in the image matter."""
+        return any(fault.name == _EDGES for fault in self.faults)
+
+    @property
+    def most_points(self) -> int:
+        """Points of the target that has most; no fewer than a tag has."""
+        return max(CORNERS, *(len(target.points) for target in self.targets))
+
 
 def camera_of(arm: CalibratedArm) -> Camera | None:
     """Camera and target of the effects that act through all points of it; None if there is no such effect, or
-    the fit does not say what they are, or a fault cannot be written."""
+    the fit does not say what they are."""
     numbers = sorted({basis.index for term in arm.terms for basis in points_of(term)})
     sight = arm.record.sight
     if not numbers or sight is None:
         return None
     names = [fault_of_column(number) for number in numbers]
-    if _NOT_WRITTEN.intersection(names):
-        return None
-    moving = [name for name in names if name not in OF_CAMERA]
+    moving = [name for name in names if name not in OF_CAMERA and name != _EDGES]
     low, high = np.array(sight.low), np.array(sight.high)
     return Camera(
         on_tool=sight.on_tool,
@@ -82,14 +97,14 @@ def camera_of(arm: CalibratedArm) -> Camera | None:
         least_seen=LEAST_SEEN,
         numbers=tuple(numbers),
         faults=tuple(
-            Fault(name, None, moving.index(name)) if name in moving else Fault(name, _shift(name))
-            for name in names
+            Fault(name, _shift(name), moving.index(name) if name in moving else None) for name in names
         ),
     )
 
 
 def _all_points(sight: SightEntry) -> list[Floats]:
-    return [np.array(points) for points in (sight.points_m, sight.second_m) if points is not None]
+    found = [np.array(points) for points in (sight.points_m, sight.second_m) if points is not None]
+    return [points[in_order(points)] if len(points) == CORNERS else points for points in found]
 
 
 @dataclass(frozen=True)
@@ -118,7 +133,9 @@ class _Text:
         return self.text if self.binds >= binds else f"({self.text})"
 
 
-def _shift(fault: str) -> tuple[str, str]:
+def _shift(fault: str) -> tuple[str, str] | None:
     """The formulas of a fault of the camera as text."""
+    if fault not in OF_CAMERA:
+        return None
     along_u, along_v = OF_CAMERA[fault](_Text("u"), _Text("v"))
     return str(along_u), str(along_v)

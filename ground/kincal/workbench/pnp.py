@@ -25,7 +25,7 @@ from .types import Array, Indices, Mask, array
 EDGE = 0.02  # of half the image: over that, points at the border lose their weight gradually
 LEAST_SEEN = 4.0  # points; where fewer are in the image, all those in front of the camera count
 _AT_ONCE = 400  # poses: bounds memory
-_CORNERS = 4
+CORNERS = 4  # of a tag
 Shift = tuple[Any, Any]
 # Brown's lens model (Photogrammetric Engineering 37(8), 1971) with the coefficients' usual names, focal
 # lengths by their share, and the principal point in focal lengths. Only sums and products: the export calls
@@ -198,7 +198,7 @@ def moved_points(points_m: Array, fault: str) -> Array:
     centred = points_m - points_m.mean(axis=0)
     if fault == "target_size":
         return array(centred)
-    if len(points_m) <= _CORNERS:
+    if len(points_m) <= CORNERS:
         return np.zeros(points_m.shape)
     normal = np.linalg.svd(centred)[2][2]
     axis = np.eye(3)[0 if fault == "bow_x" else 1]
@@ -211,9 +211,9 @@ def _edges_outward(u: Array, v: Array, sight: Sight) -> Array:
     """(n, 4, 2) how the corners of a tag move when all its edges in the image move outward by one focal
     length (a bright tag blooms). Nothing for other targets: only the edges of a tag are the borders of
     something bright."""
-    if u.shape[1] != _CORNERS:
+    if u.shape[1] != CORNERS:
         return np.zeros((*u.shape, 2))
-    around = _in_order(sight.points_m)
+    around = in_order(sight.points_m)
     px = np.stack([u, v], axis=2)[:, around] * sight.focal
     edge = np.roll(px, -1, axis=1) - px  # from corner k to the next one
     normal = np.stack([edge[..., 1], -edge[..., 0]], axis=2)
@@ -226,7 +226,7 @@ def _edges_outward(u: Array, v: Array, sight: Sight) -> Array:
     return array(moved * sight.focal.mean() / sight.focal)
 
 
-def _in_order(points_m: Array) -> Indices:
+def in_order(points_m: Array) -> Indices:
     """(m,) points of a plane in the order in which one walks around them."""
     centred = points_m - points_m.mean(axis=0)
     x, y = np.linalg.svd(centred)[2][:2] @ centred.T
