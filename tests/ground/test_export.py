@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -652,6 +653,33 @@ def test_model_file_keeps_the_camera_and_target_that_were_assumed(tmp_path):
     said = [module.measured(q) for q in some.q]
     quat = Rotation.from_matrix([R for _, R in said]).as_quat(scalar_first=True)
     assert np.abs(fit.predict(replace(some, p_m=np.array([p for p, _ in said]), quat_wxyz=quat))).max() < 1e-9
+
+
+def test_model_file_without_the_camera_is_refused_where_the_export_needs_it(tmp_path):
+    """Versions before [fit.sight] wrote such files."""
+    boards.arm_toml(tmp_path / "arm.toml", "tool", True)
+    boards.eye_in_hand_csv(tmp_path / "poses.csv", 30, 1, (0.02, 0.0, 0.0, 0.0))
+    for words in (("add", "--model", "M.toml", "lens_radial"),
+                  ("fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml")):  # fmt: skip
+        done = kincal(tmp_path, "model", *words)
+        assert done.exit_code == 0, done.output
+    file = tmp_path / "M.toml"
+    before, sight, after = re.split(r"(?ms)^\[fit\.sight\]\n(.*?)(?=^\[)", file.read_text())
+    assert "points_m" in sight
+    file.write_text(before + after)
+    for form, name, status in (
+        ("python", "o.py", 2),
+        ("c", "o.c", 2),
+        ("json", "o.json", 0),
+        ("dh", "o.toml", 0),
+    ):
+        done = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", form, "-o", name)
+        assert done.exit_code == status, done.output
+        assert (tmp_path / name).exists() == (status == 0)
+    done = kincal(tmp_path, "model", "export", "--model", "M.toml", "--format", "c", "-o", "o.c")
+    assert all(
+        text in done.stderr for text in ("[fit.sight] is missing", str(file), "run `kincal model fit` again")
+    )
 
 
 # --------------------------------------------------------------------------- files and command

@@ -77,7 +77,8 @@ class CalibratedArm:
     and E = Tx Rx Ty Ry Rz Tz of the twist that the terms add up to at that frame (METHOD.md 9).
 
     arm: nominal table; base, tool: frames before their corrections; coefficients: (k,) in the order of the
-    fit; covariance: (k, k), in their units; record: the fit they come from.
+    fit; covariance: (k, k), in their units; record: the fit they come from; file: the model file that it
+    was read from, empty for a fit in memory.
     """
 
     arm: ArmTable
@@ -86,6 +87,7 @@ class CalibratedArm:
     coefficients: tuple[Coefficient, ...]
     covariance: Floats
     record: FitEntry
+    file: str = ""
 
     @property
     def n(self) -> int:
@@ -204,6 +206,7 @@ def calibrated_arm(
         coefficients=tuple(_coefficient(n, effect, p, model.values[n]) for n, effect, p in named),
         covariance=covariance,
         record=record,
+        file=name,
     )
 
 

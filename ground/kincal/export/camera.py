@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kincal.errors import BadInput
 from kincal.rotations import Floats
 from kincal.schema.model import SightEntry
 from kincal.workbench.pnp import (
@@ -16,6 +17,7 @@ from kincal.workbench.pnp import (
     fault_of_column,
     in_order,
     moved_points,
+    sight_of_column,
 )
 
 from .calibrated import CalibratedArm
@@ -76,11 +78,17 @@ class Camera:
 
 def camera_of(arm: CalibratedArm) -> Camera | None:
     """Camera and target of the effects that act through all points of it; None if there is no such effect, or
-    the fit does not say what they are."""
+    they assume several. BadInput if the fit does not say what they are."""
     numbers = sorted({basis.index for term in arm.terms for basis in points_of(term)})
-    sight = arm.record.sight
-    if not numbers or sight is None:
+    if len({sight_of_column(number) for number in numbers}) != 1:
         return None
+    sight = arm.record.sight
+    if sight is None:
+        raise BadInput(
+            "[fit.sight] is missing: camera and target that effects of the sensor act through",
+            arm.file,
+            "run `kincal model fit` again, which writes it; files of older versions do not have it",
+        )
     names = [fault_of_column(number) for number in numbers]
     moving = [name for name in names if name not in OF_CAMERA and name != _EDGES]
     low, high = np.array(sight.low), np.array(sight.high)
