@@ -1,8 +1,9 @@
-"""Detections without pixels: the same geometry, noise and arithmetic as camera plus detector.
+"""Detections without pixels: the geometry of camera plus detector, with simpler noise.
 
-Corners of the tags in view get Gaussian noise, part of which every frame of a resting scene repeats, and the
-detector's own arithmetic (pnp.py) turns them into a pose, its alternative and its covariance. With noise
-"isotropic" the true pose gets a fixed noise instead, anew in each frame.
+Corners of the tags in view get Gaussian noise, independent and of one sigma, part of which every frame of a
+resting scene repeats. pnp.py makes a pose of them, its alternative and its covariance of first order. The
+detector has noise of edges and sums over the tilts of a tag seen from the front (docs/METHOD.md 19); nothing
+here does. With noise "isotropic" the true pose gets a fixed noise instead, anew in each frame.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Pose of the tool from tag corners: the arithmetic of the tag detector, for the mode without pixels.
+"""Pose of the tool from tag corners, for the mode without pixels.
 
-Written separately from the C++ detector; a test compares the two on the same corners.
+The minima are those of the tag detector (docs/METHOD.md 19). All corners count alike and are independent, and
+the covariance is of first order; the detector weighs corners by their edges and sums over tilts.
 Points are (k, 3) in the tool frame [m], pixels (k, 2), K is 3x3 [px]; R (3x3) and p (3,) [m] take the tool to
 the camera frame.
 """

@@ -72,7 +72,7 @@ Pose refine(const cv::Matx33d &K, const Pose &start, const Points &tool, const P
     return pose;
 }
 
-// The two plane poses of one tag, as poses of the tool.
+// The two plane poses of one tag, as poses of the tool (docs/METHOD.md 19).
 std::vector<Pose> plane_poses(const cv::Matx33d &K, const DetectedTag &detected)
 {
     std::vector<cv::Mat> rvecs;
@@ -120,7 +120,7 @@ using Matx88 = cv::Matx<double, 8, 8>;
 using Matx84 = cv::Matx<double, 8, 4>;
 
 // Standard deviation of the offset of a line that was fitted to an edge [px]. An edge along a row or a column of
-// pixels meets every pixel at the same place, so that its error does not average out.
+// pixels meets every pixel at the same place, so that its error does not average out (docs/METHOD.md 19.1).
 double edge_sigma(const Config &config, const cv::Point2d &along)
 {
     const double steps = std::min(std::abs(along.x), std::abs(along.y));
@@ -130,7 +130,7 @@ double edge_sigma(const Config &config, const cv::Point2d &along)
 
 // Corners are where the lines of neighbouring edges meet. The error of a line fitted to points that are spread
 // evenly over the edge is sigma in its middle and twice that at its ends, which go opposite ways: covariance
-// sigma^2 [4 -2; -2 4]. Information (inverse covariance) of the eight coordinates.
+// sigma^2 [4 -2; -2 4] (docs/METHOD.md 19.1). Information (inverse covariance) of the eight coordinates.
 Matx88 corner_information(const Config &config, const Corners &px)
 {
     Matx88 offset_cov = Matx88::zeros();  // start and end of edge k, which goes from corner k to the next
@@ -213,7 +213,7 @@ bool weighted(const Config &config, const Points &tool, const Pixels &pixels,
 }
 
 // How much larger the variance is than known beforehand. What is known counts as corner_sigma_weight residuals,
-// beside those of this fit that its unknowns left free: with one tag these are only two.
+// beside those of this fit that its unknowns left free: with one tag these are only two (docs/METHOD.md 19.2).
 double variance_scale(const Config &config, double chi2, size_t n_corners, double unknowns)
 {
     const double n = 2.0 * static_cast<double>(n_corners);
@@ -249,7 +249,8 @@ cv::Vec3d rotation_vector(const cv::Matx33d &R)
 //
 // The image depends on the tilt of such a tag in second order: the two minima are close, and the
 // covariance of neither says how far the truth may be. So the likelihood of the corners is summed over a grid of
-// tilts about the middle of the two minima. Position and turn about the line of sight are fitted at each tilt.
+// tilts about the middle of the two minima. Position and turn about the line of sight are fitted at each tilt
+// (docs/METHOD.md 19.3).
 
 // One tilt: pose of the tag with the best position and turn there.
 struct Tilted {

@@ -62,7 +62,7 @@ class DetectionSettings(Settings):
     """Detections without pixels."""
 
     noise: Literal["corners", "isotropic"] | None = None
-    """corners: noise on the corners, then the detector's arithmetic; isotropic: one sigma per axis."""
+    """corners: noise on the corners, then the pose that fits them; isotropic: one sigma per axis."""
     corner_sigma_px: NotNegative | None = None
     """Noise of one corner coordinate [px]."""
     frame_shared: Annotated[float, pydantic.Field(ge=0.0, le=1.0)] | None = None
