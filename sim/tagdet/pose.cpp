@@ -291,8 +291,9 @@ Tilted at_tilt(const Config &config, const cv::Matx33d &R, const cv::Vec3d &p, c
         t.p += cv::Vec3d(step[0], step[1], step[2]);
         t.R = rotation(step[3] * line) * t.R;
     }
+    // Eight residuals, four of which go to the unknowns that are summed over.
     const double weight = config.corner_sigma_weight;
-    t.log_likelihood = -0.5 * (weight + 8.0) * std::log1p(t.chi2 / weight) -
+    t.log_likelihood = -0.5 * (weight + 4.0) * std::log1p(t.chi2 / weight) -
                        0.5 * std::log(cv::determinant(t.H));
     return t;
 }

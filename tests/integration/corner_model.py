@@ -83,7 +83,7 @@ def average(K, tag, px, first, second):
             poses.append(np.concatenate([p - R @ pt, vector(R @ R0.T)]))
             chi2s.append(chi2)
             infos.append(H)
-            logs.append(-0.5 * (WEIGHT + 8.0) * np.log1p(chi2 / WEIGHT) - 0.5 * np.linalg.slogdet(H)[1])
+            logs.append(-0.5 * (WEIGHT + 4.0) * np.log1p(chi2 / WEIGHT) - 0.5 * np.linalg.slogdet(H)[1])
     w = np.exp(np.array(logs) - max(logs))
     w /= w.sum()
     mean = w @ np.array(poses)
