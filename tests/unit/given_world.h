@@ -11,6 +11,11 @@
 #define TICK_US 100000u
 #define WORLD_KINDS 20u
 
+/* Counts are kept by id: a new event that does not fit must not compile. */
+#define EVENT_ID_MAX 255u
+#define EVENT_FITS_(id, name, sev, text, action) _Static_assert((id) <= EVENT_ID_MAX, #name);
+KC_EVENT_LIST(EVENT_FITS_)
+
 typedef struct {
     kc_in_t in;
     kc_out_t out;
@@ -49,8 +54,8 @@ typedef struct {
     int store_fails; /* number of requests that the store refuses, -1: all */
     uint16_t store_fails_kind; /* of this kind only, 0: of any */
     /* outputs up to now */
-    uint32_t events[100], n_acks;
-    kc_event_t last[100]; /* newest event of each id */
+    uint32_t events[EVENT_ID_MAX + 1u], n_acks;
+    kc_event_t last[EVENT_ID_MAX + 1u]; /* newest event of each id */
     kc_ack_t ack;
     kc_meas_t meas[KC_MEAS_MAX];
     kc_progress_t progress[KC_MEAS_MAX];
