@@ -13,6 +13,9 @@ BUILD    := build
 PYTHON   ?= python3
 PY       := .venv/bin/python
 export PYTHON
+# Those that one step may use; `make test` gives each of its steps one.
+PROCESSORS ?= $(shell nproc)
+export CMAKE_BUILD_PARALLEL_LEVEL := $(PROCESSORS)
 
 .PHONY: help
 help: ## list the targets (V=1 shows whole commands)
@@ -83,7 +86,7 @@ $(BUILD)/%/build.ninja: CMakePresets.json | $(STAMP)/apt-build $(BUILD)/musl/COP
 JUNIT  := $(BUILD)/junit
 PYTEST := $(PY) -m pytest -q -rsfE -c tests/pytest.ini
 # variant, name of the report
-ctest   = $(Q)ctest --test-dir $(BUILD)/$1 -j $(shell nproc) --progress --output-on-failure --no-tests=error \
+ctest   = $(Q)ctest --test-dir $(BUILD)/$1 -j $(PROCESSORS) --progress --output-on-failure --no-tests=error \
     --output-junit $(CURDIR)/$(JUNIT)/$2.xml
 
 .PHONY: unit unit-san oracle integration ground-test lint-test
@@ -110,8 +113,8 @@ lint-test: $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## the checks find what t
 .PHONY: test
 test: setup ## everything a change has to pass, with a summary
 	@rm -rf $(JUNIT)
-	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log \
-	    unit unit-san fuzz oracle integration ground-test lint-test cov size heapcheck wcet mutation-short sigma-short lint
+	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log --first build --first unit \
+	    ground-test integration wcet unit-san lint cov mutation-short sigma-short fuzz lint-test oracle size heapcheck
 
 # libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
 # harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.
@@ -207,7 +210,7 @@ lint-misra: $(STAMP)/apt-test ## MISRA C:2012 over the core: no deviation that t
 # The check for uninitialised values is off for the reason above: gcc 12 takes one turn of a loop that fills an array.
 CORE_ROOMS := math model tables estimate design motion decide exec
 lint-analyzer: $(BUILD)/rel/build.ninja ## gcc -fanalyzer over the core
-	$(Q)printf '%s\n' $(wildcard $(CORE_ROOMS:%=fsw/%/*.c)) | xargs -P $(shell nproc) -n 8 sh -c 'for f; do \
+	$(Q)printf '%s\n' $(wildcard $(CORE_ROOMS:%=fsw/%/*.c)) | xargs -P $(PROCESSORS) -n 8 sh -c 'for f; do \
 	    gcc -std=c11 -O2 -fanalyzer -Werror -Wno-analyzer-use-of-uninitialized-value \
 	    $(addprefix -I,$(wildcard fsw/*/)) -isystem $(BUILD)/monocypher/src -c "$$f" -o /dev/null || exit 1; done' sh
 

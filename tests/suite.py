@@ -1,7 +1,10 @@
 """Run the steps of `make test`, all of them even after a failure, and sum up.
 
-    suite.py --junit build/junit --logs build/log unit oracle lint ...    run steps with make
-    suite.py --junit build/junit --sum                                    only the closing line
+    suite.py --junit build/junit --logs build/log --first build lint ...    run steps with make
+    suite.py --junit build/junit --sum                                      only the closing line
+
+As many steps as there are processors run at once, each on one of them, in the order given: the longest come
+first, so that none is left at the end. What several steps need is made before (--first), on all processors.
 
 Tests are counted from the JUnit files that CTest and pytest wrote, never from exit codes; a step
 without tests (lint, size ...) or one that fails without a failed test counts as one failure when it fails.
@@ -14,6 +17,7 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 # Steps that are tests, and the JUnit file each writes.
@@ -39,21 +43,25 @@ def count(report: Path) -> tuple[int, int, int]:
     return total - failed - skipped, failed, skipped
 
 
-def run(step: str, junit: Path, logs: Path, jobs: int) -> dict:
-    log = logs / f"{step}.txt"
+def run(step: str, logs: Path, processors: int) -> tuple[int, float]:
+    """Exit status and duration [s] of a step on so many processors."""
     start = time.monotonic()
-    with log.open("w") as out:
+    with (logs / f"{step}.txt").open("w") as out:
         code = subprocess.run(
-            ["make", "--no-print-directory", f"-j{jobs}", "-k", step],
+            ["make", "--no-print-directory", f"-j{processors}", "-k", step, f"PROCESSORS={processors}"],
             stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
         ).returncode  # fmt: skip
-    seconds = time.monotonic() - start
+    return code, time.monotonic() - start
+
+
+def outcome(step: str, code: int, seconds: float, junit: Path, logs: Path) -> dict:
+    """What became of a step, printed too."""
     passed, failed, skipped = count(junit / REPORT[step]) if step in REPORT else (0, 0, 0)
     if step in REPORT and passed + failed == 0:
         code = code or 1  # a test step without a test is no success
     if code and not failed:
         failed = 1
-    text = log.read_text(errors="replace").splitlines()
+    text = (logs / f"{step}.txt").read_text(errors="replace").splitlines()
     if failed:
         print("\n".join(text[-150:]))
     elif step in ("cov", "size"):
@@ -66,6 +74,14 @@ def run(step: str, junit: Path, logs: Path, jobs: int) -> dict:
     return {"step": step, "seconds": seconds, "passed": passed, "failed": failed, "skipped": skipped}
 
 
+def run_all(first: list[str], steps: list[str], junit: Path, logs: Path, processors: int) -> list[dict]:
+    done = [outcome(step, *run(step, logs, processors), junit, logs) for step in first]
+    with ThreadPoolExecutor(processors) as lanes:
+        running = {lanes.submit(run, step, logs, 1): step for step in steps}
+        done += [outcome(running[f], *f.result(), junit, logs) for f in as_completed(running)]
+    return done
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -73,7 +89,8 @@ def main() -> int:
     parser.add_argument("--junit", type=Path, required=True)
     parser.add_argument("--logs", type=Path)
     parser.add_argument("--sum", action="store_true")
-    parser.add_argument("--jobs", type=int, default=min(os.cpu_count() or 1, 4))
+    parser.add_argument("--processors", type=int, default=min(os.cpu_count() or 1, 4))
+    parser.add_argument("--first", action="append", default=[], help="step before all others")
     parser.add_argument("steps", nargs="*")
     args = parser.parse_args()
     summary = args.junit / "summary.json"
@@ -84,14 +101,14 @@ def main() -> int:
             os.environ.pop(name, None)
         args.logs.mkdir(parents=True, exist_ok=True)
         args.junit.mkdir(parents=True, exist_ok=True)
-        summary.write_text(
-            json.dumps([run(s, args.junit, args.logs, args.jobs) for s in args.steps], indent=1)
-        )
+        began = time.monotonic()
+        done = run_all(args.first, args.steps, args.junit, args.logs, args.processors)
+        summary.write_text(json.dumps(done, indent=1))
 
     steps = json.loads(summary.read_text()) if summary.exists() else []
     passed, failed, skipped = (sum(s[k] for s in steps) for k in ("passed", "failed", "skipped"))
     if not args.sum:
-        print(f"all steps: {sum(s['seconds'] for s in steps):.0f} s; logs in {args.logs}")
+        print(f"all steps: {time.monotonic() - began:.0f} s; logs in {args.logs}")
     print(f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else ""))
     return 1 if failed or not passed else 0
 

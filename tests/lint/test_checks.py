@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -421,6 +422,34 @@ def test_the_closing_line_sums_all_steps(tmp_path):
     command = [sys.executable, TESTS / "suite.py", "--junit", tmp_path, "--sum"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (1, "5 passed, 1 failed\n")
+
+
+def test_steps_run_side_by_side_after_the_first_also_when_one_fails(tmp_path, monkeypatch, capsys):
+    suite, begun, together = module(TESTS / "suite.py"), [], threading.Barrier(2, timeout=60.0)
+
+    def run(step, logs, processors):
+        begun.append((step, processors))
+        (logs / f"{step}.txt").write_text(f"log of {step}")
+        if step in ("long", "bad"):
+            together.wait()  # each until the other runs too
+        return int(step == "bad"), 1.0
+
+    monkeypatch.setattr(suite, "run", run)
+    done = suite.run_all(["build"], ["long", "bad", "short"], tmp_path, tmp_path, 2)
+    assert begun[0] == ("build", 2)
+    assert sorted(begun[1:]) == [("bad", 1), ("long", 1), ("short", 1)]
+    assert {d["step"]: d["failed"] for d in done} == {"build": 0, "long": 0, "bad": 1, "short": 0}
+    printed = capsys.readouterr().out
+    assert "log of bad" in printed and "log of long" not in printed
+
+
+def test_a_step_has_the_processors_that_it_is_given_and_keeps_its_log(tmp_path, monkeypatch):
+    make = tmp_path / "make"
+    make.write_text('#!/bin/sh\necho "$@"\nexit 3\n')
+    make.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    assert module(TESTS / "suite.py").run("lint", tmp_path, 2)[0] == 3
+    assert (tmp_path / "lint.txt").read_text() == "--no-print-directory -j2 -k lint PROCESSORS=2\n"
 
 
 def test_no_test_at_all_is_a_failure(tmp_path):
