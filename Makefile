@@ -114,7 +114,7 @@ lint-test: $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## the checks find what t
 test: setup ## everything a change has to pass, with a summary
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log --first build --first unit \
-	    ground-test integration wcet unit-san lint cov mutation-short sigma-short fuzz lint-test oracle size heapcheck
+	    ground-test lint integration unit-san cov wcet sigma-short fuzz lint-test oracle mutation-short size heapcheck
 
 # libFuzzer under ASan and UBSan: a few seconds of each harness as part of the tests; more by SECONDS or RUNS, one
 # harness by HARNESS. Inputs that reach something new stay in build/fuzz/corpus.
