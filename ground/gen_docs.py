@@ -194,6 +194,12 @@ def c_enum(header: str, name: str) -> list[tuple[str, str, str]]:
     return [(v, n, re.sub(r"\s+", " ", c)) for n, v, c in rows]
 
 
+def acquisitions() -> str:
+    """Numbers and names of kc_acq_t, for comments that name the type."""
+    rows = c_enum("fsw/design/kc_acquire.h", "kc_acq_t")
+    return ", ".join(f"{v} {n.removeprefix('KC_ACQ_').lower()}" for v, n, _ in rows if n != "KC_ACQ_COUNT")
+
+
 def block_statuses() -> str:
     """Answers of flight to a command."""
     return table(
@@ -288,7 +294,7 @@ def with_blocks(page: str) -> str:
         pattern = re.compile(rf"(<!-- made: {name} -->\n).*?(<!-- end -->)", re.S)
         if len(pattern.findall(text)) != 1:
             raise SystemExit(f"docs/{page} needs exactly one block '<!-- made: {name} -->'")
-        made = make()
+        made = make().replace("kc_acq_t", acquisitions())
         text = pattern.sub(lambda m, made=made: f"{m[1]}\n{made}\n\n{m[2]}", text)  # type: ignore[misc]
     return text
 

@@ -1,9 +1,11 @@
 """Write the types of the flight core for mypy: structs, functions and constants of its public headers.
 
-    stubs.py [--check]        ground/kincal/flight/headers.pyi from build/kincal*_cdef.h
+    stubs.py [--check]        ground/kincal/flight/headers.pyi and ground/kincal/schema/acquisitions.py
+                              from build/kincal*_cdef.h
 
 One protocol for each struct, with its fields; one for each build of the core, with its functions and
-constants; `new` knows which struct it makes. Only type checkers read the file.
+constants; `new` knows which struct it makes. Only type checkers read that file. The names of the
+acquisitions are there for schemas of files, which do without the core.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from cffi import FFI
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "ground" / "kincal" / "flight" / "headers.pyi"
+ACQUISITIONS = ROOT / "ground" / "kincal" / "schema" / "acquisitions.py"
 # name of the protocol -> (library, declarations)
 BUILDS = {
     "FlightCore": ("libkincal.so", "kincal_cdef.h"),
@@ -142,19 +145,34 @@ def stub_text() -> str:
     return "\n\n".join("\n".join(lines) for lines in parts) + "\n"
 
 
+def acquisitions_text() -> str:
+    """Names of kc_acq_t as a type, in the order of their numbers."""
+    ffi = FFI()
+    ffi.cdef((ROOT / "build" / BUILDS["FlightCore"][1]).read_text())
+    numbers = ffi.typeof("kc_acq_t").relements
+    known = sorted((n, name) for name, n in numbers.items() if name != "KC_ACQ_COUNT")
+    names = ", ".join(f'"{name.removeprefix("KC_ACQ_").lower()}"' for _, name in known)
+    return (
+        '"""Made by ground/stubs.py from fsw/design/kc_acquire.h; do not edit: the acquisitions."""\n\n'
+        "from typing import Literal\n\n"
+        f"Acquisition = Literal[{names}]\n"
+    )
+
+
 def main() -> int:
     """Write or check the stubs of the headers; exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
-    text = stub_text()
-    if not parser.parse_args().check:
-        OUT.write_text(text)
-    elif not OUT.is_file() or OUT.read_text() != text:
-        print(f"{OUT.relative_to(ROOT)}: out of date; run `make stubs`")
-        return 1
-    return 0
+    check, status = parser.parse_args().check, 0
+    for path, text in ((OUT, stub_text()), (ACQUISITIONS, acquisitions_text())):
+        if not check:
+            path.write_text(text)
+        elif not path.is_file() or path.read_text() != text:
+            print(f"{path.relative_to(ROOT)}: out of date; run `make stubs`")
+            status = 1
+    return status
 
 
 if __name__ == "__main__":

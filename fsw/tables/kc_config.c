@@ -10,7 +10,7 @@
 
 static void walk_design(kc_walk_t *w, kc_config_t *c)
 {
-    kc_walk_u8(w, 1u, &c->acquisition, KC_ACQ_UCB, KC_ACQ_COUNT - 1u); /* ucb random dopt vopt */
+    kc_walk_u8(w, 1u, &c->acquisition, KC_ACQ_UCB, KC_ACQ_COUNT - 1u); /* kc_acq_t */
     kc_walk_u32(w, 2u, &c->n_poses, 1u, KC_MEAS_MAX);
     kc_walk_u32(w, 3u, &c->replicate_every, 0u, KC_MEAS_MAX);
     kc_walk_f64(w, 4u, &c->beta_scale, 0.0, 1e3);

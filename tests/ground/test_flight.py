@@ -22,6 +22,7 @@ from kincal.flight import (
 )
 from kincal.flight import terms as flight_terms
 from kincal.rotations import Pose, pose_difference
+from kincal.schema.names import PNP, VARIABLES
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 TABLE = {kind: tables.decode((BIN / f"{kind}.tbl").read_bytes())[1] for kind in ("arm", "terms")}
@@ -315,6 +316,38 @@ def test_the_view_is_a_fixed_point():
     for axis, name in enumerate(("xcam", "ycam", "zcam")):
         np.testing.assert_allclose(model.basis_values(Basis(var=name), x), seen[:, axis], atol=1e-12)
     np.testing.assert_allclose(model.basis_values(Basis(var="u"), x), seen[:, 0] / seen[:, 2], atol=1e-12)
+
+
+PLAIN = [name for name in VARIABLES if name not in (*PNP, "1")]
+
+
+def basis_of(name):
+    index = 16 * 1 + 3 if VARIABLES[name].of_body else int(VARIABLES[name].indexed)
+    return Basis(var=VARIABLES[name].flight, index=index)
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_a_term_of_any_variable_sees_the_tool_where_the_model_expects_it(name):
+    # beside a term that is known to look at the view, and is zero, nothing changes
+    term = Parameter((Term("camera", "ry", 1.0, (basis_of(name), Basis())),))
+    view = Parameter((Term("meas", "tx", 1.0, (Basis(var="xcam"), Basis())),))
+    data = observed(5, 4, payload_kg=np.full(5, 0.5), t_s=np.ones(5))
+    alone, beside = (
+        Model(Arm.of(arm_of(4)), Terms.of(rows), data)
+        for rows in ([("x", term)], [("x", term), ("view", view)])
+    )
+    got = alone.residuals(np.array([0.05]))
+    np.testing.assert_allclose(got, beside.residuals(np.array([0.05, 0.0])), atol=1e-11)
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_variables_with_an_expression_follow_the_model_and_no_others(name):
+    # the workbench remembers the values of the others for a whole data set
+    model = model_of(payload_kg=np.full(5, 0.5))
+    x = np.random.default_rng(3).normal(0.0, 0.01, model.terms.n)
+    zero, moved = (model.basis_values(basis_of(name), at) for at in (np.zeros(model.terms.n), x))
+    follows = bool(VARIABLES[name].computed) and name != "q"
+    assert bool((zero != moved).any()) == follows
 
 
 def test_pixels_stay_as_measured():

@@ -614,6 +614,16 @@ def test_a_specialised_word_without_an_entry_is_named(tmp_path, files, complaint
     assert f"{complaint} docs/GLOSSARY.md" in done.stdout
 
 
+@pytest.mark.parametrize(("row", "known"), [("the arm waits | told", True), ("the arm waits | ", False)])
+def test_a_state_is_explained_by_its_row_on_the_page_of_states(tmp_path, row, known):
+    page = f"| state | what happens | ends when |\n|---|---|---|\n| `LIMBO` | {row} |\n\n| `MURK` | a | b |\n"
+    header = "typedef enum { KC_ST_SAFE = 0, KC_ST_LIMBO = 1, KC_ST_MURK = 2 } s;"
+    files = {"docs/GLOSSARY.md": GLOSSARY, "docs/STATES.md": page, "fsw/exec/kc_states.h": header}
+    said = script("glossary.py", write(tmp_path, files)).stdout
+    assert ("LIMBO (states): 'limbo' is not in" not in said) == known
+    assert "MURK (states): 'murk' is not in" in said
+
+
 @pytest.mark.parametrize(
     ("page", "complaint"),
     [

@@ -7,7 +7,9 @@ tests/ground/test_schema_terms.py compares the two.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
+
+from .acquisitions import Acquisition
 
 
 @dataclass(frozen=True)
@@ -33,9 +35,8 @@ class Variable:
     computed: tuple[str, str] | None = None
 
 
-Acquisition = Literal["ucb", "random", "dopt", "vopt"]
-"""How the next pose is chosen; in the order of their numbers (kc_acq_t)."""
 ACQUISITIONS: tuple[str, ...] = get_args(Acquisition)
+"""How the next pose is chosen; in the order of their numbers (kc_acq_t)."""
 
 # Twist of a pose from a camera by a fault of camera or target: name here -> name in kc_var_t.
 PNP = {f"p{comp}": f"pnp_{comp}" for comp in ("tx", "ty", "tz", "rx", "ry", "rz")}

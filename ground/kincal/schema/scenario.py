@@ -9,9 +9,9 @@ from typing import Annotated, Literal
 
 import pydantic
 
+from .acquisitions import Acquisition
 from .base import Strict
 from .errors import Contradiction, read_toml, validate
-from .names import Acquisition
 from .numbers import Count, NotNegative, Real, Vec3
 from .simulator import DetectionSettings, OpticsSettings
 

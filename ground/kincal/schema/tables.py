@@ -13,10 +13,10 @@ from typing import Annotated, ClassVar, Literal
 
 import pydantic
 
+from .acquisitions import Acquisition
 from .arm import Quat
 from .base import Strict
 from .errors import Contradiction
-from .names import Acquisition
 from .numbers import Angle, Count, NotNegative, Positive, Real, Vec3
 from .terms import TermEntry
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from kincal.schema.names import PNP
+from kincal.schema.names import VARIABLES
 from kincal.schema.terms import Basis
 
 from .data import Measurements
@@ -17,8 +17,7 @@ from .fit import Fit
 from .types import Array
 
 # Variables whose values depend on the coefficients: gravity loads, and where the model expects the tool.
-_MODELLED = {"tau", "taup", "Mx", "My", "Mz", "gx", "gy", "gz", "levx", "levy", "levz", *PNP}
-_MODELLED |= {"u", "v", "r2", "xcam", "ycam", "zcam", "sx", "sy", "sz"}
+_MODELLED = frozenset(name for name, of in VARIABLES.items() if of.computed) - {"q"}
 
 
 @lru_cache(maxsize=8)
