@@ -9,7 +9,7 @@ import numpy as np
 
 from .columns import Columns
 from .evidence import LN_SCALE_SIGMA
-from .fit import GOOD_WEIGHT, Fit
+from .fit import Fit
 from .scoring import Scorer, bulk_weights, scaled_p
 from .tails import chi2_quantile, chi2_tail, f_tail, normal_quantile, rank_sum_p
 from .thinning import thinned
@@ -98,7 +98,7 @@ def _replicates(fit: Fit) -> Iterator[Indices]:
     """Indices of the good poses of each group that was measured more than once."""
     groups = fit.data.replicate if fit.data.replicate is not None else np.arange(fit.data.n)
     for group in np.unique(groups):
-        members = np.flatnonzero((groups == group) & (fit.weight > GOOD_WEIGHT))
+        members = np.flatnonzero((groups == group) & fit.good)
         if len(members) > 1:
             yield members
 

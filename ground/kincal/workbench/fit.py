@@ -1,9 +1,9 @@
 """Robust nonlinear least squares of the corrected arm: DH, base, tool and any effects.
 
-Levenberg-Marquardt on whitened residuals with Gaussian priors on the coefficients; poses are weighted
-as Student-t samples (Lange, Little, Taylor, J. Am. Stat. Assoc. 84(408), 1989). The bulk of them sets the
-noise scale and, for poses whose noise is not stated, its covariance. A fit is: prepare the `Problem`,
-`_iterate` (step, then reweight) until nothing changes, `_finish`.
+Levenberg-Marquardt on whitened residuals with Gaussian priors on the coefficients; poses farther out than
+normal noise reaches are weighted as Student-t samples (Lange, Little, Taylor, J. Am. Stat. Assoc. 84(408),
+1989). The bulk of the poses sets the noise scale and, for poses whose noise is not stated, its covariance.
+A fit is: prepare the `Problem`, `_iterate` (step, then reweight) until nothing changes, `_finish`.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ from .frames import solve_frames
 from .model import flight_model, nominal_chain, observations
 from .parameters import dh_parameters, effect_parameters, frame_parameters
 from .tails import chi2_quantile
-from .types import Array, array
+from .types import Array, Mask, array
 
-STUDENT_NU = 4.0
-GOOD_WEIGHT = 0.3  # robust weight from which on a pose counts toward noise and degrees of freedom
+_STUDENT_NU = 4.0
+# Of poses with normal noise, the shares that lie farther out than where weights begin to fall, and than where
+# a pose no longer counts toward noise and degrees of freedom.
+_FULL_WEIGHT_TAIL, _OUTLIER_TAIL = 1e-2, 1e-4
 _MAX_ITERATIONS = 60
 _MAX_DAMPINGS = 12
 _LEAST_DAMPING, _FIRST_DAMPING = 1e-12, 1e-6
@@ -87,6 +89,11 @@ class Fit:
     chi2: float
     converged: bool
 
+    @property
+    def good(self) -> Mask:
+        """(N,) poses that are no outliers: they count toward noise and degrees of freedom."""
+        return _good(self.weight, self.evaluation.r.shape[1])
+
     @cached_property
     def sigma_prior(self) -> Array:
         """(k,) prior sigma of each coefficient."""
@@ -94,9 +101,14 @@ class Fit:
 
     @property
     def rank(self) -> int:
-        """Directions of the coefficients that the data determine better than the priors do."""
+        """Directions of the coefficients that the data determine better than the priors do, and not by
+        rounding alone."""
         scaled = self.J * self.sigma_prior / self.scale
-        return int((np.linalg.svd(scaled, compute_uv=False) > 1.0).sum()) if scaled.size else 0
+        if not scaled.size:
+            return 0
+        value = np.linalg.svd(scaled, compute_uv=False)
+        rounding = value[0] * max(scaled.shape) * np.finfo(float).eps
+        return int((value > max(1.0, rounding)).sum())
 
     @property
     def of_session(self) -> tuple[str, ...]:
@@ -376,7 +388,7 @@ def _cost(z: Array, coef: Array, sigma: Array, weights: _Weights) -> float:
 
 
 def _reweight(point: _Point, sigma: Array, old: _Weights, robust: bool) -> _Weights:
-    """Noise scale and Student-t weights w = (nu + c) / (nu + d^2 / s^2), d^2 = r'(I - H)^-1 r."""
+    """Noise scale s and pose weights by d^2 / s^2, d^2 = z'(I - H)^-1 z."""
     n, c = point.z.shape
     hat, spent = _leverage(point.jac, sigma, old.pose, 1.0)
     if not robust:
@@ -385,13 +397,26 @@ def _reweight(point: _Point, sigma: Array, old: _Weights, robust: bool) -> _Weig
     d2 = _distance(point.z, hat)
     # the bulk sets the scale: outliers must not hide behind the noise they make themselves
     scale2 = max(float(np.median(d2) / chi2_quantile(0.5, c)), _LEAST_SCALE2)
-    return _Weights(student_weights(d2 / scale2, c), scale2)
+    return _Weights(_pose_weights(d2 / scale2, c), scale2)
 
 
-def student_weights(d2: Array, c: int) -> Array:
-    """(N,) Student-t weights of poses at squared distance d2 [in units of the noise], at most 1."""
-    weights: Array = np.minimum((STUDENT_NU + c) / (STUDENT_NU + d2), 1.0)
+def _pose_weights(d2: Array, c: int) -> Array:
+    """(N,) weights of poses with c components: full where normal noise of the same size reaches."""
+    return student_weights(d2, chi2_quantile(_FULL_WEIGHT_TAIL, c))
+
+
+def student_weights(d2: Array, full_to: float) -> Array:
+    """(N,) weights of poses at squared distance d2 [in units of the noise]: 1 up to `full_to`, beyond it they
+    fall as those of a Student-t sample, (nu + full_to) / (nu + d2)."""
+    weights: Array = np.minimum((_STUDENT_NU + full_to) / (_STUDENT_NU + d2), 1.0)
     return weights
+
+
+def _good(weight: Array, c: int) -> Mask:
+    """(N,) poses whose weight is that of a pose within the bulk of normal noise."""
+    least = _pose_weights(np.array(chi2_quantile(_OUTLIER_TAIL, c)), c)
+    good: Mask = weight > least
+    return good
 
 
 def _leverage(jac: Array, sigma: Array, weight: Array, scale2: float) -> tuple[Array, float]:
@@ -429,7 +454,7 @@ def fit_model(
 ) -> Fit:
     """Fit DH errors (`dh`), unknown frames and the effects of `hypotheses`, with wide priors.
 
-    robust: Student-t pose weights (nu = 4), else all 1; frames: (base, tool) found before;
+    robust: outlying poses weigh less (METHOD.md 12.1), else all 1; frames: (base, tool) found before;
     start: coefficient values to begin with, by name; effect_width: prior sigmas of effects.
     CannotAnswer if there are fewer rows than the coefficients need.
     """
@@ -459,7 +484,7 @@ def _finish(problem: Problem, last: _Iterate) -> Fit:
     """Noise scale, covariance and distances at the end of an iteration."""
     n, c = last.point.z.shape
     pose = last.weights.pose
-    good = pose > GOOD_WEIGHT
+    good = _good(pose, c)
     hat, spent = _leverage(last.point.jac, problem.sigma, pose, last.weights.scale2)
     dof = max(float(good.sum() * c) - spent, 1.0)
     chi2 = float((last.point.z[good] ** 2).sum())

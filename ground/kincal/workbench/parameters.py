@@ -14,7 +14,7 @@ from .effects import Hypothesis, Parameter, Term
 
 # Prior sigmas. Wide enough that data of a few poses overrule them (1.3 rad is moved by 0.1 mrad), tight
 # enough to keep combinations that the data do not determine from wandering.
-DH_SIGMA = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05, "beta_rad": 0.1}
+DH_SIGMA = {"phi_rad": 0.2, "alpha_rad": 0.2, "a_m": 0.1, "d_m": 0.1, "beta_rad": 0.2}
 FRAME_SIGMA = {"m": 1.0, "rad": 1.0}
 
 # Axes of consecutive joints whose sine is less count as parallel: a tilt of 5 mrad in their common plane

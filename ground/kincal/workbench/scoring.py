@@ -30,7 +30,7 @@ from .tails import chi2_quantile, chi2_tail
 from .types import Array, Mask
 from .unnamed import Cell, cell_moments, cells
 
-BULK = 0.35  # robust weight from which on a pose keeps its full weight: the evidence is Gaussian
+_BULK = 0.35  # Student-t weight from which on a pose gets full weight: the evidence is Gaussian
 _NULL_DRAWS = 400
 _GRANTED_WIDTH = 30.0  # prior sigmas
 _SAME = 1.0 - 1e-6  # cosine of two columns that are the same function
@@ -69,7 +69,7 @@ class Scored(Generic[What]):
 
 def bulk_weights(fit: Fit) -> Array:
     """(N,) weights of a fit, those of good poses raised to 1."""
-    return np.where(fit.weight > BULK, 1.0, fit.weight)
+    return np.where(fit.good, 1.0, fit.weight)
 
 
 def robust_weights(fit: Fit, candidates: Sequence[Candidate]) -> Array:
@@ -85,7 +85,7 @@ def robust_weights(fit: Fit, candidates: Sequence[Candidate]) -> Array:
         d2 = _ridge_distance(big, z0, weight, fit.scale, c)
         scale2 = max(float(np.median(d2) / chi2_quantile(0.5, c)), 1e-6)
         weight = student_weights(d2 / scale2, c)
-    return np.where(weight > BULK, 1.0, weight)
+    return np.where(weight > _BULK, 1.0, weight)
 
 
 def _ridge_distance(columns: Array, z0: Array, weight: Array, scale: float, c: int) -> Array:
@@ -109,10 +109,10 @@ def _ridge_distance(columns: Array, z0: Array, weight: Array, scale: float, c: i
 class Scorer:
     """Scores at one fit: candidates and map cells by the same formula.
 
-    weight: (N,) pose weights; stated: the data state their noise; drop: an effect of the fit that is to
-    compete again (the point of linearisation stays the fit WITH it: a large effect bends the DH errors,
-    and columns taken beside it would favour other effects); granted: (rows, m) columns that count as
-    known to be there, at any size, like the DH errors.
+    weight: (N,) pose weights, 1 but for outliers; stated: the data state their noise; drop: an effect of
+    the fit that is to compete again (the point of linearisation stays the fit WITH it: a large effect bends
+    the DH errors, and columns taken beside it would favour other effects); granted: (rows, m) columns that
+    count as known to be there, at any size, like the DH errors.
 
     wz: (rows,) W z0; scale: expected noise over stated noise.
     """
@@ -134,7 +134,7 @@ class Scorer:
             nuisance = np.hstack([nuisance, _GRANTED_WIDTH * granted])
         self.projector = Projector.of(nuisance)
         self.wz = self.projector.apply(self.columns.weighted(fit.z + fit.J @ fit.estimate))
-        rows = float((weight > BULK).sum() * self.columns.c)
+        rows = float((weight == 1.0).sum() * self.columns.c)
         dof = max(rows - self.projector.spent, 1.0)
         self.noise = NoiseScale.posterior(float(self.wz @ self.wz), dof, stated=stated)
         self.scale = self.noise.mean

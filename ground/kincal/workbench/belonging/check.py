@@ -20,8 +20,9 @@ from .search import FOUND, GOOD_MISFIT, Search, changed, without
 from .sentences import misread
 
 _MOST_MISFIT = 0.05  # of the motion, left by a fit of all DH errors: the poses are not of this arm
-_MOST_SIGMAS = 6.0  # prior sigmas of all DH corrections together (root of the sum of squares)
-_DETERMINED = 0.3  # standard error in prior sigmas below which the data speak of a coefficient
+_LARGE = {"rad": 0.1, "m": 0.05}  # a DH correction that is large for the arm that the table describes
+_MOST_LARGE = 6.0  # of all DH corrections together (root of the sum of squares), as multiples of these
+_DETERMINED = 0.3  # standard error, as such a multiple, below which the data speak of a coefficient
 _POSES = 150  # enough for a DH fit
 
 
@@ -132,12 +133,13 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
             "check the DH table against the data sheet, and that each row holds the pose of its own readings",
         )
         return
-    names, sigmas = _sizes(fit)
-    total = float(np.linalg.norm(sigmas))
-    if total > _MOST_SIGMAS:
+    names, sizes = _sizes(fit)
+    total = float(np.linalg.norm(sizes))
+    if total > _MOST_LARGE:
         yield Finding(
             "wrong_arm",
-            f"the DH corrections are {total:.1f} prior sigmas large ({_largest(fit, names, sigmas)}): "
+            f"the DH corrections together come to {total:.1f} times {_LARGE['rad']:g} rad or "
+            f"{1e3 * _LARGE['m']:.0f} mm ({_largest(fit, names, sizes)}): "
             "that is a wrong arm table, not a correction",
             "check the DH table against the data sheet",
             left / misfit_of(fit),
@@ -145,17 +147,17 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
 
 
 def _sizes(fit: Fit) -> tuple[Sequence[str], np.ndarray]:
-    """DH corrections that the data determine, in prior sigmas; joint offsets are free to be large."""
-    prior = fit.sigma_prior
+    """DH corrections that the data determine, as multiples of `_LARGE`; joint offsets may be large."""
+    large = np.array([_LARGE.get(parameter.unit, np.inf) for parameter in fit.parameters])
     chosen = [
         k
         for k, name in enumerate(fit.names)
-        if name.startswith("J") and not name.endswith("phi_rad") and fit.std_err[k] < _DETERMINED * prior[k]
+        if name.startswith("J") and not name.endswith("phi_rad") and fit.std_err[k] < _DETERMINED * large[k]
     ]
-    return [fit.names[k] for k in chosen], (fit.estimate / prior)[chosen]
+    return [fit.names[k] for k in chosen], (fit.estimate / large)[chosen]
 
 
-def _largest(fit: Fit, names: Sequence[str], sigmas: np.ndarray) -> str:
+def _largest(fit: Fit, names: Sequence[str], sizes: np.ndarray) -> str:
     values = dict(zip(fit.names, fit.estimate, strict=True))
-    worst = [names[k] for k in np.argsort(-np.abs(sigmas))[:3]]
+    worst = [names[k] for k in np.argsort(-np.abs(sizes))[:3]]
     return ", ".join(f"{name} {values[name]:+.3g}" for name in worst)
