@@ -18,7 +18,7 @@ DH_SIGMA = {"phi_rad": 0.2, "alpha_rad": 0.2, "a_m": 0.1, "d_m": 0.1, "beta_rad"
 FRAME_SIGMA = {"m": 1.0, "rad": 1.0}
 
 # Axes of consecutive joints whose sine is less count as parallel: a tilt of 5 mrad in their common plane
-# would turn the common normal, and with it phi, by more than the prior sigma of 0.1 rad.
+# would turn the common normal, and with it phi, by more than 0.1 rad.
 _PARALLEL = 0.05
 
 BETA = "DH beta"
