@@ -10,9 +10,9 @@ All figures are position RMS [mm], with orientations also rotation RMS [mrad] (0
 poses, base and tool frame fitted only; DH, named, unnamed: held-out poses with DH errors, then with the
 effects that the diagnosis put into the model, then with the unnamed terms that it proposes; reachable: what a
 black box predicts of the rest; noise: the noise floor. Names: `name P` an accepted effect, `+name` one that
-only helps held-out poses, `? place by drivers P` something unnamed. Of a file that the models of a set
-predict: the mean of the named model's residuals, a shift between the two sessions, and the effects of the
-first session, without which it is predicted.
+only predicts better (no probability speaks for it), `? place by drivers P` something unnamed. Of a file that
+the models of a set predict: the mean of the named model's residuals, a shift between the two sessions, and
+the effects of the first session, without which it is predicted.
 
 Each set runs in a process of its own: whatever happens in it, it gives a row. Exit 1 if a set has none but an
 error. Uses the public library only.
@@ -309,7 +309,7 @@ def judged_text(row: Row) -> str:
 
 def names_text(row: Row) -> str:
     marks = {"accepted": "", "helps": "+", "unnamed": "? "}
-    named = [f"{marks.get(role, '')}{name} {p:.2f}" for name, role, p in row.names]
+    named = [f"{marks[role]}{name}" + (f" {p:.2f}" if role != "helps" else "") for name, role, p in row.names]
     return ", ".join(named) or row.verdict
 
 

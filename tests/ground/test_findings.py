@@ -93,6 +93,11 @@ def test_verdict_is_one_sentence_with_what_it_brings(found):
     )
 
 
+def test_names_of_one_effect_stand_together():
+    names = ("tilt[1]", "ripple", "tilt", "tilt[12]", "gain[2]")
+    assert explain.grouped(names) == "tilt, [1], [12]; ripple; gain[2]"
+
+
 def test_every_probability_stands_beside_what_it_is_against(found):
     text = diagnosis_text(found.d)
     said = re.findall(r"P [=<>] [\d.]+([^\n]{0,12})", text)

@@ -39,7 +39,7 @@ HEADINGS = {
         "Probabilities",
         "Of what may be missing, given this library and its priors. Blue: added; orange: alternative; grey: "
         "nothing missing; red: something unnamed. Dotted: 0.9, from which on it is sure. Effects that were "
-        "added because held-out poses gain are not in it: no probability speaks for them.",
+        "added because they predict better are not in it: no probability speaks for them.",
     ),
     "suspects": (
         "The strongest suspects among the joints",

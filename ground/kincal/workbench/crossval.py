@@ -110,20 +110,21 @@ class _Validation:
         )
 
     def losses(self, held: Mask) -> tuple[Array, Array]:
-        """(M,) and (k, M) squared distances of the held-out poses, everything fitted to the others."""
+        """(M,) and (k, M) squared distances of the held-out poses, everything fitted to the others.
+
+        The model is eliminated by an orthogonal basis of its columns with their priors: normal equations
+        would lose the digits that frames and DH errors which act alike leave (gains to 1e-4 only).
+        """
         out = np.repeat(held, self.c)
-        a, g = self.a[~out], self.g[~out]
-        inverse = np.linalg.inv(a.T @ a + np.eye(a.shape[1]))
-        shared = a.T @ g
-        absorbed = inverse @ shared
-        model = inverse @ (a.T @ self.y[~out])
-        score = g.T @ (self.y[~out] - a @ model)
-        left = self.y[out] - self.a[out] @ model
-        moved = self.g[out] - self.a[out] @ absorbed
-        effects = [
-            left - moved[:, i:j] @ _ridge(g[:, i:j], shared[:, i:j].T @ absorbed[:, i:j], score[i:j])
-            for i, j in self.ends
-        ]
+        a, y, g = self.a[~out], self.y[~out], self.g[~out]
+        basis, triangle = np.linalg.qr(np.vstack([a, np.eye(a.shape[1])]))
+        basis = basis[: len(a)]
+        known, shared = basis.T @ y, basis.T @ g
+        predicted = np.linalg.solve(triangle.T, self.a[out].T).T
+        left = self.y[out] - predicted @ known
+        moved = self.g[out] - predicted @ shared
+        score = g.T @ y - shared.T @ known
+        effects = [left - moved[:, i:j] @ _ridge(g[:, i:j], shared[:, i:j], score[i:j]) for i, j in self.ends]
         return self._by_pose(left), np.array([self._by_pose(e) for e in effects])
 
     def _by_pose(self, rows: Array) -> Array:
@@ -132,6 +133,6 @@ class _Validation:
         return squares
 
 
-def _ridge(g: Array, absorbed: Array, score: Array) -> Array:
-    """(m,) coefficients of one effect, those of the model eliminated."""
-    return array(np.linalg.solve(g.T @ g - absorbed + np.eye(g.shape[1]), score))
+def _ridge(g: Array, shared: Array, score: Array) -> Array:
+    """(m,) coefficients of one effect; shared: the part (k, m) of its columns that the model takes away."""
+    return array(np.linalg.solve(g.T @ g - shared.T @ shared + np.eye(g.shape[1]), score))

@@ -43,9 +43,12 @@ def _found(d: Diagnosis) -> Iterator[str]:
     for e in d.effects:
         yield from _effect_lines(e, d)
     if d.effects:
-        yield "  * added: it won; + added: held-out poses gain; the others are alternatives. Ratios: the"
-        yield "  final model with and without the effect. Probabilities hold for this library and its priors;"
-        yield "  'consistent with' is not 'proven'."
+        yield from (
+            "  * added: it won; + added: it predicts better (held-out poses or cross-validation), although",
+            "  something unnamed explains more; the others are alternatives. Ratios: the final model with",
+            "  and without the effect. Probabilities hold for this library and its priors; 'consistent with'",
+            "  is not 'proven'.",
+        )
 
 
 def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:

@@ -221,8 +221,8 @@ def unnamed(u: UnnamedFinding) -> str:
 
 
 def grouped(names: tuple[str, ...]) -> str:
-    """Effect names, places of one effect together: gain[1], gain[2], flex -> gain[1], [2]; flex."""
+    """Effect names, places of one effect together: gain[1], flex, gain[2], gain -> gain, [1], [2]; flex."""
     groups: dict[str, list[str]] = {}
     for name in names:
         groups.setdefault(effect_of(name), []).append(place_of(name))
-    return "; ".join(effect + ", ".join(places) for effect, places in groups.items())
+    return "; ".join(effect + ", ".join(sorted(places, key=bool)) for effect, places in groups.items())

@@ -197,9 +197,11 @@ def _beliefs(fit: Fit, data: Measurements, effects: Sequence[Hypothesis]) -> lis
     def belief(h: Hypothesis) -> _Belief:
         measured = np.hstack([nuisance_old, old.hypothesis(h) / fit.scale])
         columns = new.hypothesis(h).reshape(data.n, fit.evaluation.r.shape[1], -1) / fit.scale
-        cov = np.linalg.inv(measured.T @ measured + np.eye(measured.shape[1]))
+        k = measured.shape[1]
+        basis, triangle = np.linalg.qr(np.vstack([measured, np.eye(k)]))
+        root = np.linalg.inv(triangle)  # of the covariance; normal equations would lose half the digits
         design = np.concatenate([nuisance_new, columns], axis=2)
-        return _Belief(design, array(cov @ (measured.T @ z0)), array(cov))
+        return _Belief(design, array(root @ (basis[: len(z0)].T @ z0)), array(root @ root.T))
 
     return [belief(h) for h in effects]
 
