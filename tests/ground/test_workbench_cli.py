@@ -219,7 +219,23 @@ def test_unnamed_effect_is_added_fitted_taken_back_and_flown(given, model):
     assert (twice.exit_code, "already in the model" in twice.output) == (EXIT_INPUT, True)
 
 
+def test_unnamed_alone_adds_all_that_pay_in_one_step(given, model):
+    said = good("add", *given, "--model", model, "encoder_gain[4]", "unnamed").output
+    effects = answer("list", "--model", model)["effects"]
+    assert effects[0] == "encoder_gain[4]"
+    assert all(name.startswith("unnamed[") for name in effects[1:])
+    assert any("dir4" in name for name in effects[1:])
+    assert f"unnamed: {len(effects) - 1} added; held-out error with all of them " in said
+    again = good("add", *given, "--model", model, "unnamed").output
+    assert "unnamed: nothing to add" in again
+    assert answer("list", "--model", model)["effects"] == effects
+    good("undo", "--model", model)
+    assert answer("list", "--model", model)["effects"] == []
+
+
 def test_unnamed_effect_needs_measurements(model):
+    done = kincal("add", "--model", model, "unnamed")
+    assert (done.exit_code, "give --arm and --data" in done.output) == (EXIT_INPUT, True)
     done = kincal("add", "--model", model, "unnamed[joint 4: q4]")
     assert done.exit_code == EXIT_INPUT
     assert "give --arm and --data" in done.output

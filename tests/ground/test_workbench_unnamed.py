@@ -64,12 +64,12 @@ def test_names_that_mean_nothing_are_refused(text):
 @pytest.mark.parametrize("text", ["unnamed[joint 8: q1]", "unnamed[elbow: q1]", "unnamed[joint 1: q8]"])
 def test_places_and_drivers_that_the_arm_has_not_are_refused(arm, measured, text):
     with pytest.raises(wb.BadInput):
-        wb.unnamed_effect(arm, measured, wb.UnnamedName.parse(text))
+        wb.find_unnamed(arm, measured, [text])
 
 
 def test_a_driver_that_is_not_measured_cannot_be_answered(arm, measured):
     with pytest.raises(wb.CannotAnswer, match="payload"):
-        wb.unnamed_effect(arm, measured, wb.UnnamedName.parse("unnamed[joint 1: payload]"))
+        wb.find_unnamed(arm, measured, ["unnamed[joint 1: payload]"])
 
 
 # ---------------------------------------------------------------------------------------- statistics
@@ -152,7 +152,7 @@ def test_cross_validation_is_ridge_regression_without_the_fold(arm, measured):
 
 @pytest.fixture(scope="module")
 def added(arm, measured):
-    return wb.unnamed_effect(arm, measured, wb.UnnamedName.parse("unnamed[joint 3: q4]"))
+    return wb.find_unnamed(arm, measured, ["unnamed[joint 3: q4]"]).additions[0]
 
 
 def test_few_terms_imitate_a_smooth_function_and_held_out_poses_gain(added):
@@ -178,6 +178,18 @@ def test_unnamed_effects_are_added_while_they_pay(arm, measured):
     found = wb.add_unnamed(compare(arm, measured))
     assert str(found.steps[0].effect.name).startswith("unnamed[joint 3: q4")
     assert found.held_pos_m < 1.1 * NOISE_M
+
+
+def test_unnamed_alone_stands_for_all_that_pay_beside_what_is_there(arm, measured):
+    found = wb.find_unnamed(arm, measured, ["unnamed[joint 3: q4]", "unnamed"])
+    first, *others = found.names
+    assert first == "unnamed[joint 3: q4]"
+    assert first not in others
+    assert [str(a.effect.name) for a in found.additions] == list(found.names)
+    assert [str(a.effect.name) for a in found.all_of_them.steps] == others
+    alone = wb.find_unnamed(arm, measured, ["unnamed"])
+    assert alone.names[0].startswith("unnamed[joint 3: q4")
+    assert alone.all_of_them.held_pos_m < 1.1 * NOISE_M
 
 
 def test_nothing_is_added_to_a_model_that_lacks_nothing(arm, tmp_path):

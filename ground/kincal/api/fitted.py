@@ -22,15 +22,13 @@ from kincal.export.urdf import urdf
 from kincal.flight import Observations
 from kincal.rotations import Pose
 from kincal.schema.model import UnnamedEntry
-from kincal.schema.names import is_unnamed
 from kincal.workbench.answers import fit_text
-from kincal.workbench.api import FitResult, unnamed_effect
+from kincal.workbench.api import FitResult, find_unnamed
 from kincal.workbench.api import fit as workbench_fit
 from kincal.workbench.data import Measurements
 from kincal.workbench.effects import Library
 from kincal.workbench.fitrecord import fit_record, fitted
 from kincal.workbench.modelfile import ModelFile, write_model
-from kincal.workbench.smooth import UnnamedName
 from kincal.workbench.types import Progress, no_progress
 
 from . import html
@@ -171,14 +169,12 @@ def fit(
     progress: Progress = no_progress,
 ) -> Fitted:
     """Fit DH errors, base and tool frame as the arm table says, and these effects, also unnamed ones
-    ("unnamed[joint 1: q3]"), whose terms are chosen from the data. Errors as `kincal.workbench.fit`, and
-    BadInput if arm and data do not belong together, unless forced."""
+    ("unnamed[joint 1: q3]"), whose terms are chosen from the data; "unnamed" alone: as many as pay. Errors as
+    `kincal.workbench.fit`, and BadInput if arm and data do not belong together, unless forced."""
     read, library = checked(arm, data, force), Library.load()
-    unnamed: dict[str, UnnamedEntry] = {}
-    for k, name in enumerate(effects):
-        if is_unnamed(name):
-            wanted, beside = UnnamedName.parse(name), effects[:k]
-            unnamed[name] = unnamed_effect(arm.table, read, wanted, beside, library=library).effect.entry()
-            library = library.with_unnamed([unnamed[name]])
-    result = workbench_fit(arm.table, read, effects, library=library, progress=progress)
-    return Fitted(arm, result, files_of(data), unnamed)
+    found = find_unnamed(arm.table, read, effects, library=library, progress=progress)
+    entries = [addition.effect.entry() for addition in found.additions]
+    result = workbench_fit(
+        arm.table, read, found.names, library=library.with_unnamed(entries), progress=progress
+    )
+    return Fitted(arm, result, files_of(data), {entry.name: entry for entry in entries})

@@ -167,7 +167,8 @@ JOINT_LETTERS = ("i", "j", "p", "k")
 # (kc_terms.h).
 TOOL_BODY, LEVER_STRIDE = "tool", 16
 
-# What `model add` makes of a function that the library has no name for: unnamed[joint 1: q1, q3].
+# What `model add` makes of a function that the library has no name for: unnamed[joint 1: q1, q3]; the word
+# alone: as many of them as pay.
 UNNAMED = "unnamed"
 
 

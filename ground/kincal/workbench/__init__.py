@@ -4,7 +4,7 @@ from kincal.errors import BadInput, CannotAnswer
 from kincal.schema.arm import ArmTable, read_arm
 
 from .additions import Addition, Additions, add_one, add_unnamed, add_unnamed_to
-from .api import FitResult, advise, fit, report_content, unnamed_effect
+from .api import FitResult, Found, advise, find_unnamed, fit, report_content
 from .compare import Comparison, compare
 from .constants import choose_constants
 from .curves import Curve, curves
@@ -26,6 +26,7 @@ __all__ = [
     "Diagnosis",
     "Effect",
     "FitResult",
+    "Found",
     "Hypothesis",
     "Library",
     "Measurements",
@@ -40,12 +41,12 @@ __all__ = [
     "compare",
     "curves",
     "diagnose",
+    "find_unnamed",
     "fit",
     "read_arm",
     "read_csv",
     "read_measurements",
     "read_model",
     "report_content",
-    "unnamed_effect",
     "write_model",
 ]

@@ -212,6 +212,7 @@ def left_out(fit: Fit, keep: Array, fold: Indices) -> Array:
     root = np.sqrt(fit.weight)[:, None]
     root[fold] = 0.0
     rows = (a * root[:, :, None]).reshape(n * c, -1)
-    solved = np.linalg.solve(rows.T @ rows + np.eye(rows.shape[1]), rows.T @ (z0 * root).ravel())
+    basis, triangle = np.linalg.qr(np.vstack([rows, np.eye(rows.shape[1])]))
+    solved = np.linalg.solve(triangle, basis[: len(rows)].T @ (z0 * root).ravel())
     left = (z0[fold] - a[fold] @ solved) * fit.scale
     return np.linalg.solve(fit.whiten[fold], left[:, :, None])[:, :, 0]

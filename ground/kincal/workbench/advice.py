@@ -6,9 +6,10 @@ import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from kincal.schema.names import UNNAMED
+
 from . import explain
 from .diagnosis import Diagnosis
-from .gain import judged
 from .nextposes import NextPose
 
 _NEW_MODEL = "M.toml"
@@ -51,13 +52,14 @@ def _kincal(*words: str) -> str:
 def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     names = [e.name for e in d.effects if e.in_model]
     model = ("--model", inputs.model or _NEW_MODEL)
-    smooth = d.novel is not None and judged(d.novel.held.interval) == "helps"
     if names:
         yield Step("add what was found to the model", _kincal("add", *model, *names))
-    if smooth and d.novel is not None:
-        words = (*model, *inputs.sources, d.novel.name)
-        yield Step("add a smooth function for what has no name", _kincal("add", *words))
-    if names or smooth or inputs.model or d.verdict == "adequate":
+    if d.novel is not None:
+        yield Step(
+            "add smooth functions for what has no name, as many as predict better",
+            _kincal("add", *model, *inputs.sources, UNNAMED),
+        )
+    if names or d.novel is not None or inputs.model or d.verdict == "adequate":
         yield Step("fit it and see what each effect brings", _kincal("fit", *inputs.sources, *model))
         words = (*model, "--format", "dh", "-o", _CALIBRATED)
         yield Step("take the calibrated arm away (also urdf, python, c)", _kincal("export", *words))

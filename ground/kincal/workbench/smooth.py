@@ -30,7 +30,7 @@ from .shapes import FAMILIES, Shape, Variable, is_angle, shapes, variable_basis
 from .types import Array
 
 MOST_TERMS = 16
-LEAST_LN_BF = 2.0  # a shape is kept if it makes the data e^2 times as likely
+LEAST_LN_BF = 0.5  # a shape is kept if it makes the data e^0.5 times as likely; its size is shrunk as well
 _SIZES = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0])  # of the function, in typical sizes of its place
 _LEAST_RANGE = 1e-6
 _LEAST_TURN = 0.02  # [rad or m] a joint that moves less stands still

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from kincal.export.files import Format
-    from kincal.workbench.additions import Addition
+    from kincal.workbench.api import Found
     from kincal.workbench.effects import Library
     from kincal.workbench.modelfile import ModelFile
 
@@ -82,17 +82,19 @@ def add_command(
     """Add effects to the model (a new model file if there is none); the change goes into its history.
 
     An unnamed effect, as `diagnose` names it, becomes a smooth function there: ordinary terms, chosen from
-    the data that --arm and --data give, with what held-out poses gain from them.
+    the data that --arm and --data give, with what held-out poses gain from them. `unnamed` alone adds as many
+    as predict better, the one that the data ask for most first.
 
     \b
     Examples:
         kincal model add --model M.toml joint_compliance[2]
         kincal model add --model M.toml --arm arm.toml --data poses.csv "unnamed[joint 1: q1, q3]"
+        kincal model add --model M.toml --arm arm.toml --data poses.csv unnamed
     """
     from dataclasses import replace
 
     from kincal.cli.text import model as text
-    from kincal.schema.names import is_unnamed
+    from kincal.schema.names import UNNAMED, is_unnamed
     from kincal.workbench.effects import Library
     from kincal.workbench.modelfile import read_model, write_model
     from kincal.workbench.smooth import UnnamedName
@@ -100,14 +102,15 @@ def add_command(
     before = read_model(model_path, must_exist=False)
     files = [model_path.parent / name for name in before.libraries] + list(effect_files)
     library = Library.load(*files)
-    _check_names(library, [name for name in names if not is_unnamed(name)])
     wanted = [str(UnnamedName.parse(name)) if is_unnamed(name) else name for name in names]
-    after = before.add(wanted)
-    for k, name in enumerate(wanted):
-        if is_unnamed(name):
-            addition = _found_in_data(after, library, arm_path, given, name, (*before.effects, *wanted[:k]))
-            after = after.with_terms(addition.effect.entry())
-            click.echo(text.addition(addition))
+    _check_names(library, [name for name in wanted if name != UNNAMED and not is_unnamed(name)])
+    before.add([name for name in wanted if name != UNNAMED])  # said before the work is done
+    found = _found_in_data(before, library, arm_path, given, wanted)
+    for line in text.additions(found):
+        click.echo(line)
+    after = before.add(list(found.names)) if found.names else before
+    for addition in found.additions:
+        after = after.with_terms(addition.effect.entry())
     new = [str(f.resolve()) for f in effect_files if str(f.resolve()) not in before.libraries]
     write_model(model_path, replace(after, libraries=(*before.libraries, *new)))
     click.echo(f"{model_path}: {text.names(after)}")
@@ -118,21 +121,26 @@ def _found_in_data(
     library: Library,
     arm_path: Path | None,
     given: Given | None,
-    name: str,
-    beside: tuple[str, ...],
-) -> Addition:
-    """Terms of an unnamed effect beside other effects of a model, and what they bring."""
+    names: Sequence[str],
+) -> Found:
+    """Effects to add to a model, the unnamed ones among them with terms from the measurements."""
+    from kincal.cli.terminal import progress
     from kincal.schema.arm import read_arm
-    from kincal.workbench.api import unnamed_effect
-    from kincal.workbench.smooth import UnnamedName
+    from kincal.schema.names import UNNAMED, is_unnamed
+    from kincal.workbench.api import Found, find_unnamed
 
+    unnamed = next((name for name in names if name == UNNAMED or is_unnamed(name)), None)
+    if unnamed is None:
+        return Found(tuple(names))
     where = arm_path or (Path(chosen.arm) if chosen.arm else None)
     if where is None or given is None:
-        raise BadInput(f"{name}: its terms are chosen from measurements", todo="give --arm and --data")
+        raise BadInput(f"{unnamed}: its terms are chosen from measurements", todo="give --arm and --data")
     arm = read_arm(where)
     known = library.with_unnamed(chosen.unnamed.values())
-    wanted = UnnamedName.parse(name)
-    return unnamed_effect(arm, given.read(arm), wanted, beside, library=known, dh=chosen.dh)
+    with progress() as tick:
+        return find_unnamed(
+            arm, given.read(arm), names, chosen.effects, library=known, dh=chosen.dh, progress=tick
+        )
 
 
 @click.command("remove")

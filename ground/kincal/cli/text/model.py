@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from math import isfinite
 from typing import Any
 
 from kincal.export import Exported
 from kincal.schema.terms import TermEntry
 from kincal.workbench.additions import Addition
+from kincal.workbench.api import Found
 from kincal.workbench.effects import Effect, Library
 from kincal.workbench.hypotheses import covers
 from kincal.workbench.modelfile import ModelFile
@@ -67,20 +70,32 @@ def cost(gain: EffectGain) -> str:
     )
 
 
-def addition(a: Addition) -> str:
-    """The terms of an unnamed effect and what held-out poses gain from it."""
+def additions(found: Found) -> Iterator[str]:
+    """Unnamed effects, a few lines each: their terms and what held-out poses gain; last, what all of them
+    bring."""
+    for a in found.additions:
+        yield from _addition(a)
+    every = found.all_of_them
+    if every is None:
+        return
+    if not every.steps:
+        yield "unnamed: nothing to add: no smooth function predicts left-out poses better"
+        return
+    held = f"held-out error with all of them {every.held_pos_m * 1e3:.3f} mm"
+    yield f"unnamed: {len(every.steps)} added" + (f"; {held}" if isfinite(every.held_pos_m) else "")
+
+
+def _addition(a: Addition) -> Iterator[str]:
     parameters = a.effect.entry().parameter
     gain = a.held or a.crossed
     low, high = gain.interval
     by = "held-out poses" if a.held else "cross-validation"
     verdict = "they gain" if gain.gains else "they get worse" if low > 1.0 else "no gain is shown"
-    return "\n".join(
-        [
-            f"{a.effect.name}: {len(parameters)} coefficients ({a.effect.family})",
-            *(_term_line(p.name, term) for p in parameters for term in p.term),
-            f"{by}: {gain.before_m * 1e3:.3f} -> {gain.after_m * 1e3:.3f} mm, ratio "
-            f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}): {verdict}",
-        ]
+    yield f"{a.effect.name}: {len(parameters)} coefficients ({a.effect.family})"
+    yield from (_term_line(p.name, term) for p in parameters for term in p.term)
+    yield (
+        f"{by}: {gain.before_m * 1e3:.3f} -> {gain.after_m * 1e3:.3f} mm, ratio "
+        f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}): {verdict}"
     )
 
 
