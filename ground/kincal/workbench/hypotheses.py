@@ -89,14 +89,17 @@ class Competition:
         taken = [h.name for h in model]
         return tuple(c.agreeing(assumed) for c in self.candidates if _is_open(c, taken))
 
-    def with_some_joints(self, open_: Sequence[Candidate], h: Hypothesis) -> tuple[Candidate, ...]:
-        """Candidates with an effect at some joints beside it at all of them; they share their prior."""
-        whole = next((c for c in open_ if c.name == h.effect), None)
-        if whole is None or len(joints_of(h.name)) < 2 or any(c.name == h.name for c in open_):
+    def with_itself(self, open_: Sequence[Candidate], h: Hypothesis) -> tuple[Candidate, ...]:
+        """Candidates with an effect of the model itself, whose place they compete for. At some joints it shares
+        the prior of that at all of them; a second one stays when the first has left the model."""
+        if any(c.name == h.name for c in open_):
             return tuple(open_)
-        half = replace(whole, prior=0.5 * whole.prior)
-        shared = [half if c is whole else c for c in open_]
-        return (*shared, Candidate(h.name, whole.effect, (h,), half.prior))
+        known = {c.name: c for c in self.candidates}
+        if h.name in known:
+            return (*open_, known[h.name])
+        prior = 0.5 * known[h.effect].prior
+        shared = [replace(c, prior=prior) if c.name == h.effect else c for c in open_]
+        return (*shared, Candidate(h.name, known[h.effect].effect, (h,), prior))
 
 
 def assumed_by(model: Iterable[Hypothesis]) -> Constants:

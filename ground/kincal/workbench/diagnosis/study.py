@@ -135,7 +135,7 @@ class Study:
 
     def _reopened(self, model: Model, h: Hypothesis, grid: Model) -> Posterior:
         open_ = self.competition.open([*self.given, *(x for x in model if x is not h)])
-        open_ = self.competition.with_some_joints(open_, h)
+        open_ = self.competition.with_itself(open_, h)
         candidates = [c.refined(grid) if grid and c.name == h.name else c for c in open_]
         return Posterior.at(self.scorer(model, drop=h), candidates)
 
