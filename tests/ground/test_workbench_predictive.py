@@ -1,5 +1,6 @@
 """What predicts is taken, what harms is taken back; few poses carry few coefficients, many are thinned."""
 
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.diagnosis.states import Kept, Selection
 from kincal.workbench.diagnosis.study import Study
 from kincal.workbench.effects import Hypothesis
-from kincal.workbench.fit import fit_model, rms
+from kincal.workbench.fit import find_frames, fit_model, rms
+from kincal.workbench.parameters import DH_SIGMA
 from kincal.workbench.thinning import MANY, PART, part_of, spread, thinned
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -222,6 +224,37 @@ def test_many_poses_are_searched_on_a_part_and_judged_on_all(tmp_path):
 
 
 # --------------------------------------------------------------------------- the fit
+
+
+def test_few_poses_keep_dh_errors_near_what_a_well_built_arm_has(tmp_path, monkeypatch):
+    """20 positions in which joint 4 hardly moves, base and tool unknown: what they do not determine must not
+    wander, since other angles of that joint show it."""
+    arm = frames_unknown(poses.arm_toml(tmp_path / "arm.toml"))
+    data = replace(wb.read_csv(poses.poses_csv(tmp_path / "p.csv", 1500, 5, position_only=True), 7), cov=None)
+    alike = np.abs(data.q[:, 3] - np.median(data.q[:, 3])) < 0.15
+    few, others = data.take(np.flatnonzero(alike)[:20]), data.take(np.flatnonzero(~alike)[:400])
+    frames = find_frames(arm, few)
+    error_m, _ = rms(fit_model(arm, few, frames=frames).predict(others))
+    monkeypatch.setattr(sys.modules[fit_model.__module__], "_FEW_ROWS", -1e9)  # wide priors for any number
+    wide_m, _ = rms(fit_model(arm, few, frames=frames).predict(others))
+    assert error_m < 0.4 * wide_m
+
+
+def test_a_slipped_encoder_is_found_with_few_poses_all_the_same(tmp_path):
+    """75 sigmas of what few poses expect: what the data determine is not drawn back."""
+    slip_rad = 0.3
+    slipped = lambda q, _: q + slip_rad * np.eye(7)[3]  # noqa: E731
+    arm, data = measured(tmp_path, 14, 5, slipped, dh_size=0.0)
+    fit = fit_model(arm, data)
+    k = fit.names.index("J4.phi_rad")
+    assert fit.estimate[k] == pytest.approx(slip_rad, abs=4.0 * fit.std_err[k])
+    assert fit.std_err[k] < 2e-3
+
+
+def test_many_poses_are_fitted_with_the_wide_priors(tmp_path):
+    arm, data = measured(tmp_path, 40, 5)
+    fit = fit_model(arm, data)
+    assert fit.sigma_prior[fit.names.index("J2.alpha_rad")] == DH_SIGMA["alpha_rad"]
 
 
 def test_a_fit_in_a_curved_valley_comes_to_its_end(tmp_path):

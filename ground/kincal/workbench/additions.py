@@ -26,6 +26,9 @@ from .types import Array, Indices, Progress, no_progress
 MOST_EFFECTS = 10
 _TRIED = 12  # names whose whole function is scored at each step
 _ODDS = 9.0
+_ROWS_EACH = (
+    2  # that the poses have for each coefficient of the whole model; with fewer, functions only fit noise
+)
 _NOT_PREDICTABLE = ("order", "t")  # of poses that are yet to come
 
 
@@ -121,8 +124,8 @@ def _scorer(fit: Fit) -> Scorer:
 
 def _room(fit: Fit) -> int:
     """Coefficients that an effect may take: what the core carries, and what the poses do."""
-    measured = int(fit.dof) // 4
-    return max(0, min(MOST_TERMS, room_for(fit.parameters), measured))
+    by_poses = min(int(fit.dof) // 4, len(fit.z) // _ROWS_EACH - len(fit.names))
+    return max(0, min(MOST_TERMS, room_for(fit.parameters), by_poses))
 
 
 def _next(comparison: Comparison, fit: Fit, dh: bool) -> tuple[Addition, Fit] | None:

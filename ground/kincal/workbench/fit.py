@@ -3,6 +3,7 @@
 Levenberg-Marquardt on whitened residuals with Gaussian priors on the coefficients; poses farther out than
 normal noise reaches are weighted as Student-t samples (Lange, Little, Taylor, J. Am. Stat. Assoc. 84(408),
 1989). The bulk of the poses sets the noise scale and, for poses whose noise is not stated, its covariance.
+Where rows are few, so are DH errors: their prior narrows to the size that a well-built arm has.
 A fit is: prepare the `Problem`, `_iterate` (step, then reweight) until nothing changes, `_finish`.
 """
 
@@ -43,6 +44,11 @@ _LEAST_SCALE2 = 1e-6
 EFFECT_WIDTH = 10.0
 # Stand-in noise where nothing was stated; the fitted scale replaces it, for poses the residuals' covariance.
 _DEFAULT_SP_M, _DEFAULT_SR_RAD = 1e-3, 3e-3
+# Rows for each coefficient of DH and frames up to which DH errors are expected to be as small as those of a
+# well-built arm (4 mrad, 2 mm: this share of their prior sigmas), and from which on their prior stays wide.
+_FEW_ROWS, _MANY_ROWS = 2.0, 5.0
+_WELL_BUILT = 0.02
+_SAME_SIGMA = 1e-2  # converged: no prior sigma changes by a larger share
 # Where noise is unknown its covariance is mixed with that of so many poses of independent components, so that
 # few poses do not make one up.
 _NOISE_PRIOR_POSES = 12.0
@@ -162,7 +168,8 @@ def rms(r: Array) -> tuple[float, float | None]:
 class Problem:
     """What one fit minimises; nothing of it changes while the fit runs.
 
-    names, parameters: one per coefficient; sigma: (k,) their prior sigmas; whiten: (N, c, c).
+    names, parameters: one per coefficient; sigma: (k,) their prior sigmas; dh_size: (k,) how large DH errors
+    are expected to be, infinite where nothing narrows a prior; whiten: (N, c, c).
     """
 
     arm: ArmTable
@@ -173,6 +180,7 @@ class Problem:
     names: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     sigma: Array
+    dh_size: Array
     model: Model
     whiten: Array
 
@@ -189,8 +197,8 @@ class Problem:
     ) -> Problem:
         """Coefficients, flight model and whitener of a fit. CannotAnswer if there are too few rows."""
         base, tool = frames if frames is not None else find_frames(arm, data)
-        named = frame_parameters(arm) + (dh_parameters(arm) if dh else [])
-        named += effect_parameters(hypotheses, effect_width)
+        ends, errors = frame_parameters(arm), dh_parameters(arm) if dh else []
+        named = [*ends, *errors, *effect_parameters(hypotheses, effect_width)]
         rows = data.n * data.components
         if rows <= min(len(named), 6):
             raise CannotAnswer(
@@ -205,6 +213,7 @@ class Problem:
             names=tuple(name for name, _ in named),
             parameters=tuple(p for _, p in named),
             sigma=np.array([p.sigma for _, p in named]),
+            dh_size=_dh_size(rows, len(ends), [p.sigma for _, p in errors], len(named)),
             model=flight_model(arm, data, base, tool, named),
             whiten=whitener(data),
         )
@@ -224,6 +233,16 @@ class Problem:
 
     def _whitened(self, r: Array) -> Array:
         return array(np.einsum("nij,nj->ni", self.whiten, r))
+
+
+def _dh_size(rows: int, frames: int, widest: Sequence[float], count: int) -> Array:
+    """(count,) expected sizes of DH errors, which follow `frames` coefficients; infinite for all others, and
+    where there are many rows."""
+    size = np.full(count, np.inf)
+    enough = (rows / max(frames + len(widest), 1) - _FEW_ROWS) / (_MANY_ROWS - _FEW_ROWS)
+    if enough < 1.0:
+        size[frames : frames + len(widest)] = np.array(widest) * _WELL_BUILT ** (1.0 - max(enough, 0.0))
+    return size
 
 
 def noise_is_unknown(data: Measurements) -> bool:
@@ -278,8 +297,9 @@ class _Weights:
 
 @dataclass(frozen=True)
 class _Iterate:
-    """Where an iteration stands; `converged` ends it."""
+    """Where an iteration stands; `converged` ends it. problem: with the prior sigmas there."""
 
+    problem: Problem
     point: _Point
     weights: _Weights
     damping: float
@@ -298,6 +318,7 @@ class _Step:
 def _solve(problem: Problem, start: Array, robust: bool, same_cost: float = _SAME_COST) -> _Iterate:
     """Iterate until no step lowers the cost or neither cost nor weights change any more."""
     now = _Iterate(
+        problem=problem,
         point=problem.linearised(start),
         weights=_Weights(np.ones(problem.data.n), 1.0),
         damping=_FIRST_DAMPING,
@@ -306,19 +327,35 @@ def _solve(problem: Problem, start: Array, robust: bool, same_cost: float = _SAM
     for number in range(_MAX_ITERATIONS):
         if now.converged:
             break
-        now = _iterate(problem, now, robust, same_cost, first=number < 2)
+        now = _iterate(now, robust, same_cost, first=number < 2)
     return now
 
 
-def _iterate(problem: Problem, now: _Iterate, robust: bool, same_cost: float, first: bool) -> _Iterate:
-    """One accepted step and the weights that follow from it; `first`: weights have not settled yet."""
+def _iterate(now: _Iterate, robust: bool, same_cost: float, first: bool) -> _Iterate:
+    """One accepted step, and what follows from it; `first`: weights have not settled yet."""
+    problem = now.problem
     step = _step(problem, now, same_cost)
     if step is None:  # no step lowers the cost: at the minimum to rounding
         return replace(now, converged=True)
     point = problem.linearised(step.coef)
     weights = _reweight(point, problem.sigma, now.weights, robust)
     steady = float(np.abs(weights.pose - now.weights.pose).max()) < _SAME_WEIGHT
-    return _Iterate(point, weights, step.damping, step.small and steady and not first)
+    narrowed = _narrowed(problem, point, weights)
+    steady &= bool(np.allclose(narrowed.sigma, problem.sigma, rtol=_SAME_SIGMA, atol=0.0))
+    return _Iterate(narrowed, point, weights, step.damping, step.small and steady and not first)
+
+
+def _narrowed(problem: Problem, point: _Point, weights: _Weights) -> Problem:
+    """The problem with the prior sigmas of DH errors that go with few rows: Student-t, of the size that a
+    well-built arm has, as a mixture of normals (EM as for the poses). What the data determine, a slipped
+    encoder, keeps a wide prior; what they do not does not wander."""
+    if np.isinf(problem.dh_size).all():
+        return problem
+    noise = float(np.sqrt(weights.scale2))
+    var = np.diag(_covariance(point.jac, problem.sigma, weights.pose, noise))
+    local = np.sqrt((_STUDENT_NU * problem.dh_size**2 + point.coef**2 + var) / (_STUDENT_NU + 1.0))
+    widest = np.array([p.sigma for p in problem.parameters])
+    return replace(problem, sigma=np.minimum(local, widest))
 
 
 def _step(problem: Problem, now: _Iterate, same_cost: float) -> _Step | None:
@@ -462,26 +499,27 @@ def fit_model(
     at = problem.start(start or {})
     if noise_is_unknown(data):
         rough = _solve(problem, at, robust, _ROUGH_COST)
-        problem, at = replace(problem, whiten=_whitener_of(problem, rough)), rough.point.coef
-    return _finish(problem, _solve(problem, at, robust))
+        problem, at = replace(problem, whiten=_whitener_of(rough)), rough.point.coef
+    return _finish(_solve(problem, at, robust))
 
 
-def _whitener_of(problem: Problem, last: _Iterate) -> Array:
+def _whitener_of(last: _Iterate) -> Array:
     """(N, 6, 6) inverse Cholesky factors of the covariance that the residuals show, one for all poses: a
     point seen from afar moves with every error of orientation, so that the six numbers of a pose are no
     independent witnesses (multivariate t with unknown covariance: Lange, Little, Taylor, section 3)."""
     r, weight = last.point.evaluation.r, last.weights.pose
-    spent = _leverage(last.point.jac, problem.sigma, weight, last.weights.scale2)[1] / r.shape[1]
+    spent = _leverage(last.point.jac, last.problem.sigma, weight, last.weights.scale2)[1] / r.shape[1]
     count = max(float(weight.sum()) - spent, 1.0)
     square = (r * weight[:, None]).T @ r
     plain = np.repeat(np.diag(square).reshape(2, 3).mean(axis=1), 3) / count
     cov = (square + _NOISE_PRIOR_POSES * np.diag(plain)) / (count + _NOISE_PRIOR_POSES)
     least = _LEAST_SCALE2 * _stand_in(6) ** 2
-    return np.tile(np.linalg.inv(np.linalg.cholesky(cov + np.diag(least))), (problem.data.n, 1, 1))
+    return np.tile(np.linalg.inv(np.linalg.cholesky(cov + np.diag(least))), (len(r), 1, 1))
 
 
-def _finish(problem: Problem, last: _Iterate) -> Fit:
+def _finish(last: _Iterate) -> Fit:
     """Noise scale, covariance and distances at the end of an iteration."""
+    problem = last.problem
     n, c = last.point.z.shape
     pose = last.weights.pose
     good = _good(pose, c)
@@ -497,7 +535,9 @@ def _finish(problem: Problem, last: _Iterate) -> Fit:
         tool=problem.tool,
         hypotheses=problem.hypotheses,
         names=problem.names,
-        parameters=problem.parameters,
+        parameters=tuple(
+            replace(p, sigma=float(s)) for p, s in zip(problem.parameters, problem.sigma, strict=True)
+        ),
         estimate=last.point.coef,
         std_err=np.sqrt(np.diag(cov)),
         cov=cov,

@@ -90,8 +90,8 @@ class Competition:
         return tuple(c.agreeing(assumed) for c in self.candidates if _is_open(c, taken))
 
     def with_itself(self, open_: Sequence[Candidate], h: Hypothesis) -> tuple[Candidate, ...]:
-        """Candidates with an effect of the model itself, whose place they compete for. At some joints it shares
-        the prior of that at all of them; a second one stays when the first has left the model."""
+        """Candidates for the place of an effect of the model, with that effect itself: at some joints it
+        shares the prior of that at all of them; a second one stays when the first has left the model."""
         if any(c.name == h.name for c in open_):
             return tuple(open_)
         known = {c.name: c for c in self.candidates}
