@@ -163,3 +163,21 @@ def test_which_effects_are_open_beside_others(arm, library, tmp_path):
     assert "joint_ripple" not in some
     assert {"joint_ripple[1]", "second_ripple", "second_ripple[3]"} <= some
     assert not {"joint_ripple[2]", "joint_ripple[3]", "second_ripple[1]"} & some
+
+
+def test_an_effect_of_the_model_competes_for_its_own_place(arm, library, tmp_path):
+    """Also a second ripple at a joint that the first has left, alone or at several joints."""
+    bare = replace(arm, joints=tuple(replace(j, gear_ratio=None) for j in arm.joints))
+    data = measure(tmp_path, 20, 1)
+    competition = Competition.of(bare, data, library)
+
+    def competing(name, *others):
+        model = [replace(h, name=other) for other in others for h in library.find(other, bare, data)[:1]]
+        h = replace(library.find(name, bare, data)[0], name=name)
+        return {c.name: c.prior for c in competition.with_itself(competition.open(model), h)}
+
+    for name in ("second_ripple[2]", "second_ripple[2,3]"):
+        assert name in competing(name, "joint_ripple[1]")
+        assert name in competing(name)
+    there = competing("joint_ripple[1,2]")
+    assert there["joint_ripple[1,2]"] == there["joint_ripple"] == 0.5 * competing("backlash")["joint_ripple"]
