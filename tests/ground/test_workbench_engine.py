@@ -16,13 +16,14 @@ from kincal import workbench as wb
 from kincal.flight import Arm, Model, Observations, Terms
 from kincal.flight import library as build
 from kincal.schema.terms import parse_basis, split_product
-from kincal.workbench import evidence, explain, scoring
+from kincal.workbench import advice, evidence, explain, scoring
 from kincal.workbench.answers import fit_text
 from kincal.workbench.columns import Columns
 from kincal.workbench.fit import fit_model
 from kincal.workbench.measurable import Box, Limits
 from kincal.workbench.model import flight_model
 from kincal.workbench.nextposes import expected_probability, next_poses
+from kincal.workbench.reachable import Reachable
 from kincal.workbench.tails import rank_sum_p
 from kincal.workbench.uplink import term_table
 
@@ -276,6 +277,21 @@ def test_unlisted_product_effect_is_mapped_to_its_joint_and_drivers(arm, library
     assert answer.verdict == "novel"
     assert answer.novel.location == "joint 3"
     assert set(answer.novel.depends_on) == {"q4", "q6"}
+    inputs = advice.Inputs("arm.toml", ("--data", "d.csv"))
+    smooth = "kincal model add --model M.toml --arm arm.toml --data d.csv unnamed"
+    assert smooth in [step.command for step in advice.next_steps(answer, (), inputs)]
+    assert not answer.exhausted
+    # a model that has smooth functions: more of them are advised while anything that is left can be predicted
+    (added,) = wb.find_unnamed(
+        arm, answer.final.data, ["unnamed[joint 3: q4, q6]"], library=library
+    ).additions
+    smooth_in = wb.compare(arm, answer.final.data, [added.effect.hypothesis])
+    for left, exhausted in ((Reachable(1e-3, None, 0.0), True), (Reachable(1e-3, None, 0.5), False)):
+        case = replace(answer, effects=(), comparison=replace(smooth_in, black_box=lambda left=left: left))
+        commands = [step.command for step in advice.next_steps(case, (), inputs)]
+        assert case.exhausted == exhausted
+        assert (smooth in commands) != exhausted
+        assert explain.verdict(case).endswith("do not follow what is recorded.") == exhausted
 
 
 def test_a_users_effect_in_ten_lines_is_fitted(arm, tmp_path):

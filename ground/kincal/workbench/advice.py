@@ -54,12 +54,13 @@ def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
     model = ("--model", inputs.model or _NEW_MODEL)
     if names:
         yield Step("add what was found to the model", _kincal("add", *model, *names))
-    if d.novel is not None:
+    smooth = d.novel is not None and not d.exhausted
+    if smooth:
         yield Step(
             "add smooth functions for what has no name, as many as predict better",
             _kincal("add", *model, *inputs.sources, UNNAMED),
         )
-    if names or d.novel is not None or inputs.model or d.verdict == "adequate":
+    if names or smooth or inputs.model or d.verdict == "adequate":
         yield Step("fit it and see what each effect brings", _kincal("fit", *inputs.sources, *model))
         words = (*model, "--format", "dh", "-o", _CALIBRATED)
         yield Step("take the calibrated arm away (also urdf, python, c)", _kincal("export", *words))

@@ -195,7 +195,9 @@ def verdict(d: Diagnosis) -> str:
     if d.verdict == "novel" and d.novel is not None:
         what = "Something is missing that no effect of the library describes"
         found = f"{what}: {unnamed(d.novel)}"
-        return f"{found}; {with_them}." if taken else f"{found}."
+        if taken:
+            return f"{found}; {with_them}."
+        return found + ("; held-out poses do not follow what is recorded" if d.exhausted else "") + "."
     names = listed([e.name for e in d.effects if e.accepted])
     if len(taken) == sum(e.accepted for e in d.effects):
         return f"Consistent with {names}: with {'it' if len(taken) == 1 else 'them'} {_held_fall(d)}."

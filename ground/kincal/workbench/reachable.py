@@ -48,6 +48,11 @@ class Reachable:
     parts: tuple[tuple[str, str], ...] = ()
     enough: bool = True
 
+    @property
+    def nothing(self) -> bool:
+        """The poses are enough to tell, and nothing that the model leaves follows what is recorded."""
+        return self.enough and self.shrink == 0.0
+
 
 def reachable(fit: Fit, data: Measurements, fitted: Indices, held: Indices) -> Reachable | None:
     """What can be reached on held-out poses beyond a model.

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from kincal.errors import CannotAnswer
+from kincal.schema.names import is_unnamed
 
 from ..adequacy import (
     NoiseFloor,
@@ -154,6 +155,14 @@ class Diagnosis:
     adequate_after: bool
     remainder: Remainder
     map_ln_bf: dict[tuple[str, str], float] = field(default_factory=dict)
+
+    @property
+    def exhausted(self) -> bool:
+        """The given model has smooth functions for what has no name, and held-out poses follow nothing else
+        that is recorded."""
+        reachable = self.comparison.reachable
+        smooth = any(is_unnamed(h.name) for h in self.comparison.fit_all.hypotheses)
+        return smooth and reachable is not None and reachable.nothing
 
 
 def conclude(study: Study, found: Selection) -> Diagnosis:
