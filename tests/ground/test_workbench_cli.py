@@ -487,6 +487,18 @@ def test_figures_of_awkward_data_are_made(tmp_path):
     assert "Nothing is missing that these data could show." in render(made)
 
 
+def test_nested_models_of_a_report_are_those_of_the_model_file(tmp_path):
+    """Effects under the name they were added by, and DH errors only where the model has them."""
+    arm, library = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml")), wb.Library.load()
+    data = wb.read_csv(poses.poses_csv(tmp_path / "d.csv", 40, 3), 7)
+    effects = library.find("backlash[3,4]", arm, data)
+    found = wb.diagnose(arm, data, library, effects, dh=False)
+    content = api.report_content(found, library, effects, names=["backlash[3,4]"], dh=False)
+    labels = [m.model for m in content.nested.models if m.block == content.nested.models[0].block]
+    assert labels[:2] == ["nominal", "+ backlash[3,4]"]
+    assert "DH" not in labels
+
+
 # --------------------------------------------------------------------------- what is refused
 
 

@@ -211,18 +211,21 @@ def report_content(
     given: Sequence[Hypothesis] = (),
     poses: Sequence[NextPose] = (),
     *,
+    names: Sequence[str] = (),
+    dh: bool = True,
     progress: Progress = no_progress,
 ) -> ReportContent:
     """What a report shows beside the diagnosis: nested models, confounding and harm of every effect.
 
-    given: the effects that the diagnosed model had from the start; poses: as `advise` gave them.
+    given: the effects that the diagnosed model had from the start, `names` what they were asked for as, dh
+    whether it has DH errors; poses: as `advise` gave them.
     """
     whole = diagnosis.comparison.fit_all
     arm = whole.arm
-    named = {h.name for h in given}
-    added = [h for h in diagnosis.final.hypotheses if h.name not in named]
-    data = diagnosis.comparison.data
-    nested = fit_nested(arm, data, [*given, *added], diagnosis.comparison.noise_floor, progress=progress)
+    had = {h.name for h in given}
+    added = [h for h in diagnosis.final.hypotheses if h.name not in had]
+    data, floor = diagnosis.comparison.data, diagnosis.comparison.noise_floor
+    nested = fit_nested(arm, data, [*given, *added], floor, names, dh=dh, progress=progress)
     shown = _shown(library, arm, whole.data)
     return ReportContent(
         diagnosis, library, nested, confounding(whole, shown), harm(whole, shown), tuple(poses)

@@ -127,7 +127,13 @@ def diagnose_command(
         with progress() as tick:
             answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick, begin=begin)
             poses = advise(answer, library)
-            shown = report_content(answer, library, effects, poses, progress=tick) if report_path else None
+            shown = (
+                report_content(
+                    answer, library, effects, poses, names=chosen.effects, dh=chosen.dh, progress=tick
+                )
+                if report_path
+                else None
+            )
         steps = next_steps(answer, poses, Inputs(str(arm_path), given.options(), str(model_path or "")))
         as_text = json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else ""
         said = as_text or diagnosis_text(answer, poses, steps)
