@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 @pytest.fixture(autouse=True, scope="session")
 def key_file(tmp_path_factory):
-    """Keys of the tests' own: nobody's home is touched."""
+    """Keys of the tests' own, and a journal beside them: nobody's home is touched."""
     path = tmp_path_factory.mktemp("keys") / "keys"
     keys.new(path)
     os.environ[keys.VARIABLE] = str(path)

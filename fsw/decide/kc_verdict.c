@@ -14,18 +14,18 @@ bool kc_verdict_all_rejected(const kc_est_t *est)
     return est->opt.outlier_max > 0u && est->n_outliers >= est->opt.outlier_max;
 }
 
-static bool poor(const kc_config_t *c, const kc_est_t *e, kc_status_t status, double p_fit)
+static bool poor(const kc_config_t *c, const kc_est_t *e, kc_status_t status, const kc_verdict_fit_t *fit)
 {
     bool all_rejected = kc_verdict_all_rejected(e);
-    return status != KC_OK || e->dof == 0u || e->noise_scale > c->poor_noise_scale ||
-           ((e->noise_scale > c->poor_noise_scale_unlikely || all_rejected) && p_fit < c->poor_p_fit);
+    return status != KC_OK || e->dof == 0u || fit->noise_scale > c->poor_noise_scale ||
+           ((fit->noise_scale > c->poor_noise_scale_unlikely || all_rejected) && fit->p_fit < c->poor_p_fit);
 }
 
-kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_status_t status, double p_fit,
-                        double p_no_change)
+kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_status_t status,
+                        const kc_verdict_fit_t *fit)
 {
-    if (poor(config, est, status, p_fit)) { return KC_VERDICT_POOR; }
-    return p_no_change > config->no_change_p ? KC_VERDICT_NO_CHANGE : KC_VERDICT_CHANGE;
+    if (poor(config, est, status, fit)) { return KC_VERDICT_POOR; }
+    return fit->p_no_change > config->no_change_p ? KC_VERDICT_NO_CHANGE : KC_VERDICT_CHANGE;
 }
 
 bool kc_verdict_acceptable(const kc_config_t *config, const kc_verdict_case_t *proposed)

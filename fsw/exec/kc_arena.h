@@ -7,12 +7,15 @@
  *                 are refused while a calibration runs or its correction waits for review, and the monitor
  *                 begins a new window after a calibration.
  *
+ *   proposal      in PROPOSE: no pose is chosen any more.
+ *
  * In STORE images in `idle` are handed to the store, and a correction or a table is put in force, for which
  * idle.scratch is used: the calibration part is not needed any more by then. */
 #ifndef KC_ARENA_H
 #define KC_ARENA_H
 
 #include "kc_acquire.h"
+#include "kc_consider.h"
 #include "kc_gp.h"
 #include "kc_journal.h"
 #include "kc_monitor.h"
@@ -41,6 +44,7 @@ typedef struct {
 
 typedef union {
     kc_arena_calibration_t calibration;
+    kc_consider_t proposal;
     kc_arena_idle_t idle;
 } kc_arena_t;
 

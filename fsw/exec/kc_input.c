@@ -7,7 +7,8 @@
 #include "kc_libm.h"
 #include "kc_vec.h"
 
-#define RESYNC_US 5000000u  /* stale for longer than this: the sender was started again */
+#define RESYNC_US 5000000u  /* stale for longer than this: the sender's clock was set back */
+#define JUMP_MAX 100u       /* how far a number may be ahead of the last one: 10 s at 10 Hz */
 #define FUTURE_US 50000u    /* clocks of two computers differ: how far a stamp may be ahead */
 #define JOINT_SLACK 0.5     /* how far encoder readings may be beyond the limits [rad or m] */
 #define SPEED_MAX 50.0      /* beyond any arm [rad/s or m/s]                                        */
@@ -58,14 +59,24 @@ static bool fresh(const kc_view_t *v, kc_out_t *out, int32_t field, uint64_t t_u
     return within(out, field, (double)t_us, (double)oldest, (double)(v->clock->clock_us + FUTURE_US));
 }
 
-/* Newer than the last accepted one. A sender that was started again counts from the beginning: when all
- * its numbers were stale for a while, its count is accepted. */
-static bool newer(const kc_view_t *v, kc_out_t *out, kc_sensor_t input, int32_t seq, int32_t last,
-                  uint64_t ok_us)
+/* What says when a message was made, and what its field of a number is called. */
+typedef struct {
+    kc_sensor_t input;
+    int32_t seq;
+    uint64_t t_us;
+} made_t;
+
+/* Newer than the last accepted one: the next by its number, a few lost ones between, or made later by its stamp. So
+ * neither a wild number nor a sender that was started again and counts from the beginning locks out what comes
+ * after it. When nothing was newer for a while, the clock of the sender was set back: what comes is taken. */
+static bool newer(const kc_view_t *v, kc_out_t *out, made_t m, made_t last, uint64_t ok_us)
 {
-    if (seq > last || v->clock->now_us - ok_us > RESYNC_US) { return true; }
-    kc_event(&out->events, KC_EVT_IN_STALE, (int32_t)input, (double)seq, (double)last);
-    return false;
+    uint32_t ahead = (uint32_t)m.seq - (uint32_t)last.seq; /* numbers wrap */
+    bool next = ahead > 0u && ahead <= JUMP_MAX;
+    bool later = m.t_us > last.t_us || v->clock->now_us - ok_us > RESYNC_US;
+    kc_event_id_t id = later ? KC_EVT_IN_JUMP : KC_EVT_IN_STALE;
+    if (!next) { kc_event(&out->events, id, (int32_t)m.input, (double)m.seq, (double)last.seq); }
+    return next || later;
 }
 
 /* ---- arm ---- */
@@ -98,20 +109,14 @@ static void take_fault(kc_input_t *i, kc_out_t *out, int32_t mask)
     i->fault_reported = mask;
 }
 
-/* A fault counts although the stamp is not of this time: clocks that disagree must not hide it. */
-static bool arm_fresh(kc_input_t *i, const kc_view_t *v, kc_out_t *out, const kc_arm_state_t *s)
+static bool arm_ok(const kc_view_t *v, kc_out_t *out, const kc_arm_state_t *s)
 {
-    if (fresh(v, out, KC_FIELD_ARM_T, s->t_us, KC_SILENT_US)) { return true; }
-    if (s->fault_mask != 0) { take_fault(i, out, s->fault_mask); }
-    return false;
-}
-
-static bool arm_ok(kc_input_t *i, const kc_view_t *v, kc_out_t *out, const kc_arm_state_t *s)
-{
-    const kc_telemetry_t *t = &i->telemetry;
+    const kc_telemetry_t *t = v->telemetry;
+    const made_t made = {KC_INPUT_ARM, s->seq, s->t_us}, last = {KC_INPUT_ARM, t->arm.seq, t->arm.t_us};
     uint32_t n = v->tables->arm.n_joints;
-    if (t->has_arm && !newer(v, out, KC_INPUT_ARM, s->seq, t->arm.seq, t->arm_ok_us)) { return false; }
-    if (!arm_fresh(i, v, out, s)) { return false; }
+    if (v->tables->crc[KC_TBL_ARM] == 0u) { return false; } /* nothing to check it against */
+    if (t->has_arm && !newer(v, out, made, last, t->arm_ok_us)) { return false; }
+    if (!fresh(v, out, KC_FIELD_ARM_T, s->t_us, KC_SILENT_US)) { return false; }
     if (s->n_joints != n) {
         kc_event(&out->events, KC_EVT_IN_COUNT, KC_INPUT_ARM, (double)s->n_joints, (double)n);
         return false;
@@ -127,15 +132,19 @@ static void clear_unused(kc_arm_state_t *s)
     }
 }
 
+/* A fault counts whatever else is wrong with the message, and until a state without one is accepted. */
 static void take_arm(kc_input_t *i, const kc_view_t *v, const kc_arm_state_t *s, kc_out_t *out)
 {
-    if (v->tables->crc[KC_TBL_ARM] == 0u) { return; } /* nothing to check it against */
-    if (!arm_ok(i, v, out, s)) { return; }
+    int32_t fault = s->fault_mask;
+    if (!arm_ok(v, out, s)) {
+        take_fault(i, out, i->telemetry.arm.fault_mask | fault);
+        return;
+    }
     i->telemetry.arm = *s;
     clear_unused(&i->telemetry.arm);
     i->telemetry.has_arm = true;
     i->telemetry.arm_ok_us = v->clock->now_us;
-    take_fault(i, out, s->fault_mask);
+    take_fault(i, out, fault);
 }
 
 /* ---- pan-tilt unit ---- */
@@ -143,9 +152,9 @@ static void take_arm(kc_input_t *i, const kc_view_t *v, const kc_arm_state_t *s,
 static bool pantilt_ok(const kc_view_t *v, kc_out_t *out, const kc_pantilt_state_t *s)
 {
     const kc_telemetry_t *t = v->telemetry;
-    if (t->has_pantilt && !newer(v, out, KC_INPUT_PANTILT, s->seq, t->pantilt.seq, t->pantilt_ok_us)) {
-        return false;
-    }
+    const made_t made = {KC_INPUT_PANTILT, s->seq, s->t_us},
+                 last = {KC_INPUT_PANTILT, t->pantilt.seq, t->pantilt.t_us};
+    if (t->has_pantilt && !newer(v, out, made, last, t->pantilt_ok_us)) { return false; }
     return fresh(v, out, KC_FIELD_PANTILT_T, s->t_us, KC_SILENT_US) &&
            within(out, KC_FIELD_PANTILT_PAN, s->pan_rad, -2.0 * KC_PI, 2.0 * KC_PI) &&
            within(out, KC_FIELD_PANTILT_TILT, s->tilt_rad, -2.0 * KC_PI, 2.0 * KC_PI);

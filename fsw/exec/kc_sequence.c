@@ -56,7 +56,7 @@ static kc_outcome_t begin(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     case KC_ST_LEARN:
     case KC_ST_REPORT: kc_update_begin(&app->learned); break;
     case KC_ST_SELECT: kc_select_begin(&app->arena.calibration); break;
-    case KC_ST_PROPOSE: kc_propose_begin(&app->proposing); break;
+    case KC_ST_PROPOSE: kc_propose_begin(&app->proposing, &app->arena.proposal); break;
     default: break;
     }
     return kc_outcome(KC_OC_STAY);
@@ -117,8 +117,8 @@ static kc_change_parts_t change_parts(kc_app_t *app)
 static kc_outcome_t propose(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     bool accepted = false;
-    kc_outcome_t oc = kc_propose_run(&app->proposing, &app->review, &app->tables, &app->view, &accepted, work,
-                                     out);
+    kc_outcome_t oc = kc_propose_run(&app->proposing, &app->arena.proposal, &app->review, &app->tables,
+                                     &app->view, &accepted, work, out);
     kc_change_kind_t kind = accepted ? KC_CHANGE_ACCEPT : KC_CHANGE_PROPOSE;
     if (oc.id == KC_OC_STORE) { kc_change_begin(&app->change, kind, &app->view, NULL); }
     return oc;

@@ -116,6 +116,67 @@ uint32_t kc_camera_visible(const kc_camera_t *cam, const kc_pose_t *T_cam_tool, 
     return seen;
 }
 
+/* Turning what is seen about an axis through a point, by angle_rad. */
+static void turn_about(const double axis[3], const double through_m[3], const double p_m[3], double angle_rad,
+                       double out[6])
+{
+    double arm[3];
+    kc_v3_sub(p_m, through_m, arm);
+    kc_v3_cross(axis, arm, out);
+    for (uint32_t k = 0u; k < 3u; k++) {
+        out[k] *= angle_rad;
+        out[3u + k] = angle_rad * axis[k];
+    }
+}
+
+/* Along, and about, the axes of a frame: six errors. Rotations are about through_m. */
+static void chain_frame(const double R[9], const double through_m[3], const double p_m[3], double sigma_m,
+                        double sigma_rad, double (*H)[6])
+{
+    for (uint32_t a = 0u; a < 3u; a++) {
+        double axis[3];
+        kc_m3_col(R, a, axis);
+        for (uint32_t k = 0u; k < 3u; k++) {
+            H[a][k] = sigma_m * axis[k];
+            H[a][3u + k] = 0.0;
+        }
+        turn_about(axis, through_m, p_m, sigma_rad, H[3u + a]);
+    }
+}
+
+/* About one axis of a frame. */
+static void chain_turn(const kc_pose_t *T, uint32_t axis, const double p_m[3], double sigma_rad,
+                       double out[6])
+{
+    double a[3];
+    kc_m3_col(T->R, axis, a);
+    turn_about(a, T->p_m, p_m, sigma_rad, out);
+}
+
+void kc_camera_chain(const kc_camera_t *cam, double pan_rad, double tilt_rad, const kc_pose_t *tool,
+                     double since_s, double H[KC_CHAIN_COUNT][6])
+{
+    kc_pose_t T;
+    const double *p = tool->p_m;
+    chain_frame(tool->R, p, p, cam->plate_sigma_m, cam->plate_sigma_rad, &H[KC_CHAIN_PLATE]);
+    kc_camera_pose(cam, pan_rad, tilt_rad, &T);
+    for (uint32_t k = 0u; k < 3u; k++) {
+        H[KC_CHAIN_SIZE][k] = cam->tag_size_sigma * (p[k] - T.p_m[k]);
+        H[KC_CHAIN_SIZE][3u + k] = 0.0;
+    }
+    kc_pose_from_quat(cam->mast_xyz_m, cam->mast_quat_wxyz, &T);
+    chain_frame(T.R, T.p_m, p, since_s * cam->drift_sigma_m_s, since_s * cam->drift_sigma_rad_s,
+                &H[KC_CHAIN_DRIFT]);
+    chain_frame(T.R, T.p_m, p, cam->mast_sigma_m, cam->mast_sigma_rad, &H[KC_CHAIN_MAST]);
+    chain_turn(&T, 2u, p, cam->zero_sigma_rad, H[KC_CHAIN_ZERO]);
+    kc_pose_screw(&T, 2u, 0.0, pan_rad);
+    chain_turn(&T, 1u, p, cam->zero_sigma_rad, H[KC_CHAIN_ZERO + 1u]);
+    chain_turn(&T, 0u, p, cam->axis_sigma_rad, H[KC_CHAIN_AXIS]);
+    kc_pose_screw(&T, 1u, 0.0, tilt_rad);
+    chain_turn(&T, 0u, p, cam->axis_sigma_rad, H[KC_CHAIN_AXIS + 1u]);
+    chain_turn(&T, 2u, p, cam->axis_sigma_rad, H[KC_CHAIN_AXIS + 2u]);
+}
+
 static void check_tags(kc_check_t *c, const kc_camera_t *cam)
 {
     for (uint32_t i = 0u; i < cam->n_tags; i++) {
@@ -144,6 +205,10 @@ kc_status_t kc_camera_validate(const kc_camera_t *cam, int32_t *index, double *g
     kc_check_finite(&c, &cam->cy_px, 1u, -1);
     kc_check(&c, cam->width_px >= 1u && cam->width_px <= 65535u, -1, cam->width_px);
     kc_check(&c, cam->height_px >= 1u && cam->height_px <= 65535u, -1, cam->height_px);
+    const double sigma[9] = {cam->mast_sigma_m,    cam->mast_sigma_rad,  cam->zero_sigma_rad,
+                             cam->axis_sigma_rad,  cam->tag_size_sigma,  cam->plate_sigma_m,
+                             cam->plate_sigma_rad, cam->drift_sigma_m_s, cam->drift_sigma_rad_s};
+    for (uint32_t k = 0u; k < 9u; k++) { kc_check(&c, sigma[k] >= 0.0 && kc_finite(sigma[k]), -1, sigma[k]); }
     kc_check(&c, cam->n_tags >= 1u && cam->n_tags <= KC_TAG_MAX, -1, cam->n_tags);
     if (c.st == KC_OK) { check_tags(&c, cam); }
     return kc_check_end(&c, index, got);

@@ -107,6 +107,7 @@ static void walk_decisions(kc_walk_t *w, kc_config_t *c)
     kc_walk_u32(w, 68u, &c->store_retries, 0u, 100u);
     kc_walk_u64(w, 69u, &c->store_retry_us, 1000u, HOUR_US);
     kc_walk_u64(w, 70u, &c->approval_timeout_us, 1000000u, HOUR_US);
+    kc_walk_u8(w, 71u, &c->frame, KC_RIGHT_IN_CAMERA, KC_RIGHT_IN_LANDER); /* kc_right_in_t */
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)

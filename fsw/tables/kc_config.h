@@ -8,12 +8,17 @@
 #include "kc_estimate.h"
 #include "kc_servo.h"
 
+/* Where a correction has to be right. camera: the tool goes where the camera sees its target, so an error of the
+ * camera's place counts as far as arm and camera disagree. lander: to places of the base frame that the camera is
+ * not asked for, and it counts in full (METHOD.md 6.1). */
+typedef enum { KC_RIGHT_IN_CAMERA = 0, KC_RIGHT_IN_LANDER = 1 } kc_right_in_t;
+
 typedef struct {
     /* design */
-    uint8_t acquisition;      /* kc_acq_t */
-    uint32_t n_poses;         /* poses of a calibration, 1..KC_MEAS_MAX */
+    uint8_t acquisition; /* kc_acq_t */
+    uint32_t n_poses; /* poses of a calibration, 1..KC_MEAS_MAX */
     uint32_t replicate_every; /* poses between two replicates, 0: none */
-    double beta_scale, a1;    /* eq. 7 scale; position weight of eq. 6 */
+    double beta_scale, a1; /* eq. 7 scale; position weight of eq. 6 */
     double sp_floor_m, sq_floor_rad;
     double vopt_len_m;
     double stop_pos_m, stop_rot_rad; /* stop when the predicted pose sigma is below both, 0 = off */
@@ -32,7 +37,7 @@ typedef struct {
     uint32_t servo_steps_max;
     double speed_scale;
     double arrive_tol; /* joint distance that counts as arrived [rad or m] */
-    double approach_rad;          /* length of the approach, the last motion before a measurement, from a
+    double approach_rad; /* length of the approach, the last motion before a measurement, from a
                                      random side of every joint [rad or m]; 0: no approach */
     /* estimating */
     kc_est_opt_t est;
@@ -41,10 +46,11 @@ typedef struct {
     double accept_change_max_pos_m; /* RMS change of predicted pose over the search space */
     double accept_sigma_max_pos_m;
     double accept_p_fit_min;
-    double no_change_p;                /* no change is proposed above this probability */
-    uint64_t budget_us;                /* 0 = none */
+    uint8_t frame; /* kc_right_in_t: where a correction has to be right */
+    double no_change_p; /* no change is proposed above this probability */
+    uint64_t budget_us; /* 0 = none */
     double power_idle_w, power_move_w; /* power at rest, and while arm or pan-tilt unit move */
-    double energy_budget_j;            /* 0 = none */
+    double energy_budget_j; /* 0 = none */
     /* model mismatch: largest residual of an observation with the best correction inside its bounds. Above
      * it the arm is not one that the paths were verified for; 0: not checked */
     double mismatch_pos_m, mismatch_rot_rad;

@@ -160,6 +160,9 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Restart flight: it loads what is stored. Or upload and activate that table.")                         \
     X(54, MEMORY_OBSERVATIONS, ERROR, "the {got:count} observations have changed in memory",                 \
       "None: that calibration is lost, START begins a new one.")                                             \
+    X(55, IN_JUMP, WARN,                                                                                     \
+      "{index:input} message numbered {got:count} after {want:count}: taken, its time stamp is newer",       \
+      "None if its sender was started again; otherwise find out who else sends.")                            \
     X(60, CAL_START, INFO,                                                                                   \
       "calibration {index:count} started: {got:count} poses, chosen by {want:acquisition}", "")              \
     X(61, CAL_POSE, INFO, "pose {index:pose} measured: {got:mm}, {want:mrad} from the prediction", "")       \

@@ -4,6 +4,7 @@
 #define ANGLE_MAX 6.2831853071795865
 #define LENGTH_MAX_M 10.0
 #define JOINT_MAX 100.0
+#define CHAIN_SIGMA_MAX 0.1 /* what it does to the estimate is computed to first order */
 #define COEF_ABS_MAX 1e6
 #define U16_MAX 0xffffu
 #define U32_MAX 0xffffffffu
@@ -76,6 +77,16 @@ static void walk_camera(kc_walk_t *w, kc_camera_t *c)
     kc_walk_u32(w, 13u, &c->width_px, 1u, 16384u);
     kc_walk_u32(w, 14u, &c->height_px, 1u, 16384u);
     walk_tags(w, c);
+    /* 1-sigma of the camera chain; 0 = exact */
+    kc_walk_f64(w, 20u, &c->mast_sigma_m, 0.0, CHAIN_SIGMA_MAX);
+    kc_walk_f64(w, 21u, &c->mast_sigma_rad, 0.0, CHAIN_SIGMA_MAX);
+    kc_walk_f64(w, 22u, &c->zero_sigma_rad, 0.0, CHAIN_SIGMA_MAX);
+    kc_walk_f64(w, 23u, &c->axis_sigma_rad, 0.0, CHAIN_SIGMA_MAX);
+    kc_walk_f64(w, 24u, &c->tag_size_sigma, 0.0, CHAIN_SIGMA_MAX);
+    kc_walk_f64(w, 25u, &c->plate_sigma_m, 0.0, CHAIN_SIGMA_MAX);
+    kc_walk_f64(w, 26u, &c->plate_sigma_rad, 0.0, CHAIN_SIGMA_MAX);
+    kc_walk_f64(w, 27u, &c->drift_sigma_m_s, 0.0, CHAIN_SIGMA_MAX);
+    kc_walk_f64(w, 28u, &c->drift_sigma_rad_s, 0.0, CHAIN_SIGMA_MAX);
 }
 
 static void walk_coef(kc_walk_t *w, kc_coef_t *c)
@@ -285,6 +296,16 @@ void kc_layout_walk(kc_walk_t *w, uint16_t kind, void *t)
     case KC_TBL_CONFIG: kc_config_walk(w, t); break;
     default: w->lost = 1u; break;
     }
+}
+
+uint16_t kc_layout_version(uint16_t kind)
+{
+    /* One more for every change of what a kind's image holds or means. */
+    static const uint16_t version[KC_TBL_COUNT] = {
+        [KC_TBL_ARM] = 1u,   [KC_TBL_CAMERA] = 2u, [KC_TBL_TERMS] = 1u,  [KC_TBL_KIN] = 1u,
+        [KC_TBL_SPACE] = 1u, [KC_TBL_KERNEL] = 1u, [KC_TBL_CONFIG] = 2u,
+    };
+    return kind < KC_TBL_COUNT ? version[kind] : 0u;
 }
 
 uint32_t kc_layout_struct_bytes(uint16_t kind)

@@ -56,7 +56,7 @@ kc_status_t kc_tbl_encode(uint16_t kind, const void *src, uint32_t from, uint8_t
     *n = size.pos;
     memcpy(hdr, s_magic, sizeof s_magic);
     put_le(&hdr[OFS_KIND], kind, 2u);
-    put_le(&hdr[OFS_VERSION], KC_TBL_VERSION, 2u);
+    put_le(&hdr[OFS_VERSION], kc_layout_version(kind), 2u);
     put_le(&hdr[OFS_BYTES], size.pos - KC_TBL_HDR_BYTES, 4u);
     put_le(&hdr[OFS_CRC], size.crc, 4u);
     w.out = buf;
@@ -103,8 +103,9 @@ static kc_status_t check_header(uint16_t kind, const uint8_t *image, uint32_t n,
     if (get_le(&image[OFS_KIND], 2u) != kind) {
         return bad_header(ev, HDR_KIND, (double)get_le(&image[OFS_KIND], 2u), (double)kind);
     }
-    if (get_le(&image[OFS_VERSION], 2u) != KC_TBL_VERSION) {
-        return bad_header(ev, HDR_VERSION, (double)get_le(&image[OFS_VERSION], 2u), (double)KC_TBL_VERSION);
+    if (get_le(&image[OFS_VERSION], 2u) != kc_layout_version(kind)) {
+        return bad_header(ev, HDR_VERSION, (double)get_le(&image[OFS_VERSION], 2u),
+                          (double)kc_layout_version(kind));
     }
     if (get_le(&image[OFS_BYTES], 4u) != n - KC_TBL_HDR_BYTES) {
         return bad_header(ev, HDR_BYTES, (double)get_le(&image[OFS_BYTES], 4u),

@@ -1,6 +1,6 @@
 /* Tables: staged, validated entry by entry, activated whole, dumped; images with CRC and version.
  *
- * Image: magic "KCT1", u16 kind, u16 layout version, u32 payload bytes, u32 CRC-32 (IEEE) of the
+ * Image: magic "KCT1", u16 kind, u16 layout version of that kind, u32 payload bytes, u32 CRC-32 (IEEE) of the
  * payload, payload. Every field little-endian, doubles as IEEE 754 bits. One function per kind walks
  * the fields for reading, writing and sizing, so the three can't disagree. */
 #ifndef KC_TABLES_H
@@ -28,7 +28,6 @@ typedef enum {
 } kc_tbl_kind_t;
 
 #define KC_TBL_HDR_BYTES 16u
-#define KC_TBL_VERSION 1u
 
 /* The correction in force. */
 typedef struct {

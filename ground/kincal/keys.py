@@ -6,6 +6,7 @@ flight's (fsw/decide/kc_auth.c, fsw/exec/kc_signed.c)."""
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import os
@@ -13,8 +14,9 @@ import secrets
 import stat
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,6 +29,9 @@ MOST = 2
 _HEAD = "kincal-keys 1"
 _SECRET_BYTES, _MAC_BYTES = 32, 16
 _ID_MAX = 2**31 - 1
+_COUNT_MAX = 2**63 - 1  # as messages carry it
+_COUNT_BYTES = 64
+_OWN = "a file of your own has to be there, or none"
 # label, key, counter, t_us, source; then what a command or a chunk says
 _SENDER = "<16sIQqi"
 _CMD = struct.Struct(_SENDER + "ii4iq4d")
@@ -45,10 +50,13 @@ class Key:
     id: int
     secret: bytes
 
+    def digest(self, text: bytes) -> bytes:
+        """MAC of a text, 16 bytes."""
+        return hashlib.blake2b(text, key=self.secret, digest_size=_MAC_BYTES).digest()
+
     def mac(self, text: bytes) -> tuple[int, int]:
-        """MAC of a text, as messages carry it."""
-        digest = hashlib.blake2b(text, key=self.secret, digest_size=_MAC_BYTES).digest()
-        low, high = _MAC.unpack(digest)
+        """The same, as messages carry it."""
+        low, high = _MAC.unpack(self.digest(text))
         return low, high
 
 
@@ -56,10 +64,13 @@ class Key:
 
 
 class Signer:
-    """Signs messages with a key; `count` numbers them."""
+    """Signs messages with a key; `count` numbers them. known: keys whose signatures it can check; counters:
+    of the last message that it signed, by source."""
 
-    def __init__(self, key: Key, count: Count) -> None:
+    def __init__(self, key: Key, count: Count, known: Sequence[Key] = ()) -> None:
         self.key, self.count = key, count
+        self.known = tuple(known) or (key,)
+        self.counters: dict[int, int] = {}
 
     def command(self, m: _M) -> _M:
         """The same cmd_t, signed for its source."""
@@ -72,8 +83,16 @@ class Signer:
     def _sign(self, message: _M, text: Callable[[Any], bytes]) -> _M:
         m: Any = message
         m.key_id, m.counter = self.key.id, self.count(m.source)
+        self.counters[m.source] = m.counter
         m.mac = list(self.key.mac(text(m)))
         return message
+
+
+def signed_by(command: Any, key: Key) -> bool:
+    """Whether this key made the signature of a cmd_t."""
+    if command.key_id != key.id or command.counter < 0:
+        return False
+    return tuple(command.mac) == key.mac(_command_text(command))
 
 
 def _command_text(m: Any) -> bytes:
@@ -107,15 +126,15 @@ def counters_beside(keys: Path) -> Count:
 
     def count(source: int) -> int:
         path = count_file(keys, source)
-        with _opened(path) as file:
+        with open_own(path, "the counter cannot be kept") as file:
             fcntl.flock(file, fcntl.LOCK_EX)
-            text = file.read().strip()
-            if text and not text.isdecimal():
+            text = file.read(_COUNT_BYTES).strip()
+            if text and not (text.isdigit() and int(text) < _COUNT_MAX):
                 raise BadInput("this is no counter", str(path), "write the number of the event CMD_REPLAYED")
             counter = int(text or time.time_ns() // 1000) + 1
             file.seek(0)
             file.truncate()
-            file.write(f"{counter}\n")
+            file.write(f"{counter}\n".encode())
         return counter
 
     return count
@@ -126,11 +145,21 @@ def count_file(keys: Path, source: int) -> Path:
     return keys.with_name(f"{keys.name}.count{source}")
 
 
-def _opened(path: Path) -> Any:
+def open_own(path: Path, what: str, flags: int = 0) -> FileIO:
+    """A file of this user to read and write, made for its owner only if it is missing. BadInput, beginning
+    with `what`, if it is a link (who may write in the folder could lead it to any file of this user), no
+    regular file, or somebody else's."""
+    opening = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | flags
     try:
-        return open(os.open(path, os.O_RDWR | os.O_CREAT, 0o600), "r+", encoding="ascii")
+        file = os.fdopen(os.open(path, opening, 0o600), "r+b", buffering=0)
     except OSError as error:
-        raise BadInput(f"the counter cannot be kept: {error.strerror}", str(path)) from None
+        why = "this is a symbolic link" if error.errno == errno.ELOOP else str(error.strerror)
+        raise BadInput(f"{what}: {why}", str(path), _OWN) from None
+    status = os.fstat(file.fileno())
+    if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid():
+        file.close()
+        raise BadInput(f"{what}: this is no regular file of yours", str(path), _OWN)
+    return file
 
 
 # ---- key file
@@ -143,7 +172,8 @@ def file_of(path: Path | None) -> Path:
 
 def signer_of(path: Path) -> Signer:
     """Signs with the first key of a file, counters beside it. BadInput as `read`."""
-    return Signer(read(path)[0], counters_beside(path))
+    known = read(path)
+    return Signer(known[0], counters_beside(path), known)
 
 
 def read(path: Path) -> tuple[Key, ...]:

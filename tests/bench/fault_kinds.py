@@ -256,7 +256,7 @@ def encoder_noise(t, rng):
     )
 
 
-@kind("sequence numbers of the arm begin again", "IN_STALE", *STOPS)
+@kind("sequence numbers of the arm begin again", "IN_JUMP")
 def arm_restarted(t, _rng):
     return to_flight(changed(ARM, t, lambda m, k: setattr(m, "seq", k - t + 1)))
 

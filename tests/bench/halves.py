@@ -35,7 +35,7 @@ import numpy as np  # noqa: E402
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "ground"), str(Path(__file__).parent)]
 
-from real import Case, find_sets  # noqa: E402
+from real import DATA, Case, find_sets  # noqa: E402
 
 CLAIM = 0.9
 AGREEING = 0.8  # share of the halves
@@ -184,7 +184,7 @@ def line(o: Outcome) -> str:
 def main() -> int:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("folder", nargs="?", type=Path, default=ROOT.parent / "shared" / "data")
+    parser.add_argument("folder", nargs="?", type=Path, default=DATA)
     parser.add_argument("--only", nargs="+", default=[], help="sets whose names contain one of these")
     parser.add_argument("--halves", type=int, default=10)
     parser.add_argument("--permutations", type=int, default=20)

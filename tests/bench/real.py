@@ -36,6 +36,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT / "docs" / "data"
 sys.path.insert(0, str(ROOT / "ground"))
 
 JUDGING = "_random"
@@ -329,7 +330,7 @@ def run(cases: list[Case], most: int | None, json_path: Path | None) -> list[Row
 def main() -> int:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("folder", nargs="?", type=Path, default=ROOT.parent / "shared" / "data")
+    parser.add_argument("folder", nargs="?", type=Path, default=DATA)
     parser.add_argument("--only", nargs="+", default=[], help="sets whose names contain one of these")
     parser.add_argument("--json", type=Path, help="write all figures there")
     parser.add_argument("--max-poses", type=int, help="of each set, evenly spread (all if absent)")

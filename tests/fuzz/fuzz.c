@@ -8,6 +8,7 @@
 #include "given_tables.h"
 #include "given_world.h"
 #include "kc_crc.h"
+#include "kc_layout.h"
 
 void fuzz_broken(const char *what, const char *file, int line)
 {
@@ -78,7 +79,7 @@ void fuzz_seal_image(uint16_t kind, uint8_t *image, uint32_t n)
     memcpy(image, magic, sizeof magic);
     image[4] = (uint8_t)kind;
     image[5] = (uint8_t)(kind >> 8);
-    image[6] = (uint8_t)KC_TBL_VERSION;
+    image[6] = (uint8_t)kc_layout_version(kind);
     image[7] = 0u;
     given_resealed(image, n);
 }

@@ -56,6 +56,7 @@ static spoil_t s_spoil;
 static kc_chunk_t s_chunk[KC_CHUNK_QUEUE_MAX];
 static uint32_t s_n_chunk;
 static kc_detection_t s_det; /* the newest one that was seen */
+static int32_t s_faults; /* of the arm, in the input of the last step */
 
 static void spoil_arm(kc_arm_state_t *a, const spoil_t *s)
 {
@@ -120,6 +121,18 @@ static void spoil_in(kc_in_t *in)
         spoil_det(&in->det[0], &s_spoil);
     }
     s_spoil.which = 0u;
+    s_faults = in->has_arm ? in->arm.fault_mask : 0;
+}
+
+/* A fault of the arm is taken whatever else its message is, and ends a calibration; it goes when a state without one
+ * is accepted. before: taken before this step. */
+static void check_faults(int32_t before)
+{
+    const kc_telemetry_t *t = &APP->input.telemetry;
+    bool accepted = t->has_arm && t->arm_ok_us == APP->clock.now_us;
+    int32_t held = accepted ? 0 : before;
+    MUST((t->arm.fault_mask & (s_faults | held)) == (s_faults | held));
+    MUST(t->arm.fault_mask == 0 || !world_calibrating());
 }
 
 /* ---- actions ---- */
@@ -146,9 +159,11 @@ static void step(void)
 {
     kc_state_t before = kc_app_state(APP);
     uint32_t kin_crc = kc_app_active(APP)->crc[KC_TBL_KIN];
+    int32_t fault = APP->input.telemetry.arm.fault_mask;
     if (s_steps++ >= STEPS_MAX) { return; }
     world_tick();
     fuzz_check_step(APP, &world.out, before, kin_crc);
+    check_faults(fault);
     check_messages(&world.out);
 }
 

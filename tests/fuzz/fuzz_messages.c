@@ -1,9 +1,11 @@
-/* What arrives over LCM, through the handlers of the flight process and its queue, into the input of a step.
+/* What arrives over LCM, through the handlers of the flight process and its queue, into the input of a step; the states
+ * of arm and pan-tilt unit also through the component's checks, with the world of the unit tests.
  *
  * Input: messages, each a channel, a length and bytes; the type's fingerprint is put before them, or not. */
 #include <string.h>
 
 #include "fuzz.h"
+#include "given_world.h"
 #include "kc_edge.h"
 #include "kc_wire.h"
 #include "kcm_time_t.h"
@@ -73,6 +75,9 @@ int LLVMFuzzerInitialize(int *argc, char ***argv)
 {
     (void)argc;
     (void)argv;
+    fuzz_given_world(0u);
+    world_boot();
+    world_tick();
     MUST(kc_edge_open(&s_edge, "memq://", &s_files, &kc_app_instance, false));
     for (uint32_t i = 0u; i < CHANNELS; i++) { MUST(s_handler[i] != NULL); }
     return 0;
@@ -91,13 +96,14 @@ static uint32_t make_message(fuzz_t *f, uint32_t channel, uint8_t how)
     return (how & 1u) != 0u ? n : whole;
 }
 
-/* The handler takes what LCM's decoder takes, and the rest counts as an error. */
-static void receive(uint32_t channel, uint32_t n)
+/* The handler takes what LCM's decoder takes, and the rest counts as an error. faults: bits of all arm states. */
+static void receive(uint32_t channel, uint32_t n, int32_t *faults)
 {
     uint32_t errors = s_edge.n_rx_errors;
     int used = decode(channel, (int)n);
     MUST(used <= (int)n);
     if (used >= 0) { MUST(encode(channel) == used && memcmp(s_again, s_buf, (size_t)used) == 0); }
+    if (used >= 0 && channel == 2u) { *faults |= s_message.arm.fault_mask; }
     uint8_t *end = &s_arrived[sizeof s_arrived - n]; /* what reads past it is found */
     memcpy(end, s_buf, n);
     s_handler[channel](&(lcm_recv_buf_t){.data = end, .data_size = n, .lcm = s_edge.lcm}, s_channel[channel],
@@ -126,6 +132,20 @@ static void take_all(int64_t now_us)
     for (uint32_t i = 0u; i < q->n_det; i++) { MUST(q->det[i].t_us >= now_us); }
 }
 
+/* What the component takes of the states: no fault is lost, whatever its message was and whatever came after it. */
+static void check_faults(int32_t faults)
+{
+    static kc_out_t out;
+    const kc_app_t *app = &kc_app_instance;
+    kc_input_t input = app->input;
+    kc_view_t view = app->view;
+    view.telemetry = &input.telemetry;
+    out.events.n = 0u;
+    kc_input_telemetry(&input, &view, &s_edge.in, &out);
+    MUST((input.telemetry.arm.fault_mask & faults) == faults);
+    MUST(faults == 0 || out.events.n > 0u);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     fuzz_t f = {data, size};
@@ -139,13 +159,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     for (uint32_t i = 0u; i < MESSAGES_MAX && f.left > 0u; i++) {
         uint32_t channel = fuzz_u8(&f) % CHANNELS;
         uint8_t how = fuzz_u8(&f);
-        receive(channel, make_message(&f, channel, how));
+        receive(channel, make_message(&f, channel, how), &faults);
         check_queue(&s_edge.queue);
-        if (channel == 2u && s_edge.in.has_arm) {
-            MUST((s_edge.in.arm.fault_mask & faults) == faults); /* no fault is lost */
-            faults = s_edge.in.arm.fault_mask;
-        }
     }
+    check_faults(faults);
     take_all(s_edge.now_us);
     return 0;
 }

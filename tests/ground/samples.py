@@ -34,6 +34,9 @@ def proposal(verdict: int = 1, n_coef: int = 54) -> kcm.proposal_t:
     p.noise_scale, p.p_fit, p.p_no_change, p.kkt, p.cond = 0.98, 0.57, 1e-9, 1e-12, 12.0
     p.fit_pos_m, p.fit_rot_rad, p.before_pos_m, p.before_rot_rad = 4e-4, 2e-3, 3e-2, 5e-2
     p.pred_pos_m, p.pred_rot_rad, p.crc_kin_before = 3e-4, 1e-3, 0x1234
+    p.frame, p.pred_camera_pos_m, p.pred_camera_rot_rad = p.CAMERA, 3e-4, 1e-3
+    p.pred_lander_pos_m, p.pred_lander_rot_rad = 9e-4, 2e-3
+    p.pred_noise_pos_m, p.pred_noise_rot_rad = 1e-4, 5e-4
     return p
 
 

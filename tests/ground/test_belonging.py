@@ -4,7 +4,6 @@ are found; and the arm that a model for flight is of."""
 from __future__ import annotations
 
 import json
-import os
 import struct
 import zlib
 from dataclasses import replace
@@ -14,6 +13,7 @@ import numpy as np
 import poses
 import pytest
 from commands import kincal
+from real_arms import DATA
 
 from kincal import tables
 from kincal import workbench as wb
@@ -25,12 +25,7 @@ from kincal.workbench.belonging import check
 from kincal.workbench.readers import read_measurements
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 SETS = {"wam": "wam/wam", "ur5": "ur5/ur5", "ur10": "ur10/ur10d", "fr3": "fr3/fr3"}
-
-needs_data = pytest.mark.skipif(
-    not DATA.is_dir(), reason="the real measurements are not beside this checkout"
-)
 
 
 def real(name):
@@ -45,7 +40,6 @@ def codes(arm, data, *, thorough=False):
 # --------------------------------------------------------------------------- no false findings
 
 
-@needs_data
 @pytest.mark.parametrize("name", SETS)
 def test_nothing_is_found_on_a_real_set_that_is_right(name):
     answer = check(*real(name))
@@ -132,7 +126,6 @@ ON = {
 }
 
 
-@needs_data
 @pytest.mark.parametrize(("name", "case"), [(name, case) for name, cases in ON.items() for case in cases])
 def test_a_wrong_reading_of_a_real_set_is_found(name, case):
     spoil, expected = WRONG[case]
@@ -140,7 +133,6 @@ def test_a_wrong_reading_of_a_real_set_is_found(name, case):
     assert expected <= codes(replace(arm, source="spoilt"), data)
 
 
-@needs_data
 def test_quaternion_order_and_inverse_of_a_real_set_are_found():
     arm, data = real("fr3")
     assert codes(arm, replace(data, quat_wxyz=np.roll(data.quat_wxyz, -1, axis=1))) == {"quaternion_order"}

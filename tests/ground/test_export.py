@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import re
 import sys
 from dataclasses import replace
@@ -16,6 +15,7 @@ import poses
 import pytest
 from click.testing import CliRunner
 from exports import CModule, drivers_at, hypothesis, python_module, random_data, unfitted
+from real_arms import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
@@ -498,15 +498,10 @@ def test_sigma_of_a_dh_parameter_is_that_of_the_sum_it_consists_of(tmp_path):
 
 # --------------------------------------------------------------------------- real arms
 
-SHARED = Path(os.environ.get("KINCAL_DATA", ROOT.parent / "shared" / "data"))
 REAL = {
-    "wam": (
-        ROOT / "docs" / "data" / "wam",
-        "wam.csv",
-        ["backlash[1]", "joint_gravity[2,3]", "joint_ripple[4]"],
-    ),
-    "fr3": (SHARED / "fr3", "fr3.csv", ["lens_radial", "encoder_eccentricity[2]"]),
-    "ur10": (SHARED / "ur10", "ur10d.csv", ["bearing_wobble[2]", "joint_gravity[2]"]),
+    "wam": (DATA / "wam", "wam.csv", ["backlash[1]", "joint_gravity[2,3]", "joint_ripple[4]"]),
+    "fr3": (DATA / "fr3", "fr3.csv", ["lens_radial", "encoder_eccentricity[2]"]),
+    "ur10": (DATA / "ur10", "ur10d.csv", ["bearing_wobble[2]", "joint_gravity[2]"]),
 }
 
 
@@ -514,8 +509,6 @@ REAL = {
 def test_exports_of_a_real_arm_reproduce_predict(name, tmp_path):
     pinocchio = pytest.importorskip("pinocchio")
     home, file, names = REAL[name]
-    if not home.is_dir():
-        pytest.skip(f"no {home}")
     arm = read_arm(next(home.glob("*.toml")))
     data = read_measurements(home / file, arm)
     fit = fit_model(arm, data, wb.choose_constants(Library.load(), names, arm, data))
@@ -633,9 +626,7 @@ def test_sensor_is_left_out_and_named_if_its_effects_assume_several_targets(tmp_
 
 def test_model_file_keeps_the_camera_and_target_that_were_assumed(tmp_path):
     """Nothing is stated: the board follows from the measurements, which the export does not see."""
-    home = SHARED / "fr3"
-    if not home.is_dir():
-        pytest.skip(f"no {home}")
+    home = DATA / "fr3"
     arm, data, out = next(home.glob("*.toml")), home / "fr3.csv", tmp_path / "M.toml"
     runner = CliRunner()
     for words in (("add", "--model", out, "lens_radial"),

@@ -112,6 +112,46 @@ def test_counters_grow_over_senders_and_each_source_has_its_own(file):
     assert keys.signer_of(file).command(command()).counter == ground[0] + 3
 
 
+def test_a_counter_that_is_a_link_or_a_pipe_is_refused_and_what_it_leads_to_stays(file, tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("41\n")
+    count = keys.count_file(file, 2)
+    count.symlink_to(victim)
+    with pytest.raises(BadInput, match="this is a symbolic link") as refused:
+        keys.signer_of(file).command(command())
+    assert refused.value.where == str(count) and victim.read_text() == "41\n"
+    count.unlink()
+    os.mkfifo(count)
+    with pytest.raises(BadInput, match="no regular file of yours"):
+        keys.signer_of(file).command(command())
+
+
+def test_a_counter_of_another_user_is_refused(file, monkeypatch):
+    count = keys.count_file(file, 2)
+    count.write_text("41\n")
+    monkeypatch.setattr(os, "geteuid", lambda: count.stat().st_uid + 1)
+    with pytest.raises(BadInput, match="no regular file of yours"):
+        keys.counters_beside(file)(2)
+
+
+@pytest.mark.parametrize("text", ["x", "-1", "1.5", "\u0663", str(2**63 - 1), "9" * 100, "1\n2"])
+def test_what_is_no_counter_is_refused_and_left(file, text):
+    count = keys.count_file(file, 2)
+    count.write_text(text, encoding="utf-8")
+    with pytest.raises(BadInput, match="this is no counter"):
+        keys.signer_of(file).command(command())
+    assert count.read_text(encoding="utf-8") == text
+
+
+def test_a_signature_is_known_by_its_key(file, tmp_path):
+    signer, other = keys.signer_of(file), keys.new(tmp_path / "other")
+    m = signer.command(command())
+    assert signer.counters == {2: m.counter} and keys.signed_by(m, signer.key)
+    assert not keys.signed_by(m, other)
+    m.opcode = m.ABORT
+    assert not keys.signed_by(m, signer.key)
+
+
 def test_counters_that_were_lost_begin_above_those_before(file):
     before = keys.signer_of(file).command(command()).counter
     keys.count_file(file, 2).unlink()

@@ -1,22 +1,18 @@
 """What a black box reaches: its process against scikit-learn and scipy, its answer on arms with and without
 something to find."""
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import poses
 import pytest
+from real_arms import DATA
 from scipy import optimize, stats
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from kincal import workbench as wb
 from kincal.workbench.components import Components, Place, Variances
-
-DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
-real = pytest.mark.skipif(not DATA.is_dir(), reason="no real measurements in ../shared/data")
 
 
 def scalar(x, y, columns, length):
@@ -127,7 +123,6 @@ def real_set(folder, name, most=None):
     return arm, data if most is None else data.take(np.arange(most))
 
 
-@real
 @pytest.mark.parametrize(
     ("folder", "name", "most", "reached_mm"),
     [
@@ -143,7 +138,6 @@ def test_real_arms_reach_what_independent_fits_reach(folder, name, most, reached
     assert 1e3 * reached.pos_m <= reached_mm
 
 
-@real
 @pytest.mark.parametrize("folder", ["wam", "fr3"])
 def test_permuted_residuals_of_real_arms_hold_nothing(folder):
     """Residuals of another pose each, added to the fitted positions."""

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import poses
 import pytest
+from real_arms import DATA
 
 BENCH = Path(__file__).resolve().parent.parent / "bench" / "real.py"
+NAMES = ["fr3", "ur10d", "ur5", "wam"]
 
 
 def run(folder, *options):
@@ -75,3 +77,23 @@ def test_a_folder_without_sets_is_said(tmp_path):
     process = run(tmp_path)
     assert process.returncode == 2
     assert "no set" in process.stderr
+
+
+def test_without_a_folder_the_sets_that_ship_are_taken():
+    """In every clone: nothing beside it is looked for."""
+    ask = "import sys; from real import *; print([c.name.split('/')[-1] for c in find_sets(DATA)])"
+    for program in ("real", "halves"):
+        done = subprocess.run([sys.executable, "-c", ask.replace("real", program)], cwd=BENCH.parent,
+                              capture_output=True, text=True, check=True)  # fmt: skip
+        assert done.stdout == f"{NAMES}\n"
+
+
+@pytest.mark.parametrize("folder", sorted(p for p in DATA.iterdir() if p.is_dir()), ids=lambda p: p.name)
+def test_a_set_that_ships_has_its_notice_and_its_source(folder):
+    notice = (folder / "LICENSE").read_text()
+    assert notice.startswith("MIT License\n\nCopyright (c) 20")
+    assert "Permission is hereby granted, free of charge" in notice
+    said = (folder / "README.md").read_text()
+    assert "https://github.com/" in said
+    assert "[LICENSE](LICENSE)" in said
+    assert f"[{folder.name}]({folder.name}/README.md)" in (DATA / "README.md").read_text()

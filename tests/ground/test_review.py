@@ -13,7 +13,7 @@ from fake_flight import FakeFlight
 from samples import CRC, progress, proposal, write_log
 
 import kcm
-from kincal import review, tables
+from kincal import keys, review, tables
 from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.errors import CommandFailed, KincalError
@@ -37,6 +37,11 @@ def names():
 @pytest.fixture
 def journal(tmp_path):
     return tmp_path / "journal.jsonl"
+
+
+@pytest.fixture
+def signer(key_file):
+    return keys.signer_of(key_file)
 
 
 # ------------------------------------------------------------------------ what is shown
@@ -118,10 +123,10 @@ def test_text_that_is_no_crc_is_refused(text):
         review.parse_crc(text)
 
 
-def test_list_names_proposals_and_decisions(tmp_path, journal):
+def test_list_names_proposals_and_decisions(tmp_path, journal, signer):
     log = tmp_path / "run.lcmlog"
     write_log(log)
-    review.record(journal, "reject", CRC, "me", "because", "url", None)
+    review.record(journal, "reject", CRC, "me", "because", "url", None, signer)
     out = CliRunner().invoke(main, ["review", "list", str(log), "--journal", str(journal)]).output
     assert "fedcba98" in out
     assert "because" in out
@@ -190,6 +195,8 @@ def test_approval_that_does_not_show_in_housekeeping_is_a_failure(journal):
         run = decide(flight, "approve", journal)
     assert run.exit_code == EXIT_FAILED
     assert "was not seen in housekeeping" in run.output
+    (entry,) = review.check_journal(journal)  # flight took it all the same
+    assert (entry.decision, entry.crc) == ("approve", f"{CRC:08x}")
 
 
 def test_silence_is_a_failure_with_a_hint(journal):
@@ -213,16 +220,16 @@ def test_decision_without_a_reason_is_refused_before_anything_is_sent():
 # ------------------------------------------------------------------------ journal
 
 
-def test_journal_grows_and_each_line_follows_from_the_one_before(journal):
+def test_journal_grows_and_each_line_follows_from_the_one_before(journal, signer):
     for n in range(3):
-        review.record(journal, "approve", n, "me", f"reason {n}", "url", None)
+        review.record(journal, "approve", n, "me", f"reason {n}", "url", None, signer)
     assert [e.why for e in review.check_journal(journal)] == ["reason 0", "reason 1", "reason 2"]
 
 
 @pytest.mark.parametrize("damage", ["edit", "delete", "garbage"])
-def test_changed_journal_is_noticed_and_stops_decisions(journal, damage):
+def test_changed_journal_is_noticed_and_stops_decisions(journal, damage, signer):
     for n in range(3):
-        review.record(journal, "approve", n, "me", f"reason {n}", "url", None)
+        review.record(journal, "approve", n, "me", f"reason {n}", "url", None, signer)
     lines = journal.read_text().splitlines()
     if damage == "edit":
         doc = json.loads(lines[0])
@@ -321,9 +328,9 @@ def test_rejected_poses_are_those_that_did_not_come_back(names):
     assert not status(log, replace(r, n_outliers=2)).exact
 
 
-def test_decisions_of_the_journal_stand_beside_their_proposal(names, journal):
-    review.record(journal, "reject", CRC, "me", "because", "url", None)
-    review.record(journal, "approve", 0x77, "you", "why not", "url", None)
+def test_decisions_of_the_journal_stand_beside_their_proposal(names, journal, signer):
+    review.record(journal, "reject", CRC, "me", "because", "url", None, signer)
+    review.record(journal, "approve", 0x77, "you", "why not", "url", None, signer)
     log = log_with([])
     r = review.from_message(log.sessions[3].proposal, names)
     assert [e.why for e in status(log, r, review.check_journal(journal)).decisions] == ["because"]

@@ -13,7 +13,7 @@ from rich.console import Console
 from samples import CRC, progress, proposal, result, signed
 from test_flight_arm import wam
 
-from kincal import link, run, tables
+from kincal import keys, link, run, tables
 from kincal.cli.text import run as show
 from kincal.errors import CommandFailed, KincalError
 from kincal.results import HeldOut
@@ -182,6 +182,7 @@ class FakeLink:
 
     def __init__(self):
         self.sent = []
+        self.signer = keys.Signer(keys.of_simulation(1), keys.counting())
 
     def command(self, opcode, arg_i=(), *_args, **_kw):
         self.sent.append((opcode, arg_i))

@@ -2,11 +2,11 @@
 
 import copy
 import json
-import os
 import tomllib
 from pathlib import Path
 
 import pytest
+from real_arms import DATA
 
 from kincal.errors import BadInput
 from kincal.flight import library
@@ -16,7 +16,6 @@ from kincal.schema.names import ACQUISITIONS
 from kincal.workbench.effects import Library
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA = Path(os.environ.get("KINCAL_DATA", ROOT.parent / "shared" / "data"))
 SHIPPED = {
     "arm": ROOT / "ground/kincal/arms/wam.toml",
     "effects": ROOT / "ground/kincal/workbench/effects.toml",
@@ -370,7 +369,6 @@ def test_shipped_library_reads():
     assert len(Library.load().effects) > 20
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason=f"no data of real arms in {DATA}")
 @pytest.mark.parametrize("path", sorted(DATA.glob("*/*.toml")), ids=lambda p: p.stem)
 def test_arm_of_real_data_reads(path):
     read = arm.read_arm(path)
@@ -432,6 +430,7 @@ def test_source_has_the_fields_of_its_struct(model, struct, differs):
     [
         (tables.ArmSourceJoint, "type", "kc_joint_type_t", "KC_"),
         (tables.ConfigSource, "acquisition", "kc_acq_t", "KC_ACQ_"),
+        (tables.ConfigSource, "frame", "kc_right_in_t", "KC_RIGHT_IN_"),
         (tables.KernelSource, "arg", "kc_kernel_arg_t", "KC_KERNEL_"),
         (space.KeepOut, "kind", "kc_volume_kind_t", "KC_VOL_"),
     ],

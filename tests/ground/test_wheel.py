@@ -108,6 +108,7 @@ CALLS = {
     "log": (RUN_LOG,),
     "review list": (RUN_LOG,),
     "review show": (RUN_LOG, "--picture", "new/review.png"),
+    "review verify": (RUN_LOG,),
     "review approve": ("12345678", "--by", "me", "--why", "because", *NOBODY),
     "review reject": ("12345678", "--by", "me", "--why", "because", *NOBODY),
     "key new": ("new/keys",),

@@ -1,13 +1,13 @@
 """Faults of camera and target in poses that were computed from many points: columns against OpenCV's PnP,
 and diagnoses of sets with a camera on the flange and with one that stands."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import boards
 import numpy as np
 import pytest
+from real_arms import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
@@ -22,7 +22,6 @@ from kincal.workbench.fit import fit_model
 from kincal.workbench.pnp import PnpColumns, column_number
 from kincal.workbench.uplink import term_table
 
-DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 STEP = 1e-4
 
 
@@ -261,16 +260,11 @@ def test_uplink_refuses_effects_of_another_camera(tmp_path, library):
 
 # --------------------------------------------------------------------------- a real arm
 
-needs_data = pytest.mark.skipif(
-    not DATA.is_dir(), reason="the real measurements are not beside this checkout"
-)
-
 
 def fr3() -> tuple[ArmTable, wb.Measurements]:
     return wb.read_arm(DATA / "fr3" / "fr3.toml"), wb.read_csv(DATA / "fr3" / "fr3.csv", 7)
 
 
-@needs_data
 def test_fr3_names_its_camera_and_predicts_held_out_poses(library):
     arm, data = fr3()
     answer = wb.diagnose(arm, data, library)
@@ -280,7 +274,6 @@ def test_fr3_names_its_camera_and_predicts_held_out_poses(library):
     assert not {"112", "113"} & set(find_outliers(answer.final).ids)
 
 
-@needs_data
 @pytest.mark.parametrize("seed", range(2))
 def test_fr3_with_permuted_residuals_blames_no_camera(library, seed):
     arm, data = fr3()

@@ -1,14 +1,13 @@
 """The workbench's statistics against independent numbers, and its answers on simulated hidden effects."""
 
-import os
 import re
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import poses
 import pytest
+from real_arms import DATA
 from scipy import stats
 from scipy.spatial import Delaunay
 
@@ -26,8 +25,6 @@ from kincal.workbench.nextposes import expected_probability, next_poses
 from kincal.workbench.reachable import Reachable
 from kincal.workbench.tails import rank_sum_p
 from kincal.workbench.uplink import term_table
-
-DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 
 
 def measure(tmp_path, n, seed, true_q=None, **more):
@@ -477,19 +474,13 @@ def test_poses_that_nothing_allows_and_doubled_effects_are_refused(arm, library,
 
 # --------------------------------------------------------------------------- real arms
 
-needs_data = pytest.mark.skipif(
-    not DATA.is_dir(), reason="the real measurements are not beside this checkout"
-)
 
-
-@needs_data
 def test_fr3_full_dh_meets_the_published_bar():
     answer = wb.compare(wb.read_arm(DATA / "fr3" / "fr3.toml"), wb.read_csv(DATA / "fr3" / "fr3.csv", 7))
     assert answer.rms["held"][0] <= 1.39e-3
     assert answer.rms["held"][1] <= 3.6e-3
 
 
-@needs_data
 def test_ur10_full_dh_meets_the_published_bar():
     answer = wb.compare(wb.read_arm(DATA / "ur10" / "ur10.toml"), wb.read_csv(DATA / "ur10" / "ur10d.csv", 6))
     assert answer.components == 3

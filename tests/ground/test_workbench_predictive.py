@@ -2,11 +2,11 @@
 
 import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import poses
 import pytest
+from real_arms import DATA
 
 from kincal import workbench as wb
 from kincal.workbench.columns import Columns
@@ -20,7 +20,6 @@ from kincal.workbench.fit import find_frames, fit_model, rms
 from kincal.workbench.parameters import DH_SIGMA
 from kincal.workbench.thinning import MANY, PART, part_of, spread, thinned
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 LIBRARY = wb.Library.load()
 TWIST = np.array([0.0, 1.0, 0.0, 0.6, 0.0, 0.0, 0.0])
 
@@ -272,12 +271,7 @@ def test_a_fit_in_a_curved_valley_comes_to_its_end(tmp_path):
 
 # --------------------------------------------------------------------------- real arms
 
-needs_data = pytest.mark.skipif(
-    not DATA.is_dir(), reason="the real measurements are not beside this checkout"
-)
 
-
-@needs_data
 def test_wam_is_named_and_predicted_better_than_by_independent_fits():
     arm = wb.read_arm(DATA / "wam" / "wam.toml")
     found = wb.diagnose(arm, wb.read_csv(DATA / "wam" / "wam.csv", 7), LIBRARY)

@@ -1,12 +1,10 @@
 """Unnamed effects as terms: their selection against independent statistics, their curve against the truth,
 the model file, flight; real arms."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import poses
 import pytest
+from real_arms import DATA
 from scipy import stats
 from sklearn.linear_model import Ridge
 
@@ -21,8 +19,6 @@ from kincal.workbench.products import product_dictionary, score_products, spots
 from kincal.workbench.scoring import Scorer, bulk_weights
 from kincal.workbench.unnamed import cell_moments, cells
 from kincal.workbench.uplink import term_image
-
-DATA = Path(os.environ.get("KINCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 
 NOISE_M = float(np.linalg.norm(poses.SIGMA[:3]))
 
@@ -218,7 +214,6 @@ def test_flight_computes_the_same_poses_with_these_terms(arm, measured, added):
 # ------------------------------------------------------------------------------------------- real arms
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the real measurements are not beside this checkout")
 @pytest.mark.parametrize(
     ("arm_file", "data_file", "joints", "most_mm"),
     [("ur10/ur10.toml", "ur10/ur10d.csv", 6, 0.27), ("ur5/ur5.toml", "ur5/ur5.csv", 6, 0.08)],

@@ -106,6 +106,8 @@ def test_ground_approved_in_two_steps_and_the_record_says_so(demo):
     assert log.hk.table_crc[review.KIN_KIND] == crc
     (entry,) = review.check_journal(out / "review.jsonl")
     assert (entry.decision, entry.crc) == ("approve", f"{crc & 0xFFFFFFFF:08x}")
+    assert (entry.key_id, entry.counter) == (ground[1].key_id, ground[1].counter)
+    assert f"{out / 'review.jsonl'}: 1 decisions, each line" in kincal("review", "verify", log.path).stdout
     assert f"table {entry.crc} is active" in done.stdout
 
 

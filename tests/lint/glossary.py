@@ -317,16 +317,18 @@ def check_links(root: Path) -> list[str]:
     return faults
 
 
-OUTSIDE = re.compile(r"\b(?:method|diagnosis|architecture|workbench)\.md\b|\.\./shared/spec\b")
+OUTSIDE = re.compile(
+    r"\b(?:method|diagnosis|architecture|workbench)\.md\b|\.\./shared\b|ROOT\.parent\b|\"shared\" /"
+)
 
 
 def check_outside(root: Path) -> list[str]:
-    """Pages outside the repository that sources or pages name."""
+    """Pages and folders outside the repository that sources or pages name."""
     faults = []
     for name, path in searched(root):
         for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
             if found := OUTSIDE.search(line):
-                faults.append(f"{name}:{number}: {found.group()} is outside the repository: METHOD.md?")
+                faults.append(f"{name}:{number}: {found.group()} is outside the repository")
     return faults
 
 

@@ -633,6 +633,10 @@ def test_a_state_is_explained_by_its_row_on_the_page_of_states(tmp_path, row, kn
         (GLOSSARY + "See [STATES](STATES.md).\n", "GLOSSARY.md: link to STATES.md leads nowhere"),
         (GLOSSARY + "See [hub](#hub).\n", "GLOSSARY.md: link to #hub leads nowhere"),
         (GLOSSARY + "See method.md 3.\n", "GLOSSARY.md:9: method.md is outside the repository"),
+        (
+            GLOSSARY + "The sets are in ../shared/data.\n",
+            "GLOSSARY.md:9: ../shared is outside the repository",
+        ),
     ],
 )
 def test_a_bad_row_link_or_reference_is_named(tmp_path, page, complaint):

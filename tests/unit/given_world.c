@@ -200,7 +200,7 @@ static void expose(kc_detection_t *d)
     d->seq = world.frame_requested;
     for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { q_true[j] = world.q[j] + world.bias[j]; }
     kc_arm_fk(&world.truth, q_true, &T_tool);
-    kc_camera_pose(&world.camera, world.pan, world.tilt, &T_cam);
+    kc_camera_pose(&world.camera, world.pan, world.tilt + world.tilt_bias_rad, &T_cam);
     kc_pose_inv(&T_cam, &T);
     kc_pose_mul(&T, &T_tool, &T);
     for (uint32_t i = 0u; i < KC_TAG_MAX; i++) { d->tag_id[i] = -1; }

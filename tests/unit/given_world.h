@@ -25,6 +25,7 @@ typedef struct {
     double q[KC_JOINT_MAX], q_cmd[KC_JOINT_MAX], bias[KC_JOINT_MAX]; /* reading = q, true joint = q + bias */
     double dir[KC_JOINT_MAX]; /* side from which each joint came last */
     double pan, tilt, pan_cmd, tilt_cmd;
+    double tilt_bias_rad; /* true tilt minus reading */
     int32_t arm_seq, pantilt_seq, cmd_seq[3], frame_requested;
     bool requested;
     uint64_t rng;

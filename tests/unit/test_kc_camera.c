@@ -281,3 +281,154 @@ void test_a_camera_with_wrong_tags_is_refused_by_number(void)
     s_cam.tag[0].quat_wxyz[0] = 0.0;
     refused(0, kc_sin(0.5 * 0.436));
 }
+
+/* ---- errors of the chain ---- */
+
+static const double PAN = 0.4, TILT = 0.3, SINCE_S = 200.0;
+
+static void given_sigmas(void)
+{
+    const double turned[4] = {0.8, 0.0, 0.0, 0.6};
+    memcpy(s_cam.mast_quat_wxyz, turned, sizeof turned);
+    s_cam.mast_sigma_m = 1e-3;
+    s_cam.mast_sigma_rad = 2e-3;
+    s_cam.zero_sigma_rad = 3e-3;
+    s_cam.axis_sigma_rad = 4e-3;
+    s_cam.tag_size_sigma = 5e-3;
+    s_cam.plate_sigma_m = 6e-3;
+    s_cam.plate_sigma_rad = 7e-3;
+    s_cam.drift_sigma_m_s = 8e-6;
+    s_cam.drift_sigma_rad_s = 9e-6;
+}
+
+static void given_tool(kc_pose_t *tool)
+{
+    const double xyz[3] = {0.6, -0.2, 0.3}, quat[4] = {0.36, 0.48, -0.64, 0.48};
+    kc_pose_from_quat(xyz, quat, tool);
+}
+
+/* Camera whose chain is off by shift_m and turn_rad (each times x) of the mast, of pan and tilt, and of the axes. */
+static void off(const double shift_m[3], const double turn_rad[3], const double zero[2], const double axis[3],
+                kc_pose_t *C)
+{
+    kc_pose_t T, mount;
+    kc_pose_from_quat(s_cam.mast_xyz_m, s_cam.mast_quat_wxyz, C);
+    kc_pose_identity(&T);
+    memcpy(T.p_m, shift_m, sizeof T.p_m);
+    kc_R_exp(turn_rad, T.R);
+    kc_pose_mul(C, &T, C);
+    kc_pose_screw(C, 2u, 0.0, PAN + zero[0]);
+    kc_pose_screw(C, 0u, 0.0, axis[0]);
+    kc_pose_screw(C, 1u, 0.0, TILT + zero[1]);
+    kc_pose_screw(C, 0u, 0.0, axis[1]);
+    kc_pose_screw(C, 2u, 0.0, axis[2]);
+    kc_pose_from_quat(s_cam.pantilt_xyz_m, s_cam.pantilt_quat_wxyz, &mount);
+    kc_pose_mul(C, &mount, C);
+}
+
+/* How far the tool seems to move: against H, to second order. */
+static void expect_moved(const kc_pose_t *seen, const kc_pose_t *tool, const double H[6])
+{
+    double r[6];
+    kc_pose_residual(seen, tool, r);
+    double size = 0.0;
+    for (uint32_t i = 0u; i < 6u; i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-4, H[i], r[i]);
+        size = fmax(size, fabs(H[i]));
+    }
+    TEST_ASSERT_TRUE(size > 5e-4);
+}
+
+static void expect_seen(const double shift_m[3], const double turn_rad[3], const double zero[2],
+                        const double axis[3], const double H[6])
+{
+    kc_pose_t tool, nominal, C;
+    given_tool(&tool);
+    kc_camera_pose(&s_cam, PAN, TILT, &nominal);
+    kc_pose_inv(&nominal, &nominal);
+    kc_pose_mul(&nominal, &tool, &nominal); /* as the camera sees it */
+    off(shift_m, turn_rad, zero, axis, &C);
+    kc_pose_mul(&C, &nominal, &C);
+    expect_moved(&C, &tool, H);
+}
+
+void test_errors_of_the_chain_move_the_tool_as_the_chain_itself_does(void)
+{
+    static double H[KC_CHAIN_COUNT][6];
+    const double none[3] = {0.0, 0.0, 0.0};
+    kc_pose_t tool;
+    given_sigmas();
+    given_tool(&tool);
+    kc_camera_chain(&s_cam, PAN, TILT, &tool, SINCE_S, H);
+    for (uint32_t a = 0u; a < 3u; a++) {
+        double shift[3] = {0.0, 0.0, 0.0}, turn[3] = {0.0, 0.0, 0.0}, axis[3] = {0.0, 0.0, 0.0};
+        shift[a] = 1e-3;
+        turn[a] = 2e-3;
+        axis[a] = 4e-3;
+        expect_seen(shift, none, none, none, H[KC_CHAIN_MAST + a]);
+        expect_seen(none, turn, none, none, H[KC_CHAIN_MAST + 3u + a]);
+        expect_seen(none, none, none, axis, H[KC_CHAIN_AXIS + a]);
+        shift[a] = 8e-6 * SINCE_S;
+        turn[a] = 9e-6 * SINCE_S;
+        expect_seen(shift, none, none, none, H[KC_CHAIN_DRIFT + a]);
+        expect_seen(none, turn, none, none, H[KC_CHAIN_DRIFT + 3u + a]);
+        double zero[2] = {a == 0u ? 3e-3 : 0.0, a == 1u ? 3e-3 : 0.0};
+        if (a < 2u) { expect_seen(none, none, zero, none, H[KC_CHAIN_ZERO + a]); }
+    }
+}
+
+void test_errors_of_the_tags_move_the_tool_in_its_own_frame_and_along_the_line_of_sight(void)
+{
+    static double H[KC_CHAIN_COUNT][6];
+    kc_pose_t tool, C, T;
+    given_sigmas();
+    given_tool(&tool);
+    kc_camera_chain(&s_cam, PAN, TILT, &tool, SINCE_S, H);
+    for (uint32_t a = 0u; a < 3u; a++) {
+        double w[3] = {0.0, 0.0, 0.0};
+        kc_pose_identity(&T);
+        T.p_m[a] = 6e-3;
+        kc_pose_mul(&tool, &T, &T);
+        expect_moved(&T, &tool, H[KC_CHAIN_PLATE + a]);
+        kc_pose_identity(&T);
+        w[a] = 7e-3;
+        kc_R_exp(w, T.R);
+        kc_pose_mul(&tool, &T, &T);
+        expect_moved(&T, &tool, H[KC_CHAIN_PLATE + 3u + a]);
+    }
+    kc_camera_pose(&s_cam, PAN, TILT, &C);
+    T = tool;
+    for (uint32_t i = 0u; i < 3u; i++) { T.p_m[i] += 5e-3 * (tool.p_m[i] - C.p_m[i]); }
+    expect_moved(&T, &tool, H[KC_CHAIN_SIZE]);
+}
+
+void test_an_exact_chain_moves_nothing(void)
+{
+    static double H[KC_CHAIN_COUNT][6];
+    kc_pose_t tool;
+    given_tool(&tool);
+    kc_camera_chain(&s_cam, PAN, TILT, &tool, SINCE_S, H);
+    for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
+        for (uint32_t i = 0u; i < 6u; i++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, H[k][i]); }
+    }
+}
+
+void test_a_sigma_of_the_chain_that_is_no_size_is_refused(void)
+{
+    double *sigma[] = {&s_cam.mast_sigma_m,    &s_cam.mast_sigma_rad,  &s_cam.zero_sigma_rad,
+                       &s_cam.axis_sigma_rad,  &s_cam.tag_size_sigma,  &s_cam.plate_sigma_m,
+                       &s_cam.plate_sigma_rad, &s_cam.drift_sigma_m_s, &s_cam.drift_sigma_rad_s};
+    const double bad[] = {-1e-6, (double)NAN, (double)INFINITY};
+    int32_t index;
+    double got;
+    for (uint32_t k = 0u; k < 9u; k++) {
+        for (uint32_t b = 0u; b < 3u; b++) {
+            given_camera();
+            *sigma[k] = bad[b];
+            TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_camera_validate(&s_cam, &index, &got));
+            TEST_ASSERT_EQUAL_INT(-1, index);
+        }
+        *sigma[k] = 0.1;
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_validate(&s_cam, &index, &got));
+    }
+}

@@ -436,7 +436,7 @@ void test_a_table_with_a_wrong_payload_crc_is_refused(void)
 void test_a_table_of_another_version_is_refused(void)
 {
     given_new_config();
-    s_image[6] = 2u;
+    s_image[6]++;
     image_refused(KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
 }
 

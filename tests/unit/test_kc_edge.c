@@ -206,6 +206,29 @@ void test_a_fault_in_an_earlier_message_of_a_step_counts(void)
     TEST_ASSERT_EQUAL_INT(3, APP->input.telemetry.arm.seq);
 }
 
+/* The state before is what the step sees, and refuses. */
+void test_a_fault_counts_if_an_old_state_comes_after_it(void)
+{
+    kcm_arm_state_t a;
+    memset(&a, 0, sizeof a);
+    a.n_joints = 7;
+    send_arm(1);
+    send_time(1);
+    pump();
+    a.t_us = 200000;
+    a.seq = 2;
+    a.fault_mask = 4;
+    SEND(arm_state_t, "KC_ARM_STATE", a);
+    a.t_us = 100000;
+    a.seq = 1;
+    a.fault_mask = 0;
+    SEND(arm_state_t, "KC_ARM_STATE", a);
+    send_time(2);
+    pump();
+    TEST_ASSERT_EQUAL_INT(1, APP->input.telemetry.arm.seq);
+    TEST_ASSERT_EQUAL_INT(4, APP->input.telemetry.arm.fault_mask);
+}
+
 void test_a_calibration_starts_over_the_network_and_moves_the_arm(void)
 {
     send_arm(1);

@@ -87,15 +87,57 @@ void test_arm_state_out_of_range_or_not_finite_is_refused(void)
     refuse_each(s, sizeof s / sizeof s[0], 1u);
 }
 
-void test_arm_state_with_a_repeated_or_older_number_is_refused(void)
+void test_arm_state_repeated_or_overtaken_is_refused(void)
 {
     for (int32_t back = 0; back < 3; back++) {
         given_idle();
         s_in.has_arm = 1u;
         s_in.arm.seq = APP->input.telemetry.arm.seq - back;
+        s_in.arm.t_us = APP->input.telemetry.arm.t_us - (uint64_t)back;
         refused(KC_EVT_IN_STALE, KC_INPUT_ARM);
         TEST_ASSERT_EQUAL_DOUBLE((double)APP->input.telemetry.arm.seq, only_event(KC_EVT_IN_STALE)->want);
     }
+}
+
+/* Up to 100 numbers may be lost; beyond, and behind, the stamp decides. */
+void test_a_number_far_ahead_counts_by_its_stamp_alone(void)
+{
+    const int32_t far[] = {101, -1, INT32_MIN, INT32_MAX};
+    given_idle();
+    s_in.has_arm = 1u;
+    s_in.arm.seq = APP->input.telemetry.arm.seq + 100;
+    s_in.arm.t_us = APP->input.telemetry.arm.t_us;
+    step();
+    TEST_ASSERT_EQUAL_UINT32(0u, s_out.events.n);
+    for (uint32_t i = 0u; i < 4u; i++) {
+        given_idle();
+        s_in.has_arm = 1u;
+        s_in.arm.seq = (int32_t)((uint32_t)APP->input.telemetry.arm.seq + (uint32_t)far[i]);
+        s_in.arm.t_us = APP->input.telemetry.arm.t_us;
+        refused(KC_EVT_IN_STALE, KC_INPUT_ARM);
+        s_in.arm.t_us++;
+        step();
+        TEST_ASSERT_EQUAL_INT(KC_INPUT_ARM, only_event(KC_EVT_IN_JUMP)->index);
+        TEST_ASSERT_EQUAL_INT(s_in.arm.seq, APP->input.telemetry.arm.seq);
+    }
+}
+
+/* A stranger's message with the largest number and a stamp as far ahead as is taken: the next genuine one counts. */
+void test_a_wild_number_blocks_no_message_after_it(void)
+{
+    given_idle();
+    kc_in_t genuine = s_in;
+    s_in.has_arm = s_in.has_pantilt = 1u;
+    s_in.arm.seq = s_in.pantilt.seq = INT32_MAX;
+    s_in.arm.t_us = s_in.pantilt.t_us = world.now_us + TICK_US + 50000u;
+    step();
+    TEST_ASSERT_EQUAL_INT(INT32_MAX, APP->input.telemetry.arm.seq);
+    s_in = genuine;
+    s_in.has_arm = s_in.has_pantilt = 1u;
+    s_in.arm.t_us = s_in.pantilt.t_us = world.now_us + TICK_US;
+    step();
+    TEST_ASSERT_EQUAL_INT(genuine.arm.seq, APP->input.telemetry.arm.seq);
+    TEST_ASSERT_EQUAL_INT(genuine.pantilt.seq, APP->input.telemetry.pantilt.seq);
 }
 
 void test_arm_state_of_another_time_is_refused(void)
@@ -122,22 +164,33 @@ void test_arm_state_with_the_wrong_number_of_joints_is_refused(void)
     }
 }
 
-void test_a_controller_that_was_started_again_is_heard_after_a_while(void)
+void test_a_controller_that_was_started_again_is_heard_at_once(void)
 {
     given_idle();
-    s_in.has_arm = 1u;
-    s_in.arm.seq = 1;
-    APP->input.telemetry.arm.seq = 1000;
-    APP->input.telemetry.pantilt.seq = 1000;
-    s_in.has_pantilt = 1u;
-    s_in.pantilt.seq = 1;
+    s_in.has_arm = s_in.has_pantilt = 1u;
+    APP->input.telemetry.arm.seq = APP->input.telemetry.pantilt.seq = 1000;
+    s_in.arm.seq = s_in.pantilt.seq = 1;
+    step();
+    TEST_ASSERT_EQUAL_UINT32(2u, s_out.events.n);
+    TEST_ASSERT_EQUAL_INT(1, APP->input.telemetry.arm.seq);
+    TEST_ASSERT_EQUAL_INT(1, APP->input.telemetry.pantilt.seq);
+}
+
+/* Its clock as well: after a while, when nothing newer has come. */
+void test_a_controller_whose_clock_was_set_back_is_heard_after_a_while(void)
+{
+    given_idle();
+    s_in.has_arm = s_in.has_pantilt = 1u;
+    APP->input.telemetry.arm.seq = APP->input.telemetry.pantilt.seq = 1000;
+    APP->input.telemetry.arm.t_us = APP->input.telemetry.pantilt.t_us = UINT64_MAX;
+    s_in.arm.seq = s_in.pantilt.seq = 1;
     for (uint32_t i = 0u; i < 60u; i++) {
+        TEST_ASSERT_EQUAL_INT(i <= 50u ? 1000 : s_in.arm.seq - 1, APP->input.telemetry.arm.seq);
         s_in.arm.t_us = s_in.pantilt.t_us = world.now_us + TICK_US;
         step();
         s_in.arm.seq++;
         s_in.pantilt.seq++;
     }
-    TEST_ASSERT_TRUE(APP->input.telemetry.arm.seq < 100);
     TEST_ASSERT_TRUE(APP->input.telemetry.pantilt.seq < 100);
     TEST_ASSERT_EQUAL_UINT32(0u, s_out.events.n);
 }
@@ -175,6 +228,94 @@ void test_an_arm_fault_is_reported_once(void)
     TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
 }
 
+static void nothing(kc_arm_state_t *s) { (void)s; }
+static void repeated(kc_arm_state_t *s)
+{
+    s->seq = APP->input.telemetry.arm.seq;
+    s->t_us = APP->input.telemetry.arm.t_us;
+}
+static void overtaken(kc_arm_state_t *s)
+{
+    repeated(s);
+    s->seq--;
+    s->t_us--;
+}
+static void too_old(kc_arm_state_t *s) { s->t_us -= 3000000u; } /* or far ahead */
+static void far_ahead(kc_arm_state_t *s) { s->t_us = UINT64_MAX; }
+static void not_a_number(kc_arm_state_t *s) { s->q[0] = NAN; }
+static void out_of_range(kc_arm_state_t *s) { s->temp_c = 1e9; }
+static void no_joints(kc_arm_state_t *s) { s->n_joints = 0u; }
+static void many_joints(kc_arm_state_t *s) { s->n_joints = UINT32_MAX; }
+static void (*const s_wrong[])(kc_arm_state_t *) = {
+    nothing, repeated, overtaken, too_old, far_ahead, not_a_number, out_of_range, no_joints, many_joints};
+
+static uint32_t s_case;
+static int32_t s_mask;
+static void fault_in_a_bad_message(kc_in_t *in)
+{
+    in->arm.fault_mask = s_mask;
+    if (s_mask != 0) { s_wrong[s_case](&in->arm); }
+}
+static void bad_message(kc_in_t *in) { s_wrong[s_case](&in->arm); }
+
+/* Whatever else is wrong with the message: the calibration ends, and START is refused until a good state says
+ * that there is no fault any more. Bad ones without a fault do not. */
+void test_a_fault_counts_whatever_else_is_wrong_with_its_message(void)
+{
+    for (s_case = 0u; s_case < sizeof s_wrong / sizeof s_wrong[0]; s_case++) {
+        given_world();
+        world_started();
+        world_ticks(25u);
+        TEST_ASSERT_TRUE(world_calibrating());
+        s_mask = 4;
+        world.spoil_in = fault_in_a_bad_message;
+        world_tick();
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+        TEST_ASSERT_EQUAL_DOUBLE((double)KC_CAUSE_ARM_FAULT, world.last[KC_EVT_CAL_ABORTED].got);
+        TEST_ASSERT_EQUAL_DOUBLE(4.0, world.last[KC_EVT_ARM_FAULT].got);
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_ARM_FAULT));
+        if (s_case > 0u) {
+            world.spoil_in = bad_message;
+            TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world_do(KC_CMD_START, 0, 0, 1));
+            TEST_ASSERT_EQUAL_INT(KC_EVT_ARM_FAULT, world.ack.event_id);
+        }
+        world.spoil_in = NULL;
+        world_ticks(5u);
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, 0, 0, 1));
+    }
+}
+
+/* Bits of several bad messages add up; a good one says what is left. */
+void test_faults_of_bad_messages_add_up_until_a_good_one(void)
+{
+    given_idle();
+    s_in.has_arm = 1u;
+    s_in.arm.n_joints = 0u;
+    for (int32_t bit = 1; bit < 8; bit *= 2) {
+        s_in.arm.fault_mask = bit;
+        step();
+        TEST_ASSERT_EQUAL_INT(2 * bit - 1, APP->input.telemetry.arm.fault_mask);
+        TEST_ASSERT_EQUAL_DOUBLE((double)(2 * bit - 1), only_event(KC_EVT_ARM_FAULT)->got);
+    }
+    s_in.arm.n_joints = 7u;
+    s_in.arm.fault_mask = 2;
+    s_in.arm.t_us = world.now_us;
+    step();
+    TEST_ASSERT_EQUAL_INT(2, APP->input.telemetry.arm.fault_mask);
+}
+
+void test_a_fault_counts_without_an_arm_table_too(void)
+{
+    kc_app_init(APP);
+    kc_app_boot(APP);
+    world.fault = 3;
+    world_ticks(2u);
+    TEST_ASSERT_EQUAL_INT(3, APP->input.telemetry.arm.fault_mask);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_ARM_FAULT));
+}
+
 /* ---- pan-tilt unit ---- */
 
 void test_pantilt_state_out_of_range_is_refused(void)
@@ -188,6 +329,7 @@ void test_pantilt_state_that_is_stale_or_of_another_time_is_refused(void)
     given_idle();
     s_in.has_pantilt = 1u;
     s_in.pantilt.seq = APP->input.telemetry.pantilt.seq;
+    s_in.pantilt.t_us = APP->input.telemetry.pantilt.t_us;
     refused(KC_EVT_IN_STALE, KC_INPUT_PANTILT);
     given_idle();
     s_in.has_pantilt = 1u;

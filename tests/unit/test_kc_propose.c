@@ -551,10 +551,11 @@ static uint32_t steps_to_propose(uint64_t work_of_step)
     bool accepted = false;
     uint32_t n = 0u;
     memset(&s_out, 0, sizeof s_out);
-    kc_propose_begin(&s_proposing);
+    kc_propose_begin(&s_proposing, &APP->arena.proposal);
     for (; n < 1000u && !s_out.has_proposal; n++) {
         kc_work_t work = {work_of_step, 0u};
-        (void)kc_propose_run(&s_proposing, &review, &APP->tables, &APP->view, &accepted, &work, &s_out);
+        (void)kc_propose_run(&s_proposing, &APP->arena.proposal, &review, &APP->tables, &APP->view, &accepted,
+                             &work, &s_out);
     }
     return n;
 }
@@ -600,9 +601,9 @@ void test_how_likely_no_change_is_follows_from_what_the_estimate_takes_away(void
     (void)steps_to_propose(UINT64_MAX);
     double before = s_proposing.chi2_before, gain = before - s_proposing.chi2_after;
     TEST_ASSERT_TRUE(gain > 0.0);
-    APP->est.noise_scale = sqrt(gain / 28.0);
+    APP->est.chi2 = gain / 28.0 * (double)APP->est.dof;
     (void)steps_to_propose(UINT64_MAX);
-    double scale = fmax(1.0, APP->est.noise_scale);
+    double scale = fmax(1.0, sqrt(gain / 28.0));
     double p = kc_chi2_sf(gain / (scale * scale), APP->est.rank);
     TEST_ASSERT_TRUE(p > 0.01 && p < 0.9999);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, p, s_out.proposal.p_no_change);
@@ -616,13 +617,118 @@ void test_how_likely_no_change_is_follows_from_what_the_estimate_takes_away(void
 void test_residuals_larger_than_stated_scale_sigma_and_covariance_alike(void)
 {
     world_calibrated();
-    APP->est.noise_scale = 3.0;
+    APP->est.chi2 = 9.0 * (double)APP->est.dof;
     (void)steps_to_propose(UINT64_MAX);
     const kc_proposal_t *p = &s_out.proposal;
     for (uint32_t i = 0u, k = 0u; i < 28u; k += 28u - i, i++) {
         TEST_ASSERT_DOUBLE_WITHIN(1e-12, 3.0 * APP->est.sigma[i], p->kin.sigma[i]);
         TEST_ASSERT_DOUBLE_WITHIN(1e-9, p->kin.sigma[i], sqrt(p->cov[k]));
     }
+}
+
+/* ---- the camera chain ---- */
+
+static void given_chain(void)
+{
+    kc_camera_t *c = &APP->tables.active.camera;
+    c->mast_sigma_m = 0.002;
+    c->zero_sigma_rad = 0.002;
+    c->plate_sigma_m = 0.001;
+    c->drift_sigma_m_s = 1e-5;
+}
+
+void test_an_exact_camera_leaves_the_predicted_error_of_the_noise(void)
+{
+    world_calibrated();
+    const kc_proposal_t *p = &world.proposal;
+    TEST_ASSERT_EQUAL_UINT8(KC_RIGHT_IN_CAMERA, p->frame);
+    TEST_ASSERT_EQUAL_DOUBLE(APP->learned.pred.pos_m, p->pred_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(p->pred_pos_m, p->pred_noise_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(p->pred_pos_m, p->pred_camera_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(p->pred_pos_m, p->pred_lander_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(p->pred_rot_rad, p->pred_noise_rot_rad);
+    TEST_ASSERT_EQUAL_DOUBLE(p->pred_rot_rad, p->pred_camera_rot_rad);
+    TEST_ASSERT_EQUAL_DOUBLE(p->pred_rot_rad, p->pred_lander_rot_rad);
+}
+
+/* Against the camera, which is off with what it sees, an error of its place counts less than in the base frame. */
+void test_the_predicted_error_is_that_of_the_frame_of_config(void)
+{
+    world_calibrated();
+    given_chain();
+    for (uint8_t frame = 0u; frame < 2u; frame++) {
+        APP->tables.active.config.frame = frame;
+        (void)steps_to_propose(UINT64_MAX);
+        const kc_proposal_t *p = &s_out.proposal;
+        bool lander = frame == (uint8_t)KC_RIGHT_IN_LANDER;
+        TEST_ASSERT_EQUAL_UINT8(frame, p->frame);
+        TEST_ASSERT_EQUAL_DOUBLE(lander ? p->pred_lander_pos_m : p->pred_camera_pos_m, p->pred_pos_m);
+        TEST_ASSERT_EQUAL_DOUBLE(lander ? p->pred_lander_rot_rad : p->pred_camera_rot_rad, p->pred_rot_rad);
+        TEST_ASSERT_TRUE(p->pred_camera_pos_m > 2.0 * p->pred_noise_pos_m);
+        TEST_ASSERT_TRUE(p->pred_lander_pos_m > 1.2 * p->pred_camera_pos_m);
+    }
+}
+
+void test_sigma_and_covariance_hold_the_camera_chain(void)
+{
+    world_calibrated();
+    double before = world.proposal.kin.sigma[24];
+    given_chain();
+    (void)steps_to_propose(UINT64_MAX);
+    const kc_proposal_t *p = &s_out.proposal;
+    for (uint32_t i = 0u, k = 0u; i < 28u; k += 28u - i, i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9, p->kin.sigma[i], sqrt(p->cov[k]));
+    }
+    TEST_ASSERT_TRUE(p->kin.sigma[24] > 1.05 * before);
+}
+
+/* Residuals beyond the noise that the stated chain explains are neither noise nor a bad fit. */
+void test_what_the_camera_chain_explains_is_not_counted_as_noise_too(void)
+{
+    world.tilt_bias_rad = 0.006;
+    world.config.n_poses = 16u;
+    world.config.est.outlier_p = 0.0;
+    world_calibrated();
+    double p_exact = world.proposal.p_fit, noise_exact = world.proposal.noise_scale;
+    given_chain();
+    (void)steps_to_propose(UINT64_MAX);
+    TEST_ASSERT_TRUE(s_out.proposal.p_fit > 0.001);
+    TEST_ASSERT_TRUE(p_exact < 1e-6);
+    TEST_ASSERT_TRUE(s_out.proposal.noise_scale < 0.8 * noise_exact);
+    TEST_ASSERT_TRUE(s_out.proposal.chi2 < APP->est.chi2);
+}
+
+/* A healthy arm and a camera that is off: it goes where the camera says it is not, so in the camera's frame
+ * something has to change. In the base frame nothing has to, if the camera may be that far off. */
+void test_whether_a_change_is_needed_depends_on_the_frame(void)
+{
+    world.truth.joint[6].phi_rad = 0.0;
+    world.tilt_bias_rad = 0.003;
+    world.config.n_poses = 16u;
+    world_calibrated();
+    given_chain();
+    APP->tables.active.config.frame = (uint8_t)KC_RIGHT_IN_CAMERA;
+    (void)steps_to_propose(UINT64_MAX);
+    TEST_ASSERT_TRUE(s_out.proposal.p_no_change < 1e-6);
+    APP->tables.active.config.frame = (uint8_t)KC_RIGHT_IN_LANDER;
+    (void)steps_to_propose(UINT64_MAX);
+    TEST_ASSERT_TRUE(s_out.proposal.p_no_change > 0.01);
+    APP->tables.active.camera.zero_sigma_rad = 1e-5; /* and not, if it may not */
+    APP->tables.active.camera.mast_sigma_m = 0.0;
+    (void)steps_to_propose(UINT64_MAX);
+    TEST_ASSERT_TRUE(s_out.proposal.p_no_change < 1e-6);
+}
+
+void test_without_a_solution_the_camera_chain_has_no_part(void)
+{
+    world_calibrated();
+    given_chain();
+    APP->learned.status = KC_ERR_NUM;
+    (void)steps_to_propose(UINT64_MAX);
+    const kc_proposal_t *p = &s_out.proposal;
+    TEST_ASSERT_EQUAL_DOUBLE(p->pred_noise_pos_m, p->pred_lander_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, p->p_no_change);
+    TEST_ASSERT_EQUAL_DOUBLE(APP->est.chi2, p->chi2);
 }
 
 void test_what_is_not_estimated_keeps_value_and_sigma_of_the_table_in_force(void)
@@ -647,7 +753,8 @@ void test_a_proposal_is_charged_observation_by_observation_and_candidate_by_cand
 {
     world_calibrated();
     uint32_t kept = APP->est.n_obs - APP->est.n_outliers;
-    TEST_ASSERT_EQUAL_UINT32(kept + world.space.n_cand + 1u, steps_to_propose(1u));
+    /* and the camera chain, once */
+    TEST_ASSERT_EQUAL_UINT32(kept + 1u + world.space.n_cand + 1u, steps_to_propose(1u));
 }
 
 void test_events_of_a_verdict_say_what_it_rests_on(void)

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "given_tables.h"
+#include "kc_layout.h"
 #include "unity.h"
 
 static kc_tables_t s_t, s_before;
@@ -117,7 +118,7 @@ void test_an_image_starts_with_magic_kind_version_size_and_crc(void)
     TEST_ASSERT_EQUAL_MEMORY("KCT1", s_image, 4);
     TEST_ASSERT_EQUAL_HEX8(KC_TBL_CAMERA, s_image[4]);
     TEST_ASSERT_EQUAL_HEX8(0, s_image[5]);
-    TEST_ASSERT_EQUAL_HEX8(KC_TBL_VERSION, s_image[6]);
+    TEST_ASSERT_EQUAL_HEX8(kc_layout_version(KC_TBL_CAMERA), s_image[6]);
     TEST_ASSERT_EQUAL_HEX8((s_n - 16u) & 0xffu, s_image[8]);
     TEST_ASSERT_EQUAL_HEX8((s_n - 16u) >> 8u, s_image[9]);
     TEST_ASSERT_EQUAL_HEX32(image_crc(), (uint32_t)s_image[12] | (uint32_t)s_image[13] << 8u |
@@ -392,7 +393,18 @@ void test_wrong_version_is_refused(void)
     expect_image_refused(KC_TBL_ARM, KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
     forget_events();
     (void)kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev);
-    expect_event(KC_EVT_TBL_FORMAT, 2, 9.0, KC_TBL_VERSION);
+    expect_event(KC_EVT_TBL_FORMAT, 2, 9.0, (double)kc_layout_version(KC_TBL_ARM));
+}
+
+void test_each_kind_has_a_layout_version_of_its_own(void)
+{
+    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
+        TEST_ASSERT_GREATER_THAN(0, kc_layout_version(kind));
+    }
+    TEST_ASSERT_EQUAL_UINT16(0, kc_layout_version(0));
+    TEST_ASSERT_EQUAL_UINT16(0, kc_layout_version(KC_TBL_COUNT));
+    /* Corrections that are stored on board today have to load in every later version of flight. */
+    TEST_ASSERT_EQUAL_UINT16(1, kc_layout_version(KC_TBL_KIN));
 }
 
 void test_wrong_payload_size_is_refused(void)

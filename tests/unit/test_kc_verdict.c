@@ -27,7 +27,8 @@ void setUp(void)
 
 static kc_verdict_t verdict(double p_fit, double p_no_change)
 {
-    return kc_verdict(&s_config, &s_est, KC_OK, p_fit, p_no_change);
+    const kc_verdict_fit_t fit = {s_est.noise_scale, p_fit, p_no_change};
+    return kc_verdict(&s_config, &s_est, KC_OK, &fit);
 }
 
 void test_a_good_fit_says_change_or_no_change_by_the_probability_in_config(void)
@@ -38,7 +39,8 @@ void test_a_good_fit_says_change_or_no_change_by_the_probability_in_config(void)
 
 void test_an_estimate_that_did_not_converge_is_poor(void)
 {
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, kc_verdict(&s_config, &s_est, KC_ERR_ITER, 0.5, 0.5));
+    const kc_verdict_fit_t fit = {1.0, 0.5, 0.5};
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, kc_verdict(&s_config, &s_est, KC_ERR_ITER, &fit));
 }
 
 void test_without_degrees_of_freedom_nothing_can_be_said(void)

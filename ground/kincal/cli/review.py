@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar, Unpack
 
 import click
 
 from kincal import link
-from kincal.cli.options import FILE, TABLES
+from kincal.cli.options import FILE, PATH, TABLES
 from kincal.cli.outputs import FILE_OUT, PICTURE
 from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console
 from kincal.cli.text import review as text
 from kincal.cli.wire import KEYS, TIMEOUT, URL
+from kincal.errors import CommandFailed
 from kincal.keys import file_of, signer_of
+from kincal.keys import read as read_keys
+from kincal.review import journal as journals
+from kincal.review.journal import Journal
 
 JOURNAL = click.option(
     "--journal",
-    type=FILE_OUT,
-    default=Path("out/review.jsonl"),
-    show_default=True,
-    envvar="KINCAL_JOURNAL",
+    type=PATH,
+    default=None,
+    show_default=f"{journals.NAME} beside the key file",
+    envvar=journals.VARIABLE,
     help="Append-only record of decisions.",
 )
 BY = click.option("--by", required=True, help="Who decides.")
@@ -52,9 +56,14 @@ def review() -> None:
 @click.option("--live", is_flag=True, help="Also ask the flight process at --url what waits there.")
 @URL
 @TIMEOUT
+@KEYS
 @JOURNAL
-def review_list(logs: tuple[Path, ...], live: bool, url: str, timeout_s: float, journal: Path) -> None:
+def review_list(
+    logs: tuple[Path, ...], live: bool, url: str, timeout_s: float, key_file: Path, journal: Path | None
+) -> None:
     """List proposals in logs, what waits on board, and past decisions.
+
+    Decisions are those of the journal and of the journals beside the logs.
 
     \b
     Examples:
@@ -69,7 +78,47 @@ def review_list(logs: tuple[Path, ...], live: bool, url: str, timeout_s: float, 
         with link.Link(url) as up:
             crc = lib.waiting(up, timeout_s)
         out.print(f"on board: correction {crc:08x} waits for review" if crc else "on board: nothing waits")
-    text.decisions(out, lib.check_journal(journal), journal)
+    found = _journals(logs, journal, key_file)
+    for one in found:
+        text.decisions(out, one)
+    text.absent(out, _absent(logs, found))
+
+
+def _journals(logs: Sequence[Path], journal: Path | None, key_file: Path) -> list[Journal]:
+    """The journal, and those beside the logs, each checked with its keys."""
+    file = file_of(key_file)
+    mine = journals.read(journals.place(journal, file), read_keys(file) if file.exists() else ())
+    of_runs = {found.path: found for log in logs if (found := journals.of_run(log))}
+    return [mine, *(found for path, found in of_runs.items() if path != mine.path)]
+
+
+def _absent(logs: Sequence[Path], found: Sequence[Journal]) -> list[str]:
+    return [f"{log}: {text}" for log in logs for text in journals.absent(found, link.read_log(log))]
+
+
+@review.command("verify")
+@click.argument("logs", nargs=-1, type=FILE)
+@KEYS
+@JOURNAL
+def review_verify(logs: tuple[Path, ...], key_file: Path, journal: Path | None) -> None:
+    """Check the journal of decisions, of itself and against logs.
+
+    Every line has to follow from the one before and to be written with its key, and every decision that
+    flight took in these logs has to be there. Names the line that is wrong or missing. With logs, the
+    journals beside them too.
+
+    \b
+    Examples:
+        kincal review verify
+        kincal review verify out/paper/run.lcmlog
+    """
+    found = _journals(logs, journal, key_file)
+    for one in found:
+        click.echo(f"{one.path}: {len(one.entries)} decisions, {one.vouched}")
+    missing = _absent(logs, found)
+    text.absent(console(), missing)
+    if missing or any(one.unconfirmed for one in found):
+        raise CommandFailed("the journal is not what it should be", todo="see above; keep your copies of it")
 
 
 @review.command("show")
@@ -82,8 +131,11 @@ def review_list(logs: tuple[Path, ...], live: bool, url: str, timeout_s: float, 
     help="Picture to write (.png or .svg); the page (.html) lies beside it.  [default: next to the log]",
 )
 @TABLES
+@KEYS
 @JOURNAL
-def review_show(file: Path, crc: str | None, picture: Path | None, tables_dir: Path, journal: Path) -> None:
+def review_show(
+    file: Path, crc: str | None, picture: Path | None, tables_dir: Path, key_file: Path, journal: Path | None
+) -> None:
     """Show a proposal of a log with all its numbers and their thresholds, what became of it, and which poses
     were rejected: as text, as a page (HTML) and as a picture.
 
@@ -98,10 +150,12 @@ def review_show(file: Path, crc: str | None, picture: Path | None, tables_dir: P
     from kincal.review.thresholds import read_limits
 
     found, limits = lib.find(file, crc, tables_dir), read_limits(tables_dir)
-    about = status(link.read_log(file), found, lib.check_journal(journal))
+    read = _journals((file,), journal, key_file)
+    about = status(link.read_log(file), found, [entry for one in read for entry in one.entries])
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
     warnings = lib.warnings(found)
     text.show(console(), found, warnings, about, limits)
+    text.absent(console(), _absent((file,), read))
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
     say_files("page", *pages.write_all(found, warnings, picture, provenance, about, limits))
 
@@ -115,7 +169,7 @@ class Decision(TypedDict):
     url: str
     key_file: Path
     timeout_s: float
-    journal: Path
+    journal: Path | None
     tables_dir: Path
 
 
@@ -155,6 +209,7 @@ def _decide(decision: str, crc: str, given: Decision) -> None:
     from kincal import review as lib
 
     found = lib.find(given["log_file"], crc, given["tables_dir"]) if given["log_file"] else None
-    by, why, journal, timeout_s = given["by"], given["why"], given["journal"], given["timeout_s"]
-    with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
+    by, why, timeout_s, keys = given["by"], given["why"], given["timeout_s"], file_of(given["key_file"])
+    journal = FILE_OUT.convert(journals.place(given["journal"], keys), None, None)
+    with link.Link(given["url"], signer=signer_of(keys)) as up:
         lib.decide(up, decision, crc, by, why, journal, found, timeout_s, say=click.echo)

@@ -133,6 +133,7 @@ class KcArena(Protocol):
     """kc_arena_t"""
 
     calibration: KcArenaCalibration
+    proposal: KcConsider
     idle: KcArenaIdle
 
 class KcArmCmd(Protocol):
@@ -235,6 +236,15 @@ class KcCamera(Protocol):
     cy_px: float
     width_px: int
     height_px: int
+    mast_sigma_m: float
+    mast_sigma_rad: float
+    zero_sigma_rad: float
+    axis_sigma_rad: float
+    tag_size_sigma: float
+    plate_sigma_m: float
+    plate_sigma_rad: float
+    drift_sigma_m_s: float
+    drift_sigma_rad_s: float
     n_tags: int
     tag: Array[KcTag]
 
@@ -376,6 +386,7 @@ class KcConfig(Protocol):
     accept_change_max_pos_m: float
     accept_sigma_max_pos_m: float
     accept_p_fit_min: float
+    frame: int
     no_change_p: float
     budget_us: int
     power_idle_w: float
@@ -399,6 +410,27 @@ class KcConfig(Protocol):
     store_retries: int
     store_retry_us: int
     approval_timeout_us: int
+
+class KcConsiderPose(Protocol):
+    """kc_consider_pose_t"""
+
+    before: CData
+    after: CData
+    W: CData
+    eval: CData
+    H: CData
+
+class KcConsider(Protocol):
+    """kc_consider_t"""
+
+    S: Array[float]
+    HH: Array[float]
+    A: Array[float]
+    L: Array[float]
+    b_before: Array[float]
+    b: Array[float]
+    b_after: Array[float]
+    mean: Array[float]
 
 class KcCtx(Protocol):
     """kc_ctx_t"""
@@ -1151,6 +1183,13 @@ class KcProposal(Protocol):
     pred_pos_m: float
     pred_rot_rad: float
     crc_kin_before: int
+    frame: int
+    pred_noise_pos_m: float
+    pred_noise_rot_rad: float
+    pred_camera_pos_m: float
+    pred_camera_rot_rad: float
+    pred_lander_pos_m: float
+    pred_lander_rot_rad: float
     kin: KcKin
 
 class KcProposing(Protocol):
@@ -1159,11 +1198,18 @@ class KcProposing(Protocol):
     i_obs: int
     i_cand: int
     n: int
+    considered: bool
     pos2: float
     rot2: float
     chi2_before: float
     chi2_after: float
     change2: float
+    camera_pos2: float
+    camera_rot2: float
+    lander_pos2: float
+    lander_rot2: float
+    chi2: float
+    fit: KcVerdictFit
 
 class KcQp(Protocol):
     """kc_qp_t"""
@@ -1353,6 +1399,13 @@ class KcVerdictCase(Protocol):
     sigma_pos_m: float
     change_pos_m: float
 
+class KcVerdictFit(Protocol):
+    """kc_verdict_fit_t"""
+
+    noise_scale: float
+    p_fit: float
+    p_no_change: float
+
 class KcView(Protocol):
     """kc_view_t"""
 
@@ -1402,13 +1455,22 @@ class KcWork(Protocol):
 
 class FlightCore(Protocol):
     KC_BODY_MAX: int
+    KC_CAMERA_CHAIN_COST: int
     KC_CAND_LOCAL: int
     KC_CAND_MAX: int
     KC_CAND_RESERVE: int
+    KC_CHAIN_AXIS: int
+    KC_CHAIN_COUNT: int
+    KC_CHAIN_DRIFT: int
+    KC_CHAIN_MAST: int
+    KC_CHAIN_PLATE: int
+    KC_CHAIN_SIZE: int
+    KC_CHAIN_ZERO: int
     KC_CHUNK_BYTES: int
     KC_CHUNK_QUEUE_MAX: int
     KC_CMD_QUEUE_MAX: int
     KC_COEF_MAX: int
+    KC_CONSIDER_END_COST: int
     KC_DET_QUEUE_MAX: int
     KC_EST_PASSES: int
     KC_EVENTS_MAX: int
@@ -1455,7 +1517,6 @@ class FlightCore(Protocol):
     KC_STORE_QUEUE_MAX: int
     KC_TAG_MAX: int
     KC_TBL_HDR_BYTES: int
-    KC_TBL_VERSION: int
     KC_TERMS_INDEX_TERM: int
     KC_TERM_MAX: int
     KC_VOLUME_MAX: int
@@ -1602,6 +1663,7 @@ class FlightCore(Protocol):
     KC_EVT_CAL_MOVE_TIMEOUT: int
     KC_EVT_CAL_POSE: int
     KC_EVT_CAL_START: int
+    KC_EVT_IN_JUMP: int
     KC_EVT_MEMORY_OBSERVATIONS: int
     KC_EVT_MEMORY_TABLE: int
     KC_EVT_TIME_STEP: int
@@ -1668,6 +1730,8 @@ class FlightCore(Protocol):
     KC_WALK_READ: int
     KC_WALK_WRITE: int
     KC_WALK_SIZE: int
+    KC_RIGHT_IN_LANDER: int
+    KC_RIGHT_IN_CAMERA: int
     KC_TBL_COUNT: int
     KC_TBL_CONFIG: int
     KC_TBL_KERNEL: int
@@ -1866,6 +1930,7 @@ class FlightCore(Protocol):
     def kc_camera_aim(self, _0: KcCamera | CData, _1: CData, _2: CData, _3: CData, /) -> int: ...
     def kc_camera_project(self, _0: KcCamera | CData, _1: CData, _2: CData, /) -> int: ...
     def kc_camera_visible(self, _0: KcCamera | CData, _1: KcPose | CData, _2: float, /) -> int: ...
+    def kc_camera_chain(self, _0: KcCamera | CData, _1: float, _2: float, _3: KcPose | CData, _4: float, _5: CData, /) -> None: ...
     def kc_camera_validate(self, _0: KcCamera | CData, _1: CData, _2: CData, /) -> int: ...
     def kc_basis_eval(self, _0: KcBasis | CData, _1: KcCtx | CData, _2: KcLoads | CData, /) -> float: ...
     def kc_basis_needs_loads(self, _0: KcBasis | CData, /) -> bool: ...
@@ -1882,6 +1947,16 @@ class FlightCore(Protocol):
     def kc_est_step(self, _0: KcEst | CData, _1: KcWork | CData, /) -> bool: ...
     def kc_est_pose_cov_cost(self, _0: KcEst | CData, /) -> int: ...
     def kc_est_pose_cov(self, _0: KcEst | CData, _1: KcCtx | CData, _2: KcEval | CData, _3: CData, /) -> None: ...
+    def kc_consider_begin(self, _0: KcConsider | CData, /) -> None: ...
+    def kc_consider_add(self, _0: KcConsider | CData, _1: KcEst | CData, _2: KcConsiderPose | CData, /) -> None: ...
+    def kc_consider_add_cost(self, _0: KcEst | CData, /) -> int: ...
+    def kc_consider_end(self, _0: KcConsider | CData, _1: KcEst | CData, /) -> None: ...
+    def kc_consider_explains_before(self, _0: KcConsider | CData, _1: int, /) -> float: ...
+    def kc_consider_explains_after(self, _0: KcConsider | CData, _1: int, /) -> float: ...
+    def kc_consider_scale(self, _0: KcConsider | CData, _1: float, /) -> None: ...
+    def kc_consider_cov(self, _0: KcConsider | CData, _1: int, _2: int, /) -> float: ...
+    def kc_consider_pose(self, _0: KcConsider | CData, _1: KcEst | CData, _2: KcEval | CData, _3: CData, _4: CData, _5: CData, /) -> None: ...
+    def kc_consider_pose_cost(self, _0: KcEst | CData, /) -> int: ...
     def kc_monitor_init(self, _0: KcMonitor | CData, _1: KcArm | CData, _2: float, _3: float, /) -> None: ...
     def kc_monitor_add(self, _0: KcMonitor | CData, _1: KcArm | CData, _2: KcTerms | CData, _3: CData, _4: KcObs | CData, _5: KcEval | CData, /) -> int: ...
     def kc_monitor_evaluate(self, _0: KcMonitor | CData, _1: KcMonVerdict | CData, /) -> None: ...
@@ -1973,6 +2048,7 @@ class FlightCore(Protocol):
     def kc_tbl_active_ptr(self, _0: KcActive | CData, _1: int, /) -> CData: ...
     def kc_tbl_active_bytes(self, _0: int, /) -> int: ...
     def kc_layout_walk(self, _0: KcWalk | CData, _1: int, _2: object, /) -> None: ...
+    def kc_layout_version(self, _0: int, /) -> int: ...
     def kc_layout_struct_bytes(self, _0: int, /) -> int: ...
     def kc_auth_mac(self, _0: KcKey | CData, _1: KcAuthText | CData, _2: CData | bytes, /) -> None: ...
     def kc_auth_check(self, _0: KcKeys | CData, _1: KcAuth | CData, _2: int, _3: KcAuthText | CData, /) -> int: ...
@@ -2011,7 +2087,7 @@ class FlightCore(Protocol):
     def kc_storing_counts(self, _0: bool, _1: int, _2: int, /) -> bool: ...
     def kc_verdict_p_no_change(self, _0: float, _1: float, _2: int, /) -> float: ...
     def kc_verdict_all_rejected(self, _0: KcEst | CData, /) -> bool: ...
-    def kc_verdict(self, _0: KcConfig | CData, _1: KcEst | CData, _2: int, _3: float, _4: float, /) -> int: ...
+    def kc_verdict(self, _0: KcConfig | CData, _1: KcEst | CData, _2: int, _3: KcVerdictFit | CData, /) -> int: ...
     def kc_verdict_acceptable(self, _0: KcConfig | CData, _1: KcVerdictCase | CData, /) -> bool: ...
     def kc_states_calibrating(self, _0: int, /) -> bool: ...
     def kc_states_estimating(self, _0: int, /) -> bool: ...
@@ -2107,8 +2183,8 @@ class FlightCore(Protocol):
     def kc_observe_run(self, _0: KcObserve | CData, _1: KcRequest | CData, _2: KcView | CData, _3: KcOut | CData, /) -> KcOutcome: ...
     def kc_observe_search(self, _0: KcObserve | CData, _1: KcRequest | CData, _2: KcView | CData, _3: KcOut | CData, /) -> KcOutcome: ...
     def kc_observe_turn(self, _0: KcObserve | CData, _1: KcPantilt | CData, _2: KcView | CData, _3: KcOut | CData, /) -> KcOutcome: ...
-    def kc_propose_begin(self, _0: KcProposing | CData, /) -> None: ...
-    def kc_propose_run(self, _0: KcProposing | CData, _1: KcReview | CData, _2: KcTables | CData, _3: KcView | CData, _4: CData, _5: KcWork | CData, _6: KcOut | CData, /) -> KcOutcome: ...
+    def kc_propose_begin(self, _0: KcProposing | CData, _1: KcConsider | CData, /) -> None: ...
+    def kc_propose_run(self, _0: KcProposing | CData, _1: KcConsider | CData, _2: KcReview | CData, _3: KcTables | CData, _4: KcView | CData, _5: CData, _6: KcWork | CData, _7: KcOut | CData, /) -> KcOutcome: ...
     def kc_rest_begin(self, _0: KcRest | CData, /) -> None: ...
     def kc_rest_run(self, _0: KcRest | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
     def kc_scrub_run(self, _0: KcScrub | CData, _1: KcTables | CData, _2: KcEst | CData, _3: KcEvents | CData, /) -> KcOutcome: ...
@@ -2133,7 +2209,15 @@ class FlightCore(Protocol):
 
 class GroundCore(Protocol):
     KC_BODY_MAX: int
+    KC_CAMERA_CHAIN_COST: int
     KC_CAND_MAX: int
+    KC_CHAIN_AXIS: int
+    KC_CHAIN_COUNT: int
+    KC_CHAIN_DRIFT: int
+    KC_CHAIN_MAST: int
+    KC_CHAIN_PLATE: int
+    KC_CHAIN_SIZE: int
+    KC_CHAIN_ZERO: int
     KC_CHUNK_BYTES: int
     KC_CHUNK_QUEUE_MAX: int
     KC_CMD_QUEUE_MAX: int
@@ -2286,6 +2370,7 @@ class GroundCore(Protocol):
     def kc_camera_aim(self, _0: KcCamera | CData, _1: CData, _2: CData, _3: CData, /) -> int: ...
     def kc_camera_project(self, _0: KcCamera | CData, _1: CData, _2: CData, /) -> int: ...
     def kc_camera_visible(self, _0: KcCamera | CData, _1: KcPose | CData, _2: float, /) -> int: ...
+    def kc_camera_chain(self, _0: KcCamera | CData, _1: float, _2: float, _3: KcPose | CData, _4: float, _5: CData, /) -> None: ...
     def kc_camera_validate(self, _0: KcCamera | CData, _1: CData, _2: CData, /) -> int: ...
     def kc_basis_eval(self, _0: KcBasis | CData, _1: KcCtx | CData, _2: KcLoads | CData, /) -> float: ...
     def kc_basis_needs_loads(self, _0: KcBasis | CData, /) -> bool: ...
@@ -2362,6 +2447,10 @@ class New(Protocol):
     def __call__(self, ctype: Literal["kc_coef_t"], /) -> KcCoef: ...
     @overload
     def __call__(self, ctype: Literal["kc_config_t"], /) -> KcConfig: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_consider_pose_t"], /) -> KcConsiderPose: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_consider_t"], /) -> KcConsider: ...
     @overload
     def __call__(self, ctype: Literal["kc_ctx_t"], /) -> KcCtx: ...
     @overload
@@ -2520,6 +2609,8 @@ class New(Protocol):
     def __call__(self, ctype: Literal["kc_tried_t"], /) -> KcTried: ...
     @overload
     def __call__(self, ctype: Literal["kc_verdict_case_t"], /) -> KcVerdictCase: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_verdict_fit_t"], /) -> KcVerdictFit: ...
     @overload
     def __call__(self, ctype: Literal["kc_view_t"], /) -> KcView: ...
     @overload

@@ -31,6 +31,7 @@ MAGIC = b"KCT1"
 ENUMS = {
     ("kc_joint_t", "type"): ("kc_joint_type_t", "KC_"),
     ("kc_config_t", "acquisition"): ("kc_acq_t", "KC_ACQ_"),
+    ("kc_config_t", "frame"): ("kc_right_in_t", "KC_RIGHT_IN_"),
     ("kc_kernel_t", "arg"): ("kc_kernel_arg_t", "KC_KERNEL_"),
     ("kc_term_t", "comp"): ("kc_comp_t", "KC_"),
     ("kc_basis_t", "fn"): ("kc_fn_t", "KC_FN_"),

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 from kincal.errors import CommandFailed
 from kincal.schema.channels import BY_NAME, CHANNELS, Channel
 
+from . import former
+
 if TYPE_CHECKING:
     from .messages import LcmMessage
 
@@ -23,9 +25,8 @@ def message_type(type_name: str) -> Any:
 
 
 def decode(channel: str, data: bytes) -> LcmMessage:
-    """Message of a channel. ValueError if the bytes are not that message."""
-    message: LcmMessage = message_type(BY_NAME[channel].type).decode(data)
-    return message
+    """Message of a channel, also of a former type of it. ValueError if the bytes are not that message."""
+    return former.decode(message_type(BY_NAME[channel].type), data)
 
 
 def unsigned32(value: int) -> int:

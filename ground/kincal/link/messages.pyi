@@ -261,6 +261,13 @@ class Proposal(LcmMessage, Protocol):
     crc_arm: int
     crc_terms: int
     crc_kin_before: int
+    frame: int
+    pred_noise_pos_m: float
+    pred_noise_rot_rad: float
+    pred_camera_pos_m: float
+    pred_camera_rot_rad: float
+    pred_lander_pos_m: float
+    pred_lander_rot_rad: float
 
 class SimTruth(LcmMessage, Protocol):
     """sim_truth_t"""

@@ -35,6 +35,11 @@ def verdict_name(number: int) -> str:
     return VERDICTS.get(_name("kc_verdict_t", "KC_VERDICT_", number), f"?{number}")
 
 
+def frame_name(number: int) -> str:
+    """Where a correction has to be right: "camera" or "lander"."""
+    return _name("kc_right_in_t", "KC_RIGHT_IN_", number).lower()
+
+
 def coef_status_name(number: int) -> str:
     """Status of a coefficient, "estimated", "at lower bound" ..."""
     name = _name("kc_coef_status_t", "KC_COEF_", number).lower()

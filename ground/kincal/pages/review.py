@@ -23,7 +23,8 @@ def page(
     return Page(
         kind="Review",
         title=f"Correction {review.crc_text}",
-        subtitle=f"session {review.session}, {review.n_poses} poses, replaces {review.crc_before:08x}",
+        subtitle=f"session {review.session}, {review.n_poses} poses, replaces {review.crc_before:08x}; "
+        f"to be right in the frame of the {review.frame}",
         provenance=provenance,
         verdict=f"{review.verdict[:1].upper()}{review.verdict[1:]}; {about.state}.",
         summary=[*(f"Look at: {w}" for w in warnings), *_said(about)] or ["Nothing stands out."],

@@ -1,14 +1,12 @@
 """Ground review of a proposed correction: see it, question it, approve or reject it, and keep a record.
 
 Approval is two commands, both bound to the CRC of the proposed table. Every decision is one line in an
-append-only journal; each line carries the hash of the one before, so a changed or missing line shows."""
+append-only journal (journal.py)."""
 
 from __future__ import annotations
 
 import datetime
-import hashlib
-import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,9 +16,13 @@ import numpy as np
 from kincal.errors import BadInput, CommandFailed
 from kincal.flight import Terms
 from kincal.flight.tables import decode_as
+from kincal.keys import Key, Signer
 from kincal.link import CommandLink, read_log, unpack_covariance, unsigned32
-from kincal.link.names import VERDICTS, coef_status_name, verdict_name
+from kincal.link.names import VERDICTS, coef_status_name, frame_name, verdict_name
 from kincal.tables import unit_of
+
+from . import journal as journals
+from .journal import Entry as Entry
 
 KIN_KIND = 4
 P_FIT_MIN = 1e-3  # below it the fit does not explain the data
@@ -55,6 +57,7 @@ class Review:
     crc: int
     session: int
     verdict: str
+    frame: str  # where it has to be right: "camera", "lander"
     n_poses: int
     n_outliers: int
     coefs: tuple[CoefLine, ...]
@@ -92,8 +95,14 @@ NUMBERS = (
     ("before_rot_rad", "rad", "RMS rotation residual with the table in force, rejected poses left out"),
     ("fit_pos_m", "m", "RMS position residual of the same poses with the proposed values"),
     ("fit_rot_rad", "rad", "RMS rotation residual of the same poses with the proposed values"),
-    ("pred_pos_m", "m", "predicted position sigma over the search space"),
-    ("pred_rot_rad", "rad", "predicted rotation sigma over the search space"),
+    ("pred_pos_m", "m", "predicted position error over the search space, in the frame it has to be right in"),
+    ("pred_rot_rad", "rad", "predicted rotation error over the search space, in that frame"),
+    ("pred_camera_pos_m", "m", "position, camera's frame: against where the camera sees the tool"),
+    ("pred_camera_rot_rad", "rad", "rotation, camera's frame"),
+    ("pred_lander_pos_m", "m", "position, lander's frame: the base frame of the arm"),
+    ("pred_lander_rot_rad", "rad", "rotation, lander's frame"),
+    ("pred_noise_pos_m", "m", "position, by the noise of the detections alone"),
+    ("pred_noise_rot_rad", "rad", "rotation, by the noise of the detections alone"),
 )
 
 
@@ -120,6 +129,7 @@ def from_message(p: Any, names: list[str]) -> Review:
         unsigned32(p.crc),
         p.session,
         verdict_name(p.verdict),
+        frame_name(p.frame),
         p.n_poses,
         p.n_outliers,
         lines,
@@ -248,12 +258,15 @@ def approve(
     timeout_s: float = 10.0,
     t_us: int | None = None,
     say: Callable[[str], None] = lambda _text: None,
+    accepted: Callable[[], None] = lambda: None,
 ) -> int:
-    """Two-step approval; returns the CRC of the table in force afterwards, seen in housekeeping."""
+    """Two-step approval; returns the CRC of the table in force afterwards, seen in housekeeping. accepted:
+    called as soon as flight has taken the last command, also if what it brings is not seen."""
     link.command("APPROVE_ARM", (crc,), timeout_s, t_us)
     say(f"armed for CRC {crc:08x}")
     link.command("APPROVE_GO", (crc,), timeout_s)
     say("approved")
+    accepted()
     try:
         link.wait_hk(lambda hk: unsigned32(hk.table_crc[KIN_KIND]) == crc, timeout_s, "the new table")
     except CommandFailed:
@@ -266,9 +279,12 @@ def approve(
     return crc
 
 
-def reject(link: CommandLink, crc: int, timeout_s: float = 10.0) -> None:
-    """Tell flight to drop the proposal."""
+def reject(
+    link: CommandLink, crc: int, timeout_s: float = 10.0, accepted: Callable[[], None] = lambda: None
+) -> None:
+    """Tell flight to drop the proposal; accepted: as for `approve`."""
     link.command("REJECT", (crc,), timeout_s)
+    accepted()
     link.wait_hk(lambda hk: hk.proposal_crc == 0, timeout_s, "the end of the proposal")
 
 
@@ -286,9 +302,11 @@ def decide(
     """Approve or reject what waits on board, and record it. Refused before any command is sent when
     something else waits, or when the journal is not sound."""
     crc = parse_crc(crc_text)
-    if not by.strip() or not why.strip():
-        raise BadInput("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
-    check_journal(journal)
+    _check_words(by, why)
+    signer = signer_of(link)
+    before = journals.read(journal, signer.known)
+    if before.unconfirmed:
+        say(f"note: {journal}, {before.vouched}")
     on_board = waiting(link, timeout_s)
     if on_board != crc:
         raise CommandFailed(
@@ -297,13 +315,23 @@ def decide(
             link.url,
             "`kincal review list --live` shows what waits",
         )
+
+    def record_it() -> None:
+        record(journal, decision, crc, by, why, link.url, review, signer)
+        say(f"recorded in {journal}")
+
     if decision == "approve":
-        approve(link, crc, timeout_s, say=say)
+        approve(link, crc, timeout_s, say=say, accepted=record_it)
     else:
-        reject(link, crc, timeout_s)
+        reject(link, crc, timeout_s, accepted=record_it)
         say(f"correction {crc:08x} rejected")
-    record(journal, decision, crc, by, why, link.url, review)
-    say(f"recorded in {journal}")
+
+
+def signer_of(link: CommandLink) -> Signer:
+    """Who signs what the link sends. BadInput if nobody does: a decision could not be recorded."""
+    if link.signer is None:
+        raise BadInput("a decision has to be signed", link.url, "name a key file by --keys")
+    return link.signer
 
 
 def waiting(link: CommandLink, timeout_s: float = 5.0) -> int:
@@ -314,34 +342,20 @@ def waiting(link: CommandLink, timeout_s: float = 5.0) -> int:
 # --------------------------------------------------------------------------- journal
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One decision of the journal. time: UTC, ISO; crc: eight hex digits; numbers: of the proposal, empty if
-    no log was given; previous: SHA-256 of the line before, empty for the first."""
-
-    time: str
-    decision: str
-    crc: str
-    by: str
-    why: str
-    session: int | None
-    url: str
-    numbers: dict[str, float]
-    previous: str
-
-
-def _lines(journal: Path) -> list[str]:
-    return journal.read_text("utf-8").splitlines() if journal.is_file() else []
-
-
 def record(
-    journal: Path, decision: str, crc: int, by: str, why: str, url: str, review: Review | None
+    journal: Path,
+    decision: str,
+    crc: int,
+    by: str,
+    why: str,
+    url: str,
+    review: Review | None,
+    signer: Signer,
+    override: str = "",
 ) -> Entry:
-    """Append one decision. Refuses when the journal was tampered with."""
-    if not by.strip() or not why.strip():
-        raise BadInput("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
-    lines = _lines(journal)
-    check_journal(journal)
+    """Append one decision, which the last command of the signer carried out; override: why a correction was
+    approved in spite of its warnings. Refuses when the journal was tampered with."""
+    _check_words(by, why)
     entry = Entry(
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         decision,
@@ -351,37 +365,17 @@ def record(
         review.session if review else None,
         url,
         review.numbers if review else {},
-        _hash(lines[-1]) if lines else "",
+        override=override,
     )
-    journal.parent.mkdir(parents=True, exist_ok=True)
-    with journal.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(entry.__dict__, sort_keys=True) + "\n")
-    return entry
+    return journals.append(journal, entry, signer)
 
 
-def _hash(line: str) -> str:
-    return hashlib.sha256(line.encode()).hexdigest()
+def check_journal(journal: Path, keys: Sequence[Key] = ()) -> list[Entry]:
+    """All entries; an error names the first line that does not follow from the one before, or that its key
+    did not write."""
+    return list(journals.read(journal, keys).entries)
 
 
-def check_journal(journal: Path) -> list[Entry]:
-    """All entries; an error names the first line that does not follow from the one before."""
-    entries: list[Entry] = []
-    before = ""
-    for i, line in enumerate(_lines(journal), 1):
-        try:
-            entry = Entry(**json.loads(line))
-        except (ValueError, TypeError):
-            raise BadInput(
-                "the review journal is damaged",
-                f"{journal}:{i}",
-                "bring back the copy in your records; the tool never rewrites it",
-            ) from None
-        if entry.previous != before:
-            raise BadInput(
-                "the review journal was changed: a line does not follow from the one before",
-                f"{journal}:{i}",
-                "bring back the copy in your records",
-            )
-        entries.append(entry)
-        before = _hash(line)
-    return entries
+def _check_words(by: str, why: str) -> None:
+    if not by.strip() or not why.strip():
+        raise BadInput("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")

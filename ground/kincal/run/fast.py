@@ -7,9 +7,10 @@ from collections import deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from kincal import installation
+from kincal import installation, keys
 from kincal.errors import CommandFailed
 from kincal.link import CommandLink, Received
+from kincal.review import journal
 
 from .evaluate import Evaluator, GroundTruth
 from .follow import Observer, decide
@@ -72,8 +73,8 @@ class InProcessLink(CommandLink):
 
 def perform(request: Request, observer: Observer) -> Finished:
     """Run to the end, reporting every pose; decide if the ground does. Writes result.json, truth.json,
-    contacts.json, launch.json, run.lcmlog and store/. BadInput for a wrong scenario, CommandFailed if the run
-    does not end."""
+    contacts.json, launch.json, run.lcmlog, store/ and store.keys. BadInput for a wrong scenario,
+    CommandFailed if the run does not end."""
     begun = time.monotonic()
     evaluator, scenario = Evaluator(request.tables), load(request.scenario)
     store = Store(outputs.prepare(request.out))
@@ -86,6 +87,7 @@ def perform(request: Request, observer: Observer) -> Finished:
         log=request.out / outputs.LOG,
     )
     with Simulation(scenario, request.seed, setup) as simulation:
+        keys.write(request.out / journal.RUN_KEYS, (simulation.signer.key,))
         truth = truth_record(scenario, simulation.world.plant, request.seed, request.mode)
         outputs.write(request.out / outputs.TRUTH, truth)
         evaluator.learn(GroundTruth.of(truth))

@@ -77,16 +77,23 @@ def decide(
     found = review.from_message(proposal, list(names))
     if not found.changes_something:
         return
-    journal = request.out / "review.jsonl"
+    journal = request.out / review.journals.NAME
     journal.unlink(missing_ok=True)  # every run is its own record
+
+    def record(decision: str, why: str) -> None:
+        review.record(journal, decision, found.crc, _DECIDER, why, link.url, found, review.signer_of(link))
+
     correction = f"ground: correction {found.crc_text}"
     if reasons := review.reasons_to_reject(found):
         why = "; ".join(reasons)
-        review.reject(link, found.crc, ANSWER_S)
-        review.record(journal, "reject", found.crc, _DECIDER, why, link.url, found)
+        review.reject(link, found.crc, ANSWER_S, accepted=lambda: record("reject", why))
         observer.note(f"{correction} rejected: {why}")
         return
     observer.note(f"{correction} reviewed, no reason to reject it")
-    review.approve(link, found.crc, ANSWER_S, say=lambda text: observer.note(f"ground: {text}"))
-    why = "fit and rank as they should be"
-    review.record(journal, "approve", found.crc, _DECIDER, why, link.url, found)
+    review.approve(
+        link,
+        found.crc,
+        ANSWER_S,
+        say=lambda text: observer.note(f"ground: {text}"),
+        accepted=lambda: record("approve", "fit and rank as they should be"),
+    )

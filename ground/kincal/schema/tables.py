@@ -170,6 +170,24 @@ class CameraSource(Source):
     """Width of the image [px]."""
     height_px: Natural
     """Height of the image [px]."""
+    mast_sigma_m: NotNegative
+    """1-sigma of the place of the pan-tilt unit on its mast, each axis [m]; here and below 0: exact."""
+    mast_sigma_rad: NotNegative
+    """1-sigma of its orientation, each axis [rad]."""
+    zero_sigma_rad: NotNegative
+    """1-sigma of the zeros of pan and tilt [rad]."""
+    axis_sigma_rad: NotNegative
+    """1-sigma of axes that are not square to each other, and of the camera on its mount [rad]."""
+    tag_size_sigma: NotNegative
+    """1-sigma of the size of all tags together, relative."""
+    plate_sigma_m: NotNegative
+    """1-sigma of the place of all tags together on the tool, each axis [m]."""
+    plate_sigma_rad: NotNegative
+    """1-sigma of their orientation, each axis [rad]."""
+    drift_sigma_m_s: NotNegative
+    """1-sigma of a steady drift of the mast during a calibration, each axis [m/s]."""
+    drift_sigma_rad_s: NotNegative
+    """1-sigma of a steady turning of the mast during a calibration, each axis [rad/s]."""
     tag: list[TagEntry] = pydantic.Field(min_length=1, max_length=4)
     """Tags on the tool."""
 
@@ -485,6 +503,8 @@ class ConfigSource(Source):
     """Predicted position sigma up to which it may [m]."""
     accept_p_fit_min: Real
     """p-value of the fit from which it may."""
+    frame: Literal["camera", "lander"] = "camera"
+    """Where a correction has to be right: camera, where the camera sees; lander, in the base frame."""
     no_change_p: Real
     """p-value above which nothing needs to change."""
     budget_us: Microseconds

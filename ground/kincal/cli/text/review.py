@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
@@ -11,7 +10,8 @@ from rich.table import Table
 
 from kincal.cli.text.layout import grid
 from kincal.results import angle_text, chance_text, length_text
-from kincal.review import NUMBERS, CoefLine, Entry, Listed, Review
+from kincal.review import NUMBERS, CoefLine, Listed, Review
+from kincal.review.journal import Journal
 from kincal.review.status import Status
 from kincal.review.thresholds import Limits, Threshold, thresholds
 
@@ -33,15 +33,23 @@ def proposals(out: Console, logs: Sequence[Sequence[Listed]]) -> None:
         out.print("no proposals in these logs")
 
 
-def decisions(out: Console, entries: Sequence[Entry], journal: Path) -> None:
-    """Past decisions of a journal."""
-    if not entries:
-        out.print(f"no decisions in {journal}")
+def decisions(out: Console, journal: Journal) -> None:
+    """Past decisions of a journal, and who vouches for them."""
+    if not journal.entries:
+        out.print(f"no decisions in {escape(str(journal.path))}")
         return
-    rows = grid(f"\nDecisions in {journal}", "time", "decision", "CRC", "by", "why")
-    for e in entries:
-        rows.add_row(e.time, e.decision, e.crc, escape(e.by), escape(e.why))
+    rows = grid(f"\nDecisions in {escape(str(journal.path))}", "time", "decision", "CRC", "by", "why")
+    for e in journal.entries:
+        rows.add_row(escape(e.time), escape(e.decision), escape(e.crc), escape(e.by), escape(e.why))
     out.print(rows)
+    if journal.unconfirmed:
+        out.print(f"[yellow]look at: {escape(journal.vouched)}[/]")
+
+
+def absent(out: Console, missing: Sequence[str]) -> None:
+    """Decisions that flight took and that no journal has."""
+    for text in missing:
+        out.print(f"[red]NOT in the journal: {escape(text)}[/]")
 
 
 def show(
@@ -50,7 +58,8 @@ def show(
     """A proposal with all its numbers, what became of it, and what a reviewer should look at."""
     out.print(
         f"[bold]correction {r.crc_text}[/]: {r.verdict}; {about.state}; session "
-        f"{r.session}, {r.n_poses} poses, replaces {r.crc_before:08x}"
+        f"{r.session}, {r.n_poses} poses, replaces {r.crc_before:08x}; to be right in the frame of the "
+        f"{r.frame}"
     )
     shown = [c for c in r.coefs if not c.idle]
     out.print(_coefficients(shown))

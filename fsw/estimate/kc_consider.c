@@ -1,0 +1,123 @@
+#include "kc_consider.h"
+
+#include <string.h>
+
+#include "kc_la.h"
+
+#define N KC_CHAIN_COUNT
+
+void kc_consider_begin(kc_consider_t *c) { memset(c, 0, sizeof *c); }
+
+static double dot6(const double a[6], const double b[6])
+{
+    double s = 0.0;
+    for (uint32_t i = 0u; i < 6u; i++) { s += a[i] * b[i]; }
+    return s;
+}
+
+uint64_t kc_consider_add_cost(const kc_est_t *est) { return 40000u + 900u * est->terms->n_coef; }
+
+void kc_consider_add(kc_consider_t *c, const kc_est_t *est, const kc_consider_pose_t *pose)
+{
+    double h[N][6], col[6];
+    for (uint32_t k = 0u; k < N; k++) {
+        kc_la_whiten_apply(pose->W, 6u, pose->H[k], h[k]);
+        c->b_before[k] += dot6(h[k], pose->before);
+        c->b[k] += dot6(h[k], pose->after);
+        for (uint32_t j = 0u; j <= k; j++) { c->HH[k * N + j] += dot6(h[k], h[j]); }
+    }
+    for (uint32_t i = 0u; i < est->terms->n_coef; i++) {
+        kc_la_whiten_apply(pose->W, 6u, pose->eval->J[i], col);
+        for (uint32_t k = 0u; k < N; k++) { c->S[i * N + k] += dot6(col, h[k]); }
+    }
+}
+
+/* A column of J'H becomes one of S; A, lower triangle, loses what the estimate takes. */
+static void gain(kc_consider_t *c, const kc_est_t *est, uint32_t k)
+{
+    const uint32_t n = est->terms->n_coef;
+    double s[KC_COEF_MAX];
+    kc_la_mul(est->cov, n, KC_COEF_MAX, &c->S[k], 1u, N, s);
+    /* columns after k are still those of J'H */
+    for (uint32_t j = k; j < N; j++) {
+        double both = 0.0;
+        for (uint32_t i = 0u; i < n; i++) { both += s[i] * c->S[i * N + j]; }
+        c->A[j * N + k] = c->HH[j * N + k] - both;
+    }
+    for (uint32_t i = 0u; i < n; i++) { c->S[i * N + k] = s[i]; }
+}
+
+/* M, lower triangle of a positive semidefinite matrix but for rounding, becomes the factor of I + M, and b is
+ * solved by it. Where a table makes M too large for its digits, nothing is explained: the fit is then as unlikely as
+ * with an exact camera. */
+static void factor(double *M, double *b)
+{
+    for (uint32_t k = 0u; k < N; k++) { M[k * (N + 1u)] += 1.0; }
+    if (kc_la_chol(M, N, N) == KC_OK) {
+        kc_la_solve_lower(M, N, N, b);
+        return;
+    }
+    memset(b, 0, N * sizeof *b);
+    memset(M, 0, (size_t)N * N * sizeof *M);
+    for (uint32_t k = 0u; k < N; k++) { M[k * (N + 1u)] = 1.0; }
+}
+
+void kc_consider_scale(kc_consider_t *c, double noise_scale)
+{
+    const double weight = 1.0 / (noise_scale * noise_scale);
+    for (uint32_t k = 0u; k < N * N; k++) { c->L[k] = weight * c->A[k]; }
+    for (uint32_t k = 0u; k < N; k++) { c->b_after[k] = weight * c->b[k]; }
+    factor(c->L, c->b_after);
+    memcpy(c->mean, c->b_after, sizeof c->mean);
+    kc_la_solve_lower_t(c->L, N, N, c->mean);
+}
+
+void kc_consider_end(kc_consider_t *c, const kc_est_t *est)
+{
+    for (uint32_t k = 0u; k < N; k++) { gain(c, est, k); }
+    factor(c->HH, c->b_before);
+    kc_consider_scale(c, 1.0);
+}
+
+static double sum_squares(const double *v, uint32_t n)
+{
+    double s = 0.0;
+    for (uint32_t i = 0u; i < n; i++) { s += v[i] * v[i]; }
+    return s;
+}
+
+double kc_consider_explains_before(const kc_consider_t *c, uint32_t n) { return sum_squares(c->b_before, n); }
+
+double kc_consider_explains_after(const kc_consider_t *c, uint32_t n) { return sum_squares(c->b_after, n); }
+
+double kc_consider_cov(const kc_consider_t *c, uint32_t i, uint32_t j)
+{
+    double s = 0.0;
+    for (uint32_t k = 0u; k < N; k++) { s += c->S[i * N + k] * c->S[j * N + k]; }
+    return s;
+}
+
+uint64_t kc_consider_pose_cost(const kc_est_t *est) { return 40000u + 1200u * est->terms->n_coef; }
+
+void kc_consider_pose(const kc_consider_t *c, const kc_est_t *est, const kc_eval_t *eval, double (*seen)[6],
+                      double *pos2, double *rot2)
+{
+    double e[6][N];
+    for (uint32_t k = 0u; k < N; k++) {
+        /* the tags' errors do not move what else the camera sees */
+        const bool moves = seen != NULL && k >= KC_CHAIN_DRIFT;
+        for (uint32_t a = 0u; a < 6u; a++) {
+            e[a][k] = moves ? -seen[k][a] : 0.0;
+            for (uint32_t i = 0u; i < est->terms->n_coef; i++) { e[a][k] += eval->J[i][a] * c->S[i * N + k]; }
+        }
+    }
+    double var[6];
+    for (uint32_t a = 0u; a < 6u; a++) {
+        double mean = 0.0;
+        for (uint32_t k = 0u; k < N; k++) { mean += e[a][k] * c->mean[k]; }
+        kc_la_solve_lower(c->L, N, N, e[a]);
+        var[a] = mean * mean + sum_squares(e[a], N);
+    }
+    *pos2 = var[0] + var[1] + var[2];
+    *rot2 = var[3] + var[4] + var[5];
+}

@@ -1,0 +1,55 @@
+"""Messages of flight software before this one: what a log, or an older flight, still holds.
+
+A message type changes by fields at its end, and nothing else: then the bytes of the former type are the first
+part of today's. An LCM packet begins with the fingerprint of its type; a former one is known here with how
+the fields that it lacks are filled. Each is a row, found in `git log fsw/msg`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from kincal.flight import library
+
+if TYPE_CHECKING:
+    from .messages import LcmMessage, Proposal
+
+_FINGERPRINT_BYTES = 8
+
+
+@dataclass(frozen=True)
+class Former:
+    """A former type. type: its name, which is today's; more_bytes: by how much today's message is longer;
+    fill: gives the fields that it lacks their values."""
+
+    type: str
+    more_bytes: int
+    fill: Callable[[Any], None]
+
+
+def _with_an_exact_camera(p: Proposal) -> None:
+    """Errors of the camera chain were not stated: predicted errors are those of the noise, in each frame."""
+    p.frame = library("flight").constant("KC_RIGHT_IN_LANDER")
+    p.pred_noise_pos_m = p.pred_camera_pos_m = p.pred_lander_pos_m = p.pred_pos_m
+    p.pred_noise_rot_rad = p.pred_camera_rot_rad = p.pred_lander_rot_rad = p.pred_rot_rad
+
+
+FORMER = {
+    bytes.fromhex("049802873f024b41"): Former("proposal_t", 1 + 6 * 8, _with_an_exact_camera),
+}
+"""By fingerprint."""
+
+
+def decode(today: Any, data: bytes) -> LcmMessage:
+    """Message of the type `today` (a class of lcm-gen), from bytes of it or of a former type of that name.
+    ValueError if they are neither."""
+    former = FORMER.get(bytes(data[:_FINGERPRINT_BYTES]))
+    message: LcmMessage
+    if former is None or former.type != today.__name__:
+        message = today.decode(data)
+        return message
+    fingerprint: bytes = today._get_packed_fingerprint()  # noqa: SLF001 lcm-gen offers nothing else
+    message = today.decode(fingerprint + data[_FINGERPRINT_BYTES:] + bytes(former.more_bytes))
+    former.fill(message)
+    return message

@@ -1,0 +1,241 @@
+"""The journal of decisions: one JSON object a line, each with the hash of the line before and a MAC.
+
+The hash shows a line that was changed, taken out or put in between, but not what was done to the last one:
+the MAC, made with the key that signed the decision, shows that too. A last line that is gone is noticed where
+a log has its command: flight took it, and its counter is above those of the journal (`absent`)."""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from kincal.errors import BadInput
+from kincal.flight import library
+from kincal.keys import Key, Signer, open_own, signed_by
+from kincal.keys import read as read_keys
+from kincal.link import LogSummary, crc_text
+from kincal.link.names import opcode
+
+VARIABLE = "KINCAL_JOURNAL"
+NAME = "review.jsonl"
+"""Of a journal, beside the key file; of a run it lies beside its log too."""
+RUN_KEYS = "store.keys"
+"""The key file of a run."""
+_LABEL = b"KinCal review 1\0"
+_COPY = "bring back the copy in your records; the tool never rewrites it"
+_DECIDING = {"APPROVE_GO": "approve", "REJECT": "reject"}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One decision of the journal. time: UTC, ISO; crc: eight hex digits; numbers: of the proposal, empty if
+    no log was given; previous: SHA-256 of the line before, empty for the first; override: why a correction
+    was approved in spite of its warnings; key_id, counter: of the command that carried the decision out, 0 in
+    journals of before; unconfirmed: how many lines before it nobody could vouch for when it was written; mac:
+    made with that key over all of the others, empty in journals of before."""
+
+    time: str
+    decision: str
+    crc: str
+    by: str
+    why: str
+    session: int | None
+    url: str
+    numbers: dict[str, float]
+    previous: str = ""
+    override: str = ""
+    key_id: int = 0
+    counter: int = 0
+    unconfirmed: int = 0
+    mac: str = ""
+
+    def text(self) -> str:
+        """The line of the journal."""
+        return json.dumps(dataclasses.asdict(self), sort_keys=True)
+
+    def mac_of(self, key: Key) -> str:
+        """What `mac` has to be."""
+        return key.digest(_LABEL + dataclasses.replace(self, mac="").text().encode()).hex()
+
+
+@dataclass(frozen=True)
+class Journal:
+    """What a journal holds. unconfirmed: how many of its last lines no key vouches for; why: in words; keys:
+    that it was checked with."""
+
+    path: Path
+    entries: tuple[Entry, ...] = ()
+    unconfirmed: int = 0
+    why: str = ""
+    keys: tuple[Key, ...] = field(default=(), repr=False)
+
+    @property
+    def vouched(self) -> str:
+        """Who vouches for its lines, in words."""
+        if not self.unconfirmed:
+            return "each line from the holder of the key" if self.entries else "nothing to check"
+        first, last = len(self.entries) - self.unconfirmed + 1, len(self.entries)
+        which = f"lines {first} to {last}" if first < last else f"line {last}"
+        return f"{which}: nobody can tell whether they were changed, {self.why}"
+
+
+def read(path: Path, keys: Sequence[Key] = ()) -> Journal:
+    """All entries. BadInput names the first line that does not follow from the one before, or that is not
+    what a key of `keys` vouched for."""
+    if not os.path.lexists(path):
+        return Journal(path, keys=tuple(keys))
+    if not path.is_file():
+        raise BadInput("the review journal is no regular file", str(path), "name another one by --journal")
+    return _parsed(path, path.read_bytes(), keys)
+
+
+def append(path: Path, entry: Entry, signer: Signer) -> Entry:
+    """Add an entry, with what ties it to the line before and to the last command of the signer; it is on the
+    medium when this returns. BadInput as `read`, or if the line cannot be written."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with open_own(path, "the review journal cannot be kept", os.O_APPEND) as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        raw = file.read()
+        before = _parsed(path, raw, signer.known)
+        entry = dataclasses.replace(
+            entry,
+            previous=_hash(raw.splitlines()[-1]) if raw else "",
+            key_id=signer.key.id,
+            counter=signer.counters.get(_ground(), 0),
+            unconfirmed=before.unconfirmed,
+        )
+        entry = dataclasses.replace(entry, mac=entry.mac_of(signer.key))
+        line = entry.text().encode() + b"\n"
+        if file.write(line) != len(line):
+            file.truncate(len(raw))
+            raise BadInput("the review journal cannot be kept: the medium is full", str(path))
+        os.fsync(file.fileno())
+    return entry
+
+
+def _ground() -> int:
+    return int(library("flight").lib.KC_SRC_GROUND)
+
+
+def _hash(line: bytes) -> str:
+    return hashlib.sha256(line).hexdigest()
+
+
+def _parsed(path: Path, raw: bytes, keys: Sequence[Key]) -> Journal:
+    """The chain, and the MACs that can be checked."""
+    known = {key.id: key for key in keys}
+    entries: list[Entry] = []
+    before, confirmed = "", 0
+    for n, line in enumerate(raw.splitlines(), 1):
+        where = f"{path}:{n}"
+        entry = _entry(line, where)
+        if entry.previous != before:
+            raise BadInput(
+                "the review journal was changed: a line does not follow from the one before", where, _COPY
+            )
+        _check_key(entry, entries[-1].key_id if entries else 0, where)
+        if entry.key_id in known:
+            if entry.mac != entry.mac_of(known[entry.key_id]):
+                raise BadInput(
+                    f"the review journal was changed: key {entry.key_id} did not write this line",
+                    where,
+                    f"{_COPY}. After `kincal key new` begin a new one: --journal FILE",
+                )
+            confirmed = n
+        entries.append(entry)
+        before = _hash(line)
+    if raw and not raw.endswith(b"\n"):
+        where = f"{path}:{len(entries)}"
+        raise BadInput("the review journal is damaged: its last line has no end", where, _COPY)
+    unconfirmed = len(entries) - confirmed
+    return Journal(path, tuple(entries), unconfirmed, _why(entries[confirmed:], keys), tuple(keys))
+
+
+def _check_key(entry: Entry, key_before: int, where: str) -> None:
+    """Keys only go forward: who could write lines of a key that is gone would need no key."""
+    if entry.key_id < key_before or bool(entry.key_id) != bool(entry.mac):
+        raise BadInput(
+            "the review journal was changed: the MAC of a line is missing, or of an older key than before it",
+            where,
+            _COPY,
+        )
+
+
+def _why(unconfirmed: Sequence[Entry], keys: Sequence[Key]) -> str:
+    if not unconfirmed:
+        return ""
+    if not keys:
+        return "there is no key file to check with"
+    if not unconfirmed[-1].mac:
+        return "they carry no MAC (written before journals had one, or by somebody else)"
+    return f"the key file does not have key {unconfirmed[-1].key_id}"
+
+
+_TYPES: dict[str, type | tuple[type, ...]] = {
+    "session": (int, type(None)),
+    "numbers": dict,
+    "key_id": int,
+    "counter": int,
+    "unconfirmed": int,
+}
+
+
+def _entry(line: bytes, where: str) -> Entry:
+    """An entry of a line; BadInput if it is none."""
+    try:
+        entry = Entry(**json.loads(line))
+        values = dataclasses.asdict(entry)
+        good = all(isinstance(value, _TYPES.get(name, str)) for name, value in values.items())
+        # the same object can be written in many ways, of which one is authenticated
+        good = good and (not entry.mac or entry.text().encode() == line)
+    except (ValueError, TypeError, RecursionError):
+        good = False
+    if not good:
+        raise BadInput("the review journal is damaged", where, _COPY)
+    return entry
+
+
+# ---- against logs
+
+
+def absent(journals: Sequence[Journal], log: LogSummary) -> list[str]:
+    """Decisions that flight took, signed with a key of a journal, and that no line of it has, in words."""
+    return [text for journal in journals for text in _absent(journal, log)]
+
+
+def _absent(journal: Journal, log: LogSummary) -> list[str]:
+    opcodes = {opcode(name): decision for name, decision in _DECIDING.items()}
+    taken = {(a.source, a.seq, a.opcode) for a in log.acks if a.status == 0}
+    there = {(e.key_id, e.counter) for e in journal.entries}
+    highest = max((e.counter for e in journal.entries), default=0)
+    found: list[str] = []
+    for c in log.commands:
+        ours = c.opcode in opcodes and c.source == _ground() and (c.source, c.seq, c.opcode) in taken
+        if not ours or (c.key_id, c.counter) in there or not any(signed_by(c, key) for key in journal.keys):
+            continue
+        after = "after its last line" if c.counter > highest else "between its lines"
+        found.append(
+            f"{opcodes[c.opcode]} of {crc_text(c.arg_i[0])} (key {c.key_id}, counter {c.counter}), which "
+            f"flight took, is not in {journal.path}: a line is gone {after}, or was never written"
+        )
+    return found
+
+
+def of_run(log: Path) -> Journal | None:
+    """The journal of a run, beside its log, checked with the keys of the run if they are there; None if there
+    is neither. BadInput as `read`."""
+    path, keys = log.with_name(NAME), log.with_name(RUN_KEYS)
+    if not path.is_file() and not keys.is_file():
+        return None
+    return read(path, read_keys(keys) if keys.is_file() else ())
+
+
+def place(journal: Path | None, key_file: Path) -> Path:
+    """The given one, else beside the key file: one journal for each, as with the counters."""
+    return journal.expanduser() if journal else key_file.with_name(NAME)

@@ -1,0 +1,78 @@
+"""What was written before this flight software: a log and a store of the code before CAMERA stated errors of
+the camera chain (KC_PROPOSAL with 49 bytes less, CAMERA and CONFIG of layout 1). tests/ground/former: a
+healthy run, its messages but for most of the telemetry; the store after an approved correction."""
+
+import gzip
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from kincal import link
+from kincal.cli import main
+from kincal.flight import library
+from kincal.link import channels, former
+from kincal.run.inprocess import TABLES, Script, Setup, simulate
+from kincal.run.store import Store
+
+FORMER = Path(__file__).parent / "former"
+KIN_CRC = 0xEFF09077  # that the executive's record named when the store was made
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "former.lcm"
+    path.write_bytes(gzip.decompress((FORMER / "log.lcm.gz").read_bytes()))
+    return path
+
+
+def test_a_log_from_before_is_read_whole(log):
+    summary = link.read_log(log)
+    assert not summary.undecodable
+    assert len(summary.last_session.measurements) == len(summary.last_session.progress) == 34
+    p = summary.last_session.proposal
+    assert p.verdict == p.NO_CHANGE
+    assert p.crc & 0xFFFFFFFF == 0xC9D33C57
+    assert p.crc_kin_before & 0xFFFFFFFF == 0xF64B67C2
+
+
+def test_a_proposal_from_before_has_an_exact_camera(log):
+    p = link.read_log(log).last_session.proposal
+    assert p.frame == p.LANDER
+    assert 0.0 < p.pred_pos_m < 5e-4
+    assert p.pred_noise_pos_m == p.pred_camera_pos_m == p.pred_lander_pos_m == p.pred_pos_m
+    assert p.pred_noise_rot_rad == p.pred_camera_rot_rad == p.pred_lander_rot_rad == p.pred_rot_rad
+
+
+def test_the_commands_read_a_log_from_before(log):
+    run = CliRunner().invoke(main, ["log", str(log), "--json"])
+    assert run.exit_code == 0, run.output
+    assert json.loads(run.output)["sessions"][0]["proposal"]["verdict"] == "no change needed"
+
+
+def test_damage_of_a_former_message_is_damage():
+    head = next(iter(former.FORMER))
+    with pytest.raises(Exception):  # noqa: B017, PT011 generated decoders raise anything
+        channels.decode("KC_PROPOSAL", head + bytes(100))
+    with pytest.raises(ValueError):  # noqa: PT011
+        channels.decode("KC_HK", head + bytes(5000))
+
+
+def test_former_types_are_not_those_of_today():
+    for fingerprint, row in former.FORMER.items():
+        assert channels.message_type(row.type)._get_packed_fingerprint() != fingerprint
+
+
+def test_a_store_from_before_is_in_force_after_a_start(tmp_path):
+    """KIN, the journal that names it and what was in force before; CAMERA and CONFIG come from the folder."""
+    shutil.copytree(FORMER / "store", tmp_path / "store")
+    setup = Setup(
+        tables=TABLES, store=Store(tmp_path / "store"), limit_s=3.0, commander=lambda send: Script(send, [])
+    )
+    run = simulate("healthy", 1, setup)
+    hk = run.log.hk
+    assert hk.table_crc[library("flight").constant("KC_TBL_KIN")] & 0xFFFFFFFF == KIN_CRC
+    assert hk.boot_count == 2
+    assert [e.text for e in run.log.events if e.severity in ("WARNING", "ERROR")] == []

@@ -1,0 +1,345 @@
+"""The journal of decisions: who can change it unnoticed, what a log says that it lacks, where it lies."""
+
+import json
+import os
+import time
+
+import lcm
+import pytest
+from click.testing import CliRunner
+from fake_flight import FakeFlight
+from samples import CRC, signed, write_log
+
+import kcm
+from kincal import keys, review
+from kincal.cli import main
+from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
+from kincal.errors import BadInput
+from kincal.review import journal as journals
+
+DAMAGED = "the review journal is damaged"
+CHANGED = "the review journal was changed"
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Keys of a test's own."""
+    path = tmp_path / "own" / "keys"
+    keys.new(path)
+    return path
+
+
+@pytest.fixture
+def journal(tmp_path, file):
+    """Three decisions, signed."""
+    path = tmp_path / "journal.jsonl"
+    for n in range(3):
+        decide(path, file, CRC, f"reason {n}")
+    return path
+
+
+def decide(path, file, crc, why="why"):
+    """A decision, after the command that carries it out; returns that command."""
+    signer = keys.signer_of(file)
+    m = kcm.cmd_t()
+    m.source, m.opcode, m.seq, m.arg_i = m.SRC_GROUND, m.APPROVE_GO, 7, [signed(crc), 0, 0, 0]
+    m = signer.command(m)
+    review.record(path, "approve", crc, "me", why, "url", None, signer)
+    return m
+
+
+def read(path, file):
+    return journals.read(path, keys.read(file))
+
+
+def change(path, line, **what):
+    """Write other values into a line."""
+    lines = path.read_text().splitlines()
+    lines[line] = json.dumps({**json.loads(lines[line]), **what}, sort_keys=True)
+    path.write_text("\n".join(lines) + "\n")
+
+
+def verify(path, file, *logs):
+    given = ["review", "verify", *map(str, logs), "--journal", str(path), "--keys", str(file)]
+    return CliRunner().invoke(main, given)
+
+
+def approve(flight, path, file):
+    given = ["--by", "me", "--why", "x", "--url", flight.url, "--journal", str(path), "--keys", str(file)]
+    return CliRunner().invoke(main, ["review", "approve", f"{CRC:08x}", *given])
+
+
+# ------------------------------------------------------------------------ the last line
+
+
+def test_every_line_of_a_good_journal_is_vouched_for(journal, file):
+    found = read(journal, file)
+    assert (len(found.entries), found.unconfirmed) == (3, 0)
+    assert [e.counter for e in found.entries] == [found.entries[0].counter + n for n in range(3)]
+    run = verify(journal, file)
+    assert run.exit_code == 0 and "3 decisions, each line from the holder of the key" in run.output
+
+
+@pytest.mark.parametrize(
+    "what", [{"why": "better"}, {"crc": "0badcafe"}, {"override": "x"}, {"time": "2020"}, {"mac": "00" * 16}]
+)
+def test_a_changed_last_line_is_noticed_and_named(journal, file, what):
+    change(journal, 2, **what)
+    run = verify(journal, file)
+    assert run.exit_code == EXIT_INPUT
+    assert f"{journal}:3" in run.output and "did not write this line" in run.output
+
+
+def test_a_line_appended_without_the_key_is_noticed(journal, file, tmp_path):
+    other = tmp_path / "other"
+    keys.new(other)  # its key has the same number
+    with pytest.raises(BadInput, match="did not write this line"):
+        decide(journal, other, 1)
+    last = journal.read_bytes().splitlines()[-1]
+    forged = {**json.loads(last), "previous": journals._hash(last), "mac": "", "key_id": 0, "why": "by hand"}
+    with journal.open("a") as out:
+        out.write(json.dumps(forged, sort_keys=True) + "\n")
+    with pytest.raises(BadInput, match="MAC of a line is missing") as refused:
+        read(journal, file)
+    assert refused.value.where == f"{journal}:4"
+
+
+def test_a_line_that_is_written_differently_is_not_the_line_that_was_signed(journal, file):
+    text = journal.read_text().splitlines()
+    journal.write_text("\n".join([*text[:2], text[2].replace('"why": "', '"why":  "')]) + "\n")
+    with pytest.raises(BadInput, match=DAMAGED):
+        read(journal, file)
+
+
+def test_a_changed_journal_stops_a_decision_before_anything_is_sent(journal, file):
+    change(journal, 2, why="better")
+    with FakeFlight(CRC) as flight:
+        run = approve(flight, journal, file)
+    assert run.exit_code == EXIT_INPUT and "did not write this line" in run.output
+    assert flight.commands == []
+
+
+# ------------------------------------------------------------------------ a line that is gone
+
+
+def log_of(path, commands, status=0):
+    """A log with commands of the ground and flight's answers."""
+    log = lcm.EventLog(str(path), "w", overwrite=True)
+    for n, m in enumerate(commands):
+        answer = kcm.ack_t()
+        answer.source, answer.seq, answer.opcode, answer.status = m.source, m.seq, m.opcode, status
+        log.write_event(2 * n, "KC_CMD", m.encode())
+        log.write_event(2 * n + 1, "KC_ACK", answer.encode())
+    log.close()
+    return path
+
+
+def test_a_last_line_that_is_gone_is_noticed_by_what_flight_took(journal, file, tmp_path):
+    log = log_of(tmp_path / "run.lcmlog", [decide(journal, file, CRC, "the last")])
+    assert verify(journal, file, log).exit_code == 0
+    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:-1]))
+    assert verify(journal, file).exit_code == 0  # of itself it cannot tell
+    run = verify(journal, file, log)
+    text = " ".join(run.output.split())
+    assert run.exit_code == EXIT_FAILED
+    assert f"approve of {CRC:08x} (key 1, counter" in text and "a line is gone after its last line" in text
+    listed = CliRunner().invoke(
+        main, ["review", "list", str(log), "--journal", str(journal), "--keys", str(file)]
+    )
+    assert "NOT in the journal" in listed.output
+
+
+def test_what_flight_refused_or_a_stranger_sent_is_not_missed(journal, file, tmp_path):
+    m = decide(tmp_path / "elsewhere", file, CRC)
+    refused = log_of(tmp_path / "refused.lcmlog", [m], status=-8)
+    m.mac = [1, 2]
+    forged = log_of(tmp_path / "forged.lcmlog", [m])
+    m.counter = -1
+    negative = log_of(tmp_path / "negative.lcmlog", [m])
+    assert verify(journal, file, refused, forged, negative).exit_code == 0
+
+
+# ------------------------------------------------------------------------ keys that come and go
+
+
+def test_lines_of_a_retired_key_are_vouched_for_by_those_after_them(journal, file):
+    keys.rotate(file)
+    keys.retire(file)
+    found = read(journal, file)
+    assert found.unconfirmed == 3 and "does not have key 1" in found.why
+    run = verify(journal, file)
+    assert run.exit_code == EXIT_FAILED and "lines 1 to 3: nobody can tell" in " ".join(run.output.split())
+    decide(journal, file, CRC)
+    found = read(journal, file)
+    assert found.unconfirmed == 0 and found.entries[-1].unconfirmed == 3
+    change(journal, 0, why="other")
+    with pytest.raises(BadInput, match="does not follow") as refused:
+        read(journal, file)
+    assert refused.value.where == f"{journal}:2"
+
+
+def test_a_key_that_is_gone_cannot_come_back(journal, file, tmp_path):
+    old = tmp_path / "old"
+    keys.write(old, keys.read(file))
+    keys.rotate(file)
+    keys.retire(file)
+    decide(journal, file, CRC)
+    with pytest.raises(BadInput, match="older key"):
+        signer = keys.signer_of(old)
+        last = journal.read_bytes().splitlines()[-1]
+        e = journals.Entry(*("x",) * 5, None, "", {}, previous=journals._hash(last), key_id=1)
+        with journal.open("a") as out:
+            out.write(journals.dataclasses.replace(e, mac=e.mac_of(signer.key)).text() + "\n")
+        read(journal, file)
+
+
+OLD = {
+    "time": "2026-11-01T00:00:00+00:00", "decision": "approve", "crc": "fedcba98", "by": "me", "why": "clean",
+    "session": 1, "url": "u", "numbers": {"p_fit": 0.5}, "previous": "",
+}  # fmt: skip
+
+
+def test_a_journal_of_before_lines_had_macs_is_read_and_goes_on(tmp_path, file):
+    path = tmp_path / "old.jsonl"
+    path.write_text(json.dumps(OLD, sort_keys=True) + "\n")
+    found = read(path, file)
+    assert found.unconfirmed == 1 and "carry no MAC" in found.why
+    assert verify(path, file).exit_code == EXIT_FAILED
+    with FakeFlight(CRC) as flight:
+        run = approve(flight, path, file)
+    assert run.exit_code == 0, run.output
+    assert "line 1: nobody can tell whether they were changed" in " ".join(run.output.split())
+    found = read(path, file)
+    assert found.unconfirmed == 0 and [e.unconfirmed for e in found.entries] == [0, 1]
+
+
+def test_without_keys_the_chain_is_checked_and_that_is_said(journal, tmp_path):
+    run = verify(journal, tmp_path / "nowhere")
+    assert run.exit_code == EXIT_FAILED and "there is no key file" in run.output
+
+
+# ------------------------------------------------------------------------ what is no journal
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"\xff\xfe\n",
+        b"[]\n",
+        b"5\n",
+        b"{}\n",
+        b"[" * 100_000 + b"\n",
+        json.dumps({**OLD, "by": 5}).encode() + b"\n",
+        json.dumps({**OLD, "numbers": []}).encode() + b"\n",
+        json.dumps({**OLD, "session": "x"}).encode() + b"\n",
+        json.dumps({**OLD, "extra": 1}).encode() + b"\n",
+        b'{"session": ' + b"9" * 5000 + b"}\n",
+    ],
+)
+def test_what_is_no_journal_is_refused_with_its_line(tmp_path, file, text):
+    path = tmp_path / "j"
+    path.write_bytes(text)
+    for name in ("verify", "list"):
+        run = CliRunner().invoke(main, ["review", name, "--journal", str(path), "--keys", str(file)])
+        assert run.exit_code == EXIT_INPUT and DAMAGED in run.output and f"{path}:1" in run.output
+
+
+def test_a_line_that_was_cut_by_a_power_loss_is_named(journal, file):
+    journal.write_bytes(journal.read_bytes()[:-1])
+    with pytest.raises(BadInput, match="no end") as refused:
+        read(journal, file)
+    assert refused.value.where == f"{journal}:3"
+
+
+def test_a_journal_that_is_a_link_or_a_pipe_is_refused(tmp_path, file):
+    target = tmp_path / "target"
+    target.write_text("")
+    (tmp_path / "link").symlink_to(target)
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("link", "pipe"):
+        begun = time.monotonic()
+        with pytest.raises(BadInput, match=r"cannot be kept: this is (a symbolic link|no regular file)"):
+            decide(tmp_path / name, file, CRC)
+        assert time.monotonic() - begun < 2.0
+    assert target.read_text() == ""
+
+
+def test_a_full_medium_leaves_the_journal_as_it_was(journal, file, monkeypatch):
+    before = journal.read_bytes()
+    opened = keys.open_own
+
+    class Full:
+        """Takes ten bytes."""
+
+        def __init__(self, raw):
+            self.raw = raw
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            self.raw.close()
+
+        def __getattr__(self, name):
+            return getattr(self.raw, name)
+
+        def write(self, data):
+            return self.raw.write(data[:10])
+
+    monkeypatch.setattr(journals, "open_own", lambda *a: Full(opened(*a)))
+    with pytest.raises(BadInput, match="medium is full"):
+        decide(journal, file, CRC)
+    assert journal.read_bytes() == before
+
+
+# ------------------------------------------------------------------------ where it lies
+
+
+def test_without_an_option_it_lies_beside_the_keys_at_home(tmp_path, monkeypatch):
+    monkeypatch.delenv(keys.VARIABLE)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    keys.new(keys.file_of(None))
+    for folder in ("here", "there"):
+        (tmp_path / folder).mkdir()
+        monkeypatch.chdir(tmp_path / folder)
+        with FakeFlight(CRC) as flight:
+            given = ["--by", "me", "--why", folder, "--url", flight.url]
+            run = CliRunner().invoke(main, ["review", "approve", f"{CRC:08x}", *given])
+        assert run.exit_code == 0, run.output
+    listed = CliRunner().invoke(main, ["review", "list"]).output
+    assert "here" in listed and "there" in listed
+    assert len(review.check_journal(tmp_path / ".kincal" / "review.jsonl")) == 2
+
+
+def test_a_run_that_is_reviewed_with_its_own_keys_has_its_own_journal(tmp_path):
+    own = tmp_path / "run" / "store.keys"
+    keys.new(own)
+    with FakeFlight(CRC) as flight:
+        given = ["--by", "me", "--why", "x", "--url", flight.url, "--keys", str(own)]
+        run = CliRunner().invoke(main, ["review", "approve", f"{CRC:08x}", *given])
+    assert run.exit_code == 0, run.output
+    assert read(own.with_name("review.jsonl"), own).unconfirmed == 0
+
+
+def test_the_decision_of_a_run_is_found_beside_its_log(tmp_path, file):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    log, own = folder / "run.lcmlog", folder / "store.keys"
+    write_log(log)
+    keys.write(own, (keys.of_simulation(3),))
+    decide(folder / "review.jsonl", own, CRC, "of the run")
+    given = ["--journal", str(tmp_path / "mine.jsonl"), "--keys", str(file)]
+    listed = CliRunner().invoke(main, ["review", "list", str(log), *given]).output
+    assert "of the run" in listed and "nobody can tell" not in listed
+    assert verify(tmp_path / "mine.jsonl", file, log).exit_code == 0
+    change(folder / "review.jsonl", 0, why="of somebody")
+    assert verify(tmp_path / "mine.jsonl", file, log).exit_code == EXIT_INPUT
+
+
+def test_a_journal_of_a_run_that_is_gone_altogether_is_noticed(tmp_path, file):
+    own = tmp_path / "store.keys"
+    keys.write(own, (keys.of_simulation(3),))
+    log = log_of(tmp_path / "run.lcmlog", [decide(tmp_path / "review.jsonl", own, CRC)])
+    (tmp_path / "review.jsonl").unlink()
+    run = verify(tmp_path / "mine.jsonl", file, log)
+    assert run.exit_code == EXIT_FAILED and "NOT in the journal" in run.output
