@@ -9,9 +9,10 @@ tag detector, one process for all runs. With --frames measured (the default) fra
 take the detections of fast mode: they are not measured. A scene that rests is drawn once; each frame has
 noise, compression and detection of its own.
 
-The simulated camera has no lens error, and its tags have exactly the printed size. So CONFIG's floor of a
-measurement's sigma (sigma_pos_min_m, sigma_rot_min_rad), which stands for those, is taken away, unless
---floor says otherwise: with it the stated sigma is larger than the error, as it should be here.
+The simulated camera has no lens error, stands where CAMERA says, and its tags have exactly the printed size. So
+CONFIG's floor of a measurement's sigma (sigma_pos_min_m, sigma_rot_min_rad) and the stated errors of the camera chain,
+which stand for those, are taken away, unless --floor says otherwise: with them the stated sigma is larger than the
+error, as it should be here. tests/bench/camera_chain.py draws errors of the chain.
 
 Checked: the normalised error squared of the coefficients that were determined, e' C^-1 e with the
 covariance of the proposal, against chi-square. Its mean over the runs lies in the 95 % band of its
@@ -22,7 +23,6 @@ if it does not, or if a run has no correction.
 import argparse
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -45,6 +45,7 @@ from montecarlo import bounds, coefficient_errors, paper  # noqa: E402
 
 import kcm  # noqa: E402
 from kincal.flight import library  # noqa: E402
+from kincal.flight import tables as codec  # noqa: E402
 from kincal.run.inprocess import TABLES, Setup, Tick, simulate  # noqa: E402
 from kincal_sim.camera import Camera, TagsRadiance, load_config  # noqa: E402
 from kincal_sim.imagers import Imager, fast_imager  # noqa: E402
@@ -57,6 +58,10 @@ CONFIG = ROOT / "sim" / "models" / "detector.yml"
 MEASURE = library("flight").constant("KC_ST_MEASURE")
 JPEG_QUALITY = 75  # what whole frames of this scene end up with
 N_DH = 28
+CHAIN_SIGMAS = (
+    *("mast_sigma_m", "mast_sigma_rad", "zero_sigma_rad", "axis_sigma_rad", "tag_size_sigma"),
+    *("plate_sigma_m", "plate_sigma_rad", "drift_sigma_m_s", "drift_sigma_rad_s"),
+)
 
 
 class Detector:
@@ -116,14 +121,17 @@ def message(fields: dict, exposure) -> kcm.detection_t:
     return m
 
 
-def tables_without_floor(folder: Path) -> Path:
-    """The shipped tables, with CONFIG as if nothing were common to all frames."""
-    made, config = folder / "tables", folder / "config.toml"
+def exact_tables(folder: Path) -> Path:
+    """The shipped tables, with CONFIG and CAMERA as if nothing were common to all frames."""
+    made = folder / "tables"
     shutil.copytree(TABLES, made)
-    text = (ROOT / "tables" / "src" / "config.toml").read_text()
-    config.write_text(re.sub(r"(?m)^(sigma_(?:pos_min_m|rot_min_rad) *=).*$", r"\1 1e-9", text))
-    command = [sys.executable, "-m", "kincal", "table", "build", str(config), str(made / "config.tbl")]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=ROOT / "ground")
+    _, config = codec.decode_as("config", (made / "config.tbl").read_bytes())
+    config.sigma_pos_min_m = config.sigma_rot_min_rad = 1e-9
+    (made / "config.tbl").write_bytes(codec.encode("config", config).data)
+    _, camera = codec.decode_as("camera", (made / "camera.tbl").read_bytes())
+    for name in CHAIN_SIGMAS:
+        setattr(camera, name, 0.0)
+    (made / "camera.tbl").write_bytes(codec.encode("camera", camera).data)
     return made
 
 
@@ -200,14 +208,14 @@ def main(argv: list[str] | None = None) -> int:
     p.add_argument("--runs", type=int, default=40)
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--frames", choices=("measured", "all"), default="measured")
-    p.add_argument("--floor", action="store_true", help="with CONFIG's floor of a measurement's sigma")
+    p.add_argument("--floor", action="store_true", help="with CONFIG's floor and CAMERA's sigmas")
     p.add_argument("--out", type=Path, default=ROOT / "build" / "sigma.jsonl")
     o = p.parse_args(argv)
     lines = [json.loads(x) for x in o.out.read_text().splitlines()] if o.out.exists() else []
     with tempfile.TemporaryDirectory() as folder:
         detector, state = Detector(Path(folder)), [0]
         imager = DrawnImager(detector, lambda: o.frames == "all" or state[0] == MEASURE)
-        tables = TABLES if o.floor else tables_without_floor(Path(folder))
+        tables = TABLES if o.floor else exact_tables(Path(folder))
         for run in sorted(set(range(o.runs)) - {line["run"] for line in lines}):
             lines.append(fly(run, o.seed, imager, state, tables))
             with o.out.open("a") as f:
