@@ -274,7 +274,7 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench-samples blind montecarlo sigma campaign-faults assurance occlusion real halves
+.PHONY: demo hil bench-samples blind montecarlo sigma camera-chain campaign-faults assurance occlusion real halves
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -298,8 +298,11 @@ sigma-short: ## a few of them
 montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unverified commands, how they end (RUNS, OUTSIDE, SEED)
 	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE)) $(if $(SEED),--seed $(SEED))
 
-campaign-faults: setup core ## every kind of fault between flight and its surroundings (SEEDS; WRITE=1 for docs/ASSURANCE.md)
-	.venv/bin/python tests/bench/faults.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(WRITE),--write)
+campaign-faults: setup core ## every kind of fault between flight and its surroundings (SEEDS, FIRST; WRITE=1 for docs/ASSURANCE.md)
+	.venv/bin/python tests/bench/faults.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST)) $(if $(WRITE),--write)
+
+camera-chain: setup core ## errors of camera, pan-tilt unit and tags: are the stated errors true? (SEEDS, FIRST)
+	.venv/bin/python tests/bench/camera_chain.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST))
 
 assurance: setup build ## every long check of the flight core, for docs/ASSURANCE.md (CHECKS="wcet cov"; all: hours)
 	$(Q)$(PYTHON) tests/assurance.py $(CHECKS)

@@ -2,42 +2,39 @@
 
     python tests/bench/camera_chain.py [--seeds 20] [--first 1] [--jobs 2] [--only CASE ...] [--out FILE]
 
-Each run is a calibration by kincal.run.inprocess.simulate in which the camera is not where flight takes it to be.
-Cases
+Each run is a calibration by kincal.run.inprocess.simulate in which the camera is not where flight takes it
+to be. Cases
 - exact: as flight's CAMERA table says
 - stated: all 24 errors and the drift drawn from the 1-sigma values that CAMERA states
 - three_sigma: each of them drawn evenly between -3 and 3 times its 1-sigma value
 - drift: the steady drift alone, three times as large as stated, in a random direction
 - tilt_2_mrad, tilt_5_mrad, camera_3_mm, plate_3_mm, drift_10_mm, drift_20_mm: one error; a drift in 400 s
-Scenarios: healthy, paper, one slipped joint, and an uplinked effect (compliance of the elbow, estimated with the
-DH errors). Each is flown with the executive's limits and with the policy on board.
+Scenarios: healthy, paper, one slipped joint, and an uplinked effect (compliance of the elbow, estimated
+with the DH errors). Each is flown with the executive's limits and with the policy on board.
 
-The errors act on the simulator's camera and tags; nothing of flight's model of the chain is used. Held against the
-truth of MuJoCo at the 200 held-out poses of a run, with the correction that was proposed
-- camera: where the tool is, against where the camera sees it (drift as at the end of the calibration)
+The errors act on the simulator's camera and tags; nothing of flight's model of the chain is used. Held
+against the truth of MuJoCo at 100 postures that were not measured, with the correction that was proposed
+- camera: where the correction has the tool, against where the camera sees it (drift as at the end of the run)
 - lander: in the base frame
 - normalised error squared of the coefficients that were determined, with the covariance of the proposal.
 
 Checked
 - stated: the mean normalised error squared lies in the 95 % band of its expectation (chi-square, runs
   independent).
-- exact, stated, three_sigma, drift: no correction became active with a true error beyond 4 times the predicted one,
-  in the frame of CONFIG.
-One line per run goes to FILE at once; runs that are in it already are skipped. Exit status 1 if a check fails.
+- exact, stated, three_sigma, drift: no correction became active with a true error beyond 4 times the
+  predicted one, in the frame of CONFIG.
+One line per run goes to FILE at once; runs that are in it already are skipped. Exit status 1 if a check
+fails.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import multiprocessing
 import os
-import shutil
 import sys
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -47,18 +44,20 @@ import numpy as np  # noqa: E402
 from scipy.stats import chi2  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / folder) for folder in ("ground", "sim", "build/py")]
+sys.path[:0] = [str(ROOT / folder) for folder in ("ground", "sim", "build/py", "tests/bench")]
 
-from kincal.flight import library  # noqa: E402
+import missions  # noqa: E402
+import resumable  # noqa: E402
+
 from kincal.flight import tables as codec  # noqa: E402
-from kincal.run.evaluate import Evaluator, GroundTruth  # noqa: E402
 from kincal.run.inprocess import TABLES, Setup, simulate  # noqa: E402
 from kincal_sim.arm import load_spec  # noqa: E402
 from kincal_sim.imagers import Imager, fast_imager  # noqa: E402
 from kincal_sim.plant import AtRest, turn  # noqa: E402
-from kincal_sim.scenario import ArmTruth, Scenario, load  # noqa: E402
+from kincal_sim.randomness import generator  # noqa: E402
+from kincal_sim.scenario import Scenario  # noqa: E402
 from kincal_sim.transforms import rot, transform  # noqa: E402
-from kincal_sim.truth import build_plant, truth_record  # noqa: E402
+from kincal_sim.truth import true_coefficients  # noqa: E402
 from kincal_sim.world import World  # noqa: E402
 
 CASES = (
@@ -74,13 +73,10 @@ CASES = (
     "drift_20_mm",
 )
 WITHIN = ("exact", "stated", "three_sigma", "drift")
-SCENARIOS = ("healthy", "paper", "slipped", "uplinked")
 ACCEPT = ("auto", "policy")
+NO_CHANGE, POOR = 0, 2  # proposal_t
 BEYOND = 4.0  # times the predicted error
 DRIFT_S = 400.0
-RUNS_OF_PROCESS = 100
-FLIGHT = library("flight")
-KIN = FLIGHT.constant("KC_TBL_KIN")
 
 
 # ---- what is wrong with the camera ------------------------------------------------------------------------
@@ -88,10 +84,10 @@ KIN = FLIGHT.constant("KC_TBL_KIN")
 
 @dataclass(frozen=True)
 class Chain:
-    """Errors of camera and tags. mast, drift (per second), plate: position [m] and rotation vector [rad], (6,);
-    mast and drift in the axes of the mast, about its pan-tilt unit; plate: tags on the tool, in its frame; zero_rad:
-    pan, tilt; axis_rad: tilt axis about the forward axis, camera about the forward and up axes of its mount;
-    size: edges of the tags, relative."""
+    """Errors of camera and tags. mast, drift (per second), plate: position [m] and rotation vector [rad],
+    (6,); mast and drift in the axes of the mast, about its pan-tilt unit; plate: tags on the tool, in its
+    frame; zero_rad: pan, tilt; axis_rad: tilt axis about the forward axis, camera about the forward and up
+    axes of its mount; size: edges of the tags, relative."""
 
     mast: np.ndarray = field(default_factory=lambda: np.zeros(6))
     drift: np.ndarray = field(default_factory=lambda: np.zeros(6))
@@ -107,8 +103,7 @@ class Chain:
         mast = transform(np.array(spec["mast_xyz_m"]) + off[:3], turn(off[3:]))
         to_tilt = rot("z", pan_rad + self.zero_rad[0]) @ rot("x", self.axis_rad[0])
         mount = transform(np.zeros(3), turn([self.axis_rad[1], 0.0, self.axis_rad[2]]))
-        looks_along_x = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-        camera = transform(np.array(spec["camera_xyz_m"]), looks_along_x)
+        camera = transform(np.array(spec["camera_xyz_m"]), missions.LOOKS_ALONG_X)
         return mast @ to_tilt @ rot("y", tilt_rad + self.zero_rad[1]) @ mount @ camera
 
     def tags(self, T_base_tool: np.ndarray) -> np.ndarray:
@@ -185,36 +180,14 @@ class ChainWorld(World):
 # ---- a run ------------------------------------------------------------------------------------------------
 
 
-def scenario_of(name: str, rng: np.random.Generator) -> Scenario:
-    """One of SCENARIOS."""
-    base = load(name if name in ("healthy", "paper") else "healthy")
-    if name == "slipped":
-        bias = {f"J{rng.integers(1, 8)}": float(rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 0.09))}
-        return base.model_copy(update={"name": name, "arm": ArmTruth(encoder_bias_rad=bias)})
-    if name == "uplinked":
-        size = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.001, 0.004))
-        base = base.model_copy(deep=True, update={"name": name})
-        base.arm = ArmTruth(compliance_rad_per_nm={"J4": abs(size)}, errors={"J2.phi_rad": 2.0 * size})
-    return base
+def seen_by(chain: Chain, t_s: float) -> missions.Seen:
+    """Where the camera sees what truly is at a pose."""
 
+    def seen(T_base: np.ndarray, pan_rad: float, tilt_rad: float) -> np.ndarray:
+        true = chain.camera(pan_rad, tilt_rad, t_s)
+        return missions.camera_pose(pan_rad, tilt_rad) @ np.linalg.inv(true) @ T_base
 
-def _camera_at(q_tool_m: np.ndarray, chain: Chain, t_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nominal and true T_base_cam, aimed at a point."""
-    eye = np.array(load_spec()["pantilt"]["mast_xyz_m"])
-    d = q_tool_m - eye
-    pan, tilt = float(np.arctan2(d[1], d[0])), float(-np.arctan2(d[2], np.hypot(d[0], d[1])))
-    return Chain().camera(pan, tilt, 0.0), chain.camera(pan, tilt, t_s)
-
-
-def true_errors_m(coef: np.ndarray, evaluator: Evaluator, chain: Chain, t_s: float) -> tuple[float, float]:
-    """RMS position error over the held-out poses: in the camera's frame, in the lander's."""
-    model, true = evaluator._held_out.poses(coef), evaluator.truth.poses
-    in_camera = []
-    for p, t in zip(model.p_m, true.p_m, strict=True):
-        nominal, seen = (np.linalg.inv(T) for T in _camera_at(t, chain, t_s))
-        in_camera.append(np.linalg.norm((nominal @ [*p, 1.0] - seen @ [*t, 1.0])[:3]))
-    lander = np.linalg.norm(model.p_m - true.p_m, axis=1)
-    return float(np.sqrt(np.mean(np.square(in_camera)))), float(np.sqrt(np.mean(lander**2)))
+    return seen
 
 
 def nees(proposal, errors: dict[str, float], names_: Iterable[str]) -> tuple[float, int]:
@@ -234,46 +207,32 @@ def fly(job: tuple[str, str, str, int]) -> dict:
     """One calibration."""
     case, name, accept, seed = job
     begun = time.process_time()
-    at = CASES.index(case), SCENARIOS.index(name), seed
-    rng = np.random.default_rng([81, *at])
-    chain, scenario = drawn(case, rng), scenario_of(name, rng)
-    setup = Setup(tables=tables_of(name, accept), accept=accept, world=lambda s, n: ChainWorld(s, n, chain))
-    run = simulate(scenario, 100_000 * at[0] + 10_000 * at[1] + seed, setup)
-    p = run.log.last_session.proposal if run.log.sessions else None
+    number = 10_000 * CASES.index(case) + 1000 * missions.SCENARIOS.index(name) + seed
+    chain, scenario = drawn(case, generator(number, "camera chain")), missions.scenario_of(name, number)
+    setup = Setup(
+        tables=missions.tables_of(name, accept == "policy"),
+        accept=accept,
+        world=lambda s, n: ChainWorld(s, n, chain),
+    )
+    run = simulate(scenario, number, setup)
     line = {"case": case, "scenario": name, "accept": accept, "seed": seed, "reason": run.record["reason"]}
-    if p is not None:
-        truth = truth_record(scenario, build_plant(scenario), seed, "fast")
-        evaluator = Evaluator(TABLES, GroundTruth.of(truth))
-        camera, lander = true_errors_m(np.array(p.value[: p.n_coef]), evaluator, chain, run.mission_s)
-        value, n = nees(p, truth["errors"], evaluator.names)
-        line |= {"verdict": p.verdict, "active": run.record["table_crc_kin"] == f"{p.crc & 0xFFFFFFFF:08x}"}
-        line |= {"camera_m": camera, "lander_m": lander, "nees": value, "n": n}
-        line |= {
-            k: getattr(p, k, None)
-            for k in ("pred_pos_m", "pred_camera_pos_m", "pred_lander_pos_m", "p_fit", "p_no_change", "n_poses")
-        }
-        line["frame"] = getattr(p, "frame", 1)
+    if run.log.sessions and (p := run.log.last_session.proposal) is not None:
+        line |= judged(p, scenario, number, seen_by(chain, run.mission_s))
+        line["active"] = run.record["table_crc_kin"] == f"{p.crc & 0xFFFFFFFF:08x}"
     return line | {"cpu_s": round(time.process_time() - begun, 2)}
 
 
-@cache
-def tables_of(scenario: str, accept: str) -> Path:
-    """The shipped tables; with the policy on board switched on, and with the uplinked effect."""
-    folder = ROOT / "build" / "camera-chain" / f"{os.getpid()}-{scenario == 'uplinked'}-{accept}"
-    shutil.copytree(TABLES, folder, dirs_exist_ok=True)
-    if accept == "policy":
-        _, config = codec.decode_as("config", (TABLES / "config.tbl").read_bytes())
-        config.accept_on_board = 1
-        (folder / "config.tbl").write_bytes(codec.encode("config", config).data)
-    if scenario == "uplinked":
-        _, terms = codec.decode_as("terms", (TABLES / "terms.tbl").read_bytes())
-        terms.coef[list(Evaluator(TABLES).names).index("joint_compliance[4]")].enabled = 1
-        image = codec.encode("terms", terms)
-        _, kin = codec.decode_as("kin", (TABLES / "kin.tbl").read_bytes())
-        kin.terms_crc = image.crc
-        (folder / "terms.tbl").write_bytes(image.data)
-        (folder / "kin.tbl").write_bytes(codec.encode("kin", kin).data)
-    return folder
+def judged(p, scenario: Scenario, number: int, seen: missions.Seen) -> dict:
+    """A proposal against the truth."""
+    correction = dict(zip(missions.names(), p.value, strict=False))
+    value, n = nees(p, true_coefficients(scenario), missions.names())
+    said = {name: getattr(p, name) for name in ("verdict", "frame", "pred_pos_m", "p_fit", "p_no_change")}
+    return said | {
+        "nees": value,
+        "n": n,
+        "camera_m": missions.error_m(scenario, correction, number, seen=seen),
+        "lander_m": missions.error_m(scenario, correction, number),
+    }
 
 
 # ---- all of them ------------------------------------------------------------------------------------------
@@ -290,30 +249,31 @@ def beyond(line: dict) -> bool:
 
 def summary(lines: list[dict]) -> bool:
     """Print a row for each case and scenario; whether all checks hold."""
-    good = True
-    for case in CASES:
-        for name in SCENARIOS:
-            of = [x for x in lines if (x["case"], x["scenario"]) == (case, name)]
-            made = [x for x in of if "nees" in x]
-            if not made:
-                continue
-            once = [x for x in made if x["accept"] == "auto"] or made
-            n, total = sum(x["n"] for x in once), sum(x["nees"] for x in once)
-            low, high = (chi2.ppf(p, n) / n for p in (0.025, 0.975))
-            active = {a: sum(bool(x.get("active")) for x in of if x["accept"] == a) for a in ACCEPT}
-            ratio = [_true(x) / x["pred_pos_m"] for x in made]
-            wrong = sum(beyond(x) for x in made)
-            mm = lambda key: 1e3 * float(np.median([x[key] for x in made]))  # noqa: E731
-            print(
-                f"{case:12s} {name:9s} runs {len(of):3d} active {active['auto']:3d} {active['policy']:3d} "
-                f"no change {sum(x.get('verdict') == 0 for x in once):3d} poor {sum(x.get('verdict') == 2 for x in once):3d} | "
-                f"nees {total / n:6.3f} [{low:.3f} {high:.3f}] | mm: camera {mm('camera_m'):.2f} lander "
-                f"{mm('lander_m'):.2f} predicted {mm('pred_pos_m'):.2f} | true/predicted median {np.median(ratio):.2f} "
-                f"max {max(ratio):.2f} | beyond {wrong}"
-            )
-            good &= case != "stated" or low <= total / n <= high
-            good &= case not in WITHIN or not wrong
-    return good
+    print("case          scenario   runs active (executive, board) none poor", end=" | ")
+    print("normalised error, 95 % band", end=" | ")
+    print("median mm: camera lander predicted | true/predicted: median largest beyond")
+    cells = [(case, name) for case in CASES for name in missions.SCENARIOS]
+    good = [_row(cell, [x for x in lines if (x["case"], x["scenario"]) == cell]) for cell in cells]
+    return all(good)
+
+
+def _row(cell: tuple[str, str], own: list[dict]) -> bool:
+    made = [x for x in own if "nees" in x]
+    if not made:
+        return not own
+    once = [x for x in made if x["accept"] == made[0]["accept"]]
+    n, total = sum(x["n"] for x in once), sum(x["nees"] for x in once)
+    low, high = (chi2.ppf(p, n) / n for p in (0.025, 0.975))
+    active = [sum(x["active"] for x in made if x["accept"] == a) for a in ACCEPT]
+    none, poor = (sum(x["verdict"] == verdict for x in once) for verdict in (NO_CHANGE, POOR))
+    ratio = [_true(x) / x["pred_pos_m"] for x in made]
+    mm = [1e3 * np.median([x[key] for x in made]) for key in ("camera_m", "lander_m", "pred_pos_m")]
+    wrong = sum(beyond(x) for x in made)
+    counts = f"{len(own):5d} {active[0]:6d} {active[1]:6d} {none:16d} {poor:4d}"
+    print(f"{cell[0]:13s} {cell[1]:9s} {counts}", end=" | ")
+    print(f"{total / n:6.3f} {low:.3f} {high:.3f}", end=" | ")
+    print(f"{mm[0]:6.2f} {mm[1]:6.2f} {mm[2]:6.2f} | {np.median(ratio):5.2f} {max(ratio):5.2f} {wrong:3d}")
+    return (cell[0] != "stated" or low <= total / n <= high) and (cell[0] not in WITHIN or not wrong)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -326,16 +286,16 @@ def main(argv: list[str] | None = None) -> int:
     p.add_argument("--accept", nargs="*", default=ACCEPT, choices=ACCEPT)
     p.add_argument("--out", type=Path, default=ROOT / "build" / "camera_chain.jsonl")
     o = p.parse_args(argv)
-    o.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = [json.loads(x) for x in o.out.read_text().splitlines()] if o.out.exists() else []
-    done = {(x["case"], x["scenario"], x["accept"], x["seed"]) for x in lines}
     seeds = range(o.first, o.first + o.seeds)
-    jobs = [(c, s, a, n) for n in seeds for c in o.only for s in SCENARIOS for a in o.accept]
-    jobs = [job for job in jobs if job not in done]
-    with multiprocessing.Pool(o.jobs, maxtasksperchild=RUNS_OF_PROCESS) as pool, o.out.open("a") as out:
-        for line in pool.imap_unordered(fly, jobs):
-            print(json.dumps(line), file=out, flush=True)
-            lines.append(line)
+    jobs = [(c, s, a, n) for n in seeds for c in o.only for s in missions.SCENARIOS for a in o.accept]
+    try:
+        known = resumable.read(o.out, resumable.header(TABLES))
+    except resumable.OtherRuns as e:
+        print(e, file=sys.stderr)
+        return 2
+    lines = resumable.run_all(
+        fly, jobs, o.out, known, lambda x: (x["case"], x["scenario"], x["accept"], x["seed"]), o.jobs
+    )
     return 0 if summary(lines) else 1
 
 

@@ -7,27 +7,32 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from kincal.keys import Key, Signer
 from kincal.link.channels import message_type
 from kincal.run.inprocess import Hooks, Messages, command
+from kincal_sim.plant import turn
+from kincal_sim.transforms import quaternion, rotation_matrix, transform
 
 N_JOINTS = 7
 NO_BIAS = np.zeros(N_JOINTS)
 JOURNAL, KIN, PROPOSAL = 18, 4, 16  # kinds of the store
 KEY = Key(1, bytes(range(32)))  # of every run
 SECOND = 10  # ticks
+DRIFT_TICKS = 400 * SECOND
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What one run suffers: hooks, and by how much the encoders read wrong from the onset on [rad]."""
+    """What one run suffers. slip_rad(tick): by how much the encoders read wrong then (n,) [rad];
+    seen(tick): what happens then to every pose (4x4, in the camera's frame) that the camera sees."""
 
     hooks: Hooks
-    bias_rad: np.ndarray = field(default_factory=lambda: NO_BIAS)
+    slip_rad: Callable[[int], np.ndarray] = lambda _tick: NO_BIAS
+    seen: Callable[[int], Callable[[np.ndarray], np.ndarray]] = lambda _tick: lambda T: T
 
 
 Make = Callable[[int, np.random.Generator], Fault]
@@ -157,9 +162,9 @@ def by_ground(opcode: str, *arg_i: int):
     return command(opcode, *arg_i, source="GROUND")
 
 
-def to_flight(hook: Callable, bias_rad: np.ndarray = NO_BIAS) -> Fault:
+def to_flight(hook: Callable) -> Fault:
     """A fault on the way to flight."""
-    return Fault(Hooks(to_flight=hook), bias_rad)
+    return Fault(Hooks(to_flight=hook))
 
 
 def from_flight(hook: Callable) -> Fault:
@@ -221,31 +226,45 @@ def encoder_spikes(t, rng):
     return to_flight(changed(ARM, t, lambda m, k: m.q_rad.__setitem__(joint, 50.0) if k % 3 == 0 else None))
 
 
-def _slip(t, bias_rad):
-    """From the first move after the onset on; the controller closes its loop on what the encoder reads."""
-    bias, begun = [*bias_rad, 0.0], []
+def _slip(t, slip_rad: Callable[[int], np.ndarray]):
+    """From the first move after the onset on; the controller closes its loop on what the encoder reads, and
+    holds the arm where it stands between moves."""
+    moves: list[int] = []
 
     def read(m, _tick):
-        if begun:
+        if moves:
+            slip = [*slip_rad(moves[-1]), 0.0]
             for name in ("q_rad", "q_cmd_rad"):
-                setattr(m, name, [q + b for q, b in zip(getattr(m, name), bias, strict=True)])
+                setattr(m, name, [q + b for q, b in zip(getattr(m, name), slip, strict=True)])
 
     def moved(m, tick):
-        begun.append(tick)
-        m.q_rad = [q - b for q, b in zip(m.q_rad, bias, strict=True)]
+        moves.append(tick)
+        m.q_rad = [q - b for q, b in zip(m.q_rad, [*slip_rad(tick), 0.0], strict=True)]
 
     hooks = Hooks(to_flight=changed(ARM, t, read), from_flight=changed("KC_ARM_CMD", t, moved))
-    return Fault(hooks, np.array(bias_rad))
+    return Fault(hooks, slip_rad=slip_rad)
+
+
+def _one_joint(size_rad, rng):
+    return size_rad * np.eye(N_JOINTS)[rng.integers(N_JOINTS)]
+
+
+@kind("an encoder drifts by 10 mrad in 400 s, the controller goes by it", *BAD_FIT)
+def encoder_drifts(t, rng):
+    size = _one_joint(0.010, rng)
+    return _slip(t, lambda tick: size * max(0, tick - t) / DRIFT_TICKS)
 
 
 @kind("an encoder slips by 30 mrad, the controller goes by it", *BAD_FIT)
 def encoder_slips_30_mrad(t, rng):
-    return _slip(t, 0.03 * np.eye(N_JOINTS)[rng.integers(N_JOINTS)])
+    size = _one_joint(0.03, rng)
+    return _slip(t, lambda _tick: size)
 
 
 @kind("an encoder slips by 300 mrad, the controller goes by it", *BAD_FIT)
 def encoder_slips_300_mrad(t, rng):
-    return _slip(t, 0.3 * np.eye(N_JOINTS)[rng.integers(N_JOINTS)])
+    size = _one_joint(0.3, rng)
+    return _slip(t, lambda _tick: size)
 
 
 @kind("readings of all joints with 5 mrad of noise", *BAD_FIT)
@@ -284,6 +303,17 @@ def arm_of_minus_one_joint(t, _rng):
 @kind("fault bit of the arm controller in one message", "ARM_FAULT", "CAL_ABORTED")
 def arm_fault(t, _rng):
     return to_flight(setting(ARM, t, t + 1, fault_mask=4))
+
+
+@kind("a fault bit in a message that is otherwise wrong", "ARM_FAULT", "CAL_ABORTED")
+def arm_fault_in_a_bad_message(t, rng):
+    joint = rng.integers(N_JOINTS)
+
+    def change(m, _tick):
+        m.fault_mask = 4
+        m.q_rad[joint], m.temp_c = float("nan"), 1e6
+
+    return to_flight(changed(ARM, t, change, t + 1))
 
 
 @kind("the arm says that it moves, always", *LATE)
@@ -471,18 +501,87 @@ def detections_outliers(t, rng):
     return to_flight(changed(DET, t, lambda m, k: _moved(m, offset[k % 997]) if wild[k % 997] else None))
 
 
-@kind("the camera is knocked: all detections 20 mm off", "DET_JUMP", *BAD_FIT)
+def _camera(t, motion: Callable[[int], tuple[np.ndarray, np.ndarray]]):
+    """The camera moves: all that it sees is turned about its centre and shifted. motion(ticks since the
+    onset): rotation vector [rad], offset [m]."""
+
+    def seen(tick: int):
+        turn_rad, offset_m = motion(max(0, tick - t))
+        M = transform(offset_m, turn(turn_rad))
+        return lambda T: M @ T
+
+    def change(m, tick):
+        for p, q in (("p_cam_tool_m", "q_cam_tool_wxyz"), ("p_alt_m", "q_alt_wxyz")):
+            T = seen(tick)(transform(np.array(getattr(m, p)), rotation_matrix(getattr(m, q))))
+            setattr(m, p, T[:3, 3].tolist())
+            setattr(m, q, quaternion(T).tolist())
+
+    return Fault(Hooks(to_flight=changed(DET, t, change)), seen=seen)
+
+
+def _direction(rng, size):
+    v = rng.normal(size=3)
+    return size * v / np.linalg.norm(v)
+
+
+NONE = np.zeros(3)
+KNOCKED = ("DET_JUMP", *BAD_FIT)
+
+
+@kind("the camera is knocked: all detections 20 mm off", *KNOCKED)
 def camera_knocked_20_mm(t, rng):
-    direction = rng.normal(size=3)
-    offset = 0.02 * direction / np.linalg.norm(direction)
-    return to_flight(changed(DET, t, lambda m, _: _moved(m, offset)))
+    offset = _direction(rng, 0.020)
+    return _camera(t, lambda _since: (NONE, offset))
 
 
-@kind("the camera is knocked: all detections 3 mm off", "DET_JUMP", *BAD_FIT)
+@kind("the camera is knocked: all detections 3 mm off", *KNOCKED)
 def camera_knocked_3_mm(t, rng):
-    direction = rng.normal(size=3)
-    offset = 0.003 * direction / np.linalg.norm(direction)
-    return to_flight(changed(DET, t, lambda m, _: _moved(m, offset)))
+    offset = _direction(rng, 0.003)
+    return _camera(t, lambda _since: (NONE, offset))
+
+
+@kind("the camera is knocked: turned by 5 mrad", *KNOCKED)
+def camera_turned_5_mrad(t, rng):
+    turned = _direction(rng, 0.005)
+    return _camera(t, lambda _since: (turned, NONE))
+
+
+@kind("the camera is 5 mrad off in tilt, from the beginning", *KNOCKED)
+def tilt_off_5_mrad(_t, rng):
+    tilted = np.array([0.005 * rng.choice([-1.0, 1.0]), 0.0, 0.0])
+    return _camera(0, lambda _since: (tilted, NONE))
+
+
+@kind("the camera drifts by 3 mm in 400 s", *KNOCKED)
+def camera_drifts_3_mm(t, rng):
+    drift = _direction(rng, 0.003)
+    return _camera(t, lambda since: (NONE, drift * since / DRIFT_TICKS))
+
+
+@kind("the camera drifts by 20 mm in 400 s", *KNOCKED)
+def camera_drifts_20_mm(t, rng):
+    drift = _direction(rng, 0.020)
+    return _camera(t, lambda since: (NONE, drift * since / DRIFT_TICKS))
+
+
+@kind("the camera turns by 5 mrad in 400 s", *KNOCKED)
+def camera_turns_slowly(t, rng):
+    drift = _direction(rng, 0.005)
+    return _camera(t, lambda since: (drift * since / DRIFT_TICKS, NONE))
+
+
+@kind("the plate with the tags is 3 mm off, from the beginning", *KNOCKED)
+def tag_plate_3_mm(_t, rng):
+    offset = _direction(rng, 0.003)
+    return to_flight(changed(DET, 0, lambda m, _: _moved(m, rotation_matrix(m.q_cam_tool_wxyz) @ offset)))
+
+
+@kind("the tags look smaller and smaller, 1 % in 400 s", *KNOCKED)
+def tags_shrink(t, _rng):
+    def change(m, tick):
+        m.p_cam_tool_m = [(1.0 + 0.01 * (tick - t) / DRIFT_TICKS) * x for x in m.p_cam_tool_m]
+
+    return to_flight(changed(DET, t, change))
 
 
 @kind("the tags look 2 % smaller than they are (a lens fogs up)", "DET_JUMP", *BAD_FIT)
@@ -507,6 +606,28 @@ def detections_noisy(t, rng):
         _moved(m, 4.0 * np.sqrt(np.abs(np.array(m.cov)[[0, 6, 11]])) * noise[k % 997])
 
     return to_flight(changed(DET, t, change))
+
+
+@kind("the noise of detections grows fourfold in 200 s, what they state does not", *BAD_FIT)
+def detections_noisier_and_noisier(t, rng):
+    noise = rng.normal(0.0, 1.0, (997, 3))
+
+    def change(m, k):
+        times = min(4.0, 4.0 * (k - t) / (200 * SECOND))
+        _moved(m, times * np.sqrt(np.abs(np.array(m.cov)[[0, 6, 11]])) * noise[k % 997])
+
+    return to_flight(changed(DET, t, change))
+
+
+@kind("one detection in three is lost, and the camera is knocked by 3 mm", "CAL_FRAME_TIMEOUT", *KNOCKED)
+def detections_lost_and_camera_knocked(t, rng):
+    drop, knocked = rng.random(997) < 0.33, camera_knocked_3_mm(t, rng)
+
+    def hook(tick, messages):
+        messages = knocked.hooks.to_flight(tick, messages)
+        return tuple(m for m in messages if not (tick >= t and m[0] == DET and drop[tick % 997]))
+
+    return Fault(Hooks(to_flight=hook), seen=knocked.seen)
 
 
 # ---- commands and tables

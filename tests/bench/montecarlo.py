@@ -31,12 +31,9 @@ Checked
 """
 
 import argparse
-import json
-import multiprocessing
 import os
 import sys
 import time
-import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,12 +45,12 @@ import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-for _folder in ("ground", "sim", "build/py"):
+for _folder in ("ground", "sim", "build/py", "tests/bench"):
     sys.path.insert(0, str(ROOT / _folder))
 
+import resumable  # noqa: E402
+
 from kincal.flight import event_name, library  # noqa: E402
-from kincal.flight import tables as codec  # noqa: E402
-from kincal.flight.builds import library_file  # noqa: E402
 from kincal.link import unsigned32  # noqa: E402
 from kincal.run.inprocess import Script, Setup, Tick, command, simulate  # noqa: E402
 from kincal.schema.space import read_description  # noqa: E402
@@ -450,50 +447,7 @@ def _summary(record: Record) -> dict:
 
 def file_header(seed: int) -> dict:
     """What a file of runs belongs to."""
-    crc = {p.stem: codec.header(p.read_bytes()).crc_text for p in sorted(TABLES.glob("*.tbl"))}
-    flight = f"{zlib.crc32(library_file('flight').read_bytes()):08x}"
-    return {"seed": seed, "bounds": bounds(), "tables": crc, "flight": flight}
-
-
-class OtherRuns(ValueError):
-    """The file holds runs of another flight core, other tables or bounds, or another seed."""
-
-
-def read_runs(path: Path, header: dict) -> list[dict]:
-    """Runs in the file; makes it if there is none. A line that was cut off is dropped."""
-    if not path.exists() or not path.read_text().strip():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(header) + "\n")
-        return []
-    first, *lines = path.read_text().splitlines()
-    if json.loads(first) != header:
-        raise OtherRuns(f"{path} belongs to another flight core, other tables or bounds, or another seed")
-    found = []
-    for line in lines:
-        try:
-            found.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-    path.write_text("".join(json.dumps(x) + "\n" for x in (header, *found)))
-    return found
-
-
-def run_all(jobs: list[tuple[str, int, int]], processes: int, path: Path, known: list[dict]) -> list[dict]:
-    """Fly what is missing, a line each as it comes."""
-    have = {(r["part"], r["run"]) for r in known}
-    todo = [j for j in jobs if (j[0], j[2]) not in have]
-    results = [r for r in known if (r["part"], r["run"]) in {(j[0], j[2]) for j in jobs}]
-    start = time.monotonic()
-    with open(path, "a") as file, multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for k, r in enumerate(pool.imap_unordered(one, todo), 1):
-            file.write(json.dumps(r) + "\n")
-            file.flush()
-            results.append(r)
-            if k % 20 == 0 or k == len(todo):
-                took = time.monotonic() - start
-                left = took / k * (len(todo) - k)
-                print(f"{k}/{len(todo)} runs, {took:.0f} s, {left:.0f} s to go", file=sys.stderr, flush=True)
-    return results
+    return resumable.header(TABLES, seed=seed, bounds=bounds())
 
 
 def table(results: list[dict], part: str) -> list[str]:
@@ -572,12 +526,12 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 def main(argv: list[str] | None = None) -> int:
     o = options(argv)
     try:
-        known = read_runs(o.out, file_header(o.seed))
-    except OtherRuns as e:
+        known = resumable.read(o.out, file_header(o.seed))
+    except resumable.OtherRuns as e:
         print(e, file=sys.stderr)
         return 2
     jobs = [("inside", o.seed, k) for k in range(o.runs)] + [("outside", o.seed, k) for k in range(o.outside)]
-    results = run_all(jobs, o.jobs, o.out, known)
+    results = resumable.run_all(one, jobs, o.out, known, lambda r: (r["part"], o.seed, r["run"]), o.jobs)
     for part in ("inside", "outside"):
         if any(r["part"] == part for r in results):
             print("\n".join(table(results, part)) + "\n")

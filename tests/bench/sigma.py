@@ -9,10 +9,10 @@ tag detector, one process for all runs. With --frames measured (the default) fra
 take the detections of fast mode: they are not measured. A scene that rests is drawn once; each frame has
 noise, compression and detection of its own.
 
-The simulated camera has no lens error, stands where CAMERA says, and its tags have exactly the printed size. So
-CONFIG's floor of a measurement's sigma (sigma_pos_min_m, sigma_rot_min_rad) and the stated errors of the camera chain,
-which stand for those, are taken away, unless --floor says otherwise: with them the stated sigma is larger than the
-error, as it should be here. tests/bench/camera_chain.py draws errors of the chain.
+The simulated camera has no lens error, stands where CAMERA says, and its tags have exactly the printed size.
+So CONFIG's floor of a measurement's sigma (sigma_pos_min_m, sigma_rot_min_rad) and CAMERA's stated errors are
+taken away, unless --floor says otherwise: they stand for those, and with them the stated sigma is larger than
+the error, as it should be here. camera_chain.py draws errors of the chain.
 
 Checked: the normalised error squared of the coefficients that were determined, e' C^-1 e with the
 covariance of the proposal, against chi-square. Its mean over the runs lies in the 95 % band of its

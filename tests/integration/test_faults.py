@@ -11,18 +11,21 @@ from runs import ROOT
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
 import faults
+import missions
 from fault_kinds import KIN, KINDS, Fault
-from montecarlo import coefficient_errors
 
 from kincal.run.inprocess import Hooks
 from kincal.run.store import Store
-from kincal_sim.arm import Arm
+from kincal_sim.truth import true_coefficients
+
+CALM = "slipped", 1
+FIRST = faults.initial_crcs(CALM[0])
 
 
 @pytest.fixture(scope="module")
 def calm():
     """A run without a fault, and what was seen."""
-    return faults.fly(1, Hooks())
+    return faults.fly(*CALM, Hooks())
 
 
 def test_every_event_that_explains_a_fault_has_a_next_step_for_the_operator():
@@ -35,26 +38,40 @@ def test_a_run_without_a_fault_has_nothing_that_must_not_be(calm):
     run, record, witness = calm
     assert record["success"] and record["verdict"] == "change"
     assert faults.wrong_correction(run, Fault(Hooks()), witness) == ""
-    assert faults.lost_table(witness) == ""
+    assert faults.lost_table(witness, FIRST) == ""
     assert faults.hang(run, record, witness) == ""
 
 
 def test_a_wrong_correction_that_is_active_is_found(calm):
     run, _, witness = calm
     (crc,) = witness.proposals
-    off = replace(witness, proposals={crc: [0.01 + x for x in witness.proposals[crc]]})
-    assert "mm off" in faults.wrong_correction(run, Fault(Hooks()), off)
-    slipped = Fault(Hooks(), 0.03 * np.eye(7)[1])
+    proposed = witness.proposals[crc]
+    wrong = {name: 0.01 + value for name, value in proposed.correction.items() if name.startswith("J")}
+    for other in (replace(proposed, correction=wrong), replace(proposed, predicted_m=1e-6)):
+        assert "mm off" in faults.wrong_correction(
+            run, Fault(Hooks()), replace(witness, proposals={crc: other})
+        )
+    slipped = Fault(Hooks(), slip_rad=lambda _tick: 0.03 * np.eye(7)[1])
     assert "mm off" in faults.wrong_correction(run, slipped, witness)
+    moved = np.eye(4)
+    moved[0, 3] = 0.01
+    knocked = Fault(Hooks(), seen=lambda _tick: lambda T: moved @ T)
+    assert "mm off" in faults.wrong_correction(run, knocked, witness)
 
 
-def test_the_error_of_a_correction_is_zero_for_the_true_arm(calm):
-    run, _, witness = calm
-    (crc,) = witness.proposals
-    truth = {**dict.fromkeys(coefficient_errors([0.0] * 28), 0.0)}
-    bias = run.world.plant.encoders.bias_rad
-    truth |= {f"J{k + 1}.phi_rad": -b for k, b in enumerate(bias)}
-    assert faults.rms_m(run.world.arm, Arm(errors=truth), bias, np.random.default_rng(1)) < 1e-9
+@pytest.mark.parametrize("name", missions.SCENARIOS)
+def test_the_error_of_a_correction_is_zero_for_the_true_arm(name):
+    scenario = missions.scenario_of(name, 3)
+    assert missions.error_m(scenario, true_coefficients(scenario), 1) < 1e-9
+    offset = np.array([0.003, 0.0, 0.0])
+
+    def moved(T):
+        shifted = T.copy()
+        shifted[:3, 3] += offset
+        return shifted
+
+    seen = missions.in_camera(moved)
+    assert missions.error_m(scenario, true_coefficients(scenario), 1, seen=seen) == pytest.approx(0.003)
 
 
 def test_an_approval_that_was_answered_but_not_kept_is_found(calm):
@@ -69,8 +86,8 @@ def test_a_lost_table_is_found(calm):
     first = witness.crcs[0]
     for kind in (1, KIN, 7):
         other = tuple(5 if k == kind else crc for k, crc in enumerate(first))
-        assert faults.lost_table(replace(witness, crcs=[first, other]))
-    assert faults.lost_table(replace(witness, approved=set()))  # active, but nobody approved it
+        assert faults.lost_table(replace(witness, crcs=[first, other]), FIRST)
+    assert faults.lost_table(replace(witness, approved=set()), FIRST)  # active, but nobody approved it
 
 
 def test_a_hang_is_found(calm):
@@ -84,10 +101,10 @@ def test_an_end_that_nothing_explains_is_found(calm):
     _, record, witness = calm
     kind = next(k for k in KINDS if k.name == "arm_silent")
     stopped = {**record, "success": False, "reason": "flight aborted the calibration"}
-    assert faults.silent(kind, 1, record, witness) == ""
-    assert faults.silent(kind, 1, stopped, witness)
+    assert faults.silent(kind, CALM, record, witness) == ""
+    assert faults.silent(kind, CALM, stopped, witness)
     explained = SimpleNamespace(warned=witness.warned + faults.Counter(["IN_SILENT"]))
-    assert faults.silent(kind, 1, stopped, explained) == ""
+    assert faults.silent(kind, CALM, stopped, explained) == ""
 
 
 @pytest.mark.parametrize(
@@ -98,4 +115,4 @@ def test_an_end_that_nothing_explains_is_found(calm):
     ],
 )
 def test_a_fault_makes_nothing_wrong_active_and_is_explained(name):
-    assert faults.one((name, 1)).faults == []
+    assert faults.one((name, "slipped", 1)).faults == []

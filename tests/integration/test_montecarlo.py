@@ -11,6 +11,7 @@ from runs import ROOT, fly
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
 import montecarlo
+import resumable
 
 import kcm
 from kincal_sim.scenario import ArmTruth, Scenario
@@ -136,12 +137,12 @@ def test_criteria_fail_on_what_must_not_happen():
 
 def test_runs_go_on_where_they_stopped(tmp_path):
     file, header = tmp_path / "runs.jsonl", {"seed": 1}
-    assert montecarlo.read_runs(file, header) == []
+    assert resumable.read(file, header) == []
     with open(file, "a") as f:
         f.write(json.dumps({"part": "inside", "run": 0}) + '\n{"part": "ins')
-    assert montecarlo.read_runs(file, header) == [{"part": "inside", "run": 0}]
-    with pytest.raises(montecarlo.OtherRuns):
-        montecarlo.read_runs(file, {"seed": 2})
+    assert resumable.read(file, header) == [{"part": "inside", "run": 0}]
+    with pytest.raises(resumable.OtherRuns):
+        resumable.read(file, {"seed": 2})
 
 
 @pytest.mark.parametrize("kind", sorted(set(montecarlo.KINDS_INSIDE)))
