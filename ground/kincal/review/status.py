@@ -1,20 +1,25 @@
-"""What became of a proposal, and which poses its fit rejected: from the log that holds it."""
+"""What became of a proposal, what can be decided about it, and which poses its fit rejected: from the log
+that holds it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from kincal.link import unsigned32
+from kincal.link import crc_text, read_log, unsigned32
 from kincal.link.log import LogSummary, Session
+from kincal.link.names import VERDICTS, verdict_name
 
-from . import KIN_KIND, Entry, Review
+from . import KIN_KIND, Entry, Review, reasons_to_reject
 
 # events about a correction, by name: what they make of it
+_WAITS, _ARMED = "waits for review", "approval armed, not confirmed yet"
+_EXPIRED = "waits for review; an approval was armed and expired"
 _STATES = {
-    "COR_PROPOSED": "waits for review",
-    "COR_ARMED": "approval armed, not confirmed yet",
-    "COR_EXPIRED": "waits for review; an approval was armed and expired",
+    "COR_PROPOSED": _WAITS,
+    "COR_ARMED": _ARMED,
+    "COR_EXPIRED": _EXPIRED,
     "COR_ACTIVE": "in force",
     "COR_REJECTED": "rejected",
     "COR_ROLLBACK": "in force again after a rollback",
@@ -31,25 +36,97 @@ class Status:
     exact: bool
     decisions: tuple[Entry, ...] = ()
 
+    @property
+    def waits(self) -> bool:
+        """Whether it can be decided, as far as the log says."""
+        return self.state in (_WAITS, _ARMED, _EXPIRED)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the first step of an approval was taken, and is in force as far as the log says."""
+        return self.state == _ARMED
+
 
 def status(log: LogSummary, review: Review, decisions: Sequence[Entry] = ()) -> Status:
     """What a log and the journal say of a proposal."""
     rejected = _rejected(log, review.session)
     mine = tuple(entry for entry in decisions if entry.crc == review.crc_text)
-    return Status(_state(log, review), rejected, len(rejected) == review.n_outliers, mine)
+    return Status(_state(log, review.crc, review.verdict), rejected, len(rejected) == review.n_outliers, mine)
 
 
-def _state(log: LogSummary, review: Review) -> str:
-    active = log.hk is not None and unsigned32(log.hk.table_crc[KIN_KIND]) == review.crc
-    if not review.changes_something:
+def _state(log: LogSummary, crc: int, verdict: str) -> str:
+    active = log.hk is not None and unsigned32(log.hk.table_crc[KIN_KIND]) == crc
+    if verdict == VERDICTS["NO_CHANGE"]:
         return "nothing to decide, the table in force stays"
-    mine = [e for e in log.events if e.name in _STATES and int(e.got) == review.crc]
+    mine = [e for e in log.events if e.name in _STATES and int(e.got) == crc]
     last = _STATES[mine[-1].name] if mine else ""
     if active:
         return last if last.startswith("in force") else "in force"
     if last.startswith("in force"):
         return "was in force; another table is now"
-    return last or "waits for review"
+    return last or _WAITS
+
+
+@dataclass(frozen=True)
+class Listed:
+    """One proposal of a log, for a list; state: what became of it, in words."""
+
+    log: Path
+    crc: int
+    session: int
+    verdict: str
+    n_poses: int
+    p_fit: float
+    before_pos_m: float
+    fit_pos_m: float
+    state: str
+
+
+def proposals_in(path: Path) -> list[Listed]:
+    """All proposals of a log."""
+    log = read_log(path)
+    return [
+        Listed(
+            path,
+            unsigned32(p.crc),
+            p.session,
+            verdict_name(p.verdict),
+            p.n_poses,
+            p.p_fit,
+            p.before_pos_m,
+            p.fit_pos_m,
+            _state(log, unsigned32(p.crc), verdict_name(p.verdict)),
+        )
+        for s in log.sessions.values()
+        if (p := s.proposal) is not None
+    ]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A decision that can be taken, and the command for it."""
+
+    what: str
+    command: str
+
+
+def choices(
+    crc: int, verdict: str, reasons: Sequence[str], armed: bool = False, options: str = ""
+) -> tuple[Choice, ...]:
+    """What can be done about a proposal that waits; verdict: "" if flight does not know it; reasons: to
+    reject it; options: more words of each command. The likeliest first."""
+    text, who = crc_text(crc), "--by NAME --why REASON"
+    doubtful = bool(reasons) or verdict != VERDICTS["CHANGE"]
+    override = " --override REASON" if doubtful else ""
+    all_the_same = " in spite of the reasons to reject it" if doubtful else ""
+    reject = Choice("reject it; the table in force stays", f"kincal review reject {text} {who}{options}")
+    arm = Choice(
+        f"approve it{all_the_same}, first step", f"kincal review arm {text} {who}{override}{options}"
+    )
+    second = Choice("approve it, second step: it comes in force", f"kincal review go {text} {who}{options}")
+    if armed:
+        return second, reject
+    return (reject, arm, second) if doubtful else (arm, second, reject)
 
 
 def _rejected(log: LogSummary, session: int) -> tuple[int, ...]:
@@ -68,3 +145,17 @@ def _span(session: Session) -> tuple[int, int]:
     """Mission time [us] of a session, from its first pose to its proposal."""
     first = session.progress[0].t_us if session.progress else 0
     return first, session.proposal.t_us if session.proposal is not None else first
+
+
+def see_first(crc: int, options: str = "") -> Choice:
+    """What comes before an approval."""
+    return Choice(
+        "first write down that you have seen it",
+        f"kincal review show LOG --crc {crc_text(crc)} --by NAME{options}",
+    )
+
+
+def to_decide(review: Review, about: Status, options: str = "") -> tuple[Choice, ...]:
+    """What can be done about a proposal of a log; empty if it does not wait."""
+    found = choices(review.crc, review.verdict, reasons_to_reject(review), about.armed, options)
+    return (see_first(review.crc, options), *found) if about.waits else ()
