@@ -22,7 +22,7 @@ from kincal.link import Link, LogEvent, LogSummary, Session, upload
 from kincal.pages import review as review_page
 from kincal.pages.page import Provenance, render
 from kincal.results import chance_text
-from kincal.review.status import status
+from kincal.review.status import status, to_decide
 from kincal.review.thresholds import read_limits, thresholds
 from kincal_sim.ports import private_port, private_url
 
@@ -255,7 +255,8 @@ def test_show_without_a_name_writes_nothing(tmp_path, journal):
 def test_a_poor_proposal_needs_an_override_and_its_reason_is_kept(tmp_path, journal):
     text = see(tmp_path, journal, poor())
     assert "poor fit; waits for review" in text
-    assert "flight waits; nothing changes until somebody decides" in text
+    assert "flight waits for a decision; the table in force stays until then" in text
+    assert "reason to reject: flight itself calls the fit poor" in text
     assert "kincal review arm fedcba98 --by NAME --why REASON --override REASON" in text
     assert text.index("kincal review reject") < text.index("kincal review arm")
     with FakeFlight(CRC, verdict=POOR) as flight:
@@ -535,6 +536,27 @@ def test_decisions_of_the_journal_stand_beside_their_proposal(names, journal, si
     assert [e.why for e in status(log, r, review.check_journal(journal)).decisions] == ["because"]
 
 
+@pytest.mark.parametrize(
+    ("decided", "state", "waits"),
+    [
+        (["seen"], "waits for review", True),
+        (["seen", "arm"], "waits for review; an approval was armed by me, ", True),
+        (["arm", "approve"], "approved by me, ", False),
+        (["arm", "reject"], "rejected by me, ", False),
+    ],
+)
+def test_the_journal_says_what_came_after_the_end_of_the_log(names, journal, signer, decided, state, waits):
+    for decision in decided:
+        review.record(journal, decision, CRC, "me", "because", "url", None, signer)
+    log = log_with([("COR_PROPOSED", -1, CRC)])
+    r = review.from_message(log.sessions[3].proposal, names)
+    about = status(log, r, review.check_journal(journal))
+    assert about.state.startswith(state) and about.waits is waits
+    assert bool(to_decide(r, about)) is waits
+    in_force = log_with([("COR_ACTIVE", -1, CRC)], active=CRC)
+    assert status(in_force, r, review.check_journal(journal)).state == "in force"
+
+
 def test_every_number_has_its_threshold_and_whether_it_is_kept(names):
     r = review.from_message(proposal(), names)
     asked = thresholds(r, read_limits(BIN))
@@ -557,7 +579,8 @@ def test_every_number_has_its_threshold_and_whether_it_is_kept(names):
 def test_review_page_says_state_thresholds_and_rejected_poses(names):
     log = log_with([("COR_PROPOSED", -1, CRC), ("CAL_OUTLIER", 4, 0)])
     r = replace(review.from_message(log.sessions[3].proposal, names), n_outliers=1)
-    made = review_page.page(r, [], Provenance("2026-11-22"), status(log, r), read_limits(BIN))
+    about = status(log, r)
+    made = review_page.page(r, [], Provenance("2026-11-22"), about, read_limits(BIN), to_decide(r, about))
     text = render(made)
     assert "Change proposed; waits for review." in text
     assert "Flight waits for a decision" in text
@@ -577,9 +600,12 @@ def test_review_page_of_a_poor_proposal_says_that_flight_waits_and_why_to_reject
     log.sessions[3].proposal.p_fit = p.p_fit
     r = review.from_message(p, names)
     about = status(log, r)
-    text = render(review_page.page(r, review.warnings(r), Provenance("2026-11-22"), about, read_limits(BIN)))
+    text = render(
+        review_page.page(r, review.warnings(r), Provenance("2026-11-22"), about, None, to_decide(r, about))
+    )
     assert "Poor fit; waits for review." in text
-    assert "There are reasons to reject this correction: flight itself calls the fit poor" in text
+    assert "There are reasons to reject this correction: only an override" in text
+    assert "Reason to reject: flight itself calls the fit poor" in text
     assert "nothing to decide" not in text
     assert text.index("kincal review reject fedcba98") < text.index("kincal review arm fedcba98")
     assert "--override REASON" in text

@@ -355,7 +355,7 @@ void test_a_poor_proposal_is_approved_by_an_override_in_the_signed_command(void)
     TEST_ASSERT_EQUAL_UINT32(crc, active_crc());
 }
 
-void test_an_override_that_is_put_into_a_signed_command_on_its_way_is_a_forgery(void)
+void test_an_override_that_is_put_into_a_command_after_it_was_signed_is_a_forgery(void)
 {
     uint32_t crc = given_poor();
     kc_cmd_t *c = world_cmd(KC_CMD_APPROVE_ARM, (int32_t)crc, KC_OVERRIDE_NONE, 0);

@@ -72,12 +72,12 @@ def review_list(
     from kincal.review import decisions
     from kincal.review.status import proposals_in
 
-    out = console()
-    text.proposals(out, [proposals_in(path) for path in logs])
+    out, found = console(), _journals(logs, journal, key_file)
+    lines = [entry for one in found for entry in one.entries]
+    text.proposals(out, [proposals_in(path, lines) for path in logs])
     if live:
         with link.Link(url) as up:
             text.on_board(out, decisions.on_board(up, timeout_s))
-    found = _journals(logs, journal, key_file)
     for one in found:
         text.decisions(out, one)
     text.absent(out, _absent(logs, found))
@@ -160,7 +160,7 @@ def review_show(
     from kincal import review as lib
     from kincal.pages import review as pages
     from kincal.pages.page import Provenance
-    from kincal.review.status import status
+    from kincal.review.status import status, to_decide
     from kincal.review.thresholds import read_limits
 
     found, limits = lib.find(file, crc, tables_dir), read_limits(tables_dir)
@@ -168,11 +168,11 @@ def review_show(
     about = status(link.read_log(file), found, [entry for one in read for entry in one.entries])
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
     warnings = lib.warnings(found)
-    said = _keys_option(key_file, file)
-    text.show(console(), found, warnings, about, limits, said)
+    decide = to_decide(found, about, shlex.quote(str(file)), _keys_option(key_file, file))
+    text.show(console(), found, warnings, about, limits, decide)
     text.absent(console(), _absent((file,), read))
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
-    say_files("page", *pages.write_all(found, warnings, picture, provenance, about, limits, said))
+    say_files("page", *pages.write_all(found, warnings, picture, provenance, about, limits, decide))
     if by is not None:
         _see(found, by, file, key_file, journal)
 

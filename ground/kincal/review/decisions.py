@@ -96,7 +96,7 @@ def send_reject(
 @dataclass(frozen=True)
 class Operator:
     """Who decides. by: name; why: reason; journal: where it is written; timeout_s: longest wait for an
-    answer; say: told what is done."""
+    answer; say: takes what is done, a sentence."""
 
     by: str
     why: str

@@ -6,12 +6,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from kincal.link import crc_text, read_log, unsigned32
 from kincal.link.log import LogSummary, Session
 from kincal.link.names import VERDICTS, verdict_name
 
-from . import KIN_KIND, Entry, Review, reasons_to_reject
+from . import KIN_KIND, Entry, Review, journal, reasons_to_reject
+
+if TYPE_CHECKING:
+    from kincal.link.messages import Proposal
 
 # events about a correction, by name: what they make of it
 _WAITS, _ARMED = "waits for review", "approval armed, not confirmed yet"
@@ -24,37 +28,49 @@ _STATES = {
     "COR_REJECTED": "rejected",
     "COR_ROLLBACK": "in force again after a rollback",
 }
+_DECIDED = {journal.ARMED: "armed", journal.APPROVED: "approved", journal.REJECTED: "rejected"}
 
 
 @dataclass(frozen=True)
 class Status:
-    """state: in words, at the end of the log; rejected: poses from 1 that the fit left out; exact: the log
-    names as many as the proposal counts; decisions: of the journal, oldest first."""
+    """state: in words, at the end of the log, or as the journal says what came after it; waits: for a
+    decision, as far as these two say; armed: the first step of an approval was taken, at the end of the log;
+    rejected: poses from 1 that the fit left out; exact: the log names as many as the proposal counts;
+    decisions: lines of the journal, oldest first."""
 
     state: str
+    waits: bool
+    armed: bool
     rejected: tuple[int, ...]
     exact: bool
     decisions: tuple[Entry, ...] = ()
-
-    @property
-    def waits(self) -> bool:
-        """Whether it can be decided, as far as the log says."""
-        return self.state in (_WAITS, _ARMED, _EXPIRED)
-
-    @property
-    def armed(self) -> bool:
-        """Whether the first step of an approval was taken, and is in force as far as the log says."""
-        return self.state == _ARMED
 
 
 def status(log: LogSummary, review: Review, decisions: Sequence[Entry] = ()) -> Status:
     """What a log and the journal say of a proposal."""
     rejected = _rejected(log, review.session)
     mine = tuple(entry for entry in decisions if entry.crc == review.crc_text)
-    return Status(_state(log, review.crc, review.verdict), rejected, len(rejected) == review.n_outliers, mine)
+    state, waits = _state(log, review.crc, review.verdict, mine)
+    return Status(state, waits, state == _ARMED, rejected, len(rejected) == review.n_outliers, mine)
 
 
-def _state(log: LogSummary, crc: int, verdict: str) -> str:
+def _state(log: LogSummary, crc: int, verdict: str, lines: Sequence[Entry]) -> tuple[str, bool]:
+    """In words, and whether it waits."""
+    state = _state_in_log(log, crc, verdict)
+    decided = [entry for entry in lines if entry.decision in _DECIDED]
+    if state not in (_WAITS, _ARMED, _EXPIRED):
+        return state, False
+    if not decided:
+        return state, True
+    last = decided[-1]
+    if last.decision != journal.ARMED:
+        return f"{_DECIDED[last.decision]} by {last.by}, {last.time}, after this log ends", False
+    if state == _ARMED:
+        return state, True
+    return f"{_WAITS}; an approval was armed by {last.by}, {last.time}, and may have expired", True
+
+
+def _state_in_log(log: LogSummary, crc: int, verdict: str) -> str:
     active = log.hk is not None and unsigned32(log.hk.table_crc[KIN_KIND]) == crc
     if verdict == VERDICTS["NO_CHANGE"]:
         return "nothing to decide, the table in force stays"
@@ -82,9 +98,14 @@ class Listed:
     state: str
 
 
-def proposals_in(path: Path) -> list[Listed]:
-    """All proposals of a log."""
+def proposals_in(path: Path, lines: Sequence[Entry] = ()) -> list[Listed]:
+    """All proposals of a log; lines: of journals."""
     log = read_log(path)
+
+    def state(p: Proposal) -> str:
+        mine = [entry for entry in lines if entry.crc == crc_text(p.crc)]
+        return _state(log, unsigned32(p.crc), verdict_name(p.verdict), mine)[0]
+
     return [
         Listed(
             path,
@@ -95,7 +116,7 @@ def proposals_in(path: Path) -> list[Listed]:
             p.p_fit,
             p.before_pos_m,
             p.fit_pos_m,
-            _state(log, unsigned32(p.crc), verdict_name(p.verdict)),
+            state(p),
         )
         for s in log.sessions.values()
         if (p := s.proposal) is not None
@@ -147,15 +168,16 @@ def _span(session: Session) -> tuple[int, int]:
     return first, session.proposal.t_us if session.proposal is not None else first
 
 
-def see_first(crc: int, options: str = "") -> Choice:
+def see_first(crc: int, log: str = "LOG", options: str = "") -> Choice:
     """What comes before an approval."""
     return Choice(
-        "first write down that you have seen it",
-        f"kincal review show LOG --crc {crc_text(crc)} --by NAME{options}",
+        "before an approval, note in the journal that you have seen it",
+        f"kincal review show {log} --crc {crc_text(crc)} --by NAME{options}",
     )
 
 
-def to_decide(review: Review, about: Status, options: str = "") -> tuple[Choice, ...]:
-    """What can be done about a proposal of a log; empty if it does not wait."""
+def to_decide(review: Review, about: Status, log: str = "LOG", options: str = "") -> tuple[Choice, ...]:
+    """What can be done about a proposal of a log (its path, as a word of a command); empty if it does not
+    wait."""
     found = choices(review.crc, review.verdict, reasons_to_reject(review), about.armed, options)
-    return (see_first(review.crc, options), *found) if about.waits else ()
+    return (see_first(review.crc, log, options), *found) if about.waits else ()

@@ -10,10 +10,10 @@ from rich.table import Table
 
 from kincal.cli.text.layout import grid
 from kincal.results import angle_text, chance_text, length_text
-from kincal.review import NUMBERS, CoefLine, Review
+from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
 from kincal.review.decisions import OnBoard
 from kincal.review.journal import Journal
-from kincal.review.status import Choice, Listed, Status, choices, see_first, to_decide
+from kincal.review.status import Choice, Listed, Status, choices, see_first
 from kincal.review.thresholds import Limits, Threshold, thresholds
 
 _MILLI = {"rad": "mrad", "m": "mm"}
@@ -76,10 +76,10 @@ def show(
     warnings: Sequence[str],
     about: Status,
     limits: Limits | None = None,
-    options: str = "",
+    decide: Sequence[Choice] = (),
 ) -> None:
     """A proposal with all its numbers, what became of it, what a reviewer should look at, and the commands to
-    decide, with more words (options)."""
+    decide."""
     out.print(
         f"[bold]correction {r.crc_text}[/]: {r.verdict}; {about.state}; session "
         f"{r.session}, {r.n_poses} poses, replaces {r.crc_before:08x}; to be right in the frame of the "
@@ -93,13 +93,15 @@ def show(
     if about.rejected:
         again = "" if about.exact else " (the log is not whole)"
         out.print(f"poses rejected: {', '.join(map(str, about.rejected))}{again}")
+    reasons = reasons_to_reject(r)
     for line in warnings:
-        out.print(f"[yellow]look at: {escape(line)}[/]")
+        what = "[red]reason to reject" if line in reasons else "[yellow]look at"
+        out.print(f"{what}: {escape(line)}[/]")
     if not warnings:
         out.print("nothing stands out")
     if about.waits:
-        out.print("flight waits; nothing changes until somebody decides:")
-        _choices(out, to_decide(r, about, options))
+        out.print("flight waits for a decision; the table in force stays until then:")
+    _choices(out, decide)
 
 
 def _coefficients(coefs: Sequence[CoefLine]) -> Table:
