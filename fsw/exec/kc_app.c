@@ -59,7 +59,8 @@ static kc_status_t load_proposal(kc_app_t *app, const uint8_t *data, uint32_t n)
 {
     uint32_t named = app->journal.found.proposal_crc, crc = kc_tbl_image_crc(data, n);
     if (n > 0u && !kc_storing_counts(journaled(app), named, crc)) { return KC_ERR_STATE; }
-    return kc_review_load(&app->review, &app->tables, data, n, &app->boot_events);
+    uint32_t verdict = app->journal.found.proposal_verdict;
+    return kc_review_load(&app->review, &app->tables, verdict, data, n, &app->boot_events);
 }
 
 static kc_status_t load_table(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n)
@@ -252,9 +253,9 @@ static void report(const kc_app_t *app, kc_hk_t *hk)
     hk->boot_state = app->boot_state;
     hk->boot_pose = app->boot_pose;
     hk->boot_count = app->boot_count;
-    hk->proposal_crc = app->review.crc;
     hk->energy_j = app->cal.energy_j;
     report_monitor(&app->monitoring.newest, hk);
+    kc_review_report(&app->review, &app->view, hk);
 }
 
 void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *out)

@@ -27,6 +27,10 @@ typedef enum {
     KC_CMD_TABLE_DUMP = 10
 } kc_opcode_t;
 
+/* arg_i[1] of APPROVE_ARM. FIT: although the fit is poor, or its verdict is not known. */
+#define KC_OVERRIDE_NONE 0
+#define KC_OVERRIDE_FIT 1
+
 /* Who commands; sequence numbers are kept per source. */
 typedef enum { KC_SRC_EXECUTIVE = 1, KC_SRC_GROUND = 2 } kc_source_t;
 #define KC_SOURCE_MAX 2u
@@ -169,7 +173,7 @@ typedef struct {
     F(int32_t, boot_state) F(int32_t, boot_pose) F(uint32_t, boot_count)                         \
     F(uint32_t, proposal_crc) F(double, energy_j) F(int32_t, mon_state) F(int32_t, mon_joint)    \
     F(uint32_t, mon_suspects) F(uint32_t, mon_n_obs) F(double, mon_bias) F(double, mon_sigma)    \
-    F(double, mon_p)
+    F(double, mon_p) F(uint32_t, proposal_verdict) F(uint64_t, approval_left_us)
 typedef struct {
     KC_HK_FIELDS(KC_FIELD_, KC_ARRAY_)
 } kc_hk_t;

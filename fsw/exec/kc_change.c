@@ -37,6 +37,12 @@ static void roll_back(const kc_change_parts_t *p, kc_journal_t *after, kc_out_t 
     after->prev_crc = 0u;
 }
 
+static void forget_proposal(kc_journal_t *after)
+{
+    after->proposal_crc = 0u;
+    after->proposal_verdict = (uint32_t)KC_VERDICT_NO_CHANGE;
+}
+
 static void request(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
 {
     const kc_staging_t *s = &p->tables->staging;
@@ -48,6 +54,7 @@ static void request(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *
         kc_journal_store(out, KC_STORE_PROPOSAL, r->image, r->n);
         after.state = (uint32_t)KC_ST_REVIEW;
         after.proposal_crc = kc_tbl_image_crc(r->image, r->n);
+        after.proposal_verdict = r->verdict;
         break;
     case KC_CHANGE_ROLLBACK: roll_back(p, &after, out); break;
     case KC_CHANGE_TABLE:
@@ -61,10 +68,10 @@ static void request(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *
         kc_journal_write(p->journal, &after, out);
         kc_journal_store(out, s->kind, s->image, s->n);
         return;
-    case KC_CHANGE_REJECT: after.proposal_crc = 0u; break;
+    case KC_CHANGE_REJECT: forget_proposal(&after); break;
     default: /* APPROVE, ACCEPT */
         replace_kin(p, r->image, r->n, &after, out);
-        after.proposal_crc = 0u;
+        forget_proposal(&after);
         break;
     }
     kc_journal_write(p->journal, &after, out);

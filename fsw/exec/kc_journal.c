@@ -53,6 +53,7 @@ static void walk(kc_walk_t *w, kc_journal_t *j)
             kc_walk_u64(w, 12u, &j->counter[kind][s], 0u, UINT64_MAX);
         }
     }
+    kc_walk_u32(w, 13u, &j->proposal_verdict, 0u, (uint32_t)KC_VERDICT_POOR);
 }
 
 static uint32_t le32(const uint8_t *b)

@@ -10,6 +10,7 @@
  * that waits for review (0: none). So one write puts a change in force that takes several files. */
 typedef struct {
     uint32_t state, session, pose, boot_count, kin_crc, prev_crc, proposal_crc;
+    uint32_t proposal_verdict; /* kc_verdict_t of what waits; 0: nothing, or not known (records of before) */
     int32_t candidate;
     uint16_t seg_from, seg_to;
     uint64_t t_us;

@@ -308,7 +308,7 @@ kc_outcome_t kc_propose_run(kc_proposing_t *j, kc_consider_t *chain, kc_review_t
         return kc_outcome(KC_OC_STAY);
     }
     make(j, chain, v, p);
-    p->crc = kc_review_encode(r, &p->kin);
+    p->crc = kc_review_encode(r, &p->kin, (kc_verdict_t)p->verdict);
     report_held(v, &p->kin, out);
     out->has_proposal = 1u;
     *accepted = false;

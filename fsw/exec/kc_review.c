@@ -2,8 +2,9 @@
 
 #include <string.h>
 
-uint32_t kc_review_encode(kc_review_t *r, const kc_kin_t *kin)
+uint32_t kc_review_encode(kc_review_t *r, const kc_kin_t *kin, kc_verdict_t verdict)
 {
+    r->verdict = (uint32_t)verdict;
     (void)kc_tbl_encode(KC_TBL_KIN, kin, 0u, r->image, KC_KIN_IMAGE_MAX, &r->n);
     r->kin = *kin;
     return kc_tbl_image_crc(r->image, r->n);
@@ -43,6 +44,15 @@ kc_outcome_t kc_review_armed(const kc_review_t *r, const kc_view_t *v, kc_out_t 
     return kc_outcome(KC_OC_EXPIRE);
 }
 
+void kc_review_report(const kc_review_t *r, const kc_view_t *v, kc_hk_t *hk)
+{
+    uint64_t passed_us = kc_view_in_state_us(v), timeout_us = v->tables->config.approval_timeout_us;
+    bool armed = v->place->state == KC_ST_ARMED && passed_us < timeout_us;
+    hk->proposal_crc = r->crc;
+    hk->proposal_verdict = kc_review_verdict(r);
+    hk->approval_left_us = armed ? timeout_us - passed_us : 0u;
+}
+
 /* ---- commands ---- */
 
 static kc_answer_t wrong_crc(kc_out_t *out, uint32_t crc, uint32_t want)
@@ -50,11 +60,28 @@ static kc_answer_t wrong_crc(kc_out_t *out, uint32_t crc, uint32_t want)
     return kc_answer_refuse(&out->events, KC_EVT_CMD_CRC, -1, (double)crc, (double)want, KC_ERR_CRC);
 }
 
-kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, kc_out_t *out)
+/* Not a good fit, as far as is known: only an override arms it. */
+static kc_answer_t check_fit(const kc_review_t *r, int32_t override, kc_out_t *out)
+{
+    kc_event_id_t why = r->verdict == (uint32_t)KC_VERDICT_POOR ? KC_EVT_COR_POOR : KC_EVT_COR_NO_VERDICT;
+    if (r->verdict == (uint32_t)KC_VERDICT_CHANGE) { return kc_answer_ok(KC_OC_ARM); }
+    if (override == KC_OVERRIDE_NONE) {
+        return kc_answer_refuse(&out->events, why, -1, (double)r->crc, 0.0, KC_ERR_ARG);
+    }
+    kc_event(&out->events, KC_EVT_COR_OVERRIDE, -1, (double)r->crc, 0.0);
+    return kc_answer_ok(KC_OC_ARM);
+}
+
+kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, int32_t override, kc_out_t *out)
 {
     if (crc != r->crc) { return wrong_crc(out, crc, r->crc); }
-    kc_event(&out->events, KC_EVT_COR_ARMED, -1, (double)crc, 0.0);
-    return kc_answer_ok(KC_OC_ARM);
+    if (override != KC_OVERRIDE_NONE && override != KC_OVERRIDE_FIT) {
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_ARG, 1, (double) override, (double)KC_OVERRIDE_FIT,
+                                KC_ERR_ARG);
+    }
+    kc_answer_t answer = check_fit(r, override, out);
+    if (answer.status == KC_OK) { kc_event(&out->events, KC_EVT_COR_ARMED, -1, (double)crc, 0.0); }
+    return answer;
 }
 
 kc_answer_t kc_review_go(kc_review_t *r, const kc_tables_t *tables, uint32_t crc, kc_out_t *out)
@@ -81,8 +108,8 @@ kc_answer_t kc_review_rollback(const kc_tables_t *tables, uint32_t crc, kc_out_t
 
 /* ---- boot ---- */
 
-kc_status_t kc_review_load(kc_review_t *r, const kc_tables_t *tables, const uint8_t *image, uint32_t n,
-                           kc_events_t *ev)
+kc_status_t kc_review_load(kc_review_t *r, const kc_tables_t *tables, uint32_t verdict, const uint8_t *image,
+                           uint32_t n, kc_events_t *ev)
 {
     uint32_t active = tables->active.crc[KC_TBL_KIN];
     if (r->crc != 0u || kc_tbl_image_crc(image, n) == active) { return KC_ERR_STATE; }
@@ -96,5 +123,6 @@ kc_status_t kc_review_load(kc_review_t *r, const kc_tables_t *tables, const uint
     memcpy(r->image, image, n);
     r->n = n;
     r->crc = kc_tbl_image_crc(image, n);
+    r->verdict = verdict;
     return KC_OK;
 }

@@ -92,6 +92,7 @@ kc_journal_t kc_sequence_record(const kc_app_t *app)
         .kin_crc = kin_lost ? last->kin_crc : a->crc[KC_TBL_KIN],
         .prev_crc = prev_lost ? last->prev_crc : a->kin_prev_crc,
         .proposal_crc = app->review.crc,
+        .proposal_verdict = kc_review_verdict(&app->review),
         .candidate = app->cal.candidate,
         .seg_from = app->move.seg_from,
         .seg_to = app->move.seg_to,
@@ -272,7 +273,9 @@ static kc_answer_t in_review(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
 {
     uint32_t crc = (uint32_t)c->arg_i[0];
     bool waits = app->place.state == KC_ST_REVIEW, armed = app->place.state == KC_ST_ARMED;
-    if (c->opcode == KC_CMD_APPROVE_ARM && waits) { return kc_review_arm(&app->review, crc, out); }
+    if (c->opcode == KC_CMD_APPROVE_ARM && waits) {
+        return kc_review_arm(&app->review, crc, c->arg_i[1], out);
+    }
     if (c->opcode == KC_CMD_APPROVE_GO && armed) {
         return kc_review_go(&app->review, &app->tables, crc, out);
     }

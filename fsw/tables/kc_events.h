@@ -256,7 +256,18 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(99, STORE_REFUSED, ERROR,                                                                              \
       "the change is refused: {index:store} could not be stored in {want:count} tries ({got:status})",       \
       "What was in force remains, and a correction that waited still waits. Make the store work, then send " \
-      "the command again (a correction: APPROVE_ARM and APPROVE_GO). Until then do not switch off.")
+      "the command again (a correction: APPROVE_ARM and APPROVE_GO). Until then do not switch off.")         \
+    X(100, COR_POOR, ERROR,                                                                                  \
+      "approval of correction CRC {got:crc} refused: its fit is poor, and the command has no override",      \
+      "REJECT it, and diagnose the log (kincal model diagnose). To fly it all the same: APPROVE_ARM with "   \
+      "arg_i[1] = 1.")                                                                                       \
+    X(101, COR_NO_VERDICT, ERROR,                                                                            \
+      "approval of correction CRC {got:crc} refused: its verdict was lost with the journal, and the "        \
+      "command has no override",                                                                             \
+      "Read the verdict in its log. If it was CHANGE: APPROVE_ARM with arg_i[1] = 1; else REJECT.")          \
+    X(102, COR_OVERRIDE, WARN,                                                                               \
+      "override: approval of correction CRC {got:crc} goes on although its fit is poor or not known",        \
+      "If nobody decided this: REJECT it at once, or ROLLBACK after APPROVE_GO.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

@@ -158,7 +158,7 @@ class Executive:
         if self._proposal.verdict == kcm.proposal_t.NO_CHANGE:
             self._succeed("no change needed")
         elif self._proposal.verdict != kcm.proposal_t.CHANGE:
-            self._fail("the fit is poor")
+            self._fail("the fit is poor; the proposal is left to the ground")
         elif self.limits.accept == "ground":
             self._enter("GROUND")
         elif self.limits.accept == "policy":
@@ -176,7 +176,7 @@ class Executive:
     def _by_limits(self) -> None:
         """The executive decides by the scenario's limits, in two steps."""
         if reason := self._limit_violation(self._proposal):
-            self._fail(f"correction not accepted: {reason}")
+            self._fail(f"correction not accepted, left to the ground: {reason}")
         else:
             self._command(kcm.cmd_t.APPROVE_ARM, [self._proposal.crc, 0, 0, 0])
             self._enter("ARM")
@@ -264,6 +264,8 @@ class Executive:
         ):
             if not got <= allowed:  # NaN is a violation too
                 return f"{name} {got:.4g} > {allowed:.4g}"
+        if not p.p_fit >= limits.p_fit_min:
+            return f"p of the fit {p.p_fit:.4g} < {limits.p_fit_min:.4g}"
         return ""
 
     def _active(self) -> bool:

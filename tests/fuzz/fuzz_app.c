@@ -186,7 +186,7 @@ static void right_command(int32_t opcode, uint8_t arg)
     int32_t staged = (int32_t)kc_tbl_image_crc(APP->arena.idle.staged, KC_TBL_HDR_BYTES);
     switch (opcode) {
     case KC_CMD_START: command(opcode, (int32_t)(arg % 5u) - 1, arg >> 6, arg); break;
-    case KC_CMD_APPROVE_ARM:
+    case KC_CMD_APPROVE_ARM: command(opcode, proposed, (int32_t)(arg & 1u), 0); break;
     case KC_CMD_APPROVE_GO:
     case KC_CMD_REJECT: command(opcode, proposed, 0, 0); break;
     case KC_CMD_ROLLBACK: command(opcode, (int32_t)a->crc[KC_TBL_KIN], 0, 0); break;

@@ -11,12 +11,20 @@ from kincal_sim.ports import private_port, private_url
 
 
 class FakeFlight:
-    """`refuse`: opcodes answered with KC_ERR_STATE. `dead`: approval is answered, nothing becomes active."""
+    """`refuse`: opcodes answered with KC_ERR_STATE. `dead`: approval is answered, nothing becomes active.
+    `verdict`: of the proposal; 0: not known. Anything but CHANGE is armed by an override only."""
 
-    def __init__(self, proposal_crc: int = 0, refuse: tuple[int, ...] = (), dead: bool = False) -> None:
+    def __init__(
+        self,
+        proposal_crc: int = 0,
+        refuse: tuple[int, ...] = (),
+        dead: bool = False,
+        verdict: int = kcm.proposal_t.CHANGE,
+    ) -> None:
         port, self._port_lock = private_port()
         self.url = private_url(port)
-        self.proposal_crc, self.refuse, self.dead = proposal_crc, refuse, dead
+        self.proposal_crc, self.refuse, self.dead, self.verdict = proposal_crc, refuse, dead, verdict
+        self.overrides: list[int] = []  # of APPROVE_ARM
         self.kin_crc, self.armed, self.images, self.staged = 1, 0, {}, (0, b"")
         self.commands: list[tuple[int, int]] = []
         self._bus = lcm.LCM(self.url)
@@ -45,6 +53,8 @@ class FakeFlight:
     def _hk(self) -> None:
         m = kcm.hk_t()
         m.t_us, m.proposal_crc = time.time_ns() // 1000, signed(self.proposal_crc)
+        m.state, m.proposal_verdict = (10 if self.armed else 9 if self.proposal_crc else 0), self.verdict
+        m.approval_left_us = 599_000_000 if self.armed else 0
         m.staged_kind, m.staged_bytes = self.staged[0], len(self.staged[1])
         m.table_crc[4] = signed(self.kin_crc)
         for kind, image in self.images.items():
@@ -61,18 +71,22 @@ class FakeFlight:
         c = kcm.cmd_t.decode(data)
         crc = c.arg_i[0] & 0xFFFFFFFF
         self.commands.append((c.opcode, crc))
-        status = 0
+        status, event = 0, 13
         if c.opcode in self.refuse:
             status = -8
         elif c.opcode == c.APPROVE_ARM:
-            self.armed = crc
+            self.overrides.append(c.arg_i[1])
             status = 0 if crc == self.proposal_crc else -5
+            if self.verdict != kcm.proposal_t.CHANGE and not c.arg_i[1]:
+                status, event = -1, 100
+            if not status:
+                self.armed = crc
         elif c.opcode == c.APPROVE_GO:
             status = 0 if crc == self.armed else -5
             if not status and not self.dead:
-                self.kin_crc, self.proposal_crc = crc, 0
+                self.kin_crc, self.proposal_crc, self.armed = crc, 0, 0
         elif c.opcode == c.REJECT:
-            self.proposal_crc = 0
+            self.proposal_crc = self.armed = 0
         elif c.opcode == c.TABLE_ACTIVATE:
             self.images[c.arg_i[0]] = self.staged[1]
         a = kcm.ack_t()
@@ -82,7 +96,7 @@ class FakeFlight:
             c.seq,
             c.opcode,
             status,
-            13 if status else 0,
+            event if status else 0,
         )
         self._bus.publish("KC_ACK", a.encode())
         if c.opcode == c.TABLE_DUMP and not status:

@@ -66,12 +66,13 @@ def event(t_us: int, seq: int, number: int, severity: int, got: float = 0.0, ind
     return m
 
 
-def write_log(path, damage: bool = True, verdict: int = 1) -> None:
-    """Three poses, events, a proposal, housekeeping; a damaged message, an image, a foreign one."""
+def write_log(path, damage: bool = True, verdict: int = 1, waiting: kcm.proposal_t | None = None) -> None:
+    """Three poses, events, a proposal, housekeeping; a damaged message, an image, a foreign one. The proposal
+    is in force at the end; one that is given waits."""
     log = lcm.EventLog(str(path), "w", overwrite=True)
     hk = kcm.hk_t()
     hk.t_us, hk.state, hk.boot_count = 9_000_000, 9, 2
-    hk.table_crc[4] = signed(CRC)
+    hk.table_crc[4] = signed(CRC) if waiting is None else 1
     ack = kcm.ack_t()
     ack.status, ack.event_id = -8, 13
     records = [
@@ -82,7 +83,7 @@ def write_log(path, damage: bool = True, verdict: int = 1) -> None:
         *[("KC_PROGRESS", progress(k)) for k in range(3)],
         ("KC_EVENT", event(3_500_000, 1, 64, 2, got=24.0, index=11)),
         ("KC_EVENT", event(3_600_000, 2, 48, 0)),
-        ("KC_PROPOSAL", proposal(verdict)),
+        ("KC_PROPOSAL", waiting or proposal(verdict)),
         ("KC_HK", hk),
     ]
     for t, (channel, message) in enumerate(records):

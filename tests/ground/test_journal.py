@@ -64,9 +64,9 @@ def verify(path, file, *logs):
     return CliRunner().invoke(main, given)
 
 
-def approve(flight, path, file):
+def reject(flight, path, file):
     given = ["--by", "me", "--why", "x", "--url", flight.url, "--journal", str(path), "--keys", str(file)]
-    return CliRunner().invoke(main, ["review", "approve", f"{CRC:08x}", *given])
+    return CliRunner().invoke(main, ["review", "reject", f"{CRC:08x}", *given])
 
 
 # ------------------------------------------------------------------------ the last line
@@ -114,7 +114,7 @@ def test_a_line_that_is_written_differently_is_not_the_line_that_was_signed(jour
 def test_a_changed_journal_stops_a_decision_before_anything_is_sent(journal, file):
     change(journal, 2, why="better")
     with FakeFlight(CRC) as flight:
-        run = approve(flight, journal, file)
+        run = reject(flight, journal, file)
     assert run.exit_code == EXIT_INPUT and "did not write this line" in run.output
     assert flight.commands == []
 
@@ -147,6 +147,30 @@ def test_a_last_line_that_is_gone_is_noticed_by_what_flight_took(journal, file, 
         main, ["review", "list", str(log), "--journal", str(journal), "--keys", str(file)]
     )
     assert "NOT in the journal" in listed.output
+
+
+def test_an_override_that_is_not_in_the_journal_is_noticed_and_a_plain_first_step_is_not(file, tmp_path):
+    """The first step alone changes nothing; tools of before did not write it down."""
+    armed = []
+    for override in (0, 1):
+        m = kcm.cmd_t()
+        m.source, m.opcode, m.seq, m.arg_i = m.SRC_GROUND, m.APPROVE_ARM, 7, [signed(CRC), override, 0, 0]
+        armed.append(keys.signer_of(file).command(m))
+    journal = tmp_path / "journal.jsonl"
+    assert verify(journal, file, log_of(tmp_path / "plain.lcmlog", armed[:1])).exit_code == 0
+    run = verify(journal, file, log_of(tmp_path / "override.lcmlog", armed[1:]))
+    assert run.exit_code == EXIT_FAILED and f"arm of {CRC:08x}" in " ".join(run.output.split())
+
+
+def test_that_somebody_has_seen_it_does_not_stand_for_a_decision_that_is_gone(journal, file, tmp_path):
+    log = log_of(tmp_path / "run.lcmlog", [decide(journal, file, CRC, "the last")])
+    entry = json.loads(journal.read_text().splitlines()[-1])
+    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:-1]))
+    signer = keys.signer_of(file)
+    signer.counters[kcm.cmd_t.SRC_GROUND] = entry["counter"]
+    review.record(journal, journals.SEEN, CRC, "me", "why", "url", None, signer)
+    run = verify(journal, file, log)
+    assert run.exit_code == EXIT_FAILED and "a line is gone" in " ".join(run.output.split())
 
 
 def test_what_flight_refused_or_a_stranger_sent_is_not_missed(journal, file, tmp_path):
@@ -206,7 +230,7 @@ def test_a_journal_of_before_lines_had_macs_is_read_and_goes_on(tmp_path, file):
     assert found.unconfirmed == 1 and "carry no MAC" in found.why
     assert verify(path, file).exit_code == EXIT_FAILED
     with FakeFlight(CRC) as flight:
-        run = approve(flight, path, file)
+        run = reject(flight, path, file)
     assert run.exit_code == 0, run.output
     assert "line 1: nobody can tell whether they were changed" in " ".join(run.output.split())
     found = read(path, file)
@@ -304,7 +328,7 @@ def test_without_an_option_it_lies_beside_the_keys_at_home(tmp_path, monkeypatch
         monkeypatch.chdir(tmp_path / folder)
         with FakeFlight(CRC) as flight:
             given = ["--by", "me", "--why", folder, "--url", flight.url]
-            run = CliRunner().invoke(main, ["review", "approve", f"{CRC:08x}", *given])
+            run = CliRunner().invoke(main, ["review", "reject", f"{CRC:08x}", *given])
         assert run.exit_code == 0, run.output
     listed = CliRunner().invoke(main, ["review", "list"]).output
     assert "here" in listed and "there" in listed
@@ -316,7 +340,7 @@ def test_a_run_that_is_reviewed_with_its_own_keys_has_its_own_journal(tmp_path):
     keys.new(own)
     with FakeFlight(CRC) as flight:
         given = ["--by", "me", "--why", "x", "--url", flight.url, "--keys", str(own)]
-        run = CliRunner().invoke(main, ["review", "approve", f"{CRC:08x}", *given])
+        run = CliRunner().invoke(main, ["review", "reject", f"{CRC:08x}", *given])
     assert run.exit_code == 0, run.output
     assert read(own.with_name("review.jsonl"), own).unconfirmed == 0
 

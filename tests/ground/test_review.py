@@ -22,8 +22,9 @@ from kincal.link import Link, LogEvent, LogSummary, Session, upload
 from kincal.pages import review as review_page
 from kincal.pages.page import Provenance, render
 from kincal.results import chance_text
-from kincal.review.status import status
+from kincal.review.status import status, to_decide
 from kincal.review.thresholds import read_limits, thresholds
+from kincal_sim.ports import private_port, private_url
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 APPROVE = [(kcm.cmd_t.APPROVE_ARM, CRC), (kcm.cmd_t.APPROVE_GO, CRC)]
@@ -135,33 +136,221 @@ def test_list_names_proposals_and_decisions(tmp_path, journal, signer):
 # ------------------------------------------------------------------------ what is sent
 
 
-def decide(flight, command, journal, crc=f"{CRC:08x}", extra=()):
+POOR = kcm.proposal_t.POOR
+
+
+def poor():
+    """Like the fit of an arm with an effect that the model lacks."""
+    p = proposal(POOR)
+    p.rank, p.p_fit, p.noise_scale = 28, 1e-126, 3.2
+    return p
+
+
+def decide(flight, command, journal, *extra, crc=f"{CRC:08x}", by="A. Reviewer"):
     return CliRunner().invoke(
         main,
-        ["review", command, crc, "--by", "A. Reviewer", "--why", "clean", "--url", flight.url, "--journal",
+        ["review", command, crc, "--by", by, "--why", "clean", "--url", flight.url, "--journal",
          str(journal), "--timeout", "3", *extra],
     )  # fmt: skip
 
 
-def test_approval_is_two_steps_bound_to_the_crc_and_recorded(journal):
-    with FakeFlight(CRC) as flight:
-        run = decide(flight, "approve", journal)
+def see(tmp_path, journal, p=None, by="A. Reviewer"):
+    """`review show` of a log with this proposal; words of its output, without line ends."""
+    log = tmp_path / "run.lcmlog"
+    write_log(log, waiting=p or proposal())
+    run = CliRunner().invoke(
+        main, ["review", "show", str(log), "--tables", str(BIN), "--journal", str(journal), "--by", by]
+    )
     assert run.exit_code == 0, run.output
+    return " ".join(run.output.split())
+
+
+def test_approval_is_two_commands_bound_to_the_crc_and_recorded(tmp_path, journal):
+    see(tmp_path, journal)
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "arm", journal)
+        assert run.exit_code == 0, run.output
+        assert flight.commands == APPROVE[:1] and flight.overrides == [0]
+        assert flight.kin_crc == 1
+        assert "nothing is in force yet: within 599 s `kincal review go fedcba98`" in run.output
+        run = decide(flight, "go", journal)
+    assert run.exit_code == 0, run.output
+    assert "armed by A. Reviewer" in run.output
     assert flight.commands == APPROVE
     assert flight.kin_crc == CRC
-    (entry,) = review.check_journal(journal)
-    assert (entry.decision, entry.crc, entry.by, entry.why) == ("approve", "fedcba98", "A. Reviewer", "clean")
+    entries = review.check_journal(journal)
+    assert [e.decision for e in entries] == ["seen", "arm", "approve"]
+    assert {(e.crc, e.by, e.session, e.verdict) for e in entries} == {
+        ("fedcba98", "A. Reviewer", 3, "change proposed")
+    }
+    assert all(e.numbers["p_fit"] == pytest.approx(0.57) and e.override == "" for e in entries)
+    assert (entries[0].why, entries[1].why) == ("rank 27 of 28; held: J7.a_m", "clean")
 
 
-def test_numbers_of_the_log_go_into_the_record(tmp_path, journal):
+def test_the_second_step_is_refused_unless_the_first_is_in_force(tmp_path, journal):
+    see(tmp_path, journal)
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "go", journal)
+    assert run.exit_code == EXIT_FAILED
+    assert "is not armed (or has expired)" in run.output and "kincal review arm fedcba98" in run.output
+    assert flight.commands == []
+
+
+def test_another_person_may_take_the_second_step_and_has_to_have_seen_it_too(tmp_path, journal):
+    see(tmp_path, journal)
+    with FakeFlight(CRC) as flight:
+        assert decide(flight, "arm", journal).exit_code == 0
+        run = decide(flight, "go", journal, by="B. Second")
+        assert run.exit_code == EXIT_INPUT
+        assert "B. Second has not seen correction fedcba98 (seen by A. Reviewer)" in run.output
+        assert flight.commands == APPROVE[:1]
+        see(tmp_path, journal, by="B. Second")
+        run = decide(flight, "go", journal, by=" b. second ")
+    assert run.exit_code == 0, run.output
+    assert [e.by for e in review.check_journal(journal) if e.decision != "seen"] == [
+        "A. Reviewer",
+        " b. second ",
+    ]
+
+
+def test_what_was_not_seen_is_not_approved_but_may_be_rejected(journal):
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "arm", journal)
+        assert run.exit_code == EXIT_INPUT
+        assert "A. Reviewer has not seen correction fedcba98" in run.output
+        assert 'kincal review show LOG --crc fedcba98 --by "A. Reviewer"' in " ".join(run.output.split())
+        assert flight.commands == []
+        assert decide(flight, "reject", journal).exit_code == 0
+    assert [e.decision for e in review.check_journal(journal)] == ["reject"]
+
+
+def test_that_another_correction_was_seen_is_not_enough(tmp_path, journal):
+    see(tmp_path, journal)
+    with FakeFlight(0x1111) as flight:
+        run = decide(flight, "arm", journal, crc="00001111")
+    assert run.exit_code == EXIT_INPUT and "has not seen correction 00001111" in run.output
+    assert flight.commands == []
+
+
+def test_a_line_that_says_seen_and_that_no_key_vouches_for_does_not_count(tmp_path, journal):
+    see(tmp_path, journal)
+    line = {**json.loads(journal.read_text()), "mac": "", "key_id": 0}
+    journal.write_text(json.dumps(line, sort_keys=True) + "\n")
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "arm", journal)
+    assert run.exit_code == EXIT_INPUT and "has not seen" in run.output
+    assert flight.commands == []
+
+
+def test_show_without_a_name_writes_nothing(tmp_path, journal):
     log = tmp_path / "run.lcmlog"
     write_log(log)
-    with FakeFlight(CRC) as flight:
-        run = decide(flight, "approve", journal, extra=["--log", str(log), "--tables", str(BIN)])
+    run = CliRunner().invoke(
+        main, ["review", "show", str(log), "--tables", str(BIN), "--journal", str(journal)]
+    )
     assert run.exit_code == 0, run.output
-    (entry,) = review.check_journal(journal)
-    assert entry.session == 3
-    assert entry.numbers["p_fit"] == pytest.approx(0.57)
+    assert not journal.exists()
+
+
+def test_a_poor_proposal_needs_an_override_and_its_reason_is_kept(tmp_path, journal):
+    text = see(tmp_path, journal, poor())
+    assert "poor fit; waits for review" in text
+    assert "flight waits for a decision; the table in force stays until then" in text
+    assert "reason to reject: flight itself calls the fit poor" in text
+    assert "kincal review arm fedcba98 --by NAME --why REASON --override REASON" in text
+    assert text.index("kincal review reject") < text.index("kincal review arm")
+    with FakeFlight(CRC, verdict=POOR) as flight:
+        for extra in ((), ("--override", " ")):
+            run = decide(flight, "arm", journal, *extra)
+            words = " ".join(run.output.split())
+            assert run.exit_code == EXIT_INPUT
+            assert (
+                "there are reasons to reject correction fedcba98: flight itself calls the fit poor" in words
+            )
+            assert "p = 1e-126" in words and "--override REASON" in words
+            assert "kincal review reject fedcba98" in words
+        assert flight.commands == []
+        run = decide(flight, "arm", journal, "--override", "the sample is at risk")
+        assert run.exit_code == 0, run.output
+        assert flight.overrides == [1]
+        run = decide(flight, "go", journal)
+        assert run.exit_code == 0, run.output
+        assert "by override: the sample is at risk" in run.output
+    assert flight.kin_crc == CRC
+    seen, armed, approved = review.check_journal(journal)
+    assert (seen.verdict, seen.override) == ("poor fit", "")
+    assert armed.override == approved.override == "the sample is at risk"
+    listed = CliRunner().invoke(main, ["review", "list", "--journal", str(journal)]).output
+    assert "override: the sample is at risk" in " ".join(listed.split())
+
+
+def test_a_change_with_a_bad_fit_needs_an_override_too(tmp_path, journal):
+    p = proposal()
+    p.p_fit = 3e-24
+    see(tmp_path, journal, p)
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "arm", journal)
+        assert run.exit_code == EXIT_INPUT and "p = 3e-24" in run.output
+        assert flight.commands == []
+        assert decide(flight, "arm", journal, "--override", "known drift").exit_code == 0
+    assert flight.overrides == [1]
+
+
+def test_an_override_where_there_is_nothing_to_override_is_refused(tmp_path, journal):
+    see(tmp_path, journal)
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "arm", journal, "--override", "always")
+    assert run.exit_code == EXIT_INPUT and "nothing to override" in run.output
+    assert flight.commands == []
+
+
+def test_a_log_that_says_better_of_a_correction_than_flight_does_is_not_believed(tmp_path, journal):
+    see(tmp_path, journal)  # says change proposed
+    with FakeFlight(CRC, verdict=POOR) as flight:
+        run = decide(flight, "arm", journal, "--override", "because")
+    assert run.exit_code == EXIT_INPUT
+    assert "poor fit; the log that A. Reviewer has seen says: change proposed" in " ".join(run.output.split())
+    assert flight.commands == []
+
+
+def test_where_flight_has_lost_the_verdict_an_override_is_needed(tmp_path, journal):
+    see(tmp_path, journal)
+    with FakeFlight(CRC, verdict=0) as flight:
+        run = decide(flight, "arm", journal)
+        assert run.exit_code == EXIT_INPUT and "flight has lost its verdict" in run.output
+        assert decide(flight, "arm", journal, "--override", "the log has it").exit_code == 0
+    assert flight.overrides == [1]
+
+
+def test_what_waits_on_board_is_listed_with_verdict_time_left_and_choices(tmp_path, journal):
+    def live(flight):
+        run = CliRunner().invoke(
+            main, ["review", "list", "--live", "--url", flight.url, "--journal", str(journal)]
+        )
+        assert run.exit_code == 0, run.output
+        return " ".join(run.output.split())
+
+    see(tmp_path, journal, poor())
+    with FakeFlight(CRC, verdict=POOR) as flight:
+        text = live(flight)
+        assert "correction fedcba98 (poor fit) waits for review" in text
+        assert "kincal review reject fedcba98" in text and "--override REASON" in text
+        decide(flight, "arm", journal, "--override", "because")
+        text = live(flight)
+        assert "approval of correction fedcba98 (poor fit) is armed for another 599 s" in text
+        assert "kincal review go fedcba98" in text and "kincal review arm" not in text
+    with FakeFlight() as flight:
+        assert "on board: nothing waits" in live(flight)
+
+
+def test_a_poor_proposal_of_a_log_is_listed_as_waiting(tmp_path, journal):
+    log = tmp_path / "run.lcmlog"
+    write_log(log, waiting=poor())
+    run = CliRunner().invoke(
+        main, ["review", "list", str(log), "--journal", str(journal)], env={"COLUMNS": "200"}
+    )
+    row = next(line for line in run.output.splitlines() if "fedcba98" in line)
+    assert "poor fit" in row and "waits for review" in row and "below 1e-12" in row
 
 
 def test_rejection_leaves_the_table_in_force(journal):
@@ -173,45 +362,54 @@ def test_rejection_leaves_the_table_in_force(journal):
     assert review.check_journal(journal)[0].decision == "reject"
 
 
-def test_nothing_is_sent_when_something_else_waits(journal):
+@pytest.mark.parametrize("command", ["arm", "go", "reject"])
+def test_nothing_is_sent_when_something_else_waits(journal, command):
     with FakeFlight(0x1111) as flight:
-        run = decide(flight, "approve", journal)
+        run = decide(flight, command, journal)
     assert run.exit_code == EXIT_FAILED
     assert "00001111 does" in run.output
     assert flight.commands == []
     assert not journal.exists()
 
 
-def test_refusal_by_flight_is_reported_and_not_recorded(journal):
-    with FakeFlight(CRC, refuse=(kcm.cmd_t.APPROVE_GO,)) as flight:
-        run = decide(flight, "approve", journal)
+@pytest.mark.parametrize(("command", "opcode"), [("arm", "APPROVE_ARM"), ("go", "APPROVE_GO")])
+def test_refusal_by_flight_is_reported_and_not_recorded(tmp_path, journal, command, opcode):
+    see(tmp_path, journal)
+    with FakeFlight(CRC, refuse=(getattr(kcm.cmd_t, opcode),)) as flight:
+        flight.armed = CRC if command == "go" else 0
+        run = decide(flight, command, journal)
     assert run.exit_code == EXIT_FAILED
-    assert "APPROVE_GO refused: KC_ERR_STATE (CMD_STATE)" in run.output
-    assert not journal.exists()
+    assert f"{opcode} refused: KC_ERR_STATE (CMD_STATE)" in run.output
+    assert [e.decision for e in review.check_journal(journal)] == ["seen"]
 
 
-def test_approval_that_does_not_show_in_housekeeping_is_a_failure(journal):
+def test_approval_that_does_not_show_in_housekeeping_is_a_failure(tmp_path, journal):
+    see(tmp_path, journal)
     with FakeFlight(CRC, dead=True) as flight:
-        run = decide(flight, "approve", journal)
+        assert decide(flight, "arm", journal).exit_code == 0
+        run = decide(flight, "go", journal)
     assert run.exit_code == EXIT_FAILED
     assert "was not seen in housekeeping" in run.output
-    (entry,) = review.check_journal(journal)  # flight took it all the same
+    entry = review.check_journal(journal)[-1]  # flight took it all the same
     assert (entry.decision, entry.crc) == ("approve", f"{CRC:08x}")
 
 
 def test_silence_is_a_failure_with_a_hint(journal):
     class Nobody:
-        url = "udpm://239.255.76.67:32999?ttl=0"
+        port, lock = private_port()
+        url = private_url(port)
 
-    run = decide(Nobody, "approve", journal, extra=["--timeout", "0.3"])
+    run = decide(Nobody, "arm", journal, "--timeout", "0.3")
+    Nobody.lock.close()
     assert run.exit_code == EXIT_FAILED
     assert "is the flight process running" in run.output
 
 
-def test_decision_without_a_reason_is_refused_before_anything_is_sent():
+@pytest.mark.parametrize("command", ["arm", "go", "reject"])
+def test_decision_without_a_reason_is_refused_before_anything_is_sent(command):
     with FakeFlight(CRC) as flight:
         run = CliRunner().invoke(
-            main, ["review", "approve", "fedcba98", "--by", "me", "--why", " ", "--url", flight.url]
+            main, ["review", command, "fedcba98", "--by", "me", "--why", " ", "--url", flight.url]
         )
     assert run.exit_code == EXIT_INPUT
     assert flight.commands == []
@@ -244,7 +442,7 @@ def test_changed_journal_is_noticed_and_stops_decisions(journal, damage, signer)
         review.check_journal(journal)
     assert f"{journal}:2" in str(error.value)
     with FakeFlight(CRC) as flight:
-        run = decide(flight, "approve", journal)
+        run = decide(flight, "arm", journal)
     assert run.exit_code == EXIT_INPUT
     assert flight.commands == []
 
@@ -312,7 +510,9 @@ def log_with(events, active=0, verdict=1):
         ([("COR_ACTIVE", -1, CRC)], CRC, 1, "in force"),
         ([("COR_ACTIVE", -1, CRC)], 0x77, 1, "was in force; another table is now"),
         ([("COR_REJECTED", -1, 0x77)], 0, 1, "waits for review"),
-        ([], 0, 2, "nothing to decide, the table in force stays"),
+        ([], 0, 0, "nothing to decide, the table in force stays"),
+        ([("COR_PROPOSED", -1, CRC)], 0, 2, "waits for review"),
+        ([("COR_PROPOSED", -1, CRC), ("COR_REJECTED", -1, CRC)], 0, 2, "rejected"),
     ],
 )
 def test_review_says_what_became_of_a_proposal(names, events, active, verdict, state):
@@ -334,6 +534,27 @@ def test_decisions_of_the_journal_stand_beside_their_proposal(names, journal, si
     log = log_with([])
     r = review.from_message(log.sessions[3].proposal, names)
     assert [e.why for e in status(log, r, review.check_journal(journal)).decisions] == ["because"]
+
+
+@pytest.mark.parametrize(
+    ("decided", "state", "waits"),
+    [
+        (["seen"], "waits for review", True),
+        (["seen", "arm"], "waits for review; an approval was armed by me, ", True),
+        (["arm", "approve"], "approved by me, ", False),
+        (["arm", "reject"], "rejected by me, ", False),
+    ],
+)
+def test_the_journal_says_what_came_after_the_end_of_the_log(names, journal, signer, decided, state, waits):
+    for decision in decided:
+        review.record(journal, decision, CRC, "me", "because", "url", None, signer)
+    log = log_with([("COR_PROPOSED", -1, CRC)])
+    r = review.from_message(log.sessions[3].proposal, names)
+    about = status(log, r, review.check_journal(journal))
+    assert about.state.startswith(state) and about.waits is waits
+    assert bool(to_decide(r, about)) is waits
+    in_force = log_with([("COR_ACTIVE", -1, CRC)], active=CRC)
+    assert status(in_force, r, review.check_journal(journal)).state == "in force"
 
 
 def test_every_number_has_its_threshold_and_whether_it_is_kept(names):
@@ -358,13 +579,36 @@ def test_every_number_has_its_threshold_and_whether_it_is_kept(names):
 def test_review_page_says_state_thresholds_and_rejected_poses(names):
     log = log_with([("COR_PROPOSED", -1, CRC), ("CAL_OUTLIER", 4, 0)])
     r = replace(review.from_message(log.sessions[3].proposal, names), n_outliers=1)
-    made = review_page.page(r, [], Provenance("2026-11-22"), status(log, r), read_limits(BIN))
+    about = status(log, r)
+    made = review_page.page(r, [], Provenance("2026-11-22"), about, read_limits(BIN), to_decide(r, about))
     text = render(made)
     assert "Change proposed; waits for review." in text
-    assert "kincal review approve fedcba98 --by NAME" in text
+    assert "Flight waits for a decision" in text
+    shown = [
+        text.index(f"kincal review {verb} ") for verb in ("show LOG --crc fedcba98", "arm", "go", "reject")
+    ]
+    assert shown == sorted(shown)
+    assert "--override" not in text
     assert "1 of 20 poses are not in the fit. Pose: 4." in text
     assert "all 28 asked for" in text
     assert "of the same 19" in re.sub(r"<[^>]+>", "", text)
+
+
+def test_review_page_of_a_poor_proposal_says_that_flight_waits_and_why_to_reject(names):
+    p = poor()
+    log = log_with([("COR_PROPOSED", -1, CRC)], verdict=2)
+    log.sessions[3].proposal.p_fit = p.p_fit
+    r = review.from_message(p, names)
+    about = status(log, r)
+    text = render(
+        review_page.page(r, review.warnings(r), Provenance("2026-11-22"), about, None, to_decide(r, about))
+    )
+    assert "Poor fit; waits for review." in text
+    assert "There are reasons to reject this correction: only an override" in text
+    assert "Reason to reject: flight itself calls the fit poor" in text
+    assert "nothing to decide" not in text
+    assert text.index("kincal review reject fedcba98") < text.index("kincal review arm fedcba98")
+    assert "--override REASON" in text
 
 
 def test_a_chance_is_never_nothing():

@@ -197,7 +197,8 @@ def test_ground_approves_a_clean_proposal_in_two_steps_and_records_it(tmp_path):
     names = [f"c{i}" for i in range(54)]
     run.decide(request(out=tmp_path), link, proposal(), names, run.Observer())
     assert link.sent == [("APPROVE_ARM", (CRC,)), ("APPROVE_GO", (CRC,))]
-    assert json.loads((tmp_path / "review.jsonl").read_text())["decision"] == "approve"
+    lines = (tmp_path / "review.jsonl").read_text().splitlines()
+    assert [json.loads(line)["decision"] for line in lines] == ["arm", "approve"]
 
 
 def test_ground_rejects_a_proposal_that_does_not_fit(tmp_path):

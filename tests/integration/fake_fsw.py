@@ -93,7 +93,7 @@ class FakeFlight:
     def work(self, now_us):
         if self.poses == FRAMES:
             p = kcm.proposal_t()
-            p.crc, p.n_poses = CRC, FRAMES
+            p.crc, p.n_poses, p.p_fit = CRC, FRAMES, 0.5
             p.verdict = {"healthy": p.NO_CHANGE, "poor": p.POOR}.get(self.script, p.CHANGE)
             self.state = IDLE if self.script == "healthy" else REVIEW
             self.publish("KC_PROPOSAL", p, now_us)

@@ -6,11 +6,12 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from functools import partial
 
 import numpy as np
 import pytest
-from flight import CAUSE, CORE, EVENT, KIN, STATE, read_table
+from flight import CAUSE, CORE, EVENT, KIN, ROOT, STATE, read_table
 from runs import (
     FAKE_FSW,
     coefficient_names,
@@ -161,7 +162,7 @@ class Flight:
 
     def proposal(self, verdict=kcm.proposal_t.CHANGE, **fields):
         m = kcm.proposal_t()
-        m.crc, m.verdict = 7, verdict
+        m.crc, m.verdict, m.p_fit = 7, verdict, 0.5
         for name, value in fields.items():
             setattr(m, name, value)
         return "KC_PROPOSAL", m
@@ -210,6 +211,8 @@ def test_executive_starts_when_flight_arm_and_pan_tilt_unit_are_there_and_approv
         ({"pred_pos_m": 0.5}, "predicted position sigma 0.5"),
         ({"pred_rot_rad": float("nan")}, "predicted rotation sigma nan"),
         ({"n_outliers": 99}, "outliers 99"),
+        ({"p_fit": 3e-24}, "left to the ground: p of the fit 3e-24 < 0.001"),
+        ({"p_fit": float("nan")}, "p of the fit nan"),
         ({"verdict": kcm.proposal_t.POOR}, "the fit is poor"),
     ],
 )
@@ -218,6 +221,14 @@ def test_executive_approves_nothing_outside_its_limits(proposal, reason):
     f.decide(**proposal)
     assert f.opcodes == [START]
     assert not f.executive.result["success"] and reason in f.executive.result["reason"]
+
+
+def test_the_executive_asks_of_a_fit_what_the_policy_on_board_asks():
+    config = tomllib.loads((ROOT / "tables/src/config.toml").read_text())
+    assert load("paper").executive.p_fit_min == config["accept_p_fit_min"]
+    f = Flight(p_fit_min=0.5).started()
+    f.decide(p_fit=0.5)
+    assert f.opcodes == [START, ARM]
 
 
 def test_the_numbers_and_causes_of_the_executive_are_those_of_flight():

@@ -338,6 +338,7 @@ void test_the_record_stored_with_a_proposal_names_it(void)
     TEST_ASSERT_NOT_NULL(record);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_journal_load(&journal, record->data, record->n));
     TEST_ASSERT_EQUAL_HEX32(kc_tbl_image_crc(image->data, image->n), journal.found.proposal_crc);
+    TEST_ASSERT_EQUAL_UINT32(KC_VERDICT_CHANGE, journal.found.proposal_verdict);
     TEST_ASSERT_EQUAL_UINT32(KC_ST_REVIEW, journal.found.state);
 }
 
@@ -393,6 +394,8 @@ static void expect_record(uint32_t kin, uint32_t prev, uint32_t proposal)
     TEST_ASSERT_EQUAL_HEX32(kin, journal.found.kin_crc);
     TEST_ASSERT_EQUAL_HEX32(prev, journal.found.prev_crc);
     TEST_ASSERT_EQUAL_HEX32(proposal, journal.found.proposal_crc);
+    TEST_ASSERT_EQUAL_UINT32(proposal != 0u ? KC_VERDICT_CHANGE : KC_VERDICT_NO_CHANGE,
+                             journal.found.proposal_verdict);
 }
 
 static void expect_image(uint32_t i, uint16_t kind, uint32_t crc)

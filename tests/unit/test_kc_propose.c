@@ -316,6 +316,109 @@ void test_a_proposal_that_no_longer_fits_cannot_be_activated(void)
     refused(KC_CMD_APPROVE_GO, crc, KC_ERR_STATE, KC_EVT_TBL_DEPENDS);
 }
 
+/* ---- a poor proposal ---- */
+
+static uint32_t given_poor(void)
+{
+    world.spoil = boastful;
+    world.noise_m = 2e-3;
+    world.noise_rad = 8e-3;
+    world.config.frames_per_meas = 1u;
+    world.config.est.outlier_p = 0.0;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, world.proposal.verdict);
+    return world.proposal.crc;
+}
+
+static void expect_event(uint32_t id, int32_t index, double got, double want);
+
+void test_a_poor_proposal_is_not_armed_without_an_override(void)
+{
+    uint32_t crc = given_poor();
+    refused(KC_CMD_APPROVE_ARM, crc, KC_ERR_ARG, KC_EVT_COR_POOR);
+    expect_event(KC_EVT_COR_POOR, -1, (double)crc, 0.0);
+    refused(KC_CMD_APPROVE_GO, crc, KC_ERR_STATE, KC_EVT_CMD_STATE);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ARMED));
+    world_ticks(11u);
+    TEST_ASSERT_EQUAL_UINT32(KC_VERDICT_POOR, world.hk.proposal_verdict);
+    TEST_ASSERT_EQUAL_UINT64(0u, world.hk.approval_left_us);
+}
+
+void test_a_poor_proposal_is_approved_by_an_override_in_the_signed_command(void)
+{
+    uint32_t crc = given_poor();
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, KC_OVERRIDE_FIT, 0));
+    expect_event(KC_EVT_COR_OVERRIDE, -1, (double)crc, 0.0);
+    expect_event(KC_EVT_COR_ARMED, -1, (double)crc, 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_ST_ARMED, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_GO, (int32_t)crc, 0, 0));
+    TEST_ASSERT_EQUAL_UINT32(crc, active_crc());
+}
+
+void test_an_override_that_is_put_into_a_command_after_it_was_signed_is_a_forgery(void)
+{
+    uint32_t crc = given_poor();
+    kc_cmd_t *c = world_cmd(KC_CMD_APPROVE_ARM, (int32_t)crc, KC_OVERRIDE_NONE, 0);
+    world_sign_cmd(c);
+    c->arg_i[1] = KC_OVERRIDE_FIT;
+    world.as_sent = true;
+    world_tick();
+    world.as_sent = false;
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CMD_FORGED));
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+}
+
+void test_an_override_names_the_crc_all_the_same_and_no_other_number_is_one(void)
+{
+    static const int32_t wrong[] = {-1, 2, INT32_MIN, INT32_MAX};
+    uint32_t crc = given_poor();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc + 1, KC_OVERRIDE_FIT, 0));
+    for (uint32_t i = 0u; i < sizeof wrong / sizeof wrong[0]; i++) {
+        TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, wrong[i], 0));
+        expect_event(KC_EVT_CMD_ARG, 1, (double)wrong[i], 1.0);
+    }
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_OVERRIDE));
+}
+
+void test_an_override_of_a_good_fit_overrides_nothing(void)
+{
+    world_calibrated();
+    int32_t crc = (int32_t)world.proposal.crc;
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, crc, KC_OVERRIDE_FIT, 0));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_OVERRIDE));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_ARMED));
+}
+
+void test_a_poor_proposal_is_poor_after_a_restart_too_and_armed_before_it_no_more(void)
+{
+    uint32_t crc = given_poor();
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, KC_OVERRIDE_FIT, 0);
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(KC_VERDICT_POOR, world.hk.proposal_verdict);
+    refused(KC_CMD_APPROVE_GO, crc, KC_ERR_STATE, KC_EVT_CMD_STATE);
+    refused(KC_CMD_APPROVE_ARM, crc, KC_ERR_ARG, KC_EVT_COR_POOR);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, KC_OVERRIDE_FIT, 0));
+}
+
+/* A good fit, but nobody knows that any more. */
+void test_a_proposal_whose_verdict_was_lost_with_the_journal_needs_an_override(void)
+{
+    world_calibrated();
+    uint32_t crc = world.proposal.crc;
+    world.stored[KC_STORE_JOURNAL][0] = world.stored[KC_STORE_JOURNAL][1] = 0u;
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(0u, world.hk.proposal_verdict);
+    refused(KC_CMD_APPROVE_ARM, crc, KC_ERR_ARG, KC_EVT_COR_NO_VERDICT);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_POOR));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)crc, KC_OVERRIDE_FIT, 0));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_OVERRIDE));
+}
+
 /* ---- accepted on board ---- */
 
 static void given_policy(void)
@@ -506,9 +609,31 @@ void test_an_approval_expires_as_config_says_after_its_first_step(void)
     world_calibrated();
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0));
     uint64_t armed_us = APP->place.since_us;
+    for (uint32_t n_hk = world.n_hk; world.n_hk == n_hk;) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT64(7000000u - (APP->clock.now_us - armed_us), world.hk.approval_left_us);
+    TEST_ASSERT_TRUE(world.hk.approval_left_us > 0u);
+    TEST_ASSERT_EQUAL_UINT32(KC_VERDICT_CHANGE, world.hk.proposal_verdict);
     TEST_ASSERT_TRUE(world_until(KC_ST_REVIEW, 100u));
     TEST_ASSERT_EQUAL_UINT64(7000000u + TICK_US, APP->clock.now_us - armed_us);
     expect_event(KC_EVT_COR_EXPIRED, -1, (double)world.proposal.crc, 0.0);
+    world_ticks(11u);
+    TEST_ASSERT_EQUAL_UINT64(0u, world.hk.approval_left_us);
+}
+
+void test_housekeeping_at_the_very_end_of_an_armed_approval_says_that_no_time_is_left(void)
+{
+    static kc_hk_t hk;
+    world_calibrated();
+    (void)world_do(KC_CMD_APPROVE_ARM, (int32_t)world.proposal.crc, 0, 0);
+    uint64_t timeout_us = world.config.approval_timeout_us;
+    for (uint64_t beyond_us = 0u; beyond_us < 2u; beyond_us++) {
+        APP->clock.now_us = APP->place.since_us + timeout_us + beyond_us;
+        kc_review_report(&APP->review, &APP->view, &hk);
+        TEST_ASSERT_EQUAL_UINT64(0u, hk.approval_left_us);
+    }
+    APP->clock.now_us = APP->place.since_us + timeout_us - 1u;
+    kc_review_report(&APP->review, &APP->view, &hk);
+    TEST_ASSERT_EQUAL_UINT64(1u, hk.approval_left_us);
 }
 
 void test_a_proposal_without_an_observation_that_counts_has_no_residual_before(void)
@@ -798,8 +923,8 @@ void test_a_stored_proposal_larger_than_its_room_is_not_looked_into(void)
     for (uint32_t over = 0u; over < 2u; over++) {
         memset(&ev, 0, sizeof ev);
         memset(world.image, 0, sizeof world.image);
-        TEST_ASSERT_EQUAL_INT(
-            KC_ERR_FORMAT, kc_review_load(&review, &APP->tables, world.image, KC_KIN_IMAGE_MAX + over, &ev));
+        TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_review_load(&review, &APP->tables, KC_VERDICT_CHANGE,
+                                                            world.image, KC_KIN_IMAGE_MAX + over, &ev));
         TEST_ASSERT_EQUAL_UINT32(1u - over, ev.n);
     }
 }

@@ -164,6 +164,8 @@ void test_housekeeping_carries_the_crcs_bit_by_bit(void)
     static kcm_hk_t m;
     h.table_crc[4] = 0xdeadbeefu;
     h.proposal_crc = 0x80000000u;
+    h.proposal_verdict = 2u;
+    h.approval_left_us = 599000000u;
     h.boot_state = -1;
     h.n_rx_errors = 3u;
     h.energy_j = 12.5;
@@ -178,6 +180,8 @@ void test_housekeeping_carries_the_crcs_bit_by_bit(void)
     kc_wire_hk(&h, 99, &m);
     TEST_ASSERT_EQUAL_HEX32(0xdeadbeefu, (uint32_t)m.table_crc[4]);
     TEST_ASSERT_EQUAL_HEX32(0x80000000u, (uint32_t)m.proposal_crc);
+    TEST_ASSERT_EQUAL_INT(KCM_PROPOSAL_T_POOR, m.proposal_verdict);
+    TEST_ASSERT_EQUAL_INT64(599000000, m.approval_left_us);
     TEST_ASSERT_EQUAL_INT(-1, m.boot_state);
     TEST_ASSERT_EQUAL_INT(8, m.n_tx_errors);
     TEST_ASSERT_EQUAL_INT(3, m.n_rx_errors);

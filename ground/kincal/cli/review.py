@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack
 
 import click
 
@@ -16,10 +17,14 @@ from kincal.cli.terminal import console
 from kincal.cli.text import review as text
 from kincal.cli.wire import KEYS, TIMEOUT, URL
 from kincal.errors import CommandFailed
-from kincal.keys import file_of, signer_of
+from kincal.keys import DEFAULT, file_of, signer_of
 from kincal.keys import read as read_keys
 from kincal.review import journal as journals
 from kincal.review.journal import Journal
+
+if TYPE_CHECKING:
+    from kincal.review import Review
+    from kincal.review.decisions import Operator
 
 JOURNAL = click.option(
     "--journal",
@@ -31,13 +36,6 @@ JOURNAL = click.option(
 )
 BY = click.option("--by", required=True, help="Who decides.")
 WHY = click.option("--why", required=True, help="Reason, for the record.")
-LOG = click.option(
-    "--log",
-    "log_file",
-    type=FILE,
-    default=None,
-    help="Log with the proposal; its numbers go into the record.",
-)
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
@@ -61,7 +59,8 @@ def review() -> None:
 def review_list(
     logs: tuple[Path, ...], live: bool, url: str, timeout_s: float, key_file: Path, journal: Path | None
 ) -> None:
-    """List proposals in logs, what waits on board, and past decisions.
+    """List proposals in logs and what became of them, what waits on board and what can be done about it, and
+    past decisions.
 
     Decisions are those of the journal and of the journals beside the logs.
 
@@ -70,15 +69,15 @@ def review_list(
         kincal review list out/*/run.lcmlog
         kincal review list --live
     """
-    from kincal import review as lib
+    from kincal.review import decisions
+    from kincal.review.status import proposals_in
 
-    out = console()
-    text.proposals(out, [lib.proposals_in(path) for path in logs])
+    out, found = console(), _journals(logs, journal, key_file)
+    lines = [entry for one in found for entry in one.entries]
+    text.proposals(out, [proposals_in(path, lines) for path in logs])
     if live:
         with link.Link(url) as up:
-            crc = lib.waiting(up, timeout_s)
-        out.print(f"on board: correction {crc:08x} waits for review" if crc else "on board: nothing waits")
-    found = _journals(logs, journal, key_file)
+            text.on_board(out, decisions.on_board(up, timeout_s))
     for one in found:
         text.decisions(out, one)
     text.absent(out, _absent(logs, found))
@@ -114,7 +113,8 @@ def review_verify(logs: tuple[Path, ...], key_file: Path, journal: Path | None) 
     """
     found = _journals(logs, journal, key_file)
     for one in found:
-        click.echo(f"{one.path}: {len(one.entries)} decisions, {one.vouched}")
+        decided = sum(entry.decision != journals.SEEN for entry in one.entries)
+        click.echo(f"{one.path}: {decided} decisions, {one.vouched}")
     missing = _absent(logs, found)
     text.absent(console(), missing)
     if missing or any(one.unconfirmed for one in found):
@@ -130,23 +130,37 @@ def review_verify(logs: tuple[Path, ...], key_file: Path, journal: Path | None) 
     default=None,
     help="Picture to write (.png or .svg); the page (.html) lies beside it.  [default: next to the log]",
 )
+@click.option(
+    "--by",
+    default=None,
+    help="Who looks at it: goes into the journal, and has to be there before `arm` and `go` by this name.",
+)
 @TABLES
 @KEYS
 @JOURNAL
 def review_show(
-    file: Path, crc: str | None, picture: Path | None, tables_dir: Path, key_file: Path, journal: Path | None
+    file: Path,
+    crc: str | None,
+    picture: Path | None,
+    by: str | None,
+    tables_dir: Path,
+    key_file: Path,
+    journal: Path | None,
 ) -> None:
-    """Show a proposal of a log with all its numbers and their thresholds, what became of it, and which poses
-    were rejected: as text, as a page (HTML) and as a picture.
+    """Show a proposal of a log with all its numbers and their thresholds, what became of it, what can be
+    decided, and which poses were rejected: as text, as a page (HTML) and as a picture.
+
+    With --by the journal gets a line that this person has seen this correction, with verdict and numbers.
 
     \b
-    Example:
+    Examples:
         kincal review show out/paper/run.lcmlog --crc 1a2b3c4d
+        kincal review show out/paper/run.lcmlog --by "A. Reviewer" --keys out/paper/store.keys
     """
     from kincal import review as lib
     from kincal.pages import review as pages
     from kincal.pages.page import Provenance
-    from kincal.review.status import status
+    from kincal.review.status import status, to_decide
     from kincal.review.thresholds import read_limits
 
     found, limits = lib.find(file, crc, tables_dir), read_limits(tables_dir)
@@ -154,62 +168,116 @@ def review_show(
     about = status(link.read_log(file), found, [entry for one in read for entry in one.entries])
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
     warnings = lib.warnings(found)
-    text.show(console(), found, warnings, about, limits)
+    decide = to_decide(found, about, shlex.quote(str(file)), _keys_option(key_file, file))
+    text.show(console(), found, warnings, about, limits, decide)
     text.absent(console(), _absent((file,), read))
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
-    say_files("page", *pages.write_all(found, warnings, picture, provenance, about, limits))
+    say_files("page", *pages.write_all(found, warnings, picture, provenance, about, limits, decide))
+    if by is not None:
+        _see(found, by, file, key_file, journal)
+
+
+def _keys_option(key_file: Path, log: Path) -> str:
+    """The option that a command about this log needs: the key file that was named, else that of the run,
+    which lies beside its log."""
+    beside = log.with_name(journals.RUN_KEYS)
+    if key_file == DEFAULT and beside.is_file():
+        key_file = beside
+    return "" if key_file == DEFAULT else f" --keys {shlex.quote(str(key_file))}"
+
+
+def _see(found: Review, by: str, log: Path, key_file: Path, journal: Path | None) -> None:
+    """Write down who has seen the proposal, after it was shown."""
+    from kincal.review.decisions import see
+
+    keys = file_of(key_file)
+    path = FILE_OUT.convert(journals.place(journal, keys), None, None)
+    see(path, found, by, log, signer_of(keys))
+    click.echo(f"recorded in {path}: {by} has seen correction {found.crc_text}")
 
 
 class Decision(TypedDict):
-    """What approve and reject are given besides the CRC."""
+    """What every decision is given besides the CRC."""
 
     by: str
     why: str
-    log_file: Path | None
     url: str
     key_file: Path
     timeout_s: float
     journal: Path | None
-    tables_dir: Path
 
 
 def decision_options(command: Command) -> Command:
-    """Options of approve and reject."""
-    for option in (TABLES, JOURNAL, TIMEOUT, KEYS, URL, LOG, WHY, BY, click.argument("crc")):
+    """Options of a decision."""
+    for option in (JOURNAL, TIMEOUT, KEYS, URL, WHY, BY, click.argument("crc")):
         command = option(command)
     return command
 
 
-@review.command("approve")
+@review.command("arm")
 @decision_options
-def review_approve(crc: str, **given: Unpack[Decision]) -> None:
-    """Approve the correction that waits on board: two commands bound to its CRC.
+@click.option(
+    "--override",
+    default="",
+    metavar="REASON",
+    help="Why it is approved in spite of the reasons to reject it: signed, and kept in the journal.",
+)
+def review_arm(crc: str, override: str, **given: Unpack[Decision]) -> None:
+    """Approve the correction that waits on board, first step: flight is armed for this CRC, for the time that
+    CONFIG says (ten minutes as shipped). Nothing is in force before `kincal review go`.
+
+    It is refused if the person named by --by has not seen the correction: `kincal review show LOG --by NAME`
+    shows it and writes that into the journal. If there are reasons to reject it, as with a poor fit, they are
+    named, and --override has to say why it is approved all the same; flight refuses a poor fit without it.
+
+    \b
+    Examples:
+        kincal review arm 1a2b3c4d --by "A. Reviewer" --why "residuals clean, rank full"
+        kincal review arm 1a2b3c4d --by "A. Reviewer" --why "sample at risk" --override "2 mm will do"
+    """
+    from kincal.review import decisions
+
+    with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
+        decisions.arm(up, crc, _operator(given), override)
+
+
+@review.command("go")
+@decision_options
+def review_go(crc: str, **given: Unpack[Decision]) -> None:
+    """Approve the correction that waits on board, second step: it comes in force.
+
+    It is refused if the approval is not armed or has expired (`kincal review arm`), or if the person named by
+    --by has not seen the correction. That may be another person than the one who armed it.
 
     \b
     Example:
-        kincal review approve 1a2b3c4d --by "A. Reviewer" --why "residuals clean, rank full"
+        kincal review go 1a2b3c4d --by "B. Second" --why "agree with A. Reviewer"
     """
-    _decide("approve", crc, given)
+    from kincal.review import decisions
+
+    with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
+        decisions.go(up, crc, _operator(given))
 
 
 @review.command("reject")
 @decision_options
 def review_reject(crc: str, **given: Unpack[Decision]) -> None:
-    """Reject the correction that waits on board; the table in force stays.
+    """Reject the correction that waits on board, armed or not; the table in force stays. Nobody has to have
+    seen it for that.
 
     \b
     Example:
         kincal review reject 1a2b3c4d --by "A. Reviewer" --why "pose 7 looks blurred"
     """
-    _decide("reject", crc, given)
+    from kincal.review import decisions
+
+    with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
+        decisions.reject(up, crc, _operator(given))
 
 
-def _decide(decision: str, crc: str, given: Decision) -> None:
-    """Send a decision and record it, with the numbers of the proposal where the log is given."""
-    from kincal import review as lib
+def _operator(given: Decision) -> Operator:
+    """Who decides, with a journal that can be written."""
+    from kincal.review.decisions import Operator
 
-    found = lib.find(given["log_file"], crc, given["tables_dir"]) if given["log_file"] else None
-    by, why, timeout_s, keys = given["by"], given["why"], given["timeout_s"], file_of(given["key_file"])
-    journal = FILE_OUT.convert(journals.place(given["journal"], keys), None, None)
-    with link.Link(given["url"], signer=signer_of(keys)) as up:
-        lib.decide(up, decision, crc, by, why, journal, found, timeout_s, say=click.echo)
+    journal = FILE_OUT.convert(journals.place(given["journal"], file_of(given["key_file"])), None, None)
+    return Operator(given["by"], given["why"], journal, given["timeout_s"], click.echo)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kincal.flight import library
 
 if TYPE_CHECKING:
-    from .messages import LcmMessage, Proposal
+    from .messages import Hk, LcmMessage, Proposal
 
 _FINGERPRINT_BYTES = 8
 
@@ -35,8 +35,13 @@ def _with_an_exact_camera(p: Proposal) -> None:
     p.pred_noise_rot_rad = p.pred_camera_rot_rad = p.pred_lander_rot_rad = p.pred_rot_rad
 
 
+def _with_a_verdict_unknown(_hk: Hk) -> None:
+    """The verdict of what waits was not kept, nor the time left of an approval: zeros say so."""
+
+
 FORMER = {
     bytes.fromhex("049802873f024b41"): Former("proposal_t", 1 + 6 * 8, _with_an_exact_camera),
+    bytes.fromhex("dbe6b2f24599f62e"): Former("hk_t", 4 + 8, _with_a_verdict_unknown),
 }
 """By fingerprint."""
 

@@ -130,6 +130,8 @@ class Hk(LcmMessage, Protocol):
     mon_bias: float
     mon_sigma: float
     mon_p: float
+    proposal_verdict: int
+    approval_left_us: int
 
 class Image(LcmMessage, Protocol):
     """image_t"""

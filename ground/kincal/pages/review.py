@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from kincal.pages import image, review_figures
 from kincal.pages.page import Cell, Command, Grid, Page, Provenance, Section, Tile, write
 from kincal.pages.run_figures import MILLI
 from kincal.results import angle_text, chance_text, length_text
-from kincal.review import NUMBERS, P_FIT_MIN, CoefLine, Review
-from kincal.review.status import Status
+from kincal.review import NUMBERS, P_FIT_MIN, CoefLine, Review, reasons_to_reject
+from kincal.review.journal import SEEN
+from kincal.review.status import Choice, Status
 from kincal.review.thresholds import Limits, Threshold, thresholds
 
 COEF_COLUMNS = "<coefficient|value|1 sigma|value/sigma|<unit|<status|<confounded with"
 
 
 def page(
-    review: Review, warnings: list[str], provenance: Provenance, about: Status, limits: Limits | None = None
+    review: Review,
+    warnings: list[str],
+    provenance: Provenance,
+    about: Status,
+    limits: Limits | None = None,
+    decide: Sequence[Choice] = (),
 ) -> Page:
-    """The proposal as a page; warnings: what a reviewer should look at; about: what became of it."""
-    waits = about.state.startswith(("waits", "approval"))
+    """The proposal as a page; warnings: what a reviewer should look at; about: what became of it; decide: the
+    commands for that."""
     return Page(
         kind="Review",
         title=f"Correction {review.crc_text}",
@@ -27,24 +34,38 @@ def page(
         f"to be right in the frame of the {review.frame}",
         provenance=provenance,
         verdict=f"{review.verdict[:1].upper()}{review.verdict[1:]}; {about.state}.",
-        summary=[*(f"Look at: {w}" for w in warnings), *_said(about)] or ["Nothing stands out."],
-        commands=_decisions(review) if waits else (),
+        summary=[*_waits(review, about), *_look_at(review, warnings), *_said(about)],
+        commands=[Command(choice.what, choice.command) for choice in decide],
         tiles=_tiles(review),
         sections=_sections(review, about, limits),
     )
 
 
+def _waits(r: Review, about: Status) -> list[str]:
+    """What flight waits for, where it waits."""
+    if not about.waits:
+        return []
+    text = "Flight waits for a decision; the table in force stays until then."
+    if reasons_to_reject(r):
+        text += " There are reasons to reject this correction: only an override, with a reason, approves it."
+    return [text]
+
+
+def _look_at(r: Review, warnings: list[str]) -> list[str]:
+    reasons = reasons_to_reject(r)
+    found = [f"Reason to reject: {w}" if w in reasons else f"Look at: {w}" for w in warnings]
+    return found or ["Nothing stands out."]
+
+
 def _said(about: Status) -> list[str]:
-    """Decisions in the journal."""
-    done = {"approve": "Approved", "reject": "Rejected"}
-    return [f"{done.get(e.decision, e.decision)} by {e.by}, {e.time}: {e.why}" for e in about.decisions]
-
-
-def _decisions(r: Review) -> list[Command]:
-    who = '--by NAME --why "REASON"'
+    """What the journal has of it."""
+    done = {"arm": "Armed", "approve": "Approved", "reject": "Rejected"}
     return [
-        Command("approve it", f"kincal review approve {r.crc_text} {who}"),
-        Command("reject it; the table in force stays", f"kincal review reject {r.crc_text} {who}"),
+        f"Seen by {e.by}, {e.time}"
+        if e.decision == SEEN
+        else f"{done.get(e.decision, e.decision)} by {e.by}, {e.time}: {e.why}"
+        + (f"; override: {e.override}" if e.override else "")
+        for e in about.decisions
     ]
 
 
@@ -146,9 +167,10 @@ def write_all(
     provenance: Provenance,
     about: Status,
     limits: Limits | None = None,
+    decide: Sequence[Choice] = (),
 ) -> tuple[list[Path], str]:
     """The page beside the picture (.html), and the picture (.png or .svg) where one can be made.
 
     Returns the files, and why there is no picture ("" if there is one)."""
-    made = page(review, warnings, provenance, about, limits)
+    made = page(review, warnings, provenance, about, limits, decide)
     return image.beside([write(made, picture.with_suffix(".html"))], {picture: review_figures.sheet(review)})

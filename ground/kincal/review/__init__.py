@@ -1,23 +1,23 @@
 """Ground review of a proposed correction: see it, question it, approve or reject it, and keep a record.
 
-Approval is two commands, both bound to the CRC of the proposed table. Every decision is one line in an
-append-only journal (journal.py)."""
+Approval is two commands, both bound to the CRC of the proposed table (decisions.py). Every decision is one
+line in an append-only journal (journal.py)."""
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from kincal.errors import BadInput, CommandFailed
+from kincal.errors import BadInput
 from kincal.flight import Terms
 from kincal.flight.tables import decode_as
 from kincal.keys import Key, Signer
-from kincal.link import CommandLink, read_log, unpack_covariance, unsigned32
+from kincal.link import read_log, unpack_covariance, unsigned32
 from kincal.link.names import VERDICTS, coef_status_name, frame_name, verdict_name
 from kincal.tables import unit_of
 
@@ -74,6 +74,11 @@ class Review:
     def changes_something(self) -> bool:
         """Whether flight proposes a change."""
         return self.verdict == VERDICTS["CHANGE"]
+
+    @property
+    def poor(self) -> bool:
+        """Whether flight itself calls the fit poor; it waits for a decision all the same."""
+        return self.verdict == VERDICTS["POOR"]
 
     @property
     def estimated(self) -> tuple[CoefLine, ...]:
@@ -141,12 +146,8 @@ def from_message(p: Any, names: list[str]) -> Review:
 
 def warnings(review: Review) -> list[str]:
     """What a reviewer should look at before deciding; empty when nothing stands out."""
-    out = []
+    out = reasons_to_reject(review)
     k = review.numbers
-    if review.verdict == VERDICTS["POOR"]:
-        out.append("flight itself calls the fit poor")
-    if fit := _bad_fit(review):
-        out.append(fit)
     if k["rank"] < k["n_free"]:
         held = [c.name for c in review.coefs if c.status == "held"]
         out.append(f"rank {k['rank']:.0f} of {k['n_free']:.0f}; held: {', '.join(held) or 'none'}")
@@ -155,58 +156,26 @@ def warnings(review: Review) -> list[str]:
         out.append(f"at a bound: {', '.join(bound)}")
     if review.n_outliers:
         out.append(f"{review.n_outliers} of {review.n_poses} poses rejected as outliers")
-    if larger := _larger_residual(review):
-        out.append(larger)
     return out
 
 
-def reasons_to_reject(review: Review) -> list[str]:
-    """What makes `kincal run --accept ground` reject a correction; empty when it approves."""
-    return [text for text in (_bad_fit(review), _larger_residual(review)) if text]
+def reasons_to_reject(review: Review | Entry) -> list[str]:
+    """What an approval has to override; empty when there is nothing. Of a journal's entry: by the verdict and
+    the numbers that were seen."""
+    poor = "flight itself calls the fit poor" if review.verdict == VERDICTS["POOR"] else ""
+    return [text for text in (poor, _bad_fit(review.numbers), _larger_residual(review.numbers)) if text]
 
 
-def _bad_fit(review: Review) -> str:
-    p, scale = review.numbers["p_fit"], review.numbers["noise_scale"]
+def _bad_fit(numbers: Mapping[str, float]) -> str:
+    p, scale = numbers["p_fit"], numbers["noise_scale"]
     if p >= P_FIT_MIN:
         return ""
     return f"fit is worse than the stated noise explains: p = {p:.2g}, noise scale {scale:.2f}"
 
 
-def _larger_residual(review: Review) -> str:
-    larger = review.numbers["fit_pos_m"] > review.numbers["before_pos_m"]
-    return "residual after the fit is larger than before" if larger else ""
-
-
-@dataclass(frozen=True)
-class Listed:
-    """One proposal of a log, for a list."""
-
-    log: Path
-    crc: int
-    session: int
-    verdict: str
-    n_poses: int
-    p_fit: float
-    before_pos_m: float
-    fit_pos_m: float
-
-
-def proposals_in(path: Path) -> list[Listed]:
-    """All proposals of a log."""
-    return [
-        Listed(
-            path,
-            unsigned32(p.crc),
-            p.session,
-            verdict_name(p.verdict),
-            p.n_poses,
-            p.p_fit,
-            p.before_pos_m,
-            p.fit_pos_m,
-        )
-        for s in read_log(path).sessions.values()
-        if (p := s.proposal) is not None
-    ]
+def _larger_residual(numbers: Mapping[str, float]) -> str:
+    smaller = numbers["fit_pos_m"] <= numbers["before_pos_m"]  # not if one of them is no number
+    return "" if smaller else "residual after the fit is larger than before"
 
 
 def parse_crc(text: str) -> int:
@@ -249,96 +218,6 @@ def find(path: Path, crc: str | None, tables_dir: Path) -> Review:
     return from_message(found[-1], coef_names(tables_dir, unsigned32(found[-1].crc_terms)))
 
 
-# --------------------------------------------------------------------------- decisions
-
-
-def approve(
-    link: CommandLink,
-    crc: int,
-    timeout_s: float = 10.0,
-    t_us: int | None = None,
-    say: Callable[[str], None] = lambda _text: None,
-    accepted: Callable[[], None] = lambda: None,
-) -> int:
-    """Two-step approval; returns the CRC of the table in force afterwards, seen in housekeeping. accepted:
-    called as soon as flight has taken the last command, also if what it brings is not seen."""
-    link.command("APPROVE_ARM", (crc,), timeout_s, t_us)
-    say(f"armed for CRC {crc:08x}")
-    link.command("APPROVE_GO", (crc,), timeout_s)
-    say("approved")
-    accepted()
-    try:
-        link.wait_hk(lambda hk: unsigned32(hk.table_crc[KIN_KIND]) == crc, timeout_s, "the new table")
-    except CommandFailed:
-        raise CommandFailed(
-            f"approved, but table {crc:08x} was not seen in housekeeping",
-            link.url,
-            "look at the events and at `kincal table dump kin`",
-        ) from None
-    say(f"table {crc:08x} is active")
-    return crc
-
-
-def reject(
-    link: CommandLink, crc: int, timeout_s: float = 10.0, accepted: Callable[[], None] = lambda: None
-) -> None:
-    """Tell flight to drop the proposal; accepted: as for `approve`."""
-    link.command("REJECT", (crc,), timeout_s)
-    accepted()
-    link.wait_hk(lambda hk: hk.proposal_crc == 0, timeout_s, "the end of the proposal")
-
-
-def decide(
-    link: CommandLink,
-    decision: str,
-    crc_text: str,
-    by: str,
-    why: str,
-    journal: Path,
-    review: Review | None,
-    timeout_s: float,
-    say: Callable[[str], None] = lambda _text: None,
-) -> None:
-    """Approve or reject what waits on board, and record it. Refused before any command is sent when
-    something else waits, or when the journal is not sound."""
-    crc = parse_crc(crc_text)
-    _check_words(by, why)
-    signer = signer_of(link)
-    before = journals.read(journal, signer.known)
-    if before.unconfirmed:
-        say(f"note: {journal}, {before.vouched}")
-    on_board = waiting(link, timeout_s)
-    if on_board != crc:
-        raise CommandFailed(
-            f"correction {crc:08x} does not wait on board; "
-            + (f"{on_board:08x} does" if on_board else "nothing does"),
-            link.url,
-            "`kincal review list --live` shows what waits",
-        )
-
-    def record_it() -> None:
-        record(journal, decision, crc, by, why, link.url, review, signer)
-        say(f"recorded in {journal}")
-
-    if decision == "approve":
-        approve(link, crc, timeout_s, say=say, accepted=record_it)
-    else:
-        reject(link, crc, timeout_s, accepted=record_it)
-        say(f"correction {crc:08x} rejected")
-
-
-def signer_of(link: CommandLink) -> Signer:
-    """Who signs what the link sends. BadInput if nobody does: a decision could not be recorded."""
-    if link.signer is None:
-        raise BadInput("a decision has to be signed", link.url, "name a key file by --keys")
-    return link.signer
-
-
-def waiting(link: CommandLink, timeout_s: float = 5.0) -> int:
-    """CRC of the proposal that waits on board, 0 if none."""
-    return unsigned32(link.wait_hk(lambda _hk: True, timeout_s, "housekeeping").proposal_crc)
-
-
 # --------------------------------------------------------------------------- journal
 
 
@@ -349,13 +228,14 @@ def record(
     by: str,
     why: str,
     url: str,
-    review: Review | None,
+    review: Review | Entry | None,
     signer: Signer,
     override: str = "",
 ) -> Entry:
-    """Append one decision, which the last command of the signer carried out; override: why a correction was
-    approved in spite of its warnings. Refuses when the journal was tampered with."""
-    _check_words(by, why)
+    """Append one decision, which the last command of the signer carried out, or what was seen; review: the
+    proposal, or an entry that has its numbers; override: why it was approved in spite of the reasons to
+    reject it. Refuses when the journal was tampered with."""
+    check_words(by, why)
     entry = Entry(
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         decision,
@@ -365,6 +245,7 @@ def record(
         review.session if review else None,
         url,
         review.numbers if review else {},
+        verdict=review.verdict if review else "",
         override=override,
     )
     return journals.append(journal, entry, signer)
@@ -376,6 +257,7 @@ def check_journal(journal: Path, keys: Sequence[Key] = ()) -> list[Entry]:
     return list(journals.read(journal, keys).entries)
 
 
-def _check_words(by: str, why: str) -> None:
+def check_words(by: str, why: str) -> None:
+    """BadInput if one of the two is empty."""
     if not by.strip() or not why.strip():
         raise BadInput("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")

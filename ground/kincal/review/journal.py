@@ -29,15 +29,18 @@ RUN_KEYS = "store.keys"
 """The key file of a run."""
 _LABEL = b"KinCal review 1\0"
 _COPY = "bring back the copy in your records; the tool never rewrites it"
-_DECIDING = {"APPROVE_GO": "approve", "REJECT": "reject"}
+SEEN, ARMED, APPROVED, REJECTED = "seen", "arm", "approve", "reject"
+"""What an entry says; `seen` is no decision, but has to come before one."""
+_DECIDING = {"APPROVE_ARM": ARMED, "APPROVE_GO": APPROVED, "REJECT": REJECTED}
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One decision of the journal. time: UTC, ISO; crc: eight hex digits; numbers: of the proposal, empty if
-    no log was given; previous: SHA-256 of the line before, empty for the first; override: why a correction
-    was approved in spite of its warnings; key_id, counter: of the command that carried the decision out, 0 in
-    journals of before; unconfirmed: how many lines before it nobody could vouch for when it was written; mac:
+    """One decision of the journal, or that somebody has seen a proposal. time: UTC, ISO; crc: eight hex
+    digits; numbers, verdict: of the proposal as it was seen, empty if nobody had; previous: SHA-256 of the
+    line before, empty for the first; override: why it was approved in spite of the reasons to reject it;
+    key_id, counter: of the command that carried it out, 0 in journals of before (counter: also where
+    it was only seen); unconfirmed: how many lines before it nobody could vouch for when it was written; mac:
     made with that key over all of the others, empty in journals of before."""
 
     time: str
@@ -49,6 +52,7 @@ class Entry:
     url: str
     numbers: dict[str, float]
     previous: str = ""
+    verdict: str = ""
     override: str = ""
     key_id: int = 0
     counter: int = 0
@@ -74,6 +78,14 @@ class Journal:
     unconfirmed: int = 0
     why: str = ""
     keys: tuple[Key, ...] = field(default=(), repr=False)
+
+    def seen_by(self, who: str, crc: str) -> Entry | None:
+        """The last line, vouched for by a key, that says that somebody has seen a proposal; names without
+        regard to case and outer spaces."""
+        good = self.entries[: len(self.entries) - self.unconfirmed]
+        who = who.strip().casefold()
+        mine = [e for e in good if (e.decision, e.crc, e.by.strip().casefold()) == (SEEN, crc, who)]
+        return mine[-1] if mine else None
 
     @property
     def vouched(self) -> str:
@@ -212,12 +224,16 @@ def absent(journals: Sequence[Journal], log: LogSummary) -> list[str]:
 def _absent(journal: Journal, log: LogSummary) -> list[str]:
     opcodes = {opcode(name): decision for name, decision in _DECIDING.items()}
     taken = {(a.source, a.seq, a.opcode) for a in log.acks if a.status == 0}
-    there = {(e.key_id, e.counter) for e in journal.entries}
+    there = {(e.key_id, e.counter, e.decision) for e in journal.entries}
     highest = max((e.counter for e in journal.entries), default=0)
     found: list[str] = []
     for c in log.commands:
         ours = c.opcode in opcodes and c.source == _ground() and (c.source, c.seq, c.opcode) in taken
-        if not ours or (c.key_id, c.counter) in there or not any(signed_by(c, key) for key in journal.keys):
+        # the first step alone changes nothing, and was not written down before there were overrides
+        ours = ours and (opcodes[c.opcode] != ARMED or c.arg_i[1] != 0)
+        if not ours or (c.key_id, c.counter, opcodes[c.opcode]) in there:
+            continue
+        if not any(signed_by(c, key) for key in journal.keys):
             continue
         after = "after its last line" if c.counter > highest else "between its lines"
         found.append(

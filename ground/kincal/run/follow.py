@@ -9,6 +9,7 @@ from kincal import review
 from kincal.keys import signer_of
 from kincal.link import CommandLink, Link, Received
 from kincal.results import PoseLine
+from kincal.review import decisions
 
 from .evaluate import Evaluator, GroundTruth
 from .processes import Processes, read_json
@@ -81,19 +82,19 @@ def decide(
     journal.unlink(missing_ok=True)  # every run is its own record
 
     def record(decision: str, why: str) -> None:
-        review.record(journal, decision, found.crc, _DECIDER, why, link.url, found, review.signer_of(link))
+        signer = decisions.signer_of(link)
+        review.record(journal, decision, found.crc, _DECIDER, why, link.url, found, signer)
 
     correction = f"ground: correction {found.crc_text}"
     if reasons := review.reasons_to_reject(found):
         why = "; ".join(reasons)
-        review.reject(link, found.crc, ANSWER_S, accepted=lambda: record("reject", why))
+        decisions.send_reject(link, found.crc, ANSWER_S, lambda: record(review.journals.REJECTED, why))
         observer.note(f"{correction} rejected: {why}")
         return
     observer.note(f"{correction} reviewed, no reason to reject it")
-    review.approve(
-        link,
-        found.crc,
-        ANSWER_S,
-        say=lambda text: observer.note(f"ground: {text}"),
-        accepted=lambda: record("approve", "fit and rank as they should be"),
-    )
+    why = "no reason to reject it"
+    decisions.send_arm(link, found.crc, ANSWER_S)
+    record(review.journals.ARMED, why)
+    observer.note(f"ground: armed for CRC {found.crc_text}")
+    decisions.send_go(link, found.crc, ANSWER_S, lambda: record(review.journals.APPROVED, why))
+    observer.note(f"ground: approved; table {found.crc_text} is active")

@@ -12,7 +12,7 @@ import pydantic
 from .acquisitions import Acquisition
 from .base import Strict
 from .errors import Contradiction, read_toml, validate
-from .numbers import Count, NotNegative, Real, Vec3
+from .numbers import Count, NotNegative, Quantity, Real, Vec3
 from .simulator import DetectionSettings, OpticsSettings
 
 GRAVITY_EARTH_M_S2 = (0.0, 0.0, -9.81)
@@ -120,6 +120,9 @@ class Limits(Section):
     """Largest predicted position sigma that the executive accepts [m]."""
     pred_rot_max_rad: NotNegative = 0.02
     """Largest predicted rotation sigma that the executive accepts [rad]."""
+    p_fit_min: Annotated[float, Quantity(ge=0.0, le=1.0)] = 0.001
+    """Least probability of the fit that the executive accepts, as `accept_p_fit_min` of the shipped CONFIG.
+    The verdict of flight alone lets more pass: a drifting camera gave a wrong correction with 3e-24."""
     outliers_max: Annotated[int, Count(ge=0)] = 2
     """Most rejected poses that the executive accepts; more are a case for an operator. An encoder that slips
     halfway leaves poses of two different arms, and the fit is of both."""

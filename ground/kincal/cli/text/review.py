@@ -10,9 +10,10 @@ from rich.table import Table
 
 from kincal.cli.text.layout import grid
 from kincal.results import angle_text, chance_text, length_text
-from kincal.review import NUMBERS, CoefLine, Listed, Review
+from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
+from kincal.review.decisions import OnBoard
 from kincal.review.journal import Journal
-from kincal.review.status import Status
+from kincal.review.status import Choice, Listed, Status, choices, see_first
 from kincal.review.thresholds import Limits, Threshold, thresholds
 
 _MILLI = {"rad": "mrad", "m": "mm"}
@@ -20,17 +21,33 @@ _MILLI = {"rad": "mrad", "m": "mm"}
 
 def proposals(out: Console, logs: Sequence[Sequence[Listed]]) -> None:
     """Proposals of several logs."""
-    columns = ("CRC", "verdict", "poses", "residual before", "after", "p of the fit", "log")
-    rows = grid("", *columns, right=(2, 3, 4, 5))
+    columns = ("CRC", "verdict", "state", "poses", "residual before", "after", "p of the fit", "log")
+    rows = grid("", *columns, right=(3, 4, 5, 6))
     for p in (p for log in logs for p in log):
-        residual = length_text(p.before_pos_m), length_text(p.fit_pos_m)
-        rows.add_row(
-            f"{p.crc:08x}", p.verdict, str(p.n_poses), *residual, f"{p.p_fit:.3f}", escape(str(p.log))
-        )
+        numbers = length_text(p.before_pos_m), length_text(p.fit_pos_m), chance_text(p.p_fit)
+        rows.add_row(f"{p.crc:08x}", p.verdict, p.state, str(p.n_poses), *numbers, escape(str(p.log)))
     if rows.row_count:
         out.print(rows)
     elif logs:
         out.print("no proposals in these logs")
+
+
+def on_board(out: Console, waits: OnBoard) -> None:
+    """What waits on board, and what can be decided."""
+    if not waits.crc:
+        out.print("on board: nothing waits")
+        return
+    what = f"correction {waits.crc:08x} ({waits.verdict or 'verdict not known'})"
+    if waits.armed:
+        out.print(f"on board: the approval of {what} is armed for another {waits.left_s:.0f} s")
+    else:
+        out.print(f"on board: {what} waits for review")
+    _choices(out, (see_first(waits.crc), *choices(waits.crc, waits.verdict, (), waits.armed)))
+
+
+def _choices(out: Console, found: Sequence[Choice]) -> None:
+    for choice in found:
+        out.print(f"  {choice.what}: [bold]{escape(choice.command)}[/]", soft_wrap=True)
 
 
 def decisions(out: Console, journal: Journal) -> None:
@@ -40,7 +57,8 @@ def decisions(out: Console, journal: Journal) -> None:
         return
     rows = grid(f"\nDecisions in {escape(str(journal.path))}", "time", "decision", "CRC", "by", "why")
     for e in journal.entries:
-        rows.add_row(escape(e.time), escape(e.decision), escape(e.crc), escape(e.by), escape(e.why))
+        why = f"{e.why}; override: {e.override}" if e.override else e.why
+        rows.add_row(escape(e.time), escape(e.decision), escape(e.crc), escape(e.by), escape(why))
     out.print(rows)
     if journal.unconfirmed:
         out.print(f"[yellow]look at: {escape(journal.vouched)}[/]")
@@ -53,9 +71,15 @@ def absent(out: Console, missing: Sequence[str]) -> None:
 
 
 def show(
-    out: Console, r: Review, warnings: Sequence[str], about: Status, limits: Limits | None = None
+    out: Console,
+    r: Review,
+    warnings: Sequence[str],
+    about: Status,
+    limits: Limits | None = None,
+    decide: Sequence[Choice] = (),
 ) -> None:
-    """A proposal with all its numbers, what became of it, and what a reviewer should look at."""
+    """A proposal with all its numbers, what became of it, what a reviewer should look at, and the commands to
+    decide."""
     out.print(
         f"[bold]correction {r.crc_text}[/]: {r.verdict}; {about.state}; session "
         f"{r.session}, {r.n_poses} poses, replaces {r.crc_before:08x}; to be right in the frame of the "
@@ -69,12 +93,15 @@ def show(
     if about.rejected:
         again = "" if about.exact else " (the log is not whole)"
         out.print(f"poses rejected: {', '.join(map(str, about.rejected))}{again}")
+    reasons = reasons_to_reject(r)
     for line in warnings:
-        out.print(f"[yellow]look at: {escape(line)}[/]")
+        what = "[red]reason to reject" if line in reasons else "[yellow]look at"
+        out.print(f"{what}: {escape(line)}[/]")
     if not warnings:
         out.print("nothing stands out")
-    if about.state.startswith(("waits", "approval")):
-        out.print(f"to decide: kincal review approve {r.crc_text} --by NAME --why TEXT   (or reject)")
+    if about.waits:
+        out.print("flight waits for a decision; the table in force stays until then:")
+    _choices(out, decide)
 
 
 def _coefficients(coefs: Sequence[CoefLine]) -> Table:

@@ -1,0 +1,245 @@
+"""Decisions about the proposal that waits on board: arm its approval, let it go, reject it.
+
+An approval is two commands. The first arms flight for one CRC, for a time; the second puts that correction in
+force. Each is a call of its own here, with a name and a reason and a line in the journal, so that the second
+can be another person's. Who approves has seen the proposal: `see` writes that into the journal, with the
+verdict and the numbers as they were shown, and `arm` and `go` look for it. What there are reasons to reject
+needs an override, which is signed with the command: flight refuses a poor fit without it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from kincal.errors import BadInput, CommandFailed
+from kincal.flight import library
+from kincal.keys import Signer
+from kincal.link import CommandLink, crc_text, unsigned32
+from kincal.link.names import VERDICTS, verdict_name
+
+from . import KIN_KIND, Entry, Review, check_words, journal, parse_crc, reasons_to_reject, record, warnings
+
+OVERRIDE = int(library("flight").constant("KC_OVERRIDE_FIT"))
+Say = Callable[[str], None]
+
+
+def _silent(_text: str) -> None:
+    """Says nothing."""
+
+
+@dataclass(frozen=True)
+class OnBoard:
+    """What waits on board. crc: 0: nothing; verdict: of it, "" if flight does not know it (any more); armed:
+    the first step was taken; left_s: until it expires."""
+
+    crc: int
+    verdict: str
+    armed: bool
+    left_s: float
+
+    @property
+    def good(self) -> bool:
+        """Whether flight approves it without an override."""
+        return self.verdict == VERDICTS["CHANGE"]
+
+
+def on_board(link: CommandLink, timeout_s: float = 5.0) -> OnBoard:
+    """What waits on board, by the next housekeeping."""
+    hk = link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
+    return OnBoard(
+        unsigned32(hk.proposal_crc),
+        verdict_name(hk.proposal_verdict) if hk.proposal_verdict else "",
+        hk.state == library("flight").constant("KC_ST_ARMED"),
+        hk.approval_left_us * 1e-6,
+    )
+
+
+# ---- commands alone
+
+
+def send_arm(link: CommandLink, crc: int, timeout_s: float, override: bool = False) -> None:
+    """The first step."""
+    link.command("APPROVE_ARM", (crc, OVERRIDE) if override else (crc,), timeout_s)
+
+
+def send_go(
+    link: CommandLink, crc: int, timeout_s: float, accepted: Callable[[], None] = lambda: None
+) -> None:
+    """The second step, until the table is seen in force. accepted: called as soon as flight has taken the
+    command, also if what it brings is not seen."""
+    link.command("APPROVE_GO", (crc,), timeout_s)
+    accepted()
+    try:
+        link.wait_hk(lambda hk: unsigned32(hk.table_crc[KIN_KIND]) == crc, timeout_s, "the new table")
+    except CommandFailed:
+        raise CommandFailed(
+            f"approved, but table {crc_text(crc)} was not seen in housekeeping",
+            link.url,
+            "look at the events and at `kincal table dump kin`",
+        ) from None
+
+
+def send_reject(
+    link: CommandLink, crc: int, timeout_s: float, accepted: Callable[[], None] = lambda: None
+) -> None:
+    """Tell flight to drop the proposal; accepted: as for `send_go`."""
+    link.command("REJECT", (crc,), timeout_s)
+    accepted()
+    link.wait_hk(lambda hk: hk.proposal_crc == 0, timeout_s, "the end of the proposal")
+
+
+# ---- what an operator does
+
+
+@dataclass(frozen=True)
+class Operator:
+    """Who decides. by: name; why: reason; journal: where it is written; timeout_s: longest wait for an
+    answer; say: takes what is done, a sentence."""
+
+    by: str
+    why: str
+    journal: Path
+    timeout_s: float = 10.0
+    say: Say = _silent
+
+
+def see(journal_file: Path, review: Review, by: str, log: Path, signer: Signer) -> Entry:
+    """Write down that somebody has seen a proposal of a log, with everything that stood out."""
+    check_words(by, "seen")
+    why = "; ".join(warnings(review)) or "nothing stood out"
+    return record(journal_file, journal.SEEN, review.crc, by, why, str(log.resolve()), review, signer)
+
+
+def arm(link: CommandLink, crc: str, who: Operator, override: str = "") -> OnBoard:
+    """First step of an approval; returns what housekeeping says after it. override: why, in spite of the
+    reasons to reject. BadInput or CommandFailed before any command is sent if something else waits, `who.by`
+    has not seen it, or it needs an override and has none, or has one and needs none."""
+    case = _case(link, crc, who)
+    seen = _seen(case, who)
+    _check_override(case, seen, override)
+    send_arm(link, case.crc, who.timeout_s, bool(override))
+    who.say(f"approval of correction {case.text} armed")
+    _write(case, who, journal.ARMED, seen, override)
+    now = on_board(link, who.timeout_s)
+    who.say(
+        f"nothing is in force yet: within {now.left_s:.0f} s `kincal review go {case.text}` puts it in force"
+    )
+    return now
+
+
+def go(link: CommandLink, crc: str, who: Operator) -> None:
+    """Second step: the correction comes in force. Refused, before any command is sent, if it is not armed or
+    `who.by` has not seen it."""
+    case = _case(link, crc, who)
+    if not case.waits.armed:
+        raise CommandFailed(
+            f"the approval of correction {case.text} is not armed (or has expired)",
+            link.url,
+            f"`kincal review arm {case.text}` first",
+        )
+    seen = _seen(case, who)
+    armed = [e for e in case.before.entries if (e.decision, e.crc) == (journal.ARMED, case.text)]
+    override = armed[-1].override if armed else ""
+    for entry in armed[-1:]:
+        who.say(f"armed by {entry.by}, {entry.time}: {entry.why}")
+    if override:
+        who.say(f"by override: {override}")
+    send_go(
+        link,
+        case.crc,
+        who.timeout_s,
+        accepted=lambda: _write(case, who, journal.APPROVED, seen, override),
+    )
+    who.say(f"correction {case.text} is in force")
+
+
+def reject(link: CommandLink, crc: str, who: Operator) -> None:
+    """Drop what waits; the table in force stays. It need not have been seen."""
+    case = _case(link, crc, who)
+    seen = case.before.seen_by(who.by, case.text)
+    send_reject(link, case.crc, who.timeout_s, accepted=lambda: _write(case, who, journal.REJECTED, seen))
+    who.say(f"correction {case.text} rejected")
+
+
+@dataclass(frozen=True)
+class _Case:
+    """What is decided about, and with what it is signed."""
+
+    crc: int
+    waits: OnBoard
+    before: journal.Journal
+    signer: Signer
+    url: str
+
+    @property
+    def text(self) -> str:
+        return crc_text(self.crc)
+
+
+def _case(link: CommandLink, crc: str, who: Operator) -> _Case:
+    """Refused when the words are missing, the journal is not sound, or something else waits."""
+    wanted = parse_crc(crc)
+    check_words(who.by, who.why)
+    signer = signer_of(link)
+    before = journal.read(who.journal, signer.known)
+    if before.unconfirmed:
+        who.say(f"note: {who.journal}, {before.vouched}")
+    waits = on_board(link, who.timeout_s)
+    if waits.crc != wanted:
+        raise CommandFailed(
+            f"correction {crc_text(wanted)} does not wait on board; "
+            + (f"{crc_text(waits.crc)} does" if waits.crc else "nothing does"),
+            link.url,
+            "`kincal review list --live` shows what waits",
+        )
+    return _Case(wanted, waits, before, signer, link.url)
+
+
+def signer_of(link: CommandLink) -> Signer:
+    """Who signs what the link sends. BadInput if nobody does: a decision could not be recorded."""
+    if link.signer is None:
+        raise BadInput("a decision has to be signed", link.url, "name a key file by --keys")
+    return link.signer
+
+
+def _seen(case: _Case, who: Operator) -> Entry:
+    """That `who.by` has seen what waits, and saw the verdict that flight states."""
+    seen = case.before.seen_by(who.by, case.text)
+    if seen is None:
+        others = {e.by for e in case.before.entries if (e.decision, e.crc) == (journal.SEEN, case.text)}
+        raise BadInput(
+            f"{who.by} has not seen correction {case.text}"
+            + (f" (seen by {', '.join(sorted(others))})" if others else ""),
+            str(who.journal),
+            f'`kincal review show LOG --crc {case.text} --by "{who.by}"` shows it and notes that',
+        )
+    if case.waits.verdict not in ("", seen.verdict):
+        raise BadInput(
+            f"flight says of correction {case.text}: {case.waits.verdict}; the log that {seen.by} has seen "
+            f"says: {seen.verdict}",
+            seen.url,
+            "that log is not what flight sent: find out why, and reject",
+        )
+    return seen
+
+
+def _check_override(case: _Case, seen: Entry, override: str) -> None:
+    reasons = reasons_to_reject(dataclasses.replace(seen, verdict=case.waits.verdict or seen.verdict))
+    if not case.waits.verdict:
+        reasons.append("flight has lost its verdict")
+    if override and not reasons:
+        raise BadInput(f"there is nothing to override: nothing speaks against correction {case.text}",
+                       todo="leave --override out")  # fmt: skip
+    if reasons and not override.strip():
+        raise BadInput(
+            f"there are reasons to reject correction {case.text}: {'; '.join(reasons)}",
+            seen.url,
+            f"`kincal review reject {case.text}`; to approve it in spite of them, say why: --override REASON",
+        )
+
+
+def _write(case: _Case, who: Operator, decision: str, seen: Entry | None, override: str = "") -> None:
+    record(who.journal, decision, case.crc, who.by, who.why, case.url, seen, case.signer, override)
+    who.say(f"recorded in {who.journal}")
