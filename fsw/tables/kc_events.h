@@ -256,7 +256,16 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(99, STORE_REFUSED, ERROR,                                                                              \
       "the change is refused: {index:store} could not be stored in {want:count} tries ({got:status})",       \
       "What was in force remains, and a correction that waited still waits. Make the store work, then send " \
-      "the command again (a correction: APPROVE_ARM and APPROVE_GO). Until then do not switch off.")
+      "the command again (a correction: APPROVE_ARM and APPROVE_GO). Until then do not switch off.")         \
+    X(110, TBL_TERMS_WIDE, ERROR,                                                                            \
+      "TERMS refused: with its coefficient {index:count} (from 0) the arm may be off by {got:number} (rad "  \
+      "or m) at one place; the active SPACE was verified for {want:number} there",                           \
+      "Build TERMS with bounds inside those of SPACE and a tenth; or activate a SPACE verified for more "    \
+      "first.")                                                                                              \
+    X(111, TBL_SPACE_NARROW, ERROR,                                                                          \
+      "SPACE refused: with {index:coefficient} of the active TERMS the arm may be off by {got:number} (rad " \
+      "or m) at one place; this SPACE was verified for {want:number} there",                                 \
+      "Activate TERMS with bounds inside those of this SPACE and a tenth first; or verify it for more.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;
