@@ -53,7 +53,6 @@ def surroundings(arm, rng):
     ctx.u_norm, ctx.v_norm, ctx.tag = between(-1, 1), between(-1, 1), rng.choice([0.0, 0.5, 1.0])
     ctx.pan_rad, ctx.tilt_rad = between(-np.pi, np.pi), between(-np.pi, np.pi)
     ctx.p_cam_tool_m[0:3] = [between(-far, far) for _ in range(3)]
-    ctx.t_s = between(0.0, FLIGHT.decimal("KC_BOUNDS_TIME_S"))
     return ctx
 
 
@@ -76,6 +75,7 @@ def test_no_basis_is_larger_than_its_size(flown):
                 basis.c0, basis.c1, term.gain = rng.uniform(-2, 2), rng.uniform(-3, 3), rng.uniform(-5, 5)
                 size = FLIGHT.lib.kc_bounds_size(arm, term)
                 for ctx, loads in zip(at, held, strict=True):
+                    ctx.t_s = basis.c0 + rng.uniform(-1, 1) * FLIGHT.decimal("KC_BOUNDS_TIME_S")
                     value = term.gain * FLIGHT.lib.kc_basis_eval(FLIGHT.address(basis), ctx, loads)
                     assert abs(value) <= size * (1 + 1e-12), (name, index, fn)
                     checked += 1
