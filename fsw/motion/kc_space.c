@@ -143,6 +143,18 @@ static kc_status_t check_volume(const kc_space_t *s, uint32_t i, int32_t *index,
     return st == KC_OK && curved ? check_size(v->radius_m, at, index, got) : st;
 }
 
+static kc_status_t check_verified(const kc_space_t *s, uint32_t j, int32_t *index, double *got)
+{
+    const kc_dh_bound_t *v = &s->verified[j];
+    const double bound[4] = {v->phi_rad, v->alpha_rad, v->a_m, v->d_m};
+    for (uint32_t k = 0u; k < 4u; k++) {
+        if (!kc_finite(bound[k]) || bound[k] < 0.0) {
+            return bad(KC_SPACE_INDEX_VERIFIED + (int32_t)j, bound[k], index, got);
+        }
+    }
+    return KC_OK;
+}
+
 /* An initial pose must not be listed twice: it would take the place of another one. */
 static kc_status_t check_initial(const kc_space_t *s, uint32_t at, int32_t *index, double *got)
 {
@@ -204,6 +216,7 @@ kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t 
     for (uint32_t i = 0u; st == KC_OK && i < s->n_cand; i++) { st = check_cand(s, arm, i, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_body; i++) { st = check_body(s, i, index, got); }
     for (uint32_t i = 0u; st == KC_OK && i < s->n_volume; i++) { st = check_volume(s, i, index, got); }
+    for (uint32_t j = 0u; st == KC_OK && j < s->n_joints; j++) { st = check_verified(s, j, index, got); }
     if (st == KC_OK) { st = check_local(s, index, got); }
     if (st == KC_OK) { st = check_edges(s, index, got); }
     return st == KC_OK ? check_connected(s, index, got) : st;

@@ -51,6 +51,11 @@ typedef struct {
     uint32_t excluded; /* bit per body that may be inside it */
 } kc_volume_t;
 
+/* DH errors of a joint that the arms had for which the space was verified: that far both ways. */
+typedef struct {
+    double phi_rad, alpha_rad, a_m, d_m;
+} kc_dh_bound_t;
+
 typedef struct {
     uint32_t n_cand, n_hub, n_joints, n_initial;
     uint16_t initial[KC_INITIAL_MAX]; /* candidates of the initial design, in order */
@@ -64,6 +69,7 @@ typedef struct {
     uint32_t n_body, n_volume; /* 0 = none */
     kc_body_t body[KC_BODY_MAX];
     kc_volume_t volume[KC_VOLUME_MAX];
+    kc_dh_bound_t verified[KC_JOINT_MAX];
 } kc_space_t;
 
 /* Whether the segment between two candidates is verified; false for one that does not exist. */
@@ -77,7 +83,7 @@ uint32_t kc_space_n_local(const kc_space_t *s);
 
 /* First problem found: KC_ERR_RANGE, *got = the value, *index = candidate, KC_SPACE_INDEX_HUB + hub,
  * KC_SPACE_INDEX_INITIAL + place in the list of initial poses, KC_SPACE_INDEX_BODY + body,
- * KC_SPACE_INDEX_VOLUME + volume, or -1. Checks counts, finite numbers, unit norms (1e-6), hub and
+ * KC_SPACE_INDEX_VOLUME + volume, KC_SPACE_INDEX_VERIFIED + joint from 0, or -1. Checks counts, finite numbers, unit norms (1e-6), hub and
  * initial-pose numbers, that no initial pose is listed twice, that hub segments go both ways, that no edge
  * bit is set beyond n_cand, and that every candidate is reachable from hub 0; with arm (NULL: skip) also
  * its number of joints and that hubs and seeds lie inside its limits (1e-6, single precision). */
@@ -85,6 +91,7 @@ uint32_t kc_space_n_local(const kc_space_t *s);
 #define KC_SPACE_INDEX_INITIAL 3000
 #define KC_SPACE_INDEX_BODY 4000
 #define KC_SPACE_INDEX_VOLUME 5000
+#define KC_SPACE_INDEX_VERIFIED 6000
 kc_status_t kc_space_validate(const kc_space_t *s, const kc_arm_t *arm, int32_t *index, double *got);
 
 #endif

@@ -267,7 +267,16 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Read the verdict in its log. If it was CHANGE: APPROVE_ARM with arg_i[1] = 1; else REJECT.")          \
     X(102, COR_OVERRIDE, WARN,                                                                               \
       "override: approval of correction CRC {got:crc} goes on although its fit is poor or not known",        \
-      "If nobody decided this: REJECT it at once, or ROLLBACK after APPROVE_GO.")
+      "If nobody decided this: REJECT it at once, or ROLLBACK after APPROVE_GO.")                            \
+    X(110, TBL_TERMS_WIDE, ERROR,                                                                            \
+      "TERMS refused: with its coefficient {index:count} (from 0) the arm may be off by {got:number} (rad "  \
+      "or m) at one place; the active SPACE was verified for {want:number} there",                           \
+      "Build TERMS with bounds inside those of SPACE and a tenth; or activate a SPACE verified for more "    \
+      "first.")                                                                                              \
+    X(111, TBL_SPACE_NARROW, ERROR,                                                                          \
+      "SPACE refused: with {index:coefficient} of the active TERMS the arm may be off by {got:number} (rad " \
+      "or m) at one place; this SPACE was verified for {want:number} there",                                 \
+      "Activate TERMS with bounds inside those of this SPACE and a tenth first; or verify it for more.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

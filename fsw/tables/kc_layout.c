@@ -239,6 +239,20 @@ static void walk_bodies(kc_walk_t *w, kc_space_t *s)
     w->index = -1;
 }
 
+/* DH errors that the arms had for which the space was verified. */
+static void walk_verified(kc_walk_t *w, kc_space_t *s)
+{
+    for (uint32_t j = 0u; j < s->n_joints; j++) {
+        kc_dh_bound_t *v = &s->verified[j];
+        w->index = KC_SPACE_INDEX_VERIFIED + (int32_t)j;
+        kc_walk_f64(w, 31u, &v->phi_rad, 0.0, ANGLE_MAX); /* verified for errors up to it, both ways */
+        kc_walk_f64(w, 32u, &v->alpha_rad, 0.0, ANGLE_MAX);
+        kc_walk_f64(w, 33u, &v->a_m, 0.0, LENGTH_MAX_M);
+        kc_walk_f64(w, 34u, &v->d_m, 0.0, LENGTH_MAX_M);
+    }
+    w->index = -1;
+}
+
 static void walk_space(kc_walk_t *w, kc_space_t *s)
 {
     uint32_t n_cand = kc_walk_count(w, 1u, &s->n_cand, 1u, KC_CAND_MAX);
@@ -255,6 +269,7 @@ static void walk_space(kc_walk_t *w, kc_space_t *s)
         kc_walk_raw(w, s->edge, (n_cand * (n_cand - 1u) / 2u + 7u) / 8u);
     }
     walk_bodies(w, s);
+    walk_verified(w, s);
 }
 
 static void walk_hyper(kc_walk_t *w, kc_hyper_t *h)
@@ -303,7 +318,7 @@ uint16_t kc_layout_version(uint16_t kind)
     /* One more for every change of what a kind's image holds or means. */
     static const uint16_t version[KC_TBL_COUNT] = {
         [KC_TBL_ARM] = 1u,   [KC_TBL_CAMERA] = 2u, [KC_TBL_TERMS] = 1u,  [KC_TBL_KIN] = 1u,
-        [KC_TBL_SPACE] = 1u, [KC_TBL_KERNEL] = 1u, [KC_TBL_CONFIG] = 2u,
+        [KC_TBL_SPACE] = 2u, [KC_TBL_KERNEL] = 1u, [KC_TBL_CONFIG] = 2u,
     };
     return kind < KC_TBL_COUNT ? version[kind] : 0u;
 }

@@ -3,6 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "kc_bounds.h"
 #include "kc_crc.h"
 #include "kc_layout.h"
 
@@ -220,6 +221,27 @@ kc_status_t kc_tbl_kin_fits(const kc_tables_t *t, const kc_kin_t *kin, kc_events
     return st == KC_OK ? kin_in_bounds(kin, &t->active.terms, ev) : st;
 }
 
+/* Whether SPACE was verified for every arm that TERMS can describe. Checked by whichever of them comes second. */
+static kc_status_t verified(const kc_space_t *s, const kc_terms_t *terms, const kc_arm_t *arm,
+                            kc_event_id_t id, kc_events_t *ev)
+{
+    kc_bounds_bad_t bad;
+    if (kc_bounds_check(s, arm, terms, &bad) == KC_OK) { return KC_OK; }
+    kc_event(ev, id, (int32_t)bad.coef, bad.sum, bad.verified);
+    return KC_ERR_STATE;
+}
+
+static kc_status_t check_bounds(const kc_active_t *a, uint16_t kind, const void *src, kc_events_t *ev)
+{
+    if (kind == KC_TBL_TERMS && a->crc[KC_TBL_SPACE] != 0u) {
+        return verified(&a->space, src, &a->arm, KC_EVT_TBL_TERMS_WIDE, ev);
+    }
+    if (kind == KC_TBL_SPACE && a->crc[KC_TBL_TERMS] != 0u) {
+        return verified(src, &a->terms, &a->arm, KC_EVT_TBL_SPACE_NARROW, ev);
+    }
+    return KC_OK;
+}
+
 /* Rules of `src` that lean on the active tables. */
 static kc_status_t check_depends(const kc_tables_t *t, uint16_t kind, const void *src, kc_events_t *ev)
 {
@@ -233,7 +255,8 @@ static kc_status_t check_depends(const kc_tables_t *t, uint16_t kind, const void
         st = built_for(KC_TBL_SPACE, s->arm_crc, a->crc[KC_TBL_ARM], ev);
     }
     if (st == KC_OK && kind == KC_TBL_TERMS) { st = terms_of_arm(src, &a->arm, ev); }
-    return st == KC_OK ? check_rules(kind, src, a->arm.n_joints, &a->arm, ev) : st;
+    if (st == KC_OK) { st = check_rules(kind, src, a->arm.n_joints, &a->arm, ev); }
+    return st == KC_OK ? check_bounds(a, kind, src, ev) : st;
 }
 
 /* ---- Activation ---- */
@@ -456,7 +479,10 @@ static kc_status_t decode_staged(kc_tables_t *t, kc_events_t *ev)
     return st;
 }
 
-uint64_t kc_tbl_cost(const kc_tables_t *t) { return 50000u + 55u * (uint64_t)t->staging.total; }
+uint64_t kc_tbl_cost(const kc_tables_t *t)
+{
+    return 50000u + 55u * (uint64_t)t->staging.total + kc_bounds_cost(KC_TERM_MAX);
+}
 
 kc_status_t kc_tbl_validate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev)
 {

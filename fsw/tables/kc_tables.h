@@ -107,7 +107,9 @@ kc_status_t kc_tbl_chunk(kc_tables_t *t, uint16_t kind, uint32_t total, uint32_t
 /* Validate the staged image (kind and CRC must be the ones named: KC_ERR_STATE, KC_ERR_CRC), also against
  * the active tables it depends on (KC_ERR_STATE, TBL_DEPENDS or TBL_MISSING):
  *   TERMS needs an ARM; KIN needs ARM and TERMS, the CRCs it was made for (none in a nominal table) and
- *   values inside the bounds; SPACE needs the ARM it was built for, by CRC.
+ *   values inside the bounds; SPACE needs the ARM it was built for, by CRC. SPACE and TERMS have to agree,
+ *   whichever comes second is refused: what TERMS can describe is what SPACE was verified for (kc_bounds.h;
+ *   TBL_TERMS_WIDE, TBL_SPACE_NARROW).
  * The image stays staged when it is refused. */
 uint64_t kc_tbl_cost(const kc_tables_t *t); /* bound of the instructions for what is staged */
 kc_status_t kc_tbl_validate(kc_tables_t *t, uint16_t kind, uint32_t crc, kc_events_t *ev);

@@ -15,12 +15,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 
 from kincal.errors import BadInput
 from kincal.flight import library
+from kincal.flight.bounds import Flown
 from kincal.flight.kernel import spectral_table
-from kincal.flight.tables import Image, decode, encode, fill, new, to_doc
+from kincal.flight.tables import Image, decode, decode_as, encode, fill, new, to_doc
 from kincal.schema.errors import read_toml, validate
 from kincal.schema.names import VARIABLES
 from kincal.schema.tables import (
@@ -36,6 +37,7 @@ from kincal.schema.tables import (
 from kincal.schema.terms import ONE, Basis, TermEntry, basis_text, place_text
 
 if TYPE_CHECKING:
+    from kincal.flight.headers import KcSpace, KcTerms
     from kincal.flight.tables import Table
 
 # A table as a dict with the field names of its struct.
@@ -84,6 +86,28 @@ def load(path: Path, build_source: Callable[[Path], Image] = build) -> tuple[Ima
     except OSError as error:
         raise BadInput(f"cannot read: {error.strerror}", str(path)) from None
     return decode(data, str(path))
+
+
+def compared(image: Image, struct: Table, folder: Path) -> str:
+    """What a TERMS or SPACE table was compared with, in words: the other of the two in a folder, with the ARM
+    table there. BadInput if flight would refuse the one beside the other; "" for other kinds of tables."""
+    other = {"terms": "space", "space": "terms"}.get(image.kind)
+    if other is None:
+        return ""
+    missing = [f"{kind}.tbl" for kind in ("arm", other) if not (folder / f"{kind}.tbl").is_file()]
+    if missing:
+        return f"its bounds were not compared: {folder} holds no {' and no '.join(missing)}"
+    path = folder / f"{other}.tbl"
+    arm_image, arm = decode_as("arm", (folder / "arm.tbl").read_bytes(), str(folder / "arm.tbl"))
+    if image.kind == "terms":
+        space, terms = decode_as("space", path.read_bytes(), str(path))[1], cast("KcTerms", struct)
+    else:
+        space, terms = cast("KcSpace", struct), decode_as("terms", path.read_bytes(), str(path))[1]
+    if space.arm_crc != arm_image.crc:
+        return f"its bounds were not compared: the search space is for another arm table than {folder}/arm.tbl"
+    if excess := Flown(arm, space).excess(terms):
+        raise BadInput(f"{image.kind} table refused beside {path}: {excess.text}")
+    return f"bounds agree with {path}"
 
 
 def build_order(sources: list[Path]) -> list[Path]:

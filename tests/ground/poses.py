@@ -9,6 +9,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from kincal.flight import Arm, library
+from kincal.flight.bounds import Flown
+
 # a, alpha, d, q_min, q_max, mass, centre of mass, gear ratio (METHOD.md 1)
 WAM = [
     (0.0, -np.pi / 2, 0.0, -2.6, 2.6, 10.7677, (-0.00443, 0.12189, -0.00066), 42.0),
@@ -104,3 +107,20 @@ def poses_csv(path: Path, n: int, seed: int, true_q=None, *, dh_size: float = 3e
                 row += list(quat_wxyz(turned))
             out.writerow([*row, *cov[upper], *direction, rng.uniform(-5, 45), *CAMERA_M, *quat_wxyz(aim)])
     return path
+
+
+def flown():
+    """ARM and SPACE table that ship."""
+    return Flown.read(Path(__file__).resolve().parents[2] / "tables" / "bin")
+
+
+def flown_of(arm, verified):
+    """As if a search space of another arm had been verified for errors of that size [rad or m]."""
+    flight, ground, given = library("flight"), library("ground"), Arm.of(arm).struct
+    table, space = flight.new("kc_arm_t"), flight.new("kc_space_t")
+    table.n_joints = space.n_joints = arm.n
+    flight.rows(table.joint, arm.n)[:] = ground.rows(given.joint, arm.n)
+    table.gravity_m_s2, table.tool_xyz_m = list(given.gravity_m_s2), list(given.tool_xyz_m)
+    for joint in space.verified[0 : arm.n]:
+        joint.phi_rad = joint.alpha_rad = joint.a_m = joint.d_m = verified
+    return Flown(table, space)

@@ -220,11 +220,16 @@ def test_uplink_names_the_arm_in_the_table(folder):
     assert terms.kinematics_crc == Arm.of_table(flown).kinematics_crc != 0
 
 
-def test_uplink_says_with_which_tables_it_compared_or_that_there_are_none(folder, tmp_path):
+def test_uplink_says_with_which_tables_it_compared_and_needs_those_that_fly(folder, tmp_path):
     (folder / "M.toml").write_text("version = 1\n")
     args = ("uplink", "--model", folder / "M.toml", "--arm", folder / "arm.toml", "-o", tmp_path / "t.tbl")
     assert "tables/bin/arm.tbl" in kincal(*args).output
-    assert "was not checked" in kincal(*args, "--tables", tmp_path).output
+    assert "bounds inside what tables/bin/space.tbl was verified for" in kincal(*args).output
+    refused = kincal(*args, "--tables", tmp_path)
+    assert refused.exit_code == EXIT_INPUT
+    assert "holds no arm.tbl" in refused.stderr and "--tables" in refused.stderr
+    (tmp_path / "arm.tbl").write_bytes((ROOT / "tables" / "bin" / "arm.tbl").read_bytes())
+    assert "holds no space.tbl" in kincal(*args, "--tables", tmp_path).stderr
 
 
 def test_uplink_refuses_a_model_of_another_arm_than_the_tables(folder):

@@ -12,6 +12,7 @@ from exports import random_data, unfitted
 
 from kincal import workbench as wb
 from kincal.cli import main
+from kincal.flight import library, tables
 from kincal.workbench.identifiability import identifiability, residual_axes
 from kincal.workbench.uplink import coefficients, term_image
 
@@ -178,4 +179,9 @@ def test_flight_takes_the_turns_between_parallel_axes():
     rows = {row.name: row.terms for row in coefficients(arm, [])}
     assert [name for name in rows if "beta" in name] == ["J2.beta_rad", "J3.beta_rad"]
     assert [(t.frame, t.comp, t.gain) for t in rows["J2.beta_rad"]] == [(2, 4, 1.0)]
-    assert term_image(arm, []).data
+    flown = poses.flown_of(arm, 0.2)
+    _, table = tables.decode_as("terms", term_image(arm, [], flown).data)
+    flight = library("flight")
+    bounds = {flight.text(c.name): c.ub for c in table.coef[0 : table.n_coef]}
+    assert bounds["J2.beta_rad"] == pytest.approx(1.1 * 0.2)
+    assert flown.excess(table) is None

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import boards
 import numpy as np
+import poses
 import pytest
 from real_arms import DATA
 from scipy.spatial.transform import Rotation
@@ -254,8 +255,8 @@ def test_a_perfect_camera_is_not_blamed(tmp_path, library):
 def test_uplink_refuses_effects_of_another_camera(tmp_path, library):
     arm = arm_with_camera(tmp_path, stated=True)
     with pytest.raises(BadInput, match="lens_radial acts through all points"):
-        term_table(arm, library.find("lens_radial", arm, None))
-    assert term_table(arm, library.find("encoder_gain[2]", arm, None)).n_coef == 29
+        term_table(arm, library.find("lens_radial", arm, None), poses.flown())
+    assert term_table(arm, library.find("encoder_gain[2]", arm, None), poses.flown()).n_coef == 29
 
 
 # --------------------------------------------------------------------------- a real arm

@@ -318,7 +318,7 @@ basis = "tanh(q4) * cos(q6)"
     dh, added = (r for r in result.nested.of("held-out poses") if r.model in ("DH", "+ odd_coupling"))
     assert added.pos_m < dh.pos_m
     assert "odd_coupling" in fit_text(result)
-    table = term_table(arm, library.find("odd_coupling", arm, data))
+    table = term_table(arm, library.find("odd_coupling", arm, data), poses.flown())
     assert build("flight").text(table.coef[28].name) == "odd_coupling"
     assert table.n_term == 29
 
@@ -333,7 +333,7 @@ def test_a_model_may_have_more_coefficients_than_flight_carries(arm, library, tm
     with pytest.raises(
         wb.BadInput, match=r"flight carries 64(.|\n)*encoder_eccentricity 14(.|\n)*encoder_gain 7"
     ):
-        term_table(arm, effects)
+        term_table(arm, effects, poses.flown())
 
 
 def test_some_joints_of_an_effect_are_one_step_of_the_nested_models(arm, tmp_path):

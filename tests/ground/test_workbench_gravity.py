@@ -94,7 +94,7 @@ def test_flight_takes_the_terms(arm, library):
         *library.find("joint_gravity[2]", arm, None),
         *library.find("link_gravity_tilt[1]", arm, None),
     ]
-    assert term_image(arm, effects).data
+    assert term_image(arm, effects, poses.flown()).data
 
 
 def test_an_effect_per_body_needs_a_lever_of_it():

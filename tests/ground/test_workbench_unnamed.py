@@ -206,7 +206,7 @@ def test_terms_come_back_from_the_model_file(arm, measured, added, tmp_path):
 def test_flight_computes_the_same_poses_with_these_terms(arm, measured, added):
     h = added.effect.hypothesis
     fit = fit_model(arm, measured, [h])
-    table = tables.decode_as("terms", term_image(arm, [h]).data)[1]
+    table = tables.decode_as("terms", term_image(arm, [h], poses.flown()).data)[1]
     flown = Model(Arm.of(arm, fit.base, fit.tool), Terms.of_table(table), observations(arm, measured))
     assert flown.poses(fit.estimate).p_m == pytest.approx(fit.model.poses(fit.estimate).p_m, abs=1e-12)
 

@@ -38,7 +38,7 @@ static void largest_terms(void)
     for (; t->n_coef < KC_COEF_MAX; t->n_coef++) {
         kc_coef_t *k = &t->coef[t->n_coef];
         (void)snprintf(k->name, sizeof k->name, "k%u", (unsigned)t->n_coef);
-        *k = (kc_coef_t){.lb = -1.0, .ub = 1.0, .scale = 0.02, .prior_sigma = 1.0, .enabled = 1u};
+        *k = (kc_coef_t){.lb = -0.7, .ub = 0.7, .scale = 0.02, .prior_sigma = 1.0, .enabled = 1u};
         (void)snprintf(k->name, sizeof k->name, "k%u", (unsigned)t->n_coef);
     }
     for (; t->n_term < KC_TERM_MAX; t->n_term++) {
@@ -96,6 +96,7 @@ static void largest_space(void)
     given_space(s, KC_CAND_MAX, 1u);
     s->n_joints = KC_JOINT_MAX;
     s->servo_bound[7] = 1.5f;
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s->verified[j] = (kc_dh_bound_t){6.0, 6.0, 9.0, 9.0}; }
     s->n_hub = KC_HUB_MAX;
     for (uint32_t h = 0u; h < KC_HUB_MAX; h++) {
         for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { s->hub_q[h][j] = 0.02f * (float)(h * (j == 0u)); }

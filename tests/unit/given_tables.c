@@ -216,7 +216,10 @@ void given_space(kc_space_t *s, uint32_t n_cand, uint32_t arm_crc)
     s->hub_q[1][3] = 1.0f;
     s->hub_edge[0] = 2u;
     s->hub_edge[1] = 1u;
-    for (uint32_t j = 0u; j < s->n_joints; j++) { s->servo_bound[j] = 1.5f; }
+    for (uint32_t j = 0u; j < s->n_joints; j++) {
+        s->servo_bound[j] = 1.5f;
+        s->verified[j] = (kc_dh_bound_t){1.5, 1.5, 0.3, 0.3}; /* as given_terms */
+    }
     s->arm_crc = arm_crc;
     for (uint32_t i = 0u; i < n_cand; i++) {
         kc_cand_t *c = &s->cand[i];

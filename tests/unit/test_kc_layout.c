@@ -220,3 +220,20 @@ void test_bodies_and_volumes_out_of_range_are_refused_by_number(void)
     s_t.space.volume[1].excluded = 4u;
     expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 29u, 4.0);
 }
+
+void test_errors_that_no_space_can_be_verified_for_are_refused(void)
+{
+    const int32_t at = KC_SPACE_INDEX_VERIFIED + 6;
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.verified[6].phi_rad = -0.1;
+    expect_refused(KC_TBL_SPACE, at, 31u, -0.1);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.verified[6].alpha_rad = 7.0;
+    expect_refused(KC_TBL_SPACE, at, 32u, 7.0);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.verified[6].a_m = -0.1;
+    expect_refused(KC_TBL_SPACE, at, 33u, -0.1);
+    given_space(&s_t.space, 9u, 1u);
+    s_t.space.verified[6].d_m = 11.0;
+    expect_refused(KC_TBL_SPACE, at, 34u, 11.0);
+}

@@ -270,6 +270,21 @@ void test_a_body_that_must_not_meet_itself_or_one_after_it_is_refused(void)
     expect_refused(at - 1, 1.0);
 }
 
+void test_errors_that_it_was_verified_for_must_be_sizes(void)
+{
+    const int32_t at = KC_SPACE_INDEX_VERIFIED + 6;
+    s_s.verified[6] = (kc_dh_bound_t){0.0, 0.0, 0.0, 0.0};
+    expect_valid(&s_arm);
+    s_s.verified[6].phi_rad = -1.0;
+    expect_refused(at, -1.0);
+    s_s.verified[6].alpha_rad = NAN;
+    expect_refused(at, NAN);
+    s_s.verified[6].a_m = INFINITY;
+    expect_refused(at, INFINITY);
+    s_s.verified[6].d_m = -1.0;
+    expect_refused(at, -1.0);
+}
+
 void test_local_initial_poses_must_lead_the_initial_poses(void)
 {
     given_first();

@@ -921,6 +921,120 @@ void test_rollback_brings_the_one_before_back_once(void)
     expect_active_unchanged();
 }
 
+/* ---- bounds: what TERMS can describe is what SPACE was verified for ---- */
+
+/* Compliance of joint 4, on top of the DH errors. */
+static void given_compliance(double bound)
+{
+    kc_terms_t *t = &s_table.terms;
+    kc_coef_t *c = &t->coef[t->n_coef];
+    memcpy(c->name, "compliance", 11u);
+    c->lb = -bound;
+    c->ub = bound;
+    c->scale = 1e-3;
+    c->enabled = 1u;
+    t->term[t->n_term] = (kc_term_t){.coef = (uint16_t)t->n_coef, .frame = 3u, .comp = KC_RZ, .gain = 1.0};
+    t->term[t->n_term].basis[0] = (kc_basis_t){KC_FN_LIN, KC_VAR_TAU, 4u, 0.0, 1.0};
+    t->n_coef++;
+    t->n_term++;
+}
+
+static void expect_refused(uint16_t kind, uint16_t id, int32_t coef, double sum, double verified_for)
+{
+    s_n = given_image(kind, &s_table, s_image);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(kind));
+    remember();
+    forget_events();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_validate(&s_t, kind, image_crc(), &s_ev));
+    expect_event(id, coef, sum, verified_for);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_load(&s_t, kind, s_image, s_n, &s_ev));
+    expect_active_unchanged();
+}
+
+void test_terms_more_than_a_tenth_wider_than_the_space_are_refused(void)
+{
+    given_all_active();
+    given_table(KC_TBL_TERMS);
+    s_table.terms.coef[12].ub = 1.66; /* J4.phi_rad; verified for 1.5 */
+    expect_refused(KC_TBL_TERMS, KC_EVT_TBL_TERMS_WIDE, 12, 1.66, 1.5);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.coef[12].lb = -1.66;
+    expect_refused(KC_TBL_TERMS, KC_EVT_TBL_TERMS_WIDE, 12, 1.66, 1.5);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.coef[12].ub = 1.65; /* a tenth */
+    bring_in(KC_TBL_TERMS);
+}
+
+void test_a_space_verified_for_less_than_the_active_terms_is_refused(void)
+{
+    given_all_active();
+    given_table(KC_TBL_SPACE);
+    s_table.space.verified[2].d_m = 0.27; /* J3.d_m is within 0.3 */
+    expect_refused(KC_TBL_SPACE, KC_EVT_TBL_SPACE_NARROW, 11, 0.3, 0.27);
+    given_table(KC_TBL_SPACE);
+    s_table.space.verified[2].d_m = 0.28;
+    bring_in(KC_TBL_SPACE);
+}
+
+void test_stored_terms_and_a_space_that_do_not_belong_together_are_not_both_loaded(void)
+{
+    given_active(KC_TBL_ARM);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.coef[12].ub = 1.66;
+    bring_in(KC_TBL_TERMS); /* there is no space yet */
+    given_table(KC_TBL_SPACE);
+    expect_refused(KC_TBL_SPACE, KC_EVT_TBL_SPACE_NARROW, 12, 1.66, 1.5);
+    /* and the other way round */
+    given_active(KC_TBL_TERMS);
+    given_active(KC_TBL_SPACE);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.coef[12].ub = 1.66;
+    expect_refused(KC_TBL_TERMS, KC_EVT_TBL_TERMS_WIDE, 12, 1.66, 1.5);
+}
+
+void test_a_space_that_came_after_validation_stops_activation_of_wide_terms(void)
+{
+    given_active(KC_TBL_ARM);
+    given_table(KC_TBL_SPACE);
+    uint32_t n = given_image(KC_TBL_SPACE, &s_table, s_window);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.coef[0].lb = -1.7;
+    s_n = given_image(KC_TBL_TERMS, &s_table, s_image);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_TERMS));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_validate(&s_t, KC_TBL_TERMS, image_crc(), &s_ev));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_load(&s_t, KC_TBL_SPACE, s_window, n, &s_ev));
+    forget_events();
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_activate(&s_t, KC_TBL_TERMS, image_crc(), &s_ev));
+    expect_event(KC_EVT_TBL_TERMS_WIDE, 0, 1.7, 1.5);
+}
+
+void test_an_effect_beside_dh_errors_at_their_full_bounds_is_refused(void)
+{
+    given_all_active();
+    given_table(KC_TBL_TERMS);
+    s_table.terms.coef[12].lb = -1.65;
+    given_compliance(1e-3);
+    s_n = given_image(KC_TBL_TERMS, &s_table, s_image);
+    TEST_ASSERT_EQUAL_INT(KC_OK, stage(KC_TBL_TERMS));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, kc_tbl_validate(&s_t, KC_TBL_TERMS, image_crc(), &s_ev));
+    TEST_ASSERT_EQUAL_INT32(28, s_ev.e[event_at(&s_ev, KC_EVT_TBL_TERMS_WIDE)].index);
+    given_table(KC_TBL_TERMS);
+    given_compliance(1e-3); /* beside a DH error of 1.5 */
+    bring_in(KC_TBL_TERMS);
+}
+
+/* A space of before says nothing about the errors that it was verified for. */
+void test_a_space_of_the_former_layout_is_refused_by_its_version(void)
+{
+    given_active(KC_TBL_ARM);
+    given_image_of(KC_TBL_SPACE);
+    s_n -= 7u * 4u * 8u;
+    given_resealed(s_image, s_n);
+    s_image[6] = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_tbl_load(&s_t, KC_TBL_SPACE, s_image, s_n, &s_ev));
+    expect_event(KC_EVT_TBL_FORMAT, 2, 1.0, 2.0);
+}
+
 /* ---- boot ---- */
 
 void test_stored_images_load_in_order_of_kinds(void)

@@ -312,6 +312,7 @@ void test_it_is_never_certain_while_the_data_leave_something_open(void)
     world.terms.coef[28] = world.terms.coef[24];
     memset(world.terms.coef[28].name, 0, KC_NAME_LEN);
     memcpy(world.terms.coef[28].name, "other", 5u);
+    world.space.verified[6].phi_rad = 3.0; /* both at their bounds */
     world.terms.term[world.terms.n_term] = world.terms.term[24];
     world.terms.term[world.terms.n_term++].coef = 28u;
     world.config.est.free_mask = (1ull << 29u) - 1ull;
@@ -879,6 +880,7 @@ void test_nothing_is_a_mismatch_while_a_coefficient_is_held(void)
     world.terms.coef[28] = world.terms.coef[24];
     memset(world.terms.coef[28].name, 0, KC_NAME_LEN);
     memcpy(world.terms.coef[28].name, "other", 5u);
+    world.space.verified[6].phi_rad = 3.0; /* both at their bounds */
     world.terms.term[world.terms.n_term] = world.terms.term[24];
     world.terms.term[world.terms.n_term++].coef = 28u;
     world.config.est.free_mask |= 1ull << 28u;

@@ -19,7 +19,7 @@ from kincal.errors import KincalError
 from kincal.keys import file_of, signer_of
 
 if TYPE_CHECKING:
-    from kincal.flight.tables import Image
+    from kincal.flight.tables import Image, Table
 
 
 def _build(source: Path, tables_dir: Path | None = None) -> Image:
@@ -104,22 +104,38 @@ def table_show(file: Path, as_json: bool) -> None:
         text.show(console(), image, doc)
 
 
+BESIDE = click.option(
+    "--tables",
+    "tables_dir",
+    type=EXISTS,
+    default=None,
+    help="Directory with flight's tables: TERMS and SPACE are compared with each other.  "
+    "[default: that of the file]",
+)
+
+
 @table.command("check")
 @click.argument("files", nargs=-1, required=True, type=EXISTS)
-def table_check(files: tuple[Path, ...]) -> None:
+@BESIDE
+def table_check(files: tuple[Path, ...], tables_dir: Path | None) -> None:
     """Check tables as flight would; status 2 if any is refused.
 
+    A TERMS table is also compared with the SPACE table that it flies with, and the other way round: the bounds
+    of TERMS have to be inside what SPACE was verified for, and a tenth (docs/SPACES.md).
+
     \b
-    Example:
+    Examples:
         kincal table check tables/bin/*.tbl
+        kincal table check terms.tbl --tables tables/bin
     """
     from kincal import tables
 
     bad = 0
     for file in files:
         try:
-            image, _ = tables.load(file, _build)
-            click.echo(f"ok    {file}: {image.kind}, CRC {image.crc_text}")
+            image, struct = tables.load(file, _build)
+            words = tables.compared(image, struct, tables_dir or file.parent)
+            click.echo(f"ok    {file}: {image.kind}, CRC {image.crc_text}" + (f"; {words}" if words else ""))
         except KincalError as error:
             bad += 1
             click.echo(f"BAD   {file}: {error.what}", err=True)
@@ -150,8 +166,11 @@ def table_diff(a: Path, b: Path) -> None:
 @URL
 @KEYS
 @TIMEOUT
-def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float) -> None:
+@BESIDE
+def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float, tables_dir: Path | None) -> None:
     """Send a table to flight: stage, validate, activate, and see its CRC in housekeeping.
+
+    TERMS and SPACE are compared with each other before anything is sent, as by `kincal table check`.
 
     \b
     Example:
@@ -159,7 +178,9 @@ def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float) -> None
     """
     from kincal import tables
 
-    image, _ = tables.load(file, _build)
+    image, struct = tables.load(file, _build)
+    if words := tables.compared(image, struct, tables_dir or file.parent):
+        click.echo(words)
     with link.Link(url, signer=signer_of(file_of(key_file))) as up:
         link.upload(up, image, timeout_s)
     click.echo(f"{image.kind} table {image.crc_text} is active")

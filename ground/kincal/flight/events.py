@@ -62,6 +62,7 @@ def event_names() -> Names:
             lib.KC_SPACE_INDEX_INITIAL: "initial pose",
             lib.KC_SPACE_INDEX_BODY: "body",
             lib.KC_SPACE_INDEX_VOLUME: "volume",
+            lib.KC_SPACE_INDEX_VERIFIED: "verified errors, joint",
         },
     }
 

@@ -99,7 +99,7 @@ class ParameterLike(Protocol):
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One row of a term table: bounds are -bound .. bound, prior_sigma 0 means flat."""
+    """One row of a term table: bounds are -bound .. bound, 0: not estimated; prior_sigma 0 means flat."""
 
     name: str
     terms: Sequence[TermLike]
@@ -149,7 +149,7 @@ def _fill_term(build: FlightLibrary | GroundLibrary, out: KcTerm, coef: int, ter
 
 
 def fill_terms(build: FlightLibrary | GroundLibrary, coefficients: Sequence[Coefficient]) -> KcTerms:
-    """kc_terms_t of a build, all coefficients enabled. CannotAnswer if they are more than it carries."""
+    """kc_terms_t of a build, all coefficients with a bound enabled. CannotAnswer if they are more than it carries."""
     most, most_terms = build.lib.KC_COEF_MAX, build.lib.KC_TERM_MAX
     whose = "flight" if build.build == "flight" else "the ground tool"
     if len(coefficients) > most:
@@ -165,7 +165,7 @@ def fill_terms(build: FlightLibrary | GroundLibrary, coefficients: Sequence[Coef
         row.name = coefficient.name.encode("ascii", "replace")[: build.lib.KC_NAME_LEN - 1]
         row.lb, row.ub = -coefficient.bound, coefficient.bound
         row.prior_sigma, row.scale = coefficient.prior_sigma, coefficient.scale
-        row.enabled = 1
+        row.enabled = int(coefficient.bound > 0.0)
         for term in coefficient.terms:
             _fill_term(build, out.term[out.n_term], number, term)
             out.n_term += 1

@@ -16,6 +16,7 @@ from kincal.rotations import Pose
 from kincal.schema.space import Description, KeepOut, Shape
 
 from .arrays import Floats
+from .error_sampling import DH_FIELDS
 from .table import SpaceTable, pack_direct
 
 if TYPE_CHECKING:
@@ -34,6 +35,9 @@ def encode(table: SpaceTable, desc: Description, camera: KcCamera) -> tables.Ima
     write_guard(space, desc, camera)
     space.servo_bound[0 : table.n_joints] = table.servo_bound_rad.tolist()
     space.arm_crc = table.arm_crc
+    for joint, bounds in zip(space.verified, table.verified.tolist(), strict=False):
+        for field, bound in zip(DH_FIELDS, bounds, strict=True):
+            setattr(joint, field, bound)
     return tables.encode("space", space)
 
 

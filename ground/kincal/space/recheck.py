@@ -13,6 +13,7 @@ from kincal.rotations import Pose
 
 from .arrays import Ints
 from .checks import Checks
+from .error_sampling import DH_FIELDS
 from .metric import KernelMetric
 from .samples import check_row, segment_clear
 from .search import Progress, silent
@@ -52,7 +53,7 @@ def recheck(checks: Checks, pool: WorkerPool, table: SpaceTable, progress: Progr
         contacts += row.contacts
         progress("candidates checked", i + 1, n)
     problems += _blocked_segments(pool, table, progress)
-    nodes = [*_hub_problems(checks, table), *_local_problems(checks, table)]
+    nodes = [*_bounds_problems(checks, table), *_hub_problems(checks, table), *_local_problems(checks, table)]
     return Recheck(problems, nodes, contacts, n * checks.desc.clear.servo_bound_samples)
 
 
@@ -66,6 +67,14 @@ def _blocked_segments(pool: WorkerPool, table: SpaceTable, progress: Progress) -
             blocked.append((int(i), f"direct segment to {j} not clear"))
         progress("direct segments", k + 1, len(pairs))
     return blocked
+
+
+def _bounds_problems(checks: Checks, table: SpaceTable) -> Iterator[str]:
+    """What is verified here are the errors of the description; flight goes by those of the table."""
+    for field, bounds in zip(DH_FIELDS, table.verified.T.tolist(), strict=True):
+        wanted = getattr(checks.desc.error_bounds, field)
+        if bounds != wanted:
+            yield f"the table says verified for {field} {bounds}, error_bounds of the description are {wanted}"
 
 
 def _hub_problems(checks: Checks, table: SpaceTable) -> Iterator[str]:
@@ -89,6 +98,7 @@ class Difference:
     only_a: list[int]
     only_b: list[int]
     servo_bound_rad: tuple[tuple[float, ...], tuple[float, ...]]
+    verified: tuple[list[list[float]], list[list[float]]]  # DH errors: phi, alpha, a, d, each of every joint
     n_hubs: tuple[int, int]
     hubs_differ: bool
     n_local: tuple[int, int]
@@ -112,6 +122,7 @@ def compare(a: SpaceTable, b: SpaceTable, kernel: KcKernel, hyper: int) -> Diffe
         only_a=gone.tolist(),
         only_b=new.tolist(),
         servo_bound_rad=(tuple(a.servo_bound_rad.tolist()), tuple(b.servo_bound_rad.tolist())),
+        verified=(a.verified.T.tolist(), b.verified.T.tolist()),
         n_hubs=(len(a.hub_q_rad), len(b.hub_q_rad)),
         hubs_differ=a.hub_q_rad.shape != b.hub_q_rad.shape
         or not np.allclose(a.hub_q_rad, b.hub_q_rad, atol=1e-6),

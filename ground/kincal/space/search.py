@@ -21,6 +21,7 @@ from kincal.schema.space import Description
 from .arrays import Bools, Floats, Ints
 from .checks import Checks
 from .encoding import encode
+from .error_sampling import DH_FIELDS
 from .inputs import TablesFolder
 from .metric import KernelMetric, central, farthest_points
 from .samples import BLOCK, Box, Sample, detections, examine, segment_clear, verify
@@ -244,5 +245,6 @@ def _table(
         direct=all_direct,
         initial=(*range(n, n + n_local), *initial),
         servo_bound_rad=checks.servo_bound_rad,
+        verified=np.array([getattr(checks.desc.error_bounds, field) for field in DH_FIELDS]).T,
         arm_crc=arm_crc,
     )

@@ -33,6 +33,7 @@ class Summary:
     direct_edges: int
     arm_crc: int
     servo_bound_rad: tuple[float, ...]
+    verified: tuple[tuple[float, ...], ...]  # DH errors: phi, alpha [rad], a, d [m], each of every joint
     box_min_m: tuple[float, ...]  # of tool positions
     box_max_m: tuple[float, ...]
     range_m: tuple[float, float]  # from the camera
@@ -60,6 +61,7 @@ def summarise(table: SpaceTable, camera: KcCamera, arm_crc: int) -> Summary:
         direct_edges=int(table.direct.sum()),
         arm_crc=table.arm_crc,
         servo_bound_rad=tuple(table.servo_bound_rad.tolist()),
+        verified=tuple(map(tuple, table.verified.T.tolist())),
         box_min_m=tuple(cands.p_m.min(axis=0).tolist()),
         box_max_m=tuple(cands.p_m.max(axis=0).tolist()),
         range_m=_extent(range_m),

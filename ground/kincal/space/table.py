@@ -13,6 +13,7 @@ from kincal.flight.tables import Image, decode_as
 from kincal.rotations import Pose
 
 from .arrays import Bools, Floats, Ints
+from .error_sampling import DH_FIELDS
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcSpace
@@ -69,6 +70,7 @@ class SpaceTable:
     direct (n, n): verified direct segments, set below the diagonal.
     initial: rows of the initial design, local poses first.
     servo_bound_rad (joints,): how far the servo may take each joint from a seed.
+    verified (joints, 4): DH errors that it was verified for, phi, alpha [rad], a, d [m], both ways.
     arm_crc: ARM table that it was built for."""
 
     q_rad: Floats
@@ -82,6 +84,7 @@ class SpaceTable:
     direct: Bools
     initial: tuple[int, ...]
     servo_bound_rad: Floats
+    verified: Floats
     arm_crc: int
 
     @classmethod
@@ -107,6 +110,7 @@ class SpaceTable:
             direct=_direct(space, n),
             initial=tuple(space.initial[0 : space.n_initial]),
             servo_bound_rad=np.array(list(space.servo_bound[0:joints])),
+            verified=np.array([[getattr(v, f) for f in DH_FIELDS] for v in space.verified[0:joints]]),
             arm_crc=int(space.arm_crc),
         )
 

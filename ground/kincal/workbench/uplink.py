@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from kincal.errors import BadInput
 from kincal.flight import Arm, library, status_name, tables
+from kincal.flight.bounds import Flown, place_text, shared_bounds, tightest
 from kincal.flight.terms import Coefficient, fill_terms
 from kincal.schema.arm import ArmTable
 from kincal.schema.names import PNP, is_unnamed
@@ -23,10 +25,12 @@ from .smooth import UnnamedName
 if TYPE_CHECKING:
     from kincal.flight.headers import KcTerms
 
-# Bounds and typical sizes of the DH errors on board (tables/src/terms.toml states the reasons).
-_DH_BOUND = {"phi_rad": 1.5, "alpha_rad": 0.6, "a_m": 0.05, "d_m": 0.2, "beta_rad": 0.6}
+# Typical sizes of the DH errors on board (tables/src/terms.toml states the reasons).
 _DH_SCALE = {"phi_rad": 0.1, "alpha_rad": 0.1, "a_m": 0.05, "d_m": 0.05, "beta_rad": 0.1}
-_EFFECT_BOUND, _EFFECT_PRIOR = 30.0, 3.0  # prior sigmas of the library; those that data chose stay
+_EFFECT_PRIOR = 3.0  # prior sigmas of the library; those that data chose stay
+# Bounds that effects ask for: this many prior sigmas, or, once fitted, this many times the fitted value, but
+# not less than so many sigmas. One that cannot have _LEAST times its value does not fly.
+_UNFITTED, _FITTED, _FITTED_LEAST, _LEAST = 30.0, 2.0, 3.0, 1.2
 
 
 def flight_name(effect: str, parameter: str, alone: bool) -> str:
@@ -48,18 +52,21 @@ def _short_place(effect: str) -> str:
     return f"{word[0].upper()}{number}{kind}:{','.join(name.drivers)}"
 
 
-def coefficients(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> list[Coefficient]:
-    """The DH errors and the effects' coefficients with their bounds and priors on board. BadInput if two
-    would have the same name there."""
+def coefficients(
+    arm: ArmTable, hypotheses: Sequence[Hypothesis], model: ModelFile | None = None
+) -> list[Coefficient]:
+    """The DH errors and the effects' coefficients with their priors on board. Bounds of the effects are what
+    they ask for (model: whose last fit says how large they are); DH errors have what the space leaves.
+    BadInput if two would have the same name there."""
+    fitted = model.values if model else {}
     rows = [
-        Coefficient(name, p.terms, _DH_BOUND[p.name], 0.0, _DH_SCALE[p.name])
-        for name, p in dh_parameters(arm)
+        Coefficient(name, p.terms, math.inf, 0.0, _DH_SCALE[p.name]) for name, p in dh_parameters(arm)
     ]
     rows += [
         Coefficient(
             flight_name(h.name, p.name, len(h.parameters) == 1),
             p.terms,
-            _EFFECT_BOUND * p.sigma,
+            _wanted_bound(p.sigma, fitted.get(f"{h.name}.{p.name}")),
             p.sigma if p.shrunk else _EFFECT_PRIOR * p.sigma,
             p.sigma,
         )
@@ -73,10 +80,20 @@ def coefficients(arm: ArmTable, hypotheses: Sequence[Hypothesis]) -> list[Coeffi
     return rows
 
 
-def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis], model: ModelFile | None = None) -> KcTerms:
-    """Flight's term table of the DH errors and the effects, all enabled; it names the arm, so that flight
-    refuses it for another one. model: whose last fit says what could be left out. BadInput if flight cannot
-    carry the arm or so many terms."""
+def _wanted_bound(sigma: float, fitted: tuple[float, float] | None) -> float:
+    """fitted: value and standard error."""
+    if fitted is None:
+        return _UNFITTED * sigma
+    return max(_FITTED * abs(fitted[0]), _FITTED_LEAST * sigma)
+
+
+def term_table(
+    arm: ArmTable, hypotheses: Sequence[Hypothesis], flown: Flown, model: ModelFile | None = None
+) -> KcTerms:
+    """Flight's term table of the DH errors and the effects; it names the arm, so that flight refuses it for
+    another one. flown: whose search space bounds the coefficients (docs/SPACES.md); a DH error that it was not
+    verified for is not estimated. model: whose last fit says how large effects are and what could be left out.
+    BadInput if flight cannot carry the arm or so many terms, or the space was not verified for such effects."""
     limits = library("flight").lib
     _refuse_points(hypotheses)
     if arm.n > limits.KC_JOINT_MAX:
@@ -84,7 +101,12 @@ def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis], model: ModelFile
             f"{arm.name} has {arm.n} joints; flight carries {limits.KC_JOINT_MAX}",
             todo="a model of this arm stays on the ground: `kincal model export` makes it usable elsewhere",
         )
-    rows = coefficients(arm, hypotheses)
+    if flown.space.n_joints != arm.n:
+        raise BadInput(
+            f"{arm.name} has {arm.n} joints, the search space is for {flown.space.n_joints}",
+            todo="name the folder of the tables that fly with --tables",
+        )
+    rows = coefficients(arm, hypotheses, model)
     n_terms = sum(len(row.terms) for row in rows)
     most, most_terms = limits.KC_COEF_MAX, limits.KC_TERM_MAX
     if len(rows) > most or n_terms > most_terms:
@@ -96,7 +118,34 @@ def term_table(arm: ArmTable, hypotheses: Sequence[Hypothesis], model: ModelFile
         )
     table = fill_terms(library("flight"), rows)
     table.kinematics_crc = Arm.of(arm).kinematics_crc
+    _set_bounds(table, hypotheses, flown, model)
     return table
+
+
+def _set_bounds(
+    table: KcTerms, hypotheses: Sequence[Hypothesis], flown: Flown, model: ModelFile | None
+) -> None:
+    """Bounds inside what the search space was verified for. BadInput if an effect has no room there."""
+    names = [f"{h.name}.{p.name}" for h in hypotheses for p in h.parameters]
+    first = table.n_coef - len(names)
+    wanted = {c: table.coef[c].ub for c in range(first, table.n_coef)}
+    for c, bound in enumerate(shared_bounds(flown, table, wanted)):
+        row = table.coef[c]
+        row.lb, row.ub, row.enabled = -bound, bound, int(bound > 0.0)
+        if c < first:
+            continue
+        value = abs(model.values[names[c - first]][0]) if model and names[c - first] in model.values else 0.0
+        if bound <= 0.0 or bound < _LEAST * value:
+            raise _no_room(table, c, flown, names[c - first], value or wanted[c])
+
+
+def _no_room(table: KcTerms, coef: int, flown: Flown, name: str, value: float) -> BadInput:
+    place, does, allowed = tightest(flown, table, coef, value)
+    return BadInput(
+        f"{name} of {value:.3g} can make up to {does:.3g} {place_text(place)}; the bounds of all that acts there "
+        f"may add up to {allowed:.3g}, a tenth more than the search space was verified for",
+        todo="verify a search space for larger `error_bounds` (docs/SPACES.md), or leave the effect out with --drop",
+    )
 
 
 def _leave_out(
@@ -174,17 +223,19 @@ def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:
 
 
 def term_image(
-    arm: ArmTable, hypotheses: Sequence[Hypothesis], model: ModelFile | None = None
+    arm: ArmTable, hypotheses: Sequence[Hypothesis], flown: Flown, model: ModelFile | None = None
 ) -> tables.Image:
-    """The encoded image. BadInput as `term_table`, or if flight's own validation for this arm refuses it."""
+    """The encoded image. BadInput as `term_table`, or if flight's own checks for this arm refuse it."""
     flight = library("flight")
-    struct = term_table(arm, hypotheses, model)
+    struct = term_table(arm, hypotheses, flown, model)
     index, got = flight.ffi.new("int32_t *"), flight.ffi.new("double *")
     status = flight.lib.kc_terms_validate(struct, arm.n, index, got)
     if status != 0:
         raise BadInput(
             f"flight would refuse the term table: {status_name(status)}, entry {index[0]}, value {got[0]:g}"
         )
+    if excess := flown.excess(struct):
+        raise BadInput(f"flight would refuse the term table: {excess.text}")
     return tables.encode("terms", struct)
 
 

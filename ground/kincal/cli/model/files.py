@@ -262,6 +262,7 @@ def uplink_command(
 
     Flight then estimates these coefficients together with the DH errors. It carries 64 coefficients; of a
     larger model this says which effects to --drop, and with --data what that costs on held-out poses.
+    Bounds are inside what the search space of --tables was verified for (docs/SPACES.md).
 
     \b
     Examples:
@@ -274,6 +275,7 @@ def uplink_command(
     from kincal.workbench.belonging import refuse_model_of_other_arm
     from kincal.workbench.constants import choose_constants
     from kincal.workbench.nested import cost_without
+    from kincal.flight.bounds import Flown
     from kincal.workbench.uplink import dropped, flight_tables, refuse_other_arm, term_image
 
     chosen, library = load_model(model_path, effect_files)
@@ -284,11 +286,12 @@ def uplink_command(
     known = {} if data is not None else chosen.constants
     effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh, known=known)
     left_out = dropped(effects, drop)
-    image = term_image(arm, [h for h in effects if h not in left_out], chosen)
+    image = term_image(arm, [h for h in effects if h not in left_out], Flown.read(tables_dir), chosen)
     out = out_path or model_path.with_suffix(".tbl")
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(image.data)
     click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}; {compared}")
+    click.echo(f"bounds inside what {tables_dir / 'space.tbl'} was verified for, and a tenth")
     if left_out:
         click.echo(f"left out: {', '.join(h.name for h in left_out)}")
     if left_out and data is not None:

@@ -48,9 +48,16 @@ def facts(n: space_mod.Summary) -> list[tuple[str, str]]:
         ("candidates with two tags in view", str(n.two_tags)),
         ("nearest neighbour", f"{n.nearest_m * 1e3:.0f} mm (median)"),
         ("servo bound", f"{spans(n.servo_bound_rad)} rad"),
+        ("verified for DH errors up to", _verified(n.verified)),
         ("candidates with a check missing", str(n.unchecked)),
         ("built for the arm table here", "yes" if n.arm_fits else f"NO: for {n.arm_crc:08x}"),
     ]
+
+
+def _verified(bounds: Sequence[Sequence[float]]) -> str:
+    phi, alpha, a, d = bounds
+    lengths = f"a {spans(1e3 * x for x in a)} mm, d {spans(1e3 * x for x in d)} mm"
+    return f"phi {spans(phi)} rad, alpha {spans(alpha)} rad, {lengths}"
 
 
 def summary(out: Console, image: Image, numbers: space_mod.Summary) -> None:
@@ -100,6 +107,7 @@ def diff(out: Console, a: Image, b: Image, d: space_mod.Difference) -> None:
     local = f"{d.n_local[0]} -> {d.n_local[1]}" + (", changed" if d.local_differ else "")
     rows.add_row("local initial poses", local)
     rows.add_row("servo bound", f"{spans(d.servo_bound_rad[0])} -> {spans(d.servo_bound_rad[1])} rad")
+    rows.add_row("verified for DH errors up to", f"{_verified(d.verified[0])} -> {_verified(d.verified[1])}")
     rows.add_row("new candidate farthest from any old one", f"{d.farthest_new_m * 1e3:.0f} mm")
     rows.add_row("least kernel covariance of a new one with the old", f"{d.min_covariance:.3f}")
     out.print(rows)
