@@ -32,20 +32,37 @@ typedef struct {
     uint32_t n_head, n_body;
 } kc_auth_text_t;
 
+/* What a signature is held against. */
+typedef struct {
+    uint64_t last;     /* counter of the last message taken, of this key and sender on this channel */
+    uint64_t since_us; /* nothing made before this is taken: counters of the key are known from then on */
+    uint64_t clock_us; /* now */
+    uint64_t age_max_us; /* how far the stamp may be from now, before or after; 0: not checked */
+} kc_auth_known_t;
+
 typedef enum {
     KC_AUTH_GOOD = 0,
     KC_AUTH_UNSIGNED,
     KC_AUTH_UNKNOWN_KEY,
     KC_AUTH_FORGED,
-    KC_AUTH_REPLAYED
+    KC_AUTH_REPLAYED,
+    KC_AUTH_JUMPED, /* the counter is more than KC_AUTH_JUMP_MAX above the last */
+    KC_AUTH_BEFORE, /* made before since_us */
+    KC_AUTH_OLD     /* made too long before now, or after it */
 } kc_auth_verdict_t;
+
+/* The largest step of a counter: no single message can use up the numbers of its key. A sender that has lost its count
+ * begins at the clock in us, which is below this until the year 2112. */
+#define KC_AUTH_JUMP_MAX (1ull << 52)
 
 /* MAC of a text: BLAKE2b with a key (RFC 7693), 16 bytes. */
 void kc_auth_mac(const kc_key_t *key, const kc_auth_text_t *text, uint8_t mac[KC_MAC_BYTES]);
-/* last: counter of the last message taken, of this sender on this channel. The comparison of the MAC takes the same
- * time for every MAC. A counter is looked at only behind a good MAC. */
-kc_auth_verdict_t kc_auth_check(const kc_keys_t *keys, const kc_auth_t *auth, uint64_t last,
-                                const kc_auth_text_t *text);
+/* Counter and stamp alone: GOOD if a good MAC would be taken. */
+kc_auth_verdict_t kc_auth_fresh(const kc_auth_known_t *known, uint64_t counter, uint64_t t_us);
+/* The verdict on a message that was made at t_us. The comparison of the MAC takes the same time for every MAC. Counter
+ * and stamp are looked at only behind a good MAC. */
+kc_auth_verdict_t kc_auth_check(const kc_keys_t *keys, const kc_auth_t *auth, const kc_auth_known_t *known,
+                                uint64_t t_us, const kc_auth_text_t *text);
 /* A bound of the instructions of judging a text of n bytes. */
 uint64_t kc_auth_cost(uint32_t n);
 

@@ -41,6 +41,16 @@ const kc_active_t *kc_app_active(const kc_app_t *app) { return &app->tables.acti
 
 kc_state_t kc_app_state(const kc_app_t *app) { return app->place.state; }
 
+bool kc_app_vouches_cmd(const kc_app_t *app, const kc_cmd_t *c, uint32_t *macs)
+{
+    return kc_cmd_vouches(&app->cmd_log, &app->view, c, macs);
+}
+
+bool kc_app_vouches_chunk(const kc_app_t *app, const kc_chunk_t *c, uint32_t *macs)
+{
+    return kc_cmd_vouches_chunk(&app->cmd_log, &app->view, c, macs);
+}
+
 /* Whether the journal knows what is in force. */
 static bool journaled(const kc_app_t *app) { return app->journal.found.boot_count != 0u; }
 
@@ -99,6 +109,7 @@ static kc_status_t load_any(kc_app_t *app, uint16_t kind, const uint8_t *data, u
 {
     if (kind == KC_TBL_KIN) { return load_kin(app, data, n); }
     if (kind > KC_TBL_KIN && kind != KC_STORE_JOURNAL) { settle_kin(app); }
+    if (kind >= KC_TBL_COUNT && n > 0u) { app->kept = true; }
     switch (kind) {
     case KC_STORE_JOURNAL: return kc_journal_load(&app->journal, data, n);
     case KC_STORE_PREV: return load_prev(app, data, n);
@@ -160,7 +171,8 @@ void kc_app_boot(kc_app_t *app)
     settle_kin(app);
     app->boot_count = j->boot_count + 1u;
     app->cal.session = j->session;
-    memcpy(app->cmd_log.counter, j->counter, sizeof app->cmd_log.counter);
+    app->cmd_log.counters = j->counters;
+    kc_counters_begin(&app->cmd_log.counters, &app->cmd_log.keys);
     app->move.seg_from = j->seg_from;
     app->move.seg_to = j->seg_to;
     kc_event(&app->boot_events, KC_EVT_BOOT, (int32_t)app->boot_count, 0.0, 0.0);
@@ -169,7 +181,12 @@ void kc_app_boot(kc_app_t *app)
             kc_event(&app->boot_events, KC_EVT_TBL_MISSING, (int32_t)kind, 0.0, 0.0);
         }
     }
-    if (app->cmd_log.keys.n == 0u) { kc_event(&app->boot_events, KC_EVT_BOOT_NO_KEYS, -1, 0.0, 0.0); }
+    if (app->cmd_log.keys.n == 0u) {
+        kc_event(&app->boot_events, KC_EVT_BOOT_NO_KEYS, -1, 0.0, 0.0);
+    } else if (!journaled(app)) {
+        kc_event_id_t id = app->kept ? KC_EVT_BOOT_JOURNAL : KC_EVT_BOOT_FIRST;
+        kc_event(&app->boot_events, id, -1, 0.0, 0.0);
+    }
     compare(app, &app->boot_events);
     boot_state(app);
     /* Sequence numbers of outgoing messages are above those of the last run. */
@@ -267,6 +284,7 @@ void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *ou
     } else {
         first_step(app, now_us, out);
     }
+    kc_counters_clock(&app->cmd_log.counters, app->clock.clock_us);
     take_inputs(app, &work, in, out);
     kc_sequence_run(app, &work, out);
     kc_sequence_scrub(app, &work, out);

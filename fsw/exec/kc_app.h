@@ -3,6 +3,7 @@
 #ifndef KC_APP_H
 #define KC_APP_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "kc_auth.h"
@@ -232,7 +233,7 @@ typedef struct {
 #define KC_STORE_PREV 17u
 #define KC_STORE_JOURNAL 18u
 #define KC_STORE_QUEUE_MAX 10u
-#define KC_JOURNAL_BYTES 96u
+#define KC_JOURNAL_BYTES 144u
 #define KC_KIN_IMAGE_MAX 1280u
 typedef struct {
     uint16_t kind;
@@ -271,6 +272,12 @@ void kc_app_boot(kc_app_t *app);
 /* One tick. now_us: mission time, the clock that stamps messages. Where it stands still, steps back or steps
  * ahead, one tick counts as elapsed; time-outs go by elapsed time and see nothing of a step. */
 void kc_app_step(kc_app_t *app, uint64_t now_us, const kc_in_t *in, kc_out_t *out);
+
+/* Whether a step would take the signature of this message as things stand. For the edge: what a holder of a key sent
+ * finds room that others cannot take. Nothing is taken or admitted by it. *macs: how many MACs may still be computed,
+ * each of kc_auth_cost instructions, counted down; at 0 the answer is false. */
+bool kc_app_vouches_cmd(const kc_app_t *app, const kc_cmd_t *c, uint32_t *macs);
+bool kc_app_vouches_chunk(const kc_app_t *app, const kc_chunk_t *c, uint32_t *macs);
 
 /* For tests and the ground: the active tables. */
 const kc_active_t *kc_app_active(const kc_app_t *app);

@@ -62,6 +62,7 @@ struct kc_app {
     uint32_t boot_count, loaded; /* loaded: bit per kind of table */
     uint32_t n_other; /* boot: bytes of a correction that the journal does not name, in the arena */
     int32_t boot_state, boot_pose;
+    bool kept; /* boot: the store holds what only an earlier run can have left */
     uint32_t n_rx_errors;
     bool stepped;
 };

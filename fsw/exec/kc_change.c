@@ -43,6 +43,21 @@ static void forget_proposal(kc_journal_t *after)
     after->proposal_verdict = (uint32_t)KC_VERDICT_NO_CHANGE;
 }
 
+/* Over the staged image, which is of no use any more. */
+static void put_back(const kc_change_parts_t *p, kc_out_t *out)
+{
+    const kc_active_t *a = &p->tables->active;
+    kc_staging_t *s = &p->tables->staging;
+    uint32_t n = 0u;
+    kc_status_t st = KC_OK;
+    if (a->crc[s->kind] != 0u) {
+        st = kc_tbl_encode(s->kind, kc_tbl_active_ptr(a, s->kind), 0u, s->image, KC_IMAGE_MAX, &n);
+    }
+    if (st == KC_OK) {
+        kc_journal_store(out, s->kind, s->image, n);
+    } /* else no answer comes: it has failed */
+}
+
 static void request(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
 {
     const kc_staging_t *s = &p->tables->staging;
@@ -68,6 +83,7 @@ static void request(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *
         kc_journal_write(p->journal, &after, out);
         kc_journal_store(out, s->kind, s->image, s->n);
         return;
+    case KC_CHANGE_PUT_BACK: put_back(p, out); return;
     case KC_CHANGE_REJECT: forget_proposal(&after); break;
     default: /* APPROVE, ACCEPT */
         replace_kin(p, r->image, r->n, &after, out);
@@ -87,37 +103,56 @@ void kc_change_run(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
 /* ---- the edge has answered ---- */
 
 /* Tables that were dropped with it are deleted; should that fail, the next start refuses them. */
-static void activate(kc_tables_t *tables, kc_out_t *out)
+static kc_status_t activate(kc_tables_t *tables, kc_out_t *out)
 {
     kc_active_t *a = &tables->active;
     const kc_staging_t *s = &tables->staging;
     uint32_t before[KC_TBL_COUNT];
     memcpy(before, a->crc, sizeof before);
-    (void)kc_tbl_activate(tables, s->kind, kc_tbl_image_crc(s->image, s->n), &out->events);
+    kc_status_t st = kc_tbl_activate(tables, s->kind, kc_tbl_image_crc(s->image, s->n), &out->events);
     for (uint16_t k = 1u; k < KC_TBL_COUNT; k++) {
         if (before[k] != 0u && a->crc[k] == 0u) { kc_journal_store(out, k, s->image, 0u); }
+    }
+    return st;
+}
+
+static kc_status_t roll_back_now(const kc_change_parts_t *p, kc_out_t *out)
+{
+    kc_status_t st = kc_tbl_rollback(p->tables, &out->events);
+    if (st == KC_OK) { kc_journal_store(out, KC_STORE_PREV, p->images->prev, 0u); }
+    return st;
+}
+
+static kc_status_t accept(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
+{
+    kc_status_t st = kc_review_activate(p->review, p->tables, out);
+    if (st == KC_OK && c->kind == KC_CHANGE_ACCEPT) {
+        kc_event(&out->events, KC_EVT_COR_ON_BOARD, -1, (double)p->tables->active.crc[KC_TBL_KIN], 0.0);
+    }
+    return st;
+}
+
+/* Put in force what is stored; KC_ERR_* : it cannot be, and nothing has changed. */
+static kc_status_t make(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
+{
+    kc_journal_again(p->journal, 0u); /* a second copy of the record */
+    switch (c->kind) {
+    case KC_CHANGE_PROPOSE: kc_review_wait(p->review, out); return KC_OK;
+    case KC_CHANGE_REJECT: kc_review_drop(p->review, out); return KC_OK;
+    case KC_CHANGE_ROLLBACK: return roll_back_now(p, out);
+    case KC_CHANGE_TABLE: return activate(p->tables, out);
+    default: return accept(c, p, out); /* APPROVE, ACCEPT */
     }
 }
 
 static kc_outcome_t back(const kc_change_t *c) { return kc_outcome(c->safe ? KC_OC_SAFE : KC_OC_DONE); }
 
-static kc_outcome_t make(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
+static kc_outcome_t made(const kc_change_t *c)
 {
-    kc_journal_again(p->journal, 0u); /* a second copy of the record */
     switch (c->kind) {
-    case KC_CHANGE_PROPOSE: kc_review_wait(p->review, out); return kc_outcome(KC_OC_REVIEW);
-    case KC_CHANGE_REJECT: kc_review_drop(p->review, out); return kc_outcome(KC_OC_DONE);
-    case KC_CHANGE_ROLLBACK:
-        (void)kc_tbl_rollback(p->tables, &out->events);
-        kc_journal_store(out, KC_STORE_PREV, p->images->prev, 0u);
-        return kc_outcome(KC_OC_DONE);
-    case KC_CHANGE_TABLE: activate(p->tables, out); return back(c);
-    default: /* APPROVE, ACCEPT */
-        kc_review_activate(p->review, p->tables, out);
-        if (c->kind == KC_CHANGE_ACCEPT) {
-            kc_event(&out->events, KC_EVT_COR_ON_BOARD, -1, (double)p->tables->active.crc[KC_TBL_KIN], 0.0);
-        }
-        return kc_outcome(KC_OC_DONE);
+    case KC_CHANGE_PROPOSE: return kc_outcome(KC_OC_REVIEW);
+    case KC_CHANGE_TABLE: return back(c);
+    default: return kc_outcome(KC_OC_DONE);
     }
 }
 
@@ -150,6 +185,35 @@ static void report(kc_change_t *c, kc_status_t st, int32_t kind, kc_out_t *out)
 
 static uint64_t retry_us(const kc_change_parts_t *p) { return p->tables->active.config.store_retry_us; }
 
+/* Refused for good. What was to be put back is off all the same: the command is answered by what began it. */
+static kc_outcome_t give_up(kc_change_t *c, const kc_change_parts_t *p, kc_status_t st, kc_event_id_t why,
+                            kc_out_t *out)
+{
+    bool putting_back = c->kind == KC_CHANGE_PUT_BACK;
+    if (putting_back) { kc_tbl_discard(p->tables, &out->events); }
+    answer(c, p->log, putting_back ? c->made : st, putting_back ? KC_EVT_CHANGE_FAILED : why, out);
+    return refuse(c, p, out);
+}
+
+/* Everything is stored: put in force, and answered by how that went. */
+static kc_outcome_t finish(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
+{
+    if (c->kind == KC_CHANGE_PUT_BACK) { return give_up(c, p, c->made, KC_EVT_CHANGE_FAILED, out); }
+    kc_status_t st = make(c, p, out);
+    if (st == KC_OK) {
+        answer(c, p->log, st, KC_EVT_NONE, out);
+        return made(c);
+    }
+    uint16_t kind = c->kind == KC_CHANGE_TABLE ? p->tables->staging.kind : (uint16_t)KC_TBL_KIN;
+    kc_event(&out->events, KC_EVT_CHANGE_FAILED, (int32_t)kind, (double)st, 0.0);
+    if (kind == KC_TBL_KIN) { return give_up(c, p, st, KC_EVT_CHANGE_FAILED, out); }
+    c->kind = KC_CHANGE_PUT_BACK;
+    c->made = st;
+    c->tries = 0u;
+    c->due_us = p->view->clock->now_us + 1u; /* this step has computed enough */
+    return kc_outcome(KC_OC_STAY);
+}
+
 /* The next try, or the end, of a change that was asked for. */
 static kc_outcome_t go_on(kc_change_t *c, const kc_change_parts_t *p, kc_status_t st, int32_t kind,
                           kc_out_t *out)
@@ -164,8 +228,7 @@ static kc_outcome_t go_on(kc_change_t *c, const kc_change_parts_t *p, kc_status_
     if (next == KC_STORING_REFUSE) {
         kc_event(&out->events, KC_EVT_STORE_REFUSED, kind, (double)st, (double)c->tries);
     }
-    answer(c, p->log, st, KC_EVT_STORE_REFUSED, out);
-    oc = next == KC_STORING_DONE ? make(c, p, out) : refuse(c, p, out);
+    oc = next == KC_STORING_DONE ? finish(c, p, out) : give_up(c, p, st, KC_EVT_STORE_REFUSED, out);
     if (oc.id != KC_OC_STAY) { c->kind = KC_CHANGE_NONE; }
     return oc;
 }

@@ -3,7 +3,11 @@
  * All that it needs is asked of the edge in one step, the journal at the end. The journal names by CRC what is
  * in force, so its write makes the change: whatever happens before it, the old state comes back after a
  * restart, whatever happens after it, the new one. What could not be stored is tried again, as often as
- * CONFIG says; then the change is refused and everything stays as it was. */
+ * CONFIG says; then the change is refused and everything stays as it was.
+ *
+ * What is stored and cannot be put in force, since it has changed in memory meanwhile, is refused as well: the journal
+ * names what was in force again, and a table other than KIN, which it does not name, is stored over by the active one
+ * before the command is answered (ABORT in that moment leaves the new one in the store, for the next start). */
 #ifndef KC_CHANGE_H
 #define KC_CHANGE_H
 
@@ -22,7 +26,8 @@ typedef enum {
     KC_CHANGE_APPROVE,
     KC_CHANGE_REJECT,
     KC_CHANGE_ROLLBACK,
-    KC_CHANGE_TABLE /* a staged table becomes active */
+    KC_CHANGE_TABLE, /* a staged table becomes active */
+    KC_CHANGE_PUT_BACK /* it could not: the active one is stored again */
 } kc_change_kind_t;
 
 typedef struct {
@@ -34,7 +39,11 @@ typedef struct {
     bool asked;      /* the edge's answer comes with the next step */
     uint64_t due_us; /* elapsed time of the next try */
     bool failing;    /* the last answer of the edge was a failure: reported once */
+    kc_status_t made; /* PUT_BACK: why the table could not become active */
 } kc_change_t;
+
+/* Bound of the instructions of asking for KC_CHANGE_PUT_BACK. */
+#define KC_CHANGE_BACK_COST (40u * KC_IMAGE_MAX)
 
 /* What a change reads and changes, and the journal's record of this step. */
 typedef struct {

@@ -1,5 +1,6 @@
 #include "kc_cmd.h"
 
+#include <stddef.h>
 #include <string.h>
 
 #include "kc_signed.h"
@@ -21,12 +22,6 @@ static bool follows(const kc_cmd_log_t *log, const kc_view_t *v, uint32_t s, int
     return behind > WINDOW && v->clock->now_us - log->us[s] > RESYNC_US;
 }
 
-/* Commands that change nothing, and ABORT, which only stops. */
-static bool needs_no_signature(int32_t opcode)
-{
-    return opcode == KC_CMD_NOOP || opcode == KC_CMD_ABORT || opcode == KC_CMD_TABLE_DUMP;
-}
-
 static kc_answer_t unknown_source(int32_t source, kc_out_t *out)
 {
     return kc_answer_refuse(&out->events, KC_EVT_CMD_SOURCE, -1, (double)source, 0.0, KC_ERR_ARG);
@@ -34,47 +29,107 @@ static kc_answer_t unknown_source(int32_t source, kc_out_t *out)
 
 static bool known_source(int32_t source) { return source >= 1 && source <= (int32_t)KC_SOURCE_MAX; }
 
-/* By MAC and counter; one that is taken uses its counter up. */
-static kc_answer_t by_signature(kc_cmd_log_t *log, kc_signed_kind_t kind, int32_t source,
-                                const kc_auth_t *auth, const kc_auth_text_t *text, kc_out_t *out)
+static kc_auth_known_t known(const kc_cmd_log_t *log, const kc_view_t *v, kc_signed_kind_t kind,
+                             int32_t source, uint32_t key_id)
 {
-    uint64_t *last = &log->counter[kind][source - 1];
-    double key = (double)auth->key_id;
-    switch (kc_auth_check(&log->keys, auth, *last, text)) {
-    case KC_AUTH_GOOD: *last = auth->counter; return kc_answer_ok(KC_OC_STAY);
+    const kc_counted_t *k = kc_counters_of(&log->counters, key_id);
+    return (kc_auth_known_t){
+        .last = k != NULL ? k->last[kind][source - 1] : 0u,
+        .since_us = k != NULL ? k->since_us : 0u,
+        .clock_us = v->clock->clock_us,
+        .age_max_us = v->tables->config.signed_age_max_us,
+    };
+}
+
+static kc_answer_t refuse_stamp(const kc_auth_known_t *k, kc_auth_verdict_t why, int32_t source,
+                                uint64_t t_us, kc_out_t *out)
+{
+    if (why == KC_AUTH_BEFORE) {
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_BEFORE, source, (double)t_us, (double)k->since_us,
+                                KC_ERR_STALE);
+    }
+    double ago_us = (double)k->clock_us - (double)t_us;
+    return kc_answer_refuse(&out->events, KC_EVT_CMD_OLD, source, ago_us, (double)k->age_max_us,
+                            KC_ERR_STALE);
+}
+
+/* By MAC, counter and stamp; one that is taken uses its counter up, and one that is refused for its stamp too. */
+static kc_answer_t by_signature(kc_cmd_log_t *log, const kc_view_t *v, kc_signed_kind_t kind, int32_t source,
+                                const kc_auth_t *auth, uint64_t t_us, const kc_auth_text_t *text,
+                                kc_out_t *out)
+{
+    const kc_auth_known_t k = known(log, v, kind, source, auth->key_id);
+    double key = (double)auth->key_id, counter = (double)auth->counter;
+    kc_auth_verdict_t verdict = kc_auth_check(&log->keys, auth, &k, t_us, text);
+    switch (verdict) {
+    case KC_AUTH_GOOD: kc_counters_take(&log->counters, auth, kind, source); return kc_answer_ok(KC_OC_STAY);
     case KC_AUTH_UNSIGNED:
         return kc_answer_refuse(&out->events, KC_EVT_CMD_UNSIGNED, source, 0.0, 0.0, KC_ERR_AUTH);
     case KC_AUTH_UNKNOWN_KEY:
         return kc_answer_refuse(&out->events, KC_EVT_CMD_KEY, source, key, 0.0, KC_ERR_AUTH);
     case KC_AUTH_REPLAYED:
-        return kc_answer_refuse(&out->events, KC_EVT_CMD_REPLAYED, source, (double)auth->counter,
-                                (double)*last, KC_ERR_STALE);
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_REPLAYED, source, counter, (double)k.last,
+                                KC_ERR_STALE);
+    case KC_AUTH_JUMPED:
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_COUNTER, source, counter,
+                                (double)k.last + (double)KC_AUTH_JUMP_MAX, KC_ERR_RANGE);
+    case KC_AUTH_BEFORE:
+    case KC_AUTH_OLD:
+        kc_counters_take(&log->counters, auth, kind, source);
+        return refuse_stamp(&k, verdict, source, t_us, out);
     default: return kc_answer_refuse(&out->events, KC_EVT_CMD_FORGED, source, key, 0.0, KC_ERR_AUTH);
     }
+}
+
+/* Whether the signature would be taken. The MAC is computed last, and only if the rest is good. */
+static bool vouches(const kc_cmd_log_t *log, const kc_auth_known_t *k, const kc_auth_t *auth, uint64_t t_us,
+                    const kc_auth_text_t *text, uint32_t *macs)
+{
+    if (*macs == 0u || kc_counters_of(&log->counters, auth->key_id) == NULL) { return false; }
+    if (kc_auth_fresh(k, auth->counter, t_us) != KC_AUTH_GOOD) { return false; }
+    (*macs)--;
+    return kc_auth_check(&log->keys, auth, k, t_us, text) == KC_AUTH_GOOD;
+}
+
+bool kc_cmd_vouches(const kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, uint32_t *macs)
+{
+    uint8_t head[KC_SIGNED_HEAD_MAX];
+    if (!known_source(c->source)) { return false; }
+    const kc_auth_known_t k = known(log, v, KC_SIGNED_CMD, c->source, c->auth.key_id);
+    const kc_auth_text_t text = kc_signed_cmd(c, head);
+    return vouches(log, &k, &c->auth, c->t_us, &text, macs);
+}
+
+bool kc_cmd_vouches_chunk(const kc_cmd_log_t *log, const kc_view_t *v, const kc_chunk_t *c, uint32_t *macs)
+{
+    uint8_t head[KC_SIGNED_HEAD_MAX];
+    if (!known_source(c->source)) { return false; }
+    const kc_auth_known_t k = known(log, v, KC_SIGNED_CHUNK, c->source, c->auth.key_id);
+    const kc_auth_text_t text = kc_signed_chunk(c, head);
+    return vouches(log, &k, &c->auth, c->t_us, &text, macs);
 }
 
 static kc_answer_t by_number(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out)
 {
     uint32_t s = (uint32_t)c->source - 1u;
-    if (follows(log, v, s, c->seq)) {
-        log->seen[s] = true;
-        log->seq[s] = c->seq;
-        log->us[s] = v->clock->now_us;
-    } else if (c->opcode != KC_CMD_ABORT) {
+    if (!follows(log, v, s, c->seq)) {
         return kc_answer_refuse(&out->events, KC_EVT_CMD_STALE, c->source, (double)c->seq,
                                 (double)log->seq[s], KC_ERR_STALE);
     }
+    log->seen[s] = true;
+    log->seq[s] = c->seq;
+    log->us[s] = v->clock->now_us;
     return kc_answer_ok(KC_OC_STAY);
 }
 
 kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out)
 {
     uint8_t head[KC_SIGNED_HEAD_MAX];
-    bool is_signed = c->auth.key_id != 0u && c->opcode != KC_CMD_ABORT;
+    if (c->opcode == KC_CMD_ABORT) { return kc_answer_ok(KC_OC_STAY); }
     if (!known_source(c->source)) { return unknown_source(c->source, out); }
-    if (!is_signed && needs_no_signature(c->opcode)) { return by_number(log, v, c, out); }
+    if (c->auth.key_id == 0u && c->opcode == KC_CMD_NOOP) { return by_number(log, v, c, out); }
     kc_auth_text_t text = kc_signed_cmd(c, head);
-    return by_signature(log, KC_SIGNED_CMD, c->source, &c->auth, &text, out);
+    return by_signature(log, v, KC_SIGNED_CMD, c->source, &c->auth, c->t_us, &text, out);
 }
 
 void kc_cmd_answer(kc_cmd_log_t *log, const kc_cmd_t *c, const kc_answer_t *answer, kc_out_t *out)
@@ -192,18 +247,20 @@ kc_answer_t kc_cmd_table(kc_tables_t *tables, const kc_view_t *v, const kc_cmd_t
     return kc_answer_by(kc_tbl_validate(tables, kind, crc, &out->events), &out->events, mark, KC_OC_STAY);
 }
 
-static bool admit_chunk(kc_cmd_log_t *log, const kc_chunk_t *c, kc_out_t *out)
+static bool admit_chunk(kc_cmd_log_t *log, const kc_view_t *v, const kc_chunk_t *c, kc_out_t *out)
 {
     uint8_t head[KC_SIGNED_HEAD_MAX];
     if (!known_source(c->source)) { return unknown_source(c->source, out).status == KC_OK; }
     kc_auth_text_t text = kc_signed_chunk(c, head);
-    return by_signature(log, KC_SIGNED_CHUNK, c->source, &c->auth, &text, out).status == KC_OK;
+    kc_answer_t answer =
+        by_signature(log, v, KC_SIGNED_CHUNK, c->source, &c->auth, c->t_us, &text, out);
+    return answer.status == KC_OK;
 }
 
 void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *v, const kc_chunk_t *c,
                   kc_out_t *out)
 {
-    if (!admit_chunk(log, c, out)) { return; }
+    if (!admit_chunk(log, v, c, out)) { return; }
     if (!kc_cmd_tables_free(v)) {
         (void)busy(v, out);
     } else if (c->kind < 1 || c->kind >= (int32_t)KC_TBL_COUNT) {

@@ -6,22 +6,26 @@
 
 #include "kc_answer.h"
 #include "kc_app.h"
+#include "kc_counters.h"
 #include "kc_select.h"
 #include "kc_view.h"
 
 typedef struct {
     kc_keys_t keys;
-    uint64_t counter[KC_SIGNED_COUNT][KC_SOURCE_MAX]; /* of the last signed message taken */
+    kc_counters_t counters;
     int32_t seq[KC_SOURCE_MAX]; /* last number taken of a command without a signature */
     bool seen[KC_SOURCE_MAX];
     uint64_t us[KC_SOURCE_MAX]; /* elapsed time of the last number taken */
     uint32_t n_ok, n_refused;
 } kc_cmd_log_t;
 
-/* A signed command: MAC and counter. One without a signature, if it needs none: source and sequence. A counter or
- * number that is refused for another reason is used up. ABORT is taken as it comes: it only stops, and executed
- * twice it does what it does once. */
+/* A signed command: MAC, counter and stamp. A NOOP without a signature: source and sequence. A counter or number that is
+ * refused for another reason is used up. ABORT is taken as it comes, of any source: it only stops, and executed twice
+ * it does what it does once. */
 kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out);
+/* As kc_app_vouches_cmd and kc_app_vouches_chunk. */
+bool kc_cmd_vouches(const kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, uint32_t *macs);
+bool kc_cmd_vouches_chunk(const kc_cmd_log_t *log, const kc_view_t *v, const kc_chunk_t *c, uint32_t *macs);
 /* Answer a command, and count it. */
 void kc_cmd_answer(kc_cmd_log_t *log, const kc_cmd_t *c, const kc_answer_t *answer, kc_out_t *out);
 /* The command is not for this state. */

@@ -5,8 +5,10 @@
 #include "kc_codec.h"
 #include "kc_crc.h"
 
-#define JOURNAL_MAGIC 0x334A434Bu /* "KCJ3", little-endian */
-#define JOURNAL_CRC_AT (KC_JOURNAL_BYTES - 4u)
+#define JOURNAL_MAGIC 0x344A434Bu /* "KCJ4", little-endian */
+#define FORMER_MAGIC 0x334A434Bu  /* "KCJ3": counters that belong to no key */
+#define FORMER_BYTES 96u
+#define CRC_BYTES 4u
 
 /* The most that one step asks for: what is left of one change (three deletions), all of the next (five), the
  * journal, and a proposal that ABORT drops. */
@@ -32,11 +34,19 @@ void kc_journal_kin(kc_journal_images_t *images, const kc_active_t *a, kc_out_t 
     images->n_prev = store_kin(out, KC_STORE_PREV, &a->kin_prev, a->kin_prev_crc, images->prev);
 }
 
-/* The record: magic, fields, zeros, CRC-32 of all before it. */
-static void walk(kc_walk_t *w, kc_journal_t *j)
+static void walk_counted(kc_walk_t *w, kc_counted_t *k)
 {
-    uint32_t magic = JOURNAL_MAGIC;
-    kc_walk_u32(w, 0u, &magic, JOURNAL_MAGIC, JOURNAL_MAGIC);
+    for (uint32_t kind = 0u; kind < KC_SIGNED_COUNT; kind++) {
+        for (uint32_t s = 0u; s < KC_SOURCE_MAX; s++) {
+            kc_walk_u64(w, 14u, &k->last[kind][s], 0u, UINT64_MAX);
+        }
+    }
+}
+
+/* The record: magic, fields, zeros, CRC-32 of all before it. Counters of the former one are those of key 0. */
+static void walk(kc_walk_t *w, kc_journal_t *j, uint32_t magic)
+{
+    kc_walk_u32(w, 0u, &magic, magic, magic);
     kc_walk_u32(w, 1u, &j->state, 0u, (uint32_t)KC_ST_COUNT - 1u);
     kc_walk_u32(w, 2u, &j->session, 0u, UINT32_MAX);
     kc_walk_u32(w, 3u, &j->pose, 0u, KC_MEAS_MAX);
@@ -48,12 +58,16 @@ static void walk(kc_walk_t *w, kc_journal_t *j)
     kc_walk_u16(w, 9u, &j->seg_to, 0u, UINT16_MAX);
     kc_walk_u64(w, 10u, &j->t_us, 0u, UINT64_MAX);
     kc_walk_u32(w, 11u, &j->prev_crc, 0u, UINT32_MAX);
-    for (uint32_t kind = 0u; kind < KC_SIGNED_COUNT; kind++) {
-        for (uint32_t s = 0u; s < KC_SOURCE_MAX; s++) {
-            kc_walk_u64(w, 12u, &j->counter[kind][s], 0u, UINT64_MAX);
-        }
+    if (magic == FORMER_MAGIC) {
+        walk_counted(w, &j->counters.key[0]);
+        return;
     }
-    kc_walk_u32(w, 13u, &j->proposal_verdict, 0u, (uint32_t)KC_VERDICT_POOR);
+    for (uint32_t i = 0u; i < KC_KEY_MAX; i++) {
+        kc_walk_u32(w, 12u, &j->counters.key[i].key_id, 0u, UINT32_MAX);
+        kc_walk_u64(w, 13u, &j->counters.key[i].since_us, 0u, UINT64_MAX);
+        walk_counted(w, &j->counters.key[i]);
+    }
+    kc_walk_u32(w, 15u, &j->proposal_verdict, 0u, (uint32_t)KC_VERDICT_POOR);
 }
 
 static uint32_t le32(const uint8_t *b)
@@ -64,8 +78,8 @@ static uint32_t le32(const uint8_t *b)
 kc_status_t kc_journal_load(kc_journal_store_t *j, const uint8_t *data, uint32_t n)
 {
     if (j->found.boot_count != 0u) { return KC_ERR_STATE; }
-    if (n != KC_JOURNAL_BYTES) { return KC_ERR_FORMAT; }
-    if (kc_crc32(0u, data, JOURNAL_CRC_AT) != le32(&data[JOURNAL_CRC_AT])) { return KC_ERR_CRC; }
+    if (n != KC_JOURNAL_BYTES && n != FORMER_BYTES) { return KC_ERR_FORMAT; }
+    if (kc_crc32(0u, data, n - CRC_BYTES) != le32(&data[n - CRC_BYTES])) { return KC_ERR_CRC; }
     kc_journal_t found;
     memset(&found, 0, sizeof found);
     kc_walk_t w;
@@ -74,7 +88,7 @@ kc_status_t kc_journal_load(kc_journal_store_t *j, const uint8_t *data, uint32_t
     w.in = data;
     w.in_n = n;
     w.index = -1;
-    walk(&w, &found);
+    walk(&w, &found, n == FORMER_BYTES ? FORMER_MAGIC : JOURNAL_MAGIC);
     if (w.n_bad > 0u) { return KC_ERR_RANGE; }
     j->found = found;
     return KC_OK;
@@ -89,22 +103,34 @@ static void write_record(kc_journal_store_t *j)
     w.out = j->bytes;
     w.cap = KC_JOURNAL_BYTES;
     w.index = -1;
-    walk(&w, &j->last);
-    uint32_t crc = kc_crc32(0u, j->bytes, JOURNAL_CRC_AT);
-    for (uint32_t i = 0u; i < 4u; i++) { j->bytes[JOURNAL_CRC_AT + i] = (uint8_t)(crc >> (8u * i)); }
+    walk(&w, &j->last, JOURNAL_MAGIC);
+    uint32_t crc = kc_crc32(0u, j->bytes, KC_JOURNAL_BYTES - CRC_BYTES);
+    for (uint32_t i = 0u; i < CRC_BYTES; i++) {
+        j->bytes[KC_JOURNAL_BYTES - CRC_BYTES + i] = (uint8_t)(crc >> (8u * i));
+    }
 }
 
 static bool same_counters(const kc_journal_t *a, const kc_journal_t *b)
 {
-    return memcmp(a->counter, b->counter, sizeof a->counter) == 0;
+    bool same = true;
+    for (uint32_t i = 0u; i < KC_KEY_MAX; i++) {
+        const kc_counted_t *x = &a->counters.key[i], *y = &b->counters.key[i];
+        same = same && x->key_id == y->key_id && x->since_us == y->since_us &&
+               memcmp(x->last, y->last, sizeof x->last) == 0;
+    }
+    return same;
+}
+
+static bool same_names(const kc_journal_t *a, const kc_journal_t *b)
+{
+    return a->kin_crc == b->kin_crc && a->prev_crc == b->prev_crc && a->proposal_crc == b->proposal_crc;
 }
 
 static bool same(const kc_journal_t *a, const kc_journal_t *b)
 {
-    return same_counters(a, b) && a->state == b->state && a->session == b->session && a->pose == b->pose &&
-           a->boot_count == b->boot_count && a->kin_crc == b->kin_crc && a->prev_crc == b->prev_crc &&
-           a->proposal_crc == b->proposal_crc && a->candidate == b->candidate && a->seg_from == b->seg_from &&
-           a->seg_to == b->seg_to;
+    return same_counters(a, b) && same_names(a, b) && a->state == b->state && a->session == b->session &&
+           a->pose == b->pose && a->boot_count == b->boot_count && a->candidate == b->candidate &&
+           a->seg_from == b->seg_from && a->seg_to == b->seg_to;
 }
 
 void kc_journal_write(kc_journal_store_t *j, const kc_journal_t *now, kc_out_t *out)
@@ -124,7 +150,7 @@ void kc_journal_again(kc_journal_store_t *j, uint64_t due_us)
 void kc_journal_note(kc_journal_store_t *j, const kc_journal_t *now, uint64_t now_us, kc_out_t *out)
 {
     bool due = j->again && now_us >= j->due_us;
-    bool counted = !same_counters(now, &j->last);
+    bool twice = !same_counters(now, &j->last) || !same_names(now, &j->last);
     if (due || !same(now, &j->last)) { kc_journal_write(j, now, out); }
-    if (counted) { kc_journal_again(j, 0u); }
+    if (twice) { kc_journal_again(j, 0u); }
 }

@@ -5,6 +5,7 @@
 #include <stdbool.h>
 
 #include "kc_app.h"
+#include "kc_counters.h"
 
 /* Content of the journal. The three CRCs name what is in force: the correction, the one for rollback and the one
  * that waits for review (0: none). So one write puts a change in force that takes several files. */
@@ -14,7 +15,7 @@ typedef struct {
     int32_t candidate;
     uint16_t seg_from, seg_to;
     uint64_t t_us;
-    uint64_t counter[KC_SIGNED_COUNT][KC_SOURCE_MAX]; /* of the last signed messages taken */
+    kc_counters_t counters;
 } kc_journal_t;
 
 typedef struct {
@@ -43,7 +44,7 @@ void kc_journal_write(kc_journal_store_t *j, const kc_journal_t *now, kc_out_t *
 /* Store it once more from due_us on, since it could not be stored, or to have a second copy. */
 void kc_journal_again(kc_journal_store_t *j, uint64_t due_us);
 /* Store `now` if more than the time differs from what was stored last, or if it has to be stored again. New
- * counters are stored twice, so that the older copy of the record has them too. */
+ * counters, and other names of what is in force, are stored twice, so that the older copy of the record has them too. */
 void kc_journal_note(kc_journal_store_t *j, const kc_journal_t *now, uint64_t now_us, kc_out_t *out);
 
 #endif

@@ -23,11 +23,13 @@ static void forget(kc_review_t *r, kc_out_t *out)
     kc_journal_store(out, KC_STORE_PROPOSAL, r->image, 0u);
 }
 
-void kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_out_t *out)
+kc_status_t kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_out_t *out)
 {
-    (void)kc_tbl_set_kin(tables, &r->kin, &out->events); /* it fitted, and tables cannot have changed since */
+    kc_status_t st = kc_tbl_set_kin(tables, &r->kin, &out->events);
+    if (st != KC_OK) { return st; }
     forget(r, out);
     kc_event(&out->events, KC_EVT_COR_ACTIVE, -1, (double)tables->active.crc[KC_TBL_KIN], 0.0);
+    return KC_OK;
 }
 
 void kc_review_drop(kc_review_t *r, kc_out_t *out)

@@ -21,8 +21,9 @@ typedef struct {
 uint32_t kc_review_encode(kc_review_t *r, const kc_kin_t *kin, kc_verdict_t verdict);
 /* The correction that was encoded waits for the ground from now on. */
 void kc_review_wait(kc_review_t *r, kc_out_t *out);
-/* Put the correction in force, the old one kept; nothing waits any more. Everything is stored already. */
-void kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_out_t *out);
+/* Put the correction in force, the old one kept; nothing waits any more. Everything is stored already. KC_ERR_* as
+ * kc_tbl_set_kin: it waits on, nothing changed. */
+kc_status_t kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_out_t *out);
 /* Forget it, with an event; nothing happens if none waits. */
 void kc_review_drop(kc_review_t *r, kc_out_t *out);
 /* ARMED: EXPIRE when the second step does not come. */

@@ -97,8 +97,8 @@ kc_journal_t kc_sequence_record(const kc_app_t *app)
         .seg_from = app->move.seg_from,
         .seg_to = app->move.seg_to,
         .t_us = app->clock.clock_us,
+        .counters = app->cmd_log.counters,
     };
-    memcpy(now.counter, app->cmd_log.counter, sizeof now.counter);
     return now;
 }
 
@@ -125,8 +125,9 @@ static kc_outcome_t propose(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     return oc;
 }
 
-static kc_outcome_t store(kc_app_t *app, kc_out_t *out)
+static kc_outcome_t store(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
+    if (app->change.kind == KC_CHANGE_PUT_BACK) { kc_work_spend(work, KC_CHANGE_BACK_COST); }
     kc_change_parts_t parts = change_parts(app);
     kc_change_run(&app->change, &parts, out);
     return kc_outcome(KC_OC_STAY);
@@ -156,7 +157,7 @@ static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     case KC_ST_REPORT: return kc_update_report(&app->learned, v, work, out);
     case KC_ST_SELECT: return select_next(app, work, out);
     case KC_ST_PROPOSE: return propose(app, work, out);
-    case KC_ST_STORE: return store(app, out);
+    case KC_ST_STORE: return store(app, work, out);
     case KC_ST_ARMED: return kc_review_armed(&app->review, v, out);
     default: return kc_outcome(KC_OC_STAY); /* IDLE, REVIEW and SAFE wait for commands */
     }

@@ -29,6 +29,13 @@ static int64_t clock_us(clockid_t id)
     return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
 }
 
+/* MACs that may be computed until the next step. */
+static void renew(kc_edge_t *e)
+{
+    e->macs_cmd = KC_EDGE_MACS_CMD;
+    e->macs_chunk = KC_EDGE_MACS_CHUNK;
+}
+
 /* In live mode every message is due at once, whatever clock stamped it. */
 static int64_t stamp(const kc_edge_t *e, int64_t t_us) { return e->live ? INT64_MIN : t_us; }
 
@@ -40,13 +47,20 @@ static int64_t stamp(const kc_edge_t *e, int64_t t_us) { return e->live ? INT64_
         return;                                                                     \
     }
 
+/* Whether a holder of a key sent it, by the order of its queue. */
+#define VOUCHED_TURN kc_app_vouches_cmd(e->app, &m, &e->macs_cmd)
+#define VOUCHED_PLACE kc_app_vouches_chunk(e->app, &m, &e->macs_chunk)
+#define VOUCHED_SEQ false
+
 #define ON_QUEUED(CHANNEL, member, message, copied, order, step, room)                                      \
     static void on_##member(const lcm_recv_buf_t *buf, const char *channel, void *user)                     \
     {                                                                                                       \
         static kc_##message##_t m;                                                                          \
         DECODE(message##_t, member)                                                                         \
         kc_wire_##member(&s_rx.member, &m);                                                                 \
-        if (!kc_queue_##member(&e->queue, stamp(e, s_rx.member.t_us), e->now_us, &m)) { e->n_rx_errors++; } \
+        if (!kc_queue_##member(&e->queue, stamp(e, s_rx.member.t_us), e->now_us, &m, VOUCHED_##order)) {    \
+            e->n_rx_errors++;                                                                               \
+        }                                                                                                   \
     }
 #define ON_NEWEST(CHANNEL, member, message, copied)                                     \
     static void on_##member(const lcm_recv_buf_t *buf, const char *channel, void *user) \
@@ -82,6 +96,7 @@ bool kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *ap
     e->files = files;
     e->app = app;
     e->live = live;
+    renew(e);
     e->lcm = lcm_create(url);
     if (e->lcm == NULL) {
         (void)fprintf(stderr, "kincal-fsw: no LCM network at %s\n", url);
@@ -165,6 +180,7 @@ void kc_edge_step(kc_edge_t *e, int64_t now_us)
     e->now_us = now_us;
     e->in.n_rx_errors = e->n_rx_errors;
     kc_queue_take(&e->queue, now_us, &e->in);
+    renew(e);
     kc_app_step(e->app, (uint64_t)(now_us > 0 ? now_us : 0), &e->in, &e->out);
     memset(&e->in, 0, sizeof e->in);
     store_all(e);

@@ -8,24 +8,67 @@ static bool ahead(int64_t t_us, int64_t now_us)
     return t_us > now_us && (uint64_t)t_us - (uint64_t)now_us > KC_Q_AHEAD_US;
 }
 
-/* The quota of a command: that of its source, 0 for all unknown ones. */
-static uint32_t account(const kc_cmd_t *m)
+/* ---- accounts of KC_IN_LIST: whose room a message takes ---- */
+
+#define NO_ROOM UINT32_MAX
+#define CHUNKS_VOUCHED 1u
+
+static bool same_signature(const kc_auth_t *a, const kc_auth_t *b)
 {
-    return m->source >= 1 && m->source <= (int32_t)KC_SOURCE_MAX ? (uint32_t)m->source : 0u;
+    return a->key_id == b->key_id && a->counter == b->counter;
 }
 
-static uint32_t room(const kc_queue_t *q, const kc_cmd_t *m)
+/* How many of an account wait. *copy: whether m is one of them already. */
+static uint32_t cmds(const kc_queue_t *q, uint32_t account, const kc_cmd_t *m, bool *copy)
 {
     uint32_t n = 0u;
-    uint32_t most = KC_Q_CMD_QUOTA;
-    if (m->opcode == KC_CMD_ABORT && account(m) != 0u) { most += KC_Q_CMD_ABORTS; }
-    for (uint32_t i = 0u; i < q->n_cmd; i++) { n += account(&q->cmd[i].m) == account(m); }
-    return n < most ? most - n : 0u;
+    for (uint32_t i = 0u; i < q->n_cmd; i++) {
+        if (q->cmd[i].account != account) { continue; }
+        n++;
+        *copy = *copy || same_signature(&q->cmd[i].m.auth, &m->auth);
+    }
+    return n;
 }
 
-static bool over_quota(const kc_queue_t *q, const kc_cmd_t *m) { return room(q, m) == 0u; }
+static uint32_t chunks(const kc_queue_t *q, uint32_t account, const kc_chunk_t *m, bool *copy)
+{
+    uint32_t n = 0u;
+    for (uint32_t i = 0u; i < q->n_chunk; i++) {
+        const kc_chunk_t *o = &q->chunk[i].m;
+        if (q->chunk[i].account != account) { continue; }
+        n++;
+        *copy = *copy || (o->source == m->source && same_signature(&o->auth, &m->auth));
+    }
+    return n;
+}
 
-/* ---- orders of KC_IN_LIST: what is before what, what is refused besides when the queue is full ---- */
+static uint32_t account_of_cmd(const kc_queue_t *q, const kc_cmd_t *m, bool vouched)
+{
+    bool copy = false, any = false;
+    if (vouched) {
+        uint32_t own = (uint32_t)m->source, n = cmds(q, own, m, &copy);
+        if (!copy && n < KC_Q_CMD_QUOTA) { return own; }
+        if (!copy && m->opcode != KC_CMD_ABORT) { return NO_ROOM; }
+    }
+    uint32_t shared = m->opcode == KC_CMD_ABORT ? KC_Q_ABORTS : KC_Q_OTHERS;
+    return cmds(q, shared, m, &any) < KC_Q_CMD_QUOTA ? shared : NO_ROOM;
+}
+
+static uint32_t account_of_chunk(const kc_queue_t *q, const kc_chunk_t *m, bool vouched)
+{
+    bool copy = false, any = false;
+    if (vouched) {
+        uint32_t n = chunks(q, CHUNKS_VOUCHED, m, &copy);
+        if (!copy) { return n < KC_Q_CHUNK - KC_Q_CHUNK_OTHERS ? CHUNKS_VOUCHED : NO_ROOM; }
+    }
+    return chunks(q, KC_Q_OTHERS, m, &any) < KC_Q_CHUNK_OTHERS ? KC_Q_OTHERS : NO_ROOM;
+}
+
+#define ACCOUNT_TURN(q, m, vouched) account_of_cmd((q), (m), (vouched))
+#define ACCOUNT_PLACE(q, m, vouched) account_of_chunk((q), (m), (vouched))
+#define ACCOUNT_SEQ(q, m, vouched) ((q)->n_det < KC_Q_DET ? KC_Q_OTHERS : NO_ROOM)
+
+/* ---- orders of KC_IN_LIST: what is before what ---- */
 
 /* Order of two messages: by the first pair of keys that differs. */
 static bool before(const int64_t *a, const int64_t *b, uint32_t n)
@@ -36,39 +79,54 @@ static bool before(const int64_t *a, const int64_t *b, uint32_t n)
     return false;
 }
 
+/* ABORT that nobody vouches for comes last in a step, so that nothing that was sent before it follows it; and a place in
+ * the step is kept for it. */
+static int64_t late(const uint32_t *taken, uint32_t account)
+{
+    uint32_t n = 0u;
+    if (account != KC_Q_ABORTS) { return 0; }
+    for (uint32_t i = 0u; i < KC_Q_ACCOUNTS; i++) { n += taken[i]; }
+    return n + 1u >= KC_CMD_QUEUE_MAX ? -1 : 1;
+}
+
 /* taken: commands of each account in this step; the one with the fewest comes next. */
-static bool turn_before(const uint32_t *taken, const kc_cmd_t *m, const kc_cmd_t *o)
+static bool turn_before(const uint32_t *taken, uint32_t m_account, const kc_cmd_t *m, uint32_t o_account,
+                        const kc_cmd_t *o)
 {
     int32_t later = (int32_t)((uint32_t)m->seq - (uint32_t)o->seq); /* numbers wrap */
-    const int64_t a[3] = {taken[account(m)], m->source, later};
-    const int64_t b[3] = {taken[account(o)], o->source, 0};
-    return before(a, b, 3u);
+    const int64_t a[4] = {late(taken, m_account), taken[m_account], m->source, later};
+    const int64_t b[4] = {late(taken, o_account), taken[o_account], o->source, 0};
+    return before(a, b, 4u);
 }
 
-static bool place_before(int64_t m_us, const kc_chunk_t *m, int64_t o_us, const kc_chunk_t *o)
+/* What is vouched for comes first. */
+static bool place_before(uint32_t m_account, int64_t m_us, const kc_chunk_t *m, uint32_t o_account,
+                         int64_t o_us, const kc_chunk_t *o)
 {
-    const int64_t a[3] = {m_us, m->kind, m->offset};
-    const int64_t b[3] = {o_us, o->kind, o->offset};
-    return before(a, b, 3u);
+    const int64_t a[4] = {-(int64_t)m_account, m_us, m->kind, m->offset};
+    const int64_t b[4] = {-(int64_t)o_account, o_us, o->kind, o->offset};
+    return before(a, b, 4u);
 }
 
-#define BEFORE_TURN(taken, a, b) turn_before((taken), &(a)->m, &(b)->m)
-#define BEFORE_PLACE(taken, a, b) place_before((a)->t_us, &(a)->m, (b)->t_us, &(b)->m)
+#define BEFORE_TURN(taken, a, b) turn_before((taken), (a)->account, &(a)->m, (b)->account, &(b)->m)
+#define BEFORE_PLACE(taken, a, b) \
+    place_before((a)->account, (a)->t_us, &(a)->m, (b)->account, (b)->t_us, &(b)->m)
 #define BEFORE_SEQ(taken, a, b) ((a)->m.seq < (b)->m.seq)
-#define REFUSED_TURN(q, m) over_quota((q), (m))
-#define REFUSED_PLACE(q, m) false
-#define REFUSED_SEQ(q, m) false
-#define TOOK_TURN(taken, m) (taken)[account(m)]++;
-#define TOOK_PLACE(taken, m)
-#define TOOK_SEQ(taken, m)
+#define TOOK_TURN(taken, account) (taken)[account]++;
+#define TOOK_PLACE(taken, account)
+#define TOOK_SEQ(taken, account)
 
 /* ---- the queues of the list ---- */
 
 #define PUT(CHANNEL, member, message, copied, order, step, room)                                       \
-    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m)     \
+    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m,     \
+                           bool vouched)                                                               \
     {                                                                                                  \
-        if (q->n_##member >= (room) || REFUSED_##order(q, m) || ahead(t_us, now_us)) { return false; } \
+        (void)vouched;                                                                                 \
+        uint32_t account = ahead(t_us, now_us) ? NO_ROOM : ACCOUNT_##order(q, m, vouched);             \
+        if (account == NO_ROOM || q->n_##member >= (room)) { return false; }                           \
         q->member[q->n_##member].t_us = t_us;                                                          \
+        q->member[q->n_##member].account = account;                                                    \
         q->member[q->n_##member++].m = *m;                                                             \
         return true;                                                                                   \
     }
@@ -92,11 +150,11 @@ KC_IN_LIST(FIRST, KC_Q_NONE_)
 
 #define TAKE(CHANNEL, member, message, copied, order, step, room)                               \
     while (in->n_##member < (step) && (i = first_##member(q, now_us, taken)) < q->n_##member) { \
-        TOOK_##order(taken, &q->member[i].m) in->member[in->n_##member++] = q->member[i].m;     \
+        TOOK_##order(taken, q->member[i].account) in->member[in->n_##member++] = q->member[i].m;     \
         q->member[i] = q->member[--q->n_##member];                                              \
     }
 void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in)
 {
-    uint32_t i, taken[KC_SOURCE_MAX + 1u] = {0u};
+    uint32_t i, taken[KC_Q_ACCOUNTS] = {0u};
     KC_IN_LIST(TAKE, KC_Q_NONE_)
 }

@@ -71,6 +71,7 @@ typedef struct {
     uint32_t store_retries; /* what could not be stored is tried this many times more */
     uint64_t store_retry_us; /* from a failure to the next try */
     uint64_t approval_timeout_us; /* APPROVE_GO must follow APPROVE_ARM in this time */
+    uint64_t signed_age_max_us; /* largest difference between the stamp of a signed message and the clock */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

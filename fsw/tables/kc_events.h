@@ -63,7 +63,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(5, BOOT_LOST, ERROR,                                                                                   \
       "{index:store} CRC {want:crc} was in force and is not in the store; CRC {got:crc} is in force now",    \
       "CRC 00000000: none. Upload the KIN table that shall be active, or calibrate again.")                  \
-    X(6, BOOT_NO_KEYS, WARN, "no keys: only NOOP, ABORT and TABLE_DUMP are taken",                           \
+    X(6, BOOT_NO_KEYS, WARN, "no keys: only NOOP and ABORT are taken",                                       \
       "Start kincal-fsw with --keys FILE; `kincal key new` makes the file.")                                 \
     X(7, CMD_KEY, ERROR, "message from {index:source} refused: key {got:count} is not known here",           \
       "Give sender and flight the same key file; flight reads it when it starts.")                           \
@@ -276,7 +276,24 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(111, TBL_SPACE_NARROW, ERROR,                                                                          \
       "SPACE refused: with {index:coefficient} of the active TERMS the arm may be off by {got:number} (rad " \
       "or m) at one place; this SPACE was verified for {want:number} there",                                 \
-      "Activate TERMS with bounds inside those of this SPACE and a tenth first; or verify it for more.")
+      "Activate TERMS with bounds inside those of this SPACE and a tenth first; or verify it for more.")     \
+    X(130, BOOT_FIRST, INFO, "no journal in the store: signed messages made before this start are refused",  \
+      "None at the very first start. Otherwise the store was lost: check which tables are in force.")        \
+    X(131, BOOT_JOURNAL, ERROR,                                                                              \
+      "no copy of the journal can be read: signed messages made before this start are refused",              \
+      "Check which correction is in force. If flight's clock may have been wrong, change the key as well.")  \
+    X(132, CMD_OLD, ERROR,                                                                                   \
+      "message from {index:source} refused: made {got:s} before now, allowed {want:s} before or after",      \
+      "Send it anew, stamped with the time of flight's newest housekeeping; compare both clocks.")           \
+    X(133, CMD_BEFORE, ERROR,                                                                                \
+      "message from {index:source} refused: made at {got:s}, messages of its key count from {want:s} on",    \
+      "Recorded before the journal was lost or its key was new here. If you did send it now: send it anew.") \
+    X(134, CMD_COUNTER, ERROR,                                                                               \
+      "message from {index:source} refused: its counter {got:count} is wild, largest allowed {want:count}",  \
+      "The sender's count is damaged: delete FILE.count*, and it begins at the clock.")                      \
+    X(135, CHANGE_FAILED, ERROR,                                                                             \
+      "{index:store} was stored and could not be put in force ({got:status}); all stays as it was",          \
+      "Its copy in memory is damaged. Send what it needs again; if that fails again, restart flight.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

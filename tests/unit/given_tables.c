@@ -179,6 +179,7 @@ void given_config(kc_config_t *c)
     c->store_retries = 2u;
     c->store_retry_us = 1000000u;
     c->approval_timeout_us = 600000000u;
+    c->signed_age_max_us = 3600000000u;
 }
 
 /* Joints spread over the middle of the limits by a low-discrepancy sequence. */

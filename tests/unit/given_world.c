@@ -342,6 +342,7 @@ static void listen(void)
 void world_sign_cmd(kc_cmd_t *c)
 {
     uint8_t head[KC_SIGNED_HEAD_MAX];
+    if (c->t_us == 0u) { c->t_us = (uint64_t)((int64_t)world.now_us + world.skew_us); }
     c->auth.key_id = world.keys.key[0].id;
     c->auth.counter = ++world.counter;
     kc_auth_text_t text = kc_signed_cmd(c, head);
@@ -353,6 +354,7 @@ void world_sign_chunk(kc_chunk_t *c)
 {
     uint8_t head[KC_SIGNED_HEAD_MAX];
     if (c->source == 0) { c->source = KC_SRC_GROUND; }
+    if (c->t_us == 0u) { c->t_us = (uint64_t)((int64_t)world.now_us + world.skew_us); }
     c->auth.key_id = world.keys.key[0].id;
     c->auth.counter = ++world.counter;
     kc_auth_text_t text = kc_signed_chunk(c, head);
@@ -361,7 +363,7 @@ void world_sign_chunk(kc_chunk_t *c)
 
 static bool open_to_all(const kc_cmd_t *c)
 {
-    return c->opcode == KC_CMD_NOOP || c->opcode == KC_CMD_ABORT || c->opcode == KC_CMD_TABLE_DUMP;
+    return c->opcode == KC_CMD_NOOP || c->opcode == KC_CMD_ABORT;
 }
 
 static void sign_all(void)

@@ -50,6 +50,13 @@ static kc_auth_t given_signed(const kc_key_t *key, uint64_t counter)
     return a;
 }
 
+/* With this counter taken last, and no bounds on the stamp. */
+static kc_auth_verdict_t check(const kc_keys_t *keys, const kc_auth_t *a, uint64_t last, const kc_auth_text_t *text)
+{
+    const kc_auth_known_t known = {.last = last, .clock_us = 1000u};
+    return kc_auth_check(keys, a, &known, 0u, text);
+}
+
 void test_macs_are_those_of_another_implementation(void)
 {
     const kc_keys_t keys = given_keys();
@@ -66,9 +73,9 @@ void test_either_key_is_good_with_a_higher_counter(void)
     const kc_keys_t keys = given_keys();
     for (uint32_t k = 0u; k < 2u; k++) {
         kc_auth_t a = given_signed(&keys.key[k], 8u);
-        TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_check(&keys, &a, 7u, &s_text));
-        TEST_ASSERT_EQUAL_INT(KC_AUTH_REPLAYED, kc_auth_check(&keys, &a, 8u, &s_text));
-        TEST_ASSERT_EQUAL_INT(KC_AUTH_REPLAYED, kc_auth_check(&keys, &a, UINT64_MAX, &s_text));
+        TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, check(&keys, &a, 7u, &s_text));
+        TEST_ASSERT_EQUAL_INT(KC_AUTH_REPLAYED, check(&keys, &a, 8u, &s_text));
+        TEST_ASSERT_EQUAL_INT(KC_AUTH_REPLAYED, check(&keys, &a, UINT64_MAX, &s_text));
     }
 }
 
@@ -77,12 +84,12 @@ void test_what_is_not_signed_or_with_an_unknown_key_has_a_verdict_of_its_own(voi
     kc_keys_t keys = given_keys();
     kc_auth_t a = given_signed(&keys.key[1], 8u);
     keys.n = 1u; /* the second is retired */
-    TEST_ASSERT_EQUAL_INT(KC_AUTH_UNKNOWN_KEY, kc_auth_check(&keys, &a, 0u, &s_text));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_UNKNOWN_KEY, check(&keys, &a, 0u, &s_text));
     keys.n = 0u;
     a.key_id = keys.key[0].id;
-    TEST_ASSERT_EQUAL_INT(KC_AUTH_UNKNOWN_KEY, kc_auth_check(&keys, &a, 0u, &s_text));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_UNKNOWN_KEY, check(&keys, &a, 0u, &s_text));
     a.key_id = 0u;
-    TEST_ASSERT_EQUAL_INT(KC_AUTH_UNSIGNED, kc_auth_check(&keys, &a, 0u, &s_text));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_UNSIGNED, check(&keys, &a, 0u, &s_text));
 }
 
 void test_a_mac_of_another_key_and_one_with_any_bit_flipped_is_forged(void)
@@ -90,14 +97,14 @@ void test_a_mac_of_another_key_and_one_with_any_bit_flipped_is_forged(void)
     const kc_keys_t keys = given_keys();
     kc_auth_t a = given_signed(&keys.key[1], 8u);
     a.key_id = keys.key[0].id;
-    TEST_ASSERT_EQUAL_INT(KC_AUTH_FORGED, kc_auth_check(&keys, &a, 0u, &s_text));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_FORGED, check(&keys, &a, 0u, &s_text));
     a = given_signed(&keys.key[0], 8u);
     for (uint32_t bit = 0u; bit < 8u * KC_MAC_BYTES; bit++) {
         a.mac[bit / 8u] ^= (uint8_t)(1u << bit % 8u);
-        TEST_ASSERT_EQUAL_INT(KC_AUTH_FORGED, kc_auth_check(&keys, &a, 0u, &s_text));
+        TEST_ASSERT_EQUAL_INT(KC_AUTH_FORGED, check(&keys, &a, 0u, &s_text));
         a.mac[bit / 8u] ^= (uint8_t)(1u << bit % 8u);
     }
-    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_check(&keys, &a, 0u, &s_text));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, check(&keys, &a, 0u, &s_text));
 }
 
 void test_a_text_with_any_bit_flipped_or_cut_off_is_forged(void)
@@ -108,14 +115,55 @@ void test_a_text_with_any_bit_flipped_or_cut_off_is_forged(void)
         uint32_t at = bit / 8u;
         uint8_t *byte = at < s_text.n_head ? &s_head[at] : &s_body[at - s_text.n_head];
         *byte ^= (uint8_t)(1u << bit % 8u);
-        TEST_ASSERT_EQUAL_INT(KC_AUTH_FORGED, kc_auth_check(&keys, &a, 0u, &s_text));
+        TEST_ASSERT_EQUAL_INT(KC_AUTH_FORGED, check(&keys, &a, 0u, &s_text));
         *byte ^= (uint8_t)(1u << bit % 8u);
     }
     for (uint32_t n = 0u; n < s_text.n_body; n++) {
         const kc_auth_text_t less = {s_head, s_body, s_text.n_head, n};
-        TEST_ASSERT_EQUAL_INT(KC_AUTH_FORGED, kc_auth_check(&keys, &a, 0u, &less));
+        TEST_ASSERT_EQUAL_INT(KC_AUTH_FORGED, check(&keys, &a, 0u, &less));
     }
-    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_check(&keys, &a, 0u, &s_text));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, check(&keys, &a, 0u, &s_text));
+}
+
+void test_counters_step_by_less_than_a_wild_one(void)
+{
+    const kc_auth_known_t known = {.last = 7u};
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_REPLAYED, kc_auth_fresh(&known, 7u, 0u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_fresh(&known, 8u, 0u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_fresh(&known, 7u + KC_AUTH_JUMP_MAX, 0u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_JUMPED, kc_auth_fresh(&known, 8u + KC_AUTH_JUMP_MAX, 0u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_JUMPED, kc_auth_fresh(&known, UINT64_MAX, 0u));
+    /* a sender that lost its count begins at the clock: 2100 is within reach of none at all */
+    TEST_ASSERT_TRUE(KC_AUTH_JUMP_MAX > 130ull * 365u * 86400u * 1000000u);
+}
+
+void test_a_stamp_counts_from_a_time_on_and_within_an_age_of_now(void)
+{
+    const kc_auth_known_t known = {.since_us = 500u, .clock_us = 1000u, .age_max_us = 300u};
+    const kc_auth_known_t ageless = {.since_us = 500u, .clock_us = 1000u};
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_BEFORE, kc_auth_fresh(&known, 1u, 499u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_OLD, kc_auth_fresh(&known, 1u, 699u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_fresh(&known, 1u, 700u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_fresh(&known, 1u, 1300u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_OLD, kc_auth_fresh(&known, 1u, 1301u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_OLD, kc_auth_fresh(&known, 1u, UINT64_MAX));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_BEFORE, kc_auth_fresh(&ageless, 1u, 499u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_fresh(&ageless, 1u, 500u));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_fresh(&ageless, 1u, UINT64_MAX));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_REPLAYED, kc_auth_fresh(&known, 0u, 1000u));
+}
+
+/* The stamp of a message without a good MAC says nothing. */
+void test_counter_and_stamp_are_judged_behind_the_mac(void)
+{
+    const kc_keys_t keys = given_keys();
+    const kc_auth_known_t known = {.since_us = 500u, .clock_us = 1000u, .age_max_us = 300u};
+    kc_auth_t a = given_signed(&keys.key[0], 8u);
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_BEFORE, kc_auth_check(&keys, &a, &known, 0u, &s_text));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_OLD, kc_auth_check(&keys, &a, &known, 2000u, &s_text));
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_GOOD, kc_auth_check(&keys, &a, &known, 1000u, &s_text));
+    a.mac[3] ^= 1u;
+    TEST_ASSERT_EQUAL_INT(KC_AUTH_FORGED, kc_auth_check(&keys, &a, &known, 0u, &s_text));
 }
 
 void test_longer_texts_cost_more(void)

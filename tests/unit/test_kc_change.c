@@ -449,3 +449,156 @@ void test_a_command_that_was_answered_is_not_answered_again_by_an_abort(void)
         TEST_ASSERT_EQUAL_UINT32(n + 1u, world.n_acks);
     }
 }
+
+/* ---- stored, and then it cannot be put in force: its copy in memory has changed meanwhile ---- */
+
+static void was_not_made(int32_t kind, int32_t status)
+{
+    TEST_ASSERT_EQUAL_INT(status, world.ack.status);
+    TEST_ASSERT_EQUAL_INT(KC_EVT_CHANGE_FAILED, world.ack.event_id);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CHANGE_FAILED));
+    TEST_ASSERT_EQUAL_INT(kind, world.last[KC_EVT_CHANGE_FAILED].index);
+    TEST_ASSERT_EQUAL_DOUBLE((double)status, world.last[KC_EVT_CHANGE_FAILED].got);
+}
+
+void test_an_approval_that_cannot_be_made_is_answered_so_and_the_old_correction_stays(void)
+{
+    armed();
+    uint32_t n = world.n_acks, accepted = APP->cmd_log.n_ok;
+    asked(KC_CMD_APPROVE_GO);
+    TEST_ASSERT_EQUAL_UINT32(n, world.n_acks);
+    APP->review.kin.terms_crc ^= 1u;
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(n + 1u, world.n_acks);
+    TEST_ASSERT_EQUAL_UINT32(accepted, APP->cmd_log.n_ok);
+    was_not_made(KC_TBL_KIN, KC_ERR_STATE);
+    expect_in_force(s_before, s_crc, KC_ST_REVIEW);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ACTIVE));
+    world_ticks(3u);
+    for (int newest_lost = 0; newest_lost < 2; newest_lost++) { /* the store says the same, both copies of it */
+        if (newest_lost) { world.stored[KC_STORE_JOURNAL][0] = 0u; }
+        world_restart();
+        world_tick();
+        expect_in_force(s_before, s_crc, KC_ST_REVIEW);
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_ARM, (int32_t)s_crc, 0, 0));
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_APPROVE_GO, (int32_t)s_crc, 0, 0));
+    expect_in_force(s_crc, 0u, KC_ST_IDLE);
+}
+
+void test_a_rollback_that_cannot_be_made_is_answered_so_and_nothing_is_rolled_back(void)
+{
+    approved();
+    world_ticks(3u);
+    asked(KC_CMD_ROLLBACK);
+    APP->tables.active.kin_prev_crc = 0u;
+    world_tick();
+    was_not_made(KC_TBL_KIN, KC_ERR_STATE);
+    TEST_ASSERT_EQUAL_UINT32(s_crc, active_crc());
+    TEST_ASSERT_TRUE(world.stored[KC_STORE_PREV][0] > 0u); /* the copy is not deleted */
+    world_ticks(3u);
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(s_crc, active_crc());
+}
+
+static void spoil_staged(void)
+{
+    for (uint32_t i = 0u; i < 10u && kc_app_state(APP) != KC_ST_STORE; i++) { world_tick(); }
+    APP->tables.staging.image[40] ^= 1u;
+}
+
+static void stage_config(void)
+{
+    static uint8_t image[KC_IMAGE_MAX];
+    world.config.n_poses = 9u;
+    uint32_t n = given_image(KC_TBL_CONFIG, &world.config, image);
+    world.config.n_poses = 8u;
+    world.in.chunk[0] = (kc_chunk_t){.kind = KC_TBL_CONFIG, .total = n, .n = n};
+    memcpy(world.in.chunk[0].data, image, n);
+    world.in.n_chunk = 1u;
+    world_tick();
+    s_crc = kc_tbl_image_crc(image, n);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_VALIDATE, KC_TBL_CONFIG, (int32_t)s_crc, 0));
+}
+
+/* The journal does not name it: the active one has to be stored over it. */
+void test_a_table_that_cannot_be_made_is_taken_out_of_the_store_before_it_is_answered(void)
+{
+    for (int safe = 0; safe < 2; safe++) {
+        setUp();
+        world_boot();
+        world_tick();
+        if (safe) { (void)world_do(KC_CMD_ABORT, 0, 0, 0); }
+        uint32_t before = kc_app_active(APP)->crc[KC_TBL_CONFIG];
+        stage_config();
+        uint32_t n = world.n_acks;
+        (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, (int32_t)s_crc, 0);
+        spoil_staged();
+        TEST_ASSERT_EQUAL_HEX32(s_crc, kc_tbl_image_crc(world.store[KC_TBL_CONFIG][0], 16u));
+        world_tick(); /* it fails */
+        TEST_ASSERT_EQUAL_UINT32(n, world.n_acks);
+        TEST_ASSERT_TRUE(world_stored(10u));
+        TEST_ASSERT_EQUAL_UINT32(n + 1u, world.n_acks);
+        was_not_made(KC_TBL_CONFIG, KC_ERR_CRC);
+        TEST_ASSERT_EQUAL_INT(safe ? KC_ST_SAFE : KC_ST_IDLE, kc_app_state(APP));
+        TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
+        TEST_ASSERT_EQUAL_HEX32(before, kc_app_active(APP)->crc[KC_TBL_CONFIG]);
+        TEST_ASSERT_EQUAL_HEX32(before, kc_tbl_image_crc(world.store[KC_TBL_CONFIG][0], 16u));
+        world_restart();
+        world_tick();
+        TEST_ASSERT_EQUAL_HEX32(before, kc_app_active(APP)->crc[KC_TBL_CONFIG]);
+        TEST_ASSERT_EQUAL_UINT32(8u, kc_app_active(APP)->config.n_poses);
+    }
+}
+
+void test_a_table_that_cannot_be_made_and_replaces_none_is_deleted(void)
+{
+    world_boot();
+    world_tick();
+    stage_config();
+    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, (int32_t)s_crc, 0);
+    spoil_staged();
+    APP->tables.active.crc[KC_TBL_CONFIG] = 0u;
+    TEST_ASSERT_TRUE(world_stored(10u));
+    was_not_made(KC_TBL_CONFIG, KC_ERR_CRC);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.stored[KC_TBL_CONFIG][0] + world.stored[KC_TBL_CONFIG][1]);
+}
+
+/* The answer stays that of the failure, and the store's is an event. */
+void test_a_table_that_cannot_be_put_back_either_is_tried_as_often_as_any_change(void)
+{
+    world_boot();
+    world_tick();
+    stage_config();
+    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, (int32_t)s_crc, 0);
+    spoil_staged();
+    world.store_fails = -1;
+    world.store_fails_kind = KC_TBL_CONFIG;
+    TEST_ASSERT_TRUE(world_stored(60u));
+    was_not_made(KC_TBL_CONFIG, KC_ERR_CRC);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_STORE_REFUSED));
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, world.last[KC_EVT_STORE_REFUSED].want);
+    TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, APP->tables.staging.state);
+}
+
+/* What was accepted on board and cannot be made waits for the ground. */
+void test_a_correction_accepted_on_board_that_cannot_be_made_waits_for_the_ground(void)
+{
+    world.truth.joint[6].phi_rad = 0.01;
+    world.config.n_poses = 16u;
+    world.config.accept_on_board = 1u;
+    world.config.accept_change_max_pos_m = 0.01;
+    world.config.accept_sigma_max_pos_m = 0.01;
+    world.config.accept_p_fit_min = 1e-6;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_STORE, 4000u));
+    for (uint32_t i = 0u; i < 10u && stored_in_step(KC_STORE_JOURNAL) == NULL; i++) { world_tick(); }
+    s_before = active_crc();
+    APP->review.kin.terms_crc ^= 1u;
+    TEST_ASSERT_TRUE(world_stored(20u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CHANGE_FAILED));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ON_BOARD));
+    TEST_ASSERT_EQUAL_UINT32(s_before, active_crc());
+    TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
+}

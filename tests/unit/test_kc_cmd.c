@@ -157,7 +157,7 @@ void test_a_kind_of_table_with_more_than_16_bits_is_no_other_kind(void)
     }
 }
 
-void test_numbers_are_kept_for_each_source_and_a_refused_command_uses_its_number_up(void)
+void test_numbers_are_kept_for_each_source_and_count_only_without_a_signature(void)
 {
     given_idle();
     world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 10;
@@ -166,8 +166,10 @@ void test_numbers_are_kept_for_each_source_and_a_refused_command_uses_its_number
     c->source = 2;
     c->seq = 3;
     accepted();
-    world_cmd(KC_CMD_TABLE_DUMP, 0, 0, 0)->seq = 11;
+    world_cmd(KC_CMD_TABLE_DUMP, 0, 0, 0)->seq = 11; /* signed */
     refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
+    world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 11;
+    accepted();
     world_cmd(KC_CMD_NOOP, 0, 0, 0)->seq = 11;
     refused(KC_ERR_STALE, KC_EVT_CMD_STALE);
 }
@@ -178,10 +180,24 @@ void test_an_unknown_source_is_refused(void)
     for (uint32_t i = 0u; i < 3u; i++) {
         given_world();
         given_idle();
-        world_cmd(KC_CMD_ABORT, 0, 0, 0)->source = sources[i];
+        world_cmd(i == 0u ? KC_CMD_NOOP : KC_CMD_START, 0, 0, 0)->source = sources[i];
         refused(KC_ERR_ARG, KC_EVT_CMD_SOURCE);
         TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_CMD_SOURCE].index);
         TEST_ASSERT_EQUAL_DOUBLE(sources[i], world.last[KC_EVT_CMD_SOURCE].got);
+    }
+}
+
+void test_abort_is_taken_of_any_source(void)
+{
+    const int32_t sources[] = {0, 3, 77, -1, INT32_MIN};
+    for (uint32_t i = 0u; i < 5u; i++) {
+        given_world();
+        world_started();
+        TEST_ASSERT_TRUE(world_calibrating());
+        world_cmd(KC_CMD_ABORT, 0, 0, 0)->source = sources[i];
+        accepted();
+        TEST_ASSERT_EQUAL_INT(sources[i], world.ack.source);
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
     }
 }
 

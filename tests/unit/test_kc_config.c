@@ -113,6 +113,7 @@ static const spoil_t s_spoil[] = {
     {68, AT(store_retries), 'u', 101.0},
     {69, AT(store_retry_us), 'l', 0.0},
     {70, AT(approval_timeout_us), 'l', 4e9},
+    {72, AT(signed_age_max_us), 'l', 4e12},
 };
 
 static void spoil(const spoil_t *s, double value)

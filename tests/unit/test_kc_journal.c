@@ -36,7 +36,7 @@ void test_a_record_says_state_session_pose_and_candidate(void)
     TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.found.pose);
     TEST_ASSERT_EQUAL_INT(0, APP->journal.found.candidate);
     TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.found.boot_count);
-    TEST_ASSERT_EQUAL_MEMORY("KCJ3", s_rec, 4u);
+    TEST_ASSERT_EQUAL_MEMORY("KCJ4", s_rec, 4u);
 }
 
 void test_a_damaged_record_is_refused_and_the_older_one_is_taken(void)
@@ -77,7 +77,7 @@ void test_every_change_of_state_is_stored_in_the_step_that_makes_it(void)
 void test_a_quiet_component_stores_nothing(void)
 {
     world_boot();
-    world_tick();
+    world_ticks(2u); /* the record twice, since keys have got their counters */
     for (uint32_t i = 0u; i < 20u; i++) {
         world_tick();
         TEST_ASSERT_EQUAL_UINT32(0u, world.out.n_store);
@@ -126,7 +126,7 @@ void test_a_change_of_any_field_is_stored_and_the_passing_of_time_is_not(void)
     kc_journal_t now = {.state = 7u, .session = 1u};
     memset(&j, 0, sizeof j);
     j.last = now;
-    for (uint32_t field = 0u; field <= 11u; field++) {
+    for (uint32_t field = 0u; field <= 14u; field++) {
         switch (field) {
         case 0u: now.t_us += 5u; break;
         case 1u: now.state++; break;
@@ -139,10 +139,96 @@ void test_a_change_of_any_field_is_stored_and_the_passing_of_time_is_not(void)
         case 8u: now.candidate++; break;
         case 9u: now.seg_from++; break;
         case 10u: now.seg_to++; break;
+        case 11u: now.counters.key[1].key_id++; break;
+        case 12u: now.counters.key[1].since_us++; break;
+        case 13u: now.counters.key[1].last[1][1]++; break;
         default: break; /* nothing */
         }
         out.n_store = 0u;
         kc_journal_note(&j, &now, 0u, &out);
-        TEST_ASSERT_EQUAL_UINT32(field >= 1u && field <= 10u ? 1u : 0u, out.n_store);
+        TEST_ASSERT_EQUAL_UINT32(field >= 1u && field <= 13u ? 1u : 0u, out.n_store);
+        bool twice = (field >= 5u && field <= 7u) || (field >= 11u && field <= 13u); /* names and counters */
+        TEST_ASSERT_EQUAL_INT(twice, j.again);
+        j.again = false;
     }
+}
+
+/* ---- the former record: counters that belong to no key ---- */
+
+static void put(uint32_t at, uint64_t x, uint32_t bytes)
+{
+    for (uint32_t i = 0u; i < bytes; i++) { s_rec[at + i] = (uint8_t)(x >> (8u * i)); }
+}
+
+#define FORMER_BYTES 96u
+
+static void given_former(uint64_t counter)
+{
+    memset(s_rec, 0, sizeof s_rec);
+    memcpy(s_rec, "KCJ3", 4u);
+    put(4u, KC_ST_SAFE, 4u);
+    put(8u, 17u, 4u); /* session */
+    put(16u, 5u, 4u); /* boots */
+    put(28u, 0xffffffffu, 4u); /* no candidate */
+    put(44u, 0u, 4u); /* prev_crc */
+    for (uint32_t i = 0u; i < 4u; i++) { put(48u + 8u * i, counter + i, 8u); }
+    put(FORMER_BYTES - 4u, kc_crc32(0u, s_rec, FORMER_BYTES - 4u), 4u);
+    memcpy(world.store[KC_STORE_JOURNAL][0], s_rec, FORMER_BYTES);
+    world.stored[KC_STORE_JOURNAL][0] = FORMER_BYTES;
+}
+
+void test_a_record_of_the_former_layout_is_read_and_its_counters_become_those_of_every_key(void)
+{
+    world.keys.n = 2u;
+    world.keys.key[1] = (kc_key_t){.id = 2u, .secret = {1u}};
+    given_former(1000u);
+    world_boot();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT32(17u, APP->cal.session);
+    TEST_ASSERT_EQUAL_UINT32(6u, world.hk.boot_count);
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_FIRST) + world_events(KC_EVT_BOOT_JOURNAL) +
+                                     world_events(KC_EVT_BOOT_SLOT_BAD));
+    for (uint32_t k = 0u; k < 2u; k++) {
+        const kc_counted_t *c = kc_counters_of(&APP->cmd_log.counters, k + 1u);
+        TEST_ASSERT_NOT_NULL(c);
+        TEST_ASSERT_EQUAL_UINT64(1000u, c->last[0][0]);
+        TEST_ASSERT_EQUAL_UINT64(1003u, c->last[1][1]);
+    }
+    (void)world_cmd(KC_CMD_TABLE_DISCARD, 0, 0, 0);
+    world.counter = 999u; /* the next is the last one taken */
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_REPLAYED, world.ack.event_id);
+    TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DISCARD, 0, 0, 0));
+    TEST_ASSERT_EQUAL_MEMORY("KCJ4", world.store[KC_STORE_JOURNAL][0], 4u);
+}
+
+/* Without keys they have no owner yet, and wait. */
+void test_counters_of_the_former_layout_outlive_a_start_without_keys(void)
+{
+    given_former(1000u);
+    world.keys.n = 0u;
+    world_boot();
+    world_ticks(3u);
+    TEST_ASSERT_EQUAL_MEMORY("KCJ4", world.store[KC_STORE_JOURNAL][0], 4u);
+    world.keys.n = 1u;
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT64(1000u, kc_counters_of(&APP->cmd_log.counters, 1u)->last[0][0]);
+    world.keys.key[0].id = 2u; /* a new key begins anew */
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT64(0u, kc_counters_of(&APP->cmd_log.counters, 2u)->last[0][0]);
+}
+
+void test_a_damaged_record_of_the_former_layout_is_refused(void)
+{
+    given_former(1000u);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, FORMER_BYTES - 1u));
+    s_rec[50] ^= 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, FORMER_BYTES));
+    s_rec[50] ^= 1u;
+    memcpy(s_rec, "KCJ4", 4u); /* of another length */
+    put(FORMER_BYTES - 4u, kc_crc32(0u, s_rec, FORMER_BYTES - 4u), 4u);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, FORMER_BYTES));
 }

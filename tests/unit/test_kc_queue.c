@@ -9,32 +9,54 @@ static kc_in_t s_in;
 static kc_cmd_t s_c;
 static kc_chunk_t s_k;
 static kc_detection_t s_d;
+static uint64_t s_counter;
 
 void setUp(void);
 void setUp(void)
 {
     memset(&s_q, 0, sizeof s_q);
     memset(&s_in, 0, sizeof s_in);
+    memset(&s_c, 0, sizeof s_c);
+    s_k.source = 2;
 }
 
+/* Signed by a holder of a key, each with a counter of its own. */
 static bool cmd(int64_t t, int32_t source, int32_t seq)
 {
     s_c.source = source;
     s_c.seq = seq;
-    return kc_queue_cmd(&s_q, t, 1000, &s_c);
+    s_c.auth = (kc_auth_t){.key_id = 1u, .counter = ++s_counter};
+    return kc_queue_cmd(&s_q, t, 1000, &s_c, true);
+}
+
+/* By anybody. */
+static bool others(int64_t t, int32_t source, int32_t seq)
+{
+    s_c.source = source;
+    s_c.seq = seq;
+    s_c.auth = (kc_auth_t){0};
+    return kc_queue_cmd(&s_q, t, 1000, &s_c, false);
 }
 
 static bool chunk(int64_t t, int32_t kind, uint32_t offset)
 {
     s_k.kind = kind;
     s_k.offset = offset;
-    return kc_queue_chunk(&s_q, t, 1000, &s_k);
+    s_k.auth = (kc_auth_t){.key_id = 1u, .counter = ++s_counter};
+    return kc_queue_chunk(&s_q, t, 1000, &s_k, true);
+}
+
+static bool others_chunk(int64_t t, int32_t kind, uint32_t offset)
+{
+    s_k.kind = kind;
+    s_k.offset = offset;
+    return kc_queue_chunk(&s_q, t, 1000, &s_k, false);
 }
 
 static bool det(int64_t t, int32_t seq)
 {
     s_d.seq = seq;
-    return kc_queue_det(&s_q, t, 1000, &s_d);
+    return kc_queue_det(&s_q, t, 1000, &s_d, false);
 }
 
 void test_a_message_is_due_when_its_time_has_passed(void)
@@ -105,7 +127,7 @@ void test_a_step_takes_what_it_can_and_leaves_the_rest(void)
 void test_what_finds_no_room_or_lies_too_far_ahead_is_refused(void)
 {
     for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_TRUE(cmd(1, 1, 1)); }
-    for (uint32_t i = 0u; i < KC_Q_CHUNK; i++) { TEST_ASSERT_TRUE(chunk(1, 1, 1u)); }
+    for (uint32_t i = 0u; i < KC_Q_CHUNK - KC_Q_CHUNK_OTHERS; i++) { TEST_ASSERT_TRUE(chunk(1, 1, 1u)); }
     for (uint32_t i = 0u; i < KC_Q_DET; i++) { TEST_ASSERT_TRUE(det(1, 1)); }
     TEST_ASSERT_FALSE(cmd(1, 1, 1));
     TEST_ASSERT_FALSE(chunk(1, 1, 1u));
@@ -119,6 +141,14 @@ void test_what_finds_no_room_or_lies_too_far_ahead_is_refused(void)
     TEST_ASSERT_EQUAL_UINT32(1u, s_in.n_det);
 }
 
+static bool abort_of_others(int32_t source, int32_t seq)
+{
+    s_c.opcode = KC_CMD_ABORT;
+    bool waits = others(1, source, seq);
+    s_c.opcode = KC_CMD_NOOP;
+    return waits;
+}
+
 static bool abort_cmd(int32_t source, int32_t seq)
 {
     s_c.opcode = KC_CMD_ABORT;
@@ -127,35 +157,50 @@ static bool abort_cmd(int32_t source, int32_t seq)
     return waits;
 }
 
-void test_a_flood_of_one_source_costs_the_others_nothing(void)
+/* Whatever source it names: commands that a holder of a key sent find room, and are taken in the next step. */
+void test_a_flood_of_strangers_costs_nobody_anything(void)
 {
     int32_t flood[] = {1, 2, 99};
     for (uint32_t f = 0u; f < 3u; f++) {
         setUp();
-        for (int32_t i = 0; i < 100; i++) { (void)cmd(1, flood[f], i); }
-        for (int32_t i = 0; i < 100; i++) { (void)abort_cmd(flood[f], i); }
+        for (int32_t i = 0; i < 100; i++) { (void)others(1, flood[f], i - 50); }
+        for (int32_t i = 0; i < 100; i++) { (void)abort_of_others(flood[f], i - 50); }
         for (int32_t s = 1; s <= 2; s++) {
-            if (s == flood[f]) { continue; }
-            for (int32_t i = 0; i < 8; i++) { TEST_ASSERT_TRUE(cmd(1, s, 1000 + i)); }
-            TEST_ASSERT_TRUE(abort_cmd(s, 1008));
+            for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_TRUE(cmd(1, s, 1000 + (int32_t)i)); }
         }
+        TEST_ASSERT_EQUAL_UINT32(KC_Q_CMD, s_q.n_cmd);
         kc_queue_take(&s_q, 2, &s_in);
-        int32_t n_other = 0;
-        for (uint32_t i = 0u; i < s_in.n_cmd; i++) { n_other += s_in.cmd[i].source != flood[f]; }
-        TEST_ASSERT_TRUE(n_other >= 4);
+        uint32_t n[3] = {0u};
+        for (uint32_t i = 0u; i < s_in.n_cmd; i++) {
+            n[s_in.cmd[i].auth.key_id != 0u ? s_in.cmd[i].source : 0]++;
+        }
+        TEST_ASSERT_TRUE(n[1] >= 2u && n[2] >= 2u);
+        TEST_ASSERT_EQUAL_INT(KC_CMD_ABORT, s_in.cmd[KC_CMD_QUEUE_MAX - 1u].opcode); /* its place is kept */
     }
 }
 
-void test_unknown_sources_share_one_quota_and_cannot_fill_the_queue(void)
+void test_a_flood_of_one_holder_of_a_key_costs_the_others_nothing(void)
 {
-    for (int32_t i = 0; i < 100; i++) { (void)cmd(1, 3 + i, i); }
-    for (int32_t i = 0; i < 100; i++) { (void)abort_cmd(3 + i, i); }
-    TEST_ASSERT_EQUAL_UINT32(KC_Q_CMD_QUOTA, s_q.n_cmd);
-    for (int32_t s = 1; s <= 2; s++) {
-        for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_TRUE(cmd(1, s, 1)); }
-        for (uint32_t i = 0u; i < KC_Q_CMD_ABORTS; i++) { TEST_ASSERT_TRUE(abort_cmd(s, 2)); }
+    for (int32_t f = 1; f <= 2; f++) {
+        setUp();
+        for (int32_t i = 0; i < 100; i++) { (void)cmd(1, f, i); }
+        for (int32_t i = 0; i < 100; i++) { (void)abort_cmd(f, i); }
+        TEST_ASSERT_EQUAL_UINT32(2u * KC_Q_CMD_QUOTA, s_q.n_cmd);
+        for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_TRUE(cmd(1, 3 - f, 1000)); }
+        TEST_ASSERT_TRUE(others(1, 3 - f, 1));
+        kc_queue_take(&s_q, 2, &s_in);
+        uint32_t n = 0u;
+        for (uint32_t i = 0u; i < s_in.n_cmd; i++) { n += s_in.cmd[i].source != f; }
+        TEST_ASSERT_TRUE(n >= 4u);
     }
-    TEST_ASSERT_EQUAL_UINT32(KC_Q_CMD, s_q.n_cmd);
+}
+
+void test_all_that_nobody_vouches_for_shares_one_account(void)
+{
+    for (int32_t i = 0; i < 100; i++) { (void)others(1, i % 5, i); }
+    TEST_ASSERT_EQUAL_UINT32(KC_Q_CMD_QUOTA, s_q.n_cmd);
+    for (int32_t i = 0; i < 100; i++) { (void)abort_of_others(i % 5, i); }
+    TEST_ASSERT_EQUAL_UINT32(2u * KC_Q_CMD_QUOTA, s_q.n_cmd);
 }
 
 void test_abort_finds_room_where_its_own_source_has_none(void)
@@ -163,6 +208,52 @@ void test_abort_finds_room_where_its_own_source_has_none(void)
     for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { (void)cmd(1, 1, (int32_t)i); }
     TEST_ASSERT_FALSE(cmd(1, 1, 50));
     TEST_ASSERT_TRUE(abort_cmd(1, 51));
+    for (uint32_t i = 0u; i < KC_Q_CMD_QUOTA; i++) { (void)others(1, 1, (int32_t)i); }
+    TEST_ASSERT_FALSE(others(1, 1, 52));
+    TEST_ASSERT_TRUE(abort_of_others(1, 53));
+}
+
+/* Else a recorder could fill a source's account with copies of what it has just sent. */
+void test_a_copy_of_what_waits_takes_no_room_of_its_sender(void)
+{
+    TEST_ASSERT_TRUE(cmd(1, 1, 5));
+    for (uint32_t i = 0u; i < 100u; i++) { (void)kc_queue_cmd(&s_q, 1, 1000, &s_c, true); }
+    TEST_ASSERT_EQUAL_UINT32(1u + KC_Q_CMD_QUOTA, s_q.n_cmd);
+    for (uint32_t i = 1u; i < KC_Q_CMD_QUOTA; i++) { TEST_ASSERT_TRUE(cmd(1, 1, 6)); }
+    TEST_ASSERT_TRUE(chunk(1, 1, 0u));
+    for (uint32_t i = 0u; i < 100u; i++) { (void)kc_queue_chunk(&s_q, 1, 1000, &s_k, true); }
+    TEST_ASSERT_EQUAL_UINT32(1u + KC_Q_CHUNK_OTHERS, s_q.n_chunk);
+    s_k.source = 1; /* counters are of a sender: the same number of another one is no copy */
+    TEST_ASSERT_TRUE(kc_queue_chunk(&s_q, 1, 1000, &s_k, true));
+    TEST_ASSERT_EQUAL_UINT32(2u + KC_Q_CHUNK_OTHERS, s_q.n_chunk);
+}
+
+void test_a_flood_of_chunks_that_nobody_vouches_for_does_not_hold_up_an_upload(void)
+{
+    for (uint32_t i = 0u; i < 100u; i++) { (void)others_chunk(0, 1, 0u); }
+    TEST_ASSERT_EQUAL_UINT32(KC_Q_CHUNK_OTHERS, s_q.n_chunk);
+    for (uint32_t i = 0u; i < KC_CHUNK_QUEUE_MAX; i++) { TEST_ASSERT_TRUE(chunk(1, 7, 1024u * i)); }
+    kc_queue_take(&s_q, 2, &s_in);
+    TEST_ASSERT_EQUAL_UINT32(KC_CHUNK_QUEUE_MAX, s_in.n_chunk);
+    for (uint32_t i = 0u; i < KC_CHUNK_QUEUE_MAX; i++) {
+        TEST_ASSERT_EQUAL_UINT32(1024u * i, s_in.chunk[i].offset);
+    }
+}
+
+/* Whatever account it takes: what was sent before ABORT does not follow it. */
+void test_abort_that_nobody_vouches_for_is_the_last_of_its_step(void)
+{
+    TEST_ASSERT_TRUE(abort_of_others(1, 4));
+    for (int32_t i = 1; i <= 3; i++) { TEST_ASSERT_TRUE(cmd(1, 1, i)); }
+    TEST_ASSERT_TRUE(others(1, 2, 1));
+    kc_queue_take(&s_q, 2, &s_in);
+    TEST_ASSERT_EQUAL_UINT32(5u, s_in.n_cmd);
+    TEST_ASSERT_EQUAL_INT(KC_CMD_ABORT, s_in.cmd[4].opcode);
+    setUp();
+    TEST_ASSERT_TRUE(abort_cmd(1, 1)); /* vouched for: by its number, START after ABORT is meant so */
+    TEST_ASSERT_TRUE(cmd(1, 1, 2));
+    kc_queue_take(&s_q, 2, &s_in);
+    TEST_ASSERT_EQUAL_INT(KC_CMD_ABORT, s_in.cmd[0].opcode);
 }
 
 void test_numbers_that_wrap_keep_their_order(void)
@@ -178,7 +269,7 @@ void test_numbers_that_wrap_keep_their_order(void)
 void test_a_stamp_as_far_ahead_as_numbers_go_is_refused(void)
 {
     s_c.source = 1;
-    TEST_ASSERT_FALSE(kc_queue_cmd(&s_q, INT64_MAX, -5, &s_c));
-    TEST_ASSERT_FALSE(kc_queue_cmd(&s_q, INT64_MAX, INT64_MIN, &s_c));
-    TEST_ASSERT_TRUE(kc_queue_cmd(&s_q, INT64_MAX, INT64_MAX - KC_Q_AHEAD_US, &s_c));
+    TEST_ASSERT_FALSE(kc_queue_cmd(&s_q, INT64_MAX, -5, &s_c, true));
+    TEST_ASSERT_FALSE(kc_queue_cmd(&s_q, INT64_MAX, INT64_MIN, &s_c, true));
+    TEST_ASSERT_TRUE(kc_queue_cmd(&s_q, INT64_MAX, INT64_MAX - KC_Q_AHEAD_US, &s_c, true));
 }

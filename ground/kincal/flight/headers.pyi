@@ -109,6 +109,7 @@ class KcApp(Protocol):
     n_other: int
     boot_state: int
     boot_pose: int
+    kept: bool
     n_rx_errors: int
     stepped: bool
 
@@ -172,6 +173,14 @@ class KcArm(Protocol):
     tool_xyz_m: Array[float]
     tool_quat_wxyz: Array[float]
     gravity_m_s2: Array[float]
+
+class KcAuthKnown(Protocol):
+    """kc_auth_known_t"""
+
+    last: int
+    since_us: int
+    clock_us: int
+    age_max_us: int
 
 class KcAuth(Protocol):
     """kc_auth_t"""
@@ -282,6 +291,7 @@ class KcChange(Protocol):
     asked: bool
     due_us: int
     failing: bool
+    made: int
 
 class KcCheck(Protocol):
     """kc_check_t"""
@@ -319,7 +329,7 @@ class KcCmdLog(Protocol):
     """kc_cmd_log_t"""
 
     keys: KcKeys
-    counter: Array[Array[int]]
+    counters: KcCounters
     seq: Array[int]
     seen: Array[bool]
     us: Array[int]
@@ -410,6 +420,7 @@ class KcConfig(Protocol):
     store_retries: int
     store_retry_us: int
     approval_timeout_us: int
+    signed_age_max_us: int
 
 class KcConsiderPose(Protocol):
     """kc_consider_pose_t"""
@@ -431,6 +442,18 @@ class KcConsider(Protocol):
     b: Array[float]
     b_after: Array[float]
     mean: Array[float]
+
+class KcCounted(Protocol):
+    """kc_counted_t"""
+
+    key_id: int
+    since_us: int
+    last: Array[Array[int]]
+
+class KcCounters(Protocol):
+    """kc_counters_t"""
+
+    key: Array[KcCounted]
 
 class KcCtx(Protocol):
     """kc_ctx_t"""
@@ -741,8 +764,6 @@ class KcHk(Protocol):
     mon_bias: float
     mon_sigma: float
     mon_p: float
-    proposal_verdict: int
-    approval_left_us: int
 
 class KcHyper(Protocol):
     """kc_hyper_t"""
@@ -832,12 +853,11 @@ class KcJournal(Protocol):
     kin_crc: int
     prev_crc: int
     proposal_crc: int
-    proposal_verdict: int
     candidate: int
     seg_from: int
     seg_to: int
     t_us: int
-    counter: Array[Array[int]]
+    counters: KcCounters
 
 class KcKernel(Protocol):
     """kc_kernel_t"""
@@ -1256,7 +1276,6 @@ class KcReview(Protocol):
     image: Array[int]
     n: int
     crc: int
-    verdict: int
 
 class KcScrub(Protocol):
     """kc_scrub_t"""
@@ -1458,6 +1477,7 @@ class KcWork(Protocol):
     used: int
 
 class FlightCore(Protocol):
+    KC_AUTH_JUMP_MAX: int
     KC_BODY_MAX: int
     KC_CAMERA_CHAIN_COST: int
     KC_CAND_LOCAL: int
@@ -1470,6 +1490,7 @@ class FlightCore(Protocol):
     KC_CHAIN_PLATE: int
     KC_CHAIN_SIZE: int
     KC_CHAIN_ZERO: int
+    KC_CHANGE_BACK_COST: int
     KC_CHUNK_BYTES: int
     KC_CHUNK_QUEUE_MAX: int
     KC_CMD_QUEUE_MAX: int
@@ -1500,8 +1521,6 @@ class FlightCore(Protocol):
     KC_MON_OBS_OFF: int
     KC_NAME_LEN: int
     KC_NODE_NONE: int
-    KC_OVERRIDE_FIT: int
-    KC_OVERRIDE_NONE: int
     KC_PATH_MAX: int
     KC_PNP_MAX: int
     KC_QP_ITER_PER_VAR: int
@@ -1630,9 +1649,12 @@ class FlightCore(Protocol):
     KC_SEV_INFO: int
     KC_SEV_DEBUG: int
     KC_EVT_NONE: int
-    KC_EVT_COR_OVERRIDE: int
-    KC_EVT_COR_NO_VERDICT: int
-    KC_EVT_COR_POOR: int
+    KC_EVT_CHANGE_FAILED: int
+    KC_EVT_CMD_COUNTER: int
+    KC_EVT_CMD_BEFORE: int
+    KC_EVT_CMD_OLD: int
+    KC_EVT_BOOT_JOURNAL: int
+    KC_EVT_BOOT_FIRST: int
     KC_EVT_STORE_REFUSED: int
     KC_EVT_CAL_OUTLIER_ACCEPTED: int
     KC_EVT_MON_NOT_AT_REST: int
@@ -1753,6 +1775,9 @@ class FlightCore(Protocol):
     KC_STAGE_COMPLETE: int
     KC_STAGE_LOADING: int
     KC_STAGE_NONE: int
+    KC_AUTH_OLD: int
+    KC_AUTH_BEFORE: int
+    KC_AUTH_JUMPED: int
     KC_AUTH_REPLAYED: int
     KC_AUTH_FORGED: int
     KC_AUTH_UNKNOWN_KEY: int
@@ -1856,6 +1881,7 @@ class FlightCore(Protocol):
     KC_FIELD_ARM_DQ: int
     KC_FIELD_ARM_Q: int
     KC_FIELD_ARM_T: int
+    KC_CHANGE_PUT_BACK: int
     KC_CHANGE_TABLE: int
     KC_CHANGE_ROLLBACK: int
     KC_CHANGE_REJECT: int
@@ -2060,7 +2086,8 @@ class FlightCore(Protocol):
     def kc_layout_version(self, _0: int, /) -> int: ...
     def kc_layout_struct_bytes(self, _0: int, /) -> int: ...
     def kc_auth_mac(self, _0: KcKey | CData, _1: KcAuthText | CData, _2: CData | bytes, /) -> None: ...
-    def kc_auth_check(self, _0: KcKeys | CData, _1: KcAuth | CData, _2: int, _3: KcAuthText | CData, /) -> int: ...
+    def kc_auth_fresh(self, _0: KcAuthKnown | CData, _1: int, _2: int, /) -> int: ...
+    def kc_auth_check(self, _0: KcKeys | CData, _1: KcAuth | CData, _2: KcAuthKnown | CData, _3: int, _4: KcAuthText | CData, /) -> int: ...
     def kc_auth_cost(self, _0: int, /) -> int: ...
     def kc_fit_solved(self, _0: int, /) -> bool: ...
     def kc_fit_quality(self, _0: KcEst | CData, _1: int, /) -> KcFitQuality: ...
@@ -2110,8 +2137,14 @@ class FlightCore(Protocol):
     def kc_app_load(self, _0: KcApp | CData, _1: int, _2: CData | bytes, _3: int, /) -> int: ...
     def kc_app_boot(self, _0: KcApp | CData, /) -> None: ...
     def kc_app_step(self, _0: KcApp | CData, _1: int, _2: KcIn | CData, _3: KcOut | CData, /) -> None: ...
+    def kc_app_vouches_cmd(self, _0: KcApp | CData, _1: KcCmd | CData, _2: CData, /) -> bool: ...
+    def kc_app_vouches_chunk(self, _0: KcApp | CData, _1: KcChunk | CData, _2: CData, /) -> bool: ...
     def kc_app_active(self, _0: KcApp | CData, /) -> CData: ...
     def kc_app_state(self, _0: KcApp | CData, /) -> int: ...
+    def kc_counters_begin(self, _0: KcCounters | CData, _1: KcKeys | CData, /) -> None: ...
+    def kc_counters_clock(self, _0: KcCounters | CData, _1: int, /) -> None: ...
+    def kc_counters_of(self, _0: KcCounters | CData, _1: int, /) -> CData: ...
+    def kc_counters_take(self, _0: KcCounters | CData, _1: KcAuth | CData, _2: int, _3: int, /) -> None: ...
     def kc_journal_store(self, _0: KcOut | CData, _1: int, _2: CData | bytes, _3: int, /) -> None: ...
     def kc_journal_kin(self, _0: KcJournalImages | CData, _1: KcActive | CData, _2: KcOut | CData, /) -> None: ...
     def kc_journal_load(self, _0: KcJournalStore | CData, _1: CData | bytes, _2: int, /) -> int: ...
@@ -2134,23 +2167,24 @@ class FlightCore(Protocol):
     def kc_select_skip(self, _0: KcPlan | CData, _1: KcView | CData, _2: KcOut | CData, /) -> None: ...
     def kc_select_budget(self, _0: KcCal | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
     def kc_cmd_admit(self, _0: KcCmdLog | CData, _1: KcView | CData, _2: KcCmd | CData, _3: KcOut | CData, /) -> KcAnswer: ...
+    def kc_cmd_vouches(self, _0: KcCmdLog | CData, _1: KcView | CData, _2: KcCmd | CData, _3: CData, /) -> bool: ...
+    def kc_cmd_vouches_chunk(self, _0: KcCmdLog | CData, _1: KcView | CData, _2: KcChunk | CData, _3: CData, /) -> bool: ...
     def kc_cmd_answer(self, _0: KcCmdLog | CData, _1: KcCmd | CData, _2: KcAnswer | CData, _3: KcOut | CData, /) -> None: ...
     def kc_cmd_not_now(self, _0: KcView | CData, _1: KcCmd | CData, _2: KcOut | CData, /) -> KcAnswer: ...
     def kc_cmd_tables_free(self, _0: KcView | CData, /) -> bool: ...
     def kc_cmd_start(self, _0: KcView | CData, _1: KcCmd | CData, _2: KcStart | CData, _3: KcOut | CData, /) -> KcAnswer: ...
     def kc_cmd_table(self, _0: KcTables | CData, _1: KcView | CData, _2: KcCmd | CData, _3: KcOut | CData, /) -> KcAnswer: ...
     def kc_cmd_chunk(self, _0: KcCmdLog | CData, _1: KcTables | CData, _2: KcView | CData, _3: KcChunk | CData, _4: KcOut | CData, /) -> None: ...
-    def kc_review_encode(self, _0: KcReview | CData, _1: KcKin | CData, _2: int, /) -> int: ...
+    def kc_review_encode(self, _0: KcReview | CData, _1: KcKin | CData, /) -> int: ...
     def kc_review_wait(self, _0: KcReview | CData, _1: KcOut | CData, /) -> None: ...
-    def kc_review_activate(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_review_activate(self, _0: KcReview | CData, _1: KcTables | CData, _2: KcOut | CData, /) -> int: ...
     def kc_review_drop(self, _0: KcReview | CData, _1: KcOut | CData, /) -> None: ...
     def kc_review_armed(self, _0: KcReview | CData, _1: KcView | CData, _2: KcOut | CData, /) -> KcOutcome: ...
-    def kc_review_report(self, _0: KcReview | CData, _1: KcView | CData, _2: KcHk | CData, /) -> None: ...
-    def kc_review_arm(self, _0: KcReview | CData, _1: int, _2: int, _3: KcOut | CData, /) -> KcAnswer: ...
+    def kc_review_arm(self, _0: KcReview | CData, _1: int, _2: KcOut | CData, /) -> KcAnswer: ...
     def kc_review_go(self, _0: KcReview | CData, _1: KcTables | CData, _2: int, _3: KcOut | CData, /) -> KcAnswer: ...
     def kc_review_reject(self, _0: KcReview | CData, _1: int, _2: KcOut | CData, /) -> KcAnswer: ...
     def kc_review_rollback(self, _0: KcTables | CData, _1: int, _2: KcOut | CData, /) -> KcAnswer: ...
-    def kc_review_load(self, _0: KcReview | CData, _1: KcTables | CData, _2: int, _3: CData | bytes, _4: int, _5: KcEvents | CData, /) -> int: ...
+    def kc_review_load(self, _0: KcReview | CData, _1: KcTables | CData, _2: CData | bytes, _3: int, _4: KcEvents | CData, /) -> int: ...
     def kc_change_begin(self, _0: KcChange | CData, _1: int, _2: KcView | CData, _3: KcCmd | CData, /) -> None: ...
     def kc_change_run(self, _0: KcChange | CData, _1: KcChangeParts | CData, _2: KcOut | CData, /) -> None: ...
     def kc_change_stored(self, _0: KcChange | CData, _1: KcChangeParts | CData, _2: KcIn | CData, _3: KcOut | CData, /) -> KcOutcome: ...
@@ -2424,6 +2458,8 @@ class New(Protocol):
     @overload
     def __call__(self, ctype: Literal["kc_arm_t"], /) -> KcArm: ...
     @overload
+    def __call__(self, ctype: Literal["kc_auth_known_t"], /) -> KcAuthKnown: ...
+    @overload
     def __call__(self, ctype: Literal["kc_auth_t"], /) -> KcAuth: ...
     @overload
     def __call__(self, ctype: Literal["kc_auth_text_t"], /) -> KcAuthText: ...
@@ -2461,6 +2497,10 @@ class New(Protocol):
     def __call__(self, ctype: Literal["kc_consider_pose_t"], /) -> KcConsiderPose: ...
     @overload
     def __call__(self, ctype: Literal["kc_consider_t"], /) -> KcConsider: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_counted_t"], /) -> KcCounted: ...
+    @overload
+    def __call__(self, ctype: Literal["kc_counters_t"], /) -> KcCounters: ...
     @overload
     def __call__(self, ctype: Literal["kc_ctx_t"], /) -> KcCtx: ...
     @overload

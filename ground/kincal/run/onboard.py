@@ -53,13 +53,15 @@ class _Waiting:
 
 
 def _in_turn(due: list[Any]) -> list[Any]:
-    """Commands, the sources in turn, each by number."""
+    """Commands: the accounts in turn, each by source and number, what has a signature by its source; then
+    ABORT without one."""
     turn: dict[int, int] = {}
     keyed = []
     for m in sorted(due, key=lambda m: (m.source, m.seq)):
-        account = m.source if 1 <= m.source <= _LIB.KC_SOURCE_MAX else 0
-        turn[account] = turn.get(account, 0) + 1
-        keyed.append(((turn[account], m.source), m))
+        account = m.source if m.key_id and 1 <= m.source <= _LIB.KC_SOURCE_MAX else 0
+        last = account == 0 and m.opcode == _LIB.KC_CMD_ABORT
+        turn[account] = turn.get(account, 0) + (not last)
+        keyed.append(((last, turn[account], m.source), m))
     return [m for _, m in sorted(keyed, key=lambda pair: pair[0])]
 
 

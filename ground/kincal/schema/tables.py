@@ -553,6 +553,8 @@ class ConfigSource(Source):
     """Time from a failure of the store to the next try."""
     approval_timeout_us: Microseconds = 600_000_000
     """Time in which APPROVE_GO must follow APPROVE_ARM."""
+    signed_age_max_us: Microseconds = 43_200_000_000
+    """Largest difference between the stamp of a signed message and flight's clock; 0: not checked."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock
