@@ -68,7 +68,7 @@ static kc_status_t load_prev(kc_app_t *app, const uint8_t *data, uint32_t n)
 static kc_status_t load_proposal(kc_app_t *app, const uint8_t *data, uint32_t n)
 {
     uint32_t named = app->journal.found.proposal_crc, crc = kc_tbl_image_crc(data, n);
-    if (n > 0u && !kc_storing_counts(journaled(app), named, crc)) { return KC_ERR_STATE; }
+    if (!kc_storing_counts(journaled(app), named, crc)) { return KC_ERR_STATE; }
     uint32_t verdict = app->journal.found.proposal_verdict;
     return kc_review_load(&app->review, &app->tables, verdict, data, n, &app->boot_events);
 }
@@ -120,12 +120,14 @@ static kc_status_t load_any(kc_app_t *app, uint16_t kind, const uint8_t *data, u
 
 kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n)
 {
-    kc_status_t st = load_any(app, kind, data, n);
+    kc_status_t st = n > 0u ? load_any(app, kind, data, n) : KC_ERR_FORMAT; /* a copy that cannot be read */
     if (st != KC_OK && st != KC_ERR_STATE) { /* STATE: not needed, or reported by TBL_DEPENDS */
         kc_event(&app->boot_events, KC_EVT_BOOT_SLOT_BAD, (int32_t)kind, (double)st, 0.0);
     }
     return st;
 }
+
+uint8_t *kc_app_image_room(kc_app_t *app) { return app->tables.staging.image; }
 
 /* Compare what the journal names with what was found. */
 static void compare(const kc_app_t *app, kc_events_t *ev)

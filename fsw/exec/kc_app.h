@@ -263,9 +263,11 @@ void kc_app_init(kc_app_t *app);
 void kc_app_keys(kc_app_t *app, const kc_keys_t *keys);
 /* Offer a stored or default image before boot: the edge offers every image it finds, best first (newest
  * slot, older slot, default of the table directory); the first good one of each kind wins, of KIN, PREV and
- * PROPOSAL the one that the journal names. kind as in kc_store_t. KC_ERR_* : refused, offer the next. Order of
- * kinds: JOURNAL, 1..7, PREV, PROPOSAL. */
+ * PROPOSAL the one that the journal names. kind as in kc_store_t. n = 0: a copy that cannot be read, BOOT_SLOT_BAD.
+ * KC_ERR_* : refused, offer the next. Order of kinds: JOURNAL, 1..7, PREV, PROPOSAL. */
 kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n);
+/* KC_IMAGE_MAX bytes into which the edge may read what it offers, until kc_app_boot: nothing is staged before. */
+uint8_t *kc_app_image_room(kc_app_t *app);
 /* All offered: records events for what is missing and for the state in which the last run ended; they come
  * out of the first step. */
 void kc_app_boot(kc_app_t *app);

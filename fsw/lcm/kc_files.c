@@ -9,7 +9,6 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/file.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -17,6 +16,7 @@
 
 #define NAME_MAX_ 16
 #define CRC_AT 20u
+#define PART_BYTES 2048u /* read and compared at a time */
 
 static const char s_magic[4] = {'K', 'C', 'S', '1'};
 /* Order in which the component wants them. */
@@ -24,45 +24,53 @@ static const uint16_t s_kinds[] = {KC_STORE_JOURNAL, 1, 2, 3, 4, 5, 6, 7, KC_STO
 #define N_KINDS (sizeof s_kinds / sizeof s_kinds[0])
 
 /* false, so that it can be returned */
-static bool complain(const char *what, const char *name)
+static bool say(const char *what, const char *name, const char *why)
 {
-    (void)fprintf(stderr, "kincal-fsw: %s %s: %s\n", what, name, strerror(errno));
+    (void)fprintf(stderr, "kincal-fsw: %s %s: %s\n", what, name, why);
     return false;
 }
+
+static bool complain(const char *what, const char *name) { return say(what, name, strerror(errno)); }
 
 static void slot_name(uint16_t kind, unsigned slot, char name[NAME_MAX_])
 {
     (void)snprintf(name, NAME_MAX_, "k%02u.%c", (unsigned)kind, slot == 0u ? 'a' : 'b');
 }
 
-/* ---- reading: a file is mapped, not copied ---- */
+/* ---- reading: by read() into buffers of our own, so that a sector that cannot be read is an error like any other
+ *      (in a mapped file it is a signal that ends the process). These return why it failed, or NULL. ---- */
 
-typedef struct {
-    void *base;
-    const uint8_t *data;
-    size_t n;
-} map_t;
-
-/* MAP_BAD: it can't be read or is empty. */
-typedef enum { MAP_OK = 0, MAP_NO_FILE, MAP_BAD } map_result_t;
-static map_result_t map_file(int dir_fd, const char *name, map_t *m)
+/* Whatever stands under that name, this does not wait: without O_NONBLOCK a FIFO without a writer would hold us. */
+static const char *open_file(int dir_fd, const char *name, int flags, uint32_t most, int *fd, uint32_t *n)
 {
-    struct stat st;
-    int fd = openat(dir_fd, name, O_RDONLY | O_CLOEXEC);
-    if (fd < 0) { return errno == ENOENT ? MAP_NO_FILE : MAP_BAD; }
-    void *p = MAP_FAILED;
-    if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0) {
-        p = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_PRIVATE, fd, 0);
+    struct stat st = {0};
+    const char *wrong = NULL;
+    *fd = openat(dir_fd, name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY | flags);
+    if (*fd < 0) { return strerror(errno); }
+    if (fstat(*fd, &st) != 0) {
+        wrong = strerror(errno);
+    } else if (!S_ISREG(st.st_mode)) {
+        wrong = "not a file";
+    } else if (st.st_size > (off_t)most) {
+        wrong = "too large";
     }
-    (void)close(fd);
-    if (p == MAP_FAILED) { return MAP_BAD; }
-    m->base = p;
-    m->data = p;
-    m->n = (size_t)st.st_size;
-    return MAP_OK;
+    *n = (uint32_t)st.st_size;
+    if (wrong != NULL) { (void)close(*fd); }
+    return wrong;
 }
 
-static void unmap(const map_t *m) { (void)munmap(m->base, m->n); }
+static const char *read_all(int fd, uint8_t *data, uint32_t n)
+{
+    while (n > 0u) {
+        ssize_t got = read(fd, data, n);
+        if (got < 0 && errno == EINTR) { continue; }
+        if (got < 0) { return strerror(errno); }
+        if (got == 0) { return "cut short"; }
+        data += got;
+        n -= (uint32_t)got;
+    }
+    return NULL;
+}
 
 static uint64_t get_le(const uint8_t *b, uint32_t n)
 {
@@ -76,32 +84,92 @@ static void put_le(uint8_t *b, uint64_t v, uint32_t n)
     for (uint32_t i = 0u; i < n; i++) { b[i] = (uint8_t)(v >> (8u * i)); }
 }
 
-static uint32_t slot_crc(const uint8_t *hdr, const uint8_t *data, uint32_t n)
+/* A slot that is read. */
+typedef struct {
+    uint32_t most; /* bytes of content that it may have */
+    uint8_t *into; /* a place for them, or NULL */
+    const uint8_t *same; /* what they have to be, or NULL */
+    uint32_t n; /* bytes of content that it has */
+    uint64_t number; /* 0: it is not whole */
+} slot_t;
+
+static const char *read_content(int fd, const slot_t *s, uint32_t *crc)
 {
-    return kc_crc32(kc_crc32(0u, hdr, CRC_AT), data, n);
+    uint8_t part[PART_BYTES];
+    uint32_t n;
+    for (uint32_t at = 0u; at < s->n; at += n) {
+        n = s->n - at < PART_BYTES ? s->n - at : PART_BYTES;
+        const char *wrong = read_all(fd, part, n);
+        if (wrong != NULL) { return wrong; }
+        *crc = kc_crc32(*crc, part, n);
+        if (s->into != NULL) { memcpy(&s->into[at], part, n); }
+        if (s->same != NULL && memcmp(&s->same[at], part, n) != 0) { return "other content"; }
+    }
+    return NULL;
 }
 
-/* Number of a whole slot of this kind, 0 if anything about it is wrong. */
-static uint64_t slot_number(const map_t *m, uint16_t kind)
+static const char *read_open_slot(int fd, uint32_t n, uint16_t kind, slot_t *s)
 {
-    if (m->n < KC_SLOT_HDR_BYTES || memcmp(m->data, s_magic, sizeof s_magic) != 0) { return 0u; }
-    uint64_t n = get_le(&m->data[16], 4u);
-    if (get_le(&m->data[4], 2u) != kind || n != m->n - KC_SLOT_HDR_BYTES) { return 0u; }
-    uint32_t crc = slot_crc(m->data, &m->data[KC_SLOT_HDR_BYTES], (uint32_t)n);
-    return crc == get_le(&m->data[CRC_AT], 4u) ? get_le(&m->data[8], 8u) : 0u;
+    uint8_t hdr[KC_SLOT_HDR_BYTES];
+    if (n < KC_SLOT_HDR_BYTES) { return "cut short"; }
+    const char *wrong = read_all(fd, hdr, KC_SLOT_HDR_BYTES);
+    if (wrong != NULL) { return wrong; }
+    s->n = n - KC_SLOT_HDR_BYTES;
+    if (memcmp(hdr, s_magic, sizeof s_magic) != 0) { return "not a slot"; }
+    if (get_le(&hdr[4], 2u) != kind) { return "of another kind"; }
+    if (get_le(&hdr[16], 4u) != s->n) { return "not of the size that it states"; }
+    uint32_t crc = kc_crc32(0u, hdr, CRC_AT);
+    wrong = read_content(fd, s, &crc);
+    if (wrong != NULL) { return wrong; }
+    if (get_le(&hdr[CRC_AT], 4u) != crc) { return "damaged: its CRC is wrong"; }
+    s->number = get_le(&hdr[8], 8u);
+    return s->number != 0u ? NULL : "number 0";
+}
+
+/* Whole, or number 0 and why. A link is no slot: it would lead out of the store. */
+static const char *read_slot(int dir_fd, const char *name, uint16_t kind, slot_t *s)
+{
+    int fd = -1;
+    uint32_t n = 0u;
+    s->number = 0u;
+    const char *wrong = open_file(dir_fd, name, O_NOFOLLOW, KC_SLOT_HDR_BYTES + s->most, &fd, &n);
+    if (wrong != NULL) { return wrong; }
+    wrong = read_open_slot(fd, n, kind, s);
+    (void)close(fd);
+    return wrong;
+}
+
+/* ---- numbers of slots: they grow by one, and after the largest comes 1. Newer is what the other reaches by less than
+ *      half of all numbers, so what is written next is newer than all that is there, whatever that is. ---- */
+
+static uint64_t after(uint64_t number) { return number == UINT64_MAX ? 1u : number + 1u; }
+
+/* The one that is written next: a bad one, or the older. */
+static unsigned older(const uint64_t number[2])
+{
+    if (number[0] == 0u || number[1] == 0u) { return number[0] == 0u ? 0u : 1u; }
+    return number[1] - number[0] > UINT64_MAX / 2u ? 1u : 0u;
 }
 
 /* ---- opening ---- */
 
+static bool missing(const kc_files_t *f, const char *name)
+{
+    struct stat st;
+    return fstatat(f->dir_fd, name, &st, AT_SYMLINK_NOFOLLOW) != 0 && errno == ENOENT;
+}
+
 static void look_at(kc_files_t *f, uint16_t kind, unsigned slot)
 {
     char name[NAME_MAX_];
-    map_t m = {NULL, NULL, 0u};
+    slot_t s = {.most = KC_IMAGE_MAX};
     slot_name(kind, slot, name);
-    map_result_t r = map_file(f->dir_fd, name, &m);
-    f->there[kind][slot] = r != MAP_NO_FILE;
-    f->number[kind][slot] = r == MAP_OK ? slot_number(&m, kind) : 0u;
-    if (r == MAP_OK) { unmap(&m); }
+    f->there[kind][slot] = !missing(f, name);
+    f->number[kind][slot] = 0u;
+    if (f->there[kind][slot] == 0u) { return; }
+    const char *wrong = read_slot(f->dir_fd, name, kind, &s);
+    f->number[kind][slot] = s.number;
+    if (wrong != NULL) { (void)say("can't use the stored copy", name, wrong); }
 }
 
 static void tmp_name(uint16_t kind, char name[NAME_MAX_])
@@ -109,53 +177,93 @@ static void tmp_name(uint16_t kind, char name[NAME_MAX_])
     (void)snprintf(name, NAME_MAX_, "k%02u.tmp", (unsigned)kind);
 }
 
-bool kc_files_open(kc_files_t *f, const char *dir)
+static bool sync_dir(const kc_files_t *f)
 {
-    memset(f, 0, sizeof *f);
-    f->dir_fd = -1;
-    if (strlen(dir) >= sizeof f->dir) {
-        errno = ENAMETOOLONG;
-        return complain("store", "directory");
-    }
-    memcpy(f->dir, dir, strlen(dir) + 1u);
-    if (mkdir(dir, 0777) != 0 && errno != EEXIST) { return complain("can't make the store", dir); }
-    f->dir_fd = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (f->dir_fd < 0) { return complain("can't open the store", dir); }
-    if (flock(f->dir_fd, LOCK_EX | LOCK_NB) != 0) {
-        (void)fprintf(stderr, "kincal-fsw: another flight process uses the store %s\n", dir);
-        (void)close(f->dir_fd);
-        return false;
-    }
+    return fsync(f->dir_fd) == 0 || complain("can't sync the store", f->dir);
+}
+
+/* A store that was just made has an entry in its parent, which has to survive too. */
+static bool sync_parent(const kc_files_t *f)
+{
+    int fd = openat(f->dir_fd, "..", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    bool good = fd >= 0 && fsync(fd) == 0;
+    if (!good) { (void)complain("can't sync the folder of the store", f->dir); }
+    if (fd >= 0) { (void)close(fd); }
+    return good;
+}
+
+static bool lock(const kc_files_t *f)
+{
+    if (flock(f->dir_fd, LOCK_EX | LOCK_NB) == 0) { return true; }
+    if (errno != EWOULDBLOCK) { return complain("can't lock the store", f->dir); }
+    return say("can't use the store", f->dir, "another flight process uses it");
+}
+
+/* What a write that was cut off has left. */
+static void remove_tmp(const kc_files_t *f, uint16_t kind)
+{
+    char name[NAME_MAX_];
+    tmp_name(kind, name);
+    if (unlinkat(f->dir_fd, name, 0) != 0 && errno != ENOENT) { (void)complain("can't remove", name); }
+}
+
+/* What is read here counts from now on, so it is made to last: the process before may have ended between a change of
+ * the folder and its sync. A medium that cannot be written can still be read. */
+static bool settle(const kc_files_t *f, bool made)
+{
+    (void)sync_dir(f);
+    return sync_parent(f) || !made;
+}
+
+static bool take_over(kc_files_t *f, bool made)
+{
+    if (!lock(f) || !settle(f, made)) { return false; }
     for (size_t i = 0u; i < N_KINDS; i++) {
-        char name[NAME_MAX_];
-        tmp_name(s_kinds[i], name);
-        (void)unlinkat(f->dir_fd, name, 0);
+        remove_tmp(f, s_kinds[i]);
         look_at(f, s_kinds[i], 0u);
         look_at(f, s_kinds[i], 1u);
     }
     return true;
 }
 
+bool kc_files_open(kc_files_t *f, const char *dir)
+{
+    memset(f, 0, sizeof *f);
+    f->dir_fd = -1;
+    if (strlen(dir) >= sizeof f->dir) { return say("store", "directory", strerror(ENAMETOOLONG)); }
+    memcpy(f->dir, dir, strlen(dir) + 1u);
+    bool made = mkdir(dir, 0777) == 0;
+    if (!made && errno != EEXIST) { return complain("can't make the store", dir); }
+    f->dir_fd = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (f->dir_fd < 0) { return complain("can't open the store", dir); }
+    if (take_over(f, made)) { return true; }
+    (void)close(f->dir_fd);
+    f->dir_fd = -1;
+    return false;
+}
+
 /* ---- offering ---- */
 
+/* One that cannot be read (any more) is offered as empty, so that the component reports it. */
 static void offer_slot(const kc_files_t *f, uint16_t kind, unsigned slot, kc_app_t *app)
 {
     char name[NAME_MAX_];
-    map_t m = {NULL, NULL, 0u};
+    slot_t s = {.most = KC_IMAGE_MAX, .into = kc_app_image_room(app)};
     slot_name(kind, slot, name);
-    if (map_file(f->dir_fd, name, &m) != MAP_OK) { return; }
-    (void)kc_app_load(app, kind, &m.data[KC_SLOT_HDR_BYTES], (uint32_t)(m.n - KC_SLOT_HDR_BYTES));
-    unmap(&m);
+    const char *wrong = read_slot(f->dir_fd, name, kind, &s);
+    if (wrong != NULL) { (void)say("can't use the stored copy", name, wrong); }
+    (void)kc_app_load(app, kind, s.into, wrong == NULL ? s.n : 0u);
 }
 
 static void offer_slots(const kc_files_t *f, uint16_t kind, kc_app_t *app)
 {
-    static const uint8_t nothing[1] = {0};
     const uint64_t *num = f->number[kind];
     for (unsigned s = 0u; s < 2u; s++) {
-        if (f->there[kind][s] && num[s] == 0u) { (void)kc_app_load(app, kind, nothing, 0u); }
+        if (f->there[kind][s] != 0u && num[s] == 0u) {
+            (void)kc_app_load(app, kind, kc_app_image_room(app), 0u);
+        }
     }
-    unsigned newest = num[1] > num[0] ? 1u : 0u;
+    unsigned newest = 1u - older(num);
     if (num[newest] > 0u) { offer_slot(f, kind, newest, app); }
     if (num[1u - newest] > 0u) { offer_slot(f, kind, 1u - newest, app); }
 }
@@ -164,6 +272,7 @@ static void offer_slots(const kc_files_t *f, uint16_t kind, kc_app_t *app)
 typedef struct {
     uint32_t n;
     char name[KC_FILES_TABLES][64];
+    bool said[KC_FILES_TABLES]; /* that it can't be used: they are read once for each kind */
 } list_t;
 
 static void insert(list_t *l, const char *name)
@@ -182,31 +291,58 @@ static bool is_table(const char *name)
     return n > 4u && n < 64u && strcmp(&name[n - 4u], ".tbl") == 0;
 }
 
+/* Of a list that could not be read to its end nothing is used: another table of the same kind might come first. */
 static bool list_tables(const char *dir, list_t *l)
 {
     const struct dirent *e;
     DIR *d = opendir(dir);
     if (d == NULL) { return complain("can't read the tables", dir); }
+    errno = 0;
     while ((e = readdir(d)) != NULL) {
         if (is_table(e->d_name) && l->n < KC_FILES_TABLES) { insert(l, e->d_name); }
+        errno = 0;
+    }
+    if (errno != 0) {
+        (void)complain("can't read the tables to their end, so none is used:", dir);
+        l->n = 0u;
     }
     (void)closedir(d);
     return true;
 }
 
-/* Those of this kind; the kind is in the image's header. */
-static void offer_tables(int dir_fd, const list_t *l, uint16_t kind, kc_app_t *app)
+/* A table into the component's room, if it is of this kind, which is in the image's header; *n: its bytes, 0 if not. */
+static const char *read_table(int dir_fd, const char *name, uint16_t kind, uint8_t *image, uint32_t *n)
 {
+    int fd = -1;
+    uint32_t size = 0u;
+    *n = 0u;
+    const char *wrong = open_file(dir_fd, name, 0, KC_IMAGE_MAX, &fd, &size);
+    if (wrong != NULL) { return wrong; }
+    wrong = size < KC_TBL_HDR_BYTES ? "cut short" : read_all(fd, image, KC_TBL_HDR_BYTES);
+    if (wrong == NULL && get_le(&image[4], 2u) == kind) {
+        wrong = read_all(fd, &image[KC_TBL_HDR_BYTES], size - KC_TBL_HDR_BYTES);
+        *n = wrong == NULL ? size : 0u;
+    }
+    (void)close(fd);
+    return wrong;
+}
+
+static void refuse_table(list_t *l, uint32_t i, const char *why)
+{
+    if (!l->said[i]) { (void)say("can't use the table", l->name[i], why); }
+    l->said[i] = true;
+}
+
+static void offer_tables(int dir_fd, list_t *l, uint16_t kind, kc_app_t *app)
+{
+    uint8_t *image = kc_app_image_room(app);
     for (uint32_t i = 0u; i < l->n; i++) {
-        map_t m = {NULL, NULL, 0u};
-        if (map_file(dir_fd, l->name[i], &m) != MAP_OK) { continue; }
-        if (m.n >= KC_TBL_HDR_BYTES && m.n <= KC_IMAGE_MAX && get_le(&m.data[4], 2u) == kind) {
-            kc_status_t st = kc_app_load(app, kind, m.data, (uint32_t)m.n);
-            if (st != KC_OK && st != KC_ERR_STATE) {
-                (void)fprintf(stderr, "kincal-fsw: table %s refused: %s\n", l->name[i], kc_status_name(st));
-            }
-        }
-        unmap(&m);
+        uint32_t n = 0u;
+        const char *wrong = read_table(dir_fd, l->name[i], kind, image, &n);
+        if (wrong != NULL) { refuse_table(l, i, wrong); }
+        if (n == 0u) { continue; }
+        kc_status_t st = kc_app_load(app, kind, image, n);
+        if (st != KC_OK && st != KC_ERR_STATE) { refuse_table(l, i, kc_status_name(st)); }
     }
 }
 
@@ -242,10 +378,19 @@ static bool write_all(int fd, const uint8_t *data, size_t n)
     return true;
 }
 
+/* Made new: what stands there already is nothing to write to (a FIFO would hold us, a link lead elsewhere). */
+static int make_tmp(const kc_files_t *f, const char *name)
+{
+    const int how = O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC;
+    int fd = openat(f->dir_fd, name, how, 0666);
+    if (fd >= 0 || errno != EEXIST || unlinkat(f->dir_fd, name, 0) != 0) { return fd; }
+    return openat(f->dir_fd, name, how, 0666);
+}
+
 /* Its pages are dropped at the end, so that it is read back from the medium. */
 static bool write_tmp(const kc_files_t *f, const char *name, const uint8_t *hdr, const kc_store_t *s)
 {
-    int fd = openat(f->dir_fd, name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    int fd = make_tmp(f, name);
     if (fd < 0) { return false; }
     bool good = write_all(fd, hdr, KC_SLOT_HDR_BYTES) && write_all(fd, s->data, s->n) && fsync(fd) == 0;
     (void)posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED);
@@ -255,12 +400,8 @@ static bool write_tmp(const kc_files_t *f, const char *name, const uint8_t *hdr,
 /* Whether the slot holds this data under this number. */
 static bool holds(const kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number)
 {
-    map_t m = {NULL, NULL, 0u};
-    if (map_file(f->dir_fd, name, &m) != MAP_OK) { return false; }
-    bool same = slot_number(&m, s->kind) == number && m.n == KC_SLOT_HDR_BYTES + s->n &&
-                memcmp(&m.data[KC_SLOT_HDR_BYTES], s->data, s->n) == 0;
-    unmap(&m);
-    return same;
+    slot_t slot = {.most = s->n, .same = s->data};
+    return read_slot(f->dir_fd, name, s->kind, &slot) == NULL && slot.number == number && slot.n == s->n;
 }
 
 static void make_header(uint8_t *hdr, const kc_store_t *s, uint64_t number)
@@ -270,7 +411,7 @@ static void make_header(uint8_t *hdr, const kc_store_t *s, uint64_t number)
     put_le(&hdr[4], s->kind, 2u);
     put_le(&hdr[8], number, 8u);
     put_le(&hdr[16], s->n, 4u);
-    put_le(&hdr[CRC_AT], slot_crc(hdr, s->data, s->n), 4u);
+    put_le(&hdr[CRC_AT], kc_crc32(kc_crc32(0u, hdr, CRC_AT), s->data, s->n), 4u);
 }
 
 static kc_status_t bad_tmp(const kc_files_t *f, const char *tmp, kc_status_t st)
@@ -280,13 +421,15 @@ static kc_status_t bad_tmp(const kc_files_t *f, const char *tmp, kc_status_t st)
 }
 
 /* In place of a slot, and only what reads back as it was written: a kill at any point leaves the old or the new
- * one. */
-static kc_status_t put_slot(const kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number)
+ * one. *there: the new one is, though perhaps not for certain. */
+static kc_status_t put_slot(const kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number,
+                            bool *there)
 {
     char tmp[NAME_MAX_];
     uint8_t hdr[KC_SLOT_HDR_BYTES];
     make_header(hdr, s, number);
     tmp_name(s->kind, tmp);
+    *there = false;
     if (!write_tmp(f, tmp, hdr, s)) {
         (void)complain("can't write", name);
         return bad_tmp(f, tmp, KC_ERR_NUM);
@@ -299,39 +442,44 @@ static kc_status_t put_slot(const kc_files_t *f, const char *name, const kc_stor
         (void)complain("can't replace", name);
         return bad_tmp(f, tmp, KC_ERR_NUM);
     }
-    if (fsync(f->dir_fd) == 0) { return KC_OK; }
-    (void)complain("can't sync", f->dir);
-    return KC_ERR_NUM;
+    *there = true;
+    return sync_dir(f) ? KC_OK : KC_ERR_NUM;
 }
 
+/* Numbers are those of what was written, not read again: a slot that could not be read for once would make the older
+ * one the newest. */
 static kc_status_t write_slot(kc_files_t *f, const kc_store_t *s)
 {
     uint64_t *num = f->number[s->kind];
-    unsigned slot = num[1] < num[0] ? 1u : 0u; /* the older one, or the bad one */
+    unsigned slot = older(num);
     char name[NAME_MAX_];
+    bool there = false;
     slot_name(s->kind, 1u - slot, name);
-    if (num[1u - slot] > 0u && holds(f, name, s, num[1u - slot])) { return KC_OK; }
+    if (num[1u - slot] > 0u && holds(f, name, s, num[1u - slot])) { return sync_dir(f) ? KC_OK : KC_ERR_NUM; }
     slot_name(s->kind, slot, name);
     bool same = num[slot] > 0u && holds(f, name, s, num[slot]);
-    uint64_t next = num[1u - slot] + 1u;
-    kc_status_t st = put_slot(f, name, s, next);
-    look_at(f, s->kind, slot);
+    uint64_t next = after(num[1u - slot]);
+    kc_status_t st = put_slot(f, name, s, next, &there);
+    if (!there) { return st; }
+    num[slot] = next;
+    f->there[s->kind][slot] = 1u;
     /* Half done: the newest before is so again. But this may be the only copy of what was here already. */
-    if (st != KC_OK && num[slot] == next && !same) {
-        (void)unlinkat(f->dir_fd, name, 0);
-        (void)fsync(f->dir_fd);
-        look_at(f, s->kind, slot);
+    if (st != KC_OK && !same && unlinkat(f->dir_fd, name, 0) == 0) {
+        num[slot] = 0u;
+        f->there[s->kind][slot] = 0u;
+        (void)sync_dir(f);
     }
     return st;
 }
 
-/* The older slot first: a kill between the two must not bring it back. */
+/* One after the other, the older first: neither a kill between the two nor a loss of power, before which the medium
+ * may have done the later change alone, brings the older one back. */
 static kc_status_t delete_slots(kc_files_t *f, uint16_t kind)
 {
     uint64_t *num = f->number[kind];
-    unsigned older = num[1] < num[0] ? 1u : 0u;
+    unsigned first = older(num);
     for (unsigned k = 0u; k < 2u; k++) {
-        unsigned slot = k == 0u ? older : 1u - older;
+        unsigned slot = k == 0u ? first : 1u - first;
         char name[NAME_MAX_];
         slot_name(kind, slot, name);
         if (unlinkat(f->dir_fd, name, 0) != 0 && errno != ENOENT) {
@@ -340,17 +488,12 @@ static kc_status_t delete_slots(kc_files_t *f, uint16_t kind)
         }
         f->there[kind][slot] = 0u;
         num[slot] = 0u;
+        if (!sync_dir(f)) { return KC_ERR_NUM; }
     }
     return KC_OK;
 }
 
 kc_status_t kc_files_store(kc_files_t *f, const kc_store_t *s)
 {
-    if (s->n > 0u) { return write_slot(f, s); }
-    kc_status_t st = delete_slots(f, s->kind);
-    if (st == KC_OK && fsync(f->dir_fd) != 0) {
-        (void)complain("can't sync", f->dir);
-        st = KC_ERR_NUM;
-    }
-    return st;
+    return s->n > 0u ? write_slot(f, s) : delete_slots(f, s->kind);
 }

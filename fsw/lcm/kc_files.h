@@ -5,7 +5,10 @@
  * whole. What the newest slot holds already is not written again. What was not confirmed is removed.
  *
  *   slot: "KCS1", u16 kind, u16 0, u64 number, u32 bytes, u32 CRC-32 of all before and of the data, data
- * all little-endian; the number grows by one with every write of that kind. */
+ * all little-endian; the number grows by one with every write of that kind, from 2^64 - 1 to 1.
+ *
+ * Files are read into buffers of a fixed size. What cannot be read, or is a link, FIFO, device or directory in place
+ * of a file, is a bad copy like any other: never a signal, never a wait. */
 #ifndef KC_FILES_H
 #define KC_FILES_H
 
@@ -27,12 +30,12 @@ typedef struct {
 } kc_files_t;
 
 /* Open the store, made if missing; only one process may use it. Left-overs of a write that was cut off are
- * removed. false with the reason on stderr. */
+ * removed, and what is there is made to last before it is used. false with the reason on stderr. */
 bool kc_files_open(kc_files_t *f, const char *dir);
 
 /* Offer everything to the component, best first: slots newest first, then the *.tbl of `tables`. Slots
- * that cannot be read are offered as empty, so that the component reports them. Number of table files, or
- * -1 with the reason on stderr if the directory can't be read. */
+ * that cannot be read are offered as empty, so that the component reports them; why is on stderr. Number of table
+ * files, 0 if they can't be listed to their end, or -1 if the directory can't be opened, with the reason on stderr. */
 int kc_files_load(kc_files_t *f, const char *tables, kc_app_t *app);
 
 /* Write and read back, or (n = 0) delete. KC_OK, or KC_ERR_NUM (not written) or KC_ERR_CRC (reads otherwise) with

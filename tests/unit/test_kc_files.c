@@ -1,6 +1,8 @@
 /* kc_files.c: the store through torn writes, damage and kills; the directory of tables. */
-#define _GNU_SOURCE /* NOLINT: mkdtemp, syscall */
+#define _GNU_SOURCE /* NOLINT: mkdtemp, syscall, RTLD_NEXT */
 
+#include <dirent.h>
+#include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <setjmp.h>
@@ -8,12 +10,16 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
+#include <sys/un.h>
 #include <unistd.h>
 
 #include "given_tables.h"
 #include "given_world.h"
+#include "kc_crc.h"
 #include "kc_files.h"
 #include "unity.h"
 
@@ -24,23 +30,41 @@ static char s_root[64], s_dir[128], s_tables[128], s_path[256];
 static uint8_t s_image[KC_IMAGE_MAX];
 static uint32_t s_n;
 
-/* ---- a medium that fails, or loses power, at any change of a file ----
+/* ---- a medium that fails, or loses power, at any call ----
  *
- * These take the place of the C library's for kc_files.c. Changes are counted from 1 while s_count is on. */
+ * These take the place of the C library's for kc_files.c. Calls are counted from 1 while s_m.on is set: those that
+ * change files, and, with s_m.reads, those that read too. */
 
-typedef enum { HOLDS, KILLS, FAILS_ONCE, FAILS_FROM, FAILS_ALL_BUT_DELETING, FLIPS } harm_t;
+typedef enum {
+    HOLDS,
+    KILLS,
+    INTERRUPTS, /* read and write, by a signal */
+    SHORTENS,   /* read and write: some of it is done */
+    ENDS,       /* read: the file ends here; the others fail */
+    FAILS_ONCE,
+    FAILS_FROM,
+    FAILS_ALL_BUT_DELETING,
+    FLIPS
+} harm_t;
 
 static struct {
-    bool on;
+    bool on, reads;
     harm_t harm;
-    long at, n;    /* change that suffers, changes so far */
+    long at, n;    /* call that suffers, calls so far */
     double torn;   /* KILLS: part of a write that is done first */
     int fd;        /* open for writing */
-    bool reached;   /* the change was reached */
+    bool reached;   /* the call was reached */
     int write_errno, n_odd; /* the next n_odd writes write nothing: 0, or -1 with this errno */
     bool close_fails;       /* of what was written */
+    bool cuts;              /* files that are read become empty after their size was asked for */
+    ino_t synced[8];        /* files and folders that were synced, a ring */
+    unsigned n_synced;
     jmp_buf power; /* gone */
 } s_m = {.fd = -1};
+
+/* The C library's. */
+#define NEXT(type, name, ...) \
+    ((type(*)(__VA_ARGS__))dlsym(RTLD_NEXT, name))  // NOLINT(bugprone-macro-parentheses)
 
 static bool suffers(bool deleting)
 {
@@ -49,10 +73,20 @@ static bool suffers(bool deleting)
     bool hit = s_m.n == s_m.at || (s_m.n > s_m.at && s_m.harm >= FAILS_FROM && s_m.harm != FLIPS);
     if (!hit || s_m.harm == HOLDS || (deleting && s_m.harm == FAILS_ALL_BUT_DELETING)) { return false; }
     s_m.reached = true;
-    if (s_m.harm == FLIPS) { return false; }
+    if (s_m.harm == FLIPS || s_m.harm == INTERRUPTS || s_m.harm == SHORTENS) { return false; }
     errno = s_m.at % 2 == 0 ? ENOSPC : EROFS;
     return true;
 }
+
+/* Of a call that only reads. */
+static bool misreads(void)
+{
+    if (!s_m.reads || !suffers(false)) { return false; }
+    errno = EIO;
+    return true;
+}
+
+static bool hit(harm_t harm) { return s_m.on && s_m.harm == harm && s_m.n == s_m.at; }
 
 static void die(void)
 {
@@ -62,6 +96,106 @@ static void die(void)
     s_m.on = false;
     longjmp(s_m.power, 1);
 }
+
+/* ---- what a loss of power may leave ----
+ *
+ * As the test VFS of SQLite has it: what was not synced is lost, torn or done, each on its own and in any order. A file
+ * that was not synced may have any content; a name stands for any of the files that it stood for since its folder was
+ * synced. */
+
+#define NAMES 12u
+#define INODES 512u
+#define VERSIONS 32u
+
+typedef struct {
+    uint8_t data[KC_SLOT_HDR_BYTES + KC_KIN_IMAGE_MAX];
+    uint32_t n;
+    bool synced;
+} inode_t;
+
+static struct {
+    bool on;
+    uint32_t n_inodes;
+    inode_t inode[INODES];
+    uint32_t n[NAMES];
+    int file[NAMES][VERSIONS]; /* inodes that the name may stand for, the newest last; -1: none */
+    int writing;
+    uint32_t random;
+} s_power;
+
+static const uint16_t s_small[] = {KC_TBL_KIN, KC_STORE_PREV, KC_STORE_PROPOSAL, KC_STORE_JOURNAL};
+
+static void power_name(uint32_t i, char name[16])
+{
+    static const char *const ends[] = {"a", "b", "tmp"};
+    (void)snprintf(name, 16u, "k%02u.%s", (unsigned)s_small[i / 3u], ends[i % 3u]);
+}
+
+/* NAMES if it is none of them. */
+static uint32_t power_index(const char *name)
+{
+    char other[16];
+    uint32_t i = 0u;
+    for (; i < NAMES; i++) {
+        power_name(i, other);
+        if (strcmp(name, other) == 0) { break; }
+    }
+    return i;
+}
+
+static void stands_for(const char *name, int inode)
+{
+    uint32_t i = power_index(name);
+    if (!s_power.on || i == NAMES) { return; }
+    TEST_ASSERT_TRUE(s_power.n[i] < VERSIONS);
+    s_power.file[i][s_power.n[i]++] = inode;
+}
+
+static int newest_of(const char *name)
+{
+    uint32_t i = power_index(name);
+    return s_power.on && i < NAMES ? s_power.file[i][s_power.n[i] - 1u] : -1;
+}
+
+static void power_creates(const char *name)
+{
+    if (!s_power.on) { return; }
+    TEST_ASSERT_TRUE(s_power.n_inodes < INODES);
+    s_power.writing = (int)s_power.n_inodes++;
+    memset(&s_power.inode[s_power.writing], 0, sizeof s_power.inode[0]);
+    stands_for(name, s_power.writing);
+}
+
+static void power_writes(const void *data, size_t n)
+{
+    if (!s_power.on) { return; }
+    inode_t *i = &s_power.inode[s_power.writing];
+    TEST_ASSERT_TRUE(i->n + n <= sizeof i->data);
+    memcpy(&i->data[i->n], data, n);
+    i->n += (uint32_t)n;
+    i->synced = false;
+}
+
+static void power_syncs(int fd)
+{
+    if (!s_power.on) { return; }
+    if (fd == s_m.fd) {
+        s_power.inode[s_power.writing].synced = true;
+    } else if (fd == s_f.dir_fd) {
+        for (uint32_t i = 0u; i < NAMES; i++) {
+            s_power.file[i][0] = s_power.file[i][s_power.n[i] - 1u];
+            s_power.n[i] = 1u;
+        }
+    }
+}
+
+static uint32_t power_draws(uint32_t below)
+{
+    s_power.random = 1664525u * s_power.random + 1013904223u;
+    return (s_power.random >> 8u) % below;
+}
+
+/* ---- the calls ---- */
 
 ssize_t write(int fd, const void *buf, size_t n)
 {
@@ -74,16 +208,35 @@ ssize_t write(int fd, const void *buf, size_t n)
     }
     if (suffers(false)) {
         size_t part = (size_t)((double)n * s_m.torn);
-        if (s_m.harm == KILLS) { (void)syscall(SYS_write, fd, buf, part); }
+        if (s_m.harm == KILLS) {
+            power_writes(buf, part);
+            (void)syscall(SYS_write, fd, buf, part);
+        }
         die();
         return -1;
     }
-    if (s_m.on && s_m.harm == FLIPS && s_m.n == s_m.at) {
+    if (hit(INTERRUPTS)) {
+        errno = EINTR;
+        return -1;
+    }
+    size_t most = hit(SHORTENS) ? (n + 1u) / 2u : n;
+    power_writes(buf, most);
+    if (hit(FLIPS)) {
         memcpy(flipped, buf, n);
         flipped[n / 2u] ^= 4u;
         return syscall(SYS_write, fd, flipped, n);
     }
-    return syscall(SYS_write, fd, buf, n);
+    return syscall(SYS_write, fd, buf, most);
+}
+
+ssize_t read(int fd, void *buf, size_t n)
+{
+    if (misreads()) { return s_m.harm == ENDS ? 0 : -1; }
+    if (s_m.reads && hit(INTERRUPTS)) {
+        errno = EINTR;
+        return -1;
+    }
+    return syscall(SYS_read, fd, buf, s_m.reads && hit(SHORTENS) ? (n + 1u) / 2u : n);
 }
 
 int openat(int dir, const char *name, int flags, ...)
@@ -93,41 +246,94 @@ int openat(int dir, const char *name, int flags, ...)
     unsigned mode = (flags & O_CREAT) != 0 ? va_arg(va, unsigned) : 0u;
     va_end(va);
     bool writing = (flags & O_CREAT) != 0;
-    if (writing && suffers(false)) {
+    if (writing ? suffers(false) : misreads()) {
         die();
         return -1;
     }
     int fd = (int)syscall(SYS_openat, dir, name, flags, mode);
-    if (writing) { s_m.fd = fd; }
+    if (writing && fd >= 0) {
+        s_m.fd = fd;
+        power_creates(name);
+    }
     return fd;
 }
+
+int open(const char *name, int flags, ...)
+{
+    va_list va;
+    va_start(va, flags);
+    unsigned mode = (flags & O_CREAT) != 0 ? va_arg(va, unsigned) : 0u;
+    va_end(va);
+    return misreads() ? -1 : (int)syscall(SYS_openat, AT_FDCWD, name, flags, mode);
+}
+
+int fstat(int fd, struct stat *st)
+{
+    char name[32];
+    if (misreads()) { return -1; }
+    int done = NEXT(int, "fstat", int, struct stat *)(fd, st);
+    (void)snprintf(name, sizeof name, "/proc/self/fd/%d", fd);
+    if (s_m.cuts) { (void)truncate(name, 0); }
+    return done;
+}
+
+int fstatat(int dir, const char *name, struct stat *st, int flags)
+{
+    return misreads() ? -1
+                      : NEXT(int, "fstatat", int, const char *, struct stat *, int)(dir, name, st, flags);
+}
+
+DIR *opendir(const char *name) { return misreads() ? NULL : NEXT(DIR *, "opendir", const char *)(name); }
+
+struct dirent *readdir(DIR *dir) { return misreads() ? NULL : NEXT(struct dirent *, "readdir", DIR *)(dir); }
+
+int mkdir(const char *name, mode_t mode)
+{
+    return suffers(false) ? -1 : (int)syscall(SYS_mkdirat, AT_FDCWD, name, mode);
+}
+
+int flock(int fd, int how) { return misreads() ? -1 : (int)syscall(SYS_flock, fd, how); }
 
 int close(int fd)
 {
     bool fails = s_m.close_fails && fd >= 0 && fd == s_m.fd;
     int done = (int)syscall(SYS_close, fd);
+    if (fd == s_m.fd) { s_m.fd = -1; }
     if (fails) { errno = EIO; }
     return fails ? -1 : done;
 }
 
 int fsync(int fd)
 {
-    if (!suffers(false)) { return fcntl(fd, F_GETFD) < 0 ? -1 : 0; } /* nothing here outlives the test */
+    struct stat st = {0};
+    if (!suffers(false)) { /* on a real medium nothing here outlives the test */
+        power_syncs(fd);
+        int done = NEXT(int, "fstat", int, struct stat *)(fd, &st);
+        s_m.synced[s_m.n_synced++ % 8u] = st.st_ino;
+        return done;
+    }
     die();
     return -1;
 }
 
 int renameat(int from_dir, const char *from, int to_dir, const char *to)
 {
-    s_m.fd = -1; /* closed */
-    if (!suffers(false)) { return (int)syscall(SYS_renameat2, from_dir, from, to_dir, to, 0u); }
+    if (!suffers(false)) {
+        stands_for(to, newest_of(from));
+        stands_for(from, -1);
+        return (int)syscall(SYS_renameat2, from_dir, from, to_dir, to, 0u);
+    }
     die();
     return -1;
 }
 
 int unlinkat(int dir, const char *name, int flags)
 {
-    if (!suffers(true)) { return (int)syscall(SYS_unlinkat, dir, name, flags); }
+    if (!suffers(true)) {
+        int done = (int)syscall(SYS_unlinkat, dir, name, flags);
+        if (done == 0) { stands_for(name, -1); }
+        return done;
+    }
     die();
     return -1;
 }
@@ -165,6 +371,7 @@ void setUp(void)
 {
     memset(&s_m, 0, sizeof s_m);
     s_m.fd = -1;
+    s_power.on = false;
     given_world();
     /* In memory where there is such a folder: a file system on a disk waits for it when a file is replaced. */
     const char *in = access("/dev/shm", W_OK) == 0 ? "/dev/shm" : "/tmp";
@@ -339,7 +546,7 @@ void test_failed_writes_are_reported(void)
 
 static int s_heard, s_stderr;
 
-static void listen(void)
+static void overhear(void)
 {
     s_heard = (int)syscall(SYS_memfd_create, "stderr", 0u);
     s_stderr = dup(2);
@@ -374,22 +581,28 @@ void test_what_the_store_cannot_do_is_said(void)
         s_m.n = 0;
         s_m.at = changes[i].at;
         s_m.harm = changes[i].harm;
-        listen();
+        overhear();
         kc_status_t st = store_arm(3);
         expect_said(changes[i].said);
         TEST_ASSERT_TRUE(st != KC_OK);
         TEST_ASSERT_EQUAL_INT(2, reloaded());
     }
-    s_m.at = 2; /* the second slot that is deleted */
+    s_m.at = 2; /* of the two, the older one is gone, but not for certain */
     s_m.n = 0;
     s_m.harm = FAILS_ONCE;
-    listen();
+    overhear();
     kc_status_t st = kc_files_store(&s_f, &gone);
+    expect_said("can't sync");
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, st);
+    s_m.at = 3; /* the second slot that is deleted */
+    s_m.n = 0;
+    overhear();
+    st = kc_files_store(&s_f, &gone);
     expect_said("can't delete k01.b");
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, st);
-    s_m.at = 3; /* both are gone, but not for certain */
+    s_m.at = 4; /* both are gone, but not for certain */
     s_m.n = 0;
-    listen();
+    overhear();
     st = kc_files_store(&s_f, &gone);
     expect_said("can't sync");
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, st);
@@ -416,9 +629,9 @@ void test_a_table_that_is_refused_is_named_with_the_reason(void)
     given_arm_image(6);
     s_image[50] ^= 1u;
     write_file(s_tables, "a.tbl", s_image, s_n);
-    listen();
+    overhear();
     TEST_ASSERT_EQUAL_INT(0, reloaded());
-    expect_said("kincal-fsw: table a.tbl refused: ");
+    expect_said("kincal-fsw: can't use the table a.tbl: ");
 }
 
 /* ---- default tables ---- */
@@ -531,10 +744,192 @@ void test_more_table_files_than_there_is_room_for_do_no_harm(void)
 
 void test_a_tables_directory_that_is_not_there_is_refused(void)
 {
-    listen();
+    overhear();
     int n = kc_files_load(&s_f, "/nowhere", APP);
     expect_said("can't read the tables /nowhere");
     TEST_ASSERT_EQUAL_INT(-1, n);
+}
+
+/* ---- what stands in place of a file; numbers; starts on a medium that fails ---- */
+
+/* Things that are no files, at s_path. */
+typedef enum { A_FIFO, A_SOCKET, A_FOLDER, A_LOOP, A_LINK_OUT, A_DEVICE, N_THINGS } thing_t;
+
+static void put_thing(thing_t thing)
+{
+    struct sockaddr_un to = {.sun_family = AF_UNIX};
+    (void)remove(s_path);
+    switch (thing) {
+    case A_FIFO: TEST_ASSERT_EQUAL_INT(0, mkfifo(s_path, 0600)); break;
+    case A_SOCKET: {
+        int fd = socket(AF_UNIX, SOCK_STREAM, 0);
+        memcpy(to.sun_path, s_path, strlen(s_path) + 1u);
+        TEST_ASSERT_EQUAL_INT(0, bind(fd, (const struct sockaddr *)&to, sizeof to));
+        (void)close(fd);
+        break;
+    }
+    case A_FOLDER: TEST_ASSERT_EQUAL_INT(0, mkdir(s_path, 0700)); break;
+    case A_LOOP: TEST_ASSERT_EQUAL_INT(0, symlink(s_path, s_path)); break;
+    case A_LINK_OUT: TEST_ASSERT_EQUAL_INT(0, symlink("/proc/self/exe", s_path)); break;
+    default: TEST_ASSERT_EQUAL_INT(0, symlink("/dev/zero", s_path)); break;
+    }
+}
+
+void test_what_is_no_file_in_place_of_a_stored_copy_is_a_bad_copy(void)
+{
+    for (thing_t thing = 0; thing < N_THINGS; thing++) {
+        (void)store_arm(1);
+        (void)store_arm(2);
+        (void)path(s_dir, s_f.number[KC_TBL_ARM][1] > s_f.number[KC_TBL_ARM][0] ? "k01.b" : "k01.a");
+        put_thing(thing);
+        TEST_ASSERT_EQUAL_INT(1, reloaded());
+        TEST_ASSERT_TRUE(event_at(&APP->boot_events, KC_EVT_BOOT_SLOT_BAD) >= 0);
+        if (thing != A_FOLDER) { /* replaced by what is written next */
+            TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(3));
+            TEST_ASSERT_EQUAL_INT(3, reloaded());
+        }
+        (void)remove(s_path);
+    }
+}
+
+void test_what_is_no_file_in_place_of_the_temporary_file_is_not_written_to(void)
+{
+    for (thing_t thing = 0; thing < N_THINGS; thing++) {
+        (void)store_arm(1);
+        (void)path(s_dir, "k01.tmp");
+        put_thing(thing);
+        TEST_ASSERT_EQUAL_INT(thing == A_FOLDER ? KC_ERR_NUM : KC_OK, store_arm(2 + (int)thing));
+        overhear();
+        TEST_ASSERT_EQUAL_INT(thing == A_FOLDER ? 1 : 2 + (int)thing, reloaded());
+        expect_said(thing == A_FOLDER ? "can't remove k01.tmp" : "");
+        (void)path(s_dir, "k01.tmp");
+        (void)remove(s_path);
+    }
+}
+
+void test_what_is_no_file_among_the_tables_is_passed_over_and_named(void)
+{
+    given_arm_image(5);
+    write_file(s_tables, "b.tbl", s_image, s_n);
+    for (thing_t thing = 0; thing < N_THINGS; thing++) {
+        (void)path(s_tables, "a.tbl");
+        put_thing(thing);
+        overhear();
+        TEST_ASSERT_EQUAL_INT(5, reloaded());
+        expect_said("can't use the table a.tbl: ");
+        (void)path(s_tables, "a.tbl");
+        (void)remove(s_path);
+    }
+}
+
+/* Read through a mapping, this is SIGBUS, as a sector is that cannot be read. */
+void test_files_that_are_cut_off_while_they_are_read_are_bad_copies(void)
+{
+    (void)store_arm(1);
+    (void)store_arm(2);
+    given_arm_image(5);
+    write_file(s_tables, "b.tbl", s_image, s_n);
+    s_m.cuts = true;
+    overhear();
+    TEST_ASSERT_EQUAL_INT(0, reloaded());
+    expect_said("can't use the stored copy k01.a: cut short");
+    TEST_ASSERT_TRUE(event_at(&APP->boot_events, KC_EVT_BOOT_SLOT_BAD) >= 0);
+}
+
+/* An ARM table in a slot under a number. */
+static void put_numbered(unsigned slot, int which, uint64_t number)
+{
+    static uint8_t whole[KC_SLOT_HDR_BYTES + KC_IMAGE_MAX];
+    given_arm_image(which);
+    memset(whole, 0, KC_SLOT_HDR_BYTES);
+    memcpy(whole, "KCS1", 4u);
+    whole[4] = KC_TBL_ARM;
+    for (unsigned i = 0u; i < 8u; i++) { whole[8u + i] = (uint8_t)(number >> (8u * i)); }
+    for (unsigned i = 0u; i < 4u; i++) { whole[16u + i] = (uint8_t)(s_n >> (8u * i)); }
+    uint32_t crc = kc_crc32(kc_crc32(0u, whole, 20u), s_image, s_n);
+    for (unsigned i = 0u; i < 4u; i++) { whole[20u + i] = (uint8_t)(crc >> (8u * i)); }
+    memcpy(&whole[KC_SLOT_HDR_BYTES], s_image, s_n);
+    write_file(s_dir, slot == 0u ? "k01.a" : "k01.b", whole, KC_SLOT_HDR_BYTES + s_n);
+}
+
+void test_whatever_the_numbers_of_slots_are_the_next_write_counts(void)
+{
+    static const uint64_t numbers[] = {0u,
+                                       1u,
+                                       2u,
+                                       5u,
+                                       INT64_MAX - 1u,
+                                       INT64_MAX,
+                                       1u + (uint64_t)INT64_MAX,
+                                       2u + (uint64_t)INT64_MAX,
+                                       UINT64_MAX - 1u,
+                                       UINT64_MAX};
+    const unsigned n = sizeof numbers / sizeof numbers[0];
+    for (unsigned i = 0u; i < n * n; i++) {
+        put_numbered(0u, 1, numbers[i / n]);
+        put_numbered(1u, 2, numbers[i % n]);
+        (void)reloaded();
+        for (int which = 3; which <= 6; which++) {
+            TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(which));
+            TEST_ASSERT_EQUAL_INT(which, reloaded());
+        }
+    }
+}
+
+void test_the_number_after_the_largest_is_newer(void)
+{
+    put_numbered(0u, 1, UINT64_MAX);
+    put_numbered(1u, 2, 1u);
+    TEST_ASSERT_EQUAL_INT(2, reloaded());
+    put_numbered(1u, 2, UINT64_MAX - 1u);
+    TEST_ASSERT_EQUAL_INT(1, reloaded());
+    put_numbered(1u, 2, UINT64_MAX / 2u); /* by one more than half of all numbers: the other way round */
+    TEST_ASSERT_EQUAL_INT(1, reloaded());
+    put_numbered(1u, 2, UINT64_MAX / 2u - 1u);
+    TEST_ASSERT_EQUAL_INT(2, reloaded());
+}
+
+static bool was_synced(const char *what)
+{
+    struct stat st;
+    TEST_ASSERT_EQUAL_INT(0, stat(what, &st));
+    for (unsigned i = 0u; i < 8u; i++) {
+        if (s_m.synced[i] == st.st_ino) { return true; }
+    }
+    return false;
+}
+
+void test_a_store_and_its_entry_in_the_folder_around_it_are_synced_at_the_start(void)
+{
+    TEST_ASSERT_TRUE(was_synced(s_root) && was_synced(s_dir));
+    memset(s_m.synced, 0, sizeof s_m.synced);
+    TEST_ASSERT_EQUAL_INT(0, reloaded());
+    TEST_ASSERT_TRUE(was_synced(s_root) && was_synced(s_dir));
+}
+
+/* A new one would be gone with all that was said to be stored; an old one is readable on a medium that is not
+ * writable any more. */
+void test_a_new_store_that_cannot_be_synced_is_refused_and_an_old_one_used(void)
+{
+    for (int made = 1; made >= 0; made--) {
+        close_store();
+        if (made == 1) { TEST_ASSERT_EQUAL_INT(0, rmdir(s_dir)); }
+        s_m.on = true;
+        s_m.n = 0;
+        s_m.at = 2; /* after mkdir */
+        s_m.harm = FAILS_FROM;
+        if (made == 0) {
+            s_m.n = 1;
+            s_m.at = 3;
+        }
+        overhear();
+        bool opened = kc_files_open(&s_f, s_dir);
+        s_m.on = false;
+        expect_said("can't sync the folder of the store");
+        TEST_ASSERT_TRUE(opened == (made == 0));
+        TEST_ASSERT_TRUE(opened == (s_f.dir_fd >= 0));
+        if (made == 1) { open_store(); }
+    }
 }
 
 /* ---- approval, rejection, rollback, a correction from the ground: killed or refused anywhere ---- */
@@ -553,8 +948,6 @@ static stored_t s_begin;
 static long s_kills, s_failures, s_replays;
 
 static kc_status_t keep_in_files(const kc_store_t *s) { return kc_files_store(&s_f, s); }
-
-static const uint16_t s_small[] = {KC_TBL_KIN, KC_STORE_PREV, KC_STORE_PROPOSAL, KC_STORE_JOURNAL};
 
 static void slot_path(uint16_t kind, unsigned slot)
 {
@@ -917,6 +1310,225 @@ void test_on_a_medium_that_dies_for_good_at_most_the_last_write_is_uncertain(voi
         TEST_ASSERT_TRUE(s_acked != KC_OK || same(later, now));
     }
     TEST_ASSERT_EQUAL_INT(1, uncertain);
+}
+
+/* ---- a start with a fault at any call; a change with a fault at any call, reads too ---- */
+
+static long s_starts, s_refused_starts, s_changed_starts;
+
+static void hear(char *text, size_t n)
+{
+    memset(text, 0, n);
+    (void)dup2(s_stderr, 2);
+    (void)syscall(SYS_close, s_stderr);
+    TEST_ASSERT_TRUE(pread(s_heard, text, n - 1u, 0) >= 0);
+    (void)syscall(SYS_close, s_heard);
+}
+
+/* False if there is no such call any more. It succeeds, with all that is stored or with an event about the copy that
+ * is not used; or it says what is wrong. */
+static bool started_with(harm_t harm, long at, in_force_t stored)
+{
+    static char text[4096];
+    char what[64];
+    (void)snprintf(what, sizeof what, "harm %d at call %ld", (int)harm, at);
+    restore(&s_begin);
+    close_store();
+    s_m.on = s_m.reads = true;
+    s_m.harm = harm;
+    s_m.at = at;
+    s_m.n = 0;
+    s_m.reached = false;
+    memset(world.events, 0, sizeof world.events);
+    overhear();
+    kc_app_init(APP);
+    kc_app_keys(APP, &world.keys);
+    bool started = kc_files_open(&s_f, s_dir) && kc_files_load(&s_f, s_tables, APP) >= 0;
+    s_m.on = s_m.reads = false;
+    hear(text, sizeof text);
+    if (!s_m.reached) { return false; }
+    s_starts++;
+    bool failed = harm == FAILS_ONCE || harm == ENDS;
+    bool said = text[0] != '\0';
+    TEST_ASSERT_TRUE_MESSAGE(failed || !said, what);
+    TEST_ASSERT_TRUE_MESSAGE(started || said, what);
+    s_refused_starts += !started;
+    if (!started) { return true; }
+    kc_app_boot(APP);
+    world.requested = false;
+    memset(&world.in, 0, sizeof world.in);
+    world_tick();
+    in_force_t now = in_force();
+    s_changed_starts += !same(now, stored);
+    bool reported = world_events(KC_EVT_BOOT_SLOT_BAD) > 0u || world_events(KC_EVT_TBL_MISSING) > 0u;
+    TEST_ASSERT_TRUE_MESSAGE(same(now, stored) || reported, what);
+    TEST_ASSERT_TRUE_MESSAGE(said || !reported, what);
+    TEST_ASSERT_TRUE_MESSAGE(failed || !reported, what);
+    bool lost = world_events(KC_EVT_BOOT_LOST) > 0u;
+    power_up(); /* on a medium that is well again: what was said last, or all that was stored */
+    TEST_ASSERT_TRUE_MESSAGE(lost || same(in_force(), now) || same(in_force(), stored), what);
+    return true;
+}
+
+void test_a_start_with_a_fault_at_any_call_succeeds_or_says_what_is_wrong(void)
+{
+    static const harm_t harms[] = {FAILS_ONCE, ENDS, INTERRUPTS, SHORTENS};
+    given_second();
+    restore(&s_begin);
+    power_up();
+    in_force_t stored = in_force();
+    for (unsigned h = 0u; h < sizeof harms / sizeof harms[0]; h++) {
+        for (long at = 1; started_with(harms[h], at, stored); at++) {}
+    }
+    (void)printf("%ld starts, %ld refused, %ld with an older copy\n", s_starts, s_refused_starts,
+                 s_changed_starts);
+    TEST_ASSERT_TRUE(s_starts >= 500 && s_refused_starts >= 4 && s_changed_starts >= 4);
+}
+
+/* Answered as made: it is, and stays so. Answered as refused: nothing has changed. A read that fails is no failure of the store
+ * where it only was to save a write. */
+static void misread_everywhere(int32_t (*change)(void))
+{
+    static const harm_t harms[] = {FAILS_ONCE, ENDS, INTERRUPTS, SHORTENS};
+    case_t c = given_case(change);
+    s_m.reads = true;
+    restore(&s_begin);
+    TEST_ASSERT_FALSE(harmed(change, HOLDS, 0, 0.0));
+    long n = s_m.n;
+    for (long at = 1; at <= n; at++) {
+        for (unsigned h = 0u; h < sizeof harms / sizeof harms[0]; h++) {
+            char what[64];
+            (void)snprintf(what, sizeof what, "harm %d at call %ld", (int)harms[h], at);
+            restore(&s_begin);
+            TEST_ASSERT_FALSE(harmed(change, harms[h], at, 0.0));
+            in_force_t now = in_force();
+            TEST_ASSERT_EQUAL_INT_MESSAGE(KC_OK, s_acked, what); /* tried again where it failed */
+            TEST_ASSERT_TRUE_MESSAGE(same(now, c.after), what);
+            TEST_ASSERT_TRUE_MESSAGE(same(restarted(), now), what);
+            TEST_ASSERT_TRUE(harms[h] < ENDS || s_m.reached);
+            s_failures++;
+        }
+    }
+    s_m.reads = false;
+}
+
+void test_an_approval_or_rejection_with_a_fault_at_any_call_is_made_and_stays(void)
+{
+    given_second();
+    misread_everywhere(approve);
+    misread_everywhere(reject);
+    TEST_ASSERT_TRUE(s_failures >= 500);
+}
+
+void test_a_rollback_or_correction_with_a_fault_at_any_call_is_made_and_stays(void)
+{
+    given_none_waiting();
+    misread_everywhere(from_ground);
+    misread_everywhere(roll_back);
+    TEST_ASSERT_TRUE(s_failures >= 500);
+}
+
+/* ---- power lost at any call, what was not synced in any order ---- */
+
+/* The files as they are, all synced. */
+static void power_on(void)
+{
+    s_power.on = true;
+    s_power.n_inodes = 0u;
+    for (uint32_t i = 0u; i < NAMES; i++) {
+        char name[16];
+        power_name(i, name);
+        inode_t *to = &s_power.inode[s_power.n_inodes];
+        FILE *f = fopen(path(s_dir, name), "rb");
+        s_power.n[i] = 1u;
+        s_power.file[i][0] = f != NULL ? (int)s_power.n_inodes++ : -1;
+        if (f == NULL) { continue; }
+        to->n = (uint32_t)fread(to->data, 1u, sizeof to->data, f);
+        to->synced = true;
+        (void)fclose(f);
+    }
+}
+
+/* What a file has that was not synced: nothing, its beginning, zeros, sectors of it, all. */
+static void lose_content(inode_t *i)
+{
+    uint32_t how = power_draws(5u);
+    if (how == 0u) { i->n = 0u; }
+    if (how == 1u) { i->n = power_draws(i->n + 1u); }
+    if (how == 2u) { memset(i->data, 0, i->n); }
+    for (uint32_t at = 0u; how == 3u && at < i->n; at += 512u) {
+        uint32_t n = i->n - at < 512u ? i->n - at : 512u;
+        if (power_draws(2u) == 0u) { memset(&i->data[at], 0, n); }
+    }
+}
+
+/* Which of its files a name stands for: with draw 0 the oldest, with 1 the newest, else any. */
+static void lose_power(uint32_t draw, uint32_t seed)
+{
+    s_power.random = seed;
+    for (uint32_t i = 0u; i < s_power.n_inodes; i++) {
+        if (!s_power.inode[i].synced) { lose_content(&s_power.inode[i]); }
+    }
+    for (uint32_t i = 0u; i < NAMES; i++) {
+        char name[16];
+        uint32_t k = draw == 0u ? 0u : draw == 1u ? s_power.n[i] - 1u : power_draws(s_power.n[i]);
+        int inode = s_power.file[i][k];
+        power_name(i, name);
+        (void)remove(path(s_dir, name));
+        if (inode >= 0) { write_file(s_dir, name, s_power.inode[inode].data, s_power.inode[inode].n); }
+    }
+    s_power.on = false;
+}
+
+#define DRAWS 12u
+
+/* Power is lost at every change of a file, or after the last; before it perhaps the process, which was started again
+ * and has said what is in force. */
+static void lost_everywhere(int32_t (*change)(void))
+{
+    case_t c = given_case(change);
+    int old = 0, new = 0;
+    for (long at = 1; at <= c.n + 1; at++) {
+        for (uint32_t draw = 0u; draw < DRAWS; draw++) {
+            char what[64];
+            (void)snprintf(what, sizeof what, "power lost at change %ld, draw %u", at, (unsigned)draw);
+            restore(&s_begin);
+            power_on();
+            TEST_ASSERT_TRUE(harmed(change, KILLS, at, 0.5) == (at <= c.n));
+            bool again = draw % 3u == 2u;
+            in_force_t said = again ? restarted() : c.before;
+            lose_power(draw / 3u, (uint32_t)at * 1000u + draw);
+            check_kill(&c, at, (double)draw);
+            TEST_ASSERT_TRUE_MESSAGE(!again || same(said, in_force()), what);
+            old += same(in_force(), c.before);
+            new += same(in_force(), c.after);
+        }
+    }
+    TEST_ASSERT_TRUE(old > 0 && new > 0);
+}
+
+void test_an_approval_is_made_or_not_whatever_a_loss_of_power_leaves(void)
+{
+    given_second();
+    lost_everywhere(approve);
+}
+
+void test_a_rejection_is_made_or_not_whatever_a_loss_of_power_leaves(void)
+{
+    given_second();
+    lost_everywhere(reject);
+}
+
+void test_a_rollback_is_made_or_not_whatever_a_loss_of_power_leaves(void)
+{
+    given_none_waiting();
+    lost_everywhere(roll_back);
+}
+
+void test_a_correction_from_the_ground_is_made_or_not_whatever_a_loss_of_power_leaves(void)
+{
+    given_none_waiting();
+    lost_everywhere(from_ground);
 }
 
 /* ---- found missing by mutants ---- */
