@@ -2,13 +2,14 @@
 
     mutation.py [FILE or ROOM ...] [--number 10] [--seed 1] [--jobs 1] [--patience 20] [--at LINE]
 
-FILE is a source of flight (default: the files that guard the arm, the tables and the store), ROOM a folder of them
-(fsw/design). Of each, `number` mutants are drawn with a fixed seed: another comparison or arithmetical or logical
-operator, a condition negated, a constant changed, a statement deleted, min for max. One that does not compile, or
-compiles to the same code, is drawn anew. Charges are not drawn (functions and constants called ..._cost): whether they
-bound what is executed, `make wcet` measures. Each mutant is compiled alone and put before the core in programs of the
-unit tests: the tests of the file first, then those of its room, then those of the rooms above, what has killed and the
-quickest first, up to `patience` seconds of processor time each. A test that fails or does not end kills it.
+FILE is a source of flight (default: the files that guard the arm, the tables and the store), ROOM a folder of
+them (fsw/design). Of each, `number` mutants are drawn with a fixed seed: another comparison or arithmetic or
+logical operator, a condition negated, a constant changed, a statement deleted, min for max. One that does not
+compile, or compiles to the same code, is drawn anew. Charges of instructions (`uint64_t ..._cost`) are not
+drawn: whether they bound what is executed, `make wcet` measures. Each mutant is compiled alone and put before
+the core in programs of the unit tests: the tests of the file first, then those of its room, then those of the
+rooms above, what has killed and the quickest first; those of other rooms up to `patience` seconds (0: none).
+A test that fails or does not end kills it.
 
 One that is not killed has to stand in tests/mutation.csv with a reason, as `equivalent` (no input tells it
 from the original) or as `accepted`. The exit status is 1 if one does not stand there, or if fewer than 95 %
@@ -84,6 +85,12 @@ class Mutant:
     def function(self, source: str) -> str:
         found = re.findall(r"^[a-z][\w *]*?(\w+)\(", source[: self.start], re.M)
         return found[-1] if found else ""
+
+    def charges(self, source: str) -> bool:
+        """Whether it is in a charge of instructions: kc_work.h."""
+        found = re.findall(r"^[a-z][\w *]*?\w+\(", source[: self.start], re.M)
+        name = r"uint64_t \w*cost\b"
+        return bool(re.search(name, self.lines(source)[0]) or (found and re.search(name, found[-1])))
 
 
 def blanked(source: str) -> str:
@@ -183,16 +190,21 @@ class Programs:
         self.lock = Lock()
         self.ready: set[str] = set()
         self.rooms = re.findall(r"^ *kc_room\((\w+)", (ROOT / "fsw/CMakeLists.txt").read_text(), re.M)
+        self.where = {
+            f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms
+        }
         self.tests = sorted(p.stem for p in (BUILT / "tests/unit/CMakeFiles").glob("test_*.dir"))
 
-    def usable(self, test: str, own: bool) -> bool:
-        """Linked, and its seconds known; False if it is too slow for other files than its own."""
+    def usable(self, test: str, near: bool) -> bool:
+        """Linked, and its seconds known; False if it is too slow for the files of other rooms."""
+        if not near and self.patience_s <= 0.0:
+            return False
         with self.lock:
             if test not in self.ready:
                 self.link(BUILT / f"tests/unit/CMakeFiles/{test}.dir")
                 self.ready.add(test)
                 self.times.write_text(json.dumps(self.seconds))
-        return own or self.seconds.get(test, 0.0) <= self.patience_s
+        return near or self.seconds.get(test, 0.0) <= self.patience_s
 
     def link(self, folder: Path) -> None:
         program = WORK / folder.stem
@@ -215,7 +227,7 @@ class Programs:
             sys.exit(f"{folder.stem} fails without any mutant")
 
     def ran(self, test: str, mutant: Path, limit_s: float) -> tuple[bool, float]:
-        """Whether a test passes, and its seconds. Those are of the processor: a busy machine kills no mutant."""
+        """Whether a test passes, and its seconds: of the processor, as a busy machine kills no mutant."""
         env = {**os.environ, "LD_LIBRARY_PATH": f"{mutant}:{WORK}"}
         command = ["sh", "-c", f'ulimit -c 0 -t {limit_s:.0f}; exec stdbuf -oL "$0"', WORK / test]
         process = subprocess.Popen(
@@ -231,17 +243,17 @@ class Programs:
 
     def tests_of(self, path: str) -> list[str]:
         """Tests of the file, then of its room, then above, what has killed and the quickest first."""
-        own = f"test_{Path(path).stem}"
-        where = {
-            f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms
-        }
-        least = self.rooms.index(room(path))
-        above = [t for t in self.tests if where.get(t, len(self.rooms)) >= least]
+        own, least = f"test_{Path(path).stem}", self.rooms.index(room(path))
+        above = [t for t in self.tests if self.where.get(t, len(self.rooms)) >= least]
         order = {
-            t: (t != own, where.get(t) != least, -self.kills[room(path), t], self.seconds.get(t, 0.0))
+            t: (t != own, self.where.get(t) != least, -self.kills[room(path), t], self.seconds.get(t, 0.0))
             for t in above
         }
         return sorted(above, key=order.__getitem__)
+
+    def near(self, test: str, path: str) -> bool:
+        """Whether it is a test of the same room."""
+        return self.where.get(test) == self.rooms.index(room(path))
 
     def compiled(self, path: str, source: str, folder: Path) -> bytes | None:
         """Object of another text of a source, without lines; None if it does not compile."""
@@ -276,7 +288,7 @@ def killer(programs: Programs, mutant: Mutant, folder: Path) -> str | None:
     """The test that kills the mutant that is compiled in folder; None if it survives."""
     run("gcc", "-shared", "-o", folder / "libmutant.so", folder / "mutant.o")
     for test in programs.tests_of(mutant.path):
-        if not programs.usable(test, test == f"test_{Path(mutant.path).stem}"):
+        if not programs.usable(test, programs.near(test, mutant.path)):
             continue
         if not programs.ran(test, folder, 2.0 + 5.0 * programs.seconds[test])[0]:
             programs.kills[room(mutant.path), test] += 1
@@ -290,7 +302,7 @@ def drawn(
     """Mutants that compile to something else, each with the folder that it is compiled in."""
     source = {path: (ROOT / path).read_text() for path in paths}
     pool = [m for p in paths for m in changes(p, source[p]) if at in (0, m.line(source[p]))]
-    pool = [m for m in pool if "cost" not in (m.function(source[m.path]) + m.lines(source[m.path])[0]).lower()]
+    pool = [m for m in pool if not m.charges(source[m.path])]
     random.Random(f"{seed} {paths[0] if len(paths) == 1 else room(paths[0])}").shuffle(pool)
     plain: dict[str, bytes | None] = {}
     n = 0
@@ -337,7 +349,7 @@ def main() -> int:
     parser.add_argument("--number", type=int, default=10, help="mutants of each file")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--patience", type=float, default=20.0, help="processor time of the tests of other files [s]")
+    parser.add_argument("--patience", type=float, default=20.0, help="of the tests of other rooms [s]")
     parser.add_argument("--at", type=int, default=0, help="only mutants of this line")
     args = parser.parse_args()
     programs, known = Programs(args.patience), reviewed()
