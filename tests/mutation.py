@@ -229,7 +229,7 @@ class Programs:
     def ran(self, test: str, mutant: Path, limit_s: float) -> tuple[bool, float]:
         """Whether a test passes, and its seconds: of the processor, as a busy machine kills no mutant."""
         env = {**os.environ, "LD_LIBRARY_PATH": f"{mutant}:{WORK}"}
-        command = ["sh", "-c", f'ulimit -c 0 -t {limit_s:.0f}; exec stdbuf -oL "$0"', WORK / test]
+        command = ["sh", "-c", f'ulimit -c 0; ulimit -t {limit_s:.0f}; exec stdbuf -oL "$0"', WORK / test]
         process = subprocess.Popen(
             command, env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=WORK
         )
