@@ -132,9 +132,9 @@ fuzz-seeds: fuzz ## tests/fuzz/seeds anew from what was found
 	$(Q)$(call FUZZ,fuzz) --pack
 
 .PHONY: mutation mutation-short
-mutation: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## do the unit tests notice a changed token? (FILES, N of each, SEED, JOBS; 5 min)
+mutation: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## do the unit tests notice a changed token? (FILES or rooms, N of each, SEED, JOBS, PATIENCE; 5 min)
 	$(call compile,rel,units)
-	$(Q)$(PYTHON) tests/mutation.py $(FILES) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS))
+	$(Q)$(PYTHON) tests/mutation.py $(FILES) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS)) $(if $(PATIENCE),--patience $(PATIENCE))
 mutation-short: ## a few of them, of what guards the arm and takes commands
 	$(Q)$(MAKE) mutation FILES="fsw/motion/kc_guard.c fsw/exec/kc_cmd.c fsw/exec/kc_change.c" N=5
 
@@ -160,7 +160,7 @@ record: core messages .venv/.stamp ## calibrations for the replay, and what it h
 
 # ---- measures of the flight core ----------------------------------------------------------------------
 
-.PHONY: cov size heapcheck wcet
+.PHONY: cov size heapcheck wcet wcet-search
 # Counters of all unit tests, merged; what they mean for each condition is read from the library, which has the whole core.
 COUNTED := $(BUILD)/cov/profile
 $(BUILD)/cov/build.ninja: | $(STAMP)/apt-test
@@ -182,6 +182,11 @@ heapcheck: $(BUILD)/rel/build.ninja ## fails when the core references a heap fun
 wcet: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-wcet ## instructions of every step with all sizes at their limits (installs valgrind; CASES, 4 min)
 	$(call compile,rel,wcet)
 	$(Q)$(PYTHON) tests/bench/wcet.py $(CASES)
+
+wcet-search: $(BUILD)/rel/build.ninja $(BUILD)/count/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-wcet ## which tables that flight accepts take the most instructions? (MINUTES, SEED; a second start goes on)
+	$(call compile,rel,wcet-search)
+	$(call compile,count,wcet-search)
+	$(Q)$(PYTHON) tests/bench/wcet_search.py $(if $(MINUTES),--minutes $(MINUTES)) $(if $(SEED),--seed $(SEED))
 
 # ---- lint ---------------------------------------------------------------------------------------------
 

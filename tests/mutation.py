@@ -1,13 +1,15 @@
 """Change flight's sources one token at a time and see whether the unit tests notice.
 
-    mutation.py [FILE ...] [--number 10] [--seed 1] [--jobs 1] [--patience 20] [--at LINE]
+    mutation.py [FILE or ROOM ...] [--number 10] [--seed 1] [--jobs 1] [--patience 20] [--at LINE]
 
-FILE is a source of flight (default: the files that guard the arm, the tables and the store). Of each,
-`number` mutants are drawn with a fixed seed: another comparison or arithmetical or logical operator, a
-condition negated, a constant changed, a statement deleted, min for max. One that does not compile, or
-compiles to the same code, is drawn anew. Each is compiled alone and put before the core in programs of the
-unit tests: the tests of the file first, then those of its room and of the rooms above, the quickest first,
-up to `patience` seconds each. A test that fails or does not end kills it.
+FILE is a source of flight (default: the files that guard the arm, the tables and the store), ROOM a folder of
+them (fsw/design). Of each, `number` mutants are drawn with a fixed seed: another comparison or arithmetic or
+logical operator, a condition negated, a constant changed, a statement deleted, min for max. One that does not
+compile, or compiles to the same code, is drawn anew. Charges of instructions (`uint64_t ..._cost`) are not
+drawn: whether they bound what is executed, `make wcet` measures. Each mutant is compiled alone and put before
+the core in programs of the unit tests: the tests of the file first, then those of its room, then those of the
+rooms above, what has killed and the quickest first; those of other rooms up to `patience` seconds (0: none).
+A test that fails or does not end kills it.
 
 One that is not killed has to stand in tests/mutation.csv with a reason, as `equivalent` (no input tells it
 from the original) or as `accepted`. The exit status is 1 if one does not stand there, or if fewer than 95 %
@@ -23,11 +25,12 @@ import re
 import shlex
 import subprocess
 import sys
-import time
+from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILT = ROOT / "build/rel"
@@ -82,6 +85,12 @@ class Mutant:
     def function(self, source: str) -> str:
         found = re.findall(r"^[a-z][\w *]*?(\w+)\(", source[: self.start], re.M)
         return found[-1] if found else ""
+
+    def charges(self, source: str) -> bool:
+        """Whether it is in a charge of instructions: kc_work.h."""
+        found = re.findall(r"^[a-z][\w *]*?\w+\(", source[: self.start], re.M)
+        name = r"uint64_t \w*cost\b"
+        return bool(re.search(name, self.lines(source)[0]) or (found and re.search(name, found[-1])))
 
 
 def blanked(source: str) -> str:
@@ -177,17 +186,31 @@ class Programs:
         run("gcc", "-shared", "-o", WORK / "none/libmutant.so", "-x", "c", "/dev/null")
         self.times = WORK / "seconds.json"
         self.seconds = json.loads(self.times.read_text()) if self.times.exists() else {}
+        self.kills: Counter[tuple[str, str]] = Counter()  # by room and test
+        self.lock = Lock()
+        self.ready: set[str] = set()
         self.rooms = re.findall(r"^ *kc_room\((\w+)", (ROOT / "fsw/CMakeLists.txt").read_text(), re.M)
-        for folder in sorted((BUILT / "tests/unit/CMakeFiles").glob("test_*.dir")):
-            self.link(folder)
-        self.times.write_text(json.dumps(self.seconds))
+        self.where = {
+            f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms
+        }
+        self.tests = sorted(p.stem for p in (BUILT / "tests/unit/CMakeFiles").glob("test_*.dir"))
+
+    def usable(self, test: str, near: bool) -> bool:
+        """Linked, and its seconds known; False if it is too slow for the files of other rooms."""
+        if not near and self.patience_s <= 0.0:
+            return False
+        with self.lock:
+            if test not in self.ready:
+                self.link(BUILT / f"tests/unit/CMakeFiles/{test}.dir")
+                self.ready.add(test)
+                self.times.write_text(json.dumps(self.seconds))
+        return near or self.seconds.get(test, 0.0) <= self.patience_s
 
     def link(self, folder: Path) -> None:
         program = WORK / folder.stem
         objects = list(folder.rglob("*.o"))
-        newest = max((o.stat().st_mtime for o in objects), default=0.0)
-        known = program.exists() and folder.stem in self.seconds and newest < program.stat().st_mtime
-        if not objects or known:
+        newest = max([o.stat().st_mtime for o in objects] + [(BUILT / "libgiven.a").stat().st_mtime])
+        if program.exists() and folder.stem in self.seconds and newest < program.stat().st_mtime:
             return
         libraries = [BUILT / "libgiven.a", BUILT / "libunity.a"]
         mutant_first = [
@@ -199,35 +222,38 @@ class Programs:
         ]
         more = ["-Wl,--as-needed", BUILT / "libkcm.a", "-llcm", "-lm"]
         run("gcc", "-o", program, *objects, *libraries, *mutant_first, *more)
-        if self.seconds.get(folder.stem, 0.0) > self.patience_s:
-            return  # known to be too slow for other files than its own
-        began = time.monotonic()
-        if not self.passes(folder.stem, WORK / "none", 600.0):
+        passed, self.seconds[folder.stem] = self.ran(folder.stem, WORK / "none", 600.0)
+        if not passed:
             sys.exit(f"{folder.stem} fails without any mutant")
-        self.seconds[folder.stem] = time.monotonic() - began
 
-    def passes(self, test: str, mutant: Path, limit_s: float) -> bool:
+    def ran(self, test: str, mutant: Path, limit_s: float) -> tuple[bool, float]:
+        """Whether a test passes, and its seconds: of the processor, as a busy machine kills no mutant."""
         env = {**os.environ, "LD_LIBRARY_PATH": f"{mutant}:{WORK}"}
-        command = ["stdbuf", "-oL", "timeout", "-k", "1", f"{limit_s:.0f}", WORK / test]
-        with subprocess.Popen(
+        command = ["sh", "-c", f'ulimit -c 0; ulimit -t {limit_s:.0f}; exec stdbuf -oL "$0"', WORK / test]
+        process = subprocess.Popen(
             command, env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=WORK
-        ) as process:
-            for line in process.stdout:
-                if b":FAIL" in line:
-                    process.terminate()
-                    return False
-            return process.wait() == 0
+        )
+        failed = any(b":FAIL" in line for line in process.stdout)
+        process.stdout.close()
+        if failed:
+            process.terminate()
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        return not failed and process.returncode == 0, usage.ru_utime
 
     def tests_of(self, path: str) -> list[str]:
-        """Tests of the file, then those of its room and above, quickest first."""
-        own = f"test_{Path(path).stem}"
-        least = self.rooms.index(room(path))
-        where = {
-            f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms
+        """Tests of the file, then of its room, then above, what has killed and the quickest first."""
+        own, least = f"test_{Path(path).stem}", self.rooms.index(room(path))
+        above = [t for t in self.tests if self.where.get(t, len(self.rooms)) >= least]
+        order = {
+            t: (t != own, self.where.get(t) != least, -self.kills[room(path), t], self.seconds.get(t, 0.0))
+            for t in above
         }
-        above = [t for t in self.seconds if t != own and where.get(t, len(self.rooms)) >= least]
-        above = [t for t in above if self.seconds[t] <= self.patience_s]
-        return [own] * (own in self.seconds) + sorted(above, key=self.seconds.__getitem__)
+        return sorted(above, key=order.__getitem__)
+
+    def near(self, test: str, path: str) -> bool:
+        """Whether it is a test of the same room."""
+        return self.where.get(test) == self.rooms.index(room(path))
 
     def compiled(self, path: str, source: str, folder: Path) -> bytes | None:
         """Object of another text of a source, without lines; None if it does not compile."""
@@ -262,24 +288,34 @@ def killer(programs: Programs, mutant: Mutant, folder: Path) -> str | None:
     """The test that kills the mutant that is compiled in folder; None if it survives."""
     run("gcc", "-shared", "-o", folder / "libmutant.so", folder / "mutant.o")
     for test in programs.tests_of(mutant.path):
-        if not programs.passes(test, folder, 10.0 + 5.0 * programs.seconds[test]):
+        if not programs.usable(test, programs.near(test, mutant.path)):
+            continue
+        if not programs.ran(test, folder, 2.0 + 5.0 * programs.seconds[test])[0]:
+            programs.kills[room(mutant.path), test] += 1
             return test
     return None
 
 
-def drawn(programs: Programs, path: str, source: str, number: int, seed: int, at: int) -> Iterator[Mutant]:
-    """Mutants that compile to something else; each is left compiled in its folder."""
-    pool = [m for m in changes(path, source) if at in (0, m.line(source))]
-    random.Random(f"{seed} {path}").shuffle(pool)
-    plain = programs.compiled(path, source, WORK / "plain")
+def drawn(
+    programs: Programs, paths: list[str], number: int, seed: int, at: int
+) -> Iterator[tuple[Mutant, Path]]:
+    """Mutants that compile to something else, each with the folder that it is compiled in."""
+    source = {path: (ROOT / path).read_text() for path in paths}
+    pool = [m for p in paths for m in changes(p, source[p]) if at in (0, m.line(source[p]))]
+    pool = [m for m in pool if not m.charges(source[m.path])]
+    random.Random(f"{seed} {paths[0] if len(paths) == 1 else room(paths[0])}").shuffle(pool)
+    plain: dict[str, bytes | None] = {}
     n = 0
     for mutant in pool:
         if n == number:
             return
-        code = programs.compiled(path, mutant.of(source), WORK / f"{Path(path).stem}-{n}")
-        if code is not None and code != plain:
+        folder = WORK / f"{room(mutant.path)}-{n}"
+        if mutant.path not in plain:
+            plain[mutant.path] = programs.compiled(mutant.path, source[mutant.path], WORK / "plain")
+        code = programs.compiled(mutant.path, mutant.of(source[mutant.path]), folder)
+        if code is not None and code != plain[mutant.path]:
             n += 1
-            yield mutant
+            yield mutant, folder
 
 
 def reviewed() -> dict[tuple[str, ...], dict[str, str]]:
@@ -290,13 +326,19 @@ def reviewed() -> dict[tuple[str, ...], dict[str, str]]:
     return {(row["file"], row["function"], row["original"], row["mutant"]): row for row in rows}
 
 
-def try_file(programs: Programs, path: str, args: argparse.Namespace) -> list[tuple[Mutant, str | None]]:
-    source = (ROOT / path).read_text()
-    mutants = list(drawn(programs, path, source, args.number, args.seed, args.at))
-    folders = [WORK / f"{Path(path).stem}-{n}" for n in range(len(mutants))]
+def sources(name: str) -> list[str]:
+    """A file, or the sources of a room."""
+    if not (ROOT / name).is_dir():
+        return [name]
+    return sorted(str(p.relative_to(ROOT)) for p in (ROOT / name).glob("*.c*") if p.name != "main.c")
+
+
+def tried(programs: Programs, name: str, args: argparse.Namespace) -> Iterator[tuple[Mutant, str | None]]:
+    mutants = drawn(programs, sources(name), args.number, args.seed, args.at)
     with ThreadPoolExecutor(args.jobs) as pool:
-        killers = list(pool.map(lambda m, f: killer(programs, m, f), mutants, folders))
-    return list(zip(mutants, killers, strict=True))
+        results = [(m, pool.submit(killer, programs, m, folder)) for m, folder in mutants]
+        for mutant, result in results:
+            yield mutant, result.result()
 
 
 def main() -> int:
@@ -307,25 +349,27 @@ def main() -> int:
     parser.add_argument("--number", type=int, default=10, help="mutants of each file")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--patience", type=float, default=20.0, help="of the tests of other files [s]")
+    parser.add_argument("--patience", type=float, default=20.0, help="of the tests of other rooms [s]")
     parser.add_argument("--at", type=int, default=0, help="only mutants of this line")
     args = parser.parse_args()
     programs, known = Programs(args.patience), reviewed()
     total = killed = equivalent = new = 0
-    for path in args.files:
-        source = (ROOT / path).read_text()
-        results = try_file(programs, path, args)
-        dead = sum(k is not None for _, k in results)
-        total, killed = total + len(results), killed + dead
-        print(f"{path}: {dead} of {len(results)} killed", flush=True)
-        for mutant, _ in (r for r in results if r[1] is None):
+    for name in args.files:
+        dead = n = 0
+        for mutant, test in tried(programs, name, args):
+            n, dead = n + 1, dead + (test is not None)
+            if test is not None:
+                continue
+            source = (ROOT / mutant.path).read_text()
             before, after = mutant.lines(source)
-            row = known.get((path, mutant.function(source), before, after))
+            row = known.get((mutant.path, mutant.function(source), before, after))
             equivalent += row is not None and row["verdict"] == "equivalent"
             new += row is None
             verdict = row["verdict"] if row else "NOT KILLED"
-            print(f"  {verdict}: line {mutant.line(source)}, {mutant.function(source)}")
+            print(f"  {verdict}: {mutant.path}:{mutant.line(source)}, {mutant.function(source)}")
             print(f"    - {before}\n    + {after}", flush=True)
+        total, killed = total + n, killed + dead
+        print(f"{name}: {dead} of {n} killed", flush=True)
     share = killed / max(1, total - equivalent)
     percent = f"{100.0 * share:.1f} %"
     print(f"{killed} of {total} killed, {equivalent} equivalent: {percent}; {new} without a reason")

@@ -28,7 +28,10 @@ ConstMat mat(const double *a, uint32_t rows, uint32_t cols, uint32_t ld)
     return ConstMat(a, Index(rows), Index(cols), OuterStride<>(Index(ld)));
 }
 
-/* Householder vector (v0; b) for (alpha; b), |b|^2 = b2 > 0: reflection I - beta v v' that
+/* A column whose norm^2 is below this counts as zero: where the numbers end, a reflection would divide by 0. */
+constexpr double ZERO2 = 1e-290;
+
+/* Householder vector (v0; b) for (alpha; b), |b|^2 = b2 > ZERO2: reflection I - beta v v' that
  * sends it to (r; 0). The sign of r is opposite to alpha's, so v0 does not cancel. */
 struct Reflection {
     double r, v0, beta;
@@ -69,7 +72,7 @@ void reflect_column(Mat &R, uint32_t n, uint32_t k)
     const Index below = Index(n - k - 1u);
     auto b = R.col(Index(k)).tail(below);
     const double b2 = b.squaredNorm();
-    if (!(b2 > 0.0)) { return; }
+    if (!(b2 > ZERO2)) { return; }
     const Reflection h(R(k, k), b2);
     for (uint32_t j = k + 1u; j < n; j++) {
         auto c = R.col(Index(j)).tail(below);
@@ -181,7 +184,7 @@ double kc_la_fold(double *R, uint32_t n, uint32_t ld, double *blk, uint32_t m, u
     for (uint32_t k = 0u; k < n; k++) {
         auto b = B.col(k);
         const double b2 = b.squaredNorm();
-        if (b2 <= 0.0) { continue; } /* NaN goes on, into the diagonal */
+        if (b2 <= ZERO2) { continue; } /* NaN goes on, into the diagonal */
         const Reflection h(U(k, k), b2);
         U(k, k) = h.r;
         for (uint32_t j = k + 1u; j <= n; j++) {

@@ -38,7 +38,7 @@ void kc_la_packed_solve_t(const double *L, uint32_t n, double *x); /* x <- L^-T 
 
 /* Fold m whitened rows [J | r] (m x (n+1), ldb > n, m <= 6, spoiled) into [R | z] by Householder
  * reflections: R'R + J'J and R'z + J'r are kept. Below the diagonal R is neither read nor written;
- * start from zeros. Returns the part of |r|^2 that no coefficient can explain. O(m n^2). */
+ * start from zeros. A column of rows below 1e-145 counts as zero. Returns the part of |r|^2 that no coefficient can explain. O(m n^2). */
 double kc_la_fold(double *R, uint32_t n, uint32_t ld, double *blk, uint32_t m, uint32_t ldb);
 /* x <- R^-1 x and x <- R^-T x; no diagonal element may be zero. */
 void kc_la_solve_upper(const double *R, uint32_t n, uint32_t ld, double *x);

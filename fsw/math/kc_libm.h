@@ -12,9 +12,6 @@
 #define KC_PI 3.14159265358979323846
 #define KC_INF HUGE_VAL
 
-double kc_sin(double x);
-double kc_cos(double x);
-double kc_tan(double x);
 double kc_acos(double x);
 double kc_atan2(double y, double x);
 double kc_exp(double x);
@@ -33,5 +30,21 @@ static inline double kc_max(double a, double b) { return a > b ? a : b; }
 static inline double kc_clamp(double x, double lo, double hi) { return kc_min(kc_max(x, lo), hi); }
 
 static inline bool kc_finite(double x) { return isfinite(x); }
+
+/* Angles farther from 0 count as this one, with their sign: an arm has none, neighbouring numbers there are 1e-10
+ * rad apart and more, and to reduce them exactly takes many times the instructions of smaller ones. */
+#define KC_ANGLE_MAX 1e6
+static inline double kc_angle(double x)
+{
+    if (x > KC_ANGLE_MAX) { return KC_ANGLE_MAX; }
+    return x < -KC_ANGLE_MAX ? -KC_ANGLE_MAX : x; /* NaN stays NaN */
+}
+
+double kc_musl_sin(double x);
+double kc_musl_cos(double x);
+double kc_musl_tan(double x);
+static inline double kc_sin(double x) { return kc_musl_sin(kc_angle(x)); }
+static inline double kc_cos(double x) { return kc_musl_cos(kc_angle(x)); }
+static inline double kc_tan(double x) { return kc_musl_tan(kc_angle(x)); }
 
 #endif

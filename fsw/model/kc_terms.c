@@ -55,6 +55,9 @@ static void check_basis(kc_check_t *c, const kc_basis_t *b, uint32_t n_joints, i
     kc_check(c, index_ok(b->var, b->index, n_joints), at, b->index);
     kc_check_finite(c, &b->c0, 1u, at);
     kc_check_finite(c, &b->c1, 1u, at);
+    if (b->var != KC_VAR_ONE && (b->fn == KC_FN_SIN || b->fn == KC_FN_COS)) {
+        kc_check(c, kc_fabs(b->c0 * b->c1) <= KC_ANGLE_MAX, at, b->c1);
+    }
 }
 
 static void check_term(kc_check_t *c, const kc_terms_t *t, uint32_t k, uint32_t n_joints)

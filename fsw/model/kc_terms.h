@@ -68,7 +68,8 @@ typedef enum {
 #define KC_LEVER_LINK(index) ((uint32_t)(index) / 16u)
 #define KC_LEVER_BODY(index) ((uint32_t)(index) % 16u)
 
-/* basis = fn(z),  z = c1 (x - c0), clipped to +-1e12. */
+/* basis = fn(z),  z = c1 (x - c0), clipped to +-1e12; for sine and cosine to +-KC_ANGLE_MAX, and |c0 c1| is
+ * not beyond that. */
 typedef enum {
     KC_FN_LIN = 0, /* z */
     KC_FN_SIN = 1,

@@ -15,9 +15,9 @@
 #define hidden __attribute__((__visibility__("hidden")))
 #define weak_alias(old, new) _Static_assert(1, #old)
 
-#define sin kc_sin
-#define cos kc_cos
-#define tan kc_tan
+#define sin kc_musl_sin
+#define cos kc_musl_cos
+#define tan kc_musl_tan
 #define acos kc_acos
 #define atan2 kc_atan2
 #define exp kc_exp

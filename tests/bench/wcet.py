@@ -26,29 +26,34 @@ def state_names() -> dict[int, str]:
     return {int(number): name for name, number in re.findall(r"KC_ST_(\w+) = (\d+)", text)}
 
 
-def steps(case: str) -> list[tuple[str, int, int]]:
-    """Part of the case, state in which the step ended, instructions."""
-    folder = WORK / case
+def counted(folder: Path, command: list[str], text: str = "") -> list[tuple[list[str], int]]:
+    """The lines that a program prints, one for each step, split; and the instructions of the step."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    counted = subprocess.run(
+    done = subprocess.run(
         [
             *("valgrind", "-q", "--tool=callgrind", f"--callgrind-out-file={folder}/out"),
-            *("--toggle-collect=kc_app_step", "--dump-after=kc_app_step", PROGRAM, case),
+            *("--toggle-collect=kc_app_step", "--dump-after=kc_app_step", *command),
         ],
         check=True,
+        input=text,
         stdout=subprocess.PIPE,
         text=True,
     )
-    lines = counted.stdout.splitlines()
+    lines = done.stdout.splitlines()
     costs = []
     for number in range(1, len(lines) + 1):
         dump = folder / f"out.{number}"
         found = re.search(r"^(?:totals|summary): (\d+)", dump.read_text(), re.MULTILINE)
         costs.append(int(found[1]) if found else 0)
         dump.unlink()
-    parts = [line.split() for line in lines]
-    return [(part, int(after), cost) for (part, _before, after), cost in zip(parts, costs, strict=True)]
+    return [(line.split(), cost) for line, cost in zip(lines, costs, strict=True)]
+
+
+def steps(case: str) -> list[tuple[str, int, int]]:
+    """Part of the case, state in which the step ended, instructions."""
+    lines = counted(WORK / case, [str(PROGRAM), case])
+    return [(part, int(after), cost) for (part, _before, after), cost in lines]
 
 
 def main(cases: tuple[str, ...]) -> int:

@@ -83,10 +83,36 @@ void test_objective_does_not_blow_noise_up_beyond_the_floors(void)
 
 void test_ucb_without_data_takes_the_first_usable(void)
 {
-    s_usable[0] = 0u;
+    s_usable[0] = s_usable[1] = 0u;
+    for (uint32_t c = 0u; c < N_CAND; c++) { s_gp.var[c] = 1.0; } /* equal to the bit */
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_ucb(&s_gp, s_usable, 4.0, &s_c, &s_value));
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 2.0, s_value);
-    TEST_ASSERT_TRUE(s_usable[s_c] != 0u);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_c);
+}
+
+/* Of two candidates with the same mean the less certain one, by sqrt(beta) times the difference of the sigmas. */
+void test_ucb_adds_the_square_root_of_beta_times_sigma(void)
+{
+    memset(s_usable, 0, sizeof s_usable);
+    s_usable[3] = s_usable[7] = 1u;
+    s_gp.var[3] = 0.04;
+    s_gp.var[7] = 0.09;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_ucb(&s_gp, s_usable, 25.0, &s_c, &s_value));
+    TEST_ASSERT_EQUAL_UINT32(7u, s_c);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 5.0 * 0.3, s_value);
+}
+
+void test_random_takes_the_only_one_that_is_left(void)
+{
+    uint64_t rng = 3u;
+    memset(s_usable, 0, sizeof s_usable);
+    s_usable[N_CAND - 1u] = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_random(s_usable, N_CAND, &rng, &s_c));
+    TEST_ASSERT_EQUAL_UINT32(N_CAND - 1u, s_c);
+    s_usable[N_CAND - 1u] = 0u; /* and 255 is as usable as 1 */
+    s_usable[0] = 255u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_random(s_usable, N_CAND, &rng, &s_c));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_c);
 }
 
 void test_ucb_without_exploration_goes_where_the_mean_is_best(void)
@@ -242,6 +268,182 @@ void test_what_is_not_finite_is_reported(void)
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, info(KC_ACQ_DOPT));
     s_est.coef[2] = NAN;
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, info(KC_ACQ_DOPT));
+}
+
+/* ---- against the definition: the whole information matrix, inverted anew for each candidate ---- */
+
+#define N_REQ 10u
+typedef double matrix_t[N_REQ][N_REQ];
+
+/* Gauss and Jordan without pivoting, for a positive definite matrix: its inverse, and ln of its determinant. */
+static double inverted(const matrix_t A, matrix_t out)
+{
+    matrix_t a;
+    double log_det = 0.0;
+    memcpy(a, A, sizeof a);
+    memset(out, 0, sizeof a);
+    for (uint32_t i = 0u; i < N_REQ; i++) { out[i][i] = 1.0; }
+    for (uint32_t k = 0u; k < N_REQ; k++) {
+        double pivot = a[k][k];
+        log_det += log(pivot);
+        for (uint32_t j = 0u; j < N_REQ; j++) {
+            a[k][j] /= pivot;
+            out[k][j] /= pivot;
+        }
+        for (uint32_t i = 0u; i < N_REQ; i++) {
+            double f = i == k ? 0.0 : a[i][k];
+            for (uint32_t j = 0u; j < N_REQ; j++) {
+                a[i][j] -= f * a[k][j];
+                out[i][j] -= f * out[k][j];
+            }
+        }
+    }
+    return log_det;
+}
+
+static uint32_t s_requested[N_REQ];
+
+/* A += J' diag(1 / var) J of the requested coefficients in units of their scale. */
+static void informed(const kc_eval_t *ev, const double *var, uint32_t rows, matrix_t A)
+{
+    for (uint32_t i = 0u; i < N_REQ; i++) {
+        for (uint32_t j = 0u; j < N_REQ; j++) {
+            uint32_t a = s_requested[i], b = s_requested[j];
+            double s = 0.0;
+            for (uint32_t k = 0u; k < rows; k++) { s += ev->J[a][k] * ev->J[b][k] / var[k]; }
+            A[i][j] += s * s_terms.coef[a].scale * s_terms.coef[b].scale;
+        }
+    }
+}
+
+/* Eight DH errors, a compliance and an effect of temperature; noise of its own on every axis, one pose without
+ * rotation, one outlier, one own prior; it gets warmer from pose to pose. */
+static void given_requests(uint32_t n_obs)
+{
+    const kc_coef_t more = {.name = "more", .lb = -1.0, .ub = 1.0, .scale = 0.003, .enabled = 1u};
+    s_terms.coef[28] = s_terms.coef[29] = more;
+    s_terms.term[28] = (kc_term_t){.coef = 28u, .frame = 1u, .comp = KC_RZ, .gain = 0.02};
+    s_terms.term[28].basis[0] = (kc_basis_t){KC_FN_LIN, KC_VAR_TAU, 2u, 0.0, 1.0};
+    s_terms.term[29] = (kc_term_t){.coef = 29u, .frame = 2u, .comp = KC_TX, .gain = 0.3};
+    s_terms.term[29].basis[0] = (kc_basis_t){KC_FN_LIN, KC_VAR_TEMP, 0u, 10.0, 0.1};
+    s_terms.n_coef = s_terms.n_term = 30u;
+    given_session(&s_est, &s_arm, &s_terms, s_truth, n_obs, 0.0);
+    s_est.opt.free_mask = 0u;
+    for (uint32_t i = 0u; i < N_REQ; i++) {
+        s_requested[i] = i < 8u ? 3u * i + 1u : 20u + i;
+        s_est.opt.free_mask |= (uint64_t)1u << s_requested[i];
+    }
+    s_est.opt.use_prior = 1u;
+    s_terms.coef[s_requested[3]].prior_sigma = 0.25 * s_terms.coef[s_requested[3]].scale;
+    for (uint32_t i = 0u; i < n_obs; i++) {
+        s_est.obs[i].ctx.temp_c = 20.0 + 5.0 * (double)i;
+        s_est.obs[i].has_rot = i != 2u;
+        for (uint32_t k = 0u; k < 6u; k++) { s_est.obs[i].cov[7u * k] *= 1.0 + (double)k + (double)i; }
+        s_est.outlier[i] = i == 1u;
+    }
+    for (uint32_t k = 0u; k < 6u; k++) { s_cov[7u * k] *= 3.0 - 0.4 * (double)k; }
+    s_est.coef[1] = 0.05;
+    s_est.coef[28] = 0.01;
+    s_est.coef[29] = 0.02;
+}
+
+static kc_eval_t s_at[N_CAND];
+
+/* What is known before, and the derivatives at the candidates. */
+static void known_before(matrix_t A)
+{
+    static kc_eval_t ev;
+    kc_loads_t loads;
+    double r[6], var[6];
+    memset(A, 0, sizeof(matrix_t));
+    for (uint32_t i = 0u; i < N_REQ; i++) { A[i][i] = i == 3u ? 16.0 : 1.0; }
+    for (uint32_t i = 0u; i < s_est.n_obs; i++) {
+        const kc_obs_t *o = &s_est.obs[i];
+        if (s_est.outlier[i] != 0u) { continue; }
+        kc_model_loads(&s_arm, &s_terms, s_est.coef, &o->ctx, &loads);
+        uint32_t rows = kc_model_residual(&s_arm, &s_terms, s_est.coef, o, &loads, r, &ev);
+        for (uint32_t k = 0u; k < 6u; k++) { var[k] = o->cov[7u * k]; }
+        informed(&ev, var, rows, A);
+    }
+    for (uint32_t c = 0u; c < N_CAND; c++) {
+        kc_ctx_t ctx = {0};
+        ctx.g_m_s2[2] = -9.81;
+        if (s_est.n_obs > 0u) { ctx = s_est.obs[s_est.n_obs - 1u].ctx; }
+        for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { ctx.q[j] = (double)s_q[c * KC_JOINT_MAX + j]; }
+        kc_model_loads(&s_arm, &s_terms, s_est.coef, &ctx, &loads);
+        kc_model_eval(&s_arm, &s_terms, s_est.coef, &ctx, &loads, true, &s_at[c]);
+    }
+}
+
+/* Mean over the candidates of position variance over length^2 plus rotation variance, covariance M. */
+static double mean_variance(const matrix_t M, double len_m)
+{
+    double sum = 0.0;
+    for (uint32_t c = 0u; c < N_CAND; c++) {
+        const double unit[6] = {len_m * len_m, len_m * len_m, len_m * len_m, 1.0, 1.0, 1.0};
+        matrix_t B = {{0.0}};
+        informed(&s_at[c], unit, 6u, B);
+        for (uint32_t i = 0u; i < N_REQ; i++) {
+            for (uint32_t j = 0u; j < N_REQ; j++) { sum += B[i][j] * M[j][i]; }
+        }
+    }
+    return sum / N_CAND;
+}
+
+/* Both criteria of every candidate from their definitions; the best of the usable, and its value. */
+static void best_by_definition(kc_acq_t kind, uint32_t *best, double *value)
+{
+    matrix_t before, after, M;
+    double var[6];
+    known_before(before);
+    double log_det = inverted(before, M);
+    for (uint32_t k = 0u; k < 6u; k++) { var[k] = s_cov[7u * k]; }
+    *value = kind == KC_ACQ_DOPT ? -INFINITY : INFINITY;
+    for (uint32_t c = 0u; c < N_CAND; c++) {
+        if (s_usable[c] == 0u) { continue; }
+        memcpy(after, before, sizeof after);
+        informed(&s_at[c], var, 6u, after);
+        double det = inverted(after, M), x = kind == KC_ACQ_DOPT ? det - log_det : mean_variance(M, 0.3);
+        if (kind == KC_ACQ_DOPT ? x > *value : x < *value) {
+            *value = x;
+            *best = c;
+        }
+    }
+}
+
+static void assert_best_by_definition(kc_acq_t kind)
+{
+    uint32_t best = 0u;
+    double value;
+    best_by_definition(kind, &best, &value);
+    TEST_ASSERT_EQUAL_INT(KC_OK, info(kind));
+    TEST_ASSERT_EQUAL_UINT32(best, s_c);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9 * value, value, s_value);
+}
+
+void test_dopt_takes_the_largest_gain_of_the_determinant(void)
+{
+    given_requests(5u);
+    for (uint32_t i = 0u; i < 6u; i++) {
+        assert_best_by_definition(KC_ACQ_DOPT);
+        s_usable[s_c] = 0u;
+    }
+}
+
+void test_vopt_takes_the_least_mean_variance_after_the_measurement(void)
+{
+    given_requests(5u);
+    for (uint32_t i = 0u; i < 6u; i++) {
+        assert_best_by_definition(KC_ACQ_VOPT);
+        s_usable[s_c] = 0u; /* not measured again, but still predicted */
+    }
+}
+
+void test_before_the_first_observation_gravity_is_that_of_the_arm_table(void)
+{
+    given_requests(0u);
+    assert_best_by_definition(KC_ACQ_DOPT);
+    assert_best_by_definition(KC_ACQ_VOPT);
 }
 
 void test_information_in_parts_gives_the_same_bits(void)

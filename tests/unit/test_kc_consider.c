@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "kc_consider.h"
+#include "kc_rng.h"
 #include "unity.h"
 
 static kc_consider_t s_con;
@@ -112,4 +113,214 @@ void test_of_an_exact_chain_nothing_remains(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_consider_explains_before(&s_con, KC_CHAIN_COUNT));
     kc_consider_pose(&s_con, &s_est, &s_eval, NULL, &pos2, &rot2);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, pos2);
+}
+
+/* ---- three coefficients and the whole chain, against least squares over both at once ---- */
+
+#define N_COEF 3u
+#define N_POSE 5u
+#define N_ALL (N_COEF + KC_CHAIN_COUNT)
+
+static struct {
+    double W[36], J[N_COEF][6], H[KC_CHAIN_COUNT][6], r[6];
+} s_pose[N_POSE];
+static double s_all[N_ALL][N_ALL], s_rhs[N_ALL], s_cov[N_ALL][N_ALL], s_solution[N_ALL];
+static uint64_t s_rng;
+
+static double uniform(void) { return 2.0 * kc_rng_uniform(&s_rng) - 1.0; }
+
+/* Inverse of a positive definite matrix of n, at the top left of N_ALL x N_ALL, by Gauss and Jordan. */
+static void invert(uint32_t n, const double in[N_ALL][N_ALL], double out[N_ALL][N_ALL])
+{
+    static double a[N_ALL][N_ALL];
+    memcpy(a, in, sizeof a);
+    memset(out, 0, sizeof a);
+    for (uint32_t i = 0u; i < n; i++) { out[i][i] = 1.0; }
+    for (uint32_t k = 0u; k < n; k++) {
+        double pivot = a[k][k];
+        for (uint32_t j = 0u; j < n; j++) {
+            a[k][j] /= pivot;
+            out[k][j] /= pivot;
+        }
+        for (uint32_t i = 0u; i < n; i++) {
+            double f = i == k ? 0.0 : a[i][k];
+            for (uint32_t j = 0u; j < n; j++) {
+                a[i][j] -= f * a[k][j];
+                out[i][j] -= f * out[k][j];
+            }
+        }
+    }
+}
+
+/* Whitened row k of unknown i of a pose: coefficients, then the chain. */
+static double element(uint32_t pose, uint32_t i, uint32_t k)
+{
+    const double *col = i < N_COEF ? s_pose[pose].J[i] : s_pose[pose].H[i - N_COEF];
+    double s = 0.0;
+    for (uint32_t j = 0u; j <= k; j++) { s += s_pose[pose].W[6u * k + j] * col[j]; }
+    return s;
+}
+
+/* Normal equations of coefficients and the first n errors of the chain, which have a prior of 1, from whitened
+ * residuals; the noise is `scale` times as stated. Returns the least chi-square. */
+static double least_squares(uint32_t n, double scale, const double r[N_POSE][6])
+{
+    double chi2 = 0.0;
+    memset(s_all, 0, sizeof s_all);
+    memset(s_rhs, 0, sizeof s_rhs);
+    for (uint32_t p = 0u; p < N_POSE; p++) {
+        for (uint32_t k = 0u; k < 6u; k++) {
+            chi2 += r[p][k] * r[p][k];
+            for (uint32_t i = 0u; i < N_COEF + n; i++) {
+                s_rhs[i] += element(p, i, k) * r[p][k] / (scale * scale);
+                for (uint32_t j = 0u; j < N_COEF + n; j++) {
+                    s_all[i][j] += element(p, i, k) * element(p, j, k) / (scale * scale);
+                }
+            }
+        }
+    }
+    for (uint32_t i = 0u; i < n; i++) { s_all[N_COEF + i][N_COEF + i] += 1.0; }
+    invert(N_COEF + n, s_all, s_cov);
+    for (uint32_t i = 0u; i < N_COEF + n; i++) {
+        s_solution[i] = 0.0;
+        for (uint32_t j = 0u; j < N_COEF + n; j++) { s_solution[i] += s_cov[i][j] * s_rhs[j]; }
+        chi2 -= s_solution[i] * s_rhs[i];
+    }
+    return chi2;
+}
+
+static double s_before[N_POSE][6], s_after[N_POSE][6];
+
+/* Whitened residuals before and after the estimate of the coefficients alone; sums of all poses. */
+static void given_poses(void)
+{
+    s_rng = 21u;
+    memset(&s_est, 0, sizeof s_est);
+    s_terms.n_coef = N_COEF;
+    s_est.terms = &s_terms;
+    for (uint32_t p = 0u; p < N_POSE; p++) {
+        for (uint32_t k = 0u; k < 6u; k++) {
+            s_before[p][k] = 3.0 * uniform();
+            for (uint32_t j = 0u; j < 6u; j++) {
+                s_pose[p].W[6u * k + j] = j < k ? 0.3 * uniform() : j == k ? 1.5 + uniform() : 0.0;
+            }
+            for (uint32_t i = 0u; i < N_COEF; i++) { s_pose[p].J[i][k] = uniform(); }
+            for (uint32_t i = 0u; i < KC_CHAIN_COUNT; i++) { s_pose[p].H[i][k] = 0.7 * uniform(); }
+        }
+    }
+    (void)least_squares(0u, 1.0, (const double(*)[6])s_before);
+    kc_consider_begin(&s_con);
+    for (uint32_t p = 0u; p < N_POSE; p++) {
+        for (uint32_t k = 0u; k < 6u; k++) {
+            s_after[p][k] = s_before[p][k];
+            for (uint32_t i = 0u; i < N_COEF; i++) { s_after[p][k] -= element(p, i, k) * s_solution[i]; }
+        }
+        memcpy(s_eval.J, s_pose[p].J, sizeof s_pose[p].J);
+        const kc_consider_pose_t pose = {s_before[p], s_after[p], s_pose[p].W, &s_eval, s_pose[p].H};
+        kc_consider_add(&s_con, &s_est, &pose);
+    }
+    for (uint32_t i = 0u; i < N_COEF; i++) {
+        for (uint32_t j = 0u; j < N_COEF; j++) { s_est.cov[i * KC_COEF_MAX + j] = s_cov[i][j]; }
+    }
+    kc_consider_end(&s_con, &s_est);
+}
+
+/* With the estimate: what the chain takes off is the difference of two least squares. */
+void test_the_chain_takes_off_what_least_squares_over_it_take_off(void)
+{
+    given_poses();
+    double alone = least_squares(0u, 1.0, (const double(*)[6])s_after);
+    static const uint32_t n[] = {1u, KC_CHAIN_DRIFT, KC_CHAIN_MAST, KC_CHAIN_COUNT};
+    for (uint32_t i = 0u; i < sizeof n / sizeof n[0]; i++) {
+        double off = alone - least_squares(n[i], 1.0, (const double(*)[6])s_after);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-10, off, kc_consider_explains_after(&s_con, n[i]));
+    }
+}
+
+/* With the table in force nothing but the chain is fitted. */
+void test_before_the_estimate_the_coefficients_explain_nothing(void)
+{
+    given_poses();
+    for (uint32_t p = 0u; p < N_POSE; p++) { memset(s_pose[p].J, 0, sizeof s_pose[p].J); }
+    (void)least_squares(KC_CHAIN_COUNT, 1.0, (const double(*)[6])s_before);
+    static double chain[N_ALL][N_ALL], inverse[N_ALL][N_ALL];
+    double off = 0.0;
+    memset(chain, 0, sizeof chain);
+    for (uint32_t i = 0u; i < KC_CHAIN_COUNT; i++) {
+        memcpy(chain[i], &s_all[N_COEF + i][N_COEF], KC_CHAIN_COUNT * sizeof(double));
+    }
+    invert(KC_CHAIN_COUNT, (const double(*)[N_ALL])chain, inverse);
+    for (uint32_t i = 0u; i < KC_CHAIN_COUNT; i++) {
+        for (uint32_t j = 0u; j < KC_CHAIN_COUNT; j++) {
+            off += s_rhs[N_COEF + i] * inverse[i][j] * s_rhs[N_COEF + j];
+        }
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-10, off, kc_consider_explains_before(&s_con, KC_CHAIN_COUNT));
+}
+
+/* The estimate moves by -P J'H c: its covariance grows by that of c, which is the identity. */
+static void moved(double S[N_COEF][KC_CHAIN_COUNT])
+{
+    (void)least_squares(KC_CHAIN_COUNT, 1.0, (const double(*)[6])s_after);
+    for (uint32_t i = 0u; i < N_COEF; i++) {
+        for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
+            S[i][k] = 0.0;
+            for (uint32_t j = 0u; j < N_COEF; j++) {
+                S[i][k] += s_est.cov[i * KC_COEF_MAX + j] * s_all[j][N_COEF + k];
+            }
+        }
+    }
+}
+
+void test_the_covariance_grows_by_what_the_chain_does_to_the_estimate(void)
+{
+    double S[N_COEF][KC_CHAIN_COUNT];
+    given_poses();
+    moved(S);
+    for (uint32_t i = 0u; i < N_COEF; i++) {
+        for (uint32_t j = 0u; j < N_COEF; j++) {
+            double s = 0.0;
+            for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) { s += S[i][k] * S[j][k]; }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, s, kc_consider_cov(&s_con, i, j));
+        }
+    }
+}
+
+/* Mean and covariance of the chain, given the residuals, are those of least squares over both. A predicted pose is off by
+ * what the chain does to the estimate, less what it does to the camera's view of that pose. */
+static void assert_predicted(double scale, bool from_camera)
+{
+    double S[N_COEF][KC_CHAIN_COUNT], seen[KC_CHAIN_COUNT][6], square[6], pos2, rot2;
+    moved(S);
+    (void)least_squares(KC_CHAIN_COUNT, scale, (const double(*)[6])s_after);
+    for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
+        for (uint32_t a = 0u; a < 6u; a++) { seen[k][a] = uniform(); }
+    }
+    for (uint32_t a = 0u; a < 6u; a++) {
+        double e[KC_CHAIN_COUNT], mean = 0.0;
+        square[a] = 0.0;
+        for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
+            e[k] = from_camera && k >= KC_CHAIN_DRIFT ? -seen[k][a] : 0.0;
+            for (uint32_t i = 0u; i < N_COEF; i++) { e[k] += s_eval.J[i][a] * S[i][k]; }
+            mean += e[k] * s_solution[N_COEF + k];
+        }
+        for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
+            for (uint32_t l = 0u; l < KC_CHAIN_COUNT; l++) {
+                square[a] += e[k] * s_cov[N_COEF + k][N_COEF + l] * e[l];
+            }
+        }
+        square[a] += mean * mean;
+    }
+    kc_consider_scale(&s_con, scale);
+    kc_consider_pose(&s_con, &s_est, &s_eval, from_camera ? seen : NULL, &pos2, &rot2);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-10, square[0] + square[1] + square[2], pos2);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-10, square[3] + square[4] + square[5], rot2);
+}
+
+void test_a_predicted_pose_is_off_by_what_least_squares_know_of_the_chain(void)
+{
+    given_poses();
+    assert_predicted(1.0, false);
+    assert_predicted(1.0, true);
+    assert_predicted(2.5, true);
 }

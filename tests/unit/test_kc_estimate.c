@@ -413,3 +413,209 @@ void test_an_observation_damaged_during_the_fit_never_gives_a_covariance_that_is
     }
     TEST_ASSERT_TRUE(n_failed > 50u);
 }
+
+/* ---- the report, against dense sums at the solution ---- */
+
+#define N_DH 28u
+typedef double matrix_t[N_DH][N_DH];
+
+/* Inverse of the leading n x n of a positive definite matrix, by Gauss and Jordan. */
+static void invert(uint32_t n, const matrix_t in, matrix_t out)
+{
+    static matrix_t a;
+    memcpy(a, in, sizeof a);
+    memset(out, 0, sizeof a);
+    for (uint32_t i = 0u; i < n; i++) { out[i][i] = 1.0; }
+    for (uint32_t k = 0u; k < n; k++) {
+        double pivot = a[k][k];
+        for (uint32_t j = 0u; j < n; j++) {
+            a[k][j] /= pivot;
+            out[k][j] /= pivot;
+        }
+        for (uint32_t i = 0u; i < n; i++) {
+            double f = i == k ? 0.0 : a[i][k];
+            for (uint32_t j = 0u; j < n; j++) {
+                a[i][j] -= f * a[k][j];
+                out[i][j] -= f * out[k][j];
+            }
+        }
+    }
+}
+
+static struct {
+    double chi2, prior, pos2, rot2, grad[N_DH];
+    uint32_t rows, n_pos, n_rot;
+    matrix_t information;
+} s_sum;
+
+/* Over the inliers at coef; covariances are diagonal. sigma, centre: of the prior, 0 for none. */
+static void sum_at(const double *coef, const double *sigma, const double *centre)
+{
+    memset(&s_sum, 0, sizeof s_sum);
+    for (uint32_t i = 0u; i < s_est.n_obs; i++) {
+        const kc_obs_t *o = &s_est.obs[i];
+        kc_loads_t loads;
+        double r[6];
+        if (s_est.outlier[i] != 0u) { continue; }
+        kc_model_loads(&s_arm, &s_terms, coef, &o->ctx, &loads);
+        uint32_t rows = kc_model_residual(&s_arm, &s_terms, coef, o, &loads, r, &s_other.eval);
+        s_sum.rows += rows;
+        s_sum.n_pos++;
+        s_sum.n_rot += rows == 6u ? 1u : 0u;
+        for (uint32_t k = 0u; k < rows; k++) {
+            double var = o->cov[7u * k];
+            s_sum.chi2 += r[k] * r[k] / var;
+            *(k < 3u ? &s_sum.pos2 : &s_sum.rot2) += r[k] * r[k];
+            for (uint32_t a = 0u; a < N_DH; a++) {
+                s_sum.grad[a] += s_other.eval.J[a][k] * r[k] / var;
+                for (uint32_t b = 0u; b < N_DH; b++) {
+                    s_sum.information[a][b] += s_other.eval.J[a][k] * s_other.eval.J[b][k] / var;
+                }
+            }
+        }
+    }
+    for (uint32_t a = 0u; a < N_DH; a++) {
+        if (sigma[a] <= 0.0) { continue; }
+        double off = (coef[a] - centre[a]) / sigma[a];
+        s_sum.prior += off * off;
+        s_sum.grad[a] -= off / sigma[a];
+        s_sum.information[a][a] += 1.0 / (sigma[a] * sigma[a]);
+    }
+}
+
+static void assert_close(double want, double got)
+{
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7 * fabs(want) + 1e-300, want, got);
+}
+
+static void assert_fit_and_noise(void)
+{
+    assert_close(s_sum.chi2, s_est.chi2);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9 * s_est.cost, s_sum.chi2 + s_sum.prior, s_est.cost);
+    assert_close(sqrt(s_sum.pos2 / s_sum.n_pos), s_est.fit_pos_m);
+    assert_close(s_sum.n_rot > 0u ? sqrt(s_sum.rot2 / s_sum.n_rot) : 0.0, s_est.fit_rot_rad);
+}
+
+/* What the estimator says at its solution: chi-square, cost, RMS, degrees of freedom, covariance; and that no
+ * coefficient inside its bounds can make the cost fall. */
+static void assert_report(const double *sigma, const double *centre)
+{
+    static matrix_t inside, cov;
+    uint32_t idx[N_DH], n = 0u;
+    double worst = 0.0;
+    sum_at(s_est.coef, sigma, centre);
+    assert_fit_and_noise();
+    for (uint32_t a = 0u; a < N_DH; a++) {
+        if (s_est.status[a] == KC_COEF_ESTIMATED) { idx[n++] = a; }
+    }
+    TEST_ASSERT_EQUAL_UINT32(s_sum.rows - n, s_est.dof);
+    assert_close(sqrt(s_sum.chi2 / (double)s_est.dof), s_est.noise_scale);
+    for (uint32_t i = 0u; i < n; i++) {
+        double column = sqrt(s_sum.information[idx[i]][idx[i]]);
+        worst = fmax(worst, fabs(s_sum.grad[idx[i]]) / (column * fmax(1.0, sqrt(s_est.cost))));
+        for (uint32_t j = 0u; j < n; j++) { inside[i][j] = s_sum.information[idx[i]][idx[j]]; }
+    }
+    TEST_ASSERT_TRUE(worst < 1e-5);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, worst, s_est.kkt);
+    invert(n, (const double(*)[N_DH])inside, cov);
+    for (uint32_t i = 0u; i < n; i++) {
+        assert_close(sqrt(cov[i][i]), s_est.sigma[idx[i]]);
+        for (uint32_t j = 0u; j < n; j++) {
+            double part = cov[i][j] / sqrt(cov[i][i] * cov[j][j]);
+            double got = s_est.cov[idx[i] * KC_COEF_MAX + idx[j]] / sqrt(cov[i][i] * cov[j][j]);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, part, got);
+        }
+    }
+}
+
+static const double NO_PRIOR[N_DH];
+
+/* Noise of its own on every axis, one pose without rotation. */
+static void given_uneven(uint32_t n)
+{
+    given(n, 1.0);
+    s_est.opt.tol_step = 1e-10;
+    for (uint32_t i = 0u; i < n; i++) {
+        s_est.obs[i].has_rot = i != 4u;
+        for (uint32_t k = 0u; k < 6u; k++) {
+            s_est.obs[i].cov[7u * k] *= 1.0 + 0.3 * (double)k + 0.1 * (double)i;
+        }
+    }
+}
+
+void test_the_report_of_a_fit_is_that_of_dense_sums(void)
+{
+    given_uneven(14u);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(N_DH, s_est.rank);
+    assert_report(NO_PRIOR, NO_PRIOR);
+    sum_at(s_est.start, NO_PRIOR, NO_PRIOR);
+    assert_close(sqrt(s_sum.pos2 / s_sum.n_pos), s_est.before_pos_m);
+    assert_close(sqrt(s_sum.rot2 / s_sum.n_rot), s_est.before_rot_rad);
+}
+
+void test_without_an_outlier_the_report_is_that_of_the_others(void)
+{
+    given_uneven(16u);
+    s_est.obs[9].p_m[0] += 0.05;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.outlier[9]);
+    assert_report(NO_PRIOR, NO_PRIOR);
+}
+
+void test_own_priors_pull_to_zero_and_count_in_cost_and_covariance(void)
+{
+    double sigma[N_DH] = {0.0};
+    given_uneven(14u);
+    s_est.opt.use_prior = 1u;
+    for (uint32_t a = 1u; a < N_DH; a += 3u) {
+        sigma[a] = s_terms.coef[a].prior_sigma = 0.2 * s_terms.coef[a].scale;
+        s_est.start[a] = 0.01; /* no matter where it starts */
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    assert_report(sigma, NO_PRIOR);
+    TEST_ASSERT_TRUE(s_est.cost > s_est.chi2 + 1.0);
+}
+
+void test_the_weak_prior_pulls_to_the_start_by_three_typical_sizes(void)
+{
+    double sigma[N_DH];
+    given_uneven(8u); /* 45 rows for 28 */
+    for (uint32_t a = 0u; a < N_DH; a++) {
+        sigma[a] = 3.0 * s_terms.coef[a].scale;
+        s_est.start[a] = s_truth[a] + 0.5 * s_terms.coef[a].scale;
+    }
+    s_est.opt.outlier_p = 0.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.weak);
+    assert_report(sigma, s_est.start);
+}
+
+/* 28 coefficients: 57 rows of ten poses, one without rotation, are enough and 54 are not; for 27 they are. */
+void test_the_weak_prior_goes_when_there_are_two_rows_for_each_coefficient(void)
+{
+    given_uneven(10u);
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT8(0u, s_est.weak);
+    given_uneven(10u);
+    s_est.obs[3].has_rot = 0u; /* 54 */
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.weak);
+    given(10u, 1.0);
+    for (uint32_t i = 0u; i < 2u; i++) { s_est.obs[i].has_rot = 0u; } /* 54 */
+    s_est.opt.free_mask = (1u << 27) - 1u;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT8(0u, s_est.weak); /* 54 rows, 27 coefficients: just enough */
+}
+
+void test_at_bounds_the_report_is_that_of_the_coefficients_inside(void)
+{
+    given_uneven(14u);
+    s_terms.coef[24].ub = 1.25;
+    s_terms.coef[5].ub = 0.38;
+    s_terms.coef[11].lb = 0.155;
+    s_est.opt.outlier_p = 0.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT8(KC_COEF_AT_UPPER, s_est.status[24]);
+    assert_report(NO_PRIOR, NO_PRIOR);
+}

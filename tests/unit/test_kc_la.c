@@ -174,6 +174,27 @@ void test_folding_zeros_changes_nothing(void)
     TEST_ASSERT_EQUAL_MEMORY(want, R, sizeof want);
 }
 
+/* Rows of an effect that died away, exp(-355): its squares are where the numbers end. The other column is fitted as
+ * if it were alone, 2 x = 2 and 1 x = 1, and the rank is that of the other. */
+void test_a_column_that_is_almost_zero_spoils_nothing(void)
+{
+    static const double tiny[] = {1e-154, 3e-158, 1e-161, 5e-324};
+    for (uint32_t i = 0u; i < sizeof tiny / sizeof tiny[0]; i++) {
+        double R[2 * 3] = {0.0}, x[2] = {0.0, 0.0};
+        double blk[2 * 3] = {tiny[i], 2.0, 2.0, -tiny[i], 1.0, 1.0};
+        const double rest = kc_la_fold(R, 2u, 3u, blk, 2u, 3u);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.0, rest);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, sqrt(5.0), fabs(R[4]));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, 1.0, R[5] / R[4]);
+        uint32_t perm[2], rank;
+        double pivot[2];
+        x[0] = x[1] = 1.0;
+        kc_la_rank(R, 2u, 3u, x, 1e-9, perm, pivot, &rank);
+        TEST_ASSERT_EQUAL_UINT32(1u, rank);
+        TEST_ASSERT_EQUAL_UINT32(1u, perm[0]);
+    }
+}
+
 void test_upper_solves_and_products_undo_each_other(void)
 {
     double x[N], y[N], z[N];

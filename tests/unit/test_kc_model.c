@@ -294,3 +294,217 @@ void test_gravity_along_a_sliding_joint_is_the_force_of_one_kilogram(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-14, s_loads.tau_payload[joint - 1u], s_loads.g_link_m_s2[joint - 1u][2]);
     }
 }
+
+/* ---- against differences ---- */
+
+/* A coefficient for each component of each frame, none of them zero. */
+static void given_a_correction_everywhere(void)
+{
+    static const uint8_t frame[] = {0u, 1u, 2u, 3u, KC_FRAME_TOOL, KC_FRAME_CAMERA, KC_FRAME_MEAS};
+    for (uint32_t f = 0u; f < sizeof frame; f++) {
+        for (uint8_t comp = KC_TX; comp <= KC_RZ; comp++) {
+            s_coef[s_t.n_coef] = 0.02 * sin(1.0 + 1.7 * (double)s_t.n_coef);
+            add_term(frame[f], comp, KC_VAR_ONE, 0u);
+        }
+    }
+}
+
+static void residual_at(const kc_obs_t *obs, uint32_t c, double step, double r[6])
+{
+    const double old = s_coef[c];
+    s_coef[c] = old + step;
+    (void)kc_model_residual(&s_arm, &s_t, s_coef, obs, &s_loads, r, &s_ev2);
+    s_coef[c] = old;
+}
+
+void test_the_jacobian_of_every_coefficient_is_that_of_differences(void)
+{
+    const double step = 1e-6;
+    double r[6], plus[6], minus[6];
+    kc_obs_t obs = given_observation(); /* of the arm without corrections: residuals are small, not zero */
+    given_a_correction_everywhere();
+    obs.q_cam_wxyz[0] = 0.8;
+    obs.q_cam_wxyz[1] = 0.6;
+    (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
+    for (uint32_t c = 0u; c < s_t.n_coef; c++) {
+        residual_at(&obs, c, step, plus);
+        residual_at(&obs, c, -step, minus);
+        for (uint32_t k = 0u; k < 6u; k++) {
+            /* of rotations to first order in the residual, which is below 0.1 rad */
+            TEST_ASSERT_DOUBLE_WITHIN(k < 3u ? 1e-9 : 0.1, (minus[k] - plus[k]) / (2.0 * step), s_ev.J[c][k]);
+        }
+    }
+}
+
+/* The same at a residual of zero, where rotations are exact too. */
+void test_the_jacobian_of_rotations_is_exact_where_nothing_is_left(void)
+{
+    const double step = 1e-6;
+    double r[6], plus[6], minus[6];
+    given_a_correction_everywhere();
+    for (uint32_t c = 30u; c < 42u; c++) {
+        s_coef[c] = 0.0;
+    } /* camera side: the observation is made without */
+    const kc_obs_t obs = given_observation();
+    (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
+    for (uint32_t c = 0u; c < s_t.n_coef; c++) {
+        residual_at(&obs, c, step, plus);
+        residual_at(&obs, c, -step, minus);
+        for (uint32_t k = 0u; k < 6u; k++) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-9, (minus[k] - plus[k]) / (2.0 * step), s_ev.J[c][k]);
+        }
+    }
+}
+
+void test_the_joint_rows_are_those_of_differences(void)
+{
+    const double step = 1e-6;
+    given_a_correction_everywhere();
+    kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev);
+    for (uint32_t j = 0u; j < s_arm.n_joints; j++) {
+        const double q = s_ctx.q[j];
+        double moved[6];
+        s_ctx.q[j] = q + step;
+        kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev2);
+        s_ctx.q[j] = q;
+        kc_pose_residual(&s_ev2.T, &s_ev.T, moved);
+        for (uint32_t k = 0u; k < 6u; k++) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, moved[k] / step, s_ev.Jq[j][k]);
+        }
+    }
+}
+
+/* Frame i of the corrected arm: the tool of the arm cut off there. */
+static void frame_of(uint32_t i, kc_pose_t *T)
+{
+    static kc_eval_t ev;
+    static kc_terms_t terms;
+    kc_arm_t arm = s_arm;
+    arm.n_joints = i;
+    memset(arm.tool_xyz_m, 0, sizeof arm.tool_xyz_m);
+    memset(arm.tool_quat_wxyz, 0, sizeof arm.tool_quat_wxyz);
+    arm.tool_quat_wxyz[0] = 1.0;
+    terms = s_t;
+    for (uint32_t k = 0u; k < terms.n_term; k++) {
+        if (terms.term[k].frame > i) { terms.term[k].gain = 0.0; }
+    }
+    kc_model_eval(&arm, &terms, s_coef, &s_ctx, &s_loads, false, &ev);
+    *T = ev.T;
+}
+
+/* Work that gravity does: sum of m g . c over the links that have a mass, and the payload at the tool. */
+static double work_of_gravity(bool payload_only)
+{
+    double sum = 0.0;
+    for (uint32_t i = 1u; i <= s_arm.n_joints && !payload_only; i++) {
+        const kc_joint_t *joint = &s_arm.joint[i - 1u];
+        kc_pose_t T;
+        frame_of(i, &T);
+        for (uint32_t k = 0u; k < 3u && joint->has_mass; k++) {
+            double c = T.p_m[k];
+            for (uint32_t l = 0u; l < 3u; l++) { c += T.R[3u * k + l] * joint->com_m[l]; }
+            sum += joint->mass_kg * s_ctx.g_m_s2[k] * c;
+        }
+    }
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev2);
+    for (uint32_t k = 0u; k < 3u; k++) { sum += s_ctx.payload_kg * s_ctx.g_m_s2[k] * s_ev2.T.p_m[k]; }
+    return sum;
+}
+
+static void given_a_loaded_arm(void)
+{
+    given_a_correction_everywhere();
+    s_ctx.g_m_s2[0] = 1.5;
+    s_ctx.g_m_s2[1] = -0.7;
+    s_ctx.payload_kg = 1.3;
+    for (uint32_t j = 0u; j < s_arm.n_joints; j++) {
+        s_arm.joint[j].has_mass = 1u;
+        s_arm.joint[j].mass_kg = 2.0 + (double)j;
+        for (uint32_t k = 0u; k < 3u; k++) { s_arm.joint[j].com_m[k] = 0.03 * (double)(1u + j + 2u * k); }
+    }
+    kc_model_loads(&s_arm, &s_t, s_coef, &s_ctx, &s_loads);
+}
+
+void test_torques_do_the_work_of_gravity(void)
+{
+    static kc_loads_t loads;
+    const double step = 1e-5;
+    given_a_loaded_arm();
+    loads = s_loads;
+    for (uint32_t j = 0u; j < s_arm.n_joints; j++) {
+        const double q = s_ctx.q[j];
+        double work[2][2];
+        for (uint32_t side = 0u; side < 2u; side++) {
+            s_ctx.q[j] = side == 0u ? q - step : q + step;
+            for (uint32_t only = 0u; only < 2u; only++) { work[side][only] = work_of_gravity(only == 1u); }
+        }
+        s_ctx.q[j] = q;
+        TEST_ASSERT_DOUBLE_WITHIN(1e-7, (work[1][0] - work[0][0]) / (2.0 * step), loads.tau[j]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-7, (work[1][1] - work[0][1]) / (2.0 * step), loads.tau_payload[j]);
+    }
+}
+
+/* A body of mass m at c pulls a frame's origin o with (c - o) x m g. */
+static void add_pull(const double c[3], double mass, const double o[3], double M[3])
+{
+    const double *g = s_ctx.g_m_s2;
+    for (uint32_t k = 0u; k < 3u; k++) {
+        uint32_t u = (k + 1u) % 3u, v = (k + 2u) % 3u;
+        M[k] += mass * ((c[u] - o[u]) * g[v] - (c[v] - o[v]) * g[u]);
+    }
+}
+
+void test_the_moment_of_a_frame_is_that_of_all_bodies_beyond_it(void)
+{
+    kc_pose_t at[KC_JOINT_MAX + 1u];
+    given_a_loaded_arm();
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev);
+    for (uint32_t i = 0u; i <= s_arm.n_joints; i++) { frame_of(i, &at[i]); }
+    for (uint32_t i = 0u; i <= s_arm.n_joints; i++) {
+        double M[3] = {0.0, 0.0, 0.0};
+        add_pull(s_ev.T.p_m, s_ctx.payload_kg, at[i].p_m, M);
+        for (uint32_t b = i + 1u; b <= s_arm.n_joints; b++) {
+            double c[3];
+            for (uint32_t k = 0u; k < 3u; k++) {
+                c[k] = at[b].p_m[k];
+                for (uint32_t l = 0u; l < 3u; l++) {
+                    c[k] += at[b].R[3u * k + l] * s_arm.joint[b - 1u].com_m[l];
+                }
+            }
+            add_pull(c, s_arm.joint[b - 1u].mass_kg, at[i].p_m, M);
+        }
+        for (uint32_t k = 0u; k < 3u; k++) {
+            double in_frame = 0.0, g = 0.0;
+            for (uint32_t l = 0u; l < 3u; l++) {
+                in_frame += at[i].R[3u * l + k] * M[l];
+                g += at[i].R[3u * l + k] * s_ctx.g_m_s2[l];
+            }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, in_frame, s_loads.moment[i][k]);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-13, g, s_loads.g_link_m_s2[i][k]);
+        }
+    }
+}
+
+/* The lever about each axis of a link, of 1 kg at a body: a pull in that link's frame. */
+void test_levers_are_the_pull_of_one_kilogram_at_a_body(void)
+{
+    kc_pose_t at[KC_JOINT_MAX + 1u];
+    given_a_loaded_arm();
+    kc_model_eval(&s_arm, &s_t, s_coef, &s_ctx, &s_loads, false, &s_ev);
+    for (uint32_t i = 0u; i <= s_arm.n_joints; i++) { frame_of(i, &at[i]); }
+    for (uint32_t link = 0u; link < s_arm.n_joints; link++) {
+        for (uint32_t body = link + 1u; body <= s_arm.n_joints + 1u; body++) {
+            bool tool = body > s_arm.n_joints;
+            double M[3] = {0.0, 0.0, 0.0};
+            add_pull(tool ? s_ev.T.p_m : at[body].p_m, 1.0, at[link].p_m, M);
+            for (uint8_t axis = 0u; axis < 3u; axis++) {
+                const uint8_t index = (uint8_t)KC_LEVER_INDEX(link, tool ? KC_LEVER_TOOL : body);
+                const kc_basis_t b = {KC_FN_LIN, (uint8_t)(KC_VAR_LEVX + axis), index, 0.0, 1.0};
+                double want = 0.0;
+                for (uint32_t l = 0u; l < 3u; l++) { want += at[link].R[3u * l + axis] * M[l]; }
+                TEST_ASSERT_DOUBLE_WITHIN(1e-12, want, kc_basis_eval(&b, &s_ctx, &s_loads));
+            }
+        }
+    }
+}

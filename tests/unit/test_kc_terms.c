@@ -123,6 +123,25 @@ void test_wrong_terms_are_refused_by_number(void)
     refused(1003, NAN);
 }
 
+void test_a_sine_has_no_offset_beyond_the_largest_angle(void)
+{
+    const kc_basis_t ripple = {KC_FN_SIN, KC_VAR_Q, 2u, -9e5, 1e6};
+    s_t.term[3].basis[1] = ripple;
+    refused(1003, 1e6);
+    s_t.term[3].basis[0] = ripple;
+    s_t.term[3].basis[0].fn = KC_FN_COS;
+    refused(1003, 1e6);
+    s_t.term[3].basis[0] = ripple; /* 1e6 rad: just allowed */
+    s_t.term[3].basis[0].c0 = 1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &(int32_t){0}, &(double){0}));
+    s_t.term[3].basis[0] = ripple; /* no angle: the others and the constant stay as they were */
+    s_t.term[3].basis[0].fn = KC_FN_TANH;
+    s_t.term[3].basis[1] = ripple;
+    s_t.term[3].basis[1].var = KC_VAR_ONE;
+    s_t.term[3].basis[1].index = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &(int32_t){0}, &(double){0}));
+}
+
 void test_frames_beyond_the_arm_are_tool_camera_and_measured(void)
 {
     int32_t index;
