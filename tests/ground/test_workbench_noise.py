@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import poses
 import pytest
+from real_arms import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.workbench.diagnosis.study import Study
-from kincal.workbench.fit import fit_model
+from kincal.workbench.fit import _leverage, fit_model
 
 LEVER_M = np.array([0.05, 0.02, 0.4])  # from the sensor's target to the tool
 SIGMA_ROT_RAD, SIGMA_POS_M = np.array([3e-3, 2e-3, 1e-3]), 2e-4
@@ -81,6 +82,30 @@ def test_residuals_without_noise_do_not_break_the_covariance(arm):
     model = fit_model(arm, data).model.poses(np.zeros(28))
     exact = replace(data, p_m=model.p_m, quat_wxyz=Rotation.from_matrix(model.R).as_quat(scalar_first=True))
     assert np.abs(fit_model(arm, exact).evaluation.r).max() < 1e-6
+
+
+@pytest.mark.parametrize("sigma_m", [1e-6, 1e-7, 1e-8, 1e-9])
+def test_few_poses_of_tiny_noise_keep_distances_positive_and_weights_between_0_and_1(sigma_m):
+    """18 poses are 54 rows for DH errors and both frames. From squares of the rows distances of -19000 came,
+    negative weights, and "SVD did not converge"."""
+    arm = wb.read_arm(DATA / "ur10" / "ur10.toml")
+    data = wb.read_measurements(DATA / "ur10" / "ur10d.csv", arm)
+    data = data.take(np.sort(np.random.default_rng(1).permutation(data.n)[:18]))
+    cov = np.tile(np.diag([sigma_m] * 3 + [3 * sigma_m] * 3) ** 2, (data.n, 1, 1))
+    with np.errstate(invalid="raise"):
+        fit = fit_model(arm, replace(data, cov=cov))
+    assert fit.d2.min() > 0.0
+    assert fit.weight.min() > 0.0
+    assert fit.weight.max() <= 1.0
+
+
+@pytest.mark.parametrize("size", [1.0, 1e4, 1e8])
+def test_no_pose_has_a_leverage_above_one(size):
+    """More coefficients than rows, the rows far larger than their priors: every pose is fitted exactly."""
+    jac = size * np.random.default_rng(3).standard_normal((18, 3, 60))
+    hat, spent = _leverage(jac, np.ones(60), np.ones(18), 1.0)
+    assert np.linalg.eigvalsh(hat).max() < 1.0 + 1e-12
+    assert spent == pytest.approx(54.0, abs=0.5 + 54.0 / size)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -40,6 +40,7 @@ _SAME_COST, _SAME_WEIGHT, _SAME_STEP = 1e-7, 5e-3, 1e-9
 _ROUGH_COST = 1e-3  # the same for a fit that only tells the noise
 _STRAIGHT, _PROBE = 1e-2, 0.1  # prior sigmas of a step too short to bend; share of a step that is probed
 _LEAST_SCALE2 = 1e-6
+_LEAST_LEFT = 1e-9  # share of a row that a fit leaves
 # Free effect parameters carry this many prior sigmas when their value is reported.
 EFFECT_WIDTH = 10.0
 # Stand-in noise where nothing was stated; the fitted scale replaces it, for poses the residuals' covariance.
@@ -431,7 +432,7 @@ def _reweight(point: _Point, sigma: Array, old: _Weights, robust: bool) -> _Weig
     if not robust:
         square = float((old.pose[:, None] * point.z**2).sum())
         return _Weights(np.ones(n), max(square / max(n * c - spent, 1.0), _LEAST_SCALE2))
-    d2 = _distance(point.z, hat)
+    d2 = distance_beside(point.z, hat)
     # the bulk sets the scale: outliers must not hide behind the noise they make themselves
     scale2 = max(float(np.median(d2) / chi2_quantile(0.5, c)), _LEAST_SCALE2)
     return _Weights(_pose_weights(d2 / scale2, c), scale2)
@@ -461,18 +462,30 @@ def _leverage(jac: Array, sigma: Array, weight: Array, scale2: float) -> tuple[A
     n, c, k = jac.shape
     if k == 0:
         return np.zeros((n, c, c)), 0.0
-    a = (np.sqrt(weight / scale2)[:, None, None] * jac * sigma).reshape(n * c, k)
-    inverse = np.linalg.inv(a.T @ a + np.eye(k))
-    hat = (a @ inverse).reshape(n, c, k) @ a.reshape(n, c, k).transpose(0, 2, 1)
-    return hat, float(np.einsum("nii->", hat))
+    taken = taken_by((np.sqrt(weight / scale2)[:, None, None] * jac * sigma).reshape(n * c, k))
+    blocks = taken.reshape(n, c, k)
+    return blocks @ blocks.transpose(0, 2, 1), float((taken**2).sum())
 
 
-def _distance(z: Array, hat: Array) -> Array:
-    """(N,) d_i^2 = z_i' (I - H_ii)^-1 z_i."""
-    c = z.shape[1]
-    inner = np.eye(c) - hat
-    inner += 1e-9 * np.eye(c)
-    return array(np.einsum("ni,ni->n", z, np.linalg.solve(inner, z[:, :, None])[:, :, 0]))
+def taken_by(rows: Array) -> Array:
+    """(rows, k) Q with QQ' = A (A'A + I)^-1 A', the hat matrix of a ridge fit with rows A.
+
+    By orthogonal transformations of A above the rows I of the prior (Golub, Van Loan, Matrix Computations,
+    4th ed., section 5.3), so that no block of QQ' exceeds 1 by more than rounding. Squares A'A lose half the
+    digits: where few poses leave next to no noise, blocks of 1.01 made squared distances, and so weights,
+    negative."""
+    k = rows.shape[1]
+    basis, _ = np.linalg.qr(np.vstack([rows, np.eye(k)]))
+    return array(basis[: len(rows)])
+
+
+def distance_beside(z: Array, hat: Array) -> Array:
+    """(N,) d_i^2 = z_i' (I - H_ii)^-1 z_i for residuals z (N, c) and blocks of a hat matrix (N, c, c).
+
+    No share of a row that is left counts as less than `_LEAST_LEFT`: below it there is rounding only."""
+    value, vector = np.linalg.eigh(np.eye(z.shape[1]) - hat)
+    along = (vector.transpose(0, 2, 1) @ z[:, :, None])[:, :, 0]
+    return array((along**2 / np.maximum(value, _LEAST_LEFT)).sum(axis=1))
 
 
 # -------------------------------------------------------------------------------------------- finish
@@ -547,7 +560,7 @@ def _finish(last: _Iterate) -> Fit:
         z=last.point.z.ravel(),
         J=last.point.jac.reshape(n * c, -1),
         weight=pose,
-        d2=_distance(last.point.z, hat) / scale**2,
+        d2=distance_beside(last.point.z, hat) / scale**2,
         dof=dof,
         scale=scale,
         chi2=chi2,

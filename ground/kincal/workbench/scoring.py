@@ -8,7 +8,6 @@ from functools import cached_property, partial
 from typing import Generic, TypeVar
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from .columns import Columns
 from .effects import Hypothesis
@@ -23,11 +22,11 @@ from .evidence import (
     scores,
     together,
 )
-from .fit import Fit, student_weights
+from .fit import Fit, distance_beside, student_weights, taken_by
 from .hypotheses import Candidate
 from .products import ProductScores, score_products
 from .tails import chi2_quantile, chi2_tail
-from .types import Array, Mask
+from .types import Array, Mask, array
 from .unnamed import Cell, cell_moments, cells
 
 _BULK = 0.35  # Student-t weight from which on a pose gets full weight: the evidence is Gaussian
@@ -91,19 +90,14 @@ def robust_weights(fit: Fit, candidates: Sequence[Candidate]) -> Array:
 def _ridge_distance(columns: Array, z0: Array, weight: Array, scale: float, c: int) -> Array:
     """(N,) d_i^2 = e_i' (I - H_ii)^-1 e_i of the residuals e of a ridge fit with weighted rows.
 
-    I - H = K^-1 = I - A (s^2 I + A'A)^-1 A' (Woodbury), of which the blocks are needed.
+    Of rows A, H = A (s^2 I + A'A)^-1 A'.
     """
     root = np.repeat(np.sqrt(weight), c)
-    a = columns * root[:, None]
-    lower = np.linalg.cholesky(a.T @ a + scale**2 * np.eye(a.shape[1]))
-    taken = solve_triangular(lower, a.T, lower=True, check_finite=False).T  # H = taken taken'
+    taken = taken_by(columns * (root / scale)[:, None])
     y = root * z0
     e = (y - taken @ (taken.T @ y)).reshape(len(weight), c)
     blocks = taken.reshape(len(weight), c, -1)
-    left = np.eye(c) - blocks @ blocks.transpose(0, 2, 1)
-    solved = np.linalg.solve(left + 1e-9 * np.eye(c), e[:, :, None])[:, :, 0]
-    d2: Array = (e * solved).sum(axis=1) / weight
-    return d2
+    return array(distance_beside(e, blocks @ blocks.transpose(0, 2, 1)) / weight)
 
 
 class Scorer:
