@@ -17,7 +17,7 @@ from kincal.errors import BadInput, CommandFailed
 from kincal.flight import library
 from kincal.keys import Signer
 from kincal.link import CommandLink, crc_text, unsigned32
-from kincal.link.names import VERDICTS, verdict_name
+from kincal.link.names import verdict_name
 
 from . import KIN_KIND, Entry, Review, check_words, journal, parse_crc, reasons_to_reject, record, warnings
 
@@ -38,11 +38,6 @@ class OnBoard:
     verdict: str
     armed: bool
     left_s: float
-
-    @property
-    def good(self) -> bool:
-        """Whether flight approves it without an override."""
-        return self.verdict == VERDICTS["CHANGE"]
 
 
 def on_board(link: CommandLink, timeout_s: float = 5.0) -> OnBoard:
