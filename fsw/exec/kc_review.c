@@ -63,25 +63,25 @@ static kc_answer_t wrong_crc(kc_out_t *out, uint32_t crc, uint32_t want)
 }
 
 /* Not a good fit, as far as is known: only an override arms it. */
-static kc_answer_t check_fit(const kc_review_t *r, int32_t override, kc_out_t *out)
+static kc_answer_t check_fit(const kc_review_t *r, int32_t overrides, kc_out_t *out)
 {
     kc_event_id_t why = r->verdict == (uint32_t)KC_VERDICT_POOR ? KC_EVT_COR_POOR : KC_EVT_COR_NO_VERDICT;
     if (r->verdict == (uint32_t)KC_VERDICT_CHANGE) { return kc_answer_ok(KC_OC_ARM); }
-    if (override == KC_OVERRIDE_NONE) {
+    if (overrides == KC_OVERRIDE_NONE) {
         return kc_answer_refuse(&out->events, why, -1, (double)r->crc, 0.0, KC_ERR_ARG);
     }
     kc_event(&out->events, KC_EVT_COR_OVERRIDE, -1, (double)r->crc, 0.0);
     return kc_answer_ok(KC_OC_ARM);
 }
 
-kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, int32_t override, kc_out_t *out)
+kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, int32_t overrides, kc_out_t *out)
 {
     if (crc != r->crc) { return wrong_crc(out, crc, r->crc); }
-    if (override != KC_OVERRIDE_NONE && override != KC_OVERRIDE_FIT) {
-        return kc_answer_refuse(&out->events, KC_EVT_CMD_ARG, 1, (double) override, (double)KC_OVERRIDE_FIT,
+    if (overrides != KC_OVERRIDE_NONE && overrides != KC_OVERRIDE_FIT) {
+        return kc_answer_refuse(&out->events, KC_EVT_CMD_ARG, 1, (double)overrides, (double)KC_OVERRIDE_FIT,
                                 KC_ERR_ARG);
     }
-    kc_answer_t answer = check_fit(r, override, out);
+    kc_answer_t answer = check_fit(r, overrides, out);
     if (answer.status == KC_OK) { kc_event(&out->events, KC_EVT_COR_ARMED, -1, (double)crc, 0.0); }
     return answer;
 }

@@ -38,8 +38,8 @@ static inline uint32_t kc_review_verdict(const kc_review_t *r)
 void kc_review_report(const kc_review_t *r, const kc_view_t *v, kc_hk_t *hk);
 
 /* Commands; crc is the one they name. STORE: nothing has changed yet, it is to be stored first.
- * override: KC_OVERRIDE_NONE, KC_OVERRIDE_FIT; anything else is refused (KC_ERR_ARG). */
-kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, int32_t override, kc_out_t *out);
+ * overrides: KC_OVERRIDE_NONE, KC_OVERRIDE_FIT; anything else is refused (KC_ERR_ARG). */
+kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, int32_t overrides, kc_out_t *out);
 /* The image is decoded again: what was approved is what its CRC names. */
 kc_answer_t kc_review_go(kc_review_t *r, const kc_tables_t *tables, uint32_t crc, kc_out_t *out);
 kc_answer_t kc_review_reject(const kc_review_t *r, uint32_t crc, kc_out_t *out);

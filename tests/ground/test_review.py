@@ -196,6 +196,15 @@ def test_the_second_step_is_refused_unless_the_first_is_in_force(tmp_path, journ
     assert flight.commands == []
 
 
+def test_the_first_step_is_not_taken_twice(tmp_path, journal):
+    see(tmp_path, journal)
+    with FakeFlight(CRC) as flight:
+        assert decide(flight, "arm", journal).exit_code == 0
+        run = decide(flight, "arm", journal)
+    assert run.exit_code == EXIT_FAILED and "armed already, for another 599 s" in run.output
+    assert flight.commands == APPROVE[:1]
+
+
 def test_another_person_may_take_the_second_step_and_has_to_have_seen_it_too(tmp_path, journal):
     see(tmp_path, journal)
     with FakeFlight(CRC) as flight:

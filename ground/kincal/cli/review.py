@@ -43,6 +43,8 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 def review() -> None:
     """See a proposed correction, question it, approve or reject it.
 
+    The order is: `list --live` (what waits), `show LOG --by NAME` (see it), then `arm` and `go`, or `reject`.
+
     \b
     Example:
         kincal review show out/paper/run.lcmlog

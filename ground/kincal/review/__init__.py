@@ -76,11 +76,6 @@ class Review:
         return self.verdict == VERDICTS["CHANGE"]
 
     @property
-    def poor(self) -> bool:
-        """Whether flight itself calls the fit poor; it waits for a decision all the same."""
-        return self.verdict == VERDICTS["POOR"]
-
-    @property
     def estimated(self) -> tuple[CoefLine, ...]:
         """Coefficients that the fit determined."""
         return tuple(c for c in self.coefs if c.sigma > 0.0)

@@ -17,7 +17,7 @@ from kincal.errors import BadInput, CommandFailed
 from kincal.flight import library
 from kincal.keys import Signer
 from kincal.link import CommandLink, crc_text, unsigned32
-from kincal.link.names import VERDICTS, verdict_name
+from kincal.link.names import verdict_name
 
 from . import KIN_KIND, Entry, Review, check_words, journal, parse_crc, reasons_to_reject, record, warnings
 
@@ -38,11 +38,6 @@ class OnBoard:
     verdict: str
     armed: bool
     left_s: float
-
-    @property
-    def good(self) -> bool:
-        """Whether flight approves it without an override."""
-        return self.verdict == VERDICTS["CHANGE"]
 
 
 def on_board(link: CommandLink, timeout_s: float = 5.0) -> OnBoard:
@@ -114,9 +109,16 @@ def see(journal_file: Path, review: Review, by: str, log: Path, signer: Signer) 
 
 def arm(link: CommandLink, crc: str, who: Operator, override: str = "") -> OnBoard:
     """First step of an approval; returns what housekeeping says after it. override: why, in spite of the
-    reasons to reject. BadInput or CommandFailed before any command is sent if something else waits, `who.by`
-    has not seen it, or it needs an override and has none, or has one and needs none."""
+    reasons to reject. BadInput or CommandFailed before any command is sent if something else waits, it is
+    armed already, `who.by` has not seen it, or it needs an override and has none, or has one and needs
+    none."""
     case = _case(link, crc, who)
+    if case.waits.armed:
+        raise CommandFailed(
+            f"the approval of correction {case.text} is armed already, for another {case.waits.left_s:.0f} s",
+            link.url,
+            f"`kincal review go {case.text}` puts it in force, `kincal review reject {case.text}` drops it",
+        )
     seen = _seen(case, who)
     _check_override(case, seen, override)
     send_arm(link, case.crc, who.timeout_s, bool(override))

@@ -1,0 +1,83 @@
+"""A review as operators do it: a run whose fit is poor, then flight on its store and the tool, over LCM."""
+
+import subprocess
+import sys
+
+import pytest
+from flight import BINARY, TABLES
+
+from kincal import review
+from kincal.errors import CommandFailed
+from kincal.keys import read, signer_of
+from kincal.link import Link, crc_text
+from kincal.review.status import proposals_in
+from kincal_sim.ports import private_port, private_url
+
+WHO = ("--why", "reason")
+
+
+def kincal(*args):
+    """Exit status, and output as one line."""
+    run = subprocess.run(
+        [sys.executable, "-m", "kincal", *map(str, args)], capture_output=True, text=True, timeout=120
+    )
+    return run.returncode, " ".join((run.stdout + run.stderr).split())
+
+
+@pytest.fixture(scope="module")
+def poor_run(tmp_path_factory):
+    """A soft elbow and friction, which the flight tables do not model."""
+    out = tmp_path_factory.mktemp("review") / "run"
+    status, said = kincal(
+        "run", "hidden_compliance", "--fast", "--poses", 20, "--no-compare", "--no-summary", "--out", out
+    )
+    assert status == 1 and "the fit is poor; the proposal is left to the ground" in said
+    return out
+
+
+@pytest.fixture
+def live(poor_run):
+    """Flight on the store of that run: its URL."""
+    port, lock = private_port()
+    url = private_url(port)
+    command = [BINARY, "--live", "--url", url, "--tables", TABLES, "--store", poor_run / "store"]
+    process = subprocess.Popen([*command, "--keys", poor_run / "store.keys"], stderr=subprocess.DEVNULL)
+    try:
+        with Link(url) as link:
+            link.wait_hk(lambda _hk: True, 20.0, "housekeeping")
+        yield url
+    finally:
+        process.terminate()
+        process.wait(timeout=20.0)
+        lock.close()
+
+
+def test_a_poor_proposal_goes_live_only_when_two_commands_and_an_override_say_so(poor_run, live):
+    log, file = poor_run / "run.lcmlog", poor_run / "store.keys"
+    crc = f"{proposals_in(log)[0].crc:08x}"
+    on = ("--keys", file, "--url", live)
+    assert f"correction {crc} (poor fit) waits for review" in kincal("review", "list", "--live", *on)[1]
+    for decide in (("arm",), ("arm", "--override", "x"), ("go",)):
+        status, said = kincal("review", *decide, crc, "--by", "A", *WHO, *on)
+        assert status != 0 and ("A has not seen" in said or "is not armed" in said)
+    status, said = kincal("review", "show", log, "--by", "A", "--tables", TABLES, "--keys", file)
+    assert status == 0 and f"A has seen correction {crc}" in said
+    assert f"kincal review arm {crc} --by NAME --why REASON --override REASON --keys {file}" in said
+    status, said = kincal("review", "arm", crc, "--by", "A", *WHO, *on)
+    assert status == 2 and "flight itself calls the fit poor" in said
+    with Link(live, signer=signer_of(file)) as link, pytest.raises(CommandFailed, match="COR_POOR"):
+        link.command("APPROVE_ARM", (int(crc, 16),))  # flight asks by itself, whoever sends
+    status, said = kincal("review", "arm", crc, "--by", "A", *WHO, "--override", "rover at risk", *on)
+    assert status == 0, said
+    assert f"correction {crc} (poor fit) is armed for another" in kincal("review", "list", "--live", *on)[1]
+    with Link(live) as link:
+        before = link.wait_hk(lambda hk: hk.proposal_crc != 0, 5.0, "housekeeping")
+        assert crc_text(before.table_crc[review.KIN_KIND]) != crc
+    status, said = kincal("review", "go", crc, "--by", "A", *WHO, *on)
+    assert status == 0 and "by override: rover at risk" in said
+    assert f"correction {crc} is in force" in said
+    assert "on board: nothing waits" in kincal("review", "list", "--live", *on)[1]
+    entries = review.check_journal(poor_run / "review.jsonl", read(file))
+    assert [(e.decision, e.override) for e in entries] == [
+        ("seen", ""), ("arm", "rover at risk"), ("approve", "rover at risk")
+    ]  # fmt: skip
