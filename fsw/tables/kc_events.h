@@ -263,8 +263,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Build TERMS with bounds inside those of SPACE and a tenth; or activate a SPACE verified for more "    \
       "first.")                                                                                              \
     X(111, TBL_SPACE_NARROW, ERROR,                                                                          \
-      "SPACE refused: with {index:coefficient} of the active TERMS the arm may be off by {got:number} (rad " \
-      "or m) at one place; this SPACE was verified for {want:number} there",                                 \
+      "SPACE refused: with coefficient {index:coefficient} of the active TERMS the arm may be off by "       \
+      "{got:number} (rad or m) at one place; this SPACE was verified for {want:number} there",               \
       "Activate TERMS with bounds inside those of this SPACE and a tenth first; or verify it for more.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
