@@ -55,7 +55,7 @@ def test_flight_calibrates_the_arm_that_it_was_uplinked_for(uplinked):
     assert run.record["verdict"] == "change"
     proposal = run.log.last_session.proposal
     for coefficient, true in ((28, 3e-3), (29, 3e-3)):
-        assert abs(proposal.coef[coefficient] - true) < 4 * proposal.sigma[coefficient]
+        assert abs(proposal.value[coefficient] - true) < 4 * proposal.sigma[coefficient]
 
 
 @pytest.mark.slow
