@@ -1,5 +1,5 @@
 """An arm outside what the search space was verified for is stopped with uplinked terms as with those that
-ship: a hidden effect is found in a log, uplinked, flown (as in docs/TUTORIAL.md), and then the arm gets worse."""
+ship: a hidden effect is found in a log, uplinked, flown (docs/TUTORIAL.md), and then the arm gets worse."""
 
 import shutil
 
@@ -16,8 +16,8 @@ from kincal_sim.scenario import load
 FLIGHT = library("flight")
 HIDDEN = load("hidden_compliance")
 EFFECTS = ["joint_compliance[4]", "backlash[1]"]
-# Each is far outside the error bounds. A coefficient with the bounds of former uplinks (1.5 rad) explains it, or
-# the compliance would if its bound came on top of the joint's: near the park pose the torque is constant.
+# Each is far outside the error bounds. A coefficient with the bounds of former uplinks (1.5 rad) explains it,
+# or the compliance would if its bound came on top of the joint's: near the park pose the torque is constant.
 OUTSIDE = {"J4.phi_rad": 0.2, "J1.phi_rad": 0.3, "J6.phi_rad": 0.6}
 
 
