@@ -241,6 +241,15 @@ void test_a_disabled_coefficient_is_not_estimated_and_does_not_count(void)
     expect_check(KC_ERR_RANGE);
 }
 
+void test_what_lies_beyond_the_last_term_does_not_count(void)
+{
+    given_coef(-0.2, 0.2, 1u, KC_RZ);
+    s_terms.term[1] = s_terms.term[0];
+    expect_check(KC_OK);
+    s_terms.n_term = 2u;
+    expect_check(KC_ERR_RANGE);
+}
+
 void test_no_bound_is_taken_where_nothing_was_verified(void)
 {
     s_space.verified[1].phi_rad = 0.0;
