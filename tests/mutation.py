@@ -38,8 +38,8 @@ WORK = ROOT / "build/mutation"
 REVIEWED = Path(__file__).with_suffix(".csv")
 LEAST_SHARE = 0.95
 SAFETY = (
-    "fsw/motion/kc_guard.c", "fsw/motion/kc_path.c", "fsw/estimate/kc_monitor.c", "fsw/exec/kc_monitoring.c",
-    "fsw/exec/kc_update.c", "fsw/exec/kc_change.c", "fsw/exec/kc_sequence.c",
+    "fsw/motion/kc_guard.c", "fsw/motion/kc_bounds.c", "fsw/motion/kc_path.c", "fsw/estimate/kc_monitor.c",
+    "fsw/exec/kc_monitoring.c", "fsw/exec/kc_update.c", "fsw/exec/kc_change.c", "fsw/exec/kc_sequence.c",
     "fsw/exec/kc_cmd.c", "fsw/exec/kc_review.c", "fsw/exec/kc_propose.c", "fsw/decide/kc_verdict.c",
     "fsw/lcm/kc_files.c",
 )  # fmt: skip

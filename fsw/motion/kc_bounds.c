@@ -43,11 +43,11 @@ static double link_length(const kc_joint_t *k)
 /* Of everything beyond frame i: mass, mass times distance, and the distance of the tool, at most. */
 typedef struct {
     double mass_kg, moment_kg_m, tool_m;
-} beyond_t;
+} stretch_t;
 
-static beyond_t beyond(const kc_arm_t *arm, uint32_t i)
+static stretch_t stretched(const kc_arm_t *arm, uint32_t i)
 {
-    beyond_t b = {0.0, 0.0, 0.0};
+    stretch_t b = {0.0, 0.0, 0.0};
     for (uint32_t j = i; j < arm->n_joints; j++) {
         const kc_joint_t *k = &arm->joint[j];
         b.tool_m += link_length(k);
@@ -62,14 +62,14 @@ static beyond_t beyond(const kc_arm_t *arm, uint32_t i)
 /* Gravity moment about a link [N m], with a payload. */
 static double moment(const kc_arm_t *arm, uint32_t link)
 {
-    const beyond_t b = beyond(arm, link);
+    const stretch_t b = stretched(arm, link);
     return kc_v3_norm(arm->gravity_m_s2) * (b.moment_kg_m + KC_BOUNDS_PAYLOAD_KG * b.tool_m);
 }
 
 /* Gravity torque about a joint, or force along it; of the payload alone or of all. */
 static double torque(const kc_arm_t *arm, uint32_t joint, bool payload)
 {
-    const beyond_t b = beyond(arm, joint - 1u);
+    const stretch_t b = stretched(arm, joint - 1u);
     const bool slides = arm->joint[joint - 1u].type == KC_PRISMATIC;
     const double own = slides ? b.mass_kg : b.moment_kg_m;
     const double load = KC_BOUNDS_PAYLOAD_KG * (slides ? 1.0 : b.tool_m);
@@ -81,14 +81,16 @@ typedef struct {
     double lo, hi;
 } range_t;
 
-static range_t within(double size) { return (range_t){-size, size}; }
+static range_t between(double lo, double hi) { return (range_t){lo, hi}; }
+
+static range_t within(double size) { return between(-size, size); }
 
 /* Variables of the arm; index as kc_terms_validate allows. */
 static range_t arm_range(const kc_arm_t *arm, const kc_basis_t *b)
 {
     const double g = kc_v3_norm(arm->gravity_m_s2);
     switch ((kc_var_t)b->var) {
-    case KC_VAR_Q: return (range_t){arm->joint[b->index - 1u].q_min, arm->joint[b->index - 1u].q_max};
+    case KC_VAR_Q: return between(arm->joint[b->index - 1u].q_min, arm->joint[b->index - 1u].q_max);
     case KC_VAR_QDOT: return within(arm->joint[b->index - 1u].speed_max);
     case KC_VAR_TAU: return within(torque(arm, b->index, false));
     case KC_VAR_TAU_PAYLOAD: return within(torque(arm, b->index, true));
@@ -97,7 +99,8 @@ static range_t arm_range(const kc_arm_t *arm, const kc_basis_t *b)
     case KC_VAR_MZ: return within(moment(arm, b->index));
     case KC_VAR_LEVX:
     case KC_VAR_LEVY:
-    case KC_VAR_LEVZ: return within(g * beyond(arm, KC_LEVER_LINK(b->index)).tool_m); /* no body is farther */
+    case KC_VAR_LEVZ:
+        return within(g * stretched(arm, KC_LEVER_LINK(b->index)).tool_m); /* no body is farther */
     default: return within(g); /* components of gravity */
     }
 }
@@ -105,19 +108,19 @@ static range_t arm_range(const kc_arm_t *arm, const kc_basis_t *b)
 static range_t range_of(const kc_arm_t *arm, const kc_basis_t *b)
 {
     switch ((kc_var_t)b->var) {
-    case KC_VAR_TEMP: return (range_t){KC_BOUNDS_TEMP_MIN_C, KC_BOUNDS_TEMP_MAX_C};
-    case KC_VAR_T: return (range_t){b->c0 - KC_BOUNDS_TIME_S, b->c0 + KC_BOUNDS_TIME_S};
-    case KC_VAR_PAYLOAD: return (range_t){0.0, KC_BOUNDS_PAYLOAD_KG};
-    case KC_VAR_RANGE: return (range_t){0.0, KC_BOUNDS_DISTANCE_M};
+    case KC_VAR_TEMP: return between(KC_BOUNDS_TEMP_MIN_C, KC_BOUNDS_TEMP_MAX_C);
+    case KC_VAR_T: return between(b->c0 - KC_BOUNDS_TIME_S, b->c0 + KC_BOUNDS_TIME_S);
+    case KC_VAR_PAYLOAD: return between(0.0, KC_BOUNDS_PAYLOAD_KG);
+    case KC_VAR_RANGE: return between(0.0, KC_BOUNDS_DISTANCE_M);
     case KC_VAR_XCAM:
     case KC_VAR_YCAM:
     case KC_VAR_ZCAM: return within(KC_BOUNDS_DISTANCE_M);
-    case KC_VAR_INCID: return (range_t){0.0, 0.5 * KC_PI};
+    case KC_VAR_INCID: return between(0.0, 0.5 * KC_PI);
     case KC_VAR_DIR:
     case KC_VAR_TAG:
     case KC_VAR_U:
     case KC_VAR_V: return within(1.0); /* an image of 90 degrees */
-    case KC_VAR_R2: return (range_t){0.0, 2.0};
+    case KC_VAR_R2: return between(0.0, 2.0);
     case KC_VAR_PAN:
     case KC_VAR_TILT: return within(KC_PI);
     default: return arm_range(arm, b);

@@ -23,7 +23,8 @@
 #define KC_BOUNDS_PAYLOAD_KG 0.5
 #define KC_BOUNDS_DISTANCE_M 3.0 /* camera to tool, and its components */
 
-/* Error that the space was verified for at a frame along an axis [rad or m]; 0 for a frame that it lacks. */
+/* Error that the space was verified for at a frame along an axis [rad or m]; frame and comp as kc_terms_validate
+ * allows. */
 double kc_bounds_verified(const kc_space_t *s, uint32_t frame, uint32_t comp);
 
 /* Largest size of gain x basis x basis [rad or m per unit of the coefficient]: not smaller than any value that flight

@@ -274,8 +274,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Build TERMS with bounds inside those of SPACE and a tenth; or activate a SPACE verified for more "    \
       "first.")                                                                                              \
     X(111, TBL_SPACE_NARROW, ERROR,                                                                          \
-      "SPACE refused: with {index:coefficient} of the active TERMS the arm may be off by {got:number} (rad " \
-      "or m) at one place; this SPACE was verified for {want:number} there",                                 \
+      "SPACE refused: with coefficient {index:coefficient} of the active TERMS the arm may be off by "       \
+      "{got:number} (rad or m) at one place; this SPACE was verified for {want:number} there",               \
       "Activate TERMS with bounds inside those of this SPACE and a tenth first; or verify it for more.")     \
     X(130, BOOT_FIRST, INFO, "no journal in the store: signed messages made before this start are refused",  \
       "None at the very first start. Otherwise the store was lost: check which tables are in force.")        \

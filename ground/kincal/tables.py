@@ -104,7 +104,9 @@ def compared(image: Image, struct: Table, folder: Path) -> str:
     else:
         space, terms = cast("KcSpace", struct), decode_as("terms", path.read_bytes(), str(path))[1]
     if space.arm_crc != arm_image.crc:
-        return f"its bounds were not compared: the search space is for another arm table than {folder}/arm.tbl"
+        return (
+            f"its bounds were not compared: the search space is for another arm table than {folder}/arm.tbl"
+        )
     if excess := Flown(arm, space).excess(terms):
         raise BadInput(f"{image.kind} table refused beside {path}: {excess.text}")
     return f"bounds agree with {path}"

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "fuzz.h"
+#include "kc_bounds.h"
 #include "kc_guard.h"
 
 static kc_tables_t s_good, s_loaded, s_staged;
@@ -98,6 +99,10 @@ static void use(const kc_active_t *a, fuzz_t *f)
     kc_camera_pose(&a->camera, pan, tilt, &T);
     MUST(isfinite(T.p_m[0] + T.p_m[1] + T.p_m[2]));
     if (a->crc[KC_TBL_SPACE] != 0u) { check_roadmap(a); }
+    if (a->crc[KC_TBL_SPACE] != 0u && a->crc[KC_TBL_TERMS] != 0u) {
+        kc_bounds_bad_t bad;
+        MUST(kc_bounds_check(&a->space, &a->arm, &a->terms, &bad) == KC_OK);
+    }
     if (a->crc[KC_TBL_TERMS] != 0u) {
         static const double coef[KC_COEF_MAX];
         kc_ctx_t ctx;

@@ -259,6 +259,14 @@ def test_figures_count_every_sample_once(tmp_path):
     assert "servo bound" in files[0].read_text()
 
 
+def test_check_says_when_the_table_states_other_errors_than_the_description(committed, checks):
+    table = few(committed, [0, 5])
+    table.verified[2].phi_rad = 0.3
+    with space.WorkerPool(checks, 1) as pool:
+        (what,) = space.recheck(checks, pool, view(table)).node_problems
+    assert "verified for phi_rad [0.1, 0.1, 0.3," in what and "error_bounds [0.1, 0.1, 0.1," in what
+
+
 def test_every_kind_of_rejection_has_its_group_in_the_figures():
     groups = {space_figures.group(kind.with_detail("a - b")) for kind in space.Reason}
     assert groups == {label for label, _, _ in space_figures.GROUPS}
@@ -283,6 +291,9 @@ def test_commands_answer_with_text_and_status(tmp_path, committed):
     assert run("space", "check", small, "--processes", 1, *where, *about).exit_code == 0
     done = run("space", "show", table, *where, "--picture", tmp_path / "p.png")
     assert done.exit_code == 0
+    assert "phi 0.10 0.10 0.10 0.10 0.15 0.15 1.30 rad, alpha 0.40 rad, a 30.00 mm, d 20.00" in " ".join(
+        done.output.split()
+    )
     assert "0.60 0.25 0.60 0.80 1.10 0.90 1.60 rad" in done.output
     assert (tmp_path / "p.png").stat().st_size > 10_000
     assert "kept: 300" in (tmp_path / "p.html").read_text()

@@ -41,7 +41,7 @@ def test_header_says_what_the_file_is(kind):
     data = (BIN / f"{kind}.tbl").read_bytes()
     magic, number, version, size, crc = struct.unpack("<4sHHII", data[:16])
     of_kind = library("flight").lib.kc_layout_version(codec.kinds()[kind])
-    assert of_kind == {"camera": 2, "config": 2}.get(kind, 1)
+    assert of_kind == {"camera": 2, "space": 2, "config": 2}.get(kind, 1)
     assert (magic, number, version, size) == (b"KCT1", codec.kinds()[kind], of_kind, len(data) - 16)
     assert crc == zlib.crc32(data[16:])
     assert codec.header(data).crc == crc

@@ -23,7 +23,8 @@ HUB, INITIAL, BODY, VOLUME = (
 
 def sealed(payload: bytes) -> bytes:
     """An image whose header fits its payload: only the contents are wrong."""
-    return struct.pack("<4sHHII", b"KCT1", SPACE, 1, len(payload), zlib.crc32(payload)) + payload
+    version = CORE.lib.kc_layout_version(SPACE)
+    return struct.pack("<4sHHII", b"KCT1", SPACE, version, len(payload), zlib.crc32(payload)) + payload
 
 
 def flipped(bit: int) -> bytes:
@@ -53,7 +54,7 @@ def too_many() -> bytes:
     cand = 3 * 4 + 4 * 4 + int(s.n_joints) * 4 + 2 * 4 + 1 + 1 + 2
     n = int(s.n_cand)
     edges = (n * (n - 1) // 2 + 7) // 8
-    tail = 4 + int(s.n_body) * 33 + 4 + int(s.n_volume) * 33
+    tail = 4 + int(s.n_body) * 33 + 4 + int(s.n_volume) * 33 + int(s.n_joints) * 4 * 8
     head = len(payload) - tail - edges - n * cand
     first = payload[head : head + cand]
     many = 1025

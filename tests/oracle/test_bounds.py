@@ -1,5 +1,5 @@
-"""kc_bounds.c: no correction term does more than its stated size, at any posture and in any surroundings that the
-header states, and what TERMS may describe is what the search space was verified for."""
+"""kc_bounds.c: no correction term does more than its stated size, at any posture and in any surroundings that
+the header states, and what TERMS may describe is what the search space was verified for."""
 
 from pathlib import Path
 
@@ -90,7 +90,12 @@ def test_the_size_of_a_torque_is_not_far_from_what_the_arm_meets(flown):
         FLIGHT.lib.kc_model_loads(arm, terms, FLIGHT.ffi.NULL, surroundings(arm, rng), loads)
         largest = np.maximum(largest, np.abs(list(loads.tau)[: arm.n_joints]))
     for j in (1, 3):  # the joints that lift
-        term.gain, term.basis[0].var, term.basis[0].index, term.basis[0].c1 = 1.0, VARIABLES["TAU"], j + 1, 1.0
+        term.gain, term.basis[0].var, term.basis[0].index, term.basis[0].c1 = (
+            1.0,
+            VARIABLES["TAU"],
+            j + 1,
+            1.0,
+        )
         assert largest[j] > 0.6 * FLIGHT.lib.kc_bounds_size(arm, term)
 
 
@@ -123,7 +128,9 @@ def test_shared_bounds_use_all_that_is_allowed_and_no_more(flown):
                 term = terms.term[terms.n_term]
                 terms.n_term += 1
                 term.coef, term.frame, term.comp = c, rng.integers(0, 12), rng.integers(0, 6)
-                term.frame = term.frame if term.frame <= 7 else FLIGHT.constant("KC_FRAME_TOOL") + term.frame % 3
+                term.frame = (
+                    term.frame if term.frame <= 7 else FLIGHT.constant("KC_FRAME_TOOL") + term.frame % 3
+                )
                 term.gain = rng.uniform(-2, 2)
                 term.basis[0].var, term.basis[0].index = VARIABLES["TAU"], rng.integers(1, 8)
                 term.basis[0].c1 = 1.0

@@ -113,7 +113,15 @@ def image_of(kind):
     return (ROOT / "tables" / "bin" / f"{kind}.tbl").read_bytes()
 
 
-def sealed(kind, payload, version=1):
+def version_of(kind):
+    """Layout version, as the page says."""
+    text = (ROOT / "docs" / "TABLES.md").read_text()
+    second = re.search(r"version is that of the kind's layout: 2 for ([\w\s,]+), 1 for the others", text)[1]
+    return 2 if kind.upper() in re.findall(r"[A-Z]+", second) else 1
+
+
+def sealed(kind, payload):
+    version = version_of(kind)
     return struct.pack("<4sHHII", b"KCT1", KINDS[kind], version, len(payload), zlib.crc32(payload)) + payload
 
 

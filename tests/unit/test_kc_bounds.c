@@ -145,8 +145,17 @@ void test_gravity_moments_are_of_all_that_is_beyond_at_full_length(void)
     expect_size(9.81 * 0.16, KC_VAR_LEVX, KC_LEVER_INDEX(6u, KC_LEVER_TOOL));
     expect_size(9.81 * 0.16, KC_VAR_LEVY, KC_LEVER_INDEX(6u, 7u));
     expect_size(9.81 * 0.16, KC_VAR_LEVZ, KC_LEVER_INDEX(6u, 7u));
+    s_arm.joint[7] = s_arm.joint[6]; /* beyond the last */
+    expect_size(9.81 * (own + load), KC_VAR_TAU, 7u);
     s_arm.joint[6].has_mass = 0u;
     expect_size(9.81 * load, KC_VAR_TAU, 7u);
+}
+
+void test_a_link_is_as_long_whichever_way_it_is_measured(void)
+{
+    s_arm.joint[6].d_m = -0.06;
+    s_arm.joint[6].a_m = -0.02;
+    expect_size(9.81 * 0.18, KC_VAR_LEVX, KC_LEVER_INDEX(6u, KC_LEVER_TOOL));
 }
 
 void test_a_joint_that_slides_has_its_stroke_and_a_force(void)
@@ -238,6 +247,15 @@ void test_a_disabled_coefficient_is_not_estimated_and_does_not_count(void)
     s_terms.coef[0].enabled = 0u;
     expect_check(KC_OK);
     s_terms.coef[0].enabled = 1u;
+    expect_check(KC_ERR_RANGE);
+}
+
+void test_what_lies_beyond_the_last_term_does_not_count(void)
+{
+    given_coef(-0.2, 0.2, 1u, KC_RZ);
+    s_terms.term[1] = s_terms.term[0];
+    expect_check(KC_OK);
+    s_terms.n_term = 2u;
     expect_check(KC_ERR_RANGE);
 }
 

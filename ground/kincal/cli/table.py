@@ -19,7 +19,7 @@ from kincal.errors import KincalError
 from kincal.keys import file_of, signer_of
 
 if TYPE_CHECKING:
-    from kincal.flight.tables import Image, Table
+    from kincal.flight.tables import Image
 
 
 def _build(source: Path, tables_dir: Path | None = None) -> Image:
@@ -120,8 +120,8 @@ BESIDE = click.option(
 def table_check(files: tuple[Path, ...], tables_dir: Path | None) -> None:
     """Check tables as flight would; status 2 if any is refused.
 
-    A TERMS table is also compared with the SPACE table that it flies with, and the other way round: the bounds
-    of TERMS have to be inside what SPACE was verified for, and a tenth (docs/SPACES.md).
+    A TERMS table is also compared with the SPACE table that it flies with, and the other way round: the
+    bounds of TERMS have to be inside what SPACE was verified for, and a tenth (docs/SPACES.md).
 
     \b
     Examples:

@@ -113,9 +113,9 @@ SHARE = 0.5  # of what is allowed that effects may take where a DH error acts to
 def shared_bounds(flown: Flown, terms: KcTerms, wanted: Mapping[int, float]) -> list[float]:
     """Bound of every coefficient of a term table, so that flight accepts it.
 
-    wanted: bounds of effects, by the number of their coefficient. They get them, or less where they would take
-    more than their share of what the space was verified for; the other coefficients, the DH errors, get the
-    rest, in equal parts where several act at one place."""
+    wanted: bounds of effects, by the number of their coefficient. They get them, or less where they would
+    take more than their share of what the space was verified for; the other coefficients, the DH errors, get
+    the rest, in equal parts where several act at one place."""
     acts: dict[Place, dict[int, float]] = defaultdict(lambda: defaultdict(float))
     for k in range(terms.n_term):
         term = terms.term[k]
@@ -137,8 +137,8 @@ def shared_bounds(flown: Flown, terms: KcTerms, wanted: Mapping[int, float]) -> 
 
 
 def tightest(flown: Flown, terms: KcTerms, coef: int, value: float) -> tuple[Place, float, float]:
-    """Where a coefficient of this value takes most of what is allowed: the place, what it does there, and what
-    is allowed [rad or m]."""
+    """Where a coefficient of this value takes most of what is allowed: the place, what it does there, and
+    what is allowed [rad or m]."""
     at: dict[Place, float] = defaultdict(float)
     for k in range(terms.n_term):
         if terms.term[k].coef == coef:

@@ -149,7 +149,8 @@ def _fill_term(build: FlightLibrary | GroundLibrary, out: KcTerm, coef: int, ter
 
 
 def fill_terms(build: FlightLibrary | GroundLibrary, coefficients: Sequence[Coefficient]) -> KcTerms:
-    """kc_terms_t of a build, all coefficients with a bound enabled. CannotAnswer if they are more than it carries."""
+    """kc_terms_t of a build, all coefficients with a bound enabled. CannotAnswer if they are more than it
+    carries."""
     most, most_terms = build.lib.KC_COEF_MAX, build.lib.KC_TERM_MAX
     whose = "flight" if build.build == "flight" else "the ground tool"
     if len(coefficients) > most:

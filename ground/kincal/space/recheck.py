@@ -74,7 +74,7 @@ def _bounds_problems(checks: Checks, table: SpaceTable) -> Iterator[str]:
     for field, bounds in zip(DH_FIELDS, table.verified.T.tolist(), strict=True):
         wanted = getattr(checks.desc.error_bounds, field)
         if bounds != wanted:
-            yield f"the table says verified for {field} {bounds}, error_bounds of the description are {wanted}"
+            yield f"the table says verified for {field} {bounds}, the description has error_bounds {wanted}"
 
 
 def _hub_problems(checks: Checks, table: SpaceTable) -> Iterator[str]:

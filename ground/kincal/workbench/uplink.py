@@ -59,9 +59,7 @@ def coefficients(
     they ask for (model: whose last fit says how large they are); DH errors have what the space leaves.
     BadInput if two would have the same name there."""
     fitted = model.values if model else {}
-    rows = [
-        Coefficient(name, p.terms, math.inf, 0.0, _DH_SCALE[p.name]) for name, p in dh_parameters(arm)
-    ]
+    rows = [Coefficient(name, p.terms, math.inf, 0.0, _DH_SCALE[p.name]) for name, p in dh_parameters(arm)]
     rows += [
         Coefficient(
             flight_name(h.name, p.name, len(h.parameters) == 1),
@@ -91,9 +89,12 @@ def term_table(
     arm: ArmTable, hypotheses: Sequence[Hypothesis], flown: Flown, model: ModelFile | None = None
 ) -> KcTerms:
     """Flight's term table of the DH errors and the effects; it names the arm, so that flight refuses it for
-    another one. flown: whose search space bounds the coefficients (docs/SPACES.md); a DH error that it was not
-    verified for is not estimated. model: whose last fit says how large effects are and what could be left out.
-    BadInput if flight cannot carry the arm or so many terms, or the space was not verified for such effects."""
+    another one.
+
+    flown: whose search space bounds the coefficients (docs/SPACES.md); a DH error that it was not verified
+    for is not estimated. model: whose last fit says how large effects are and what could be left out.
+    BadInput if flight cannot carry the arm or so many terms, or the space was not verified for such
+    effects."""
     limits = library("flight").lib
     _refuse_points(hypotheses)
     if arm.n > limits.KC_JOINT_MAX:
@@ -142,9 +143,10 @@ def _set_bounds(
 def _no_room(table: KcTerms, coef: int, flown: Flown, name: str, value: float) -> BadInput:
     place, does, allowed = tightest(flown, table, coef, value)
     return BadInput(
-        f"{name} of {value:.3g} can make up to {does:.3g} {place_text(place)}; the bounds of all that acts there "
-        f"may add up to {allowed:.3g}, a tenth more than the search space was verified for",
-        todo="verify a search space for larger `error_bounds` (docs/SPACES.md), or leave the effect out with --drop",
+        f"{name} of {value:.3g} can make up to {does:.3g} {place_text(place)}; the bounds of all that acts "
+        f"there may add up to {allowed:.3g}, a tenth more than the search space was verified for",
+        todo="verify a search space for larger `error_bounds` (docs/SPACES.md), or leave the effect out with "
+        "--drop",
     )
 
 

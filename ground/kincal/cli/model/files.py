@@ -271,11 +271,11 @@ def uplink_command(
         kincal model uplink --model M.toml --drop 'joint_ripple[5,6]' --data poses.csv
     """
     from kincal.cli.text import model as text
+    from kincal.flight.bounds import Flown
     from kincal.schema.arm import read_arm
     from kincal.workbench.belonging import refuse_model_of_other_arm
     from kincal.workbench.constants import choose_constants
     from kincal.workbench.nested import cost_without
-    from kincal.flight.bounds import Flown
     from kincal.workbench.uplink import dropped, flight_tables, refuse_other_arm, term_image
 
     chosen, library = load_model(model_path, effect_files)
