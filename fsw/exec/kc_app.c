@@ -108,7 +108,6 @@ static kc_status_t load_any(kc_app_t *app, uint16_t kind, const uint8_t *data, u
 {
     if (kind == KC_TBL_KIN) { return load_kin(app, data, n); }
     if (kind > KC_TBL_KIN && kind != KC_STORE_JOURNAL) { settle_kin(app); }
-    if (kind >= KC_TBL_COUNT && n > 0u) { app->kept = true; }
     switch (kind) {
     case KC_STORE_JOURNAL: return kc_journal_load(&app->journal, data, n);
     case KC_STORE_PREV: return load_prev(app, data, n);
@@ -119,6 +118,7 @@ static kc_status_t load_any(kc_app_t *app, uint16_t kind, const uint8_t *data, u
 
 kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n)
 {
+    if (kind >= KC_TBL_COUNT) { app->kept = true; } /* only an earlier run leaves these */
     kc_status_t st = load_any(app, kind, data, n);
     if (st != KC_OK && st != KC_ERR_STATE) { /* STATE: not needed, or reported by TBL_DEPENDS */
         kc_event(&app->boot_events, KC_EVT_BOOT_SLOT_BAD, (int32_t)kind, (double)st, 0.0);
