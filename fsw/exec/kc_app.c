@@ -183,7 +183,7 @@ void kc_app_boot(kc_app_t *app)
     if (app->cmd_log.keys.n == 0u) {
         kc_event(&app->boot_events, KC_EVT_BOOT_NO_KEYS, -1, 0.0, 0.0);
     } else if (!journaled(app)) {
-        kc_event_id_t id = app->kept ? KC_EVT_BOOT_JOURNAL : KC_EVT_BOOT_FIRST;
+        kc_event_id_t id = app->kept ? KC_EVT_BOOT_JOURNAL_LOST : KC_EVT_BOOT_NO_JOURNAL;
         kc_event(&app->boot_events, id, -1, 0.0, 0.0);
     }
     compare(app, &app->boot_events);

@@ -47,7 +47,9 @@ static void put_back(const kc_change_parts_t *p, kc_out_t *out)
     if (a->crc[s->kind] != 0u) {
         st = kc_tbl_encode(s->kind, kc_tbl_active_ptr(a, s->kind), 0u, s->image, KC_IMAGE_MAX, &n);
     }
-    if (st == KC_OK) { kc_journal_store(out, s->kind, s->image, n); } /* else no answer comes: it has failed */
+    if (st == KC_OK) {
+        kc_journal_store(out, s->kind, s->image, n);
+    } /* else no answer comes: it has failed */
 }
 
 static void request(const kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)

@@ -257,9 +257,10 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "the change is refused: {index:store} could not be stored in {want:count} tries ({got:status})",       \
       "What was in force remains, and a correction that waited still waits. Make the store work, then send " \
       "the command again (a correction: APPROVE_ARM and APPROVE_GO). Until then do not switch off.")         \
-    X(130, BOOT_FIRST, INFO, "no journal in the store: signed messages made before this start are refused",  \
+    X(130, BOOT_NO_JOURNAL, INFO,                                                                            \
+      "no journal in the store: signed messages made before this start are refused",                         \
       "None at the very first start. Otherwise the store was lost: check which tables are in force.")        \
-    X(131, BOOT_JOURNAL, ERROR,                                                                              \
+    X(131, BOOT_JOURNAL_LOST, ERROR,                                                                         \
       "no copy of the journal can be read: signed messages made before this start are refused",              \
       "Check which correction is in force. If flight's clock may have been wrong, change the key as well.")  \
     X(132, CMD_OLD, ERROR,                                                                                   \

@@ -164,8 +164,8 @@ def forged(f, opcode, counter):
 
 @pytest.mark.parametrize("source", [1, 2])
 def test_commands_get_through_a_flood_in_their_name(flight, source):
-    """In each of ten steps: 8 unsigned ones before the command, as many as once filled the quota of the source that
-    they name; 50 forged ones; 8 of its own copies; and 8 ABORT of somebody else for the step after it."""
+    """In each of ten steps: 8 unsigned ones before the command, as many as once filled the quota of the
+    source that they name; 50 forged ones; and 8 copies of the command itself."""
     for k in range(10):
         for _ in range(8):
             flight.bus.publish("KC_CMD", command(flight, CMD.NOOP, source=source))
@@ -265,9 +265,9 @@ def test_with_both_copies_of_the_journal_gone_a_recorded_start_is_refused(flight
     for again in range(2):
         flight.start()
         events, _ = flight.first_telemetry()
-        told = {EVENT["BOOT_FIRST"], EVENT["BOOT_JOURNAL"]} & {e.id for e in events}
-        lost = {EVENT["BOOT_FIRST" if gone == "deleted" else "BOOT_JOURNAL"]}
-        assert told == (set() if again else lost)
+        reported = {EVENT["BOOT_NO_JOURNAL"], EVENT["BOOT_JOURNAL_LOST"]} & {e.id for e in events}
+        lost = {EVENT["BOOT_NO_JOURNAL" if gone == "deleted" else "BOOT_JOURNAL_LOST"]}
+        assert reported == (set() if again else lost)
         events, (ack,), hk = send(flight, start)
         assert ack.status == -9 and hk.state == IDLE
         flight.kill()

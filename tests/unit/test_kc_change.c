@@ -472,7 +472,8 @@ void test_an_approval_that_cannot_be_made_is_answered_so_and_the_old_correction_
     expect_in_force(s_before, s_crc, KC_ST_REVIEW);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_COR_ACTIVE));
     world_ticks(3u);
-    for (int newest_lost = 0; newest_lost < 2; newest_lost++) { /* the store says the same, both copies of it */
+    for (int newest_lost = 0; newest_lost < 2;
+         newest_lost++) { /* the store says the same, both copies of it */
         if (newest_lost) { world.stored[KC_STORE_JOURNAL][0] = 0u; }
         world_restart();
         world_tick();

@@ -1,4 +1,4 @@
-/* kc_counters.c: counters of each key, and who gives up its place. */
+/* kc_counters.c: counters of each key, and which key loses its place. */
 #include <stddef.h>
 #include <string.h>
 
@@ -63,7 +63,7 @@ void test_a_start_without_keys_or_with_the_file_before_loses_nothing(void)
     expect(1u, 100u, 10u);
 }
 
-void test_the_key_with_the_lowest_number_that_is_not_in_the_file_gives_up_its_place(void)
+void test_the_key_with_the_lowest_number_that_is_not_in_the_file_loses_its_place(void)
 {
     start(5u, 3u, 10u);
     start(9u, 0u, 20u);

@@ -187,7 +187,8 @@ void test_a_record_of_the_former_layout_is_read_and_its_counters_become_those_of
     TEST_ASSERT_EQUAL_UINT32(17u, APP->cal.session);
     TEST_ASSERT_EQUAL_UINT32(6u, world.hk.boot_count);
     TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_FIRST) + world_events(KC_EVT_BOOT_JOURNAL) +
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_NO_JOURNAL) +
+                                     world_events(KC_EVT_BOOT_JOURNAL_LOST) +
                                      world_events(KC_EVT_BOOT_SLOT_BAD));
     for (uint32_t k = 0u; k < 2u; k++) {
         const kc_counted_t *c = kc_counters_of(&APP->cmd_log.counters, k + 1u);

@@ -1653,8 +1653,8 @@ class FlightCore(Protocol):
     KC_EVT_CMD_COUNTER: int
     KC_EVT_CMD_BEFORE: int
     KC_EVT_CMD_OLD: int
-    KC_EVT_BOOT_JOURNAL: int
-    KC_EVT_BOOT_FIRST: int
+    KC_EVT_BOOT_JOURNAL_LOST: int
+    KC_EVT_BOOT_NO_JOURNAL: int
     KC_EVT_STORE_REFUSED: int
     KC_EVT_CAL_OUTLIER_ACCEPTED: int
     KC_EVT_MON_NOT_AT_REST: int
