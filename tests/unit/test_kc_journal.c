@@ -225,6 +225,7 @@ void test_counters_of_the_former_layout_outlive_a_start_without_keys(void)
 void test_a_damaged_record_of_the_former_layout_is_refused(void)
 {
     given_former(1000u);
+    kc_app_init(APP);
     TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, FORMER_BYTES - 1u));
     s_rec[50] ^= 1u;
     TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, FORMER_BYTES));
