@@ -91,6 +91,7 @@ void test_a_clock_that_ran_ahead_locks_nobody_out(void)
 void test_a_key_without_a_place_has_no_counters(void)
 {
     start(1u, 0u, 10u);
+    TEST_ASSERT_NULL(kc_counters_of(&s_c, 0u)); /* there is a free place */
     take(2u, 50u);
     take(0u, 50u);
     TEST_ASSERT_NULL(kc_counters_of(&s_c, 2u));
