@@ -109,7 +109,6 @@ static kc_status_t load_any(kc_app_t *app, uint16_t kind, const uint8_t *data, u
 {
     if (kind == KC_TBL_KIN) { return load_kin(app, data, n); }
     if (kind > KC_TBL_KIN && kind != KC_STORE_JOURNAL) { settle_kin(app); }
-    if (kind >= KC_TBL_COUNT && n > 0u) { app->kept = true; }
     switch (kind) {
     case KC_STORE_JOURNAL: return kc_journal_load(&app->journal, data, n);
     case KC_STORE_PREV: return load_prev(app, data, n);
@@ -120,6 +119,7 @@ static kc_status_t load_any(kc_app_t *app, uint16_t kind, const uint8_t *data, u
 
 kc_status_t kc_app_load(kc_app_t *app, uint16_t kind, const uint8_t *data, uint32_t n)
 {
+    if (kind >= KC_TBL_COUNT) { app->kept = true; } /* only an earlier run leaves these */
     kc_status_t st = n > 0u ? load_any(app, kind, data, n) : KC_ERR_FORMAT; /* a copy that cannot be read */
     if (st != KC_OK && st != KC_ERR_STATE) { /* STATE: not needed, or reported by TBL_DEPENDS */
         kc_event(&app->boot_events, KC_EVT_BOOT_SLOT_BAD, (int32_t)kind, (double)st, 0.0);
@@ -186,7 +186,7 @@ void kc_app_boot(kc_app_t *app)
     if (app->cmd_log.keys.n == 0u) {
         kc_event(&app->boot_events, KC_EVT_BOOT_NO_KEYS, -1, 0.0, 0.0);
     } else if (!journaled(app)) {
-        kc_event_id_t id = app->kept ? KC_EVT_BOOT_JOURNAL : KC_EVT_BOOT_FIRST;
+        kc_event_id_t id = app->kept ? KC_EVT_BOOT_JOURNAL_LOST : KC_EVT_BOOT_NO_JOURNAL;
         kc_event(&app->boot_events, id, -1, 0.0, 0.0);
     }
     compare(app, &app->boot_events);

@@ -252,8 +252,7 @@ static bool admit_chunk(kc_cmd_log_t *log, const kc_view_t *v, const kc_chunk_t 
     uint8_t head[KC_SIGNED_HEAD_MAX];
     if (!known_source(c->source)) { return unknown_source(c->source, out).status == KC_OK; }
     kc_auth_text_t text = kc_signed_chunk(c, head);
-    kc_answer_t answer =
-        by_signature(log, v, KC_SIGNED_CHUNK, c->source, &c->auth, c->t_us, &text, out);
+    kc_answer_t answer = by_signature(log, v, KC_SIGNED_CHUNK, c->source, &c->auth, c->t_us, &text, out);
     return answer.status == KC_OK;
 }
 

@@ -52,15 +52,15 @@ static int64_t stamp(const kc_edge_t *e, int64_t t_us) { return e->live ? INT64_
 #define VOUCHED_PLACE kc_app_vouches_chunk(e->app, &m, &e->macs_chunk)
 #define VOUCHED_SEQ false
 
-#define ON_QUEUED(CHANNEL, member, message, copied, order, step, room)                                      \
-    static void on_##member(const lcm_recv_buf_t *buf, const char *channel, void *user)                     \
-    {                                                                                                       \
-        static kc_##message##_t m;                                                                          \
-        DECODE(message##_t, member)                                                                         \
-        kc_wire_##member(&s_rx.member, &m);                                                                 \
-        if (!kc_queue_##member(&e->queue, stamp(e, s_rx.member.t_us), e->now_us, &m, VOUCHED_##order)) {    \
-            e->n_rx_errors++;                                                                               \
-        }                                                                                                   \
+#define ON_QUEUED(CHANNEL, member, message, copied, order, step, room)                                   \
+    static void on_##member(const lcm_recv_buf_t *buf, const char *channel, void *user)                  \
+    {                                                                                                    \
+        static kc_##message##_t m;                                                                       \
+        DECODE(message##_t, member)                                                                      \
+        kc_wire_##member(&s_rx.member, &m);                                                              \
+        if (!kc_queue_##member(&e->queue, stamp(e, s_rx.member.t_us), e->now_us, &m, VOUCHED_##order)) { \
+            e->n_rx_errors++;                                                                            \
+        }                                                                                                \
     }
 #define ON_NEWEST(CHANNEL, member, message, copied)                                     \
     static void on_##member(const lcm_recv_buf_t *buf, const char *channel, void *user) \

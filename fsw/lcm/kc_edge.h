@@ -24,10 +24,10 @@ typedef struct {
     kc_in_t in; /* sensor messages of the next step collect here */
     kc_out_t out;
     bool live;
-    int64_t now_us;           /* of the last step */
-    int64_t tick;             /* last tick done, 0 = none yet */
+    int64_t now_us; /* of the last step */
+    int64_t tick; /* last tick done, 0 = none yet */
     int64_t due_tick, due_us; /* KC_TIME received, to be done when due_tick != tick */
-    int32_t n_done;           /* published in the last tick, before its DONE */
+    int32_t n_done; /* published in the last tick, before its DONE */
     int32_t n_sent, n_tx_errors, event_seq;
     uint32_t n_rx_errors;
     uint32_t macs_cmd, macs_chunk; /* that may still be computed before the next step */

@@ -118,17 +118,17 @@ static bool place_before(uint32_t m_account, int64_t m_us, const kc_chunk_t *m, 
 
 /* ---- the queues of the list ---- */
 
-#define PUT(CHANNEL, member, message, copied, order, step, room)                                       \
-    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m,     \
-                           bool vouched)                                                               \
-    {                                                                                                  \
-        (void)vouched;                                                                                 \
-        uint32_t account = ahead(t_us, now_us) ? NO_ROOM : ACCOUNT_##order(q, m, vouched);             \
-        if (account == NO_ROOM || q->n_##member >= (room)) { return false; }                           \
-        q->member[q->n_##member].t_us = t_us;                                                          \
-        q->member[q->n_##member].account = account;                                                    \
-        q->member[q->n_##member++].m = *m;                                                             \
-        return true;                                                                                   \
+#define PUT(CHANNEL, member, message, copied, order, step, room)                                   \
+    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m, \
+                           bool vouched)                                                           \
+    {                                                                                              \
+        (void)vouched;                                                                             \
+        uint32_t account = ahead(t_us, now_us) ? NO_ROOM : ACCOUNT_##order(q, m, vouched);         \
+        if (account == NO_ROOM || q->n_##member >= (room)) { return false; }                       \
+        q->member[q->n_##member].t_us = t_us;                                                      \
+        q->member[q->n_##member].account = account;                                                \
+        q->member[q->n_##member++].m = *m;                                                         \
+        return true;                                                                               \
     }
 KC_IN_LIST(PUT, KC_Q_NONE_)
 
@@ -148,10 +148,10 @@ KC_IN_LIST(PUT, KC_Q_NONE_)
     }
 KC_IN_LIST(FIRST, KC_Q_NONE_)
 
-#define TAKE(CHANNEL, member, message, copied, order, step, room)                               \
-    while (in->n_##member < (step) && (i = first_##member(q, now_us, taken)) < q->n_##member) { \
-        TOOK_##order(taken, q->member[i].account) in->member[in->n_##member++] = q->member[i].m;     \
-        q->member[i] = q->member[--q->n_##member];                                              \
+#define TAKE(CHANNEL, member, message, copied, order, step, room)                                \
+    while (in->n_##member < (step) && (i = first_##member(q, now_us, taken)) < q->n_##member) {  \
+        TOOK_##order(taken, q->member[i].account) in->member[in->n_##member++] = q->member[i].m; \
+        q->member[i] = q->member[--q->n_##member];                                               \
     }
 void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in)
 {

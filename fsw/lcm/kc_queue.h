@@ -41,7 +41,7 @@ typedef struct {
 /* kc_queue_cmd and so on, one for each queued channel: whether it waits now; false if there is no room or the stamp lies
  * too far ahead of now: the message is lost. vouched: a holder of a key sent it. */
 #define KC_Q_PUT_(CHANNEL, member, message, copied, order, step, room)                             \
-    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m,     \
+    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m, \
                            bool vouched);
 KC_IN_LIST(KC_Q_PUT_, KC_Q_NONE_)
 /* Move what is due into in, as much as one step takes; the rest waits for the next. */

@@ -108,7 +108,10 @@ static void walk_decisions(kc_walk_t *w, kc_config_t *c)
     kc_walk_u64(w, 69u, &c->store_retry_us, 1000u, HOUR_US);
     kc_walk_u64(w, 70u, &c->approval_timeout_us, 1000000u, HOUR_US);
     kc_walk_u8(w, 71u, &c->frame, KC_RIGHT_IN_CAMERA, KC_RIGHT_IN_LANDER); /* kc_right_in_t */
-    kc_walk_u64(w, 72u, &c->signed_age_max_us, 0u, 1000u * HOUR_US); /* 0 = not checked */
+    /* 0 = not checked; else at least a minute, so that no table locks the ground out */
+    kc_walk_u64(w, 72u, &c->signed_age_max_us, 0u, 1000u * HOUR_US);
+    kc_walk_rule(w, 72u, c->signed_age_max_us == 0u || c->signed_age_max_us >= 60u * S_US,
+                 (double)c->signed_age_max_us);
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)

@@ -277,9 +277,10 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "SPACE refused: with coefficient {index:coefficient} of the active TERMS the arm may be off by "       \
       "{got:number} (rad or m) at one place; this SPACE was verified for {want:number} there",               \
       "Activate TERMS with bounds inside those of this SPACE and a tenth first; or verify it for more.")     \
-    X(130, BOOT_FIRST, INFO, "no journal in the store: signed messages made before this start are refused",  \
+    X(130, BOOT_NO_JOURNAL, INFO,                                                                            \
+      "no journal in the store: signed messages made before this start are refused",                         \
       "None at the very first start. Otherwise the store was lost: check which tables are in force.")        \
-    X(131, BOOT_JOURNAL, ERROR,                                                                              \
+    X(131, BOOT_JOURNAL_LOST, ERROR,                                                                         \
       "no copy of the journal can be read: signed messages made before this start are refused",              \
       "Check which correction is in force. If flight's clock may have been wrong, change the key as well.")  \
     X(132, CMD_OLD, ERROR,                                                                                   \

@@ -113,7 +113,11 @@ static void receive(uint32_t channel, uint32_t n, int32_t *faults)
 
 static void check_queue(const kc_queue_t *q)
 {
+    uint32_t n[KC_Q_ACCOUNTS] = {0u}, others = 0u;
     MUST(q->n_cmd <= KC_Q_CMD && q->n_chunk <= KC_Q_CHUNK && q->n_det <= KC_Q_DET);
+    for (uint32_t i = 0u; i < q->n_cmd; i++) { MUST(++n[q->cmd[i].account] <= KC_Q_CMD_QUOTA); }
+    for (uint32_t i = 0u; i < q->n_chunk; i++) { others += q->chunk[i].account == KC_Q_OTHERS; }
+    MUST(others <= KC_Q_CHUNK_OTHERS);
 }
 
 /* Take all that is due: no step takes more than fits, due messages do not stay, commands of a step are by turns. */
@@ -153,6 +157,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     s_edge.in.has_arm = s_edge.in.has_pantilt = 0u;
     s_edge.in.arm.fault_mask = 0;
     s_edge.n_rx_errors = 0u;
+    s_edge.macs_cmd = KC_EDGE_MACS_CMD;
+    s_edge.macs_chunk = KC_EDGE_MACS_CHUNK;
     s_edge.live = (fuzz_u8(&f) & 1u) != 0u;
     s_edge.now_us = (int64_t)(int32_t)fuzz_u32(&f) * 1000;
     int32_t faults = 0;

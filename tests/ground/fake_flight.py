@@ -27,6 +27,7 @@ class FakeFlight:
         self.overrides: list[int] = []  # of APPROVE_ARM
         self.kin_crc, self.armed, self.images, self.staged = 1, 0, {}, (0, b"")
         self.commands: list[tuple[int, int]] = []
+        self.unsigned: list[int] = []  # opcodes without a signature
         self._bus = lcm.LCM(self.url)
         self._bus.subscribe("KC_CMD", self._on_cmd)
         self._bus.subscribe("KC_TABLE_UP", self._on_chunk).set_queue_capacity(0)
@@ -71,6 +72,8 @@ class FakeFlight:
         c = kcm.cmd_t.decode(data)
         crc = c.arg_i[0] & 0xFFFFFFFF
         self.commands.append((c.opcode, crc))
+        if not c.key_id:
+            self.unsigned.append(c.opcode)
         status, event = 0, 13
         if c.opcode in self.refuse:
             status = -8

@@ -14,7 +14,7 @@ from kincal import link
 from kincal.cli import main
 from kincal.flight import library
 from kincal.link import channels, former
-from kincal.run.inprocess import TABLES, Script, Setup, simulate
+from kincal.run.inprocess import TABLES, Script, Setup, command, simulate
 from kincal.run.store import Store
 
 FORMER = Path(__file__).parent / "former"
@@ -76,3 +76,19 @@ def test_a_store_from_before_is_in_force_after_a_start(tmp_path):
     assert hk.table_crc[library("flight").constant("KC_TBL_KIN")] & 0xFFFFFFFF == KIN_CRC
     assert hk.boot_count == 2
     assert [e.text for e in run.log.events if e.severity in ("WARNING", "ERROR")] == []
+
+
+def test_counters_of_a_journal_from_before_become_those_of_the_key(tmp_path):
+    """Its executive had sent 3 commands: the third is not taken again, the fourth is. Then the journal is one
+    of today."""
+    shutil.copytree(FORMER / "store", tmp_path / "store")
+    store = Store(tmp_path / "store")
+    assert {store.slots[18, slot][24:28] for slot in "ab"} == {b"KCJ3"}
+    counters = iter((3, 4))
+    store.count = lambda _source: next(counters)
+    discard = [(tick, command("TABLE_DISCARD", seq=tick)) for tick in (3, 5)]
+    setup = Setup(tables=TABLES, store=store, limit_s=1.0, commander=lambda send: Script(send, discard))
+    run = simulate("healthy", 1, setup)
+    names = [e.name for e in run.log.events if e.name.startswith(("CMD_", "BOOT"))]
+    assert names == ["BOOT", "CMD_REPLAYED", "CMD_ACCEPTED"]
+    assert b"KCJ4" in {store.slots[18, slot][24:28] for slot in "ab"}

@@ -18,7 +18,7 @@ from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.errors import CommandFailed, KincalError
 from kincal.flight.tables import kind_number
-from kincal.link import Link, LogEvent, LogSummary, Session, upload
+from kincal.link import CommandLink, Link, LogEvent, LogSummary, Session, upload
 from kincal.pages import review as review_page
 from kincal.pages.page import Provenance, render
 from kincal.results import chance_text
@@ -456,6 +456,29 @@ def test_changed_journal_is_noticed_and_stops_decisions(journal, damage, signer)
     assert flight.commands == []
 
 
+# ------------------------------------------------------------------------ stamps
+
+
+def test_commands_are_stamped_by_the_newest_message_also_after_a_clock_was_set_back():
+    """A later stamp of before, or of a stranger, must not stay: flight would refuse all that follows it."""
+
+    class Recorder(CommandLink):
+        def next(self, timeout_s):
+            raise NotImplementedError(timeout_s)
+
+        def publish(self, channel, message):
+            sent.append((channel, message.t_us))
+
+    sent: list = []
+    link = Recorder("nowhere", first_seq=0)
+    for t_us in (2_000_000, 2**62, 1_000_000):
+        hk = kcm.hk_t()
+        hk.t_us = t_us
+        link.note("KC_HK", hk)
+        link.send("NOOP")
+    assert sent == [("KC_CMD", 2_000_000), ("KC_CMD", 2**62), ("KC_CMD", 1_000_000)]
+
+
 # ------------------------------------------------------------------------ tables over the link
 
 
@@ -470,6 +493,7 @@ def test_uplink_and_dump_bring_the_same_bytes(kind, tmp_path):
     assert out.read_bytes() == (BIN / f"{kind}.tbl").read_bytes()
     crc = tables.load(out)[0].crc
     assert flight.commands[:1] == [(kcm.cmd_t.TABLE_VALIDATE, kind_number(kind))]
+    assert flight.unsigned == []  # neither staging nor a dump can be taken from a stranger
     assert f"{crc:08x}" in up.output
 
 

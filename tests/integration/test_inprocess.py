@@ -11,6 +11,7 @@ from flight import CAUSE, STATE, TABLES, read_table
 
 from kincal.errors import CommandFailed, KincalError
 from kincal.flight import tables as codec
+from kincal.keys import Signer, counting, of_simulation
 from kincal.link import dump, upload
 from kincal.run.fast import InProcessLink
 from kincal.run.inprocess import Hooks, Script, Setup, Simulation, Store, command, simulate
@@ -170,14 +171,20 @@ def test_one_flight_at_a_time():
 
 
 def test_commands_are_taken_by_source_in_turn_and_number():
-    sent = []
-    for k in (3, 1, 2):
-        sent += [command("NOOP", seq=k), command("NOOP", seq=k, source="GROUND")]
-    flight = FlightSoftware(TABLES, Store())
+    """Those with a signature; the others share a turn, and ABORT among them comes last."""
+    signer = Signer(of_simulation(1), counting())
+    flight = FlightSoftware(TABLES, Store(), keys=(signer.key,))
+    flight.step(100_000)
+    sent = [command("ABORT", seq=1), command("NOOP", seq=9)]
+    sent += [command("NOOP", seq=k, source=s) for k in (1, 2, 3) for s in ("EXECUTIVE", "GROUND")]
     for m in sent:
+        m.t_us = 100_000
+    for m in sent[:2] + [signer.command(m) for m in sent[2:]][::-1]:
         flight.receive("KC_CMD", m)
-    acks = [m for channel, m in flight.step(100_000) if channel == "KC_ACK"]
-    assert [(a.source, a.seq) for a in acks] == [(1, 1), (2, 1), (1, 2), (2, 2), (1, 3), (2, 3)]
+    acks = [m for channel, m in flight.step(200_000) if channel == "KC_ACK"]
+    signed = [(1, 1), (2, 1), (1, 2), (2, 2), (1, 3), (2, 3)]
+    assert [(a.source, a.seq) for a in acks] == [signed[0], (1, 9), *signed[1:], (1, 1)]
+    assert acks[-1].opcode == sent[0].opcode and not any(a.status for a in acks)
 
 
 def test_more_commands_than_a_step_takes_wait_for_the_next():

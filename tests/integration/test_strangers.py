@@ -11,7 +11,10 @@ from kincal import keys
 
 CMD = kcm.cmd_t
 SIGNED = [CMD.START, CMD.APPROVE_ARM, CMD.APPROVE_GO, CMD.REJECT, CMD.ROLLBACK, CMD.TABLE_VALIDATE,
-          CMD.TABLE_ACTIVATE, CMD.TABLE_DISCARD]  # fmt: skip
+          CMD.TABLE_ACTIVATE, CMD.TABLE_DISCARD, CMD.TABLE_DUMP]  # fmt: skip
+SAFE = 11
+TICKS_A_DAY = 864_000
+JOURNAL = 18  # number of its files in the store
 
 
 @pytest.fixture
@@ -105,7 +108,7 @@ def test_what_was_recorded_is_refused_when_it_is_played_again_also_after_a_resta
         for channel, data in recorded:
             events, acks, hk = send(flight, data, channel)
             assert events.count(EVENT["CMD_REPLAYED"]) == 1
-            assert hk.staged_bytes == 0 and hk.state == 11  # SAFE, after ABORT
+            assert hk.staged_bytes == 0 and hk.state == SAFE  # after ABORT
             assert all(a.status < 0 for a in acks)
 
     play_again()
@@ -147,6 +150,155 @@ def test_keys_are_rotated_with_a_restart_of_flight(flight):
     flight.step()
     events, (ack,), _ = send(flight, old.command(command(flight, CMD.TABLE_DISCARD)))
     assert events == [EVENT["CMD_KEY"]] and ack.status == -13
+
+
+# ---- who crowds out whom
+
+
+def forged(f, opcode, counter):
+    """With the right key's number and a MAC of zeros."""
+    m = command(f, opcode)
+    m.key_id, m.counter = f.signer.key.id, counter
+    return m
+
+
+@pytest.mark.parametrize("source", [1, 2])
+def test_commands_get_through_a_flood_in_their_name(flight, source):
+    """In each of ten steps: 8 unsigned ones before the command, as many as once filled the quota of the
+    source that they name; 50 forged ones; and 8 copies of the command itself."""
+    for k in range(10):
+        for _ in range(8):
+            flight.bus.publish("KC_CMD", command(flight, CMD.NOOP, source=source))
+        for i in range(50):
+            m = forged(flight, CMD.REJECT, 2**40 + i)
+            m.source = source
+            flight.bus.publish("KC_CMD", m)
+        own = flight.signer.command(command(flight, CMD.TABLE_DISCARD, source=source))
+        for _ in range(9):
+            flight.bus.publish("KC_CMD", own)
+        other = flight.signer.command(command(flight, CMD.TABLE_DISCARD, source=source))
+        flight.bus.publish("KC_CMD", other)
+        heard = flight.step()
+        acks = {m.seq: m.status for ch, m in heard if ch == "KC_ACK" and m.opcode == CMD.TABLE_DISCARD}
+        assert (acks[own.seq], acks[other.seq]) == (0, 0), k
+
+
+def test_an_upload_gets_through_a_flood_of_chunks(flight):
+    image = (TABLES / "config.tbl").read_bytes()
+    junk = kcm.table_chunk_t()
+    junk.t_us, junk.source, junk.kind, junk.total_bytes, junk.n = 0, 2, 1, 100_000, 1024
+    junk.data = bytes(1024)
+    chunk = kcm.table_chunk_t()
+    chunk.t_us, chunk.source, chunk.kind = flight.now_us, 2, TABLE["CONFIG"]
+    chunk.total_bytes, chunk.n, chunk.data = len(image), len(image), image.ljust(1024, b"\0")
+    for _ in range(40):
+        flight.bus.publish("KC_TABLE_UP", junk)
+    flight.bus.publish("KC_TABLE_UP", flight.signer.chunk(chunk))
+    flight.step()
+    hk = flight.until("KC_HK")
+    assert (hk.staged_kind, hk.staged_bytes) == (TABLE["CONFIG"], len(image))
+
+
+def test_a_stranger_does_not_stop_the_dump_of_the_ground(flight):
+    image = (TABLES / "space.tbl").read_bytes()
+    assert flight.do(CMD.TABLE_DUMP, TABLE["SPACE"]).status == 0
+    data = b""
+    for _ in range(len(image) // 1024 + 2):
+        data += b"".join(bytes(m.data[: m.n]) for ch, m in flight.heard if ch == "KC_TABLE_DOWN")
+        flight.bus.publish("KC_CMD", command(flight, CMD.TABLE_DUMP, TABLE["SPACE"]))
+        flight.step()
+    assert data == image
+
+
+@pytest.mark.parametrize("source", [0, 3, 77, -1])
+def test_abort_is_taken_of_any_source(flight, source):
+    assert flight.do(CMD.START, -1, 4, 1).status == 0
+    events, (ack,), hk = send(flight, command(flight, CMD.ABORT, source=source))
+    assert (ack.status, ack.source, hk.state) == (0, source, SAFE) and EVENT["CAL_ABORTED"] in events
+
+
+def test_an_arm_state_with_the_largest_number_does_not_block_those_of_the_arm(flight):
+    """It is the newest of its step and taken; the arm's next one has a later stamp, and is taken too."""
+    flight.tick += 1
+    for channel, m in flight.world.step(flight.now_us):
+        flight.bus.publish(channel, m)
+        if channel == "KC_ARM_STATE":
+            wild = copy.copy(m)
+    wild.seq = 2**31 - 1
+    flight.bus.publish("KC_ARM_STATE", wild)
+    flight.heard = []
+    flight.send_time()
+    assert flight.wait_done(flight.tick)
+    seen = [m.id for ch, m in flight.heard if ch == "KC_EVENT"]
+    for _ in range(40):
+        seen += [m.id for ch, m in flight.step() if ch == "KC_EVENT"]
+    assert seen == [EVENT["IN_JUMP"], EVENT["IN_JUMP"]]  # there and back
+    assert flight.do(CMD.START, -1, 4, 1).status == 0
+
+
+# ---- recorded, and sent later
+
+
+def test_a_start_that_was_suppressed_does_not_run_days_later(flight):
+    start = flight.signer.command(command(flight, CMD.START, -1, 4, 1))
+    flight.tick += 3 * TICKS_A_DAY
+    flight.step()
+    events, (ack,), hk = send(flight, start)
+    assert EVENT["CMD_OLD"] in events and (ack.status, hk.state) == (-9, IDLE)
+    assert flight.do(CMD.START, -1, 4, 1).status == 0
+
+
+@pytest.mark.parametrize("gone", ["deleted", "damaged"])
+def test_with_both_copies_of_the_journal_gone_a_recorded_start_is_refused(flight, gone):
+    start = flight.signer.command(command(flight, CMD.START, -1, 4, 1)).encode()
+    assert [a.status for a in send(flight, start)[1]] == [0]
+    flight.do(CMD.ABORT)
+    flight.until("KC_HK")
+    flight.kill()
+    files = list(flight.store.glob(f"k{JOURNAL}.*"))
+    assert len(files) == 2
+    for file in files:
+        if gone == "deleted":
+            file.unlink()
+        else:
+            file.write_bytes(file.read_bytes()[:-1] + b"?")
+    for again in range(2):
+        flight.start()
+        events, _ = flight.first_telemetry()
+        reported = {EVENT["BOOT_NO_JOURNAL"], EVENT["BOOT_JOURNAL_LOST"]} & {e.id for e in events}
+        lost = {EVENT["BOOT_NO_JOURNAL" if gone == "deleted" else "BOOT_JOURNAL_LOST"]}
+        assert reported == (set() if again else lost)
+        events, (ack,), hk = send(flight, start)
+        assert ack.status == -9 and hk.state == IDLE
+        flight.kill()
+    flight.start()
+    flight.step()
+    flight.step()
+    assert flight.do(CMD.START, -1, 4, 1).status == 0
+
+
+# ---- counters
+
+
+def test_the_largest_counter_locks_nobody_out(flight):
+    wild = keys.Signer(flight.signer.key, lambda _source: 2**63 - 1)
+    events, (ack,), _ = send(flight, wild.command(command(flight, CMD.TABLE_DISCARD)))
+    assert events == [EVENT["CMD_COUNTER"]] and ack.status == -7
+    assert flight.do(CMD.TABLE_DISCARD).status == 0
+
+
+def test_a_new_key_counts_anew(flight):
+    """Whatever the old key has used up: counters belong to keys."""
+    assert flight.do(CMD.TABLE_DISCARD).status == 0
+    keys.rotate(flight.keys)
+    flight.kill()
+    flight.start()
+    flight.step()
+    keys.retire(flight.keys)
+    flight.signer = keys.Signer(keys.read(flight.keys)[0], keys.counting())  # from 1
+    flight.step()
+    assert flight.do(CMD.TABLE_DISCARD).status == 0
+    assert flight.signer.counters[2] == 1
 
 
 def test_a_process_without_keys_says_so_and_can_only_be_stopped(tmp_path, monkeypatch):

@@ -361,10 +361,7 @@ void world_sign_chunk(kc_chunk_t *c)
     kc_auth_mac(&world.keys.key[0], &text, c->auth.mac);
 }
 
-static bool open_to_all(const kc_cmd_t *c)
-{
-    return c->opcode == KC_CMD_NOOP || c->opcode == KC_CMD_ABORT;
-}
+static bool open_to_all(const kc_cmd_t *c) { return c->opcode == KC_CMD_NOOP || c->opcode == KC_CMD_ABORT; }
 
 static void sign_all(void)
 {

@@ -51,7 +51,8 @@ static kc_auth_t given_signed(const kc_key_t *key, uint64_t counter)
 }
 
 /* With this counter taken last, and no bounds on the stamp. */
-static kc_auth_verdict_t check(const kc_keys_t *keys, const kc_auth_t *a, uint64_t last, const kc_auth_text_t *text)
+static kc_auth_verdict_t check(const kc_keys_t *keys, const kc_auth_t *a, uint64_t last,
+                               const kc_auth_text_t *text)
 {
     const kc_auth_known_t known = {.last = last, .clock_us = 1000u};
     return kc_auth_check(keys, a, &known, 0u, text);

@@ -160,6 +160,16 @@ void test_a_noise_floor_above_its_ceiling_is_refused(void)
     expect_refused(24, s_c.sigma_rot_min_rad);
 }
 
+void test_an_age_that_no_command_keeps_is_refused(void)
+{
+    s_c.signed_age_max_us = 59999999u;
+    expect_refused(72, 59999999.0);
+    s_c.signed_age_max_us = 60000000u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_config_validate(&s_c, &s_index, &s_got));
+    s_c.signed_age_max_us = 0u; /* not checked */
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_config_validate(&s_c, &s_index, &s_got));
+}
+
 void test_moving_cannot_take_less_power_than_standing(void)
 {
     s_c.power_idle_w = 20.0;

@@ -1,4 +1,4 @@
-/* kc_counters.c: counters of each key, and who gives up its place. */
+/* kc_counters.c: counters of each key, and which key loses its place. */
 #include <stddef.h>
 #include <string.h>
 
@@ -63,7 +63,7 @@ void test_a_start_without_keys_or_with_the_file_before_loses_nothing(void)
     expect(1u, 100u, 10u);
 }
 
-void test_the_key_with_the_lowest_number_that_is_not_in_the_file_gives_up_its_place(void)
+void test_the_key_with_the_lowest_number_that_is_not_in_the_file_loses_its_place(void)
 {
     start(5u, 3u, 10u);
     start(9u, 0u, 20u);
@@ -91,6 +91,7 @@ void test_a_clock_that_ran_ahead_locks_nobody_out(void)
 void test_a_key_without_a_place_has_no_counters(void)
 {
     start(1u, 0u, 10u);
+    TEST_ASSERT_NULL(kc_counters_of(&s_c, 0u)); /* there is a free place */
     take(2u, 50u);
     take(0u, 50u);
     TEST_ASSERT_NULL(kc_counters_of(&s_c, 2u));

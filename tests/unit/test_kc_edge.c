@@ -357,7 +357,8 @@ void test_beyond_the_macs_of_a_step_a_command_shares_the_room_of_others(void)
     send_time(2);
     pump();
     TEST_ASSERT_EQUAL_INT(KC_CMD_START, s_ack.opcode);
-    TEST_ASSERT_EQUAL_UINT32(KC_EVT_IN_SILENT, s_ack.event_id); /* its signature was good: the arm is silent */
+    TEST_ASSERT_EQUAL_UINT32(KC_EVT_IN_SILENT,
+                             s_ack.event_id); /* its signature was good: the arm is silent */
 }
 
 void test_an_upload_gets_through_a_flood_of_chunks(void)

@@ -22,7 +22,8 @@ void setUp(void)
 
 static kc_cmd_t given_start(void)
 {
-    kc_cmd_t c = {.t_us = world.now_us, .seq = 7, .source = 1, .opcode = KC_CMD_START, .arg_i = {-1, 4, 3, 0}};
+    kc_cmd_t c = {
+        .t_us = world.now_us, .seq = 7, .source = 1, .opcode = KC_CMD_START, .arg_i = {-1, 4, 3, 0}};
     world_sign_cmd(&c);
     return c;
 }
@@ -514,7 +515,7 @@ void test_with_both_copies_of_the_journal_gone_nothing_from_before_is_taken(void
 {
     for (int damaged = 0; damaged < 2; damaged++) {
         setUp();
-        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_FIRST));
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_NO_JOURNAL));
         world.arm_silent = world.pantilt_silent = false;
         world_tick();
         kc_cmd_t start = given_start(), abort = {.seq = 9, .source = 2, .opcode = KC_CMD_ABORT};
@@ -523,8 +524,8 @@ void test_with_both_copies_of_the_journal_gone_nothing_from_before_is_taken(void
         world_ticks(3u);
         lose_journal(damaged != 0);
         restart();
-        TEST_ASSERT_EQUAL_UINT32(damaged != 0 ? 1u : 0u, world_events(KC_EVT_BOOT_JOURNAL));
-        TEST_ASSERT_EQUAL_UINT32(damaged != 0 ? 0u : 1u, world_events(KC_EVT_BOOT_FIRST));
+        TEST_ASSERT_EQUAL_UINT32(damaged != 0 ? 1u : 0u, world_events(KC_EVT_BOOT_JOURNAL_LOST));
+        TEST_ASSERT_EQUAL_UINT32(damaged != 0 ? 0u : 1u, world_events(KC_EVT_BOOT_NO_JOURNAL));
         for (int again = 0; again < 2; again++) { /* and after another restart */
             send(&start);
             TEST_ASSERT_EQUAL_INT(KC_ERR_STALE, world.ack.status);
@@ -532,7 +533,8 @@ void test_with_both_copies_of_the_journal_gone_nothing_from_before_is_taken(void
             world_ticks(2u);
             restart();
         }
-        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_FIRST) + world_events(KC_EVT_BOOT_JOURNAL));
+        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_NO_JOURNAL) +
+                                         world_events(KC_EVT_BOOT_JOURNAL_LOST));
         world.arm_silent = world.pantilt_silent = false;
         world_ticks(2u);
         start = given_start();
@@ -561,15 +563,17 @@ void test_what_was_made_before_flight_knew_the_key_is_refused_with_both_times(vo
 /* A waiting correction can only come from an earlier run. */
 void test_a_store_with_more_than_a_journal_in_it_was_used_before(void)
 {
-    world.stored[KC_STORE_PROPOSAL][0] = given_image(KC_TBL_CONFIG, &world.config, world.store[KC_STORE_PROPOSAL][0]);
+    world.stored[KC_STORE_PROPOSAL][0] = given_image(KC_TBL_CONFIG, &world.config,
+                                                     world.store[KC_STORE_PROPOSAL][0]);
     lose_journal(false);
     restart();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_JOURNAL));
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_FIRST));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_BOOT_JOURNAL_LOST));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_NO_JOURNAL));
     world.keys.n = 0u; /* nothing signed is taken anyway */
     lose_journal(false);
     restart();
-    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_JOURNAL) + world_events(KC_EVT_BOOT_FIRST));
+    TEST_ASSERT_EQUAL_UINT32(0u,
+                             world_events(KC_EVT_BOOT_JOURNAL_LOST) + world_events(KC_EVT_BOOT_NO_JOURNAL));
 }
 
 /* ---- dumps ---- */

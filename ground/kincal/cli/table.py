@@ -190,15 +190,16 @@ def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float, tables_
 @click.argument("kind", type=click.Choice(["arm", "camera", "terms", "kin", "space", "kernel", "config"]))
 @click.argument("out", type=FILE_OUT)
 @URL
+@KEYS
 @TIMEOUT
-def table_dump(kind: str, out: Path, url: str, timeout_s: float) -> None:
-    """Bring down the table that is active on board.
+def table_dump(kind: str, out: Path, url: str, key_file: Path, timeout_s: float) -> None:
+    """Bring down the table that is active on board. The command is signed, so that no stranger stops it.
 
     \b
     Example:
         kincal table dump kin out/kin.tbl
     """
-    with link.Link(url) as down:
+    with link.Link(url, signer=signer_of(file_of(key_file))) as down:
         image = link.dump(down, kind, timeout_s)
     link.write_image(image, out)
     click.echo(f"{out}: {kind}, {len(image.data)} bytes, CRC {image.crc_text}")

@@ -41,11 +41,11 @@ class CommandLink(ABC):
 
     url: of the network, for people; first_seq: sequence number before the first command. Sequence numbers
     must grow from call to call, so a link starts at the clock unless this is given. signer: signs what is
-    sent; without it flight takes NOOP, ABORT and TABLE_DUMP only."""
+    sent; without it flight takes NOOP and ABORT only."""
 
     def __init__(self, url: str, first_seq: int | None = None, signer: Signer | None = None) -> None:
         self.url, self.signer = url, signer
-        self.last_t_us = 0  # mission time of the last message
+        self.last_t_us = 0  # mission time of the newest message: commands are stamped with it
         self.last_hk: Hk | None = None
         self._seq = int((time.time() - _EPOCH_S) * _SEQ_PER_S) if first_seq is None else first_seq
 
@@ -65,7 +65,7 @@ class CommandLink(ABC):
         """A message that was received, after what the link has to know of it."""
         if channel == "KC_HK":
             self.last_hk = cast("Hk", message)
-        self.last_t_us = max(self.last_t_us, getattr(message, "t_us", 0))
+        self.last_t_us = getattr(message, "t_us", self.last_t_us)  # also if flight's clock was set back
         return Received(channel, message)
 
     # ---- waiting
