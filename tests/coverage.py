@@ -1,4 +1,4 @@
-"""Every function of the core is called, every condition is both true and false, and each decides (MC/DC).
+"""Every function of flight is called, every condition is both true and false, and each decides (MC/DC).
 
     coverage.py EXPORT EXCEPTIONS [ROOT]
 
@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 COLUMNS = ["file", "function", "condition", "never", "reason"]
-# Rooms of the core. The process around it has branches that only a failing system call reaches.
-OF_CORE = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec")
+# Rooms of flight: the core, and the process around it, whose unit tests let system calls fail.
+ROOMS = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec", "lcm")
 MCDC_BRANCH = 6  # kind of a region of LLVM that is a condition of a decision with several
 
 
@@ -40,7 +40,7 @@ class Condition(NamedTuple):
 
 
 class Measured:
-    """Outcomes of all copies of the core's functions (one of a header is in several objects)."""
+    """Outcomes of all copies of flight's functions (one of a header is in several objects)."""
 
     def __init__(self, export: Path, root: Path) -> None:
         self.root = root
@@ -52,9 +52,9 @@ class Measured:
                 self.add(record)
 
     def file(self, name: str) -> str:
-        """Relative to the root if it is of the core; empty otherwise."""
+        """Relative to the root if it is of flight; empty otherwise."""
         path = Path(name)
-        inside = any(path.is_relative_to(self.root / "fsw" / room) for room in OF_CORE)
+        inside = any(path.is_relative_to(self.root / "fsw" / room) for room in ROOMS)
         return str(path.relative_to(self.root)) if inside else ""
 
     def add(self, record: dict) -> None:
