@@ -19,7 +19,7 @@ from typing import NamedTuple
 COLUMNS = ["file", "function", "condition", "never", "reason"]
 # Rooms of flight: the core, and the process around it, whose unit tests let system calls fail.
 ROOMS = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec", "lcm")
-MCDC_BRANCH = 6  # kind of a region of LLVM that is a condition of a decision with several
+EXPANSION, MCDC_BRANCH = 1, 6  # kinds of regions of LLVM; the second is a condition of a decision with several
 
 
 class Finding(NamedTuple):
@@ -61,7 +61,9 @@ class Measured:
         # LLVM names a static function "file.c:name".
         function = record["name"].rpartition(":")[2]
         self.calls[self.file(record["filenames"][0]), function] += record["count"]
-        several = defaultdict(list)
+        # Where each expansion of a macro stands: in which other, at which place.
+        sites = {r[6]: (r[5], (r[0], r[1])) for r in record["regions"] if r[7] == EXPANSION}
+        several: dict[int, list[tuple[tuple[int, int], tuple[int, int], Condition]]] = defaultdict(list)
         for l0, c0, l1, c1, n_true, n_false, expansion, _, kind in record["branches"]:
             name = self.file(record["filenames"][expansion])
             if not name:
@@ -69,15 +71,21 @@ class Measured:
             condition = Condition(name, function, expansion, (l0, c0), (l1, c1))
             self.seen[condition] |= {"true"} if n_true else set()
             self.seen[condition] |= {"false"} if n_false else set()
-            if kind == MCDC_BRANCH:
-                several[expansion].append(condition)
-        self.several.update(*several.values())
+            if kind != MCDC_BRANCH:
+                continue
+            self.several.add(condition)
+            # Of a decision in a macro, a condition may be in another macro that it uses: there it counts by its place.
+            at, begin, end = expansion, condition.begin, condition.end
+            several[at].append((begin, end, condition))
+            while at in sites:
+                at, begin = sites[at]
+                several[at].append((begin, begin, condition))
 
         used: set[Condition] = set()
         for l0, c0, l1, c1, _, _, decides in record["mcdc_records"]:
             # A decision does not say of which expansion it is: the first with its conditions, not yet used.
             for conditions in several.values():
-                inside = sorted(c for c in conditions if (l0, c0) <= c.begin and c.end <= (l1, c1))
+                inside = [c for begin, end, c in sorted(conditions) if (l0, c0) <= begin and end <= (l1, c1)]
                 if len(inside) == len(decides) and not used.intersection(inside):
                     break
             else:
