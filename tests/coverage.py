@@ -19,7 +19,7 @@ from typing import NamedTuple
 COLUMNS = ["file", "function", "condition", "never", "reason"]
 # Rooms of flight: the core, and the process around it, whose unit tests let system calls fail.
 ROOMS = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec", "lcm")
-EXPANSION, MCDC_BRANCH = 1, 6  # kinds of regions of LLVM; the second is a condition of a decision with several
+EXPANSION, MCDC_BRANCH = 1, 6  # kinds of LLVM's regions; a condition of several
 
 
 class Finding(NamedTuple):
@@ -74,7 +74,7 @@ class Measured:
             if kind != MCDC_BRANCH:
                 continue
             self.several.add(condition)
-            # Of a decision in a macro, a condition may be in another macro that it uses: there it counts by its place.
+            # A condition of a decision in a macro may be in a macro that it uses: there its place counts.
             at, begin, end = expansion, condition.begin, condition.end
             several[at].append((begin, end, condition))
             while at in sites:

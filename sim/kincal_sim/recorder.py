@@ -19,8 +19,8 @@ ALL_BUT_IMAGES = "KC_(?!IMAGE).*"
 class Recorder:
     """Writes what is on the bus to an LCM log, in a thread. Times are mission time.
 
-    url: LCM network; path: the log, overwritten; images: log the frames too. n_rx_errors: packets on KC_TIME that are
-    no time_t.
+    url: LCM network; path: the log, overwritten; images: log the frames too.
+    n_rx_errors: packets on KC_TIME that are no time_t.
     """
 
     def __init__(self, url: str, path: Path, images: bool):
@@ -49,8 +49,8 @@ class Recorder:
             self._lcm.handle_timeout(100)
 
     def _take_time(self, data: bytes) -> None:
-        """A packet that is no time_t is logged like any other, and changes no time: an exception would end the
-        thread, and the log with it."""
+        """A packet that is no time_t is logged like any other, and changes no time: an exception would end
+        the thread, and the log with it."""
         try:
             self._now_us = kcm.time_t.decode(data).now_us
         except (ValueError, struct.error):

@@ -6,8 +6,9 @@ C: headers by bare name, so that the compiler's include path decides which room 
 (fsw/CMakeLists.txt); no clock, file, heap or stream header in the core; <math.h> only behind kc_libm.h, for
 musl and in the Eigen shim; no circle among the files of a room, of includes between headers or of calls
 between sources.
-messages: only image_t has a part of variable length, at its end. The decoder that lcm-gen makes of one believes what
-the message states about its size, so nobody calls that of image_t but the detector's frame.cpp, which looks first.
+messages: only image_t has a part of variable length, at its end. The decoder that lcm-gen makes of one
+believes what the message states about its size, so nobody calls that of image_t but the detector's frame.cpp,
+which looks first.
 sim: neither the simulator nor the detector loads flight code. Imports of Python are for import-linter
 (tests/layers.ini).
 """
