@@ -1609,3 +1609,24 @@ void test_a_copy_under_another_number_or_of_another_size_is_no_copy(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(1));
     TEST_ASSERT_TRUE(exists(s_dir, "k01.b"));
 }
+
+/* The slot that was taken back is the one that is written next: the other one holds the only copy. */
+void test_after_a_write_that_was_taken_back_the_only_copy_is_not_written_over(void)
+{
+    uint8_t before[KC_SLOT_HDR_BYTES], after[KC_SLOT_HDR_BYTES];
+    (void)store_arm(1);
+    (void)store_arm(2);
+    (void)read_slot("k01.b", before, sizeof before);
+    s_m.on = true;
+    s_m.at = 6; /* the sync of the folder */
+    s_m.harm = FAILS_ONCE;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(3));
+    s_m.on = false;
+    TEST_ASSERT_FALSE(exists(s_dir, "k01.a"));
+    TEST_ASSERT_EQUAL_UINT64(0u, s_f.number[KC_TBL_ARM][0]);
+    TEST_ASSERT_EQUAL_UINT8(0u, s_f.there[KC_TBL_ARM][0]);
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(4));
+    (void)read_slot("k01.b", after, sizeof after);
+    TEST_ASSERT_EQUAL_MEMORY(before, after, sizeof before);
+    TEST_ASSERT_EQUAL_INT(4, reloaded());
+}
