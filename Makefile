@@ -161,16 +161,18 @@ record: core messages .venv/.stamp ## calibrations for the replay, and what it h
 # ---- measures of the flight core ----------------------------------------------------------------------
 
 .PHONY: cov size heapcheck wcet wcet-search
-# Counters of all unit tests, merged; what they mean for each condition is read from the library, which has the whole core.
+# Counters of all unit tests, merged; what they mean for each condition is read from the library, which has the whole core,
+# and from the process, which has fsw/lcm.
 COUNTED := $(BUILD)/cov/profile
 $(BUILD)/cov/build.ninja: | $(STAMP)/apt-test
 cov: export LLVM_PROFILE_FILE = $(CURDIR)/$(COUNTED)/%m.profraw
-cov: $(BUILD)/cov/build.ninja $(BUILD)/unity/src/unity.c ## lines, branches and conditions (MC/DC) of the core by the unit tests
-	$(call compile,cov,units kincal_shared)
+cov: $(BUILD)/cov/build.ninja $(BUILD)/unity/src/unity.c ## lines, branches and conditions (MC/DC) of flight by the unit tests
+	$(call compile,cov,units kincal_shared kincal-fsw)
 	@rm -rf $(COUNTED)
 	$(call ctest,cov,cov) > $(BUILD)/cov/tests.txt || { cat $(BUILD)/cov/tests.txt; exit 1; }
 	$(Q)llvm-profdata-19 merge -o $(BUILD)/cov/core.profdata $(COUNTED)
-	$(Q)llvm-cov-19 export -instr-profile=$(BUILD)/cov/core.profdata $(BUILD)/cov/libkincal.so > $(BUILD)/cov/core.json
+	$(Q)llvm-cov-19 export -instr-profile=$(BUILD)/cov/core.profdata $(BUILD)/cov/libkincal.so \
+	    -object $(BUILD)/cov/kincal-fsw > $(BUILD)/cov/core.json
 	$(Q)$(PYTHON) tests/coverage.py $(BUILD)/cov/core.json tests/coverage.csv
 
 size: $(BUILD)/rel/build.ninja ## static bytes by module and worst stack

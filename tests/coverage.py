@@ -1,4 +1,4 @@
-"""Every function of the core is called, every condition is both true and false, and each decides (MC/DC).
+"""Every function of flight is called, every condition is both true and false, and each decides (MC/DC).
 
     coverage.py EXPORT EXCEPTIONS [ROOT]
 
@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 COLUMNS = ["file", "function", "condition", "never", "reason"]
-# Rooms of the core. The process around it has branches that only a failing system call reaches.
-OF_CORE = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec")
-MCDC_BRANCH = 6  # kind of a region of LLVM that is a condition of a decision with several
+# Rooms of flight: the core, and the process around it, whose unit tests let system calls fail.
+ROOMS = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec", "lcm")
+EXPANSION, MCDC_BRANCH = 1, 6  # kinds of LLVM's regions; a condition of several
 
 
 class Finding(NamedTuple):
@@ -40,7 +40,7 @@ class Condition(NamedTuple):
 
 
 class Measured:
-    """Outcomes of all copies of the core's functions (one of a header is in several objects)."""
+    """Outcomes of all copies of flight's functions (one of a header is in several objects)."""
 
     def __init__(self, export: Path, root: Path) -> None:
         self.root = root
@@ -52,16 +52,18 @@ class Measured:
                 self.add(record)
 
     def file(self, name: str) -> str:
-        """Relative to the root if it is of the core; empty otherwise."""
+        """Relative to the root if it is of flight; empty otherwise."""
         path = Path(name)
-        inside = any(path.is_relative_to(self.root / "fsw" / room) for room in OF_CORE)
+        inside = any(path.is_relative_to(self.root / "fsw" / room) for room in ROOMS)
         return str(path.relative_to(self.root)) if inside else ""
 
     def add(self, record: dict) -> None:
         # LLVM names a static function "file.c:name".
         function = record["name"].rpartition(":")[2]
         self.calls[self.file(record["filenames"][0]), function] += record["count"]
-        several = defaultdict(list)
+        # Where each expansion of a macro stands: in which other, at which place.
+        sites = {r[6]: (r[5], (r[0], r[1])) for r in record["regions"] if r[7] == EXPANSION}
+        several: dict[int, list[tuple[tuple[int, int], tuple[int, int], Condition]]] = defaultdict(list)
         for l0, c0, l1, c1, n_true, n_false, expansion, _, kind in record["branches"]:
             name = self.file(record["filenames"][expansion])
             if not name:
@@ -69,15 +71,21 @@ class Measured:
             condition = Condition(name, function, expansion, (l0, c0), (l1, c1))
             self.seen[condition] |= {"true"} if n_true else set()
             self.seen[condition] |= {"false"} if n_false else set()
-            if kind == MCDC_BRANCH:
-                several[expansion].append(condition)
-        self.several.update(*several.values())
+            if kind != MCDC_BRANCH:
+                continue
+            self.several.add(condition)
+            # A condition of a decision in a macro may be in a macro that it uses: there its place counts.
+            at, begin, end = expansion, condition.begin, condition.end
+            several[at].append((begin, end, condition))
+            while at in sites:
+                at, begin = sites[at]
+                several[at].append((begin, begin, condition))
 
         used: set[Condition] = set()
         for l0, c0, l1, c1, _, _, decides in record["mcdc_records"]:
             # A decision does not say of which expansion it is: the first with its conditions, not yet used.
             for conditions in several.values():
-                inside = sorted(c for c in conditions if (l0, c0) <= c.begin and c.end <= (l1, c1))
+                inside = [c for begin, end, c in sorted(conditions) if (l0, c0) <= begin and end <= (l1, c1)]
                 if len(inside) == len(decides) and not used.intersection(inside):
                     break
             else:

@@ -153,7 +153,7 @@ static void publish_answers(kc_edge_t *e)
         PUBLISH(e, "KC_" #CHANNEL, message##_t, member);       \
     }
 
-static void publish_all(kc_edge_t *e)
+void kc_edge_publish(kc_edge_t *e)
 {
     kc_out_t *o = &e->out;
     o->hk.n_tx_errors = e->n_tx_errors; /* before this step's messages */
@@ -163,7 +163,7 @@ static void publish_all(kc_edge_t *e)
 /* ---- one step ---- */
 
 /* Up to the first failure; the component hears how it went with the next step. */
-static void store_all(kc_edge_t *e)
+void kc_edge_store(kc_edge_t *e)
 {
     kc_status_t st = KC_OK;
     for (uint32_t i = 0u; i < e->out.n_store && st == KC_OK; i++) {
@@ -183,9 +183,9 @@ void kc_edge_step(kc_edge_t *e, int64_t now_us)
     renew(e);
     kc_app_step(e->app, (uint64_t)(now_us > 0 ? now_us : 0), &e->in, &e->out);
     memset(&e->in, 0, sizeof e->in);
-    store_all(e);
+    kc_edge_store(e);
     publish_answers(e);
-    publish_all(e);
+    kc_edge_publish(e);
 }
 
 /* ---- lockstep ---- */

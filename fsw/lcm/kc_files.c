@@ -179,7 +179,8 @@ static void tmp_name(uint16_t kind, char name[NAME_MAX_])
 
 static bool sync_dir(const kc_files_t *f)
 {
-    return fsync(f->dir_fd) == 0 || complain("can't sync the store", f->dir);
+    if (fsync(f->dir_fd) != 0) { return complain("can't sync the store", f->dir); }
+    return true;
 }
 
 /* A store that was just made has an entry in its parent, which has to survive too. */

@@ -17,11 +17,11 @@
 #include <vector>
 
 #include "detect.hpp"
+#include "frame.hpp"
 #include "pose.hpp"
 
 extern "C" {
 #include "kcm_detection_t.h"
-#include "kcm_image_t.h"
 #include "kcm_tick_done_t.h"
 #include "kcm_time_t.h"
 }
@@ -119,8 +119,8 @@ public:
           lcm_(lcm_create(with_receive_buffer(options.url).c_str()))
     {
         if (lcm_ == nullptr) { throw std::runtime_error("cannot open LCM at " + options.url); }
-        kcm_image_t_subscribe(lcm_, "KC_IMAGE", &Process::on_image, this);
-        if (options.lockstep) { kcm_time_t_subscribe(lcm_, "KC_TIME", &Process::on_time, this); }
+        lcm_subscribe(lcm_, "KC_IMAGE", &Process::on_image, this);
+        if (options.lockstep) { lcm_subscribe(lcm_, "KC_TIME", &Process::on_time, this); }
     }
     ~Process() { lcm_destroy(lcm_); }
     Process(const Process &) = delete;
@@ -138,31 +138,64 @@ public:
                 throw std::runtime_error("LCM stopped working");
             }
         }
-        std::fprintf(stderr, "kincal-tagdet: %ld images, %ld with a pose, %ld unknown tags\n", images_,
-                     poses_, unknown_);
+        std::fprintf(stderr,
+                     "kincal-tagdet: %ld images, %ld with a pose, %ld unknown tags, %ld messages refused\n",
+                     images_, poses_, unknown_, refused_);
     }
 
 private:
-    static void on_image(const lcm_recv_buf_t *, const char *, const kcm_image_t *msg, void *self)
+    static void on_image(const lcm_recv_buf_t *buf, const char *, void *self)
     {
-        static_cast<Process *>(self)->handle(*msg);
+        static_cast<Process *>(self)->image(buf->data, buf->data_size);
     }
 
-    static void on_time(const lcm_recv_buf_t *, const char *, const kcm_time_t *msg, void *self)
+    static void on_time(const lcm_recv_buf_t *buf, const char *, void *self)
     {
-        static_cast<Process *>(self)->tick(msg->tick);
+        static_cast<Process *>(self)->time(buf->data, buf->data_size);
     }
 
-    void handle(const kcm_image_t &image)
+    void image(const void *message, size_t size)
     {
         images_++;
+        tagdet::Frame frame{};
+        try {
+            frame = tagdet::read_frame(message, size);
+        } catch (const std::exception &e) {
+            refuse("KC_IMAGE", e.what());
+            return;
+        }
+        handle(frame);
+    }
+
+    void time(const void *message, size_t size)
+    {
+        kcm_time_t msg{};
+        if (kcm_time_t_decode(message, 0, static_cast<int>(size), &msg) < 0) {
+            refuse("KC_TIME", "no time_t");
+        } else {
+            tick(msg.tick);
+        }
+    }
+
+    // Each is counted; the first, second, fourth, eighth ... is named, so that a flood of them fills no disk.
+    void refuse(const std::string &what, const char *why)
+    {
+        refused_++;
+        if ((refused_ & (refused_ - 1)) == 0) {
+            std::fprintf(stderr, "kincal-tagdet: %s dropped: %s (%ld refused so far)\n", what.c_str(), why,
+                         refused_);
+        }
+    }
+
+    void handle(const tagdet::Frame &frame)
+    {
         const auto start = std::chrono::steady_clock::now();
         kcm_detection_t msg{};
         try {
-            msg = detection_of(image);
+            msg = detection_of(frame);
         } catch (const std::exception &e) {
             // A damaged image is reported, and not answered: that is not the same as "no tag".
-            std::fprintf(stderr, "kincal-tagdet: frame %d dropped: %s\n", image.seq, e.what());
+            refuse("frame " + std::to_string(frame.seq), e.what());
             return;
         }
         poses_ += msg.n_tags > 0 ? 1 : 0;
@@ -175,11 +208,9 @@ private:
         }
     }
 
-    kcm_detection_t detection_of(const kcm_image_t &image)
+    kcm_detection_t detection_of(const tagdet::Frame &image)
     {
-        const cv::Mat bytes(1, image.n_bytes, CV_8UC1, static_cast<void *>(image.jpeg));
-        const cv::Mat grey = image.n_bytes > 0 ? cv::imdecode(bytes, cv::IMREAD_GRAYSCALE) : cv::Mat();
-        if (grey.empty()) { throw std::runtime_error("not a JPEG"); }
+        const cv::Mat grey = tagdet::decode_frame(config_, image);
         int unknown = 0;
         kcm_detection_t msg = process_frame(config_, detector_, grey, &unknown);
         msg.t_us = image.t_us;
@@ -220,6 +251,7 @@ private:
     long images_ = 0;
     long poses_ = 0;
     long unknown_ = 0;
+    long refused_ = 0;
 };
 
 template <size_t N> void print_list(const char *name, const double (&values)[N], const char *end)

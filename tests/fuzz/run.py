@@ -19,7 +19,9 @@ from pathlib import Path
 
 SEEDS = Path(__file__).parent / "seeds"
 # harness -> largest input [bytes]
-LENGTH = {"tables": 256, "messages": 512, "store": 256, "app": 256}
+LENGTH = {"tables": 256, "messages": 512, "store": 256, "app": 256, "decoders": 512, "detector": 1024}
+# Megabytes that one allocation may have, far beyond what any needs: a size that a message states is believed.
+ALLOCATION_MB = 64
 # Seconds for one input, far beyond what any needs: a loop that does not end.
 HANG_S = 20
 # The core has no heap; LCM keeps what it allocates until the end.
@@ -51,7 +53,13 @@ def fuzz(programs: Path, corpora: Path, name: str, seconds: int, runs: int) -> b
     corpus = corpora / name
     unpack(name, corpus)
     until = f"-runs={runs}" if runs else f"-max_total_time={seconds}"
-    how = ("-seed=1", "-len_control=10", f"-timeout={HANG_S}", "-print_final_stats=1")
+    how = (
+        "-seed=1",
+        "-len_control=10",
+        f"-timeout={HANG_S}",
+        f"-malloc_limit_mb={ALLOCATION_MB}",
+        "-print_final_stats=1",
+    )
     done = call(programs, name, until, *how, f"-artifact_prefix={corpora}/found-{name}-", str(corpus))
     executed = re.search(r"number_of_executed_units: (\d+)", done.stderr)
     speed = re.search(r"average_exec_per_sec: +(\d+)", done.stderr)

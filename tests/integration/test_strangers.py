@@ -3,11 +3,14 @@
 import copy
 import subprocess
 
+import lcm
 import pytest
 from flight import BINARY, EVENT, IDLE, TABLE, TABLES, Flight
 
 import kcm
 from kincal import keys
+from kincal_sim.ports import private_port, private_url
+from kincal_sim.recorder import Recorder
 
 CMD = kcm.cmd_t
 SIGNED = [CMD.START, CMD.APPROVE_ARM, CMD.APPROVE_GO, CMD.REJECT, CMD.ROLLBACK, CMD.TABLE_VALIDATE,
@@ -332,3 +335,20 @@ def test_a_process_does_not_start_with_bad_keys(tmp_path, text, mode, why):
     arguments = ["--tables", TABLES, "--store", tmp_path / "store", "--keys", path]
     r = subprocess.run([BINARY, *arguments], capture_output=True, text=True, timeout=20)
     assert r.returncode == 2 and why in r.stderr and str(path) in r.stderr
+
+
+def test_a_packet_that_is_no_time_does_not_end_the_log(tmp_path):
+    port, lock = private_port()
+    bus = lcm.LCM(private_url(port))
+    recorder = Recorder(private_url(port), tmp_path / "run.lcmlog", images=False)
+    recorder.start()
+    t = kcm.time_t()
+    t.tick, t.now_us = 1, 100_000
+    for packet in (b"", b"rubbish", t.encode()[:12], t.encode()):
+        bus.publish("KC_TIME", packet)
+    bus.publish("KC_HK", b"after it")
+    recorder.close()
+    lock.close()
+    log = [(e.timestamp, e.channel) for e in lcm.EventLog(str(tmp_path / "run.lcmlog"), "r")]
+    assert log[-2:] == [(100_000, "KC_TIME"), (100_000, "KC_HK")] and len(log) == 5
+    assert recorder.n_rx_errors == 3

@@ -483,6 +483,68 @@ def test_lockstep_answers_every_tick_after_its_images(bench, cam, two_tags, tmp_
     assert "frame 7 dropped: not a JPEG" in log and "3 images, 1 with a pose" in log
 
 
+def test_a_packet_that_lies_about_its_size_is_refused(bench, cam, two_tags, tmp_path):
+    """Generated code would take n_bytes as it is: -1 was a crash, 2^31 - 1 an allocation of 2 GB."""
+    frame, _ = two_tags
+    jpeg = cam.encode(frame).data
+    m = kcm.image_t()
+    m.width_px, m.height_px, m.jpeg = 1920, 1080, jpeg[:1000]
+    fixed = 32
+    lies = [-1, -(2**31), 2**31 - 1, 0, 999, 1001]
+    bench.until(lambda: len(bench.dones) >= 2, "the announcement")
+    for n in lies:
+        m.n_bytes = 1000
+        packet = m.encode()
+        bench.bus.publish("KC_IMAGE", packet[: fixed - 4] + n.to_bytes(4, "big", signed=True) + m.jpeg)
+    m.n_bytes = -1
+    whole = m.encode()
+    short = [b"", whole[:7], whole[: fixed - 1], b"\0" * 100, whole[:fixed]]
+    for packet in short:
+        bench.bus.publish("KC_IMAGE", packet)
+        bench.bus.publish("KC_TIME", packet)
+    bench.image(jpeg, t_us=100_000, seq=5)
+    assert bench.tick(1) == 1
+    assert bench.detections[0].n_tags == 2
+    refused = len(lies) + 2 * len(short)
+    assert bench.close() == 0
+    log = (tmp_path / "tagdet.log").read_text()
+    assert f"{refused} messages refused" in log and "n_bytes is -1" in log
+
+
+def test_a_jpeg_of_another_resolution_is_refused_before_it_takes_memory(bench, cam, two_tags, tmp_path):
+    frame, _ = two_tags
+    good = cam.encode(frame).data
+    start = good.index(b"\xff\xc0") + 5
+    huge = good[:start] + (32000).to_bytes(2, "big") * 2 + good[start + 4 : 300]
+    other = [
+        cv2.imencode(".jpg", frame[:-8])[1].tobytes(),
+        cv2.imencode(".jpg", np.dstack([frame] * 3))[1].tobytes(),  # three components
+        cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes(),
+        cv2.imencode(".png", frame)[1].tobytes(),
+    ]
+
+    def peak_kb() -> int:
+        text = Path(f"/proc/{bench.process.pid}/status").read_text()
+        return int(text.split("VmHWM:")[1].split()[0])
+
+    bench.until(lambda: len(bench.dones) >= 2, "the announcement")
+    bench.image(good, t_us=100_000, seq=1)
+    assert bench.tick(1) == 1
+    before = peak_kb()
+    for i in range(10):
+        bench.image(huge, t_us=200_000, seq=10 + i)
+    for jpeg in other:
+        bench.image(jpeg, t_us=200_000, seq=30)
+    assert bench.tick(2) == 0
+    assert peak_kb() - before < 20_000
+    bench.image(good, t_us=300_000, seq=40)
+    assert bench.tick(3) == 1
+    assert bench.close() == 0
+    log = (tmp_path / "tagdet.log").read_text()
+    assert "frame 10 dropped: the JPEG is 32000x32000, the configuration says 1920x1080" in log
+    assert f"{10 + len(other)} messages refused" in log
+
+
 # ---- fast mode -----------------------------------------------------------------------------------------
 
 

@@ -64,6 +64,7 @@ def tree(root: Path) -> Path:
         "ground/native/kg_batch.c": '#include "kc_model.h"\n'
         "int kg(void);\nint kg(void) { return kc_model(1); }\n",
         "sim/tagdet/main.cpp": "int main() { return 0; }\n",
+        "sim/tagdet/frame.cpp": "extern const int kFrame;\nconst int kFrame = 0;\n",
         "tests/bench/wcet.c": "int main(void) { return 0; }\n",
         "tests/unit/given_nothing.c": "",
         "tests/unit/test_kc_math.c": '#include "unity.h"\n#include "kc_math.h"\n'
@@ -144,6 +145,22 @@ def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, he
                 "fsw/exec/kc_b.c": '#include "kc_a.h"\nvoid kc_b(void) { kc_a(); }\n',
             },
             "fsw/exec: a circle: kc_a.c -> kc_b.c -> kc_a.c",
+        ),
+        (
+            {"fsw/msg/a_t.lcm": "struct a_t\n{\n    int32_t n;\n    double x[n];\n}\n"},
+            "fsw/msg/a_t.lcm: x: a message has a fixed size",
+        ),
+        (
+            {"fsw/msg/a_t.lcm": "struct a_t\n{\n    // text\n    string text;\n    int8_t b;\n}\n"},
+            "fsw/msg/a_t.lcm: text: a message has a fixed size",
+        ),
+        (
+            {"fsw/msg/image_t.lcm": "struct image_t\n{\n int32_t n;\n byte jpeg[n];\n int8_t b;\n}\n"},
+            "fsw/msg/image_t.lcm: jpeg: a message has a fixed size",
+        ),
+        (
+            {"sim/tagdet/main.cpp": 'void f() { kcm_image_t_subscribe(lcm, "KC_IMAGE", on, 0); }\n'},
+            "sim/tagdet/main.cpp: kcm_image_t_subscribe() believes n_bytes",
         ),
     ],
 )

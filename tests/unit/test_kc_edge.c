@@ -1,9 +1,13 @@
 /* kc_edge.c: the process's loop over LCM's in-memory network. */
-#define _DEFAULT_SOURCE /* NOLINT: mkdtemp */
+#define _GNU_SOURCE /* NOLINT: mkdtemp, RTLD_NEXT */
 
+#include <dlfcn.h>
+#include <errno.h>
+#include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "given_tables.h"
@@ -32,6 +36,65 @@ static kcm_tick_done_t s_done;
 static kcm_ack_t s_ack;
 static uint32_t s_n_done, s_n_ack, s_n_hk, s_n_event, s_n_down, s_n_arm_cmd;
 static volatile sig_atomic_t s_stop;
+static uint32_t s_stop_done; /* stops after so many answers to ticks; 0: never */
+
+/* ---- a network and a clock that fail; these take the place of LCM's and the C library's for kc_edge.c ---- */
+
+static struct {
+    int subscribing, sizing; /* this subscription fails: 1 the next */
+    int publishing; /* so many messages from now on are not sent */
+    bool handling; /* a message cannot be handled */
+    int poll_errno; /* poll fails, once */
+    int clock_reads; /* after so many clock_reads at it the clock is 30 s ahead; 0: never */
+    int64_t ahead_s;
+    int n_read; /* the clock */
+} s_fails;
+
+#define NEXT(type, name, ...) \
+    ((type(*)(__VA_ARGS__))dlsym(RTLD_NEXT, name))  // NOLINT(bugprone-macro-parentheses)
+
+lcm_subscription_t *lcm_subscribe(lcm_t *lcm, const char *channel, lcm_msg_handler_t handler, void *user)
+{
+    if (s_fails.subscribing > 0 && --s_fails.subscribing == 0) { return NULL; }
+    return NEXT(lcm_subscription_t *, "lcm_subscribe", lcm_t *, const char *, lcm_msg_handler_t,
+                void *)(lcm, channel, handler, user);
+}
+
+int lcm_subscription_set_queue_capacity(lcm_subscription_t *s, int n)
+{
+    if (s_fails.sizing > 0 && --s_fails.sizing == 0) { return -1; }
+    return NEXT(int, "lcm_subscription_set_queue_capacity", lcm_subscription_t *, int)(s, n);
+}
+
+int lcm_publish(lcm_t *lcm, const char *channel, const void *data, unsigned n)
+{
+    if (s_fails.publishing > 0) {
+        s_fails.publishing--;
+        return -1;
+    }
+    return NEXT(int, "lcm_publish", lcm_t *, const char *, const void *, unsigned)(lcm, channel, data, n);
+}
+
+int lcm_handle(lcm_t *lcm) { return s_fails.handling ? -1 : NEXT(int, "lcm_handle", lcm_t *)(lcm); }
+
+int poll(struct pollfd *fds, nfds_t n, int timeout_ms)
+{
+    if (s_fails.poll_errno != 0) {
+        errno = s_fails.poll_errno;
+        s_fails.poll_errno = 0;
+        return -1;
+    }
+    return NEXT(int, "poll", struct pollfd *, nfds_t, int)(fds, n, timeout_ms);
+}
+
+int clock_gettime(clockid_t id, struct timespec *t)
+{
+    int done = NEXT(int, "clock_gettime", clockid_t, struct timespec *)(id, t);
+    s_fails.n_read++;
+    if (s_fails.clock_reads > 0 && --s_fails.clock_reads == 0) { s_fails.ahead_s = 30; }
+    t->tv_sec += s_fails.ahead_s;
+    return done;
+}
 
 static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
 {
@@ -40,7 +103,7 @@ static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
     if (strcmp(channel, "KC_TICK_DONE") == 0) {
         s_n_done++;
         TEST_ASSERT_TRUE(kcm_tick_done_t_decode(b->data, 0, n, &s_done) > 0);
-        if (s_done.tick >= 3) { s_stop = 1; }
+        if (s_done.tick >= 3 || s_n_done == s_stop_done) { s_stop = 1; }
     } else if (strcmp(channel, "KC_ACK") == 0) {
         s_n_ack++;
         TEST_ASSERT_TRUE(kcm_ack_t_decode(b->data, 0, n, &s_ack) > 0);
@@ -56,6 +119,7 @@ static void given_edge(bool live)
 {
     given_world();
     world_boot();
+    memset(&s_fails, 0, sizeof s_fails);
     s_n_done = s_n_ack = s_n_hk = s_n_event = s_n_down = s_n_arm_cmd = 0u;
     s_stop = 0;
     memcpy(s_dir, "/tmp/kc_edge_XXXXXX", 20u);
@@ -75,7 +139,7 @@ void tearDown(void)
     kc_edge_close(&s_e);
     (void)close(s_f.dir_fd);
     (void)snprintf(cmd, sizeof cmd, "rm -rf %s", s_dir);
-    TEST_ASSERT_EQUAL_INT(0, system(cmd)); // NOLINT(cert-env33-c): the folder is our own
+    TEST_ASSERT_EQUAL_INT(0, system(cmd));  // NOLINT(cert-env33-c): the folder is our own
 }
 
 #define SEND(type, channel, msg)               \
@@ -423,6 +487,123 @@ void test_live_it_steps_by_the_clock_and_takes_messages_at_once(void)
     TEST_ASSERT_TRUE(s_n_hk >= 1u);
     TEST_ASSERT_EQUAL_UINT32(0u, s_n_done);
     TEST_ASSERT_TRUE(APP->clock.now_us > 1600000000000000u);
+}
+
+void test_a_channel_that_cannot_be_subscribed_is_a_failure(void)
+{
+    static kc_edge_t e;
+    for (int live = 0; live < 2; live++) {
+        for (int at = 1; at <= 6 - live; at++) {
+            s_fails.subscribing = at;
+            TEST_ASSERT_FALSE(kc_edge_open(&e, "memq://", &s_f, APP, live != 0));
+            kc_edge_close(&e);
+            s_fails.sizing = at;
+            TEST_ASSERT_FALSE(kc_edge_open(&e, "memq://", &s_f, APP, live != 0));
+            kc_edge_close(&e);
+        }
+        TEST_ASSERT_TRUE(kc_edge_open(&e, "memq://", &s_f, APP, live != 0));
+        kc_edge_close(&e);
+    }
+}
+
+void test_what_cannot_be_sent_is_counted_and_reported(void)
+{
+    s_fails.publishing = 3;
+    send_time(1); /* itself one of the three */
+    s_e.due_tick = 1;
+    kc_edge_tick(&s_e);
+    TEST_ASSERT_EQUAL_INT(2, s_e.n_tx_errors);
+    TEST_ASSERT_EQUAL_INT(s_e.n_sent - 1, s_e.n_done);
+    int32_t sent = s_e.n_sent;
+    kc_edge_publish(&s_e);
+    TEST_ASSERT_EQUAL_INT(2, s_e.out.hk.n_tx_errors);
+    TEST_ASSERT_TRUE(s_e.n_sent >= sent);
+}
+
+void test_each_kind_of_telemetry_goes_out_on_its_channel(void)
+{
+    memset(&s_e.out, 0, sizeof s_e.out);
+    s_e.out.has_hk = s_e.out.has_arm_cmd = s_e.out.has_table_down = 1u;
+    int32_t sent = s_e.n_sent;
+    kc_edge_publish(&s_e);
+    TEST_ASSERT_EQUAL_INT(sent + 3, s_e.n_sent);
+#define ALL(CHANNEL, member, message, copied) s_e.out.has_##member = 1u;
+#define COUNT(CHANNEL, member, message, copied) +1
+    KC_OUT_LIST(ALL)
+    kc_edge_publish(&s_e);
+    TEST_ASSERT_EQUAL_INT(sent + 3 + (KC_OUT_LIST(COUNT)), s_e.n_sent);
+    TEST_ASSERT_EQUAL_INT(0, s_e.n_tx_errors);
+    pump();
+    TEST_ASSERT_EQUAL_UINT32(2u, s_n_hk);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_n_arm_cmd);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_n_down);
+}
+
+void test_after_a_failed_store_nothing_more_of_the_step_is_stored(void)
+{
+    static const uint8_t data[4] = {1, 2, 3, 4};
+    int fd = s_f.dir_fd;
+    s_e.out.n_store = 2u;
+    s_e.out.store[0] = (kc_store_t){KC_STORE_PREV, 4u, data};
+    s_e.out.store[1] = (kc_store_t){KC_STORE_PROPOSAL, 4u, data};
+    s_f.dir_fd = -1;
+    kc_edge_store(&s_e);
+    TEST_ASSERT_EQUAL_UINT16(KC_STORE_PREV, s_e.in.store_kind);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, s_e.in.store_status);
+    s_f.dir_fd = fd;
+    kc_edge_store(&s_e);
+    TEST_ASSERT_EQUAL_UINT16(KC_STORE_PROPOSAL, s_e.in.store_kind);
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_e.in.store_status);
+}
+
+void test_a_signal_is_no_failure_of_the_network(void)
+{
+    s_fails.poll_errno = EINTR;
+    for (int64_t k = 1; k <= 3; k++) { send_time(k); }
+    TEST_ASSERT_TRUE(kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_EQUAL_INT64(3, s_e.tick);
+}
+
+void test_a_network_that_fails_ends_the_run(void)
+{
+    s_fails.poll_errno = EBADF;
+    TEST_ASSERT_FALSE(kc_edge_run(&s_e, &s_stop));
+    send_time(1);
+    s_fails.handling = true;
+    TEST_ASSERT_FALSE(kc_edge_run(&s_e, &s_stop));
+    tearDown();
+    given_edge(true);
+    send_time(1);
+    s_fails.handling = true;
+    TEST_ASSERT_FALSE(kc_edge_run(&s_e, &s_stop));
+}
+
+/* It waits longer than the time between two announcements, and is woken before it by another message. */
+void test_it_announces_itself_ten_times_a_second(void)
+{
+    s_n_done = 0u;
+    send_cmd(50000, 1, KC_CMD_NOOP, 0);
+    s_fails.poll_errno = EINTR;
+    struct timespec from, to;
+    (void)clock_gettime(CLOCK_MONOTONIC, &from);
+    for (int k = 0; k < 2; k++) { send_cmd(50000, 2 + k, KC_CMD_NOOP, 0); }
+    s_stop_done = 3u;
+    TEST_ASSERT_TRUE(kc_edge_run(&s_e, &s_stop));
+    s_stop_done = 0u;
+    (void)clock_gettime(CLOCK_MONOTONIC, &to);
+    double s = (double)(to.tv_sec - from.tv_sec) + 1e-9 * (double)(to.tv_nsec - from.tv_nsec);
+    TEST_ASSERT_TRUE(s >= 0.19);
+}
+
+/* Suspended for a while, it goes on from now and does not make up for the steps that it missed. */
+void test_live_it_does_not_catch_up(void)
+{
+    tearDown();
+    given_edge(true);
+    s_fails.clock_reads = 3;
+    TEST_ASSERT_TRUE(kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_EQUAL_INT64(30, s_fails.ahead_s);
+    TEST_ASSERT_TRUE(s_fails.n_read < 100); /* three a step, which would be 300 */
 }
 
 void test_a_network_that_cannot_be_made_is_refused(void)

@@ -1569,3 +1569,64 @@ void test_the_reserved_bytes_of_a_slot_are_zero(void)
         TEST_ASSERT_EQUAL_HEX8(which, header[8]);
     }
 }
+
+/* What is behind a part that is read at a time counts too. */
+void test_a_large_copy_is_read_to_its_last_byte(void)
+{
+    static uint8_t whole[KC_SLOT_HDR_BYTES + 5000u];
+    for (uint32_t i = 0u; i < 5000u; i++) { s_image[i] = (uint8_t)(i * 7u + i / 251u); }
+    const kc_store_t large = {KC_TBL_SPACE, 5000u, s_image};
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &large));
+    size_t n = read_slot("k05.a", whole, sizeof whole);
+    TEST_ASSERT_EQUAL_UINT64(sizeof whole, n);
+    for (size_t at = 23u; at < n; at += 711u) {
+        whole[at] ^= 1u;
+        write_file(s_dir, "k05.a", whole, n);
+        close_store();
+        open_store();
+        TEST_ASSERT_EQUAL_UINT64(0u, s_f.number[KC_TBL_SPACE][0]);
+        TEST_ASSERT_EQUAL_UINT8(1u, s_f.there[KC_TBL_SPACE][0]);
+        whole[at] ^= 1u;
+    }
+    write_file(s_dir, "k05.a", whole, n);
+    close_store();
+    open_store();
+    TEST_ASSERT_EQUAL_UINT64(1u, s_f.number[KC_TBL_SPACE][0]);
+}
+
+/* A copy is one if its number and its size are those expected: it is not written again. */
+void test_a_copy_under_another_number_or_of_another_size_is_no_copy(void)
+{
+    for (uint32_t i = 0u; i < 100u; i++) { s_image[i] = (uint8_t)i; }
+    const kc_store_t shorter = {KC_TBL_SPACE, 99u, s_image}, longer = {KC_TBL_SPACE, 100u, s_image};
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &shorter));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &shorter));
+    TEST_ASSERT_FALSE(exists(s_dir, "k05.b"));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &longer));
+    TEST_ASSERT_TRUE(exists(s_dir, "k05.b"));
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(1));
+    put_numbered(0u, 1, 9u); /* behind our back */
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(1));
+    TEST_ASSERT_TRUE(exists(s_dir, "k01.b"));
+}
+
+/* The slot that was taken back is the one that is written next: the other one holds the only copy. */
+void test_after_a_write_that_was_taken_back_the_only_copy_is_not_written_over(void)
+{
+    uint8_t before[KC_SLOT_HDR_BYTES], after[KC_SLOT_HDR_BYTES];
+    (void)store_arm(1);
+    (void)store_arm(2);
+    (void)read_slot("k01.b", before, sizeof before);
+    s_m.on = true;
+    s_m.at = 6; /* the sync of the folder */
+    s_m.harm = FAILS_ONCE;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(3));
+    s_m.on = false;
+    TEST_ASSERT_FALSE(exists(s_dir, "k01.a"));
+    TEST_ASSERT_EQUAL_UINT64(0u, s_f.number[KC_TBL_ARM][0]);
+    TEST_ASSERT_EQUAL_UINT8(0u, s_f.there[KC_TBL_ARM][0]);
+    TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(4));
+    (void)read_slot("k01.b", after, sizeof after);
+    TEST_ASSERT_EQUAL_MEMORY(before, after, sizeof before);
+    TEST_ASSERT_EQUAL_INT(4, reloaded());
+}

@@ -1,8 +1,10 @@
 /* kc_keys.c: the key file. */
-#define _DEFAULT_SOURCE /* NOLINT: mkdtemp */
+#define _GNU_SOURCE /* NOLINT: mkdtemp, RTLD_NEXT */
 
 #include "kc_keys.h"
 
+#include <dlfcn.h>
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +18,24 @@
 
 static char s_dir[64], s_path[80];
 static kc_keys_t s_keys;
+
+/* ---- a file that cannot be read; these take the place of the C library's for kc_keys.c ---- */
+
+static int s_read_errno, s_fstat_errno; /* of the next call */
+
+ssize_t read(int fd, void *data, size_t n)
+{
+    errno = s_read_errno;
+    s_read_errno = 0;
+    return errno != 0 ? -1 : ((ssize_t(*)(int, void *, size_t))dlsym(RTLD_NEXT, "read"))(fd, data, n);
+}
+
+int fstat(int fd, struct stat *st)
+{
+    errno = s_fstat_errno;
+    s_fstat_errno = 0;
+    return errno != 0 ? -1 : ((int (*)(int, struct stat *))dlsym(RTLD_NEXT, "fstat"))(fd, st);
+}
 
 void setUp(void);
 void setUp(void)
@@ -123,4 +143,23 @@ void test_a_text_with_anything_wrong_is_refused(void)
     refused();
     memset(&longer[14], '\n', sizeof longer - 15u);
     refused_text(longer);
+}
+
+void test_a_file_that_cannot_be_read_is_refused_and_a_signal_is_no_failure(void)
+{
+    static const char text[] = "kincal-keys 1\n7 " A "\n";
+    given_file(text, sizeof text - 1u, 0600);
+    s_fstat_errno = EIO;
+    refused();
+    s_read_errno = EIO;
+    refused();
+    s_read_errno = EINTR;
+    TEST_ASSERT_TRUE(kc_keys_read(s_path, &s_keys));
+    TEST_ASSERT_EQUAL_UINT32(7u, s_keys.key[0].id);
+}
+
+void test_a_number_ends_at_what_is_no_digit(void)
+{
+    refused_text("kincal-keys 1\n7: " A "\n");
+    refused_text("kincal-keys 1\n7/ " A "\n");
 }
