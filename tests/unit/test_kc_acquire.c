@@ -74,8 +74,8 @@ void test_objective_is_scaled_by_the_largest_so_far(void)
 
 void test_objective_does_not_blow_noise_up_beyond_the_floors(void)
 {
-    const double dp[1] = {0.001};
-    const double dr[1] = {0.002};
+    const double dp[2] = {0.001, 9.0}; /* the second one is not of this calibration */
+    const double dr[2] = {0.002, 9.0};
     double y[1];
     kc_acq_objective(dp, dr, 1u, 0.5, 0.01, 0.04, y);
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, -(0.5 * 0.1 + 0.5 * 0.05), y[0]);
@@ -259,6 +259,15 @@ void test_impossible_requests_are_refused(void)
     s_est.opt.free_mask = 0u;
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_DOPT));
     TEST_ASSERT_EQUAL_UINT32(999u, s_c);
+}
+
+void test_a_choice_that_was_not_begun_is_over(void)
+{
+    kc_work_t budget = {1u, 0u};
+    memset(&s_work, 0, sizeof s_work);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 4u, 0.0);
+    TEST_ASSERT_TRUE(kc_acq_info_step(&s_est, s_q, N_CAND, s_usable, &s_work, &budget));
+    TEST_ASSERT_EQUAL_UINT64(0u, budget.used);
 }
 
 void test_what_is_not_finite_is_reported(void)

@@ -108,6 +108,25 @@ void test_aiming_works_for_a_turned_mast_and_an_oblique_camera_mount(void)
     TEST_ASSERT_TRUE(c[2] > 0.5);
 }
 
+/* A camera beside the pan axis has to turn on a little beyond the direction of the point: past half a turn, which is the
+ * same as coming from the other side. */
+void test_panning_past_half_a_turn_comes_from_the_other_side(void)
+{
+    double pan, tilt, c[3];
+    s_cam.pan_min_rad = -4.0;
+    s_cam.pan_max_rad = 4.0;
+    for (int side = -1; side <= 1; side += 2) {
+        const double p[3] = {s_cam.mast_xyz_m[0] - 1.0, s_cam.mast_xyz_m[1] - 0.05 * side, 1.0};
+        s_cam.pantilt_xyz_m[1] = 0.2 * side;
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_aim(&s_cam, p, &pan, &tilt));
+        TEST_ASSERT_TRUE(fabs(pan) <= KC_PI && pan * side > 2.9);
+        in_camera(pan, tilt, p, c);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.0, c[0]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.0, c[1]);
+        TEST_ASSERT_TRUE(c[2] > 0.5);
+    }
+}
+
 void test_limits_clip_the_angles_and_say_so(void)
 {
     const double behind[3] = {-3.0, -0.5, 1.0}, above[3] = {0.5, 0.45, 5.0}, below[3] = {-0.34, 0.45, 0.0};

@@ -105,6 +105,9 @@ void test_covariance_must_be_positive_definite_where_it_is_used(void)
     assert_refused_unchanged();
     s_obs.has_rot = 0u;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_add(&s_est, &s_obs));
+    s_obs.cov[14] = -1e-6; /* of z, the last one of a position */
+    assert_refused_unchanged();
+    s_obs.cov[14] = 1e-6;
     s_obs.cov[0] = -1e-6;
     assert_refused_unchanged();
 }
@@ -213,6 +216,17 @@ void test_same_data_same_bits(void)
     (void)kc_est_solve(&s_est);
     TEST_ASSERT_EQUAL_MEMORY(s_other.coef, s_est.coef, sizeof s_est.coef);
     TEST_ASSERT_EQUAL_MEMORY(s_other.cov, s_est.cov, sizeof s_est.cov);
+    TEST_ASSERT_EQUAL_UINT32(28u, s_est.n_free); /* counted from the beginning */
+    TEST_ASSERT_EQUAL_UINT32(s_other.iters, s_est.iters);
+}
+
+void test_a_coefficient_whose_bounds_are_equal_is_that_value(void)
+{
+    given(12u, 0.0);
+    s_terms.coef[5].lb = s_terms.coef[5].ub = 0.4;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_DOUBLE(0.4, s_est.coef[5]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.3, s_est.coef[24]);
 }
 
 void test_few_poses_use_the_weak_prior_and_report_it(void)
@@ -363,6 +377,45 @@ void test_a_step_is_given_up_when_the_damping_has_grown_enough(void)
     s_est.job.lambda = 1.0;
     s_est.job.tries = 20u;
     TEST_ASSERT_EQUAL_INT(KC_EST_STEP_NONE, kc_est_try(&s_est));
+}
+
+/* A model of two coefficients with cost -2 x0 + x0^2 + x0 x1 + x1^2 at the step (1, 0.5): it falls by 0.25. */
+static kc_est_step_t compared(double cost, double trial_cost)
+{
+    s_est.n_idx = s_est.qp.n = 2u;
+    s_est.qp.g[0] = -1.0;
+    s_est.qp.g[1] = 0.0;
+    s_est.qp.H[0] = s_est.qp.H[KC_COEF_MAX + 1u] = 1.0;
+    s_est.qp.H[1] = s_est.qp.H[KC_COEF_MAX] = 0.5;
+    s_est.qp.x[0] = 1.0;
+    s_est.qp.x[1] = 0.5;
+    s_est.opt.tol_step = 1e-9;
+    s_est.job.largest = 1.0;
+    s_est.job.lambda = 2.0;
+    s_est.job.tries = 3u;
+    s_est.job.cost = cost;
+    return kc_est_compare(&s_est, trial_cost);
+}
+
+void test_a_rise_that_rounding_can_explain_ends_the_fit_and_a_larger_one_is_damped(void)
+{
+    /* rounding hides 1e-13 of the cost */
+    TEST_ASSERT_EQUAL_INT(KC_EST_STEP_LAST, compared(2.6e12, 2.7e12));
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, s_est.job.lambda);
+    TEST_ASSERT_EQUAL_INT(KC_EST_STEP_AGAIN, compared(2.4e12, 2.5e12));
+    TEST_ASSERT_EQUAL_DOUBLE(16.0, s_est.job.lambda);
+    TEST_ASSERT_EQUAL_UINT32(4u, s_est.job.tries);
+}
+
+void test_a_step_that_does_not_raise_the_cost_is_taken_and_the_damping_eased(void)
+{
+    s_est.coef[0] = 0.0;
+    s_est.trial[0] = 0.25;
+    TEST_ASSERT_EQUAL_INT(KC_EST_STEP_TAKEN, compared(5.0, 5.0));
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_est.coef[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, s_est.job.cost);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.2, s_est.job.lambda);
+    TEST_ASSERT_EQUAL_UINT32(3u, s_est.job.tries);
 }
 
 /* One coefficient whose cost is (x - centre)^2. */

@@ -116,6 +116,20 @@ void test_a_pose_that_alone_determines_a_direction_is_never_an_outlier(void)
     TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
 }
 
+/* Without it as many rows remain as coefficients: there is no noise to compare it with. */
+void test_a_pose_without_which_nothing_is_left_over_is_not_tested(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 1.0);
+    s_est.opt.free_mask = (1u << 24) - 1u; /* 30 rows for 24 */
+    for (uint32_t c = 0u; c < 28u; c++) { s_est.start[c] = s_truth[c]; }
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(24u, s_est.n_free);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.job.n_tested);
+    s_est.opt.free_mask = (1u << 20) - 1u;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_TRUE(s_est.job.n_tested > 0u);
+}
+
 void test_noise_larger_than_stated_is_no_reason_to_reject(void)
 {
     given_session(&s_est, &s_arm, &s_terms, s_truth, 25u, 4.0);
