@@ -193,6 +193,33 @@ void test_the_papers_errors_are_found_from_zero(void)
     TEST_ASSERT_TRUE(s_est.fit_rot_rad < 1e-9 && s_est.before_rot_rad > 0.1);
     TEST_ASSERT_TRUE(s_est.kkt < 1e-6);
     TEST_ASSERT_TRUE(s_est.cond > 1.0 && s_est.cond < 1e4);
+    TEST_ASSERT_TRUE(s_est.iters > 3u && s_est.iters < 30u);
+}
+
+void test_a_solution_begins_with_an_empty_report(void)
+{
+    given(6u, 0.0);
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
+        s_est.status[c] = KC_COEF_HELD;
+        s_est.sigma[c] = 1.0;
+        s_est.confounded[c] = 5u;
+    }
+    for (uint32_t i = 0u; i < KC_MEAS_MAX; i++) { s_est.outlier[i] = 1u; }
+    s_est.n_outliers = s_est.rank = s_est.n_free = s_est.iters = 7u;
+    s_est.weak = 1u;
+    s_est.kkt = s_est.cond = 3.0;
+    s_est.without = 5u;
+    kc_est_begin(&s_est);
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
+        TEST_ASSERT_EQUAL_UINT8(KC_COEF_MASKED, s_est.status[c]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_est.sigma[c]);
+        TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[c]);
+    }
+    for (uint32_t i = 0u; i < KC_MEAS_MAX; i++) { TEST_ASSERT_EQUAL_UINT8(i == 4u, s_est.outlier[i]); }
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.n_outliers);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.rank + s_est.iters + s_est.weak);
+    TEST_ASSERT_EQUAL_UINT32(28u, s_est.n_free);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_est.kkt + s_est.cond);
 }
 
 void test_noise_is_within_what_is_said(void)
@@ -245,6 +272,7 @@ void test_iteration_limit_keeps_the_best_so_far(void)
     given(12u, 1.0);
     s_est.opt.iter_max = 1u;
     TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.iters);
     TEST_ASSERT_TRUE(s_est.fit_pos_m < s_est.before_pos_m);
     TEST_ASSERT_EQUAL_UINT32(28u, s_est.rank);
 }

@@ -5,6 +5,7 @@
 #include "given_observations.h"
 #include "given_small_arm.h"
 #include "given_tables.h"
+#include "kc_chi2.h"
 #include "kc_monitor.h"
 #include "unity.h"
 
@@ -73,6 +74,8 @@ void test_the_joint_that_reads_wrong_is_named_with_its_bias(void)
         TEST_ASSERT_EQUAL_HEX32(1u << j, s_v.suspects);
         TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_v.sigma, 0.03, s_v.bias);
         TEST_ASSERT_TRUE(s_v.p_rest > 1e-3);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, kc_chi2_sf(s_v.rest, 6u * s_v.n_obs - 1u), s_v.p_rest);
+        TEST_ASSERT_TRUE(s_v.rest > 5.0 && s_v.rest < 60.0); /* 29 expected */
         TEST_ASSERT_DOUBLE_WITHIN(1e-9, s_v.bias / s_v.sigma, sqrt(s_v.stat));
     }
 }
@@ -176,6 +179,11 @@ void test_a_prismatic_joint_is_named_in_metres(void)
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
     TEST_ASSERT_EQUAL_UINT32(j, s_v.joint);
     TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_v.sigma, 0.02, s_v.bias);
+    kc_monitor_init(&s_mon, &s_arm, 2e-4, 5e-4);
+    observations(5u, j, 0.9); /* along a line, not on an arc */
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+    TEST_ASSERT_EQUAL_UINT32(j, s_v.joint);
+    TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_v.sigma, 0.9, s_v.bias);
 }
 
 /* Refused, and what was held stays. */
