@@ -103,6 +103,13 @@ void test_ucb_adds_the_square_root_of_beta_times_sigma(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 5.0 * 0.3, s_value);
 }
 
+void test_ucb_takes_the_first_candidate_too(void)
+{
+    memset(&s_usable[1], 0, N_CAND - 1u);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_ucb(&s_gp, s_usable, 4.0, &s_c, &s_value));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_c);
+}
+
 void test_ucb_takes_none_beyond_the_last_candidate(void)
 {
     (void)kc_gp_init(&s_gp, &s_kernel, 0u, s_cand, N_CAND - 1u);

@@ -303,6 +303,8 @@ void test_a_camera_with_wrong_numbers_is_refused(void)
     refused(-1, 1.6);
     s_cam.pan_max_rad = NAN;
     refused(-1, NAN);
+    s_cam.tilt_min_rad = s_cam.tilt_max_rad;
+    refused(-1, 1.4);
     s_cam.pan_min_rad = -INFINITY;
     refused(-1, -INFINITY);
     s_cam.pan_max_rad = INFINITY;

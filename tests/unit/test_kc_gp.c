@@ -58,6 +58,7 @@ void test_empty_process_knows_nothing(void)
 
 void test_too_many_candidates_or_unknown_set_are_refused(void)
 {
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_gp_init(&s_gp, &s_k, 1u, s_cand, KC_CAND_MAX));
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_gp_init(&s_gp, &s_k, 0u, s_cand, KC_CAND_MAX + 1u));
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_gp_init(&s_gp, &s_k, 2u, s_cand, N_CAND));
 }

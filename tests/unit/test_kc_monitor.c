@@ -280,3 +280,34 @@ void test_the_shared_part_of_the_noise_stays_and_the_rest_averages_out(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-9, (1.0 + 0.36 * (n - 1u)) / n / (1.36 / 2.0), var[n] / var[2]);
     }
 }
+
+/* Without a floor: the information of n looks at a joint is n times the square of what it moves, in sigmas. */
+void test_sigma_is_that_of_independent_observations_in_closed_form(void)
+{
+    double q[KC_JOINT_MAX] = {0.3, 0.5, -0.4, 1.2, 0.2, -0.9, 0.1}, at[KC_JOINT_MAX], info = 0.0;
+    kc_ctx_t ctx;
+    kc_loads_t loads;
+    memcpy(at, q, sizeof at);
+    at[3] += 0.3;
+    kc_monitor_init(&s_mon, &s_arm, 0.0, 0.0);
+    given_one_observation(&s_arm, &s_terms, s_coef, at, 0.0, &s_rng, &s_obs);
+    memcpy(s_obs.ctx.q, q, sizeof q);
+    for (uint32_t c = 0u; c < 6u; c++) { s_obs.cov[7u * c] *= 1.0 + (double)(c * c); }
+    for (uint32_t n = 0u; n < 4u; n++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
+    }
+    ctx = s_obs.ctx;
+    memcpy(ctx.q, at, sizeof at);
+    kc_model_loads(&s_arm, &s_terms, s_coef, &ctx, &loads);
+    kc_model_eval(&s_arm, &s_terms, s_coef, &ctx, &loads, false, &s_work);
+    for (uint32_t c = 0u; c < 6u; c++) {
+        info += 4.0 * s_work.Jq[3][c] * s_work.Jq[3][c] / s_obs.cov[7u * c];
+    }
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+    TEST_ASSERT_EQUAL_UINT32(3u, s_v.joint);
+    TEST_ASSERT_EQUAL_UINT32(4u, s_v.n_obs);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.3, s_v.bias);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9 / sqrt(info), 1.0 / sqrt(info), s_v.sigma);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.0, s_v.rest);
+}
