@@ -31,7 +31,7 @@ WORK = ROOT / "build/wcet-search"
 TRIED = WORK / "tried.jsonl"
 BATCH = 20  # sets a process
 KEPT = 6  # sets that are changed further, of each state
-CONFIRMED = 2  # sets that valgrind counts, of each state
+CONFIRMED = 1  # sets that valgrind counts, of each state
 CHANGES_MAX = 60
 CALL = re.compile(r"\bcall\s+\w+ <__sanitizer_cov_trace_pc>")
 # What gcc keeps on the stack only because of the calls.

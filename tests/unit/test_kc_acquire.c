@@ -123,6 +123,7 @@ void test_random_takes_the_only_one_that_is_left(void)
     uint64_t rng = 3u;
     memset(s_usable, 0, sizeof s_usable);
     s_usable[N_CAND - 1u] = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_acq_random(s_usable, N_CAND - 1u, &rng, &s_c)); /* beyond the last */
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_random(s_usable, N_CAND, &rng, &s_c));
     TEST_ASSERT_EQUAL_UINT32(N_CAND - 1u, s_c);
     s_usable[N_CAND - 1u] = 0u; /* and 255 is as usable as 1 */
