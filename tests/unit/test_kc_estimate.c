@@ -132,6 +132,8 @@ void test_options_out_of_range_are_refused(void)
     s_est.opt = good;
     s_est.opt.rank_tol = NAN;
     assert_solve_refused();
+    s_est.opt.rank_tol = 0.0;
+    assert_solve_refused();
     s_est.opt = good;
     s_est.opt.outlier_p = -0.1;
     assert_solve_refused();

@@ -155,6 +155,22 @@ void test_choose_takes_the_likelier_set_and_rebuilds_on_it(void)
     TEST_ASSERT_EQUAL_MEMORY(s_other.z, s_gp.z, 30u * sizeof *s_gp.z);
 }
 
+/* The likeliest in the middle: a later set that is only better than the present one does not take its place. */
+void test_choose_takes_the_likeliest_of_all_sets(void)
+{
+    given_smooth_values();
+    s_k.n_hyper = 3u;
+    s_k.hyper[2] = s_k.hyper[0];
+    s_k.hyper[2].beta_m = 1.0;
+    add(&s_gp, 30u);
+    const double present = kc_gp_log_marginal(&s_gp);
+    kc_gp_init(&s_other, &s_k, 2u, s_cand, N_CAND);
+    add(&s_other, 30u);
+    TEST_ASSERT_TRUE(kc_gp_log_marginal(&s_other) > present);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_gp_choose(&s_gp, s_cand));
+    TEST_ASSERT_TRUE(kc_gp_log_marginal(&s_gp) > kc_gp_log_marginal(&s_other));
+}
+
 void test_a_choice_in_parts_gives_the_same_bits(void)
 {
     s_k.hyper[0].sigma_s = 1e-3;

@@ -215,6 +215,12 @@ void test_a_position_is_corrected_along_the_axes_that_the_model_has_there(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-15, -axis, s_ev.J[0][k]);
         TEST_ASSERT_EQUAL_DOUBLE(0.0, r[3u + k]);
     }
+    for (uint8_t comp = KC_RX; comp <= KC_RZ; comp++) { /* a turn of what was measured says nothing */
+        add_term(KC_FRAME_MEAS, comp, KC_VAR_ONE, 0u);
+        s_coef[s_t.n_coef - 1u] = 0.1;
+    }
+    (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
+    for (uint32_t k = 3u; k < 6u; k++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, r[k]); }
 }
 
 /* ---- frames ---- */

@@ -311,3 +311,15 @@ void test_sigma_is_that_of_independent_observations_in_closed_form(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-9 / sqrt(info), 1.0 / sqrt(info), s_v.sigma);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.0, s_v.rest);
 }
+
+void test_how_far_off_it_is_is_said_of_the_newest_observation(void)
+{
+    observations(3u, 0u, 0.0);
+    s_obs.p_m[0] += 0.3;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_DOUBLE_WITHIN(5e-3, 0.3, s_v.off_m);
+    TEST_ASSERT_TRUE(s_v.off_rad < 0.05);
+    observations(1u, 0u, 0.0);
+    TEST_ASSERT_TRUE(s_v.off_m < 0.01);
+}
