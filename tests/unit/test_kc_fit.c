@@ -167,6 +167,17 @@ void test_local_poses_that_are_all_a_little_off_are_another_arm(void)
     TEST_ASSERT_TRUE(mismatch(5u, 5u));
 }
 
+void test_one_limit_is_enough_for_local_poses_to_be_checked(void)
+{
+    s_est.hold_none = 1u;
+    s_est.n_outliers = 3u;
+    s_config.mismatch_rot_rad = 0.0;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+    s_config.mismatch_rot_rad = 0.06;
+    s_config.mismatch_pos_m = 0.0;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+}
+
 void test_an_observation_that_is_left_out_is_no_mismatch_and_no_outlier(void)
 {
     s_miss[2].pos_m = 0.021;
