@@ -409,6 +409,30 @@ void test_a_step_is_given_up_when_the_damping_has_grown_enough(void)
     TEST_ASSERT_EQUAL_INT(KC_EST_STEP_NONE, kc_est_try(&s_est));
 }
 
+/* What a fit has to better: the cost at its start, prior and all. */
+void test_a_fit_begins_with_the_cost_at_the_start(void)
+{
+    double chi2 = 0.0;
+    kc_loads_t loads;
+    double r[6];
+    given(9u, 1.0);
+    s_est.opt.use_prior = 1u;
+    s_terms.coef[3].prior_sigma = 0.001;
+    s_est.start[3] = 0.02; /* 20 sigma */
+    for (uint32_t i = 0u; i < 9u; i++) {
+        const kc_obs_t *o = &s_est.obs[i];
+        kc_model_loads(&s_arm, &s_terms, s_est.start, &o->ctx, &loads);
+        (void)kc_model_residual(&s_arm, &s_terms, s_est.start, o, &loads, r, &s_other.eval);
+        for (uint32_t k = 0u; k < 6u; k++) { chi2 += r[k] * r[k] / o->cov[7u * k]; }
+    }
+    kc_est_begin(&s_est);
+    for (uint32_t i = 0u; i < 200u && s_est.job.cost <= 0.0; i++) {
+        kc_work_t one = {1u, 0u};
+        TEST_ASSERT_FALSE(kc_est_step(&s_est, &one));
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9 * chi2, chi2 + 400.0, s_est.job.cost);
+}
+
 /* A model of two coefficients with cost -2 x0 + x0^2 + x0 x1 + x1^2 at the step (1, 0.5): it falls by 0.25. */
 static kc_est_step_t compared(double cost, double trial_cost)
 {

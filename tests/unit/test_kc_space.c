@@ -222,6 +222,25 @@ void test_a_candidate_that_no_hub_segment_leads_to_is_refused(void)
     expect_refused(1, 1.0); /* the first one on hub 1 */
 }
 
+/* Hubs in a chain 0, 4, 3, 2, 1: from hub 0 each round reaches one more. */
+void test_a_hub_at_the_end_of_a_chain_is_reached(void)
+{
+    static const uint8_t chain[5] = {0u, 4u, 3u, 2u, 1u};
+    given_space(&s_s, 9u, 1u);
+    s_s.n_hub = 5u;
+    memset(s_s.hub_edge, 0, sizeof s_s.hub_edge);
+    for (uint32_t k = 0u; k + 1u < 5u; k++) {
+        s_s.hub_edge[chain[k]] = (uint16_t)(s_s.hub_edge[chain[k]] | 1u << chain[k + 1u]);
+        s_s.hub_edge[chain[k + 1u]] = (uint16_t)(s_s.hub_edge[chain[k + 1u]] | 1u << chain[k]);
+    }
+    s_s.cand[8].hub = 1u;
+    expect_valid(NULL);
+    s_s.hub_edge[4] = 1u; /* cut behind hub 4 */
+    s_s.hub_edge[3] = 1u << 2;
+    for (uint32_t i = 0u; i < 8u; i++) { s_s.cand[i].hub = 4u; }
+    expect_refused(8, 1.0);
+}
+
 void test_an_unused_hub_may_be_isolated(void)
 {
     s_s.n_hub = 3u;
