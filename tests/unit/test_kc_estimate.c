@@ -158,6 +158,16 @@ void test_bad_coefficient_tables_are_refused(void)
     assert_solve_refused();
 }
 
+void test_as_many_coefficients_as_there_may_be_are_taken(void)
+{
+    given(12u, 0.0);
+    for (; s_terms.n_coef < KC_COEF_MAX; s_terms.n_coef++) {
+        s_terms.coef[s_terms.n_coef] = (kc_coef_t){.name = "more", .lb = -1.0, .ub = 1.0, .scale = 1.0};
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.3, s_est.coef[24]);
+}
+
 void test_numbers_that_overflow_are_reported(void)
 {
     given(6u, 0.0);

@@ -136,6 +136,7 @@ void test_the_rest_is_what_arm_unit_and_image_say(void)
     }
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.1, c->u_norm);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, -0.05, c->v_norm);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, c->tag);
 }
 
 /* The tool as the model has it is the second solution: it becomes the first, whole, and the first one the second. */

@@ -68,6 +68,8 @@ void test_local_initial_poses_come_on_top_of_the_requested_ones(void)
     TEST_ASSERT_EQUAL_UINT32(7u, s_plan.n_goal);
     given(4u, 0u, KC_MEAS_MAX); /* but never more than are held */
     TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, s_plan.n_goal);
+    given(0u, 0u, 1u); /* without any, one is one */
+    TEST_ASSERT_EQUAL_UINT32(1u, s_plan.n_goal);
 }
 
 void test_a_reserve_pose_is_taken_only_while_tags_are_detected_at_few(void)
@@ -87,6 +89,11 @@ void test_the_last_reserve_poses_are_taken_while_a_coefficient_is_undetermined(v
 {
     uint32_t cand = 999u;
     given(3u, 1u, 5u);
+    measure(next());
+    measure(next());
+    TEST_ASSERT_TRUE(kc_plan_next(&s_plan, &s_space, 0u, true, &cand));
+    TEST_ASSERT_EQUAL_UINT32(12u, cand);
+    given(4u, 2u, 5u); /* the first of two, too */
     measure(next());
     measure(next());
     TEST_ASSERT_TRUE(kc_plan_next(&s_plan, &s_space, 0u, true, &cand));

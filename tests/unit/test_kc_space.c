@@ -124,6 +124,19 @@ void test_impossible_counts_are_refused(void)
     expect_refused(-1, KC_INITIAL_MAX + 1.0);
 }
 
+void test_a_number_of_joints_that_no_arm_has_is_refused_without_an_arm(void)
+{
+    static const uint32_t bad[2] = {0u, KC_JOINT_MAX + 1u};
+    for (uint32_t i = 0u; i < 2u; i++) {
+        int32_t index = -7;
+        double got = -7.0;
+        s_s.n_joints = bad[i];
+        TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_space_validate(&s_s, NULL, &index, &got));
+        TEST_ASSERT_EQUAL_INT32(-1, index);
+        TEST_ASSERT_EQUAL_DOUBLE(bad[i], got);
+    }
+}
+
 void test_another_number_of_joints_than_the_arm_has_is_refused(void)
 {
     s_s.n_joints = 6u;
@@ -296,6 +309,10 @@ void test_local_initial_poses_must_lead_the_initial_poses(void)
     s_s.initial[1] = 0u;
     s_s.initial[3] = 7u;
     expect_refused(KC_SPACE_INDEX_INITIAL + 1, 0.0);
+    given_first();
+    s_s.initial[0] = 0u;
+    s_s.initial[3] = 6u;
+    expect_refused(KC_SPACE_INDEX_INITIAL, 0.0);
 }
 
 void test_a_local_initial_pose_outside_the_initial_list_is_refused(void)
