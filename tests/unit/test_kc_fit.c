@@ -43,6 +43,9 @@ void test_a_second_start_is_for_fits_that_failed_are_noisy_or_rejected_a_pose(vo
     TEST_ASSERT_FALSE(kc_fit_needs_second_start(&s_config, &q));
     q = kc_fit_quality(&s_est, KC_ERR_ITER);
     TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
+    s_est.noise_scale = 2.0; /* up to there */
+    q = kc_fit_quality(&s_est, KC_OK);
+    TEST_ASSERT_FALSE(kc_fit_needs_second_start(&s_config, &q));
     s_est.noise_scale = 2.001;
     q = kc_fit_quality(&s_est, KC_OK);
     TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
