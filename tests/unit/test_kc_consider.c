@@ -99,7 +99,12 @@ void test_sums_that_cannot_be_factored_explain_nothing(void)
     given_sums(2.0, 1e200);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_consider_explains_after(&s_con, KC_CHAIN_COUNT));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_consider_explains_before(&s_con, KC_CHAIN_COUNT));
-    for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, s_con.mean[k]); }
+    for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_con.mean[k]);
+        for (uint32_t j = 0u; j <= k; j++) {
+            TEST_ASSERT_EQUAL_DOUBLE(j == k ? 1.0 : 0.0, s_con.L[k * KC_CHAIN_COUNT + j]);
+        }
+    }
     memset(seen, 0, sizeof seen);
     seen[KC_CHAIN_MAST][1] = 3.0;
     kc_consider_pose(&s_con, &s_est, &s_eval, seen, &pos2, &rot2);

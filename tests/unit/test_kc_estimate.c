@@ -126,6 +126,8 @@ void test_options_out_of_range_are_refused(void)
     assert_solve_refused();
     s_est.opt.iter_max = 101u;
     assert_solve_refused();
+    s_est.opt.iter_max = 100u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     s_est.opt = good;
     s_est.opt.tol_step = 0.0;
     assert_solve_refused();

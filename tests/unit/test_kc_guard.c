@@ -379,6 +379,23 @@ void test_a_volume_between_the_ends_is_found_too(void)
     expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
 }
 
+/* Links count with their length, to whichever side they go: nothing thin is passed between two postures. */
+void test_links_against_their_axis_are_as_long(void)
+{
+    for (uint32_t j = 0u; j < 7u; j++) {
+        s_arm.joint[j].d_m *= -1.5;
+        s_arm.joint[j].a_m *= -3.0;
+    }
+    s_to[0] += 0.38;
+    s_from[0] -= 0.38;
+    for (double f = 0.06; f < 0.95; f += 0.047) {
+        double at[KC_JOINT_MAX];
+        for (uint32_t j = 0u; j < 7u; j++) { at[j] = s_from[j] + f * (s_to[j] - s_from[j]); }
+        put_ball(at, 0.002f);
+        expect_met(KC_GUARD_VOLUME, 1, 0.012, 1.0);
+    }
+}
+
 /* A compliance of 0.01 rad/(N m) in joint 2: the ball is where the arm hangs, and it does not without its weight. */
 void test_clearance_is_that_of_the_arm_as_it_sags(void)
 {

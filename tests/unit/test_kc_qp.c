@@ -297,6 +297,41 @@ void test_iterations_are_counted(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.25, s_qp.x[1]);
 }
 
+/* A flat direction is followed at once, whatever was in the work space. */
+void test_one_step_along_a_flat_direction_meets_both_bounds(void)
+{
+    given(2u);
+    *H(0, 0) = *H(1, 1) = *H(0, 1) = *H(1, 0) = 1.0;
+    s_qp.g[0] = 1.0;
+    s_qp.g[1] = -1.0;
+    s_qp.x[0] = -0.5;
+    s_qp.x[1] = 0.5;
+    kc_qp_begin(&s_qp);
+    s_qp.floor_g = 1.0; /* Newton's method has done what it can */
+    (void)kc_qp_iterate(&s_qp);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -s_qp.x[0], s_qp.x[1]);
+}
+
+/* H of four coupled variables in a box that holds none of them: one step of Newton's method, to the solution of
+ * H x = -g that was made up. */
+void test_without_active_bounds_the_minimum_is_one_step_away(void)
+{
+    static const double want[4] = {0.7, -0.2, 0.5, -0.9};
+    static const double h[4][4] = {
+        {4.0, 1.0, -0.5, 0.3}, {1.0, 3.0, 0.7, -0.4}, {-0.5, 0.7, 5.0, 1.1}, {0.3, -0.4, 1.1, 2.0}};
+    given(4u);
+    for (uint32_t i = 0u; i < 4u; i++) {
+        s_qp.g[i] = 0.0;
+        for (uint32_t j = 0u; j < 4u; j++) {
+            *H(i, j) = h[i][j];
+            s_qp.g[i] -= h[i][j] * want[j];
+        }
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-14, want[i], s_qp.x[i]); }
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+}
+
 /* H = A'A + 1 of five variables in a box that holds two of them: inside, the gradient is zero; at a bound it points out. */
 void test_the_conditions_of_karush_kuhn_and_tucker_hold_at_the_solution(void)
 {
