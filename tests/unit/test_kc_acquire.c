@@ -80,6 +80,9 @@ void test_objective_does_not_blow_noise_up_beyond_the_floors(void)
     kc_acq_objective(dp, dr, 1u, 0.5, 0.01, 0.04, y);
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, -(0.5 * 0.1 + 0.5 * 0.05), y[0]);
     TEST_ASSERT_EQUAL_DOUBLE(7.0, y[1]);
+    kc_acq_objective((const double[2]){0.4, 0.1}, (const double[2]){0.8, 0.2}, 2u, 0.5, 0.01, 0.04, y);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -1.0, y[0]); /* the first one is the largest */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.25, y[1]);
 }
 
 void test_ucb_without_data_takes_the_first_usable(void)

@@ -123,6 +123,8 @@ void test_wrong_joints_are_refused_by_number(void)
     refused(0, 2.0);
     s_arm.joint[0].q_max = INFINITY;
     refused(0, INFINITY);
+    s_arm.joint[0].q_min = -INFINITY;
+    refused(0, -INFINITY);
     s_arm.joint[1].speed_max = 0.0;
     refused(1, 0.0);
     s_arm.joint[1].mass_kg = -1.0;

@@ -210,6 +210,15 @@ void test_the_papers_errors_are_found_from_zero(void)
     TEST_ASSERT_TRUE(s_est.iters > 3u && s_est.iters < 30u);
 }
 
+void test_one_coefficient_has_a_condition_of_one(void)
+{
+    given(6u, 0.0);
+    s_est.opt.free_mask = 1u << 24;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.rank);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_est.cond);
+}
+
 void test_a_solution_begins_with_an_empty_report(void)
 {
     given(6u, 0.0);
@@ -737,4 +746,31 @@ void test_at_bounds_the_report_is_that_of_the_coefficients_inside(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_AT_UPPER, s_est.status[24]);
     assert_report(NO_PRIOR, NO_PRIOR);
+}
+
+/* Far from the solution a full step can lead uphill: it is not taken. */
+void test_from_far_away_no_iteration_makes_the_cost_rise(void)
+{
+    uint64_t rng = 4u;
+    for (uint32_t start = 0u; start < 4u; start++) {
+        double from[KC_COEF_MAX] = {0.0};
+        given(12u, 1.0);
+        s_est.opt.outlier_p = 0.0;
+        for (uint32_t a = 0u; a < N_DH; a += 2u) {
+            from[a] = 0.4 * given_noise(&rng) * (a % 4u == 0u ? 1.0 : 0.1);
+        }
+        for (uint32_t a = 0u; a < N_DH; a++) {
+            from[a] = fmin(fmax(from[a], s_terms.coef[a].lb), s_terms.coef[a].ub);
+        }
+        memcpy(s_est.start, from, sizeof from);
+        sum_at(from, NO_PRIOR, NO_PRIOR);
+        double cost = s_sum.chi2;
+        for (uint32_t n = 1u; n <= 6u; n++) {
+            s_est.opt.iter_max = n;
+            (void)kc_est_solve(&s_est);
+            sum_at(s_est.coef, NO_PRIOR, NO_PRIOR);
+            TEST_ASSERT_TRUE(s_sum.chi2 <= cost * (1.0 + 1e-12));
+            cost = s_sum.chi2;
+        }
+    }
 }

@@ -165,3 +165,18 @@ void test_any_other_tag_keeps_corners_from_being_averaged(void)
     mean();
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 10.0, s_mean.corner_px[0]);
 }
+
+void test_turns_about_every_axis_are_averaged(void)
+{
+    for (uint32_t axis = 0u; axis < 3u; axis++) {
+        kc_frames_clear(&s_f);
+        for (uint32_t n = 1u; n <= 3u; n += 2u) {
+            memset(s_d.q_cam_tool_wxyz, 0, sizeof s_d.q_cam_tool_wxyz);
+            s_d.q_cam_tool_wxyz[0] = cos(0.05 * (double)n);
+            s_d.q_cam_tool_wxyz[1u + axis] = sin(0.05 * (double)n);
+            kc_frames_add(&s_f, &s_d, &s_arm, &s_pantilt);
+        }
+        mean();
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, sin(0.1), fabs(s_mean.q_cam_tool_wxyz[1u + axis]));
+    }
+}

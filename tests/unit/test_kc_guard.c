@@ -198,6 +198,10 @@ void test_a_link_with_a_length_leans_with_an_error_across_it(void)
     link.frame = 6u; /* joint 6 has no d: what moves is beyond it */
     s_g.across_m[6] = 0.2;
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.35, distance(link, ball));
+    link.frame = 1u; /* of the first joint as of any */
+    s_arm.joint[0].d_m = 0.55;
+    s_g.across_m[1] = 0.2;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.15, distance(link, ball));
 }
 
 /* Joint 3 has d = 0.55: its link reaches from where joint 2 is, and gets longer or shorter at the far end. */

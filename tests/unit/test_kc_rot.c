@@ -151,8 +151,8 @@ void test_every_largest_component_comes_back(void)
 
 void test_exp_and_log_undo_each_other_for_tiny_and_large_turns(void)
 {
-    static const double size[6] = {0.0, 1e-12, 1e-5, 1e-3, 1.0, 3.14};
-    for (int k = 0; k < 6; k++) {
+    static const double size[8] = {0.0, 1e-12, 1e-5, 1.9e-4, 2.1e-4, 1e-3, 1.0, 3.14};
+    for (int k = 0; k < 8; k++) {
         const double w[3] = {0.6 * size[k], -0.64 * size[k], 0.48 * size[k]};
         double R[9], back[3];
         kc_R_exp(w, R);

@@ -214,6 +214,16 @@ void test_a_seed_outside_the_joint_limits_is_refused(void)
     expect_refused(8, 1.25);
 }
 
+void test_a_seed_at_a_joint_limit_is_inside(void)
+{
+    s_arm.joint[2].q_min = -2.75; /* both exact in single precision */
+    s_arm.joint[2].q_max = 2.75;
+    s_s.cand[4].q_seed[2] = 2.75f;
+    expect_valid(&s_arm);
+    s_s.cand[4].q_seed[2] = -2.75f;
+    expect_valid(&s_arm);
+}
+
 void test_a_candidate_on_a_hub_that_does_not_exist_is_refused(void)
 {
     s_s.cand[8].hub = 2u;
