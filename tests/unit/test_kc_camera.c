@@ -281,6 +281,19 @@ void test_a_good_camera_is_accepted(void)
     double got = -9.0;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_validate(&s_cam, &index, &got));
     TEST_ASSERT_EQUAL_INT32(-9, index);
+    s_cam.n_tags = 1u; /* and at their limits */
+    s_cam.width_px = 1u;
+    s_cam.height_px = 65535u;
+    s_cam.tag[0].id = 586;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_validate(&s_cam, &index, &got));
+    s_cam.n_tags = KC_TAG_MAX;
+    s_cam.width_px = 65535u;
+    s_cam.height_px = 1u;
+    for (uint32_t i = 0u; i < KC_TAG_MAX; i++) {
+        s_cam.tag[i] = s_cam.tag[0];
+        s_cam.tag[i].id = (int32_t)i;
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_validate(&s_cam, &index, &got));
 }
 
 static void refused(int32_t index_want, double got_want)

@@ -110,3 +110,13 @@ void test_names_are_printable_terminated_and_padded(void)
     name[0] = '\x7f';
     TEST_ASSERT_FALSE(kc_name_ok(name));
 }
+
+void test_every_number_of_a_frame_is_checked(void)
+{
+    for (uint32_t k = 0u; k < 7u; k++) {
+        double xyz[3] = {1.0, 2.0, 3.0}, quat[4] = {0.5, 0.5, 0.5, 0.5};
+        *(k < 3u ? &xyz[k] : &quat[k - 3u]) = NAN;
+        kc_check_frame(&s_c, xyz, quat, 4);
+        assert_failed(4, NAN);
+    }
+}

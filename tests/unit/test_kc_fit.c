@@ -101,6 +101,8 @@ void test_the_required_sigma_must_be_met_by_a_determined_estimate(void)
     TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_ERR_ITER, sigma));
     TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.0011, 0.01}));
     TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001, 0.011}));
+    s_est.dof = 28u; /* as many as coefficients */
+    TEST_ASSERT_TRUE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
     s_est.dof = 27u;
     TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
     s_est.dof = 30u;

@@ -332,6 +332,28 @@ void test_without_active_bounds_the_minimum_is_one_step_away(void)
     TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
 }
 
+/* x1 is x0 over again and rests; x2 has nothing to do with either: one step. */
+void test_a_dependent_variable_leaves_no_trace_in_those_behind_it(void)
+{
+    given_identity(3u);
+    *H(0, 1) = *H(1, 0) = 1.0;
+    s_qp.g[0] = s_qp.g[1] = -0.5;
+    s_qp.g[2] = -0.25;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5, s_qp.x[0] + s_qp.x[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.25, s_qp.x[2]);
+}
+
+void test_what_was_refused_has_no_next_iteration(void)
+{
+    given_identity(2u);
+    s_qp.g[1] = NAN;
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, s_qp.status);
+}
+
 /* H = A'A + 1 of five variables in a box that holds two of them: inside, the gradient is zero; at a bound it points out. */
 void test_the_conditions_of_karush_kuhn_and_tucker_hold_at_the_solution(void)
 {

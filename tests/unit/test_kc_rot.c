@@ -226,3 +226,15 @@ void test_the_distance_is_the_angle_between(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, 1.1, kc_quat_dist_rad(a, b));
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, 1.1, kc_quat_dist_rad(b, a));
 }
+
+/* 1 + 2 cos t is the trace of the rotation that leads from one to the other. */
+void test_the_distance_is_that_of_the_rotations(void)
+{
+    double a[4] = {0.5, -0.3, 0.7, 0.2}, b[4] = {-0.4, 0.6, 0.1, 0.9}, A[9], B[9], trace = 0.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(a));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(b));
+    kc_quat_to_R(a, A);
+    kc_quat_to_R(b, B);
+    for (int i = 0; i < 9; i++) { trace += A[i] * B[i]; }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, acos(0.5 * (trace - 1.0)), kc_quat_dist_rad(a, b));
+}

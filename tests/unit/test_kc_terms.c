@@ -53,6 +53,9 @@ void test_what_add_dh_makes_is_valid(void)
     int32_t index = -9;
     double got = 0.0;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got));
+    for (; s_t.n_term < KC_TERM_MAX; s_t.n_term++) { s_t.term[s_t.n_term] = s_t.term[0]; }
+    for (; s_t.n_coef < KC_COEF_MAX; s_t.n_coef++) { s_t.coef[s_t.n_coef] = s_t.coef[0]; }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got)); /* as many as there may be */
     memset(&s_t, 0, sizeof s_t);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got)); /* no terms at all */
 }
