@@ -371,3 +371,19 @@ void test_a_turn_just_beyond_gains_and_noise_is_forgotten(void)
         TEST_ASSERT_EQUAL_UINT8(1u, s_mem.has_last);
     }
 }
+
+/* Of all six rows: where the joint is known to move twice as far along y, or to turn the tool twice as much. */
+void test_what_was_learned_is_added_to_every_row(void)
+{
+    const double at = 0.1;
+    for (uint32_t row = 1u; row < 6u; row += 4u) {
+        given_one_joint();
+        kc_servo_forget(&s_mem);
+        kc_arm_fk(&s_arm, &at, &s_goal);
+        s_mem.B[0][row] = 1.0;
+        TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
+        double y = row == 1u ? 2.0 : 1.0, turn = row == 5u ? 2.0 : 1.0;
+        double dq = (y * sin(0.1) + LEN2 * turn * 0.1) / (y * y + LEN2 * turn * turn + 0.02 * 0.02);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.8 * dq, s_cmd[0]);
+    }
+}
