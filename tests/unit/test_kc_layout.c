@@ -579,3 +579,39 @@ void test_every_field_comes_back_from_an_image(void)
         TEST_ASSERT_EQUAL_MEMORY((uint8_t *)&written + l->offset, (uint8_t *)&s_t + l->offset, bytes_of(l));
     }
 }
+
+void test_every_name_must_be_one(void)
+{
+    given_table(KC_TBL_ARM);
+    s_t.arm.name[0] = '\x01';
+    expect_refused(KC_TBL_ARM, -1, 1u, 1.0);
+    given_table(KC_TBL_TERMS);
+    s_t.terms.coef[1].name[2] = '\x7f';
+    expect_refused(KC_TBL_TERMS, 1, 3u, 127.0);
+}
+
+void test_the_segments_of_candidates_come_back_from_an_image(void)
+{
+    static uint8_t image[KC_IMAGE_MAX];
+    static kc_tbl_scratch_t written;
+    given_table(KC_TBL_SPACE);
+    for (uint32_t k = 0u; k < 4u; k++) {
+        s_t.space.edge[k] = (uint8_t)(0xa5u + k);
+    } /* 36 pairs of 9 candidates */
+    s_t.space.edge[4] = 0x0bu;
+    written = s_t;
+    memset(&s_w, 0, sizeof s_w);
+    s_w.mode = KC_WALK_WRITE;
+    s_w.out = image;
+    s_w.cap = sizeof image;
+    kc_layout_walk(&s_w, KC_TBL_SPACE, &s_t);
+    const uint32_t n = s_w.pos;
+    memset(&s_t, 0, sizeof s_t);
+    memset(&s_w, 0, sizeof s_w);
+    s_w.mode = KC_WALK_READ;
+    s_w.in = image;
+    s_w.in_n = n;
+    kc_layout_walk(&s_w, KC_TBL_SPACE, &s_t);
+    TEST_ASSERT_EQUAL_MEMORY(written.space.edge, s_t.space.edge, sizeof written.space.edge);
+    TEST_ASSERT_EQUAL_UINT32(n, s_w.pos);
+}

@@ -288,6 +288,7 @@ void test_what_is_left_at_the_iteration_limit_is_reported_in_parts_of_the_gradie
 void test_iterations_are_counted(void)
 {
     given_identity(2u);
+    s_qp.iters = 7u; /* of another problem */
     s_qp.g[0] = -0.5;
     s_qp.g[1] = -0.25;
     s_qp.x[0] = s_qp.x[1] = -1.0;
@@ -303,13 +304,25 @@ void test_one_step_along_a_flat_direction_meets_both_bounds(void)
     given(2u);
     *H(0, 0) = *H(1, 1) = *H(0, 1) = *H(1, 0) = 1.0;
     s_qp.g[0] = 1.0;
-    s_qp.g[1] = -1.0;
+    s_qp.g[1] = -1.5;
     s_qp.x[0] = -0.5;
     s_qp.x[1] = 0.5;
+    s_qp.lb[0] = -9.0;
     kc_qp_begin(&s_qp);
     s_qp.floor_g = 1.0; /* Newton's method has done what it can */
     (void)kc_qp_iterate(&s_qp);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -s_qp.x[0], s_qp.x[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_qp.x[1]); /* as far as x1 may go, and x0 against it */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -1.0, s_qp.x[0]);
+}
+
+/* A small gradient at the upper bound that points inward: it is left, however small. */
+void test_a_bound_that_does_not_hold_against_the_gradient_is_left(void)
+{
+    given_identity(1u);
+    s_qp.g[0] = -0.5;
+    s_qp.x[0] = 1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5, s_qp.x[0]);
 }
 
 /* H of four coupled variables in a box that holds none of them: one step of Newton's method, to the solution of
