@@ -5,8 +5,8 @@
 A set of tables is a list of seeds: of changes, one after the other, of the largest tables
 (tests/bench/wcet_search.c). The search changes the sets that are worst in a state: one change more, one less,
 or the changes of two of them. While it searches, the instructions of a step are estimated from the basic
-blocks that it enters (build `count`), so that a set takes a quarter of a second; then valgrind counts the worst
-in the program that flies.
+blocks that it enters (build `count`), so that a set takes a quarter of a second; then valgrind counts the
+worst in the program that flies.
 
 Every set that was tried is a line of build/wcet-search/tried.jsonl, and a second start goes on from there.
 Prints a table by state; exits with 1 if a step takes more than the limit."""
