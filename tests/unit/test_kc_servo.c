@@ -372,18 +372,22 @@ void test_a_turn_just_beyond_gains_and_noise_is_forgotten(void)
     }
 }
 
-/* Of all six rows: where the joint is known to move twice as far along y, or to turn the tool twice as much. */
+/* J of the joint is one along y and one turn about z; e is what the goal is off. */
 void test_what_was_learned_is_added_to_every_row(void)
 {
-    const double at = 0.1;
-    for (uint32_t row = 1u; row < 6u; row += 4u) {
+    const double at = 0.1, e[6] = {cos(0.1) - 1.0, sin(0.1), 0.0, 0.0, 0.0, 0.1};
+    for (uint32_t row = 0u; row < 6u; row++) {
+        double J[6] = {0.0, 1.0, 0.0, 0.0, 0.0, 1.0}, Je = 0.0, JJ = 0.02 * 0.02;
         given_one_joint();
         kc_servo_forget(&s_mem);
         kc_arm_fk(&s_arm, &at, &s_goal);
-        s_mem.B[0][row] = 1.0;
+        s_mem.B[0][row] = 0.5;
+        J[row] += 0.5;
+        for (uint32_t k = 0u; k < 6u; k++) {
+            Je += (k < 3u ? 1.0 : LEN2) * J[k] * e[k];
+            JJ += (k < 3u ? 1.0 : LEN2) * J[k] * J[k];
+        }
         TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
-        double y = row == 1u ? 2.0 : 1.0, turn = row == 5u ? 2.0 : 1.0;
-        double dq = (y * sin(0.1) + LEN2 * turn * 0.1) / (y * y + LEN2 * turn * turn + 0.02 * 0.02);
-        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.8 * dq, s_cmd[0]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.8 * Je / JJ, s_cmd[0]);
     }
 }
