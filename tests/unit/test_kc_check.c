@@ -134,3 +134,13 @@ void test_every_number_of_a_frame_is_checked(void)
         assert_failed(4, NAN);
     }
 }
+
+void test_a_name_may_have_spaces_and_every_printable_character(void)
+{
+    char name[KC_NAME_LEN] = "a b ~!";
+    TEST_ASSERT_TRUE(kc_name_ok(name));
+    name[1] = '\x1f';
+    TEST_ASSERT_FALSE(kc_name_ok(name));
+    name[1] = '\x7f';
+    TEST_ASSERT_FALSE(kc_name_ok(name));
+}

@@ -296,6 +296,9 @@ void test_iteration_limit_keeps_the_best_so_far(void)
     s_est.opt.iter_max = 1u;
     TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT32(1u, s_est.iters);
+    s_est.opt.iter_max = 2u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(2u, s_est.iters);
     TEST_ASSERT_TRUE(s_est.fit_pos_m < s_est.before_pos_m);
     TEST_ASSERT_EQUAL_UINT32(28u, s_est.rank);
 }
