@@ -197,7 +197,8 @@ void test_a_column_that_is_almost_zero_spoils_nothing(void)
 
 void test_upper_solves_and_products_undo_each_other(void)
 {
-    double x[N], y[N], z[N];
+    double x[N], y[N + 1u], z[N];
+    y[N] = 77.0;
     given_upper(N);
     for (uint32_t i = 0u; i < N; i++) { x[i] = uniform(); }
     kc_la_upper_t_mul(s_A, N, LD, x, y);
@@ -209,13 +210,16 @@ void test_upper_solves_and_products_undo_each_other(void)
     }
     kc_la_solve_upper(s_A, N, LD, z);
     for (uint32_t i = 0u; i < N; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-11, x[i], z[i]); }
+    TEST_ASSERT_EQUAL_DOUBLE(77.0, y[N]); /* N numbers */
 }
 
 void test_the_covariance_inverts_the_information(void)
 {
     static double H[LD * LD];
     given_upper(N);
+    for (uint32_t i = 0u; i < LD * LD; i++) { H[i] = 77.0; }
     kc_la_upper_gram(s_A, N, LD, H, LD);
+    for (uint32_t i = 0u; i < LD; i++) { TEST_ASSERT_EQUAL_DOUBLE(77.0, H[N * LD + i]); }
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_upper_cov(s_A, N, LD, s_C, LD));
     assert_inverse(H, s_C);
 }
