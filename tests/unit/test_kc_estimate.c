@@ -232,7 +232,12 @@ void test_a_solution_begins_with_an_empty_report(void)
     s_est.weak = 1u;
     s_est.kkt = s_est.cond = 3.0;
     s_est.without = 5u;
+    s_est.start[5] = s_est.start[6] = s_est.start[27] = 99.0; /* clipped, if estimated */
+    s_est.opt.free_mask = ~((uint64_t)1u << 6);
     kc_est_begin(&s_est);
+    TEST_ASSERT_EQUAL_DOUBLE(s_terms.coef[5].ub, s_est.coef[5]);
+    TEST_ASSERT_EQUAL_DOUBLE(99.0, s_est.coef[6]);
+    TEST_ASSERT_EQUAL_DOUBLE(s_terms.coef[27].ub, s_est.coef[27]);
     for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
         TEST_ASSERT_EQUAL_UINT8(KC_COEF_MASKED, s_est.status[c]);
         TEST_ASSERT_EQUAL_DOUBLE(0.0, s_est.sigma[c]);
@@ -241,7 +246,7 @@ void test_a_solution_begins_with_an_empty_report(void)
     for (uint32_t i = 0u; i < KC_MEAS_MAX; i++) { TEST_ASSERT_EQUAL_UINT8(i == 4u, s_est.outlier[i]); }
     TEST_ASSERT_EQUAL_UINT32(1u, s_est.n_outliers);
     TEST_ASSERT_EQUAL_UINT32(0u, s_est.rank + s_est.iters + s_est.weak);
-    TEST_ASSERT_EQUAL_UINT32(28u, s_est.n_free);
+    TEST_ASSERT_EQUAL_UINT32(27u, s_est.n_free);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, s_est.kkt + s_est.cond);
 }
 
