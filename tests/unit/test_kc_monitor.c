@@ -332,3 +332,32 @@ void test_how_far_off_it_is_is_said_of_the_newest_observation(void)
     observations(1u, 0u, 0.0);
     TEST_ASSERT_TRUE(s_v.off_m < 0.01);
 }
+
+void test_a_good_newest_observation_ends_what_is_unexplained(void)
+{
+    double q[KC_JOINT_MAX] = {0.0};
+    for (uint32_t i = 0u; i < KC_MON_OBS_OFF; i++) {
+        given_joints(&s_arm, &s_rng, q);
+        given_one_observation(&s_arm, &s_terms, s_coef, q, 1.0, &s_rng, &s_obs);
+        if (i + 1u < KC_MON_OBS_OFF) {
+            s_obs.p_m[i] += 0.05;
+            s_obs.p_m[2] += 0.05;
+        }
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
+    }
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
+}
+
+/* The first joint explains it almost as well as the fourth, which is named. */
+void test_the_first_joint_can_be_a_suspect_beside_the_one_that_is_named(void)
+{
+    observations(6u, 3u, 0.05);
+    for (uint32_t i = 0u; i < 6u; i++) {
+        memcpy(s_mon.obs[i].Jq[0], s_mon.obs[i].Jq[3], sizeof s_mon.obs[i].Jq[0]);
+        s_mon.obs[i].Jq[0][0] += i % 2u == 0u ? 2e-3 : -2e-3;
+    }
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+    TEST_ASSERT_EQUAL_HEX32(0x9u, s_v.suspects);
+}
