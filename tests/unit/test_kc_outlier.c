@@ -4,6 +4,7 @@
 
 #include "given_observations.h"
 #include "given_tables.h"
+#include "kc_chi2.h"
 #include "kc_estimate.h"
 #include "unity.h"
 
@@ -143,6 +144,14 @@ void test_with_tight_priors_no_pose_determines_a_direction_alone(void)
     (void)kc_est_solve(&s_est);
     TEST_ASSERT_EQUAL_UINT32(6u, s_est.job.n_tested);
     TEST_ASSERT_EQUAL_UINT8(1u, s_est.outlier[2]);
+    /* of exact poses one is off by 5 sigma: as likely as the stated noise makes it, though the others show less */
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 0.0);
+    s_est.opt.use_prior = 1u;
+    s_est.opt.outlier_p = 1e-9;
+    s_est.obs[2].p_m[0] += 5.0 * OBS_POS_M;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1 * kc_chi2_sf(25.0, 6u), kc_chi2_sf(25.0, 6u), s_est.job.p_worst);
 }
 
 void test_noise_larger_than_stated_is_no_reason_to_reject(void)
