@@ -305,8 +305,8 @@ def drawn(
     """Mutants that compile to something else, each with the folder that it is compiled in."""
     source = {path: (ROOT / path).read_text() for path in paths}
     pool = [m for p in paths for m in changes(p, source[p]) if at in (0, m.line(source[p]))]
-    pool = [m for m in pool if not m.charges(source[m.path])]
     random.Random(f"{seed} {paths[0] if len(paths) == 1 else room(paths[0])}").shuffle(pool)
+    pool = [m for m in pool if not m.charges(source[m.path])]
     plain: dict[str, bytes | None] = {}
     n = 0
     for mutant in pool:
