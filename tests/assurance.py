@@ -38,6 +38,12 @@ class Check:
 CHECKS = (
     Check("cov", "is every condition of the core decided by a unit test?", r"\d+ (functions|findings), .*"),
     Check("wcet", "how long is the longest step?", r"worst step: .*"),
+    Check(
+        "wcet-search",
+        "which tables take the most in a step?",
+        r"\d[\d,]* sets of tables tried.*|worst step: .*",
+        ("MINUTES=30",),
+    ),
     Check("cross", "are the bits the same everywhere?", r"\d+% tests passed.*|replay of .* same to the byte"),
     Check("fuzz", "does any input break it?", r"(ok|FAIL) .*executions.*", ("SECONDS=300",)),
     Check("mutation", "do the tests notice a changed token?", r"\d+ of \d+ killed, .*"),

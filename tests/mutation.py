@@ -23,11 +23,12 @@ import os
 import random
 import re
 import shlex
+import signal
 import subprocess
 import sys
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -178,12 +179,14 @@ class Programs:
                 self.compile[path] = entry["command"]
                 objects.append(str(output))
         WORK.mkdir(parents=True, exist_ok=True)
-        # Programs that run already keep their library.
-        (WORK / "libcore.so").unlink(missing_ok=True)
-        more = [str(BUILT / "libkcm.a"), "-llcm"]
-        run("g++", "-shared", "-o", WORK / "libcore.so", *objects, *more)
+        # Renamed into place: tests of another run may be about to load it.
+        new = WORK / f"libcore-{os.getpid()}.so"
+        more = ["-Wl,-soname,libcore.so", str(BUILT / "libkcm.a"), "-llcm"]
+        run("g++", "-shared", "-o", new, *objects, *more)
+        new.rename(WORK / "libcore.so")
         (WORK / "none").mkdir(exist_ok=True)
-        run("gcc", "-shared", "-o", WORK / "none/libmutant.so", "-x", "c", "/dev/null")
+        if not (WORK / "none/libmutant.so").exists():
+            run("gcc", "-shared", "-o", WORK / "none/libmutant.so", "-x", "c", "/dev/null")
         self.times = WORK / "seconds.json"
         self.seconds = json.loads(self.times.read_text()) if self.times.exists() else {}
         self.kills: Counter[tuple[str, str]] = Counter()  # by room and test
@@ -236,7 +239,7 @@ class Programs:
         failed = any(b":FAIL" in line for line in process.stdout)
         process.stdout.close()
         if failed:
-            process.terminate()
+            os.kill(process.pid, signal.SIGTERM)  # terminate() would wait for it
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         return not failed and process.returncode == 0, usage.ru_utime
@@ -302,8 +305,8 @@ def drawn(
     """Mutants that compile to something else, each with the folder that it is compiled in."""
     source = {path: (ROOT / path).read_text() for path in paths}
     pool = [m for p in paths for m in changes(p, source[p]) if at in (0, m.line(source[p]))]
-    pool = [m for m in pool if not m.charges(source[m.path])]
     random.Random(f"{seed} {paths[0] if len(paths) == 1 else room(paths[0])}").shuffle(pool)
+    pool = [m for m in pool if not m.charges(source[m.path])]
     plain: dict[str, bytes | None] = {}
     n = 0
     for mutant in pool:
@@ -311,7 +314,9 @@ def drawn(
             return
         folder = WORK / f"{room(mutant.path)}-{n}"
         if mutant.path not in plain:
-            plain[mutant.path] = programs.compiled(mutant.path, source[mutant.path], WORK / "plain")
+            plain[mutant.path] = programs.compiled(
+                mutant.path, source[mutant.path], WORK / f"plain-{room(mutant.path)}"
+            )
         code = programs.compiled(mutant.path, mutant.of(source[mutant.path]), folder)
         if code is not None and code != plain[mutant.path]:
             n += 1
@@ -335,9 +340,13 @@ def sources(name: str) -> list[str]:
 
 def tried(programs: Programs, name: str, args: argparse.Namespace) -> Iterator[tuple[Mutant, str | None]]:
     mutants = drawn(programs, sources(name), args.number, args.seed, args.at)
+    waiting: deque[tuple[Mutant, Future[str | None]]] = deque()
     with ThreadPoolExecutor(args.jobs) as pool:
-        results = [(m, pool.submit(killer, programs, m, folder)) for m, folder in mutants]
-        for mutant, result in results:
+        for mutant, folder in mutants:
+            waiting.append((mutant, pool.submit(killer, programs, mutant, folder)))
+            while waiting and waiting[0][1].done():
+                yield waiting[0][0], waiting.popleft()[1].result()
+        for mutant, result in waiting:
             yield mutant, result.result()
 
 

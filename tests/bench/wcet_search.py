@@ -3,10 +3,10 @@
     python tests/bench/wcet_search.py [--minutes 10] [--seed 1]
 
 A set of tables is a list of seeds: of changes, one after the other, of the largest tables
-(tests/bench/wcet_search.c). The search changes the sets that are worst in a state: one change more, one less, or
-the changes of two of them. While it searches, the instructions of a step are estimated from the basic blocks
-that it enters (build `count`), so that a set takes a quarter of a second; then valgrind counts the worst of every
-state in the program that flies.
+(tests/bench/wcet_search.c). The search changes the sets that are worst in a state: one change more, one less,
+or the changes of two of them. While it searches, the instructions of a step are estimated from the basic
+blocks that it enters (build `count`), so that a set takes a quarter of a second; then valgrind counts the
+worst in the program that flies.
 
 Every set that was tried is a line of build/wcet-search/tried.jsonl, and a second start goes on from there.
 Prints a table by state; exits with 1 if a step takes more than the limit."""
@@ -31,7 +31,7 @@ WORK = ROOT / "build/wcet-search"
 TRIED = WORK / "tried.jsonl"
 BATCH = 20  # sets a process
 KEPT = 6  # sets that are changed further, of each state
-CONFIRMED = 2  # sets that valgrind counts, of each state
+CONFIRMED = 4  # sets that valgrind counts
 CHANGES_MAX = 60
 CALL = re.compile(r"\bcall\s+\w+ <__sanitizer_cov_trace_pc>")
 # What gcc keeps on the stack only because of the calls.
@@ -120,8 +120,9 @@ class Search:
 
 
 def confirmed(search: Search) -> Worst:
-    """What valgrind counts, with the sets that are worst in a state by the estimate."""
-    sets = sorted({s for kept in search.best.values() for _, s in kept[:CONFIRMED]} | {()})
+    """What valgrind counts, with the sets that are worst in a state by the estimate, in their order."""
+    leading = sorted((kept[0] for kept in search.best.values()), reverse=True)
+    sets = list(dict.fromkeys(s for _, s in leading))[:CONFIRMED]
     text = "".join(" ".join(map(str, s)) + "\n" for s in sets)
     worst: Worst = {}
     for (_number, state, _estimate), cost in counted(WORK / "valgrind", [str(FLYING)], text):
@@ -146,9 +147,8 @@ def main() -> int:
     worst = confirmed(search)
     print("| state after the step | most by the estimate | most that valgrind counts |")
     print("|---|---|---|")
-    for state in sorted(worst, key=worst.__getitem__, reverse=True):
-        estimate = search.best[state][0][0] if search.best[state] else 0
-        print(f"| {names[state]} | {estimate:,} | {worst[state]:,} |")
+    for state, kept in sorted(search.best.items(), key=lambda item: item[1], reverse=True):
+        print(f"| {names[state]} | {kept[0][0]:,} | {worst.get(state, 0):,} |")
     print(f"\n{search.tried:,} sets of tables tried, {search.accepted:,} accepted by flight")
     print(f"worst step: {max(worst.values()):,} of {LIMIT:,} instructions")
     return int(max(worst.values()) > LIMIT)

@@ -74,11 +74,15 @@ void test_objective_is_scaled_by_the_largest_so_far(void)
 
 void test_objective_does_not_blow_noise_up_beyond_the_floors(void)
 {
-    const double dp[1] = {0.001};
-    const double dr[1] = {0.002};
-    double y[1];
+    const double dp[2] = {0.001, 9.0}; /* the second one is not of this calibration */
+    const double dr[2] = {0.002, 9.0};
+    double y[2] = {7.0, 7.0};
     kc_acq_objective(dp, dr, 1u, 0.5, 0.01, 0.04, y);
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, -(0.5 * 0.1 + 0.5 * 0.05), y[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(7.0, y[1]);
+    kc_acq_objective((const double[2]){0.4, 0.1}, (const double[2]){0.8, 0.2}, 2u, 0.5, 0.01, 0.04, y);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -1.0, y[0]); /* the first one is the largest */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.25, y[1]);
 }
 
 void test_ucb_without_data_takes_the_first_usable(void)
@@ -102,11 +106,27 @@ void test_ucb_adds_the_square_root_of_beta_times_sigma(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 5.0 * 0.3, s_value);
 }
 
+void test_ucb_takes_the_first_candidate_too(void)
+{
+    memset(&s_usable[1], 0, N_CAND - 1u);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_ucb(&s_gp, s_usable, 4.0, &s_c, &s_value));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_c);
+}
+
+void test_ucb_takes_none_beyond_the_last_candidate(void)
+{
+    (void)kc_gp_init(&s_gp, &s_kernel, 0u, s_cand, N_CAND - 1u);
+    s_gp.var[N_CAND - 1u] = 100.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_ucb(&s_gp, s_usable, 4.0, &s_c, &s_value));
+    TEST_ASSERT_TRUE(s_c < N_CAND - 1u);
+}
+
 void test_random_takes_the_only_one_that_is_left(void)
 {
     uint64_t rng = 3u;
     memset(s_usable, 0, sizeof s_usable);
     s_usable[N_CAND - 1u] = 1u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_acq_random(s_usable, N_CAND - 1u, &rng, &s_c)); /* beyond the last */
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_acq_random(s_usable, N_CAND, &rng, &s_c));
     TEST_ASSERT_EQUAL_UINT32(N_CAND - 1u, s_c);
     s_usable[N_CAND - 1u] = 0u; /* and 255 is as usable as 1 */
@@ -259,6 +279,26 @@ void test_impossible_requests_are_refused(void)
     s_est.opt.free_mask = 0u;
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, info(KC_ACQ_DOPT));
     TEST_ASSERT_EQUAL_UINT32(999u, s_c);
+}
+
+void test_a_refused_choice_ends_the_one_before(void)
+{
+    kc_work_t budget = {1u, 0u};
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 4u, 0.0);
+    kc_acq_info_begin(KC_ACQ_DOPT, &s_est, s_cov, 0.3, &s_work);
+    TEST_ASSERT_FALSE(kc_acq_info_step(&s_est, s_q, N_CAND, s_usable, &s_work, &budget));
+    kc_acq_info_begin(KC_ACQ_UCB, &s_est, s_cov, 0.3, &s_work);
+    TEST_ASSERT_TRUE(kc_acq_info_step(&s_est, s_q, N_CAND, s_usable, &s_work, &budget));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, s_work.status);
+}
+
+void test_a_choice_that_was_not_begun_is_over(void)
+{
+    kc_work_t budget = {1u, 0u};
+    memset(&s_work, 0, sizeof s_work);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 4u, 0.0);
+    TEST_ASSERT_TRUE(kc_acq_info_step(&s_est, s_q, N_CAND, s_usable, &s_work, &budget));
+    TEST_ASSERT_EQUAL_UINT64(0u, budget.used);
 }
 
 void test_what_is_not_finite_is_reported(void)
@@ -437,6 +477,12 @@ void test_vopt_takes_the_least_mean_variance_after_the_measurement(void)
         assert_best_by_definition(KC_ACQ_VOPT);
         s_usable[s_c] = 0u; /* not measured again, but still predicted */
     }
+}
+
+void test_after_one_observation_the_rest_is_as_it_was_there(void)
+{
+    given_requests(1u);
+    assert_best_by_definition(KC_ACQ_DOPT);
 }
 
 void test_before_the_first_observation_gravity_is_that_of_the_arm_table(void)

@@ -123,6 +123,8 @@ void test_wrong_joints_are_refused_by_number(void)
     refused(0, 2.0);
     s_arm.joint[0].q_max = INFINITY;
     refused(0, INFINITY);
+    s_arm.joint[0].q_min = -INFINITY;
+    refused(0, -INFINITY);
     s_arm.joint[1].speed_max = 0.0;
     refused(1, 0.0);
     s_arm.joint[1].mass_kg = -1.0;
@@ -141,4 +143,20 @@ void test_the_crc_of_an_arm_is_never_that_of_any_arm(void)
     s_arm.joint[0].a_m = 0.001;
     s_arm.joint[0].d_m = -1863.346618;
     TEST_ASSERT_EQUAL_UINT32(1u, kc_arm_kinematics_crc(&s_arm));
+}
+
+/* Rounded to the nearest 1e-6: half a step to each side is the same arm. */
+void test_the_crc_is_that_of_numbers_rounded_to_the_nearest_millionth(void)
+{
+    s_arm.joint[0].a_m = 0.25;
+    const uint32_t crc = kc_arm_kinematics_crc(&s_arm);
+    s_arm.joint[0].a_m = 0.2500004;
+    TEST_ASSERT_EQUAL_HEX32(crc, kc_arm_kinematics_crc(&s_arm));
+    s_arm.joint[0].a_m = 0.2499996;
+    TEST_ASSERT_EQUAL_HEX32(crc, kc_arm_kinematics_crc(&s_arm));
+    s_arm.joint[0].a_m = 0.2500006;
+    const uint32_t next = kc_arm_kinematics_crc(&s_arm);
+    TEST_ASSERT_TRUE(crc != next);
+    s_arm.joint[0].a_m = 0.250001;
+    TEST_ASSERT_EQUAL_HEX32(next, kc_arm_kinematics_crc(&s_arm));
 }

@@ -108,6 +108,25 @@ void test_aiming_works_for_a_turned_mast_and_an_oblique_camera_mount(void)
     TEST_ASSERT_TRUE(c[2] > 0.5);
 }
 
+/* A camera beside the pan axis has to turn on a little beyond the direction of the point: past half a turn, which is the
+ * same as coming from the other side. */
+void test_panning_past_half_a_turn_comes_from_the_other_side(void)
+{
+    double pan, tilt, c[3];
+    s_cam.pan_min_rad = -4.0;
+    s_cam.pan_max_rad = 4.0;
+    for (int side = -1; side <= 1; side += 2) {
+        const double p[3] = {s_cam.mast_xyz_m[0] - 1.0, s_cam.mast_xyz_m[1] - 0.05 * side, 1.0};
+        s_cam.pantilt_xyz_m[1] = 0.2 * side;
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_aim(&s_cam, p, &pan, &tilt));
+        TEST_ASSERT_TRUE(fabs(pan) <= KC_PI && pan * side > 2.9);
+        in_camera(pan, tilt, p, c);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.0, c[0]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.0, c[1]);
+        TEST_ASSERT_TRUE(c[2] > 0.5);
+    }
+}
+
 void test_limits_clip_the_angles_and_say_so(void)
 {
     const double behind[3] = {-3.0, -0.5, 1.0}, above[3] = {0.5, 0.45, 5.0}, below[3] = {-0.34, 0.45, 0.0};
@@ -214,12 +233,67 @@ void test_the_white_border_must_be_inside_too(void)
     TEST_ASSERT_EQUAL_UINT32(0u, kc_camera_visible(&s_cam, &T, 1.3));
 }
 
+/* Numbers without rounding: corners on the middle of the outermost pixels are inside. */
+void test_the_outermost_pixels_belong_to_the_image(void)
+{
+    s_cam.n_tags = 1u;
+    memset(&s_cam.tag[0], 0, sizeof s_cam.tag[0]);
+    s_cam.tag[0].quat_wxyz[0] = 1.0;
+    s_cam.tag[0].size_m = 0.05; /* 1/32 from its middle to the border's edge */
+    s_cam.fx_px = s_cam.fy_px = 1024.0;
+    s_cam.cx_px = s_cam.cy_px = 512.0;
+    s_cam.width_px = s_cam.height_px = 1024u;
+    const double at[2] = {-0.5 + 0.03125, 511.0 / 1024.0 - 0.03125}, out[2] = {-1e-6, 1e-6};
+    for (uint32_t k = 0u; k < 4u; k++) {
+        const double *x = k < 2u ? &at[k] : NULL, *y = k < 2u ? NULL : &at[k - 2u];
+        kc_pose_t T = facing(x != NULL ? *x : 0.0, y != NULL ? *y : 0.0, 1.0, 0.0);
+        TEST_ASSERT_EQUAL_UINT32(1u, kc_camera_visible(&s_cam, &T, 1.3));
+        T.p_m[k / 2u] += out[k % 2u];
+        TEST_ASSERT_EQUAL_UINT32(0u, kc_camera_visible(&s_cam, &T, 1.3));
+    }
+}
+
+/* Turned by an eighth in its plane, a tag has a corner on each axis: at every edge one of them is the first to leave. */
+void test_each_corner_of_a_tag_must_be_inside(void)
+{
+    const double reach = 0.0375 * kc_sqrt(2.0), edge[2] = {959.5 / 1397.0, 539.5 / 1397.0};
+    s_cam.n_tags = 1u;
+    memset(&s_cam.tag[0].xyz_m, 0, sizeof s_cam.tag[0].xyz_m);
+    s_cam.tag[0].quat_wxyz[0] = kc_cos(0.125 * KC_PI);
+    s_cam.tag[0].quat_wxyz[2] = 0.0;
+    s_cam.tag[0].quat_wxyz[3] = kc_sin(0.125 * KC_PI);
+    for (uint32_t axis = 0u; axis < 2u; axis++) {
+        for (int side = -1; side <= 1; side += 2) {
+            double at[2] = {0.0, 0.0};
+            at[axis] = side * (edge[axis] - reach - 1e-4);
+            kc_pose_t T = facing(at[0], at[1], 1.0, 0.0);
+            TEST_ASSERT_EQUAL_UINT32(1u, kc_camera_visible(&s_cam, &T, 1.3));
+            at[axis] = side * (edge[axis] - reach + 1e-4);
+            T = facing(at[0], at[1], 1.0, 0.0);
+            TEST_ASSERT_EQUAL_UINT32(0u, kc_camera_visible(&s_cam, &T, 1.3));
+        }
+    }
+}
+
 void test_a_good_camera_is_accepted(void)
 {
     int32_t index = -9;
     double got = -9.0;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_validate(&s_cam, &index, &got));
     TEST_ASSERT_EQUAL_INT32(-9, index);
+    s_cam.n_tags = 1u; /* and at their limits */
+    s_cam.width_px = 1u;
+    s_cam.height_px = 65535u;
+    s_cam.tag[0].id = 586;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_validate(&s_cam, &index, &got));
+    s_cam.n_tags = KC_TAG_MAX;
+    s_cam.width_px = 65535u;
+    s_cam.height_px = 1u;
+    for (uint32_t i = 0u; i < KC_TAG_MAX; i++) {
+        s_cam.tag[i] = s_cam.tag[0];
+        s_cam.tag[i].id = (int32_t)i;
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_camera_validate(&s_cam, &index, &got));
 }
 
 static void refused(int32_t index_want, double got_want)
@@ -242,6 +316,16 @@ void test_a_camera_with_wrong_numbers_is_refused(void)
     refused(-1, 1.6);
     s_cam.pan_max_rad = NAN;
     refused(-1, NAN);
+    s_cam.tilt_min_rad = s_cam.tilt_max_rad;
+    refused(-1, 1.4);
+    s_cam.pan_min_rad = -INFINITY;
+    refused(-1, -INFINITY);
+    s_cam.pan_max_rad = INFINITY;
+    refused(-1, INFINITY);
+    s_cam.tilt_min_rad = -INFINITY;
+    refused(-1, -INFINITY);
+    s_cam.tilt_max_rad = INFINITY;
+    refused(-1, INFINITY);
     s_cam.tilt_min_rad = 2.0;
     refused(-1, 2.0);
     s_cam.fx_px = 0.0;
@@ -383,6 +467,7 @@ void test_errors_of_the_tags_move_the_tool_in_its_own_frame_and_along_the_line_o
     kc_pose_t tool, C, T;
     given_sigmas();
     given_tool(&tool);
+    for (uint32_t k = 0u; k < 6u; k++) { H[KC_CHAIN_SIZE][k] = 9.0; }
     kc_camera_chain(&s_cam, PAN, TILT, &tool, SINCE_S, H);
     for (uint32_t a = 0u; a < 3u; a++) {
         double w[3] = {0.0, 0.0, 0.0};

@@ -110,3 +110,37 @@ void test_names_are_printable_terminated_and_padded(void)
     name[0] = '\x7f';
     TEST_ASSERT_FALSE(kc_name_ok(name));
 }
+
+void test_a_quaternion_may_be_neither_longer_nor_shorter(void)
+{
+    const double xyz[3] = {1.0, 2.0, 3.0};
+    for (int side = -1; side <= 1; side += 2) {
+        setUp();
+        double quat[4] = {0.0, 1.0 + side * 0.9e-6, 0.0, 0.0};
+        kc_check_frame(&s_c, xyz, quat, 4);
+        assert_passed();
+        quat[1] = 1.0 + side * 1.1e-6;
+        kc_check_frame(&s_c, xyz, quat, 4);
+        assert_failed(4, quat[1]);
+    }
+}
+
+void test_every_number_of_a_frame_is_checked(void)
+{
+    for (uint32_t k = 0u; k < 7u; k++) {
+        double xyz[3] = {1.0, 2.0, 3.0}, quat[4] = {0.5, 0.5, 0.5, 0.5};
+        *(k < 3u ? &xyz[k] : &quat[k - 3u]) = NAN;
+        kc_check_frame(&s_c, xyz, quat, 4);
+        assert_failed(4, NAN);
+    }
+}
+
+void test_a_name_may_have_spaces_and_every_printable_character(void)
+{
+    char name[KC_NAME_LEN] = "a b ~!";
+    TEST_ASSERT_TRUE(kc_name_ok(name));
+    name[1] = '\x1f';
+    TEST_ASSERT_FALSE(kc_name_ok(name));
+    name[1] = '\x7f';
+    TEST_ASSERT_FALSE(kc_name_ok(name));
+}

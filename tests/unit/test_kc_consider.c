@@ -99,10 +99,34 @@ void test_sums_that_cannot_be_factored_explain_nothing(void)
     given_sums(2.0, 1e200);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_consider_explains_after(&s_con, KC_CHAIN_COUNT));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_consider_explains_before(&s_con, KC_CHAIN_COUNT));
+    for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_con.mean[k]);
+        for (uint32_t j = 0u; j <= k; j++) {
+            TEST_ASSERT_EQUAL_DOUBLE(j == k ? 1.0 : 0.0, s_con.L[k * KC_CHAIN_COUNT + j]);
+        }
+    }
     memset(seen, 0, sizeof seen);
     seen[KC_CHAIN_MAST][1] = 3.0;
     kc_consider_pose(&s_con, &s_est, &s_eval, seen, &pos2, &rot2);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 4.0 + 9.0, pos2);
+}
+
+/* The same where two errors look alike: neither is said to tell of the other. */
+void test_sums_that_cannot_be_factored_couple_nothing(void)
+{
+    kc_consider_begin(&s_con);
+    memset(s_H, 0, sizeof s_H);
+    s_H[2][1] = s_H[KC_CHAIN_MAST][1] = s_H[KC_CHAIN_MAST + 4u][1] = s_H[KC_CHAIN_COUNT - 1u][1] = 1e200;
+    const kc_consider_pose_t pose = {BEFORE[0], AFTER[0], W, &s_eval, s_H};
+    kc_consider_add(&s_con, &s_est, &pose);
+    kc_consider_end(&s_con, &s_est);
+    for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_con.mean[k]);
+        for (uint32_t j = 0u; j <= k; j++) {
+            TEST_ASSERT_EQUAL_DOUBLE(j == k ? 1.0 : 0.0, s_con.L[k * KC_CHAIN_COUNT + j]);
+            TEST_ASSERT_EQUAL_DOUBLE(j == k ? 1.0 : 0.0, s_con.HH[k * KC_CHAIN_COUNT + j]);
+        }
+    }
 }
 
 void test_of_an_exact_chain_nothing_remains(void)

@@ -123,3 +123,35 @@ void test_the_joint_jacobian_is_the_derivative_of_the_pose(void)
         for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_DOUBLE_WITHIN(1e-8, r[k] / (2.0 * h), ev.Jq[j][k]); }
     }
 }
+
+/* A compliance: the pose that is searched for is that of the arm under its weight. */
+void test_the_pose_is_that_of_the_arm_as_it_sags(void)
+{
+    static kc_eval_t ev, stiff;
+    kc_arm_t arm;
+    static kc_terms_t terms;
+    double coef[KC_COEF_MAX] = {0.0}, q[KC_JOINT_MAX] = {0.3, -0.5, 0.2, 1.4, -1.0, 0.4, 0.6};
+    kc_ctx_t ctx;
+    kc_loads_t loads;
+    given_arm(&arm);
+    given_terms(&terms);
+    kc_dls_eval(&arm, &terms, coef, q, &stiff);
+    terms.coef[28] = (kc_coef_t){.name = "sag", .lb = -1.0, .ub = 1.0, .scale = 0.01, .enabled = 1u};
+    terms.term[28] = (kc_term_t){.coef = 28u, .frame = 1u, .comp = KC_RZ, .gain = 1.0};
+    terms.term[28].basis[0] = (kc_basis_t){KC_FN_LIN, KC_VAR_TAU, 2u, 0.0, 1.0};
+    terms.n_coef = terms.n_term = 29u;
+    coef[28] = 1e-3;
+    memset(&ctx, 0, sizeof ctx);
+    memcpy(ctx.q, q, sizeof q);
+    ctx.g_m_s2[2] = -9.81;
+    kc_model_loads(&arm, &terms, coef, &ctx, &loads);
+    /* the joint turned by hand by what its torque makes of it */
+    q[1] += 1e-3 * loads.tau[1];
+    coef[28] = 0.0;
+    kc_dls_eval(&arm, &terms, coef, q, &stiff);
+    q[1] -= 1e-3 * loads.tau[1];
+    coef[28] = 1e-3;
+    kc_dls_eval(&arm, &terms, coef, q, &ev);
+    TEST_ASSERT_TRUE(fabs(loads.tau[1]) > 1.0);
+    for (uint32_t k = 0u; k < 3u; k++) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, stiff.T.p_m[k], ev.T.p_m[k]); }
+}

@@ -105,6 +105,9 @@ void test_covariance_must_be_positive_definite_where_it_is_used(void)
     assert_refused_unchanged();
     s_obs.has_rot = 0u;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_add(&s_est, &s_obs));
+    s_obs.cov[14] = -1e-6; /* of z, the last one of a position */
+    assert_refused_unchanged();
+    s_obs.cov[14] = 1e-6;
     s_obs.cov[0] = -1e-6;
     assert_refused_unchanged();
 }
@@ -123,11 +126,15 @@ void test_options_out_of_range_are_refused(void)
     assert_solve_refused();
     s_est.opt.iter_max = 101u;
     assert_solve_refused();
+    s_est.opt.iter_max = 100u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     s_est.opt = good;
     s_est.opt.tol_step = 0.0;
     assert_solve_refused();
     s_est.opt = good;
     s_est.opt.rank_tol = NAN;
+    assert_solve_refused();
+    s_est.opt.rank_tol = 0.0;
     assert_solve_refused();
     s_est.opt = good;
     s_est.opt.outlier_p = -0.1;
@@ -151,6 +158,16 @@ void test_bad_coefficient_tables_are_refused(void)
     s_est.start[5] = 0.0;
     s_terms.n_coef = KC_COEF_MAX + 1u;
     assert_solve_refused();
+}
+
+void test_as_many_coefficients_as_there_may_be_are_taken(void)
+{
+    given(12u, 0.0);
+    for (; s_terms.n_coef < KC_COEF_MAX; s_terms.n_coef++) {
+        s_terms.coef[s_terms.n_coef] = (kc_coef_t){.name = "more", .lb = -1.0, .ub = 1.0, .scale = 1.0};
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.3, s_est.coef[24]);
 }
 
 void test_numbers_that_overflow_are_reported(void)
@@ -190,6 +207,47 @@ void test_the_papers_errors_are_found_from_zero(void)
     TEST_ASSERT_TRUE(s_est.fit_rot_rad < 1e-9 && s_est.before_rot_rad > 0.1);
     TEST_ASSERT_TRUE(s_est.kkt < 1e-6);
     TEST_ASSERT_TRUE(s_est.cond > 1.0 && s_est.cond < 1e4);
+    TEST_ASSERT_TRUE(s_est.iters > 3u && s_est.iters < 30u);
+}
+
+void test_one_coefficient_has_a_condition_of_one(void)
+{
+    given(6u, 0.0);
+    s_est.opt.free_mask = 1u << 24;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.rank);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_est.cond);
+}
+
+void test_a_solution_begins_with_an_empty_report(void)
+{
+    given(6u, 0.0);
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
+        s_est.status[c] = KC_COEF_HELD;
+        s_est.sigma[c] = 1.0;
+        s_est.confounded[c] = 5u;
+    }
+    for (uint32_t i = 0u; i < KC_MEAS_MAX; i++) { s_est.outlier[i] = 1u; }
+    s_est.n_outliers = s_est.rank = s_est.n_free = s_est.iters = 7u;
+    s_est.weak = 1u;
+    s_est.kkt = s_est.cond = 3.0;
+    s_est.without = 5u;
+    s_est.start[5] = s_est.start[6] = s_est.start[27] = 99.0; /* clipped, if estimated */
+    s_est.opt.free_mask = ~((uint64_t)1u << 6);
+    kc_est_begin(&s_est);
+    TEST_ASSERT_EQUAL_DOUBLE(s_terms.coef[5].ub, s_est.coef[5]);
+    TEST_ASSERT_EQUAL_DOUBLE(99.0, s_est.coef[6]);
+    TEST_ASSERT_EQUAL_DOUBLE(s_terms.coef[27].ub, s_est.coef[27]);
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
+        TEST_ASSERT_EQUAL_UINT8(KC_COEF_MASKED, s_est.status[c]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_est.sigma[c]);
+        TEST_ASSERT_EQUAL_UINT64(0u, s_est.confounded[c]);
+    }
+    for (uint32_t i = 0u; i < KC_MEAS_MAX; i++) { TEST_ASSERT_EQUAL_UINT8(i == 4u, s_est.outlier[i]); }
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.n_outliers);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.rank + s_est.iters + s_est.weak);
+    TEST_ASSERT_EQUAL_UINT32(27u, s_est.n_free);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_est.kkt + s_est.cond);
 }
 
 void test_noise_is_within_what_is_said(void)
@@ -213,6 +271,17 @@ void test_same_data_same_bits(void)
     (void)kc_est_solve(&s_est);
     TEST_ASSERT_EQUAL_MEMORY(s_other.coef, s_est.coef, sizeof s_est.coef);
     TEST_ASSERT_EQUAL_MEMORY(s_other.cov, s_est.cov, sizeof s_est.cov);
+    TEST_ASSERT_EQUAL_UINT32(28u, s_est.n_free); /* counted from the beginning */
+    TEST_ASSERT_EQUAL_UINT32(s_other.iters, s_est.iters);
+}
+
+void test_a_coefficient_whose_bounds_are_equal_is_that_value(void)
+{
+    given(12u, 0.0);
+    s_terms.coef[5].lb = s_terms.coef[5].ub = 0.4;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_DOUBLE(0.4, s_est.coef[5]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.3, s_est.coef[24]);
 }
 
 void test_few_poses_use_the_weak_prior_and_report_it(void)
@@ -231,6 +300,10 @@ void test_iteration_limit_keeps_the_best_so_far(void)
     given(12u, 1.0);
     s_est.opt.iter_max = 1u;
     TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.iters);
+    s_est.opt.iter_max = 2u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(2u, s_est.iters);
     TEST_ASSERT_TRUE(s_est.fit_pos_m < s_est.before_pos_m);
     TEST_ASSERT_EQUAL_UINT32(28u, s_est.rank);
 }
@@ -363,6 +436,69 @@ void test_a_step_is_given_up_when_the_damping_has_grown_enough(void)
     s_est.job.lambda = 1.0;
     s_est.job.tries = 20u;
     TEST_ASSERT_EQUAL_INT(KC_EST_STEP_NONE, kc_est_try(&s_est));
+}
+
+/* What a fit has to better: the cost at its start, prior and all. */
+void test_a_fit_begins_with_the_cost_at_the_start(void)
+{
+    double chi2 = 0.0;
+    kc_loads_t loads;
+    double r[6];
+    given(9u, 1.0);
+    s_est.opt.use_prior = 1u;
+    s_terms.coef[3].prior_sigma = 0.001;
+    s_est.start[3] = 0.02; /* 20 sigma */
+    for (uint32_t i = 0u; i < 9u; i++) {
+        const kc_obs_t *o = &s_est.obs[i];
+        kc_model_loads(&s_arm, &s_terms, s_est.start, &o->ctx, &loads);
+        (void)kc_model_residual(&s_arm, &s_terms, s_est.start, o, &loads, r, &s_other.eval);
+        for (uint32_t k = 0u; k < 6u; k++) { chi2 += r[k] * r[k] / o->cov[7u * k]; }
+    }
+    kc_est_begin(&s_est);
+    for (uint32_t i = 0u; i < 200u && s_est.job.cost <= 0.0; i++) {
+        kc_work_t one = {1u, 0u};
+        TEST_ASSERT_FALSE(kc_est_step(&s_est, &one));
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9 * chi2, chi2 + 400.0, s_est.job.cost);
+}
+
+/* A model of two coefficients with cost -2 x0 + x0^2 + x0 x1 + x1^2 at the step (1, 0.5): it falls by 0.25. */
+static kc_est_step_t compared(double cost, double trial_cost)
+{
+    s_est.n_idx = s_est.qp.n = 2u;
+    s_est.qp.g[0] = -1.0;
+    s_est.qp.g[1] = 0.0;
+    s_est.qp.H[0] = s_est.qp.H[KC_COEF_MAX + 1u] = 1.0;
+    s_est.qp.H[1] = s_est.qp.H[KC_COEF_MAX] = 0.5;
+    s_est.qp.x[0] = 1.0;
+    s_est.qp.x[1] = 0.5;
+    s_est.opt.tol_step = 1e-9;
+    s_est.job.largest = 1.0;
+    s_est.job.lambda = 2.0;
+    s_est.job.tries = 3u;
+    s_est.job.cost = cost;
+    return kc_est_compare(&s_est, trial_cost);
+}
+
+void test_a_rise_that_rounding_can_explain_ends_the_fit_and_a_larger_one_is_damped(void)
+{
+    /* rounding hides 1e-13 of the cost */
+    TEST_ASSERT_EQUAL_INT(KC_EST_STEP_LAST, compared(2.6e12, 2.7e12));
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, s_est.job.lambda);
+    TEST_ASSERT_EQUAL_INT(KC_EST_STEP_AGAIN, compared(2.4e12, 2.5e12));
+    TEST_ASSERT_EQUAL_DOUBLE(16.0, s_est.job.lambda);
+    TEST_ASSERT_EQUAL_UINT32(4u, s_est.job.tries);
+}
+
+void test_a_step_that_does_not_raise_the_cost_is_taken_and_the_damping_eased(void)
+{
+    s_est.coef[0] = 0.0;
+    s_est.trial[0] = 0.25;
+    TEST_ASSERT_EQUAL_INT(KC_EST_STEP_TAKEN, compared(5.0, 5.0));
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_est.coef[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, s_est.job.cost);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.2, s_est.job.lambda);
+    TEST_ASSERT_EQUAL_UINT32(3u, s_est.job.tries);
 }
 
 /* One coefficient whose cost is (x - centre)^2. */
@@ -618,4 +754,31 @@ void test_at_bounds_the_report_is_that_of_the_coefficients_inside(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_AT_UPPER, s_est.status[24]);
     assert_report(NO_PRIOR, NO_PRIOR);
+}
+
+/* Far from the solution a full step can lead uphill: it is not taken. */
+void test_from_far_away_no_iteration_makes_the_cost_rise(void)
+{
+    uint64_t rng = 4u;
+    for (uint32_t start = 0u; start < 4u; start++) {
+        double from[KC_COEF_MAX] = {0.0};
+        given(12u, 1.0);
+        s_est.opt.outlier_p = 0.0;
+        for (uint32_t a = 0u; a < N_DH; a += 2u) {
+            from[a] = 0.4 * given_noise(&rng) * (a % 4u == 0u ? 1.0 : 0.1);
+        }
+        for (uint32_t a = 0u; a < N_DH; a++) {
+            from[a] = fmin(fmax(from[a], s_terms.coef[a].lb), s_terms.coef[a].ub);
+        }
+        memcpy(s_est.start, from, sizeof from);
+        sum_at(from, NO_PRIOR, NO_PRIOR);
+        double cost = s_sum.chi2;
+        for (uint32_t n = 1u; n <= 6u; n++) {
+            s_est.opt.iter_max = n;
+            (void)kc_est_solve(&s_est);
+            sum_at(s_est.coef, NO_PRIOR, NO_PRIOR);
+            TEST_ASSERT_TRUE(s_sum.chi2 <= cost * (1.0 + 1e-12));
+            cost = s_sum.chi2;
+        }
+    }
 }

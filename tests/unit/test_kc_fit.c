@@ -43,6 +43,9 @@ void test_a_second_start_is_for_fits_that_failed_are_noisy_or_rejected_a_pose(vo
     TEST_ASSERT_FALSE(kc_fit_needs_second_start(&s_config, &q));
     q = kc_fit_quality(&s_est, KC_ERR_ITER);
     TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
+    s_est.noise_scale = 2.0; /* up to there */
+    q = kc_fit_quality(&s_est, KC_OK);
+    TEST_ASSERT_FALSE(kc_fit_needs_second_start(&s_config, &q));
     s_est.noise_scale = 2.001;
     q = kc_fit_quality(&s_est, KC_OK);
     TEST_ASSERT_TRUE(kc_fit_needs_second_start(&s_config, &q));
@@ -98,6 +101,8 @@ void test_the_required_sigma_must_be_met_by_a_determined_estimate(void)
     TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_ERR_ITER, sigma));
     TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.0011, 0.01}));
     TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001, 0.011}));
+    s_est.dof = 28u; /* as many as coefficients */
+    TEST_ASSERT_TRUE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
     s_est.dof = 27u;
     TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
     s_est.dof = 30u;
@@ -164,6 +169,17 @@ void test_local_poses_that_are_all_a_little_off_are_another_arm(void)
     s_est.dof = 11u;
     TEST_ASSERT_FALSE(mismatch(5u, 5u));
     s_est.n_outliers = 3u;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+}
+
+void test_one_limit_is_enough_for_local_poses_to_be_checked(void)
+{
+    s_est.hold_none = 1u;
+    s_est.n_outliers = 3u;
+    s_config.mismatch_rot_rad = 0.0;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+    s_config.mismatch_rot_rad = 0.06;
+    s_config.mismatch_pos_m = 0.0;
     TEST_ASSERT_TRUE(mismatch(5u, 5u));
 }
 

@@ -58,6 +58,7 @@ void test_empty_process_knows_nothing(void)
 
 void test_too_many_candidates_or_unknown_set_are_refused(void)
 {
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_gp_init(&s_gp, &s_k, 1u, s_cand, KC_CAND_MAX));
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_gp_init(&s_gp, &s_k, 0u, s_cand, KC_CAND_MAX + 1u));
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, kc_gp_init(&s_gp, &s_k, 2u, s_cand, N_CAND));
 }
@@ -152,6 +153,22 @@ void test_choose_takes_the_likelier_set_and_rebuilds_on_it(void)
     TEST_ASSERT_EQUAL_MEMORY(s_other.v, s_gp.v, sizeof s_gp.v);
     TEST_ASSERT_EQUAL_MEMORY(s_other.var, s_gp.var, N_CAND * sizeof *s_gp.var);
     TEST_ASSERT_EQUAL_MEMORY(s_other.z, s_gp.z, 30u * sizeof *s_gp.z);
+}
+
+/* The likeliest in the middle: a later set that is only better than the present one does not take its place. */
+void test_choose_takes_the_likeliest_of_all_sets(void)
+{
+    given_smooth_values();
+    s_k.n_hyper = 3u;
+    s_k.hyper[2] = s_k.hyper[0];
+    s_k.hyper[2].beta_m = 1.0;
+    add(&s_gp, 30u);
+    const double present = kc_gp_log_marginal(&s_gp);
+    kc_gp_init(&s_other, &s_k, 2u, s_cand, N_CAND);
+    add(&s_other, 30u);
+    TEST_ASSERT_TRUE(kc_gp_log_marginal(&s_other) > present);
+    TEST_ASSERT_EQUAL_UINT32(1u, kc_gp_choose(&s_gp, s_cand));
+    TEST_ASSERT_TRUE(kc_gp_log_marginal(&s_gp) > kc_gp_log_marginal(&s_other));
 }
 
 void test_a_choice_in_parts_gives_the_same_bits(void)

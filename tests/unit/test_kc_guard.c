@@ -198,6 +198,10 @@ void test_a_link_with_a_length_leans_with_an_error_across_it(void)
     link.frame = 6u; /* joint 6 has no d: what moves is beyond it */
     s_g.across_m[6] = 0.2;
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.35, distance(link, ball));
+    link.frame = 1u; /* of the first joint as of any */
+    s_arm.joint[0].d_m = 0.55;
+    s_g.across_m[1] = 0.2;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 0.15, distance(link, ball));
 }
 
 /* Joint 3 has d = 0.55: its link reaches from where joint 2 is, and gets longer or shorter at the far end. */
@@ -274,6 +278,22 @@ void test_inside_the_box_anything_goes_and_outside_nothing(void)
     s_to[4] -= 0.1;
     s_from[1] -= 0.2; /* came from outside */
     expect(KC_GUARD_PATH, 2, 0.599 - 0.4 - s_ask.tol, 0.4);
+}
+
+void test_the_box_has_two_sides_for_start_and_goal(void)
+{
+    double seed[KC_JOINT_MAX];
+    memcpy(seed, s_to, sizeof seed);
+    for (int side = -1; side <= 1; side += 2) {
+        s_to[4] = seed[4] + side * 0.399;
+        expect_fine();
+        s_to[4] = seed[4] + side * 0.45;
+        expect(KC_GUARD_PATH, 5, 0.05 - s_ask.tol, 0.4);
+        s_to[4] = seed[4];
+        s_from[4] = seed[4] + side * 0.45;
+        expect(KC_GUARD_PATH, 5, 0.05 - s_ask.tol, 0.4);
+        s_from[4] = seed[4];
+    }
 }
 
 void test_the_box_around_a_hub_is_small(void)
@@ -361,6 +381,39 @@ void test_a_volume_between_the_ends_is_found_too(void)
     memcpy(s_from, s_to, sizeof t);
     memcpy(s_to, t, sizeof t); /* but not come back */
     expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+}
+
+/* Links count with their length, to whichever side they go: nothing thin is passed between two postures. */
+void test_links_against_their_axis_are_as_long(void)
+{
+    for (uint32_t j = 0u; j < 7u; j++) {
+        s_arm.joint[j].d_m *= -1.5;
+        s_arm.joint[j].a_m *= -3.0;
+    }
+    s_to[0] += 0.38;
+    s_from[0] -= 0.38;
+    for (double f = 0.06; f < 0.95; f += 0.047) {
+        double at[KC_JOINT_MAX];
+        for (uint32_t j = 0u; j < 7u; j++) { at[j] = s_from[j] + f * (s_to[j] - s_from[j]); }
+        put_ball(at, 0.002f);
+        expect_met(KC_GUARD_VOLUME, 1, 0.012, 1.0);
+    }
+}
+
+/* A compliance of 0.01 rad/(N m) in joint 2: the ball is where the arm hangs, and it does not without its weight. */
+void test_clearance_is_that_of_the_arm_as_it_sags(void)
+{
+    s_terms.coef[28] = (kc_coef_t){.name = "sag", .lb = -1.0, .ub = 1.0, .scale = 0.01, .enabled = 1u};
+    s_terms.term[28] = (kc_term_t){.coef = 28u, .frame = 1u, .comp = KC_RZ, .gain = 1.0};
+    s_terms.term[28].basis[0] = (kc_basis_t){KC_FN_LIN, KC_VAR_TAU, 2u, 0.0, 1.0};
+    s_terms.n_coef = s_terms.n_term = 29u;
+    s_coef[28] = 0.01;
+    s_ctx.g_m_s2[2] = -9.81;
+    s_to[0] += 0.3;
+    put_ball(s_to, 0.02f);
+    expect_met(KC_GUARD_VOLUME, 1, 0.03, 1.0);
+    s_coef[28] = 0.0;
+    expect_fine();
 }
 
 void test_clearance_is_that_of_the_corrected_arm(void)

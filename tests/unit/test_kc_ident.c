@@ -126,12 +126,14 @@ void test_nothing_determined_is_reported_and_start_kept(void)
     const uint32_t idle = add_coef(0u, KC_TX, KC_VAR_PAYLOAD);
     s_est.opt.free_mask = (uint64_t)1u << idle;
     s_est.start[idle] = 0.2;
+    for (uint32_t k = 0u; k < KC_COEF_MAX * KC_COEF_MAX; k++) { s_est.cov[k] = 5.0; }
     TEST_ASSERT_EQUAL_INT(KC_ERR_RANK, kc_est_solve(&s_est));
     TEST_ASSERT_EQUAL_UINT32(0u, s_est.rank);
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_HELD, s_est.status[idle]);
     TEST_ASSERT_DOUBLE_WITHIN(0.0, 0.2, s_est.coef[idle]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, s_est.before_pos_m, s_est.fit_pos_m);
     TEST_ASSERT_EQUAL_UINT32(30u, s_est.dof);
+    for (uint32_t k = 0u; k < KC_COEF_MAX * KC_COEF_MAX; k++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, s_est.cov[k]); }
 }
 
 void test_without_requested_coefficients_nothing_changes(void)

@@ -178,3 +178,23 @@ void test_weights_must_sum_to_one(void)
     assert_refused(0, 1.0 + 1e-6);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0 + 1e-6, s_got);
 }
+
+void test_limits_are_inclusive_and_nothing_beyond_them_passes(void)
+{
+    kc_hyper_t *h = &s_k.hyper[1];
+    const struct {
+        double *field, lo, hi;
+    } row[] = {{&h->sigma_s, 1e-6, 1e3}, {&h->beta_m, 1e-3, 1e3},   {&h->kappa, 1e-3, 1e3},
+               {&h->nu, 0.0, 100.0},     {&h->trunc_err, 0.0, 0.1}, {&s_k.sigma_eps, 1e-9, 1e3}};
+    for (uint32_t i = 0u; i < sizeof row / sizeof row[0]; i++) {
+        const double old = *row[i].field, at[2] = {row[i].lo, row[i].hi};
+        const double beyond[2] = {nextafter(row[i].lo, -INFINITY), nextafter(row[i].hi, INFINITY)};
+        for (uint32_t side = 0u; side < 2u; side++) {
+            *row[i].field = at[side];
+            TEST_ASSERT_EQUAL_INT(KC_OK, kc_kernel_validate(&s_k, &s_index, &s_got));
+            *row[i].field = beyond[side];
+            TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_kernel_validate(&s_k, &s_index, &s_got));
+        }
+        *row[i].field = old;
+    }
+}

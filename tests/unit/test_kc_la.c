@@ -197,7 +197,8 @@ void test_a_column_that_is_almost_zero_spoils_nothing(void)
 
 void test_upper_solves_and_products_undo_each_other(void)
 {
-    double x[N], y[N], z[N];
+    double x[N], y[N + 1u], z[N];
+    y[N] = 77.0;
     given_upper(N);
     for (uint32_t i = 0u; i < N; i++) { x[i] = uniform(); }
     kc_la_upper_t_mul(s_A, N, LD, x, y);
@@ -209,13 +210,16 @@ void test_upper_solves_and_products_undo_each_other(void)
     }
     kc_la_solve_upper(s_A, N, LD, z);
     for (uint32_t i = 0u; i < N; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-11, x[i], z[i]); }
+    TEST_ASSERT_EQUAL_DOUBLE(77.0, y[N]); /* N numbers */
 }
 
 void test_the_covariance_inverts_the_information(void)
 {
     static double H[LD * LD];
     given_upper(N);
+    for (uint32_t i = 0u; i < LD * LD; i++) { H[i] = 77.0; }
     kc_la_upper_gram(s_A, N, LD, H, LD);
+    for (uint32_t i = 0u; i < LD; i++) { TEST_ASSERT_EQUAL_DOUBLE(77.0, H[N * LD + i]); }
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_upper_cov(s_A, N, LD, s_C, LD));
     assert_inverse(H, s_C);
 }
@@ -252,6 +256,39 @@ void test_dependent_columns_are_named_with_their_coefficients(void)
         const double want = s_perm[i] == 0u ? 2.0 / 3.0 : s_perm[i] == 2u ? -1.0 / 3.0 : 0.0;
         TEST_ASSERT_DOUBLE_WITHIN(1e-14, want, R[i * 4u + 3u]);
     }
+}
+
+/* Six columns, of which the third and the last are combinations of those before them: by the coefficients that are
+ * returned, whichever were taken, each dependent column is the sum it is said to be. */
+void test_several_dependent_columns_are_the_sums_that_are_returned(void)
+{
+    enum { n = 6, ld = 7 };
+    double A[n * ld], R[n * ld];
+    given_unit_scale();
+    for (uint32_t i = 0u; i < n; i++) {
+        s_scale[i] = 1.0 + 0.25 * (double)i;
+        for (uint32_t j = 0u; j < n; j++) {
+            A[i * ld + j] = j < i ? 0.0 : j == i ? 3.0 + (double)i : uniform();
+        }
+        A[i * ld + n] = 555.0;
+    }
+    for (uint32_t i = 0u; i < n; i++) {
+        A[i * ld + 2u] = 0.5 * A[i * ld] - 0.3 * A[i * ld + 1u];
+        A[i * ld + 5u] = 0.7 * A[i * ld] + 0.2 * A[i * ld + 1u] - 0.4 * A[i * ld + 3u] + 0.1 * A[i * ld + 4u];
+    }
+    memcpy(R, A, sizeof R);
+    kc_la_rank(R, n, ld, s_scale, 1e-10, s_perm, s_pivot, &s_rank);
+    TEST_ASSERT_EQUAL_UINT32(4u, s_rank);
+    for (uint32_t j = s_rank; j < n; j++) {
+        for (uint32_t row = 0u; row < n; row++) {
+            double sum = 0.0;
+            for (uint32_t i = 0u; i < s_rank; i++) {
+                sum += R[i * ld + j] * A[row * ld + s_perm[i]] * s_scale[s_perm[i]];
+            }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-13, A[row * ld + s_perm[j]] * s_scale[s_perm[j]], sum);
+        }
+    }
+    for (uint32_t i = 0u; i < n; i++) { TEST_ASSERT_EQUAL_DOUBLE(555.0, R[i * ld + n]); }
 }
 
 void test_scales_decide_what_counts_as_dependent(void)
@@ -346,12 +383,28 @@ void test_small_products_are_what_they_say(void)
             TEST_ASSERT_DOUBLE_WITHIN(1e-13, s, s_C[i * LD + j]);
         }
     }
+    /* nothing beyond n x n */
+    TEST_ASSERT_EQUAL_MEMORY(&s_B[N * LD], &s_C[N * LD], (LD - N) * LD * sizeof(double));
     for (uint32_t a = 0u; a < m; a++) {
         for (uint32_t b = 0u; b < m; b++) {
             double s = 0.0;
             for (uint32_t k = 0u; k < N; k++) { s += J[k * ldj + a] * out[k * m + b]; }
             TEST_ASSERT_DOUBLE_WITHIN(1e-12, s, C[a * m + b]);
-            TEST_ASSERT_EQUAL_DOUBLE(C[b * m + a], C[a * m + b]);
+            TEST_ASSERT_EQUAL_MEMORY(&C[b * m + a], &C[a * m + b], sizeof(double)); /* to the bit */
         }
     }
+}
+
+void test_packed_solves_leave_what_is_behind_the_vector(void)
+{
+    const double L[6] = {2.0, 1.0, 4.0, 3.0, 5.0, 7.0};
+    double x[3] = {4.0, 10.0, 99.0};
+    kc_la_packed_solve(L, 2u, x);
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, x[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(99.0, x[2]);
+    kc_la_packed_solve_t(L, 2u, x);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, x[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.75, x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(99.0, x[2]);
 }

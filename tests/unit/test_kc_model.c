@@ -199,6 +199,30 @@ void test_position_only_has_three_rows_and_no_rotation_part(void)
     assert_doubles(want, r, 6, 1e-15);
 }
 
+/* Nothing is known of the turn of what was measured: it has that of the model. */
+void test_a_position_is_corrected_along_the_axes_that_the_model_has_there(void)
+{
+    double r[6];
+    add_term(KC_FRAME_MEAS, KC_TY, KC_VAR_ONE, 0u);
+    kc_obs_t obs = given_observation();
+    obs.has_rot = 0u;
+    memset(obs.q_wxyz, 0x7f, sizeof obs.q_wxyz);
+    s_coef[0] = 0.02;
+    TEST_ASSERT_EQUAL_UINT32(3u, kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev));
+    for (uint32_t k = 0u; k < 3u; k++) {
+        const double axis = s_ev.T.R[3u * k + 1u];
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.02 * axis, r[k]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, -axis, s_ev.J[0][k]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, r[3u + k]);
+    }
+    for (uint8_t comp = KC_RX; comp <= KC_RZ; comp++) { /* a turn of what was measured says nothing */
+        add_term(KC_FRAME_MEAS, comp, KC_VAR_ONE, 0u);
+        s_coef[s_t.n_coef - 1u] = 0.1;
+    }
+    (void)kc_model_residual(&s_arm, &s_t, s_coef, &obs, &s_loads, r, &s_ev);
+    for (uint32_t k = 3u; k < 6u; k++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, r[k]); }
+}
+
 /* ---- frames ---- */
 
 /* Across the link alone, its joint standing at zero, and then the next joint's own turn or slide. */

@@ -5,6 +5,7 @@
 #include "given_observations.h"
 #include "given_small_arm.h"
 #include "given_tables.h"
+#include "kc_chi2.h"
 #include "kc_monitor.h"
 #include "unity.h"
 
@@ -73,6 +74,8 @@ void test_the_joint_that_reads_wrong_is_named_with_its_bias(void)
         TEST_ASSERT_EQUAL_HEX32(1u << j, s_v.suspects);
         TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_v.sigma, 0.03, s_v.bias);
         TEST_ASSERT_TRUE(s_v.p_rest > 1e-3);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, kc_chi2_sf(s_v.rest, 6u * s_v.n_obs - 1u), s_v.p_rest);
+        TEST_ASSERT_TRUE(s_v.rest > 5.0 && s_v.rest < 60.0); /* 29 expected */
         TEST_ASSERT_DOUBLE_WITHIN(1e-9, s_v.bias / s_v.sigma, sqrt(s_v.stat));
     }
 }
@@ -126,6 +129,15 @@ void test_what_no_joint_explains_is_said_after_three_observations(void)
     TEST_ASSERT_EQUAL_INT(KC_MON_UNEXPLAINED, s_v.state);
     TEST_ASSERT_EQUAL_UINT32(KC_MON_OBS_OFF, s_v.n_obs);
     TEST_ASSERT_TRUE(s_v.p < KC_MON_P);
+    double most = 0.0; /* the likeliest of them, by its six residuals */
+    for (uint32_t i = 0u; i < 3u; i++) {
+        double chi2 = 0.0;
+        for (uint32_t c = 0u; c < 6u; c++) {
+            chi2 += pow(s_mon.obs[i].r[c] / (c < 3u ? OBS_POS_M : OBS_ROT_RAD), 2.0);
+        }
+        most = fmax(most, kc_chi2_sf(chi2, 6u));
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 * most, most, s_v.p);
 }
 
 void test_joints_with_one_axis_are_all_suspect(void)
@@ -176,6 +188,11 @@ void test_a_prismatic_joint_is_named_in_metres(void)
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
     TEST_ASSERT_EQUAL_UINT32(j, s_v.joint);
     TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_v.sigma, 0.02, s_v.bias);
+    kc_monitor_init(&s_mon, &s_arm, 2e-4, 5e-4);
+    observations(5u, j, 0.9); /* along a line, not on an arc */
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+    TEST_ASSERT_EQUAL_UINT32(j, s_v.joint);
+    TEST_ASSERT_DOUBLE_WITHIN(4.0 * s_v.sigma, 0.9, s_v.bias);
 }
 
 /* Refused, and what was held stays. */
@@ -271,4 +288,76 @@ void test_the_shared_part_of_the_noise_stays_and_the_rest_averages_out(void)
         TEST_ASSERT_EQUAL_UINT32(n, s_v.n_obs);
         TEST_ASSERT_DOUBLE_WITHIN(1e-9, (1.0 + 0.36 * (n - 1u)) / n / (1.36 / 2.0), var[n] / var[2]);
     }
+}
+
+/* Without a floor: the information of n looks at a joint is n times the square of what it moves, in sigmas. */
+void test_sigma_is_that_of_independent_observations_in_closed_form(void)
+{
+    double q[KC_JOINT_MAX] = {0.3, 0.5, -0.4, 1.2, 0.2, -0.9, 0.1}, at[KC_JOINT_MAX], info = 0.0;
+    kc_ctx_t ctx;
+    kc_loads_t loads;
+    memcpy(at, q, sizeof at);
+    at[3] += 0.3;
+    kc_monitor_init(&s_mon, &s_arm, 0.0, 0.0);
+    given_one_observation(&s_arm, &s_terms, s_coef, at, 0.0, &s_rng, &s_obs);
+    memcpy(s_obs.ctx.q, q, sizeof q);
+    for (uint32_t c = 0u; c < 6u; c++) { s_obs.cov[7u * c] *= 1.0 + (double)(c * c); }
+    for (uint32_t n = 0u; n < 4u; n++) {
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
+    }
+    ctx = s_obs.ctx;
+    memcpy(ctx.q, at, sizeof at);
+    kc_model_loads(&s_arm, &s_terms, s_coef, &ctx, &loads);
+    kc_model_eval(&s_arm, &s_terms, s_coef, &ctx, &loads, false, &s_work);
+    for (uint32_t c = 0u; c < 6u; c++) {
+        info += 4.0 * s_work.Jq[3][c] * s_work.Jq[3][c] / s_obs.cov[7u * c];
+    }
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+    TEST_ASSERT_EQUAL_UINT32(3u, s_v.joint);
+    TEST_ASSERT_EQUAL_UINT32(4u, s_v.n_obs);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.3, s_v.bias);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9 / sqrt(info), 1.0 / sqrt(info), s_v.sigma);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.0, s_v.rest);
+}
+
+void test_how_far_off_it_is_is_said_of_the_newest_observation(void)
+{
+    observations(3u, 0u, 0.0);
+    s_obs.p_m[0] += 0.3;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_DOUBLE_WITHIN(5e-3, 0.3, s_v.off_m);
+    TEST_ASSERT_TRUE(s_v.off_rad < 0.05);
+    observations(1u, 0u, 0.0);
+    TEST_ASSERT_TRUE(s_v.off_m < 0.01);
+}
+
+void test_a_good_newest_observation_ends_what_is_unexplained(void)
+{
+    double q[KC_JOINT_MAX] = {0.0};
+    for (uint32_t i = 0u; i < KC_MON_OBS_OFF; i++) {
+        given_joints(&s_arm, &s_rng, q);
+        given_one_observation(&s_arm, &s_terms, s_coef, q, 1.0, &s_rng, &s_obs);
+        if (i + 1u < KC_MON_OBS_OFF) {
+            s_obs.p_m[i] += 0.05;
+            s_obs.p_m[2] += 0.05;
+        }
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work));
+    }
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state);
+}
+
+/* The first joint explains it almost as well as the fourth, which is named. */
+void test_the_first_joint_can_be_a_suspect_beside_the_one_that_is_named(void)
+{
+    observations(6u, 3u, 0.05);
+    for (uint32_t i = 0u; i < 6u; i++) {
+        memcpy(s_mon.obs[i].Jq[0], s_mon.obs[i].Jq[3], sizeof s_mon.obs[i].Jq[0]);
+        s_mon.obs[i].Jq[0][0] += i % 2u == 0u ? 2e-3 : -2e-3;
+    }
+    kc_monitor_evaluate(&s_mon, &s_v);
+    TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
+    TEST_ASSERT_EQUAL_HEX32(0x9u, s_v.suspects);
 }

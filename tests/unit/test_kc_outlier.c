@@ -4,6 +4,7 @@
 
 #include "given_observations.h"
 #include "given_tables.h"
+#include "kc_chi2.h"
 #include "kc_estimate.h"
 #include "unity.h"
 
@@ -114,6 +115,43 @@ void test_a_pose_that_alone_determines_a_direction_is_never_an_outlier(void)
     s_est.obs[2].p_m[0] += 0.1;
     (void)kc_est_solve(&s_est);
     TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+}
+
+/* Without it as many rows remain as coefficients: there is no noise to compare it with. */
+void test_a_pose_without_which_nothing_is_left_over_is_not_tested(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 1.0);
+    s_est.opt.free_mask = (1u << 24) - 1u; /* 30 rows for 24 */
+    for (uint32_t c = 0u; c < 28u; c++) { s_est.start[c] = s_truth[c]; }
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(24u, s_est.n_free);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.job.n_tested);
+    s_est.opt.free_mask = (1u << 20) - 1u;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_TRUE(s_est.job.n_tested > 0u);
+}
+
+/* Priors hold the coefficients, so that six poses for 28 of them leave their residuals alone: all are tested, and the
+ * wrong one goes. */
+void test_with_tight_priors_no_pose_determines_a_direction_alone(void)
+{
+    memset(s_truth, 0, sizeof s_truth);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 1.0);
+    for (uint32_t c = 0u; c < 28u; c++) { s_terms.coef[c].prior_sigma = 1e-3 * s_terms.coef[c].scale; }
+    s_est.opt.use_prior = 1u;
+    s_est.opt.outlier_max = 1u;
+    s_est.obs[2].p_m[0] += 0.1;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(6u, s_est.job.n_tested);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_est.outlier[2]);
+    /* of exact poses one is off by 5 sigma: as likely as the stated noise makes it, though the others show less */
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 0.0);
+    s_est.opt.use_prior = 1u;
+    s_est.opt.outlier_p = 1e-9;
+    s_est.obs[2].p_m[0] += 5.0 * OBS_POS_M;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1 * kc_chi2_sf(25.0, 6u), kc_chi2_sf(25.0, 6u), s_est.job.p_worst);
 }
 
 void test_noise_larger_than_stated_is_no_reason_to_reject(void)

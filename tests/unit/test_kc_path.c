@@ -317,3 +317,14 @@ void test_nodes_that_the_table_does_not_have_are_not_looked_at(void)
     kc_path_joints(&s_s, 0u, q); /* at a hub, but on no segment */
     TEST_ASSERT_EQUAL_UINT32(KC_NODE_NONE, kc_path_on_segment(&s_s, q, 1e-6));
 }
+
+void test_a_node_is_a_hub_or_a_candidate_of_the_table(void)
+{
+    TEST_ASSERT_TRUE(kc_path_is_node(&s_s, s_s.n_hub - 1u));
+    TEST_ASSERT_FALSE(kc_path_is_node(&s_s, s_s.n_hub));
+    TEST_ASSERT_FALSE(kc_path_is_node(&s_s, KC_HUB_MAX - 1u));
+    TEST_ASSERT_TRUE(kc_path_is_node(&s_s, NODE(0u)));
+    TEST_ASSERT_TRUE(kc_path_is_node(&s_s, NODE(s_s.n_cand - 1u)));
+    TEST_ASSERT_FALSE(kc_path_is_node(&s_s, NODE(s_s.n_cand)));
+    TEST_ASSERT_FALSE(kc_path_is_node(&s_s, KC_NODE_NONE));
+}

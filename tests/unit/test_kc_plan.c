@@ -68,6 +68,8 @@ void test_local_initial_poses_come_on_top_of_the_requested_ones(void)
     TEST_ASSERT_EQUAL_UINT32(7u, s_plan.n_goal);
     given(4u, 0u, KC_MEAS_MAX); /* but never more than are held */
     TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, s_plan.n_goal);
+    given(0u, 0u, 1u); /* without any, one is one */
+    TEST_ASSERT_EQUAL_UINT32(1u, s_plan.n_goal);
 }
 
 void test_a_reserve_pose_is_taken_only_while_tags_are_detected_at_few(void)
@@ -87,6 +89,11 @@ void test_the_last_reserve_poses_are_taken_while_a_coefficient_is_undetermined(v
 {
     uint32_t cand = 999u;
     given(3u, 1u, 5u);
+    measure(next());
+    measure(next());
+    TEST_ASSERT_TRUE(kc_plan_next(&s_plan, &s_space, 0u, true, &cand));
+    TEST_ASSERT_EQUAL_UINT32(12u, cand);
+    given(4u, 2u, 5u); /* the first of two, too */
     measure(next());
     measure(next());
     TEST_ASSERT_TRUE(kc_plan_next(&s_plan, &s_space, 0u, true, &cand));
@@ -115,6 +122,10 @@ void test_replicates_repeat_the_first_poses_one_after_every_so_many(void)
     TEST_ASSERT_EQUAL_UINT32(0u, cand);
     TEST_ASSERT_EQUAL_UINT32(1u, kc_plan_choose(&s_plan, &s_space, cand));
     TEST_ASSERT_FALSE(kc_plan_next(&s_plan, &s_space, 2u, false, &cand)); /* once */
+    measure(cand);
+    measure(8u);
+    TEST_ASSERT_TRUE(kc_plan_next(&s_plan, &s_space, 2u, false, &cand));
+    TEST_ASSERT_EQUAL_UINT32(1u, cand); /* the second one next */
 }
 
 void test_it_is_complete_when_the_requested_poses_are_measured(void)
@@ -156,6 +167,16 @@ void test_six_local_poses_without_tags_end_it_and_so_does_less_than_a_third_of_a
     measure(11u);
     measure(12u);
     TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* a third */
+}
+
+void test_a_pose_in_reserve_is_still_to_come(void)
+{
+    given(4u, 1u, 5u);
+    for (uint32_t i = 0u; i < 3u; i++) { (void)next(); }
+    TEST_ASSERT_FALSE(
+        kc_plan_no_tags(&s_plan, &s_space, &s_config)); /* none of three, and a fourth is left */
+    (void)next();
+    TEST_ASSERT_TRUE(kc_plan_no_tags(&s_plan, &s_space, &s_config));
 }
 
 void test_a_local_initial_pose_is_measured_again_once_and_counts(void)

@@ -7,10 +7,15 @@
 
 static kc_qp_t s_qp;
 
-/* n variables, H = 0, box -1 .. 1, g = 0, start 0. */
+/* n variables, H = 0, box -1 .. 1, g = 0, start 0; in the work space what another problem left. */
 static void given(uint32_t n)
 {
     memset(&s_qp, 0, sizeof s_qp);
+    for (uint32_t i = 0u; i < KC_COEF_MAX * KC_COEF_MAX; i++) { s_qp.L[i] = 3.0; }
+    for (uint32_t i = 0u; i < KC_COEF_MAX; i++) {
+        s_qp.d[i] = -2.0;
+        s_qp.grad[i] = 9.0;
+    }
     s_qp.n = n;
     for (uint32_t i = 0u; i < n; i++) {
         s_qp.lb[i] = -1.0;
@@ -260,4 +265,137 @@ void test_a_gradient_that_newtons_method_does_not_lower_is_not_tried_again(void)
     TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
     TEST_ASSERT_EQUAL_DOUBLE(-0.5, s_qp.x[0]);
     TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, s_qp.status); /* and it is no solution */
+}
+
+/* Both start at the wrong bound; at the limit of iterations one of them has just been freed. What is left is its
+ * gradient, 50 + 1, over the largest of g. */
+void test_what_is_left_at_the_iteration_limit_is_reported_in_parts_of_the_gradient(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = -50.0;
+    s_qp.g[1] = -20.0;
+    s_qp.x[0] = s_qp.x[1] = -1.0;
+    kc_qp_begin(&s_qp);
+    s_qp.iters = KC_QP_ITER_PER_VAR * 2u - 1u;
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, s_qp.status);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 51.0 / 50.0, s_qp.kkt);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_FREE, s_qp.active[0]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_LOWER, s_qp.active[1]);
+}
+
+/* A release and a step are an iteration each: both variables come off their bounds, the worse one first. */
+void test_iterations_are_counted(void)
+{
+    given_identity(2u);
+    s_qp.iters = 7u; /* of another problem */
+    s_qp.g[0] = -0.5;
+    s_qp.g[1] = -0.25;
+    s_qp.x[0] = s_qp.x[1] = -1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(4u, s_qp.iters);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.25, s_qp.x[1]);
+}
+
+/* A flat direction is followed at once, whatever was in the work space. */
+void test_one_step_along_a_flat_direction_meets_both_bounds(void)
+{
+    given(2u);
+    *H(0, 0) = *H(1, 1) = *H(0, 1) = *H(1, 0) = 1.0;
+    s_qp.g[0] = 1.0;
+    s_qp.g[1] = -1.5;
+    s_qp.x[0] = -0.5;
+    s_qp.x[1] = 0.5;
+    s_qp.lb[0] = -9.0;
+    kc_qp_begin(&s_qp);
+    s_qp.floor_g = 1.0; /* Newton's method has done what it can */
+    (void)kc_qp_iterate(&s_qp);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_qp.x[1]); /* as far as x1 may go, and x0 against it */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -1.0, s_qp.x[0]);
+}
+
+/* A small gradient at the upper bound that points inward: it is left, however small. */
+void test_a_bound_that_does_not_hold_against_the_gradient_is_left(void)
+{
+    given_identity(1u);
+    s_qp.g[0] = -0.5;
+    s_qp.x[0] = 1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5, s_qp.x[0]);
+}
+
+/* H of four coupled variables in a box that holds none of them: one step of Newton's method, to the solution of
+ * H x = -g that was made up. */
+void test_without_active_bounds_the_minimum_is_one_step_away(void)
+{
+    static const double want[4] = {0.7, -0.2, 0.5, -0.9};
+    static const double h[4][4] = {
+        {4.0, 1.0, -0.5, 0.3}, {1.0, 3.0, 0.7, -0.4}, {-0.5, 0.7, 5.0, 1.1}, {0.3, -0.4, 1.1, 2.0}};
+    given(4u);
+    for (uint32_t i = 0u; i < 4u; i++) {
+        s_qp.g[i] = 0.0;
+        for (uint32_t j = 0u; j < 4u; j++) {
+            *H(i, j) = h[i][j];
+            s_qp.g[i] -= h[i][j] * want[j];
+        }
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-14, want[i], s_qp.x[i]); }
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+}
+
+/* x1 is x0 over again and rests; x2 has nothing to do with either: one step. */
+void test_a_dependent_variable_leaves_no_trace_in_those_behind_it(void)
+{
+    given_identity(3u);
+    *H(0, 1) = *H(1, 0) = 1.0;
+    s_qp.g[0] = s_qp.g[1] = -0.5;
+    s_qp.g[2] = -0.25;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5, s_qp.x[0] + s_qp.x[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.25, s_qp.x[2]);
+}
+
+void test_what_was_refused_has_no_next_iteration(void)
+{
+    given_identity(2u);
+    s_qp.g[1] = NAN;
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, s_qp.status);
+}
+
+/* H = A'A + 1 of five variables in a box that holds two of them: inside, the gradient is zero; at a bound it points out. */
+void test_the_conditions_of_karush_kuhn_and_tucker_hold_at_the_solution(void)
+{
+    static const double A[5][5] = {{1.0, 0.4, -0.3, 0.2, 0.6},
+                                   {-0.7, 1.1, 0.5, -0.2, 0.1},
+                                   {0.3, -0.6, 0.9, 0.8, -0.4},
+                                   {0.2, 0.1, -0.5, 1.2, 0.7},
+                                   {-0.1, 0.3, 0.6, -0.9, 1.4}};
+    uint32_t inside = 0u;
+    given(5u);
+    for (uint32_t i = 0u; i < 5u; i++) {
+        s_qp.g[i] = 3.0 * A[i][4] - 2.5 * A[i][1];
+        for (uint32_t j = 0u; j < 5u; j++) {
+            *H(i, j) = i == j ? 1.0 : 0.0;
+            for (uint32_t k = 0u; k < 5u; k++) { *H(i, j) += A[k][i] * A[k][j]; }
+        }
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    for (uint32_t i = 0u; i < 5u; i++) {
+        double grad = s_qp.g[i];
+        for (uint32_t j = 0u; j < 5u; j++) { grad += *H(i, j) * s_qp.x[j]; }
+        TEST_ASSERT_TRUE(s_qp.x[i] >= -1.0 && s_qp.x[i] <= 1.0);
+        if (s_qp.active[i] == KC_QP_FREE) {
+            inside++;
+            TEST_ASSERT_DOUBLE_WITHIN(1e-13, 0.0, grad);
+        } else {
+            TEST_ASSERT_TRUE(s_qp.active[i] == KC_QP_AT_LOWER ? grad > 1e-3 : grad < -1e-3);
+            TEST_ASSERT_EQUAL_DOUBLE(s_qp.active[i] == KC_QP_AT_LOWER ? -1.0 : 1.0, s_qp.x[i]);
+        }
+    }
+    TEST_ASSERT_TRUE(inside > 0u && inside < 5u);
 }

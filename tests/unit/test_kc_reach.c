@@ -88,6 +88,8 @@ void test_a_joint_without_enough_room_takes_the_side_with_more(void)
     TEST_ASSERT_EQUAL_DOUBLE(1.625, kc_reach_draw_back(1.875, 0.0, 2.0, 0.25, false));
     TEST_ASSERT_EQUAL_DOUBLE(0.0,
                              kc_reach_draw_back(0.125, 0.0, 0.1875, 0.25, false)); /* as far as there is */
+    TEST_ASSERT_EQUAL_DOUBLE(1.375, kc_reach_draw_back(1.125, 1.0, 3.0, 0.25, true)); /* wherever that is */
+    TEST_ASSERT_EQUAL_DOUBLE(-1.375, kc_reach_draw_back(-1.125, -3.0, -1.0, 0.25, false));
 }
 
 void test_a_joint_beyond_its_interval_never_moves_farther_out(void)

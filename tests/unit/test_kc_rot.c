@@ -151,8 +151,8 @@ void test_every_largest_component_comes_back(void)
 
 void test_exp_and_log_undo_each_other_for_tiny_and_large_turns(void)
 {
-    static const double size[6] = {0.0, 1e-12, 1e-5, 1e-3, 1.0, 3.14};
-    for (int k = 0; k < 6; k++) {
+    static const double size[8] = {0.0, 1e-12, 1e-5, 1.9e-4, 2.1e-4, 1e-3, 1.0, 3.14};
+    for (int k = 0; k < 8; k++) {
         const double w[3] = {0.6 * size[k], -0.64 * size[k], 0.48 * size[k]};
         double R[9], back[3];
         kc_R_exp(w, R);
@@ -172,4 +172,69 @@ void test_the_residual_is_measured_minus_model(void)
     for (int i = 0; i < 3; i++) { meas.p_m[i] = model.p_m[i] + want[i]; }
     kc_pose_residual(&meas, &model, r);
     assert_doubles(want, r, 6, 1e-15);
+}
+
+/* 2 a a' - 1 for a = (0.6, -0.8, 0), whose largest part is negative: still the first non-zero one is positive. */
+void test_a_half_turn_whose_largest_part_is_negative_has_the_same_sign_rule(void)
+{
+    const double R[9] = {-0.28, -0.96, 0.0, -0.96, 0.28, 0.0, 0.0, 0.0, -1.0};
+    const double want[4] = {0.0, 0.6, -0.8, 0.0};
+    double q[4];
+    kc_R_to_quat(R, q);
+    assert_doubles(want, q, 4, 2e-16);
+}
+
+void test_the_product_of_quaternions_is_that_of_their_rotations(void)
+{
+    double a[4] = {0.5, -0.3, 0.7, 0.2}, b[5] = {-0.4, 0.6, 0.1, 0.9, 7.0}, ab[4], A[9], B[9],
+           want[9] = {0.0}, got[9];
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(a));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(b));
+    TEST_ASSERT_EQUAL_DOUBLE(7.0, b[4]); /* four numbers */
+    kc_quat_mul(a, b, ab);
+    kc_quat_to_R(a, A);
+    kc_quat_to_R(b, B);
+    kc_quat_to_R(ab, got);
+    for (int i = 0; i < 9; i++) {
+        for (int k = 0; k < 3; k++) { want[i] += A[3 * (i / 3) + k] * B[3 * k + i % 3]; }
+    }
+    assert_doubles(want, got, 9, 1e-15);
+}
+
+/* Rodrigues: R = 1 + sin t [a] + (1 - cos t) [a]^2, on both sides of where the series takes over. */
+void test_exp_is_the_formula_of_rodrigues(void)
+{
+    const double a[3] = {0.48, -0.64, 0.6}, size[4] = {1.9e-4, 2.1e-4, 0.7, 3.0};
+    const double K[9] = {0.0, -0.6, -0.64, 0.6, 0.0, -0.48, 0.64, 0.48, 0.0};
+    for (int n = 0; n < 4; n++) {
+        const double t = size[n], w[3] = {a[0] * t, a[1] * t, a[2] * t};
+        double R[9];
+        kc_R_exp(w, R);
+        for (int i = 0; i < 9; i++) {
+            double K2 = 0.0;
+            for (int k = 0; k < 3; k++) { K2 += K[3 * (i / 3) + k] * K[3 * k + i % 3]; }
+            const double half = sin(0.5 * t);
+            TEST_ASSERT_DOUBLE_WITHIN(
+                1e-15, (i % 4 == 0 ? 1.0 : 0.0) + sin(t) * K[i] + 2.0 * half * half * K2, R[i]);
+        }
+    }
+}
+
+void test_the_distance_is_the_angle_between(void)
+{
+    const double a[4] = {cos(0.2), 0.0, sin(0.2), 0.0}, b[4] = {cos(0.75), 0.0, sin(0.75), 0.0};
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 1.1, kc_quat_dist_rad(a, b));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 1.1, kc_quat_dist_rad(b, a));
+}
+
+/* 1 + 2 cos t is the trace of the rotation that leads from one to the other. */
+void test_the_distance_is_that_of_the_rotations(void)
+{
+    double a[4] = {0.5, -0.3, 0.7, 0.2}, b[4] = {-0.4, 0.6, 0.1, 0.9}, A[9], B[9], trace = 0.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(a));
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_quat_normalize(b));
+    kc_quat_to_R(a, A);
+    kc_quat_to_R(b, B);
+    for (int i = 0; i < 9; i++) { trace += A[i] * B[i]; }
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, acos(0.5 * (trace - 1.0)), kc_quat_dist_rad(a, b));
 }

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "given_tables.h"
+#include "kc_dls.h"
 #include "kc_servo.h"
 #include "unity.h"
 
@@ -255,4 +256,138 @@ void test_a_later_observation_that_is_not_finite_leaves_what_was_learned(void)
     TEST_ASSERT_EQUAL_INT(KC_SERVO_STUCK, step(&s_mem));
     expect_not_moved();
     TEST_ASSERT_EQUAL_MEMORY(&before, &s_mem, sizeof before);
+}
+
+/* ---- one joint turning a link of 1 m, in closed form ---- */
+
+#define LEN2 (KC_DLS_LEN_M * KC_DLS_LEN_M)
+
+static void given_one_joint(void)
+{
+    memset(&s_arm.joint[0], 0, sizeof s_arm.joint[0]);
+    s_arm.n_joints = 1u;
+    s_arm.joint[0].a_m = 1.0;
+    s_arm.joint[0].q_min = -2.0;
+    s_arm.joint[0].q_max = 2.0;
+    memset(s_arm.base_xyz_m, 0, sizeof s_arm.base_xyz_m);
+    memset(s_arm.tool_xyz_m, 0, sizeof s_arm.tool_xyz_m);
+    s_q[0] = s_seed[0] = 0.0;
+    kc_arm_fk(&s_arm, s_q, &s_seen);
+    s_goal = s_seen;
+}
+
+/* The tool as the joint at `angle` has it, seen this much farther along y. */
+static void seen_at(double angle, double along_y)
+{
+    kc_arm_fk(&s_arm, &angle, &s_seen);
+    s_seen.p_m[1] += along_y;
+}
+
+void test_a_step_is_the_damped_least_squares_times_the_gain(void)
+{
+    const double at = 0.1;
+    given_one_joint();
+    kc_arm_fk(&s_arm, &at, &s_goal);
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(NULL));
+    /* along y by sin 0.1, turned by 0.1; both by one unit a radian */
+    double dq = (sin(0.1) + LEN2 * 0.1) / (1.0 + LEN2 + 0.02 * 0.02);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.8 * dq, s_cmd[0]);
+    s_opt.step_max = 0.05; /* of what is commanded */
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(NULL));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.05, s_cmd[0]);
+}
+
+/* 1 m in z that no joint can reach, and so much along y that its best part is `share` of all. */
+static kc_servo_result_t with_use(double share)
+{
+    double y2 = share * (1.0 + LEN2) / (1.0 - share * (1.0 + LEN2));
+    given_one_joint();
+    s_opt.damping = 1e-6;
+    s_goal.p_m[2] += 1.0;
+    s_goal.p_m[1] += sqrt(y2);
+    return step(NULL);
+}
+
+void test_a_step_that_removes_less_than_a_fiftieth_is_none(void)
+{
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_STUCK, with_use(0.0195));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_cmd[0]);
+    TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, with_use(0.0205));
+}
+
+/* The joint moves by `angle`, the tool is seen to move `times` as far along y: is something learned of it? */
+static double learned(double angle, double times)
+{
+    given_one_joint();
+    kc_servo_forget(&s_mem);
+    s_goal.p_m[1] += 3.0;
+    (void)step(&s_mem);
+    s_q[0] = angle;
+    seen_at(angle, (times - 1.0) * sin(angle));
+    (void)step(&s_mem);
+    return s_mem.B[0][1];
+}
+
+void test_of_moves_shorter_than_thirty_milliradians_nothing_is_learned(void)
+{
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, learned(0.0295, 4.0));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, learned(-0.0295, 4.0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 3.0, learned(0.0305, 4.0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 3.0, learned(-0.0305, 4.0));
+}
+
+/* Of the weighted size of a move of c m a radian, sqrt(c^2 + 0.3^2), the model leaves c - 1: a half at c = 2.02. */
+void test_a_model_that_explains_half_of_a_move_is_left_alone(void)
+{
+    /* 0.75 c^2 - 2 c + 1 - LEN2 / 4 = 0 */
+    double c = (2.0 + sqrt(4.0 - 3.0 * (1.0 - 0.25 * LEN2))) / 1.5;
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 2.0, c);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, learned(0.05, c - 0.02));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, c - 1.0, learned(0.05, c + 0.02));
+}
+
+/* 0.2 rad of joints explain a turn of 1.1 x 0.2 + 0.05 = 0.27 rad. */
+void test_a_turn_just_beyond_gains_and_noise_is_forgotten(void)
+{
+    const double extra[2] = {0.068, 0.072};
+    for (uint32_t i = 0u; i < 2u; i++) {
+        const double turn[3] = {0.0, 0.0, extra[i]};
+        double R[9], seen[9];
+        given_one_joint();
+        kc_servo_forget(&s_mem);
+        s_goal.p_m[1] += 3.0;
+        (void)step(&s_mem);
+        s_mem.B[0][2] = 0.25; /* learned before */
+        s_q[0] = -0.2;
+        seen_at(-0.2, 0.0);
+        kc_R_exp(turn, R);
+        memcpy(seen, s_seen.R, sizeof seen);
+        for (uint32_t k = 0u; k < 9u; k++) {
+            s_seen.R[k] = 0.0;
+            for (uint32_t l = 0u; l < 3u; l++) { s_seen.R[k] += R[3u * l + k / 3u] * seen[3u * l + k % 3u]; }
+        }
+        (void)step(&s_mem);
+        TEST_ASSERT_EQUAL(i == 0u, s_mem.B[0][2] != 0.0);
+        TEST_ASSERT_EQUAL_UINT8(1u, s_mem.has_last);
+    }
+}
+
+/* J of the joint is one along y and one turn about z; e is what the goal is off. */
+void test_what_was_learned_is_added_to_every_row(void)
+{
+    const double at = 0.1, e[6] = {cos(0.1) - 1.0, sin(0.1), 0.0, 0.0, 0.0, 0.1};
+    for (uint32_t row = 0u; row < 6u; row++) {
+        double J[6] = {0.0, 1.0, 0.0, 0.0, 0.0, 1.0}, Je = 0.0, JJ = 0.02 * 0.02;
+        given_one_joint();
+        kc_servo_forget(&s_mem);
+        kc_arm_fk(&s_arm, &at, &s_goal);
+        s_mem.B[0][row] = 0.5;
+        J[row] += 0.5;
+        for (uint32_t k = 0u; k < 6u; k++) {
+            Je += (k < 3u ? 1.0 : LEN2) * J[k] * e[k];
+            JJ += (k < 3u ? 1.0 : LEN2) * J[k] * J[k];
+        }
+        TEST_ASSERT_EQUAL_INT(KC_SERVO_MOVE, step(&s_mem));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.8 * Je / JJ, s_cmd[0]);
+    }
 }

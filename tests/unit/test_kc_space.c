@@ -124,6 +124,19 @@ void test_impossible_counts_are_refused(void)
     expect_refused(-1, KC_INITIAL_MAX + 1.0);
 }
 
+void test_a_number_of_joints_that_no_arm_has_is_refused_without_an_arm(void)
+{
+    static const uint32_t bad[2] = {0u, KC_JOINT_MAX + 1u};
+    for (uint32_t i = 0u; i < 2u; i++) {
+        int32_t index = -7;
+        double got = -7.0;
+        s_s.n_joints = bad[i];
+        TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_space_validate(&s_s, NULL, &index, &got));
+        TEST_ASSERT_EQUAL_INT32(-1, index);
+        TEST_ASSERT_EQUAL_DOUBLE(bad[i], got);
+    }
+}
+
 void test_another_number_of_joints_than_the_arm_has_is_refused(void)
 {
     s_s.n_joints = 6u;
@@ -201,6 +214,16 @@ void test_a_seed_outside_the_joint_limits_is_refused(void)
     expect_refused(8, 1.25);
 }
 
+void test_a_seed_at_a_joint_limit_is_inside(void)
+{
+    s_arm.joint[2].q_min = -2.75; /* both exact in single precision */
+    s_arm.joint[2].q_max = 2.75;
+    s_s.cand[4].q_seed[2] = 2.75f;
+    expect_valid(&s_arm);
+    s_s.cand[4].q_seed[2] = -2.75f;
+    expect_valid(&s_arm);
+}
+
 void test_a_candidate_on_a_hub_that_does_not_exist_is_refused(void)
 {
     s_s.cand[8].hub = 2u;
@@ -220,6 +243,25 @@ void test_a_candidate_that_no_hub_segment_leads_to_is_refused(void)
     s_s.hub_edge[0] = 0u;
     s_s.hub_edge[1] = 0u;
     expect_refused(1, 1.0); /* the first one on hub 1 */
+}
+
+/* Hubs in a chain 0, 4, 3, 2, 1: from hub 0 each round reaches one more. */
+void test_a_hub_at_the_end_of_a_chain_is_reached(void)
+{
+    static const uint8_t chain[5] = {0u, 4u, 3u, 2u, 1u};
+    given_space(&s_s, 9u, 1u);
+    s_s.n_hub = 5u;
+    memset(s_s.hub_edge, 0, sizeof s_s.hub_edge);
+    for (uint32_t k = 0u; k + 1u < 5u; k++) {
+        s_s.hub_edge[chain[k]] = (uint16_t)(s_s.hub_edge[chain[k]] | 1u << chain[k + 1u]);
+        s_s.hub_edge[chain[k + 1u]] = (uint16_t)(s_s.hub_edge[chain[k + 1u]] | 1u << chain[k]);
+    }
+    s_s.cand[8].hub = 1u;
+    expect_valid(NULL);
+    s_s.hub_edge[4] = 1u; /* cut behind hub 4 */
+    s_s.hub_edge[3] = 1u << 2;
+    for (uint32_t i = 0u; i < 8u; i++) { s_s.cand[i].hub = 4u; }
+    expect_refused(8, 1.0);
 }
 
 void test_an_unused_hub_may_be_isolated(void)
@@ -292,6 +334,10 @@ void test_local_initial_poses_must_lead_the_initial_poses(void)
     s_s.initial[1] = 0u;
     s_s.initial[3] = 7u;
     expect_refused(KC_SPACE_INDEX_INITIAL + 1, 0.0);
+    given_first();
+    s_s.initial[0] = 0u;
+    s_s.initial[3] = 6u;
+    expect_refused(KC_SPACE_INDEX_INITIAL, 0.0);
 }
 
 void test_a_local_initial_pose_outside_the_initial_list_is_refused(void)

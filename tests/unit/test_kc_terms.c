@@ -37,11 +37,25 @@ void test_dh_coefficients_are_named_bounded_and_placed(void)
     }
 }
 
+void test_nothing_of_what_was_there_before_gets_into_a_coefficient(void)
+{
+    static kc_terms_t clean;
+    clean = s_t;
+    memset(&s_t, 0xff, sizeof s_t);
+    s_t.n_coef = s_t.n_term = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_add_dh(&s_t, 7u, BOUND));
+    TEST_ASSERT_EQUAL_MEMORY(clean.coef, s_t.coef, 28u * sizeof clean.coef[0]);
+    TEST_ASSERT_EQUAL_MEMORY(clean.term, s_t.term, 28u * sizeof clean.term[0]);
+}
+
 void test_what_add_dh_makes_is_valid(void)
 {
     int32_t index = -9;
     double got = 0.0;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got));
+    for (; s_t.n_term < KC_TERM_MAX; s_t.n_term++) { s_t.term[s_t.n_term] = s_t.term[0]; }
+    for (; s_t.n_coef < KC_COEF_MAX; s_t.n_coef++) { s_t.coef[s_t.n_coef] = s_t.coef[0]; }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got)); /* as many as there may be */
     memset(&s_t, 0, sizeof s_t);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_terms_validate(&s_t, 7u, &index, &got)); /* no terms at all */
 }
