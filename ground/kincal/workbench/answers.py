@@ -101,6 +101,9 @@ def _effect_json(e: EffectFinding) -> Json:
     return {
         "name": e.name,
         "probability": e.probability,
+        "evidence": e.doubts.evidence,
+        "support": e.doubts.support,
+        "identity": e.doubts.identity,
         "p_value": e.p_value,
         "delta_bic": e.delta_bic,
         "held_rms_before_mm": _mm(e.held.before_m),

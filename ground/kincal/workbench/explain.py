@@ -55,14 +55,25 @@ def why(e: EffectFinding) -> str:
         text += "; something unnamed explains more, but "
         text += "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
     else:
-        text += f", probability {e.probability:.2f}"
+        text += f", probability {e.probability:.2f}{doubts(e)}"
     if e.harms:
         text += "; it harms: not in the model"
+    if e.doubts.worse:
+        text += f"; it makes {listed(e.doubts.worse)} much worse: not in the model"
     if e.inferred_direction:
         text += "; approach direction inferred from the order of measurement"
-    if e.capped:
-        text += "; the model with it does not explain the data yet, so it is not identified"
     return text
+
+
+def doubts(e: EffectFinding) -> str:
+    """What a probability is the product of, where evidence alone does not count; empty where it does."""
+    d = e.doubts
+    if d.support == d.identity == 1.0:
+        return ""
+    return (
+        f" = {d.evidence:.2f} (evidence) x {d.support:.2f} (it helps poses that were not fitted) x "
+        f"{d.identity:.2f} (what is left belongs to another effect)"
+    )
 
 
 def held_gain(gain: HeldGain) -> str:

@@ -30,7 +30,7 @@ class HeldGain:
     def of(cls, before: Array, after: Array, *, cross_validated: bool) -> HeldGain:
         """From squared position errors (M,) [m^2] of the same poses; gross outliers, off by far with and
         without the effect, tell nothing of it and are left out."""
-        usual = ~(_gross(before) & _gross(after))
+        usual = ~(gross(before) & gross(after))
         before, after = before[usual], after[usual]
         _, interval = held_ratio(after, before)
         return cls(float(np.sqrt(before.mean())), float(np.sqrt(after.mean())), interval, cross_validated)
@@ -51,7 +51,7 @@ class HeldGain:
         return self.after_m > self.before_m
 
 
-def _gross(square: Array) -> Mask:
+def gross(square: Array) -> Mask:
     """(M,) errors of more than `_GROSS` times the median."""
     return np.asarray(square > _GROSS**2 * np.median(square), dtype=bool)
 

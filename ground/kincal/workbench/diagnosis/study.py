@@ -8,7 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..compare import Comparison, PosRot
+from ..adequacy import ADEQUATE_P, lack_of_fit, noise_floor
+from ..compare import Comparison, PosRot, Split
 from ..crossval import folds
 from ..data import Measurements
 from ..effects import Hypothesis, Library
@@ -16,18 +17,21 @@ from ..fit import Fit, fit_model, rms
 from ..grids import finer
 from ..hypotheses import Competition, merged_if_several
 from ..model import room_for
+from ..nested import Block, blocks
 from ..scoring import Scorer, robust_weights
+from ..thinning import MANY, part_of
 from ..types import Array, array
 from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
 from .posterior import Posterior
 from .subsets import fewest_joints, joints_with
+from .support import Support, of_turns
 
 Model = tuple[Hypothesis, ...]
 """The effects of a model beside DH, frames and what was given."""
 
 T = TypeVar("T")
 
-_TURNS = 5  # folds, where all poses take turns in being held out
+TURNS = 5  # folds, where all poses take turns in being held out
 _LEAST_IN_TURNS = 8  # poses
 _ROWS_EACH = 4.0  # degrees of freedom that each coefficient of an effect needs
 
@@ -83,7 +87,7 @@ class Study:
     @property
     def _few(self) -> bool:
         """Too few poses are held out for an interval, and enough are there to take turns."""
-        return len(self.comparison.split.held) < FEW_HELD and self._pool.n >= _LEAST_IN_TURNS
+        return len(self.comparison.split.held) < FEW_HELD and self.can_take_turns
 
     @property
     def _pool(self) -> Measurements:
@@ -107,6 +111,12 @@ class Study:
         if not model:
             return base
         return self._remembered(("fit", model), lambda: self._fit_to(base.data, base, model))
+
+    def explains(self, model: Model) -> bool:
+        """These effects explain the data to within a noise that is known."""
+        fit = self.fit(model)
+        p = lack_of_fit(fit, noise_floor(fit))
+        return p is not None and p > ADEQUATE_P
 
     def room(self, model: Model) -> int:
         """Coefficients that may still be added to this model: what the core carries, and what the poses do.
@@ -183,24 +193,82 @@ class Study:
         or all poses in turns where those are too few."""
         held = self.comparison.held_data
         if self._few or held is None:
-            return self._remembered(("turns", model), lambda: self._in_turns(model))
-        return array((self._held_residual(model, held)[:, :3] ** 2).sum(axis=1))
+            return _square(self._in_turns(model))
+        return _square(self._held_residual(model, held))
 
     def _in_turns(self, model: Model) -> Array:
-        """(N,) squared position errors, each fold predicted by a fit to the others."""
-        data, square = self._pool, np.zeros(self._pool.n)
-        fold = folds(data, _TURNS)
+        """(N, c) residuals of the poses that may be fitted (of many, of a part), each fold predicted by a fit
+        to the others."""
+        return self._remembered(("turns", model), lambda: self._predicted_in_turns(model))
+
+    def _predicted_in_turns(self, model: Model) -> Array:
+        data = self._turning
+        r, fold = np.zeros((data.n, data.components)), folds(data, TURNS)
         for k in np.unique(fold):
             out = fold == k
-            r = self._fit_to(data.take(~out), self.base, model).predict(data.take(out))
-            square[out] = (r[:, :3] ** 2).sum(axis=1)
-        return square
+            r[out] = self._fit_to(data.take(~out), self.base, model).predict(data.take(out))
+        return r
+
+    @property
+    def _turning(self) -> Measurements:
+        """The poses that take turns in being held out."""
+        pool = self._pool
+        return self._remembered("turning", lambda: pool.take(part_of(pool)) if pool.n > MANY else pool)
+
+    @property
+    def can_take_turns(self) -> bool:
+        """Enough poses are there to be held out in turns."""
+        return self._pool.n >= _LEAST_IN_TURNS
+
+    def unseen(self, model: Model) -> Array:
+        """(M, c) residuals [m, rad] of poses that the model was not fitted to: of all that may be fitted,
+        which take turns, and of those that the file holds out."""
+        split, held = self.comparison.split, self.comparison.held_data
+        r = self._in_turns(model)
+        if not split.given or held is None:
+            return r
+        return np.vstack([r, self._held_residual(model, held)])
+
+    def block_residuals(self, model: Model) -> dict[str, Array]:
+        """(M, c) residuals [m, rad] of an unseen region, a time block and one direction of approach, each
+        predicted by a fit to the other poses."""
+        return self._remembered(("blocks", model), lambda: self._predicted_in_blocks(model))
+
+    def _predicted_in_blocks(self, model: Model) -> dict[str, Array]:
+        data = self._turning
+
+        def left(block: Block) -> Array:
+            return self._fit_to(data.take(block.fit), self.base, model).predict(data.take(block.held))
+
+        every = Split(np.arange(data.n), np.arange(0), False)
+        return {block.name: left(block) for block in blocks(data, every)}
+
+    def support(self, model: Model, h: Hypothesis) -> Support | None:
+        """What poses that were not fitted say of an effect beside the others of a model; None where too few
+        poses are there, or too few coefficients are left."""
+        if not self.can_take_turns or len(h.parameters) > room_for(self.fit(model).parameters):
+            return None
+        without, with_it = self._without_and_with(model, h)
+        return self._remembered(("support", without, with_it), lambda: self._supported(without, with_it))
+
+    def _supported(self, without: Model, with_it: Model) -> Support:
+        found = of_turns(self.unseen(without), self.unseen(with_it), TURNS)
+        return found.beside(self.block_residuals(without), self.block_residuals(with_it))
+
+    @staticmethod
+    def _without_and_with(model: Model, h: Hypothesis) -> tuple[Model, Model]:
+        others = tuple(x for x in model if x.name != h.name)
+        return others, model if h in model else (*others, h)  # one order, one fit
 
     def held_gain(self, model: Model, h: Hypothesis) -> HeldGain:
         """What held-out poses gain from an effect, the other effects of the model with and without it."""
         if not self.has_held_out or len(h.parameters) > room_for(self.fit(model).parameters):
             return NO_HELD_OUT
-        others = tuple(x for x in model if x.name != h.name)
-        before = self.held_square(others)
-        after = self.held_square(model if h in model else (*others, h))  # one order, one fit
+        without, with_it = self._without_and_with(model, h)
+        before, after = self.held_square(without), self.held_square(with_it)
         return HeldGain.of(before, after, cross_validated=self._few)
+
+
+def _square(r: Array) -> Array:
+    """(M,) squared position errors [m^2] of residuals (M, c)."""
+    return array((r[:, :3] ** 2).sum(axis=1))
