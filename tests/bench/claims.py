@@ -73,21 +73,24 @@ def parts(n: int, asked: Asked) -> tuple[np.ndarray, np.ndarray] | None:
     return np.sort(rest[: asked.size]), np.sort(judges)
 
 
-def claims_of(found, study, selection, judges) -> list[dict]:
+def claims_of(found, judges) -> list[dict]:
     """Every finding with what it does to poses that were kept away."""
-    from kincal.workbench.diagnosis.findings import alternatives
-
-    hypotheses = {h.name: h for h, _ in alternatives(selection)} | {h.name: h for h in selection.model}
-    return [claim(e, hypotheses[e.name], study, selection.model, judges) for e in found.effects]
+    return [claim(e, found, judges) for e in found.effects]
 
 
-def claim(e, h, study, model, judges) -> dict:
+def claim(e, found, judges) -> dict:
     """One finding: the final model with and without its effect, on poses that were kept away."""
-    from kincal.workbench.fit import rms
+    from kincal.workbench.fit import fit_model, rms
 
-    others = tuple(x for x in model if x.name != h.name)
-    fits = study.fit(others), study.fit(model if h in model else (*others, h))
-    (before, turned), (after, turned_after) = (rms(fit.predict(judges)) for fit in fits)
+    final = found.final
+    others = [h for h in final.hypotheses if h.name != e.name]
+    frames, start = (final.base, final.tool), dict(zip(final.names, final.estimate, strict=True))
+
+    def left(hypotheses):
+        fit = fit_model(final.arm, final.data, hypotheses, frames=frames, start=start)
+        return rms(fit.predict(judges))
+
+    (before, turned), (after, turned_after) = left(others), left([*others, e.hypothesis])
     return {
         "name": e.name,
         "role": e.role,
@@ -115,7 +118,7 @@ def answer(case: Case, asked: Asked) -> dict:
     part, judges = (data.take(some) for some in chosen)
     start = time.monotonic()
     try:
-        found, study, selection = wb.diagnosis.diagnosed(arm, part, library)
+        found = wb.diagnose(arm, part, library)
     except CannotAnswer as error:
         return row | {"skipped": str(error)}
     except Exception as error:
@@ -125,7 +128,7 @@ def answer(case: Case, asked: Asked) -> dict:
         "verdict": found.verdict,
         "adequate": found.adequate_after,
         "seconds": time.monotonic() - start,
-        "claims": claims_of(found, study, selection, judges),
+        "claims": claims_of(found, judges),
     }
 
 

@@ -217,8 +217,7 @@ def test_support_is_the_corrected_resampled_t_test():
 
 def test_few_poses_support_nothing_as_surely_as_many():
     few, many = (
-        np.median([of_turns(*gaining(n, 0.1, seed), 5).probability for seed in range(20)])
-        for n in (12, 1200)
+        np.median([of_turns(*gaining(n, 0.1, seed), 5).probability for seed in range(20)]) for n in (12, 1200)
     )
     assert few < 0.9 < 0.99 < many
 

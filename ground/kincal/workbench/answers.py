@@ -166,7 +166,8 @@ def nested_json(nested: NestedModels) -> Json:
     return {
         "models": [_nested_model_json(m) for m in nested.models],
         "noise_floor": _floor(nested.floor),
-        "verdicts": [explain.no_gain(n) for n in nested.no_gain],
+        "not_recommended": list(nested.not_recommended),
+        "verdicts": [*explain.not_recommended(nested), *(explain.no_gain(n) for n in nested.no_gain)],
     }
 
 
@@ -299,6 +300,7 @@ def fit_text(f: FitResult) -> str:
             *(f"{m.model:<{width}}{_errors(m)}" for m in f.nested.models),
             f"reachable: {_reachable_text(f.comparison.reachable)}",
             f"noise floor: {_floor_text(f.nested.floor)}",
+            *explain.not_recommended(f.nested),
             *map(explain.no_gain, f.nested.no_gain),
             *explain.of_session(f.fit),
             "",

@@ -11,9 +11,9 @@ from .compare import Comparison
 from .diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from .diagnosis.suggestions import Suggestion
 from .fit import Fit
-from .gain import judged
+from .gain import judged, much_worse
 from .hypotheses import Untestable, effect_of, place_of
-from .nested import EffectGain
+from .nested import EffectGain, NestedModels
 from .reachable import Reachable
 
 _DRIVERS = {
@@ -136,6 +136,26 @@ def no_gain(n: EffectGain) -> str:
     return (
         f"{n.effect} {verb} on {n.block}: error of the whole model over that without it {n.ratio:.3f} "
         f"(95 % interval {low:.3f} to {high:.3f})"
+    )
+
+
+def not_recommended(nested: NestedModels) -> list[str]:
+    """Effects that a fit speaks against, each with the blocks where it does harm; empty if there are none."""
+    return [
+        f"NOT recommended: {name}: {'; '.join(_harm(g) for g in nested.against if g.effect == name)}; "
+        "leave it out, or measure more where it fails"
+        for name in nested.not_recommended
+    ]
+
+
+def _harm(g: EffectGain) -> str:
+    if much_worse(g.interval) or g.rotation is None or not much_worse(g.rotation[1]):
+        change = f"{g.before_m * 1e3:.3f} to {g.after_m * 1e3:.3f} mm"
+        return f"the error of the {g.block} grows from {change} with it"
+    low, high = g.rotation[1]
+    return (
+        f"the rotation error of the {g.block} grows {g.rotation[0]:.2f} times with it "
+        f"(95 % interval {low:.2f} to {high:.2f})"
     )
 
 

@@ -24,7 +24,6 @@ from .findings import Diagnosis, EffectFinding, ParameterValue, Remainder, Unnam
 from .guard import never_worse
 from .heldout import HeldGain
 from .selection import MAX_EFFECTS, select
-from .states import Selection
 from .study import Model, Study
 
 __all__ = [
@@ -56,21 +55,6 @@ def diagnose(
     are; begin: as of `compare`. BadInput if the units of the data look wrong, CannotAnswer if its poses are
     too few or too similar.
     """
-    return diagnosed(arm, data, library, hypotheses, dh=dh, progress=progress, begin=begin)[0]
-
-
-def diagnosed(
-    arm: ArmTable,
-    data: Measurements,
-    library: Library,
-    hypotheses: Sequence[Hypothesis] = (),
-    *,
-    dh: bool = True,
-    progress: Progress = no_progress,
-    begin: Begin = when_asked,
-) -> tuple[Diagnosis, Study, Selection]:
-    """`diagnose` with what it comes from, for those who want to fit its models to other poses or predict
-    some."""
 
     def taking(model: Model) -> None:
         what = f"evidence beside {model[-1].name}" if model else "evidence"
@@ -83,8 +67,7 @@ def diagnosed(
     found = select(study, taking)
     progress("check", _STEPS - 1, _STEPS)
     evaluation = study.judging(comparison)
-    settled = never_worse(study, found, evaluation)
-    return conclude(evaluation, settled), evaluation, settled
+    return conclude(evaluation, never_worse(study, found, evaluation))
 
 
 def searched(data: Measurements) -> Measurements:

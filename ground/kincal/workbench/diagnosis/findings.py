@@ -80,17 +80,18 @@ class Doubts:
 class EffectFinding:
     """One named effect with its probability.
 
-    label: name with its searched constants; role: "accepted": it won against nothing and against the
-    unnamed; "helps": it did not win, but it predicts better, in cross-validation of the fit poses and on
-    the held-out ones. Both kinds are part of the final model; "alternative": the others.
-    p_value: family-wise; delta_bic: negative if the effect is worth its parameters; held: what held-out
-    poses gain; confounded_with: effects that these data (or no data at all) can tell from it;
-    explained_share: of what the model without it leaves; doubts: what makes the probability smaller than that
-    of the evidence; inferred_direction: it rests on an approach direction that nobody recorded.
-    """
+    label: name with its searched constants; hypothesis: what was fitted under that name; role: "accepted": it
+    won against nothing and against the unnamed; "helps": it did not win, but it predicts better, in
+    cross-validation of the fit poses and on the held-out ones. Both kinds are part of the final model;
+    "alternative": the others. p_value: family-wise; delta_bic: negative if the effect is worth its
+    parameters; held: what held-out poses gain; confounded_with: effects that these data (or no data at all)
+    can tell from it; explained_share: of what the model without it leaves; doubts: what makes the probability
+    smaller than that of the evidence; inferred_direction: it rests on an approach direction that nobody
+    recorded."""
 
     name: str
     label: str
+    hypothesis: Hypothesis
     role: Role
     probability: float
     doubts: Doubts
@@ -365,6 +366,7 @@ class _Reporter:
         return EffectFinding(
             name=h.name,
             label=h.label,
+            hypothesis=h,
             role=role,
             probability=doubts.probability,
             doubts=doubts,

@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 
 from scipy.special import stdtr
 
-from ..gain import held_ratio
+from ..gain import held_ratio, much_worse
 from ..types import Array, array
 from .heldout import gross
 
-# Growth of an error that is harm: of positions, and of rotations and in blocks, where a model is stretched.
-_HARM, _MUCH_WORSE = 1.02, 1.1
+_HARM, _HARM_ROTATION = 1.02, 1.1  # growth of an error that is harm
 _CONTRADICTED = 0.025  # what an interval of 95 % that lies beyond leaves
 _LEAST = 3  # poses that give a standard error
 UNTESTED = 0.5
@@ -64,7 +63,7 @@ def of_turns(before: Array, after: Array, folds: int) -> Support:
         return _positive(growth**2 * _square(before, part) - _square(after, part), folds)
 
     chances = [_positive(loss(before) - loss(after), folds), harmless(_POSITION, _HARM)]
-    chances += [harmless(part, _MUCH_WORSE) for part, _ in parts[1:]]
+    chances += [harmless(part, _HARM_ROTATION) for part, _ in parts[1:]]
     return Support(math.sqrt(loss(after).sum() / loss(before).sum()), min(chances))
 
 
@@ -89,5 +88,5 @@ def _positive(gain: Array, folds: int) -> float:
 
 def _much_worse(before: Array, after: Array) -> bool:
     """Position or rotation error of a block grows by more than a tenth, with its 95 % interval."""
-    intervals = [held_ratio(_square(after, part), _square(before, part))[1] for part in _parts(before)]
-    return any(low > _MUCH_WORSE for low, _ in intervals)
+    parts = _parts(before)
+    return any(much_worse(held_ratio(_square(after, part), _square(before, part))[1]) for part in parts)
