@@ -62,8 +62,8 @@ class EffectGain:
     """What one effect brings on one block: the whole model against the model without this effect alone.
 
     before_m, after_m: held-out position RMS [m] without and with it; ratio: after / before, with its 95 %
-    bootstrap interval; judged: by that interval; rotation: that ratio of rotation errors with its interval, None
-    without rotations.
+    bootstrap interval; judged: by that interval; rotation: that ratio of rotation errors with its interval,
+    None without rotations.
     """
 
     effect: str
