@@ -41,7 +41,7 @@ SURE = 0.9
 HARM = 1.02
 HARMFUL = 0.05  # share of the sure claims
 SIZES = (18, 25, 40, 60, 100)
-MOST_JUDGES = 300
+MOST_AWAY = 300
 BINS = (0.0, 0.05, 0.2, 0.5, 0.8, SURE, 1.01)
 INTERRUPTED = 130
 
@@ -69,16 +69,16 @@ def parts(n: int, asked: Asked) -> tuple[np.ndarray, np.ndarray] | None:
         return np.sort(rest), np.sort(away)
     if asked.size >= len(rest):
         return None
-    judges = np.concatenate([away, rest[asked.size :]])[:MOST_JUDGES]
-    return np.sort(rest[: asked.size]), np.sort(judges)
+    away = np.concatenate([away, rest[asked.size :]])[:MOST_AWAY]
+    return np.sort(rest[: asked.size]), np.sort(away)
 
 
-def claims_of(found, judges) -> list[dict]:
+def claims_of(found, away) -> list[dict]:
     """Every finding with what it does to poses that were kept away."""
-    return [claim(e, found, judges) for e in found.effects]
+    return [claim(e, found, away) for e in found.effects]
 
 
-def claim(e, found, judges) -> dict:
+def claim(e, found, away) -> dict:
     """One finding: the final model with and without its effect, on poses that were kept away."""
     from kincal.workbench.fit import fit_model, rms
 
@@ -88,7 +88,7 @@ def claim(e, found, judges) -> dict:
 
     def left(hypotheses):
         fit = fit_model(final.arm, final.data, hypotheses, frames=frames, start=start)
-        return rms(fit.predict(judges))
+        return rms(fit.predict(away))
 
     (before, turned), (after, turned_after) = left(others), left([*others, e.hypothesis])
     return {
@@ -115,7 +115,7 @@ def answer(case: Case, asked: Asked) -> dict:
     chosen = parts(data.n, asked)
     if chosen is None:
         return row | {"skipped": "too few poses"}
-    part, judges = (data.take(some) for some in chosen)
+    part, away = (data.take(some) for some in chosen)
     start = time.monotonic()
     try:
         found = wb.diagnose(arm, part, library)
@@ -128,7 +128,7 @@ def answer(case: Case, asked: Asked) -> dict:
         "verdict": found.verdict,
         "adequate": found.adequate_after,
         "seconds": time.monotonic() - start,
-        "claims": claims_of(found, judges),
+        "claims": claims_of(found, away),
     }
 
 

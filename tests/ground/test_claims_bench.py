@@ -38,16 +38,16 @@ def options(path, quarters=2):
 CASES = [claims.Case("x", Path("x.csv"), Path("x.toml"))]
 
 
-def test_no_pose_judges_that_was_diagnosed():
+def test_no_pose_counts_that_was_diagnosed():
     for size in (None, 18, 100):
-        part, judges = claims.parts(200, claims.Asked("x", 3, size, 1))
-        assert not set(part) & set(judges)
+        part, away = claims.parts(200, claims.Asked("x", 3, size, 1))
+        assert not set(part) & set(away)
         assert len(part) == (size or 150)
-        assert len(judges) == (50 if size is None else 200 - size)
+        assert len(away) == (50 if size is None else 200 - size)
     quarters = [claims.parts(200, claims.Asked("x", quarter, None, 1))[1] for quarter in range(20)]
     assert len({tuple(q) for q in quarters}) == 20
     assert claims.parts(100, claims.Asked("x", 0, 75, 1)) is None
-    assert len(claims.parts(5000, claims.Asked("x", 0, 40, 1))[1]) == claims.MOST_JUDGES
+    assert len(claims.parts(5000, claims.Asked("x", 0, 40, 1))[1]) == claims.MOST_AWAY
 
 
 def test_a_second_start_goes_on_and_other_sources_begin_anew(made_up, tmp_path, monkeypatch):

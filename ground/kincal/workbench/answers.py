@@ -109,6 +109,7 @@ def _effect_json(e: EffectFinding) -> Json:
         "held_rms_before_mm": _mm(e.held.before_m),
         "held_rms_after_mm": _mm(e.held.after_m),
         "held_ratio_interval": [x if math.isfinite(x) else None for x in e.held.interval],
+        "held_rotation_ratio": e.held.rotation,
         "parameters": [
             {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit} for p in e.parameters
         ],

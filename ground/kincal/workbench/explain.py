@@ -82,9 +82,11 @@ def held_gain(gain: HeldGain) -> str:
         return "no held-out poses"
     kind = "cross-validated" if gain.cross_validated else "held-out"
     low, high = gain.interval
+    turned = "" if gain.rotation is None else f", of rotations {gain.rotation:.3f}"
     return (
         f"{kind} error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm, ratio "
-        f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}): {judged(gain.interval)}"
+        f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}){turned}: "
+        f"{judged(gain.interval)}"
     )
 
 

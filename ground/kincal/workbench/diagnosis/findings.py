@@ -42,7 +42,7 @@ MENTION = 0.05
 _SURE_ENOUGH = 0.2  # nothing was accepted and "nothing is missing" is not far behind
 _MAX_ALTERNATIVES = 8
 _BEST_NAMED = 4  # listed where nothing named wins
-_WORTH_TESTING = 0.2  # probability by evidence from which on an alternative is tested on unseen poses
+_TESTED_FROM = 0.2  # probability by evidence from which on an alternative is tested on unseen poses
 
 Verdict = Literal["adequate", "effect", "several_effects", "novel", "undecidable"]
 Role = Literal["accepted", "helps", "alternative"]
@@ -188,7 +188,7 @@ def conclude(study: Study, found: Selection) -> Diagnosis:
     final = study.fit(found.model)
     left = _left_by(final, study.comparison)
     novel = unnamed_finding(study, found) if found.last.unnamed_wins else None
-    effects = effect_findings(study, found, left, proven=left.is_known_noise and novel is None)
+    effects = effect_findings(study, found, left, explained=left.is_known_noise and novel is None)
     return Diagnosis(
         comparison=study.comparison,
         verdict=_verdict(found.first.none, effects, novel),
@@ -281,13 +281,15 @@ def not_testable(study: Study, first: Posterior) -> tuple[Untestable, ...]:
 # ------------------------------------------------------------------------------------------- effects
 
 
-def effect_findings(study: Study, found: Selection, left: Left, *, proven: bool) -> tuple[EffectFinding, ...]:
+def effect_findings(
+    study: Study, found: Selection, left: Left, *, explained: bool
+) -> tuple[EffectFinding, ...]:
     """Findings about kept effects and alternatives, by role and probability. left: by the final model;
-    proven: that is known noise, so that evidence holds as it stands."""
+    explained: that is known noise, so that evidence holds as it stands."""
     first = found.first
     p_family = family_p(first.scorer, [*first.scored, *first.mapped])
     back = frozenset(k.effect.name for k in found.taken_back)
-    report = _Reporter(study, found.model, p_family, left, proven, back)
+    report = _Reporter(study, found.model, p_family, left, explained, back)
     findings = [report.kept(k) for k in found.kept]
     findings += [report.alternative(h, posterior) for h, posterior in alternatives(found)]
     return tuple(sorted(findings, key=_rank))
@@ -335,14 +337,14 @@ def _best_named(found: Selection) -> list[Hypothesis]:
 
 @dataclass(frozen=True)
 class _Reporter:
-    """Makes findings: what is the same for all of them. left: by the final model; proven: evidence holds as
-    it stands; back: effects that were taken back."""
+    """Makes findings: what is the same for all of them. left: by the final model; explained: evidence holds
+    as it stands; back: effects that were taken back."""
 
     study: Study
     model: Model
     p_family: dict[str, float]
     left: Left
-    proven: bool
+    explained: bool
     back: frozenset[str]
 
     def kept(self, k: Kept) -> EffectFinding:
@@ -383,9 +385,9 @@ class _Reporter:
         """What makes the probability of an effect smaller than that by evidence. Of what is unlikely anyway
         nothing more is computed."""
         back = h.name in self.back
-        if (self.proven and not back) or (evidence < _WORTH_TESTING and h not in self.model):
+        if (self.explained and not back) or (evidence < _TESTED_FROM and h not in self.model):
             return Doubts(evidence)
-        identity = 1.0 if self.proven else self.left.identity(h)
+        identity = 1.0 if self.explained else self.left.identity(h)
         support = self.study.support(self.model, h)
         if support is None:
             return Doubts(evidence, UNTESTED, identity)

@@ -18,13 +18,15 @@ class HeldGain:
     """Held-out position RMS [m] without and with an effect, and a 95 % bootstrap interval over the poses of
     their ratio (with / without). NaN where no poses are held out.
 
-    cross_validated: too few poses are held out; all poses were, in turns.
+    cross_validated: too few poses are held out; all poses were, in turns; rotation: ratio of the RMS rotation
+    errors, None without rotations.
     """
 
     before_m: float
     after_m: float
     interval: tuple[float, float]
     cross_validated: bool = False
+    rotation: float | None = None
 
     @classmethod
     def of(cls, before: Array, after: Array, *, cross_validated: bool) -> HeldGain:

@@ -191,10 +191,11 @@ class Study:
     def held_square(self, model: Model) -> Array:
         """(M,) squared position error [m^2] of poses that the model was not fitted to: the held-out ones,
         or all poses in turns where those are too few."""
+        return _square(self._held(model))
+
+    def _held(self, model: Model) -> Array:
         held = self.comparison.held_data
-        if self._few or held is None:
-            return _square(self._in_turns(model))
-        return _square(self._held_residual(model, held))
+        return self._in_turns(model) if self._few or held is None else self._held_residual(model, held)
 
     def _in_turns(self, model: Model) -> Array:
         """(N, c) residuals of the poses that may be fitted (of many, of a part), each fold predicted by a fit
@@ -265,8 +266,10 @@ class Study:
         if not self.has_held_out or len(h.parameters) > room_for(self.fit(model).parameters):
             return NO_HELD_OUT
         without, with_it = self._without_and_with(model, h)
-        before, after = self.held_square(without), self.held_square(with_it)
-        return HeldGain.of(before, after, cross_validated=self._few)
+        before, after = self._held(without), self._held(with_it)
+        gain = HeldGain.of(_square(before), _square(after), cross_validated=self._few)
+        turned = rms(after)[1], rms(before)[1]
+        return replace(gain, rotation=turned[0] / turned[1]) if turned[0] and turned[1] else gain
 
 
 def _square(r: Array) -> Array:
