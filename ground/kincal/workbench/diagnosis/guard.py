@@ -35,8 +35,8 @@ def _worst(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
 
 def never_worse(study: Study, found: Selection, evaluation: Study) -> Selection:
     """Without effects that harm, and, where the model does not explain the data to within a known noise,
-    without those that do not help poses they were not fitted to, nor whatever makes the whole predict
-    held-out poses worse than no effect at all.
+    without those that held-out poses gain nothing from or that make a block of poses much worse, nor whatever
+    makes the whole predict held-out poses worse than no effect at all.
 
     evaluation: the study of all poses, where `study` has a part of them."""
     kept, back = found.kept, found.taken_back
@@ -77,14 +77,14 @@ def _contradicted(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
 
 
 def _useless(study: Study, model: Model, gains: Sequence[tuple[HeldGain, Kept]]) -> Kept | None:
-    """The effect that helps least, of those without which held-out poses, poses in turns or a block of them
-    are predicted as well; None if all help."""
-    ratios = []
-    for gain, k in gains:
+    """The effect that helps least, of those from which held-out poses gain nothing, or which make a block of
+    poses much worse; None if all help."""
+
+    def stretched(k: Kept) -> bool:
         support = study.support(model, k.effect)
-        held = gain.after_m / gain.before_m
-        if held >= 1.0 or (support is not None and support.contradicted):
-            ratios.append((held if support is None else max(held, support.ratio), k))
+        return support is not None and bool(support.worse)
+
+    ratios = [(gain.ratio, k) for gain, k in gains if gain.nothing or stretched(k)]
     return max(ratios, key=lambda pair: pair[0])[1] if ratios else None
 
 

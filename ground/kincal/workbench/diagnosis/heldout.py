@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..types import Array, Mask
 
 FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
 _GROSS = 10.0  # median errors
+_NOTHING = 0.005  # change of an error that says nothing
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,17 @@ class HeldGain:
     def harms(self) -> bool:
         """Held-out poses are predicted worse: the interval lies above 1."""
         return self.interval[0] > 1.0
+
+    @property
+    def ratio(self) -> float:
+        """Of RMS errors, with orientations of positions and rotations in equal shares."""
+        position = self.after_m / self.before_m
+        return position if self.rotation is None else math.hypot(position, self.rotation) / math.sqrt(2.0)
+
+    @property
+    def nothing(self) -> bool:
+        """Held-out poses gain nothing: half a per cent at most, or positions lose as much."""
+        return self.ratio > 1.0 - _NOTHING or self.after_m > (1.0 + _NOTHING) * self.before_m
 
     @property
     def worse(self) -> bool:

@@ -38,11 +38,6 @@ class Support:
     probability: float
     worse: tuple[str, ...] = ()
 
-    @property
-    def contradicted(self) -> bool:
-        """Poses that were not fitted are predicted no better with it, or a block of them much worse."""
-        return self.ratio >= 1.0 or bool(self.worse)
-
     def beside(self, before: Mapping[str, Array], after: Mapping[str, Array]) -> Support:
         """The same with blocks of poses: residuals (M, c) by name, without and with the effect."""
         worse = tuple(name for name, r in before.items() if _much_worse(r, after[name]))
