@@ -82,12 +82,12 @@ def claim(e, found, away) -> dict:
     """One finding: the final model with and without its effect, on poses that were kept away."""
     from kincal.workbench.fit import fit_model, rms
 
-    final = found.final
+    near, final = found.comparison.fit_all, found.final
+    frames, start = (near.base, near.tool), dict(zip(near.names, near.estimate, strict=True))
     others = [h for h in final.hypotheses if h.name != e.name]
-    frames, start = (final.base, final.tool), dict(zip(final.names, final.estimate, strict=True))
 
-    def left(hypotheses):
-        fit = fit_model(final.arm, final.data, hypotheses, frames=frames, start=start)
+    def left(hypotheses):  # begun where the diagnosis begins its fits
+        fit = fit_model(near.arm, near.data, hypotheses, frames=frames, start=start) if hypotheses else near
         return rms(fit.predict(away))
 
     (before, turned), (after, turned_after) = left(others), left([*others, e.hypothesis])
