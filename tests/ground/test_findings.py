@@ -107,6 +107,16 @@ def test_a_probability_says_what_it_is_the_product_of(found):
     assert "it makes time block much worse: not in the model" in text
 
 
+def test_poses_are_advised_where_names_compete_not_where_predictions_fail(found):
+    [e] = [e for e in found.d.effects if e.accepted]
+    unsupported = replace(
+        e, name="gain", confounded_with=(), doubts=replace(e.doubts, support=0.3), probability=0.3
+    )
+    rivals = [replace(unsupported, name=n, doubts=replace(e.doubts, evidence=0.5)) for n in ("flex", "slip")]
+    d = SimpleNamespace(effects=[unsupported, *rivals])
+    assert api._competing(d, found.content.library) == ["flex", "slip"]
+
+
 def test_verdict_is_one_sentence_with_what_it_brings(found):
     text = explain.verdict(found.d)
     before, after = found.d.comparison.rms["held"][0], found.d.remainder.held_pos_m
