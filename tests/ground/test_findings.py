@@ -112,8 +112,8 @@ def test_poses_are_advised_where_names_compete_not_where_predictions_fail(found)
     unsupported = replace(
         e, name="gain", confounded_with=(), doubts=replace(e.doubts, support=0.3), probability=0.3
     )
-    rivals = [replace(unsupported, name=n, doubts=replace(e.doubts, evidence=0.5)) for n in ("flex", "slip")]
-    d = SimpleNamespace(effects=[unsupported, *rivals])
+    others = [replace(unsupported, name=n, doubts=replace(e.doubts, evidence=0.5)) for n in ("flex", "slip")]
+    d = SimpleNamespace(effects=[unsupported, *others])
     assert api._competing(d, found.content.library) == ["flex", "slip"]
 
 
