@@ -11,11 +11,11 @@ from scipy import stats
 
 from kincal import workbench as wb
 from kincal.workbench.columns import Columns
-from kincal.workbench.crossval import cross_validate, folds
+from kincal.workbench.crossval import cross_validate, folds, predicted
 from kincal.workbench.diagnosis.guard import never_worse, without_doubtful
 from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.diagnosis.states import Kept, Selection
-from kincal.workbench.diagnosis.study import Study
+from kincal.workbench.diagnosis.study import TURNS, Study
 from kincal.workbench.diagnosis.support import Support, of_turns
 from kincal.workbench.effects import Hypothesis
 from kincal.workbench.fit import find_frames, fit_model, rms
@@ -181,7 +181,7 @@ def test_an_effect_that_only_turns_gains_unless_positions_lose():
     assert not turns.nothing
     assert turns.ratio == pytest.approx(np.sqrt((1.0 + 0.9**2) / 2))
     assert replace(turns, after_m=1.01 * same.before_m).nothing
-    assert replace(same, rotation=0.996).nothing
+    assert replace(same, rotation=0.998).nothing
 
 
 def test_a_model_that_only_gains_is_left_alone():
@@ -257,6 +257,18 @@ def test_a_block_that_becomes_much_worse_takes_the_support_away():
     bad = found.beside({"region": before, "time block": before}, {"region": before, "time block": 9 * before})
     assert (bad.worse, found.worse) == (("time block",), ())
     assert bad.probability < 0.05 < 0.9 < found.probability
+
+
+def test_poses_in_turns_are_predicted_linearly_as_by_new_fits(tmp_path):
+    arm, data = measured(tmp_path, 120, 9, wavy)
+    study = Study.of(wb.compare(arm, data), LIBRARY, (), True)
+    [h] = LIBRARY.find("encoder_eccentricity[2]", arm, data)
+    for model in ((), (h,)):
+        fit = study.fit(model)
+        linear, anew = predicted(fit, TURNS), study._predicted_in_turns(model)
+        assert rms(linear) == pytest.approx(rms(anew), rel=0.01)
+        assert np.abs(linear - anew).max() < 0.1 * np.abs(anew).max()
+        assert rms(linear)[0] > rms(fit.evaluation.r)[0], "poses that were not fitted are predicted worse"
 
 
 # --------------------------------------------------------------------------- few poses

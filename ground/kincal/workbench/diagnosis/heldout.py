@@ -12,7 +12,7 @@ from ..types import Array, Mask
 
 FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
 _GROSS = 10.0  # median errors
-_NOTHING = 0.005  # change of an error that says nothing
+_NOTHING = 0.002  # change of an error that says nothing
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class HeldGain:
 
     @property
     def nothing(self) -> bool:
-        """Held-out poses gain nothing: half a per cent at most, or positions lose as much."""
+        """Held-out poses gain nothing: two thousandths at most, or positions lose as much."""
         return self.ratio > 1.0 - _NOTHING or self.after_m > (1.0 + _NOTHING) * self.before_m
 
     @property

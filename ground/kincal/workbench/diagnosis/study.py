@@ -10,7 +10,7 @@ import numpy as np
 
 from ..adequacy import ADEQUATE_P, lack_of_fit, noise_floor
 from ..compare import Comparison, PosRot, Split
-from ..crossval import folds
+from ..crossval import folds, predicted
 from ..data import Measurements
 from ..effects import Hypothesis, Library
 from ..fit import Fit, fit_model, rms
@@ -33,6 +33,7 @@ T = TypeVar("T")
 
 TURNS = 5  # folds, where all poses take turns in being held out
 _LEAST_IN_TURNS = 8  # poses
+_FITTED_ANEW = 300  # poses up to which each turn is a fit of its own
 _ROWS_EACH = 4.0  # degrees of freedom that each coefficient of an effect needs
 
 
@@ -198,12 +199,11 @@ class Study:
         return self._in_turns(model) if self._few or held is None else self._held_residual(model, held)
 
     def _in_turns(self, model: Model) -> Array:
-        """(N, c) residuals of the poses that may be fitted (of many, of a part), each fold predicted by a fit
-        to the others."""
+        """(N, c) residuals of the poses that may be fitted, each fold predicted by a fit to the others."""
         return self._remembered(("turns", model), lambda: self._predicted_in_turns(model))
 
     def _predicted_in_turns(self, model: Model) -> Array:
-        data = self._turning
+        data = self._pool
         r, fold = np.zeros((data.n, data.components)), folds(data, TURNS)
         for k in np.unique(fold):
             out = fold == k
@@ -211,38 +211,9 @@ class Study:
         return r
 
     @property
-    def _turning(self) -> Measurements:
-        """The poses that take turns in being held out."""
-        pool = self._pool
-        return self._remembered("turning", lambda: pool.take(part_of(pool)) if pool.n > MANY else pool)
-
-    @property
     def can_take_turns(self) -> bool:
         """Enough poses are there to be held out in turns."""
         return self._pool.n >= _LEAST_IN_TURNS
-
-    def unseen(self, model: Model) -> Array:
-        """(M, c) residuals [m, rad] of poses that the model was not fitted to: of all that may be fitted,
-        which take turns, and of those that the file holds out."""
-        split, held = self.comparison.split, self.comparison.held_data
-        r = self._in_turns(model)
-        if not split.given or held is None:
-            return r
-        return np.vstack([r, self._held_residual(model, held)])
-
-    def block_residuals(self, model: Model) -> dict[str, Array]:
-        """(M, c) residuals [m, rad] of an unseen region, a time block and one direction of approach, each
-        predicted by a fit to the other poses."""
-        return self._remembered(("blocks", model), lambda: self._predicted_in_blocks(model))
-
-    def _predicted_in_blocks(self, model: Model) -> dict[str, Array]:
-        data = self._turning
-
-        def left(block: Block) -> Array:
-            return self._fit_to(data.take(block.fit), self.base, model).predict(data.take(block.held))
-
-        every = Split(np.arange(data.n), np.arange(0), False)
-        return {block.name: left(block) for block in blocks(data, every)}
 
     def support(self, model: Model, h: Hypothesis) -> Support | None:
         """What poses that were not fitted say of an effect beside the others of a model; None where too few
@@ -253,8 +224,30 @@ class Study:
         return self._remembered(("support", without, with_it), lambda: self._supported(without, with_it))
 
     def _supported(self, without: Model, with_it: Model) -> Support:
-        found = of_turns(self.unseen(without), self.unseen(with_it), TURNS)
-        return found.beside(self.block_residuals(without), self.block_residuals(with_it))
+        if self._pool.n <= _FITTED_ANEW:
+            before, after = self._in_turns(without), self._in_turns(with_it)
+        else:  # linear at the fit of each: to fit anew takes far longer and says the same
+            before, after = (predicted(self.fit(some), TURNS) for some in (without, with_it))
+        if self.comparison.split.given and (held := self.comparison.held_data) is not None:
+            before = np.vstack([before, self._held_residual(without, held)])
+            after = np.vstack([after, self._held_residual(with_it, held)])
+        stretched = self._in_blocks(without, with_it), self._in_blocks(with_it, with_it)
+        return of_turns(before, after, TURNS).beside(*stretched)
+
+    def _in_blocks(self, model: Model, near: Model) -> dict[str, Array]:
+        """(M, c) residuals [m, rad] of an unseen region, a time block and one direction of approach (of many
+        poses, of a part), each predicted by a fit to the other poses that begins where that of `near` is."""
+        return self._remembered(("blocks", model, near), lambda: self._predicted_in_blocks(model, near))
+
+    def _predicted_in_blocks(self, model: Model, near: Model) -> dict[str, Array]:
+        pool, begin = self._pool, self.fit(near)
+        data = pool.take(part_of(pool)) if pool.n > MANY else pool
+
+        def left(block: Block) -> Array:
+            return self._fit_to(data.take(block.fit), begin, model).predict(data.take(block.held))
+
+        every = Split(np.arange(data.n), np.arange(0), False)
+        return {block.name: left(block) for block in blocks(data, every)}
 
     @staticmethod
     def _without_and_with(model: Model, h: Hypothesis) -> tuple[Model, Model]:
