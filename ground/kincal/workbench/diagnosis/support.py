@@ -19,6 +19,7 @@ from .heldout import gross
 _HARM, _HARM_ROTATION = 1.02, 1.1  # growth of an error that is harm
 _CONTRADICTED = 0.025  # what an interval of 95 % that lies beyond leaves
 _LEAST = 3  # poses that give a standard error
+_CHOSEN = 1.0  # standard errors of a gain that the best of many has by being chosen
 UNTESTED = 0.5
 """Probability that an effect helps where no poses can be held out."""
 
@@ -74,11 +75,13 @@ def _square(r: Array, part: slice) -> Array:
 def _positive(gain: Array, folds: int) -> float:
     """Probability that the mean of gains (M,) is positive on other poses: the corrected resampled t-test
     (Nadeau, Bengio, Machine Learning 52, 2003). Fits to overlapping poses err together: the variance of a
-    mean over k folds is 1 + k / (k - 1) times that of independent ones."""
+    mean over k folds is 1 + k / (k - 1) times that of independent ones. The effect is the best of many on
+    these very poses: only what it gains beyond one standard error counts."""
     if len(gain) < _LEAST:
         return UNTESTED
-    error = float(gain.std(ddof=1)) * math.sqrt((1.0 + folds / (folds - 1.0)) / len(gain))
-    return float(stdtr(folds - 1, float(gain.mean()) / max(error, 1e-300)))
+    error = max(float(gain.std(ddof=1)) / math.sqrt(len(gain)), 1e-300)
+    t = float(gain.mean()) / error - _CHOSEN
+    return float(stdtr(folds - 1, t / math.sqrt(1.0 + folds / (folds - 1.0))))
 
 
 def _much_worse(before: Array, after: Array) -> bool:
