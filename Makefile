@@ -320,8 +320,9 @@ occlusion: setup core ## drawn frames against the search's verdict on what the a
 real: setup core ## measured sets of real arms: what the diagnosis names and gains (SETS=folder, ONLY=names, JSON=file)
 	.venv/bin/python tests/bench/real.py $(SETS) $(if $(ONLY),--only $(ONLY)) $(if $(JSON),--json $(JSON))
 
-halves: setup core ## measured sets of real arms: the same answer on random halves, silence on permuted residuals (SETS, ONLY)
+halves: setup core ## measured sets of real arms: the same answer on random halves, silence on permuted residuals, claims against poses kept away (SETS, ONLY)
 	.venv/bin/python tests/bench/halves.py $(SETS) $(if $(ONLY),--only $(ONLY))
+	.venv/bin/python tests/bench/claims.py $(SETS) $(if $(ONLY),--only $(ONLY))
 
 # ---- tidying ------------------------------------------------------------------------------------------
 

@@ -310,7 +310,7 @@ def answer(folder: Path, case: Case, sha256: str) -> dict:
             {
                 "name": e.name,
                 "probability": e.probability,
-                "accepted": bool(e.accepted or e.helps),
+                "accepted": bool(e.accepted or (e.in_model and e.helps)),
                 "confounded_with": list(e.confounded_with),
                 "frames": frames,
                 "drivers": drivers,

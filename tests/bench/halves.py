@@ -6,9 +6,9 @@
 Sets are found as in real.py. For each set:
 - Halves: random halves of the poses are diagnosed on their own. The leading cause of a half is its first
   effect (without joints: a half may see fewer of them), or the unnamed where no effect is in the model. It
-  ties with what it lists as confounded, and with effects of the model that are as sure and whose held-out
-  interval overlaps with its own. The halves agree if one cause leads, or ties with what leads, in at
-  least 8 of 10.
+  ties with what it lists as confounded, and with effects of the model of which the evidence is as sure (0.9
+  counts like more) and whose held-out interval overlaps with its own. The halves agree if one cause leads, or
+  ties with what leads, in at least 8 of 10.
 - Refuted claims: effects stated with P > 0.9 while the 95 % interval of their held-out ratio lies at or
   above 1. There must be none.
 - Permutations: the residuals of the DH fit, shuffled among the poses and put back on what that fit predicts:
@@ -115,13 +115,18 @@ def half_of(found) -> Half:
 
 
 def peers(first, used) -> list[str]:
-    """Effects of the model as sure as the first, whose held-out intervals overlap with its own."""
+    """Effects of the model whose evidence is as sure as that of the first, and whose held-out intervals
+    overlap with its own."""
+
+    def sure(e):
+        return e.role, round(min(e.doubts.evidence, CLAIM), 2)
+
     low, high = first.held.interval
     return [
         e.name
         for e in used
         if e is not first
-        and (e.role, round(e.probability, 2)) == (first.role, round(first.probability, 2))
+        and sure(e) == sure(first)
         and e.held.interval[0] <= high
         and e.held.interval[1] >= low
     ]

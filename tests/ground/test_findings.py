@@ -20,6 +20,7 @@ from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench import advice, api, explain, headline
+from kincal.workbench.answers import diagnosis_json
 from kincal.workbench.diagnosis_text import diagnosis_text
 from kincal.workbench.fit import fit_model
 from kincal.workbench.gain import held_ratio, judged
@@ -82,6 +83,38 @@ def test_a_gain_says_which_poses_it_was_measured_on(found):
 
 
 # --------------------------------------------------------------------------- words
+
+
+def test_json_and_text_say_the_same_of_every_effect(found):
+    said = diagnosis_json(found.d)["effects"]
+    assert [e["name"] for e in said] == [e.name for e in found.d.effects]
+    for e, finding in zip(said, found.d.effects, strict=True):
+        text = explain.held_gain(finding.held).rpartition(": ")[2]
+        assert (e["helps"], e["harms"]) == (text == "helps", text == "harms")
+        assert e["probability"] == pytest.approx(e["evidence"] * e["support"] * e["identity"])
+    assert said[0]["helps"], "a true effect that won helps"
+
+
+def test_a_probability_says_what_it_is_the_product_of(found):
+    [e] = [e for e in found.d.effects if e.accepted]
+    assert explain.doubts(e) == "", "a known noise is explained: evidence counts as it stands"
+    doubted = replace(
+        e, doubts=replace(e.doubts, evidence=1.0, support=0.8, identity=0.9, worse=("time block",))
+    )
+    assert doubted.doubts.probability == pytest.approx(0.72)
+    text = explain.why(doubted)
+    assert "= 1.00 (evidence) x 0.80 (it helps poses that were not fitted) x 0.90" in text
+    assert "it makes time block much worse: not in the model" in text
+
+
+def test_poses_are_advised_where_names_compete_not_where_predictions_fail(found):
+    [e] = [e for e in found.d.effects if e.accepted]
+    unsupported = replace(
+        e, name="gain", confounded_with=(), doubts=replace(e.doubts, support=0.3), probability=0.3
+    )
+    others = [replace(unsupported, name=n, doubts=replace(e.doubts, evidence=0.5)) for n in ("flex", "slip")]
+    d = SimpleNamespace(effects=[unsupported, *others])
+    assert api._competing(d, found.content.library) == ["flex", "slip"]
 
 
 def test_verdict_is_one_sentence_with_what_it_brings(found):

@@ -15,8 +15,8 @@ from kincal import workbench as wb
 from kincal.flight import Arm, Model, Observations, Terms
 from kincal.flight import library as build
 from kincal.schema.terms import parse_basis, split_product
-from kincal.workbench import advice, evidence, explain, scoring
-from kincal.workbench.answers import fit_text
+from kincal.workbench import advice, evidence, explain, nested, scoring
+from kincal.workbench.answers import fit_json, fit_text
 from kincal.workbench.columns import Columns
 from kincal.workbench.fit import fit_model
 from kincal.workbench.measurable import Box, Limits
@@ -346,6 +346,36 @@ def test_some_joints_of_an_effect_are_one_step_of_the_nested_models(arm, tmp_pat
 def test_an_effect_that_does_not_help_is_said_in_so_many_words(arm, tmp_path):
     result = wb.fit(arm, measure(tmp_path, 60, 14), ["backlash[2]"])
     assert any("backlash[2] does not help" in explain.no_gain(n) for n in result.nested.no_gain)
+
+
+def test_an_effect_that_makes_a_block_much_worse_is_not_recommended(arm, tmp_path):
+    """A drift of joint 2 that ends when somebody homes the arm: fitted before that, it is wrong after it."""
+    data = measure(tmp_path, 100, 31)
+    share = np.arange(100) / 100
+    drift = np.outer(np.where(share < 0.8, 0.02 * share, 0.0), np.eye(7)[1])
+    result = wb.fit(arm, replace(data, q=data.q + drift), ["time_drift[2]", "backlash[4]"])
+    assert result.nested.not_recommended == ("time_drift[2]",)
+    [line] = explain.not_recommended(result.nested)
+    assert line.startswith("NOT recommended: time_drift[2]: the error of the time block grows from ")
+    assert line in fit_text(result)
+    said = fit_json(result)["nested_models"]
+    assert said["not_recommended"] == ["time_drift[2]"]
+    assert line in said["verdicts"]
+
+
+def test_only_much_worse_blocks_and_held_out_poses_speak_against_an_effect():
+    held, block = nested.HELD_OUT, "time block"
+    sure, open_, tenth = (1.2, 3.0), (0.9, 3.0), (1.02, 1.09)
+    cases = {
+        (held, tenth, None): True,
+        (block, tenth, None): False,
+        (block, sure, None): True,
+        (block, open_, None): False,
+        (block, open_, (2.5, (1.8, 3.1))): True,
+        (held, open_, (1.05, (1.01, 1.09))): False,
+    }
+    for (name, interval, rotation), want in cases.items():
+        assert nested.EffectGain("x", name, 1e-3, 2e-3, 2.0, interval, rotation).advised_against == want
 
 
 def test_ripple_of_an_arm_without_gear_ratios_is_found_with_its_period(library, tmp_path):

@@ -7,14 +7,16 @@ import numpy as np
 import poses
 import pytest
 from real_arms import DATA
+from scipy import stats
 
 from kincal import workbench as wb
 from kincal.workbench.columns import Columns
-from kincal.workbench.crossval import cross_validate, folds
+from kincal.workbench.crossval import cross_validate, folds, predicted
 from kincal.workbench.diagnosis.guard import never_worse, without_doubtful
 from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.diagnosis.states import Kept, Selection
-from kincal.workbench.diagnosis.study import Study
+from kincal.workbench.diagnosis.study import TURNS, Study
+from kincal.workbench.diagnosis.support import Support, of_turns
 from kincal.workbench.effects import Hypothesis
 from kincal.workbench.fit import find_frames, fit_model, rms
 from kincal.workbench.parameters import DH_SIGMA
@@ -100,13 +102,21 @@ def test_gain_and_harm_are_said_by_one_interval():
 
 @dataclass
 class Held:
-    """A study in which every effect multiplies the held-out error; where: whether noise explains the rest."""
+    """A study in which every effect multiplies the held-out error; worse: effects that make a block much
+    worse; known_noise: noise explains the rest."""
 
     factor: dict
     n: int = 60
     has_held_out: bool = True
     unnamed_wins: bool = True
     known_noise: bool = False
+    worse: tuple = ()
+
+    def explains(self, _model):
+        return self.known_noise
+
+    def support(self, _model, h):
+        return Support(self.factor[h.name], 0.5, ("time block",) if h.name in self.worse else ())
 
     def held_square(self, model):
         return self._spread * np.prod([self.factor[h.name] ** 2 for h in model])
@@ -147,6 +157,33 @@ def test_what_harms_is_taken_back_and_what_helps_stays():
     assert found.last == Last(True, 1)
 
 
+@pytest.mark.parametrize(
+    "gone",
+    [{"factor": {"bad": 0.999}}, {"worse": ("bad",)}],
+    ids=lambda x: next(iter(x)),
+)
+def test_what_does_not_help_poses_that_were_not_fitted_is_no_finding(gone):
+    """Held-out poses or a block of poses; evidence that rests on a known noise stands."""
+    factor = {"good": 0.7, "bad": 0.97} | gone.get("factor", {})
+    study = Held(factor, worse=gone.get("worse", ()))
+    found = never_worse(study, chosen("bad", "good"), study)
+    assert [k.effect.name for k in found.kept] == ["good"]
+    assert [k.effect.name for k in found.taken_back] == ["bad"]
+    start = chosen("bad", "good")
+    assert never_worse(study, start, replace(study, known_noise=True)) is start
+
+
+def test_an_effect_that_only_turns_gains_unless_positions_lose():
+    noise = np.random.default_rng(7).chisquare(3, 40)
+    same = HeldGain.of(noise, noise, cross_validated=False)
+    assert same.nothing
+    turns = replace(same, rotation=0.9)
+    assert not turns.nothing
+    assert turns.ratio == pytest.approx(np.sqrt((1.0 + 0.9**2) / 2))
+    assert replace(turns, after_m=1.01 * same.before_m).nothing
+    assert replace(same, rotation=0.998).nothing
+
+
 def test_a_model_that_only_gains_is_left_alone():
     study = Held({"good": 0.7, "fair": 0.95})
     start = chosen("good", "fair")
@@ -165,6 +202,74 @@ def test_doubtful_effects_go_one_after_another_and_unproven_ones_have_not_won():
     study.unnamed_wins = False
     found = without_doubtful(study, chosen("good", "fair", "bad"))
     assert [(k.effect.name, k.role) for k in found.kept] == [("good", "accepted"), ("fair", "accepted")]
+
+
+# --------------------------------------------------------------------------- support by unseen poses
+
+
+def gaining(n, gain, seed=1, columns=3):
+    """Residuals of n poses, and the same with errors smaller by a share on average, by luck more or less."""
+    rng = np.random.default_rng(seed)
+    before = rng.normal(size=(n, columns))
+    return before, before * rng.normal(1.0 - gain, 0.2, (n, 1))
+
+
+def test_support_is_the_corrected_resampled_t_test():
+    """Nadeau, Bengio 2003: variance of the mean of k = 5 folds times 1 + 5 / 4, Student-t with 4 degrees;
+    less one standard error, since the effect was chosen."""
+    before, after = gaining(80, 0.05)
+    gain = ((before**2 - after**2) / (before**2).sum(axis=1).mean()).sum(axis=1)
+    t = (gain.mean() / (gain.std(ddof=1) / np.sqrt(80)) - 1.0) / 1.5
+    found = of_turns(before, after, 5)
+    assert found.probability == pytest.approx(stats.t.cdf(t, 4))
+    assert found.ratio == pytest.approx(np.sqrt((after**2).sum() / (before**2).sum()))
+
+
+def test_few_poses_support_nothing_as_surely_as_many():
+    few, many = (
+        np.median([of_turns(*gaining(n, 0.1, seed), 5).probability for seed in range(20)]) for n in (12, 1200)
+    )
+    assert few < 0.9 < 0.99 < many
+
+
+def test_a_gain_of_a_few_poses_is_no_support():
+    """One pose of forty gains more than all others lose."""
+    before, after = np.ones((40, 3)), 1.01 * np.ones((40, 3))
+    before[7], after[7] = 4.0, 1.0
+    assert of_turns(before, after, 5).ratio < 0.9
+    assert of_turns(before, after, 5).probability < 0.8
+
+
+def test_an_effect_that_only_turns_is_supported_unless_positions_suffer():
+    before, after = gaining(200, 0.2, columns=6)
+    after[:, :3] = before[:, :3]
+    assert of_turns(before, after, 5).probability > 0.95
+    after[:, :3] = 1.06 * before[:, :3]
+    assert of_turns(before, after, 5).probability < 0.05
+    before, after = gaining(200, 0.2, columns=6)
+    after[:, 3:] = 1.3 * before[:, 3:]
+    assert of_turns(before, after, 5).probability < 0.05
+
+
+def test_a_block_that_becomes_much_worse_takes_the_support_away():
+    found = of_turns(*gaining(200, 0.3), 5)
+    before, _ = gaining(30, 0.0)
+    assert found.beside({"time block": before}, {"time block": 1.05 * before}) == found
+    bad = found.beside({"region": before, "time block": before}, {"region": before, "time block": 9 * before})
+    assert (bad.worse, found.worse) == (("time block",), ())
+    assert bad.probability < 0.05 < 0.9 < found.probability
+
+
+def test_poses_in_turns_are_predicted_linearly_as_by_new_fits(tmp_path):
+    arm, data = measured(tmp_path, 120, 9, wavy)
+    study = Study.of(wb.compare(arm, data), LIBRARY, (), True)
+    [h] = LIBRARY.find("encoder_eccentricity[2]", arm, data)
+    for model in ((), (h,)):
+        fit = study.fit(model)
+        linear, anew = predicted(fit, TURNS), study._predicted_in_turns(model)
+        assert rms(linear) == pytest.approx(rms(anew), rel=0.01)
+        assert np.abs(linear - anew).max() < 0.1 * np.abs(anew).max()
+        assert rms(linear)[0] > rms(fit.evaluation.r)[0], "poses that were not fitted are predicted worse"
 
 
 # --------------------------------------------------------------------------- few poses

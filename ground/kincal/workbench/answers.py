@@ -101,11 +101,15 @@ def _effect_json(e: EffectFinding) -> Json:
     return {
         "name": e.name,
         "probability": e.probability,
+        "evidence": e.doubts.evidence,
+        "support": e.doubts.support,
+        "identity": e.doubts.identity,
         "p_value": e.p_value,
         "delta_bic": e.delta_bic,
         "held_rms_before_mm": _mm(e.held.before_m),
         "held_rms_after_mm": _mm(e.held.after_m),
         "held_ratio_interval": [x if math.isfinite(x) else None for x in e.held.interval],
+        "held_rotation_ratio": e.held.rotation,
         "parameters": [
             {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit} for p in e.parameters
         ],
@@ -163,7 +167,8 @@ def nested_json(nested: NestedModels) -> Json:
     return {
         "models": [_nested_model_json(m) for m in nested.models],
         "noise_floor": _floor(nested.floor),
-        "verdicts": [explain.no_gain(n) for n in nested.no_gain],
+        "not_recommended": list(nested.not_recommended),
+        "verdicts": [*explain.not_recommended(nested), *(explain.no_gain(n) for n in nested.no_gain)],
     }
 
 
@@ -296,6 +301,7 @@ def fit_text(f: FitResult) -> str:
             *(f"{m.model:<{width}}{_errors(m)}" for m in f.nested.models),
             f"reachable: {_reachable_text(f.comparison.reachable)}",
             f"noise floor: {_floor_text(f.nested.floor)}",
+            *explain.not_recommended(f.nested),
             *map(explain.no_gain, f.nested.no_gain),
             *explain.of_session(f.fit),
             "",

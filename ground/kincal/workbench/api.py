@@ -182,8 +182,9 @@ def advise(diagnosis: Diagnosis, library: Library, *, count: int = 4) -> tuple[N
 
 
 def _competing(diagnosis: Diagnosis, library: Library) -> list[str]:
-    """Uncertain effects and those confounded with them, without those that no data can tell apart."""
-    uncertain = [e for e in diagnosis.effects if e.probability < _CERTAIN or e.confounded_with]
+    """Effects that the evidence is not sure of and those confounded with them, without those that no data can
+    tell apart. What unseen poses do not bear out competes with no other effect by that."""
+    uncertain = [e for e in diagnosis.effects if e.doubts.evidence < _CERTAIN or e.confounded_with]
     names = dict.fromkeys(name for e in uncertain for name in (e.name, *e.confounded_with))
     return [name for name in names if not _is_equivalent(library, name)]
 

@@ -32,6 +32,24 @@ def folds(data: Measurements, count: int = FOLDS, draw: int = 0) -> NDArray[np.i
     return fold
 
 
+def predicted(fit: Fit, count: int) -> Array:
+    """(N, c) residuals [m, rad] of the poses of a fit, each fold predicted by the others: linear at the fit,
+    with its weights and priors."""
+    n, c = fit.evaluation.r.shape
+    a = fit.J * fit.sigma_prior / fit.scale
+    y = (fit.z + fit.J @ fit.estimate) / fit.scale
+    root, fold = np.repeat(np.sqrt(fit.weight), c), np.repeat(folds(fit.data, count), c)
+    left = np.zeros(n * c)
+    for k in np.unique(fold):
+        fitted = fold != k
+        rows = np.vstack([a[fitted] * root[fitted, None], np.eye(a.shape[1])])
+        right = np.concatenate([y[fitted] * root[fitted], np.zeros(a.shape[1])])
+        basis, triangle = np.linalg.qr(rows)
+        left[~fitted] = y[~fitted] - a[~fitted] @ np.linalg.solve(triangle, basis.T @ right)
+    whitened = fit.scale * left.reshape(n, c, 1)
+    return array(np.linalg.solve(fit.whiten, whitened)[:, :, 0])
+
+
 @dataclass(frozen=True)
 class Losses:
     """Cross-validated squared distances of each pose in units of the noise, 0 for gross outliers.

@@ -46,8 +46,8 @@ def _found(d: Diagnosis) -> Iterator[str]:
         yield from (
             "  * added: it won; + added: it predicts better (held-out poses or cross-validation), although",
             "  something unnamed explains more; the others are alternatives. Ratios: the final model with",
-            "  and without the effect. Probabilities hold for this library and its priors;",
-            "  'consistent with' is not 'proven'.",
+            "  and without the effect. Probabilities, that an effect is real and helps on other poses, hold",
+            "  for this library and its priors; 'consistent with' is not 'proven'.",
         )
 
 

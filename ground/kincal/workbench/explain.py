@@ -11,9 +11,9 @@ from .compare import Comparison
 from .diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
 from .diagnosis.suggestions import Suggestion
 from .fit import Fit
-from .gain import judged
+from .gain import judged, much_worse
 from .hypotheses import Untestable, effect_of, place_of
-from .nested import EffectGain
+from .nested import EffectGain, NestedModels
 from .reachable import Reachable
 
 _DRIVERS = {
@@ -55,14 +55,25 @@ def why(e: EffectFinding) -> str:
         text += "; something unnamed explains more, but "
         text += "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
     else:
-        text += f", probability {e.probability:.2f}"
+        text += f", probability {e.probability:.2f}{doubts(e)}"
     if e.harms:
         text += "; it harms: not in the model"
+    if e.doubts.worse:
+        text += f"; it makes {listed(e.doubts.worse)} much worse: not in the model"
     if e.inferred_direction:
         text += "; approach direction inferred from the order of measurement"
-    if e.capped:
-        text += "; the model with it does not explain the data yet, so it is not identified"
     return text
+
+
+def doubts(e: EffectFinding) -> str:
+    """What a probability is the product of, where evidence alone does not count; empty where it does."""
+    d = e.doubts
+    if d.support == d.identity == 1.0:
+        return ""
+    return (
+        f" = {d.evidence:.2f} (evidence) x {d.support:.2f} (it helps poses that were not fitted) x "
+        f"{d.identity:.2f} (what is left belongs to another effect)"
+    )
 
 
 def held_gain(gain: HeldGain) -> str:
@@ -71,9 +82,11 @@ def held_gain(gain: HeldGain) -> str:
         return "no held-out poses"
     kind = "cross-validated" if gain.cross_validated else "held-out"
     low, high = gain.interval
+    turned = "" if gain.rotation is None else f", of rotations {gain.rotation:.3f}"
     return (
         f"{kind} error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm, ratio "
-        f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}): {judged(gain.interval)}"
+        f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}){turned}: "
+        f"{judged(gain.interval)}"
     )
 
 
@@ -125,6 +138,26 @@ def no_gain(n: EffectGain) -> str:
     return (
         f"{n.effect} {verb} on {n.block}: error of the whole model over that without it {n.ratio:.3f} "
         f"(95 % interval {low:.3f} to {high:.3f})"
+    )
+
+
+def not_recommended(nested: NestedModels) -> list[str]:
+    """Effects that a fit speaks against, each with the blocks where it does harm; empty if there are none."""
+    return [
+        f"NOT recommended: {name}: {'; '.join(_harm(g) for g in nested.against if g.effect == name)}; "
+        "leave it out, or measure more where it fails"
+        for name in nested.not_recommended
+    ]
+
+
+def _harm(g: EffectGain) -> str:
+    if much_worse(g.interval) or g.rotation is None or not much_worse(g.rotation[1]):
+        change = f"{g.before_m * 1e3:.3f} to {g.after_m * 1e3:.3f} mm"
+        return f"the error of the {g.block} grows from {change} with it"
+    low, high = g.rotation[1]
+    return (
+        f"the rotation error of the {g.block} grows {g.rotation[0]:.2f} times with it "
+        f"(95 % interval {low:.2f} to {high:.2f})"
     )
 
 

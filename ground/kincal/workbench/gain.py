@@ -12,6 +12,7 @@ from .types import Array
 Gain = Literal["helps", "harms", "does not help", "undecided"]
 
 _LEAST_GAIN = 0.97  # an effect that gains less than 3 % brings nothing
+_MUCH_WORSE = 1.1
 _BOOTSTRAP = 1000
 
 
@@ -26,6 +27,11 @@ def judged(interval: tuple[float, float]) -> Gain:
     if low > 1.0:
         return "harms"
     return "does not help" if low >= _LEAST_GAIN else "undecided"
+
+
+def much_worse(interval: tuple[float, float]) -> bool:
+    """The error grows by more than a tenth, with the whole interval of the ratio."""
+    return interval[0] > _MUCH_WORSE
 
 
 def held_ratio(after: Array, before: Array) -> tuple[float, tuple[float, float]]:

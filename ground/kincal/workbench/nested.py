@@ -16,7 +16,7 @@ from .compare import Split, choose_split
 from .data import Measurements
 from .effects import Hypothesis
 from .fit import Frames, find_frames, fit_model, rms
-from .gain import Gain, held_ratio, judged, rms_interval
+from .gain import Gain, held_ratio, judged, much_worse, rms_interval
 from .hypotheses import covers
 from .types import Array, Indices, Mask, Progress, no_progress
 
@@ -62,7 +62,8 @@ class EffectGain:
     """What one effect brings on one block: the whole model against the model without this effect alone.
 
     before_m, after_m: held-out position RMS [m] without and with it; ratio: after / before, with its 95 %
-    bootstrap interval; judged: by that interval.
+    bootstrap interval; judged: by that interval; rotation: that ratio of rotation errors with its interval,
+    None without rotations.
     """
 
     effect: str
@@ -71,11 +72,19 @@ class EffectGain:
     after_m: float
     ratio: float
     interval: tuple[float, float]
+    rotation: tuple[float, tuple[float, float]] | None = None
 
     @property
     def judged(self) -> Gain:
         """Whether it helps, by the interval."""
         return judged(self.interval)
+
+    @property
+    def advised_against(self) -> bool:
+        """Held-out poses are predicted worse with it, or positions or rotations of a block much worse."""
+        if self.block == HELD_OUT and self.judged == "harms":
+            return True
+        return much_worse(self.interval) or (self.rotation is not None and much_worse(self.rotation[1]))
 
 
 @dataclass(frozen=True)
@@ -90,6 +99,16 @@ class NestedModels:
     def no_gain(self) -> tuple[EffectGain, ...]:
         """Effects that the held-out poses of a block do not show to help."""
         return tuple(g for g in self.gains if g.judged != "helps")
+
+    @property
+    def against(self) -> tuple[EffectGain, ...]:
+        """What speaks against effects of the model: the blocks where they do harm."""
+        return tuple(g for g in self.gains if g.advised_against)
+
+    @property
+    def not_recommended(self) -> tuple[str, ...]:
+        """Effects that the model is better without, each once."""
+        return tuple(dict.fromkeys(g.effect for g in self.against))
 
     @property
     def blocks(self) -> tuple[str, ...]:
@@ -248,7 +267,14 @@ class _HeldOut:
         before, after = _square(without), _square(whole)
         ratio, interval = held_ratio(after, before)
         rms_m = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
-        return EffectGain(name, self.block.name, *rms_m, ratio, interval)
+        turned = held_ratio(_turned(whole), _turned(without)) if whole.shape[1] == 6 else None
+        return EffectGain(name, self.block.name, *rms_m, ratio, interval, turned)
+
+
+def _turned(r: Array) -> Array:
+    """(M,) squared rotation errors [rad^2] of residuals (M, 6)."""
+    square: Array = (r[:, 3:] ** 2).sum(axis=1)
+    return square
 
 
 def _square(r: Array) -> Array:

@@ -14,10 +14,8 @@ from kincal.schema.names import is_unnamed
 from ..adequacy import (
     NoiseFloor,
     Where,
-    explained,
     lack_of_fit,
     noise_floor,
-    structure,
     where_it_fails,
 )
 from ..compare import Comparison
@@ -32,16 +30,19 @@ from ..smooth import UnnamedName, smooth_effect
 from ..types import Array, array
 from ..unnamed import Cell
 from .heldout import NO_HELD_OUT, HeldGain
+from .identity import Left
 from .posterior import ABSORBED, NONE, UNNAMED, Posterior
 from .states import Kept, Selection
 from .study import Model, Study
 from .suggestions import Suggestion, suggest
+from .support import UNTESTED
 
 CLAIM = 0.9
 MENTION = 0.05
 _SURE_ENOUGH = 0.2  # nothing was accepted and "nothing is missing" is not far behind
 _MAX_ALTERNATIVES = 8
 _BEST_NAMED = 4  # listed where nothing named wins
+_TESTED_FROM = 0.2  # probability by evidence from which on an alternative is tested on unseen poses
 
 Verdict = Literal["adequate", "effect", "several_effects", "novel", "undecidable"]
 Role = Literal["accepted", "helps", "alternative"]
@@ -59,24 +60,41 @@ class ParameterValue:
 
 
 @dataclass(frozen=True)
+class Doubts:
+    """From evidence to probability, their product: the posterior probability by evidence alone; support: that
+    the effect helps poses which were not fitted; identity: that it is what its name says. The last two are 1
+    where the model explains the data to within a known noise; worse: blocks that it makes much worse."""
+
+    evidence: float
+    support: float = 1.0
+    identity: float = 1.0
+    worse: tuple[str, ...] = ()
+
+    @property
+    def probability(self) -> float:
+        """That the effect is real and helps on other poses."""
+        return self.evidence * self.support * self.identity
+
+
+@dataclass(frozen=True)
 class EffectFinding:
     """One named effect with its probability.
 
-    label: name with its searched constants; role: "accepted": it won against nothing and against the
-    unnamed; "helps": it did not win, but it predicts better, in cross-validation of the fit poses and on
-    the held-out ones. Both kinds are part of the final model; "alternative": the others.
-    p_value: family-wise; delta_bic: negative if the effect is worth its parameters; held: what held-out
-    poses gain; confounded_with: effects that these data (or no data at all) can tell from it;
-    explained_share: of what the model without it leaves; capped: its probability is stated no surer than
-    CLAIM because the model with it does not explain the data yet; inferred_direction: it rests on an approach
-    direction that nobody recorded.
-    """
+    label: name with its searched constants; hypothesis: what was fitted under that name; role: "accepted": it
+    won against nothing and against the unnamed; "helps": it did not win, but it predicts better, in
+    cross-validation of the fit poses and on the held-out ones. Both kinds are part of the final model;
+    "alternative": the others. p_value: family-wise; delta_bic: negative if the effect is worth its
+    parameters; held: what held-out poses gain; confounded_with: effects that these data (or no data at all)
+    can tell from it; explained_share: of what the model without it leaves; doubts: what makes the probability
+    smaller than that of the evidence; inferred_direction: it rests on an approach direction that nobody
+    recorded."""
 
     name: str
     label: str
+    hypothesis: Hypothesis
     role: Role
     probability: float
-    capped: bool
+    doubts: Doubts
     p_value: float
     delta_bic: float
     held: HeldGain
@@ -97,8 +115,8 @@ class EffectFinding:
 
     @property
     def helps(self) -> bool:
-        """It did not win, but it is part of the final model, and held-out poses gain beyond chance."""
-        return self.role == "helps" and self.held.gains
+        """Held-out poses are predicted better with it, beyond chance: what the text judges."""
+        return self.held.gains
 
     @property
     def harms(self) -> bool:
@@ -168,10 +186,9 @@ class Diagnosis:
 def conclude(study: Study, found: Selection) -> Diagnosis:
     """Everything the answer says, from a selection."""
     final = study.fit(found.model)
-    p_after, where = _left_by(final, study.comparison)
+    left = _left_by(final, study.comparison)
     novel = unnamed_finding(study, found) if found.last.unnamed_wins else None
-    adequate = explained(p_after, structure(where)) and novel is None
-    effects = effect_findings(study, found, adequate)
+    effects = effect_findings(study, found, left, explained=left.is_known_noise and novel is None)
     return Diagnosis(
         comparison=study.comparison,
         verdict=_verdict(found.first.none, effects, novel),
@@ -180,17 +197,17 @@ def conclude(study: Study, found: Selection) -> Diagnosis:
         not_testable=not_testable(study, found.first),
         probability_none=found.first.none,
         final=final,
-        adequate_after=adequate,
-        remainder=remainder(study, found.model, where),
+        adequate_after=left.is_noise and novel is None,
+        remainder=remainder(study, found.model, left.where),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
     )
 
 
-def _left_by(final: Fit, c: Comparison) -> tuple[float | None, tuple[Where, ...]]:
-    """Lack of fit of the final model, and where it fails: known where nothing was added."""
+def _left_by(final: Fit, c: Comparison) -> Left:
+    """What the final model leaves: known where nothing was added."""
     if final is c.fit_all:
-        return c.p_lack_of_fit, c.where
-    return lack_of_fit(final, noise_floor(final)), where_it_fails(final)
+        return Left(final, c.p_lack_of_fit, c.where)
+    return Left(final, lack_of_fit(final, noise_floor(final)), where_it_fails(final))
 
 
 def _verdict(none: float, effects: Sequence[EffectFinding], novel: UnnamedFinding | None) -> Verdict:
@@ -264,11 +281,15 @@ def not_testable(study: Study, first: Posterior) -> tuple[Untestable, ...]:
 # ------------------------------------------------------------------------------------------- effects
 
 
-def effect_findings(study: Study, found: Selection, adequate: bool) -> tuple[EffectFinding, ...]:
-    """Findings about kept effects and alternatives, by role and probability."""
+def effect_findings(
+    study: Study, found: Selection, left: Left, *, explained: bool
+) -> tuple[EffectFinding, ...]:
+    """Findings about kept effects and alternatives, by role and probability. left: by the final model;
+    explained: that is known noise, so that evidence holds as it stands."""
     first = found.first
     p_family = family_p(first.scorer, [*first.scored, *first.mapped])
-    report = _Reporter(study, found.model, p_family, adequate)
+    back = frozenset(k.effect.name for k in found.taken_back)
+    report = _Reporter(study, found.model, p_family, left, explained, back)
     findings = [report.kept(k) for k in found.kept]
     findings += [report.alternative(h, posterior) for h, posterior in alternatives(found)]
     return tuple(sorted(findings, key=_rank))
@@ -316,41 +337,41 @@ def _best_named(found: Selection) -> list[Hypothesis]:
 
 @dataclass(frozen=True)
 class _Reporter:
-    """Makes findings: what is the same for all of them."""
+    """Makes findings: what is the same for all of them. left: by the final model; explained: evidence holds
+    as it stands; back: effects that were taken back."""
 
     study: Study
     model: Model
     p_family: dict[str, float]
-    adequate: bool
+    left: Left
+    explained: bool
+    back: frozenset[str]
 
     def kept(self, k: Kept) -> EffectFinding:
         """About an effect of the final model, with its fitted values."""
-        probability = k.posterior.presence(k.effect.name)
-        # While the model with it does not explain the data, a name may stand for a similar effect that is
-        # missing: its posterior holds only if the truth is among the names.
-        capped = not self.adequate and probability > CLAIM
-        found = self._finding(k.effect, k.role, CLAIM if capped else probability, k.posterior)
+        found = self._finding(k.effect, k.role, k.posterior.presence(k.effect.name), k.posterior)
         confounded = dict.fromkeys((*confounded_effects(self.study, k.effect, k.posterior), *k.ties))
         values = _values(k.effect, self.study.fit(self.model))
-        return replace(found, capped=capped, confounded_with=tuple(confounded), parameters=values)
+        return replace(found, confounded_with=tuple(confounded), parameters=values)
 
     def alternative(self, h: Hypothesis, posterior: Posterior) -> EffectFinding:
         """About an effect outside the final model."""
-        probability = posterior.probability.get(h.name, 0.0)
-        capped = not self.adequate and probability > CLAIM
-        found = self._finding(h, "alternative", CLAIM if capped else probability, posterior)
+        evidence = posterior.probability.get(h.name, 0.0)
+        found = self._finding(h, "alternative", evidence, posterior)
         visible = posterior.by_name[h.name].score.chi2 > CONFOUNDED_CHI2 * posterior.scorer.scale**2
         confounded = confounded_effects(self.study, h, posterior) if visible else ()
-        return replace(found, capped=capped, confounded_with=confounded)
+        return replace(found, confounded_with=confounded)
 
-    def _finding(self, h: Hypothesis, role: Role, probability: float, posterior: Posterior) -> EffectFinding:
+    def _finding(self, h: Hypothesis, role: Role, evidence: float, posterior: Posterior) -> EffectFinding:
         scorer, score = posterior.scorer, posterior.by_name[h.name].score
+        doubts = self._doubts(h, evidence)
         return EffectFinding(
             name=h.name,
             label=h.label,
+            hypothesis=h,
             role=role,
-            probability=probability,
-            capped=False,
+            probability=doubts.probability,
+            doubts=doubts,
             p_value=self.p_family.get(h.name, self.p_family.get(h.effect, 1.0)),
             delta_bic=float(-score.chi2 / scorer.scale**2 + score.rank * np.log(len(scorer.wz))),
             held=self.study.held_gain(self.model, h),
@@ -359,6 +380,18 @@ class _Reporter:
             confounded_with=(),
             inferred_direction=self._rests_on_inferred_direction(h),
         )
+
+    def _doubts(self, h: Hypothesis, evidence: float) -> Doubts:
+        """What makes the probability of an effect smaller than that by evidence. Of what is unlikely anyway
+        nothing more is computed."""
+        back = h.name in self.back
+        if (self.explained and not back) or (evidence < _TESTED_FROM and h not in self.model):
+            return Doubts(evidence)
+        identity = 1.0 if self.explained else self.left.identity(h)
+        support = self.study.support(self.model, h)
+        if support is None:
+            return Doubts(evidence, UNTESTED, identity)
+        return Doubts(evidence, support.probability, identity, support.worse)
 
     def _rests_on_inferred_direction(self, h: Hypothesis) -> bool:
         data = self.study.base.data

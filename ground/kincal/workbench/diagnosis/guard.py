@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from ..adequacy import ADEQUATE_P, lack_of_fit, noise_floor
+from .heldout import HeldGain
 from .states import Kept, Selection
 from .study import Model, Study
 
@@ -34,7 +35,8 @@ def _worst(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
 
 def never_worse(study: Study, found: Selection, evaluation: Study) -> Selection:
     """Without effects that harm, and, where the model does not explain the data to within a known noise,
-    without whatever makes the whole predict held-out poses worse than no effect at all.
+    without those that held-out poses gain nothing from or that make a block of poses much worse, nor whatever
+    makes the whole predict held-out poses worse than no effect at all.
 
     evaluation: the study of all poses, where `study` has a part of them."""
     kept, back = found.kept, found.taken_back
@@ -63,11 +65,27 @@ def _contradicted(study: Study, kept: tuple[Kept, ...]) -> Kept | None:
     harmful = [(gain.interval[0], k) for gain, k in gains if gain.harms]
     if harmful:
         return max(harmful, key=lambda pair: pair[0])[1]
+    if study.explains(model):  # to within a known noise: the evidence stands on its own
+        return None
+    if (useless := _useless(study, model, gains)) is not None:
+        return useless
     # a rotation error that grows by chance does not speak against an effect that is sure to gain
     doubtful = gains if _worse(study, model) else [(g, k) for g, k in gains if not g.gains]
-    if not (doubtful and _worse(study, model, rotation=True)) or _explained(study, model):
+    if not (doubtful and _worse(study, model, rotation=True)):
         return None
     return max(doubtful, key=lambda pair: pair[0].after_m / pair[0].before_m)[1]
+
+
+def _useless(study: Study, model: Model, gains: Sequence[tuple[HeldGain, Kept]]) -> Kept | None:
+    """The effect that helps least, of those from which held-out poses gain nothing, or which make a block of
+    poses much worse; None if all help."""
+
+    def stretched(k: Kept) -> bool:
+        support = study.support(model, k.effect)
+        return support is not None and bool(support.worse)
+
+    ratios = [(gain.ratio, k) for gain, k in gains if gain.nothing or stretched(k)]
+    return max(ratios, key=lambda pair: pair[0])[1] if ratios else None
 
 
 def _worse(study: Study, model: Model, *, rotation: bool = False) -> bool:
@@ -79,10 +97,3 @@ def _worse(study: Study, model: Model, *, rotation: bool = False) -> bool:
 
 def _larger(after: float | None, before: float | None) -> bool:
     return after is not None and before is not None and after > before
-
-
-def _explained(study: Study, model: Model) -> bool:
-    """The model explains the data to within a noise that is known: the evidence stands on its own."""
-    fit = study.fit(model)
-    p = lack_of_fit(fit, noise_floor(fit))
-    return p is not None and p > ADEQUATE_P

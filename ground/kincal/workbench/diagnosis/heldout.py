@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from ..types import Array, Mask
 
 FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
 _GROSS = 10.0  # median errors
+_NOTHING = 0.002  # change of an error that says nothing
 
 
 @dataclass(frozen=True)
@@ -18,19 +20,21 @@ class HeldGain:
     """Held-out position RMS [m] without and with an effect, and a 95 % bootstrap interval over the poses of
     their ratio (with / without). NaN where no poses are held out.
 
-    cross_validated: too few poses are held out; all poses were, in turns.
+    cross_validated: too few poses are held out; all poses were, in turns; rotation: ratio of the RMS rotation
+    errors, None without rotations.
     """
 
     before_m: float
     after_m: float
     interval: tuple[float, float]
     cross_validated: bool = False
+    rotation: float | None = None
 
     @classmethod
     def of(cls, before: Array, after: Array, *, cross_validated: bool) -> HeldGain:
         """From squared position errors (M,) [m^2] of the same poses; gross outliers, off by far with and
         without the effect, tell nothing of it and are left out."""
-        usual = ~(_gross(before) & _gross(after))
+        usual = ~(gross(before) & gross(after))
         before, after = before[usual], after[usual]
         _, interval = held_ratio(after, before)
         return cls(float(np.sqrt(before.mean())), float(np.sqrt(after.mean())), interval, cross_validated)
@@ -46,12 +50,23 @@ class HeldGain:
         return self.interval[0] > 1.0
 
     @property
+    def ratio(self) -> float:
+        """Of RMS errors, with orientations of positions and rotations in equal shares."""
+        position = self.after_m / self.before_m
+        return position if self.rotation is None else math.hypot(position, self.rotation) / math.sqrt(2.0)
+
+    @property
+    def nothing(self) -> bool:
+        """Held-out poses gain nothing: two thousandths at most, or positions lose as much."""
+        return self.ratio > 1.0 - _NOTHING or self.after_m > (1.0 + _NOTHING) * self.before_m
+
+    @property
     def worse(self) -> bool:
         """The error of the held-out poses grows, be it by chance."""
         return self.after_m > self.before_m
 
 
-def _gross(square: Array) -> Mask:
+def gross(square: Array) -> Mask:
     """(M,) errors of more than `_GROSS` times the median."""
     return np.asarray(square > _GROSS**2 * np.median(square), dtype=bool)
 

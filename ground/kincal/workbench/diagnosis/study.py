@@ -8,27 +8,32 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..compare import Comparison, PosRot
-from ..crossval import folds
+from ..adequacy import ADEQUATE_P, lack_of_fit, noise_floor
+from ..compare import Comparison, PosRot, Split
+from ..crossval import folds, predicted
 from ..data import Measurements
 from ..effects import Hypothesis, Library
 from ..fit import Fit, fit_model, rms
 from ..grids import finer
 from ..hypotheses import Competition, merged_if_several
 from ..model import room_for
+from ..nested import Block, blocks
 from ..scoring import Scorer, robust_weights
+from ..thinning import MANY, part_of
 from ..types import Array, array
 from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
 from .posterior import Posterior
 from .subsets import fewest_joints, joints_with
+from .support import Support, of_turns
 
 Model = tuple[Hypothesis, ...]
 """The effects of a model beside DH, frames and what was given."""
 
 T = TypeVar("T")
 
-_TURNS = 5  # folds, where all poses take turns in being held out
+TURNS = 5  # folds, where all poses take turns in being held out
 _LEAST_IN_TURNS = 8  # poses
+_FITTED_ANEW = 300  # poses up to which each turn is a fit of its own
 _ROWS_EACH = 4.0  # degrees of freedom that each coefficient of an effect needs
 
 
@@ -83,7 +88,7 @@ class Study:
     @property
     def _few(self) -> bool:
         """Too few poses are held out for an interval, and enough are there to take turns."""
-        return len(self.comparison.split.held) < FEW_HELD and self._pool.n >= _LEAST_IN_TURNS
+        return len(self.comparison.split.held) < FEW_HELD and self.can_take_turns
 
     @property
     def _pool(self) -> Measurements:
@@ -107,6 +112,12 @@ class Study:
         if not model:
             return base
         return self._remembered(("fit", model), lambda: self._fit_to(base.data, base, model))
+
+    def explains(self, model: Model) -> bool:
+        """These effects explain the data to within a noise that is known."""
+        fit = self.fit(model)
+        p = lack_of_fit(fit, noise_floor(fit))
+        return p is not None and p > ADEQUATE_P
 
     def room(self, model: Model) -> int:
         """Coefficients that may still be added to this model: what the core carries, and what the poses do.
@@ -181,26 +192,79 @@ class Study:
     def held_square(self, model: Model) -> Array:
         """(M,) squared position error [m^2] of poses that the model was not fitted to: the held-out ones,
         or all poses in turns where those are too few."""
+        return _square(self._held(model))
+
+    def _held(self, model: Model) -> Array:
         held = self.comparison.held_data
-        if self._few or held is None:
-            return self._remembered(("turns", model), lambda: self._in_turns(model))
-        return array((self._held_residual(model, held)[:, :3] ** 2).sum(axis=1))
+        return self._in_turns(model) if self._few or held is None else self._held_residual(model, held)
 
     def _in_turns(self, model: Model) -> Array:
-        """(N,) squared position errors, each fold predicted by a fit to the others."""
-        data, square = self._pool, np.zeros(self._pool.n)
-        fold = folds(data, _TURNS)
+        """(N, c) residuals of the poses that may be fitted, each fold predicted by a fit to the others."""
+        return self._remembered(("turns", model), lambda: self._predicted_in_turns(model))
+
+    def _predicted_in_turns(self, model: Model) -> Array:
+        data = self._pool
+        r, fold = np.zeros((data.n, data.components)), folds(data, TURNS)
         for k in np.unique(fold):
             out = fold == k
-            r = self._fit_to(data.take(~out), self.base, model).predict(data.take(out))
-            square[out] = (r[:, :3] ** 2).sum(axis=1)
-        return square
+            r[out] = self._fit_to(data.take(~out), self.base, model).predict(data.take(out))
+        return r
+
+    @property
+    def can_take_turns(self) -> bool:
+        """Enough poses are there to be held out in turns."""
+        return self._pool.n >= _LEAST_IN_TURNS
+
+    def support(self, model: Model, h: Hypothesis) -> Support | None:
+        """What poses that were not fitted say of an effect beside the others of a model; None where too few
+        poses are there, or too few coefficients are left."""
+        if not self.can_take_turns or len(h.parameters) > room_for(self.fit(model).parameters):
+            return None
+        without, with_it = self._without_and_with(model, h)
+        return self._remembered(("support", without, with_it), lambda: self._supported(without, with_it))
+
+    def _supported(self, without: Model, with_it: Model) -> Support:
+        if self._pool.n <= _FITTED_ANEW:
+            before, after = self._in_turns(without), self._in_turns(with_it)
+        else:  # linear at the fit of each: to fit anew takes far longer and says the same
+            before, after = (predicted(self.fit(some), TURNS) for some in (without, with_it))
+        if self.comparison.split.given and (held := self.comparison.held_data) is not None:
+            before = np.vstack([before, self._held_residual(without, held)])
+            after = np.vstack([after, self._held_residual(with_it, held)])
+        stretched = self._in_blocks(without, with_it), self._in_blocks(with_it, with_it)
+        return of_turns(before, after, TURNS).beside(*stretched)
+
+    def _in_blocks(self, model: Model, near: Model) -> dict[str, Array]:
+        """(M, c) residuals [m, rad] of an unseen region, a time block and one direction of approach (of many
+        poses, of a part), each predicted by a fit to the other poses that begins where that of `near` is."""
+        return self._remembered(("blocks", model, near), lambda: self._predicted_in_blocks(model, near))
+
+    def _predicted_in_blocks(self, model: Model, near: Model) -> dict[str, Array]:
+        pool, begin = self._pool, self.fit(near)
+        data = pool.take(part_of(pool)) if pool.n > MANY else pool
+
+        def left(block: Block) -> Array:
+            return self._fit_to(data.take(block.fit), begin, model).predict(data.take(block.held))
+
+        every = Split(np.arange(data.n), np.arange(0), False)
+        return {block.name: left(block) for block in blocks(data, every)}
+
+    @staticmethod
+    def _without_and_with(model: Model, h: Hypothesis) -> tuple[Model, Model]:
+        others = tuple(x for x in model if x.name != h.name)
+        return others, model if h in model else (*others, h)  # one order, one fit
 
     def held_gain(self, model: Model, h: Hypothesis) -> HeldGain:
         """What held-out poses gain from an effect, the other effects of the model with and without it."""
         if not self.has_held_out or len(h.parameters) > room_for(self.fit(model).parameters):
             return NO_HELD_OUT
-        others = tuple(x for x in model if x.name != h.name)
-        before = self.held_square(others)
-        after = self.held_square(model if h in model else (*others, h))  # one order, one fit
-        return HeldGain.of(before, after, cross_validated=self._few)
+        without, with_it = self._without_and_with(model, h)
+        before, after = self._held(without), self._held(with_it)
+        gain = HeldGain.of(_square(before), _square(after), cross_validated=self._few)
+        turned = rms(after)[1], rms(before)[1]
+        return replace(gain, rotation=turned[0] / turned[1]) if turned[0] and turned[1] else gain
+
+
+def _square(r: Array) -> Array:
+    """(M,) squared position errors [m^2] of residuals (M, c)."""
+    return array((r[:, :3] ** 2).sum(axis=1))
