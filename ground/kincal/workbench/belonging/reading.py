@@ -101,10 +101,17 @@ class Reading:
             replace(joint, alpha_rad=-joint.alpha_rad) if j in self.twisted else joint
             for j, joint in enumerate(joints)
         ]
-        arm = replace(arm, joints=tuple(joints), **{name: _rolled(arm, name) for name in self.scalar_last})
+        arm = replace(arm, joints=tuple(joints), base=self._frame(arm, "base"), tool=self._frame(arm, "tool"))
         # another arm has other frames, and a base frame in modified DH holds the first link
         unknown = self.free or bool(self.joints) or self.convention
         return replace(arm, base=_free(arm.base), tool=_free(arm.tool)) if unknown else arm
+
+    def _frame(self, arm: ArmTable, name: str) -> Frame:
+        """Base or tool frame, its quaternion taken as x, y, z, w if this reading says so."""
+        frame = arm.base if name == "base" else arm.tool
+        if name not in self.scalar_last:
+            return frame
+        return replace(frame, quat_wxyz=np.roll(frame.quat_wxyz, 1))
 
     def joint_values(self, data: Measurements, rows: Indices) -> Array:
         """(N, n) joint readings of some poses, as this reading understands them."""
@@ -159,12 +166,6 @@ def _turned_back(quat_wxyz: Array) -> Array:
     """(N, 4) the inverse rotations."""
     inverse: Array = quat_wxyz * [1.0, -1.0, -1.0, -1.0]
     return inverse
-
-
-def _rolled(arm: ArmTable, name: str) -> Frame:
-    """A frame of the table, its quaternion taken as x, y, z, w."""
-    frame: Frame = getattr(arm, name)
-    return replace(frame, quat_wxyz=np.roll(frame.quat_wxyz, 1))
 
 
 def _mirrored(how: str, p_m: Array, quat_wxyz: Array | None) -> tuple[Array, Array | None]:

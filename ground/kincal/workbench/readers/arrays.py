@@ -47,11 +47,11 @@ def read_npz(path: str, _mapping: DataMap, _joints: Joints) -> Table:
 def _bytes_of(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
     """Memory that a member of an npz needs: what its header says, or its size where that is more. ValueError
     if it is no array."""
+    of: Any = np.lib.format  # it has no types
     with archive.open(member) as file:
-        version = np.lib.format.read_magic(file)
-        of = np.lib.format
+        version = of.read_magic(file)
         shape, _, kind = (of.read_array_header_1_0 if version == (1, 0) else of.read_array_header_2_0)(file)
-    return max(math.prod(shape) * kind.itemsize, member.file_size)
+    return max(int(math.prod(shape)) * int(kind.itemsize), member.file_size)
 
 
 def _refuse_large(path: str, size: int) -> None:
