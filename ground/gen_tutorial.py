@@ -53,7 +53,7 @@ class Step:
 
 
 class Shell:
-    """Runs blocks of a page one after the other in the root of a tree, as a person does in one shell: a folder
+    """Runs the blocks of a page in the root of a tree, as a person does in one shell: a folder
     and variables of a block hold for the next one, and a command that fails ends it, in a pipe too.
 
     kept: folder for what holds between two blocks; instead: what is run in place of a command; env: variables
@@ -61,7 +61,7 @@ class Shell:
 
     def __init__(self, root: Path, kept: Path, instead: Mapping[str, str], **env: str) -> None:
         self.root, self.kept, self.instead = root, kept / "shell", instead
-        hidden = ("PYTHONPATH", "KINCAL_CORE", "VIRTUAL_ENV")
+        hidden = ("PYTHONPATH", "KINCAL_CORE", "KINCAL_KEYS", "KINCAL_JOURNAL", "VIRTUAL_ENV")
         self.env = {k: v for k, v in os.environ.items() if k not in hidden}
         self.env |= {"OMP_NUM_THREADS": "1", "COLUMNS": "140", **env}
         self.kept.write_text(f"cd {shlex.quote(str(root))}\n")

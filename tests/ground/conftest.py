@@ -45,13 +45,11 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def clone(full, tmp_path_factory):
-    """What a clone of this tree holds, after its build: the files that git has, the programs, and an environment
+    """What a clone of this tree holds after its build: the files that git has, programs, an environment
     with kincal."""
     root = tmp_path_factory.mktemp("clone")
-    names = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout
-    for name in filter(None, names.split("\0")):
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+    for name in filter(None, listed.stdout.split("\0")):
         if (ROOT / name).is_file():
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, root / name)

@@ -11,19 +11,18 @@ import gen_tutorial  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
-# Commands that take minutes or need a network of their own, and what is run for them: other tests do what they do.
+FSW = "build/kincal-fsw --live --keys ~/.kincal/keys --tables tables/bin --store store"
+# Commands that take minutes or need a network, and what is run for them: other tests do what they do.
 INSTEAD = {
     "make demo": "make -n demo > /dev/null",  # tests/integration
     "make test": "make -n test > /dev/null",
     "make hil URL='udpm://239.255.76.67:7667?ttl=1'": "make -n hil > /dev/null",
     "kincal run encoder_bias --seed 7": "kincal run encoder_bias --seed 7 --fast --no-compare --no-summary",
     "kincal run healthy --fast": "kincal run healthy --fast --no-compare --no-summary",
-    # for ever, in a terminal of its own: that it begins is enough
-    "build/kincal-fsw --live --keys ~/.kincal/keys --tables tables/bin --store store":
-        "timeout 1 build/kincal-fsw --live --keys ~/.kincal/keys --tables tables/bin --store store || [ $? = 124 ]",
+    FSW: f"timeout 1 {FSW} --url memq:// || [ $? = 124 ]",  # a process for ever: that it begins is enough
     "kincal table uplink tables/bin/config.tbl": "kincal table uplink --help > /dev/null",  # test_review.py
-    "pip install ./ground": "kincal --version > /dev/null",  # fixture `wheel`
-}  # fmt: skip
+    "pip install ./ground": "kincal --version > /dev/null",  # the fixture `wheel`
+}
 
 
 def test_every_block_of_the_readme_ends_well(clone, tmp_path):
@@ -31,7 +30,7 @@ def test_every_block_of_the_readme_ends_well(clone, tmp_path):
     blocks = [m["commands"] for m in gen_tutorial.BLOCK.finditer(text)]
     lines = {line.partition("#")[0].strip() for block in blocks for line in block.splitlines()}
     assert len(blocks) == 4 and set(INSTEAD) <= lines
-    shell = gen_tutorial.Shell(clone, tmp_path, INSTEAD, HOME=str(tmp_path), LCM_DEFAULT_URL="memq://")
+    shell = gen_tutorial.Shell(clone, tmp_path, INSTEAD, HOME=str(tmp_path))
     said = [shell.run(block) for block in blocks]
     assert "no change needed" in said[1] and "verdict" in said[3]
     assert (tmp_path / ".kincal" / "keys").is_file()
