@@ -12,9 +12,12 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,23 +52,40 @@ class Step:
     output: str
 
 
-def run(commands: str, status: int, folder: Path) -> str:
-    """What the commands print; they run in the root of the tree, with out/tutorial at folder."""
-    env = dict(os.environ, OMP_NUM_THREADS="1", COLUMNS="140")
-    env["PATH"] = f"{ROOT / '.venv' / 'bin'}{os.pathsep}{env['PATH']}"
-    done = subprocess.run(
-        ["bash", "-e", "-c", commands.replace(OUT, str(folder))],
-        cwd=ROOT, env=env, capture_output=True, text=True, timeout=TIMEOUT_S,
-    )  # fmt: skip
-    if done.returncode != status:
-        raise SystemExit(f"status {done.returncode}, not {status}:\n{commands}\n{done.stdout}{done.stderr}")
-    return done.stdout.replace(str(folder), OUT)
+class Shell:
+    """Runs the blocks of a page in the root of a tree, as a person does in one shell: a folder
+    and variables of a block hold for the next one, and a command that fails ends it, in a pipe too.
+
+    kept: folder for what holds between two blocks; instead: what is run in place of a command; env: variables
+    of the commands."""
+
+    def __init__(self, root: Path, kept: Path, instead: Mapping[str, str], **env: str) -> None:
+        self.root, self.kept, self.instead = root, kept / "shell", instead
+        hidden = ("PYTHONPATH", "KINCAL_CORE", "KINCAL_KEYS", "KINCAL_JOURNAL", "VIRTUAL_ENV")
+        self.env = {k: v for k, v in os.environ.items() if k not in hidden}
+        self.env |= {"OMP_NUM_THREADS": "1", "COLUMNS": "140", **env}
+        self.kept.write_text(f"cd {shlex.quote(str(root))}\n")
+
+    def run(self, commands: str, status: int = 0) -> str:
+        """What the commands print. SystemExit if they end with another status."""
+        lines = (self.instead.get(line.partition("#")[0].strip(), line) for line in commands.splitlines())
+        keep = f"(declare -px; echo cd \\'$PWD\\') > {shlex.quote(str(self.kept))}"
+        script = "\n".join([f". {shlex.quote(str(self.kept))}", f"trap {shlex.quote(keep)} EXIT", *lines])
+        done = subprocess.run(
+            ["bash", "-e", "-o", "pipefail", "-c", script],
+            cwd=self.root, env=self.env, capture_output=True, text=True, timeout=TIMEOUT_S,
+        )  # fmt: skip
+        if done.returncode != status:
+            raise SystemExit(
+                f"status {done.returncode}, not {status}:\n{commands}\n{done.stdout}{done.stderr}"
+            )
+        return done.stdout
 
 
-def perform(text: str, folder: Path) -> list[Step]:
+def perform(text: str, shell: Shell) -> list[Step]:
     """Run every block of the document, in order."""
     return [
-        Step(m["commands"], int(m["status"] or 0), run(m["commands"], int(m["status"] or 0), folder))
+        Step(m["commands"], int(m["status"] or 0), shell.run(m["commands"], int(m["status"] or 0)))
         for m in BLOCK.finditer(text)
     ]
 
@@ -159,9 +179,9 @@ def main(argv: list[str]) -> int:
     """Write or check; the exit status."""
     folder = ROOT / OUT
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
     text = DOCUMENT.read_text("utf-8")
-    steps = perform(text, folder)
+    with tempfile.TemporaryDirectory() as kept:
+        steps = perform(text, Shell(ROOT, Path(kept), {}))
     new = written(text, steps)
     if "--check" in argv:
         found = differences(text, new)

@@ -179,6 +179,8 @@ def angle_text(rad: float) -> str:
 
 def chance_text(p: float) -> str:
     """A probability; nothing has none at all."""
+    if not np.isfinite(p):
+        return "-"
     return f"{p:.3g}" if p >= _LEAST_CHANCE else f"below {_LEAST_CHANCE:g}"
 
 

@@ -1,5 +1,8 @@
 """What several test files share: the true arm's table, the effect library, environments of the wheel."""
 
+import os
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -27,11 +30,32 @@ def library():
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory):
+    """The wheel, built as `pip install ./ground` does in an active environment with LCM's Python package: its
+    lcm-gen stands first on the PATH, and does not work where pip builds."""
     out = tmp_path_factory.mktemp("wheel")
+    shadow = tmp_path_factory.mktemp("shadow") / "lcm-gen"
+    shadow.write_text("#!/bin/sh\necho \"ModuleNotFoundError: No module named 'lcm'\" >&2\nexit 1\n")
+    shadow.chmod(0o755)
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
-    run(*pip, "--wheel-dir", out, ROOT / "ground", cwd=out)
+    path = f"{shadow.parent}{os.pathsep}{os.environ['PATH']}"
+    run(*pip, "--wheel-dir", out, ROOT / "ground", cwd=out, PATH=path)
     (path,) = out.glob("kincal-*.whl")
     return path
+
+
+@pytest.fixture(scope="session")
+def clone(full, tmp_path_factory):
+    """What a clone of this tree holds after its build: the files that git has, programs, an environment
+    with kincal."""
+    root = tmp_path_factory.mktemp("clone")
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+    for name in filter(None, listed.stdout.split("\0")):
+        if (ROOT / name).is_file():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, root / name)
+    (root / "build").symlink_to(ROOT / "build")
+    (root / ".venv").symlink_to(full)
+    return root
 
 
 @pytest.fixture(scope="session")

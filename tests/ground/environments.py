@@ -21,8 +21,8 @@ def child(*command, cwd, **env):
     )
 
 
-def run(*command, cwd):
-    done = child(*command, cwd=cwd)
+def run(*command, cwd, **env):
+    done = child(*command, cwd=cwd, **env)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -17,8 +17,10 @@ from kincal import keys, review, tables
 from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.errors import CommandFailed, KincalError
+from kincal.flight import event_name
 from kincal.flight.tables import kind_number
 from kincal.link import CommandLink, Link, LogEvent, LogSummary, Session, upload
+from kincal.link.connection import check_ack
 from kincal.pages import review as review_page
 from kincal.pages.page import Provenance, render
 from kincal.results import chance_text
@@ -390,6 +392,23 @@ def test_refusal_by_flight_is_reported_and_not_recorded(tmp_path, journal, comma
     assert run.exit_code == EXIT_FAILED
     assert f"{opcode} refused: KC_ERR_STATE (CMD_STATE)" in run.output
     assert [e.decision for e in review.check_journal(journal)] == ["seen"]
+
+
+@pytest.mark.parametrize(
+    ("event", "advice"),
+    [
+        ("CMD_KEY", "Give sender and flight the same key file"),
+        ("CMD_STATE", "docs/STATES.md"),
+        ("", "`kincal review list --live` tells what waits there"),
+    ],
+)
+def test_a_refusal_comes_with_flights_advice_for_its_reason(event, advice):
+    ack = kcm.ack_t()
+    ack.status, ack.event_id = -8, next((n for n in range(1, 100) if event_name(n) == event), 0)
+    with pytest.raises(CommandFailed, match="APPROVE_ARM refused") as refused:
+        check_ack(ack, "APPROVE_ARM", "url")
+    assert refused.value.todo == f"nothing was changed on board. {refused.value.todo.partition('. ')[2]}"
+    assert advice in refused.value.todo and "review show" not in refused.value.todo
 
 
 def test_approval_that_does_not_show_in_housekeeping_is_a_failure(tmp_path, journal):

@@ -27,11 +27,11 @@ def kincal(*args, status=0):
 
 
 @pytest.fixture(scope="module")
-def tutorial(tmp_path_factory):
-    """Every command of the page, and what it printed."""
-    folder = tmp_path_factory.mktemp("tutorial")
+def tutorial(clone, tmp_path_factory):
+    """Every command of the page, block by block in a fresh clone, and what it printed. The clone is built."""
     text = gen_tutorial.DOCUMENT.read_text("utf-8")
-    return folder, text, gen_tutorial.perform(text, folder)
+    shell = gen_tutorial.Shell(clone, tmp_path_factory.mktemp("shell"), {"make setup-demo build": "true"})
+    return clone / gen_tutorial.OUT, text, gen_tutorial.perform(text, shell)
 
 
 def test_tutorial_ends_below_1_3_times_the_noise_floor_where_dh_alone_stops_far_above(tutorial):

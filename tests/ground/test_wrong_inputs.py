@@ -16,7 +16,8 @@ from click.testing import CliRunner
 
 from kincal.arms.library import arm_text
 from kincal.cli import main
-from kincal.cli.errors import EXIT_DATA, EXIT_INPUT
+from kincal.cli.errors import EXIT_DATA, EXIT_FAILED, EXIT_INPUT
+from kincal.schema.arm import read_arm
 from kincal.workbench.readers import read_measurements
 
 Q = [f"q{j}" for j in range(1, 8)]
@@ -180,6 +181,22 @@ def gone(name):
     return lambda folder: (folder / name).unlink()
 
 
+def mirrored(*axes, turns=False):
+    """Positions with an axis reversed; turns: the orientations in that mirror too."""
+    mirror = np.diag([-1.0 if name in axes else 1.0 for name in P])
+
+    def change(row):
+        p = mirror @ [float(row[name]) for name in P]
+        out = dict(zip(P, map(str, p), strict=True))
+        if turns:
+            turn = poses.Rotation.from_quat([float(row[name]) for name in (*QUAT[1:], QUAT[0])])
+            seen = poses.Rotation.from_matrix(mirror @ turn.as_matrix() @ mirror).as_quat()
+            out |= dict(zip((*QUAT[1:], QUAT[0]), map(str, seen), strict=True))
+        return row | out
+
+    return rows(change)
+
+
 def other_arm(folder):
     """Poses of an arm whose links are 0.1 m and 0.3 rad off (one sigma each)."""
     poses.poses_csv(folder / "poses.csv", 40, 5, dh_size=0.3)
@@ -210,16 +227,34 @@ WRONG = {
     "quaternion of norm 2": (arm(r"quat_wxyz = \[1.0", "quat_wxyz = [2.0"), ["quat_wxyz", "norm"]),
     "text for a number": (arm(r"a_m = 0\.0", 'a_m = "wide"'), ["a_m", "wide"]),
     "arm table no TOML": (arm_file("name: WAM\njoints: 7\n"), ["arm.toml", "not valid TOML"]),
-    "arm table of bytes": (content(bytes(range(128, 256)), "arm.toml"), ["arm.toml", "not valid TOML"]),
+    "arm table of bytes": (content(bytes(range(128, 256)), "arm.toml"),
+                           ["arm.toml", "does not look like text"]),
     "arm table a directory": (directory("arm.toml"), ["arm.toml", "directory"]),
+    "arm table of Windows": (content("name = 'é'\n".encode("cp1252"), "arm.toml"),
+                             ["line 1", "Windows-1252 the line reads: name = 'é'", "iconv -f cp1252"]),
+    "arm table a xacro": (arm_file('<?xml version="1.0"?>\n<robot xmlns:xacro="x"><xacro:include/></robot>'),
+                          ["xacro FILE > robot.urdf", "kincal arm import robot.urdf"]),
+    "arm table a URDF": (arm_file('<robot name="r"/>'), ["is a URDF", "kincal arm import FILE"]),
+    "gravity in millimetres": (arm(r"-9\.81", "-9810.0"), ["gravity_m_s2", "9810", "m/s^2"]),
+    "a link of 1e300 m": (arm(r"d_m = 0\.3", "d_m = 1e300"), ["d_m", "is 1e+300", "1e+07 or less"]),
+    "alpha of the other sign": (arm(r"alpha_rad = (1\.57\d*\nd_m = 0\.0)", r"alpha_rad = -\1"),
+                                ["alpha of joint 2", "other sign"]),
+    "quaternion of the base x, y, z, w": (arm(r"\[1.0, 0.0, 0.0, 0.0\]", "[0.0, 0.0, 0.0, 1.0]"),
+                                          ["quat_wxyz of [base]", "x, y, z, w", "scalar part first"]),
     "no arm table": (gone("arm.toml"), ["arm.toml", "no such file"]),
     # the measurements
     "empty file": (content(b""), ["is empty", "q1..q7"]),
     "header only": (content(",".join([*Q, *P]).encode() + b"\n"), ["no usable row"]),
     "a directory": (directory("poses.csv"), ["poses.csv", "folder"]),
     "no file": (gone("poses.csv"), ["poses.csv", "no such file"]),
-    "bytes": (content(bytes(range(128, 256)) * 9), ["poses.csv", "cannot be read"]),
-    "UTF-16": (content("q1,q2\n1,2\n".encode("utf-16")), ["poses.csv", "UTF-8"]),
+    "bytes": (content(bytes(range(128, 256)) * 9), ["poses.csv", "does not look like text"]),
+    "UTF-16": (content("q1,q2\n1,2\n".encode("utf-16")), ["poses.csv", "UTF-16", "UTF-8", "iconv -f utf-16"]),
+    "Windows-1252": (content("q1,T in °C\n1,2\n".encode("cp1252")),
+                     ["poses.csv", "line 1", "q1,T in °C", "iconv -f cp1252 -t utf-8 poses.csv"]),
+    "a position of 1e300 m": (cell(3, "py", "1e300"), ["line 5", "py is 1e+300 m", "up to 1e+07"]),
+    "counts of an encoder": (cell(3, "q2", "1e12"), ["line 5", "q2 is 1e+12", "counts of an encoder"]),
+    "gravity in the data in millimetres": (added(gx="0", gy="0", gz="-9810"),
+                                           ["line 2", "gz is -9810", "mm/s^2"]),
     "truncated npz": (truncated_npz, ["cannot be read as npz"]),
     "not a number": (cell(3, "py", "nan"), ["line 5", "py"]),
     "text in a number": (cell(3, "q2", "approx 3"), ["line 5", "q2", "approx 3"]),
@@ -236,6 +271,12 @@ WRONG = {
     "readings in another order": (exchanged("q1", "q3", "q4", "q6"), ["another order"]),
     "sign of one joint": (scaled(["q2"], -1.0), ["joint 2 counts the other way"]),
     "signs of three joints": (scaled(["q1", "q4", "q6"], -1.0), ["joints 1, 4, 6 count the other way"]),
+    "one axis mirrored": (mirrored("py"), ["left-handed", "y is reversed", "change the sign of py"]),
+    "two axes exchanged": (exchanged("px", "py"),
+                           ["left-handed", "x and y are exchanged", "exchange px and py"]),
+    "poses in a mirror": (mirrored("py", turns=True),
+                          ["left-handed", "y is reversed", "orientations in the same",
+                           "sign of joints 1, 3, 5, 7, which looks the same"]),
     "quaternion x, y, z, w": (exchanged("qw", "qz", "qy", "qx"), ["x, y, z, w"]),
     "poses inverted": (rows(inverted), ["poses look inverted"]),
     "orientations inverted": (scaled(["qx", "qy", "qz"], -1.0), ["orientations look inverted"]),
@@ -269,6 +310,98 @@ def test_wrong_input_names_the_likely_cause(folder, case):
     assert done.stdout == ""
     for word in words:
         assert word in done.stderr
+
+
+@pytest.mark.parametrize("read", ["wxyz=qx,qy,qz,qw", "xyzw=qw,qx,qy,qz"])
+def test_the_other_order_of_quaternions_is_named_whatever_was_said(folder, read):
+    done = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation", read)
+    assert done.exit_code == EXIT_INPUT
+    form, _, columns = read.partition("=")
+    other = {"wxyz": "xyzw", "xyzw": "wxyz"}[form]
+    assert f"quaternions look like {', '.join(other)}" in done.stderr
+    advice = f"{other}={columns}"  # as the message says it: the same columns in the same order
+    right = compare("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation", advice)
+    assert right.exit_code == 0, right.stderr
+
+
+def with_euler(folder, axes, scale=1.0):
+    """Orientations as Euler angles in columns A, B, C."""
+
+    def change(row):
+        turn = poses.Rotation.from_quat([float(row[name]) for name in (*QUAT[1:], QUAT[0])])
+        angles = dict(zip("ABC", map(str, scale * turn.as_euler(axes)), strict=True))
+        return {name: value for name, value in row.items() if name not in QUAT} | angles
+
+    rows(change)(folder)
+
+
+@pytest.mark.parametrize(("is_", "said"), [("ZYX", "XYZ"), ("xyz", "XYZ"), ("xyz", "ZYX"), ("ZYZ", "ZYX")])
+@pytest.mark.parametrize("frames", ["known", "unknown"])
+def test_the_order_of_euler_angles_is_named(folder, is_, said, frames):
+    with_euler(folder, is_)
+    if frames == "unknown":
+        arm(r"(quat_wxyz = .*)", r"\1\nestimate = true", 0)(folder)
+    args = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation")
+    done = compare(*args, f"euler-{said}=A,B,C")
+    assert done.exit_code == EXIT_INPUT
+    assert f"Euler angles look like {is_}" in done.stderr
+    assert f"--rotation euler-{is_}=A,B,C" in done.stderr
+    assert compare(*args, f"euler-{is_}=A,B,C").exit_code == 0
+
+
+def test_euler_angles_in_degrees_beside_readings_in_radians_are_named(folder):
+    with_euler(folder, "ZYX", 180.0 / np.pi)
+    done = compare(
+        "--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--rotation", "euler-ZYX=A,B,C"
+    )
+    assert done.exit_code == EXIT_INPUT
+    assert "Euler angles look like degrees" in done.stderr
+
+
+def test_three_poses_say_nothing_of_the_arm_and_are_not_called_right(folder):
+    _table(folder, lambda found: found[:3])
+    done = CliRunner().invoke(
+        main, ["model", "check", "--arm", str(folder / "arm.toml"), "--data", str(folder / "poses.csv")]
+    )
+    assert done.exit_code == EXIT_FAILED
+    assert "cannot be compared" in done.stdout and "belong together" not in done.stdout
+    assert "3 poses are too few" in done.stdout
+
+
+def test_a_folder_with_the_name_of_a_shipped_arm_is_no_arm_table(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    (folder / "ur5").mkdir()
+    (folder / "M.toml").write_text('version = 1\narm = "ur5"\n')
+    done = compare("--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml")
+    assert "fitted with" in done.stderr and "(ur5)" in done.stderr
+    scaled(["q2"], -1.0)(folder)  # so that the shipped arms are looked at
+    done = compare("--arm", "arm.toml", "--data", "poses.csv")
+    assert "joint 2 counts the other way" in done.stderr
+    assert read_arm("ur5").n == 6
+
+
+@pytest.mark.parametrize(
+    "names", [["joint_compliance[9]"], ["joint_compliance[2,7]"], ["backlash[7]", "base_flex"]]
+)
+def test_an_effect_at_a_joint_that_the_arm_lacks_is_refused(folder, names):
+    model = folder / "M.toml"
+    add = ["model", "add", "--model", str(model)]
+    done = CliRunner().invoke(main, [*add, "--arm", "ur5", *names])
+    assert done.exit_code == EXIT_INPUT
+    assert "has 6 joints, there is no joint" in done.stderr and "from 1 to 6" in done.stderr
+    assert not model.exists()
+    model.write_text('version = 1\narm = "ur5"\n')  # fitted with it
+    assert CliRunner().invoke(main, [*add, *names]).exit_code == EXIT_INPUT
+    assert "effects" not in model.read_text()
+    far = CliRunner().invoke(main, ["model", "add", "--model", str(folder / "N.toml"), "backlash[17]"])
+    assert far.exit_code == EXIT_INPUT and "up to 16 joints" in far.stderr
+
+
+def test_a_fit_names_the_joint_before_what_the_effect_needs(folder):
+    (folder / "M.toml").write_text('version = 1\neffects = ["joint_compliance[9]"]\n')
+    args = ["--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--model", folder / "M.toml"]
+    done = CliRunner().invoke(main, ["model", "fit", *map(str, args)])
+    assert done.exit_code == EXIT_INPUT and "there is no joint 9" in done.stderr
 
 
 def test_same_file_twice_is_refused(folder):

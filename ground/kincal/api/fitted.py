@@ -119,7 +119,7 @@ class Fitted:
         """Write the model file M.toml, for the commands."""
         model = ModelFile(effects=self.result.effects, unnamed=dict(self.unnamed))
         arm = self.arm.table.source
-        named = str(Path(arm).resolve()) if Path(arm).exists() else arm
+        named = str(Path(arm).resolve()) if Path(arm).is_file() else arm
         write_model(path, fitted(model, self.result, arm=named, files=self.files, version=__version__))
 
     def __str__(self) -> str:

@@ -123,16 +123,28 @@ def _parse(path: Path) -> Any:
     installation.require("urdf", "reading a URDF")
     if not path.is_file():
         raise BadInput("no such file", str(path))
+    _refuse_xacro(path)
     import yourdfpy
 
     logging.getLogger("yourdfpy").setLevel(logging.ERROR)
     try:
         robot: Any = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
     except Exception as error:  # the parser passes on whatever its XML library and float() raise
-        raise BadInput(f"not a URDF: {error}", str(path), "a xacro file has to be expanded first") from None
+        raise BadInput(
+            f"not a URDF: {error}", str(path), "name a URDF: XML that begins with <robot>"
+        ) from None
     if not robot.links:
         raise BadInput("not a URDF: it has no links", str(path))
     return robot
+
+
+def _refuse_xacro(path: Path) -> None:
+    """The parser takes macros for nothing: the arm would lack what they stand for."""
+    if b"xacro:" in path.read_bytes():
+        todo = (
+            f"expand it first: `xacro {path.name} > robot.urdf` (ROS package xacro), then import robot.urdf"
+        )
+        raise BadInput("this is a xacro file: its macros are not expanded", str(path), todo)
 
 
 # --------------------------------------------------------------------------- which joints

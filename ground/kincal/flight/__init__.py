@@ -10,7 +10,7 @@ events    events in words
 
 from .arm import Arm
 from .builds import CoreError, check, library, status_name
-from .events import event_line, event_name, event_text
+from .events import event_action, event_line, event_name, event_text
 from .model import Evaluation, Model, Observations
 from .terms import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL, Terms
 
@@ -25,6 +25,7 @@ __all__ = [
     "Observations",
     "Terms",
     "check",
+    "event_action",
     "event_line",
     "event_name",
     "event_text",

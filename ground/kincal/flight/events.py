@@ -15,6 +15,7 @@ _ENUMS = {
     "acquisition": ("kc_acq_t", "KC_ACQ_"),
     "status": ("kc_status_t", ""),
 }
+_MOST_EVENT = 2**16 - 1
 _MOST_INPUT_FIELDS = 400  # 100 x input + field, three inputs
 
 
@@ -67,10 +68,21 @@ def event_names() -> Names:
     }
 
 
+def _known(event_id: int) -> int:
+    """The number as the core takes it; 0, which no event has, for what else a message may hold."""
+    return event_id if 0 <= event_id <= _MOST_EVENT else 0
+
+
 def event_name(event_id: int) -> str:
     """Name of an event, e.g. "CAL_DONE"."""
     flight = library("flight")
-    return flight.text(flight.lib.kc_event_name(event_id))
+    return flight.text(flight.lib.kc_event_name(_known(event_id)))
+
+
+def event_action(event_id: int) -> str:
+    """What the operator does after an event; empty if there is nothing to do, or no such event."""
+    flight = library("flight")
+    return flight.text(flight.lib.kc_event_action(_known(event_id)))
 
 
 def event_text(
@@ -82,7 +94,7 @@ def event_text(
     "joint_unit": {1: "rad" ...}}.
     """
     flight = library("flight")
-    text = flight.text(flight.lib.kc_event_text(event_id))
+    text = flight.text(flight.lib.kc_event_text(_known(event_id)))
     return event_format.event_text(text, index, got, want, {**event_names(), **(tables or {})})
 
 

@@ -16,6 +16,18 @@ if TYPE_CHECKING:
 __all__ = ["BY_NAME", "CHANNELS", "Channel", "crc_text", "decode", "message_type", "signed32", "unsigned32"]
 
 
+# Fields of a message that count entries of its arrays, by type. What reads them need not ask.
+_COUNTS = {
+    "arm_cmd_t": {"n_joints": "q_rad"},
+    "arm_state_t": {"n_joints": "q_rad"},
+    "detection_t": {"n_tags": "tag_id"},
+    "meas_t": {"n_joints": "q_rad", "n_tags": "tag_id"},
+    "proposal_t": {"n_coef": "value"},
+    "sim_truth_t": {"n_joints": "q_true_rad"},
+    "table_chunk_t": {"n": "data"},
+}
+
+
 def message_type(type_name: str) -> Any:
     """Generated LCM class of a message type, e.g. "cmd_t". CommandFailed if the types are not built."""
     try:
@@ -25,8 +37,14 @@ def message_type(type_name: str) -> Any:
 
 
 def decode(channel: str, data: bytes) -> LcmMessage:
-    """Message of a channel, also of a former type of it. ValueError if the bytes are not that message."""
-    return former.decode(message_type(BY_NAME[channel].type), data)
+    """Message of a channel, also of a former type of it. ValueError if the bytes are not that message, or it
+    counts more than its arrays hold."""
+    message = former.decode(message_type(BY_NAME[channel].type), data)
+    for count, array in _COUNTS.get(BY_NAME[channel].type, {}).items():
+        number, room = getattr(message, count), len(getattr(message, array))
+        if not 0 <= number <= room:
+            raise ValueError(f"{channel}: {count} is {number}, {array} has room for {room}")
+    return message
 
 
 def unsigned32(value: int) -> int:

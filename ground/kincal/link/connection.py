@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import lcm
 
 from kincal.errors import BadInput, CommandFailed
-from kincal.flight import event_name, library, status_name
+from kincal.flight import event_action, event_name, library, status_name
 from kincal.keys import Signer
 
 from . import channels, names
@@ -199,6 +199,11 @@ def is_ack(received: Received, seq: int) -> bool:
     return ack.source == library("flight").lib.KC_SRC_GROUND and ack.seq == seq
 
 
+def _advice(event_id: int) -> str:
+    """What to do after a refusal: flight's own advice for its reason."""
+    return event_action(event_id) or "`kincal review list --live` tells what waits there"
+
+
 def check_ack(ack: Ack, opcode: str, where: str) -> Ack:
     """The same answer; CommandFailed if it refuses."""
     if ack.status != 0:
@@ -206,6 +211,6 @@ def check_ack(ack: Ack, opcode: str, where: str) -> Ack:
         raise CommandFailed(
             f"{opcode} refused: {status_name(ack.status)}{reason}",
             where,
-            "nothing was changed on board; `kincal review show` tells what waits there",
+            f"nothing was changed on board. {_advice(ack.event_id)}",
         )
     return ack

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import lcm
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,11 +15,12 @@ from kincal.flight import event_line, event_name
 from kincal.rotations import Floats
 
 from . import channels, names
+from .eventfile import EventFile, FileEvent
 
 if TYPE_CHECKING:
     from .messages import Ack, Cmd, Event, Hk, LcmMessage, Meas, Progress, Proposal
 
-SKIP = {"KC_IMAGE"}  # large and of no use to a summary
+SKIP = frozenset({"KC_IMAGE"})  # large and of no use to a summary
 TIMED = {"KC_HK", "KC_EVENT", "KC_PROGRESS"}  # say how long the mission lasted
 
 
@@ -87,6 +87,7 @@ class LogSummary:
     n_messages: int = 0
     counts: Counter[str] = field(default_factory=Counter)
     undecodable: Counter[str] = field(default_factory=Counter)
+    damaged: int = 0  # places of the file that hold no message
     t_first_us: int | None = None
     t_last_us: int | None = None
     sessions: dict[int, Session] = field(default_factory=dict)
@@ -140,6 +141,7 @@ class LogSummary:
             "messages": self.n_messages,
             "channels": dict(sorted(self.counts.items())),
             "undecodable": dict(self.undecodable),
+            "damaged": self.damaged,
             "mission_s": self.mission_s,
             "sessions": [s.as_dict() for s in self.sessions.values()],
             "events": [e.as_dict() for e in self.events],
@@ -151,14 +153,15 @@ class LogSummary:
 
 
 def read_log(path: Path) -> LogSummary:
-    """Read a whole log once. Messages that are damaged or of unknown channels are counted, not fatal.
-    BadInput if the file holds none."""
-    summary = LogSummary(path)
-    for event in _open(path):
+    """Read a whole log once. Messages that are damaged or of unknown channels, and places of the file that
+    hold none, are counted, not fatal. BadInput if the file holds no message."""
+    summary, file = LogSummary(path), EventFile(path, SKIP)
+    for event in file:
         summary.n_messages += 1
         summary.counts[event.channel] += 1
         if event.channel in channels.BY_NAME and event.channel not in SKIP:
             _add_event(summary, event)
+    summary.damaged = file.damaged
     if summary.n_messages == 0:
         raise BadInput(
             "the file holds no LCM messages", str(path), "give a log written by lcm-logger or a run"
@@ -166,16 +169,7 @@ def read_log(path: Path) -> LogSummary:
     return summary
 
 
-def _open(path: Path) -> lcm.EventLog:
-    if not path.is_file():
-        raise BadInput("no such log file", str(path))
-    try:
-        return lcm.EventLog(str(path), "r")
-    except OSError as error:
-        raise BadInput(f"cannot open the log: {error}", str(path)) from None
-
-
-def _add_event(summary: LogSummary, event: lcm.Event) -> None:
+def _add_event(summary: LogSummary, event: FileEvent) -> None:
     channels.message_type(channels.BY_NAME[event.channel].type)  # types that are not built are no damage
     try:
         message = channels.decode(event.channel, event.data)

@@ -25,6 +25,7 @@ from . import journal as journals
 from .journal import Entry as Entry
 
 KIN_KIND = 4
+_NAMED = 4  # damaged fields that an error names
 P_FIT_MIN = 1e-3  # below it the fit does not explain the data
 
 
@@ -107,8 +108,15 @@ NUMBERS = (
 
 
 def from_message(p: Any, names: list[str]) -> Review:
-    """Plain values of a proposal_t; names: of the coefficients, from the terms table."""
+    """Plain values of a proposal_t; names: of the coefficients, from the terms table. BadInput if one of them
+    is no finite number: flight sends none."""
     n = p.n_coef
+    if damaged := _not_finite(p):
+        raise BadInput(
+            f"the proposal is damaged, these are no finite numbers: {', '.join(damaged[:_NAMED])}",
+            f"correction {unsigned32(p.crc):08x}",
+            "take the log from the recorder again; do not decide by this one",
+        )
     names = [names[i] if i < len(names) else f"coef[{i}]" for i in range(n)]
     cov = unpack_covariance(p.cov, n)
     sigma = np.array(p.sigma[:n])
@@ -137,6 +145,14 @@ def from_message(p: Any, names: list[str]) -> Review:
         {key: getattr(p, key) for key, _u, _t in NUMBERS},
         unsigned32(p.crc_kin_before),
     )
+
+
+def _not_finite(p: Any) -> list[str]:
+    """Fields of a proposal_t that are NaN or infinite."""
+    n = p.n_coef
+    used = {"value": p.value[:n], "sigma": p.sigma[:n], "cov": p.cov[: n * (n + 1) // 2]}
+    used |= {key: getattr(p, key) for key, _u, _t in NUMBERS}
+    return [key for key, value in used.items() if not np.isfinite(value).all()]
 
 
 def warnings(review: Review) -> list[str]:

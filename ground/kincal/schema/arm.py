@@ -23,11 +23,13 @@ from kincal.errors import BadInput
 
 from .base import Strict
 from .errors import Contradiction, parse_toml, read_toml, validate
-from .numbers import Angle, NotNegative, Positive, Real, Vec3
+from .numbers import Angle, Length, NotNegative, Place, Positive, Real, Vec3
 
 MAX_JOINTS = 16
 _SAME_DH = 1e-6  # [rad or m], as people round DH parameters
 _UNIT_TOLERANCE = 1e-3  # of the norm of a quaternion as people round it
+MOST_GRAVITY_M_S2 = 30.0
+"""More than on any planet that an arm can stand on (Jupiter: 25)."""
 
 Quat = tuple[Real, Real, Real, Real]
 Array = NDArray[np.float64]
@@ -39,7 +41,7 @@ Array = NDArray[np.float64]
 class FrameEntry(Strict):
     """A fixed frame: place and orientation in the frame before it."""
 
-    xyz_m: Vec3 | None = pydantic.Field(default=None, examples=[[0.0, 0.0, 0.346]])
+    xyz_m: Place | None = pydantic.Field(default=None, examples=[[0.0, 0.0, 0.346]])
     """Origin [m]."""
     quat_wxyz: Quat | None = pydantic.Field(default=None, examples=[[1.0, 0.0, 0.0, 0.0]])
     """Orientation, unit quaternion, scalar part first."""
@@ -78,11 +80,11 @@ class JointEntry(Strict):
     """What people call the link that it moves."""
     type: Literal["revolute", "prismatic"]
     """revolute turns, prismatic slides along its axis."""
-    a_m: Real = pydantic.Field(examples=[0.0])
+    a_m: Length = pydantic.Field(examples=[0.0])
     """DH length a [m]."""
     alpha_rad: Angle = pydantic.Field(examples=["-pi/2"])
     """DH twist alpha [rad]."""
-    d_m: Real = pydantic.Field(examples=[0.0])
+    d_m: Length = pydantic.Field(examples=[0.0])
     """DH offset d [m]."""
     phi_rad: Angle = pydantic.Field(examples=[0.0])
     """Offset of the joint angle at reading 0 [rad]."""
@@ -96,7 +98,7 @@ class JointEntry(Strict):
     """Upper limit of a prismatic joint [m], in place of q_max_rad."""
     mass_kg: NotNegative | None = None
     """Mass of the link [kg]; effects of gravity need it, with com_m, on every joint."""
-    com_m: Vec3 | None = None
+    com_m: Place | None = None
     """Centre of mass in the frame of the link [m]."""
     gear_ratio: Real | None = None
     """Motor turns per joint turn; effects of the motor need it on every joint."""
@@ -169,9 +171,9 @@ class SensorEntry(Strict):
 class TargetEntry(Strict):
     """What was measured."""
 
-    points_m: list[Vec3] = pydantic.Field(min_length=1, examples=[[[0.0, 0.0, 0.0]]])
+    points_m: list[Place] = pydantic.Field(min_length=1, examples=[[[0.0, 0.0, 0.0]]])
     """Points that one pose was computed from (corners of a board or tag), in the target's frame [m]."""
-    second_points_m: list[Vec3] | None = pydantic.Field(None, min_length=1)
+    second_points_m: list[Place] | None = pydantic.Field(None, min_length=1)
     """The same of poses with tag = 1: corners of a second tag, in the same frame [m]."""
 
 
@@ -198,6 +200,16 @@ class ArmFile(Strict):
     """The target, where the points behind a pose are known."""
     provenance: dict[str, str] = {}
     """Where the numbers come from."""
+
+    @pydantic.field_validator("gravity_m_s2")
+    @classmethod
+    def _is_of_a_planet(cls, gravity: Vec3) -> Vec3:
+        if math.hypot(*gravity) > MOST_GRAVITY_M_S2:
+            raise ValueError(
+                f"comes to {math.hypot(*gravity):.6g} m/s^2, more than {MOST_GRAVITY_M_S2:g} on no planet; "
+                "write m/s^2: [0.0, 0.0, -9.81] on Earth"
+            )
+        return gravity
 
     @pydantic.model_validator(mode="after")
     def _masses_of_all_or_none(self) -> ArmFile:
@@ -317,14 +329,19 @@ def read_arm(path: str | Path) -> ArmTable:
     SchemaError lists all that is wrong with the file; BadInput if there is none.
     """
     path, shipped = Path(path), shipped_arms()
-    if str(path) in shipped and not path.exists():
-        with resources.as_file(shipped[str(path)]) as file:
-            return _arm(validate(ArmFile, read_toml(file), str(path)), str(path), path.stem)
+    if str(path) in shipped and not path.is_file():  # a folder of that name is no arm table
+        return read_shipped(str(path))
     if not path.exists():
         raise BadInput(
             "no such file, nor an arm that is shipped", str(path), f"shipped: {', '.join(shipped)}"
         )
     return _arm(validate(ArmFile, read_toml(path), str(path)), str(path), path.stem)
+
+
+def read_shipped(name: str) -> ArmTable:
+    """A shipped arm table by its name, whatever lies in the current folder. KeyError if there is none."""
+    with resources.as_file(shipped_arms()[name]) as file:
+        return _arm(validate(ArmFile, read_toml(file), name), name, name)
 
 
 def arm_of_text(text: str, source: str) -> ArmTable:

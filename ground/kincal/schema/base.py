@@ -81,12 +81,16 @@ def choices_of(annotation: Any) -> list[Any]:
     return [c for part in alternatives(annotation) if get_origin(part) is Literal for c in get_args(part)]
 
 
+_WRITTEN_OUT = 1e15  # whole numbers up to here are written without exponent
+
+
 def toml_text(value: Any) -> str:
     """A value as TOML writes it, long ones cut."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
-        return f"{value:.6g}" if not value.is_integer() or not math.isfinite(value) else f"{value:.1f}"
+        whole = math.isfinite(value) and value.is_integer() and abs(value) < _WRITTEN_OUT
+        return f"{value:.1f}" if whole else f"{value:.6g}"
     if isinstance(value, str):
         text = f'"{value}"'
     elif isinstance(value, (list, tuple)):

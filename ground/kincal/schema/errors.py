@@ -32,6 +32,9 @@ from .base import (
 )
 from .suggestions import instead
 
+_SHOWN_LINE = 200  # bytes of a line that an error shows
+_LEAST_LETTERS = 0.6  # of the bytes of a line: fewer plain ones are no text of Windows
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -68,18 +71,60 @@ class Contradiction(ValueError):
         self.key, self.what, self.todo = key, what, todo
 
 
+def utf8_text(path: Path) -> str:
+    """The text of a file. BadInput, with the line, if it is in another encoding than UTF-8; OSError if it
+    cannot be read."""
+    data = path.read_bytes()
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise _other_encoding(data, error.start, path) from None
+
+
+def _other_encoding(data: bytes, at: int, path: Path) -> BadInput:
+    """What to say of a file that is no UTF-8 text at a byte: text of Windows, or no text at all."""
+    convert = f"save it as UTF-8, or `iconv -f {{}} -t utf-8 {path.name} > NEW` and name the new file"
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return BadInput("the file is in UTF-16, UTF-8 is needed", str(path), convert.format("utf-16"))
+    begin, number = data.rfind(b"\n", 0, at) + 1, data.count(b"\n", 0, at) + 1
+    what = f"line {number} holds the byte 0x{data[at]:02x}: no UTF-8 text"
+    line = data[begin:].partition(b"\n")[0][:_SHOWN_LINE]
+    if sum(32 <= byte < 127 for byte in line) < _LEAST_LETTERS * len(line):
+        return BadInput(f"{what}, and it does not look like text", str(path), "name a text file")
+    what += f"; in Windows-1252 the line reads: {line.decode('cp1252', 'replace').strip()}"
+    return BadInput(what, str(path), convert.format("cp1252"))
+
+
+def _not_toml(text: str, why: str) -> tuple[str, str]:
+    """What is wrong with a text that is no TOML, and what to do."""
+    if not text.lstrip().startswith("<"):
+        return f"not valid TOML: {why}", ""
+    if "xacro:" in text:
+        todo = "`xacro FILE > robot.urdf`, then `kincal arm import robot.urdf -o arm.toml` makes one"
+        return "this is a xacro file (XML), a TOML file is needed", todo
+    if "<robot" in text:
+        return (
+            "this is a URDF (XML), a TOML file is needed",
+            "`kincal arm import FILE -o arm.toml` makes one of it",
+        )
+    return "this is XML, a TOML file is needed", ""
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """A TOML file as a dict. BadInput if it is missing, unreadable or not TOML."""
+    text = ""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        text = utf8_text(path)
+        return tomllib.loads(text)
     except FileNotFoundError:
         raise BadInput("no such file", str(path)) from None
     except IsADirectoryError:
         raise BadInput("this is a directory, a TOML file is needed", str(path)) from None
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", str(path)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"not valid TOML: {error}", str(path)) from None
+    except tomllib.TOMLDecodeError as error:
+        what, todo = _not_toml(text, str(error))
+        raise BadInput(what, str(path), todo) from None
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:

@@ -136,5 +136,8 @@ Real = Annotated[float, Quantity()]
 Positive = Annotated[float, Quantity(gt=0.0)]
 NotNegative = Annotated[float, Quantity(ge=0.0)]
 Angle = Annotated[float, Quantity(ge=-2.0 * math.pi, le=2.0 * math.pi)]
+# Nothing that an arm or its measurement frame has is longer, in metres; larger numbers are slips.
+Length = Annotated[float, Quantity(ge=-1e7, le=1e7)]
 Whole = Annotated[int, Count()]
 Vec3 = tuple[Real, Real, Real]
+Place = tuple[Length, Length, Length]

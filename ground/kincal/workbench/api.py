@@ -148,6 +148,7 @@ def find_unnamed(
 
 def _check_needs(library: Library, names: Iterable[str], arm: ArmTable, data: Measurements) -> None:
     for name in names:
+        library.check_joints(name, arm)
         effect = library.effect(name)
         lacking = effect.missing(arm, data) if effect else []
         if lacking:

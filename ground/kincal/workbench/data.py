@@ -38,6 +38,8 @@ class Measurements:
     order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
     duplicates: number of rows that were left out as copies of another row;
     unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
+    orientation: how the file writes the orientations, as --rotation says it ("xyzw", "euler-ZYX"), empty if
+    it is not known; euler_rad: (N, 3) its Euler angles in the order of the columns, None if it has none;
     whole: the set that these poses were taken from, None if they are all of it.
     """
 
@@ -70,6 +72,8 @@ class Measurements:
     duplicates: int = 0
     unknown_columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    orientation: str = ""
+    euler_rad: Array | None = None
     whole: Measurements | None = None
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import matrix_of_wxyz
 from kincal.schema.arm import ArmTable
 from kincal.schema.effects import EffectEntry, ParameterEntry, read_effects
+from kincal.schema.errors import utf8_text
 from kincal.schema.model import UnnamedEntry
 from kincal.schema.names import COMPONENTS, FAULTS_ON_TOOL, PNP, effect_of, is_unnamed
 from kincal.schema.terms import ONE, Basis, Names, TermEntry, parse_gain
@@ -405,6 +406,16 @@ class Library:
                 raise BadInput(f"effect {name!r}: no such joint on {arm.name} ({arm.n} joints)")
         return found
 
+    def check_joints(self, name: str, arm: ArmTable) -> None:
+        """BadInput if a name of an effect is at a joint that the arm does not have."""
+        inside = "" if is_unnamed(name) else name.partition("[")[2].rstrip("]")
+        beyond = [x.strip() for x in inside.split(",") if x.strip().isdecimal() and int(x) > arm.n]
+        if beyond:
+            raise BadInput(
+                f"effect {name!r}: {arm.name} has {arm.n} joints, there is no joint {', '.join(beyond)}",
+                todo=f"name joints from 1 to {arm.n}",
+            )
+
     def _unnamed(self, name: str) -> Effect:
         if name not in self.unnamed:
             todo = f'`kincal model add --model M.toml "{name}" --arm A.toml --data D.csv` makes them'
@@ -422,7 +433,7 @@ def _places(name: str, effect: Effect) -> set[str]:
 
 def _read(path: str | Path) -> str:
     try:
-        return Path(path).read_text(encoding="utf-8")
+        return utf8_text(Path(path))
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", str(path)) from None
 

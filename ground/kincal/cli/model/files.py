@@ -45,7 +45,9 @@ def effects_command(effect_files: tuple[Path, ...], as_json: bool) -> None:
 
 
 def _check_names(library: Library, names: Sequence[str]) -> None:
-    """Every name is an effect of the library; the joint is checked against the arm when it is fitted."""
+    """Every name is an effect of the library; the joint is checked against the arm where that is known."""
+    from kincal.schema.arm import MAX_JOINTS
+
     for name in names:
         base, _, joint = name.partition("[")
         if base not in library.effects:
@@ -56,6 +58,8 @@ def _check_names(library: Library, names: Sequence[str]) -> None:
             joint.endswith("]") and all(x.strip().isdigit() and int(x) > 0 for x in inside.split(","))
         ):
             raise BadInput(f"{name!r}: write {base}[2] for one joint, or {base} for all")
+        if any(int(x) > MAX_JOINTS for x in inside.split(",") if joint):
+            raise BadInput(f"{name!r}: an arm has up to {MAX_JOINTS} joints")
         if joint and library.effects[base].per == "arm":
             raise BadInput(f"{base} concerns the whole arm; leave [{inside}] out")
 
@@ -68,7 +72,7 @@ def _check_names(library: Library, names: Sequence[str]) -> None:
     "arm_path",
     type=click.Path(path_type=Path),
     default=None,
-    help="Arm table, for an unnamed effect.  [default: the one the model was fitted with]",
+    help="Arm table, for an unnamed effect and to check joints.  [default: that of the last fit]",
 )
 @data_options(required=False, about="Measurements that the terms of an unnamed effect are chosen from.")
 @click.argument("names", metavar="EFFECT...", nargs=-1, required=True)
@@ -94,6 +98,7 @@ def add_command(
     from dataclasses import replace
 
     from kincal.cli.text import model as text
+    from kincal.schema.arm import read_arm
     from kincal.schema.names import UNNAMED, is_unnamed
     from kincal.workbench.effects import Library
     from kincal.workbench.modelfile import read_model, write_model
@@ -105,6 +110,10 @@ def add_command(
     wanted = [str(UnnamedName.parse(name)) if is_unnamed(name) else name for name in names]
     _check_names(library, [name for name in wanted if name != UNNAMED and not is_unnamed(name)])
     before.add([name for name in wanted if name != UNNAMED])  # said before the work is done
+    if where := arm_path or (Path(before.arm) if before.arm else None):
+        arm = read_arm(where)
+        for name in wanted:
+            library.check_joints(name, arm)
     found = _found_in_data(before, library, arm_path, given, wanted)
     for line in text.additions(found):
         click.echo(line)

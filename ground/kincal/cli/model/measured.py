@@ -188,7 +188,7 @@ def fit_command(
             result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick, begin=begin)
         said = json.dumps(fit_json(result), indent=1) if as_json else fit_text(result)
     if model_path is not None:
-        where = str(arm_path.resolve()) if arm_path.exists() else str(arm_path)
+        where = str(arm_path.resolve()) if arm_path.is_file() else str(arm_path)
         write_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
     click.echo(said)
 

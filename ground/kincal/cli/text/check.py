@@ -34,6 +34,8 @@ def _finding_json(finding: Finding) -> dict[str, Any]:
 def lines(answer: Check) -> str:
     """The verdict, then each finding with what to do about it."""
     verdict = "belong together" if not answer.errors else "do NOT belong together"
+    if answer.misfit is None and not answer.errors:
+        verdict = "cannot be compared"
     left = (
         ""
         if answer.misfit is None

@@ -13,12 +13,14 @@ from kincal.results import PoseLine, length_text
 
 def show(out: Console, s: LogSummary, debug: bool) -> None:
     """Print what a log holds: channels, sessions, events; debug events if asked for."""
-    out.print(f"[bold]{s.path}[/]: {s.n_messages} messages, {s.mission_s:.1f} s of mission time")
+    out.print(f"[bold]{escape(str(s.path))}[/]: {s.n_messages} messages, {s.mission_s:.1f} s of mission time")
     rows = grid("", "channel", "messages", right=(1,))
     for name, n in sorted(s.counts.items()):
         note = f" ({s.undecodable[name]} damaged)" if s.undecodable[name] else ""
-        rows.add_row(name, f"{n}{note}")
+        rows.add_row(escape(name), f"{n}{note}")
     out.print(rows)
+    if s.damaged:
+        out.print(f"[yellow]{s.damaged} damaged places of the file were passed over[/]")
     for session in s.sessions.values():
         _session(out, session)
     rows = grid("\nEvents", "time [s]", "severity", "text", right=(0,))

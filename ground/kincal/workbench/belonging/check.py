@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,9 +15,10 @@ from ..data import Measurements
 from ..fit import Fit, fit_model
 from .findings import Finding
 from .misfit import LEAST_POSES, misfit_of
+from .reading import Reading
 from .recorded import of_data
 from .search import FOUND, GOOD_MISFIT, Search, changed, without
-from .sentences import misread
+from .sentences import misread, signs
 
 _MOST_MISFIT = 0.05  # of the motion, left by a fit of all DH errors: the poses are not of this arm
 _LARGE = {"rad": 0.1, "m": 0.05}  # a DH correction that is large for the arm that the table describes
@@ -93,7 +94,7 @@ def refuse(answer: Check, arm: ArmTable, todo: str) -> None:
 
 def _too_few(data: Measurements) -> Finding:
     why = f"{data.n} poses are too few to tell whether the arm explains them; {LEAST_POSES} are needed"
-    return Finding("few_poses", why, "measure more poses", severity="note")
+    return Finding("few_poses", why, "measure more poses", severity="warning")
 
 
 def _rank(finding: Finding) -> tuple[int, float]:
@@ -110,9 +111,18 @@ def _of_fit(search: Search) -> Iterator[Finding]:
     if changed(best) and search.misfit(best) * FOUND <= search.misfit(search.given):
         for kind in changed(best):
             gain = search.misfit(without(best, kind)) / search.misfit(best)
-            yield misread(best, kind, gain, search.arm, search.shipped)
+            found = misread(best, kind, gain, search.arm, search.shipped)
+            yield _or_signs(found, search, best) if kind == "mirror" else found
     else:
         yield from _wrong_arm(search)
+
+
+def _or_signs(found: Finding, search: Search, mirrored: Reading) -> Finding:
+    """The finding of a mirror, with the joints that would look the same if they counted the other way."""
+    other = search.alike(mirrored)
+    if other is None:
+        return found
+    return replace(found, fix=f"{found.fix}; or change the sign of {signs(other)}, which looks the same")
 
 
 def _wrong_arm(search: Search) -> Iterator[Finding]:
@@ -129,7 +139,8 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
         yield Finding(
             "wrong_arm",
             f"even with all DH errors fitted, {rest} of the measured motion is left unexplained: the arm "
-            "table is of another arm, or the poses do not belong to these readings",
+            "table is of another arm, or the poses do not belong to these readings (no other units, orders, "
+            "signs or axes of joints, positions and orientations explain it)",
             "check the DH table against the data sheet, and that each row holds the pose of its own readings",
         )
         return

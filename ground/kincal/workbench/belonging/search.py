@@ -9,19 +9,29 @@ back.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from kincal.schema.arm import ArmTable, read_arm, same_joints, shipped_arms
+from kincal.schema.arm import ArmTable, read_shipped, same_joints, shipped_arms
 
 from ..data import Measurements
 from ..types import Array, Indices
 from .misfit import misfit, screened
-from .reading import Pair, Reading, all_orders, frames, joint_values, motions, poses
+from .reading import (
+    Pair,
+    Reading,
+    all_orders,
+    euler_orders,
+    frames,
+    joint_values,
+    mirrors,
+    motions,
+    poses,
+)
 
 _POSES = 60  # enough to tell gross misreadings
 _TRIED = 4  # readings a round that are fitted
@@ -29,6 +39,8 @@ _ROUNDS = 6
 _MEASURED_RIGHT = 0.05  # of the motion: below it units and orientations of the poses are not in doubt
 _BETTER = 0.75  # of the misfit: a step of the search
 _AS_GOOD = 1.1  # times the least misfit
+_ALIKE = 1.5  # times the misfit: a mirror explains as much as signs of joints
+_MANY_SIGNS = 3  # joints that count the other way round are less likely than one mirrored frame
 _NEEDED = 3.0  # times worse without a change: it is part of the answer
 GOOD_MISFIT = 0.02  # of the motion: below it nothing gross is wrong
 FOUND = 5.0  # times less misfit: the files were misread
@@ -55,7 +67,7 @@ class Search:
     @cached_property
     def shipped(self) -> tuple[ArmTable, ...]:
         """Arms that ship, with as many joints, that are not this one."""
-        found = [replace(read_arm(name), source=name) for name in shipped_arms()]
+        found = [replace(read_shipped(name), source=name) for name in shipped_arms()]
         return tuple(one for one in found if one.n == self.arm.n and not same_joints(one, self.arm))
 
     @cached_property
@@ -112,7 +124,20 @@ class Search:
         found = self._walk(self.given)
         if self.misfit(found) > GOOD_MISFIT and self.misfit(found) * FOUND > self.misfit(self.given):
             found = min((found, *map(self._walk, self._best_order())), key=self.misfit)
-        return self._pruned(found)
+        found = self._pruned(found)
+        return next(self._mirrors_of(found), found)
+
+    def alike(self, mirrored: Reading) -> Reading | None:
+        """Signs of joints alone that explain the poses as well as a mirror does: an arm that is symmetric
+        about a plane moves so. None if there are none."""
+        signs = [r for r in motions(without(mirrored, "mirror"), ()) if r.sign != mirrored.sign]
+        ranked = self.ranked(signs)[:_TRIED]
+        return next((r for r in ranked if self.misfit(r) <= _ALIKE * self.misfit(mirrored)), None)
+
+    def _mirrors_of(self, found: Reading) -> Iterator[Reading]:
+        if changed(found) == ["sign"] and found.sign.count(-1) >= _MANY_SIGNS:
+            tried = mirrors(without(found, "sign"), self.arm, self.data)
+            yield from (r for r in tried if self.misfit(r) <= _ALIKE * self.misfit(found))
 
     def _walk(self, start: Reading) -> Reading:
         """The best of the readings that steps from a first one pass."""
@@ -133,8 +158,9 @@ class Search:
     def _measured_otherwise(self, here: Reading) -> Iterable[Reading]:
         """Readings in which the poses are other ones; a quick search has none if they follow the arm: a
         factor between units and an inverse change the motion throughout."""
-        wanted = self.thorough or self.misfit(here) > _MEASURED_RIGHT
-        return poses(here, self.data) if wanted else ()
+        if not (self.thorough or self.misfit(here) > _MEASURED_RIGHT):
+            return ()
+        return *poses(here, self.arm, self.data), *self.ranked(euler_orders(here, self.data))[:_TRIED]
 
     def _pruned(self, reading: Reading) -> Reading:
         for simpler in simpler_than(reading):
@@ -156,7 +182,7 @@ def simpler_than(reading: Reading) -> Iterable[Reading]:
         if name in ("sign", "offset"):
             for j in np.flatnonzero(np.not_equal(now, back)):
                 yield _with(reading, name, (*now[:j], back[j], *now[j + 1 :]))
-        if name == "sliding":
+        if name in ("sliding", "twisted", "scalar_last"):
             yield from (_with(reading, name, now - {j}) for j in now)
 
 

@@ -22,6 +22,11 @@ def misread(reading: Reading, kind: str, gain: float, arm: ArmTable, shipped: Se
     return Finding(code, f"{why}: the arm then explains the poses {size} better", fix, gain)
 
 
+def signs(reading: Reading) -> str:
+    """Which joints count the other way round, in words: joint 2; joints 1, 3."""
+    return _numbers(np.flatnonzero(np.array(reading.sign) < 0))
+
+
 def _joints(reading: Reading, _arm: ArmTable, shipped: Sequence[ArmTable]) -> Sentence:
     alike = [one for one in shipped if one.source == reading.joints]
     name = f"{reading.joints} ({alike[0].name})" if alike else reading.joints
@@ -49,7 +54,7 @@ def _order(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Se
 
 
 def _sign(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
-    names = _numbers(np.flatnonzero(np.array(reading.sign) < 0))
+    names = signs(reading)
     return ("sign", f"{names} {'counts' if ' ' not in names[6:] else 'count'} the other way round",
             f"change the sign of these readings, or turn the axes in the arm table ({names})")  # fmt: skip
 
@@ -67,6 +72,14 @@ def _sliding(reading: Reading, arm: ArmTable, _shipped: Sequence[ArmTable]) -> S
         f"joint {j + 1} seems {kind[arm.joints[j].prismatic]}" for j in sorted(reading.sliding)
     )
     return "joint_type", listed, "correct `type` in the arm table"
+
+
+def _twisted(reading: Reading, arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
+    # in modified DH alpha stands with the joint after it
+    numbers = np.array(sorted(reading.twisted)) + (0 if arm.first_link is None else 1)
+    keys = ", ".join(f"joint[{j + 1}].alpha_rad" for j in numbers)
+    return ("alpha_sign", f"alpha of {_numbers(numbers)} seems to have the other sign (the axis after it "
+            "points the other way)", f"change the sign of {keys} in the arm table")  # fmt: skip
 
 
 def _angle(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
@@ -87,9 +100,42 @@ def _length(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> S
     return "millimetres", f"the measured positions look like {unit}", fix
 
 
-def _quaternion(_reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
-    return ("quaternion_order", "the quaternions look like x, y, z, w",
-            "say so: --rotation xyzw=qw,qx,qy,qz (the columns as the file names them)")  # fmt: skip
+def _quaternion(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
+    return ("quaternion_order", f"the quaternions look like {', '.join(reading.quaternion)}",
+            f"say so: --rotation {reading.quaternion}=A,B,C,D with the same four columns in the order in "
+            "which they were read (qw,qx,qy,qz if nothing was said)")  # fmt: skip
+
+
+def _scalar_last(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
+    names = " and ".join(f"[{name}]" for name in sorted(reading.scalar_last))
+    return ("quaternion_order", f"quat_wxyz of {names} in the arm table looks like x, y, z, w",
+            "write the scalar part first: [1.0, 0.0, 0.0, 0.0] is no rotation")  # fmt: skip
+
+
+def _euler(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
+    kind = "the axes as they turn" if reading.euler.isupper() else "fixed axes"
+    return ("euler_order", f"the Euler angles look like {reading.euler}, about {kind}",
+            f"say so: --rotation euler-{reading.euler}=A,B,C with the same three columns in the same "
+            "order")  # fmt: skip
+
+
+def _euler_angle(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
+    return ("degrees", f"the Euler angles look like {ANGLES[reading.euler_angle]}",
+            "write joint readings and Euler angles in one unit, and name it: --units deg or rad")  # fmt: skip
+
+
+def _mirror(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
+    what, _, axes = reading.mirror.partition(": ")
+    if axes == "any":
+        how = "one axis is reversed, or two are exchanged"
+        fix = "change the sign of one of px, py, pz, or exchange two of them"
+    elif " and " in axes:
+        one, other = axes.split(" and ")
+        how, fix = f"{axes} are exchanged", f"exchange p{one} and p{other}"
+    else:
+        how, fix = f"{axes} is reversed", f"change the sign of p{axes}"
+    too = ", and mirror the orientations in the same way" if what == "poses" else ""
+    return "mirrored", f"the measured {what} are those of a left-handed frame ({how})", f"{fix}{too}"
 
 
 def _turned_back(_reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:
@@ -126,11 +172,16 @@ _SENTENCES: dict[str, Callable[[Reading, ArmTable, Sequence[ArmTable]], Sentence
     "sign": _sign,
     "offset": _offset,
     "sliding": _sliding,
+    "twisted": _twisted,
     "angle": _angle,
     "length": _length,
     "quaternion": _quaternion,
+    "euler": _euler,
+    "euler_angle": _euler_angle,
+    "mirror": _mirror,
     "turned_back": _turned_back,
     "inverse": _inverse,
     "shift": _shift,
     "free": _free,
+    "scalar_last": _scalar_last,
 }

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
+import zlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -16,6 +18,11 @@ from kincal.schema.datamap import DataMap
 from ..types import array
 from .table import Column, Joints, Table
 
+MOST_BYTES = 1 << 28
+"""Of a file, unpacked: two million poses with 16 numbers each. A few MB can unpack to gigabytes."""
+_BYTES_OF_A_NUMBER = 8
+# What zipfile, zlib and numpy raise for a file that is no npz.
+_BROKEN = (OSError, ValueError, EOFError, RuntimeError, zlib.error, zipfile.BadZipFile)
 # Names of the columns of an array of several columns, where they are not NAME1, NAME2 ...
 _PARTS = {
     "p": ("px", "py", "pz"),
@@ -28,11 +35,32 @@ _PARTS = {
 def read_npz(path: str, _mapping: DataMap, _joints: Joints) -> Table:
     """The arrays of an npz file whose first dimension is that of most; those of one value are left out."""
     try:
+        with zipfile.ZipFile(path) as archive:
+            _refuse_large(path, sum(_bytes_of(archive, member) for member in archive.infolist()))
         with np.load(path, allow_pickle=False) as file:
             found = {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except _BROKEN as error:
         raise BadInput("cannot be read as npz", path, str(error)) from None
     return _table(path, {name: values for name, values in found.items() if values.ndim > 0})
+
+
+def _bytes_of(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """Memory that a member of an npz needs: what its header says, or its size where that is more. ValueError
+    if it is no array."""
+    of: Any = np.lib.format  # it has no types
+    with archive.open(member) as file:
+        version = of.read_magic(file)
+        shape, _, kind = (of.read_array_header_1_0 if version == (1, 0) else of.read_array_header_2_0)(file)
+    return max(int(math.prod(shape)) * int(kind.itemsize), member.file_size)
+
+
+def _refuse_large(path: str, size: int) -> None:
+    if size > MOST_BYTES:
+        raise BadInput(
+            f"unpacked it needs {size / 2**20:.0f} MiB, up to {MOST_BYTES / 2**20:.0f} MiB are read",
+            path,
+            "keep the arrays that are measurements, or fewer poses",
+        )
 
 
 def read_parquet(path: str, _mapping: DataMap, _joints: Joints) -> Table:
@@ -43,6 +71,8 @@ def read_parquet(path: str, _mapping: DataMap, _joints: Joints) -> Table:
     from pyarrow import parquet
 
     try:
+        about = parquet.read_metadata(path)
+        _refuse_large(path, _BYTES_OF_A_NUMBER * about.num_rows * about.num_columns)
         table = parquet.read_table(path)
     except (OSError, pyarrow.ArrowException) as error:
         raise BadInput("cannot be read as Parquet", path, str(error)) from None

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kincal.errors import BadInput
+from kincal.schema.arm import MOST_GRAVITY_M_S2
 from kincal.schema.datamap import RECORDED, DataMap
 
 from ..data import Measurements, replicate_groups
@@ -30,6 +31,7 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
     quat = quaternions(columns, mapping.rotation) if "rotation" in values else targets.quat_wxyz
     if "cam" in values:
         values["cam"][:, 3:] = unit(columns, values["cam"][:, 3:], "cqw,cqx,cqy,cqz")
+    _check_sizes(columns)
     _check_signs(columns)
     cov = _covariance(columns, quat is not None, targets)
     _check_texts(columns)
@@ -63,8 +65,16 @@ def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bo
         unknown_columns=tuple(name for name in table.columns if name not in columns.used),
         notes=(*table.notes, *targets.notes),
         whole=None,
+        orientation=_form(mapping) if "rotation" in values else "",
+        euler_rad=_rows(values["rotation"], good) if _form(mapping).startswith("euler") else None,
         **{name: _scalar(columns, name, good) for name in RECORDED if name != "t_s"},
     )
+
+
+def _form(mapping: DataMap) -> str:
+    """How the file writes orientations, as --rotation says it."""
+    entry = mapping.rotation
+    return "wxyz" if entry is None else f"{entry.form}-{entry.axes}" if entry.axes else entry.form
 
 
 def _problem_text(source: str, problems: Sequence[str]) -> str:
@@ -83,6 +93,34 @@ def _scalar(columns: Columns, key: str, good: Mask) -> Array | None:
 
 
 # --------------------------------------------------------------------------- checks of rows
+
+
+# Largest numbers that can be meant, in SI units: beyond them a cell is a slip, or of another kind.
+_MOST = {
+    "q": (1e4, "rad or m", "counts of an encoder have to be converted"),
+    "qdot": (1e4, "rad/s or m/s", ""),
+    "p": (1e7, "m", ""),
+    "range_m": (1e7, "m", ""),
+    "g": (MOST_GRAVITY_M_S2, "m/s^2", "mm/s^2 have to be converted"),
+    "temp_c": (1e4, "deg C", ""),
+    "payload_kg": (1e7, "kg", ""),
+}
+
+
+def _check_sizes(columns: Columns) -> None:
+    for key, values in columns.values.items():
+        known = "p" if key.startswith("target ") else key
+        if known not in _MOST:
+            continue
+        most, unit_name, hint = _MOST[known]
+        size = np.abs(values)
+        names = columns.plan()[key]
+        wrong = np.asarray((size > most).any(axis=1), dtype=np.bool_)
+        columns.refuse(wrong, (
+            f"{names[j]} is {values[k, j]:.6g} {unit_name}, up to {most:g} are possible"
+            + (f" ({hint})" if hint else "")
+            for k in np.flatnonzero(wrong) for j in [int(size[k].argmax())]
+        ))  # fmt: skip
 
 
 def _check_signs(columns: Columns) -> None:

@@ -17,7 +17,7 @@ from ..types import Array
 # Made anew for the whole set, or of no rows.
 _MADE_ANEW = {
     "source", "ids", "t_s", "order_is_time", "replicate", "skipped", "duplicates", "unknown_columns", "notes",
-    "direction_source", "whole",
+    "direction_source", "whole", "orientation", "euler_rad",
 }  # fmt: skip
 
 
@@ -64,8 +64,17 @@ def joined(sets: Sequence[Measurements]) -> Measurements:
         unknown_columns=tuple(dict.fromkeys(name for data in sets for name in data.unknown_columns)),
         duplicates=sum(data.duplicates for data in sets),
         notes=(*dict.fromkeys(note for data in sets for note in data.notes), *left_out),
+        **_orientation(sets),
     )
     return without_copies(together)
+
+
+def _orientation(sets: Sequence[Measurements]) -> dict[str, Any]:
+    """How the orientations are written, where all files write them alike."""
+    forms, angles = {data.orientation for data in sets}, [x for d in sets if (x := d.euler_rad) is not None]
+    if len(forms) > 1 or 0 < len(angles) < len(sets):
+        return {"orientation": "", "euler_rad": None}
+    return {"orientation": forms.pop(), "euler_rad": np.concatenate(angles) if angles else None}
 
 
 def once(data: Measurements) -> Measurements:

@@ -16,6 +16,8 @@ from ..types import Array
 if TYPE_CHECKING:
     from kincal.link.messages import Meas
 
+_MOST_RAD, _MOST_M = 1e4, 1e7  # as of a text file: larger numbers are slips
+_UNIT_TOLERANCE = 1e-3  # of the norm of a quaternion
 _SYNC = bytes.fromhex("eda1da01")  # first word of an LCM event log
 
 
@@ -35,10 +37,11 @@ def read_log(path: str | Path, n_joints: int, *, session: int | None = None) -> 
     """
     number, rows = _session(Path(path), session)
     where = f"{path}: session {number}"
-    if rows[0].n_joints != n_joints:
-        raise BadInput(f"{where} was recorded with {rows[0].n_joints} joints, the arm table has {n_joints}")
+    if other := {m.n_joints for m in rows} - {n_joints}:
+        raise BadInput(f"{where} was recorded with {min(other)} joints, the arm table has {n_joints}")
     if len({(m.crc_arm, m.crc_terms, m.crc_camera) for m in rows}) > 1:
         raise BadInput(f"{where} mixes measurements of different tables; split the log")
+    _refuse_damaged(rows, n_joints, where)
     q = _stack(rows, lambda m: m.q_rad[:n_joints])
     return Measurements(
         source=f"{path} session {number}",
@@ -77,6 +80,31 @@ def _session(path: Path, number: int | None) -> tuple[int, Sequence[Meas]]:
     if number not in found:
         raise BadInput(f"{path}: has no session {number}; it holds {', '.join(map(str, sorted(found)))}")
     return number, found[number]
+
+
+# What a fit computes with: a number that is none there would be in every result.
+_NUMBERS = (
+    "q_rad", "dq_rad_s", "p_m", "q_wxyz", "cov", "p_cam_m", "q_cam_wxyz", "g_m_s2", "temp_c", "payload_kg",
+    "range_m", "incid_rad", "u_px", "v_px", "pan_rad", "tilt_rad",
+)  # fmt: skip
+
+
+def _refuse_damaged(rows: Sequence[Meas], n_joints: int, where: str) -> None:
+    """BadInput names the first measurement whose numbers cannot be used."""
+    for m in rows:
+        wrong = [name for name in _NUMBERS if not np.isfinite(getattr(m, name)).all()]
+        wrong += [f"q_rad ({x:g} rad)" for x in m.q_rad[:n_joints] if abs(x) > _MOST_RAD]
+        wrong += [f"p_m ({x:g} m)" for x in m.p_m if abs(x) > _MOST_M]
+        for name in ("q_wxyz", "q_cam_wxyz"):
+            if not wrong and abs(np.linalg.norm(getattr(m, name)) - 1.0) > _UNIT_TOLERANCE:
+                wrong.append(f"{name} (norm {np.linalg.norm(getattr(m, name)):.4g})")
+        if not wrong and np.linalg.eigvalsh(_covariance([m])[0])[0] <= 0.0:
+            wrong.append("cov (not positive definite)")
+        if wrong:
+            raise BadInput(
+                f"{where}: the measurement of pose {m.pose} is damaged: {', '.join(wrong[:4])}",
+                todo="take the log from the recorder again",
+            )
 
 
 def _stack(rows: Sequence[Meas], get: Callable[[Any], object]) -> Array:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from kincal.errors import BadInput
 from kincal.schema.datamap import DataMap
+from kincal.schema.errors import utf8_text
 
 from .table import Joints, Table
 
@@ -46,9 +47,9 @@ def read_text(path: str, mapping: DataMap, joints: Joints) -> Table:
 def _lines(path: str, n_joints: int) -> list[tuple[int, str]]:
     """(number, text) of each line that is neither empty nor a comment; the first is the header."""
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: cannot be read as UTF-8 text: {error}") from None
+        text = utf8_text(Path(path))
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
     found = [
         (number, line)
         for number, line in enumerate(text.splitlines(), 1)

@@ -1,0 +1,85 @@
+"""Events of an LCM log file, whatever the file holds.
+
+LCM's own reader takes each length as it stands in the file: one of 2 GiB ends the process, a channel that is
+no text ends the reading. Here a damaged place is counted and passed, up to where the next event begins."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from kincal.errors import BadInput
+
+SYNC = bytes.fromhex("eda1da01")
+_HEADER = struct.Struct(">4sqqii")  # sync word, number, time, bytes of the channel, bytes of the message
+MOST_CHANNEL = 63
+"""Bytes of the name of a channel, as LCM has it."""
+MOST_BYTES = 1 << 26
+"""Bytes of a message: many times the largest image."""
+_AT_ONCE = 1 << 20  # bytes that are looked through for the next event
+
+
+@dataclass(frozen=True)
+class FileEvent:
+    """An event of a file. channel: its printable name; data: the bytes of the message, empty if they are not
+    wanted."""
+
+    channel: str
+    data: bytes
+
+
+@dataclass
+class EventFile:
+    """The events of a file, one after the other. skip: channels whose messages are not read; damaged: places
+    of the file, so far, that hold no event. BadInput if the file cannot be read."""
+
+    path: Path
+    skip: frozenset[str] = frozenset()
+    damaged: int = field(default=0, init=False)
+
+    def __iter__(self) -> Iterator[FileEvent]:
+        if not self.path.is_file():
+            raise BadInput("no such log file", str(self.path))
+        try:
+            with self.path.open("rb") as file:
+                yield from self._events(file, self.path.stat().st_size)
+        except OSError as error:
+            raise BadInput(f"cannot read the log: {error.strerror}", str(self.path)) from None
+
+    def _events(self, file: BinaryIO, size: int) -> Iterator[FileEvent]:
+        at, whole = 0, True  # where the next event should begin; whether the one before it was one
+        while len(header := file.read(_HEADER.size)) == _HEADER.size:
+            sync, _, _, n_channel, n_data = _HEADER.unpack(header)
+            end = at + _HEADER.size + n_channel + n_data
+            known = sync == SYNC and 0 < n_channel <= MOST_CHANNEL and 0 <= n_data <= MOST_BYTES
+            if known and end <= size:
+                channel = _printable(file.read(n_channel))
+                yield FileEvent(channel, b"" if channel in self.skip else file.read(n_data))
+                at, whole = end, True
+            else:
+                self.damaged += whole
+                at, whole = _next_sync(file, at + 1), False
+                if at < 0:
+                    return
+            file.seek(at)
+        self.damaged += bool(header) and whole  # cut off
+
+
+def _next_sync(file: BinaryIO, start: int) -> int:
+    """Where the next event may begin, at or after a place; -1 if none does."""
+    file.seek(start)
+    tail = b""
+    while part := file.read(_AT_ONCE):
+        window = tail + part
+        if (found := window.find(SYNC)) >= 0:
+            return file.tell() - len(window) + found
+        tail = window[-len(SYNC) + 1 :]
+    return -1
+
+
+def _printable(name: bytes) -> str:
+    """The name of a channel; what is no printable ASCII as \\xff, so that a terminal only shows it."""
+    return "".join(chr(b) if 32 <= b < 127 else f"\\x{b:02x}" for b in name)
