@@ -28,12 +28,14 @@ def _finding_json(finding: Finding) -> dict[str, Any]:
         "why": finding.why,
         "fix": finding.fix,
         "gain": min(finding.gain, _MOST_GAIN),
+        **({"poses": list(finding.poses)} if finding.poses else {}),
     }
 
 
 def lines(answer: Check) -> str:
     """The verdict, then each finding with what to do about it."""
     verdict = "belong together" if not answer.errors else "do NOT belong together"
+    verdict += "" if answer.ok or answer.errors else ", but something has to be put right first"
     left = (
         ""
         if answer.misfit is None
