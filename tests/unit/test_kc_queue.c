@@ -270,7 +270,9 @@ void test_chunks_and_detections_are_refused_for_either_reason(void)
 {
     TEST_ASSERT_FALSE(chunk(1001 + KC_Q_AHEAD_US, 1, 0u));
     TEST_ASSERT_FALSE(det(1001 + KC_Q_AHEAD_US, 1));
-    for (uint32_t i = 0u; i < KC_Q_CHUNK - KC_Q_CHUNK_OTHERS; i++) { TEST_ASSERT_TRUE(chunk(1000 + KC_Q_AHEAD_US, 1, i)); }
+    for (uint32_t i = 0u; i < KC_Q_CHUNK - KC_Q_CHUNK_OTHERS; i++) {
+        TEST_ASSERT_TRUE(chunk(1000 + KC_Q_AHEAD_US, 1, i));
+    }
     for (uint32_t i = 0u; i < KC_Q_DET; i++) { TEST_ASSERT_TRUE(det(1000 + KC_Q_AHEAD_US, (int32_t)i)); }
     TEST_ASSERT_FALSE(chunk(500, 1, 0u));
     TEST_ASSERT_FALSE(det(500, 1));
