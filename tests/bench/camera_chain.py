@@ -103,7 +103,7 @@ class Chain:
         mast = transform(np.array(spec["mast_xyz_m"]) + off[:3], turn(off[3:]))
         to_tilt = rot("z", pan_rad + self.zero_rad[0]) @ rot("x", self.axis_rad[0])
         mount = transform(np.zeros(3), turn([self.axis_rad[1], 0.0, self.axis_rad[2]]))
-        camera = transform(np.array(spec["camera_xyz_m"]), missions.LOOKS_ALONG_X)
+        camera = transform(np.array(spec["camera_xyz_m"]), missions.CAMERA_ON_TILT)
         return mast @ to_tilt @ rot("y", tilt_rad + self.zero_rad[1]) @ mount @ camera
 
     def tags(self, T_base_tool: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ FLIGHT = library("flight")
 Seen = Callable[[np.ndarray, float, float], np.ndarray]
 """(true pose in the base frame (4x4), pan, tilt [rad]) -> the pose at which the camera sees it, base frame
 (4x4)."""
-LOOKS_ALONG_X = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # camera on the tilt frame
+CAMERA_ON_TILT = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # camera on the tilt frame
 
 
 def scenario_of(name: str, seed: int) -> Scenario:
@@ -85,7 +85,7 @@ def camera_pose(pan_rad: float, tilt_rad: float) -> np.ndarray:
     """T_base_cam (4x4) by the simulator's numbers."""
     spec = load_spec()["pantilt"]
     mast = transform(np.array(spec["mast_xyz_m"]), np.eye(3)) @ rot("z", pan_rad) @ rot("y", tilt_rad)
-    return mast @ transform(np.array(spec["camera_xyz_m"]), LOOKS_ALONG_X)
+    return mast @ transform(np.array(spec["camera_xyz_m"]), CAMERA_ON_TILT)
 
 
 def aimed(p_base_m: np.ndarray) -> tuple[float, float]:

@@ -151,7 +151,7 @@ void test_gravity_moments_are_of_all_that_is_beyond_at_full_length(void)
     expect_size(9.81 * load, KC_VAR_TAU, 7u);
 }
 
-void test_a_link_is_as_long_whichever_way_it_is_measured(void)
+void test_a_link_is_as_long_in_both_directions(void)
 {
     s_arm.joint[6].d_m = -0.06;
     s_arm.joint[6].a_m = -0.02;
