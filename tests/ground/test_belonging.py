@@ -148,6 +148,54 @@ def test_the_other_convention_is_its_own_inverse():
         np.testing.assert_allclose(dh_rows(other_convention(there)), dh_rows(arm), atol=0.0)
 
 
+# --------------------------------------------------------------------------- outliers
+
+
+def moved(data, number, shift_m):
+    """Every so-many-th pose shifted."""
+    p_m = data.p_m.copy()
+    p_m[::number] += [0.0, 0.0, shift_m]
+    return replace(data, p_m=p_m)
+
+
+@pytest.mark.parametrize(("name", "shift_m"), [("wam", 0.285), ("fr3", 0.15), ("ur5", 0.02)])
+def test_a_fifth_of_the_poses_far_off_is_found_with_their_numbers(name, shift_m):
+    """Of every set, so many that the misfit of the best four fifths does not show them."""
+    arm, data = real(name)
+    answer = check(arm, moved(data, 5, shift_m))
+    (finding,) = answer.findings
+    assert (finding.code, finding.severity, answer.ok) == ("outliers", "warning", False)
+    assert finding.poses == data.ids[::5]
+    assert f"{len(finding.poses)} of {data.n} poses are off by" in finding.why
+    assert float(finding.why.split("off by ")[1].split(" mm")[0]) == pytest.approx(1e3 * shift_m, rel=0.1)
+    assert finding.fix.endswith(",".join(finding.poses))
+
+
+def test_a_few_poses_far_off_are_only_said():
+    arm, data = real("wam")
+    answer = check(arm, moved(data, 80, 0.285))
+    assert [(f.code, f.severity, f.poses) for f in answer.findings] == [("outliers", "note", data.ids[::80])]
+    assert answer.ok
+
+
+def test_check_ends_with_status_1_where_a_fifth_of_the_poses_is_off(folder):
+    lines = (folder / "poses.csv").read_text().splitlines()
+    header = lines[0].split(",")
+    for k in range(1, len(lines), 5):
+        row = lines[k].split(",")
+        row[header.index("px")] = str(float(row[header.index("px")]) + 0.3)
+        lines[k] = ",".join(row)
+    (folder / "poses.csv").write_text("\n".join(lines))
+    given = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    done = kincal("check", *given)
+    assert done.exit_code == EXIT_FAILED
+    assert "put right first" in done.stdout
+    assert "8 of 40 poses are off by" in done.stdout
+    (finding,) = json.loads(kincal("check", *given, "--json").stdout)["findings"]
+    assert finding["poses"] == [f"p{k}" for k in range(0, 40, 5)]
+    assert kincal("check", *given, *finding["fix"].split()[-2:]).exit_code == 0
+
+
 # --------------------------------------------------------------------------- the command
 
 

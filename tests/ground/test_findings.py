@@ -141,12 +141,17 @@ def test_every_probability_stands_beside_what_it_is_against(found):
 
 
 def test_big_numbers_are_those_of_the_comparison(found):
-    now, reachable, floor = headline.big_numbers(found.d.comparison, found.d)
+    nominal, dh, after, reachable, floor = headline.big_numbers(found.d.comparison, found.d)
     held_m, after_m = found.d.comparison.rms["held"][0], found.d.remainder.held_pos_m
-    assert now.text.startswith(f"{held_m * 1e3:.3f} → {after_m * 1e3:.3f} mm, ")
-    assert (now.label, reachable.label) == ("error now, and with the findings", "reachable")
+    assert (nominal.label, dh.label) == ("nominal arm", "after DH calibration")
+    assert (after.label, reachable.label) == ("with the findings", "reachable")
+    assert nominal.pos_m > dh.pos_m == held_m > after.pos_m == after_m
+    assert after.text.startswith(f"{after_m * 1e3:.3f} mm, ")
     assert floor.pos_m == found.d.comparison.noise_floor.pos_m
-    assert headline.big_numbers(found.d.comparison)[0].after_m is None
+    of_comparison = headline.big_numbers(found.d.comparison)
+    assert [n.pos_m for n in of_comparison] == [n.pos_m for n in (nominal, dh, reachable, floor)]
+    each = headline.big_numbers(found.d.comparison, found.d, each=True)
+    assert [n.label for n in each] == [nominal.label, dh.label, "+ backlash[4]", "reachable", "noise floor"]
 
 
 def test_next_steps_are_commands_that_run(found, tmp_path):
@@ -160,6 +165,18 @@ def test_next_steps_are_commands_that_run(found, tmp_path):
         done = CliRunner().invoke(main, words)
         assert done.exit_code == 0, done.output
     assert "+ backlash[4]" in done.output
+
+
+def test_what_to_do_next_begins_with_dh_calibration(found):
+    steps = advice.next_steps(found.d, (), advice.Inputs("arm.toml", ("--data", "d.csv")))
+    verbs = [step.command.split()[2] for step in steps]
+    assert verbs[:5] == ["fit", "export", "add", "fit", "export"]
+    errors = {e.model: f"{e.pos_m * 1e3:.3f}" for e in found.d.advised.errors}
+    assert list(errors) == ["nominal", "DH", "+ backlash[4]"]
+    assert f"held-out error {errors['nominal']} to {errors['DH']} mm" in steps[0].why
+    assert f"held-out error {errors['DH']} to {errors['+ backlash[4]']} mm" in steps[2].why
+    assert "--format dh" in steps[1].command
+    assert "--format python" in steps[4].command  # a DH table does not hold what was added
 
 
 def test_untestable_effects_are_listed_by_what_they_lack(found):
@@ -188,13 +205,13 @@ def test_exclude_is_an_option_of_every_command_that_reads_measurements(found):
 
 
 def test_too_few_poses_give_no_reachable_number_and_a_beaten_black_box_says_so(found):
-    c = SimpleNamespace(**vars(found.d.comparison))
+    c = SimpleNamespace(**{"errors": found.d.comparison.errors, **vars(found.d.comparison)})
     c.reachable = Reachable(c.rms["held"][0], None, 0.0, enough=False)
-    few = headline.big_numbers(c)[1]
+    few = headline.reachable_number(c)
     assert (few.text, few.about) == ("unknown", "too few poses to tell")
     c.reachable = Reachable(2.0 * c.rms["held"][0], None, 1.0)
-    assert headline.big_numbers(c, found.d)[1].about.endswith("; the findings do better")
-    assert "better" not in headline.big_numbers(c)[1].about
+    assert headline.big_numbers(c, found.d)[3].about.endswith("; the findings do better")
+    assert "better" not in headline.reachable_number(c).about
 
 
 # --------------------------------------------------------------------------- findings as curves
@@ -325,8 +342,11 @@ def test_page_shows_the_finding_before_everything_else(html):
     own = re.sub(r"</?a\b[^>]*>", "", own)  # links of words to the glossary
     order = [
         "Consistent with backlash[4]",
-        "error now, and with the findings",
+        "nominal arm",
+        "after DH calibration",
+        "with the findings",
         "What to do next",
+        "kincal model fit --arm arm.toml --data d.csv --model M.toml",
         "kincal model add --model M.toml",
         "Found: backlash[4]",
         "Held-out error of the nested models",

@@ -131,16 +131,20 @@ def test_mean_over_the_dictionary_pays_for_every_product(arm, measured):
 
 
 def test_cross_validation_is_ridge_regression_without_the_fold(arm, measured):
+    """With all coefficients and with the first twenty alone."""
     fit = fit_model(arm, measured)
-    keep, fold = np.ones(len(fit.names), dtype=bool), np.arange(0, fit.data.n, 5)
-    a = (fit.J * fit.sigma_prior / fit.scale).reshape(fit.data.n, 6, -1)
+    fold, order = np.arange(0, fit.data.n, 5), np.random.default_rng(3).permutation(len(fit.names))
+    a = (fit.J * fit.sigma_prior / fit.scale).reshape(fit.data.n, 6, -1)[:, :, order]
     z = ((fit.z + fit.J @ fit.estimate) / fit.scale).reshape(fit.data.n, 6)
-    train = np.setdiff1d(np.arange(fit.data.n), fold)
-    ridge = Ridge(1.0, fit_intercept=False, solver="svd")
-    ridge.fit(a[train].reshape(-1, a.shape[2]), z[train].ravel(), np.repeat(fit.weight[train], 6))
-    left = z[fold].ravel() - ridge.predict(a[fold].reshape(-1, a.shape[2]))
-    wanted = np.einsum("nij,nj->ni", np.linalg.inv(fit.whiten[fold]), left.reshape(-1, 6) * fit.scale)
-    assert additions.left_out(fit, keep, fold) == pytest.approx(wanted, abs=1e-9)
+    train, counts = np.setdiff1d(np.arange(fit.data.n), fold), (20, len(order))
+    linear = additions._Linear.of(fit, order)
+    for count, got in zip(counts, linear.left_out(fold, counts), strict=True):
+        ridge = Ridge(1.0, fit_intercept=False, solver="svd")
+        mine = a[:, :, :count]
+        ridge.fit(mine[train].reshape(-1, count), z[train].ravel(), np.repeat(fit.weight[train], 6))
+        left = z[fold].ravel() - ridge.predict(mine[fold].reshape(-1, count))
+        wanted = np.einsum("nij,nj->ni", np.linalg.inv(fit.whiten[fold]), left.reshape(-1, 6) * fit.scale)
+        assert got == pytest.approx(wanted, abs=1e-9)
 
 
 # ------------------------------------------------------------------------------------------ the effect

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
@@ -117,7 +117,7 @@ class Fitted:
 
     def save(self, path: str | Path) -> None:
         """Write the model file M.toml, for the commands."""
-        model = ModelFile(effects=self.result.effects, unnamed=dict(self.unnamed))
+        model = replace(ModelFile.of(self.result.texts), unnamed=dict(self.unnamed))
         arm = self.arm.table.source
         named = str(Path(arm).resolve()) if Path(arm).is_file() else arm
         write_model(path, fitted(model, self.result, arm=named, files=self.files, version=__version__))

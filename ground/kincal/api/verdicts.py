@@ -43,8 +43,8 @@ class Diagnosed:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of the effects that were accepted, or help."""
-        return tuple(e.name for e in self.diagnosis.effects if e.in_model)
+        """Effects that were accepted, or help, with the constants that were found: `fit` takes them."""
+        return self.diagnosis.advised.added
 
     def __str__(self) -> str:
         """What `kincal model diagnose` prints."""
@@ -83,4 +83,5 @@ def diagnose(
     """Which effect is missing beside the DH errors and these effects? Errors as `compare`."""
     read, library = checked(arm, data, force), Library.load()
     chosen = choose_constants(library, effects, arm.table, read)
-    return Diagnosed(workbench_diagnose(arm.table, read, library, chosen, progress=progress))
+    found = workbench_diagnose(arm.table, read, library, chosen, given=tuple(effects), progress=progress)
+    return Diagnosed(found)

@@ -82,7 +82,12 @@ class Given:
         pairs += [("--units", self.units)] if self.units else []
         pairs += [("--rotation", self.rotation)] if self.rotation else []
         pairs += [("--exclude", ",".join(self.excluded))] if self.excluded else []
-        flags = ("--skip-bad",) if self.skip_bad else ()
+        said = {
+            "--skip-bad": self.skip_bad,
+            "--no-inferred-direction": not self.infer_direction,
+            "--force": self.force,
+        }
+        flags = (flag for flag, on in said.items() if on)
         return (*(word for pair in pairs for word in pair), *flags)
 
     def mapping(self) -> DataMap:

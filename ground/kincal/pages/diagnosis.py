@@ -19,7 +19,7 @@ from kincal.workbench.advice import Step
 from kincal.workbench.api import ReportContent
 from kincal.workbench.diagnosis import EffectFinding, UnnamedFinding
 from kincal.workbench.diagnosis_text import diagnosis_text
-from kincal.workbench.headline import big_numbers
+from kincal.workbench.headline import big_numbers, reachable_number
 from kincal.workbench.hypotheses import effect_of
 from kincal.workbench.nextposes import NextPose
 from kincal.workbench.partial import Panel, effect_panels, place_panels
@@ -100,7 +100,7 @@ def _sections(data: ReportContent) -> list[Section]:
     d, nested = data.diagnosis, data.nested
     poses = Poses.of(d.comparison, d.final)
     grow = residual_figures.magnification(d)
-    reachable_m = big_numbers(d.comparison)[1].pos_m
+    reachable_m = reachable_number(d.comparison).pos_m
     out = [
         *_found(data, poses),
         _section("models", figures.nested(nested, reachable_m), grids.models(nested)),

@@ -9,7 +9,7 @@ import pydantic
 from .base import Strict
 from .effects import ParameterEntry
 from .errors import Contradiction
-from .names import effect_of, is_unnamed
+from .names import effect_of, is_unnamed, split_constants
 from .numbers import NotNegative, Real, Vec3
 
 VERSION = 1
@@ -26,7 +26,7 @@ class ChangeEntry(Strict):
     effects: list[Name]
     """Effects that it was done to."""
     before: list[Name]
-    """Effects in use before."""
+    """Effects in use before, as `effects` of the model has them."""
 
 
 class ValueEntry(Strict):
@@ -130,7 +130,8 @@ class ModelEntry(Strict):
     dh: pydantic.StrictBool = True
     """true: the DH errors of every joint are estimated."""
     effects: list[Name] = []
-    """Effects in use, in the order they were added: "joint_compliance[2]", "base_flex" ..."""
+    """Effects in use, in the order they were added: "joint_compliance[2]", "base_flex" ... Constants that a
+    fit keeps stand behind the name: "bias_step[2](t0=120)"; others are chosen by the data."""
     libraries: list[Name] = []
     """Files with effects of one's own."""
     arm: str = ""
@@ -146,17 +147,23 @@ class ModelEntry(Strict):
     fit: FitEntry | None = None
     """The last fit; null before the first, and after a change of the effects."""
 
+    @property
+    def names(self) -> list[str]:
+        """Effects in use, without constants."""
+        return [split_constants(text)[0] for text in self.effects]
+
     @pydantic.field_validator("effects")
     @classmethod
     def _each_once(cls, effects: list[str]) -> list[str]:
-        if twice := sorted({name for name in effects if effects.count(name) > 1}):
+        names = [split_constants(text)[0] for text in effects]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"names {twice[0]} twice")
         return effects
 
     @pydantic.model_validator(mode="after")
     def _unnamed_have_terms(self) -> ModelEntry:
         there = {entry.name for entry in self.unnamed}
-        for name in self.effects:
+        for name in self.names:
             if is_unnamed(name) and name not in there:
                 raise Contradiction(
                     "effects", f"holds {name}, but no [[unnamed]] has its terms", "add it again with --data"
@@ -165,9 +172,9 @@ class ModelEntry(Strict):
 
     @pydantic.model_validator(mode="after")
     def _whole_or_single(self) -> ModelEntry:
-        for name in self.effects:
+        for name in self.names:
             whole = effect_of(name)
-            if whole != name and whole in self.effects:
+            if whole != name and whole in self.names:
                 raise Contradiction(
                     "effects",
                     f"holds {whole}, which is the effect at all joints, beside {name}",

@@ -6,7 +6,9 @@ tests/ground/test_schema_terms.py compares the two.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import get_args
 
 from .acquisitions import Acquisition
@@ -186,3 +188,28 @@ def place_of(name: str) -> str:
 def is_unnamed(name: str) -> bool:
     """Whether a name is that of an effect by place and drivers: unnamed[joint 1: q1, q3]."""
     return name.startswith(f"{UNNAMED}[")
+
+
+def with_constants(name: str, constants: Mapping[str, float]) -> str:
+    """A name with the constants that a fit keeps: bias_step[3](t0=120.5)."""
+    if not constants:
+        return name
+    return f"{name}({','.join(f'{key}={value:.15g}' for key, value in constants.items())})"
+
+
+def split_constants(text: str) -> tuple[str, dict[str, float]]:
+    """Name and constants of `with_constants`; blanks may stand anywhere. ValueError says how to write it."""
+    name, opened, inside = text.strip().partition("(")
+    if not opened:
+        return name, {}
+    constants: dict[str, float] = {}
+    for pair in inside.rstrip(")").split(","):
+        key, _, value = (part.strip() for part in pair.partition("="))
+        try:
+            constants[key] = float(value)
+        except ValueError:
+            constants[key] = float("nan")
+    right = inside.endswith(")") and all(key.isidentifier() and isfinite(x) for key, x in constants.items())
+    if not right or len(constants) != inside.count("=") or ")" in inside[:-1]:
+        raise ValueError(f"cannot read {text!r}; write {name.strip()}(constant=number)")
+    return name.strip(), constants

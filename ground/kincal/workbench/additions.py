@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from kincal.errors import CannotAnswer
 
@@ -21,7 +22,7 @@ from .places import all_places
 from .products import score_products
 from .scoring import Scorer, bulk_weights
 from .smooth import MOST_TERMS, SmoothEffect, UnnamedName, full_effect, smooth_effect
-from .types import Array, Indices, Progress, no_progress
+from .types import Array, Indices, Progress, array, no_progress
 
 MOST_EFFECTS = 10
 _TRIED = 12  # names whose whole function is scored at each step
@@ -200,22 +201,45 @@ def _crossed(fit: Fit, h: Hypothesis) -> HeldGain:
     """Gain of an effect by cross-validation: the fit's linear model, solved without each fold in turn."""
     mine = np.array([name.startswith(f"{h.name}.") for name in fit.names])
     squares = np.zeros((2, fit.data.n))
-    number = folds(fit.data)
+    number, linear = folds(fit.data), _Linear.of(fit, np.argsort(mine, kind="stable"))
+    counts = (int((~mine).sum()), len(mine))
     for fold in (np.flatnonzero(number == k) for k in range(FOLDS)):
-        for row, keep in zip(squares, (~mine, np.ones_like(mine)), strict=True):
-            row[fold] = _squares(left_out(fit, keep, fold))
+        for row, r in zip(squares, linear.left_out(fold, counts), strict=True):
+            row[fold] = _squares(r)
     return HeldGain.of(squares[0], squares[1], cross_validated=True)
 
 
-def left_out(fit: Fit, keep: Array, fold: Indices) -> Array:
-    """(M, c) residuals [m, rad] of the poses of a fold, some coefficients solved with the others only."""
-    n, c = fit.evaluation.r.shape
-    a = (fit.J[:, keep] * fit.sigma_prior[keep]).reshape(n, c, -1) / fit.scale
-    z0 = (fit.z + fit.J @ fit.estimate).reshape(n, c) / fit.scale
-    root = np.sqrt(fit.weight)[:, None]
-    root[fold] = 0.0
-    rows = (a * root[:, :, None]).reshape(n * c, -1)
-    basis, triangle = np.linalg.qr(np.vstack([rows, np.eye(rows.shape[1])]))
-    solved = np.linalg.solve(triangle, basis[: len(rows)].T @ (z0 * root).ravel())
-    left = (z0[fold] - a[fold] @ solved) * fit.scale
-    return np.linalg.solve(fit.whiten[fold], left[:, :, None])[:, :, 0]
+@dataclass(frozen=True)
+class _Linear:
+    """The linear model of a fit. a: (N, c, k) columns in units of noise and priors; z: (N, c) what they
+    explain; root: (N, 1) roots of the robust weights; metres: (N, c, c) from units of noise to [m, rad]."""
+
+    a: Array
+    z: Array
+    root: Array
+    metres: Array
+
+    @classmethod
+    def of(cls, fit: Fit, order: Indices) -> _Linear:
+        """Of coefficients in this order."""
+        n, c = fit.evaluation.r.shape
+        a = (fit.J * fit.sigma_prior)[:, order].reshape(n, c, -1) / fit.scale
+        z = (fit.z + fit.J @ fit.estimate).reshape(n, c) / fit.scale
+        return cls(a, z, np.sqrt(fit.weight)[:, None], array(np.linalg.inv(fit.whiten) * fit.scale))
+
+    def left_out(self, fold: Indices, counts: Sequence[int]) -> Iterator[Array]:
+        """(M, c) residuals [m, rad] of the poses of a fold under the first so many coefficients, for each
+        count, solved with the other poses only. One triangle serves all counts: its upper left corner is that
+        of the first columns. Normal equations would lose digits."""
+        k = self.a.shape[2]
+        kept = np.delete(np.arange(len(self.a)), fold)
+        root = self.root[kept]
+        rows = np.empty((self.z[kept].size + k, k + 1))
+        rows[:-k, :k] = (self.a[kept] * root[:, :, None]).reshape(-1, k)
+        rows[:-k, k] = (self.z[kept] * root).ravel()
+        rows[-k:] = np.eye(k, k + 1)
+        triangle = array(np.linalg.qr(rows, mode="r"))
+        for count in counts:
+            solved = solve_triangular(triangle[:count, :count], triangle[:count, k], check_finite=False)
+            left = self.z[fold] - self.a[fold, :, :count] @ solved
+            yield np.einsum("nij,nj->ni", self.metres[fold], left)

@@ -8,6 +8,7 @@ from typing import Any
 
 from . import explain
 from .adequacy import NoiseFloor, Where
+from .advice import Step
 from .api import FitResult
 from .compare import Comparison
 from .curves import Curve
@@ -65,6 +66,7 @@ def comparison_json(c: Comparison) -> Json:
         "direction": c.data.direction_source,
         "noise_floor": _floor(c.noise_floor),
         "rms": {name: _pos_rot(*pair) for name, pair in c.rms.items()},
+        "errors": [{"model": name, **_pos_rot(*pair)} for name, pair in c.errors.items()],
         "reachable": _reachable(c.reachable),
         "identifiability": identifiability_json(c.identifiability),
         "axes": {name: axes_json(axes) for name, axes in c.residual_axes.items()},
@@ -82,10 +84,13 @@ def comparison_json(c: Comparison) -> Json:
     }
 
 
-def diagnosis_json(d: Diagnosis, next_poses: Sequence[NextPose] = ()) -> Json:
+def diagnosis_json(d: Diagnosis, next_poses: Sequence[NextPose] = (), steps: Sequence[Step] = ()) -> Json:
     """`kincal model diagnose --json`."""
     return {
         **comparison_json(d.comparison),
+        "errors": [{"model": e.model, **_pos_rot(e.pos_m, e.rot_rad)} for e in d.advised.errors],
+        "advised": {"remove": list(d.advised.removed), "add": list(d.advised.added)},
+        "next_steps": [{"why": step.why, "command": step.command} for step in steps],
         "verdict": d.verdict,
         "probability_none": d.probability_none,
         "adequate_after": d.adequate_after,
@@ -110,6 +115,7 @@ def _effect_json(e: EffectFinding) -> Json:
         "held_rms_after_mm": _mm(e.held.after_m),
         "held_ratio_interval": [x if math.isfinite(x) else None for x in e.held.interval],
         "held_rotation_ratio": e.held.rotation,
+        "constants": dict(e.constants),
         "parameters": [
             {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit} for p in e.parameters
         ],
@@ -217,9 +223,7 @@ def comparison_text(c: Comparison) -> str:
         f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), "
         f"{c.components} components",
         *([f"skipped: {c.skipped} malformed rows"] if c.skipped else []),
-        f"nominal arm        {_text(*c.rms['nominal'])}",
-        f"fitted poses       {_text(*c.rms['fit'])}",
-        f"held-out poses     {_text(*c.rms['held'])}",
+        *_error_lines(c),
         f"reachable          {_reachable_text(c.reachable)}",
         f"noise floor        {_floor_text(c.noise_floor)}",
         *design_lines(c),
@@ -231,6 +235,22 @@ def comparison_text(c: Comparison) -> str:
         *_rest_lines(c),
     ]
     return "\n".join(lines)
+
+
+def _error_lines(c: Comparison) -> list[str]:
+    """The arm as it is, then with what was fitted of it."""
+    held = " on held-out poses" if len(c.split.held) else ""
+    errors, after = c.errors, "after DH calibration" if "DH" in c.errors else "after a fit"
+    alone = []
+    if "model" in errors and "DH" in errors:
+        alone = [f"DH alone           {_text(*errors['DH'])}{held}"]
+        after += ", with the effects"
+    return [
+        f"nominal arm        {_text(*errors['nominal'])}{held}",
+        *alone,
+        f"fitted poses       {_text(*c.rms['fit'])} {after}",
+        f"held-out poses     {_text(*c.rms['held'])}" + (f" {after}" if held else ""),
+    ]
 
 
 def _floor_text(floor: NoiseFloor) -> str:
@@ -295,7 +315,7 @@ def fit_text(f: FitResult) -> str:
     return "\n".join(
         [
             f"{f.arm}: {f.comparison.poses} poses, {len(f.names)} coefficients, rank {f.rank}",
-            f"effects: {', '.join(f.effects) or 'none (DH only)'}",
+            f"effects: {', '.join(f.texts) or 'none (DH only)'}",
             "",
             f"{'model':<{width}}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval",
             *(f"{m.model:<{width}}{_errors(m)}" for m in f.nested.models),

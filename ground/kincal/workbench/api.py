@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from kincal.errors import CannotAnswer
 from kincal.schema.arm import ArmTable
-from kincal.schema.names import UNNAMED, is_unnamed
+from kincal.schema.names import UNNAMED, is_unnamed, split_constants
 
 from .additions import Addition, Additions, add_one, add_unnamed
 from .beside import Begin, when_asked
@@ -39,13 +39,15 @@ _MOST_COMPETING = 4
 class FitResult:
     """A fitted model.
 
-    names, units, estimate, std_err: one per coefficient (k,), values in their units; rank: directions that
+    effects: by name; texts: as they were asked for, with constants that are kept; names, units, estimate,
+    std_err: one per coefficient (k,), values in their units; rank: directions that
     the data determine, of k; noise_scale: fitted over stated noise; nested: held-out error of each model on
     the way; constants: effect -> constants of its bases, e.g. the time of a step.
     """
 
     arm: str
     effects: tuple[str, ...]
+    texts: tuple[str, ...]
     names: tuple[str, ...]
     units: tuple[str, ...]
     estimate: Array
@@ -69,19 +71,21 @@ def fit(
     begin: Begin = when_asked,
 ) -> FitResult:
     """Fit DH errors (`dh`), base and tool as the arm table says, and the named effects, and measure what
-    each brings on held-out poses. begin: as of `compare`.
+    each brings on held-out poses. effects: as `choose_constants` takes them; begin: as of `compare`.
 
     CannotAnswer if an effect needs what the data do not have, or as `compare`; BadInput for unknown names.
     """
     library = library or Library.load()
-    _check_needs(library, effects, arm, data)
+    names = [split_constants(text)[0] for text in effects]
+    _check_needs(library, names, arm, data)
     hypotheses = choose_constants(library, effects, arm, data, dh=dh)
     comparison = compare(arm, data, hypotheses, dh=dh, begin=begin)
-    nested = fit_nested(arm, data, hypotheses, comparison.noise_floor, effects, dh=dh, progress=progress)
+    nested = fit_nested(arm, data, hypotheses, comparison.noise_floor, names, dh=dh, progress=progress)
     whole = comparison.fit_all
     return FitResult(
         arm=arm.name,
-        effects=tuple(effects),
+        effects=tuple(names),
+        texts=tuple(effects),
         names=whole.names,
         units=tuple(p.unit for p in whole.parameters),
         estimate=whole.estimate,
@@ -91,7 +95,7 @@ def fit(
         comparison=comparison,
         nested=nested,
         fit=whole,
-        constants=_constants(effects, hypotheses, data),
+        constants=_constants(names, hypotheses, data),
     )
 
 
@@ -147,7 +151,7 @@ def find_unnamed(
 
 
 def _check_needs(library: Library, names: Iterable[str], arm: ArmTable, data: Measurements) -> None:
-    for name in names:
+    for name, _ in map(split_constants, names):
         library.check_joints(name, arm)
         effect = library.effect(name)
         lacking = effect.missing(arm, data) if effect else []
@@ -210,24 +214,24 @@ class ReportContent:
 def report_content(
     diagnosis: Diagnosis,
     library: Library,
-    given: Sequence[Hypothesis] = (),
+    given: Sequence[str] = (),
     poses: Sequence[NextPose] = (),
     *,
-    names: Sequence[str] = (),
     dh: bool = True,
     progress: Progress = no_progress,
 ) -> ReportContent:
     """What a report shows beside the diagnosis: nested models, confounding and harm of every effect.
 
-    given: the effects that the diagnosed model had from the start, `names` what they were asked for as, dh
+    given: the effects that the diagnosed model had from the start, as `choose_constants` takes them; dh:
     whether it has DH errors; poses: as `advise` gave them.
     """
     whole = diagnosis.comparison.fit_all
     arm = whole.arm
-    had = {h.name for h in given}
-    added = [h for h in diagnosis.final.hypotheses if h.name not in had]
+    effects = diagnosis.advised.model_after(given)
     data, floor = diagnosis.comparison.data, diagnosis.comparison.noise_floor
-    nested = fit_nested(arm, data, [*given, *added], floor, names, dh=dh, progress=progress)
+    hypotheses = choose_constants(library, effects, arm, data, dh=dh)
+    names = [split_constants(text)[0] for text in effects]
+    nested = fit_nested(arm, data, hypotheses, floor, names, dh=dh, progress=progress)
     shown = _shown(library, arm, whole.data)
     return ReportContent(
         diagnosis, library, nested, confounding(whole, shown), harm(whole, shown), tuple(poses)

@@ -93,6 +93,23 @@ class Comparison:
         return identifiability(self.fit_all)
 
     @cached_property
+    def errors(self) -> dict[str, PosRot]:
+        """Errors of the "nominal" arm, after "DH" calibration alone and of its "model" with effects (if it
+        has some), on the held-out poses; on the fitted ones where none are held out."""
+        part = self.fit_part
+        arm, frames = part.arm, (part.base, part.tool)
+        fits = {"nominal": fit_model(arm, part.data, dh=False, frames=frames)}
+        dh = any(name.startswith("J1.") for name in part.names)
+        if dh:
+            fits["DH"] = fit_model(arm, part.data, frames=frames) if part.hypotheses else part
+        if part.hypotheses or not dh:
+            fits["model"] = part
+        held = self.held_data
+        return {
+            name: rms(fit.evaluation.r if held is None else fit.predict(held)) for name, fit in fits.items()
+        }
+
+    @cached_property
     def belonging(self) -> Check:
         """Whether arm table and measurements belong together; computed when first asked for."""
         return check(self.fit_all.arm, self.data, thorough=False)

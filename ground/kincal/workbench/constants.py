@@ -9,6 +9,7 @@ import numpy as np
 
 from kincal.errors import BadInput
 from kincal.schema.arm import ArmTable
+from kincal.schema.names import split_constants
 
 from .data import Measurements
 from .effects import Hypothesis, Library
@@ -18,14 +19,14 @@ from .hypotheses import assumed_by, by_constants, merged_if_several
 from .scoring import Scorer, bulk_weights
 
 Known = Mapping[str, Mapping[str, float]]
-"""Constants of effects from an earlier fit: effect -> constant -> value."""
+"""Constants of effects that are not searched: effect -> constant -> value."""
 
 _UNKNOWN: Known = {}
 
 
 def choose_constants(
     library: Library,
-    names: Sequence[str],
+    effects: Sequence[str],
     arm: ArmTable,
     data: Measurements | None,
     *,
@@ -33,18 +34,26 @@ def choose_constants(
     joined: bool = False,
     known: Known = _UNKNOWN,
 ) -> list[Hypothesis]:
-    """Hypotheses for effect names, each grid constant (step time ...) at the value with the least cost,
-    or as known from an earlier fit.
+    """Hypotheses for effects by name, each grid constant (step time ...) at the value with the least cost,
+    unless it stands behind the name (bias_step[3](t0=120)) or is known from an earlier fit.
 
     joined: a name without a joint becomes one hypothesis of all joints instead of one per joint. BadInput
-    for an unknown name, or where constants have to come from measurements and there are none.
+    for an unknown name or constant, or where constants have to come from measurements and there are none.
     """
+    stated = dict(map(split_constants, effects))
+    names = [split_constants(text)[0] for text in effects]
+    for name, constants in stated.items():
+        library.check_constants(name, constants)
+    known = {**known, **{name: constants for name, constants in stated.items() if constants}}
     open_names = [name for name in names if library.is_open(name, arm, data, known.get(name, {}))]
     found = {
         name: library.find(name, arm, data, dict(known.get(name, {})))
         for name in names
         if name not in open_names
     }
+    for name in found:
+        if not found[name] and stated[name]:
+            raise BadInput(f"{name}: nothing has the constants {dict(stated[name])}", todo="leave them out")
     if open_names:
         found |= _searched(library, open_names, found, arm, data, dh)
     groups = [found[name] for name in names]

@@ -21,7 +21,7 @@ def diagnosis_text(d: Diagnosis, poses: Sequence[NextPose] = (), steps: Sequence
 
 
 def _head(d: Diagnosis) -> list[str]:
-    return [f"diagnosis: {explain.verdict(d)}", "", *numbers_text(big_numbers(d.comparison, d))]
+    return [f"diagnosis: {explain.verdict(d)}", "", *numbers_text(big_numbers(d.comparison, d, each=True))]
 
 
 def numbers_text(numbers: Sequence[BigNumber]) -> list[str]:

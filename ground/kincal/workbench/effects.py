@@ -25,7 +25,7 @@ from .data import Measurements
 from .grids import Grid, data_constants, grid_values
 from .levers import TOOL, bodies
 from .pnp import column_number
-from .sight import assumptions, sees_points
+from .sight import SIGHT_CONSTANTS, assumptions, sees_points
 from .types import Array
 
 _FRAMES = {"tool": FRAME_TOOL, "camera": FRAME_CAMERA, "meas": FRAME_MEAS}
@@ -382,6 +382,17 @@ class Library:
         """Grids of the constants of an effect that have to be searched, those that are known left out."""
         effect = self.effect(name)
         return {} if effect is None else {k: v for k, v in effect.grid.items() if k not in (known or {})}
+
+    def check_constants(self, name: str, constants: Iterable[str]) -> None:
+        """BadInput for a constant that an effect does not have."""
+        effect = self.effect(name)
+        if effect is None:
+            return
+        known = (*effect.grid, *(SIGHT_CONSTANTS if effect._of_points else ()))
+        for constant in constants:
+            if constant not in known:
+                has = f"it has {', '.join(known)}" if known else "it has none"
+                raise BadInput(f"{name} has no constant {constant!r}; {has}")
 
     def find(
         self,

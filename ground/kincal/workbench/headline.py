@@ -1,61 +1,76 @@
-"""The numbers that a reader of an answer looks for first: error now, reachable, noise floor."""
+"""The numbers that a reader of an answer looks for first: errors of the arm as it is, after DH calibration
+and with effects; what is reachable; the noise floor."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from . import explain
 from .compare import Comparison
 from .diagnosis import Diagnosis
+from .nested import DH, NOMINAL
+
+_LABELS = {
+    NOMINAL: "nominal arm",
+    DH: "after DH calibration",
+    "model": "with the effects of the model",
+    "findings": "with the findings",
+}
 
 
 @dataclass(frozen=True)
 class BigNumber:
-    """A label, an error [m], [rad] (None where unknown), the error once the findings are added (None if
-    nothing was), and where it comes from, in words."""
+    """A label, an error [m], [rad] (None where unknown), and where it comes from, in words."""
 
     label: str
     pos_m: float | None
     rot_rad: float | None
     about: str
-    after_m: float | None = None
-    after_rad: float | None = None
 
     @property
     def text(self) -> str:
-        """With its unit; before and after where something was found."""
+        """With its unit."""
         if self.pos_m is None or not math.isfinite(self.pos_m):
             return "unknown"
-        position = _arrow(self.pos_m, self.after_m, "mm")
-        rotation = "" if self.rot_rad is None else f", {_arrow(self.rot_rad, self.after_rad, 'mrad')}"
-        return position + rotation
+        rotation = "" if self.rot_rad is None else f", {self.rot_rad * 1e3:.3f} mrad"
+        return f"{self.pos_m * 1e3:.3f} mm{rotation}"
 
 
-def _arrow(before: float, after: float | None, unit: str) -> str:
-    change = "" if after is None or not math.isfinite(after) else f" → {after * 1e3:.3f}"
-    return f"{before * 1e3:.3f}{change} {unit}"
-
-
-def big_numbers(c: Comparison, d: Diagnosis | None = None) -> tuple[BigNumber, ...]:
-    """Error now (and with the findings of a diagnosis), what is reachable, noise floor."""
-    now, black_box = _now(c, d), _reachable(c)
-    if now.after_m is not None and black_box.pos_m is not None and now.after_m < black_box.pos_m:
+def big_numbers(c: Comparison, d: Diagnosis | None = None, *, each: bool = False) -> tuple[BigNumber, ...]:
+    """Errors of the nominal arm, after DH calibration and with the findings of a diagnosis (each: one after
+    another), what is reachable, noise floor."""
+    errors = list(_errors(c, d, each))
+    black_box, best = reachable_number(c), errors[-1].pos_m
+    if d is not None and black_box.pos_m is not None and best is not None and best < black_box.pos_m:
         black_box = replace(black_box, about=f"{black_box.about}; the findings do better")
-    return now, black_box, _floor(c)
+    return *errors, black_box, _floor(c)
 
 
-def _now(c: Comparison, d: Diagnosis | None) -> BigNumber:
+def _errors(c: Comparison, d: Diagnosis | None, each: bool) -> Iterator[BigNumber]:
     held = len(c.split.held)
-    pos_m, rot_rad = c.rms["held"] if held else c.rms["fit"]
     about = f"RMS of {held} held-out poses" if held else "RMS of the fitted poses; none are held out"
-    if d is None or not held or not any(e.in_model for e in d.effects):
-        return BigNumber("error now", pos_m, rot_rad, about)
-    after = d.remainder.held_pos_m, d.remainder.held_rot_rad
-    return BigNumber("error now, and with the findings", pos_m, rot_rad, about, *after)
+    found = {} if d is None else {e.model: (e.pos_m, e.rot_rad) for e in d.advised.errors}
+    found = found or dict(c.errors)
+    effects = [name for name in found if name.startswith("+ ")]
+    if effects and not each:
+        first = {name: found[name] for name in (NOMINAL, DH) if name in found}
+        found = {**first, "findings": found[effects[-1]]}
+    for name, (pos_m, rot_rad) in found.items():
+        frames = _frames(c) if name == NOMINAL else ""
+        yield BigNumber(_LABELS.get(name, name), pos_m, rot_rad, about + frames)
 
 
-def _reachable(c: Comparison) -> BigNumber:
+def _frames(c: Comparison) -> str:
+    """What is fitted of the nominal arm all the same."""
+    arm = c.fit_all.arm
+    names = [name for name, frame in (("base", arm.base), ("tool", arm.tool)) if frame.estimate]
+    return f"; {' and '.join(names)} frame fitted" if names else ""
+
+
+def reachable_number(c: Comparison) -> BigNumber:
+    """What a black box reaches."""
     found = c.reachable
     if found is None:
         return BigNumber("reachable", None, None, "no poses are held out")

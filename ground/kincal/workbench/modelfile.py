@@ -22,7 +22,7 @@ from kincal.schema.model import (
     SightEntry,
     UnnamedEntry,
 )
-from kincal.schema.names import effect_of
+from kincal.schema.names import effect_of, split_constants, with_constants
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,14 @@ class Change:
 class ModelFile:
     """Effects in use (in the order they were added), a user's own library files, and the history.
 
+    fixed: constants that fits keep, by effect; those of other effects are chosen by the data.
     values, units, constants, fit: of the last fit, by coefficient and by effect; `uplink` uses the
     constants, exports use all.
     unnamed: terms of the unnamed effects, by name; those of the history too, so that `undo` finds them.
     """
 
     effects: tuple[str, ...] = ()
+    fixed: dict[str, dict[str, float]] = field(default_factory=dict)
     libraries: tuple[str, ...] = ()
     dh: bool = True
     history: tuple[Change, ...] = ()
@@ -59,24 +61,41 @@ class ModelFile:
         """The model that knows the terms of an unnamed effect, or knows them anew."""
         return replace(self, unnamed={**self.unnamed, entry.name: entry})
 
-    def add(self, names: list[str]) -> ModelFile:
+    @classmethod
+    def of(cls, texts: Iterable[str]) -> ModelFile:
+        """A model with these effects, as `add` takes them, and no history."""
+        effects, fixed = _effects_of(texts)
+        return cls(effects=effects, fixed=fixed)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Effects in use with the constants that fits keep, as `add` takes them."""
+        return tuple(with_constants(name, self.fixed.get(name, {})) for name in self.effects)
+
+    def add(self, texts: list[str]) -> ModelFile:
         """The model with these effects too. BadInput if one is there already, alone or for all joints."""
-        after = (*self.effects, *names)
-        for name in names:
+        new = [_split(text) for text in texts]
+        after = (*self.effects, *(name for name, _ in new))
+        for name, _ in new:
             whole = effect_of(name)
             if after.count(name) > 1:
                 raise BadInput(f"{name} is already in the model")
             if whole in after and any(other.startswith(f"{whole}[") for other in after):
-                raise BadInput(f"{whole} is the effect at all joints; it cannot stand beside one of them")
-        return self._changed("add", tuple(names), after)
+                raise BadInput(
+                    f"{whole} is the effect at all joints; it cannot stand beside one of them",
+                    todo="`kincal model remove` takes one of them out",
+                )
+        return self._changed("add", tuple(texts), (*self.texts, *texts))
 
-    def remove(self, names: list[str]) -> ModelFile:
-        """The model without these effects. BadInput if one is not in it."""
+    def remove(self, texts: list[str]) -> ModelFile:
+        """The model without these effects, with or without constants. BadInput if one is not in it."""
+        names = [_split(text)[0] for text in texts]
         absent = [name for name in names if name not in self.effects]
         if absent:
             there = ", ".join(self.effects) or "no effect"
             raise BadInput(f"{absent[0]} is not in the model; it holds {there}")
-        return self._changed("remove", tuple(names), tuple(e for e in self.effects if e not in names))
+        kept = [text for text, name in zip(self.texts, self.effects, strict=True) if name not in names]
+        return self._changed("remove", tuple(names), tuple(kept))
 
     def undo(self) -> ModelFile:
         """Take back the last change that was not itself taken back; the undo is history too."""
@@ -90,10 +109,26 @@ class ModelFile:
                 return self._changed("undo", change.effects, change.before)
         raise BadInput("nothing to undo: every change was taken back")
 
-    def _changed(self, action: str, names: tuple[str, ...], effects: tuple[str, ...]) -> ModelFile:
+    def _changed(self, action: str, texts: tuple[str, ...], after: tuple[str, ...]) -> ModelFile:
         when = datetime.now(UTC).isoformat(timespec="seconds")
-        history = (*self.history, Change(when, action, names, self.effects))
-        return replace(self, effects=effects, history=history, values={}, units={}, constants={}, fit=None)
+        history = (*self.history, Change(when, action, texts, self.texts))
+        effects, fixed = _effects_of(after)
+        return replace(
+            self, effects=effects, fixed=fixed, history=history, values={}, units={}, constants={}, fit=None
+        )
+
+
+def _split(text: str) -> tuple[str, dict[str, float]]:
+    try:
+        return split_constants(text)
+    except ValueError as error:
+        raise BadInput(str(error)) from None
+
+
+def _effects_of(texts: Iterable[str]) -> tuple[tuple[str, ...], dict[str, dict[str, float]]]:
+    """Names, and the constants of those that have some."""
+    split = [_split(text) for text in texts]
+    return tuple(name for name, _ in split), {name: constants for name, constants in split if constants}
 
 
 def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
@@ -104,8 +139,10 @@ def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
             raise BadInput("no such file", str(path), f"`kincal model add --model {path} EFFECT` makes one")
         return ModelFile()
     entry = validate(ModelEntry, read_toml(path), str(path))
+    effects, fixed = _effects_of(entry.effects)
     return ModelFile(
-        effects=tuple(entry.effects),
+        effects=effects,
+        fixed=fixed,
         libraries=tuple(entry.libraries),
         dh=entry.dh,
         history=tuple(Change(h.when, h.action, tuple(h.effects), tuple(h.before)) for h in entry.history),
@@ -140,7 +177,7 @@ def _in_use(model: ModelFile) -> list[str]:
         "# KinCal model: DH errors (dh), base and tool as the arm table says, and these effects.",
         f"version = {VERSION}",
         f"dh = {'true' if model.dh else 'false'}",
-        f"effects = {_texts(model.effects)}",
+        f"effects = {_texts(model.texts)}",
         f"libraries = {_texts(model.libraries)}",
         *arm,
     ]

@@ -20,8 +20,10 @@ from .gain import Gain, held_ratio, judged, much_worse, rms_interval
 from .hypotheses import covers
 from .types import Array, Indices, Mask, Progress, no_progress
 
-HELD_OUT = "held-out poses"
-"""The block of the split in use."""
+HELD_OUT, FITTED = "held-out poses", "fitted poses"
+"""The block of the split in use; all poses, where none are held out."""
+NOMINAL, DH = "nominal", "DH"
+"""The models before the first effect."""
 _FIFTH = 0.8  # quantile beyond which a fifth of the poses lies
 _LEAST_HELD, _MOST_HELD = 4, 0.6  # poses of a block, share of all poses
 
@@ -150,6 +152,24 @@ def fit_nested(
     return NestedModels(tuple(models), floor, tuple(gains))
 
 
+def errors_on_the_way(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis],
+    names: Sequence[str] = (),
+    *,
+    dh: bool = True,
+) -> tuple[NestedModel, ...]:
+    """Errors of the nominal arm, after DH calibration and with each effect: those of `fit_nested` on the
+    held-out poses, to the last digit; on the fitted ones where none are held out."""
+    split, groups = choose_split(data), _by_effect(hypotheses, names)
+    every = np.arange(data.n)
+    block = Block(HELD_OUT, split.fit, split.held) if len(split.held) else Block(FITTED, every, every)
+    held_out, steps = _HeldOut.of(arm, data, block, dh), [*_steps(groups, dh)]
+    fitted = [held_out.residuals(step.hypotheses, step.dh) for step in steps]
+    return tuple(held_out.models([step.label for step in steps], fitted))
+
+
 def cost_without(
     arm: ArmTable,
     data: Measurements,
@@ -186,9 +206,9 @@ class _Step:
 
 
 def _steps(groups: dict[str, list[Hypothesis]], dh: bool) -> Iterator[_Step]:
-    yield _Step("nominal", False, ())
+    yield _Step(NOMINAL, False, ())
     if dh:
-        yield _Step("DH", True, ())
+        yield _Step(DH, True, ())
     used: tuple[Hypothesis, ...] = ()
     for name, group in groups.items():
         used = (*used, *group)

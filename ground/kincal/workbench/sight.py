@@ -28,11 +28,13 @@ _MOST_OBLIQUE = 0.5  # cosine between the viewing directions' mean and the norma
 _SAME = 1e-9
 
 Constants = tuple[tuple[str, float], ...]
+SIGHT_CONSTANTS = ("field_deg", "fill")
+"""Constants of an effect that assume something of camera and target."""
 
 
 def sight_constants(constants: Constants) -> Constants:
     """Those of an effect's constants that assume something of camera and target."""
-    return tuple(c for c in constants if c[0] in ("field_deg", "fill"))
+    return tuple(c for c in constants if c[0] in SIGHT_CONSTANTS)
 
 
 @dataclass(frozen=True)

@@ -155,14 +155,11 @@ def _sized(
     """The family at the size with the most evidence."""
     unit = _hypothesis(name, place, shapes(variables, family))
     score = scorer.hypotheses([unit])[0][0]
-    one = np.ones(1)
-    ln_bf = [
-        float(ln_bayes_factor(score.u[None], score.v[None], scorer.noise, one * size, one)[0])
-        for size in _SIZES
-    ]
+    one, size = np.ones(1), _SIZES[:, None]
+    ln_bf = ln_bayes_factor(score.u * size, score.v * size**2, scorer.noise, one, one)
     best = int(np.argmax(ln_bf))
     parameters = tuple(replace(p, sigma=float(f"{p.sigma * _SIZES[best]:.4g}")) for p in unit.parameters)
-    return SmoothEffect(name, family, ln_bf[best], replace(unit, parameters=parameters), place)
+    return SmoothEffect(name, family, float(ln_bf[best]), replace(unit, parameters=parameters), place)
 
 
 def _hypothesis(name: UnnamedName, place: ErrorPlace, functions: Sequence[Shape]) -> Hypothesis:

@@ -45,10 +45,13 @@ def effects_command(effect_files: tuple[Path, ...], as_json: bool) -> None:
 
 
 def _check_names(library: Library, names: Sequence[str]) -> None:
-    """Every name is an effect of the library; the joint is checked against the arm where that is known."""
+    """Every name is an effect of the library, with its constants; joints of an arm that is known are checked
+    later."""
     from kincal.schema.arm import MAX_JOINTS
+    from kincal.schema.names import split_constants
 
-    for name in names:
+    for text in names:
+        name, constants = split_constants(text)
         base, _, joint = name.partition("[")
         if base not in library.effects:
             near = [n for n in library.effects if n.startswith(base[:4])] or list(library.effects)
@@ -62,6 +65,7 @@ def _check_names(library: Library, names: Sequence[str]) -> None:
             raise BadInput(f"{name!r}: an arm has up to {MAX_JOINTS} joints")
         if joint and library.effects[base].per == "arm":
             raise BadInput(f"{base} concerns the whole arm; leave [{inside}] out")
+        library.check_constants(base, constants)
 
 
 @click.command("add")
@@ -85,6 +89,8 @@ def add_command(
 ) -> None:
     """Add effects to the model (a new model file if there is none); the change goes into its history.
 
+    Constants behind the name are kept by every fit; without them the data choose.
+
     An unnamed effect, as `diagnose` names it, becomes a smooth function there: ordinary terms, chosen from
     the data that --arm and --data give, with what held-out poses gain from them. `unnamed` alone adds as many
     as predict better, the one that the data ask for most first.
@@ -92,6 +98,7 @@ def add_command(
     \b
     Examples:
         kincal model add --model M.toml joint_compliance[2]
+        kincal model add --model M.toml "joint_ripple[2](k=4)"
         kincal model add --model M.toml --arm arm.toml --data poses.csv "unnamed[joint 1: q1, q3]"
         kincal model add --model M.toml --arm arm.toml --data poses.csv unnamed
     """
@@ -108,12 +115,14 @@ def add_command(
     files = [model_path.parent / name for name in before.libraries] + list(effect_files)
     library = Library.load(*files)
     wanted = [str(UnnamedName.parse(name)) if is_unnamed(name) else name for name in names]
-    _check_names(library, [name for name in wanted if name != UNNAMED and not is_unnamed(name)])
     before.add([name for name in wanted if name != UNNAMED])  # said before the work is done
+    _check_names(library, [name for name in wanted if name != UNNAMED and not is_unnamed(name)])
     if where := arm_path or (Path(before.arm) if before.arm else None):
+        from kincal.schema.names import split_constants
+
         arm = read_arm(where)
         for name in wanted:
-            library.check_joints(name, arm)
+            library.check_joints(split_constants(name)[0], arm)
     found = _found_in_data(before, library, arm_path, given, wanted)
     for line in text.additions(found):
         click.echo(line)
@@ -148,7 +157,7 @@ def _found_in_data(
     known = library.with_unnamed(chosen.unnamed.values())
     with progress() as tick:
         return find_unnamed(
-            arm, given.read(arm), names, chosen.effects, library=known, dh=chosen.dh, progress=tick
+            arm, given.read(arm), names, chosen.texts, library=known, dh=chosen.dh, progress=tick
         )
 
 
@@ -293,7 +302,7 @@ def uplink_command(
     compared = refuse_other_arm(arm, tables_dir)
     data = given.read(arm) if given else None
     known = {} if data is not None else chosen.constants
-    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh, known=known)
+    effects = choose_constants(library, chosen.texts, arm, data, dh=chosen.dh, known=known)
     left_out = dropped(effects, drop)
     image = term_image(arm, [h for h in effects if h not in left_out], Flown.read(tables_dir), chosen)
     out = out_path or model_path.with_suffix(".tbl")

@@ -45,15 +45,19 @@ def load(arm_path: Path, given: Given) -> tuple[ArmTable, Measurements]:
 
 
 def load_model(
-    model_path: Path | None, effect_files: tuple[Path, ...], arm: ArmTable | None = None
+    model_path: Path | None,
+    effect_files: tuple[Path, ...],
+    arm: ArmTable | None = None,
+    *,
+    must_exist: bool = True,
 ) -> tuple[ModelFile, Library]:
     """Model file and the library with its own and the named effect files. BadInput if the model is of another
-    arm than `arm`."""
+    arm than `arm`, or absent and must_exist."""
     from kincal.workbench.belonging import refuse_model_of_other_arm
     from kincal.workbench.effects import Library
     from kincal.workbench.modelfile import ModelFile, read_model
 
-    model = read_model(model_path) if model_path else ModelFile()
+    model = read_model(model_path, must_exist=must_exist) if model_path else ModelFile()
     if arm is not None:
         refuse_model_of_other_arm(model, arm, str(model_path))
     base = model_path.parent if model_path else Path()

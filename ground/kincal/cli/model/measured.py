@@ -78,7 +78,7 @@ def compare_command(
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm)
-    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    effects = choose_constants(library, chosen.texts, arm, data, dh=chosen.dh)
     with second_process() as begin:
         answer = compare(arm, data, effects, dh=chosen.dh, begin=begin)
         said = json.dumps(comparison_json(answer), indent=1) if as_json else comparison_text(answer)
@@ -112,7 +112,7 @@ def diagnose_command(
     Example:
         kincal model diagnose --arm arm.toml --data poses.csv --report out/report.html
     """
-    from kincal.workbench.advice import Inputs, next_steps
+    from kincal.workbench.advice import Inputs, free_name, next_steps
     from kincal.workbench.answers import diagnosis_json
     from kincal.workbench.api import advise, report_content
     from kincal.workbench.beside import second_process
@@ -122,20 +122,27 @@ def diagnose_command(
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm)
-    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    effects = choose_constants(library, chosen.texts, arm, data, dh=chosen.dh)
     with second_process() as begin:
         with progress() as tick:
-            answer = diagnose(arm, data, library, effects, dh=chosen.dh, progress=tick, begin=begin)
+            answer = diagnose(
+                arm, data, library, effects, given=chosen.texts, dh=chosen.dh, progress=tick, begin=begin
+            )
             poses = advise(answer, library)
             shown = (
-                report_content(
-                    answer, library, effects, poses, names=chosen.effects, dh=chosen.dh, progress=tick
-                )
+                report_content(answer, library, chosen.texts, poses, dh=chosen.dh, progress=tick)
                 if report_path
                 else None
             )
-        steps = next_steps(answer, poses, Inputs(str(arm_path), given.options(), str(model_path or "")))
-        as_text = json.dumps(diagnosis_json(answer, poses), indent=1) if as_json else ""
+        inputs = Inputs(
+            str(arm_path),
+            given.options(),
+            str(model_path or ""),
+            tuple(map(str, effect_files)),
+            free_name(lambda name: Path(name).exists()),
+        )
+        steps = next_steps(answer, poses, inputs)
+        as_text = json.dumps(diagnosis_json(answer, poses, steps), indent=1) if as_json else ""
         said = as_text or diagnosis_text(answer, poses, steps)
     click.echo(said)
     if shown is not None and report_path is not None:
@@ -154,7 +161,7 @@ def diagnose_command(
     "model_path",
     type=FILE_OUT,
     default=None,
-    help="Model file to fit and write; absent: DH errors only.",
+    help="Model file to fit and write, a new one if there is none.  [default: DH errors, not written]",
 )
 @EFFECTS
 @JSON
@@ -167,14 +174,15 @@ def fit_command(
 ) -> None:
     """Fit the model and show how the held-out error falls from model to model, down to the noise floor.
 
-    The values are written into the model file. Without one this is plain DH calibration, and nothing is
-    written.
+    The values are written into the model file, for `kincal model export`. A model without effects is plain
+    DH calibration; a file that is not there yet becomes one.
 
     \b
     Examples:
-        kincal model fit --arm arm.toml --data poses.csv
         kincal model fit --arm arm.toml --data poses.csv --model M.toml
+        kincal model fit --arm arm.toml --data poses.csv
     """
+    from kincal.cli.text import model as text
     from kincal.workbench.answers import fit_json, fit_text
     from kincal.workbench.api import fit
     from kincal.workbench.beside import second_process
@@ -182,14 +190,19 @@ def fit_command(
     from kincal.workbench.modelfile import write_model
 
     arm, data = load(arm_path, given)
-    chosen, library = load_model(model_path, effect_files, arm)
+    chosen, library = load_model(model_path, effect_files, arm, must_exist=False)
     with second_process() as begin:
         with progress() as tick:
-            result = fit(arm, data, chosen.effects, library=library, dh=chosen.dh, progress=tick, begin=begin)
+            result = fit(arm, data, chosen.texts, library=library, dh=chosen.dh, progress=tick, begin=begin)
         said = json.dumps(fit_json(result), indent=1) if as_json else fit_text(result)
     if model_path is not None:
         where = str(arm_path.resolve()) if arm_path.is_file() else str(arm_path)
+        new = not model_path.exists()
         write_model(model_path, fitted(chosen, result, arm=where, files=given.paths, version=__version__))
+        if new:
+            click.echo(f"{model_path}: a new model, {text.names(chosen)}", err=True)
+    else:
+        click.echo("nothing was written: --model M.toml keeps the fit, for `kincal model export`", err=True)
     click.echo(said)
 
 
@@ -272,7 +285,7 @@ def next_command(
     alternatives = [
         choose_constants(library, [name], arm, data, dh=chosen.dh, joined=True)[0] for name in names
     ]
-    effects = choose_constants(library, chosen.effects, arm, data, dh=chosen.dh)
+    effects = choose_constants(library, chosen.texts, arm, data, dh=chosen.dh)
     fit = fit_model(arm, data, effects, dh=chosen.dh)
     poses = next_poses(fit, alternatives, count=count, limits=limits)
     if out_path is not None:

@@ -28,6 +28,7 @@ def _finding_json(finding: Finding) -> dict[str, Any]:
         "why": finding.why,
         "fix": finding.fix,
         "gain": min(finding.gain, _MOST_GAIN),
+        **({"poses": list(finding.poses)} if finding.poses else {}),
     }
 
 
@@ -36,6 +37,7 @@ def lines(answer: Check) -> str:
     verdict = "belong together" if not answer.errors else "do NOT belong together"
     if answer.misfit is None and not answer.errors:
         verdict = "cannot be compared"
+    verdict += "" if answer.ok or answer.errors else ", but something has to be put right first"
     left = (
         ""
         if answer.misfit is None

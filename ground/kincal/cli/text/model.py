@@ -106,13 +106,13 @@ def _term_line(name: str, term: TermEntry) -> str:
 
 def names(model: ModelFile) -> str:
     """The effects of a model in one line."""
-    return ", ".join(model.effects) or "no effect (DH only)"
+    return ", ".join(model.texts) or "no effect (DH only)"
 
 
 def contents_json(model: ModelFile) -> dict[str, Any]:
     """Effects in use and their fitted values."""
     values = {name: {"value": v, "std_err": s} for name, (v, s) in model.values.items()}
-    return {"effects": list(model.effects), "dh": model.dh, "values": values}
+    return {"effects": list(model.effects), "fixed": model.fixed, "dh": model.dh, "values": values}
 
 
 def _belongs(owner: str, model: ModelFile) -> bool:
@@ -127,7 +127,7 @@ def contents(model: ModelFile) -> str:
         for name, (value, std_err) in model.values.items()
         if _belongs(name.partition(".")[0], model)
     ]
-    return "\n".join([*(model.effects or ("no effect (DH only)",)), *fitted])
+    return "\n".join([*(model.texts or ("no effect (DH only)",)), *fitted])
 
 
 _WITHOUT_EFFECTS = (

@@ -12,9 +12,10 @@ from kincal.errors import BadInput, CannotAnswer
 from kincal.schema.arm import ArmTable
 
 from ..data import Measurements
-from ..fit import Fit, fit_model
+from ..fit import Fit, fit_model, rms
+from ..types import Array, Mask
 from .findings import Finding
-from .misfit import LEAST_POSES, misfit_of
+from .misfit import LEAST_POSES, misfit_of, rms_of_most
 from .reading import Reading
 from .recorded import of_data
 from .search import FOUND, GOOD_MISFIT, Search, changed, without
@@ -25,6 +26,9 @@ _LARGE = {"rad": 0.1, "m": 0.05}  # a DH correction that is large for the arm th
 _MOST_LARGE = 6.0  # of all DH corrections together (root of the sum of squares), as multiples of these
 _DETERMINED = 0.3  # standard error, as such a multiple, below which the data speak of a coefficient
 _POSES = 150  # enough for a DH fit
+_GROSS = 10.0  # median errors, beyond which (and beyond a good misfit) a pose is off
+_MANY_OFF, _MOST_OFF = 0.05, 0.45  # share of the poses: more are no chance; the bulk does not follow the arm
+_NAMED = 12  # of them in a sentence
 
 
 @dataclass(frozen=True)
@@ -126,16 +130,14 @@ def _or_signs(found: Finding, search: Search, mirrored: Reading) -> Finding:
 
 
 def _wrong_arm(search: Search) -> Iterator[Finding]:
-    """What a fit of all DH errors says of an arm table that no simple change makes right."""
-    data, left = search.data, search.misfit(search.given)
-    rows = np.linspace(0, data.n - 1, min(data.n, _POSES)).astype(int)
-    try:
-        with np.errstate(all="ignore"):
-            fit = fit_model(search.arm, data.take(rows))
-    except (CannotAnswer, ValueError, np.linalg.LinAlgError):
-        fit = None
-    if fit is None or not misfit_of(fit) < _MOST_MISFIT:
-        rest = f"{misfit_of(fit):.0%}" if fit is not None else "most"
+    """What a fit of all DH errors says of an arm table that no simple change makes right, and of poses that
+    are far off although the others are explained."""
+    fit = _calibrated(search)
+    left = misfit_of(fit, search.data) if fit is not None else np.ones(search.data.n)
+    off = (left > GOOD_MISFIT) & (left > _GROSS * np.median(left))
+    explained = fit is not None and rms_of_most(left[~off]) < _MOST_MISFIT
+    if fit is None or not explained or off.mean() > _MOST_OFF:
+        rest = f"{rms_of_most(left):.0%}" if fit is not None else "most"
         yield Finding(
             "wrong_arm",
             f"even with all DH errors fitted, {rest} of the measured motion is left unexplained: the arm "
@@ -144,6 +146,8 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
             "check the DH table against the data sheet, and that each row holds the pose of its own readings",
         )
         return
+    if off.any():
+        yield _outliers(fit, search.data, off)
     names, sizes = _sizes(fit)
     total = float(np.linalg.norm(sizes))
     if total > _MOST_LARGE:
@@ -153,8 +157,41 @@ def _wrong_arm(search: Search) -> Iterator[Finding]:
             f"{1e3 * _LARGE['m']:.0f} mm ({_largest(fit, names, sizes)}): "
             "that is a wrong arm table, not a correction",
             "check the DH table against the data sheet",
-            left / misfit_of(fit),
+            search.misfit(search.given) / rms_of_most(left),
         )
+
+
+def _calibrated(search: Search) -> Fit | None:
+    """A fit of all DH errors; None where there is none."""
+    data = search.data
+    rows = np.linspace(0, data.n - 1, min(data.n, _POSES)).astype(int)
+    try:
+        with np.errstate(all="ignore"):
+            fit = fit_model(search.arm, data.take(rows))
+    except (CannotAnswer, ValueError, np.linalg.LinAlgError):
+        return None
+    return fit if np.isfinite(fit.estimate).all() else None
+
+
+def _outliers(fit: Fit, data: Measurements, off: Mask) -> Finding:
+    """Poses that are far off; that many are no chance."""
+    r, names = fit.predict(data), tuple(name for name, out in zip(data.ids, off, strict=True) if out)
+    shown = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+    many = off.mean() >= _MANY_OFF
+    return Finding(
+        "outliers",
+        f"{len(names)} of {data.n} poses are off by {_size(r[off])} (RMS), the others by {_size(r[~off])}: "
+        f"{shown}",
+        "find out what is wrong with them (target moved or mistaken, rows of another arm, pose before the "
+        f"arm stood still), mend them or leave them out: --exclude {','.join(names)}",
+        severity="warning" if many else "note",
+        poses=names,
+    )
+
+
+def _size(r: Array) -> str:
+    position, rotation = rms(r)
+    return f"{position * 1e3:.1f} mm" + ("" if rotation is None else f", {rotation * 1e3:.1f} mrad")
 
 
 def _sizes(fit: Fit) -> tuple[Sequence[str], np.ndarray]:

@@ -22,6 +22,7 @@ class Finding:
     fix: str
     gain: float = 1.0
     severity: Severity = "error"
+    poses: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:

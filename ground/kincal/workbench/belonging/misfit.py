@@ -21,10 +21,10 @@ from ..data import Measurements
 from ..effects import Hypothesis
 from ..fit import Fit, fit_model
 from ..parameters import dh_parameters
-from ..types import Array
+from ..types import Array, array
 
 LEAST_POSES = 12  # fewer leave the regression, with its 15 unknowns, too little to say
-_KEPT = 0.8  # share of the poses that counts: outliers are no question of how files are read
+_KEPT = 0.8  # share of the poses that counts
 _OFFSET = "offset"  # name of the joint offsets among the coefficients
 _OFFSET_SIGMA = 0.3  # [rad or m]
 _MOST_OFFSET = 1.4  # [rad], below a quarter turn
@@ -41,7 +41,7 @@ def misfit(arm: ArmTable, data: Measurements) -> float:
         with np.errstate(all="ignore"):  # a wrong reading may lead anywhere
             fit = fit_model(arm, data, [_offsets(arm)], dh=False, effect_width=1.0)
             turned = np.abs(fit.estimate[_places(fit)]).max() > _MOST_OFFSET
-            left = misfit_of(fit_model(arm, data, dh=False) if turned else fit)
+            left = rms_of_most(misfit_of(fit_model(arm, data, dh=False) if turned else fit, data))
     except (CannotAnswer, ValueError, np.linalg.LinAlgError):
         return np.inf
     return left if np.isfinite(left) else np.inf
@@ -52,13 +52,21 @@ def _places(fit: Fit) -> list[int]:
     return [k for k, name in enumerate(fit.names) if name.startswith(_OFFSET) and name.endswith("phi_rad")]
 
 
-def misfit_of(fit: Fit) -> float:
-    """Residuals of a fit over the spread of the poses it was fitted to, without the worst fifth of them."""
-    r = fit.evaluation.r
-    square = _kept(r[:, :3]) / max(_spread_m(fit.data), _LEAST_SPREAD_M) ** 2
-    if fit.data.quat_wxyz is not None:
-        square += _kept(r[:, 3:]) / max(_turn(fit.data.quat_wxyz), _LEAST_TURN) ** 2
-    return float(np.sqrt(square))
+def misfit_of(fit: Fit, data: Measurements) -> Array:
+    """(N,) residuals of poses over the spread of all of them; of position and of orientation, whichever there
+    are, as a root of the sum of squares."""
+    r = fit.evaluation.r if data is fit.data else fit.predict(data)
+    square = (r[:, :3] ** 2).sum(axis=1) / max(_spread_m(data), _LEAST_SPREAD_M) ** 2
+    if data.quat_wxyz is not None:
+        square = square + (r[:, 3:] ** 2).sum(axis=1) / max(_turn(data.quat_wxyz), _LEAST_TURN) ** 2
+    return array(np.sqrt(square))
+
+
+def rms_of_most(left: Array) -> float:
+    """RMS of numbers (N,), the largest fifth left out: outliers are no question of how files are read, they
+    are a finding of their own."""
+    square = np.sort(left**2)
+    return float(np.sqrt(square[: max(int(_KEPT * len(square)), 1)].mean()))
 
 
 def _offsets(arm: ArmTable) -> Hypothesis:
@@ -66,12 +74,6 @@ def _offsets(arm: ArmTable) -> Hypothesis:
     wanted = {f"J{j}.{'d_m' if joint.prismatic else 'phi_rad'}" for j, joint in enumerate(arm.joints, 1)}
     found = [replace(p, name=name, sigma=_OFFSET_SIGMA) for name, p in dh_parameters(arm) if name in wanted]
     return Hypothesis(_OFFSET, _OFFSET, tuple(found))
-
-
-def _kept(r: Array) -> float:
-    """Mean square of rows (N, 3), the largest left out."""
-    square = np.sort((r**2).sum(axis=1))
-    return float(square[: max(int(_KEPT * len(square)), 1)].mean())
 
 
 def _spread_m(data: Measurements) -> float:

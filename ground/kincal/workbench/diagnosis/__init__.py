@@ -14,13 +14,14 @@ import numpy as np
 
 from kincal.schema.arm import ArmTable
 
+from ..advised import advised, texts_of
 from ..beside import Begin, when_asked
 from ..compare import choose_split, compare
 from ..data import Measurements
 from ..effects import Hypothesis, Library
 from ..thinning import MANY, part_of
 from ..types import Progress, no_progress
-from .findings import Diagnosis, EffectFinding, ParameterValue, Remainder, UnnamedFinding, conclude
+from .findings import Diagnosis, EffectFinding, ParameterValue, Remainder, UnnamedFinding, conclude, promising
 from .guard import never_worse
 from .heldout import HeldGain
 from .selection import MAX_EFFECTS, select
@@ -45,15 +46,16 @@ def diagnose(
     library: Library,
     hypotheses: Sequence[Hypothesis] = (),
     *,
+    given: Sequence[str] | None = None,
     dh: bool = True,
     progress: Progress = no_progress,
     begin: Begin = when_asked,
 ) -> Diagnosis:
     """Find the effects that the data ask for, one after another, and say how sure that is.
 
-    library: the effects that compete; hypotheses: effects that are in the model already; dh: DH errors
-    are; begin: as of `compare`. BadInput if the units of the data look wrong, CannotAnswer if its poses are
-    too few or too similar.
+    library: the effects that compete; hypotheses: effects that are in the model already; given: as they were
+    asked for (absent: with the constants that they have); dh: DH errors are; begin: as of `compare`. BadInput
+    if the units of the data look wrong, CannotAnswer if its poses are too few or too similar.
     """
 
     def taking(model: Model) -> None:
@@ -67,7 +69,9 @@ def diagnose(
     found = select(study, taking)
     progress("check", _STEPS - 1, _STEPS)
     evaluation = study.judging(comparison)
-    return conclude(evaluation, never_worse(study, found, evaluation))
+    kept = never_worse(study, found, evaluation)
+    asked = texts_of(hypotheses) if given is None else given
+    return promising(conclude(evaluation, kept), advised(arm, data, library, asked, kept.model, dh=dh))
 
 
 def searched(data: Measurements) -> Measurements:

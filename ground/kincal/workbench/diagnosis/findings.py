@@ -18,12 +18,14 @@ from ..adequacy import (
     noise_floor,
     where_it_fails,
 )
+from ..advised import NOTHING_ADVISED, Advised
 from ..compare import Comparison
 from ..curves import Curve, curves
 from ..effects import Hypothesis
 from ..evidence import LAMBDAS
 from ..fit import Fit
 from ..hypotheses import Untestable, effect_of, place_of
+from ..nested import HELD_OUT
 from ..power import CONFOUNDED_CHI2
 from ..scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
 from ..smooth import UnnamedName, smooth_effect
@@ -87,7 +89,7 @@ class EffectFinding:
     parameters; held: what held-out poses gain; confounded_with: effects that these data (or no data at all)
     can tell from it; explained_share: of what the model without it leaves; doubts: what makes the probability
     smaller than that of the evidence; inferred_direction: it rests on an approach direction that nobody
-    recorded."""
+    recorded; constants: those that were searched, or assumed."""
 
     name: str
     label: str
@@ -102,6 +104,7 @@ class EffectFinding:
     parameters: tuple[ParameterValue, ...]
     confounded_with: tuple[str, ...]
     inferred_direction: bool = False
+    constants: tuple[tuple[str, float], ...] = ()
 
     @property
     def accepted(self) -> bool:
@@ -160,7 +163,8 @@ class Diagnosis:
     comparison: of the given model with the data; effects: best first, those of the final model before
     the alternatives; probability_none: that nothing is missing, before anything was added; final: the fit
     with the effects of the final model; adequate_after: it explains the data; map_ln_bf: ln Bayes factor
-    of each (location, drivers) before anything was added.
+    of each (location, drivers) before anything was added; advised: what to change about the model, and the
+    errors on the way.
     """
 
     comparison: Comparison
@@ -173,6 +177,7 @@ class Diagnosis:
     adequate_after: bool
     remainder: Remainder
     map_ln_bf: dict[tuple[str, str], float] = field(default_factory=dict)
+    advised: Advised = NOTHING_ADVISED
 
     @property
     def exhausted(self) -> bool:
@@ -201,6 +206,15 @@ def conclude(study: Study, found: Selection) -> Diagnosis:
         remainder=remainder(study, found.model, left.where),
         map_ln_bf={(s.best.location, " x ".join(s.best.drivers)): s.ln_bf for s in found.first.mapped},
     )
+
+
+def promising(d: Diagnosis, advice: Advised) -> Diagnosis:
+    """The answer with what it advises: the error of the final model is that which the commands will give."""
+    last = advice.errors[-1]
+    if last.block != HELD_OUT:
+        return replace(d, advised=advice)
+    left = replace(d.remainder, held_pos_m=last.pos_m, held_rot_rad=last.rot_rad)
+    return replace(d, advised=advice, remainder=left)
 
 
 def _left_by(final: Fit, c: Comparison) -> Left:
@@ -379,6 +393,7 @@ class _Reporter:
             parameters=(),
             confounded_with=(),
             inferred_direction=self._rests_on_inferred_direction(h),
+            constants=h.constants,
         )
 
     def _doubts(self, h: Hypothesis, evidence: float) -> Doubts:

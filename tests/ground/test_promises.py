@@ -1,0 +1,249 @@
+"""What `diagnose` promises, the commands that it prints deliver: run as they stand, compared to the digit."""
+
+import json
+import shlex
+import tomllib
+from types import SimpleNamespace
+
+import numpy as np
+import poses
+import pytest
+from click.testing import CliRunner
+from commands import kincal
+from real_arms import DATA
+
+from kincal import workbench as wb
+from kincal.cli import main
+from kincal.cli.errors import EXIT_INPUT
+from kincal.schema.names import split_constants, with_constants
+from kincal.workbench import advice
+from kincal.workbench.advised import advised, joined
+from kincal.workbench.compare import compare
+
+SETS = {"fr3": "fr3/fr3", "wam": "wam/wam", "ur10": "ur10/ur10d", "ur5": "ur5/ur5"}
+DONE = ("fit", "add", "remove", "export")  # verbs that change a model; the others measure again
+
+
+def run(command, *more):
+    """Output of a command line as it is printed, and more words."""
+    words = shlex.split(command)
+    assert words[0] == "kincal"
+    done = CliRunner().invoke(main, [*words[1:], *more])
+    assert done.exit_code == 0, f"{command}\n{done.output}"
+    return done.stdout
+
+
+def deliver(*given):
+    """The answer of a diagnosis, and what each `fit` among its commands answers, all of them run in order."""
+    answer = json.loads(run(shlex.join(["kincal", "model", "diagnose", *map(str, given), "--json"])))
+    commands = [step["command"] for step in answer["next_steps"]]
+    fits = []
+    for command in commands:
+        verb = command.split()[2]
+        if verb == "fit":
+            fits.append(json.loads(run(command, "--json")))
+        elif verb in DONE:
+            run(command)
+    return answer, fits
+
+
+def held_out(fit):
+    """Errors of the nested models on the held-out poses."""
+    keys = ("model", "pos_mm", "rot_mrad")
+    rows = [m for m in fit["nested_models"]["models"] if m["held_out"] == "held-out poses"]
+    return [{key: row[key] for key in keys} for row in rows]
+
+
+# ------------------------------------------------------------------------------------- real sets
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_commands_of_a_diagnosis_of_a_real_set_give_what_it_promises(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    answer, fits = deliver("--arm", DATA / name / f"{name}.toml", "--data", DATA / f"{SETS[name]}.csv")
+    promised = answer["errors"]
+    assert [row["model"] for row in promised[:2]] == ["nominal", "DH"]
+    assert len(promised) > 2, "a real arm has more than DH errors"
+    assert held_out(fits[0]) == promised[:2]
+    assert fits[0]["rms"]["held"] == {key: promised[1][key] for key in ("pos_mm", "rot_mrad")}
+    # smooth functions, where they are advised too, come after what has a name
+    assert held_out(fits[-1])[: len(promised)] == promised
+    assert answer["remainder"]["held"] == {key: promised[-1][key] for key in ("pos_mm", "rot_mrad")}
+    if len(held_out(fits[-1])) == len(promised):
+        assert fits[-1]["rms"]["held"] == answer["remainder"]["held"]
+    found = {e["name"]: e["constants"] for e in answer["effects"] if e["in_model"]}
+    assert dict(map(split_constants, answer["advised"]["add"])) == {
+        name: pytest.approx(constants, rel=1e-14) for name, constants in found.items()
+    }
+
+
+# ------------------------------------------------------------------------------------- constants
+
+
+def test_constants_come_back_from_the_text():
+    for name, constants in (
+        ("bias_step[3]", {"t0": 1763985600.125}),
+        ("lens_radial", {"field_deg": 70.0, "fill": 0.7}),
+        ("unnamed[joint 1: q1, q3]", {}),
+    ):
+        assert split_constants(with_constants(name, constants)) == (name, constants)
+    assert split_constants(" joint_ripple[2] ( k = 4 ) ") == ("joint_ripple[2]", {"k": 4.0})
+
+
+@pytest.mark.parametrize(
+    "text", ["a(k)", "a(k=)", "a(k=1", "a(k=nan)", "a(k=1,k=2)", "a()", "a(k=1)b", "a(=1)"]
+)
+def test_constants_that_mean_nothing_are_refused(tmp_path, text):
+    done = kincal("add", "--model", tmp_path / "M.toml", text)
+    assert (done.exit_code, "constant=number" in done.output) == (EXIT_INPUT, True)
+
+
+def test_a_constant_that_an_effect_has_not_is_refused(tmp_path):
+    done = kincal("add", "--model", tmp_path / "M.toml", "backlash[2](k=4)")
+    assert (done.exit_code, "no constant 'k'" in done.output) == (EXIT_INPUT, True)
+    done = kincal("add", "--model", tmp_path / "M.toml", "bias_step[2](k=4)")
+    assert (done.exit_code, "it has t0" in done.output) == (EXIT_INPUT, True)
+    assert not (tmp_path / "M.toml").exists()
+
+
+def test_model_file_keeps_constants_through_its_history(tmp_path):
+    model = wb.ModelFile().add(["bias_step[2](t0=30.5)", "backlash[4]"])
+    wb.write_model(tmp_path / "M.toml", model)
+    again = wb.read_model(tmp_path / "M.toml")
+    assert again == model
+    assert again.effects == ("bias_step[2]", "backlash[4]")
+    assert again.fixed == {"bias_step[2]": {"t0": 30.5}}
+    without = again.remove(["bias_step[2]"])
+    assert without.fixed == {}
+    other = without.add(["bias_step[2]"])  # searched now
+    assert other.fixed == {}
+    assert other.undo().undo() != again
+    assert other.undo().undo().texts == again.texts
+
+
+@pytest.fixture(scope="module")
+def stepped(tmp_path_factory):
+    """60 poses; joint 2 jumps after the 30th."""
+    folder, count = tmp_path_factory.mktemp("stepped"), iter(range(10**6))
+
+    def true_q(q, _direction):
+        return q + np.array([0, 5e-3 * (next(count) >= 30), 0, 0, 0, 0, 0])
+
+    arm = poses.arm_toml(folder / "arm.toml")
+    return "--arm", arm, "--data", poses.poses_csv(folder / "d.csv", 60, 5, true_q)
+
+
+def test_a_fit_keeps_the_constants_that_it_was_given(stepped, tmp_path):
+    model = tmp_path / "M.toml"
+    kincal("add", "--model", model, "bias_step[2](t0=400)")
+    assert kincal("fit", *stepped, "--model", model).exit_code == 0
+    doc = tomllib.loads(model.read_text())
+    assert doc["effects"] == ["bias_step[2](t0=400)"]
+    assert doc["constants"]["bias_step[2]"]["t0"] == 400.0
+    wrong = json.loads(kincal("compare", *stepped, "--model", model, "--json").stdout)
+    kincal("remove", "--model", model, "bias_step[2]")
+    kincal("add", "--model", model, "bias_step[2]")
+    right = json.loads(kincal("compare", *stepped, "--model", model, "--json").stdout)
+    assert right["rms"]["held"]["pos_mm"] < wrong["rms"]["held"]["pos_mm"]
+
+
+def test_python_passes_the_constants_on(stepped):
+    import kincal as api
+
+    arm, data = api.Arm.load(stepped[1]), api.Data.load(stepped[3])
+    found = api.diagnose(arm, data)
+    (text,) = found.effects
+    assert text.startswith("bias_step[2](t0=")
+    fitted = api.fit(arm, data, found.effects)
+    assert fitted.result.comparison.rms["held"][0] == found.diagnosis.remainder.held_pos_m
+
+
+# ------------------------------------------------------------------------------------- the advice
+
+
+def test_no_effect_is_advised_twice_at_one_joint():
+    library = wb.Library.load()
+    for given, found, expected in (
+        (["backlash[4]"], ["backlash"], (("backlash[4]",), ("backlash",))),
+        (["backlash[1,5]"], ["backlash[5,6]"], (("backlash[1,5]",), ("backlash[1,5,6]",))),
+        (["backlash[1]"], ["backlash[2]"], ((), ("backlash[2]",))),
+        ([], ["backlash[4]", "latency", "backlash"], ((), ("latency", "backlash"))),
+        ([], ["backlash", "backlash[4]"], ((), ("backlash",))),
+        (["bias_step[2]"], ["bias_step(t0=4)"], (("bias_step[2]",), ("bias_step(t0=4)",))),
+        (["joint_coupling[1,2]"], ["joint_coupling[2,3]"], ((), ("joint_coupling[2,3]",))),
+        (["joint_coupling[1,2]"], ["joint_coupling"], (("joint_coupling[1,2]",), ("joint_coupling",))),
+    ):  # fmt: skip
+        assert joined(library, given, found) == expected
+        model = wb.ModelFile().add(given)
+        removed, added = expected
+        after = (model.remove(list(removed)) if removed else model).add(list(added))
+        assert set(after.texts) == {*given, *added} - {*removed}
+
+
+@pytest.fixture(scope="module")
+def loose(tmp_path_factory):
+    """All joints have play."""
+    folder, play = tmp_path_factory.mktemp("loose"), 3e-3 * np.array([1.0, -1.2, 1.1, 1.3, 0.9, -1.0, 1.2])
+    arm = poses.arm_toml(folder / "arm.toml")
+    data = poses.poses_csv(folder / "d.csv", 80, 12, lambda q, d: q + play * d)
+    return "--arm", arm, "--data", data
+
+
+def test_what_is_found_beside_the_effects_of_a_model_can_be_added_to_it(loose, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run("kincal model add --model M.toml backlash[4]")
+    answer, fits = deliver(*loose, "--model", "M.toml")
+    assert answer["advised"]["add"]
+    assert held_out(fits[-1]) == answer["errors"]
+
+
+def test_an_effect_at_all_joints_takes_the_place_of_that_at_one(loose, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arm, library = wb.read_arm(loose[1]), wb.Library.load()
+    data = wb.read_csv(loose[3], arm.n)
+    given = wb.choose_constants(library, ["backlash[4]"], arm, data)
+    found = wb.choose_constants(library, ["backlash"], arm, data, joined=True)
+    advice_ = advised(arm, data, library, ["backlash[4]"], found, dh=True)
+    d = SimpleNamespace(advised=advice_, comparison=compare(arm, data, given), novel=None)
+    inputs = advice.Inputs(str(loose[1]), ("--data", str(loose[3])), "M.toml")
+    commands = [step.command for step in advice.next_steps(d, (), inputs)]
+    assert [command.split()[2] for command in commands] == ["remove", "add", "fit", "export"]
+    run("kincal model add --model M.toml backlash[4]")
+    refused = kincal("add", "--model", "M.toml", "backlash")
+    assert (refused.exit_code, "cannot stand beside" in refused.output) == (EXIT_INPUT, True)
+    run(commands[0])
+    run(commands[1])
+    assert held_out(json.loads(run(commands[2], "--json")))[-1]["pos_mm"] == round(
+        1e3 * advice_.errors[-1].pos_m, 6
+    )
+
+
+def test_advice_names_a_model_file_that_is_not_there_yet():
+    assert advice.free_name(lambda _: False) == "M.toml"
+    assert advice.free_name({"M.toml", "M2.toml"}.__contains__) == "M3.toml"
+
+
+def test_options_of_the_diagnosis_stand_in_its_commands(stepped, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "M.toml").write_text("version = 1\n")
+    answer, fits = deliver(*stepped, "--force", "--no-inferred-direction", "--exclude", "p3,p4")
+    assert {"--force", "--no-inferred-direction", "--exclude"} <= set(
+        answer["next_steps"][0]["command"].split()
+    )
+    assert "--model M2.toml" in answer["next_steps"][0]["command"]
+    assert fits[-1]["poses"] == 58
+    assert held_out(fits[-1]) == answer["errors"]
+
+
+def test_a_fit_without_effects_writes_a_model_to_export(stepped, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = kincal("fit", *stepped, "--model", "dh.toml")
+    assert (done.exit_code, "dh.toml: a new model" in done.stderr) == (0, True)
+    values = tomllib.loads((tmp_path / "dh.toml").read_text())["value"]
+    assert {v["name"] for v in values} >= {"J1.phi_rad", "J4.a_m"}
+    assert kincal("export", "--model", "dh.toml", "--format", "dh", "-o", "new.toml").exit_code == 0
+    after = json.loads(kincal("compare", "--arm", "new.toml", *stepped[2:], "--json").stdout)
+    before = json.loads(kincal("compare", *stepped, "--json").stdout)
+    assert after["rms"]["nominal"]["pos_mm"] < 1.1 * before["rms"]["fit"]["pos_mm"]
+    nothing = kincal("fit", *stepped)
+    assert (nothing.exit_code, "nothing was written" in nothing.stderr) == (0, True)
