@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from rich.console import Console
-from samples import CRC, event, proposal, write_log
+from samples import event, proposal, write_log
 
 import kcm
 from kincal import link, review
