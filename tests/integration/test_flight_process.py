@@ -54,7 +54,7 @@ def test_a_store_belongs_to_one_process(tmp_path):
     with Flight(tmp_path / "store") as f:
         f.start()
         r = run("--tables", TABLES, "--store", tmp_path / "store", "--url", f.url)
-        assert r.returncode == 2 and "another flight process uses the store" in r.stderr
+        assert r.returncode == 2 and "another flight process uses it" in r.stderr
         assert f.stop() == 0
 
 
@@ -69,7 +69,7 @@ def test_damaged_default_tables_are_named_and_the_rest_works(tmp_path):
     with Flight(tmp_path / "store", tables=tables) as f:
         f.start()
         events, hk = f.first_telemetry()
-        assert "kernel.tbl refused: KC_ERR_CRC" in f.stderr.read_text()
+        assert "the table kernel.tbl: KC_ERR_CRC" in f.stderr.read_text()
         assert [e.index for e in events if e.id == EVENT["TBL_MISSING"]] == [TABLE["KERNEL"]]
         assert hk.table_crc[TABLE["KERNEL"]] == 0 and hk.table_crc[TABLE["SPACE"]] != 0
 
