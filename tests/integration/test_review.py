@@ -65,8 +65,10 @@ def test_a_poor_proposal_goes_live_only_when_two_commands_and_an_override_say_so
     assert f"kincal review arm {crc} --by NAME --why REASON --override REASON --keys {file}" in said
     status, said = kincal("review", "arm", crc, "--by", "A", *WHO, *on)
     assert status == 2 and "flight itself calls the fit poor" in said
-    with Link(live, signer=signer_of(file)) as link, pytest.raises(CommandFailed, match="COR_POOR"):
-        link.command("APPROVE_ARM", (int(crc, 16),))  # flight asks by itself, whoever sends
+    with Link(live, signer=signer_of(file)) as link:
+        link.wait_hk(lambda _hk: True, 20.0, "housekeeping")  # the command is stamped with flight's time
+        with pytest.raises(CommandFailed, match="COR_POOR"):
+            link.command("APPROVE_ARM", (int(crc, 16),))  # flight asks by itself, whoever sends
     status, said = kincal("review", "arm", crc, "--by", "A", *WHO, "--override", "rover at risk", *on)
     assert status == 0, said
     assert f"correction {crc} (poor fit) is armed for another" in kincal("review", "list", "--live", *on)[1]
