@@ -66,6 +66,7 @@ def tree(root: Path) -> Path:
         "sim/tagdet/main.cpp": "int main() { return 0; }\n",
         "sim/tagdet/frame.cpp": "extern const int kFrame;\nconst int kFrame = 0;\n",
         "tests/bench/wcet.c": "int main(void) { return 0; }\n",
+        "tests/bench/wcet_search.c": "int main(void) { return 0; }\n",
         "tests/unit/given_nothing.c": "",
         "tests/unit/test_kc_math.c": '#include "unity.h"\n#include "kc_math.h"\n'
         "void test_four(void) { TEST_ASSERT_EQUAL_INT(4, kc_math(4)); }\n",
