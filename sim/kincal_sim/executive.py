@@ -29,6 +29,7 @@ CHANNELS = ["KC_HK", "KC_ACK", "KC_EVENT", "KC_PROPOSAL", "KC_ARM_STATE", "KC_PA
 IDLE, REVIEW, SAFE = 0, 9, 11  # KC_HK.state
 TBL_KIN = 4  # index in KC_HK.table_crc
 WARNING = 2  # KC_EVENT.severity
+UNDETERMINED = (2, 3, 4)  # KC_PROPOSAL.status: held, at its lower bound, at its upper bound
 ABORTED = 75  # event whose `got` is the cause, an index into CAUSES
 CAUSES = (
     "command ABORT",
@@ -258,9 +259,10 @@ class Executive:
         """The first of the scenario's limits that the proposal does not keep; empty if it keeps all."""
         limits = self.limits
         for name, got, allowed in (
-            ("predicted position sigma", p.pred_pos_m, limits.pred_pos_max_m),
-            ("predicted rotation sigma", p.pred_rot_rad, limits.pred_rot_max_rad),
+            ("predicted position error", p.pred_pos_m, limits.pred_pos_max_m),
+            ("predicted rotation error", p.pred_rot_rad, limits.pred_rot_max_rad),
             ("outliers", p.n_outliers, limits.outliers_max),
+            ("coefficients that are held or at a bound", _undetermined(p), limits.undetermined_max),
         ):
             if not got <= allowed:  # NaN is a violation too
                 return f"{name} {got:.4g} > {allowed:.4g}"
@@ -328,6 +330,10 @@ class Executive:
             "table_crc_kin": _hex(hk.table_crc[TBL_KIN]) if hk else "",
             "warnings": {str(k): v for k, v in sorted(self.warnings.items())},
         }
+
+
+def _undetermined(p: kcm.proposal_t) -> int:
+    return sum(status in UNDETERMINED for status in p.status[: p.n_coef])
 
 
 def _hex(crc: int) -> str:

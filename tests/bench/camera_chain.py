@@ -224,8 +224,8 @@ def fly(job: tuple[str, str, str, int]) -> dict:
 
 def judged(p, scenario: Scenario, number: int, seen: missions.Seen) -> dict:
     """A proposal against the truth."""
-    correction = dict(zip(missions.names(), p.value, strict=False))
-    value, n = nees(p, true_coefficients(scenario), missions.names())
+    correction = dict(zip(missions.names(scenario.name), p.value, strict=False))
+    value, n = nees(p, true_coefficients(scenario), missions.names(scenario.name))
     said = {name: getattr(p, name) for name in ("verdict", "frame", "pred_pos_m", "p_fit", "p_no_change")}
     return said | {
         "nees": value,

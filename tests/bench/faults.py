@@ -15,9 +15,9 @@ Judged, by MuJoCo and from messages and stored images, not by flight's own verdi
   that had been proposed and approved. Or a correction that was answered as approved is not in force when
   flight is started again from what it stored.
 - hang: no end within LIMIT_S of mission time, or flight not at rest at the end, or no heartbeat any more.
-- silent: the run did not end as it does without the fault, and no warning or error that an operator can act
-  on says so: one of the events that the kind names, with a next step in the dictionary; or the executive's
-  reason, where only its own link is broken.
+- silent: the run did not end as it does without the fault, nor with a result ("wrong" judges that), and no
+  warning or error that an operator can act on says so: one of the events that the kind names, with a next step
+  in the dictionary; or the executive's reason, where only its own link is broken.
 
 Prints one line for each kind. Exit status 1 if anything of this happened, 2 if FILE belongs to another flight
 core or other tables. --write puts the table into docs/ASSURANCE.md.
@@ -97,8 +97,9 @@ class Proposed:
 
 @dataclass
 class Witness:
-    """What happened, tick by tick."""
+    """What happened in a run of a scenario, tick by tick."""
 
+    scenario: str
     warned: Counter[str] = field(default_factory=Counter)  # names of events
     crcs: list[tuple[int, ...]] = field(default_factory=list)  # of the active tables, each change
     approved: set[int] = field(default_factory=set)
@@ -117,7 +118,7 @@ class Witness:
             elif channel == "KC_ACK" and m.opcode == APPROVE_GO and m.status == 0:
                 self.approved |= set(self.proposals)
             elif channel == "KC_PROPOSAL":
-                correction = dict(zip(missions.names(), m.value, strict=False))
+                correction = dict(zip(missions.names(self.scenario), m.value, strict=False))
                 self.proposals[unsigned32(m.crc)] = Proposed(correction, m.pred_pos_m, m.frame == m.CAMERA)
             elif channel == "KC_HK":
                 self.heartbeat = tick.number
@@ -163,7 +164,7 @@ def _scenario(name: str, seed: int) -> Scenario:
 
 def fly(name: str, seed: int, hooks: Hooks) -> tuple[SimulatedRun, dict, Witness]:
     """A run of a scenario, the executive's record, and what was seen."""
-    scenario, witness, people = _scenario(name, seed), Witness(), []
+    scenario, witness, people = _scenario(name, seed), Witness(name), []
 
     def make(send) -> Patient:
         people.append(Patient(Executive(scenario, send, seed, poses=POSES)))
@@ -284,7 +285,7 @@ def silent(kind: Kind, mission: tuple[str, int], record: dict, witness: Witness)
     calm, calm_witness = undisturbed(*mission)
     same = (record.get("success"), record.get("verdict")) == (calm["success"], calm["verdict"])
     said = witness.warned - calm_witness.warned
-    if same or (kind.by == "executive" and record.get("reason")):
+    if same or record.get("success") or (kind.by == "executive" and record.get("reason")):
         return ""
     explained = [name for name in kind.events if name in said and next_step(name)]
     return "" if explained else f"{record.get('reason')}; events: {', '.join(said) or 'none'}"

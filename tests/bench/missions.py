@@ -16,7 +16,12 @@ import numpy as np
 
 from kincal.flight import library
 from kincal.flight import tables as codec
+from kincal.flight.bounds import Flown
 from kincal.run.inprocess import TABLES
+from kincal.schema.arm import read_arm
+from kincal.workbench import Library
+from kincal.workbench.constants import choose_constants
+from kincal.workbench.uplink import term_image
 from kincal_sim.arm import load_spec
 from kincal_sim.plant import Plant
 from kincal_sim.randomness import generator
@@ -51,9 +56,9 @@ def scenario_of(name: str, seed: int) -> Scenario:
 
 
 @cache
-def names() -> tuple[str, ...]:
-    """Coefficients of the shipped TERMS table, in its order."""
-    _, terms = codec.decode_as("terms", (TABLES / "terms.tbl").read_bytes())
+def names(scenario: str) -> tuple[str, ...]:
+    """Coefficients of the TERMS table of a scenario, in its order."""
+    _, terms = codec.decode_as("terms", (tables_of(scenario) / "terms.tbl").read_bytes())
     return tuple(FLIGHT.text(terms.coef[k].name) for k in range(terms.n_coef))
 
 
@@ -67,9 +72,12 @@ def tables_of(scenario: str, policy: bool = False) -> Path:
         config.accept_on_board = 1
         (folder / "config.tbl").write_bytes(codec.encode("config", config).data)
     if scenario == "uplinked":
-        _, terms = codec.decode_as("terms", (TABLES / "terms.tbl").read_bytes())
-        terms.coef[names().index(EFFECT)].enabled = 1
-        (folder / "terms.tbl").write_bytes(codec.encode("terms", terms).data)
+        arm, library_ = read_arm("wam"), Library.load()
+        terms = term_image(arm, choose_constants(library_, [EFFECT], arm, None), Flown.read(TABLES))
+        kin = codec.new("kin")
+        kin.n_coef = codec.decode_as("terms", terms.data)[1].n_coef
+        (folder / "terms.tbl").write_bytes(terms.data)
+        (folder / "kin.tbl").write_bytes(codec.encode("kin", kin).data)
     return folder
 
 

@@ -184,6 +184,7 @@ class Flight:
         return [m.opcode for m in self.sent]
 
 
+HELD, AT_LOWER, AT_UPPER = (CORE.constant(f"KC_COEF_{name}") for name in ("HELD", "AT_LOWER", "AT_UPPER"))
 START, ABORT, ARM, GO = kcm.cmd_t.START, kcm.cmd_t.ABORT, kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO
 
 
@@ -208,8 +209,11 @@ def test_executive_starts_when_flight_arm_and_pan_tilt_unit_are_there_and_approv
 @pytest.mark.parametrize(
     "proposal, reason",
     [
-        ({"pred_pos_m": 0.5}, "predicted position sigma 0.5"),
-        ({"pred_rot_rad": float("nan")}, "predicted rotation sigma nan"),
+        ({"pred_pos_m": 0.5}, "predicted position error 0.5"),
+        ({"pred_pos_m": 0.0021}, "predicted position error 0.0021 > 0.002"),
+        ({"pred_rot_rad": float("nan")}, "predicted rotation error nan"),
+        ({"n_coef": 3, "status": [0, HELD, 0] + 61 * [0]}, "coefficients that are held or at a bound 1 > 0"),
+        ({"n_coef": 3, "status": [AT_LOWER, AT_UPPER, 0] + 61 * [0]}, "held or at a bound 2 > 0"),
         ({"n_outliers": 99}, "outliers 99"),
         ({"p_fit": 3e-24}, "left to the ground: p of the fit 3e-24 < 0.001"),
         ({"p_fit": float("nan")}, "p of the fit nan"),
@@ -226,6 +230,7 @@ def test_executive_approves_nothing_outside_its_limits(proposal, reason):
 def test_the_executive_asks_of_a_fit_what_the_policy_on_board_asks():
     config = tomllib.loads((ROOT / "tables/src/config.toml").read_text())
     assert load("paper").executive.p_fit_min == config["accept_p_fit_min"]
+    assert load("paper").executive.pred_pos_max_m == config["accept_sigma_max_pos_m"]
     f = Flight(p_fit_min=0.5).started()
     f.decide(p_fit=0.5)
     assert f.opcodes == [START, ARM]
@@ -235,6 +240,7 @@ def test_the_numbers_and_causes_of_the_executive_are_those_of_flight():
     states = [STATE[name] for name in ("IDLE", "REVIEW", "SAFE")]
     assert states == [executive.IDLE, executive.REVIEW, executive.SAFE]
     assert (KIN, EVENT["CAL_ABORTED"]) == (executive.TBL_KIN, executive.ABORTED)
+    assert executive.UNDETERMINED == (HELD, AT_LOWER, AT_UPPER)
     texts = [CORE.text(CORE.lib.kc_cause_text(number)) for number in CAUSE.values()]
     assert [text for text in texts if text] == list(executive.CAUSES)
 

@@ -116,16 +116,19 @@ class Limits(Section):
     accept: Literal["ground", "auto", "policy"] = "auto"
     """Who accepts a correction: an operator (ground), the executive within the limits below (auto), or flight
     by the policy of its CONFIG table (policy)."""
-    pred_pos_max_m: NotNegative = 0.005
-    """Largest predicted position sigma that the executive accepts [m]."""
+    pred_pos_max_m: NotNegative = 0.002
+    """Largest predicted position error that the executive accepts [m]; 5 mm are then 2.5 times as far."""
     pred_rot_max_rad: NotNegative = 0.02
-    """Largest predicted rotation sigma that the executive accepts [rad]."""
+    """Largest predicted rotation error that the executive accepts [rad]."""
     p_fit_min: Annotated[float, Quantity(ge=0.0, le=1.0)] = 0.001
     """Least probability of the fit that the executive accepts, as `accept_p_fit_min` of the shipped CONFIG.
     The verdict of flight alone lets more pass: a drifting camera gave a wrong correction with 3e-24."""
     outliers_max: Annotated[int, Count(ge=0)] = 2
     """Most rejected poses that the executive accepts; more are a case for an operator. An encoder that slips
     halfway leaves poses of two different arms, and the fit is of both."""
+    undetermined_max: Annotated[int, Count(ge=0)] = 0
+    """Most coefficients at their old value or at a bound that the executive accepts: the data did not
+    determine them, and the predicted error knows nothing of them."""
     heartbeat_timeout_s: NotNegative = 5.0
     """Longest silence of flight [s]."""
     ack_timeout_s: NotNegative = 3.0

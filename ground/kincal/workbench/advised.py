@@ -13,7 +13,7 @@ from .constants import choose_constants
 from .data import Measurements
 from .effects import Hypothesis, Library
 from .hypotheses import joints_of
-from .nested import NestedModel, errors_on_the_way
+from .nested import NestedModel, errors_by_step
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def advised(
     effects = change.model_after(given)
     names = [split_constants(text)[0] for text in effects]
     hypotheses = choose_constants(library, effects, arm, data, dh=dh)
-    return replace(change, errors=errors_on_the_way(arm, data, hypotheses, names, dh=dh))
+    return replace(change, errors=errors_by_step(arm, data, hypotheses, names, dh=dh))
 
 
 def joined(

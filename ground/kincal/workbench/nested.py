@@ -152,7 +152,7 @@ def fit_nested(
     return NestedModels(tuple(models), floor, tuple(gains))
 
 
-def errors_on_the_way(
+def errors_by_step(
     arm: ArmTable,
     data: Measurements,
     hypotheses: Sequence[Hypothesis],
