@@ -16,8 +16,8 @@ Judged, by MuJoCo and from messages and stored images, not by flight's own verdi
   flight is started again from what it stored.
 - hang: no end within LIMIT_S of mission time, or flight not at rest at the end, or no heartbeat any more.
 - silent: the run did not end as it does without the fault, nor with a result ("wrong" judges that), and no
-  warning or error that an operator can act on says so: one of the events that the kind names, with a next step
-  in the dictionary; or the executive's reason, where only its own link is broken.
+  warning or error that an operator can act on says so: one of the events that the kind names, with a next
+  step in the dictionary; or the executive's reason, where only its own link is broken.
 
 Prints one line for each kind. Exit status 1 if anything of this happened, 2 if FILE belongs to another flight
 core or other tables. --write puts the table into docs/ASSURANCE.md.
