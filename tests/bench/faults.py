@@ -15,9 +15,10 @@ Judged, by MuJoCo and from messages and stored images, not by flight's own verdi
   that had been proposed and approved. Or a correction that was answered as approved is not in force when
   flight is started again from what it stored.
 - hang: no end within LIMIT_S of mission time, or flight not at rest at the end, or no heartbeat any more.
-- silent: the run did not end as it does without the fault, nor with a result ("wrong" judges that), and no
-  warning or error that an operator can act on says so: one of the events that the kind names, with a next
-  step in the dictionary; or the executive's reason, where only its own link is broken.
+- silent: the run did not end as it does without the fault, nor with a result ("wrong" judges that) or with a
+  correction that the executive leaves to the ground for a reason; and no warning or error that an operator
+  can act on says so: one of the events that the kind names, with a next step in the dictionary; or the
+  executive's reason, where only its own link is broken.
 
 Prints one line for each kind. Exit status 1 if anything of this happened, 2 if FILE belongs to another flight
 core or other tables. --write puts the table into docs/ASSURANCE.md.
@@ -64,6 +65,7 @@ LIMIT_S = 1800.0
 POSE_TIMEOUT_S = 120.0  # the executive's patience with one pose, so that a stuck run does not cost minutes
 REST_TICKS = 30
 HEARTBEAT_TICKS = 30  # the longest pause at the end
+DECLINED = "correction not accepted"
 WRONG_M, WRONG_PREDICTED = 0.005, 4.0
 FLIGHT = library("flight")
 AT_REST = tuple(FLIGHT.constant(f"KC_ST_{name}") for name in ("IDLE", "REVIEW", "ARMED", "SAFE"))
@@ -285,7 +287,9 @@ def silent(kind: Kind, mission: tuple[str, int], record: dict, witness: Witness)
     calm, calm_witness = undisturbed(*mission)
     same = (record.get("success"), record.get("verdict")) == (calm["success"], calm["verdict"])
     said = witness.warned - calm_witness.warned
-    if same or record.get("success") or (kind.by == "executive" and record.get("reason")):
+    reason = record.get("reason", "")
+    decided = record.get("success") or reason.startswith(DECLINED)
+    if same or decided or (kind.by == "executive" and reason):
         return ""
     explained = [name for name in kind.events if name in said and next_step(name)]
     return "" if explained else f"{record.get('reason')}; events: {', '.join(said) or 'none'}"
