@@ -386,3 +386,15 @@ def test_each_word_is_linked_once_and_the_longest_first():
         'a <a class="word" href="#word-pose" title="p">pose</a> &amp; a pose'
     )
     assert str(linker.linked("worst poses < poses")) == "worst poses &lt; poses"
+
+
+def test_poses_with_which_calibration_makes_the_arm_worse_are_no_reason_to_calibrate():
+    errors = {"nominal": 2.755e-3, "DH": 2.930e-3}
+    d = SimpleNamespace(
+        advised=SimpleNamespace(
+            errors=[SimpleNamespace(model=m, block="held-out poses", pos_m=e) for m, e in errors.items()]
+        )
+    )
+    (step,) = advice.next_steps(d, (), advice.Inputs("arm.toml", ("--data", "ten.csv")))
+    assert "measure more poses" in step.why and "2.755 to 2.930 mm" in step.why
+    assert step.command == "kincal model check --arm arm.toml --data ten.csv"

@@ -60,6 +60,8 @@ class Step:
 
 def next_steps(d: Diagnosis, poses: Sequence[NextPose], inputs: Inputs) -> tuple[Step, ...]:
     """The commands that follow from a diagnosis: DH calibration first, then what else was found."""
+    if worse := _worse_calibrated(d, inputs):
+        return (worse,)
     return (
         *_calibrating(d, inputs),
         *_adding(d, inputs),
@@ -77,6 +79,19 @@ def free_name(taken: Callable[[str], bool], name: str = _NEW_MODEL) -> str:
 
 def _kincal(*words: str) -> str:
     return "kincal model " + " ".join(map(shlex.quote, words))
+
+
+def _worse_calibrated(d: Diagnosis, inputs: Inputs) -> Step | None:
+    """Held-out poses are predicted worse after DH calibration than by the nominal arm: no fit of these poses
+    is to be used."""
+    errors = {e.model: e.pos_m for e in d.advised.errors if e.block == HELD_OUT}
+    if inputs.model or not errors or DH not in errors or errors[DH] < errors[NOMINAL]:
+        return None
+    return Step(
+        "measure more poses, and calibrate nothing with these alone: after DH calibration held-out poses are "
+        f"predicted worse than by the nominal arm ({_fall(errors[NOMINAL], errors[DH])})",
+        _kincal("check", *inputs.sources),
+    )
 
 
 def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:

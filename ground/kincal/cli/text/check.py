@@ -37,7 +37,8 @@ def lines(answer: Check) -> str:
     verdict = "belong together" if not answer.errors else "do NOT belong together"
     if answer.misfit is None and not answer.errors:
         verdict = "cannot be compared"
-    verdict += "" if answer.ok or answer.errors else ", but something has to be put right first"
+    elif not answer.ok and not answer.errors:
+        verdict += ", but something has to be put right first"
     left = (
         ""
         if answer.misfit is None
