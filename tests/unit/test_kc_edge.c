@@ -34,6 +34,7 @@ static char s_dir[64];
 static uint8_t s_buf[4096];
 static kcm_tick_done_t s_done;
 static kcm_ack_t s_ack;
+static kcm_event_t s_event[64];
 static uint32_t s_n_done, s_n_ack, s_n_hk, s_n_event, s_n_down, s_n_arm_cmd;
 static volatile sig_atomic_t s_stop;
 static uint32_t s_stop_done; /* stops after so many answers to ticks; 0: never */
@@ -110,7 +111,10 @@ static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
     }
     s_n_hk += strcmp(channel, "KC_HK") == 0;
     if (s_e.live && s_n_hk >= 1u) { s_stop = 1; }
-    s_n_event += strcmp(channel, "KC_EVENT") == 0;
+    if (strcmp(channel, "KC_EVENT") == 0) {
+        TEST_ASSERT_TRUE(kcm_event_t_decode(b->data, 0, n, &s_event[s_n_event % 64u]) > 0);
+        s_n_event++;
+    }
     s_n_down += strcmp(channel, "KC_TABLE_DOWN") == 0;
     s_n_arm_cmd += strcmp(channel, "KC_ARM_CMD") == 0;
 }
@@ -227,6 +231,29 @@ void test_a_tick_is_done_once_and_its_answer_repeated(void)
     pump();
     TEST_ASSERT_EQUAL_INT64(2, s_done.tick);
     TEST_ASSERT_EQUAL_INT(0, s_done.n_published);
+}
+
+void test_events_and_answers_are_numbered_and_stamped_with_their_step(void)
+{
+    memset(&s_e.out, 0, sizeof s_e.out);
+    send_time(1);
+    pump();
+    uint32_t n = s_n_event;
+    TEST_ASSERT_TRUE(n > 0u && n <= 64u); /* a start is told */
+    send_cmd(150000, 1, 99, 0); /* no such command */
+    send_cmd(150000, 2, 98, 0);
+    send_time(2);
+    pump();
+    TEST_ASSERT_TRUE(s_n_event > n && s_n_event <= 64u);
+    for (uint32_t i = 0u; i < s_n_event; i++) {
+        TEST_ASSERT_EQUAL_INT((int)i + 1, s_event[i].seq);
+        TEST_ASSERT_EQUAL_INT64(i < n ? 100000 : 200000, s_event[i].t_us);
+        TEST_ASSERT_TRUE(s_event[i].id > 0);
+    }
+    TEST_ASSERT_EQUAL_UINT32(2u, s_n_ack);
+    TEST_ASSERT_EQUAL_INT64(200000, s_ack.t_us);
+    TEST_ASSERT_EQUAL_INT(2, s_ack.seq);
+    TEST_ASSERT_EQUAL_INT(s_event[s_n_event - 1u].id, s_ack.event_id);
 }
 
 void test_a_command_waits_for_the_tick_after_its_stamp(void)

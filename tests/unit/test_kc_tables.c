@@ -161,6 +161,24 @@ void test_the_size_of_an_image_follows_its_content(void)
     TEST_ASSERT_EQUAL_UINT32(16u + 4u + 2u * 16u + 28u, given_image(KC_TBL_KIN, &s_table, s_image));
 }
 
+/* By the sizes of the fields in docs/TABLES.md; what is repeated counts as often as the given tables have it. */
+void test_every_image_has_the_size_of_its_documented_fields(void)
+{
+    static const uint32_t want[KC_TBL_COUNT] = {
+        [KC_TBL_ARM] = 24u + 4u + 7u * 98u + 136u,
+        [KC_TBL_CAMERA] = 112u + 8u * 8u + 8u + 4u + 2u * 68u + 9u * 8u,
+        [KC_TBL_TERMS] = 8u + 28u * 57u + 28u * 50u + 4u,
+        [KC_TBL_KIN] = 4u + 28u * 16u + 28u,
+        [KC_TBL_SPACE] = 16u + 3u * 2u + 2u * 30u + 7u * 4u + 4u + 30u * 68u + 55u + 2u * (4u + 2u * 33u) + 7u * 32u,
+        [KC_TBL_KERNEL] = 14u + 2u * (44u + 21u * 8u),
+        [KC_TBL_CONFIG] = 65u + 108u + 76u + 41u + 89u + 117u, /* designing to deciding */
+    };
+    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
+        given_image_of(kind);
+        TEST_ASSERT_EQUAL_UINT32(16u + want[kind], s_n);
+    }
+}
+
 void test_the_largest_search_space_fits_an_image(void)
 {
     given_space(&s_table.space, KC_CAND_MAX, 1u);
@@ -342,6 +360,7 @@ void test_discard_empties_the_stage_and_says_so_once(void)
     kc_tbl_discard(&s_t, &s_ev);
     expect_event(KC_EVT_TBL_DISCARDED, KC_TBL_ARM, 0.0, 0.0);
     TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, s_t.staging.state);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_t.staging.kind + s_t.staging.n + s_t.staging.total); /* as housekeeping has it */
     expect_active_unchanged();
     forget_events();
     kc_tbl_discard(&s_t, &s_ev);
