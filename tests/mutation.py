@@ -9,7 +9,7 @@ compile, or compiles to the same code, is drawn anew. Charges of instructions (`
 drawn: whether they bound what is executed, `make wcet` measures. Each mutant is compiled alone and put before
 the core in programs of the unit tests: the tests of the file first, then those of its room, then those of the
 rooms above, what has killed and the quickest first; those of other rooms up to `patience` seconds (0: none).
-A test that fails or does not end kills it.
+Tests that link without the file are left out. A test that fails or does not end kills it.
 
 One that is not killed has to stand in tests/mutation.csv with a reason, as `equivalent` (no input tells it
 from the original) or as `accepted`. The exit status is 1 if one does not stand there, or if fewer than 95 %
@@ -197,6 +197,8 @@ class Programs:
             f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms
         }
         self.tests = sorted(p.stem for p in (BUILT / "tests/unit/CMakeFiles").glob("test_*.dir"))
+        self.defines, self.wants = symbols([*objects, str(BUILT / "libgiven.a")])
+        self.reached: dict[str, set[str]] = {}
 
     def usable(self, test: str, near: bool) -> bool:
         """Linked, and its seconds known; False if it is too slow for the files of other rooms."""
@@ -254,6 +256,21 @@ class Programs:
         }
         return sorted(above, key=order.__getitem__)
 
+    def needs(self, test: str, path: str) -> bool:
+        """Whether the test or what it calls refers to a symbol of the source."""
+        if test not in self.reached:
+            own = [str(o) for o in (BUILT / f"tests/unit/CMakeFiles/{test}.dir").rglob("*.o")]
+            _, wants = symbols(own)
+            waiting = [symbol for object_ in own for symbol in wants[object_]]
+            found: set[str] = set()
+            while waiting:
+                where = self.defines.get(waiting.pop())
+                if where is not None and where not in found:
+                    found.add(where)
+                    waiting += self.wants.get(where, [])
+            self.reached[test] = found
+        return any(o.endswith(f"/{room(path)}/{Path(path).name}.o") for o in self.reached[test])
+
     def near(self, test: str, path: str) -> bool:
         """Whether it is a test of the same room."""
         return self.where.get(test) == self.rooms.index(room(path))
@@ -278,6 +295,19 @@ class Programs:
         return (folder / "mutant.o").read_bytes() if done.returncode == 0 else None
 
 
+def symbols(objects: list[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
+    """Object that defines each global symbol; symbols that each object wants."""
+    defines: dict[str, str] = {}
+    wants: dict[str, list[str]] = {o: [] for o in objects}
+    for line in subprocess.check_output(["nm", "-A", "-P", *objects], text=True).splitlines():
+        where, name, kind = line.split()[:3]
+        if kind == "U":
+            wants.setdefault(where[:-1], []).append(name)
+        elif kind.isupper():
+            defines[name] = where[:-1]
+    return defines, wants
+
+
 def run(*words: object) -> None:
     done = subprocess.run([str(w) for w in words], capture_output=True, text=True, check=False)
     if done.returncode != 0:
@@ -291,6 +321,8 @@ def killer(programs: Programs, mutant: Mutant, folder: Path) -> str | None:
     """The test that kills the mutant that is compiled in folder; None if it survives."""
     run("gcc", "-shared", "-o", folder / "libmutant.so", folder / "mutant.o")
     for test in programs.tests_of(mutant.path):
+        if not programs.needs(test, mutant.path):
+            continue
         if not programs.usable(test, programs.near(test, mutant.path)):
             continue
         if not programs.ran(test, folder, 2.0 + 5.0 * programs.seconds[test])[0]:

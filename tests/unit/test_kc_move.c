@@ -409,3 +409,50 @@ void test_a_replicate_without_a_verified_path_to_its_hub_is_skipped(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
     TEST_ASSERT_TRUE(world_calibrating());
 }
+
+/* ---- each joint by itself ---- */
+
+static uint32_t s_joint;
+static bool s_echo; /* or the reading */
+
+static void off(kc_in_t *in)
+{
+    if (in->has_arm == 0u) { return; }
+    (s_echo ? in->arm.q_cmd : in->arm.q)[s_joint] += 0.01;
+}
+
+/* An arm that echoes another target, or stands beside its own, in any one joint has not arrived. */
+void test_every_joint_has_to_be_told_and_to_arrive(void)
+{
+    for (uint32_t i = 0u; i < 14u; i++) {
+        setUp();
+        s_joint = i % 7u;
+        s_echo = i < 7u;
+        world_started();
+        TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
+        world.spoil_in = off;
+        TEST_ASSERT_FALSE(world_until(KC_ST_AIM, 200u));
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
+    }
+}
+
+/* To where the tool is expected, shifted along one axis. */
+void test_the_pantilt_unit_is_aimed_at_the_shifted_tool(void)
+{
+    static kc_out_t out;
+    world_started();
+    for (uint32_t axis = 0u; axis < 3u; axis++) {
+        kc_pose_t T;
+        double off_m[3] = {0.0}, pan = 0.0, tilt = 0.0, pan0 = 0.0, tilt0 = 0.0;
+        const kc_camera_t *c = &kc_app_active(APP)->camera;
+        off_m[axis] = 0.05;
+        kc_view_expect(&APP->view, world.q, &T);
+        (void)kc_camera_aim(c, T.p_m, &pan0, &tilt0);
+        T.p_m[axis] += 0.05;
+        (void)kc_camera_aim(c, T.p_m, &pan, &tilt);
+        TEST_ASSERT_TRUE(fabs(pan - pan0) + fabs(tilt - tilt0) > 1e-3);
+        kc_pantilt_aim(&APP->pantilt, &APP->view, &out, world.q, off_m);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, pan, out.pantilt_cmd.pan_rad);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, tilt, out.pantilt_cmd.tilt_rad);
+    }
+}
