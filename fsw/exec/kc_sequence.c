@@ -299,6 +299,24 @@ static kc_answer_t table(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_o
     return kc_cmd_table(&app->tables, &app->view, c, out);
 }
 
+/* Whether ABORT came with it: that wins, whatever the order in which they are carried out, over what moves the arm or
+ * changes what is in force. */
+static bool stopped(const kc_in_t *in, const kc_cmd_t *c)
+{
+    bool by_abort = c->stopped != 0u;
+    for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
+        by_abort = by_abort || in->cmd[i].opcode == KC_CMD_ABORT;
+    }
+    switch (c->opcode) {
+    case KC_CMD_START:
+    case KC_CMD_APPROVE_ARM:
+    case KC_CMD_APPROVE_GO:
+    case KC_CMD_ROLLBACK:
+    case KC_CMD_TABLE_ACTIVATE: return by_abort;
+    default: return false;
+    }
+}
+
 static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
 {
     switch (c->opcode) {
@@ -338,7 +356,11 @@ void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_
         const kc_cmd_t *c = &in->cmd[i];
         if (c->auth.key_id != 0u) { kc_work_spend(work, kc_auth_cost(KC_SIGNED_HEAD_MAX)); }
         kc_answer_t answer = kc_cmd_admit(&app->cmd_log, &app->view, c, out);
-        if (answer.status == KC_OK) { answer = execute(app, c, work, out); }
+        if (answer.status == KC_OK && stopped(in, c)) {
+            answer = kc_answer_refuse(&out->events, KC_EVT_CMD_ABORTED, c->opcode, 0.0, 0.0, KC_ERR_STATE);
+        } else if (answer.status == KC_OK) {
+            answer = execute(app, c, work, out);
+        }
         if (answer.outcome.id == KC_OC_STORE) { /* answered when it is stored */
             kc_change_begin(&app->change, change_of(c->opcode), &app->view, c);
         } else {

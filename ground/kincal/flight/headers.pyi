@@ -356,6 +356,7 @@ class KcCmd(Protocol):
     arg_u64: int
     arg_d: Array[float]
     auth: KcAuth
+    stopped: int
 
 class KcCoef(Protocol):
     """kc_coef_t"""
@@ -1674,6 +1675,7 @@ class FlightCore(Protocol):
     KC_SEV_INFO: int
     KC_SEV_DEBUG: int
     KC_EVT_NONE: int
+    KC_EVT_CMD_ABORTED: int
     KC_EVT_CHANGE_FAILED: int
     KC_EVT_CMD_COUNTER: int
     KC_EVT_CMD_BEFORE: int
