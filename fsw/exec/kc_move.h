@@ -20,6 +20,9 @@ typedef struct {
     uint16_t seg_from, seg_to;     /* current verified segment, kept through an abort */
     uint64_t sent_us, start_us;
     int32_t seq; /* of the last command */
+    uint32_t holds;   /* how often hold may still be sent again ... */
+    uint64_t held_us; /* ... after it was sent first */
+    bool foreign; /* the target that the arm may be moving to is of an earlier run, and not known */
     /* a command that the guard still checks */
     bool checking;
     uint32_t from, to;
@@ -28,6 +31,9 @@ typedef struct {
 } kc_move_t;
 
 void kc_move_hold(kc_move_t *m, const kc_view_t *v, kc_out_t *out);
+/* Each step: hold is sent again while the arm goes on to the target of flight's last move, which it echoes; an event if it
+ * still does in the end. Whoever else moves the arm after it was held is left alone. */
+void kc_move_held(kc_move_t *m, const kc_view_t *v, kc_out_t *out);
 /* Every arm command but hold goes through here. The guard (kc_guard.h) checks it as a move along the verified
  * segment between two nodes, or within the bound of one node. STAY: sent, or the check goes on in kc_move_wait.
  * SKIP: refused, with an event; nothing sent. */

@@ -1037,6 +1037,9 @@ class KcMove(Protocol):
     sent_us: int
     start_us: int
     seq: int
+    holds: int
+    held_us: int
+    foreign: bool
     checking: bool
     to: int
     q_from: Array[float]
@@ -1676,6 +1679,7 @@ class FlightCore(Protocol):
     KC_SEV_INFO: int
     KC_SEV_DEBUG: int
     KC_EVT_NONE: int
+    KC_EVT_ARM_NOT_HELD: int
     KC_EVT_CMD_ABORTED: int
     KC_EVT_CHANGE_FAILED: int
     KC_EVT_CMD_COUNTER: int
@@ -2247,6 +2251,7 @@ class FlightCore(Protocol):
     def kc_monitoring_observe(self, _0: KcMonitoring | CData, _1: KcMonitor | CData, _2: KcView | CData, _3: KcDetection | CData, _4: KcWork | CData, _5: KcOut | CData, /) -> None: ...
     def kc_monitoring_evaluate(self, _0: KcMonitoring | CData, _1: KcMonitor | CData, _2: KcView | CData, _3: KcWork | CData, _4: KcOut | CData, /) -> None: ...
     def kc_move_hold(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_move_held(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, /) -> None: ...
     def kc_move_send(self, _0: KcMove | CData, _1: KcView | CData, _2: KcWork | CData, _3: KcOut | CData, _4: int, _5: int, _6: CData, /) -> KcOutcome: ...
     def kc_move_near(self, _0: KcMove | CData, _1: KcView | CData, _2: KcWork | CData, _3: KcOut | CData, _4: CData, /) -> KcOutcome: ...
     def kc_move_begin(self, _0: KcMove | CData, _1: KcView | CData, _2: KcWork | CData, _3: KcOut | CData, /) -> KcOutcome: ...
