@@ -16,6 +16,7 @@ typedef struct {
     uint16_t path[KC_PATH_MAX + 1u];
     uint32_t n_path, i_path;
     double q_target[KC_JOINT_MAX]; /* last arm command */
+    double q_former[KC_JOINT_MAX]; /* the target that the arm echoed when that was sent */
     double q_final[KC_JOINT_MAX];  /* joints at the candidate, after the way points */
     uint16_t seg_from, seg_to;     /* current verified segment, kept through an abort */
     uint64_t sent_us, start_us;
@@ -47,8 +48,9 @@ kc_outcome_t kc_move_near(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_
 kc_outcome_t kc_move_begin(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out);
 /* MOVE: DONE when the arm is at the candidate. */
 kc_outcome_t kc_move_run(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out);
-/* Wait for the guard, then for the arm: DONE when it echoes its target, is at rest and there; sent again if it
- * was lost. SKIP: refused. */
+/* Wait for the guard, then for the arm: DONE when it echoes its target, is at rest and there. Sent again if it was lost, that
+ * is while the arm echoes what it did before: a third target is somebody else's, whom flight does not contradict. SKIP:
+ * refused. */
 kc_outcome_t kc_move_wait(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out);
 
 /* Node within whose bound the arm is, or KC_NODE_NONE. dist: distance from the nearest node, in bounds. */

@@ -209,6 +209,24 @@ void test_after_a_restart_hold_is_sent_again_while_the_arm_moves(void)
     TEST_ASSERT_FALSE(at_target());
 }
 
+/* Someone stops the arm by its controller, without a word to flight: it was sent off again a second later. */
+void test_a_move_that_somebody_else_has_stopped_is_not_sent_again(void)
+{
+    given_a_long_move();
+    world.arm_slow = true;
+    world_ticks(3u);
+    int32_t seq = world.arm_cmd.seq;
+    memcpy(world.q_cmd, world.q, sizeof world.q_cmd);
+    uint32_t n = 0u;
+    for (; n < 4000u && world_calibrating(); n++) {
+        TEST_ASSERT_EQUAL_INT32(seq, world.arm_cmd.seq);
+        world_tick();
+    }
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
+    TEST_ASSERT_TRUE(world.arm_cmd.hold);
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+}
+
 void test_it_waits_until_everything_is_at_rest(void)
 {
     world_started();

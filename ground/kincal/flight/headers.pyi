@@ -1031,6 +1031,7 @@ class KcMove(Protocol):
     n_path: int
     i_path: int
     q_target: Array[float]
+    q_former: Array[float]
     q_final: Array[float]
     seg_from: int
     seg_to: int
