@@ -166,18 +166,20 @@ static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 /* ---- from state to state ---- */
 
 /* Hold the arm, record the cause. A correction that waits for review is dropped. */
-static void stop(kc_app_t *app, kc_out_t *out, kc_cause_t cause)
+static void stop(kc_app_t *app, kc_work_t *work, kc_out_t *out, kc_cause_t cause)
 {
+    kc_change_parts_t parts = change_parts(app);
     int32_t pose = kc_states_calibrating(app->place.state) ? (int32_t)app->plan.n_meas : -1;
     kc_event(&out->events, KC_EVT_CAL_ABORTED, pose, (double)cause, 0.0);
-    kc_change_cancel(&app->change, &app->cmd_log, out);
+    if (app->change.kind == KC_CHANGE_PUT_BACK) { kc_work_spend(work, KC_CHANGE_BACK_COST); }
+    kc_change_cancel(&app->change, &parts, out);
     kc_move_hold(&app->move, &app->view, out);
     kc_review_drop(&app->review, out);
     kc_request_drop(&app->request);
 }
 
 /* Frames are of one place and one measurement. */
-static void leave(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
+static void leave(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *out)
 {
     if (app->place.state == KC_ST_MEASURE) { kc_frames_clear(&app->frames); }
     if (app->place.state == KC_ST_MEASURE && oc.id == KC_OC_DONE) {
@@ -185,7 +187,7 @@ static void leave(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
     }
     if (oc.id == KC_OC_DISTURBED) { kc_request_drop(&app->request); }
     if (oc.id == KC_OC_SKIP) { kc_select_skip(&app->plan, &app->view, out); }
-    if (oc.id == KC_OC_ABORT) { stop(app, out, oc.cause); }
+    if (oc.id == KC_OC_ABORT) { stop(app, work, out, oc.cause); }
 }
 
 /* Go where the table says; a state may be left at once by what it begins with. True if the work of the new
@@ -195,7 +197,7 @@ static bool follow(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *ou
     bool same_step = false;
     for (uint32_t i = 0u; oc.id != KC_OC_STAY && i < CHAIN_MAX; i++) {
         kc_next_t next = kc_states_next(app->place.state, oc.id);
-        leave(app, oc, out);
+        leave(app, oc, work, out);
         app->place = (kc_place_t){next.state, app->clock.now_us};
         same_step = next.same_step;
         oc = begin(app, work, out);
@@ -216,6 +218,7 @@ static void check_budget(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 
 void kc_sequence_run(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
+    kc_move_held(&app->move, &app->view, out);
     (void)follow(app, kc_input_silence(&app->view, out), work, out);
     check_budget(app, work, out);
     for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work_on(app, work, out), work, out); i++) {}
@@ -299,6 +302,24 @@ static kc_answer_t table(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_o
     return kc_cmd_table(&app->tables, &app->view, c, out);
 }
 
+/* Whether ABORT came with it: that wins, whatever the order in which they are carried out, over what moves the arm or
+ * changes what is in force. */
+static bool stopped(const kc_in_t *in, const kc_cmd_t *c)
+{
+    bool by_abort = c->stopped != 0u;
+    for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
+        by_abort = by_abort || in->cmd[i].opcode == KC_CMD_ABORT;
+    }
+    switch (c->opcode) {
+    case KC_CMD_START:
+    case KC_CMD_APPROVE_ARM:
+    case KC_CMD_APPROVE_GO:
+    case KC_CMD_ROLLBACK:
+    case KC_CMD_TABLE_ACTIVATE: return by_abort;
+    default: return false;
+    }
+}
+
 static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
 {
     switch (c->opcode) {
@@ -338,7 +359,11 @@ void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_
         const kc_cmd_t *c = &in->cmd[i];
         if (c->auth.key_id != 0u) { kc_work_spend(work, kc_auth_cost(KC_SIGNED_HEAD_MAX)); }
         kc_answer_t answer = kc_cmd_admit(&app->cmd_log, &app->view, c, out);
-        if (answer.status == KC_OK) { answer = execute(app, c, work, out); }
+        if (answer.status == KC_OK && stopped(in, c)) {
+            answer = kc_answer_refuse(&out->events, KC_EVT_CMD_ABORTED, c->opcode, 0.0, 0.0, KC_ERR_STATE);
+        } else if (answer.status == KC_OK) {
+            answer = execute(app, c, work, out);
+        }
         if (answer.outcome.id == KC_OC_STORE) { /* answered when it is stored */
             kc_change_begin(&app->change, change_of(c->opcode), &app->view, c);
         } else {

@@ -12,6 +12,10 @@
 /* Bit of kc_cand_t.why: a local initial pose, near the park pose. It is measured at its seed, without servo,
  * before any long move, so that the errors of the arm are known before it leaves the park pose. */
 #define KC_CAND_LOCAL 0x8000u
+/* The guard does not check the clearance of a move to or from a local initial pose, since the correction is not known
+ * there. So these moves have to be short: no joint farther than this from the park pose [rad or m], hub 0, to which the
+ * pose's only segment leads. */
+#define KC_LOCAL_BOUND 1.0
 /* A local initial pose in reserve: only measured while tags were detected at fewer than half of those
  * before it. */
 #define KC_CAND_RESERVE 0x4000u
@@ -72,7 +76,8 @@ typedef struct {
     kc_dh_bound_t verified[KC_JOINT_MAX];
 } kc_space_t;
 
-/* Whether the segment between two candidates is verified; false for one that does not exist. */
+/* Whether the segment between two candidates is verified and may be used; false for one that does not exist, and for local
+ * initial poses, which have none but that to hub 0. */
 bool kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j);
 
 /* Whether a candidate that exists is a local initial pose, and one in reserve; the number of local initial
@@ -85,7 +90,7 @@ uint32_t kc_space_n_local(const kc_space_t *s);
  * KC_SPACE_INDEX_INITIAL + place in the list of initial poses, KC_SPACE_INDEX_BODY + body,
  * KC_SPACE_INDEX_VOLUME + volume, KC_SPACE_INDEX_VERIFIED + joint from 0, or -1. Checks counts, finite numbers, unit norms (1e-6), hub and
  * initial-pose numbers, that no initial pose is listed twice, that hub segments go both ways, that no edge
- * bit is set beyond n_cand, and that every candidate is reachable from hub 0; with arm (NULL: skip) also
+ * bit is set beyond n_cand, that local initial poses belong to hub 0 and are near it, and that every candidate is reachable from hub 0; with arm (NULL: skip) also
  * its number of joints and that hubs and seeds lie inside its limits (1e-6, single precision). */
 #define KC_SPACE_INDEX_HUB 2000
 #define KC_SPACE_INDEX_INITIAL 3000
