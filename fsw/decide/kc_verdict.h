@@ -16,10 +16,6 @@ double kc_verdict_p_no_change(double chi2_gain, double noise_scale, uint32_t ran
 /* As many poses are rejected as the table allows: more may be bad, and took part in the fit. */
 bool kc_verdict_all_rejected(const kc_est_t *est);
 
-/* More than this part (one in ...) of the poses rejected: what is left fits because it was chosen to. */
-#define KC_VERDICT_REJECTED_PART 4u
-bool kc_verdict_many_rejected(const kc_est_t *est);
-
 /* How well the estimate explains the poses, the stated errors of the camera chain taken into account. */
 typedef struct {
     double noise_scale; /* of the residuals that the chain does not explain */
