@@ -3,6 +3,9 @@
 #include "kc_chi2.h"
 #include "kc_libm.h"
 
+/* More than this part (one in ...) of the poses rejected: what is left fits because it was chosen to. */
+#define REJECTED_PART 4u
+
 double kc_verdict_p_no_change(double chi2_gain, double noise_scale, uint32_t rank)
 {
     double scale = kc_max(1.0, noise_scale);
@@ -14,16 +17,12 @@ bool kc_verdict_all_rejected(const kc_est_t *est)
     return est->opt.outlier_max > 0u && est->n_outliers >= est->opt.outlier_max;
 }
 
-bool kc_verdict_many_rejected(const kc_est_t *est)
-{
-    return KC_VERDICT_REJECTED_PART * est->n_outliers > est->n_obs;
-}
+static bool many_rejected(const kc_est_t *est) { return REJECTED_PART * est->n_outliers > est->n_obs; }
 
 static bool poor(const kc_config_t *c, const kc_est_t *e, kc_status_t status, const kc_verdict_fit_t *fit)
 {
     bool all_rejected = kc_verdict_all_rejected(e);
-    return status != KC_OK || e->dof == 0u || kc_verdict_many_rejected(e) ||
-           fit->noise_scale > c->poor_noise_scale ||
+    return status != KC_OK || e->dof == 0u || many_rejected(e) || fit->noise_scale > c->poor_noise_scale ||
            ((fit->noise_scale > c->poor_noise_scale_unlikely || all_rejected) && fit->p_fit < c->poor_p_fit);
 }
 

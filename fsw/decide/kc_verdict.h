@@ -16,10 +16,6 @@ double kc_verdict_p_no_change(double chi2_gain, double noise_scale, uint32_t ran
 /* As many poses are rejected as the table allows: more may be bad, and took part in the fit. */
 bool kc_verdict_all_rejected(const kc_est_t *est);
 
-/* More than this part (one in ...) of the poses rejected: what is left fits because it was chosen to. */
-#define KC_VERDICT_REJECTED_PART 4u
-bool kc_verdict_many_rejected(const kc_est_t *est);
-
 /* How well the estimate explains the poses, the stated errors of the camera chain taken into account. */
 typedef struct {
     double noise_scale; /* of the residuals that the chain does not explain */
@@ -34,9 +30,9 @@ kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_statu
 
 /* What the policy of CONFIG looks at. */
 typedef struct {
-    bool determined;    /* every requested coefficient was */
+    bool determined; /* every requested coefficient was */
     bool bounds_active; /* of any coefficient */
-    bool all_rejected;  /* kc_verdict_all_rejected */
+    bool all_rejected; /* kc_verdict_all_rejected */
     double p_fit, sigma_pos_m;
     double change_pos_m; /* RMS change of the predicted tool position over the search space */
 } kc_verdict_case_t;

@@ -155,8 +155,8 @@ static void boot_state(kc_app_t *app)
     if (app->review.crc != 0u) {
         kc_event(ev, KC_EVT_BOOT_REVIEW, -1, (double)app->review.crc, 0.0);
         app->place.state = KC_ST_REVIEW;
-    } else if (kc_states_calibrating(was) || was == KC_ST_SAFE) {
-        app->place.state = KC_ST_SAFE;
+    } else if (kc_states_calibrating(was) || was == KC_ST_SAFE || (app->kept && !journaled(app))) {
+        app->place.state = KC_ST_SAFE; /* what it was doing may be lost with the journal: the arm is held */
     }
     if (kc_states_calibrating(was)) {
         kc_event(ev, KC_EVT_BOOT_INTERRUPTED, -1, (double)j->state, (double)j->pose);

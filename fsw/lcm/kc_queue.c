@@ -154,10 +154,10 @@ KC_IN_LIST(PUT, KC_Q_NONE_)
     }
 KC_IN_LIST(FIRST, KC_Q_NONE_)
 
-#define TAKE(CHANNEL, member, message, copied, order, step, room)                                \
-    while (in->n_##member < (step) && (i = first_##member(q, now_us, taken)) < q->n_##member) {  \
-        TOOK_##order(taken, &q->member[i]) in->member[in->n_##member++] = q->member[i].m; \
-        q->member[i] = q->member[--q->n_##member];                                               \
+#define TAKE(CHANNEL, member, message, copied, order, step, room)                               \
+    while (in->n_##member < (step) && (i = first_##member(q, now_us, taken)) < q->n_##member) { \
+        TOOK_##order(taken, &q->member[i]) in->member[in->n_##member++] = q->member[i].m;       \
+        q->member[i] = q->member[--q->n_##member];                                              \
     }
 /* ABORT counts against all that waits with it, in whichever order and steps they are taken. */
 static void stop_waiting(kc_queue_t *q, int64_t now_us)

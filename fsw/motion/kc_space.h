@@ -26,10 +26,10 @@ typedef struct {
     float p_m[3]; /* goal pose of the tool in the base frame */
     float q_wxyz[4];
     float q_seed[KC_JOINT_MAX]; /* joints that reach it on the nominal arm */
-    float pan_rad, tilt_rad;    /* pan-tilt angles that have it in view */
-    uint8_t tags;               /* bit per tag expected in view */
-    uint8_t hub;                /* hub with a verified straight segment to the seed */
-    uint16_t why;               /* bits: checks it passed, see docs/INTERFACES.md */
+    float pan_rad, tilt_rad; /* pan-tilt angles that have it in view */
+    uint8_t tags; /* bit per tag expected in view */
+    uint8_t hub; /* hub with a verified straight segment to the seed */
+    uint16_t why; /* bits: checks it passed, see docs/INTERFACES.md */
 } kc_cand_t;
 
 /* A capsule that encloses shapes of the arm: from start to end, with hemispheres. */
@@ -41,8 +41,8 @@ typedef struct {
 } kc_body_t;
 
 typedef enum {
-    KC_VOL_BELOW = 0,   /* everything below the height p_m[2] */
-    KC_VOL_BOX = 1,     /* p_m: middle, size_m: half lengths along the base axes */
+    KC_VOL_BELOW = 0, /* everything below the height p_m[2] */
+    KC_VOL_BOX = 1, /* p_m: middle, size_m: half lengths along the base axes */
     KC_VOL_CAPSULE = 2, /* from p_m to size_m */
     KC_VOL_SPHERE = 3
 } kc_volume_kind_t;
@@ -51,7 +51,7 @@ typedef enum {
 typedef struct {
     uint8_t kind; /* kc_volume_kind_t */
     float p_m[3], size_m[3];
-    float radius_m;    /* capsule and sphere */
+    float radius_m; /* capsule and sphere */
     uint32_t excluded; /* bit per body that may be inside it */
 } kc_volume_t;
 
@@ -64,9 +64,9 @@ typedef struct {
     uint32_t n_cand, n_hub, n_joints, n_initial;
     uint16_t initial[KC_INITIAL_MAX]; /* candidates of the initial design, in order */
     float hub_q[KC_HUB_MAX][KC_JOINT_MAX];
-    uint16_t hub_edge[KC_HUB_MAX];   /* bit h: segment to hub h is verified */
+    uint16_t hub_edge[KC_HUB_MAX]; /* bit h: segment to hub h is verified */
     float servo_bound[KC_JOINT_MAX]; /* largest distance of each joint from a seed */
-    uint32_t arm_crc;                /* arm table it was built for */
+    uint32_t arm_crc; /* arm table it was built for */
     kc_cand_t cand[KC_CAND_MAX];
     /* direct segments between candidates i > j: bit i (i-1)/2 + j */
     uint8_t edge[KC_EDGE_BYTES];

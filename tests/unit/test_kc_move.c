@@ -181,7 +181,9 @@ void test_an_arm_that_somebody_else_moves_is_not_held_again(void)
         (void)world_do(KC_CMD_ABORT, 0, 0, 0);
         world.arm_slow = true;
         int32_t seq = world.arm_cmd.seq;
-        for (uint32_t j = 0u; j < world.arm.n_joints; j++) { world.q_cmd[j] = moved ? s_target[j] + 0.3 : 0.0; }
+        for (uint32_t j = 0u; j < world.arm.n_joints; j++) {
+            world.q_cmd[j] = moved ? s_target[j] + 0.3 : 0.0;
+        }
         world.q_cmd[0] = moved ? world.q_cmd[0] : 0.0;
         world.q[0] += 0.5;
         world_ticks(40u);
@@ -300,7 +302,8 @@ void test_no_config_lets_an_arm_beside_its_paths_start(void)
             world_boot();
             world_ticks(2u);
             TEST_ASSERT_NOT_EQUAL(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
-            TEST_ASSERT_EQUAL_INT(tol[i] > 0.01 ? KC_EVT_TBL_MISSING : KC_EVT_CAL_NO_PATH, world.ack.event_id);
+            TEST_ASSERT_EQUAL_INT(tol[i] > 0.01 ? KC_EVT_TBL_MISSING : KC_EVT_CAL_NO_PATH,
+                                  world.ack.event_id);
             TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_START));
         }
     }
@@ -453,7 +456,7 @@ void test_what_is_not_verified_is_not_sent(void)
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
     uint32_t at = KC_HUB_MAX + (uint32_t)APP->cal.candidate;
-    refused_path(at, at, 1.6);                      /* beyond the box of 1.5 */
+    refused_path(at, at, 1.6); /* beyond the box of 1.5 */
     refused_path(at, 1u - kc_app_active(APP)->space.cand[APP->cal.candidate].hub, 0.0); /* not its hub */
     refused_path(at, at, 1.6);
 }
