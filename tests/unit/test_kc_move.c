@@ -303,6 +303,9 @@ static void refused_path(uint32_t from, uint32_t to, double off)
     kc_path_joints(&kc_app_active(APP)->space, to, q);
     q[0] += q[0] > 0.0 ? -off : off;
     kc_work_t work = kc_work_of_step();
+    /* a check of another move that was broken off, and had found nothing */
+    APP->move.checking = true;
+    APP->move.check = (kc_guard_job_t){.verdict = KC_GUARD_OK, .over = true};
     kc_outcome_t oc = kc_move_send(&APP->move, &APP->view, &work, &world.out, from, to, q);
     TEST_ASSERT_EQUAL_INT(KC_OC_SKIP, oc.id);
     TEST_ASSERT_EQUAL_INT(seq, APP->move.seq);

@@ -177,6 +177,9 @@ void test_every_image_has_the_size_of_its_documented_fields(void)
         given_image_of(kind);
         TEST_ASSERT_EQUAL_UINT32(16u + want[kind], s_n);
     }
+    given_space(&s_table.space, 2u, 1u); /* one segment, in a byte; two initial poses */
+    TEST_ASSERT_EQUAL_UINT32(16u + want[KC_TBL_SPACE] - 2u - 28u * 68u - 54u,
+                             given_image(KC_TBL_SPACE, &s_table, s_image));
 }
 
 void test_the_largest_search_space_fits_an_image(void)
