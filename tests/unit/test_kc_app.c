@@ -37,6 +37,8 @@ void test_an_arm_with_dh_errors_is_calibrated_and_the_correction_waits_for_revie
     TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_PROPOSED));
     TEST_ASSERT_TRUE(world.progress[7].res_pos_m < 0.1 * world.progress[0].res_pos_m);
+    TEST_ASSERT_EQUAL_UINT32(28u, world.progress[7].n_free); /* as CONFIG requests */
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->input.n_rejected);
 }
 
 void test_a_healthy_arm_needs_no_change_and_says_so(void)

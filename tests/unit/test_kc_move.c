@@ -82,8 +82,19 @@ void test_an_arm_command_that_got_lost_is_sent_again(void)
     (void)world_do(KC_CMD_START, -1, 0, 1);
     int32_t seq = world.arm_cmd.seq;
     world_ticks(12u);
-    TEST_ASSERT_TRUE(world.arm_cmd.seq > seq);
+    TEST_ASSERT_EQUAL_INT(seq + 1, world.arm_cmd.seq); /* once, after a second */
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 200u));
+}
+
+void test_the_arm_moves_as_fast_as_config_says_and_is_held_at_full_speed(void)
+{
+    world.config.speed_scale = 0.5;
+    world_started();
+    TEST_ASSERT_EQUAL_INT(0, world.arm_cmd.hold);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, world.arm_cmd.speed_scale);
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+    TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.arm_cmd.speed_scale);
 }
 
 void test_a_servo_step_that_is_not_done_in_time_ends_it(void)
