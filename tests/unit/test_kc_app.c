@@ -496,9 +496,9 @@ void test_after_a_restart_every_number_is_above_those_before(void)
             if (i == 1u) { (void)world_cmd(KC_CMD_START, -1, 0, 1); }
             world_tick();
             const kc_out_t *o = &world.out;
-            const int32_t seq[4] = {o->has_arm_cmd ? o->arm_cmd.seq : 0, o->has_pantilt_cmd ? o->pantilt_cmd.seq : 0,
-                                    o->has_hk ? (int32_t)o->hk.seq : 0,
-                                    o->has_frame_request ? o->frame_request.seq : 0};
+            const int32_t seq[4] = {
+                o->has_arm_cmd ? o->arm_cmd.seq : 0, o->has_pantilt_cmd ? o->pantilt_cmd.seq : 0,
+                o->has_hk ? (int32_t)o->hk.seq : 0, o->has_frame_request ? o->frame_request.seq : 0};
             for (uint32_t k = 0u; k < 4u; k++) {
                 if (seq[k] == 0) { continue; }
                 if (seq[k] < least[k]) { least[k] = seq[k]; }

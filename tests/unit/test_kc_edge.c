@@ -535,9 +535,11 @@ void test_a_channel_that_cannot_be_subscribed_is_a_failure(void)
     for (int live = 0; live < 2; live++) {
         for (int at = 1; at <= 6 - live; at++) {
             s_fails.subscribing = at;
-            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n", opening("memq://", live != 0));
+            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n",
+                                     opening("memq://", live != 0));
             s_fails.sizing = at;
-            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n", opening("memq://", live != 0));
+            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n",
+                                     opening("memq://", live != 0));
         }
         TEST_ASSERT_EQUAL_STRING("", opening("memq://", live != 0));
     }
@@ -656,5 +658,6 @@ void test_live_it_does_not_catch_up(void)
 
 void test_a_network_that_cannot_be_made_is_refused(void)
 {
-    TEST_ASSERT_NOT_NULL(strstr(opening("nonsense://", false), "kincal-fsw: no LCM network at nonsense://\n"));
+    TEST_ASSERT_NOT_NULL(
+        strstr(opening("nonsense://", false), "kincal-fsw: no LCM network at nonsense://\n"));
 }

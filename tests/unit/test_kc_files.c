@@ -1604,6 +1604,10 @@ void test_after_a_write_that_was_taken_back_the_only_copy_is_not_written_over(vo
     s_m.harm = FAILS_ONCE;
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(3));
     s_m.on = false;
+    struct stat st;
+    TEST_ASSERT_EQUAL_INT(0, stat(s_dir, &st));
+    TEST_ASSERT_TRUE(s_m.n_synced > 0u &&
+                     s_m.synced[(s_m.n_synced - 1u) % 8u] == st.st_ino); /* what was undone */
     TEST_ASSERT_FALSE(exists(s_dir, "k01.a"));
     TEST_ASSERT_EQUAL_UINT64(0u, s_f.number[KC_TBL_ARM][0]);
     TEST_ASSERT_EQUAL_UINT8(0u, s_f.there[KC_TBL_ARM][0]);
