@@ -50,6 +50,7 @@ static struct {
     int clock_reads; /* after so many clock_reads at it the clock is 30 s ahead; 0: never */
     int64_t ahead_s;
     int n_read; /* the clock */
+    struct timespec stopped; /* the clock stands here, if not at 0 */
 } s_fails;
 
 #define NEXT(type, name, ...) \
@@ -95,6 +96,7 @@ int clock_gettime(clockid_t id, struct timespec *t)
     s_fails.n_read++;
     if (s_fails.clock_reads > 0 && --s_fails.clock_reads == 0) { s_fails.ahead_s = 30; }
     t->tv_sec += s_fails.ahead_s;
+    if (s_fails.stopped.tv_sec != 0) { *t = s_fails.stopped; }
     return done;
 }
 
@@ -643,6 +645,21 @@ void test_it_announces_itself_ten_times_a_second(void)
     (void)clock_gettime(CLOCK_MONOTONIC, &to);
     double s = (double)(to.tv_sec - from.tv_sec) + 1e-9 * (double)(to.tv_nsec - from.tv_nsec);
     TEST_ASSERT_TRUE(s >= 0.19);
+}
+
+/* While the clock stands there is one step, at its time, however many messages come. */
+void test_live_a_message_brings_no_step_before_its_time(void)
+{
+    tearDown();
+    given_edge(true);
+    s_fails.stopped = (struct timespec){.tv_sec = 1700000000, .tv_nsec = 250000000};
+    for (int32_t i = 0; i < 5; i++) { send_cmd(0, i, KC_CMD_NOOP, 0); }
+    TEST_ASSERT_TRUE(kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_n_hk);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_n_ack); /* they came after it */
+    TEST_ASSERT_EQUAL_UINT64(1700000000250000u, APP->clock.clock_us);
+    TEST_ASSERT_EQUAL_UINT64(1700000000250000u, APP->clock.now_us);
+    s_fails.stopped = (struct timespec){0};
 }
 
 /* Suspended for a while, it goes on from now and does not make up for the steps that it missed. */
