@@ -242,7 +242,7 @@ void test_events_and_answers_are_numbered_and_stamped_with_their_step(void)
     send_time(1);
     pump();
     uint32_t n = s_n_event;
-    TEST_ASSERT_TRUE(n > 0u && n <= 64u); /* a start is told */
+    TEST_ASSERT_TRUE(n > 0u && n <= 64u); /* a start is reported */
     send_cmd(150000, 1, 99, 0); /* no such command */
     send_cmd(150000, 2, 98, 0);
     send_time(2);

@@ -436,7 +436,7 @@ static void off(kc_in_t *in)
 }
 
 /* An arm that echoes another target, or stands beside its own, in any one joint has not arrived. */
-void test_every_joint_has_to_be_told_and_to_arrive(void)
+void test_every_joint_has_to_echo_and_to_arrive(void)
 {
     for (uint32_t i = 0u; i < 14u; i++) {
         setUp();
