@@ -29,7 +29,7 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from threading import Lock
+from threading import Lock, Timer
 
 from mutants import ROOT, Count, Mutant
 
@@ -215,7 +215,10 @@ class Programs:
         process = subprocess.Popen(
             command, env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=WORK
         )
+        waits = Timer(60.0 + 20.0 * limit_s, os.kill, (process.pid, signal.SIGKILL))  # it may wait for ever
+        waits.start()
         failed = any(b":FAIL" in line for line in process.stdout)
+        waits.cancel()
         process.stdout.close()
         if failed:
             os.kill(process.pid, signal.SIGTERM)  # terminate() would wait for it

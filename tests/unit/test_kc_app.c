@@ -37,6 +37,8 @@ void test_an_arm_with_dh_errors_is_calibrated_and_the_correction_waits_for_revie
     TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_PROPOSED));
     TEST_ASSERT_TRUE(world.progress[7].res_pos_m < 0.1 * world.progress[0].res_pos_m);
+    TEST_ASSERT_EQUAL_UINT32(28u, world.progress[7].n_free); /* as CONFIG requests */
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->input.n_rejected);
 }
 
 void test_a_healthy_arm_needs_no_change_and_says_so(void)
@@ -519,9 +521,9 @@ void test_after_a_restart_every_number_is_above_those_before(void)
             if (i == 1u) { (void)world_cmd(KC_CMD_START, -1, 0, 1); }
             world_tick();
             const kc_out_t *o = &world.out;
-            const int32_t seq[4] = {o->has_arm_cmd ? o->arm_cmd.seq : 0, o->has_pantilt_cmd ? o->pantilt_cmd.seq : 0,
-                                    o->has_hk ? (int32_t)o->hk.seq : 0,
-                                    o->has_frame_request ? o->frame_request.seq : 0};
+            const int32_t seq[4] = {
+                o->has_arm_cmd ? o->arm_cmd.seq : 0, o->has_pantilt_cmd ? o->pantilt_cmd.seq : 0,
+                o->has_hk ? (int32_t)o->hk.seq : 0, o->has_frame_request ? o->frame_request.seq : 0};
             for (uint32_t k = 0u; k < 4u; k++) {
                 if (seq[k] == 0) { continue; }
                 if (seq[k] < least[k]) { least[k] = seq[k]; }

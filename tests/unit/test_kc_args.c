@@ -76,8 +76,10 @@ void test_what_is_missing_wrong_or_contradicts_itself_is_refused(void)
     REFUSED("no value after --keys", "--keys");
     REFUSED("unknown argument --tabels", "--tabels", "t");
     REFUSED("unknown argument x", "--tables", "t", "x");
-    REFUSED("--lockstep and --live exclude each other", "--live", "--lockstep", "--tables", "t", "--store", "s");
-    REFUSED("--lockstep and --live exclude each other", "--lockstep", "--live", "--tables", "t", "--store", "s");
+    REFUSED("--lockstep and --live exclude each other", "--live", "--lockstep", "--tables", "t", "--store",
+            "s");
+    REFUSED("--lockstep and --live exclude each other", "--lockstep", "--live", "--tables", "t", "--store",
+            "s");
 }
 
 static const char *answer(char *option)
@@ -92,8 +94,9 @@ static const char *answer(char *option)
 
 void test_help_and_version_are_answered(void)
 {
-    static const char *const options[] = {"--url", "--tables", "--store",  "--keys",    "--lockstep",
-                                          "--live", "--help",  "--version", KC_URL_DEFAULT, KC_KEYS_VARIABLE};
+    static const char *const options[] = {"--url",        "--tables",      "--store", "--keys",
+                                          "--lockstep",   "--live",        "--help",  "--version",
+                                          KC_URL_DEFAULT, KC_KEYS_VARIABLE};
     const char *text = answer("--help");
     TEST_ASSERT_EQUAL_STRING_LEN("usage: kincal-fsw ", text, 18);
     for (uint32_t i = 0u; i < sizeof options / sizeof options[0]; i++) {

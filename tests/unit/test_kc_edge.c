@@ -50,6 +50,7 @@ static struct {
     int clock_reads; /* after so many clock_reads at it the clock is 30 s ahead; 0: never */
     int64_t ahead_s;
     int n_read; /* the clock */
+    struct timespec stopped; /* the clock stands here, if not at 0 */
 } s_fails;
 
 #define NEXT(type, name, ...) \
@@ -95,6 +96,7 @@ int clock_gettime(clockid_t id, struct timespec *t)
     s_fails.n_read++;
     if (s_fails.clock_reads > 0 && --s_fails.clock_reads == 0) { s_fails.ahead_s = 30; }
     t->tv_sec += s_fails.ahead_s;
+    if (s_fails.stopped.tv_sec != 0) { *t = s_fails.stopped; }
     return done;
 }
 
@@ -241,7 +243,7 @@ void test_events_and_answers_are_numbered_and_stamped_with_their_step(void)
     send_time(1);
     pump();
     uint32_t n = s_n_event;
-    TEST_ASSERT_TRUE(n > 0u && n <= 64u); /* a start is told */
+    TEST_ASSERT_TRUE(n > 0u && n <= 64u); /* a start is reported */
     send_cmd(150000, 1, 99, 0); /* no such command */
     send_cmd(150000, 2, 98, 0);
     send_time(2);
@@ -563,9 +565,11 @@ void test_a_channel_that_cannot_be_subscribed_is_a_failure(void)
     for (int live = 0; live < 2; live++) {
         for (int at = 1; at <= 6 - live; at++) {
             s_fails.subscribing = at;
-            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n", opening("memq://", live != 0));
+            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n",
+                                     opening("memq://", live != 0));
             s_fails.sizing = at;
-            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n", opening("memq://", live != 0));
+            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n",
+                                     opening("memq://", live != 0));
         }
         TEST_ASSERT_EQUAL_STRING("", opening("memq://", live != 0));
     }
@@ -671,6 +675,21 @@ void test_it_announces_itself_ten_times_a_second(void)
     TEST_ASSERT_TRUE(s >= 0.19);
 }
 
+/* While the clock stands there is one step, at its time, however many messages come. */
+void test_live_a_message_brings_no_step_before_its_time(void)
+{
+    tearDown();
+    given_edge(true);
+    s_fails.stopped = (struct timespec){.tv_sec = 1700000000, .tv_nsec = 250000000};
+    for (int32_t i = 0; i < 5; i++) { send_cmd(0, i, KC_CMD_NOOP, 0); }
+    TEST_ASSERT_TRUE(kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_n_hk);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_n_ack); /* they came after it */
+    TEST_ASSERT_EQUAL_UINT64(1700000000250000u, APP->clock.clock_us);
+    TEST_ASSERT_EQUAL_UINT64(1700000000250000u, APP->clock.now_us);
+    s_fails.stopped = (struct timespec){0};
+}
+
 /* Suspended for a while, it goes on from now and does not make up for the steps that it missed. */
 void test_live_it_does_not_catch_up(void)
 {
@@ -684,5 +703,6 @@ void test_live_it_does_not_catch_up(void)
 
 void test_a_network_that_cannot_be_made_is_refused(void)
 {
-    TEST_ASSERT_NOT_NULL(strstr(opening("nonsense://", false), "kincal-fsw: no LCM network at nonsense://\n"));
+    TEST_ASSERT_NOT_NULL(
+        strstr(opening("nonsense://", false), "kincal-fsw: no LCM network at nonsense://\n"));
 }

@@ -433,7 +433,9 @@ void test_what_was_stored_last_comes_back(void)
 {
     for (int which = 1; which <= 5; which++) {
         TEST_ASSERT_EQUAL_INT(KC_OK, store_arm(which));
+        hear(2);
         TEST_ASSERT_EQUAL_INT(which, reloaded());
+        TEST_ASSERT_EQUAL_STRING("", heard());
     }
     TEST_ASSERT_TRUE(exists(s_dir, "k01.a") && exists(s_dir, "k01.b"));
     TEST_ASSERT_FALSE(exists(s_dir, "k01.tmp"));
@@ -492,6 +494,28 @@ void test_left_overs_of_a_write_that_was_cut_off_are_removed(void)
     write_file(s_dir, "k01.tmp", "half a tab", 10u);
     TEST_ASSERT_EQUAL_INT(1, reloaded());
     TEST_ASSERT_FALSE(exists(s_dir, "k01.tmp"));
+}
+
+/* Every kind of copy that there is, found again with its number, and deleted. */
+void test_every_kind_is_found_again_and_deleted(void)
+{
+    static const uint16_t kinds[] = {
+        KC_TBL_ARM,    KC_TBL_CAMERA, KC_TBL_TERMS,  KC_TBL_KIN,        KC_TBL_SPACE,
+        KC_TBL_KERNEL, KC_TBL_CONFIG, KC_STORE_PREV, KC_STORE_PROPOSAL, KC_STORE_JOURNAL,
+    };
+    for (uint32_t i = 0u; i < sizeof kinds / sizeof kinds[0]; i++) {
+        const kc_store_t s = {kinds[i], 10u + i, s_image}, gone = {kinds[i], 0u, s_image};
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &s));
+        close_store();
+        open_store();
+        TEST_ASSERT_EQUAL_UINT8(1u, s_f.there[kinds[i]][0]);
+        TEST_ASSERT_EQUAL_UINT64(1u, s_f.number[kinds[i]][0]);
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_files_store(&s_f, &gone));
+        for (uint32_t k = 0u; k < 2u; k++) {
+            TEST_ASSERT_EQUAL_UINT8(0u, s_f.there[kinds[i]][k]);
+            TEST_ASSERT_EQUAL_UINT64(0u, s_f.number[kinds[i]][k]);
+        }
+    }
 }
 
 void test_what_was_deleted_does_not_come_back(void)
@@ -672,7 +696,9 @@ void test_a_slot_that_is_gone_when_it_is_loaded_does_no_harm(void)
     const uint64_t *num = s_f.number[KC_TBL_ARM];
     (void)snprintf(s_path, sizeof s_path, "%s/%s", s_dir, num[1] > num[0] ? "k01.b" : "k01.a");
     TEST_ASSERT_EQUAL_INT(0, unlink(s_path));
+    overhear();
     TEST_ASSERT_TRUE(kc_files_load(&s_f, s_tables, APP) >= 0);
+    expect_said("can't use the stored copy k01.b: No such file");
     kc_app_boot(APP);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.01, kc_app_active(APP)->arm.tool_xyz_m[2]); /* the one before */
 }
@@ -733,6 +759,7 @@ void test_more_table_files_than_there_is_room_for_do_no_harm(void)
         write_file(s_tables, name, s_image, s_n);
     }
     TEST_ASSERT_EQUAL_INT(4, reloaded());
+    TEST_ASSERT_EQUAL_INT(KC_FILES_TABLES, kc_files_load(&s_f, s_tables, APP));
 }
 
 void test_a_tables_directory_that_is_not_there_is_refused(void)
@@ -1604,6 +1631,10 @@ void test_after_a_write_that_was_taken_back_the_only_copy_is_not_written_over(vo
     s_m.harm = FAILS_ONCE;
     TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, store_arm(3));
     s_m.on = false;
+    struct stat st;
+    TEST_ASSERT_EQUAL_INT(0, stat(s_dir, &st));
+    TEST_ASSERT_TRUE(s_m.n_synced > 0u &&
+                     s_m.synced[(s_m.n_synced - 1u) % 8u] == st.st_ino); /* what was undone */
     TEST_ASSERT_FALSE(exists(s_dir, "k01.a"));
     TEST_ASSERT_EQUAL_UINT64(0u, s_f.number[KC_TBL_ARM][0]);
     TEST_ASSERT_EQUAL_UINT8(0u, s_f.there[KC_TBL_ARM][0]);

@@ -150,11 +150,14 @@ void test_a_text_with_anything_wrong_is_refused(void)
     refused_text("kincal-keys 1\n99999999999999999999999 " A "\n", NO_NUMBER);
     refused_text("kincal-keys 1\n " A "\n", NO_NUMBER);
     refused_text("kincal-keys 1\n7\t" A "\n", NO_NUMBER);
-    refused_text("kincal-keys 1\n7 " A "\n7 " B "\n", "two keys have the same number"); /* twice the same number */
+    refused_text("kincal-keys 1\n7 " A "\n7 " B "\n",
+                 "two keys have the same number"); /* twice the same number */
     refused_text("kincal-keys 1\n7 " A "\n8 " B "\n9 " A "\n", "more than two keys");
     refused_text("kincal-keys 1\n7 " A "\n\n", NO_NUMBER);
-    refused_text("kincal-keys 1\n7 0000000000000000000000000000000000000000000000000000000000000000\n", NO_SECRET);
-    refused_text("kincal-keys 1\n7 0g0102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1e1\n", NO_SECRET);
+    refused_text("kincal-keys 1\n7 0000000000000000000000000000000000000000000000000000000000000000\n",
+                 NO_SECRET);
+    refused_text("kincal-keys 1\n7 0g0102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1e1\n",
+                 NO_SECRET);
     given_file("kincal-keys 1\n7 " A "\n\0\n", 83u, 0600); /* a zero in the text */
     refused("not a key file");
     memset(&longer[14], '\n', sizeof longer - 15u);

@@ -20,7 +20,7 @@ void setUp(void)
     s_rng = 3u;
     for (uint32_t i = 0u; i < LD * LD; i++) {
         s_A[i] = uniform();
-        s_B[i] = s_C[i] = -777.0; /* what must not be touched */
+        s_B[i] = s_C[i] = i < N * LD ? -777.0 : -888.0; /* what must not be touched */
     }
 }
 
@@ -58,7 +58,7 @@ void test_cholesky_gives_back_the_matrix_and_leaves_the_upper_triangle(void)
         }
         for (uint32_t j = i + 1u; j < N; j++) { TEST_ASSERT_EQUAL_DOUBLE(s_B[i * LD + j], s_C[i * LD + j]); }
         TEST_ASSERT_EQUAL_DOUBLE(-777.0, s_C[i * LD + N]);
-        TEST_ASSERT_EQUAL_DOUBLE(-777.0, s_C[N * LD + i]);
+        TEST_ASSERT_EQUAL_DOUBLE(-888.0, s_C[N * LD + i]);
     }
 }
 
@@ -97,7 +97,7 @@ static void assert_inverse(const double *A, const double *inv)
             TEST_ASSERT_EQUAL_DOUBLE(inv[j * LD + i], inv[i * LD + j]);
         }
         TEST_ASSERT_EQUAL_DOUBLE(-777.0, inv[i * LD + N]);
-        TEST_ASSERT_EQUAL_DOUBLE(-777.0, inv[N * LD + i]);
+        TEST_ASSERT_EQUAL_DOUBLE(-888.0, inv[N * LD + i]);
     }
 }
 
@@ -506,4 +506,16 @@ void test_the_rank_is_cut_where_it_is_said(void)
         TEST_ASSERT_EQUAL_UINT32(2u + i, s_rank);
         TEST_ASSERT_EQUAL_DOUBLE(last[i], s_pivot[2]);
     }
+}
+
+/* What is left of a dependent column beyond those that count, here a thousandth of it, is in no coefficient. */
+void test_a_coefficient_is_that_of_the_columns_that_count(void)
+{
+    double R[9] = {2.0, 1.0, 0.5, 0.0, 1.0, 0.3, 0.0, 0.0, 1.9e-3};
+    given_unit_scale();
+    kc_la_rank(R, 3u, 3u, s_scale, 1e-3, s_perm, s_pivot, &s_rank);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_rank);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_perm[2]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.1, R[0 * 3 + 2]); /* 0.1 (2, 0) + 0.3 (1, 1) = (0.5, 0.3) */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.3, R[1 * 3 + 2]);
 }

@@ -619,8 +619,8 @@ void test_every_field_comes_back_from_an_image(void)
 
 /* ---- arrays: every element of them has the limits, and comes back from an image ---- */
 
-#define ARRAY(KIND, field, index, type, member, letter, most)                                                \
-    {{KC_TBL_##KIND, field, index, offsetof(type, member), letter, 0.0, most, false},                        \
+#define ARRAY(KIND, field, index, type, member, letter, most)                         \
+    {{KC_TBL_##KIND, field, index, offsetof(type, member), letter, 0.0, most, false}, \
      (uint32_t)(sizeof(((type *)0)->member) / sizeof(((type *)0)->member[0]))}
 static const struct {
     limit_t first;

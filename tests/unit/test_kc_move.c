@@ -84,8 +84,19 @@ void test_an_arm_command_that_got_lost_is_sent_again(void)
     (void)world_do(KC_CMD_START, -1, 0, 1);
     int32_t seq = world.arm_cmd.seq;
     world_ticks(12u);
-    TEST_ASSERT_TRUE(world.arm_cmd.seq > seq);
+    TEST_ASSERT_EQUAL_INT(seq + 1, world.arm_cmd.seq); /* once, after a second */
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 200u));
+}
+
+void test_the_arm_moves_as_fast_as_config_says_and_is_held_at_full_speed(void)
+{
+    world.config.speed_scale = 0.5;
+    world_started();
+    TEST_ASSERT_EQUAL_INT(0, world.arm_cmd.hold);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, world.arm_cmd.speed_scale);
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+    TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.arm_cmd.speed_scale);
 }
 
 void test_a_servo_step_that_is_not_done_in_time_ends_it(void)
@@ -440,6 +451,9 @@ static void refused_path(uint32_t from, uint32_t to, double off)
     kc_path_joints(&kc_app_active(APP)->space, to, q);
     q[0] += q[0] > 0.0 ? -off : off;
     kc_work_t work = kc_work_of_step();
+    /* a check of another move that was broken off, and had found nothing */
+    APP->move.checking = true;
+    APP->move.check = (kc_guard_job_t){.verdict = KC_GUARD_OK, .over = true};
     kc_outcome_t oc = kc_move_send(&APP->move, &APP->view, &work, &world.out, from, to, q);
     TEST_ASSERT_EQUAL_INT(KC_OC_SKIP, oc.id);
     TEST_ASSERT_EQUAL_INT(seq, APP->move.seq);
@@ -559,7 +573,7 @@ static void off(kc_in_t *in)
 }
 
 /* An arm that echoes another target, or stands beside its own, in any one joint has not arrived. */
-void test_every_joint_has_to_be_told_and_to_arrive(void)
+void test_every_joint_has_to_echo_and_to_arrive(void)
 {
     for (uint32_t i = 0u; i < 14u; i++) {
         setUp();

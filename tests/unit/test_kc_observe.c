@@ -217,8 +217,10 @@ void test_the_search_goes_along_the_spiral(void)
         if (world.out.has_pantilt_cmd != 0u && APP->observe.i_search > 0u) {
             n++;
             kc_reach_spiral(APP->observe.i_search, &x, &y);
-            TEST_ASSERT_DOUBLE_WITHIN(1e-12, APP->observe.middle_pan_rad + 0.25 * x, world.out.pantilt_cmd.pan_rad);
-            TEST_ASSERT_DOUBLE_WITHIN(1e-12, APP->observe.middle_tilt_rad + 0.25 * y, world.out.pantilt_cmd.tilt_rad);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, APP->observe.middle_pan_rad + 0.25 * x,
+                                      world.out.pantilt_cmd.pan_rad);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, APP->observe.middle_tilt_rad + 0.25 * y,
+                                      world.out.pantilt_cmd.tilt_rad);
         }
         world_tick();
     }

@@ -169,7 +169,8 @@ void test_every_image_has_the_size_of_its_documented_fields(void)
         [KC_TBL_CAMERA] = 112u + 8u * 8u + 8u + 4u + 2u * 68u + 9u * 8u,
         [KC_TBL_TERMS] = 8u + 28u * 57u + 28u * 50u + 4u,
         [KC_TBL_KIN] = 4u + 28u * 16u + 28u,
-        [KC_TBL_SPACE] = 16u + 3u * 2u + 2u * 30u + 7u * 4u + 4u + 30u * 68u + 55u + 2u * (4u + 2u * 33u) + 7u * 32u,
+        [KC_TBL_SPACE] = 16u + 3u * 2u + 2u * 30u + 7u * 4u + 4u + 30u * 68u + 55u + 2u * (4u + 2u * 33u) +
+                         7u * 32u,
         [KC_TBL_KERNEL] = 14u + 2u * (44u + 21u * 8u),
         [KC_TBL_CONFIG] = 65u + 108u + 76u + 41u + 89u + 117u, /* designing to deciding */
     };
@@ -177,6 +178,9 @@ void test_every_image_has_the_size_of_its_documented_fields(void)
         given_image_of(kind);
         TEST_ASSERT_EQUAL_UINT32(16u + want[kind], s_n);
     }
+    given_space(&s_table.space, 2u, 1u); /* one segment, in a byte; two initial poses */
+    TEST_ASSERT_EQUAL_UINT32(16u + want[KC_TBL_SPACE] - 2u - 28u * 68u - 54u,
+                             given_image(KC_TBL_SPACE, &s_table, s_image));
 }
 
 void test_the_largest_search_space_fits_an_image(void)
@@ -360,7 +364,8 @@ void test_discard_empties_the_stage_and_says_so_once(void)
     kc_tbl_discard(&s_t, &s_ev);
     expect_event(KC_EVT_TBL_DISCARDED, KC_TBL_ARM, 0.0, 0.0);
     TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, s_t.staging.state);
-    TEST_ASSERT_EQUAL_UINT32(0u, s_t.staging.kind + s_t.staging.n + s_t.staging.total); /* as housekeeping has it */
+    TEST_ASSERT_EQUAL_UINT32(0u, s_t.staging.kind + s_t.staging.n +
+                                     s_t.staging.total); /* as housekeeping has it */
     expect_active_unchanged();
     forget_events();
     kc_tbl_discard(&s_t, &s_ev);
@@ -787,7 +792,7 @@ void test_a_correction_outside_its_bounds_is_refused(void)
 {
     given_all_active();
     given_correction(0.01);
-    s_table.kin.value[2] = 0.31;  /* J1.a_m, bound 0.3 */
+    s_table.kin.value[2] = 0.31; /* J1.a_m, bound 0.3 */
     s_table.kin.value[5] = -1.51; /* J2.alpha_rad, bound 1.5 */
     s_n = given_image(KC_TBL_KIN, &s_table, s_image);
     expect_image_refused(KC_TBL_KIN, KC_ERR_RANGE, KC_EVT_TBL_RANGE);

@@ -209,7 +209,23 @@ void test_a_measurement_goes_out_whole(void)
     fill(s.obs.cov, 36u, 0.0);
     fill(s.obs.p_m, 3u, 50.0);
     fill(s.obs.q_cam_wxyz, 4u, 60.0);
+    fill(s.arm.q_cmd, 8u, 11.0);
+    fill(s.arm.dq, 8u, 21.0);
+    fill(s.arm.g_m_s2, 3u, 31.0);
+    s.arm.temp_c = -40.0;
+    s.arm.payload_kg = 0.7;
+    fill(s.obs.q_wxyz, 4u, 80.0);
+    fill(s.obs.p_cam_m, 3u, 90.0);
     fill(s.det.p_cam_tool_m, 3u, 70.0);
+    fill(s.det.q_cam_tool_wxyz, 4u, 100.0);
+    fill(s.det.p_alt_m, 3u, 110.0);
+    fill(s.det.q_alt_wxyz, 4u, 120.0);
+    fill(s.det.corner_px, 32u, 200.0);
+    s.det.range_m = 0.9;
+    s.det.incid_rad = 0.3;
+    s.det.u_px = 640.0;
+    s.det.v_px = 480.0;
+    for (uint32_t k = 0u; k < KC_TBL_COUNT; k++) { s.crc[k] = 1000u + k; }
     s.det.n_tags = 2u;
     s.det.tag_id[1] = 1;
     s.det.rms_px = 0.4;
@@ -227,6 +243,27 @@ void test_a_measurement_goes_out_whole(void)
     TEST_ASSERT_EQUAL_DOUBLE(72.0, m.p_cam_tool_m[2]);
     TEST_ASSERT_EQUAL_INT(3, m.n_frames);
     TEST_ASSERT_EQUAL_INT(-1, m.crc_kin);
+    TEST_ASSERT_EQUAL_INT(1000 + KC_TBL_ARM, m.crc_arm);
+    TEST_ASSERT_EQUAL_INT(1000 + KC_TBL_CAMERA, m.crc_camera);
+    TEST_ASSERT_EQUAL_INT(1000 + KC_TBL_TERMS, m.crc_terms);
+    TEST_ASSERT_EQUAL_DOUBLE(18.0, m.q_cmd_rad[7]);
+    TEST_ASSERT_EQUAL_DOUBLE(28.0, m.dq_rad_s[7]);
+    TEST_ASSERT_EQUAL_DOUBLE(33.0, m.g_m_s2[2]);
+    TEST_ASSERT_EQUAL_DOUBLE(-40.0, m.temp_c);
+    TEST_ASSERT_EQUAL_DOUBLE(0.7, m.payload_kg);
+    TEST_ASSERT_EQUAL_DOUBLE(83.0, m.q_wxyz[3]);
+    TEST_ASSERT_EQUAL_DOUBLE(92.0, m.p_cam_m[2]);
+    TEST_ASSERT_EQUAL_DOUBLE(103.0, m.q_cam_tool_wxyz[3]);
+    TEST_ASSERT_EQUAL_DOUBLE(112.0, m.p_alt_m[2]);
+    TEST_ASSERT_EQUAL_DOUBLE(123.0, m.q_alt_wxyz[3]);
+    TEST_ASSERT_EQUAL_DOUBLE(231.0, m.corner_px[31]);
+    TEST_ASSERT_EQUAL_INT(2, m.n_tags);
+    TEST_ASSERT_EQUAL_INT(1, m.tag_id[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.9, m.range_m);
+    TEST_ASSERT_EQUAL_DOUBLE(0.3, m.incid_rad);
+    TEST_ASSERT_EQUAL_DOUBLE(640.0, m.u_px);
+    TEST_ASSERT_EQUAL_DOUBLE(480.0, m.v_px);
+    TEST_ASSERT_EQUAL_DOUBLE(0.4, m.rms_px);
 }
 
 void test_progress_and_proposal_go_out_whole(void)
