@@ -34,10 +34,12 @@ def _is_text(node: ast.expr) -> bool:
 @dataclass(frozen=True)
 class Place:
     """Where a mutant is. function: "" in the module or in a class; lines: those of its statement, or of the
-    function where it is a default of it; empty if it runs when the module is loaded."""
+    function where it is a default of it; empty outside of functions; loaded: whether it is run when the
+    module is loaded."""
 
     function: str
     lines: tuple[int, ...]
+    loaded: bool
 
 
 class Source:
@@ -46,6 +48,7 @@ class Source:
     def __init__(self, path: str, text: str) -> None:
         self.path, self.text, self.tree = path, text, ast.parse(text)
         self.lines = text.splitlines(keepends=True)
+        self.used = set(self._called(self.tree))  # names of functions that run when the module is loaded
         self.begin = [0]
         for line in self.lines:
             self.begin.append(self.begin[-1] + len(line))
@@ -67,7 +70,7 @@ class Source:
         """Every mutant, in the order of the text."""
         return [
             (Mutant(self.path, start, end, text), place)
-            for start, end, text, place in self._block(self.tree.body, Place("", ()))
+            for start, end, text, place in self._block(self.tree.body, Place("", (), True))
         ]
 
     def differs(self, mutant: Mutant) -> bool:
@@ -76,6 +79,18 @@ class Source:
             return ast.dump(ast.parse(mutant.of(self.text))) != ast.dump(self.tree)
         except SyntaxError:
             return False
+
+    def _called(self, node: ast.AST) -> Iterator[str]:
+        """Names that are called, or decorate, outside of functions."""
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Call) and isinstance(child.func, ast.Name):
+                yield child.func.id
+            if isinstance(child, _FUNCTION):
+                for decorator in child.decorator_list:
+                    yield from [decorator.id] if isinstance(decorator, ast.Name) else []
+                    yield from self._called(ast.Expression(decorator))
+            elif not isinstance(child, ast.Lambda):
+                yield from self._called(child)
 
     def _block(self, body: list[ast.stmt], place: Place) -> Iterator[tuple[int, int, str, Place]]:
         for node in body:
@@ -86,10 +101,11 @@ class Source:
                     continue
                 name = f"{place.function}.{node.name}".lstrip(".")
                 lines = tuple(range(node.body[0].lineno, (node.end_lineno or 0) + 1))
-                inside = Place(name, lines)
+                inside = Place(name, lines, place.loaded and bool(place.function) or node.name in self.used)
+                default_of = Place(name, lines, True)
                 for default in (*node.args.defaults, *node.args.kw_defaults):
                     if default is not None:
-                        yield from ((*change, inside) for change in self._default(default))
+                        yield from ((*change, default_of) for change in self._default(default))
                 yield from self._block(node.body, inside)
             elif isinstance(node, ast.ClassDef):
                 yield from self._block(node.body, place)
@@ -107,7 +123,7 @@ class Source:
             return place
         inner = getattr(node, "body", None)
         last = inner[0].lineno if isinstance(inner, list) and inner else (node.end_lineno or node.lineno) + 1
-        return Place(place.function, tuple(range(node.lineno, max(last, node.lineno + 1))))
+        return Place(place.function, tuple(range(node.lineno, max(last, node.lineno + 1))), place.loaded)
 
     def _statement(self, node: ast.stmt) -> Iterator[tuple[int, int, str]]:
         """Changes in a statement, but for those in the statements inside."""

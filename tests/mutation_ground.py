@@ -1,6 +1,6 @@
 """Change the ground's safety code one token or statement at a time and see whether its tests notice.
 
-    mutation_ground.py [ROOM ...] [--number 100] [--seed 1] [--jobs 1] [--patience 5]
+    mutation_ground.py [ROOM ...] [--number 100] [--seed 1] [--jobs 1] [--patience 3]
                        [--file PATH] [--at LINE]
 
 Rooms are named below: the modules that stand between a person and a wrong table or command on board. Of each,
@@ -14,7 +14,8 @@ than 5 % are alive with a reason in tests/mutation.csv. The sources in the tree 
 happens in build/mutation-ground. A second start goes on where the first one was ended."""
 
 import argparse
-import contextlib
+import functools
+import gc
 import hashlib
 import importlib
 import importlib.abc
@@ -33,7 +34,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import CodeType
+from types import CodeType, FunctionType
 from typing import Any
 
 from mutants import ROOT, Count, Mutant
@@ -57,6 +58,7 @@ ROOMS = {
 FILES = (
     "review", "journal", "keys", "tables", "bounds", "export", "flight", "flight_arm", "flight_events",
     "schema", "schema_terms", "lcmlog", "hostile", "former", "errors", "outputs",
+    "review_details", "keys_details", "tables_details", "uplink_details",
 )  # fmt: skip
 
 
@@ -112,6 +114,27 @@ class Instead(importlib.abc.MetaPathFinder):
         if spec is not None and spec.origin is not None:
             spec.loader = Loader(name, spec.origin)
         return spec
+
+
+def patch(mutant: Mutant, source: str) -> None:
+    """Give the functions of a loaded module the code of the mutant."""
+    name, line = module_name(mutant.path), mutant.line(source)
+    new: dict[tuple[str, int], CodeType] = {}
+    waiting = [compile(mutant.of(source), str(ROOT / mutant.path), "exec", dont_inherit=True)]
+    while waiting:
+        code = waiting.pop()
+        waiting += [x for x in code.co_consts if isinstance(x, CodeType)]
+        if code.co_firstlineno <= line:  # those behind it may have moved
+            new[code.co_qualname, code.co_firstlineno] = code
+    gc.unfreeze()
+    for found in gc.get_objects():
+        if isinstance(found, FunctionType) and found.__module__ == name:
+            old = found.__code__
+            found.__code__ = new.get((old.co_qualname, old.co_firstlineno), old)
+        elif isinstance(found, functools._lru_cache_wrapper):
+            module = str(getattr(found, "__module__", ""))
+            if module.startswith("kincal") and module != "kincal.flight.builds":  # reads no source of a room
+                found.cache_clear()
 
 
 # --------------------------------------------------------------------------- which tests reach which lines
@@ -196,16 +219,12 @@ def record(file: Path, out: Path) -> None:
         for line, contexts in data.contexts_by_lineno(name).items():
             for context in filter(None, contexts):
                 reached.setdefault(context, {}).setdefault(os.path.relpath(name, ROOT), []).append(line)
-    loaded = [n for n, m in sys.modules.items() if not str(getattr(m, "__file__", "")).startswith(str(TESTS))]
-    outside = [n for n in loaded if n.partition(".")[0] not in ("kincal", "kincal_sim", "kcm", "coverage")]
-    found = {
-        "seconds": recorder.seconds, "fixtures": recorder.fixtures, "reached": reached, "modules": outside
-    }  # fmt: skip
+    found = {"seconds": recorder.seconds, "fixtures": recorder.fixtures, "reached": reached}
     out.write_text(json.dumps(found))
 
 
-def reach(jobs: int) -> tuple[Reach, list[str]]:
-    """What the tests reach, measured for files that changed since; and the modules that they load."""
+def reach(jobs: int) -> Reach:
+    """What the tests reach, measured for files that changed since."""
     sources = sorted((GROUND / "kincal").rglob("*.py")) + sorted((ROOT / "sim/kincal_sim").rglob("*.py"))
     common = digest([*sources, *helpers()])
     WORK.mkdir(parents=True, exist_ok=True)
@@ -225,18 +244,16 @@ def reach(jobs: int) -> tuple[Reach, list[str]]:
     lines: dict[tuple[str, int], set[str]] = {}
     of_files: dict[str, set[str]] = {}
     seconds: dict[str, float] = {}
-    loaded: dict[str, None] = {}
     for out in stored.values():
         found = json.loads(out.read_text())
         seconds |= found["seconds"]
-        loaded |= dict.fromkeys(found["modules"])
         for test, fixtures in found["fixtures"].items():
             for context in (test, *(f"fixture {name}" for name in fixtures)):
                 for path, numbers in found["reached"].get(context, {}).items():
                     of_files.setdefault(path, set()).add(test)
                     for line in numbers:
                         lines.setdefault((path, line), set()).add(test)
-    return Reach(seconds, lines, of_files), list(loaded)
+    return Reach(seconds, lines, of_files)
 
 
 def forked(act: Callable[[], None], log: Path) -> int:
@@ -304,19 +321,40 @@ class Trial:
         return Hooks()
 
 
-def tried(mutant: Mutant, source: str, order: Sequence[str], seconds: dict[str, float], answer: int) -> None:
-    """In a process of its own: run tests with the mutant in place; what kills it goes into the pipe."""
+def limited(order: Sequence[str], seconds: dict[str, float], answer: int) -> Trial:
+    """In a process of its own: bounds of what it may take."""
     resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     trial = Trial(order, seconds, answer)
     signal.signal(signal.SIGALRM, trial.killed)
     signal.setitimer(signal.ITIMER_REAL, 2.0 * LIMIT_S)
-    sys.meta_path.insert(0, Instead(mutant, source))
+    return trial
+
+
+def tried_patched(mutant: Mutant, source: str, trial: Trial, session: Any) -> None:
+    """Run tests that were collected before, with the functions of the module changed."""
     import pytest
 
-    files = dict.fromkeys(test.partition("::")[0] for test in order)
-    status = pytest.main(pytest_arguments(list(files)), [trial.hooks(pytest)])
-    if status != 0:
+    items = {item.nodeid: item for item in session.items if item.nodeid in trial.order}
+    chosen = sorted(items.values(), key=lambda item: trial.order[item.nodeid])
+    session.config.pluginmanager.register(trial.hooks(pytest))
+    session.config._tmp_path_factory._given_basetemp = scratch(os.getpid())
+    patch(mutant, source)
+    for item, following in zip(chosen, [*chosen[1:], None], strict=True):
+        item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+
+
+def tried_loaded(mutant: Mutant, source: str, trial: Trial) -> None:
+    """Load everything of KinCal anew, with the mutant in place, and run tests."""
+    import pytest
+
+    for name, module in list(sys.modules.items()):
+        file = str(getattr(module, "__file__", ""))
+        if name.partition(".")[0] in ("kincal", "kincal_sim") or file.startswith(str(TESTS / "ground")):
+            del sys.modules[name]
+    sys.meta_path.insert(0, Instead(mutant, source))
+    files = dict.fromkeys(test.partition("::")[0] for test in trial.order)
+    if pytest.main(pytest_arguments(list(files)), [trial.hooks(pytest)]) != 0:
         trial.killed()
 
 
@@ -334,10 +372,8 @@ class Trials:
 
     def __init__(self, jobs: int, patience_s: float) -> None:
         self.jobs, self.patience_s = jobs, patience_s
-        self.reach, outside = reach(jobs)
-        for name in outside:  # forked processes have them then; kincal itself they load anew
-            with contextlib.suppress(Exception):
-                importlib.import_module(name)
+        self.reach = reach(jobs)
+        self.session: Any = None  # of pytest, with all tests collected
         self.sources = digest([*sorted((GROUND / "kincal").rglob("*.py")), *helpers()])
         self.results = WORK / "tried.jsonl"
         self.done: dict[str, str] = {}
@@ -376,10 +412,17 @@ class Trials:
         return chosen
 
     def start(self, mutant: Mutant, place: Place, source: str) -> None:
-        order, seconds = self.order(mutant, place), self.reach.tests
+        order = self.order(mutant, place)
         answer, write = os.pipe()
-        log = WORK / f"trial-{len(self.running)}.txt"
-        pid = forked(lambda: tried(mutant, source, order, seconds, write) if order else None, log)
+
+        def act() -> None:
+            trial = limited(order, self.reach.tests, write)
+            if place.loaded and order:
+                tried_loaded(mutant, source, trial)
+            elif order:
+                tried_patched(mutant, source, trial, self.session)
+
+        pid = forked(act, WORK / f"trial-{len(self.running)}.txt")
         os.close(write)
         self.running[pid] = Running(mutant, place, answer)
 
@@ -420,9 +463,11 @@ class Trials:
 
     def check(self, path: str, source: str) -> None:
         """Ends this process if the tests fail with the module as it is, loaded as mutants are."""
-        self.start(Mutant(path, 0, 0, ""), Place("", ()), source)
-        if killer := self.finish()[2]:
-            sys.exit(f"{path} without any change is killed by {killer}\n{(WORK / 'trial-0.txt').read_text()}")
+        for loaded in (True, False):
+            self.start(Mutant(path, 0, 0, ""), Place("", (), loaded), source)
+            if killer := self.finish()[2]:
+                log = (WORK / "trial-0.txt").read_text()
+                sys.exit(f"{path} without any change is killed by {killer}\n{log}")
 
 
 def drawn(room: str, number: int, seed: int, file: str, at: int) -> list[tuple[Mutant, Place, str]]:
@@ -449,24 +494,46 @@ def main() -> int:
     parser.add_argument("--number", type=int, default=100, help="mutants of each room")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--patience", type=float, default=5.0, help="of the tests of a mutant [s]")
+    parser.add_argument("--patience", type=float, default=3.0, help="of the tests of a mutant [s]")
     parser.add_argument("--file", default="", help="only mutants of this file")
     parser.add_argument("--at", type=int, default=0, help="only mutants of this line")
     args = parser.parse_args()
     if unknown := set(args.rooms) - set(ROOMS):
         parser.error(f"no such room: {', '.join(sorted(unknown))}; rooms are {' '.join(ROOMS)}")
-    trials, good = Trials(args.jobs, args.patience), True
+    trials = Trials(args.jobs, args.patience)
+    import pytest
+
+    class Loop:
+        """Once the tests are collected, mutants are tried in place of running them."""
+
+        status = 1
+
+        def pytest_runtestloop(self, session: Any) -> bool:
+            trials.session = session
+            self.status = judged(trials, args)
+            return True
+
+    loop = Loop()
+    names = [str(file.relative_to(TESTS)) for file in paths_of_tests()]
+    pytest.main([*pytest_arguments(names), "-qq", "-s", "--no-summary"], [loop])
+    shutil.rmtree(WORK / "tmp", ignore_errors=True)
+    return loop.status
+
+
+def judged(trials: Trials, args: argparse.Namespace) -> int:
+    """Draws, tries and counts; the exit status."""
+    good = True
+    gc.freeze()
     for room in args.rooms:
         found, count = drawn(room, args.number, args.seed, args.file, args.at), Count()
         if not found:
-            parser.error(f"nothing to change there in {room}")
+            sys.exit(f"nothing to change there in {room}")
         trials.check(found[0][0].path, found[0][2])
         sources = {mutant.path: source for mutant, _, source in found}
         for mutant, place, killer in trials.all(found):
             count.add(mutant, place.function, sources[mutant.path], bool(killer))
         good = good and count.share >= LEAST_SHARE and count.excused <= MOST_EXCUSED * count.total
         print(f"{room}: {count.text}", flush=True)
-    shutil.rmtree(WORK / "tmp", ignore_errors=True)
     return 0 if good else 1
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from mutants import Count, Mutant
 from mutants_python import Source
-from mutation_ground import MOST_EXCUSED, ROOMS, Instead, digest, drawn, modules, paths_of_tests
+from mutation_ground import MOST_EXCUSED, ROOMS, Instead, digest, drawn, modules, patch, paths_of_tests
 
 TEXT = '''"""Ä docstring: 1 < 2."""
 from __future__ import annotations
@@ -117,3 +117,17 @@ def test_what_was_found_is_forgotten_when_a_test_file_changes(tmp_path, monkeypa
     before = digest([file])
     file.write_text("2")
     assert digest([file]) != before
+
+
+def test_the_functions_of_a_loaded_module_take_the_code_of_a_mutant():
+    path = "ground/kincal/keys.py"
+    text = (Path(__file__).parents[2] / path).read_text()
+    at = text.index("+ 1", text.index("def counting()"))
+    keys = importlib.import_module("kincal.keys")
+    old = keys.counting.__code__
+    try:
+        patch(Mutant(path, at, at + 3, "+ 5"), text)
+        assert keys.counting()(1) == 5
+    finally:
+        keys.counting.__code__ = old
+    assert keys.counting()(1) == 1
