@@ -113,7 +113,8 @@ class Comparison:
     @cached_property
     def table_error(self) -> PosRot | None:
         """Error on the held-out poses of what a DH table holds of a calibration without effects, where that
-        is less than all of it: no turns between parallel axes. None otherwise, or if no poses are held out."""
+        is less than all of it: no turns between parallel axes. None otherwise, or if no poses are held
+        out."""
         part = self.fit_part
         if self.held_data is None or part.hypotheses or not any(map(is_beta, part.names)):
             return None
