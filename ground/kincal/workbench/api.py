@@ -15,7 +15,7 @@ from kincal.errors import CannotAnswer
 from kincal.schema.arm import ArmTable
 from kincal.schema.names import UNNAMED, is_unnamed, split_constants
 
-from .additions import Addition, Additions, add_one, add_unnamed
+from .additions import Addition, Additions, add_one, add_unnamed, only
 from .beside import Begin, when_asked
 from .compare import Comparison, compare
 from .constants import choose_constants
@@ -25,10 +25,10 @@ from .effects import Effect, Hypothesis, Library
 from .fit import Fit, fit_model
 from .grids import data_constants
 from .hypotheses import by_constants, covers, merged_if_several
-from .nested import NestedModels, fit_nested
+from .nested import EffectGain, NestedModels, fit_nested, harmful
 from .nextposes import NextPose, next_poses
 from .power import Confounding, Harm, confounding, harm
-from .smooth import UnnamedName
+from .smooth import SmoothEffect, UnnamedName
 from .types import Array, Progress, no_progress
 
 _CERTAIN = 0.9  # probability from which on an effect needs no more poses
@@ -104,12 +104,15 @@ class Found:
     """Names of effects, the unnamed ones among them found in the data.
 
     names: what was asked for, in its order, "unnamed" replaced by what was found; additions: the terms of
-    each unnamed effect and what it brings; all_of_them: of the last "unnamed", None if it was not asked for.
+    each unnamed effect and what it brings; all_of_them: of the last "unnamed", None if it was not asked for;
+    against: what speaks against unnamed effects, as a fit finds it: those that "unnamed" found were left out,
+    one that was asked for by its name stays.
     """
 
     names: tuple[str, ...]
     additions: tuple[Addition, ...] = ()
     all_of_them: Additions | None = None
+    against: tuple[EffectGain, ...] = ()
 
 
 def find_unnamed(
@@ -125,9 +128,9 @@ def find_unnamed(
     """Effects with the terms of the unnamed ones chosen on the fit poses of the data.
 
     names: of any effects; "unnamed[joint 1: q1, q3]" is the smooth function there, "unnamed" as many of them
-    as pay (`add_unnamed`), each beside the effects before it and `beside`. Errors as `fit`; BadInput for a
-    place or a driver that there is not; CannotAnswer where the data do not vary the driver, or ask for no
-    term of that function.
+    as pay (`add_unnamed`), each beside the effects before it and `beside`, without those that a fit would
+    advise against. Errors as `fit`; BadInput for a place or a driver that there is not; CannotAnswer where
+    the data do not vary the driver, or ask for no term of that function.
     """
     known, found = library or Library.load(), Found(())
     for name in names:
@@ -140,14 +143,50 @@ def find_unnamed(
         comparison = compare(arm, data, hypotheses, dh=dh)
         if name == UNNAMED:
             every = add_unnamed(comparison, hypotheses, dh=dh, progress=progress)
-            found = replace(found, all_of_them=every)
+            every, against = _harmless(comparison, hypotheses, every, dh=dh, progress=progress)
+            found = replace(found, all_of_them=every, against=(*found.against, *against))
             new = every.steps
         else:
             new = (add_one(comparison, UnnamedName.parse(name), hypotheses, dh=dh),)
+            speaks = _against(comparison, hypotheses, [new[0].effect], dh=dh, progress=progress)
+            found = replace(found, against=(*found.against, *speaks))
         called = tuple(str(addition.effect.name) for addition in new)
         found = replace(found, names=(*found.names, *called), additions=(*found.additions, *new))
         known = known.with_unnamed([addition.effect.entry() for addition in new])
     return found
+
+
+def _harmless(
+    comparison: Comparison,
+    hypotheses: Sequence[Hypothesis],
+    every: Additions,
+    *,
+    dh: bool,
+    progress: Progress,
+) -> tuple[Additions, list[EffectGain]]:
+    """The unnamed effects without those that `fit` would advise against, and why those were left out. The
+    worst goes first: without it others may do no harm."""
+    effects, out = [step.effect for step in every.steps], list[EffectGain]()
+    while against := _against(comparison, hypotheses, effects, dh=dh, progress=progress):
+        worst = max(against, key=lambda g: g.interval[0]).effect
+        out += [g for g in against if g.effect == worst]
+        effects = [effect for effect in effects if str(effect.name) != worst]
+    return (only(comparison, hypotheses, effects, dh=dh) if out else every), out
+
+
+def _against(
+    comparison: Comparison,
+    hypotheses: Sequence[Hypothesis],
+    effects: Sequence[SmoothEffect],
+    *,
+    dh: bool,
+    progress: Progress,
+) -> tuple[EffectGain, ...]:
+    """What speaks against unnamed effects beside those of a model."""
+    names = [str(effect.name) for effect in effects]
+    whole = (*hypotheses, *(effect.hypothesis for effect in effects))
+    arm, data = comparison.fit_all.arm, comparison.data
+    return harmful(arm, data, whole, names, dh=dh, progress=progress) if names else ()
 
 
 def _check_needs(library: Library, names: Iterable[str], arm: ArmTable, data: Measurements) -> None:
