@@ -16,6 +16,7 @@
 #include <stdint.h>
 
 #include "kc_app.h"
+#include "kc_store.h"
 
 #define KC_SLOT_HDR_BYTES 24u
 #define KC_FILES_PATH_MAX 1024

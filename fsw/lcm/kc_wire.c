@@ -13,7 +13,7 @@ static int32_t i32(uint32_t x) { return (int32_t)x; }
         memcpy(&(to), &(from), sizeof(to));                                                         \
     } while (0)
 #define COPY(to, from) COPY_AS(to, from, (to)[0], (from)[0])
-/* Of a list in kc_app.h, between the structs that `from` and `to` point to. */
+/* Of a list in kc_messages.h, between the structs that `from` and `to` point to. */
 #define COPY_FIELD(type, name) COPY_AS(to->name, from->name, to->name, from->name);
 #define COPY_ARRAY(type, name, count) COPY(to->name, from->name);
 #define COPY_FIELDS(LIST) LIST(COPY_FIELD, COPY_ARRAY)

@@ -1,9 +1,9 @@
 /* Between LCM messages and the component's structs, units unchanged: what both name alike is copied by the lists of
- * fields in kc_app.h, the rest by hand. Nothing is checked here; the component does that. */
+ * fields in kc_messages.h, the rest by hand. Nothing is checked here; the component does that. */
 #ifndef KC_WIRE_H
 #define KC_WIRE_H
 
-#include "kc_app.h"
+#include "kc_channels.h"
 #include "kcm.h"
 
 /* kc_wire_cmd(from, to) and so on, one for each channel to flight. kc_wire_arm keeps the faults that `to` holds: the
