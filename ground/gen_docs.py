@@ -212,7 +212,10 @@ def block_states() -> str:
     """States of the sequencer."""
     return table(
         ("state", "name", "what happens"),
-        [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in c_enum("fsw/state/kc_states.h", "kc_state_t")],
+        [
+            (v, f"`{n.removeprefix('KC_ST_')}`", c)
+            for v, n, c in c_enum("fsw/state/kc_states.h", "kc_state_t")
+        ],
     )
 
 
