@@ -136,7 +136,7 @@ mutation: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## do the unit tes
 	$(call compile,rel,units)
 	$(Q)$(PYTHON) tests/mutation.py $(FILES) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS)) $(if $(PATIENCE),--patience $(PATIENCE))
 mutation-short: ## a few of them, of what guards the arm and takes commands
-	$(Q)$(MAKE) mutation FILES="fsw/motion/kc_guard.c fsw/command/kc_cmd.c fsw/store/kc_change.c" N=5
+	$(Q)$(MAKE) mutation FILES="fsw/motion/kc_guard.c fsw/command/kc_cmd.c fsw/app/kc_dispatch.c fsw/store/kc_change.c" N=5
 
 # The same bits everywhere: recorded calibrations give the same telemetry and tables on every CPU and with every compiler,
 # also without an operating system. Unit tests on other CPUs besides. fma needs a processor that has it.

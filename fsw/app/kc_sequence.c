@@ -4,6 +4,7 @@
 
 #include "kc_app_parts.h"
 #include "kc_approach.h"
+#include "kc_dispatch.h"
 #include "kc_measure.h"
 #include "kc_propose.h"
 #include "kc_select.h"
@@ -251,83 +252,6 @@ void kc_sequence_detections(kc_app_t *app, kc_work_t *work, const kc_in_t *in, k
     }
 }
 
-static kc_answer_t start(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
-{
-    const kc_view_t *v = &app->view;
-    double dist = 0.0;
-    kc_start_t ask;
-    kc_answer_t answer = kc_cmd_start(v, c, &ask, out);
-    if (answer.status != KC_OK) { return answer; }
-    if (kc_move_node(&app->move, v, &dist) == KC_NODE_NONE) {
-        return kc_answer_refuse(&out->events, KC_EVT_CAL_NO_PATH, -1, dist, 1.0, KC_ERR_PATH);
-    }
-    kc_tbl_discard(&app->tables, &out->events);
-    kc_select_start(&app->cal, &app->plan, v, &ask, out);
-    kc_update_start(&app->learned, &app->est, &app->arena.calibration, v, ask.free_mask);
-    kc_observe_begin(&app->observe);
-    app->rng = ask.seed;
-    kc_work_spend(work, kc_update_start_cost(v));
-    return answer;
-}
-
-static kc_answer_t in_review(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
-{
-    uint32_t crc = (uint32_t)c->arg_i[0];
-    bool waits = app->place.state == KC_ST_REVIEW, armed = app->place.state == KC_ST_ARMED;
-    if (c->opcode == KC_CMD_APPROVE_ARM && waits) {
-        return kc_review_arm(&app->review, crc, c->arg_i[1], out);
-    }
-    if (c->opcode == KC_CMD_APPROVE_GO && armed) {
-        return kc_review_go(&app->review, &app->tables, crc, out);
-    }
-    if (c->opcode == KC_CMD_REJECT && (waits || armed)) { return kc_review_reject(&app->review, crc, out); }
-    return kc_cmd_not_now(&app->view, c, out);
-}
-
-static kc_answer_t rollback(kc_app_t *app, const kc_cmd_t *c, kc_out_t *out)
-{
-    if (!kc_cmd_tables_free(&app->view)) { return kc_cmd_not_now(&app->view, c, out); }
-    return kc_review_rollback(&app->tables, (uint32_t)c->arg_i[0], out);
-}
-
-/* A table is checked, decoded and compared as a whole: a step has time for a large one, or for several small. */
-static kc_answer_t table(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
-{
-    if (!kc_work_take(work, kc_tbl_cost(&app->tables))) {
-        return kc_answer_refuse(&out->events, KC_EVT_CMD_WORK, c->opcode, 0.0, 0.0, KC_ERR_STATE);
-    }
-    return kc_cmd_table(&app->tables, &app->view, c, out);
-}
-
-static kc_answer_t execute(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
-{
-    switch (c->opcode) {
-    case KC_CMD_NOOP: return kc_answer_ok(KC_OC_STAY);
-    case KC_CMD_START: return start(app, c, work, out);
-    case KC_CMD_ABORT: return kc_answer_ok(KC_OC_ABORT);
-    case KC_CMD_APPROVE_ARM:
-    case KC_CMD_APPROVE_GO:
-    case KC_CMD_REJECT: return in_review(app, c, out);
-    case KC_CMD_ROLLBACK: return rollback(app, c, out);
-    case KC_CMD_TABLE_VALIDATE:
-    case KC_CMD_TABLE_ACTIVATE:
-    case KC_CMD_TABLE_DISCARD: return table(app, c, work, out);
-    case KC_CMD_TABLE_DUMP: return kc_dump_begin(&app->dump, &app->review, &app->view, c, out);
-    default:
-        return kc_answer_refuse(&out->events, KC_EVT_CMD_UNKNOWN, -1, (double)c->opcode, 0.0, KC_ERR_ARG);
-    }
-}
-
-static kc_change_kind_t change_of(int32_t opcode)
-{
-    switch (opcode) {
-    case KC_CMD_APPROVE_GO: return KC_CHANGE_APPROVE;
-    case KC_CMD_REJECT: return KC_CHANGE_REJECT;
-    case KC_CMD_ROLLBACK: return KC_CHANGE_ROLLBACK;
-    default: return KC_CHANGE_TABLE;
-    }
-}
-
 void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)
 {
     for (uint32_t i = 0u; i < in->n_chunk && i < KC_CHUNK_QUEUE_MAX; i++) {
@@ -335,15 +259,6 @@ void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_
         kc_cmd_chunk(&app->cmd_log, &app->tables, &app->view, &in->chunk[i], out);
     }
     for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
-        const kc_cmd_t *c = &in->cmd[i];
-        if (c->auth.key_id != 0u) { kc_work_spend(work, kc_auth_cost(KC_SIGNED_HEAD_MAX)); }
-        kc_answer_t answer = kc_cmd_admit(&app->cmd_log, &app->view, c, out);
-        if (answer.status == KC_OK) { answer = execute(app, c, work, out); }
-        if (answer.outcome.id == KC_OC_STORE) { /* answered when it is stored */
-            kc_change_begin(&app->change, change_of(c->opcode), &app->view, c);
-        } else {
-            kc_cmd_answer(&app->cmd_log, c, &answer, out);
-        }
-        (void)follow(app, answer.outcome, work, out);
+        (void)follow(app, kc_dispatch(app, &in->cmd[i], work, out), work, out);
     }
 }

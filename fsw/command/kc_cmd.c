@@ -123,12 +123,13 @@ static kc_answer_t by_number(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd
     return kc_answer_ok(KC_OC_STAY);
 }
 
-kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out)
+kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, kc_sender_t sender, const kc_view_t *v, const kc_cmd_t *c,
+                         kc_out_t *out)
 {
     uint8_t head[KC_SIGNED_HEAD_MAX];
-    if (c->opcode == KC_CMD_ABORT) { return kc_answer_ok(KC_OC_STAY); }
+    if (sender == KC_SENDER_ANYBODY) { return kc_answer_ok(KC_OC_STAY); }
     if (!known_source(c->source)) { return unknown_source(c->source, out); }
-    if (c->auth.key_id == 0u && c->opcode == KC_CMD_NOOP) { return by_number(log, v, c, out); }
+    if (c->auth.key_id == 0u && sender == KC_SENDER_UNSIGNED) { return by_number(log, v, c, out); }
     kc_auth_text_t text = kc_signed_cmd(c, head);
     return by_signature(log, v, KC_SIGNED_CMD, c->source, &c->auth, c->t_us, &text, out);
 }
@@ -151,19 +152,14 @@ kc_answer_t kc_cmd_not_now(const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out)
                             KC_ERR_STATE);
 }
 
-bool kc_cmd_tables_free(const kc_view_t *v)
+kc_answer_t kc_cmd_busy(const kc_view_t *v, kc_out_t *out)
 {
-    return v->place->state == KC_ST_IDLE || v->place->state == KC_ST_SAFE;
+    return kc_answer_refuse(&out->events, KC_EVT_TBL_BUSY, -1, (double)v->place->state, 0.0, KC_ERR_STATE);
 }
 
 static kc_answer_t bad_arg(kc_out_t *out, int32_t index, double got, double most)
 {
     return kc_answer_refuse(&out->events, KC_EVT_CMD_ARG, index, got, most, KC_ERR_ARG);
-}
-
-static kc_answer_t busy(const kc_view_t *v, kc_out_t *out)
-{
-    return kc_answer_refuse(&out->events, KC_EVT_TBL_BUSY, -1, (double)v->place->state, 0.0, KC_ERR_STATE);
 }
 
 /* ---- START ---- */
@@ -221,7 +217,6 @@ static kc_answer_t start_args(const kc_active_t *a, const kc_cmd_t *c, kc_start_
 
 kc_answer_t kc_cmd_start(const kc_view_t *v, const kc_cmd_t *c, kc_start_t *ask, kc_out_t *out)
 {
-    if (!kc_cmd_tables_free(v)) { return kc_cmd_not_now(v, c, out); }
     kc_answer_t answer = all_tables(v, out);
     if (answer.status == KC_OK) { answer = alive(v, out); }
     return answer.status == KC_OK ? start_args(v->tables, c, ask, out) : answer;
@@ -229,23 +224,33 @@ kc_answer_t kc_cmd_start(const kc_view_t *v, const kc_cmd_t *c, kc_start_t *ask,
 
 /* ---- tables ---- */
 
-kc_answer_t kc_cmd_table(kc_tables_t *tables, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out)
+/* Kind of table that a command names; 0: there is none of that number (of which kinds have 16 bits, arguments 32). */
+static uint16_t kind_of(const kc_cmd_t *c)
 {
-    uint32_t mark = out->events.n, crc = (uint32_t)c->arg_i[1];
-    if (!kc_cmd_tables_free(v)) { return busy(v, out); }
-    if (c->opcode == KC_CMD_TABLE_DISCARD) {
-        kc_tbl_discard(tables, &out->events);
-        return kc_answer_ok(KC_OC_STAY);
-    }
-    /* numbers of kinds have 16 bits, arguments 32 */
-    if (c->arg_i[0] < 1 || c->arg_i[0] >= (int32_t)KC_TBL_COUNT) {
-        return bad_arg(out, 0, (double)c->arg_i[0], (double)(KC_TBL_COUNT - 1));
-    }
-    uint16_t kind = (uint16_t)c->arg_i[0];
-    if (c->opcode == KC_CMD_TABLE_ACTIVATE) {
-        return kc_answer_by(kc_tbl_ready(tables, kind, crc, &out->events), &out->events, mark, KC_OC_STORE);
-    }
-    return kc_answer_by(kc_tbl_validate(tables, kind, crc, &out->events), &out->events, mark, KC_OC_STAY);
+    return c->arg_i[0] >= 1 && c->arg_i[0] < (int32_t)KC_TBL_COUNT ? (uint16_t)c->arg_i[0] : 0u;
+}
+
+static kc_answer_t bad_kind(const kc_cmd_t *c, kc_out_t *out)
+{
+    return bad_arg(out, 0, (double)c->arg_i[0], (double)(KC_TBL_COUNT - 1));
+}
+
+kc_answer_t kc_cmd_validate(kc_tables_t *tables, const kc_cmd_t *c, kc_out_t *out)
+{
+    uint32_t mark = out->events.n;
+    uint16_t kind = kind_of(c);
+    if (kind == 0u) { return bad_kind(c, out); }
+    kc_status_t st = kc_tbl_validate(tables, kind, (uint32_t)c->arg_i[1], &out->events);
+    return kc_answer_by(st, &out->events, mark, KC_OC_STAY);
+}
+
+kc_answer_t kc_cmd_activate(kc_tables_t *tables, const kc_cmd_t *c, kc_out_t *out)
+{
+    uint32_t mark = out->events.n;
+    uint16_t kind = kind_of(c);
+    if (kind == 0u) { return bad_kind(c, out); }
+    kc_status_t st = kc_tbl_ready(tables, kind, (uint32_t)c->arg_i[1], &out->events);
+    return kc_answer_by(st, &out->events, mark, KC_OC_STORE);
 }
 
 static bool admit_chunk(kc_cmd_log_t *log, const kc_view_t *v, const kc_chunk_t *c, kc_out_t *out)
@@ -261,8 +266,8 @@ void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *v, co
                   kc_out_t *out)
 {
     if (!admit_chunk(log, v, c, out)) { return; }
-    if (!kc_cmd_tables_free(v)) {
-        (void)busy(v, out);
+    if ((KC_CMD_FREE >> v->place->state & 1u) == 0u) {
+        (void)kc_cmd_busy(v, out);
     } else if (c->kind < 1 || c->kind >= (int32_t)KC_TBL_COUNT) {
         kc_event(&out->events, KC_EVT_TBL_FORMAT, 1, (double)c->kind, (double)(KC_TBL_COUNT - 1));
     } else {

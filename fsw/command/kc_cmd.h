@@ -19,19 +19,28 @@ typedef struct {
     uint32_t n_ok, n_refused;
 } kc_cmd_log_t;
 
-/* A signed command: MAC, counter and stamp. A NOOP without a signature: source and sequence. A counter or number that is
- * refused for another reason is used up. ABORT is taken as it comes, of any source: it only stops, and executed twice
- * it does what it does once. */
-kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out);
+/* Who may send a command. ANYBODY: only ABORT, which only stops, and executed twice does what it does once. */
+typedef enum {
+    KC_SENDER_SIGNED, /* holders of a key */
+    KC_SENDER_UNSIGNED, /* known sources, also without a signature */
+    KC_SENDER_ANYBODY
+} kc_sender_t;
+
+/* States in which tables change and calibrations start, bit per state: nothing depends on the tables. */
+#define KC_CMD_FREE (1u << KC_ST_IDLE | 1u << KC_ST_SAFE)
+
+/* A signed command: MAC, counter and stamp. One without a signature, if that is enough: source and sequence. A counter or
+ * number that is refused for another reason is used up. */
+kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, kc_sender_t sender, const kc_view_t *v, const kc_cmd_t *c,
+                         kc_out_t *out);
 /* As kc_app_vouches_cmd and kc_app_vouches_chunk. */
 bool kc_cmd_vouches(const kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, uint32_t *macs);
 bool kc_cmd_vouches_chunk(const kc_cmd_log_t *log, const kc_view_t *v, const kc_chunk_t *c, uint32_t *macs);
 /* Answer a command, and count it. */
 void kc_cmd_answer(kc_cmd_log_t *log, const kc_cmd_t *c, const kc_answer_t *answer, kc_out_t *out);
-/* The command is not for this state. */
+/* The command is not for this state; tables do not change in this state. */
 kc_answer_t kc_cmd_not_now(const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out);
-/* Tables change, and calibrations start, only while nothing depends on the tables. */
-bool kc_cmd_tables_free(const kc_view_t *v);
+kc_answer_t kc_cmd_busy(const kc_view_t *v, kc_out_t *out);
 
 /* What START asks for. */
 typedef struct {
@@ -39,10 +48,12 @@ typedef struct {
     uint32_t n_goal, seed;
     uint64_t free_mask;
 } kc_start_t;
-/* START: may it, and what does it ask for? */
+/* START, in a state that allows it: may it, and what does it ask for? */
 kc_answer_t kc_cmd_start(const kc_view_t *v, const kc_cmd_t *c, kc_start_t *ask, kc_out_t *out);
-/* TABLE_VALIDATE, TABLE_DISCARD; TABLE_ACTIVATE: STORE, it becomes active when it is stored. */
-kc_answer_t kc_cmd_table(kc_tables_t *tables, const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out);
+/* TABLE_VALIDATE. */
+kc_answer_t kc_cmd_validate(kc_tables_t *tables, const kc_cmd_t *c, kc_out_t *out);
+/* TABLE_ACTIVATE: STORE, it becomes active when it is stored. */
+kc_answer_t kc_cmd_activate(kc_tables_t *tables, const kc_cmd_t *c, kc_out_t *out);
 /* A chunk has to be signed. It is not answered; events say why one is refused. */
 void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *v, const kc_chunk_t *c,
                   kc_out_t *out);
