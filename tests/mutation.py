@@ -8,8 +8,8 @@ logical operator, a condition negated, a constant changed, a statement deleted, 
 compile, or compiles to the same code, is drawn anew. Charges of instructions (`uint64_t ..._cost`) are not
 drawn: whether they bound what is executed, `make wcet` measures. Each mutant is compiled alone and put before
 the core in programs of the unit tests: the tests of the file first, then those of its room, then those of the
-rooms above, what has killed and the quickest first; those of other rooms up to `patience` seconds (0: none).
-A test that fails or does not end kills it.
+rooms above and those that step the whole component, what has killed and the quickest first; those of other
+rooms up to `patience` seconds (0: none). A test that fails or does not end kills it.
 
 One that is not killed has to stand in tests/mutation.csv with a reason, as `equivalent` (no input tells it
 from the original) or as `accepted`. The exit status is 1 if one does not stand there, or if fewer than 95 %
@@ -38,6 +38,7 @@ BUILT = ROOT / "build/rel"
 WORK = ROOT / "build/mutation"
 REVIEWED = Path(__file__).with_suffix(".csv")
 LEAST_SHARE = 0.95
+WORLD = '#include "given_world.h"'
 SAFETY = (
     "fsw/motion/kc_guard.c", "fsw/motion/kc_bounds.c", "fsw/motion/kc_path.c", "fsw/estimate/kc_monitor.c",
     "fsw/calibrate/kc_monitoring.c", "fsw/calibrate/kc_update.c", "fsw/store/kc_change.c",
@@ -197,6 +198,8 @@ class Programs:
             f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms
         }
         self.tests = sorted(p.stem for p in (BUILT / "tests/unit/CMakeFiles").glob("test_*.dir"))
+        # A test in the small world steps the whole component, whichever file it is for.
+        self.world = {p.stem for p in (ROOT / "tests/unit").glob("test_*.c") if WORLD in p.read_text()}
 
     def usable(self, test: str, near: bool) -> bool:
         """Linked, and its seconds known; False if it is too slow for the files of other rooms."""
@@ -247,7 +250,7 @@ class Programs:
     def tests_of(self, path: str) -> list[str]:
         """Tests of the file, then of its room, then above, what has killed and the quickest first."""
         own, least = f"test_{Path(path).stem}", self.rooms.index(room(path))
-        above = [t for t in self.tests if self.where.get(t, len(self.rooms)) >= least]
+        above = [t for t in self.tests if t in self.world or self.where.get(t, len(self.rooms)) >= least]
         order = {
             t: (t != own, self.where.get(t) != least, -self.kills[room(path), t], self.seconds.get(t, 0.0))
             for t in above

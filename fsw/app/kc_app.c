@@ -196,7 +196,7 @@ void kc_app_boot(kc_app_t *app)
     app->move.seq = base;
     app->pantilt.seq = base;
     app->hk.seq = base;
-    app->request.seq = base;
+    kc_request_boot(&app->request, base);
 }
 
 /* ---- one step ---- */

@@ -21,6 +21,7 @@
 #include "kc_rest.h"
 #include "kc_review.h"
 #include "kc_scrub.h"
+#include "kc_update.h"
 #include "kc_view.h"
 
 struct kc_app {
@@ -38,6 +39,7 @@ struct kc_app {
     kc_cal_t cal;
     kc_plan_t plan;
     kc_learned_t learned;
+    kc_update_t update;
     kc_est_t est;
     kc_proposing_t proposing;
     uint64_t rng;

@@ -55,7 +55,7 @@ static kc_outcome_t begin(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     case KC_ST_UPDATE:
     case KC_ST_REFINE:
     case KC_ST_LEARN:
-    case KC_ST_REPORT: kc_update_begin(&app->learned); break;
+    case KC_ST_REPORT: kc_update_begin(&app->update); break;
     case KC_ST_SELECT: kc_select_begin(&app->arena.calibration); break;
     case KC_ST_PROPOSE: kc_propose_begin(&app->proposing, &app->arena.proposal); break;
     default: break;
@@ -152,10 +152,11 @@ static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     case KC_ST_OBSERVE: return kc_observe_run(&app->observe, &app->request, v, out);
     case KC_ST_SEARCH: return kc_observe_search(&app->observe, &app->request, v, out);
     case KC_ST_MEASURE: return kc_measure_run(&app->frames, &app->request, &app->est, v, out);
-    case KC_ST_UPDATE: return kc_update_solve(&app->learned, &app->est, &arena->gp, v, work);
-    case KC_ST_REFINE: return kc_update_refine(&app->learned, &app->est, v, work);
-    case KC_ST_LEARN: return kc_update_learn(&app->learned, &app->est, &app->plan, arena, v, work, out);
-    case KC_ST_REPORT: return kc_update_report(&app->learned, v, work, out);
+    case KC_ST_UPDATE: return kc_update_solve(&app->update, &app->learned, &app->est, &arena->gp, v, work);
+    case KC_ST_REFINE: return kc_update_refine(&app->update, &app->learned, &app->est, v, work);
+    case KC_ST_LEARN:
+        return kc_update_learn(&app->update, &app->learned, &app->est, &app->plan, arena, v, work, out);
+    case KC_ST_REPORT: return kc_update_report(&app->update, &app->learned, v, work, out);
     case KC_ST_SELECT: return select_next(app, work, out);
     case KC_ST_PROPOSE: return propose(app, work, out);
     case KC_ST_STORE: return store(app, work, out);

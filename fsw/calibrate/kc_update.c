@@ -54,14 +54,15 @@ static kc_miss_t miss_of(const kc_view_t *v, const double *coef, uint32_t i)
 
 /* Residuals of all poses at coef into dp_m, dr_rad; the last one is the newest pose. False: goes on in the next
  * step. */
-static bool misses(kc_learned_t *l, const kc_view_t *v, const double *coef, kc_work_t *work)
+static bool misses(kc_update_t *cursor, kc_learned_t *l, const kc_view_t *v, const double *coef,
+                   kc_work_t *work)
 {
     const uint64_t cost = kc_model_cost(&v->tables->arm, &v->tables->terms, true);
-    for (; l->i < v->plan->n_meas; l->i++) {
+    for (; cursor->i < v->plan->n_meas; cursor->i++) {
         if (!kc_work_take(work, cost)) { return false; }
-        kc_miss_t miss = miss_of(v, coef, l->i);
-        l->dp_m[l->i] = miss.pos_m;
-        l->dr_rad[l->i] = miss.rot_rad;
+        kc_miss_t miss = miss_of(v, coef, cursor->i);
+        l->dp_m[cursor->i] = miss.pos_m;
+        l->dr_rad[cursor->i] = miss.rot_rad;
     }
     return true;
 }
@@ -84,17 +85,17 @@ static kc_point_t newest_point(const kc_view_t *v)
 
 /* ---- parts of a state ---- */
 
-void kc_update_begin(kc_learned_t *l)
+void kc_update_begin(kc_update_t *cursor)
 {
-    l->part = 0u;
-    l->i = 0u;
-    l->sum2 = (kc_miss_t){0.0, 0.0};
+    cursor->part = 0u;
+    cursor->i = 0u;
+    cursor->sum2 = (kc_miss_t){0.0, 0.0};
 }
 
-static void next_part(kc_learned_t *l)
+static void next_part(kc_update_t *cursor)
 {
-    l->part++;
-    l->i = 0u;
+    cursor->part++;
+    cursor->i = 0u;
 }
 
 static uint64_t gp_cost(const kc_learned_t *l, const kc_gp_t *gp) { return l->gp_ok ? kc_gp_cost(gp) : 0u; }
@@ -139,15 +140,15 @@ static void begin_estimate(kc_learned_t *l, kc_est_t *est, const kc_gp_t *gp, co
     solve_from(est, v->tables->kin.value);
 }
 
-kc_outcome_t kc_update_solve(kc_learned_t *l, kc_est_t *est, const kc_gp_t *gp, const kc_view_t *v,
-                             kc_work_t *work)
+kc_outcome_t kc_update_solve(kc_update_t *cursor, kc_learned_t *l, kc_est_t *est, const kc_gp_t *gp,
+                             const kc_view_t *v, kc_work_t *work)
 {
-    if (l->part == 0u) {
-        if (!misses(l, v, l->coef, work) || !kc_work_take(work, gp_cost(l, gp))) {
+    if (cursor->part == 0u) {
+        if (!misses(cursor, l, v, l->coef, work) || !kc_work_take(work, gp_cost(l, gp))) {
             return kc_outcome(KC_OC_STAY);
         }
         begin_estimate(l, est, gp, v);
-        next_part(l);
+        next_part(cursor);
     }
     return kc_outcome(solved(l, est, work) ? KC_OC_DONE : KC_OC_STAY);
 }
@@ -160,23 +161,24 @@ static bool differ(const double *a, const double *b)
 }
 
 /* Parts: is it needed; the second start; the first one again if that was better. */
-kc_outcome_t kc_update_refine(kc_learned_t *l, kc_est_t *est, const kc_view_t *v, kc_work_t *work)
+kc_outcome_t kc_update_refine(kc_update_t *cursor, kc_learned_t *l, kc_est_t *est, const kc_view_t *v,
+                              kc_work_t *work)
 {
     const double *start = v->tables->kin.value;
-    if (l->part == 0u) {
-        l->first = kc_fit_quality(est, l->status);
-        if (!kc_fit_needs_second_start(&v->tables->config, &l->first) || !differ(l->coef, start)) {
+    if (cursor->part == 0u) {
+        cursor->first = kc_fit_quality(est, l->status);
+        if (!kc_fit_needs_second_start(&v->tables->config, &cursor->first) || !differ(l->coef, start)) {
             return kc_outcome(KC_OC_DONE);
         }
         solve_from(est, l->coef);
-        next_part(l);
+        next_part(cursor);
     }
     if (!solved(l, est, work)) { return kc_outcome(KC_OC_STAY); }
-    if (l->part == 1u) {
+    if (cursor->part == 1u) {
         kc_fit_quality_t second = kc_fit_quality(est, l->status);
-        if (kc_fit_second_is_better(&l->first, &second)) { return kc_outcome(KC_OC_DONE); }
+        if (kc_fit_second_is_better(&cursor->first, &second)) { return kc_outcome(KC_OC_DONE); }
         solve_from(est, start);
-        next_part(l);
+        next_part(cursor);
     }
     return kc_outcome(solved(l, est, work) ? KC_OC_DONE : KC_OC_STAY);
 }
@@ -239,11 +241,11 @@ static void grow_gp(kc_learned_t *l, kc_arena_calibration_t *work, const kc_view
 
 enum { EVALUATE = 0, OBJECTIVE, CHOOSE };
 
-static kc_outcome_t learn_evaluate(kc_learned_t *l, kc_est_t *est, kc_plan_t *plan, const kc_view_t *v,
-                                   kc_work_t *work, kc_out_t *out)
+static kc_outcome_t learn_evaluate(kc_update_t *cursor, kc_learned_t *l, kc_est_t *est, kc_plan_t *plan,
+                                   const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
     bool is_solved = kc_fit_solved(l->status);
-    if (is_solved && !misses(l, v, est->coef, work)) { return kc_outcome(KC_OC_STAY); }
+    if (is_solved && !misses(cursor, l, v, est->coef, work)) { return kc_outcome(KC_OC_STAY); }
     kc_outcome_t evaluated = evaluate(l, est, plan, v, out);
     if (evaluated.id != KC_OC_DONE) { return evaluated; }
     if (!is_solved) {
@@ -251,28 +253,29 @@ static kc_outcome_t learn_evaluate(kc_learned_t *l, kc_est_t *est, kc_plan_t *pl
     } else if (est->rank == est->n_free || est->hold_none || l->trusted) {
         memcpy(l->coef, est->coef, sizeof l->coef);
     }
-    next_part(l);
+    next_part(cursor);
     return kc_outcome(KC_OC_DONE);
 }
 
-static kc_outcome_t learn_objective(kc_learned_t *l, kc_arena_calibration_t *arena, const kc_view_t *v,
-                                    kc_work_t *work)
+static kc_outcome_t learn_objective(kc_update_t *cursor, kc_learned_t *l, kc_arena_calibration_t *arena,
+                                    const kc_view_t *v, kc_work_t *work)
 {
-    if (!misses(l, v, l->coef, work) || !kc_work_take(work, gp_cost(l, &arena->gp))) {
+    if (!misses(cursor, l, v, l->coef, work) || !kc_work_take(work, gp_cost(l, &arena->gp))) {
         return kc_outcome(KC_OC_STAY);
     }
     objective(l, v);
     grow_gp(l, arena, v);
-    next_part(l);
+    next_part(cursor);
     return kc_outcome(KC_OC_DONE);
 }
 
-kc_outcome_t kc_update_learn(kc_learned_t *l, kc_est_t *est, kc_plan_t *plan, kc_arena_calibration_t *arena,
-                             const kc_view_t *v, kc_work_t *work, kc_out_t *out)
+kc_outcome_t kc_update_learn(kc_update_t *cursor, kc_learned_t *l, kc_est_t *est, kc_plan_t *plan,
+                             kc_arena_calibration_t *arena, const kc_view_t *v, kc_work_t *work,
+                             kc_out_t *out)
 {
     kc_outcome_t oc = kc_outcome(KC_OC_DONE);
-    if (l->part == EVALUATE) { oc = learn_evaluate(l, est, plan, v, work, out); }
-    if (oc.id == KC_OC_DONE && l->part == OBJECTIVE) { oc = learn_objective(l, arena, v, work); }
+    if (cursor->part == EVALUATE) { oc = learn_evaluate(cursor, l, est, plan, v, work, out); }
+    if (oc.id == KC_OC_DONE && cursor->part == OBJECTIVE) { oc = learn_objective(cursor, l, arena, v, work); }
     if (oc.id != KC_OC_DONE || !l->gp_ok || !v->tables->kernel.choose) { return oc; }
     return kc_outcome(kc_gp_choose_step(&arena->gp, arena->cand_pt, work) ? KC_OC_DONE : KC_OC_STAY);
 }
@@ -281,24 +284,24 @@ kc_outcome_t kc_update_learn(kc_learned_t *l, kc_est_t *est, kc_plan_t *plan, kc
 
 /* RMS of the predicted pose sigma over the search space, from at most KC_SPACE_SAMPLES candidates; the stated
  * noise is scaled up to what the residuals show. False: goes on in the next step. */
-static bool predict(kc_learned_t *l, const kc_view_t *v, kc_work_t *work)
+static bool predict(kc_update_t *cursor, kc_learned_t *l, const kc_view_t *v, kc_work_t *work)
 {
     const uint64_t cost = kc_est_pose_cov_cost(v->est);
     uint32_t n = v->tables->space.n_cand, stride = kc_view_stride(v);
     double cov[36];
-    for (; l->i < n; l->i += stride) {
+    for (; cursor->i < n; cursor->i += stride) {
         kc_ctx_t ctx;
         kc_eval_t eval;
         if (!kc_work_take(work, cost)) { return false; }
-        kc_view_ctx(v, l->i, &ctx);
+        kc_view_ctx(v, cursor->i, &ctx);
         kc_est_pose_cov(v->est, &ctx, &eval, cov);
-        l->sum2.pos_m += cov[0] + cov[7] + cov[14];
-        l->sum2.rot_rad += cov[21] + cov[28] + cov[35];
+        cursor->sum2.pos_m += cov[0] + cov[7] + cov[14];
+        cursor->sum2.rot_rad += cov[21] + cov[28] + cov[35];
     }
-    uint32_t count = l->i / stride;
+    uint32_t count = cursor->i / stride;
     double scale = kc_max(1.0, v->est->noise_scale);
-    l->pred = (kc_miss_t){scale * kc_sqrt(l->sum2.pos_m / (double)count),
-                          scale * kc_sqrt(l->sum2.rot_rad / (double)count)};
+    l->pred = (kc_miss_t){scale * kc_sqrt(cursor->sum2.pos_m / (double)count),
+                          scale * kc_sqrt(cursor->sum2.rot_rad / (double)count)};
     return true;
 }
 
@@ -332,10 +335,11 @@ static void fill_progress(const kc_view_t *v, kc_progress_t *p)
     memcpy(p->coef, l->coef, sizeof p->coef);
 }
 
-kc_outcome_t kc_update_report(kc_learned_t *l, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
+kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *l, const kc_view_t *v, kc_work_t *work,
+                              kc_out_t *out)
 {
     const kc_config_t *c = &v->tables->config;
-    if (kc_fit_solved(l->status) && !predict(l, v, work)) { return kc_outcome(KC_OC_STAY); }
+    if (kc_fit_solved(l->status) && !predict(cursor, l, v, work)) { return kc_outcome(KC_OC_STAY); }
     out->has_progress = 1u;
     fill_progress(v, &out->progress);
     kc_event(&out->events, KC_EVT_CAL_POSE, (int32_t)v->plan->n_meas, l->res.pos_m, l->res.rot_rad);

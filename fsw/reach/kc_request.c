@@ -1,5 +1,7 @@
 #include "kc_request.h"
 
+void kc_request_boot(kc_request_t *r, int32_t seq) { r->seq = seq; }
+
 void kc_request_begin(kc_request_t *r)
 {
     r->fails = 0u;

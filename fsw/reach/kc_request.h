@@ -1,4 +1,4 @@
-/* Frames: requested, awaited, requested again. */
+/* Frames: requested, awaited, requested again. Only kc_request.c changes a kc_request_t. */
 #ifndef KC_REQUEST_H
 #define KC_REQUEST_H
 
@@ -24,6 +24,8 @@ typedef struct {
     kc_detection_t det; /* of the newest frame */
 } kc_request_t;
 
+/* Boot: requests count on from seq. */
+void kc_request_boot(kc_request_t *r, int32_t seq);
 /* Nothing requested, no fails. */
 void kc_request_begin(kc_request_t *r);
 /* Forget what was requested; fails stay counted. */

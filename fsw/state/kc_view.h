@@ -58,10 +58,6 @@ typedef struct {
     kc_leave_out_t leave_out; /* search for a bad detection among the local initial poses */
     uint8_t outlier_reported[KC_MEAS_MAX];
     double y[KC_MEAS_MAX], dp_m[KC_MEAS_MAX], dr_rad[KC_MEAS_MAX]; /* objective and its parts, by pose */
-    /* where a state of the update stands between two steps (kc_update.c) */
-    uint32_t part, i;
-    kc_fit_quality_t first; /* estimate of the first start */
-    kc_miss_t sum2;         /* of predicted variances */
 } kc_learned_t;
 
 typedef struct {
