@@ -18,21 +18,23 @@ typedef struct {
     kc_sender_t sender;       /* who may send it */
     uint32_t states;          /* in which it is taken, bit per state */
     bool table;               /* of a table: takes the time of a whole one */
+    bool gives_way; /* to an ABORT that came with it: it moves the arm or changes what is in force */
     kc_change_kind_t changes; /* what is stored before it is answered; NONE: answered at once */
 } command_t;
 
 static const command_t s_command[] = {
-    {KC_CMD_NOOP, KC_SENDER_UNSIGNED, ANY_STATE, false, KC_CHANGE_NONE},
-    {KC_CMD_START, KC_SENDER_SIGNED, KC_CMD_FREE, false, KC_CHANGE_NONE},
-    {KC_CMD_ABORT, KC_SENDER_ANYBODY, ANY_STATE, false, KC_CHANGE_NONE},
-    {KC_CMD_APPROVE_ARM, KC_SENDER_SIGNED, IN_REVIEW, false, KC_CHANGE_NONE},
-    {KC_CMD_APPROVE_GO, KC_SENDER_SIGNED, IN_ARMED, false, KC_CHANGE_APPROVE},
-    {KC_CMD_REJECT, KC_SENDER_SIGNED, IN_REVIEW | IN_ARMED, false, KC_CHANGE_REJECT},
-    {KC_CMD_ROLLBACK, KC_SENDER_SIGNED, KC_CMD_FREE, false, KC_CHANGE_ROLLBACK},
-    {KC_CMD_TABLE_VALIDATE, KC_SENDER_SIGNED, KC_CMD_FREE, true, KC_CHANGE_NONE},
-    {KC_CMD_TABLE_ACTIVATE, KC_SENDER_SIGNED, KC_CMD_FREE, true, KC_CHANGE_TABLE},
-    {KC_CMD_TABLE_DISCARD, KC_SENDER_SIGNED, KC_CMD_FREE, true, KC_CHANGE_NONE},
-    {KC_CMD_TABLE_DUMP, KC_SENDER_SIGNED, ANY_STATE, false, KC_CHANGE_NONE},
+    /* opcode, sender, states, table, gives_way, changes */
+    {KC_CMD_NOOP, KC_SENDER_UNSIGNED, ANY_STATE, false, false, KC_CHANGE_NONE},
+    {KC_CMD_START, KC_SENDER_SIGNED, KC_CMD_FREE, false, true, KC_CHANGE_NONE},
+    {KC_CMD_ABORT, KC_SENDER_ANYBODY, ANY_STATE, false, false, KC_CHANGE_NONE},
+    {KC_CMD_APPROVE_ARM, KC_SENDER_SIGNED, IN_REVIEW, false, true, KC_CHANGE_NONE},
+    {KC_CMD_APPROVE_GO, KC_SENDER_SIGNED, IN_ARMED, false, true, KC_CHANGE_APPROVE},
+    {KC_CMD_REJECT, KC_SENDER_SIGNED, IN_REVIEW | IN_ARMED, false, false, KC_CHANGE_REJECT},
+    {KC_CMD_ROLLBACK, KC_SENDER_SIGNED, KC_CMD_FREE, false, true, KC_CHANGE_ROLLBACK},
+    {KC_CMD_TABLE_VALIDATE, KC_SENDER_SIGNED, KC_CMD_FREE, true, false, KC_CHANGE_NONE},
+    {KC_CMD_TABLE_ACTIVATE, KC_SENDER_SIGNED, KC_CMD_FREE, true, true, KC_CHANGE_TABLE},
+    {KC_CMD_TABLE_DISCARD, KC_SENDER_SIGNED, KC_CMD_FREE, true, false, KC_CHANGE_NONE},
+    {KC_CMD_TABLE_DUMP, KC_SENDER_SIGNED, ANY_STATE, false, false, KC_CHANGE_NONE},
 };
 #define COMMAND_N (sizeof s_command / sizeof s_command[0])
 _Static_assert(KC_ST_COUNT < 32u, "a bit for each state");
@@ -106,7 +108,7 @@ static kc_answer_t apply(kc_app_t *app, kc_opcode_t opcode, const kc_cmd_t *c, k
 
 /* ---- acknowledge ---- */
 
-kc_outcome_t kc_dispatch(kc_app_t *app, const kc_cmd_t *cmd, kc_work_t *work, kc_out_t *out)
+kc_outcome_t kc_dispatch(kc_app_t *app, const kc_cmd_t *cmd, bool aborted, kc_work_t *work, kc_out_t *out)
 {
     const command_t *row = find(cmd->opcode);
     if (cmd->auth.key_id != 0u) { kc_work_spend(work, kc_auth_cost(KC_SIGNED_HEAD_MAX)); }
@@ -114,6 +116,9 @@ kc_outcome_t kc_dispatch(kc_app_t *app, const kc_cmd_t *cmd, kc_work_t *work, kc
                                       cmd, out);
     if (answer.status == KC_OK && row == NULL) {
         answer = kc_answer_refuse(&out->events, KC_EVT_CMD_UNKNOWN, -1, (double)cmd->opcode, 0.0, KC_ERR_ARG);
+    }
+    if (answer.status == KC_OK && row->gives_way && aborted) {
+        answer = kc_answer_refuse(&out->events, KC_EVT_CMD_ABORTED, cmd->opcode, 0.0, 0.0, KC_ERR_STATE);
     }
     if (answer.status == KC_OK) { answer = check(app, row, cmd, work, out); }
     if (answer.status == KC_OK) { answer = apply(app, row->opcode, cmd, work, out); }

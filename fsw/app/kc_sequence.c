@@ -168,18 +168,20 @@ static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 /* ---- from state to state ---- */
 
 /* Hold the arm, record the cause. A correction that waits for review is dropped. */
-static void stop(kc_app_t *app, kc_out_t *out, kc_cause_t cause)
+static void stop(kc_app_t *app, kc_work_t *work, kc_out_t *out, kc_cause_t cause)
 {
+    kc_change_parts_t parts = change_parts(app);
     int32_t pose = kc_states_calibrating(app->place.state) ? (int32_t)app->plan.n_meas : -1;
     kc_event(&out->events, KC_EVT_CAL_ABORTED, pose, (double)cause, 0.0);
-    kc_change_cancel(&app->change, &app->cmd_log, out);
+    if (app->change.kind == KC_CHANGE_PUT_BACK) { kc_work_spend(work, KC_CHANGE_BACK_COST); }
+    kc_change_cancel(&app->change, &parts, out);
     kc_move_hold(&app->move, &app->view, out);
     kc_review_drop(&app->review, out);
     kc_request_drop(&app->request);
 }
 
 /* Frames are of one place and one measurement. */
-static void leave(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
+static void leave(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *out)
 {
     if (app->place.state == KC_ST_MEASURE) { kc_frames_clear(&app->frames); }
     if (app->place.state == KC_ST_MEASURE && oc.id == KC_OC_DONE) {
@@ -187,7 +189,7 @@ static void leave(kc_app_t *app, kc_outcome_t oc, kc_out_t *out)
     }
     if (oc.id == KC_OC_DISTURBED) { kc_request_drop(&app->request); }
     if (oc.id == KC_OC_SKIP) { kc_select_skip(&app->plan, &app->view, out); }
-    if (oc.id == KC_OC_ABORT) { stop(app, out, oc.cause); }
+    if (oc.id == KC_OC_ABORT) { stop(app, work, out, oc.cause); }
 }
 
 /* Go where the table says; a state may be left at once by what it begins with. True if the work of the new
@@ -197,7 +199,7 @@ static bool follow(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *ou
     bool same_step = false;
     for (uint32_t i = 0u; oc.id != KC_OC_STAY && i < CHAIN_MAX; i++) {
         kc_next_t next = kc_states_next(app->place.state, oc.id);
-        leave(app, oc, out);
+        leave(app, oc, work, out);
         app->place = (kc_place_t){next.state, app->clock.now_us};
         same_step = next.same_step;
         oc = begin(app, work, out);
@@ -253,6 +255,16 @@ void kc_sequence_detections(kc_app_t *app, kc_work_t *work, const kc_in_t *in, k
     }
 }
 
+/* ABORT wins over what came with it, whatever the order in which they are carried out. */
+static bool abort_came(const kc_in_t *in)
+{
+    bool came = false;
+    for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
+        came = came || in->cmd[i].opcode == (int32_t)KC_CMD_ABORT;
+    }
+    return came;
+}
+
 void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)
 {
     for (uint32_t i = 0u; i < in->n_chunk && i < KC_CHUNK_QUEUE_MAX; i++) {
@@ -260,6 +272,7 @@ void kc_sequence_commands(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_
         kc_cmd_chunk(&app->cmd_log, &app->tables, &app->view, &in->chunk[i], out);
     }
     for (uint32_t i = 0u; i < in->n_cmd && i < KC_CMD_QUEUE_MAX; i++) {
-        (void)follow(app, kc_dispatch(app, &in->cmd[i], work, out), work, out);
+        bool aborted = abort_came(in) || in->cmd[i].stopped != 0u;
+        (void)follow(app, kc_dispatch(app, &in->cmd[i], aborted, work, out), work, out);
     }
 }

@@ -14,10 +14,16 @@ bool kc_verdict_all_rejected(const kc_est_t *est)
     return est->opt.outlier_max > 0u && est->n_outliers >= est->opt.outlier_max;
 }
 
+bool kc_verdict_many_rejected(const kc_est_t *est)
+{
+    return KC_VERDICT_REJECTED_PART * est->n_outliers > est->n_obs;
+}
+
 static bool poor(const kc_config_t *c, const kc_est_t *e, kc_status_t status, const kc_verdict_fit_t *fit)
 {
     bool all_rejected = kc_verdict_all_rejected(e);
-    return status != KC_OK || e->dof == 0u || fit->noise_scale > c->poor_noise_scale ||
+    return status != KC_OK || e->dof == 0u || kc_verdict_many_rejected(e) ||
+           fit->noise_scale > c->poor_noise_scale ||
            ((fit->noise_scale > c->poor_noise_scale_unlikely || all_rejected) && fit->p_fit < c->poor_p_fit);
 }
 

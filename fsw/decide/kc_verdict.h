@@ -16,13 +16,17 @@ double kc_verdict_p_no_change(double chi2_gain, double noise_scale, uint32_t ran
 /* As many poses are rejected as the table allows: more may be bad, and took part in the fit. */
 bool kc_verdict_all_rejected(const kc_est_t *est);
 
+/* More than this part (one in ...) of the poses rejected: what is left fits because it was chosen to. */
+#define KC_VERDICT_REJECTED_PART 4u
+bool kc_verdict_many_rejected(const kc_est_t *est);
+
 /* How well the estimate explains the poses, the stated errors of the camera chain taken into account. */
 typedef struct {
     double noise_scale; /* of the residuals that the chain does not explain */
     double p_fit, p_no_change;
 } kc_verdict_fit_t;
 
-/* POOR: the estimator did not finish, or the residuals are beyond what the stated noise and camera chain can
+/* POOR: the estimator did not finish, too many poses were rejected, or the residuals are beyond what the stated noise and camera chain can
  * explain, also without as many poses as may be rejected. Noise somewhat larger than stated is no reason: sigma is
  * scaled by it. */
 kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_status_t status,

@@ -79,14 +79,14 @@ static bool before(const int64_t *a, const int64_t *b, uint32_t n)
     return false;
 }
 
-/* ABORT that nobody vouches for comes last in a step, so that nothing that was sent before it follows it; and a place in
- * the step is kept for it. */
-static int64_t late(const uint32_t *taken, uint32_t account)
+#define ABORTS_TAKEN KC_Q_ACCOUNTS /* place of their number behind those of the accounts */
+
+/* The first ABORT of a step comes first, whoever sent it and however much waits; further ones that nobody vouches for come
+ * last: they change nothing any more. */
+static int64_t late(const uint32_t *taken, uint32_t account, const kc_cmd_t *m)
 {
-    uint32_t n = 0u;
-    if (account != KC_Q_ABORTS) { return 0; }
-    for (uint32_t i = 0u; i < KC_Q_ACCOUNTS; i++) { n += taken[i]; }
-    return n + 1u >= KC_CMD_QUEUE_MAX ? -1 : 1;
+    if (m->opcode == KC_CMD_ABORT && taken[ABORTS_TAKEN] == 0u) { return -1; }
+    return account == KC_Q_ABORTS ? 1 : 0;
 }
 
 /* taken: commands of each account in this step; the one with the fewest comes next. */
@@ -94,9 +94,15 @@ static bool turn_before(const uint32_t *taken, uint32_t m_account, const kc_cmd_
                         const kc_cmd_t *o)
 {
     int32_t later = (int32_t)((uint32_t)m->seq - (uint32_t)o->seq); /* numbers wrap */
-    const int64_t a[4] = {late(taken, m_account), taken[m_account], m->source, later};
-    const int64_t b[4] = {late(taken, o_account), taken[o_account], o->source, 0};
+    const int64_t a[4] = {late(taken, m_account, m), taken[m_account], m->source, later};
+    const int64_t b[4] = {late(taken, o_account, o), taken[o_account], o->source, 0};
     return before(a, b, 4u);
+}
+
+static void took_turn(uint32_t *taken, uint32_t account, const kc_cmd_t *m)
+{
+    taken[account]++;
+    if (m->opcode == KC_CMD_ABORT) { taken[ABORTS_TAKEN]++; }
 }
 
 /* What is vouched for comes first. */
@@ -112,9 +118,9 @@ static bool place_before(uint32_t m_account, int64_t m_us, const kc_chunk_t *m, 
 #define BEFORE_PLACE(taken, a, b) \
     place_before((a)->account, (a)->t_us, &(a)->m, (b)->account, (b)->t_us, &(b)->m)
 #define BEFORE_SEQ(taken, a, b) ((a)->m.seq < (b)->m.seq)
-#define TOOK_TURN(taken, account) (taken)[account]++;
-#define TOOK_PLACE(taken, account)
-#define TOOK_SEQ(taken, account)
+#define TOOK_TURN(taken, w) took_turn((taken), (w)->account, &(w)->m);
+#define TOOK_PLACE(taken, w)
+#define TOOK_SEQ(taken, w)
 
 /* ---- the queues of the list ---- */
 
@@ -150,11 +156,24 @@ KC_IN_LIST(FIRST, KC_Q_NONE_)
 
 #define TAKE(CHANNEL, member, message, copied, order, step, room)                                \
     while (in->n_##member < (step) && (i = first_##member(q, now_us, taken)) < q->n_##member) {  \
-        TOOK_##order(taken, q->member[i].account) in->member[in->n_##member++] = q->member[i].m; \
+        TOOK_##order(taken, &q->member[i]) in->member[in->n_##member++] = q->member[i].m; \
         q->member[i] = q->member[--q->n_##member];                                               \
     }
+/* ABORT counts against all that waits with it, in whichever order and steps they are taken. */
+static void stop_waiting(kc_queue_t *q, int64_t now_us)
+{
+    bool stop = false;
+    for (uint32_t i = 0u; i < q->n_cmd; i++) {
+        stop = stop || (q->cmd[i].t_us < now_us && q->cmd[i].m.opcode == KC_CMD_ABORT);
+    }
+    for (uint32_t i = 0u; stop && i < q->n_cmd; i++) {
+        if (q->cmd[i].t_us < now_us) { q->cmd[i].m.stopped = 1u; }
+    }
+}
+
 void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in)
 {
-    uint32_t i, taken[KC_Q_ACCOUNTS] = {0u};
+    uint32_t i, taken[KC_Q_ACCOUNTS + 1u] = {0u};
+    stop_waiting(q, now_us);
     KC_IN_LIST(TAKE, KC_Q_NONE_)
 }

@@ -4,6 +4,9 @@
  *
  * Due means: stamped earlier than now. In lockstep all of those have arrived when a tick begins.
  *
+ * An ABORT is taken in the next step whatever waits, and what waited with it is marked (stopped): one step takes only a
+ * part of the queue, and the rest would be carried out after it.
+ *
  * Room goes by who signed, not by who is named: what a holder of a key sent (vouched, kc_app_vouches_cmd) has room of its
  * own, and so has ABORT. All the rest shares one account, whatever source it names; and so does a second copy of what
  * waits already. */

@@ -55,6 +55,7 @@ void kc_wire_cmd(const kcm_cmd_t *from, kc_cmd_t *to)
 {
     COPY_FIELDS(KC_CMD_FIELDS)
     copy_auth(from->key_id, from->counter, from->mac, &to->auth);
+    to->stopped = 0u;
 }
 
 void kc_wire_chunk(const kcm_table_chunk_t *from, kc_chunk_t *to)

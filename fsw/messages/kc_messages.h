@@ -18,6 +18,7 @@
 typedef struct {
     KC_CMD_FIELDS(KC_FIELD_, KC_ARRAY_)
     kc_auth_t auth;
+    uint8_t stopped; /* not sent: an ABORT waited with it, and may have been taken in an earlier step */
 } kc_cmd_t;
 
 #define KC_ACK_FIELDS(F, A)                                                  \

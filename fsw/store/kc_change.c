@@ -244,9 +244,30 @@ kc_outcome_t kc_change_stored(kc_change_t *c, const kc_change_parts_t *p, const 
     return asked ? go_on(c, p, st, (int32_t)in->store_kind, out) : kc_outcome(KC_OC_STAY);
 }
 
-void kc_change_cancel(kc_change_t *c, kc_cmd_log_t *log, kc_out_t *out)
+/* What was asked in this very step is not done yet. A table's own image is withdrawn; of a correction the journal's record
+ * of this step, which follows, names the former one. */
+static void withdraw(const kc_change_parts_t *p, kc_out_t *out)
 {
-    answer(c, log, KC_ERR_STATE, KC_EVT_CAL_ABORTED, out);
-    c->kind = KC_CHANGE_NONE;
-    c->asked = false; /* asked in this very step: the journal's record of this step replaces the change's */
+    uint32_t n = 0u;
+    for (uint32_t i = 0u; i < out->n_store && i < KC_STORE_QUEUE_MAX; i++) {
+        bool staged = out->store[i].n > 0u && out->store[i].data == p->tables->staging.image;
+        if (!staged) { out->store[n++] = out->store[i]; }
+    }
+    out->n_store = n;
+}
+
+void kc_change_cancel(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out)
+{
+    bool putting_back = c->kind == KC_CHANGE_PUT_BACK;
+    answer(c, p->log, KC_ERR_STATE, KC_EVT_CAL_ABORTED, out);
+    if (!putting_back) {
+        if (c->asked) { withdraw(p, out); }
+        c->kind = KC_CHANGE_NONE;
+        c->asked = false;
+        return;
+    }
+    if (!c->asked) { put_back(p, out); }
+    c->asked = true;
+    c->safe = true;
+    c->tries = p->tables->active.config.store_retries; /* the last try: nothing waits in SAFE */
 }

@@ -7,7 +7,8 @@
  *
  * What is stored and cannot be put in force, since it has changed in memory meanwhile, is refused as well: the journal
  * names what was in force again, and a table other than KIN, which it does not name, is stored over by the active one
- * before the command is answered (ABORT in that moment leaves the new one in the store, for the next start). */
+ * before the command is answered. ABORT in that moment does not wait for it: it is stored over at once, in one try, and an
+ * event says so if that fails. */
 #ifndef KC_CHANGE_H
 #define KC_CHANGE_H
 
@@ -63,7 +64,8 @@ void kc_change_run(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out);
 /* The edge's answer to the requests of the last step, whoever made them: the change is made or refused, and
  * its command answered; or it is tried again (STAY). */
 kc_outcome_t kc_change_stored(kc_change_t *c, const kc_change_parts_t *p, const kc_in_t *in, kc_out_t *out);
-/* ABORT: it ends between two tries; its command is refused. */
-void kc_change_cancel(kc_change_t *c, kc_cmd_log_t *log, kc_out_t *out);
+/* ABORT: it ends between two tries, or before what it asked for in this step is done; its command is refused. What is to be
+ * put back is asked for now (KC_CHANGE_BACK_COST), and ends with the edge's answer. */
+void kc_change_cancel(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out);
 
 #endif

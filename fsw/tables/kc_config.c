@@ -6,6 +6,7 @@
 
 #define S_US 1000000ull
 #define HOUR_US (3600ull * S_US)
+#define ARRIVE_MAX 0.01 /* what is verified is verified for an arm that is where it was sent */
 #define TINY 1e-12 /* stands for "above zero" */
 
 static void walk_design(kc_walk_t *w, kc_config_t *c)
@@ -54,7 +55,8 @@ static void walk_moving(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 32u, &c->servo.margin, 0.0, 1.0);
     kc_walk_u32(w, 33u, &c->servo_steps_max, 0u, 1000u);
     kc_walk_f64(w, 34u, &c->speed_scale, 1e-3, 1.0);
-    kc_walk_f64(w, 35u, &c->arrive_tol, 1e-9, 1.0);
+    /* rad or m; twice as much beside a segment, or beyond a bound, counts as on the verified path */
+    kc_walk_f64(w, 35u, &c->arrive_tol, 1e-9, ARRIVE_MAX);
 }
 
 static void walk_estimating(kc_walk_t *w, kc_config_t *c)

@@ -552,6 +552,107 @@ void test_a_table_that_cannot_be_made_is_taken_out_of_the_store_before_it_is_ans
     }
 }
 
+static void abort_after(uint32_t ticks)
+{
+    world_boot();
+    world_tick();
+    s_before = kc_app_active(APP)->crc[KC_TBL_CONFIG];
+    stage_config();
+    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, (int32_t)s_crc, 0);
+    spoil_staged();
+    world_ticks(ticks);
+    (void)world_cmd(KC_CMD_ABORT, 0, 0, 0);
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP)); /* it does not wait */
+}
+
+static void active_after_a_restart(uint16_t kind, uint32_t crc)
+{
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_HEX32(crc, kc_app_active(APP)->crc[kind]);
+}
+
+/* It was left in the store, and was in force after the next start without anybody having been told so. */
+void test_abort_leaves_no_table_in_the_store_that_could_not_be_made(void)
+{
+    for (uint32_t ticks = 0u; ticks < 6u; ticks++) {
+        setUp();
+        abort_after(ticks);
+        world_ticks(3u);
+        TEST_ASSERT_EQUAL_HEX32(s_before, kc_app_active(APP)->crc[KC_TBL_CONFIG]);
+        TEST_ASSERT_EQUAL_HEX32(s_before, kc_tbl_image_crc(world.store[KC_TBL_CONFIG][0], 16u));
+        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_STORE_REFUSED));
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        TEST_ASSERT_EQUAL_INT(KC_OK, upload(KC_TBL_CONFIG, &world.config)); /* the next upload is as always */
+        active_after_a_restart(KC_TBL_CONFIG, s_before);
+    }
+}
+
+/* In SAFE nothing waits: one try, and an event if it fails. */
+void test_abort_of_a_table_that_is_to_be_put_back_tries_once_and_says_so(void)
+{
+    for (int fails = 0; fails < 2; fails++) {
+        setUp();
+        world.config.store_retry_us = 1000000u;
+        world_boot();
+        world_tick();
+        s_before = kc_app_active(APP)->crc[KC_TBL_CONFIG];
+        stage_config();
+        (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, (int32_t)s_crc, 0);
+        spoil_staged();
+        world.store_fails = -1;
+        world.store_fails_kind = KC_TBL_CONFIG;
+        world_ticks(4u); /* the first try has failed, the second is not due */
+        TEST_ASSERT_EQUAL_INT(KC_ST_STORE, kc_app_state(APP));
+        world.store_fails = fails ? -1 : 0;
+        (void)world_cmd(KC_CMD_ABORT, 0, 0, 0);
+        world_tick();
+        TEST_ASSERT_NOT_NULL(stored_in_step(KC_TBL_CONFIG));
+        uint32_t tries = 0u, n = world.n_acks;
+        for (uint32_t i = 0u; i < 60u; i++) {
+            world_tick();
+            tries += stored_in_step(KC_TBL_CONFIG) != NULL;
+        }
+        TEST_ASSERT_EQUAL_UINT32(0u, tries);
+        TEST_ASSERT_EQUAL_UINT32(n, world.n_acks);
+        TEST_ASSERT_EQUAL_UINT32(fails ? 1u : 0u, world_events(KC_EVT_STORE_REFUSED));
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        world.store_fails = 0;
+        active_after_a_restart(KC_TBL_CONFIG, fails ? s_crc : s_before);
+    }
+}
+
+static void given_changed_kernel(void)
+{
+    setUp();
+    world_boot();
+    world_tick();
+    s_before = kc_app_active(APP)->crc[KC_TBL_CONFIG];
+    stage_config();
+    APP->tables.active.kernel.sigma_eps *= 2.0;
+}
+
+/* Memory that has changed is found in the very step that asks for the table to be stored. */
+void test_an_abort_in_the_step_that_asks_for_a_table_withdraws_it(void)
+{
+    uint32_t n = 0u;
+    given_changed_kernel();
+    for (; n < 2000u && world_events(KC_EVT_MEMORY_TABLE) == 0u; n++) { world_tick(); }
+    TEST_ASSERT_TRUE(n > 0u && n < 2000u);
+    given_changed_kernel();
+    world_ticks(n - 1u);
+    (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, (int32_t)s_crc, 0);
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_CMD_TABLE_ACTIVATE, world.ack.opcode);
+    TEST_ASSERT_EQUAL_INT(KC_EVT_CAL_ABORTED, world.ack.event_id);
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_NULL(stored_in_step(KC_TBL_CONFIG));
+    TEST_ASSERT_NOT_NULL(stored_in_step(KC_STORE_JOURNAL));
+    world_ticks(2u);
+    active_after_a_restart(KC_TBL_CONFIG, s_before);
+}
+
 void test_a_table_that_cannot_be_made_and_replaces_none_is_deleted(void)
 {
     world_boot();

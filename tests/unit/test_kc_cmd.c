@@ -201,6 +201,73 @@ void test_abort_is_taken_of_any_source(void)
     }
 }
 
+static void expect_stopped(int32_t opcode)
+{
+    TEST_ASSERT_EQUAL_INT(opcode, world.last[KC_EVT_CMD_ABORTED].index);
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+}
+
+/* The last that anybody said may have been ABORT: the order within a step is not that of the senders. */
+void test_abort_wins_over_a_start_of_the_same_step_in_whatever_order(void)
+{
+    for (int first = 0; first < 2; first++) {
+        given_world();
+        given_idle();
+        if (first) { world_cmd(KC_CMD_ABORT, 0, 0, 0)->source = 1; }
+        (void)world_cmd(KC_CMD_START, -1, 4, 1);
+        if (!first) { world_cmd(KC_CMD_ABORT, 0, 0, 0)->source = 1; }
+        world_tick();
+        TEST_ASSERT_EQUAL_UINT32(2u, world.n_acks);
+        const kc_ack_t *start = &world.out.ack[first ? 1 : 0], *abort = &world.out.ack[first ? 0 : 1];
+        TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, start->status);
+        TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_ABORTED, start->event_id);
+        TEST_ASSERT_EQUAL_INT(KC_CMD_ABORT, abort->opcode);
+        TEST_ASSERT_EQUAL_INT(KC_OK, abort->status);
+        expect_stopped(KC_CMD_START);
+        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_START));
+        for (uint32_t i = 0u; i < 30u; i++) {
+            world_tick();
+            TEST_ASSERT_FALSE(world.out.has_arm_cmd && !world.out.arm_cmd.hold);
+        }
+        TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_START, -1, 4, 1)); /* a later one is taken */
+    }
+}
+
+/* The edge takes no more of its queue than a step has room for: the rest came before the ABORT too. */
+void test_a_start_that_waited_with_an_abort_is_refused_in_a_later_step(void)
+{
+    given_idle();
+    world_cmd(KC_CMD_START, -1, 4, 1)->stopped = 1u;
+    kc_cmd_t again;
+    world_tick();
+    again = world.sent[world.counter % KC_CMD_QUEUE_MAX];
+    TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, world.ack.status);
+    TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_ABORTED, world.ack.event_id);
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    world.as_sent = true; /* its counter is used up: a recorder cannot send it again without the mark */
+    again.stopped = 0u;
+    *world_cmd(KC_CMD_START, -1, 4, 1) = again;
+    refused(KC_ERR_STALE, KC_EVT_CMD_REPLAYED);
+}
+
+void test_abort_stops_what_changes_what_is_in_force_and_nothing_else(void)
+{
+    static const int32_t all[] = {KC_CMD_NOOP,           KC_CMD_APPROVE_ARM,   KC_CMD_APPROVE_GO,
+                                  KC_CMD_REJECT,         KC_CMD_ROLLBACK,      KC_CMD_TABLE_VALIDATE,
+                                  KC_CMD_TABLE_ACTIVATE, KC_CMD_TABLE_DISCARD, KC_CMD_TABLE_DUMP};
+    for (uint32_t i = 0u; i < sizeof all / sizeof all[0]; i++) {
+        given_world();
+        given_idle();
+        bool stops = all[i] == KC_CMD_APPROVE_ARM || all[i] == KC_CMD_APPROVE_GO ||
+                     all[i] == KC_CMD_ROLLBACK || all[i] == KC_CMD_TABLE_ACTIVATE;
+        (void)world_cmd(KC_CMD_ABORT, 0, 0, 0);
+        (void)world_cmd(all[i], KC_TBL_CONFIG, 0, 0);
+        world_tick();
+        TEST_ASSERT_EQUAL_INT(all[i], world.ack.opcode);
+        TEST_ASSERT_EQUAL_INT(stops, world.ack.event_id == KC_EVT_CMD_ABORTED);
+    }
+}
+
 void test_an_unknown_opcode_is_refused(void)
 {
     given_idle();

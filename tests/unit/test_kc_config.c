@@ -77,7 +77,7 @@ static const spoil_t s_spoil[] = {
     {32, AT(servo.margin), 'd', -0.1},
     {33, AT(servo_steps_max), 'u', 1001.0},
     {34, AT(speed_scale), 'd', 1.1},
-    {35, AT(arrive_tol), 'd', 0.0},
+    {35, AT(arrive_tol), 'd', 0.011},
     {36, AT(est.free_mask), 'l', 0.0},
     {37, AT(est.iter_max), 'u', 101.0},
     {38, AT(est.tol_step), 'd', 0.0},

@@ -28,7 +28,7 @@ static int32_t refused_for(int32_t opcode, kc_state_t state, bool is_signed)
     if (is_signed) { world_sign_cmd(cmd); }
     memset(&s_out, 0, sizeof s_out);
     APP->place.state = state;
-    (void)kc_dispatch(APP, cmd, &work, &s_out);
+    (void)kc_dispatch(APP, cmd, false, &work, &s_out);
     world.in.n_cmd = 0u;
     return s_out.n_ack == 1u ? s_out.ack[0].event_id : (int32_t)KC_EVT_NONE;
 }
@@ -91,8 +91,24 @@ void test_only_commands_of_tables_need_time_for_a_whole_table_whatever_the_state
         world_sign_cmd(cmd);
         memset(&s_out, 0, sizeof s_out);
         APP->place.state = KC_ST_MOVE;
-        (void)kc_dispatch(APP, cmd, &work, &s_out);
+        (void)kc_dispatch(APP, cmd, false, &work, &s_out);
         world.in.n_cmd = 0u;
         TEST_ASSERT_TRUE(table == (s_out.ack[0].event_id == KC_EVT_CMD_WORK));
+    }
+}
+
+void test_what_moves_the_arm_or_changes_what_is_in_force_gives_way_to_an_abort(void)
+{
+    for (int32_t opcode = 0; opcode < OPCODE_COUNT; opcode++) {
+        bool gives_way = opcode == KC_CMD_START || opcode == KC_CMD_APPROVE_ARM ||
+                         opcode == KC_CMD_APPROVE_GO || opcode == KC_CMD_ROLLBACK ||
+                         opcode == KC_CMD_TABLE_ACTIVATE;
+        kc_work_t work = kc_work_of_step();
+        kc_cmd_t *cmd = world_cmd(opcode, KC_TBL_CONFIG, 0, 0);
+        world_sign_cmd(cmd);
+        memset(&s_out, 0, sizeof s_out);
+        (void)kc_dispatch(APP, cmd, true, &work, &s_out);
+        world.in.n_cmd = 0u;
+        TEST_ASSERT_TRUE(gives_way == (s_out.ack[0].event_id == KC_EVT_CMD_ABORTED));
     }
 }

@@ -33,7 +33,7 @@ static kc_files_t s_f;
 static char s_dir[64];
 static uint8_t s_buf[4096];
 static kcm_tick_done_t s_done;
-static kcm_ack_t s_ack;
+static kcm_ack_t s_ack, s_ack_start;
 static uint32_t s_n_done, s_n_ack, s_n_hk, s_n_event, s_n_down, s_n_arm_cmd;
 static volatile sig_atomic_t s_stop;
 static uint32_t s_stop_done; /* stops after so many answers to ticks; 0: never */
@@ -107,6 +107,7 @@ static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
     } else if (strcmp(channel, "KC_ACK") == 0) {
         s_n_ack++;
         TEST_ASSERT_TRUE(kcm_ack_t_decode(b->data, 0, n, &s_ack) > 0);
+        if (s_ack.opcode == KC_CMD_START) { s_ack_start = s_ack; }
     }
     s_n_hk += strcmp(channel, "KC_HK") == 0;
     if (s_e.live && s_n_hk >= 1u) { s_stop = 1; }
@@ -406,6 +407,33 @@ void test_commands_get_through_a_flood_of_others_in_their_name(void)
     pump();
     TEST_ASSERT_TRUE(world_calibrating());
     TEST_ASSERT_EQUAL_UINT32(KC_EDGE_MACS_CMD, s_e.macs_cmd);
+}
+
+/* A step takes 8 of them: the START is the last of its source, and the ABORT was sent after it. */
+void test_a_start_in_a_full_queue_does_not_outlive_an_abort(void)
+{
+    for (int late = 0; late < 2; late++) {
+        tearDown();
+        setUp();
+        send_arm(1);
+        send_time(1);
+        pump();
+        for (int32_t i = 0; i < (int32_t)KC_Q_CMD_QUOTA; i++) { send_cmd(100000, i + 1, KC_CMD_NOOP, 0); }
+        for (int32_t i = 0; i < 7; i++) { send_cmd(100000, i + 1, KC_CMD_TABLE_DISCARD, 0); }
+        send_cmd(100000, 8, KC_CMD_START, -1);
+        if (!late) { send_cmd(100000, 9, KC_CMD_ABORT, 0); }
+        for (int64_t tick = 2; tick < 8; tick++) {
+            if (late && tick == 3) { send_cmd(200000, 9, KC_CMD_ABORT, 0); } /* the START waits still */
+            send_arm((int32_t)tick);
+            send_time(tick);
+            pump();
+            TEST_ASSERT_FALSE(world_calibrating());
+        }
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        TEST_ASSERT_EQUAL_UINT32(0u, s_e.queue.n_cmd);
+        TEST_ASSERT_EQUAL_INT(KC_ERR_STATE, s_ack_start.status);
+        TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_ABORTED, s_ack_start.event_id);
+    }
 }
 
 /* What is left open: more forged signatures in a step than are checked. Then it is one of the others. */

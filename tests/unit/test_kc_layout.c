@@ -417,7 +417,7 @@ static const limit_t s_limit[] = {
     {KC_TBL_CONFIG, 32u, -1, offsetof(kc_config_t, servo.margin), 'd', 0.0, 1.0, false},
     {KC_TBL_CONFIG, 33u, -1, offsetof(kc_config_t, servo_steps_max), 'u', 0.0, 1000.0, false},
     {KC_TBL_CONFIG, 34u, -1, offsetof(kc_config_t, speed_scale), 'd', 1e-3, 1.0, false},
-    {KC_TBL_CONFIG, 35u, -1, offsetof(kc_config_t, arrive_tol), 'd', 1e-9, 1.0, false},
+    {KC_TBL_CONFIG, 35u, -1, offsetof(kc_config_t, arrive_tol), 'd', 1e-9, 0.01, false},
     {KC_TBL_CONFIG, 36u, -1, offsetof(kc_config_t, est.free_mask), 'l', 1.0, 18446744073709551615.0, false},
     {KC_TBL_CONFIG, 37u, -1, offsetof(kc_config_t, est.iter_max), 'u', 1.0, 100.0, false},
     {KC_TBL_CONFIG, 38u, -1, offsetof(kc_config_t, est.tol_step), 'd', 1e-15, 1.0, false},

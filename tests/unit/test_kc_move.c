@@ -172,6 +172,27 @@ void test_outside_the_hub_bound_it_is_at_no_node_even_within_the_servo_bound(voi
     TEST_ASSERT_NOT_EQUAL(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
 }
 
+/* With 1 rad, which CONFIG took, an arm anywhere near the park pose was at it, and START moved it on a straight line that
+ * nobody had verified, to a local initial pose even without a check of its clearance. */
+void test_no_config_lets_an_arm_beside_its_paths_start(void)
+{
+    static const double tol[] = {1e-3, 0.01, 0.02, 0.1, 1.0};
+    for (uint32_t i = 0u; i < sizeof tol / sizeof tol[0]; i++) {
+        for (uint32_t k = 0u; k < 2u; k++) {
+            setUp();
+            world.config.servo.bound = 0.05;
+            world.config.arrive_tol = tol[i];
+            world.q[1] = world.q_cmd[1] = 0.08; /* beside the park pose */
+            if (k == 1u) { world.q[0] = world.q_cmd[0] = 0.25; /* or beside a segment */ }
+            world_boot();
+            world_ticks(2u);
+            TEST_ASSERT_NOT_EQUAL(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
+            TEST_ASSERT_EQUAL_INT(tol[i] > 0.01 ? KC_EVT_TBL_MISSING : KC_EVT_CAL_NO_PATH, world.ack.event_id);
+            TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_START));
+        }
+    }
+}
+
 void test_on_no_segment_it_stands_nowhere(void)
 {
     double dist = 0.0;

@@ -175,7 +175,7 @@ void test_a_flood_of_strangers_costs_nobody_anything(void)
             n[s_in.cmd[i].auth.key_id != 0u ? s_in.cmd[i].source : 0]++;
         }
         TEST_ASSERT_TRUE(n[1] >= 2u && n[2] >= 2u);
-        TEST_ASSERT_EQUAL_INT(KC_CMD_ABORT, s_in.cmd[KC_CMD_QUEUE_MAX - 1u].opcode); /* its place is kept */
+        TEST_ASSERT_EQUAL_INT(KC_CMD_ABORT, s_in.cmd[0].opcode);
     }
 }
 
@@ -240,20 +240,52 @@ void test_a_flood_of_chunks_that_nobody_vouches_for_does_not_hold_up_an_upload(v
     }
 }
 
-/* Whatever account it takes: what was sent before ABORT does not follow it. */
-void test_abort_that_nobody_vouches_for_is_the_last_of_its_step(void)
+/* Whoever sent it, whatever its number and however much waits; a second one has no more to stop. */
+void test_one_abort_is_the_first_of_its_step(void)
 {
-    TEST_ASSERT_TRUE(abort_of_others(1, 4));
-    for (int32_t i = 1; i <= 3; i++) { TEST_ASSERT_TRUE(cmd(1, 1, i)); }
-    TEST_ASSERT_TRUE(others(1, 2, 1));
-    kc_queue_take(&s_q, 2, &s_in);
-    TEST_ASSERT_EQUAL_UINT32(5u, s_in.n_cmd);
-    TEST_ASSERT_EQUAL_INT(KC_CMD_ABORT, s_in.cmd[4].opcode);
-    setUp();
-    TEST_ASSERT_TRUE(abort_cmd(1, 1)); /* vouched for: by its number, START after ABORT is meant so */
-    TEST_ASSERT_TRUE(cmd(1, 1, 2));
-    kc_queue_take(&s_q, 2, &s_in);
-    TEST_ASSERT_EQUAL_INT(KC_CMD_ABORT, s_in.cmd[0].opcode);
+    for (int vouched = 0; vouched < 2; vouched++) {
+        setUp();
+        TEST_ASSERT_TRUE(vouched ? abort_cmd(1, 400) : abort_of_others(1, 400));
+        TEST_ASSERT_TRUE(abort_of_others(3, 1));
+        for (int32_t i = 1; i < (int32_t)KC_Q_CMD_QUOTA; i++) {
+            TEST_ASSERT_TRUE(cmd(1, 1, i));
+            TEST_ASSERT_TRUE(cmd(1, 2, i));
+            TEST_ASSERT_TRUE(others(1, 2, i));
+        }
+        kc_queue_take(&s_q, 2, &s_in);
+        TEST_ASSERT_EQUAL_UINT32(KC_CMD_QUEUE_MAX, s_in.n_cmd);
+        TEST_ASSERT_EQUAL_INT(KC_CMD_ABORT, s_in.cmd[0].opcode);
+        uint32_t aborts = 0u;
+        for (uint32_t i = 0u; i < s_in.n_cmd; i++) { aborts += s_in.cmd[i].opcode == KC_CMD_ABORT; }
+        TEST_ASSERT_EQUAL_UINT32(1u, aborts);
+    }
+}
+
+/* All 21 are taken in three steps: each came before the ABORT, or with it. What comes later, and what is stamped later, is
+ * not concerned. */
+void test_what_waits_with_an_abort_is_marked_until_it_is_taken(void)
+{
+    TEST_ASSERT_TRUE(abort_of_others(1, 400));
+    for (int32_t i = 1; i < (int32_t)KC_Q_CMD_QUOTA; i++) {
+        TEST_ASSERT_TRUE(cmd(1, 1, i));
+        TEST_ASSERT_TRUE(cmd(1, 2, i));
+        TEST_ASSERT_TRUE(others(1, 2, i));
+    }
+    TEST_ASSERT_TRUE(cmd(50, 1, 90)); /* not due yet */
+    uint32_t n = 0u, marked = 0u;
+    for (uint32_t step = 0u; step < 3u; step++) {
+        memset(&s_in, 0, sizeof s_in);
+        kc_queue_take(&s_q, 2, &s_in);
+        for (uint32_t i = 0u; i < s_in.n_cmd; i++) { marked += s_in.cmd[i].stopped; }
+        n += s_in.n_cmd;
+        if (step == 0u) { TEST_ASSERT_TRUE(others(1, 1, 9)); }
+    }
+    TEST_ASSERT_EQUAL_UINT32(1u + 21u + 1u, n);
+    TEST_ASSERT_EQUAL_UINT32(1u + 21u, marked);
+    memset(&s_in, 0, sizeof s_in);
+    kc_queue_take(&s_q, 100, &s_in);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_in.n_cmd);
+    TEST_ASSERT_EQUAL_UINT8(0u, s_in.cmd[0].stopped);
 }
 
 void test_numbers_that_wrap_keep_their_order(void)

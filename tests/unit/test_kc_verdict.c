@@ -19,6 +19,7 @@ void setUp(void)
     s_config.accept_sigma_max_pos_m = 0.002;
     s_config.accept_change_max_pos_m = 0.005;
     memset(&s_est, 0, sizeof s_est);
+    s_est.n_obs = 20u;
     s_est.dof = 20u;
     s_est.noise_scale = 1.0;
     s_est.opt.outlier_max = 4u;
@@ -69,6 +70,21 @@ void test_an_unlikely_fit_is_poor_only_with_twice_the_noise_or_all_outliers_reje
     s_est.opt.outlier_max = 0u; /* none may be rejected: then none is no sign */
     s_est.n_outliers = 0u;
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, verdict(1e-10, 0.0));
+}
+
+/* With outlier_max and outlier_p at their limits, half of the poses of an arm that slips are rejected and the others fit
+ * well, with p near 1. */
+void test_a_fit_of_what_is_left_when_a_quarter_is_rejected_is_poor(void)
+{
+    s_est.opt.outlier_max = KC_MEAS_MAX;
+    s_est.n_outliers = 5u;
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, verdict(0.9, 0.0));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, verdict(0.9, 0.9));
+    s_est.n_outliers = 6u;
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, verdict(0.9, 0.0));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, verdict(0.9, 0.9)); /* nor is such an arm healthy */
+    s_est.n_obs = 24u;
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, verdict(0.9, 0.0));
 }
 
 void test_the_improvement_counts_in_units_of_the_noise_and_against_the_rank(void)
