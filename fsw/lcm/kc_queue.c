@@ -8,7 +8,7 @@ static bool ahead(int64_t t_us, int64_t now_us)
     return t_us > now_us && (uint64_t)t_us - (uint64_t)now_us > KC_Q_AHEAD_US;
 }
 
-/* ---- accounts of KC_IN_LIST: whose room a message takes ---- */
+/* ---- accounts: whose room a message takes ---- */
 
 #define NO_ROOM UINT32_MAX
 #define CHUNKS_VOUCHED 1u
@@ -64,11 +64,7 @@ static uint32_t account_of_chunk(const kc_queue_t *q, const kc_chunk_t *m, bool 
     return chunks(q, KC_Q_OTHERS, m, &any) < KC_Q_CHUNK_OTHERS ? KC_Q_OTHERS : NO_ROOM;
 }
 
-#define ACCOUNT_TURN(q, m, vouched) account_of_cmd((q), (m), (vouched))
-#define ACCOUNT_PLACE(q, m, vouched) account_of_chunk((q), (m), (vouched))
-#define ACCOUNT_SEQ(q, m, vouched) ((q)->n_det < KC_Q_DET ? KC_Q_OTHERS : NO_ROOM)
-
-/* ---- orders of KC_IN_LIST: what is before what ---- */
+/* ---- orders: what is before what ---- */
 
 /* Order of two messages: by the first pair of keys that differs. */
 static bool before(const int64_t *a, const int64_t *b, uint32_t n)
@@ -90,75 +86,43 @@ static int64_t late(const uint32_t *taken, uint32_t account, const kc_cmd_t *m)
 }
 
 /* taken: commands of each account in this step; the one with the fewest comes next. */
-static bool turn_before(const uint32_t *taken, uint32_t m_account, const kc_cmd_t *m, uint32_t o_account,
-                        const kc_cmd_t *o)
+static bool turn_before(const uint32_t *taken, const kc_waiting_cmd_t *w, const kc_waiting_cmd_t *o)
 {
-    int32_t later = (int32_t)((uint32_t)m->seq - (uint32_t)o->seq); /* numbers wrap */
-    const int64_t a[4] = {late(taken, m_account, m), taken[m_account], m->source, later};
-    const int64_t b[4] = {late(taken, o_account, o), taken[o_account], o->source, 0};
+    int32_t later = (int32_t)((uint32_t)w->m.seq - (uint32_t)o->m.seq); /* numbers wrap */
+    const int64_t a[4] = {late(taken, w->account, &w->m), taken[w->account], w->m.source, later};
+    const int64_t b[4] = {late(taken, o->account, &o->m), taken[o->account], o->m.source, 0};
     return before(a, b, 4u);
-}
-
-static void took_turn(uint32_t *taken, uint32_t account, const kc_cmd_t *m)
-{
-    taken[account]++;
-    if (m->opcode == KC_CMD_ABORT) { taken[ABORTS_TAKEN]++; }
 }
 
 /* What is vouched for comes first. */
-static bool place_before(uint32_t m_account, int64_t m_us, const kc_chunk_t *m, uint32_t o_account,
-                         int64_t o_us, const kc_chunk_t *o)
+static bool place_before(const kc_waiting_chunk_t *w, const kc_waiting_chunk_t *o)
 {
-    const int64_t a[4] = {-(int64_t)m_account, m_us, m->kind, m->offset};
-    const int64_t b[4] = {-(int64_t)o_account, o_us, o->kind, o->offset};
+    const int64_t a[4] = {-(int64_t)w->account, w->t_us, w->m.kind, w->m.offset};
+    const int64_t b[4] = {-(int64_t)o->account, o->t_us, o->m.kind, o->m.offset};
     return before(a, b, 4u);
 }
 
-#define BEFORE_TURN(taken, a, b) turn_before((taken), (a)->account, &(a)->m, (b)->account, &(b)->m)
-#define BEFORE_PLACE(taken, a, b) \
-    place_before((a)->account, (a)->t_us, &(a)->m, (b)->account, (b)->t_us, &(b)->m)
-#define BEFORE_SEQ(taken, a, b) ((a)->m.seq < (b)->m.seq)
-#define TOOK_TURN(taken, w) took_turn((taken), (w)->account, &(w)->m);
-#define TOOK_PLACE(taken, w)
-#define TOOK_SEQ(taken, w)
+/* ---- commands ---- */
 
-/* ---- the queues of the list ---- */
-
-#define PUT(CHANNEL, member, message, copied, order, step, room)                                   \
-    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m, \
-                           bool vouched)                                                           \
-    {                                                                                              \
-        (void)vouched;                                                                             \
-        uint32_t account = ahead(t_us, now_us) ? NO_ROOM : ACCOUNT_##order(q, m, vouched);         \
-        if (account == NO_ROOM || q->n_##member >= (room)) { return false; }                       \
-        q->member[q->n_##member].t_us = t_us;                                                      \
-        q->member[q->n_##member].account = account;                                                \
-        q->member[q->n_##member++].m = *m;                                                         \
-        return true;                                                                               \
-    }
-KC_IN_LIST(PUT, KC_Q_NONE_)
+bool kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *cmd, bool vouched)
+{
+    uint32_t account = ahead(t_us, now_us) ? NO_ROOM : account_of_cmd(q, cmd, vouched);
+    if (account == NO_ROOM || q->n_cmd >= KC_Q_CMD) { return false; }
+    q->cmd[q->n_cmd++] = (kc_waiting_cmd_t){t_us, account, *cmd};
+    return true;
+}
 
 /* Place of the one that comes next, n if none is due. */
-#define FIRST(CHANNEL, member, message, copied, order, step, room)                                 \
-    static uint32_t first_##member(const kc_queue_t *q, int64_t now_us, const uint32_t *taken)     \
-    {                                                                                              \
-        uint32_t best = q->n_##member;                                                             \
-        (void)taken;                                                                               \
-        for (uint32_t i = 0u; i < q->n_##member; i++) {                                            \
-            if (q->member[i].t_us >= now_us) { continue; }                                         \
-            if (best == q->n_##member || BEFORE_##order(taken, &q->member[i], &q->member[best])) { \
-                best = i;                                                                          \
-            }                                                                                      \
-        }                                                                                          \
-        return best;                                                                               \
+static uint32_t first_cmd(const kc_queue_t *q, int64_t now_us, const uint32_t *taken)
+{
+    uint32_t best = q->n_cmd;
+    for (uint32_t i = 0u; i < q->n_cmd; i++) {
+        if (q->cmd[i].t_us >= now_us) { continue; }
+        if (best == q->n_cmd || turn_before(taken, &q->cmd[i], &q->cmd[best])) { best = i; }
     }
-KC_IN_LIST(FIRST, KC_Q_NONE_)
+    return best;
+}
 
-#define TAKE(CHANNEL, member, message, copied, order, step, room)                                \
-    while (in->n_##member < (step) && (i = first_##member(q, now_us, taken)) < q->n_##member) {  \
-        TOOK_##order(taken, &q->member[i]) in->member[in->n_##member++] = q->member[i].m; \
-        q->member[i] = q->member[--q->n_##member];                                               \
-    }
 /* ABORT counts against all that waits with it, in whichever order and steps they are taken. */
 static void stop_waiting(kc_queue_t *q, int64_t now_us)
 {
@@ -171,9 +135,78 @@ static void stop_waiting(kc_queue_t *q, int64_t now_us)
     }
 }
 
-void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in)
+static void take_cmds(kc_queue_t *q, int64_t now_us, kc_in_t *in)
 {
     uint32_t i, taken[KC_Q_ACCOUNTS + 1u] = {0u};
     stop_waiting(q, now_us);
-    KC_IN_LIST(TAKE, KC_Q_NONE_)
+    while (in->n_cmd < KC_CMD_QUEUE_MAX && (i = first_cmd(q, now_us, taken)) < q->n_cmd) {
+        taken[q->cmd[i].account]++;
+        if (q->cmd[i].m.opcode == KC_CMD_ABORT) { taken[ABORTS_TAKEN]++; }
+        in->cmd[in->n_cmd++] = q->cmd[i].m;
+        q->cmd[i] = q->cmd[--q->n_cmd];
+    }
+}
+
+/* ---- table chunks ---- */
+
+bool kc_queue_chunk(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_chunk_t *chunk, bool vouched)
+{
+    uint32_t account = ahead(t_us, now_us) ? NO_ROOM : account_of_chunk(q, chunk, vouched);
+    if (account == NO_ROOM || q->n_chunk >= KC_Q_CHUNK) { return false; }
+    q->chunk[q->n_chunk++] = (kc_waiting_chunk_t){t_us, account, *chunk};
+    return true;
+}
+
+static uint32_t first_chunk(const kc_queue_t *q, int64_t now_us)
+{
+    uint32_t best = q->n_chunk;
+    for (uint32_t i = 0u; i < q->n_chunk; i++) {
+        if (q->chunk[i].t_us >= now_us) { continue; }
+        if (best == q->n_chunk || place_before(&q->chunk[i], &q->chunk[best])) { best = i; }
+    }
+    return best;
+}
+
+static void take_chunks(kc_queue_t *q, int64_t now_us, kc_in_t *in)
+{
+    uint32_t i;
+    while (in->n_chunk < KC_CHUNK_QUEUE_MAX && (i = first_chunk(q, now_us)) < q->n_chunk) {
+        in->chunk[in->n_chunk++] = q->chunk[i].m;
+        q->chunk[i] = q->chunk[--q->n_chunk];
+    }
+}
+
+/* ---- detections, by number ---- */
+
+bool kc_queue_det(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_detection_t *det)
+{
+    if (ahead(t_us, now_us) || q->n_det >= KC_Q_DET) { return false; }
+    q->det[q->n_det++] = (kc_waiting_det_t){t_us, *det};
+    return true;
+}
+
+static uint32_t first_det(const kc_queue_t *q, int64_t now_us)
+{
+    uint32_t best = q->n_det;
+    for (uint32_t i = 0u; i < q->n_det; i++) {
+        if (q->det[i].t_us >= now_us) { continue; }
+        if (best == q->n_det || q->det[i].m.seq < q->det[best].m.seq) { best = i; }
+    }
+    return best;
+}
+
+static void take_dets(kc_queue_t *q, int64_t now_us, kc_in_t *in)
+{
+    uint32_t i;
+    while (in->n_det < KC_DET_QUEUE_MAX && (i = first_det(q, now_us)) < q->n_det) {
+        in->det[in->n_det++] = q->det[i].m;
+        q->det[i] = q->det[--q->n_det];
+    }
+}
+
+void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in)
+{
+    take_cmds(q, now_us, in);
+    take_chunks(q, now_us, in);
+    take_dets(q, now_us, in);
 }

@@ -18,28 +18,6 @@ static int32_t i32(uint32_t x) { return (int32_t)x; }
 #define COPY_ARRAY(type, name, count) COPY(to->name, from->name);
 #define COPY_FIELDS(LIST) LIST(COPY_FIELD, COPY_ARRAY)
 
-/* ---- copied by the lists alone ---- */
-
-#define IN_FIELDS(CHANNEL, member, message)                                    \
-    void kc_wire_##member(const kcm_##message##_t *from, kc_##message##_t *to) \
-    {                                                                          \
-        COPY_FIELDS(KC_##CHANNEL##_FIELDS)                                     \
-    }
-#define IN_OWN(CHANNEL, member, message)
-#define IN_QUEUED(CHANNEL, member, message, copied, order, step, room) IN_##copied(CHANNEL, member, message)
-#define IN_NEWEST(CHANNEL, member, message, copied) IN_##copied(CHANNEL, member, message)
-KC_IN_LIST(IN_QUEUED, IN_NEWEST)
-
-#define OUT_FIELDS(CHANNEL, member, message)                                                 \
-    void kc_wire_##member(const kc_##message##_t *from, int64_t t_us, kcm_##message##_t *to) \
-    {                                                                                        \
-        to->t_us = t_us;                                                                     \
-        COPY_FIELDS(KC_##CHANNEL##_FIELDS)                                                   \
-    }
-#define OUT_OWN(CHANNEL, member, message)
-#define OUT(CHANNEL, member, message, copied) OUT_##copied(CHANNEL, member, message)
-KC_OUT_LIST(OUT)
-
 /* ---- in ---- */
 
 static void copy_auth(int32_t key_id, int64_t counter, const int64_t *mac, kc_auth_t *to)
@@ -116,6 +94,30 @@ void kc_wire_ack(const kc_ack_t *from, int64_t t_us, kcm_ack_t *to)
 void kc_wire_event(const kc_event_t *from, int64_t t_us, int32_t seq, kcm_event_t *to)
 {
     *to = (kcm_event_t){t_us, seq, from->id, from->severity, from->got, from->want, from->index};
+}
+
+void kc_wire_pantilt_cmd(const kc_pantilt_cmd_t *from, int64_t t_us, kcm_pantilt_cmd_t *to)
+{
+    to->t_us = t_us;
+    COPY_FIELDS(KC_PANTILT_CMD_FIELDS)
+}
+
+void kc_wire_frame_request(const kc_frame_request_t *from, int64_t t_us, kcm_frame_request_t *to)
+{
+    to->t_us = t_us;
+    COPY_FIELDS(KC_FRAME_REQUEST_FIELDS)
+}
+
+void kc_wire_progress(const kc_progress_t *from, int64_t t_us, kcm_progress_t *to)
+{
+    to->t_us = t_us;
+    COPY_FIELDS(KC_PROGRESS_FIELDS)
+}
+
+void kc_wire_hk(const kc_hk_t *from, int64_t t_us, kcm_hk_t *to)
+{
+    to->t_us = t_us;
+    COPY_FIELDS(KC_HK_FIELDS)
 }
 
 void kc_wire_arm_cmd(const kc_arm_cmd_t *from, int64_t t_us, kcm_arm_cmd_t *to)
