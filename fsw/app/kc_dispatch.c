@@ -63,12 +63,12 @@ static kc_answer_t check(const kc_app_t *app, const command_t *row, const kc_cmd
 
 /* ---- apply ---- */
 
-static kc_answer_t start(kc_app_t *app, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
+static kc_answer_t start(kc_app_t *app, const kc_cmd_t *cmd, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
     double dist = 0.0;
     kc_start_t ask;
-    kc_answer_t answer = kc_cmd_start(v, c, &ask, out);
+    kc_answer_t answer = kc_cmd_start(v, cmd, &ask, out);
     if (answer.status != KC_OK) { return answer; }
     if (kc_move_node(&app->move, v, &dist) == KC_NODE_NONE) {
         return kc_answer_refuse(&out->events, KC_EVT_CAL_NO_PATH, -1, dist, 1.0, KC_ERR_PATH);
@@ -88,20 +88,21 @@ static kc_answer_t discard(kc_app_t *app, kc_out_t *out)
     return kc_answer_ok(KC_OC_STAY);
 }
 
-static kc_answer_t apply(kc_app_t *app, kc_opcode_t opcode, const kc_cmd_t *c, kc_work_t *work, kc_out_t *out)
+static kc_answer_t apply(kc_app_t *app, kc_opcode_t opcode, const kc_cmd_t *cmd, kc_work_t *work,
+                         kc_out_t *out)
 {
-    uint32_t crc = (uint32_t)c->arg_i[0];
+    uint32_t crc = (uint32_t)cmd->arg_i[0];
     switch (opcode) {
-    case KC_CMD_START: return start(app, c, work, out);
+    case KC_CMD_START: return start(app, cmd, work, out);
     case KC_CMD_ABORT: return kc_answer_ok(KC_OC_ABORT);
-    case KC_CMD_APPROVE_ARM: return kc_review_arm(&app->review, crc, c->arg_i[1], out);
+    case KC_CMD_APPROVE_ARM: return kc_review_arm(&app->review, crc, cmd->arg_i[1], out);
     case KC_CMD_APPROVE_GO: return kc_review_go(&app->review, &app->tables, crc, out);
     case KC_CMD_REJECT: return kc_review_reject(&app->review, crc, out);
     case KC_CMD_ROLLBACK: return kc_review_rollback(&app->tables, crc, out);
-    case KC_CMD_TABLE_VALIDATE: return kc_cmd_validate(&app->tables, c, out);
-    case KC_CMD_TABLE_ACTIVATE: return kc_cmd_activate(&app->tables, c, out);
+    case KC_CMD_TABLE_VALIDATE: return kc_cmd_validate(&app->tables, cmd, out);
+    case KC_CMD_TABLE_ACTIVATE: return kc_cmd_activate(&app->tables, cmd, out);
     case KC_CMD_TABLE_DISCARD: return discard(app, out);
-    case KC_CMD_TABLE_DUMP: return kc_dump_begin(&app->dump, &app->review, &app->view, c, out);
+    case KC_CMD_TABLE_DUMP: return kc_dump_begin(&app->dump, &app->review, &app->view, cmd, out);
     default: return kc_answer_ok(KC_OC_STAY); /* NOOP */
     }
 }

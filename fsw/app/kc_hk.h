@@ -13,8 +13,8 @@ typedef struct {
 } kc_hk_state_t;
 
 /* Count what a step brought; whether a report is due. */
-bool kc_hk_count(kc_hk_state_t *s, uint64_t now_us, const kc_out_t *out);
+bool kc_hk_count(kc_hk_state_t *counts, uint64_t now_us, const kc_out_t *out);
 /* Fill in the counts. */
-void kc_hk_fill(kc_hk_state_t *s, kc_hk_t *hk);
+void kc_hk_fill(kc_hk_state_t *counts, kc_hk_t *hk);
 
 #endif

@@ -15,6 +15,6 @@ typedef struct {
 } kc_scrub_t;
 
 /* One slice. A part that has changed is in force no more (its CRC is 0 then) and named by an event; ABORT. */
-kc_outcome_t kc_scrub_run(kc_scrub_t *s, kc_tables_t *tables, const kc_est_t *est, kc_events_t *ev);
+kc_outcome_t kc_scrub_run(kc_scrub_t *scrub, kc_tables_t *tables, const kc_est_t *est, kc_events_t *ev);
 
 #endif

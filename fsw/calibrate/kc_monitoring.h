@@ -19,15 +19,15 @@ typedef struct {
 } kc_monitoring_t;
 
 /* Whether a detection that no calibration waits for is passed to the monitor. */
-bool kc_monitoring_wants(const kc_view_t *v);
+bool kc_monitoring_wants(const kc_view_t *view);
 /* Record since when arm and pan-tilt unit are at rest; call after every step's telemetry. */
-void kc_monitoring_rest(kc_monitoring_t *w, const kc_view_t *v);
+void kc_monitoring_rest(kc_monitoring_t *monitoring, const kc_view_t *view);
 /* Take a checked detection into `monitor`, which starts anew after a calibration or a change of tables. It is
  * not compared, with an event, unless arm and pan-tilt unit had settled before. */
-void kc_monitoring_observe(kc_monitoring_t *w, kc_monitor_t *monitor, const kc_view_t *v,
-                           const kc_detection_t *d, kc_work_t *work, kc_out_t *out);
+void kc_monitoring_observe(kc_monitoring_t *monitoring, kc_monitor_t *monitor, const kc_view_t *view,
+                           const kc_detection_t *det, kc_work_t *work, kc_out_t *out);
 /* The verdict on new observations, as soon as a step has room for it; reported with an event. */
-void kc_monitoring_evaluate(kc_monitoring_t *w, const kc_monitor_t *monitor, const kc_view_t *v,
+void kc_monitoring_evaluate(kc_monitoring_t *monitoring, const kc_monitor_t *monitor, const kc_view_t *view,
                             kc_work_t *work, kc_out_t *out);
 
 #endif

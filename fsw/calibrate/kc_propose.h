@@ -22,12 +22,12 @@ typedef struct {
 } kc_proposing_t;
 
 /* PROPOSE begins. */
-void kc_propose_begin(kc_proposing_t *j, kc_consider_t *chain);
+void kc_propose_begin(kc_proposing_t *proposing, kc_consider_t *chain);
 /* chain: what the camera chain does to the estimate, memory of kc_arena.h.
  * STAY: goes on in the next step. DONE: no change; STORE: it is to be stored, and then put in force (*accepted) or
  * reviewed by the ground. */
-kc_outcome_t kc_propose_run(kc_proposing_t *j, kc_consider_t *chain, kc_review_t *r,
-                            const kc_tables_t *tables, const kc_view_t *v, bool *accepted, kc_work_t *work,
+kc_outcome_t kc_propose_run(kc_proposing_t *proposing, kc_consider_t *chain, kc_review_t *review,
+                            const kc_tables_t *tables, const kc_view_t *view, bool *accepted, kc_work_t *work,
                             kc_out_t *out);
 
 #endif

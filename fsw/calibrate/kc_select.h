@@ -8,17 +8,17 @@
 #include "kc_view.h"
 
 /* A new session. */
-void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *v, const kc_start_t *ask,
+void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *view, const kc_start_t *ask,
                      kc_out_t *out);
 /* SELECT begins. */
 void kc_select_begin(kc_arena_calibration_t *arena);
 /* STAY: goes on in the next step. DONE: cal->candidate is chosen; FINISH; ABORT: nothing was measured that a proposal could use, or too few
  * local initial poses showed a tag. */
 kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, uint64_t *rng,
-                           const kc_view_t *v, kc_work_t *work, kc_out_t *out);
+                           const kc_view_t *view, kc_work_t *work, kc_out_t *out);
 /* Skip the current candidate. */
-void kc_select_skip(kc_plan_t *plan, const kc_view_t *v, kc_out_t *out);
+void kc_select_skip(kc_plan_t *plan, const kc_view_t *view, kc_out_t *out);
 /* Count energy; FINISH when time or energy is used up, ABORT if too little was measured by then. */
-kc_outcome_t kc_select_budget(kc_cal_t *cal, const kc_view_t *v, kc_out_t *out);
+kc_outcome_t kc_select_budget(kc_cal_t *cal, const kc_view_t *view, kc_out_t *out);
 
 #endif

@@ -21,12 +21,12 @@ typedef struct {
 } kc_counters_t;
 
 /* Start: a place for every key. since_us is UINT64_MAX until the clock is known. */
-void kc_counters_begin(kc_counters_t *c, const kc_keys_t *keys);
+void kc_counters_begin(kc_counters_t *counters, const kc_keys_t *keys);
 /* The clock of a step: since_us is never after it, so that a clock that ran ahead locks nobody out. */
-void kc_counters_clock(kc_counters_t *c, uint64_t clock_us);
+void kc_counters_clock(kc_counters_t *counters, uint64_t clock_us);
 /* The counters of a key; NULL if it has no place. */
-const kc_counted_t *kc_counters_of(const kc_counters_t *c, uint32_t key_id);
+const kc_counted_t *kc_counters_of(const kc_counters_t *counters, uint32_t key_id);
 /* A message was taken. */
-void kc_counters_take(kc_counters_t *c, const kc_auth_t *auth, kc_signed_kind_t kind, int32_t source);
+void kc_counters_take(kc_counters_t *counters, const kc_auth_t *auth, kc_signed_kind_t kind, int32_t source);
 
 #endif

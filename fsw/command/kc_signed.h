@@ -9,7 +9,7 @@
 #define KC_SIGNED_HEAD_MAX 104u
 
 /* The head is written to the caller's bytes and, like the message, has to live as long as the text. */
-kc_auth_text_t kc_signed_cmd(const kc_cmd_t *c, uint8_t head[KC_SIGNED_HEAD_MAX]);
-kc_auth_text_t kc_signed_chunk(const kc_chunk_t *c, uint8_t head[KC_SIGNED_HEAD_MAX]);
+kc_auth_text_t kc_signed_cmd(const kc_cmd_t *cmd, uint8_t head[KC_SIGNED_HEAD_MAX]);
+kc_auth_text_t kc_signed_chunk(const kc_chunk_t *chunk, uint8_t head[KC_SIGNED_HEAD_MAX]);
 
 #endif

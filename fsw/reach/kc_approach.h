@@ -10,8 +10,8 @@
 #include "kc_view.h"
 
 /* Whether CONFIG enables it here: never at local initial poses. */
-bool kc_approach_wanted(const kc_view_t *v);
+bool kc_approach_wanted(const kc_view_t *view);
 /* Joints from which the arm comes to q_meas again, inside limits and servo bound; *rng advances. */
-void kc_approach_start(const kc_view_t *v, uint64_t *rng, const double *q_meas, double *q);
+void kc_approach_start(const kc_view_t *view, uint64_t *rng, const double *q_meas, double *q);
 
 #endif

@@ -9,7 +9,7 @@
 
 /* DONE: the measurement is in *out and in the estimator; DISTURBED: arm or pan-tilt unit moved, the frames are
  * dropped; SKIP: too many frames of no use, or the estimator refuses. */
-kc_outcome_t kc_measure_run(kc_frames_t *f, kc_request_t *r, kc_est_t *est, const kc_view_t *v,
+kc_outcome_t kc_measure_run(kc_frames_t *frames, kc_request_t *request, kc_est_t *est, const kc_view_t *view,
                             kc_out_t *out);
 
 #endif

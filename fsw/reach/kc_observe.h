@@ -22,14 +22,17 @@ typedef struct {
 } kc_observe_t;
 
 /* A new candidate. */
-void kc_observe_begin(kc_observe_t *o);
+void kc_observe_begin(kc_observe_t *observe);
 /* The pan-tilt unit was aimed: a search starts from here. */
-void kc_observe_aimed(kc_observe_t *o, const kc_pantilt_t *pantilt);
+void kc_observe_aimed(kc_observe_t *observe, const kc_pantilt_t *pantilt);
 /* OBSERVE: SERVO (to q_servo), MEASURE, APPROACH, SEED, RETREAT (to q_detected), SEARCH or SKIP. */
-kc_outcome_t kc_observe_run(kc_observe_t *o, kc_request_t *r, const kc_view_t *v, kc_out_t *out);
+kc_outcome_t kc_observe_run(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view,
+                            kc_out_t *out);
 /* SEARCH: DONE if tags were detected, SEARCH for the next place. */
-kc_outcome_t kc_observe_search(kc_observe_t *o, kc_request_t *r, const kc_view_t *v, kc_out_t *out);
+kc_outcome_t kc_observe_search(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view,
+                               kc_out_t *out);
 /* TURN begins: to the next place of the spiral; SKIP if there is none. */
-kc_outcome_t kc_observe_turn(kc_observe_t *o, kc_pantilt_t *p, const kc_view_t *v, kc_out_t *out);
+kc_outcome_t kc_observe_turn(kc_observe_t *observe, kc_pantilt_t *pantilt, const kc_view_t *view,
+                             kc_out_t *out);
 
 #endif

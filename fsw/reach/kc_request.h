@@ -25,17 +25,17 @@ typedef struct {
 } kc_request_t;
 
 /* Boot: requests count on from seq. */
-void kc_request_boot(kc_request_t *r, int32_t seq);
+void kc_request_boot(kc_request_t *request, int32_t seq);
 /* Nothing requested, no fails. */
-void kc_request_begin(kc_request_t *r);
+void kc_request_begin(kc_request_t *request);
 /* Forget what was requested; fails stay counted. */
-void kc_request_drop(kc_request_t *r);
+void kc_request_drop(kc_request_t *request);
 /* The frame that was awaited is here. */
-void kc_request_answer(kc_request_t *r, const kc_detection_t *det, bool certain);
+void kc_request_answer(kc_request_t *request, const kc_detection_t *det, bool certain);
 /* Request a frame if none is; NONE while it is awaited, else what came. An uncertain or missing frame is
  * requested again, frame_retries times. */
-kc_frame_t kc_request_poll(kc_request_t *r, const kc_view_t *v, kc_out_t *out);
+kc_frame_t kc_request_poll(kc_request_t *request, const kc_view_t *view, kc_out_t *out);
 /* Count a frame of no use: whether another one may be tried. */
-bool kc_request_retry(kc_request_t *r, const kc_view_t *v);
+bool kc_request_retry(kc_request_t *request, const kc_view_t *view);
 
 #endif

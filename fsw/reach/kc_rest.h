@@ -12,8 +12,8 @@ typedef struct {
     uint64_t since_us; /* elapsed time, while resting */
 } kc_rest_t;
 
-void kc_rest_begin(kc_rest_t *r);
+void kc_rest_begin(kc_rest_t *rest);
 /* DONE after settle_us at rest. */
-kc_outcome_t kc_rest_run(kc_rest_t *r, const kc_view_t *v, kc_out_t *out);
+kc_outcome_t kc_rest_run(kc_rest_t *rest, const kc_view_t *view, kc_out_t *out);
 
 #endif

@@ -6,9 +6,9 @@
 #include "kc_path.h"
 #include "kc_vec.h"
 
-uint64_t kc_view_elapsed(const kc_view_t *v, uint64_t stamp_us)
+uint64_t kc_view_elapsed(const kc_view_t *view, uint64_t stamp_us)
 {
-    const kc_clock_t *c = v->clock;
+    const kc_clock_t *c = view->clock;
     if (stamp_us > c->clock_us) {
         uint64_t ahead = stamp_us - c->clock_us;
         return ahead > UINT64_MAX - c->now_us ? UINT64_MAX : c->now_us + ahead;
@@ -17,32 +17,32 @@ uint64_t kc_view_elapsed(const kc_view_t *v, uint64_t stamp_us)
     return age > c->now_us ? 0u : c->now_us - age;
 }
 
-uint32_t kc_view_stride(const kc_view_t *v)
+uint32_t kc_view_stride(const kc_view_t *view)
 {
-    return (v->tables->space.n_cand + KC_SPACE_SAMPLES - 1u) / KC_SPACE_SAMPLES;
+    return (view->tables->space.n_cand + KC_SPACE_SAMPLES - 1u) / KC_SPACE_SAMPLES;
 }
 
-uint64_t kc_view_in_state_us(const kc_view_t *v) { return v->clock->now_us - v->place->since_us; }
+uint64_t kc_view_in_state_us(const kc_view_t *view) { return view->clock->now_us - view->place->since_us; }
 
-bool kc_view_at_rest(const kc_view_t *v)
+bool kc_view_at_rest(const kc_view_t *view)
 {
-    return !v->telemetry->arm.moving && !v->telemetry->pantilt.moving;
+    return !view->telemetry->arm.moving && !view->telemetry->pantilt.moving;
 }
 
-void kc_view_ctx(const kc_view_t *v, uint32_t cand, kc_ctx_t *ctx)
+void kc_view_ctx(const kc_view_t *view, uint32_t cand, kc_ctx_t *ctx)
 {
-    const kc_arm_state_t *arm = &v->telemetry->arm;
+    const kc_arm_state_t *arm = &view->telemetry->arm;
     memset(ctx, 0, sizeof *ctx);
-    kc_path_joints(&v->tables->space, KC_HUB_MAX + cand, ctx->q);
+    kc_path_joints(&view->tables->space, KC_HUB_MAX + cand, ctx->q);
     kc_v3_copy(arm->g_m_s2, ctx->g_m_s2);
     ctx->temp_c = arm->temp_c;
     ctx->payload_kg = arm->payload_kg;
-    ctx->t_s = (double)v->clock->now_us * 1e-6;
+    ctx->t_s = (double)view->clock->now_us * 1e-6;
 }
 
-static void pose(const kc_view_t *v, const double *coef, const kc_ctx_t *ctx, kc_pose_t *T)
+static void pose(const kc_view_t *view, const double *coef, const kc_ctx_t *ctx, kc_pose_t *T)
 {
-    const kc_active_t *a = v->tables;
+    const kc_active_t *a = view->tables;
     kc_loads_t loads;
     kc_eval_t eval;
     kc_model_loads(&a->arm, &a->terms, coef, ctx, &loads);
@@ -50,36 +50,36 @@ static void pose(const kc_view_t *v, const double *coef, const kc_ctx_t *ctx, kc
     *T = eval.T;
 }
 
-void kc_view_expect(const kc_view_t *v, const double *q, kc_pose_t *T)
+void kc_view_expect(const kc_view_t *view, const double *q, kc_pose_t *T)
 {
     kc_ctx_t ctx;
-    kc_view_ctx(v, 0u, &ctx);
-    memcpy(ctx.q, q, v->tables->arm.n_joints * sizeof *q);
-    pose(v, v->learned->coef, &ctx, T);
+    kc_view_ctx(view, 0u, &ctx);
+    memcpy(ctx.q, q, view->tables->arm.n_joints * sizeof *q);
+    pose(view, view->learned->coef, &ctx, T);
 }
 
-void kc_view_pose(const kc_view_t *v, const double *coef, uint32_t cand, kc_pose_t *T)
+void kc_view_pose(const kc_view_t *view, const double *coef, uint32_t cand, kc_pose_t *T)
 {
     kc_ctx_t ctx;
-    kc_view_ctx(v, cand, &ctx);
-    pose(v, coef, &ctx, T);
+    kc_view_ctx(view, cand, &ctx);
+    pose(view, coef, &ctx, T);
 }
 
-double kc_view_distance(const kc_view_t *v, const double *q)
+double kc_view_distance(const kc_view_t *view, const double *q)
 {
     double worst = 0.0;
-    for (uint32_t j = 0u; j < v->tables->arm.n_joints; j++) {
-        worst = kc_max(worst, kc_fabs(v->telemetry->arm.q[j] - q[j]));
+    for (uint32_t j = 0u; j < view->tables->arm.n_joints; j++) {
+        worst = kc_max(worst, kc_fabs(view->telemetry->arm.q[j] - q[j]));
     }
     return worst;
 }
 
-void kc_view_seed(const kc_view_t *v, double *q)
+void kc_view_seed(const kc_view_t *view, double *q)
 {
-    kc_path_joints(&v->tables->space, KC_HUB_MAX + (uint32_t)v->cal->candidate, q);
+    kc_path_joints(&view->tables->space, KC_HUB_MAX + (uint32_t)view->cal->candidate, q);
 }
 
-bool kc_view_local(const kc_view_t *v)
+bool kc_view_local(const kc_view_t *view)
 {
-    return kc_space_local(&v->tables->space, (uint32_t)v->cal->candidate);
+    return kc_space_local(&view->tables->space, (uint32_t)view->cal->candidate);
 }

@@ -78,21 +78,21 @@ typedef struct {
 #define KC_SPACE_SAMPLES 256u
 
 /* Every how many candidates one of them is. */
-uint32_t kc_view_stride(const kc_view_t *v);
+uint32_t kc_view_stride(const kc_view_t *view);
 /* Elapsed time at which a message with this stamp was made, as far as clocks agree. */
-uint64_t kc_view_elapsed(const kc_view_t *v, uint64_t stamp_us);
-uint64_t kc_view_in_state_us(const kc_view_t *v);
-bool kc_view_at_rest(const kc_view_t *v);
+uint64_t kc_view_elapsed(const kc_view_t *view, uint64_t stamp_us);
+uint64_t kc_view_in_state_us(const kc_view_t *view);
+bool kc_view_at_rest(const kc_view_t *view);
 /* Input variables of the bases at candidate c, at rest. */
-void kc_view_ctx(const kc_view_t *v, uint32_t cand, kc_ctx_t *ctx);
+void kc_view_ctx(const kc_view_t *view, uint32_t cand, kc_ctx_t *ctx);
 /* Pose of the tool at joints q, with the latest correction. */
-void kc_view_expect(const kc_view_t *v, const double *q, kc_pose_t *T);
+void kc_view_expect(const kc_view_t *view, const double *q, kc_pose_t *T);
 /* The same at candidate cand and any coefficients. */
-void kc_view_pose(const kc_view_t *v, const double *coef, uint32_t cand, kc_pose_t *T);
+void kc_view_pose(const kc_view_t *view, const double *coef, uint32_t cand, kc_pose_t *T);
 /* Largest distance of a joint from q. */
-double kc_view_distance(const kc_view_t *v, const double *q);
+double kc_view_distance(const kc_view_t *view, const double *q);
 /* Seed joints of the current candidate; whether it is a local initial pose. */
-void kc_view_seed(const kc_view_t *v, double *q);
-bool kc_view_local(const kc_view_t *v);
+void kc_view_seed(const kc_view_t *view, double *q);
+bool kc_view_local(const kc_view_t *view);
 
 #endif

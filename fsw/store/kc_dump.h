@@ -13,9 +13,10 @@ typedef struct {
 } kc_dump_t;
 
 /* The command. A new dump replaces the current one. */
-kc_answer_t kc_dump_begin(kc_dump_t *d, const kc_review_t *r, const kc_view_t *v, const kc_cmd_t *c,
-                          kc_out_t *out);
+kc_answer_t kc_dump_begin(kc_dump_t *dump, const kc_review_t *review, const kc_view_t *view,
+                          const kc_cmd_t *cmd, kc_out_t *out);
 /* Next chunk. The table can be gone or another one before its dump ended: what began is not continued then. */
-void kc_dump_run(kc_dump_t *d, const kc_review_t *r, const kc_view_t *v, kc_work_t *work, kc_out_t *out);
+void kc_dump_run(kc_dump_t *dump, const kc_review_t *review, const kc_view_t *view, kc_work_t *work,
+                 kc_out_t *out);
 
 #endif

@@ -30,46 +30,46 @@ static uint32_t store_kin(kc_out_t *out, uint16_t kind, const kc_kin_t *kin, uin
     return n;
 }
 
-void kc_journal_kin(kc_journal_images_t *images, const kc_active_t *a, kc_out_t *out)
+void kc_journal_kin(kc_journal_images_t *images, const kc_active_t *active, kc_out_t *out)
 {
-    images->n_kin = store_kin(out, KC_TBL_KIN, &a->kin, a->crc[KC_TBL_KIN], images->kin);
-    images->n_prev = store_kin(out, KC_STORE_PREV, &a->kin_prev, a->kin_prev_crc, images->prev);
+    images->n_kin = store_kin(out, KC_TBL_KIN, &active->kin, active->crc[KC_TBL_KIN], images->kin);
+    images->n_prev = store_kin(out, KC_STORE_PREV, &active->kin_prev, active->kin_prev_crc, images->prev);
 }
 
-static void walk_counted(kc_walk_t *w, kc_counted_t *k)
+static void walk_counted(kc_walk_t *walk, kc_counted_t *counted)
 {
     for (uint32_t kind = 0u; kind < KC_SIGNED_COUNT; kind++) {
         for (uint32_t s = 0u; s < KC_SOURCE_MAX; s++) {
-            kc_walk_u64(w, 14u, &k->last[kind][s], 0u, UINT64_MAX);
+            kc_walk_u64(walk, 14u, &counted->last[kind][s], 0u, UINT64_MAX);
         }
     }
 }
 
 /* The record: magic, fields, zeros, CRC-32 of all before it. Counters of the former one are those of key 0. */
-static void walk(kc_walk_t *w, kc_journal_t *j, uint32_t magic)
+static void walk(kc_walk_t *w, kc_journal_t *record, uint32_t magic)
 {
     kc_walk_u32(w, 0u, &magic, magic, magic);
-    kc_walk_u32(w, 1u, &j->state, 0u, (uint32_t)KC_ST_COUNT - 1u);
-    kc_walk_u32(w, 2u, &j->session, 0u, UINT32_MAX);
-    kc_walk_u32(w, 3u, &j->pose, 0u, KC_MEAS_MAX);
-    kc_walk_u32(w, 4u, &j->boot_count, 0u, UINT32_MAX);
-    kc_walk_u32(w, 5u, &j->kin_crc, 0u, UINT32_MAX);
-    kc_walk_u32(w, 6u, &j->proposal_crc, 0u, UINT32_MAX);
-    kc_walk_i32(w, 7u, &j->candidate, -1, (int32_t)KC_CAND_MAX);
-    kc_walk_u16(w, 8u, &j->seg_from, 0u, UINT16_MAX);
-    kc_walk_u16(w, 9u, &j->seg_to, 0u, UINT16_MAX);
-    kc_walk_u64(w, 10u, &j->t_us, 0u, UINT64_MAX);
-    kc_walk_u32(w, 11u, &j->prev_crc, 0u, UINT32_MAX);
+    kc_walk_u32(w, 1u, &record->state, 0u, (uint32_t)KC_ST_COUNT - 1u);
+    kc_walk_u32(w, 2u, &record->session, 0u, UINT32_MAX);
+    kc_walk_u32(w, 3u, &record->pose, 0u, KC_MEAS_MAX);
+    kc_walk_u32(w, 4u, &record->boot_count, 0u, UINT32_MAX);
+    kc_walk_u32(w, 5u, &record->kin_crc, 0u, UINT32_MAX);
+    kc_walk_u32(w, 6u, &record->proposal_crc, 0u, UINT32_MAX);
+    kc_walk_i32(w, 7u, &record->candidate, -1, (int32_t)KC_CAND_MAX);
+    kc_walk_u16(w, 8u, &record->seg_from, 0u, UINT16_MAX);
+    kc_walk_u16(w, 9u, &record->seg_to, 0u, UINT16_MAX);
+    kc_walk_u64(w, 10u, &record->t_us, 0u, UINT64_MAX);
+    kc_walk_u32(w, 11u, &record->prev_crc, 0u, UINT32_MAX);
     if (magic == FORMER_MAGIC) {
-        walk_counted(w, &j->counters.key[0]);
+        walk_counted(w, &record->counters.key[0]);
         return;
     }
     for (uint32_t i = 0u; i < KC_KEY_MAX; i++) {
-        kc_walk_u32(w, 12u, &j->counters.key[i].key_id, 0u, UINT32_MAX);
-        kc_walk_u64(w, 13u, &j->counters.key[i].since_us, 0u, UINT64_MAX);
-        walk_counted(w, &j->counters.key[i]);
+        kc_walk_u32(w, 12u, &record->counters.key[i].key_id, 0u, UINT32_MAX);
+        kc_walk_u64(w, 13u, &record->counters.key[i].since_us, 0u, UINT64_MAX);
+        walk_counted(w, &record->counters.key[i]);
     }
-    kc_walk_u32(w, 15u, &j->proposal_verdict, 0u, (uint32_t)KC_VERDICT_POOR);
+    kc_walk_u32(w, 15u, &record->proposal_verdict, 0u, (uint32_t)KC_VERDICT_POOR);
 }
 
 static uint32_t le32(const uint8_t *b)
@@ -77,9 +77,9 @@ static uint32_t le32(const uint8_t *b)
     return (uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
 }
 
-kc_status_t kc_journal_load(kc_journal_store_t *j, const uint8_t *data, uint32_t n)
+kc_status_t kc_journal_load(kc_journal_store_t *journal, const uint8_t *data, uint32_t n)
 {
-    if (j->found.boot_count != 0u) { return KC_ERR_STATE; }
+    if (journal->found.boot_count != 0u) { return KC_ERR_STATE; }
     if (n != KC_JOURNAL_BYTES && n != FORMER_BYTES) { return KC_ERR_FORMAT; }
     if (kc_crc32(0u, data, n - CRC_BYTES) != le32(&data[n - CRC_BYTES])) { return KC_ERR_CRC; }
     kc_journal_t found;
@@ -92,23 +92,23 @@ kc_status_t kc_journal_load(kc_journal_store_t *j, const uint8_t *data, uint32_t
     w.index = -1;
     walk(&w, &found, n == FORMER_BYTES ? FORMER_MAGIC : JOURNAL_MAGIC);
     if (w.n_bad > 0u) { return KC_ERR_RANGE; }
-    j->found = found;
+    journal->found = found;
     return KC_OK;
 }
 
-static void write_record(kc_journal_store_t *j)
+static void write_record(kc_journal_store_t *journal)
 {
     kc_walk_t w;
     memset(&w, 0, sizeof w);
-    memset(j->bytes, 0, sizeof j->bytes);
+    memset(journal->bytes, 0, sizeof journal->bytes);
     w.mode = KC_WALK_WRITE;
-    w.out = j->bytes;
+    w.out = journal->bytes;
     w.cap = KC_JOURNAL_BYTES;
     w.index = -1;
-    walk(&w, &j->last, JOURNAL_MAGIC);
-    uint32_t crc = kc_crc32(0u, j->bytes, KC_JOURNAL_BYTES - CRC_BYTES);
+    walk(&w, &journal->last, JOURNAL_MAGIC);
+    uint32_t crc = kc_crc32(0u, journal->bytes, KC_JOURNAL_BYTES - CRC_BYTES);
     for (uint32_t i = 0u; i < CRC_BYTES; i++) {
-        j->bytes[KC_JOURNAL_BYTES - CRC_BYTES + i] = (uint8_t)(crc >> (8u * i));
+        journal->bytes[KC_JOURNAL_BYTES - CRC_BYTES + i] = (uint8_t)(crc >> (8u * i));
     }
 }
 
@@ -135,24 +135,24 @@ static bool same(const kc_journal_t *a, const kc_journal_t *b)
            a->seg_from == b->seg_from && a->seg_to == b->seg_to;
 }
 
-void kc_journal_write(kc_journal_store_t *j, const kc_journal_t *now, kc_out_t *out)
+void kc_journal_write(kc_journal_store_t *journal, const kc_journal_t *now, kc_out_t *out)
 {
-    j->last = *now;
-    j->again = false;
-    write_record(j);
-    kc_journal_store(out, KC_STORE_JOURNAL, j->bytes, KC_JOURNAL_BYTES);
+    journal->last = *now;
+    journal->again = false;
+    write_record(journal);
+    kc_journal_store(out, KC_STORE_JOURNAL, journal->bytes, KC_JOURNAL_BYTES);
 }
 
-void kc_journal_again(kc_journal_store_t *j, uint64_t due_us)
+void kc_journal_again(kc_journal_store_t *journal, uint64_t due_us)
 {
-    j->again = true;
-    j->due_us = due_us;
+    journal->again = true;
+    journal->due_us = due_us;
 }
 
-void kc_journal_note(kc_journal_store_t *j, const kc_journal_t *now, uint64_t now_us, kc_out_t *out)
+void kc_journal_note(kc_journal_store_t *journal, const kc_journal_t *now, uint64_t now_us, kc_out_t *out)
 {
-    bool due = j->again && now_us >= j->due_us;
-    bool twice = !same_counters(now, &j->last) || !same_names(now, &j->last);
-    if (due || !same(now, &j->last)) { kc_journal_write(j, now, out); }
-    if (twice) { kc_journal_again(j, 0u); }
+    bool due = journal->again && now_us >= journal->due_us;
+    bool twice = !same_counters(now, &journal->last) || !same_names(now, &journal->last);
+    if (due || !same(now, &journal->last)) { kc_journal_write(journal, now, out); }
+    if (twice) { kc_journal_again(journal, 0u); }
 }

@@ -36,15 +36,15 @@ typedef struct {
  * KC_STORE_QUEUE_MAX requests fit in a step; the edge does them in order. */
 void kc_journal_store(kc_out_t *out, uint16_t kind, const uint8_t *data, uint32_t n);
 /* Store the correction in force and the one for rollback, so that their newest copies are these. */
-void kc_journal_kin(kc_journal_images_t *images, const kc_active_t *a, kc_out_t *out);
+void kc_journal_kin(kc_journal_images_t *images, const kc_active_t *active, kc_out_t *out);
 /* Boot: take a stored record. KC_ERR_STATE: a better one was taken before. */
-kc_status_t kc_journal_load(kc_journal_store_t *j, const uint8_t *data, uint32_t n);
+kc_status_t kc_journal_load(kc_journal_store_t *journal, const uint8_t *data, uint32_t n);
 /* Store `now`. */
-void kc_journal_write(kc_journal_store_t *j, const kc_journal_t *now, kc_out_t *out);
+void kc_journal_write(kc_journal_store_t *journal, const kc_journal_t *now, kc_out_t *out);
 /* Store it once more from due_us on, since it could not be stored, or to have a second copy. */
-void kc_journal_again(kc_journal_store_t *j, uint64_t due_us);
+void kc_journal_again(kc_journal_store_t *journal, uint64_t due_us);
 /* Store `now` if more than the time differs from what was stored last, or if it has to be stored again. New
  * counters, and other names of what is in force, are stored twice, so that the older copy of the record has them too. */
-void kc_journal_note(kc_journal_store_t *j, const kc_journal_t *now, uint64_t now_us, kc_out_t *out);
+void kc_journal_note(kc_journal_store_t *journal, const kc_journal_t *now, uint64_t now_us, kc_out_t *out);
 
 #endif

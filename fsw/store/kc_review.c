@@ -4,56 +4,58 @@
 
 #include "kc_opcodes.h"
 
-uint32_t kc_review_encode(kc_review_t *r, const kc_kin_t *kin, kc_verdict_t verdict)
+uint32_t kc_review_encode(kc_review_t *review, const kc_kin_t *kin, kc_verdict_t verdict)
 {
-    r->verdict = (uint32_t)verdict;
-    (void)kc_tbl_encode(KC_TBL_KIN, kin, 0u, r->image, KC_KIN_IMAGE_MAX, &r->n);
-    r->kin = *kin;
-    return kc_tbl_image_crc(r->image, r->n);
+    review->verdict = (uint32_t)verdict;
+    (void)kc_tbl_encode(KC_TBL_KIN, kin, 0u, review->image, KC_KIN_IMAGE_MAX, &review->n);
+    review->kin = *kin;
+    return kc_tbl_image_crc(review->image, review->n);
 }
 
-void kc_review_wait(kc_review_t *r, kc_out_t *out)
+void kc_review_wait(kc_review_t *review, kc_out_t *out)
 {
-    r->crc = kc_tbl_image_crc(r->image, r->n);
-    kc_event(&out->events, KC_EVT_COR_PROPOSED, -1, (double)r->crc, (double)r->kin.n_poses);
+    review->crc = kc_tbl_image_crc(review->image, review->n);
+    kc_event(&out->events, KC_EVT_COR_PROPOSED, -1, (double)review->crc, (double)review->kin.n_poses);
 }
 
 /* The journal names it no more; the copy is deleted so that it does not come back without a journal. */
-static void forget(kc_review_t *r, kc_out_t *out)
+static void forget(kc_review_t *review, kc_out_t *out)
 {
-    r->crc = 0u;
-    kc_journal_store(out, KC_STORE_PROPOSAL, r->image, 0u);
+    review->crc = 0u;
+    kc_journal_store(out, KC_STORE_PROPOSAL, review->image, 0u);
 }
 
-kc_status_t kc_review_activate(kc_review_t *r, kc_tables_t *tables, kc_out_t *out)
+kc_status_t kc_review_activate(kc_review_t *review, kc_tables_t *tables, kc_out_t *out)
 {
-    kc_status_t st = kc_tbl_set_kin(tables, &r->kin, &out->events);
+    kc_status_t st = kc_tbl_set_kin(tables, &review->kin, &out->events);
     if (st != KC_OK) { return st; }
-    forget(r, out);
+    forget(review, out);
     kc_event(&out->events, KC_EVT_COR_ACTIVE, -1, (double)tables->active.crc[KC_TBL_KIN], 0.0);
     return KC_OK;
 }
 
-void kc_review_drop(kc_review_t *r, kc_out_t *out)
+void kc_review_drop(kc_review_t *review, kc_out_t *out)
 {
-    if (r->crc == 0u) { return; }
-    kc_event(&out->events, KC_EVT_COR_REJECTED, -1, (double)r->crc, 0.0);
-    forget(r, out);
+    if (review->crc == 0u) { return; }
+    kc_event(&out->events, KC_EVT_COR_REJECTED, -1, (double)review->crc, 0.0);
+    forget(review, out);
 }
 
-kc_outcome_t kc_review_armed(const kc_review_t *r, const kc_view_t *v, kc_out_t *out)
+kc_outcome_t kc_review_armed(const kc_review_t *review, const kc_view_t *view, kc_out_t *out)
 {
-    if (kc_view_in_state_us(v) <= v->tables->config.approval_timeout_us) { return kc_outcome(KC_OC_STAY); }
-    kc_event(&out->events, KC_EVT_COR_EXPIRED, -1, (double)r->crc, 0.0);
+    if (kc_view_in_state_us(view) <= view->tables->config.approval_timeout_us) {
+        return kc_outcome(KC_OC_STAY);
+    }
+    kc_event(&out->events, KC_EVT_COR_EXPIRED, -1, (double)review->crc, 0.0);
     return kc_outcome(KC_OC_EXPIRE);
 }
 
-void kc_review_report(const kc_review_t *r, const kc_view_t *v, kc_hk_t *hk)
+void kc_review_report(const kc_review_t *review, const kc_view_t *view, kc_hk_t *hk)
 {
-    uint64_t passed_us = kc_view_in_state_us(v), timeout_us = v->tables->config.approval_timeout_us;
-    bool armed = v->place->state == KC_ST_ARMED && passed_us < timeout_us;
-    hk->proposal_crc = r->crc;
-    hk->proposal_verdict = kc_review_verdict(r);
+    uint64_t passed_us = kc_view_in_state_us(view), timeout_us = view->tables->config.approval_timeout_us;
+    bool armed = view->place->state == KC_ST_ARMED && passed_us < timeout_us;
+    hk->proposal_crc = review->crc;
+    hk->proposal_verdict = kc_review_verdict(review);
     hk->approval_left_us = armed ? timeout_us - passed_us : 0u;
 }
 
@@ -65,41 +67,42 @@ static kc_answer_t wrong_crc(kc_out_t *out, uint32_t crc, uint32_t want)
 }
 
 /* Not a good fit, as far as is known: only an override arms it. */
-static kc_answer_t check_fit(const kc_review_t *r, int32_t overrides, kc_out_t *out)
+static kc_answer_t check_fit(const kc_review_t *review, int32_t overrides, kc_out_t *out)
 {
-    kc_event_id_t why = r->verdict == (uint32_t)KC_VERDICT_POOR ? KC_EVT_COR_POOR : KC_EVT_COR_NO_VERDICT;
-    if (r->verdict == (uint32_t)KC_VERDICT_CHANGE) { return kc_answer_ok(KC_OC_ARM); }
+    kc_event_id_t why = review->verdict == (uint32_t)KC_VERDICT_POOR ? KC_EVT_COR_POOR
+                                                                     : KC_EVT_COR_NO_VERDICT;
+    if (review->verdict == (uint32_t)KC_VERDICT_CHANGE) { return kc_answer_ok(KC_OC_ARM); }
     if (overrides == KC_OVERRIDE_NONE) {
-        return kc_answer_refuse(&out->events, why, -1, (double)r->crc, 0.0, KC_ERR_ARG);
+        return kc_answer_refuse(&out->events, why, -1, (double)review->crc, 0.0, KC_ERR_ARG);
     }
-    kc_event(&out->events, KC_EVT_COR_OVERRIDE, -1, (double)r->crc, 0.0);
+    kc_event(&out->events, KC_EVT_COR_OVERRIDE, -1, (double)review->crc, 0.0);
     return kc_answer_ok(KC_OC_ARM);
 }
 
-kc_answer_t kc_review_arm(const kc_review_t *r, uint32_t crc, int32_t overrides, kc_out_t *out)
+kc_answer_t kc_review_arm(const kc_review_t *review, uint32_t crc, int32_t overrides, kc_out_t *out)
 {
-    if (crc != r->crc) { return wrong_crc(out, crc, r->crc); }
+    if (crc != review->crc) { return wrong_crc(out, crc, review->crc); }
     if (overrides != KC_OVERRIDE_NONE && overrides != KC_OVERRIDE_FIT) {
         return kc_answer_refuse(&out->events, KC_EVT_CMD_ARG, 1, (double)overrides, (double)KC_OVERRIDE_FIT,
                                 KC_ERR_ARG);
     }
-    kc_answer_t answer = check_fit(r, overrides, out);
+    kc_answer_t answer = check_fit(review, overrides, out);
     if (answer.status == KC_OK) { kc_event(&out->events, KC_EVT_COR_ARMED, -1, (double)crc, 0.0); }
     return answer;
 }
 
-kc_answer_t kc_review_go(kc_review_t *r, const kc_tables_t *tables, uint32_t crc, kc_out_t *out)
+kc_answer_t kc_review_go(kc_review_t *review, const kc_tables_t *tables, uint32_t crc, kc_out_t *out)
 {
     uint32_t mark = out->events.n;
-    if (crc != r->crc) { return wrong_crc(out, crc, r->crc); }
-    kc_status_t st = kc_tbl_decode(KC_TBL_KIN, r->image, r->n, &r->kin, &out->events);
-    if (st == KC_OK) { st = kc_tbl_kin_fits(tables, &r->kin, &out->events); }
+    if (crc != review->crc) { return wrong_crc(out, crc, review->crc); }
+    kc_status_t st = kc_tbl_decode(KC_TBL_KIN, review->image, review->n, &review->kin, &out->events);
+    if (st == KC_OK) { st = kc_tbl_kin_fits(tables, &review->kin, &out->events); }
     return kc_answer_by(st, &out->events, mark, KC_OC_STORE);
 }
 
-kc_answer_t kc_review_reject(const kc_review_t *r, uint32_t crc, kc_out_t *out)
+kc_answer_t kc_review_reject(const kc_review_t *review, uint32_t crc, kc_out_t *out)
 {
-    return crc == r->crc ? kc_answer_ok(KC_OC_STORE) : wrong_crc(out, crc, r->crc);
+    return crc == review->crc ? kc_answer_ok(KC_OC_STORE) : wrong_crc(out, crc, review->crc);
 }
 
 kc_answer_t kc_review_rollback(const kc_tables_t *tables, uint32_t crc, kc_out_t *out)
@@ -112,21 +115,22 @@ kc_answer_t kc_review_rollback(const kc_tables_t *tables, uint32_t crc, kc_out_t
 
 /* ---- boot ---- */
 
-kc_status_t kc_review_load(kc_review_t *r, const kc_tables_t *tables, uint32_t verdict, const uint8_t *image,
-                           uint32_t n, kc_events_t *ev)
+kc_status_t kc_review_load(kc_review_t *review, const kc_tables_t *tables, uint32_t verdict,
+                           const uint8_t *image, uint32_t n, kc_events_t *ev)
 {
     uint32_t active = tables->active.crc[KC_TBL_KIN];
-    if (r->crc != 0u || kc_tbl_image_crc(image, n) == active) { return KC_ERR_STATE; }
-    kc_status_t st = n <= KC_KIN_IMAGE_MAX ? kc_tbl_decode(KC_TBL_KIN, image, n, &r->kin, ev) : KC_ERR_FORMAT;
-    if (st == KC_OK) { st = kc_tbl_kin_fits(tables, &r->kin, ev); }
+    if (review->crc != 0u || kc_tbl_image_crc(image, n) == active) { return KC_ERR_STATE; }
+    kc_status_t st = n <= KC_KIN_IMAGE_MAX ? kc_tbl_decode(KC_TBL_KIN, image, n, &review->kin, ev)
+                                           : KC_ERR_FORMAT;
+    if (st == KC_OK) { st = kc_tbl_kin_fits(tables, &review->kin, ev); }
     if (st != KC_OK) { return st; }
-    if (r->kin.prev_crc != active) {
-        kc_event(ev, KC_EVT_TBL_DEPENDS, KC_TBL_KIN, (double)r->kin.prev_crc, (double)active);
+    if (review->kin.prev_crc != active) {
+        kc_event(ev, KC_EVT_TBL_DEPENDS, KC_TBL_KIN, (double)review->kin.prev_crc, (double)active);
         return KC_ERR_STATE;
     }
-    memcpy(r->image, image, n);
-    r->n = n;
-    r->crc = kc_tbl_image_crc(image, n);
-    r->verdict = verdict;
+    memcpy(review->image, image, n);
+    review->n = n;
+    review->crc = kc_tbl_image_crc(image, n);
+    review->verdict = verdict;
     return KC_OK;
 }
