@@ -155,8 +155,8 @@ static void boot_state(kc_app_t *app)
     if (app->review.crc != 0u) {
         kc_event(ev, KC_EVT_BOOT_REVIEW, -1, (double)app->review.crc, 0.0);
         app->place.state = KC_ST_REVIEW;
-    } else if (kc_states_calibrating(was) || was == KC_ST_SAFE) {
-        app->place.state = KC_ST_SAFE;
+    } else if (kc_states_calibrating(was) || was == KC_ST_SAFE || (app->kept && !journaled(app))) {
+        app->place.state = KC_ST_SAFE; /* what it was doing may be lost with the journal: the arm is held */
     }
     if (kc_states_calibrating(was)) {
         kc_event(ev, KC_EVT_BOOT_INTERRUPTED, -1, (double)j->state, (double)j->pose);
@@ -221,7 +221,9 @@ static void first_step(kc_app_t *app, uint64_t clock_us, kc_out_t *out)
     app->stepped = true;
     app->clock = (kc_clock_t){clock_us, clock_us};
     app->hk.due_us = clock_us;
-    if (app->place.state == KC_ST_SAFE) { kc_move_hold(&app->move, &app->view, out); }
+    if (app->place.state != KC_ST_SAFE) { return; }
+    app->move.foreign = true; /* the arm may still follow the last run */
+    kc_move_hold(&app->move, &app->view, out);
 }
 
 static void take_inputs(kc_app_t *app, kc_work_t *work, const kc_in_t *in, kc_out_t *out)

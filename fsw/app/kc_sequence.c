@@ -220,6 +220,7 @@ static void check_budget(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 
 void kc_sequence_run(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
+    kc_move_held(&app->move, &app->view, out);
     (void)follow(app, kc_input_silence(&app->view, out), work, out);
     check_budget(app, work, out);
     for (uint32_t i = 0u; i < CHAIN_MAX && follow(app, work_on(app, work, out), work, out); i++) {}

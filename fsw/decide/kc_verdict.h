@@ -34,9 +34,9 @@ kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_statu
 
 /* What the policy of CONFIG looks at. */
 typedef struct {
-    bool determined;    /* every requested coefficient was */
+    bool determined; /* every requested coefficient was */
     bool bounds_active; /* of any coefficient */
-    bool all_rejected;  /* kc_verdict_all_rejected */
+    bool all_rejected; /* kc_verdict_all_rejected */
     double p_fit, sigma_pos_m;
     double change_pos_m; /* RMS change of the predicted tool position over the search space */
 } kc_verdict_case_t;

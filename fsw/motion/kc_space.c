@@ -7,6 +7,11 @@
 #define UNIT_TOL 1e-6
 #define LIMIT_TOL 1e-6 /* seeds are single precision, limits are not */
 
+bool kc_space_local(const kc_space_t *s, uint32_t cand)
+{
+    return ((uint32_t)s->cand[cand].why & KC_CAND_LOCAL) != 0u;
+}
+
 bool kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j)
 {
     uint32_t hi = i > j ? i : j;
@@ -14,12 +19,8 @@ bool kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j)
     uint32_t bit;
     if (hi == lo || hi >= s->n_cand) { return false; }
     bit = hi * (hi - 1u) / 2u + lo;
-    return ((uint32_t)s->edge[bit / 8u] >> (bit % 8u) & 1u) != 0u;
-}
-
-bool kc_space_local(const kc_space_t *s, uint32_t cand)
-{
-    return ((uint32_t)s->cand[cand].why & KC_CAND_LOCAL) != 0u;
+    bool verified = ((uint32_t)s->edge[bit / 8u] >> (bit % 8u) & 1u) != 0u;
+    return verified && !kc_space_local(s, i) && !kc_space_local(s, j);
 }
 
 bool kc_space_reserve(const kc_space_t *s, uint32_t cand)
@@ -163,6 +164,17 @@ static kc_status_t check_initial(const kc_space_t *s, uint32_t at, int32_t *inde
     return ok ? KC_OK : bad(KC_SPACE_INDEX_INITIAL + (int32_t)at, (double)s->initial[at], index, got);
 }
 
+static kc_status_t check_near(const kc_space_t *s, uint32_t i, int32_t *index, double *got)
+{
+    const kc_cand_t *c = &s->cand[i];
+    if (c->hub != 0u) { return bad((int32_t)i, (double)c->hub, index, got); }
+    for (uint32_t j = 0u; j < s->n_joints; j++) {
+        double off = kc_fabs((double)c->q_seed[j] - (double)s->hub_q[0][j]);
+        if (off > KC_LOCAL_BOUND) { return bad((int32_t)i, off, index, got); }
+    }
+    return KC_OK;
+}
+
 /* Local initial poses lead the list of initial poses; one that is not in the list would never be measured. */
 static kc_status_t check_local(const kc_space_t *s, int32_t *index, double *got)
 {
@@ -177,7 +189,11 @@ static kc_status_t check_local(const kc_space_t *s, int32_t *index, double *got)
         n += kc_space_local(s, i) ? 1u : 0u;
         if (lone || n > n_initial) { return bad((int32_t)i, (double)s->cand[i].why, index, got); }
     }
-    return KC_OK;
+    kc_status_t st = KC_OK;
+    for (uint32_t i = 0u; st == KC_OK && i < n_initial; i++) {
+        st = check_near(s, s->initial[i], index, got);
+    }
+    return st;
 }
 
 static kc_status_t check_edges(const kc_space_t *s, int32_t *index, double *got)

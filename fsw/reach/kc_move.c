@@ -11,6 +11,9 @@
 #define IK_STEP_MAX 0.3
 #define ECHO_TOL 1e-6       /* joint difference up to which the arm echoes its target */
 #define RESEND_US 1000000u  /* a command that the arm does not echo is sent again after this */
+/* Hold is repeated, for three seconds, while the arm goes on: a command may be lost, or overtaken by the move before it. */
+#define HOLD_AGAIN_US 300000u
+#define HOLDS_MAX 10u
 /* Largest distance from a segment, in arrival tolerances: outside nodes nothing but the segments is
  * verified. */
 #define SEGMENT_TOLS 2.0
@@ -32,6 +35,28 @@ static void command(kc_move_t *m, const kc_view_t *v, kc_out_t *out, bool hold)
 void kc_move_hold(kc_move_t *m, const kc_view_t *v, kc_out_t *out)
 {
     m->checking = false;
+    m->holds = HOLDS_MAX;
+    m->held_us = v->clock->now_us;
+    command(m, v, out, true);
+}
+
+static bool echoes(const kc_view_t *v, const double *q)
+{
+    double worst = 0.0;
+    for (uint32_t j = 0u; j < v->tables->arm.n_joints; j++) {
+        worst = kc_max(worst, kc_fabs(v->telemetry->arm.q_cmd[j] - q[j]));
+    }
+    return worst <= ECHO_TOL;
+}
+
+void kc_move_held(kc_move_t *m, const kc_view_t *v, kc_out_t *out)
+{
+    uint64_t passed_us = v->clock->now_us - m->held_us;
+    if (m->holds == 0u || passed_us < (HOLDS_MAX + 1u - m->holds) * HOLD_AGAIN_US) { return; }
+    m->holds--;
+    bool ours = m->foreign || (m->start_us > 0u && echoes(v, m->q_target));
+    if (!v->telemetry->arm.moving || !ours) { return; }
+    if (m->holds == 0u) { kc_event(&out->events, KC_EVT_ARM_NOT_HELD, -1, (double)passed_us, 0.0); }
     command(m, v, out, true);
 }
 
@@ -72,7 +97,10 @@ static kc_outcome_t check(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_
         return kc_outcome(KC_OC_SKIP);
     }
     memcpy(m->q_target, m->q_to, a->arm.n_joints * sizeof *m->q_to);
+    memcpy(m->q_former, v->telemetry->arm.q_cmd, sizeof m->q_former);
     m->start_us = v->clock->now_us;
+    m->holds = 0u;
+    m->foreign = false;
     command(m, v, out, false);
     return kc_outcome(KC_OC_STAY);
 }
@@ -94,22 +122,12 @@ kc_outcome_t kc_move_near(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_
     return kc_move_send(m, v, work, out, node, node, q);
 }
 
-/* The controller echoes its target, so that an arm that has not begun a short move yet is not taken for
- * one that has finished it. */
-static bool echoed(const kc_move_t *m, const kc_view_t *v)
-{
-    double worst = 0.0;
-    for (uint32_t j = 0u; j < v->tables->arm.n_joints; j++) {
-        worst = kc_max(worst, kc_fabs(v->telemetry->arm.q_cmd[j] - m->q_target[j]));
-    }
-    return worst <= ECHO_TOL;
-}
-
 kc_outcome_t kc_move_wait(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out)
 {
     if (m->checking) { return check(m, v, work, out); }
     uint64_t took = v->clock->now_us - m->start_us;
-    bool heard = echoed(m, v);
+    /* Its echo, so that an arm that has not begun a short move yet is not taken for one that has finished it. */
+    bool heard = echoes(v, m->q_target), lost = !heard && echoes(v, m->q_former);
     if (heard && !v->telemetry->arm.moving &&
         kc_view_distance(v, m->q_target) <= v->tables->config.arrive_tol) {
         return kc_outcome(KC_OC_DONE);
@@ -118,7 +136,7 @@ kc_outcome_t kc_move_wait(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_
         kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_ARM, (double)took, 0.0);
         return kc_abort_for(KC_CAUSE_ARM_LATE);
     }
-    if (!heard && v->clock->now_us - m->sent_us >= RESEND_US) { command(m, v, out, false); }
+    if (lost && v->clock->now_us - m->sent_us >= RESEND_US) { command(m, v, out, false); }
     return kc_outcome(KC_OC_STAY);
 }
 

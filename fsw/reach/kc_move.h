@@ -16,10 +16,14 @@ typedef struct {
     uint16_t path[KC_PATH_MAX + 1u];
     uint32_t n_path, i_path;
     double q_target[KC_JOINT_MAX]; /* last arm command */
+    double q_former[KC_JOINT_MAX]; /* the target that the arm echoed when that was sent */
     double q_final[KC_JOINT_MAX];  /* joints at the candidate, after the way points */
     uint16_t seg_from, seg_to;     /* current verified segment, kept through an abort */
     uint64_t sent_us, start_us;
     int32_t seq; /* of the last command */
+    uint32_t holds;   /* how often hold may still be sent again ... */
+    uint64_t held_us; /* ... after it was sent first */
+    bool foreign; /* the target that the arm may be moving to is of an earlier run, and not known */
     /* a command that the guard still checks */
     bool checking;
     uint32_t from, to;
@@ -28,6 +32,9 @@ typedef struct {
 } kc_move_t;
 
 void kc_move_hold(kc_move_t *m, const kc_view_t *v, kc_out_t *out);
+/* Each step: hold is sent again while the arm goes on to the target of flight's last move, which it echoes; an event if it
+ * still does in the end. Whoever else moves the arm after it was held is left alone. */
+void kc_move_held(kc_move_t *m, const kc_view_t *v, kc_out_t *out);
 /* Every arm command but hold goes through here. The guard (kc_guard.h) checks it as a move along the verified
  * segment between two nodes, or within the bound of one node. STAY: sent, or the check goes on in kc_move_wait.
  * SKIP: refused, with an event; nothing sent. */
@@ -41,8 +48,9 @@ kc_outcome_t kc_move_near(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_
 kc_outcome_t kc_move_begin(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out);
 /* MOVE: DONE when the arm is at the candidate. */
 kc_outcome_t kc_move_run(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out);
-/* Wait for the guard, then for the arm: DONE when it echoes its target, is at rest and there; sent again if it
- * was lost. SKIP: refused. */
+/* Wait for the guard, then for the arm: DONE when it echoes its target, is at rest and there. Sent again if it was lost, that
+ * is while the arm echoes what it did before: a third target is somebody else's, whom flight does not contradict. SKIP:
+ * refused. */
 kc_outcome_t kc_move_wait(kc_move_t *m, const kc_view_t *v, kc_work_t *work, kc_out_t *out);
 
 /* Node within whose bound the arm is, or KC_NODE_NONE. dist: distance from the nearest node, in bounds. */

@@ -76,7 +76,8 @@ static void walk_policy(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 44u, &c->accept_change_max_pos_m, 0.0, 10.0);
     kc_walk_f64(w, 45u, &c->accept_sigma_max_pos_m, 0.0, 10.0);
     kc_walk_f64(w, 46u, &c->accept_p_fit_min, 0.0, 1.0);
-    kc_walk_f64(w, 47u, &c->no_change_p, 0.0, 1.0);
+    /* with 0 no arm would need a change, with 1 every arm */
+    kc_walk_f64(w, 47u, &c->no_change_p, TINY, 0.5);
     kc_walk_u64(w, 48u, &c->budget_us, 0u, 1000u * HOUR_US); /* 0 = none */
     kc_walk_f64(w, 49u, &c->approach_rad, 0.0, 1.0); /* rad or m; 0 = off */
     kc_walk_f64(w, 50u, &c->power_idle_w, 0.0, 1e5);

@@ -294,9 +294,12 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "The sender's count is damaged: delete FILE.count*, and it begins at the clock.")                      \
     X(135, CHANGE_FAILED, ERROR,                                                                             \
       "{index:store} was stored and could not be put in force ({got:status}); all stays as it was",          \
-      "Its copy in memory is damaged. Send what it needs again; if that fails again, restart flight.")        \
+      "Its copy in memory is damaged. Send what it needs again; if that fails again, restart flight.")       \
     X(136, CMD_ABORTED, ERROR, "command {index:command} refused: ABORT came with it",                        \
-      "None if ABORT is what you want. Otherwise send it again.")
+      "None if ABORT is what you want. Otherwise send it again.")                                            \
+    X(137, ARM_NOT_HELD, ERROR,                                                                              \
+      "the arm goes on to flight's last target {got:s} after flight commanded hold",                         \
+      "Stop it by its controller. See why it does not get, or does not obey, KC_ARM_CMD.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

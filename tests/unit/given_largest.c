@@ -134,7 +134,7 @@ void given_largest(uint8_t acq)
     world.config.poor_noise_scale = 1000.0;
     world.config.poor_noise_scale_unlikely = 1000.0;
     world.config.poor_p_fit = 0.0;
-    world.config.no_change_p = 0.0;
+    world.config.no_change_p = 1e-12;
     world.config.servo_steps_max = 0u;
 }
 

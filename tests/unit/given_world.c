@@ -131,7 +131,7 @@ static bool move_arm(void)
     double far = 0.0;
     if (world.arm_frozen) { return false; }
     for (uint32_t j = 0u; j < world.arm.n_joints; j++) { far = fmax(far, fabs(world.q_cmd[j] - world.q[j])); }
-    double part = far > 0.4 ? 0.4 / far : 1.0;
+    double step = world.arm_slow ? 0.002 : 0.4, part = far > step ? step / far : 1.0;
     for (uint32_t j = 0u; j < world.arm.n_joints; j++) {
         double d = world.q_cmd[j] - world.q[j];
         if (fabs(d) > 1e-9) { world.dir[j] = d > 0.0 ? 1.0 : -1.0; }

@@ -37,6 +37,7 @@ typedef struct {
     kc_cmd_t answered; /* the last of them that was accepted; key 0: none was */
     /* settings */
     bool arm_silent, pantilt_silent, camera_silent; /* no messages */
+    bool arm_slow; /* 2 mrad a tick */
     bool arm_frozen, pantilt_frozen; /* commands are echoed but nothing moves */
     uint32_t frames_at_once; /* detections that arrive together, each 1 us older than the next (0: one) */
     int arm_ignores, pantilt_ignores; /* number of commands lost */

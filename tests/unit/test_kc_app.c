@@ -441,6 +441,31 @@ void test_an_abort_is_reported_with_pose_and_cause_alone(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, e->want);
 }
 
+/* The arm may be on its way: without a journal nobody knows, and IDLE sent no hold. */
+void test_killed_while_moving_and_with_the_journal_lost_the_arm_is_held(void)
+{
+    for (int lost = 0; lost < 2; lost++) {
+        setUp();
+        world_started();
+        TEST_ASSERT_TRUE(world_until(KC_ST_MOVE, 300u));
+        world_ticks(2u);
+        for (uint32_t k = 0u; lost && k < 2u; k++) { world.store[KC_STORE_JOURNAL][k][20] ^= 1u; }
+        world_restart();
+        world_tick();
+        TEST_ASSERT_EQUAL_UINT32(lost ? 1u : 0u, world_events(KC_EVT_BOOT_JOURNAL_LOST));
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        TEST_ASSERT_TRUE(world.out.has_arm_cmd && world.arm_cmd.hold);
+    }
+}
+
+void test_the_first_start_of_all_is_idle_and_leaves_the_arm_alone(void)
+{
+    world_boot();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_IDLE, kc_app_state(APP));
+    TEST_ASSERT_FALSE(world.out.has_arm_cmd);
+}
+
 void test_where_the_journal_names_no_correction_the_stored_one_is_taken(void)
 {
     static kc_kin_t kin;

@@ -573,7 +573,7 @@ static void active_after_a_restart(uint16_t kind, uint32_t crc)
     TEST_ASSERT_EQUAL_HEX32(crc, kc_app_active(APP)->crc[kind]);
 }
 
-/* It was left in the store, and was in force after the next start without anybody having been told so. */
+/* It was left in the store, and was in force after the next start without an event. */
 void test_abort_leaves_no_table_in_the_store_that_could_not_be_made(void)
 {
     for (uint32_t ticks = 0u; ticks < 6u; ticks++) {

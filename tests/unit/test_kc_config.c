@@ -89,7 +89,7 @@ static const spoil_t s_spoil[] = {
     {44, AT(accept_change_max_pos_m), 'd', -1.0},
     {45, AT(accept_sigma_max_pos_m), 'd', -1.0},
     {46, AT(accept_p_fit_min), 'd', 1.1},
-    {47, AT(no_change_p), 'd', -0.1},
+    {47, AT(no_change_p), 'd', 0.0},
     {48, AT(budget_us), 'l', 4e13},
     {49, AT(approach_rad), 'd', 1.1},
     {50, AT(power_idle_w), 'd', -1.0},

@@ -429,7 +429,7 @@ static const limit_t s_limit[] = {
     {KC_TBL_CONFIG, 44u, -1, offsetof(kc_config_t, accept_change_max_pos_m), 'd', 0.0, 10.0, false},
     {KC_TBL_CONFIG, 45u, -1, offsetof(kc_config_t, accept_sigma_max_pos_m), 'd', 0.0, 10.0, false},
     {KC_TBL_CONFIG, 46u, -1, offsetof(kc_config_t, accept_p_fit_min), 'd', 0.0, 1.0, false},
-    {KC_TBL_CONFIG, 47u, -1, offsetof(kc_config_t, no_change_p), 'd', 0.0, 1.0, false},
+    {KC_TBL_CONFIG, 47u, -1, offsetof(kc_config_t, no_change_p), 'd', 1e-12, 0.5, false},
     {KC_TBL_CONFIG, 48u, -1, offsetof(kc_config_t, budget_us), 'l', 0.0, 3600000000000.0, false},
     {KC_TBL_CONFIG, 49u, -1, offsetof(kc_config_t, approach_rad), 'd', 0.0, 1.0, false},
     {KC_TBL_CONFIG, 50u, -1, offsetof(kc_config_t, power_idle_w), 'd', 0.0, 1e5, false},

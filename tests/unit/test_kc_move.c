@@ -8,6 +8,8 @@
 
 #define APP (&kc_app_instance)
 
+static double s_target[KC_JOINT_MAX];
+
 void setUp(void);
 void setUp(void)
 {
@@ -114,6 +116,119 @@ void test_a_pantilt_unit_command_that_got_lost_is_sent_again(void)
     TEST_ASSERT_EQUAL_UINT32(3u, world.n_pantilt_cmd);
 }
 
+static void given_a_long_move(void)
+{
+    given_world();
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MOVE, 200u));
+    for (uint32_t j = 0u; j < world.arm.n_joints; j++) { s_target[j] = world.q_cmd[j]; }
+}
+
+static bool at_target(void)
+{
+    double far = 0.0;
+    for (uint32_t j = 0u; j < world.arm.n_joints; j++) { far = fmax(far, fabs(world.q[j] - s_target[j])); }
+    return far < 1e-6;
+}
+
+/* One packet of a lossy network, and the arm went on to the end of its move although flight was SAFE. */
+void test_hold_is_sent_again_while_the_arm_goes_on_to_its_last_target(void)
+{
+    for (int lost = 1; lost <= 4; lost++) {
+        given_a_long_move();
+        world.arm_slow = true;
+        world.arm_ignores = lost;
+        TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ABORT, 0, 0, 0));
+        TEST_ASSERT_TRUE(world.arm_cmd.hold);
+        int32_t seq = world.arm_cmd.seq;
+        world_ticks(3u * (uint32_t)lost);
+        TEST_ASSERT_EQUAL_INT(0, world.arm_ignores);
+        TEST_ASSERT_TRUE(world.arm_cmd.hold);
+        TEST_ASSERT_EQUAL_INT32(seq + lost, world.arm_cmd.seq);
+        TEST_ASSERT_FALSE(at_target());
+        world_ticks(60u); /* it obeys: no more of it */
+        TEST_ASSERT_EQUAL_INT32(seq + lost, world.arm_cmd.seq);
+        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_ARM_NOT_HELD));
+    }
+}
+
+void test_an_arm_that_does_not_obey_hold_is_reported(void)
+{
+    given_a_long_move();
+    world.arm_slow = true;
+    world.arm_ignores = 100;
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+    int32_t seq = world.arm_cmd.seq;
+    world_ticks(29u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_ARM_NOT_HELD));
+    world_ticks(60u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_ARM_NOT_HELD));
+    TEST_ASSERT_EQUAL_DOUBLE(3e6, world.last[KC_EVT_ARM_NOT_HELD].got);
+    TEST_ASSERT_EQUAL_INT32(seq + 10, world.arm_cmd.seq);
+}
+
+/* After an abort somebody else may move the arm: that is not flight's move. */
+void test_an_arm_that_somebody_else_moves_is_not_held_again(void)
+{
+    for (int moved = 0; moved < 2; moved++) {
+        given_world();
+        if (moved) {
+            given_a_long_move();
+        } else {
+            world_boot(); /* flight has not moved it yet, and knows no target */
+            world_ticks(2u);
+        }
+        (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+        world.arm_slow = true;
+        int32_t seq = world.arm_cmd.seq;
+        for (uint32_t j = 0u; j < world.arm.n_joints; j++) {
+            world.q_cmd[j] = moved ? s_target[j] + 0.3 : 0.0;
+        }
+        world.q_cmd[0] = moved ? world.q_cmd[0] : 0.0;
+        world.q[0] += 0.5;
+        world_ticks(40u);
+        TEST_ASSERT_EQUAL_INT32(seq, world.arm_cmd.seq);
+    }
+}
+
+/* The last run may have been ended in the middle of a move; its target is forgotten. */
+void test_after_a_restart_hold_is_sent_again_while_the_arm_moves(void)
+{
+    given_a_long_move();
+    world_ticks(2u);
+    world.arm_slow = true;
+    world.arm_ignores = 2;
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+    TEST_ASSERT_EQUAL_INT(1, world.arm_ignores);
+    world_ticks(6u);
+    TEST_ASSERT_EQUAL_INT(0, world.arm_ignores);
+    TEST_ASSERT_TRUE(world.arm_cmd.hold);
+    int32_t seq = world.arm_cmd.seq;
+    world_ticks(60u);
+    TEST_ASSERT_EQUAL_INT32(seq, world.arm_cmd.seq);
+    TEST_ASSERT_FALSE(at_target());
+}
+
+/* Someone stops the arm by its controller, without a word to flight: it was sent off again a second later. */
+void test_a_move_that_somebody_else_has_stopped_is_not_sent_again(void)
+{
+    given_a_long_move();
+    world.arm_slow = true;
+    world_ticks(3u);
+    int32_t seq = world.arm_cmd.seq;
+    memcpy(world.q_cmd, world.q, sizeof world.q_cmd);
+    uint32_t n = 0u;
+    for (; n < 4000u && world_calibrating(); n++) {
+        TEST_ASSERT_EQUAL_INT32(seq, world.arm_cmd.seq);
+        world_tick();
+    }
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
+    TEST_ASSERT_TRUE(world.arm_cmd.hold);
+    TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+}
+
 void test_it_waits_until_everything_is_at_rest(void)
 {
     world_started();
@@ -187,7 +302,8 @@ void test_no_config_lets_an_arm_beside_its_paths_start(void)
             world_boot();
             world_ticks(2u);
             TEST_ASSERT_NOT_EQUAL(KC_OK, world_do(KC_CMD_START, -1, 0, 1));
-            TEST_ASSERT_EQUAL_INT(tol[i] > 0.01 ? KC_EVT_TBL_MISSING : KC_EVT_CAL_NO_PATH, world.ack.event_id);
+            TEST_ASSERT_EQUAL_INT(tol[i] > 0.01 ? KC_EVT_TBL_MISSING : KC_EVT_CAL_NO_PATH,
+                                  world.ack.event_id);
             TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_START));
         }
     }
@@ -340,7 +456,7 @@ void test_what_is_not_verified_is_not_sent(void)
     world_started();
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
     uint32_t at = KC_HUB_MAX + (uint32_t)APP->cal.candidate;
-    refused_path(at, at, 1.6);                      /* beyond the box of 1.5 */
+    refused_path(at, at, 1.6); /* beyond the box of 1.5 */
     refused_path(at, 1u - kc_app_active(APP)->space.cand[APP->cal.candidate].hub, 0.0); /* not its hub */
     refused_path(at, at, 1.6);
 }

@@ -47,7 +47,12 @@ void test_there_is_no_edge_to_itself_or_beyond_the_candidates(void)
 static void given_first(void)
 {
     static const uint16_t initial[] = {6u, 7u, 8u, 0u, 1u};
-    for (uint32_t c = 6u; c < 9u; c++) { s_s.cand[c].why = KC_CAND_LOCAL | 1u; }
+    memset(s_s.edge, 0, sizeof s_s.edge);
+    for (uint32_t c = 6u; c < 9u; c++) {
+        s_s.cand[c].why = KC_CAND_LOCAL | 1u;
+        s_s.cand[c].hub = 0u;
+        memcpy(s_s.cand[c].q_seed, s_s.hub_q[0], sizeof s_s.cand[c].q_seed);
+    }
     s_s.cand[8].why |= KC_CAND_RESERVE;
     memcpy(s_s.initial, initial, sizeof initial);
     s_s.n_initial = 5u;
@@ -338,6 +343,51 @@ void test_local_initial_poses_must_lead_the_initial_poses(void)
     s_s.initial[0] = 0u;
     s_s.initial[3] = 6u;
     expect_refused(KC_SPACE_INDEX_INITIAL, 0.0);
+}
+
+/* The guard does not check the clearance of moves to and from them: the way has to be short, and over hub 0. */
+void test_a_local_initial_pose_far_from_the_park_pose_is_refused(void)
+{
+    int32_t index;
+    double got;
+    for (uint32_t j = 0u; j < s_s.n_joints; j++) {
+        for (int sign = -1; sign <= 1; sign += 2) {
+            given_first();
+            s_s.cand[8].q_seed[j] = s_s.hub_q[0][j] + (float)sign * 0.999f;
+            TEST_ASSERT_EQUAL_INT(KC_OK, kc_space_validate(&s_s, NULL, &index, &got));
+            s_s.cand[8].q_seed[j] = s_s.hub_q[0][j] + (float)sign * 1.25f;
+            TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_space_validate(&s_s, NULL, &index, &got));
+            TEST_ASSERT_EQUAL_INT(8, index);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.25, got);
+        }
+    }
+}
+
+void test_a_local_initial_pose_of_another_hub_is_refused(void)
+{
+    given_first();
+    s_s.cand[7].hub = 1u;
+    expect_refused(7, 1.0);
+}
+
+static void set_edge(uint32_t hi, uint32_t lo)
+{
+    uint32_t bit = hi * (hi - 1u) / 2u + lo;
+    s_s.edge[bit / 8u] |= (uint8_t)(1u << bit % 8u);
+}
+
+/* It would lead far away without a check of the clearance. */
+void test_a_segment_between_a_local_initial_pose_and_a_candidate_does_not_count(void)
+{
+    given_first();
+    set_edge(7u, 3u);
+    set_edge(8u, 7u);
+    set_edge(5u, 3u);
+    expect_valid(&s_arm);
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 7u, 3u));
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 3u, 7u));
+    TEST_ASSERT_FALSE(kc_space_edge(&s_s, 8u, 7u));
+    TEST_ASSERT_TRUE(kc_space_edge(&s_s, 5u, 3u));
 }
 
 void test_a_local_initial_pose_outside_the_initial_list_is_refused(void)

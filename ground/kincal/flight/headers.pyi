@@ -1028,12 +1028,16 @@ class KcMove(Protocol):
     n_path: int
     i_path: int
     q_target: Array[float]
+    q_former: Array[float]
     q_final: Array[float]
     seg_from: int
     seg_to: int
     sent_us: int
     start_us: int
     seq: int
+    holds: int
+    held_us: int
+    foreign: bool
     checking: bool
     to: int
     q_from: Array[float]
@@ -1681,6 +1685,7 @@ class FlightCore(Protocol):
     KC_SEV_INFO: int
     KC_SEV_DEBUG: int
     KC_EVT_NONE: int
+    KC_EVT_ARM_NOT_HELD: int
     KC_EVT_CMD_ABORTED: int
     KC_EVT_CHANGE_FAILED: int
     KC_EVT_CMD_COUNTER: int
@@ -2214,6 +2219,7 @@ class FlightCore(Protocol):
     def kc_request_retry(self, _0: KcRequest | CData, _1: KcView | CData, /) -> bool: ...
     def kc_measure_run(self, _0: KcFrames | CData, _1: KcRequest | CData, _2: KcEst | CData, _3: KcView | CData, _4: KcOut | CData, /) -> KcOutcome: ...
     def kc_move_hold(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, /) -> None: ...
+    def kc_move_held(self, _0: KcMove | CData, _1: KcView | CData, _2: KcOut | CData, /) -> None: ...
     def kc_move_send(self, _0: KcMove | CData, _1: KcView | CData, _2: KcWork | CData, _3: KcOut | CData, _4: int, _5: int, _6: CData, /) -> KcOutcome: ...
     def kc_move_near(self, _0: KcMove | CData, _1: KcView | CData, _2: KcWork | CData, _3: KcOut | CData, _4: CData, /) -> KcOutcome: ...
     def kc_move_begin(self, _0: KcMove | CData, _1: KcView | CData, _2: KcWork | CData, _3: KcOut | CData, /) -> KcOutcome: ...
