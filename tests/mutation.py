@@ -7,9 +7,9 @@ them (fsw/design). Of each, `number` mutants are drawn with a fixed seed: anothe
 logical operator, a condition negated, a constant changed, a statement deleted, min for max. One that does not
 compile, or compiles to the same code, is drawn anew. Charges of instructions (`uint64_t ..._cost`) are not
 drawn: whether they bound what is executed, `make wcet` measures. Each mutant is compiled alone and put before
-the core in programs of the unit tests: the tests of the file first, then those of its room, then those of the
-rooms above and those that step the whole component, what has killed and the quickest first; those of other
-rooms up to `patience` seconds (0: none). A test that fails or does not end kills it.
+the core in programs of the unit tests that need the file: the tests of the file first, then those of its
+room, then the others, what has killed and the quickest first; those of other rooms up to `patience` seconds
+(0: none). A test that fails or does not end kills it.
 
 One that is not killed has to stand in tests/mutation.csv with a reason, as `equivalent` (no input tells it
 from the original) or as `accepted`. The exit status is 1 if one does not stand there, or if fewer than 95 %
@@ -31,14 +31,13 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
+from threading import Lock, Timer
 
 ROOT = Path(__file__).resolve().parents[1]
 BUILT = ROOT / "build/rel"
 WORK = ROOT / "build/mutation"
 REVIEWED = Path(__file__).with_suffix(".csv")
 LEAST_SHARE = 0.95
-WORLD = '#include "given_world.h"'
 SAFETY = (
     "fsw/motion/kc_guard.c", "fsw/motion/kc_bounds.c", "fsw/motion/kc_path.c", "fsw/estimate/kc_monitor.c",
     "fsw/calibrate/kc_monitoring.c", "fsw/calibrate/kc_update.c", "fsw/store/kc_change.c",
@@ -198,8 +197,8 @@ class Programs:
             f"test_{Path(p).stem}": self.rooms.index(room(p)) for p in self.compile if room(p) in self.rooms
         }
         self.tests = sorted(p.stem for p in (BUILT / "tests/unit/CMakeFiles").glob("test_*.dir"))
-        # A test in the small world steps the whole component, whichever file it is for.
-        self.world = {p.stem for p in (ROOT / "tests/unit").glob("test_*.c") if WORLD in p.read_text()}
+        self.defines, self.wants = symbols([*objects, str(BUILT / "libgiven.a")])
+        self.reached: dict[str, set[str]] = {}
 
     def usable(self, test: str, near: bool) -> bool:
         """Linked, and its seconds known; False if it is too slow for the files of other rooms."""
@@ -239,7 +238,10 @@ class Programs:
         process = subprocess.Popen(
             command, env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=WORK
         )
+        waits = Timer(60.0 + 20.0 * limit_s, os.kill, (process.pid, signal.SIGKILL))  # it may wait for ever
+        waits.start()
         failed = any(b":FAIL" in line for line in process.stdout)
+        waits.cancel()
         process.stdout.close()
         if failed:
             os.kill(process.pid, signal.SIGTERM)  # terminate() would wait for it
@@ -248,14 +250,29 @@ class Programs:
         return not failed and process.returncode == 0, usage.ru_utime
 
     def tests_of(self, path: str) -> list[str]:
-        """Tests of the file, then of its room, then above, what has killed and the quickest first."""
+        """Tests of the file, then of its room, then others, what has killed and the quickest first."""
         own, least = f"test_{Path(path).stem}", self.rooms.index(room(path))
-        above = [t for t in self.tests if t in self.world or self.where.get(t, len(self.rooms)) >= least]
+        needed = [t for t in self.tests if self.needs(t, path)]
         order = {
             t: (t != own, self.where.get(t) != least, -self.kills[room(path), t], self.seconds.get(t, 0.0))
-            for t in above
+            for t in needed
         }
-        return sorted(above, key=order.__getitem__)
+        return sorted(needed, key=order.__getitem__)
+
+    def needs(self, test: str, path: str) -> bool:
+        """Whether the test or what it calls refers to a symbol of the source."""
+        if test not in self.reached:
+            own = [str(o) for o in (BUILT / f"tests/unit/CMakeFiles/{test}.dir").rglob("*.o")]
+            _, wants = symbols(own)
+            waiting = [symbol for object_ in own for symbol in wants[object_]]
+            found: set[str] = set()
+            while waiting:
+                where = self.defines.get(waiting.pop())
+                if where is not None and where not in found:
+                    found.add(where)
+                    waiting += self.wants.get(where, [])
+            self.reached[test] = found
+        return any(o.endswith(f"/{room(path)}/{Path(path).name}.o") for o in self.reached[test])
 
     def near(self, test: str, path: str) -> bool:
         """Whether it is a test of the same room."""
@@ -279,6 +296,19 @@ class Programs:
         words += ["-w", "-g0", f"-ffile-prefix-map={folder}=.", f"-I{(ROOT / path).parent}"]
         done = subprocess.run(words, cwd=BUILT, capture_output=True, check=False)
         return (folder / "mutant.o").read_bytes() if done.returncode == 0 else None
+
+
+def symbols(objects: list[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
+    """Object that defines each global symbol; symbols that each object wants."""
+    defines: dict[str, str] = {}
+    wants: dict[str, list[str]] = {o: [] for o in objects}
+    for line in subprocess.check_output(["nm", "-A", "-P", *objects], text=True).splitlines():
+        where, name, kind = line.split()[:3]
+        if kind == "U":
+            wants.setdefault(where[:-1], []).append(name)
+        elif kind.isupper():
+            defines[name] = where[:-1]
+    return defines, wants
 
 
 def run(*words: object) -> None:

@@ -34,7 +34,7 @@ kc_outcome_t kc_pantilt_wait(kc_pantilt_t *p, const kc_view_t *v, kc_out_t *out)
     double off = kc_max(kc_fabs(s->pan_rad - p->pan_rad), kc_fabs(s->tilt_rad - p->tilt_rad));
     if (!s->moving && off <= ARRIVE_TOL_RAD) { return kc_outcome(KC_OC_DONE); }
     if (took > v->tables->config.move_timeout_us) {
-        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_PANTILT, (double)took, off);
+        kc_event(&out->events, KC_EVT_CAL_MOVE_TIMEOUT, KC_INPUT_PANTILT, (double)took, 0.0);
         return kc_abort_for(KC_CAUSE_PANTILT_LATE);
     }
     if (!s->moving && v->clock->now_us - p->sent_us >= RESEND_US) {

@@ -8,6 +8,7 @@
 #include "kc_rng.h"
 #include "kc_signed.h"
 #include "kc_vec.h"
+#include "unity.h"
 
 world_t world;
 
@@ -312,11 +313,21 @@ static void remember_answered(const kc_ack_t *ack)
     }
 }
 
+/* A number that the text of an event does not name is 0. */
+static void assert_as_documented(const kc_event_t *e)
+{
+    const char *name = kc_event_name(e->id), *text = kc_event_text(e->id);
+    TEST_ASSERT_TRUE_MESSAGE(text[0] != '\0', name);
+    if (strstr(text, "{got") == NULL) { TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(0.0, e->got, name); }
+    if (strstr(text, "{want") == NULL) { TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(0.0, e->want, name); }
+}
+
 static void listen(void)
 {
     const kc_out_t *o = &world.out;
     store_all(o);
     for (uint32_t i = 0u; i < o->events.n; i++) {
+        assert_as_documented(&o->events.e[i]);
         world.events[o->events.e[i].id]++;
         world.last[o->events.e[i].id] = o->events.e[i];
     }

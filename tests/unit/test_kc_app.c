@@ -37,6 +37,8 @@ void test_an_arm_with_dh_errors_is_calibrated_and_the_correction_waits_for_revie
     TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_COR_PROPOSED));
     TEST_ASSERT_TRUE(world.progress[7].res_pos_m < 0.1 * world.progress[0].res_pos_m);
+    TEST_ASSERT_EQUAL_UINT32(28u, world.progress[7].n_free); /* as CONFIG requests */
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->input.n_rejected);
 }
 
 void test_a_healthy_arm_needs_no_change_and_says_so(void)
@@ -502,4 +504,36 @@ void test_a_stored_proposal_without_a_byte_is_reported(void)
     APP->boot_events.n = 0u;
     TEST_ASSERT_EQUAL_INT(KC_ERR_FORMAT, kc_app_load(APP, KC_STORE_PROPOSAL, world.image, 0u));
     TEST_ASSERT_EQUAL_UINT16(KC_EVT_BOOT_SLOT_BAD, APP->boot_events.e[APP->boot_events.n - 1u].id);
+}
+
+/* A receiver takes what has a larger number than before: a process that starts anew goes on above all that it sent. */
+void test_after_a_restart_every_number_is_above_those_before(void)
+{
+    int32_t last[4] = {0};
+    for (uint32_t run = 0u; run < 3u; run++) {
+        int32_t least[4] = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MAX}, most[4] = {0};
+        if (run == 0u) {
+            world_boot();
+        } else {
+            world_restart();
+        }
+        for (uint32_t i = 0u; i < 300u && kc_app_state(APP) != KC_ST_MEASURE; i++) {
+            if (i == 1u) { (void)world_cmd(KC_CMD_START, -1, 0, 1); }
+            world_tick();
+            const kc_out_t *o = &world.out;
+            const int32_t seq[4] = {
+                o->has_arm_cmd ? o->arm_cmd.seq : 0, o->has_pantilt_cmd ? o->pantilt_cmd.seq : 0,
+                o->has_hk ? (int32_t)o->hk.seq : 0, o->has_frame_request ? o->frame_request.seq : 0};
+            for (uint32_t k = 0u; k < 4u; k++) {
+                if (seq[k] == 0) { continue; }
+                if (seq[k] < least[k]) { least[k] = seq[k]; }
+                if (seq[k] > most[k]) { most[k] = seq[k]; }
+            }
+        }
+        for (uint32_t k = 0u; k < 4u; k++) {
+            TEST_ASSERT_GREATER_THAN_INT32(0, most[k]);
+            TEST_ASSERT_GREATER_THAN_INT32(last[k], least[k]);
+            last[k] = most[k];
+        }
+    }
 }

@@ -3,7 +3,9 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
+#include "given_process.h"
 #include "kc_args.h"
 #include "unity.h"
 
@@ -51,18 +53,54 @@ void test_everything_can_be_said(void)
     TEST_ASSERT_EQUAL_INT(0, s_a.live);
 }
 
+/* What is wrong, with the argument, and where help is. */
+static void refused(const char *what, char **argv)
+{
+    char want[120];
+    hear(2);
+    kc_args_result_t result = parse(argv);
+    const char *text = heard();
+    (void)snprintf(want, sizeof want, "kincal-fsw: %s\nTry kincal-fsw --help.\n", what);
+    TEST_ASSERT_EQUAL_INT(KC_ARGS_BAD, result);
+    TEST_ASSERT_EQUAL_STRING(want, text);
+}
+
+#define REFUSED(what, ...) refused(what, (char *[]){"kincal-fsw", __VA_ARGS__, NULL})
+
 void test_what_is_missing_wrong_or_contradicts_itself_is_refused(void)
 {
-    TEST_ASSERT_EQUAL_INT(KC_ARGS_BAD, PARSE("--store", "s"));
-    TEST_ASSERT_EQUAL_INT(KC_ARGS_BAD, PARSE("--tables", "t"));
-    TEST_ASSERT_EQUAL_INT(KC_ARGS_BAD, PARSE("--tables"));
-    TEST_ASSERT_EQUAL_INT(KC_ARGS_BAD, PARSE("--tabels", "t"));
-    TEST_ASSERT_EQUAL_INT(KC_ARGS_BAD, PARSE("--live", "--lockstep", "--tables", "t", "--store", "s"));
+    REFUSED("--tables is missing", "--store", "s");
+    REFUSED("--store is missing", "--tables", "t");
+    REFUSED("no value after --tables", "--tables");
+    REFUSED("no value after --url", "--tables", "t", "--store", "s", "--url");
+    REFUSED("no value after --keys", "--keys");
+    REFUSED("unknown argument --tabels", "--tabels", "t");
+    REFUSED("unknown argument x", "--tables", "t", "x");
+    REFUSED("--lockstep and --live exclude each other", "--live", "--lockstep", "--tables", "t", "--store",
+            "s");
+    REFUSED("--lockstep and --live exclude each other", "--lockstep", "--live", "--tables", "t", "--store",
+            "s");
+}
+
+static const char *answer(char *option)
+{
+    char *argv[] = {"kincal-fsw", option, NULL};
+    hear(1);
+    kc_args_result_t result = parse(argv);
+    const char *text = heard();
+    TEST_ASSERT_EQUAL_INT(KC_ARGS_DONE, result);
+    return text;
 }
 
 void test_help_and_version_are_answered(void)
 {
-    TEST_ASSERT_EQUAL_INT(KC_ARGS_DONE, PARSE("--help"));
-    TEST_ASSERT_EQUAL_INT(KC_ARGS_DONE, PARSE("--version"));
-    (void)fflush(stdout);
+    static const char *const options[] = {"--url",        "--tables",      "--store", "--keys",
+                                          "--lockstep",   "--live",        "--help",  "--version",
+                                          KC_URL_DEFAULT, KC_KEYS_VARIABLE};
+    const char *text = answer("--help");
+    TEST_ASSERT_EQUAL_STRING_LEN("usage: kincal-fsw ", text, 18);
+    for (uint32_t i = 0u; i < sizeof options / sizeof options[0]; i++) {
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, options[i]), options[i]);
+    }
+    TEST_ASSERT_EQUAL_STRING("kincal-fsw " KC_VERSION "\n", answer("--version"));
 }

@@ -10,6 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "given_process.h"
 #include "given_tables.h"
 #include "given_world.h"
 #include "kc_edge.h"
@@ -34,6 +35,7 @@ static char s_dir[64];
 static uint8_t s_buf[4096];
 static kcm_tick_done_t s_done;
 static kcm_ack_t s_ack, s_ack_start;
+static kcm_event_t s_event[64];
 static uint32_t s_n_done, s_n_ack, s_n_hk, s_n_event, s_n_down, s_n_arm_cmd;
 static volatile sig_atomic_t s_stop;
 static uint32_t s_stop_done; /* stops after so many answers to ticks; 0: never */
@@ -111,7 +113,10 @@ static void on_any(const lcm_recv_buf_t *b, const char *channel, void *user)
     }
     s_n_hk += strcmp(channel, "KC_HK") == 0;
     if (s_e.live && s_n_hk >= 1u) { s_stop = 1; }
-    s_n_event += strcmp(channel, "KC_EVENT") == 0;
+    if (strcmp(channel, "KC_EVENT") == 0) {
+        TEST_ASSERT_TRUE(kcm_event_t_decode(b->data, 0, n, &s_event[s_n_event % 64u]) > 0);
+        s_n_event++;
+    }
     s_n_down += strcmp(channel, "KC_TABLE_DOWN") == 0;
     s_n_arm_cmd += strcmp(channel, "KC_ARM_CMD") == 0;
 }
@@ -228,6 +233,29 @@ void test_a_tick_is_done_once_and_its_answer_repeated(void)
     pump();
     TEST_ASSERT_EQUAL_INT64(2, s_done.tick);
     TEST_ASSERT_EQUAL_INT(0, s_done.n_published);
+}
+
+void test_events_and_answers_are_numbered_and_stamped_with_their_step(void)
+{
+    memset(&s_e.out, 0, sizeof s_e.out);
+    send_time(1);
+    pump();
+    uint32_t n = s_n_event;
+    TEST_ASSERT_TRUE(n > 0u && n <= 64u); /* a start is told */
+    send_cmd(150000, 1, 99, 0); /* no such command */
+    send_cmd(150000, 2, 98, 0);
+    send_time(2);
+    pump();
+    TEST_ASSERT_TRUE(s_n_event > n && s_n_event <= 64u);
+    for (uint32_t i = 0u; i < s_n_event; i++) {
+        TEST_ASSERT_EQUAL_INT((int)i + 1, s_event[i].seq);
+        TEST_ASSERT_EQUAL_INT64(i < n ? 100000 : 200000, s_event[i].t_us);
+        TEST_ASSERT_TRUE(s_event[i].id > 0);
+    }
+    TEST_ASSERT_EQUAL_UINT32(2u, s_n_ack);
+    TEST_ASSERT_EQUAL_INT64(200000, s_ack.t_us);
+    TEST_ASSERT_EQUAL_INT(2, s_ack.seq);
+    TEST_ASSERT_EQUAL_INT(s_event[s_n_event - 1u].id, s_ack.event_id);
 }
 
 void test_a_command_waits_for_the_tick_after_its_stamp(void)
@@ -517,21 +545,33 @@ void test_live_it_steps_by_the_clock_and_takes_messages_at_once(void)
     TEST_ASSERT_TRUE(APP->clock.now_us > 1600000000000000u);
 }
 
-void test_a_channel_that_cannot_be_subscribed_is_a_failure(void)
+/* What opening says; "" if it succeeds. */
+static const char *opening(const char *url, bool live)
 {
     static kc_edge_t e;
+    hear(2);
+    bool opened = kc_edge_open(&e, url, &s_f, APP, live);
+    const char *text = heard();
+    TEST_ASSERT_EQUAL_INT(text[0] == '\0', opened);
+    if (e.lcm != NULL) { kc_edge_close(&e); }
+    return text;
+}
+
+void test_a_channel_that_cannot_be_subscribed_is_a_failure(void)
+{
+    const uint32_t n = open_files();
     for (int live = 0; live < 2; live++) {
         for (int at = 1; at <= 6 - live; at++) {
             s_fails.subscribing = at;
-            TEST_ASSERT_FALSE(kc_edge_open(&e, "memq://", &s_f, APP, live != 0));
-            kc_edge_close(&e);
+            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n",
+                                     opening("memq://", live != 0));
             s_fails.sizing = at;
-            TEST_ASSERT_FALSE(kc_edge_open(&e, "memq://", &s_f, APP, live != 0));
-            kc_edge_close(&e);
+            TEST_ASSERT_EQUAL_STRING("kincal-fsw: can't subscribe at memq://\n",
+                                     opening("memq://", live != 0));
         }
-        TEST_ASSERT_TRUE(kc_edge_open(&e, "memq://", &s_f, APP, live != 0));
-        kc_edge_close(&e);
+        TEST_ASSERT_EQUAL_STRING("", opening("memq://", live != 0));
     }
+    TEST_ASSERT_EQUAL_UINT32(n, open_files());
 }
 
 void test_what_cannot_be_sent_is_counted_and_reported(void)
@@ -584,26 +624,36 @@ void test_after_a_failed_store_nothing_more_of_the_step_is_stored(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, s_e.in.store_status);
 }
 
+static const char *running(bool good)
+{
+    hear(2);
+    bool ran = kc_edge_run(&s_e, &s_stop);
+    const char *text = heard();
+    TEST_ASSERT_EQUAL_INT(good, ran);
+    return text;
+}
+
 void test_a_signal_is_no_failure_of_the_network(void)
 {
     s_fails.poll_errno = EINTR;
     for (int64_t k = 1; k <= 3; k++) { send_time(k); }
-    TEST_ASSERT_TRUE(kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_EQUAL_STRING("", running(true));
     TEST_ASSERT_EQUAL_INT64(3, s_e.tick);
 }
 
 void test_a_network_that_fails_ends_the_run(void)
 {
+    static const char said[] = "kincal-fsw: the LCM network failed\n";
     s_fails.poll_errno = EBADF;
-    TEST_ASSERT_FALSE(kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_EQUAL_STRING(said, running(false));
     send_time(1);
     s_fails.handling = true;
-    TEST_ASSERT_FALSE(kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_EQUAL_STRING(said, running(false));
     tearDown();
     given_edge(true);
     send_time(1);
     s_fails.handling = true;
-    TEST_ASSERT_FALSE(kc_edge_run(&s_e, &s_stop));
+    TEST_ASSERT_EQUAL_STRING(said, running(false));
 }
 
 /* It waits longer than the time between two announcements, and is woken before it by another message. */
@@ -636,6 +686,6 @@ void test_live_it_does_not_catch_up(void)
 
 void test_a_network_that_cannot_be_made_is_refused(void)
 {
-    static kc_edge_t e;
-    TEST_ASSERT_FALSE(kc_edge_open(&e, "nonsense://", &s_f, APP, false));
+    TEST_ASSERT_NOT_NULL(
+        strstr(opening("nonsense://", false), "kincal-fsw: no LCM network at nonsense://\n"));
 }

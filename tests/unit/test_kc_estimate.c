@@ -55,26 +55,26 @@ void test_good_observations_are_kept_until_full(void)
 
 void test_every_number_of_an_observation_must_be_finite(void)
 {
-    const size_t at[] = {offsetof(kc_obs_t, ctx.q),
-                         offsetof(kc_obs_t, ctx.dir),
-                         offsetof(kc_obs_t, ctx.qdot),
-                         offsetof(kc_obs_t, ctx.g_m_s2),
-                         offsetof(kc_obs_t, ctx.temp_c),
-                         offsetof(kc_obs_t, ctx.t_s),
-                         offsetof(kc_obs_t, ctx.range_m),
-                         offsetof(kc_obs_t, ctx.payload_kg),
-                         offsetof(kc_obs_t, ctx.incid_rad),
-                         offsetof(kc_obs_t, ctx.u_norm),
-                         offsetof(kc_obs_t, ctx.v_norm),
-                         offsetof(kc_obs_t, ctx.pan_rad),
-                         offsetof(kc_obs_t, ctx.tilt_rad),
-                         offsetof(kc_obs_t, ctx.p_cam_tool_m),
-                         offsetof(kc_obs_t, p_m),
-                         offsetof(kc_obs_t, q_wxyz),
-                         offsetof(kc_obs_t, cov)};
+#define NUMBERS(member) {offsetof(kc_obs_t, member), sizeof(((kc_obs_t *)0)->member) / sizeof(double)}
+    static const struct {
+        size_t at, n;
+    } of[] = {NUMBERS(ctx.q),         NUMBERS(ctx.dir),    NUMBERS(ctx.qdot),         NUMBERS(ctx.g_m_s2),
+              NUMBERS(ctx.temp_c),    NUMBERS(ctx.t_s),    NUMBERS(ctx.payload_kg),   NUMBERS(ctx.range_m),
+              NUMBERS(ctx.incid_rad), NUMBERS(ctx.u_norm), NUMBERS(ctx.v_norm),       NUMBERS(ctx.pan_rad),
+              NUMBERS(ctx.tilt_rad),  NUMBERS(p_m),        NUMBERS(ctx.p_cam_tool_m), NUMBERS(q_wxyz),
+              NUMBERS(p_cam_m),       NUMBERS(q_cam_wxyz)};
     const double bad = NAN;
-    for (size_t i = 0; i < sizeof at / sizeof *at; i++) {
-        memcpy((unsigned char *)given_one() + at[i], &bad, sizeof bad);
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        for (size_t k = 0; k < of[i].n; k++) {
+            given_one()->has_cam = 1u;
+            s_obs.q_cam_wxyz[0] = 1.0;
+            memcpy((unsigned char *)&s_obs + of[i].at + k * sizeof bad, &bad, sizeof bad);
+            assert_refused_unchanged();
+        }
+    }
+    for (size_t k = 0; k < 36u; k++) { /* of a covariance the lower triangle is used */
+        if (k % 6u > k / 6u) { continue; }
+        given_one()->cov[k] = bad;
         assert_refused_unchanged();
     }
 }
@@ -521,6 +521,44 @@ void test_a_bound_is_active_only_if_the_cost_would_fall_beyond_it(void)
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_AT_LOWER, status_at(k->lb, k->lb - 0.1));
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, status_at(k->lb, k->lb + 0.1));
     TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, status_at(0.0, 0.1));
+}
+
+/* Within 1e-9 of the coefficient's scale of a bound it is on it, and not beyond that. */
+void test_how_close_to_a_bound_is_on_it_goes_by_the_scale(void)
+{
+    static const double scale[] = {1e-3, 0.2, 50.0};
+    for (uint32_t i = 0u; i < sizeof scale / sizeof scale[0]; i++) {
+        kc_coef_t *k = &s_terms.coef[0];
+        k->scale = scale[i];
+        TEST_ASSERT_EQUAL_UINT8(KC_COEF_AT_UPPER, status_at(k->ub - 0.7e-9 * scale[i], k->ub + 0.1));
+        TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, status_at(k->ub - 1.4e-9 * scale[i], k->ub + 0.1));
+        TEST_ASSERT_EQUAL_UINT8(KC_COEF_AT_LOWER, status_at(k->lb + 0.7e-9 * scale[i], k->lb - 0.1));
+        TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, status_at(k->lb + 1.4e-9 * scale[i], k->lb - 0.1));
+    }
+}
+
+/* At bounds a QP takes several iterations, between which a step may end. */
+void test_at_bounds_a_solution_in_parts_has_the_same_bits(void)
+{
+    static kc_est_t whole;
+    given(12u, 1.0);
+    s_terms.coef[24].ub = 1.2;
+    s_terms.coef[5].ub = 0.3;
+    s_terms.coef[11].lb = 0.155;
+    s_est.opt.outlier_p = 0.0;
+    whole = s_est;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&whole));
+    for (uint64_t most = 20000u; most <= 140000u; most += 12000u) {
+        kc_est_begin(&s_est);
+        for (bool over = false; !over;) {
+            kc_work_t work = {most, 0u};
+            over = kc_est_step(&s_est, &work);
+        }
+        TEST_ASSERT_EQUAL_INT(KC_OK, s_est.job.status);
+        TEST_ASSERT_EQUAL_UINT32(whole.iters, s_est.iters);
+        TEST_ASSERT_EQUAL_MEMORY(whole.coef, s_est.coef, sizeof s_est.coef);
+        TEST_ASSERT_EQUAL_MEMORY(whole.cov, s_est.cov, sizeof s_est.cov);
+    }
 }
 
 /* A bit of an observation flips during the fit; the memory check (kc_scrub.c) may be late. */

@@ -71,6 +71,10 @@ void test_ids_rise_so_that_none_is_used_twice(void)
     for (size_t i = 1u; i < sizeof ids / sizeof ids[0]; i++) {
         TEST_ASSERT_GREATER_THAN_UINT16(ids[i - 1u], ids[i]);
     }
+    for (size_t i = 0u; i < sizeof ids / sizeof ids[0]; i++) { /* and each is found */
+        TEST_ASSERT_TRUE(strcmp("UNKNOWN", kc_event_name(ids[i])) != 0);
+        TEST_ASSERT_TRUE(kc_event_text(ids[i])[0] != '\0');
+    }
 }
 
 #define TYPE_(type, how) type,

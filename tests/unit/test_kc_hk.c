@@ -97,3 +97,23 @@ void test_it_follows_a_calibration(void)
     TEST_ASSERT_EQUAL_UINT32(1u, world.hk.session);
     TEST_ASSERT_EQUAL_UINT32(world.proposal.crc, world.hk.proposal_crc);
 }
+
+void test_counts_of_the_parts_are_in_the_next_report(void)
+{
+    given_world();
+    world_boot();
+    world_tick();
+    APP->observe.servo_steps = 7u;
+    APP->input.n_rejected = 3u;
+    APP->cmd_log.n_ok = 5u;
+    APP->cmd_log.n_refused = 2u;
+    APP->plan.n_goal = 11u;
+    uint32_t n = world.n_hk;
+    for (uint32_t i = 0u; i < 600u && world.n_hk == n; i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(n + 1u, world.n_hk);
+    TEST_ASSERT_EQUAL_UINT32(7u, world.hk.servo_steps);
+    TEST_ASSERT_EQUAL_UINT32(3u, world.hk.n_rejected);
+    TEST_ASSERT_EQUAL_UINT32(5u, world.hk.n_cmd_ok);
+    TEST_ASSERT_EQUAL_UINT32(2u, world.hk.n_cmd_refused);
+    TEST_ASSERT_EQUAL_UINT32(11u, world.hk.n_poses_goal);
+}

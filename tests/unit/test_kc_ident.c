@@ -4,7 +4,7 @@
 
 #include "given_observations.h"
 #include "given_tables.h"
-#include "kc_estimate.h"
+#include "kc_est_priv.h"
 #include "unity.h"
 
 static kc_arm_t s_arm;
@@ -168,6 +168,30 @@ void test_rank_is_decided_again_at_the_solution(void)
     TEST_ASSERT_EQUAL_UINT32(2u, s_est.rank);
     TEST_ASSERT_DOUBLE_WITHIN(1e-8, 0.3, s_est.coef[0]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-8, 0.05, s_est.coef[1]);
+}
+
+/* Two columns over their sigmas, (a, 0) and (3, 4). The longer one comes first; 0.8 a of the other is perpendicular
+ * to it, and a coefficient counts if that is more than 1. */
+void test_what_the_data_leave_less_certain_than_its_scale_is_not_determined(void)
+{
+    static double F[KC_COEF_MAX * KC_COEF_MAX];
+    static const double a[] = {1.1, 1.2, 1.3, 4.0}; /* 0.88, 0.96, 1.04, 3.2 */
+    for (uint32_t i = 0u; i < sizeof a / sizeof a[0]; i++) {
+        for (uint32_t swapped = 0u; swapped < 2u; swapped++) {
+            given_session(&s_est, &s_arm, &s_terms, s_truth, 0u, 0.0);
+            s_est.n_idx = 2u;
+            s_est.idx[0] = 5u;
+            s_est.idx[1] = 9u;
+            s_terms.coef[5].scale = 0.5;
+            s_terms.coef[9].scale = 0.25;
+            s_est.R[0] = (swapped != 0u ? 5.0 : a[i]) / 0.5; /* (5, 0) and (0.6 a, 0.8 a) are the same */
+            s_est.R[1] = (swapped != 0u ? 0.6 * a[i] : 3.0) / 0.25;
+            s_est.R[KC_COEF_MAX + 2u] = (swapped != 0u ? 0.8 * a[i] : 4.0) / 0.25;
+            TEST_ASSERT_EQUAL_UINT32(0.8 * a[i] > 1.0 ? 2u : 1u, kc_est_rank(&s_est, F));
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, 5.0, s_est.pivot[0]);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.8 * a[i], s_est.pivot[1]);
+        }
+    }
 }
 
 /* ---- nothing held ---- */

@@ -11,6 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "given_process.h"
 #include "unity.h"
 
 #define A "000102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1e1f"
@@ -61,26 +62,41 @@ static void given_file(const void *text, size_t n, mode_t mode)
     TEST_ASSERT_EQUAL_INT(0, chmod(s_path, mode));
 }
 
-/* Refused, and no key is left of it. */
-static void refused(void)
+/* Refused by name and for a reason, and no key is left of it, nor an open file. */
+static void refused(const char *why)
 {
     static const kc_keys_t none;
+    char said[256];
+    const uint32_t n = open_files();
     memset(&s_keys, 0xff, sizeof s_keys);
-    TEST_ASSERT_FALSE(kc_keys_read(s_path, &s_keys));
+    hear(2);
+    bool taken = kc_keys_read(s_path, &s_keys);
+    const char *text = heard();
+    (void)snprintf(said, sizeof said, "kincal-fsw: keys %s: ", s_path);
+    TEST_ASSERT_FALSE(taken);
+    TEST_ASSERT_EQUAL_STRING_LEN(said, text, strlen(said));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, why), text);
     TEST_ASSERT_EQUAL_MEMORY(&none, &s_keys, sizeof none);
+    TEST_ASSERT_EQUAL_UINT32(n, open_files());
 }
 
-static void refused_text(const char *text)
+static void refused_text(const char *text, const char *why)
 {
     given_file(text, strlen(text), 0600);
-    refused();
+    refused(why);
 }
+
+#define NO_HEAD "its first line is not"
+#define NO_NUMBER "does not begin with the number of a key"
+#define NO_SECRET "has not 64 hexadecimal digits"
 
 void test_one_or_two_keys_are_read(void)
 {
     const char *one = "kincal-keys 1\n7 " A "\n", *two = "kincal-keys 1\n7 " A "\n2147483647 " B "\n";
     given_file(one, strlen(one), 0600);
+    const uint32_t n = open_files();
     TEST_ASSERT_TRUE(kc_keys_read(s_path, &s_keys));
+    TEST_ASSERT_EQUAL_UINT32(n, open_files());
     TEST_ASSERT_EQUAL_UINT32(1u, s_keys.n);
     TEST_ASSERT_EQUAL_UINT32(7u, s_keys.key[0].id);
     for (uint32_t i = 0u; i < KC_KEY_BYTES; i++) { TEST_ASSERT_EQUAL_UINT8(i, s_keys.key[0].secret[i]); }
@@ -97,7 +113,7 @@ void test_a_file_that_others_may_read_or_change_is_refused(void)
     static const mode_t modes[] = {0640, 0620, 0610, 0604, 0602, 0601, 0666};
     for (uint32_t i = 0u; i < sizeof modes / sizeof modes[0]; i++) {
         given_file(text, strlen(text), modes[i]);
-        refused();
+        refused("others may read or change it");
     }
 }
 
@@ -106,43 +122,46 @@ void test_a_file_of_another_user_is_refused(void)
     const char *text = "kincal-keys 1\n7 " A "\n";
     given_file(text, strlen(text), 0600);
     if (chown(s_path, 12345, 12345) != 0) { TEST_IGNORE_MESSAGE("only root can give files away"); }
-    refused();
+    refused("belongs to another user");
 }
 
 void test_what_is_no_file_is_refused(void)
 {
-    refused(); /* there is none */
+    refused("No such file"); /* there is none */
     TEST_ASSERT_FALSE(kc_keys_read(s_dir, &s_keys));
     TEST_ASSERT_EQUAL_INT(0, mkfifo(s_path, 0600));
-    refused(); /* and does not wait for a writer */
+    refused("not a file"); /* and does not wait for a writer */
 }
 
 void test_a_text_with_anything_wrong_is_refused(void)
 {
     static char longer[2000] = "kincal-keys 1\n";
-    refused_text("");
-    refused_text("kincal-keys 1");
-    refused_text("kincal-keys 1\n");
-    refused_text("kincal-keys 2\n7 " A "\n");
-    refused_text("7 " A "\n");
-    refused_text("kincal-keys 1\n7 " A);       /* cut off */
-    refused_text("kincal-keys 1\n7 " A "0\n"); /* too long */
-    refused_text("kincal-keys 1\n7 0102\n");
-    refused_text("kincal-keys 1\n0 " A "\n");
-    refused_text("kincal-keys 1\n-7 " A "\n");
-    refused_text("kincal-keys 1\n2147483648 " A "\n");
-    refused_text("kincal-keys 1\n99999999999999999999999 " A "\n");
-    refused_text("kincal-keys 1\n " A "\n");
-    refused_text("kincal-keys 1\n7\t" A "\n");
-    refused_text("kincal-keys 1\n7 " A "\n7 " B "\n"); /* twice the same number */
-    refused_text("kincal-keys 1\n7 " A "\n8 " B "\n9 " A "\n");
-    refused_text("kincal-keys 1\n7 " A "\n\n");
-    refused_text("kincal-keys 1\n7 0000000000000000000000000000000000000000000000000000000000000000\n");
-    refused_text("kincal-keys 1\n7 0g0102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1e1\n");
+    refused_text("", NO_HEAD);
+    refused_text("kincal-keys 1", NO_HEAD);
+    refused_text("kincal-keys 1\n", "no key in it");
+    refused_text("kincal-keys 2\n7 " A "\n", NO_HEAD);
+    refused_text("7 " A "\n", NO_HEAD);
+    refused_text("kincal-keys 1\n7 " A, NO_SECRET);       /* cut off */
+    refused_text("kincal-keys 1\n7 " A "0\n", NO_SECRET); /* too long */
+    refused_text("kincal-keys 1\n7 0102\n", NO_SECRET);
+    refused_text("kincal-keys 1\n0 " A "\n", NO_NUMBER);
+    refused_text("kincal-keys 1\n-7 " A "\n", NO_NUMBER);
+    refused_text("kincal-keys 1\n2147483648 " A "\n", NO_NUMBER);
+    refused_text("kincal-keys 1\n99999999999999999999999 " A "\n", NO_NUMBER);
+    refused_text("kincal-keys 1\n " A "\n", NO_NUMBER);
+    refused_text("kincal-keys 1\n7\t" A "\n", NO_NUMBER);
+    refused_text("kincal-keys 1\n7 " A "\n7 " B "\n",
+                 "two keys have the same number"); /* twice the same number */
+    refused_text("kincal-keys 1\n7 " A "\n8 " B "\n9 " A "\n", "more than two keys");
+    refused_text("kincal-keys 1\n7 " A "\n\n", NO_NUMBER);
+    refused_text("kincal-keys 1\n7 0000000000000000000000000000000000000000000000000000000000000000\n",
+                 NO_SECRET);
+    refused_text("kincal-keys 1\n7 0g0102030405060708090a0b0c0d0e0f101112131415161718191a1b1c1d1e1\n",
+                 NO_SECRET);
     given_file("kincal-keys 1\n7 " A "\n\0\n", 83u, 0600); /* a zero in the text */
-    refused();
+    refused("not a key file");
     memset(&longer[14], '\n', sizeof longer - 15u);
-    refused_text(longer);
+    refused_text(longer, "not a key file");
 }
 
 void test_a_file_that_cannot_be_read_is_refused_and_a_signal_is_no_failure(void)
@@ -150,9 +169,9 @@ void test_a_file_that_cannot_be_read_is_refused_and_a_signal_is_no_failure(void)
     static const char text[] = "kincal-keys 1\n7 " A "\n";
     given_file(text, sizeof text - 1u, 0600);
     s_fstat_errno = EIO;
-    refused();
+    refused(strerror(EIO));
     s_read_errno = EIO;
-    refused();
+    refused(strerror(EIO));
     s_read_errno = EINTR;
     TEST_ASSERT_TRUE(kc_keys_read(s_path, &s_keys));
     TEST_ASSERT_EQUAL_UINT32(7u, s_keys.key[0].id);
@@ -160,6 +179,21 @@ void test_a_file_that_cannot_be_read_is_refused_and_a_signal_is_no_failure(void)
 
 void test_a_number_ends_at_what_is_no_digit(void)
 {
-    refused_text("kincal-keys 1\n7: " A "\n");
-    refused_text("kincal-keys 1\n7/ " A "\n");
+    refused_text("kincal-keys 1\n7: " A "\n", NO_NUMBER);
+    refused_text("kincal-keys 1\n7/ " A "\n", NO_NUMBER);
+}
+
+void test_a_digit_is_a_number_or_a_small_letter(void)
+{
+    static const char others[] = "/:`gAF@\x7f ";
+    for (uint32_t i = 0u; i + 1u < sizeof others; i++) {
+        for (uint32_t at = 0u; at < 2u; at++) {
+            char text[] = "kincal-keys 1\n7 " A "\n";
+            text[16u + at] = others[i];
+            refused_text(text, NO_SECRET);
+            text[16u + at] = '0';
+            text[16u + 62u + at] = others[i]; /* the last byte */
+            refused_text(text, NO_SECRET);
+        }
+    }
 }

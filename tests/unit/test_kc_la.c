@@ -20,7 +20,7 @@ void setUp(void)
     s_rng = 3u;
     for (uint32_t i = 0u; i < LD * LD; i++) {
         s_A[i] = uniform();
-        s_B[i] = s_C[i] = -777.0; /* what must not be touched */
+        s_B[i] = s_C[i] = i < N * LD ? -777.0 : -888.0; /* what must not be touched */
     }
 }
 
@@ -58,6 +58,7 @@ void test_cholesky_gives_back_the_matrix_and_leaves_the_upper_triangle(void)
         }
         for (uint32_t j = i + 1u; j < N; j++) { TEST_ASSERT_EQUAL_DOUBLE(s_B[i * LD + j], s_C[i * LD + j]); }
         TEST_ASSERT_EQUAL_DOUBLE(-777.0, s_C[i * LD + N]);
+        TEST_ASSERT_EQUAL_DOUBLE(-888.0, s_C[N * LD + i]);
     }
 }
 
@@ -96,6 +97,7 @@ static void assert_inverse(const double *A, const double *inv)
             TEST_ASSERT_EQUAL_DOUBLE(inv[j * LD + i], inv[i * LD + j]);
         }
         TEST_ASSERT_EQUAL_DOUBLE(-777.0, inv[i * LD + N]);
+        TEST_ASSERT_EQUAL_DOUBLE(-888.0, inv[N * LD + i]);
     }
 }
 
@@ -220,6 +222,7 @@ void test_the_covariance_inverts_the_information(void)
     for (uint32_t i = 0u; i < LD * LD; i++) { H[i] = 77.0; }
     kc_la_upper_gram(s_A, N, LD, H, LD);
     for (uint32_t i = 0u; i < LD; i++) { TEST_ASSERT_EQUAL_DOUBLE(77.0, H[N * LD + i]); }
+    s_A[N * LD + N] = 0.0; /* not part of it */
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_upper_cov(s_A, N, LD, s_C, LD));
     assert_inverse(H, s_C);
 }
@@ -310,6 +313,7 @@ void test_equal_columns_keep_the_order_of_their_indices(void)
     double R[25] = {0.0};
     for (uint32_t i = 0u; i < 5u; i++) { R[6u * i] = (i == 3u) ? 2.0 : 1.0; }
     given_unit_scale();
+    s_pivot[5] = 1e9; /* not one of them */
     kc_la_rank(R, 5u, 5u, s_scale, 1e-10, s_perm, s_pivot, &s_rank);
     const uint32_t want[5] = {3u, 0u, 1u, 2u, 4u};
     TEST_ASSERT_EQUAL_UINT32_ARRAY(want, s_perm, 5);
@@ -336,6 +340,9 @@ void test_whitening_makes_the_covariance_the_identity(void)
     }
     for (uint32_t m = 1u; m <= 6u; m++) {
         TEST_ASSERT_EQUAL_INT(KC_OK, kc_la_whiten(cov, m, W));
+        for (uint32_t i = 0u; i < 36u; i++) {
+            if (i % 6u > i / 6u || i / 6u >= m) { TEST_ASSERT_EQUAL_DOUBLE(0.0, W[i]); }
+        }
         for (uint32_t i = 0u; i < m; i++) {
             for (uint32_t j = 0u; j < m; j++) { v[j] = cov[6u * i + j]; }
             kc_la_whiten_apply(W, m, v, v); /* in place: row i of cov W' */
@@ -407,4 +414,108 @@ void test_packed_solves_leave_what_is_behind_the_vector(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.5, x[1]);
     TEST_ASSERT_EQUAL_DOUBLE(0.75, x[0]);
     TEST_ASSERT_EQUAL_DOUBLE(99.0, x[2]);
+}
+
+/* Two numbers in, two out; the third stays. L = [2 0; 1 4] and its transpose R. */
+void test_solves_and_products_write_as_many_numbers_as_they_have(void)
+{
+    const double L[9] = {2.0, 0.0, 55.0, 1.0, 4.0, 55.0, 55.0, 55.0, 55.0};
+    const double R[9] = {2.0, 1.0, 55.0, 0.0, 4.0, 55.0, 55.0, 55.0, 55.0};
+    const double b[3] = {4.0, 10.0, 99.0};
+    double W[36] = {0.0}, x[6][3];
+    for (uint32_t k = 0u; k < 6u; k++) { memcpy(x[k], b, sizeof b); }
+    kc_la_solve_lower(L, 2u, 3u, x[0]);
+    kc_la_solve_lower_t(L, 2u, 3u, x[1]);
+    kc_la_chol_solve(L, 2u, 3u, x[2]);
+    kc_la_solve_upper(R, 2u, 3u, x[3]);
+    kc_la_solve_upper_t(R, 2u, 3u, x[4]);
+    W[0] = 2.0;
+    W[6] = 1.0;
+    W[7] = 4.0;
+    W[12] = W[13] = W[14] = 55.0;
+    kc_la_whiten_apply(W, 2u, b, x[5]);
+    static const double want[6][3] = {{2.0, 2.0, 99.0},  {0.75, 2.5, 99.0}, {0.75, 0.5, 99.0},
+                                      {0.75, 2.5, 99.0}, {2.0, 2.0, 99.0},  {8.0, 44.0, 99.0}};
+    for (uint32_t k = 0u; k < 6u; k++) { TEST_ASSERT_EQUAL_DOUBLE_ARRAY(want[k], x[k], 3); }
+}
+
+/* 3 and 4 make 5, and the sign of the diagonal turns: the sum that the reflection divides by has one sign. */
+void test_a_fold_reflects_to_the_other_side(void)
+{
+    static const double top[] = {3.0, -3.0, 0.0}, want[] = {-5.0, 5.0, 4.0};
+    for (uint32_t i = 0u; i < 3u; i++) {
+        double R[2] = {top[i], 1.0}, blk[2] = {4.0, 2.0};
+        const double rest = kc_la_fold(R, 1u, 2u, blk, 1u, 2u);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, want[i], R[0]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-14, (top[i] * 1.0 + 4.0 * 2.0) / want[i], R[1]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-14, 5.0 - R[1] * R[1], rest);
+    }
+}
+
+/* By kc_la.h: rows below 1e-145 count as zero. */
+void test_where_a_column_begins_to_count(void)
+{
+    static const double size[] = {0.9e-145, 1.1e-145}, want[] = {0.0, 1.1e-145};
+    for (uint32_t i = 0u; i < 2u; i++) {
+        double R[2] = {0.0}, blk[2] = {size[i], 0.0};
+        double U[4] = {0.5, 1.0, 0.0, size[i]}, scale[2] = {1.0, 1.0}, pivot[2];
+        uint32_t perm[2], rank;
+        (void)kc_la_fold(R, 1u, 2u, blk, 1u, 2u);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-160, want[i], fabs(R[0]));
+        kc_la_rank(U, 2u, 2u, scale, 1e-9, perm, pivot, &rank); /* (1, size) before (0.5, 0) */
+        TEST_ASSERT_EQUAL_UINT32(1u, perm[0]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-155, 0.5 * want[i], pivot[1]);
+    }
+}
+
+void test_what_is_no_number_shows_on_the_diagonal(void)
+{
+    double R[2] = {1.0, 2.0}, blk[2] = {NAN, 1.0};
+    (void)kc_la_fold(R, 1u, 2u, blk, 1u, 2u);
+    TEST_ASSERT_TRUE(isnan(R[0]));
+}
+
+/* Columns on the diagonal of lengths that differ by so much of 1e-10: up to 5 they are equal, and the lowest index comes
+ * first, also where one with a higher index stands before it. */
+void test_columns_are_equal_to_five_in_ten_thousand_million(void)
+{
+    static const struct {
+        double more;
+        uint32_t first;
+    } of[] = {{-6.0, 1u}, {-4.5, 0u}, {4.5, 0u}, {6.0, 0u}};
+    for (uint32_t i = 0u; i < sizeof of / sizeof of[0]; i++) {
+        double two[4] = {1.0 + 1e-10 * of[i].more, 0.0, 0.0, 1.0};
+        double three[9] = {1.0 + 1e-10 * of[i].more, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 2.0};
+        given_unit_scale();
+        kc_la_rank(two, 2u, 2u, s_scale, 1e-9, s_perm, s_pivot, &s_rank);
+        TEST_ASSERT_EQUAL_UINT32(of[i].first, s_perm[0]);
+        kc_la_rank(three, 3u, 3u, s_scale, 1e-9, s_perm, s_pivot, &s_rank);
+        TEST_ASSERT_EQUAL_UINT32(2u, s_perm[0]);
+        TEST_ASSERT_EQUAL_UINT32(of[i].first, s_perm[1]);
+    }
+}
+
+/* A pivot counts if it is more than tol of the first. */
+void test_the_rank_is_cut_where_it_is_said(void)
+{
+    static const double last[] = {1.9e-3, 2.1e-3};
+    for (uint32_t i = 0u; i < 2u; i++) {
+        double R[9] = {2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, last[i]};
+        given_unit_scale();
+        kc_la_rank(R, 3u, 3u, s_scale, 1e-3, s_perm, s_pivot, &s_rank);
+        TEST_ASSERT_EQUAL_UINT32(2u + i, s_rank);
+        TEST_ASSERT_EQUAL_DOUBLE(last[i], s_pivot[2]);
+    }
+}
+
+/* What is left of a dependent column beyond those that count, here a thousandth of it, is in no coefficient. */
+void test_a_coefficient_is_that_of_the_columns_that_count(void)
+{
+    double R[9] = {2.0, 1.0, 0.5, 0.0, 1.0, 0.3, 0.0, 0.0, 1.9e-3};
+    given_unit_scale();
+    kc_la_rank(R, 3u, 3u, s_scale, 1e-3, s_perm, s_pivot, &s_rank);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_rank);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_perm[2]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.1, R[0 * 3 + 2]); /* 0.1 (2, 0) + 0.3 (1, 1) = (0.5, 0.3) */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.3, R[1 * 3 + 2]);
 }

@@ -574,10 +574,28 @@ void test_every_quaternion_must_have_the_norm_one(void)
     }
 }
 
+/* Through an image into an empty table. */
+static void written_and_read(uint16_t kind)
+{
+    static uint8_t image[KC_IMAGE_MAX];
+    memset(&s_w, 0, sizeof s_w);
+    s_w.mode = KC_WALK_WRITE;
+    s_w.out = image;
+    s_w.cap = sizeof image;
+    kc_layout_walk(&s_w, kind, &s_t);
+    const uint32_t n = s_w.pos;
+    memset(&s_t, 0, sizeof s_t);
+    memset(&s_w, 0, sizeof s_w);
+    s_w.mode = KC_WALK_READ;
+    s_w.in = image;
+    s_w.in_n = n;
+    kc_layout_walk(&s_w, kind, &s_t);
+    TEST_ASSERT_EQUAL_UINT32(n, s_w.pos);
+}
+
 /* Written and read again into an empty table, every field is where it was. */
 void test_every_field_comes_back_from_an_image(void)
 {
-    static uint8_t image[KC_IMAGE_MAX];
     static kc_tbl_scratch_t written;
     for (size_t i = 0u; i < sizeof s_limit / sizeof s_limit[0]; i++) {
         const limit_t *l = &s_limit[i];
@@ -587,22 +605,115 @@ void test_every_field_comes_back_from_an_image(void)
         if (!l->rule && (real || l->index >= 0) && l->hi > l->lo) {
             (void)put(l, real ? l->lo + 0.375 * (l->hi - l->lo) : l->hi);
         }
+        const double q[4] = {0.5, 0.1, -0.7, 0.5};
+        const float f[4] = {0.5f, 0.1f, -0.7f, 0.5f};
+        if (l->type == 'Q' || l->type == 'q') {
+            memcpy((uint8_t *)&s_t + l->offset, l->type == 'Q' ? (const void *)q : (const void *)f,
+                   bytes_of(l));
+        }
         written = s_t;
-        memset(&s_w, 0, sizeof s_w);
-        s_w.mode = KC_WALK_WRITE;
-        s_w.out = image;
-        s_w.cap = sizeof image;
-        kc_layout_walk(&s_w, l->kind, &s_t);
-        const uint32_t n = s_w.pos;
-        memset(&s_t, 0, sizeof s_t);
-        memset(&s_w, 0, sizeof s_w);
-        s_w.mode = KC_WALK_READ;
-        s_w.in = image;
-        s_w.in_n = n;
-        kc_layout_walk(&s_w, l->kind, &s_t);
-        TEST_ASSERT_EQUAL_UINT32(n, s_w.pos);
+        written_and_read(l->kind);
         TEST_ASSERT_EQUAL_MEMORY((uint8_t *)&written + l->offset, (uint8_t *)&s_t + l->offset, bytes_of(l));
     }
+}
+
+/* ---- arrays: every element of them has the limits, and comes back from an image ---- */
+
+#define ARRAY(KIND, field, index, type, member, letter, most)                         \
+    {{KC_TBL_##KIND, field, index, offsetof(type, member), letter, 0.0, most, false}, \
+     (uint32_t)(sizeof(((type *)0)->member) / sizeof(((type *)0)->member[0]))}
+static const struct {
+    limit_t first;
+    uint32_t n;
+} s_array[] = {
+    ARRAY(ARM, 13u, 0, kc_arm_t, joint[0].com_m, 'd', 10.0),
+    ARRAY(ARM, 15u, -1, kc_arm_t, base_xyz_m, 'd', 10.0),
+    ARRAY(ARM, 17u, -1, kc_arm_t, tool_xyz_m, 'd', 10.0),
+    ARRAY(ARM, 19u, -1, kc_arm_t, gravity_m_s2, 'd', 100.0),
+    ARRAY(CAMERA, 1u, -1, kc_camera_t, mast_xyz_m, 'd', 10.0),
+    ARRAY(CAMERA, 3u, -1, kc_camera_t, pantilt_xyz_m, 'd', 10.0),
+    ARRAY(CAMERA, 18u, 0, kc_camera_t, tag[0].xyz_m, 'd', 10.0),
+    ARRAY(SPACE, 6u, 0, kc_space_t, hub_q[0], 'f', 100.0),
+    ARRAY(SPACE, 8u, -1, kc_space_t, servo_bound, 'f', 100.0),
+    ARRAY(SPACE, 10u, 0, kc_space_t, cand[0].p_m, 'f', 10.0),
+    ARRAY(SPACE, 12u, 0, kc_space_t, cand[0].q_seed, 'f', 100.0),
+    ARRAY(SPACE, 21u, KC_SPACE_INDEX_BODY, kc_space_t, body[0].start_m, 'f', 10.0),
+    ARRAY(SPACE, 22u, KC_SPACE_INDEX_BODY, kc_space_t, body[0].end_m, 'f', 10.0),
+    ARRAY(SPACE, 26u, KC_SPACE_INDEX_VOLUME, kc_space_t, volume[0].p_m, 'f', 10.0),
+    ARRAY(SPACE, 27u, KC_SPACE_INDEX_VOLUME, kc_space_t, volume[0].size_m, 'f', 10.0),
+    ARRAY(KERNEL, 10u, 0, kc_kernel_t, hyper[0].w, 'd', 1.0),
+};
+
+void test_every_element_of_an_array_is_checked_and_comes_back(void)
+{
+    static kc_tbl_scratch_t written;
+    for (size_t i = 0u; i < sizeof s_array / sizeof s_array[0]; i++) {
+        const limit_t *first = &s_array[i].first;
+        uint32_t n = s_array[i].n;
+        if (n == KC_JOINT_MAX) { n = 7u; } /* joints that the arm has */
+        if (n == KC_SPECTRUM_MAX) { n = 21u; }
+        for (uint32_t k = 0u; k < n; k++) {
+            limit_t l = *first;
+            l.offset += k * bytes_of(first);
+            given_table(l.kind);
+            (void)put(&l, beyond(&l, true));
+            TEST_ASSERT_TRUE(refused_for(&l));
+        }
+        given_table(first->kind);
+        for (uint32_t k = 0u; k < n; k++) {
+            limit_t l = *first;
+            l.offset += k * bytes_of(first);
+            (void)put(&l, first->hi * (0.25 + (double)k / 64.0));
+        }
+        written = s_t;
+        written_and_read(first->kind);
+        TEST_ASSERT_EQUAL_MEMORY((uint8_t *)&written + first->offset, (uint8_t *)&s_t + first->offset,
+                                 n * bytes_of(first));
+    }
+}
+
+/* What one field may be beside another: docs/TABLES.md says "above", or "not below". */
+void test_where_two_fields_may_be_equal(void)
+{
+    given_table(KC_TBL_ARM);
+    s_t.arm.joint[2].q_max = s_t.arm.joint[2].q_min;
+    expect_refused(KC_TBL_ARM, 2, 10u, s_t.arm.joint[2].q_min);
+    given_table(KC_TBL_CAMERA);
+    s_t.camera.pan_max_rad = s_t.camera.pan_min_rad;
+    expect_refused(KC_TBL_CAMERA, -1, 6u, s_t.camera.pan_min_rad);
+    given_table(KC_TBL_CAMERA);
+    s_t.camera.tilt_max_rad = s_t.camera.tilt_min_rad;
+    expect_refused(KC_TBL_CAMERA, -1, 8u, s_t.camera.tilt_min_rad);
+    given_table(KC_TBL_TERMS);
+    s_t.terms.coef[4].ub = s_t.terms.coef[4].lb;
+    check(KC_TBL_TERMS);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
+    given_table(KC_TBL_CONFIG);
+    s_t.config.sigma_pos_min_m = s_t.config.sigma_pos_max_m;
+    s_t.config.sigma_rot_min_rad = s_t.config.sigma_rot_max_rad;
+    s_t.config.power_move_w = s_t.config.power_idle_w = 5.0;
+    s_t.config.poor_noise_scale_unlikely = s_t.config.poor_noise_scale;
+    check(KC_TBL_CONFIG);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
+    given_table(KC_TBL_CONFIG);
+    s_t.config.poor_noise_scale_unlikely = 2.0 * s_t.config.poor_noise_scale;
+    expect_refused(KC_TBL_CONFIG, -1, 66u, 2.0 * s_t.config.poor_noise_scale);
+}
+
+/* Values belong to the arm and the terms that they were estimated for: both are named, or neither and all are zero. */
+void test_a_correction_that_names_no_arm_or_half_of_what_it_is_for_is_refused(void)
+{
+    for (uint32_t i = 0u; i < 28u; i += 27u) {
+        given_table(KC_TBL_KIN);
+        s_t.kin.value[i] = 1e-9;
+        expect_refused(KC_TBL_KIN, -1, 4u, 0.0);
+    }
+    given_table(KC_TBL_KIN);
+    s_t.kin.arm_crc = 7u;
+    expect_refused(KC_TBL_KIN, -1, 5u, 0.0);
+    given_table(KC_TBL_KIN);
+    s_t.kin.terms_crc = 7u;
+    expect_refused(KC_TBL_KIN, -1, 5u, 7.0);
 }
 
 void test_every_name_must_be_one(void)
@@ -617,7 +728,6 @@ void test_every_name_must_be_one(void)
 
 void test_the_segments_of_candidates_come_back_from_an_image(void)
 {
-    static uint8_t image[KC_IMAGE_MAX];
     static kc_tbl_scratch_t written;
     given_table(KC_TBL_SPACE);
     for (uint32_t k = 0u; k < 4u; k++) {
@@ -625,18 +735,6 @@ void test_the_segments_of_candidates_come_back_from_an_image(void)
     } /* 36 pairs of 9 candidates */
     s_t.space.edge[4] = 0x0bu;
     written = s_t;
-    memset(&s_w, 0, sizeof s_w);
-    s_w.mode = KC_WALK_WRITE;
-    s_w.out = image;
-    s_w.cap = sizeof image;
-    kc_layout_walk(&s_w, KC_TBL_SPACE, &s_t);
-    const uint32_t n = s_w.pos;
-    memset(&s_t, 0, sizeof s_t);
-    memset(&s_w, 0, sizeof s_w);
-    s_w.mode = KC_WALK_READ;
-    s_w.in = image;
-    s_w.in_n = n;
-    kc_layout_walk(&s_w, KC_TBL_SPACE, &s_t);
+    written_and_read(KC_TBL_SPACE);
     TEST_ASSERT_EQUAL_MEMORY(written.space.edge, s_t.space.edge, sizeof written.space.edge);
-    TEST_ASSERT_EQUAL_UINT32(n, s_w.pos);
 }

@@ -77,6 +77,8 @@ void test_the_joint_that_reads_wrong_is_named_with_its_bias(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-12, kc_chi2_sf(s_v.rest, 6u * s_v.n_obs - 1u), s_v.p_rest);
         TEST_ASSERT_TRUE(s_v.rest > 5.0 && s_v.rest < 60.0); /* 29 expected */
         TEST_ASSERT_DOUBLE_WITHIN(1e-9, s_v.bias / s_v.sigma, sqrt(s_v.stat));
+        double p = 7.0 * 7.0 * kc_chi2_sf(s_v.stat, 1u); /* seven joints, onsets of 2 to 8 observations */
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9 * p, p, s_v.p);
     }
 }
 
@@ -360,4 +362,25 @@ void test_the_first_joint_can_be_a_suspect_beside_the_one_that_is_named(void)
     kc_monitor_evaluate(&s_mon, &s_v);
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, s_v.state);
     TEST_ASSERT_EQUAL_HEX32(0x9u, s_v.suspects);
+}
+
+/* More noise than stated: a joint is named as long as a millionth of all noise leaves as much. Of 47 degrees of
+ * freedom that is 108.177 (scipy.stats.chi2.isf(1e-6, 47)). */
+void test_what_a_named_joint_leaves_may_be_as_rare_as_one_in_a_million(void)
+{
+    double q[KC_JOINT_MAX] = {0.0}, at[KC_JOINT_MAX], most = 0.0;
+    for (double noise = 1.0; noise < 2.2; noise += 0.003) {
+        setUp();
+        for (uint32_t i = 0u; i < KC_MON_OBS_MAX; i++) {
+            given_joints(&s_arm, &s_rng, q);
+            memcpy(at, q, sizeof at);
+            at[2] += 0.1;
+            given_one_observation(&s_arm, &s_terms, s_coef, at, noise, &s_rng, &s_obs);
+            memcpy(s_obs.ctx.q, q, sizeof q);
+            (void)kc_monitor_add(&s_mon, &s_arm, &s_terms, s_coef, &s_obs, &s_work);
+        }
+        kc_monitor_evaluate(&s_mon, &s_v);
+        if (s_v.state == KC_MON_NAMED && s_v.n_obs == 8u) { most = fmax(most, s_v.rest); }
+    }
+    TEST_ASSERT_TRUE(most > 107.0 && most <= 108.178);
 }

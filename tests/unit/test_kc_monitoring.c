@@ -125,6 +125,7 @@ void test_bad_observations_are_refused_with_their_event(void)
     observations(3u);
     refused(repeat, KC_EVT_IN_STALE);
     refused(early, KC_EVT_DET_OLD);
+    TEST_ASSERT_EQUAL_INT(-1, world.last[KC_EVT_DET_OLD].index);
     refused(ahead, KC_EVT_IN_RANGE);
     refused(crowd, KC_EVT_IN_RANGE);
     refused(stranger, KC_EVT_DET_UNKNOWN_TAG);

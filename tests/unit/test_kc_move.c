@@ -84,8 +84,19 @@ void test_an_arm_command_that_got_lost_is_sent_again(void)
     (void)world_do(KC_CMD_START, -1, 0, 1);
     int32_t seq = world.arm_cmd.seq;
     world_ticks(12u);
-    TEST_ASSERT_TRUE(world.arm_cmd.seq > seq);
+    TEST_ASSERT_EQUAL_INT(seq + 1, world.arm_cmd.seq); /* once, after a second */
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 200u));
+}
+
+void test_the_arm_moves_as_fast_as_config_says_and_is_held_at_full_speed(void)
+{
+    world.config.speed_scale = 0.5;
+    world_started();
+    TEST_ASSERT_EQUAL_INT(0, world.arm_cmd.hold);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, world.arm_cmd.speed_scale);
+    (void)world_do(KC_CMD_ABORT, 0, 0, 0);
+    TEST_ASSERT_EQUAL_INT(1, world.arm_cmd.hold);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.arm_cmd.speed_scale);
 }
 
 void test_a_servo_step_that_is_not_done_in_time_ends_it(void)
@@ -440,6 +451,9 @@ static void refused_path(uint32_t from, uint32_t to, double off)
     kc_path_joints(&kc_app_active(APP)->space, to, q);
     q[0] += q[0] > 0.0 ? -off : off;
     kc_work_t work = kc_work_of_step();
+    /* a check of another move that was broken off, and had found nothing */
+    APP->move.checking = true;
+    APP->move.check = (kc_guard_job_t){.verdict = KC_GUARD_OK, .over = true};
     kc_outcome_t oc = kc_move_send(&APP->move, &APP->view, &work, &world.out, from, to, q);
     TEST_ASSERT_EQUAL_INT(KC_OC_SKIP, oc.id);
     TEST_ASSERT_EQUAL_INT(seq, APP->move.seq);
@@ -545,4 +559,51 @@ void test_a_replicate_without_a_verified_path_to_its_hub_is_skipped(void)
     TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CAL_NO_PATH].index);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
     TEST_ASSERT_TRUE(world_calibrating());
+}
+
+/* ---- each joint by itself ---- */
+
+static uint32_t s_joint;
+static bool s_echo; /* or the reading */
+
+static void off(kc_in_t *in)
+{
+    if (in->has_arm == 0u) { return; }
+    (s_echo ? in->arm.q_cmd : in->arm.q)[s_joint] += 0.01;
+}
+
+/* An arm that echoes another target, or stands beside its own, in any one joint has not arrived. */
+void test_every_joint_has_to_be_told_and_to_arrive(void)
+{
+    for (uint32_t i = 0u; i < 14u; i++) {
+        setUp();
+        s_joint = i % 7u;
+        s_echo = i < 7u;
+        world_started();
+        TEST_ASSERT_EQUAL_INT(KC_ST_MOVE, kc_app_state(APP));
+        world.spoil_in = off;
+        TEST_ASSERT_FALSE(world_until(KC_ST_AIM, 200u));
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_MOVE_TIMEOUT));
+    }
+}
+
+/* To where the tool is expected, shifted along one axis. */
+void test_the_pantilt_unit_is_aimed_at_the_shifted_tool(void)
+{
+    static kc_out_t out;
+    world_started();
+    for (uint32_t axis = 0u; axis < 3u; axis++) {
+        kc_pose_t T;
+        double off_m[3] = {0.0}, pan = 0.0, tilt = 0.0, pan0 = 0.0, tilt0 = 0.0;
+        const kc_camera_t *c = &kc_app_active(APP)->camera;
+        off_m[axis] = 0.05;
+        kc_view_expect(&APP->view, world.q, &T);
+        (void)kc_camera_aim(c, T.p_m, &pan0, &tilt0);
+        T.p_m[axis] += 0.05;
+        (void)kc_camera_aim(c, T.p_m, &pan, &tilt);
+        TEST_ASSERT_TRUE(fabs(pan - pan0) + fabs(tilt - tilt0) > 1e-3);
+        kc_pantilt_aim(&APP->pantilt, &APP->view, &out, world.q, off_m);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, pan, out.pantilt_cmd.pan_rad);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, tilt, out.pantilt_cmd.tilt_rad);
+    }
 }

@@ -203,6 +203,48 @@ void test_tags_out_of_view_are_found_by_turning_the_pantilt_unit(void)
     TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 600u));
 }
 
+/* Around where the tags were expected, by the spiral of kc_reach.h, a step of CONFIG apart. */
+void test_the_search_goes_along_the_spiral(void)
+{
+    world.hide = 1000;
+    world.camera.pan_min_rad = world.camera.tilt_min_rad = -3.0;
+    world.camera.pan_max_rad = world.camera.tilt_max_rad = 3.0;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SEARCH, 300u));
+    uint32_t n = 0u;
+    for (uint32_t i = 0u; i < 600u && world_events(KC_EVT_CAL_TAGS_LOST) == 0u; i++) {
+        double x = 0.0, y = 0.0;
+        if (world.out.has_pantilt_cmd != 0u && APP->observe.i_search > 0u) {
+            n++;
+            kc_reach_spiral(APP->observe.i_search, &x, &y);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, APP->observe.middle_pan_rad + 0.25 * x,
+                                      world.out.pantilt_cmd.pan_rad);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, APP->observe.middle_tilt_rad + 0.25 * y,
+                                      world.out.pantilt_cmd.tilt_rad);
+        }
+        world_tick();
+    }
+    TEST_ASSERT_EQUAL_UINT32(7u, n); /* of eight: the first one began the state */
+}
+
+/* Two retries of CONFIG for the observation, and two more for the measurement. */
+void test_a_measurement_has_all_its_retries(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
+    world.camera_silent = true;
+    for (uint32_t i = 0u; i < 2u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_FRAME_TIMEOUT, 50u)); }
+    world.camera_silent = false;
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 50u));
+    world.camera_silent = true;
+    for (uint32_t i = 0u; i < 2u; i++) {
+        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_FRAME_TIMEOUT, 50u));
+        TEST_ASSERT_EQUAL_INT(KC_ST_MEASURE, kc_app_state(APP));
+    }
+    TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 50u));
+    TEST_ASSERT_EQUAL_UINT32(5u, world_events(KC_EVT_CAL_FRAME_TIMEOUT));
+}
+
 void test_a_search_without_success_is_bounded_and_the_candidate_skipped(void)
 {
     world.hide = 1000;

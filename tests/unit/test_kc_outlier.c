@@ -87,6 +87,18 @@ void test_a_solution_in_parts_has_the_same_bits(void)
     }
 }
 
+/* Iterations are counted in each fit anew: as few as one fit needs are enough for two. */
+void test_a_repeated_fit_has_all_its_iterations(void)
+{
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 15u, 1.0);
+    s_est.obs[7].p_m[1] += 0.01;
+    (void)kc_est_solve(&s_est);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_est.n_outliers);
+    s_est.opt.iter_max = s_est.iters - 1u;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    TEST_ASSERT_EQUAL_UINT32(s_est.opt.iter_max + 1u, s_est.iters);
+}
+
 void test_no_more_go_than_allowed(void)
 {
     given_session(&s_est, &s_arm, &s_terms, s_truth, 20u, 1.0);
@@ -115,6 +127,39 @@ void test_a_pose_that_alone_determines_a_direction_is_never_an_outlier(void)
     s_est.obs[2].p_m[0] += 0.1;
     (void)kc_est_solve(&s_est);
     TEST_ASSERT_EQUAL_UINT32(0u, s_est.n_outliers);
+}
+
+/* Five poses and one coefficient that moves the arm along one axis, which the third measures better than the others, so
+ * that the deletion of the third leaves `part` of the variance of its residual. */
+static void given_one_leading_pose(uint32_t axis, double part)
+{
+    memset(&s_terms, 0, sizeof s_terms);
+    memset(s_truth, 0, sizeof s_truth);
+    memset(s_arm.base_xyz_m, 0, sizeof s_arm.base_xyz_m);
+    s_terms.n_coef = s_terms.n_term = 1u;
+    s_terms.coef[0] = (kc_coef_t){.name = "base", .lb = -1.0, .ub = 1.0, .scale = 0.1, .enabled = 1u};
+    s_terms.term[0].comp = (uint8_t)axis;
+    s_terms.term[0].gain = s_terms.term[0].basis[0].c1 = s_terms.term[0].basis[1].c1 = 1.0;
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 5u, 0.0);
+    for (uint32_t i = 0u; i < 5u; i++) {
+        /* a turn of the base moves the arm as well: nothing is seen of that */
+        for (uint32_t k = 0u; k < 6u; k++) { s_est.obs[i].cov[7u * k] = k == axis ? 1e-3 : 1e9; }
+    }
+    s_est.obs[2].cov[7u * axis] = 1e-3 * part / (4.0 * (1.0 - part));
+}
+
+/* Below a hundredth it is never an outlier; the four others are tested. */
+void test_a_pose_that_alone_determines_one_axis_is_not_tested(void)
+{
+    for (uint32_t axis = 0u; axis < 6u; axis++) {
+        given_one_leading_pose(axis, 0.009);
+        (void)kc_est_solve(&s_est);
+        TEST_ASSERT_EQUAL_UINT32(1u, s_est.rank);
+        TEST_ASSERT_EQUAL_UINT32(4u, s_est.job.n_tested);
+        given_one_leading_pose(axis, 0.011);
+        (void)kc_est_solve(&s_est);
+        TEST_ASSERT_EQUAL_UINT32(5u, s_est.job.n_tested);
+    }
 }
 
 /* Without it as many rows remain as coefficients: there is no noise to compare it with. */

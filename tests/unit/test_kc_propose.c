@@ -791,6 +791,8 @@ void test_the_predicted_error_is_that_of_the_frame_of_config(void)
         TEST_ASSERT_EQUAL_DOUBLE(lander ? p->pred_lander_rot_rad : p->pred_camera_rot_rad, p->pred_rot_rad);
         TEST_ASSERT_TRUE(p->pred_camera_pos_m > 2.0 * p->pred_noise_pos_m);
         TEST_ASSERT_TRUE(p->pred_lander_pos_m > 1.2 * p->pred_camera_pos_m);
+        TEST_ASSERT_TRUE(p->pred_camera_rot_rad > p->pred_noise_rot_rad);
+        TEST_ASSERT_TRUE(p->pred_lander_rot_rad > p->pred_noise_rot_rad);
     }
 }
 

@@ -161,6 +161,28 @@ void test_the_size_of_an_image_follows_its_content(void)
     TEST_ASSERT_EQUAL_UINT32(16u + 4u + 2u * 16u + 28u, given_image(KC_TBL_KIN, &s_table, s_image));
 }
 
+/* By the sizes of the fields in docs/TABLES.md; what is repeated counts as often as the given tables have it. */
+void test_every_image_has_the_size_of_its_documented_fields(void)
+{
+    static const uint32_t want[KC_TBL_COUNT] = {
+        [KC_TBL_ARM] = 24u + 4u + 7u * 98u + 136u,
+        [KC_TBL_CAMERA] = 112u + 8u * 8u + 8u + 4u + 2u * 68u + 9u * 8u,
+        [KC_TBL_TERMS] = 8u + 28u * 57u + 28u * 50u + 4u,
+        [KC_TBL_KIN] = 4u + 28u * 16u + 28u,
+        [KC_TBL_SPACE] = 16u + 3u * 2u + 2u * 30u + 7u * 4u + 4u + 30u * 68u + 55u + 2u * (4u + 2u * 33u) +
+                         7u * 32u,
+        [KC_TBL_KERNEL] = 14u + 2u * (44u + 21u * 8u),
+        [KC_TBL_CONFIG] = 65u + 108u + 76u + 41u + 89u + 117u, /* designing to deciding */
+    };
+    for (uint16_t kind = 1u; kind < KC_TBL_COUNT; kind++) {
+        given_image_of(kind);
+        TEST_ASSERT_EQUAL_UINT32(16u + want[kind], s_n);
+    }
+    given_space(&s_table.space, 2u, 1u); /* one segment, in a byte; two initial poses */
+    TEST_ASSERT_EQUAL_UINT32(16u + want[KC_TBL_SPACE] - 2u - 28u * 68u - 54u,
+                             given_image(KC_TBL_SPACE, &s_table, s_image));
+}
+
 void test_the_largest_search_space_fits_an_image(void)
 {
     given_space(&s_table.space, KC_CAND_MAX, 1u);
@@ -342,6 +364,8 @@ void test_discard_empties_the_stage_and_says_so_once(void)
     kc_tbl_discard(&s_t, &s_ev);
     expect_event(KC_EVT_TBL_DISCARDED, KC_TBL_ARM, 0.0, 0.0);
     TEST_ASSERT_EQUAL_INT(KC_STAGE_NONE, s_t.staging.state);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_t.staging.kind + s_t.staging.n +
+                                     s_t.staging.total); /* as housekeeping has it */
     expect_active_unchanged();
     forget_events();
     kc_tbl_discard(&s_t, &s_ev);
@@ -373,6 +397,9 @@ void test_wrong_magic_is_refused(void)
     given_image_of(KC_TBL_ARM);
     s_image[3] = '2';
     expect_image_refused(KC_TBL_ARM, KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_FORMAT, 0, 0x3254434b, 0x3154434b); /* KCT2, KCT1 */
 }
 
 void test_an_image_of_another_kind_is_refused(void)
@@ -413,6 +440,9 @@ void test_wrong_payload_size_is_refused(void)
     given_image_of(KC_TBL_ARM);
     s_image[8]++;
     expect_image_refused(KC_TBL_ARM, KC_ERR_FORMAT, KC_EVT_TBL_FORMAT);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_ARM, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_FORMAT, 3, (double)(s_n - 16u + 1u), (double)(s_n - 16u));
 }
 
 void test_wrong_crc_is_refused(void)
@@ -505,6 +535,37 @@ void test_a_quaternion_off_unit_norm_is_refused(void)
     s_table.camera.tag[1].quat_wxyz[2] *= 1.001;
     s_n = given_image(KC_TBL_CAMERA, &s_table, s_image);
     expect_image_refused(KC_TBL_CAMERA, KC_ERR_RANGE, KC_EVT_TBL_NOT_UNIT);
+}
+
+/* Rules between fields that only the owner of a kind knows: the entry is named, and one is counted. */
+void test_the_rules_of_a_kind_are_checked_after_its_fields(void)
+{
+    given_active(KC_TBL_ARM);
+    given_table(KC_TBL_KERNEL);
+    s_table.kernel.hyper[1].w[0] += 0.25; /* at rotation 0 the kernel is 1 */
+    s_n = given_image(KC_TBL_KERNEL, &s_table, s_image);
+    expect_image_refused(KC_TBL_KERNEL, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_KERNEL, image_crc(), &s_ev);
+    TEST_ASSERT_EQUAL_INT32(1, s_ev.e[event_at(&s_ev, KC_EVT_TBL_RANGE)].index);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1.25, s_ev.e[event_at(&s_ev, KC_EVT_TBL_RANGE)].got);
+    expect_event(KC_EVT_TBL_BAD_TOTAL, KC_TBL_KERNEL, 1.0, 0.0);
+    given_table(KC_TBL_TERMS);
+    s_table.terms.term[3].basis[0].var = KC_VAR_Q;
+    s_table.terms.term[3].basis[0].index = KC_JOINT_MAX + 1u;
+    s_n = given_image(KC_TBL_TERMS, &s_table, s_image);
+    expect_image_refused(KC_TBL_TERMS, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_TERMS, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_RANGE, 1003, KC_JOINT_MAX + 1.0, 0.0);
+    expect_event(KC_EVT_TBL_BAD_TOTAL, KC_TBL_TERMS, 1.0, 0.0);
+    given_table(KC_TBL_SPACE);
+    s_table.space.initial[1] = s_table.space.initial[0];
+    s_n = given_image(KC_TBL_SPACE, &s_table, s_image);
+    expect_image_refused(KC_TBL_SPACE, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_SPACE, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_BAD_TOTAL, KC_TBL_SPACE, 1.0, 0.0);
 }
 
 void test_an_impossible_count_is_refused(void)
@@ -708,6 +769,10 @@ void test_a_correction_with_another_number_of_coefficients_is_refused(void)
     s_table.kin.n_coef = 27u;
     s_n = given_image(KC_TBL_KIN, &s_table, s_image);
     expect_image_refused(KC_TBL_KIN, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
+    forget_events();
+    (void)kc_tbl_validate(&s_t, KC_TBL_KIN, image_crc(), &s_ev);
+    expect_event(KC_EVT_TBL_RANGE, -1, 27.0, 1.0); /* field 1 */
+    expect_event(KC_EVT_TBL_BAD_TOTAL, KC_TBL_KIN, 1.0, 0.0);
 }
 
 void test_a_correction_of_another_arm_or_of_other_terms_is_refused(void)
@@ -727,7 +792,7 @@ void test_a_correction_outside_its_bounds_is_refused(void)
 {
     given_all_active();
     given_correction(0.01);
-    s_table.kin.value[2] = 0.31;  /* J1.a_m, bound 0.3 */
+    s_table.kin.value[2] = 0.31; /* J1.a_m, bound 0.3 */
     s_table.kin.value[5] = -1.51; /* J2.alpha_rad, bound 1.5 */
     s_n = given_image(KC_TBL_KIN, &s_table, s_image);
     expect_image_refused(KC_TBL_KIN, KC_ERR_RANGE, KC_EVT_TBL_RANGE);
