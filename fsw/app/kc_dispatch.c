@@ -39,13 +39,15 @@ static const command_t s_command[] = {
 #define COMMAND_N (sizeof s_command / sizeof s_command[0])
 _Static_assert(KC_ST_COUNT < 32u, "a bit for each state");
 
-/* NULL: there is no such command. */
+/* What is not in the table. */
+static const command_t s_unknown = {KC_CMD_NOOP, KC_SENDER_SIGNED, ANY_STATE, false, false, KC_CHANGE_NONE};
+
 static const command_t *find(int32_t opcode)
 {
     for (size_t i = 0u; i < COMMAND_N; i++) {
         if ((int32_t)s_command[i].opcode == opcode) { return &s_command[i]; }
     }
-    return NULL;
+    return &s_unknown;
 }
 
 /* ---- check ---- */
@@ -113,9 +115,8 @@ kc_outcome_t kc_dispatch(kc_app_t *app, const kc_cmd_t *cmd, bool aborted, kc_wo
 {
     const command_t *row = find(cmd->opcode);
     if (cmd->auth.key_id != 0u) { kc_work_spend(work, kc_auth_cost(KC_SIGNED_HEAD_MAX)); }
-    kc_answer_t answer = kc_cmd_admit(&app->cmd_log, row != NULL ? row->sender : KC_SENDER_SIGNED, &app->view,
-                                      cmd, out);
-    if (answer.status == KC_OK && row == NULL) {
+    kc_answer_t answer = kc_cmd_admit(&app->cmd_log, row->sender, &app->view, cmd, out);
+    if (answer.status == KC_OK && row == &s_unknown) {
         answer = kc_answer_refuse(&out->events, KC_EVT_CMD_UNKNOWN, -1, (double)cmd->opcode, 0.0, KC_ERR_ARG);
     }
     if (answer.status == KC_OK && row->gives_way && aborted) {
