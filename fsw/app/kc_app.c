@@ -41,14 +41,14 @@ const kc_active_t *kc_app_active(const kc_app_t *app) { return &app->tables.acti
 
 kc_state_t kc_app_state(const kc_app_t *app) { return app->place.state; }
 
-bool kc_app_vouches_cmd(const kc_app_t *app, const kc_cmd_t *c, uint32_t *macs)
+bool kc_app_vouches_cmd(const kc_app_t *app, const kc_cmd_t *cmd, uint32_t *macs)
 {
-    return kc_cmd_vouches(&app->cmd_log, &app->view, c, macs);
+    return kc_cmd_vouches(&app->cmd_log, &app->view, cmd, macs);
 }
 
-bool kc_app_vouches_chunk(const kc_app_t *app, const kc_chunk_t *c, uint32_t *macs)
+bool kc_app_vouches_chunk(const kc_app_t *app, const kc_chunk_t *chunk, uint32_t *macs)
 {
-    return kc_cmd_vouches_chunk(&app->cmd_log, &app->view, c, macs);
+    return kc_cmd_vouches_chunk(&app->cmd_log, &app->view, chunk, macs);
 }
 
 /* Whether the journal knows what is in force. */
@@ -203,16 +203,16 @@ void kc_app_boot(kc_app_t *app)
 
 /* Elapsed time goes on whatever the clock does: where that stands still or steps, a step of the process
  * counts as one tick, so that silence and time-outs are noticed. */
-static void take_time(kc_clock_t *c, uint64_t clock_us, kc_out_t *out)
+static void take_time(kc_clock_t *clock, uint64_t clock_us, kc_out_t *out)
 {
-    bool back = clock_us < c->clock_us;
-    uint64_t passed = back ? 0u : clock_us - c->clock_us;
+    bool back = clock_us < clock->clock_us;
+    uint64_t passed = back ? 0u : clock_us - clock->clock_us;
     if (back || passed > CLOCK_GAP_US) {
-        kc_event(&out->events, KC_EVT_TIME_STEP, -1, (double)clock_us, (double)c->clock_us);
+        kc_event(&out->events, KC_EVT_TIME_STEP, -1, (double)clock_us, (double)clock->clock_us);
         passed = 0u;
     }
-    c->now_us += passed > 0u ? passed : TICK_US;
-    c->clock_us = clock_us;
+    clock->now_us += passed > 0u ? passed : TICK_US;
+    clock->clock_us = clock_us;
 }
 
 static void first_step(kc_app_t *app, uint64_t clock_us, kc_out_t *out)
@@ -243,15 +243,15 @@ static void note(kc_app_t *app, kc_out_t *out)
     kc_journal_note(&app->journal, &now, app->clock.now_us, out);
 }
 
-static void report_monitor(const kc_mon_verdict_t *v, kc_hk_t *hk)
+static void report_monitor(const kc_mon_verdict_t *verdict, kc_hk_t *hk)
 {
-    hk->mon_state = (int32_t)v->state;
-    hk->mon_joint = v->state == KC_MON_NAMED ? (int32_t)v->joint + 1 : 0;
-    hk->mon_suspects = v->suspects;
-    hk->mon_n_obs = v->n_obs;
-    hk->mon_bias = v->bias;
-    hk->mon_sigma = v->sigma;
-    hk->mon_p = v->p;
+    hk->mon_state = (int32_t)verdict->state;
+    hk->mon_joint = verdict->state == KC_MON_NAMED ? (int32_t)verdict->joint + 1 : 0;
+    hk->mon_suspects = verdict->suspects;
+    hk->mon_n_obs = verdict->n_obs;
+    hk->mon_bias = verdict->bias;
+    hk->mon_sigma = verdict->sigma;
+    hk->mon_p = verdict->p;
 }
 
 static void report(const kc_app_t *app, kc_hk_t *hk)

@@ -31,16 +31,17 @@ typedef enum {
 
 /* A signed command: MAC, counter and stamp. One without a signature, if that is enough: source and sequence. A counter or
  * number that is refused for another reason is used up. */
-kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, kc_sender_t sender, const kc_view_t *v, const kc_cmd_t *c,
+kc_answer_t kc_cmd_admit(kc_cmd_log_t *log, kc_sender_t sender, const kc_view_t *view, const kc_cmd_t *cmd,
                          kc_out_t *out);
 /* As kc_app_vouches_cmd and kc_app_vouches_chunk. */
-bool kc_cmd_vouches(const kc_cmd_log_t *log, const kc_view_t *v, const kc_cmd_t *c, uint32_t *macs);
-bool kc_cmd_vouches_chunk(const kc_cmd_log_t *log, const kc_view_t *v, const kc_chunk_t *c, uint32_t *macs);
+bool kc_cmd_vouches(const kc_cmd_log_t *log, const kc_view_t *view, const kc_cmd_t *cmd, uint32_t *macs);
+bool kc_cmd_vouches_chunk(const kc_cmd_log_t *log, const kc_view_t *view, const kc_chunk_t *chunk,
+                          uint32_t *macs);
 /* Answer a command, and count it. */
-void kc_cmd_answer(kc_cmd_log_t *log, const kc_cmd_t *c, const kc_answer_t *answer, kc_out_t *out);
+void kc_cmd_answer(kc_cmd_log_t *log, const kc_cmd_t *cmd, const kc_answer_t *answer, kc_out_t *out);
 /* The command is not for this state; tables do not change in this state. */
-kc_answer_t kc_cmd_not_now(const kc_view_t *v, const kc_cmd_t *c, kc_out_t *out);
-kc_answer_t kc_cmd_busy(const kc_view_t *v, kc_out_t *out);
+kc_answer_t kc_cmd_not_now(const kc_view_t *view, const kc_cmd_t *cmd, kc_out_t *out);
+kc_answer_t kc_cmd_busy(const kc_view_t *view, kc_out_t *out);
 
 /* What START asks for. */
 typedef struct {
@@ -49,13 +50,13 @@ typedef struct {
     uint64_t free_mask;
 } kc_start_t;
 /* START, in a state that allows it: may it, and what does it ask for? */
-kc_answer_t kc_cmd_start(const kc_view_t *v, const kc_cmd_t *c, kc_start_t *ask, kc_out_t *out);
+kc_answer_t kc_cmd_start(const kc_view_t *view, const kc_cmd_t *cmd, kc_start_t *ask, kc_out_t *out);
 /* TABLE_VALIDATE. */
-kc_answer_t kc_cmd_validate(kc_tables_t *tables, const kc_cmd_t *c, kc_out_t *out);
+kc_answer_t kc_cmd_validate(kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out);
 /* TABLE_ACTIVATE: STORE, it becomes active when it is stored. */
-kc_answer_t kc_cmd_activate(kc_tables_t *tables, const kc_cmd_t *c, kc_out_t *out);
+kc_answer_t kc_cmd_activate(kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out);
 /* A chunk has to be signed. It is not answered; events say why one is refused. */
-void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *v, const kc_chunk_t *c,
+void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *view, const kc_chunk_t *chunk,
                   kc_out_t *out);
 
 #endif

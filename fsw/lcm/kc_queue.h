@@ -55,10 +55,10 @@ typedef struct {
 
 /* Whether the message waits now; false if there is no room or the stamp lies too far ahead of now: it is lost. vouched: a
  * holder of a key sent it. */
-bool kc_queue_cmd(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_cmd_t *cmd, bool vouched);
-bool kc_queue_chunk(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_chunk_t *chunk, bool vouched);
-bool kc_queue_det(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_detection_t *det);
+bool kc_queue_cmd(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_cmd_t *cmd, bool vouched);
+bool kc_queue_chunk(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_chunk_t *chunk, bool vouched);
+bool kc_queue_det(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_detection_t *det);
 /* Move what is due into in, as much as one step takes; the rest waits for the next. */
-void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in);
+void kc_queue_take(kc_queue_t *queue, int64_t now_us, kc_in_t *in);
 
 #endif

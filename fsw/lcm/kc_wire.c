@@ -135,31 +135,31 @@ void kc_wire_table_down(const kc_chunk_t *from, int64_t t_us, kcm_table_chunk_t 
     to->total_bytes = i32(from->total);
 }
 
-static void meas_arm(const kc_arm_state_t *a, kcm_meas_t *m)
+static void meas_arm(const kc_arm_state_t *arm, kcm_meas_t *to)
 {
-    COPY(m->q_rad, a->q);
-    COPY(m->q_cmd_rad, a->q_cmd);
-    COPY(m->dq_rad_s, a->dq);
-    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { m->dir[j] = (int8_t)a->dir[j]; }
-    m->temp_c = a->temp_c;
-    m->payload_kg = a->payload_kg;
-    COPY(m->g_m_s2, a->g_m_s2);
+    COPY(to->q_rad, arm->q);
+    COPY(to->q_cmd_rad, arm->q_cmd);
+    COPY(to->dq_rad_s, arm->dq);
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { to->dir[j] = (int8_t)arm->dir[j]; }
+    to->temp_c = arm->temp_c;
+    to->payload_kg = arm->payload_kg;
+    COPY(to->g_m_s2, arm->g_m_s2);
 }
 
-static void meas_det(const kc_detection_t *d, kcm_meas_t *m)
+static void meas_det(const kc_detection_t *det, kcm_meas_t *to)
 {
-    COPY(m->p_cam_tool_m, d->p_cam_tool_m);
-    COPY(m->q_cam_tool_wxyz, d->q_cam_tool_wxyz);
-    m->n_tags = i32(d->n_tags);
-    COPY(m->tag_id, d->tag_id);
-    COPY(m->p_alt_m, d->p_alt_m);
-    COPY(m->q_alt_wxyz, d->q_alt_wxyz);
-    m->range_m = d->range_m;
-    m->incid_rad = d->incid_rad;
-    m->u_px = d->u_px;
-    m->v_px = d->v_px;
-    m->rms_px = d->rms_px;
-    COPY(m->corner_px, d->corner_px);
+    COPY(to->p_cam_tool_m, det->p_cam_tool_m);
+    COPY(to->q_cam_tool_wxyz, det->q_cam_tool_wxyz);
+    to->n_tags = i32(det->n_tags);
+    COPY(to->tag_id, det->tag_id);
+    COPY(to->p_alt_m, det->p_alt_m);
+    COPY(to->q_alt_wxyz, det->q_alt_wxyz);
+    to->range_m = det->range_m;
+    to->incid_rad = det->incid_rad;
+    to->u_px = det->u_px;
+    to->v_px = det->v_px;
+    to->rms_px = det->rms_px;
+    COPY(to->corner_px, det->corner_px);
 }
 
 void kc_wire_meas(const kc_meas_t *from, int64_t t_us, kcm_meas_t *to)
@@ -180,12 +180,13 @@ void kc_wire_meas(const kc_meas_t *from, int64_t t_us, kcm_meas_t *to)
 }
 
 /* sigma is 0 where this calibration estimated nothing; the table keeps the old one there. */
-static void proposal_coefs(const kc_proposal_t *p, kcm_proposal_t *m)
+static void proposal_coefs(const kc_proposal_t *proposal, kcm_proposal_t *to)
 {
     for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
-        bool est = p->status[c] != (uint8_t)KC_COEF_MASKED && p->status[c] != (uint8_t)KC_COEF_HELD;
-        m->value[c] = p->kin.value[c];
-        m->sigma[c] = est ? p->kin.sigma[c] : 0.0;
+        bool est = proposal->status[c] != (uint8_t)KC_COEF_MASKED &&
+                   proposal->status[c] != (uint8_t)KC_COEF_HELD;
+        to->value[c] = proposal->kin.value[c];
+        to->sigma[c] = est ? proposal->kin.sigma[c] : 0.0;
     }
 }
 

@@ -14,12 +14,13 @@ typedef struct {
 } kc_pantilt_t;
 
 /* Turn, inside the limits of the CAMERA table. */
-void kc_pantilt_turn(kc_pantilt_t *p, const kc_view_t *v, kc_out_t *out, double pan_rad, double tilt_rad);
+void kc_pantilt_turn(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out, double pan_rad,
+                     double tilt_rad);
 /* Turn to where the corrected arm is expected at joints q, moved by off_m (what was measured at this candidate
  * less what was predicted). */
-void kc_pantilt_aim(kc_pantilt_t *p, const kc_view_t *v, kc_out_t *out, const double *q,
+void kc_pantilt_aim(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out, const double *q,
                     const double off_m[3]);
 /* Wait for the unit: DONE when it is there, sent again if the command was lost. */
-kc_outcome_t kc_pantilt_wait(kc_pantilt_t *p, const kc_view_t *v, kc_out_t *out);
+kc_outcome_t kc_pantilt_wait(kc_pantilt_t *pantilt, const kc_view_t *view, kc_out_t *out);
 
 #endif

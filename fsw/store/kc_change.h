@@ -58,14 +58,15 @@ typedef struct {
 } kc_change_parts_t;
 
 /* Begin one; cmd NULL: no command asked for it. */
-void kc_change_begin(kc_change_t *c, kc_change_kind_t kind, const kc_view_t *v, const kc_cmd_t *cmd);
+void kc_change_begin(kc_change_t *change, kc_change_kind_t kind, const kc_view_t *view, const kc_cmd_t *cmd);
 /* STORE: ask the edge, when it is time. */
-void kc_change_run(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out);
+void kc_change_run(kc_change_t *change, const kc_change_parts_t *parts, kc_out_t *out);
 /* The edge's answer to the requests of the last step, whoever made them: the change is made or refused, and
  * its command answered; or it is tried again (STAY). */
-kc_outcome_t kc_change_stored(kc_change_t *c, const kc_change_parts_t *p, const kc_in_t *in, kc_out_t *out);
+kc_outcome_t kc_change_stored(kc_change_t *change, const kc_change_parts_t *parts, const kc_in_t *in,
+                              kc_out_t *out);
 /* ABORT: it ends between two tries, or before what it asked for in this step is done; its command is refused. What is to be
  * put back is asked for now (KC_CHANGE_BACK_COST), and ends with the edge's answer. */
-void kc_change_cancel(kc_change_t *c, const kc_change_parts_t *p, kc_out_t *out);
+void kc_change_cancel(kc_change_t *change, const kc_change_parts_t *parts, kc_out_t *out);
 
 #endif
