@@ -136,7 +136,7 @@ mutation: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## do the unit tes
 	$(call compile,rel,units)
 	$(Q)$(PYTHON) tests/mutation.py $(FILES) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS)) $(if $(PATIENCE),--patience $(PATIENCE))
 mutation-short: ## a few of them, of what guards the arm and takes commands
-	$(Q)$(MAKE) mutation FILES="fsw/motion/kc_guard.c fsw/exec/kc_cmd.c fsw/exec/kc_change.c" N=5
+	$(Q)$(MAKE) mutation FILES="fsw/motion/kc_guard.c fsw/command/kc_cmd.c fsw/app/kc_dispatch.c fsw/store/kc_change.c" N=5
 mutation-ground: core messages .venv/.stamp-dev ## do the ground's tests notice a changed token of its safety code? (ROOMS, N of each, SEED, JOBS, PATIENCE; a second start goes on)
 	$(Q)$(PY) tests/mutation_ground.py $(ROOMS) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS)) $(if $(PATIENCE),--patience $(PATIENCE))
 
@@ -217,7 +217,7 @@ lint-misra: $(STAMP)/apt-test ## MISRA C:2012 over the core: no deviation that t
 	$(Q)$(PYTHON) tests/lint/misra.py $(BUILD)/misra
 
 # The check for uninitialised values is off for the reason above: gcc 12 takes one turn of a loop that fills an array.
-CORE_ROOMS := math model tables estimate design motion decide exec
+CORE_ROOMS := $(filter-out eigen,$(shell awk -F '[( )]' '/^kc_room/ { print $$2 }' fsw/CMakeLists.txt))
 lint-analyzer: $(BUILD)/rel/build.ninja ## gcc -fanalyzer over the core
 	$(Q)printf '%s\n' $(wildcard $(CORE_ROOMS:%=fsw/%/*.c)) | xargs -P $(PROCESSORS) -n 8 sh -c 'for f; do \
 	    gcc -std=c11 -O2 -fanalyzer -Werror -Wno-analyzer-use-of-uninitialized-value \

@@ -212,17 +212,20 @@ def block_states() -> str:
     """States of the sequencer."""
     return table(
         ("state", "name", "what happens"),
-        [(v, f"`{n.removeprefix('KC_ST_')}`", c) for v, n, c in c_enum("fsw/exec/kc_states.h", "kc_state_t")],
+        [
+            (v, f"`{n.removeprefix('KC_ST_')}`", c)
+            for v, n, c in c_enum("fsw/state/kc_states.h", "kc_state_t")
+        ],
     )
 
 
 def block_transitions() -> str:
     """Which state comes next: the table that the sequencer itself uses."""
-    text = (ROOT / "fsw/exec/kc_states.h").read_text("utf-8").replace("\\\n", " ")
+    text = (ROOT / "fsw/state/kc_states.h").read_text("utf-8").replace("\\\n", " ")
     line = re.search(r"#define KC_TRANSITION_LIST\(X\)(.*)", text)
     rows = re.findall(r"X\((\w+), (\w+), (\w+), (\w+)\)", line[1] if line else "")
     if not rows:
-        raise SystemExit("fsw/exec/kc_states.h: no transitions")
+        raise SystemExit("fsw/state/kc_states.h: no transitions")
     when = {"SAME_STEP": "the same step", "NEXT_STEP": "the next step"}
     return table(
         ("state", "outcome", "next state", "its work begins in"),

@@ -7,9 +7,9 @@ them (fsw/design). Of each, `number` mutants are drawn with a fixed seed: anothe
 logical operator, a condition negated, a constant changed, a statement deleted, min for max. One that does not
 compile, or compiles to the same code, is drawn anew. Charges of instructions (`uint64_t ..._cost`) are not
 drawn: whether they bound what is executed, `make wcet` measures. Each mutant is compiled alone and put before
-the core in programs of the unit tests: the tests of the file first, then those of its room, then those of the
-rooms above, what has killed and the quickest first; those of other rooms up to `patience` seconds (0: none).
-Tests that link without the file are left out. A test that fails or does not end kills it.
+the core in programs of the unit tests that need the file: the tests of the file first, then those of its
+room, then the others, what has killed and the quickest first; those of other rooms up to `patience` seconds
+(0: none). A test that fails or does not end kills it.
 
 One that is not killed has to stand in tests/mutation.csv with a reason, as `equivalent` (no input tells it
 from the original) or as `accepted`. The exit status is 1 if one does not stand there, or if fewer than 95 %
@@ -38,9 +38,9 @@ WORK = ROOT / "build/mutation"
 LEAST_SHARE = 0.95
 SAFETY = (
     "fsw/motion/kc_guard.c", "fsw/motion/kc_bounds.c", "fsw/motion/kc_path.c", "fsw/estimate/kc_monitor.c",
-    "fsw/exec/kc_monitoring.c", "fsw/exec/kc_update.c", "fsw/exec/kc_change.c", "fsw/exec/kc_sequence.c",
-    "fsw/exec/kc_cmd.c", "fsw/exec/kc_review.c", "fsw/exec/kc_propose.c", "fsw/decide/kc_verdict.c",
-    "fsw/lcm/kc_files.c",
+    "fsw/calibrate/kc_monitoring.c", "fsw/calibrate/kc_update.c", "fsw/store/kc_change.c",
+    "fsw/app/kc_sequence.c", "fsw/app/kc_dispatch.c", "fsw/command/kc_cmd.c", "fsw/store/kc_review.c",
+    "fsw/calibrate/kc_propose.c", "fsw/decide/kc_verdict.c", "fsw/lcm/kc_files.c",
 )  # fmt: skip
 # Token -> what it becomes. Longer tokens are found first.
 OTHER = {
@@ -227,14 +227,14 @@ class Programs:
         return not failed and process.returncode == 0, usage.ru_utime
 
     def tests_of(self, path: str) -> list[str]:
-        """Tests of the file, then of its room, then above, what has killed and the quickest first."""
+        """Tests of the file, then of its room, then others, what has killed and the quickest first."""
         own, least = f"test_{Path(path).stem}", self.rooms.index(room(path))
-        above = [t for t in self.tests if self.where.get(t, len(self.rooms)) >= least]
+        needed = [t for t in self.tests if self.needs(t, path)]
         order = {
             t: (t != own, self.where.get(t) != least, -self.kills[room(path), t], self.seconds.get(t, 0.0))
-            for t in above
+            for t in needed
         }
-        return sorted(above, key=order.__getitem__)
+        return sorted(needed, key=order.__getitem__)
 
     def needs(self, test: str, path: str) -> bool:
         """Whether the test or what it calls refers to a symbol of the source."""
@@ -301,8 +301,6 @@ def killer(programs: Programs, mutant: Mutant, folder: Path) -> str | None:
     """The test that kills the mutant that is compiled in folder; None if it survives."""
     run("gcc", "-shared", "-o", folder / "libmutant.so", folder / "mutant.o")
     for test in programs.tests_of(mutant.path):
-        if not programs.needs(test, mutant.path):
-            continue
         if not programs.usable(test, programs.near(test, mutant.path)):
             continue
         if not programs.ran(test, folder, 2.0 + 5.0 * programs.seconds[test])[0]:

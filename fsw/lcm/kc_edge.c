@@ -15,10 +15,12 @@
 
 /* ---- receiving: one decoded message at a time, then into the queue ---- */
 
-#define RX_QUEUED(CHANNEL, member, message, copied, order, step, room) kcm_##message##_t member;
-#define RX_NEWEST(CHANNEL, member, message, copied) kcm_##message##_t member;
 static union {
-    KC_IN_LIST(RX_QUEUED, RX_NEWEST)
+    kcm_cmd_t cmd;
+    kcm_table_chunk_t chunk;
+    kcm_detection_t det;
+    kcm_arm_state_t arm;
+    kcm_pantilt_state_t pantilt;
     kcm_time_t time;
 } s_rx;
 
@@ -39,41 +41,72 @@ static void renew(kc_edge_t *e)
 /* In live mode every message is due at once, whatever clock stamped it. */
 static int64_t stamp(const kc_edge_t *e, int64_t t_us) { return e->live ? INT64_MIN : t_us; }
 
-#define DECODE(type, member)                                                        \
-    kc_edge_t *e = user;                                                            \
-    (void)channel;                                                                  \
-    if (kcm_##type##_decode(buf->data, 0, (int)buf->data_size, &s_rx.member) < 0) { \
-        e->n_rx_errors++;                                                           \
-        return;                                                                     \
-    }
+/* What could not be decoded, or finds no room, is counted. */
+static bool counted(kc_edge_t *e, bool good)
+{
+    e->n_rx_errors += good ? 0u : 1u;
+    return good;
+}
 
-/* Whether a holder of a key sent it, by the order of its queue. */
-#define VOUCHED_TURN kc_app_vouches_cmd(e->app, &m, &e->macs_cmd)
-#define VOUCHED_PLACE kc_app_vouches_chunk(e->app, &m, &e->macs_chunk)
-#define VOUCHED_SEQ false
+/* The message of a buffer into s_rx.member; whether it could be decoded. */
+#define DECODE(e, buf, type, member) \
+    counted((e), kcm_##type##_decode((buf)->data, 0, (int)(buf)->data_size, &s_rx.member) >= 0)
 
-#define ON_QUEUED(CHANNEL, member, message, copied, order, step, room)                                   \
-    static void on_##member(const lcm_recv_buf_t *buf, const char *channel, void *user)                  \
-    {                                                                                                    \
-        static kc_##message##_t m;                                                                       \
-        DECODE(message##_t, member)                                                                      \
-        kc_wire_##member(&s_rx.member, &m);                                                              \
-        if (!kc_queue_##member(&e->queue, stamp(e, s_rx.member.t_us), e->now_us, &m, VOUCHED_##order)) { \
-            e->n_rx_errors++;                                                                            \
-        }                                                                                                \
-    }
-#define ON_NEWEST(CHANNEL, member, message, copied)                                     \
-    static void on_##member(const lcm_recv_buf_t *buf, const char *channel, void *user) \
-    {                                                                                   \
-        DECODE(message##_t, member)                                                     \
-        kc_wire_##member(&s_rx.member, &e->in.member);                                  \
-        e->in.has_##member = 1u;                                                        \
-    }
-KC_IN_LIST(ON_QUEUED, ON_NEWEST)
+static void on_cmd(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    static kc_cmd_t cmd;
+    kc_edge_t *e = user;
+    (void)channel;
+    if (!DECODE(e, buf, cmd_t, cmd)) { return; }
+    kc_wire_cmd(&s_rx.cmd, &cmd);
+    bool vouched = kc_app_vouches_cmd(e->app, &cmd, &e->macs_cmd);
+    (void)counted(e, kc_queue_cmd(&e->queue, stamp(e, s_rx.cmd.t_us), e->now_us, &cmd, vouched));
+}
+
+static void on_chunk(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    static kc_chunk_t chunk;
+    kc_edge_t *e = user;
+    (void)channel;
+    if (!DECODE(e, buf, table_chunk_t, chunk)) { return; }
+    kc_wire_chunk(&s_rx.chunk, &chunk);
+    bool vouched = kc_app_vouches_chunk(e->app, &chunk, &e->macs_chunk);
+    (void)counted(e, kc_queue_chunk(&e->queue, stamp(e, s_rx.chunk.t_us), e->now_us, &chunk, vouched));
+}
+
+static void on_det(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    static kc_detection_t det;
+    kc_edge_t *e = user;
+    (void)channel;
+    if (!DECODE(e, buf, detection_t, det)) { return; }
+    kc_wire_det(&s_rx.det, &det);
+    (void)counted(e, kc_queue_det(&e->queue, stamp(e, s_rx.det.t_us), e->now_us, &det));
+}
+
+static void on_arm(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    kc_edge_t *e = user;
+    (void)channel;
+    if (!DECODE(e, buf, arm_state_t, arm)) { return; }
+    kc_wire_arm(&s_rx.arm, &e->in.arm);
+    e->in.has_arm = 1u;
+}
+
+static void on_pantilt(const lcm_recv_buf_t *buf, const char *channel, void *user)
+{
+    kc_edge_t *e = user;
+    (void)channel;
+    if (!DECODE(e, buf, pantilt_state_t, pantilt)) { return; }
+    kc_wire_pantilt(&s_rx.pantilt, &e->in.pantilt);
+    e->in.has_pantilt = 1u;
+}
 
 static void on_time(const lcm_recv_buf_t *buf, const char *channel, void *user)
 {
-    DECODE(time_t, time)
+    kc_edge_t *e = user;
+    (void)channel;
+    if (!DECODE(e, buf, time_t, time)) { return; }
     e->repeat = s_rx.time.tick == e->tick;
     e->due_tick = s_rx.time.tick;
     e->due_us = s_rx.time.now_us;
@@ -84,11 +117,6 @@ static bool subscribe(kc_edge_t *e, const char *channel, lcm_msg_handler_t handl
     lcm_subscription_t *s = lcm_subscribe(e->lcm, channel, handler, e);
     return s != NULL && lcm_subscription_set_queue_capacity(s, BACKLOG) == 0;
 }
-
-#define SUBSCRIBE_NEWEST(CHANNEL, member, message, copied) \
-    good = good && subscribe(e, "KC_" #CHANNEL, on_##member);
-#define SUBSCRIBE_QUEUED(CHANNEL, member, message, copied, order, step, room) \
-    SUBSCRIBE_NEWEST(CHANNEL, member, message, copied)
 
 bool kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *app, bool live)
 {
@@ -103,8 +131,9 @@ bool kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *ap
         (void)fprintf(stderr, "kincal-fsw: no LCM network at %s\n", url);
         return false;
     }
-    bool good = live || subscribe(e, "KC_TIME", on_time);
-    KC_IN_LIST(SUBSCRIBE_QUEUED, SUBSCRIBE_NEWEST)
+    bool good = (live || subscribe(e, "KC_TIME", on_time)) && subscribe(e, "KC_CMD", on_cmd) &&
+                subscribe(e, "KC_TABLE_UP", on_chunk) && subscribe(e, "KC_DETECTION", on_det) &&
+                subscribe(e, "KC_ARM_STATE", on_arm) && subscribe(e, "KC_PANTILT_STATE", on_pantilt);
     if (!good) { (void)fprintf(stderr, "kincal-fsw: can't subscribe at %s\n", url); }
     return good;
 }
@@ -115,7 +144,7 @@ void kc_edge_close(kc_edge_t *e) { lcm_destroy(e->lcm); }
 
 static uint8_t s_buf[24u * 1024u];
 
-#define TX(CHANNEL, member, message, copied) kcm_##message##_t member;
+#define TX(CHANNEL, member, message, wire) kcm_##message##_t member;
 static union {
     KC_OUT_LIST(TX)
     kcm_ack_t ack;
@@ -148,10 +177,10 @@ static void publish_answers(kc_edge_t *e)
     }
 }
 
-#define PUBLISH_OUT(CHANNEL, member, message, copied)          \
-    if (o->has_##member) {                                     \
-        kc_wire_##member(&o->member, e->now_us, &s_tx.member); \
-        PUBLISH(e, "KC_" #CHANNEL, message##_t, member);       \
+#define PUBLISH_OUT(CHANNEL, member, message, wire)      \
+    if (o->has_##member) {                               \
+        wire(&o->member, e->now_us, &s_tx.member);       \
+        PUBLISH(e, "KC_" #CHANNEL, message##_t, member); \
     }
 
 void kc_edge_publish(kc_edge_t *e)

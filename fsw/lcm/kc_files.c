@@ -153,22 +153,22 @@ static unsigned older(const uint64_t number[2])
 
 /* ---- opening ---- */
 
-static bool missing(const kc_files_t *f, const char *name)
+static bool missing(const kc_files_t *files, const char *name)
 {
     struct stat st;
-    return fstatat(f->dir_fd, name, &st, AT_SYMLINK_NOFOLLOW) != 0 && errno == ENOENT;
+    return fstatat(files->dir_fd, name, &st, AT_SYMLINK_NOFOLLOW) != 0 && errno == ENOENT;
 }
 
-static void look_at(kc_files_t *f, uint16_t kind, unsigned slot)
+static void look_at(kc_files_t *files, uint16_t kind, unsigned slot)
 {
     char name[NAME_MAX_];
     slot_t s = {.most = KC_IMAGE_MAX};
     slot_name(kind, slot, name);
-    f->there[kind][slot] = !missing(f, name);
-    f->number[kind][slot] = 0u;
-    if (f->there[kind][slot] == 0u) { return; }
-    const char *wrong = read_slot(f->dir_fd, name, kind, &s);
-    f->number[kind][slot] = s.number;
+    files->there[kind][slot] = !missing(files, name);
+    files->number[kind][slot] = 0u;
+    if (files->there[kind][slot] == 0u) { return; }
+    const char *wrong = read_slot(files->dir_fd, name, kind, &s);
+    files->number[kind][slot] = s.number;
     if (wrong != NULL) { (void)say("can't use the stored copy", name, wrong); }
 }
 
@@ -177,96 +177,96 @@ static void tmp_name(uint16_t kind, char name[NAME_MAX_])
     (void)snprintf(name, NAME_MAX_, "k%02u.tmp", (unsigned)kind);
 }
 
-static bool sync_dir(const kc_files_t *f)
+static bool sync_dir(const kc_files_t *files)
 {
-    if (fsync(f->dir_fd) != 0) { return complain("can't sync the store", f->dir); }
+    if (fsync(files->dir_fd) != 0) { return complain("can't sync the store", files->dir); }
     return true;
 }
 
 /* A store that was just made has an entry in its parent, which has to survive too. */
-static bool sync_parent(const kc_files_t *f)
+static bool sync_parent(const kc_files_t *files)
 {
-    int fd = openat(f->dir_fd, "..", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    int fd = openat(files->dir_fd, "..", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     bool good = fd >= 0 && fsync(fd) == 0;
-    if (!good) { (void)complain("can't sync the folder of the store", f->dir); }
+    if (!good) { (void)complain("can't sync the folder of the store", files->dir); }
     if (fd >= 0) { (void)close(fd); }
     return good;
 }
 
-static bool lock(const kc_files_t *f)
+static bool lock(const kc_files_t *files)
 {
-    if (flock(f->dir_fd, LOCK_EX | LOCK_NB) == 0) { return true; }
-    if (errno != EWOULDBLOCK) { return complain("can't lock the store", f->dir); }
-    return say("can't use the store", f->dir, "another flight process uses it");
+    if (flock(files->dir_fd, LOCK_EX | LOCK_NB) == 0) { return true; }
+    if (errno != EWOULDBLOCK) { return complain("can't lock the store", files->dir); }
+    return say("can't use the store", files->dir, "another flight process uses it");
 }
 
 /* What a write that was cut off has left. */
-static void remove_tmp(const kc_files_t *f, uint16_t kind)
+static void remove_tmp(const kc_files_t *files, uint16_t kind)
 {
     char name[NAME_MAX_];
     tmp_name(kind, name);
-    if (unlinkat(f->dir_fd, name, 0) != 0 && errno != ENOENT) { (void)complain("can't remove", name); }
+    if (unlinkat(files->dir_fd, name, 0) != 0 && errno != ENOENT) { (void)complain("can't remove", name); }
 }
 
 /* What is read here counts from now on, so it is made to last: the process before may have ended between a change of
  * the folder and its sync. A medium that cannot be written can still be read. */
-static bool settle(const kc_files_t *f, bool made)
+static bool settle(const kc_files_t *files, bool made)
 {
-    (void)sync_dir(f);
-    return sync_parent(f) || !made;
+    (void)sync_dir(files);
+    return sync_parent(files) || !made;
 }
 
-static bool take_over(kc_files_t *f, bool made)
+static bool take_over(kc_files_t *files, bool made)
 {
-    if (!lock(f) || !settle(f, made)) { return false; }
+    if (!lock(files) || !settle(files, made)) { return false; }
     for (size_t i = 0u; i < N_KINDS; i++) {
-        remove_tmp(f, s_kinds[i]);
-        look_at(f, s_kinds[i], 0u);
-        look_at(f, s_kinds[i], 1u);
+        remove_tmp(files, s_kinds[i]);
+        look_at(files, s_kinds[i], 0u);
+        look_at(files, s_kinds[i], 1u);
     }
     return true;
 }
 
-bool kc_files_open(kc_files_t *f, const char *dir)
+bool kc_files_open(kc_files_t *files, const char *dir)
 {
-    memset(f, 0, sizeof *f);
-    f->dir_fd = -1;
-    if (strlen(dir) >= sizeof f->dir) { return say("store", "directory", strerror(ENAMETOOLONG)); }
-    memcpy(f->dir, dir, strlen(dir) + 1u);
+    memset(files, 0, sizeof *files);
+    files->dir_fd = -1;
+    if (strlen(dir) >= sizeof files->dir) { return say("store", "directory", strerror(ENAMETOOLONG)); }
+    memcpy(files->dir, dir, strlen(dir) + 1u);
     bool made = mkdir(dir, 0777) == 0;
     if (!made && errno != EEXIST) { return complain("can't make the store", dir); }
-    f->dir_fd = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (f->dir_fd < 0) { return complain("can't open the store", dir); }
-    if (take_over(f, made)) { return true; }
-    (void)close(f->dir_fd);
-    f->dir_fd = -1;
+    files->dir_fd = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (files->dir_fd < 0) { return complain("can't open the store", dir); }
+    if (take_over(files, made)) { return true; }
+    (void)close(files->dir_fd);
+    files->dir_fd = -1;
     return false;
 }
 
 /* ---- offering ---- */
 
 /* One that cannot be read (any more) is offered as empty, so that the component reports it. */
-static void offer_slot(const kc_files_t *f, uint16_t kind, unsigned slot, kc_app_t *app)
+static void offer_slot(const kc_files_t *files, uint16_t kind, unsigned slot, kc_app_t *app)
 {
     char name[NAME_MAX_];
     slot_t s = {.most = KC_IMAGE_MAX, .into = kc_app_image_room(app)};
     slot_name(kind, slot, name);
-    const char *wrong = read_slot(f->dir_fd, name, kind, &s);
+    const char *wrong = read_slot(files->dir_fd, name, kind, &s);
     if (wrong != NULL) { (void)say("can't use the stored copy", name, wrong); }
     (void)kc_app_load(app, kind, s.into, wrong == NULL ? s.n : 0u);
 }
 
-static void offer_slots(const kc_files_t *f, uint16_t kind, kc_app_t *app)
+static void offer_slots(const kc_files_t *files, uint16_t kind, kc_app_t *app)
 {
-    const uint64_t *num = f->number[kind];
+    const uint64_t *num = files->number[kind];
     for (unsigned s = 0u; s < 2u; s++) {
-        if (f->there[kind][s] != 0u && num[s] == 0u) {
+        if (files->there[kind][s] != 0u && num[s] == 0u) {
             (void)kc_app_load(app, kind, kc_app_image_room(app), 0u);
         }
     }
     unsigned newest = 1u - older(num);
-    if (num[newest] > 0u) { offer_slot(f, kind, newest, app); }
-    if (num[1u - newest] > 0u) { offer_slot(f, kind, 1u - newest, app); }
+    if (num[newest] > 0u) { offer_slot(files, kind, newest, app); }
+    if (num[1u - newest] > 0u) { offer_slot(files, kind, 1u - newest, app); }
 }
 
 /* Table files by name, so that the order is that of every run. Start-up only: readdir uses the heap. */
@@ -347,7 +347,7 @@ static void offer_tables(int dir_fd, list_t *l, uint16_t kind, kc_app_t *app)
     }
 }
 
-int kc_files_load(kc_files_t *f, const char *tables, kc_app_t *app)
+int kc_files_load(kc_files_t *files, const char *tables, kc_app_t *app)
 {
     static list_t list;
     memset(&list, 0, sizeof list);
@@ -358,7 +358,7 @@ int kc_files_load(kc_files_t *f, const char *tables, kc_app_t *app)
         return -1;
     }
     for (size_t i = 0u; i < N_KINDS; i++) {
-        offer_slots(f, s_kinds[i], app);
+        offer_slots(files, s_kinds[i], app);
         if (s_kinds[i] < KC_TBL_COUNT) { offer_tables(dir_fd, &list, s_kinds[i], app); }
     }
     (void)close(dir_fd);
@@ -380,18 +380,18 @@ static bool write_all(int fd, const uint8_t *data, size_t n)
 }
 
 /* Made new: what stands there already is nothing to write to (a FIFO would hold us, a link lead elsewhere). */
-static int make_tmp(const kc_files_t *f, const char *name)
+static int make_tmp(const kc_files_t *files, const char *name)
 {
     const int how = O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC;
-    int fd = openat(f->dir_fd, name, how, 0666);
-    if (fd >= 0 || errno != EEXIST || unlinkat(f->dir_fd, name, 0) != 0) { return fd; }
-    return openat(f->dir_fd, name, how, 0666);
+    int fd = openat(files->dir_fd, name, how, 0666);
+    if (fd >= 0 || errno != EEXIST || unlinkat(files->dir_fd, name, 0) != 0) { return fd; }
+    return openat(files->dir_fd, name, how, 0666);
 }
 
 /* Its pages are dropped at the end, so that it is read back from the medium. */
-static bool write_tmp(const kc_files_t *f, const char *name, const uint8_t *hdr, const kc_store_t *s)
+static bool write_tmp(const kc_files_t *files, const char *name, const uint8_t *hdr, const kc_store_t *s)
 {
-    int fd = make_tmp(f, name);
+    int fd = make_tmp(files, name);
     if (fd < 0) { return false; }
     bool good = write_all(fd, hdr, KC_SLOT_HDR_BYTES) && write_all(fd, s->data, s->n) && fsync(fd) == 0;
     (void)posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED);
@@ -399,10 +399,10 @@ static bool write_tmp(const kc_files_t *f, const char *name, const uint8_t *hdr,
 }
 
 /* Whether the slot holds this data under this number. */
-static bool holds(const kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number)
+static bool holds(const kc_files_t *files, const char *name, const kc_store_t *s, uint64_t number)
 {
     slot_t slot = {.most = s->n, .same = s->data};
-    return read_slot(f->dir_fd, name, s->kind, &slot) == NULL && slot.number == number && slot.n == s->n;
+    return read_slot(files->dir_fd, name, s->kind, &slot) == NULL && slot.number == number && slot.n == s->n;
 }
 
 static void make_header(uint8_t *hdr, const kc_store_t *s, uint64_t number)
@@ -415,15 +415,15 @@ static void make_header(uint8_t *hdr, const kc_store_t *s, uint64_t number)
     put_le(&hdr[CRC_AT], kc_crc32(kc_crc32(0u, hdr, CRC_AT), s->data, s->n), 4u);
 }
 
-static kc_status_t bad_tmp(const kc_files_t *f, const char *tmp, kc_status_t st)
+static kc_status_t bad_tmp(const kc_files_t *files, const char *tmp, kc_status_t st)
 {
-    (void)unlinkat(f->dir_fd, tmp, 0); /* it may be what fills the store */
+    (void)unlinkat(files->dir_fd, tmp, 0); /* it may be what fills the store */
     return st;
 }
 
 /* In place of a slot, and only what reads back as it was written: a kill at any point leaves the old or the new
  * one. *there: the new one is, though perhaps not for certain. */
-static kc_status_t put_slot(const kc_files_t *f, const char *name, const kc_store_t *s, uint64_t number,
+static kc_status_t put_slot(const kc_files_t *files, const char *name, const kc_store_t *s, uint64_t number,
                             bool *there)
 {
     char tmp[NAME_MAX_];
@@ -431,70 +431,72 @@ static kc_status_t put_slot(const kc_files_t *f, const char *name, const kc_stor
     make_header(hdr, s, number);
     tmp_name(s->kind, tmp);
     *there = false;
-    if (!write_tmp(f, tmp, hdr, s)) {
+    if (!write_tmp(files, tmp, hdr, s)) {
         (void)complain("can't write", name);
-        return bad_tmp(f, tmp, KC_ERR_NUM);
+        return bad_tmp(files, tmp, KC_ERR_NUM);
     }
-    if (!holds(f, tmp, s, number)) {
+    if (!holds(files, tmp, s, number)) {
         (void)fprintf(stderr, "kincal-fsw: %s does not read back as it was written\n", name);
-        return bad_tmp(f, tmp, KC_ERR_CRC);
+        return bad_tmp(files, tmp, KC_ERR_CRC);
     }
-    if (renameat(f->dir_fd, tmp, f->dir_fd, name) != 0) {
+    if (renameat(files->dir_fd, tmp, files->dir_fd, name) != 0) {
         (void)complain("can't replace", name);
-        return bad_tmp(f, tmp, KC_ERR_NUM);
+        return bad_tmp(files, tmp, KC_ERR_NUM);
     }
     *there = true;
-    return sync_dir(f) ? KC_OK : KC_ERR_NUM;
+    return sync_dir(files) ? KC_OK : KC_ERR_NUM;
 }
 
 /* Numbers are those of what was written, not read again: a slot that could not be read for once would make the older
  * one the newest. */
-static kc_status_t write_slot(kc_files_t *f, const kc_store_t *s)
+static kc_status_t write_slot(kc_files_t *files, const kc_store_t *s)
 {
-    uint64_t *num = f->number[s->kind];
+    uint64_t *num = files->number[s->kind];
     unsigned slot = older(num);
     char name[NAME_MAX_];
     bool there = false;
     slot_name(s->kind, 1u - slot, name);
-    if (num[1u - slot] > 0u && holds(f, name, s, num[1u - slot])) { return sync_dir(f) ? KC_OK : KC_ERR_NUM; }
+    if (num[1u - slot] > 0u && holds(files, name, s, num[1u - slot])) {
+        return sync_dir(files) ? KC_OK : KC_ERR_NUM;
+    }
     slot_name(s->kind, slot, name);
-    bool same = num[slot] > 0u && holds(f, name, s, num[slot]);
+    bool same = num[slot] > 0u && holds(files, name, s, num[slot]);
     uint64_t next = after(num[1u - slot]);
-    kc_status_t st = put_slot(f, name, s, next, &there);
+    kc_status_t st = put_slot(files, name, s, next, &there);
     if (!there) { return st; }
     num[slot] = next;
-    f->there[s->kind][slot] = 1u;
+    files->there[s->kind][slot] = 1u;
     /* Half done: the newest before is so again. But this may be the only copy of what was here already. */
-    if (st != KC_OK && !same && unlinkat(f->dir_fd, name, 0) == 0) {
+    if (st != KC_OK && !same && unlinkat(files->dir_fd, name, 0) == 0) {
         num[slot] = 0u;
-        f->there[s->kind][slot] = 0u;
-        (void)sync_dir(f);
+        files->there[s->kind][slot] = 0u;
+        (void)sync_dir(files);
     }
     return st;
 }
 
 /* One after the other, the older first: neither a kill between the two nor a loss of power, before which the medium
  * may have done the later change alone, brings the older one back. */
-static kc_status_t delete_slots(kc_files_t *f, uint16_t kind)
+static kc_status_t delete_slots(kc_files_t *files, uint16_t kind)
 {
-    uint64_t *num = f->number[kind];
+    uint64_t *num = files->number[kind];
     unsigned first = older(num);
     for (unsigned k = 0u; k < 2u; k++) {
         unsigned slot = k == 0u ? first : 1u - first;
         char name[NAME_MAX_];
         slot_name(kind, slot, name);
-        if (unlinkat(f->dir_fd, name, 0) != 0 && errno != ENOENT) {
+        if (unlinkat(files->dir_fd, name, 0) != 0 && errno != ENOENT) {
             (void)complain("can't delete", name);
             return KC_ERR_NUM;
         }
-        f->there[kind][slot] = 0u;
+        files->there[kind][slot] = 0u;
         num[slot] = 0u;
-        if (!sync_dir(f)) { return KC_ERR_NUM; }
+        if (!sync_dir(files)) { return KC_ERR_NUM; }
     }
     return KC_OK;
 }
 
-kc_status_t kc_files_store(kc_files_t *f, const kc_store_t *s)
+kc_status_t kc_files_store(kc_files_t *files, const kc_store_t *s)
 {
-    return s->n > 0u ? write_slot(f, s) : delete_slots(f, s->kind);
+    return s->n > 0u ? write_slot(files, s) : delete_slots(files, s->kind);
 }

@@ -16,6 +16,7 @@
 #include <stdint.h>
 
 #include "kc_app.h"
+#include "kc_store.h"
 
 #define KC_SLOT_HDR_BYTES 24u
 #define KC_FILES_PATH_MAX 1024
@@ -31,15 +32,15 @@ typedef struct {
 
 /* Open the store, made if missing; only one process may use it. Left-overs of a write that was cut off are
  * removed, and what is there is made to last before it is used. false with the reason on stderr. */
-bool kc_files_open(kc_files_t *f, const char *dir);
+bool kc_files_open(kc_files_t *files, const char *dir);
 
 /* Offer everything to the component, best first: slots newest first, then the *.tbl of `tables`. Slots
  * that cannot be read are offered as empty, so that the component reports them; why is on stderr. Number of table
  * files, 0 if they can't be listed to their end, or -1 if the directory can't be opened, with the reason on stderr. */
-int kc_files_load(kc_files_t *f, const char *tables, kc_app_t *app);
+int kc_files_load(kc_files_t *files, const char *tables, kc_app_t *app);
 
 /* Write and read back, or (n = 0) delete. KC_OK, or KC_ERR_NUM (not written) or KC_ERR_CRC (reads otherwise) with
  * the reason on stderr; the newest slot is what it was then, as far as the medium obeys. */
-kc_status_t kc_files_store(kc_files_t *f, const kc_store_t *s);
+kc_status_t kc_files_store(kc_files_t *files, const kc_store_t *s);
 
 #endif

@@ -15,7 +15,8 @@
 
 #include <stdbool.h>
 
-#include "kc_app.h"
+#include "kc_channels.h"
+#include "kc_opcodes.h"
 
 /* Accounts of commands: of each source what is vouched for, ABORT of anybody, and all else. Each has room for
  * KC_Q_CMD_QUOTA, so that none crowds out another. */
@@ -29,25 +30,35 @@
 #define KC_Q_DET 8u
 #define KC_Q_AHEAD_US 10000000 /* a stamp further ahead than this will not be waited for */
 
-#define KC_Q_NONE_(...)
-#define KC_Q_WAITING_(CHANNEL, member, message, copied, order, step, room) \
-    uint32_t n_##member;                                                   \
-    struct {                                                               \
-        int64_t t_us;                                                      \
-        uint32_t account;                                                  \
-        kc_##message##_t m;                                                \
-    } member[room]; /* NOLINT(bugprone-macro-parentheses): a declaration */
+/* A message that waits: when it is due, and whose room it takes. */
 typedef struct {
-    KC_IN_LIST(KC_Q_WAITING_, KC_Q_NONE_)
+    int64_t t_us;
+    uint32_t account;
+    kc_cmd_t m;
+} kc_waiting_cmd_t;
+typedef struct {
+    int64_t t_us;
+    uint32_t account;
+    kc_chunk_t m;
+} kc_waiting_chunk_t;
+typedef struct {
+    int64_t t_us;
+    kc_detection_t m;
+} kc_waiting_det_t;
+
+typedef struct {
+    uint32_t n_cmd, n_chunk, n_det;
+    kc_waiting_cmd_t cmd[KC_Q_CMD];
+    kc_waiting_chunk_t chunk[KC_Q_CHUNK];
+    kc_waiting_det_t det[KC_Q_DET];
 } kc_queue_t;
 
-/* kc_queue_cmd and so on, one for each queued channel: whether it waits now; false if there is no room or the stamp lies
- * too far ahead of now: the message is lost. vouched: a holder of a key sent it. */
-#define KC_Q_PUT_(CHANNEL, member, message, copied, order, step, room)                             \
-    bool kc_queue_##member(kc_queue_t *q, int64_t t_us, int64_t now_us, const kc_##message##_t *m, \
-                           bool vouched);
-KC_IN_LIST(KC_Q_PUT_, KC_Q_NONE_)
+/* Whether the message waits now; false if there is no room or the stamp lies too far ahead of now: it is lost. vouched: a
+ * holder of a key sent it. */
+bool kc_queue_cmd(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_cmd_t *cmd, bool vouched);
+bool kc_queue_chunk(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_chunk_t *chunk, bool vouched);
+bool kc_queue_det(kc_queue_t *queue, int64_t t_us, int64_t now_us, const kc_detection_t *det);
 /* Move what is due into in, as much as one step takes; the rest waits for the next. */
-void kc_queue_take(kc_queue_t *q, int64_t now_us, kc_in_t *in);
+void kc_queue_take(kc_queue_t *queue, int64_t now_us, kc_in_t *in);
 
 #endif

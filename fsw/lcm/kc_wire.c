@@ -13,32 +13,10 @@ static int32_t i32(uint32_t x) { return (int32_t)x; }
         memcpy(&(to), &(from), sizeof(to));                                                         \
     } while (0)
 #define COPY(to, from) COPY_AS(to, from, (to)[0], (from)[0])
-/* Of a list in kc_app.h, between the structs that `from` and `to` point to. */
+/* Of a list in kc_messages.h, between the structs that `from` and `to` point to. */
 #define COPY_FIELD(type, name) COPY_AS(to->name, from->name, to->name, from->name);
 #define COPY_ARRAY(type, name, count) COPY(to->name, from->name);
 #define COPY_FIELDS(LIST) LIST(COPY_FIELD, COPY_ARRAY)
-
-/* ---- copied by the lists alone ---- */
-
-#define IN_FIELDS(CHANNEL, member, message)                                    \
-    void kc_wire_##member(const kcm_##message##_t *from, kc_##message##_t *to) \
-    {                                                                          \
-        COPY_FIELDS(KC_##CHANNEL##_FIELDS)                                     \
-    }
-#define IN_OWN(CHANNEL, member, message)
-#define IN_QUEUED(CHANNEL, member, message, copied, order, step, room) IN_##copied(CHANNEL, member, message)
-#define IN_NEWEST(CHANNEL, member, message, copied) IN_##copied(CHANNEL, member, message)
-KC_IN_LIST(IN_QUEUED, IN_NEWEST)
-
-#define OUT_FIELDS(CHANNEL, member, message)                                                 \
-    void kc_wire_##member(const kc_##message##_t *from, int64_t t_us, kcm_##message##_t *to) \
-    {                                                                                        \
-        to->t_us = t_us;                                                                     \
-        COPY_FIELDS(KC_##CHANNEL##_FIELDS)                                                   \
-    }
-#define OUT_OWN(CHANNEL, member, message)
-#define OUT(CHANNEL, member, message, copied) OUT_##copied(CHANNEL, member, message)
-KC_OUT_LIST(OUT)
 
 /* ---- in ---- */
 
@@ -118,6 +96,30 @@ void kc_wire_event(const kc_event_t *from, int64_t t_us, int32_t seq, kcm_event_
     *to = (kcm_event_t){t_us, seq, from->id, from->severity, from->got, from->want, from->index};
 }
 
+void kc_wire_pantilt_cmd(const kc_pantilt_cmd_t *from, int64_t t_us, kcm_pantilt_cmd_t *to)
+{
+    to->t_us = t_us;
+    COPY_FIELDS(KC_PANTILT_CMD_FIELDS)
+}
+
+void kc_wire_frame_request(const kc_frame_request_t *from, int64_t t_us, kcm_frame_request_t *to)
+{
+    to->t_us = t_us;
+    COPY_FIELDS(KC_FRAME_REQUEST_FIELDS)
+}
+
+void kc_wire_progress(const kc_progress_t *from, int64_t t_us, kcm_progress_t *to)
+{
+    to->t_us = t_us;
+    COPY_FIELDS(KC_PROGRESS_FIELDS)
+}
+
+void kc_wire_hk(const kc_hk_t *from, int64_t t_us, kcm_hk_t *to)
+{
+    to->t_us = t_us;
+    COPY_FIELDS(KC_HK_FIELDS)
+}
+
 void kc_wire_arm_cmd(const kc_arm_cmd_t *from, int64_t t_us, kcm_arm_cmd_t *to)
 {
     to->t_us = t_us;
@@ -133,31 +135,31 @@ void kc_wire_table_down(const kc_chunk_t *from, int64_t t_us, kcm_table_chunk_t 
     to->total_bytes = i32(from->total);
 }
 
-static void meas_arm(const kc_arm_state_t *a, kcm_meas_t *m)
+static void meas_arm(const kc_arm_state_t *arm, kcm_meas_t *to)
 {
-    COPY(m->q_rad, a->q);
-    COPY(m->q_cmd_rad, a->q_cmd);
-    COPY(m->dq_rad_s, a->dq);
-    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { m->dir[j] = (int8_t)a->dir[j]; }
-    m->temp_c = a->temp_c;
-    m->payload_kg = a->payload_kg;
-    COPY(m->g_m_s2, a->g_m_s2);
+    COPY(to->q_rad, arm->q);
+    COPY(to->q_cmd_rad, arm->q_cmd);
+    COPY(to->dq_rad_s, arm->dq);
+    for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) { to->dir[j] = (int8_t)arm->dir[j]; }
+    to->temp_c = arm->temp_c;
+    to->payload_kg = arm->payload_kg;
+    COPY(to->g_m_s2, arm->g_m_s2);
 }
 
-static void meas_det(const kc_detection_t *d, kcm_meas_t *m)
+static void meas_det(const kc_detection_t *det, kcm_meas_t *to)
 {
-    COPY(m->p_cam_tool_m, d->p_cam_tool_m);
-    COPY(m->q_cam_tool_wxyz, d->q_cam_tool_wxyz);
-    m->n_tags = i32(d->n_tags);
-    COPY(m->tag_id, d->tag_id);
-    COPY(m->p_alt_m, d->p_alt_m);
-    COPY(m->q_alt_wxyz, d->q_alt_wxyz);
-    m->range_m = d->range_m;
-    m->incid_rad = d->incid_rad;
-    m->u_px = d->u_px;
-    m->v_px = d->v_px;
-    m->rms_px = d->rms_px;
-    COPY(m->corner_px, d->corner_px);
+    COPY(to->p_cam_tool_m, det->p_cam_tool_m);
+    COPY(to->q_cam_tool_wxyz, det->q_cam_tool_wxyz);
+    to->n_tags = i32(det->n_tags);
+    COPY(to->tag_id, det->tag_id);
+    COPY(to->p_alt_m, det->p_alt_m);
+    COPY(to->q_alt_wxyz, det->q_alt_wxyz);
+    to->range_m = det->range_m;
+    to->incid_rad = det->incid_rad;
+    to->u_px = det->u_px;
+    to->v_px = det->v_px;
+    to->rms_px = det->rms_px;
+    COPY(to->corner_px, det->corner_px);
 }
 
 void kc_wire_meas(const kc_meas_t *from, int64_t t_us, kcm_meas_t *to)
@@ -178,12 +180,13 @@ void kc_wire_meas(const kc_meas_t *from, int64_t t_us, kcm_meas_t *to)
 }
 
 /* sigma is 0 where this calibration estimated nothing; the table keeps the old one there. */
-static void proposal_coefs(const kc_proposal_t *p, kcm_proposal_t *m)
+static void proposal_coefs(const kc_proposal_t *proposal, kcm_proposal_t *to)
 {
     for (uint32_t c = 0u; c < KC_COEF_MAX; c++) {
-        bool est = p->status[c] != (uint8_t)KC_COEF_MASKED && p->status[c] != (uint8_t)KC_COEF_HELD;
-        m->value[c] = p->kin.value[c];
-        m->sigma[c] = est ? p->kin.sigma[c] : 0.0;
+        bool est = proposal->status[c] != (uint8_t)KC_COEF_MASKED &&
+                   proposal->status[c] != (uint8_t)KC_COEF_HELD;
+        to->value[c] = proposal->kin.value[c];
+        to->sigma[c] = est ? proposal->kin.sigma[c] : 0.0;
     }
 }
 

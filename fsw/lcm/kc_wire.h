@@ -1,23 +1,28 @@
 /* Between LCM messages and the component's structs, units unchanged: what both name alike is copied by the lists of
- * fields in kc_app.h, the rest by hand. Nothing is checked here; the component does that. */
+ * fields in kc_messages.h, the rest by hand. Nothing is checked here; the component does that. */
 #ifndef KC_WIRE_H
 #define KC_WIRE_H
 
-#include "kc_app.h"
+#include "kc_channels.h"
 #include "kcm.h"
 
-/* kc_wire_cmd(from, to) and so on, one for each channel to flight. kc_wire_arm keeps the faults that `to` holds: the
- * newest state of a step counts, but no fault of it is lost. */
-#define KC_WIRE_QUEUED_(CHANNEL, member, message, copied, order, step, room) \
-    void kc_wire_##member(const kcm_##message##_t *from, kc_##message##_t *to);
-#define KC_WIRE_NEWEST_(CHANNEL, member, message, copied) \
-    void kc_wire_##member(const kcm_##message##_t *from, kc_##message##_t *to);
-KC_IN_LIST(KC_WIRE_QUEUED_, KC_WIRE_NEWEST_)
+/* To flight. kc_wire_arm keeps the faults that `to` holds: the newest state of a step counts, but no fault of it is
+ * lost. */
+void kc_wire_cmd(const kcm_cmd_t *from, kc_cmd_t *to);
+void kc_wire_chunk(const kcm_table_chunk_t *from, kc_chunk_t *to);
+void kc_wire_det(const kcm_detection_t *from, kc_detection_t *to);
+void kc_wire_arm(const kcm_arm_state_t *from, kc_arm_state_t *to);
+void kc_wire_pantilt(const kcm_pantilt_state_t *from, kc_pantilt_state_t *to);
 
-/* kc_wire_hk(from, t_us, to) and so on, one for each channel from flight; t_us: mission time. */
-#define KC_WIRE_OUT_(CHANNEL, member, message, copied) \
-    void kc_wire_##member(const kc_##message##_t *from, int64_t t_us, kcm_##message##_t *to);
-KC_OUT_LIST(KC_WIRE_OUT_)
+/* From flight; t_us: mission time. */
+void kc_wire_arm_cmd(const kc_arm_cmd_t *from, int64_t t_us, kcm_arm_cmd_t *to);
+void kc_wire_pantilt_cmd(const kc_pantilt_cmd_t *from, int64_t t_us, kcm_pantilt_cmd_t *to);
+void kc_wire_frame_request(const kc_frame_request_t *from, int64_t t_us, kcm_frame_request_t *to);
+void kc_wire_meas(const kc_meas_t *from, int64_t t_us, kcm_meas_t *to);
+void kc_wire_progress(const kc_progress_t *from, int64_t t_us, kcm_progress_t *to);
+void kc_wire_proposal(const kc_proposal_t *from, int64_t t_us, kcm_proposal_t *to);
+void kc_wire_table_down(const kc_table_chunk_t *from, int64_t t_us, kcm_table_chunk_t *to);
+void kc_wire_hk(const kc_hk_t *from, int64_t t_us, kcm_hk_t *to);
 void kc_wire_ack(const kc_ack_t *from, int64_t t_us, kcm_ack_t *to);
 void kc_wire_event(const kc_event_t *from, int64_t t_us, int32_t seq, kcm_event_t *to);
 

@@ -2,7 +2,7 @@
 
 Flight takes a command that changes anything only with a MAC over all of its fields and a counter that it has
 not seen before (docs/INTERFACES.md, Signed commands). This is the sender's side; it shares no code with
-flight's (fsw/decide/kc_auth.c, fsw/exec/kc_signed.c)."""
+flight's (fsw/decide/kc_auth.c, fsw/command/kc_signed.c)."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ CASES = ("idle", "replay", "random", "ucb", "dopt", "vopt")
 
 
 def state_names() -> dict[int, str]:
-    text = (ROOT / "fsw/exec/kc_states.h").read_text()
+    text = (ROOT / "fsw/state/kc_states.h").read_text()
     return {int(number): name for name, number in re.findall(r"KC_ST_(\w+) = (\d+)", text)}
 
 

@@ -143,13 +143,13 @@ static uint32_t s_steps;
 static void check_messages(const kc_out_t *o)
 {
     static uint8_t buf[24u * 1024u];
-#define MEMBER(CHANNEL, member, message, copied) kcm_##message##_t member;
+#define MEMBER(CHANNEL, member, message, wire) kcm_##message##_t member;
     static union {
         KC_OUT_LIST(MEMBER)
     } m;
-#define ENCODES(CHANNEL, member, message, copied)                               \
+#define ENCODES(CHANNEL, member, message, wire)                                 \
     if (o->has_##member) {                                                      \
-        kc_wire_##member(&o->member, 0, &m.member);                             \
+        wire(&o->member, 0, &m.member);                                         \
         MUST(kcm_##message##_t_encode(buf, 0, (int)sizeof buf, &m.member) > 0); \
     }
     KC_OUT_LIST(ENCODES)

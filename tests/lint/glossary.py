@@ -242,10 +242,10 @@ def dict_keys(source: str) -> list[str]:
 PAGES = ("STATES", "SPACES", "DESIGN", "WORKBENCH", "TUTORIAL")
 # What it is, where it stands, how it is read.
 TERMS = (
-    ("states", "fsw/exec/kc_states.h", enum("KC_ST_")),
+    ("states", "fsw/state/kc_states.h", enum("KC_ST_")),
     ("causes", "fsw/tables/kc_events.h", matches(r'\bX\(\d+, ([A-Z]\w+),\s*"')),
     ("verdicts", "fsw/decide/kc_verdict.h", enum("KC_VERDICT_")),
-    ("opcodes", "fsw/exec/kc_app.h", enum("KC_CMD_")),
+    ("opcodes", "fsw/command/kc_opcodes.h", enum("KC_CMD_")),
     ("coefficient statuses", "fsw/estimate/kc_estimate.h", enum("KC_COEF_")),
     ("monitor states", "fsw/estimate/kc_monitor.h", enum("KC_MON_")),
     ("events", "fsw/tables/kc_events.h", matches(r"\bX\(\d+, ([A-Z]\w+),\s*(?:DEBUG|INFO|WARN|ERROR)\b")),

@@ -2,7 +2,7 @@
 
     loops.py [ROOT]
 
-Writes build/LOOPS.md: each loop of fsw/math to fsw/exec with its bound. A bound is a
+Writes build/LOOPS.md: each loop of the core with its bound. A bound is a
 number or a macro of upper case in the loop's condition, or what tests/lint/loops.toml says of the variable in
 it: a name that has one meaning everywhere, one of a file ("n"), or of a function in it ("kc_x.n"). Whatever
 bound that file gives has to be made of numbers and of macros that the code defines. Exits with 1 if a loop
@@ -13,7 +13,8 @@ import sys
 import tomllib
 from pathlib import Path
 
-CORE = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec")
+CMAKE = Path(__file__).resolve().parents[2] / "fsw/CMakeLists.txt"
+CORE = [room for room in re.findall(r"^ *kc_room\((\w+)", CMAKE.read_text(), re.M) if room != "lcm"]
 NUMBER = re.compile(r"\d+u?$")
 MACRO = re.compile(r"[A-Z][A-Z0-9_]+$")
 

@@ -49,7 +49,7 @@ def compiled(folder: Path, source: str, *flags: str) -> Path:
 # ---- a small tree, built by the project's own CMake files
 
 ROOT = TESTS.parent
-ROOMS = ("math", "eigen", "model", "estimate", "design", "motion", "tables", "decide", "exec", "lcm")
+ROOMS = re.findall(r"^ *kc_room\((\w+)", (ROOT / "fsw/CMakeLists.txt").read_text(), re.M)
 
 
 def tree(root: Path) -> Path:
@@ -113,9 +113,12 @@ def small(tmp_path_factory):
         ("fsw/math/kc_math.c", "kc_model.h", "kc_math"),
         ("fsw/model/kc_model.c", "kc_eigen.h", "kc_model"),
         ("fsw/design/kc_design.c", "kc_motion.h", "kc_design"),
-        ("fsw/exec/kc_exec.c", "kc_lcm.h", "kc_exec"),
-        ("fsw/estimate/kc_estimate.h", "kc_exec.h", "kc_estimate_verify_interface_header_sets"),
-        ("ground/native/kg_batch.c", "kc_exec.h", "kincal_native"),
+        ("fsw/app/kc_app.c", "kc_lcm.h", "kc_app"),
+        ("fsw/store/kc_store.c", "kc_reach.h", "kc_store"),
+        ("fsw/command/kc_command.c", "kc_store.h", "kc_command"),
+        ("fsw/messages/kc_messages.c", "kc_state.h", "kc_messages"),
+        ("fsw/estimate/kc_estimate.h", "kc_app.h", "kc_estimate_verify_interface_header_sets"),
+        ("ground/native/kg_batch.c", "kc_app.h", "kincal_native"),
     ],
 )
 def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, header, target):
@@ -132,20 +135,20 @@ def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, he
 @pytest.mark.parametrize(
     ("files", "complaint"),
     [
-        ({"fsw/exec/kc_a.c": "\n#include <stdio.h>\n"}, "fsw/exec/kc_a.c:2: <stdio.h> is not for the core"),
+        ({"fsw/app/kc_a.c": "\n#include <stdio.h>\n"}, "fsw/app/kc_a.c:2: <stdio.h> is not for the core"),
         ({"fsw/model/kc_a.c": "#include <math.h>\n"}, "fsw/model/kc_a.c:1: <math.h> is not for the core"),
         ({"fsw/model/kc_a.c": "double f(double x) { return sin(x); }\n"}, "sin() instead of kc_sin()"),
-        ({"fsw/exec/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
+        ({"fsw/app/kc_a.c": '#include "../math/kc_rot.h"\n'}, "is no header of fsw/"),
         ({"sim/kincal_sim/x.py": "LIB = 'build/libkincal.so'\n"}, "must not load the flight core"),
         ({"sim/tagdet/x.cpp": '#include "kc_rot.h"\n'}, "must not include flight code"),
         (
             {
-                "fsw/exec/kc_a.h": "void kc_a(void);\n",
-                "fsw/exec/kc_b.h": "void kc_b(void);\n",
-                "fsw/exec/kc_a.c": '#include "kc_b.h"\nvoid kc_a(void) { kc_b(); }\n',
-                "fsw/exec/kc_b.c": '#include "kc_a.h"\nvoid kc_b(void) { kc_a(); }\n',
+                "fsw/app/kc_a.h": "void kc_a(void);\n",
+                "fsw/app/kc_b.h": "void kc_b(void);\n",
+                "fsw/app/kc_a.c": '#include "kc_b.h"\nvoid kc_a(void) { kc_b(); }\n',
+                "fsw/app/kc_b.c": '#include "kc_a.h"\nvoid kc_b(void) { kc_a(); }\n',
             },
-            "fsw/exec: a circle: kc_a.c -> kc_b.c -> kc_a.c",
+            "fsw/app: a circle: kc_a.c -> kc_b.c -> kc_a.c",
         ),
         (
             {"fsw/msg/a_t.lcm": "struct a_t\n{\n    int32_t n;\n    double x[n];\n}\n"},
@@ -575,10 +578,10 @@ GLOSSARY = """# Glossary
 @pytest.mark.parametrize(
     ("files", "complaint"),
     [
-        ({"fsw/exec/kc_a.c": "int n_looks;\n"}, "fsw/exec/kc_a.c:1: 'n_looks' is an old word: observation"),
+        ({"fsw/app/kc_a.c": "int n_looks;\n"}, "fsw/app/kc_a.c:1: 'n_looks' is an old word: observation"),
         (
-            {"fsw/exec/kc_a.h": "/* two\n * first looks */\n"},
-            "fsw/exec/kc_a.h:2: 'first looks' is an old word",
+            {"fsw/app/kc_a.h": "/* two\n * first looks */\n"},
+            "fsw/app/kc_a.h:2: 'first looks' is an old word",
         ),
         ({"fsw/msg/a_t.lcm": "double servo_leash;\n"}, "'servo_leash' is an old word: servo bound"),
         ({"ground/kincal/x.py": "class LadderStep: ...\n"}, "'LadderStep' is an old word: nested models"),
@@ -602,7 +605,7 @@ def test_an_old_word_is_named_with_the_new_one(tmp_path, files, complaint):
 def test_the_same_words_in_their_ordinary_sense_pass(tmp_path):
     text = "Look at the log. The hubs are far apart, and it looks like noise that is drawn from a prior.\n"
     code = "int lookup; /* what survives a power loss; two that cannot be told apart */\n"
-    files = {"docs/GLOSSARY.md": GLOSSARY, "docs/A.md": text, "fsw/exec/kc_a.c": code}
+    files = {"docs/GLOSSARY.md": GLOSSARY, "docs/A.md": text, "fsw/app/kc_a.c": code}
     done = script("glossary.py", write(tmp_path, files), "docs", "fsw")
     assert (done.returncode, done.stdout) == (0, "")
 
@@ -611,7 +614,7 @@ def test_the_same_words_in_their_ordinary_sense_pass(tmp_path):
     ("files", "complaint"),
     [
         (
-            {"fsw/exec/kc_states.h": "typedef enum { KC_ST_SAFE = 0, KC_ST_LIMBO = 1 } s;"},
+            {"fsw/state/kc_states.h": "typedef enum { KC_ST_SAFE = 0, KC_ST_LIMBO = 1 } s;"},
             "LIMBO (states): 'limbo' is not in",
         ),
         (
@@ -636,7 +639,7 @@ def test_a_specialised_word_without_an_entry_is_named(tmp_path, files, complaint
 def test_a_state_is_explained_by_its_row_on_the_page_of_states(tmp_path, row, known):
     page = f"| state | what happens | ends when |\n|---|---|---|\n| `LIMBO` | {row} |\n\n| `MURK` | a | b |\n"
     header = "typedef enum { KC_ST_SAFE = 0, KC_ST_LIMBO = 1, KC_ST_MURK = 2 } s;"
-    files = {"docs/GLOSSARY.md": GLOSSARY, "docs/STATES.md": page, "fsw/exec/kc_states.h": header}
+    files = {"docs/GLOSSARY.md": GLOSSARY, "docs/STATES.md": page, "fsw/state/kc_states.h": header}
     said = script("glossary.py", write(tmp_path, files)).stdout
     assert ("LIMBO (states): 'limbo' is not in" not in said) == known
     assert "MURK (states): 'murk' is not in" in said
@@ -666,7 +669,7 @@ def test_a_bad_row_link_or_reference_is_named(tmp_path, page, complaint):
 def test_a_source_of_terms_that_is_gone_is_named(tmp_path):
     done = script("glossary.py", write(tmp_path, {"docs/GLOSSARY.md": GLOSSARY}))
     assert done.returncode == 1
-    assert "fsw/exec/kc_states.h: no states found" in done.stdout
+    assert "fsw/state/kc_states.h: no states found" in done.stdout
 
 
 LOOPS = {
@@ -678,7 +681,7 @@ LOOP = "void f(void)\n{{\n    for (uint32_t i = 0u; i < {}; i++) {{}}\n}}\n"
 
 @pytest.mark.parametrize("bound", ["6u", "KC_COEF_MAX", "t->n_coef"])
 def test_a_loop_with_a_named_bound_is_listed(tmp_path, bound):
-    root = write(tmp_path, LOOPS | {"fsw/exec/kc_a.c": LOOP.format(bound) + LOOP.format("t->n_coef")})
+    root = write(tmp_path, LOOPS | {"fsw/app/kc_a.c": LOOP.format(bound) + LOOP.format("t->n_coef")})
     assert script("loops.py", root).returncode == 0
     assert f"| `f` | `i < {bound}` |" in (tmp_path / "build/LOOPS.md").read_text()
 
@@ -686,9 +689,9 @@ def test_a_loop_with_a_named_bound_is_listed(tmp_path, bound):
 @pytest.mark.parametrize(
     ("files", "complaint"),
     [
-        ({"fsw/exec/kc_a.c": LOOP.format("n")}, "fsw/exec/kc_a.c:3: no bound of this loop is known: i < n"),
+        ({"fsw/app/kc_a.c": LOOP.format("n")}, "fsw/app/kc_a.c:3: no bound of this loop is known: i < n"),
         (
-            {"fsw/exec/kc_a.c": "void f(void)\n{\n    while (more()) {}\n}\n"},
+            {"fsw/app/kc_a.c": "void f(void)\n{\n    while (more()) {}\n}\n"},
             "no bound of this loop is known",
         ),
         ({"tests/lint/loops.toml": '[everywhere]\nn_coef = "LOTS"\n'}, "the bound LOTS names LOTS"),
@@ -696,7 +699,7 @@ def test_a_loop_with_a_named_bound_is_listed(tmp_path, bound):
     ],
 )
 def test_a_loop_without_a_bound_is_named(tmp_path, files, complaint):
-    first = {"fsw/exec/kc_c.c": LOOP.format("t->n_coef")}
+    first = {"fsw/app/kc_c.c": LOOP.format("t->n_coef")}
     root = write(tmp_path, LOOPS | first | files)
     done = script("loops.py", root)
     assert done.returncode == 1

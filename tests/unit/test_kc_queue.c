@@ -56,7 +56,7 @@ static bool others_chunk(int64_t t, int32_t kind, uint32_t offset)
 static bool det(int64_t t, int32_t seq)
 {
     s_d.seq = seq;
-    return kc_queue_det(&s_q, t, 1000, &s_d, false);
+    return kc_queue_det(&s_q, t, 1000, &s_d);
 }
 
 void test_a_message_is_due_when_its_time_has_passed(void)

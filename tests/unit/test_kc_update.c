@@ -955,9 +955,9 @@ void test_a_second_start_begins_at_the_latest_correction(void)
     APP->tables.active.config.second_start_noise_scale = 1e-9;
     world_seal(KC_TBL_CONFIG);
     l->coef[24] = 0.0625;
-    kc_update_begin(l);
-    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, kc_update_refine(l, &APP->est, &APP->view, &work).id);
-    TEST_ASSERT_EQUAL_UINT32(1u, l->part);
+    kc_update_begin(&APP->update);
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, kc_update_refine(&APP->update, l, &APP->est, &APP->view, &work).id);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->update.part);
     TEST_ASSERT_EQUAL_DOUBLE(0.0625, APP->est.start[24]);
 }
 
@@ -967,12 +967,12 @@ void test_residuals_of_all_poses_come_before_the_estimate(void)
     world_started();
     for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
     kc_learned_t *l = &APP->learned;
-    kc_update_begin(l);
+    kc_update_begin(&APP->update);
     l->gp_ok = false; /* which costs nothing then */
     kc_work_t work = {kc_model_cost(&APP->tables.active.arm, &APP->tables.active.terms, true), 0u};
-    (void)kc_update_solve(l, &APP->est, &APP->arena.calibration.gp, &APP->view, &work);
-    TEST_ASSERT_EQUAL_UINT32(0u, l->part);
-    TEST_ASSERT_EQUAL_UINT32(1u, l->i);
+    (void)kc_update_solve(&APP->update, l, &APP->est, &APP->arena.calibration.gp, &APP->view, &work);
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->update.part);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->update.i);
 }
 
 void test_without_a_solution_an_information_criterion_leaves_the_choice_to_chance(void)
@@ -1021,32 +1021,33 @@ static kc_app_t s_saved;
  * called with ever more work left in the step. Returns how often the residuals were done and the part waited. */
 static uint32_t waits(kc_outcome_t (*run)(kc_work_t *work))
 {
-    uint32_t n = 0u, part = APP->learned.part;
+    uint32_t n = 0u, part = APP->update.part;
     s_saved = *APP;
-    for (uint64_t left = 0u; APP->learned.part == part; left += 2000u) {
+    for (uint64_t left = 0u; APP->update.part == part; left += 2000u) {
         *APP = s_saved;
         kc_work_t work = {left + 1u, 1u};
         TEST_ASSERT_TRUE(left < KC_STEP_WORK);
         bool over = run(&work).id == KC_OC_DONE;
         TEST_ASSERT_TRUE(work.used <= left + 1u);
-        if (APP->learned.part != part) { break; }
+        if (APP->update.part != part) { break; }
         TEST_ASSERT_FALSE(over);
         TEST_ASSERT_EQUAL_MEMORY(&s_saved.est.job, &APP->est.job, sizeof s_saved.est.job);
         TEST_ASSERT_EQUAL_UINT32(s_saved.arena.calibration.gp.n, APP->arena.calibration.gp.n);
-        n += APP->learned.i == APP->plan.n_meas ? 1u : 0u;
+        n += APP->update.i == APP->plan.n_meas ? 1u : 0u;
     }
     return n;
 }
 
 static kc_outcome_t solve(kc_work_t *work)
 {
-    return kc_update_solve(&APP->learned, &APP->est, &APP->arena.calibration.gp, &APP->view, work);
+    return kc_update_solve(&APP->update, &APP->learned, &APP->est, &APP->arena.calibration.gp, &APP->view,
+                           work);
 }
 
 static kc_outcome_t learn(kc_work_t *work)
 {
-    return kc_update_learn(&APP->learned, &APP->est, &APP->plan, &APP->arena.calibration, &APP->view, work,
-                           &world.out);
+    return kc_update_learn(&APP->update, &APP->learned, &APP->est, &APP->plan, &APP->arena.calibration,
+                           &APP->view, work, &world.out);
 }
 
 void test_estimate_and_gp_begin_when_there_is_time_for_them(void)
@@ -1055,10 +1056,10 @@ void test_estimate_and_gp_begin_when_there_is_time_for_them(void)
     world_started();
     for (uint32_t i = 0u; i < 10u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 300u)); }
     TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
-    kc_update_begin(&APP->learned);
+    kc_update_begin(&APP->update);
     TEST_ASSERT_TRUE(waits(solve) > 0u);
     *APP = s_saved;
-    APP->learned.part = 1u; /* the residuals of LEARN, then the GP */
+    APP->update.part = 1u; /* the residuals of LEARN, then the GP */
     TEST_ASSERT_TRUE(waits(learn) > 0u);
 }
 

@@ -1,6 +1,7 @@
 /* kc_wire.c: every field between messages and structs, each with a value of its own. */
 #include <string.h>
 
+#include "kc_verdict.h"
 #include "kc_wire.h"
 #include "unity.h"
 

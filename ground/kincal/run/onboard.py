@@ -74,7 +74,7 @@ def _by_number(due: list[Any]) -> list[Any]:
     return sorted(due, key=lambda m: m.seq)
 
 
-# Orders of KC_IN_LIST other than SEQ, by member.
+# Orders of fsw/lcm/kc_queue.c other than by number, by member.
 _ORDER = {"cmd": _in_turn, "chunk": _by_place}
 _ROOM = _FLIGHT.new("kc_in_t")
 

@@ -1,0 +1,24 @@
+/* Memory of the choice of candidates while a calibration runs; kc_arena.h says what else it is used for. */
+#ifndef KC_CHOICE_H
+#define KC_CHOICE_H
+
+#include <stdint.h>
+
+#include "kc_acquire.h"
+#include "kc_gp.h"
+
+/* Where the choice of the next candidate stands between two steps (kc_select.c). */
+typedef struct {
+    uint32_t part, i;
+    uint32_t cand; /* the one chosen */
+} kc_choice_t;
+
+typedef struct {
+    kc_gp_t gp;
+    kc_point_t cand_pt[KC_CAND_MAX];          /* goal poses of the candidates */
+    float cand_q[KC_CAND_MAX * KC_JOINT_MAX]; /* joints expected there */
+    kc_choice_t choice;
+    kc_acq_work_t acq;                        /* only inside one choice */
+} kc_arena_calibration_t;
+
+#endif

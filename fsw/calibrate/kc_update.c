@@ -1,0 +1,366 @@
+#include "kc_update.h"
+
+#include <string.h>
+
+#include "kc_libm.h"
+#include "kc_move.h"
+#include "kc_observation.h"
+#include "kc_vec.h"
+
+/* ---- start ---- */
+
+static void take_candidates(kc_arena_calibration_t *work, const kc_space_t *space)
+{
+    for (uint32_t c = 0u; c < space->n_cand; c++) {
+        kc_pose_t T;
+        kc_move_goal(space, c, &T);
+        kc_v3_copy(T.p_m, work->cand_pt[c].p_m);
+        kc_R_to_quat(T.R, work->cand_pt[c].q_wxyz);
+        memcpy(&work->cand_q[c * KC_JOINT_MAX], space->cand[c].q_seed, sizeof space->cand[c].q_seed);
+    }
+}
+
+void kc_update_start(kc_learned_t *learned, kc_est_t *est, kc_arena_calibration_t *work,
+                     const kc_view_t *view, uint64_t free_mask)
+{
+    const kc_active_t *a = view->tables;
+    memset(learned, 0, sizeof *learned);
+    memcpy(learned->coef, a->kin.value, sizeof learned->coef);
+    take_candidates(work, &a->space);
+    est->arm = &a->arm;
+    est->terms = &a->terms;
+    est->opt = a->config.est;
+    est->opt.free_mask = free_mask;
+    est->hold_none = 0u;
+    est->without = 0u;
+    est->n_obs = 0u;
+    est->rank = est->n_free = 0u; /* an ABORT may have left an estimate half done */
+    learned->gp_ok = kc_gp_init(&work->gp, &a->kernel, 0u, work->cand_pt, a->space.n_cand) == KC_OK;
+}
+
+uint64_t kc_update_start_cost(const kc_view_t *view)
+{
+    return 100000u + view->tables->space.n_cand * (500u + kc_kernel_cost(&view->tables->kernel));
+}
+
+/* ---- objective f (eq. 6) ---- */
+
+static kc_miss_t miss_of(const kc_view_t *view, const double *coef, uint32_t i)
+{
+    double r[6];
+    kc_observation_residual(view->tables, coef, &view->est->obs[i], r, NULL);
+    return (kc_miss_t){kc_v3_norm(r), kc_v3_norm(&r[3])};
+}
+
+/* Residuals of all poses at coef into dp_m, dr_rad; the last one is the newest pose. False: goes on in the next
+ * step. */
+static bool misses(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view, const double *coef,
+                   kc_work_t *work)
+{
+    const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, true);
+    for (; cursor->i < view->plan->n_meas; cursor->i++) {
+        if (!kc_work_take(work, cost)) { return false; }
+        kc_miss_t miss = miss_of(view, coef, cursor->i);
+        learned->dp_m[cursor->i] = miss.pos_m;
+        learned->dr_rad[cursor->i] = miss.rot_rad;
+    }
+    return true;
+}
+
+/* Objective of all poses from their residuals with the latest correction. */
+static void objective(kc_learned_t *learned, const kc_view_t *view)
+{
+    const kc_config_t *c = &view->tables->config;
+    kc_acq_objective(learned->dp_m, learned->dr_rad, view->plan->n_meas, c->a1, c->sp_floor_m,
+                     c->sq_floor_rad, learned->y);
+}
+
+static kc_point_t newest_point(const kc_view_t *view)
+{
+    const kc_obs_t *obs = &view->est->obs[view->plan->n_meas - 1u];
+    kc_point_t x;
+    kc_v3_copy(obs->p_m, x.p_m);
+    memcpy(x.q_wxyz, obs->q_wxyz, sizeof x.q_wxyz);
+    return x;
+}
+
+/* ---- parts of a state ---- */
+
+void kc_update_begin(kc_update_t *cursor)
+{
+    cursor->part = 0u;
+    cursor->i = 0u;
+    cursor->sum2 = (kc_miss_t){0.0, 0.0};
+}
+
+static void next_part(kc_update_t *cursor)
+{
+    cursor->part++;
+    cursor->i = 0u;
+}
+
+static uint64_t gp_cost(const kc_learned_t *learned, const kc_gp_t *gp)
+{
+    return learned->gp_ok ? kc_gp_cost(gp) : 0u;
+}
+
+/* ---- UPDATE, REFINE ---- */
+
+static void solve_from(kc_est_t *est, const double *start)
+{
+    memcpy(est->start, start, sizeof est->start);
+    kc_est_begin(est);
+}
+
+static bool solved(kc_learned_t *learned, kc_est_t *est, kc_work_t *work)
+{
+    if (!kc_est_step(est, work)) { return false; }
+    learned->status = est->job.status;
+    return true;
+}
+
+static bool predicts_better(const kc_learned_t *learned, const kc_view_t *view, uint32_t newest)
+{
+    if (newest == 0u || !kc_fit_solved(learned->status)) { return false; }
+    return kc_fit_predicts_better(&view->tables->config, miss_of(view, view->est->coef, newest),
+                                  learned->res);
+}
+
+/* What the newest pose says of the estimate before it; a new one begins. */
+static void begin_estimate(kc_learned_t *learned, kc_est_t *est, const kc_gp_t *gp, const kc_view_t *view)
+{
+    const kc_plan_t *p = view->plan;
+    uint32_t newest = p->n_meas - 1u;
+    kc_point_t x = newest_point(view);
+    double var = 0.0;
+    /* observations near one posture leave much undetermined */
+    est->hold_none = p->n_meas == p->n_local ? 1u : 0u;
+    objective(learned, view);
+    learned->res = (kc_miss_t){learned->dp_m[newest], learned->dr_rad[newest]};
+    learned->f = learned->y[newest];
+    learned->trusted = predicts_better(learned, view, newest);
+    learned->gp_mean = 0.0;
+    if (learned->gp_ok) { kc_gp_predict(gp, &x, &learned->gp_mean, &var); }
+    learned->gp_sigma = kc_sqrt(kc_max(var, 0.0));
+    solve_from(est, view->tables->kin.value);
+}
+
+kc_outcome_t kc_update_solve(kc_update_t *cursor, kc_learned_t *learned, kc_est_t *est, const kc_gp_t *gp,
+                             const kc_view_t *view, kc_work_t *work)
+{
+    if (cursor->part == 0u) {
+        if (!misses(cursor, learned, view, learned->coef, work) ||
+            !kc_work_take(work, gp_cost(learned, gp))) {
+            return kc_outcome(KC_OC_STAY);
+        }
+        begin_estimate(learned, est, gp, view);
+        next_part(cursor);
+    }
+    return kc_outcome(solved(learned, est, work) ? KC_OC_DONE : KC_OC_STAY);
+}
+
+static bool differ(const double *a, const double *b)
+{
+    bool any = false;
+    for (uint32_t c = 0u; c < KC_COEF_MAX; c++) { any = any || a[c] < b[c] || a[c] > b[c]; }
+    return any;
+}
+
+/* Parts: is it needed; the second start; the first one again if that was better. */
+kc_outcome_t kc_update_refine(kc_update_t *cursor, kc_learned_t *learned, kc_est_t *est,
+                              const kc_view_t *view, kc_work_t *work)
+{
+    const double *start = view->tables->kin.value;
+    if (cursor->part == 0u) {
+        cursor->first = kc_fit_quality(est, learned->status);
+        if (!kc_fit_needs_second_start(&view->tables->config, &cursor->first) ||
+            !differ(learned->coef, start)) {
+            return kc_outcome(KC_OC_DONE);
+        }
+        solve_from(est, learned->coef);
+        next_part(cursor);
+    }
+    if (!solved(learned, est, work)) { return kc_outcome(KC_OC_STAY); }
+    if (cursor->part == 1u) {
+        kc_fit_quality_t second = kc_fit_quality(est, learned->status);
+        if (kc_fit_second_is_better(&cursor->first, &second)) { return kc_outcome(KC_OC_DONE); }
+        solve_from(est, start);
+        next_part(cursor);
+    }
+    return kc_outcome(solved(learned, est, work) ? KC_OC_DONE : KC_OC_STAY);
+}
+
+/* ---- LEARN ---- */
+
+static void report_outliers(kc_learned_t *learned, const kc_view_t *view, kc_out_t *out)
+{
+    const uint8_t *outlier = view->est->outlier;
+    for (uint32_t i = 0u; i < view->plan->n_meas; i++) {
+        kc_event_id_t id = outlier[i] ? KC_EVT_CAL_OUTLIER : KC_EVT_CAL_OUTLIER_ACCEPTED;
+        if (!outlier[i] != !learned->outlier_reported[i]) {
+            kc_event(&out->events, id, (int32_t)i + 1, 0.0, 0.0);
+        }
+        learned->outlier_reported[i] = outlier[i];
+    }
+}
+
+/* By the residuals at the new estimate; *worst: the newest pose that is a mismatch. */
+static bool mismatch(const kc_learned_t *learned, const kc_view_t *view, uint32_t *worst)
+{
+    kc_miss_t miss[KC_MEAS_MAX];
+    uint32_t n = view->plan->n_meas;
+    for (uint32_t i = 0u; i < n; i++) { miss[i] = (kc_miss_t){learned->dp_m[i], learned->dr_rad[i]}; }
+    return kc_fit_mismatch(&view->tables->config, view->est, miss, n, view->plan->n_local, worst);
+}
+
+/* Whether the estimate is that of the arm that was verified. Among local initial poses, one bad detection is
+ * searched for first; its pose is the next to be measured. */
+static kc_outcome_t evaluate(kc_learned_t *learned, kc_est_t *est, kc_plan_t *plan, const kc_view_t *view,
+                             kc_out_t *out)
+{
+    uint32_t worst = 0u, without = est->without;
+    bool is_solved = kc_fit_solved(learned->status);
+    bool fits = !is_solved || !mismatch(learned, view, &worst);
+    kc_leave_out_answer_t answer = fits ? KC_LEAVE_OUT_DONE : KC_LEAVE_OUT_NONE;
+    if (plan->n_meas == plan->n_local) {
+        double cost = is_solved ? est->cost : KC_INF;
+        answer = kc_leave_out_next(&learned->leave_out, &view->tables->config, plan, est->obs, fits, cost,
+                                   &est->without);
+    }
+    if (answer == KC_LEAVE_OUT_AGAIN) { return kc_outcome(KC_OC_AGAIN); }
+    report_outliers(learned, view, out);
+    if (answer == KC_LEAVE_OUT_NONE) {
+        kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)worst + 1, learned->dp_m[worst],
+                 learned->dr_rad[worst]);
+        return kc_abort_for(KC_CAUSE_MODEL_MISMATCH);
+    }
+    if (without > 0u && plan->n_meas == plan->n_local) { kc_plan_again(plan, without - 1u); }
+    return kc_outcome(KC_OC_DONE);
+}
+
+static void grow_gp(kc_learned_t *learned, kc_arena_calibration_t *work, const kc_view_t *view)
+{
+    kc_point_t x = newest_point(view);
+    if (!learned->gp_ok) { return; }
+    learned->gp_ok = kc_gp_add(&work->gp, &x, learned->y[view->plan->n_meas - 1u], work->cand_pt) == KC_OK;
+    if (!learned->gp_ok) { return; }
+    kc_gp_set_y(&work->gp, learned->y);
+    kc_gp_choose_begin(&work->gp);
+}
+
+enum { EVALUATE = 0, OBJECTIVE, CHOOSE };
+
+static kc_outcome_t learn_evaluate(kc_update_t *cursor, kc_learned_t *learned, kc_est_t *est, kc_plan_t *plan,
+                                   const kc_view_t *view, kc_work_t *work, kc_out_t *out)
+{
+    bool is_solved = kc_fit_solved(learned->status);
+    if (is_solved && !misses(cursor, learned, view, est->coef, work)) { return kc_outcome(KC_OC_STAY); }
+    kc_outcome_t evaluated = evaluate(learned, est, plan, view, out);
+    if (evaluated.id != KC_OC_DONE) { return evaluated; }
+    if (!is_solved) {
+        kc_event(&out->events, KC_EVT_CAL_EST, -1, (double)learned->status, 0.0);
+    } else if (est->rank == est->n_free || est->hold_none || learned->trusted) {
+        memcpy(learned->coef, est->coef, sizeof learned->coef);
+    }
+    next_part(cursor);
+    return kc_outcome(KC_OC_DONE);
+}
+
+static kc_outcome_t learn_objective(kc_update_t *cursor, kc_learned_t *learned, kc_arena_calibration_t *arena,
+                                    const kc_view_t *view, kc_work_t *work)
+{
+    if (!misses(cursor, learned, view, learned->coef, work) ||
+        !kc_work_take(work, gp_cost(learned, &arena->gp))) {
+        return kc_outcome(KC_OC_STAY);
+    }
+    objective(learned, view);
+    grow_gp(learned, arena, view);
+    next_part(cursor);
+    return kc_outcome(KC_OC_DONE);
+}
+
+kc_outcome_t kc_update_learn(kc_update_t *cursor, kc_learned_t *learned, kc_est_t *est, kc_plan_t *plan,
+                             kc_arena_calibration_t *arena, const kc_view_t *view, kc_work_t *work,
+                             kc_out_t *out)
+{
+    kc_outcome_t oc = kc_outcome(KC_OC_DONE);
+    if (cursor->part == EVALUATE) { oc = learn_evaluate(cursor, learned, est, plan, view, work, out); }
+    if (oc.id == KC_OC_DONE && cursor->part == OBJECTIVE) {
+        oc = learn_objective(cursor, learned, arena, view, work);
+    }
+    if (oc.id != KC_OC_DONE || !learned->gp_ok || !view->tables->kernel.choose) { return oc; }
+    return kc_outcome(kc_gp_choose_step(&arena->gp, arena->cand_pt, work) ? KC_OC_DONE : KC_OC_STAY);
+}
+
+/* ---- REPORT ---- */
+
+/* RMS of the predicted pose sigma over the search space, from at most KC_SPACE_SAMPLES candidates; the stated
+ * noise is scaled up to what the residuals show. False: goes on in the next step. */
+static bool predict(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view, kc_work_t *work)
+{
+    const uint64_t cost = kc_est_pose_cov_cost(view->est);
+    uint32_t n = view->tables->space.n_cand, stride = kc_view_stride(view);
+    double cov[36];
+    for (; cursor->i < n; cursor->i += stride) {
+        kc_ctx_t ctx;
+        kc_eval_t eval;
+        if (!kc_work_take(work, cost)) { return false; }
+        kc_view_ctx(view, cursor->i, &ctx);
+        kc_est_pose_cov(view->est, &ctx, &eval, cov);
+        cursor->sum2.pos_m += cov[0] + cov[7] + cov[14];
+        cursor->sum2.rot_rad += cov[21] + cov[28] + cov[35];
+    }
+    uint32_t count = cursor->i / stride;
+    double scale = kc_max(1.0, view->est->noise_scale);
+    learned->pred = (kc_miss_t){scale * kc_sqrt(cursor->sum2.pos_m / (double)count),
+                                scale * kc_sqrt(cursor->sum2.rot_rad / (double)count)};
+    return true;
+}
+
+static void fill_progress(const kc_view_t *view, kc_progress_t *progress)
+{
+    const kc_learned_t *l = view->learned;
+    const kc_est_t *e = view->est;
+    progress->session = view->cal->session;
+    progress->pose = view->plan->n_meas;
+    progress->n_goal = view->plan->n_goal;
+    progress->candidate = view->cal->candidate;
+    progress->replicate = view->cal->replicate;
+    progress->servo_steps = *view->servo_steps;
+    progress->acquisition = view->cal->chosen_by;
+    progress->acquisition_value = view->cal->acq_value;
+    progress->res_pos_m = l->res.pos_m;
+    progress->res_rot_rad = l->res.rot_rad;
+    progress->f = l->f;
+    progress->gp_mean = l->gp_mean;
+    progress->gp_sigma = l->gp_sigma;
+    progress->pred_pos_m = l->pred.pos_m;
+    progress->pred_rot_rad = l->pred.rot_rad;
+    progress->rank = e->rank;
+    progress->n_free = e->n_free;
+    progress->dof = e->dof;
+    progress->chi2 = e->chi2;
+    progress->est_status = (int32_t)l->status;
+    progress->fit_pos_m = e->fit_pos_m;
+    progress->fit_rot_rad = e->fit_rot_rad;
+    progress->energy_j = view->cal->energy_j;
+    memcpy(progress->coef, l->coef, sizeof progress->coef);
+}
+
+kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view,
+                              kc_work_t *work, kc_out_t *out)
+{
+    const kc_config_t *c = &view->tables->config;
+    if (kc_fit_solved(learned->status) && !predict(cursor, learned, view, work)) {
+        return kc_outcome(KC_OC_STAY);
+    }
+    out->has_progress = 1u;
+    fill_progress(view, &out->progress);
+    kc_event(&out->events, KC_EVT_CAL_POSE, (int32_t)view->plan->n_meas, learned->res.pos_m,
+             learned->res.rot_rad);
+    if (kc_plan_enough(view->plan) && kc_fit_certain(c, view->est, learned->status, learned->pred)) {
+        kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, learned->pred.pos_m, c->stop_pos_m);
+        learned->converged = true;
+    }
+    return kc_outcome(KC_OC_DONE);
+}

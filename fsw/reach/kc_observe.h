@@ -1,0 +1,38 @@
+/* OBSERVE, SEARCH, TURN: what a frame shows, the next servo step, the pan-tilt search along a spiral. */
+#ifndef KC_OBSERVE_H
+#define KC_OBSERVE_H
+
+#include "kc_channels.h"
+#include "kc_pantilt.h"
+#include "kc_reach.h"
+#include "kc_request.h"
+#include "kc_view.h"
+
+/* All of it belongs to the current candidate. */
+typedef struct {
+    kc_tried_t tried;
+    uint32_t servo_steps;
+    uint32_t i_search;                     /* place on the spiral */
+    double middle_pan_rad, middle_tilt_rad; /* of the search */
+    kc_pose_t measured, predicted; /* tool in base, camera corrections applied; model */
+    double off_m[3];               /* measured less predicted position */
+    double q_detected[KC_JOINT_MAX]; /* joints at the last detection */
+    double q_servo[KC_JOINT_MAX];    /* where the next servo step goes */
+    kc_servo_mem_t servo;
+} kc_observe_t;
+
+/* A new candidate. */
+void kc_observe_begin(kc_observe_t *observe);
+/* The pan-tilt unit was aimed: a search starts from here. */
+void kc_observe_aimed(kc_observe_t *observe, const kc_pantilt_t *pantilt);
+/* OBSERVE: SERVO (to q_servo), MEASURE, APPROACH, SEED, RETREAT (to q_detected), SEARCH or SKIP. */
+kc_outcome_t kc_observe_run(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view,
+                            kc_out_t *out);
+/* SEARCH: DONE if tags were detected, SEARCH for the next place. */
+kc_outcome_t kc_observe_search(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view,
+                               kc_out_t *out);
+/* TURN begins: to the next place of the spiral; SKIP if there is none. */
+kc_outcome_t kc_observe_turn(kc_observe_t *observe, kc_pantilt_t *pantilt, const kc_view_t *view,
+                             kc_out_t *out);
+
+#endif
