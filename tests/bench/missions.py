@@ -20,8 +20,8 @@ from kincal.flight.bounds import Flown
 from kincal.run.inprocess import TABLES
 from kincal.schema.arm import read_arm
 from kincal.workbench import Library
-from kincal.workbench.constants import choose_constants
-from kincal.workbench.uplink import term_image
+from kincal.workbench.evidence.constants import choose_constants
+from kincal.workbench.model.uplink import term_image
 from kincal_sim.arm import load_spec
 from kincal_sim.plant import Plant
 from kincal_sim.randomness import generator

@@ -72,9 +72,9 @@ def test_a_forced_comparison_says_what_is_wrong(given):
     read = data.read(arm)
     flipped = replace(read, q=read.q * [1, 1, 1, 1, 1, 1, -1])
     compared = kincal.compare(arm, flipped, force=True)
-    assert [finding.code for finding in compared.comparison.belonging.errors] == ["sign"]
-    assert compared.comparison.belonging.doubts[0] in str(compared)
-    assert kincal.compare(arm, read).comparison.belonging.doubts == ()
+    assert [finding.code for finding in compared.comparison.consistency.errors] == ["sign"]
+    assert compared.comparison.consistency.doubts[0] in str(compared)
+    assert kincal.compare(arm, read).comparison.consistency.doubts == ()
 
 
 def test_fit_holds_what_the_workbench_fit_holds(given, fitted, folder):

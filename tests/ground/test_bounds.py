@@ -17,7 +17,7 @@ from kincal.cli.errors import EXIT_INPUT
 from kincal.errors import BadInput
 from kincal.flight import library
 from kincal.flight import tables as codec
-from kincal.workbench.uplink import term_table
+from kincal.workbench.model.uplink import term_table
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = ROOT / "tables" / "bin"

@@ -25,7 +25,7 @@ from kincal.errors import BadInput, KincalError
 from kincal.flight import event_action, event_line
 from kincal.link.eventfile import MOST_BYTES, SYNC, EventFile
 from kincal.review.status import proposals_in, status
-from kincal.workbench.readers import arrays, read_measurements
+from kincal.workbench.data.readers import arrays, read_measurements
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 HEADER = struct.Struct(">4sqqii")

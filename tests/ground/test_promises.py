@@ -16,9 +16,9 @@ from kincal import workbench as wb
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
 from kincal.schema.names import split_constants, with_constants
-from kincal.workbench import advice
-from kincal.workbench.advised import advised, joined
-from kincal.workbench.compare import compare
+from kincal.workbench.comparison.compare import compare
+from kincal.workbench.diagnosis.advised import advised, joined
+from kincal.workbench.report import advice
 
 SETS = {"fr3": "fr3/fr3", "wam": "wam/wam", "ur10": "ur10/ur10d", "ur5": "ur5/ur5"}
 DONE = ("fit", "add", "remove", "export")  # verbs that change a model; the others measure again

@@ -13,12 +13,12 @@ from kincal.flight import library
 from kincal.schema import arm, base, errors, files, scenario, space, tables
 from kincal.schema.errors import SchemaError, read_toml, validate
 from kincal.schema.names import ACQUISITIONS
-from kincal.workbench.effects import Library
+from kincal.workbench.model.effects import Library
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = {
     "arm": ROOT / "ground/kincal/arms/wam.toml",
-    "effects": ROOT / "ground/kincal/workbench/effects.toml",
+    "effects": ROOT / "ground/kincal/workbench/model/effects.toml",
     "space": ROOT / "tables/src/space.toml",
     "simulator-arm": ROOT / "sim/models/wam.toml",
     "simulator-camera": ROOT / "sim/models/camera.toml",

@@ -53,7 +53,7 @@ def test_wheel_holds_what_it_runs(wheel):
             "build/kincal-tagdet")}  # fmt: skip
     assert {"kincal/_core/libkincal.so", "kincal/_core/kincal_cdef.h", "kincal/_core/musl.COPYRIGHT",
             "kincal/_core/monocypher.LICENCE.md",
-            "kincal/workbench/effects.toml",
+            "kincal/workbench/model/effects.toml",
             "kincal/_core/libkincal_ground.so", "kincal/schema/channels.csv", "kincal/arms/wam.toml",
             "kincal/pages/GLOSSARY.md",
             "kincal/pages/templates/page.html.j2"} | messages | tree <= names  # fmt: skip

@@ -16,12 +16,13 @@ from kincal.errors import BadInput
 from kincal.rotations import Pose
 from kincal.schema.arm import ArmTable
 from kincal.schema.names import FAULTS
-from kincal.workbench import explain, pnp, sight
-from kincal.workbench.adequacy import find_outliers
 from kincal.workbench.diagnosis.study import Study
-from kincal.workbench.fit import fit_model
-from kincal.workbench.pnp import PnpColumns, column_number
-from kincal.workbench.uplink import term_table
+from kincal.workbench.evidence.adequacy import find_outliers
+from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.model import pnp, sight
+from kincal.workbench.model.pnp import PnpColumns, column_number
+from kincal.workbench.model.uplink import term_table
+from kincal.workbench.report import explain
 
 STEP = 1e-4
 

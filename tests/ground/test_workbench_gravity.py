@@ -10,9 +10,9 @@ from kincal import workbench as wb
 from kincal.errors import BadInput
 from kincal.schema.effects import read_effects
 from kincal.schema.errors import SchemaError
-from kincal.workbench.hypotheses import Competition, covers, joints_of
-from kincal.workbench.levers import TOOL, bodies
-from kincal.workbench.uplink import term_image
+from kincal.workbench.model.hypotheses import Competition, covers, joints_of
+from kincal.workbench.model.levers import TOOL, bodies
+from kincal.workbench.model.uplink import term_image
 
 G = np.array([0.0, 0.0, -9.81])
 

@@ -196,6 +196,16 @@ def test_includes_that_are_allowed_and_words_in_comments_pass(tmp_path):
             "import kincal.workbench.fit",
             "kincal.flight.x -> kincal.workbench.fit",
         ),
+        (
+            "ground/kincal/workbench/model/x.py",
+            "from kincal.workbench.diagnosis import study",
+            "kincal.workbench.model.x -> kincal.workbench.diagnosis",
+        ),
+        (
+            "ground/kincal/workbench/fit/frames.py",
+            "from kincal.workbench.fit import least_squares",
+            "No cycles are allowed in kincal.workbench.fit",
+        ),
         ("ground/kincal/link/x.py", "from kincal.cli import main", "kincal.link.x -> kincal.cli"),
         ("sim/kincal_sim/x.py", "def f():\n    import kincal.tables", "kincal_sim.x -> kincal.tables"),
         ("ground/kincal/workbench/x.py", "import kincal_sim.world", "kincal.workbench.x -> kincal_sim.world"),
@@ -620,7 +630,7 @@ def test_the_same_words_in_their_ordinary_sense_pass(tmp_path):
         ),
         ({"docs/TABLES.md": "| 3 | wobble_m | f64 | | |\n"}, "wobble_m (table fields): 'wobble' is not in"),
         (
-            {"ground/kincal/workbench/answers.py": "def f(): return {'state': 1, 'frobnicity': 2}\n"},
+            {"ground/kincal/workbench/report/answers.py": "def f(): return {'state': 1, 'frobnicity': 2}\n"},
             "frobnicity (JSON keys): 'frobnicity' is not in",
         ),
         ({"docs/CLI.md": "### `kincal safe polish`\n"}, "kincal safe polish (commands): 'polish' is not in"),

@@ -22,14 +22,15 @@ from kincal.export.urdf import urdf
 from kincal.flight import Observations
 from kincal.rotations import Pose
 from kincal.schema.model import UnnamedEntry
-from kincal.workbench.answers import fit_text
-from kincal.workbench.api import FitResult, find_unnamed
-from kincal.workbench.api import fit as workbench_fit
-from kincal.workbench.data import Measurements
-from kincal.workbench.effects import Library
-from kincal.workbench.fitrecord import fit_record, fitted
-from kincal.workbench.modelfile import ModelFile, write_model
-from kincal.workbench.types import Progress, no_progress
+from kincal.workbench.comparison.fitrecord import fit_record, fitted
+from kincal.workbench.comparison.fitting import FitResult
+from kincal.workbench.comparison.fitting import fit as workbench_fit
+from kincal.workbench.data.measurements import Measurements
+from kincal.workbench.diagnosis.unnamed_effects import find_unnamed
+from kincal.workbench.model.effects import Library
+from kincal.workbench.model.modelfile import ModelFile, write_model
+from kincal.workbench.numerics.types import Progress, no_progress
+from kincal.workbench.report.answers import fit_text
 
 from . import html
 from .inputs import Arm, Data, checked, files_of, measurements

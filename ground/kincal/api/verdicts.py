@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kincal.workbench import answers
-from kincal.workbench.compare import Comparison
-from kincal.workbench.compare import compare as workbench_compare
-from kincal.workbench.constants import choose_constants
-from kincal.workbench.data import Measurements
+from kincal.workbench.comparison.compare import Comparison
+from kincal.workbench.comparison.compare import compare as workbench_compare
+from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.diagnosis import Diagnosis
 from kincal.workbench.diagnosis import diagnose as workbench_diagnose
-from kincal.workbench.diagnosis_text import diagnosis_text
-from kincal.workbench.effects import Library
-from kincal.workbench.types import Progress, no_progress
+from kincal.workbench.evidence.constants import choose_constants
+from kincal.workbench.model.effects import Library
+from kincal.workbench.numerics.types import Progress, no_progress
+from kincal.workbench.report import answers
+from kincal.workbench.report.diagnosis_text import diagnosis_text
 
 from . import html
 from .inputs import Arm, Data, checked
@@ -65,7 +65,7 @@ def compare(
     """Does the model (DH errors and these effects) explain the data, and where does it fail?
 
     Errors as `kincal.workbench.compare`, and BadInput if arm and data do not belong together, unless forced;
-    `comparison.belonging` says what is odd.
+    `comparison.consistency` says what is odd.
     """
     read = checked(arm, data, force)
     chosen = choose_constants(Library.load(), effects, arm.table, read)

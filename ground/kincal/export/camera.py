@@ -9,7 +9,7 @@ import numpy as np
 from kincal.errors import BadInput
 from kincal.rotations import Floats
 from kincal.schema.model import SightEntry
-from kincal.workbench.pnp import (
+from kincal.workbench.model.pnp import (
     CORNERS,
     EDGE,
     LEAST_SEEN,

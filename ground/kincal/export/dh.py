@@ -16,7 +16,7 @@ import numpy as np
 
 from kincal.flight import FRAME_TOOL
 from kincal.rotations import Floats, Pose
-from kincal.workbench.parameters import BETA
+from kincal.workbench.model.parameters import BETA
 
 from .calibrated import BASE, DH, TOOL, CalibratedArm, FittedTerm, twist_pose
 from .leftout import LeftOut, left_out

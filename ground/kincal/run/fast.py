@@ -13,9 +13,9 @@ from kincal.link import CommandLink, Received
 from kincal.review import journal
 
 from .evaluate import Evaluator, GroundTruth
+from .finished import Finished
 from .follow import Observer, decide
 from .inprocess import Setup, Simulation
-from .perform import Finished
 from .request import Request
 from .store import Store
 

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from kincal.export.files import Format
-    from kincal.workbench.api import Found
-    from kincal.workbench.effects import Library
-    from kincal.workbench.modelfile import ModelFile
+    from kincal.workbench.diagnosis.unnamed_effects import Found
+    from kincal.workbench.model.effects import Library
+    from kincal.workbench.model.modelfile import ModelFile
 
 
 @click.command("effects")
@@ -35,7 +35,7 @@ def effects_command(effect_files: tuple[Path, ...], as_json: bool) -> None:
         kincal model effects --effects my.toml
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.effects import Library
+    from kincal.workbench.model.effects import Library
 
     library = Library.load(*effect_files)
     if as_json:
@@ -107,9 +107,9 @@ def add_command(
     from kincal.cli.text import model as text
     from kincal.schema.arm import read_arm
     from kincal.schema.names import UNNAMED, is_unnamed
-    from kincal.workbench.effects import Library
-    from kincal.workbench.modelfile import read_model, write_model
-    from kincal.workbench.smooth import UnnamedName
+    from kincal.workbench.model.effects import Library
+    from kincal.workbench.model.modelfile import read_model, write_model
+    from kincal.workbench.model.unnamed_names import UnnamedName
 
     before = read_model(model_path, must_exist=False)
     files = [model_path.parent / name for name in before.libraries] + list(effect_files)
@@ -145,7 +145,7 @@ def _found_in_data(
     from kincal.cli.terminal import progress
     from kincal.schema.arm import read_arm
     from kincal.schema.names import UNNAMED, is_unnamed
-    from kincal.workbench.api import Found, find_unnamed
+    from kincal.workbench.diagnosis.unnamed_effects import Found, find_unnamed
 
     unnamed = next((name for name in names if name == UNNAMED or is_unnamed(name)), None)
     if unnamed is None:
@@ -172,7 +172,7 @@ def remove_command(model_path: Path, names: tuple[str, ...]) -> None:
         kincal model remove --model M.toml joint_compliance[2]
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.modelfile import read_model, write_model
+    from kincal.workbench.model.modelfile import read_model, write_model
 
     after = read_model(model_path).remove(list(names))
     write_model(model_path, after)
@@ -189,7 +189,7 @@ def undo_command(model_path: Path) -> None:
         kincal model undo --model M.toml
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.modelfile import read_model, write_model
+    from kincal.workbench.model.modelfile import read_model, write_model
 
     after = read_model(model_path).undo()
     write_model(model_path, after)
@@ -207,7 +207,7 @@ def list_command(model_path: Path, as_json: bool) -> None:
         kincal model list --model M.toml
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.modelfile import read_model
+    from kincal.workbench.model.modelfile import read_model
 
     chosen = read_model(model_path)
     click.echo(json.dumps(text.contents_json(chosen), indent=1) if as_json else text.contents(chosen))
@@ -222,7 +222,7 @@ def history_command(model_path: Path) -> None:
     Example:
         kincal model history --model M.toml
     """
-    from kincal.workbench.modelfile import read_model
+    from kincal.workbench.model.modelfile import read_model
 
     for change in read_model(model_path).history:
         click.echo(f"{change.when}  {change.action:<7} {', '.join(change.effects)}")
@@ -291,10 +291,10 @@ def uplink_command(
     from kincal.cli.text import model as text
     from kincal.flight.bounds import Flown
     from kincal.schema.arm import read_arm
-    from kincal.workbench.belonging import refuse_model_of_other_arm
-    from kincal.workbench.constants import choose_constants
-    from kincal.workbench.nested import cost_without
-    from kincal.workbench.uplink import dropped, flight_tables, refuse_other_arm, term_image
+    from kincal.workbench.consistency import refuse_model_of_other_arm
+    from kincal.workbench.evidence.constants import choose_constants
+    from kincal.workbench.model.uplink import dropped, flight_tables, refuse_other_arm, term_image
+    from kincal.workbench.prediction.nested import cost_without
 
     chosen, library = load_model(model_path, effect_files)
     arm = read_arm(arm_of(chosen, model_path, arm_path))

@@ -13,9 +13,9 @@ from kincal.errors import BadInput
 
 if TYPE_CHECKING:
     from kincal.schema.arm import ArmTable
-    from kincal.workbench.data import Measurements
-    from kincal.workbench.effects import Library
-    from kincal.workbench.modelfile import ModelFile
+    from kincal.workbench.data.measurements import Measurements
+    from kincal.workbench.model.effects import Library
+    from kincal.workbench.model.modelfile import ModelFile
 
 ARM = click.option(
     "--arm",
@@ -53,9 +53,9 @@ def load_model(
 ) -> tuple[ModelFile, Library]:
     """Model file and the library with its own and the named effect files. BadInput if the model is of another
     arm than `arm`, or absent and must_exist."""
-    from kincal.workbench.belonging import refuse_model_of_other_arm
-    from kincal.workbench.effects import Library
-    from kincal.workbench.modelfile import ModelFile, read_model
+    from kincal.workbench.consistency import refuse_model_of_other_arm
+    from kincal.workbench.model.effects import Library
+    from kincal.workbench.model.modelfile import ModelFile, read_model
 
     model = read_model(model_path, must_exist=must_exist) if model_path else ModelFile()
     if arm is not None:

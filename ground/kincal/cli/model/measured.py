@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from kincal.rotations import Floats
     from kincal.schema.arm import ArmTable
-    from kincal.workbench.measurable import Box
-    from kincal.workbench.types import Mask
+    from kincal.workbench.numerics.types import Mask
+    from kincal.workbench.prediction.measurable import Box
 
 
 @click.command("check")
@@ -43,7 +43,7 @@ def check_command(arm_path: Path, given: Given, as_json: bool) -> None:
     """
     from kincal.cli.text import check as text
     from kincal.schema.arm import read_arm
-    from kincal.workbench.belonging import check
+    from kincal.workbench.consistency import check
 
     arm = read_arm(arm_path)
     answer = check(arm, given.read(arm))
@@ -71,10 +71,10 @@ def compare_command(
     Example:
         kincal model compare --arm arm.toml --data poses.csv --json
     """
-    from kincal.workbench.answers import comparison_json, comparison_text
-    from kincal.workbench.beside import second_process
-    from kincal.workbench.compare import compare
-    from kincal.workbench.constants import choose_constants
+    from kincal.workbench.comparison.compare import compare
+    from kincal.workbench.evidence.constants import choose_constants
+    from kincal.workbench.numerics.background import second_process
+    from kincal.workbench.report.answers import comparison_json, comparison_text
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm)
@@ -112,13 +112,14 @@ def diagnose_command(
     Example:
         kincal model diagnose --arm arm.toml --data poses.csv --report out/report.html
     """
-    from kincal.workbench.advice import Inputs, free_name, next_steps
-    from kincal.workbench.answers import diagnosis_json
-    from kincal.workbench.api import advise, report_content
-    from kincal.workbench.beside import second_process
-    from kincal.workbench.constants import choose_constants
     from kincal.workbench.diagnosis import diagnose
-    from kincal.workbench.diagnosis_text import diagnosis_text
+    from kincal.workbench.diagnosis.competing import advise
+    from kincal.workbench.evidence.constants import choose_constants
+    from kincal.workbench.numerics.background import second_process
+    from kincal.workbench.report.advice import Inputs, free_name, next_steps
+    from kincal.workbench.report.answers import diagnosis_json
+    from kincal.workbench.report.content import report_content
+    from kincal.workbench.report.diagnosis_text import diagnosis_text
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm)
@@ -183,11 +184,11 @@ def fit_command(
         kincal model fit --arm arm.toml --data poses.csv
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.answers import fit_json, fit_text
-    from kincal.workbench.api import fit
-    from kincal.workbench.beside import second_process
-    from kincal.workbench.fitrecord import fitted
-    from kincal.workbench.modelfile import write_model
+    from kincal.workbench.comparison.fitrecord import fitted
+    from kincal.workbench.comparison.fitting import fit
+    from kincal.workbench.model.modelfile import write_model
+    from kincal.workbench.numerics.background import second_process
+    from kincal.workbench.report.answers import fit_json, fit_text
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm, must_exist=False)
@@ -267,11 +268,11 @@ def next_command(
         kincal model next --arm arm.toml --data poses.csv -o next.csv backlash[1] encoder_gain[1]
         kincal model next --arm wam --data p.csv --space tables/src/space.toml backlash[1] backlash[2]
     """
-    from kincal.workbench.answers import poses_json, poses_text
-    from kincal.workbench.constants import choose_constants
-    from kincal.workbench.fit import fit_model
-    from kincal.workbench.measurable import Limits
-    from kincal.workbench.nextposes import next_poses, poses_csv
+    from kincal.workbench.evidence.constants import choose_constants
+    from kincal.workbench.fit.least_squares import fit_model
+    from kincal.workbench.prediction.measurable import Limits
+    from kincal.workbench.prediction.nextposes import next_poses, poses_csv
+    from kincal.workbench.report.answers import poses_json, poses_text
 
     boxes = _boxes("--inside", inside), _boxes("--outside", outside)
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -298,7 +299,7 @@ def _free_of_contact(space_path: Path, tables_dir: Path, arm: ArmTable) -> Calla
     """Whether shapes of a search space stand clear at joints (N, n) to (N,). BadInput if the shapes are of
     another arm."""
     from kincal import space
-    from kincal.workbench.uplink import refuse_other_arm
+    from kincal.workbench.model.uplink import refuse_other_arm
 
     tables = space.TablesFolder(tables_dir)
     refuse_other_arm(arm, tables_dir)
@@ -308,7 +309,7 @@ def _free_of_contact(space_path: Path, tables_dir: Path, arm: ArmTable) -> Calla
 
 def _boxes(option: str, texts: Sequence[str]) -> tuple[Box, ...]:
     """Boxes of an option. BadInput names what is not six numbers."""
-    from kincal.workbench.measurable import BOX_TEXT, Box
+    from kincal.workbench.prediction.measurable import BOX_TEXT, Box
 
     def numbers(text: str) -> list[float]:
         try:

@@ -1,0 +1,69 @@
+"""Unnamed effects that are asked for by name, found in the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from kincal.schema.arm import ArmTable
+from kincal.schema.names import UNNAMED, is_unnamed
+
+from ..comparison.compare import compare
+from ..comparison.fitting import check_needs
+from ..data.measurements import Measurements
+from ..evidence.constants import choose_constants
+from ..model.effects import Library
+from ..model.unnamed_names import UnnamedName
+from ..numerics.types import Progress, no_progress
+from .additions import Addition, Additions, add_one, add_unnamed
+
+
+@dataclass(frozen=True)
+class Found:
+    """Names of effects, the unnamed ones among them found in the data.
+
+    names: what was asked for, in its order, "unnamed" replaced by what was found; additions: the terms of
+    each unnamed effect and what it brings; all_of_them: of the last "unnamed", None if it was not asked for.
+    """
+
+    names: tuple[str, ...]
+    additions: tuple[Addition, ...] = ()
+    all_of_them: Additions | None = None
+
+
+def find_unnamed(
+    arm: ArmTable,
+    data: Measurements,
+    names: Sequence[str],
+    beside: Sequence[str] = (),
+    *,
+    library: Library | None = None,
+    dh: bool = True,
+    progress: Progress = no_progress,
+) -> Found:
+    """Effects with the terms of the unnamed ones chosen on the fit poses of the data.
+
+    names: of any effects; "unnamed[joint 1: q1, q3]" is the smooth function there, "unnamed" as many of them
+    as pay (`add_unnamed`), each beside the effects before it and `beside`. Errors as `fit`; BadInput for a
+    place or a driver that there is not; CannotAnswer where the data do not vary the driver, or ask for no
+    term of that function.
+    """
+    known, found = library or Library.load(), Found(())
+    for name in names:
+        effects = (*beside, *found.names)
+        if name != UNNAMED and not is_unnamed(name):
+            found = replace(found, names=(*found.names, name))
+            continue
+        check_needs(known, effects, arm, data)
+        hypotheses = choose_constants(known, effects, arm, data, dh=dh)
+        comparison = compare(arm, data, hypotheses, dh=dh)
+        if name == UNNAMED:
+            every = add_unnamed(comparison, hypotheses, dh=dh, progress=progress)
+            found = replace(found, all_of_them=every)
+            new = every.steps
+        else:
+            new = (add_one(comparison, UnnamedName.parse(name), hypotheses, dh=dh),)
+        called = tuple(str(addition.effect.name) for addition in new)
+        found = replace(found, names=(*found.names, *called), additions=(*found.additions, *new))
+        known = known.with_unnamed([addition.effect.entry() for addition in new])
+    return found
