@@ -22,6 +22,7 @@ from kincal.flight import library
 from kincal.flight.bounds import Flown
 from kincal.flight.kernel import spectral_table
 from kincal.flight.tables import Image, decode, decode_as, encode, fill, new, to_doc
+from kincal.schema.dh import DH_ERRORS
 from kincal.schema.errors import read_toml, validate
 from kincal.schema.names import VARIABLES
 from kincal.schema.tables import (
@@ -176,13 +177,6 @@ def _hyperparameters(arg: str, values: tuple[float, ...], where: str) -> Doc:
 
 # --------------------------------------------------------------------------- correction terms
 
-# DH errors in the order of a joint's coefficients: name, place, component of the twist
-_DH = (
-    ("phi_rad", "before[j]", "rz"),
-    ("alpha_rad", "link[j]", "rx"),
-    ("a_m", "link[j]", "tx"),
-    ("d_m", "before[j]", "tz"),
-)
 # joint[j] is the axis of a revolute joint; a terms table does not know the arm's joint types
 _OWN_AXIS = "rz"
 
@@ -201,7 +195,8 @@ def _terms_doc(source: TermsSource) -> Doc:
 
 def _dh_entries(dh: DhBlock) -> Iterator[CoefEntry]:
     for j in range(1, dh.joints + 1):
-        for name, at, comp in _DH:
+        for error in DH_ERRORS:
+            name = error.name
             bound = getattr(dh.bound, name)
             bound = bound[j - 1] if isinstance(bound, list) else bound
             yield CoefEntry(
@@ -212,7 +207,7 @@ def _dh_entries(dh: DhBlock) -> Iterator[CoefEntry]:
                 prior_sigma=getattr(dh.prior_sigma, name),
                 scale=getattr(dh.scale, name),
                 enabled=dh.enabled,
-                term=[TermEntry(at=at, comp=comp)],
+                term=[TermEntry(at=f"{error.at}[j]", comp=error.comp)],
             )
 
 

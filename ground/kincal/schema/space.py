@@ -13,6 +13,7 @@ import pydantic
 from kincal.errors import BadInput
 
 from .base import Strict
+from .dh import DH_FIELDS
 from .errors import Contradiction, read_toml, validate
 from .numbers import Angle, Count, NotNegative, Positive, Quantity, Whole
 
@@ -20,7 +21,7 @@ from .numbers import Angle, Count, NotNegative, Positive, Quantity, Whole
 CAND_MAX, HUB_MAX, INITIAL_MAX = 1024, 16, 32
 JOINT_MAX = 8
 FAR_M = 10.0
-_ERROR_NAME = re.compile(rf"J([1-{JOINT_MAX}])\.(phi_rad|alpha_rad|a_m|d_m)")
+_ERROR_NAME = re.compile(rf"J([1-{JOINT_MAX}])\.({'|'.join(DH_FIELDS)})")
 
 Metres = Annotated[float, Quantity(ge=-FAR_M, le=FAR_M)]
 AngleSize = Annotated[float, Quantity(ge=0.0, le=math.pi)]

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kincal.errors import BadInput
+from kincal.schema.dh import DH_FIELDS
 from kincal.schema.space import Description
 
 from .arrays import Floats
-from .error_sampling import DH_FIELDS
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcArm, KcCamera

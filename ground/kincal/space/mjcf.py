@@ -15,9 +15,8 @@ import numpy as np
 
 from kincal.errors import BadInput
 from kincal.flight import library
+from kincal.schema.dh import DH_FIELDS
 from kincal.schema.space import Description, KeepOut, Shape, Vec3
-
-from .error_sampling import DH_FIELDS
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcArm, KcCamera

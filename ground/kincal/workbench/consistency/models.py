@@ -6,10 +6,11 @@ import re
 
 from kincal.errors import BadInput
 from kincal.schema.arm import ArmTable, read_arm, same_joints
+from kincal.schema.dh import DH_FIELDS
 
 from ..model.modelfile import ModelFile
 
-_OF_JOINT = re.compile(r"J(\d+)\.(phi_rad|alpha_rad|a_m|d_m)")
+_OF_JOINT = re.compile(rf"J(\d+)\.({'|'.join(DH_FIELDS)})")
 
 
 def refuse_model_of_other_arm(model: ModelFile, arm: ArmTable, path: str) -> None:

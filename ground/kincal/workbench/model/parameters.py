@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from kincal.flight import FRAME_TOOL
 from kincal.schema.arm import ArmTable, Frame
+from kincal.schema.dh import BETA_ERROR, DH_ERRORS
 from kincal.schema.terms import ONE
 
 from .effects import Hypothesis, Parameter, Term
@@ -37,22 +38,16 @@ def dh_parameters(arm: ArmTable) -> list[Named]:
     """The DH errors as single terms: rz, tz at frame j-1; tx, rx at frame j; and ry there where the next axis
     is nearly parallel (Hayati & Mirmirani's beta, METHOD.md 9). Names `J3.alpha_rad`."""
     return [
-        (f"J{j}.{name}", _constant(name, unit, DH_SIGMA[name], frame, component))
+        (f"J{j}.{e.name}", _constant(e.name, e.unit, DH_SIGMA[e.name], e.frame(j), e.component))
         for j in range(1, arm.n + 1)
-        for name, unit, frame, component in (
-            ("phi_rad", "rad", j - 1, 5),
-            ("alpha_rad", "rad", j, 3),
-            ("a_m", "m", j, 0),
-            ("d_m", "m", j - 1, 2),
-            ("beta_rad", "rad", j, 4),
-        )
-        if name != "beta_rad" or _parallel_to_next(arm, j)
+        for e in (*DH_ERRORS, BETA_ERROR)
+        if e is not BETA_ERROR or _parallel_to_next(arm, j)
     ]
 
 
 def is_beta(name: str) -> bool:
     """Whether a coefficient is a turn between parallel axes: J2.beta_rad."""
-    return name.endswith(".beta_rad")
+    return name.endswith(f".{BETA_ERROR.name}")
 
 
 def _parallel_to_next(arm: ArmTable, j: int) -> bool:
