@@ -12,6 +12,7 @@ import pytest
 from exports import drivers_at, python_module
 
 import kincal
+import kincal.api
 from kincal import workbench as wb
 from kincal.errors import BadInput
 from kincal.export import calibrated_arm
@@ -46,6 +47,18 @@ def test_names_are_there_and_others_are_not():
     assert set(kincal.__all__) <= set(dir(kincal))
     with pytest.raises(AttributeError, match="calibrate"):
         _ = kincal.calibrate
+
+
+def test_the_one_door_has_runs_logs_and_the_link_too_and_loads_each_when_it_is_used():
+    code = (
+        "import sys, kincal.api as api; print('numpy' in sys.modules); "
+        "print(set(api.__all__) <= set(dir(api)), [n for n in api.__all__ if not callable(getattr(api, n))])"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert said.stdout.split("\n")[:2] == ["False", "True []"], said.stderr
+    assert set(kincal.__all__) <= set(kincal.api.__all__)
+    with pytest.raises(AttributeError, match="diagnosis"):
+        _ = kincal.api.diagnosis
 
 
 def test_compare_and_diagnose_show_themselves(given):

@@ -207,6 +207,11 @@ def test_includes_that_are_allowed_and_words_in_comments_pass(tmp_path):
             "No cycles are allowed in kincal.workbench.fit",
         ),
         ("ground/kincal/link/x.py", "from kincal.cli import main", "kincal.link.x -> kincal.cli"),
+        (
+            "ground/kincal/cli/model/x.py",
+            "from kincal.workbench.fit.least_squares import fit_model",
+            "kincal.cli.model.x -> kincal.workbench.fit.least_squares",
+        ),
         ("sim/kincal_sim/x.py", "def f():\n    import kincal.tables", "kincal_sim.x -> kincal.tables"),
         ("ground/kincal/workbench/x.py", "import kincal_sim.world", "kincal.workbench.x -> kincal_sim.world"),
     ],

@@ -24,7 +24,6 @@ from kincal.rotations import Pose
 from kincal.schema.model import UnnamedEntry
 from kincal.workbench.comparison.fitrecord import fit_record, fitted
 from kincal.workbench.comparison.fitting import FitResult
-from kincal.workbench.comparison.fitting import fit as workbench_fit
 from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.diagnosis.unnamed_effects import find_unnamed
 from kincal.workbench.model.effects import Library
@@ -33,6 +32,7 @@ from kincal.workbench.numerics.types import Progress, no_progress
 from kincal.workbench.report.answers import fit_text
 
 from . import html
+from .case import Case
 from .inputs import Arm, Data, checked, files_of, measurements
 
 Floats = NDArray[np.float64]
@@ -175,7 +175,6 @@ def fit(
     read, library = checked(arm, data, force), Library.load()
     found = find_unnamed(arm.table, read, effects, library=library, progress=progress)
     entries = [addition.effect.entry() for addition in found.additions]
-    result = workbench_fit(
-        arm.table, read, found.names, library=library.with_unnamed(entries), progress=progress
-    )
+    case = Case(arm.table, read, found.names, library=library.with_unnamed(entries))
+    result = case.fit(progress)
     return Fitted(arm, result, files_of(data), {entry.name: entry for entry in entries})

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from kincal.workbench.comparison.compare import Comparison
-from kincal.workbench.comparison.compare import compare as workbench_compare
 from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.diagnosis import Diagnosis
-from kincal.workbench.diagnosis import diagnose as workbench_diagnose
-from kincal.workbench.evidence.constants import choose_constants
-from kincal.workbench.model.effects import Library
 from kincal.workbench.numerics.types import Progress, no_progress
 from kincal.workbench.report import answers
 from kincal.workbench.report.diagnosis_text import diagnosis_text
 
 from . import html
+from .case import Case
 from .inputs import Arm, Data, checked
 
 
@@ -68,8 +65,7 @@ def compare(
     `comparison.consistency` says what is odd.
     """
     read = checked(arm, data, force)
-    chosen = choose_constants(Library.load(), effects, arm.table, read)
-    return Compared(workbench_compare(arm.table, read, chosen))
+    return Compared(Case(arm.table, read, tuple(effects)).compare())
 
 
 def diagnose(
@@ -81,7 +77,5 @@ def diagnose(
     progress: Progress = no_progress,
 ) -> Diagnosed:
     """Which effect is missing beside the DH errors and these effects? Errors as `compare`."""
-    read, library = checked(arm, data, force), Library.load()
-    chosen = choose_constants(library, effects, arm.table, read)
-    found = workbench_diagnose(arm.table, read, library, chosen, given=tuple(effects), progress=progress)
-    return Diagnosed(found)
+    read = checked(arm, data, force)
+    return Diagnosed(Case(arm.table, read, tuple(effects)).diagnose(progress))
