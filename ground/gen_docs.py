@@ -338,7 +338,7 @@ def cli() -> str:
 
 def schemas() -> dict[Path, str]:
     """Path and text of the JSON Schema of every kind of file."""
-    from kincal.schema.files import FILES, SUFFIX, json_schema
+    from kincal_shared.schema.files import FILES, SUFFIX, json_schema
 
     return {DOCS / "schema" / f"{name}{SUFFIX}": json_schema(name) for name in FILES}
 

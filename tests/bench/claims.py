@@ -107,7 +107,7 @@ def claim(e, found, away) -> dict:
 def answer(case: Case, asked: Asked) -> dict:
     """A diagnosis and its claims, as a line; the row of its error if there is one."""
     from kincal import workbench as wb
-    from kincal.errors import CannotAnswer
+    from kincal_shared.errors import CannotAnswer
 
     row: dict = {"asked": asked.key}
     arm, library = wb.read_arm(case.arm), wb.Library.load()

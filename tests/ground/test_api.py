@@ -14,8 +14,8 @@ from exports import drivers_at, python_module
 import kincal
 import kincal.api
 from kincal import workbench as wb
-from kincal.errors import BadInput
 from kincal.export import calibrated_arm
+from kincal_shared.errors import BadInput
 
 
 @pytest.fixture(scope="module")

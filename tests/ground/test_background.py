@@ -13,8 +13,8 @@ import poses
 import pytest
 
 from kincal import workbench as wb
-from kincal.errors import CannotAnswer
 from kincal.workbench.numerics.background import second_process, when_asked
+from kincal_shared.errors import CannotAnswer
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 30

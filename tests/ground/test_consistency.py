@@ -20,9 +20,9 @@ from kincal import workbench as wb
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
 from kincal.flight import Arm
 from kincal.rotations import Pose
-from kincal.schema.arm import dh_rows, other_convention, read_arm, same_joints, shipped_arms
 from kincal.workbench.consistency import check
 from kincal.workbench.data.readers import read_measurements
+from kincal_shared.schema.arm import dh_rows, other_convention, read_arm, same_joints, shipped_arms
 
 ROOT = Path(__file__).resolve().parents[2]
 SETS = {"wam": "wam/wam", "ur5": "ur5/ur5", "ur10": "ur10/ur10d", "fr3": "fr3/fr3"}

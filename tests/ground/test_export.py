@@ -20,20 +20,20 @@ from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.cli import main
-from kincal.errors import BadInput
 from kincal.export import calibrated_fit, dh_table
 from kincal.export.dh import four_parameter_table
 from kincal.export.source import c_header, c_source, describe, python_source, source_left_out
 from kincal.export.urdf import roll_pitch_yaw, urdf
-from kincal.schema.arm import read_arm
-from kincal.schema.model import FitEntry, FrameEntry
-from kincal.schema.names import FAULTS, FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
-from kincal.schema.terms import ONE, Basis
 from kincal.workbench.comparison.fitrecord import sight_entry
 from kincal.workbench.data.readers import read_measurements
 from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.model.effects import Library
 from kincal.workbench.model.pnp import column_number
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import read_arm
+from kincal_shared.schema.model import FitEntry, FrameEntry
+from kincal_shared.schema.names import FAULTS, FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
+from kincal_shared.schema.terms import ONE, Basis
 
 ROOT = Path(__file__).resolve().parents[2]
 

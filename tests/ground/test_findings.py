@@ -13,7 +13,6 @@ from scipy.stats import bootstrap
 
 from kincal import workbench as wb
 from kincal.cli import main
-from kincal.errors import BadInput
 from kincal.pages import diagnosis as pages
 from kincal.pages import diagnosis_grids as grids
 from kincal.pages import finding_figures, glossary, words
@@ -28,6 +27,7 @@ from kincal.workbench.report.answers import diagnosis_json
 from kincal.workbench.report.content import report_content
 from kincal.workbench.report.diagnosis_text import diagnosis_text
 from kincal.workbench.report.partial import effect_panels, place_panels
+from kincal_shared.errors import BadInput
 
 BACKLASH_RAD = 3e-3
 

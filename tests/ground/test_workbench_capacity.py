@@ -9,10 +9,10 @@ from commands import kincal
 
 from kincal import tables
 from kincal import workbench as wb
-from kincal.schema.model import FitEntry
 from kincal.workbench.model.capacity import order_of_leaving, size
 from kincal.workbench.model.effects import Hypothesis, Parameter, Term
 from kincal.workbench.model.modelfile import ModelFile
+from kincal_shared.schema.model import FitEntry
 
 MANY = ("encoder_harmonic2", "encoder_eccentricity", "bearing_wobble", "backlash[4]")
 

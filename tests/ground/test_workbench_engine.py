@@ -14,7 +14,6 @@ from scipy.spatial import Delaunay
 from kincal import workbench as wb
 from kincal.flight import Arm, Model, Observations, Terms
 from kincal.flight import library as build
-from kincal.schema.terms import parse_basis, split_product
 from kincal.workbench.evidence import bayes_factors, scoring
 from kincal.workbench.fit.columns import Columns
 from kincal.workbench.fit.least_squares import fit_model
@@ -27,6 +26,7 @@ from kincal.workbench.prediction.nextposes import expected_probability, next_pos
 from kincal.workbench.prediction.reachable import Reachable
 from kincal.workbench.report import advice, explain
 from kincal.workbench.report.answers import fit_json, fit_text
+from kincal_shared.schema.terms import parse_basis, split_product
 
 
 def measure(tmp_path, n, seed, true_q=None, **more):

@@ -213,11 +213,16 @@ def test_includes_that_are_allowed_and_words_in_comments_pass(tmp_path):
             "kincal.cli.model.x -> kincal.workbench.fit.least_squares",
         ),
         ("sim/kincal_sim/x.py", "def f():\n    import kincal.tables", "kincal_sim.x -> kincal.tables"),
+        (
+            "ground/kincal_shared/schema/x.py",
+            "from kincal.workbench.fit import frames",
+            "kincal_shared.schema.x -> kincal.workbench.fit",
+        ),
         ("ground/kincal/workbench/x.py", "import kincal_sim.world", "kincal.workbench.x -> kincal_sim.world"),
     ],
 )
 def test_an_import_that_points_up_is_named(tmp_path, file, line, complaint):
-    for package in ("ground/kincal", "sim/kincal_sim"):
+    for package in ("ground/kincal", "ground/kincal_shared", "sim/kincal_sim"):
         shutil.copytree(
             TESTS.parent / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
         )

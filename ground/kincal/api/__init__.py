@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from kincal.link import Link, read_log
     from kincal.run import Observer, Request, calibrate
+    from kincal_shared.errors import BadInput, CannotAnswer
 
     from .case import Case
     from .fitted import Fitted, fit
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Arm",
+    "BadInput",
+    "CannotAnswer",
     "Case",
     "Compared",
     "Data",
@@ -46,6 +49,8 @@ __all__ = [
 
 _HOME = {
     "Arm": "kincal.api.inputs",
+    "BadInput": "kincal_shared.errors",
+    "CannotAnswer": "kincal_shared.errors",
     "Case": "kincal.api.case",
     "Compared": "kincal.api.verdicts",
     "Data": "kincal.api.inputs",

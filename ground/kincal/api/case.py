@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from kincal.errors import BadInput
-from kincal.schema.arm import ArmTable
 from kincal.workbench.comparison.compare import Comparison, compare
 from kincal.workbench.comparison.fitting import FitResult, fit
 from kincal.workbench.data.measurements import Measurements
@@ -22,6 +20,8 @@ from kincal.workbench.numerics.types import Progress, no_progress
 from kincal.workbench.prediction.measurable import Limits
 from kincal.workbench.prediction.nextposes import NextPose, next_poses
 from kincal.workbench.report.content import ReportContent, report_content
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kincal import __version__
-from kincal.errors import BadInput
 from kincal.export import CalibratedArm, Exported, calibrated_fit
 from kincal.export import export as export_files
 from kincal.export.files import Format
@@ -21,7 +20,6 @@ from kincal.export.source import describe, python_source
 from kincal.export.urdf import urdf
 from kincal.flight import Observations
 from kincal.rotations import Pose
-from kincal.schema.model import UnnamedEntry
 from kincal.workbench.comparison.fitrecord import fit_record, fitted
 from kincal.workbench.comparison.fitting import FitResult
 from kincal.workbench.data.measurements import Measurements
@@ -30,6 +28,8 @@ from kincal.workbench.model.effects import Library
 from kincal.workbench.model.modelfile import ModelFile, write_model
 from kincal.workbench.numerics.types import Progress, no_progress
 from kincal.workbench.report.answers import fit_text
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.model import UnnamedEntry
 
 from . import html
 from .case import Case

@@ -6,11 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from kincal.errors import BadInput
 from kincal.flight.bounds import Flown
 from kincal.flight.tables import Image
-from kincal.schema.arm import MAX_JOINTS, ArmTable, read_arm
-from kincal.schema.names import UNNAMED, is_unnamed, split_constants
 from kincal.workbench.consistency import refuse_model_of_other_arm
 from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.diagnosis.unnamed_effects import Found, find_unnamed
@@ -21,6 +18,9 @@ from kincal.workbench.model.unnamed_names import UnnamedName
 from kincal.workbench.model.uplink import dropped, refuse_other_arm, term_image
 from kincal.workbench.numerics.types import Progress, no_progress
 from kincal.workbench.prediction.nested import EffectGain, cost_without
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import MAX_JOINTS, ArmTable, read_arm
+from kincal_shared.schema.names import UNNAMED, is_unnamed, split_constants
 
 Read = Callable[[ArmTable], Measurements]
 """Reads the measurements of an arm."""

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from kincal.keys import file_of
-from kincal.keys import read as read_keys
 from kincal.link import read_log
 from kincal.review import Review, find, warnings
 from kincal.review import journal as journals
 from kincal.review.journal import Journal
 from kincal.review.status import Listed, Status, proposals_in, status
 from kincal.review.thresholds import Limits, read_limits
+from kincal_shared.keys import file_of
+from kincal_shared.keys import read as read_keys
 
 
 def read_journals(logs: Sequence[Path], journal: Path | None, key_file: Path) -> list[Journal]:

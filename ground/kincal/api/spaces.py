@@ -8,9 +8,9 @@ from pathlib import Path
 from kincal import space
 from kincal.flight.tables import Image
 from kincal.rotations import Floats
-from kincal.schema.arm import ArmTable
 from kincal.workbench.model.uplink import refuse_other_arm
 from kincal.workbench.numerics.types import Mask
+from kincal_shared.schema.arm import ArmTable
 
 _STEPS = (5, 8, 12)
 

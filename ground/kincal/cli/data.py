@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from kincal.cli.options import PATH
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 if TYPE_CHECKING:
-    from kincal.schema.arm import ArmTable
-    from kincal.schema.datamap import DataMap
     from kincal.workbench.data.measurements import Measurements
+    from kincal_shared.schema.arm import ArmTable
+    from kincal_shared.schema.datamap import DataMap
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -92,8 +92,8 @@ class Given:
 
     def mapping(self) -> DataMap:
         """The map file with the options in place of what it says. SchemaError if that is no map."""
-        from kincal.schema.datamap import DataMap
-        from kincal.schema.errors import read_toml, validate
+        from kincal_shared.schema.datamap import DataMap
+        from kincal_shared.schema.errors import read_toml, validate
 
         doc = read_toml(self.map_path) if self.map_path else {}
         for option in self.columns:

@@ -16,9 +16,9 @@ from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console
 from kincal.cli.text import review as text
 from kincal.cli.wire import KEYS, TIMEOUT, URL
-from kincal.errors import CommandFailed
-from kincal.keys import DEFAULT, file_of, signer_of
 from kincal.review import journal as journals
+from kincal_shared.errors import CommandFailed
+from kincal_shared.keys import DEFAULT, file_of, signer_of
 
 if TYPE_CHECKING:
     from kincal.review import Review

@@ -23,7 +23,7 @@ def schema(out: Path) -> None:
     Example:
         kincal schema -o schema
     """
-    from kincal.schema.files import write_json_schemas
+    from kincal_shared.schema.files import write_json_schemas
 
     for path in write_json_schemas(out):
         click.echo(str(path))

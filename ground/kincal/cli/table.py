@@ -14,8 +14,8 @@ from kincal.cli.outputs import FILE_OUT
 from kincal.cli.terminal import console
 from kincal.cli.text import table as text
 from kincal.cli.wire import KEYS, TIMEOUT, URL
-from kincal.errors import KincalError
-from kincal.keys import file_of, signer_of
+from kincal_shared.errors import KincalError
+from kincal_shared.keys import file_of, signer_of
 
 
 @click.group()

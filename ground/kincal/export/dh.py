@@ -16,8 +16,8 @@ import numpy as np
 
 from kincal.flight import FRAME_TOOL
 from kincal.rotations import Floats, Pose
-from kincal.schema.dh import BETA_ERROR, DH_ERRORS, DH_FIELDS
 from kincal.workbench.model.parameters import BETA
+from kincal_shared.schema.dh import BETA_ERROR, DH_ERRORS, DH_FIELDS
 
 from .calibrated import BASE, DH, TOOL, CalibratedArm, FittedTerm, twist_pose
 from .leftout import LeftOut, left_out

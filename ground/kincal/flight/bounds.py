@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kincal.errors import BadInput
-from kincal.schema.dh import DH_ERRORS
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_ERRORS
 
 from . import tables
 from .builds import library

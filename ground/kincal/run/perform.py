@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
-from kincal.errors import CommandFailed
 from kincal.link import read_log
+from kincal_shared.errors import CommandFailed
 
 from .evaluate import Evaluator, GroundTruth
 from .finished import Finished

@@ -6,8 +6,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from kincal.schema.dh import DH_FIELDS
-from kincal.schema.space import Description
+from kincal_shared.schema.dh import DH_FIELDS
+from kincal_shared.schema.space import Description
 
 
 class Stream(IntEnum):

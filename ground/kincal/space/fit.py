@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kincal.errors import BadInput
-from kincal.schema.dh import DH_FIELDS
-from kincal.schema.space import Description
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_FIELDS
+from kincal_shared.schema.space import Description
 
 from .arrays import Floats
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.rotations import Pose
-from kincal.schema.dh import DH_FIELDS
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_FIELDS
 
 from .arrays import Ints
 from .checks import Checks

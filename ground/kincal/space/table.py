@@ -11,7 +11,7 @@ import numpy as np
 from kincal.flight import library
 from kincal.flight.tables import Image, decode_as
 from kincal.rotations import Pose
-from kincal.schema.dh import DH_FIELDS
+from kincal_shared.schema.dh import DH_FIELDS
 
 from .arrays import Bools, Floats, Ints
 

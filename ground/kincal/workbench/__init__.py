@@ -1,7 +1,7 @@
 """The model workbench: compare a model with measurements, find the missing effect, add it, fly it."""
 
-from kincal.errors import BadInput, CannotAnswer
-from kincal.schema.arm import ArmTable, read_arm
+from kincal_shared.errors import BadInput, CannotAnswer
+from kincal_shared.schema.arm import ArmTable, read_arm
 
 from .comparison.compare import Comparison, compare
 from .comparison.fitting import FitResult, fit

@@ -268,7 +268,7 @@ def export_command(
     from kincal.api.models import arm_of, load_model
     from kincal.cli.text import model as text
     from kincal.export import calibrated_arm, export
-    from kincal.schema.arm import read_arm
+    from kincal_shared.schema.arm import read_arm
 
     chosen, library = load_model(model_path, effect_files)
     arm = read_arm(arm_of(chosen, model_path, arm_path))

@@ -12,8 +12,8 @@ from kincal.cli.outputs import FILE_OUT
 
 if TYPE_CHECKING:
     from kincal.api.case import Case
-    from kincal.schema.arm import ArmTable
     from kincal.workbench.data.measurements import Measurements
+    from kincal_shared.schema.arm import ArmTable
 
 ARM = click.option(
     "--arm",
@@ -36,7 +36,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Machine-readable an
 
 def load(arm_path: Path, given: Given) -> tuple[ArmTable, Measurements]:
     """Arm and measurements."""
-    from kincal.schema.arm import read_arm
+    from kincal_shared.schema.arm import read_arm
 
     arm = read_arm(arm_path)
     return arm, given.checked(arm)

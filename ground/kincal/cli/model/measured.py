@@ -15,7 +15,7 @@ from kincal.cli.options import FILE, tables_option
 from kincal.cli.outputs import FILE_OUT, REPORT
 from kincal.cli.provenance import say_files, today
 from kincal.cli.terminal import progress
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from .given import ARM, DATA, EFFECTS, JSON, MODEL, case_of, load
 
@@ -39,8 +39,8 @@ def check_command(arm_path: Path, given: Given, as_json: bool) -> None:
         kincal model check --arm arm.toml --data poses.csv
     """
     from kincal.cli.text import check as text
-    from kincal.schema.arm import read_arm
     from kincal.workbench.consistency import check
+    from kincal_shared.schema.arm import read_arm
 
     arm = read_arm(arm_path)
     answer = check(arm, given.read(arm))

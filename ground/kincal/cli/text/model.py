@@ -7,13 +7,13 @@ from math import isfinite
 from typing import Any
 
 from kincal.export import Exported
-from kincal.schema.terms import TermEntry
 from kincal.workbench.diagnosis.additions import Addition
 from kincal.workbench.diagnosis.unnamed_effects import Found
 from kincal.workbench.model.effects import Effect, Library
 from kincal.workbench.model.hypotheses import covers
 from kincal.workbench.model.modelfile import ModelFile
 from kincal.workbench.prediction.nested import EffectGain
+from kincal_shared.schema.terms import TermEntry
 
 _INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
 _SHOWN = ("name", "unit", "sigma", "image")  # of a parameter

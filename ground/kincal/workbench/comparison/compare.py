@@ -8,8 +8,8 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from kincal.errors import BadInput, CannotAnswer
-from kincal.schema.arm import ArmTable
+from kincal_shared.errors import BadInput, CannotAnswer
+from kincal_shared.schema.arm import ArmTable
 
 from ..consistency import Check, check
 from ..data.measurements import Measurements

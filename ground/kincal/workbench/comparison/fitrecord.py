@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from kincal.rotations import Pose
-from kincal.schema.arm import ArmTable, Frame, Joint
-from kincal.schema.model import DataEntry, FitEntry, FrameEntry, SightEntry
-from kincal.schema.names import PNP
+from kincal_shared.schema.arm import ArmTable, Frame, Joint
+from kincal_shared.schema.model import DataEntry, FitEntry, FrameEntry, SightEntry
+from kincal_shared.schema.names import PNP
 
 from ..fit.least_squares import Fit, rms
 from ..model.modelfile import ModelFile

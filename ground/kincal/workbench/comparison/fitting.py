@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from kincal.errors import CannotAnswer
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import split_constants
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import split_constants
 
 from ..data.measurements import Measurements
 from ..evidence.constants import choose_constants

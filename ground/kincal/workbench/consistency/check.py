@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from kincal.errors import BadInput, CannotAnswer
-from kincal.schema.arm import ArmTable
+from kincal_shared.errors import BadInput, CannotAnswer
+from kincal_shared.schema.arm import ArmTable
 
 from ..data.measurements import Measurements
 from ..fit.least_squares import Fit, fit_model, rms

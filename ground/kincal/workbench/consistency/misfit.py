@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from kincal.errors import CannotAnswer
 from kincal.flight import Arm
 from kincal.rotations import Pose, matrix_of_wxyz, rotation_of_wxyz
-from kincal.schema.arm import ArmTable
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.arm import ArmTable
 
 from ..data.measurements import Measurements
 from ..fit.least_squares import Fit, fit_model

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-from kincal.errors import BadInput
-from kincal.schema.arm import ArmTable, read_arm, same_joints
-from kincal.schema.dh import DH_FIELDS
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable, read_arm, same_joints
+from kincal_shared.schema.dh import DH_FIELDS
 
 from ..model.modelfile import ModelFile
 

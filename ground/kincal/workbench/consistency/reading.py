@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from kincal.rotations import Pose, matrix_of_wxyz
-from kincal.schema.arm import ArmTable, Frame, other_convention
+from kincal_shared.schema.arm import ArmTable, Frame, other_convention
 
 from ..data.measurements import Measurements
 from ..numerics.types import Array, Indices

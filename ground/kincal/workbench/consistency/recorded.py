@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from kincal.schema.arm import ArmTable
+from kincal_shared.schema.arm import ArmTable
 
 from ..data.measurements import Measurements
 from .findings import Finding

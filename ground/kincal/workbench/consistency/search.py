@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from kincal.schema.arm import ArmTable, read_shipped, same_joints, shipped_arms
+from kincal_shared.schema.arm import ArmTable, read_shipped, same_joints, shipped_arms
 
 from ..data.measurements import Measurements
 from ..numerics.types import Array, Indices

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from kincal.schema.arm import ArmTable
+from kincal_shared.schema.arm import ArmTable
 
 from .findings import Finding
 from .reading import ANGLES, LENGTHS, Reading

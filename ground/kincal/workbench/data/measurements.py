@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from ..numerics.types import Array, Indices, Mask
 

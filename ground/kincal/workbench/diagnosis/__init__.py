@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kincal.schema.arm import ArmTable
+from kincal_shared.schema.arm import ArmTable
 
 from ..comparison.compare import compare
 from ..data.measurements import Measurements

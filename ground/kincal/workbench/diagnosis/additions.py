@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from kincal.errors import CannotAnswer
+from kincal_shared.errors import CannotAnswer
 
 from ..comparison.compare import Comparison
 from ..data.measurements import Measurements

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import effect_of, is_unnamed, split_constants, with_constants
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import effect_of, is_unnamed, split_constants, with_constants
 
 from ..data.measurements import Measurements
 from ..evidence.constants import choose_constants

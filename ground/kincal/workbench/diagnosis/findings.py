@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from kincal.errors import CannotAnswer
-from kincal.schema.names import is_unnamed
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.names import is_unnamed
 
 from ..comparison.compare import Comparison
 from ..evidence.adequacy import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kincal.schema.terms import ONE
+from kincal_shared.schema.terms import ONE
 
 from ..evidence.adequacy import STRUCTURE_P, Where, explained, structure
 from ..fit.least_squares import Fit

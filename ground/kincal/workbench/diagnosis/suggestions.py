@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from kincal.errors import BadInput
-from kincal.schema.terms import ONE, Basis, parse_basis
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.terms import ONE, Basis, parse_basis
 
 from ..evidence.scoring import Scorer
 from ..evidence.unnamed import Cell

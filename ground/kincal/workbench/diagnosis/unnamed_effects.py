@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import UNNAMED, is_unnamed
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import UNNAMED, is_unnamed
 
 from ..comparison.compare import compare
 from ..comparison.fitting import check_needs

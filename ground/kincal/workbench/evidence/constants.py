@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kincal.errors import BadInput
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import split_constants
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import split_constants
 
 from ..data.measurements import Measurements
 from ..fit.least_squares import Frames, find_frames, fit_model

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kincal.schema.names import COMPONENTS, VARIABLES
-from kincal.schema.terms import Basis
+from kincal_shared.schema.names import COMPONENTS, VARIABLES
+from kincal_shared.schema.terms import Basis
 
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit

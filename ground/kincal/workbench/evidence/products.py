@@ -16,8 +16,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from kincal.schema.names import COMPONENTS
-from kincal.schema.terms import Basis
+from kincal_shared.schema.names import COMPONENTS
+from kincal_shared.schema.terms import Basis
 
 from ..data.measurements import Measurements
 from ..fit.columns import Columns

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kincal.errors import BadInput, CannotAnswer
-from kincal.schema.effects import ParameterEntry
-from kincal.schema.model import UnnamedEntry
-from kincal.schema.terms import basis_text
+from kincal_shared.errors import BadInput, CannotAnswer
+from kincal_shared.schema.effects import ParameterEntry
+from kincal_shared.schema.model import UnnamedEntry
+from kincal_shared.schema.terms import basis_text
 
 from ..fit.columns import Columns
 from ..fit.least_squares import Fit

@@ -18,7 +18,7 @@ from scipy.linalg import lapack
 
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS
 from kincal.rotations import matrix_of_wxyz
-from kincal.schema.terms import Basis
+from kincal_shared.schema.terms import Basis
 
 from ..data.measurements import Measurements
 from ..fit.columns import Columns

@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from kincal.schema.names import VARIABLES
-from kincal.schema.terms import Basis
+from kincal_shared.schema.names import VARIABLES
+from kincal_shared.schema.terms import Basis
 
 from ..data.measurements import Measurements
 from ..model.effects import Hypothesis, Parameter, Term

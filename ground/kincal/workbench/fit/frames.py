@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from kincal.errors import CannotAnswer
 from kincal.rotations import Pose, nearest_rotation, rigid_fit
+from kincal_shared.errors import CannotAnswer
 
 from ..numerics.types import Array, array
 

@@ -15,10 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from kincal.errors import CannotAnswer
 from kincal.flight import Evaluation, Model
 from kincal.rotations import Pose, matrix_of_wxyz
-from kincal.schema.arm import ArmTable
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.arm import ArmTable
 
 from ..data.measurements import Measurements, of_one_session
 from ..model.effects import Hypothesis, Parameter

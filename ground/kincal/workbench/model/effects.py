@@ -11,15 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import matrix_of_wxyz
-from kincal.schema.arm import ArmTable
-from kincal.schema.effects import EffectEntry, ParameterEntry, read_effects
-from kincal.schema.errors import utf8_text
-from kincal.schema.model import UnnamedEntry
-from kincal.schema.names import COMPONENTS, FAULTS_ON_TOOL, PNP, effect_of, is_unnamed
-from kincal.schema.terms import ONE, Basis, Names, TermEntry, parse_gain
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.effects import EffectEntry, ParameterEntry, read_effects
+from kincal_shared.schema.errors import utf8_text
+from kincal_shared.schema.model import UnnamedEntry
+from kincal_shared.schema.names import COMPONENTS, FAULTS_ON_TOOL, PNP, effect_of, is_unnamed
+from kincal_shared.schema.terms import ONE, Basis, Names, TermEntry, parse_gain
 
 from ..data.measurements import Measurements
 from ..numerics.types import Array

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from kincal.flight import Arm, Model, Observations, Terms
 from kincal.flight.builds import library
 from kincal.rotations import Pose
-from kincal.schema.arm import ArmTable
+from kincal_shared.schema.arm import ArmTable
 
 from ..data.measurements import Measurements
 from .effects import Parameter

@@ -6,9 +6,9 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import effect_of as effect_of
-from kincal.schema.names import place_of as place_of
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import effect_of as effect_of
+from kincal_shared.schema.names import place_of as place_of
 
 from ..data.measurements import Measurements
 from .effects import Effect, Hypothesis, Library, Parameter

@@ -14,9 +14,9 @@ import numpy as np
 
 from kincal.flight import Arm, Model, Observations, Terms
 from kincal.rotations import Pose
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import LEVER_STRIDE
-from kincal.schema.terms import Basis
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import LEVER_STRIDE
+from kincal_shared.schema.terms import Basis
 
 from ..numerics.types import Array
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from kincal.errors import BadInput
-from kincal.schema.effects import ParameterEntry
-from kincal.schema.errors import read_toml, validate
-from kincal.schema.model import (
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.effects import ParameterEntry
+from kincal_shared.schema.errors import read_toml, validate
+from kincal_shared.schema.model import (
     VERSION,
     DataEntry,
     FitEntry,
@@ -24,7 +24,7 @@ from kincal.schema.model import (
     SightEntry,
     UnnamedEntry,
 )
-from kincal.schema.names import effect_of, split_constants, with_constants
+from kincal_shared.schema.names import effect_of, split_constants, with_constants
 
 from ..numerics.types import Array
 

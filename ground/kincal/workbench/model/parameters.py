@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from kincal.flight import FRAME_TOOL
-from kincal.schema.arm import ArmTable, Frame
-from kincal.schema.dh import BETA_ERROR, DH_ERRORS
-from kincal.schema.terms import ONE
+from kincal_shared.schema.arm import ArmTable, Frame
+from kincal_shared.schema.dh import BETA_ERROR, DH_ERRORS
+from kincal_shared.schema.terms import ONE
 
 from .effects import Hypothesis, Parameter, Term
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from kincal.errors import BadInput
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import COMPONENTS
-from kincal.schema.terms import TermEntry
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import COMPONENTS
+from kincal_shared.schema.terms import TermEntry
 
 from ..data.measurements import Measurements
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from kincal.rotations import Pose, matrix_of_wxyz
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import FAULTS
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import FAULTS
 
 from ..data.measurements import Measurements
 from ..numerics.types import Array, Indices, Mask, array

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kincal.errors import BadInput
-from kincal.schema.names import VARIABLES
-from kincal.schema.terms import ONE, Basis
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.names import VARIABLES
+from kincal_shared.schema.terms import ONE, Basis
 
 from ..numerics.types import Array
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kincal.rotations import Pose, matrix_of_wxyz
-from kincal.schema.arm import ArmTable
+from kincal_shared.schema.arm import ArmTable
 
 from ..data.measurements import Measurements
 from ..numerics.types import Array

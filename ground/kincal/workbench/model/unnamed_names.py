@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from kincal.errors import BadInput
-from kincal.schema.names import UNNAMED
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.names import UNNAMED
 
 _HELD_BY = {"range": "camera translation", "tag tilt": "tag rotation"}
 _NAME = re.compile(rf"{UNNAMED}\[(?P<place>[^:\[\]]+):(?P<drivers>[^:\[\]]+)\]")

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kincal.errors import BadInput
 from kincal.flight import Arm, library, status_name, tables
 from kincal.flight.bounds import Flown, place_text, shared_bounds, tightest
 from kincal.flight.terms import Coefficient, fill_terms
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import PNP, is_unnamed
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import PNP, is_unnamed
 
 from . import capacity
 from .effects import Hypothesis

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from kincal.errors import BadInput
 from kincal.flight import Arm
 from kincal.rotations import Pose, matrix_of_wxyz
+from kincal_shared.errors import BadInput
 
 from ..data.measurements import Measurements
 from ..fit.least_squares import Fit

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kincal.errors import CannotAnswer
-from kincal.schema.arm import ArmTable
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.arm import ArmTable
 
 from ..data.measurements import Measurements
 from ..data.split import Split, choose_split

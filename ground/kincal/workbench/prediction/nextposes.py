@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.special import expit
 
-from kincal.errors import BadInput, CannotAnswer
+from kincal_shared.errors import BadInput, CannotAnswer
 
 from ..data.measurements import Measurements
 from ..fit.columns import Columns

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
 
-from kincal.schema.names import UNNAMED, split_constants
+from kincal_shared.schema.names import UNNAMED, split_constants
 
 from ..diagnosis import Diagnosis
 from ..prediction.nested import DH, HELD_OUT, NOMINAL

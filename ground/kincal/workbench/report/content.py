@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import split_constants
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import split_constants
 
 from ..data.measurements import Measurements
 from ..diagnosis import Diagnosis

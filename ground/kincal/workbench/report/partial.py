@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
-from kincal.schema.names import COMPONENTS, VARIABLES
-from kincal.schema.terms import Basis
+from kincal_shared.schema.names import COMPONENTS, VARIABLES
+from kincal_shared.schema.terms import Basis
 
 from ..evidence.unnamed import Location, locations
 from ..fit.columns import Columns

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kincal.schema.terms import Basis
+from kincal_shared.schema.terms import Basis
 
 from ..evidence.unnamed import drivers
 from ..fit.columns import Columns

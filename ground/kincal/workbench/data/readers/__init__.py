@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from kincal.errors import BadInput
-from kincal.schema.arm import ArmTable
-from kincal.schema.datamap import DataMap
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.datamap import DataMap
 
 from ..direction import with_direction
 from ..measurements import Measurements

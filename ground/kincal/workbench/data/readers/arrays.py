@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kincal import installation
-from kincal.errors import BadInput
-from kincal.schema.datamap import DataMap
+from kincal_shared import installation
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.datamap import DataMap
 
 from ...numerics.types import array
 from .table import Column, Joints, Table

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from kincal.errors import BadInput
-from kincal.schema.arm import MOST_GRAVITY_M_S2
-from kincal.schema.datamap import RECORDED, DataMap
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import MOST_GRAVITY_M_S2
+from kincal_shared.schema.datamap import RECORDED, DataMap
 
 from ...numerics.types import Array, Mask
 from ..measurements import Measurements, replicate_groups

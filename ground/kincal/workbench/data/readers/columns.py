@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from kincal.errors import BadInput
-from kincal.schema.datamap import COUNT, SCALARS, TEXTS, DataMap, Names, RotationEntry
-from kincal.schema.suggestions import nearest_name
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.datamap import COUNT, SCALARS, TEXTS, DataMap, Names, RotationEntry
+from kincal_shared.schema.suggestions import nearest_name
 
 from ...numerics.types import Array, Mask, array
 from .table import Joints, Table

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from ...numerics.types import Array
 from ..measurements import Measurements, replicate_groups, without_copies

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from ...numerics.types import Array
 from ..measurements import Measurements, replicate_groups

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from kincal import installation
-from kincal.errors import BadInput
-from kincal.schema.datamap import DataMap, RosEntry
-from kincal.schema.suggestions import nearest_name
+from kincal_shared import installation
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.datamap import DataMap, RosEntry
+from kincal_shared.schema.suggestions import nearest_name
 
 from ...numerics.types import Array, array
 from .table import Column, Joints, Table

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from kincal.schema.arm import ArmTable
-from kincal.schema.datamap import DataMap
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.datamap import DataMap
 
 from ...numerics.types import Array
 

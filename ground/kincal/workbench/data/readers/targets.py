@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kincal.errors import CannotAnswer
 from kincal.rotations import Pose, rigid_fit
-from kincal.schema.datamap import TargetsEntry
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.datamap import TargetsEntry
 
 from ...numerics.types import Array, array
 from .columns import Columns

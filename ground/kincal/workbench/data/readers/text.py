@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from kincal.errors import BadInput
-from kincal.schema.datamap import DataMap
-from kincal.schema.errors import utf8_text
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.datamap import DataMap
+from kincal_shared.schema.errors import utf8_text
 
 from .table import Joints, Table
 

@@ -10,13 +10,14 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kincal.schema.errors import read_toml, validate
-from kincal.schema.simulator import PlantFile
+from kincal_shared.installation import root
+from kincal_shared.schema.errors import read_toml, validate
+from kincal_shared.schema.simulator import PlantFile
 
+from ..transforms import transform
 from .mjcf import GRAVITY_EARTH, mjcf
-from .transforms import transform
 
-SPEC_PATH = Path(__file__).resolve().parent.parent / "models" / "wam.toml"
+SPEC_PATH = root() / "sim" / "models" / "wam.toml"
 DH = ("phi_rad", "alpha_rad", "a_m", "d_m")
 # Components of a frame error, as coefficients are named and as transforms.frame_error has them.
 FRAME = {"tx_m": "tx", "ty_m": "ty", "tz_m": "tz", "rx_rad": "rx", "ry_rad": "ry", "rz_rad": "rz"}

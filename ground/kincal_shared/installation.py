@@ -1,19 +1,18 @@
 """What came with this installation, and what it needs for which command.
 
-The wheel carries a part of the source tree in `kincal/_tree`, with the same folders: the simulator, its
-models and scenarios (`sim/`), tables (`tables/`) and the processes (`build/`). In a source tree the tree
-itself is used."""
+The wheel carries a part of the source tree in `kincal/_tree`, with the same folders: models and scenarios of
+the simulator (`sim/`), tables (`tables/`) and the processes (`build/`). In a source tree the tree itself is
+used."""
 
 from __future__ import annotations
 
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
-_PACKAGE: Final = Path(__file__).resolve().parent
+_PACKAGES: Final = Path(__file__).resolve().parents[1]
 
 # extra of the package -> modules that it brings
 EXTRAS: Final[dict[str, tuple[str, ...]]] = {
@@ -27,8 +26,8 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
 
 def root() -> Path:
     """The folder that holds sim/, tables/ and build/: what the wheel brought, or the source tree."""
-    packed = _PACKAGE / "_tree"
-    return packed if packed.is_dir() else _PACKAGE.parents[1]
+    packed = _PACKAGES / "kincal" / "_tree"
+    return packed if packed.is_dir() else _PACKAGES.parent
 
 
 def file(name: str) -> Path:
@@ -54,12 +53,8 @@ def require(extra: str, what: str) -> None:
 
 
 def simulator() -> None:
-    """Put the simulator (package kincal_sim) and the message types on the path of this process. BadInput if
-    what it needs is not installed."""
+    """BadInput if what the simulator (package kincal_sim) needs is not installed."""
     require("sim", "a simulated run")
-    for folder in (root() / "sim", root() / "build" / "py"):
-        if str(folder) not in sys.path:
-            sys.path.append(str(folder))
 
 
 def program(name: str) -> Path:

@@ -19,7 +19,7 @@ import pydantic
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from .base import Strict
 from .errors import Contradiction, parse_toml, read_toml, validate
@@ -319,7 +319,7 @@ def same_joints(one: ArmTable, other: ArmTable) -> bool:
 
 def shipped_arms() -> dict[str, Traversable]:
     """Arm tables that come with the package, by name."""
-    folder = resources.files("kincal") / "arms"
+    folder = resources.files("kincal_shared") / "arms"
     return {f.name.removesuffix(".toml"): f for f in folder.iterdir() if f.name.endswith(".toml")}
 
 

@@ -13,8 +13,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..transforms import frame_error, quaternion, rot, trans
 from . import appearance
-from .transforms import frame_error, quaternion, rot, trans
 
 GRAVITY_EARTH = (0.0, 0.0, -9.81)  # [m/s^2]
 TINY_INERTIA = "1e-6 1e-6 1e-6"  # static loads need masses only; MuJoCo's compiler wants an inertia too

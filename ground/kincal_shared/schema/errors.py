@@ -16,7 +16,7 @@ from typing import Any
 
 import pydantic
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from .base import (
     Model,

@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..transforms import quaternion, rotation_matrix, transform
 from .arm import Arm
 from .mjcf import GRAVITY_EARTH
-from .transforms import quaternion, rotation_matrix, transform
 
 EQUILIBRIUM_ITER_MAX = 60
 EQUILIBRIUM_TOL = 1e-13  # [rad] of joints, entries of the 4x4 offsets of bodies

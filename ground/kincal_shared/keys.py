@@ -20,7 +20,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, TypeVar
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 VARIABLE = "KINCAL_KEYS"
 DEFAULT = Path("~/.kincal/keys")

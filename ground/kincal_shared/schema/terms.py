@@ -24,7 +24,7 @@ from typing import Literal
 
 import pydantic
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from .base import Strict
 from .errors import Contradiction

@@ -11,7 +11,6 @@ from __future__ import annotations
 import atexit
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 # MuJoCo and PyOpenGL choose their back end at import.
 os.environ.setdefault("MUJOCO_GL", "osmesa")
@@ -22,20 +21,21 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kincal.schema.errors import read_toml, validate
-from kincal.schema.simulator import OpticsFile
+from kincal_shared.installation import root
+from kincal_shared.schema.errors import read_toml, validate
+from kincal_shared.schema.simulator import OpticsFile
 
-from . import appearance
-from .arm import load_spec
+from ..mechanics import appearance
+from ..mechanics.arm import load_spec
+from ..transforms import rot, trans
 from .tag_renderer import Lighting, TagRenderer, Window
 from .tags import Tag
-from .transforms import rot, trans
 
 # Beside the tags' prints: more than the detector looks at.
 TAG_MARGIN_PX = 40
 JPEG_BLOCK_PX = 16
 FLAT_DN = 96
-MODELS = Path(__file__).resolve().parent.parent / "models"
+MODELS = root() / "sim" / "models"
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import pydantic
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from .base import Strict
 from .dh import DH_FIELDS

@@ -16,11 +16,11 @@ import cv2
 import mujoco
 import numpy as np
 
+from ..transforms import quaternion
 from . import pnp
 from .camera import Config
 from .tag_renderer import OCCLUSION_MARGIN_M
 from .tags import BLACK_CELLS, CELLS, Tag
-from .transforms import quaternion
 
 MAX_TAGS = 4
 # Corners that moved less than this [px] since the frame before: the scene rests.

@@ -16,12 +16,12 @@ import numpy as np
 
 import kcm
 
-from .arm import Arm
+from ..mechanics.arm import Arm
+from ..randomness import generator
+from ..scenario import Scenario
+from ..truth import build_plant
 from .camera import Camera, load_config
 from .detection_model import DetectionModel
-from .randomness import generator
-from .scenario import Scenario
-from .truth import build_plant
 
 Message = Any  # a message class that lcm-gen made
 

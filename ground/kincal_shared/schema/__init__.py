@@ -2,5 +2,5 @@
 
 numbers, errors: values and messages. names, terms: the grammar of correction terms. arm, effects, model,
 space, scenario, tables, simulator: one module a kind of file. files: all kinds, and their JSON Schema.
-Imports nothing of kincal but kincal.errors.
+Imports nothing of kincal.
 """
