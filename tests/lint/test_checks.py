@@ -163,6 +163,10 @@ def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, he
             {"sim/tagdet/main.cpp": 'void f() { kcm_image_t_subscribe(lcm, "KC_IMAGE", on, 0); }\n'},
             "sim/tagdet/main.cpp: kcm_image_t_subscribe() believes n_bytes",
         ),
+        (
+            {f"ground/kincal/many/m{n}.py": "" for n in range(26)},
+            "ground/kincal/many: 26 modules in one folder; 25 are the most",
+        ),
     ],
 )
 def test_an_include_that_is_not_for_its_file_is_named(tmp_path, files, complaint):

@@ -251,7 +251,6 @@ def next_command(
         kincal model next --arm wam --data p.csv --space tables/src/space.toml backlash[1] backlash[2]
     """
     from kincal.api.case import check_alternatives
-    from kincal.api.spaces import free_of_contact
     from kincal.workbench.prediction.measurable import Limits
     from kincal.workbench.prediction.nextposes import poses_csv
     from kincal.workbench.report.answers import poses_json, poses_text
@@ -259,7 +258,12 @@ def next_command(
     boxes = _boxes("--inside", inside), _boxes("--outside", outside)
     check_alternatives(names)
     case = case_of(arm_path, given, model_path, effect_files)
-    limits = Limits(*boxes, free_of_contact(space_path, tables_dir, case.arm) if space_path else None)
+    clear = None
+    if space_path:
+        from kincal.api.spaces import free_of_contact  # needs MuJoCo
+
+        clear = free_of_contact(space_path, tables_dir, case.arm)
+    limits = Limits(*boxes, clear)
     poses = case.separating_poses(names, count=count, limits=limits)
     if out_path is not None:
         out_path.write_text(poses_csv(poses), encoding="utf-8")
