@@ -96,6 +96,7 @@ bool kc_edge_open(kc_edge_t *e, const char *url, kc_files_t *files, kc_app_t *ap
     e->files = files;
     e->app = app;
     e->live = live;
+    e->url = url;
     renew(e);
     e->lcm = lcm_create(url);
     if (e->lcm == NULL) {
@@ -236,9 +237,24 @@ static bool run_lockstep(kc_edge_t *e, const volatile sig_atomic_t *stop)
 
 /* ---- live ---- */
 
+/* One who started the process by hand sees that it runs, where, and with which tables. */
+static void say_running(const kc_hk_t *hk, const char *url)
+{
+    static const char *const kind[KC_TBL_COUNT] = {"",    "arm",   "camera", "terms",
+                                                   "kin", "space", "kernel", "config"};
+    (void)fprintf(stderr, "kincal-fsw: runs on %s, real clock; commands on KC_CMD, housekeeping on KC_HK\n",
+                  url);
+    (void)fprintf(stderr, "kincal-fsw: tables in force, by CRC:");
+    for (int k = KC_TBL_ARM; k < KC_TBL_COUNT; k++) {
+        (void)fprintf(stderr, " %s %08x", kind[k], (unsigned)hk->table_crc[k]); /* 0: none */
+    }
+    (void)fprintf(stderr, "\n");
+}
+
 static bool run_live(kc_edge_t *e, const volatile sig_atomic_t *stop)
 {
     int64_t due = clock_us(CLOCK_MONOTONIC);
+    bool said = false;
     while (!*stop) {
         int64_t left = due - clock_us(CLOCK_MONOTONIC);
         if (left > 0) {
@@ -246,6 +262,8 @@ static bool run_live(kc_edge_t *e, const volatile sig_atomic_t *stop)
             continue;
         }
         kc_edge_step(e, clock_us(CLOCK_REALTIME));
+        if (!said) { say_running(&e->out.hk, e->url); } /* the first step has housekeeping */
+        said = true;
         due += KC_EDGE_TICK_US;
         if (clock_us(CLOCK_MONOTONIC) >
             due + 10 * (int64_t)KC_EDGE_TICK_US) { /* fell behind: don't catch up */

@@ -18,6 +18,7 @@
 
 typedef struct {
     lcm_t *lcm;
+    const char *url;
     kc_files_t *files;
     kc_app_t *app;
     kc_queue_t queue;

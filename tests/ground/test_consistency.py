@@ -242,6 +242,14 @@ def test_readings_outside_the_limits_and_still_joints_are_said(folder):
     assert "spread" in codes(arm, replace(data, q=q))
 
 
+def test_readings_in_degrees_are_one_finding(folder):
+    """They are outside the limits of every joint too, which says nothing more."""
+    data = wb.read_csv(folder / "poses.csv", 7)
+    arm = wb.read_arm(folder / "arm.toml")
+    found = check(arm, replace(data, q=np.degrees(data.q)))
+    assert [f.code for f in found.findings if f.severity != "note"] == ["degrees"]
+
+
 # --------------------------------------------------------------------------- the arm of a model for flight
 
 

@@ -21,9 +21,10 @@ from kincal.pages.poses import Poses, bulk_range, dots
 from kincal.workbench.diagnosis import competing
 from kincal.workbench.fit.least_squares import fit_model
 from kincal.workbench.prediction.gain import held_ratio, judged
+from kincal.workbench.prediction.nextposes import NextPose
 from kincal.workbench.prediction.reachable import Reachable
 from kincal.workbench.report import advice, explain, headline
-from kincal.workbench.report.answers import diagnosis_json
+from kincal.workbench.report.answers import diagnosis_json, poses_text
 from kincal.workbench.report.content import report_content
 from kincal.workbench.report.diagnosis_text import diagnosis_text
 from kincal.workbench.report.partial import effect_panels, place_panels
@@ -126,6 +127,69 @@ def test_verdict_is_one_sentence_with_what_it_brings(found):
         f"Consistent with backlash[4]: with it the held-out error falls from {before * 1e3:.3f} "
         f"to {after * 1e3:.3f} mm."
     )
+
+
+def test_verdict_and_star_name_only_what_is_shown_to_help(found):
+    """bias_step[7] of the Franka arm stood in the verdict at a ratio of 0.999, principal_point at 0.15."""
+    [e] = [e for e in found.d.effects if e.accepted]
+    before_m = e.held.before_m
+    gain = replace(e.held, after_m=0.999 * before_m, interval=(0.965, 1.016))
+    open_ = replace(e, name="bias_step[7]", label="bias_step[7]", held=gain, probability=0.56)
+    doubts = replace(e.doubts, evidence=0.95, support=0.18, identity=0.9)
+    doubted = replace(e, name="flex", label="flex", doubts=doubts, probability=0.15)
+    d = replace(found.d, effects=(e, open_, doubted), verdict="several_effects")
+    assert explain.verdict(d).startswith(
+        "Consistent with backlash[4]: with it, and with bias_step[7] and flex (undecided), the held-out error"
+    )
+    text = diagnosis_text(d)
+    assert "\n* backlash[4]: " in text and "\n+ bias_step[7]: " in text and "\n+ flex: " in text
+    [line] = [line for line in text.splitlines() if line.startswith("+ flex")]
+    assert "P = 0.15" in line and "= 0.95 (evidence) x 0.18 (it helps poses that were not fitted)" in line
+    none = replace(found.d, effects=(open_,), verdict="effect")
+    assert "no effect is shown to help: with bias_step[7] (undecided)" in explain.verdict(none)
+
+
+def test_verdict_says_of_something_unnamed_whether_its_function_is_decided(found):
+    [e] = [e for e in found.d.effects if e.accepted]
+    undecided, helps = (replace(e.held, interval=x) for x in ((0.937, 1.101), (0.7, 0.9)))
+
+    def said(held, curves=(None,)):
+        novel = SimpleNamespace(location="joint 2", depends_on=("q2", "q3"), held=held, curves=curves)
+        return explain.verdict(replace(found.d, verdict="novel", novel=novel))
+
+    follows = "joint 2 has an error that follows q2 and q3"
+    assert f"{follows} (a smooth function of that: undecided); with backlash[4] " in said(undecided)
+    assert f"{follows}; with backlash[4] " in said(helps)
+    assert f"{follows}; with backlash[4] " in said(undecided, curves=())
+
+
+def test_poses_that_would_not_decide_are_not_advised(found):
+    weak = NextPose((0.1,) * 7, None, (0.0,) * 3, None, ("flex", "slip"), 0.4, 0.04, 0.57)
+    strong = replace(weak, d2=60.0, power=0.99)
+    inputs = advice.Inputs("arm.toml", ("--data", "d.csv"))
+
+    def steps(pose):
+        return [s for s in advice.next_steps(found.d, [pose], inputs) if "flex" in s.why]
+
+    [step] = steps(weak)
+    assert step.command == "kincal model effects"
+    assert "flex and slip apart: these 1 would not decide (power 0.04); about 16 such poses" in step.why
+    assert "(power 0.04)" in poses_text([weak])
+    [step] = steps(strong)
+    assert step.command.startswith("kincal model next ") and "would not decide" not in poses_text([strong])
+
+
+def test_a_fit_that_makes_held_out_poses_worse_explains_nothing():
+    def said(adequate, nominal_m, held_m):
+        c = SimpleNamespace(
+            adequate=adequate, errors={"nominal": (nominal_m, None)}, rms={"held": (held_m, None)}
+        )
+        return explain.adequacy(c)
+
+    assert said(True, 2.8e-3, 0.9e-3) == said(True, 2.8e-3, float("nan")) == "the model explains these data"
+    assert said(False, 2.8e-3, 0.9e-3) == "the model does NOT explain these data"
+    worse = said(True, 2.755e-3, 2.93e-3)
+    assert "explains" not in worse and "worse than the nominal arm (2.755 to 2.930 mm)" in worse
 
 
 def test_names_of_one_effect_stand_together():

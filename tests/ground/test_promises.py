@@ -1,6 +1,7 @@
 """What `diagnose` promises, the commands that it prints deliver: run as they stand, compared to the digit."""
 
 import json
+import re
 import shlex
 import tomllib
 from types import SimpleNamespace
@@ -75,6 +76,34 @@ def test_commands_of_a_diagnosis_of_a_real_set_give_what_it_promises(name, tmp_p
     assert dict(map(split_constants, answer["advised"]["add"])) == {
         name: pytest.approx(constants, rel=1e-14) for name, constants in found.items()
     }
+
+
+def test_a_table_that_leaves_something_out_states_its_own_error(tmp_path, monkeypatch):
+    """The UR5 has parallel axes: what a DH table has no place for is said, with the error of the table, which
+    is that of the exported arm as it stands."""
+    monkeypatch.chdir(tmp_path)
+    header, *rows = (DATA / "ur5" / "ur5.csv").read_text().split("\n")
+    rows = [f"{row},{'held' if k % 4 == 3 else 'fit'}" for k, row in enumerate(filter(None, rows))]
+    (tmp_path / "d.csv").write_text("\n".join([f"{header},split", *rows]) + "\n")
+    sources = f"--arm {DATA / 'ur5' / 'ur5.toml'} --data d.csv"
+    run(f"kincal model fit {sources} --model M.toml")
+    done = kincal("export", "--model", "M.toml", "--format", "dh", "-o", "c.toml")
+    assert (
+        "DH beta, worth 0.14 mm" in done.output and "--format urdf, json, python and c hold it" in done.output
+    )
+    table, whole = re.search(
+        r"held-out poses: ([0-9.]+) mm with this table, ([0-9.]+) mm", done.output
+    ).groups()
+    delivered = json.loads(run("kincal model compare --arm c.toml --data d.csv --json"))["errors"][0]
+    assert delivered["model"] == "nominal"
+    assert float(table) == pytest.approx(delivered["pos_mm"], abs=6e-4) and float(whole) < float(table)
+    done = kincal("export", "--model", "M.toml", "--format", "urdf", "-o", "c.urdf")
+    assert "warning" not in done.output
+    arm = wb.read_arm(DATA / "ur5" / "ur5.toml")
+    comparison = compare(arm, wb.read_csv("d.csv", 6))
+    d = SimpleNamespace(comparison=comparison, advised=SimpleNamespace(errors=()))
+    [_, step] = advice._calibrating(d, advice.Inputs("ur5.toml", ("--data", "d.csv")))
+    assert f"leaves some of it out: held-out error {table} mm" in step.why
 
 
 # ------------------------------------------------------------------------------------- constants

@@ -1,5 +1,7 @@
 """README.md is run as it stands, block by block in one shell, in a fresh clone."""
 
+import os
+import subprocess
 from pathlib import Path
 
 import gen_tutorial
@@ -9,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 pytestmark = pytest.mark.slow
 
-FSW = "build/kincal-fsw --live --keys ~/.kincal/keys --tables tables/bin --store store"
+FSW = "build/kincal-fsw --live --keys ~/.kincal/keys --tables tables/bin --store ~/.kincal/store"
 # Commands that take minutes or need a network, and what is run for them: other tests do what they do.
 INSTEAD = {
     "make demo": "make -n demo > /dev/null",  # tests/integration
@@ -28,12 +30,24 @@ def test_every_block_of_the_readme_ends_well(clone, tmp_path):
     blocks = [m["commands"] for m in gen_tutorial.BLOCK.finditer(text)]
     lines = {line.partition("#")[0].strip() for block in blocks for line in block.splitlines()}
     assert len(blocks) == 4 and set(INSTEAD) <= lines
+    before = files_that_git_sees(clone)
     shell = gen_tutorial.Shell(clone, tmp_path, INSTEAD, HOME=str(tmp_path))
     said = [shell.run(block) for block in blocks]
     assert "no change needed" in said[1] and "verdict" in said[3]
     assert (tmp_path / ".kincal" / "keys").is_file()
-    made = clone / "docs" / "data" / "wam"
+    made = clone / "out" / "wam"
     assert (made / "report.html").is_file() and "def " in (made / "wam.py").read_text()
+    assert files_that_git_sees(clone) == before, "the commands leave the clone clean"
+
+
+def files_that_git_sees(clone):
+    """Files of a tree that its .gitignore does not name, with their content."""
+    ignore = ROOT / ".gitignore"
+    words = ["git", "ls-files", "--others", "-z", f"--exclude-from={ignore}"]
+    git = {**os.environ, "GIT_DIR": str(clone.parent / "no-index"), "GIT_WORK_TREE": str(clone)}
+    subprocess.run(["git", "init", "--quiet"], env=git, cwd=clone, check=True)
+    listed = subprocess.run(words, env=git, cwd=clone, capture_output=True, text=True, check=True)
+    return {name: (clone / name).stat().st_mtime_ns for name in listed.stdout.split("\0") if name}
 
 
 @pytest.mark.parametrize("block", ["no-such-program | tee x", "cat missing | sort > y", "cd missing"])

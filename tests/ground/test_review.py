@@ -355,6 +355,22 @@ def test_what_waits_on_board_is_listed_with_verdict_time_left_and_choices(tmp_pa
         assert "on board: nothing waits" in live(flight)
 
 
+def test_commands_that_are_listed_can_be_typed(tmp_path, journal):
+    """With the key file, the network and the journal of the command that lists them."""
+    other = tmp_path / "my keys"
+    keys.new(other)
+    with FakeFlight(CRC) as flight:
+        words = ["--live", "--url", flight.url, "--journal", str(journal), "--keys", str(other)]
+        run = CliRunner().invoke(main, ["review", "list", *words])
+        assert run.exit_code == 0, run.output
+        signing = f" --keys '{other}' --journal {journal}"
+        commands = re.findall(r"(kincal review (?:show|arm|go|reject) [^\n]*)", run.output)
+        assert len(commands) == 4
+        for command in commands:
+            sending = "" if " show " in command else f" --url '{flight.url}'"
+            assert command.endswith(signing + sending), command
+
+
 def test_a_poor_proposal_of_a_log_is_listed_as_waiting(tmp_path, journal):
     log = tmp_path / "run.lcmlog"
     write_log(log, waiting=poor())

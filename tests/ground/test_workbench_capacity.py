@@ -1,6 +1,8 @@
 """What to leave out of a model that is too large for flight: order, cost, and the way there by commands."""
 
+import json
 import re
+import shlex
 
 import numpy as np
 import poses
@@ -90,6 +92,25 @@ def test_a_model_too_large_for_flight_is_refused_with_what_to_leave_out(large):
     assert 62 <= struct.n_coef <= 64
     assert len(wb.read_model(model).effects) == len(MANY)
     assert drop[1] in done.output
+
+
+def test_what_has_no_room_in_the_search_space_is_advised_with_what_is_too_much(large, tmp_path):
+    """One advice: dropping what it names leads to no second refusal."""
+    model, text = tmp_path / "M.toml", large[0].read_text()
+    values = wb.read_model(large[0]).values
+    name = next(n for n in values if n.startswith("bearing_wobble"))
+    entry = f"name = {json.dumps(name)}\nvalue = "
+    model.write_text(text.replace(f"{entry}{values[name][0]!r}", f"{entry}0.5"))
+    assert wb.read_model(model).values[name][0] == 0.5
+    refused = kincal("uplink", "--model", model)
+    assert refused.exit_code == 2 and "flight carries 64" in refused.output
+    drop = shlex.split(re.search(r"add to the command: (.*)", refused.output)[1])
+    assert "bearing_wobble" in " ".join(drop)
+    done = kincal("uplink", "--model", model, "-o", tmp_path / "small.tbl", *drop)
+    assert done.exit_code == 0, done.output
+    small = [word for word in drop if "bearing_wobble" not in word and word != "--drop"]
+    again = kincal("uplink", "--model", model, *(w for n in small for w in ("--drop", n)))
+    assert again.exit_code == 2, "what has no room stays a reason of its own"
 
 
 def test_an_effect_that_is_not_there_cannot_be_dropped(large):

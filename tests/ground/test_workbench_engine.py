@@ -12,8 +12,10 @@ from scipy import stats
 from scipy.spatial import Delaunay
 
 from kincal import workbench as wb
+from kincal.cli.text import model as text
 from kincal.flight import Arm, Model, Observations, Terms
 from kincal.flight import library as build
+from kincal.workbench.diagnosis import additions, unnamed_effects
 from kincal.workbench.evidence import bayes_factors, scoring
 from kincal.workbench.fit.columns import Columns
 from kincal.workbench.fit.least_squares import fit_model
@@ -363,6 +365,34 @@ def test_an_effect_that_makes_a_block_much_worse_is_not_recommended(arm, tmp_pat
     said = fit_json(result)["nested_models"]
     assert said["not_recommended"] == ["time_drift[2]"]
     assert line in said["verdicts"]
+
+
+def test_unnamed_effects_that_a_fit_would_advise_against_are_not_added(arm, tmp_path, monkeypatch):
+    """The drift again, as a smooth function of time: `unnamed` leaves it out, by its name it is added with
+    the same words as those of the fit."""
+    data = measure(tmp_path, 100, 31)
+    share = np.arange(100) / 100
+    drift = np.outer(np.where(share < 0.8, 0.02 * share, 0.0), np.eye(7)[1])
+    data = replace(data, q=data.q + drift)
+    name = "unnamed[joint 2: t]"
+    asked = unnamed_effects.find_unnamed(arm, data, [name])
+    assert asked.names == (name,)
+    library = wb.Library.load().with_unnamed([a.effect.entry() for a in asked.additions])
+    result = wb.fit(arm, data, [name], library=library)
+    [line] = explain.not_recommended(result.nested)
+    assert asked.against == result.nested.against
+    words = line.removesuffix("; leave it out, or measure more where it fails")
+    assert f"{words}; added as asked for" in list(text.additions(asked))
+
+    def chosen(comparison, hypotheses, **_):
+        return additions.only(comparison, hypotheses, [a.effect for a in asked.additions])
+
+    monkeypatch.setattr(unnamed_effects, "add_unnamed", chosen)
+    found = unnamed_effects.find_unnamed(arm, data, ["unnamed"])
+    assert (found.names, found.additions, found.all_of_them.steps) == ((), (), ())
+    said = list(text.additions(found))
+    assert said[0] == f"{words}; not added" and said[1].startswith("unnamed: nothing to add")
+    assert found.all_of_them.held_pos_m == pytest.approx(result.comparison.errors["DH"][0], rel=1e-9)
 
 
 def test_only_much_worse_blocks_and_held_out_poses_speak_against_an_effect():

@@ -196,7 +196,7 @@ def test_a_live_process_keeps_its_own_time(tmp_path):
     with Flight(tmp_path / "store") as f:
         f.process = subprocess.Popen(
             [BINARY, "--live", "--url", f.url, "--tables", TABLES, "--store", f.store, "--keys", f.keys],
-            stderr=subprocess.DEVNULL,
+            stderr=f.stderr.open("wb"),
         )
         for _ in range(400):
             f.bus.wait(0.05)
@@ -204,6 +204,11 @@ def test_a_live_process_keeps_its_own_time(tmp_path):
             if len(hks) >= 2:
                 break
         assert len(hks) >= 2
+        said = f.stderr.read_text()
+        assert f"runs on {f.url}" in said and "KC_CMD" in said and "KC_HK" in said
+        assert (
+            said.count("in force") == 1 and f" arm {hks[0].table_crc[TABLE['ARM']] & 0xFFFFFFFF:08x} " in said
+        )
         assert 0.9e6 <= hks[1].t_us - hks[0].t_us <= 1.3e6
         f.command(CMD.NOOP)  # stamped in 1970: taken in at once, and refused
         f.tick = hks[1].t_us // TICK_US + 1

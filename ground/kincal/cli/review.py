@@ -76,7 +76,9 @@ def review_list(
     text.proposals(out, proposals(logs, found))
     if live:
         with link.Link(url) as up:
-            text.on_board(out, decisions.on_board(up, timeout_s))
+            signing = _signing_options(key_file, journal)
+            waits = decisions.on_board(up, timeout_s)
+            text.on_board(out, waits, signing, signing + _option("--url", url, link.DEFAULT_URL))
     for one in found:
         text.decisions(out, one)
     text.absent(out, absent(logs, found))
@@ -170,7 +172,16 @@ def _keys_option(key_file: Path, log: Path) -> str:
     beside = log.with_name(journals.RUN_KEYS)
     if key_file == DEFAULT and beside.is_file():
         key_file = beside
-    return "" if key_file == DEFAULT else f" --keys {shlex.quote(str(key_file))}"
+    return _option("--keys", key_file, DEFAULT)
+
+
+def _signing_options(key_file: Path, journal: Path | None) -> str:
+    """The options of these that are not the default, as words of another command."""
+    return _option("--keys", key_file, DEFAULT) + _option("--journal", journal, None)
+
+
+def _option(name: str, value: object, default: object) -> str:
+    return "" if value == default else f" {name} {shlex.quote(str(value))}"
 
 
 def _see(found: Review, by: str, log: Path, key_file: Path, journal: Path | None) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from kincal.flight import FRAME_TOOL
 from kincal.rotations import Floats, Pose
-from kincal.workbench.model.parameters import BETA
+from kincal.workbench.model.parameters import BETA, given_no_beta
 from kincal_shared.schema.dh import BETA_ERROR, DH_ERRORS, DH_FIELDS
 
 from .calibrated import BASE, DH, TOOL, CalibratedArm, FittedTerm, twist_pose
@@ -24,7 +24,6 @@ from .leftout import LeftOut, left_out
 
 TX, TY, TZ, RX, RY, RZ = range(6)
 TURNED = (*DH_FIELDS, BETA_ERROR.name)
-_LEAST_SIGMA_RAD = 1e-7  # of a beta: a covariance beside priors of 0.1 rad is rounding below
 
 State = Literal["identifiable", "not identifiable", "not estimated"]
 
@@ -100,13 +99,9 @@ def _table(arm: CalibratedArm, columns: tuple[str, ...]) -> DhTable:
 
 
 def _given_no_beta(arm: CalibratedArm) -> CalibratedArm:
-    """The arm with the most probable coefficients if every beta were zero: the mean of the fit's normal
-    distribution under that condition."""
-    beta = np.array([c.group == BETA for c in arm.coefficients], dtype=bool)
-    value, cov = np.array([c.value for c in arm.coefficients]), arm.covariance
-    own = cov[np.ix_(beta, beta)] + _LEAST_SIGMA_RAD**2 * np.eye(int(beta.sum()))
-    moved = value - cov[:, beta] @ np.linalg.solve(own, value[beta])
-    kept = np.where(beta, 0.0, moved)
+    """The arm with the most probable coefficients if every beta were zero."""
+    names, value = [c.name for c in arm.coefficients], np.array([c.value for c in arm.coefficients])
+    kept = given_no_beta(names, value, arm.covariance)
     rows = zip(arm.coefficients, kept, strict=True)
     return replace(arm, coefficients=tuple(replace(c, value=float(x)) for c, x in rows))
 

@@ -16,7 +16,7 @@ from kincal.pages.page import Command, Grid, Page, Provenance, Section, Tile, wr
 from kincal.pages.poses import Poses
 from kincal.workbench.diagnosis import EffectFinding, UnnamedFinding
 from kincal.workbench.model.hypotheses import effect_of
-from kincal.workbench.prediction.nextposes import NextPose
+from kincal.workbench.prediction.nextposes import NextPose, would_decide
 from kincal.workbench.report import explain
 from kincal.workbench.report.advice import Step
 from kincal.workbench.report.content import ReportContent
@@ -63,11 +63,6 @@ HEADINGS = {
     ),
     "next": ("Next poses", "They separate {names}; the power counts the poses above too.{little}"),
 }
-_ENOUGH_POWER = 0.5  # power
-LITTLE = (
-    " All {count} together tell the right one from the others with a probability of only {power:.2f}: many "
-    "more are needed, or poses outside the measured volume (kincal model next --help)."
-)
 NEVER_HIDDEN = "No effect hides behind another with these poses."
 HOW_FINDING = (
     "Dots: motion of this place that would explain each pose best, with the effect taken out of the model. "
@@ -199,7 +194,7 @@ def _next(data: ReportContent) -> Section:
     limits = np.array([[j.q_min, j.q_max] for j in data.diagnosis.final.arm.joints]).T
     q, power = np.array([p.q for p in poses]), [p.power for p in poses]
     rows = [_pose_row(k, p) for k, p in enumerate(poses, 1)]
-    little = LITTLE.format(count=len(poses), power=max(power)) if max(power) < _ENOUGH_POWER else ""
+    little = "" if would_decide(poses) else f" But {explain.would_not_decide(poses)}."
     text = HEADINGS["next"][1].format(names=", ".join(poses[0].separates), little=little)
     grid = Grid.of("pose|<q [rad or m]|<approach|power", rows)
     return _section("next", figures.next_poses(q, limits[0], limits[1], power), grid, text)

@@ -99,6 +99,9 @@ class FitEntry(Strict):
     """RMS position error on the held-out poses of a fit to the others [mm]."""
     held_mrad: NotNegative | None = None
     """RMS rotation error on the held-out poses [mrad]."""
+    held_table_mm: NotNegative | None = None
+    """RMS position error on the held-out poses of what a DH table holds of the fit, where that is less than
+    all of it [mm]."""
     noise_scale: NotNegative
     """Fitted over stated noise."""
     base: FrameEntry

@@ -63,7 +63,8 @@ def add_command(
 
     An unnamed effect, as `diagnose` names it, becomes a smooth function there: ordinary terms, chosen from
     the data that --arm and --data give, with what held-out poses gain from them. `unnamed` alone adds as many
-    as predict better, the one that the data ask for most first.
+    as predict better, the one that the data ask for most first, and says which ones it leaves out because
+    `fit` would advise against them: those that make an unseen region of the poses worse.
 
     \b
     Examples:
@@ -280,4 +281,4 @@ def export_command(
     )
     click.echo(text.exported(made))
     if made.left_out:
-        click.echo(text.left_out(made, form), err=True)
+        click.echo(text.left_out(made, form, chosen.fit), err=True)

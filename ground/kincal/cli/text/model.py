@@ -12,7 +12,10 @@ from kincal.workbench.diagnosis.unnamed_effects import Found
 from kincal.workbench.model.effects import Effect, Library
 from kincal.workbench.model.hypotheses import covers
 from kincal.workbench.model.modelfile import ModelFile
+from kincal.workbench.model.parameters import BETA
 from kincal.workbench.prediction.nested import EffectGain
+from kincal.workbench.report import explain
+from kincal_shared.schema.model import FitEntry
 from kincal_shared.schema.terms import TermEntry
 
 _INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
@@ -71,15 +74,19 @@ def cost(gain: EffectGain) -> str:
 
 
 def additions(found: Found) -> Iterator[str]:
-    """Unnamed effects, a few lines each: their terms and what held-out poses gain; last, what all of them
-    bring."""
+    """Unnamed effects, a few lines each: their terms and what held-out poses gain; those that other poses
+    speak against; last, what all of them bring."""
     for a in found.additions:
         yield from _addition(a)
+    added = [str(a.effect.name) for a in found.additions]
+    for name in dict.fromkeys(g.effect for g in found.against):
+        done = "added as asked for" if name in added else "not added"
+        yield f"NOT recommended: {name}: {explain.harms(found.against, name)}; {done}"
     every = found.all_of_them
     if every is None:
         return
     if not every.steps:
-        yield "unnamed: nothing to add: no smooth function predicts left-out poses better"
+        yield "unnamed: nothing to add: no smooth function predicts left-out poses better and harms no others"
         return
     held = f"held-out error with all of them {every.held_pos_m * 1e3:.3f} mm"
     yield f"unnamed: {len(every.steps)} added" + (f"; {held}" if isfinite(every.held_pos_m) else "")
@@ -141,12 +148,26 @@ def exported(made: Exported) -> str:
     return "\n".join(f"{path}: {path.stat().st_size} bytes" for path in made.files)
 
 
-def left_out(made: Exported, form: str) -> str:
-    """What the format does not hold, and which ones do."""
+def left_out(made: Exported, form: str, fit: FitEntry | None) -> str:
+    """What the format does not hold, which ones do, and the error of what was written; fit: of the model."""
     return "\n".join(
         [
             f"warning: --format {form} cannot hold these effects (mm: RMS over the fitted poses):",
             *(f"  {one}" for one in made.left_out),
-            *(_WITHOUT_EFFECTS if form in ("dh", "urdf") else []),
+            *_without_them(made, form, fit),
         ]
     )
+
+
+def _without_them(made: Exported, form: str, fit: FitEntry | None) -> Iterator[str]:
+    if form not in ("dh", "urdf"):
+        return
+    if [one.effect for one in made.left_out] != [BETA]:
+        yield from _WITHOUT_EFFECTS
+        return
+    if fit is not None and fit.held_mm is not None and fit.held_table_mm is not None:
+        yield (
+            f"  error on the held-out poses: {fit.held_table_mm:.3f} mm with this table, "
+            f"{fit.held_mm:.3f} mm with all that was fitted"
+        )
+    yield "  --format urdf, json, python and c hold it"

@@ -32,8 +32,9 @@ def proposals(out: Console, logs: Sequence[Sequence[Listed]]) -> None:
         out.print("no proposals in these logs")
 
 
-def on_board(out: Console, waits: OnBoard) -> None:
-    """What waits on board, and what can be decided."""
+def on_board(out: Console, waits: OnBoard, signing: str = "", sending: str = "") -> None:
+    """What waits on board, and what can be decided; signing: options of the commands that see it; sending: of
+    those that decide."""
     if not waits.crc:
         out.print("on board: nothing waits")
         return
@@ -42,7 +43,8 @@ def on_board(out: Console, waits: OnBoard) -> None:
         out.print(f"on board: the approval of {what} is armed for another {waits.left_s:.0f} s")
     else:
         out.print(f"on board: {what} waits for review")
-    _choices(out, (see_first(waits.crc), *choices(waits.crc, waits.verdict, (), waits.armed)))
+    seen = see_first(waits.crc, options=signing)
+    _choices(out, (seen, *choices(waits.crc, waits.verdict, (), waits.armed, sending)))
 
 
 def _choices(out: Console, found: Sequence[Choice]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -30,6 +30,7 @@ from ..evidence.adequacy import (
 from ..fit.identifiability import Axis, Identifiability, identifiability, residual_axes
 from ..fit.least_squares import Fit, find_frames, fit_model, rms
 from ..model.effects import Hypothesis
+from ..model.parameters import given_no_beta, is_beta
 from ..numerics.background import Begin, when_asked
 from ..prediction.reachable import Reachable, reachable
 
@@ -98,6 +99,17 @@ class Comparison:
         return {
             name: rms(fit.evaluation.r if held is None else fit.predict(held)) for name, fit in fits.items()
         }
+
+    @cached_property
+    def table_error(self) -> PosRot | None:
+        """Error on the held-out poses of what a DH table holds of a calibration without effects, where that
+        is less than all of it: no turns between parallel axes. None otherwise, or if no poses are held
+        out."""
+        part = self.fit_part
+        if self.held_data is None or part.hypotheses or not any(map(is_beta, part.names)):
+            return None
+        table = replace(part, estimate=given_no_beta(part.names, part.estimate, part.cov))
+        return rms(table.predict(self.held_data))
 
     @cached_property
     def consistency(self) -> Check:

@@ -19,7 +19,7 @@ from .misfit import LEAST_POSES, misfit_of, rms_of_most
 from .reading import Reading
 from .recorded import of_data
 from .search import FOUND, GOOD_MISFIT, Search, changed, without
-from .sentences import misread, signs
+from .sentences import READINGS, misread, signs
 
 _MOST_MISFIT = 0.05  # of the motion, left by a fit of all DH errors: the poses are not of this arm
 _LARGE = {"rad": 0.1, "m": 0.05}  # a DH correction that is large for the arm that the table describes
@@ -82,6 +82,8 @@ def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
             found += _of_fit(search)
     else:
         found.append(_too_few(data))
+    if any(finding.why.startswith(READINGS) for finding in found):
+        found = [finding for finding in found if finding.code != "outside_limits"]  # which that explains
     return Check(arm.name, data.source, data.n, _finite(left), tuple(sorted(found, key=_rank)))
 
 

@@ -13,6 +13,7 @@ from .findings import Finding
 from .reading import ANGLES, LENGTHS, Reading
 
 Sentence = tuple[str, str, str]  # code, why, fix
+READINGS = "the joint readings look like"
 
 
 def misread(reading: Reading, kind: str, gain: float, arm: ArmTable, shipped: Sequence[ArmTable]) -> Finding:
@@ -88,7 +89,7 @@ def _angle(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Se
         fix = "add --units deg, or multiply by pi/180: q1..qN are radians"
     else:
         fix = "leave --units deg out"
-    return "degrees", f"the joint readings look like {unit}", fix
+    return "degrees", f"{READINGS} {unit}", fix
 
 
 def _length(reading: Reading, _arm: ArmTable, _shipped: Sequence[ArmTable]) -> Sentence:

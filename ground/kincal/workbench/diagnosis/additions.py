@@ -93,6 +93,22 @@ def add_unnamed(
     return Additions(tuple(steps), fit, position, rotation)
 
 
+def only(
+    comparison: Comparison,
+    hypotheses: Sequence[Hypothesis],
+    effects: Sequence[SmoothEffect],
+    *,
+    dh: bool = True,
+) -> Additions:
+    """These unnamed effects, one after another beside those of a model, with what each gains then."""
+    steps, fit = [], fit_part(comparison, hypotheses, dh=dh)
+    for effect in effects:
+        grown = fit_part(comparison, (*fit.hypotheses, effect.hypothesis), dh=dh)
+        steps.append(_addition(comparison, fit, grown, effect))
+        fit = grown
+    return Additions(tuple(steps), fit, *rms(_held_residuals(fit, comparison.held_data)))
+
+
 def add_unnamed_to(
     diagnosis: Diagnosis, *, most: int = MOST_EFFECTS, progress: Progress = no_progress
 ) -> Additions:

@@ -19,6 +19,7 @@ from .unnamed import drivers
 ADEQUATE_P = 0.05
 STRUCTURE_P = 0.01
 _MIN_REPLICATE_DOF = 6
+_FAR = 10.0  # median distances from the middle of a group: a mistake rather than noise
 _CLUSTER_P = 0.01
 _MIN_CLUSTER = 3  # outliers; fewer cannot cluster
 REPLICATES, STATED, UNKNOWN = (
@@ -95,12 +96,19 @@ def _unknown(dof: int) -> str:
 
 
 def _replicates(fit: Fit) -> Iterator[Indices]:
-    """Indices of the good poses of each group that was measured more than once."""
+    """Indices of the poses of each group that was measured more than once, without those far from the others
+    of their group. What a model calls an outlier does not matter: the noise is that of the data."""
     groups = fit.data.replicate if fit.data.replicate is not None else np.arange(fit.data.n)
-    for group in np.unique(groups):
-        members = np.flatnonzero((groups == group) & fit.good)
-        if len(members) > 1:
-            yield members
+    numbers, counts = np.unique(groups, return_counts=True)
+    found = [np.flatnonzero(groups == number) for number in numbers[counts > 1]]
+    if not found:
+        return
+    z = fit.z.reshape(fit.data.n, -1)
+    away = [np.linalg.norm(z[members] - np.median(z[members], axis=0), axis=1) for members in found]
+    most = _FAR * np.median(np.concatenate(away))
+    for members, distance in zip(found, away, strict=True):
+        if (kept := members[distance <= most]).size > 1:
+            yield kept
 
 
 def _within(rows: Array) -> Array:

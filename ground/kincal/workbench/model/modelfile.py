@@ -233,7 +233,7 @@ def _fit(fit: FitEntry | None) -> list[str]:
     """The table [fit]: plain keys first, as TOML wants it."""
     if fit is None:
         return []
-    optional = {"held_mm": fit.held_mm, "held_mrad": fit.held_mrad}
+    optional = {key: getattr(fit, key) for key in ("held_mm", "held_mrad", "held_table_mm")}
     return [
         "",
         "[fit]",

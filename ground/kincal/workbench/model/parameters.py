@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from kincal.flight import FRAME_TOOL
 from kincal_shared.schema.arm import ArmTable, Frame
@@ -12,6 +14,7 @@ from kincal_shared.schema.dh import BETA_ERROR, DH_ERRORS
 from kincal_shared.schema.terms import ONE
 
 from .effects import Hypothesis, Parameter, Term
+from ..numerics.types import Array, array
 
 # Prior sigmas. Wide enough that data of a few poses overrule them (1.3 rad is moved by 0.1 mrad), tight
 # enough to keep combinations that the data do not determine from wandering.
@@ -21,6 +24,8 @@ FRAME_SIGMA = {"m": 1.0, "rad": 1.0}
 # Axes of consecutive joints whose sine is less count as parallel: a tilt of 5 mrad in their common plane
 # would turn the common normal, and with it phi, by more than 0.1 rad.
 _PARALLEL = 0.05
+
+_LEAST_SIGMA_RAD = 1e-7  # of a beta: a covariance beside priors of 0.1 rad is rounding below
 
 BETA = "DH beta"
 """What the turns between parallel axes are called together where a file cannot hold them."""
@@ -48,6 +53,15 @@ def dh_parameters(arm: ArmTable) -> list[Named]:
 def is_beta(name: str) -> bool:
     """Whether a coefficient is a turn between parallel axes: J2.beta_rad."""
     return name.endswith(f".{BETA_ERROR.name}")
+
+
+def given_no_beta(names: Sequence[str], value: Array, cov: Array) -> Array:
+    """(k,) the most probable coefficients if every turn between parallel axes were zero: the mean of a fit's
+    normal distribution under that condition."""
+    beta = np.array([is_beta(name) for name in names], dtype=bool)
+    own = cov[np.ix_(beta, beta)] + _LEAST_SIGMA_RAD**2 * np.eye(int(beta.sum()))
+    moved = value - cov[:, beta] @ np.linalg.solve(own, value[beta])
+    return array(np.where(beta, 0.0, moved))
 
 
 def _parallel_to_next(arm: ArmTable, j: int) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -107,27 +108,49 @@ def term_table(
             f"{arm.name} has {arm.n} joints, the search space is for {flown.space.n_joints}",
             todo="name the folder of the tables that fly with --tables",
         )
-    rows = coefficients(arm, hypotheses, model)
-    n_terms = sum(len(row.terms) for row in rows)
-    most, most_terms = limits.KC_COEF_MAX, limits.KC_TERM_MAX
-    if len(rows) > most or n_terms > most_terms:
+    over, over_terms, n_coef, n_terms = _too_many(arm, hypotheses, model)
+    if over > 0 or over_terms > 0:
         own, _ = capacity.size(hypotheses)
         raise BadInput(
-            f"the model needs {len(rows)} coefficients ({len(rows) - own} of DH errors, {own} of effects) "
-            f"and {n_terms} terms; flight carries {most} and {most_terms}",
-            todo=_leave_out(hypotheses, model, len(rows) - most, n_terms - most_terms),
+            f"the model needs {n_coef} coefficients ({n_coef - own} of DH errors, {own} of effects) "
+            f"and {n_terms} terms; flight carries {limits.KC_COEF_MAX} and {limits.KC_TERM_MAX}",
+            todo=_leave_out(arm, hypotheses, flown, model),
         )
-    table = fill_terms(library("flight"), rows)
-    table.kinematics_crc = Arm.of(arm).kinematics_crc
-    _set_bounds(table, hypotheses, flown, model)
+    table, cramped = _bounded(arm, hypotheses, flown, model)
+    if cramped:
+        raise _no_room(table, flown, cramped[0], _to_drop(arm, hypotheses, flown, model, []))
     return table
 
 
-def _set_bounds(
-    table: KcTerms, hypotheses: Sequence[Hypothesis], flown: Flown, model: ModelFile | None
-) -> None:
-    """Bounds inside what the search space was verified for. BadInput if an effect has no room there."""
+def _too_many(
+    arm: ArmTable, hypotheses: Sequence[Hypothesis], model: ModelFile | None
+) -> tuple[int, int, int, int]:
+    """Coefficients and terms beyond what flight carries (negative: still free), and how many there are."""
+    limits, rows = library("flight").lib, coefficients(arm, hypotheses, model)
+    n_terms = sum(len(row.terms) for row in rows)
+    return len(rows) - limits.KC_COEF_MAX, n_terms - limits.KC_TERM_MAX, len(rows), n_terms
+
+
+@dataclass(frozen=True)
+class _Cramped:
+    """A coefficient of an effect that the search space leaves too little room: its number, its name in the
+    model, and the value that it would have to take."""
+
+    coef: int
+    name: str
+    effect: str
+    value: float
+
+
+def _bounded(
+    arm: ArmTable, hypotheses: Sequence[Hypothesis], flown: Flown, model: ModelFile | None
+) -> tuple[KcTerms, list[_Cramped]]:
+    """The table with bounds inside what the search space was verified for, and what has no room there."""
+    table = fill_terms(library("flight"), coefficients(arm, hypotheses, model))
+    table.kinematics_crc = Arm.of(arm).kinematics_crc
+    owners = [h.name for h in hypotheses for _ in h.parameters]
     names = [f"{h.name}.{p.name}" for h in hypotheses for p in h.parameters]
+    cramped: list[_Cramped] = []
     first = table.n_coef - len(names)
     wanted = {c: table.coef[c].ub for c in range(first, table.n_coef)}
     for c, bound in enumerate(shared_bounds(flown, table, wanted)):
@@ -137,23 +160,58 @@ def _set_bounds(
             continue
         value = abs(model.values[names[c - first]][0]) if model and names[c - first] in model.values else 0.0
         if bound <= 0.0 or bound < _LEAST * value:
-            raise _no_room(table, c, flown, names[c - first], value or wanted[c])
+            cramped.append(_Cramped(c, names[c - first], owners[c - first], value or wanted[c]))
+    return table, cramped
 
 
-def _no_room(table: KcTerms, coef: int, flown: Flown, name: str, value: float) -> BadInput:
-    place, does, allowed = tightest(flown, table, coef, value)
+def _to_drop(
+    arm: ArmTable,
+    hypotheses: Sequence[Hypothesis],
+    flown: Flown,
+    model: ModelFile | None,
+    order: Sequence[capacity.Leaves],
+) -> list[str]:
+    """Effects to leave out so that flight carries the others and the search space has room for them; order:
+    of leaving, for what is too many. What is left out for its size alone comes back where others have made
+    room."""
+
+    def without(names: Sequence[str]) -> list[Hypothesis]:
+        return [h for h in hypotheses if h.name not in names]
+
+    def too_many(names: Sequence[str]) -> bool:
+        return max(_too_many(arm, without(names), model)[:2]) > 0
+
+    go: list[str] = []
+    for leaves in order:
+        if too_many(go):
+            go.append(leaves.name)
+    for_size = tuple(go)
+    while cramped := _bounded(arm, without(go), flown, model)[1]:
+        go.append(cramped[0].effect)
+    for name in reversed(for_size):
+        less = [other for other in go if other != name]
+        if not too_many(less) and not _bounded(arm, without(less), flown, model)[1]:
+            go = less
+    return go
+
+
+def _drops(names: Sequence[str]) -> str:
+    return " ".join(f"--drop {shlex.quote(name)}" for name in names)
+
+
+def _no_room(table: KcTerms, flown: Flown, cramped: _Cramped, drop: Sequence[str]) -> BadInput:
+    place, does, allowed = tightest(flown, table, cramped.coef, cramped.value)
     return BadInput(
-        f"{name} of {value:.3g} can make up to {does:.3g} {place_text(place)}; the bounds of all that acts "
-        f"there may add up to {allowed:.3g}, a tenth more than the search space was verified for",
-        todo="verify a search space for larger `error_bounds` (docs/SPACES.md), or leave the effect out with "
-        "--drop",
+        f"{cramped.name} of {cramped.value:.3g} can make up to {does:.3g} {place_text(place)}; the bounds of "
+        f"all that acts there may add up to {allowed:.3g}, a tenth more than the search space was verified "
+        "for",
+        todo="verify a search space for larger `error_bounds` (docs/SPACES.md), or leave out what has no "
+        f"room in this one: {_drops(drop)}",
     )
 
 
-def _leave_out(
-    hypotheses: Sequence[Hypothesis], model: ModelFile | None, coefficients: int, terms: int
-) -> str:
-    """Which effects to leave out, so many coefficients and terms at least, and what that costs the fit."""
+def _leave_out(arm: ArmTable, hypotheses: Sequence[Hypothesis], flown: Flown, model: ModelFile | None) -> str:
+    """Which effects to leave out, so that flight takes the others, and what that costs the fit."""
     order = capacity.order_of_leaving(hypotheses, model) if model else []
     if not order:
         taken: dict[str, int] = {}
@@ -162,21 +220,17 @@ def _leave_out(
         by_size = sorted(taken.items(), key=lambda item: -item[1])
         sizes = ", ".join(f"{name} {count}" for name, count in by_size)
         return f"`kincal model fit` first, then this says what to leave out; coefficients by effect: {sizes}"
-    go: list[str] = []
-    for leaves in order:
-        if coefficients > 0 or terms > 0:
-            go.append(leaves.name)
-            coefficients, terms = coefficients - leaves.coefficients, terms - leaves.terms
+    go = _to_drop(arm, hypotheses, flown, model, order)
     lines = [
-        "leave out what the poses of the last fit show least. In order of leaving, with the rise of chi^2",
-        "  (about 1 for each coefficient that means nothing):",
+        "leave out what the poses of the last fit show least, and what the search space has no room for. In",
+        "  order of leaving, with the rise of chi^2 (about 1 for each coefficient that means nothing):",
         f"    {'effect':<32} coefficients  terms  chi^2 lost  for each coefficient",
         *(
             f"    {x.name:<32} {x.coefficients:>12} {x.terms:>6} {x.chi2:>11.1f} {x.each:>21.1f}"
             + ("  leave out" if x.name in go else "")
             for x in order
         ),
-        "  add to the command: " + " ".join(f"--drop {shlex.quote(name)}" for name in go),
+        f"  add to the command: {_drops(go)}",
         "  and --data to see what it costs on held-out poses; the model file keeps all effects",
     ]
     return "\n".join(lines)
@@ -213,15 +267,20 @@ def refuse_other_arm(arm: ArmTable, tables_dir: Path) -> str:
 def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:
     """BadInput for effects of a camera and a target of many points: flight sees single tags, with a camera of
     its own."""
-    for h in hypotheses:
-        if any(basis.var in PNP for p in h.parameters for term in p.terms for basis in term.basis):
-            raise BadInput(
-                f"{h.name} acts through all points of the target that these data were measured with, and "
-                "belongs to their camera; flight has a camera of its own and sees single tags",
-                todo=f"`kincal model remove {h.name}`, then uplink: the effects of the arm stay. If flight "
-                "has this very camera and these tags, diagnose again without `[target]` in the arm table: "
-                "most of these effects then have terms that fly",
-            )
+    names = [
+        h.name
+        for h in hypotheses
+        if any(basis.var in PNP for p in h.parameters for term in p.terms for basis in term.basis)
+    ]
+    if names:
+        raise BadInput(
+            f"{', '.join(names)} {'acts' if len(names) == 1 else 'act'} through all points of the target "
+            "that these data were measured with: that belongs to their camera; flight has a camera of its own "
+            "and sees single tags",
+            todo=f"leave them out with {_drops(names)}: the effects of the arm stay. If flight has this very "
+            "camera and these tags, diagnose again without `[target]` in the arm table: most of these "
+            "effects then have terms that fly",
+        )
 
 
 def term_image(

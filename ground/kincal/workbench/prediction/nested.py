@@ -152,6 +152,27 @@ def fit_nested(
     return NestedModels(tuple(models), floor, tuple(gains))
 
 
+def harmful(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis],
+    names: Sequence[str],
+    *,
+    dh: bool = True,
+    progress: Progress = no_progress,
+) -> tuple[EffectGain, ...]:
+    """What speaks against the named effects of a model: the blocks where they do harm, as `fit_nested` finds
+    them."""
+    groups, found = _by_effect(hypotheses, names), []
+    todo = blocks(data, choose_split(data))
+    for number, block in enumerate(todo):
+        progress(f"{block.name}: does it harm?", number, len(todo))
+        held_out = _HeldOut.of(arm, data, block, dh)
+        whole = held_out.residuals(hypotheses, dh)
+        found += [held_out.gain(name, groups[name], hypotheses, whole) for name in names]
+    return tuple(g for g in found if g.advised_against)
+
+
 def errors_by_step(
     arm: ArmTable,
     data: Measurements,

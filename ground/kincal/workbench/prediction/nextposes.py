@@ -33,6 +33,7 @@ _BATCH, _MOST_DRAWN = 8, 200  # poses drawn at once, and at most, for each that 
 _NODES = 40
 _CAMERA = ("cam_p_m", "cam_quat_wxyz", "pan_rad", "tilt_rad", "range_m", "incid_rad", "u_px", "v_px")
 _AS_MEASURED = Limits()
+EVEN = 0.5  # power from which on poses are worth measuring
 _TELLS_APART = 2.0 * np.log(9.0) + 2.0  # chi^2 that moves even odds of two effects to 90 %
 
 
@@ -132,6 +133,17 @@ def expected_probability(d2: float) -> float:
     at, weight = np.polynomial.hermite_e.hermegauss(_NODES)
     log_odds = 0.5 * d2 + np.sqrt(max(d2, 0.0)) * at
     return float((weight * expit(log_odds)).sum() / weight.sum())
+
+
+def would_decide(poses: Sequence[NextPose]) -> bool:
+    """The effects are more likely than not told apart by all of these poses."""
+    return bool(poses) and poses[-1].power >= EVEN
+
+
+def poses_to_decide(poses: Sequence[NextPose]) -> int:
+    """How many poses such as these it takes until the effects are as likely as not told apart: squared
+    distances add up."""
+    return int(np.ceil(len(poses) * _TELLS_APART / max(poses[-1].d2, 1e-9)))
 
 
 def _random_poses(fit: Fit, region: Measurable, count: int, seed: int) -> Measurements:

@@ -12,7 +12,7 @@ from ..diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
 from ..evidence.adequacy import NoiseFloor, Where
 from ..evidence.curves import Curve
 from ..prediction.nested import NestedModel, NestedModels
-from ..prediction.nextposes import NextPose
+from ..prediction.nextposes import NextPose, would_decide
 from ..prediction.reachable import Reachable
 from . import explain
 from .advice import Step
@@ -230,7 +230,7 @@ def comparison_text(c: Comparison) -> str:
         f"chi2 per degree    {c.chi2_per_dof:.3f}",
         f"lack of fit        {p_text}",
         f"left over          {explain.left_over(c)}",
-        f"verdict            the model {'explains' if c.adequate else 'does NOT explain'} these data",
+        f"verdict            {explain.adequacy(c)}",
         "",
         *_rest_lines(c),
     ]
@@ -283,9 +283,6 @@ def _rest_lines(c: Comparison) -> list[str]:
     ]
 
 
-_LIKELY = 0.5  # power below which next poses promise little
-
-
 def poses_text(poses: Sequence[NextPose]) -> str:
     """Numbered poses, and what they buy; each line counts the poses above too. Empty if there are none."""
     if not poses:
@@ -303,8 +300,8 @@ def poses_text(poses: Sequence[NextPose]) -> str:
         f"with all {len(poses)} of them the true effect is expected to reach {expected} against the nearest",
         f"alternative (squared distance d2 = {last.d2:.1f})",
     ]
-    if last.power < _LIKELY:
-        lines.append("they will hardly tell: measure many more, or what the effects' `inspect` lines say")
+    if not would_decide(poses):
+        lines.append(explain.would_not_decide(poses))
     return "\n".join(lines)
 
 

@@ -12,7 +12,12 @@ from .advice import Step
 from .answers import comparison_text, poses_text
 from .headline import BigNumber, big_numbers
 
-_MARKS = {"accepted": "*", "helps": "+", "alternative": " "}
+
+def _mark(e: EffectFinding) -> str:
+    """* for the effects of the final model that the verdict names as shown, + for its others."""
+    if not e.in_model:
+        return " "
+    return "*" if explain.is_shown(e) else "+"
 
 
 def diagnosis_text(d: Diagnosis, poses: Sequence[NextPose] = (), steps: Sequence[Step] = ()) -> str:
@@ -44,17 +49,21 @@ def _found(d: Diagnosis) -> Iterator[str]:
         yield from _effect_lines(e, d)
     if d.effects:
         yield from (
-            "  * added: it won; + added: it predicts better (held-out poses or cross-validation), although",
-            "  something unnamed explains more; the others are alternatives. Ratios: the final model with",
-            "  and without the effect. Probabilities, that an effect is real and helps on other poses, hold",
-            "  for this library and its priors; 'consistent with' is not 'proven'.",
+            "  * added and shown to help: poses that were not fitted gain, and P, where one is stated, is at",
+            "  least one half; + added, undecided: the interval of the ratio reaches 1, or P is less than",
+            "  one half; the others are alternatives. Ratio: the final model with the effect over that without.",
+            "  P = evidence x support x identity: it explains these poses, it helps poses that were not",
+            "  fitted, it is what its name says. P holds for this library and its priors, and is not stated",
+            "  where something unnamed explains more; 'consistent with' is not 'proven'.",
         )
 
 
 def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
     odds = explain.odds(e, d)
+    if e.accepted and e.probability < explain.LIKELY:
+        odds += explain.doubts(e)
     return [
-        f"{_MARKS[e.role]} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),
+        f"{_mark(e)} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),
         *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
         *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),
     ]

@@ -14,7 +14,10 @@ from ..model import sight
 from ..model.hypotheses import Untestable, effect_of, place_of
 from ..prediction.gain import judged, much_worse
 from ..prediction.nested import EffectGain, NestedModels
+from ..prediction.nextposes import NextPose, poses_to_decide
 from ..prediction.reachable import Reachable
+
+LIKELY = 0.5  # probability from which on an effect may be named as found
 
 _DRIVERS = {
     "t": "time",
@@ -72,7 +75,7 @@ def doubts(e: EffectFinding) -> str:
         return ""
     return (
         f" = {d.evidence:.2f} (evidence) x {d.support:.2f} (it helps poses that were not fitted) x "
-        f"{d.identity:.2f} (what is left belongs to another effect)"
+        f"{d.identity:.2f} (it is what its name says)"
     )
 
 
@@ -144,10 +147,15 @@ def no_gain(n: EffectGain) -> str:
 def not_recommended(nested: NestedModels) -> list[str]:
     """Effects that a fit speaks against, each with the blocks where it does harm; empty if there are none."""
     return [
-        f"NOT recommended: {name}: {'; '.join(_harm(g) for g in nested.against if g.effect == name)}; "
+        f"NOT recommended: {name}: {harms(nested.against, name)}; "
         "leave it out, or measure more where it fails"
         for name in nested.not_recommended
     ]
+
+
+def harms(against: Sequence[EffectGain], name: str) -> str:
+    """Where an effect does harm, and how much."""
+    return "; ".join(_harm(g) for g in against if g.effect == name)
 
 
 def _harm(g: EffectGain) -> str:
@@ -168,6 +176,19 @@ def of_session(fit: Fit) -> list[str]:
         return []
     verb = "hold" if len(names) > 1 else "holds"
     return [f"{listed(names)} {verb} for the session of these data only: other data are predicted without"]
+
+
+_MOST_POSES = 1000  # more is no advice
+
+
+def would_not_decide(poses: Sequence[NextPose]) -> str:
+    """What to do where next poses would hardly tell the effects apart."""
+    more = poses_to_decide(poses)
+    many = f"about {more}" if more <= _MOST_POSES else f"more than {_MOST_POSES}"
+    return (
+        f"these {len(poses)} would not decide (power {poses[-1].power:.2f}); {many} such poses would have an "
+        "even chance, an inspection of the arm decides: see the inspect lines of `kincal model effects`"
+    )
 
 
 def outlier_note(o: Outliers) -> str:
@@ -192,6 +213,19 @@ def left_over(c: Comparison) -> str:
     first = c.where[0]
     share = f"{first.share_of_variance:.0%}"
     return f"{text}; {share} of it follows {in_words(first.variable)} at {first.at}: structure, not noise"
+
+
+def adequacy(c: Comparison) -> str:
+    """Whether the model explains the data; a fit that makes held-out poses worse explains nothing."""
+    if not c.adequate:
+        return "the model does NOT explain these data"
+    before, after = c.errors["nominal"][0], c.rms["held"][0]
+    if after > before:  # not so where none are held out
+        return (
+            "the model follows the fitted poses, but predicts held-out poses worse than the nominal arm "
+            f"({before * 1e3:.3f} to {after * 1e3:.3f} mm): measure more poses, and more various ones"
+        )
+    return "the model explains these data"
 
 
 def notes(c: Comparison) -> list[str]:
@@ -219,22 +253,50 @@ def not_testable(n: Untestable) -> str:
 
 def verdict(d: Diagnosis) -> str:
     """The diagnosis in one sentence."""
-    taken = [e.name for e in d.effects if e.in_model]
-    with_them = f"with {listed(taken)} {_held_fall(d)}" if taken else ""
+    taken = [e for e in d.effects if e.in_model]
+    shown = [e.name for e in taken if is_shown(e)]
+    open_ = [e.name for e in taken if not is_shown(e)]
+    with_them = _with(listed(shown) if shown else "", open_, d)
     if d.verdict == "adequate":
         return "Nothing is missing that these data could show."
     if d.verdict == "undecidable":
         return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
     if d.verdict == "novel" and d.novel is not None:
         what = "Something is missing that no effect of the library describes"
-        found = f"{what}: {unnamed(d.novel)}"
+        found = f"{what}: {unnamed(d.novel)}{_as_function(d.novel)}"
         if taken:
             return f"{found}; {with_them}."
         return found + ("; held-out poses do not follow what is recorded" if d.exhausted else "") + "."
-    names = listed([e.name for e in d.effects if e.accepted])
-    if len(taken) == sum(e.accepted for e in d.effects):
-        return f"Consistent with {names}: with {'it' if len(taken) == 1 else 'them'} {_held_fall(d)}."
-    return f"Consistent with {names}: {with_them}."
+    accepted = [e.name for e in taken if e.accepted and is_shown(e)]
+    if not accepted:
+        return f"Something is missing, but no effect is shown to help: {with_them}."
+    if shown == accepted:
+        with_them = _with("it" if len(shown) == 1 else "them", open_, d)
+    return f"Consistent with {listed(accepted)}: {with_them}."
+
+
+def is_shown(e: EffectFinding) -> bool:
+    """An effect of the final model that may be named as found: held-out poses or, where none are held out,
+    evidence decide for it, and it is more likely than not."""
+    measured = math.isfinite(e.held.after_m)
+    likely = e.role == "helps" or e.probability >= LIKELY
+    return e.in_model and likely and (e.helps or not measured)
+
+
+def _with(shown: str, undecided: Sequence[str], d: Diagnosis) -> str:
+    """What the effects of the final model bring together: those that are shown to help, in words, and those
+    that may or may not."""
+    if not undecided:
+        return f"with {shown} {_held_fall(d)}" if shown else ""
+    open_ = f"{listed(undecided)} (undecided)"
+    return f"with {f'{shown}, and with {open_},' if shown else open_} {_held_fall(d)}"
+
+
+def _as_function(u: UnnamedFinding) -> str:
+    """What held-out poses say of a smooth function there, unless they gain."""
+    if not u.curves or not math.isfinite(u.held.after_m) or u.held.gains:
+        return ""
+    return f" (a smooth function of that: {judged(u.held.interval)})"
 
 
 def _held_fall(d: Diagnosis) -> str:

@@ -152,7 +152,12 @@ class Columns:
     def _check_number_of_joints(self) -> None:
         extra = f"q{self.joints.n + 1}"
         if extra in self.table.columns and self.mapping.columns.q is None:
-            raise BadInput(f"{self.where}: has column {extra}, but the arm table has {self.joints.n} joints")
+            columns = ",".join(f"q{j}" for j in range(1, self.joints.n + 1))
+            raise BadInput(
+                f"{self.where}: has column {extra}, but the arm table has {self.joints.n} joints",
+                todo="name the arm table of these data with --arm (`kincal arm list` names those that ship); "
+                f"if {extra} is no joint of this arm, say which columns are: --column q={columns}",
+            )
 
     # ----------------------------------------------------------------------- numbers
 
