@@ -145,6 +145,8 @@ def test_verdict_and_star_name_only_what_is_shown_to_help(found):
     assert "\n* backlash[4]: " in text and "\n+ bias_step[7]: " in text and "\n+ flex: " in text
     [line] = [line for line in text.splitlines() if line.startswith("+ flex")]
     assert "P = 0.15" in line and "= 0.95 (evidence) x 0.18 (it helps poses that were not fitted)" in line
+    shown = replace(found.content, diagnosis=d)
+    assert [("; undecided)" in pages._finding(one, shown)) for one in d.effects] == [False, True, True]
     none = replace(found.d, effects=(open_,), verdict="effect")
     assert "no effect is shown to help: with bias_step[7] (undecided)" in explain.verdict(none)
 

@@ -175,6 +175,8 @@ def _finding(e: EffectFinding, data: ReportContent) -> str:
     d = data.diagnosis
     gain = "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
     sure = explain.odds(e, d) or f"not certain, but {gain}"
+    if not explain.is_shown(e):
+        sure += "; undecided"
     alike = f" Confounded with {explain.grouped(e.confounded_with)}." if e.confounded_with else ""
     effect = data.library.effects.get(effect_of(e.name))
     about = f": {effect.title}.{alike} Inspect: {effect.inspect}" if effect else f".{alike}"

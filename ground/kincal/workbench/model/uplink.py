@@ -275,8 +275,8 @@ def _refuse_points(hypotheses: Sequence[Hypothesis]) -> None:
     if names:
         raise BadInput(
             f"{', '.join(names)} {'acts' if len(names) == 1 else 'act'} through all points of the target "
-            "that these data were measured with: that belongs to their camera; flight has a camera of its own "
-            "and sees single tags",
+            "that these data were measured with: that belongs to their camera; flight has a camera of its "
+            "own and sees single tags",
             todo=f"leave them out with {_drops(names)}: the effects of the arm stay. If flight has this very "
             "camera and these tags, diagnose again without `[target]` in the arm table: most of these "
             "effects then have terms that fly",

@@ -51,10 +51,10 @@ def _found(d: Diagnosis) -> Iterator[str]:
         yield from (
             "  * added and shown to help: poses that were not fitted gain, and P, where one is stated, is at",
             "  least one half; + added, undecided: the interval of the ratio reaches 1, or P is less than",
-            "  one half; the others are alternatives. Ratio: the final model with the effect over that without.",
-            "  P = evidence x support x identity: it explains these poses, it helps poses that were not",
-            "  fitted, it is what its name says. P holds for this library and its priors, and is not stated",
-            "  where something unnamed explains more; 'consistent with' is not 'proven'.",
+            "  one half; the others are alternatives. Ratio: the final model with the effect over that",
+            "  without. P = evidence x support x identity: it explains these poses, it helps poses that were",
+            "  not fitted, it is what its name says. P holds for this library and its priors, and is not",
+            "  stated where something unnamed explains more; 'consistent with' is not 'proven'.",
         )
 
 
