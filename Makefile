@@ -131,12 +131,14 @@ fuzz-cov: $(BUILD)/fuzz-cov/build.ninja $(BUILD)/unity/src/unity.c $(STAMP)/apt-
 fuzz-seeds: fuzz ## tests/fuzz/seeds anew from what was found
 	$(Q)$(call FUZZ,fuzz) --pack
 
-.PHONY: mutation mutation-short
+.PHONY: mutation mutation-short mutation-ground
 mutation: $(BUILD)/rel/build.ninja $(BUILD)/unity/src/unity.c ## do the unit tests notice a changed token? (FILES or rooms, N of each, SEED, JOBS, PATIENCE; 5 min)
 	$(call compile,rel,units)
 	$(Q)$(PYTHON) tests/mutation.py $(FILES) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS)) $(if $(PATIENCE),--patience $(PATIENCE))
 mutation-short: ## a few of them, of what guards the arm and takes commands
 	$(Q)$(MAKE) mutation FILES="fsw/motion/kc_guard.c fsw/exec/kc_cmd.c fsw/exec/kc_change.c" N=5
+mutation-ground: core messages .venv/.stamp-dev ## do the ground's tests notice a changed token of its safety code? (ROOMS, N of each, SEED, JOBS, PATIENCE; a second start goes on)
+	$(Q)$(PY) tests/mutation_ground.py $(ROOMS) $(if $(N),--number $(N)) $(if $(SEED),--seed $(SEED)) $(if $(JOBS),--jobs $(JOBS)) $(if $(PATIENCE),--patience $(PATIENCE))
 
 # The same bits everywhere: recorded calibrations give the same telemetry and tables on every CPU and with every compiler,
 # also without an operating system. Unit tests on other CPUs besides. fma needs a processor that has it.

@@ -17,7 +17,6 @@ of those that are not equivalent are killed. The sources in the tree are never t
 build/mutation."""
 
 import argparse
-import csv
 import json
 import os
 import random
@@ -29,14 +28,13 @@ import sys
 from collections import Counter, deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 
-ROOT = Path(__file__).resolve().parents[1]
+from mutants import ROOT, Count, Mutant
+
 BUILT = ROOT / "build/rel"
 WORK = ROOT / "build/mutation"
-REVIEWED = Path(__file__).with_suffix(".csv")
 LEAST_SHARE = 0.95
 SAFETY = (
     "fsw/motion/kc_guard.c", "fsw/motion/kc_bounds.c", "fsw/motion/kc_path.c", "fsw/estimate/kc_monitor.c",
@@ -61,37 +59,16 @@ DECLARATION = re.compile(
 STATEMENT = re.compile(r"\s+(?!return|break|continue|default|case|else|goto|if|for|while|do\b|\})[^{}]*;\s*$")
 
 
-@dataclass(frozen=True)
-class Mutant:
-    """Characters `start` to `end` of a file become `text`."""
+def function_of(mutant: Mutant, source: str) -> str:
+    found = re.findall(r"^[a-z][\w *]*?(\w+)\(", source[: mutant.start], re.M)
+    return found[-1] if found else ""
 
-    path: str
-    start: int
-    end: int
-    text: str
 
-    def of(self, source: str) -> str:
-        return source[: self.start] + self.text + source[self.end :]
-
-    def line(self, source: str) -> int:
-        return source.count("\n", 0, self.start) + 1
-
-    def lines(self, source: str) -> tuple[str, str]:
-        """The line it is in, before and after."""
-        first = source.rfind("\n", 0, self.start) + 1
-        last = source.find("\n", self.end)
-        after = source[first : self.start] + self.text + source[self.end : last]
-        return source[first:last].strip(), after.strip()
-
-    def function(self, source: str) -> str:
-        found = re.findall(r"^[a-z][\w *]*?(\w+)\(", source[: self.start], re.M)
-        return found[-1] if found else ""
-
-    def charges(self, source: str) -> bool:
-        """Whether it is in a charge of instructions: kc_work.h."""
-        found = re.findall(r"^[a-z][\w *]*?\w+\(", source[: self.start], re.M)
-        name = r"uint64_t \w*cost\b"
-        return bool(re.search(name, self.lines(source)[0]) or (found and re.search(name, found[-1])))
+def charges(mutant: Mutant, source: str) -> bool:
+    """Whether it is in a charge of instructions: kc_work.h."""
+    found = re.findall(r"^[a-z][\w *]*?\w+\(", source[: mutant.start], re.M)
+    name = r"uint64_t \w*cost\b"
+    return bool(re.search(name, mutant.lines(source)[0]) or (found and re.search(name, found[-1])))
 
 
 def blanked(source: str) -> str:
@@ -306,7 +283,7 @@ def drawn(
     source = {path: (ROOT / path).read_text() for path in paths}
     pool = [m for p in paths for m in changes(p, source[p]) if at in (0, m.line(source[p]))]
     random.Random(f"{seed} {paths[0] if len(paths) == 1 else room(paths[0])}").shuffle(pool)
-    pool = [m for m in pool if not m.charges(source[m.path])]
+    pool = [m for m in pool if not charges(m, source[m.path])]
     plain: dict[str, bytes | None] = {}
     n = 0
     for mutant in pool:
@@ -321,14 +298,6 @@ def drawn(
         if code is not None and code != plain[mutant.path]:
             n += 1
             yield mutant, folder
-
-
-def reviewed() -> dict[tuple[str, ...], dict[str, str]]:
-    if not REVIEWED.exists():
-        return {}
-    with REVIEWED.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {(row["file"], row["function"], row["original"], row["mutant"]): row for row in rows}
 
 
 def sources(name: str) -> list[str]:
@@ -361,28 +330,15 @@ def main() -> int:
     parser.add_argument("--patience", type=float, default=20.0, help="of the tests of other rooms [s]")
     parser.add_argument("--at", type=int, default=0, help="only mutants of this line")
     args = parser.parse_args()
-    programs, known = Programs(args.patience), reviewed()
-    total = killed = equivalent = new = 0
+    programs, count = Programs(args.patience), Count()
     for name in args.files:
-        dead = n = 0
+        killed, total = count.killed, count.total
         for mutant, test in tried(programs, name, args):
-            n, dead = n + 1, dead + (test is not None)
-            if test is not None:
-                continue
             source = (ROOT / mutant.path).read_text()
-            before, after = mutant.lines(source)
-            row = known.get((mutant.path, mutant.function(source), before, after))
-            equivalent += row is not None and row["verdict"] == "equivalent"
-            new += row is None
-            verdict = row["verdict"] if row else "NOT KILLED"
-            print(f"  {verdict}: {mutant.path}:{mutant.line(source)}, {mutant.function(source)}")
-            print(f"    - {before}\n    + {after}", flush=True)
-        total, killed = total + n, killed + dead
-        print(f"{name}: {dead} of {n} killed", flush=True)
-    share = killed / max(1, total - equivalent)
-    percent = f"{100.0 * share:.1f} %"
-    print(f"{killed} of {total} killed, {equivalent} equivalent: {percent}; {new} without a reason")
-    return 0 if share >= LEAST_SHARE and new == 0 else 1
+            count.add(mutant, function_of(mutant, source), source, test is not None)
+        print(f"{name}: {count.killed - killed} of {count.total - total} killed", flush=True)
+    print(count.text)
+    return 0 if count.share >= LEAST_SHARE and count.new == 0 else 1
 
 
 if __name__ == "__main__":

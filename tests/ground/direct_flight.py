@@ -1,0 +1,61 @@
+"""A link whose other end is a few lines in the same thread: decisions and uplinks in milliseconds."""
+
+from collections import deque
+
+from samples import signed
+
+import kcm
+from kincal.link import CommandLink
+from kincal.link.connection import Received
+
+
+class DirectFlight(CommandLink):
+    """Answers each command at once, and says by housekeeping what came of it; when nothing is left to say,
+    time passes. hk: the next housekeeping; refuse: opcodes that get this status and event; deaf: opcodes
+    without an effect; commands, chunks: what came."""
+
+    def __init__(self, signer=None, first_seq=None):
+        super().__init__("direct", first_seq, signer)
+        self.hk, self.now_s = kcm.hk_t(), 0.0
+        self.hk.t_us = 5_000_000
+        self.refuse, self.deaf = {}, set()
+        self.commands, self.chunks, self.waiting = [], [], deque()
+
+    def waits(self, crc, verdict=kcm.proposal_t.CHANGE, state=9):
+        self.hk.proposal_crc, self.hk.proposal_verdict, self.hk.state = signed(crc), verdict, state
+        return self
+
+    def clock_s(self):
+        return self.now_s
+
+    def next(self, timeout_s):
+        del timeout_s
+        self.now_s += 0.25
+        if self.waiting:
+            return self.waiting.popleft()
+        return self.note("KC_HK", kcm.hk_t.decode(self.hk.encode()))
+
+    def answer(self, channel, message):
+        self.waiting.append(self.note(channel, message))
+
+    def publish(self, channel, message):
+        if channel == "KC_TABLE_UP":
+            self.chunks.append(message)
+            self.hk.staged_kind, self.hk.staged_bytes = message.kind, message.offset + message.n
+            return
+        c = message
+        self.commands.append(c)
+        a = kcm.ack_t()
+        a.t_us, a.source, a.seq, a.opcode = self.hk.t_us, c.source, c.seq, c.opcode
+        a.status, a.event_id = self.refuse.get(c.opcode, (0, 0))
+        self.waiting.append(Received("KC_ACK", a))
+        if a.status or c.opcode in self.deaf:
+            return
+        if c.opcode == c.APPROVE_ARM:
+            self.hk.state, self.hk.approval_left_us = 10, 599_000_000
+        elif c.opcode == c.APPROVE_GO:
+            self.hk.table_crc[4], self.hk.state, self.hk.proposal_crc = c.arg_i[0], 0, 0
+        elif c.opcode == c.REJECT:
+            self.hk.state, self.hk.proposal_crc = 0, 0
+        elif c.opcode == c.TABLE_ACTIVATE:
+            self.hk.table_crc[c.arg_i[0]] = c.arg_i[1]

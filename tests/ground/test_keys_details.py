@@ -1,0 +1,155 @@
+"""Keys to the last detail: counters, numbers and files at their limits."""
+
+import time
+
+import pytest
+from click.testing import CliRunner
+
+import kcm
+from kincal import keys
+from kincal.cli import main
+from kincal.errors import BadInput
+
+SECRET = "ab" * 32
+MOST_COUNT = 2**63 - 1
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "keys"
+    keys.new(path)
+    return path
+
+
+def written(tmp_path, *lines):
+    path = tmp_path / "written"
+    path.write_text("".join(f"{line}\n" for line in ("kincal-keys 1", *lines)))
+    path.chmod(0o600)
+    return path
+
+
+def test_counters_in_memory_grow_by_one_from_one_for_each_source():
+    count = keys.counting()
+    assert [count(1), count(1), count(2), count(1), count(2)] == [1, 2, 1, 3, 2]
+    assert keys.counting()(1) == 1
+
+
+def test_a_lost_counter_begins_at_the_clock_in_microseconds(file):
+    before_us = time.time_ns() // 1000
+    assert before_us < keys.counters_beside(file)(2) <= time.time_ns() // 1000 + 1
+    assert keys.count_file(file, 2).name == "keys.count2"
+    assert keys.count_file(file, 2).stat().st_mode & 0o777 == 0o600
+
+
+def test_a_counter_goes_up_to_the_largest_that_messages_carry(file):
+    path = keys.count_file(file, 2)
+    path.write_text(f"{MOST_COUNT - 1}\n")
+    assert keys.counters_beside(file)(2) == MOST_COUNT
+    for last in (MOST_COUNT, MOST_COUNT + 1):
+        path.write_text(f"{last}\n")
+        with pytest.raises(BadInput, match="no counter"):
+            keys.counters_beside(file)(2)
+        assert path.read_text() == f"{last}\n"
+
+
+def test_a_counter_that_gets_longer_or_had_more_behind_it_is_written_alone(file):
+    path = keys.count_file(file, 2)
+    path.write_text("9   \n\n")
+    assert keys.counters_beside(file)(2) == 10
+    assert path.read_text() == "10\n"
+
+
+def test_a_signer_remembers_the_last_counter_of_each_source(file):
+    signer = keys.Signer(keys.read(file)[0], keys.counting())
+    for source in (1, 1, 2):
+        command = kcm.cmd_t()
+        command.source = source
+        signer.command(command)
+    assert signer.counters == {1: 2, 2: 1}
+    assert signer.known == (signer.key,)
+    assert keys.signer_of(file).known == keys.read(file)
+
+
+def test_a_signature_holds_with_counter_0_but_not_below(file):
+    key = keys.read(file)[0]
+    for counter, good in ((0, True), (1, True), (-1, False)):
+        command = kcm.cmd_t()
+        keys.Signer(key, lambda _source, n=counter: n if n >= 0 else 0).command(command)
+        command.counter = counter
+        assert keys.signed_by(command, key) is good
+    command.counter, command.key_id = 0, key.id + 1
+    assert not keys.signed_by(command, key)
+
+
+@pytest.mark.parametrize("number", [1, 2**31 - 1])
+def test_numbers_of_keys_are_positive_and_fit_a_message(tmp_path, number):
+    assert keys.read(written(tmp_path, f"{number} {SECRET}"))[0].id == number
+    for wrong in (0, 2**31):
+        with pytest.raises(BadInput, match="a key is a number"):
+            keys.read(written(tmp_path, f"{wrong} {SECRET}"))
+
+
+def test_a_wrong_line_is_named_by_its_number_and_more_than_two_keys_are_refused(tmp_path):
+    with pytest.raises(BadInput) as error:
+        keys.read(written(tmp_path, f"1 {SECRET}", "2 nonsense"))
+    assert error.value.where.endswith("line 3")
+    assert len(keys.read(written(tmp_path, f"1 {SECRET}", f"2 {SECRET}"))) == 2
+    with pytest.raises(BadInput, match="not 3"):
+        keys.read(written(tmp_path, *(f"{k} {SECRET}" for k in (1, 2, 3))))
+    with pytest.raises(BadInput, match="not 0"):
+        keys.read(written(tmp_path))
+
+
+def test_the_key_file_is_the_given_one_or_that_of_the_variable_or_that_at_home(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv(keys.VARIABLE, "~/mine")
+    assert keys.file_of(tmp_path / "given") == tmp_path / "given"
+    assert keys.file_of(None) == tmp_path / "mine"
+    monkeypatch.delenv(keys.VARIABLE)
+    assert keys.file_of(None) == tmp_path / ".kincal" / "keys"
+
+
+def test_what_an_interrupted_write_left_is_replaced(file):
+    part = file.with_name("keys.part")
+    part.write_text("half")
+    part.chmod(0o666)
+    assert keys.rotate(file).id == 2
+    assert not part.exists()
+    assert file.stat().st_mode & 0o777 == 0o600
+    with pytest.raises(BadInput, match="a rotation is under way"):
+        keys.rotate(file)
+    assert keys.retire(file).id == 1
+    assert [key.id for key in keys.read(file)] == [2]
+    with pytest.raises(BadInput, match="there is no other key"):
+        keys.retire(file)
+
+
+def test_a_new_key_makes_its_folder_for_its_owner_only_and_spares_what_is_there(tmp_path):
+    path = tmp_path / "a" / "b" / "keys"
+    key = keys.new(path)
+    assert path.parent.stat().st_mode & 0o777 == 0o700
+    assert (key.id, len(key.secret)) == (1, 32)
+    before = path.read_bytes()
+    with pytest.raises(BadInput, match="a key file already"):
+        keys.new(path)
+    assert path.read_bytes() == before
+
+
+def test_each_command_says_which_key_signs(tmp_path, monkeypatch):
+    path = tmp_path / "k"
+
+    def said(verb, *file):
+        return CliRunner().invoke(main, ["key", verb, *map(str, file)]).output.strip()
+
+    assert said("new", path).startswith(f"{path}: key 1;")
+    assert said("rotate", path).startswith(f"{path}: key 2 added;")
+    assert said("show", path) == f"{path}: key 1 signs, key 2 is new"
+    assert said("retire", path).startswith(f"{path}: key 1 is gone, key 2 signs;")
+    monkeypatch.setenv(keys.VARIABLE, str(path))
+    assert said("show") == f"{path}: key 2 signs"
+
+
+def test_keys_of_simulations_differ_by_seed_only():
+    first = keys.of_simulation(1)
+    assert first == keys.of_simulation(1) != keys.of_simulation(2)
+    assert (first.id, len(first.secret)) == (1, 32)
