@@ -12,11 +12,10 @@ from direct_flight import DirectFlight
 from samples import CRC, event, progress, proposal, signed, write_log
 
 import kcm
-from kincal import keys, link
+from kincal import link
 from kincal import workbench as wb
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
-from kincal.errors import BadInput, CommandFailed
 from kincal.flight import library
 from kincal.flight import tables as codec
 from kincal.flight.bounds import Flown, place_text, shared_bounds, tightest
@@ -24,8 +23,10 @@ from kincal.link import LogSummary, channels, read_log
 from kincal.link.connection import Received, check_ack, is_ack
 from kincal.link.eventfile import MOST_CHANNEL, SYNC, EventFile
 from kincal.link.log import LogEvent, unpack_covariance
-from kincal.workbench import uplink
-from kincal.workbench.effects import Hypothesis, Parameter, Term
+from kincal.workbench.model import uplink
+from kincal.workbench.model.effects import Hypothesis, Parameter, Term
+from kincal_shared import keys
+from kincal_shared.errors import BadInput, CommandFailed
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 FLIGHT = library("flight")
@@ -294,7 +295,8 @@ def packet(channel=b"KC_HK", data=b"x", **wrong):
     ("first", "events", "damaged"),
     [
         (packet(), 2, 0), (packet(b"c" * MOST_CHANNEL), 2, 0), (packet(b"c" * (MOST_CHANNEL + 1)), 1, 1),
-        (packet(b""), 1, 1), (packet(data=b""), 2, 0), (packet(n_data=-1), 1, 1), (packet(n_data=1 << 30), 1, 1),
+        (packet(b""), 1, 1), (packet(data=b""), 2, 0), (packet(n_data=-1), 1, 1),
+        (packet(n_data=1 << 30), 1, 1),
         (packet(sync=b"noun"), 1, 1), (b"\0" * 9, 1, 1), (packet(n_data=-1) * 3, 1, 1),
     ],
 )  # fmt: skip

@@ -13,8 +13,8 @@ from kincal_shared.schema.arm import ArmTable, Frame
 from kincal_shared.schema.dh import BETA_ERROR, DH_ERRORS
 from kincal_shared.schema.terms import ONE
 
-from .effects import Hypothesis, Parameter, Term
 from ..numerics.types import Array, array
+from .effects import Hypothesis, Parameter, Term
 
 # Prior sigmas. Wide enough that data of a few poses overrule them (1.3 rad is moved by 0.1 mrad), tight
 # enough to keep combinations that the data do not determine from wandering.
