@@ -232,8 +232,8 @@ lint-direction: ## what includes name; the simulator loads no flight code
 lint-requirements: ## every requirement of flight has a test, every test of flight a requirement
 	$(Q)$(PYTHON) tests/lint/requirements.py
 
-lint-loops: ## every loop of the core has a named bound (docs/LOOPS.md)
-	$(Q)$(PYTHON) tests/lint/loops.py --check
+lint-loops: ## every loop of the core has a named bound (build/LOOPS.md)
+	$(Q)$(PYTHON) tests/lint/loops.py
 
 lint-glossary: ## one vocabulary, every term in docs/GLOSSARY.md, links lead somewhere
 	$(Q)$(PYTHON) tests/lint/glossary.py
@@ -243,7 +243,7 @@ lint-python: | .venv/.stamp-dev ## ruff: rules and lay-out
 	$(Q).venv/bin/ruff format --quiet --check --config tests/ruff.toml ground sim tests || \
 	    { .venv/bin/ruff format --check --config tests/ruff.toml ground sim tests; exit 1; }
 
-lint-types: | .venv/.stamp-dev ## mypy, strict, over the ground tool and the simulator
+lint-types: stubs | .venv/.stamp-dev ## mypy, strict, over the ground tool and the simulator
 	$(Q).venv/bin/mypy --config-file tests/mypy.ini ground/kincal ground/kincal_shared sim/kincal_sim
 
 lint-layers: | .venv/.stamp-dev ## import-linter: Python packages import downwards
@@ -262,16 +262,16 @@ format: $(STAMP)/apt-test .venv/.stamp-dev ## lay out C, C++ and Python
 	.venv/bin/ruff check --quiet --fix-only --select I --config tests/ruff.toml ground sim tests
 	.venv/bin/ruff format --quiet --config tests/ruff.toml ground sim tests
 
-dict: ## docs/EVENTS.md and the tables of docs/OPERATIONS.md from the event list, docs/LOOPS.md from the loops
+dict: ## docs/EVENTS.md and the tables of docs/OPERATIONS.md from the event list
 	$(PYTHON) tests/lint/events.py
-	$(PYTHON) tests/lint/loops.py
 
 docs: dict core messages .venv/.stamp stubs ## the generated parts of docs/
 	$(PY) ground/gen_docs.py
 
-stubs: core .venv/.stamp ## types of the flight core and of the messages for mypy, list of channels
-	$(PY) ground/stubs.py
-	$(PY) ground/message_stubs.py
+stubs: core .venv/.stamp ## types of flight core and messages for mypy, JSON Schemas for editors, list of channels
+	$(Q)$(PY) ground/stubs.py
+	$(Q)$(PY) ground/message_stubs.py
+	$(Q).venv/bin/kincal schema -o $(BUILD)/schema >$(BUILD)/schema.log
 
 tables: core .venv/.stamp ## tables/bin from tables/src
 	.venv/bin/kincal table build tables/src tables/bin

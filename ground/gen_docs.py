@@ -1,6 +1,6 @@
 """Write the parts of docs/ that follow from sources: docs/CLI.md from the commands' help, the tables of
 docs/INTERFACES.md from the message files and headers, those of docs/TABLES.md from the C source of the
-layouts, docs/schema/*.json from the models of files.
+layouts.
 
     python ground/gen_docs.py            write
     python ground/gen_docs.py --check    say what is out of date; status 1 if anything is
@@ -333,22 +333,12 @@ def cli() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-# --------------------------------------------------------------------------- JSON Schema
-
-
-def schemas() -> dict[Path, str]:
-    """Path and text of the JSON Schema of every kind of file."""
-    from kincal_shared.schema.files import FILES, SUFFIX, json_schema
-
-    return {DOCS / "schema" / f"{name}{SUFFIX}": json_schema(name) for name in FILES}
-
-
 # --------------------------------------------------------------------------- main
 
 
 def main(argv: list[str]) -> int:
     """Write or check; the exit status."""
-    wanted = {DOCS / page: with_blocks(page) for page in BLOCKS} | {DOCS / "CLI.md": cli(), **schemas()}
+    wanted = {DOCS / page: with_blocks(page) for page in BLOCKS} | {DOCS / "CLI.md": cli()}
     stale = [path for path, text in wanted.items() if not path.is_file() or path.read_text("utf-8") != text]
     if "--check" in argv:
         for path in stale:
@@ -357,7 +347,6 @@ def main(argv: list[str]) -> int:
             )
         return 1 if stale else 0
     for path in stale:
-        path.parent.mkdir(exist_ok=True)
         path.write_text(wanted[path], "utf-8")
         print(f"{path.relative_to(ROOT)} written")
     return 0

@@ -3,8 +3,8 @@ channels, ground/kincal_shared/schema/channels.csv.
 
     message_stubs.py [--check]
 
-lcm-gen writes classes without types; these protocols say what is in them. With --check nothing is written,
-and the exit status is 1 if a file is not what the messages say."""
+lcm-gen writes classes without types; these protocols say what is in them. With --check the list is compared,
+and the exit status is 1 if it is not what the messages say."""
 
 from __future__ import annotations
 
@@ -63,14 +63,13 @@ def channels() -> str:
 def main() -> int:
     """Write or check the files; exit status."""
     stubs = "\n\n".join([HEAD.rstrip(), *map(stub, messages())]) + "\n"
-    status = 0
-    for path, text in ((TARGET, stubs), (CHANNELS, channels())):
-        if "--check" not in sys.argv[1:]:
-            path.write_text(text)
-        elif not path.exists() or path.read_text() != text:
-            print(f"{path}: not what fsw/msg says: run make stubs")
-            status = 1
-    return status
+    TARGET.write_text(stubs)
+    if "--check" not in sys.argv[1:]:
+        CHANNELS.write_text(channels())
+    elif CHANNELS.read_text() != channels():
+        print(f"{CHANNELS}: not what fsw/msg says: run make stubs")
+        return 1
+    return 0
 
 
 if __name__ == "__main__":

@@ -164,14 +164,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    parser.add_argument("--check", action="store_true", help="compare the acquisitions")
     check, status = parser.parse_args().check, 0
-    for path, text in ((OUT, stub_text()), (ACQUISITIONS, acquisitions_text())):
-        if not check:
-            path.write_text(text)
-        elif not path.is_file() or path.read_text() != text:
-            print(f"{path.relative_to(ROOT)}: out of date; run `make stubs`")
-            status = 1
+    OUT.write_text(stub_text())
+    text = acquisitions_text()
+    if not check:
+        ACQUISITIONS.write_text(text)
+    elif ACQUISITIONS.read_text() != text:
+        print(f"{ACQUISITIONS.relative_to(ROOT)}: out of date; run `make stubs`")
+        status = 1
     return status
 
 

@@ -1,6 +1,6 @@
 /* A single bad detection among the local initial poses. Where no correction explains all of them, the estimate is
  * repeated without one observation after the other. The one without which the others fit best is left out, and its
- * pose is measured again: an arm that is outside its bounds shows the same once more, a bad detection does not. */
+ * pose is measured again: with an arm outside its bounds the residual is the same again, with a bad detection not. */
 #ifndef KC_LEAVE_OUT_H
 #define KC_LEAVE_OUT_H
 

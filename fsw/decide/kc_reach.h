@@ -23,9 +23,9 @@ typedef enum {
 } kc_no_tags_t;
 
 /* No tags where they should be. The correction may still be wrong: first the seed, unless the arm is there
- * (at_seed), then the pan-tilt unit searches. Detected once and lost again is not for want of a better
- * pan-tilt direction: the servo turned the tags away, or they are hidden; the arm returns to where they were
- * detected last. */
+ * (at_seed), then the pan-tilt unit searches. Where tags were detected and then lost, another pan-tilt direction
+ * does not help: the servo turned the tags away, or they are hidden. The arm returns to where they were detected
+ * last. */
 kc_no_tags_t kc_reach_no_tags(const kc_tried_t *tried, bool at_seed);
 
 /* Place i >= 1 of the square spiral around the expected direction, in search steps. O(i). */

@@ -71,7 +71,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Not sent by a holder of the key, or changed on the way. Find out who sends on this network.")         \
     X(9, CMD_REPLAYED, ERROR,                                                                                \
       "message from {index:source} refused: its counter {got:count} is not above {want:count}",              \
-      "Repeated, or overtaken by a later one: send anew. After the loss of FILE.count*: "                    \
+      "Repeated, or a later command arrived first: send it again. After the loss of FILE.count*: "           \
       "docs/INTERFACES.md, Keys.")                                                                           \
     X(10, CMD_ACCEPTED, INFO, "command {got:command} accepted", "")                                          \
     X(11, CMD_UNKNOWN, ERROR, "command refused: unknown opcode {got:count}",                                 \

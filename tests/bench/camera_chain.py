@@ -35,7 +35,6 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -194,19 +193,6 @@ def seen_by(chain: Chain, t_s: float) -> missions.Seen:
     return seen
 
 
-def nees(proposal, errors: dict[str, float], names_: Iterable[str]) -> tuple[float, int]:
-    """Normalised error squared of the determined coefficients, and their number."""
-    n = proposal.n_coef
-    C = np.zeros((n, n))
-    C[np.triu_indices(n)] = proposal.cov[: n * (n + 1) // 2]
-    C = C + np.triu(C, 1).T
-    e = np.array([v - errors.get(k, 0.0) for k, v in zip(names_, proposal.value, strict=False)])
-    use = np.flatnonzero(np.diag(C) > 0.0)
-    scale = np.sqrt(np.diag(C)[use])
-    z = e[use] / scale
-    return float(z @ np.linalg.solve(C[np.ix_(use, use)] / np.outer(scale, scale), z)), len(use)
-
-
 def fly(job: tuple[str, str, str, int]) -> dict:
     """One calibration."""
     case, name, accept, seed = job
@@ -229,7 +215,7 @@ def fly(job: tuple[str, str, str, int]) -> dict:
 def judged(p, scenario: Scenario, number: int, seen: missions.Seen) -> dict:
     """A proposal against the truth."""
     correction = dict(zip(missions.names(scenario.name), p.value, strict=False))
-    value, n = nees(p, true_coefficients(scenario), missions.names(scenario.name))
+    value, n = missions.nees(p, true_coefficients(scenario), missions.names(scenario.name))
     said = {name: getattr(p, name) for name in ("verdict", "frame", "pred_pos_m", "p_fit", "p_no_change")}
     return said | {
         "nees": value,

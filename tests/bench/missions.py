@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -84,6 +84,20 @@ def tables_of(scenario: str, policy: bool = False, floor: bool = True) -> Path:
     return folder
 
 
+def nees(proposal, errors: dict[str, float], names_: Iterable[str]) -> tuple[float, int]:
+    """Squared normalised error of the coefficients that the data determined, and their number.
+    names_: the coefficients of the TERMS table (names())."""
+    n = proposal.n_coef
+    C = np.zeros((n, n))
+    C[np.triu_indices(n)] = proposal.cov[: n * (n + 1) // 2]
+    C = C + np.triu(C, 1).T
+    e = np.array([v - errors.get(k, 0.0) for k, v in zip(names_, proposal.value, strict=False)])
+    use = np.flatnonzero(np.diag(C) > 0.0)
+    scale = np.sqrt(np.diag(C)[use])
+    z = e[use] / scale
+    return float(z @ np.linalg.solve(C[np.ix_(use, use)] / np.outer(scale, scale), z)), len(use)
+
+
 def plant_of(scenario: Scenario, correction: Mapping[str, float]) -> Plant:
     """The arm that a correction describes, in the surroundings of a scenario: a MuJoCo arm of its own."""
     dh = {name: value for name, value in correction.items() if name.startswith("J")}
@@ -92,16 +106,22 @@ def plant_of(scenario: Scenario, correction: Mapping[str, float]) -> Plant:
     return build_plant(scenario.model_copy(update={"arm": believed}))
 
 
+@cache
+def _pantilt() -> dict:
+    """The simulator's numbers of mast and camera."""
+    return load_spec()["pantilt"]
+
+
 def camera_pose(pan_rad: float, tilt_rad: float) -> np.ndarray:
     """T_base_cam (4x4) by the simulator's numbers."""
-    spec = load_spec()["pantilt"]
+    spec = _pantilt()
     mast = transform(np.array(spec["mast_xyz_m"]), np.eye(3)) @ rot("z", pan_rad) @ rot("y", tilt_rad)
     return mast @ transform(np.array(spec["camera_xyz_m"]), CAMERA_ON_TILT)
 
 
 def aimed(p_base_m: np.ndarray) -> tuple[float, float]:
     """Pan and tilt that look at a point [rad]."""
-    d = p_base_m - np.array(load_spec()["pantilt"]["mast_xyz_m"])
+    d = p_base_m - np.array(_pantilt()["mast_xyz_m"])
     return float(np.arctan2(d[1], d[0])), float(-np.arctan2(d[2], np.hypot(d[0], d[1])))
 
 

@@ -41,6 +41,7 @@ from scipy.stats import chi2  # noqa: E402
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / folder) for folder in ("ground", "sim", "build/py", "tests/bench")]
 
+import missions  # noqa: E402
 from montecarlo import bounds, coefficient_errors, paper  # noqa: E402
 
 import kcm  # noqa: E402
@@ -57,7 +58,6 @@ TAGDET = ROOT / "build" / "kincal-tagdet"
 CONFIG = ROOT / "sim" / "models" / "detector.yml"
 MEASURE = library("flight").constant("KC_ST_MEASURE")
 JPEG_QUALITY = 75  # what whole frames of this scene end up with
-N_DH = 28
 CHAIN_SIGMAS = (
     *("mast_sigma_m", "mast_sigma_rad", "zero_sigma_rad", "axis_sigma_rad", "tag_size_sigma"),
     *("plate_sigma_m", "plate_sigma_rad", "drift_sigma_m_s", "drift_sigma_rad_s"),
@@ -143,20 +143,6 @@ def truth(seed: int, run: int) -> dict[str, float]:
     return {name: float(rng.uniform(-0.5, 0.5) * bound) for name, bound in bounds().items()}
 
 
-def nees(proposal, errors: dict[str, float]) -> tuple[float, int]:
-    """Normalised error squared of the coefficients that the data determined, and their number."""
-    n = proposal.n_coef
-    C = np.zeros((n, n))
-    C[np.triu_indices(n)] = proposal.cov[: n * (n + 1) // 2]
-    C = C + np.triu(C, 1).T
-    found = coefficient_errors(proposal.value)
-    e = np.array([found[name] - errors.get(name, 0.0) for name in found])
-    use = [c for c in range(N_DH) if C[c, c] > 0.0]
-    scale = np.sqrt(np.diag(C)[use])
-    z = e[use] / scale
-    return float(z @ np.linalg.solve(C[np.ix_(use, use)] / np.outer(scale, scale), z)), len(use)
-
-
 def fly(run: int, seed: int, imager: DrawnImager, state: list[int], tables: Path) -> dict:
     """One calibration; state[0] is flight's, for the imager."""
     errors, before = truth(seed, run), imager.n_drawn
@@ -172,7 +158,7 @@ def fly(run: int, seed: int, imager: DrawnImager, state: list[int], tables: Path
     proposal = flown.log.last_session.proposal
     line = {"run": run, "reason": flown.record.get("reason"), "frames": imager.n_drawn - before}
     if proposal is not None:
-        value, n = nees(proposal, errors)
+        value, n = missions.nees(proposal, errors, missions.names("paper"))
         line |= {"nees": value, "n": n, "noise_scale": proposal.noise_scale, "p_fit": proposal.p_fit}
         line |= {"outliers": proposal.n_outliers, "verdict": proposal.verdict, "poses": proposal.n_poses}
         found, sigma = coefficient_errors(proposal.value), proposal.sigma

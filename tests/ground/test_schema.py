@@ -6,8 +6,10 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from real_arms import DATA
 
+from kincal.cli import main
 from kincal.flight import library
 from kincal.workbench.model.effects import Library
 from kincal_shared.errors import BadInput
@@ -356,13 +358,13 @@ def test_prismatic_joint_takes_its_limits_in_metres(tmp_path):
 def test_shipped_file_reads_and_names_its_schema(kind):
     validate(files.FILES[kind], read_toml(SHIPPED[kind]), kind)
     hint = SHIPPED[kind].read_text().splitlines()[0].removeprefix("#:schema ")
-    assert (SHIPPED[kind].parent / hint).resolve() == ROOT / "docs" / "schema" / f"{kind}.schema.json"
+    assert (SHIPPED[kind].parent / hint).resolve() == ROOT / "build" / "schema" / f"{kind}.schema.json"
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "sim/scenarios").glob("*.toml")), ids=lambda p: p.stem)
 def test_shipped_scenario_reads(path):
     assert scenario.read_scenario(path).name == path.stem
-    assert path.read_text().startswith("#:schema ../../docs/schema/scenario.schema.json\n")
+    assert path.read_text().startswith("#:schema ../../build/schema/scenario.schema.json\n")
 
 
 def test_shipped_library_reads():
@@ -384,9 +386,28 @@ def test_every_toml_of_the_project_is_of_a_known_kind():
     assert found <= known
 
 
-@pytest.mark.parametrize("name", files.FILES)
-def test_committed_json_schema_is_that_of_the_model(name):
-    assert (ROOT / "docs/schema" / f"{name}.schema.json").read_text() == files.json_schema(name)
+def test_schema_of_a_kind_is_shown_and_all_are_written(tmp_path):
+    shown = CliRunner().invoke(main, ["schema", "scenario"])
+    assert json.loads(shown.output)["$id"] == "scenario.schema.json"
+    assert CliRunner().invoke(main, ["schema", "-o", str(tmp_path)]).exit_code == 0
+    assert {p.name.split(".")[0] for p in tmp_path.iterdir()} == set(files.FILES)
+    assert (tmp_path / "scenario.schema.json").read_text() == shown.output
+
+
+def test_kinds_of_files_are_listed_each_with_what_it_is():
+    lines = CliRunner().invoke(main, ["schema"]).output.splitlines()
+    assert [line.split()[0] for line in lines] == sorted(files.FILES)
+    assert all(len(line.split()) > 2 for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [(["arms"], "no kind of file 'arms'; there are arm,"), (["arm", "-o", "x"], "or -o FOLDER to write all")],
+)
+def test_a_wrong_question_for_a_schema_says_what_there_is(given, complaint):
+    asked = CliRunner().invoke(main, ["schema", *given])
+    assert asked.exit_code == 2
+    assert complaint in " ".join(asked.output.split())
 
 
 # --------------------------------------------------------------------------- the headers say the same

@@ -210,7 +210,7 @@ def test_executive_starts_when_flight_arm_and_pan_tilt_unit_are_there_and_approv
     "proposal, reason",
     [
         ({"pred_pos_m": 0.5}, "predicted position error 0.5"),
-        ({"pred_pos_m": 0.0021}, "predicted position error 0.0021 > 0.002"),
+        ({"pred_pos_m": 0.0017}, "predicted position error 0.0017 > 0.0016"),
         ({"pred_rot_rad": float("nan")}, "predicted rotation error nan"),
         ({"n_coef": 3, "status": [0, HELD, 0] + 61 * [0]}, "coefficients that are held or at a bound 1 > 0"),
         ({"n_coef": 3, "status": [AT_LOWER, AT_UPPER, 0] + 61 * [0]}, "held or at a bound 2 > 0"),

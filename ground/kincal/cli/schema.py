@@ -1,4 +1,4 @@
-"""`kincal schema`: JSON Schema of every file that people write."""
+"""`kincal schema`: JSON Schema of the files that people write."""
 
 from __future__ import annotations
 
@@ -10,20 +10,29 @@ from kincal.cli.outputs import FOLDER_OUT
 
 
 @click.command()
-@click.option(
-    "-o", "--out", type=FOLDER_OUT, default=Path("schema"), show_default=True, help="Folder to write to."
-)
-def schema(out: Path) -> None:
-    """Write the JSON Schema of every TOML file that KinCal reads.
+@click.argument("kind", required=False)
+@click.option("-o", "--out", type=FOLDER_OUT, help="Write the schemas of all kinds into this folder.")
+def schema(kind: str | None, out: Path | None) -> None:
+    """Show the JSON Schema of a kind of TOML file that KinCal reads, for instance of `arm`.
 
-    An editor that knows TOML completes and checks a file whose first line names its schema, for
-    instance `#:schema ./schema/arm.schema.json`.
+    Without KIND: the list of the kinds. An editor that knows TOML completes and checks a file
+    whose first line names its schema, for instance `#:schema ./schema/arm.schema.json`.
 
     \b
-    Example:
+    Examples:
+        kincal schema arm
         kincal schema -o schema
     """
-    from kincal_shared.schema.files import write_json_schemas
+    from kincal_shared.schema.files import FILES, json_schema, write_json_schemas
 
-    for path in write_json_schemas(out):
-        click.echo(str(path))
+    if kind is not None and out is not None:
+        raise click.UsageError("give KIND to show one schema, or -o FOLDER to write all, not both")
+    if kind is not None and kind not in FILES:
+        raise click.UsageError(f"no kind of file '{kind}'; there are {', '.join(sorted(FILES))}")
+    if out is not None:
+        shown = [str(path) for path in write_json_schemas(out)]
+    elif kind is not None:
+        shown = [json_schema(kind).rstrip()]
+    else:
+        shown = [f"{name:<17} {(FILES[name].__doc__ or '').splitlines()[0]}" for name in sorted(FILES)]
+    click.echo("\n".join(shown))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct as packing
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -59,14 +60,20 @@ def _unsigned32(value: int) -> int:
 
 def _alike(struct: Any, message: Any) -> None:
     """What both name alike and hold in the same way, as KC_..._FIELDS of the core."""
-    ctype = _FLIGHT.ffi.typeof(struct)
+    for name, bits in _shared(_FLIGHT.ffi.typeof(struct), type(message)):
+        value = getattr(message, name)
+        setattr(struct, name, value if bits is None else value & bits)
+
+
+@cache
+def _shared(ctype: Any, kind: type) -> list[tuple[str, int | None]]:
+    """Fields that a struct and a message have in common, and the mask of those without a sign."""
     fields = (ctype.item if ctype.kind == "pointer" else ctype).fields
-    for name, field in fields or ():
-        if name not in message.__slots__:
-            continue
-        value, bits = getattr(message, name), _MASK.get(field.type.cname)
-        if name not in _OTHERWISE:
-            setattr(struct, name, value if bits is None else value & bits)
+    return [
+        (name, _MASK.get(field.type.cname))
+        for name, field in fields or ()
+        if name in kind.__slots__ and name not in _OTHERWISE
+    ]
 
 
 def _fill_auth(auth: KcAuth, m: Cmd | TableChunk) -> None:

@@ -116,8 +116,8 @@ class Limits(Section):
     accept: Literal["ground", "auto", "policy"] = "auto"
     """Who accepts a correction: an operator (ground), the executive within the limits below (auto), or flight
     by the policy of its CONFIG table (policy)."""
-    pred_pos_max_m: NotNegative = 0.002
-    """Largest predicted position error that the executive accepts [m]; 5 mm are then 2.5 times as far."""
+    pred_pos_max_m: NotNegative = 0.0016
+    """Largest predicted position error that the executive accepts [m]; 5 mm are then three times as far."""
     pred_rot_max_rad: NotNegative = 0.02
     """Largest predicted rotation error that the executive accepts [rad]."""
     p_fit_min: Annotated[float, Quantity(ge=0.0, le=1.0)] = 0.001

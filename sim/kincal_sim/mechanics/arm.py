@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 
 import mujoco
@@ -25,6 +27,12 @@ FRAME = {"tx_m": "tx", "ty_m": "ty", "tz_m": "tz", "rx_rad": "rx", "ry_rad": "ry
 
 def load_spec(path: Path = SPEC_PATH) -> dict:
     """The simulator's numbers of arm, lander, mast and camera, as the TOML file has them. Raises BadInput."""
+    return deepcopy(_read_spec(path, path.stat().st_mtime_ns if path.exists() else 0))
+
+
+@lru_cache(maxsize=8)
+def _read_spec(path: Path, _changed_ns: int) -> dict:
+    """Cached: a run in process asks for it dozens of times, and it takes as long as 20 steps of flight."""
     spec = read_toml(path)
     validate(PlantFile, spec, str(path))
     return spec
@@ -95,6 +103,7 @@ class Arm:
         self.data = mujoco.MjData(self.model)
         self._tool = self.model.body("tool").id
         self._camera = self.model.body("camera").id
+        self._shape_names = [self.model.geom(i).name for i in range(self.model.ngeom)]
         self.q_min = np.array([j["q_rad"][0] for j in self.spec["joint"]])
         self.q_max = np.array([j["q_rad"][1] for j in self.spec["joint"]])
 
@@ -136,5 +145,5 @@ class Arm:
         """Names of the shapes that touch at this posture."""
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_collision(self.model, self.data)
-        name = [self.model.geom(i).name for i in range(self.model.ngeom)]
-        return [(name[c.geom1], name[c.geom2]) for c in self.data.contact[: self.data.ncon]]
+        shape = self._shape_names
+        return [(shape[a], shape[b]) for a, b in self.data.contact.geom]

@@ -63,7 +63,7 @@ def _entry(place: ErrorPlace, p: Parameter) -> ParameterEntry:
 def smooth_effect(name: UnnamedName, scorer: Scorer, *, most: int = MOST_TERMS) -> SmoothEffect:
     """The smooth function at a place that the data ask for, in at most `most` coefficients.
 
-    scorer: at the fit of the model that it joins. BadInput for a place or a driver that there is not;
+    scorer: at the fit of the model that it joins. BadInput for an unknown place or driver;
     CannotAnswer where the data do not vary the driver, or ask for no term.
     """
     whole = full_effect(name, scorer)
