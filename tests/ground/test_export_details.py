@@ -21,10 +21,10 @@ from kincal.export.leftout import left_out
 from kincal.export.urdf import _different
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import Pose
-from kincal.schema.arm import read_arm
-from kincal.schema.model import FitEntry, FrameEntry
-from kincal.schema.terms import Basis
-from kincal.workbench.effects import Term
+from kincal.workbench.model.effects import Term
+from kincal_shared.schema.arm import read_arm
+from kincal_shared.schema.model import FitEntry, FrameEntry
+from kincal_shared.schema.terms import Basis
 
 ZERO = FrameEntry(xyz_m=(0, 0, 0), quat_wxyz=(1, 0, 0, 0))
 RECORD = FitEntry(
