@@ -47,6 +47,7 @@ CHECKS = (
     Check("cross", "are the bits the same everywhere?", r"\d+% tests passed.*|replay of .* same to the byte"),
     Check("fuzz", "does any input break it?", r"(ok|FAIL) .*executions.*", ("SECONDS=300",)),
     Check("mutation", "do the tests notice a changed token?", r"\d+ of \d+ killed, .*"),
+    Check("mutation-ground", "and in the ground's safety code?", r"\w+: \d+ of \d+ killed, .*"),
     Check(
         "campaign-faults",
         "does a fault make a wrong correction active?",

@@ -60,7 +60,7 @@ ROOMS = {
 FILES = (
     "review", "journal", "keys", "tables", "bounds", "export", "flight", "flight_arm", "flight_events",
     "schema", "schema_terms", "lcmlog", "hostile", "former", "errors", "outputs",
-    "review_details", "keys_details", "tables_details", "uplink_details",
+    "review_details", "keys_details", "tables_details", "uplink_details", "export_details",
 )  # fmt: skip
 
 

@@ -11,14 +11,14 @@ from kincal.link.connection import Received
 
 class DirectFlight(CommandLink):
     """Answers each command at once, and says by housekeeping what came of it; when nothing is left to say,
-    time passes. hk: the next housekeeping; refuse: opcodes that get this status and event; deaf: opcodes
+    time passes. hk: the next housekeeping; refuse: opcodes that get this status and event; ignores: opcodes
     without an effect; commands, chunks: what came."""
 
     def __init__(self, signer=None, first_seq=None):
         super().__init__("direct", first_seq, signer)
         self.hk, self.now_s = kcm.hk_t(), 0.0
         self.hk.t_us = 5_000_000
-        self.refuse, self.deaf = {}, set()
+        self.refuse, self.ignores = {}, set()
         self.commands, self.chunks, self.waiting = [], [], deque()
 
     def waits(self, crc, verdict=kcm.proposal_t.CHANGE, state=9):
@@ -49,7 +49,7 @@ class DirectFlight(CommandLink):
         a.t_us, a.source, a.seq, a.opcode = self.hk.t_us, c.source, c.seq, c.opcode
         a.status, a.event_id = self.refuse.get(c.opcode, (0, 0))
         self.waiting.append(Received("KC_ACK", a))
-        if a.status or c.opcode in self.deaf:
+        if a.status or c.opcode in self.ignores:
             return
         if c.opcode == c.APPROVE_ARM:
             self.hk.state, self.hk.approval_left_us = 10, 599_000_000

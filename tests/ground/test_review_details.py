@@ -345,7 +345,7 @@ def test_who_has_seen_it_is_named_to_who_has_not(file, good, signer):
 def test_what_flight_took_is_written_even_if_what_it_brings_is_not_seen(file, good, signer, opcode):
     seen(file, good, signer)
     flight = DirectFlight(signer).waits(CRC, state=10)
-    flight.deaf = {getattr(kcm.cmd_t, opcode)}
+    flight.ignores = {getattr(kcm.cmd_t, opcode)}
     act = decisions.go if opcode == "APPROVE_GO" else decisions.reject
     with pytest.raises(CommandFailed):
         act(flight, f"{CRC:08x}", operator(file, timeout_s=1.0)[0])

@@ -106,7 +106,7 @@ def test_whole_numbers_stay_whole_and_names_of_numbers_that_have_none_are_number
     assert codec.to_doc(config)["acquisition"] == last + 1
 
 
-def test_kinds_have_numbers_both_ways_and_errors_say_where():
+def test_kinds_have_numbers_and_back_and_errors_say_where():
     assert [codec.kind_name(codec.kind_number(kind)) for kind in codec.kinds()] == list(codec.kinds())
     for act in (lambda: codec.kind_number("nothing"), lambda: codec.kind_name(99)):
         with pytest.raises(BadInput, match="unknown table kind") as error:

@@ -97,7 +97,7 @@ def test_a_mutant_is_loaded_in_place_of_its_module(monkeypatch):
     assert after.__file__ == before.__file__
 
 
-def test_alive_without_a_reason_and_with_one_are_told_apart(monkeypatch, capsys):
+def test_survivors_with_and_without_a_reason_are_counted(monkeypatch, capsys):
     row = {"file": "a.py", "function": "f", "original": "x < 1", "mutant": "x <= 1", "verdict": "equivalent"}
     monkeypatch.setattr("mutants.reviewed", lambda: {("a.py", "f", "x < 1", "x <= 1"): row})
     count, text = Count(), "x < 1\n"
