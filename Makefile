@@ -158,7 +158,7 @@ $(BUILD)/fuzz/build.ninja $(BUILD)/fuzz-cov/build.ninja: | $(STAMP)/apt-test
 .PHONY: record
 $(BUILD)/cross/record.bin: record
 record: core messages .venv/.stamp ## calibrations for the replay, and what it has to give
-	$(Q)PYTHONPATH=ground:sim $(PY) tests/cross/record.py $(BUILD)/cross
+	$(Q)$(PY) tests/cross/record.py $(BUILD)/cross
 
 # ---- measures of the flight core ----------------------------------------------------------------------
 
@@ -244,10 +244,10 @@ lint-python: | .venv/.stamp-dev ## ruff: rules and lay-out
 	    { .venv/bin/ruff format --check --config tests/ruff.toml ground sim tests; exit 1; }
 
 lint-types: stubs | .venv/.stamp-dev ## mypy, strict, over the ground tool and the simulator
-	$(Q).venv/bin/mypy --config-file tests/mypy.ini ground/kincal sim/kincal_sim
+	$(Q).venv/bin/mypy --config-file tests/mypy.ini ground/kincal ground/kincal_shared sim/kincal_sim
 
 lint-layers: | .venv/.stamp-dev ## import-linter: Python packages import downwards
-	$(Q)PYTHONPATH=ground:sim .venv/bin/lint-imports --config tests/layers.ini --cache-dir $(BUILD)/import-linter
+	$(Q).venv/bin/lint-imports --config tests/layers.ini --cache-dir $(BUILD)/import-linter
 
 lint-generated: core messages .venv/.stamp-dev ## generated files are what their sources say
 	$(Q)$(PYTHON) tests/lint/events.py --check

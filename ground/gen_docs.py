@@ -341,7 +341,6 @@ def cli() -> str:
 
 def main(argv: list[str]) -> int:
     """Write or check; the exit status."""
-    sys.path[:0] = [str(ROOT / "ground"), str(ROOT / "build/py")]
     wanted = {DOCS / page: with_blocks(page) for page in BLOCKS} | {DOCS / "CLI.md": cli()}
     stale = [path for path, text in wanted.items() if not path.is_file() or path.read_text("utf-8") != text]
     if "--check" in argv:

@@ -1,5 +1,5 @@
 """From fsw/msg/*.lcm: types of the LCM messages for mypy, ground/kincal/link/messages.pyi, and the list of
-channels, ground/kincal/schema/channels.csv.
+channels, ground/kincal_shared/schema/channels.csv.
 
     message_stubs.py [--check]
 
@@ -17,7 +17,7 @@ from pathlib import Path
 from gen_docs import Message, messages
 
 TARGET = Path(__file__).resolve().parent / "kincal" / "link" / "messages.pyi"
-CHANNELS = Path(__file__).resolve().parent / "kincal" / "schema" / "channels.csv"
+CHANNELS = Path(__file__).resolve().parent / "kincal_shared" / "schema" / "channels.csv"
 COLUMNS = ("name", "type", "sender", "receivers", "rate", "purpose")
 HEAD = '''"""Made by ground/message_stubs.py from fsw/msg; do not edit. Types of the LCM messages for mypy."""
 

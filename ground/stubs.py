@@ -1,6 +1,6 @@
 """Write the types of the flight core for mypy: structs, functions and constants of its public headers.
 
-    stubs.py [--check]        ground/kincal/flight/headers.pyi and ground/kincal/schema/acquisitions.py
+    stubs.py [--check]        ground/kincal/flight/headers.pyi and ground/kincal_shared/schema/acquisitions.py
                               from build/kincal*_cdef.h
 
 One protocol for each struct, with its fields; one for each build of the core, with its functions and
@@ -20,7 +20,7 @@ from cffi import FFI
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "ground" / "kincal" / "flight" / "headers.pyi"
-ACQUISITIONS = ROOT / "ground" / "kincal" / "schema" / "acquisitions.py"
+ACQUISITIONS = ROOT / "ground" / "kincal_shared" / "schema" / "acquisitions.py"
 # name of the protocol -> (library, declarations)
 BUILDS = {
     "FlightCore": ("libkincal.so", "kincal_cdef.h"),

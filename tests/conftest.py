@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from kincal import keys
+from kincal_shared import keys
 
 # Off-screen OpenGL: set before anything imports mujoco.
 os.environ.setdefault("MUJOCO_GL", "osmesa")

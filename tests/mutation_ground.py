@@ -46,10 +46,12 @@ WORK = ROOT / "build/mutation-ground"
 LEAST_SHARE, MOST_EXCUSED = 0.85, 0.05
 LIMIT_BYTES = 6 << 30
 LIMIT_S = 30.0  # of the clock, and 20 times what a test takes of the processor: it may be busy
+PACKAGES = ("kincal", "kincal_shared")
 ROOMS = {
-    "review": ("review/*.py", "cli/review.py"),
+    "review": ("review/*.py", "api/reviews.py", "cli/review.py"),
     "keys": ("keys.py", "cli/key.py"),
-    "uplink": ("link/*.py", "flight/bounds.py", "workbench/**/uplink.py", "cli/table.py"),
+    "uplink": ("link/*.py", "flight/bounds.py", "workbench/**/uplink.py", "api/tables.py",
+               "cli/table.py"),
     "tables": ("tables.py", "flight/tables.py", "flight/terms.py", "schema/tables.py", "schema/terms.py",
                "schema/numbers.py", "schema/base.py"),
     "export": ("export/*.py",),
@@ -71,8 +73,14 @@ def helpers() -> list[Path]:
     return [f for f in sorted((TESTS / "ground").glob("*.py")) if not f.name.startswith("test_")]
 
 
+def all_modules() -> list[Path]:
+    return sorted(path for package in PACKAGES for path in (GROUND / package).rglob("*.py"))
+
+
 def modules(room: str) -> list[Path]:
-    return sorted({path for glob in ROOMS[room] for path in (GROUND / "kincal").glob(glob)})
+    return sorted(
+        {path for glob in ROOMS[room] for package in PACKAGES for path in (GROUND / package).glob(glob)}
+    )
 
 
 def module_name(path: str) -> str:
@@ -205,7 +213,9 @@ def record(file: Path, out: Path) -> None:
     import coverage
     import pytest
 
-    measured = coverage.Coverage(data_file=None, source=[str(GROUND / "kincal")], config_file=False)
+    measured = coverage.Coverage(
+        data_file=None, source=[str(GROUND / package) for package in PACKAGES], config_file=False
+    )
     recorder = Recorder(measured)
     measured.start()
     arguments = pytest_arguments([str(file.relative_to(TESTS))])
@@ -225,7 +235,7 @@ def record(file: Path, out: Path) -> None:
 
 def reach(jobs: int) -> Reach:
     """What the tests reach, measured for files that changed since."""
-    sources = sorted((GROUND / "kincal").rglob("*.py")) + sorted((ROOT / "sim/kincal_sim").rglob("*.py"))
+    sources = all_modules() + sorted((ROOT / "sim/kincal_sim").rglob("*.py"))
     common = digest([*sources, *helpers()])
     WORK.mkdir(parents=True, exist_ok=True)
     stored = {f: WORK / f"reach-{digest([f])[:16]}-{common[:16]}.json" for f in paths_of_tests()}
@@ -350,7 +360,7 @@ def tried_loaded(mutant: Mutant, source: str, trial: Trial) -> None:
 
     for name, module in list(sys.modules.items()):
         file = str(getattr(module, "__file__", ""))
-        if name.partition(".")[0] in ("kincal", "kincal_sim") or file.startswith(str(TESTS / "ground")):
+        if name.partition(".")[0] in (*PACKAGES, "kincal_sim") or file.startswith(str(TESTS / "ground")):
             del sys.modules[name]
     sys.meta_path.insert(0, Instead(mutant, source))
     files = dict.fromkeys(test.partition("::")[0] for test in trial.order)
@@ -374,7 +384,7 @@ class Trials:
         self.jobs, self.patience_s = jobs, patience_s
         self.reach = reach(jobs)
         self.session: Any = None  # of pytest, with all tests collected
-        self.sources = digest([*sorted((GROUND / "kincal").rglob("*.py")), *helpers()])
+        self.sources = digest([*all_modules(), *helpers()])
         self.results = WORK / "tried.jsonl"
         self.done: dict[str, str] = {}
         self.kills: Counter[tuple[str, str]] = Counter()

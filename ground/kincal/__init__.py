@@ -15,10 +15,32 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from kincal.api import Arm, Compared, Data, Diagnosed, Fitted, compare, diagnose, fit
+    from kincal.api import (
+        Arm,
+        BadInput,
+        CannotAnswer,
+        Compared,
+        Data,
+        Diagnosed,
+        Fitted,
+        compare,
+        diagnose,
+        fit,
+    )
 
 __version__ = "0.1.0"
-__all__ = ["Arm", "Compared", "Data", "Diagnosed", "Fitted", "compare", "diagnose", "fit"]
+__all__ = [
+    "Arm",
+    "BadInput",
+    "CannotAnswer",
+    "Compared",
+    "Data",
+    "Diagnosed",
+    "Fitted",
+    "compare",
+    "diagnose",
+    "fit",
+]
 
 
 def __getattr__(name: str) -> Any:

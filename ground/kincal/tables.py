@@ -1,10 +1,10 @@
 """Tables: TOML for people -> images for flight, and what differs between two tables.
 
-A source (tables/src/*.toml, models in kincal.schema.tables) uses the field names of the C struct of its kind,
-so the headers in fsw/ define each value. For people, some of it is shorter: a [dh] block stands for the four
-DH errors of every joint, a coefficient with `joints = [...]` for one per joint, a kernel [[set]] with lists
-for their whole grid; the spectral coefficients of the kernel are computed when the table is built. Search
-spaces are built by kincal.space.
+A source (tables/src/*.toml, models in kincal_shared.schema.tables) uses the field names of the C struct of
+its kind, so the headers in fsw/ define each value. For people, some of it is shorter: a [dh] block stands for
+the four DH errors of every joint, a coefficient with `joints = [...]` for one per joint, a kernel [[set]]
+with lists for their whole grid; the spectral coefficients of the kernel are computed when the table is built.
+Search spaces are built by kincal.space.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 
-from kincal.errors import BadInput
 from kincal.flight import library
 from kincal.flight.bounds import Flown
 from kincal.flight.kernel import spectral_table
 from kincal.flight.tables import Image, decode, decode_as, encode, fill, new, to_doc
-from kincal.schema.errors import read_toml, validate
-from kincal.schema.names import VARIABLES
-from kincal.schema.tables import (
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_ERRORS
+from kincal_shared.schema.errors import read_toml, validate
+from kincal_shared.schema.names import VARIABLES
+from kincal_shared.schema.tables import (
     SOURCES,
     ArmSource,
     CoefEntry,
@@ -34,7 +35,7 @@ from kincal.schema.tables import (
     Source,
     TermsSource,
 )
-from kincal.schema.terms import ONE, Basis, TermEntry, basis_text, place_text
+from kincal_shared.schema.terms import ONE, Basis, TermEntry, basis_text, place_text
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcSpace, KcTerms
@@ -176,13 +177,6 @@ def _hyperparameters(arg: str, values: tuple[float, ...], where: str) -> Doc:
 
 # --------------------------------------------------------------------------- correction terms
 
-# DH errors in the order of a joint's coefficients: name, place, component of the twist
-_DH = (
-    ("phi_rad", "before[j]", "rz"),
-    ("alpha_rad", "link[j]", "rx"),
-    ("a_m", "link[j]", "tx"),
-    ("d_m", "before[j]", "tz"),
-)
 # joint[j] is the axis of a revolute joint; a terms table does not know the arm's joint types
 _OWN_AXIS = "rz"
 
@@ -201,7 +195,8 @@ def _terms_doc(source: TermsSource) -> Doc:
 
 def _dh_entries(dh: DhBlock) -> Iterator[CoefEntry]:
     for j in range(1, dh.joints + 1):
-        for name, at, comp in _DH:
+        for error in DH_ERRORS:
+            name = error.name
             bound = getattr(dh.bound, name)
             bound = bound[j - 1] if isinstance(bound, list) else bound
             yield CoefEntry(
@@ -212,7 +207,7 @@ def _dh_entries(dh: DhBlock) -> Iterator[CoefEntry]:
                 prior_sigma=getattr(dh.prior_sigma, name),
                 scale=getattr(dh.scale, name),
                 enabled=dh.enabled,
-                term=[TermEntry(at=at, comp=comp)],
+                term=[TermEntry(at=f"{error.at}[j]", comp=error.comp)],
             )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import lcm
 
 import kcm
-from kincal.schema.channels import CHANNELS
+from kincal_shared.schema.channels import CHANNELS
 
 TYPES: dict[str, Any] = {channel.name: getattr(kcm, channel.type) for channel in CHANNELS}
 

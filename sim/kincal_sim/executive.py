@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import kcm
-from kincal.keys import DEFAULT, VARIABLE, file_of, signer_of
+from kincal_shared.keys import DEFAULT, VARIABLE, file_of, signer_of
 
 from . import outputs
 from .bus import Bus

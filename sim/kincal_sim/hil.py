@@ -22,7 +22,7 @@ from xml.etree import ElementTree as ET
 
 import lcm
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from .bus import TYPES
 from .launch import add_options, shared_fields, stop_on_terminate

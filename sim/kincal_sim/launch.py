@@ -15,7 +15,7 @@ import signal
 import sys
 from pathlib import Path
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from .run import LaunchError, Run, execute
 from .scenario import ACCEPT, ACQUISITIONS, find

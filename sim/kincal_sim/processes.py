@@ -11,7 +11,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from kincal_shared.installation import root
+
+ROOT = root()
 STOP_WAIT_S = 5.0  # for a process to end by itself or on request
 TAIL_LINES = 15
 PR_SET_PDEATHSIG = 1
@@ -25,15 +27,9 @@ def _die_with_parent() -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Of a process that finds this Python, the simulator and the message types."""
+    """Of a process that finds this Python first."""
     path = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
-    python_path = [str(ROOT / "sim"), str(ROOT / "build" / "py"), os.environ.get("PYTHONPATH", "")]
-    return {
-        **os.environ,
-        "PYTHONUNBUFFERED": "1",
-        "PATH": os.pathsep.join(path),
-        "PYTHONPATH": os.pathsep.join(filter(None, python_path)),
-    }
+    return {**os.environ, "PYTHONUNBUFFERED": "1", "PATH": os.pathsep.join(path)}
 
 
 class ProcessGroup:

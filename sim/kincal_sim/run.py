@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from kincal import keys
+from kincal_shared import keys
 
 from . import outputs
 from .ports import NoFreePort, private_port, private_url

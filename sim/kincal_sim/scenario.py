@@ -1,16 +1,17 @@
-"""Scenarios by name, checked against the simulator's arm. kincal.schema.scenario reads the files."""
+"""Scenarios by name, checked against the simulator's arm. kincal_shared.schema.scenario reads the files."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from kincal.errors import BadInput
-from kincal.schema import names
-from kincal.schema.scenario import ArmTruth, Scenario, read_scenario
+from kincal_shared.errors import BadInput
+from kincal_shared.installation import root
+from kincal_shared.schema import names
+from kincal_shared.schema.scenario import ArmTruth, Scenario, read_scenario
 
-from .arm import UnknownName, joint_index, load_spec, per_joint, split_errors
+from .mechanics.arm import UnknownName, joint_index, load_spec, per_joint, split_errors
 
-SCENARIO_DIR = Path(__file__).resolve().parent.parent / "scenarios"
+SCENARIO_DIR = root() / "sim" / "scenarios"
 ACQUISITIONS = {"table": -1, **{name: number for number, name in enumerate(names.ACQUISITIONS)}}
 VERDICTS = ("no_change", "change", "poor")
 ACCEPT = ("ground", "auto", "policy")

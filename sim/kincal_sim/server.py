@@ -17,10 +17,10 @@ import kcm
 
 from . import outputs
 from .bus import Bus
-from .imagers import BackgroundImager, fast_imager, pixel_imager
 from .lockstep import LEAVE, WHO, LockstepClock, ParticipantTimeout
 from .scenario import Scenario, load
 from .truth import truth_record
+from .vision.imagers import BackgroundImager, fast_imager, pixel_imager
 from .world import World
 
 TICK_US = 100_000

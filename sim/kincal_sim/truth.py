@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from kincal.schema.scenario import Coupling
+from kincal_shared.schema.scenario import Coupling
 
-from .arm import joint_index, load_spec, per_joint
-from .effects import Hysteresis, JointCompliance, JointFunction
-from .plant import Conditions, Effect, Encoders, Plant
+from .mechanics.arm import joint_index, load_spec, per_joint
+from .mechanics.effects import Hysteresis, JointCompliance, JointFunction
+from .mechanics.plant import Conditions, Effect, Encoders, Plant
 from .randomness import generator
 from .scenario import Scenario
 from .transforms import quaternion

@@ -10,13 +10,13 @@ import numpy as np
 
 import kcm
 
-from .imagers import Exposure, Imager, MakeImager, Message
-from .motion import ArmController, PanTiltController
-from .plant import AtRest
+from .mechanics.motion import ArmController, PanTiltController
+from .mechanics.plant import AtRest
 from .randomness import generator
 from .scenario import Scenario
 from .transforms import quaternion
 from .truth import build_plant, conditions
+from .vision.imagers import Exposure, Imager, MakeImager, Message
 
 TRUTH_PERIOD_US = 1_000_000
 JOINT_SLOTS = 8  # entries of a joint vector in a message

@@ -276,7 +276,7 @@ def arm_alone(fit, queries) -> list[list[float]]:
     """Tool positions of the fitted arm. What a model says about the camera does not move the arm, and the
     queries (positions at zero, no camera) have none: its coefficients count as zero."""
     from kincal.flight import FRAME_CAMERA, FRAME_MEAS
-    from kincal.workbench.model import observations
+    from kincal.workbench.model.flight_model import observations
 
     camera_side = [
         bool(p.terms) and all(term.frame in (FRAME_CAMERA, FRAME_MEAS) for term in p.terms)

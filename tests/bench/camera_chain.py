@@ -52,13 +52,13 @@ import resumable  # noqa: E402
 
 from kincal.flight import tables as codec  # noqa: E402
 from kincal.run.inprocess import TABLES, Setup, simulate  # noqa: E402
-from kincal_sim.arm import load_spec  # noqa: E402
-from kincal_sim.imagers import Imager, fast_imager  # noqa: E402
-from kincal_sim.plant import AtRest, turn  # noqa: E402
+from kincal_sim.mechanics.arm import load_spec  # noqa: E402
+from kincal_sim.mechanics.plant import AtRest, turn  # noqa: E402
 from kincal_sim.randomness import generator  # noqa: E402
 from kincal_sim.scenario import Scenario  # noqa: E402
 from kincal_sim.transforms import rot, transform  # noqa: E402
 from kincal_sim.truth import true_coefficients  # noqa: E402
+from kincal_sim.vision.imagers import Imager, fast_imager  # noqa: E402
 from kincal_sim.world import World  # noqa: E402
 
 CASES = (

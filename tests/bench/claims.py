@@ -80,7 +80,7 @@ def claims_of(found, away) -> list[dict]:
 
 def claim(e, found, away) -> dict:
     """One finding: the final model with and without its effect, on poses that were kept away."""
-    from kincal.workbench.fit import fit_model, rms
+    from kincal.workbench.fit.least_squares import fit_model, rms
 
     near, final = found.comparison.fit_all, found.final
     frames, start = (near.base, near.tool), dict(zip(near.names, near.estimate, strict=True))
@@ -107,7 +107,7 @@ def claim(e, found, away) -> dict:
 def answer(case: Case, asked: Asked) -> dict:
     """A diagnosis and its claims, as a line; the row of its error if there is one."""
     from kincal import workbench as wb
-    from kincal.errors import CannotAnswer
+    from kincal_shared.errors import CannotAnswer
 
     row: dict = {"asked": asked.key}
     arm, library = wb.read_arm(case.arm), wb.Library.load()

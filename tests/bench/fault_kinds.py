@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kincal.keys import Key, Signer
 from kincal.link.channels import message_type
 from kincal.run.inprocess import Hooks, Messages, command
-from kincal_sim.plant import turn
+from kincal_shared.keys import Key, Signer
+from kincal_sim.mechanics.plant import turn
 from kincal_sim.transforms import quaternion, rotation_matrix, transform
 
 N_JOINTS = 7

@@ -53,13 +53,13 @@ import resumable  # noqa: E402
 from kincal.flight import event_name, library  # noqa: E402
 from kincal.link import unsigned32  # noqa: E402
 from kincal.run.inprocess import Script, Setup, Tick, command, simulate  # noqa: E402
-from kincal.schema.space import read_description  # noqa: E402
 from kincal.space import SpaceTable, TablesFolder, error_bounds  # noqa: E402
-from kincal.space.error_sampling import DH_FIELDS  # noqa: E402
-from kincal_sim.arm import Arm  # noqa: E402
-from kincal_sim.imagers import fast_imager  # noqa: E402
+from kincal_shared.schema.dh import DH_FIELDS  # noqa: E402
+from kincal_shared.schema.space import read_description  # noqa: E402
+from kincal_sim.mechanics.arm import Arm  # noqa: E402
 from kincal_sim.randomness import generator  # noqa: E402
 from kincal_sim.scenario import ArmTruth, Scenario  # noqa: E402
+from kincal_sim.vision.imagers import fast_imager  # noqa: E402
 from kincal_sim.world import World  # noqa: E402
 
 TABLES = ROOT / "tables" / "bin"

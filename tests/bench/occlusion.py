@@ -47,10 +47,10 @@ for _folder in ("ground", "sim", "build/py"):
 
 from kincal import space  # noqa: E402
 from kincal.space.samples import Box, examine  # noqa: E402
-from kincal_sim.arm import Arm  # noqa: E402
-from kincal_sim.camera import Camera, load_config  # noqa: E402
-from kincal_sim.pnp import project, tool_corners  # noqa: E402
-from kincal_sim.tags import BLACK_CELLS, CELLS  # noqa: E402
+from kincal_sim.mechanics.arm import Arm  # noqa: E402
+from kincal_sim.vision.camera import Camera, load_config  # noqa: E402
+from kincal_sim.vision.pnp import project, tool_corners  # noqa: E402
+from kincal_sim.vision.tags import BLACK_CELLS, CELLS  # noqa: E402
 
 BIN = ROOT / "tables" / "bin"
 SPACE_TOML = ROOT / "tables" / "src" / "space.toml"

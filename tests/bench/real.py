@@ -219,7 +219,7 @@ def judged(path: Path, found, added, arm) -> Row:
     """The models of a diagnosis, fitted to all poses, on the poses of another file; with unnamed effects
     fitted to the fit poses."""
     from kincal import workbench as wb
-    from kincal.workbench.fit import fit_model, rms
+    from kincal.workbench.fit.least_squares import fit_model, rms
 
     data = wb.read_measurements(path, arm)
     plain, final = found.comparison.fit_all, found.final

@@ -46,7 +46,7 @@ from kincal.flight import library  # noqa: E402
 from kincal.flight.kernel import spectral_table  # noqa: E402
 from kincal.rotations import wxyz_of_matrix  # noqa: E402
 from kincal.space import SpaceTable  # noqa: E402
-from kincal_sim import arm as sim_arm  # noqa: E402
+from kincal_sim.mechanics import arm as sim_arm  # noqa: E402
 
 FLIGHT = library("flight")
 ffi, lib = FLIGHT.ffi, FLIGHT.lib

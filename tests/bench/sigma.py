@@ -48,10 +48,10 @@ import kcm  # noqa: E402
 from kincal.flight import library  # noqa: E402
 from kincal.flight import tables as codec  # noqa: E402
 from kincal.run.inprocess import TABLES, Setup, Tick, simulate  # noqa: E402
-from kincal_sim.camera import Camera, TagsRadiance, load_config  # noqa: E402
-from kincal_sim.imagers import Imager, fast_imager  # noqa: E402
 from kincal_sim.randomness import generator  # noqa: E402
 from kincal_sim.scenario import ArmTruth, Scenario, load  # noqa: E402
+from kincal_sim.vision.camera import Camera, TagsRadiance, load_config  # noqa: E402
+from kincal_sim.vision.imagers import Imager, fast_imager  # noqa: E402
 from kincal_sim.world import World  # noqa: E402
 
 TAGDET = ROOT / "build" / "kincal-tagdet"
@@ -93,7 +93,7 @@ class DrawnImager:
         self._scene: tuple[bytes, TagsRadiance | None] = (b"", None)
 
     def make(self, scenario: Scenario, arm, seed: int) -> Imager:
-        """As the functions of kincal_sim.imagers."""
+        """As the functions of kincal_sim.vision.imagers."""
         config = load_config(arm.spec, optics=scenario.optics.changes())
         camera = Camera(config, arm.model)
         rng, fast = generator(seed, "camera"), fast_imager(scenario, arm, seed)

@@ -11,7 +11,7 @@ import pytest
 from environments import environment, run
 
 from kincal import workbench as wb
-from kincal.installation import EXTRAS
+from kincal_shared.installation import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[2]
 

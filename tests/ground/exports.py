@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
-from kincal.workbench.effects import Hypothesis, Parameter, Term
-from kincal.workbench.fit import fit_model
+from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.model.effects import Hypothesis, Parameter, Term
 
 FRAMES = {"tool": FRAME_TOOL, "camera": FRAME_CAMERA, "meas": FRAME_MEAS}
 WARNINGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion",

@@ -12,9 +12,10 @@ import pytest
 from exports import drivers_at, python_module
 
 import kincal
+import kincal.api
 from kincal import workbench as wb
-from kincal.errors import BadInput
 from kincal.export import calibrated_arm
+from kincal_shared.errors import BadInput
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,18 @@ def test_names_are_there_and_others_are_not():
         _ = kincal.calibrate
 
 
+def test_the_one_door_has_runs_logs_and_the_link_too_and_loads_each_when_it_is_used():
+    code = (
+        "import sys, kincal.api as api; print('numpy' in sys.modules); "
+        "print(set(api.__all__) <= set(dir(api)), [n for n in api.__all__ if not callable(getattr(api, n))])"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert said.stdout.split("\n")[:2] == ["False", "True []"], said.stderr
+    assert set(kincal.__all__) <= set(kincal.api.__all__)
+    with pytest.raises(AttributeError, match="diagnosis"):
+        _ = kincal.api.diagnosis
+
+
 def test_compare_and_diagnose_show_themselves(given):
     compared, found = kincal.compare(*given), kincal.diagnose(*given)
     assert not compared.comparison.adequate
@@ -72,9 +85,9 @@ def test_a_forced_comparison_says_what_is_wrong(given):
     read = data.read(arm)
     flipped = replace(read, q=read.q * [1, 1, 1, 1, 1, 1, -1])
     compared = kincal.compare(arm, flipped, force=True)
-    assert [finding.code for finding in compared.comparison.belonging.errors] == ["sign"]
-    assert compared.comparison.belonging.doubts[0] in str(compared)
-    assert kincal.compare(arm, read).comparison.belonging.doubts == ()
+    assert [finding.code for finding in compared.comparison.consistency.errors] == ["sign"]
+    assert compared.comparison.consistency.doubts[0] in str(compared)
+    assert kincal.compare(arm, read).comparison.consistency.doubts == ()
 
 
 def test_fit_holds_what_the_workbench_fit_holds(given, fitted, folder):

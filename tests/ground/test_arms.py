@@ -13,8 +13,8 @@ pinocchio = pytest.importorskip("pinocchio")
 
 from kincal.arms import arm_text, import_urdf, shipped  # noqa: E402
 from kincal.cli import main  # noqa: E402
-from kincal.errors import BadInput, CannotAnswer  # noqa: E402
-from kincal.schema.arm import read_arm  # noqa: E402
+from kincal_shared.errors import BadInput, CannotAnswer  # noqa: E402
+from kincal_shared.schema.arm import read_arm  # noqa: E402
 
 INERTIAL = '<inertial><origin xyz="{x}"/><mass value="{m}"/>' + (
     '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -271,7 +271,7 @@ def test_import_writes_nothing_where_it_cannot(tmp_path):
 
 
 def test_import_names_the_extra_when_the_parser_is_missing(tmp_path, monkeypatch):
-    monkeypatch.setattr("kincal.installation.find_spec", lambda _: None)
+    monkeypatch.setattr("kincal_shared.installation.find_spec", lambda _: None)
     done = run("import", random_urdf(tmp_path / "bot.urdf", 3), "-o", tmp_path / "arm.toml")
     assert done.exit_code == 2
     assert "kincal[urdf]" in done.stderr

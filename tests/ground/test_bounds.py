@@ -14,10 +14,10 @@ from click.testing import CliRunner
 from kincal import workbench as wb
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
-from kincal.errors import BadInput
 from kincal.flight import library
 from kincal.flight import tables as codec
-from kincal.workbench.uplink import term_table
+from kincal.workbench.model.uplink import term_table
+from kincal_shared.errors import BadInput
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = ROOT / "tables" / "bin"

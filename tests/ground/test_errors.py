@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from kincal.cli.errors import EXIT_INTERRUPTED, Commands
-from kincal.errors import BadInput, CannotAnswer, CommandFailed, KincalError
+from kincal_shared.errors import BadInput, CannotAnswer, CommandFailed, KincalError
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -65,7 +65,7 @@ def test_commands_and_workbench_do_not_load_what_few_of_their_answers_need():
 
 
 def test_library_does_not_load_what_only_the_terminal_and_the_pages_need():
-    script = "import sys, kincal, kincal.errors; print(*sys.modules)"
+    script = "import sys, kincal, kincal_shared.errors; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", script],
         capture_output=True,

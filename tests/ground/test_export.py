@@ -20,20 +20,20 @@ from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.cli import main
-from kincal.errors import BadInput
 from kincal.export import calibrated_fit, dh_table
 from kincal.export.dh import four_parameter_table
 from kincal.export.source import c_header, c_source, describe, python_source, source_left_out
 from kincal.export.urdf import roll_pitch_yaw, urdf
-from kincal.schema.arm import read_arm
-from kincal.schema.model import FitEntry, FrameEntry
-from kincal.schema.names import FAULTS, FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
-from kincal.schema.terms import ONE, Basis
-from kincal.workbench.effects import Library
-from kincal.workbench.fit import fit_model
-from kincal.workbench.fitrecord import sight_entry
-from kincal.workbench.pnp import column_number
-from kincal.workbench.readers import read_measurements
+from kincal.workbench.comparison.fitrecord import sight_entry
+from kincal.workbench.data.readers import read_measurements
+from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.model.effects import Library
+from kincal.workbench.model.pnp import column_number
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import read_arm
+from kincal_shared.schema.model import FitEntry, FrameEntry
+from kincal_shared.schema.names import FAULTS, FUNCTIONS, LEVER_STRIDE, PNP, VARIABLES
+from kincal_shared.schema.terms import ONE, Basis
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -300,7 +300,7 @@ def constants_only(fit):
 
 def predicted(fit, data):
     """4x4 tool poses by the flight model."""
-    from kincal.workbench.model import observations
+    from kincal.workbench.model.flight_model import observations
 
     return fit.model.at(observations(fit.arm, data)).poses(fit.estimate).matrix
 
@@ -378,7 +378,7 @@ def test_arm_table_without_beta_is_as_good_as_a_fit_without_beta(tmp_path, monke
     """An arm table has no place for beta. Its other numbers are those that fit best without, to first
     order."""
     from kincal.export.tabular import arm_toml
-    from kincal.workbench.parameters import dh_parameters
+    from kincal.workbench.model.parameters import dh_parameters
 
     arm = arm_named("ur10e", tmp_path)
     arm = replace(arm, base=replace(arm.base, estimate=True), tool=replace(arm.tool, estimate=True))
@@ -400,7 +400,7 @@ def test_arm_table_without_beta_is_as_good_as_a_fit_without_beta(tmp_path, monke
     assert "not contained: DH beta, worth 0.4 mm" in (tmp_path / "dh.toml").read_text()
     with monkeypatch.context() as patched:
         four = [p for p in dh_parameters(arm) if not p[0].endswith(".beta_rad")]
-        patched.setattr(sys.modules["kincal.workbench.fit"], "dh_parameters", lambda _: four)
+        patched.setattr(sys.modules["kincal.workbench.fit.least_squares"], "dh_parameters", lambda _: four)
         best = rms_mm(fit_model(arm, data, robust=False), data)
         exported = rms_mm(fit_model(read_arm(tmp_path / "dh.toml"), data, dh=False), data)
     assert best > 0.1  # DH alone does not express it

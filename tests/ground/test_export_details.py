@@ -16,15 +16,16 @@ from kincal.export.calibrated import (
     screw,
     twist_pose,
 )
-from kincal.export.dh import FOUR, TURNED, TX, TY, TZ, _fits, dh_table
+from kincal.export.dh import TURNED, TX, TY, TZ, _fits, dh_table
 from kincal.export.leftout import left_out
 from kincal.export.urdf import _different
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import Pose
-from kincal.schema.arm import read_arm
-from kincal.schema.model import FitEntry, FrameEntry
-from kincal.schema.terms import Basis
-from kincal.workbench.effects import Term
+from kincal.workbench.model.effects import Term
+from kincal_shared.schema.arm import read_arm
+from kincal_shared.schema.dh import DH_FIELDS
+from kincal_shared.schema.model import FitEntry, FrameEntry
+from kincal_shared.schema.terms import Basis
 
 ZERO = FrameEntry(xyz_m=(0, 0, 0), quat_wxyz=(1, 0, 0, 0))
 RECORD = FitEntry(
@@ -58,12 +59,15 @@ def test_data_that_halve_the_variance_of_the_prior_identify_a_coefficient():
 def test_a_shift_along_y_has_a_place_at_the_two_ends_only():
     one = coefficient("bent", (1, TY, 1.0, ()))
     n = 7
-    fits = [_fits(FittedTerm(one, frame, TY, 1.0, ()), n, FOUR) for frame in range(n + 1)]
+    fits = [_fits(FittedTerm(one, frame, TY, 1.0, ()), n, DH_FIELDS) for frame in range(n + 1)]
     assert fits == [True, *[False] * (n - 1), True]
     assert _fits(FittedTerm(one, FRAME_TOOL, TY, 1.0, ()), n, TURNED)
     assert not _fits(FittedTerm(one, FRAME_CAMERA, TZ, 1.0, ()), n, TURNED)
     assert not _fits(FittedTerm(one, 0, TZ, 1.0, (SAG,)), n, TURNED)
-    assert [_fits(FittedTerm(one, 3, 4, 1.0, ()), n, columns) for columns in (FOUR, TURNED)] == [False, True]
+    assert [_fits(FittedTerm(one, 3, 4, 1.0, ()), n, columns) for columns in (DH_FIELDS, TURNED)] == [
+        False,
+        True,
+    ]
 
 
 def test_what_is_left_out_comes_with_its_reason_the_largest_first():

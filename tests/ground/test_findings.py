@@ -13,20 +13,22 @@ from scipy.stats import bootstrap
 
 from kincal import workbench as wb
 from kincal.cli import main
-from kincal.errors import BadInput
 from kincal.pages import diagnosis as pages
 from kincal.pages import diagnosis_grids as grids
 from kincal.pages import finding_figures, glossary, words
 from kincal.pages.page import Provenance, render
 from kincal.pages.poses import Poses, bulk_range, dots
-from kincal.workbench import advice, api, explain, headline
-from kincal.workbench.answers import diagnosis_json, poses_text
-from kincal.workbench.diagnosis_text import diagnosis_text
-from kincal.workbench.fit import fit_model
-from kincal.workbench.gain import held_ratio, judged
-from kincal.workbench.nextposes import NextPose
-from kincal.workbench.partial import effect_panels, place_panels
-from kincal.workbench.reachable import Reachable
+from kincal.workbench.diagnosis import competing
+from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.prediction.gain import held_ratio, judged
+from kincal.workbench.prediction.nextposes import NextPose
+from kincal.workbench.prediction.reachable import Reachable
+from kincal.workbench.report import advice, explain, headline
+from kincal.workbench.report.answers import diagnosis_json, poses_text
+from kincal.workbench.report.content import report_content
+from kincal.workbench.report.diagnosis_text import diagnosis_text
+from kincal.workbench.report.partial import effect_panels, place_panels
+from kincal_shared.errors import BadInput
 
 BACKLASH_RAD = 3e-3
 
@@ -40,7 +42,7 @@ def found(tmp_path_factory):
     data = wb.read_csv(poses.poses_csv(folder / "d.csv", 60, 12, lambda q, d: q + backlash * d), 7)
     library = wb.Library.load()
     d = wb.diagnose(arm, data, library)
-    return SimpleNamespace(d=d, content=api.report_content(d, library), data=data, folder=folder)
+    return SimpleNamespace(d=d, content=report_content(d, library), data=data, folder=folder)
 
 
 # --------------------------------------------------------------------------- gains
@@ -115,7 +117,7 @@ def test_poses_are_advised_where_names_compete_not_where_predictions_fail(found)
     )
     others = [replace(unsupported, name=n, doubts=replace(e.doubts, evidence=0.5)) for n in ("flex", "slip")]
     d = SimpleNamespace(effects=[unsupported, *others])
-    assert api._competing(d, found.content.library) == ["flex", "slip"]
+    assert competing._competing(d, found.content.library) == ["flex", "slip"]
 
 
 def test_verdict_is_one_sentence_with_what_it_brings(found):

@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from kincal import flight
-from kincal.errors import BadInput, CannotAnswer, KincalError
 from kincal.flight import (
     FRAME_CAMERA,
     FRAME_MEAS,
@@ -22,7 +21,8 @@ from kincal.flight import (
 )
 from kincal.flight import terms as flight_terms
 from kincal.rotations import Pose, pose_difference
-from kincal.schema.names import PNP, VARIABLES
+from kincal_shared.errors import BadInput, CannotAnswer, KincalError
+from kincal_shared.schema.names import PNP, VARIABLES
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 TABLE = {kind: tables.decode((BIN / f"{kind}.tbl").read_bytes())[1] for kind in ("arm", "terms")}

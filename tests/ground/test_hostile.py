@@ -21,11 +21,11 @@ from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
 from kincal.cli.text import log as log_text
 from kincal.cli.text import review as review_text
-from kincal.errors import BadInput, KincalError
 from kincal.flight import event_action, event_line
 from kincal.link.eventfile import MOST_BYTES, SYNC, EventFile
 from kincal.review.status import proposals_in, status
-from kincal.workbench.readers import arrays, read_measurements
+from kincal.workbench.data.readers import arrays, read_measurements
+from kincal_shared.errors import BadInput, KincalError
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 HEADER = struct.Struct(">4sqqii")

@@ -13,8 +13,8 @@ from exports import random_data, unfitted
 from kincal import workbench as wb
 from kincal.cli import main
 from kincal.flight import library, tables
-from kincal.workbench.identifiability import identifiability, residual_axes
-from kincal.workbench.uplink import coefficients, term_image
+from kincal.workbench.fit.identifiability import identifiability, residual_axes
+from kincal.workbench.model.uplink import coefficients, term_image
 
 
 def unknown_frames(path):

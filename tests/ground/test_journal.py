@@ -11,11 +11,12 @@ from fake_flight import FakeFlight
 from samples import CRC, signed, write_log
 
 import kcm
-from kincal import keys, review
+from kincal import review
 from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
-from kincal.errors import BadInput
 from kincal.review import journal as journals
+from kincal_shared import keys
+from kincal_shared.errors import BadInput
 
 DAMAGED = "the review journal is damaged"
 CHANGED = "the review journal was changed"

@@ -7,9 +7,9 @@ import pytest
 from click.testing import CliRunner
 
 import kcm
-from kincal import keys
 from kincal.cli import main
-from kincal.errors import BadInput
+from kincal_shared import keys
+from kincal_shared.errors import BadInput
 
 GOOD = "kincal-keys 1\n7 " + "0a" * 32 + "\n"
 

@@ -6,9 +6,9 @@ import pytest
 from click.testing import CliRunner
 
 import kcm
-from kincal import keys
 from kincal.cli import main
-from kincal.errors import BadInput
+from kincal_shared import keys
+from kincal_shared.errors import BadInput
 
 SECRET = "ab" * 32
 MOST_COUNT = 2**63 - 1

@@ -9,8 +9,8 @@ from samples import write_log
 
 from kincal import link
 from kincal.cli import main
-from kincal.errors import KincalError
 from kincal.flight import library
+from kincal_shared.errors import KincalError
 
 
 @pytest.fixture

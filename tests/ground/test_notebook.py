@@ -2,15 +2,12 @@
 
 import json
 import re
-import sys
 from pathlib import Path
 
+import gen_notebook
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "ground"))
-
-import gen_notebook  # noqa: E402
 
 pytestmark = pytest.mark.slow
 NOTEBOOK = ROOT / "docs" / "WAM.ipynb"

@@ -12,9 +12,9 @@ import plotly.graph_objects as go
 import pytest
 from samples import result
 
-from kincal.errors import BadInput
 from kincal.pages import glossary, image, page, run, run_figures, theme
 from kincal.pages.page import Cell, Grid, Page, Provenance, Section, Tile
+from kincal_shared.errors import BadInput
 
 ORIGIN = Provenance("2026-11-22", {"arm": "1a2b3c4d"}, "out/run.lcmlog", "ab" * 32, seed=7)
 

@@ -16,10 +16,10 @@ from real_arms import DATA
 from kincal import workbench as wb
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
-from kincal.schema.names import split_constants, with_constants
-from kincal.workbench import advice
-from kincal.workbench.advised import advised, joined
-from kincal.workbench.compare import compare
+from kincal.workbench.comparison.compare import compare
+from kincal.workbench.diagnosis.advised import advised, joined
+from kincal.workbench.report import advice
+from kincal_shared.schema.names import split_constants, with_constants
 
 SETS = {"fr3": "fr3/fr3", "wam": "wam/wam", "ur10": "ur10/ur10d", "ur5": "ur5/ur5"}
 DONE = ("fit", "add", "remove", "export")  # verbs that change a model; the others measure again

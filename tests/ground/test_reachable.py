@@ -12,7 +12,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from kincal import workbench as wb
-from kincal.workbench.components import Components, Place, Variances
+from kincal.workbench.prediction.additive_gp import Components, Place, Variances
 
 
 def scalar(x, y, columns, length):

@@ -2,14 +2,12 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
+import gen_tutorial
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "ground"))
-import gen_tutorial  # noqa: E402
 
 pytestmark = pytest.mark.slow
 

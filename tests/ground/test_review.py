@@ -13,10 +13,9 @@ from fake_flight import FakeFlight
 from samples import CRC, progress, proposal, write_log
 
 import kcm
-from kincal import keys, review, tables
+from kincal import review, tables
 from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
-from kincal.errors import CommandFailed, KincalError
 from kincal.flight import event_name
 from kincal.flight.tables import kind_number
 from kincal.link import CommandLink, Link, LogEvent, LogSummary, Session, upload
@@ -26,6 +25,8 @@ from kincal.pages.page import Provenance, render
 from kincal.results import chance_text
 from kincal.review.status import status, to_decide
 from kincal.review.thresholds import read_limits, thresholds
+from kincal_shared import keys
+from kincal_shared.errors import CommandFailed, KincalError
 from kincal_sim.ports import private_port, private_url
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"

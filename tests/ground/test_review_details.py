@@ -11,15 +11,16 @@ from direct_flight import DirectFlight
 from samples import CRC, proposal, write_log
 
 import kcm
-from kincal import keys, review
+from kincal import review
 from kincal.cli import main
 from kincal.cli.errors import EXIT_FAILED
-from kincal.errors import BadInput, CommandFailed, KincalError
 from kincal.link import LogEvent, LogSummary, Session
 from kincal.link.names import VERDICTS
 from kincal.review import decisions, journal
 from kincal.review.status import choices, proposals_in, see_first, status
 from kincal.review.thresholds import read_limits, thresholds
+from kincal_shared import keys
+from kincal_shared.errors import BadInput, CommandFailed, KincalError
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 POOR = kcm.proposal_t.POOR

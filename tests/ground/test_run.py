@@ -13,11 +13,12 @@ from rich.console import Console
 from samples import CRC, progress, proposal, result, signed
 from test_flight_arm import wam
 
-from kincal import keys, link, run, tables
+from kincal import link, run, tables
 from kincal.cli.text import run as show
-from kincal.errors import CommandFailed, KincalError
 from kincal.results import HeldOut
 from kincal.rotations import wxyz_of_matrix
+from kincal_shared import keys
+from kincal_shared.errors import CommandFailed, KincalError
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = ROOT / "tables" / "bin"

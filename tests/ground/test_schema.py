@@ -10,17 +10,17 @@ from click.testing import CliRunner
 from real_arms import DATA
 
 from kincal.cli import main
-from kincal.errors import BadInput
 from kincal.flight import library
-from kincal.schema import arm, base, errors, files, scenario, space, tables
-from kincal.schema.errors import SchemaError, read_toml, validate
-from kincal.schema.names import ACQUISITIONS
-from kincal.workbench.effects import Library
+from kincal.workbench.model.effects import Library
+from kincal_shared.errors import BadInput
+from kincal_shared.schema import arm, base, errors, files, scenario, space, tables
+from kincal_shared.schema.errors import SchemaError, read_toml, validate
+from kincal_shared.schema.names import ACQUISITIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = {
-    "arm": ROOT / "ground/kincal/arms/wam.toml",
-    "effects": ROOT / "ground/kincal/workbench/effects.toml",
+    "arm": ROOT / "ground/kincal_shared/arms/wam.toml",
+    "effects": ROOT / "ground/kincal/workbench/model/effects.toml",
     "space": ROOT / "tables/src/space.toml",
     "simulator-arm": ROOT / "sim/models/wam.toml",
     "simulator-camera": ROOT / "sim/models/camera.toml",
@@ -380,8 +380,8 @@ def test_arm_of_real_data_reads(path):
 
 def test_every_toml_of_the_project_is_of_a_known_kind():
     known = {*SHIPPED.values(), *(ROOT / "sim/scenarios").glob("*.toml"), ROOT / "ground/pyproject.toml"}
-    known |= set((ROOT / "ground/kincal/arms").glob("*.toml"))  # test_arms reads each
-    places = ("ground/kincal", "sim", "tables/src")
+    known |= set((ROOT / "ground/kincal_shared/arms").glob("*.toml"))  # test_arms reads each
+    places = ("ground/kincal", "ground/kincal_shared", "sim", "tables/src")
     found = {p for place in places for p in (ROOT / place).rglob("*.toml") if "ruff" not in p.name}
     assert found <= known
 

@@ -5,12 +5,12 @@ import random
 
 import pytest
 
-from kincal.errors import BadInput
 from kincal.flight import library
 from kincal.flight.terms import fill_basis
-from kincal.schema import names
-from kincal.schema.errors import Contradiction
-from kincal.schema.terms import (
+from kincal_shared.errors import BadInput
+from kincal_shared.schema import names
+from kincal_shared.schema.errors import Contradiction
+from kincal_shared.schema.terms import (
     ONE,
     Basis,
     TermEntry,

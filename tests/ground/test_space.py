@@ -8,9 +8,9 @@ from scipy.optimize import least_squares
 from test_flight_arm import wam
 
 from kincal import space, tables
-from kincal.errors import KincalError
 from kincal.flight import tables as codec
 from kincal.rotations import Pose, matrix_of_wxyz
+from kincal_shared.errors import KincalError
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC, BIN = ROOT / "tables" / "src" / "space.toml", ROOT / "tables" / "bin"

@@ -9,11 +9,11 @@ from test_flight_arm import wam
 
 from kincal import link, space, tables
 from kincal.cli import main
-from kincal.errors import KincalError
 from kincal.flight import library
 from kincal.pages import space as pages
 from kincal.pages import space_figures
 from kincal.pages.page import Provenance
+from kincal_shared.errors import KincalError
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC, BIN = ROOT / "tables" / "src" / "space.toml", ROOT / "tables" / "bin"

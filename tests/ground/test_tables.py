@@ -10,10 +10,10 @@ import pytest
 
 from kincal import tables
 from kincal.cli.errors import EXIT_INPUT, exit_status
-from kincal.errors import BadInput, KincalError
 from kincal.flight import event_line, library
 from kincal.flight import tables as codec
-from kincal.schema.numbers import number
+from kincal_shared.errors import BadInput, KincalError
+from kincal_shared.schema.numbers import number
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "tables" / "src"

@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 
 from kincal import tables
-from kincal.errors import BadInput, CannotAnswer, KincalError
 from kincal.flight import library
 from kincal.flight import tables as codec
 from kincal.flight.terms import FRAMES, Coefficient, Terms, fill_terms
-from kincal.schema import tables as sources
-from kincal.schema.base import has_key, toml_text
-from kincal.schema.errors import validate
-from kincal.schema.numbers import number
-from kincal.schema.terms import parse_basis, parse_place
-from kincal.workbench.effects import Parameter, Term
+from kincal.workbench.model.effects import Parameter, Term
+from kincal_shared.errors import BadInput, CannotAnswer, KincalError
+from kincal_shared.schema import tables as sources
+from kincal_shared.schema.base import has_key, toml_text
+from kincal_shared.schema.errors import validate
+from kincal_shared.schema.numbers import number
+from kincal_shared.schema.terms import parse_basis, parse_place
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC, BIN = ROOT / "tables" / "src", ROOT / "tables" / "bin"

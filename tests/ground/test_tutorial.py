@@ -2,9 +2,8 @@
 
 import json
 import re
-import sys
-from pathlib import Path
 
+import gen_tutorial
 import pytest
 from click.testing import CliRunner
 
@@ -12,10 +11,6 @@ from kincal import tables
 from kincal import workbench as wb
 from kincal.cli import main
 from kincal.run import Evaluator, GroundTruth
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "ground"))
-import gen_tutorial  # noqa: E402
 
 pytestmark = pytest.mark.slow
 

@@ -11,11 +11,10 @@ from direct_flight import DirectFlight
 from samples import CRC, event, progress, proposal, signed, write_log
 
 import kcm
-from kincal import keys, link
+from kincal import link
 from kincal import workbench as wb
 from kincal.cli import main
 from kincal.cli.errors import EXIT_INPUT
-from kincal.errors import BadInput, CommandFailed
 from kincal.flight import library
 from kincal.flight import tables as codec
 from kincal.flight.bounds import Flown, place_text, shared_bounds, tightest
@@ -23,8 +22,10 @@ from kincal.link import LogSummary, channels, read_log
 from kincal.link.connection import Received, check_ack, is_ack
 from kincal.link.eventfile import MOST_CHANNEL, SYNC, EventFile
 from kincal.link.log import LogEvent, unpack_covariance
-from kincal.workbench import uplink
-from kincal.workbench.effects import Hypothesis, Parameter, Term
+from kincal.workbench.model import uplink
+from kincal.workbench.model.effects import Hypothesis, Parameter, Term
+from kincal_shared import keys
+from kincal_shared.errors import BadInput, CommandFailed
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 FLIGHT = library("flight")

@@ -48,14 +48,15 @@ def user(full, tmp_path_factory):
 def test_wheel_holds_what_it_runs(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     messages = {f"kcm/{p.stem}.py" for p in (ROOT / "fsw" / "msg").glob("*.lcm")}
-    tree = {f"kincal/_tree/{name}" for name in ("sim/kincal_sim/launch.py", "sim/scenarios/paper.toml",
+    tree = {f"kincal/_tree/{name}" for name in ("sim/scenarios/paper.toml",
             "sim/models/detector.yml", "tables/bin/space.tbl", "tables/src/space.toml", "build/kincal-fsw",
             "build/kincal-tagdet")}  # fmt: skip
     assert {"kincal/_core/libkincal.so", "kincal/_core/kincal_cdef.h", "kincal/_core/musl.COPYRIGHT",
             "kincal/_core/monocypher.LICENCE.md",
-            "kincal/workbench/effects.toml",
-            "kincal/_core/libkincal_ground.so", "kincal/schema/channels.csv", "kincal/arms/wam.toml",
-            "kincal/pages/GLOSSARY.md",
+            "kincal/workbench/model/effects.toml",
+            "kincal/_core/libkincal_ground.so", "kincal_shared/schema/channels.csv",
+            "kincal_shared/arms/wam.toml",
+            "kincal/pages/GLOSSARY.md", "kincal_shared/errors.py", "kincal_sim/launch.py",
             "kincal/pages/templates/page.html.j2"} | messages | tree <= names  # fmt: skip
     assert not [n for n in names if "__pycache__" in n]
 

@@ -12,16 +12,17 @@ from real_arms import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
-from kincal.errors import BadInput
 from kincal.rotations import Pose
-from kincal.schema.arm import ArmTable
-from kincal.schema.names import FAULTS
-from kincal.workbench import explain, pnp, sight
-from kincal.workbench.adequacy import find_outliers
 from kincal.workbench.diagnosis.study import Study
-from kincal.workbench.fit import fit_model
-from kincal.workbench.pnp import PnpColumns, column_number
-from kincal.workbench.uplink import term_table
+from kincal.workbench.evidence.adequacy import find_outliers
+from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.model import pnp, sight
+from kincal.workbench.model.pnp import PnpColumns, column_number
+from kincal.workbench.model.uplink import term_table
+from kincal.workbench.report import explain
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.names import FAULTS
 
 STEP = 1e-4
 

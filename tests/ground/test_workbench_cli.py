@@ -21,8 +21,8 @@ from kincal.cli import main
 from kincal.cli.errors import EXIT_DATA, EXIT_INPUT
 from kincal.pages import diagnosis as pages
 from kincal.pages.page import Provenance, render
-from kincal.workbench import api
-from kincal.workbench.readers import read_measurements
+from kincal.workbench.data.readers import read_measurements
+from kincal.workbench.report.content import report_content
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -483,7 +483,7 @@ def test_figures_of_awkward_data_are_made(tmp_path):
     path.write_text("\n".join([rows[0] + ",split", *[row + ",fit" for row in rows[1:]]]) + "\n")
     library, data = wb.Library.load(), wb.read_csv(path, 7)
     found = wb.diagnose(arm, data, library)
-    made = pages.page(api.report_content(found, library), Provenance("2026-11-22"))
+    made = pages.page(report_content(found, library), Provenance("2026-11-22"))
     assert len(pages.pictures(made, tmp_path / "page.html")) >= 8
     assert "Nothing is missing that these data could show." in render(made)
 
@@ -494,7 +494,7 @@ def test_nested_models_of_a_report_are_those_of_the_model_file(tmp_path):
     data = wb.read_csv(poses.poses_csv(tmp_path / "d.csv", 40, 3), 7)
     effects = library.find("backlash[3,4]", arm, data)
     found = wb.diagnose(arm, data, library, effects, dh=False)
-    content = api.report_content(found, library, ["backlash[3,4]"], dh=False)
+    content = report_content(found, library, ["backlash[3,4]"], dh=False)
     labels = [m.model for m in content.nested.models if m.block == content.nested.models[0].block]
     assert labels[:2] == ["nominal", "+ backlash[3,4]"]
     assert "DH" not in labels

@@ -8,9 +8,9 @@ import pytest
 
 from kincal import workbench as wb
 from kincal.rotations import Pose
-from kincal.workbench.data import Measurements
-from kincal.workbench.frames import solve_frames
-from kincal.workbench.model import nominal_chain
+from kincal.workbench.data.measurements import Measurements
+from kincal.workbench.fit.frames import solve_frames
+from kincal.workbench.model.flight_model import nominal_chain
 
 HEADER = "q1,q2,px,py,pz"
 
@@ -196,7 +196,7 @@ def test_model_file_refuses_doubles_and_strangers(tmp_path):
 
 
 def test_answers_are_valid_json_without_nan(tmp_path):
-    from kincal.workbench.answers import comparison_json
+    from kincal.workbench.report.answers import comparison_json
 
     arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
     data = wb.read_csv(poses.poses_csv(tmp_path / "d.csv", 30, 3), 7)

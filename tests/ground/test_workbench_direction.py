@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from kincal import workbench as wb
-from kincal.workbench.direction import last_moves, with_direction
-from kincal.workbench.readers import read_measurements
+from kincal.workbench.data.direction import last_moves, with_direction
+from kincal.workbench.data.readers import read_measurements
 
 
 def campaign(q, **columns):

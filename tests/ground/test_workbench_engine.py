@@ -15,17 +15,20 @@ from kincal import workbench as wb
 from kincal.cli.text import model as text
 from kincal.flight import Arm, Model, Observations, Terms
 from kincal.flight import library as build
-from kincal.schema.terms import parse_basis, split_product
-from kincal.workbench import additions, advice, api, evidence, explain, nested, scoring
-from kincal.workbench.answers import fit_json, fit_text
-from kincal.workbench.columns import Columns
-from kincal.workbench.fit import fit_model
-from kincal.workbench.measurable import Box, Limits
-from kincal.workbench.model import flight_model
-from kincal.workbench.nextposes import expected_probability, next_poses
-from kincal.workbench.reachable import Reachable
-from kincal.workbench.tails import rank_sum_p
-from kincal.workbench.uplink import term_table
+from kincal.workbench.diagnosis import additions, unnamed_effects
+from kincal.workbench.evidence import bayes_factors, scoring
+from kincal.workbench.fit.columns import Columns
+from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.model.flight_model import flight_model
+from kincal.workbench.model.uplink import term_table
+from kincal.workbench.numerics.distributions import rank_sum_p
+from kincal.workbench.prediction import nested
+from kincal.workbench.prediction.measurable import Box, Limits
+from kincal.workbench.prediction.nextposes import expected_probability, next_poses
+from kincal.workbench.prediction.reachable import Reachable
+from kincal.workbench.report import advice, explain
+from kincal.workbench.report.answers import fit_json, fit_text
+from kincal_shared.schema.terms import parse_basis, split_product
 
 
 def measure(tmp_path, n, seed, true_q=None, **more):
@@ -37,9 +40,9 @@ def measure(tmp_path, n, seed, true_q=None, **more):
 
 def score(projector, g, z):
     """Score of one block of columns."""
-    (moments,) = evidence.block_moments([g], np.column_stack([projector.basis, projector.apply(z)]))
+    (moments,) = bayes_factors.block_moments([g], np.column_stack([projector.basis, projector.apply(z)]))
     own, cross = moments.own[None], moments.cross[None]
-    return evidence.scores(own, projector.gram(own, cross[:, :, :-1]), cross[:, :, -1])[0]
+    return bayes_factors.scores(own, projector.gram(own, cross[:, :, :-1]), cross[:, :, -1])[0]
 
 
 def test_bayes_factor_equals_the_ratio_of_multivariate_normal_densities():
@@ -47,10 +50,10 @@ def test_bayes_factor_equals_the_ratio_of_multivariate_normal_densities():
     rows, k, m = 60, 7, 3
     j, g = rng.normal(size=(rows, k)), rng.normal(size=(rows, m))
     z = rng.normal(size=rows) + g @ [0.3, -0.2, 0.4] + j @ rng.normal(size=k)
-    projector = evidence.Projector.of(j)
+    projector = bayes_factors.Projector.of(j)
     s = score(projector, g, z)
-    one_scale = evidence.NoiseScale(np.array([1.0]), np.array([0.0]))
-    got = evidence.ln_bayes_factor(s.u, s.v, one_scale, np.array([0.7]), np.array([1.0]))
+    one_scale = bayes_factors.NoiseScale(np.array([1.0]), np.array([0.0]))
+    got = bayes_factors.ln_bayes_factor(s.u, s.v, one_scale, np.array([0.7]), np.array([1.0]))
     none = stats.multivariate_normal(np.zeros(rows), np.eye(rows) + j @ j.T)
     full = stats.multivariate_normal(np.zeros(rows), np.eye(rows) + j @ j.T + 0.7**2 * g @ g.T)
     assert got == pytest.approx(full.logpdf(z) - none.logpdf(z), abs=1e-9)
@@ -61,27 +64,27 @@ def test_bayes_factor_of_many_effects_is_that_of_each(parameters):
     rng = np.random.default_rng(parameters)
     u, v = 3.0 * rng.standard_normal((7, parameters)), 10.0 * rng.random((7, parameters))
     v[0, -1] = 0.0
-    noise = evidence.NoiseScale.posterior(600.0, 560.0)
-    share = evidence.LAMBDA_WEIGHTS / evidence.LAMBDA_WEIGHTS.sum()
+    noise = bayes_factors.NoiseScale.posterior(600.0, 560.0)
+    share = bayes_factors.LAMBDA_WEIGHTS / bayes_factors.LAMBDA_WEIGHTS.sum()
     plain = []
     for k in range(len(u)):
         good = v[k] > 0
         terms = []
-        for size, ln_share in zip(evidence.LAMBDAS, np.log(share), strict=True):
+        for size, ln_share in zip(bayes_factors.LAMBDAS, np.log(share), strict=True):
             for s, ln_weight in zip(noise.s, noise.ln_weight, strict=True):
                 x = size**2 * v[k, good] / s**2
                 ln_bf = 0.5 * np.sum(x / (1 + x) * u[k, good] ** 2 / v[k, good] / s**2 - np.log1p(x))
                 terms.append(ln_share + ln_weight + ln_bf)
         plain.append(np.logaddexp.reduce(terms))
-    assert evidence.ln_bayes_factor(u, v, noise) == pytest.approx(plain, rel=1e-10)
-    assert evidence.ln_bayes_factor(u[1], v[1], noise) == pytest.approx(plain[1], rel=1e-10)
+    assert bayes_factors.ln_bayes_factor(u, v, noise) == pytest.approx(plain, rel=1e-10)
+    assert bayes_factors.ln_bayes_factor(u[1], v[1], noise) == pytest.approx(plain[1], rel=1e-10)
 
 
 def test_moments_of_blocks_are_those_of_projected_columns():
     rng = np.random.default_rng(3)
-    projector = evidence.Projector.of(rng.standard_normal((60, 9)))
+    projector = bayes_factors.Projector.of(rng.standard_normal((60, 9)))
     blocks = [rng.standard_normal((60, width)) for width in (5, 1, 5)]
-    for block, m in zip(blocks, evidence.block_moments(blocks, projector.basis), strict=True):
+    for block, m in zip(blocks, bayes_factors.block_moments(blocks, projector.basis), strict=True):
         left = projector.apply(block)
         once, twice = (w.gram(m.own[None], m.cross[None])[0] for w in (projector, projector.squared))
         assert once == pytest.approx(block.T @ left, abs=1e-12)
@@ -90,7 +93,7 @@ def test_moments_of_blocks_are_those_of_projected_columns():
 
 def test_blocks_together_have_one_width_and_none_is_lost():
     widths = [3, 5, 3] * 100
-    groups = list(evidence.together(widths))
+    groups = list(bayes_factors.together(widths))
     assert sorted(k for group in groups for k in group) == list(range(300))
     assert all(len({widths[k] for k in group}) == 1 for group in groups)
     assert max(map(len, groups)) == 64
@@ -131,7 +134,7 @@ def test_rank_sum_test_is_that_of_scipy(n, m, ties):
 def test_an_effect_that_dh_imitates_is_absorbed():
     rng = np.random.default_rng(2)
     j = 1e4 * rng.normal(size=(40, 5))
-    projector = evidence.Projector.of(j)
+    projector = bayes_factors.Projector.of(j)
     inside = j @ rng.normal(size=(5, 1)) * 1e-4
     outside = rng.normal(size=(40, 1))
     assert score(projector, inside, np.zeros(40)).absorbed > 0.9999
@@ -141,7 +144,7 @@ def test_an_effect_that_dh_imitates_is_absorbed():
 def test_noise_scale_posterior_finds_noise_larger_than_stated():
     rng = np.random.default_rng(3)
     z = 1.5 * rng.normal(size=500)
-    noise = evidence.NoiseScale.posterior(float(z @ z), 500.0)
+    noise = bayes_factors.NoiseScale.posterior(float(z @ z), 500.0)
     assert (noise.s * noise.weight).sum() == pytest.approx(1.5, abs=0.1)
 
 
@@ -372,7 +375,7 @@ def test_unnamed_effects_that_a_fit_would_advise_against_are_not_added(arm, tmp_
     drift = np.outer(np.where(share < 0.8, 0.02 * share, 0.0), np.eye(7)[1])
     data = replace(data, q=data.q + drift)
     name = "unnamed[joint 2: t]"
-    asked = api.find_unnamed(arm, data, [name])
+    asked = unnamed_effects.find_unnamed(arm, data, [name])
     assert asked.names == (name,)
     library = wb.Library.load().with_unnamed([a.effect.entry() for a in asked.additions])
     result = wb.fit(arm, data, [name], library=library)
@@ -384,8 +387,8 @@ def test_unnamed_effects_that_a_fit_would_advise_against_are_not_added(arm, tmp_
     def chosen(comparison, hypotheses, **_):
         return additions.only(comparison, hypotheses, [a.effect for a in asked.additions])
 
-    monkeypatch.setattr(api, "add_unnamed", chosen)
-    found = api.find_unnamed(arm, data, ["unnamed"])
+    monkeypatch.setattr(unnamed_effects, "add_unnamed", chosen)
+    found = unnamed_effects.find_unnamed(arm, data, ["unnamed"])
     assert (found.names, found.additions, found.all_of_them.steps) == ((), (), ())
     said = list(text.additions(found))
     assert said[0] == f"{words}; not added" and said[1].startswith("unnamed: nothing to add")
@@ -572,7 +575,7 @@ def test_absorbed_effects_have_p_values_by_their_own_columns(arm, tmp_path):
     granted = 1e3 * rng.standard_normal((len(fit.z), 4))
     scorer = scoring.Scorer(fit, np.ones(60), True, granted=granted)
     blocks = [1e-3 * granted @ rng.standard_normal((4, 2)) for _ in range(30)]
-    score, known = evidence.Score(np.ones(2), np.ones(2), 1.0), (scorer.projector, scorer.wz)
+    score, known = bayes_factors.Score(np.ones(2), np.ones(2), 1.0), (scorer.projector, scorer.wz)
     scored = [
         scoring.Scored(f"e{k}", 0.0, score, None, partial(np.copy, block), *known)
         for k, block in enumerate(blocks)

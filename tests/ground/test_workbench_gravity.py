@@ -7,12 +7,12 @@ import poses
 import pytest
 
 from kincal import workbench as wb
-from kincal.errors import BadInput
-from kincal.schema.effects import read_effects
-from kincal.schema.errors import SchemaError
-from kincal.workbench.hypotheses import Competition, covers, joints_of
-from kincal.workbench.levers import TOOL, bodies
-from kincal.workbench.uplink import term_image
+from kincal.workbench.model.hypotheses import Competition, covers, joints_of
+from kincal.workbench.model.levers import TOOL, bodies
+from kincal.workbench.model.uplink import term_image
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.effects import read_effects
+from kincal_shared.schema.errors import SchemaError
 
 G = np.array([0.0, 0.0, -9.81])
 

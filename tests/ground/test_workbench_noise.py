@@ -10,9 +10,9 @@ from real_arms import DATA
 from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
-from kincal.workbench.adequacy import noise_floor
 from kincal.workbench.diagnosis.study import Study
-from kincal.workbench.fit import _leverage, fit_model
+from kincal.workbench.evidence.adequacy import noise_floor
+from kincal.workbench.fit.least_squares import _leverage, fit_model
 
 LEVER_M = np.array([0.05, 0.02, 0.4])  # from the sensor's target to the tool
 SIGMA_ROT_RAD, SIGMA_POS_M = np.array([3e-3, 2e-3, 1e-3]), 2e-4

@@ -10,17 +10,17 @@ from real_arms import DATA
 from scipy import stats
 
 from kincal import workbench as wb
-from kincal.workbench.columns import Columns
-from kincal.workbench.crossval import cross_validate, folds, predicted
 from kincal.workbench.diagnosis.guard import never_worse, without_doubtful
 from kincal.workbench.diagnosis.heldout import HeldGain
 from kincal.workbench.diagnosis.states import Kept, Selection
 from kincal.workbench.diagnosis.study import TURNS, Study
 from kincal.workbench.diagnosis.support import Support, of_turns
-from kincal.workbench.effects import Hypothesis
-from kincal.workbench.fit import find_frames, fit_model, rms
-from kincal.workbench.parameters import DH_SIGMA
-from kincal.workbench.thinning import MANY, PART, part_of, spread, thinned
+from kincal.workbench.fit.columns import Columns
+from kincal.workbench.fit.least_squares import find_frames, fit_model, rms
+from kincal.workbench.fit.thinning import MANY, PART, part_of, spread, thinned
+from kincal.workbench.model.effects import Hypothesis
+from kincal.workbench.model.parameters import DH_SIGMA
+from kincal.workbench.prediction.crossval import cross_validate, folds, predicted
 
 LIBRARY = wb.Library.load()
 TWIST = np.array([0.0, 1.0, 0.0, 0.6, 0.0, 0.0, 0.0])

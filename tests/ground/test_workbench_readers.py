@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.cli import main
-from kincal.errors import BadInput, CannotAnswer
-from kincal.schema.arm import read_arm
-from kincal.schema.datamap import DataMap
-from kincal.schema.errors import SchemaError, validate
+from kincal_shared.errors import BadInput, CannotAnswer
+from kincal_shared.schema.arm import read_arm
+from kincal_shared.schema.datamap import DataMap
+from kincal_shared.schema.errors import SchemaError, validate
 
 N = 12
 RNG = np.random.default_rng(5)
@@ -252,7 +252,7 @@ def test_broken_parquet_is_refused(tmp_path):
 )
 def test_reader_whose_package_is_missing_names_the_extra(tmp_path, monkeypatch, name, content, extra):
     (tmp_path / name).write_bytes(content)
-    monkeypatch.setattr("kincal.installation.find_spec", lambda _: None)
+    monkeypatch.setattr("kincal_shared.installation.find_spec", lambda _: None)
     with pytest.raises(BadInput, match=rf"kincal\[{extra}\]"):
         wb.read_measurements(tmp_path / name, 2)
 

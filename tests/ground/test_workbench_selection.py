@@ -10,10 +10,10 @@ from kincal import workbench as wb
 from kincal.workbench.diagnosis.posterior import NONE, UNNAMED, Posterior
 from kincal.workbench.diagnosis.selection import State, backward, extended, forward, settle
 from kincal.workbench.diagnosis.study import Study
-from kincal.workbench.effects import Hypothesis, Parameter
-from kincal.workbench.evidence import Score
-from kincal.workbench.hypotheses import Competition
-from kincal.workbench.scoring import Scored
+from kincal.workbench.evidence.bayes_factors import Score
+from kincal.workbench.evidence.scoring import Scored
+from kincal.workbench.model.effects import Hypothesis, Parameter
+from kincal.workbench.model.hypotheses import Competition
 
 BARE = Score(np.zeros(1), np.ones(1), 0.0)
 

@@ -10,15 +10,16 @@ from sklearn.linear_model import Ridge
 
 from kincal import workbench as wb
 from kincal.flight import Arm, Model, Terms, tables
-from kincal.workbench import additions, smooth
-from kincal.workbench.compare import compare
-from kincal.workbench.evidence import Projector
-from kincal.workbench.fit import fit_model, rms
-from kincal.workbench.model import observations
-from kincal.workbench.products import product_dictionary, score_products, spots
-from kincal.workbench.scoring import Scorer, bulk_weights
-from kincal.workbench.unnamed import cell_moments, cells
-from kincal.workbench.uplink import term_image
+from kincal.workbench.comparison.compare import compare
+from kincal.workbench.diagnosis import additions
+from kincal.workbench.evidence import smooth
+from kincal.workbench.evidence.bayes_factors import Projector
+from kincal.workbench.evidence.products import product_dictionary, score_products, spots
+from kincal.workbench.evidence.scoring import Scorer, bulk_weights
+from kincal.workbench.evidence.unnamed import cell_moments, cells
+from kincal.workbench.fit.least_squares import fit_model, rms
+from kincal.workbench.model.flight_model import observations
+from kincal.workbench.model.uplink import term_image
 
 NOISE_M = float(np.linalg.norm(poses.SIGMA[:3]))
 

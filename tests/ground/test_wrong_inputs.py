@@ -17,8 +17,8 @@ from click.testing import CliRunner
 from kincal.arms.library import arm_text
 from kincal.cli import main
 from kincal.cli.errors import EXIT_DATA, EXIT_FAILED, EXIT_INPUT
-from kincal.schema.arm import read_arm
-from kincal.workbench.readers import read_measurements
+from kincal.workbench.data.readers import read_measurements
+from kincal_shared.schema.arm import read_arm
 
 Q = [f"q{j}" for j in range(1, 8)]
 P, QUAT = ["px", "py", "pz"], ["qw", "qx", "qy", "qz"]

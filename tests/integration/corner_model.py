@@ -7,7 +7,7 @@ order.
 import cv2
 import numpy as np
 
-from kincal_sim import pnp
+from kincal_sim.vision import pnp
 
 EDGE_PX, ALIGNED_PX, WEIGHT = 0.0225, 0.075, 10.0  # detector.yml
 ALONG, ACROSS, SIGMAS = 30, 8, 4.0

@@ -6,12 +6,9 @@ import argparse
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "sim"), str(ROOT / "build" / "py")]
-
-import kcm  # noqa: E402
-from kincal_sim.bus import Bus  # noqa: E402
-from kincal_sim.lockstep import Participant  # noqa: E402
+import kcm
+from kincal_sim.bus import Bus
+from kincal_sim.lockstep import Participant
 
 IDLE, MOVE, REVIEW, SAFE = 0, 1, 9, 11
 CRC = -559038737  # what KC_PROPOSAL and approval name

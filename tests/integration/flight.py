@@ -6,13 +6,13 @@ import time
 from pathlib import Path
 
 import kcm
-from kincal import keys
 from kincal.flight import library
 from kincal.flight import tables as codec
+from kincal_shared import keys
 from kincal_sim.bus import Bus
-from kincal_sim.imagers import fast_imager
 from kincal_sim.ports import private_port
 from kincal_sim.scenario import load
+from kincal_sim.vision.imagers import fast_imager
 from kincal_sim.world import World
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,8 +9,8 @@ from flight import read_table
 
 from kincal.flight import Terms
 from kincal_sim import transforms
-from kincal_sim.arm import Arm
 from kincal_sim.bus import TYPES
+from kincal_sim.mechanics.arm import Arm
 from kincal_sim.run import Run, execute
 from kincal_sim.scenario import find
 

@@ -8,8 +8,8 @@ import pytest
 from flight import CAUSE, STATE
 
 from kincal.run.inprocess import Hooks, Script, Setup, command, simulate
-from kincal_sim.camera import load_config
 from kincal_sim.transforms import quaternion, rot, rotation_matrix
+from kincal_sim.vision.camera import load_config
 
 N_LOCAL = 14
 TAGS = load_config().tags

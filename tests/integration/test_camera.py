@@ -5,8 +5,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from kincal.errors import BadInput
-from kincal_sim import arm, camera, detection_model, tags, transforms
+from kincal_shared.errors import BadInput
+from kincal_sim import transforms
+from kincal_sim.mechanics import arm
+from kincal_sim.vision import camera, detection_model, tags
 
 SPHERES = 30
 

@@ -9,13 +9,13 @@ from dataclasses import replace
 import pytest
 from flight import CAUSE, STATE, TABLES, read_table
 
-from kincal.errors import CommandFailed, KincalError
 from kincal.flight import tables as codec
-from kincal.keys import Signer, counting, of_simulation
 from kincal.link import dump, upload
 from kincal.run.fast import InProcessLink
 from kincal.run.inprocess import Hooks, Script, Setup, Simulation, Store, command, simulate
 from kincal.run.onboard import FlightSoftware
+from kincal_shared.errors import CommandFailed, KincalError
+from kincal_shared.keys import Signer, counting, of_simulation
 
 POSES = 4  # besides the local initial poses
 START = (2, command("START", -1, POSES, 1))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from kincal import keys
+from kincal_shared import keys
 from kincal_sim.ports import private_port, private_url
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,10 +7,10 @@ import pytest
 from flight import BINARY, TABLES
 
 from kincal import review
-from kincal.errors import CommandFailed
-from kincal.keys import read, signer_of
 from kincal.link import Link, crc_text
 from kincal.review.status import proposals_in
+from kincal_shared.errors import CommandFailed
+from kincal_shared.keys import read, signer_of
 from kincal_sim.ports import private_port, private_url
 
 WHO = ("--why", "reason")

@@ -24,18 +24,18 @@ from runs import (
 )
 
 import kcm
-from kincal.errors import BadInput
 from kincal.flight import Arm as FlightArm
 from kincal.flight import Model, Observations, Terms
 from kincal.run.inprocess import Setup, Store, simulate
+from kincal_shared.errors import BadInput
 from kincal_sim import executive, lockstep, ports, run
-from kincal_sim.arm import Arm
-from kincal_sim.camera import load_config
-from kincal_sim.detection_model import visible_tags
 from kincal_sim.executive import Executive
-from kincal_sim.imagers import Imager
+from kincal_sim.mechanics.arm import Arm
 from kincal_sim.scenario import SCENARIO_DIR, load
 from kincal_sim.truth import held_out_poses, true_coefficients, truth_record
+from kincal_sim.vision.camera import load_config
+from kincal_sim.vision.detection_model import visible_tags
+from kincal_sim.vision.imagers import Imager
 from kincal_sim.world import World
 
 FLIGHT_CHANNELS = (

@@ -8,7 +8,7 @@ import pytest
 from flight import BINARY, EVENT, IDLE, TABLE, TABLES, Flight
 
 import kcm
-from kincal import keys
+from kincal_shared import keys
 from kincal_sim.ports import private_port, private_url
 from kincal_sim.recorder import Recorder
 

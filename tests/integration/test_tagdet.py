@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 
 import kcm
-from kincal_sim import arm, camera, detection_model, pnp, transforms
+from kincal_sim import transforms
+from kincal_sim.mechanics import arm
 from kincal_sim.ports import private_port, private_url
+from kincal_sim.vision import camera, detection_model, pnp
 
 ROOT = Path(__file__).resolve().parents[2]
 TAGDET = ROOT / "build" / "kincal-tagdet"

@@ -10,7 +10,7 @@ messages: only image_t has a part of variable length, at its end. The decoder th
 believes what the message states about its size, so nobody calls that of image_t but the detector's frame.cpp,
 which looks first.
 sim: neither the simulator nor the detector loads flight code. Imports of Python are for import-linter
-(tests/layers.ini).
+(tests/layers.ini); here only that no folder of ground and sim has more modules than one can look over.
 """
 
 import re
@@ -134,6 +134,20 @@ def check_sim(root: Path) -> list[str]:
     return faults
 
 
+MOST_MODULES = 25
+
+
+def check_folders(root: Path) -> list[str]:
+    """A folder with more modules than this holds several things."""
+    folders = {path.parent for name in ("ground", "sim") for path in (root / name).rglob("*.py")}
+    number = {folder: len(list(folder.glob("*.py"))) for folder in folders}
+    return [
+        f"{folder.relative_to(root)}: {n} modules in one folder; {MOST_MODULES} are the most"
+        for folder, n in sorted(number.items())
+        if n > MOST_MODULES
+    ]
+
+
 FIELD = re.compile(r"(?m)^\s*(?!const\b|package\b|struct\b)(\w+)\s+(\w+)\s*((?:\[\w+\])*)\s*;")
 VARIABLE = {"image_t.lcm": "jpeg"}
 READER = "sim/tagdet/frame.cpp"
@@ -159,6 +173,7 @@ def check_messages(root: Path) -> list[str]:
 def main() -> int:
     root = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parents[2]
     faults = check_c(root) + check_circles(root) + check_messages(root) + check_sim(root)
+    faults += check_folders(root)
     for fault in faults:
         print(fault)
     return 1 if faults else 0

@@ -251,7 +251,7 @@ TERMS = (
     ("events", "fsw/tables/kc_events.h", matches(r"\bX\(\d+, ([A-Z]\w+),\s*(?:DEBUG|INFO|WARN|ERROR)\b")),
     ("table fields", "docs/TABLES.md", matches(r"^\| \d+ \| ([\w.]+) \|")),
     ("tables", "docs/TABLES.md", matches(r"^### \d (\w+)$")),
-    ("JSON keys", "ground/kincal/workbench/answers.py", dict_keys),
+    ("JSON keys", "ground/kincal/workbench/report/answers.py", dict_keys),
     ("commands", "docs/CLI.md", matches(r"^#+ `?(kincal [a-z -]+)`?$")),
     *(("names", f"docs/{page}.md", matches(r"`([A-Za-z_][\w.]*)`")) for page in PAGES),
 )  # fmt: skip

@@ -166,6 +166,10 @@ def test_an_include_of_a_room_that_is_not_below_does_not_compile(small, file, he
             {"sim/tagdet/main.cpp": 'void f() { kcm_image_t_subscribe(lcm, "KC_IMAGE", on, 0); }\n'},
             "sim/tagdet/main.cpp: kcm_image_t_subscribe() believes n_bytes",
         ),
+        (
+            {f"ground/kincal/many/m{n}.py": "" for n in range(26)},
+            "ground/kincal/many: 26 modules in one folder; 25 are the most",
+        ),
     ],
 )
 def test_an_include_that_is_not_for_its_file_is_named(tmp_path, files, complaint):
@@ -199,13 +203,33 @@ def test_includes_that_are_allowed_and_words_in_comments_pass(tmp_path):
             "import kincal.workbench.fit",
             "kincal.flight.x -> kincal.workbench.fit",
         ),
+        (
+            "ground/kincal/workbench/model/x.py",
+            "from kincal.workbench.diagnosis import study",
+            "kincal.workbench.model.x -> kincal.workbench.diagnosis",
+        ),
+        (
+            "ground/kincal/workbench/fit/frames.py",
+            "from kincal.workbench.fit import least_squares",
+            "No cycles are allowed in kincal.workbench.fit",
+        ),
         ("ground/kincal/link/x.py", "from kincal.cli import main", "kincal.link.x -> kincal.cli"),
+        (
+            "ground/kincal/cli/model/x.py",
+            "from kincal.workbench.fit.least_squares import fit_model",
+            "kincal.cli.model.x -> kincal.workbench.fit.least_squares",
+        ),
         ("sim/kincal_sim/x.py", "def f():\n    import kincal.tables", "kincal_sim.x -> kincal.tables"),
+        (
+            "ground/kincal_shared/schema/x.py",
+            "from kincal.workbench.fit import frames",
+            "kincal_shared.schema.x -> kincal.workbench.fit",
+        ),
         ("ground/kincal/workbench/x.py", "import kincal_sim.world", "kincal.workbench.x -> kincal_sim.world"),
     ],
 )
 def test_an_import_that_points_up_is_named(tmp_path, file, line, complaint):
-    for package in ("ground/kincal", "sim/kincal_sim"):
+    for package in ("ground/kincal", "ground/kincal_shared", "sim/kincal_sim"):
         shutil.copytree(
             TESTS.parent / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
         )
@@ -623,7 +647,7 @@ def test_the_same_words_in_their_ordinary_sense_pass(tmp_path):
         ),
         ({"docs/TABLES.md": "| 3 | wobble_m | f64 | | |\n"}, "wobble_m (table fields): 'wobble' is not in"),
         (
-            {"ground/kincal/workbench/answers.py": "def f(): return {'state': 1, 'frobnicity': 2}\n"},
+            {"ground/kincal/workbench/report/answers.py": "def f(): return {'state': 1, 'frobnicity': 2}\n"},
             "frobnicity (JSON keys): 'frobnicity' is not in",
         ),
         ({"docs/CLI.md": "### `kincal safe polish`\n"}, "kincal safe polish (commands): 'polish' is not in"),

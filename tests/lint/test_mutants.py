@@ -120,10 +120,10 @@ def test_what_was_found_is_forgotten_when_a_test_file_changes(tmp_path, monkeypa
 
 
 def test_the_functions_of_a_loaded_module_take_the_code_of_a_mutant():
-    path = "ground/kincal/keys.py"
+    path = "ground/kincal_shared/keys.py"
     text = (Path(__file__).parents[2] / path).read_text()
     at = text.index("+ 1", text.index("def counting()"))
-    keys = importlib.import_module("kincal.keys")
+    keys = importlib.import_module("kincal_shared.keys")
     old = keys.counting.__code__
     try:
         patch(Mutant(path, at, at + 3, "+ 5"), text)

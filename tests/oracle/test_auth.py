@@ -8,8 +8,8 @@ import pytest
 from builders import ffi, lib
 
 import kcm
-from kincal import keys
 from kincal.run import wire
+from kincal_shared import keys
 
 KEY = keys.Key(3, bytes(range(32)))
 

@@ -10,9 +10,9 @@ from builders import ffi, lib
 from scipy.optimize import minimize_scalar
 
 from kincal import tables
-from kincal.schema.space import read_description
 from kincal.space.collision import CollisionModel
 from kincal.space.encoding import EXCESS_MAX_M, capsules, write_guard
+from kincal_shared.schema.space import read_description
 
 TABLES = Path(__file__).parents[2] / "tables"
 DESC = read_description(TABLES / "src/space.toml")

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kincal import __version__
-from kincal.errors import BadInput
 from kincal.export import CalibratedArm, Exported, calibrated_fit
 from kincal.export import export as export_files
 from kincal.export.files import Format
@@ -21,17 +20,19 @@ from kincal.export.source import describe, python_source
 from kincal.export.urdf import urdf
 from kincal.flight import Observations
 from kincal.rotations import Pose
-from kincal.schema.model import UnnamedEntry
-from kincal.workbench.answers import fit_text
-from kincal.workbench.api import FitResult, find_unnamed
-from kincal.workbench.api import fit as workbench_fit
-from kincal.workbench.data import Measurements
-from kincal.workbench.effects import Library
-from kincal.workbench.fitrecord import fit_record, fitted
-from kincal.workbench.modelfile import ModelFile, write_model
-from kincal.workbench.types import Progress, no_progress
+from kincal.workbench.comparison.fitrecord import fit_record, fitted
+from kincal.workbench.comparison.fitting import FitResult
+from kincal.workbench.data.measurements import Measurements
+from kincal.workbench.diagnosis.unnamed_effects import find_unnamed
+from kincal.workbench.model.effects import Library
+from kincal.workbench.model.modelfile import ModelFile, write_model
+from kincal.workbench.numerics.types import Progress, no_progress
+from kincal.workbench.report.answers import fit_text
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.model import UnnamedEntry
 
 from . import html
+from .case import Case
 from .inputs import Arm, Data, checked, files_of, measurements
 
 Floats = NDArray[np.float64]
@@ -174,7 +175,6 @@ def fit(
     read, library = checked(arm, data, force), Library.load()
     found = find_unnamed(arm.table, read, effects, library=library, progress=progress)
     entries = [addition.effect.entry() for addition in found.additions]
-    result = workbench_fit(
-        arm.table, read, found.names, library=library.with_unnamed(entries), progress=progress
-    )
+    case = Case(arm.table, read, found.names, library=library.with_unnamed(entries))
+    result = case.fit(progress)
     return Fitted(arm, result, files_of(data), {entry.name: entry for entry in entries})

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kincal.errors import BadInput
-from kincal.schema.arm import ArmTable, arm_of_text, read_arm
-from kincal.schema.datamap import DataMap
-from kincal.schema.errors import read_toml, validate
-from kincal.workbench.belonging import check, refuse
-from kincal.workbench.data import Measurements
-from kincal.workbench.readers import read_measurements
+from kincal.workbench.consistency import check, refuse
+from kincal.workbench.data.measurements import Measurements
+from kincal.workbench.data.readers import read_measurements
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable, arm_of_text, read_arm
+from kincal_shared.schema.datamap import DataMap
+from kincal_shared.schema.errors import read_toml, validate
 
 
 @dataclass(frozen=True)

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kincal.workbench import answers
-from kincal.workbench.compare import Comparison
-from kincal.workbench.compare import compare as workbench_compare
-from kincal.workbench.constants import choose_constants
-from kincal.workbench.data import Measurements
+from kincal.workbench.comparison.compare import Comparison
+from kincal.workbench.data.measurements import Measurements
 from kincal.workbench.diagnosis import Diagnosis
-from kincal.workbench.diagnosis import diagnose as workbench_diagnose
-from kincal.workbench.diagnosis_text import diagnosis_text
-from kincal.workbench.effects import Library
-from kincal.workbench.types import Progress, no_progress
+from kincal.workbench.numerics.types import Progress, no_progress
+from kincal.workbench.report import answers
+from kincal.workbench.report.diagnosis_text import diagnosis_text
 
 from . import html
+from .case import Case
 from .inputs import Arm, Data, checked
 
 
@@ -65,11 +62,10 @@ def compare(
     """Does the model (DH errors and these effects) explain the data, and where does it fail?
 
     Errors as `kincal.workbench.compare`, and BadInput if arm and data do not belong together, unless forced;
-    `comparison.belonging` says what is odd.
+    `comparison.consistency` says what is odd.
     """
     read = checked(arm, data, force)
-    chosen = choose_constants(Library.load(), effects, arm.table, read)
-    return Compared(workbench_compare(arm.table, read, chosen))
+    return Compared(Case(arm.table, read, tuple(effects)).compare())
 
 
 def diagnose(
@@ -81,7 +77,5 @@ def diagnose(
     progress: Progress = no_progress,
 ) -> Diagnosed:
     """Which effect is missing beside the DH errors and these effects? Errors as `compare`."""
-    read, library = checked(arm, data, force), Library.load()
-    chosen = choose_constants(library, effects, arm.table, read)
-    found = workbench_diagnose(arm.table, read, library, chosen, given=tuple(effects), progress=progress)
-    return Diagnosed(found)
+    read = checked(arm, data, force)
+    return Diagnosed(Case(arm.table, read, tuple(effects)).diagnose(progress))

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from kincal.errors import CannotAnswer
 from kincal.rotations import Pose, rotvec_of_matrix
-from kincal.schema.arm import MAX_JOINTS, ArmFile
-from kincal.schema.errors import parse_toml, validate
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.arm import MAX_JOINTS, ArmFile
+from kincal_shared.schema.errors import parse_toml, validate
 
 from .axes import DhChain, DhRow, dh_chain
 from .urdf import ChainJoint, Step, UrdfChain, read_chain, tip_pose

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from kincal.errors import BadInput
-from kincal.schema.arm import ArmFile, shipped_arms
-from kincal.schema.errors import parse_toml, validate
-from kincal.schema.suggestions import nearest_name
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmFile, shipped_arms
+from kincal_shared.schema.errors import parse_toml, validate
+from kincal_shared.schema.suggestions import nearest_name
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from kincal import installation
-from kincal.errors import BadInput
 from kincal.rotations import Pose
-from kincal.schema.suggestions import nearest_name
+from kincal_shared import installation
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.suggestions import nearest_name
 
 from .axes import Axis
 

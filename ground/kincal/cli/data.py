@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from kincal.cli.options import PATH
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 if TYPE_CHECKING:
-    from kincal.schema.arm import ArmTable
-    from kincal.schema.datamap import DataMap
-    from kincal.workbench.data import Measurements
+    from kincal.workbench.data.measurements import Measurements
+    from kincal_shared.schema.arm import ArmTable
+    from kincal_shared.schema.datamap import DataMap
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -43,7 +43,7 @@ class Given:
     def checked(self, arm: ArmTable) -> Measurements:
         """The measurements for a command that computes with them. BadInput if arm and data do not belong
         together, unless forced; what is odd is said on stderr."""
-        from kincal.workbench.belonging import check, refuse
+        from kincal.workbench.consistency import check, refuse
 
         data = self.read(arm)
         answer = check(arm, data, thorough=False)
@@ -55,7 +55,7 @@ class Given:
 
     def read(self, arm: ArmTable) -> Measurements:
         """The measurements; notes and columns that nothing reads are named on stderr."""
-        from kincal.workbench.readers import read_measurements
+        from kincal.workbench.data.readers import read_measurements
 
         data = read_measurements(
             self.paths,
@@ -92,8 +92,8 @@ class Given:
 
     def mapping(self) -> DataMap:
         """The map file with the options in place of what it says. SchemaError if that is no map."""
-        from kincal.schema.datamap import DataMap
-        from kincal.schema.errors import read_toml, validate
+        from kincal_shared.schema.datamap import DataMap
+        from kincal_shared.schema.errors import read_toml, validate
 
         doc = read_toml(self.map_path) if self.map_path else {}
         for option in self.columns:

@@ -6,8 +6,8 @@ from typing import Any
 
 import click
 
-from kincal.errors import BadInput, CannotAnswer, CommandFailed, KincalError
-from kincal.installation import extra_of
+from kincal_shared.errors import BadInput, CannotAnswer, CommandFailed, KincalError
+from kincal_shared.installation import extra_of
 
 EXIT_FAILED = 1  # the work was done and its answer is no
 EXIT_INPUT = 2  # what was given cannot be used

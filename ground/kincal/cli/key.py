@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from kincal import keys
 from kincal.cli.options import PATH
+from kincal_shared import keys
 
 
 @click.group()

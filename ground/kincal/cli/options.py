@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from kincal import installation
+from kincal_shared import installation
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

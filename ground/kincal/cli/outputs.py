@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 
 class OutputFile(click.ParamType[Path]):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack
 
@@ -16,11 +16,9 @@ from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console
 from kincal.cli.text import review as text
 from kincal.cli.wire import KEYS, TIMEOUT, URL
-from kincal.errors import CommandFailed
-from kincal.keys import DEFAULT, file_of, signer_of
-from kincal.keys import read as read_keys
 from kincal.review import journal as journals
-from kincal.review.journal import Journal
+from kincal_shared.errors import CommandFailed
+from kincal_shared.keys import DEFAULT, file_of, signer_of
 
 if TYPE_CHECKING:
     from kincal.review import Review
@@ -71,12 +69,11 @@ def review_list(
         kincal review list out/*/run.lcmlog
         kincal review list --live
     """
+    from kincal.api.reviews import absent, proposals, read_journals
     from kincal.review import decisions
-    from kincal.review.status import proposals_in
 
-    out, found = console(), _journals(logs, journal, key_file)
-    lines = [entry for one in found for entry in one.entries]
-    text.proposals(out, [proposals_in(path, lines) for path in logs])
+    out, found = console(), read_journals(logs, journal, key_file)
+    text.proposals(out, proposals(logs, found))
     if live:
         with link.Link(url) as up:
             signing = _signing_options(key_file, journal)
@@ -84,19 +81,7 @@ def review_list(
             text.on_board(out, waits, signing, signing + _option("--url", url, link.DEFAULT_URL))
     for one in found:
         text.decisions(out, one)
-    text.absent(out, _absent(logs, found))
-
-
-def _journals(logs: Sequence[Path], journal: Path | None, key_file: Path) -> list[Journal]:
-    """The journal, and those beside the logs, each checked with its keys."""
-    file = file_of(key_file)
-    mine = journals.read(journals.place(journal, file), read_keys(file) if file.exists() else ())
-    of_runs = {found.path: found for log in logs if (found := journals.of_run(log))}
-    return [mine, *(found for path, found in of_runs.items() if path != mine.path)]
-
-
-def _absent(logs: Sequence[Path], found: Sequence[Journal]) -> list[str]:
-    return [f"{log}: {text}" for log in logs for text in journals.absent(found, link.read_log(log))]
+    text.absent(out, absent(logs, found))
 
 
 @review.command("verify")
@@ -115,11 +100,13 @@ def review_verify(logs: tuple[Path, ...], key_file: Path, journal: Path | None) 
         kincal review verify
         kincal review verify out/paper/run.lcmlog
     """
-    found = _journals(logs, journal, key_file)
+    from kincal.api.reviews import absent, read_journals
+
+    found = read_journals(logs, journal, key_file)
     for one in found:
         decided = sum(entry.decision != journals.SEEN for entry in one.entries)
         click.echo(f"{one.path}: {decided} decisions, {one.vouched}")
-    missing = _absent(logs, found)
+    missing = absent(logs, found)
     text.absent(console(), missing)
     if missing or any(one.unconfirmed for one in found):
         raise CommandFailed("the journal is not what it should be", todo="see above; keep your copies of it")
@@ -161,20 +148,18 @@ def review_show(
         kincal review show out/paper/run.lcmlog --crc 1a2b3c4d
         kincal review show out/paper/run.lcmlog --by "A. Reviewer" --keys out/paper/store.keys
     """
-    from kincal import review as lib
+    from kincal.api import reviews
     from kincal.pages import review as pages
     from kincal.pages.page import Provenance
-    from kincal.review.status import status, to_decide
-    from kincal.review.thresholds import read_limits
+    from kincal.review.status import to_decide
 
-    found, limits = lib.find(file, crc, tables_dir), read_limits(tables_dir)
-    read = _journals((file,), journal, key_file)
-    about = status(link.read_log(file), found, [entry for one in read for entry in one.entries])
+    read = reviews.read_journals((file,), journal, key_file)
+    shown = reviews.show(file, crc, tables_dir, read)
+    found, warnings, about, limits = shown.review, shown.warnings, shown.about, shown.limits
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
-    warnings = lib.warnings(found)
     decide = to_decide(found, about, shlex.quote(str(file)), _keys_option(key_file, file))
     text.show(console(), found, warnings, about, limits, decide)
-    text.absent(console(), _absent((file,), read))
+    text.absent(console(), reviews.absent((file,), read))
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
     say_files("page", *pages.write_all(found, warnings, picture, provenance, about, limits, decide))
     if by is not None:

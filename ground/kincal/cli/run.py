@@ -14,7 +14,7 @@ from kincal.cli.options import TABLES
 from kincal.cli.outputs import FOLDER_OUT
 from kincal.cli.terminal import console
 from kincal.cli.text import run as text
-from kincal.schema.names import ACQUISITIONS
+from kincal_shared.schema.names import ACQUISITIONS
 
 if TYPE_CHECKING:
     from kincal.results import PoseLine, RunResult

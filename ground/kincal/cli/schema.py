@@ -23,7 +23,7 @@ def schema(kind: str | None, out: Path | None) -> None:
         kincal schema arm
         kincal schema -o schema
     """
-    from kincal.schema.files import FILES, json_schema, write_json_schemas
+    from kincal_shared.schema.files import FILES, json_schema, write_json_schemas
 
     if kind is not None and out is not None:
         raise click.UsageError("give KIND to show one schema, or -o FOLDER to write all, not both")

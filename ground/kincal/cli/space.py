@@ -17,7 +17,6 @@ from kincal.cli.terminal import console, progress
 from kincal.cli.text import space as text
 
 if TYPE_CHECKING:
-    from kincal.flight.tables import Image
     from kincal.space import BuiltSpace, ExpectedInformation, SpaceTable
 
 
@@ -79,8 +78,9 @@ def space_show(file: Path, tables_dir: Path, picture: Path | None) -> None:
         kincal space show tables/bin/space.tbl --picture out/space.png
     """
     from kincal import space as lib
+    from kincal.api.spaces import load
 
-    image, table = _space(file, tables_dir)
+    image, table = load(file, tables_dir)
     tables = lib.TablesFolder(tables_dir)
     text.summary(console(), image, lib.summarise(table, tables.camera, tables.arm_crc))
     built = lib.BuiltSpace(image, table, table.n_candidates, {})
@@ -113,16 +113,6 @@ def _draw(built: BuiltSpace, tables_dir: Path, picture: Path) -> None:
     say_files("page", *pages.write_all(made, shown, outcome, picture))
 
 
-def _space(file: Path, tables_dir: Path) -> tuple[Image, SpaceTable]:
-    """Image and contents of a SPACE table, or of a description as it would be built."""
-    from kincal import space as lib
-
-    if file.suffix == ".toml":
-        built = lib.build(lib.read_description(file), tables_dir)
-        return built.image, built.table
-    return lib.SpaceTable.load(file)
-
-
 @space.command("explain")
 @click.argument("file", type=FILE)
 @click.argument("candidate", type=int, required=False)
@@ -150,15 +140,16 @@ def space_explain(
         kincal space explain tables/bin/space.tbl --at 0.5 0.4 0.1
     """
     from kincal import space as lib
+    from kincal.api.spaces import checks, load
 
-    _, table = _space(file, tables_dir)
-    checks = lib.Checks.load(lib.read_description(description), lib.TablesFolder(tables_dir))
+    _, table = load(file, tables_dir)
+    asked = checks(description, tables_dir)
     if at is None and candidate is not None:
-        lines = lib.explain_candidate(checks, table, candidate)
+        lines = lib.explain_candidate(asked, table, candidate)
         text.candidate(console(), candidate, lines)
         good = all(x.ok for x in lines if x.counts)
     elif at is not None and candidate is None:
-        region = lib.explain_region(checks, np.array(at), half, samples)
+        region = lib.explain_region(asked, np.array(at), half, samples)
         text.region(console(), at, half, region)
         good = region.good > 0
     else:
@@ -183,11 +174,12 @@ def space_check(file: Path, description: Path, tables_dir: Path, processes: int)
         kincal space check tables/bin/space.tbl
     """
     from kincal import space as lib
+    from kincal.api.spaces import checks, load
 
-    _, table = _space(file, tables_dir)
-    checks = lib.Checks.load(lib.read_description(description), lib.TablesFolder(tables_dir))
-    with progress() as tick, lib.WorkerPool(checks, processes) as pool:
-        found = lib.recheck(checks, pool, table, tick)
+    _, table = load(file, tables_dir)
+    asked = checks(description, tables_dir)
+    with progress() as tick, lib.WorkerPool(asked, processes) as pool:
+        found = lib.recheck(asked, pool, table, tick)
     text.checked(console(), file, table, found)
     raise SystemExit(0 if found.ok else EXIT_FAILED)
 
@@ -204,9 +196,10 @@ def space_diff(a: Path, b: Path, tables_dir: Path) -> None:
         kincal space diff tables/bin/space.tbl out/space.tbl
     """
     from kincal import space as lib
+    from kincal.api.spaces import load
 
-    image_a, one = _space(a, tables_dir)
-    image_b, two = _space(b, tables_dir)
+    image_a, one = load(a, tables_dir)
+    image_b, two = load(b, tables_dir)
     text.diff(console(), image_a, image_b, lib.compare(one, two, lib.TablesFolder(tables_dir).kernel, 0))
     raise SystemExit(0 if image_a.crc == image_b.crc else EXIT_FAILED)
 
@@ -233,12 +226,10 @@ def _expected(
     file: Path, tables_dir: Path, sigma_mm: float, sigma_mrad: float, poses: int
 ) -> tuple[SpaceTable, ExpectedInformation]:
     """A space and what it is expected to tell after up to that many poses."""
-    from kincal import space as lib
+    from kincal.api.spaces import expected, load
 
-    _, table = _space(file, tables_dir)
-    steps = tuple(sorted({n for n in (5, 8, 12) if n < poses} | {poses}))
-    noise = lib.Noise(sigma_mm * 1e-3, sigma_mrad * 1e-3)
-    return table, lib.expected_information(table, lib.TablesFolder(tables_dir), steps, noise)
+    _, table = load(file, tables_dir)
+    return table, expected(table, tables_dir, poses, sigma_mm * 1e-3, sigma_mrad * 1e-3)
 
 
 def _separability(table: SpaceTable, tables_dir: Path, model: str, found: ExpectedInformation) -> None:

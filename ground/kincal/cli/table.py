@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -15,24 +14,8 @@ from kincal.cli.outputs import FILE_OUT
 from kincal.cli.terminal import console
 from kincal.cli.text import table as text
 from kincal.cli.wire import KEYS, TIMEOUT, URL
-from kincal.errors import KincalError
-from kincal.keys import file_of, signer_of
-
-if TYPE_CHECKING:
-    from kincal.flight.tables import Image
-
-
-def _build(source: Path, tables_dir: Path | None = None) -> Image:
-    """Image of any TOML source; a search space is built for the arm and camera tables of `tables_dir` (as
-    default tables/bin beside tables/src)."""
-    from kincal import tables
-
-    if tables.source_kind(source) != "space":
-        return tables.build(source)
-    from kincal import space
-
-    images = tables_dir or source.resolve().parent.parent / "bin"
-    return space.build(space.read_description(source), images).image
+from kincal_shared.errors import KincalError
+from kincal_shared.keys import file_of, signer_of
 
 
 @click.group()
@@ -66,15 +49,9 @@ def table_build(source: Path, out: Path, tables_dir: Path | None) -> None:
         kincal table build tables/src/config.toml tables/bin/config.tbl
         kincal table build tables/src tables/bin
     """
-    from kincal import tables
+    from kincal.api import tables
 
-    if source.is_dir():
-        pairs = [(p, out / f"{p.stem}.tbl") for p in tables.build_order(sorted(source.glob("*.toml")))]
-    else:
-        pairs = [(source, out)]
-    for src, dst in pairs:
-        image = _build(src, tables_dir or dst.parent)
-        link.write_image(image, dst)
+    for dst, image in tables.build_files(source, out, tables_dir):
         click.echo(f"{dst}: {image.kind}, {len(image.data)} bytes, CRC {image.crc_text}")
 
 
@@ -88,10 +65,11 @@ def table_show(file: Path, as_json: bool) -> None:
     Example:
         kincal table show tables/bin/arm.tbl
     """
-    from kincal import tables
+    from kincal.api.tables import load
+    from kincal.tables import readable
 
-    image, struct = tables.load(file, _build)
-    doc = tables.readable(struct)
+    image, struct = load(file)
+    doc = readable(struct)
     if as_json:
         click.echo(
             json.dumps(
@@ -128,13 +106,12 @@ def table_check(files: tuple[Path, ...], tables_dir: Path | None) -> None:
         kincal table check tables/bin/*.tbl
         kincal table check terms.tbl --tables tables/bin
     """
-    from kincal import tables
+    from kincal.api.tables import check
 
     bad = 0
     for file in files:
         try:
-            image, struct = tables.load(file, _build)
-            words = tables.compared(image, struct, tables_dir or file.parent)
+            image, words = check(file, tables_dir)
             click.echo(f"ok    {file}: {image.kind}, CRC {image.crc_text}" + (f"; {words}" if words else ""))
         except KincalError as error:
             bad += 1
@@ -154,9 +131,10 @@ def table_diff(a: Path, b: Path) -> None:
     Example:
         kincal table diff tables/src/config.toml tables/bin/config.tbl
     """
-    from kincal import tables
+    from kincal.api.tables import build
+    from kincal.tables import diff
 
-    image_a, image_b, changes = tables.diff(a, b, _build)
+    image_a, image_b, changes = diff(a, b, build)
     text.diff(console(), image_a, image_b, changes)
     raise SystemExit(EXIT_FAILED if changes else 0)
 
@@ -176,10 +154,10 @@ def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float, tables_
     Example:
         kincal table uplink tables/bin/config.tbl
     """
-    from kincal import tables
+    from kincal.api.tables import check
 
-    image, struct = tables.load(file, _build)
-    if words := tables.compared(image, struct, tables_dir or file.parent):
+    image, words = check(file, tables_dir)
+    if words:
         click.echo(words)
     with link.Link(url, signer=signer_of(file_of(key_file))) as up:
         link.upload(up, image, timeout_s)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import click
 
-from kincal import keys, link
+from kincal import link
 from kincal.cli.options import PATH
+from kincal_shared import keys
 
 URL = click.option(
     "--url",

@@ -7,19 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import Floats, Pose
-from kincal.schema.arm import ArmTable
-from kincal.schema.model import FitEntry, FrameEntry
-from kincal.schema.names import COMPONENTS
-from kincal.schema.terms import Basis
-from kincal.workbench.constants import choose_constants
-from kincal.workbench.effects import Library, Parameter, Term
-from kincal.workbench.fit import EFFECT_WIDTH, Fit
-from kincal.workbench.fitrecord import arm_digest, covariance_of
-from kincal.workbench.modelfile import ModelFile
-from kincal.workbench.parameters import BETA, dh_parameters, effect_parameters, frame_parameters, is_beta
+from kincal.workbench.comparison.fitrecord import arm_digest
+from kincal.workbench.evidence.constants import choose_constants
+from kincal.workbench.fit.least_squares import EFFECT_WIDTH, Fit
+from kincal.workbench.model.effects import Library, Parameter, Term
+from kincal.workbench.model.modelfile import ModelFile, covariance_of
+from kincal.workbench.model.parameters import (
+    BETA,
+    dh_parameters,
+    effect_parameters,
+    frame_parameters,
+    is_beta,
+)
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import ArmTable
+from kincal_shared.schema.model import FitEntry, FrameEntry
+from kincal_shared.schema.names import COMPONENTS
+from kincal_shared.schema.terms import Basis
 
 DH, BASE, TOOL = "DH", "base", "tool"
 """Groups of coefficients that are no effect of the library."""

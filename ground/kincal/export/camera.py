@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.rotations import Floats
-from kincal.schema.model import SightEntry
-from kincal.workbench.pnp import (
+from kincal.workbench.model.pnp import (
     CORNERS,
     EDGE,
     LEAST_SEEN,
@@ -19,6 +17,8 @@ from kincal.workbench.pnp import (
     moved_points,
     sight_of_column,
 )
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.model import SightEntry
 
 from .calibrated import CalibratedArm
 from .expressions import points_of

@@ -16,14 +16,14 @@ import numpy as np
 
 from kincal.flight import FRAME_TOOL
 from kincal.rotations import Floats, Pose
-from kincal.workbench.parameters import BETA, given_no_beta
+from kincal.workbench.model.parameters import BETA, given_no_beta
+from kincal_shared.schema.dh import BETA_ERROR, DH_ERRORS, DH_FIELDS
 
 from .calibrated import BASE, DH, TOOL, CalibratedArm, FittedTerm, twist_pose
 from .leftout import LeftOut, left_out
 
 TX, TY, TZ, RX, RY, RZ = range(6)
-FOUR = ("phi_rad", "alpha_rad", "a_m", "d_m")
-TURNED = (*FOUR, "beta_rad")
+TURNED = (*DH_FIELDS, BETA_ERROR.name)
 
 State = Literal["identifiable", "not identifiable", "not estimated"]
 
@@ -82,7 +82,7 @@ def dh_table(arm: CalibratedArm) -> DhTable:
 def four_parameter_table(arm: CalibratedArm) -> DhTable:
     """The corrected DH table of a fitted arm as an arm table holds it: without beta, the other parameters as
     a fit without beta would have them."""
-    table = _table(_given_no_beta(arm), FOUR)
+    table = _table(_given_no_beta(arm), DH_FIELDS)
     dropped = left_out(arm, [term for term in arm.terms if term.coefficient.group == BETA])
     return replace(table, left_out=(*dropped, *table.left_out))
 
@@ -119,15 +119,9 @@ def _parameters(arm: CalibratedArm, joint: int) -> list[DhParameter]:
     row = arm.arm.joints[joint - 1]
     tilted = joint < arm.n and any(map(_at(joint, RY), _all_terms(arm)))
     return [
-        _parameter(arm, joint, name, unit, nominal, _at(frame, comp))
-        for name, unit, nominal, frame, comp in (
-            ("phi_rad", "rad", row.phi_rad, joint - 1, RZ),
-            ("alpha_rad", "rad", row.alpha_rad, joint, RX),
-            ("a_m", "m", row.a_m, joint, TX),
-            ("d_m", "m", row.d_m, joint - 1, TZ),
-            ("beta_rad", "rad", 0.0, joint, RY),
-        )
-        if name != "beta_rad" or tilted
+        _parameter(arm, joint, e.name, e.unit, getattr(row, e.name, 0.0), _at(e.frame(joint), e.component))
+        for e in (*DH_ERRORS, BETA_ERROR)
+        if e is not BETA_ERROR or tilted
     ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from kincal.rotations import Pose
-from kincal.schema.arm import ArmTable
+from kincal_shared.schema.arm import ArmTable
 
 from .calibrated import CalibratedArm, FittedTerm, component_name, frame_name, term_text
 from .dh import DhTable

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from kincal.errors import CannotAnswer
-from kincal.schema.names import LEVER_STRIDE, PNP, VARIABLES, Variable
-from kincal.schema.terms import Basis
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.names import LEVER_STRIDE, PNP, VARIABLES, Variable
+from kincal_shared.schema.terms import Basis
 
 from .calibrated import FittedTerm
 

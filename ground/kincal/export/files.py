@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from .calibrated import CalibratedArm
 from .dh import dh_table, four_parameter_table

@@ -15,7 +15,7 @@ import numpy as np
 
 from kincal.flight import FRAME_CAMERA, FRAME_MEAS, FRAME_TOOL
 from kincal.rotations import Floats, Pose
-from kincal.schema.names import VARIABLES, Variable
+from kincal_shared.schema.names import VARIABLES, Variable
 
 from .calibrated import BASE, TOOL, CalibratedArm, FittedTerm
 from .camera import Camera, camera_of

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 
 from kincal.rotations import Pose
-from kincal.schema.arm import ArmTable, Joint
+from kincal_shared.schema.arm import ArmTable, Joint
 
 from .calibrated import CalibratedArm
 from .dh import DhTable, FoundFrame

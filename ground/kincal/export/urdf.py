@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from kincal.flight import FRAME_TOOL
 from kincal.rotations import Floats, Pose
-from kincal.schema.arm import Joint
+from kincal_shared.schema.arm import Joint
 
 from .calibrated import CalibratedArm, screw, twist_pose
 from .leftout import LeftOut, left_out

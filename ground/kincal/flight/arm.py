@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kincal.errors import BadInput
 from kincal.rotations import Pose
+from kincal_shared.errors import BadInput
 
 from .builds import Floats, doubles, library
 
@@ -22,7 +22,7 @@ _DH_NAME = re.compile(r"J(\d+)\.(phi_rad|alpha_rad|a_m|d_m)")
 
 
 class JointLike(Protocol):
-    """One joint and its link, standard DH, as kincal.schema reads it; masses None where not known."""
+    """One joint and its link, standard DH, as kincal_shared.schema reads it; masses None where not known."""
 
     @property
     def prismatic(self) -> bool:
@@ -66,7 +66,7 @@ class JointLike(Protocol):
 
 
 class ArmLike(Protocol):
-    """An arm description as kincal.schema reads it; base and tool frame are given beside it."""
+    """An arm description as kincal_shared.schema reads it; base and tool frame are given beside it."""
 
     @property
     def name(self) -> str:

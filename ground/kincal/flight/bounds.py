@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_ERRORS
 
 from . import tables
 from .builds import library
@@ -46,8 +47,7 @@ def place_text(place: Place) -> str:
     special = {flight.constant(f"KC_FRAME_{x}"): x.lower() for x in ("TOOL", "CAMERA", "MEAS")}
     name = flight.enum("kc_comp_t", "KC_")
     axis = next(text for text, number in name.items() if number == comp).lower()
-    dh = {"rz": f"J{frame + 1}.phi_rad", "tz": f"J{frame + 1}.d_m"}
-    dh |= {"rx": f"J{frame}.alpha_rad", "tx": f"J{frame}.a_m"} if frame > 0 else {}
+    dh = {e.comp: f"J{e.joint(frame)}.{e.name}" for e in DH_ERRORS if e.joint(frame)}
     how = "rad about" if axis[0] == "r" else "m along"
     where = "the measured pose" if special.get(frame) == "meas" else f"the {special.get(frame)} frame"
     if frame not in special:

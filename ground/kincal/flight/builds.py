@@ -22,7 +22,7 @@ import numpy as np
 from cffi import FFI
 from numpy.typing import ArrayLike, NDArray
 
-from kincal.errors import KincalError
+from kincal_shared.errors import KincalError
 
 if TYPE_CHECKING:
     from .headers import CData, FlightCore, GroundCore, New

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kincal.rotations import Pose, matrix_of_wxyz
-from kincal.schema.names import FAULTS, PNP
+from kincal_shared.schema.names import FAULTS, PNP
 
 from .arm import Arm
 from .builds import Floats, doubles, library

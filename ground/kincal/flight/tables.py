@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast, overload
 
 from cffi import FFI
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 from .builds import library, status_name
 from .events import event_line

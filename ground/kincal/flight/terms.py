@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from kincal.errors import CannotAnswer
-from kincal.schema.names import PNP
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.names import PNP
 
 from .builds import FlightLibrary, GroundLibrary, library
 

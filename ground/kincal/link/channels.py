@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from kincal.errors import CommandFailed
-from kincal.schema.channels import BY_NAME, CHANNELS, Channel
+from kincal_shared.errors import CommandFailed
+from kincal_shared.schema.channels import BY_NAME, CHANNELS, Channel
 
 from . import former
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import lcm
 
-from kincal.errors import BadInput, CommandFailed
 from kincal.flight import event_action, event_name, library, status_name
-from kincal.keys import Signer
+from kincal_shared.errors import BadInput, CommandFailed
+from kincal_shared.keys import Signer
 
 from . import channels, names
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
 SYNC = bytes.fromhex("eda1da01")
 _HEADER = struct.Struct(">4sqqii")  # sync word, number, time, bytes of the channel, bytes of the message

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kincal.errors import BadInput
 from kincal.flight import event_line, event_name
 from kincal.rotations import Floats
+from kincal_shared.errors import BadInput
 
 from . import channels, names
 from .eventfile import EventFile, FileEvent

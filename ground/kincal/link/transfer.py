@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kincal.errors import CommandFailed
 from kincal.flight import library, tables
+from kincal_shared.errors import CommandFailed
 
 from . import channels
 from .connection import CommandLink, check_ack, is_ack

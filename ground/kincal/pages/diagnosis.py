@@ -14,15 +14,15 @@ from kincal.pages import finding_figures, image, residual_figures
 from kincal.pages import poses as pose_plots
 from kincal.pages.page import Command, Grid, Page, Provenance, Section, Tile, write
 from kincal.pages.poses import Poses
-from kincal.workbench import explain
-from kincal.workbench.advice import Step
-from kincal.workbench.api import ReportContent
 from kincal.workbench.diagnosis import EffectFinding, UnnamedFinding
-from kincal.workbench.diagnosis_text import diagnosis_text
-from kincal.workbench.headline import big_numbers, reachable_number
-from kincal.workbench.hypotheses import effect_of
-from kincal.workbench.nextposes import NextPose, would_decide
-from kincal.workbench.partial import Panel, effect_panels, place_panels
+from kincal.workbench.model.hypotheses import effect_of
+from kincal.workbench.prediction.nextposes import NextPose, would_decide
+from kincal.workbench.report import explain
+from kincal.workbench.report.advice import Step
+from kincal.workbench.report.content import ReportContent
+from kincal.workbench.report.diagnosis_text import diagnosis_text
+from kincal.workbench.report.headline import big_numbers, reachable_number
+from kincal.workbench.report.partial import Panel, effect_panels, place_panels
 
 # key -> heading, and how to read the figure
 HEADINGS = {

@@ -9,10 +9,10 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from kincal.pages import theme, words
-from kincal.workbench import explain
 from kincal.workbench.diagnosis import Diagnosis
-from kincal.workbench.nested import NestedModel, NestedModels
-from kincal.workbench.power import CONFOUNDED_CHI2, Confounding, Harm
+from kincal.workbench.prediction.nested import NestedModel, NestedModels
+from kincal.workbench.prediction.power import CONFOUNDED_CHI2, Confounding, Harm
+from kincal.workbench.report import explain
 
 _ROW_PX = 30  # of a bar chart
 _CONFOUNDING_MAX = 14

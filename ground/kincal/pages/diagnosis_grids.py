@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from kincal.pages.page import Cell, Grid
-from kincal.workbench import explain
 from kincal.workbench.diagnosis import Diagnosis, EffectFinding, ParameterValue
-from kincal.workbench.gain import Gain, judged
-from kincal.workbench.nested import EffectGain, NestedModel, NestedModels
+from kincal.workbench.prediction.gain import Gain, judged
+from kincal.workbench.prediction.nested import EffectGain, NestedModel, NestedModels
+from kincal.workbench.report import explain
 
 _EFFECTS = (
     "<effect|<role|<probability|<against|<measured on|without it [mm]|with it [mm]|ratio 95 % interval"

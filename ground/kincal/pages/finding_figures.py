@@ -10,8 +10,8 @@ from plotly.subplots import make_subplots
 
 from kincal.pages import theme, words
 from kincal.pages.poses import Poses, Range, bulk_range, dots
-from kincal.workbench.curves import Curve
-from kincal.workbench.partial import Bin, Group, Panel
+from kincal.workbench.evidence.curves import Curve
+from kincal.workbench.report.partial import Bin, Group, Panel
 
 PANELS = 8  # of an effect
 _PER_ROW = 4

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 
-from kincal.errors import BadInput
 from kincal.pages import theme
+from kincal_shared.errors import BadInput
 
 SUFFIXES = (".png", ".svg")
 _TIMEOUT_S = 120.0

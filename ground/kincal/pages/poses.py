@@ -10,9 +10,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from kincal.pages import theme
-from kincal.workbench.compare import Comparison
+from kincal.workbench.comparison.compare import Comparison
 from kincal.workbench.diagnosis import Diagnosis
-from kincal.workbench.fit import Fit
+from kincal.workbench.fit.least_squares import Fit
 
 _ALL = 500  # poses up to which each one is drawn
 _SOME = 400  # drawn of more

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from kincal.schema.names import FAULTS, LEVER_STRIDE, PNP, VARIABLES
-from kincal.workbench import explain
+from kincal.workbench.report import explain
+from kincal_shared.schema.names import FAULTS, LEVER_STRIDE, PNP, VARIABLES
 
 _INDEXED = re.compile(r"(?P<kind>[a-z]+?)(?P<number>\d+)(?P<rest>.*)", re.S)
 _LEVER = re.compile(r"lev(?P<axis>[xyz])")

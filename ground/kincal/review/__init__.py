@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.flight import Terms
 from kincal.flight.tables import decode_as
-from kincal.keys import Key, Signer
 from kincal.link import read_log, unpack_covariance, unsigned32
 from kincal.link.names import VERDICTS, coef_status_name, frame_name, verdict_name
 from kincal.tables import unit_of
+from kincal_shared.errors import BadInput
+from kincal_shared.keys import Key, Signer
 
 from . import journal as journals
 from .journal import Entry as Entry

@@ -13,11 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from kincal.errors import BadInput, CommandFailed
 from kincal.flight import library
-from kincal.keys import Signer
 from kincal.link import CommandLink, crc_text, unsigned32
 from kincal.link.names import verdict_name
+from kincal_shared.errors import BadInput, CommandFailed
+from kincal_shared.keys import Signer
 
 from . import KIN_KIND, Entry, Review, check_words, journal, parse_crc, reasons_to_reject, record, warnings
 

@@ -15,12 +15,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from kincal.errors import BadInput
 from kincal.flight import library
-from kincal.keys import Key, Signer, open_own, signed_by
-from kincal.keys import read as read_keys
 from kincal.link import LogSummary, crc_text
 from kincal.link.names import opcode
+from kincal_shared.errors import BadInput
+from kincal_shared.keys import Key, Signer, open_own, signed_by
+from kincal_shared.keys import read as read_keys
 
 VARIABLE = "KINCAL_JOURNAL"
 NAME = "review.jsonl"

@@ -9,8 +9,9 @@ to end. evaluate: against the ground truth. criteria: what a run has to meet. co
 from .compare import calibrate, compare_acquisitions, run_result
 from .criteria import criteria
 from .evaluate import Evaluator, GroundTruth, coef_name
+from .finished import Finished
 from .follow import Observer, decide
-from .perform import Finished, perform
+from .perform import perform
 from .processes import Processes, read_json
 from .request import Expectation, Request, read_expectation
 

@@ -13,8 +13,9 @@ from kincal.review import KIN_KIND
 from kincal.rotations import Floats
 
 from .criteria import criteria
+from .finished import Finished
 from .follow import Observer
-from .perform import Finished, perform
+from .perform import perform
 from .request import Expectation, Request, read_expectation
 
 COMPARED = ("ucb", "random")

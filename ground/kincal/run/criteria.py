@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from kincal.link import names
 from kincal.results import Criterion, HeldOut, RunResult, angle_text, length_text
 
-from .perform import Finished
+from .finished import Finished
 from .request import Expectation, Request
 
 INSIDE_SHARE = 0.95  # of the true values must lie inside 3 sigma

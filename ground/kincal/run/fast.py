@@ -7,15 +7,15 @@ from collections import deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from kincal import installation, keys
-from kincal.errors import CommandFailed
 from kincal.link import CommandLink, Received
 from kincal.review import journal
+from kincal_shared import installation, keys
+from kincal_shared.errors import CommandFailed
 
 from .evaluate import Evaluator, GroundTruth
+from .finished import Finished
 from .follow import Observer, decide
 from .inprocess import Setup, Simulation
-from .perform import Finished
 from .request import Request
 from .store import Store
 

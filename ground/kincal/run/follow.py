@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from kincal import review
-from kincal.keys import signer_of
 from kincal.link import CommandLink, Link, Received
 from kincal.results import PoseLine
 from kincal.review import decisions
+from kincal_shared.keys import signer_of
 
 from .evaluate import Evaluator, GroundTruth
 from .processes import Processes, read_json

@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import lcm
 
-from kincal import installation
-from kincal.keys import Key, Signer, of_simulation
 from kincal.link import LogSummary
 from kincal.link.channels import message_type
+from kincal_shared import installation
+from kincal_shared.keys import Key, Signer, of_simulation
 
 from .onboard import FlightSoftware
 from .store import Store
@@ -36,10 +36,10 @@ from .wire import Message
 installation.simulator()
 message_type("time_t")  # CommandFailed if the message types, which the simulator needs too, are not built
 from kincal_sim.executive import CHANNELS, Executive, accepted_by  # noqa: E402
-from kincal_sim.imagers import fast_imager  # noqa: E402
 from kincal_sim.lockstep import Inbox  # noqa: E402
 from kincal_sim.scenario import Scenario, load  # noqa: E402
 from kincal_sim.server import COMMANDS, PATIENCE_S, TICK_US  # noqa: E402
+from kincal_sim.vision.imagers import fast_imager  # noqa: E402
 from kincal_sim.world import World  # noqa: E402
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from kincal.errors import KincalError
 from kincal.flight import library
-from kincal.keys import Key
+from kincal_shared.errors import KincalError
+from kincal_shared.keys import Key
 
 from . import wire
 from .store import Store

@@ -1,30 +1,17 @@
-"""A run from start to end, and what it left."""
+"""A run from start to end."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import Any
 
-from kincal.errors import CommandFailed
-from kincal.link import LogSummary, Session, read_log
+from kincal.link import read_log
+from kincal_shared.errors import CommandFailed
 
 from .evaluate import Evaluator, GroundTruth
+from .finished import Finished
 from .follow import Observer, follow
 from .processes import LOGS, Processes, read_json
 from .request import Request
-
-
-@dataclass(frozen=True)
-class Finished:
-    """What a run left: its log, its last session, launch.json, the evaluator with the ground truth, and how
-    long it took on the wall clock [s]."""
-
-    log: LogSummary
-    session: Session
-    launch: dict[str, Any]
-    evaluator: Evaluator
-    wall_s: float
 
 
 def perform(request: Request, observer: Observer | None = None) -> Finished:

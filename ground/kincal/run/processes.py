@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 from pathlib import Path
 from typing import Any
 
-from kincal import installation
-from kincal.errors import CommandFailed
+from kincal_shared import installation
+from kincal_shared.errors import CommandFailed
 
 from .request import Request
 
@@ -29,7 +28,7 @@ class Processes:
         # stderr to a file: a full pipe must not stop the launcher
         self._errors = (request.out / "launch.err").open("w+", encoding="utf-8")
         self.child = subprocess.Popen(
-            request.command(), stdout=subprocess.PIPE, stderr=self._errors, text=True, env=_environment()
+            request.command(), stdout=subprocess.PIPE, stderr=self._errors, text=True
         )
         self.url, self.keys = self._read_first(request.scenario)
 
@@ -70,19 +69,10 @@ class Processes:
 
 
 def _check_installation(request: Request) -> None:
-    installation.require("sim", "a simulated run")
+    installation.simulator()
     installation.program("kincal-fsw")
     if request.mode == "pixels":
         installation.program("kincal-tagdet")
-
-
-def _environment() -> dict[str, str]:
-    """Of the launcher: it finds the simulator and, in a source tree, the message types."""
-    env = dict(os.environ)
-    root = installation.root()
-    own = [str(root / "sim"), str(root / "build" / "py")]
-    env["PYTHONPATH"] = os.pathsep.join([*own, *filter(None, [env.get("PYTHONPATH", "")])])
-    return env
 
 
 def read_json(path: Path) -> dict[str, Any]:

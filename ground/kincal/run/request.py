@@ -6,9 +6,9 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from kincal import installation
-from kincal.errors import BadInput
-from kincal.schema.scenario import read_scenario
+from kincal_shared import installation
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.scenario import read_scenario
 
 SCENARIOS = installation.root() / "sim" / "scenarios"
 

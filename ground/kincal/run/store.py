@@ -10,7 +10,7 @@ import struct
 import zlib
 from pathlib import Path
 
-from kincal.keys import counting
+from kincal_shared.keys import counting
 
 _MAGIC = b"KCS1"
 _HEADER = struct.Struct("<4sHxxQI")  # magic, kind, number, bytes of data; then the CRC of it all

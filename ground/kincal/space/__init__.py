@@ -5,7 +5,7 @@ From a description to a table: search (with samples, workers, checks, kinematics
 mjcf, error_sampling, metric, encoding). About a table: summary, explain, recheck, information, separability.
 Every check says why it fails by a kind of reasons.py."""
 
-from kincal.schema.space import Description, read_description
+from kincal_shared.schema.space import Description, read_description
 
 from .checks import Checks
 from .collision import CollisionModel, clear_of_contact

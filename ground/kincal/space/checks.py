@@ -10,7 +10,7 @@ import numpy as np
 
 from kincal.flight import library
 from kincal.rotations import Pose
-from kincal.schema.space import Description
+from kincal_shared.schema.space import Description
 
 from .arrays import Floats
 from .clearance import Clearance, errors_text

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kincal.schema.space import Description
+from kincal_shared.schema.space import Description
 
 from .arrays import Floats
 from .collision import CollisionModel

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.flight import library, tables
 from kincal.rotations import Pose
-from kincal.schema.space import Description, KeepOut, Shape
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_FIELDS
+from kincal_shared.schema.space import Description, KeepOut, Shape
 
 from .arrays import Floats
-from .error_sampling import DH_FIELDS
 from .table import SpaceTable, pack_direct
 
 if TYPE_CHECKING:

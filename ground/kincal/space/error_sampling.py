@@ -6,9 +6,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from kincal.schema.space import Description
-
-DH_FIELDS = ("phi_rad", "alpha_rad", "a_m", "d_m")
+from kincal_shared.schema.dh import DH_FIELDS
+from kincal_shared.schema.space import Description
 
 
 class Stream(IntEnum):

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.results import spans
+from kincal_shared.errors import BadInput
 
 from .arrays import Floats
 from .checks import Checks

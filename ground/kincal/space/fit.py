@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kincal.errors import BadInput
-from kincal.schema.space import Description
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_FIELDS
+from kincal_shared.schema.space import Description
 
 from .arrays import Floats
-from .error_sampling import DH_FIELDS
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcArm, KcCamera

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import linalg
 
-from kincal.errors import BadInput
 from kincal.flight import Arm, Model, Observations, Terms, library
+from kincal_shared.errors import BadInput
 
 from .arrays import Floats
 from .inputs import TablesFolder

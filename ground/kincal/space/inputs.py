@@ -6,8 +6,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kincal.errors import BadInput
 from kincal.flight.tables import decode_as
+from kincal_shared.errors import BadInput
 
 from .table import SpaceTable
 

@@ -10,7 +10,7 @@ from kincal.flight import Arm, library
 from kincal.flight.arm import with_dh_errors
 from kincal.flight.ik import Solver
 from kincal.rotations import Pose
-from kincal.schema.space import Description
+from kincal_shared.schema.space import Description
 
 from .arrays import Bools, Floats
 

@@ -13,11 +13,10 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.flight import library
-from kincal.schema.space import Description, KeepOut, Shape, Vec3
-
-from .error_sampling import DH_FIELDS
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_FIELDS
+from kincal_shared.schema.space import Description, KeepOut, Shape, Vec3
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcArm, KcCamera

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.rotations import Pose
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_FIELDS
 
 from .arrays import Ints
 from .checks import Checks
-from .error_sampling import DH_FIELDS
 from .metric import KernelMetric
 from .samples import check_row, segment_clear
 from .search import Progress, silent

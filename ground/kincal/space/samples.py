@@ -12,7 +12,7 @@ import numpy as np
 
 from kincal.flight import library
 from kincal.rotations import Pose, pose_difference
-from kincal.schema.space import Vec3
+from kincal_shared.schema.space import Vec3
 
 from .arrays import Floats
 from .checks import Checks

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kincal.errors import BadInput
 from kincal.flight import tables
 from kincal.flight.tables import decode_as
 from kincal.results import summed
 from kincal.rotations import Pose
-from kincal.schema.space import Description
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.dh import DH_FIELDS
+from kincal_shared.schema.space import Description
 
 from .arrays import Bools, Floats, Ints
 from .checks import Checks
 from .encoding import encode
-from .error_sampling import DH_FIELDS
 from .inputs import TablesFolder
 from .metric import KernelMetric, central, farthest_points
 from .samples import BLOCK, Box, Sample, detections, examine, segment_clear, verify

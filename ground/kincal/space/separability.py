@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kincal.flight import Arm
-from kincal.schema.arm import ArmTable, read_arm
-from kincal.workbench.data import Measurements
-from kincal.workbench.effects import Hypothesis, Library
-from kincal.workbench.fit import fit_model
-from kincal.workbench.hypotheses import merged
-from kincal.workbench.power import CONFOUNDED_CHI2, Confounding, confounding, harm
+from kincal.workbench.data.measurements import Measurements
+from kincal.workbench.fit.least_squares import fit_model
+from kincal.workbench.model.effects import Hypothesis, Library
+from kincal.workbench.model.hypotheses import merged
+from kincal.workbench.prediction.power import CONFOUNDED_CHI2, Confounding, confounding, harm
+from kincal_shared.schema.arm import ArmTable, read_arm
 
 from .arrays import Bools, Floats
 from .information import Noise

@@ -11,9 +11,9 @@ import numpy as np
 from kincal.flight import library
 from kincal.flight.tables import Image, decode_as
 from kincal.rotations import Pose
+from kincal_shared.schema.dh import DH_FIELDS
 
 from .arrays import Bools, Floats, Ints
-from .error_sampling import DH_FIELDS
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcSpace

@@ -9,7 +9,7 @@ import numpy as np
 
 from kincal.flight.camera import Aim, Camera
 from kincal.rotations import Pose
-from kincal.schema.space import Description
+from kincal_shared.schema.space import Description
 
 from .arrays import Bools, Floats, Ints
 from .reasons import Reason

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, BinaryIO, Concatenate, ParamSpec, TypeVar
 
-from kincal.errors import CommandFailed
 from kincal.flight import tables
+from kincal_shared.errors import CommandFailed
 
 from . import samples
 from .checks import Checks

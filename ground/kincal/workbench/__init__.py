@@ -1,19 +1,23 @@
 """The model workbench: compare a model with measurements, find the missing effect, add it, fly it."""
 
-from kincal.errors import BadInput, CannotAnswer
-from kincal.schema.arm import ArmTable, read_arm
+from kincal_shared.errors import BadInput, CannotAnswer
+from kincal_shared.schema.arm import ArmTable, read_arm
 
-from .additions import Addition, Additions, add_one, add_unnamed, add_unnamed_to
-from .api import FitResult, Found, advise, find_unnamed, fit, report_content
-from .compare import Comparison, compare
-from .constants import choose_constants
-from .curves import Curve, curves
-from .data import Measurements
+from .comparison.compare import Comparison, compare
+from .comparison.fitting import FitResult, fit
+from .data.measurements import Measurements
+from .data.readers import read_csv, read_measurements
 from .diagnosis import Diagnosis, diagnose
-from .effects import Effect, Hypothesis, Library
-from .modelfile import ModelFile, read_model, write_model
-from .readers import read_csv, read_measurements
-from .smooth import SmoothEffect, UnnamedName
+from .diagnosis.additions import Addition, Additions, add_one, add_unnamed, add_unnamed_to
+from .diagnosis.competing import advise
+from .diagnosis.unnamed_effects import Found, find_unnamed
+from .evidence.constants import choose_constants
+from .evidence.curves import Curve, curves
+from .evidence.smooth import SmoothEffect
+from .model.effects import Effect, Hypothesis, Library
+from .model.modelfile import ModelFile, read_model, write_model
+from .model.unnamed_names import UnnamedName
+from .report.content import report_content
 
 __all__ = [
     "Addition",

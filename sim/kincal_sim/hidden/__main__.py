@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arm import load_spec
+from ..mechanics.arm import load_spec
 from . import case, files, kinds
 from .seal import BrokenSeal, unseal
 from .spec import CaseSpec

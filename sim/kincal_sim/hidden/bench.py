@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arm import Arm, load_spec
-from ..effects import JointFunction
-from ..plant import Conditions, Effect, Plant
+from ..mechanics.arm import Arm, load_spec
+from ..mechanics.effects import JointFunction
+from ..mechanics.plant import Conditions, Effect, Plant
 from ..transforms import quaternion, trans
 from . import campaign, kinds, optics
 from .spec import CaseSpec

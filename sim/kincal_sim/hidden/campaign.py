@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arm import Arm
-from ..plant import Conditions
+from ..mechanics.arm import Arm
+from ..mechanics.plant import Conditions
 from . import optics
 
 SECONDS_PER_POSE = 60.0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..plant import Effect, turn
+from ..mechanics.plant import Effect, turn
 from ..transforms import transform
 from . import optics
 from .bench import NOISE, NOISES, Bench, Observation

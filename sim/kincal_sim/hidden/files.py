@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import tags
-from ..mjcf import GRAVITY_EARTH
-from ..plant import Conditions
+from ..mechanics.mjcf import GRAVITY_EARTH
+from ..mechanics.plant import Conditions
 from ..transforms import quaternion
+from ..vision import tags
 from . import kinds, optics
 from .bench import NOISE, Observation
 

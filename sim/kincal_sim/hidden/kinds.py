@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..effects import JointCompliance, JointFunction
-from ..plant import Effect
+from ..mechanics.effects import JointCompliance, JointFunction
+from ..mechanics.plant import Effect
 from . import mechanical_effects as mech
 from . import optical_effects as opt
 from .campaign import TEMP_MEAN_C

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..effects import spring_deflection
-from ..plant import Conditions, Effect, Loads, Offsets, turn
+from ..mechanics.effects import spring_deflection
+from ..mechanics.plant import Conditions, Effect, Loads, Offsets, turn
 from ..transforms import rotation_matrix, trans, transform
 
 HARDENING_NM = 60.0  # a cable spring deflects half as much at this torque

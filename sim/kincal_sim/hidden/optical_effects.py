@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..plant import Conditions, Effect, turn
+from ..mechanics.plant import Conditions, Effect, turn
 from ..transforms import transform
 from .optics import Optics, incidence_rad
 

@@ -11,17 +11,11 @@ import click
 from kincal.cli.data import Given, data_options
 from kincal.cli.options import PATH, tables_option
 from kincal.cli.outputs import FILE_OUT, FOLDER_OUT
-from kincal.errors import BadInput
 
-from .given import EFFECTS, JSON, MODEL_NEEDED, MODEL_WRITTEN, arm_of, load_model
+from .given import EFFECTS, JSON, MODEL_NEEDED, MODEL_WRITTEN
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from kincal.export.files import Format
-    from kincal.workbench.api import Found
-    from kincal.workbench.effects import Library
-    from kincal.workbench.modelfile import ModelFile
 
 
 @click.command("effects")
@@ -35,37 +29,13 @@ def effects_command(effect_files: tuple[Path, ...], as_json: bool) -> None:
         kincal model effects --effects my.toml
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.effects import Library
+    from kincal.workbench.model.effects import Library
 
     library = Library.load(*effect_files)
     if as_json:
         click.echo(json.dumps(text.effects_json(library), indent=1))
     else:
         click.echo(text.effects(library))
-
-
-def _check_names(library: Library, names: Sequence[str]) -> None:
-    """Every name is an effect of the library, with its constants; joints of an arm that is known are checked
-    later."""
-    from kincal.schema.arm import MAX_JOINTS
-    from kincal.schema.names import split_constants
-
-    for text in names:
-        name, constants = split_constants(text)
-        base, _, joint = name.partition("[")
-        if base not in library.effects:
-            near = [n for n in library.effects if n.startswith(base[:4])] or list(library.effects)
-            raise BadInput(f"no effect {base!r}; did you mean {', '.join(near[:6])}? (kincal model effects)")
-        inside = joint.rstrip("]")
-        if joint and not (
-            joint.endswith("]") and all(x.strip().isdigit() and int(x) > 0 for x in inside.split(","))
-        ):
-            raise BadInput(f"{name!r}: write {base}[2] for one joint, or {base} for all")
-        if any(int(x) > MAX_JOINTS for x in inside.split(",") if joint):
-            raise BadInput(f"{name!r}: an arm has up to {MAX_JOINTS} joints")
-        if joint and library.effects[base].per == "arm":
-            raise BadInput(f"{base} concerns the whole arm; leave [{inside}] out")
-        library.check_constants(base, constants)
 
 
 @click.command("add")
@@ -103,63 +73,18 @@ def add_command(
         kincal model add --model M.toml --arm arm.toml --data poses.csv "unnamed[joint 1: q1, q3]"
         kincal model add --model M.toml --arm arm.toml --data poses.csv unnamed
     """
-    from dataclasses import replace
-
-    from kincal.cli.text import model as text
-    from kincal.schema.arm import read_arm
-    from kincal.schema.names import UNNAMED, is_unnamed
-    from kincal.workbench.effects import Library
-    from kincal.workbench.modelfile import read_model, write_model
-    from kincal.workbench.smooth import UnnamedName
-
-    before = read_model(model_path, must_exist=False)
-    files = [model_path.parent / name for name in before.libraries] + list(effect_files)
-    library = Library.load(*files)
-    wanted = [str(UnnamedName.parse(name)) if is_unnamed(name) else name for name in names]
-    before.add([name for name in wanted if name != UNNAMED])  # said before the work is done
-    _check_names(library, [name for name in wanted if name != UNNAMED and not is_unnamed(name)])
-    if where := arm_path or (Path(before.arm) if before.arm else None):
-        from kincal.schema.names import split_constants
-
-        arm = read_arm(where)
-        for name in wanted:
-            library.check_joints(split_constants(name)[0], arm)
-    found = _found_in_data(before, library, arm_path, given, wanted)
-    for line in text.additions(found):
-        click.echo(line)
-    after = before.add(list(found.names)) if found.names else before
-    for addition in found.additions:
-        after = after.with_terms(addition.effect.entry())
-    new = [str(f.resolve()) for f in effect_files if str(f.resolve()) not in before.libraries]
-    write_model(model_path, replace(after, libraries=(*before.libraries, *new)))
-    click.echo(f"{model_path}: {text.names(after)}")
-
-
-def _found_in_data(
-    chosen: ModelFile,
-    library: Library,
-    arm_path: Path | None,
-    given: Given | None,
-    names: Sequence[str],
-) -> Found:
-    """Effects to add to a model, the unnamed ones among them with terms from the measurements."""
+    from kincal.api.models import add_effects
     from kincal.cli.terminal import progress
-    from kincal.schema.arm import read_arm
-    from kincal.schema.names import UNNAMED, is_unnamed
-    from kincal.workbench.api import Found, find_unnamed
+    from kincal.cli.text import model as text
+    from kincal.workbench.model.modelfile import write_model
 
-    unnamed = next((name for name in names if name == UNNAMED or is_unnamed(name)), None)
-    if unnamed is None:
-        return Found(tuple(names))
-    where = arm_path or (Path(chosen.arm) if chosen.arm else None)
-    if where is None or given is None:
-        raise BadInput(f"{unnamed}: its terms are chosen from measurements", todo="give --arm and --data")
-    arm = read_arm(where)
-    known = library.with_unnamed(chosen.unnamed.values())
+    read = given.read if given else None
     with progress() as tick:
-        return find_unnamed(
-            arm, given.read(arm), names, chosen.texts, library=known, dh=chosen.dh, progress=tick
-        )
+        added = add_effects(model_path, names, effect_files, arm_path, read, tick)
+    for line in text.additions(added.found):
+        click.echo(line)
+    write_model(model_path, added.model)
+    click.echo(f"{model_path}: {text.names(added.model)}")
 
 
 @click.command("remove")
@@ -173,7 +98,7 @@ def remove_command(model_path: Path, names: tuple[str, ...]) -> None:
         kincal model remove --model M.toml joint_compliance[2]
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.modelfile import read_model, write_model
+    from kincal.workbench.model.modelfile import read_model, write_model
 
     after = read_model(model_path).remove(list(names))
     write_model(model_path, after)
@@ -190,7 +115,7 @@ def undo_command(model_path: Path) -> None:
         kincal model undo --model M.toml
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.modelfile import read_model, write_model
+    from kincal.workbench.model.modelfile import read_model, write_model
 
     after = read_model(model_path).undo()
     write_model(model_path, after)
@@ -208,7 +133,7 @@ def list_command(model_path: Path, as_json: bool) -> None:
         kincal model list --model M.toml
     """
     from kincal.cli.text import model as text
-    from kincal.workbench.modelfile import read_model
+    from kincal.workbench.model.modelfile import read_model
 
     chosen = read_model(model_path)
     click.echo(json.dumps(text.contents_json(chosen), indent=1) if as_json else text.contents(chosen))
@@ -223,7 +148,7 @@ def history_command(model_path: Path) -> None:
     Example:
         kincal model history --model M.toml
     """
-    from kincal.workbench.modelfile import read_model
+    from kincal.workbench.model.modelfile import read_model
 
     for change in read_model(model_path).history:
         click.echo(f"{change.when}  {change.action:<7} {', '.join(change.effects)}")
@@ -289,32 +214,22 @@ def uplink_command(
         kincal model uplink --model M.toml --fly out/tables
         kincal model uplink --model M.toml --drop 'joint_ripple[5,6]' --data poses.csv
     """
+    from kincal.api.models import for_flight
     from kincal.cli.text import model as text
-    from kincal.flight.bounds import Flown
-    from kincal.schema.arm import read_arm
-    from kincal.workbench.belonging import refuse_model_of_other_arm
-    from kincal.workbench.constants import choose_constants
-    from kincal.workbench.nested import cost_without
-    from kincal.workbench.uplink import dropped, flight_tables, refuse_other_arm, term_image
+    from kincal.workbench.model.uplink import flight_tables
 
-    chosen, library = load_model(model_path, effect_files)
-    arm = read_arm(arm_of(chosen, model_path, arm_path))
-    refuse_model_of_other_arm(chosen, arm, str(model_path))
-    compared = refuse_other_arm(arm, tables_dir)
-    data = given.read(arm) if given else None
-    known = {} if data is not None else chosen.constants
-    effects = choose_constants(library, chosen.texts, arm, data, dh=chosen.dh, known=known)
-    left_out = dropped(effects, drop)
-    image = term_image(arm, [h for h in effects if h not in left_out], Flown.read(tables_dir), chosen)
+    read = given.read if given else None
+    made = for_flight(model_path, tables_dir, effect_files, arm_path, read, drop)
+    image = made.image
     out = out_path or model_path.with_suffix(".tbl")
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(image.data)
-    click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}; {compared}")
+    click.echo(f"{out}: correction terms, {len(image.data)} bytes, CRC {image.crc_text}; {made.compared}")
     click.echo(f"bounds inside what {tables_dir / 'space.tbl'} was verified for, and a tenth")
-    if left_out:
-        click.echo(f"left out: {', '.join(h.name for h in left_out)}")
-    if left_out and data is not None:
-        click.echo(text.cost(cost_without(arm, data, effects, left_out, dh=chosen.dh)))
+    if made.left_out:
+        click.echo(f"left out: {', '.join(h.name for h in made.left_out)}")
+    if (cost := made.cost()) is not None:
+        click.echo(text.cost(cost))
     if fly_dir:
         flight_tables(tables_dir, fly_dir, image)
         click.echo(f"{fly_dir}: tables to fly with")
@@ -351,9 +266,10 @@ def export_command(
         kincal model export --model M.toml --format dh -o calibrated.toml
         kincal model export --model M.toml --format c -o calibrated.c
     """
+    from kincal.api.models import arm_of, load_model
     from kincal.cli.text import model as text
     from kincal.export import calibrated_arm, export
-    from kincal.schema.arm import read_arm
+    from kincal_shared.schema.arm import read_arm
 
     chosen, library = load_model(model_path, effect_files)
     arm = read_arm(arm_of(chosen, model_path, arm_path))

@@ -9,13 +9,11 @@ import click
 
 from kincal.cli.data import Given, data_options
 from kincal.cli.outputs import FILE_OUT
-from kincal.errors import BadInput
 
 if TYPE_CHECKING:
-    from kincal.schema.arm import ArmTable
-    from kincal.workbench.data import Measurements
-    from kincal.workbench.effects import Library
-    from kincal.workbench.modelfile import ModelFile
+    from kincal.api.case import Case
+    from kincal.workbench.data.measurements import Measurements
+    from kincal_shared.schema.arm import ArmTable
 
 ARM = click.option(
     "--arm",
@@ -38,37 +36,16 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Machine-readable an
 
 def load(arm_path: Path, given: Given) -> tuple[ArmTable, Measurements]:
     """Arm and measurements."""
-    from kincal.schema.arm import read_arm
+    from kincal_shared.schema.arm import read_arm
 
     arm = read_arm(arm_path)
     return arm, given.checked(arm)
 
 
-def load_model(
-    model_path: Path | None,
-    effect_files: tuple[Path, ...],
-    arm: ArmTable | None = None,
-    *,
-    must_exist: bool = True,
-) -> tuple[ModelFile, Library]:
-    """Model file and the library with its own and the named effect files. BadInput if the model is of another
-    arm than `arm`, or absent and must_exist."""
-    from kincal.workbench.belonging import refuse_model_of_other_arm
-    from kincal.workbench.effects import Library
-    from kincal.workbench.modelfile import ModelFile, read_model
+def case_of(arm_path: Path, given: Given, model_path: Path | None, effect_files: tuple[Path, ...]) -> Case:
+    """Arm, measurements, and the model that is named, DH errors without one."""
+    from kincal.api.case import Case
+    from kincal.api.models import load_model
 
-    model = read_model(model_path, must_exist=must_exist) if model_path else ModelFile()
-    if arm is not None:
-        refuse_model_of_other_arm(model, arm, str(model_path))
-    base = model_path.parent if model_path else Path()
-    files = list(dict.fromkeys([*(base / name for name in model.libraries), *effect_files]))
-    return model, Library.load(*files).with_unnamed(model.unnamed.values())
-
-
-def arm_of(chosen: ModelFile, model_path: Path, arm_path: Path | None) -> Path:
-    """The arm table that was named, else the one that the model was fitted with."""
-    if arm_path is None and not chosen.arm:
-        raise BadInput(
-            f"{model_path} does not say which arm it is for; run `kincal model fit` first or give --arm"
-        )
-    return arm_path or Path(chosen.arm)
+    arm, data = load(arm_path, given)
+    return Case.of_model(arm, data, *load_model(model_path, effect_files, arm))

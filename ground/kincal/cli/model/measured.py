@@ -15,17 +15,14 @@ from kincal.cli.options import FILE, tables_option
 from kincal.cli.outputs import FILE_OUT, REPORT
 from kincal.cli.provenance import say_files, today
 from kincal.cli.terminal import progress
-from kincal.errors import BadInput
+from kincal_shared.errors import BadInput
 
-from .given import ARM, DATA, EFFECTS, JSON, MODEL, load, load_model
+from .given import ARM, DATA, EFFECTS, JSON, MODEL, case_of, load
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    from kincal.rotations import Floats
-    from kincal.schema.arm import ArmTable
-    from kincal.workbench.measurable import Box
-    from kincal.workbench.types import Mask
+    from kincal.workbench.prediction.measurable import Box
 
 
 @click.command("check")
@@ -42,8 +39,8 @@ def check_command(arm_path: Path, given: Given, as_json: bool) -> None:
         kincal model check --arm arm.toml --data poses.csv
     """
     from kincal.cli.text import check as text
-    from kincal.schema.arm import read_arm
-    from kincal.workbench.belonging import check
+    from kincal.workbench.consistency import check
+    from kincal_shared.schema.arm import read_arm
 
     arm = read_arm(arm_path)
     answer = check(arm, given.read(arm))
@@ -71,16 +68,12 @@ def compare_command(
     Example:
         kincal model compare --arm arm.toml --data poses.csv --json
     """
-    from kincal.workbench.answers import comparison_json, comparison_text
-    from kincal.workbench.beside import second_process
-    from kincal.workbench.compare import compare
-    from kincal.workbench.constants import choose_constants
+    from kincal.workbench.numerics.background import second_process
+    from kincal.workbench.report.answers import comparison_json, comparison_text
 
-    arm, data = load(arm_path, given)
-    chosen, library = load_model(model_path, effect_files, arm)
-    effects = choose_constants(library, chosen.texts, arm, data, dh=chosen.dh)
+    case = case_of(arm_path, given, model_path, effect_files)
     with second_process() as begin:
-        answer = compare(arm, data, effects, dh=chosen.dh, begin=begin)
+        answer = case.compare(begin)
         said = json.dumps(comparison_json(answer), indent=1) if as_json else comparison_text(answer)
     click.echo(said)
 
@@ -112,28 +105,17 @@ def diagnose_command(
     Example:
         kincal model diagnose --arm arm.toml --data poses.csv --report out/report.html
     """
-    from kincal.workbench.advice import Inputs, free_name, next_steps
-    from kincal.workbench.answers import diagnosis_json
-    from kincal.workbench.api import advise, report_content
-    from kincal.workbench.beside import second_process
-    from kincal.workbench.constants import choose_constants
-    from kincal.workbench.diagnosis import diagnose
-    from kincal.workbench.diagnosis_text import diagnosis_text
+    from kincal.workbench.numerics.background import second_process
+    from kincal.workbench.report.advice import Inputs, free_name, next_steps
+    from kincal.workbench.report.answers import diagnosis_json
+    from kincal.workbench.report.diagnosis_text import diagnosis_text
 
-    arm, data = load(arm_path, given)
-    chosen, library = load_model(model_path, effect_files, arm)
-    effects = choose_constants(library, chosen.texts, arm, data, dh=chosen.dh)
+    case = case_of(arm_path, given, model_path, effect_files)
     with second_process() as begin:
         with progress() as tick:
-            answer = diagnose(
-                arm, data, library, effects, given=chosen.texts, dh=chosen.dh, progress=tick, begin=begin
-            )
-            poses = advise(answer, library)
-            shown = (
-                report_content(answer, library, chosen.texts, poses, dh=chosen.dh, progress=tick)
-                if report_path
-                else None
-            )
+            answer = case.diagnose(tick, begin)
+            poses = case.advise(answer)
+            shown = case.report(answer, poses, tick) if report_path else None
         inputs = Inputs(
             str(arm_path),
             given.options(),
@@ -182,18 +164,19 @@ def fit_command(
         kincal model fit --arm arm.toml --data poses.csv --model M.toml
         kincal model fit --arm arm.toml --data poses.csv
     """
+    from kincal.api.case import Case
+    from kincal.api.models import load_model
     from kincal.cli.text import model as text
-    from kincal.workbench.answers import fit_json, fit_text
-    from kincal.workbench.api import fit
-    from kincal.workbench.beside import second_process
-    from kincal.workbench.fitrecord import fitted
-    from kincal.workbench.modelfile import write_model
+    from kincal.workbench.comparison.fitrecord import fitted
+    from kincal.workbench.model.modelfile import write_model
+    from kincal.workbench.numerics.background import second_process
+    from kincal.workbench.report.answers import fit_json, fit_text
 
     arm, data = load(arm_path, given)
     chosen, library = load_model(model_path, effect_files, arm, must_exist=False)
     with second_process() as begin:
         with progress() as tick:
-            result = fit(arm, data, chosen.texts, library=library, dh=chosen.dh, progress=tick, begin=begin)
+            result = Case.of_model(arm, data, chosen, library).fit(tick, begin)
         said = json.dumps(fit_json(result), indent=1) if as_json else fit_text(result)
     if model_path is not None:
         where = str(arm_path.resolve()) if arm_path.is_file() else str(arm_path)
@@ -267,48 +250,30 @@ def next_command(
         kincal model next --arm arm.toml --data poses.csv -o next.csv backlash[1] encoder_gain[1]
         kincal model next --arm wam --data p.csv --space tables/src/space.toml backlash[1] backlash[2]
     """
-    from kincal.workbench.answers import poses_json, poses_text
-    from kincal.workbench.constants import choose_constants
-    from kincal.workbench.fit import fit_model
-    from kincal.workbench.measurable import Limits
-    from kincal.workbench.nextposes import next_poses, poses_csv
+    from kincal.api.case import check_alternatives
+    from kincal.workbench.prediction.measurable import Limits
+    from kincal.workbench.prediction.nextposes import poses_csv
+    from kincal.workbench.report.answers import poses_json, poses_text
 
     boxes = _boxes("--inside", inside), _boxes("--outside", outside)
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise BadInput(f"{twice[0]} is given twice", todo="name two or more different effects")
+    check_alternatives(names)
+    case = case_of(arm_path, given, model_path, effect_files)
+    clear = None
+    if space_path:
+        from kincal.api.spaces import free_of_contact  # needs MuJoCo
 
-    arm, data = load(arm_path, given)
-    chosen, library = load_model(model_path, effect_files, arm)
-    limits = Limits(*boxes, _free_of_contact(space_path, tables_dir, arm) if space_path else None)
-    if len(names) < 2:
-        raise BadInput("name two or more alternative effects, for instance joint_compliance[2] base_flex")
-    alternatives = [
-        choose_constants(library, [name], arm, data, dh=chosen.dh, joined=True)[0] for name in names
-    ]
-    effects = choose_constants(library, chosen.texts, arm, data, dh=chosen.dh)
-    fit = fit_model(arm, data, effects, dh=chosen.dh)
-    poses = next_poses(fit, alternatives, count=count, limits=limits)
+        clear = free_of_contact(space_path, tables_dir, case.arm)
+    limits = Limits(*boxes, clear)
+    poses = case.separating_poses(names, count=count, limits=limits)
     if out_path is not None:
         out_path.write_text(poses_csv(poses), encoding="utf-8")
         click.echo(f"{out_path}: {len(poses)} poses", err=as_json)
     click.echo(json.dumps({"next_poses": poses_json(poses)}, indent=1) if as_json else poses_text(poses))
 
 
-def _free_of_contact(space_path: Path, tables_dir: Path, arm: ArmTable) -> Callable[[Floats], Mask]:
-    """Whether shapes of a search space stand clear at joints (N, n) to (N,). BadInput if the shapes are of
-    another arm."""
-    from kincal import space
-    from kincal.workbench.uplink import refuse_other_arm
-
-    tables = space.TablesFolder(tables_dir)
-    refuse_other_arm(arm, tables_dir)
-    description = space.read_description(space_path)
-    return space.clear_of_contact(description, tables)
-
-
 def _boxes(option: str, texts: Sequence[str]) -> tuple[Box, ...]:
     """Boxes of an option. BadInput names what is not six numbers."""
-    from kincal.workbench.measurable import BOX_TEXT, Box
+    from kincal.workbench.prediction.measurable import BOX_TEXT, Box
 
     def numbers(text: str) -> list[float]:
         try:

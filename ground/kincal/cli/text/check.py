@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from kincal.workbench.belonging import Check, Finding
+from kincal.workbench.consistency import Check, Finding
 
 _MOST_GAIN = 1e6  # JSON has no infinity
 

@@ -7,16 +7,16 @@ from math import isfinite
 from typing import Any
 
 from kincal.export import Exported
-from kincal.schema.model import FitEntry
-from kincal.schema.terms import TermEntry
-from kincal.workbench import explain
-from kincal.workbench.additions import Addition
-from kincal.workbench.api import Found
-from kincal.workbench.effects import Effect, Library
-from kincal.workbench.hypotheses import covers
-from kincal.workbench.modelfile import ModelFile
-from kincal.workbench.nested import EffectGain
-from kincal.workbench.parameters import BETA
+from kincal.workbench.diagnosis.additions import Addition
+from kincal.workbench.diagnosis.unnamed_effects import Found
+from kincal.workbench.model.effects import Effect, Library
+from kincal.workbench.model.hypotheses import covers
+from kincal.workbench.model.modelfile import ModelFile
+from kincal.workbench.model.parameters import BETA
+from kincal.workbench.prediction.nested import EffectGain
+from kincal.workbench.report import explain
+from kincal_shared.schema.model import FitEntry
+from kincal_shared.schema.terms import TermEntry
 
 _INSTANCES = {"joint": "[j]", "pair": "[i,j]"}
 _SHOWN = ("name", "unit", "sigma", "image")  # of a parameter

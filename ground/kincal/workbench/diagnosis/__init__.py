@@ -12,15 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from kincal.schema.arm import ArmTable
+from kincal_shared.schema.arm import ArmTable
 
-from ..advised import advised, texts_of
-from ..beside import Begin, when_asked
-from ..compare import choose_split, compare
-from ..data import Measurements
-from ..effects import Hypothesis, Library
-from ..thinning import MANY, part_of
-from ..types import Progress, no_progress
+from ..comparison.compare import compare
+from ..data.measurements import Measurements
+from ..data.split import choose_split
+from ..fit.thinning import MANY, part_of
+from ..model.effects import Hypothesis, Library
+from ..numerics.background import Begin, when_asked
+from ..numerics.types import Progress, no_progress
+from .advised import advised, texts_of
 from .findings import Diagnosis, EffectFinding, ParameterValue, Remainder, UnnamedFinding, conclude, promising
 from .guard import never_worse
 from .heldout import HeldGain

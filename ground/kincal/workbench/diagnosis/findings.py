@@ -8,29 +8,30 @@ from typing import Literal
 
 import numpy as np
 
-from kincal.errors import CannotAnswer
-from kincal.schema.names import is_unnamed
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.names import is_unnamed
 
-from ..adequacy import (
+from ..comparison.compare import Comparison
+from ..evidence.adequacy import (
     NoiseFloor,
     Where,
     lack_of_fit,
     noise_floor,
     where_it_fails,
 )
-from ..advised import NOTHING_ADVISED, Advised
-from ..compare import Comparison
-from ..curves import Curve, curves
-from ..effects import Hypothesis
-from ..evidence import LAMBDAS
-from ..fit import Fit
-from ..hypotheses import Untestable, effect_of, place_of
-from ..nested import HELD_OUT
-from ..power import CONFOUNDED_CHI2
-from ..scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
-from ..smooth import UnnamedName, smooth_effect
-from ..types import Array, array
-from ..unnamed import Cell
+from ..evidence.bayes_factors import LAMBDAS
+from ..evidence.curves import Curve, curves
+from ..evidence.scoring import Scored, Scorer, bulk_weights, family_p, scaled_p
+from ..evidence.smooth import smooth_effect
+from ..evidence.unnamed import Cell
+from ..fit.least_squares import Fit
+from ..model.effects import Hypothesis
+from ..model.hypotheses import Untestable, effect_of, place_of
+from ..model.unnamed_names import UnnamedName
+from ..numerics.types import Array, array
+from ..prediction.nested import HELD_OUT
+from ..prediction.power import CONFOUNDED_CHI2
+from .advised import NOTHING_ADVISED, Advised
 from .heldout import NO_HELD_OUT, HeldGain
 from .identity import Left
 from .posterior import ABSORBED, NONE, UNNAMED, Posterior

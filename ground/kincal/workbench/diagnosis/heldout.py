@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..gain import held_ratio
-from ..types import Array, Mask
+from ..numerics.types import Array, Mask
+from ..prediction.gain import held_ratio
 
 FEW_HELD = 20  # held-out poses; an interval from fewer says nothing, so that all poses take turns
 _GROSS = 10.0  # median errors

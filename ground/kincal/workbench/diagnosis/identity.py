@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kincal.schema.terms import ONE
+from kincal_shared.schema.terms import ONE
 
-from ..adequacy import STRUCTURE_P, Where, explained, structure
-from ..effects import Hypothesis
-from ..fit import Fit
-from ..places import all_places
+from ..evidence.adequacy import STRUCTURE_P, Where, explained, structure
+from ..fit.least_squares import Fit
+from ..model.effects import Hypothesis
+from ..model.places import all_places
 
 NAMED_RIGHT = 0.9
 """How often names were right that the blind bench stated with 0.80 to 0.95, most of them in models that left

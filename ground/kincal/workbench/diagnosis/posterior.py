@@ -9,11 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..effects import Hypothesis
-from ..evidence import softmax
-from ..hypotheses import PRIOR_NONE, PRIOR_UNNAMED, Candidate, covers, effect_of
-from ..scoring import Scored, Scorer, unexplained
-from ..unnamed import Cell
+from ..evidence.bayes_factors import softmax
+from ..evidence.scoring import Scored, Scorer, unexplained
+from ..evidence.unnamed import Cell
+from ..model.effects import Hypothesis
+from ..model.hypotheses import PRIOR_NONE, PRIOR_UNNAMED, Candidate, covers, effect_of
 
 NONE, UNNAMED = "none", "novel"  # names in `probability` beside those of effects
 ACCEPT_ODDS = 9.0

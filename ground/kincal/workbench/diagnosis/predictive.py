@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..columns import Columns
-from ..crossval import cross_validate
-from ..effects import Hypothesis
+from ..fit.columns import Columns
+from ..model.effects import Hypothesis
+from ..prediction.crossval import cross_validate
 from .posterior import ACCEPT_ODDS
 from .study import Model, Study
 

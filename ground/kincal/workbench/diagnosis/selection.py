@@ -12,7 +12,7 @@ from itertools import islice
 
 import numpy as np
 
-from ..effects import Hypothesis
+from ..model.effects import Hypothesis
 from .guard import without_doubtful
 from .posterior import ACCEPT_ODDS, Posterior
 from .predictive import helpful

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from ..effects import Hypothesis
+from ..model.effects import Hypothesis
 from .posterior import Posterior
 from .study import Model
 

@@ -8,19 +8,20 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..adequacy import ADEQUATE_P, lack_of_fit, noise_floor
-from ..compare import Comparison, PosRot, Split
-from ..crossval import folds, predicted
-from ..data import Measurements
-from ..effects import Hypothesis, Library
-from ..fit import Fit, fit_model, rms
-from ..grids import finer
-from ..hypotheses import Competition, merged_if_several
-from ..model import room_for
-from ..nested import Block, blocks
-from ..scoring import Scorer, robust_weights
-from ..thinning import MANY, part_of
-from ..types import Array, array
+from ..comparison.compare import Comparison, PosRot
+from ..data.measurements import Measurements
+from ..data.split import Split
+from ..evidence.adequacy import ADEQUATE_P, lack_of_fit, noise_floor
+from ..evidence.scoring import Scorer, robust_weights
+from ..fit.least_squares import Fit, fit_model, rms
+from ..fit.thinning import MANY, part_of
+from ..model.effects import Hypothesis, Library
+from ..model.flight_model import room_for
+from ..model.grids import finer
+from ..model.hypotheses import Competition, merged_if_several
+from ..numerics.types import Array, array
+from ..prediction.crossval import folds, predicted
+from ..prediction.nested import Block, blocks
 from .heldout import FEW_HELD, NO_HELD_OUT, HeldGain
 from .posterior import Posterior
 from .subsets import fewest_joints, joints_with

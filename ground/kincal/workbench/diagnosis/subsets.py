@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..effects import Hypothesis
-from ..hypotheses import at_joints, joints_of
-from ..scoring import Scorer
+from ..evidence.scoring import Scorer
+from ..model.effects import Hypothesis
+from ..model.hypotheses import at_joints, joints_of
 
 _LN_NEEDED = 1.0  # ln Bayes factor that a joint has to be worth to stay: below it is not worth a mention
 

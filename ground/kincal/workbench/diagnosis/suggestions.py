@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from kincal.errors import BadInput
-from kincal.schema.terms import ONE, Basis, parse_basis
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.terms import ONE, Basis, parse_basis
 
-from ..effects import Term
-from ..places import ErrorPlace, all_places
-from ..scoring import Scorer
-from ..unnamed import Cell
+from ..evidence.scoring import Scorer
+from ..evidence.unnamed import Cell
+from ..model.effects import Term
+from ..model.places import ErrorPlace, all_places
 
 _COUNT = 3
 _SIGMA = 1e-3  # [rad or m] size at which the bases are compared

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 from scipy.special import stdtr
 
-from ..gain import held_ratio, much_worse
-from ..types import Array, array
+from ..numerics.types import Array, array
+from ..prediction.gain import held_ratio, much_worse
 from .heldout import gross
 
 _HARM, _HARM_ROTATION = 1.02, 1.1  # growth of an error that is harm

@@ -1,0 +1,1 @@
+"""A model beside measurements, and the record of a fit for the model file."""

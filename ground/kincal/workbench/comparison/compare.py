@@ -1,0 +1,241 @@
+"""Does the model explain the data, and if not, where does it fail?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from kincal_shared.errors import BadInput, CannotAnswer
+from kincal_shared.schema.arm import ArmTable
+
+from ..consistency import Check, check
+from ..data.measurements import Measurements
+from ..data.split import Split, choose_split
+from ..evidence.adequacy import (
+    NoiseFloor,
+    Outliers,
+    Where,
+    WorstPose,
+    explained,
+    find_outliers,
+    lack_of_fit,
+    noise_floor,
+    structure,
+    where_it_fails,
+    worst_poses,
+)
+from ..fit.identifiability import Axis, Identifiability, identifiability, residual_axes
+from ..fit.least_squares import Fit, find_frames, fit_model, rms
+from ..model.effects import Hypothesis
+from ..model.parameters import given_no_beta, is_beta
+from ..numerics.background import Begin, when_asked
+from ..prediction.reachable import Reachable, reachable
+
+_MIN_POSES = 4
+_MIN_DOF = 1.5
+_MIN_RANK_SHARE = 1.0 / 3.0  # of the coefficients; seven joints that move freely give 28 of 28
+_STILL = 0.02  # [rad or m], a joint that moves less stands still
+
+PosRot = tuple[float, float | None]
+"""RMS position [m] and rotation [rad], None without rotations."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model beside measurements.
+
+    arm, source: names of the arm and of the data; poses, components: N and c (6, or 3 for positions only);
+    data: all poses; held_data: the held-out ones, None if there are none; skipped: malformed rows left out;
+    rms: "nominal", "fit" and "held" errors; chi2_per_dof: of all poses, in units of the stated noise;
+    p_lack_of_fit: of the size of the leftover, None where nothing says how large the noise is;
+    p_structure: that it follows some recorded variable somewhere, over all variables;
+    still_joints: joints (from 1) that the poses do not move; fit_all: fitted to every pose (to the fit
+    poses if the file keeps some back); fit_part: fitted to the fit poses; black_box: gives `reachable`.
+    """
+
+    arm: str
+    source: str
+    poses: int
+    components: int
+    split: Split
+    data: Measurements
+    held_data: Measurements | None
+    skipped: int
+    noise_floor: NoiseFloor
+    rms: dict[str, PosRot]
+    chi2_per_dof: float
+    p_lack_of_fit: float | None
+    p_structure: float
+    adequate: bool
+    worst_poses: tuple[WorstPose, ...]
+    where: tuple[Where, ...]
+    outliers: Outliers
+    still_joints: tuple[int, ...]
+    fit_all: Fit
+    fit_part: Fit
+    black_box: Callable[[], Reachable | None] = field(repr=False)
+
+    @cached_property
+    def identifiability(self) -> Identifiability:
+        """What all poses together determine of the model's coefficients."""
+        return identifiability(self.fit_all)
+
+    @cached_property
+    def errors(self) -> dict[str, PosRot]:
+        """Errors of the "nominal" arm, after "DH" calibration alone and of its "model" with effects (if it
+        has some), on the held-out poses; on the fitted ones where none are held out."""
+        part = self.fit_part
+        arm, frames = part.arm, (part.base, part.tool)
+        fits = {"nominal": fit_model(arm, part.data, dh=False, frames=frames)}
+        dh = any(name.startswith("J1.") for name in part.names)
+        if dh:
+            fits["DH"] = fit_model(arm, part.data, frames=frames) if part.hypotheses else part
+        if part.hypotheses or not dh:
+            fits["model"] = part
+        held = self.held_data
+        return {
+            name: rms(fit.evaluation.r if held is None else fit.predict(held)) for name, fit in fits.items()
+        }
+
+    @cached_property
+    def table_error(self) -> PosRot | None:
+        """Error on the held-out poses of what a DH table holds of a calibration without effects, where that
+        is less than all of it: no turns between parallel axes. None otherwise, or if no poses are held
+        out."""
+        part = self.fit_part
+        if self.held_data is None or part.hypotheses or not any(map(is_beta, part.names)):
+            return None
+        table = replace(part, estimate=given_no_beta(part.names, part.estimate, part.cov))
+        return rms(table.predict(self.held_data))
+
+    @cached_property
+    def consistency(self) -> Check:
+        """Whether arm table and measurements belong together; computed when first asked for."""
+        return check(self.fit_all.arm, self.data, thorough=False)
+
+    @cached_property
+    def residual_axes(self) -> dict[str, tuple[Axis, ...]]:
+        """Residuals by axis of the "fit" and of the "held" poses."""
+        held = () if self.held_data is None else residual_axes(self.fit_part.predict(self.held_data))
+        return {"fit": residual_axes(self.fit_part.evaluation.r), "held": held}
+
+    @cached_property
+    def reachable(self) -> Reachable | None:
+        """What a black box predicts of the held-out error (half a second of work for 100 poses); None where
+        no poses are held out."""
+        return self.black_box()
+
+
+def compare(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis] = (),
+    *,
+    dh: bool = True,
+    begin: Begin = when_asked,
+) -> Comparison:
+    """Robust fit on the fit poses, its error on the held-out ones, lack of fit, and where it fails.
+
+    hypotheses: effects in the model; dh: DH errors too; begin: how the work for `reachable` begins. BadInput
+    if the units look wrong; CannotAnswer if the poses are too few or too similar.
+    """
+    check_units(arm, data)
+    split = choose_split(data)
+    part = data.take(split.fit)
+    _check_number(part)
+    frames = find_frames(arm, part)
+    fit_part = fit_model(arm, part, hypotheses, dh=dh, frames=frames)
+    _check_design(fit_part, dh)
+    black_box = begin(partial(reachable, fit_part, data, split.fit, split.held))
+    # the whole model is tested on every pose unless the file keeps some back
+    fit_all = fit_part if split.given else fit_model(arm, data, hypotheses, dh=dh, frames=frames)
+    held = data.take(split.held) if len(split.held) else None
+    floor, where = noise_floor(fit_all), where_it_fails(fit_all)
+    p_lack, p_structure = lack_of_fit(fit_all, floor), structure(where)
+    return Comparison(
+        arm=arm.name,
+        source=data.source,
+        poses=data.n,
+        components=data.components,
+        split=split,
+        data=data,
+        held_data=held,
+        skipped=len(data.skipped),
+        noise_floor=floor,
+        rms={
+            "nominal": rms(fit_model(arm, part, dh=False, frames=frames).evaluation.r),
+            "fit": rms(fit_part.evaluation.r),
+            "held": rms(fit_part.predict(held)) if held is not None else (float("nan"), None),
+        },
+        chi2_per_dof=fit_all.scale**2,
+        p_lack_of_fit=p_lack,
+        p_structure=p_structure,
+        adequate=explained(p_lack, p_structure),
+        worst_poses=worst_poses(fit_all),
+        where=where,
+        outliers=find_outliers(fit_all),
+        still_joints=still_joints(data),
+        fit_all=fit_all,
+        fit_part=fit_part,
+        black_box=black_box,
+    )
+
+
+def still_joints(data: Measurements) -> tuple[int, ...]:
+    """Joints (from 1) that the poses do not move: nothing about them can be estimated."""
+    return tuple(int(j) + 1 for j in np.flatnonzero(np.ptp(data.q, axis=0) < _STILL))
+
+
+def check_units(arm: ArmTable, data: Measurements) -> None:
+    """BadInput where joint angles look like degrees or positions like millimetres."""
+    found = [*_degrees(arm, data), *_millimetres(arm, data)]
+    if found:
+        raise BadInput(f"{data.source}: " + "; ".join(found))
+
+
+def _degrees(arm: ArmTable, data: Measurements) -> list[str]:
+    limits = np.array([[joint.q_min, joint.q_max] for joint in arm.joints])
+    turning = np.array([not joint.prismatic for joint in arm.joints])
+    out = (data.q < limits[:, 0] - 0.1) | (data.q > limits[:, 1] + 0.1)
+    if not turning.any() or np.abs(data.q[:, turning]).max() <= 2.2 * np.pi or out.mean() <= 0.2:
+        return []
+    return [
+        f"joint angles reach {np.abs(data.q[:, turning]).max():.1f}: they look like degrees; "
+        "q1..qN must be radians (multiply by pi/180)"
+    ]
+
+
+def _millimetres(arm: ArmTable, data: Measurements) -> list[str]:
+    reach = sum(abs(j.a_m) + abs(j.d_m) for j in arm.joints) + np.linalg.norm(arm.tool.xyz_m)
+    spread = float(np.linalg.norm(data.p_m - data.p_m.mean(axis=0), axis=1).max())
+    if reach <= 0 or spread <= 20.0 * reach:
+        return []
+    return [
+        f"positions spread over {spread:.0f}, the arm reaches about {reach:.1f} m: they look like "
+        "millimetres; px,py,pz must be metres"
+    ]
+
+
+def _check_number(part: Measurements) -> None:
+    different = part.n if part.replicate is None else len(np.unique(part.replicate))
+    if different < _MIN_POSES:
+        raise CannotAnswer(
+            f"{part.source}: {different} different poses to fit; at least {_MIN_POSES} are needed"
+        )
+
+
+def _check_design(fit: Fit, dh: bool) -> None:
+    """CannotAnswer where the poses leave nothing to test the model with, or do not determine it."""
+    if fit.dof < _MIN_DOF:
+        raise CannotAnswer(
+            f"{fit.data.source}: {fit.data.n} poses leave no degree of freedom beside the "
+            f"{len(fit.names)} coefficients; measure more poses"
+        )
+    if dh and fit.rank < _MIN_RANK_SHARE * len(fit.names):
+        raise CannotAnswer(
+            f"{fit.data.source}: singular design: the poses determine {fit.rank} of {len(fit.names)} "
+            "directions of the model; move more joints, and farther"
+        )

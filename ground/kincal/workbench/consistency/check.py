@@ -1,0 +1,213 @@
+"""The check: what was recorded, then whether the arm and the poses belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from kincal_shared.errors import BadInput, CannotAnswer
+from kincal_shared.schema.arm import ArmTable
+
+from ..data.measurements import Measurements
+from ..fit.least_squares import Fit, fit_model, rms
+from ..numerics.types import Array, Mask
+from .findings import Finding
+from .misfit import LEAST_POSES, misfit_of, rms_of_most
+from .reading import Reading
+from .recorded import of_data
+from .search import FOUND, GOOD_MISFIT, Search, changed, without
+from .sentences import READINGS, misread, signs
+
+_MOST_MISFIT = 0.05  # of the motion, left by a fit of all DH errors: the poses are not of this arm
+_LARGE = {"rad": 0.1, "m": 0.05}  # a DH correction that is large for the arm that the table describes
+_MOST_LARGE = 6.0  # of all DH corrections together (root of the sum of squares), as multiples of these
+_DETERMINED = 0.3  # standard error, as such a multiple, below which the data speak of a coefficient
+_POSES = 150  # enough for a DH fit
+_GROSS = 10.0  # median errors, beyond which (and beyond a good misfit) a pose is off
+_MANY_OFF, _MOST_OFF = 0.05, 0.45  # share of the poses: more are no chance; the bulk does not follow the arm
+_NAMED = 12  # of them in a sentence
+
+
+@dataclass(frozen=True)
+class Check:
+    """Whether an arm table and measurements belong together.
+
+    arm, source, poses: names of both, and how many poses there are; misfit: share of the measured motion that
+    the nominal arm leaves after its frames and joint offsets are fitted, None where there are too few poses
+    to say; findings: worst first.
+    """
+
+    arm: str
+    source: str
+    poses: int
+    misfit: float | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Nothing has to be put right."""
+        return all(finding.severity == "note" for finding in self.findings)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against it, in words."""
+        return tuple(finding.text for finding in self.findings if finding.severity != "note")
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """Findings that make every answer wrong."""
+        return tuple(finding for finding in self.findings if finding.severity == "error")
+
+
+def check(arm: ArmTable, data: Measurements, *, thorough: bool = True) -> Check:
+    """Look at everything that is recorded, and for a misreading of the files that explains the poses better.
+
+    thorough: also where the arm explains the poses well as it is, so that a mistake about a joint that hardly
+    moves is found too. The answer for the same two objects is remembered: a command asks before it computes,
+    and its answer shows it.
+    """
+    return _check(arm, data, thorough)
+
+
+@lru_cache(maxsize=4)
+def _check(arm: ArmTable, data: Measurements, thorough: bool) -> Check:
+    found, left = list(of_data(arm, data)), None
+    if data.n >= LEAST_POSES:
+        search = Search(arm, data, thorough)
+        left = search.misfit(search.given)
+        if thorough or left > GOOD_MISFIT:
+            found += _of_fit(search)
+    else:
+        found.append(_too_few(data))
+    if any(finding.why.startswith(READINGS) for finding in found):
+        found = [finding for finding in found if finding.code != "outside_limits"]  # which that explains
+    return Check(arm.name, data.source, data.n, _finite(left), tuple(sorted(found, key=_rank)))
+
+
+def refuse(answer: Check, arm: ArmTable, todo: str) -> None:
+    """BadInput if a finding makes every answer wrong; todo: what to do beside the fixes."""
+    if answer.errors:
+        raise BadInput(
+            "the arm table and the measurements do not belong together:\n    "
+            + "\n    ".join(finding.text for finding in answer.errors),
+            f"{arm.source or arm.name}, {answer.source}",
+            todo,
+        )
+
+
+def _too_few(data: Measurements) -> Finding:
+    why = f"{data.n} poses are too few to tell whether the arm explains them; {LEAST_POSES} are needed"
+    return Finding("few_poses", why, "measure more poses", severity="warning")
+
+
+def _rank(finding: Finding) -> tuple[int, float]:
+    return ("error", "warning", "note").index(finding.severity), -finding.gain
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and np.isfinite(value) else None
+
+
+def _of_fit(search: Search) -> Iterator[Finding]:
+    """The misreading that explains the poses, or that the arm table is not of this arm."""
+    best = search.best()
+    if changed(best) and search.misfit(best) * FOUND <= search.misfit(search.given):
+        for kind in changed(best):
+            gain = search.misfit(without(best, kind)) / search.misfit(best)
+            found = misread(best, kind, gain, search.arm, search.shipped)
+            yield _or_signs(found, search, best) if kind == "mirror" else found
+    else:
+        yield from _wrong_arm(search)
+
+
+def _or_signs(found: Finding, search: Search, mirrored: Reading) -> Finding:
+    """The finding of a mirror, with the joints that would look the same if they counted the other way."""
+    other = search.alike(mirrored)
+    if other is None:
+        return found
+    return replace(found, fix=f"{found.fix}; or change the sign of {signs(other)}, which looks the same")
+
+
+def _wrong_arm(search: Search) -> Iterator[Finding]:
+    """What a fit of all DH errors says of an arm table that no simple change makes right, and of poses that
+    are far off although the others are explained."""
+    fit = _calibrated(search)
+    left = misfit_of(fit, search.data) if fit is not None else np.ones(search.data.n)
+    off = (left > GOOD_MISFIT) & (left > _GROSS * np.median(left))
+    explained = fit is not None and rms_of_most(left[~off]) < _MOST_MISFIT
+    if fit is None or not explained or off.mean() > _MOST_OFF:
+        rest = f"{rms_of_most(left):.0%}" if fit is not None else "most"
+        yield Finding(
+            "wrong_arm",
+            f"even with all DH errors fitted, {rest} of the measured motion is left unexplained: the arm "
+            "table is of another arm, or the poses do not belong to these readings (no other units, orders, "
+            "signs or axes of joints, positions and orientations explain it)",
+            "check the DH table against the data sheet, and that each row holds the pose of its own readings",
+        )
+        return
+    if off.any():
+        yield _outliers(fit, search.data, off)
+    names, sizes = _sizes(fit)
+    total = float(np.linalg.norm(sizes))
+    if total > _MOST_LARGE:
+        yield Finding(
+            "wrong_arm",
+            f"the DH corrections together come to {total:.1f} times {_LARGE['rad']:g} rad or "
+            f"{1e3 * _LARGE['m']:.0f} mm ({_largest(fit, names, sizes)}): "
+            "that is a wrong arm table, not a correction",
+            "check the DH table against the data sheet",
+            search.misfit(search.given) / rms_of_most(left),
+        )
+
+
+def _calibrated(search: Search) -> Fit | None:
+    """A fit of all DH errors; None where there is none."""
+    data = search.data
+    rows = np.linspace(0, data.n - 1, min(data.n, _POSES)).astype(int)
+    try:
+        with np.errstate(all="ignore"):
+            fit = fit_model(search.arm, data.take(rows))
+    except (CannotAnswer, ValueError, np.linalg.LinAlgError):
+        return None
+    return fit if np.isfinite(fit.estimate).all() else None
+
+
+def _outliers(fit: Fit, data: Measurements, off: Mask) -> Finding:
+    """Poses that are far off; that many are no chance."""
+    r, names = fit.predict(data), tuple(name for name, out in zip(data.ids, off, strict=True) if out)
+    shown = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+    many = off.mean() >= _MANY_OFF
+    return Finding(
+        "outliers",
+        f"{len(names)} of {data.n} poses are off by {_size(r[off])} (RMS), the others by {_size(r[~off])}: "
+        f"{shown}",
+        "find out what is wrong with them (target moved or mistaken, rows of another arm, pose before the "
+        f"arm stood still), mend them or leave them out: --exclude {','.join(names)}",
+        severity="warning" if many else "note",
+        poses=names,
+    )
+
+
+def _size(r: Array) -> str:
+    position, rotation = rms(r)
+    return f"{position * 1e3:.1f} mm" + ("" if rotation is None else f", {rotation * 1e3:.1f} mrad")
+
+
+def _sizes(fit: Fit) -> tuple[Sequence[str], np.ndarray]:
+    """DH corrections that the data determine, as multiples of `_LARGE`; joint offsets may be large."""
+    large = np.array([_LARGE.get(parameter.unit, np.inf) for parameter in fit.parameters])
+    chosen = [
+        k
+        for k, name in enumerate(fit.names)
+        if name.startswith("J") and not name.endswith("phi_rad") and fit.std_err[k] < _DETERMINED * large[k]
+    ]
+    return [fit.names[k] for k in chosen], (fit.estimate / large)[chosen]
+
+
+def _largest(fit: Fit, names: Sequence[str], sizes: np.ndarray) -> str:
+    values = dict(zip(fit.names, fit.estimate, strict=True))
+    worst = [names[k] for k in np.argsort(-np.abs(sizes))[:3]]
+    return ", ".join(f"{name} {values[name]:+.3g}" for name in worst)

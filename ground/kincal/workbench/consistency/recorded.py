@@ -1,0 +1,148 @@
+"""What can be said of measurements without a fit: rows, limits, units, joints that stand still."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from kincal_shared.schema.arm import ArmTable
+
+from ..data.measurements import Measurements
+from .findings import Finding
+
+STILL = 0.02  # [rad or m], a joint that moves less stands still
+_LIMIT_TOLERANCE = 0.01  # [rad or m] beyond a limit that is not worth a word
+_DOUBLED = 0.4  # share of repeated rows that makes a file doubled
+_ONE_POSE = 3  # poses up to which repeated rows are too little data rather than a file given twice
+_MOST_LIMIT = 4.0 * math.pi + 0.1  # [rad], beyond any turning joint's
+_MOST_REACH_M = 20.0
+_MOST_NOISE = 0.2  # of the spread of the poses, beyond which stated noise is in another unit
+_CONSTANTS = ("dir", "temp_c", "payload_kg", "range_m", "incid_rad")
+
+
+def of_data(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
+    """Everything that is odd in what was recorded."""
+    yield from _duplicates(data)
+    yield from _frozen(data)
+    yield from _limits_in_degrees(arm)
+    yield from _arm_in_millimetres(arm)
+    yield from _noise_in_millimetres(data)
+    yield from _outside_limits(arm, data)
+    yield from _still(data)
+    yield from _constant(data)
+    if data.unknown_columns:
+        why = f"nothing reads the columns {', '.join(data.unknown_columns)}"
+        yield Finding("unknown_columns", why, "say what they are with --column or --map", severity="note")
+
+
+def _duplicates(data: Measurements) -> Iterator[Finding]:
+    if not data.duplicates:
+        return
+    rows = data.n + data.duplicates
+    doubled = data.duplicates >= _DOUBLED * rows and data.n > _ONE_POSE
+    yield Finding(
+        "duplicates",
+        f"{data.duplicates} of {rows} rows repeat another row to the last digit; they were left out: a copy "
+        "is no replicate, which is approached and measured anew",
+        "the file looks doubled; give every row once" if doubled else "give every row once",
+        severity="error" if doubled else "warning",
+    )
+
+
+def _frozen(data: Measurements) -> Iterator[Finding]:
+    """Bit-equal poses at readings that differ, several times in a row."""
+    same = ~np.diff(data.p_m, axis=0).any(axis=1) & (np.abs(np.diff(data.q, axis=0)).max(axis=1) > STILL)
+    runs = same[1:] & same[:-1]
+    if runs.any():
+        where = data.ids[int(np.flatnonzero(runs)[0])]
+        yield Finding(
+            "frozen",
+            f"from pose {where} on the measured position is the same to the last digit while joints move",
+            "take out the rows in which the sensor did not follow",
+            severity="warning",
+        )
+
+
+def _limits_in_degrees(arm: ArmTable) -> Iterator[Finding]:
+    for number, joint in enumerate(arm.joints, 1):
+        most = max(abs(joint.q_min), abs(joint.q_max))
+        if not joint.prismatic and most > _MOST_LIMIT:
+            yield Finding(
+                "degrees",
+                f"the arm table has a limit of joint {number} at {most:g}, which looks like degrees",
+                f"write radians: {most:g} degrees are {math.radians(most):.6g}",
+            )
+            return
+
+
+def _arm_in_millimetres(arm: ArmTable) -> Iterator[Finding]:
+    reach_m = sum(abs(joint.a_m) + abs(joint.d_m) for joint in arm.joints)
+    if reach_m > _MOST_REACH_M:
+        yield Finding(
+            "millimetres",
+            f"the links of the arm table add up to {reach_m:.4g} m, which looks like millimetres",
+            "write a_m and d_m in metres",
+        )
+
+
+def _noise_in_millimetres(data: Measurements) -> Iterator[Finding]:
+    if data.cov is None:
+        return
+    sigma_m = float(np.sqrt(np.median(np.einsum("nii->n", data.cov[:, :3, :3]) / 3.0)))
+    spread_m = float(np.linalg.norm(data.p_m.std(axis=0)))
+    if sigma_m > _MOST_NOISE * spread_m > 0.0:
+        yield Finding(
+            "millimetres",
+            f"the stated noise is {sigma_m:.3g} m while the poses spread over {spread_m:.3g} m: "
+            "it looks like millimetres",
+            "write sp_m in metres",
+        )
+
+
+def _outside_limits(arm: ArmTable, data: Measurements) -> Iterator[Finding]:
+    """Joints whose readings leave the limits of the arm table, and by how much."""
+    for j, joint in enumerate(arm.joints):
+        q = data.q[:, j]
+        beyond = np.maximum(joint.q_min - q, q - joint.q_max)
+        outside = int((beyond > _LIMIT_TOLERANCE).sum())
+        if outside:
+            unit = "m" if joint.prismatic else "rad"
+            yield Finding(
+                "outside_limits",
+                f"joint {j + 1} is outside its limits in {outside} of {data.n} poses, by up to "
+                f"{beyond.max():.3g} {unit} (limits {joint.q_min:.4g} to {joint.q_max:.4g})",
+                _turns(beyond.max()) if not joint.prismatic else "compare the limits of the arm table",
+                severity="warning",
+            )
+
+
+def _turns(beyond_rad: float) -> str:
+    if beyond_rad > math.pi:
+        return "subtract full turns if the controller counts them, or widen q_min_rad and q_max_rad"
+    return "compare q_min_rad and q_max_rad of the arm table with the data sheet"
+
+
+def _still(data: Measurements) -> Iterator[Finding]:
+    still = np.flatnonzero(np.ptp(data.q, axis=0) < STILL)
+    if len(still):
+        names = ", ".join(str(j + 1) for j in still)
+        yield Finding(
+            "spread",
+            f"{'joint' if len(still) == 1 else 'joints'} {names} {'does' if len(still) == 1 else 'do'} not "
+            "move in these data: nothing about them can be estimated",
+            "measure poses in which every joint moves",
+            severity="note",
+        )
+
+
+def _constant(data: Measurements) -> Iterator[Finding]:
+    names = [name for name in _CONSTANTS if data.has(name) and data.constant(name)]
+    if names:
+        yield Finding(
+            "constant",
+            f"the columns {', '.join(names)} never change: no effect that depends on them can be found",
+            "",
+            severity="note",
+        )

@@ -1,0 +1,78 @@
+"""Approach direction where the data do not record it: the sign of each joint's last move, from the order of
+the measurements. It is taken from the whole file before poses are split or chosen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..numerics.types import Array
+from .measurements import SAME_POSE, Measurements
+
+_LEAST_POSES = 10  # fewer rows can be sorted by chance
+_DISTINCT = 0.9  # share of different values from which on a sorted column is no grid
+_TURNS = 0.25  # of the moves: another joint that turns back so often was not led by the sorted one
+
+
+def with_direction(data: Measurements) -> Measurements:
+    """The data with the approach direction inferred if none is recorded. A note says how, or why not."""
+    if data.direction is not None:
+        return data
+    time = "the order of rows" if data.order_is_time else "the times"
+    reason = _why_not(data)
+    if reason:
+        note = f"approach direction is not inferred from {time}: {reason}"
+        return replace(data, notes=(*data.notes, note))
+    order = np.arange(data.n) if data.t_s is None else np.argsort(data.t_s, kind="stable")
+    direction = np.empty_like(data.q)
+    direction[order] = last_moves(data.q[order])
+    note = f"approach direction inferred from {time}: no dir columns"
+    return replace(data, direction=direction, direction_source="inferred", notes=(*data.notes, note))
+
+
+def last_moves(q: Array, tol: float = SAME_POSE) -> Array:
+    """(N, n) sign of each joint's last move before each pose; q: (N, n) readings in the order of measurement.
+
+    A move below `tol` [rad or m] keeps the sign before it; 0 until a joint has moved.
+    """
+    moves = np.diff(q, axis=0, prepend=q[:1])
+    sign = np.where(np.abs(moves) > tol, np.sign(moves), 0.0)
+    last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(q))[:, None], 0), axis=0)
+    return np.take_along_axis(sign, last, axis=0)
+
+
+def _why_not(data: Measurements) -> str:
+    """Why the rows are evidently not in the order of measurement; empty if they may be."""
+    if data.n < 2:
+        return "there is only one pose"
+    if not data.order_is_time:
+        return ""
+    if _numbers_out_of_order(data.ids):
+        return "the ids are numbers in another order"
+    names = [f"q{j}" for j in range(1, data.n_joints + 1)] + ["px", "py", "pz"]
+    columns = np.hstack([data.q, data.p_m])
+    found = [name for name, x in zip(names, columns.T, strict=True) if _sorted(x)]
+    if found and data.n >= _LEAST_POSES and _turns(data.q).max() > _TURNS:
+        return f"the rows are sorted by {found[0]}"
+    return ""
+
+
+def _numbers_out_of_order(ids: tuple[str, ...]) -> bool:
+    if not all(name.isdigit() for name in ids):
+        return False
+    return bool((np.diff([float(name) for name in ids]) < 0).any())
+
+
+def _sorted(x: Array) -> bool:
+    """Monotone, with so many different values that it is no loop over a grid."""
+    steps = np.diff(x)
+    monotone = bool((steps >= 0).all() or (steps <= 0).all())
+    return monotone and len(np.unique(x)) > _DISTINCT * len(x)
+
+
+def _turns(q: Array) -> Array:
+    """(n,) share of each joint's moves that go back."""
+    moves = np.sign(np.diff(q, axis=0))
+    turns: Array = (moves[1:] * moves[:-1] < 0).mean(axis=0) if len(moves) > 1 else np.zeros(q.shape[1])
+    return turns

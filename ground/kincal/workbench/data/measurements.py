@@ -1,0 +1,162 @@
+"""Measurements: arrays over the poses of an arm (docs/WORKBENCH.md says what a file holds)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from kincal_shared.errors import BadInput
+
+from ..numerics.types import Array, Indices, Mask
+
+# Names that effects use for their needs, where they differ from ours.
+_RENAMED = {"dir": "direction", "cam": "cam_p_m", "rotation": "quat_wxyz"}
+_MEASURED = ("direction", "q", "p_m", "quat_wxyz", "payload_kg", "temp_c")  # equal in copies of a row
+_NAMED = 5  # ids in a message
+SAME_POSE = 2e-3  # [rad or m], readings that differ by less belong to one commanded pose
+
+DirectionSource = Literal["measured", "inferred", "none"]
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Arrays of N poses of an arm with n joints; optional ones are None when the file lacks them.
+
+    source: where they come from; ids: one name a pose; q: (N, n) encoder readings [rad or m];
+    p_m: (N, 3) measured tool position, base frame; quat_wxyz: (N, 4) its orientation;
+    cov: (N, 6, 6) stated covariance of (position, rotation vector), base frame [m, rad] (None if nothing
+    was stated); direction: (N, n) approach signs; qdot: (N, n) [rad/s or m/s]; g_m_s2: (N, 3) gravity,
+    base frame; cam_p_m, cam_quat_wxyz: (N, 3), (N, 4) camera pose in the base frame; tag: (N,) which tag was
+    seen (0 first, 1 second, 0.5 both); split: (N,) "fit" or "held"; replicate: (N,) number of the group of
+    poses that were measured again (same commanded pose); the others are (N,) in the unit of their name.
+    direction_source: "measured" (in the file), "inferred" from the order of measurement, or "none".
+    order_is_time: t_s only counts the poses; skipped: malformed rows that were left out, and why;
+    duplicates: number of rows that were left out as copies of another row;
+    unknown_columns: columns of the file that nothing reads; notes: what was assumed or left out in reading;
+    orientation: how the file writes the orientations, as --rotation says it ("xyzw", "euler-ZYX"), empty if
+    it is not known; euler_rad: (N, 3) its Euler angles in the order of the columns, None if it has none;
+    whole: the set that these poses were taken from, None if they are all of it.
+    """
+
+    source: str
+    ids: tuple[str, ...]
+    q: Array
+    p_m: Array
+    quat_wxyz: Array | None = None
+    cov: Array | None = None
+    t_s: Array | None = None
+    direction: Array | None = None
+    qdot: Array | None = None
+    temp_c: Array | None = None
+    payload_kg: Array | None = None
+    g_m_s2: Array | None = None
+    range_m: Array | None = None
+    incid_rad: Array | None = None
+    u_px: Array | None = None
+    v_px: Array | None = None
+    cam_p_m: Array | None = None
+    cam_quat_wxyz: Array | None = None
+    tag: Array | None = None
+    pan_rad: Array | None = None
+    tilt_rad: Array | None = None
+    split: NDArray[np.str_] | None = None
+    replicate: NDArray[np.int_] | None = None
+    order_is_time: bool = False
+    direction_source: DirectionSource = "measured"
+    skipped: tuple[str, ...] = ()
+    duplicates: int = 0
+    unknown_columns: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    orientation: str = ""
+    euler_rad: Array | None = None
+    whole: Measurements | None = None
+
+    def __post_init__(self) -> None:
+        if self.direction is None:
+            object.__setattr__(self, "direction_source", "none")
+
+    @property
+    def n(self) -> int:
+        """Number of poses N."""
+        return len(self.ids)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return int(self.q.shape[1])
+
+    @property
+    def components(self) -> int:
+        """Residual components of a pose: 6 with orientation, 3 with positions only."""
+        return 6 if self.quat_wxyz is not None else 3
+
+    def take(self, index: Indices | Mask) -> Measurements:
+        """The poses of `index` (positions or mask), in that order."""
+        places = np.flatnonzero(index) if index.dtype == bool else index
+        arrays = {name: x[places] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
+        changes: dict[str, Any] = {**arrays, "ids": tuple(self.ids[i] for i in places)}
+        changes["whole"] = self if self.whole is None else self.whole
+        return replace(self, **changes)
+
+    def without(self, ids: Iterable[str]) -> Measurements:
+        """The poses but those with these ids. BadInput names the ids that no pose has."""
+        wanted = set(ids)
+        if unknown := sorted(wanted.difference(self.ids)):
+            raise BadInput(
+                f"no pose has the id {', '.join(unknown[:_NAMED])}",
+                self.source,
+                f"ids of these data: {', '.join(self.ids[:_NAMED])} ...",
+            )
+        return self.take(np.array([name not in wanted for name in self.ids], dtype=bool))
+
+    def has(self, column: str) -> bool:
+        """Whether the data carry what an effect needs (`dir`, `temp_c`, `cam`, `rotation` ...)."""
+        if column == "own_sensor":
+            return self.cam_p_m is None
+        return getattr(self, _RENAMED.get(column, column)) is not None
+
+    def constant(self, column: str) -> bool:
+        """Whether a column is there and never changes."""
+        values = getattr(self, _RENAMED.get(column, column), None)
+        return values is not None and not np.ptp(values, axis=0).any()
+
+
+def of_one_session(data: Measurements, known: Measurements) -> bool:
+    """Whether all poses of `data` are measurements of `known`: of the same source, or the same readings and
+    positions to the last bit, wherever they were read from."""
+    if data.source == known.source:
+        return True
+    rows, all_rows = (
+        {row.tobytes() for row in np.column_stack([x.q, x.p_m])} for x in (data, known.whole or known)
+    )
+    return rows <= all_rows
+
+
+def without_copies(data: Measurements) -> Measurements:
+    """The poses without rows that repeat another one to the last bit: noise makes replicates differ, so these
+    are the same measurement written twice."""
+    names = _MEASURED[data.direction_source == "inferred" :]
+    parts = [x for name in names if (x := getattr(data, name)) is not None]
+    rows = np.ascontiguousarray(np.column_stack(parts)) + 0.0  # no negative zeros
+    _, first = np.unique(rows.view(np.dtype((np.void, rows.strides[0]))), return_index=True)
+    if len(first) == data.n:
+        return data
+    found = data.duplicates + data.n - len(first)
+    return replace(data.take(np.sort(first)), duplicates=found, whole=None)
+
+
+def replicate_groups(q: Array, tol: float = SAME_POSE) -> NDArray[np.int_]:
+    """(N,) group number per pose: poses whose readings (N, n) all agree within `tol` [rad or m] are
+    replicates; a group has the number of its first pose."""
+    group = np.full(len(q), -1)
+    tree = KDTree(q)
+    near = tree.query_ball_tree(tree, tol, p=np.inf)
+    for i, neighbours in enumerate(near):
+        if group[i] < 0:
+            group[[j for j in neighbours if group[j] < 0]] = i
+    return group

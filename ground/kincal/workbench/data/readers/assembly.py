@@ -1,0 +1,191 @@
+"""A table of any format as measurements: every row checked, a malformed one refused or skipped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import MOST_GRAVITY_M_S2
+from kincal_shared.schema.datamap import RECORDED, DataMap
+
+from ...numerics.types import Array, Mask
+from ..measurements import Measurements, replicate_groups
+from .columns import Columns, quaternions, unit
+from .table import Joints, Table
+from .targets import TargetPoses, target_poses
+
+_SHOWN = 10  # malformed rows that an error lists
+_NO_TARGETS = TargetPoses(np.zeros((0, 3)), None, None)
+
+
+def measurements(table: Table, mapping: DataMap, joints: Joints, *, skip_bad: bool = False) -> Measurements:
+    """The rows of a table. BadInput naming file, row and reason for columns that are missing, a malformed row
+    (with skip_bad they are left out and counted), a noise that is stated in part."""
+    columns = Columns(table, mapping, joints)
+    plan = columns.plan()
+    columns.read(plan)
+    values = columns.values
+    targets = target_poses(columns, mapping.targets) if mapping.targets else _NO_TARGETS
+    quat = quaternions(columns, mapping.rotation) if "rotation" in values else targets.quat_wxyz
+    if "cam" in values:
+        values["cam"][:, 3:] = unit(columns, values["cam"][:, 3:], "cqw,cqx,cqy,cqz")
+    _check_sizes(columns)
+    _check_signs(columns)
+    cov = _covariance(columns, quat is not None, targets)
+    _check_texts(columns)
+    problems = list(columns.problems())
+    if problems and not skip_bad:
+        raise BadInput(_problem_text(table.source, problems))
+    good = columns.good()
+    if not good.any():
+        raise BadInput(f"{table.source}: has no usable row")
+    q, t_s = values["q"][good], _scalar(columns, "t_s", good)
+    replicate, cam = _scalar(columns, "replicate", good), _rows(values.get("cam"), good)
+    return Measurements(
+        source=table.source,
+        ids=_ids(columns, good),
+        q=q,
+        p_m=(targets.p_m if mapping.targets else values["p"])[good],
+        quat_wxyz=_rows(quat, good),
+        cov=_rows(cov, good),
+        t_s=t_s if t_s is not None else np.arange(len(q), dtype=float),
+        order_is_time=t_s is None,
+        direction=_rows(values.get("dir"), good),
+        direction_source="measured" if "dir" in values else "none",
+        qdot=_rows(values.get("qdot"), good),
+        g_m_s2=_rows(values.get("g"), good),
+        cam_p_m=None if cam is None else cam[:, :3],
+        cam_quat_wxyz=None if cam is None else cam[:, 3:],
+        split=np.array(columns.texts["split"])[good] if "split" in columns.texts else None,
+        replicate=replicate_groups(q) if replicate is None else replicate.astype(int),
+        skipped=tuple(problems),
+        duplicates=0,  # counted when all files are joined
+        unknown_columns=tuple(name for name in table.columns if name not in columns.used),
+        notes=(*table.notes, *targets.notes),
+        whole=None,
+        orientation=_form(mapping) if "rotation" in values else "",
+        euler_rad=_rows(values["rotation"], good) if _form(mapping).startswith("euler") else None,
+        **{name: _scalar(columns, name, good) for name in RECORDED if name != "t_s"},
+    )
+
+
+def _form(mapping: DataMap) -> str:
+    """How the file writes orientations, as --rotation says it."""
+    entry = mapping.rotation
+    return "wxyz" if entry is None else f"{entry.form}-{entry.axes}" if entry.axes else entry.form
+
+
+def _problem_text(source: str, problems: Sequence[str]) -> str:
+    more = f"\n  ... and {len(problems) - _SHOWN} more" if len(problems) > _SHOWN else ""
+    shown = "\n  ".join(problems[:_SHOWN])
+    return f"{source}: {len(problems)} malformed row(s); correct them or use --skip-bad\n  {shown}{more}"
+
+
+def _rows(values: Array | None, good: Mask) -> Array | None:
+    return None if values is None else values[good]
+
+
+def _scalar(columns: Columns, key: str, good: Mask) -> Array | None:
+    """(n,) of a quantity of one column."""
+    return columns.values[key][good, 0] if key in columns.values else None
+
+
+# --------------------------------------------------------------------------- checks of rows
+
+
+# Largest numbers that can be meant, in SI units: beyond them a cell is a slip, or of another kind.
+_MOST = {
+    "q": (1e4, "rad or m", "counts of an encoder have to be converted"),
+    "qdot": (1e4, "rad/s or m/s", ""),
+    "p": (1e7, "m", ""),
+    "range_m": (1e7, "m", ""),
+    "g": (MOST_GRAVITY_M_S2, "m/s^2", "mm/s^2 have to be converted"),
+    "temp_c": (1e4, "deg C", ""),
+    "payload_kg": (1e7, "kg", ""),
+}
+
+
+def _check_sizes(columns: Columns) -> None:
+    for key, values in columns.values.items():
+        known = "p" if key.startswith("target ") else key
+        if known not in _MOST:
+            continue
+        most, unit_name, hint = _MOST[known]
+        size = np.abs(values)
+        names = columns.plan()[key]
+        wrong = np.asarray((size > most).any(axis=1), dtype=np.bool_)
+        columns.refuse(wrong, (
+            f"{names[j]} is {values[k, j]:.6g} {unit_name}, up to {most:g} are possible"
+            + (f" ({hint})" if hint else "")
+            for k in np.flatnonzero(wrong) for j in [int(size[k].argmax())]
+        ))  # fmt: skip
+
+
+def _check_signs(columns: Columns) -> None:
+    for key in columns.values.keys() & {"sp_m", "sr_rad"}:
+        sigma = columns.values[key][:, 0]
+        wrong = sigma <= 0.0
+        columns.refuse(wrong, (f"{key} is {x:g}, more than 0 is needed" for x in sigma[wrong]))
+    if "dir" in columns.values:
+        allowed = np.isin(columns.values["dir"], (-1.0, 0.0, 1.0))
+        other = np.asarray(~allowed.all(axis=1), dtype=np.bool_)
+        columns.refuse(other, ("dir1.. must be -1, 0 or +1" for _ in range(int(other.sum()))))
+
+
+def _check_texts(columns: Columns) -> None:
+    split = np.array(columns.texts.get("split", ["fit"] * columns.n), dtype=str)
+    wrong = ~np.isin(split, ("fit", "held"))
+    columns.refuse(wrong, (f"split is {x or 'empty'}, fit or held is needed" for x in split[wrong]))
+
+
+def _ids(columns: Columns, good: Mask) -> tuple[str, ...]:
+    """Names of the poses, or their numbers from 1."""
+    given = columns.texts.get("id", [""] * columns.n)
+    kept = [given[k] for k in np.flatnonzero(good)]
+    return tuple(name or str(k) for k, name in enumerate(kept, 1))
+
+
+# --------------------------------------------------------------------------- noise
+
+
+def _covariance(columns: Columns, with_rotation: bool, targets: TargetPoses) -> Array | None:
+    """(N, 6, 6) stated covariance. A sigma that is stated alone would leave the other to a loose value, which
+    silently switches that half of the data off: both or neither are asked for."""
+    values, source = columns.values, columns.table.source
+    if "cov" in values:
+        return _of_triangle(columns, values["cov"])
+    if "sp_m" not in values and "sr_rad" not in values:
+        return None
+    if "sp_m" not in values:
+        raise BadInput(f"{source}: sr_rad without sp_m; state both")
+    sp = values["sp_m"][:, 0]
+    if targets.jacobian is not None:
+        return _of_targets(columns, targets.jacobian, sp)
+    if with_rotation and "sr_rad" not in values:
+        raise BadInput(f"{source}: sp_m and sr_rad go together when orientations are given")
+    sr = values["sr_rad"][:, 0] if "sr_rad" in values else np.ones_like(sp)
+    sigma = np.repeat(np.column_stack([sp, sr]), 3, axis=1)
+    cov: Array = sigma[:, :, None] ** 2 * np.eye(6)
+    return cov
+
+
+def _of_triangle(columns: Columns, upper: Array) -> Array:
+    """(N, 6, 6) of upper triangles (N, 21), row by row; rows that are not positive definite become bad."""
+    cov = np.zeros((len(upper), 6, 6))
+    cov[:, *np.triu_indices(6)] = upper
+    cov += np.triu(cov, 1).transpose(0, 2, 1)
+    finite = np.asarray(np.isfinite(cov).all(axis=(1, 2)), dtype=np.bool_)
+    lowest = np.linalg.eigvalsh(np.where(finite[:, None, None], cov, np.eye(6)))[:, 0]
+    wrong = lowest <= 0.0
+    columns.refuse(wrong, ("covariance c11..c66 is not positive definite" for _ in range(int(wrong.sum()))))
+    return cov
+
+
+def _of_targets(columns: Columns, jacobian: Array, sp_m: Array) -> Array:
+    """(N, 6, 6) covariance of the tool pose that follows from the noise of one target (least squares)."""
+    information = jacobian.transpose(0, 2, 1) @ jacobian
+    safe = np.where(columns.good()[:, None, None], information, np.eye(6))
+    cov: Array = np.linalg.inv(safe) * sp_m[:, None, None] ** 2
+    return cov

@@ -1,0 +1,291 @@
+"""Columns of a file as quantities in SI units: names, units and forms of rotation as the map says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.datamap import COUNT, SCALARS, TEXTS, DataMap, Names, RotationEntry
+from kincal_shared.schema.suggestions import nearest_name
+
+from ...numerics.types import Array, Mask, array
+from .table import Joints, Table
+
+UNIT_TOL = 1e-3  # of the norm of a quaternion as people round it
+_DEGREE = math.pi / 180.0
+_LENGTHS = {"m": 1.0, "mm": 1e-3}
+_TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# What the unit of a quantity is of, by the end of its name; the others have one unit only.
+_KIND = {"m": "length", "rad": "angle", "s": "time"}
+
+
+@dataclass
+class Columns:
+    """Quantities of a table, with the rows that cannot be used.
+
+    values: quantity -> (N, k) in SI units; texts: quantity -> N; used: names of columns that were read;
+    bad: row -> reason, the first one found.
+    """
+
+    table: Table
+    mapping: DataMap
+    joints: Joints
+    values: dict[str, Array] = field(default_factory=dict)
+    texts: dict[str, list[str]] = field(default_factory=dict)
+    used: set[str] = field(default_factory=set)
+    bad: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return len(self.table.numbers)
+
+    @property
+    def where(self) -> str:
+        """File and place of its header, for errors."""
+        return ": ".join(part for part in (self.table.source, self.table.where) if part)
+
+    def refuse(self, rows: Mask, reasons: Iterable[str]) -> None:
+        """Mark rows (N,) as bad; reasons: one for each of them."""
+        for row, reason in zip(np.flatnonzero(rows), reasons, strict=True):
+            self.bad.setdefault(int(row), reason)
+
+    # ----------------------------------------------------------------------- which columns
+
+    def plan(self) -> dict[str, tuple[str, ...]]:
+        """Quantity -> columns that hold it. BadInput for columns that the map names and the file lacks, for
+        a part of a quantity, for readings or positions that are missing."""
+        n = self.joints.n
+        given = self.mapping.columns
+        several = {"q": n, "p": 3, "dir": n, "qdot": n, "g": 3, "cam": 7, "cov": 21}
+        plan: dict[str, tuple[str, ...]] = {}
+        for key in (*several, *SCALARS, *TEXTS):
+            names = getattr(given, key)
+            if names is not None:
+                plan[key] = self.named(key, names, several.get(key, 1))
+            elif key == "p" and self.mapping.targets is not None:
+                continue
+            elif found := self._standard(key, several.get(key, 1)):
+                plan[key] = found
+        rotation = self.mapping.rotation
+        if rotation is not None and self.mapping.targets is not None:
+            raise BadInput(
+                f"{self.where}: the map has [rotation] and [targets]", todo="leave one of the two out"
+            )
+        if rotation is not None:
+            plan["rotation"] = self.named("rotation", rotation.columns, COUNT[rotation.form])
+        elif self.mapping.targets is not None:
+            for number, names in enumerate(self.mapping.targets.columns, 1):
+                plan[f"target {number}"] = self.named(f"target {number}", names, 3)
+        elif found := self._complete(("qw", "qx", "qy", "qz")):
+            plan["rotation"] = found
+        self._check_number_of_joints()
+        return plan
+
+    def named(self, key: str, names: Names, count: int) -> tuple[str, ...]:
+        """Columns as the map names them, all of them there."""
+        if isinstance(names, list):
+            wanted = tuple(names)
+        elif "{}" in names:
+            wanted = tuple(names.replace("{}", str(k)) for k in range(1, count + 1))
+        else:
+            wanted = (names,)
+        if len(wanted) != count:
+            raise BadInput(
+                f"{key} takes {count} columns, the map names {len(wanted)}", self.where,
+                f'write a list of {count} names, or one with {{}} for the number: "{key}_{{}}"',
+            )  # fmt: skip
+        absent = [name for name in wanted if name not in self.table.columns]
+        if absent:
+            near = nearest_name(absent[0], self.table.columns)
+            hint = f"did you mean {near!r}? " if near else ""
+            raise BadInput(
+                f"{key}: there is no column {', '.join(map(repr, absent))}", self.where,
+                f"{hint}columns are {', '.join(self.table.columns)}",
+            )  # fmt: skip
+        return wanted
+
+    def _standard(self, key: str, count: int) -> tuple[str, ...]:
+        """Columns by KinCal's own names; () if there are none."""
+        if count == 1 and key in (*SCALARS, *TEXTS):
+            return (key,) if key in self.table.columns else ()
+        names = {
+            "p": ("px", "py", "pz"),
+            "g": ("gx", "gy", "gz"),
+            "cam": ("cx", "cy", "cz", "cqw", "cqx", "cqy", "cqz"),
+            "cov": tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7)),
+        }.get(key) or tuple(f"{key}{j}" for j in range(1, count + 1))
+        if key in ("q", "p"):
+            self._require(names)
+            return names
+        return self._complete(names)
+
+    def _require(self, names: Sequence[str]) -> None:
+        joints = [f"q{j}" for j in range(1, self.joints.n + 1)]
+        given = self.mapping.columns
+        needed = [*(joints if given.q is None else []), *(("px", "py", "pz") if given.p is None else [])]
+        missing = [name for name in needed if name not in self.table.columns]
+        if missing and any(name in missing for name in names):
+            there = ", ".join(self.table.columns)
+            raise BadInput(
+                f"{self.where}: column(s) {', '.join(missing)} missing; an arm with {len(joints)} "
+                f"joints needs q1..q{len(joints)},px,py,pz",
+                todo=f"if they have other names, say which with --column or --map; there are {there}",
+            )
+
+    def _complete(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """The names if all are there, () if none is; BadInput for some of them."""
+        there = [name for name in names if name in self.table.columns]
+        if there and len(there) < len(names):
+            lacking = [name for name in names if name not in self.table.columns]
+            raise BadInput(
+                f"{self.where}: has {', '.join(there[:4])} but lacks {', '.join(lacking[:4])}; "
+                f"give all of {names[0]}..{names[-1]} or none"
+            )
+        return tuple(there)
+
+    def _check_number_of_joints(self) -> None:
+        extra = f"q{self.joints.n + 1}"
+        if extra in self.table.columns and self.mapping.columns.q is None:
+            columns = ",".join(f"q{j}" for j in range(1, self.joints.n + 1))
+            raise BadInput(
+                f"{self.where}: has column {extra}, but the arm table has {self.joints.n} joints",
+                todo="name the arm table of these data with --arm (`kincal arm list` names those that ship); "
+                f"if {extra} is no joint of this arm, say which columns are: --column q={columns}",
+            )
+
+    # ----------------------------------------------------------------------- numbers
+
+    def read(self, plan: dict[str, tuple[str, ...]]) -> None:
+        """All quantities of the plan, in SI units; rotations of any form and targets stay as they are."""
+        numeric = {key: names for key, names in plan.items() if key not in TEXTS}
+        comma = self._decimal_comma([name for names in numeric.values() for name in names])
+        for key, names in numeric.items():
+            numbers = np.column_stack([self._numbers(name, comma) for name in names])
+            self.values[key] = numbers * self._scale(key, names)
+        for key in plan.keys() & set(TEXTS):
+            (name,) = plan[key]
+            self.texts[key] = [_text(value) for value in self.table.columns[name]]
+        self.used = {name for names in plan.values() for name in names}
+
+    def _decimal_comma(self, names: Sequence[str]) -> bool:
+        if self.table.decimal is not None:
+            return self.table.decimal == ","
+        cells = [self.table.columns[name] for name in names]
+        texts = [cell for column in cells if not isinstance(column, np.ndarray) for cell in column]
+        comma = next((cell for cell in texts if "," in cell), "")
+        point = next((cell for cell in texts if "." in cell), "")
+        if comma and point:
+            raise BadInput(
+                f"{self.where}: has decimal commas ({comma}) and decimal points ({point})",
+                todo='say which is meant in the map: [text] decimal = "," or "."',
+            )
+        return bool(comma)
+
+    def _numbers(self, name: str, comma: bool) -> Array:
+        """(N,) numbers of a column; nan, and the row bad, where there is none."""
+        cells = self.table.columns[name]
+        if isinstance(cells, np.ndarray):
+            found = array(cells)
+        else:
+            found = np.array([_number(cell, comma) for cell in cells], dtype=float)
+        wrong = ~np.isfinite(found)
+        self.refuse(wrong, (self._why(name, cells[k], found[k]) for k in np.flatnonzero(wrong)))
+        return found
+
+    def _why(self, name: str, cell: object, found: float) -> str:
+        text = str(cell).strip() or "empty"
+        number = isinstance(cell, str) and text.lower().lstrip("+-") not in ("nan", "inf", "infinity")
+        what = "a number" if number and math.isnan(found) else "a finite number"
+        hint = ", with a decimal point" if number and "," in text else ""
+        return f"{name} is {text}, {what}{hint} is needed"
+
+    def _scale(self, key: str, names: Sequence[str]) -> Array:
+        """(k,) factors to SI units. A column that the file calls by our name with a unit is in that unit."""
+        units = self.mapping.units
+        angle = _DEGREE if units.angle == "deg" else 1.0
+        length, time = _LENGTHS[units.length], _TIMES[units.time]
+        kind = "length" if key == "p" or key.startswith("target ") else _KIND.get(key.rpartition("_")[2], "")
+        if kind and names == (key,):
+            return np.ones(1)
+        if key in ("q", "qdot"):
+            return np.array([length if prismatic else angle for prismatic in self.joints.prismatic])
+        if key == "cam":
+            return np.array([length] * 3 + [1.0] * 4)
+        if key == "cov":
+            sigma = np.array([length] * 3 + [angle] * 3)
+            return np.outer(sigma, sigma)[np.triu_indices(6)]
+        if key == "rotation":
+            form = self.mapping.rotation.form if self.mapping.rotation else "wxyz"
+            return np.full(len(names), angle if form in ("euler", "rotvec") else 1.0)
+        return np.full(len(names), {"length": length, "angle": angle, "time": time}.get(kind, 1.0))
+
+    def good(self) -> Mask:
+        """(N,) rows that can be used so far."""
+        mask = np.ones(self.n, dtype=bool)
+        mask[list(self.bad)] = False
+        return mask
+
+    def problems(self) -> Iterator[str]:
+        """All malformed rows in the file's order, with their numbers."""
+        found = {self.table.numbers[row]: reason for row, reason in self.bad.items()}
+        for number, reason in sorted([*self.table.malformed, *found.items()]):
+            yield f"{self.table.row} {number}: {reason}"
+
+
+def _text(value: object) -> str:
+    """A name in a file: a number that is whole is written as such."""
+    return f"{value:.15g}" if isinstance(value, float) else str(value).strip()
+
+
+def _number(cell: str, comma: bool) -> float:
+    """The number in a cell, nan if it is none."""
+    if comma:
+        cell = "?" if "." in cell else cell.replace(",", ".")
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
+
+
+def quaternions(columns: Columns, entry: RotationEntry | None) -> Array:
+    """(N, 4) unit quaternions, scalar part first, of the quantity "rotation"; rows that are no rotation
+    become bad."""
+    values = columns.values["rotation"]
+    form = entry.form if entry else "wxyz"
+    if form in ("wxyz", "xyzw"):
+        ordered = values if form == "wxyz" else np.roll(values, 1, axis=1)
+        return unit(columns, ordered, "qw,qx,qy,qz" if entry is None else ",".join(_list(entry, columns)))
+    safe = np.where(np.isfinite(values), values, 0.0)
+    if form == "rotvec":
+        turn = Rotation.from_rotvec(safe)
+    elif form == "euler":
+        assert entry is not None and entry.axes is not None
+        turn = Rotation.from_euler(entry.axes, safe)
+    else:
+        turn = _of_matrices(columns, safe.reshape(-1, 3, 3))
+    return turn.as_quat(scalar_first=True)
+
+
+def _list(entry: RotationEntry, columns: Columns) -> tuple[str, ...]:
+    return columns.named("rotation", entry.columns, COUNT[entry.form])
+
+
+def _of_matrices(columns: Columns, matrices: Array) -> Rotation:
+    off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    wrong = (off > UNIT_TOL) | (np.linalg.det(matrices) < 0.0)
+    columns.refuse(wrong, ("rotation matrix is not orthonormal" for _ in range(int(wrong.sum()))))
+    return Rotation.from_matrix(np.where(wrong[:, None, None], np.eye(3), matrices))
+
+
+def unit(columns: Columns, quat: Array, what: str) -> Array:
+    """(N, 4) quaternions scaled to norm 1; rows whose norm is another become bad."""
+    norm = np.linalg.norm(quat, axis=1)
+    wrong = ~(np.abs(norm - 1.0) <= UNIT_TOL)
+    columns.refuse(wrong, (f"{what} has norm {norm[k]:.6g}, 1 is needed" for k in np.flatnonzero(wrong)))
+    return array(quat / np.where(wrong, 1.0, norm)[:, None])

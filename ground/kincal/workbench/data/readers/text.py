@@ -1,0 +1,74 @@
+"""Text files: columns between commas, semicolons, tabs or blanks; comment lines begin with #."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.datamap import DataMap
+from kincal_shared.schema.errors import utf8_text
+
+from .table import Joints, Table
+
+_SEPARATORS = (",", ";", "\t")
+
+
+def read_text(path: str, mapping: DataMap, joints: Joints) -> Table:
+    """The rows of a text file. BadInput if there are none, or a column has the name of another."""
+    lines = _lines(path, joints.n)
+    separator = mapping.text.separator or _separator(lines[0][1])
+    rows = [(number, _cells(line, separator)) for number, line in lines]
+    if mapping.text.header:
+        (at, header), rows = rows[0], rows[1:]
+        where = f"line {at}"
+    else:
+        header, where = [str(k) for k in range(1, len(rows[0][1]) + 1)], "without a header"
+    doubled = sorted({name for name in header if header.count(name) > 1})
+    if doubled:
+        raise BadInput(f"{path}: {where}: column {', '.join(doubled)} appears twice in the header")
+    good = [(number, cells) for number, cells in rows if len(cells) == len(header)]
+    return Table(
+        source=path,
+        where=where,
+        row="line",
+        numbers=[number for number, _ in good],
+        columns={name: [cells[k] for _, cells in good] for k, name in enumerate(header)},
+        malformed=tuple(
+            (number, f"has {len(cells)} values, the header names {len(header)}")
+            for number, cells in rows
+            if len(cells) != len(header)
+        ),
+        # Between commas a decimal comma cannot stand.
+        decimal=mapping.text.decimal or ("." if separator == "," else None),
+    )
+
+
+def _lines(path: str, n_joints: int) -> list[tuple[int, str]]:
+    """(number, text) of each line that is neither empty nor a comment; the first is the header."""
+    try:
+        text = utf8_text(Path(path))
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+    found = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not found:
+        raise BadInput(f"{path}: is empty; a header row with q1..q{n_joints},px,py,pz is needed")
+    return found
+
+
+def _separator(header: str) -> str:
+    """The separator that makes most columns of the header; blanks only if no other makes two."""
+    count = {separator: len(_cells(header, separator)) for separator in _SEPARATORS}
+    best = max(count, key=lambda separator: count[separator])
+    return best if count[best] > 1 or " " not in header.strip() else " "
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        line = line.strip()
+    row = next(csv.reader([line], delimiter=separator, skipinitialspace=separator == " "))
+    return [cell.strip() for cell in row]

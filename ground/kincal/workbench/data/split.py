@@ -1,0 +1,31 @@
+"""Poses that are fitted and poses that are held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..numerics.types import Indices
+from .measurements import Measurements
+
+_HELD_OUT = 4  # every fourth pose is held out where the file does not say
+
+
+@dataclass(frozen=True)
+class Split:
+    """Indices of the poses to fit and of those held out; `given`: the file said so."""
+
+    fit: Indices
+    held: Indices
+    given: bool
+
+
+def choose_split(data: Measurements) -> Split:
+    """The file's split, or every fourth pose held out; replicates of one pose stay together."""
+    if data.split is not None:
+        return Split(np.flatnonzero(data.split == "fit"), np.flatnonzero(data.split == "held"), True)
+    groups = data.replicate if data.replicate is not None else np.arange(data.n)
+    _, first, number = np.unique(groups, return_index=True, return_inverse=True)
+    held = first[number] % _HELD_OUT == _HELD_OUT - 1
+    return Split(np.flatnonzero(~held), np.flatnonzero(held), False)

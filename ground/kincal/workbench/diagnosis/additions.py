@@ -1,0 +1,262 @@
+"""Unnamed effects added to a model, one after another, while poses that were left out gain from them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from kincal_shared.errors import CannotAnswer
+
+from ..comparison.compare import Comparison
+from ..data.measurements import Measurements
+from ..evidence.products import score_products
+from ..evidence.scoring import Scorer, bulk_weights
+from ..evidence.smooth import MOST_TERMS, SmoothEffect, full_effect, smooth_effect
+from ..fit.least_squares import Fit, fit_model, rms
+from ..model.effects import Hypothesis
+from ..model.flight_model import room_for
+from ..model.hypotheses import PRIOR_NONE, PRIOR_UNNAMED
+from ..model.places import all_places
+from ..model.unnamed_names import UnnamedName
+from ..numerics.types import Array, Indices, Progress, array, no_progress
+from ..prediction.crossval import FOLDS, folds
+from . import Diagnosis, HeldGain
+
+MOST_EFFECTS = 10
+_TRIED = 12  # names whose whole function is scored at each step
+_ODDS = 9.0
+_ROWS_EACH = (
+    2  # that the poses have for each coefficient of the whole model; with fewer, functions only fit noise
+)
+_NOT_PREDICTABLE = ("order", "t")  # of poses that are yet to come
+
+
+@dataclass(frozen=True)
+class Addition:
+    """One unnamed effect beside those before it.
+
+    crossed: gain by cross-validation inside the fit poses; held: gain of the held-out poses, None where there
+    are none.
+    """
+
+    effect: SmoothEffect
+    crossed: HeldGain
+    held: HeldGain | None
+
+
+@dataclass(frozen=True)
+class Additions:
+    """Unnamed effects that a model asks for.
+
+    steps: in the order they were added; fit: of the model with all of them, on the fit poses; held_pos_m,
+    held_rot_rad: RMS error of the held-out poses with it [m], [rad]; NaN and None where there are none.
+    """
+
+    steps: tuple[Addition, ...]
+    fit: Fit
+    held_pos_m: float
+    held_rot_rad: float | None
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """The added effects, as a fit takes them."""
+        return tuple(step.effect.hypothesis for step in self.steps)
+
+
+def add_unnamed(
+    comparison: Comparison,
+    hypotheses: Sequence[Hypothesis] = (),
+    *,
+    dh: bool = True,
+    most: int = MOST_EFFECTS,
+    progress: Progress = no_progress,
+) -> Additions:
+    """Add unnamed effects to a model while they pay for their number of tries in evidence and poses left out
+    in cross-validation are predicted better.
+
+    comparison: of the data; hypotheses: effects of the model. Everything is chosen on the fit poses; the
+    held-out ones only measure. most: unnamed effects at most.
+    """
+    steps: list[Addition] = []
+    fit = fit_part(comparison, hypotheses, dh=dh)
+    while len(steps) < most:
+        progress("unnamed effects", len(steps), most)
+        step = _next(comparison, fit, dh)
+        if step is None:
+            break
+        addition, fit = step
+        steps.append(addition)
+    position, rotation = rms(_held_residuals(fit, comparison.held_data))
+    return Additions(tuple(steps), fit, position, rotation)
+
+
+def only(
+    comparison: Comparison,
+    hypotheses: Sequence[Hypothesis],
+    effects: Sequence[SmoothEffect],
+    *,
+    dh: bool = True,
+) -> Additions:
+    """These unnamed effects, one after another beside those of a model, with what each gains then."""
+    steps, fit = [], fit_part(comparison, hypotheses, dh=dh)
+    for effect in effects:
+        grown = fit_part(comparison, (*fit.hypotheses, effect.hypothesis), dh=dh)
+        steps.append(_addition(comparison, fit, grown, effect))
+        fit = grown
+    return Additions(tuple(steps), fit, *rms(_held_residuals(fit, comparison.held_data)))
+
+
+def add_unnamed_to(
+    diagnosis: Diagnosis, *, most: int = MOST_EFFECTS, progress: Progress = no_progress
+) -> Additions:
+    """`add_unnamed` beside the effects that a diagnosis ends with."""
+    dh = any(name.startswith("J1.") for name in diagnosis.final.names)
+    return add_unnamed(diagnosis.comparison, diagnosis.final.hypotheses, dh=dh, most=most, progress=progress)
+
+
+def add_one(
+    comparison: Comparison, name: UnnamedName, hypotheses: Sequence[Hypothesis], *, dh: bool
+) -> Addition:
+    """The smooth function of this name beside the effects of a model, chosen on the fit poses, with its gain.
+    Errors as `smooth_effect`."""
+    fit = fit_part(comparison, hypotheses, dh=dh)
+    scorer = _scorer(fit)
+    effect = smooth_effect(name, scorer, most=_room(fit))
+    return _addition(
+        comparison, fit, fit_part(comparison, (*fit.hypotheses, effect.hypothesis), dh=dh), effect
+    )
+
+
+def fit_part(comparison: Comparison, hypotheses: Sequence[Hypothesis], *, dh: bool) -> Fit:
+    """A model fitted to the fit poses of a comparison."""
+    part = comparison.fit_part
+    return fit_model(part.arm, part.data, hypotheses, dh=dh, frames=(part.base, part.tool))
+
+
+def _scorer(fit: Fit) -> Scorer:
+    return Scorer(fit, bulk_weights(fit), fit.data.cov is not None)
+
+
+def _room(fit: Fit) -> int:
+    """Coefficients that an effect may take: what the core carries, and what the poses do."""
+    by_poses = min(int(fit.dof) // 4, len(fit.z) // _ROWS_EACH - len(fit.names))
+    return max(0, min(MOST_TERMS, room_for(fit.parameters), by_poses))
+
+
+def _next(comparison: Comparison, fit: Fit, dh: bool) -> tuple[Addition, Fit] | None:
+    """The effect that the data ask for most and the fit with it; None if they ask for none that holds."""
+    for effect in _wanted(fit):
+        grown = fit_part(comparison, (*fit.hypotheses, effect.hypothesis), dh=dh)
+        addition = _addition(comparison, fit, grown, effect)
+        harms = addition.held is not None and addition.held.harms
+        if addition.crossed.gains and not harms:
+            return addition, grown
+    return None
+
+
+def _wanted(fit: Fit) -> Iterator[SmoothEffect]:
+    """Effects that beat "nothing missing" after paying for all that were tried, most evidence first."""
+    scorer, room = _scorer(fit), _room(fit)
+    names, tries = _proposed(fit, scorer)
+    found = [full_effect(name, scorer) for name in names]
+    least = np.log(_ODDS * PRIOR_NONE / PRIOR_UNNAMED) + np.log(tries)
+    for whole in sorted(found, key=lambda f: -f.ln_bf)[:2]:
+        if room and whole.ln_bf > least:
+            try:
+                yield smooth_effect(whole.name, scorer, most=room)
+            except CannotAnswer:
+                continue
+
+
+def _proposed(fit: Fit, scorer: Scorer) -> tuple[list[UnnamedName], int]:
+    """Places and drivers that the map and the dictionary of products point at, and how many there are."""
+    cells = scorer.map()
+    scored = {(s.best.location, s.best.drivers): s.ln_bf for s in cells}
+    products = score_products(scorer.columns, scorer.projector, scorer.wz, scorer.noise, count=10 * _TRIED)
+    for product in products.best if products else ():
+        key = (product.place.name, product.drivers)
+        scored[key] = max(product.ln_bf, scored.get(key, -np.inf))
+    taken, possible = {h.name for h in fit.hypotheses}, {p.name for p in all_places(fit.arm, fit.data)}
+    ranked = sorted(scored, key=lambda key: -scored[key])
+    names = [
+        UnnamedName(place, drivers)
+        for place, drivers in ranked
+        if place in possible and not set(drivers) & set(_NOT_PREDICTABLE)
+    ]
+    new = [name for name in names if str(name) not in taken]
+    # the map is too smooth to point at ripples of a joint's own angle
+    own = [UnnamedName(f"joint {j}", (f"q{j}",)) for j in range(1, fit.arm.n + 1)]
+    ripples = [name for name in own if name in new[_TRIED:]]
+    return [*new[:_TRIED], *ripples], max(len(scored), 1)
+
+
+# ------------------------------------------------------------------------------------------------ gains
+
+
+def _addition(comparison: Comparison, before: Fit, after: Fit, effect: SmoothEffect) -> Addition:
+    held = None
+    if comparison.held_data is not None:
+        squares = [_squares(_held_residuals(fit, comparison.held_data)) for fit in (before, after)]
+        held = HeldGain.of(squares[0], squares[1], cross_validated=False)
+    return Addition(effect, _crossed(after, effect.hypothesis), held)
+
+
+def _held_residuals(fit: Fit, held: Measurements | None) -> Array:
+    return fit.predict(held) if held is not None else np.zeros((0, fit.data.components))
+
+
+def _squares(r: Array) -> Array:
+    """(M,) squared position errors of residuals (M, c)."""
+    squares: Array = (r[:, :3] ** 2).sum(axis=1)
+    return squares
+
+
+def _crossed(fit: Fit, h: Hypothesis) -> HeldGain:
+    """Gain of an effect by cross-validation: the fit's linear model, solved without each fold in turn."""
+    mine = np.array([name.startswith(f"{h.name}.") for name in fit.names])
+    squares = np.zeros((2, fit.data.n))
+    number, linear = folds(fit.data), _Linear.of(fit, np.argsort(mine, kind="stable"))
+    counts = (int((~mine).sum()), len(mine))
+    for fold in (np.flatnonzero(number == k) for k in range(FOLDS)):
+        for row, r in zip(squares, linear.left_out(fold, counts), strict=True):
+            row[fold] = _squares(r)
+    return HeldGain.of(squares[0], squares[1], cross_validated=True)
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """The linear model of a fit. a: (N, c, k) columns in units of noise and priors; z: (N, c) what they
+    explain; root: (N, 1) roots of the robust weights; metres: (N, c, c) from units of noise to [m, rad]."""
+
+    a: Array
+    z: Array
+    root: Array
+    metres: Array
+
+    @classmethod
+    def of(cls, fit: Fit, order: Indices) -> _Linear:
+        """Of coefficients in this order."""
+        n, c = fit.evaluation.r.shape
+        a = (fit.J * fit.sigma_prior)[:, order].reshape(n, c, -1) / fit.scale
+        z = (fit.z + fit.J @ fit.estimate).reshape(n, c) / fit.scale
+        return cls(a, z, np.sqrt(fit.weight)[:, None], array(np.linalg.inv(fit.whiten) * fit.scale))
+
+    def left_out(self, fold: Indices, counts: Sequence[int]) -> Iterator[Array]:
+        """(M, c) residuals [m, rad] of the poses of a fold under the first so many coefficients, for each
+        count, solved with the other poses only. One triangle serves all counts: its upper left corner is that
+        of the first columns. Normal equations would lose digits."""
+        k = self.a.shape[2]
+        kept = np.delete(np.arange(len(self.a)), fold)
+        root = self.root[kept]
+        rows = np.empty((self.z[kept].size + k, k + 1))
+        rows[:-k, :k] = (self.a[kept] * root[:, :, None]).reshape(-1, k)
+        rows[:-k, k] = (self.z[kept] * root).ravel()
+        rows[-k:] = np.eye(k, k + 1)
+        triangle = array(np.linalg.qr(rows, mode="r"))
+        for count in counts:
+            solved = solve_triangular(triangle[:count, :count], triangle[:count, k], check_finite=False)
+            left = self.z[fold] - self.a[fold, :, :count] @ solved
+            yield np.einsum("nij,nj->ni", self.metres[fold], left)

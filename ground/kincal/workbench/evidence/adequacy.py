@@ -1,0 +1,221 @@
+"""Does a fit leave more than noise, and where? Noise floor, lack of fit, outliers, the variables to blame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..fit.columns import Columns
+from ..fit.least_squares import Fit
+from ..fit.thinning import thinned
+from ..numerics.distributions import chi2_quantile, chi2_tail, f_tail, normal_quantile, rank_sum_p
+from ..numerics.types import Array, Indices, Mask
+from .bayes_factors import LN_SCALE_SIGMA
+from .scoring import Scorer, bulk_weights, scaled_p
+from .unnamed import drivers
+
+ADEQUATE_P = 0.05
+STRUCTURE_P = 0.01
+_MIN_REPLICATE_DOF = 6
+_FAR = 10.0  # median distances from the middle of a group: a mistake rather than noise
+_CLUSTER_P = 0.01
+_MIN_CLUSTER = 3  # outliers; fewer cannot cluster
+REPLICATES, STATED, UNKNOWN = (
+    "replicates",
+    "stated covariance",
+    "unknown: no replicates and no stated covariance",
+)
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """What the measurement itself cannot do better than, RMS position [m] and rotation [rad].
+
+    source: where the numbers come from; both are None where nothing says; dof: of the replicates.
+    """
+
+    pos_m: float | None
+    rot_rad: float | None
+    source: str
+    dof: int = 0
+
+
+@dataclass(frozen=True)
+class Where:
+    """share_of_variance: of what the model leaves, explained by an error at `at` that follows the
+    variable; p_value: of that, counting every place that was tried for the variable."""
+
+    variable: str
+    p_value: float
+    share_of_variance: float
+    at: str
+
+
+@dataclass(frozen=True)
+class WorstPose:
+    """A pose far from the model: residual [m], [rad] (None without rotations); sigma: how unlikely it is,
+    as a distance of a normal variable."""
+
+    id: str
+    pos_m: float
+    rot_rad: float | None
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """ids: poses that noise does not explain; clusters: variables in which they cluster, which makes
+    them an effect rather than bad poses."""
+
+    ids: tuple[str, ...]
+    clusters: tuple[str, ...] = ()
+
+
+def noise_floor(fit: Fit) -> NoiseFloor:
+    """From replicates if there are enough, else from the stated covariance, else unknown."""
+    r = fit.evaluation.r
+    groups = list(_replicates(fit))
+    dof = sum(len(members) - 1 for members in groups)
+    if dof >= _MIN_REPLICATE_DOF:
+        square = np.sum([_within(r[members]).sum(axis=0) for members in groups], axis=0)
+        return NoiseFloor(*_pos_rot(square / dof), REPLICATES, dof)
+    if fit.data.cov is not None:
+        variance = np.einsum("nii->ni", fit.data.cov).mean(axis=0)[: r.shape[1]]
+        return NoiseFloor(*_pos_rot(variance), STATED)
+    return NoiseFloor(None, None, _unknown(dof))
+
+
+def _unknown(dof: int) -> str:
+    """Why nothing says how large the noise is."""
+    if dof == 0:
+        return UNKNOWN
+    enough = f"{dof} of the {_MIN_REPLICATE_DOF} repeated measurements that are needed"
+    return f"unknown: {enough}, and no stated covariance"
+
+
+def _replicates(fit: Fit) -> Iterator[Indices]:
+    """Indices of the poses of each group that was measured more than once, without those far from the others
+    of their group. What a model calls an outlier does not matter: the noise is that of the data."""
+    groups = fit.data.replicate if fit.data.replicate is not None else np.arange(fit.data.n)
+    numbers, counts = np.unique(groups, return_counts=True)
+    found = [np.flatnonzero(groups == number) for number in numbers[counts > 1]]
+    if not found:
+        return
+    z = fit.z.reshape(fit.data.n, -1)
+    away = [np.linalg.norm(z[members] - np.median(z[members], axis=0), axis=1) for members in found]
+    most = _FAR * np.median(np.concatenate(away))
+    for members, distance in zip(found, away, strict=True):
+        if (kept := members[distance <= most]).size > 1:
+            yield kept
+
+
+def _within(rows: Array) -> Array:
+    """(M, c) squares about the mean of the rows."""
+    squares: Array = (rows - rows.mean(axis=0)) ** 2
+    return squares
+
+
+def _pos_rot(variance: Array) -> tuple[float, float | None]:
+    rotation = float(np.sqrt(variance[3:].sum())) if len(variance) == 6 else None
+    return float(np.sqrt(variance[:3].sum())), rotation
+
+
+def lack_of_fit(fit: Fit, floor: NoiseFloor) -> float | None:
+    """p-value of lack of fit: F test against replicates, else chi^2 with the noise scale marginalised.
+
+    None when nothing says how large the noise is.
+    """
+    by_replicates = _f_test(fit) if floor.source == REPLICATES else None
+    if by_replicates is not None:
+        return by_replicates
+    if fit.data.cov is None:
+        return None
+    ln_s = np.linspace(-4.0, 4.0, 161) * LN_SCALE_SIGMA
+    weight = np.exp(-0.5 * (ln_s / LN_SCALE_SIGMA) ** 2)
+    return float((weight * chi2_tail(fit.chi2 / np.exp(2 * ln_s), fit.dof)).sum() / weight.sum())
+
+
+def _f_test(fit: Fit) -> float | None:
+    """Lack of fit against pure error (Draper, Smith, Applied Regression Analysis, 3rd ed., section 2.1)."""
+    z = fit.z.reshape(fit.data.n, -1)
+    square, dof_error = 0.0, 0
+    for members in _replicates(fit):
+        square += float(_within(z[members]).sum())
+        dof_error += (len(members) - 1) * z.shape[1]
+    dof_lack = fit.dof - dof_error
+    if dof_lack <= 0 or square <= 0:
+        return None
+    f = ((fit.chi2 - square) / dof_lack) / (square / dof_error)
+    return f_tail(max(f, 0.0), dof_lack, dof_error)
+
+
+def worst_poses(fit: Fit, count: int = 5) -> tuple[WorstPose, ...]:
+    """The poses farthest from the model, worst first."""
+    return tuple(_worst_pose(fit, int(i)) for i in np.argsort(-fit.d2)[:count])
+
+
+def _worst_pose(fit: Fit, i: int) -> WorstPose:
+    r = fit.evaluation.r[i]
+    tail = float(chi2_tail(fit.d2[i], len(r)))
+    rotation = float(np.linalg.norm(r[3:])) if len(r) == 6 else None
+    sigma = normal_quantile(max(tail, 1e-300) / 2.0)
+    return WorstPose(fit.data.ids[i], float(np.linalg.norm(r[:3])), rotation, sigma)
+
+
+def find_outliers(fit: Fit) -> Outliers:
+    """Poses beyond the chi^2 quantile 1 - 0.01/N; and whether they cluster, which would be an effect."""
+    n, c = fit.evaluation.r.shape
+    flagged: Mask = fit.d2 > chi2_quantile(0.01 / n, c)
+    ids = tuple(name for name, out in zip(fit.data.ids, flagged, strict=True) if out)
+    return Outliers(ids, _clusters(thinned(fit), ids))
+
+
+def _clusters(fit: Fit, ids: tuple[str, ...]) -> tuple[str, ...]:
+    """Variables whose values differ between the outliers and the other poses (Mann-Whitney)."""
+    flagged = np.isin(fit.data.ids, ids)
+    if flagged.sum() < _MIN_CLUSTER:
+        return ()
+    singles = drivers(Columns(fit, np.ones(fit.data.n)))
+
+    def p_value(x: Array) -> float:
+        return rank_sum_p(x[flagged], x[~flagged])
+
+    return tuple(d.name for d in singles if p_value(d.features[:, 0]) * len(singles) < _CLUSTER_P)
+
+
+def where_it_fails(fit: Fit) -> tuple[Where, ...]:
+    """Each recorded variable with the place where an error that follows it explains most of the leftover:
+    score test of every place x variable cell, DH projected out. Best first.
+
+    The p-value counts the places tried for that variable (Bonferroni), not the number of variables.
+    """
+    fit = thinned(fit)
+    scorer = Scorer(fit, bulk_weights(fit), fit.data.cov is not None)
+    total = max(scorer.left, 1e-300)
+    by_variable: dict[str, list[Where]] = {}
+    for s in scorer.map(double=False):
+        name = s.best.drivers[0]
+        found = Where(name, scaled_p(s, scorer.scale), s.score.chi2 / total, s.best.location)
+        by_variable.setdefault(name, []).append(found)
+    return tuple(sorted(map(_best_place, by_variable.values()), key=_least_likely))
+
+
+def structure(where: Sequence[Where]) -> float:
+    """p-value that what is left follows some variable, over all variables (Bonferroni)."""
+    return min(1.0, where[0].p_value * len(where)) if where else 1.0
+
+
+def explained(p_lack_of_fit: float | None, p_structure: float) -> bool:
+    """What is left is no larger than a known noise, where one is known, and follows no variable."""
+    return p_structure > STRUCTURE_P and (p_lack_of_fit is None or p_lack_of_fit > ADEQUATE_P)
+
+
+def _least_likely(w: Where) -> tuple[float, float]:
+    return w.p_value, -w.share_of_variance
+
+
+def _best_place(found: list[Where]) -> Where:
+    best = min(found, key=_least_likely)
+    return replace(best, p_value=min(1.0, best.p_value * len(found)))

@@ -1,0 +1,151 @@
+"""Unknown base and tool frames found without a first guess.
+
+    T_meas,i = B A_i X,  A_i the nominal chain, B (base) and X (tool) unknown where `estimate` is set.
+
+Both unknown: with orientations the linear robot-world / hand-eye solution (Shah 2013, J. Mechanisms
+Robotics 5:031007: Kronecker product and SVD); with positions only a global search over R_B, for which
+the remaining unknowns are linear. One unknown: closed form by averaging.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from kincal.rotations import Pose, nearest_rotation, rigid_fit
+from kincal_shared.errors import CannotAnswer
+
+from ..numerics.types import Array, array
+
+_SEARCH = 3000  # rotations tried; the mean gap is about 15 degrees, well inside the basin
+_REFINED = 12  # the best of them, refined
+_SAME_TURNS = 0.999  # ratio of singular values from which on the poses turn too little
+
+
+def solve_frames(
+    chain: Pose, p_m: Array, rotation: Array | None, base: Pose | None, tool: Pose | None
+) -> tuple[Pose, Pose]:
+    """Base and tool frames from the nominal chain A_i (N poses).
+
+    p_m: (N, 3) measured positions; rotation: (N, 3, 3) measured, or None; base, tool: the known frame,
+    or None to estimate it. CannotAnswer when there are too few or too similar poses.
+    """
+    if base is not None and tool is not None:
+        return base, tool
+    _check_number(len(p_m), rotation is not None, base is None and tool is None)
+    if rotation is None:
+        return _positions_only(chain, p_m, base, tool)
+    measured = Pose(p_m, rotation)
+    if tool is not None:
+        return _mean(measured @ (chain @ tool).inverse), tool
+    if base is not None:
+        return base, _mean((base @ chain).inverse @ measured)
+    return _robot_world_hand_eye(chain, measured)
+
+
+def _check_number(n: int, rotations: bool, both: bool) -> None:
+    need = 3 if rotations else (7 if both else 4)
+    if n < need:
+        raise CannotAnswer(f"{n} poses cannot determine the unknown frames; at least {need} are needed")
+
+
+def _mean(frames: Pose) -> Pose:
+    """Mean rotation and median position of a stack of frames."""
+    return Pose(np.median(frames.p_m, axis=0), Rotation.from_matrix(frames.R).mean().as_matrix())
+
+
+def _robot_world_hand_eye(chain: Pose, measured: Pose) -> tuple[Pose, Pose]:
+    """R_meas = R_B R_A R_X  <=>  R_B^T R_meas = R_A R_X; K = sum R_A^T (x) R_meas^T has the pair
+    (vec R_B, vec R_X^T) as leading singular vectors (Shah 2013, eq. 11-14), vec column-major."""
+    k = np.einsum("nji,nlk->ikjl", chain.R, measured.R).reshape(9, 9)
+    u, s, vt = np.linalg.svd(k)
+    if s[1] > _SAME_TURNS * s[0]:
+        raise CannotAnswer("the poses turn too little to tell the base frame from the tool frame")
+    r_b, r_xt = vt[0].reshape(3, 3, order="F"), u[:, 0].reshape(3, 3, order="F")
+    sign = 1.0 if np.linalg.det(r_b) > 0 else -1.0
+    r_b, r_x = nearest_rotation(sign * r_b), nearest_rotation(sign * r_xt).T
+    # p = R_B (R_A t_X + t_A) + t_B: linear in t_X and t_B
+    turned = r_b @ chain.R
+    rhs = (measured.p_m - chain.p_m @ r_b.T).ravel()
+    solution = _least_squares(_shift_design(turned), rhs)
+    return Pose(solution[3:], r_b), Pose(solution[:3], r_x)
+
+
+def _shift_design(turns: Array) -> Array:
+    """(3 N, 6) rows [R_i, I] of turns (N, 3, 3): what a shift before and after them does."""
+    eye = np.broadcast_to(np.eye(3), turns.shape)
+    return array(np.concatenate([turns, eye], axis=2)).reshape(-1, 6)
+
+
+def _least_squares(design: Array, rhs: Array) -> Array:
+    return array(np.linalg.lstsq(design, rhs, rcond=None)[0])
+
+
+# ------------------------------------------------------------------------------------ positions only
+
+
+def _positions_only(chain: Pose, p_m: Array, base: Pose | None, tool: Pose | None) -> tuple[Pose, Pose]:
+    """The tool's orientation cannot be seen; it stays the identity."""
+    if base is not None:
+        # p = R_B (R_A t_X + t_A) + t_B with B known
+        rhs = (base.inverse.apply(p_m) - chain.p_m).ravel()
+        return base, Pose(_least_squares(np.concatenate(chain.R), rhs), np.eye(3))
+    if tool is not None:
+        return rigid_fit(chain.apply(tool.p_m), p_m), tool
+    search = _RotationSearch.of(chain, p_m)
+    r_b = search.best()
+    solution = _least_squares(search.design, (p_m @ r_b - chain.p_m).ravel())
+    return Pose(r_b @ solution[3:], r_b), Pose(solution[:3], np.eye(3))
+
+
+@dataclass(frozen=True)
+class _RotationSearch:
+    """R_B^T (p - t_B) = R_A t_X + t_A: for a given R_B linear in t_X and s = R_B^T t_B, with a design that
+    does not depend on R_B, so that one projection serves all rotations tried.
+
+    design: (3 N, 6); columns: (3 N, 9), constant: (3 N,): what the design leaves is columns vec(R_B^T) +
+    constant, vec row by row.
+    """
+
+    design: Array
+    columns: Array
+    constant: Array
+
+    @classmethod
+    def of(cls, chain: Pose, p_m: Array) -> _RotationSearch:
+        """The search for a chain (N poses) and positions (N, 3)."""
+        design = _shift_design(chain.R)
+        q, _ = np.linalg.qr(design)
+        entries = np.zeros((len(p_m), 3, 3, 3))  # pose, component, then row and column of R_B^T
+        for i in range(3):
+            entries[:, i, i, :] = p_m
+        raw = np.column_stack([entries.reshape(-1, 9), -chain.p_m.ravel()])
+        left = raw - q @ (q.T @ raw)
+        return cls(design, left[:, :9], left[:, 9])
+
+    def best(self) -> Array:
+        """R_B (3, 3) of least cost: many random rotations, the best of them refined."""
+        from scipy.optimize import least_squares  # here: it loads slowly, and few data need it
+
+        found = [
+            (least_squares(self._residual, np.zeros(3), method="lm", args=(start,)), start)
+            for start in self._starts()
+        ]
+        best, start = min(found, key=lambda row: row[0].cost)
+        turn: Array = (Rotation.from_rotvec(best.x) * start).as_matrix().T
+        return turn
+
+    def _starts(self) -> list[Rotation]:
+        """Random rotations R_B^T that leave least."""
+        gram, cross = self.columns.T @ self.columns, self.columns.T @ self.constant
+        turns = Rotation.random(_SEARCH, random_state=np.random.RandomState(1))
+        tries = turns.as_matrix().reshape(-1, 9)
+        cost = np.einsum("ni,ij,nj->n", tries, gram, tries) + 2.0 * tries @ cross
+        return [turns[int(k)] for k in np.argsort(cost)[:_REFINED]]
+
+    def _residual(self, rotvec: Array, start: Rotation) -> Array:
+        matrix = (Rotation.from_rotvec(rotvec) * start).as_matrix()
+        left: Array = self.columns @ matrix.ravel() + self.constant
+        return left

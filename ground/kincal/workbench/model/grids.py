@@ -1,0 +1,78 @@
+"""Constants of effects: those that follow from the data, and grids of those that are searched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from ..data.measurements import Measurements
+from ..numerics.types import Array, array
+
+Grid = Sequence[float] | Literal["times", "durations", "periods"]
+"""Values of a constant: a list, or times of a step [s], fractions of the time span [s], periods per turn."""
+
+# Joints turn by 3 to 6 rad, so that half a period per turn more or less still looks alike.
+_PERIODS = array(np.arange(3.0, 30.25, 0.5))
+_STEPS = 16  # times of a step that are tried first
+_FINER = 9  # values of a closer search
+_REFERENCE_C = 20.0
+
+
+def data_constants(data: Measurements | None) -> dict[str, float]:
+    """Reference temperature [deg C] and begin of time [s], which bases may use as $T0 and $tstart."""
+    if data is None:
+        return {"T0": _REFERENCE_C, "tstart": 0.0}
+    return {
+        "T0": float(np.mean(data.temp_c)) if data.temp_c is not None else _REFERENCE_C,
+        "tstart": float(np.min(data.t_s)) if data.t_s is not None else 0.0,
+    }
+
+
+def grid_values(grid: Grid, data: Measurements | None) -> list[float]:
+    """Values of a constant that are tried first; without data one that stands for all."""
+    if grid == "periods":
+        return _floats(_PERIODS)
+    if not isinstance(grid, str):
+        return [float(v) for v in grid]
+    if data is None or data.t_s is None:
+        return [0.0 if grid == "times" else 1.0]
+    return _durations(data.t_s) if grid == "durations" else _times(data.t_s)
+
+
+def _durations(t_s: Array) -> list[float]:
+    span = float(np.ptp(t_s)) or 1.0
+    return [span / 30.0, span / 8.0, span / 2.0]
+
+
+def _times(t_s: Array) -> list[float]:
+    """A step is placed midway between two measurements, a few poses away from either end."""
+    middles = _between(t_s)
+    inner = middles[2:-2] if len(middles) > 8 else middles
+    return _floats(inner[np.unique(np.linspace(0, len(inner) - 1, _STEPS).round().astype(int))])
+
+
+def _between(t_s: Array) -> Array:
+    """Times midway between two measurements."""
+    t = np.unique(t_s)
+    middles: Array = 0.5 * (t[1:] + t[:-1])
+    return middles
+
+
+def finer(grid: Grid, best: float, data: Measurements) -> list[float]:
+    """Values around the best one of a grid, closer than its neighbours; empty for a plain list."""
+    if grid == "periods":
+        return _floats(best + (_PERIODS[1] - _PERIODS[0]) * np.linspace(-0.8, 0.8, _FINER))
+    if grid == "durations":
+        return _floats(best * 2.0 ** np.linspace(-1.0, 1.0, _FINER))
+    if grid != "times" or data.t_s is None:
+        return []
+    middles = _between(data.t_s)
+    place = int(np.abs(middles - best).argmin())
+    reach = max(1, round(len(middles) / _STEPS))
+    return _floats(middles[max(place - reach, 0) : place + reach + 1])
+
+
+def _floats(values: Array) -> list[float]:
+    return [float(v) for v in values]

@@ -1,0 +1,285 @@
+"""The model file M.toml: which effects are in use, with every change kept as history."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.effects import ParameterEntry
+from kincal_shared.schema.errors import read_toml, validate
+from kincal_shared.schema.model import (
+    VERSION,
+    DataEntry,
+    FitEntry,
+    FrameEntry,
+    ModelEntry,
+    SightEntry,
+    UnnamedEntry,
+)
+from kincal_shared.schema.names import effect_of, split_constants, with_constants
+
+from ..numerics.types import Array
+
+
+@dataclass(frozen=True)
+class Change:
+    """One entry of the history: what was done, to which effects, and what the list was before."""
+
+    when: str
+    action: str
+    effects: tuple[str, ...]
+    before: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """Effects in use (in the order they were added), a user's own library files, and the history.
+
+    fixed: constants that fits keep, by effect; those of other effects are chosen by the data.
+    values, units, constants, fit: of the last fit, by coefficient and by effect; `uplink` uses the
+    constants, exports use all.
+    unnamed: terms of the unnamed effects, by name; those of the history too, so that `undo` finds them.
+    """
+
+    effects: tuple[str, ...] = ()
+    fixed: dict[str, dict[str, float]] = field(default_factory=dict)
+    libraries: tuple[str, ...] = ()
+    dh: bool = True
+    history: tuple[Change, ...] = ()
+    arm: str = ""
+    values: dict[str, tuple[float, float]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    constants: dict[str, dict[str, float]] = field(default_factory=dict)
+    fit: FitEntry | None = None
+    unnamed: dict[str, UnnamedEntry] = field(default_factory=dict)
+
+    def with_terms(self, entry: UnnamedEntry) -> ModelFile:
+        """The model that knows the terms of an unnamed effect, or knows them anew."""
+        return replace(self, unnamed={**self.unnamed, entry.name: entry})
+
+    @classmethod
+    def of(cls, texts: Iterable[str]) -> ModelFile:
+        """A model with these effects, as `add` takes them, and no history."""
+        effects, fixed = _effects_of(texts)
+        return cls(effects=effects, fixed=fixed)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Effects in use with the constants that fits keep, as `add` takes them."""
+        return tuple(with_constants(name, self.fixed.get(name, {})) for name in self.effects)
+
+    def add(self, texts: list[str]) -> ModelFile:
+        """The model with these effects too. BadInput if one is there already, alone or for all joints."""
+        new = [_split(text) for text in texts]
+        after = (*self.effects, *(name for name, _ in new))
+        for name, _ in new:
+            whole = effect_of(name)
+            if after.count(name) > 1:
+                raise BadInput(f"{name} is already in the model")
+            if whole in after and any(other.startswith(f"{whole}[") for other in after):
+                raise BadInput(
+                    f"{whole} is the effect at all joints; it cannot stand beside one of them",
+                    todo="`kincal model remove` takes one of them out",
+                )
+        return self._changed("add", tuple(texts), (*self.texts, *texts))
+
+    def remove(self, texts: list[str]) -> ModelFile:
+        """The model without these effects, with or without constants. BadInput if one is not in it."""
+        names = [_split(text)[0] for text in texts]
+        absent = [name for name in names if name not in self.effects]
+        if absent:
+            there = ", ".join(self.effects) or "no effect"
+            raise BadInput(f"{absent[0]} is not in the model; it holds {there}")
+        kept = [text for text, name in zip(self.texts, self.effects, strict=True) if name not in names]
+        return self._changed("remove", tuple(names), tuple(kept))
+
+    def undo(self) -> ModelFile:
+        """Take back the last change that was not itself taken back; the undo is history too."""
+        depth = 0
+        for change in reversed(self.history):
+            if change.action == "undo":
+                depth += 1
+            elif depth:
+                depth -= 1
+            else:
+                return self._changed("undo", change.effects, change.before)
+        raise BadInput("nothing to undo: every change was taken back")
+
+    def _changed(self, action: str, texts: tuple[str, ...], after: tuple[str, ...]) -> ModelFile:
+        when = datetime.now(UTC).isoformat(timespec="seconds")
+        history = (*self.history, Change(when, action, texts, self.texts))
+        effects, fixed = _effects_of(after)
+        return replace(
+            self, effects=effects, fixed=fixed, history=history, values={}, units={}, constants={}, fit=None
+        )
+
+
+def _split(text: str) -> tuple[str, dict[str, float]]:
+    try:
+        return split_constants(text)
+    except ValueError as error:
+        raise BadInput(str(error)) from None
+
+
+def _effects_of(texts: Iterable[str]) -> tuple[tuple[str, ...], dict[str, dict[str, float]]]:
+    """Names, and the constants of those that have some."""
+    split = [_split(text) for text in texts]
+    return tuple(name for name, _ in split), {name: constants for name, constants in split if constants}
+
+
+def read_model(path: str | Path, *, must_exist: bool = True) -> ModelFile:
+    """Read M.toml. A missing file is an empty model unless must_exist. SchemaError lists what is wrong."""
+    path = Path(path)
+    if not path.exists():
+        if must_exist:
+            raise BadInput("no such file", str(path), f"`kincal model add --model {path} EFFECT` makes one")
+        return ModelFile()
+    entry = validate(ModelEntry, read_toml(path), str(path))
+    effects, fixed = _effects_of(entry.effects)
+    return ModelFile(
+        effects=effects,
+        fixed=fixed,
+        libraries=tuple(entry.libraries),
+        dh=entry.dh,
+        history=tuple(Change(h.when, h.action, tuple(h.effects), tuple(h.before)) for h in entry.history),
+        arm=entry.arm,
+        values={v.name: (v.value, v.std_err) for v in entry.value},
+        units={v.name: v.unit for v in entry.value},
+        constants=entry.constants,
+        fit=entry.fit,
+        unnamed={u.name: u for u in entry.unnamed},
+    )
+
+
+def write_model(path: str | Path, model: ModelFile) -> None:
+    """Write whole or not at all (new file, then rename)."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(
+        "w", dir=path.parent, prefix=path.name, suffix=".new", delete=False, encoding="utf-8"
+    ) as file:
+        file.write(
+            "\n".join(
+                [*_in_use(model), *_unnamed(model), *_history(model), *_of_last_fit(model), *_fit(model.fit)]
+            )
+            + "\n"
+        )
+    os.replace(file.name, path)
+
+
+def _in_use(model: ModelFile) -> list[str]:
+    arm = [f"arm = {json.dumps(model.arm)}"] if model.arm else []
+    return [
+        "# KinCal model: DH errors (dh), base and tool as the arm table says, and these effects.",
+        f"version = {VERSION}",
+        f"dh = {'true' if model.dh else 'false'}",
+        f"effects = {_texts(model.texts)}",
+        f"libraries = {_texts(model.libraries)}",
+        *arm,
+    ]
+
+
+def _unnamed(model: ModelFile) -> list[str]:
+    lines = []
+    for entry in model.unnamed.values():
+        lines += ["", "[[unnamed]]", f"name = {json.dumps(entry.name)}"]
+        lines += [line for parameter in entry.parameter for line in _parameter(parameter)]
+    return lines
+
+
+def _parameter(p: ParameterEntry) -> list[str]:
+    lines = ["", "[[unnamed.parameter]]"]
+    lines += [f"name = {json.dumps(p.name)}", f"unit = {json.dumps(p.unit)}", f"sigma = {float(p.sigma)!r}"]
+    for term in p.term:
+        keys = term.model_dump(exclude_defaults=True)
+        lines += ["[[unnamed.parameter.term]]", *(f"{key} = {json.dumps(x)}" for key, x in keys.items())]
+    return lines
+
+
+def _history(model: ModelFile) -> list[str]:
+    lines = []
+    for change in model.history:
+        lines += [
+            "",
+            "[[history]]",
+            f"when = {json.dumps(change.when)}",
+            f"action = {json.dumps(change.action)}",
+        ]
+        lines += [f"effects = {_texts(change.effects)}", f"before = {_texts(change.before)}"]
+    return lines
+
+
+def _of_last_fit(model: ModelFile) -> list[str]:
+    lines = []
+    for name, (value, std_err) in model.values.items():
+        lines += ["", "[[value]]", f"name = {json.dumps(name)}"]
+        lines += [f"value = {float(value)!r}", f"std_err = {float(std_err)!r}"]
+        lines += [f"unit = {json.dumps(model.units[name])}"] if model.units.get(name) else []
+    for effect, row in model.constants.items():
+        lines += ["", f"[constants.{json.dumps(effect)}]"]
+        lines += [f"{name} = {float(value)!r}" for name, value in row.items()]
+    return lines
+
+
+def _fit(fit: FitEntry | None) -> list[str]:
+    """The table [fit]: plain keys first, as TOML wants it."""
+    if fit is None:
+        return []
+    optional = {key: getattr(fit, key) for key in ("held_mm", "held_mrad", "held_table_mm")}
+    return [
+        "",
+        "[fit]",
+        *(f"{key} = {json.dumps(getattr(fit, key))}" for key in ("when", "tool_version", "arm_sha256")),
+        f"poses = {fit.poses}",
+        f"components = {fit.components}",
+        f"held = {_texts(fit.held)}",
+        *(f"{key} = {value!r}" for key, value in optional.items() if value is not None),
+        f"noise_scale = {fit.noise_scale!r}",
+        "covariance = [",
+        *(f"  [{', '.join(map(repr, row))}]," for row in fit.covariance),
+        "]",
+        *_frame("base", fit.base),
+        *_frame("tool", fit.tool),
+        *(line for data in fit.data for line in _data(data)),
+        *_sight(fit.sight),
+        *(["", "[fit.position_change_mm]"] if fit.position_change_mm else []),
+        *(f"{json.dumps(name)} = {value!r}" for name, value in fit.position_change_mm.items()),
+    ]
+
+
+def _frame(name: str, frame: FrameEntry) -> list[str]:
+    numbers = (f"{key} = {list(getattr(frame, key))}" for key in ("xyz_m", "quat_wxyz"))
+    return ["", f"[fit.{name}]", *numbers]
+
+
+def _sight(sight: SightEntry | None) -> list[str]:
+    keys = {} if sight is None else sight.model_dump(mode="json", exclude_none=True)
+    return ["", "[fit.sight]", *(f"{key} = {json.dumps(x)}" for key, x in keys.items())] if keys else []
+
+
+def _data(data: DataEntry) -> list[str]:
+    return ["", "[[fit.data]]", f"path = {json.dumps(data.path)}", f"sha256 = {json.dumps(data.sha256)}"]
+
+
+def _texts(items: Iterable[str]) -> str:
+    return "[" + ", ".join(json.dumps(item) for item in items) + "]"
+
+
+def covariance_of(model: ModelFile) -> Array | None:
+    """(k, k) covariance of the coefficients of the last fit, in the order of `model.values`; None if the
+    model holds no fit, or not the rows of these coefficients."""
+    k, rows = len(model.values), model.fit.covariance if model.fit else []
+    if not k or [len(row) for row in rows] != list(range(1, k + 1)):
+        return None
+    out = np.zeros((k, k))
+    for i, row in enumerate(rows):
+        out[i, : i + 1] = out[: i + 1, i] = row
+    return out

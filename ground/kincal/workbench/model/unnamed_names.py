@@ -1,0 +1,40 @@
+"""Names of unnamed effects: unnamed[joint 1: q1, q3]."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.names import UNNAMED
+
+_HELD_BY = {"range": "camera translation", "tag tilt": "tag rotation"}
+_NAME = re.compile(rf"{UNNAMED}\[(?P<place>[^:\[\]]+):(?P<drivers>[^:\[\]]+)\]")
+
+
+@dataclass(frozen=True)
+class UnnamedName:
+    """Place and one or two drivers of an unnamed effect."""
+
+    place: str
+    drivers: tuple[str, ...]
+
+    @classmethod
+    def parse(cls, text: str) -> UnnamedName:
+        """Of "unnamed[joint 1: q1, q3]". BadInput says how to write it."""
+        match = _NAME.fullmatch(text.strip())
+        drivers = tuple(d.strip() for d in match["drivers"].split(",")) if match else ()
+        if not match or not 1 <= len(set(drivers)) == len(drivers) <= 2:
+            raise BadInput(
+                f"cannot read {text!r}",
+                todo='write the place and one or two different variables: "unnamed[joint 1: q1, q3]"',
+            )
+        return cls(" ".join(match["place"].split()), drivers)
+
+    @classmethod
+    def of_cell(cls, location: str, drivers: tuple[str, ...]) -> UnnamedName:
+        """Of a cell of the map; a location that terms cannot act at is named by the place that holds it."""
+        return cls(_HELD_BY.get(location, location), drivers)
+
+    def __str__(self) -> str:
+        return f"{UNNAMED}[{self.place}: {', '.join(self.drivers)}]"

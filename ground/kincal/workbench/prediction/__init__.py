@@ -1,0 +1,1 @@
+"""Errors on poses that were not fitted, before and after effects; poses to measure next."""

@@ -1,0 +1,370 @@
+"""Held-out error of nested models: nominal arm, DH, DH + first effect, ... beside the noise floor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kincal_shared.errors import CannotAnswer
+from kincal_shared.schema.arm import ArmTable
+
+from ..data.measurements import Measurements
+from ..data.split import Split, choose_split
+from ..evidence.adequacy import NoiseFloor
+from ..fit.least_squares import Frames, find_frames, fit_model, rms
+from ..model.effects import Hypothesis
+from ..model.hypotheses import covers
+from ..numerics.types import Array, Indices, Mask, Progress, no_progress
+from .gain import Gain, held_ratio, judged, much_worse, rms_interval
+
+HELD_OUT, FITTED = "held-out poses", "fitted poses"
+"""The block of the split in use; all poses, where none are held out."""
+NOMINAL, DH = "nominal", "DH"
+"""The models before the first effect."""
+_FIFTH = 0.8  # quantile beyond which a fifth of the poses lies
+_LEAST_HELD, _MOST_HELD = 4, 0.6  # poses of a block, share of all poses
+
+
+@dataclass(frozen=True)
+class Block:
+    """A way of holding poses back: at random (file or every 4th), an unseen region, a time block, one
+    direction of approach. fit, held: indices of the poses."""
+
+    name: str
+    fit: Indices
+    held: Indices
+
+
+@dataclass(frozen=True)
+class NestedModel:
+    """Held-out error of one model on one block.
+
+    pos_m, rot_rad: RMS [m], [rad] (None without rotations); pos_interval: 95 % bootstrap interval of pos_m
+    over the held-out poses; sys_pos_m: without the stated noise [m], None where none is stated; max_pos_m: of
+    the worst pose; ratio: pos_m over that of the model before, with a 95 % bootstrap interval; None for the
+    first model.
+    """
+
+    model: str
+    block: str
+    pos_m: float
+    rot_rad: float | None
+    sys_pos_m: float | None
+    max_pos_m: float
+    ratio: float | None
+    ratio_interval: tuple[float, float] | None
+    pos_interval: tuple[float, float] = (math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class EffectGain:
+    """What one effect brings on one block: the whole model against the model without this effect alone.
+
+    before_m, after_m: held-out position RMS [m] without and with it; ratio: after / before, with its 95 %
+    bootstrap interval; judged: by that interval; rotation: that ratio of rotation errors with its interval,
+    None without rotations.
+    """
+
+    effect: str
+    block: str
+    before_m: float
+    after_m: float
+    ratio: float
+    interval: tuple[float, float]
+    rotation: tuple[float, tuple[float, float]] | None = None
+
+    @property
+    def judged(self) -> Gain:
+        """Whether it helps, by the interval."""
+        return judged(self.interval)
+
+    @property
+    def advised_against(self) -> bool:
+        """Held-out poses are predicted worse with it, or positions or rotations of a block much worse."""
+        if self.block == HELD_OUT and self.judged == "harms":
+            return True
+        return much_worse(self.interval) or (self.rotation is not None and much_worse(self.rotation[1]))
+
+
+@dataclass(frozen=True)
+class NestedModels:
+    """All models on all blocks, in the order of fitting; gains: of each effect on each block."""
+
+    models: tuple[NestedModel, ...]
+    floor: NoiseFloor
+    gains: tuple[EffectGain, ...]
+
+    @property
+    def no_gain(self) -> tuple[EffectGain, ...]:
+        """Effects that the held-out poses of a block do not show to help."""
+        return tuple(g for g in self.gains if g.judged != "helps")
+
+    @property
+    def against(self) -> tuple[EffectGain, ...]:
+        """What speaks against effects of the model: the blocks where they do harm."""
+        return tuple(g for g in self.gains if g.advised_against)
+
+    @property
+    def not_recommended(self) -> tuple[str, ...]:
+        """Effects that the model is better without, each once."""
+        return tuple(dict.fromkeys(g.effect for g in self.against))
+
+    @property
+    def blocks(self) -> tuple[str, ...]:
+        """The ways of holding poses back, each once."""
+        return tuple(dict.fromkeys(m.block for m in self.models))
+
+    def of(self, block: str) -> tuple[NestedModel, ...]:
+        """The models on one block."""
+        return tuple(m for m in self.models if m.block == block)
+
+
+def fit_nested(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis],
+    floor: NoiseFloor,
+    names: Sequence[str] = (),
+    *,
+    dh: bool = True,
+    progress: Progress = no_progress,
+) -> NestedModels:
+    """Fit nominal, DH, DH + first effect, ... on every block and measure what was held back. The gain of
+    an effect compares the whole model with the one that lacks it: the order of adding does not matter.
+
+    names: what the hypotheses were asked for as; those of one name (all joints of an effect, or some) count
+    as one effect."""
+    groups = _by_effect(hypotheses, names)
+    todo = blocks(data, choose_split(data))
+    models: list[NestedModel] = []
+    gains: list[EffectGain] = []
+    for number, block in enumerate(todo):
+        held_out = _HeldOut.of(arm, data, block, dh)
+        steps, fitted = [*_steps(groups, dh)], []
+        for step in steps:
+            progress(f"{block.name}: {step.label}", number, len(todo))
+            fitted.append(held_out.residuals(step.hypotheses, step.dh))
+        models += held_out.models([step.label for step in steps], fitted)
+        gains += held_out.gains(groups, hypotheses, fitted)
+    return NestedModels(tuple(models), floor, tuple(gains))
+
+
+def harmful(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis],
+    names: Sequence[str],
+    *,
+    dh: bool = True,
+    progress: Progress = no_progress,
+) -> tuple[EffectGain, ...]:
+    """What speaks against the named effects of a model: the blocks where they do harm, as `fit_nested` finds
+    them."""
+    groups, found = _by_effect(hypotheses, names), []
+    todo = blocks(data, choose_split(data))
+    for number, block in enumerate(todo):
+        progress(f"{block.name}: does it harm?", number, len(todo))
+        held_out = _HeldOut.of(arm, data, block, dh)
+        whole = held_out.residuals(hypotheses, dh)
+        found += [held_out.gain(name, groups[name], hypotheses, whole) for name in names]
+    return tuple(g for g in found if g.advised_against)
+
+
+def errors_by_step(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis],
+    names: Sequence[str] = (),
+    *,
+    dh: bool = True,
+) -> tuple[NestedModel, ...]:
+    """Errors of the nominal arm, after DH calibration and with each effect: those of `fit_nested` on the
+    held-out poses, to the last digit; on the fitted ones where none are held out."""
+    split, groups = choose_split(data), _by_effect(hypotheses, names)
+    every = np.arange(data.n)
+    block = Block(HELD_OUT, split.fit, split.held) if len(split.held) else Block(FITTED, every, every)
+    held_out, steps = _HeldOut.of(arm, data, block, dh), [*_steps(groups, dh)]
+    fitted = [held_out.residuals(step.hypotheses, step.dh) for step in steps]
+    return tuple(held_out.models([step.label for step in steps], fitted))
+
+
+def cost_without(
+    arm: ArmTable,
+    data: Measurements,
+    hypotheses: Sequence[Hypothesis],
+    left_out: Sequence[Hypothesis],
+    *,
+    dh: bool = True,
+) -> EffectGain:
+    """What the effects that are left out bring together on the held-out poses. CannotAnswer if none are held
+    out."""
+    block = next((b for b in blocks(data, choose_split(data)) if b.name == HELD_OUT), None)
+    if block is None:
+        raise CannotAnswer(
+            "no poses are held out", todo="measure more, or leave some out by the column split"
+        )
+    held_out = _HeldOut.of(arm, data, block, dh)
+    after = held_out.residuals(hypotheses, dh)
+    return held_out.gain(", ".join(h.name for h in left_out), left_out, hypotheses, after)
+
+
+def _by_effect(hypotheses: Sequence[Hypothesis], names: Sequence[str]) -> dict[str, list[Hypothesis]]:
+    """Effects by the name they are shown with."""
+    groups: dict[str, list[Hypothesis]] = {}
+    for h in hypotheses:
+        groups.setdefault(next((name for name in names if covers(name, h.name)), h.name), []).append(h)
+    return groups
+
+
+@dataclass(frozen=True)
+class _Step:
+    label: str
+    dh: bool
+    hypotheses: tuple[Hypothesis, ...]
+
+
+def _steps(groups: dict[str, list[Hypothesis]], dh: bool) -> Iterator[_Step]:
+    yield _Step(NOMINAL, False, ())
+    if dh:
+        yield _Step(DH, True, ())
+    used: tuple[Hypothesis, ...] = ()
+    for name, group in groups.items():
+        used = (*used, *group)
+        yield _Step(f"+ {name}", dh, used)
+
+
+@dataclass(frozen=True)
+class _HeldOut:
+    """One block with its frames found: fits models to its fit poses, measures them on the held ones."""
+
+    arm: ArmTable
+    block: Block
+    part: Measurements
+    held: Measurements
+    frames: Frames
+    dh: bool
+
+    @classmethod
+    def of(cls, arm: ArmTable, data: Measurements, block: Block, dh: bool) -> _HeldOut:
+        """Frames found from the fit poses of a block."""
+        part = data.take(block.fit)
+        return cls(arm, block, part, data.take(block.held), find_frames(arm, part), dh)
+
+    def residuals(self, hypotheses: Sequence[Hypothesis], dh: bool) -> Array:
+        """(M, c) residuals of the held-out poses."""
+        return fit_model(self.arm, self.part, hypotheses, dh=dh, frames=self.frames).predict(self.held)
+
+    def models(self, labels: Sequence[str], fitted: Sequence[Array]) -> list[NestedModel]:
+        """Each model beside the one before it."""
+        before = [None, *fitted]
+        return [self.model(label, r, b) for label, r, b in zip(labels, fitted, before, strict=False)]
+
+    def model(self, label: str, r: Array, before: Array | None) -> NestedModel:
+        """Errors of one model from its residuals and those of the model before."""
+        square = _square(r)
+        ratio = interval = None
+        if before is not None:
+            ratio, interval = held_ratio(square, _square(before))
+        position, rotation = rms(r)
+        worst, systematic = float(np.sqrt(square.max())), self._systematic(square)
+        spread = rms_interval(square)
+        return NestedModel(
+            label, self.block.name, position, rotation, systematic, worst, ratio, interval, spread
+        )
+
+    def _systematic(self, square: Array) -> float | None:
+        if self.held.cov is None:
+            return None
+        noise = np.einsum("nii->n", self.held.cov[:, :3, :3]).mean()
+        return float(np.sqrt(max(0.0, square.mean() - noise)))
+
+    def gains(
+        self,
+        groups: dict[str, list[Hypothesis]],
+        hypotheses: Sequence[Hypothesis],
+        fitted: Sequence[Array],
+    ) -> Iterator[EffectGain]:
+        """What each effect brings beside all others. fitted: residuals of the nested models, the whole one
+        last; if there is only one effect, the model before it is the one without it."""
+        for name, group in groups.items():
+            without = fitted[-2] if len(groups) == 1 else None
+            yield self.gain(name, group, hypotheses, fitted[-1], without)
+
+    def gain(
+        self,
+        name: str,
+        group: Sequence[Hypothesis],
+        hypotheses: Sequence[Hypothesis],
+        whole: Array,
+        without: Array | None = None,
+    ) -> EffectGain:
+        """What a group of the hypotheses brings beside the others. whole, without: (M, c) residuals with and
+        without it, the latter None if no fit gave them yet."""
+        if without is None:
+            without = self.residuals([h for h in hypotheses if h not in group], self.dh)
+        before, after = _square(without), _square(whole)
+        ratio, interval = held_ratio(after, before)
+        rms_m = float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+        turned = held_ratio(_turned(whole), _turned(without)) if whole.shape[1] == 6 else None
+        return EffectGain(name, self.block.name, *rms_m, ratio, interval, turned)
+
+
+def _turned(r: Array) -> Array:
+    """(M,) squared rotation errors [rad^2] of residuals (M, 6)."""
+    square: Array = (r[:, 3:] ** 2).sum(axis=1)
+    return square
+
+
+def _square(r: Array) -> Array:
+    """(M,) squared position errors [m^2] of residuals (M, c)."""
+    square: Array = (r[:, :3] ** 2).sum(axis=1)
+    return square
+
+
+# -------------------------------------------------------------------------------------------- blocks
+
+
+def blocks(data: Measurements, split: Split) -> list[Block]:
+    """The split in use, and a region, a time block and a direction cut from the poses it may fit."""
+    out = [Block(HELD_OUT, split.fit, split.held)] if len(split.held) else []
+    pool = split.fit if split.given else np.arange(data.n)
+    masks = (
+        ("unseen region", _region(data.q[pool])),
+        ("time block", _time(data, pool)),
+        ("direction", _direction(data, pool)),
+    )
+    out += [
+        Block(name, pool[~mask], pool[mask])
+        for name, mask in masks
+        if mask is not None and _LEAST_HELD <= mask.sum() <= _MOST_HELD * len(pool)
+    ]
+    return out
+
+
+def _region(q: Array) -> Mask:
+    """The fifth of the poses farthest along the leading direction of the joint angles: one corner."""
+    centred = (q - q.mean(axis=0)) / np.maximum(q.std(axis=0), 1e-9)
+    _, _, vt = np.linalg.svd(centred, full_matrices=False)
+    return _last_fifth(centred @ vt[0])
+
+
+def _time(data: Measurements, pool: Indices) -> Mask | None:
+    """The last fifth in time."""
+    if data.t_s is None or np.ptp(data.t_s[pool]) == 0:
+        return None
+    return _last_fifth(data.t_s[pool])
+
+
+def _direction(data: Measurements, pool: Indices) -> Mask | None:
+    """Poses whose joints were mostly approached upward, a fifth of them."""
+    if data.direction is None or np.ptp(data.direction) == 0:
+        return None
+    return _last_fifth(data.direction[pool].sum(axis=1) + 1e-6 * np.arange(len(pool)))
+
+
+def _last_fifth(x: Array) -> Mask:
+    mask: Mask = x >= np.quantile(x, _FIFTH)
+    return mask

@@ -1,0 +1,1 @@
+"""Answers for people and programs: sentences, text, JSON, and the curves that pages draw."""

@@ -1,0 +1,166 @@
+"""What to do after a diagnosis, as commands to copy."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+
+from kincal_shared.schema.names import UNNAMED, split_constants
+
+from ..diagnosis import Diagnosis
+from ..prediction.nested import DH, HELD_OUT, NOMINAL
+from ..prediction.nextposes import NextPose, would_decide
+from . import explain
+
+_NEW_MODEL = "M.toml"
+_NAMED = 8  # outliers in a command
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a command was given, as words of a command line: the arm, the options that say the data, the model
+    file (empty if none), and files with effects; new_model: where to write a model if none was given."""
+
+    arm: str
+    data: tuple[str, ...]
+    model: str = ""
+    effects: tuple[str, ...] = ()
+    new_model: str = _NEW_MODEL
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Arm and data."""
+        return ("--arm", self.arm, *self.data)
+
+    @property
+    def library(self) -> tuple[str, ...]:
+        """Options for the user's own effects."""
+        return tuple(word for path in self.effects for word in ("--effects", path))
+
+    @property
+    def written(self) -> tuple[str, ...]:
+        """Option for the model file that the commands make or change."""
+        return ("--model", self.model or self.new_model)
+
+    @property
+    def diagnosed(self) -> tuple[str, ...]:
+        """Options for the model that was diagnosed."""
+        return (*(("--model", self.model) if self.model else ()), *self.library)
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something to do: why, and the command for it."""
+
+    why: str
+    command: str
+
+
+def next_steps(d: Diagnosis, poses: Sequence[NextPose], inputs: Inputs) -> tuple[Step, ...]:
+    """The commands that follow from a diagnosis: DH calibration first, then what else was found."""
+    if worse := _worse_calibrated(d, inputs):
+        return (worse,)
+    return (
+        *_calibrating(d, inputs),
+        *_adding(d, inputs),
+        *_measuring(poses, inputs),
+        *_excluding(d, inputs),
+    )
+
+
+def free_name(taken: Callable[[str], bool], name: str = _NEW_MODEL) -> str:
+    """M.toml, or M2.toml, M3.toml ... where that is taken: what is there may be of another arm."""
+    stem, dot, suffix = name.partition(".")
+    numbered = (f"{stem}{number}{dot}{suffix}" for number in count(2))
+    return name if not taken(name) else next(other for other in numbered if not taken(other))
+
+
+def _kincal(*words: str) -> str:
+    return "kincal model " + " ".join(map(shlex.quote, words))
+
+
+def _worse_calibrated(d: Diagnosis, inputs: Inputs) -> Step | None:
+    """Held-out poses are predicted worse after DH calibration than by the nominal arm: no fit of these poses
+    is to be used."""
+    errors = {e.model: e.pos_m for e in d.advised.errors if e.block == HELD_OUT}
+    if inputs.model or not errors or DH not in errors or errors[DH] < errors[NOMINAL]:
+        return None
+    return Step(
+        "measure more poses, and calibrate nothing with these alone: after DH calibration held-out poses are "
+        f"predicted worse than by the nominal arm ({_fall(errors[NOMINAL], errors[DH])})",
+        _kincal("check", *inputs.sources),
+    )
+
+
+def _calibrating(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
+    """DH calibration alone, of an arm that has none yet."""
+    if inputs.model:
+        return
+    errors = {e.model: e.pos_m for e in d.advised.errors}
+    gain = f" (held-out error {_fall(errors[NOMINAL], errors[DH])})" if _measured(d) and DH in errors else ""
+    yield Step(
+        f"calibrate lengths, angles and frames of the arm{gain}",
+        _kincal("fit", *inputs.sources, *inputs.written),
+    )
+    table = d.comparison.table_error
+    less = f"; a table leaves some of it out: held-out error {table[0] * 1e3:.3f} mm" if table else ""
+    yield _export(inputs, f"take that arm away as a table (also urdf, json, python, c{less})", "dh")
+
+
+def _adding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
+    change = d.advised
+    smooth = d.novel is not None and not d.exhausted
+    if change.removed:
+        yield Step(
+            "take out what is found at more joints",
+            _kincal("remove", *inputs.written, *(split_constants(text)[0] for text in change.removed)),
+        )
+    if change.added:
+        before = d.comparison.rms["held"][0]
+        gain = f" (held-out error {_fall(before, change.errors[-1].pos_m)})" if _measured(d) else ""
+        yield Step(
+            f"add what was found{gain}", _kincal("add", *inputs.written, *inputs.library, *change.added)
+        )
+    if smooth:
+        yield Step(
+            "add smooth functions for what has no name, as many as predict better and harm no other poses",
+            _kincal("add", *inputs.written, *inputs.library, *inputs.sources, UNNAMED),
+        )
+    if change.added or smooth or inputs.model:
+        yield Step(
+            "fit it and see what each effect brings",
+            _kincal("fit", *inputs.sources, *inputs.written, *inputs.library),
+        )
+        yield _export(inputs, "take the arm with all effects away as source code (also c)", "python")
+
+
+def _measured(d: Diagnosis) -> bool:
+    return any(e.block == HELD_OUT for e in d.advised.errors)
+
+
+def _fall(before_m: float, after_m: float) -> str:
+    return f"{before_m * 1e3:.3f} to {after_m * 1e3:.3f} mm"
+
+
+def _export(inputs: Inputs, why: str, form: str) -> Step:
+    out = {"dh": "calibrated.toml", "python": "calibrated.py"}[form]
+    return Step(why, _kincal("export", *inputs.written, *inputs.library, "--format", form, "-o", out))
+
+
+def _measuring(poses: Sequence[NextPose], inputs: Inputs) -> Iterator[Step]:
+    if poses and not would_decide(poses):
+        why = f"tell {explain.listed(poses[0].separates)} apart: {explain.would_not_decide(poses)}"
+        yield Step(why, _kincal("effects", *inputs.library))
+    elif poses:
+        names = poses[0].separates
+        why = f"poses that separate {explain.listed(names)}"
+        yield Step(why, _kincal("next", *inputs.sources, *inputs.diagnosed, *names))
+
+
+def _excluding(d: Diagnosis, inputs: Inputs) -> Iterator[Step]:
+    ids = d.comparison.outliers.ids
+    if ids and len(ids) <= _NAMED:
+        words = (*inputs.sources, *inputs.diagnosed, "--exclude", ",".join(ids))
+        yield Step("look at the outliers; without them", _kincal("diagnose", *words))

@@ -1,0 +1,337 @@
+"""Answers of the workbench as JSON (docs/WORKBENCH.md pins the keys) and as text for people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ..comparison.compare import Comparison
+from ..comparison.fitting import FitResult
+from ..diagnosis import Diagnosis, EffectFinding, Remainder, UnnamedFinding
+from ..evidence.adequacy import NoiseFloor, Where
+from ..evidence.curves import Curve
+from ..prediction.nested import NestedModel, NestedModels
+from ..prediction.nextposes import NextPose, would_decide
+from ..prediction.reachable import Reachable
+from . import explain
+from .advice import Step
+from .design_text import axes_json, design_lines, identifiability_json
+
+Json = dict[str, Any]
+
+
+# ---------------------------------------------------------------------------------------------- JSON
+
+
+def _mm(value: float | None) -> float | None:
+    """Millimetres (milliradians) of metres (radians); null where there is no number."""
+    return None if value is None or not math.isfinite(value) else round(value * 1e3, 6)
+
+
+def _pos_rot(position_m: float | None, rotation_rad: float | None) -> Json:
+    return {"pos_mm": _mm(position_m), "rot_mrad": _mm(rotation_rad)}
+
+
+def _floor(floor: NoiseFloor) -> Json:
+    return {**_pos_rot(floor.pos_m, floor.rot_rad), "source": floor.source}
+
+
+def _reachable(r: Reachable | None) -> Json | None:
+    return None if r is None else {**_pos_rot(r.pos_m, r.rot_rad), "by": explain.reachable_by(r)}
+
+
+def _where(found: Sequence[Where]) -> list[Json]:
+    return [
+        {
+            "variable": w.variable,
+            "p_value": w.p_value,
+            "share_of_variance": w.share_of_variance,
+            "at": w.at,
+        }
+        for w in found
+    ]
+
+
+def comparison_json(c: Comparison) -> Json:
+    """`kincal model compare --json`."""
+    return {
+        "arm": c.arm,
+        "data": c.source,
+        "poses": c.poses,
+        "fit": len(c.split.fit),
+        "held": len(c.split.held),
+        "skipped": c.skipped,
+        "components": c.components,
+        "direction": c.data.direction_source,
+        "noise_floor": _floor(c.noise_floor),
+        "rms": {name: _pos_rot(*pair) for name, pair in c.rms.items()},
+        "errors": [{"model": name, **_pos_rot(*pair)} for name, pair in c.errors.items()],
+        "reachable": _reachable(c.reachable),
+        "identifiability": identifiability_json(c.identifiability),
+        "axes": {name: axes_json(axes) for name, axes in c.residual_axes.items()},
+        "chi2_per_dof": c.chi2_per_dof,
+        "p_lack_of_fit": c.p_lack_of_fit,
+        "p_structure": c.p_structure,
+        "adequate": c.adequate,
+        "worst_poses": [
+            {"id": w.id, **_pos_rot(w.pos_m, w.rot_rad), "sigma": w.sigma} for w in c.worst_poses
+        ],
+        "where": _where(c.where),
+        "outliers": list(c.outliers.ids),
+        "outlier_note": explain.outlier_note(c.outliers),
+        "notes": explain.notes(c),
+    }
+
+
+def diagnosis_json(d: Diagnosis, next_poses: Sequence[NextPose] = (), steps: Sequence[Step] = ()) -> Json:
+    """`kincal model diagnose --json`."""
+    return {
+        **comparison_json(d.comparison),
+        "errors": [{"model": e.model, **_pos_rot(e.pos_m, e.rot_rad)} for e in d.advised.errors],
+        "advised": {"remove": list(d.advised.removed), "add": list(d.advised.added)},
+        "next_steps": [{"why": step.why, "command": step.command} for step in steps],
+        "verdict": d.verdict,
+        "probability_none": d.probability_none,
+        "adequate_after": d.adequate_after,
+        "effects": [_effect_json(e) for e in d.effects],
+        "novel": None if d.novel is None else _unnamed_json(d.novel),
+        "not_testable": [{"name": n.name, "needs": list(n.needs)} for n in d.not_testable],
+        "next_poses": poses_json(next_poses),
+        "remainder": _remainder_json(d.remainder),
+    }
+
+
+def _effect_json(e: EffectFinding) -> Json:
+    return {
+        "name": e.name,
+        "probability": e.probability,
+        "evidence": e.doubts.evidence,
+        "support": e.doubts.support,
+        "identity": e.doubts.identity,
+        "p_value": e.p_value,
+        "delta_bic": e.delta_bic,
+        "held_rms_before_mm": _mm(e.held.before_m),
+        "held_rms_after_mm": _mm(e.held.after_m),
+        "held_ratio_interval": [x if math.isfinite(x) else None for x in e.held.interval],
+        "held_rotation_ratio": e.held.rotation,
+        "constants": dict(e.constants),
+        "parameters": [
+            {"name": p.name, "value": p.value, "std_err": p.std_err, "unit": p.unit} for p in e.parameters
+        ],
+        "confounded_with": list(e.confounded_with),
+        "why": explain.why(e),
+        "accepted": e.accepted,
+        "helps": e.helps,
+        "harms": e.harms,
+        "in_model": e.in_model,
+    }
+
+
+def _unnamed_json(u: UnnamedFinding) -> Json:
+    return {
+        "name": u.name,
+        "where": u.location,
+        "depends_on": list(u.depends_on),
+        "suggested_terms": [explain.suggestion(s) for s in u.suggested_terms],
+        "p_value": u.p_value,
+        "probability": u.probability,
+        "held_rms_before_mm": _mm(u.held.before_m),
+        "held_rms_after_mm": _mm(u.held.after_m),
+        "held_ratio_interval": [x if math.isfinite(x) else None for x in u.held.interval],
+        "curves": [_curve_json(c) for c in u.curves],
+    }
+
+
+def _curve_json(c: Curve) -> Json:
+    beside = {"beside": c.beside, "at": c.at} if c.beside else {}
+    values = {key: [float(f"{v:.6g}") for v in getattr(c, key)] for key in ("x", "value", "std")}
+    return {"driver": c.driver, "driver_unit": c.driver_unit, "component": c.component, "unit": c.unit,
+            **beside, **values}  # fmt: skip
+
+
+def _remainder_json(r: Remainder) -> Json:
+    return {
+        "held": _pos_rot(r.held_pos_m, r.held_rot_rad),
+        "noise_floor": _pos_rot(r.floor.pos_m, r.floor.rot_rad),
+        "where": _where(r.where),
+    }
+
+
+def poses_json(poses: Sequence[NextPose]) -> list[Json]:
+    """`kincal model next --json`."""
+    return [
+        {"q": list(p.q), "direction": None if p.direction is None else list(p.direction),
+         "tool_m": list(p.tool_m), "payload_kg": p.payload_kg, "separates": list(p.separates), "d2": p.d2,
+         "power": p.power, "probability": p.probability}
+        for p in poses
+    ]  # fmt: skip
+
+
+def nested_json(nested: NestedModels) -> Json:
+    """Held-out errors of nested models."""
+    return {
+        "models": [_nested_model_json(m) for m in nested.models],
+        "noise_floor": _floor(nested.floor),
+        "not_recommended": list(nested.not_recommended),
+        "verdicts": [*explain.not_recommended(nested), *(explain.no_gain(n) for n in nested.no_gain)],
+    }
+
+
+def _nested_model_json(m: NestedModel) -> Json:
+    return {
+        "model": m.model,
+        "held_out": m.block,
+        **_pos_rot(m.pos_m, m.rot_rad),
+        "systematic_pos_mm": _mm(m.sys_pos_m),
+        "max_pos_mm": _mm(m.max_pos_m),
+        "ratio": m.ratio,
+        "ratio_interval": None if m.ratio_interval is None else list(m.ratio_interval),
+    }
+
+
+def fit_json(f: FitResult) -> Json:
+    """`kincal model fit --json`."""
+    return {
+        **comparison_json(f.comparison),
+        "effects": list(f.effects),
+        "rank": f.rank,
+        "noise_scale": f.noise_scale,
+        "parameters": [
+            {"name": n, "value": float(v), "std_err": float(s), "unit": u}
+            for n, v, s, u in zip(f.names, f.estimate, f.std_err, f.units, strict=True)
+        ],
+        "nested_models": nested_json(f.nested),
+    }
+
+
+# ---------------------------------------------------------------------------------------------- text
+
+
+def _text(position_m: float | None, rotation_rad: float | None) -> str:
+    if position_m is None or not math.isfinite(position_m):
+        return "unknown"
+    tail = "" if rotation_rad is None else f", {rotation_rad * 1e3:.2f} mrad"
+    return f"{position_m * 1e3:.3f} mm{tail}"
+
+
+def comparison_text(c: Comparison) -> str:
+    """Numbers, what is left and where, and the worst poses."""
+    untested = "cannot be tested: nothing says how large the noise is"
+    p_text = untested if c.p_lack_of_fit is None else f"p = {c.p_lack_of_fit:.3g}"
+    lines = [
+        f"{c.arm}: {c.poses} poses ({len(c.split.fit)} to fit, {len(c.split.held)} held out), "
+        f"{c.components} components",
+        *([f"skipped: {c.skipped} malformed rows"] if c.skipped else []),
+        *_error_lines(c),
+        f"reachable          {_reachable_text(c.reachable)}",
+        f"noise floor        {_floor_text(c.noise_floor)}",
+        *design_lines(c),
+        f"chi2 per degree    {c.chi2_per_dof:.3f}",
+        f"lack of fit        {p_text}",
+        f"left over          {explain.left_over(c)}",
+        f"verdict            {explain.adequacy(c)}",
+        "",
+        *_rest_lines(c),
+    ]
+    return "\n".join(lines)
+
+
+def _error_lines(c: Comparison) -> list[str]:
+    """The arm as it is, then with what was fitted of it."""
+    held = " on held-out poses" if len(c.split.held) else ""
+    errors, after = c.errors, "after DH calibration" if "DH" in c.errors else "after a fit"
+    alone = []
+    if "model" in errors and "DH" in errors:
+        alone = [f"DH alone           {_text(*errors['DH'])}{held}"]
+        after += ", with the effects"
+    return [
+        f"nominal arm        {_text(*errors['nominal'])}{held}",
+        *alone,
+        f"fitted poses       {_text(*c.rms['fit'])} {after}",
+        f"held-out poses     {_text(*c.rms['held'])}" + (f" {after}" if held else ""),
+    ]
+
+
+def _floor_text(floor: NoiseFloor) -> str:
+    if floor.pos_m is None:
+        return floor.source
+    return f"{_text(floor.pos_m, floor.rot_rad)} ({floor.source})"
+
+
+def _reachable_text(r: Reachable | None) -> str:
+    if r is None:
+        return "unknown (no poses are held out)"
+    return f"{_text(r.pos_m, r.rot_rad)} ({explain.reachable_by(r)})"
+
+
+def _rest_lines(c: Comparison) -> list[str]:
+    worst = ", ".join(f"{w.id} ({w.pos_m * 1e3:.2f} mm, {w.sigma:.1f} sigma)" for w in c.worst_poses)
+    note = explain.outlier_note(c.outliers)
+    return [
+        "where the rest is (share of what is left, p-value):",
+        *[
+            f"  {explain.in_words(w.variable):<38}at {w.at:<18}{w.share_of_variance:7.1%}"
+            f"   p = {w.p_value:.2g}"
+            for w in c.where[:6]
+        ],
+        "",
+        f"worst poses: {worst}",
+        "outliers: " + (", ".join(c.outliers.ids) or "none"),
+        *([note] if note else []),
+        *explain.notes(c),
+    ]
+
+
+def poses_text(poses: Sequence[NextPose]) -> str:
+    """Numbered poses, and what they buy; each line counts the poses above too. Empty if there are none."""
+    if not poses:
+        return ""
+    lines = [
+        f"next poses, to separate {', '.join(poses[0].separates)} (power: chance that the true one then",
+        "exceeds P = 0.90; each line counts the poses above too):",
+    ]
+    for k, p in enumerate(poses, 1):
+        sign = "" if p.direction is None else "  approach " + " ".join(f"{s:+d}" for s in p.direction)
+        lines.append(f"  {k:2d}  q = {', '.join(f'{x:+.3f}' for x in p.q)}{sign}  power {p.power:.2f}")
+    last = poses[-1]
+    expected = explain.probability(last.probability)
+    lines += [
+        f"with all {len(poses)} of them the true effect is expected to reach {expected} against the nearest",
+        f"alternative (squared distance d2 = {last.d2:.1f})",
+    ]
+    if not would_decide(poses):
+        lines.append(explain.would_not_decide(poses))
+    return "\n".join(lines)
+
+
+def fit_text(f: FitResult) -> str:
+    """Held-out errors of the nested models, then every coefficient."""
+    coefficients = zip(f.names, f.estimate, f.std_err, f.units, strict=True)
+    width = max(26, *(len(m.model) for m in f.nested.models)) + 2
+    return "\n".join(
+        [
+            f"{f.arm}: {f.comparison.poses} poses, {len(f.names)} coefficients, rank {f.rank}",
+            f"effects: {', '.join(f.texts) or 'none (DH only)'}",
+            "",
+            f"{'model':<{width}}{'held out':<18}{'mm':>8}{'mrad':>9}{'ratio':>8}  95 % interval",
+            *(f"{m.model:<{width}}{_errors(m)}" for m in f.nested.models),
+            f"reachable: {_reachable_text(f.comparison.reachable)}",
+            f"noise floor: {_floor_text(f.nested.floor)}",
+            *explain.not_recommended(f.nested),
+            *map(explain.no_gain, f.nested.no_gain),
+            *explain.of_session(f.fit),
+            "",
+            f"{'coefficient':<34}{'value':>12}{'std err':>12}  unit",
+            *(f"{name:<34}{value:12.6f}{err:12.6f}  {unit}" for name, value, err, unit in coefficients),
+        ]
+    )
+
+
+def _errors(m: NestedModel) -> str:
+    rotation = f"{m.rot_rad * 1e3:9.2f}" if m.rot_rad is not None else f"{'-':>9}"
+    ratio = ""
+    if m.ratio is not None and m.ratio_interval is not None:
+        low, high = m.ratio_interval
+        ratio = f"{m.ratio:8.3f}  {low:.3f} to {high:.3f}"
+    return f"{m.block:<18}{m.pos_m * 1e3:8.3f}{rotation}{ratio}"

@@ -1,0 +1,105 @@
+"""A diagnosis as text: verdict, big numbers, what to do, what was found, then the comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ..diagnosis import Diagnosis, EffectFinding, UnnamedFinding
+from ..model.hypotheses import Untestable
+from ..prediction.nextposes import NextPose
+from . import explain
+from .advice import Step
+from .answers import comparison_text, poses_text
+from .headline import BigNumber, big_numbers
+
+
+def _mark(e: EffectFinding) -> str:
+    """* for the effects of the final model that the verdict names as shown, + for its others."""
+    if not e.in_model:
+        return " "
+    return "*" if explain.is_shown(e) else "+"
+
+
+def diagnosis_text(d: Diagnosis, poses: Sequence[NextPose] = (), steps: Sequence[Step] = ()) -> str:
+    """The whole answer, most important first."""
+    return "\n".join([*_head(d), *_next(steps, poses), *_found(d), *_details(d)])
+
+
+def _head(d: Diagnosis) -> list[str]:
+    return [f"diagnosis: {explain.verdict(d)}", "", *numbers_text(big_numbers(d.comparison, d, each=True))]
+
+
+def numbers_text(numbers: Sequence[BigNumber]) -> list[str]:
+    """One number a line, with what it is."""
+    width = max(len(n.label) for n in numbers)
+    return [f"  {n.label:<{width}}  {n.text}   ({n.about})" for n in numbers]
+
+
+def _next(steps: Sequence[Step], poses: Sequence[NextPose]) -> list[str]:
+    lines = [line for step in steps for line in (f"  # {step.why}", f"  {step.command}")]
+    return [*(["", "what to do next:", *lines] if lines else []), *(["", poses_text(poses)] if poses else [])]
+
+
+def _found(d: Diagnosis) -> Iterator[str]:
+    nothing = explain.probability(d.probability_none)
+    yield from ("", f'what may be missing ("nothing": {nothing} against all that competes):')
+    if d.novel is not None:
+        yield from _unnamed_lines(d.novel)
+    for e in d.effects:
+        yield from _effect_lines(e, d)
+    if d.effects:
+        yield from (
+            "  * added and shown to help: poses that were not fitted gain, and P, where one is stated, is at",
+            "  least one half; + added, undecided: the interval of the ratio reaches 1, or P is less than",
+            "  one half; the others are alternatives. Ratio: the final model with the effect over that",
+            "  without. P = evidence x support x identity: it explains these poses, it helps poses that were",
+            "  not fitted, it is what its name says. P holds for this library and its priors, and is not",
+            "  stated where something unnamed explains more; 'consistent with' is not 'proven'.",
+        )
+
+
+def _effect_lines(e: EffectFinding, d: Diagnosis) -> list[str]:
+    odds = explain.odds(e, d)
+    if e.accepted and e.probability < explain.LIKELY:
+        odds += explain.doubts(e)
+    return [
+        f"{_mark(e)} {e.label}: {explain.held_gain(e.held)}" + (f"; {odds}" if odds else ""),
+        *[f"      {p.name} = {p.value:.4g} +- {p.std_err:.2g} {p.unit}" for p in e.parameters],
+        *([f"      confounded with: {explain.grouped(e.confounded_with)}"] if e.confounded_with else []),
+    ]
+
+
+def _unnamed_lines(u: UnnamedFinding) -> list[str]:
+    return [
+        f"not in the library: {explain.unnamed(u)} "
+        f'({explain.probability(u.probability)} against "nothing missing" and every named effect)',
+        *([f'      a smooth function there, "{u.name}": {explain.held_gain(u.held)}'] if u.curves else []),
+        *[f"      try: {explain.suggestion(s)}" for s in u.suggested_terms],
+    ]
+
+
+def _details(d: Diagnosis) -> Iterator[str]:
+    yield from ("", comparison_text(d.comparison))
+    if d.effects or d.novel:
+        yield from _remainder_lines(d)
+    if d.not_testable:
+        yield from ("", "not testable on these data:", *not_testable_lines(d.not_testable))
+
+
+def _remainder_lines(d: Diagnosis) -> Iterator[str]:
+    found = [
+        f"{w.at} by {explain.in_words(w.variable)} ({w.share_of_variance:.0%})"
+        for w in d.remainder.where
+        if w.p_value < 0.001
+    ]
+    if found:
+        yield f"what the final model leaves is at {', '.join(found)}"
+
+
+def not_testable_lines(effects: Sequence[Untestable]) -> list[str]:
+    """Effects by what they lack: one line for each lacking thing."""
+    groups: dict[str, list[str]] = {}
+    for n in effects:
+        lacking = f"need {', '.join(n.needs)}" if n.needs else "absorbed by the fitted parameters"
+        groups.setdefault(lacking, []).append(n.name)
+    return [f"  {lacking}: {', '.join(names)}" for lacking, names in groups.items()]

@@ -1,0 +1,325 @@
+"""What the workbench's results mean, in sentences that people read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..comparison.compare import Comparison
+from ..diagnosis import Diagnosis, EffectFinding, HeldGain, UnnamedFinding
+from ..diagnosis.suggestions import Suggestion
+from ..evidence.adequacy import REPLICATES, STRUCTURE_P, Outliers
+from ..fit.least_squares import Fit
+from ..model import sight
+from ..model.hypotheses import Untestable, effect_of, place_of
+from ..prediction.gain import judged, much_worse
+from ..prediction.nested import EffectGain, NestedModels
+from ..prediction.nextposes import NextPose, poses_to_decide
+from ..prediction.reachable import Reachable
+
+LIKELY = 0.5  # probability from which on an effect may be named as found
+
+_DRIVERS = {
+    "t": "time",
+    "order": "order in which the poses were taken",
+    "temp": "temperature",
+    "payload": "payload",
+    "tag": "tag that was seen",
+    "zcam": "distance along the line of sight",
+    "u": "image position, across",
+    "v": "image position, down",
+    "r2": "distance from the image centre, squared",
+    "incid": "incidence angle",
+    "pan": "pan of the camera",
+    "tilt": "tilt of the camera",
+    "sx": "tool position x",
+    "sy": "tool position y",
+    "sz": "tool position z",
+}
+_JOINT_DRIVERS = {"tau": "gravity torque", "dir": "approach direction", "qdot": "velocity"}
+
+
+def in_words(variable: str) -> str:
+    """A driver variable: tau2 -> gravity torque of joint 2; joint angles and unknown names stay."""
+    kind = variable.rstrip("0123456789")
+    if kind in _JOINT_DRIVERS and kind != variable:
+        return f"{_JOINT_DRIVERS[kind]} of joint {variable[len(kind) :]}"
+    return _DRIVERS.get(variable, variable)
+
+
+def why(e: EffectFinding) -> str:
+    """One sentence about what speaks for an effect, and what restricts that. A probability is said only of
+    what won or competes by it."""
+    text = (
+        f"consistent with {e.label}: its pattern explains {e.explained_share:.0%} of what the model "
+        f"without it leaves, {held_gain(e.held)}"
+    )
+    if e.role == "helps":
+        text += "; something unnamed explains more, but "
+        text += "held-out poses gain" if e.helps else "the fit poses gain in cross-validation"
+    else:
+        text += f", probability {e.probability:.2f}{doubts(e)}"
+    if e.harms:
+        text += "; it harms: not in the model"
+    if e.doubts.worse:
+        text += f"; it makes {listed(e.doubts.worse)} much worse: not in the model"
+    if e.inferred_direction:
+        text += "; approach direction inferred from the order of measurement"
+    return text
+
+
+def doubts(e: EffectFinding) -> str:
+    """What a probability is the product of, where evidence alone does not count; empty where it does."""
+    d = e.doubts
+    if d.support == d.identity == 1.0:
+        return ""
+    return (
+        f" = {d.evidence:.2f} (evidence) x {d.support:.2f} (it helps poses that were not fitted) x "
+        f"{d.identity:.2f} (it is what its name says)"
+    )
+
+
+def held_gain(gain: HeldGain) -> str:
+    """What held-out poses say of an effect: errors without and with it, their ratio, and the judgement."""
+    if not math.isfinite(gain.after_m):
+        return "no held-out poses"
+    kind = "cross-validated" if gain.cross_validated else "held-out"
+    low, high = gain.interval
+    turned = "" if gain.rotation is None else f", of rotations {gain.rotation:.3f}"
+    return (
+        f"{kind} error {gain.before_m * 1e3:.3f} to {gain.after_m * 1e3:.3f} mm, ratio "
+        f"{gain.after_m / gain.before_m:.3f} (95 % interval {low:.3f} to {high:.3f}){turned}: "
+        f"{judged(gain.interval)}"
+    )
+
+
+def probability(p: float) -> str:
+    """A probability that never claims to be 0 or 1."""
+    if p < 0.01:
+        return "P < 0.01"
+    return "P > 0.99" if p > 0.99 else f"P = {p:.2f}"
+
+
+def odds(e: EffectFinding, d: Diagnosis) -> str:
+    """The probability of an effect with what it is against; empty where held-out poses decided."""
+    return "" if e.role == "helps" else f"{probability(e.probability)} {against(e, d)}"
+
+
+def against(e: EffectFinding, d: Diagnosis) -> str:
+    """What the probability of an effect is against; empty where held-out poses decided."""
+    if e.role == "helps":
+        return ""
+    return 'against "nothing missing" and the unnamed' if e.accepted else _competitor(d)
+
+
+def _competitor(d: Diagnosis) -> str:
+    accepted = [x.name for x in d.effects if x.accepted]
+    if accepted:
+        return f"in place of {listed(accepted) if len(accepted) < 3 else 'what was added'}"
+    if d.novel is not None:
+        return f"against an unnamed effect ({probability(d.novel.probability)})"
+    return f'against "nothing missing" ({probability(d.probability_none)})'
+
+
+def listed(names: Sequence[str]) -> str:
+    """a; a and b; a, b and c."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def suggestion(s: Suggestion) -> str:
+    """A term to try, as a line of an effect file."""
+    if not s.basis:
+        return f'at = "{s.at}", a function of {s.driver}'
+    component = f', comp = "{s.comp}"' if s.comp else ""
+    return f'at = "{s.at}"{component}, basis = "{s.basis}"'
+
+
+def no_gain(n: EffectGain) -> str:
+    """An effect that held-out poses do not show to help, by its interval."""
+    low, high = n.interval
+    verb = "is undecided" if n.judged == "undecided" else n.judged
+    return (
+        f"{n.effect} {verb} on {n.block}: error of the whole model over that without it {n.ratio:.3f} "
+        f"(95 % interval {low:.3f} to {high:.3f})"
+    )
+
+
+def not_recommended(nested: NestedModels) -> list[str]:
+    """Effects that a fit speaks against, each with the blocks where it does harm; empty if there are none."""
+    return [
+        f"NOT recommended: {name}: {harms(nested.against, name)}; "
+        "leave it out, or measure more where it fails"
+        for name in nested.not_recommended
+    ]
+
+
+def harms(against: Sequence[EffectGain], name: str) -> str:
+    """Where an effect does harm, and how much."""
+    return "; ".join(_harm(g) for g in against if g.effect == name)
+
+
+def _harm(g: EffectGain) -> str:
+    if much_worse(g.interval) or g.rotation is None or not much_worse(g.rotation[1]):
+        change = f"{g.before_m * 1e3:.3f} to {g.after_m * 1e3:.3f} mm"
+        return f"the error of the {g.block} grows from {change} with it"
+    low, high = g.rotation[1]
+    return (
+        f"the rotation error of the {g.block} grows {g.rotation[0]:.2f} times with it "
+        f"(95 % interval {low:.2f} to {high:.2f})"
+    )
+
+
+def of_session(fit: Fit) -> list[str]:
+    """Effects that other data are predicted without; empty where there are none."""
+    names = fit.of_session
+    if not names:
+        return []
+    verb = "hold" if len(names) > 1 else "holds"
+    return [f"{listed(names)} {verb} for the session of these data only: other data are predicted without"]
+
+
+_MOST_POSES = 1000  # more is no advice
+
+
+def would_not_decide(poses: Sequence[NextPose]) -> str:
+    """What to do where next poses would hardly tell the effects apart."""
+    more = poses_to_decide(poses)
+    many = f"about {more}" if more <= _MOST_POSES else f"more than {_MOST_POSES}"
+    return (
+        f"these {len(poses)} would not decide (power {poses[-1].power:.2f}); {many} such poses would have an "
+        "even chance, an inspection of the arm decides: see the inspect lines of `kincal model effects`"
+    )
+
+
+def outlier_note(o: Outliers) -> str:
+    """Empty unless the outliers cluster."""
+    if not o.clusters:
+        return ""
+    return f"the outliers cluster in {', '.join(o.clusters)}: that is an effect rather than bad poses"
+
+
+def left_over(c: Comparison) -> str:
+    """What is left on the fitted poses beside what is known of the noise: stated, estimated or unknown; and
+    whether it is noise at all."""
+    position = c.rms["fit"][0]
+    known, left = c.noise_floor.pos_m, f"{position * 1e3:.3f} mm are left"
+    if known is None:
+        text = f"{left}; no noise is stated and no pose repeated, so that its size alone tells nothing"
+    else:
+        kind = "noise estimated from replicates" if c.noise_floor.source == REPLICATES else "stated noise"
+        text = f"{left}, {position / known:.2f} times the {kind}"
+    if c.p_structure > STRUCTURE_P or not c.where:
+        return f"{text}; it follows no recorded variable"
+    first = c.where[0]
+    share = f"{first.share_of_variance:.0%}"
+    return f"{text}; {share} of it follows {in_words(first.variable)} at {first.at}: structure, not noise"
+
+
+def adequacy(c: Comparison) -> str:
+    """Whether the model explains the data; a fit that makes held-out poses worse explains nothing."""
+    if not c.adequate:
+        return "the model does NOT explain these data"
+    before, after = c.errors["nominal"][0], c.rms["held"][0]
+    if after > before:  # not so where none are held out
+        return (
+            "the model follows the fitted poses, but predicts held-out poses worse than the nominal arm "
+            f"({before * 1e3:.3f} to {after * 1e3:.3f} mm): measure more poses, and more various ones"
+        )
+    return "the model explains these data"
+
+
+def notes(c: Comparison) -> list[str]:
+    """What else a reader of a comparison should know."""
+    still = [f"joint {j} does not move in these data: its errors cannot be estimated" for j in c.still_joints]
+    assumed = sight.in_words(c.fit_all.arm, c.data)
+    return [*c.consistency.doubts, *still, *([assumed] if assumed else [])]
+
+
+def reachable_by(r: Reachable) -> str:
+    """From what the reachable error was predicted, or why it is that of the model."""
+    if not r.enough:
+        return "too few poses to tell"
+    if not r.parts:
+        return "nothing that is left follows a recorded variable"
+    parts = ", ".join(f"{place} by {in_words(variable)}" for place, variable in r.parts)
+    return f"a Gaussian process over every place and recorded variable, most of it {parts}"
+
+
+def not_testable(n: Untestable) -> str:
+    """Why an effect could not be tested."""
+    absorbed = "absorbed by the fitted parameters (DH, base, tool)"
+    return f"{n.name}: {'needs ' + ', '.join(n.needs) if n.needs else absorbed}"
+
+
+def verdict(d: Diagnosis) -> str:
+    """The diagnosis in one sentence."""
+    taken = [e for e in d.effects if e.in_model]
+    shown = [e.name for e in taken if is_shown(e)]
+    open_ = [e.name for e in taken if not is_shown(e)]
+    with_them = _with(listed(shown) if shown else "", open_, d)
+    if d.verdict == "adequate":
+        return "Nothing is missing that these data could show."
+    if d.verdict == "undecidable":
+        return f"Something is missing, but these data do not determine what: {with_them or _closest(d)}."
+    if d.verdict == "novel" and d.novel is not None:
+        what = "Something is missing that no effect of the library describes"
+        found = f"{what}: {unnamed(d.novel)}{_as_function(d.novel)}"
+        if taken:
+            return f"{found}; {with_them}."
+        return found + ("; held-out poses do not follow what is recorded" if d.exhausted else "") + "."
+    accepted = [e.name for e in taken if e.accepted and is_shown(e)]
+    if not accepted:
+        return f"Something is missing, but no effect is shown to help: {with_them}."
+    if shown == accepted:
+        with_them = _with("it" if len(shown) == 1 else "them", open_, d)
+    return f"Consistent with {listed(accepted)}: {with_them}."
+
+
+def is_shown(e: EffectFinding) -> bool:
+    """An effect of the final model that may be named as found: held-out poses or, where none are held out,
+    evidence decide for it, and it is more likely than not."""
+    measured = math.isfinite(e.held.after_m)
+    likely = e.role == "helps" or e.probability >= LIKELY
+    return e.in_model and likely and (e.helps or not measured)
+
+
+def _with(shown: str, undecided: Sequence[str], d: Diagnosis) -> str:
+    """What the effects of the final model bring together: those that are shown to help, in words, and those
+    that may or may not."""
+    if not undecided:
+        return f"with {shown} {_held_fall(d)}" if shown else ""
+    open_ = f"{listed(undecided)} (undecided)"
+    return f"with {f'{shown}, and with {open_},' if shown else open_} {_held_fall(d)}"
+
+
+def _as_function(u: UnnamedFinding) -> str:
+    """What held-out poses say of a smooth function there, unless they gain."""
+    if not u.curves or not math.isfinite(u.held.after_m) or u.held.gains:
+        return ""
+    return f" (a smooth function of that: {judged(u.held.interval)})"
+
+
+def _held_fall(d: Diagnosis) -> str:
+    before, after = d.comparison.rms["held"][0], d.remainder.held_pos_m
+    if not (math.isfinite(before) and math.isfinite(after)):
+        return "the poses are explained better (none are held out, so the gain is not measured)"
+    verb = "falls" if after < before else "goes"
+    return f"the held-out error {verb} from {before * 1e3:.3f} to {after * 1e3:.3f} mm"
+
+
+def _closest(d: Diagnosis) -> str:
+    names = [e.name for e in d.effects][:3]
+    return f"{listed(names)} come closest" if names else "no effect stands out"
+
+
+def unnamed(u: UnnamedFinding) -> str:
+    """What is known of an unnamed effect: joint 1 has an error that follows q1 and q3."""
+    return f"{u.location} has an error that follows {listed([in_words(name) for name in u.depends_on])}"
+
+
+def grouped(names: tuple[str, ...]) -> str:
+    """Effect names, places of one effect together: gain[1], flex, gain[2], gain -> gain, [1], [2]; flex."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(effect_of(name), []).append(place_of(name))
+    return "; ".join(effect + ", ".join(sorted(places, key=bool)) for effect, places in groups.items())

@@ -1,0 +1,84 @@
+"""The numbers that a reader of an answer looks for first: errors of the arm as it is, after DH calibration
+and with effects; what is reachable; the noise floor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from ..comparison.compare import Comparison
+from ..diagnosis import Diagnosis
+from ..prediction.nested import DH, NOMINAL
+from . import explain
+
+_LABELS = {
+    NOMINAL: "nominal arm",
+    DH: "after DH calibration",
+    "model": "with the effects of the model",
+    "findings": "with the findings",
+}
+
+
+@dataclass(frozen=True)
+class BigNumber:
+    """A label, an error [m], [rad] (None where unknown), and where it comes from, in words."""
+
+    label: str
+    pos_m: float | None
+    rot_rad: float | None
+    about: str
+
+    @property
+    def text(self) -> str:
+        """With its unit."""
+        if self.pos_m is None or not math.isfinite(self.pos_m):
+            return "unknown"
+        rotation = "" if self.rot_rad is None else f", {self.rot_rad * 1e3:.3f} mrad"
+        return f"{self.pos_m * 1e3:.3f} mm{rotation}"
+
+
+def big_numbers(c: Comparison, d: Diagnosis | None = None, *, each: bool = False) -> tuple[BigNumber, ...]:
+    """Errors of the nominal arm, after DH calibration and with the findings of a diagnosis (each: one after
+    another), what is reachable, noise floor."""
+    errors = list(_errors(c, d, each))
+    black_box, best = reachable_number(c), errors[-1].pos_m
+    if d is not None and black_box.pos_m is not None and best is not None and best < black_box.pos_m:
+        black_box = replace(black_box, about=f"{black_box.about}; the findings do better")
+    return *errors, black_box, _floor(c)
+
+
+def _errors(c: Comparison, d: Diagnosis | None, each: bool) -> Iterator[BigNumber]:
+    held = len(c.split.held)
+    about = f"RMS of {held} held-out poses" if held else "RMS of the fitted poses; none are held out"
+    found = {} if d is None else {e.model: (e.pos_m, e.rot_rad) for e in d.advised.errors}
+    found = found or dict(c.errors)
+    effects = [name for name in found if name.startswith("+ ")]
+    if effects and not each:
+        first = {name: found[name] for name in (NOMINAL, DH) if name in found}
+        found = {**first, "findings": found[effects[-1]]}
+    for name, (pos_m, rot_rad) in found.items():
+        frames = _frames(c) if name == NOMINAL else ""
+        yield BigNumber(_LABELS.get(name, name), pos_m, rot_rad, about + frames)
+
+
+def _frames(c: Comparison) -> str:
+    """What is fitted of the nominal arm all the same."""
+    arm = c.fit_all.arm
+    names = [name for name, frame in (("base", arm.base), ("tool", arm.tool)) if frame.estimate]
+    return f"; {' and '.join(names)} frame fitted" if names else ""
+
+
+def reachable_number(c: Comparison) -> BigNumber:
+    """What a black box reaches."""
+    found = c.reachable
+    if found is None:
+        return BigNumber("reachable", None, None, "no poses are held out")
+    if not found.enough:
+        return BigNumber("reachable", None, None, explain.reachable_by(found))
+    return BigNumber("reachable", found.pos_m, found.rot_rad, explain.reachable_by(found))
+
+
+def _floor(c: Comparison) -> BigNumber:
+    f = c.noise_floor
+    return BigNumber("noise floor", f.pos_m, f.rot_rad, f.source.removeprefix("unknown: "))

@@ -1,0 +1,305 @@
+"""Do arm table and measurements belong together: nothing is found where they do, wrong readings of real sets
+are found; and the arm that a model for flight is of."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import poses
+import pytest
+from commands import kincal
+from real_arms import DATA
+
+from kincal import tables
+from kincal import workbench as wb
+from kincal.cli.errors import EXIT_FAILED, EXIT_INPUT
+from kincal.flight import Arm
+from kincal.rotations import Pose
+from kincal.workbench.consistency import check
+from kincal.workbench.data.readers import read_measurements
+from kincal_shared.schema.arm import dh_rows, other_convention, read_arm, same_joints, shipped_arms
+
+ROOT = Path(__file__).resolve().parents[2]
+SETS = {"wam": "wam/wam", "ur5": "ur5/ur5", "ur10": "ur10/ur10d", "fr3": "fr3/fr3"}
+
+
+def real(name):
+    arm = wb.read_arm(DATA / name / f"{name}.toml")
+    return arm, read_measurements(DATA / f"{SETS[name]}.csv", arm)
+
+
+def codes(arm, data, *, thorough=False):
+    return {finding.code for finding in check(arm, data, thorough=thorough).findings}
+
+
+# --------------------------------------------------------------------------- no false findings
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_nothing_is_found_on_a_real_set_that_is_right(name):
+    answer = check(*real(name))
+    assert answer.ok
+    assert answer.findings == ()
+
+
+@pytest.mark.parametrize("name", sorted(shipped_arms()))
+def test_nothing_is_found_on_a_simulated_set_of_a_shipped_arm(name):
+    """Positions with 0.2 mm of noise of an arm with DH errors of a millimetre and a few milliradians."""
+    arm, rng = read_arm(name), np.random.default_rng(7)
+    q = rng.uniform(
+        [max(j.q_min, -3.0) for j in arm.joints], [min(j.q_max, 3.0) for j in arm.joints], (50, arm.n)
+    )
+    joints = tuple(
+        replace(j, a_m=j.a_m + rng.normal(0, 1e-3), d_m=j.d_m + rng.normal(0, 1e-3),
+                alpha_rad=j.alpha_rad + rng.normal(0, 3e-3), phi_rad=j.phi_rad + rng.normal(0, 1e-2))
+        for j in arm.joints
+    )  # fmt: skip
+    base, tool = Pose.of_wxyz([0.3, 0.2, 0.1], [0.5] * 4), Pose.of_wxyz([0.05, 0.02, 0.1], [1, 0, 0, 0])
+    p_m = Arm.of(replace(arm, joints=joints), base, tool).fk(q).p_m + rng.normal(0, 2e-4, (50, 3))
+    unknown = replace(arm, base=replace(arm.base, estimate=True), tool=replace(arm.tool, estimate=True))
+    data = wb.Measurements("simulated", tuple(map(str, range(50))), q, p_m)
+    answer = check(unknown, data)
+    assert answer.findings == ()
+
+
+@pytest.mark.parametrize("dh_size", [3e-3, 3e-2, 0.1])
+def test_dh_errors_are_no_wrong_arm_table(tmp_path, dh_size):
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 60, 3, dh_size=dh_size), 7)
+    assert check(arm, data).ok
+
+
+# --------------------------------------------------------------------------- wrong readings are found
+
+
+def swapped(arm, data):
+    return arm, replace(data, q=data.q[:, [0, 2, 1, *range(3, data.n_joints)]])
+
+
+def mixed(arm, data):
+    return arm, replace(data, q=data.q[:, np.random.default_rng(4).permutation(data.n_joints)])
+
+
+def flipped(arm, data):
+    return arm, replace(data, q=data.q * [1, 1, -1, *[1] * (data.n_joints - 3)])
+
+
+def degrees(arm, data):
+    return arm, replace(data, q=np.degrees(data.q))
+
+
+def millimetres(arm, data):
+    return arm, replace(data, p_m=1e3 * data.p_m)
+
+
+def both_units(arm, data):
+    return millimetres(*degrees(arm, data))
+
+
+def convention(arm, data):
+    return other_convention(arm), data
+
+
+def another_arm(arm, data):
+    """Another shipped arm with as many joints."""
+    shipped = [read_arm(name) for name in ("iiwa14", "irb120")]
+    return replace(arm, joints=next(one for one in shipped if one.n == arm.n).joints), data
+
+
+WRONG = {
+    "swapped": (swapped, {"joint_order"}), "mixed": (mixed, {"joint_order"}), "flipped": (flipped, {"sign"}),
+    "degrees": (degrees, {"degrees"}), "millimetres": (millimetres, {"millimetres"}),
+    "both units": (both_units, {"degrees", "millimetres"}), "convention": (convention, {"convention"}),
+    "another arm": (another_arm, {"wrong_arm"}),
+}  # fmt: skip
+# Positions alone need a search for the frames, which takes long: not every case on every set.
+ON = {
+    "fr3": list(WRONG),
+    "wam": ["swapped", "flipped", "degrees", "another arm"],
+    "ur10": ["swapped", "mixed", "convention"],
+    "ur5": ["flipped", "millimetres", "both units"],
+}
+
+
+@pytest.mark.parametrize(("name", "case"), [(name, case) for name, cases in ON.items() for case in cases])
+def test_a_wrong_reading_of_a_real_set_is_found(name, case):
+    spoil, expected = WRONG[case]
+    arm, data = spoil(*real(name))
+    assert expected <= codes(replace(arm, source="spoilt"), data)
+
+
+def test_quaternion_order_and_inverse_of_a_real_set_are_found():
+    arm, data = real("fr3")
+    assert codes(arm, replace(data, quat_wxyz=np.roll(data.quat_wxyz, -1, axis=1))) == {"quaternion_order"}
+    inverse = Pose.of_wxyz(data.p_m, data.quat_wxyz).inverse
+    assert codes(arm, replace(data, p_m=inverse.p_m, quat_wxyz=inverse.quat_wxyz)) == {"inverse_pose"}
+
+
+def test_the_other_convention_is_its_own_inverse():
+    for name in ("wam", "fr3"):
+        arm = read_arm(name)
+        there = other_convention(arm)
+        assert not same_joints(arm, there)
+        np.testing.assert_allclose(dh_rows(other_convention(there)), dh_rows(arm), atol=0.0)
+
+
+# --------------------------------------------------------------------------- outliers
+
+
+def moved(data, number, shift_m):
+    """Every so-many-th pose shifted."""
+    p_m = data.p_m.copy()
+    p_m[::number] += [0.0, 0.0, shift_m]
+    return replace(data, p_m=p_m)
+
+
+@pytest.mark.parametrize(("name", "shift_m"), [("wam", 0.285), ("fr3", 0.15), ("ur5", 0.02)])
+def test_a_fifth_of_the_poses_far_off_is_found_with_their_numbers(name, shift_m):
+    """Of every set, so many that the misfit of the best four fifths does not show them."""
+    arm, data = real(name)
+    answer = check(arm, moved(data, 5, shift_m))
+    (finding,) = answer.findings
+    assert (finding.code, finding.severity, answer.ok) == ("outliers", "warning", False)
+    assert finding.poses == data.ids[::5]
+    assert f"{len(finding.poses)} of {data.n} poses are off by" in finding.why
+    assert float(finding.why.split("off by ")[1].split(" mm")[0]) == pytest.approx(1e3 * shift_m, rel=0.1)
+    assert finding.fix.endswith(",".join(finding.poses))
+
+
+def test_a_few_poses_far_off_are_only_said():
+    arm, data = real("wam")
+    answer = check(arm, moved(data, 80, 0.285))
+    assert [(f.code, f.severity, f.poses) for f in answer.findings] == [("outliers", "note", data.ids[::80])]
+    assert answer.ok
+
+
+def test_check_ends_with_status_1_where_a_fifth_of_the_poses_is_off(folder):
+    lines = (folder / "poses.csv").read_text().splitlines()
+    header = lines[0].split(",")
+    for k in range(1, len(lines), 5):
+        row = lines[k].split(",")
+        row[header.index("px")] = str(float(row[header.index("px")]) + 0.3)
+        lines[k] = ",".join(row)
+    (folder / "poses.csv").write_text("\n".join(lines))
+    given = ("--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    done = kincal("check", *given)
+    assert done.exit_code == EXIT_FAILED
+    assert "put right first" in done.stdout
+    assert "8 of 40 poses are off by" in done.stdout
+    (finding,) = json.loads(kincal("check", *given, "--json").stdout)["findings"]
+    assert finding["poses"] == [f"p{k}" for k in range(0, 40, 5)]
+    assert kincal("check", *given, *finding["fix"].split()[-2:]).exit_code == 0
+
+
+# --------------------------------------------------------------------------- the command
+
+
+@pytest.fixture
+def folder(tmp_path):
+    poses.arm_toml(tmp_path / "arm.toml")
+    poses.poses_csv(tmp_path / "poses.csv", 40, 5)
+    return tmp_path
+
+
+def test_check_says_ok_with_status_0(folder):
+    done = kincal("check", "--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--json")
+    assert done.exit_code == 0
+    answer = json.loads(done.stdout)
+    assert (answer["ok"], answer["findings"], answer["poses"]) == (True, [], 40)
+
+
+def test_check_names_code_reason_fix_and_gain_with_status_1(folder):
+    text = (folder / "poses.csv").read_text().replace("q2,q3", "q3,q2", 1)
+    (folder / "poses.csv").write_text(text)
+    done = kincal("check", "--arm", folder / "arm.toml", "--data", folder / "poses.csv", "--json")
+    assert done.exit_code == EXIT_FAILED
+    answer = json.loads(done.stdout)
+    finding = answer["findings"][0]  # worst first; readings outside the limits follow
+    assert not answer["ok"]
+    assert finding["code"] == "joint_order"
+    assert finding["gain"] > 10.0
+    assert "q1,q3,q2,q4" in finding["fix"]
+    shown = kincal("check", "--arm", folder / "arm.toml", "--data", folder / "poses.csv")
+    assert shown.exit_code == EXIT_FAILED
+    assert "do NOT belong together" in shown.stdout
+    advice = finding["fix"].split()[-2:]
+    fixed = kincal("check", "--arm", folder / "arm.toml", "--data", folder / "poses.csv", *advice)
+    assert fixed.exit_code == 0, fixed.output
+
+
+def test_readings_outside_the_limits_and_still_joints_are_said(folder):
+    arm = wb.read_arm(folder / "arm.toml")
+    data = wb.read_csv(folder / "poses.csv", 7)
+    q = data.q.copy()
+    q[3, 0] += 2.0 * np.pi
+    assert codes(arm, replace(data, q=q)) == {"outside_limits"}
+    q[:, 4] = 0.2
+    assert "spread" in codes(arm, replace(data, q=q))
+
+
+def test_readings_in_degrees_are_one_finding(folder):
+    """They are outside the limits of every joint too, which says nothing more."""
+    data = wb.read_csv(folder / "poses.csv", 7)
+    arm = wb.read_arm(folder / "arm.toml")
+    found = check(arm, replace(data, q=np.degrees(data.q)))
+    assert [f.code for f in found.findings if f.severity != "note"] == ["degrees"]
+
+
+# --------------------------------------------------------------------------- the arm of a model for flight
+
+
+@pytest.mark.parametrize("name", sorted(shipped_arms()))
+def test_kinematics_crc_is_that_of_the_rounded_dh_table(name):
+    arm = read_arm(name)
+    rows = [
+        (int(j.prismatic), *(round(1e6 * x) for x in (j.phi_rad, j.alpha_rad, j.a_m, j.d_m)))
+        for j in arm.joints
+    ]
+    packed = b"".join(struct.pack("<5i", *row) for row in rows)
+    assert Arm.of(arm).kinematics_crc == zlib.crc32(packed)
+
+
+def test_uplink_names_the_arm_in_the_table(folder):
+    (folder / "M.toml").write_text("version = 1\n")
+    bin_dir = ROOT / "tables" / "bin"
+    args = ("uplink", "--model", folder / "M.toml", "--tables", bin_dir, "-o", folder / "terms.tbl")
+    done = kincal(*args, "--arm", folder / "arm.toml")
+    assert done.exit_code == 0, done.output
+    assert f"the arm is that of {bin_dir / 'arm.tbl'}" in done.output
+    _, terms = tables.load(folder / "terms.tbl")
+    _, flown = tables.load(bin_dir / "arm.tbl")
+    assert terms.kinematics_crc == Arm.of_table(flown).kinematics_crc != 0
+
+
+def test_uplink_says_with_which_tables_it_compared_and_needs_those_that_fly(folder, tmp_path):
+    (folder / "M.toml").write_text("version = 1\n")
+    args = ("uplink", "--model", folder / "M.toml", "--arm", folder / "arm.toml", "-o", tmp_path / "t.tbl")
+    assert "tables/bin/arm.tbl" in kincal(*args).output
+    assert "bounds inside what tables/bin/space.tbl was verified for" in kincal(*args).output
+    refused = kincal(*args, "--tables", tmp_path)
+    assert refused.exit_code == EXIT_INPUT
+    assert "holds no arm.tbl" in refused.stderr and "--tables" in refused.stderr
+    (tmp_path / "arm.tbl").write_bytes((ROOT / "tables" / "bin" / "arm.tbl").read_bytes())
+    assert "holds no space.tbl" in kincal(*args, "--tables", tmp_path).stderr
+
+
+def test_uplink_refuses_a_model_of_another_arm_than_the_tables(folder):
+    (folder / "M.toml").write_text("version = 1\n")
+    args = (
+        "uplink",
+        "--model",
+        folder / "M.toml",
+        "--tables",
+        ROOT / "tables" / "bin",
+        "-o",
+        folder / "t.tbl",
+    )
+    done = kincal(*args, "--arm", "iiwa7")
+    assert done.exit_code == EXIT_INPUT
+    assert "arm.tbl" in done.stderr and "other DH parameters" in done.stderr
+    assert not (folder / "t.tbl").exists()
