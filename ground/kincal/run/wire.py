@@ -60,13 +60,14 @@ def _unsigned32(value: int) -> int:
 
 def _alike(struct: Any, message: Any) -> None:
     """What both name alike and hold in the same way, as KC_..._FIELDS of the core."""
-    for name, bits in _shared(_FLIGHT.ffi.typeof(struct), type(message)):
+    kind: Any = type(message)
+    for name, bits in _shared(_FLIGHT.ffi.typeof(struct), kind):
         value = getattr(message, name)
         setattr(struct, name, value if bits is None else value & bits)
 
 
 @cache
-def _shared(ctype: Any, kind: type) -> list[tuple[str, int | None]]:
+def _shared(ctype: Any, kind: Any) -> list[tuple[str, int | None]]:
     """Fields that a struct and a message have in common, and the mask of those without a sign."""
     fields = (ctype.item if ctype.kind == "pointer" else ctype).fields
     return [
