@@ -1,29 +1,18 @@
-/* Primal active-set method for a box-constrained convex QP, with LDL' of the free block.
- *
- * Every iteration minimises over the free variables, as far as the box lets it:
- * - Newton step of the free variables; where a bound comes first, every variable that reaches its
- *   bound at that point becomes fixed, so all others keep room to move;
- * - variables whose pivot vanishes depend on those before them: along their null direction the cost
- *   is flat or falls at a constant rate, and then it is followed to the first bound;
- * - at the minimum over the free ones, the fixed variable with the most wrong gradient becomes free.
- * A freed variable can always move (no ties are left), so the cost falls strictly between releases
- * and no active set comes twice. */
-#include "kc_qp.h"
-
+/* Box-constrained convex QP: projected Newton, and for what that leaves an active-set method. Both work on the
+ * same variables, gradient and factor; here is what begins, ends and bounds them. */
+#include "kc_qp_priv.h"
+#include "kc_rows.h"
 #include "kc_vec.h"
 
-#define LD KC_COEF_MAX
+#define LD KC_QP_LD
 
 /* Accepted scaled KKT residual. */
 #define KKT_TOL 1e-9
 /* Gradients below this part of the terms they are the sum of count as zero. */
 #define GRAD_TOL 1e-14
-/* A pivot below this part of its diagonal is rounding error: H is singular there. */
-#define PIVOT_TOL 1e-13
-/* So is a curvature below this part of the terms it is the sum of. */
-#define FLAT_TOL 1e-15
-
-typedef enum { STEP_FULL, STEP_BLOCKED, STEP_UNBOUNDED } step_t;
+/* Iterations of projected Newton per variable; random problems need 3 to 6 in all, nearly singular ones up to one a
+ * variable. */
+#define NEWTON_PER_VAR 4u
 
 static double max_abs(const double *v, uint32_t n)
 {
@@ -44,25 +33,46 @@ static bool arguments_ok(const kc_qp_t *qp)
     return ok;
 }
 
-/* Gradient at x; returns the largest sum of |terms| in it, the scale of its rounding errors. */
-static double gradient(kc_qp_t *qp)
+/* Column by column, as H is symmetric: no sum waits for another. */
+void kc_qp_gradient(const kc_qp_t *qp, const double *x, double *out)
 {
-    double scale = 0.0;
-    for (uint32_t i = 0u; i < qp->n; i++) {
-        const double *row = &qp->H[i * LD];
-        double s = qp->g[i], size = kc_fabs(s);
-        for (uint32_t j = 0u; j < qp->n; j++) {
-            s += row[j] * qp->x[j];
-            size += kc_fabs(row[j] * qp->x[j]);
-        }
-        qp->grad[i] = s;
-        scale = kc_max(scale, size);
+    const uint32_t n = qp->n;
+    uint32_t j = 0u;
+    for (uint32_t i = 0u; i < n; i++) { out[i] = qp->g[i]; }
+    for (; j + 4u <= n; j += 4u) {
+        const double c[4] = {-x[j], -x[j + 1u], -x[j + 2u], -x[j + 3u]};
+        if (c[0] == 0.0 && c[1] == 0.0 && c[2] == 0.0 && c[3] == 0.0) { continue; }
+        kc_rows_take4(out, &qp->H[j * LD], LD, c, 0u, n);
     }
-    return scale;
+    for (; j < n; j++) { kc_rows_take(out, &qp->H[j * LD], -x[j], 0u, n); }
 }
 
-/* How far variable i is from the KKT conditions: its gradient, unless a bound holds against it. */
-static double violation(const kc_qp_t *qp, uint32_t i)
+double kc_qp_terms(const kc_qp_t *qp)
+{
+    double most = 0.0;
+    for (uint32_t i = 0u; i < qp->n; i++) {
+        double size = kc_fabs(qp->g[i]);
+        for (uint32_t j = 0u; j < qp->n; j++) { size += kc_fabs(qp->H[i * LD + j] * qp->x[j]); }
+        most = kc_max(most, size);
+    }
+    return most;
+}
+
+bool kc_qp_negligible(const kc_qp_t *qp, double gradient)
+{
+    if (gradient <= qp->floor_g) { return true; }
+    double sum = 0.0, own = 0.0;
+    for (uint32_t i = 0u; i < qp->n; i++) {
+        const double size = kc_fabs(qp->x[i]);
+        sum += size;
+        own = kc_max(own, kc_fabs(qp->g[i]) + qp->H[i * LD + i] * size);
+    }
+    if (gradient <= GRAD_TOL * own) { return true; }
+    if (gradient > GRAD_TOL * (qp->g_max + qp->H_max * sum)) { return false; }
+    return gradient <= GRAD_TOL * kc_qp_terms(qp);
+}
+
+double kc_qp_violation(const kc_qp_t *qp, uint32_t i)
 {
     const double g = qp->grad[i];
     if (g > 0.0 && qp->x[i] <= qp->lb[i]) { return 0.0; }
@@ -70,23 +80,7 @@ static double violation(const kc_qp_t *qp, uint32_t i)
     return kc_fabs(g);
 }
 
-/* The free or the fixed variable (rested) that violates the conditions most; *worst: by how much. */
-static uint32_t worst_variable(const kc_qp_t *qp, bool rested, double *worst)
-{
-    uint32_t at = 0u;
-    *worst = 0.0;
-    for (uint32_t i = 0u; i < qp->n; i++) {
-        const double v = (qp->active[i] != KC_QP_FREE) == rested ? violation(qp, i) : 0.0;
-        if (v > *worst) {
-            *worst = v;
-            at = i;
-        }
-    }
-    return at;
-}
-
-/* Keep variable i inside the box; on a bound it becomes fixed. */
-static void settle(kc_qp_t *qp, uint32_t i)
+void kc_qp_settle(kc_qp_t *qp, uint32_t i)
 {
     qp->x[i] = kc_clamp(qp->x[i], qp->lb[i], qp->ub[i]);
     qp->active[i] = qp->x[i] <= qp->lb[i]   ? KC_QP_AT_LOWER
@@ -94,182 +88,78 @@ static void settle(kc_qp_t *qp, uint32_t i)
                                             : KC_QP_FREE;
 }
 
-/* LDL' of the free block: unit L in the rows of qp->L, D on its diagonal. A dependent variable gets
- * D = 0 and leaves no trace in later rows. Returns how many are free, listed in qp->idx. */
-static uint32_t factor_free(kc_qp_t *qp)
+static void settle_all(kc_qp_t *qp)
 {
-    uint32_t m = 0u;
-    for (uint32_t i = 0u; i < qp->n; i++) {
-        if (qp->active[i] == KC_QP_FREE) { qp->idx[m++] = i; }
-    }
-    for (uint32_t i = 0u; i < m; i++) {
-        double *Li = &qp->L[i * LD];
-        const double *Hi = &qp->H[qp->idx[i] * LD];
-        const double Hii = Hi[qp->idx[i]];
-        for (uint32_t j = 0u; j < i; j++) { /* L_ij D_j */
-            const double *Lj = &qp->L[j * LD];
-            double s = Hi[qp->idx[j]];
-            for (uint32_t k = 0u; k < j; k++) { s -= Li[k] * Lj[k]; }
-            Li[j] = Lj[j] > 0.0 ? s : 0.0;
-        }
-        double d = Hii;
-        for (uint32_t j = 0u; j < i; j++) { /* divide by D_j */
-            const double Dj = qp->L[j * LD + j];
-            const double lij = Dj > 0.0 ? Li[j] / Dj : 0.0;
-            d -= lij * Li[j];
-            Li[j] = lij;
-        }
-        Li[i] = d > PIVOT_TOL * kc_fabs(Hii) ? d : 0.0;
-    }
-    return m;
+    for (uint32_t i = 0u; i < qp->n; i++) { kc_qp_settle(qp, i); }
 }
 
-/* d <- L^-T d over the free variables. */
-static void solve_lt(kc_qp_t *qp, uint32_t m)
+static double worst_violation(const kc_qp_t *qp)
 {
-    for (uint32_t i = m; i-- > 0u;) {
-        for (uint32_t j = 0u; j < i; j++) { qp->d[j] -= qp->L[i * LD + j] * qp->d[i]; }
-    }
-}
-
-/* Newton direction of the independent free variables; the dependent ones rest. */
-static void newton_direction(kc_qp_t *qp, uint32_t m)
-{
-    for (uint32_t i = 0u; i < m; i++) {
-        double s = -qp->grad[qp->idx[i]];
-        for (uint32_t j = 0u; j < i; j++) { s -= qp->L[i * LD + j] * qp->d[j]; }
-        qp->d[i] = s;
-    }
-    for (uint32_t i = 0u; i < m; i++) {
-        const double D = qp->L[i * LD + i];
-        qp->d[i] = D > 0.0 ? qp->d[i] / D : 0.0;
-    }
-    solve_lt(qp, m);
-}
-
-/* Downhill along the null direction of dependent variable k. */
-static void flat_direction(kc_qp_t *qp, uint32_t m, uint32_t k)
-{
-    for (uint32_t i = 0u; i < m; i++) { qp->d[i] = 0.0; }
-    qp->d[k] = qp->grad[qp->idx[k]] > 0.0 ? -1.0 : 1.0;
-    solve_lt(qp, m);
-}
-
-/* Step to the minimum along d, infinite where the cost falls for ever. */
-static double exact_step(const kc_qp_t *qp, uint32_t m)
-{
-    double slope = 0.0, curve = 0.0, size = 0.0;
-    for (uint32_t i = 0u; i < m; i++) {
-        slope += qp->grad[qp->idx[i]] * qp->d[i];
-        for (uint32_t j = 0u; j < m; j++) {
-            const double c = qp->H[qp->idx[i] * LD + qp->idx[j]] * qp->d[i] * qp->d[j];
-            curve += c;
-            size += kc_fabs(c);
-        }
-    }
-    return curve > FLAT_TOL * size ? kc_max(-slope / curve, 0.0) : KC_INF;
-}
-
-/* Room of free variable i along d, as a step. */
-static double room(const kc_qp_t *qp, uint32_t i)
-{
-    const uint32_t v = qp->idx[i];
-    if (qp->d[i] > 0.0) { return (qp->ub[v] - qp->x[v]) / qp->d[i]; }
-    if (qp->d[i] < 0.0) { return (qp->lb[v] - qp->x[v]) / qp->d[i]; }
-    return KC_INF;
-}
-
-/* Move by `want` steps of d, or to the first bound; variables at their bound are fixed there. */
-static step_t move(kc_qp_t *qp, uint32_t m, double want)
-{
-    double step = want;
-    for (uint32_t i = 0u; i < m; i++) { step = kc_min(room(qp, i), step); }
-    if (!(step < KC_INF)) { return STEP_UNBOUNDED; }
-    for (uint32_t i = 0u; i < m; i++) {
-        const uint32_t v = qp->idx[i];
-        const bool meets = room(qp, i) <= step;
-        qp->x[v] += step * qp->d[i];
-        if (meets) { qp->x[v] = qp->d[i] > 0.0 ? qp->ub[v] : qp->lb[v]; }
-        settle(qp, v);
-    }
-    return step < want ? STEP_BLOCKED : STEP_FULL;
-}
-
-/* Largest gradient of the independent free variables; *dependent: the worst of the others. */
-static double independent_gradient(const kc_qp_t *qp, uint32_t m, uint32_t *dependent)
-{
-    double worst = 0.0, worst_dependent = 0.0;
-    for (uint32_t i = 0u; i < m; i++) {
-        const double g = kc_fabs(qp->grad[qp->idx[i]]);
-        if (qp->L[i * LD + i] > 0.0) {
-            worst = kc_max(worst, g);
-        } else if (g > worst_dependent) {
-            worst_dependent = g;
-            *dependent = i;
-        }
-    }
+    double worst = 0.0;
+    for (uint32_t i = 0u; i < qp->n; i++) { worst = kc_max(worst, kc_qp_violation(qp, i)); }
     return worst;
-}
-
-/* One step toward the minimum over the free variables. floor_g: gradient that Newton's method could
- * not improve on, because of rounding. */
-static step_t minimise_free(kc_qp_t *qp, double tol)
-{
-    uint32_t k = 0u;
-    const uint32_t m = factor_free(qp);
-    const double before = independent_gradient(qp, m, &k);
-    const bool newton = before > tol;
-    if (newton) {
-        newton_direction(qp, m);
-    } else {
-        flat_direction(qp, m, k);
-    }
-    const step_t step = move(qp, m, newton ? 1.0 : exact_step(qp, m));
-    qp->scale = gradient(qp);
-    if (newton && step == STEP_FULL) {
-        const double after = independent_gradient(qp, m, &k);
-        if (after > 0.5 * before) { qp->floor_g = after; }
-    }
-    return step;
 }
 
 /* KKT residual, and the status it earns. */
 static void finish(kc_qp_t *qp)
 {
-    double worst_free, worst_fixed;
-    (void)worst_variable(qp, false, &worst_free);
-    (void)worst_variable(qp, true, &worst_fixed);
-    const double worst = kc_max(worst_free, worst_fixed);
+    if (!qp->at_minimum) { kc_qp_gradient(qp, qp->x, qp->grad); }
+    const double worst = worst_violation(qp);
+    settle_all(qp);
     qp->kkt = worst / kc_max(1.0, max_abs(qp->g, qp->n));
-    const bool solved = qp->kkt <= KKT_TOL || worst <= GRAD_TOL * qp->scale;
-    if (qp->status == KC_ERR_ITER && solved) { qp->status = KC_OK; }
+    if (qp->status == KC_ERR_ITER && (qp->kkt <= KKT_TOL || worst <= GRAD_TOL * kc_qp_terms(qp))) {
+        qp->status = KC_OK;
+    }
+}
+
+/* All variables in the order in which they are factored: those with much room, in units of the cost, first. */
+static void order(kc_qp_t *qp)
+{
+    for (uint32_t i = 0u; i < qp->n; i++) {
+        const double width = qp->ub[i] - qp->lb[i];
+        const double key = kc_min(width * width * qp->H[i * LD + i], KC_INF); /* 0 times infinity: NaN */
+        uint32_t at = i;
+        for (; at > 0u && qp->d[at - 1u] < key; at--) {
+            qp->d[at] = qp->d[at - 1u];
+            qp->idx[at] = qp->idx[at - 1u];
+        }
+        qp->d[at] = key;
+        qp->idx[at] = i;
+    }
+    qp->m = qp->n;
+    qp->rows = 0u;
 }
 
 void kc_qp_begin(kc_qp_t *qp)
 {
     qp->status = arguments_ok(qp) ? KC_ERR_ITER : KC_ERR_ARG;
     if (qp->status == KC_ERR_ARG) { return; }
-    for (uint32_t i = 0u; i < qp->n; i++) { settle(qp, i); }
+    settle_all(qp);
+    order(qp);
     qp->floor_g = 0.0;
-    qp->scale = gradient(qp);
+    kc_qp_gradient(qp, qp->x, qp->grad);
+    qp->g_max = max_abs(qp->g, qp->n);
+    qp->H_max = 0.0;
+    for (uint32_t i = 0u; i < qp->n; i++) { qp->H_max = kc_max(qp->H_max, kc_fabs(qp->H[i * LD + i])); }
     qp->iters = 0u;
+    qp->newton = NEWTON_PER_VAR * qp->n;
+    qp->at_minimum = false;
 }
 
-/* A step toward the minimum over the free variables; or, there, one more variable becomes free. False at the
- * minimum over all, and where there is none. */
+/* One iteration; false at the minimum, and where there is none. */
 static bool improve(kc_qp_t *qp)
 {
-    double worst;
-    const double tol = kc_max(GRAD_TOL * qp->scale, qp->floor_g);
-    (void)worst_variable(qp, false, &worst);
-    if (worst > tol) {
-        if (minimise_free(qp, tol) == STEP_UNBOUNDED) { qp->status = KC_ERR_NUM; }
+    if (qp->newton > 0u) {
+        if (qp->at_minimum && kc_qp_negligible(qp, worst_violation(qp))) { return false; }
+        qp->newton = kc_qp_newton_step(qp) ? qp->newton - 1u : 0u;
+        if (qp->newton == 0u) {
+            settle_all(qp);
+            kc_qp_gradient(qp, qp->x, qp->grad);
+        }
         qp->iters++;
-        return qp->status == KC_ERR_ITER;
+        return true;
     }
-    const uint32_t wrong = worst_variable(qp, true, &worst);
-    if (worst <= tol) { return false; }
-    qp->active[wrong] = KC_QP_FREE;
+    if (!kc_qp_active_step(qp)) { return false; }
     qp->iters++;
     return true;
 }
