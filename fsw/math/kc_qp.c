@@ -14,13 +14,6 @@
  * variable. */
 #define NEWTON_PER_VAR 4u
 
-static double max_abs(const double *v, uint32_t n)
-{
-    double m = 0.0;
-    for (uint32_t i = 0u; i < n; i++) { m = kc_max(m, kc_fabs(v[i])); }
-    return m;
-}
-
 static bool arguments_ok(const kc_qp_t *qp)
 {
     if (qp->n == 0u || qp->n > KC_COEF_MAX) { return false; }
@@ -33,21 +26,23 @@ static bool arguments_ok(const kc_qp_t *qp)
     return ok;
 }
 
-/* Column by column, as H is symmetric: no sum waits for another. */
-void kc_qp_gradient(const kc_qp_t *qp, const double *x, double *out)
+/* Row by row instead of sum by sum, as H is symmetric: no addition waits for the one before it. */
+void kc_qp_gradient(kc_qp_t *qp)
 {
     const uint32_t n = qp->n;
     uint32_t j = 0u;
-    for (uint32_t i = 0u; i < n; i++) { out[i] = qp->g[i]; }
+    for (uint32_t i = 0u; i < n; i++) { qp->grad[i] = qp->g[i]; }
     for (; j + 4u <= n; j += 4u) {
-        const double c[4] = {-x[j], -x[j + 1u], -x[j + 2u], -x[j + 3u]};
-        if (c[0] == 0.0 && c[1] == 0.0 && c[2] == 0.0 && c[3] == 0.0) { continue; }
-        kc_rows_take4(out, &qp->H[j * LD], LD, c, 0u, n);
+        const double c[4] = {-qp->x[j], -qp->x[j + 1u], -qp->x[j + 2u], -qp->x[j + 3u]};
+        const double most = kc_max(kc_max(kc_fabs(c[0]), kc_fabs(c[1])),
+                                   kc_max(kc_fabs(c[2]), kc_fabs(c[3])));
+        if (most > 0.0) { kc_rows_take4(qp->grad, &qp->H[j * LD], LD, c, 0u, n); } /* a start is often 0 */
     }
-    for (; j < n; j++) { kc_rows_take(out, &qp->H[j * LD], -x[j], 0u, n); }
+    for (; j < n; j++) { kc_rows_take(qp->grad, &qp->H[j * LD], -qp->x[j], 0u, n); }
 }
 
-double kc_qp_terms(const kc_qp_t *qp)
+/* Largest sum of |terms| in a component of the gradient: the scale of its rounding errors. */
+static double terms(const kc_qp_t *qp)
 {
     double most = 0.0;
     for (uint32_t i = 0u; i < qp->n; i++) {
@@ -58,18 +53,18 @@ double kc_qp_terms(const kc_qp_t *qp)
     return most;
 }
 
+/* The largest sum of terms is not computed where it can be told without: it is at least the largest of own terms, and
+ * no |H_ij| is larger than the largest of the diagonal. */
 bool kc_qp_negligible(const kc_qp_t *qp, double gradient)
 {
-    if (gradient <= qp->floor_g) { return true; }
     double sum = 0.0, own = 0.0;
     for (uint32_t i = 0u; i < qp->n; i++) {
         const double size = kc_fabs(qp->x[i]);
         sum += size;
-        own = kc_max(own, kc_fabs(qp->g[i]) + qp->H[i * LD + i] * size);
+        own = kc_max(own, kc_fabs(qp->g[i]) + kc_fabs(qp->H[i * LD + i]) * size);
     }
-    if (gradient <= GRAD_TOL * own) { return true; }
-    if (gradient > GRAD_TOL * (qp->g_max + qp->H_max * sum)) { return false; }
-    return gradient <= GRAD_TOL * kc_qp_terms(qp);
+    if (gradient <= kc_max(qp->floor_g, GRAD_TOL * own)) { return true; }
+    return gradient <= GRAD_TOL * (qp->g_max + qp->H_max * sum) && gradient <= GRAD_TOL * terms(qp);
 }
 
 double kc_qp_violation(const kc_qp_t *qp, uint32_t i)
@@ -93,22 +88,28 @@ static void settle_all(kc_qp_t *qp)
     for (uint32_t i = 0u; i < qp->n; i++) { kc_qp_settle(qp, i); }
 }
 
-static double worst_violation(const kc_qp_t *qp)
+/* Of the free variables, or of all. */
+static double worst_violation(const kc_qp_t *qp, bool all)
 {
     double worst = 0.0;
-    for (uint32_t i = 0u; i < qp->n; i++) { worst = kc_max(worst, kc_qp_violation(qp, i)); }
+    for (uint32_t i = 0u; i < qp->n; i++) {
+        if (all || qp->active[i] == KC_QP_FREE) { worst = kc_max(worst, kc_qp_violation(qp, i)); }
+    }
     return worst;
 }
 
 /* KKT residual, and the status it earns. */
 static void finish(kc_qp_t *qp)
 {
-    if (!qp->at_minimum) { kc_qp_gradient(qp, qp->x, qp->grad); }
-    const double worst = worst_violation(qp);
+    const double worst = worst_violation(qp, true);
     settle_all(qp);
-    qp->kkt = worst / kc_max(1.0, max_abs(qp->g, qp->n));
-    if (qp->status == KC_ERR_ITER && (qp->kkt <= KKT_TOL || worst <= GRAD_TOL * kc_qp_terms(qp))) {
+    qp->kkt = worst / kc_max(1.0, qp->g_max);
+    if (!kc_v_finite(qp->grad, qp->n)) {
+        qp->status = KC_ERR_NUM;
+    } else if (qp->status == KC_ERR_ITER && (qp->kkt <= KKT_TOL || worst <= GRAD_TOL * terms(qp))) {
         qp->status = KC_OK;
+    } else {
+        /* as it is */
     }
 }
 
@@ -134,34 +135,39 @@ void kc_qp_begin(kc_qp_t *qp)
 {
     qp->status = arguments_ok(qp) ? KC_ERR_ITER : KC_ERR_ARG;
     if (qp->status == KC_ERR_ARG) { return; }
+    qp->g_max = 0.0;
+    qp->H_max = 0.0;
+    for (uint32_t i = 0u; i < qp->n; i++) {
+        qp->g_max = kc_max(qp->g_max, kc_fabs(qp->g[i]));
+        qp->H_max = kc_max(qp->H_max, kc_fabs(qp->H[i * LD + i]));
+    }
     settle_all(qp);
     order(qp);
+    kc_qp_gradient(qp);
     qp->floor_g = 0.0;
-    kc_qp_gradient(qp, qp->x, qp->grad);
-    qp->g_max = max_abs(qp->g, qp->n);
-    qp->H_max = 0.0;
-    for (uint32_t i = 0u; i < qp->n; i++) { qp->H_max = kc_max(qp->H_max, kc_fabs(qp->H[i * LD + i])); }
-    qp->iters = 0u;
+    qp->at_minimum = kc_qp_negligible(qp, worst_violation(qp, false));
     qp->newton = NEWTON_PER_VAR * qp->n;
-    qp->at_minimum = false;
+    qp->iters = 0u;
 }
 
-/* One iteration; false at the minimum, and where there is none. */
+/* One iteration; false at the minimum, and where there is none. What projected Newton leaves, the active-set method
+ * takes up where it is. */
 static bool improve(kc_qp_t *qp)
 {
-    if (qp->newton > 0u) {
-        if (qp->at_minimum && kc_qp_negligible(qp, worst_violation(qp))) { return false; }
+    bool go_on = true;
+    if (qp->newton == 0u) {
+        go_on = kc_qp_active_step(qp);
+    } else if (qp->at_minimum && kc_qp_negligible(qp, worst_violation(qp, true))) {
+        go_on = false;
+    } else {
         qp->newton = kc_qp_newton_step(qp) ? qp->newton - 1u : 0u;
         if (qp->newton == 0u) {
             settle_all(qp);
-            kc_qp_gradient(qp, qp->x, qp->grad);
+            kc_qp_gradient(qp);
         }
-        qp->iters++;
-        return true;
     }
-    if (!kc_qp_active_step(qp)) { return false; }
-    qp->iters++;
-    return true;
+    qp->iters += go_on ? 1u : 0u;
+    return go_on;
 }
 
 bool kc_qp_iterate(kc_qp_t *qp)

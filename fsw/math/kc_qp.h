@@ -30,15 +30,16 @@ typedef struct {
     /* work */
     double g_max, H_max; /* largest |g|, largest |H| on the diagonal */
     double floor_g;      /* gradient that Newton's method could not improve on, because of rounding */
-    uint32_t newton;     /* iterations of projected Newton that are left; then the active-set method goes on */
-    bool at_minimum;     /* x is the minimum over the free variables, and all of grad is that at x */
-    uint32_t m, rows;    /* free variables, listed in idx; rows of their factor: none or all of them */
+    uint32_t newton; /* iterations of projected Newton that are left; then the active-set method goes on */
+    bool at_minimum; /* x is the minimum over the free variables, and all of grad is that at x */
+    uint32_t m, rows; /* free variables, listed in idx; rows of their factor: none or all of them */
     uint32_t idx[KC_COEF_MAX];
     double L[KC_COEF_MAX * KC_COEF_MAX]; /* LDL' of their block of H: L D up to the diagonal, L' above it */
-    double inv_d[KC_COEF_MAX];           /* 1 / D; 0: depends on those before it */
+    double inv_d[KC_COEF_MAX]; /* 1 / D; 0: depends on those before it */
     double grad[KC_COEF_MAX];
-    double d[KC_COEF_MAX], q[KC_COEF_MAX]; /* direction of the free variables and H times it, in the order of idx */
-    double until[KC_COEF_MAX];             /* how far along it each may go */
+    double d[KC_COEF_MAX],
+        q[KC_COEF_MAX]; /* direction of the free variables and H times it, in the order of idx */
+    double until[KC_COEF_MAX]; /* how far along it each may go */
 } kc_qp_t;
 
 /* Iterations allowed per variable (factorisations and releases); random problems need one or two. */

@@ -101,7 +101,7 @@ static step_t minimise_free(kc_qp_t *qp)
         kc_qp_flat_direction(qp, k);
     }
     const step_t step = move(qp, newton ? 1.0 : exact_step(qp));
-    kc_qp_gradient(qp, qp->x, qp->grad);
+    kc_qp_gradient(qp);
     if (newton && step == STEP_FULL) {
         const double after = independent_gradient(qp, &k);
         if (after > 0.5 * before) { qp->floor_g = after; }

@@ -1,5 +1,4 @@
 /* LDL' of the free block of H, whose rows are kept while the order of the variables before them stays. */
-
 #include "kc_qp_priv.h"
 #include "kc_rows.h"
 
@@ -74,7 +73,7 @@ bool kc_qp_factor(kc_qp_t *qp, bool strict)
     append(qp, kept);
     for (qp->rows = first; qp->rows < qp->m; qp->rows++) {
         const uint32_t i = qp->rows;
-        factor_row(qp, i, i < kept ? first & ~3u : 0u);
+        factor_row(qp, i, i < kept ? first - first % 4u : 0u);
         if (strict && !(qp->inv_d[i] > 0.0)) {
             qp->rows = 0u;
             return false;

@@ -156,7 +156,7 @@ bool kc_qp_newton_step(kc_qp_t *qp)
     kc_qp_newton_direction(qp);
     if (!step_projected(qp, &whole)) { return step_along_path(qp); }
     if (whole) {
-        kc_qp_gradient(qp, qp->x, qp->grad);
+        kc_qp_gradient(qp);
         qp->at_minimum = true;
         const double after = worst_free(qp);
         if (was_minimum && after > 0.5 * before) { qp->floor_g = after; }

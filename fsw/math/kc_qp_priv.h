@@ -9,10 +9,8 @@
 
 /* -- kc_qp.c -- */
 
-/* out = g + H x. */
-void kc_qp_gradient(const kc_qp_t *qp, const double *x, double *out);
-/* Largest sum of |terms| in a component of the gradient at qp->x: the scale of its rounding errors. */
-double kc_qp_terms(const kc_qp_t *qp);
+/* grad = g + H x. */
+void kc_qp_gradient(kc_qp_t *qp);
 /* Keep variable i inside the box; on a bound it becomes fixed. */
 void kc_qp_settle(kc_qp_t *qp, uint32_t i);
 /* Does a gradient of this size at qp->x count as zero? */
