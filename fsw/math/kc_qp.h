@@ -37,18 +37,19 @@ typedef struct {
     double L[KC_COEF_MAX * KC_COEF_MAX]; /* LDL' of their block of H: L D up to the diagonal, L' above it */
     double inv_d[KC_COEF_MAX]; /* 1 / D; 0: depends on those before it */
     double grad[KC_COEF_MAX];
-    double d[KC_COEF_MAX],
-        q[KC_COEF_MAX]; /* direction of the free variables and H times it, in the order of idx */
+    double d[KC_COEF_MAX]; /* direction of the free variables, in the order of idx */
+    double q[KC_COEF_MAX]; /* H times it */
     double until[KC_COEF_MAX]; /* how far along it each may go */
 } kc_qp_t;
 
-/* Iterations allowed per variable (factorisations and releases); random problems need one or two. */
+/* Iterations allowed per variable; random problems need 3 to 8 in all, nearly singular ones about half a one a
+ * variable, singular ones one to four. */
 #define KC_QP_ITER_PER_VAR 20u
 
 /* Solve. KC_OK: kkt <= 1e-9, or 1e-14 of the largest sum of |terms| in a gradient component, where
  * double precision ends (H x large against g). KC_ERR_ARG: n = 0 or too large, lb > ub, or something
  * not finite: x unchanged. KC_ERR_ITER: KC_QP_ITER_PER_VAR * n iterations done, x is feasible and the
- * best so far. KC_ERR_NUM: unbounded below (singular H, infinite bounds), x feasible.
+ * best so far. KC_ERR_NUM: unbounded below (singular H, infinite bounds) or beyond all numbers, x feasible.
  * O(iterations * n^3); same bits for the same input. */
 kc_status_t kc_qp_solve(kc_qp_t *qp);
 

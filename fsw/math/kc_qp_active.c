@@ -17,13 +17,13 @@
 
 typedef enum { STEP_FULL, STEP_BLOCKED, STEP_UNBOUNDED } step_t;
 
-/* The free or the fixed variable (rested) that violates the conditions most; *worst: by how much. */
-static uint32_t worst_variable(const kc_qp_t *qp, bool rested, double *worst)
+/* The fixed variable that violates the conditions most; *worst: by how much. */
+static uint32_t worst_fixed(const kc_qp_t *qp, double *worst)
 {
     uint32_t at = 0u;
     *worst = 0.0;
     for (uint32_t i = 0u; i < qp->n; i++) {
-        const double v = (qp->active[i] != KC_QP_FREE) == rested ? kc_qp_violation(qp, i) : 0.0;
+        const double v = qp->active[i] != KC_QP_FREE ? kc_qp_violation(qp, i) : 0.0;
         if (v > *worst) {
             *worst = v;
             at = i;
@@ -112,12 +112,11 @@ static step_t minimise_free(kc_qp_t *qp)
 bool kc_qp_active_step(kc_qp_t *qp)
 {
     double worst;
-    (void)worst_variable(qp, false, &worst);
-    if (!kc_qp_negligible(qp, worst)) {
+    if (!kc_qp_negligible(qp, kc_qp_worst(qp, false))) {
         if (minimise_free(qp) == STEP_UNBOUNDED) { qp->status = KC_ERR_NUM; }
         return qp->status == KC_ERR_ITER;
     }
-    const uint32_t wrong = worst_variable(qp, true, &worst);
+    const uint32_t wrong = worst_fixed(qp, &worst);
     if (kc_qp_negligible(qp, worst)) { return false; }
     qp->active[wrong] = KC_QP_FREE;
     return true;

@@ -34,7 +34,8 @@ static uint32_t take_out(kc_qp_t *qp, uint32_t *kept)
 /* Behind them come those that have become free, in the order of their numbers. */
 static void append(kc_qp_t *qp, uint32_t kept)
 {
-    bool listed[KC_COEF_MAX] = {false};
+    bool listed[KC_COEF_MAX];
+    for (uint32_t v = 0u; v < qp->n; v++) { listed[v] = false; }
     for (uint32_t i = 0u; i < kept; i++) { listed[qp->idx[i]] = true; }
     qp->m = kept;
     for (uint32_t v = 0u; v < qp->n; v++) {
@@ -71,15 +72,13 @@ bool kc_qp_factor(kc_qp_t *qp, bool strict)
     uint32_t kept;
     const uint32_t first = take_out(qp, &kept);
     append(qp, kept);
-    for (qp->rows = first; qp->rows < qp->m; qp->rows++) {
-        const uint32_t i = qp->rows;
+    bool go_on = true;
+    for (uint32_t i = first; i < qp->m && go_on; i++) {
         factor_row(qp, i, i < kept ? first - first % 4u : 0u);
-        if (strict && !(qp->inv_d[i] > 0.0)) {
-            qp->rows = 0u;
-            return false;
-        }
+        go_on = !strict || qp->inv_d[i] > 0.0;
     }
-    return true;
+    qp->rows = go_on ? qp->m : 0u;
+    return go_on;
 }
 
 void kc_qp_newton_direction(kc_qp_t *qp)

@@ -66,7 +66,8 @@ static bool step_projected(kc_qp_t *qp, bool *whole)
         curve += qp->q[i] * step;
     }
     const bool falls = slope < 0.0 && slope + 0.5 * curve <= ARMIJO * slope;
-    if (!falls && !(*whole && kc_finite(slope))) { return false; }
+    const bool rounding = *whole && kc_finite(slope);
+    if (!falls && !rounding) { return false; }
     for (uint32_t i = 0u; i < qp->m; i++) {
         const uint32_t v = qp->idx[i];
         qp->x[v] = projected(qp, i);
@@ -138,13 +139,6 @@ static bool step_along_path(kc_qp_t *qp)
     return t > 0.0;
 }
 
-static double worst_free(const kc_qp_t *qp)
-{
-    double worst = 0.0;
-    for (uint32_t i = 0u; i < qp->m; i++) { worst = kc_max(worst, kc_fabs(qp->grad[qp->idx[i]])); }
-    return worst;
-}
-
 bool kc_qp_newton_step(kc_qp_t *qp)
 {
     const bool was_minimum = qp->at_minimum;
@@ -152,13 +146,13 @@ bool kc_qp_newton_step(kc_qp_t *qp)
     if (was_minimum) { release(qp); }
     qp->at_minimum = false;
     if (!kc_qp_factor(qp, true)) { return false; }
-    const double before = worst_free(qp);
+    const double before = kc_qp_worst(qp, false);
     kc_qp_newton_direction(qp);
     if (!step_projected(qp, &whole)) { return step_along_path(qp); }
     if (whole) {
         kc_qp_gradient(qp);
         qp->at_minimum = true;
-        const double after = worst_free(qp);
+        const double after = kc_qp_worst(qp, false);
         if (was_minimum && after > 0.5 * before) { qp->floor_g = after; }
     }
     return true;

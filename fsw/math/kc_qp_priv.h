@@ -7,16 +7,21 @@
 
 #define KC_QP_LD KC_COEF_MAX
 
-/* -- kc_qp.c -- */
+/* -- kc_qp_kkt.c: where x stands -- */
 
 /* grad = g + H x. */
 void kc_qp_gradient(kc_qp_t *qp);
-/* Keep variable i inside the box; on a bound it becomes fixed. */
+/* Keep variable i, or all, inside the box; on a bound it becomes fixed. */
 void kc_qp_settle(kc_qp_t *qp, uint32_t i);
-/* Does a gradient of this size at qp->x count as zero? */
-bool kc_qp_negligible(const kc_qp_t *qp, double gradient);
-/* How far variable i is from the KKT conditions: its gradient, unless a bound holds against it. */
+void kc_qp_settle_all(kc_qp_t *qp);
+/* How far variable i is from the conditions: its gradient, unless a bound holds against it. */
 double kc_qp_violation(const kc_qp_t *qp, uint32_t i);
+/* The worst of the free variables, or of all. */
+double kc_qp_worst(const kc_qp_t *qp, bool all);
+/* Is a gradient of this size rounding at x: 1e-14 of the largest sum of |terms| in a component? */
+bool kc_qp_rounding(const kc_qp_t *qp, double gradient);
+/* Does it count as zero: rounding, or what Newton's method could not improve on? */
+bool kc_qp_negligible(const kc_qp_t *qp, double gradient);
 
 /* -- kc_qp_factor.c: LDL' of the free block -- */
 

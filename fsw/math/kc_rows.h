@@ -35,7 +35,7 @@ static inline void kc_rows_forward(const double *U, uint32_t ld, double *w, uint
         }
         kc_rows_take4(w, r0, ld, &w[j], j + 4u > from ? j + 4u : from, m);
     }
-    for (; j < m; j++) { kc_rows_take(w, &U[j * ld], w[j], j + 1u > from ? j + 1u : from, m); }
+    for (; j < m; j++) { kc_rows_take(w, &U[j * ld], w[j], j + 1u, m); }
 }
 
 /* w <- L'^-1 w for its first m places; inv_d: 1 / the diagonal of L. */
@@ -51,9 +51,9 @@ static inline void kc_rows_backward(const double *L, uint32_t ld, const double *
         w[j] = (w[j] - ((w[j + 3u] * r3[j] + w[j + 2u] * r2[j]) + w[j + 1u] * r1[j])) * inv_d[j];
         kc_rows_take4(w, &L[j * ld], ld, &w[j], 0u, j);
     }
-    for (; i-- > 0u;) {
-        w[i] *= inv_d[i];
-        kc_rows_take(w, &L[i * ld], w[i], 0u, i);
+    for (uint32_t k = i; k-- > 0u;) {
+        w[k] *= inv_d[k];
+        kc_rows_take(w, &L[k * ld], w[k], 0u, k);
     }
 }
 

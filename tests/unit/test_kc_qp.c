@@ -555,6 +555,23 @@ void test_a_start_at_the_right_bounds_takes_one_step(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.25, s_qp.x[5]);
 }
 
+/* Of two fixed variables the one becomes free whose bound does not hold. */
+void test_only_bounds_that_do_not_hold_are_left(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = -5.0;
+    s_qp.g[1] = -0.25;
+    s_qp.x[0] = 1.0;
+    s_qp.x[1] = -1.0;
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.m);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.idx[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_qp.x[1]);
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_UPPER, s_qp.active[0]);
+}
+
 /* A start that is solved is left alone, free variables and fixed ones. */
 void test_a_start_that_is_the_solution_takes_no_iteration(void)
 {
