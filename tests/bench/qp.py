@@ -2,11 +2,12 @@
 
     python tests/bench/qp.py [--problems 40] [--seed 1] [--write]
 
-Flight's library is the one that flies, with its compiler flags; the others are as PyPI has them. Of each problem all
-solvers take turns, and the least of several times counts, so that what else the machine does hits all alike. Taken is
-the time inside the solver: where it states none, the time of the call less that of a call that has nothing to do.
-A solution starts from H, g and the bounds as arrays and from x = 0; nothing is known from another problem. Tolerances
-are 1e-9. The residual is |x - clip(x - gradient)|, in parts of max(1, |g|), the largest component.
+Flight's library is the one that flies, with its compiler flags; the others are as PyPI has them. Of each
+problem all solvers take turns, and the least of several times counts, so that what else the machine does
+hits all alike. Taken is the time inside the solver: where it states none, the time of the call less that of
+a call that has nothing to do. A solution starts from H, g and the bounds as arrays and from x = 0; nothing
+is known from another problem. Tolerances are 1e-9. The residual is |x - clip(x - gradient)|, in parts of
+max(1, |g|), the largest component.
 
 Problems, with 28 and with 64 variables:
 
@@ -14,11 +15,11 @@ Problems, with 28 and with 64 variables:
     correlated      four common factors and a tenth of independent noise
     near-singular   eigenvalues from 1 to 1e-9 in even ratios; more than half of the bounds hold
     few data        H = A'A + 1e-8, A with half as many rows as columns
-    recorded        the QPs of the estimator in a calibration of the paper's errors that is flown here: 28 DH errors as
-                    flight has them, or 64 coefficients with weak priors made for the same observations
+    recorded        the QPs of the estimator in a calibration of the paper's errors that is flown here: 28 DH
+                    errors as flight has them, or 64 coefficients with priors for the same observations
 
---write puts the table into docs/BENCHMARKS.md. Exit status 1 if flight's median is above DAQP's for a kind, or a
-residual of flight above 1e-9."""
+--write puts the table into docs/BENCHMARKS.md. Exit status 1 if flight's median is above DAQP's for a kind,
+or a residual of flight above 1e-9."""
 
 from __future__ import annotations
 
@@ -113,7 +114,7 @@ def flown_estimators() -> list[Any]:
 
 
 def wide_terms(narrow: Any, n_joints: int) -> Any:
-    """The DH errors of `narrow`, and base, tool, camera and harmonic errors of the joints up to 64 coefficients."""
+    """The DH errors of `narrow`, and errors of base, tool, camera and encoders up to 64 coefficients."""
     out = flight.new("kc_terms_t")
     out.n_coef = out.n_term = 4 * n_joints
     for k in range(4 * n_joints):
@@ -134,8 +135,8 @@ def wide_terms(narrow: Any, n_joints: int) -> Any:
 
 
 def recorded(est: Any) -> Iterator[Problem]:
-    """Every QP of a solution. A step with next to no work does one unit; between the beginning of a QP and its first
-    iteration there is one."""
+    """Every QP of a solution. A step with next to no work does one unit; between the beginning of a QP and
+    its first iteration there is one."""
     work, ld = flight.new("kc_work_t"), lib.KC_COEF_MAX
     work.most = 1
     over = False
@@ -144,7 +145,9 @@ def recorded(est: Any) -> Iterator[Problem]:
         qp = est.qp
         if qp.status == lib.KC_ERR_ITER and qp.iters == 0 and 0 < qp.n <= ld:
             n = qp.n
-            yield Problem(view(qp.H, ld, ld)[:n, :n].copy(), *(view(v)[:n].copy() for v in (qp.g, qp.lb, qp.ub)))
+            yield Problem(
+                view(qp.H, ld, ld)[:n, :n].copy(), *(view(v)[:n].copy() for v in (qp.g, qp.lb, qp.ub))
+            )
         work.used = 0
         over = bool(lib.kc_est_step(est, work))
 
@@ -270,9 +273,7 @@ MODULES = {"quadprog": "quadprog", "PIQP": "piqp", "ProxQP": "proxsuite"}
 
 def there() -> dict[str, Solver]:
     """The solvers that are installed."""
-    missing = {
-        name for name, module in MODULES.items() if importlib.util.find_spec(module) is None
-    }
+    missing = {name for name, module in MODULES.items() if importlib.util.find_spec(module) is None}
     return {name: solver for name, solver in SOLVERS.items() if name not in missing}
 
 
@@ -281,7 +282,7 @@ def there() -> dict[str, Solver]:
 
 @dataclass(frozen=True)
 class Row:
-    """A kind: by solver the median ratio of its time to flight's, the largest residual; flight's median time."""
+    """A kind: by solver the median ratio of its time to flight's and the largest residual; flight's median."""
 
     kind: str
     n: int
@@ -324,7 +325,9 @@ def rows(number: int, seed: int) -> Iterator[Row]:
 def table(found: list[Row]) -> list[str]:
     names = [name for name in found[0].ratio if name != "KinCal"]
     lines = [
-        "| problems | n | " + " | ".join(names) + " | KinCal to DAQP, 9 of 10 below | residual of KinCal | of DAQP |",
+        "| problems | n | "
+        + " | ".join(names)
+        + " | KinCal to DAQP, 9 of 10 below | residual of KinCal | of DAQP |",
         "|---|---:|" + "---:|" * (len(names) + 3),
     ]
     for r in found:
@@ -350,7 +353,9 @@ def main(argv: list[str] | None = None) -> int:
     found = []
     for row in rows(o.problems, o.seed):
         found.append(row)
-        others = ", ".join(f"{k} {v:.2g} ({row.residual[k]:.0e})" for k, v in row.ratio.items() if k != "KinCal")
+        others = ", ".join(
+            f"{k} {v:.2g} ({row.residual[k]:.0e})" for k, v in row.ratio.items() if k != "KinCal"
+        )
         print(
             f"{row.kind:14s} n = {row.n}: KinCal {1e6 * row.seconds:.1f} us ({row.residual['KinCal']:.0e}); "
             f"times as long, residual: {others}; KinCal to DAQP, 9 of 10 below {row.worst_to_daqp:.2f}",

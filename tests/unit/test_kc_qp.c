@@ -394,7 +394,7 @@ void test_without_active_bounds_the_minimum_is_one_step_away(void)
     TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
 }
 
-/* x1 is x0 over again and rests; x2 has nothing to do with either: one step, after projected Newton gave up. */
+/* x1 is x0 over again and rests; x2 has nothing to do with either: one step, which projected Newton leaves to the other method. */
 void test_a_dependent_variable_leaves_no_trace_in_those_behind_it(void)
 {
     given_identity(3u);
@@ -705,7 +705,7 @@ void test_a_dependent_variable_is_left_to_the_active_set_method(void)
 }
 
 /* As if rounding hid the truth: a variable at its bound is free against its gradient, and there is no way to go. */
-void test_where_projected_newton_has_no_way_to_go_the_active_set_method_does(void)
+void test_where_projected_newton_cannot_move_the_active_set_method_does(void)
 {
     given_identity(2u);
     s_qp.g[0] = -5.0;
