@@ -20,10 +20,7 @@ static uint32_t take_out(kc_qp_t *qp, uint32_t *kept)
         }
         if (k != i) {
             qp->idx[k] = v;
-            for (uint32_t j = 0u; j < first; j++) {
-                qp->L[k * LD + j] = qp->L[i * LD + j];
-                qp->L[j * LD + k] = qp->L[j * LD + i];
-            }
+            for (uint32_t j = 0u; j < first; j++) { qp->L[k * LD + j] = qp->L[i * LD + j]; }
         }
         k++;
     }

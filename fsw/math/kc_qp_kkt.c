@@ -53,14 +53,6 @@ bool kc_qp_negligible(const kc_qp_t *qp, double gradient)
     return gradient <= qp->floor_g || kc_qp_rounding(qp, gradient);
 }
 
-double kc_qp_violation(const kc_qp_t *qp, uint32_t i)
-{
-    const double g = qp->grad[i];
-    if (g > 0.0 && qp->x[i] <= qp->lb[i]) { return 0.0; }
-    if (g < 0.0 && qp->x[i] >= qp->ub[i]) { return 0.0; }
-    return kc_fabs(g);
-}
-
 void kc_qp_settle(kc_qp_t *qp, uint32_t i)
 {
     qp->x[i] = kc_clamp(qp->x[i], qp->lb[i], qp->ub[i]);

@@ -15,7 +15,13 @@ void kc_qp_gradient(kc_qp_t *qp);
 void kc_qp_settle(kc_qp_t *qp, uint32_t i);
 void kc_qp_settle_all(kc_qp_t *qp);
 /* How far variable i is from the conditions: its gradient, unless a bound holds against it. */
-double kc_qp_violation(const kc_qp_t *qp, uint32_t i);
+static inline double kc_qp_violation(const kc_qp_t *qp, uint32_t i)
+{
+    const double g = qp->grad[i];
+    if (g > 0.0 && qp->x[i] <= qp->lb[i]) { return 0.0; }
+    if (g < 0.0 && qp->x[i] >= qp->ub[i]) { return 0.0; }
+    return kc_fabs(g);
+}
 /* The worst of the free variables, or of all. */
 double kc_qp_worst(const kc_qp_t *qp, bool all);
 /* Is a gradient of this size rounding at x: 1e-14 of the largest sum of |terms| in a component? */

@@ -282,7 +282,7 @@ def there() -> dict[str, Solver]:
 
 @dataclass(frozen=True)
 class Row:
-    """A kind: by solver the median ratio of its time to flight's and the largest residual; flight's median."""
+    """A kind: by solver the median ratio of its time to flight's and largest residual; flight's median."""
 
     kind: str
     n: int
