@@ -1267,12 +1267,20 @@ class KcQp(Protocol):
     kkt: float
     iters: int
     status: int
-    scale: float
+    g_max: float
+    H_max: float
     floor_g: float
-    L: Array[float]
-    d: Array[float]
-    grad: Array[float]
+    newton: int
+    at_minimum: bool
+    m: int
+    rows: int
     idx: Array[int]
+    L: Array[float]
+    inv_d: Array[float]
+    grad: Array[float]
+    d: Array[float]
+    q: Array[float]
+    until: Array[float]
 
 class KcRequest(Protocol):
     """kc_request_t"""
