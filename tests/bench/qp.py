@@ -331,7 +331,7 @@ def table(found: list[Row]) -> list[str]:
         "|---|---:|" + "---:|" * (len(names) + 3),
     ]
     for r in found:
-        ratios = " | ".join(f"{r.ratio[name]:.2g}" for name in names)
+        ratios = " | ".join(f"{r.ratio[name]:.{1 if r.ratio[name] < 10 else 0}f}" for name in names)
         residuals = f"{r.residual['KinCal']:.0e} | {r.residual['DAQP']:.0e}"
         lines.append(f"| {r.kind} | {r.n} | {ratios} | {r.worst_to_daqp:.2f} | {residuals} |")
     return lines

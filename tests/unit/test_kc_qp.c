@@ -240,26 +240,42 @@ void test_a_gradient_that_is_rounding_counts_as_none(void)
     TEST_ASSERT_TRUE(s_qp.kkt > 1e-9); /* of which 1e7 are rounding of the last bit */
 }
 
-/* Terms of the gradient: 1 + 3 + 1 and 0 + 1.5 + 2, so that 5e-14 is rounding. */
-void test_negligible_is_a_part_of_the_largest_sum_of_terms(void)
+/* Terms of the gradient: 1 + 3 + 1 and 0 + 1.5 + 2, in units of `unit`, so that 5e-14 is rounding. */
+static void given_terms(double unit)
 {
-    given_identity(2u);
-    *H(0, 1) = *H(1, 0) = 0.5;
-    s_qp.g[0] = 1.0;
+    given(2u);
+    *H(0, 0) = *H(1, 1) = unit;
+    *H(0, 1) = *H(1, 0) = 0.5 * unit;
+    s_qp.g[0] = unit;
     s_qp.x[0] = 3.0;
     s_qp.x[1] = -2.0;
     for (uint32_t i = 0u; i < 2u; i++) {
         s_qp.lb[i] = -9.0;
         s_qp.ub[i] = 9.0;
     }
+    s_qp.x[2] = 100.0; /* of another problem */
+    *H(0, 2) = *H(1, 2) = *H(2, 2) = *H(2, 0) = 50.0;
+    s_qp.g[2] = 70.0;
     kc_qp_begin(&s_qp);
-    TEST_ASSERT_TRUE(kc_qp_negligible(&s_qp, 3.9e-14));
-    TEST_ASSERT_TRUE(kc_qp_negligible(&s_qp, 4.9e-14));
-    TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 5.1e-14));
-    TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 6.1e-14));
-    s_qp.floor_g = 1e-3;
-    TEST_ASSERT_TRUE(kc_qp_negligible(&s_qp, 1e-3));
-    TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 1.1e-3));
+}
+
+void test_negligible_is_a_part_of_the_largest_sum_of_terms(void)
+{
+    static const double units[3] = {1.0, 0x1p-10, 0x1p10};
+    for (uint32_t k = 0u; k < 3u; k++) {
+        const double unit = units[k];
+        given_terms(unit);
+        TEST_ASSERT_TRUE(kc_qp_negligible(&s_qp, 3.9e-14 * unit)); /* of the own terms of x0 */
+        TEST_ASSERT_TRUE(kc_qp_negligible(&s_qp, 4.9e-14 * unit));
+        TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 5.1e-14 * unit));
+        TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 5.9e-14 * unit));
+        TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 6.1e-14 * unit)); /* the largest |H| for all */
+        TEST_ASSERT_EQUAL_DOUBLE(unit, s_qp.g_max);
+        TEST_ASSERT_EQUAL_DOUBLE(unit, s_qp.H_max);
+        s_qp.floor_g = 1e-3 * unit;
+        TEST_ASSERT_TRUE(kc_qp_negligible(&s_qp, 1e-3 * unit));
+        TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 1.1e-3 * unit));
+    }
 }
 
 /* What projected Newton leaves to the active-set method. */
