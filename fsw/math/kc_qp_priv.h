@@ -43,7 +43,7 @@ void kc_qp_flat_direction(kc_qp_t *qp, uint32_t k);
 
 /* -- the methods: one iteration; false where it cannot go on -- */
 
-/* kc_qp_newton.c. False: solved, or the other method has to. */
+/* kc_qp_newton.c. False: the other method has to go on from x. */
 bool kc_qp_newton_step(kc_qp_t *qp);
 /* kc_qp_active.c. False: solved, or unbounded below (status). */
 bool kc_qp_active_step(kc_qp_t *qp);

@@ -720,6 +720,29 @@ void test_a_dependent_variable_is_left_to_the_active_set_method(void)
     TEST_ASSERT_TRUE(s_qp.inv_d[10] > 0.0);
 }
 
+/* Column 3 is column 0 and twice column 1 and none of column 2: it goes up where they go down, at no cost. */
+void test_the_flat_direction_of_a_dependent_variable_is_what_it_depends_on(void)
+{
+    static const double A[3][4] = {{1.0, 0.0, 0.5, 1.0}, {0.5, 1.0, 0.25, 2.5}, {-1.0, 2.0, 1.0, 3.0}};
+    static const double down[4] = {1.0, 2.0, 0.0, -1.0};
+    given(4u);
+    for (uint32_t i = 0u; i < 4u; i++) {
+        for (uint32_t j = 0u; j < 4u; j++) {
+            for (uint32_t k = 0u; k < 3u; k++) { *H(i, j) += A[k][i] * A[k][j]; }
+        }
+    }
+    kc_qp_begin(&s_qp);
+    for (uint32_t i = 0u; i < 4u; i++) { s_qp.idx[i] = i; }
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, false));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_qp.inv_d[3]);
+    s_qp.grad[3] = 0.1;
+    kc_qp_flat_direction(&s_qp, 3u);
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-14, down[i], s_qp.d[i]); }
+    s_qp.grad[3] = -0.1;
+    kc_qp_flat_direction(&s_qp, 3u);
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-14, -down[i], s_qp.d[i]); }
+}
+
 /* As if rounding hid the truth: a variable at its bound is free against its gradient, and there is no way to go. */
 void test_where_projected_newton_cannot_move_the_active_set_method_does(void)
 {
