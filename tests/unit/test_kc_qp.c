@@ -514,6 +514,35 @@ void test_a_projected_step_that_raises_the_cost_becomes_a_path_past_its_bend(voi
     TEST_ASSERT_DOUBLE_WITHIN(1e-14, -1.4, s_qp.x[1]);
 }
 
+/* The same beside a variable that is where it should be: it has no direction, and no bound to meet. */
+void test_a_path_leaves_a_variable_without_direction_alone(void)
+{
+    given_coupled(0.9, 10.0, -9.5);
+    s_qp.n = 3u;
+    *H(2, 2) = 1.0;
+    s_qp.lb[2] = -1.0;
+    s_qp.ub[2] = 1.0;
+    s_qp.x[2] = 0.25;
+    s_qp.g[2] = -0.25;
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, -1.4, s_qp.x[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_qp.x[2]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_FREE, s_qp.active[2]);
+}
+
+/* Nothing clips a step that ends at the bounds exactly: it is the minimum. */
+void test_a_whole_step_may_end_at_a_bound(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = -1.0;
+    s_qp.g[1] = 1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_UPPER, s_qp.active[0]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_LOWER, s_qp.active[1]);
+}
+
 /* Minimum (10, -8.9): behind the bend at (1, -0.89) the cost rises at once. */
 void test_a_path_ends_at_the_bend_where_the_cost_would_rise(void)
 {
