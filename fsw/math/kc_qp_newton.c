@@ -146,14 +146,14 @@ bool kc_qp_newton_step(kc_qp_t *qp)
     if (was_minimum) { release(qp); }
     qp->at_minimum = false;
     if (!kc_qp_factor(qp, true)) { return false; }
-    const double before = kc_qp_worst(qp, false);
+    const double before = was_minimum ? kc_qp_worst(qp, false) : KC_INF; /* along a path it is not exact */
     kc_qp_newton_direction(qp);
     if (!step_projected(qp, &whole)) { return step_along_path(qp); }
     if (whole) {
         kc_qp_gradient(qp);
         qp->at_minimum = true;
         const double after = kc_qp_worst(qp, false);
-        if (was_minimum && after > 0.5 * before) { qp->floor_g = after; }
+        if (after > 0.5 * before) { qp->floor_g = after; }
     }
     return true;
 }
