@@ -684,13 +684,14 @@ static void factor_is_of_these(const uint32_t *idx, uint32_t m)
     }
 }
 
-/* Some leave, some come, all leave: order and numbers are those of a factor made anew. */
+/* Some leave, some come, all leave and come: order and numbers are those of a factor made anew. */
 void test_the_factor_that_is_kept_is_that_of_the_free_variables(void)
 {
     static const uint8_t few[11] = {1u, 1u, 1u, 1u, 1u, 0u, 1u, 1u, 0u, 1u, 1u}; /* 5 and 8 leave */
     static const uint8_t back[11] = {1u, 1u, 1u, 1u, 1u, 1u, 0u, 1u, 1u, 1u, 1u}; /* and come, 6 leaves */
     static const uint8_t late[11] = {1u, 1u, 1u, 1u, 1u, 1u, 0u, 1u, 1u, 1u, 0u}; /* 10 leaves */
     static const uint8_t none[11] = {0u};
+    static const uint8_t all[11] = {1u, 1u, 1u, 1u, 1u, 1u, 1u, 1u, 1u, 1u, 1u};
     static const uint32_t all_of[11] = {0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u, 8u, 9u, 10u};
     static const uint32_t few_of[9] = {0u, 1u, 2u, 3u, 4u, 6u, 7u, 9u, 10u};
     static const uint32_t back_of[10] = {0u, 1u, 2u, 3u, 4u, 7u, 9u, 10u, 5u, 8u};
@@ -712,6 +713,9 @@ void test_the_factor_that_is_kept_is_that_of_the_free_variables(void)
     free_only(none);
     TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
     TEST_ASSERT_EQUAL_UINT32(0u, s_qp.m);
+    free_only(all);
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
+    factor_is_of_these(all_of, 11u);
 }
 
 /* What is kept is not computed again: a row before the first change, and the columns before it of a later one. */
