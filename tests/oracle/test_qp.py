@@ -3,7 +3,7 @@
 import daqp
 import numpy as np
 import pytest
-from builders import qp_solve
+from builders import flight, lib, qp_solve, view
 from scipy.optimize import linprog, lsq_linear
 
 from kincal.flight import status_name
@@ -157,6 +157,65 @@ def test_from_any_start_the_same_minimum_of_a_definite_problem():
     for _ in range(20):
         again = qp_solve(H, g, lb, ub, rng.normal(size=len(g)) * 10)
         np.testing.assert_allclose(again.x, first.x, atol=1e-7)
+
+
+NEARLY_SINGULAR = ("spectrum", "few rows", "Hilbert", "scaled", "path")
+
+
+def nearly_singular(kind, n, rng):
+    """H with eigenvalues down to 1e-12 of the largest, and a box that holds many variables."""
+    if kind == "spectrum":
+        Q, _ = np.linalg.qr(rng.normal(size=(n, n)))
+        H = Q * np.geomspace(1.0, 10 ** -rng.uniform(3, 12), n) @ Q.T
+    elif kind == "few rows":
+        A = rng.normal(size=(max(1, n // 2), n))
+        H = A.T @ A + 10 ** rng.uniform(-10, -3) * np.eye(n)
+    elif kind == "Hilbert":
+        H = 1.0 / (np.arange(n)[:, None] + np.arange(n) + 1.0)
+    elif kind == "scaled":
+        A, size = rng.normal(size=(n + 1, n)), 10 ** rng.uniform(-4, 4, n)
+        H = A.T @ A * np.outer(size, size)
+    else:
+        H = np.minimum.outer(np.arange(1.0, n + 1), np.arange(1.0, n + 1))
+    width = rng.exponential(size=n) * 10 ** rng.uniform(-2, 2)
+    return (H + H.T) / 2, -H @ rng.normal(size=n) * 3.0, -width, width
+
+
+@pytest.mark.parametrize("kind", NEARLY_SINGULAR)
+def test_nearly_singular_problems_of_every_size_are_solved_and_the_cost_never_rises(kind):
+    rng = np.random.default_rng(NEARLY_SINGULAR.index(kind))
+    for n in range(1, 65):
+        H, g, lb, ub = nearly_singular(kind, n, rng)
+        qp = flight.new("kc_qp_t")
+        qp.n = n
+        view(qp.H, lib.KC_COEF_MAX, lib.KC_COEF_MAX)[:n, :n] = H
+        for field, values in ((qp.g, g), (qp.lb, lb), (qp.ub, ub)):
+            view(field)[:n] = values
+        x, costs = view(qp.x)[:n], [0.0]
+        lib.kc_qp_begin(qp)
+        while lib.kc_qp_iterate(qp):
+            costs.append(cost(H, g, x))
+        size = 0.5 * np.abs(x) @ np.abs(H) @ np.abs(x) + np.abs(g) @ np.abs(x)
+        assert np.all(np.diff(costs) <= 1e-13 * size), n
+        assert qp.status == 0, n
+        assert np.all((x >= lb) & (x <= ub)), n
+        terms = (np.abs(H) @ np.abs(x) + np.abs(g)).max()
+        assert projected_gradient(H, g, lb, ub, x) <= max(1e-9 * max(1.0, np.abs(g).max()), 1e-13 * terms), n
+        assert qp.iters <= 5 * n, n
+
+
+def test_all_at_bounds_and_all_without_room():
+    rng = np.random.default_rng(4)
+    for n in range(1, 65):
+        A = rng.normal(size=(n, n))
+        H, g = A.T @ A + np.eye(n), 1e3 * rng.choice([-1.0, 1.0], n) * n
+        got = qp_solve(H, g, -np.full(n, 1e-3), np.full(n, 1e-3))
+        assert got.status == 0
+        np.testing.assert_array_equal(got.x, -1e-3 * np.sign(g))
+        same = rng.normal(size=n)
+        got = qp_solve(H, g, same, same, np.zeros(n))
+        assert (got.status, got.iters, got.kkt) == (0, 0, 0.0)
+        np.testing.assert_array_equal(got.x, same)
 
 
 def test_same_input_same_bits():

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "kc_qp.h"
+#include "kc_qp_priv.h"
 #include "unity.h"
 
 static kc_qp_t s_qp;
@@ -228,24 +229,74 @@ void test_a_gradient_that_is_rounding_counts_as_none(void)
     *H(0, 0) = *H(1, 1) = 1.0 + 1e-7;
     *H(0, 1) = *H(1, 0) = 1.0;
     s_qp.g[0] = 1.0;
-    s_qp.g[1] = -1.1;
+    s_qp.g[1] = -1.1875;
     for (uint32_t i = 0u; i < 2u; i++) {
         s_qp.lb[i] = -1e12;
         s_qp.ub[i] = 1e12;
     }
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
-    TEST_ASSERT_DOUBLE_WITHIN(1.0, -1.05e7, s_qp.x[0]);
-    TEST_ASSERT_DOUBLE_WITHIN(1.0, 1.05e7, s_qp.x[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, -1.09375e7, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0, 1.09375e7, s_qp.x[1]);
     TEST_ASSERT_TRUE(s_qp.kkt > 1e-9); /* of which 1e7 are rounding of the last bit */
+}
+
+/* Terms of the gradient: 1 + 3 + 1 and 0 + 1.5 + 2, in units of `unit`, so that 5e-14 is rounding. */
+static void given_terms(double unit)
+{
+    given(2u);
+    *H(0, 0) = *H(1, 1) = unit;
+    *H(0, 1) = *H(1, 0) = 0.5 * unit;
+    s_qp.g[0] = unit;
+    s_qp.x[0] = 3.0;
+    s_qp.x[1] = -2.0;
+    for (uint32_t i = 0u; i < 2u; i++) {
+        s_qp.lb[i] = -9.0;
+        s_qp.ub[i] = 9.0;
+    }
+    s_qp.x[2] = 100.0; /* of another problem */
+    *H(0, 2) = *H(1, 2) = *H(2, 2) = *H(2, 0) = 50.0;
+    s_qp.g[2] = 70.0;
+    kc_qp_begin(&s_qp);
+}
+
+void test_negligible_is_a_part_of_the_largest_sum_of_terms(void)
+{
+    static const double units[3] = {1.0, 0x1p-10, 0x1p10};
+    for (uint32_t k = 0u; k < 3u; k++) {
+        const double unit = units[k];
+        given_terms(unit);
+        TEST_ASSERT_TRUE(kc_qp_negligible(&s_qp, 3.9e-14 * unit)); /* of the own terms of x0 */
+        TEST_ASSERT_TRUE(kc_qp_negligible(&s_qp, 4.9e-14 * unit));
+        TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 5.1e-14 * unit));
+        TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 5.9e-14 * unit));
+        TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 6.1e-14 * unit)); /* the largest |H| for all */
+        TEST_ASSERT_EQUAL_DOUBLE(unit, s_qp.g_max);
+        TEST_ASSERT_EQUAL_DOUBLE(unit, s_qp.H_max);
+        s_qp.floor_g = 1e-3 * unit;
+        TEST_ASSERT_TRUE(kc_qp_negligible(&s_qp, 1e-3 * unit));
+        TEST_ASSERT_FALSE(kc_qp_negligible(&s_qp, 1.1e-3 * unit));
+    }
+}
+
+/* What projected Newton leaves to the active-set method. */
+static void begin_without_projected_newton(void)
+{
+    kc_qp_begin(&s_qp);
+    s_qp.newton = 0u;
+}
+
+static void solve_without_projected_newton(void)
+{
+    begin_without_projected_newton();
+    for (uint32_t i = 0u; i < KC_QP_ITER_PER_VAR * KC_COEF_MAX && kc_qp_iterate(&s_qp); i++) {}
 }
 
 void test_running_out_of_iterations_is_an_answer(void)
 {
     given_identity(2u);
     s_qp.g[0] = s_qp.g[1] = 0.25;
-    kc_qp_begin(&s_qp);
     s_qp.x[0] = s_qp.x[1] = -1.0; /* on bounds that it has to leave, one after the other */
-    kc_qp_begin(&s_qp);
+    begin_without_projected_newton();
     s_qp.iters = KC_QP_ITER_PER_VAR * 2u - 1u;
     TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
     TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, s_qp.status);
@@ -275,16 +326,16 @@ void test_what_is_left_at_the_iteration_limit_is_reported_in_parts_of_the_gradie
     s_qp.g[0] = -50.0;
     s_qp.g[1] = -20.0;
     s_qp.x[0] = s_qp.x[1] = -1.0;
-    kc_qp_begin(&s_qp);
+    begin_without_projected_newton();
     s_qp.iters = KC_QP_ITER_PER_VAR * 2u - 1u;
     TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
     TEST_ASSERT_EQUAL_INT(KC_ERR_ITER, s_qp.status);
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, 51.0 / 50.0, s_qp.kkt);
-    TEST_ASSERT_EQUAL_UINT8(KC_QP_FREE, s_qp.active[0]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_LOWER, s_qp.active[0]); /* where x stands */
     TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_LOWER, s_qp.active[1]);
 }
 
-/* A release and a step are an iteration each: both variables come off their bounds, the worse one first. */
+/* Both variables come off their bounds at once. */
 void test_iterations_are_counted(void)
 {
     given_identity(2u);
@@ -293,6 +344,20 @@ void test_iterations_are_counted(void)
     s_qp.g[1] = -0.25;
     s_qp.x[0] = s_qp.x[1] = -1.0;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_qp.x[1]);
+}
+
+/* A release and a step are an iteration each: both variables come off their bounds, the worse one first. */
+void test_iterations_of_the_active_set_method_are_counted(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = -0.5;
+    s_qp.g[1] = -0.25;
+    s_qp.x[0] = s_qp.x[1] = -1.0;
+    solve_without_projected_newton();
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_qp.status);
     TEST_ASSERT_EQUAL_UINT32(4u, s_qp.iters);
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5, s_qp.x[0]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.25, s_qp.x[1]);
@@ -308,7 +373,7 @@ void test_one_step_along_a_flat_direction_meets_both_bounds(void)
     s_qp.x[0] = -0.5;
     s_qp.x[1] = 0.5;
     s_qp.lb[0] = -9.0;
-    kc_qp_begin(&s_qp);
+    begin_without_projected_newton();
     s_qp.floor_g = 1.0; /* Newton's method has done what it can */
     (void)kc_qp_iterate(&s_qp);
     TEST_ASSERT_EQUAL_DOUBLE(1.0, s_qp.x[1]); /* as far as x1 may go, and x0 against it */
@@ -345,7 +410,7 @@ void test_without_active_bounds_the_minimum_is_one_step_away(void)
     TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
 }
 
-/* x1 is x0 over again and rests; x2 has nothing to do with either: one step. */
+/* x1 is x0 over again and rests; x2 has nothing to do with either: one step, which projected Newton leaves to the other method. */
 void test_a_dependent_variable_leaves_no_trace_in_those_behind_it(void)
 {
     given_identity(3u);
@@ -353,7 +418,7 @@ void test_a_dependent_variable_leaves_no_trace_in_those_behind_it(void)
     s_qp.g[0] = s_qp.g[1] = -0.5;
     s_qp.g[2] = -0.25;
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
-    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_qp.iters);
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5, s_qp.x[0] + s_qp.x[1]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.25, s_qp.x[2]);
 }
@@ -398,4 +463,400 @@ void test_the_conditions_of_karush_kuhn_and_tucker_hold_at_the_solution(void)
         }
     }
     TEST_ASSERT_TRUE(inside > 0u && inside < 5u);
+}
+
+/* ---- projected Newton ---- */
+
+/* Two variables that hold each other: minimum without a box at (u, v). */
+static void given_coupled(double h01, double u, double v)
+{
+    given_identity(2u);
+    *H(0, 1) = *H(1, 0) = h01;
+    s_qp.g[0] = -(u + h01 * v);
+    s_qp.g[1] = -(h01 * u + v);
+    s_qp.lb[1] = -100.0;
+    s_qp.ub[1] = 100.0;
+}
+
+/* Minimum (2, -0.5): x0 meets its bound 1, x1 goes all the way, and the cost falls. Then x1 alone goes to -1.5 + 1 + 0 =
+ * its minimum beside x0 = 1. */
+void test_a_projected_step_that_lowers_the_cost_is_taken_whole(void)
+{
+    given_coupled(0.5, 2.0, -0.5);
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, -0.5, s_qp.x[1]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_UPPER, s_qp.active[0]);
+    TEST_ASSERT_FALSE(s_qp.at_minimum);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.5 - 0.5 - 0.5, s_qp.grad[1]); /* H01 x0 + x1 + g1, without a product */
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.0, s_qp.x[1]);
+    TEST_ASSERT_TRUE(s_qp.at_minimum);
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_qp.status);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_qp.iters);
+}
+
+/* Minimum (10, -9.5): with x0 at its bound 1, x1 = -9.5 costs more than the start. The path bends at (1, -0.95), and
+ * x1 goes on to where its gradient 0.9 + x1 + 0.5 is zero. */
+void test_a_projected_step_that_raises_the_cost_becomes_a_path_past_its_bend(void)
+{
+    given_coupled(0.9, 10.0, -9.5);
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, -1.4, s_qp.x[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, 0.0, s_qp.grad[1]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_UPPER, s_qp.active[0]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_FREE, s_qp.active[1]);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, -1.4, s_qp.x[1]);
+}
+
+/* The same beside a variable that is where it should be: it has no direction, and no bound to meet. */
+void test_a_path_leaves_a_variable_without_direction_alone(void)
+{
+    given_coupled(0.9, 10.0, -9.5);
+    s_qp.n = 3u;
+    *H(2, 2) = 1.0;
+    s_qp.lb[2] = -1.0;
+    s_qp.ub[2] = 1.0;
+    s_qp.x[2] = 0.25;
+    s_qp.g[2] = -0.25;
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, -1.4, s_qp.x[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_qp.x[2]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_FREE, s_qp.active[2]);
+}
+
+/* Nothing clips a step that ends at the bounds exactly: it is the minimum. */
+void test_a_whole_step_may_end_at_a_bound(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = -1.0;
+    s_qp.g[1] = 1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_UPPER, s_qp.active[0]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_LOWER, s_qp.active[1]);
+}
+
+/* Minimum (10, -8.9): behind the bend at (1, -0.89) the cost rises at once. */
+void test_a_path_ends_at_the_bend_where_the_cost_would_rise(void)
+{
+    given_coupled(0.9, 10.0, -8.9);
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, -0.89, s_qp.x[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, 0.9 - 0.89 - 0.1, s_qp.grad[1]);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, -0.8, s_qp.x[1]);
+}
+
+/* The same to the other side: x0 meets its lower bound. */
+void test_a_path_bends_at_lower_bounds_too(void)
+{
+    given_coupled(0.9, -10.0, 9.5);
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(-1.0, s_qp.x[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, 1.4, s_qp.x[1]);
+}
+
+/* Both gradients at the lower bounds point inward, so both become free; but Newton's direction, (5.48, -4.52), leads
+ * x1 out of the box at once. x0 alone goes to its minimum. */
+void test_a_variable_that_newtons_direction_leads_out_of_the_box_stays(void)
+{
+    given_identity(2u);
+    *H(0, 1) = *H(1, 0) = 0.99;
+    s_qp.g[0] = -1.0;
+    s_qp.g[1] = -0.9;
+    s_qp.lb[0] = s_qp.lb[1] = 0.0;
+    s_qp.ub[0] = s_qp.ub[1] = 100.0;
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_TRUE(s_qp.at_minimum); /* nothing is free */
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, 1.0, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_qp.x[1]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_LOWER, s_qp.active[1]);
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-14, 1.0, s_qp.x[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_qp.x[1]);
+}
+
+/* Bounds that hold at the start stay until the minimum beside them is reached; then all that do not hold are left. */
+void test_a_start_at_the_right_bounds_takes_one_step(void)
+{
+    given_identity(6u);
+    for (uint32_t i = 0u; i < 6u; i++) {
+        s_qp.g[i] = i < 3u ? -7.0 : -0.25;
+        s_qp.x[i] = i < 3u ? 1.0 : 0.0;
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_qp.x[5]);
+}
+
+/* Of two fixed variables the one becomes free whose bound does not hold. */
+void test_only_bounds_that_do_not_hold_are_left(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = -5.0;
+    s_qp.g[1] = -0.25;
+    s_qp.x[0] = 1.0;
+    s_qp.x[1] = -1.0;
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.m);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.idx[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, s_qp.x[1]);
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_UPPER, s_qp.active[0]);
+}
+
+/* A start that is solved is left alone, free variables and fixed ones. */
+void test_a_start_that_is_the_solution_takes_no_iteration(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = -0.5;
+    s_qp.g[1] = -5.0;
+    s_qp.x[0] = 0.5;
+    s_qp.x[1] = 1.0;
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_qp.iters);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_qp.kkt);
+}
+
+/* Room times room times curvature: 4, 16, 4 again, 0.04, and without a bound infinite; 0 curvature without a bound is
+ * 0 times infinity. */
+void test_variables_with_much_room_are_factored_first(void)
+{
+    static const uint32_t want[6] = {4u, 5u, 1u, 0u, 2u, 3u};
+    given_identity(6u);
+    *H(1, 1) = 4.0;
+    s_qp.lb[3] = -0.1;
+    s_qp.ub[3] = 0.1;
+    s_qp.ub[4] = HUGE_VAL;
+    *H(5, 5) = 0.0;
+    s_qp.lb[5] = -HUGE_VAL;
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_EQUAL_UINT32_ARRAY(want, s_qp.idx, 6u);
+}
+
+/* An unsettling H of eleven variables, positive definite. */
+static void given_dense(void)
+{
+    given(11u);
+    for (uint32_t i = 0u; i < 11u; i++) {
+        for (uint32_t j = 0u; j < 11u; j++) {
+            const uint32_t far = i > j ? i - j : j - i;
+            *H(i, j) = (far == 0u ? 3.0 : 0.0) + 1.0 / (1.0 + (double)far) + (double)((i * j) % 3u) / 8.0;
+        }
+    }
+}
+
+static void free_only(const uint8_t *is_free)
+{
+    for (uint32_t i = 0u; i < 11u; i++) { s_qp.active[i] = is_free[i] != 0u ? KC_QP_FREE : KC_QP_AT_UPPER; }
+}
+
+static void factor_is_of_these(const uint32_t *idx, uint32_t m)
+{
+    TEST_ASSERT_EQUAL_UINT32(m, s_qp.m);
+    TEST_ASSERT_EQUAL_UINT32(m, s_qp.rows);
+    TEST_ASSERT_EQUAL_UINT32_ARRAY(idx, s_qp.idx, m);
+    for (uint32_t i = 0u; i < m; i++) {
+        for (uint32_t j = 0u; j <= i; j++) { /* (L D)(L') and L' = (L D)' / D */
+            double h = s_qp.L[i * KC_COEF_MAX + j];
+            for (uint32_t k = 0u; k < j; k++) {
+                h += s_qp.L[i * KC_COEF_MAX + k] * s_qp.L[k * KC_COEF_MAX + j];
+            }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-14, *H(idx[i], idx[j]), h);
+            if (j < i) {
+                const double l = s_qp.L[i * KC_COEF_MAX + j] * s_qp.inv_d[j];
+                TEST_ASSERT_EQUAL_DOUBLE(l, s_qp.L[j * KC_COEF_MAX + i]);
+            }
+        }
+        TEST_ASSERT_DOUBLE_WITHIN(1e-15, 1.0, s_qp.L[i * KC_COEF_MAX + i] * s_qp.inv_d[i]);
+    }
+}
+
+/* Some leave, some come, all leave and come: order and numbers are those of a factor made anew. */
+void test_the_factor_that_is_kept_is_that_of_the_free_variables(void)
+{
+    static const uint8_t few[11] = {1u, 1u, 1u, 1u, 1u, 0u, 1u, 1u, 0u, 1u, 1u}; /* 5 and 8 leave */
+    static const uint8_t back[11] = {1u, 1u, 1u, 1u, 1u, 1u, 0u, 1u, 1u, 1u, 1u}; /* and come, 6 leaves */
+    static const uint8_t late[11] = {1u, 1u, 1u, 1u, 1u, 1u, 0u, 1u, 1u, 1u, 0u}; /* 10 leaves */
+    static const uint8_t none[11] = {0u};
+    static const uint8_t all[11] = {1u, 1u, 1u, 1u, 1u, 1u, 1u, 1u, 1u, 1u, 1u};
+    static const uint32_t all_of[11] = {0u, 1u, 2u, 3u, 4u, 5u, 6u, 7u, 8u, 9u, 10u};
+    static const uint32_t few_of[9] = {0u, 1u, 2u, 3u, 4u, 6u, 7u, 9u, 10u};
+    static const uint32_t back_of[10] = {0u, 1u, 2u, 3u, 4u, 7u, 9u, 10u, 5u, 8u};
+    static const uint32_t late_of[9] = {0u, 1u, 2u, 3u, 4u, 7u, 9u, 5u, 8u};
+    given_dense();
+    kc_qp_begin(&s_qp);
+    for (uint32_t i = 0u; i < 11u; i++) { s_qp.idx[i] = i; }
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
+    factor_is_of_these(all_of, 11u);
+    free_only(few);
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
+    factor_is_of_these(few_of, 9u);
+    free_only(back);
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
+    factor_is_of_these(back_of, 10u);
+    free_only(late);
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
+    factor_is_of_these(late_of, 9u);
+    free_only(none);
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_qp.m);
+    free_only(all);
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
+    factor_is_of_these(all_of, 11u);
+}
+
+/* What is kept is not computed again: a row before the first change, and the columns before it of a later one. */
+void test_of_the_factor_stays_what_comes_before_the_first_change(void)
+{
+    static const uint8_t without_6[11] = {1u, 1u, 1u, 1u, 1u, 1u, 0u, 1u, 1u, 1u, 1u};
+    given_dense();
+    kc_qp_begin(&s_qp);
+    for (uint32_t i = 0u; i < 11u; i++) { s_qp.idx[i] = i; }
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
+    s_qp.L[2u * KC_COEF_MAX + 1u] = 77.0;
+    s_qp.L[9u * KC_COEF_MAX + 3u] = 78.0;
+    s_qp.L[9u * KC_COEF_MAX + 4u] = 79.0;
+    free_only(without_6);
+    (void)kc_qp_factor(&s_qp, false);
+    TEST_ASSERT_EQUAL_DOUBLE(77.0, s_qp.L[2u * KC_COEF_MAX + 1u]);
+    TEST_ASSERT_EQUAL_DOUBLE(78.0, s_qp.L[8u * KC_COEF_MAX + 3u]); /* 9 is now in place 8 */
+    TEST_ASSERT_TRUE(s_qp.L[8u * KC_COEF_MAX + 4u] < 70.0); /* columns are kept by fours */
+}
+
+/* A variable that depends on those before it ends the strict factor, which then begins anew. */
+void test_a_dependent_variable_is_left_to_the_active_set_method(void)
+{
+    given_dense();
+    for (uint32_t i = 0u; i < 11u; i++) { *H(4, i) = *H(i, 4) = *H(1, i); }
+    *H(4, 4) = *H(1, 1);
+    kc_qp_begin(&s_qp);
+    for (uint32_t i = 0u; i < 11u; i++) { s_qp.idx[i] = i; }
+    TEST_ASSERT_FALSE(kc_qp_factor(&s_qp, true));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_qp.rows);
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, false));
+    TEST_ASSERT_EQUAL_UINT32(11u, s_qp.rows);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_qp.inv_d[4]);
+    for (uint32_t j = 5u; j < 11u; j++) { TEST_ASSERT_EQUAL_DOUBLE(0.0, s_qp.L[4u * KC_COEF_MAX + j]); }
+    TEST_ASSERT_TRUE(s_qp.inv_d[10] > 0.0);
+}
+
+/* Column 3 is column 0 and twice column 1 and none of column 2: it goes up where they go down, at no cost. */
+void test_the_flat_direction_of_a_dependent_variable_is_what_it_depends_on(void)
+{
+    static const double A[3][4] = {{1.0, 0.0, 0.5, 1.0}, {0.5, 1.0, 0.25, 2.5}, {-1.0, 2.0, 1.0, 3.0}};
+    static const double down[4] = {1.0, 2.0, 0.0, -1.0};
+    given(4u);
+    for (uint32_t i = 0u; i < 4u; i++) {
+        for (uint32_t j = 0u; j < 4u; j++) {
+            for (uint32_t k = 0u; k < 3u; k++) { *H(i, j) += A[k][i] * A[k][j]; }
+        }
+    }
+    kc_qp_begin(&s_qp);
+    for (uint32_t i = 0u; i < 4u; i++) { s_qp.idx[i] = i; }
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, false));
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, s_qp.inv_d[3]);
+    s_qp.grad[3] = 0.1;
+    kc_qp_flat_direction(&s_qp, 3u);
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-14, down[i], s_qp.d[i]); }
+    s_qp.grad[3] = -0.1;
+    kc_qp_flat_direction(&s_qp, 3u);
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_DOUBLE_WITHIN(1e-14, -down[i], s_qp.d[i]); }
+}
+
+/* As if rounding hid the truth: a variable at its bound is free against its gradient, and there is no way to go. */
+void test_where_projected_newton_cannot_move_the_active_set_method_does(void)
+{
+    given_identity(2u);
+    s_qp.g[0] = -5.0;
+    s_qp.g[1] = -0.5;
+    s_qp.x[0] = 1.0;
+    kc_qp_begin(&s_qp);
+    s_qp.active[0] = KC_QP_FREE;
+    s_qp.active[1] = KC_QP_AT_LOWER;
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_qp.newton);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_AT_UPPER, s_qp.active[0]);
+    TEST_ASSERT_EQUAL_UINT8(KC_QP_FREE, s_qp.active[1]);
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, s_qp.x[1]);
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_qp.status);
+}
+
+/* As if H had changed behind the factor: the projected step raises the cost, behind the bend of the path the cost
+ * curves down, and no bound ends it. */
+void test_a_path_without_an_end_is_not_gone(void)
+{
+    given_coupled(0.9, 10.0, -9.5);
+    s_qp.lb[1] = -HUGE_VAL;
+    kc_qp_begin(&s_qp);
+    for (uint32_t i = 0u; i < 2u; i++) { s_qp.idx[i] = i; }
+    TEST_ASSERT_TRUE(kc_qp_factor(&s_qp, true));
+    *H(0, 0) = -1000.0;
+    *H(0, 1) = -2.0;
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_qp.newton);
+    TEST_ASSERT_TRUE(s_qp.x[0] <= 1.0 && s_qp.x[1] > -100.0);
+}
+
+/* The same number of iterations is left to the other method when those of projected Newton are used up. */
+void test_after_its_last_iteration_projected_newton_hands_over(void)
+{
+    given_coupled(0.5, 2.0, -0.5);
+    kc_qp_begin(&s_qp);
+    TEST_ASSERT_EQUAL_UINT32(8u, s_qp.newton);
+    s_qp.newton = 1u;
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_UINT32(0u, s_qp.newton);
+    TEST_ASSERT_EQUAL_UINT32(1u, s_qp.iters);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0 - 2.0 + 0.5 * -0.5 + 0.25,
+                             s_qp.grad[0]); /* of all variables, not only of free ones */
+    TEST_ASSERT_TRUE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-15, 0.0, s_qp.x[1]);
+    TEST_ASSERT_FALSE(kc_qp_iterate(&s_qp));
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_qp.status);
+}
+
+/* So little curvature that the minimum is no number: no solution, whatever the comparisons say. */
+void test_a_minimum_beyond_all_numbers_is_no_solution(void)
+{
+    given(1u);
+    *H(0, 0) = 1e-300;
+    s_qp.g[0] = 1e10;
+    s_qp.lb[0] = -HUGE_VAL;
+    s_qp.ub[0] = HUGE_VAL;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_NUM, kc_qp_solve(&s_qp));
+}
+
+/* Every size has its own remainder of the fours in which rows are taken: H = 11' + 1, so that x = c - (sum of c) / (n + 1)
+ * for g = -c. */
+void test_every_size_is_solved(void)
+{
+    for (uint32_t n = 1u; n <= KC_COEF_MAX; n++) {
+        double sum = 0.0;
+        given_identity(n);
+        for (uint32_t i = 0u; i < n; i++) {
+            const double c = 0.4 * (double)(i % 5u) - 0.8;
+            for (uint32_t j = 0u; j < n; j++) { *H(i, j) += 1.0; }
+            s_qp.g[i] = -c;
+            sum += c;
+        }
+        TEST_ASSERT_EQUAL_INT(KC_OK, kc_qp_solve(&s_qp));
+        for (uint32_t i = 0u; i < n; i++) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-14, -s_qp.g[i] - sum / (1.0 + (double)n), s_qp.x[i]);
+        }
+    }
 }
