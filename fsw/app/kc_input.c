@@ -211,7 +211,7 @@ static bool det_unit(kc_out_t *out, const double q[4])
 {
     double n = kc_sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (kc_fabs(n - 1.0) <= UNIT_TOL) { return true; } /* NaN fails too */
-    kc_event(&out->events, KC_EVT_IN_NOT_UNIT, KC_INPUT_DETECTION, n, 1.0);
+    kc_event(&out->events, KC_EVT_IN_NOT_UNIT, KC_INPUT_DETECTION, n, 0.0);
     return false;
 }
 

@@ -264,12 +264,11 @@ kc_outcome_t kc_change_stored(kc_change_t *change, const kc_change_parts_t *part
  * of this step, which follows, names the former one. */
 static void withdraw(const kc_change_parts_t *parts, kc_out_t *out)
 {
-    uint32_t n = 0u;
-    for (uint32_t i = 0u; i < out->n_store && i < KC_STORE_QUEUE_MAX; i++) {
-        bool staged = out->store[i].n > 0u && out->store[i].data == parts->tables->staging.image;
-        if (!staged) { out->store[n++] = out->store[i]; }
+    uint32_t kept = 0u;
+    for (uint32_t i = 0u; i < out->n_store; i++) {
+        if (out->store[i].data != parts->tables->staging.image) { out->store[kept++] = out->store[i]; }
     }
-    out->n_store = n;
+    out->n_store = kept;
 }
 
 void kc_change_cancel(kc_change_t *change, const kc_change_parts_t *parts, kc_out_t *out)

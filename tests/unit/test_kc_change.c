@@ -649,8 +649,27 @@ void test_an_abort_in_the_step_that_asks_for_a_table_withdraws_it(void)
     TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
     TEST_ASSERT_NULL(stored_in_step(KC_TBL_CONFIG));
     TEST_ASSERT_NOT_NULL(stored_in_step(KC_STORE_JOURNAL));
+    TEST_ASSERT_EQUAL_UINT32(2u, world.out.n_store); /* records of the command and of the abort */
     world_ticks(2u);
     active_after_a_restart(KC_TBL_CONFIG, s_before);
+}
+
+/* Also where the image of before is asked for in the very step that finds the memory changed. */
+void test_changed_memory_in_any_step_of_a_put_back_leaves_the_table_of_before(void)
+{
+    uint32_t n = 0u;
+    given_changed_kernel();
+    for (; n < 2000u && world_events(KC_EVT_MEMORY_TABLE) == 0u; n++) { world_tick(); }
+    for (uint32_t early = 1u; early < 9u; early++) {
+        given_changed_kernel();
+        world_ticks(n - early);
+        (void)world_cmd(KC_CMD_TABLE_ACTIVATE, KC_TBL_CONFIG, (int32_t)s_crc, 0);
+        spoil_staged();
+        world_ticks(12u);
+        TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_MEMORY_TABLE));
+        TEST_ASSERT_EQUAL_INT(KC_ST_SAFE, kc_app_state(APP));
+        active_after_a_restart(KC_TBL_CONFIG, s_before);
+    }
 }
 
 void test_a_table_that_cannot_be_made_and_replaces_none_is_deleted(void)
