@@ -5,7 +5,7 @@
  *
  * A text names its values as {field:type}: field is index, got or want, type one of KC_EVENT_TYPE_LIST.
  * The type says how the ground shows the number (names, units, digits); alternatives such as mm/mrad are
- * chosen by index. ground/kincal/event_text.py is the one place that shows them. */
+ * chosen by index. ground/kincal/flight/event_format.py formats them. */
 #ifndef KC_EVENTS_H
 #define KC_EVENTS_H
 
@@ -63,12 +63,13 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(5, BOOT_LOST, ERROR,                                                                                   \
       "{index:store} CRC {want:crc} was in force and is not in the store; CRC {got:crc} is in force now",    \
       "CRC 00000000: none. Upload the KIN table that shall be active, or calibrate again.")                  \
-    X(6, BOOT_NO_KEYS, WARN, "no keys: only NOOP and ABORT are taken",                                       \
+    X(6, BOOT_NO_KEYS, WARN, "no keys: only NOOP and ABORT are accepted",                                    \
       "Start kincal-fsw with --keys FILE; `kincal key new` makes the file.")                                 \
-    X(7, CMD_KEY, ERROR, "message from {index:source} refused: key {got:count} is not known here",           \
+    X(7, CMD_KEY, ERROR, "message from {index:source} refused: flight has no key {got:count}",               \
       "Give sender and flight the same key file; flight reads it when it starts.")                           \
-    X(8, CMD_FORGED, ERROR, "message from {index:source} refused: its MAC does not fit key {got:count}",     \
-      "Not sent by a holder of the key, or changed on the way. Find out who sends on this network.")         \
+    X(8, CMD_FORGED, ERROR, "message from {index:source} refused: its MAC does not match key {got:count}",   \
+      "The sender does not hold the key, or the message was changed on the way. Find out who sends on this " \
+      "network.")                                                                                            \
     X(9, CMD_REPLAYED, ERROR,                                                                                \
       "message from {index:source} refused: its counter {got:count} is not above {want:count}",              \
       "Repeated, or a later command arrived first: send it again. After the loss of FILE.count*: "           \
@@ -88,7 +89,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Review what is on board before you repeat the command with its CRC.")                                 \
     X(16, CMD_SOURCE, ERROR, "command refused: unknown source {got:count}",                                  \
       "Set the source to 1 (executive) or 2 (ground).")                                                      \
-    X(18, CMD_WORK, ERROR, "command {index:command} refused: commands before it used up the step",           \
+    X(18, CMD_WORK, ERROR,                                                                                   \
+      "command {index:command} refused: earlier commands left no time for it in this step",                  \
       "Send it again.")                                                                                      \
     X(19, CMD_UNSIGNED, ERROR, "message from {index:source} refused: it has to be signed, and is not",       \
       "Sign it: docs/INTERFACES.md, Signed commands. `kincal` does, with --keys FILE.")                      \
@@ -213,8 +215,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(80, COR_PROPOSED, INFO, "correction CRC {got:crc} proposed from {want:count} poses",                   \
       "Review it: APPROVE_ARM and APPROVE_GO, or REJECT.")                                                   \
     X(81, COR_NO_CHANGE, INFO,                                                                               \
-      "nothing needs to change: so large a correction has probability {got:number} if the active one is "    \
-      "right",                                                                                               \
+      "no change needed: the probability of a correction this large is {got:number} if the active one "      \
+      "is right",                                                                                            \
       "")                                                                                                    \
     X(82, COR_ARMED, INFO, "approval of correction CRC {got:crc} armed",                                     \
       "Send APPROVE_GO within approval_timeout_us of CONFIG.")                                               \
@@ -224,14 +226,15 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(86, COR_ON_BOARD, INFO, "correction CRC {got:crc} accepted on board by the policy of CONFIG", "")      \
     X(87, COR_NO_PREVIOUS, ERROR, "command refused: no previous correction to roll back to",                 \
       "Uplink the KIN table that shall be active.")                                                          \
-    X(88, COR_EXPIRED, WARN, "approval of correction CRC {got:crc} expired; the review goes on",             \
+    X(88, COR_EXPIRED, WARN,                                                                                 \
+      "approval of correction CRC {got:crc} expired; the correction still waits for review",                 \
       "Send APPROVE_ARM and APPROVE_GO again.")                                                              \
     X(89, GRD_LIMIT, WARN,                                                                                   \
       "move refused: joint {index:joint} would go to {got:joint_value}, limit {want:joint_value}",           \
       "None if rare: the candidate is skipped.")                                                             \
     X(90, STORE_FAIL, ERROR, "{index:store} could not be stored ({got:status})",                             \
-      "None at first: it is tried again. If it stays so, check space and health of the store; until then a " \
-      "power cut loses it.")                                                                                 \
+      "None at first: flight tries again. If it repeats, check free space and health of the store. Until "   \
+      "it succeeds, a power cut loses this data.")                                                           \
     X(91, GRD_PATH, WARN,                                                                                    \
       "move refused: joint {index:joint} would be {got:joint_value} beyond the verified {want:joint_value}", \
       "None if rare: the candidate is skipped. Joint 0: no verified segment joins the two nodes.")           \
@@ -244,7 +247,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "move refused: body {index:body} would be {got:mm} inside body {want:body} (negative: too near)",      \
       "As GRD_VOLUME.")                                                                                      \
     X(95, MON_SUSPECT, WARN,                                                                                 \
-      "joint {index:joint} reads wrong by {got:joint_value}; joints that may be meant: {want:joints}",       \
+      "joint {index:joint} appears to be off by {got:joint_value}; joints that explain it as well: "         \
+      "{want:joints}",                                                                                       \
       "Take observations at other postures if several joints are named; then START limited to them "         \
       "(docs/STATES.md).")                                                                                   \
     X(96, MON_UNEXPLAINED, WARN,                                                                             \
@@ -255,7 +259,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(98, CAL_OUTLIER_ACCEPTED, INFO, "pose {index:pose} fits again: no longer rejected as an outlier", "")  \
     X(99, STORE_REFUSED, ERROR,                                                                              \
       "the change is refused: {index:store} could not be stored in {want:count} tries ({got:status})",       \
-      "What was in force remains, and a correction that waited still waits. Make the store work, then send " \
+      "What was in force remains, and a correction that waited still waits. Repair the store, then send "    \
       "the command again (a correction: APPROVE_ARM and APPROVE_GO). Until then do not switch off.")         \
     X(100, COR_POOR, ERROR,                                                                                  \
       "approval of correction CRC {got:crc} refused: its fit is poor, and the command has no override",      \
@@ -266,7 +270,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "command has no override",                                                                             \
       "Read the verdict in its log. If it was CHANGE: APPROVE_ARM with arg_i[1] = 1; else REJECT.")          \
     X(102, COR_OVERRIDE, WARN,                                                                               \
-      "override: approval of correction CRC {got:crc} goes on although its fit is poor or not known",        \
+      "override: approval of correction CRC {got:crc} proceeds although its fit is poor or unknown",         \
       "If nobody decided this: REJECT it at once, or ROLLBACK after APPROVE_GO.")                            \
     X(110, TBL_TERMS_WIDE, ERROR,                                                                            \
       "TERMS refused: with its coefficient {index:count} (from 0) the arm may be off by {got:number} (rad "  \
@@ -285,21 +289,24 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "Check which correction is in force. If flight's clock may have been wrong, change the key as well.")  \
     X(132, CMD_OLD, ERROR,                                                                                   \
       "message from {index:source} refused: made {got:s} before now, allowed {want:s} before or after",      \
-      "Send it anew, stamped with the time of flight's newest housekeeping; compare both clocks.")           \
+      "Send it again, stamped with the time of flight's newest housekeeping; compare both clocks.")          \
     X(133, CMD_BEFORE, ERROR,                                                                                \
-      "message from {index:source} refused: made at {got:s}, messages of its key count from {want:s} on",    \
-      "Recorded before the journal was lost or its key was new here. If you did send it now: send it anew.") \
+      "message from {index:source} refused: made at {got:s}; flight accepts messages of this key only from " \
+      "{want:s} on",                                                                                         \
+      "An old recording: made before the journal was lost or before flight knew this key. If you sent it "   \
+      "just now, send it again.")                                                                            \
     X(134, CMD_COUNTER, ERROR,                                                                               \
-      "message from {index:source} refused: its counter {got:count} is wild, largest allowed {want:count}",  \
-      "The sender's count is damaged: delete FILE.count*, and it begins at the clock.")                      \
+      "message from {index:source} refused: its counter {got:count} is too large, largest allowed "          \
+      "{want:count}",                                                                                        \
+      "The sender's counter file is damaged: delete FILE.count*; it then starts from the clock.")            \
     X(135, CHANGE_FAILED, ERROR,                                                                             \
-      "{index:store} was stored and could not be put in force ({got:status}); all stays as it was",          \
-      "Its copy in memory is damaged. Send what it needs again; if that fails again, restart flight.")       \
-    X(136, CMD_ABORTED, ERROR, "command {index:command} refused: ABORT came with it",                        \
+      "{index:store} was stored but could not be activated ({got:status}); nothing has changed",             \
+      "Its copy in memory is damaged. Upload it again; if that fails too, restart flight.")                  \
+    X(136, CMD_ABORTED, ERROR, "command {index:command} refused: ABORT arrived in the same step",            \
       "None if ABORT is what you want. Otherwise send it again.")                                            \
     X(137, ARM_NOT_HELD, ERROR,                                                                              \
-      "the arm goes on to flight's last target {got:s} after flight commanded hold",                         \
-      "Stop it by its controller. See why it does not get, or does not obey, KC_ARM_CMD.")
+      "the arm still moves to flight's last target {got:s} after flight commanded hold",                     \
+      "Stop it at its controller. Find out why KC_ARM_CMD does not reach it or is ignored.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;
