@@ -1,10 +1,10 @@
-"""From fsw/msg/*.lcm: types of the LCM messages for mypy, ground/kincal/link/messages.pyi, and the list of
-channels, ground/kincal_shared/schema/channels.csv.
+"""From fsw/msg/*.lcm: types of the LCM messages for mypy, ground/kincal/link/messages.pyi, and the lists of
+channels and of message fields, channels.csv and messages.csv in ground/kincal_shared/schema.
 
     message_stubs.py [--check]
 
-lcm-gen writes classes without types; these protocols say what is in them. With --check the list is compared,
-and the exit status is 1 if it is not what the messages say."""
+lcm-gen writes classes without types; these protocols say what is in them. With --check the lists are compared,
+and the exit status is 1 if they are not what the messages say."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ import csv
 import io
 import re
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from gen_docs import Message, messages
 
 TARGET = Path(__file__).resolve().parent / "kincal" / "link" / "messages.pyi"
-CHANNELS = Path(__file__).resolve().parent / "kincal_shared" / "schema" / "channels.csv"
-COLUMNS = ("name", "type", "sender", "receivers", "rate", "purpose")
+SCHEMA = Path(__file__).resolve().parent / "kincal_shared" / "schema"
+CHANNEL_COLUMNS = ("name", "type", "sender", "receivers", "rate", "purpose")
+FIELD_COLUMNS = ("message", "name", "type", "unit", "meaning")
 HEAD = '''"""Made by ground/message_stubs.py from fsw/msg; do not edit. Types of the LCM messages for mypy."""
 
 from typing import Protocol
@@ -52,23 +54,35 @@ def stub(message: Message) -> str:
     return "\n".join(head + fields)
 
 
+def _csv(columns: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([columns, *rows])
+    return out.getvalue()
+
+
 def channels() -> str:
     """The list of channels, by name."""
-    rows = sorted((name, m.name, *rest) for m in messages() for name, *rest in m.channels)
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows([COLUMNS, *rows])
-    return out.getvalue()
+    return _csv(CHANNEL_COLUMNS, sorted((name, m.name, *rest) for m in messages() for name, *rest in m.channels))
+
+
+def fields() -> str:
+    """Every field of every message, in the order in which LCM encodes them."""
+    return _csv(
+        FIELD_COLUMNS, ((m.name, f.name, f.type, f.unit, f.comment) for m in messages() for f in m.fields)
+    )
 
 
 def main() -> int:
     """Write or check the files; exit status."""
     stubs = "\n\n".join([HEAD.rstrip(), *map(stub, messages())]) + "\n"
     TARGET.write_text(stubs)
-    if "--check" not in sys.argv[1:]:
-        CHANNELS.write_text(channels())
-    elif CHANNELS.read_text() != channels():
-        print(f"{CHANNELS}: not what fsw/msg says: run make stubs")
-        return 1
+    for name, text in (("channels.csv", channels()), ("messages.csv", fields())):
+        path = SCHEMA / name
+        if "--check" not in sys.argv[1:]:
+            path.write_text(text)
+        elif path.read_text() != text:
+            print(f"{path}: not what fsw/msg says: run make stubs")
+            return 1
     return 0
 
 

@@ -32,3 +32,11 @@ TIMEOUT = click.option(
     show_default=True,
     help="Seconds to wait for each answer.",
 )
+APID = click.option(
+    "--apid",
+    "first_apid",
+    type=int,
+    default=1000,
+    show_default=True,
+    help="CCSDS application process identifier before the first channel's.",
+)
