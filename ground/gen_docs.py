@@ -33,6 +33,7 @@ UNITS = (
     ("_c", "deg C"),
     ("_kg", "kg"),
     ("_bytes", "bytes"),
+    ("_j", "J"),
 )
 # Fields whose unit depends on the joint type.
 JOINT_UNIT = {
@@ -40,6 +41,8 @@ JOINT_UNIT = {
     "q_cmd_rad": "rad (m, prismatic)",
     "dq_rad_s": "rad/s (m/s, prismatic)",
     "q_true_rad": "rad (m, prismatic)",
+    "mon_bias": "rad (m, prismatic)",
+    "mon_sigma": "rad (m, prismatic)",
 }
 
 

@@ -3,8 +3,8 @@ channels and of message fields, channels.csv and messages.csv in ground/kincal_s
 
     message_stubs.py [--check]
 
-lcm-gen writes classes without types; these protocols say what is in them. With --check the lists are compared,
-and the exit status is 1 if they are not what the messages say."""
+lcm-gen writes classes without types; these protocols say what is in them. With --check the lists are
+compared, and the exit status is 1 if they are not what the messages say."""
 
 from __future__ import annotations
 
@@ -62,7 +62,9 @@ def _csv(columns: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 
 def channels() -> str:
     """The list of channels, by name."""
-    return _csv(CHANNEL_COLUMNS, sorted((name, m.name, *rest) for m in messages() for name, *rest in m.channels))
+    return _csv(
+        CHANNEL_COLUMNS, sorted((name, m.name, *rest) for m in messages() for name, *rest in m.channels)
+    )
 
 
 def fields() -> str:

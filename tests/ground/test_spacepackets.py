@@ -1,5 +1,5 @@
-"""Telemetry for other ground systems, judged by space_packet_parser, which shares no code with us: its XSD validation
-of the database, and its decoding of the packets."""
+"""Telemetry for other ground systems, judged by space_packet_parser, which shares no code with us: its XSD
+validation of the database, and its decoding of the packets."""
 
 import socket
 import struct
@@ -44,7 +44,9 @@ def made_up(channel, tree, rng):
     for field in fields_of(message_type):
         if field.base == "double":
             values = [float(x) for x in rng.normal(size=field.length)]
-        elif named := numbers_of(tree, f"{channel}_{field.name}") or numbers_of(tree, f"{channel}_{field.name}_1"):
+        elif named := numbers_of(tree, f"{channel}_{field.name}") or numbers_of(
+            tree, f"{channel}_{field.name}_1"
+        ):
             values = [int(x) for x in rng.choice(named, field.length)]
         else:
             values = [int(x) for x in rng.integers(-limits[field.base], limits[field.base], field.length)]
@@ -73,7 +75,9 @@ def test_an_independent_parser_reads_every_field_of_every_packet(channel, databa
             given.append(struct.pack(f">{field.length}d", *values))
         else:
             given += values
-    values = [value.raw_value if getattr(value, "raw_value", None) is not None else value for value in read.values()]
+    values = [
+        value.raw_value if getattr(value, "raw_value", None) is not None else value for value in read.values()
+    ]
     assert len(values) == len(given)
     for name, ours, theirs in zip(read, given, values, strict=True):
         bits = isinstance(ours, int) and ours < 0 and theirs >= 0  # a CRC or a mask
@@ -93,7 +97,9 @@ def test_units_names_and_limits_are_in_the_database(database):
     state, about = parameter(tree, "KC_HK_state")
     labels = {e.get("label"): int(e.get("value")) for e in state.iter(f"{{{NS['x']}}}Enumeration")}
     assert labels["SAFE"] == 11 and labels["IDLE"] == 0
-    assert about.get("shortDescription") == "hk_t.state"
+    assert about.get("shortDescription") == "Sequencer state, see docs/INTERFACES.md."
+    energy, _ = parameter(tree, "KC_HK_energy_j")
+    assert "".join(energy.find("x:UnitSet", NS).itertext()).strip() == "J"
     alarms = {e.get("enumerationLabel"): e.get("alarmLevel") for e in state.iter() if e.get("alarmLevel")}
     assert alarms["SAFE"] == "warning"
     events, _ = parameter(tree, "KC_EVENT_id")
@@ -117,7 +123,9 @@ def test_identifiers_that_do_not_fit_are_refused(first):
         xtce(first)
 
 
-@pytest.mark.parametrize("target", ["", "host", "127.0.0.1:", "127.0.0.1:0", "127.0.0.1:70000", ":5", "1.2.3.4:x"])
+@pytest.mark.parametrize(
+    "target", ["", "host", "127.0.0.1:", "127.0.0.1:0", "127.0.0.1:70000", ":5", "1.2.3.4:x"]
+)
 def test_an_address_that_is_none_is_refused(target):
     with pytest.raises(BadInput, match="is no address"):
         bridge.address(target)
@@ -129,11 +137,14 @@ def test_telemetry_on_lcm_arrives_as_packets_and_nothing_goes_back(database):
         receiver.settimeout(10)
         got = threading.Event()
         result = []
-        run = threading.Thread(target=lambda: result.append(
-            bridge.forward(flight.url, receiver.getsockname(), lambda _: not got.is_set(), FIRST)))  # fmt: skip
+        to = receiver.getsockname()
+        work = lambda: result.append(bridge.forward(flight.url, to, lambda _: not got.is_set(), FIRST))  # noqa: E731
+        run = threading.Thread(target=work)
         run.start()
         found = [spp.load_xtce(database).parse_bytes(receiver.recv(65536)) for _ in range(3)]
-        receiver.sendto(b"\x1b\x64\xc0\x00\x00\x01ab", receiver.getsockname())  # a ground system that talks back
+        receiver.sendto(
+            b"\x1b\x64\xc0\x00\x00\x01ab", receiver.getsockname()
+        )  # a ground system that talks back
         got.set()
         run.join()
         assert [p["PKT_APID"] for p in found] == [FIRST + 1] * 3

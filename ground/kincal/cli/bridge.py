@@ -29,13 +29,15 @@ def bridge() -> None:
 @URL
 @APID
 @click.option("--to", "target", default="127.0.0.1:10015", show_default=True, help="Receiver, HOST:PORT.")
-@click.option("--seconds", type=click.FloatRange(min=0.0), help="Stop after this time.  [default: with Ctrl-C]")
+@click.option(
+    "--seconds", type=click.FloatRange(min=0.0), help="Stop after this time.  [default: with Ctrl-C]"
+)
 def bridge_ccsds(url: str, first_apid: int, target: str, seconds: float | None) -> None:
     """Send telemetry as CCSDS space packets over UDP, one in each datagram.
 
-    Packets hold the LCM messages unchanged; `kincal export xtce` describes them. Nothing goes the other way: a
-    ground system cannot command flight through the bridge. A datagram can get lost on the way like any other;
-    its sequence count shows it. Every 10 s a line says how many packets were sent.
+    Packets hold the LCM messages unchanged; `kincal export xtce` describes them. Nothing goes the other
+    way: a ground system cannot command flight through the bridge. A datagram can get lost on the way; the
+    sequence count shows it. Every 10 s a line says how many packets were sent.
 
     \b
     Example:

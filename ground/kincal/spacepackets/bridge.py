@@ -47,8 +47,9 @@ def forward(
 ) -> Forwarded:
     """Send telemetry on until go_on, asked at least five times a second, answers False.
 
-    url: LCM network; target: host and port; first_apid: as in the XTCE database. Nothing goes from the ground system
-    to flight: the bridge never publishes to LCM. Link and identifiers that cannot be used: BadInput."""
+    url: LCM network; target: host and port; first_apid: as in the XTCE database. The bridge never publishes
+    to LCM, so nothing goes from the ground system to flight. BadInput if LCM or the identifiers cannot be
+    used."""
     check_apid(first_apid)
     packer, done = Packer(first_apid), Forwarded()
     family = socket.getaddrinfo(*target, type=socket.SOCK_DGRAM)[0][0]

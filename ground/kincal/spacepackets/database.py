@@ -1,7 +1,7 @@
 """The XTCE 1.2 database of the packets: every field with unit, meaning, names of its numbers, and alarms.
 
-The fields come from fsw/msg (kincal_shared.schema.messages), the names of numbers from flight's headers, the events
-with their texts from its dictionary. pymdb writes the XML.
+The fields come from fsw/msg (kincal_shared.schema.messages), the names of numbers from flight's headers, the
+events with their texts from its dictionary. pymdb writes the XML.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
+from typing import Any
 
 import yamcs.pymdb as Y
 
@@ -18,10 +19,10 @@ from kincal_shared.schema.messages import Field, fields_of
 
 from .packets import APIDS, DEFAULT_APID, check_apid
 
-_BITS = {"int8_t": 8, "int16_t": 16, "int32_t": 32, "int64_t": 64, "float": 32, "double": 64}
+_BITS = {"int8_t": 8, "int16_t": 16, "int32_t": 32, "int64_t": 64, "double": 64}
 _MOST_ELEMENTS = 64  # a longer array is one binary parameter
 _AXES = {3: "xyz", 4: "wxyz"}
-_WATCH, _WARNING, _CRITICAL = Y.AlarmLevel.WATCH, Y.AlarmLevel.WARNING, Y.AlarmLevel.CRITICAL
+_NOTICE, _WARNING, _CRITICAL = (list(Y.AlarmLevel)[i] for i in (1, 2, 4))  # of XTCE's levels, from normal up
 _RATES_S = {"KC_HK": 1.0, "KC_ARM_STATE": 0.1, "KC_PANTILT_STATE": 0.1}  # of those that come all the time
 
 
@@ -41,7 +42,9 @@ def _enum(ctype: str, prefix: str, alarms: Mapping[str, Y.AlarmLevel] | None = N
 def _events() -> _Choices:
     flight = library("flight")
     numbers = flight.enum("kc_event_id_t", "KC_EVT_").items()
-    return _Choices({i: (name, flight.text(flight.lib.kc_event_text(i)) if i else "") for name, i in numbers}, {})
+    return _Choices(
+        {i: (name, flight.text(flight.lib.kc_event_text(i)) if i else "") for name, i in numbers}, {}
+    )
 
 
 def _statuses() -> _Choices:
@@ -52,14 +55,20 @@ def _statuses() -> _Choices:
 @cache
 def _choices() -> dict[tuple[str, str], _Choices]:
     """By message and field."""
-    states = _enum("kc_state_t", "KC_ST_", {"SAFE": _WARNING, "REVIEW": _WATCH, "ARMED": _WATCH})
+    states = _enum("kc_state_t", "KC_ST_", {"SAFE": _WARNING, "REVIEW": _NOTICE, "ARMED": _NOTICE})
     stored_states = _Choices({-1: ("NONE", "it was idle"), **states.names}, {})
-    verdicts = _enum("kc_verdict_t", "KC_VERDICT_", {"POOR": _CRITICAL, "CHANGE": _WATCH})
+    verdicts = _enum("kc_verdict_t", "KC_VERDICT_", {"POOR": _CRITICAL, "CHANGE": _NOTICE})
     kinds = _Choices({0: ("NONE", ""), **_enum("kc_tbl_kind_t", "KC_TBL_").names}, {})
     severities = _enum("kc_severity_t", "KC_SEV_", {"WARN": _WARNING, "ERROR": _CRITICAL})
-    monitor = {0: ("QUIET", ""), 1: ("JOINT", "a joint is named"), 2: ("UNEXPLAINED", "no single joint explains it")}
+    monitor = {
+        0: ("QUIET", ""),
+        1: ("JOINT", "a joint is named"),
+        2: ("UNEXPLAINED", "no single joint explains it"),
+    }
     staged = {0: ("NONE", ""), 1: ("LOADING", ""), 2: ("COMPLETE", ""), 3: ("VALID", "")}
-    chosen = _Choices({-1: ("INITIAL_DESIGN", "not by an acquisition"), **_enum("kc_acq_t", "KC_ACQ_").names}, {})
+    chosen = _Choices(
+        {-1: ("INITIAL_DESIGN", "not by an acquisition"), **_enum("kc_acq_t", "KC_ACQ_").names}, {}
+    )
     return {
         ("hk_t", "state"): states,
         ("hk_t", "boot_state"): stored_states,
@@ -86,7 +95,7 @@ _NOT_ZERO = partial(Y.ThresholdAlarm, warning_high=0.0, warning_low=0.0)
 _ALARMS = {
     ("hk_t", "n_events_dropped"): _NOT_ZERO,
     ("hk_t", "n_tx_errors"): _NOT_ZERO,
-    ("hk_t", "n_rx_errors"): partial(Y.ThresholdAlarm, watch_high=0.0),
+    ("hk_t", "n_rx_errors"): _NOT_ZERO,
     ("arm_state_t", "fault_mask"): partial(Y.ThresholdAlarm, critical_high=0.0, critical_low=0.0),
 }
 """Limits of numbers, by message and field."""
@@ -118,37 +127,53 @@ def _integer(bits: int, signed: bool) -> Y.Encoding:
     return Y.IntegerEncoding(bits=bits, scheme=scheme)
 
 
-def _parameter(system: Y.System, field: Field, name: str, which: str) -> Y.Parameter:
-    about = {
-        "short_description": ", ".join(part for part in (f"{field.message}.{field.name}", which) if part),
-        "long_description": field.meaning or None,
-        "units": field.unit or None,
-    }
-    key = (field.message, field.name)
-    if found := _choices().get(key):
-        choices = [(n, label, text) if text else (n, label) for n, (label, text) in sorted(found.names.items())]
-        alarm = Y.EnumerationAlarm(dict(found.alarms)) if found.alarms else None
-        return Y.EnumeratedParameter(
-            system, name, choices, alarm=alarm, encoding=_integer(_BITS[field.base], signed=True), **about
-        )
+def _parameter(system: Y.System, field: Field, name: str, which: str) -> Y.Parameter[Any]:
+    short = ", ".join(part for part in (field.meaning or field.name, which) if part)
+    long, units = f"Field {field.name} of {field.message}", field.unit or None
+    key, bits = (field.message, field.name), _BITS[field.base]
     limit = _ALARMS[key]() if key in _ALARMS else None
-    bits = _BITS[field.base]
-    if field.base in ("double", "float"):
+    if found := _choices().get(key):
+        names = sorted(found.names.items())
+        return Y.EnumeratedParameter(
+            system,
+            name,
+            [(n, label, text) if text else (n, label) for n, (label, text) in names],
+            alarm=Y.EnumerationAlarm(dict(found.alarms)) if found.alarms else None,
+            short_description=short,
+            long_description=long,
+            encoding=_integer(bits, signed=True),
+        )
+    if field.base == "double":
         return Y.FloatParameter(
-            system, name, bits=bits, alarm=limit, encoding=Y.FloatEncoding(bits=bits), **about
+            system,
+            name,
+            bits=64,
+            alarm=limit,
+            short_description=short,
+            long_description=long,
+            units=units,
+            encoding=Y.FloatEncoding(bits=64),
         )
     signed = not _is_bits(field.name)
     return Y.IntegerParameter(
-        system, name, signed=signed, bits=bits, alarm=limit, encoding=_integer(bits, signed), **about
+        system,
+        name,
+        signed=signed,
+        bits=bits,
+        alarm=limit,
+        short_description=short,
+        long_description=long,
+        units=units,
+        encoding=_integer(bits, signed),
     )
 
 
-def _binary(system: Y.System, field: Field, name: str) -> Y.Parameter:
+def _binary(system: Y.System, field: Field, name: str) -> Y.Parameter[Any]:
     return Y.BinaryParameter(
         system,
         name,
-        short_description=f"{field.message}.{field.name}: {field.length} values of type {field.base}, big-endian",
-        long_description=field.meaning or None,
+        short_description=f"{field.meaning or field.name} ({field.length} x {field.base}, big-endian)",
+        long_description=f"Field {field.name} of {field.message}",
         encoding=Y.BinaryEncoding(bits=_BITS[field.base] * field.length),
     )
 
@@ -165,11 +190,16 @@ _HEADER = (
 """Primary header: name, bits, meaning. The names are those that other tools use too."""
 
 
-def _header(system: Y.System) -> tuple[Y.Container, Y.Parameter]:
+def _header(system: Y.System) -> tuple[Y.Container, Y.Parameter[Any]]:
     """The container that all packets extend, and the identifier that tells them apart."""
     found = {
         name: Y.IntegerParameter(
-            system, name, signed=False, bits=32, short_description=about, encoding=_integer(bits, signed=False)
+            system,
+            name,
+            signed=False,
+            bits=32,
+            short_description=about,
+            encoding=_integer(bits, signed=False),
         )
         for name, bits, about in _HEADER
     }

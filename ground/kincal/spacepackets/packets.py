@@ -1,8 +1,8 @@
 """LCM telemetry as CCSDS space packets (CCSDS 133.0-B-2, Space Packet Protocol).
 
-A packet is the primary header (6 bytes, big-endian) and, as packet data field, the LCM message as LCM encodes it: the
-fingerprint of its type (8 bytes), then its fields in the order of the .lcm file, big-endian and without gaps. So
-nothing is converted, and nothing is lost. There is no secondary header; mission time is the first field, `t_us`.
+A packet is the primary header (6 bytes, big-endian) and, as packet data field, the LCM message as LCM encodes
+it: the fingerprint of its type (8 bytes), then its fields in the order of the .lcm file, big-endian, no gaps.
+So nothing is converted or lost. There is no secondary header; mission time is the first field, `t_us`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ APIDS = {
     "KC_ARM_CMD": 10,
     "KC_PANTILT_CMD": 11,
 }
-"""Offset of each channel from the first application process identifier. Numbers never change meaning: a new channel
-takes the next one."""
+"""Offset of each channel from the first application process identifier. Numbers never change meaning: a new
+channel takes the next one."""
 
 DEFAULT_APID = 1000
 _APID_MAX = 2**11 - 2  # 2047 is that of idle packets

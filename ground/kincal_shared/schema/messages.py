@@ -38,7 +38,7 @@ _ALL = _read()
 
 
 def fields_of(message: str) -> tuple[Field, ...]:
-    """Fields of a message type, e.g. "hk_t", in the order in which LCM encodes them. KeyError if there is none."""
+    """Fields of a message type, e.g. "hk_t", in LCM's order. KeyError if there is no such type."""
     found = tuple(field for field in _ALL if field.message == message)
     if not found:
         raise KeyError(message)
