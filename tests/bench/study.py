@@ -75,6 +75,9 @@ DESIGNS = {
     "random": Design("by chance, the paper's baseline", "random"),
     "dopt": Design("most information, D-optimal", "dopt"),
     "vopt": Design("least predicted variance, V-optimal", "vopt"),
+    "rate": Design("most information for its cost", "rate"),
+    "dopt_table": Design("D-optimal after all local initial poses", "dopt", {"initial_design": 0}),
+    "ucb_table": Design("GP-UCB after all initial poses, as in the paper", "ucb", {"initial_design": 0}),
 }
 SCENARIOS = {
     "paper": "the paper's errors",
