@@ -11,6 +11,9 @@
 typedef struct {
     uint32_t part, i;
     uint32_t cand; /* the one chosen */
+    bool initial;  /* whether the arm leaves the park pose is part of it */
+    uint8_t eligible[KC_CAND_MAX]; /* what it is among */
+    float cost[KC_CAND_MAX];       /* of each (kc_cost.h) */
 } kc_choice_t;
 
 typedef struct {

@@ -1,5 +1,10 @@
 #include "kc_select.h"
 
+#include <stddef.h>
+
+#include "kc_cost.h"
+#include "kc_libm.h"
+#include "kc_local.h"
 #include "kc_move.h"
 
 #define PREDICT_ITER_MAX 8u /* enough for an approximate solution */
@@ -20,24 +25,25 @@ void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *view, cons
 
 /* ---- the acquisition ---- */
 
-/* Parts of a choice. */
-enum { FRESH = 0, JOINTS, INFORMATION, ACQUIRED, CHOSEN };
+/* Parts of a choice. LOCAL: among local initial poses, since the arm does not leave the park pose yet. */
+enum { FRESH = 0, JOINTS, INFORMATION, LOCAL, ACQUIRED, CHOSEN };
 
-/* Joints expected at each candidate after the servo: with large errors they are far from the seeds, and the
- * information of a pose depends on them (tests/bench/samples.py --space). False: goes on in the next step. */
+/* Joints expected at each candidate after the servo, and its cost: with large errors they are far from the seeds, and
+ * the information of a pose depends on them (tests/bench/samples.py --space). False: goes on in the next step. */
 static bool predict_joints(kc_arena_calibration_t *arena, const kc_view_t *view, kc_work_t *work)
 {
-    const uint64_t cost = kc_move_joints_cost(view, KC_MOVE_EVALS(PREDICT_ITER_MAX));
+    const uint64_t cost = kc_move_joints_cost(view, KC_MOVE_EVALS(PREDICT_ITER_MAX)) + KC_COST_WORK;
     kc_choice_t *ch = &arena->choice;
     for (; ch->i < view->tables->space.n_cand; ch->i++) {
         double q[KC_JOINT_MAX] = {0};
-        if (view->plan->usable[ch->i] == 0u) { continue; }
+        if (ch->eligible[ch->i] == 0u) { continue; }
         if (!kc_work_take(work, cost)) { return false; }
         uint32_t n = kc_move_joints(view, ch->i, PREDICT_ITER_MAX, q);
-        kc_work_return(work, cost - kc_move_joints_cost(view, n));
+        kc_work_return(work, cost - kc_move_joints_cost(view, n) - KC_COST_WORK);
         for (uint32_t j = 0u; j < KC_JOINT_MAX; j++) {
             arena->cand_q[ch->i * KC_JOINT_MAX + j] = (float)q[j];
         }
+        ch->cost[ch->i] = (float)kc_cost_candidate(view, ch->i, q);
     }
     return true;
 }
@@ -70,34 +76,105 @@ static kc_status_t at_once(kc_cal_t *cal, kc_arena_calibration_t *arena, uint64_
     return st;
 }
 
+/* Whether poses are chosen by information from the first one on that the arm leaves the park pose for. */
+static bool informed(const kc_cal_t *cal)
+{
+    return cal->acq == KC_ACQ_DOPT || cal->acq == KC_ACQ_VOPT || cal->acq == KC_ACQ_RATE;
+}
+
 static bool by_information(const kc_cal_t *cal, const kc_view_t *view)
 {
-    return (cal->acq == KC_ACQ_DOPT || cal->acq == KC_ACQ_VOPT) && view->plan->n_meas > 0u &&
-           kc_fit_solved(view->learned->status);
+    return informed(cal) && view->plan->n_meas > 0u && kc_fit_solved(view->learned->status);
+}
+
+/* What is asked of the information criteria: by the acquisition, or (local) among local initial poses. */
+static void ask(const kc_cal_t *cal, kc_arena_calibration_t *arena, const kc_view_t *view, bool local)
+{
+    const kc_config_t *c = &view->tables->config;
+    bool rate = cal->acq == KC_ACQ_RATE && !local, designed = view->plan->by_information;
+    double safe_m = local ? c->local_safe_m : c->leave_safe_m;
+    kc_acq_t kind = rate ? (kc_acq_t)c->rate_measure : cal->acq;
+    const kc_acq_ask_t asked = {
+        .kind = local || !informed(cal) ? KC_ACQ_DOPT : kind,
+        .cov = view->est->obs[view->plan->n_meas - 1u].cov, /* expected noise of the next one */
+        .len_m = c->vopt_len_m,
+        .by_bounds = designed || rate,
+        .safe_m = designed ? safe_m : 0.0,
+        .cost = rate ? arena->choice.cost : NULL,
+    };
+    kc_acq_begin(&asked, view->est, &arena->acq);
+}
+
+/* Where poses are chosen by information: the best of those eligible. */
+static void acquired(kc_cal_t *cal, kc_arena_calibration_t *arena)
+{
+    arena->choice.part = ACQUIRED;
+    if (arena->acq.status != KC_OK) { return; }
+    cal->chosen_by = (int32_t)cal->acq;
+    cal->acq_value = arena->acq.value;
+    choose(&arena->choice, arena->acq.best);
+}
+
+/* The arm leaves the park pose for the best of the poses that are predicted safe there, if an arm outside its bounds
+ * would have been noticed by now; else a local initial pose is next. */
+static void leave(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view,
+                  kc_out_t *out)
+{
+    const kc_acq_work_t *acq = &arena->acq;
+    double power = kc_local_power(&view->tables->config, kc_local_rows(view->est), acq->known);
+    if (power < view->tables->config.power_min || acq->status != KC_OK || !acq->safe) {
+        (void)kc_plan_local(plan, &view->tables->space, arena->choice.eligible);
+        ask(cal, arena, view, true);
+        arena->choice.part = LOCAL;
+        return;
+    }
+    kc_event(&out->events, KC_EVT_CAL_LEAVES_PARK, (int32_t)plan->n_local, power, kc_sqrt(acq->sigma2_m2));
+    kc_plan_leave(plan, &view->tables->space, !informed(cal));
+    kc_plan_begin(plan, &view->tables->space, acq->best);
+    if (informed(cal)) {
+        acquired(cal, arena);
+    } else {
+        choose(&arena->choice, acq->best);
+    }
+}
+
+/* The local initial pose of the largest gain among those that are predicted safe; without one, that of the table. */
+static void choose_local(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view)
+{
+    uint32_t cand = 0u;
+    if (arena->acq.status == KC_OK && arena->acq.safe) {
+        cand = arena->acq.best;
+        cal->acq_value = arena->acq.value;
+        kc_plan_begin(plan, &view->tables->space, cand);
+    } else {
+        (void)kc_plan_next(plan, &view->tables->space, 0u, false, &cand); /* one is left */
+    }
+    choose(&arena->choice, cand);
 }
 
 /* The information criteria; where they cannot be evaluated, what at_once() gives. False: goes on in the next
  * step. */
-static bool inform(kc_cal_t *cal, kc_arena_calibration_t *arena, const kc_view_t *view, kc_work_t *work)
+static bool inform(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view,
+                   kc_work_t *work, kc_out_t *out)
 {
-    const kc_active_t *a = view->tables;
     kc_choice_t *ch = &arena->choice;
     if (ch->part == JOINTS) {
-        const double *cov = view->est->obs[view->plan->n_meas - 1u].cov; /* expected noise of the next one */
         if (!predict_joints(arena, view, work)) { return false; }
-        kc_acq_info_begin(cal->acq, view->est, cov, a->config.vopt_len_m, &arena->acq);
+        ask(cal, arena, view, false);
         ch->part = INFORMATION;
     }
-    if (ch->part == INFORMATION) {
-        if (!kc_acq_info_step(view->est, arena->cand_q, a->space.n_cand, view->plan->usable, &arena->acq,
-                              work)) {
+    while (ch->part == INFORMATION || ch->part == LOCAL) {
+        if (!kc_acq_info_step(view->est, arena->cand_q, view->tables->space.n_cand, ch->eligible,
+                              &arena->acq, work) ||
+            !kc_work_take(work, ch->initial ? KC_LOCAL_COST : 0u)) {
             return false;
         }
-        ch->part = ACQUIRED;
-        if (arena->acq.status == KC_OK) {
-            cal->chosen_by = (int32_t)cal->acq;
-            cal->acq_value = arena->acq.value;
-            choose(ch, arena->acq.best);
+        if (ch->part == LOCAL) {
+            choose_local(cal, plan, arena, view);
+        } else if (ch->initial) {
+            leave(cal, plan, arena, view, out);
+        } else {
+            acquired(cal, arena);
         }
     }
     return true;
@@ -111,6 +188,19 @@ static kc_outcome_t finish(const kc_view_t *view, kc_cause_t if_nothing)
 }
 
 void kc_select_begin(kc_arena_calibration_t *arena) { arena->choice = (kc_choice_t){0}; }
+
+/* Observations that an arm inside its bounds hardly gives ask for all local initial poses, in their order. */
+static bool doubtful(kc_cal_t *cal, const kc_view_t *view, kc_out_t *out)
+{
+    const kc_config_t *c = &view->tables->config;
+    double p = 0.0;
+    bool doubt = kc_local_doubt(c, view->est, view->learned->status, &p);
+    if (doubt && !cal->doubted) {
+        kc_event(&out->events, KC_EVT_CAL_DOUBT, (int32_t)view->plan->n_meas, p, c->doubt_p);
+    }
+    cal->doubted = doubt;
+    return doubt;
+}
 
 /* What needs no acquisition: an end, initial poses, replicates. */
 static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, const kc_view_t *view,
@@ -127,7 +217,10 @@ static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, con
     if (view->learned->converged || kc_plan_complete(plan, s)) { return finish(view, KC_CAUSE_NO_CANDIDATE); }
     cal->acq_value = 0.0;
     cal->chosen_by = -1;
-    ch->part = by_information(cal, view) ? JOINTS : ACQUIRED;
+    ch->initial = kc_plan_local(plan, s, ch->eligible) && !doubtful(cal, view, out);
+    kc_plan_after_local(plan, s, ch->initial && !informed(cal), ch->eligible);
+    ch->part = ch->initial || by_information(cal, view) ? JOINTS : ACQUIRED;
+    if (ch->initial) { return kc_outcome(KC_OC_STAY); }
     if (kc_plan_next(plan, s, view->tables->config.replicate_every, undetermined, &cand)) {
         choose(ch, cand);
     }
@@ -142,7 +235,7 @@ kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_
         kc_outcome_t oc = planned(cal, plan, ch, view, out);
         if (oc.id != KC_OC_STAY) { return oc; }
     }
-    if (!inform(cal, arena, view, work)) { return kc_outcome(KC_OC_STAY); }
+    if (!inform(cal, plan, arena, view, work, out)) { return kc_outcome(KC_OC_STAY); }
     if (ch->part == ACQUIRED && at_once(cal, arena, rng, view) != KC_OK) {
         kc_event(&out->events, KC_EVT_CAL_NO_CANDIDATE, -1, 0.0, 0.0);
         return finish(view, KC_CAUSE_NO_CANDIDATE);

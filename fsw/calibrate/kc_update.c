@@ -32,6 +32,7 @@ void kc_update_start(kc_learned_t *learned, kc_est_t *est, kc_arena_calibration_
     est->opt = a->config.est;
     est->opt.free_mask = free_mask;
     est->hold_none = 0u;
+    est->by_bounds = a->config.initial_design == (uint8_t)KC_INITIAL_INFORMATION ? 1u : 0u;
     est->without = 0u;
     est->n_obs = 0u;
     est->rank = est->n_free = 0u; /* an ABORT may have left an estimate half done */
@@ -134,7 +135,7 @@ static void begin_estimate(kc_learned_t *learned, kc_est_t *est, const kc_gp_t *
     kc_point_t x = newest_point(view);
     double var = 0.0;
     /* observations near one posture leave much undetermined */
-    est->hold_none = p->n_meas == p->n_local ? 1u : 0u;
+    est->hold_none = p->n_meas == p->n_local || (p->by_information && !kc_plan_enough(p)) ? 1u : 0u;
     objective(learned, view);
     learned->res = (kc_miss_t){learned->dp_m[newest], learned->dr_rad[newest]};
     learned->f = learned->y[newest];

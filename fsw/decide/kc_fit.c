@@ -58,12 +58,12 @@ static bool all_requested(const kc_est_t *e)
 
 /* Local initial poses that are all a little off, or several that do not fit the others. Effects that a
  * model lacks are nearly the same at all of them, so they are not the reason. */
-static bool local_mismatch(const kc_config_t *c, const kc_est_t *e)
+static bool local_mismatch(const kc_config_t *c, const kc_est_t *e, bool only_local)
 {
     bool limited = c->mismatch_pos_m > 0.0 || c->mismatch_rot_rad > 0.0;
     bool noisy = e->dof >= c->mismatch_dof_min && e->noise_scale > c->mismatch_noise_scale;
     uint32_t n_outliers = e->n_outliers - (e->without > 0u ? 1u : 0u);
-    return limited && e->hold_none && all_requested(e) && (noisy || n_outliers >= c->mismatch_outliers_min);
+    return limited && only_local && e->hold_none && all_requested(e) && (noisy || n_outliers >= c->mismatch_outliers_min);
 }
 
 static bool beyond(const kc_config_t *c, kc_miss_t miss)
@@ -75,7 +75,7 @@ static bool beyond(const kc_config_t *c, kc_miss_t miss)
 bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss, uint32_t n_meas,
                      uint32_t n_local, uint32_t *worst)
 {
-    bool newest_too = local_mismatch(config, est);
+    bool newest_too = local_mismatch(config, est, n_meas == n_local);
     uint32_t n = 0u;
     *worst = 0u;
     if (est->rank < est->n_free && !est->hold_none) { return false; } /* a coefficient is held */

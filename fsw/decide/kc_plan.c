@@ -2,21 +2,26 @@
 
 #include <string.h>
 
+_Static_assert(KC_INITIAL_MAX <= 32u, "a bit each in kc_plan_t.begun");
+
+static bool begun(const kc_plan_t *p, uint32_t i) { return (p->begun >> i & 1u) != 0u; }
+
 /* Local initial poses still to come; without those in reserve if only_due. */
 static uint32_t local_left(const kc_plan_t *p, const kc_space_t *s, bool only_due)
 {
     uint32_t n = 0u;
-    for (uint32_t i = p->i_initial; i < s->n_initial; i++) {
-        n += kc_space_local(s, s->initial[i]) && (!only_due || !kc_space_reserve(s, s->initial[i])) ? 1u : 0u;
+    for (uint32_t i = 0u; i < s->n_initial; i++) {
+        bool left = !begun(p, i) && kc_space_local(s, s->initial[i]);
+        n += left && (!only_due || !kc_space_reserve(s, s->initial[i])) ? 1u : 0u;
     }
     return n;
 }
 
-/* Local initial poses come on top of the requested ones: measured, current (0 or 1) and to come; one in
- * reserve counts when it is taken. */
+/* Local initial poses come on top of the requested ones: measured, current (0 or 1) and to come, as far as that is
+ * known; one in reserve counts when it is taken. */
 static uint32_t goal(const kc_plan_t *p, const kc_space_t *s, uint32_t under_way)
 {
-    uint32_t n = p->n_own + p->n_local + under_way + local_left(p, s, true);
+    uint32_t n = p->n_own + p->n_local + under_way + (p->by_information ? 0u : local_left(p, s, true));
     return n < KC_MEAS_MAX ? n : KC_MEAS_MAX;
 }
 
@@ -24,6 +29,7 @@ void kc_plan_start(kc_plan_t *p, const kc_space_t *space, const kc_config_t *con
 {
     memset(p, 0, sizeof *p);
     p->n_min = config->poses_min;
+    p->by_information = config->initial_design == (uint8_t)KC_INITIAL_INFORMATION;
     p->n_own = kc_space_n_local(space) > 0u && n_goal < p->n_min ? p->n_min : n_goal;
     p->n_goal = goal(p, space, 0u);
     for (uint32_t c = 0u; c < space->n_cand; c++) { p->usable[c] = (uint8_t)!kc_space_local(space, c); }
@@ -53,8 +59,10 @@ static bool reserve_needed(const kc_plan_t *p, const kc_space_t *s, bool undeter
 /* Initial poses in their order, without those that have become unusable. */
 static bool next_initial(kc_plan_t *p, const kc_space_t *s, bool undetermined, uint32_t *cand)
 {
-    while (p->i_initial < s->n_initial) {
-        *cand = s->initial[p->i_initial++];
+    for (uint32_t i = 0u; i < s->n_initial; i++) {
+        if (begun(p, i)) { continue; }
+        p->begun |= 1u << i;
+        *cand = s->initial[i];
         if (kc_space_local(s, *cand)) {
             if (kc_space_reserve(s, *cand) && !reserve_needed(p, s, undetermined)) { continue; }
             p->n_tried++;
@@ -80,6 +88,47 @@ static uint32_t times_measured(const kc_plan_t *p, uint32_t cand)
     uint32_t n = 0u;
     for (uint32_t i = 0u; i < p->n_meas; i++) { n += p->cand_of[i] == cand ? 1u : 0u; }
     return n;
+}
+
+bool kc_plan_local(const kc_plan_t *p, const kc_space_t *space, uint8_t *eligible)
+{
+    uint32_t n = 0u;
+    memset(eligible, 0, KC_CAND_MAX);
+    for (uint32_t i = 0u; i < space->n_initial; i++) {
+        uint32_t c = space->initial[i];
+        if (begun(p, i) || !kc_space_local(space, c) || kc_space_reserve(space, c)) { continue; }
+        eligible[c] = 1u;
+        n++;
+    }
+    return p->by_information && n > 0u && p->n_meas > 0u && p->n_meas == p->n_local && p->again == 0u;
+}
+
+void kc_plan_after_local(const kc_plan_t *p, const kc_space_t *space, bool in_order, uint8_t *eligible)
+{
+    memcpy(eligible, p->usable, sizeof p->usable);
+    if (!in_order) { return; }
+    memset(eligible, 0, sizeof p->usable);
+    for (uint32_t i = 0u; i < space->n_initial; i++) {
+        uint32_t c = space->initial[i];
+        if (begun(p, i) || p->usable[c] == 0u) { continue; } /* local ones are never usable */
+        eligible[c] = 1u;
+        return;
+    }
+}
+
+void kc_plan_begin(kc_plan_t *p, const kc_space_t *space, uint32_t cand)
+{
+    for (uint32_t i = 0u; i < space->n_initial; i++) {
+        if (space->initial[i] == cand) { p->begun |= 1u << i; }
+    }
+    p->n_tried += kc_space_local(space, cand) ? 1u : 0u;
+}
+
+void kc_plan_leave(kc_plan_t *p, const kc_space_t *space, bool in_order)
+{
+    for (uint32_t i = 0u; i < space->n_initial; i++) {
+        if (!in_order || kc_space_local(space, space->initial[i])) { p->begun |= 1u << i; }
+    }
 }
 
 void kc_plan_again(kc_plan_t *p, uint32_t i)

@@ -13,7 +13,8 @@ typedef struct {
     uint32_t n_goal;           /* poses in all, as far as is known */
     uint32_t n_meas;           /* measured */
     uint32_t n_tried, n_local; /* local initial poses begun, measured */
-    uint32_t i_initial;        /* next initial pose */
+    uint32_t begun;            /* initial poses begun or passed over: a bit each, in the order of SPACE */
+    bool by_information;       /* initial poses are chosen, as many as are needed (kc_local.h) */
     uint32_t again;            /* measurement whose pose is the next, from 1; 0: none */
     uint32_t n_rep, rep_at;    /* replicates done; poses measured when the last was chosen */
     uint16_t cand_of[KC_MEAS_MAX]; /* candidate of each measurement */
@@ -33,6 +34,15 @@ bool kc_plan_enough(const kc_plan_t *p);
  * undetermined: the estimate leaves coefficients open, so reserve poses are of use. */
 bool kc_plan_next(kc_plan_t *p, const kc_space_t *space, uint32_t replicate_every, bool undetermined,
                   uint32_t *cand);
+/* Whether local initial poses may be chosen by information: none but them was measured, none is to be repeated, and
+ * eligible[] (KC_CAND_MAX), those that are left but for the reserve, is not empty. */
+bool kc_plan_local(const kc_plan_t *p, const kc_space_t *space, uint8_t *eligible);
+/* What may come after them: every candidate, or (in_order) the next initial pose of SPACE, if there is one left. */
+void kc_plan_after_local(const kc_plan_t *p, const kc_space_t *space, bool in_order, uint8_t *eligible);
+/* An initial pose is begun that was chosen so. */
+void kc_plan_begin(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
+/* The arm leaves the park pose: no local initial poses any more; without in_order no other ones either. */
+void kc_plan_leave(kc_plan_t *p, const kc_space_t *space, bool in_order);
 /* The local initial pose of measurement i (from 0) is measured again, the next time; nothing if it was already. */
 void kc_plan_again(kc_plan_t *p, uint32_t i);
 /* Candidate chosen: n_goal counts it. Returns how many times it was measured before. */

@@ -1,10 +1,13 @@
 #include "kc_acquire.h"
 
+#include <stddef.h>
+
 #include "kc_la.h"
 #include "kc_libm.h"
 #include "kc_rng.h"
 
 #define LD KC_COEF_MAX
+#define LEFT_MIN 1e-12 /* no measurement takes all of a variance; rounding might */
 
 double kc_acq_beta(uint32_t n_cand, uint32_t k, double scale)
 {
@@ -91,7 +94,8 @@ static void take_coefs(const kc_est_t *est, kc_acq_work_t *w)
         const kc_coef_t *k = &est->terms->coef[c];
         if (k->enabled == 0u || ((est->opt.free_mask >> c) & 1u) == 0u) { continue; }
         const bool own = est->opt.use_prior != 0u && k->prior_sigma > 0.0;
-        const double s = own ? k->scale / k->prior_sigma : 1.0 / KC_ACQ_SIGMA;
+        const double usual = w->by_bounds ? kc_est_bound_sigma(k) / k->scale : KC_ACQ_SIGMA;
+        const double s = own ? k->scale / k->prior_sigma : 1.0 / usual;
         w->prior[w->n] = s * s;
         w->idx[w->n++] = c;
     }
@@ -119,6 +123,7 @@ static kc_status_t invert(kc_acq_work_t *w)
 {
     if (kc_la_chol(w->S, w->n, LD) != KC_OK) { return KC_ERR_NUM; }
     kc_la_chol_inverse(w->S, w->n, LD, w->M, LD);
+    for (uint32_t j = 0; j < w->n; j++) { w->known += 1.0 - w->M[j * (LD + 1u)] * w->prior[j]; }
     zero(w->S, w->n);
     return KC_OK;
 }
@@ -160,12 +165,22 @@ static void weigh(kc_acq_work_t *w)
 
 /* ---- the candidate of the largest gain ---- */
 
-/* dopt: log det(I + J M J'). vopt: tr((I + J M J')^-1 J N J'). */
-static kc_status_t gain(kc_acq_work_t *w, double *value)
+/* Variance of the tool's position by the whitened covariance A of its pose, before a measurement. */
+static double position_m2(const kc_acq_work_t *w, const double A[36])
 {
-    double A[36];
+    double sum = 0.0;
+    for (uint32_t k = 0; k < 3u; k++) {
+        for (uint32_t i = 0; i <= k; i++) {
+            for (uint32_t j = 0; j <= k; j++) { sum += w->L[k * 3u + i] * A[i * 6u + j] * w->L[k * 3u + j]; }
+        }
+    }
+    return sum;
+}
+
+/* dopt: log det(I + J M J'). vopt: tr((I + J M J')^-1 J N J'). A: J M J'. */
+static kc_status_t gain(kc_acq_work_t *w, double A[36], double *value)
+{
     double B[36];
-    kc_la_congruence(w->M, w->n, LD, &w->J[0][0], 6u, 6u, A);
     for (uint32_t k = 0; k < 6u; k++) { A[k * 7u] += 1.0; }
     *value = 0.0;
     if (kc_la_chol(A, 6u, 6u) != KC_OK) { return KC_ERR_NUM; }
@@ -181,15 +196,36 @@ static kc_status_t gain(kc_acq_work_t *w, double *value)
     return KC_OK;
 }
 
+/* Per unit of cost; a share of the variance as its logarithm, so that gains add up like those of dopt. */
+static double per_cost(const kc_acq_work_t *w, double g)
+{
+    if (w->cost == NULL) { return g; }
+    const double nats = (w->kind == KC_ACQ_VOPT) ? -kc_log(kc_max(1.0 - g / w->total, LEFT_MIN)) : g;
+    return nats / (double)w->cost[w->i];
+}
+
+/* Those that are safe come first, and among them the largest gain; of others the most certain one. */
+static bool better(const kc_acq_work_t *w, bool safe, double g, double sigma2_m2)
+{
+    if (w->status != KC_OK || safe != w->safe) { return w->status != KC_OK || safe; }
+    return safe ? g > w->value : sigma2_m2 < w->sigma2_m2;
+}
+
 static kc_status_t consider(const kc_est_t *est, const float *q, kc_acq_work_t *w)
 {
-    double g;
+    double g, A[36];
     eval_candidate(est, q, w);
     take_jacobian(est, w->W, 6u, w);
-    if (gain(w, &g) != KC_OK) { return KC_ERR_NUM; }
-    if (w->status != KC_OK || g > w->value) {
+    kc_la_congruence(w->M, w->n, LD, &w->J[0][0], 6u, 6u, A);
+    const double sigma2_m2 = position_m2(w, A);
+    const bool safe = w->safe_m2 <= 0.0 || sigma2_m2 <= w->safe_m2;
+    if (gain(w, A, &g) != KC_OK) { return KC_ERR_NUM; }
+    g = per_cost(w, g);
+    if (better(w, safe, g, sigma2_m2)) {
         w->best = w->i;
         w->value = g;
+        w->safe = safe;
+        w->sigma2_m2 = sigma2_m2;
         w->status = KC_OK;
     }
     return KC_OK;
@@ -197,22 +233,37 @@ static kc_status_t consider(const kc_est_t *est, const float *q, kc_acq_work_t *
 
 /* ---- steps ---- */
 
-void kc_acq_info_begin(kc_acq_t kind, const kc_est_t *est, const double cov[36], double len_m,
-                       kc_acq_work_t *work)
+void kc_acq_begin(const kc_acq_ask_t *ask, const kc_est_t *est, kc_acq_work_t *work)
 {
+    double C[9];
     work->phase = (uint8_t)OVER;
     work->status = KC_ERR_ARG;
-    work->kind = kind;
-    work->len_m = len_m;
+    work->kind = ask->kind;
+    work->len_m = ask->len_m;
+    work->by_bounds = ask->by_bounds;
+    work->safe_m2 = ask->safe_m * ask->safe_m;
+    work->cost = ask->cost;
     work->i = 0u;
+    work->safe = false;
+    work->known = 0.0;
     take_coefs(est, work);
-    if ((kind != KC_ACQ_DOPT && kind != KC_ACQ_VOPT) || work->n == 0u || !(len_m > 0.0) ||
-        kc_la_whiten(cov, 6u, work->W) != KC_OK) {
+    if ((ask->kind != KC_ACQ_DOPT && ask->kind != KC_ACQ_VOPT) || work->n == 0u || !(ask->len_m > 0.0) ||
+        kc_la_whiten(ask->cov, 6u, work->W) != KC_OK) {
         return;
     }
+    for (uint32_t i = 0; i < 9u; i++) { C[i] = ask->cov[i / 3u * 6u + i % 3u]; }
+    (void)kc_la_chol(C, 3u, 3u); /* a leading block of what kc_la_whiten has factored */
+    for (uint32_t i = 0; i < 9u; i++) { work->L[i] = C[i]; }
     zero(work->S, work->n);
     for (uint32_t j = 0; j < work->n; j++) { work->S[j * LD + j] = work->prior[j]; }
     work->phase = (uint8_t)INFORM;
+}
+
+void kc_acq_info_begin(kc_acq_t kind, const kc_est_t *est, const double cov[36], double len_m,
+                       kc_acq_work_t *work)
+{
+    const kc_acq_ask_t ask = {.kind = kind, .cov = cov, .len_m = len_m};
+    kc_acq_begin(&ask, est, work);
 }
 
 static void next(kc_acq_work_t *w, phase_t phase)
@@ -274,7 +325,7 @@ static void after(kc_acq_work_t *w, uint32_t n_cand)
     case SPREAD: next(w, WEIGH); break;
     case WEIGH: next(w, GAIN); break;
     default:
-        if (w->kind == KC_ACQ_VOPT && w->status == KC_OK) {
+        if (w->kind == KC_ACQ_VOPT && w->cost == NULL && w->status == KC_OK) {
             w->value = (w->total - w->value) / (double)n_cand;
         }
         next(w, OVER);

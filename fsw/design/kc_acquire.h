@@ -12,7 +12,8 @@ typedef enum {
     KC_ACQ_RANDOM = 1,
     KC_ACQ_DOPT = 2,
     KC_ACQ_VOPT = 3,
-    KC_ACQ_COUNT = 4
+    KC_ACQ_RATE = 4, /* information for its cost: dopt or vopt, per second or joule */
+    KC_ACQ_COUNT = 5
 } kc_acq_t;
 
 /* beta_k = 2 log(|X| k^2 pi^2 / (6 * 0.1)) * scale  (Srinivas et al. 2009, Theorem 1). */
@@ -42,6 +43,20 @@ kc_status_t kc_acq_random(const uint8_t *usable, uint32_t n_cand, uint64_t *rng,
  * KC_ERR_ARG: nothing usable, no coefficient requested, wrong kind, or cov not positive definite; KC_ERR_NUM:
  * not finite. O((n_obs + n_cand) n_coef^2). */
 #define KC_ACQ_SIGMA 1.0
+
+/* What a choice by information is asked for. */
+typedef struct {
+    kc_acq_t kind; /* dopt or vopt: the measure of information */
+    const double *cov; /* 6x6: of the next measurement */
+    double len_m;
+    /* prior of a coefficient that has none of its own: even between its bounds; else KC_ACQ_SIGMA x scale */
+    bool by_bounds;
+    double safe_m; /* a candidate where the tool's position is less certain than this (1 sigma) is taken only if
+                      all are: then the most certain one. 0: they are all alike */
+    const float *cost; /* of each candidate, > 0: the gain is taken per unit of it (vopt: that of the logarithm of
+                          the variance); NULL: the gain alone */
+} kc_acq_ask_t;
+
 typedef struct {
     double M[KC_COEF_MAX * KC_COEF_MAX]; /* covariance, in units of scale */
     double S[KC_COEF_MAX * KC_COEF_MAX]; /* information; then M (sum J'J) M (vopt) */
@@ -54,11 +69,19 @@ typedef struct {
     uint32_t i;    /* next observation or candidate */
     kc_acq_t kind;
     double W[36]; /* whitens a measurement */
+    double L[9];  /* and back: the factor of its position's covariance */
     double len_m, total;
+    bool by_bounds;
+    double safe_m2;
+    const float *cost;
     /* its result */
     kc_status_t status;
     uint32_t best;
     double value;
+    bool safe; /* the best one is certain enough */
+    double sigma2_m2; /* variance of the tool's position there, before it is measured */
+    double known; /* directions of the coefficients that the observations determine better than the prior, each
+                     counted by how much better: 0 ... n */
 } kc_acq_work_t;
 kc_status_t kc_acq_info(kc_acq_t kind, const kc_est_t *est, const float *q, uint32_t n_cand,
                         const uint8_t *usable, const double cov[36], double len_m, kc_acq_work_t *work,
@@ -66,6 +89,7 @@ kc_status_t kc_acq_info(kc_acq_t kind, const kc_est_t *est, const float *q, uint
 
 /* The same in parts: begin, then step, once a step of the process, until it answers true; then work->status,
  * best and value are what kc_acq_info gives. est, q, n_cand and usable may not change between. */
+void kc_acq_begin(const kc_acq_ask_t *ask, const kc_est_t *est, kc_acq_work_t *work);
 void kc_acq_info_begin(kc_acq_t kind, const kc_est_t *est, const double cov[36], double len_m,
                        kc_acq_work_t *work);
 bool kc_acq_info_step(const kc_est_t *est, const float *q, uint32_t n_cand, const uint8_t *usable,

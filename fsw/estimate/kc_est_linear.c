@@ -40,7 +40,9 @@ double kc_est_prior_precision(const kc_est_t *est, uint32_t c, double *centre)
     *centre = 0.0;
     if (est->opt.use_prior != 0u && k->prior_sigma > 0.0) { return 1.0 / k->prior_sigma; }
     *centre = est->start[c];
-    return (est->weak != 0u) ? 1.0 / (KC_EST_WEAK_SIGMA * k->scale) : 0.0;
+    if (est->weak == 0u) { return 0.0; }
+    const bool by_bounds = est->by_bounds != 0u && est->hold_none != 0u;
+    return 1.0 / (by_bounds ? kc_est_bound_sigma(k) : KC_EST_WEAK_SIGMA * k->scale);
 }
 
 static double sum_squares(const double *v, uint32_t n)

@@ -8,6 +8,7 @@
 _Static_assert(sizeof(kc_est_t) <= 176u * 1024u, "estimator memory budget");
 
 #define UNIT_TOL 1e-6
+#define BOUND_MIN 1e-6 /* of scale: bounds that meet leave no coefficient, but no division by zero either */
 
 static bool unit_norm(const double q[4])
 {
@@ -53,6 +54,11 @@ bool kc_est_options_good(const kc_est_t *est)
         ok = k->lb <= k->ub && k->scale > 0.0 && kc_finite(est->start[c]);
     }
     return ok;
+}
+
+double kc_est_bound_sigma(const kc_coef_t *coef)
+{
+    return kc_max(coef->ub - coef->lb, BOUND_MIN * coef->scale) / kc_sqrt(12.0);
 }
 
 uint64_t kc_est_requested(const kc_est_t *est)

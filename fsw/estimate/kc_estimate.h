@@ -81,6 +81,7 @@ typedef struct {
     /* hold_none: every requested coefficient is estimated; the weak prior decides what the data do not
      * (the most likely arm within its bounds, for a few observations) */
     uint8_t hold_none;
+    uint8_t by_bounds; /* the weak prior of hold_none is that of kc_est_bound_sigma, about start */
     uint32_t without; /* observation that is rejected beforehand, from 1; 0: none */
     kc_obs_t obs[KC_MEAS_MAX];
     double start[KC_COEF_MAX]; /* estimated ones are clipped to their bounds */
@@ -123,6 +124,9 @@ typedef struct {
 /* Append an observation. KC_ERR_FULL at KC_MEAS_MAX; KC_ERR_ARG if not finite, not unit norm
  * (1e-6), or the covariance is not positive definite; est unchanged then. */
 kc_status_t kc_est_add(kc_est_t *est, const kc_obs_t *obs);
+
+/* Sigma of a coefficient that lies anywhere between its bounds, with equal chance. */
+double kc_est_bound_sigma(const kc_coef_t *coef);
 
 /* Solve from start. KC_OK: converged. KC_ERR_ITER: best so far. KC_ERR_RANK: nothing free can be
  * determined, coef = start and status says why. KC_ERR_ARG (options out of range, bounds crossed,

@@ -13,6 +13,12 @@
  * not asked for, and it counts in full (METHOD.md 6.1). */
 typedef enum { KC_RIGHT_IN_CAMERA = 0, KC_RIGHT_IN_LANDER = 1 } kc_right_in_t;
 
+/* How the initial poses are chosen: in the order of SPACE, all of them; or by information, as many as are needed. */
+typedef enum { KC_INITIAL_TABLE = 0, KC_INITIAL_INFORMATION = 1 } kc_initial_t;
+
+/* What `rate` counts as the cost of a pose. */
+typedef enum { KC_COST_TIME = 0, KC_COST_ENERGY = 1 } kc_cost_t;
+
 typedef struct {
     /* design */
     uint8_t acquisition; /* kc_acq_t */
@@ -72,6 +78,16 @@ typedef struct {
     uint64_t store_retry_us; /* from a failure to the next try */
     uint64_t approval_timeout_us; /* APPROVE_GO must follow APPROVE_ARM in this time */
     uint64_t signed_age_max_us; /* largest difference between the stamp of a signed message and the clock */
+    /* initial design (fsw/decide/kc_local.h) */
+    uint8_t initial_design; /* kc_initial_t */
+    double local_safe_m, leave_safe_m;
+    double doubt_p;
+    double outside_factor;
+    double power_min;
+    /* acquisition `rate` */
+    uint8_t rate_measure; /* kc_acq_t: dopt or vopt */
+    uint8_t rate_cost; /* kc_cost_t */
+    double frame_s; /* time from a frame's request to its detection */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

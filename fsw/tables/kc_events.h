@@ -306,7 +306,16 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "None if ABORT is what you want. Otherwise send it again.")                                            \
     X(137, ARM_NOT_HELD, ERROR,                                                                              \
       "the arm still moves to flight's last target {got:s} after flight commanded hold",                     \
-      "Stop it at its controller. Find out why KC_ARM_CMD does not reach it or is ignored.")
+      "Stop it at its controller. Find out why KC_ARM_CMD does not reach it or is ignored.")                 \
+    X(140, CAL_LEAVES_PARK, INFO,                                                                            \
+      "the arm leaves the park pose after {index:count} local initial poses: an arm outside its bounds "     \
+      "would have shown with probability {got:number}; tool known to {want:mm} at the next pose",            \
+      "")                                                                                                    \
+    X(141, CAL_DOUBT, WARN,                                                                                  \
+      "the first {index:count} observations have probability {got:number}, required {want:number}: all "     \
+      "local "                                                                                               \
+      "initial poses are measured",                                                                          \
+      "None: CAL_MODEL_MISMATCH follows if no correction within its bounds explains them.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

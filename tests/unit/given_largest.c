@@ -171,6 +171,6 @@ void given_poses(uint32_t n)
         (void)kc_gp_add(&arena->gp, &arena->cand_pt[i], -0.1 * (double)(i % 7u), arena->cand_pt);
         kc_plan_measured(&APP->plan, &world.space, i);
     }
-    APP->plan.i_initial = world.space.n_initial;
+    APP->plan.begun = UINT32_MAX; /* initial poses */
     memcpy(APP->est.coef, APP->learned.coef, sizeof APP->est.coef);
 }

@@ -180,6 +180,14 @@ void given_config(kc_config_t *c)
     c->store_retry_us = 1000000u;
     c->approval_timeout_us = 600000000u;
     c->signed_age_max_us = 3600000000u;
+    c->initial_design = KC_INITIAL_TABLE;
+    c->local_safe_m = 0.02;
+    c->leave_safe_m = 0.06;
+    c->doubt_p = 0.01;
+    c->outside_factor = 2.0;
+    c->power_min = 0.9;
+    c->rate_measure = KC_ACQ_DOPT;
+    c->frame_s = 0.3;
 }
 
 /* Joints spread over the middle of the limits by a low-discrepancy sequence. */

@@ -510,3 +510,161 @@ void test_information_in_parts_gives_the_same_bits(void)
         TEST_ASSERT_EQUAL_MEMORY(&s_value, &s_work.value, sizeof s_value);
     }
 }
+
+/* ---- prior by bounds, safe candidates, cost ---- */
+
+static kc_acq_ask_t asked(kc_acq_t kind)
+{
+    return (kc_acq_ask_t){.kind = kind, .cov = s_cov, .len_m = 0.3};
+}
+
+static void answer(const kc_acq_ask_t *ask)
+{
+    kc_work_t all = kc_work_unlimited();
+    kc_acq_begin(ask, &s_est, &s_work);
+    (void)kc_acq_info_step(&s_est, s_q, N_CAND, s_usable, &s_work, &all);
+}
+
+/* Position sigma of candidate c before it is measured, alone. */
+static double sigma_of(uint32_t c, kc_acq_ask_t ask)
+{
+    memset(s_usable, 0, sizeof s_usable);
+    s_usable[c] = 1u;
+    answer(&ask);
+    memset(s_usable, 1, sizeof s_usable);
+    return sqrt(s_work.sigma2_m2);
+}
+
+void test_the_prior_by_bounds_is_that_of_errors_anywhere_between_them(void)
+{
+    kc_acq_ask_t ask = asked(KC_ACQ_DOPT);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 2u, 0.0);
+    for (uint32_t c = 0u; c < s_terms.n_coef; c++) {
+        double half = s_terms.coef[c].scale * sqrt(3.0); /* the sigma is the scale */
+        s_terms.coef[c].lb = -0.5 * half;
+        s_terms.coef[c].ub = 1.5 * half;
+    }
+    answer(&ask);
+    const double usual = s_work.value;
+    ask.by_bounds = true;
+    answer(&ask);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, usual, s_work.value);
+    for (uint32_t c = 0u; c < s_terms.n_coef; c++) { s_terms.coef[c].ub *= 3.0; }
+    answer(&ask);
+    TEST_ASSERT_TRUE(s_work.value > usual + 1.0);
+    s_est.opt.use_prior = 1u; /* an own prior counts, not the bounds */
+    for (uint32_t c = 0u; c < s_terms.n_coef; c++) { s_terms.coef[c].prior_sigma = s_terms.coef[c].scale; }
+    answer(&ask);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, usual, s_work.value);
+    s_est.opt.use_prior = 0u;
+    s_terms.coef[0].ub = s_terms.coef[0].lb; /* no room, and nothing to gain */
+    answer(&ask);
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_work.status);
+}
+
+void test_directions_known_are_none_before_and_at_most_the_rows_of_the_observations(void)
+{
+    kc_acq_ask_t ask = asked(KC_ACQ_DOPT);
+    double before = 0.0;
+    for (uint32_t n = 0u; n <= 4u; n++) {
+        given_session(&s_est, &s_arm, &s_terms, s_truth, n, 0.0);
+        answer(&ask);
+        TEST_ASSERT_TRUE(s_work.known <= (double)(6u * n) + 1e-9);
+        TEST_ASSERT_TRUE(n == 0u ? fabs(s_work.known) < 1e-9 : s_work.known > before + 2.0);
+        before = s_work.known;
+    }
+}
+
+/* J M J' of the position, with noise of other sizes along every axis and two of them in common. */
+void test_the_sigma_of_a_candidate_is_that_of_its_predicted_position(void)
+{
+    matrix_t A, M;
+    given_requests(5u);
+    known_before(A);
+    (void)inverted(A, M);
+    s_cov[1] = s_cov[6] = 0.4 * sqrt(s_cov[0] * s_cov[7]);
+    s_cov[4] = s_cov[24] = -0.3 * sqrt(s_cov[0] * s_cov[28]);
+    for (uint32_t c = 0u; c < 3u; c++) {
+        matrix_t B = {{0.0}};
+        const double unit[3] = {1.0, 1.0, 1.0};
+        double sum = 0.0;
+        informed(&s_at[c], unit, 3u, B);
+        for (uint32_t i = 0u; i < N_REQ; i++) {
+            for (uint32_t j = 0u; j < N_REQ; j++) { sum += B[i][j] * M[j][i]; }
+        }
+        double sigma = sigma_of(c, asked(KC_ACQ_DOPT));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-9 * sigma, sqrt(sum), sigma);
+    }
+}
+
+void test_safe_candidates_come_first_and_then_the_most_certain_one(void)
+{
+    kc_acq_ask_t ask = asked(KC_ACQ_DOPT);
+    double sigma[N_CAND], least = INFINITY, most = 0.0;
+    uint32_t certain = 0u, best;
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 3u, 0.0);
+    for (uint32_t c = 0u; c < N_CAND; c++) {
+        sigma[c] = sigma_of(c, ask);
+        if (sigma[c] < least) { certain = c; }
+        least = fmin(least, sigma[c]);
+        most = fmax(most, sigma[c]);
+    }
+    answer(&ask);
+    best = s_work.best;
+    TEST_ASSERT_TRUE(s_work.safe);
+    ask.safe_m = 1.001 * most;
+    answer(&ask);
+    TEST_ASSERT_EQUAL_UINT32(best, s_work.best);
+    ask.safe_m = 0.999 * sigma[best];
+    answer(&ask);
+    TEST_ASSERT_TRUE(s_work.safe && s_work.best != best);
+    TEST_ASSERT_TRUE(sigma[s_work.best] <= ask.safe_m);
+    ask.safe_m = 0.999 * least;
+    answer(&ask);
+    TEST_ASSERT_FALSE(s_work.safe);
+    TEST_ASSERT_EQUAL_UINT32(certain, s_work.best);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, least, sqrt(s_work.sigma2_m2));
+    TEST_ASSERT_EQUAL_INT(KC_OK, s_work.status);
+}
+
+void test_gain_is_counted_for_its_cost(void)
+{
+    float cost[N_CAND];
+    kc_acq_ask_t ask = asked(KC_ACQ_DOPT);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 0.0);
+    answer(&ask);
+    const uint32_t best = s_work.best;
+    const double most = s_work.value;
+    for (uint32_t c = 0u; c < N_CAND; c++) { cost[c] = 4.0f; }
+    ask.cost = cost;
+    answer(&ask);
+    TEST_ASSERT_EQUAL_UINT32(best, s_work.best);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12 * most, most / 4.0, s_work.value);
+    cost[best] = 4e6f;
+    answer(&ask);
+    TEST_ASSERT_TRUE(s_work.best != best);
+}
+
+/* vopt: the logarithm of what is left of the variance. */
+void test_variance_is_counted_for_its_cost_by_its_logarithm(void)
+{
+    float cost[N_CAND];
+    kc_acq_ask_t ask = asked(KC_ACQ_VOPT);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 0.0);
+    answer(&ask);
+    const uint32_t best = s_work.best;
+    const double left = s_work.value * (double)N_CAND;
+    for (uint32_t c = 0u; c < N_CAND; c++) { cost[c] = 2.0f; }
+    ask.cost = cost;
+    answer(&ask);
+    TEST_ASSERT_EQUAL_UINT32(best, s_work.best);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.5 * log(s_work.total / left), s_work.value);
+}
+
+void test_rate_is_no_measure_of_its_own(void)
+{
+    kc_acq_ask_t ask = asked(KC_ACQ_RATE);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 6u, 0.0);
+    answer(&ask);
+    TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, s_work.status);
+}

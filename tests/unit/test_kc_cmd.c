@@ -291,11 +291,11 @@ void test_more_commands_than_one_step_takes_are_left_out(void)
 void test_start_with_bad_arguments_is_refused(void)
 {
     given_idle();
-    (void)world_cmd(KC_CMD_START, 4, 0, 0);
+    (void)world_cmd(KC_CMD_START, KC_ACQ_COUNT, 0, 0);
     refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
     TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CMD_ARG].index);
-    TEST_ASSERT_EQUAL_DOUBLE(4.0, world.last[KC_EVT_CMD_ARG].got);
-    TEST_ASSERT_EQUAL_DOUBLE(3.0, world.last[KC_EVT_CMD_ARG].want);
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, world.last[KC_EVT_CMD_ARG].got);
+    TEST_ASSERT_EQUAL_DOUBLE(4.0, world.last[KC_EVT_CMD_ARG].want);
     (void)world_cmd(KC_CMD_START, -2, 0, 0);
     refused(KC_ERR_ARG, KC_EVT_CMD_ARG);
     (void)world_cmd(KC_CMD_START, -1, 65, 0);
@@ -818,9 +818,9 @@ void test_a_refused_argument_is_named_with_what_came_and_the_most_there_may_be(v
 {
     const double can = (double)((1ull << 28) - 1u);
     given_idle();
-    for (int32_t off = -2; off <= 4; off += 6) {
+    for (int32_t off = -2; off <= 5; off += 7) {
         (void)world_cmd(KC_CMD_START, off, 3, 0);
-        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 0, off, 3.0);
+        refused_for(KC_ERR_ARG, KC_EVT_CMD_ARG, 0, off, 4.0);
     }
     for (int32_t off = -1; off <= 65; off += 66) {
         (void)world_cmd(KC_CMD_START, 2, off, 0);

@@ -41,7 +41,7 @@ typedef struct {
 } spoil_t;
 #define AT(member) offsetof(kc_config_t, member)
 static const spoil_t s_spoil[] = {
-    {1, AT(acquisition), 'b', 4.0},
+    {1, AT(acquisition), 'b', 5.0},
     {2, AT(n_poses), 'u', 0.0},
     {2, AT(n_poses), 'u', 65.0},
     {3, AT(replicate_every), 'u', 65.0},
@@ -114,6 +114,15 @@ static const spoil_t s_spoil[] = {
     {69, AT(store_retry_us), 'l', 0.0},
     {70, AT(approval_timeout_us), 'l', 4e9},
     {72, AT(signed_age_max_us), 'l', 4e12},
+    {73, AT(initial_design), 'b', 2.0},
+    {74, AT(local_safe_m), 'd', 0.0},
+    {75, AT(leave_safe_m), 'd', 0.0},
+    {76, AT(doubt_p), 'd', 0.6},
+    {77, AT(outside_factor), 'd', 1.0},
+    {78, AT(power_min), 'd', 1.0},
+    {79, AT(rate_measure), 'b', 1.0},
+    {80, AT(rate_cost), 'b', 2.0},
+    {81, AT(frame_s), 'd', -0.1},
 };
 
 static void spoil(const spoil_t *s, double value)

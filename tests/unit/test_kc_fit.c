@@ -172,6 +172,16 @@ void test_local_poses_that_are_all_a_little_off_are_another_arm(void)
     TEST_ASSERT_TRUE(mismatch(5u, 5u));
 }
 
+void test_noise_and_outliers_of_other_poses_are_no_other_arm(void)
+{
+    s_est.hold_none = 1u;
+    s_est.dof = 12u;
+    s_est.noise_scale = 3.501;
+    s_est.n_outliers = 3u;
+    TEST_ASSERT_TRUE(mismatch(5u, 5u));
+    TEST_ASSERT_FALSE(mismatch(6u, 5u));
+}
+
 void test_one_limit_is_enough_for_local_poses_to_be_checked(void)
 {
     s_est.hold_none = 1u;

@@ -383,7 +383,7 @@ static const limit_t s_limit[] = {
     {KC_TBL_KERNEL, 9u, 1, offsetof(kc_kernel_t, hyper[1].n_w), 'u', 1.0, 96.0, false},
     {KC_TBL_KERNEL, 10u, 1, offsetof(kc_kernel_t, hyper[1].w[20]), 'd', 0.0, 1.0, false},
     {KC_TBL_KERNEL, 11u, 1, offsetof(kc_kernel_t, hyper[1].trunc_err), 'd', 0.0, 0.1, false},
-    {KC_TBL_CONFIG, 1u, -1, offsetof(kc_config_t, acquisition), 'b', 0.0, 3.0, false},
+    {KC_TBL_CONFIG, 1u, -1, offsetof(kc_config_t, acquisition), 'b', 0.0, 4.0, false},
     {KC_TBL_CONFIG, 2u, -1, offsetof(kc_config_t, n_poses), 'u', 1.0, 64.0, false},
     {KC_TBL_CONFIG, 3u, -1, offsetof(kc_config_t, replicate_every), 'u', 0.0, 64.0, false},
     {KC_TBL_CONFIG, 4u, -1, offsetof(kc_config_t, beta_scale), 'd', 0.0, 1e3, false},
@@ -454,6 +454,15 @@ static const limit_t s_limit[] = {
     {KC_TBL_CONFIG, 69u, -1, offsetof(kc_config_t, store_retry_us), 'l', 1000.0, 3600000000.0, false},
     {KC_TBL_CONFIG, 70u, -1, offsetof(kc_config_t, approval_timeout_us), 'l', 1000000.0, 3600000000.0, false},
     {KC_TBL_CONFIG, 71u, -1, offsetof(kc_config_t, frame), 'b', 0.0, 1.0, false},
+    {KC_TBL_CONFIG, 73u, -1, offsetof(kc_config_t, initial_design), 'b', 0.0, 1.0, false},
+    {KC_TBL_CONFIG, 74u, -1, offsetof(kc_config_t, local_safe_m), 'd', 1e-12, 10.0, false},
+    {KC_TBL_CONFIG, 75u, -1, offsetof(kc_config_t, leave_safe_m), 'd', 1e-12, 10.0, false},
+    {KC_TBL_CONFIG, 76u, -1, offsetof(kc_config_t, doubt_p), 'd', 0.0, 0.5, false},
+    {KC_TBL_CONFIG, 77u, -1, offsetof(kc_config_t, outside_factor), 'd', 1.001, 100.0, false},
+    {KC_TBL_CONFIG, 78u, -1, offsetof(kc_config_t, power_min), 'd', 0.0, 0.999999, false},
+    {KC_TBL_CONFIG, 79u, -1, offsetof(kc_config_t, rate_measure), 'b', 2.0, 3.0, false},
+    {KC_TBL_CONFIG, 80u, -1, offsetof(kc_config_t, rate_cost), 'b', 0.0, 1.0, false},
+    {KC_TBL_CONFIG, 81u, -1, offsetof(kc_config_t, frame_s), 'd', 0.0, 3600.0, false},
 };
 
 static void given_table(uint16_t kind)

@@ -210,3 +210,95 @@ void test_a_reserve_pose_is_not_taken_while_others_may_still_determine_the_coeff
     TEST_ASSERT_TRUE(kc_plan_next(&s_plan, &s_space, 0u, true, &cand));
     TEST_ASSERT_EQUAL_UINT32(12u, cand);
 }
+
+/* ---- initial design by information ---- */
+
+static uint8_t s_eligible[KC_CAND_MAX];
+
+static uint32_t count_eligible(void)
+{
+    uint32_t n = 0u;
+    for (uint32_t c = 0u; c < KC_CAND_MAX; c++) { n += s_eligible[c] != 0u ? 1u : 0u; }
+    return n;
+}
+
+static void given_informed(uint32_t n_local, uint32_t n_reserve)
+{
+    given(n_local, n_reserve, 5u);
+    s_config.initial_design = KC_INITIAL_INFORMATION;
+    kc_plan_start(&s_plan, &s_space, &s_config, 5u);
+}
+
+void test_local_poses_are_chosen_once_one_of_them_is_measured(void)
+{
+    given_informed(4u, 1u);
+    TEST_ASSERT_FALSE(kc_plan_local(&s_plan, &s_space, s_eligible));
+    measure(next());
+    TEST_ASSERT_TRUE(kc_plan_local(&s_plan, &s_space, s_eligible));
+    TEST_ASSERT_EQUAL_UINT32(2u, count_eligible()); /* but for the one begun and the reserve */
+    TEST_ASSERT_EQUAL_UINT8(1u, s_eligible[11]);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_eligible[12]);
+    kc_plan_begin(&s_plan, &s_space, 12u);
+    TEST_ASSERT_EQUAL_UINT32(2u, s_plan.n_tried);
+    TEST_ASSERT_TRUE(kc_plan_local(&s_plan, &s_space, s_eligible));
+    TEST_ASSERT_EQUAL_UINT32(1u, count_eligible());
+    TEST_ASSERT_EQUAL_UINT32(11u, next()); /* in the order of the table: what is left */
+    TEST_ASSERT_FALSE(kc_plan_local(&s_plan, &s_space, s_eligible));
+}
+
+void test_no_local_pose_is_chosen_after_another_pose_or_while_one_is_to_be_repeated(void)
+{
+    given_informed(4u, 0u);
+    measure(next());
+    kc_plan_again(&s_plan, 0u);
+    TEST_ASSERT_FALSE(kc_plan_local(&s_plan, &s_space, s_eligible));
+    (void)next();
+    TEST_ASSERT_TRUE(kc_plan_local(&s_plan, &s_space, s_eligible));
+    measure(1u);
+    TEST_ASSERT_FALSE(kc_plan_local(&s_plan, &s_space, s_eligible));
+    given(4u, 0u, 5u); /* in the order of the table */
+    measure(next());
+    TEST_ASSERT_FALSE(kc_plan_local(&s_plan, &s_space, s_eligible));
+}
+
+void test_local_poses_that_may_not_be_needed_are_not_counted_before(void)
+{
+    given_informed(4u, 0u);
+    TEST_ASSERT_EQUAL_UINT32(5u, s_plan.n_goal);
+    measure(next());
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_plan_choose(&s_plan, &s_space, 12u));
+    TEST_ASSERT_EQUAL_UINT32(7u, s_plan.n_goal);
+}
+
+void test_after_local_poses_comes_any_candidate_or_the_next_initial_pose(void)
+{
+    given_informed(4u, 0u);
+    kc_plan_after_local(&s_plan, &s_space, false, s_eligible);
+    TEST_ASSERT_EQUAL_UINT32(16u, count_eligible());
+    kc_plan_after_local(&s_plan, &s_space, true, s_eligible);
+    TEST_ASSERT_EQUAL_UINT32(1u, count_eligible());
+    TEST_ASSERT_EQUAL_UINT8(1u, s_eligible[0]);
+    kc_plan_skipped(&s_plan, 0u);
+    kc_plan_begin(&s_plan, &s_space, 1u);
+    kc_plan_after_local(&s_plan, &s_space, true, s_eligible);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_eligible[2]);
+    kc_plan_skipped(&s_plan, 2u);
+    kc_plan_after_local(&s_plan, &s_space, true, s_eligible);
+    TEST_ASSERT_EQUAL_UINT32(0u, count_eligible());
+}
+
+void test_an_arm_that_leaves_measures_no_local_pose_any_more(void)
+{
+    given_informed(4u, 2u);
+    measure(next());
+    kc_plan_leave(&s_plan, &s_space, true);
+    kc_plan_begin(&s_plan, &s_space, 0u);
+    TEST_ASSERT_FALSE(kc_plan_local(&s_plan, &s_space, s_eligible));
+    TEST_ASSERT_FALSE(kc_plan_no_tags(&s_plan, &s_space, &s_config));
+    TEST_ASSERT_EQUAL_UINT32(1u, s_plan.n_tried); /* a candidate is no local pose */
+    TEST_ASSERT_EQUAL_UINT32(1u, next());
+    given_informed(4u, 2u);
+    measure(next());
+    kc_plan_leave(&s_plan, &s_space, false);
+    TEST_ASSERT_EQUAL_UINT32(999u, next()); /* the acquisition's turn */
+}

@@ -2,4 +2,4 @@
 
 from typing import Literal
 
-Acquisition = Literal["ucb", "random", "dopt", "vopt"]
+Acquisition = Literal["ucb", "random", "dopt", "vopt", "rate"]

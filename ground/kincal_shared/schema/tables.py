@@ -555,6 +555,24 @@ class ConfigSource(Source):
     """Time in which APPROVE_GO must follow APPROVE_ARM."""
     signed_age_max_us: Microseconds = 43_200_000_000
     """Largest difference between the stamp of a signed message and flight's clock; 0: not checked."""
+    initial_design: Literal["table", "information"] = "information"
+    """Initial poses: table, all in the order of SPACE; information, as many as are needed, by their information."""
+    local_safe_m: Real = 0.02
+    """Sigma of the tool's position up to which a local initial pose may be chosen [m]."""
+    leave_safe_m: Real = 0.06
+    """Sigma of the tool's position at a pose up to which the arm may leave the park pose for it [m]."""
+    doubt_p: Real = 0.01
+    """p-value of the first observations below which all local initial poses are measured."""
+    outside_factor: Real = 2.0
+    """An arm outside its bounds: one with errors this many times as large."""
+    power_min: Real = 0.9
+    """Probability with which it has to cast doubt before the arm leaves the park pose."""
+    rate_measure: Literal["dopt", "vopt"] = "dopt"
+    """What rate takes as information."""
+    rate_cost: Literal["time", "energy"] = "time"
+    """What rate takes as cost: seconds or joules."""
+    frame_s: Real = 0.3
+    """Time from the request of a frame to its detection [s]."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock
