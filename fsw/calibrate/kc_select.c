@@ -83,7 +83,7 @@ static bool inform(kc_cal_t *cal, kc_arena_calibration_t *arena, const kc_view_t
     const kc_active_t *a = view->tables;
     kc_choice_t *ch = &arena->choice;
     if (ch->part == JOINTS) {
-        const double *cov = view->est->obs[view->plan->n_meas - 1u].cov; /* expected noise of the next one */
+        const double *cov = view->est->obs[view->est->n_obs - 1u].cov; /* expected noise of the next one */
         if (!predict_joints(arena, view, work)) { return false; }
         kc_acq_info_begin(cal->acq, view->est, cov, a->config.vopt_len_m, &arena->acq);
         ch->part = INFORMATION;

@@ -72,18 +72,19 @@ static bool beyond(const kc_config_t *c, kc_miss_t miss)
            (c->mismatch_rot_rad > 0.0 && miss.rot_rad > c->mismatch_rot_rad);
 }
 
-bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss, uint32_t n_meas,
-                     uint32_t n_local, uint32_t *worst)
+bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss,
+                     const kc_plan_t *plan, uint32_t *worst)
 {
     bool newest_too = local_mismatch(config, est);
-    uint32_t n = 0u;
+    uint32_t n = 0u, last = 0u; /* poses, and the last of them */
     *worst = 0u;
     if (est->rank < est->n_free && !est->hold_none) { return false; } /* a coefficient is held */
-    for (uint32_t i = 0u; i < n_meas; i++) {
+    for (uint32_t i = 0u; i < plan->n_obs; i++) {
         bool left_out = i + 1u == est->without;
-        if (left_out || (!beyond(config, miss[i]) && (!newest_too || i + 1u != n_meas))) { continue; }
-        n++;
+        if (left_out || (!beyond(config, miss[i]) && (!newest_too || i + 1u != plan->n_obs))) { continue; }
+        n += plan->pose_of[i] != last ? 1u : 0u;
+        last = plan->pose_of[i];
         *worst = i;
     }
-    return n >= (n_meas > n_local ? 2u : 1u);
+    return n >= (kc_plan_only_local(plan) ? 1u : 2u);
 }

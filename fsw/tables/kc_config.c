@@ -117,6 +117,13 @@ static void walk_decisions(kc_walk_t *w, kc_config_t *c)
                  (double)c->signed_age_max_us);
 }
 
+static void walk_way(kc_walk_t *w, kc_config_t *c)
+{
+    kc_walk_u32(w, 73u, &c->way_obs_max, 0u, KC_MEAS_MAX); /* 0 = off */
+    kc_walk_f64(w, 74u, &c->way_pos_m, TINY, 10.0);
+    kc_walk_f64(w, 75u, &c->way_rot_rad, TINY, 3.2);
+}
+
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
 {
     walk_design(w, c);
@@ -125,6 +132,7 @@ void kc_config_walk(kc_walk_t *w, kc_config_t *c)
     walk_estimating(w, c);
     walk_policy(w, c);
     walk_decisions(w, c);
+    walk_way(w, c);
 }
 
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got)
