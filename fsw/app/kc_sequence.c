@@ -134,6 +134,16 @@ static kc_outcome_t store(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     return kc_outcome(KC_OC_STAY);
 }
 
+static kc_outcome_t measure(kc_app_t *app, kc_out_t *out)
+{
+    const kc_observe_t *o = &app->observe;
+    kc_outcome_t oc = kc_measure_run(&app->frames, &app->request, &app->est, o->taken_at, &app->view, out);
+    if (oc.id == KC_OC_DONE && o->taken_at != KC_AT_CANDIDATE) {
+        kc_plan_on_the_way(&app->plan, o->taken_at);
+    }
+    return kc_observe_measured(o, oc);
+}
+
 static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
@@ -151,7 +161,7 @@ static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     case KC_ST_REST: return kc_rest_run(&app->rest, v, out);
     case KC_ST_OBSERVE: return kc_observe_run(&app->observe, &app->request, v, out);
     case KC_ST_SEARCH: return kc_observe_search(&app->observe, &app->request, v, out);
-    case KC_ST_MEASURE: return kc_measure_run(&app->frames, &app->request, &app->est, v, out);
+    case KC_ST_MEASURE: return measure(app, out);
     case KC_ST_UPDATE: return kc_update_solve(&app->update, &app->learned, &app->est, &arena->gp, v, work);
     case KC_ST_REFINE: return kc_update_refine(&app->update, &app->learned, &app->est, v, work);
     case KC_ST_LEARN:

@@ -96,7 +96,7 @@ static void ask(const kc_cal_t *cal, kc_arena_calibration_t *arena, const kc_vie
     kc_acq_t kind = rate ? (kc_acq_t)c->rate_measure : cal->acq;
     const kc_acq_ask_t asked = {
         .kind = local || !informed(cal) ? KC_ACQ_DOPT : kind,
-        .cov = view->est->obs[view->plan->n_meas - 1u].cov, /* expected noise of the next one */
+        .cov = view->est->obs[view->est->n_obs - 1u].cov, /* expected noise of the next one */
         .len_m = c->vopt_len_m,
         .by_bounds = designed || rate,
         .safe_m = designed ? safe_m : 0.0,
@@ -164,8 +164,8 @@ static bool inform(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena
         ch->part = INFORMATION;
     }
     while (ch->part == INFORMATION || ch->part == LOCAL) {
-        if (!kc_acq_info_step(view->est, arena->cand_q, view->tables->space.n_cand, ch->eligible,
-                              &arena->acq, work) ||
+        if (!kc_acq_info_step(view->est, arena->cand_q, view->tables->space.n_cand, ch->eligible, &arena->acq,
+                              work) ||
             !kc_work_take(work, ch->initial ? KC_LOCAL_COST : 0u)) {
             return false;
         }

@@ -53,13 +53,12 @@ static kc_miss_t miss_of(const kc_view_t *view, const double *coef, uint32_t i)
     return (kc_miss_t){kc_v3_norm(r), kc_v3_norm(&r[3])};
 }
 
-/* Residuals of all poses at coef into dp_m, dr_rad; the last one is the newest pose. False: goes on in the next
- * step. */
+/* Residuals of all observations at coef into dp_m, dr_rad. False: goes on in the next step. */
 static bool misses(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view, const double *coef,
                    kc_work_t *work)
 {
     const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, true);
-    for (; cursor->i < view->plan->n_meas; cursor->i++) {
+    for (; cursor->i < view->plan->n_obs; cursor->i++) {
         if (!kc_work_take(work, cost)) { return false; }
         kc_miss_t miss = miss_of(view, coef, cursor->i);
         learned->dp_m[cursor->i] = miss.pos_m;
@@ -68,17 +67,26 @@ static bool misses(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *
     return true;
 }
 
-/* Objective of all poses from their residuals with the latest correction. */
+/* Objective of all poses from their residuals with the latest correction; observations on the way to them are not in
+ * it. */
 static void objective(kc_learned_t *learned, const kc_view_t *view)
 {
     const kc_config_t *c = &view->tables->config;
-    kc_acq_objective(learned->dp_m, learned->dr_rad, view->plan->n_meas, c->a1, c->sp_floor_m,
-                     c->sq_floor_rad, learned->y);
+    const kc_plan_t *p = view->plan;
+    double dp_m[KC_MEAS_MAX], dr_rad[KC_MEAS_MAX];
+    for (uint32_t k = 0u; k < p->n_meas; k++) {
+        dp_m[k] = learned->dp_m[p->obs_of[k]];
+        dr_rad[k] = learned->dr_rad[p->obs_of[k]];
+    }
+    kc_acq_objective(dp_m, dr_rad, p->n_meas, c->a1, c->sp_floor_m, c->sq_floor_rad, learned->y);
 }
+
+/* Observation of the newest pose. */
+static uint32_t newest_obs(const kc_view_t *view) { return view->plan->obs_of[view->plan->n_meas - 1u]; }
 
 static kc_point_t newest_point(const kc_view_t *view)
 {
-    const kc_obs_t *obs = &view->est->obs[view->plan->n_meas - 1u];
+    const kc_obs_t *obs = &view->est->obs[newest_obs(view)];
     kc_point_t x;
     kc_v3_copy(obs->p_m, x.p_m);
     memcpy(x.q_wxyz, obs->q_wxyz, sizeof x.q_wxyz);
@@ -131,14 +139,14 @@ static bool predicts_better(const kc_learned_t *learned, const kc_view_t *view, 
 static void begin_estimate(kc_learned_t *learned, kc_est_t *est, const kc_gp_t *gp, const kc_view_t *view)
 {
     const kc_plan_t *p = view->plan;
-    uint32_t newest = p->n_meas - 1u;
+    uint32_t newest = newest_obs(view);
     kc_point_t x = newest_point(view);
     double var = 0.0;
     /* observations near one posture leave much undetermined */
-    est->hold_none = p->n_meas == p->n_local || (p->by_information && !kc_plan_enough(p)) ? 1u : 0u;
+    est->hold_none = kc_plan_only_local(p) || (p->by_information && !kc_plan_enough(p)) ? 1u : 0u;
     objective(learned, view);
     learned->res = (kc_miss_t){learned->dp_m[newest], learned->dr_rad[newest]};
-    learned->f = learned->y[newest];
+    learned->f = learned->y[p->n_meas - 1u];
     learned->trusted = predicts_better(learned, view, newest);
     learned->gp_mean = 0.0;
     if (learned->gp_ok) { kc_gp_predict(gp, &x, &learned->gp_mean, &var); }
@@ -193,25 +201,34 @@ kc_outcome_t kc_update_refine(kc_update_t *cursor, kc_learned_t *learned, kc_est
 
 /* ---- LEARN ---- */
 
+static kc_event_id_t outlier_event(bool outlier, bool on_way)
+{
+    if (on_way) { return outlier ? KC_EVT_CAL_WAY_OUTLIER : KC_EVT_CAL_WAY_OUTLIER_ACCEPTED; }
+    return outlier ? KC_EVT_CAL_OUTLIER : KC_EVT_CAL_OUTLIER_ACCEPTED;
+}
+
 static void report_outliers(kc_learned_t *learned, const kc_view_t *view, kc_out_t *out)
 {
     const uint8_t *outlier = view->est->outlier;
-    for (uint32_t i = 0u; i < view->plan->n_meas; i++) {
-        kc_event_id_t id = outlier[i] ? KC_EVT_CAL_OUTLIER : KC_EVT_CAL_OUTLIER_ACCEPTED;
+    const kc_plan_t *p = view->plan;
+    for (uint32_t i = 0u; i < p->n_obs; i++) {
+        bool on_way = p->taken_at[i] != (uint8_t)KC_AT_CANDIDATE;
         if (!outlier[i] != !learned->outlier_reported[i]) {
-            kc_event(&out->events, id, (int32_t)i + 1, 0.0, 0.0);
+            kc_event(&out->events, outlier_event(outlier[i] != 0u, on_way), (int32_t)p->pose_of[i],
+                     on_way ? (double)i + 1.0 : 0.0, 0.0);
         }
         learned->outlier_reported[i] = outlier[i];
     }
 }
 
-/* By the residuals at the new estimate; *worst: the newest pose that is a mismatch. */
+/* By the residuals at the new estimate; *worst: the newest observation that is a mismatch. */
 static bool mismatch(const kc_learned_t *learned, const kc_view_t *view, uint32_t *worst)
 {
     kc_miss_t miss[KC_MEAS_MAX];
-    uint32_t n = view->plan->n_meas;
-    for (uint32_t i = 0u; i < n; i++) { miss[i] = (kc_miss_t){learned->dp_m[i], learned->dr_rad[i]}; }
-    return kc_fit_mismatch(&view->tables->config, view->est, miss, n, view->plan->n_local, worst);
+    for (uint32_t i = 0u; i < view->plan->n_obs; i++) {
+        miss[i] = (kc_miss_t){learned->dp_m[i], learned->dr_rad[i]};
+    }
+    return kc_fit_mismatch(&view->tables->config, view->est, miss, view->plan, worst);
 }
 
 /* Whether the estimate is that of the arm that was verified. Among local initial poses, one bad detection is
@@ -223,7 +240,7 @@ static kc_outcome_t evaluate(kc_learned_t *learned, kc_est_t *est, kc_plan_t *pl
     bool is_solved = kc_fit_solved(learned->status);
     bool fits = !is_solved || !mismatch(learned, view, &worst);
     kc_leave_out_answer_t answer = fits ? KC_LEAVE_OUT_DONE : KC_LEAVE_OUT_NONE;
-    if (plan->n_meas == plan->n_local) {
+    if (kc_plan_only_local(plan)) {
         double cost = is_solved ? est->cost : KC_INF;
         answer = kc_leave_out_next(&learned->leave_out, &view->tables->config, plan, est->obs, fits, cost,
                                    &est->without);
@@ -231,11 +248,11 @@ static kc_outcome_t evaluate(kc_learned_t *learned, kc_est_t *est, kc_plan_t *pl
     if (answer == KC_LEAVE_OUT_AGAIN) { return kc_outcome(KC_OC_AGAIN); }
     report_outliers(learned, view, out);
     if (answer == KC_LEAVE_OUT_NONE) {
-        kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)worst + 1, learned->dp_m[worst],
+        kc_event(&out->events, KC_EVT_CAL_MODEL_MISMATCH, (int32_t)plan->pose_of[worst], learned->dp_m[worst],
                  learned->dr_rad[worst]);
         return kc_abort_for(KC_CAUSE_MODEL_MISMATCH);
     }
-    if (without > 0u && plan->n_meas == plan->n_local) { kc_plan_again(plan, without - 1u); }
+    if (without > 0u && kc_plan_only_local(plan)) { kc_plan_again(plan, without - 1u); }
     return kc_outcome(KC_OC_DONE);
 }
 

@@ -63,7 +63,8 @@ static bool local_mismatch(const kc_config_t *c, const kc_est_t *e, bool only_lo
     bool limited = c->mismatch_pos_m > 0.0 || c->mismatch_rot_rad > 0.0;
     bool noisy = e->dof >= c->mismatch_dof_min && e->noise_scale > c->mismatch_noise_scale;
     uint32_t n_outliers = e->n_outliers - (e->without > 0u ? 1u : 0u);
-    return limited && only_local && e->hold_none && all_requested(e) && (noisy || n_outliers >= c->mismatch_outliers_min);
+    return limited && only_local && e->hold_none && all_requested(e) &&
+           (noisy || n_outliers >= c->mismatch_outliers_min);
 }
 
 static bool beyond(const kc_config_t *c, kc_miss_t miss)
@@ -72,18 +73,19 @@ static bool beyond(const kc_config_t *c, kc_miss_t miss)
            (c->mismatch_rot_rad > 0.0 && miss.rot_rad > c->mismatch_rot_rad);
 }
 
-bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss, uint32_t n_meas,
-                     uint32_t n_local, uint32_t *worst)
+bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss,
+                     const kc_plan_t *plan, uint32_t *worst)
 {
-    bool newest_too = local_mismatch(config, est, n_meas == n_local);
-    uint32_t n = 0u;
+    bool newest_too = local_mismatch(config, est, kc_plan_only_local(plan));
+    uint32_t n = 0u, last = 0u; /* poses, and the last of them */
     *worst = 0u;
     if (est->rank < est->n_free && !est->hold_none) { return false; } /* a coefficient is held */
-    for (uint32_t i = 0u; i < n_meas; i++) {
+    for (uint32_t i = 0u; i < plan->n_obs; i++) {
         bool left_out = i + 1u == est->without;
-        if (left_out || (!beyond(config, miss[i]) && (!newest_too || i + 1u != n_meas))) { continue; }
-        n++;
+        if (left_out || (!beyond(config, miss[i]) && (!newest_too || i + 1u != plan->n_obs))) { continue; }
+        n += plan->pose_of[i] != last ? 1u : 0u;
+        last = plan->pose_of[i];
         *worst = i;
     }
-    return n >= (n_meas > n_local ? 2u : 1u);
+    return n >= (kc_plan_only_local(plan) ? 1u : 2u);
 }

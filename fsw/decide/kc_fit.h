@@ -6,6 +6,7 @@
 #include <stdbool.h>
 
 #include "kc_estimate.h"
+#include "kc_plan.h"
 #include "kc_tables.h"
 
 /* What an estimate is compared by. */
@@ -40,12 +41,12 @@ bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_mi
  * undetermined. */
 bool kc_fit_certain(const kc_config_t *config, const kc_est_t *est, kc_status_t status, kc_miss_t sigma);
 
-/* Model mismatch: observations that no correction within its bounds explains. miss: residuals of the n_meas
- * observations with the estimate; n_local: how many of them are local initial poses. True if the paths were
- * not verified for such an arm; *worst is the newest such pose, from 0. One observation is enough at the local
- * initial poses, where one bad detection is left out beforehand (kc_leave_out.h; it does not count here); later
- * two are needed, since one can be a bad detection. */
-bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss, uint32_t n_meas,
-                     uint32_t n_local, uint32_t *worst);
+/* Model mismatch: observations that no correction within its bounds explains. miss: residuals of the observations of
+ * the plan with the estimate. True if the paths were not verified for such an arm; *worst is the newest such
+ * observation, from 0. One is enough at the local initial poses, where one bad detection is left out beforehand
+ * (kc_leave_out.h; it does not count here); later those of two poses are needed, since one can be a bad detection, and
+ * what is wrong with a detection on the way to a pose may still be wrong there. */
+bool kc_fit_mismatch(const kc_config_t *config, const kc_est_t *est, const kc_miss_t *miss,
+                     const kc_plan_t *plan, uint32_t *worst);
 
 #endif

@@ -7,7 +7,8 @@
 #include "kc_libm.h"
 
 #define HALVINGS 30u     /* of the interval that holds a quantile */
-#define QUANTILE_MAX 8.0 /* times the degrees of freedom and a few: no quantile of the probabilities in use is there */
+#define QUANTILE_MAX \
+    8.0 /* times the degrees of freedom and a few: no quantile of the probabilities in use is there */
 
 uint32_t kc_local_rows(const kc_est_t *est) { return 6u * (est->n_obs - est->n_outliers); }
 

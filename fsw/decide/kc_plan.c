@@ -42,7 +42,10 @@ bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space, const kc_confi
     return nothing || little;
 }
 
-bool kc_plan_complete(const kc_plan_t *p, const kc_space_t *space) { return p->n_meas >= goal(p, space, 0u); }
+bool kc_plan_complete(const kc_plan_t *p, const kc_space_t *space)
+{
+    return p->n_meas >= goal(p, space, 0u) || p->n_obs >= KC_MEAS_MAX;
+}
 
 bool kc_plan_enough(const kc_plan_t *p)
 {
@@ -159,11 +162,26 @@ uint32_t kc_plan_choose(kc_plan_t *p, const kc_space_t *space, uint32_t cand)
     return times_measured(p, cand);
 }
 
+static void observed(kc_plan_t *p, kc_taken_at_t taken_at)
+{
+    p->pose_of[p->n_obs] = (uint8_t)(p->n_meas + 1u);
+    p->taken_at[p->n_obs] = (uint8_t)taken_at;
+    p->n_obs++;
+}
+
 void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand)
 {
+    p->obs_of[p->n_meas] = (uint8_t)p->n_obs;
+    observed(p, KC_AT_CANDIDATE);
     p->cand_of[p->n_meas++] = (uint16_t)cand;
     p->usable[cand] = 0u;
     p->n_local += kc_space_local(space, cand) ? 1u : 0u;
 }
+
+void kc_plan_on_the_way(kc_plan_t *p, kc_taken_at_t taken_at) { observed(p, taken_at); }
+
+bool kc_plan_has_room(const kc_plan_t *p) { return p->n_obs + p->n_goal < KC_MEAS_MAX + p->n_meas; }
+
+bool kc_plan_only_local(const kc_plan_t *p) { return p->n_obs == p->n_local; }
 
 void kc_plan_skipped(kc_plan_t *p, uint32_t cand) { p->usable[cand] = 0u; }

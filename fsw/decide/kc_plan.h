@@ -1,5 +1,6 @@
 /* Which poses a calibration measures, and how many: the initial design in its order, replicates, and what is
- * left to the acquisition. */
+ * left to the acquisition. Observations on the way to a pose are no poses: they are held beside them, as far as there
+ * is room. */
 #ifndef KC_PLAN_H
 #define KC_PLAN_H
 
@@ -7,18 +8,29 @@
 
 #include "kc_tables.h"
 
+/* Where an observation was taken. */
+typedef enum {
+    KC_AT_CANDIDATE = 0, /* it is that of a pose */
+    KC_AT_ARRIVAL = 1,   /* on the way to one: where the arm came to rest before the first servo step ... */
+    KC_AT_SERVO_STEP = 2 /* ... and after a servo step */
+} kc_taken_at_t;
+
 typedef struct {
     uint32_t n_min;            /* fewest of them that a proposal needs */
     uint32_t n_own;            /* poses requested, local initial poses not counted */
     uint32_t n_goal;           /* poses in all, as far as is known */
     uint32_t n_meas;           /* measured */
+    uint32_t n_obs;            /* observations: of these, and on the way to poses */
     uint32_t n_tried, n_local; /* local initial poses begun, measured */
     uint32_t begun;            /* initial poses begun or passed over: a bit each, in the order of SPACE */
     bool by_information;       /* initial poses are chosen, as many as are needed (kc_local.h) */
     uint32_t again;            /* measurement whose pose is the next, from 1; 0: none */
     uint32_t n_rep, rep_at;    /* replicates done; poses measured when the last was chosen */
-    uint16_t cand_of[KC_MEAS_MAX]; /* candidate of each measurement */
-    uint8_t usable[KC_CAND_MAX];   /* what the acquisition may choose; never local initial poses */
+    uint16_t cand_of[KC_MEAS_MAX]; /* candidate of each measured pose */
+    uint8_t obs_of[KC_MEAS_MAX];   /* observation of each measured pose, from 0 */
+    uint8_t pose_of[KC_MEAS_MAX]; /* pose of each observation, from 1; on the way: the one that comes next */
+    uint8_t taken_at[KC_MEAS_MAX]; /* each observation, kc_taken_at_t */
+    uint8_t usable[KC_CAND_MAX]; /* what the acquisition may choose; never local initial poses */
 } kc_plan_t;
 
 /* n_goal: poses requested; with local initial poses, which come on top, at least those a proposal needs. */
@@ -26,7 +38,7 @@ void kc_plan_start(kc_plan_t *p, const kc_space_t *space, const kc_config_t *con
 /* Local initial poses without tags: too few detections to determine the errors of the arm. Without any it
  * makes no larger moves, and with hardly any it does not leave the park pose. */
 bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space, const kc_config_t *config);
-/* Everything that was requested is measured. */
+/* Everything that was requested is measured, or no more observations can be held. */
 bool kc_plan_complete(const kc_plan_t *p, const kc_space_t *space);
 /* Measured enough for a proposal: local initial poses alone never are. */
 bool kc_plan_enough(const kc_plan_t *p);
@@ -48,6 +60,12 @@ void kc_plan_again(kc_plan_t *p, uint32_t i);
 /* Candidate chosen: n_goal counts it. Returns how many times it was measured before. */
 uint32_t kc_plan_choose(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
 void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
+/* An observation was taken on the way to the candidate chosen. */
+void kc_plan_on_the_way(kc_plan_t *p, kc_taken_at_t taken_at);
+/* Whether one may be: there is room for it and for all poses still to come. */
+bool kc_plan_has_room(const kc_plan_t *p);
+/* Whether every observation is that of a local initial pose. */
+bool kc_plan_only_local(const kc_plan_t *p);
 void kc_plan_skipped(kc_plan_t *p, uint32_t cand);
 
 #endif

@@ -59,7 +59,7 @@ typedef struct {
 #define KC_MEAS_FIELDS(F, A)                                                           \
     F(uint64_t, t_us) F(uint32_t, session) F(uint32_t, pose) F(int32_t, candidate)     \
     F(int32_t, replicate) F(uint32_t, n_joints) F(double, pan_rad) F(double, tilt_rad) \
-    F(uint32_t, n_frames)
+    F(uint32_t, n_frames) F(uint32_t, observation) F(int32_t, taken_at)
 typedef struct {
     KC_MEAS_FIELDS(KC_FIELD_, KC_ARRAY_)
     kc_arm_state_t arm;

@@ -4,10 +4,12 @@
 
 #include "kc_observation.h"
 
-static void fill(const kc_frames_t *frames, const kc_view_t *view, kc_meas_t *meas)
+static void fill(const kc_frames_t *frames, kc_taken_at_t taken_at, const kc_view_t *view, kc_meas_t *meas)
 {
     kc_pantilt_state_t pantilt = view->telemetry->pantilt;
     meas->pose = view->plan->n_meas + 1u;
+    meas->observation = view->plan->n_obs + 1u;
+    meas->taken_at = (int32_t)taken_at;
     meas->candidate = view->cal->candidate;
     meas->replicate = view->cal->replicate;
     meas->n_joints = view->tables->arm.n_joints;
@@ -24,9 +26,10 @@ static void fill(const kc_frames_t *frames, const kc_view_t *view, kc_meas_t *me
 }
 
 /* All frames are in. */
-static kc_outcome_t finish(const kc_frames_t *frames, kc_est_t *est, const kc_view_t *view, kc_out_t *out)
+static kc_outcome_t finish(const kc_frames_t *frames, kc_est_t *est, kc_taken_at_t taken_at,
+                           const kc_view_t *view, kc_out_t *out)
 {
-    fill(frames, view, &out->meas);
+    fill(frames, taken_at, view, &out->meas);
     if (kc_est_add(est, &out->meas.obs) != KC_OK) { return kc_outcome(KC_OC_SKIP); }
     out->has_meas = 1u;
     return kc_outcome(KC_OC_DONE); /* the estimator gets a step of its own */
@@ -37,8 +40,8 @@ static kc_outcome_t retry(kc_request_t *request, const kc_view_t *view, kc_outco
     return kc_outcome(kc_request_retry(request, view) ? if_so : KC_OC_SKIP);
 }
 
-kc_outcome_t kc_measure_run(kc_frames_t *frames, kc_request_t *request, kc_est_t *est, const kc_view_t *view,
-                            kc_out_t *out)
+kc_outcome_t kc_measure_run(kc_frames_t *frames, kc_request_t *request, kc_est_t *est, kc_taken_at_t taken_at,
+                            const kc_view_t *view, kc_out_t *out)
 {
     const kc_telemetry_t *t = view->telemetry;
     if (!kc_view_at_rest(view)) {
@@ -47,7 +50,9 @@ kc_outcome_t kc_measure_run(kc_frames_t *frames, kc_request_t *request, kc_est_t
     switch (kc_request_poll(request, view, out)) {
     case KC_FRAME_DETECTED:
         kc_frames_add(frames, &request->det, &t->arm, &t->pantilt);
-        if (frames->n >= view->tables->config.frames_per_meas) { return finish(frames, est, view, out); }
+        if (frames->n >= view->tables->config.frames_per_meas) {
+            return finish(frames, est, taken_at, view, out);
+        }
         (void)kc_request_poll(request, view, out); /* request the next frame at once */
         return kc_outcome(KC_OC_STAY);
     case KC_FRAME_NO_TAGS: return retry(request, view, KC_OC_STAY);

@@ -1,4 +1,4 @@
-/* MEASURE: several frames at rest become one measurement. */
+/* MEASURE: several frames at rest become one observation, at a candidate or on the way to it. */
 #ifndef KC_MEASURE_H
 #define KC_MEASURE_H
 
@@ -9,7 +9,7 @@
 
 /* DONE: the measurement is in *out and in the estimator; DISTURBED: arm or pan-tilt unit moved, the frames are
  * dropped; SKIP: too many frames of no use, or the estimator refuses. */
-kc_outcome_t kc_measure_run(kc_frames_t *frames, kc_request_t *request, kc_est_t *est, const kc_view_t *view,
-                            kc_out_t *out);
+kc_outcome_t kc_measure_run(kc_frames_t *frames, kc_request_t *request, kc_est_t *est, kc_taken_at_t taken_at,
+                            const kc_view_t *view, kc_out_t *out);
 
 #endif

@@ -36,8 +36,9 @@ static void take_detection(kc_observe_t *observe, const kc_detection_t *det, con
 
 /* ---- OBSERVE ---- */
 
-static kc_outcome_t measure(kc_request_t *request, const kc_view_t *view)
+static kc_outcome_t measure(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view)
 {
+    observe->taken_at = KC_AT_CANDIDATE;
     kc_request_begin(request);
     return kc_outcome(kc_approach_wanted(view) ? KC_OC_APPROACH : KC_OC_MEASURE);
 }
@@ -67,23 +68,56 @@ static kc_servo_result_t step(kc_observe_t *observe, const kc_view_t *view, cons
                          &observe->servo);
 }
 
+/* Whether two poses of the tool are so different that an observation of each is worth its time. */
+static bool apart(const kc_config_t *config, const kc_pose_t *one, const kc_pose_t *two)
+{
+    double r[6];
+    kc_pose_residual(one, two, r);
+    return kc_v3_norm(r) >= config->way_pos_m || kc_v3_norm(&r[3]) >= config->way_rot_rad;
+}
+
+/* The arm rests with tags in view, and is about to go on to the goal. */
+static bool worth_observing(const kc_observe_t *observe, const kc_view_t *view, const kc_pose_t *goal)
+{
+    const kc_config_t *c = &view->tables->config;
+    bool more = observe->n_on_way < c->way_obs_max && kc_plan_has_room(view->plan);
+    return more && apart(c, &observe->measured, goal) &&
+           (observe->n_on_way == 0u || apart(c, &observe->measured, &observe->last_on_way));
+}
+
+static void begin_on_way(kc_observe_t *observe, kc_request_t *request)
+{
+    observe->taken_at = observe->servo_steps == 0u ? KC_AT_ARRIVAL : KC_AT_SERVO_STEP;
+    observe->last_on_way = observe->measured;
+    observe->n_on_way++;
+    kc_request_begin(request);
+}
+
+kc_outcome_t kc_observe_measured(const kc_observe_t *observe, kc_outcome_t measured)
+{
+    bool over = measured.id == KC_OC_DONE || measured.id == KC_OC_SKIP;
+    return over && observe->taken_at != KC_AT_CANDIDATE ? kc_outcome(KC_OC_SERVO) : measured;
+}
+
 static kc_outcome_t detected(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view,
                              kc_out_t *out)
 {
     kc_pose_t goal;
     take_detection(observe, &request->det, view);
-    if (kc_view_local(view)) { return measure(request, view); }
+    if (kc_view_local(view)) { return measure(observe, request, view); }
     kc_move_goal(&view->tables->space, (uint32_t)view->cal->candidate, &goal);
     kc_servo_result_t res = step(observe, view, &goal);
-    if (res == KC_SERVO_THERE) { return measure(request, view); }
+    if (res == KC_SERVO_THERE) { return measure(observe, request, view); }
     if (res == KC_SERVO_STUCK || observe->tried.retreated ||
         observe->servo_steps >= view->tables->config.servo_steps_max) {
         report_beside(observe, view, out, &goal);
-        return measure(request, view);
+        return measure(observe, request, view);
     }
+    bool also = worth_observing(observe, view, &goal);
+    if (also) { begin_on_way(observe, request); }
     observe->servo_steps++;
     observe->tried.searched = false;
-    return kc_outcome(KC_OC_SERVO);
+    return kc_outcome(also ? KC_OC_MEASURE : KC_OC_SERVO);
 }
 
 /* The arm goes elsewhere: there the pan-tilt unit may search again. */
@@ -153,7 +187,7 @@ static bool inside(const kc_camera_t *camera, double pan, double tilt)
 static uint32_t places(const kc_view_t *view)
 {
     uint32_t n = view->plan->n_meas;
-    double range_m = n > 0u ? view->est->obs[n - 1u].ctx.range_m : 0.0;
+    double range_m = n > 0u ? view->est->obs[view->est->n_obs - 1u].ctx.range_m : 0.0;
     return kc_reach_search_limit(&view->tables->camera, &view->tables->config, n, view->learned->res.pos_m,
                                  range_m);
 }

@@ -16,7 +16,7 @@ typedef enum {
     KC_ST_OBSERVE = 4, /* frame requested, servo decides */
     KC_ST_SERVO = 5, /* servo step under way */
     KC_ST_SEARCH = 6, /* tags not in view: frame requested at a search position */
-    KC_ST_MEASURE = 7, /* several frames at rest */
+    KC_ST_MEASURE = 7, /* several frames at rest, at the candidate or on the way to it */
     KC_ST_UPDATE = 8, /* estimate with the newest pose */
     KC_ST_REVIEW = 9, /* correction proposed, waits for the ground */
     KC_ST_ARMED = 10, /* first approval step received */
@@ -43,7 +43,7 @@ typedef enum {
     KC_OC_DONE,
     KC_OC_SKIP, /* the candidate is skipped */
     KC_OC_ABORT, /* for a cause */
-    /* of OBSERVE and SEARCH */
+    /* of OBSERVE and SEARCH; SERVO also of MEASURE, on the way */
     KC_OC_SERVO,
     KC_OC_MEASURE,
     KC_OC_APPROACH,
@@ -109,6 +109,7 @@ static inline kc_outcome_t kc_abort_for(kc_cause_t cause) { return (kc_outcome_t
     X(SEARCH, DONE, AIM, SAME_STEP)            \
     X(SEARCH, SEARCH, TURN, NEXT_STEP)         \
     X(MEASURE, DONE, UPDATE, NEXT_STEP)        \
+    X(MEASURE, SERVO, SERVO, NEXT_STEP)        \
     X(MEASURE, DISTURBED, REST, NEXT_STEP)     \
     X(MEASURE, SKIP, SELECT, SAME_STEP)        \
     X(UPDATE, DONE, REFINE, NEXT_STEP)         \

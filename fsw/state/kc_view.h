@@ -58,7 +58,8 @@ typedef struct {
     kc_miss_t pred; /* predicted sigma over the search space */
     kc_leave_out_t leave_out; /* search for a bad detection among the local initial poses */
     uint8_t outlier_reported[KC_MEAS_MAX];
-    double y[KC_MEAS_MAX], dp_m[KC_MEAS_MAX], dr_rad[KC_MEAS_MAX]; /* objective and its parts, by pose */
+    double y[KC_MEAS_MAX]; /* objective of each pose */
+    double dp_m[KC_MEAS_MAX], dr_rad[KC_MEAS_MAX]; /* residual of each observation */
 } kc_learned_t;
 
 typedef struct {

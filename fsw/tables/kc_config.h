@@ -88,6 +88,11 @@ typedef struct {
     uint8_t rate_measure; /* kc_acq_t: dopt or vopt */
     uint8_t rate_cost; /* kc_cost_t */
     double frame_s; /* time from a frame's request to its detection */
+    /* observing on the way to a candidate, where the arm rests with tags in view before a servo step */
+    uint32_t way_obs_max; /* most such observations for each candidate, 0: none */
+    double way_pos_m,
+        way_rot_rad; /* least distance of the tool from the candidate, and from the last of them: one of
+                                      the two is enough */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

@@ -313,9 +313,13 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "")                                                                                                    \
     X(141, CAL_DOUBT, WARN,                                                                                  \
       "the first {index:count} observations have probability {got:number}, required {want:number}: all "     \
-      "local "                                                                                               \
-      "initial poses are measured",                                                                          \
-      "None: CAL_MODEL_MISMATCH follows if no correction within its bounds explains them.")
+      "local initial poses are measured",                                                                    \
+      "None: CAL_MODEL_MISMATCH follows if no correction within its bounds explains them.")                  \
+    X(150, CAL_WAY_OUTLIER, WARN,                                                                            \
+      "observation {got:count}, on the way to pose {index:pose}, rejected as an outlier",                    \
+      "None if rare; otherwise diagnose the log (kincal model diagnose).")                                   \
+    X(151, CAL_WAY_OUTLIER_ACCEPTED, INFO,                                                                   \
+      "observation {got:count}, on the way to pose {index:pose}, fits again: no longer rejected", "")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

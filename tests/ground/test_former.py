@@ -32,6 +32,8 @@ def test_a_log_from_before_is_read_whole(log):
     summary = link.read_log(log)
     assert not summary.undecodable
     assert len(summary.last_session.measurements) == len(summary.last_session.progress) == 34
+    assert [m.observation for m in summary.last_session.measurements] == list(range(1, 35))
+    assert summary.last_session.at_poses == summary.last_session.measurements
     p = summary.last_session.proposal
     assert p.verdict == p.NO_CHANGE
     assert p.crc & 0xFFFFFFFF == 0xC9D33C57

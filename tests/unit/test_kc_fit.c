@@ -118,9 +118,25 @@ void test_a_requirement_of_zero_is_none(void)
     TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.0, 0.0}));
 }
 
+/* So many poses, an observation each. */
 static bool mismatch(uint32_t n_meas, uint32_t n_local)
 {
-    return kc_fit_mismatch(&s_config, &s_est, s_miss, n_meas, n_local, &s_worst);
+    static kc_plan_t plan;
+    plan.n_meas = plan.n_obs = n_meas;
+    plan.n_local = n_local;
+    for (uint32_t i = 0u; i < n_meas; i++) { plan.pose_of[i] = (uint8_t)(i + 1u); }
+    return kc_fit_mismatch(&s_config, &s_est, s_miss, &plan, &s_worst);
+}
+
+void test_two_observations_of_one_pose_are_one_that_does_not_fit(void)
+{
+    /* a local initial pose; a pose with two observations on the way; the next one with one */
+    kc_plan_t plan = {.n_meas = 3u, .n_obs = 6u, .n_local = 1u, .pose_of = {1u, 2u, 2u, 2u, 3u, 3u}};
+    s_miss[1].pos_m = s_miss[2].pos_m = s_miss[3].pos_m = 0.021;
+    TEST_ASSERT_FALSE(kc_fit_mismatch(&s_config, &s_est, s_miss, &plan, &s_worst));
+    s_miss[4].pos_m = 0.021;
+    TEST_ASSERT_TRUE(kc_fit_mismatch(&s_config, &s_est, s_miss, &plan, &s_worst));
+    TEST_ASSERT_EQUAL_UINT32(4u, s_worst);
 }
 
 void test_one_observation_beyond_the_limits_is_enough_at_local_poses_two_later(void)

@@ -365,3 +365,135 @@ void test_search_positions_beyond_one_limit_are_left_out(void)
         TEST_ASSERT_TRUE(world.n_pantilt_cmd > turned + 2u); /* the others are searched */
     }
 }
+
+/* ---- observations on the way ---- */
+
+static void given_a_turned_tool(uint32_t way_obs_max)
+{
+    given_world();
+    world.truth.joint[6].phi_rad = 0.4;
+    world.config.way_obs_max = way_obs_max;
+}
+
+static void measured_once(void)
+{
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 600u));
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->plan.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(world.n_meas, APP->plan.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(world.n_meas, APP->est.n_obs);
+    TEST_ASSERT_EQUAL_INT(KC_AT_CANDIDATE, world.meas[world.n_meas - 1u].taken_at);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+}
+
+static double tool_turn(const kc_meas_t *a, const kc_meas_t *b)
+{
+    return kc_quat_dist_rad(a->obs.q_wxyz, b->obs.q_wxyz);
+}
+
+void test_where_the_arm_arrives_it_observes_before_the_servo_moves(void)
+{
+    given_a_turned_tool(1u);
+    double seed[KC_JOINT_MAX];
+    measured_once();
+    TEST_ASSERT_EQUAL_UINT32(2u, world.n_meas);
+    const kc_meas_t *m = &world.meas[0];
+    kc_path_joints(&kc_app_active(APP)->space, KC_HUB_MAX, seed);
+    for (uint32_t j = 0u; j < 7u; j++) { TEST_ASSERT_DOUBLE_WITHIN(1e-3, seed[j], m->arm.q[j]); }
+    TEST_ASSERT_EQUAL_INT(KC_AT_ARRIVAL, m->taken_at);
+    TEST_ASSERT_EQUAL_UINT32(3u, m->n_frames);
+    for (uint32_t i = 0u; i < 2u; i++) {
+        TEST_ASSERT_EQUAL_UINT32(1u, world.meas[i].pose);
+        TEST_ASSERT_EQUAL_UINT32(i + 1u, world.meas[i].observation);
+        TEST_ASSERT_EQUAL_INT(0, world.meas[i].candidate);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 0.4, tool_turn(m, &world.meas[1]));
+}
+
+void test_without_observations_on_the_way_it_observes_at_the_candidate_alone(void)
+{
+    given_a_turned_tool(0u);
+    measured_once();
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_meas);
+    TEST_ASSERT_TRUE(APP->observe.servo_steps > 0u);
+}
+
+void test_an_arrival_as_near_as_the_thresholds_tells_nothing_new(void)
+{
+    const double pos_m[] = {10.0, 10.0, 1e-3}, rot_rad[] = {3.0, 0.1, 3.0};
+    const uint32_t want[] = {1u, 2u, 2u}; /* far in one of both is enough */
+    for (uint32_t i = 0u; i < 3u; i++) {
+        given_a_turned_tool(1u);
+        world.truth.joint[2].d_m += 0.03;
+        world.config.way_pos_m = pos_m[i];
+        world.config.way_rot_rad = rot_rad[i];
+        measured_once();
+        TEST_ASSERT_EQUAL_UINT32(want[i], world.n_meas);
+    }
+}
+
+void test_after_servo_steps_it_observes_where_the_tool_has_moved_far_enough(void)
+{
+    given_a_turned_tool(8u);
+    world.config.servo.step_max = 0.04;
+    world.config.way_pos_m = 10.0;
+    world.config.way_rot_rad = 0.09; /* two or three steps */
+    measured_once();
+    TEST_ASSERT_TRUE(world.n_meas > 3u && world.n_meas < 2u + APP->observe.servo_steps / 2u);
+    for (uint32_t i = 0u; i + 1u < world.n_meas; i++) {
+        TEST_ASSERT_EQUAL_INT(i == 0u ? KC_AT_ARRIVAL : KC_AT_SERVO_STEP, world.meas[i].taken_at);
+        if (i + 2u < world.n_meas) {
+            TEST_ASSERT_TRUE(tool_turn(&world.meas[i], &world.meas[i + 1u]) >= 0.09 - 1e-3);
+        }
+    }
+    given_a_turned_tool(2u); /* no more than these */
+    world.config.servo.step_max = 0.04;
+    world.config.way_pos_m = 10.0;
+    world.config.way_rot_rad = 0.09;
+    measured_once();
+    TEST_ASSERT_EQUAL_UINT32(3u, world.n_meas);
+}
+
+void test_on_the_way_it_observes_only_while_there_is_room(void)
+{
+    given_a_turned_tool(8u);
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_OBSERVE, 300u));
+    APP->plan.n_goal = KC_MEAS_MAX;
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 600u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_meas);
+}
+
+static bool s_uncertain_once;
+
+static void uncertain_at_first(kc_detection_t *d)
+{
+    if (kc_app_state(APP) == KC_ST_MEASURE && APP->observe.taken_at == KC_AT_ARRIVAL) {
+        d->cov[0] = 1.0;
+        s_uncertain_once = true;
+    }
+}
+
+void test_an_arrival_that_cannot_be_measured_costs_no_candidate(void)
+{
+    given_a_turned_tool(1u);
+    s_uncertain_once = false;
+    world.spoil = uncertain_at_first;
+    measured_once();
+    TEST_ASSERT_TRUE(s_uncertain_once);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.meas[0].observation);
+}
+
+void test_an_arm_that_moves_while_it_observes_on_arrival_is_observed_again_there(void)
+{
+    given_a_turned_tool(1u);
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    world.arm_vibrates = 2;
+    TEST_ASSERT_TRUE(world_until(KC_ST_REST, 10u));
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 100u));
+    TEST_ASSERT_EQUAL_INT(KC_AT_ARRIVAL, APP->observe.taken_at);
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 100u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_meas);
+}

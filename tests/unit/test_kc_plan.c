@@ -302,3 +302,55 @@ void test_an_arm_that_leaves_measures_no_local_pose_any_more(void)
     kc_plan_leave(&s_plan, &s_space, false);
     TEST_ASSERT_EQUAL_UINT32(999u, next()); /* the acquisition's turn */
 }
+
+/* ---- observations on the way ---- */
+
+void test_observations_on_the_way_are_no_poses_but_are_held_in_order(void)
+{
+    given(1u, 0u, 5u);
+    measure(10u);
+    TEST_ASSERT_TRUE(kc_plan_only_local(&s_plan));
+    kc_plan_on_the_way(&s_plan, KC_AT_ARRIVAL);
+    TEST_ASSERT_FALSE(kc_plan_only_local(&s_plan));
+    kc_plan_on_the_way(&s_plan, KC_AT_SERVO_STEP);
+    measure(0u);
+    measure(1u);
+    TEST_ASSERT_EQUAL_UINT32(3u, s_plan.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(5u, s_plan.n_obs);
+    const uint8_t obs_of[] = {0u, 3u, 4u}, pose_of[] = {1u, 2u, 2u, 2u, 3u};
+    const uint8_t taken_at[] = {KC_AT_CANDIDATE, KC_AT_ARRIVAL, KC_AT_SERVO_STEP, KC_AT_CANDIDATE,
+                                KC_AT_CANDIDATE};
+    TEST_ASSERT_EQUAL_UINT8_ARRAY(obs_of, s_plan.obs_of, 3u);
+    TEST_ASSERT_EQUAL_UINT8_ARRAY(pose_of, s_plan.pose_of, 5u);
+    TEST_ASSERT_EQUAL_UINT8_ARRAY(taken_at, s_plan.taken_at, 5u);
+}
+
+/* Five poses requested, one local initial pose: every pose still to come keeps its place. */
+void test_there_is_room_on_the_way_while_all_poses_to_come_can_be_held(void)
+{
+    given(1u, 0u, 5u);
+    measure(10u);
+    uint32_t n = 0u;
+    while (kc_plan_has_room(&s_plan)) {
+        kc_plan_on_the_way(&s_plan, KC_AT_ARRIVAL);
+        n++;
+    }
+    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX - 6u, n);
+    for (uint32_t i = 0u; i < 5u; i++) {
+        TEST_ASSERT_FALSE(kc_plan_complete(&s_plan, &s_space));
+        measure(i);
+        TEST_ASSERT_FALSE(kc_plan_has_room(&s_plan));
+    }
+    TEST_ASSERT_TRUE(kc_plan_complete(&s_plan, &s_space));
+    TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX, s_plan.n_obs);
+}
+
+/* Local initial poses that were not foreseen may have taken the room of others. */
+void test_it_is_complete_when_nothing_more_can_be_held(void)
+{
+    given(0u, 0u, 5u);
+    for (uint32_t i = 0u; i < KC_MEAS_MAX - 1u; i++) { kc_plan_on_the_way(&s_plan, KC_AT_ARRIVAL); }
+    TEST_ASSERT_FALSE(kc_plan_complete(&s_plan, &s_space));
+    measure(0u);
+    TEST_ASSERT_TRUE(kc_plan_complete(&s_plan, &s_space));
+}

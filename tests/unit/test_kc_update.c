@@ -400,6 +400,86 @@ void test_a_gp_that_breaks_down_leaves_the_choice_to_chance(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, world.progress[5].gp_sigma);
 }
 
+/* ---- observations on the way ---- */
+
+static void given_observations_on_the_way(uint32_t n_poses)
+{
+    setUp();
+    world.config.n_poses = n_poses;
+    world.config.way_obs_max = 1u;
+    world.config.servo.tol_rot_rad = 0.01;
+    world.config.way_rot_rad = 0.01;
+}
+
+void test_observations_on_the_way_are_in_the_estimate_but_no_poses(void)
+{
+    double dp[KC_MEAS_MAX], dr[KC_MEAS_MAX], y[KC_MEAS_MAX];
+    given_observations_on_the_way(6u);
+    world_calibrated();
+    const kc_plan_t *p = &APP->plan;
+    TEST_ASSERT_EQUAL_UINT32(6u, p->n_meas);
+    TEST_ASSERT_TRUE(world.n_meas > 6u);
+    TEST_ASSERT_EQUAL_UINT32(world.n_meas, APP->est.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(6u, world.n_progress);
+    TEST_ASSERT_EQUAL_UINT32(6u, world.proposal.n_poses);
+    TEST_ASSERT_EQUAL_UINT32(6u * world.n_meas - world.proposal.rank, world.proposal.dof);
+    TEST_ASSERT_EQUAL_UINT32(world.n_meas, world.hk.n_meas);
+    for (uint32_t k = 0u; k < 6u; k++) {
+        dp[k] = APP->learned.dp_m[p->obs_of[k]];
+        dr[k] = APP->learned.dr_rad[p->obs_of[k]];
+    }
+    kc_acq_objective(dp, dr, 6u, world.config.a1, world.config.sp_floor_m, world.config.sq_floor_rad, y);
+    TEST_ASSERT_EQUAL_DOUBLE_ARRAY(y, APP->learned.y, 6u);
+    TEST_ASSERT_EQUAL_DOUBLE(APP->learned.f, world.progress[5].f);
+}
+
+void test_the_gaussian_process_learns_from_poses_alone(void)
+{
+    given_observations_on_the_way(6u);
+    world_started();
+    for (uint32_t k = 1u; k < 6u; k++) {
+        TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 600u));
+        TEST_ASSERT_EQUAL_UINT32(k, APP->arena.calibration.gp.n);
+    }
+    TEST_ASSERT_TRUE(APP->est.n_obs > 5u);
+    const kc_obs_t *newest = &APP->est.obs[APP->plan.obs_of[4]];
+    TEST_ASSERT_EQUAL_MEMORY(newest->p_m, APP->arena.calibration.gp.x[4].p_m, sizeof newest->p_m);
+}
+
+static void one_bad_arrival(kc_detection_t *d)
+{
+    bool arrival = kc_app_state(APP) == KC_ST_MEASURE && APP->observe.taken_at == KC_AT_ARRIVAL;
+    if (arrival && APP->plan.n_meas == 1u) { d->p_cam_tool_m[1] += 0.01; }
+}
+
+void test_a_bad_observation_on_the_way_is_reported_as_such(void)
+{
+    given_observations_on_the_way(14u);
+    world.spoil = one_bad_arrival;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_WAY_OUTLIER));
+    TEST_ASSERT_EQUAL_INT(2, world.last[KC_EVT_CAL_WAY_OUTLIER].index);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_outliers);
+    uint32_t observation = (uint32_t)world.last[KC_EVT_CAL_WAY_OUTLIER].got;
+    TEST_ASSERT_EQUAL_INT(KC_AT_ARRIVAL, world.meas[observation - 1u].taken_at);
+    TEST_ASSERT_EQUAL_UINT32(2u, world.meas[observation - 1u].pose);
+    TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
+}
+
+void test_an_observation_on_the_way_that_fits_again_is_reported_as_such(void)
+{
+    given_observations_on_the_way(6u);
+    world_started();
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 600u));
+    TEST_ASSERT_EQUAL_UINT8(KC_AT_ARRIVAL, APP->plan.taken_at[0]);
+    APP->learned.outlier_reported[0] = 1u;
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 600u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_WAY_OUTLIER_ACCEPTED));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_WAY_OUTLIER_ACCEPTED].index);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.last[KC_EVT_CAL_WAY_OUTLIER_ACCEPTED].got);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_OUTLIER_ACCEPTED));
+}
+
 /* ---- local initial poses ---- */
 
 #define LOCAL(i) ((int32_t)(world.space.n_cand - n_local + (i))) /* of a space with n_local of them */

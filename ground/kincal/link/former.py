@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from kincal.flight import library
 
 if TYPE_CHECKING:
-    from .messages import Hk, LcmMessage, Proposal
+    from .messages import Hk, LcmMessage, Meas, Proposal
 
 _FINGERPRINT_BYTES = 8
 
@@ -39,7 +39,13 @@ def _with_a_verdict_unknown(_hk: Hk) -> None:
     """The verdict of what waits was not kept, nor the time left of an approval: zeros say so."""
 
 
+def _at_its_pose(m: Meas) -> None:
+    """One observation a pose."""
+    m.observation = m.pose
+
+
 FORMER = {
+    bytes.fromhex("3f21d63a11cc6583"): Former("meas_t", 2 * 4, _at_its_pose),
     bytes.fromhex("049802873f024b41"): Former("proposal_t", 1 + 6 * 8, _with_an_exact_camera),
     bytes.fromhex("dbe6b2f24599f62e"): Former("hk_t", 4 + 8, _with_a_verdict_unknown),
 }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from kincal.flight import event_line, event_name
+from kincal.flight import event_line, event_name, library
 from kincal.rotations import Floats
 from kincal_shared.errors import BadInput
 
@@ -57,6 +57,11 @@ class Session:
     progress: list[Progress] = field(default_factory=list)
     measurements: list[Meas] = field(default_factory=list)
     proposal: Proposal | None = None
+
+    @property
+    def at_poses(self) -> list[Meas]:
+        """Measurements of the poses, without those on the way to them."""
+        return [m for m in self.measurements if m.taken_at == library("flight").constant("KC_AT_CANDIDATE")]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for --json."""

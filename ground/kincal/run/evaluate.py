@@ -109,7 +109,7 @@ class Evaluator:
 
     def lines(self, session: Session) -> tuple[PoseLine, ...]:
         """All poses of a session, with f on the scale of the whole run."""
-        measured = {m.pose: m for m in session.measurements}
+        measured = {m.pose: m for m in session.at_poses}
         most_m = max((p.res_pos_m for p in session.progress), default=1.0) or 1.0
         most_rad = max((p.res_rot_rad for p in session.progress), default=1.0) or 1.0
         lines = (self.pose_line(p, measured.get(p.pose)) for p in session.progress)

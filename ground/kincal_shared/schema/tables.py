@@ -573,6 +573,12 @@ class ConfigSource(Source):
     """What rate takes as cost: seconds or joules."""
     frame_s: Real = 0.3
     """Time from the request of a frame to its detection [s]."""
+    way_obs_max: Natural = 0
+    """Observations on the way to each candidate, on arrival and after servo steps; 0: none."""
+    way_pos_m: Real = 0.02
+    """Least distance of the tool from the candidate and from the one before for one of them [m] ..."""
+    way_rot_rad: Real = 0.05
+    """... or least angle [rad]: one of the two is enough."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock

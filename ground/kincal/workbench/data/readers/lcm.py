@@ -45,7 +45,7 @@ def read_log(path: str | Path, n_joints: int, *, session: int | None = None) -> 
     q = _stack(rows, lambda m: m.q_rad[:n_joints])
     return Measurements(
         source=f"{path} session {number}",
-        ids=tuple(f"{m.pose}" if not m.replicate else f"{m.pose}r{m.replicate}" for m in rows),
+        ids=tuple(_name(m) for m in rows),
         q=q,
         p_m=_stack(rows, lambda m: m.p_m),
         quat_wxyz=_stack(rows, lambda m: m.q_wxyz),
@@ -67,6 +67,13 @@ def read_log(path: str | Path, n_joints: int, *, session: int | None = None) -> 
         pan_rad=_stack(rows, lambda m: m.pan_rad),
         tilt_rad=_stack(rows, lambda m: m.tilt_rad),
     )
+
+
+def _name(m: Meas) -> str:
+    """Number of the pose, which replicate it is, or which observation on the way to the pose."""
+    if m.taken_at:
+        return f"{m.pose}w{m.observation}"
+    return f"{m.pose}r{m.replicate}" if m.replicate else f"{m.pose}"
 
 
 def _session(path: Path, number: int | None) -> tuple[int, Sequence[Meas]]:
