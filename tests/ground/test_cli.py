@@ -64,7 +64,7 @@ def test_table_build_show_check_and_diff(tmp_path):
     assert invoke("table", "build", SRC / "config.toml", out).exit_code == 0
     assert out.read_bytes() == (BIN / "config.tbl").read_bytes()
     assert "frames_per_meas" in invoke("table", "show", out).output
-    assert '"acquisition": "ucb"' in invoke("table", "show", out, "--json").output
+    assert '"acquisition": "rate"' in invoke("table", "show", out, "--json").output
     assert invoke("table", "check", out, SRC / "config.toml").exit_code == 0
     assert invoke("table", "diff", out, BIN / "config.tbl").exit_code == 0
     other = tmp_path / "other.toml"

@@ -79,7 +79,7 @@ def test_every_number_of_the_headers_has_a_name():
     assert [names.verdict_key(n) for n in verdicts] == ["no_change", "change", "poor"]
     severities = flight.enum("kc_severity_t", "KC_SEV_").values()
     assert [names.severity_name(n) for n in severities] == ["debug", "info", "warning", "error"]
-    assert [names.acquisition_name(n) for n in range(4)] == ["ucb", "random", "dopt", "vopt"]
+    assert [names.acquisition_name(n) for n in range(5)] == ["ucb", "random", "dopt", "vopt", "rate"]
     status = [names.coef_status_name(n) for n in range(5)]
     assert status == ["estimated", "masked", "held", "at lower bound", "at upper bound"]
     assert names.state_name(99) == "?99"

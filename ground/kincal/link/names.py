@@ -47,7 +47,7 @@ def coef_status_name(number: int) -> str:
 
 
 def acquisition_name(number: int) -> str:
-    """How poses are chosen: "ucb", "random", "dopt", "vopt"."""
+    """How poses are chosen: "ucb", "random", "dopt", "vopt", "rate"."""
     return _name("kc_acq_t", "KC_ACQ_", number).lower()
 
 

@@ -571,7 +571,7 @@ class ConfigSource(Source):
     """What rate takes as information."""
     rate_cost: Literal["time", "energy"] = "time"
     """What rate takes as cost: seconds or joules."""
-    frame_s: Real = 0.3
+    frame_s: Real = 0.8
     """Time from the request of a frame to its detection [s]."""
     way_obs_max: Natural = 0
     """Observations on the way to each candidate, on arrival and after servo steps; 0: none."""
