@@ -169,7 +169,7 @@ def test_numbers_without_a_name_are_shown_as_they_are():
     assert names.severity_name(99) == names.acquisition_name(99) == names.coef_status_name(99) == "?99"
 
 
-def test_a_summary_tells_messages_apart():
+def test_each_message_of_a_summary_goes_where_it_belongs():
     log = LogSummary(link)
     for k, message in enumerate((event(1_000_000, 0, 48, 0), event(9_000_000, 1, 64, 2))):
         log.add("KC_EVENT", message)
