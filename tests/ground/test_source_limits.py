@@ -53,7 +53,9 @@ LIMITS = [
     ("camera", ("mast_sigma_m",), (0,), (-1e-9,)),
     ("arm", ("joint", 0, "alpha_rad"), (-2 * math.pi, 2 * math.pi), (-6.3, 6.3)),
     ("arm", ("joint", 0, "mass_kg"), (0, 1), (-1e-9,)),
-    ("arm", ("joint", 0, "q_max"), (2.0,), (-2.6, math.nan, math.inf, True)),
+    ("arm", ("joint", 0, "q_max"), (2.0,), (-2.6, -2.7, math.nan, math.inf, True)),
+    ("camera", ("pan_min_rad",), (1.59,), (1.6, 1.61)),
+    ("camera", ("tilt_min_rad",), (1.39,), (1.4,)),
     ("arm", ("name",), ("x" * 23,), ("", "x" * 24)),
     ("terms", ("dh", "joints"), (7,), (0, 9)),
     ("terms", ("coef", 0, "scale"), (1e-9,), (0,)),
@@ -189,7 +191,8 @@ def test_a_product_is_split_between_its_factors_only(text, parts):
 @pytest.mark.parametrize(
     ("text", "basis"),
     [
-        ("4*q1+2", Basis("lin", "q", 1, -0.5, 4.0)), ("4*(q1+2)", Basis("lin", "q", 1, -2.0, 4.0)),
+        ("4*q1+2", Basis("lin", "q", 1, -0.5, 4.0)), ("1.5*q1-3", Basis("lin", "q", 1, 2.0, 1.5)),
+        ("4*(q1+2)", Basis("lin", "q", 1, -2.0, 4.0)),
         ("(q1-2)/4", Basis("lin", "q", 1, 2.0, 0.25)), ("q1/4", Basis("lin", "q", 1, 0.0, 0.25)),
         ("3*q1/4", Basis("lin", "q", 1, 0.0, 0.75)), ("q1-2", Basis("lin", "q", 1, 2.0, 1.0)),
     ],
@@ -336,3 +339,19 @@ def test_terms_of_special_frames_are_shown_by_name():
         terms.term[k].frame = FLIGHT.constant(f"KC_FRAME_{name}")
     terms.n_term, terms.n_coef = 3, 1
     assert [t["at"] for t in tables.readable(terms)["term"]] == ["tool", "camera", "meas"]
+
+
+def test_schemas_for_editors_have_the_limits():
+    schema = sources.KinSource.model_json_schema()["properties"]
+    assert (schema["arm_crc"]["minimum"], schema["arm_crc"]["maximum"]) == (0, 2**32 - 1)
+    assert schema["session"]["minimum"] == 0 and "maximum" not in schema["session"]
+    (plain, text) = sources.TagEntry.model_json_schema()["properties"]["size_m"]["anyOf"]
+    assert plain == {"type": "number", "exclusiveMinimum": 0.0} and text["type"] == "string"
+
+
+def test_a_header_has_two_bytes_of_kind_and_version_and_four_of_the_crc():
+    head = b"KCT1" + (1).to_bytes(2, "little") + (0x0102).to_bytes(2, "little") + bytes(4)
+    image = codec.header(head + (0x01020304).to_bytes(4, "little"))
+    assert (image.kind, image.version, image.crc_text) == ("arm", 0x0102, "01020304")
+    with pytest.raises(BadInput, match="unknown table kind 257"):
+        codec.header(b"KCT1" + b"\1\1" + bytes(10))
