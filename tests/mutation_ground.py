@@ -14,6 +14,7 @@ than 5 % are alive with a reason in tests/mutation.csv. The sources in the tree 
 happens in build/mutation-ground. A second start goes on where the first one was ended."""
 
 import argparse
+import ast
 import functools
 import gc
 import hashlib
@@ -45,7 +46,9 @@ TESTS = ROOT / "tests"
 WORK = ROOT / "build/mutation-ground"
 LEAST_SHARE, MOST_EXCUSED = 0.85, 0.05
 LIMIT_BYTES = 6 << 30
-LIMIT_S = 30.0  # of the clock, and 20 times what a test takes of the processor: it may be busy
+LIMIT_S = 10.0  # of the processor, and 20 times what a test takes
+CLOCK = 12.0  # times as long by the clock: the processor may be busy, and what only waits has to end too
+LATE = "no end of "
 PACKAGES = ("kincal", "kincal_shared")
 ROOMS = {
     "review": ("review/*.py", "api/reviews.py", "cli/review.py"),
@@ -60,7 +63,8 @@ ROOMS = {
 FILES = (
     "review", "journal", "keys", "tables", "bounds", "export", "flight", "flight_arm", "flight_events",
     "schema", "schema_terms", "lcmlog", "hostile", "former", "errors", "outputs",
-    "review_details", "keys_details", "tables_details", "uplink_details", "export_details",
+    "review_details", "keys_details", "tables_details", "uplink_details", "export_details", "link_details",
+    "room_on_board", "source_limits",
 )  # fmt: skip
 
 
@@ -266,6 +270,24 @@ def reach(jobs: int) -> Reach:
     return Reach(seconds, lines, of_files)
 
 
+@functools.cache
+def naming(path: str) -> frozenset[str]:
+    """Test files that import a module by name. What is run when it is loaded, such as the limits and defaults
+    of a pydantic model, has its effect where no line of the module runs."""
+    package, _, name = (module := module_name(path)).rpartition(".")
+
+    def named(node: ast.AST) -> bool:
+        if isinstance(node, ast.Import):
+            return any(alias.name == module for alias in node.names)
+        if isinstance(node, ast.ImportFrom):
+            names = {alias.name for alias in node.names}
+            return node.module == module or (node.module == package and name in names)
+        return False
+
+    files = [file for file in paths_of_tests() if any(map(named, ast.walk(ast.parse(file.read_text()))))]
+    return frozenset(str(file.relative_to(TESTS)) for file in files)
+
+
 def forked(act: Callable[[], None], log: Path) -> int:
     """Run something in a process of its own, output to a file; its status is 0 if it ended well."""
     sys.stdout.flush()
@@ -305,9 +327,14 @@ class Trial:
         self.seconds, self.answer = seconds, answer
         self.now = "loading"
 
-    def killed(self, *_: object) -> None:
-        os.write(self.answer, self.now.encode())
+    def killed(self, how: str = "") -> None:
+        os.write(self.answer, f"{how}{self.now}".encode())
         os._exit(1)
+
+    def limit(self, processor_s: float) -> None:
+        """From now on; 0: none."""
+        signal.setitimer(signal.ITIMER_PROF, processor_s)
+        signal.setitimer(signal.ITIMER_REAL, CLOCK * processor_s)
 
     def hooks(self, pytest: Any) -> object:
         trial = self
@@ -320,9 +347,9 @@ class Trial:
             @pytest.hookimpl(hookwrapper=True)
             def pytest_runtest_protocol(self, item: Any) -> Iterator[None]:
                 trial.now = item.nodeid
-                signal.setitimer(signal.ITIMER_REAL, LIMIT_S + 20.0 * trial.seconds[item.nodeid])
+                trial.limit(LIMIT_S + 20.0 * trial.seconds[item.nodeid])
                 yield
-                signal.setitimer(signal.ITIMER_REAL, 0.0)
+                trial.limit(0.0)
 
             def pytest_runtest_logreport(self, report: Any) -> None:
                 if report.failed:
@@ -336,8 +363,9 @@ def limited(order: Sequence[str], seconds: dict[str, float], answer: int) -> Tri
     resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     trial = Trial(order, seconds, answer)
-    signal.signal(signal.SIGALRM, trial.killed)
-    signal.setitimer(signal.ITIMER_REAL, 2.0 * LIMIT_S)
+    for number in (signal.SIGPROF, signal.SIGALRM):
+        signal.signal(number, lambda *_: trial.killed(LATE))
+    trial.limit(3.0 * LIMIT_S)
     return trial
 
 
@@ -410,7 +438,9 @@ class Trials:
         """Tests that reach it, what has killed and the quickest first, while there is patience."""
         tests = set().union(*(self.reach.lines.get((mutant.path, n), set()) for n in place.lines))
         if not place.lines:
-            tests = self.reach.files.get(mutant.path, set())
+            files = naming(mutant.path)
+            tests = {test for test in self.reach.tests if test.partition("::")[0] in files}
+            tests |= self.reach.files.get(mutant.path, set())
         seconds, here = self.reach.tests, f"{mutant.path} {place.function}"
         first = {t: self.kills[here, t] + self.kills[mutant.path, t] for t in tests}
         chosen: list[str] = []
@@ -535,15 +565,16 @@ def judged(trials: Trials, args: argparse.Namespace) -> int:
     good = True
     gc.freeze()
     for room in args.rooms:
-        found, count = drawn(room, args.number, args.seed, args.file, args.at), Count()
+        found, count, late = drawn(room, args.number, args.seed, args.file, args.at), Count(), 0
         if not found:
             sys.exit(f"nothing to change there in {room}")
         trials.check(found[0][0].path, found[0][2])
         sources = {mutant.path: source for mutant, _, source in found}
         for mutant, place, killer in trials.all(found):
             count.add(mutant, place.function, sources[mutant.path], bool(killer))
+            late += killer.startswith(LATE)
         good = good and count.share >= LEAST_SHARE and count.excused <= MOST_EXCUSED * count.total
-        print(f"{room}: {count.text}", flush=True)
+        print(f"{room}: {count.text}; {late} of the kills by time", flush=True)
     return 0 if good else 1
 
 

@@ -59,8 +59,6 @@ import numpy as np  # noqa: E402
 from scipy import stats  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-for _folder in ("ground", "sim"):
-    sys.path.insert(0, str(ROOT / _folder))
 
 CLAIM, MENTION = 0.9, 0.05
 BLOCK = 20  # cases that are made together

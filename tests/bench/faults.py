@@ -41,8 +41,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 
 ROOT = Path(__file__).resolve().parents[2]
-for _folder in ("ground", "sim", "build/py", "tests/bench"):
-    sys.path.insert(0, str(ROOT / _folder))
 
 import missions  # noqa: E402
 import resumable  # noqa: E402

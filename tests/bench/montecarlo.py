@@ -45,8 +45,6 @@ import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-for _folder in ("ground", "sim", "build/py", "tests/bench"):
-    sys.path.insert(0, str(ROOT / _folder))
 
 import resumable  # noqa: E402
 

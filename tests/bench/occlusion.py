@@ -42,8 +42,6 @@ import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-for _folder in ("ground", "sim", "build/py"):
-    sys.path.insert(0, str(ROOT / _folder))
 
 from kincal import space  # noqa: E402
 from kincal.space.samples import Box, examine  # noqa: E402

@@ -35,16 +35,12 @@ from typing import Any
 
 import daqp
 import numpy as np
+from builders import basis, fill, flight, lib, term, view
+
+from kincal.flight import check
+from kincal.run.inprocess import simulate
 
 ROOT = Path(__file__).resolve().parents[2]
-for folder in ("ground", "sim", "tests"):
-    sys.path.insert(0, str(ROOT / folder))
-
-from builders import basis, fill, flight, lib, term, view  # noqa: E402
-
-from kincal.flight import check  # noqa: E402
-from kincal.run.inprocess import simulate  # noqa: E402
-
 PAGE = ROOT / "docs/BENCHMARKS.md"
 BEGIN, END = "<!-- box QP: make bench -->", "<!-- end of box QP -->"
 TOL = 1e-9

@@ -37,7 +37,6 @@ import numpy as np  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "docs" / "data"
-sys.path.insert(0, str(ROOT / "ground"))
 
 JUDGING = "_random"
 INTERRUPTED = 130

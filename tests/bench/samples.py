@@ -38,16 +38,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from kincal.flight import library
+from kincal.flight.kernel import spectral_table
+from kincal.rotations import wxyz_of_matrix
+from kincal.space import SpaceTable
+from kincal_sim.mechanics import arm as sim_arm
+
 ROOT = Path(__file__).resolve().parents[2]
-for folder in ("ground", "sim"):
-    sys.path.insert(0, str(ROOT / folder))
-
-from kincal.flight import library  # noqa: E402
-from kincal.flight.kernel import spectral_table  # noqa: E402
-from kincal.rotations import wxyz_of_matrix  # noqa: E402
-from kincal.space import SpaceTable  # noqa: E402
-from kincal_sim.mechanics import arm as sim_arm  # noqa: E402
-
 FLIGHT = library("flight")
 ffi, lib = FLIGHT.ffi, FLIGHT.lib
 ACQUISITIONS = ("random", "ucb", "dopt", "vopt")

@@ -39,7 +39,6 @@ import numpy as np  # noqa: E402
 from scipy.stats import chi2  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / folder) for folder in ("ground", "sim", "build/py", "tests/bench")]
 
 import missions  # noqa: E402
 from montecarlo import bounds, coefficient_errors, paper  # noqa: E402

@@ -2,16 +2,11 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
+import claims
 import numpy as np
 import pytest
-
-BENCH = Path(__file__).resolve().parents[1] / "bench"
-sys.path.insert(0, str(BENCH))
-
-import claims  # noqa: E402
 
 
 @pytest.fixture

@@ -128,8 +128,10 @@ ON = {
 
 @pytest.mark.parametrize(("name", "case"), [(name, case) for name, cases in ON.items() for case in cases])
 def test_a_wrong_reading_of_a_real_set_is_found(name, case):
+    """By 160 to 250 of its poses: one that all poses show, these show too."""
     spoil, expected = WRONG[case]
-    arm, data = spoil(*real(name))
+    arm, data = real(name)
+    arm, data = spoil(arm, data.take(np.arange(0, data.n, 4 if data.n > 400 else 1)))
     assert expected <= codes(replace(arm, source="spoilt"), data)
 
 

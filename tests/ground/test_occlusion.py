@@ -1,14 +1,8 @@
 """The visibility verdict of a search space against rendered frames (a part of tests/bench/occlusion.py)."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
-
 import occlusion
+import pytest
 
 
 @pytest.fixture(scope="module")

@@ -60,8 +60,11 @@ def held_out(fit):
 
 @pytest.mark.parametrize("name", SETS)
 def test_commands_of_a_diagnosis_of_a_real_set_give_what_it_promises(name, tmp_path, monkeypatch):
+    """Of the two large sets every fourth pose: up to 1000 poses all are used, in every step."""
     monkeypatch.chdir(tmp_path)
-    answer, fits = deliver("--arm", DATA / name / f"{name}.toml", "--data", DATA / f"{SETS[name]}.csv")
+    header, *rows = (DATA / f"{SETS[name]}.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "d.csv").write_text("".join([header, *rows[:: 4 if len(rows) > 400 else 1]]))
+    answer, fits = deliver("--arm", DATA / name / f"{name}.toml", "--data", "d.csv")
     promised = answer["errors"]
     assert [row["model"] for row in promised[:2]] == ["nominal", "DH"]
     assert len(promised) > 2, "a real arm has more than DH errors"

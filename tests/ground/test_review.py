@@ -20,6 +20,7 @@ from kincal.flight import event_name
 from kincal.flight.tables import kind_number
 from kincal.link import CommandLink, Link, LogEvent, LogSummary, Session, upload
 from kincal.link.connection import check_ack
+from kincal.pages import image
 from kincal.pages import review as review_page
 from kincal.pages.page import Provenance, render
 from kincal.results import chance_text
@@ -31,6 +32,18 @@ from kincal_sim.ports import private_port, private_url
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 APPROVE = [(kcm.cmd_t.APPROVE_ARM, CRC), (kcm.cmd_t.APPROVE_GO, CRC)]
+
+
+@pytest.fixture
+def drawn():
+    """For a test that is about the picture."""
+
+
+@pytest.fixture(autouse=True)
+def undrawn(request, monkeypatch):
+    """Elsewhere none is drawn: a browser takes seconds."""
+    if "drawn" not in request.fixturenames:
+        monkeypatch.setattr(image, "beside", lambda files, _figures: (files, ""))
 
 
 @pytest.fixture
@@ -93,6 +106,7 @@ def test_clean_proposal_has_no_warnings(names):
     assert review.warnings(review.from_message(p, names)) == []
 
 
+@pytest.mark.usefixtures("drawn")
 def test_show_prints_all_numbers_and_draws(tmp_path):
     log = tmp_path / "run.lcmlog"
     write_log(log)

@@ -7,6 +7,7 @@ import ctypes
 import json
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import click
 import numpy as np
@@ -150,12 +151,37 @@ def commands(group=main, prefix=""):
             yield f"{prefix}{name}"
 
 
-def call(home, user, name, cwd=None):
+# As the program `kincal` does, each in a process of its own, forked where the packages that all of them need
+# are loaded already. Its answer goes to files NUMBER.out and NUMBER.err.
+RUNNER = """
+import json, os, sys
+import cffi, click, lcm, numpy, pydantic, scipy.optimize, scipy.spatial, scipy.stats
+from kincal.cli import main
+answers, *calls = json.loads(sys.argv[1])
+statuses = []
+for number, words in enumerate(calls):
+    pid = os.fork()
+    if pid == 0:
+        for stream, kind in ((1, "out"), (2, "err")):
+            os.dup2(os.open(f"{answers}/{number}.{kind}", os.O_WRONLY | os.O_CREAT), stream)
+        main(words, prog_name="kincal")
+        raise SystemExit("kincal returned")
+    statuses.append(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+print(json.dumps(statuses))
+"""
+
+
+def called(home, user, answers, names):
+    """name -> status, output and messages of each command, run one after the other in the user's folder."""
     tables = next(home.glob("lib/*/site-packages/kincal/_tree/tables"))
-    words = [word.format(tables=tables) for word in CALLS[name]]
     (user / "new").mkdir(exist_ok=True)
-    done = child(home / "bin" / "kincal", *name.split(), *words, cwd=cwd or user)
-    assert "Traceback" not in done.stdout + done.stderr, done.stderr
+    calls = [[*name.split(), *(word.format(tables=tables) for word in CALLS[name])] for name in names]
+    said = child(home / "bin" / "python", "-c", RUNNER, json.dumps([str(answers), *calls]), cwd=user)
+    assert said.returncode == 0, said.stderr
+    done = {}
+    for number, (name, status) in enumerate(zip(names, json.loads(said.stdout), strict=True)):
+        out, err = ((answers / f"{number}.{kind}").read_text() for kind in ("out", "err"))
+        done[name] = SimpleNamespace(returncode=status, stdout=out, stderr=err)
     return done
 
 
@@ -163,9 +189,16 @@ def test_every_command_is_tried():
     assert set(CALLS) == set(commands())
 
 
+@pytest.fixture(scope="module")
+def clean(plain, user, tmp_path_factory):
+    """Every command in an environment without any extra."""
+    return called(plain, user, tmp_path_factory.mktemp("plain-answers"), list(CALLS))
+
+
 @pytest.mark.parametrize("name", CALLS)
-def test_command_runs_or_names_the_extra_in_a_clean_environment(name, plain, user):
-    done = call(plain, user, name)
+def test_command_runs_or_names_the_extra_in_a_clean_environment(name, clean):
+    done = clean[name]
+    assert "Traceback" not in done.stdout + done.stderr, done.stderr
     extra = NEEDS.get(name) or NEEDS.get(name.split()[0])
     if extra and done.returncode == 2:
         assert f"pip install 'kincal[{extra}]'" in done.stderr
@@ -176,18 +209,25 @@ def test_command_runs_or_names_the_extra_in_a_clean_environment(name, plain, use
 
 
 EXTRA = [n for n in CALLS if NEEDS.get(n) or NEEDS.get(n.split()[0]) or n in PICTURES]
-
-
 # `run` has run with it for the user's folder, and passed.
-@pytest.mark.parametrize("name", [n for n in EXTRA if n not in (*SLOW, "run")])
-def test_command_that_an_extra_is_for_runs_with_it(name, full, user):
-    done = call(full, user, name)
+WITH_EXTRA = [n for n in EXTRA if n not in (*SLOW, "run")]
+
+
+@pytest.fixture(scope="module")
+def equipped(full, user, tmp_path_factory):
+    return called(full, user, tmp_path_factory.mktemp("full-answers"), WITH_EXTRA)
+
+
+@pytest.mark.parametrize("name", WITH_EXTRA)
+def test_command_that_an_extra_is_for_runs_with_it(name, equipped):
+    done = equipped[name]
+    assert "Traceback" not in done.stdout + done.stderr, done.stderr
     assert "pip install" not in done.stderr
     assert done.returncode in (0, 1), done.stderr
 
 
-def test_page_is_written_without_the_image_extra_and_says_why_there_is_no_picture(plain, user):
-    done = call(plain, user, "review show")
+def test_page_is_written_without_the_image_extra_and_says_why_there_is_no_picture(clean, user):
+    done = clean["review show"]
     assert "no pictures" in done.stderr
     assert "pip install 'kincal[image]'" in done.stderr
     assert (user / "new" / "review.html").stat().st_size > 1_000_000

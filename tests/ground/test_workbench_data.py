@@ -5,6 +5,8 @@ import json
 import numpy as np
 import poses
 import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from kincal import workbench as wb
 from kincal.rotations import Pose
@@ -142,6 +144,28 @@ def test_unknown_frames_are_found_without_a_first_guess(with_rotation):
         got_base, got_tool = solve_frames(chain, seen.p_m, seen.R if with_rotation else None, None, None)
         np.testing.assert_allclose(got_base.matrix, base.matrix, atol=1e-6, err_msg=f"trial {trial}")
         np.testing.assert_allclose(got_tool.p_m, tool.p_m, atol=1e-6)
+
+
+def test_unknown_frames_of_noisy_positions_are_those_of_least_error():
+    """Oracle: scipy's least squares over both frames, started beside what was found."""
+    rng = np.random.default_rng(10)
+    chain = Pose.of_matrix(
+        np.array([poses.tool_pose(q, np.zeros((7, 4))) for q in rng.uniform(-1.5, 1.5, (30, 7))])
+    )
+    for scale in (1e-4, 1e-2, 0.1):
+        base, tool = (Pose.of_wxyz(rng.uniform(-3, 3, 3), rng.normal(size=4)) for _ in range(2))
+        p_m = (base @ chain @ tool).p_m + rng.normal(0.0, scale, (30, 3))
+        got_base, got_tool = solve_frames(chain, p_m, None, None, None)
+
+        def residual(x, p_m=p_m, got=(got_base, got_tool)):
+            turn = Rotation.from_rotvec(x[:3]).as_matrix()
+            around = Pose(turn @ got[0].p_m + x[3:6], turn @ got[0].R)
+            return (around.apply(chain.apply(got[1].p_m + x[6:])) - p_m).ravel()
+
+        beside = rng.normal(0.0, 1e-2, 9)
+        best = least_squares(residual, beside, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        assert np.abs(best.x).max() < 1e-5
+        assert np.sum(residual(np.zeros(9)) ** 2) <= 2.0 * best.cost * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("with_rotation", [True, False])

@@ -1,17 +1,12 @@
 """The fault campaign of tests/bench: an evaluation that can fail, and some of its runs."""
 
-import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
-import pytest
-from runs import ROOT
-
-sys.path.insert(0, str(ROOT / "tests" / "bench"))
-
 import faults
 import missions
+import numpy as np
+import pytest
 from fault_kinds import KIN, KINDS, Fault
 
 from kincal.run.inprocess import Hooks

@@ -2,16 +2,12 @@
 
 import copy
 import json
-import sys
-
-import numpy as np
-import pytest
-from runs import ROOT, fly
-
-sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
 import montecarlo
+import numpy as np
+import pytest
 import resumable
+from runs import fly
 
 import kcm
 from kincal_sim.scenario import ArmTruth, Scenario

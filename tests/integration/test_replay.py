@@ -1,15 +1,12 @@
 """What a calibration gave is given again by the program that other CPUs run (`make cross`)."""
 
 import subprocess
-import sys
 
 import pytest
 from conftest import ROOT
+from record import record
 
 from kincal.run.inprocess import Setup
-
-sys.path.insert(0, str(ROOT / "tests/cross"))
-from record import record  # noqa: E402
 
 
 @pytest.fixture(scope="module")

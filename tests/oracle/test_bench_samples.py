@@ -5,10 +5,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import samples
 
 BENCH = Path(__file__).resolve().parents[1] / "bench"
-sys.path.insert(0, str(BENCH))
-import samples  # noqa: E402
 
 
 def test_four_seeds_up_to_eight_poses_are_not_clearly_worse():

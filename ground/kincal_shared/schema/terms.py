@@ -239,8 +239,8 @@ def _parse_variable(text: str) -> tuple[str, str]:
     if bool(comma) != VARIABLES[name].of_body:
         example = f"{name}[p,k] or {name}[1,tool]" if VARIABLES[name].of_body else f"{name}[j]"
         raise Contradiction("", f"{text!r} has {'two indices' if comma else 'one index'}", f"write {example}")
-    for part in (link, body) if comma else (link,):
-        if not (part.isdigit() or part in JOINT_LETTERS or (comma and part == TOOL_BODY)):
+    for part, more in ((link, ()), (body, (TOOL_BODY,))) if comma else ((link, ()),):
+        if not (part.isdigit() or part in (*JOINT_LETTERS, *more)):
             raise Contradiction("", f"{text!r}: no joint {part!r} here", todo="write the number or j")
     return name, joint
 

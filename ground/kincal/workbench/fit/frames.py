@@ -21,6 +21,8 @@ from ..numerics.types import Array, array
 
 _SEARCH = 3000  # rotations tried; the mean gap is about 15 degrees, well inside the basin
 _REFINED = 12  # the best of them, refined
+_STEPS, _STEP_RAD, _DAMPING = 100, 1e-12, 1e-3  # of each; it ends at a step below _STEP_RAD
+_GENERATORS = -np.array(np.cross(np.eye(3)[:, None], np.eye(3)[None]))  # of rotations about x, y, z
 _SAME_TURNS = 0.999  # ratio of singular values from which on the poses turn too little
 
 
@@ -105,13 +107,12 @@ class _RotationSearch:
     """R_B^T (p - t_B) = R_A t_X + t_A: for a given R_B linear in t_X and s = R_B^T t_B, with a design that
     does not depend on R_B, so that one projection serves all rotations tried.
 
-    design: (3 N, 6); columns: (3 N, 9), constant: (3 N,): what the design leaves is columns vec(R_B^T) +
-    constant, vec row by row.
+    design: (3 N, 6); left: (10, 10), what the design leaves is as long as left @ (vec(R_B^T), 1), vec row by
+    row: the triangle of its QR factors, so that a trial costs the same for any number of poses.
     """
 
     design: Array
-    columns: Array
-    constant: Array
+    left: Array
 
     @classmethod
     def of(cls, chain: Pose, p_m: Array) -> _RotationSearch:
@@ -122,30 +123,35 @@ class _RotationSearch:
         for i in range(3):
             entries[:, i, i, :] = p_m
         raw = np.column_stack([entries.reshape(-1, 9), -chain.p_m.ravel()])
-        left = raw - q @ (q.T @ raw)
-        return cls(design, left[:, :9], left[:, 9])
+        return cls(design, array(np.linalg.qr(raw - q @ (q.T @ raw), mode="r")))
 
     def best(self) -> Array:
         """R_B (3, 3) of least cost: many random rotations, the best of them refined."""
-        from scipy.optimize import least_squares  # here: it loads slowly, and few data need it
-
-        found = [
-            (least_squares(self._residual, np.zeros(3), method="lm", args=(start,)), start)
-            for start in self._starts()
-        ]
-        best, start = min(found, key=lambda row: row[0].cost)
-        turn: Array = (Rotation.from_rotvec(best.x) * start).as_matrix().T
+        turns = Rotation.random(_SEARCH, random_state=np.random.RandomState(1)).as_matrix()
+        starts = turns[np.argsort(self._cost(turns))[:_REFINED]]
+        refined = np.array([self._refined(start) for start in starts])
+        turn: Array = refined[np.argmin(self._cost(refined))].T
         return turn
 
-    def _starts(self) -> list[Rotation]:
-        """Random rotations R_B^T that leave least."""
-        gram, cross = self.columns.T @ self.columns, self.columns.T @ self.constant
-        turns = Rotation.random(_SEARCH, random_state=np.random.RandomState(1))
-        tries = turns.as_matrix().reshape(-1, 9)
-        cost = np.einsum("ni,ij,nj->n", tries, gram, tries) + 2.0 * tries @ cross
-        return [turns[int(k)] for k in np.argsort(cost)[:_REFINED]]
+    def _residual(self, turn: Array) -> Array:
+        return array(turn.reshape(*turn.shape[:-2], 9) @ self.left[:, :9].T + self.left[:, 9])
 
-    def _residual(self, rotvec: Array, start: Rotation) -> Array:
-        matrix = (Rotation.from_rotvec(rotvec) * start).as_matrix()
-        left: Array = self.columns @ matrix.ravel() + self.constant
-        return left
+    def _cost(self, turn: Array) -> Array:
+        return array(np.sum(self._residual(turn) ** 2, axis=-1))
+
+    def _refined(self, turn: Array) -> Array:
+        """R_B^T of least cost near a rotation: Levenberg-Marquardt, steps as rotation vectors."""
+        damping, cost = _DAMPING, self._cost(turn)
+        for _ in range(_STEPS):
+            jacobian = self.left[:, :9] @ (_GENERATORS @ turn).reshape(3, 9).T
+            normal = jacobian.T @ jacobian
+            normal[np.diag_indices(3)] *= 1.0 + damping
+            step = -_least_squares(normal, jacobian.T @ self._residual(turn))
+            tried = Rotation.from_rotvec(step).as_matrix() @ turn
+            if (less := self._cost(tried)) < cost:
+                turn, cost, damping = tried, less, 0.1 * damping
+            else:
+                damping *= 10.0
+            if np.linalg.norm(step) < _STEP_RAD:
+                break
+        return turn
