@@ -112,7 +112,11 @@ def test_a_rollback_is_done_when_another_correction_is_read_back():
 def test_a_refusal_says_why_and_what_to_do_and_ends_it():
     c = tracked(commands.start(), "MOVE")
     why = event(1, 5, EVENT["CMD_STATE"], 3, float(STATE["MOVE"]), 1)
-    assert after(c, ("KC_EVENT", why), ("KC_ACK", ack(1, -8, EVENT["CMD_STATE"]))) == [SENT, RECEIVED, REFUSED]
+    assert after(c, ("KC_EVENT", why), ("KC_ACK", ack(1, -8, EVENT["CMD_STATE"]))) == [
+        SENT,
+        RECEIVED,
+        REFUSED,
+    ]
     assert c.outcome == REFUSED
     assert "CMD_STATE: command START refused in state MOVE. Nothing was changed on board." in c.last_line
 

@@ -1,5 +1,6 @@
 """What an operator does with flight while it runs, for commands and the console."""
 
+from kincal.operate.acting import act, comment, verified
 from kincal.operate.commands import (
     ACCEPTED,
     DONE,
@@ -62,9 +63,11 @@ __all__ = [
     "Unmet",
     "Waiting",
     "abort",
+    "act",
     "activate",
     "approve_arm",
     "approve_go",
+    "comment",
     "discard",
     "event_of",
     "listen",
@@ -75,4 +78,5 @@ __all__ = [
     "start",
     "unmet",
     "validate",
+    "verified",
 ]
