@@ -44,7 +44,18 @@ class _Groups(MutableMapping[str, click.Command]):
 @click.group(
     cls=Commands,
     commands=_Groups(
-        "arm", "command", "key", "log", "model", "review", "run", "schema", "space", "status", "table"
+        "arm",
+        "command",
+        "key",
+        "log",
+        "model",
+        "record",
+        "review",
+        "run",
+        "schema",
+        "space",
+        "status",
+        "table",
     ),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
