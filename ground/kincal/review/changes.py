@@ -301,6 +301,32 @@ def of_review(
     )
 
 
+def of_values(
+    values: Sequence[float],
+    sigmas: Sequence[float],
+    old: KinValues | None,
+    names: Sequence[str],
+    flown: Flown | None,
+) -> Changes:
+    """What a kinematics table changes, by its values alone."""
+    before = None if old is None else _padded(old.values, len(values)).tolist()
+    rows = [
+        _change(
+            names[i] if i < len(names) else f"coef[{i}]",
+            None if before is None else before[i],
+            value,
+            sigma,
+            flown.bound(i, value) if flown else 0.0,
+            _source(
+                "estimated" if sigma > 0.0 else "not estimated", sigma, flown.prior_sigma(i) if flown else 0.0
+            ),
+        )
+        for i, (value, sigma) in enumerate(zip(values, sigmas, strict=True))
+    ]
+    shown = [row for row in rows if row.sigma > 0.0 or row.delta]
+    return _changes(shown, _shifts(flown, before, values), flown, old_known=before is not None)
+
+
 def of_rollback(now: KinValues, previous: KinValues, names: Sequence[str], flown: Flown | None) -> Changes:
     """What a rollback changes back: from the table in force to the one before it."""
     n = max(len(now.values), len(previous.values), 0)
