@@ -327,7 +327,7 @@ def test_every_state_says_who_has_to_act():
     for state in STATE:
         if state != "COUNT":
             text = heard(state=state).status(10.5, UTC).waits_for
-            assert (text == "flight computes") == (state in computing), state
+            assert (text == "flight: it computes") == (state in computing), state
 
 
 def test_lost_events_are_counted_on_board_and_on_the_link():

@@ -45,6 +45,7 @@ class _Groups(MutableMapping[str, click.Command]):
     cls=Commands,
     commands=_Groups(
         "arm",
+        "audit",
         "command",
         "key",
         "log",

@@ -13,7 +13,7 @@ from kincal import link
 from kincal.cli.options import EXISTS, FILE, PATH, TABLES
 from kincal.cli.outputs import FILE_OUT, PICTURE
 from kincal.cli.provenance import say_files, table_crcs, today
-from kincal.cli.terminal import console
+from kincal.cli.terminal import console, say
 from kincal.cli.text import review as text
 from kincal.cli.wire import KEYS, TIMEOUT, URL
 from kincal.review import journal as journals
@@ -82,34 +82,6 @@ def review_list(
     for one in found:
         text.decisions(out, one)
     text.absent(out, absent(logs, found))
-
-
-@review.command("verify")
-@click.argument("logs", nargs=-1, type=FILE)
-@KEYS
-@JOURNAL
-def review_verify(logs: tuple[Path, ...], key_file: Path, journal: Path | None) -> None:
-    """Check the journal of decisions, of itself and against logs.
-
-    Every line has to follow from the one before and to be written with its key, and every decision that
-    flight took in these logs has to be there. Names the line that is wrong or missing. With logs, the
-    journals beside them too.
-
-    \b
-    Examples:
-        kincal review verify
-        kincal review verify out/paper/run.lcmlog
-    """
-    from kincal.api.reviews import absent, read_journals
-
-    found = read_journals(logs, journal, key_file)
-    for one in found:
-        decided = sum(entry.decision != journals.SEEN for entry in one.entries)
-        click.echo(f"{one.path}: {decided} decisions, {one.vouched}")
-    missing = absent(logs, found)
-    text.absent(console(), missing)
-    if missing or any(one.unconfirmed for one in found):
-        raise CommandFailed("the journal is not what it should be", todo="see above; keep your copies of it")
 
 
 @review.command("show")
@@ -368,7 +340,7 @@ def _operator(given: Decision) -> Operator:
     out = console()
     journal = FILE_OUT.convert(journals.place(given["journal"], file_of(given["key_file"])), None, None)
     command = operate.verified(operate.Snapshot(), lambda step: steps.step(out, step))
-    return Operator(given["by"], given["why"], journal, given["timeout_s"], click.echo, command)
+    return Operator(given["by"], given["why"], journal, given["timeout_s"], say, command)
 
 
 def _dry_run(verb: str, crc: str, given: Decision, override: bool = False) -> None:
@@ -424,8 +396,9 @@ def review_comment(
 @review.command("watch")
 @click.option("--live", is_flag=True, help="Of the flight process at --url; the only source there is.")
 @click.option("--forever", is_flag=True, help="Go on when the calibration has ended or a correction waits.")
+@click.option("--seconds", type=float, default=None, show_default="until then", help="How long, at most.")
 @URL
-def review_watch(live: bool, forever: bool, url: str) -> None:
+def review_watch(live: bool, forever: bool, seconds: float | None, url: str) -> None:
     """Watch a calibration: its poses, events with cause and action, and states, as they come.
 
     It ends when a correction waits for people, or when the calibration has ended.
@@ -440,12 +413,14 @@ def review_watch(live: bool, forever: bool, url: str) -> None:
 
     out, last = console(), ""
     with link.Link(url, operate.LISTEN) as up:
+        begun_s = up.clock_s()
 
         def stop(w: operate.Watch) -> bool:
             nonlocal last
             last = w.ended
-            return bool(w.ended) and not forever
+            late = seconds is not None and up.clock_s() >= begun_s + seconds
+            return late or (bool(w.ended) and not forever)
 
         for line in operate.watch(up, operate.Snapshot(), stop):
             text.watched(out, line)
-    click.echo(last)
+    say(last or "nothing has ended")

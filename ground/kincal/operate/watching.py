@@ -10,7 +10,7 @@ from typing import Any
 from kincal.link import CommandLink, crc_text, names
 from kincal.results import PoseLine
 
-from .snapshot import FRESH, EventLine, Snapshot, calibrating
+from .snapshot import FRESH, UNKNOWN, EventLine, Snapshot, calibrating
 
 _POLL_S = 0.2
 _QUIET = ("CAL_POSE", "CMD_ACCEPTED")  # the pose has a line of its own
@@ -74,12 +74,12 @@ class Watch:
         """Time passes: a link that falls silent, or comes back, is said once."""
         age = self.snapshot.freshness("KC_HK", now_s)
         was, self._link = self._link, age.status
-        if was == age.status or (not was and age.status == FRESH):
+        if was in ("", UNKNOWN, age.status):
             return []
         text = (
             "housekeeping comes again" if age.status == FRESH else f"housekeeping is {age.status}: {age.why}"
         )
-        return [Line(text)] if was else []
+        return [Line(text)]
 
 
 def watch(link: CommandLink, snapshot: Snapshot, stop: Callable[[Watch], bool]) -> Iterator[Line]:
