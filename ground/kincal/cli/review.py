@@ -196,9 +196,7 @@ def _waiting(
         file = reviews.recorded(waits.crc, recordings)
         if file is None:
             values = reviews.asked_for(up, waits.crc, tables_dir, before)
-            click.echo(
-                f"correction {waits.crc:08x} ({waits.verdict or 'verdict not known'}), as flight holds it:"
-            )
+            say(f"correction {waits.crc:08x} ({waits.verdict or 'verdict not known'}), as flight holds it:")
             text.what_changes(console(), values)
     return f"{waits.crc:08x}", file
 
@@ -238,7 +236,7 @@ def _see(
     keys = file_of(key_file)
     path = FILE_OUT.convert(journals.place(journal, keys), None, None)
     see(path, found, by, log, signer_of(keys), stood_out)
-    click.echo(f"recorded in {path}: {by} has seen correction {found.crc_text}")
+    say(f"recorded in {path}: {by} has seen correction {found.crc_text}")
 
 
 class Decision(TypedDict):
@@ -390,7 +388,7 @@ def review_comment(
     path = FILE_OUT.convert(journals.place(journal, keys), None, None)
     what = journals.QUESTION if question else journals.COMMENT
     record(path, what, parse_crc(crc) if crc else 0, by, text, "", None, signer_of(keys))
-    click.echo(f"recorded in {path}: {what} by {by}")
+    say(f"recorded in {path}: {what} by {by}")
 
 
 @review.command("watch")
