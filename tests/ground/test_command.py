@@ -1,5 +1,5 @@
-"""`kincal command`, `status`, `review comment` and what they write down: against a link in the same thread, and
-over LCM against a few lines of flight."""
+"""`kincal command`, `status`, `review comment` and what they write down: against a link in the same thread,
+and over LCM against a few lines of flight."""
 
 import io
 import json

@@ -11,7 +11,7 @@ from kincal.flight import event_name, library
 from kincal.flight.events import event_cause, event_todo
 from kincal.operate import commands
 from kincal.operate.commands import ACCEPTED, DONE, RECEIVED, REFUSED, SENT, UNCERTAIN, Tracked, unmet
-from kincal.operate.snapshot import FRESH, STALE, UNKNOWN, Snapshot
+from kincal.operate.snapshot import FRESH, STALE, UNKNOWN, Snapshot, event_of
 
 ROOT = Path(__file__).resolve().parents[2]
 STATE = library("flight").enum("kc_state_t", "KC_ST_")
@@ -344,7 +344,11 @@ def test_events_come_with_cause_and_action():
     s.take("KC_EVENT", event(1, 1, EVENT["IN_SILENT"], 3, 2e6, 1), 10.0, UTC)
     s.take("KC_EVENT", event(1, 2, EVENT["DET_NONE"], 0), 10.0, UTC)
     (line,) = s.status(10.1, UTC).events
-    assert line.name == "IN_SILENT" and "sender has stopped" in line.cause and "START begins" in line.action
+    assert (
+        line.name == "IN_SILENT"
+        and "sender has stopped" in line.cause
+        and "kincal command start" in line.action
+    )
 
 
 def test_no_event_from_info_up_is_without_cause_and_action():
@@ -355,6 +359,19 @@ def test_no_event_from_info_up_is_without_cause_and_action():
         assert event_cause(number).strip(), event_name(number)
         assert event_todo(number).strip(), event_name(number)
     assert event_cause(60_000) == event_todo(60_000) == ""
+
+
+def test_every_cause_of_an_abort_says_what_to_do():
+    causes = library("flight").enum("kc_cause_t", "KC_CAUSE_")
+    for name, number in causes.items():
+        if name != "COUNT":
+            line = event_of(event(1, 1, EVENT["CAL_ABORTED"], 3, float(number), 6))
+            assert line.cause and line.action and "See there" not in line.action, name
+    silent = event_of(event(1, 1, EVENT["CAL_ABORTED"], 3, float(causes["SILENT"]), 6))
+    assert silent.cause == "no state messages from the arm or the pan-tilt unit"
+    assert "As event IN_SILENT." in silent.action and "Check that the sender runs" in silent.action
+    for got in (99.0, -1.0, float("nan"), float("inf")):
+        assert event_of(event(1, 1, EVENT["CAL_ABORTED"], 3, got, 6)).action
 
 
 def test_a_status_is_plain_data():
@@ -374,3 +391,22 @@ def test_prismatic_joints_are_shown_in_millimetres():
     text = {item.key: item.text for item in s.items(1.0)}
     assert text["joints"] == "28.65 deg, 250.00 mm"
     assert text["monitor"] == "joint 2 reads wrong by 4 mm ± 0.5 mm"
+
+
+def test_the_index_by_state_in_operations_has_every_state_and_no_other():
+    page = (ROOT / "docs" / "OPERATIONS.md").read_text()
+    table = page.partition("## By state")[2].partition("## By symptom")[0]
+    named = [name for line in table.splitlines() if line.startswith("| `") for name in
+             re.findall(r"`([A-Z]+)`", line.split("|")[1])]  # fmt: skip
+    assert sorted(named) == sorted(name for name in STATE if name != "COUNT")
+
+
+def test_every_command_of_the_tables_in_operations_exists():
+    page = (ROOT / "docs" / "OPERATIONS.md").read_text()
+    known = set(re.findall(r"^## kincal ([a-z ]+)$", (ROOT / "docs" / "CLI.md").read_text(), re.M))
+    used = set(re.findall(r"\bkincal ((?:[a-z]+)(?: [a-z]+)?)", page)) - {"record"}
+    lacking = {u for u in used if u not in known and u.split()[0] not in known}
+    assert not lacking
+    for group in ("command", "review", "audit", "table", "space", "model", "key"):
+        verbs = {u.split()[1] for u in used if u.startswith(f"{group} ")}
+        assert verbs <= {k.split()[1] for k in known if k.startswith(f"{group} ")}, group

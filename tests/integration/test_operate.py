@@ -1,4 +1,4 @@
-"""The operator's commands against real flight and the fast simulator over LCM: watch, abort, decide, roll back."""
+"""The operator's commands against real flight and the fast simulator over LCM: see, abort, roll back."""
 
 import json
 import subprocess
@@ -6,9 +6,12 @@ import sys
 import time
 
 import pytest
+from click.testing import CliRunner
 from flight import BINARY, TABLES, store_with_proposal
 
+from kincal.cli import main
 from kincal.link import Link
+from kincal.review import decisions
 from kincal_shared import keys
 from kincal_sim.ports import private_port, private_url
 
@@ -17,10 +20,9 @@ WHO = ("--by", "A. Operator", "--why", "test")
 
 def kincal(*args):
     """Exit status, and output as one line."""
-    run = subprocess.run(
-        [sys.executable, "-m", "kincal", *map(str, args)], capture_output=True, text=True, timeout=120
-    )
-    return run.returncode, " ".join((run.stdout + run.stderr).split())
+    run = CliRunner().invoke(main, [str(a) for a in args])
+    assert run.exception is None or isinstance(run.exception, SystemExit), run.exc_info
+    return run.exit_code, " ".join(run.output.split())
 
 
 class Live:
@@ -99,8 +101,6 @@ def test_a_correction_is_rolled_back_and_a_killed_flight_is_said(tmp_path):
         status, said = kincal("review", "show", "--live", "--recordings", tmp_path / "none", *flight.on)
         assert status == 1 and f"correction {crc:08x} (change proposed), as flight holds it" in said
         assert "Where the tool goes" in said and "was not recorded" in said
-        from kincal.review import decisions
-
         with Link(flight.url, signer=keys.signer_of(file)) as link:
             link.wait_hk(lambda _hk: True, 10.0, "housekeeping")
             decisions.send_arm(link, crc, 10.0)
