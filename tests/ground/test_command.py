@@ -260,8 +260,8 @@ def heartbeat(state, boots=1, t_us=1_000_000):
     return m
 
 
-def test_a_watch_shows_what_is_new_and_ends_when_people_have_to_act():
-    w = operate.Watch(operate.Snapshot())
+def test_a_follower_shows_what_is_new_and_ends_when_people_have_to_act():
+    w = operate.Follower(operate.Snapshot())
     p = kcm.progress_t()
     p.pose, p.n_goal = 1, 20
     assert w.take("KC_HK", heartbeat("MOVE"), 1.0, 0.0)[0].text == "state MOVE, waits for the arm: to arrive"
@@ -282,8 +282,8 @@ def test_a_watch_shows_what_is_new_and_ends_when_people_have_to_act():
     assert w.ended == "waits for the ground: decide on correction fedcba98 (change proposed)"
 
 
-def test_a_watch_says_once_that_the_link_is_silent_and_that_flight_was_started_again():
-    w = operate.Watch(operate.Snapshot())
+def test_a_follower_says_once_that_the_link_is_silent_and_that_flight_was_started_again():
+    w = operate.Follower(operate.Snapshot())
     assert w.tick(0.5) == []
     w.take("KC_HK", heartbeat("MOVE"), 1.0, 0.0)
     assert w.tick(1.5) == []

@@ -396,7 +396,7 @@ def review_comment(
 @click.option("--forever", is_flag=True, help="Go on when the calibration has ended or a correction waits.")
 @click.option("--seconds", type=float, default=None, show_default="until then", help="How long, at most.")
 @URL
-def review_watch(live: bool, forever: bool, seconds: float | None, url: str) -> None:
+def review_follow(live: bool, forever: bool, seconds: float | None, url: str) -> None:
     """Watch a calibration: its poses, events with cause and action, and states, as they come.
 
     It ends when a correction waits for people, or when the calibration has ended.
@@ -413,12 +413,12 @@ def review_watch(live: bool, forever: bool, seconds: float | None, url: str) -> 
     with link.Link(url, operate.LISTEN) as up:
         begun_s = up.clock_s()
 
-        def stop(w: operate.Watch) -> bool:
+        def stop(w: operate.Follower) -> bool:
             nonlocal last
             last = w.ended
             late = seconds is not None and up.clock_s() >= begun_s + seconds
             return late or (bool(w.ended) and not forever)
 
-        for line in operate.watch(up, operate.Snapshot(), stop):
+        for line in operate.follow(up, operate.Snapshot(), stop):
             text.watched(out, line)
     say(last or "nothing has ended")

@@ -18,8 +18,8 @@ from kincal_shared.errors import CommandFailed
 @click.option("--seconds", type=float, default=2.5, show_default=True, help="How long to listen first.")
 @click.option("--all", "all_items", is_flag=True, help="Every value of telemetry.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
-@click.option("--watch", is_flag=True, help="Print it again and again, until Ctrl-C.")
-def status(url: str, seconds: float, all_items: bool, as_json: bool, watch: bool) -> None:
+@click.option("--repeat", is_flag=True, help="Print it again and again, until Ctrl-C.")
+def status(url: str, seconds: float, all_items: bool, as_json: bool, repeat: bool) -> None:
     """State of flight on one screen: what waits for whom, the age of each value (fresh, stale, unknown), the
     correction that waits, the last events with cause and action, the tables in force.
 
@@ -39,12 +39,12 @@ def status(url: str, seconds: float, all_items: bool, as_json: bool, watch: bool
             operate.listen(link, snapshot, seconds, lambda _s: False)
             found = snapshot.status(link.clock_s(), time.time(), text.SHOWN_EVENTS)
             if as_json:
-                click.echo(json.dumps(found.as_dict(), indent=None if watch else 1))
+                click.echo(json.dumps(found.as_dict(), indent=None if repeat else 1))
             else:
-                if watch and out.is_terminal:
+                if repeat and out.is_terminal:
                     out.clear()
                 text.status(out, found, url, all_items)
-            if not watch:
+            if not repeat:
                 break
     if snapshot.hk is None:
         raise CommandFailed(

@@ -79,10 +79,10 @@ def _changes(c: Changes) -> list[Section]:
             )
         grid = Grid.of("<place|moves|turns|x|y|z", shifts, over)
         out.append(Section("tool", "Where the tool goes", grid=grid))
-    told = [f"{a} and {b} (correlation {rho:+.3f})" for a, b, rho in c.correlations]
+    pairs = [f"{a} and {b} (correlation {rho:+.3f})" for a, b, rho in c.correlations]
     text = []
-    if told:
-        text.append(f"Barely told apart by these poses: {'; '.join(told)}.")
+    if pairs:
+        text.append(f"Barely told apart by these poses: {'; '.join(pairs)}.")
     if c.undetermined:
         text.append(f"Not determined by these poses: {', '.join(c.undetermined)}.")
     if text:
