@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,6 +13,19 @@ from kincal import link as links
 from kincal.cli.terminal import console
 from kincal.cli.wire import URL
 from kincal_shared.errors import CommandFailed
+
+if TYPE_CHECKING:
+    from kincal.api.operate import EventLine
+
+
+def _with_recorded(events: tuple[EventLine, ...], url: str) -> tuple[EventLine, ...]:
+    """The last events, with those of before this program began to listen from the recording of the link."""
+    from kincal.cli.text.operate import SHOWN_EVENTS
+    from kincal.operate.recording import recent_events
+
+    here = {(e.t_us, e.seq, e.id) for e in events}
+    before = [e for e in recent_events(url, SHOWN_EVENTS) if (e.t_us, e.seq, e.id) not in here]
+    return (*before, *events)[-SHOWN_EVENTS:]
 
 
 @click.command()
@@ -38,6 +53,8 @@ def status(url: str, seconds: float, all_items: bool, as_json: bool, repeat: boo
         while True:
             operate.listen(link, snapshot, seconds, lambda _s: False)
             found = snapshot.status(link.clock_s(), time.time(), text.SHOWN_EVENTS)
+            if len(found.events) < text.SHOWN_EVENTS:
+                found = replace(found, events=_with_recorded(found.events, url))
             if as_json:
                 click.echo(json.dumps(found.as_dict(), indent=None if repeat else 1))
             else:

@@ -50,7 +50,7 @@ def page(
 
 def _changes(c: Changes) -> list[Section]:
     """What changes: each value, and where the tool goes."""
-    rows = [
+    rows: list[list[str | Cell]] = [
         [
             row.name,
             row.old_text,
@@ -88,8 +88,10 @@ def _changes(c: Changes) -> list[Section]:
     if text:
         out.append(Section("undetermined", "What the poses do not determine", " ".join(text)))
     if c.reasons:
-        rows = [[r.what, r.number, r.threshold] for r in c.reasons]
-        out.append(Section("against", "What speaks against it", grid=Grid.of("<what|value|<has to be", rows)))
+        against = [[r.what, r.number, r.threshold] for r in c.reasons]
+        out.append(
+            Section("against", "What speaks against it", grid=Grid.of("<what|value|<has to be", against))
+        )
     return out
 
 
