@@ -44,7 +44,21 @@ class _Groups(MutableMapping[str, click.Command]):
 @click.group(
     cls=Commands,
     commands=_Groups(
-        "arm", "bridge", "export", "key", "log", "model", "review", "run", "schema", "space", "table"
+        "arm",
+        "audit",
+        "bridge",
+        "command",
+        "export",
+        "key",
+        "log",
+        "model",
+        "record",
+        "review",
+        "run",
+        "schema",
+        "space",
+        "status",
+        "table",
     ),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )

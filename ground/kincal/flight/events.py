@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from collections.abc import Mapping
 from functools import cache
+from typing import Any
+
+from kincal_shared import installation
 
 from . import event_format
 from .builds import FlightLibrary, library
@@ -15,6 +20,7 @@ _ENUMS = {
     "acquisition": ("kc_acq_t", "KC_ACQ_"),
     "status": ("kc_status_t", ""),
 }
+_NAMED = re.compile(r"[A-Z]+(?:_[A-Z]+)+")  # names of events in a text
 _MOST_EVENT = 2**16 - 1
 _MOST_INPUT_FIELDS = 400  # 100 x input + field, three inputs
 
@@ -83,6 +89,41 @@ def event_action(event_id: int) -> str:
     """What the operator does after an event; empty if there is nothing to do, or no such event."""
     flight = library("flight")
     return flight.text(flight.lib.kc_event_action(_known(event_id)))
+
+
+@cache
+def _table() -> Mapping[str, Any]:
+    """The table that docs/OPERATIONS.md is made of: cause and what to do of every event, by its name, and
+    what to do after each cause of an abort."""
+    path = installation.root() / "fsw" / "tables" / "kc_events.toml"
+    return tomllib.loads(path.read_text("utf-8"))
+
+
+def _advice() -> Mapping[str, Mapping[str, str]]:
+    found: Mapping[str, Mapping[str, str]] = _table()["event"]
+    return found
+
+
+def abort_todo(cause: int) -> str:
+    """What the operator does after a calibration that was aborted; empty if there is no such cause. Where it
+    is the same as after an event, that is said too."""
+    flight = library("flight")
+    name = {number: name for name, number in flight.enum("kc_cause_t", "KC_CAUSE_").items()}.get(cause, "")
+    text: str = _table()["abort"].get(name, "")
+    events = flight.enum("kc_event_id_t", "KC_EVT_")
+    same = [event_todo(events[each]) for each in _NAMED.findall(text) if each in events]
+    return " ".join([text, *same])
+
+
+def event_cause(event_id: int) -> str:
+    """What is likely behind an event, the likeliest first; empty if there is no such event."""
+    return _advice().get(event_name(event_id), {}).get("cause", "")
+
+
+def event_todo(event_id: int) -> str:
+    """What the operator does, as docs/OPERATIONS.md has it; empty if there is no such event."""
+    action, more = event_action(event_id), _advice().get(event_name(event_id), {}).get("do", "")
+    return action if more == "Nothing." and action else f"{action} {more}".strip()
 
 
 def event_text(

@@ -155,9 +155,10 @@ def _not_finite(p: Any) -> list[str]:
     return [key for key, value in used.items() if not np.isfinite(value).all()]
 
 
-def warnings(review: Review) -> list[str]:
-    """What a reviewer should look at before deciding; empty when nothing stands out."""
-    out = reasons_to_reject(review)
+def warnings(review: Review, big: Sequence[str] = ()) -> list[str]:
+    """What a reviewer should look at before deciding; empty when nothing stands out. big: large changes, in
+    words."""
+    out = [*reasons_to_reject(review), *big]
     k = review.numbers
     if k["rank"] < k["n_free"]:
         held = [c.name for c in review.coefs if c.status == "held"]
@@ -242,15 +243,17 @@ def record(
     review: Review | Entry | None,
     signer: Signer,
     override: str = "",
+    command: str = "",
 ) -> Entry:
-    """Append one decision, which the last command of the signer carried out, or what was seen; review: the
-    proposal, or an entry that has its numbers; override: why it was approved in spite of the reasons to
-    reject it. Refuses when the journal was tampered with."""
+    """Append one decision, which the last command of the signer carried out, or what was seen or attempted;
+    review: the proposal, or an entry that has its numbers; override: why it was approved in spite of the
+    reasons to reject it; command: that was attempted or refused. Refuses when the journal was tampered
+    with."""
     check_words(by, why)
     entry = Entry(
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         decision,
-        f"{crc:08x}",
+        f"{crc:08x}" if crc else "",
         by,
         why,
         review.session if review else None,
@@ -258,6 +261,7 @@ def record(
         review.numbers if review else {},
         verdict=review.verdict if review else "",
         override=override,
+        command=command,
     )
     return journals.append(journal, entry, signer)
 
