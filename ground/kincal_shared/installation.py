@@ -21,6 +21,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "urdf": ("yourdfpy",),
     "data": ("pyarrow",),
     "ros": ("rosbags",),
+    "console": ("starlette", "uvicorn", "websockets"),
 }
 
 

@@ -43,7 +43,7 @@ class _Groups(MutableMapping[str, click.Command]):
 
 @click.group(
     cls=Commands,
-    commands=_Groups("arm", "key", "log", "model", "review", "run", "schema", "space", "table"),
+    commands=_Groups("arm", "key", "log", "model", "review", "run", "schema", "serve", "space", "table"),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__)

@@ -1,0 +1,226 @@
+"""What an operator does from the console: commands and decisions, by the functions that the command line has.
+
+Whatever the browser sends carries a number of its own choice. A request that comes twice, because the answer
+to the first was lost, is answered again and carried out once."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from kincal.link import Link, crc_text, unsigned32
+from kincal.pages import review as review_pages
+from kincal.pages.page import Provenance
+from kincal.review import (
+    KIN_KIND,
+    Review,
+    check_words,
+    coef_names,
+    decisions,
+    from_message,
+    journal,
+    reasons_to_reject,
+    record,
+    warnings,
+)
+from kincal.review.status import status
+from kincal.review.thresholds import read_limits
+from kincal_shared.errors import BadInput, CommandFailed, KincalError
+from kincal_shared.keys import Signer, file_of, signer_of
+from kincal_shared.keys import read as read_keys
+
+from .document import document
+from .picture import Picture
+
+_REMEMBERED = 500
+_ABORT_WAIT_S = 3.0
+Plain = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Words:
+    """Who asks and why."""
+
+    by: str
+    why: str
+
+
+@dataclass
+class Desk:
+    """url: of the network; key_file: that signs; journal: of decisions; picture: what is known of flight;
+    timeout_s: longest wait for an answer."""
+
+    url: str
+    key_file: Path | None
+    journal_file: Path | None
+    tables_dir: Path
+    picture: Picture
+    timeout_s: float = 10.0
+    _done: OrderedDict[str, Plain] = field(default_factory=OrderedDict)
+    _one: threading.Lock = field(default_factory=threading.Lock)
+    _few: threading.Lock = field(default_factory=threading.Lock)
+
+    # ---- keys and journal
+
+    @property
+    def why_no_key(self) -> str:
+        """Why nothing can be signed; empty if it can."""
+        try:
+            self._signer()
+        except KincalError as error:
+            return str(error)
+        return ""
+
+    def _signer(self) -> Signer:
+        return signer_of(file_of(self.key_file))
+
+    @property
+    def journal_path(self) -> Path:
+        """Where decisions are written."""
+        return journal.place(self.journal_file, file_of(self.key_file))
+
+    def entries(self) -> tuple[journal.Entry, ...]:
+        """The lines of the journal. BadInput if it was changed."""
+        keys = file_of(self.key_file)
+        return journal.read(self.journal_path, read_keys(keys) if keys.exists() else ()).entries
+
+    # ---- once
+
+    def once(self, number: str, what: Callable[[], Plain]) -> Plain:
+        """The answer to a request with this number, which is carried out the first time only. One after the
+        other: two signed commands at once would overtake each other."""
+        if not number:
+            raise BadInput("the request has no number")
+        with self._one:
+            if number in self._done:
+                return {**self._done[number], "again": True}
+            answer = what()
+            self._done[number] = answer
+            while len(self._done) > _REMEMBERED:
+                self._done.popitem(last=False)
+            return answer
+
+    # ---- commands
+
+    def abort(self) -> Plain:
+        """Stop the arm, at once and past everything else; no key, no reason and no state needed."""
+        with self._few:
+            signer = None if self.why_no_key else self._signer()
+            with Link(self.url, signer=signer) as link:
+                link.last_t_us = self.picture.t_us
+                self.picture.note("warning", "ABORT", "ABORT sent from this console")
+                try:
+                    link.command("ABORT", timeout_s=_ABORT_WAIT_S)
+                except CommandFailed as error:
+                    return {"ok": False, "text": f"ABORT was sent; {error}. Watch the state, send it again."}
+        return {"ok": True, "text": "ABORT accepted"}
+
+    def start(self, poses: int, words: Words) -> Plain:
+        """Begin a calibration with the settings of CONFIG; poses: 0: as CONFIG says."""
+        check_words(words.by, words.why)
+        with Link(self.url, signer=self._signer()) as link:
+            link.wait_hk(lambda _hk: True, self.timeout_s, "housekeeping")
+            link.command("START", (-1, poses, 1), self.timeout_s)
+        self.picture.note("info", "START", f"START by {words.by}: {words.why}")
+        return {"ok": True, "text": "START accepted"}
+
+    def rollback(self, crc: str, words: Words) -> Plain:
+        """Bring back the kinematics table before the one in force; crc: of the one in force, as it was
+        shown."""
+        check_words(words.by, words.why)
+        with Link(self.url, signer=self._signer()) as link:
+            hk = link.wait_hk(lambda _hk: True, self.timeout_s, "housekeeping")
+            now = crc_text(hk.table_crc[KIN_KIND])
+            if now != crc:
+                raise CommandFailed(f"table {now} is in force now, not {crc}", self.url, "look again")
+            link.command("ROLLBACK", (unsigned32(hk.table_crc[KIN_KIND]),), self.timeout_s)
+            changed = lambda m: crc_text(m.table_crc[KIN_KIND]) != crc  # noqa: E731
+            after = link.wait_hk(changed, self.timeout_s, "another table in housekeeping")
+        text = f"rolled back: {crc_text(after.table_crc[KIN_KIND])} is in force again"
+        self.picture.note("info", "ROLLBACK", f"{text}; by {words.by}: {words.why}")
+        return {"ok": True, "text": text}
+
+    # ---- corrections
+
+    def review(self, crc: str) -> Plain:
+        """A correction as its page shows it, and what can be decided."""
+        found = self._found(crc)
+        lines = [e for e in self.entries() if e.crc == crc]
+        about = status(self.picture.summary(), found, lines)
+        origin = Provenance(_today())
+        page = review_pages.page(
+            found, warnings(found), origin, about, read_limits(self.tables_dir)
+        )  # fmt: skip
+        hk = self.picture.newest("KC_HK")
+        return {
+            "page": document(page),
+            "reasons": self._reasons(found),
+            "waits": hk is not None and crc_text(hk.proposal_crc) == crc,
+            "seen_by": sorted({e.by for e in lines if e.decision == journal.SEEN}),
+            "lines": [_line(e) for e in lines],
+        }
+
+    def _found(self, crc: str) -> Review:
+        message = self.picture.proposal(crc)
+        if message is None:
+            raise BadInput(f"correction {crc} was not heard by this console", todo="open its recording")
+        return from_message(message, coef_names(self.tables_dir, unsigned32(message.crc_terms)))
+
+    def _reasons(self, found: Review) -> list[str]:
+        """To reject it, also that flight no longer knows its verdict."""
+        reasons, hk = reasons_to_reject(found), self.picture.newest("KC_HK")
+        waits = hk is not None and unsigned32(hk.proposal_crc) == found.crc
+        return [*reasons, "flight has lost its verdict"] if waits and not hk.proposal_verdict else reasons
+
+    def see(self, crc: str, by: str) -> Plain:
+        """Write down that this person was shown the correction."""
+        check_words(by, "seen")
+        found = self._found(crc)
+        if any(e.by.casefold() == by.strip().casefold() and e.decision == journal.SEEN
+               for e in self.entries() if e.crc == crc):  # fmt: skip
+            return {"ok": True, "text": f"{by} has seen correction {crc}"}
+        why = "; ".join(warnings(found)) or "nothing stood out"
+        record(self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, self._signer())
+        return {"ok": True, "text": f"{by} has seen correction {crc}"}
+
+    def decide(self, what: str, crc: str, words: Words, override: str = "") -> Plain:
+        """arm, go or reject."""
+        said: list[str] = []
+        by, why = words.by.strip(), words.why.strip()
+        who = decisions.Operator(by, why, self.journal_path, self.timeout_s, said.append)
+        with Link(self.url, signer=self._signer()) as link:
+            if what == "arm":
+                decisions.arm(link, crc, who, override.strip())
+            elif what == "go":
+                decisions.go(link, crc, who)
+            elif what == "reject":
+                decisions.reject(link, crc, who)
+            else:
+                raise BadInput(f"no such decision: {what}")
+        self.picture.note("info", what.upper(), f"correction {crc}: {what} by {who.by}: {who.why}")
+        return {"ok": True, "text": said[0] if said else what, "said": said}
+
+    def log(self) -> list[Plain]:
+        """The journal, newest first."""
+        return [_line(e) for e in reversed(self.entries())]
+
+
+def _line(e: journal.Entry) -> Plain:
+    return {
+        "time": e.time,
+        "decision": e.decision,
+        "crc": e.crc,
+        "by": e.by,
+        "why": e.why,
+        "override": e.override,
+        "verdict": e.verdict,
+    }
+
+
+def _today() -> str:
+    return datetime.now(UTC).date().isoformat()

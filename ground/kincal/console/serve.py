@@ -1,0 +1,79 @@
+"""Start the console and keep it until it is stopped."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+
+from kincal_shared.errors import BadInput
+
+from .app import Console, make_app
+from .desk import Desk
+from .geometry import Geometry
+from .guard import LOOPBACK, Access
+from .picture import Picture
+from .sources import Live, Recording
+
+PORT = 8674
+
+
+@dataclass(frozen=True)
+class Options:
+    """url: LCM network; log: a recording instead; port: 0: any free one; host: address to listen on; names:
+    further names in the Host header."""
+
+    url: str
+    tables_dir: Path
+    key_file: Path | None
+    journal: Path | None = None
+    log: Path | None = None
+    host: str = LOOPBACK[0]
+    port: int = PORT
+    names: tuple[str, ...] = ()
+    timeout_s: float = 10.0
+
+
+def serve(options: Options, ready: Callable[[Access], None]) -> None:
+    """Serve until interrupted; ready: is given the address as soon as somebody listens there. BadInput if
+    tables or recording cannot be read, or the port is taken."""
+    geometry = Geometry(options.tables_dir)
+    listening = _listen(options.host, options.port)
+    access = Access(listening.getsockname()[1], (*LOOPBACK, *options.names))
+    picture = Picture(geometry)
+    source: AbstractContextManager[object] = nullcontext()
+    if options.log is not None:
+        console = Console(str(options.log), geometry, picture, None, Recording.read(options.log))
+    else:
+        desk = Desk(
+            options.url, options.key_file, options.journal, options.tables_dir, picture, options.timeout_s
+        )
+        console = Console(options.url, geometry, picture, desk)
+        source = Live(options.url, picture)
+    config = uvicorn.Config(
+        make_app(console, access), log_level="error", access_log=False, server_header=False,
+        proxy_headers=False, ws_max_size=1 << 16, timeout_graceful_shutdown=2,
+    )  # fmt: skip
+    with listening, source:
+        ready(access)
+        uvicorn.Server(config).run([listening])
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    found = socket.socket(socket.AF_INET)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind((host, port))
+    except OSError as error:
+        found.close()
+        raise BadInput(
+            f"nothing can listen there: {error.strerror}",
+            f"{host}:{port}",
+            "another console may be running; give --port N, 0 for any free one",
+        ) from None
+    found.listen(64)
+    return found
