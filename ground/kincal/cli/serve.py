@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from kincal.cli.options import FILE, TABLES
+from kincal.cli.options import FILE, PATH, TABLES
 from kincal.cli.review import JOURNAL
 from kincal.cli.wire import KEYS, TIMEOUT, URL
 from kincal_shared import installation
@@ -37,6 +37,19 @@ if TYPE_CHECKING:
     multiple=True,
     help="Further name by which browsers may call the console, for instance that of a tunnel.",
 )
+@click.option(
+    "--folder",
+    type=PATH,
+    default=Path("~/.kincal/console"),
+    show_default=True,
+    help="What outlives the console: corrections and events heard, and the files of the workbench.",
+)
+@click.option(
+    "--files",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    default=None,
+    help="Further folder with arm tables and measurements for the workbench.",
+)
 @URL
 @TIMEOUT
 @KEYS
@@ -47,6 +60,8 @@ def serve(
     port: int,
     host: str,
     names: tuple[str, ...],
+    folder: Path,
+    files: Path | None,
     url: str,
     timeout_s: float,
     key_file: Path,
@@ -70,6 +85,6 @@ def serve(
         click.echo(f"console of {log_file or url}, Ctrl-C ends it. Open:\n{access.start}")
 
     serve(
-        Options(url, tables_dir, key_file, journal, log_file, host, port, names, timeout_s),
+        Options(url, tables_dir, key_file, journal, log_file, host, port, names, timeout_s, folder, files),
         ready,
     )

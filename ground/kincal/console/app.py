@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from functools import cache
@@ -25,6 +26,7 @@ from kincal import __version__
 from kincal.pages import theme
 from kincal_shared.errors import KincalError
 
+from .bench import Bench
 from .desk import Desk, Words
 from .dictionary import dictionary
 from .geometry import Geometry
@@ -42,13 +44,15 @@ Plain = dict[str, Any]
 
 @dataclass(frozen=True)
 class Console:
-    """What is served. desk: None where nothing can be sent (a recording); playback: the recording."""
+    """What is served. desk: None where nothing can be sent (a recording); recording: instead of a live link;
+    bench: the model workbench."""
 
     source: str
     geometry: Geometry
     picture: Picture
     desk: Desk | None = None
     recording: Recording | None = None
+    bench: Bench | None = None
 
 
 def make_app(console: Console, access: Access) -> ASGIApp:
@@ -63,6 +67,7 @@ def make_app(console: Console, access: Access) -> ASGIApp:
         Route("/api/about", _answer(lambda _r: _about(console))),
         Route("/api/rows", _answer(lambda r: _rows(console, r))),
         *_desk_routes(console),
+        *(_bench_routes(console.bench) if console.bench else ()),
     ]
     return Guard(Starlette(routes=routes, exception_handlers={KincalError: _refused}), access)
 
@@ -110,8 +115,19 @@ def _answer(what: Callable[[Request], Any]) -> Callable[[Request], Awaitable[Res
 
 def _json(content: Any, status: int = 200) -> Response:
     # "<" cannot be read as markup by whatever shows this
-    text = json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    text = json.dumps(_finite(content), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return Response(text, status, media_type="application/json")
+
+
+def _finite(value: Any) -> Any:
+    """The same without numbers that JSON has no word for: figures have NaN where nothing is known."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(inner) for inner in value]
+    return value
 
 
 async def _refused(_request: Request, error: Exception) -> Response:
@@ -131,6 +147,7 @@ def _about(console: Console) -> Plain:
         "scene": console.geometry.scene,
         "why_no_key": desk.why_no_key if desk else "a recording takes no commands",
         "journal": str(desk.journal_path) if desk else "",
+        "bench": str(console.bench.folder) if console.bench else "",
     }
 
 
@@ -241,6 +258,43 @@ def _desk_routes(console: Console) -> list[Route]:
             )
             for what in ("arm", "go", "reject")
         ),
+    ]
+
+
+def _bench_routes(bench: Bench) -> list[Route]:
+    def route(path: str, what: Callable[[Plain], Plain]) -> Route:
+        async def answer(request: Request) -> Response:
+            body = await _body(request)
+            return _json(await run_in_threadpool(what, body))
+
+        return Route(f"/api/bench/{path}", answer, methods=["POST"])
+
+    async def upload(request: Request) -> Response:
+        data = await request.body()
+        return _json(await run_in_threadpool(bench.upload, request.query_params.get("name", ""), data))
+
+    def effects(body: Plain) -> Plain:
+        names = body.get("effects")
+        if not isinstance(names, list):
+            raise HTTPException(400, "effects are a list")
+        return bench.effects(names)
+
+    async def file(request: Request) -> Response:
+        name = request.path_params["name"]
+        path = await run_in_threadpool(bench.file, request.path_params["what"], name)
+        headers = {"content-disposition": f'attachment; filename="{name}"'}
+        return Response(path.read_bytes(), media_type="application/octet-stream", headers=headers)
+
+    return [
+        Route("/api/bench", _answer(lambda _r: bench.state())),
+        Route("/api/bench/answer/{what}", _answer(lambda r: bench.answer(r.path_params["what"]))),
+        Route("/api/bench/file/{what}/{name}", file),
+        Route("/api/bench/upload", upload, methods=["POST"]),
+        route("choose", lambda b: bench.choose(_text(b, "arm"), _text(b, "data"))),
+        route("effects", effects),
+        route("undo", lambda _b: bench.undo()),
+        route("run", lambda b: bench.run(_text(b, "what"))),
+        route("cancel", lambda _b: bench.cancel()),
     ]
 
 

@@ -13,19 +13,23 @@ import uvicorn
 from kincal_shared.errors import BadInput
 
 from .app import Console, make_app
+from .bench import Bench
 from .desk import Desk
 from .geometry import Geometry
 from .guard import LOOPBACK, Access
+from .memory import Memory
 from .picture import Picture
 from .sources import Live, Recording
 
 PORT = 8674
+FOLDER = Path("~/.kincal/console")
 
 
 @dataclass(frozen=True)
 class Options:
     """url: LCM network; log: a recording instead; port: 0: any free one; host: address to listen on; names:
-    further names in the Host header."""
+    further names in the Host header; folder: what outlives the console;
+    files: further files for the workbench."""
 
     url: str
     tables_dir: Path
@@ -36,6 +40,8 @@ class Options:
     port: int = PORT
     names: tuple[str, ...] = ()
     timeout_s: float = 10.0
+    folder: Path = FOLDER
+    files: Path | None = None
 
 
 def serve(options: Options, ready: Callable[[Access], None]) -> None:
@@ -44,21 +50,24 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
     geometry = Geometry(options.tables_dir)
     listening = _listen(options.host, options.port)
     access = Access(listening.getsockname()[1], (*LOOPBACK, *options.names))
-    picture = Picture(geometry)
+    picture, bench = Picture(geometry), Bench(options.folder / "bench", options.files)
     source: AbstractContextManager[object] = nullcontext()
     if options.log is not None:
-        console = Console(str(options.log), geometry, picture, None, Recording.read(options.log))
+        console = Console(str(options.log), geometry, picture, None, Recording.read(options.log), bench)
     else:
         desk = Desk(
             options.url, options.key_file, options.journal, options.tables_dir, picture, options.timeout_s
         )
-        console = Console(options.url, geometry, picture, desk)
-        source = Live(options.url, picture)
+        console = Console(options.url, geometry, picture, desk, None, bench)
+        memory = Memory(options.folder, options.url)
+        if found := memory.recall(picture):
+            picture.note("info", "RECALLED", f"{found} messages of before this console was started")
+        source = Live(options.url, picture, memory)
     config = uvicorn.Config(
         make_app(console, access), log_level="error", access_log=False, server_header=False,
         proxy_headers=False, ws_max_size=1 << 16, timeout_graceful_shutdown=2,
     )  # fmt: skip
-    with listening, source:
+    with listening, source, bench:
         ready(access)
         uvicorn.Server(config).run([listening])
 

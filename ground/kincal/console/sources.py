@@ -8,21 +8,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from kincal.link import Link, channels
+from kincal.link import Link, Received, channels
 from kincal.link.eventfile import EventFile
 from kincal_shared.errors import BadInput, CommandFailed
 
 from .geometry import Geometry
+from .memory import Memory
 from .picture import LISTEN, Picture
 
 _WAIT_S = 0.25
 
 
 class Live:
-    """Fills a picture from the network, in a thread of its own. Use as a context."""
+    """Fills a picture from the network, in a thread of its own; memory: from which a later console goes on.
+    Use as a context."""
 
-    def __init__(self, url: str, picture: Picture) -> None:
-        self.url, self.picture = url, picture
+    def __init__(self, url: str, picture: Picture, memory: Memory | None = None) -> None:
+        self.url, self.picture, self.memory = url, picture, memory
         self._stop = threading.Event()
         self._link = Link(url, LISTEN)
         self._thread = threading.Thread(target=self._run, name="console-live", daemon=True)
@@ -40,7 +42,16 @@ class Live:
         while not self._stop.is_set():
             received = self._link.next(_WAIT_S)
             if received is not None:
-                self.picture.add(received.channel, received.message)
+                now_s = self.picture.clock()
+                self.picture.add(received.channel, received.message, now_s)
+                if self.memory is not None:
+                    self._keep(self.memory, received, now_s)
+
+    def _keep(self, memory: Memory, received: Received, now_s: float) -> None:
+        before = memory.trouble
+        memory.keep(received.channel, received.message, now_s)
+        if memory.trouble != before:
+            self.picture.note("warning", "NOT_KEPT", f"nothing is kept for a restart: {memory.trouble}")
 
 
 @dataclass

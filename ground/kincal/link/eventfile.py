@@ -25,10 +25,17 @@ _AT_ONCE = 1 << 20  # bytes that are looked through for the next event
 @dataclass(frozen=True)
 class FileEvent:
     """An event of a file. channel: its printable name; data: the bytes of the message, empty if they are not
-    wanted."""
+    wanted; time_us: when it was written, UTC since 1970."""
 
     channel: str
     data: bytes
+    time_us: int = 0
+
+
+def event_bytes(number: int, time_us: int, channel: str, data: bytes) -> bytes:
+    """An event as it stands in a file."""
+    name = channel.encode("ascii")
+    return _HEADER.pack(SYNC, number, time_us, len(name), len(data)) + name + data
 
 
 @dataclass
@@ -52,12 +59,12 @@ class EventFile:
     def _events(self, file: BinaryIO, size: int) -> Iterator[FileEvent]:
         at, whole = 0, True  # where the next event should begin; whether the one before it was one
         while len(header := file.read(_HEADER.size)) == _HEADER.size:
-            sync, _, _, n_channel, n_data = _HEADER.unpack(header)
+            sync, _, time_us, n_channel, n_data = _HEADER.unpack(header)
             end = at + _HEADER.size + n_channel + n_data
             known = sync == SYNC and 0 < n_channel <= MOST_CHANNEL and 0 <= n_data <= MOST_BYTES
             if known and end <= size:
                 channel = _printable(file.read(n_channel))
-                yield FileEvent(channel, b"" if channel in self.skip else file.read(n_data))
+                yield FileEvent(channel, b"" if channel in self.skip else file.read(n_data), time_us)
                 at, whole = end, True
             else:
                 self.damaged += whole

@@ -45,11 +45,13 @@ function inbox() {
   const key = JSON.stringify([list, hk?.proposal, hk?.tables.KIN, chosen]);
   if (stamp.inbox === key) return;
   stamp.inbox = key;
-  if (chosen === null && list.length) { chosen = hk?.proposal || list[0].crc; load(); }
+  if (!chosen && !list.length) show(parts.review, el("p", { class: "muted" }, "Corrections that flight proposes appear here."));
+  parts.decide.hidden = !chosen;
+  if (!chosen && list.length) { chosen = hk?.proposal || list[0].crc; load(); }
   const what = (p) => (p.crc === hk?.proposal ? "waits for a decision" : p.crc === hk?.tables.KIN ? "in force" : "");
   show(parts.inbox, el("h2", {}, "Inbox"),
     hk?.proposal && !list.some((p) => p.crc === hk.proposal)
-      ? el("p", { class: "attention" }, `▲ Correction ${hk.proposal} waits on board; this console was started after it was sent. Show its recording: kincal review show LOG`) : null,
+      ? el("p", { class: "attention" }, `▲ Correction ${hk.proposal} waits on board, and was sent before this console listened: it cannot be shown here. See it by its recording: kincal review show LOG --crc ${hk.proposal} --by NAME. It can be rejected by kincal review reject.`) : null,
     list.length ? el("ul", {}, list.map((p) => el("li", { class: p.crc === chosen ? "chosen" : "" },
       el("a", { href: `#corrections/${p.crc}` },
         el("b", {}, mark(KIND[p.verdict] ?? "unknown", p.verdict), ` ${p.crc}`), el("span", { class: "attention" }, what(p)),

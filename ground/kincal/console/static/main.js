@@ -4,10 +4,12 @@ import { begin, freshness, now_s, seek, store, subscribe, tell } from "./store.j
 import { say } from "./said.js";
 import * as now from "./now.js";
 import * as corrections from "./corrections.js";
+import * as bench from "./bench.js";
 
 const VIEWS = [
   { key: "now", title: "Now", view: now },
   { key: "corrections", title: "Corrections", view: corrections },
+  { key: "workbench", title: "Workbench", view: bench },
 ];
 const at = (id) => document.getElementById(id);
 let current = null;

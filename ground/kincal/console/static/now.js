@@ -30,7 +30,7 @@ export function open(root) {
   show(root,
     el("div", { class: "left" }, parts.state, parts.ages, parts.joints, parts.health),
     el("div", { class: "middle" },
-      el("section", { class: "card scene" }, el("h2", {}, "Arm ", parts.armText), parts.arm),
+      el("section", { class: "card scene", title: "Drawn from the encoders with the ARM table of this console" }, el("h2", {}, "Arm ", parts.armText), parts.arm),
       el("div", { class: "two" },
         el("section", { class: "card" }, el("h2", {}, "Poses"), parts.chart, parts.poses),
         el("section", { class: "card" }, el("h2", {}, "Camera"), parts.frame))),
@@ -123,7 +123,7 @@ function joints(data) {
     el("ul", {}, data.joints.map((j) => el("li", { class: j.limit },
       mark(j.fault ? "beyond" : j.limit, j.fault ? "fault" : { ok: "inside its limits", near: "near a limit", beyond: "beyond a limit" }[j.limit]),
       el("b", {}, j.name), range(j), el("span", { class: "n" }, fixed(j.value, 2, j.unit === "deg" ? "°" : "mm"))))),
-    el("p", { class: "muted small" }, data.joints.some((j) => j.fault) ? "A controller reports a fault." : `Limits from the ARM table of this console. ${fixed(data.temp_c, 1, "°C")}`));
+    el("p", { class: "muted small" }, data.joints.some((j) => j.fault) ? "A controller reports a fault." : `${fixed(data.temp_c, 1, "°C")}; limits by the ARM table of this console`));
 }
 
 function range(j) {
@@ -181,15 +181,15 @@ function poses(rows) {
   });
   const axis = { gridcolor: LIGHT.grid, linecolor: LIGHT.grey, zeroline: false, automargin: true };
   draw(parts.chart, {
-    data: [trace("res_mm", "residual before use", LIGHT.orange, "circle"), trace("pred_mm", "predicted 1 sigma", LIGHT.blue, "square")],
+    data: [trace("res_mm", "residual", LIGHT.orange, "circle"), trace("pred_mm", "predicted 1 σ", LIGHT.blue, "square")],
     layout: {
       height: 170, margin: { l: 44, r: 8, t: 6, b: 30 }, paper_bgcolor: LIGHT.paper, plot_bgcolor: LIGHT.paper,
       font: { size: 11, color: LIGHT.ink }, xaxis: { ...axis, title: { text: "pose", standoff: 2 }, range: [0.5, Math.max(rows.at(-1).goal, x.length) + 0.5] },
-      yaxis: { ...axis, type: "log", title: { text: "position [mm]", standoff: 4 } }, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, showlegend: true,
+      yaxis: { ...axis, type: "log", title: { text: "position [mm]", standoff: 4 } }, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, font: { size: 10 } }, showlegend: true,
     },
   });
   show(parts.poses, el("table", {},
-    el("thead", {}, el("tr", {}, ["pose", "candidate", "servo", "residual mm", "mrad", "predicted mm", "rank"].map((t) => el("th", { class: "n" }, t)))),
+    el("thead", {}, el("tr", {}, ["pose", "cand.", "servo", "res. mm", "mrad", "pred. mm", "rank"].map((t) => el("th", { class: "n" }, t)))),
     el("tbody", {}, rows.slice().reverse().map((p) => el("tr", {},
       [p.pose, p.candidate, p.servo_steps, fixed(p.res_mm, 2), fixed(p.res_mrad, 2), fixed(p.pred_mm, 2), `${p.rank}/${p.free}`].map((t) => el("td", { class: "n" }, String(t))))))));
 }
@@ -203,7 +203,7 @@ function scene() {
   stamp.scene = key;
   drawnAt = Date.now();
   const f = freshness("KC_ARM_STATE");
-  show(parts.armText, arm ? (f.status === "fresh" || !store.about.live ? "by its encoders, with the ARM table of this console" : `as heard ${age(f.age_s)} ago`) : "not heard yet: candidates only");
+  show(parts.armText, arm ? (f.status === "fresh" || !store.about.live ? "by its encoders" : `as heard ${age(f.age_s)} ago`) : "not heard yet: candidates only");
   const still = store.about.scene;
   const line = (points, name, colour, width, more = {}) => ({
     type: "scatter3d", mode: "lines", name, x: points.map((p) => p[0]), y: points.map((p) => p[1]), z: points.map((p) => p[2]),
@@ -225,7 +225,7 @@ function scene() {
     layout: {
       uirevision: "arm", margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: LIGHT.paper, font: { size: 11, color: LIGHT.ink }, autosize: true,
       scene: { uirevision: "arm", aspectmode: "data", xaxis: axis("x forward [m]"), yaxis: axis("y left [m]"), zaxis: axis("z up [m]"), camera: { eye: { x: 1.1, y: -1.5, z: 0.7 }, center: { x: 0, y: 0, z: -0.1 } } },
-      legend: { x: 0, y: 1, bgcolor: "rgba(0,0,0,0)", font: { size: 11 } },
+      legend: { x: 0, y: 0, yanchor: "bottom", orientation: "h", bgcolor: "rgba(0,0,0,0)", font: { size: 10 } },
     },
   });
 }
