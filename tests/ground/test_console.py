@@ -16,6 +16,7 @@ from kincal.console.desk import Desk
 from kincal.console.dictionary import dictionary
 from kincal.console.geometry import Geometry
 from kincal.console.guard import Access
+from kincal.console.memory import Memory
 from kincal.console.picture import KEPT, Cursor, Picture
 from kincal.console.sources import Live, Recording
 from kincal.console.words import joint_limit
@@ -397,3 +398,56 @@ def test_a_file_without_messages_is_no_recording(tmp_path):
     (tmp_path / "empty.lcmlog").write_bytes(b"nothing")
     with pytest.raises(BadInput, match="no messages of flight"):
         Recording.read(tmp_path / "empty.lcmlog")
+
+
+# ---- a console that is started anew
+
+
+def test_what_waits_is_known_after_a_restart_of_the_console(geometry, tmp_path):
+    memory, picture = Memory(tmp_path, "url"), Picture(geometry)
+    for k in range(3):
+        memory.keep("KC_PROGRESS", progress(k), 100.0 + k)
+    memory.keep("KC_PROPOSAL", proposal(), 104.0)
+    memory.keep("KC_EVENT", event(1, 1, 1, 1), 105.0)
+    memory.keep("KC_HK", hk(), 106.0)  # of before: not shown as if it were now
+    with memory.path.open("ab") as file:
+        file.write(b"\xed\xa1\xda\x01cut off")
+    assert Memory(tmp_path, "url").recall(picture) == 5
+    assert Memory(tmp_path, "another").recall(Picture(geometry)) == 0
+    values = picture.snapshot()[0]["values"]
+    assert [p["crc"] for p in values["inbox"]["data"]] == [f"{CRC:08x}"]
+    assert len(values["poses"]["data"]) == 3 and values["poses"]["received_s"] == 102.0
+    assert "KC_HK" not in values and picture.rows[0]["received_s"] == 105.0
+
+
+def test_what_is_kept_is_bounded_and_a_full_medium_ends_only_the_keeping(geometry, tmp_path, monkeypatch):
+    monkeypatch.setattr("kincal.console.memory.MOST_BYTES", 4000)
+    memory = Memory(tmp_path, "url")
+    for k in range(200):
+        memory.keep("KC_EVENT", event(k, k, 1, 1), 1.0)
+    assert sum(p.stat().st_size for p in tmp_path.iterdir()) < 9000
+    picture = Picture(geometry)
+    assert memory.recall(picture) > 40 and picture.rows[-1]["t_us"] == 199
+    memory = Memory(Path("/proc/none"), "url")
+    memory.keep("KC_EVENT", event(1, 1, 1, 1), 1.0)
+    assert memory.trouble
+
+
+def test_a_poor_fit_is_armed_by_an_override_only(geometry, key_file):
+    message = proposal(verdict=kcm.proposal_t.POOR)
+    message.crc_terms = 0
+    with FakeFlight(proposal_crc=CRC, verdict=kcm.proposal_t.POOR) as flight:
+        picture = Picture(geometry)
+        picture.add("KC_PROPOSAL", message)
+        desk = Desk(flight.url, key_file, None, BIN, picture, timeout_s=3.0)
+        app = make_app(Console(flight.url, geometry, picture, desk), ACCESS)
+        with Live(flight.url, picture), TestClient(app, base_url=ORIGIN) as client:
+            at, words = f"/api/review/{CRC:08x}", {"by": "A", "why": "b"}
+            assert "flight itself calls the fit poor" in client.get(at, headers=GOOD).json()["reasons"]
+            assert post(client, f"{at}/seen", number="1", by="A").json()["ok"]
+            refused = post(client, f"{at}/arm", number="2", **words)
+            assert refused.status_code == 409 and "--override" in refused.json()["text"]
+            assert flight.commands == []
+            assert post(client, f"{at}/arm", number="3", override="2 mm will do", **words).json()["ok"]
+        assert flight.overrides == [1]
+    assert journal.read(journal.place(None, key_file)).entries[-1].override == "2 mm will do"

@@ -16,11 +16,11 @@ let parts = null, state = null, chosen = null, answer = null, timer = null, stam
 export function open(root) {
   parts = {
     files: el("section", { class: "card" }), model: el("section", { class: "card" }), work: el("section", { class: "card work" }),
-    tabs: el("nav", { class: "tabs", "aria-label": "Answers" }), answer: el("div", { class: "answer" }), found: el("aside", { class: "card found" }),
+    tabs: el("nav", { class: "tabs", "aria-label": "Answers" }), answer: el("div", { class: "answer", tabindex: "0", role: "region", "aria-label": "Answer" }), found: el("aside", { class: "card found" }),
   };
   stamp = known = "";
   answer = null;
-  show(root, el("div", { class: "left" }, parts.files, parts.model, parts.work), el("div", { class: "middle" }, parts.tabs, parts.answer), parts.found);
+  show(root, el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "Files, model, work" }, parts.files, parts.model, parts.work), el("div", { class: "middle" }, parts.tabs, parts.answer), parts.found);
   poll();
 }
 export function close() { clearTimeout(timer); parts = null; }

@@ -12,12 +12,12 @@ export function open(root) {
     inbox: el("section", { class: "card inbox" }),
     force: el("section", { class: "card force" }),
     journal: el("section", { class: "card journal" }),
-    review: el("div", { class: "review" }),
+    review: el("div", { class: "review", tabindex: "0", role: "region", "aria-label": "Review" }),
     decide: el("aside", { class: "card decide", "aria-label": "Decision" }),
   };
   stamp = {};
   shown = null;
-  show(root, el("div", { class: "left" }, parts.inbox, parts.force, parts.journal), parts.review, parts.decide);
+  show(root, el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "Inbox and journal" }, parts.inbox, parts.force, parts.journal), parts.review, parts.decide);
   update();
   journal();
 }

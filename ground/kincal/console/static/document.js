@@ -24,7 +24,7 @@ function section(s, figures) {
 }
 
 export function grid(g) {
-  return el("div", { class: "wide" }, el("table", {},
+  return el("div", { class: "wide", tabindex: "0", role: "region", "aria-label": "Table" }, el("table", {},
     el("thead", {}, el("tr", {}, g.columns.map((c) => el("th", { class: c.number ? "n" : "" }, c.title)))),
     el("tbody", {}, g.rows.map((row) => el("tr", {}, row.map((cell, i) => el("td", { class: `${g.columns[i].number ? "n" : "t"}${cell.text.length > 24 ? " long" : ""} ${cell.mood}` }, cell.text)))))),
   g.note ? el("p", { class: "note" }, g.note) : null);

@@ -13,7 +13,7 @@ export function eventList() {
   const count = el("span", { class: "muted" });
   const box = el("input", { type: "checkbox", onchange: (e) => { debug = e.target.checked; keep("debug", debug); drawn = ""; update(); } });
   box.checked = debug;
-  const detail = el("div", { class: "detail", role: "region", "aria-label": "Chosen event" });
+  const detail = el("div", { class: "detail", tabindex: "0", role: "region", "aria-label": "Chosen event" });
   const older = el("button", { type: "button", onclick: fetchOlder }, "older");
   const node = el("section", { class: "events card" },
     el("h2", {}, "Events ", count, el("span", { class: "space" }), older, el("label", {}, box, " debug")), list, detail);

@@ -23,12 +23,12 @@ export function open(root) {
     arm: el("div", { class: "plot", role: "img", "aria-label": "The arm in three dimensions" }),
     chart: el("div", { class: "plot", role: "img", "aria-label": "Residual and predicted error by pose" }),
     frame: el("div", { class: "frame" }),
-    poses: el("div", { class: "poses" }),
+    poses: el("div", { class: "poses", tabindex: "0", role: "region", "aria-label": "Poses, newest first" }),
     armText: el("span", { class: "muted" }),
   };
   stamp = {};
   show(root,
-    el("div", { class: "left" }, parts.state, parts.ages, parts.joints, parts.health),
+    el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "State of flight" }, parts.state, parts.ages, parts.joints, parts.health),
     el("div", { class: "middle" },
       el("section", { class: "card scene", title: "Drawn from the encoders with the ARM table of this console" }, el("h2", {}, "Arm ", parts.armText), parts.arm),
       el("div", { class: "two" },
