@@ -35,3 +35,7 @@ class CannotAnswer(KincalError):
 
 class CommandFailed(KincalError):
     """The work was done and its answer is no: criteria missed, command refused, time ran out."""
+
+
+class NoAnswer(CommandFailed):
+    """Nothing came in time: whether what was sent has been taken is not known."""

@@ -10,6 +10,11 @@ CRC = 0xFEDCBA98  # does not fit a signed field: must survive the trip
 NAMES = [f"J{j}.{k}" for j in range(1, 8) for k in ("phi_rad", "alpha_rad", "a_m", "d_m")]
 
 
+def decided(entries) -> list:
+    """Lines of a journal that are no attempts, and do not say how one failed."""
+    return [e for e in entries if e.decision not in ("attempt", "refused", "unanswered")]
+
+
 def signed(crc: int) -> int:
     return crc - (1 << 32) if crc >> 31 else crc
 

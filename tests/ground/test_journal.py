@@ -8,7 +8,7 @@ import lcm
 import pytest
 from click.testing import CliRunner
 from fake_flight import FakeFlight
-from samples import CRC, signed, write_log
+from samples import CRC, decided, signed, write_log
 
 import kcm
 from kincal import review
@@ -135,10 +135,83 @@ def log_of(path, commands, status=0):
     return path
 
 
-def test_a_last_line_that_is_gone_is_noticed_by_what_flight_took(journal, file, tmp_path):
+def cut(journal, lines=1):
+    """Take the last lines away."""
+    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:-lines]))
+
+
+def put_back(journal):
+    """Context: the journal and its end mark as they were before, as a thorough forger would put them back."""
+    return {path: path.read_bytes() for path in (journal, journals.end_file(journal))}
+
+
+@pytest.mark.parametrize(("lines", "named"), [(1, "line 3 was removed"), (2, "lines 2 to 3 were removed")])
+def test_last_lines_that_are_gone_are_named_by_the_end_mark(journal, file, lines, named):
+    cut(journal, lines)
+    run = verify(journal, file)
+    assert run.exit_code == EXIT_INPUT
+    assert f"the review journal was cut: {named} from its end" in run.output
+    assert f"{journal}:{4 - lines}" in run.output
+
+
+def test_without_keys_too_last_lines_that_are_gone_are_noticed(journal):
+    cut(journal)
+    with pytest.raises(BadInput, match="line 3 was removed"):
+        journals.read(journal)
+
+
+def test_an_end_mark_that_is_changed_gone_or_damaged_is_noticed(journal, file):
+    mark = journals.end_file(journal)
+    good = json.loads(mark.read_text())
+    cut(journal)
+    mark.write_text(
+        json.dumps({**good, "lines": 2, "last": json.loads(journal.read_text().splitlines()[1])["previous"]})
+    )
+    with pytest.raises(BadInput, match="end mark of the journal was changed"):
+        read(journal, file)
+    mark.unlink()
+    with pytest.raises(BadInput, match="end mark of the journal is gone: lines after line 2"):
+        read(journal, file)
+    for text in ("", "{}", "[]", '{"lines": 0, "last": "", "key_id": 1}', "\xff"):
+        mark.write_text(text)
+        with pytest.raises(BadInput, match="end mark of the journal is damaged"):
+            read(journal, file)
+
+
+def test_a_line_that_was_appended_after_the_end_is_named(journal, file):
+    """Also by the holder of the key, if more than one: a power loss leaves one."""
+    before = journals.end_file(journal).read_bytes()
+    decide(journal, file, CRC, "fourth")
+    journals.end_file(journal).write_bytes(before)
+    assert len(read(journal, file).entries) == 4  # power was lost between line and mark
+    decide(journal, file, CRC, "fifth")
+    assert len(read(journal, file).entries) == 5
+    journals.end_file(journal).write_bytes(before)
+    with pytest.raises(BadInput, match="its end mark stands at line 3, this one was appended") as error:
+        read(journal, file)
+    assert error.value.where == f"{journal}:4"
+
+
+def test_a_journal_that_was_put_back_is_noticed_by_what_was_noted(journal, file):
+    noted, saved = journals.end_text(read(journal, file)), put_back(journal)
+    decide(journal, file, CRC, "fourth")
+    later = journals.end_text(read(journal, file))
+    journals.check_noted(read(journal, file), noted)
+    journals.check_noted(read(journal, file), later)
+    for path, data in saved.items():
+        path.write_bytes(data)
+    journals.check_noted(read(journal, file), noted)
+    for bad in (later, "3:", "3:00000000", "x:1", "", f"2:{noted[2:]}"):
+        with pytest.raises(BadInput, match="does not hold what was noted"):
+            journals.check_noted(read(journal, file), bad)
+
+
+def test_a_last_line_that_is_gone_with_its_mark_is_noticed_by_what_flight_took(journal, file, tmp_path):
+    saved = put_back(journal)
     log = log_of(tmp_path / "run.lcmlog", [decide(journal, file, CRC, "the last")])
     assert verify(journal, file, log).exit_code == 0
-    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:-1]))
+    for path, data in saved.items():
+        path.write_bytes(data)
     assert verify(journal, file).exit_code == 0  # of itself it cannot tell
     run = verify(journal, file, log)
     text = " ".join(run.output.split())
@@ -164,9 +237,11 @@ def test_an_override_that_is_not_in_the_journal_is_noticed_and_a_plain_first_ste
 
 
 def test_that_somebody_has_seen_it_does_not_stand_for_a_decision_that_is_gone(journal, file, tmp_path):
+    saved = put_back(journal)
     log = log_of(tmp_path / "run.lcmlog", [decide(journal, file, CRC, "the last")])
     entry = json.loads(journal.read_text().splitlines()[-1])
-    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:-1]))
+    for path, data in saved.items():
+        path.write_bytes(data)
     signer = keys.signer_of(file)
     signer.counters[kcm.cmd_t.SRC_GROUND] = entry["counter"]
     review.record(journal, journals.SEEN, CRC, "me", "why", "url", None, signer)
@@ -235,7 +310,7 @@ def test_a_journal_of_before_lines_had_macs_is_read_and_goes_on(tmp_path, file):
     assert run.exit_code == 0, run.output
     assert "line 1: nobody can tell whether they were changed" in " ".join(run.output.split())
     found = read(path, file)
-    assert found.unconfirmed == 0 and [e.unconfirmed for e in found.entries] == [0, 1]
+    assert found.unconfirmed == 0 and [e.unconfirmed for e in found.entries] == [0, 1, 0]
 
 
 def test_without_keys_the_chain_is_checked_and_that_is_said(journal, tmp_path):
@@ -333,7 +408,7 @@ def test_without_an_option_it_lies_beside_the_keys_at_home(tmp_path, monkeypatch
         assert run.exit_code == 0, run.output
     listed = CliRunner().invoke(main, ["review", "list"]).output
     assert "here" in listed and "there" in listed
-    assert len(review.check_journal(tmp_path / ".kincal" / "review.jsonl")) == 2
+    assert len(decided(review.check_journal(tmp_path / ".kincal" / "review.jsonl"))) == 2
 
 
 def test_a_run_that_is_reviewed_with_its_own_keys_has_its_own_journal(tmp_path):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from fake_flight import FakeFlight
-from samples import CRC, progress, proposal, write_log
+from samples import CRC, decided, progress, proposal, write_log
 
 import kcm
 from kincal import review, tables
@@ -181,8 +181,10 @@ def test_approval_is_two_commands_bound_to_the_crc_and_recorded(tmp_path, journa
     assert "armed by A. Reviewer" in run.output
     assert flight.commands == APPROVE
     assert flight.kin_crc == CRC
-    entries = review.check_journal(journal)
-    assert [e.decision for e in entries] == ["seen", "arm", "approve"]
+    lines = review.check_journal(journal)
+    assert [e.decision for e in lines] == ["seen", "attempt", "arm", "attempt", "approve"]
+    assert [e.command for e in lines] == ["", "APPROVE_ARM", "", "APPROVE_GO", ""]
+    entries = decided(lines)
     assert {(e.crc, e.by, e.session, e.verdict) for e in entries} == {
         ("fedcba98", "A. Reviewer", 3, "change proposed")
     }
@@ -219,7 +221,7 @@ def test_another_person_may_take_the_second_step_and_has_to_have_seen_it_too(tmp
         see(tmp_path, journal, by="B. Second")
         run = decide(flight, "go", journal, by=" b. second ")
     assert run.exit_code == 0, run.output
-    assert [e.by for e in review.check_journal(journal) if e.decision != "seen"] == [
+    assert [e.by for e in decided(review.check_journal(journal)) if e.decision != "seen"] == [
         "A. Reviewer",
         " b. second ",
     ]
@@ -233,7 +235,9 @@ def test_what_was_not_seen_is_not_approved_but_may_be_rejected(journal):
         assert 'kincal review show LOG --crc fedcba98 --by "A. Reviewer"' in " ".join(run.output.split())
         assert flight.commands == []
         assert decide(flight, "reject", journal).exit_code == 0
-    assert [e.decision for e in review.check_journal(journal)] == ["reject"]
+    lines = review.check_journal(journal)
+    assert [e.decision for e in lines] == ["attempt", "refused", "attempt", "reject"]
+    assert "has not seen correction fedcba98" in lines[1].why and lines[1].command == "APPROVE_ARM"
 
 
 def test_that_another_correction_was_seen_is_not_enough(tmp_path, journal):
@@ -248,6 +252,11 @@ def test_a_line_that_says_seen_and_that_no_key_vouches_for_does_not_count(tmp_pa
     see(tmp_path, journal)
     line = {**json.loads(journal.read_text()), "mac": "", "key_id": 0}
     journal.write_text(json.dumps(line, sort_keys=True) + "\n")
+    with FakeFlight(CRC) as flight:
+        run = decide(flight, "arm", journal)
+    assert run.exit_code == EXIT_INPUT and "this line is not the one of its end mark" in run.output
+    assert flight.commands == []
+    review.journals.end_file(journal).unlink()  # whoever changes the journal may take its mark away too
     with FakeFlight(CRC) as flight:
         run = decide(flight, "arm", journal)
     assert run.exit_code == EXIT_INPUT and "has not seen" in run.output
@@ -289,7 +298,7 @@ def test_a_poor_proposal_needs_an_override_and_its_reason_is_kept(tmp_path, jour
         assert run.exit_code == 0, run.output
         assert "by override: the sample is at risk" in run.output
     assert flight.kin_crc == CRC
-    seen, armed, approved = review.check_journal(journal)
+    seen, armed, approved = decided(review.check_journal(journal))
     assert (seen.verdict, seen.override) == ("poor fit", "")
     assert armed.override == approved.override == "the sample is at risk"
     listed = CliRunner().invoke(main, ["review", "list", "--journal", str(journal)]).output
@@ -387,7 +396,7 @@ def test_rejection_leaves_the_table_in_force(journal):
     assert run.exit_code == 0, run.output
     assert flight.commands == [(kcm.cmd_t.REJECT, CRC)]
     assert flight.kin_crc == 1
-    assert review.check_journal(journal)[0].decision == "reject"
+    assert [e.decision for e in review.check_journal(journal)] == ["attempt", "reject"]
 
 
 @pytest.mark.parametrize("command", ["arm", "go", "reject"])
@@ -397,18 +406,21 @@ def test_nothing_is_sent_when_something_else_waits(journal, command):
     assert run.exit_code == EXIT_FAILED
     assert "00001111 does" in run.output
     assert flight.commands == []
-    assert not journal.exists()
+    (entry,) = review.check_journal(journal)
+    assert (entry.decision, entry.crc) == ("refused", "fedcba98") and "00001111 does" in entry.why
 
 
 @pytest.mark.parametrize(("command", "opcode"), [("arm", "APPROVE_ARM"), ("go", "APPROVE_GO")])
-def test_refusal_by_flight_is_reported_and_not_recorded(tmp_path, journal, command, opcode):
+def test_refusal_by_flight_is_reported_and_recorded_as_one(tmp_path, journal, command, opcode):
     see(tmp_path, journal)
     with FakeFlight(CRC, refuse=(getattr(kcm.cmd_t, opcode),)) as flight:
         flight.armed = CRC if command == "go" else 0
         run = decide(flight, command, journal)
     assert run.exit_code == EXIT_FAILED
     assert f"{opcode} refused: KC_ERR_STATE (CMD_STATE)" in run.output
-    assert [e.decision for e in review.check_journal(journal)] == ["seen"]
+    *_, attempt, refused = review.check_journal(journal)
+    assert [(e.decision, e.command) for e in (attempt, refused)] == [("attempt", opcode), ("refused", opcode)]
+    assert "KC_ERR_STATE (CMD_STATE)" in refused.why
 
 
 @pytest.mark.parametrize(

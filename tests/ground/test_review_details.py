@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from direct_flight import DirectFlight
-from samples import CRC, proposal, write_log
+from samples import CRC, decided, proposal, write_log
 
 import kcm
 from kincal import review
@@ -272,7 +272,7 @@ def test_a_clean_correction_is_armed_without_an_override_and_put_in_force(file, 
     assert flight.commands[0].arg_i[1] == 0
     decisions.go(flight, f"{CRC:08x}", who)
     assert [c.opcode for c in flight.commands] == [kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO]
-    written = review.check_journal(file, signer.known)
+    written = decided(review.check_journal(file, signer.known))
     assert [e.decision for e in written] == ["seen", "arm", "approve"]
     assert [e.counter for e in written[1:]] == [c.counter for c in flight.commands]
     assert all(e.override == "" and e.numbers == good.numbers for e in written)
@@ -293,7 +293,11 @@ def test_the_override_of_the_first_step_is_said_and_kept_at_the_second(file, goo
     assert flight.commands[0].arg_i[1] == decisions.OVERRIDE == 1
     decisions.go(flight, f"{CRC:08x}", who)
     assert "by override: sample at risk" in said
-    assert [e.override for e in review.check_journal(file)] == ["", "sample at risk", "sample at risk"]
+    assert [e.override for e in decided(review.check_journal(file))] == [
+        "",
+        "sample at risk",
+        "sample at risk",
+    ]
 
 
 def test_a_verdict_that_flight_has_lost_is_a_reason_besides_those_that_were_seen(file, good, signer):
@@ -349,27 +353,53 @@ def test_what_flight_took_is_written_even_if_what_it_brings_is_not_seen(file, go
     act = decisions.go if opcode == "APPROVE_GO" else decisions.reject
     with pytest.raises(CommandFailed):
         act(flight, f"{CRC:08x}", operator(file, timeout_s=1.0)[0])
-    assert [e.decision for e in review.check_journal(file)][1:] == [
+    assert [e.decision for e in decided(review.check_journal(file))][1:] == [
         "approve" if opcode == "APPROVE_GO" else "reject"
     ]
 
 
 @pytest.mark.parametrize("opcode", ["APPROVE_ARM", "APPROVE_GO", "REJECT"])
-def test_what_flight_refused_is_not_written(file, good, signer, opcode):
+def test_what_flight_refused_is_written_as_refused(file, good, signer, opcode):
     seen(file, good, signer)
     flight = DirectFlight(signer).waits(CRC, state=9 if opcode == "APPROVE_ARM" else 10)
     flight.refuse = {getattr(kcm.cmd_t, opcode): (-8, 13)}
     act = {"APPROVE_ARM": decisions.arm, "APPROVE_GO": decisions.go, "REJECT": decisions.reject}[opcode]
     with pytest.raises(CommandFailed, match=f"{opcode} refused"):
         act(flight, f"{CRC:08x}", operator(file)[0])
-    assert [e.decision for e in review.check_journal(file)] == ["seen"]
+    lines = [(e.decision, e.command) for e in review.check_journal(file)]
+    assert lines == [("seen", ""), ("attempt", opcode), ("refused", opcode)]
+
+
+def test_a_decision_that_is_not_answered_is_written_as_that(file, good, signer):
+    seen(file, good, signer)
+    flight = DirectFlight(signer).waits(CRC)
+    flight.publish = lambda _channel, _message: None
+    with pytest.raises(CommandFailed, match="answer to APPROVE_ARM did not come"):
+        decisions.arm(flight, f"{CRC:08x}", operator(file, timeout_s=1.0)[0])
+    assert [e.decision for e in review.check_journal(file)] == ["seen", "attempt", "unanswered"]
+
+
+@pytest.mark.parametrize("ends", [KeyboardInterrupt, SystemExit])
+def test_a_program_that_ends_between_command_and_answer_leaves_a_trace(file, good, signer, ends):
+    seen(file, good, signer)
+    flight = DirectFlight(signer).waits(CRC)
+
+    def publish(channel, message):
+        DirectFlight.publish(flight, channel, message)
+        raise ends
+
+    flight.publish = publish
+    with pytest.raises(ends):
+        decisions.arm(flight, f"{CRC:08x}", operator(file)[0])
+    assert [e.decision for e in review.check_journal(file)] == ["seen", "attempt", "unanswered"]
+    assert len(flight.commands) == 1
 
 
 def test_a_rejection_keeps_the_numbers_that_its_author_has_seen(file, good, signer):
     decisions.reject(DirectFlight(signer).waits(CRC), f"{CRC:08x}", operator(file)[0])
     seen(file, good, signer)
     decisions.reject(DirectFlight(signer).waits(CRC), f"{CRC:08x}", operator(file)[0])
-    first, _, second = review.check_journal(file)
+    first, _, second = decided(review.check_journal(file))
     assert (first.numbers, first.session) == ({}, None)
     assert (second.numbers, second.session) == (good.numbers, 3)
 

@@ -43,7 +43,10 @@ class _Groups(MutableMapping[str, click.Command]):
 
 @click.group(
     cls=Commands,
-    commands=_Groups("arm", "key", "log", "model", "review", "run", "schema", "serve", "space", "table"),
+    commands=_Groups(
+        *("arm", "command", "key", "log", "model", "review", "run", "schema", "serve", "space", "status"),
+        "table",
+    ),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__)

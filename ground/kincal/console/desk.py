@@ -13,17 +13,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from kincal.api import operate
 from kincal.link import Link, crc_text, unsigned32
 from kincal.pages import review as review_pages
 from kincal.pages.page import Provenance
 from kincal.review import (
-    KIN_KIND,
     Review,
     check_words,
     coef_names,
     decisions,
     from_message,
     journal,
+    parse_crc,
     reasons_to_reject,
     record,
     warnings,
@@ -38,7 +39,8 @@ from .document import document
 from .picture import Picture
 
 _REMEMBERED = 500
-_ABORT_WAIT_S = 3.0
+_ABORT_WAIT_S = 5.0
+_LISTEN_S = 3.0
 Plain = dict[str, Any]
 
 
@@ -111,39 +113,60 @@ class Desk:
         """Stop the arm, at once and past everything else; no key, no reason and no state needed."""
         with self._few:
             signer = None if self.why_no_key else self._signer()
-            with Link(self.url, signer=signer) as link:
+            with Link(self.url, operate.LISTEN, signer=signer) as link:
                 link.last_t_us = self.picture.t_us
                 self.picture.note("warning", "ABORT", "ABORT sent from this console")
-                try:
-                    link.command("ABORT", timeout_s=_ABORT_WAIT_S)
-                except CommandFailed as error:
-                    return {"ok": False, "text": f"ABORT was sent; {error}. Watch the state, send it again."}
-        return {"ok": True, "text": "ABORT accepted"}
+                who = self._operator(Words("console", "ABORT at the console"), timeout_s=_ABORT_WAIT_S)
+                tracked = operate.act(link, operate.abort(), who, operate.Snapshot(), self._verifier("ABORT"))
+        return _outcome(tracked)
 
     def start(self, poses: int, words: Words) -> Plain:
         """Begin a calibration with the settings of CONFIG; poses: 0: as CONFIG says."""
-        check_words(words.by, words.why)
-        with Link(self.url, signer=self._signer()) as link:
-            link.wait_hk(lambda _hk: True, self.timeout_s, "housekeeping")
-            link.command("START", (-1, poses, 1), self.timeout_s)
-        self.picture.note("info", "START", f"START by {words.by}: {words.why}")
-        return {"ok": True, "text": "START accepted"}
+        return self._command(lambda _s: operate.start(poses=poses), words)
 
     def rollback(self, crc: str, words: Words) -> Plain:
         """Bring back the kinematics table before the one in force; crc: of the one in force, as it was
         shown."""
+        return self._command(lambda _s: operate.rollback(parse_crc(crc)), words)
+
+    def _command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
+        """A signed command with its verifiers. CommandFailed, before it is sent, if flight would refuse it by
+        the last telemetry."""
         check_words(words.by, words.why)
-        with Link(self.url, signer=self._signer()) as link:
-            hk = link.wait_hk(lambda _hk: True, self.timeout_s, "housekeeping")
-            now = crc_text(hk.table_crc[KIN_KIND])
-            if now != crc:
-                raise CommandFailed(f"table {now} is in force now, not {crc}", self.url, "look again")
-            link.command("ROLLBACK", (unsigned32(hk.table_crc[KIN_KIND]),), self.timeout_s)
-            changed = lambda m: crc_text(m.table_crc[KIN_KIND]) != crc  # noqa: E731
-            after = link.wait_hk(changed, self.timeout_s, "another table in housekeeping")
-        text = f"rolled back: {crc_text(after.table_crc[KIN_KIND])} is in force again"
-        self.picture.note("info", "ROLLBACK", f"{text}; by {words.by}: {words.why}")
-        return {"ok": True, "text": text}
+        snapshot = operate.Snapshot()
+        with Link(self.url, operate.LISTEN, signer=self._signer()) as link:
+            operate.listen(link, snapshot, _listen_s(self.timeout_s), _heard)
+            request = make(snapshot)
+            if found := operate.unmet(request, snapshot, link.clock_s()):
+                raise CommandFailed(
+                    f"{request.opcode} was not sent, flight would refuse it: {found[0].condition}",
+                    found[0].found,
+                    found[0].todo,
+                )
+            who = self._operator(words)
+            tracked = operate.act(link, request, who, snapshot, self._verifier(request.opcode))
+        return _outcome(tracked)
+
+    def _operator(
+        self, words: Words, say: Callable[[str], None] | None = None, timeout_s: float | None = None
+    ) -> decisions.Operator:
+        return decisions.Operator(
+            words.by.strip(),
+            words.why.strip(),
+            self.journal_path,
+            self.timeout_s if timeout_s is None else timeout_s,
+            say or (lambda text: self.picture.note("info", "DESK", text)),
+            operate.verified(operate.Snapshot(), self._verifier("decision")),
+        )
+
+    def _verifier(self, name: str) -> Callable[[operate.Step], None]:
+        """Puts each verifier into the list of events as it is reached."""
+
+        def say(step: operate.Step) -> None:
+            severity = "error" if step.stage == operate.REFUSED else "info"
+            self.picture.note(severity, step.stage.upper(), f"{name}: {step.evidence}")
+
+        return say
 
     # ---- corrections
 
@@ -191,8 +214,7 @@ class Desk:
     def decide(self, what: str, crc: str, words: Words, override: str = "") -> Plain:
         """arm, go or reject."""
         said: list[str] = []
-        by, why = words.by.strip(), words.why.strip()
-        who = decisions.Operator(by, why, self.journal_path, self.timeout_s, said.append)
+        who = self._operator(words, said.append)
         with Link(self.url, signer=self._signer()) as link:
             if what == "arm":
                 decisions.arm(link, crc, who, override.strip())
@@ -208,6 +230,20 @@ class Desk:
     def log(self) -> list[Plain]:
         """The journal, newest first."""
         return [_line(e) for e in reversed(self.entries())]
+
+
+def _listen_s(timeout_s: float) -> float:
+    """How long telemetry is listened to before a command: three times its period."""
+    return min(timeout_s, _LISTEN_S)
+
+
+def _heard(snapshot: operate.Snapshot) -> bool:
+    """All that conditions are judged by."""
+    return all(snapshot.last(channel) for channel in ("KC_HK", "KC_ARM_STATE", "KC_PANTILT_STATE"))
+
+
+def _outcome(tracked: operate.Tracked) -> Plain:
+    return {"ok": tracked.outcome == operate.DONE, "text": tracked.last_line, "steps": tracked.as_dict()["verifiers"]}
 
 
 def _line(e: journal.Entry) -> Plain:

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-import tomllib
 from functools import cache
-from typing import Any
 
-from kincal.flight import event_action, event_name
-from kincal_shared import installation
+from kincal.flight.events import event_cause, event_name, event_todo
 
-SOURCE = "fsw/tables/kc_events.toml"
-_MOST = 2**12
+_MOST = 2**10
 
 
 @cache
 def dictionary() -> dict[str, dict[str, str]]:
-    """Name of an event -> cause, do. Without the file of causes (an incomplete installation) flight's own
-    advice alone."""
-    path = installation.root() / SOURCE
-    known: dict[str, Any] = tomllib.loads(path.read_text("utf-8"))["event"] if path.is_file() else {}
-    out: dict[str, dict[str, str]] = {}
-    for number in range(1, _MOST):
-        name = event_name(number)
-        if name in ("", "UNKNOWN") or name in out:
-            continue
-        about = known.get(name, {})
-        steps = (event_action(number), about.get("do", ""))
-        out[name] = {"cause": about.get("cause", ""), "do": " ".join(step for step in steps if step)}
-    return out
+    """Name of an event -> cause, do."""
+    names = {number: event_name(number) for number in range(1, _MOST)}
+    return {
+        name: {"cause": event_cause(number), "do": event_todo(number)}
+        for number, name in names.items()
+        if name not in ("", "UNKNOWN")
+    }

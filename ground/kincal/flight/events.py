@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from functools import cache
+
+from kincal_shared import installation
 
 from . import event_format
 from .builds import FlightLibrary, library
@@ -83,6 +86,25 @@ def event_action(event_id: int) -> str:
     """What the operator does after an event; empty if there is nothing to do, or no such event."""
     flight = library("flight")
     return flight.text(flight.lib.kc_event_action(_known(event_id)))
+
+
+@cache
+def _advice() -> Mapping[str, Mapping[str, str]]:
+    """Cause and what to do of every event, by its name: the table that docs/OPERATIONS.md is made of."""
+    path = installation.root() / "fsw" / "tables" / "kc_events.toml"
+    found: Mapping[str, Mapping[str, str]] = tomllib.loads(path.read_text("utf-8"))["event"]
+    return found
+
+
+def event_cause(event_id: int) -> str:
+    """What is likely behind an event, the likeliest first; empty if there is no such event."""
+    return _advice().get(event_name(event_id), {}).get("cause", "")
+
+
+def event_todo(event_id: int) -> str:
+    """What the operator does, as docs/OPERATIONS.md has it; empty if there is no such event."""
+    action, more = event_action(event_id), _advice().get(event_name(event_id), {}).get("do", "")
+    return action if more == "Nothing." and action else f"{action} {more}".strip()
 
 
 def event_text(

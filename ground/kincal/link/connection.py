@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import lcm
 
 from kincal.flight import event_action, event_name, library, status_name
-from kincal_shared.errors import BadInput, CommandFailed
+from kincal_shared.errors import BadInput, CommandFailed, NoAnswer
 from kincal_shared.keys import Signer
 
 from . import channels, names
@@ -71,20 +71,20 @@ class CommandLink(ABC):
     # ---- waiting
 
     def wait_for(self, what: Callable[[Received], bool], timeout_s: float, name: str) -> Any:
-        """The first message that fits; others are let go. CommandFailed, with the name, if none comes."""
+        """The first message that fits; others are let go. NoAnswer, with the name, if none comes."""
         deadline = self.clock_s() + timeout_s
         while (left := deadline - self.clock_s()) > 0.0:
             received = self.next(left)
             if received is not None and what(received):
                 return received.message
-        raise CommandFailed(
+        raise NoAnswer(
             f"{name} did not come within {timeout_s:g} s",
             self.url,
             "is the flight process running on this URL?",
         )
 
     def wait_hk(self, what: Callable[[Hk], bool], timeout_s: float, name: str) -> Hk:
-        """The first housekeeping message that fits. CommandFailed, with the name, if none comes."""
+        """The first housekeeping message that fits. NoAnswer, with the name, if none comes."""
         found = self.wait_for(lambda r: r.channel == "KC_HK" and what(r.message), timeout_s, name)
         return cast("Hk", found)
 

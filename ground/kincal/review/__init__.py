@@ -242,15 +242,17 @@ def record(
     review: Review | Entry | None,
     signer: Signer,
     override: str = "",
+    command: str = "",
 ) -> Entry:
-    """Append one decision, which the last command of the signer carried out, or what was seen; review: the
-    proposal, or an entry that has its numbers; override: why it was approved in spite of the reasons to
-    reject it. Refuses when the journal was tampered with."""
+    """Append one decision, which the last command of the signer carried out, or what was seen or attempted;
+    review: the proposal, or an entry that has its numbers; override: why it was approved in spite of the
+    reasons to reject it; command: that was attempted or refused. Refuses when the journal was tampered
+    with."""
     check_words(by, why)
     entry = Entry(
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         decision,
-        f"{crc:08x}",
+        f"{crc:08x}" if crc else "",
         by,
         why,
         review.session if review else None,
@@ -258,6 +260,7 @@ def record(
         review.numbers if review else {},
         verdict=review.verdict if review else "",
         override=override,
+        command=command,
     )
     return journals.append(journal, entry, signer)
 

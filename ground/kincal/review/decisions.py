@@ -9,20 +9,25 @@ needs an override, which is signed with the command: flight refuses a poor fit w
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from kincal.flight import library
 from kincal.link import CommandLink, crc_text, unsigned32
 from kincal.link.names import verdict_name
-from kincal_shared.errors import BadInput, CommandFailed
+from kincal_shared.errors import BadInput, CommandFailed, KincalError, NoAnswer
 from kincal_shared.keys import Signer
 
 from . import KIN_KIND, Entry, Review, check_words, journal, parse_crc, reasons_to_reject, record, warnings
 
 OVERRIDE = int(library("flight").constant("KC_OVERRIDE_FIT"))
 Say = Callable[[str], None]
+Accepted = Callable[[], None]
+Command = Callable[[CommandLink, str, tuple[int, ...], float, Accepted], None]
+"""Sends a command (link, opcode, arguments, time-out) once, and calls what it is given as soon as flight has
+taken it. CommandFailed if flight refuses it or does not answer."""
 
 
 def _silent(_text: str) -> None:
@@ -54,18 +59,36 @@ def on_board(link: CommandLink, timeout_s: float = 5.0) -> OnBoard:
 # ---- commands alone
 
 
-def send_arm(link: CommandLink, crc: int, timeout_s: float, override: bool = False) -> None:
-    """The first step."""
-    link.command("APPROVE_ARM", (crc, OVERRIDE) if override else (crc,), timeout_s)
+def _nothing() -> None:
+    """Does nothing."""
+
+
+def plainly(
+    link: CommandLink, opcode: str, args: tuple[int, ...], timeout_s: float, accepted: Accepted
+) -> None:
+    """Send a command and wait for its answer."""
+    link.command(opcode, args, timeout_s)
+    accepted()
+
+
+def send_arm(
+    link: CommandLink,
+    crc: int,
+    timeout_s: float,
+    override: bool = False,
+    accepted: Accepted = _nothing,
+    command: Command = plainly,
+) -> None:
+    """The first step. accepted: called as soon as flight has taken the command."""
+    command(link, "APPROVE_ARM", (crc, OVERRIDE) if override else (crc,), timeout_s, accepted)
 
 
 def send_go(
-    link: CommandLink, crc: int, timeout_s: float, accepted: Callable[[], None] = lambda: None
+    link: CommandLink, crc: int, timeout_s: float, accepted: Accepted = _nothing, command: Command = plainly
 ) -> None:
     """The second step, until the table is seen in force. accepted: called as soon as flight has taken the
     command, also if what it brings is not seen."""
-    link.command("APPROVE_GO", (crc,), timeout_s)
-    accepted()
+    command(link, "APPROVE_GO", (crc,), timeout_s, accepted)
     try:
         link.wait_hk(lambda hk: unsigned32(hk.table_crc[KIN_KIND]) == crc, timeout_s, "the new table")
     except CommandFailed:
@@ -77,11 +100,10 @@ def send_go(
 
 
 def send_reject(
-    link: CommandLink, crc: int, timeout_s: float, accepted: Callable[[], None] = lambda: None
+    link: CommandLink, crc: int, timeout_s: float, accepted: Accepted = _nothing, command: Command = plainly
 ) -> None:
     """Tell flight to drop the proposal; accepted: as for `send_go`."""
-    link.command("REJECT", (crc,), timeout_s)
-    accepted()
+    command(link, "REJECT", (crc,), timeout_s, accepted)
     link.wait_hk(lambda hk: hk.proposal_crc == 0, timeout_s, "the end of the proposal")
 
 
@@ -91,13 +113,14 @@ def send_reject(
 @dataclass(frozen=True)
 class Operator:
     """Who decides. by: name; why: reason; journal: where it is written; timeout_s: longest wait for an
-    answer; say: takes what is done, a sentence."""
+    answer; say: takes what is done, a sentence; command: sends."""
 
     by: str
     why: str
     journal: Path
     timeout_s: float = 10.0
     say: Say = _silent
+    command: Command = plainly
 
 
 def see(journal_file: Path, review: Review, by: str, log: Path, signer: Signer) -> Entry:
@@ -112,18 +135,24 @@ def arm(link: CommandLink, crc: str, who: Operator, override: str = "") -> OnBoa
     reasons to reject. BadInput or CommandFailed before any command is sent if something else waits, it is
     armed already, `who.by` has not seen it, or it needs an override and has none, or has one and needs
     none."""
-    case = _case(link, crc, who)
-    if case.waits.armed:
-        raise CommandFailed(
-            f"the approval of correction {case.text} is armed already, for another {case.waits.left_s:.0f} s",
-            link.url,
-            f"`kincal review go {case.text}` puts it in force, `kincal review reject {case.text}` drops it",
-        )
-    seen = _seen(case, who)
-    _check_override(case, seen, override)
-    send_arm(link, case.crc, who.timeout_s, bool(override))
-    who.say(f"approval of correction {case.text} armed")
-    _write(case, who, journal.ARMED, seen, override)
+    case = _case(link, crc, who, "APPROVE_ARM")
+    with _recorded(case, who, "APPROVE_ARM", override):
+        if case.waits.armed:
+            raise CommandFailed(
+                f"the approval of correction {case.text} is armed already, for another "
+                f"{case.waits.left_s:.0f} s",
+                link.url,
+                f"`kincal review go {case.text}` puts it in force, "
+                f"`kincal review reject {case.text}` drops it",
+            )
+        seen = _seen(case, who)
+        _check_override(case, seen, override)
+
+        def accepted() -> None:
+            who.say(f"approval of correction {case.text} armed")
+            _write(case, who, journal.ARMED, seen, override)
+
+        send_arm(link, case.crc, who.timeout_s, bool(override), accepted, who.command)
     now = on_board(link, who.timeout_s)
     who.say(
         f"nothing is in force yet: within {now.left_s:.0f} s `kincal review go {case.text}` puts it in force"
@@ -134,35 +163,64 @@ def arm(link: CommandLink, crc: str, who: Operator, override: str = "") -> OnBoa
 def go(link: CommandLink, crc: str, who: Operator) -> None:
     """Second step: the correction comes in force. Refused, before any command is sent, if it is not armed or
     `who.by` has not seen it."""
-    case = _case(link, crc, who)
-    if not case.waits.armed:
-        raise CommandFailed(
-            f"the approval of correction {case.text} is not armed (or has expired)",
-            link.url,
-            f"`kincal review arm {case.text}` first",
+    case = _case(link, crc, who, "APPROVE_GO")
+    with _recorded(case, who, "APPROVE_GO"):
+        if not case.waits.armed:
+            raise CommandFailed(
+                f"the approval of correction {case.text} is not armed (or has expired)",
+                link.url,
+                f"`kincal review arm {case.text}` first",
+            )
+        seen = _seen(case, who)
+        armed = [e for e in case.before.entries if (e.decision, e.crc) == (journal.ARMED, case.text)]
+        override = armed[-1].override if armed else ""
+        for entry in armed[-1:]:
+            who.say(f"armed by {entry.by}, {entry.time}: {entry.why}")
+        if override:
+            who.say(f"by override: {override}")
+        send_go(
+            link,
+            case.crc,
+            who.timeout_s,
+            lambda: _write(case, who, journal.APPROVED, seen, override),
+            who.command,
         )
-    seen = _seen(case, who)
-    armed = [e for e in case.before.entries if (e.decision, e.crc) == (journal.ARMED, case.text)]
-    override = armed[-1].override if armed else ""
-    for entry in armed[-1:]:
-        who.say(f"armed by {entry.by}, {entry.time}: {entry.why}")
-    if override:
-        who.say(f"by override: {override}")
-    send_go(
-        link,
-        case.crc,
-        who.timeout_s,
-        accepted=lambda: _write(case, who, journal.APPROVED, seen, override),
-    )
     who.say(f"correction {case.text} is in force")
 
 
 def reject(link: CommandLink, crc: str, who: Operator) -> None:
     """Drop what waits; the table in force stays. It need not have been seen."""
-    case = _case(link, crc, who)
+    case = _case(link, crc, who, "REJECT")
     seen = case.before.seen_by(who.by, case.text)
-    send_reject(link, case.crc, who.timeout_s, accepted=lambda: _write(case, who, journal.REJECTED, seen))
+    with _recorded(case, who, "REJECT"):
+        send_reject(
+            link,
+            case.crc,
+            who.timeout_s,
+            lambda: _write(case, who, journal.REJECTED, seen),
+            who.command,
+        )
     who.say(f"correction {case.text} rejected")
+
+
+@contextmanager
+def _recorded(case: _Case, who: Operator, command: str, override: str = "") -> Iterator[None]:
+    """The attempt is written before anything is sent; then that it was refused, or that nobody knows, unless
+    flight took it: that line is written where it is known."""
+
+    def write(what: str, why: str) -> None:
+        record(who.journal, what, case.crc, who.by, why, case.url, None, case.signer, override, command)
+
+    write(journal.ATTEMPT, who.why)
+    n = len(journal.read(who.journal, case.signer.known).entries)
+    try:
+        yield
+    except BaseException as error:
+        if len(journal.read(who.journal, case.signer.known).entries) == n:
+            known = isinstance(error, KincalError) and not isinstance(error, NoAnswer)
+            why = str(error).splitlines()[0] if isinstance(error, KincalError) else "interrupted"
+            write(journal.REFUSED if known else journal.UNANSWERED, why)
+        raise
 
 
 @dataclass(frozen=True)
@@ -180,7 +238,7 @@ class _Case:
         return crc_text(self.crc)
 
 
-def _case(link: CommandLink, crc: str, who: Operator) -> _Case:
+def _case(link: CommandLink, crc: str, who: Operator, command: str) -> _Case:
     """Refused when the words are missing, the journal is not sound, or something else waits."""
     wanted = parse_crc(crc)
     check_words(who.by, who.why)
@@ -190,12 +248,10 @@ def _case(link: CommandLink, crc: str, who: Operator) -> _Case:
         who.say(f"note: {who.journal}, {before.vouched}")
     waits = on_board(link, who.timeout_s)
     if waits.crc != wanted:
-        raise CommandFailed(
-            f"correction {crc_text(wanted)} does not wait on board; "
-            + (f"{crc_text(waits.crc)} does" if waits.crc else "nothing does"),
-            link.url,
-            "`kincal review list --live` shows what waits",
-        )
+        instead = f"{crc_text(waits.crc)} does" if waits.crc else "nothing does"
+        why = f"correction {crc_text(wanted)} does not wait on board; {instead}"
+        record(who.journal, journal.REFUSED, wanted, who.by, why, link.url, None, signer, command=command)
+        raise CommandFailed(why, link.url, "`kincal review list --live` shows what waits")
     return _Case(wanted, waits, before, signer, link.url)
 
 

@@ -1,8 +1,11 @@
-"""The journal of decisions: one JSON object a line, each with the hash of the line before and a MAC.
+"""The journal of a mission: decisions, commands, attempts, refusals, questions; one JSON object a line, each
+with the hash of the line before and a MAC.
 
 The hash shows a line that was changed, taken out or put in between, but not what was done to the last one:
-the MAC, made with the key that signed the decision, shows that too. A last line that is gone is noticed where
-a log has its command: flight took it, and its counter is above those of the journal (`absent`)."""
+the MAC, made with the key that signed the decision, shows that too. Last lines that are gone are noticed by
+the end mark, a file beside the journal: how many lines it has and the hash of the last one, with a MAC. A
+journal that was put back together with its mark is noticed where a log has its command: flight took it, and
+its counter is above those of the journal (`absent`)."""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,6 +34,14 @@ _LABEL = b"KinCal review 1\0"
 _COPY = "bring back the copy in your records; the tool never rewrites it"
 SEEN, ARMED, APPROVED, REJECTED = "seen", "arm", "approve", "reject"
 """What an entry says; `seen` is no decision, but has to come before one."""
+ATTEMPT, REFUSED, UNANSWERED = "attempt", "refused", "unanswered"
+"""Before a command is sent; that flight or this tool refused it; that nobody knows whether flight took it."""
+COMMENT, QUESTION = "comment", "question"
+SAID = (SEEN, ATTEMPT, REFUSED, UNANSWERED, COMMENT, QUESTION)
+"""What changes nothing."""
+END = ".end"
+"""Suffix of the end mark."""
+_END_LABEL = b"KinCal journal end 1\0"
 _DECIDING = {"APPROVE_ARM": ARMED, "APPROVE_GO": APPROVED, "REJECT": REJECTED}
 
 
@@ -39,9 +50,10 @@ class Entry:
     """One decision of the journal, or that somebody has seen a proposal. time: UTC, ISO; crc: eight hex
     digits; numbers, verdict: of the proposal as it was seen, empty if nobody had; previous: SHA-256 of the
     line before, empty for the first; override: why it was approved in spite of the reasons to reject it;
-    key_id, counter: of the command that carried it out, 0 in journals of before (counter: also where
-    it was only seen); unconfirmed: how many lines before it nobody could vouch for when it was written; mac:
-    made with that key over all of the others, empty in journals of before."""
+    key_id, counter: of the command that carried it out, 0 in journals of before (counter: also where it was
+    only seen); unconfirmed: how many lines before it nobody could vouch for when it was written; mac: made
+    with that key over all of the others, empty in journals of before. command: that was attempted or refused;
+    marked: 1 if an end mark is kept from here on. A line leaves these two out where they are empty."""
 
     time: str
     decision: str
@@ -58,10 +70,14 @@ class Entry:
     counter: int = 0
     unconfirmed: int = 0
     mac: str = ""
+    command: str = ""
+    marked: int = 0
 
     def text(self) -> str:
         """The line of the journal."""
-        return json.dumps(dataclasses.asdict(self), sort_keys=True)
+        fields = dataclasses.asdict(self)
+        later = {"command", "marked"}  # lines of before they were there stay as they are
+        return json.dumps({k: v for k, v in fields.items() if v or k not in later}, sort_keys=True)
 
     def mac_of(self, key: Key) -> str:
         """What `mac` has to be."""
@@ -121,6 +137,7 @@ def append(path: Path, entry: Entry, signer: Signer) -> Entry:
             key_id=signer.key.id,
             counter=signer.counters.get(_ground(), 0),
             unconfirmed=before.unconfirmed,
+            marked=1,
         )
         entry = dataclasses.replace(entry, mac=entry.mac_of(signer.key))
         line = entry.text().encode() + b"\n"
@@ -128,7 +145,120 @@ def append(path: Path, entry: Entry, signer: Signer) -> Entry:
             file.truncate(len(raw))
             raise BadInput("the review journal cannot be kept: the medium is full", str(path))
         os.fsync(file.fileno())
+        _write_end(path, len(before.entries) + 1, _hash(line.rstrip(b"\n")), signer)
     return entry
+
+
+# ---- the end mark
+
+
+@dataclass(frozen=True)
+class End:
+    """How many lines a journal has, and the hash of the last one; mac: made with the key of that number."""
+
+    lines: int
+    last: str
+    key_id: int
+    mac: str = ""
+
+    def mac_of(self, key: Key) -> str:
+        """What `mac` has to be."""
+        return key.digest(_END_LABEL + f"{self.lines} {self.last} {self.key_id}".encode()).hex()
+
+
+def end_file(path: Path) -> Path:
+    """The end mark of a journal."""
+    return path.with_name(path.name + END)
+
+
+def _write_end(path: Path, lines: int, last: str, signer: Signer) -> None:
+    """Whoever finds the mark finds all of it. Between the line and its mark the journal is one line ahead."""
+    end = End(lines, last, signer.key.id)
+    end = dataclasses.replace(end, mac=end.mac_of(signer.key))
+    file = end_file(path)
+    part = file.with_name(file.name + ".part")
+    part.unlink(missing_ok=True)
+    try:
+        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as out:
+            out.write(json.dumps(dataclasses.asdict(end), sort_keys=True) + "\n")
+            out.flush()
+            os.fsync(out.fileno())
+        part.rename(file)
+    except OSError as error:
+        raise BadInput(
+            f"the line is in the journal, but its end mark cannot be kept: {error.strerror}",
+            str(file),
+            "free space there; the next line writes it anew",
+        ) from None
+
+
+def _read_end(file: Path) -> End | None:
+    """None if there is none."""
+    if not os.path.lexists(file):
+        return None
+    try:
+        end = End(**json.loads(file.read_bytes()))
+        good = isinstance(end.lines, int) and end.lines > 0 and isinstance(end.key_id, int)
+        good = good and isinstance(end.last, str) and isinstance(end.mac, str)
+    except (OSError, ValueError, TypeError, RecursionError):
+        good = False
+    if not good:
+        raise BadInput("the end mark of the journal is damaged", str(file), _COPY)
+    return end
+
+
+def _check_end(path: Path, entries: Sequence[Entry], last: str, known: Mapping[int, Key]) -> None:
+    """The journal ends where its mark says, or one line later: power was lost between the two."""
+    file, n = end_file(path), len(entries)
+    end = _read_end(file)
+    if end is None:
+        # one line may be without its mark: power was lost before it was written for the first time
+        if sum(entry.marked for entry in entries) > 1:
+            raise BadInput(
+                f"the end mark of the journal is gone: lines after line {n} may have been removed",
+                str(file),
+                _COPY,
+            )
+        return
+    if end.key_id in known and end.mac != end.mac_of(known[end.key_id]):
+        raise BadInput("the end mark of the journal was changed", str(file), _COPY)
+    if n < end.lines:
+        gone = f"line {n + 1} was" if end.lines == n + 1 else f"lines {n + 1} to {end.lines} were"
+        raise BadInput(f"the review journal was cut: {gone} removed from its end", f"{path}:{n + 1}", _COPY)
+    at_mark = last if n == end.lines else entries[end.lines].previous
+    if at_mark != end.last:
+        where = f"{path}:{end.lines}"
+        raise BadInput(
+            "the review journal was changed: this line is not the one of its end mark", where, _COPY
+        )
+    if n > end.lines + 1 or (n > end.lines and not (entries[-1].marked and entries[-1].mac)):
+        raise BadInput(
+            f"the review journal was changed: its end mark stands at line {end.lines}, this one was appended "
+            "after it",
+            f"{path}:{end.lines + 1}",
+            _COPY,
+        )
+
+
+def end_text(journal: Journal) -> str:
+    """Where a journal ends, to be noted elsewhere: number of lines and the hash of the last one."""
+    if not journal.entries:
+        return "0"
+    return f"{len(journal.entries)}:{_hash(journal.entries[-1].text().encode())[:16]}"
+
+
+def check_noted(journal: Journal, noted: str) -> None:
+    """That a journal still holds what `end_text` once said. BadInput if not."""
+    count, _, digest = noted.partition(":")
+    good = count.isdecimal() and int(count) <= len(journal.entries)
+    if good and int(count):
+        good = _hash(journal.entries[int(count) - 1].text().encode()).startswith(digest) and len(digest) >= 8
+    if not good:
+        raise BadInput(
+            f"the journal does not hold what was noted: {noted}; it ends at {end_text(journal)}",
+            str(journal.path),
+            _COPY,
+        )
 
 
 def _ground() -> int:
@@ -166,6 +296,7 @@ def _parsed(path: Path, raw: bytes, keys: Sequence[Key]) -> Journal:
         where = f"{path}:{len(entries)}"
         raise BadInput("the review journal is damaged: its last line has no end", where, _COPY)
     unconfirmed = len(entries) - confirmed
+    _check_end(path, entries, before, known)
     return Journal(path, tuple(entries), unconfirmed, _why(entries[confirmed:], keys), tuple(keys))
 
 
@@ -195,6 +326,7 @@ _TYPES: dict[str, type | tuple[type, ...]] = {
     "key_id": int,
     "counter": int,
     "unconfirmed": int,
+    "marked": int,
 }
 
 

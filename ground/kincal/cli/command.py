@@ -1,0 +1,329 @@
+"""`kincal command`: what flight accepts from the ground, with the verifiers of each command."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypedDict, TypeVar, Unpack
+
+import click
+
+from kincal import link as links
+from kincal.cli.options import FILE
+from kincal.cli.outputs import FILE_OUT
+from kincal.cli.review import JOURNAL, review_arm, review_go, review_reject
+from kincal.cli.table import table_dump
+from kincal.cli.terminal import console
+from kincal.cli.wire import KEYS, TIMEOUT, URL
+from kincal.review import journal as journals
+from kincal_shared.errors import BadInput
+from kincal_shared.keys import Signer, file_of, signer_of
+
+F = TypeVar("F", bound=Callable[..., Any])
+LISTEN_S = 3.0  # for housekeeping, before a command is sent
+
+
+@click.group()
+def command() -> None:
+    """Send a command to flight, once, and follow it: sent, received, accepted or refused, done, and the event
+    that says so.
+
+    Every command but `abort` and `noop` is signed with the key file, and goes into the journal: the attempt
+    before it is sent, and what came of it. `--dry-run` sends nothing, and names what flight would refuse by
+    the last telemetry. If no answer comes, nothing is sent again: the last line says what is known.
+
+    Exit status: 0 done, 1 refused, not answered, or (--dry-run) it would be refused.
+
+    \b
+    Example:
+    kincal command start --dry-run
+    """
+
+
+class Given(TypedDict):
+    """What every command is given."""
+
+    by: str
+    why: str
+    url: str
+    key_file: Path
+    timeout_s: float
+    journal: Path | None
+    as_json: bool
+    dry_run: bool
+
+
+def options(function: F) -> F:
+    """Options of every command."""
+    by = click.option(
+        "--by",
+        default=lambda: os.environ.get("USER", "operator"),
+        show_default="$USER",
+        help="Who commands, for the record.",
+    )
+    why = click.option("--why", default="operator's command", help="Reason, for the record.")
+    dry = click.option("--dry-run", is_flag=True, help="Send nothing; name what flight would refuse.")
+    as_json = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+    for option in (JOURNAL, TIMEOUT, KEYS, URL, as_json, dry, why, by):
+        function = option(function)
+    return function
+
+
+@command.command("noop")
+@options
+def command_noop(**given: Unpack[Given]) -> None:
+    """Is flight there, and does it take signed commands of this key?
+
+    \b
+    Example:
+        kincal command noop
+    """
+    from kincal.api import operate
+
+    _run(lambda _snapshot: operate.noop(), given)
+
+
+@command.command("start")
+@click.option(
+    "--acquisition",
+    default="table",
+    show_default="as CONFIG says",
+    metavar="NAME",
+    help="How poses are chosen: table, ucb, random, dopt or vopt.",
+)
+@click.option(
+    "--poses", type=click.IntRange(0), default=0, show_default="as CONFIG says", help="Poses to measure."
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the random choices.")
+@click.option(
+    "--coefficients",
+    default="",
+    metavar="MASK",
+    show_default="as CONFIG says",
+    help="Bit for each coefficient to estimate, in hexadecimal.",
+)
+@options
+def command_start(acquisition: str, poses: int, seed: int, coefficients: str, **given: Unpack[Given]) -> None:
+    """Begin a calibration: the arm moves.
+
+    \b
+    Examples:
+        kincal command start --dry-run
+        kincal command start --poses 20 --by "A. Operator" --why "MON_SUSPECT, joint 4"
+    """
+    from kincal.api import operate
+
+    number = _acquisition(acquisition)
+    mask = _mask(coefficients)
+    _run(lambda _snapshot: operate.start(number, poses, seed, mask), given)
+
+
+@command.command("abort")
+@options
+def command_abort(**given: Unpack[Given]) -> None:
+    """Hold the arm and end the calibration, in every state; needs no key. START afterwards begins anew.
+
+    \b
+    Example:
+        kincal command abort
+    """
+    from kincal.api import operate
+
+    _run(lambda _snapshot: operate.abort(), given)
+
+
+@command.command("rollback")
+@click.argument("crc", required=False)
+@click.option(
+    "--from",
+    "logs",
+    multiple=True,
+    type=FILE,
+    help="Log or KIN table that holds the corrections, for the preview.  [may be given several times]",
+)
+@options
+def command_rollback(crc: str | None, logs: tuple[Path, ...], **given: Unpack[Given]) -> None:
+    """Bring back the correction before the one in force. CRC: of the one in force, eight hex digits; without
+    it the preview is shown (what changes back) and nothing is sent.
+
+    \b
+    Examples:
+    kincal command rollback                  # what would change back, and the command to do it
+    kincal command rollback 1a2b3c4d --by "A. Operator" --why "tool misses by 3 mm since"
+    """
+    from kincal.api import operate
+    from kincal.review import parse_crc
+
+    wanted = None if crc is None else parse_crc(crc)
+    if wanted is None:
+        given["dry_run"] = True
+    _run(lambda s: operate.rollback(_in_force(s) if wanted is None else wanted), given, tuple(logs))
+
+
+@command.command("validate")
+@click.argument("kind")
+@click.argument("crc")
+@options
+def command_validate(kind: str, crc: str, **given: Unpack[Given]) -> None:
+    """Let flight check the staged table; `kincal table uplink` does this, and activates it.
+
+    \b
+    Example:
+        kincal command validate config 1a2b3c4d
+    """
+    from kincal.api import operate
+    from kincal.review import parse_crc
+
+    request = operate.validate(kind, parse_crc(crc))
+    _run(lambda _snapshot: request, given)
+
+
+@command.command("activate")
+@click.argument("kind")
+@click.argument("crc")
+@options
+def command_activate(kind: str, crc: str, **given: Unpack[Given]) -> None:
+    """Put the staged and checked table in force; `kincal table uplink` does this.
+
+    \b
+    Example:
+        kincal command activate config 1a2b3c4d
+    """
+    from kincal.api import operate
+    from kincal.review import parse_crc
+
+    request = operate.activate(kind, parse_crc(crc))
+    _run(lambda _snapshot: request, given)
+
+
+@command.command("discard")
+@options
+def command_discard(**given: Unpack[Given]) -> None:
+    """Drop what is staged.
+
+    \b
+    Example:
+        kincal command discard
+    """
+    from kincal.api import operate
+
+    _run(lambda _snapshot: operate.discard(), given)
+
+
+# Decisions about a correction, and a dump, are the same commands as in their own groups.
+command.add_command(review_arm, "arm")
+command.add_command(review_go, "go")
+command.add_command(review_reject, "reject")
+command.add_command(table_dump, "dump")
+
+
+# ---- sending
+
+
+def _run(make: Callable[[Any], Any], given: Given, logs: tuple[Path, ...] = ()) -> None:
+    """Listen for the state, then send and follow, or say what speaks against it."""
+    from kincal.api import operate
+    from kincal.cli.text import operate as text
+
+    out = console()
+    signer = _signer(given)
+    with links.Link(given["url"], operate.LISTEN, signer=signer) as link:
+        snapshot = operate.Snapshot()
+        request = make(snapshot)
+        if request.opcode != "ABORT":  # which waits for nothing
+            operate.listen(link, snapshot, LISTEN_S, lambda s: _enough(s, request.opcode))
+            request = make(snapshot)
+        if given["dry_run"]:
+            _dry_run(request, snapshot, link, given, logs)
+            return
+        if request.opcode == "ABORT" and signer is None:
+            click.echo("no key file: ABORT is sent without a signature, which flight takes", err=True)
+        say = (lambda _step: None) if given["as_json"] else (lambda step: text.step(out, step))
+        tracked = operate.act(link, request, _operator(given), snapshot, say)
+    if given["as_json"]:
+        click.echo(json.dumps(tracked.as_dict(), indent=1))
+    else:
+        text.last_line(out, tracked)
+    if tracked.outcome != operate.DONE:
+        raise SystemExit(1)
+
+
+def _enough(snapshot: Any, opcode: str) -> bool:
+    """What the conditions of a command are judged by has come."""
+    wanted = ["KC_HK", *(("KC_ARM_STATE", "KC_PANTILT_STATE") if opcode == "START" else ())]
+    return all(snapshot.last(channel) is not None for channel in wanted)
+
+
+def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, logs: tuple[Path, ...]) -> None:
+    from kincal.api import operate
+    from kincal.cli.text import operate as text
+
+    now_s = link.clock_s()
+    found, age = operate.unmet(request, snapshot, now_s), snapshot.freshness("KC_HK", now_s)
+    if given["as_json"]:
+        said = [{"condition": u.condition, "found": u.found, "todo": u.todo} for u in found]
+        click.echo(json.dumps({
+            "command": request.opcode, "state": snapshot.state, "housekeeping": age.status,
+            "housekeeping_age_s": age.receive_age_s, "unmet": said, "sent": False,
+        }, indent=1))  # fmt: skip
+    else:
+        if request.opcode == "ROLLBACK":
+            _preview(request, given, logs)
+        text.unmet(console(), request.opcode, found, age, snapshot.state)
+    if found:
+        raise SystemExit(1)
+
+
+def _preview(request: Any, given: Given, logs: tuple[Path, ...]) -> None:
+    del request, given, logs
+
+
+def _in_force(snapshot: Any) -> int:
+    """CRC of the correction in force, 0 if it is not known."""
+    return next((int(t.crc, 16) for t in snapshot.tables() if t.kind == "kin" and t.crc), 0)
+
+
+def _signer(given: Given) -> Signer | None:
+    """None if there are no usable keys: ABORT and NOOP need none."""
+    try:
+        return signer_of(file_of(given["key_file"]))
+    except BadInput:
+        if click.get_current_context().info_name in ("abort", "noop") or given["dry_run"]:
+            return None
+        raise
+
+
+def _operator(given: Given) -> Any:
+    from kincal.review.decisions import Operator
+
+    journal = journals.place(given["journal"], file_of(given["key_file"]))
+    if click.get_current_context().info_name != "abort":
+        journal = FILE_OUT.convert(journal, None, None)
+    return Operator(
+        given["by"], given["why"], journal, given["timeout_s"], lambda said: click.echo(said, err=True)
+    )
+
+
+def _acquisition(name: str) -> int:
+    from kincal.flight import library
+
+    known = {"table": -1} | {
+        key.lower(): number
+        for key, number in library("flight").enum("kc_acq_t", "KC_ACQ_").items()
+        if key != "COUNT"
+    }
+    if name.lower() not in known:
+        raise BadInput(f"{name!r} is no acquisition", "--acquisition", f"one of {', '.join(known)}")
+    return known[name.lower()]
+
+
+def _mask(text: str) -> int:
+    try:
+        mask = int(text, 16) if text else 0
+    except ValueError:
+        mask = -1
+    if not 0 <= mask < 1 << 63:
+        raise BadInput(f"{text!r} is no mask of coefficients", "--coefficients", "hexadecimal digits, as 1f")
+    return mask

@@ -1,0 +1,125 @@
+"""State of flight, and a command with its verifiers, as text."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.markup import escape
+
+from kincal.api.operate import FRESH, STALE, EventLine, Freshness, Item, Status, Step, Tracked, Unmet
+from kincal.cli.text.layout import grid
+
+_MARK = {"done": "[green]done[/]", "refused": "[red]refused[/]"}
+_SEVERITY = {"error": "red", "warning": "yellow"}
+SHOWN_EVENTS = 6
+
+
+def status(out: Console, s: Status, url: str, all_items: bool = False) -> None:
+    """One screen: state and what waits for whom, the correction that waits, ages, tables, events."""
+    state = escape(s.state) or "unknown"
+    mark = "" if s.state_freshness.status == FRESH else f" [yellow]({s.state_freshness.status})[/]"
+    boots = "" if s.boot_count is None else f"; start {s.boot_count} of flight"
+    out.print(f"[bold]{state}[/]{mark}  {s.utc[:19]}Z  {escape(url)}{boots}")
+    out.print(f"waits for {escape(s.waits_for)}")
+    _waiting(out, s)
+    _trouble(out, s)
+    _tables(out, s)
+    _items(out, [i for i in s.items if all_items or i.key not in _REST])
+    events(out, s.events)
+
+
+_REST = {"mission_time", "candidate", "rx_errors", "tx_errors", "energy", "staged", "events_dropped"}
+
+
+def _waiting(out: Console, s: Status) -> None:
+    w = s.waiting
+    if not w.crc:
+        out.print("no correction waits")
+        return
+    armed = f"; approval armed, {w.left_s:.0f} s left" if w.armed else ""
+    verdict = escape(w.verdict) or "verdict not known"
+    out.print(
+        f"correction [bold]{w.crc}[/] waits: {verdict}{armed}; `kincal review list --live` says what to do"
+    )
+
+
+def _trouble(out: Console, s: Status) -> None:
+    if s.restarts:
+        out.print(f"[yellow]flight was started again {s.restarts} times since this program listens[/]")
+    if s.lost_events:
+        out.print(f"[yellow]{s.lost_events} events were lost, on board or on the way[/]")
+
+
+def _tables(out: Console, s: Status) -> None:
+    if s.tables:
+        shown = (f"{t.kind} {t.crc}" if t.crc else f"[red]{t.kind} missing[/]" for t in s.tables)
+        out.print(f"tables in force: {', '.join(shown)}")
+
+
+def _items(out: Console, items: Sequence[Item]) -> None:
+    rows = grid("", "telemetry", "value", "", "received", "stamped", right=(3, 4))
+    for i in items:
+        text = escape(i.text) if i.freshness.status == FRESH else f"[dim]{escape(i.text)}[/]"
+        rows.add_row(escape(i.label), text, _fresh(i.freshness), *map(_age, _ages(i.freshness)))
+    out.print(rows)
+
+
+def _fresh(f: Freshness) -> str:
+    return (
+        "" if f.status == FRESH else f"[yellow]{f.status}[/]" if f.status == STALE else f"[dim]{f.status}[/]"
+    )
+
+
+def _ages(f: Freshness) -> tuple[float | None, float | None]:
+    return f.receive_age_s, f.mission_age_s
+
+
+def _age(age_s: float | None) -> str:
+    if age_s is None:
+        return "-"
+    return f"{age_s:.1f} s ago" if age_s < 600 else f"{datetime.timedelta(seconds=round(age_s))} ago"
+
+
+def events(out: Console, found: Sequence[EventLine], title: str = "Last events") -> None:
+    """Events with cause and action; the newest last."""
+    if not found:
+        out.print("no events since this program listens; `kincal log FILE` has those of a recording")
+        return
+    out.print(f"[bold]{title}[/]")
+    for e in found:
+        event(out, e)
+
+
+def event(out: Console, e: EventLine) -> None:
+    """One event."""
+    style = _SEVERITY.get(e.severity, "default")
+    out.print(f"[{style}]{e.severity:8}[/]{escape(e.name)}: {escape(e.text)}", soft_wrap=True)
+    if e.severity in _SEVERITY:
+        out.print(f"        cause: {escape(e.cause)}", soft_wrap=True)
+        out.print(f"        do:    {escape(e.action)}", soft_wrap=True)
+
+
+def step(out: Console, s: Step) -> None:
+    """A verifier, as soon as it is reached."""
+    mark = _MARK.get(s.stage, s.stage)
+    out.print(f"{s.utc[11:23]}Z  {mark + ' ' * (9 - len(s.stage))} {escape(s.evidence)}", soft_wrap=True)
+
+
+def last_line(out: Console, t: Tracked) -> None:
+    """How a command ended."""
+    style = "green" if t.outcome == "done" else "red" if t.outcome == "refused" else "yellow"
+    out.print(f"[{style}]{escape(t.last_line)}[/]", soft_wrap=True)
+
+
+def unmet(out: Console, name: str, found: Sequence[Unmet], ages: Freshness, state: str) -> None:
+    """What speaks against a command, by the last telemetry."""
+    age = "never received" if ages.receive_age_s is None else f"received {ages.receive_age_s:.1f} s ago"
+    out.print(f"state {escape(state) or 'unknown'}, housekeeping {age} ({ages.status})")
+    for one in found:
+        out.print(f"[red]not met:[/] {escape(one.text)}", soft_wrap=True)
+    if not found:
+        out.print(f"nothing known speaks against {name}; nothing was sent")
+    else:
+        out.print(f"flight would refuse {name}; nothing was sent")

@@ -1,0 +1,92 @@
+"""What an operator does, with a line in the journal before it and one after it.
+
+The line before says that it was attempted, so that a program that ends in between leaves a trace; the line
+after says what came of it. ABORT is sent first and written down afterwards: nothing may stand in its way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from kincal.link import CommandLink
+from kincal.review import check_words, journal, record
+from kincal.review.decisions import Accepted, Command, Operator, signer_of
+from kincal_shared.errors import CommandFailed, KincalError, NoAnswer
+from kincal_shared.keys import Signer
+
+from .commands import ACCEPTED, DONE, REFUSED, Request, Step, Tracked
+from .sender import send
+from .snapshot import Snapshot
+
+Say = Callable[[Step], None]
+
+
+def act(link: CommandLink, request: Request, who: Operator, snapshot: Snapshot, say: Say) -> Tracked:
+    """Send a command and write it down. BadInput before anything is sent if it cannot be signed or the
+    journal is not sound; an ABORT is sent all the same, and `who.say` tells what could not be written."""
+    if request.opcode == "ABORT":
+        tracked = send(link, request, snapshot, who.timeout_s, say)
+        _write_abort(link, who, tracked)
+        return tracked
+    check_words(who.by, who.why)
+    signer = signer_of(link)
+    write(link, who, signer, request, journal.ATTEMPT, who.why)
+    try:
+        tracked = send(link, request, snapshot, who.timeout_s, say)
+    except BaseException as error:
+        why = str(error).splitlines()[0] if isinstance(error, KincalError) else "interrupted"
+        write(link, who, signer, request, journal.UNANSWERED, why)
+        raise
+    write(link, who, signer, request, outcome(tracked), _why(who, tracked))
+    return tracked
+
+
+def outcome(tracked: Tracked) -> str:
+    """What the journal says of a command that has an outcome: its name in small letters if flight took it."""
+    if tracked.outcome in (DONE, ACCEPTED):
+        return tracked.request.opcode.lower()
+    return journal.REFUSED if tracked.outcome == REFUSED else journal.UNANSWERED
+
+
+def _why(who: Operator, tracked: Tracked) -> str:
+    return who.why if tracked.outcome == DONE else tracked.last_line
+
+
+def write(link: CommandLink, who: Operator, signer: Signer, request: Request, what: str, why: str) -> None:
+    """A line of the journal about a command."""
+    record(who.journal, what, request.crc, who.by, why, link.url, None, signer, command=request.opcode)
+
+
+def _write_abort(link: CommandLink, who: Operator, tracked: Tracked) -> None:
+    if link.signer is None:
+        who.say("not in the journal: there is no key to vouch for the line")
+        return
+    try:
+        write(link, who, link.signer, tracked.request, outcome(tracked), _why(who, tracked))
+    except KincalError as error:
+        who.say(f"not in the journal: {error}")
+
+
+def verified(snapshot: Snapshot, say: Say) -> Command:
+    """Sends a decision as `act` sends a command, for an `Operator`: its verifiers go to `say`."""
+
+    def command(
+        link: CommandLink, opcode: str, args: tuple[int, ...], timeout_s: float, accepted: Accepted
+    ) -> None:
+        def reached(step: Step) -> None:
+            say(step)
+            if step.stage == ACCEPTED:
+                accepted()
+
+        tracked = send(link, Request(opcode, args), snapshot, timeout_s, reached)
+        if tracked.outcome in (DONE, ACCEPTED):
+            return
+        failed = CommandFailed if tracked.outcome == REFUSED else NoAnswer
+        raise failed(tracked.last_line, link.url)
+
+    return command
+
+
+def comment(file: str, what: str, crc: int, who: Operator, signer: Signer) -> None:
+    """A question or comment about a correction (crc 0: about the mission) goes into the journal."""
+    check_words(who.by, who.why)
+    record(who.journal, what, crc, who.by, who.why, file, None, signer)
