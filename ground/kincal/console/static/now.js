@@ -71,7 +71,7 @@ const WHOM = { operator: ["▲", "You: a decision or command is awaited"], fligh
 function state() {
   const hk = store.values.KC_HK?.data, about = freshness("KC_HK");
   const left = hk?.approval_left_s ? Math.max(hk.approval_left_s - (store.about.live ? about.age_s : 0), 0) : 0;
-  const key = JSON.stringify([hk, Math.round(left), about.status]);
+  const key = JSON.stringify([hk, Math.round(left), about.status, about.status === "fresh" ? 0 : Math.round(about.age_s)]);
   if (stamp.state === key) return;
   stamp.state = key;
   if (!hk) {
@@ -160,11 +160,11 @@ function frame(data) {
   for (const tag of data.tags) {
     const corners = tag.corners_px;
     made.append(svg("polygon", { points: corners.map((c) => c.join(",")).join(" "), class: "tag-shape" }));
-    const text = svg("text", { x: corners[0][0], y: Math.min(...corners.map((c) => c[1])) - height * 0.015, "font-size": height * 0.045 });
+    const text = svg("text", { x: corners[0][0], y: Math.min(...corners.map((c) => c[1])) - height * 0.03, "font-size": height * 0.09 });
     text.textContent = `tag ${tag.id}`;
     made.append(text);
   }
-  if (data.tool_px) made.append(svg("circle", { cx: data.tool_px[0], cy: data.tool_px[1], r: height * 0.012, class: "tool" }));
+  if (data.tool_px) made.append(svg("circle", { cx: data.tool_px[0], cy: data.tool_px[1], r: height * 0.02, class: "tool" }));
   show(parts.frame, made, el("p", { class: "small" }, mark(data.tags.length ? "ok" : "near"), data.tags.length
     ? ` ${data.tags.length} tags, range ${fixed(data.range_m, 2, "m")}, incidence ${fixed(data.incidence_deg, 0, "°")}, residual ${fixed(data.rms_px, 2, "px")}`
     : " no tags in the last frame"));
@@ -224,7 +224,7 @@ function scene() {
     data,
     layout: {
       uirevision: "arm", margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: LIGHT.paper, font: { size: 11, color: LIGHT.ink }, autosize: true,
-      scene: { uirevision: "arm", aspectmode: "data", xaxis: axis("x forward [m]"), yaxis: axis("y left [m]"), zaxis: axis("z up [m]"), camera: { eye: { x: 1.1, y: -1.5, z: 0.7 }, center: { x: 0, y: 0, z: -0.1 } } },
+      scene: { uirevision: "arm", aspectmode: "data", xaxis: axis("x forward [m]"), yaxis: axis("y left [m]"), zaxis: axis("z up [m]"), camera: { eye: { x: 1.2, y: -1.6, z: 0.75 }, center: { x: 0, y: 0, z: -0.08 } } },
       legend: { x: 0, y: 0, yanchor: "bottom", orientation: "h", bgcolor: "rgba(0,0,0,0)", font: { size: 10 } },
     },
   });
