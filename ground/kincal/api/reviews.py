@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from kincal.link import read_log
-from kincal.review import Review, find, warnings
+from kincal.review import Review, changes, find, warnings
 from kincal.review import journal as journals
+from kincal.review.changes import Changes
 from kincal.review.journal import Journal
 from kincal.review.status import Listed, Status, proposals_in, status
 from kincal.review.thresholds import Limits, read_limits
+from kincal_shared.errors import BadInput
 from kincal_shared.keys import file_of
 from kincal_shared.keys import read as read_keys
 
@@ -37,16 +39,53 @@ def proposals(logs: Sequence[Path], found: Sequence[Journal]) -> list[list[Liste
 
 @dataclass(frozen=True)
 class Shown:
-    """A proposal with all that a reviewer needs: warnings, what became of it, limits of the tables."""
+    """A proposal with all that a reviewer needs: what changes, warnings, what became of it, limits of the
+    tables."""
 
     review: Review
     warnings: list[str]
     about: Status
     limits: Limits | None
+    changes: Changes
 
 
-def show(log: Path, crc: str | None, tables_dir: Path, found: Sequence[Journal]) -> Shown:
-    """The proposal of a log with that CRC, the last if there is none. BadInput if it is not there."""
+def show(
+    log: Path, crc: str | None, tables_dir: Path, found: Sequence[Journal], before: Sequence[Path] = ()
+) -> Shown:
+    """The proposal of a log with that CRC, the last if there is none. BadInput if it is not there. before:
+    tables, logs and folders that may hold the table in force, after the log and the tables of the folder."""
     review, limits = find(log, crc, tables_dir), read_limits(tables_dir)
     entries = [entry for one in found for entry in one.entries]
-    return Shown(review, warnings(review), status(read_log(log), review, entries), limits)
+    found_changes = what_changes(review, tables_dir, (log, *before), limits)
+    stands_out = warnings(review, found_changes.big)
+    return Shown(review, stands_out, status(read_log(log), review, entries), limits, found_changes)
+
+
+def what_changes(
+    review: Review, tables_dir: Path, places: Sequence[Path] = (), limits: Limits | None = None
+) -> Changes:
+    """What a proposal changes. places: tables, logs and folders that may hold the table in force."""
+    old = changes.kin_values(review.crc_before, (tables_dir, *places))
+    return changes.of_review(review, old, changes.flown(tables_dir), limits)
+
+
+def what_rolls_back(crc_in_force: int, tables_dir: Path, places: Sequence[Path] = ()) -> Changes:
+    """What a rollback changes back. BadInput if the table in force or the one before it is in none of the
+    places."""
+    where = (tables_dir, *places)
+    now = changes.kin_values(crc_in_force, where)
+    if now is None:
+        raise BadInput(
+            f"the values of correction {crc_in_force:08x} are in none of the places looked at",
+            ", ".join(map(str, where)),
+            "`kincal table dump kin now.tbl`, then --from now.tbl; or --from LOG that holds its proposal",
+        )
+    previous = changes.kin_values(now.crc_before, where) if now.crc_before else None
+    if previous is None:
+        raise BadInput(
+            f"correction {crc_in_force:08x} replaced {now.crc_before:08x}, whose values are in none of the "
+            "places looked at",
+            ", ".join(map(str, where)),
+            "--from LOG that holds its proposal, or --from the KIN table",
+        )
+    return changes.of_rollback(now, previous, changes.names_of(tables_dir), changes.flown(tables_dir))

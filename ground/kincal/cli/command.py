@@ -23,6 +23,7 @@ from kincal_shared.keys import Signer, file_of, signer_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 LISTEN_S = 3.0  # for housekeeping, before a command is sent
+RECENT = 5  # recordings that are looked through for old corrections
 
 
 @click.group()
@@ -277,7 +278,22 @@ def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, logs: 
 
 
 def _preview(request: Any, given: Given, logs: tuple[Path, ...]) -> None:
-    del request, given, logs
+    """What a rollback changes back, as far as tables and logs here hold it."""
+    from kincal.api import reviews
+    from kincal.cli.text import review as text
+    from kincal.operate.recording import recordings
+    from kincal_shared import installation
+
+    places = (*logs, *recordings()[:RECENT])
+    try:
+        found = reviews.what_rolls_back(request.crc, installation.file("tables/bin"), places)
+    except BadInput as error:
+        click.echo(f"no preview: {error}")
+        return
+    text.what_changes(console(), found)
+    if given["dry_run"]:
+        crc = f"{request.crc:08x}"
+        click.echo(f"to do it: kincal command rollback {crc} --by NAME --why REASON")
 
 
 def _in_force(snapshot: Any) -> int:

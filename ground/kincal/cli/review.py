@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack
 
 import click
 
 from kincal import link
-from kincal.cli.options import FILE, PATH, TABLES
+from kincal.cli.options import EXISTS, FILE, PATH, TABLES
 from kincal.cli.outputs import FILE_OUT, PICTURE
 from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console
@@ -126,6 +126,12 @@ def review_verify(logs: tuple[Path, ...], key_file: Path, journal: Path | None) 
     default=None,
     help="Who looks at it: goes into the journal, and has to be there before `arm` and `go` by this name.",
 )
+@click.option(
+    "--before",
+    multiple=True,
+    type=EXISTS,
+    help="Log, KIN table or folder with the table in force, if the log and --tables do not have it.",
+)
 @TABLES
 @KEYS
 @JOURNAL
@@ -134,6 +140,7 @@ def review_show(
     crc: str | None,
     picture: Path | None,
     by: str | None,
+    before: tuple[Path, ...],
     tables_dir: Path,
     key_file: Path,
     journal: Path | None,
@@ -154,16 +161,18 @@ def review_show(
     from kincal.review.status import to_decide
 
     read = reviews.read_journals((file,), journal, key_file)
-    shown = reviews.show(file, crc, tables_dir, read)
+    shown = reviews.show(file, crc, tables_dir, read, before)
     found, warnings, about, limits = shown.review, shown.warnings, shown.about, shown.limits
+    changes = shown.changes
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
     decide = to_decide(found, about, shlex.quote(str(file)), _keys_option(key_file, file))
-    text.show(console(), found, warnings, about, limits, decide)
+    text.show(console(), found, warnings, about, limits, decide, changes)
     text.absent(console(), reviews.absent((file,), read))
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
-    say_files("page", *pages.write_all(found, warnings, picture, provenance, about, limits, decide))
+    made = pages.write_all(found, warnings, picture, provenance, about, limits, decide, changes)
+    say_files("page", *made)
     if by is not None:
-        _see(found, by, file, key_file, journal)
+        _see(found, by, file, key_file, journal, warnings)
 
 
 def _keys_option(key_file: Path, log: Path) -> str:
@@ -184,13 +193,15 @@ def _option(name: str, value: object, default: object) -> str:
     return "" if value == default else f" {name} {shlex.quote(str(value))}"
 
 
-def _see(found: Review, by: str, log: Path, key_file: Path, journal: Path | None) -> None:
+def _see(
+    found: Review, by: str, log: Path, key_file: Path, journal: Path | None, stood_out: Sequence[str]
+) -> None:
     """Write down who has seen the proposal, after it was shown."""
     from kincal.review.decisions import see
 
     keys = file_of(key_file)
     path = FILE_OUT.convert(journals.place(journal, keys), None, None)
-    see(path, found, by, log, signer_of(keys))
+    see(path, found, by, log, signer_of(keys), stood_out)
     click.echo(f"recorded in {path}: {by} has seen correction {found.crc_text}")
 
 

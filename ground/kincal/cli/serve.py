@@ -50,6 +50,14 @@ if TYPE_CHECKING:
     default=None,
     help="Further folder with arm tables and measurements for the workbench.",
 )
+@click.option(
+    "--record/--no-record",
+    default=True,
+    help="Record the link as long as the console runs (kincal record).  [default: record]",
+)
+@click.option(
+    "--recordings", type=PATH, default=None, show_default="~/.kincal/recordings", help="Where recordings go."
+)
 @URL
 @TIMEOUT
 @KEYS
@@ -62,6 +70,8 @@ def serve(
     names: tuple[str, ...],
     folder: Path,
     files: Path | None,
+    record: bool,
+    recordings: Path | None,
     url: str,
     timeout_s: float,
     key_file: Path,
@@ -85,6 +95,20 @@ def serve(
         click.echo(f"console of {log_file or url}, Ctrl-C ends it. Open:\n{access.start}")
 
     serve(
-        Options(url, tables_dir, key_file, journal, log_file, host, port, names, timeout_s, folder, files),
+        Options(
+            url,
+            tables_dir,
+            key_file,
+            journal,
+            log_file,
+            host,
+            port,
+            names,
+            timeout_s,
+            folder,
+            files,
+            record,
+            recordings,
+        ),
         ready,
     )

@@ -45,7 +45,7 @@ Plain = dict[str, Any]
 @dataclass(frozen=True)
 class Console:
     """What is served. desk: None where nothing can be sent (a recording); recording: instead of a live link;
-    bench: the model workbench."""
+    bench: the model workbench; recordings: where the link is recorded, in words."""
 
     source: str
     geometry: Geometry
@@ -53,6 +53,7 @@ class Console:
     desk: Desk | None = None
     recording: Recording | None = None
     bench: Bench | None = None
+    recordings: str = ""
 
 
 def make_app(console: Console, access: Access) -> ASGIApp:
@@ -147,6 +148,7 @@ def _about(console: Console) -> Plain:
         "scene": console.geometry.scene,
         "why_no_key": desk.why_no_key if desk else "a recording takes no commands",
         "journal": str(desk.journal_path) if desk else "",
+        "recordings": console.recordings,
         "bench": str(console.bench.folder) if console.bench else "",
     }
 
@@ -249,6 +251,7 @@ def _desk_routes(console: Console) -> list[Route]:
         route("/api/start", lambda d, b, _r: d.start(int(b.get("poses", 0)), words(b))),
         route("/api/rollback", lambda d, b, _r: d.rollback(_text(b, "crc"), words(b))),
         Route("/api/review/{crc}", _answer(read(lambda d, r: d.review(crc(r))))),
+        Route("/api/rollback/preview", _answer(read(lambda d, _r: d.rollback_preview()))),
         Route("/api/journal", _answer(read(lambda d, _r: d.log()))),
         route("/api/review/{crc}/seen", lambda d, b, r: d.see(crc(r), _text(b, "by"))),
         *(

@@ -16,9 +16,11 @@ from typing import Any
 from kincal.api import operate
 from kincal.link import Link, crc_text, unsigned32
 from kincal.pages import review as review_pages
-from kincal.pages.page import Provenance
+from kincal.pages.page import Grid, Provenance
 from kincal.review import (
+    KIN_KIND,
     Review,
+    changes,
     check_words,
     coef_names,
     decisions,
@@ -30,12 +32,12 @@ from kincal.review import (
     warnings,
 )
 from kincal.review.status import status
-from kincal.review.thresholds import read_limits
+from kincal.review.thresholds import Limits, read_limits
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
 from kincal_shared.keys import Signer, file_of, signer_of
 from kincal_shared.keys import read as read_keys
 
-from .document import document
+from .document import document, plain_grid
 from .picture import Picture
 
 _REMEMBERED = 500
@@ -129,6 +131,36 @@ class Desk:
         shown."""
         return self._command(lambda _s: operate.rollback(parse_crc(crc)), words)
 
+    def rollback_preview(self) -> Plain:
+        """What a rollback would change back. BadInput if the values are not at hand."""
+        hk = self.picture.newest("KC_HK")
+        if hk is None:
+            raise BadInput("no housekeeping was heard yet")
+        now = self._values(unsigned32(hk.table_crc[KIN_KIND]))
+        previous = self._values(now.crc_before) if now and now.crc_before else None
+        if now is None or previous is None:
+            raise BadInput(
+                "the values of the table in force or of the one before it are not known to this console",
+                todo="`kincal command rollback --from LOG` shows what changes back",
+            )
+        crc, names = now.crc, self.picture.geometry.names
+        found = changes.of_rollback(now, previous, names, changes.flown(self.tables_dir))
+        rows = [[c.name, c.old_text, c.new_text, c.delta_text] for c in found.rows]
+        grid = Grid.of("<coefficient|in force|after|change", rows)
+        return {"crc": crc_text(crc), "headline": found.headline, "grid": plain_grid(grid)}
+
+    def _changes(self, found: Review, limits: Limits | None) -> changes.Changes:
+        """What a correction changes against the table that it replaces."""
+        flown = changes.flown(self.tables_dir)
+        return changes.of_review(found, self._values(found.crc_before), flown, limits)
+
+    def _values(self, crc: int) -> changes.KinValues | None:
+        """Values of a kinematics table, from the tables of the folder or the corrections that were heard."""
+        p = self.picture.proposal(crc_text(crc))
+        if p is None:
+            return changes.kin_values(crc, (self.tables_dir,))
+        return changes.KinValues(crc, tuple(p.value[: p.n_coef]), unsigned32(p.crc_kin_before), "heard")
+
     def _command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
         """A signed command with its verifiers. CommandFailed, before it is sent, if flight would refuse it by
         the last telemetry."""
@@ -172,13 +204,12 @@ class Desk:
 
     def review(self, crc: str) -> Plain:
         """A correction as its page shows it, and what can be decided."""
-        found = self._found(crc)
+        found, limits = self._found(crc), read_limits(self.tables_dir)
         lines = [e for e in self.entries() if e.crc == crc]
         about = status(self.picture.summary(), found, lines)
-        origin = Provenance(_today())
-        page = review_pages.page(
-            found, warnings(found), origin, about, read_limits(self.tables_dir)
-        )  # fmt: skip
+        changed = self._changes(found, limits)
+        stands_out = warnings(found, changed.big)
+        page = review_pages.page(found, stands_out, Provenance(_today()), about, limits, changes=changed)
         hk = self.picture.newest("KC_HK")
         return {
             "page": document(page),
@@ -207,7 +238,8 @@ class Desk:
         if any(e.by.casefold() == by.strip().casefold() and e.decision == journal.SEEN
                for e in self.entries() if e.crc == crc):  # fmt: skip
             return {"ok": True, "text": f"{by} has seen correction {crc}"}
-        why = "; ".join(warnings(found)) or "nothing stood out"
+        changed = self._changes(found, read_limits(self.tables_dir))
+        why = "; ".join(warnings(found, changed.big)) or "nothing stood out"
         record(self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, self._signer())
         return {"ok": True, "text": f"{by} has seen correction {crc}"}
 
@@ -243,7 +275,11 @@ def _heard(snapshot: operate.Snapshot) -> bool:
 
 
 def _outcome(tracked: operate.Tracked) -> Plain:
-    return {"ok": tracked.outcome == operate.DONE, "text": tracked.last_line, "steps": tracked.as_dict()["verifiers"]}
+    return {
+        "ok": tracked.outcome == operate.DONE,
+        "text": tracked.last_line,
+        "steps": tracked.as_dict()["verifiers"],
+    }
 
 
 def _line(e: journal.Entry) -> Plain:

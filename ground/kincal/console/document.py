@@ -31,11 +31,12 @@ def _section(s: Section) -> Plain:
         "title": s.title,
         "text": s.text,
         "figure": None if s.figure is None else json.loads(s.figure.to_json()),
-        "grid": None if s.grid is None else _grid(s.grid),
+        "grid": None if s.grid is None else plain_grid(s.grid),
     }
 
 
-def _grid(g: Grid) -> Plain:
+def plain_grid(g: Grid) -> Plain:
+    """A table of a page."""
     return {
         "columns": [{"title": c.title, "number": c.number} for c in g.columns],
         "rows": [[{"text": cell.text, "mood": cell.mood} for cell in row] for row in g.rows],

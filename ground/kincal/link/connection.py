@@ -136,7 +136,7 @@ class Link(CommandLink):
         signer: Signer | None = None,
     ) -> None:
         super().__init__(url, first_seq, signer)
-        self._lcm = _open(url)
+        self._lcm = open_lcm(url)
         self.received: queue.Queue[Received] = queue.Queue()
         self.bad_messages = 0
         self._stop = threading.Event()
@@ -180,7 +180,8 @@ class Link(CommandLink):
         self._lcm.publish(channel, message.encode())
 
 
-def _open(url: str) -> lcm.LCM:
+def open_lcm(url: str) -> lcm.LCM:
+    """An LCM network. BadInput if it cannot be opened."""
     try:
         return lcm.LCM(url)
     except (RuntimeError, OSError) as error:

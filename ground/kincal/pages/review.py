@@ -10,6 +10,7 @@ from kincal.pages.page import Cell, Command, Grid, Page, Provenance, Section, Ti
 from kincal.pages.run_figures import MILLI
 from kincal.results import angle_text, chance_text, length_text
 from kincal.review import NUMBERS, P_FIT_MIN, CoefLine, Review, reasons_to_reject
+from kincal.review.changes import Changes, amount
 from kincal.review.journal import SEEN
 from kincal.review.status import Choice, Status
 from kincal.review.thresholds import Limits, Threshold, thresholds
@@ -24,9 +25,10 @@ def page(
     about: Status,
     limits: Limits | None = None,
     decide: Sequence[Choice] = (),
+    changes: Changes | None = None,
 ) -> Page:
     """The proposal as a page; warnings: what a reviewer should look at; about: what became of it; decide: the
-    commands for that."""
+    commands for that; changes: what it changes."""
     return Page(
         kind="Review",
         title=f"Correction {review.crc_text}",
@@ -34,11 +36,61 @@ def page(
         f"to be right in the frame of the {review.frame}",
         provenance=provenance,
         verdict=f"{review.verdict[:1].upper()}{review.verdict[1:]}; {about.state}.",
-        summary=[*_waits(review, about), *_look_at(review, warnings), *_said(about)],
+        summary=[
+            *([f"{changes.headline}."] if changes else []),
+            *_waits(review, about),
+            *_look_at(review, warnings),
+            *_said(about),
+        ],
         commands=[Command(choice.what, choice.command) for choice in decide],
         tiles=_tiles(review),
-        sections=_sections(review, about, limits),
+        sections=[*(_changes(changes) if changes else []), *_sections(review, about, limits)],
     )
+
+
+def _changes(c: Changes) -> list[Section]:
+    """What changes: each value, and where the tool goes."""
+    rows = [
+        [
+            row.name,
+            row.old_text,
+            row.new_text,
+            Cell(row.delta_text, "bad" if row.big else ""),
+            row.share_text,
+            row.source,
+        ]
+        for row in c.rows
+    ]
+    note = "" if c.old_known else "The table in force is not at hand: changes are those from the nominal arm."
+    columns = "<coefficient|old|new ± 1 sigma|change|of its bound|<rests on"
+    out = [Section("changes", "What changes", grid=Grid.of(columns, rows, note))]
+    if c.tool:
+        shifts = [
+            [t.place, amount(t.pos_m, "m"), amount(t.rot_rad, "rad")]
+            + [amount(x, "m", sign=True) for x in t.vector_m]
+            for t in c.tool
+        ]
+        over = ""
+        if c.space:
+            over = (
+                f"Over the search space: {amount(c.space[0], 'm')} RMS, {amount(c.space[1], 'm')} at most; "
+                f"{amount(c.space[2], 'rad')} RMS, {amount(c.space[3], 'rad')} at most. The last row is the "
+                "candidate with the largest shift."
+            )
+        grid = Grid.of("<place|moves|turns|x|y|z", shifts, over)
+        out.append(Section("tool", "Where the tool goes", grid=grid))
+    told = [f"{a} and {b} (correlation {rho:+.3f})" for a, b, rho in c.correlations]
+    text = []
+    if told:
+        text.append(f"Barely told apart by these poses: {'; '.join(told)}.")
+    if c.undetermined:
+        text.append(f"Not determined by these poses: {', '.join(c.undetermined)}.")
+    if text:
+        out.append(Section("undetermined", "What the poses do not determine", " ".join(text)))
+    if c.reasons:
+        rows = [[r.what, r.number, r.threshold] for r in c.reasons]
+        out.append(Section("against", "What speaks against it", grid=Grid.of("<what|value|<has to be", rows)))
+    return out
 
 
 def _waits(r: Review, about: Status) -> list[str]:
@@ -168,9 +220,10 @@ def write_all(
     about: Status,
     limits: Limits | None = None,
     decide: Sequence[Choice] = (),
+    changes: Changes | None = None,
 ) -> tuple[list[Path], str]:
     """The page beside the picture (.html), and the picture (.png or .svg) where one can be made.
 
     Returns the files, and why there is no picture ("" if there is one)."""
-    made = page(review, warnings, provenance, about, limits, decide)
+    made = page(review, warnings, provenance, about, limits, decide, changes)
     return image.beside([write(made, picture.with_suffix(".html"))], {picture: review_figures.sheet(review)})

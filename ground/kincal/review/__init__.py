@@ -155,9 +155,10 @@ def _not_finite(p: Any) -> list[str]:
     return [key for key, value in used.items() if not np.isfinite(value).all()]
 
 
-def warnings(review: Review) -> list[str]:
-    """What a reviewer should look at before deciding; empty when nothing stands out."""
-    out = reasons_to_reject(review)
+def warnings(review: Review, big: Sequence[str] = ()) -> list[str]:
+    """What a reviewer should look at before deciding; empty when nothing stands out. big: large changes, in
+    words."""
+    out = [*reasons_to_reject(review), *big]
     k = review.numbers
     if k["rank"] < k["n_free"]:
         held = [c.name for c in review.coefs if c.status == "held"]

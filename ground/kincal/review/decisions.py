@@ -9,7 +9,7 @@ needs an override, which is signed with the command: flight refuses a poor fit w
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,10 +123,18 @@ class Operator:
     command: Command = plainly
 
 
-def see(journal_file: Path, review: Review, by: str, log: Path, signer: Signer) -> Entry:
-    """Write down that somebody has seen a proposal of a log, with everything that stood out."""
+def see(
+    journal_file: Path,
+    review: Review,
+    by: str,
+    log: Path,
+    signer: Signer,
+    stood_out: Sequence[str] | None = None,
+) -> Entry:
+    """Write down that somebody has seen a proposal of a log, with everything that stood out, as it was
+    shown."""
     check_words(by, "seen")
-    why = "; ".join(warnings(review)) or "nothing stood out"
+    why = "; ".join(warnings(review) if stood_out is None else stood_out) or "nothing stood out"
     return record(journal_file, journal.SEEN, review.crc, by, why, str(log.resolve()), review, signer)
 
 

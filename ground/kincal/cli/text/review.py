@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 from rich.markup import escape
@@ -11,8 +11,9 @@ from rich.table import Table
 from kincal.cli.text.layout import grid
 from kincal.results import angle_text, chance_text, length_text
 from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
+from kincal.review.changes import Changes, amount
 from kincal.review.decisions import OnBoard
-from kincal.review.journal import Journal
+from kincal.review.journal import SAID, Journal
 from kincal.review.status import Choice, Listed, Status, choices, see_first
 from kincal.review.thresholds import Limits, Threshold, thresholds
 
@@ -60,7 +61,8 @@ def decisions(out: Console, journal: Journal) -> None:
     rows = grid(f"\nDecisions in {escape(str(journal.path))}", "time", "decision", "CRC", "by", "why")
     for e in journal.entries:
         why = f"{e.why}; override: {e.override}" if e.override else e.why
-        rows.add_row(escape(e.time), escape(e.decision), escape(e.crc), escape(e.by), escape(why))
+        what = f"{e.decision} {e.command}" if e.command and e.decision in SAID else e.decision
+        rows.add_row(escape(e.time), escape(what), escape(e.crc), escape(e.by), escape(why))
     out.print(rows)
     if journal.unconfirmed:
         out.print(f"[yellow]look at: {escape(journal.vouched)}[/]")
@@ -79,16 +81,20 @@ def show(
     about: Status,
     limits: Limits | None = None,
     decide: Sequence[Choice] = (),
+    changes: Changes | None = None,
 ) -> None:
-    """A proposal with all its numbers, what became of it, what a reviewer should look at, and the commands to
-    decide."""
+    """A proposal with all its numbers, what changes, what became of it, what a reviewer should look at, and
+    the commands to decide."""
     out.print(
         f"[bold]correction {r.crc_text}[/]: {r.verdict}; {about.state}; session "
         f"{r.session}, {r.n_poses} poses, replaces {r.crc_before:08x}; to be right in the frame of the "
         f"{r.frame}"
     )
+    if changes is not None:
+        what_changes(out, changes, {c.name: c.confounded for c in r.coefs})
     shown = [c for c in r.coefs if not c.idle]
-    out.print(_coefficients(shown))
+    if changes is None:
+        out.print(_coefficients(shown))
     if len(shown) < len(r.coefs):
         out.print(f"{len(r.coefs) - len(shown)} masked coefficients at zero not listed")
     out.print(_numbers(r, limits))
@@ -104,6 +110,41 @@ def show(
     if about.waits:
         out.print("flight waits for a decision; the table in force stays until then:")
     _choices(out, decide)
+
+
+def what_changes(out: Console, c: Changes, confounded: Mapping[str, Sequence[str]] = {}) -> None:  # noqa: B006
+    """The size in one sentence, each value old and new, where the tool goes, what the data do not tell
+    apart."""
+    out.print(f"[bold {'yellow' if c.big else 'default'}]{escape(c.headline)}[/]", soft_wrap=True)
+    columns = ("coefficient", "old", "new ± sigma", "change", "of its bound", "rests on", "confounded with")
+    rows = grid("\nWhat changes", *columns, right=(1, 2, 3, 4))
+    for row in c.rows:
+        change = f"[yellow]{row.delta_text}[/]" if row.big else row.delta_text
+        cells = (escape(row.name), row.old_text, row.new_text, change, row.share_text, escape(row.source))
+        rows.add_row(*cells, escape(", ".join(confounded.get(row.name, ()))))
+    out.print(rows)
+    if not c.old_known:
+        out.print("the table in force is not at hand (`--before`): changes are those from the nominal arm")
+    if c.tool:
+        shifts = grid(
+            "\nWhere the tool goes", "place", "moves", "turns", "along x, y, z of the base", right=(1, 2)
+        )
+        for t in c.tool:
+            vector = ", ".join(amount(x, "m", sign=True) for x in t.vector_m)
+            shifts.add_row(escape(t.place), amount(t.pos_m, "m"), amount(t.rot_rad, "rad"), vector)
+        out.print(shifts)
+    if c.space:
+        rms_m, max_m, rms_rad, max_rad = c.space
+        out.print(
+            f"over the space: {amount(rms_m, 'm')} RMS, {amount(max_m, 'm')} at most; "
+            f"{amount(rms_rad, 'rad')} RMS, {amount(max_rad, 'rad')} at most"
+        )
+    for a, b, rho in c.correlations:
+        out.print(f"[yellow]barely told apart[/]: {escape(a)} and {escape(b)}, correlation {rho:+.3f}")
+    if c.undetermined:
+        out.print(f"[yellow]not determined by these poses[/]: {escape(', '.join(c.undetermined))}")
+    for reason in c.reasons:
+        out.print(f"[red]against it:[/] {escape(reason.text)}")
 
 
 def _coefficients(coefs: Sequence[CoefLine]) -> Table:

@@ -5,8 +5,8 @@ import { keep, kept, tell } from "./store.js";
 import { say } from "./said.js";
 
 // label: of the first button; act: of the second; text(): what happens; path, body(): of the request; key: of
-// the draft; why: what the reason field asks; more: further fields {name, label}; disabled: why it cannot be.
-export function confirmed({ label, act, text, path, body = () => ({}), key, danger = false, fields = ["by", "why"], more = [], disabled = "", done = () => {} }) {
+// the draft; preview(): elements that show what would change; why: what the reason field asks; more: further fields {name, label}; disabled: why it cannot be.
+export function confirmed({ label, act, text, path, body = () => ({}), key, danger = false, fields = ["by", "why"], more = [], disabled = "", done = () => {}, preview = null }) {
   const box = el("div", { class: "confirm" });
   const draft = kept(`draft:${key}`, {});
   const labels = { by: "Your name", why: "Reason, for the record" };
@@ -50,6 +50,7 @@ export function confirmed({ label, act, text, path, body = () => ({}), key, dang
       }
     });
     show(box, form);
+    if (preview) preview().then((nodes) => form.firstChild.after(el("div", { class: "preview" }, nodes)));
     check();
     if (focus) made.find(([, , input]) => !input.value)?.[2].focus();
   }

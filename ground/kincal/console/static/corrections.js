@@ -2,7 +2,7 @@
 // `kincal review arm`, `go`, `reject`.
 import { el, fixed, mark, mission, show } from "./dom.js";
 import { confirmed } from "./confirm.js";
-import { document_ } from "./document.js";
+import { document_, grid } from "./document.js";
 import { ask, keep, kept, now_s, store, tell } from "./store.js";
 
 let parts = null, chosen = null, shown = null, stamp = {};
@@ -69,7 +69,15 @@ function force() {
     crc && store.about.live ? confirmed({
       label: "Roll back …", act: "ROLLBACK", danger: true, path: "rollback", key: `rollback:${crc}`, body: () => ({ crc }), disabled: store.about.why_no_key, done: journal,
       text: () => `The table before ${crc} comes in force again, for every motion from then on. Flight refuses it while a calibration runs or if it has no table before this one.`,
+      preview: rollbackPreview,
     }) : null);
+}
+
+async function rollbackPreview() {
+  try {
+    const found = await ask("rollback/preview");
+    return [el("p", {}, el("b", {}, "What changes back: "), `${found.headline}.`), grid(found.grid)];
+  } catch (error) { return [el("p", { class: "attention" }, `▲ No preview: ${error.message}`)]; }
 }
 
 async function journal() {

@@ -113,6 +113,8 @@ async function start() {
   at("source").textContent = store.about.source;
   if (store.about.live) {
     at("abort").addEventListener("click", abort);
+    at("source").title = store.about.recordings ? `recorded in ${store.about.recordings}` : "not recorded";
+    at("source").append(el("span", { class: "muted" }, store.about.recordings ? " · recorded" : " · not recorded"));
     if (store.about.why_no_key) at("source").append(el("span", { class: "tag", title: store.about.why_no_key }, "no key: look only, ABORT works"));
   } else {
     at("abort").hidden = true;
