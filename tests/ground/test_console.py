@@ -180,8 +180,8 @@ def test_texts_never_become_markup():
 
     for path in STATIC.glob("*.js"):
         text = path.read_text("utf-8")
-        for way in MARKUP:
-            assert way not in text, (path.name, way)
+        for word in MARKUP:
+            assert word not in text, (path.name, word)
 
 
 # ---- snapshot and changes
@@ -214,7 +214,7 @@ def test_a_browser_gets_all_last_values_first_and_then_only_what_changed(client,
         assert change["values"]["KC_HK"]["data"]["proposal"] == f"{CRC:08x}"
 
 
-def test_a_silent_flight_is_told_apart_from_a_lost_link(client, monkeypatch):
+def test_a_silent_flight_does_not_look_like_a_lost_link(client, monkeypatch):
     monkeypatch.setattr("kincal.console.app.BEAT_S", 0.1)
     with feed(client) as ws:
         assert json.loads(ws.receive_text())["values"] == {
@@ -271,7 +271,7 @@ def test_what_a_stranger_sends_stays_text(client, picture):
     assert answer.headers["content-type"].startswith("application/json")
 
 
-def test_a_joint_near_its_limit_and_one_beyond_it_are_told_apart():
+def test_a_joint_near_its_limit_and_one_beyond_it_differ():
     assert [joint_limit(x, -100.0, 100.0) for x in (0.0, 89.9, 90.1, -90.1, 100.1, float("nan"))] == [
         "ok", "ok", "near", "near", "beyond", "beyond"]  # fmt: skip
 
@@ -335,7 +335,7 @@ def test_an_approval_takes_somebody_who_has_seen_it_then_two_steps(live, flight,
     assert refused.status_code == 409 and "has not seen" in refused.json()["text"]
     assert flight.commands == []
     page = live.get(at, headers=GOOD).json()
-    assert page["waits"] and page["reasons"] == [] and page["page"]["sections"]
+    assert page["waits"] and page["reasons"] == [] and any("held" in t for t in page["look_at"]) and page["page"]["sections"]
     assert post(live, f"{at}/seen", number="2", by="A. Reviewer").json()["ok"]
     assert post(live, f"{at}/go", number="3", **words).status_code == 409
     assert post(live, f"{at}/arm", number="4", **words).json()["ok"]

@@ -214,6 +214,7 @@ class Desk:
         return {
             "page": document(page),
             "reasons": self._reasons(found),
+            "look_at": [text for text in stands_out if text not in reasons_to_reject(found)],
             "waits": hk is not None and crc_text(hk.proposal_crc) == crc,
             "seen_by": sorted({e.by for e in lines if e.decision == journal.SEEN}),
             "lines": [_line(e) for e in lines],
@@ -257,7 +258,7 @@ class Desk:
             else:
                 raise BadInput(f"no such decision: {what}")
         self.picture.note("info", what.upper(), f"correction {crc}: {what} by {who.by}: {who.why}")
-        return {"ok": True, "text": said[0] if said else what, "said": said}
+        return {"ok": True, "text": said[-1] if said else what, "said": said}
 
     def log(self) -> list[Plain]:
         """The journal, newest first."""

@@ -167,7 +167,7 @@ class Picture:
 
     def _since(self, cursor: Cursor) -> Plain:
         kept_from = self.n_rows - len(self.rows)
-        lost = max(kept_from - cursor.row, 0)  # a browser slower than KEPT rows is told
+        lost = max(kept_from - cursor.row, 0)  # said to a browser that is slower than KEPT rows
         start = max(cursor.row, kept_from) - kept_from
         rows = list(islice(self.rows, start, None))
         values = {name: v for name, v in self._values.items() if v.version > cursor.version}

@@ -86,14 +86,14 @@ def _recording(options: Options, picture: Picture) -> Iterator[None]:
     process = recording.spawn(options.url, options.recordings)
     ends = threading.Event()
 
-    def watch() -> None:
+    def follow() -> None:
         status = process.wait()
         if not ends.is_set():
             picture.note(
                 "error", "NOT_RECORDED", f"`kincal record` ended with status {status}: start it again"
             )
 
-    threading.Thread(target=watch, daemon=True).start()
+    threading.Thread(target=follow, daemon=True).start()
     try:
         yield
     finally:

@@ -104,13 +104,13 @@ function model() {
   show(parts.model, el("h2", {}, "Model ", el("span", { class: "space" }), el("button", { type: "button", disabled: !past.length, title: past.length ? `back to: ${past.at(-1).join(", ") || "DH errors alone"}` : null, onclick: () => act("undo") }, "undo")),
     el("ul", { class: "effects" }, el("li", {}, el("span", {}, "DH errors, base and tool frame")),
       effects.map((name) => el("li", {}, el("b", {}, name), el("button", { type: "button", "aria-label": `remove ${name}`, onclick: () => act("effects", { effects: effects.filter((e) => e !== name) }) }, "remove")))),
-    form, ladder());
+    form, errorOfFits());
 }
 
 const add = (...names) => act("effects", { effects: [...state.case.effects, ...names] });
 
 // The held-out errors of all fits of this case: they have to fall.
-function ladder() {
+function errorOfFits() {
   const fits = state.case.fits;
   if (!fits.length) return el("p", { class: "muted small" }, "Fit shows here how the error on held-out poses falls with each effect.");
   const most = Math.max(...fits.flatMap((f) => f.errors.map((e) => e.mm)));
@@ -118,7 +118,7 @@ function ladder() {
   const first = fits[0].errors;
   for (const e of first.slice(0, 2)) rows.push([e.model === "nominal" ? "nominal arm" : e.model, e.mm, null]);
   for (const f of fits.filter((x) => x.effects.length)) rows.push([`+ ${f.effects.join(" + ")}`, f.errors.at(-1).mm, f.effects]);
-  return el("div", { class: "ladder" }, el("h2", {}, "Error on held-out poses"), rows.map(([label, mm, effects]) => el("div", { class: effects && JSON.stringify(effects) === JSON.stringify(state.case.effects) ? "mine" : "" },
+  return el("div", { class: "fits" }, el("h2", {}, "Error on held-out poses"), rows.map(([label, mm, effects]) => el("div", { class: effects && JSON.stringify(effects) === JSON.stringify(state.case.effects) ? "mine" : "" },
     el("span", { title: label }, label), el("i", { style: { width: `${Math.max(Math.log10(1 + 99 * mm / most) * 50, 1)}%` } }), el("b", { class: "n" }, fixed(mm, 3, "mm")))), el("p", { class: "muted small" }, "Bars: logarithmic."));
 }
 

@@ -132,7 +132,8 @@ function decide() {
   const poor = found.reasons.length > 0;
   const again = () => { load(); journal(); };
   show(parts.decide, el("h2", {}, "Decision"),
-    poor ? el("div", { class: "bad" }, el("p", {}, "◆ There are reasons to reject it:"), el("ul", {}, found.reasons.map((r) => el("li", {}, r)))) : el("p", {}, "● No reason to reject it was found. Read the page beside before you decide."),
+    poor ? el("div", { class: "bad" }, el("p", {}, "◆ There are reasons to reject it:"), el("ul", {}, found.reasons.map((r) => el("li", {}, r)))) : el("p", {}, "● No number fails its threshold. Read the page beside before you decide."),
+    found.look_at.length ? el("div", { class: "attention" }, el("p", {}, "▲ Look at this first:"), el("ul", {}, found.look_at.map((r) => el("li", {}, r)))) : null,
     el("ol", { class: "steps" },
       el("li", { class: found.seen_by.length ? "done" : "next" }, el("b", {}, "Seen"), el("p", { class: "small" }, found.seen_by.length ? `by ${found.seen_by.join(", ")}` : "Who approves must have seen it: this is written into the journal."), seen(crc, again)),
       el("li", { class: armed ? "done" : found.seen_by.length ? "next" : "" }, el("b", {}, "ARM"), armed ? el("p", { class: "small" }, "armed") : confirmed({

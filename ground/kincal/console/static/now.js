@@ -189,9 +189,9 @@ function poses(rows) {
     },
   });
   show(parts.poses, el("table", {},
-    el("thead", {}, el("tr", {}, ["pose", "cand.", "servo", "res. mm", "mrad", "pred. mm", "rank"].map((t) => el("th", { class: "n" }, t)))),
+    el("thead", {}, el("tr", {}, ["pose", "cand.", "res. mm", "mrad", "pred. mm", "rank"].map((t) => el("th", { class: "n" }, t)))),
     el("tbody", {}, rows.slice().reverse().map((p) => el("tr", {},
-      [p.pose, p.candidate, p.servo_steps, fixed(p.res_mm, 2), fixed(p.res_mrad, 2), fixed(p.pred_mm, 2), `${p.rank}/${p.free}`].map((t) => el("td", { class: "n" }, String(t))))))));
+      [p.pose, p.candidate, fixed(p.res_mm, 2), fixed(p.res_mrad, 2), fixed(p.pred_mm, 2), `${p.rank}/${p.free}`].map((t) => el("td", { class: "n" }, String(t))))))));
 }
 
 // ------------------------------------------------------------------ arm
@@ -210,10 +210,10 @@ function scene() {
     line: { color: colour, width }, hoverinfo: "name", ...more,
   });
   const dots = (points, name, colour, size) => ({ ...line(points, name, colour, 1), mode: "markers", marker: { color: colour, size, opacity: 0.6 } });
-  const data = [dots(still.candidates_m, "candidates", LIGHT.grey, 1.8), line(still.mast_m, "camera mast", LIGHT.grey, 8)];
+  const data = [{ ...dots(still.candidates_m, "candidates", LIGHT.grey, 1.8), showlegend: false }, line(still.mast_m, "camera mast", LIGHT.grey, 8, { showlegend: false })];
   if (view?.view_m) {
     const [eye, ...c] = view.view_m;
-    data.push(line([eye, c[0], c[1], eye, c[2], c[3], eye, c[0], c[3], c[2], c[1]], "camera view", LIGHT.orange, 2));
+    data.push(line([eye, c[0], c[1], eye, c[2], c[3], eye, c[0], c[3], c[2], c[1]], "camera view", LIGHT.orange, 2, { showlegend: false }));
   }
   const target = still.candidates_m[hk?.candidate];
   if (target && hk.poses_goal) data.push(dots([target], `candidate ${hk.candidate}`, LIGHT.blue, 6));
@@ -225,7 +225,7 @@ function scene() {
     layout: {
       uirevision: "arm", margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: LIGHT.paper, font: { size: 11, color: LIGHT.ink }, autosize: true,
       scene: { uirevision: "arm", aspectmode: "data", xaxis: axis("x forward [m]"), yaxis: axis("y left [m]"), zaxis: axis("z up [m]"), camera: { eye: { x: 1.2, y: -1.6, z: 0.75 }, center: { x: 0, y: 0, z: -0.08 } } },
-      legend: { x: 0, y: 0, yanchor: "bottom", orientation: "h", bgcolor: "rgba(0,0,0,0)", font: { size: 10 } },
+      legend: { x: 0, y: 1, yanchor: "top", orientation: "h", bgcolor: "rgba(0,0,0,0)", font: { size: 10 } },
     },
   });
 }
