@@ -61,7 +61,7 @@ def change(path, line, **what):
 
 
 def verify(path, file, *logs):
-    given = ["review", "verify", *map(str, logs), "--journal", str(path), "--keys", str(file)]
+    given = ["audit", "verify", *map(str, logs), "--journal", str(path), "--keys", str(file)]
     return CliRunner().invoke(main, given)
 
 
@@ -78,7 +78,10 @@ def test_every_line_of_a_good_journal_is_vouched_for(journal, file):
     assert (len(found.entries), found.unconfirmed) == (3, 0)
     assert [e.counter for e in found.entries] == [found.entries[0].counter + n for n in range(3)]
     run = verify(journal, file)
-    assert run.exit_code == 0 and "3 decisions, each line from the holder of the key" in run.output
+    assert (
+        run.exit_code == 0
+        and "3 decisions and commands in 3 lines, each line from the holder of the key" in run.output
+    )
 
 
 @pytest.mark.parametrize(

@@ -121,6 +121,19 @@ def test_a_refusal_says_why_and_what_to_do_and_ends_it():
     assert "CMD_STATE: command START refused in state MOVE. Nothing was changed on board." in c.last_line
 
 
+def test_a_refusal_waits_a_moment_for_the_event_that_explains_it():
+    c, why = tracked(commands.start(), "MOVE"), event(1, 5, EVENT["CMD_STATE"], 3, float(STATE["MOVE"]), 1)
+    assert after(c, ("KC_ACK", ack(1, -8, EVENT["CMD_STATE"])))[-1] == REFUSED and c.outcome == ""
+    after(c, ("KC_EVENT", event(1, 4, EVENT["CAL_POSE"], 1)), ("KC_EVENT", why))
+    assert c.outcome == REFUSED and "command START refused in state MOVE" in c.last_line
+    c = tracked(commands.start(), "MOVE")
+    after(c, ("KC_ACK", ack(1, -8, EVENT["CMD_STATE"])))
+    c.tick(10.5)
+    assert c.outcome == ""
+    c.tick(11.2)
+    assert c.outcome == REFUSED and c.last_line.startswith("START refused: CMD_STATE. Nothing was changed")
+
+
 def test_acknowledgements_of_others_and_a_second_one_change_nothing():
     c = tracked(commands.start())
     others = [ack(1, seq=SEQ + 1), ack(1, source=1), ack(2)]
@@ -156,6 +169,7 @@ def test_an_answer_after_the_time_out_still_counts():
     c = tracked(commands.start())
     c.tick(15.0)
     after(c, ("KC_ACK", ack(1, -8, EVENT["CMD_STATE"])), begin_s=16.0)
+    c.tick(17.1)
     assert c.outcome == REFUSED and "refused" in c.last_line
 
 
@@ -313,7 +327,7 @@ def test_every_state_says_who_has_to_act():
     for state in STATE:
         if state != "COUNT":
             text = heard(state=state).status(10.5, UTC).waits_for
-            assert (text == "flight computes") == (state in computing), state
+            assert (text == "flight: it computes") == (state in computing), state
 
 
 def test_lost_events_are_counted_on_board_and_on_the_link():

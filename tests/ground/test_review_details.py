@@ -468,7 +468,7 @@ def test_one_journal_of_two_that_nobody_vouches_for_is_enough_to_fail(tmp_path, 
     stranger = keys.Signer(keys.Key(9, b"y" * 32), keys.counting())
     record(log.with_name(journal.NAME), stranger)
     given = ["--journal", str(mine), "--keys", str(key_file)]
-    assert CliRunner().invoke(main, ["review", "verify", *given]).exit_code == 0
-    run = CliRunner().invoke(main, ["review", "verify", str(log), *given])
+    assert CliRunner().invoke(main, ["audit", "verify", *given]).exit_code == 0
+    run = CliRunner().invoke(main, ["audit", "verify", str(log), *given])
     assert run.exit_code == EXIT_FAILED
-    assert f"{mine}: 1 decisions, each line from the holder of the key" in run.output
+    assert f"{mine}: 1 decisions and commands in 1 lines, each line from the holder of the key" in run.output

@@ -108,7 +108,10 @@ def test_ground_approved_in_two_steps_and_the_record_says_so(demo):
     text = f"{crc & 0xFFFFFFFF:08x}"
     assert [(e.decision, e.crc) for e in entries] == [("arm", text), ("approve", text)]
     assert [(e.key_id, e.counter) for e in entries] == [(c.key_id, c.counter) for c in ground]
-    assert f"{out / 'review.jsonl'}: 2 decisions, each line" in kincal("review", "verify", log.path).stdout
+    assert (
+        f"{out / 'review.jsonl'}: 2 decisions and commands in 2 lines, each line"
+        in kincal("audit", "verify", log.path).stdout
+    )
     assert f"table {text} is active" in done.stdout
 
 

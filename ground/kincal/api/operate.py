@@ -39,6 +39,7 @@ from kincal.operate.snapshot import (
     Waiting,
     event_of,
 )
+from kincal.operate.watching import Line, Watch, watch
 
 __all__ = [
     "ACCEPTED",
@@ -54,6 +55,7 @@ __all__ = [
     "EventLine",
     "Freshness",
     "Item",
+    "Line",
     "Request",
     "Snapshot",
     "Status",
@@ -62,6 +64,7 @@ __all__ = [
     "Tracked",
     "Unmet",
     "Waiting",
+    "Watch",
     "abort",
     "act",
     "activate",
@@ -79,4 +82,5 @@ __all__ = [
     "unmet",
     "validate",
     "verified",
+    "watch",
 ]

@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from kincal.link import read_log
+from kincal.flight.tables import decode_as
+from kincal.link import CommandLink, dump, read_log, unsigned32
+from kincal.operate.recording import recordings
 from kincal.review import Review, changes, find, warnings
 from kincal.review import journal as journals
 from kincal.review.changes import Changes
 from kincal.review.journal import Journal
 from kincal.review.status import Listed, Status, proposals_in, status
 from kincal.review.thresholds import Limits, read_limits
-from kincal_shared.errors import BadInput
+from kincal_shared.errors import BadInput, CommandFailed, KincalError
 from kincal_shared.keys import file_of
 from kincal_shared.keys import read as read_keys
 
@@ -89,3 +91,28 @@ def what_rolls_back(crc_in_force: int, tables_dir: Path, places: Sequence[Path] 
             "--from LOG that holds its proposal, or --from the KIN table",
         )
     return changes.of_rollback(now, previous, changes.names_of(tables_dir), changes.flown(tables_dir))
+
+
+def recorded(crc: int, folder: Path | None = None) -> Path | None:
+    """The newest recording that holds the proposal of a correction; None if none does."""
+    for file in recordings(folder):
+        try:
+            sessions = read_log(file).sessions.values()
+        except KincalError:
+            continue  # empty, or no log
+        if any(s.proposal is not None and unsigned32(s.proposal.crc) == crc for s in sessions):
+            return file
+    return None
+
+
+def asked_for(link: CommandLink, crc: int, tables_dir: Path, places: Sequence[Path] = ()) -> Changes:
+    """What the correction that waits on board changes, by its table as flight holds it: values and sigmas
+    without covariance, fit and residuals."""
+    image = dump(link, "proposal")
+    if image.crc != crc:
+        raise CommandFailed(f"flight sent table {image.crc_text}, {crc:08x} waits", link.url, "try again")
+    kin = decode_as("kin", image.data, link.url)[1]
+    old = changes.kin_values(kin.prev_crc, (tables_dir, *places)) if kin.prev_crc else None
+    names, n = changes.names_of(tables_dir), int(kin.n_coef)
+    values, sigmas = tuple(kin.value[0:n]), tuple(kin.sigma[0:n])
+    return changes.of_values(values, sigmas, old, names, changes.flown(tables_dir))

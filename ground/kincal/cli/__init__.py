@@ -44,7 +44,8 @@ class _Groups(MutableMapping[str, click.Command]):
 @click.group(
     cls=Commands,
     commands=_Groups(
-        *("arm", "command", "key", "log", "model", "record", "review", "run", "schema", "serve", "space"),
+        *("arm", "audit", "command", "key", "log", "model", "record", "review", "run", "schema", "serve"),
+        *("space", "status"),
         "status",
         "table",
     ),

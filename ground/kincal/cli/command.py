@@ -15,10 +15,10 @@ from kincal.cli.options import FILE
 from kincal.cli.outputs import FILE_OUT
 from kincal.cli.review import JOURNAL, review_arm, review_go, review_reject
 from kincal.cli.table import table_dump
-from kincal.cli.terminal import console
+from kincal.cli.terminal import console, say
 from kincal.cli.wire import KEYS, TIMEOUT, URL
 from kincal.review import journal as journals
-from kincal_shared.errors import BadInput
+from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import Signer, file_of, signer_of
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -239,10 +239,16 @@ def _run(make: Callable[[Any], Any], given: Given, logs: tuple[Path, ...] = ()) 
         if given["dry_run"]:
             _dry_run(request, snapshot, link, given, logs)
             return
+        if snapshot.hk is None and request.opcode != "ABORT":
+            raise CommandFailed(
+                f"nothing was sent: no housekeeping within {LISTEN_S:g} s",
+                given["url"],
+                "is flight running on this URL? `kincal status`; ABORT is sent all the same",
+            )
         if request.opcode == "ABORT" and signer is None:
             click.echo("no key file: ABORT is sent without a signature, which flight takes", err=True)
-        say = (lambda _step: None) if given["as_json"] else (lambda step: text.step(out, step))
-        tracked = operate.act(link, request, _operator(given), snapshot, say)
+        tell = (lambda _step: None) if given["as_json"] else (lambda step: text.step(out, step))
+        tracked = operate.act(link, request, _operator(given), snapshot, tell)
     if given["as_json"]:
         click.echo(json.dumps(tracked.as_dict(), indent=1))
     else:
@@ -288,7 +294,7 @@ def _preview(request: Any, given: Given, logs: tuple[Path, ...]) -> None:
     try:
         found = reviews.what_rolls_back(request.crc, installation.file("tables/bin"), places)
     except BadInput as error:
-        click.echo(f"no preview: {error}")
+        say(f"no preview: {error}")
         return
     text.what_changes(console(), found)
     if given["dry_run"]:
@@ -317,9 +323,7 @@ def _operator(given: Given) -> Any:
     journal = journals.place(given["journal"], file_of(given["key_file"]))
     if click.get_current_context().info_name != "abort":
         journal = FILE_OUT.convert(journal, None, None)
-    return Operator(
-        given["by"], given["why"], journal, given["timeout_s"], lambda said: click.echo(said, err=True)
-    )
+    return Operator(given["by"], given["why"], journal, given["timeout_s"], lambda said: say(said, err=True))
 
 
 def _acquisition(name: str) -> int:

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from kincal.cli.terminal import say
 from kincal_shared.errors import BadInput, CannotAnswer, CommandFailed, KincalError
 from kincal_shared.installation import extra_of
 
@@ -42,7 +43,7 @@ class Commands(click.Group):
         try:
             return super().invoke(ctx)
         except KincalError as error:
-            click.echo(f"Error: {error}", err=True)
+            say(f"Error: {error}", err=True)
             ctx.exit(exit_status(error))
         except ModuleNotFoundError as error:
             extra = extra_of(error.name or "")

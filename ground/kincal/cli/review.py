@@ -13,12 +13,12 @@ from kincal import link
 from kincal.cli.options import EXISTS, FILE, PATH, TABLES
 from kincal.cli.outputs import FILE_OUT, PICTURE
 from kincal.cli.provenance import say_files, table_crcs, today
-from kincal.cli.terminal import console
+from kincal.cli.terminal import console, say
 from kincal.cli.text import review as text
 from kincal.cli.wire import KEYS, TIMEOUT, URL
 from kincal.review import journal as journals
-from kincal_shared.errors import CommandFailed
-from kincal_shared.keys import DEFAULT, file_of, signer_of
+from kincal_shared.errors import BadInput, CommandFailed
+from kincal_shared.keys import DEFAULT, Signer, file_of, signer_of
 
 if TYPE_CHECKING:
     from kincal.review import Review
@@ -84,36 +84,18 @@ def review_list(
     text.absent(out, absent(logs, found))
 
 
-@review.command("verify")
-@click.argument("logs", nargs=-1, type=FILE)
-@KEYS
-@JOURNAL
-def review_verify(logs: tuple[Path, ...], key_file: Path, journal: Path | None) -> None:
-    """Check the journal of decisions, of itself and against logs.
-
-    Every line has to follow from the one before and to be written with its key, and every decision that
-    flight took in these logs has to be there. Names the line that is wrong or missing. With logs, the
-    journals beside them too.
-
-    \b
-    Examples:
-        kincal review verify
-        kincal review verify out/paper/run.lcmlog
-    """
-    from kincal.api.reviews import absent, read_journals
-
-    found = read_journals(logs, journal, key_file)
-    for one in found:
-        decided = sum(entry.decision != journals.SEEN for entry in one.entries)
-        click.echo(f"{one.path}: {decided} decisions, {one.vouched}")
-    missing = absent(logs, found)
-    text.absent(console(), missing)
-    if missing or any(one.unconfirmed for one in found):
-        raise CommandFailed("the journal is not what it should be", todo="see above; keep your copies of it")
-
-
 @review.command("show")
-@click.argument("file", type=FILE)
+@click.argument("file", type=FILE, required=False)
+@click.option("--live", is_flag=True, help="The correction that waits at --url, from a recording of it.")
+@click.option(
+    "--recordings",
+    type=PATH,
+    default=None,
+    show_default="~/.kincal/recordings",
+    help="Where `kincal record` writes.",
+)
+@URL
+@TIMEOUT
 @click.option("--crc", default=None, help="Which proposal of the log, by CRC.  [default: the last]")
 @click.option(
     "--picture",
@@ -136,7 +118,11 @@ def review_verify(logs: tuple[Path, ...], key_file: Path, journal: Path | None) 
 @KEYS
 @JOURNAL
 def review_show(
-    file: Path,
+    file: Path | None,
+    live: bool,
+    recordings: Path | None,
+    url: str,
+    timeout_s: float,
     crc: str | None,
     picture: Path | None,
     by: str | None,
@@ -150,16 +136,31 @@ def review_show(
 
     With --by the journal gets a line that this person has seen this correction, with verdict and numbers.
 
+    With --live it is the correction that waits on board, if `kincal record` has recorded its proposal. If
+    not, flight is asked for its values, and these are shown: enough to see what changes, not to approve it.
+
     \b
     Examples:
-        kincal review show out/paper/run.lcmlog --crc 1a2b3c4d
-        kincal review show out/paper/run.lcmlog --by "A. Reviewer" --keys out/paper/store.keys
+    kincal review show --live --by "A. Reviewer"
+    kincal review show out/paper/run.lcmlog --crc 1a2b3c4d
+    kincal review show out/paper/run.lcmlog --by "A. Reviewer" --keys out/paper/store.keys
     """
     from kincal.api import reviews
     from kincal.pages import review as pages
     from kincal.pages.page import Provenance
     from kincal.review.status import to_decide
 
+    if live:
+        crc, file = _waiting(url, timeout_s, recordings, key_file, tables_dir, before)
+        if file is None:
+            raise CommandFailed(
+                f"the proposal of correction {crc} was not recorded: no covariance, fit or residuals at hand",
+                url,
+                "it cannot be approved from this; give a log that holds it, or reject it and measure again "
+                "with `kincal record` running",
+            )
+    if file is None:
+        raise BadInput("no log", todo="name one, or --live for what waits on board")
     read = reviews.read_journals((file,), journal, key_file)
     shown = reviews.show(file, crc, tables_dir, read, before)
     found, warnings, about, limits = shown.review, shown.warnings, shown.about, shown.limits
@@ -173,6 +174,41 @@ def review_show(
     say_files("page", *made)
     if by is not None:
         _see(found, by, file, key_file, journal, warnings)
+
+
+def _waiting(
+    url: str,
+    timeout_s: float,
+    recordings: Path | None,
+    key_file: Path,
+    tables_dir: Path,
+    before: tuple[Path, ...],
+) -> tuple[str, Path | None]:
+    """CRC of what waits on board, and the recording that holds its proposal; if none does, its values are
+    shown."""
+    from kincal.api import reviews
+    from kincal.review import decisions
+
+    with link.Link(url, signer=_signer_or_none(key_file)) as up:
+        waits = decisions.on_board(up, timeout_s)
+        if not waits.crc:
+            raise CommandFailed("no correction waits on board", url, "`kincal status` shows the state")
+        file = reviews.recorded(waits.crc, recordings)
+        if file is None:
+            values = reviews.asked_for(up, waits.crc, tables_dir, before)
+            click.echo(
+                f"correction {waits.crc:08x} ({waits.verdict or 'verdict not known'}), as flight holds it:"
+            )
+            text.what_changes(console(), values)
+    return f"{waits.crc:08x}", file
+
+
+def _signer_or_none(key_file: Path) -> Signer | None:
+    """Looking needs no key; asking flight for a table does."""
+    try:
+        return signer_of(file_of(key_file))
+    except BadInput:
+        return None
 
 
 def _keys_option(key_file: Path, log: Path) -> str:
@@ -214,11 +250,13 @@ class Decision(TypedDict):
     key_file: Path
     timeout_s: float
     journal: Path | None
+    dry_run: bool
 
 
 def decision_options(command: Command) -> Command:
     """Options of a decision."""
-    for option in (JOURNAL, TIMEOUT, KEYS, URL, WHY, BY, click.argument("crc")):
+    dry = click.option("--dry-run", is_flag=True, help="Send nothing; name what flight would refuse.")
+    for option in (JOURNAL, TIMEOUT, KEYS, URL, dry, WHY, BY, click.argument("crc")):
         command = option(command)
     return command
 
@@ -246,6 +284,9 @@ def review_arm(crc: str, override: str, **given: Unpack[Decision]) -> None:
     """
     from kincal.review import decisions
 
+    if given["dry_run"]:
+        _dry_run("arm", crc, given, bool(override))
+        return
     with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
         decisions.arm(up, crc, _operator(given), override)
 
@@ -264,6 +305,9 @@ def review_go(crc: str, **given: Unpack[Decision]) -> None:
     """
     from kincal.review import decisions
 
+    if given["dry_run"]:
+        _dry_run("go", crc, given)
+        return
     with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
         decisions.go(up, crc, _operator(given))
 
@@ -280,13 +324,103 @@ def review_reject(crc: str, **given: Unpack[Decision]) -> None:
     """
     from kincal.review import decisions
 
+    if given["dry_run"]:
+        _dry_run("reject", crc, given)
+        return
     with link.Link(given["url"], signer=signer_of(file_of(given["key_file"]))) as up:
         decisions.reject(up, crc, _operator(given))
 
 
 def _operator(given: Decision) -> Operator:
-    """Who decides, with a journal that can be written."""
+    """Who decides, with a journal that can be written; the verifiers of what is sent are printed."""
+    from kincal.api import operate
+    from kincal.cli.text import operate as steps
     from kincal.review.decisions import Operator
 
+    out = console()
     journal = FILE_OUT.convert(journals.place(given["journal"], file_of(given["key_file"])), None, None)
-    return Operator(given["by"], given["why"], journal, given["timeout_s"], click.echo)
+    command = operate.verified(operate.Snapshot(), lambda step: steps.step(out, step))
+    return Operator(given["by"], given["why"], journal, given["timeout_s"], say, command)
+
+
+def _dry_run(verb: str, crc: str, given: Decision, override: bool = False) -> None:
+    """What flight would refuse by the last telemetry. What the journal asks for (seen, reasons) is not looked
+    at."""
+    from kincal.api import operate
+    from kincal.cli.text import operate as text
+    from kincal.review import parse_crc
+
+    number = parse_crc(crc)
+    make = {
+        "arm": lambda: operate.approve_arm(number, override),
+        "go": lambda: operate.approve_go(number),
+        "reject": lambda: operate.reject(number),
+    }
+    request, snapshot = make[verb](), operate.Snapshot()
+    with link.Link(given["url"], operate.LISTEN) as up:
+        operate.listen(up, snapshot, min(given["timeout_s"], 3.0), lambda s: s.hk is not None)
+        now_s = up.clock_s()
+    found, age = operate.unmet(request, snapshot, now_s), snapshot.freshness("KC_HK", now_s)
+    text.unmet(console(), request.opcode, found, age, snapshot.state)
+    if found:
+        raise SystemExit(1)
+
+
+@review.command("comment")
+@click.argument("text")
+@click.option("--crc", default="", help="Which correction.  [default: it is about the mission]")
+@click.option("--question", is_flag=True, help="It is a question that somebody has to answer.")
+@BY
+@KEYS
+@JOURNAL
+def review_comment(
+    text: str, crc: str, question: bool, by: str, key_file: Path, journal: Path | None
+) -> None:
+    """Write a comment or a question about a correction into the journal; without CRC, about the mission.
+    `list` and the page show it.
+
+    \b
+    Examples:
+    kincal review comment "pose 7 was in shadow" --crc 1a2b3c4d --by "B. Second"
+    kincal review comment "why is J3.a_m at its bound?" --question --crc 1a2b3c4d --by "B. Second"
+    """
+    from kincal.review import parse_crc, record
+
+    keys = file_of(key_file)
+    path = FILE_OUT.convert(journals.place(journal, keys), None, None)
+    what = journals.QUESTION if question else journals.COMMENT
+    record(path, what, parse_crc(crc) if crc else 0, by, text, "", None, signer_of(keys))
+    click.echo(f"recorded in {path}: {what} by {by}")
+
+
+@review.command("watch")
+@click.option("--live", is_flag=True, help="Of the flight process at --url; the only source there is.")
+@click.option("--forever", is_flag=True, help="Go on when the calibration has ended or a correction waits.")
+@click.option("--seconds", type=float, default=None, show_default="until then", help="How long, at most.")
+@URL
+def review_watch(live: bool, forever: bool, seconds: float | None, url: str) -> None:
+    """Watch a calibration: its poses, events with cause and action, and states, as they come.
+
+    It ends when a correction waits for people, or when the calibration has ended.
+
+    \b
+    Example:
+        kincal review watch --live
+    """
+    del live
+    from kincal.api import operate
+    from kincal.cli.text import operate as text
+
+    out, last = console(), ""
+    with link.Link(url, operate.LISTEN) as up:
+        begun_s = up.clock_s()
+
+        def stop(w: operate.Watch) -> bool:
+            nonlocal last
+            last = w.ended
+            late = seconds is not None and up.clock_s() >= begun_s + seconds
+            return late or (bool(w.ended) and not forever)
+
+        for line in operate.watch(up, operate.Snapshot(), stop):
+            text.watched(out, line)
+    say(last or "nothing has ended")

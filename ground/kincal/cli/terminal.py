@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,14 +12,46 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 PIPE_WIDTH = 140  # columns, where there is no terminal to ask
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+
+
+def printable(text: str) -> str:
+    """The same text with everything that a terminal would obey shown instead: names in logs, tables and
+    journals may hold escape sequences, or characters that turn the direction of what follows."""
+    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
 
 
 def console() -> Console:
-    """Rich output on standard output; plain and wide when it does not go to a terminal."""
-    from rich.console import Console
+    """Rich output on standard output; plain and wide when it does not go to a terminal. What is printed
+    cannot command the terminal."""
+    from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
+    from rich.segment import Segment
+
+    class Shown:
+        """A renderable without control characters of its own."""
+
+        def __init__(self, inner: ConsoleRenderable) -> None:
+            self.inner = inner
+
+        def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+            for text, style, control in console.render(self.inner, options):
+                yield Segment(text if control else printable(text), style, control)
+
+    class Hook(RenderHook):
+        def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+            return [Shown(one) for one in renderables]
 
     out = Console(highlight=False)
-    return out if out.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
+    out = out if out.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
+    out.push_render_hook(Hook())
+    return out
+
+
+def say(text: str, err: bool = False) -> None:
+    """A line that may hold names from elsewhere."""
+    import click
+
+    click.echo(printable(text), err=err)
 
 
 @contextmanager

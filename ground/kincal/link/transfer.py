@@ -60,9 +60,10 @@ def _wait_staged(link: CommandLink, kind: int, end: int, total: int, timeout_s: 
 
 
 def dump(link: CommandLink, kind: str, timeout_s: float = 60.0) -> tables.Image:
-    """Bring down the active table of a kind, checked against its CRC. CommandFailed if flight refuses, a
-    chunk is lost, or it takes too long."""
-    number = tables.kind_number(kind)
+    """Bring down the active table of a kind, checked against its CRC; kind "proposal": the KIN table that
+    waits for review. CommandFailed if flight refuses, a chunk is lost, or it takes too long."""
+    flight = library("flight")
+    number = int(flight.constant("KC_STORE_PROPOSAL")) if kind == "proposal" else tables.kind_number(kind)
     link.wait_hk(lambda _hk: True, timeout_s, "housekeeping")
     seq = link.send("TABLE_DUMP", (number,))
     data = bytearray()

@@ -24,6 +24,7 @@ time) or UNCERTAIN (no answer: flight may have taken it or not)."""
 UNCERTAIN = "unknown"
 _KIN = "kin"
 _VALID = 3  # hk_t.staged_state
+_EVENT_S = 1.0  # in which the event that explains a refusal follows its answer
 _FREE = ("IDLE", "SAFE")
 STATES: dict[str, tuple[str, ...]] = {
     "START": _FREE,
@@ -266,6 +267,7 @@ class Tracked:
         self.duplicates = 0
         self._heard_s: float | None = None  # last housekeeping since it was sent
         self._status: int | None = None  # of the first acknowledgement
+        self._refusal: tuple[Ack, float] | None = None  # and when it was received
         self._effect: tuple[int, str] | None = None  # what says that it is done: time, evidence
         self._event: EventLine | None = None  # the event that says so
         self._events: dict[int, EventLine] = {}
@@ -303,7 +305,7 @@ class Tracked:
             return ()
         utc = utc_text(utc_s)
         if channel == "KC_ACK":
-            self._on_ack(message, utc)
+            self._on_ack(message, utc, now_s)
         elif channel == "KC_EVENT":
             self._on_event(message, utc)
         elif channel == "KC_HK":
@@ -313,6 +315,10 @@ class Tracked:
 
     def tick(self, now_s: float) -> None:
         """Time passes: the outcome is set when the time is over."""
+        if self._refusal is not None and not self.reached(ACCEPTED) and self.outcome != REFUSED:
+            if now_s - self._refusal[1] > _EVENT_S:
+                self._refused(self._refusal[0])
+            return
         if self.outcome or now_s - self.sent_s < self.timeout_s:
             return
         if self.reached(ACCEPTED):
@@ -331,7 +337,7 @@ class Tracked:
         source = library("flight").lib.KC_SRC_GROUND
         return (ack.source, ack.seq, ack.opcode) == (source, self.seq, names.opcode(self.request.opcode))
 
-    def _on_ack(self, ack: Ack, utc: str) -> None:
+    def _on_ack(self, ack: Ack, utc: str, now_s: float) -> None:
         if not self._mine(ack):
             return
         if self._status is not None:
@@ -343,20 +349,27 @@ class Tracked:
         if ack.status == 0:
             self._accepted(utc, ack.t_us, evidence)
         elif not self.reached(ACCEPTED):
-            self._refused(ack, utc)
+            name = event_name(ack.event_id) if ack.event_id else "no event"
+            self._reach(REFUSED, utc, ack.t_us, f"{status_name(ack.status)}, {name}")
+            self._refusal = ack, now_s
+            if not ack.event_id or ack.event_id in self._events:
+                self._refused(ack)
 
-    def _refused(self, ack: Ack, utc: str) -> None:
+    def _refused(self, ack: Ack) -> None:
+        """The end, with the event that says why, which may come after the answer."""
         event = self._events.get(ack.event_id)
         name = event_name(ack.event_id) if ack.event_id else ""
         why = f"{name}: {event.text}" if event else name or status_name(ack.status)
-        self._reach(REFUSED, utc, ack.t_us, f"{status_name(ack.status)}, {why}")
         todo = event_action(ack.event_id) if ack.event_id else ""
         self._end(REFUSED, f"{self._name} refused: {why}. Nothing was changed on board. {todo}".strip())
 
     def _on_event(self, e: Any, utc: str) -> None:
         line = event_of(e, utc)
         self._events[e.id] = line
-        if line.name == "CMD_ACCEPTED" and (e.index, round(e.got)) == (
+        if self._refusal is not None:
+            if e.id == self._refusal[0].event_id:
+                self._refused(self._refusal[0])
+        elif line.name == "CMD_ACCEPTED" and (e.index, round(e.got)) == (
             self.seq,
             names.opcode(self.request.opcode),
         ):

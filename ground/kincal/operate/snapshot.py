@@ -300,7 +300,7 @@ class Snapshot:
             return (
                 f"the ground: second step for correction {waits.crc}, or it expires in {waits.left_s:.0f} s"
             )
-        return _WAITS_FOR.get(state, "flight computes")
+        return _WAITS_FOR.get(state, "flight: it computes")
 
 
 def calibrating(state: str) -> bool:

@@ -103,6 +103,11 @@ class Change:
         return "-" if math.isnan(self.share) else f"{self.share:.0%}"
 
     @property
+    def back(self) -> str:
+        """What a rollback does to it."""
+        return f"{self.name} goes back by {amount(self.delta, self.unit, sign=True, short=True)}"
+
+    @property
     def sentence(self) -> str:
         """What it means for the arm."""
         found = _JOINT.fullmatch(self.name)
@@ -168,7 +173,8 @@ def amount(value: float, unit: str, *, sign: bool = False, short: bool = False) 
     plus = "+" if sign else ""
     if unit == "rad":
         degrees = math.degrees(value)
-        return f"{degrees:{plus}.0f} deg" if short and abs(degrees) >= 10.0 else f"{degrees:{plus}.3f} deg"
+        digits = (0 if abs(degrees) >= 10.0 else 1) if short else 3
+        return f"{degrees:{plus}.{digits}f} deg"
     if unit == "m":
         return (
             f"{value * 1e3:{plus}.0f} mm" if short and abs(value) >= 0.01 else f"{value * 1e3:{plus}.2f} mm"
@@ -301,6 +307,32 @@ def of_review(
     )
 
 
+def of_values(
+    values: Sequence[float],
+    sigmas: Sequence[float],
+    old: KinValues | None,
+    names: Sequence[str],
+    flown: Flown | None,
+) -> Changes:
+    """What a kinematics table changes, by its values alone."""
+    before = None if old is None else _padded(old.values, len(values)).tolist()
+    rows = [
+        _change(
+            names[i] if i < len(names) else f"coef[{i}]",
+            None if before is None else before[i],
+            value,
+            sigma,
+            flown.bound(i, value) if flown else 0.0,
+            _source(
+                "estimated" if sigma > 0.0 else "not estimated", sigma, flown.prior_sigma(i) if flown else 0.0
+            ),
+        )
+        for i, (value, sigma) in enumerate(zip(values, sigmas, strict=True))
+    ]
+    shown = [row for row in rows if row.sigma > 0.0 or row.delta]
+    return _changes(shown, _shifts(flown, before, values), flown, old_known=before is not None)
+
+
 def of_rollback(now: KinValues, previous: KinValues, names: Sequence[str], flown: Flown | None) -> Changes:
     """What a rollback changes back: from the table in force to the one before it."""
     n = max(len(now.values), len(previous.values), 0)
@@ -317,7 +349,7 @@ def of_rollback(now: KinValues, previous: KinValues, names: Sequence[str], flown
         for i in range(n)
     ]
     shown = [row for row in rows if row.delta]
-    return _changes(shown, _shifts(flown, now.values, previous.values), flown, old_known=True)
+    return _changes(shown, _shifts(flown, now.values, previous.values), flown, old_known=True, back=True)
 
 
 def _change(name: str, old: float | None, new: float, sigma: float, bound: float, source: str) -> Change:
@@ -352,9 +384,10 @@ def _changes(
     undetermined: tuple[str, ...] = (),
     reasons: tuple[Reason, ...] = (),
     old_known: bool,
+    back: bool = False,
 ) -> Changes:
     ranked = sorted(rows, key=lambda row: -_size(row))
-    big = tuple(row.sentence for row in ranked if row.big)
+    big = tuple(row.back if back else row.sentence for row in ranked if row.big)
     n_work = flown.n_work if flown and shifts else 0
     work, over = list(shifts[:n_work]), list(shifts[n_work:])
     space = None

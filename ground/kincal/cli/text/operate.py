@@ -8,8 +8,20 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.markup import escape
 
-from kincal.api.operate import FRESH, STALE, EventLine, Freshness, Item, Status, Step, Tracked, Unmet
+from kincal.api.operate import (
+    FRESH,
+    STALE,
+    EventLine,
+    Freshness,
+    Item,
+    Line,
+    Status,
+    Step,
+    Tracked,
+    Unmet,
+)
 from kincal.cli.text.layout import grid
+from kincal.cli.text.run import pose_line
 
 _MARK = {"done": "[green]done[/]", "refused": "[red]refused[/]"}
 _SEVERITY = {"error": "red", "warning": "yellow"}
@@ -123,3 +135,13 @@ def unmet(out: Console, name: str, found: Sequence[Unmet], ages: Freshness, stat
         out.print(f"nothing known speaks against {name}; nothing was sent")
     else:
         out.print(f"flight would refuse {name}; nothing was sent")
+
+
+def watched(out: Console, line: Line) -> None:
+    """Something new of a calibration that goes on."""
+    if line.pose is not None:
+        out.print(pose_line(line.pose, line.n_goal))
+    elif line.event is not None:
+        event(out, line.event)
+    else:
+        out.print(f"[bold]{escape(line.text)}[/]", soft_wrap=True)
