@@ -335,7 +335,12 @@ def test_an_approval_takes_somebody_who_has_seen_it_then_two_steps(live, flight,
     assert refused.status_code == 409 and "has not seen" in refused.json()["text"]
     assert flight.commands == []
     page = live.get(at, headers=GOOD).json()
-    assert page["waits"] and page["reasons"] == [] and any("held" in t for t in page["look_at"]) and page["page"]["sections"]
+    assert (
+        page["waits"]
+        and page["reasons"] == []
+        and any("held" in t for t in page["look_at"])
+        and page["page"]["sections"]
+    )
     assert post(live, f"{at}/seen", number="2", by="A. Reviewer").json()["ok"]
     assert post(live, f"{at}/go", number="3", **words).status_code == 409
     assert post(live, f"{at}/arm", number="4", **words).json()["ok"]

@@ -7,6 +7,7 @@ import socket
 import threading
 from pathlib import Path
 
+import poses
 import pytest
 import uvicorn
 from axe_playwright_python.sync_playwright import Axe
@@ -27,6 +28,7 @@ BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 CHROMIUM = os.environ.get("KINCAL_CHROMIUM") or shutil.which("chromium")
 SHOTS = os.environ.get("KINCAL_SHOTS")  # a folder: pictures of what the tests see
 
+expect.set_options(timeout=30_000)  # of a busy machine
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
 
 
@@ -172,4 +174,29 @@ def test_abort_is_one_click_in_mid_motion_and_a_lost_server_is_said(browser, tmp
             expect(page.locator("#lost")).to_be_hidden()
             expect(page.locator(".events .list")).to_contain_text("link to server lost from")
             expect(page.locator(".state h1")).to_contain_text("SAFE")
+        served.stop()
+
+
+def test_the_workbench_from_upload_to_undo(browser, tmp_path):
+    poses.arm_toml(tmp_path / "arm.toml")
+    poses.poses_csv(tmp_path / "poses.csv", 40, seed=1)
+    with SimulatedFlight("healthy", {"IDLE", "MOVE"}, tmp_path) as flight:
+        served = Served(flight, tmp_path)
+        with opened(browser, served) as page:
+            page.get_by_role("link", name="Workbench").click()
+            page.locator("input[type=file]").set_input_files([tmp_path / "arm.toml", tmp_path / "poses.csv"])
+            expect(page.get_by_role("combobox").nth(1)).to_have_value("uploaded: poses.csv")
+            page.get_by_role("button", name="Fit").click()
+            expect(page.locator(".work")).to_contain_text("fit done in", timeout=60_000)
+            expect(page.locator(".document h1")).to_contain_text("Fitted model")
+            expect(page.locator(".fits")).to_contain_text("nominal arm")
+            page.locator("input[name=effect]").fill("backlash[2]")
+            page.get_by_role("button", name="add", exact=True).click()
+            expect(page.locator(".effects")).to_contain_text("backlash[2]")
+            expect(page.locator(".answer")).to_contain_text("This answer is of another case")
+            page.reload()  # the case lies on disk
+            expect(page.locator(".effects")).to_contain_text("backlash[2]")
+            assert serious(page) == []
+            page.get_by_role("button", name="undo").click()
+            expect(page.locator(".effects")).not_to_contain_text("backlash[2]")
         served.stop()

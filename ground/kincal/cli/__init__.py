@@ -45,9 +45,7 @@ class _Groups(MutableMapping[str, click.Command]):
     cls=Commands,
     commands=_Groups(
         *("arm", "audit", "command", "key", "log", "model", "record", "review", "run", "schema", "serve"),
-        *("space", "status"),
-        "status",
-        "table",
+        *("space", "status", "table"),
     ),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
