@@ -32,6 +32,7 @@ from .dictionary import dictionary
 from .geometry import Geometry
 from .guard import Access, Guard
 from .picture import Cursor, Picture
+from .shelf import Shelf
 from .sources import Playback, Recording
 
 STATIC = Path(__file__).resolve().parent / "static"
@@ -45,7 +46,7 @@ Plain = dict[str, Any]
 @dataclass(frozen=True)
 class Console:
     """What is served. desk: None where nothing can be sent (a recording); recording: instead of a live link;
-    bench: the model workbench; recordings: where the link is recorded, in words."""
+    bench: the model workbench; recordings: where the link is recorded, in words; shelf: tables."""
 
     source: str
     geometry: Geometry
@@ -54,6 +55,7 @@ class Console:
     recording: Recording | None = None
     bench: Bench | None = None
     recordings: str = ""
+    shelf: Shelf | None = None
 
 
 def make_app(console: Console, access: Access) -> ASGIApp:
@@ -69,6 +71,7 @@ def make_app(console: Console, access: Access) -> ASGIApp:
         Route("/api/rows", _answer(lambda r: _rows(console, r))),
         *_desk_routes(console),
         *(_bench_routes(console.bench) if console.bench else ()),
+        *(_shelf_routes(console.shelf, console.desk) if console.shelf else ()),
     ]
     return Guard(Starlette(routes=routes, exception_handlers={KincalError: _refused}), access)
 
@@ -261,6 +264,33 @@ def _desk_routes(console: Console) -> list[Route]:
             )
             for what in ("arm", "go", "reject")
         ),
+    ]
+
+
+def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
+    def kind(request: Request) -> str:
+        return str(request.path_params["kind"])
+
+    def post(path: str, what: Callable[[str, Plain], Plain]) -> Route:
+        async def answer(request: Request) -> Response:
+            body = await _body(request)
+            if desk is None:
+                return _json({"ok": False, "text": "this is a recording: nothing can be sent"}, 409)
+            act = lambda: what(kind(request), body)  # noqa: E731
+            return _json(await run_in_threadpool(desk.once, str(body.get("number", "")), act))
+
+        return Route(path, answer, methods=["POST"])
+
+    def send(kind: str, body: Plain) -> Plain:
+        return shelf.send(kind, _text(body, "crc"), Words(_text(body, "by"), _text(body, "why")))
+
+    return [
+        Route("/api/tables", _answer(lambda _r: shelf.state())),
+        Route("/api/tables/{kind}/values", _answer(lambda r: shelf.values(kind(r)))),
+        Route("/api/tables/{kind}/difference", _answer(lambda r: shelf.difference(kind(r)))),
+        post("/api/tables/{kind}/read", lambda k, _b: shelf.read_back(k)),
+        post("/api/tables/{kind}/send", send),
+        Route("/api/explain/{candidate:int}", _answer(lambda r: shelf.explain(r.path_params["candidate"]))),
     ]
 
 

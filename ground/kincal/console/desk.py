@@ -15,6 +15,7 @@ from typing import Any
 
 from kincal.api import operate
 from kincal.link import Link, crc_text, unsigned32
+from kincal.link.connection import LISTEN
 from kincal.pages import review as review_pages
 from kincal.pages.page import Grid, Provenance
 from kincal.review import (
@@ -83,6 +84,11 @@ class Desk:
     def _signer(self) -> Signer:
         return signer_of(file_of(self.key_file))
 
+    def link(self, *, signed: bool) -> Link:
+        """A link of its own, to be used as a context."""
+        signer = self._signer() if signed else None
+        return Link(self.url, LISTEN, signer=signer)
+
     @property
     def journal_path(self) -> Path:
         """Where decisions are written."""
@@ -118,7 +124,7 @@ class Desk:
             with Link(self.url, operate.LISTEN, signer=signer) as link:
                 link.last_t_us = self.picture.t_us
                 self.picture.note("warning", "ABORT", "ABORT sent from this console")
-                who = self._operator(Words("console", "ABORT at the console"), timeout_s=_ABORT_WAIT_S)
+                who = self.operator(Words("console", "ABORT at the console"), timeout_s=_ABORT_WAIT_S)
                 tracked = operate.act(link, operate.abort(), who, operate.Snapshot(), self._verifier("ABORT"))
         return _outcome(tracked)
 
@@ -175,13 +181,14 @@ class Desk:
                     found[0].found,
                     found[0].todo,
                 )
-            who = self._operator(words)
+            who = self.operator(words)
             tracked = operate.act(link, request, who, snapshot, self._verifier(request.opcode))
         return _outcome(tracked)
 
-    def _operator(
+    def operator(
         self, words: Words, say: Callable[[str], None] | None = None, timeout_s: float | None = None
     ) -> decisions.Operator:
+        """Who acts; what is done, and each verifier, goes into the list of events."""
         return decisions.Operator(
             words.by.strip(),
             words.why.strip(),
@@ -247,7 +254,7 @@ class Desk:
     def decide(self, what: str, crc: str, words: Words, override: str = "") -> Plain:
         """arm, go or reject."""
         said: list[str] = []
-        who = self._operator(words, said.append)
+        who = self.operator(words, said.append)
         with Link(self.url, signer=self._signer()) as link:
             if what == "arm":
                 decisions.arm(link, crc, who, override.strip())

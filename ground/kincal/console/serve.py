@@ -21,6 +21,7 @@ from .geometry import Geometry
 from .guard import LOOPBACK, Access
 from .memory import Memory
 from .picture import Picture
+from .shelf import Shelf
 from .sources import Live, Recording
 
 PORT = 8674
@@ -58,14 +59,18 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
     picture, bench = Picture(geometry), Bench(options.folder / "bench", options.files)
     source: AbstractContextManager[object] = nullcontext()
     recorded: AbstractContextManager[object] = nullcontext()
+    shelf = Shelf(options.tables_dir, options.folder.expanduser() / "tables", None)
     if options.log is not None:
-        console = Console(str(options.log), geometry, picture, None, Recording.read(options.log), bench)
+        console = Console(
+            str(options.log), geometry, picture, None, Recording.read(options.log), bench, "", shelf
+        )
     else:
         desk = Desk(
             options.url, options.key_file, options.journal, options.tables_dir, picture, options.timeout_s
         )
+        shelf = Shelf(options.tables_dir, options.folder.expanduser() / "tables", desk)
         where = str((options.recordings or recording.FOLDER).expanduser()) if options.record else ""
-        console = Console(options.url, geometry, picture, desk, None, bench, where)
+        console = Console(options.url, geometry, picture, desk, None, bench, where, shelf)
         memory = Memory(options.folder, options.url)
         if found := memory.recall(picture):
             picture.note("info", "RECALLED", f"{found} messages of before this console was started")

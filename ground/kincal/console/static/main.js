@@ -5,11 +5,13 @@ import { say } from "./said.js";
 import * as now from "./now.js";
 import * as corrections from "./corrections.js";
 import * as bench from "./bench.js";
+import * as tables from "./tables.js";
 
 const VIEWS = [
   { key: "now", title: "Now", view: now },
   { key: "corrections", title: "Corrections", view: corrections },
   { key: "workbench", title: "Workbench", view: bench },
+  { key: "tables", title: "Tables", view: tables },
 ];
 const at = (id) => document.getElementById(id);
 let current = null;
