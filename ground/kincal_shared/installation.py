@@ -22,6 +22,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "data": ("pyarrow",),
     "ros": ("rosbags",),
     "xtce": ("yamcs",),
+    "console": ("starlette", "uvicorn", "websockets"),
 }
 
 

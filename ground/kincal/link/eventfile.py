@@ -32,6 +32,12 @@ class FileEvent:
     utc_us: int = 0
 
 
+def event_bytes(number: int, utc_us: int, channel: str, data: bytes) -> bytes:
+    """An event as it stands in a file."""
+    name = channel.encode("ascii")
+    return _HEADER.pack(SYNC, number, utc_us, len(name), len(data)) + name + data
+
+
 @dataclass
 class EventFile:
     """The events of a file, one after the other. skip: channels whose messages are not read; start: byte to
@@ -53,10 +59,8 @@ class EventFile:
             raise BadInput(f"cannot read the log: {error.strerror}", str(self.path)) from None
 
     def _events(self, file: BinaryIO, size: int) -> Iterator[FileEvent]:
-        at, whole = (
-            max(_next_sync(file, self.start), 0) if self.start else 0,
-            True,
-        )  # where the next event should begin; whether the one before it was one
+        # where the next event should begin; whether the one before it was one
+        at, whole = max(_next_sync(file, self.start), 0) if self.start else 0, True
         file.seek(at)
         while len(header := file.read(_HEADER.size)) == _HEADER.size:
             sync, _, utc_us, n_channel, n_data = _HEADER.unpack(header)

@@ -1,0 +1,351 @@
+"""The web server of the console."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from plotly.offline import get_plotlyjs
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from kincal import __version__
+from kincal.pages import theme
+from kincal_shared.errors import KincalError
+
+from .bench import Bench
+from .desk import Desk, Words
+from .dictionary import dictionary
+from .geometry import Geometry
+from .guard import Access, Guard
+from .picture import Cursor, Picture
+from .shelf import Shelf
+from .sources import Playback, Recording
+
+STATIC = Path(__file__).resolve().parent / "static"
+EVERY_S = 0.15  # between two looks for changes
+BEAT_S = 1.0  # longest silence: a browser that hears nothing for three of them has lost the link
+_PAGE_ROWS = 2_000
+_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+Plain = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Console:
+    """What is served. desk: None where nothing can be sent (a recording); recording: instead of a live link;
+    bench: the model workbench; recordings: where the link is recorded, in words; shelf: tables."""
+
+    source: str
+    geometry: Geometry
+    picture: Picture
+    desk: Desk | None = None
+    recording: Recording | None = None
+    bench: Bench | None = None
+    recordings: str = ""
+    shelf: Shelf | None = None
+
+
+def make_app(console: Console, access: Access) -> ASGIApp:
+    """The application, behind its guard."""
+    routes = [
+        Route("/", _static("index.html")),
+        Route("/style.css", _style),
+        Route("/plotly.js", _plotly),
+        *(Route(f"/{path.name}", _static(path.name)) for path in sorted(STATIC.glob("*.js"))),
+        Route("/favicon.svg", _static("favicon.svg")),
+        WebSocketRoute("/api/feed", _feed(console)),
+        Route("/api/about", _answer(lambda _r: _about(console))),
+        Route("/api/rows", _answer(lambda r: _rows(console, r))),
+        *_desk_routes(console),
+        *(_bench_routes(console.bench) if console.bench else ()),
+        *(_shelf_routes(console.shelf, console.desk) if console.shelf else ()),
+    ]
+    return Guard(Starlette(routes=routes, exception_handlers={KincalError: _refused}), access)
+
+
+# ---- files
+
+
+def _static(name: str) -> Callable[[Request], Awaitable[Response]]:
+    path = STATIC / name
+
+    async def serve(_request: Request) -> Response:
+        return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
+
+    return serve
+
+
+async def _style(_request: Request) -> Response:
+    """The pages' colours and style sheet, then the console's own."""
+    pages = Path(theme.__file__).parent / "templates" / "style.css"
+    text = theme.css_colours() + pages.read_text("utf-8") + (STATIC / "console.css").read_text("utf-8")
+    return Response(text, media_type="text/css")
+
+
+@cache
+def _plotly_bytes() -> bytes:
+    return str(get_plotlyjs()).encode()
+
+
+async def _plotly(_request: Request) -> Response:
+    headers = {"cache-control": "private, max-age=86400"}
+    return Response(_plotly_bytes(), media_type="text/javascript", headers=headers)
+
+
+# ---- answers
+
+
+def _answer(what: Callable[[Request], Any]) -> Callable[[Request], Awaitable[Response]]:
+    """A route that answers with JSON what a function gives, off the event loop."""
+
+    async def answer(request: Request) -> Response:
+        return _json(await run_in_threadpool(what, request))
+
+    return answer
+
+
+def _json(content: Any, status: int = 200) -> Response:
+    # "<" cannot be read as markup by whatever shows this
+    text = json.dumps(_finite(content), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return Response(text, status, media_type="application/json")
+
+
+def _finite(value: Any) -> Any:
+    """The same without numbers that JSON has no word for: figures have NaN where nothing is known."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(inner) for inner in value]
+    return value
+
+
+async def _refused(_request: Request, error: Exception) -> Response:
+    """An error of the library: what, where and what to do."""
+    return JSONResponse({"ok": False, "text": str(error)}, 409)
+
+
+def _about(console: Console) -> Plain:
+    desk = console.desk
+    return {
+        "version": __version__,
+        "source": console.source,
+        "live": console.recording is None,
+        "span_us": console.recording.span_us if console.recording else None,
+        "dark": theme.DARK,
+        "dictionary": dictionary(),
+        "scene": console.geometry.scene,
+        "why_no_key": desk.why_no_key if desk else "a recording takes no commands",
+        "journal": str(desk.journal_path) if desk else "",
+        "recordings": console.recordings,
+        "bench": str(console.bench.folder) if console.bench else "",
+    }
+
+
+def _rows(console: Console, request: Request) -> list[Plain]:
+    before = int(request.query_params.get("before", console.picture.n_rows))
+    return console.picture.page(before, _PAGE_ROWS)
+
+
+# ---- the feed
+
+
+def _feed(console: Console) -> Callable[[WebSocket], Awaitable[None]]:
+    async def feed(ws: WebSocket) -> None:
+        await ws.accept()
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            if console.recording is not None:
+                await _play(ws, Playback(console.recording, console.geometry))
+            else:
+                await _stream(ws, console.picture)
+
+    return feed
+
+
+async def _stream(ws: WebSocket, picture: Picture) -> None:
+    """A snapshot, then changes; ends when the browser does."""
+    gone = asyncio.create_task(_until_gone(ws))
+    try:
+        async for message in _messages(picture, gone):
+            await ws.send_text(json.dumps(message, separators=(",", ":")))
+    finally:
+        gone.cancel()
+
+
+async def _messages(picture: Picture, gone: asyncio.Task[None]) -> AsyncIterator[Plain]:
+    message, cursor = picture.snapshot()
+    yield message
+    silent_s = 0.0
+    while not gone.done():
+        await asyncio.sleep(EVERY_S)
+        silent_s += EVERY_S
+        changes = picture.changes(cursor)
+        if changes is not None:
+            yield changes
+        elif silent_s >= BEAT_S:
+            yield {"kind": "beat", "now_s": picture.clock(), "t_us": picture.t_us}
+        else:
+            continue
+        silent_s = 0.0
+
+
+async def _until_gone(ws: WebSocket) -> None:
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            await ws.receive_text()
+
+
+async def _play(ws: WebSocket, playback: Playback) -> None:
+    """The picture at the times that the browser asks for, the end first."""
+    t_us = playback.recording.span_us[1]
+    while True:
+        picture = await run_in_threadpool(playback.seek, t_us)
+        message, _ = picture.snapshot()
+        await ws.send_text(json.dumps({**message, "now_s": t_us * 1e-6}, separators=(",", ":")))
+        t_us = int(json.loads(await ws.receive_text())["seek_us"])
+
+
+# ---- the desk
+
+
+def _desk_routes(console: Console) -> list[Route]:
+    def route(path: str, what: Callable[[Desk, Plain, Request], Plain], once: bool = True) -> Route:
+        async def answer(request: Request) -> Response:
+            desk = console.desk
+            if desk is None:
+                return _json({"ok": False, "text": "this is a recording: nothing can be sent"}, 409)
+            body = await _body(request)
+            act = lambda: what(desk, body, request)  # noqa: E731
+            work = (lambda: desk.once(str(body.get("number", "")), act)) if once else act
+            return _json(await run_in_threadpool(work))
+
+        return Route(path, answer, methods=["POST"])
+
+    def words(body: Plain) -> Words:
+        return Words(_text(body, "by"), _text(body, "why"))
+
+    def crc(request: Request) -> str:
+        return str(request.path_params["crc"])
+
+    def read(what: Callable[[Desk, Request], Any]) -> Callable[[Request], Any]:
+        def answer(request: Request) -> Any:
+            if console.desk is None:
+                raise HTTPException(409, "a recording")
+            return what(console.desk, request)
+
+        return answer
+
+    return [
+        route("/api/abort", lambda d, _b, _r: d.abort(), once=False),
+        route("/api/start", lambda d, b, _r: d.start(int(b.get("poses", 0)), words(b))),
+        route("/api/rollback", lambda d, b, _r: d.rollback(_text(b, "crc"), words(b))),
+        Route("/api/review/{crc}", _answer(read(lambda d, r: d.review(crc(r))))),
+        Route("/api/rollback/preview", _answer(read(lambda d, _r: d.rollback_preview()))),
+        Route("/api/journal", _answer(read(lambda d, _r: d.log()))),
+        route("/api/review/{crc}/seen", lambda d, b, r: d.see(crc(r), _text(b, "by"))),
+        *(
+            route(
+                f"/api/review/{{crc}}/{what}",
+                lambda d, b, r, what=what: d.decide(what, crc(r), words(b), _text(b, "override")),  # type: ignore[misc]
+            )
+            for what in ("arm", "go", "reject")
+        ),
+    ]
+
+
+def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
+    def kind(request: Request) -> str:
+        return str(request.path_params["kind"])
+
+    def post(path: str, what: Callable[[str, Plain], Plain]) -> Route:
+        async def answer(request: Request) -> Response:
+            body = await _body(request)
+            if desk is None:
+                return _json({"ok": False, "text": "this is a recording: nothing can be sent"}, 409)
+            act = lambda: what(kind(request), body)  # noqa: E731
+            return _json(await run_in_threadpool(desk.once, str(body.get("number", "")), act))
+
+        return Route(path, answer, methods=["POST"])
+
+    def send(kind: str, body: Plain) -> Plain:
+        return shelf.send(kind, _text(body, "crc"), Words(_text(body, "by"), _text(body, "why")))
+
+    return [
+        Route("/api/tables", _answer(lambda _r: shelf.state())),
+        Route("/api/tables/{kind}/values", _answer(lambda r: shelf.values(kind(r)))),
+        Route("/api/tables/{kind}/difference", _answer(lambda r: shelf.difference(kind(r)))),
+        post("/api/tables/{kind}/read", lambda k, _b: shelf.read_back(k)),
+        post("/api/tables/{kind}/send", send),
+        Route("/api/explain/{candidate:int}", _answer(lambda r: shelf.explain(r.path_params["candidate"]))),
+    ]
+
+
+def _bench_routes(bench: Bench) -> list[Route]:
+    def route(path: str, what: Callable[[Plain], Plain]) -> Route:
+        async def answer(request: Request) -> Response:
+            body = await _body(request)
+            return _json(await run_in_threadpool(what, body))
+
+        return Route(f"/api/bench/{path}", answer, methods=["POST"])
+
+    async def upload(request: Request) -> Response:
+        data = await request.body()
+        return _json(await run_in_threadpool(bench.upload, request.query_params.get("name", ""), data))
+
+    def effects(body: Plain) -> Plain:
+        names = body.get("effects")
+        if not isinstance(names, list):
+            raise HTTPException(400, "effects are a list")
+        return bench.effects(names)
+
+    async def file(request: Request) -> Response:
+        name = request.path_params["name"]
+        path = await run_in_threadpool(bench.file, request.path_params["what"], name)
+        headers = {"content-disposition": f'attachment; filename="{name}"'}
+        return Response(path.read_bytes(), media_type="application/octet-stream", headers=headers)
+
+    return [
+        Route("/api/bench", _answer(lambda _r: bench.state())),
+        Route("/api/bench/answer/{what}", _answer(lambda r: bench.answer(r.path_params["what"]))),
+        Route("/api/bench/file/{what}/{name}", file),
+        Route("/api/bench/upload", upload, methods=["POST"]),
+        route("choose", lambda b: bench.choose(_text(b, "arm"), _text(b, "data"))),
+        route("effects", effects),
+        route("undo", lambda _b: bench.undo()),
+        route("run", lambda b: bench.run(_text(b, "what"))),
+        route("cancel", lambda _b: bench.cancel()),
+    ]
+
+
+def _text(body: Plain, key: str) -> str:
+    value = body.get(key, "")
+    if not isinstance(value, str):
+        raise HTTPException(400, f"{key} is no text")
+    return value
+
+
+async def _body(request: Request) -> Plain:
+    try:
+        body = json.loads(await request.body() or b"{}")
+    except ValueError:
+        raise HTTPException(400, "this is no JSON") from None
+    if not isinstance(body, dict):
+        raise HTTPException(400, "this is no object")
+    return body
+
+
+__all__ = ["Console", "Cursor", "make_app"]

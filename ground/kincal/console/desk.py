@@ -1,0 +1,306 @@
+"""What an operator does from the console: commands and decisions, by the functions that the command line has.
+
+Whatever the browser sends carries a number of its own choice. A request that comes twice, because the answer
+to the first was lost, is answered again and carried out once."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from kincal.api import operate
+from kincal.link import Link, crc_text, unsigned32
+from kincal.link.connection import LISTEN
+from kincal.pages import review as review_pages
+from kincal.pages.page import Grid, Provenance
+from kincal.review import (
+    KIN_KIND,
+    Review,
+    changes,
+    check_words,
+    coef_names,
+    decisions,
+    from_message,
+    journal,
+    parse_crc,
+    reasons_to_reject,
+    record,
+    warnings,
+)
+from kincal.review.status import status
+from kincal.review.thresholds import Limits, read_limits
+from kincal_shared.errors import BadInput, CommandFailed, KincalError
+from kincal_shared.keys import Signer, file_of, signer_of
+from kincal_shared.keys import read as read_keys
+
+from .document import document, plain_grid
+from .picture import Picture
+
+_REMEMBERED = 500
+_ABORT_WAIT_S = 5.0
+_LISTEN_S = 3.0
+Plain = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Words:
+    """Who asks and why."""
+
+    by: str
+    why: str
+
+
+@dataclass
+class Desk:
+    """url: of the network; key_file: that signs; journal: of decisions; picture: what is known of flight;
+    timeout_s: longest wait for an answer."""
+
+    url: str
+    key_file: Path | None
+    journal_file: Path | None
+    tables_dir: Path
+    picture: Picture
+    timeout_s: float = 10.0
+    _done: OrderedDict[str, Plain] = field(default_factory=OrderedDict)
+    _one: threading.Lock = field(default_factory=threading.Lock)
+    _few: threading.Lock = field(default_factory=threading.Lock)
+
+    # ---- keys and journal
+
+    @property
+    def why_no_key(self) -> str:
+        """Why nothing can be signed; empty if it can."""
+        try:
+            self._signer()
+        except KincalError as error:
+            return str(error)
+        return ""
+
+    def _signer(self) -> Signer:
+        return signer_of(file_of(self.key_file))
+
+    def link(self, *, signed: bool) -> Link:
+        """A link of its own, to be used as a context."""
+        signer = self._signer() if signed else None
+        return Link(self.url, LISTEN, signer=signer)
+
+    @property
+    def journal_path(self) -> Path:
+        """Where decisions are written."""
+        return journal.place(self.journal_file, file_of(self.key_file))
+
+    def entries(self) -> tuple[journal.Entry, ...]:
+        """The lines of the journal. BadInput if it was changed."""
+        keys = file_of(self.key_file)
+        return journal.read(self.journal_path, read_keys(keys) if keys.exists() else ()).entries
+
+    # ---- once
+
+    def once(self, number: str, what: Callable[[], Plain]) -> Plain:
+        """The answer to a request with this number, which is carried out the first time only. One after the
+        other: two signed commands at once would overtake each other."""
+        if not number:
+            raise BadInput("the request has no number")
+        with self._one:
+            if number in self._done:
+                return {**self._done[number], "again": True}
+            answer = what()
+            self._done[number] = answer
+            while len(self._done) > _REMEMBERED:
+                self._done.popitem(last=False)
+            return answer
+
+    # ---- commands
+
+    def abort(self) -> Plain:
+        """Stop the arm, at once and past everything else; no key, no reason and no state needed."""
+        with self._few:
+            signer = None if self.why_no_key else self._signer()
+            with Link(self.url, operate.LISTEN, signer=signer) as link:
+                link.last_t_us = self.picture.t_us
+                self.picture.note("warning", "ABORT", "ABORT sent from this console")
+                who = self.operator(Words("console", "ABORT at the console"), timeout_s=_ABORT_WAIT_S)
+                tracked = operate.act(link, operate.abort(), who, operate.Snapshot(), self._verifier("ABORT"))
+        return _outcome(tracked)
+
+    def start(self, poses: int, words: Words) -> Plain:
+        """Begin a calibration with the settings of CONFIG; poses: 0: as CONFIG says."""
+        return self._command(lambda _s: operate.start(poses=poses), words)
+
+    def rollback(self, crc: str, words: Words) -> Plain:
+        """Bring back the kinematics table before the one in force; crc: of the one in force, as it was
+        shown."""
+        return self._command(lambda _s: operate.rollback(parse_crc(crc)), words)
+
+    def rollback_preview(self) -> Plain:
+        """What a rollback would change back. BadInput if the values are not at hand."""
+        hk = self.picture.newest("KC_HK")
+        if hk is None:
+            raise BadInput("no housekeeping was heard yet")
+        now = self._values(unsigned32(hk.table_crc[KIN_KIND]))
+        previous = self._values(now.crc_before) if now and now.crc_before else None
+        if now is None or previous is None:
+            raise BadInput(
+                "the values of the table in force or of the one before it are not known to this console",
+                todo="`kincal command rollback --from LOG` shows what changes back",
+            )
+        crc, names = now.crc, self.picture.geometry.names
+        found = changes.of_rollback(now, previous, names, changes.flown(self.tables_dir))
+        rows = [[c.name, c.old_text, c.new_text, c.delta_text] for c in found.rows]
+        grid = Grid.of("<coefficient|in force|after|change", rows)
+        return {"crc": crc_text(crc), "headline": found.headline, "grid": plain_grid(grid)}
+
+    def _changes(self, found: Review, limits: Limits | None) -> changes.Changes:
+        """What a correction changes against the table that it replaces."""
+        flown = changes.flown(self.tables_dir)
+        return changes.of_review(found, self._values(found.crc_before), flown, limits)
+
+    def _values(self, crc: int) -> changes.KinValues | None:
+        """Values of a kinematics table, from the tables of the folder or the corrections that were heard."""
+        p = self.picture.proposal(crc_text(crc))
+        if p is None:
+            return changes.kin_values(crc, (self.tables_dir,))
+        return changes.KinValues(crc, tuple(p.value[: p.n_coef]), unsigned32(p.crc_kin_before), "heard")
+
+    def _command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
+        """A signed command with its verifiers. CommandFailed, before it is sent, if flight would refuse it by
+        the last telemetry."""
+        check_words(words.by, words.why)
+        snapshot = operate.Snapshot()
+        with Link(self.url, operate.LISTEN, signer=self._signer()) as link:
+            operate.listen(link, snapshot, _listen_s(self.timeout_s), _heard)
+            request = make(snapshot)
+            if found := operate.unmet(request, snapshot, link.clock_s()):
+                raise CommandFailed(
+                    f"{request.opcode} was not sent, flight would refuse it: {found[0].condition}",
+                    found[0].found,
+                    found[0].todo,
+                )
+            who = self.operator(words)
+            tracked = operate.act(link, request, who, snapshot, self._verifier(request.opcode))
+        return _outcome(tracked)
+
+    def operator(
+        self, words: Words, say: Callable[[str], None] | None = None, timeout_s: float | None = None
+    ) -> decisions.Operator:
+        """Who acts; what is done, and each verifier, goes into the list of events."""
+        return decisions.Operator(
+            words.by.strip(),
+            words.why.strip(),
+            self.journal_path,
+            self.timeout_s if timeout_s is None else timeout_s,
+            say or (lambda text: self.picture.note("info", "DESK", text)),
+            operate.verified(operate.Snapshot(), self._verifier("decision")),
+        )
+
+    def _verifier(self, name: str) -> Callable[[operate.Step], None]:
+        """Puts each verifier into the list of events as it is reached."""
+
+        def say(step: operate.Step) -> None:
+            severity = "error" if step.stage == operate.REFUSED else "info"
+            self.picture.note(severity, step.stage.upper(), f"{name}: {step.evidence}")
+
+        return say
+
+    # ---- corrections
+
+    def review(self, crc: str) -> Plain:
+        """A correction as its page shows it, and what can be decided."""
+        found, limits = self._found(crc), read_limits(self.tables_dir)
+        lines = [e for e in self.entries() if e.crc == crc]
+        about = status(self.picture.summary(), found, lines)
+        changed = self._changes(found, limits)
+        stands_out = warnings(found, changed.big)
+        page = review_pages.page(found, stands_out, Provenance(_today()), about, limits, changes=changed)
+        hk = self.picture.newest("KC_HK")
+        return {
+            "page": document(page),
+            "reasons": self._reasons(found),
+            "look_at": [text for text in stands_out if text not in reasons_to_reject(found)],
+            "waits": hk is not None and crc_text(hk.proposal_crc) == crc,
+            "seen_by": sorted({e.by for e in lines if e.decision == journal.SEEN}),
+            "lines": [_line(e) for e in lines],
+        }
+
+    def _found(self, crc: str) -> Review:
+        message = self.picture.proposal(crc)
+        if message is None:
+            raise BadInput(f"correction {crc} was not heard by this console", todo="open its recording")
+        return from_message(message, coef_names(self.tables_dir, unsigned32(message.crc_terms)))
+
+    def _reasons(self, found: Review) -> list[str]:
+        """To reject it, also that flight no longer knows its verdict."""
+        reasons, hk = reasons_to_reject(found), self.picture.newest("KC_HK")
+        waits = hk is not None and unsigned32(hk.proposal_crc) == found.crc
+        return [*reasons, "flight has lost its verdict"] if waits and not hk.proposal_verdict else reasons
+
+    def see(self, crc: str, by: str) -> Plain:
+        """Write down that this person was shown the correction."""
+        check_words(by, "seen")
+        found = self._found(crc)
+        if any(e.by.casefold() == by.strip().casefold() and e.decision == journal.SEEN
+               for e in self.entries() if e.crc == crc):  # fmt: skip
+            return {"ok": True, "text": f"{by} has seen correction {crc}"}
+        changed = self._changes(found, read_limits(self.tables_dir))
+        why = "; ".join(warnings(found, changed.big)) or "nothing stood out"
+        record(self.journal_path, journal.SEEN, found.crc, by.strip(), why, self.url, found, self._signer())
+        return {"ok": True, "text": f"{by} has seen correction {crc}"}
+
+    def decide(self, what: str, crc: str, words: Words, override: str = "") -> Plain:
+        """arm, go or reject."""
+        said: list[str] = []
+        who = self.operator(words, said.append)
+        with Link(self.url, signer=self._signer()) as link:
+            if what == "arm":
+                decisions.arm(link, crc, who, override.strip())
+            elif what == "go":
+                decisions.go(link, crc, who)
+            elif what == "reject":
+                decisions.reject(link, crc, who)
+            else:
+                raise BadInput(f"no such decision: {what}")
+        self.picture.note("info", what.upper(), f"correction {crc}: {what} by {who.by}: {who.why}")
+        return {"ok": True, "text": said[-1] if said else what, "said": said}
+
+    def log(self) -> list[Plain]:
+        """The journal, newest first."""
+        return [_line(e) for e in reversed(self.entries())]
+
+
+def _listen_s(timeout_s: float) -> float:
+    """How long telemetry is listened to before a command: three times its period."""
+    return min(timeout_s, _LISTEN_S)
+
+
+def _heard(snapshot: operate.Snapshot) -> bool:
+    """All that conditions are judged by."""
+    return all(snapshot.last(channel) for channel in ("KC_HK", "KC_ARM_STATE", "KC_PANTILT_STATE"))
+
+
+def _outcome(tracked: operate.Tracked) -> Plain:
+    return {
+        "ok": tracked.outcome == operate.DONE,
+        "text": tracked.last_line,
+        "steps": tracked.as_dict()["verifiers"],
+    }
+
+
+def _line(e: journal.Entry) -> Plain:
+    return {
+        "time": e.time,
+        "decision": e.decision,
+        "crc": e.crc,
+        "by": e.by,
+        "why": e.why,
+        "override": e.override,
+        "verdict": e.verdict,
+    }
+
+
+def _today() -> str:
+    return datetime.now(UTC).date().isoformat()

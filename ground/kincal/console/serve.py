@@ -1,0 +1,123 @@
+"""Start the console and keep it until it is stopped."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+
+from kincal.operate import recording
+from kincal_shared.errors import BadInput
+
+from .app import Console, make_app
+from .bench import Bench
+from .desk import Desk
+from .geometry import Geometry
+from .guard import LOOPBACK, Access
+from .memory import Memory
+from .picture import Picture
+from .shelf import Shelf
+from .sources import Live, Recording
+
+PORT = 8674
+FOLDER = Path("~/.kincal/console")
+
+
+@dataclass(frozen=True)
+class Options:
+    """url: LCM network; log: a recording instead; port: 0: any free one; host: address to listen on; names:
+    further names in the Host header; folder: what outlives the console;
+    files: further files for the workbench; record: whether the link is recorded, into the folder
+    `recordings`."""
+
+    url: str
+    tables_dir: Path
+    key_file: Path | None
+    journal: Path | None = None
+    log: Path | None = None
+    host: str = LOOPBACK[0]
+    port: int = PORT
+    names: tuple[str, ...] = ()
+    timeout_s: float = 10.0
+    folder: Path = FOLDER
+    files: Path | None = None
+    record: bool = True
+    recordings: Path | None = None
+
+
+def serve(options: Options, ready: Callable[[Access], None]) -> None:
+    """Serve until interrupted; ready: is given the address as soon as somebody listens there. BadInput if
+    tables or recording cannot be read, or the port is taken."""
+    geometry = Geometry(options.tables_dir)
+    listening = _listen(options.host, options.port)
+    access = Access(listening.getsockname()[1], (*LOOPBACK, *options.names))
+    picture, bench = Picture(geometry), Bench(options.folder / "bench", options.files)
+    source: AbstractContextManager[object] = nullcontext()
+    recorded: AbstractContextManager[object] = nullcontext()
+    shelf = Shelf(options.tables_dir, options.folder.expanduser() / "tables", None)
+    if options.log is not None:
+        console = Console(
+            str(options.log), geometry, picture, None, Recording.read(options.log), bench, "", shelf
+        )
+    else:
+        desk = Desk(
+            options.url, options.key_file, options.journal, options.tables_dir, picture, options.timeout_s
+        )
+        shelf = Shelf(options.tables_dir, options.folder.expanduser() / "tables", desk)
+        where = str((options.recordings or recording.FOLDER).expanduser()) if options.record else ""
+        console = Console(options.url, geometry, picture, desk, None, bench, where, shelf)
+        memory = Memory(options.folder, options.url)
+        if found := memory.recall(picture):
+            picture.note("info", "RECALLED", f"{found} messages of before this console was started")
+        source = Live(options.url, picture, memory)
+        recorded = _recording(options, picture) if options.record else recorded
+    config = uvicorn.Config(
+        make_app(console, access), log_level="error", access_log=False, server_header=False,
+        proxy_headers=False, ws_max_size=1 << 16, timeout_graceful_shutdown=2,
+    )  # fmt: skip
+    with listening, recorded, source, bench:
+        ready(access)
+        uvicorn.Server(config).run([listening])
+
+
+@contextmanager
+def _recording(options: Options, picture: Picture) -> Iterator[None]:
+    """`kincal record` as long as the console runs; its end is said in the list of events."""
+    process = recording.spawn(options.url, options.recordings)
+    ends = threading.Event()
+
+    def follow() -> None:
+        status = process.wait()
+        if not ends.is_set():
+            picture.note(
+                "error", "NOT_RECORDED", f"`kincal record` ended with status {status}: start it again"
+            )
+
+    threading.Thread(target=follow, daemon=True).start()
+    try:
+        yield
+    finally:
+        ends.set()
+        process.terminate()
+        process.wait()
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    found = socket.socket(socket.AF_INET)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind((host, port))
+    except OSError as error:
+        found.close()
+        raise BadInput(
+            f"nothing can listen there: {error.strerror}",
+            f"{host}:{port}",
+            "another console may be running; give --port N, 0 for any free one",
+        ) from None
+    found.listen(64)
+    return found

@@ -1,0 +1,173 @@
+// Corrections that were proposed: see, question, decide. The same page as `kincal review show`, the same steps as
+// `kincal review arm`, `go`, `reject`.
+import { el, fixed, mark, mission, show } from "./dom.js";
+import { confirmed } from "./confirm.js";
+import { document_, grid } from "./document.js";
+import { ask, keep, kept, now_s, store, tell } from "./store.js";
+
+let parts = null, chosen = null, shown = null, stamp = {};
+
+export function open(root) {
+  parts = {
+    inbox: el("section", { class: "card inbox" }),
+    force: el("section", { class: "card force" }),
+    journal: el("section", { class: "card journal" }),
+    review: el("div", { class: "review", tabindex: "0", role: "region", "aria-label": "Review" }),
+    decide: el("aside", { class: "card decide", "aria-label": "Decision" }),
+  };
+  stamp = {};
+  shown = null;
+  show(root, el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "Inbox and journal" }, parts.inbox, parts.force, parts.journal), parts.review, parts.decide);
+  update();
+  journal();
+}
+export function close() { parts = null; }
+export function at([crc]) { if (crc) { chosen = crc; load(); } else update(); }
+export function recolour() { shown?.page.draw(); }
+
+export function update() {
+  if (!parts) return;
+  inbox();
+  force();
+  const hk = store.values.KC_HK?.data;
+  const key = `${hk?.state}/${hk?.proposal}/${hk?.tables.KIN}`;
+  if (stamp.flight !== undefined && stamp.flight !== key) { load(); journal(); }
+  stamp.flight = key;
+  countdown();
+}
+
+// ------------------------------------------------------------------ inbox
+
+const KIND = { "change proposed": "ok", "poor fit": "beyond", "no change needed": "unknown" };
+
+function inbox() {
+  const hk = store.values.KC_HK?.data, list = store.values.inbox?.data ?? [];
+  const key = JSON.stringify([list, hk?.proposal, hk?.tables.KIN, chosen]);
+  if (stamp.inbox === key) return;
+  stamp.inbox = key;
+  if (!chosen && !list.length) show(parts.review, el("p", { class: "muted" }, "Corrections that flight proposes appear here."));
+  parts.decide.hidden = !chosen;
+  if (!chosen && list.length) { chosen = hk?.proposal || list[0].crc; load(); }
+  const what = (p) => (p.crc === hk?.proposal ? "waits for a decision" : p.crc === hk?.tables.KIN ? "in force" : "");
+  show(parts.inbox, el("h2", {}, "Inbox"),
+    hk?.proposal && !list.some((p) => p.crc === hk.proposal)
+      ? el("p", { class: "attention" }, `▲ Correction ${hk.proposal} waits on board, and was sent before this console listened: it cannot be shown here. See it by its recording: kincal review show LOG --crc ${hk.proposal} --by NAME. It can be rejected by kincal review reject.`) : null,
+    list.length ? el("ul", {}, list.map((p) => el("li", { class: p.crc === chosen ? "chosen" : "" },
+      el("a", { href: `#corrections/${p.crc}` },
+        el("b", {}, mark(KIND[p.verdict] ?? "unknown", p.verdict), ` ${p.crc}`), el("span", { class: "attention" }, what(p)),
+        el("small", {}, `${p.verdict}; session ${p.session}, ${p.poses} poses, ${fixed(p.before_mm, 2)} → ${fixed(p.fit_mm, 2, "mm")}; ${mission(p.t_us)}`)))))
+      : el("p", { class: "muted" }, "No correction was proposed since this console was started."));
+}
+
+function force() {
+  const hk = store.values.KC_HK?.data;
+  const key = JSON.stringify([hk?.tables.KIN, hk?.state]);
+  if (stamp.force === key) return;
+  stamp.force = key;
+  const crc = hk?.tables.KIN;
+  show(parts.force, el("h2", {}, "In force"), el("p", {}, "Kinematics table ", el("code", {}, crc || "unknown")),
+    crc && store.about.live ? confirmed({
+      label: "Roll back …", act: "ROLLBACK", danger: true, path: "rollback", key: `rollback:${crc}`, body: () => ({ crc }), disabled: store.about.why_no_key, done: journal,
+      text: () => `The table before ${crc} comes in force again, for every motion from then on. Flight refuses it while a calibration runs or if it has no table before this one.`,
+      preview: rollbackPreview,
+    }) : null);
+}
+
+async function rollbackPreview() {
+  try {
+    const found = await ask("rollback/preview");
+    return [el("p", {}, el("b", {}, "What changes back: "), `${found.headline}.`), grid(found.grid)];
+  } catch (error) { return [el("p", { class: "attention" }, `▲ No preview: ${error.message}`)]; }
+}
+
+async function journal() {
+  if (!parts || !store.about.live) return;
+  let lines;
+  try { lines = await ask("journal"); } catch (error) {
+    if (parts) show(parts.journal, el("h2", {}, "Journal"), el("p", { class: "bad" }, error.message));
+    return;
+  }
+  if (!parts) return;
+  show(parts.journal, el("h2", {}, "Journal"), lines.length
+    ? el("ul", {}, lines.slice(0, 100).map((e) => el("li", {}, el("b", {}, `${e.decision} ${e.crc}`), ` ${e.by}`, el("small", {}, `${e.time.replace("T", " ").replace("+00:00", " UTC")}: ${e.why}${e.override ? `; override: ${e.override}` : ""}`))))
+    : el("p", { class: "muted" }, "No decision was written yet."), el("p", { class: "muted small" }, store.about.journal));
+}
+
+// ------------------------------------------------------------------ review
+
+async function load() {
+  if (!parts || chosen === null) return;
+  const crc = chosen;
+  stamp.inbox = null;
+  let found;
+  try {
+    found = await ask(`review/${encodeURIComponent(crc)}`);
+  } catch (error) {
+    if (parts && crc === chosen) { show(parts.review, el("p", { class: "bad" }, error.message)); show(parts.decide); }
+    return;
+  }
+  if (!parts || crc !== chosen) return;
+  const top = shown?.crc === crc ? parts.review.scrollTop : 0;
+  const page = document_(found.page);
+  shown = { crc, found, page };
+  show(parts.review, page.node);
+  page.draw();
+  parts.review.scrollTop = top;
+  decide();
+  inbox();
+}
+
+// ------------------------------------------------------------------ decide
+
+function decide() {
+  const { crc, found } = shown, hk = store.values.KC_HK?.data;
+  const waits = hk?.proposal === crc, armed = waits && hk.state === "ARMED";
+  const why = store.about.why_no_key;
+  if (!store.about.live) { show(parts.decide, el("h2", {}, "Decision"), el("p", { class: "muted" }, "A recording: nothing can be sent.")); return; }
+  if (!waits) {
+    const text = hk?.tables.KIN === crc ? "● In force. Nothing to decide." : "This correction does not wait on board. Nothing to decide.";
+    show(parts.decide, el("h2", {}, "Decision"), el("p", {}, text));
+    return;
+  }
+  const poor = found.reasons.length > 0;
+  const again = () => { load(); journal(); };
+  show(parts.decide, el("h2", {}, "Decision"),
+    poor ? el("div", { class: "bad" }, el("p", {}, "◆ There are reasons to reject it:"), el("ul", {}, found.reasons.map((r) => el("li", {}, r)))) : el("p", {}, "● No number fails its threshold. Read the page beside before you decide."),
+    found.look_at.length ? el("div", { class: "attention" }, el("p", {}, "▲ Look at this first:"), el("ul", {}, found.look_at.map((r) => el("li", {}, r)))) : null,
+    el("ol", { class: "steps" },
+      el("li", { class: found.seen_by.length ? "done" : "next" }, el("b", {}, "Seen"), el("p", { class: "small" }, found.seen_by.length ? `by ${found.seen_by.join(", ")}` : "Who approves must have seen it: this is written into the journal."), seen(crc, again)),
+      el("li", { class: armed ? "done" : found.seen_by.length ? "next" : "" }, el("b", {}, "ARM"), armed ? el("p", { class: "small" }, "armed") : confirmed({
+        label: "Arm the approval …", act: "ARM", path: `review/${crc}/arm`, key: `arm:${crc}`, disabled: why || (found.seen_by.length ? "" : "nobody has seen it yet"), done: again,
+        more: poor ? [{ name: "override", label: "Override: why it is approved in spite of these reasons" }] : [],
+        text: () => `First step: flight is armed for correction ${crc}. Nothing is in force yet.`,
+      })),
+      el("li", { class: armed ? "next" : "" }, el("b", {}, "GO"), el("p", { class: "small countdown" }), armed ? confirmed({
+        label: "Put it in force …", act: "GO", danger: true, path: `review/${crc}/go`, key: `go:${crc}`, disabled: why, done: again,
+        text: () => `Second step: correction ${crc} replaces ${hk.tables.KIN} for every motion from now on.`,
+      }) : el("p", { class: "small muted" }, "after ARM"))),
+    el("h2", {}, "Or reject it"), confirmed({
+      label: "Reject …", act: "REJECT", danger: true, path: `review/${crc}/reject`, key: `reject:${crc}`, disabled: why, done: again,
+      text: () => `Correction ${crc} is dropped for good; table ${hk.tables.KIN} stays in force. A new one needs a new calibration.`,
+    }));
+  countdown();
+}
+
+function seen(crc, again) {
+  const input = el("input", { type: "text", name: "seen", autocomplete: "off", "aria-label": "Your name" });
+  input.value = kept("by", "");
+  input.addEventListener("input", () => keep("by", input.value));
+  const said = el("span", { class: "bad small", role: "alert" });
+  const form = el("form", { class: "seen" }, el("label", {}, "Your name", input), el("button", { type: "submit", disabled: Boolean(store.about.why_no_key) }, "I have seen it"), said);
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    try { await tell(`review/${crc}/seen`, { by: input.value }); again(); } catch (error) { show(said, error.message); }
+  });
+  return form;
+}
+
+function countdown() {
+  const node = parts?.decide.querySelector(".countdown"), value = store.values.KC_HK;
+  if (!node || !value) return;
+  const left = value.data.state === "ARMED" ? value.data.approval_left_s - (now_s() - value.received_s) : 0;
+  show(node, left > 0 ? `expires in ${Math.floor(left / 60)} min ${Math.floor(left % 60)} s` : "");
+}

@@ -1,0 +1,231 @@
+// What flight does at this moment, what waits for whom, and how old each of these values is.
+import { age, el, fixed, mark, show, svg } from "./dom.js";
+import { confirmed } from "./confirm.js";
+import { eventList } from "./events.js";
+import { LIGHT, draw } from "./plots.js";
+import { freshness, store } from "./store.js";
+
+const DRAW_MS = 600;  // between two pictures of the arm
+const HEARD = [
+  ["KC_HK", "housekeeping"], ["KC_ARM_STATE", "arm"], ["KC_PANTILT_STATE", "pan-tilt unit"],
+  ["KC_DETECTION", "tag detection"], ["poses", "last pose"],
+];
+let parts = null, stamp = {}, drawnAt = 0;
+
+export function open(root) {
+  const events = eventList();
+  parts = {
+    events,
+    state: el("section", { class: "card state" }),
+    ages: el("section", { class: "card ages" }),
+    joints: el("section", { class: "card joints" }),
+    health: el("section", { class: "card health" }),
+    arm: el("div", { class: "plot", role: "img", "aria-label": "The arm in three dimensions" }),
+    chart: el("div", { class: "plot", role: "img", "aria-label": "Residual and predicted error by pose" }),
+    frame: el("div", { class: "frame" }),
+    poses: el("div", { class: "poses", tabindex: "0", role: "region", "aria-label": "Poses, newest first" }),
+    armText: el("span", { class: "muted" }),
+  };
+  stamp = {};
+  show(root,
+    el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "State of flight" }, parts.state, parts.ages, parts.joints, parts.health),
+    el("div", { class: "middle" },
+      el("section", { class: "card scene", title: "Drawn from the encoders with the ARM table of this console" }, el("h2", {}, "Arm ", parts.armText), parts.arm),
+      el("div", { class: "two" },
+        el("section", { class: "card" }, el("h2", {}, "Poses"), parts.chart, parts.poses),
+        el("section", { class: "card" }, el("h2", {}, "Camera"), parts.frame))),
+    events.node);
+  update("open");
+}
+
+export function close() { parts = null; }
+export function recolour() { stamp = {}; update("open"); }
+
+export function update() {
+  if (!parts) return;
+  state();
+  ages();
+  whenNew("KC_ARM_STATE", joints);
+  whenNew("KC_HK", health);
+  whenNew("KC_DETECTION", frame);
+  whenNew("poses", poses);
+  scene();
+  parts.events.update();
+  for (const [channel, node] of [["KC_ARM_STATE", parts.joints], ["KC_HK", parts.health], ["KC_HK", parts.state], ["KC_DETECTION", parts.frame]]) {
+    node.classList.toggle("old", channel !== "KC_DETECTION" && freshness(channel).status !== "fresh" && store.about.live);
+  }
+}
+
+function whenNew(channel, what) {
+  const value = store.values[channel];
+  const key = value ? `${value.received_s}/${value.t_us}` : "none";
+  if (stamp[channel] === key) return;
+  stamp[channel] = key;
+  what(value?.data);
+}
+
+// ------------------------------------------------------------------ state
+
+const WHOM = { operator: ["▲", "You: a decision or command is awaited"], flight: ["●", "Flight: nothing to do here"], camera: ["●", "Camera and tag detector"], nobody: ["○", "Nobody"] };
+
+function state() {
+  const hk = store.values.KC_HK?.data, about = freshness("KC_HK");
+  const left = hk?.approval_left_s ? Math.max(hk.approval_left_s - (store.about.live ? about.age_s : 0), 0) : 0;
+  const key = JSON.stringify([hk, Math.round(left), about.status, about.status === "fresh" ? 0 : Math.round(about.age_s)]);
+  if (stamp.state === key) return;
+  stamp.state = key;
+  if (!hk) {
+    show(parts.state, el("h1", { class: "unknown" }, "UNKNOWN"), el("p", {}, "No housekeeping was heard yet. Flight sends it once a second: is it running on this network?"));
+    return;
+  }
+  const [shape, whom] = WHOM[hk.waits_for] ?? WHOM.flight;
+  const calibrating = !["IDLE", "SAFE", "REVIEW", "ARMED"].includes(hk.state);
+  show(parts.state,
+    el("h1", { class: hk.state === "SAFE" ? "bad" : hk.waits_for === "operator" ? "attention" : "" }, hk.state,
+      about.status === "fresh" ? null : el("small", {}, ` as heard ${age(about.age_s)} ago`)),
+    el("p", {}, hk.text),
+    el("p", { class: `whom ${hk.waits_for}` }, el("b", {}, "Waits for "), `${shape} ${whom}`),
+    hk.state === "ARMED" ? el("p", { class: "whom operator" }, `${Math.floor(left / 60)} min ${Math.floor(left % 60)} s left for GO`) : null,
+    hk.proposal ? el("p", {}, el("a", { href: `#corrections/${hk.proposal}` }, `Correction ${hk.proposal}`), hk.proposal_verdict ? ` ${hk.proposal_verdict}` : " verdict not known") : null,
+    calibrating || hk.poses ? el("div", { class: "progress" },
+      el("progress", { max: String(Math.max(hk.poses_goal, 1)), value: String(hk.poses), "aria-label": "poses measured" }),
+      el("span", {}, `${hk.poses} of ${hk.poses_goal} poses${calibrating ? `, candidate ${hk.candidate}, servo step ${hk.servo_steps}` : ""}`)) : null,
+    ["IDLE", "SAFE"].includes(hk.state) && store.about.live ? starter() : null);
+}
+
+function starter() {
+  return confirmed({
+    label: "START a calibration …", path: "start", key: "start", disabled: store.about.why_no_key,
+    text: () => "The arm will move. Poses, seed and coefficients as CONFIG says.", act: "START",
+  });
+}
+
+// ------------------------------------------------------------------ ages, joints, health
+
+function ages() {
+  const rows = HEARD.map(([channel, label]) => {
+    const f = freshness(channel), regular = store.periods[channel] !== undefined;
+    const status = f.status === "fresh" && !regular ? "ok" : f.status;
+    const text = f.age_s === null ? "never received" : store.about.live ? `${age(f.age_s)} ago` : `at ${fixed(store.values[channel].t_us * 1e-6, 1, "s")}`;
+    return [status, label, f.status === "stale" && regular ? `${text}, ${f.text}` : text, f.text];
+  });
+  const key = JSON.stringify(rows);
+  if (stamp.ages === key) return;
+  stamp.ages = key;
+  show(parts.ages, el("h2", {}, "Last heard"),
+    el("ul", {}, rows.map(([status, label, text, why]) => el("li", { class: status }, mark(status, why), el("span", {}, label), el("span", { class: "n" }, text)))));
+}
+
+function joints(data) {
+  if (!data) { show(parts.joints, el("h2", {}, "Joints"), el("p", { class: "muted" }, "No arm state was heard.")); return; }
+  show(parts.joints,
+    el("h2", {}, "Joints ", el("span", { class: "muted" }, data.moving ? "moving" : "at rest"), data.faults ? el("span", { class: "bad" }, " ◆ FAULT") : null),
+    el("ul", {}, data.joints.map((j) => el("li", { class: j.limit },
+      mark(j.fault ? "beyond" : j.limit, j.fault ? "fault" : { ok: "inside its limits", near: "near a limit", beyond: "beyond a limit" }[j.limit]),
+      el("b", {}, j.name), range(j), el("span", { class: "n" }, fixed(j.value, 2, j.unit === "deg" ? "°" : "mm"))))),
+    el("p", { class: "muted small" }, data.joints.some((j) => j.fault) ? "A controller reports a fault." : `${fixed(data.temp_c, 1, "°C")}; limits by the ARM table of this console`));
+}
+
+function range(j) {
+  if (j.min === null || j.value === null) return el("span", {});
+  const share = (x) => `${Math.min(Math.max((x - j.min) / (j.max - j.min), 0), 1) * 100}%`;
+  return el("span", { class: "range", title: `${j.min} to ${j.max} ${j.unit}, target ${j.target}` },
+    j.target === null ? null : el("i", { class: "target", style: { left: share(j.target) } }), el("i", { style: { left: share(j.value) } }));
+}
+
+function health(hk) {
+  if (!hk) { show(parts.health); return; }
+  const rows = [
+    ["commands", `${hk.commands_accepted} accepted, ${hk.commands_refused} refused`, "ok"],
+    ["poses rejected", `${hk.rejected}`, hk.rejected ? "near" : "ok"],
+    ["events lost on board", `${hk.events_dropped}`, hk.events_dropped ? "near" : "ok"],
+    ["message errors", `${hk.rx_errors} received, ${hk.tx_errors} sent`, hk.rx_errors + hk.tx_errors ? "near" : "ok"],
+    ["monitor", hk.monitor.text, hk.monitor.limit],
+    ["energy", fixed(hk.energy_j, 0, "J"), "ok"],
+    ["kinematics table", hk.tables.KIN || "none", hk.tables.KIN ? "ok" : "near"],
+    ["starts of flight", `${hk.boot_count}`, "ok"],
+  ];
+  show(parts.health, el("h2", {}, "Health"),
+    el("ul", {}, rows.map(([label, text, limit]) => el("li", { class: limit }, mark(limit), el("span", {}, label), el("span", { class: "n" }, text)))),
+    hk.tables_differ.length ? el("p", { class: "bad small" }, `◆ Names and pictures may be wrong: ${hk.tables_differ.join("; ")}. Start the console with --tables of the tables that fly.`) : null);
+}
+
+// ------------------------------------------------------------------ camera
+
+function frame(data) {
+  if (!data) { show(parts.frame, el("p", { class: "muted" }, "No detection was heard.")); return; }
+  const [width, height] = data.image_px;
+  const made = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${data.tags.length} tags in the camera's image` });
+  made.append(svg("rect", { x: 0, y: 0, width, height, class: "image" }));
+  for (const tag of data.tags) {
+    const corners = tag.corners_px;
+    made.append(svg("polygon", { points: corners.map((c) => c.join(",")).join(" "), class: "tag-shape" }));
+    const text = svg("text", { x: corners[0][0], y: Math.min(...corners.map((c) => c[1])) - height * 0.03, "font-size": height * 0.09 });
+    text.textContent = `tag ${tag.id}`;
+    made.append(text);
+  }
+  if (data.tool_px) made.append(svg("circle", { cx: data.tool_px[0], cy: data.tool_px[1], r: height * 0.02, class: "tool" }));
+  show(parts.frame, made, el("p", { class: "small" }, mark(data.tags.length ? "ok" : "near"), data.tags.length
+    ? ` ${data.tags.length} tags, range ${fixed(data.range_m, 2, "m")}, incidence ${fixed(data.incidence_deg, 0, "°")}, residual ${fixed(data.rms_px, 2, "px")}`
+    : " no tags in the last frame"));
+}
+
+// ------------------------------------------------------------------ poses
+
+function poses(rows) {
+  if (!rows?.length) { show(parts.poses, el("p", { class: "muted" }, "No pose was measured yet.")); return; }
+  const x = rows.map((p) => p.pose);
+  const trace = (key, name, colour, symbol) => ({
+    x, y: rows.map((p) => p[key]), name, mode: "lines+markers", line: { color: colour, width: 1.5 },
+    marker: { color: colour, size: 6, symbol }, hovertemplate: `pose %{x}: %{y:.2f} mm<extra>${name}</extra>`,
+  });
+  const axis = { gridcolor: LIGHT.grid, linecolor: LIGHT.grey, zeroline: false, automargin: true };
+  draw(parts.chart, {
+    data: [trace("res_mm", "residual", LIGHT.orange, "circle"), trace("pred_mm", "predicted 1 σ", LIGHT.blue, "square")],
+    layout: {
+      height: 170, margin: { l: 44, r: 8, t: 6, b: 30 }, paper_bgcolor: LIGHT.paper, plot_bgcolor: LIGHT.paper,
+      font: { size: 11, color: LIGHT.ink }, xaxis: { ...axis, title: { text: "pose", standoff: 2 }, range: [0.5, Math.max(rows.at(-1).goal, x.length) + 0.5] },
+      yaxis: { ...axis, type: "log", title: { text: "position [mm]", standoff: 4 } }, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, font: { size: 10 } }, showlegend: true,
+    },
+  });
+  show(parts.poses, el("table", {},
+    el("thead", {}, el("tr", {}, ["pose", "cand.", "res. mm", "mrad", "pred. mm", "rank"].map((t) => el("th", { class: "n" }, t)))),
+    el("tbody", {}, rows.slice().reverse().map((p) => el("tr", {},
+      [p.pose, p.candidate, fixed(p.res_mm, 2), fixed(p.res_mrad, 2), fixed(p.pred_mm, 2), `${p.rank}/${p.free}`].map((t) => el("td", { class: "n" }, String(t))))))));
+}
+
+// ------------------------------------------------------------------ arm
+
+function scene() {
+  const arm = store.values.KC_ARM_STATE?.data, view = store.values.KC_PANTILT_STATE?.data, hk = store.values.KC_HK?.data;
+  const key = JSON.stringify([arm?.points_m, arm?.corrected_m, view?.view_m, hk?.candidate]);
+  if (stamp.scene === key || Date.now() - drawnAt < DRAW_MS) return;
+  stamp.scene = key;
+  drawnAt = Date.now();
+  const f = freshness("KC_ARM_STATE");
+  show(parts.armText, arm ? (f.status === "fresh" || !store.about.live ? "by its encoders" : `as heard ${age(f.age_s)} ago`) : "not heard yet: candidates only");
+  const still = store.about.scene;
+  const line = (points, name, colour, width, more = {}) => ({
+    type: "scatter3d", mode: "lines", name, x: points.map((p) => p[0]), y: points.map((p) => p[1]), z: points.map((p) => p[2]),
+    line: { color: colour, width }, hoverinfo: "name", ...more,
+  });
+  const dots = (points, name, colour, size) => ({ ...line(points, name, colour, 1), mode: "markers", marker: { color: colour, size, opacity: 0.6 } });
+  const data = [{ ...dots(still.candidates_m, "candidates", LIGHT.grey, 1.8), showlegend: false }, line(still.mast_m, "camera mast", LIGHT.grey, 8, { showlegend: false })];
+  if (view?.view_m) {
+    const [eye, ...c] = view.view_m;
+    data.push(line([eye, c[0], c[1], eye, c[2], c[3], eye, c[0], c[3], c[2], c[1]], "camera view", LIGHT.orange, 2, { showlegend: false }));
+  }
+  const target = still.candidates_m[hk?.candidate];
+  if (target && hk.poses_goal) data.push(dots([target], `candidate ${hk.candidate}`, LIGHT.blue, 6));
+  if (arm?.corrected_m) data.push(line(arm.corrected_m, "as the correction has it", LIGHT.green, 6, { mode: "lines+markers", marker: { size: 3, color: LIGHT.green }, opacity: 0.8 }));
+  if (arm?.points_m) data.push(line(arm.points_m, "arm", LIGHT.ink, 8, { mode: "lines+markers", marker: { size: 4, color: LIGHT.ink } }));
+  const axis = (text) => ({ title: { text, font: { size: 11 } }, gridcolor: LIGHT.grid, backgroundcolor: LIGHT.paper, color: LIGHT.muted, tickfont: { size: 10 } });
+  draw(parts.arm, {
+    data,
+    layout: {
+      uirevision: "arm", margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: LIGHT.paper, font: { size: 11, color: LIGHT.ink }, autosize: true,
+      scene: { uirevision: "arm", aspectmode: "data", xaxis: axis("x forward [m]"), yaxis: axis("y left [m]"), zaxis: axis("z up [m]"), camera: { eye: { x: 1.2, y: -1.6, z: 0.75 }, center: { x: 0, y: 0, z: -0.08 } } },
+      legend: { x: 0, y: 1, yanchor: "top", orientation: "h", bgcolor: "rgba(0,0,0,0)", font: { size: 10 } },
+    },
+  });
+}

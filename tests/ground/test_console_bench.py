@@ -1,0 +1,173 @@
+"""The workbench behind the console: files, the case with undo, long work in a process of its own."""
+
+import json
+import time
+
+import poses
+import pytest
+from starlette.testclient import TestClient
+from test_console import ACCESS, BIN, GOOD, JSON, ORIGIN
+
+from kincal.console.app import Console, make_app
+from kincal.console.bench import Bench
+from kincal.console.geometry import Geometry
+from kincal.console.picture import Picture
+from kincal_shared.errors import BadInput, CommandFailed
+
+
+@pytest.fixture
+def bench(tmp_path):
+    with Bench(tmp_path / "bench") as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """An arm and poses of it, as files."""
+    folder = tmp_path_factory.mktemp("measured")
+    poses.arm_toml(folder / "arm.toml")
+    poses.poses_csv(folder / "poses.csv", 60, seed=1)
+    return folder
+
+
+@pytest.fixture
+def filled(bench, measured):
+    for name in ("arm.toml", "poses.csv"):
+        bench.upload(name, (measured / name).read_bytes())
+    bench.choose("uploaded: arm.toml", "uploaded: poses.csv")
+    return bench
+
+
+NAMES = [
+    "../x.csv",
+    "/etc/x.csv",
+    "a/b.csv",
+    ".x.csv",
+    "",
+    "x",
+    "x.exe",
+    "a\0.csv",
+    "x.csv\n",
+    "<b>.csv",
+    "é.csv",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_that_leads_elsewhere_is_not_taken(bench, name, tmp_path):
+    with pytest.raises(BadInput, match="is not taken"):
+        bench.upload(name, b"x")
+    assert not list(tmp_path.rglob("*.csv"))
+
+
+def test_an_upload_never_replaces_another_file(bench):
+    bench.upload("a.csv", b"1")
+    bench.upload("a.csv", b"1")
+    with pytest.raises(BadInput, match="another file a.csv"):
+        bench.upload("a.csv", b"2")
+    assert (bench.uploads / "a.csv").read_bytes() == b"1"
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "uploaded: ../../x.csv", "folder: x.csv", "shipped: none"])
+def test_only_listed_files_can_be_chosen(bench, name):
+    with pytest.raises(BadInput, match="no such file"):
+        bench.choose(name, "")
+
+
+def test_links_out_of_the_folder_are_not_listed(tmp_path):
+    (tmp_path / "out.csv").write_text("x")
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "link.csv").symlink_to(tmp_path / "out.csv")
+    (tmp_path / "in" / "own.csv").write_text("x")
+    files = Bench(tmp_path / "bench", tmp_path / "in").files()
+    assert [name for name in files if name.startswith("folder")] == ["folder: own.csv"]
+
+
+def test_effects_can_be_undone_also_after_a_restart(filled):
+    filled.effects(["backlash[1]"])
+    filled.effects(["backlash[1]", "backlash[2]", "backlash[2]"])
+    again = Bench(filled.folder)
+    assert again.case.effects == ["backlash[1]", "backlash[2]"]
+    again.undo()
+    assert again.case.effects == ["backlash[1]"]
+    again.undo()
+    assert again.case.effects == []
+    with pytest.raises(BadInput, match="nothing to undo"):
+        again.undo()
+
+
+def test_another_choice_begins_anew(filled):
+    filled.effects(["backlash[1]"])
+    filled.choose("shipped: wam", "uploaded: poses.csv")
+    assert filled.case.effects == [] and filled.case.past == []
+
+
+def finished(bench, seconds=60):
+    deadline = time.monotonic() + seconds
+    while bench.job.status == "running":
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return bench.job
+
+
+def test_a_comparison_runs_beside_the_server_and_its_answer_is_kept(filled):
+    filled.run("compare")
+    with pytest.raises(CommandFailed, match="runs already"):
+        filled.run("fit")
+    assert finished(filled).status == "done", filled.job.text
+    answer = Bench(filled.folder).answer("compare")
+    assert answer["current"] and "after DH calibration" in answer["text"] and answer["page"]["tiles"]
+    filled.effects(["backlash[1]"])
+    assert not filled.answer("compare")["current"]
+
+
+def test_a_fit_leaves_a_model_to_take_away_and_its_held_out_errors(filled):
+    filled.run("fit")
+    assert finished(filled).status == "done", filled.job.text
+    answer = filled.answer("fit")
+    assert "M.toml" in answer["files"] and filled.file("fit", "M.toml").read_text()
+    errors = filled.case.fits[-1]["errors"]
+    assert errors[0]["model"] == "nominal" and errors[-1]["mm"] < 0.7 * errors[0]["mm"]
+    with pytest.raises(BadInput, match="no such file"):
+        filled.file("fit", "../../case.json")
+
+
+def test_a_cancelled_task_ends_and_leaves_what_was_there(filled):
+    filled.run("diagnose")
+    process = filled._process
+    filled.cancel()
+    assert process.wait(5) != 0 and filled.job.status == "cancelled"
+    with pytest.raises(BadInput, match="no answer"):
+        filled.answer("diagnose")
+
+
+def test_a_task_ends_with_the_console(filled):
+    filled.run("diagnose")
+    process = filled._process
+    process.stdin.close()  # what the death of the server does
+    assert process.wait(20) != 0
+
+
+def test_what_is_wrong_with_the_data_is_said(filled):
+    filled.upload("bad.csv", b"q1,q2\n1,2\n")
+    filled.choose("uploaded: arm.toml", "uploaded: bad.csv")
+    filled.run("compare")
+    assert finished(filled).status == "failed" and "bad.csv" in filled.job.text
+
+
+def test_the_routes_of_the_workbench(filled):
+    geometry = Geometry(BIN)
+    console = Console("x", geometry, Picture(geometry), None, None, filled)
+    client = TestClient(make_app(console, ACCESS), base_url=ORIGIN)
+    raw = {**GOOD, "content-type": "application/octet-stream"}
+    assert client.post("/api/bench/upload?name=b.csv", headers=raw, content=b"q1\n").json()["ok"]
+    assert "uploaded: b.csv" in client.get("/api/bench", headers=GOOD).json()["data"]
+    assert client.post("/api/bench/effects", headers=JSON, json={"effects": "x"}).status_code == 400
+    body = {"effects": ["backlash[1]"]}
+    assert client.post("/api/bench/effects", headers=JSON, json=body).json()["ok"]
+    assert client.post("/api/bench/undo", headers=JSON, content=b"{}").json()["ok"]
+    assert client.post("/api/bench/run", headers=JSON, json={"what": "rm"}).status_code == 409
+    assert client.get("/api/bench/file/fit/M.toml", headers=GOOD).status_code == 409
+    for path in ("/api/bench", "/api/bench/answer/fit", "/api/bench/file/fit/M.toml"):
+        assert client.get(path, headers={"host": GOOD["host"]}).status_code == 403
+    assert json.loads((filled.folder / "case.json").read_text())["effects"] == []

@@ -1,0 +1,202 @@
+"""The console in a real browser, on flight's own core: approval and read-back, abort, a lost server."""
+
+import contextlib
+import os
+import shutil
+import socket
+import threading
+from pathlib import Path
+
+import poses
+import pytest
+import uvicorn
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import expect, sync_playwright
+from simulated_flight import SimulatedFlight
+
+import kcm
+from kincal.console.app import Console, make_app
+from kincal.console.bench import Bench
+from kincal.console.desk import Desk
+from kincal.console.geometry import Geometry
+from kincal.console.guard import Access
+from kincal.console.picture import Picture
+from kincal.console.sources import Live
+from kincal.review import journal
+
+BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
+CHROMIUM = os.environ.get("KINCAL_CHROMIUM") or shutil.which("chromium")
+SHOTS = os.environ.get("KINCAL_SHOTS")  # a folder: pictures of what the tests see
+
+expect.set_options(timeout=30_000)  # of a busy machine
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_playwright() as playwright:
+        made = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield made
+        made.close()
+
+
+class Served:
+    """A console on a flight process; it can be stopped and started again on its port."""
+
+    def __init__(self, flight, folder) -> None:
+        self.flight, self.folder = flight, folder
+        with socket.socket() as s:
+            s.bind(("127.0.0.1", 0))
+            self.access = Access(s.getsockname()[1])
+        self._end = None
+        self.start()
+
+    def start(self) -> None:
+        geometry = Geometry(BIN)
+        self.picture = Picture(geometry)
+        desk = Desk(self.flight.url, self.flight.key_file, None, BIN, self.picture, timeout_s=20.0)
+        bench = Bench(self.folder / "bench")
+        app = make_app(Console(self.flight.url, geometry, self.picture, desk, None, bench), self.access)
+        self._server = uvicorn.Server(
+            uvicorn.Config(app, port=self.access.port, log_level="error", timeout_graceful_shutdown=1)
+        )
+        self._live = contextlib.ExitStack()
+        self._live.enter_context(Live(self.flight.url, self.picture))
+        self._thread = threading.Thread(target=self._server.run, daemon=True)
+        self._thread.start()
+        while not self._server.started:
+            pass
+
+    def stop(self) -> None:
+        self._server.should_exit = True
+        self._thread.join()
+        self._live.close()
+
+
+@contextlib.contextmanager
+def opened(browser, served):
+    """A page of the console; whatever it asks for from elsewhere, and every error of it, fails the test."""
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    page = context.new_page()
+    page.set_default_timeout(30_000)
+    asked, errors = [], []
+    page.on("request", lambda r: asked.append(r.url))
+    page.on("pageerror", lambda e: errors.append(str(e)))
+    page.on("console", lambda m: errors.append(m.text) if "Content Security Policy" in m.text else None)
+    page.goto(served.access.start)
+    yield page
+    context.close()
+    here = ("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:")
+    assert not [url for url in asked if not url.startswith(here)]
+    assert not errors
+
+
+def shot(page, name):
+    if SHOTS:
+        page.wait_for_timeout(1500)
+        page.screenshot(path=f"{SHOTS}/{name}.png")
+
+
+def serious(page):
+    """What axe-core calls serious or critical."""
+    found = Axe().run(page).response["violations"]
+    return [(v["id"], v["nodes"][0]["html"]) for v in found if v["impact"] in ("serious", "critical")]
+
+
+def test_a_calibration_is_reviewed_approved_in_two_steps_and_seen_in_force(browser, tmp_path):
+    with SimulatedFlight("paper", {"REVIEW"}, tmp_path) as flight:
+        served = Served(flight, tmp_path)
+        with opened(browser, served) as page:
+            expect(page.locator(".state h1")).to_contain_text("REVIEW", timeout=60_000)
+            expect(page.locator(".state")).to_contain_text("34 of 34 poses")
+            assert serious(page) == []
+            shot(page, "now-review")
+            page.locator(".state a").click()
+            expect(page.locator(".document h1")).to_contain_text("Correction")
+            crc = page.locator(".document h1").inner_text().split()[-1]
+            expect(page.locator(".decide .steps button", has_text="Arm the approval")).to_be_disabled()
+            page.locator("form.seen input").fill("A. Reviewer")
+            page.get_by_role("button", name="I have seen it").click()
+            page.get_by_role("button", name="Arm the approval").click()
+            form = page.locator(".decide form", has=page.get_by_role("button", name="ARM", exact=True))
+            form.locator("input[name=why]").fill("residuals clean, half of a sen")
+            assert serious(page) == []
+            shot(page, "corrections-arm")
+            assert flight.commands == []  # nothing is sent by the first click
+
+            page.reload()  # a half-typed decision survives
+            form = page.locator(".decide form", has=page.get_by_role("button", name="ARM", exact=True))
+            expect(form.locator("input[name=why]")).to_have_value("residuals clean, half of a sen")
+            form.locator("input[name=why]").fill("residuals clean, rank full")
+            form.get_by_role("button", name="ARM", exact=True).click()
+            page.get_by_role("button", name="Put it in force").click()
+            expect(page.locator(".countdown")).to_contain_text("expires in")
+            form = page.locator(".decide form", has=page.get_by_role("button", name="GO", exact=True))
+            form.locator("input[name=why]").fill("agreed")
+            shot(page, "corrections-go")
+            form.get_by_role("button", name="GO", exact=True).click()
+            expect(page.locator(".force code")).to_have_text(crc)
+            expect(page.locator(".decide")).to_contain_text("In force. Nothing to decide.")
+            expect(page.locator(".journal")).to_contain_text(f"approve {crc}")
+            shot(page, "corrections-in-force")
+
+            page.get_by_role("button", name="Roll back").click()
+            form = page.locator(".force form")
+            form.locator("input[name=why]").fill("wrong arm")
+            form.get_by_role("button", name="ROLLBACK").click()
+            expect(page.locator(".force code")).not_to_have_text(crc)
+        served.stop()
+        assert flight.commands == [kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO, kcm.cmd_t.ROLLBACK]
+        lines = journal.read(journal.place(None, flight.key_file)).entries
+        decided = [(e.decision, e.crc) for e in lines if e.decision not in ("attempt", "refused")]
+        assert decided[:3] == [(d, crc) for d in ("seen", "arm", "approve")]
+        assert decided[3:] == [("rollback", crc)]
+
+
+def test_abort_is_one_click_in_mid_motion_and_a_lost_server_is_said(browser, tmp_path):
+    with SimulatedFlight("paper", {"MEASURE"}, tmp_path) as flight:
+        served = Served(flight, tmp_path)
+        with opened(browser, served) as page:
+            expect(page.locator(".state h1")).not_to_contain_text("UNKNOWN")
+            flight.wait({"MOVE"})
+            page.locator("#abort").click()
+            expect(page.locator(".state h1")).to_contain_text("SAFE")
+            expect(page.locator("#said")).to_contain_text("ABORT done")
+            expect(page.locator(".events .list")).to_contain_text("CAL_ABORTED")
+            assert flight.commands == [kcm.cmd_t.ABORT]
+            shot(page, "now-safe")
+
+            served.stop()
+            expect(page.locator("#lost")).to_contain_text("Link to server lost since")
+            expect(page.locator("body")).to_have_class("console lost waiting")
+            shot(page, "now-lost")
+            served.start()
+            expect(page.locator("#lost")).to_be_hidden()
+            expect(page.locator(".events .list")).to_contain_text("link to server lost from")
+            expect(page.locator(".state h1")).to_contain_text("SAFE")
+        served.stop()
+
+
+def test_the_workbench_from_upload_to_undo(browser, tmp_path):
+    poses.arm_toml(tmp_path / "arm.toml")
+    poses.poses_csv(tmp_path / "poses.csv", 40, seed=1)
+    with SimulatedFlight("healthy", {"IDLE", "MOVE"}, tmp_path) as flight:
+        served = Served(flight, tmp_path)
+        with opened(browser, served) as page:
+            page.get_by_role("link", name="Workbench").click()
+            page.locator("input[type=file]").set_input_files([tmp_path / "arm.toml", tmp_path / "poses.csv"])
+            expect(page.get_by_role("combobox").nth(1)).to_have_value("uploaded: poses.csv")
+            page.get_by_role("button", name="Fit").click()
+            expect(page.locator(".work")).to_contain_text("fit done in", timeout=60_000)
+            expect(page.locator(".document h1")).to_contain_text("Fitted model")
+            expect(page.locator(".fits")).to_contain_text("nominal arm")
+            page.locator("input[name=effect]").fill("backlash[2]")
+            page.get_by_role("button", name="add", exact=True).click()
+            expect(page.locator(".effects")).to_contain_text("backlash[2]")
+            expect(page.locator(".answer")).to_contain_text("This answer is of another case")
+            page.reload()  # the case lies on disk
+            expect(page.locator(".effects")).to_contain_text("backlash[2]")
+            assert serious(page) == []
+            page.get_by_role("button", name="undo").click()
+            expect(page.locator(".effects")).not_to_contain_text("backlash[2]")
+        served.stop()

@@ -1,0 +1,117 @@
+"""Tables behind the console: values, read back, difference, send, explain."""
+
+import re
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+from fake_flight import FakeFlight
+from starlette.testclient import TestClient
+from test_console import ACCESS, GOOD, JSON, ORIGIN
+
+import kcm
+from kincal.console.app import Console, make_app
+from kincal.console.desk import Desk
+from kincal.console.geometry import Geometry
+from kincal.console.picture import Picture
+from kincal.console.shelf import Shelf
+from kincal.console.sources import Live
+from kincal.review import journal
+from kincal.tables import build
+from kincal_shared import keys
+
+BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    out = tmp_path / "tables"
+    shutil.copytree(BIN, out)
+    return out
+
+
+@pytest.fixture
+def served(folder, tmp_path):
+    """A console, its flight process and its key file."""
+    keys.new(tmp_path / "keys")
+    geometry = Geometry(folder)
+    with FakeFlight() as flight:
+        picture = Picture(geometry)
+        desk = Desk(flight.url, tmp_path / "keys", None, folder, picture, timeout_s=5.0)
+        shelf = Shelf(folder, tmp_path / "read", desk)
+        console = Console(flight.url, geometry, picture, desk, shelf=shelf)
+        with Live(flight.url, picture), TestClient(make_app(console, ACCESS), base_url=ORIGIN) as client:
+            yield client, flight, tmp_path / "keys"
+
+
+def get(client, path):
+    return client.get(path, headers=GOOD)
+
+
+def post(client, path, **body):
+    return client.post(path, headers=JSON, json=body)
+
+
+def test_every_kind_is_listed_with_its_crc_and_a_damaged_one_is_named(served, folder):
+    client, *_ = served
+    assert {row["kind"] for row in get(client, "/api/tables").json() if row["crc"]} == {
+        "ARM", "CAMERA", "TERMS", "KIN", "SPACE", "KERNEL", "CONFIG"}  # fmt: skip
+    (folder / "config.tbl").write_bytes(b"damaged")
+    config = next(row for row in get(client, "/api/tables").json() if row["kind"] == "CONFIG")
+    assert not config["crc"] and config["trouble"]
+
+
+def test_values_are_those_of_the_source(served):
+    client, *_ = served
+    rows = get(client, "/api/tables/CONFIG/values").json()["grid"]["rows"]
+    assert ["n_poses", "20"] in [[c["text"] for c in row] for row in rows]
+    space = get(client, "/api/tables/SPACE/values").json()["grid"]
+    assert len(space["rows"]) == 1500 and "more fields" in space["note"]
+
+
+@pytest.mark.parametrize("kind", ["..%2Fkeys", "NONE", "config.tbl", "%00"])
+def test_no_other_file_is_read(served, kind):
+    client, *_ = served
+    for what in ("values", "difference"):
+        assert get(client, f"/api/tables/{kind}/{what}").status_code in (404, 409)
+
+
+def test_a_table_is_sent_read_back_and_compared(served, folder):
+    client, flight, key_file = served
+    crc = {row["kind"]: row["crc"] for row in get(client, "/api/tables").json()}["CONFIG"]
+    words = {"by": "A", "why": "new plan", "crc": crc}
+    assert post(client, "/api/tables/CONFIG/send", number="1", **(words | {"by": ""})).status_code == 409
+    assert post(client, "/api/tables/CONFIG/send", number="2", **(words | {"crc": "0"})).status_code == 409
+    assert flight.commands == []
+    assert post(client, "/api/tables/CONFIG/send", number="3", **words).json()["ok"]
+    again = post(client, "/api/tables/CONFIG/send", number="3", **words).json()
+    assert again["again"] and [o for o, _ in flight.commands].count(kcm.cmd_t.TABLE_ACTIVATE) == 1
+    assert post(client, "/api/tables/CONFIG/read", number="4").json()["ok"]
+    assert get(client, "/api/tables/CONFIG/difference").json()["n"] == 0
+    changed = folder.parent / "config.toml"
+    source = (BIN.parent / "src" / "config.toml").read_text("utf-8")
+    changed.write_text(re.sub(r"n_poses( *)= 20", r"n_poses\1= 12", source), "utf-8")
+    (folder / "config.tbl").write_bytes(build(changed).data)
+    found = get(client, "/api/tables/CONFIG/difference").json()
+    assert found["n"] == 1
+    assert [c["text"] for c in found["grid"]["rows"][0]] == ["n_poses", "12", "20"]
+    lines = journal.read(journal.place(None, key_file)).entries
+    assert [(e.decision, e.crc) for e in lines] == [("attempt", crc), ("table_activate", crc)]
+
+
+def test_a_kinematics_table_is_not_sent_past_the_review(served):
+    client, flight, _ = served
+    crc = {row["kind"]: row["crc"] for row in get(client, "/api/tables").json()}["KIN"]
+    refused = post(client, "/api/tables/KIN/send", number="1", by="A", why="b", crc=crc)
+    assert refused.status_code == 409 and "reviewed" in refused.json()["text"]
+    assert flight.commands == []
+
+
+def test_a_candidate_is_explained(served):
+    client, *_ = served
+    began = time.monotonic()
+    found = get(client, "/api/explain/17").json()
+    assert found["good"] and "joint limits" in [row[0]["text"] for row in found["grid"]["rows"]]
+    assert get(client, "/api/explain/99999").status_code == 409
+    assert time.monotonic() - began < 60
