@@ -58,6 +58,7 @@ ROOMS = {
     "tables": ("tables.py", "flight/tables.py", "flight/terms.py", "schema/tables.py", "schema/terms.py",
                "schema/numbers.py", "schema/base.py"),
     "export": ("export/*.py",),
+    "operate": ("operate/*.py", "cli/command.py"),
 }  # fmt: skip
 # Test files that exercise them. Tests marked slow are not run.
 FILES = (
@@ -65,6 +66,7 @@ FILES = (
     "schema", "schema_terms", "lcmlog", "hostile", "former", "errors", "outputs",
     "review_details", "keys_details", "tables_details", "uplink_details", "export_details", "link_details",
     "room_on_board", "source_limits",
+    "changes", "operate", "command", "recording",
 )  # fmt: skip
 
 

@@ -3,12 +3,14 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from samples import CRC, event, signed
 
 import kcm
 from kincal.flight import event_name, library
 from kincal.flight.events import event_cause, event_todo
+from kincal.link import names
 from kincal.operate import commands
 from kincal.operate.commands import ACCEPTED, DONE, RECEIVED, REFUSED, SENT, UNCERTAIN, Tracked, unmet
 from kincal.operate.snapshot import FRESH, STALE, UNKNOWN, Snapshot, event_of
@@ -410,3 +412,69 @@ def test_every_command_of_the_tables_in_operations_exists():
     for group in ("command", "review", "audit", "table", "space", "model", "key"):
         verbs = {u.split()[1] for u in used if u.startswith(f"{group} ")}
         assert verbs <= {k.split()[1] for k in known if k.startswith(f"{group} ")}, group
+
+
+def random_message(rng, opcode):
+    """Anything that flight, a stranger or another sender may say."""
+
+    def one(*values):
+        return values[rng.integers(len(values))]
+
+    kind = rng.integers(4)
+    if kind == 0:
+        status, seq, source = one(0, -8), one(SEQ, SEQ, SEQ + 1), one(1, 2, 2)
+        return "KC_ACK", ack(one(opcode, opcode, 1), status, one(0, 13, 9999), seq, source)
+    if kind == 1:
+        got = one(0.0, 1.0, float(opcode), float(CRC), float("nan"), float("inf"), -1e300)
+        number = one(*EVENT.values(), 60_000)
+        return "KC_EVENT", event(1, int(rng.integers(100)), number, one(0, 1, 2, 3, 9), got, one(SEQ, 0, -1))
+    if kind == 2:
+        m = hk(
+            float(rng.uniform(0, 200)), one(*(s for s in STATE if s != "COUNT")), one(3, 3, 3, 4), one(1, CRC)
+        )
+        m.proposal_crc, m.staged_kind, m.staged_state = one(0, signed(CRC)), one(0, 4, 99), one(0, 1, 2, 3, 9)
+        m.mon_state = one(0, 1, 2, 9)
+        return "KC_HK", m
+    return "KC_ARM_STATE", arm_state(float(rng.uniform(-1e6, 1e6)), int(rng.integers(16)))
+
+
+ORDER = [SENT, RECEIVED, ACCEPTED, REFUSED, DONE]
+
+
+REQUESTS = [
+    commands.noop(),
+    commands.start(),
+    commands.abort(),
+    commands.approve_arm(CRC, True),
+    commands.approve_go(CRC),
+    commands.reject(CRC),
+    commands.rollback(CRC),
+    commands.validate("kin", CRC),
+    commands.activate("kin", CRC),
+    commands.discard(),
+]
+
+
+@pytest.mark.parametrize("request_", REQUESTS, ids=lambda r: r.opcode)
+def test_whatever_is_received_verifiers_keep_their_order_and_an_end_is_an_end(request_):
+    rng = np.random.default_rng(len(request_.opcode))
+    opcode = names.opcode(request_.opcode)
+    for _ in range(40):
+        c, s, now_s = tracked(request_, "MOVE"), Snapshot(), 10.0
+        for _ in range(25):
+            now_s += float(rng.exponential(0.4))
+            channel, message = random_message(rng, opcode)
+            before = c.outcome, c.last_line
+            c.take(channel, message, now_s, UTC)
+            s.take(channel, message, now_s, UTC)
+            c.tick(now_s)
+            stages = [step.stage for step in c.steps]
+            assert len(set(stages)) == len(stages) and stages == sorted(stages, key=ORDER.index)
+            assert not {REFUSED, DONE} <= set(stages) and (DONE not in stages or ACCEPTED in stages)
+            if before[0] in (DONE, REFUSED):
+                assert (c.outcome, c.last_line) == before
+            assert bool(c.outcome) == bool(c.last_line)
+            unmet(request_, s, now_s)
+            assert s.status(now_s, UTC).as_dict()["state"] == s.state
+        c.tick(now_s + 100.0)
+        assert c.outcome
