@@ -3,15 +3,17 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from samples import CRC, event, signed
 
 import kcm
 from kincal.flight import event_name, library
 from kincal.flight.events import event_cause, event_todo
+from kincal.link import names
 from kincal.operate import commands
 from kincal.operate.commands import ACCEPTED, DONE, RECEIVED, REFUSED, SENT, UNCERTAIN, Tracked, unmet
-from kincal.operate.snapshot import FRESH, STALE, UNKNOWN, Snapshot
+from kincal.operate.snapshot import FRESH, STALE, UNKNOWN, Snapshot, event_of
 
 ROOT = Path(__file__).resolve().parents[2]
 STATE = library("flight").enum("kc_state_t", "KC_ST_")
@@ -344,7 +346,11 @@ def test_events_come_with_cause_and_action():
     s.take("KC_EVENT", event(1, 1, EVENT["IN_SILENT"], 3, 2e6, 1), 10.0, UTC)
     s.take("KC_EVENT", event(1, 2, EVENT["DET_NONE"], 0), 10.0, UTC)
     (line,) = s.status(10.1, UTC).events
-    assert line.name == "IN_SILENT" and "sender has stopped" in line.cause and "START begins" in line.action
+    assert (
+        line.name == "IN_SILENT"
+        and "sender has stopped" in line.cause
+        and "kincal command start" in line.action
+    )
 
 
 def test_no_event_from_info_up_is_without_cause_and_action():
@@ -355,6 +361,19 @@ def test_no_event_from_info_up_is_without_cause_and_action():
         assert event_cause(number).strip(), event_name(number)
         assert event_todo(number).strip(), event_name(number)
     assert event_cause(60_000) == event_todo(60_000) == ""
+
+
+def test_every_cause_of_an_abort_says_what_to_do():
+    causes = library("flight").enum("kc_cause_t", "KC_CAUSE_")
+    for name, number in causes.items():
+        if name != "COUNT":
+            line = event_of(event(1, 1, EVENT["CAL_ABORTED"], 3, float(number), 6))
+            assert line.cause and line.action and "See there" not in line.action, name
+    silent = event_of(event(1, 1, EVENT["CAL_ABORTED"], 3, float(causes["SILENT"]), 6))
+    assert silent.cause == "no state messages from the arm or the pan-tilt unit"
+    assert "As event IN_SILENT." in silent.action and "Check that the sender runs" in silent.action
+    for got in (99.0, -1.0, float("nan"), float("inf")):
+        assert event_of(event(1, 1, EVENT["CAL_ABORTED"], 3, got, 6)).action
 
 
 def test_a_status_is_plain_data():
@@ -374,3 +393,88 @@ def test_prismatic_joints_are_shown_in_millimetres():
     text = {item.key: item.text for item in s.items(1.0)}
     assert text["joints"] == "28.65 deg, 250.00 mm"
     assert text["monitor"] == "joint 2 reads wrong by 4 mm ± 0.5 mm"
+
+
+def test_the_index_by_state_in_operations_has_every_state_and_no_other():
+    page = (ROOT / "docs" / "OPERATIONS.md").read_text()
+    table = page.partition("## By state")[2].partition("## By symptom")[0]
+    named = [name for line in table.splitlines() if line.startswith("| `") for name in
+             re.findall(r"`([A-Z]+)`", line.split("|")[1])]  # fmt: skip
+    assert sorted(named) == sorted(name for name in STATE if name != "COUNT")
+
+
+def test_every_command_of_the_tables_in_operations_exists():
+    page = (ROOT / "docs" / "OPERATIONS.md").read_text()
+    known = set(re.findall(r"^## kincal ([a-z ]+)$", (ROOT / "docs" / "CLI.md").read_text(), re.M))
+    used = set(re.findall(r"\bkincal ((?:[a-z]+)(?: [a-z]+)?)", page)) - {"record"}
+    lacking = {u for u in used if u not in known and u.split()[0] not in known}
+    assert not lacking
+    for group in ("command", "review", "audit", "table", "space", "model", "key"):
+        verbs = {u.split()[1] for u in used if u.startswith(f"{group} ")}
+        assert verbs <= {k.split()[1] for k in known if k.startswith(f"{group} ")}, group
+
+
+def random_message(rng, opcode):
+    """Anything that flight, a stranger or another sender may say."""
+
+    def one(*values):
+        return values[rng.integers(len(values))]
+
+    kind = rng.integers(4)
+    if kind == 0:
+        status, seq, source = one(0, -8), one(SEQ, SEQ, SEQ + 1), one(1, 2, 2)
+        return "KC_ACK", ack(one(opcode, opcode, 1), status, one(0, 13, 9999), seq, source)
+    if kind == 1:
+        got = one(0.0, 1.0, float(opcode), float(CRC), float("nan"), float("inf"), -1e300)
+        number = one(*EVENT.values(), 60_000)
+        return "KC_EVENT", event(1, int(rng.integers(100)), number, one(0, 1, 2, 3, 9), got, one(SEQ, 0, -1))
+    if kind == 2:
+        m = hk(
+            float(rng.uniform(0, 200)), one(*(s for s in STATE if s != "COUNT")), one(3, 3, 3, 4), one(1, CRC)
+        )
+        m.proposal_crc, m.staged_kind, m.staged_state = one(0, signed(CRC)), one(0, 4, 99), one(0, 1, 2, 3, 9)
+        m.mon_state = one(0, 1, 2, 9)
+        return "KC_HK", m
+    return "KC_ARM_STATE", arm_state(float(rng.uniform(-1e6, 1e6)), int(rng.integers(16)))
+
+
+ORDER = [SENT, RECEIVED, ACCEPTED, REFUSED, DONE]
+
+
+REQUESTS = [
+    commands.noop(),
+    commands.start(),
+    commands.abort(),
+    commands.approve_arm(CRC, True),
+    commands.approve_go(CRC),
+    commands.reject(CRC),
+    commands.rollback(CRC),
+    commands.validate("kin", CRC),
+    commands.activate("kin", CRC),
+    commands.discard(),
+]
+
+
+@pytest.mark.parametrize("request_", REQUESTS, ids=lambda r: r.opcode)
+def test_whatever_is_received_verifiers_keep_their_order_and_an_end_is_an_end(request_):
+    rng = np.random.default_rng(len(request_.opcode))
+    opcode = names.opcode(request_.opcode)
+    for _ in range(40):
+        c, s, now_s = tracked(request_, "MOVE"), Snapshot(), 10.0
+        for _ in range(25):
+            now_s += float(rng.exponential(0.4))
+            channel, message = random_message(rng, opcode)
+            before = c.outcome, c.last_line
+            c.take(channel, message, now_s, UTC)
+            s.take(channel, message, now_s, UTC)
+            c.tick(now_s)
+            stages = [step.stage for step in c.steps]
+            assert len(set(stages)) == len(stages) and stages == sorted(stages, key=ORDER.index)
+            assert not {REFUSED, DONE} <= set(stages) and (DONE not in stages or ACCEPTED in stages)
+            if before[0] in (DONE, REFUSED):
+                assert (c.outcome, c.last_line) == before
+            assert bool(c.outcome) == bool(c.last_line)
+            unmet(request_, s, now_s)
+            assert s.status(now_s, UTC).as_dict()["state"] == s.state
+        c.tick(now_s + 100.0)
+        assert c.outcome

@@ -77,6 +77,21 @@ def test_a_medium_that_is_full_from_the_start_leaves_no_empty_files(tmp_path, mo
     assert r.n_lost == 3 and list(tmp_path.iterdir()) == [] and r.files == []
 
 
+def test_the_last_events_of_a_link_come_from_its_own_recording_only(tmp_path, monkeypatch):
+    here, other = "udpm://239.255.76.67:7991?ttl=0", "udpm://239.255.76.67:7992?ttl=1"
+    assert recording.stem_of(here) == "239.255.76.67-7991" and recording.stem_of("") == "link"
+    monkeypatch.setattr(recording, "_TAIL_BYTES", 400)
+    r = Recorder(tmp_path, recording.stem_of(here))
+    for k in range(40):
+        r.take("KC_EVENT", event(k, k, 1 if k % 2 else 48, 1 if k % 2 else 0, index=k).encode(), UTC, 0.0)
+    r.take("KC_EVENT", b"damaged", UTC, 0.0)
+    r.close()
+    assert [e.seq for e in recording.recent_events(here, 2, tmp_path)] == [37, 39]
+    assert recording.recent_events(here, 2, tmp_path)[0].utc.startswith("2026-11-25T")
+    assert 0 < len(recording.recent_events(here, 40, tmp_path)) < 10  # the end of the file only
+    assert recording.recent_events(other, 2, tmp_path) == []
+
+
 def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match="nothing can be recorded there"):

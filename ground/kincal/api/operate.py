@@ -24,6 +24,7 @@ from kincal.operate.commands import (
     unmet,
     validate,
 )
+from kincal.operate.following import Follower, Line, follow
 from kincal.operate.sender import listen, send
 from kincal.operate.snapshot import (
     FRESH,
@@ -39,7 +40,6 @@ from kincal.operate.snapshot import (
     Waiting,
     event_of,
 )
-from kincal.operate.watching import Line, Watch, watch
 
 __all__ = [
     "ACCEPTED",
@@ -53,6 +53,7 @@ __all__ = [
     "UNCERTAIN",
     "UNKNOWN",
     "EventLine",
+    "Follower",
     "Freshness",
     "Item",
     "Line",
@@ -64,7 +65,6 @@ __all__ = [
     "Tracked",
     "Unmet",
     "Waiting",
-    "Watch",
     "abort",
     "act",
     "activate",
@@ -73,6 +73,7 @@ __all__ = [
     "comment",
     "discard",
     "event_of",
+    "follow",
     "listen",
     "noop",
     "reject",
@@ -82,5 +83,4 @@ __all__ = [
     "unmet",
     "validate",
     "verified",
-    "watch",
 ]

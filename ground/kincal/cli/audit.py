@@ -8,7 +8,7 @@ import click
 
 from kincal.cli.options import FILE
 from kincal.cli.review import JOURNAL
-from kincal.cli.terminal import console
+from kincal.cli.terminal import console, say
 from kincal.cli.text import review as text
 from kincal.cli.wire import KEYS
 from kincal.review import journal as journals
@@ -73,8 +73,8 @@ def audit_verify(logs: tuple[Path, ...], noted: str, key_file: Path, journal: Pa
         journals.check_noted(found[0], noted)
     for one in found:
         decided = sum(entry.decision not in journals.SAID for entry in one.entries)
-        click.echo(f"{one.path}: {decided} decisions and commands in {len(one.entries)} lines, {one.vouched}")
-        click.echo(f"{one.path}: ends at {journals.end_text(one)}")
+        say(f"{one.path}: {decided} decisions and commands in {len(one.entries)} lines, {one.vouched}")
+        say(f"{one.path}: ends at {journals.end_text(one)}")
     missing = absent(logs, found)
     text.absent(console(), missing)
     if missing or any(one.unconfirmed for one in found):

@@ -20,7 +20,7 @@ from kincal_shared.errors import CommandFailed
 @click.option(
     "--folder", type=PATH, default=None, show_default="~/.kincal/recordings", help="Where files go."
 )
-@click.option("--name", default="link", show_default=True, help="What file names begin with.")
+@click.option("--name", default="", show_default="address and port", help="What file names begin with.")
 @click.option(
     "--megabytes",
     type=click.FloatRange(0.01),
@@ -54,12 +54,12 @@ def record(
     Example:
         kincal record --folder recordings
     """
-    from kincal.operate.recording import FOLDER, MOST_BYTES, Recorded, Recorder
+    from kincal.operate.recording import FOLDER, Recorded, Recorder, stem_of
     from kincal.operate.recording import record as run
 
-    if not name.replace("-", "").replace("_", "").isalnum():
+    if name and not name.replace("-", "").replace("_", "").isalnum():
         raise click.BadParameter("letters, digits, - and _ only", param_hint="--name")
-    recorder = Recorder(folder or FOLDER, name, int(megabytes * 2**20) if megabytes else MOST_BYTES, keep)
+    recorder = Recorder(folder or FOLDER, name or stem_of(url), int(megabytes * 2**20), keep)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())

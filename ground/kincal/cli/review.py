@@ -196,9 +196,7 @@ def _waiting(
         file = reviews.recorded(waits.crc, recordings)
         if file is None:
             values = reviews.asked_for(up, waits.crc, tables_dir, before)
-            click.echo(
-                f"correction {waits.crc:08x} ({waits.verdict or 'verdict not known'}), as flight holds it:"
-            )
+            say(f"correction {waits.crc:08x} ({waits.verdict or 'verdict not known'}), as flight holds it:")
             text.what_changes(console(), values)
     return f"{waits.crc:08x}", file
 
@@ -238,7 +236,7 @@ def _see(
     keys = file_of(key_file)
     path = FILE_OUT.convert(journals.place(journal, keys), None, None)
     see(path, found, by, log, signer_of(keys), stood_out)
-    click.echo(f"recorded in {path}: {by} has seen correction {found.crc_text}")
+    say(f"recorded in {path}: {by} has seen correction {found.crc_text}")
 
 
 class Decision(TypedDict):
@@ -390,7 +388,7 @@ def review_comment(
     path = FILE_OUT.convert(journals.place(journal, keys), None, None)
     what = journals.QUESTION if question else journals.COMMENT
     record(path, what, parse_crc(crc) if crc else 0, by, text, "", None, signer_of(keys))
-    click.echo(f"recorded in {path}: {what} by {by}")
+    say(f"recorded in {path}: {what} by {by}")
 
 
 @review.command("watch")
@@ -398,7 +396,7 @@ def review_comment(
 @click.option("--forever", is_flag=True, help="Go on when the calibration has ended or a correction waits.")
 @click.option("--seconds", type=float, default=None, show_default="until then", help="How long, at most.")
 @URL
-def review_watch(live: bool, forever: bool, seconds: float | None, url: str) -> None:
+def review_follow(live: bool, forever: bool, seconds: float | None, url: str) -> None:
     """Watch a calibration: its poses, events with cause and action, and states, as they come.
 
     It ends when a correction waits for people, or when the calibration has ended.
@@ -415,12 +413,12 @@ def review_watch(live: bool, forever: bool, seconds: float | None, url: str) -> 
     with link.Link(url, operate.LISTEN) as up:
         begun_s = up.clock_s()
 
-        def stop(w: operate.Watch) -> bool:
+        def stop(w: operate.Follower) -> bool:
             nonlocal last
             last = w.ended
             late = seconds is not None and up.clock_s() >= begun_s + seconds
             return late or (bool(w.ended) and not forever)
 
-        for line in operate.watch(up, operate.Snapshot(), stop):
+        for line in operate.follow(up, operate.Snapshot(), stop):
             text.watched(out, line)
     say(last or "nothing has ended")

@@ -48,7 +48,7 @@ class Memory:
                     raise
                 except Exception:  # noqa: BLE001, S112 decoders raise anything
                     continue
-                picture.add(event.channel, message, event.time_us * 1e-6)
+                picture.add(event.channel, message, event.utc_us * 1e-6)
                 found += 1
         return found
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from functools import cache
+from typing import Any
 
 from kincal_shared import installation
 
@@ -18,6 +20,7 @@ _ENUMS = {
     "acquisition": ("kc_acq_t", "KC_ACQ_"),
     "status": ("kc_status_t", ""),
 }
+_NAMED = re.compile(r"[A-Z]+(?:_[A-Z]+)+")  # names of events in a text
 _MOST_EVENT = 2**16 - 1
 _MOST_INPUT_FIELDS = 400  # 100 x input + field, three inputs
 
@@ -89,11 +92,27 @@ def event_action(event_id: int) -> str:
 
 
 @cache
-def _advice() -> Mapping[str, Mapping[str, str]]:
-    """Cause and what to do of every event, by its name: the table that docs/OPERATIONS.md is made of."""
+def _table() -> Mapping[str, Any]:
+    """The table that docs/OPERATIONS.md is made of: cause and what to do of every event, by its name, and
+    what to do after each cause of an abort."""
     path = installation.root() / "fsw" / "tables" / "kc_events.toml"
-    found: Mapping[str, Mapping[str, str]] = tomllib.loads(path.read_text("utf-8"))["event"]
+    return tomllib.loads(path.read_text("utf-8"))
+
+
+def _advice() -> Mapping[str, Mapping[str, str]]:
+    found: Mapping[str, Mapping[str, str]] = _table()["event"]
     return found
+
+
+def abort_todo(cause: int) -> str:
+    """What the operator does after a calibration that was aborted; empty if there is no such cause. Where it
+    is the same as after an event, that is said too."""
+    flight = library("flight")
+    name = {number: name for name, number in flight.enum("kc_cause_t", "KC_CAUSE_").items()}.get(cause, "")
+    text: str = _table()["abort"].get(name, "")
+    events = flight.enum("kc_event_id_t", "KC_EVT_")
+    same = [event_todo(events[each]) for each in _NAMED.findall(text) if each in events]
+    return " ".join([text, *same])
 
 
 def event_cause(event_id: int) -> str:

@@ -25,26 +25,28 @@ _AT_ONCE = 1 << 20  # bytes that are looked through for the next event
 @dataclass(frozen=True)
 class FileEvent:
     """An event of a file. channel: its printable name; data: the bytes of the message, empty if they are not
-    wanted; time_us: when it was written, UTC since 1970."""
+    wanted; utc_us: when it was recorded [us since 1970]."""
 
     channel: str
     data: bytes
-    time_us: int = 0
+    utc_us: int = 0
 
 
-def event_bytes(number: int, time_us: int, channel: str, data: bytes) -> bytes:
+def event_bytes(number: int, utc_us: int, channel: str, data: bytes) -> bytes:
     """An event as it stands in a file."""
     name = channel.encode("ascii")
-    return _HEADER.pack(SYNC, number, time_us, len(name), len(data)) + name + data
+    return _HEADER.pack(SYNC, number, utc_us, len(name), len(data)) + name + data
 
 
 @dataclass
 class EventFile:
-    """The events of a file, one after the other. skip: channels whose messages are not read; damaged: places
-    of the file, so far, that hold no event. BadInput if the file cannot be read."""
+    """The events of a file, one after the other. skip: channels whose messages are not read; start: byte to
+    begin at, or after it where the first event there begins; damaged: places of the file, so far, that hold
+    no event. BadInput if the file cannot be read."""
 
     path: Path
     skip: frozenset[str] = frozenset()
+    start: int = 0
     damaged: int = field(default=0, init=False)
 
     def __iter__(self) -> Iterator[FileEvent]:
@@ -57,14 +59,16 @@ class EventFile:
             raise BadInput(f"cannot read the log: {error.strerror}", str(self.path)) from None
 
     def _events(self, file: BinaryIO, size: int) -> Iterator[FileEvent]:
-        at, whole = 0, True  # where the next event should begin; whether the one before it was one
+        # where the next event should begin; whether the one before it was one
+        at, whole = max(_next_sync(file, self.start), 0) if self.start else 0, True
+        file.seek(at)
         while len(header := file.read(_HEADER.size)) == _HEADER.size:
-            sync, _, time_us, n_channel, n_data = _HEADER.unpack(header)
+            sync, _, utc_us, n_channel, n_data = _HEADER.unpack(header)
             end = at + _HEADER.size + n_channel + n_data
             known = sync == SYNC and 0 < n_channel <= MOST_CHANNEL and 0 <= n_data <= MOST_BYTES
             if known and end <= size:
                 channel = _printable(file.read(n_channel))
-                yield FileEvent(channel, b"" if channel in self.skip else file.read(n_data), time_us)
+                yield FileEvent(channel, b"" if channel in self.skip else file.read(n_data), utc_us)
                 at, whole = end, True
             else:
                 self.damaged += whole

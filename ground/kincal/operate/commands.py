@@ -6,6 +6,7 @@ command is sent once; when no answer comes, what is known is said, and nothing i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -369,7 +370,7 @@ class Tracked:
         if self._refusal is not None:
             if e.id == self._refusal[0].event_id:
                 self._refused(self._refusal[0])
-        elif line.name == "CMD_ACCEPTED" and (e.index, round(e.got)) == (
+        elif line.name == "CMD_ACCEPTED" and (e.index, e.got) == (
             self.seq,
             names.opcode(self.request.opcode),
         ):
@@ -458,7 +459,7 @@ class Tracked:
         if name != wanted:
             return False
         if self.request.opcode in ("APPROVE_ARM", "APPROVE_GO", "REJECT"):
-            return unsigned32(int(e.got)) == self.request.crc
+            return math.isfinite(e.got) and unsigned32(int(e.got)) == self.request.crc
         return True
 
     def _shows(self, hk: Hk, state: str) -> bool:

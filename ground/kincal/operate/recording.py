@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -19,12 +20,19 @@ from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from queue import Empty, Full, Queue
+from typing import TYPE_CHECKING, cast
 
 import lcm
 
+from kincal.link import channels
 from kincal.link.connection import open_lcm
-from kincal.link.eventfile import SYNC
+from kincal.link.eventfile import SYNC, EventFile
 from kincal_shared.errors import BadInput
+
+from .snapshot import EventLine, event_of, utc_text
+
+if TYPE_CHECKING:
+    from kincal.link.messages import Event
 
 FOLDER = Path("~/.kincal/recordings")
 SUFFIX = ".lcmlog"
@@ -32,6 +40,7 @@ MOST_BYTES = 256 * 2**20
 """Of a file, as shipped."""
 RETRY_S = 5.0  # before a full medium is tried again
 _HEADER = struct.Struct(">4sqqii")
+_TAIL_BYTES = 4 * 2**20  # that are looked through for the last events
 _QUEUE = 20_000  # messages that wait for a slow medium
 _SYNC_S = 1.0  # between two fsyncs: what a power cut loses
 
@@ -230,7 +239,31 @@ def spawn(url: str, folder: Path | None = None) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
 
 
-def recordings(folder: Path | None = None) -> list[Path]:
-    """Files of a folder of recordings, the newest first."""
+def stem_of(url: str) -> str:
+    """What names of recordings of a link begin with: flights on other networks are not mixed up."""
+    return re.sub(r"[^0-9A-Za-z.]+", "-", url.partition("?")[0].rpartition("/")[2]).strip("-.") or "link"
+
+
+def recordings(folder: Path | None = None, url: str = "") -> list[Path]:
+    """Files of a folder of recordings, of a link if it is named, the newest first."""
     where = (folder or FOLDER).expanduser()
-    return sorted(where.glob(f"*{SUFFIX}"), key=lambda path: path.stat().st_mtime, reverse=True)
+    begin = f"{stem_of(url)}-" if url else ""
+    found = [path for path in where.glob(f"*{SUFFIX}") if path.name.startswith(begin)]
+    return sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
+
+
+def recent_events(url: str, n: int, folder: Path | None = None) -> list[EventLine]:
+    """The last events of the newest recording of a link, but those for debugging; the newest last. Empty if
+    there is none."""
+    for file in recordings(folder, url)[:1]:
+        skip = frozenset(channels.BY_NAME) - {"KC_EVENT"}
+        found = []
+        for event in EventFile(file, skip, max(file.stat().st_size - _TAIL_BYTES, 0)):
+            if event.channel == "KC_EVENT":
+                try:
+                    message = channels.decode(event.channel, event.data)
+                except Exception:  # noqa: BLE001, S112 generated decoders raise anything
+                    continue
+                found.append(event_of(cast("Event", message), utc_text(event.utc_us * 1e-6)))
+        return [e for e in found if e.severity != "debug"][-n:]
+    return []

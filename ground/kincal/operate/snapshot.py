@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from kincal.flight import tables
-from kincal.flight.events import event_cause, event_todo
+from kincal.flight.events import abort_todo, event_cause, event_names, event_todo
 from kincal.link import LogEvent, crc_text, names, unsigned32
 
 if TYPE_CHECKING:
@@ -323,9 +323,10 @@ def event_of(e: Event, utc: str = "") -> EventLine:
     """An event with cause and action."""
     line = LogEvent.of(e)
     text = line.text.partition(": ")[2]
-    return EventLine(
-        e.t_us, utc, e.seq, line.severity, e.id, line.name, text, event_cause(e.id), event_todo(e.id)
-    )
+    cause, todo = event_cause(e.id), event_todo(e.id)
+    if line.name == "CAL_ABORTED" and math.isfinite(e.got):
+        cause, todo = event_names()["cause"].get(int(e.got), cause), abort_todo(int(e.got)) or todo
+    return EventLine(e.t_us, utc, e.seq, line.severity, e.id, line.name, text, cause, todo)
 
 
 # ---- values of telemetry: key, label, unit, channel, value, text

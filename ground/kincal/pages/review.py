@@ -50,7 +50,7 @@ def page(
 
 def _changes(c: Changes) -> list[Section]:
     """What changes: each value, and where the tool goes."""
-    rows = [
+    rows: list[list[str | Cell]] = [
         [
             row.name,
             row.old_text,
@@ -79,17 +79,19 @@ def _changes(c: Changes) -> list[Section]:
             )
         grid = Grid.of("<place|moves|turns|x|y|z", shifts, over)
         out.append(Section("tool", "Where the tool goes", grid=grid))
-    told = [f"{a} and {b} (correlation {rho:+.3f})" for a, b, rho in c.correlations]
+    pairs = [f"{a} and {b} (correlation {rho:+.3f})" for a, b, rho in c.correlations]
     text = []
-    if told:
-        text.append(f"Barely told apart by these poses: {'; '.join(told)}.")
+    if pairs:
+        text.append(f"Barely told apart by these poses: {'; '.join(pairs)}.")
     if c.undetermined:
         text.append(f"Not determined by these poses: {', '.join(c.undetermined)}.")
     if text:
         out.append(Section("undetermined", "What the poses do not determine", " ".join(text)))
     if c.reasons:
-        rows = [[r.what, r.number, r.threshold] for r in c.reasons]
-        out.append(Section("against", "What speaks against it", grid=Grid.of("<what|value|<has to be", rows)))
+        against = [[r.what, r.number, r.threshold] for r in c.reasons]
+        out.append(
+            Section("against", "What speaks against it", grid=Grid.of("<what|value|<has to be", against))
+        )
     return out
 
 

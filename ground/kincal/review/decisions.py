@@ -16,7 +16,7 @@ from pathlib import Path
 
 from kincal.flight import library
 from kincal.link import CommandLink, crc_text, unsigned32
-from kincal.link.names import verdict_name
+from kincal.link.names import state_name, verdict_name
 from kincal_shared.errors import BadInput, CommandFailed, KincalError, NoAnswer
 from kincal_shared.keys import Signer
 
@@ -37,12 +37,13 @@ def _silent(_text: str) -> None:
 @dataclass(frozen=True)
 class OnBoard:
     """What waits on board. crc: 0: nothing; verdict: of it, "" if flight does not know it (any more); armed:
-    the first step was taken; left_s: until it expires."""
+    the first step was taken; left_s: until it expires; state: of flight."""
 
     crc: int
     verdict: str
     armed: bool
     left_s: float
+    state: str = ""
 
 
 def on_board(link: CommandLink, timeout_s: float = 5.0) -> OnBoard:
@@ -53,6 +54,7 @@ def on_board(link: CommandLink, timeout_s: float = 5.0) -> OnBoard:
         verdict_name(hk.proposal_verdict) if hk.proposal_verdict else "",
         hk.state == library("flight").constant("KC_ST_ARMED"),
         hk.approval_left_us * 1e-6,
+        state_name(hk.state),
     )
 
 

@@ -97,7 +97,7 @@ def _age(age_s: float | None) -> str:
 def events(out: Console, found: Sequence[EventLine], title: str = "Last events") -> None:
     """Events with cause and action; the newest last."""
     if not found:
-        out.print("no events since this program listens; `kincal log FILE` has those of a recording")
+        out.print("no events received, and no recording of this link (`kincal record`)")
         return
     out.print(f"[bold]{title}[/]")
     for e in found:
@@ -107,7 +107,8 @@ def events(out: Console, found: Sequence[EventLine], title: str = "Last events")
 def event(out: Console, e: EventLine) -> None:
     """One event."""
     style = _SEVERITY.get(e.severity, "default")
-    out.print(f"[{style}]{e.severity:8}[/]{escape(e.name)}: {escape(e.text)}", soft_wrap=True)
+    when = f"{e.utc[11:19]}Z " if e.utc else ""
+    out.print(f"{when}[{style}]{e.severity:8}[/]{escape(e.name)}: {escape(e.text)}", soft_wrap=True)
     if e.severity in _SEVERITY:
         out.print(f"        cause: {escape(e.cause)}", soft_wrap=True)
         out.print(f"        do:    {escape(e.action)}", soft_wrap=True)

@@ -37,7 +37,7 @@ def on_board(out: Console, waits: OnBoard, signing: str = "", sending: str = "")
     """What waits on board, and what can be decided; signing: options of the commands that see it; sending: of
     those that decide."""
     if not waits.crc:
-        out.print("on board: nothing waits")
+        out.print(f"on board: nothing waits; state {escape(waits.state)}")
         return
     what = f"correction {waits.crc:08x} ({waits.verdict or 'verdict not known'})"
     if waits.armed:

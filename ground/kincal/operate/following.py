@@ -26,7 +26,7 @@ class Line:
     event: EventLine | None = None
 
 
-class Watch:
+class Follower:
     """Turns messages into lines. Takes messages and times; no input or output. ended: why there is nothing to
     wait for any more, "" while there is."""
 
@@ -82,9 +82,9 @@ class Watch:
         return [Line(text)]
 
 
-def watch(link: CommandLink, snapshot: Snapshot, stop: Callable[[Watch], bool]) -> Iterator[Line]:
+def follow(link: CommandLink, snapshot: Snapshot, stop: Callable[[Follower], bool]) -> Iterator[Line]:
     """Lines as they come, until `stop`."""
-    found = Watch(snapshot)
+    found = Follower(snapshot)
     while not stop(found):
         received = link.next(_POLL_S)
         if received is not None:
