@@ -1,7 +1,13 @@
 """The console's server: who may ask, snapshot and changes, what is sent to flight and how often."""
 
 import json
+import signal
+import socket
+import subprocess
+import sys
 import time
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -18,11 +24,13 @@ from kincal.console.geometry import Geometry
 from kincal.console.guard import Access
 from kincal.console.memory import Memory
 from kincal.console.picture import KEPT, Cursor, Picture
+from kincal.console.serve import Options, serve
 from kincal.console.sources import Live, Recording
 from kincal.console.words import joint_limit
 from kincal.review import journal
 from kincal_shared import keys
 from kincal_shared.errors import BadInput
+from kincal_sim.ports import private_port, private_url
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 ACCESS = Access(8674, token="the-token")
@@ -457,3 +465,42 @@ def test_a_poor_fit_is_armed_by_an_override_only(geometry, key_file):
             assert post(client, f"{at}/arm", number="3", override="2 mm will do", **words).json()["ok"]
         assert flight.overrides == [1]
     assert journal.read(journal.place(None, key_file)).entries[-1].override == "2 mm will do"
+
+
+# ---- the command
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_prints_the_address_serves_and_ends_with_its_recording(tmp_path, number):
+    port, lock = private_port()
+    command = [sys.executable, "-m", "kincal", "serve", "--port", "0", "--url", private_url(port),
+               "--keys", tmp_path / "none", "--folder", tmp_path / "kept",
+               "--recordings", tmp_path / "recordings"]  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert "Ctrl-C ends it" in process.stdout.readline()
+        base, token = process.stdout.readline().strip().split("/?token=")
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(f"{base}/api/about", timeout=10)
+        cookie = f"kincal_{base.rsplit(':', 1)[1]}={token}"
+        request = urllib.request.Request(f"{base}/api/about", headers={"Cookie": cookie})
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            assert "key" in json.load(answer)["why_no_key"]
+        listed = Path(f"/proc/{process.pid}/task").glob("*/children")
+        children = [child for path in listed for child in path.read_text().split()]
+        assert len(children) == 1
+        process.send_signal(number)
+        assert process.wait(20) in (130, 143)
+        assert not Path(f"/proc/{children[0]}").exists()
+    finally:
+        process.kill()
+        process.stdout.close()
+        lock.close()
+
+
+def test_a_port_that_is_taken_is_said():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(BadInput, match="nothing can listen there"):
+            serve(Options("x", BIN, None, port=taken.getsockname()[1]), lambda _access: None)

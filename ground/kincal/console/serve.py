@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -80,6 +82,8 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
         make_app(console, access), log_level="error", access_log=False, server_header=False,
         proxy_headers=False, ws_max_size=1 << 16, timeout_graceful_shutdown=2,
     )  # fmt: skip
+    # uvicorn raises the signal that ended it once more: without this the process would end before the rest
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     with listening, recorded, source, bench:
         ready(access)
         uvicorn.Server(config).run([listening])
