@@ -57,7 +57,7 @@ def link(name, site):
 
 def environment(home, wheel, extras=()):
     """A fresh environment with the wheel and what it declares for these extras."""
-    run(sys.executable, "-m", "venv", home, cwd=home)
+    run(sys.executable, "-m", "venv", "--without-pip", home, cwd=home)
     python = home / "bin" / "python"
     site = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=home).strip())
     metadata = next(n for n in zipfile.ZipFile(wheel).namelist() if n.endswith("METADATA"))
@@ -65,5 +65,6 @@ def environment(home, wheel, extras=()):
     declared = [line.partition(": ")[2] for line in lines if line.startswith("Requires-Dist")]
     for name in closure(needs_of(declared, extras)):
         link(name, site)
-    run(python, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", wheel, cwd=home)
+    pip = [sys.executable, "-m", "pip", "--python", python]  # a pip of its own would take seconds
+    run(*pip, "install", "--quiet", "--no-deps", "--no-index", wheel, cwd=home)
     return home

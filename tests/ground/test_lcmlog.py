@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 from samples import write_log
@@ -65,11 +64,6 @@ def test_file_without_messages_is_refused(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(KincalError, match="no LCM messages"):
         link.read_log(path)
-
-
-def test_covariance_is_unpacked_row_by_row():
-    full = link.unpack_covariance([1, 2, 3, 4, 5, 6], 3)
-    assert np.array_equal(full, [[1, 2, 3], [2, 4, 5], [3, 5, 6]])
 
 
 def test_every_number_of_the_headers_has_a_name():

@@ -52,7 +52,9 @@ def test_numbers_of_a_later_link_are_above_those_of_an_earlier_one(monkeypatch):
     assert DirectFlight().send("NOOP") == sent[-1] + 1
     now[0] += 15 * 365 * 86400.0
     assert 0 < DirectFlight().send("NOOP") < 2**31
-    assert DirectFlight(first_seq=6).send("NOOP") == 7
+    new = DirectFlight(first_seq=6)
+    assert new.send("NOOP") == 7
+    assert new.commands[0].t_us == 0, "nothing was heard of flight's clock yet"
 
 
 @pytest.mark.parametrize("given", [(), (1,), (1, 2, 3, 4)])
@@ -252,7 +254,7 @@ def test_a_file_that_is_not_there_or_a_folder_is_said(tmp_path):
     for path in (tmp_path / "none", tmp_path):
         with pytest.raises(BadInput, match="no such log file"):
             list(EventFile(path))
-    (tmp_path / "image" / "deep").mkdir(parents=True)
-    link.write_image(IMAGE, tmp_path / "image" / "deep" / "er" / "kin.tbl")
-    link.write_image(IMAGE, tmp_path / "image" / "deep" / "er" / "kin.tbl")
-    assert (tmp_path / "image" / "deep" / "er" / "kin.tbl").read_bytes() == IMAGE.data
+    path = tmp_path / "two" / "folders" / "kin.tbl"
+    for _ in range(2):
+        link.write_image(IMAGE, path)
+        assert path.read_bytes() == IMAGE.data

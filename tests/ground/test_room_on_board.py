@@ -142,6 +142,11 @@ def test_dh_errors_that_act_at_two_places_have_the_tighter_too_and_the_tightest_
     table.term[0].frame = table.term[1].frame = 1  # both there: their sizes add up
     assert shared_bounds(flown, table, {}) == pytest.approx([0.011])
     assert tightest(flown, table, 0, 0.05)[1] == pytest.approx(0.1)
+    table.term[0].frame, table.term[2].frame, table.term[3].frame = 0, 0, 1  # two coefficients at both places
+    for row in table.term[2:4]:
+        row.coef, row.comp, row.gain = 1, RZ, 1.0
+    table.n_term, table.n_coef = 4, 2
+    assert shared_bounds(flown, table, {}) == pytest.approx([0.011, 0.011])
 
 
 # ------------------------------------------------------------------------ too many

@@ -5,16 +5,18 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 from kincal import tables
 from kincal.api import tables as api
+from kincal.cli import main
 from kincal.flight import library
 from kincal.flight import tables as codec
 from kincal.flight.terms import FRAMES, fill_basis, variable
 from kincal_shared.errors import BadInput, KincalError
 from kincal_shared.schema import base, numbers
 from kincal_shared.schema import tables as sources
-from kincal_shared.schema.errors import Contradiction, SchemaError, validate
+from kincal_shared.schema.errors import SchemaError, validate
 from kincal_shared.schema.names import PNP
 from kincal_shared.schema.terms import Basis, TermEntry, parse_basis, parse_gain, split_product
 
@@ -256,14 +258,6 @@ def test_what_is_no_number_is_refused_with_what_is_possible(text):
     assert error.value.where == "there" and error.value.todo.startswith("use numbers")
 
 
-@pytest.mark.parametrize(
-    ("text", "value"), [("sin(pi/2)", 1.0), ("sqrt(16)", 4.0), ("180*deg", math.pi), (" 1 ", 1.0)]
-)
-def test_numbers_have_constants_and_functions(text, value):
-    assert numbers.number(text) == pytest.approx(value)
-    assert (numbers.number(3), numbers.number(2.5)) == (3.0, 2.5)
-
-
 def test_lengths_are_below_ten_thousand_kilometres():
     class Model(base.Strict):
         place: numbers.Place
@@ -325,12 +319,34 @@ def test_one_source_is_built_into_its_file_whose_folder_is_made(tmp_path):
     assert out.read_bytes() == (BIN / "kin.tbl").read_bytes() == image.data
 
 
-def test_a_quaternion_with_another_norm_and_a_name_too_long_say_which():
-    with pytest.raises(Contradiction, match="has norm 1.1, 1 is needed"):
-        sources._is_unit((1.1, 0.0, 0.0, 0.0))
-    with pytest.raises(Contradiction, match="longer than 23 characters"):
-        sources._fits("x" * 24)
-    assert sources._fits("x" * 23) == "x" * 23
+def test_a_space_is_built_for_the_tables_that_are_named_or_those_beside_it(tmp_path, monkeypatch):
+    seen = []
+
+    def build(_source, folder):
+        seen.append(folder)
+        return codec.decode((BIN / "kin.tbl").read_bytes())[0]
+
+    monkeypatch.setattr(api, "build", build)
+    for given in (None, BIN):
+        list(api.build_files(SRC / "space.toml", tmp_path / "space.tbl", given))
+    assert seen == [tmp_path, BIN]
+
+
+def test_commands_say_what_they_built_and_show(tmp_path):
+    out = tmp_path / "kin.tbl"
+    said = CliRunner().invoke(main, ["table", "build", str(SRC / "kin.toml"), str(out)]).stdout
+    crc = codec.header(out.read_bytes()).crc_text
+    assert said == f"{out}: kin, {len(out.read_bytes())} bytes, CRC {crc}\n"
+    shown = CliRunner().invoke(main, ["table", "show", str(out)]).stdout
+    assert crc in shown and "n_poses" in shown
+
+
+def test_bit_sets_are_bytes_and_an_error_of_a_kind_has_no_place_unless_it_is_given():
+    doc = codec.to_doc(codec.decode((BIN / "space.tbl").read_bytes())[1])
+    assert [key for key, value in doc.items() if isinstance(value, bytes)] == ["edge"]
+    with pytest.raises(BadInput, match="this is a terms table") as error:
+        codec.decode_as("kin", (BIN / "terms.tbl").read_bytes())
+    assert error.value.where == ""
 
 
 def test_terms_of_special_frames_are_shown_by_name():

@@ -414,6 +414,7 @@ def test_effects_are_left_out_by_name_or_by_joint(arm, effects):
     names = [h.name for h in found]
     assert [h.name for h in uplink.dropped(found, ["encoder_gain"])] == [n for n in names if "gain" in n]
     assert [h.name for h in uplink.dropped(found, ["backlash[2]"])] == ["backlash[2]"]
+    assert [h.name for h in uplink.dropped(found, ["backlash[1]", "encoder_gain"])] == [names[0], names[2]]
     with pytest.raises(BadInput, match=r"nothing is not in the model; it holds backlash\[1\], "):
         uplink.dropped(found, ["backlash[1]", "nothing"])
 
@@ -500,10 +501,11 @@ def kincal(*args):
 
 def test_check_ends_with_the_status_of_bad_input_and_counts_what_is_refused(tmp_path):
     bad = tmp_path / "bad.tbl"
-    bad.write_bytes(b"KCT1")
+    data = (BIN / "arm.tbl").read_bytes()
+    bad.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
     done = kincal("table", "check", BIN / "kin.tbl", bad)
     assert done.exit_code == EXIT_INPUT
-    assert "1 of 2 refused" in done.stderr and "ok    " in done.stdout
+    assert "1 of 2 refused" in done.stderr and "TBL_CRC" in done.stderr and "ok    " in done.stdout
     assert kincal("table", "check", BIN / "kin.tbl").exit_code == 0
 
 

@@ -256,8 +256,8 @@ def header(data: bytes, where: str = "") -> Image:
         raise BadInput(
             "this is not a table image", where, "images start with KCT1; build one with table build"
         )
-    kind, version, size, crc = (
-        int.from_bytes(data[low:high], "little") for low, high in ((4, 6), (6, 8), (8, 12), (12, 16))
+    kind, version, crc = (
+        int.from_bytes(data[low:high], "little") for low, high in ((4, 6), (6, 8), (12, 16))
     )
     return Image(kind_name(kind, where), version, crc, data)
 
