@@ -1,0 +1,117 @@
+"""The bench that compares ways of choosing poses: its own arithmetic."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from kincal.run.inprocess import Setup, simulate
+from kincal_shared import installation
+
+ROOT = installation.root()
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+
+import missions  # noqa: E402
+import study  # noqa: E402
+
+from kincal_sim.truth import conditions  # noqa: E402
+
+
+def line(mm, mrad=None, end="change", visits=None):
+    n = len(mm)
+    columns = {
+        "visits": visits or [*range(1, n), n - 1],
+        "seconds": [10.0 * (k + 1) for k in range(n)],
+        "mm": mm,
+        "mrad": mrad or [0.1] * n,
+    }
+    return {"columns": columns, "before": [100.0, 50.0], "end": end}
+
+
+@pytest.mark.parametrize(
+    ("mm", "mrad", "end", "visits"),
+    [
+        ([9.0, 2.0, 0.9, 0.5, 0.5], None, "change", 3),
+        ([9.0, 0.9, 1.1, 0.5, 0.5], None, "change", 4),  # once within, then not
+        ([0.5, 0.4, 0.4], None, "no change", 1),
+        ([9.0, 0.9, 0.9, 0.9], [1.0, 6.0, 4.9, 4.0], "change", 3),  # rotation later than position
+        ([9.0, 0.9, 0.5, 1.2], None, "change", float("inf")),  # the proposal is worse
+        ([9.0, 0.9, 0.9, 0.9], None, "aborted", float("inf")),
+        ([], None, "no end: out of time", float("inf")),
+    ],
+)
+def test_an_error_counts_as_reached_from_where_it_stays_within_both_limits(mm, mrad, end, visits):
+    assert study.cost(line(mm, mrad, end), "visits") == visits
+
+
+def test_the_error_at_a_time_is_that_of_the_last_estimate_before_it():
+    run = line([9.0, 2.0, 0.5, 0.4])
+    found = [study.error_at(run, "seconds", t) for t in (9.9, 10.0, 29.0, 30.0, 1000.0)]
+    assert found == [100.0, 9.0, 2.0, 0.5, 0.4]
+    assert study.error_at(run, "seconds", 5.0, "mrad") == 50.0
+
+
+def test_quantiles_count_runs_that_never_get_there():
+    inf = float("inf")
+    assert study.quantile([8.0, 9.0, 10.0, inf], 0.5) == 9.0
+    assert study.quantile([8.0, 9.0, 10.0, inf], 0.9) == inf
+    assert study.quantile([float(k) for k in range(1, 11)], 0.9) == 9.0
+
+
+@pytest.mark.parametrize("name", study.SCENARIOS)
+def test_a_moved_model_is_the_arm_that_would_be_built(name):
+    scenario, rng = study.scenario_of(name, 3), np.random.default_rng(1)
+    correction = {"J2.alpha_rad": 0.3, "J3.d_m": 0.12, "J5.a_m": -0.02, "J7.phi_rad": 1.1}
+    if name == "uplinked":
+        correction[missions.EFFECT] = 0.003
+    moved, built = study.Believed(scenario, {"J1.phi_rad": 0.5}), missions.plant_of(scenario, correction)
+    moved.correct(correction)
+    for q in rng.uniform(-1.5, 1.5, (5, 7)):
+        assert moved.pose(q) == pytest.approx(built.settle(conditions(scenario, q)).T_base_tool, abs=1e-11)
+
+
+def test_a_perfect_correction_leaves_no_error_and_a_wrong_one_does():
+    scenario = study.scenario_of("paper", 1)
+    judge = study.Judge(scenario, 1)
+    mm, mrad = judge.held_out(study.Believed(scenario, scenario.arm.errors))
+    assert mm < 1e-6 and mrad < 1e-4
+    turned = scenario.arm.errors | {"J1.phi_rad": 0.001}  # about the vertical: 1 mrad everywhere
+    assert judge.held_out(study.Believed(scenario, turned))[1] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_errors_of_a_scenario_are_those_of_its_seed_and_inside_the_bounds():
+    bounds = study.montecarlo.bounds()
+    one, other = (study.scenario_of("uniform", seed).arm.errors for seed in (1, 2))
+    assert one == study.scenario_of("uniform", 1).arm.errors != other
+    assert all(abs(v) <= bounds[k] for k, v in one.items())
+    biases = study.scenario_of("two_biases", 1).arm.encoder_bias_rad
+    assert len(biases) == 2 and all(0.02 <= abs(v) <= 0.09 for v in biases.values())
+
+
+def test_a_run_is_recorded_pose_by_pose():
+    scenario = study.scenario_of("slipped", 5)
+    witness = study.Witness(scenario, 5)
+    tables = study.tables_of("slipped", "n_poses=3")
+    run = simulate(scenario, 5, Setup(tables=tables, acquisition="dopt"), each_tick=witness.see)
+    progress, entries = run.log.last_session.progress, witness.entries
+    assert len(progress) == 17 and len(entries) == 18
+    assert [e["visits"] for e in entries[:-1]] == [p.pose for p in progress]
+    assert entries[-1]["observations"] == len(run.log.last_session.measurements)
+    assert [e["f"] for e in entries[:-1]] == pytest.approx([p.f for p in progress], rel=1e-4)
+    # flight's own account of the same mission
+    assert [e["joules"] for e in entries[:-1]] == pytest.approx([p.energy_j for p in progress], rel=0.02)
+    # both measure the same distance, each with its own kinematics
+    assert [e["off_mm"] for e in entries[:-1]] == pytest.approx(
+        [1e3 * p.res_pos_m for p in progress], rel=0.02, abs=0.02
+    )
+    assert witness.before[1] > 30.0 > 5.0 > entries[-1]["mrad"]  # a bias of joint 7
+
+
+def test_a_setting_reaches_config_and_one_that_there_is_not_is_refused():
+    folder = study.tables_of("paper", study.settings_text({"est.rank_tol": 1e-5, "n_poses": 9}))
+    _, config = study.codec.decode_as("config", (folder / "config.tbl").read_bytes())
+    assert config.est.rank_tol == 1e-5 and config.n_poses == 9
+    with pytest.raises(ValueError, match="no field 'n_pose'"):
+        study.tables_of("paper", "n_pose=9")
+    with pytest.raises(ValueError, match="FIELD=VALUE"):
+        study.read_settings("n_poses")
