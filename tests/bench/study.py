@@ -49,6 +49,7 @@ for _folder in ("ground", "sim", "build/py", "tests/bench"):
 import missions  # noqa: E402
 import montecarlo  # noqa: E402
 import resumable  # noqa: E402
+import study_outside  # noqa: E402
 
 from kincal.flight import event_name  # noqa: E402
 from kincal.flight import tables as codec  # noqa: E402
@@ -70,11 +71,17 @@ class Design:
     settings: dict[str, float] = field(default_factory=dict)
 
 
+# What flies. A new row here is all that a new design needs.
 DESIGNS = {
     "ucb": Design("GP-UCB on f, as in the paper", "ucb"),
     "random": Design("by chance, the paper's baseline", "random"),
     "dopt": Design("most information, D-optimal", "dopt"),
     "vopt": Design("least predicted variance, V-optimal", "vopt"),
+}
+# What is chosen before anything is measured and judged offline: study_outside.py.
+OUTSIDE = {
+    "figaroh": "figaroh's D-optimal weights",
+    "detmax": "DETMAX exchange",
 }
 SCENARIOS = {
     "paper": "the paper's errors",
@@ -83,6 +90,7 @@ SCENARIOS = {
     "slipped": "one slipped joint",
     "uplinked": "an uplinked effect",
 }
+ALL = [*DESIGNS, *OUTSIDE]
 HELD_OUT = 200
 LIMIT_MM, LIMIT_MRAD = 1.0, 5.0
 Line = dict[str, Any]
@@ -316,27 +324,50 @@ class Witness:
             "mrad": error[1],
             **more,
         }
-        self.entries.append({k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in entry.items()})
+        self.entries.append({k: rounded(v) for k, v in entry.items()})
+
+
+def one(job: Job) -> Line:
+    """A calibration, as a line of the file of runs."""
+    design, settings, scenario, seed = job
+    begun = time.process_time()
+    found = outside(job) if design in OUTSIDE else fly(job)
+    which = {"design": design, "settings": settings, "scenario": scenario, "seed": seed}
+    return which | found | {"cpu_s": round(time.process_time() - begun, 2)}
+
+
+def outside(job: Job) -> Line:
+    """Sets of poses of another maker, each measured from nothing."""
+    design, _, scenario_name, seed = job
+    scenario = scenario_of(scenario_name, seed)
+    judge, believed = Judge(scenario, seed), Believed(scenario)
+    before, columns = judge.held_out(believed), {key: [] for key in COLUMNS}
+    for visits, observations, correction in study_outside.corrections(design, scenario, seed):
+        believed.correct(correction)
+        error = judge.held_out(believed)
+        entry = {"visits": visits, "observations": observations, "mm": error[0], "mrad": error[1]}
+        for key, values in columns.items():
+            values.append(rounded(entry.get(key)))
+    return {"end": "change", "before": [rounded(v) for v in before], "columns": columns}
+
+
+def rounded(value: Any) -> Any:
+    """With five digits, if it is a fraction."""
+    return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
 def fly(job: Job) -> Line:
-    """A calibration, as a line of the file of runs."""
+    """A calibration by flight."""
     name, settings, scenario_name, seed = job
-    begun = time.process_time()
     scenario = scenario_of(scenario_name, seed)
     witness = Witness(scenario, seed)
     setup = Setup(tables=tables_of(scenario_name, settings), acquisition=DESIGNS[name].acquisition)
     run = simulate(scenario, seed, setup, each_tick=witness.see)
     return {
-        "design": name,
-        "settings": settings,
-        "scenario": scenario_name,
-        "seed": seed,
         "end": witness.end or f"no end: {run.record.get('reason', 'out of time')}",
-        "before": [float(f"{v:.5g}") for v in witness.before],
+        "before": [rounded(v) for v in witness.before],
         "columns": {key: [e.get(key) for e in witness.entries] for key in COLUMNS},
         "contacts": run.contacts,
-        "cpu_s": round(time.process_time() - begun, 2),
     }
 
 
@@ -360,9 +391,11 @@ def settled(line: Line) -> int | None:
 
 def cost(line: Line, column: str) -> float:
     """Visits, observations, seconds or joules until the error stays within the limits; infinite if it does
-    not."""
-    k = settled(line)
-    return float("inf") if k is None else float(line["columns"][column][k])
+    not, nan if the design does not tell."""
+    k, spent = settled(line), line["columns"][column]
+    if any(value is None for value in spent):
+        return float("nan")
+    return float("inf") if k is None else float(spent[k])
 
 
 def error_at(line: Line, column: str, limit: float, what: str = "mm") -> float:
@@ -441,15 +474,25 @@ def key_of(line: Line) -> Job:
 def jobs_of(o: argparse.Namespace) -> list[Job]:
     """Seeds first, so that whoever stops the study has all designs on the same seeds."""
     asked = read_settings(" ".join(o.set))
-    settings = {name: settings_text(DESIGNS[name].settings | asked) for name in o.designs}
+    flown = {name: settings_text(design.settings | asked) for name, design in DESIGNS.items()}
+    settings = flown | dict.fromkeys(OUTSIDE, "")
     seeds = range(o.first, o.first + o.seeds)
     return [(d, settings[d], s, seed) for seed in seeds for s in o.scenarios for d in o.designs]
+
+
+def prepare(o: argparse.Namespace) -> None:
+    """Have the sets of other makers chosen before several processes want them, and settings checked."""
+    for design in (d for d in o.designs if d in OUTSIDE):
+        for uplinked in {scenario == "uplinked" for scenario in o.scenarios}:
+            study_outside.sets(design, uplinked)
+    for _, settings, scenario, _ in jobs_of(o):
+        tables_of(scenario, settings)
 
 
 def options(argv: list[str] | None) -> argparse.Namespace:
     """The command line."""
     p = argparse.ArgumentParser(prog="study.py", description=(__doc__ or "").split("\n")[0])
-    p.add_argument("--designs", nargs="+", choices=list(DESIGNS), default=list(DESIGNS), metavar="NAME")
+    p.add_argument("--designs", nargs="+", choices=ALL, default=ALL, metavar="NAME")
     p.add_argument("--scenarios", nargs="+", choices=list(SCENARIOS), default=list(SCENARIOS), metavar="NAME")
     p.add_argument("--seeds", type=int, default=40)
     p.add_argument("--first", type=int, default=1, help="first seed")
@@ -467,7 +510,12 @@ def main(argv: list[str] | None = None) -> int:
     except resumable.OtherRuns as e:
         print(e, file=sys.stderr)
         return 2
-    lines = resumable.run_all(fly, jobs_of(o), o.out, known, key_of, o.jobs)
+    try:
+        prepare(o)
+    except ImportError as e:
+        print(f"{e}: make .venv/.stamp-bench installs it; or name other --designs", file=sys.stderr)
+        return 2
+    lines = resumable.run_all(one, jobs_of(o), o.out, known, key_of, o.jobs)
     print_summary(lines)
     return 0
 

@@ -1,5 +1,6 @@
 """The bench that compares ways of choosing poses: its own arithmetic."""
 
+import itertools
 import sys
 
 import numpy as np
@@ -13,6 +14,7 @@ sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
 import missions  # noqa: E402
 import study  # noqa: E402
+import study_outside  # noqa: E402
 
 from kincal_sim.truth import conditions  # noqa: E402
 
@@ -115,3 +117,73 @@ def test_a_setting_reaches_config_and_one_that_there_is_not_is_refused():
         study.tables_of("paper", "n_pose=9")
     with pytest.raises(ValueError, match="FIELD=VALUE"):
         study.read_settings("n_poses")
+
+
+# ---- designs of other makers ----------------------------------------------------------------------------
+
+
+def line_fit(at):
+    """Information of a measurement of a line's height at each place: rows (1, x)."""
+    rows = np.stack([np.ones_like(at), at], axis=1)[:, None, :]
+    return rows.transpose(0, 2, 1) @ rows
+
+
+def test_detmax_finds_the_known_optimum_of_a_line():
+    """For a straight line on [-1, 1] half of the measurements belong to each end."""
+    at = np.array([-1.0, -1.0, -1.0, -0.6, -0.2, 0.0, 0.1, 0.5, 0.9, 1.0, 1.0, 1.0])
+    chosen, value = study_outside.detmax(line_fit(at), 6, np.random.default_rng(1), starts=1)
+    assert sorted(at[chosen]) == [-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]
+    assert value == pytest.approx(np.log(36.0), abs=1e-4)
+
+
+def test_detmax_finds_the_best_of_all_sets():
+    """Small enough to try every set."""
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((12, 2, 5))
+    matrices = rows.transpose(0, 2, 1) @ rows
+    every = [list(c) for c in itertools.combinations(range(12), 4)]
+    best = max(np.linalg.slogdet(matrices[c].sum(axis=0))[1] for c in every)
+    chosen, value = study_outside.detmax(matrices, 4, rng, starts=10)
+    assert value == pytest.approx(best, abs=1e-4) and len(set(chosen)) == 4
+
+
+def test_the_fit_of_other_designs_has_the_kinematics_of_the_simulator():
+    rng = np.random.default_rng(2)
+    names = study_outside.coefficients(uplinked=False)
+    q, values = rng.uniform(-1.5, 1.5, (3, 7)), rng.uniform(-0.1, 0.1, len(names))
+    at = study_outside.chain(q, np.zeros(3), values)
+    believed = study.Believed(study.scenario_of("paper", 1), dict(zip(names, values, strict=True)))
+    for k in range(3):
+        T = believed.pose(q[k])
+        assert at.tool_m[k] == pytest.approx(T[:3, 3], abs=1e-12)
+        assert at.R[7, k] == pytest.approx(T[:3, :3], abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["paper", "uplinked", "two_biases"])
+def test_measurements_of_other_designs_agree_with_the_truth_and_the_fit_finds_it(name):
+    scenario, uplinked = study.scenario_of(name, 1), name == "uplinked"
+    site = study_outside.Site(scenario, 1)
+    measured = [m for m in map(site.measure, range(0, 60, 4)) if m is not None]
+    data, names = study_outside.joined(measured), study_outside.coefficients(uplinked)
+    true = dict.fromkeys(names, 0.0) | scenario.arm.errors
+    true |= {f"{j}.phi_rad": -bias for j, bias in scenario.arm.encoder_bias_rad.items()}
+    true |= {missions.EFFECT: sum(scenario.arm.compliance_rad_per_nm.values())}
+    values = np.array([true[k] for k in names])
+    assert 0.2 < np.sqrt(np.mean(data.residuals(values) ** 2)) < 1.2  # frames are averaged
+    steps = 1e-6 * np.eye(len(values))
+    differences = [(data.residuals(h) - data.residuals(-h)) / 2e-6 for h in steps]
+    assert data.jacobian(0.0 * values) == pytest.approx(np.stack(differences, axis=2), abs=1e-3)
+    found = study.Believed(scenario, study_outside.fit(data, uplinked))
+    mm, mrad = study.Judge(scenario, 1).held_out(found)
+    assert mm < study.LIMIT_MM and mrad < study.LIMIT_MRAD
+
+
+def test_a_tag_out_of_view_is_a_visit_without_a_measurement(monkeypatch):
+    site = study_outside.Site(study.scenario_of("two_biases", 1), 1)
+    monkeypatch.setattr(study_outside, "sets", lambda _design, _uplinked: [list(range(8))])
+    measure = site.measure
+    site.measure = lambda k: None if k in (2, 3) else measure(k)
+    monkeypatch.setattr(study_outside, "Site", lambda _scenario, _seed: site)
+    line = study.one(("detmax", "", "two_biases", 1))
+    assert line["columns"]["visits"] == [8] and line["columns"]["observations"] == [6]
+    assert np.isnan(study.cost(line, "seconds"))
