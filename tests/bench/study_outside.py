@@ -41,7 +41,7 @@ from kincal_sim.truth import build_plant, conditions
 from kincal_sim.vision.imagers import Exposure, fast_imager
 
 FRAMES = 3
-POSES = range(5, 21)  # five give as many rows as there are DH errors
+POSES = range(3, 21)  # below five the prior has a part in it: fewer rows than DH errors
 FLOOR = np.array([2e-4] * 3 + [5e-4] * 3)  # of a measurement's sigma [m, rad], as CONFIG has it
 DETMAX_STARTS, DETMAX_EXCURSION = 4, 3
 COMPLIANCE_BOUND = 0.01  # of the elbow [rad/(N m)]
@@ -363,5 +363,5 @@ def corrections(design: str, scenario: Scenario, seed: int) -> list[tuple[int, i
     out = []
     for chosen in sets(design, uplinked):
         data = [d for d in map(site.measure, chosen) if d is not None]
-        out.append((len(chosen), len(data), fit(joined(data), uplinked)))
+        out.append((len(chosen), len(data), fit(joined(data), uplinked) if data else {}))
     return out

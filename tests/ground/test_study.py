@@ -1,6 +1,7 @@
 """The bench that compares ways of choosing poses: its own arithmetic."""
 
 import itertools
+import re
 import sys
 
 import numpy as np
@@ -15,6 +16,7 @@ sys.path.insert(0, str(ROOT / "tests" / "bench"))
 import missions  # noqa: E402
 import study  # noqa: E402
 import study_outside  # noqa: E402
+import study_report  # noqa: E402
 
 from kincal_sim.truth import conditions  # noqa: E402
 
@@ -43,21 +45,24 @@ def line(mm, mrad=None, end="change", visits=None):
     ],
 )
 def test_an_error_counts_as_reached_from_where_it_stays_within_both_limits(mm, mrad, end, visits):
-    assert study.cost(line(mm, mrad, end), "visits") == visits
+    assert study_report.cost(line(mm, mrad, end), "visits") == visits
 
 
 def test_the_error_at_a_time_is_that_of_the_last_estimate_before_it():
     run = line([9.0, 2.0, 0.5, 0.4])
-    found = [study.error_at(run, "seconds", t) for t in (9.9, 10.0, 29.0, 30.0, 1000.0)]
+    found = [study_report.error_at(run, "seconds", t) for t in (9.9, 10.0, 29.0, 30.0, 1000.0)]
     assert found == [100.0, 9.0, 2.0, 0.5, 0.4]
-    assert study.error_at(run, "seconds", 5.0, "mrad") == 50.0
+    assert study_report.error_at(run, "seconds", 5.0, "mrad") == 50.0
+    # a larger set of poses may have given fewer observations
+    run["columns"]["observations"] = [4, 6, 5, 7]
+    assert study_report.error_at(run, "observations", 5) == 0.5
 
 
 def test_quantiles_count_runs_that_never_get_there():
     inf = float("inf")
-    assert study.quantile([8.0, 9.0, 10.0, inf], 0.5) == 9.0
-    assert study.quantile([8.0, 9.0, 10.0, inf], 0.9) == inf
-    assert study.quantile([float(k) for k in range(1, 11)], 0.9) == 9.0
+    assert study_report.quantile([8.0, 9.0, 10.0, inf], 0.5) == 9.0
+    assert study_report.quantile([8.0, 9.0, 10.0, inf], 0.9) == inf
+    assert study_report.quantile([float(k) for k in range(1, 11)], 0.9) == 9.0
 
 
 @pytest.mark.parametrize("name", study.SCENARIOS)
@@ -74,11 +79,11 @@ def test_a_moved_model_is_the_arm_that_would_be_built(name):
 
 def test_a_perfect_correction_leaves_no_error_and_a_wrong_one_does():
     scenario = study.scenario_of("paper", 1)
-    judge = study.Judge(scenario, 1)
-    mm, mrad = judge.held_out(study.Believed(scenario, scenario.arm.errors))
+    truth = study.Truth(scenario, 1)
+    mm, mrad = truth.held_out(study.Believed(scenario, scenario.arm.errors))
     assert mm < 1e-6 and mrad < 1e-4
     turned = scenario.arm.errors | {"J1.phi_rad": 0.001}  # about the vertical: 1 mrad everywhere
-    assert judge.held_out(study.Believed(scenario, turned))[1] == pytest.approx(1.0, rel=1e-6)
+    assert truth.held_out(study.Believed(scenario, turned))[1] == pytest.approx(1.0, rel=1e-6)
 
 
 def test_errors_of_a_scenario_are_those_of_its_seed_and_inside_the_bounds():
@@ -174,16 +179,100 @@ def test_measurements_of_other_designs_agree_with_the_truth_and_the_fit_finds_it
     differences = [(data.residuals(h) - data.residuals(-h)) / 2e-6 for h in steps]
     assert data.jacobian(0.0 * values) == pytest.approx(np.stack(differences, axis=2), abs=1e-3)
     found = study.Believed(scenario, study_outside.fit(data, uplinked))
-    mm, mrad = study.Judge(scenario, 1).held_out(found)
-    assert mm < study.LIMIT_MM and mrad < study.LIMIT_MRAD
+    mm, mrad = study.Truth(scenario, 1).held_out(found)
+    assert mm < study_report.LIMIT_MM and mrad < study_report.LIMIT_MRAD
 
 
 def test_a_tag_out_of_view_is_a_visit_without_a_measurement(monkeypatch):
     site = study_outside.Site(study.scenario_of("two_biases", 1), 1)
-    monkeypatch.setattr(study_outside, "sets", lambda _design, _uplinked: [list(range(8))])
+    monkeypatch.setattr(study_outside, "sets", lambda _design, _uplinked: [[2, 3], list(range(8))])
     measure = site.measure
     site.measure = lambda k: None if k in (2, 3) else measure(k)
     monkeypatch.setattr(study_outside, "Site", lambda _scenario, _seed: site)
     line = study.one(("detmax", "", "two_biases", 1))
-    assert line["columns"]["visits"] == [8] and line["columns"]["observations"] == [6]
-    assert np.isnan(study.cost(line, "seconds"))
+    assert line["columns"]["visits"] == [2, 8] and line["columns"]["observations"] == [0, 6]
+    assert line["columns"]["mm"][0] == line["before"][0] > 10.0 > line["columns"]["mm"][1]
+    assert np.isnan(study_report.cost(line, "seconds"))
+
+
+# ---- tables and figures ---------------------------------------------------------------------------------
+
+
+def flown(design, seed, mm, end="change"):
+    n = len(mm)
+    spent = {"visits": [*range(1, n), n - 1], "observations": [*range(1, n), n - 1]}
+    spent |= {name: [per * (k + 1) for k in range(n)] for name, per in (("seconds", 10.0), ("joules", 100.0))}
+    off = {"off_mm": [*mm[:-1], None], "off_mrad": [*[1.0] * (n - 1), None], "f": [*[-0.1] * (n - 1), None]}
+    which = {"design": design, "scenario": "paper", "seed": seed, "end": end, "before": [100.0, 50.0]}
+    return which | {"columns": {**spent, **off, "mm": mm, "mrad": [0.1] * n}, "contacts": {}}
+
+
+SLOW, FAST = [50.0, 20.0, 5.0, 0.8, 0.8], [50.0, 0.9, 0.2, 0.2]
+RUNS = [
+    *(flown("ucb", seed, SLOW) for seed in (1, 2, 3)),
+    *(flown("random", seed, [50.0, 20.0, 0.9, 0.9]) for seed in (1, 2)),
+    flown("random", 3, [50.0, 100.0], "aborted"),
+    *(flown("dopt", seed, FAST) for seed in (1, 2, 3)),
+]
+
+
+def cells(table, first):
+    return [
+        c.strip() for row in table.splitlines() if row.startswith(f"| {first}") for c in row.split("|")[1:-1]
+    ]
+
+
+def test_tables_say_what_the_runs_cost():
+    made = study.study_of(RUNS)
+    costs = study_report.cost_table(made, "paper")
+    assert cells(costs, "`ucb`")[1:4] == ["3 of 3", "4 / 4", "4 / 4"]
+    assert cells(costs, "`random`")[1:5] == ["2 of 3", "3 / > 3", "3 / never", "30 / never"]
+    assert cells(study_report.baseline_table(made), "the paper's errors | `dopt`")[2:] == [
+        "3",
+        "0",
+        "0",
+        "0.25",
+    ]
+    ratios = cells(study_report.ratio_table(made), "the paper's errors | `dopt`")
+    assert ratios[2:] == ["0.50", "0.50", "0.50", "0.25"]
+    assert "9 missions flown. 1 ended" in study_report.endings(made)
+    assert "`random`, seed 3: aborted" in study_report.endings(made)
+
+
+def test_f_is_on_the_scale_of_its_run():
+    assert study_report.objectives(flown("ucb", 1, SLOW)) == pytest.approx([-1.0, -0.7, -0.55, -0.508])
+
+
+def test_bands_hold_the_last_estimate_of_runs_that_ended():
+    runs = [flown("ucb", 1, SLOW), flown("ucb", 2, FAST)]
+    made = study_report.error_band(runs, "visits")
+    assert made.x.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert made.low.tolist() == [50.0, 0.9, 0.2, 0.2] and made.high.tolist() == [50.0, 20.0, 5.0, 0.8]
+
+
+def test_the_page_has_a_place_for_every_part_and_keeps_the_rest(tmp_path):
+    page, parts = tmp_path / "STUDY.md", study_report.page_parts(study.study_of(RUNS))
+    before = study.PAGE.read_text()
+    page.write_text(before)
+    study_report.write_page(page, parts)
+    once = page.read_text()
+    study_report.write_page(page, parts)
+    assert page.read_text() == once != before
+    outside_parts = study_report.PART.sub("", before)
+    assert study_report.PART.sub("", once) == outside_parts
+    with pytest.raises(ValueError, match="no part 'new'"):
+        study_report.write_page(page, {"new": "x"})
+
+
+def test_no_number_of_a_result_stands_outside_the_generated_parts():
+    prose = study_report.PART.sub("", study.PAGE.read_text())
+    assert not re.findall(r"\d[\d.]* (?:mm|mrad|s|J|%)(?!\w)", prose.replace("10 to 90 %", ""))
+
+
+def test_figures_have_a_line_for_each_design():
+    made = study_report.figures(study.study_of(RUNS), ROOT)
+    lines = {
+        path.stem: {t.legendgroup for t in figure.data if t.legendgroup} for path, figure in made.items()
+    }
+    assert lines["study-poses"] == lines["study-error-paper"] == {"ucb", "random", "dopt"}
+    assert lines["study-f-paper"] == {"ucb", "random"}
