@@ -21,8 +21,9 @@ those that were skipped), observations used, mission seconds since START, joules
 moving while arm or pan-tilt unit says so), and of the estimate at that time the error at HELD_OUT postures
 that were not measured, anywhere in the search region (RMS, position and rotation). off_mm, off_mrad: the
 measured pose against the kinematics before it was used, the distances in the paper's f (eq. 6); f: as flight
-states it. The last entry of a run is its proposal. After an abort there is no correction, and the last entry
-is the error of the arm as it was. Truth and judgement are MuJoCo's; they share no code with flight.
+states it. The last entry of a run is its proposal. After an abort, or if flight finds that nothing has to
+change, there is no correction, and the last entry is the error of the arm as it was. Truth and comparison are
+MuJoCo's; they share no code with flight.
 """
 
 from __future__ import annotations
@@ -74,7 +75,8 @@ class Design:
     settings: dict[str, float] = field(default_factory=dict)
 
 
-# What flies. A new row here is all that a new design needs.
+# What flies. A new row here is all that a new design needs. A new field of CONFIG that changes what the older
+# designs do gets its old value in their settings, so that they stay what others are compared with.
 DESIGNS = {
     "ucb": Design("GP-UCB on f, as in the paper", "ucb"),
     "random": Design("by chance, the paper's baseline", "random"),
@@ -275,7 +277,8 @@ class Witness:
                 self._progress(m)
             elif channel == "KC_PROPOSAL":
                 self._believe(m.value)
-                self._finish(("no change", "change", "poor")[m.verdict], None)
+                error = self.before if m.verdict == m.NO_CHANGE else self.truth.held_out(self._believed)
+                self.finish(VERDICTS[m.verdict], error)
         return not self.end
 
     def _spend(self, tick: Tick) -> None:
@@ -294,7 +297,7 @@ class Witness:
         elif event == "CAL_CAND_SKIPPED":
             self.now.skipped += 1
         elif event == "CAL_ABORTED":
-            self._finish("aborted", self.before)
+            self.finish("aborted", self.before)
 
     def _believe(self, values: Any) -> None:
         self._believed.correct(dict(zip(self.names, values, strict=False)))
@@ -311,9 +314,10 @@ class Witness:
         off_m = np.linalg.norm(T[:3, 3] - np.array(meas.p_m))
         return 1e3 * float(off_m), 1e3 * rotation_angle(T, rotation_matrix(meas.q_wxyz))
 
-    def _finish(self, end: str, error: tuple[float, float] | None) -> None:
+    def finish(self, end: str, error: tuple[float, float]) -> None:
+        """The run ends, with the arm this much in error."""
         self.end = end
-        self._enter(error or self.truth.held_out(self._believed), {})
+        self._enter(error, {})
 
     def _enter(self, error: tuple[float, float], more: Line) -> None:
         now = self.now
@@ -365,14 +369,17 @@ def fly(job: Job) -> Line:
     witness = Witness(scenario, seed)
     setup = Setup(tables=tables_of(scenario_name, settings), acquisition=DESIGNS[name].acquisition)
     run = simulate(scenario, seed, setup, each_tick=witness.see)
+    if not witness.end:
+        witness.finish(f"no end: {run.record.get('reason', 'out of time')}", witness.before)
     return {
-        "end": witness.end or f"no end: {run.record.get('reason', 'out of time')}",
+        "end": witness.end,
         "before": [rounded(v) for v in witness.before],
         "columns": {key: [e.get(key) for e in witness.entries] for key in COLUMNS},
         "contacts": run.contacts,
     }
 
 
+VERDICTS = ("no change", "change", "poor")  # of proposal_t
 COLUMNS = ("visits", "observations", "seconds", "joules", "mm", "mrad", "off_mm", "off_mrad", "f")
 
 
@@ -432,7 +439,8 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """The study; exit status 2 if FILE belongs to another flight core or other tables."""
+    """The study; exit status 2 if FILE belongs to another flight core or other tables, a setting is no field
+    of CONFIG, or figaroh is missing."""
     o = options(argv)
     try:
         known = resumable.read(o.out, resumable.header(TABLES))
@@ -441,6 +449,9 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     try:
         prepare(o)
+    except ValueError as e:
+        print(f"--set: {e}", file=sys.stderr)
+        return 2
     except ImportError as e:
         print(f"{e}: make .venv/.stamp-bench installs it; or name other --designs", file=sys.stderr)
         return 2

@@ -24,7 +24,7 @@ OBJECTIVE = (REFERENCE, BASELINE)  # designs in the figures of f
 OBJECTIVE_SCENARIOS = ("paper", "two_biases")  # the paper's Fig. 1 and Fig. 3
 ERROR_SCENARIOS = ("paper", "uniform")
 BANDS_MAX = 4  # in one panel
-FINISHED = ("change", "no change", "poor")
+FINISHED = ("change", "no change")
 COSTS = {
     "visits": "poses",
     "observations": "observations",

@@ -7,7 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from kincal.run.inprocess import Setup, simulate
+from kincal.link.channels import message_type
+from kincal.run.inprocess import Setup, Tick, simulate
 from kincal_shared import installation
 
 ROOT = installation.root()
@@ -41,6 +42,7 @@ def line(mm, mrad=None, end="change", visits=None):
         ([9.0, 0.9, 0.9, 0.9], [1.0, 6.0, 4.9, 4.0], "change", 3),  # rotation later than position
         ([9.0, 0.9, 0.5, 1.2], None, "change", float("inf")),  # the proposal is worse
         ([9.0, 0.9, 0.9, 0.9], None, "aborted", float("inf")),
+        ([9.0, 0.9, 0.9, 0.9], None, "poor", float("inf")),
         ([], None, "no end: out of time", float("inf")),
     ],
 )
@@ -112,6 +114,24 @@ def test_a_run_is_recorded_pose_by_pose():
         [1e3 * p.res_pos_m for p in progress], rel=0.02, abs=0.02
     )
     assert witness.before[1] > 30.0 > 5.0 > entries[-1]["mrad"]  # a bias of joint 7
+
+
+@pytest.mark.parametrize(("verdict", "kept"), [("NO_CHANGE", True), ("CHANGE", False), ("POOR", False)])
+def test_without_a_change_the_arm_stays_as_wrong_as_it_was(verdict, kept):
+    scenario = study.scenario_of("two_biases", 5)
+    witness, proposal = study.Witness(scenario, 5), message_type("proposal_t")()
+    proposal.verdict = getattr(proposal, verdict)
+    names = missions.names("two_biases")
+    true = {f"{j}.phi_rad": -bias for j, bias in scenario.arm.encoder_bias_rad.items()}
+    proposal.value[: len(names)] = [true.get(name, 0.0) for name in names]
+    assert not witness.see(Tick(1, 100_000, 0, (), (("KC_PROPOSAL", proposal),)))
+    assert witness.entries[-1]["mm"] == pytest.approx(witness.before[0] if kept else 0.0, rel=1e-4, abs=1e-6)
+
+
+def test_a_run_that_was_refused_or_had_no_end_is_recorded_as_one():
+    settings = study.settings_text({"n_poses": 3, "poses_min": 64})
+    line = study.one(("dopt", settings, "slipped", 5))
+    assert line["end"] not in ("change", "no change") and line["columns"]["mm"][-1] == line["before"][0]
 
 
 def test_a_setting_reaches_config_and_one_that_there_is_not_is_refused():
