@@ -43,7 +43,7 @@ from kincal_sim.vision.imagers import Exposure, fast_imager
 FRAMES = 3
 POSES = range(3, 21)  # below five the prior has a part in it: fewer rows than DH errors
 FLOOR = np.array([2e-4] * 3 + [5e-4] * 3)  # of a measurement's sigma [m, rad], as CONFIG has it
-DETMAX_STARTS, DETMAX_EXCURSION = 4, 3
+DETMAX_STARTS, DETMAX_EXCURSION = 10, 3
 COMPLIANCE_BOUND = 0.01  # of the elbow [rad/(N m)]
 ELBOW = 3  # joint 4
 DH = ("phi_rad", "alpha_rad", "a_m", "d_m")
