@@ -57,6 +57,7 @@ from study_report import Line, Study  # noqa: E402
 
 from kincal.flight import event_name  # noqa: E402
 from kincal.flight import tables as codec  # noqa: E402
+from kincal.pages.image import NoPictures  # noqa: E402
 from kincal.run.inprocess import TABLES, Setup, Tick, simulate  # noqa: E402
 from kincal_sim.mechanics.arm import Arm, split_errors  # noqa: E402
 from kincal_sim.randomness import generator  # noqa: E402
@@ -439,8 +440,8 @@ def options(argv: list[str] | None) -> argparse.Namespace:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """The study; exit status 2 if FILE belongs to another flight core or other tables, a setting is no field
-    of CONFIG, or figaroh is missing."""
+    """The study; exit status 1 if figures could not be drawn, 2 if FILE belongs to another flight core or
+    other tables, a setting is no field of CONFIG, or figaroh is missing."""
     o = options(argv)
     try:
         known = resumable.read(o.out, resumable.header(TABLES))
@@ -461,7 +462,11 @@ def main(argv: list[str] | None = None) -> int:
     if o.write:
         study_report.write_page(PAGE, study_report.page_parts(study))
     if o.write or o.figures:
-        print("\n".join(map(str, study_report.save(study, IMAGES if o.write else o.figures))))
+        try:
+            print("\n".join(map(str, study_report.save(study, IMAGES if o.write else o.figures))))
+        except NoPictures as e:
+            print(f"no figures: {e.what}; {e.todo}", file=sys.stderr)
+            return 1
     return 0
 
 
