@@ -242,7 +242,9 @@ def page_parts(study: Study) -> dict[str, str]:
         f"Limits: {LIMIT_MM:g} mm and {LIMIT_MRAD:g} mrad. Median / 90th percentile of seeds {seeds[0]} to"
         f" {seeds[-1]}."
     )
-    named = ((f"`{name}`", what) for name, what in (study.designs | study.outside).items())
+    has_runs = {x["design"] for x in study.lines}
+    every = study.designs | study.outside
+    named = ((f"`{name}`", what) for name, what in every.items() if name in has_runs)
     designs = markdown(("design", "how poses are chosen"), named, texts=2)
     costs = [f"### {_title(study, s)}\n\n{cost_table(study, s)}" for s in study.flown]
     errors = [f"### {_title(study, s)}\n\n{visit_table(study, s)}" for s in study.flown]

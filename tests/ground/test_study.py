@@ -255,6 +255,7 @@ def test_tables_say_what_the_runs_cost():
     ]
     ratios = cells(study_report.ratio_table(made), "the paper's errors | `dopt`")
     assert ratios[2:] == ["0.50", "0.50", "0.50", "0.25"]
+    assert "figaroh" not in study_report.page_parts(made)["designs"]
     assert "9 missions flown. 1 ended" in study_report.endings(made)
     assert "`random`, seed 3: aborted" in study_report.endings(made)
 
