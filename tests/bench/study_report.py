@@ -180,20 +180,43 @@ def _ratios(pairs: list[tuple[Line, Line]]) -> list[str]:
 
 def baseline_table(study: Study) -> str:
     """Against the baseline, seed by seed: is a design better than chance?"""
-    head = ("scenario", "design", "fewer poses", "as many", "more", "p of a sign test")
+    head = (
+        "scenario",
+        "design",
+        "fewer poses",
+        "as many",
+        "more",
+        "p",
+        "smaller error at the end",
+        "larger",
+        "p",
+    )
     rows = []
     for scenario in study.flown:
         groups = dict(study.groups(scenario, outside=False))
-        base = {x["seed"]: cost(x, "visits") for x in groups.get(BASELINE, ())}
+        base = {x["seed"]: x for x in groups.get(BASELINE, ())}
         for design, own in groups.items():
-            pairs = [(cost(x, "visits"), base[x["seed"]]) for x in own if x["seed"] in base]
-            if design == BASELINE or not pairs:
-                continue
-            fewer, more = sum(a < b for a, b in pairs), sum(a > b for a, b in pairs)
-            p = binomtest(fewer, fewer + more).pvalue if fewer + more else 1.0
-            counts = map(str, (fewer, len(pairs) - fewer - more, more))
-            rows.append((study.scenarios[scenario], f"`{design}`", *counts, number(p, ".2g")))
+            pairs = [(x, base[x["seed"]]) for x in own if x["seed"] in base]
+            if design != BASELINE and pairs:
+                fewer, same, more, p = sign_test([(cost(x, "visits"), cost(y, "visits")) for x, y in pairs])
+                ends = [(x["columns"]["mm"][-1], y["columns"]["mm"][-1]) for x, y in pairs]
+                smaller, _, larger, p_end = sign_test(ends)
+                cells = (
+                    *map(str, (fewer, same, more)),
+                    f"{p:.2g}",
+                    str(smaller),
+                    str(larger),
+                    f"{p_end:.2g}",
+                )
+                rows.append((study.scenarios[scenario], f"`{design}`", *cells))
     return markdown(head, rows, texts=2)
+
+
+def sign_test(pairs: Sequence[tuple[float, float]]) -> tuple[int, int, int, float]:
+    """How many of the first are less, the same, more, and the two-sided p of a sign test."""
+    less, more = sum(a < b for a, b in pairs), sum(a > b for a, b in pairs)
+    p = float(binomtest(less, less + more).pvalue) if less + more else 1.0
+    return less, len(pairs) - less - more, more, p
 
 
 def hidden_table(study: Study, scenario: str) -> str:

@@ -252,12 +252,22 @@ def test_tables_say_what_the_runs_cost():
         "0",
         "0",
         "0.25",
+        "3",
+        "0",
+        "0.25",
     ]
     ratios = cells(study_report.ratio_table(made), "the paper's errors | `dopt`")
     assert ratios[2:] == ["0.50", "0.50", "0.50", "0.25"]
     assert "figaroh" not in study_report.page_parts(made)["designs"]
     assert "9 missions flown. 1 ended" in study_report.endings(made)
     assert "`random`, seed 3: aborted" in study_report.endings(made)
+
+
+def test_a_sign_test_leaves_out_ties():
+    inf = float("inf")
+    assert study_report.sign_test([(1, 2), (2, 2), (inf, inf), (3, 2), (1, inf)]) == (2, 2, 1, 1.0)
+    assert study_report.sign_test([(1, 2)] * 6)[3] == pytest.approx(2.0 / 2**6)
+    assert study_report.sign_test([(2, 2)]) == (0, 1, 0, 1.0)
 
 
 def test_f_is_on_the_scale_of_its_run():
