@@ -180,17 +180,8 @@ def _ratios(pairs: list[tuple[Line, Line]]) -> list[str]:
 
 def baseline_table(study: Study) -> str:
     """Against the baseline, seed by seed: is a design better than chance?"""
-    head = (
-        "scenario",
-        "design",
-        "fewer poses",
-        "as many",
-        "more",
-        "p",
-        "smaller error at the end",
-        "larger",
-        "p",
-    )
+    head = ["scenario", "design", "fewer poses", "as many", "more", "p of poses"]
+    head += ["smaller error at the end", "larger", "p of error"]
     rows = []
     for scenario in study.flown:
         groups = dict(study.groups(scenario, outside=False))
