@@ -287,7 +287,7 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench bench-samples blind montecarlo sigma camera-chain campaign-faults assurance occlusion real halves
+.PHONY: demo hil bench bench-samples blind study montecarlo sigma camera-chain campaign-faults assurance occlusion real halves
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -300,6 +300,11 @@ bench: setup core messages .venv/.stamp-bench ## how fast against other software
 bench-samples: setup build ## held-out error against number of poses, for all acquisitions
 	.venv/bin/python tests/bench/samples.py
 	.venv/bin/python tests/bench/samples.py --space tables/bin/space.tbl
+
+study: setup core messages .venv/.stamp-bench ## poses, seconds and joules until an arm is calibrated, by design (SEEDS, FIRST, DESIGNS, SCENARIOS, SET; WRITE=1 for docs/STUDY.md)
+	.venv/bin/python tests/bench/study.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST)) \
+	    $(if $(DESIGNS),--designs $(DESIGNS)) $(if $(SCENARIOS),--scenarios $(SCENARIOS)) $(if $(SET),--set $(SET)) \
+	    $(if $(WRITE),--write)
 
 blind: setup core ## sealed hidden effects: what the workbench finds, and whether its probabilities are honest
 	.venv/bin/python tests/bench/blind.py

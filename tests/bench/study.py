@@ -1,12 +1,13 @@
 """How many poses, seconds and joules does a calibration take, by each way of choosing its poses?
 
     python tests/bench/study.py [--designs ucb dopt ...] [--scenarios paper ...] [--seeds 40] [--first 1]
-                                [--jobs 2] [--set FIELD=VALUE ...] [--out FILE]
+                                [--jobs 2] [--set FIELD=VALUE ...] [--out FILE] [--write]
 
 A design is an acquisition with settings of CONFIG (DESIGNS, below). Each is flown in each scenario with each
 seed by kincal.run.inprocess.simulate, from START to the proposal: flight core, the shipped tables, the
 simulator in fast mode. One line per run goes to FILE at once; a second start continues it. --set changes
-fields of CONFIG in all designs (est.rank_tol=1e-5 for a nested one).
+fields of CONFIG in all designs (est.rank_tol=1e-5 for a nested one). --write puts tables into docs/STUDY.md
+and figures into docs/img. Designs of other makers fly nothing: study_outside.py.
 
 Scenarios
 - paper: the errors of the paper's simulation
@@ -16,12 +17,13 @@ Scenarios
 - uplinked: the elbow yields under gravity; the TERMS table has the effect
 
 Recorded after each pose: visits (every pose that the arm set out for counts: local initial poses, and
-those that were given up), observations used, mission seconds since START, joules (the powers of CONFIG;
+those that were skipped), observations used, mission seconds since START, joules (the powers of CONFIG;
 moving while arm or pan-tilt unit says so), and of the estimate at that time the error at HELD_OUT postures
 that were not measured, anywhere in the search region (RMS, position and rotation). off_mm, off_mrad: the
 measured pose against the kinematics before it was used, the distances in the paper's f (eq. 6); f: as flight
-states it. The last entry of a run is its proposal. After an abort there is no correction, and the last entry
-is the error of the arm as it was. Truth and judgement are MuJoCo's; they share no code with flight.
+states it. The last entry of a run is its proposal. After an abort, or if flight finds that nothing has to
+change, there is no correction, and the last entry is the error of the arm as it was. Truth and comparison are
+MuJoCo's; they share no code with flight.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -49,9 +51,13 @@ for _folder in ("ground", "sim", "build/py", "tests/bench"):
 import missions  # noqa: E402
 import montecarlo  # noqa: E402
 import resumable  # noqa: E402
+import study_outside  # noqa: E402
+import study_report  # noqa: E402
+from study_report import Line, Study  # noqa: E402
 
 from kincal.flight import event_name  # noqa: E402
 from kincal.flight import tables as codec  # noqa: E402
+from kincal.pages.image import NoPictures  # noqa: E402
 from kincal.run.inprocess import TABLES, Setup, Tick, simulate  # noqa: E402
 from kincal_sim.mechanics.arm import Arm, split_errors  # noqa: E402
 from kincal_sim.randomness import generator  # noqa: E402
@@ -70,14 +76,21 @@ class Design:
     settings: dict[str, float] = field(default_factory=dict)
 
 
+# What flies. A new row here is all that a new design needs. A new field of CONFIG that changes what the older
+# designs do gets its old value in their settings, so that they stay what others are compared with.
+PAPER: dict[str, float] = {"initial_design": 0, "way_obs_max": 0}  # all initial poses, one observation a pose
 DESIGNS = {
-    "ucb": Design("GP-UCB on f, as in the paper", "ucb"),
-    "random": Design("by chance, the paper's baseline", "random"),
-    "dopt": Design("most information, D-optimal", "dopt"),
-    "vopt": Design("least predicted variance, V-optimal", "vopt"),
-    "rate": Design("most information for its cost", "rate"),
-    "dopt_table": Design("D-optimal after all local initial poses", "dopt", {"initial_design": 0}),
-    "ucb_table": Design("GP-UCB after all initial poses, as in the paper", "ucb", {"initial_design": 0}),
+    "ucb": Design("GP-UCB on f, as in the paper", "ucb", PAPER),
+    "random": Design("by chance, the paper's baseline", "random", PAPER),
+    "dopt": Design("most information, D-optimal", "dopt", PAPER),
+    "vopt": Design("least predicted variance, V-optimal", "vopt", PAPER),
+    "dopt_initial": Design("D-optimal from the start, initial poses too", "dopt", {"way_obs_max": 0}),
+    "rate": Design("most information for its cost, from the start: the default", "rate"),
+}
+# What is chosen before anything is measured and compared offline: study_outside.py.
+OUTSIDE = {
+    "figaroh": "figaroh's D-optimal weights",
+    "detmax": "DETMAX exchange",
 }
 SCENARIOS = {
     "paper": "the paper's errors",
@@ -86,9 +99,9 @@ SCENARIOS = {
     "slipped": "one slipped joint",
     "uplinked": "an uplinked effect",
 }
+ALL = [*DESIGNS, *OUTSIDE]
 HELD_OUT = 200
-LIMIT_MM, LIMIT_MRAD = 1.0, 5.0
-Line = dict[str, Any]
+PAGE, IMAGES = ROOT / "docs" / "STUDY.md", ROOT / "docs" / "img"
 Job = tuple[str, str, str, int]  # design, its settings in words, scenario, seed
 
 
@@ -209,7 +222,7 @@ class Believed:
         return self.arm.T_base_tool
 
 
-class Judge:
+class Truth:
     """The true arm of a scenario at postures that are not measured, and how far another arm is from it."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
@@ -236,7 +249,7 @@ class Account:
 
     seconds: float = 0.0
     joules: float = 0.0
-    given_up: int = 0  # poses
+    skipped: int = 0  # poses
     observations: int = 0
 
 
@@ -245,14 +258,14 @@ class Witness:
     while it goes on."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        self.judge, self.names = Judge(scenario, seed), missions.names(scenario.name)
+        self.truth, self.names = Truth(scenario, seed), missions.names(scenario.name)
         self.now = Account()
         self.start_us: int | None = None
         self.measured: dict[int, Any] = {}  # last observation by pose
         self.entries: list[Line] = []
         self.end, self.poses = "", 0
         self._believed = Believed(scenario)
-        self.before = self.judge.held_out(self._believed)
+        self.before = self.truth.held_out(self._believed)
         self._last_us = 0
 
     def see(self, tick: Tick) -> bool:
@@ -268,7 +281,8 @@ class Witness:
                 self._progress(m)
             elif channel == "KC_PROPOSAL":
                 self._believe(m.value)
-                self._finish(("no change", "change", "poor")[m.verdict], None)
+                error = self.before if m.verdict == m.NO_CHANGE else self.truth.held_out(self._believed)
+                self.finish(VERDICTS[m.verdict], error)
         return not self.end
 
     def _spend(self, tick: Tick) -> None:
@@ -285,9 +299,9 @@ class Witness:
         if event == "CAL_START":
             self.start_us = self._last_us = now_us
         elif event == "CAL_CAND_SKIPPED":
-            self.now.given_up += 1
+            self.now.skipped += 1
         elif event == "CAL_ABORTED":
-            self._finish("aborted", self.before)
+            self.finish("aborted", self.before)
 
     def _believe(self, values: Any) -> None:
         self._believed.correct(dict(zip(self.names, values, strict=False)))
@@ -296,7 +310,7 @@ class Witness:
         off = self._off(self.measured[m.pose])
         self._believe(m.coef)
         self.poses += 1
-        self._enter(self.judge.held_out(self._believed), {"off_mm": off[0], "off_mrad": off[1], "f": m.f})
+        self._enter(self.truth.held_out(self._believed), {"off_mm": off[0], "off_mrad": off[1], "f": m.f})
 
     def _off(self, meas: Any) -> tuple[float, float]:
         """Distance of a measured pose from the one believed, position [mm] and rotation [mrad]."""
@@ -304,14 +318,15 @@ class Witness:
         off_m = np.linalg.norm(T[:3, 3] - np.array(meas.p_m))
         return 1e3 * float(off_m), 1e3 * rotation_angle(T, rotation_matrix(meas.q_wxyz))
 
-    def _finish(self, end: str, error: tuple[float, float] | None) -> None:
+    def finish(self, end: str, error: tuple[float, float]) -> None:
+        """The run ends, with the arm this much in error."""
         self.end = end
-        self._enter(error or self.judge.held_out(self._believed), {})
+        self._enter(error, {})
 
     def _enter(self, error: tuple[float, float], more: Line) -> None:
         now = self.now
         entry = {
-            "visits": self.poses + now.given_up,
+            "visits": self.poses + now.skipped,
             "observations": now.observations,
             "seconds": round(now.seconds, 1),
             "joules": round(now.joules, 1),
@@ -319,118 +334,71 @@ class Witness:
             "mrad": error[1],
             **more,
         }
-        self.entries.append({k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in entry.items()})
+        self.entries.append({k: rounded(v) for k, v in entry.items()})
+
+
+def one(job: Job) -> Line:
+    """A calibration, as a line of the file of runs."""
+    design, settings, scenario, seed = job
+    begun = time.process_time()
+    found = outside(job) if design in OUTSIDE else fly(job)
+    which = {"design": design, "settings": settings, "scenario": scenario, "seed": seed}
+    return which | found | {"cpu_s": round(time.process_time() - begun, 2)}
+
+
+def outside(job: Job) -> Line:
+    """Sets of poses of another maker, each measured from nothing."""
+    design, _, scenario_name, seed = job
+    scenario = scenario_of(scenario_name, seed)
+    truth, believed = Truth(scenario, seed), Believed(scenario)
+    before, columns = truth.held_out(believed), {key: [] for key in COLUMNS}
+    for visits, observations, correction in study_outside.corrections(design, scenario, seed):
+        believed.correct(correction)
+        error = truth.held_out(believed)
+        entry = {"visits": visits, "observations": observations, "mm": error[0], "mrad": error[1]}
+        for key, values in columns.items():
+            values.append(rounded(entry.get(key)))
+    return {"end": "change", "before": [rounded(v) for v in before], "columns": columns}
+
+
+def rounded(value: Any) -> Any:
+    """With five digits, if it is a fraction."""
+    return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
 def fly(job: Job) -> Line:
-    """A calibration, as a line of the file of runs."""
+    """A calibration by flight."""
     name, settings, scenario_name, seed = job
-    begun = time.process_time()
     scenario = scenario_of(scenario_name, seed)
     witness = Witness(scenario, seed)
     setup = Setup(tables=tables_of(scenario_name, settings), acquisition=DESIGNS[name].acquisition)
     run = simulate(scenario, seed, setup, each_tick=witness.see)
+    if not witness.end:
+        witness.finish(f"no end: {run.record.get('reason', 'out of time')}", witness.before)
     return {
-        "design": name,
-        "settings": settings,
-        "scenario": scenario_name,
-        "seed": seed,
-        "end": witness.end or f"no end: {run.record.get('reason', 'out of time')}",
-        "before": [float(f"{v:.5g}") for v in witness.before],
+        "end": witness.end,
+        "before": [rounded(v) for v in witness.before],
         "columns": {key: [e.get(key) for e in witness.entries] for key in COLUMNS},
         "contacts": run.contacts,
-        "cpu_s": round(time.process_time() - begun, 2),
     }
 
 
+VERDICTS = ("no change", "change", "poor")  # of proposal_t
 COLUMNS = ("visits", "observations", "seconds", "joules", "mm", "mrad", "off_mm", "off_mrad", "f")
 
 
 # ---- summaries -------------------------------------------------------------------------------------------
 
 
-def settled(line: Line) -> int | None:
-    """Index of the entry from which on the held-out error stays within both limits; None if it does not, or
-    if the run ended without a correction."""
-    good = [
-        mm <= LIMIT_MM and mrad <= LIMIT_MRAD
-        for mm, mrad in zip(line["columns"]["mm"], line["columns"]["mrad"], strict=True)
-    ]
-    if not good or not good[-1] or line["end"] not in ("change", "no change", "poor"):
-        return None
-    return next((k + 1 for k in range(len(good) - 1, -1, -1) if not good[k]), 0)
+def study_of(lines: Sequence[Line]) -> Study:
+    """For tables and figures."""
+    return Study(lines, SCENARIOS, {name: design.what for name, design in DESIGNS.items()}, OUTSIDE)
 
 
-def cost(line: Line, column: str) -> float:
-    """Visits, observations, seconds or joules until the error stays within the limits; infinite if it does
-    not."""
-    k = settled(line)
-    return float("inf") if k is None else float(line["columns"][column][k])
-
-
-def error_at(line: Line, column: str, limit: float, what: str = "mm") -> float:
-    """Held-out error when that many visits, seconds ... are spent: that of the last entry within the limit;
-    before the first one, the error before the calibration."""
-    spent = line["columns"][column]
-    within = [k for k, value in enumerate(spent) if value <= limit]
-    return float(line["columns"][what][within[-1]] if within else line["before"][what == "mrad"])
-
-
-def quantile(values: list[float], q: float) -> float:
-    """The smallest of the values that a share q does not exceed; may be infinite."""
-    return float(np.quantile(values, q, method="inverted_cdf"))
-
-
-def text(value: float, digits: str, beyond: str = "never") -> str:
-    """A number for a table."""
-    return format(value, digits) if np.isfinite(value) else beyond
-
-
-VISITS = (3, 6, 8, 10, 12, 14, 17, 20, 25, 34)
-SECONDS = (60, 120, 180, 240, 300, 400)
-
-
-def summary(lines: list[Line]) -> list[str]:
-    """Lines to print about the runs of one scenario and one design."""
-    flown = max(line["columns"]["visits"][-1] for line in lines if line["columns"]["visits"])
-    reached = sum(settled(line) is not None for line in lines)
-    out = []
-    for column in ("visits", "observations", "seconds", "joules"):
-        values = [cost(line, column) for line in lines]
-        beyond = f">{flown}" if column == "visits" else "never"
-        median, p90 = (text(quantile(values, q), ".0f", beyond) for q in (0.5, 0.9))
-        out.append(f"{column} {median}/{p90}")
-    ends = [line["columns"] for line in lines]
-    final = [quantile([c["mm"][-1] for c in ends], q) for q in (0.5, 0.9)]
-    spent = [np.median([c[k][-1] for c in ends]) for k in ("visits", "observations", "seconds", "joules")]
-    return [
-        f"reached {reached}/{len(lines)}: " + ", ".join(out),
-        f"at the end {final[0]:.2f}/{final[1]:.2f} mm, {spent[0]:.0f} visits, {spent[1]:.0f} observations,"
-        f" {spent[2]:.0f} s, {spent[3]:.0f} J",
-        _errors(lines, "visits", VISITS),
-        _errors(lines, "seconds", SECONDS),
-    ]
-
-
-def _errors(lines: list[Line], column: str, limits: tuple[int, ...]) -> str:
-    cells = []
-    for limit in limits:
-        errors = [error_at(line, column, limit) for line in lines]
-        cells.append(f"{limit}: {quantile(errors, 0.5):.3g}/{quantile(errors, 0.9):.3g}")
-    return f"mm after {column}  " + "  ".join(cells)
-
-
-def print_summary(lines: list[Line]) -> None:
-    """Median/p90 of everything, by scenario and design."""
-    print(f"median/90th percentile; limits {LIMIT_MM:g} mm and {LIMIT_MRAD:g} mrad, held out")
-    for scenario in SCENARIOS:
-        for design in DESIGNS:
-            own = [line for line in lines if (line["scenario"], line["design"]) == (scenario, design)]
-            if own:
-                print("\n    ".join([f"{scenario}, {design}:", *summary(own)]))
-    for line in lines:
-        if line["end"] not in ("change", "no change"):
-            print(f"{line['scenario']}, {line['design']}, seed {line['seed']}: {line['end']}")
+def print_summary(study: Study) -> None:
+    """The tables as text."""
+    for name, part in study_report.page_parts(study).items():
+        print(f"{name}\n\n{part}")
 
 
 # ---- all of them -----------------------------------------------------------------------------------------
@@ -444,34 +412,64 @@ def key_of(line: Line) -> Job:
 def jobs_of(o: argparse.Namespace) -> list[Job]:
     """Seeds first, so that whoever stops the study has all designs on the same seeds."""
     asked = read_settings(" ".join(o.set))
-    settings = {name: settings_text(DESIGNS[name].settings | asked) for name in o.designs}
+    flown = {name: settings_text(design.settings | asked) for name, design in DESIGNS.items()}
+    settings = flown | dict.fromkeys(OUTSIDE, "")
     seeds = range(o.first, o.first + o.seeds)
     return [(d, settings[d], s, seed) for seed in seeds for s in o.scenarios for d in o.designs]
+
+
+def prepare(o: argparse.Namespace) -> None:
+    """Have the sets of other makers chosen before several processes want them, and settings checked."""
+    for design in (d for d in o.designs if d in OUTSIDE):
+        for uplinked in {scenario == "uplinked" for scenario in o.scenarios}:
+            study_outside.sets(design, uplinked)
+    for _, settings, scenario, _ in jobs_of(o):
+        tables_of(scenario, settings)
 
 
 def options(argv: list[str] | None) -> argparse.Namespace:
     """The command line."""
     p = argparse.ArgumentParser(prog="study.py", description=(__doc__ or "").split("\n")[0])
-    p.add_argument("--designs", nargs="+", choices=list(DESIGNS), default=list(DESIGNS), metavar="NAME")
+    p.add_argument("--designs", nargs="+", choices=ALL, default=ALL, metavar="NAME")
     p.add_argument("--scenarios", nargs="+", choices=list(SCENARIOS), default=list(SCENARIOS), metavar="NAME")
     p.add_argument("--seeds", type=int, default=40)
     p.add_argument("--first", type=int, default=1, help="first seed")
     p.add_argument("--jobs", type=int, default=2, help="processes")
     p.add_argument("--set", nargs="+", default=[], metavar="FIELD=VALUE", help="of CONFIG, in all designs")
+    p.add_argument("--write", action="store_true", help="tables into docs/STUDY.md, figures into docs/img")
+    p.add_argument("--figures", type=Path, metavar="FOLDER", help="figures only, into a folder")
     p.add_argument("--out", type=Path, default=ROOT / "build" / "study.jsonl")
     return p.parse_args(argv)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """The study; exit status 2 if FILE belongs to another flight core or other tables."""
+    """The study; exit status 1 if figures could not be drawn, 2 if FILE belongs to another flight core or
+    other tables, a setting is no field of CONFIG, or figaroh is missing."""
     o = options(argv)
     try:
         known = resumable.read(o.out, resumable.header(TABLES))
     except resumable.OtherRuns as e:
         print(e, file=sys.stderr)
         return 2
-    lines = resumable.run_all(fly, jobs_of(o), o.out, known, key_of, o.jobs)
-    print_summary(lines)
+    try:
+        prepare(o)
+    except ValueError as e:
+        print(f"--set: {e}", file=sys.stderr)
+        return 2
+    except ImportError as e:
+        print(f"{e}: make .venv/.stamp-bench installs it; or name other --designs", file=sys.stderr)
+        return 2
+    lines = resumable.run_all(one, jobs_of(o), o.out, known, key_of, o.jobs)
+    study = study_of(lines)
+    print_summary(study)
+    if o.write:
+        study_report.write_page(PAGE, study_report.page_parts(study))
+    if o.write or o.figures:
+        try:
+            print("\n".join(map(str, study_report.save(study, IMAGES if o.write else o.figures))))
+        except NoPictures as e:
+            print(f"no figures: {e.what}; {e.todo}", file=sys.stderr)
+            return 1
     return 0
 
 

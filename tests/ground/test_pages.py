@@ -14,6 +14,7 @@ from samples import result
 
 from kincal.pages import glossary, image, page, run, run_figures, theme
 from kincal.pages.page import Cell, Grid, Page, Provenance, Section, Tile
+from kincal.results import Curve
 from kincal_shared.errors import BadInput
 
 ORIGIN = Provenance("2026-11-22", {"arm": "1a2b3c4d"}, "out/run.lcmlog", "ab" * 32, seed=7)
@@ -192,6 +193,15 @@ def test_text_and_lines_stand_out_from_the_paper(dark):
     words = (theme.MUTED, theme.BLUE, theme.GREEN, theme.RED)  # WCAG 2.2, 1.4.3
     assert all(contrast(shade(colour), paper) >= 4.5 for colour in words)
     assert all(contrast(shade(colour), paper) >= 3.0 for colour in theme.SERIES)
+
+
+def test_the_objective_is_drawn_on_a_scale_on_which_one_sees_it():
+    """After the first pose f is close to zero, on a linear scale all of it on the axis."""
+    first = result().curves[0]
+    poses = tuple(replace(p, f_run=f) for p, f in zip(first.poses, (-1.0, -0.003, -0.03), strict=False))
+    drawn = run_figures.progress(replace(result(), curves=(Curve("ucb", poses),)))
+    f = next(t for t in drawn.data if t.xaxis == "x")
+    assert list(f.y) == [1.0, 0.003, 0.03][: len(poses)] and drawn.layout.yaxis.type == "log"
 
 
 def test_figures_without_truth_show_estimates():

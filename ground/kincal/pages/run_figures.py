@@ -24,7 +24,7 @@ MARKS = {"ucb": "circle", "random": "square", "dopt": "triangle-up", "vopt": "di
 MILLI = {"rad": "mrad", "m": "mm"}
 KINDS = {"rad": "Angles", "m": "Lengths"}
 _SEEN_M = 1e-6  # an error before calibration that is drawn; a healthy arm has none
-OBJECTIVE = "Objective f (eq. 6), largest residual = -1"
+OBJECTIVE = "−f (eq. 6), largest residual = 1"
 HELD_OUT = "Held-out position error"
 
 
@@ -74,15 +74,17 @@ def _add_progress(
     figure: go.Figure, result: RunResult, left: tuple[int, int], right: tuple[int, int]
 ) -> None:
     for curve in result.curves:
-        _add(figure, _curve(curve, [p.f_run for p in curve.poses], True), left)
+        _add(figure, _curve(curve, [-p.f_run for p in curve.poses], True), left)
         _add(figure, _curve(curve, [p.held_pos_m * 1e3 for p in curve.poses], False), right)
     if result.before and result.before.pos_m > _SEEN_M and result.curves:
         _add(figure, _before(result), right)
-    for at, title in ((left, "f [-]"), (right, "position RMS [mm]")):
+    for at, title in ((left, "−f [-]"), (right, "position RMS [mm]")):
         figure.update_xaxes(title_text="poses measured", row=at[0], col=at[1])
         figure.update_yaxes(title_text=title, row=at[0], col=at[1])
     log = {"type": "log", "dtick": 1, "tickformat": "~g", "minor": {"ticks": "outside"}}
-    figure.update_yaxes(**log, row=right[0], col=right[1])
+    # linear, all of f but the first pose lies on the axis, however wrong the arm still is (docs/STUDY.md)
+    for row, col in (left, right):
+        figure.update_yaxes(**log, row=row, col=col)
 
 
 def _add(figure: go.Figure, trace: go.Scatter, at: tuple[int, int]) -> None:
