@@ -129,6 +129,8 @@ static void walk_poses(kc_walk_t *w, kc_config_t *c)
     kc_walk_u8(w, 79u, &c->rate_measure, KC_ACQ_DOPT, KC_ACQ_VOPT); /* kc_acq_t */
     kc_walk_u8(w, 80u, &c->rate_cost, KC_COST_TIME, KC_COST_ENERGY); /* kc_cost_t */
     kc_walk_f64(w, 81u, &c->frame_s, 0.0, 3600.0);
+    kc_walk_f64(w, 82u, &c->stop_confidence, 0.0, 0.9999); /* 0 = RMS */
+    kc_walk_u32(w, 83u, &c->stop_checks, 0u, KC_MEAS_MAX); /* 0 = not checked */
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)

@@ -123,6 +123,8 @@ static const spoil_t s_spoil[] = {
     {79, AT(rate_measure), 'b', 1.0},
     {80, AT(rate_cost), 'b', 2.0},
     {81, AT(frame_s), 'd', -0.1},
+    {82, AT(stop_confidence), 'd', 1.0},
+    {83, AT(stop_checks), 'u', 65.0},
 };
 
 static void spoil(const spoil_t *s, double value)
