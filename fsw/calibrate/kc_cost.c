@@ -26,7 +26,8 @@ static double moves_s(const kc_view_t *view, uint32_t cand, const double *q)
     uint16_t path[KC_PATH_MAX + 1u];
     double at[KC_JOINT_MAX] = {0}, to[KC_JOINT_MAX] = {0}, sum = 0.0;
     memcpy(at, view->telemetry->arm.q, sizeof at);
-    (void)kc_path_plan(space, from, KC_HUB_MAX + cand, path, &n); /* without one, MOVE gives the candidate up */
+    (void)kc_path_plan(space, from, KC_HUB_MAX + cand, path,
+                       &n); /* without one, MOVE gives the candidate up */
     for (uint32_t i = 0u; i < n; i++) {
         kc_path_joints(space, path[i], to);
         sum += leg_s(view->tables, at, to);
@@ -38,9 +39,10 @@ double kc_cost_candidate(const kc_view_t *view, uint32_t cand, const double *q)
 {
     const kc_config_t *c = &view->tables->config;
     double steps = (double)*view->servo_steps, moves = moves_s(view, cand, q);
-    double stops = steps + 1.0, frames = stops + (double)c->frames_per_meas; /* one a stop, then the measurement */
+    double stops = steps + 1.0,
+           frames = stops + (double)c->frames_per_meas; /* one a stop, then the measurement */
     double rest = stops * (double)c->settle_us * 1e-6 + frames * c->frame_s;
     double cost = c->rate_cost == (uint8_t)KC_COST_ENERGY ? c->power_move_w * moves + c->power_idle_w * rest
-                                                           : moves + rest;
+                                                          : moves + rest;
     return kc_max(cost, COST_MIN);
 }

@@ -57,7 +57,8 @@ static bool within(double miss, double limit, const double *cov)
 
 bool kc_fit_checked(const kc_config_t *config, kc_miss_t miss, const double cov[36])
 {
-    return within(miss.pos_m, config->stop_pos_m, cov) && within(miss.rot_rad, config->stop_rot_rad, &cov[21]);
+    return within(miss.pos_m, config->stop_pos_m, cov) &&
+           within(miss.rot_rad, config->stop_rot_rad, &cov[21]);
 }
 
 bool kc_fit_certain(const kc_config_t *config, const kc_est_t *est, kc_status_t status, kc_miss_t sigma)
@@ -86,7 +87,8 @@ static bool local_mismatch(const kc_config_t *c, const kc_est_t *e, bool only_lo
     bool limited = c->mismatch_pos_m > 0.0 || c->mismatch_rot_rad > 0.0;
     bool noisy = e->dof >= c->mismatch_dof_min && e->noise_scale > c->mismatch_noise_scale;
     uint32_t n_outliers = e->n_outliers - (e->without > 0u ? 1u : 0u);
-    return limited && only_local && e->hold_none && all_requested(e) && (noisy || n_outliers >= c->mismatch_outliers_min);
+    return limited && only_local && e->hold_none && all_requested(e) &&
+           (noisy || n_outliers >= c->mismatch_outliers_min);
 }
 
 static bool beyond(const kc_config_t *c, kc_miss_t miss)

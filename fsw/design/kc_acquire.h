@@ -51,25 +51,27 @@ typedef struct {
     double len_m;
     /* prior of a coefficient that has none of its own: even between its bounds; else KC_ACQ_SIGMA x scale */
     bool by_bounds;
-    double safe_m; /* a candidate where the tool's position is less certain than this (1 sigma) is taken only if
+    double
+        safe_m; /* a candidate where the tool's position is less certain than this (1 sigma) is taken only if
                       all are: then the most certain one. 0: they are all alike */
-    const float *cost; /* of each candidate, > 0: the gain is taken per unit of it (vopt: that of the logarithm of
+    const float
+        *cost; /* of each candidate, > 0: the gain is taken per unit of it (vopt: that of the logarithm of
                           the variance); NULL: the gain alone */
 } kc_acq_ask_t;
 
 typedef struct {
     double M[KC_COEF_MAX * KC_COEF_MAX]; /* covariance, in units of scale */
     double S[KC_COEF_MAX * KC_COEF_MAX]; /* information; then M (sum J'J) M (vopt) */
-    double J[KC_COEF_MAX][6];            /* Jacobian of one pose, in those units */
+    double J[KC_COEF_MAX][6]; /* Jacobian of one pose, in those units */
     double prior[KC_COEF_MAX]; /* precision of the prior, in those units */
     uint32_t idx[KC_COEF_MAX], n;
     kc_eval_t eval;
     /* where the choice stands between two steps (kc_acquire.c) */
     uint8_t phase; /* 0: over */
-    uint32_t i;    /* next observation or candidate */
+    uint32_t i; /* next observation or candidate */
     kc_acq_t kind;
     double W[36]; /* whitens a measurement */
-    double L[9];  /* and back: the factor of its position's covariance */
+    double L[9]; /* and back: the factor of its position's covariance */
     double len_m, total;
     bool by_bounds;
     double safe_m2;
@@ -80,7 +82,8 @@ typedef struct {
     double value;
     bool safe; /* the best one is certain enough */
     double sigma2_m2; /* variance of the tool's position there, before it is measured */
-    double known; /* directions of the coefficients that the observations determine better than the prior, each
+    double
+        known; /* directions of the coefficients that the observations determine better than the prior, each
                      counted by how much better: 0 ... n */
 } kc_acq_work_t;
 kc_status_t kc_acq_info(kc_acq_t kind, const kc_est_t *est, const float *q, uint32_t n_cand,

@@ -89,7 +89,8 @@ typedef struct {
     uint8_t rate_cost; /* kc_cost_t */
     double frame_s; /* time from a frame's request to its detection */
     /* stop */
-    double stop_confidence; /* probability that the error is within stop_pos_m and stop_rot_rad; 0: their RMS */
+    double
+        stop_confidence; /* probability that the error is within stop_pos_m and stop_rot_rad; 0: their RMS */
     uint32_t stop_checks; /* so many poses in a row have to be as predicted, before they are used */
 } kc_config_t;
 

@@ -194,8 +194,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "None if rare: the correction before stays in use. Otherwise check the TERMS bounds.")                 \
     X(73, CAL_BUDGET, WARN, "time budget of {want:s} used up after {got:s}",                                 \
       "None: what was measured is used.")                                                                    \
-    X(74, CAL_CONVERGED, INFO, "predicted error of the tool position {got:mm} meets the requirement of {want:mm}",  \
-      "")                                                                                                    \
+    X(74, CAL_CONVERGED, INFO,                                                                               \
+      "predicted error of the tool position {got:mm} meets the requirement of {want:mm}", "")                \
     X(75, CAL_ABORTED, WARN, "calibration stopped: {got:cause}; poses measured: {index:count}",              \
       "Remove the cause. START begins a new calibration from SAFE.")                                         \
     X(76, CAL_POOR, ERROR, "fit is poor: probability {got:number}, noise {want:number} times as stated",     \
@@ -305,11 +305,13 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "would have shown with probability {got:number}; tool known to {want:mm} at the next pose",            \
       "")                                                                                                    \
     X(141, CAL_DOUBT, WARN,                                                                                  \
-      "the first {index:count} observations have probability {got:number}, required {want:number}: all local "\
+      "the first {index:count} observations have probability {got:number}, required {want:number}: all "     \
+      "local "                                                                                               \
       "initial poses are measured",                                                                          \
       "None: CAL_MODEL_MISMATCH follows if no correction within its bounds explains them.")                  \
     X(142, CAL_UNREACHABLE, WARN,                                                                            \
-      "the stated errors of the camera chain alone leave the tool uncertain by {got:mm}, required {want:mm}",\
+      "the stated errors of the camera chain alone leave the tool uncertain by {got:mm}, required "          \
+      "{want:mm}",                                                                                           \
       "The calibration goes on. Measure tags and camera better, or require less.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),

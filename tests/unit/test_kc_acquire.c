@@ -513,10 +513,7 @@ void test_information_in_parts_gives_the_same_bits(void)
 
 /* ---- prior by bounds, safe candidates, cost ---- */
 
-static kc_acq_ask_t asked(kc_acq_t kind)
-{
-    return (kc_acq_ask_t){.kind = kind, .cov = s_cov, .len_m = 0.3};
-}
+static kc_acq_ask_t asked(kc_acq_t kind) { return (kc_acq_ask_t){.kind = kind, .cov = s_cov, .len_m = 0.3}; }
 
 static void answer(const kc_acq_ask_t *ask)
 {

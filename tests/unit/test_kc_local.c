@@ -58,7 +58,8 @@ void test_power_is_that_of_errors_twice_as_large_in_what_is_determined(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.6492299249859680, kc_local_power(&s_config, 6u, 6.0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.8523127267469868, kc_local_power(&s_config, 12u, 11.9));
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.9257192422993672, kc_local_power(&s_config, 18u, 15.0));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.6492299249859680, kc_local_power(&s_config, 6u, 9.0)); /* no more than rows */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.6492299249859680,
+                              kc_local_power(&s_config, 6u, 9.0)); /* no more than rows */
     s_config.outside_factor = 4.0;
     TEST_ASSERT_TRUE(kc_local_power(&s_config, 18u, 15.0) > 0.999);
 }

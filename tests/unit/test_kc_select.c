@@ -42,7 +42,9 @@ static uint32_t locals(void)
 static bool in_table_order(uint32_t n)
 {
     bool order = true;
-    for (uint32_t i = 0u; i < n; i++) { order = order && world.meas[i].candidate == FIRST_LOCAL + (int32_t)i; }
+    for (uint32_t i = 0u; i < n; i++) {
+        order = order && world.meas[i].candidate == FIRST_LOCAL + (int32_t)i;
+    }
     return order;
 }
 
@@ -138,7 +140,9 @@ void test_an_unsafe_local_pose_waits_until_it_is_safe(void)
 /* Detections that contradict each other, from pose to pose. */
 static void disagree(kc_detection_t *d)
 {
-    if (kc_app_state(APP) == KC_ST_MEASURE) { d->p_cam_tool_m[1] += APP->plan.n_meas % 2u == 0u ? 0.01 : -0.01; }
+    if (kc_app_state(APP) == KC_ST_MEASURE) {
+        d->p_cam_tool_m[1] += APP->plan.n_meas % 2u == 0u ? 0.01 : -0.01;
+    }
 }
 
 void test_doubt_asks_for_all_local_poses_in_their_order_and_is_told_once(void)
@@ -240,7 +244,8 @@ void test_a_choice_in_parts_is_the_same_choice(void)
     uint32_t steps = 0u;
     for (; oc.id == KC_OC_STAY && steps < 5000u; steps++) {
         kc_work_t work = {1u, 0u}; /* one unit a step */
-        oc = kc_select_run(&APP->cal, &APP->plan, &APP->arena.calibration, &APP->rng, &APP->view, &work, &out);
+        oc = kc_select_run(&APP->cal, &APP->plan, &APP->arena.calibration, &APP->rng, &APP->view, &work,
+                           &out);
     }
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, oc.id);
     TEST_ASSERT_TRUE(steps > 10u);
@@ -347,7 +352,8 @@ void test_a_requirement_that_the_camera_cannot_meet_is_told_at_start(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(3.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);
     TEST_ASSERT_EQUAL_DOUBLE(0.001, world.last[KC_EVT_CAL_UNREACHABLE].want);
     TEST_ASSERT_EQUAL_UINT32(0u, warned(0.0018, KC_RIGHT_IN_CAMERA, 0.001, 0.002));
-    TEST_ASSERT_EQUAL_UINT32(1u, warned(0.0018, KC_RIGHT_IN_LANDER, 0.001, 0.002)); /* the mast counts there */
+    TEST_ASSERT_EQUAL_UINT32(1u,
+                             warned(0.0018, KC_RIGHT_IN_LANDER, 0.001, 0.002)); /* the mast counts there */
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(15.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);
     TEST_ASSERT_EQUAL_UINT32(0u, warned(0.0, KC_RIGHT_IN_CAMERA, 0.001, 0.0));
 }
