@@ -9,6 +9,18 @@
 
 #define PREDICT_ITER_MAX 8u /* enough for an approximate solution */
 
+/* What the camera chain leaves of the tool's position however many poses are measured: the place of the tags on the
+ * tool, and in the base frame that of the pan-tilt unit. A lower bound: other errors of the chain come on top. */
+static void warn_unreachable(const kc_active_t *tables, kc_out_t *out)
+{
+    const kc_config_t *c = &tables->config;
+    double plate = tables->camera.plate_sigma_m, mast = tables->camera.mast_sigma_m;
+    double left2 = plate * plate + (c->frame == (uint8_t)KC_RIGHT_IN_LANDER ? mast * mast : 0.0);
+    double left_m = kc_fit_at_confidence(c) * kc_sqrt(3.0 * left2);
+    if (c->stop_pos_m <= 0.0 || left_m <= c->stop_pos_m) { return; }
+    kc_event(&out->events, KC_EVT_CAL_UNREACHABLE, -1, left_m, c->stop_pos_m);
+}
+
 void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *view, const kc_start_t *ask,
                      kc_out_t *out)
 {
@@ -21,6 +33,7 @@ void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *view, cons
     };
     kc_plan_start(plan, &view->tables->space, &view->tables->config, ask->n_goal);
     kc_event(&out->events, KC_EVT_CAL_START, (int32_t)cal->session, (double)ask->n_goal, (double)ask->acq);
+    warn_unreachable(view->tables, out);
 }
 
 /* ---- the acquisition ---- */
@@ -232,6 +245,7 @@ kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_
 {
     kc_choice_t *ch = &arena->choice;
     if (ch->part == FRESH) {
+        kc_work_spend(work, KC_LOCAL_DOUBT_COST);
         kc_outcome_t oc = planned(cal, plan, ch, view, out);
         if (oc.id != KC_OC_STAY) { return oc; }
     }

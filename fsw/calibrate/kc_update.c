@@ -148,6 +148,8 @@ static void begin_estimate(kc_learned_t *learned, kc_est_t *est, const kc_gp_t *
     learned->res = (kc_miss_t){learned->dp_m[newest], learned->dr_rad[newest]};
     learned->f = learned->y[p->n_meas - 1u];
     learned->trusted = predicts_better(learned, view, newest);
+    bool checked = kc_fit_checked(&view->tables->config, learned->res, view->est->obs[newest].cov);
+    learned->n_checked = checked ? learned->n_checked + 1u : 0u;
     learned->gp_mean = 0.0;
     if (learned->gp_ok) { kc_gp_predict(gp, &x, &learned->gp_mean, &var); }
     learned->gp_sigma = kc_sqrt(kc_max(var, 0.0));
@@ -376,8 +378,10 @@ kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *learned, const 
     fill_progress(view, &out->progress);
     kc_event(&out->events, KC_EVT_CAL_POSE, (int32_t)view->plan->n_meas, learned->res.pos_m,
              learned->res.rot_rad);
-    if (kc_plan_enough(view->plan) && kc_fit_certain(c, view->est, learned->status, learned->pred)) {
-        kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, learned->pred.pos_m, c->stop_pos_m);
+    if (kc_plan_enough(view->plan) && learned->n_checked >= c->stop_checks &&
+        kc_fit_certain(c, view->est, learned->status, learned->pred)) {
+        kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, kc_fit_at_confidence(c) * learned->pred.pos_m,
+                 c->stop_pos_m);
         learned->converged = true;
     }
     return kc_outcome(KC_OC_DONE);

@@ -1,5 +1,6 @@
 #include "kc_fit.h"
 
+#include "kc_chi2.h"
 #include "kc_libm.h"
 
 bool kc_fit_solved(kc_status_t status) { return status == KC_OK || status == KC_ERR_ITER; }
@@ -38,13 +39,36 @@ bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_mi
     return 2.0 * weighted(config, with_new) < weighted(config, with_used);
 }
 
+/* Errors along three axes, alike and normal. */
+#define AXES 3u
+#define CHECK_P 1e-3 /* a pose that is predicted as well as required fails its check so rarely */
+
+double kc_fit_at_confidence(const kc_config_t *config)
+{
+    if (config->stop_confidence <= 0.0) { return 1.0; }
+    return kc_sqrt(kc_chi2_quantile(1.0 - config->stop_confidence, AXES) / (double)AXES);
+}
+
+static bool within(double miss, double limit, const double *cov)
+{
+    double noise2 = (cov[0] + cov[7] + cov[14]) / (double)AXES;
+    return limit <= 0.0 || miss * miss <= limit * limit + kc_chi2_quantile(CHECK_P, AXES) * noise2;
+}
+
+bool kc_fit_checked(const kc_config_t *config, kc_miss_t miss, const double cov[36])
+{
+    return within(miss.pos_m, config->stop_pos_m, cov) &&
+           within(miss.rot_rad, config->stop_rot_rad, &cov[21]);
+}
+
 bool kc_fit_certain(const kc_config_t *config, const kc_est_t *est, kc_status_t status, kc_miss_t sigma)
 {
     const kc_config_t *c = config;
     if (c->stop_pos_m <= 0.0 && c->stop_rot_rad <= 0.0) { return false; }
+    double times = kc_fit_at_confidence(c);
     return status == KC_OK && est->rank == est->n_free && est->dof >= est->n_free &&
-           (c->stop_pos_m <= 0.0 || sigma.pos_m <= c->stop_pos_m) &&
-           (c->stop_rot_rad <= 0.0 || sigma.rot_rad <= c->stop_rot_rad);
+           (c->stop_pos_m <= 0.0 || times * sigma.pos_m <= c->stop_pos_m) &&
+           (c->stop_rot_rad <= 0.0 || times * sigma.rot_rad <= c->stop_rot_rad);
 }
 
 /* Whether all coefficients of TERMS are requested: then residuals are not due to a choice of the operator. */

@@ -37,8 +37,12 @@ typedef struct {
  * smaller gain can be chance. */
 bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_miss_t with_used);
 
-/* Whether the required sigma is met. A requirement of 0 is none; it is not met while a coefficient is
+/* Whether the required sigma is met, at the confidence that CONFIG states. A requirement of 0 is none; it is not met while a coefficient is
  * undetermined. */
+double kc_fit_at_confidence(const kc_config_t *config); /* the largest error over its RMS */
+/* Whether a pose that was not used yet was predicted so well: to within the requirement and the noise of its
+ * measurement (cov, 6x6). */
+bool kc_fit_checked(const kc_config_t *config, kc_miss_t miss, const double cov[36]);
 bool kc_fit_certain(const kc_config_t *config, const kc_est_t *est, kc_status_t status, kc_miss_t sigma);
 
 /* Model mismatch: observations that no correction within its bounds explains. miss: residuals of the observations of

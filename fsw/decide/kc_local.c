@@ -6,10 +6,6 @@
 #include "kc_fit.h"
 #include "kc_libm.h"
 
-#define HALVINGS 30u     /* of the interval that holds a quantile */
-#define QUANTILE_MAX \
-    8.0 /* times the degrees of freedom and a few: no quantile of the probabilities in use is there */
-
 uint32_t kc_local_rows(const kc_est_t *est) { return 6u * (est->n_obs - est->n_outliers); }
 
 bool kc_local_doubt(const kc_config_t *config, const kc_est_t *est, kc_status_t status, double *p)
@@ -21,26 +17,11 @@ bool kc_local_doubt(const kc_config_t *config, const kc_est_t *est, kc_status_t 
     return !whole || likely < config->doubt_p;
 }
 
-/* Where the upper tail has probability p. */
-static double quantile(double p, uint32_t dof)
-{
-    double lo = 0.0, hi = QUANTILE_MAX * ((double)dof + 6.0);
-    for (uint32_t k = 0u; k < HALVINGS; k++) {
-        double mid = 0.5 * (lo + hi);
-        if (kc_chi2_sf(mid, dof) > p) {
-            lo = mid;
-        } else {
-            hi = mid;
-        }
-    }
-    return hi;
-}
-
 double kc_local_power(const kc_config_t *config, uint32_t rows, double known)
 {
     uint32_t m = known > 0.0 ? (uint32_t)kc_min(known, (double)rows) : 0u;
     if (m == 0u) { return 0.0; }
     double noise = (double)(rows - m); /* what they do not determine is as large as with any arm */
-    double beyond = quantile(config->doubt_p, rows) - noise;
+    double beyond = kc_chi2_quantile(config->doubt_p, rows) - noise;
     return kc_chi2_sf(beyond / (config->outside_factor * config->outside_factor), m);
 }

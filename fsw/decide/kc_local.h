@@ -21,6 +21,7 @@ bool kc_local_doubt(const kc_config_t *config, const kc_est_t *est, kc_status_t 
  * (kc_acq_work_t.known). */
 double kc_local_power(const kc_config_t *config, uint32_t rows, double known);
 uint32_t kc_local_rows(const kc_est_t *est);
-#define KC_LOCAL_COST 2000000u /* bound of the instructions of both */
+#define KC_LOCAL_DOUBT_COST 100000u /* bounds of their instructions */
+#define KC_LOCAL_COST 2000000u
 
 #endif

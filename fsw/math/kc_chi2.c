@@ -6,6 +6,8 @@
  * x = a, the continued fraction fewer. */
 #define TERMS_MAX 1000u
 #define EPS 1e-16
+#define HALVINGS 40u     /* of the interval that holds a quantile */
+#define QUANTILE_MAX 8.0 /* times dof and a few: beyond the quantiles of 1e-4 and more */
 #define TINY 1e-300
 
 /* x^a e^-x / Gamma(a) */
@@ -49,4 +51,18 @@ double kc_chi2_sf(double chi2, uint32_t dof)
     const double x = 0.5 * chi2;
     if (x <= 0.0) { return 1.0; }
     return (x < a + 1.0) ? 1.0 - lower_series(a, x) : upper_fraction(a, x);
+}
+
+double kc_chi2_quantile(double p, uint32_t dof)
+{
+    double lo = 0.0, hi = QUANTILE_MAX * ((double)dof + 6.0);
+    for (uint32_t k = 0u; k < HALVINGS; k++) {
+        const double mid = 0.5 * (lo + hi);
+        if (kc_chi2_sf(mid, dof) > p) {
+            lo = mid;
+        } else {
+            hi = mid;
+        }
+    }
+    return hi;
 }

@@ -56,6 +56,7 @@ typedef struct {
     kc_miss_t res;  /* residual of the newest pose before it was used */
     double f, gp_mean, gp_sigma;
     kc_miss_t pred; /* predicted sigma over the search space */
+    uint32_t n_checked; /* poses in a row that were predicted as well as required, before they were used */
     kc_leave_out_t leave_out; /* search for a bad detection among the local initial poses */
     uint8_t outlier_reported[KC_MEAS_MAX];
     double y[KC_MEAS_MAX]; /* objective of each pose */

@@ -122,22 +122,24 @@ static void walk_poses(kc_walk_t *w, kc_config_t *c)
     kc_walk_u8(w, 73u, &c->initial_design, KC_INITIAL_TABLE, KC_INITIAL_INFORMATION); /* kc_initial_t */
     /* largest sigma of the tool's position at a local initial pose that may be chosen ... */
     kc_walk_f64(w, 74u, &c->local_safe_m, TINY, 10.0);
-    kc_walk_f64(w, 75u, &c->leave_safe_m, TINY,
-                10.0); /* ... and at a pose that the arm may leave the park pose for */
+    /* ... and at a pose that the arm may leave the park pose for */
+    kc_walk_f64(w, 75u, &c->leave_safe_m, TINY, 10.0);
     kc_walk_f64(w, 76u, &c->doubt_p, 0.0, 0.5); /* less likely observations ask for all local initial poses */
-    kc_walk_f64(w, 77u, &c->outside_factor, 1.001,
-                100.0); /* an arm outside: errors this many times as large */
+    /* an arm outside: errors this many times as large */
+    kc_walk_f64(w, 77u, &c->outside_factor, 1.001, 100.0);
     kc_walk_f64(w, 78u, &c->power_min, 0.0, 0.999999); /* least probability that it casts doubt */
     kc_walk_u8(w, 79u, &c->rate_measure, KC_ACQ_DOPT, KC_ACQ_VOPT); /* kc_acq_t */
     kc_walk_u8(w, 80u, &c->rate_cost, KC_COST_TIME, KC_COST_ENERGY); /* kc_cost_t */
     kc_walk_f64(w, 81u, &c->frame_s, 0.0, 3600.0);
+    kc_walk_f64(w, 82u, &c->stop_confidence, 0.0, 0.9999); /* 0 = RMS */
+    kc_walk_u32(w, 83u, &c->stop_checks, 0u, KC_MEAS_MAX); /* 0 = not checked */
 }
 
 static void walk_way(kc_walk_t *w, kc_config_t *c)
 {
-    kc_walk_u32(w, 82u, &c->way_obs_max, 0u, KC_MEAS_MAX); /* 0 = off */
-    kc_walk_f64(w, 83u, &c->way_pos_m, TINY, 10.0);
-    kc_walk_f64(w, 84u, &c->way_rot_rad, TINY, 3.2);
+    kc_walk_u32(w, 84u, &c->way_obs_max, 0u, KC_MEAS_MAX); /* 0 = off */
+    kc_walk_f64(w, 85u, &c->way_pos_m, TINY, 10.0);
+    kc_walk_f64(w, 86u, &c->way_rot_rad, TINY, 3.2);
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)

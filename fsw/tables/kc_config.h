@@ -88,11 +88,13 @@ typedef struct {
     uint8_t rate_measure; /* kc_acq_t: dopt or vopt */
     uint8_t rate_cost; /* kc_cost_t */
     double frame_s; /* time from a frame's request to its detection */
+    /* stop */
+    double stop_confidence; /* that the error is within stop_pos_m and stop_rot_rad; 0: their RMS */
+    uint32_t stop_checks; /* so many poses in a row have to be as predicted, before they are used */
     /* observing on the way to a candidate, where the arm rests with tags in view before a servo step */
     uint32_t way_obs_max; /* most such observations for each candidate, 0: none */
-    double way_pos_m,
-        way_rot_rad; /* least distance of the tool from the candidate, and from the last of them: one of
-                                      the two is enough */
+    /* least distance of the tool from the candidate, and from the last of them: one of the two is enough */
+    double way_pos_m, way_rot_rad;
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

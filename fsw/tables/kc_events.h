@@ -196,8 +196,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "None if rare: the correction before stays in use. Otherwise check the TERMS bounds.")                 \
     X(73, CAL_BUDGET, WARN, "time budget of {want:s} used up after {got:s}",                                 \
       "None: what was measured is used.")                                                                    \
-    X(74, CAL_CONVERGED, INFO, "predicted tool position sigma {got:mm} meets the requirement of {want:mm}",  \
-      "")                                                                                                    \
+    X(74, CAL_CONVERGED, INFO,                                                                               \
+      "predicted error of the tool position {got:mm} meets the requirement of {want:mm}", "")                \
     X(75, CAL_ABORTED, WARN, "calibration stopped: {got:cause}; poses measured: {index:count}",              \
       "Remove the cause. START begins a new calibration from SAFE.")                                         \
     X(76, CAL_POOR, ERROR, "fit is poor: probability {got:number}, noise {want:number} times as stated",     \
@@ -315,6 +315,10 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "the first {index:count} observations have probability {got:number}, required {want:number}: all "     \
       "local initial poses are measured",                                                                    \
       "None: CAL_MODEL_MISMATCH follows if no correction within its bounds explains them.")                  \
+    X(142, CAL_UNREACHABLE, WARN,                                                                            \
+      "the stated errors of the camera chain alone leave the tool uncertain by {got:mm}, required "          \
+      "{want:mm}",                                                                                           \
+      "The calibration goes on. Measure tags and camera better, or require less.")                           \
     X(150, CAL_WAY_OUTLIER, WARN,                                                                            \
       "observation {got:count}, on the way to pose {index:pose}, rejected as an outlier",                    \
       "None if rare; otherwise diagnose the log (kincal model diagnose).")                                   \

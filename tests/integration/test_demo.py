@@ -50,7 +50,7 @@ def test_demo_prints_one_line_a_pose_in_order(demo):
     poses = re.findall(line, done.stdout.split("\nCorrections")[0], re.M)
     assert [int(n) for n, _, _ in poses] == list(range(1, len(poses) + 1))
     n_local = len(poses) - 20
-    assert LOCAL // 2 <= n_local <= LOCAL + RESERVE
+    assert 2 <= n_local <= LOCAL + RESERVE
     assert [where == "local" for _, _, where in poses] == [True] * n_local + [False] * 20
     assert {int(goal) for _, goal, _ in poses[n_local:]} == {len(poses)}
 
@@ -76,7 +76,7 @@ def test_demo_shows_the_held_out_error_fall_below_the_limits(demo):
     assert {c["label"] for c in summary["curves"]} == {"ucb, fast", "random, fast"}
     for curve in summary["curves"]:
         held = [p["held_pos_m"] for p in curve["poses"]]
-        assert 20 + LOCAL // 2 <= len(held) <= 20 + LOCAL + RESERVE
+        assert 20 + 2 <= len(held) <= 20 + LOCAL + RESERVE
         assert held[-1] < 0.01 * held[0]
 
 

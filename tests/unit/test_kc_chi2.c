@@ -57,3 +57,13 @@ void test_more_degrees_of_freedom_than_it_is_made_for_give_a_probability(void)
         TEST_ASSERT_TRUE(just >= 0.0 && just <= 1.0);
     }
 }
+
+/* scipy: chi2.isf */
+void test_quantiles_of_the_upper_tail(void)
+{
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 6.2513886311703235, kc_chi2_quantile(0.1, 3u));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 16.26623619623813, kc_chi2_quantile(1e-3, 3u));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 34.805305734705065, kc_chi2_quantile(0.01, 18u));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-7, 15.136705226623397, kc_chi2_quantile(1e-4, 1u));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 383.3335394860787, kc_chi2_quantile(0.5, 384u));
+}

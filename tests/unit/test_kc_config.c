@@ -123,9 +123,11 @@ static const spoil_t s_spoil[] = {
     {79, AT(rate_measure), 'b', 1.0},
     {80, AT(rate_cost), 'b', 2.0},
     {81, AT(frame_s), 'd', -0.1},
-    {82, AT(way_obs_max), 'u', 65.0},
-    {83, AT(way_pos_m), 'd', 0.0},
-    {84, AT(way_rot_rad), 'd', 0.0},
+    {82, AT(stop_confidence), 'd', 1.0},
+    {83, AT(stop_checks), 'u', 65.0},
+    {84, AT(way_obs_max), 'u', 65.0},
+    {85, AT(way_pos_m), 'd', 0.0},
+    {86, AT(way_rot_rad), 'd', 0.0},
 };
 
 static void spoil(const spoil_t *s, double value)

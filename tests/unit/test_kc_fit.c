@@ -1,4 +1,5 @@
 /* kc_fit.c: second start, trust, certainty, model mismatch, each rule by itself. */
+#include <math.h>
 #include <string.h>
 
 #include "given_tables.h"
@@ -231,4 +232,32 @@ void test_residuals_that_come_from_the_operators_choice_are_no_mismatch(void)
     s_est.n_outliers = 3u;
     s_est.opt.free_mask = 0x1u; /* one coefficient of 28 */
     TEST_ASSERT_FALSE(mismatch(5u, 5u));
+}
+
+/* ---- required error ---- */
+
+void test_the_required_error_is_that_at_the_confidence_of_config(void)
+{
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, kc_fit_at_confidence(&s_config));
+    s_config.stop_confidence = 0.9;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-8, 1.443536009384632, kc_fit_at_confidence(&s_config));
+    TEST_ASSERT_TRUE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001 / 1.44354, 0.01 / 1.44354}));
+    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001 / 1.44353, 0.01 / 1.44354}));
+    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001 / 1.44354, 0.01 / 1.44353}));
+}
+
+/* Noise of 1 mm and 4 mrad along each axis: the square of the error may be 16.3 times one variance
+ * larger than that of the requirement: once in 1000. */
+void test_a_pose_is_checked_against_the_requirement_and_its_noise(void)
+{
+    double cov[36] = {0.0};
+    for (uint32_t k = 0u; k < 6u; k++) { cov[7u * k] = k < 3u ? 1e-6 : 16e-6; }
+    double pos_m = sqrt(1e-6 + 16.26623619623813 * 1e-6), rot_rad = sqrt(1e-4 + 16.26623619623813 * 16e-6);
+    TEST_ASSERT_TRUE(kc_fit_checked(&s_config, (kc_miss_t){0.999 * pos_m, 0.999 * rot_rad}, cov));
+    TEST_ASSERT_FALSE(kc_fit_checked(&s_config, (kc_miss_t){1.001 * pos_m, 0.0}, cov));
+    TEST_ASSERT_FALSE(kc_fit_checked(&s_config, (kc_miss_t){0.0, 1.001 * rot_rad}, cov));
+    s_config.stop_pos_m = 0.0;
+    TEST_ASSERT_TRUE(kc_fit_checked(&s_config, (kc_miss_t){9.0, 0.0}, cov));
+    s_config.stop_rot_rad = 0.0;
+    TEST_ASSERT_TRUE(kc_fit_checked(&s_config, (kc_miss_t){9.0, 9.0}, cov));
 }

@@ -332,3 +332,28 @@ void test_rate_takes_less_way_for_its_poses_than_the_gain_alone(void)
     }
     TEST_ASSERT_TRUE(took_us[1] < took_us[0]);
 }
+
+/* ---- what the camera chain leaves ---- */
+
+static uint32_t warned(double stop_pos_m, uint8_t frame, double plate_m, double mast_m)
+{
+    given_world();
+    world.camera.plate_sigma_m = plate_m;
+    world.camera.mast_sigma_m = mast_m;
+    world.config.stop_pos_m = stop_pos_m;
+    world.config.frame = frame;
+    world_started();
+    return world_events(KC_EVT_CAL_UNREACHABLE);
+}
+
+void test_a_requirement_that_the_camera_cannot_meet_is_told_at_start(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(1u, warned(0.001, KC_RIGHT_IN_CAMERA, 0.001, 0.0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(3.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.001, world.last[KC_EVT_CAL_UNREACHABLE].want);
+    TEST_ASSERT_EQUAL_UINT32(0u, warned(0.0018, KC_RIGHT_IN_CAMERA, 0.001, 0.002));
+    TEST_ASSERT_EQUAL_UINT32(1u,
+                             warned(0.0018, KC_RIGHT_IN_LANDER, 0.001, 0.002)); /* the mast counts there */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(15.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);
+    TEST_ASSERT_EQUAL_UINT32(0u, warned(0.0, KC_RIGHT_IN_CAMERA, 0.001, 0.0));
+}

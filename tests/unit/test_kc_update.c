@@ -305,6 +305,44 @@ void test_it_stops_when_the_predicted_uncertainty_meets_the_requirement(void)
     TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(1e-9, 5e-3));
 }
 
+/* The same requirement at a confidence, or with poses in a row that were predicted so well, takes more poses. */
+void test_a_confidence_and_checks_take_more_poses(void)
+{
+    uint32_t rms = poses_until_certain(6e-4, 0.0);
+    setUp();
+    world.config.n_poses = 40u;
+    world.config.stop_pos_m = 6e-4;
+    world.config.stop_confidence = 0.99;
+    world_calibrated();
+    TEST_ASSERT_TRUE(world.n_meas > rms && world.n_meas < 40u);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.9446393607508452 * world.progress[world.n_meas - 1u].pred_pos_m,
+                              world.last[KC_EVT_CAL_CONVERGED].got);
+    TEST_ASSERT_TRUE(world.last[KC_EVT_CAL_CONVERGED].got <= 6e-4);
+    setUp();
+    world.config.n_poses = 40u;
+    world.config.stop_pos_m = 6e-4;
+    world.config.stop_checks = rms + 4u;
+    world_calibrated();
+    TEST_ASSERT_TRUE(world.n_meas > rms && world.n_meas < 40u);
+    TEST_ASSERT_TRUE(APP->learned.n_checked >= rms + 4u);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
+}
+
+void test_a_pose_that_was_not_predicted_begins_the_count_anew(void)
+{
+    setUp();
+    world.config.n_poses = 20u;
+    world.config.stop_pos_m = 3e-4;
+    world.config.stop_checks = 20u;
+    world_started();
+    for (uint32_t i = 0u; i < 15u; i++) { TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u)); }
+    TEST_ASSERT_TRUE(APP->learned.n_checked > 2u);
+    world.jump_m = 0.0;
+    world.truth.tool_xyz_m[0] += 0.005; /* something has moved */
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->learned.n_checked);
+}
+
 void test_it_is_never_certain_while_the_data_leave_something_open(void)
 {
     setUp();

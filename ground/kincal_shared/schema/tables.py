@@ -573,6 +573,10 @@ class ConfigSource(Source):
     """What rate takes as cost: seconds or joules."""
     frame_s: Real = 0.8
     """Time from the request of a frame to its detection [s]."""
+    stop_confidence: Real = 0.9
+    """Probability with which the error shall be within stop_pos_m and stop_rot_rad; 0: their RMS."""
+    stop_checks: int = 2
+    """Poses in a row that have to be as predicted, before they are used."""
     way_obs_max: Natural = 0
     """Observations on the way to each candidate, on arrival and after servo steps; 0: none."""
     way_pos_m: Real = 0.02
