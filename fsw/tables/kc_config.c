@@ -117,11 +117,12 @@ static void walk_decisions(kc_walk_t *w, kc_config_t *c)
                  (double)c->signed_age_max_us);
 }
 
-static void walk_way(kc_walk_t *w, kc_config_t *c)
+static void walk_extra(kc_walk_t *w, kc_config_t *c)
 {
-    kc_walk_u32(w, 73u, &c->way_obs_max, 0u, KC_MEAS_MAX); /* 0 = off */
-    kc_walk_f64(w, 74u, &c->way_pos_m, TINY, 10.0);
-    kc_walk_f64(w, 75u, &c->way_rot_rad, TINY, 3.2);
+    kc_walk_u32(w, 73u, &c->extra_obs_max, 0u, KC_MEAS_MAX); /* 0 = off */
+    kc_walk_f64(w, 74u, &c->extra_pos_m, TINY, 10.0);
+    kc_walk_f64(w, 75u, &c->extra_rot_rad, TINY, 3.2);
+    kc_walk_u32(w, 76u, &c->stops_max, 0u, KC_STOP_MAX); /* 0 = off */
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
@@ -132,7 +133,7 @@ void kc_config_walk(kc_walk_t *w, kc_config_t *c)
     walk_estimating(w, c);
     walk_policy(w, c);
     walk_decisions(w, c);
-    walk_way(w, c);
+    walk_extra(w, c);
 }
 
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got)

@@ -73,10 +73,10 @@ typedef struct {
     uint64_t approval_timeout_us; /* APPROVE_GO must follow APPROVE_ARM in this time */
     uint64_t signed_age_max_us; /* largest difference between the stamp of a signed message and the clock */
     /* observing on the way to a candidate, where the arm rests with tags in view before a servo step */
-    uint32_t way_obs_max; /* most such observations for each candidate, 0: none */
-    double way_pos_m,
-        way_rot_rad; /* least distance of the tool from the candidate, and from the last of them: one of
-                                      the two is enough */
+    uint32_t extra_obs_max; /* most such observations for each candidate, 0: none */
+    /* least distance of the tool from the candidate, and from the last of them: one of the two is enough */
+    double extra_pos_m, extra_rot_rad;
+    uint32_t stops_max; /* most stops on the way to each candidate, of those that SPACE has, 0: none */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

@@ -300,10 +300,10 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(137, ARM_NOT_HELD, ERROR,                                                                              \
       "the arm goes on to flight's last target {got:s} after flight commanded hold",                         \
       "Stop it by its controller. See why it does not get, or does not obey, KC_ARM_CMD.")                   \
-    X(150, CAL_WAY_OUTLIER, WARN,                                                                            \
+    X(150, CAL_EXTRA_OUTLIER, WARN,                                                                          \
       "observation {got:count}, on the way to pose {index:pose}, rejected as an outlier",                    \
       "None if rare; otherwise diagnose the log (kincal model diagnose).")                                   \
-    X(151, CAL_WAY_OUTLIER_ACCEPTED, INFO,                                                                   \
+    X(151, CAL_EXTRA_OUTLIER_ACCEPTED, INFO,                                                                 \
       "observation {got:count}, on the way to pose {index:pose}, fits again: no longer rejected", "")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),

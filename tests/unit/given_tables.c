@@ -180,9 +180,10 @@ void given_config(kc_config_t *c)
     c->store_retry_us = 1000000u;
     c->approval_timeout_us = 600000000u;
     c->signed_age_max_us = 3600000000u;
-    c->way_obs_max = 0u;
-    c->way_pos_m = 0.02;
-    c->way_rot_rad = 0.05;
+    c->extra_obs_max = 0u;
+    c->extra_pos_m = 0.02;
+    c->extra_rot_rad = 0.05;
+    c->stops_max = 0u;
 }
 
 /* Joints spread over the middle of the limits by a low-discrepancy sequence. */

@@ -114,9 +114,10 @@ static const spoil_t s_spoil[] = {
     {69, AT(store_retry_us), 'l', 0.0},
     {70, AT(approval_timeout_us), 'l', 4e9},
     {72, AT(signed_age_max_us), 'l', 4e12},
-    {73, AT(way_obs_max), 'u', 65.0},
-    {74, AT(way_pos_m), 'd', 0.0},
-    {75, AT(way_rot_rad), 'd', 0.0},
+    {73, AT(extra_obs_max), 'u', 65.0},
+    {74, AT(extra_pos_m), 'd', 0.0},
+    {75, AT(extra_rot_rad), 'd', 0.0},
+    {76, AT(stops_max), 'u', 5.0},
 };
 
 static void spoil(const spoil_t *s, double value)

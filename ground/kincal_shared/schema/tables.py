@@ -555,12 +555,14 @@ class ConfigSource(Source):
     """Time in which APPROVE_GO must follow APPROVE_ARM."""
     signed_age_max_us: Microseconds = 43_200_000_000
     """Largest difference between the stamp of a signed message and flight's clock; 0: not checked."""
-    way_obs_max: Natural = 0
+    extra_obs_max: Natural = 0
     """Observations on the way to each candidate, on arrival and after servo steps; 0: none."""
-    way_pos_m: Real = 0.02
+    extra_pos_m: Real = 0.02
     """Least distance of the tool from the candidate and from the one before for one of them [m] ..."""
-    way_rot_rad: Real = 0.05
+    extra_rot_rad: Real = 0.05
     """... or least angle [rad]: one of the two is enough."""
+    stops_max: Natural = 0
+    """Stops on the way to each candidate, of those that the SPACE table has; 0: none."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock
