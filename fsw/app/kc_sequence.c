@@ -37,10 +37,22 @@ static kc_outcome_t aim(kc_app_t *app, kc_out_t *out)
     return kc_outcome(KC_OC_STAY);
 }
 
+/* From a stop. SELECT has sent the first command of a move itself. */
+static kc_outcome_t onward(kc_app_t *app, kc_work_t *work, kc_out_t *out)
+{
+    if (!app->observe.at_stop) { return kc_outcome(KC_OC_STAY); }
+    kc_observe_at_stop(&app->observe, false);
+    kc_outcome_t oc = kc_move_onward(&app->move, &app->view, work, out);
+    if (oc.id != KC_OC_DONE) { return oc; }
+    kc_pantilt_aim(&app->pantilt, &app->view, out, app->move.q_final, app->observe.off_m);
+    return kc_outcome(KC_OC_STAY);
+}
+
 static kc_outcome_t begin(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
     switch (app->place.state) {
+    case KC_ST_MOVE: return onward(app, work, out);
     case KC_ST_AIM: return aim(app, out);
     case KC_ST_SETTLE:
     case KC_ST_REST: kc_rest_begin(&app->rest); break;
@@ -134,13 +146,18 @@ static kc_outcome_t store(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     return kc_outcome(KC_OC_STAY);
 }
 
+static kc_outcome_t move_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
+{
+    kc_outcome_t oc = kc_move_run(&app->move, &app->view, work, out);
+    if (oc.id == KC_OC_DONE) { kc_observe_at_stop(&app->observe, kc_move_stopped(&app->move)); }
+    return oc;
+}
+
 static kc_outcome_t measure(kc_app_t *app, kc_out_t *out)
 {
     const kc_observe_t *o = &app->observe;
     kc_outcome_t oc = kc_measure_run(&app->frames, &app->request, &app->est, o->taken_at, &app->view, out);
-    if (oc.id == KC_OC_DONE && o->taken_at != KC_AT_CANDIDATE) {
-        kc_plan_on_the_way(&app->plan, o->taken_at);
-    }
+    if (oc.id == KC_OC_DONE && o->taken_at != KC_AT_CANDIDATE) { kc_plan_extra(&app->plan, o->taken_at); }
     return kc_observe_measured(o, oc);
 }
 
@@ -149,7 +166,7 @@ static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     const kc_view_t *v = &app->view;
     kc_arena_calibration_t *arena = &app->arena.calibration;
     switch (app->place.state) {
-    case KC_ST_MOVE: return kc_move_run(&app->move, v, work, out);
+    case KC_ST_MOVE: return move_on(app, work, out);
     case KC_ST_SERVO:
     case KC_ST_SEED:
     case KC_ST_RETREAT:

@@ -203,9 +203,9 @@ kc_outcome_t kc_update_refine(kc_update_t *cursor, kc_learned_t *learned, kc_est
 
 /* ---- LEARN ---- */
 
-static kc_event_id_t outlier_event(bool outlier, bool on_way)
+static kc_event_id_t outlier_event(bool outlier, bool extra)
 {
-    if (on_way) { return outlier ? KC_EVT_CAL_WAY_OUTLIER : KC_EVT_CAL_WAY_OUTLIER_ACCEPTED; }
+    if (extra) { return outlier ? KC_EVT_CAL_EXTRA_OUTLIER : KC_EVT_CAL_EXTRA_OUTLIER_ACCEPTED; }
     return outlier ? KC_EVT_CAL_OUTLIER : KC_EVT_CAL_OUTLIER_ACCEPTED;
 }
 
@@ -214,10 +214,10 @@ static void report_outliers(kc_learned_t *learned, const kc_view_t *view, kc_out
     const uint8_t *outlier = view->est->outlier;
     const kc_plan_t *p = view->plan;
     for (uint32_t i = 0u; i < p->n_obs; i++) {
-        bool on_way = p->taken_at[i] != (uint8_t)KC_AT_CANDIDATE;
+        bool extra = p->taken_at[i] != (uint8_t)KC_AT_CANDIDATE;
         if (!outlier[i] != !learned->outlier_reported[i]) {
-            kc_event(&out->events, outlier_event(outlier[i] != 0u, on_way), (int32_t)p->pose_of[i],
-                     on_way ? (double)i + 1.0 : 0.0, 0.0);
+            kc_event(&out->events, outlier_event(outlier[i] != 0u, extra), (int32_t)p->pose_of[i],
+                     extra ? (double)i + 1.0 : 0.0, 0.0);
         }
         learned->outlier_reported[i] = outlier[i];
     }

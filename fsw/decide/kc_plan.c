@@ -178,7 +178,7 @@ void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand)
     p->n_local += kc_space_local(space, cand) ? 1u : 0u;
 }
 
-void kc_plan_on_the_way(kc_plan_t *p, kc_taken_at_t taken_at) { observed(p, taken_at); }
+void kc_plan_extra(kc_plan_t *p, kc_taken_at_t taken_at) { observed(p, taken_at); }
 
 bool kc_plan_has_room(const kc_plan_t *p) { return p->n_obs + p->n_goal < KC_MEAS_MAX + p->n_meas; }
 

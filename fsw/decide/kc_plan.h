@@ -12,7 +12,8 @@
 typedef enum {
     KC_AT_CANDIDATE = 0, /* it is that of a pose */
     KC_AT_ARRIVAL = 1,   /* on the way to one: where the arm came to rest before the first servo step ... */
-    KC_AT_SERVO_STEP = 2 /* ... and after a servo step */
+    KC_AT_SERVO_STEP = 2, /* ... and after a servo step */
+    KC_AT_STOP = 3 /* at a stop on the segment to it */
 } kc_taken_at_t;
 
 typedef struct {
@@ -61,7 +62,7 @@ void kc_plan_again(kc_plan_t *p, uint32_t i);
 uint32_t kc_plan_choose(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
 void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
 /* An observation was taken on the way to the candidate chosen. */
-void kc_plan_on_the_way(kc_plan_t *p, kc_taken_at_t taken_at);
+void kc_plan_extra(kc_plan_t *p, kc_taken_at_t taken_at);
 /* Whether one may be: there is room for it and for all poses still to come. */
 bool kc_plan_has_room(const kc_plan_t *p);
 /* Whether every observation is that of a local initial pose. */

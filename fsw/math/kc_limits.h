@@ -22,6 +22,7 @@
 #define KC_BODY_MAX 24u     /* capsules that stand for the arm */
 #define KC_VOLUME_MAX 16u   /* volumes that the arm must not enter */
 #define KC_INITIAL_MAX 32u  /* initial poses that start a calibration */
+#define KC_STOP_MAX 4u      /* stops on the way to a candidate */
 #define KC_TAG_MAX 4u       /* tags on the tool */
 #define KC_SPECTRUM_MAX 96u /* spectral coefficients of the rotation kernel */
 #define KC_HYPER_MAX 32u    /* hyperparameter sets to choose from on board */

@@ -301,10 +301,10 @@ static bool on_verified_path(const kc_guard_request_t *request, kc_guard_reason_
     *why = (kc_guard_reason_t){0, 0.0, 0.0};
     if (!kc_path_is_node(s, request->to)) { return false; }
     kc_path_joints(s, request->to, seed);
-    if (is_at(request, seed) && request->from != request->to) {
-        return kc_path_on(s, request->from, request->to, request->q_from, 2.0 * request->tol);
+    if (request->from != request->to) { /* both places on the segment: a stop is one between its ends */
+        return kc_path_on(s, request->from, request->to, request->q_from, 2.0 * request->tol) &&
+               kc_path_on(s, request->from, request->to, request->q_to, NUMBERS_TOL);
     }
-    if (request->from != request->to) { return false; }
     /* after a stop on a segment the arm may go to one of its ends */
     return within_bound(request, seed, why) ||
            (is_at(request, seed) && kc_path_leads_to(s, request->to, request->q_from, 2.0 * request->tol));

@@ -35,6 +35,30 @@ uint32_t kc_space_n_local(const kc_space_t *s)
     return n;
 }
 
+uint32_t kc_space_n_stops(const kc_space_t *s, uint32_t cand)
+{
+    uint32_t n = 0u;
+    while (n < s->n_stop && s->stop[cand][n] != 0u) { n++; }
+    return n;
+}
+
+void kc_space_stop(const kc_space_t *s, uint32_t cand, uint32_t i, double *q)
+{
+    const kc_cand_t *c = &s->cand[cand];
+    const float *hub_q = s->hub_q[c->hub];
+    double part = (double)s->stop[cand][i] / (double)KC_STOP_PARTS;
+    for (uint32_t j = 0u; j < s->n_joints; j++) {
+        q[j] = (double)hub_q[j] + part * ((double)c->q_seed[j] - (double)hub_q[j]);
+    }
+}
+
+bool kc_space_stop_fits(const kc_space_t *s, uint32_t cand, uint32_t i)
+{
+    const uint8_t *at = s->stop[cand];
+    bool in_order = i == 0u || (at[i - 1u] != 0u && at[i] > at[i - 1u]);
+    return at[i] == 0u || (in_order && !kc_space_local(s, cand));
+}
+
 /* ---- Validation: every entry; the first problem is reported ---- */
 
 static kc_status_t bad(int32_t at, double value, int32_t *index, double *got)

@@ -19,6 +19,8 @@
 /* A local initial pose in reserve: only measured while tags were detected at fewer than half of those
  * before it. */
 #define KC_CAND_RESERVE 0x4000u
+/* Unit of the places of stops on a segment. */
+#define KC_STOP_PARTS 256u
 #define KC_EDGE_BYTES (KC_CAND_MAX * (KC_CAND_MAX - 1u) / 2u / 8u)
 
 /* Single precision on purpose: 0.1 um and 0.1 urad, half the memory. */
@@ -74,6 +76,10 @@ typedef struct {
     kc_body_t body[KC_BODY_MAX];
     kc_volume_t volume[KC_VOLUME_MAX];
     kc_dh_bound_t verified[KC_JOINT_MAX];
+    /* Stops of each candidate on the segment from its hub, in order, in parts of it (1 to 255 of KC_STOP_PARTS); 0: none
+     * there. There a tag is in view, as at the candidate. n_stop: most of a candidate, 0 = none in the whole table. */
+    uint32_t n_stop;
+    uint8_t stop[KC_CAND_MAX][KC_STOP_MAX];
 } kc_space_t;
 
 /* Whether the segment between two candidates is verified and may be used; false for one that does not exist, and for local
@@ -85,6 +91,14 @@ bool kc_space_edge(const kc_space_t *s, uint32_t i, uint32_t j);
 bool kc_space_local(const kc_space_t *s, uint32_t cand);
 bool kc_space_reserve(const kc_space_t *s, uint32_t cand);
 uint32_t kc_space_n_local(const kc_space_t *s);
+
+/* Number of stops of a candidate that exists. */
+uint32_t kc_space_n_stops(const kc_space_t *s, uint32_t cand);
+/* Joints at its stop i (below that number). */
+void kc_space_stop(const kc_space_t *s, uint32_t cand, uint32_t i, double *q);
+/* Whether stop i of a candidate is one that flight can make: in order, after the last one there is none, local initial
+ * poses have none. */
+bool kc_space_stop_fits(const kc_space_t *s, uint32_t cand, uint32_t i);
 
 /* First problem found: KC_ERR_RANGE, *got = the value, *index = candidate, KC_SPACE_INDEX_HUB + hub,
  * KC_SPACE_INDEX_INITIAL + place in the list of initial poses, KC_SPACE_INDEX_BODY + body,

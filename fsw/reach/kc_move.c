@@ -237,14 +237,44 @@ uint32_t kc_move_joints(const kc_view_t *view, uint32_t cand, uint32_t iter_max,
     return n;
 }
 
-/* To the next way point; after the last one to the joints at the candidate. */
+/* Stops made on the segment to the current candidate: those that CONFIG allows of those that the table has. A replicate
+ * repeats the pose, not the way. */
+static uint32_t n_stops(const kc_view_t *view)
+{
+    uint32_t n = kc_space_n_stops(&view->tables->space, (uint32_t)view->cal->candidate);
+    uint32_t most = view->cal->replicate == 0 ? view->tables->config.stops_max : 0u;
+    return most < n ? most : n;
+}
+
+/* Which stop of the table is stop k of those that are made: evenly among them. */
+static uint32_t nth_stop(const kc_view_t *view, uint32_t k)
+{
+    uint32_t n = kc_space_n_stops(&view->tables->space, (uint32_t)view->cal->candidate);
+    return (2u * k + 1u) * n / (2u * n_stops(view));
+}
+
+static bool has_stop(const kc_move_t *move, const kc_view_t *view)
+{
+    uint32_t cand = (uint32_t)view->cal->candidate;
+    bool last = move->seg_to == KC_HUB_MAX + cand && move->seg_from == view->tables->space.cand[cand].hub;
+    return last && move->i_stop < n_stops(view) && kc_plan_has_room(view->plan);
+}
+
+/* To the next way point, or the next stop on the segment there; after the last one to the joints at the candidate. */
 static kc_outcome_t send_leg(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out)
 {
+    const kc_space_t *s = &view->tables->space;
+    uint32_t cand = (uint32_t)view->cal->candidate;
     double q[KC_JOINT_MAX];
+    move->to_stop = false;
     if (move->i_path >= move->n_path) { return kc_move_near(move, view, work, out, move->q_final); }
     move->seg_from = (uint16_t)move->node;
     move->seg_to = move->path[move->i_path];
-    kc_path_joints(&view->tables->space, move->seg_to, q);
+    kc_path_joints(s, move->seg_to, q);
+    if (has_stop(move, view)) {
+        kc_space_stop(s, cand, nth_stop(view, move->i_stop++), q);
+        move->to_stop = true;
+    }
     return kc_move_send(move, view, work, out, move->seg_from, move->seg_to, q);
 }
 
@@ -279,6 +309,7 @@ kc_outcome_t kc_move_begin(kc_move_t *move, const kc_view_t *view, kc_work_t *wo
     move->node = node;
     move->n_path = n + first;
     move->i_path = 0u;
+    move->i_stop = 0u;
     (void)kc_move_joints(view, (uint32_t)view->cal->candidate, IK_ITER_MAX, move->q_final);
     return kc_outcome(send_leg(move, view, work, out).id == KC_OC_STAY ? KC_OC_DONE : KC_OC_SKIP);
 }
@@ -286,7 +317,14 @@ kc_outcome_t kc_move_begin(kc_move_t *move, const kc_view_t *view, kc_work_t *wo
 kc_outcome_t kc_move_run(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out)
 {
     kc_outcome_t arrived = kc_move_wait(move, view, work, out);
-    if (arrived.id != KC_OC_DONE || move->i_path >= move->n_path) { return arrived; }
+    if (arrived.id != KC_OC_DONE || move->to_stop || move->i_path >= move->n_path) { return arrived; }
     move->node = move->path[move->i_path++];
     return send_leg(move, view, work, out);
+}
+
+bool kc_move_stopped(const kc_move_t *move) { return move->to_stop; }
+
+kc_outcome_t kc_move_onward(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out)
+{
+    return kc_outcome(send_leg(move, view, work, out).id == KC_OC_STAY ? KC_OC_DONE : KC_OC_SKIP);
 }

@@ -19,6 +19,8 @@ typedef struct {
     double q_former[KC_JOINT_MAX]; /* the target that the arm echoed when that was sent */
     double q_final[KC_JOINT_MAX];  /* joints at the candidate, after the way points */
     uint16_t seg_from, seg_to;     /* current verified segment, kept through an abort */
+    uint32_t i_stop;               /* next stop on the segment to the candidate */
+    bool to_stop;                  /* the arm is on its way to a stop, or there */
     uint64_t sent_us, start_us;
     int32_t seq; /* of the last command */
     uint32_t holds;   /* how often hold may still be sent again ... */
@@ -47,8 +49,11 @@ kc_outcome_t kc_move_near(kc_move_t *move, const kc_view_t *view, kc_work_t *wor
 /* Plan the path to the current candidate (a replicate: over its hub, so that it is approached again) and start.
  * DONE; SKIP: no path, or the guard refused; ABORT: no verified path begins where the arm is. */
 kc_outcome_t kc_move_begin(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out);
-/* MOVE: DONE when the arm is at the candidate. */
+/* MOVE: DONE when the arm is at the candidate, or at a stop (kc_move_stopped). */
 kc_outcome_t kc_move_run(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out);
+/* Whether the arm is at a stop; and on from there. DONE: sent; SKIP: the guard refused. */
+bool kc_move_stopped(const kc_move_t *move);
+kc_outcome_t kc_move_onward(kc_move_t *move, const kc_view_t *view, kc_work_t *work, kc_out_t *out);
 /* Wait for the guard, then for the arm: DONE when it echoes its target, is at rest and there. Sent again if it was lost, that
  * is while the arm echoes what it did before: a third target is somebody else's, whom flight does not contradict. SKIP:
  * refused. */

@@ -69,34 +69,35 @@ static kc_servo_result_t step(kc_observe_t *observe, const kc_view_t *view, cons
 }
 
 /* Whether two poses of the tool are so different that an observation of each is worth its time. */
-static bool apart(const kc_config_t *config, const kc_pose_t *one, const kc_pose_t *two)
+static bool differ(const kc_config_t *config, const kc_pose_t *one, const kc_pose_t *two)
 {
     double r[6];
     kc_pose_residual(one, two, r);
-    return kc_v3_norm(r) >= config->way_pos_m || kc_v3_norm(&r[3]) >= config->way_rot_rad;
+    return kc_v3_norm(r) >= config->extra_pos_m || kc_v3_norm(&r[3]) >= config->extra_rot_rad;
 }
 
 /* The arm rests with tags in view, and is about to go on to the goal. */
-static bool worth_observing(const kc_observe_t *observe, const kc_view_t *view, const kc_pose_t *goal)
+static bool wants_extra(const kc_observe_t *observe, const kc_view_t *view, const kc_pose_t *goal)
 {
     const kc_config_t *c = &view->tables->config;
-    bool more = observe->n_on_way < c->way_obs_max && kc_plan_has_room(view->plan);
-    return more && apart(c, &observe->measured, goal) &&
-           (observe->n_on_way == 0u || apart(c, &observe->measured, &observe->last_on_way));
+    bool more = observe->n_extra < c->extra_obs_max && kc_plan_has_room(view->plan);
+    return more && differ(c, &observe->measured, goal) &&
+           (observe->n_extra == 0u || differ(c, &observe->measured, &observe->last_extra));
 }
 
-static void begin_on_way(kc_observe_t *observe, kc_request_t *request)
+static void begin_extra(kc_observe_t *observe, kc_request_t *request)
 {
     observe->taken_at = observe->servo_steps == 0u ? KC_AT_ARRIVAL : KC_AT_SERVO_STEP;
-    observe->last_on_way = observe->measured;
-    observe->n_on_way++;
+    observe->last_extra = observe->measured;
+    observe->n_extra++;
     kc_request_begin(request);
 }
 
 kc_outcome_t kc_observe_measured(const kc_observe_t *observe, kc_outcome_t measured)
 {
     bool over = measured.id == KC_OC_DONE || measured.id == KC_OC_SKIP;
-    return over && observe->taken_at != KC_AT_CANDIDATE ? kc_outcome(KC_OC_SERVO) : measured;
+    if (!over || observe->taken_at == KC_AT_CANDIDATE) { return measured; }
+    return kc_outcome(observe->taken_at == KC_AT_STOP ? KC_OC_ONWARD : KC_OC_SERVO);
 }
 
 static kc_outcome_t detected(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view,
@@ -113,8 +114,8 @@ static kc_outcome_t detected(kc_observe_t *observe, kc_request_t *request, const
         report_beside(observe, view, out, &goal);
         return measure(observe, request, view);
     }
-    bool also = worth_observing(observe, view, &goal);
-    if (also) { begin_on_way(observe, request); }
+    bool also = wants_extra(observe, view, &goal);
+    if (also) { begin_extra(observe, request); }
     observe->servo_steps++;
     observe->tried.searched = false;
     return kc_outcome(also ? KC_OC_MEASURE : KC_OC_SERVO);
@@ -149,13 +150,25 @@ static kc_outcome_t no_tags(kc_observe_t *observe, const kc_view_t *view, kc_out
     }
 }
 
+void kc_observe_at_stop(kc_observe_t *observe, bool at_stop) { observe->at_stop = at_stop; }
+
+/* At a stop nothing is searched for and the arm does not leave the segment. */
+static kc_outcome_t measure_stop(kc_observe_t *observe, kc_request_t *request)
+{
+    observe->taken_at = KC_AT_STOP;
+    kc_request_begin(request);
+    return kc_outcome(KC_OC_MEASURE);
+}
+
 kc_outcome_t kc_observe_run(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view,
                             kc_out_t *out)
 {
+    const bool at_stop = observe->at_stop;
     switch (kc_request_poll(request, view, out)) {
-    case KC_FRAME_DETECTED: return detected(observe, request, view, out);
-    case KC_FRAME_NO_TAGS: return no_tags(observe, view, out);
-    case KC_FRAME_UNCERTAIN: return kc_outcome(KC_OC_SKIP);
+    case KC_FRAME_DETECTED:
+        return at_stop ? measure_stop(observe, request) : detected(observe, request, view, out);
+    case KC_FRAME_NO_TAGS: return at_stop ? kc_outcome(KC_OC_ONWARD) : no_tags(observe, view, out);
+    case KC_FRAME_UNCERTAIN: return kc_outcome(at_stop ? KC_OC_ONWARD : KC_OC_SKIP);
     case KC_FRAME_TIMEOUT: return kc_abort_for(KC_CAUSE_CAMERA);
     default: return kc_outcome(KC_OC_STAY);
     }

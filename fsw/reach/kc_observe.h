@@ -19,19 +19,24 @@ typedef struct {
     double q_detected[KC_JOINT_MAX]; /* joints at the last detection */
     double q_servo[KC_JOINT_MAX];    /* where the next servo step goes */
     kc_servo_mem_t servo;
+    bool at_stop;
     kc_taken_at_t taken_at; /* what MEASURE measures */
-    uint32_t n_on_way;      /* observations begun on the way to this candidate, */
-    kc_pose_t last_on_way;  /* and where the tool was at the last one */
+    uint32_t n_extra;      /* observations begun on the way to this candidate, */
+    kc_pose_t last_extra;  /* and where the tool was at the last one */
 } kc_observe_t;
 
 /* A new candidate. */
 void kc_observe_begin(kc_observe_t *observe);
 /* The pan-tilt unit was aimed: a search starts from here. */
 void kc_observe_aimed(kc_observe_t *observe, const kc_pantilt_t *pantilt);
-/* OBSERVE: SERVO (to q_servo), MEASURE (of taken_at), APPROACH, SEED, RETREAT (to q_detected), SEARCH or SKIP. */
+/* At a stop on the way to the candidate; back on the way. */
+void kc_observe_at_stop(kc_observe_t *observe, bool at_stop);
+/* OBSERVE: SERVO (to q_servo), MEASURE (of taken_at), APPROACH, SEED, RETREAT (to q_detected), SEARCH or SKIP; at a stop
+ * MEASURE or ONWARD. */
 kc_outcome_t kc_observe_run(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view,
                             kc_out_t *out);
-/* What MEASURE has come to. On the way an observation is of use, but not needed: done or not, SERVO to q_servo. */
+/* What MEASURE has come to. On the way an observation is of use, but not needed: done or not, SERVO to q_servo, from a
+ * stop ONWARD. */
 kc_outcome_t kc_observe_measured(const kc_observe_t *observe, kc_outcome_t measured);
 /* SEARCH: DONE if tags were detected, SEARCH for the next place. */
 kc_outcome_t kc_observe_search(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view,

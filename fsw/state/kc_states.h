@@ -10,7 +10,7 @@
 
 typedef enum {
     KC_ST_IDLE = 0,
-    KC_ST_MOVE = 1, /* along a verified path to the candidate */
+    KC_ST_MOVE = 1, /* along a verified path to the candidate, or to a stop on it */
     KC_ST_AIM = 2, /* pan-tilt unit turns to the tool */
     KC_ST_SETTLE = 3, /* arm and pan-tilt unit come to rest */
     KC_ST_OBSERVE = 4, /* frame requested, servo decides */
@@ -45,6 +45,7 @@ typedef enum {
     KC_OC_ABORT, /* for a cause */
     /* of OBSERVE and SEARCH; SERVO also of MEASURE, on the way */
     KC_OC_SERVO,
+    KC_OC_ONWARD, /* and of MEASURE, at a stop */
     KC_OC_MEASURE,
     KC_OC_APPROACH,
     KC_OC_SEED,
@@ -93,6 +94,7 @@ static inline kc_outcome_t kc_abort_for(kc_cause_t cause) { return (kc_outcome_t
     X(OBSERVE, RETREAT, RETREAT, NEXT_STEP)    \
     X(OBSERVE, SEARCH, TURN, NEXT_STEP)        \
     X(OBSERVE, SKIP, SELECT, SAME_STEP)        \
+    X(OBSERVE, ONWARD, MOVE, NEXT_STEP)        \
     X(SERVO, DONE, AIM, SAME_STEP)             \
     X(SERVO, SKIP, SELECT, SAME_STEP)          \
     X(SEED, DONE, AIM, SAME_STEP)              \
@@ -110,6 +112,7 @@ static inline kc_outcome_t kc_abort_for(kc_cause_t cause) { return (kc_outcome_t
     X(SEARCH, SEARCH, TURN, NEXT_STEP)         \
     X(MEASURE, DONE, UPDATE, NEXT_STEP)        \
     X(MEASURE, SERVO, SERVO, NEXT_STEP)        \
+    X(MEASURE, ONWARD, MOVE, NEXT_STEP)        \
     X(MEASURE, DISTURBED, REST, NEXT_STEP)     \
     X(MEASURE, SKIP, SELECT, SAME_STEP)        \
     X(UPDATE, DONE, REFINE, NEXT_STEP)         \

@@ -135,11 +135,12 @@ static void walk_poses(kc_walk_t *w, kc_config_t *c)
     kc_walk_u32(w, 83u, &c->stop_checks, 0u, KC_MEAS_MAX); /* 0 = not checked */
 }
 
-static void walk_way(kc_walk_t *w, kc_config_t *c)
+static void walk_extra(kc_walk_t *w, kc_config_t *c)
 {
-    kc_walk_u32(w, 84u, &c->way_obs_max, 0u, KC_MEAS_MAX); /* 0 = off */
-    kc_walk_f64(w, 85u, &c->way_pos_m, TINY, 10.0);
-    kc_walk_f64(w, 86u, &c->way_rot_rad, TINY, 3.2);
+    kc_walk_u32(w, 84u, &c->extra_obs_max, 0u, KC_MEAS_MAX); /* 0 = off */
+    kc_walk_f64(w, 85u, &c->extra_pos_m, TINY, 10.0);
+    kc_walk_f64(w, 86u, &c->extra_rot_rad, TINY, 3.2);
+    kc_walk_u32(w, 87u, &c->stops_max, 0u, KC_STOP_MAX); /* 0 = off */
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
@@ -151,7 +152,7 @@ void kc_config_walk(kc_walk_t *w, kc_config_t *c)
     walk_policy(w, c);
     walk_decisions(w, c);
     walk_poses(w, c);
-    walk_way(w, c);
+    walk_extra(w, c);
 }
 
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got)

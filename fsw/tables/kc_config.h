@@ -92,9 +92,10 @@ typedef struct {
     double stop_confidence; /* that the error is within stop_pos_m and stop_rot_rad; 0: their RMS */
     uint32_t stop_checks; /* so many poses in a row have to be as predicted, before they are used */
     /* observing on the way to a candidate, where the arm rests with tags in view before a servo step */
-    uint32_t way_obs_max; /* most such observations for each candidate, 0: none */
+    uint32_t extra_obs_max; /* most such observations for each candidate, 0: none */
     /* least distance of the tool from the candidate, and from the last of them: one of the two is enough */
-    double way_pos_m, way_rot_rad;
+    double extra_pos_m, extra_rot_rad;
+    uint32_t stops_max; /* most stops on the way to each candidate, of those that SPACE has, 0: none */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

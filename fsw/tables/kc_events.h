@@ -319,10 +319,10 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "the stated errors of the camera chain alone leave the tool uncertain by {got:mm}, required "          \
       "{want:mm}",                                                                                           \
       "The calibration goes on. Measure tags and camera better, or require less.")                           \
-    X(150, CAL_WAY_OUTLIER, WARN,                                                                            \
+    X(150, CAL_EXTRA_OUTLIER, WARN,                                                                          \
       "observation {got:count}, on the way to pose {index:pose}, rejected as an outlier",                    \
       "None if rare; otherwise diagnose the log (kincal model diagnose).")                                   \
-    X(151, CAL_WAY_OUTLIER_ACCEPTED, INFO,                                                                   \
+    X(151, CAL_EXTRA_OUTLIER_ACCEPTED, INFO,                                                                 \
       "observation {got:count}, on the way to pose {index:pose}, fits again: no longer rejected", "")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),

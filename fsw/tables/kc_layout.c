@@ -253,6 +253,24 @@ static void walk_verified(kc_walk_t *w, kc_space_t *s)
     w->index = -1;
 }
 
+/* An image without stops ends before them: as all did before there were any. */
+static void walk_stops(kc_walk_t *w, kc_space_t *s, uint32_t n_cand)
+{
+    bool here = w->mode == KC_WALK_READ ? w->pos < w->in_n : s->n_stop > 0u;
+    if (!here) { return; }
+    /* most stops of a candidate; an image without any ends before this */
+    uint32_t n_stop = kc_walk_count(w, 35u, &s->n_stop, 1u, KC_STOP_MAX);
+    for (uint32_t i = 0u; i < n_cand; i++) {
+        w->index = (int32_t)i;
+        for (uint32_t k = 0u; k < n_stop; k++) {
+            /* place on the segment from the hub, in 1/256 of it; ascending, then 0: none; local poses have none */
+            kc_walk_u8(w, 36u, &s->stop[i][k], 0u, KC_STOP_PARTS - 1u);
+            kc_walk_rule(w, 36u, kc_space_stop_fits(s, i, k), (double)s->stop[i][k]);
+        }
+    }
+    w->index = -1;
+}
+
 static void walk_space(kc_walk_t *w, kc_space_t *s)
 {
     uint32_t n_cand = kc_walk_count(w, 1u, &s->n_cand, 1u, KC_CAND_MAX);
@@ -270,6 +288,7 @@ static void walk_space(kc_walk_t *w, kc_space_t *s)
     }
     walk_bodies(w, s);
     walk_verified(w, s);
+    walk_stops(w, s, n_cand);
 }
 
 static void walk_hyper(kc_walk_t *w, kc_hyper_t *h)

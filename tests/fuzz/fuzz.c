@@ -152,6 +152,21 @@ static bool near_node(const kc_active_t *a, const double *q)
     return false;
 }
 
+/* At a stop of the current candidate, on its way from the hub. */
+static bool at_stop(const kc_app_t *app, const double *q)
+{
+    const kc_space_t *s = &app->tables.active.space;
+    uint32_t cand = (uint32_t)app->cal.candidate;
+    double stop[KC_JOINT_MAX];
+    for (uint32_t i = 0u; cand < s->n_cand && i < kc_space_n_stops(s, cand); i++) {
+        bool at = true;
+        kc_space_stop(s, cand, i, stop);
+        for (uint32_t j = 0u; j < s->n_joints; j++) { at = at && fabs(q[j] - stop[j]) <= 1e-9; }
+        if (at) { return true; }
+    }
+    return false;
+}
+
 static void check_arm_cmd(const kc_app_t *app, const kc_arm_cmd_t *c, kc_state_t before)
 {
     const kc_active_t *a = &app->tables.active;
@@ -164,7 +179,7 @@ static void check_arm_cmd(const kc_app_t *app, const kc_arm_cmd_t *c, kc_state_t
     for (uint32_t j = 0u; j < c->n_joints; j++) {
         MUST(c->q[j] >= a->arm.joint[j].q_min - 1e-6 && c->q[j] <= a->arm.joint[j].q_max + 1e-6);
     }
-    MUST(near_node(a, c->q));
+    MUST(near_node(a, c->q) || at_stop(app, c->q));
 }
 
 static void check_commands(const kc_app_t *app, const kc_out_t *out, kc_state_t before)

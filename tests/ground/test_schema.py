@@ -415,8 +415,8 @@ def test_a_wrong_question_for_a_schema_says_what_there_is(given, complaint):
 
 def test_limits_are_those_of_the_headers():
     lib = library("flight").lib
-    assert (space.CAND_MAX, space.HUB_MAX, space.INITIAL_MAX) == (
-        lib.KC_CAND_MAX, lib.KC_HUB_MAX, lib.KC_INITIAL_MAX,
+    assert (space.CAND_MAX, space.HUB_MAX, space.INITIAL_MAX, space.STOP_MAX) == (
+        lib.KC_CAND_MAX, lib.KC_HUB_MAX, lib.KC_INITIAL_MAX, lib.KC_STOP_MAX,
     )  # fmt: skip
     assert space.JOINT_MAX == tables.JOINT_MAX == lib.KC_JOINT_MAX
     assert (tables.COEF_MAX, tables.NAME_CHARACTERS) == (lib.KC_COEF_MAX, lib.KC_NAME_LEN - 1)

@@ -1,5 +1,6 @@
 """Search spaces: every candidate keeps what its description promises, checked by plain numpy."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -254,6 +255,47 @@ def test_direct_edges_join_only_near_candidates(committed):
                 n += 1
                 assert np.max(np.abs(q[i] - q[j])) <= DESC.clear.direct_max_rad + 1e-6
     assert n > 0
+
+
+def test_stops_show_tags_of_the_nominal_arm_and_of_most_wrong_arms(committed):
+    checks = space.Checks.load(DESC, space.TablesFolder(BIN))
+    assert committed.n_stop == DESC.stops.most == 4
+    have = 0
+    for i in range(0, committed.n_cand, 9):
+        c, places = committed.cand[i], [p for p in committed.stop[i] if p]
+        assert places == sorted(set(places))
+        assert not (c.why & LOCAL and places)
+        hub, seed = (np.array(list(q)[:7]) for q in (committed.hub_q[c.hub], c.q_seed))
+        have += bool(places)
+        for part in places:
+            q = hub + part / 256.0 * (seed - hub)
+            assert min(np.abs(q - hub).max(), np.abs(q - seed).max()) > DESC.stops.spacing_rad - 1e-3
+            _, tool = wam(q)
+            _, _, eye, _ = aimed_at(tool[:3, 3])
+            assert DESC.view.range_min_m <= np.linalg.norm(tool[:3, 3] - eye) <= DESC.view.range_max_m
+            shown = checks.detected_with_errors(q)
+            assert np.mean(shown) >= DESC.stops.shown_min
+    numbers = space.summarise(space.SpaceTable.load(BIN / "space.tbl")[1], space.TablesFolder(BIN).camera, 0)
+    places = [[p for p in row if p] for row in committed.stop[0 : committed.n_cand]]
+    assert (numbers.stops, numbers.stopping) == (sum(map(len, places)), sum(map(bool, places)))
+    assert have > 0.8 * len(range(0, DESC.candidates, 9))
+
+
+def test_stops_are_found_again_and_a_wrong_one_is_named():
+    checks = space.Checks.load(DESC, space.TablesFolder(BIN))
+    table = space.SpaceTable.load(BIN / "space.tbl")[1]
+    i = next(i for i in range(20) if table.row(i).stops)
+    row = table.row(i)
+    assert space.samples.stops_on(checks, row.hub_q_rad, row.q_rad) == list(row.stops)
+    assert not [
+        p for p in space.samples.check_row(checks, row, table.servo_bound_rad).problems if "stop" in p
+    ]
+    blind = next(
+        part for part in range(1, 256)
+        if checks.stop_problem(space.table.stop_joints(row.hub_q_rad, row.q_rad, part))
+    )  # fmt: skip
+    wrong = space.samples.check_row(checks, replace(row, stops=(blind,)), table.servo_bound_rad)
+    assert [p for p in wrong.problems if p.startswith(f"stop {blind}: ")]
 
 
 def test_impossible_description_says_what_most_samples_fail():

@@ -188,9 +188,10 @@ void given_config(kc_config_t *c)
     c->power_min = 0.9;
     c->rate_measure = KC_ACQ_DOPT;
     c->frame_s = 0.3;
-    c->way_obs_max = 0u;
-    c->way_pos_m = 0.02;
-    c->way_rot_rad = 0.05;
+    c->extra_obs_max = 0u;
+    c->extra_pos_m = 0.02;
+    c->extra_rot_rad = 0.05;
+    c->stops_max = 0u;
 }
 
 /* Joints spread over the middle of the limits by a low-discrepancy sequence. */

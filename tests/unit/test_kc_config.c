@@ -125,9 +125,10 @@ static const spoil_t s_spoil[] = {
     {81, AT(frame_s), 'd', -0.1},
     {82, AT(stop_confidence), 'd', 1.0},
     {83, AT(stop_checks), 'u', 65.0},
-    {84, AT(way_obs_max), 'u', 65.0},
-    {85, AT(way_pos_m), 'd', 0.0},
-    {86, AT(way_rot_rad), 'd', 0.0},
+    {84, AT(extra_obs_max), 'u', 65.0},
+    {85, AT(extra_pos_m), 'd', 0.0},
+    {86, AT(extra_rot_rad), 'd', 0.0},
+    {87, AT(stops_max), 'u', 5.0},
 };
 
 static void spoil(const spoil_t *s, double value)

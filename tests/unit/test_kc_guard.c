@@ -334,6 +334,24 @@ void test_an_arm_stopped_on_a_segment_may_go_to_its_end(void)
     TEST_ASSERT_EQUAL_INT(KC_GUARD_PATH, kc_guard_check(&s_ask, &s_why));
 }
 
+void test_an_arm_may_be_sent_to_a_place_on_a_verified_segment(void)
+{
+    double end[KC_JOINT_MAX];
+    memcpy(end, s_to, sizeof end);
+    s_ask.from = s_s.cand[3].hub;
+    kc_path_joints(&s_s, s_ask.from, s_from);
+    for (uint32_t j = 0u; j < 7u; j++) { s_to[j] = s_from[j] + 0.3 * (end[j] - s_from[j]); }
+    expect_fine();
+    memcpy(s_from, s_to, sizeof s_to);
+    for (uint32_t j = 0u; j < 7u; j++) { s_to[j] += 0.5 * (end[j] - s_to[j]); }
+    expect_fine(); /* from one to the next */
+    s_to[2] += 1e-4;
+    expect(KC_GUARD_PATH, 0, 0.0, 0.0); /* beside it */
+    s_to[2] -= 1e-4;
+    s_from[2] += 0.01;
+    expect(KC_GUARD_PATH, 0, 0.0, 0.0); /* from beside it */
+}
+
 /* ---- volumes ---- */
 
 /* A ball where the tool's left end is at these joints, for the arm with the correction in use. */

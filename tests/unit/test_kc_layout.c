@@ -605,6 +605,37 @@ static void written_and_read(uint16_t kind)
 }
 
 /* Written and read again into an empty table, every field is where it was. */
+static void given_stops(void)
+{
+    memset(&s_t, 0, sizeof s_t);
+    given_space(&s_t.space, 5u, 1u);
+    s_t.space.n_stop = 2u;
+    s_t.space.stop[1][0] = 100u;
+    s_t.space.stop[1][1] = 200u;
+    s_t.space.stop[4][0] = 1u;
+}
+
+void test_stops_come_back_from_an_image_and_one_without_them_ends_before(void)
+{
+    given_stops();
+    written_and_read(KC_TBL_SPACE);
+    s_t.space.n_stop = 0u;
+    memset(s_t.space.stop, 0, sizeof s_t.space.stop);
+    written_and_read(KC_TBL_SPACE);
+}
+
+void test_stops_out_of_order_or_too_many_are_refused(void)
+{
+    given_stops();
+    s_t.space.stop[1][1] = 50u;
+    expect_refused(KC_TBL_SPACE, 1, 36u, 50.0);
+    given_stops();
+    s_t.space.n_stop = KC_STOP_MAX + 1u;
+    check(KC_TBL_SPACE);
+    TEST_ASSERT_EQUAL_UINT32(35u, s_w.bad_field);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_w.lost);
+}
+
 void test_every_field_comes_back_from_an_image(void)
 {
     static kc_tbl_scratch_t written;

@@ -607,3 +607,174 @@ void test_the_pantilt_unit_is_aimed_at_the_shifted_tool(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-12, tilt, out.pantilt_cmd.tilt_rad);
     }
 }
+
+/* ---- stops ---- */
+
+/* Candidate 0, on hub 0, has four of them; the arm of the world is off, so that frames tell something. */
+static void given_stops(uint32_t stops_max)
+{
+    static const uint8_t stop[KC_STOP_MAX] = {50u, 100u, 150u, 200u};
+    setUp();
+    world.truth.joint[6].phi_rad = 0.1;
+    world.config.n_poses = 1u;
+    world.config.stops_max = stops_max;
+    world.space.n_stop = KC_STOP_MAX;
+    memcpy(world.space.stop[0], stop, sizeof stop);
+}
+
+static void expect_stops(uint32_t n, const uint8_t *stop)
+{
+    double q[KC_JOINT_MAX];
+    TEST_ASSERT_EQUAL_UINT32(n + 1u, world.n_meas);
+    for (uint32_t i = 0u; i < n; i++) {
+        const kc_meas_t *m = &world.meas[i];
+        TEST_ASSERT_EQUAL_INT(KC_AT_STOP, m->taken_at);
+        TEST_ASSERT_EQUAL_UINT32(1u, m->pose);
+        TEST_ASSERT_EQUAL_UINT32(3u, m->n_frames);
+        for (uint32_t j = 0u; j < 7u; j++) {
+            q[j] = (double)stop[i] / 256.0 * (double)world.space.cand[0].q_seed[j]; /* hub 0 is at zero */
+        }
+        TEST_ASSERT_TRUE(distance(q, m->arm.q) < 1e-3);
+    }
+    TEST_ASSERT_EQUAL_INT(KC_AT_CANDIDATE, world.meas[n].taken_at);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->plan.n_meas);
+}
+
+void test_the_arm_observes_at_stops_evenly_those_that_are_allowed(void)
+{
+    static const uint8_t want[][4] = {{0u}, {150u}, {100u, 200u}, {50u, 150u, 200u}, {50u, 100u, 150u, 200u}};
+    for (uint32_t n = 0u; n <= KC_STOP_MAX; n++) {
+        given_stops(n);
+        world_calibrated();
+        expect_stops(n, want[n]);
+        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_GRD_PATH));
+    }
+    given_stops(KC_STOP_MAX); /* the table has fewer */
+    world.space.stop[0][1] = 0u;
+    world.space.stop[0][2] = 0u;
+    world.space.stop[0][3] = 0u;
+    world_calibrated();
+    expect_stops(1u, want[4]);
+}
+
+void test_the_pantilt_unit_follows_to_a_stop_and_goes_on_with_the_arm(void)
+{
+    kc_pose_t T;
+    double pan = 0.0, tilt = 0.0;
+    given_stops(1u);
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    kc_view_expect(&APP->view, world.q, &T);
+    (void)kc_camera_aim(&world.camera, T.p_m, &pan, &tilt);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3, pan, world.pan);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3, tilt, world.tilt);
+    TEST_ASSERT_TRUE(world_until(KC_ST_MOVE, 100u));
+    kc_view_expect(&APP->view, APP->move.q_final, &T);
+    (void)kc_camera_aim(&world.camera, T.p_m, &pan, &tilt);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, pan, world.pan_cmd);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, tilt, world.tilt_cmd);
+    TEST_ASSERT_FALSE(kc_move_stopped(&APP->move));
+}
+
+static void hidden_at_stops(kc_detection_t *d)
+{
+    if (APP->observe.at_stop) { d->n_tags = 0u; }
+}
+
+static void uncertain_at_stops(kc_detection_t *d)
+{
+    if (APP->observe.at_stop) { d->cov[0] = 1.0; }
+}
+
+static void uncertain_in_measurements_at_stops(kc_detection_t *d)
+{
+    if (APP->observe.at_stop && kc_app_state(APP) == KC_ST_MEASURE) { d->cov[0] = 1.0; }
+}
+
+void test_a_stop_that_shows_nothing_is_left_and_costs_no_candidate(void)
+{
+    void (*spoil[])(kc_detection_t *) = {hidden_at_stops, uncertain_at_stops,
+                                         uncertain_in_measurements_at_stops};
+    for (uint32_t i = 0u; i < 3u; i++) {
+        given_stops(2u);
+        world.spoil = spoil[i];
+        world_calibrated();
+        expect_stops(0u, NULL);
+        TEST_ASSERT_EQUAL_INT(0, world.meas[0].candidate);
+        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+        TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_TAGS_LOST));
+    }
+}
+
+void test_without_room_for_observations_the_arm_does_not_stop(void)
+{
+    given_stops(4u);
+    world.config.n_poses = 8u;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    TEST_ASSERT_TRUE(APP->observe.at_stop);
+    APP->plan.n_goal = KC_MEAS_MAX;
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 600u));
+    TEST_ASSERT_EQUAL_UINT32(2u, world.n_meas);
+}
+
+/* Candidate 2 has a direct segment from candidate 0: there the stops of its hub's segment are not. */
+void test_stops_belong_to_the_segment_from_the_hub(void)
+{
+    given_stops(4u);
+    world.config.n_poses = 3u;
+    memset(world.space.stop[0], 0, sizeof world.space.stop[0]);
+    world.space.initial[1] = 2u;
+    world.space.initial[2] = 1u;
+    world.space.stop[2][0] = 100u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_UINT32(3u, world.n_meas);
+    TEST_ASSERT_EQUAL_INT(2, world.meas[1].candidate);
+}
+
+void test_an_arm_beside_its_hub_goes_there_first_and_stops_then(void)
+{
+    static const uint8_t want[] = {150u};
+    given_stops(1u);
+    world.q[2] = world.q_cmd[2] = 0.03;
+    world_calibrated();
+    expect_stops(1u, want);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_GRD_PATH));
+}
+
+void test_a_replicate_repeats_the_pose_without_its_stops(void)
+{
+    given_stops(1u);
+    world.config.n_poses = 4u;
+    world.config.replicate_every = 3u;
+    world_calibrated();
+    TEST_ASSERT_EQUAL_INT(1, world.meas[4].replicate);
+    TEST_ASSERT_EQUAL_INT(0, world.meas[4].candidate);
+    TEST_ASSERT_EQUAL_UINT32(5u, world.n_meas); /* one stop, at the first time */
+}
+
+void test_an_arm_that_is_stopped_at_a_stop_goes_on_from_there(void)
+{
+    given_stops(1u);
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    (void)world_cmd(KC_CMD_ABORT, 0, 0, 0);
+    TEST_ASSERT_TRUE(world_until(KC_ST_SAFE, 20u));
+    (void)world_cmd(KC_CMD_START, -1, 0, 0);
+    for (uint32_t i = 0u; i < 2000u && kc_app_state(APP) != KC_ST_REVIEW; i++) { world_tick(); }
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_NO_PATH));
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+}
+
+void test_a_move_that_the_guard_refuses_from_a_stop_costs_the_candidate(void)
+{
+    given_stops(1u);
+    world.config.n_poses = 2u;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    world.q[2] += 0.1;
+    world.q_cmd[2] += 0.1; /* somebody has moved the arm off the segment */
+    TEST_ASSERT_TRUE(world_until_event(KC_EVT_GRD_PATH, 100u));
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CAND_SKIPPED));
+    TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CAL_CAND_SKIPPED].index);
+}

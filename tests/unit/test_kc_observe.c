@@ -368,11 +368,11 @@ void test_search_positions_beyond_one_limit_are_left_out(void)
 
 /* ---- observations on the way ---- */
 
-static void given_a_turned_tool(uint32_t way_obs_max)
+static void given_a_turned_tool(uint32_t extra_obs_max)
 {
     given_world();
     world.truth.joint[6].phi_rad = 0.4;
-    world.config.way_obs_max = way_obs_max;
+    world.config.extra_obs_max = extra_obs_max;
 }
 
 static void measured_once(void)
@@ -410,7 +410,7 @@ void test_where_the_arm_arrives_it_observes_before_the_servo_moves(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.05, 0.4, tool_turn(m, &world.meas[1]));
 }
 
-void test_without_observations_on_the_way_it_observes_at_the_candidate_alone(void)
+void test_without_extra_ones_it_observes_at_the_candidate_alone(void)
 {
     given_a_turned_tool(0u);
     measured_once();
@@ -425,8 +425,8 @@ void test_an_arrival_as_near_as_the_thresholds_tells_nothing_new(void)
     for (uint32_t i = 0u; i < 3u; i++) {
         given_a_turned_tool(1u);
         world.truth.joint[2].d_m += 0.03;
-        world.config.way_pos_m = pos_m[i];
-        world.config.way_rot_rad = rot_rad[i];
+        world.config.extra_pos_m = pos_m[i];
+        world.config.extra_rot_rad = rot_rad[i];
         measured_once();
         TEST_ASSERT_EQUAL_UINT32(want[i], world.n_meas);
     }
@@ -436,8 +436,8 @@ void test_after_servo_steps_it_observes_where_the_tool_has_moved_far_enough(void
 {
     given_a_turned_tool(8u);
     world.config.servo.step_max = 0.04;
-    world.config.way_pos_m = 10.0;
-    world.config.way_rot_rad = 0.09; /* two or three steps */
+    world.config.extra_pos_m = 10.0;
+    world.config.extra_rot_rad = 0.09; /* two or three steps */
     measured_once();
     TEST_ASSERT_TRUE(world.n_meas > 3u && world.n_meas < 2u + APP->observe.servo_steps / 2u);
     for (uint32_t i = 0u; i + 1u < world.n_meas; i++) {
@@ -448,13 +448,13 @@ void test_after_servo_steps_it_observes_where_the_tool_has_moved_far_enough(void
     }
     given_a_turned_tool(2u); /* no more than these */
     world.config.servo.step_max = 0.04;
-    world.config.way_pos_m = 10.0;
-    world.config.way_rot_rad = 0.09;
+    world.config.extra_pos_m = 10.0;
+    world.config.extra_rot_rad = 0.09;
     measured_once();
     TEST_ASSERT_EQUAL_UINT32(3u, world.n_meas);
 }
 
-void test_on_the_way_it_observes_only_while_there_is_room(void)
+void test_it_observes_more_only_while_there_is_room(void)
 {
     given_a_turned_tool(8u);
     world_started();

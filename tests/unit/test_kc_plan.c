@@ -305,14 +305,14 @@ void test_an_arm_that_leaves_measures_no_local_pose_any_more(void)
 
 /* ---- observations on the way ---- */
 
-void test_observations_on_the_way_are_no_poses_but_are_held_in_order(void)
+void test_extra_observations_are_no_poses_but_are_held_in_order(void)
 {
     given(1u, 0u, 5u);
     measure(10u);
     TEST_ASSERT_TRUE(kc_plan_only_local(&s_plan));
-    kc_plan_on_the_way(&s_plan, KC_AT_ARRIVAL);
+    kc_plan_extra(&s_plan, KC_AT_ARRIVAL);
     TEST_ASSERT_FALSE(kc_plan_only_local(&s_plan));
-    kc_plan_on_the_way(&s_plan, KC_AT_SERVO_STEP);
+    kc_plan_extra(&s_plan, KC_AT_SERVO_STEP);
     measure(0u);
     measure(1u);
     TEST_ASSERT_EQUAL_UINT32(3u, s_plan.n_meas);
@@ -326,13 +326,13 @@ void test_observations_on_the_way_are_no_poses_but_are_held_in_order(void)
 }
 
 /* Five poses requested, one local initial pose: every pose still to come keeps its place. */
-void test_there_is_room_on_the_way_while_all_poses_to_come_can_be_held(void)
+void test_there_is_room_for_more_while_all_poses_to_come_can_be_held(void)
 {
     given(1u, 0u, 5u);
     measure(10u);
     uint32_t n = 0u;
     while (kc_plan_has_room(&s_plan)) {
-        kc_plan_on_the_way(&s_plan, KC_AT_ARRIVAL);
+        kc_plan_extra(&s_plan, KC_AT_ARRIVAL);
         n++;
     }
     TEST_ASSERT_EQUAL_UINT32(KC_MEAS_MAX - 6u, n);
@@ -349,7 +349,7 @@ void test_there_is_room_on_the_way_while_all_poses_to_come_can_be_held(void)
 void test_it_is_complete_when_nothing_more_can_be_held(void)
 {
     given(0u, 0u, 5u);
-    for (uint32_t i = 0u; i < KC_MEAS_MAX - 1u; i++) { kc_plan_on_the_way(&s_plan, KC_AT_ARRIVAL); }
+    for (uint32_t i = 0u; i < KC_MEAS_MAX - 1u; i++) { kc_plan_extra(&s_plan, KC_AT_ARRIVAL); }
     TEST_ASSERT_FALSE(kc_plan_complete(&s_plan, &s_space));
     measure(0u);
     TEST_ASSERT_TRUE(kc_plan_complete(&s_plan, &s_space));

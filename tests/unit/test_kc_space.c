@@ -424,3 +424,43 @@ void test_a_volume_that_is_none_is_refused(void)
     s_s.volume[1].radius_m = 0.1f;
     expect_valid(&s_arm);
 }
+
+/* ---- stops ---- */
+
+void test_a_stop_is_at_a_part_of_the_segment_from_the_hub(void)
+{
+    double q[KC_JOINT_MAX];
+    s_s.n_stop = 3u;
+    s_s.cand[1].hub = 1u;
+    s_s.stop[1][0] = 64u;
+    s_s.stop[1][1] = 192u;
+    TEST_ASSERT_EQUAL_UINT32(0u, kc_space_n_stops(&s_s, 0u));
+    TEST_ASSERT_EQUAL_UINT32(2u, kc_space_n_stops(&s_s, 1u));
+    s_s.stop[1][2] = 200u;
+    TEST_ASSERT_EQUAL_UINT32(3u, kc_space_n_stops(&s_s, 1u));
+    s_s.stop[1][3] = 201u; /* beyond what the table has */
+    TEST_ASSERT_EQUAL_UINT32(3u, kc_space_n_stops(&s_s, 1u));
+    kc_space_stop(&s_s, 1u, 1u, q);
+    for (uint32_t j = 0u; j < 7u; j++) {
+        double a = (double)s_s.hub_q[1][j], b = (double)s_s.cand[1].q_seed[j];
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.25 * a + 0.75 * b, q[j]);
+    }
+}
+
+void test_stops_are_in_order_and_local_initial_poses_have_none(void)
+{
+    const uint8_t good[4] = {3u, 7u, 0u, 0u}, back[4] = {7u, 3u, 0u, 0u}, twice[4] = {7u, 7u, 0u, 0u};
+    const uint8_t gap[4] = {0u, 3u, 0u, 0u};
+    memcpy(s_s.stop[2], good, sizeof good);
+    for (uint32_t i = 0u; i < 4u; i++) { TEST_ASSERT_TRUE(kc_space_stop_fits(&s_s, 2u, i)); }
+    s_s.cand[2].why |= KC_CAND_LOCAL;
+    TEST_ASSERT_FALSE(kc_space_stop_fits(&s_s, 2u, 0u));
+    TEST_ASSERT_TRUE(kc_space_stop_fits(&s_s, 2u, 2u)); /* none there */
+    s_s.cand[2].why = 0u;
+    memcpy(s_s.stop[2], back, sizeof back);
+    TEST_ASSERT_FALSE(kc_space_stop_fits(&s_s, 2u, 1u));
+    memcpy(s_s.stop[2], twice, sizeof twice);
+    TEST_ASSERT_FALSE(kc_space_stop_fits(&s_s, 2u, 1u));
+    memcpy(s_s.stop[2], gap, sizeof gap);
+    TEST_ASSERT_FALSE(kc_space_stop_fits(&s_s, 2u, 1u));
+}

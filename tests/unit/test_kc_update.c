@@ -440,19 +440,19 @@ void test_a_gp_that_breaks_down_leaves_the_choice_to_chance(void)
 
 /* ---- observations on the way ---- */
 
-static void given_observations_on_the_way(uint32_t n_poses)
+static void given_extra_observations(uint32_t n_poses)
 {
     setUp();
     world.config.n_poses = n_poses;
-    world.config.way_obs_max = 1u;
+    world.config.extra_obs_max = 1u;
     world.config.servo.tol_rot_rad = 0.01;
-    world.config.way_rot_rad = 0.01;
+    world.config.extra_rot_rad = 0.01;
 }
 
-void test_observations_on_the_way_are_in_the_estimate_but_no_poses(void)
+void test_extra_observations_are_in_the_estimate_but_no_poses(void)
 {
     double dp[KC_MEAS_MAX], dr[KC_MEAS_MAX], y[KC_MEAS_MAX];
-    given_observations_on_the_way(6u);
+    given_extra_observations(6u);
     world_calibrated();
     const kc_plan_t *p = &APP->plan;
     TEST_ASSERT_EQUAL_UINT32(6u, p->n_meas);
@@ -473,7 +473,7 @@ void test_observations_on_the_way_are_in_the_estimate_but_no_poses(void)
 
 void test_the_gaussian_process_learns_from_poses_alone(void)
 {
-    given_observations_on_the_way(6u);
+    given_extra_observations(6u);
     world_started();
     for (uint32_t k = 1u; k < 6u; k++) {
         TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 600u));
@@ -490,31 +490,31 @@ static void one_bad_arrival(kc_detection_t *d)
     if (arrival && APP->plan.n_meas == 1u) { d->p_cam_tool_m[1] += 0.01; }
 }
 
-void test_a_bad_observation_on_the_way_is_reported_as_such(void)
+void test_a_bad_extra_observation_is_reported_as_such(void)
 {
-    given_observations_on_the_way(14u);
+    given_extra_observations(14u);
     world.spoil = one_bad_arrival;
     world_calibrated();
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_WAY_OUTLIER));
-    TEST_ASSERT_EQUAL_INT(2, world.last[KC_EVT_CAL_WAY_OUTLIER].index);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_EXTRA_OUTLIER));
+    TEST_ASSERT_EQUAL_INT(2, world.last[KC_EVT_CAL_EXTRA_OUTLIER].index);
     TEST_ASSERT_EQUAL_UINT32(1u, world.proposal.n_outliers);
-    uint32_t observation = (uint32_t)world.last[KC_EVT_CAL_WAY_OUTLIER].got;
+    uint32_t observation = (uint32_t)world.last[KC_EVT_CAL_EXTRA_OUTLIER].got;
     TEST_ASSERT_EQUAL_INT(KC_AT_ARRIVAL, world.meas[observation - 1u].taken_at);
     TEST_ASSERT_EQUAL_UINT32(2u, world.meas[observation - 1u].pose);
     TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.2, world.proposal.kin.value[24]);
 }
 
-void test_an_observation_on_the_way_that_fits_again_is_reported_as_such(void)
+void test_an_extra_observation_that_fits_again_is_reported_as_such(void)
 {
-    given_observations_on_the_way(6u);
+    given_extra_observations(6u);
     world_started();
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 600u));
     TEST_ASSERT_EQUAL_UINT8(KC_AT_ARRIVAL, APP->plan.taken_at[0]);
     APP->learned.outlier_reported[0] = 1u;
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 600u));
-    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_WAY_OUTLIER_ACCEPTED));
-    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_WAY_OUTLIER_ACCEPTED].index);
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.last[KC_EVT_CAL_WAY_OUTLIER_ACCEPTED].got);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_EXTRA_OUTLIER_ACCEPTED));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_EXTRA_OUTLIER_ACCEPTED].index);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, world.last[KC_EVT_CAL_EXTRA_OUTLIER_ACCEPTED].got);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_OUTLIER_ACCEPTED));
 }
 

@@ -118,6 +118,21 @@ class Checks:
         """Random numbers that belong to joints q, so that whoever asks again gets the same."""
         return np.random.default_rng([self.desc.seed, purpose, *q_rad.astype(np.float32).view(np.uint32)])
 
+    def stop_problem(self, q_rad: Floats) -> str:
+        """Why joints q on a verified segment are no stop: the view is that of a candidate, wherever the tool
+        is, and most of the arms with errors show a tag."""
+        poses = self.kinematics.poses(q_rad)
+        views = self.view.aim(poses)
+        problems, shown = self.view.problems(poses.p_m, views, box=False)
+        if problems[0]:
+            return problems[0]
+        tags = self.clearance.thick.visible_tags(q_rad, views.camera.p_m[0], int(shown[0]))
+        if tags.bit_count() < self.desc.view.tags_min:
+            return str(Reason.HIDDEN_TAGS)
+        seen, arms = sum(self.detected_with_errors(q_rad)), len(self.clearance.errors)
+        few = seen < self.desc.stops.shown_min * arms
+        return Reason.FEW_ARMS.with_detail(f"{seen} of {arms}") if few else ""
+
     def servo_bound_contact(
         self, q_rad: Floats, bound_rad: Floats, samples: int, rng: np.random.Generator
     ) -> str:

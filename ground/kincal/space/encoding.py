@@ -32,6 +32,7 @@ def encode(table: SpaceTable, desc: Description, camera: KcCamera) -> tables.Ima
     space = library("flight").new("kc_space_t")
     _write_poses(space, table)
     _write_roadmap(space, table)
+    _write_stops(space, table)
     write_guard(space, desc, camera)
     space.servo_bound[0 : table.n_joints] = table.servo_bound_rad.tolist()
     space.arm_crc = table.arm_crc
@@ -61,6 +62,14 @@ def _write_roadmap(space: KcSpace, table: SpaceTable) -> None:
     packed = pack_direct(table.direct)
     flight = library("flight")
     flight.ffi.buffer(cast("CData", space.edge))[0 : len(packed)] = packed
+
+
+def _write_stops(space: KcSpace, table: SpaceTable) -> None:
+    """Stops on the way to candidates; nothing if there are none."""
+    most = int(np.max(np.count_nonzero(table.stops, axis=1), initial=0))
+    space.n_stop = most
+    for i, places in enumerate(table.stops[:, :most].tolist()):
+        space.stop[i][0:most] = places
 
 
 def strips(centre_m: Floats, half_m: Floats) -> list[Capsule]:

@@ -18,12 +18,13 @@ from .arrays import Floats
 from .checks import Checks
 from .error_sampling import Stream
 from .reasons import Reason
-from .table import Row
+from .table import Row, stop_joints
 
 if TYPE_CHECKING:
     from kincal.flight.headers import KcCamera
 
 BLOCK = 250  # tool poses from one stream of random numbers
+STOP_STEP = 8  # parts between places that are tried for a stop
 _STARTS = 3  # of the inverse kinematics for one tool pose
 _POSE_TOL = 1e-5  # m or rad, between a pose of the table and where its joints lead
 
@@ -135,6 +136,24 @@ def detections(checks: Checks, q_rad: Floats) -> int:
     return sum(checks.detected_with_errors(q_rad))
 
 
+def stops_on(checks: Checks, hub_rad: Floats, q_rad: Floats) -> list[int]:
+    """Places of stops on the verified segment from a hub to a candidate, in parts of `stop_joints`: evenly
+    along it, each the nearest place that holds."""
+    parts, most = library("flight").lib.KC_STOP_PARTS, checks.desc.stops.most
+    span_rad = float(np.max(np.abs(q_rad - hub_rad)))
+    gap = int(np.ceil(parts * checks.desc.stops.spacing_rad / max(span_rad, 1e-9)))
+    found, last = [], 0
+    for k in range(most):
+        middle, half = round(parts * (k + 1) / (most + 1)), parts // (2 * (most + 1))
+        near = sorted(range(middle - half, middle + half, STOP_STEP), key=lambda part: abs(part - middle))
+        free = (part for part in near if last + gap <= part <= parts - gap)
+        held = (part for part in free if not checks.stop_problem(stop_joints(hub_rad, q_rad, part)))
+        if part := next(held, 0):
+            found.append(part)
+            last = part
+    return found
+
+
 def segment_clear(checks: Checks, a_rad: Floats, b_rad: Floats) -> bool:
     """Whether the straight joint-space segment is clear for the nominal arm and all arms with errors."""
     return not checks.clearance.segment_contact(a_rad, b_rad)
@@ -150,6 +169,8 @@ def check_row(checks: Checks, row: Row, bound_rad: Floats) -> RowCheck:
     what += filter(None, [checks.error_problem(q)])
     if pair := checks.clearance.segment_contact(row.hub_q_rad, q):
         what.append(f"segment from its hub not clear: {pair}")
+    at = [(part, stop_joints(row.hub_q_rad, q, part)) for part in row.stops]
+    what += [f"stop {part}: {problem}" for part, stop in at if (problem := checks.stop_problem(stop))]
     rng = checks.stream(Stream.RECHECK, q)
     tries = (
         checks.servo_bound_contact(q, bound_rad, 1, rng) for _ in range(checks.desc.clear.servo_bound_samples)

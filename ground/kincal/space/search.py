@@ -24,7 +24,7 @@ from .checks import Checks
 from .encoding import encode
 from .inputs import TablesFolder
 from .metric import KernelMetric, central, farthest_points
-from .samples import BLOCK, Box, Sample, detections, examine, segment_clear, verify
+from .samples import BLOCK, Box, Sample, detections, examine, segment_clear, stops_on, verify
 from .table import ALL_CHECKS, SpaceTable, local_bit, reserve_bit
 from .workers import WorkerPool
 
@@ -78,7 +78,8 @@ def build(desc: Description, tables_dir: Path, progress: Progress = silent, proc
         found, samples = search.candidates()
         initial = search.initial(found)
         direct = search.direct_segments(found.q_rad)
-    table = _table(checks, found, local, hub_edges, initial, direct, given.arm_crc)
+        stops = search.stops(found)
+    table = _table(checks, found, local, hub_edges, initial, direct, stops, given.arm_crc)
     image = encode(table, desc, checks.camera)
     as_flown = SpaceTable.from_struct(decode_as("space", image.data, desc.title)[1])
     rejected = Counter(s.rejection for s in samples if s.rejection)
@@ -195,6 +196,17 @@ class _Search:
             self.progress("direct segments", k + 1, len(pairs))
         return direct
 
+    def stops(self, found: Candidates) -> Ints:
+        """Places of stops on the segments from the hubs, (n, most); 0: none."""
+        most, total = self.desc.stops.most, len(found.q_rad)
+        out = np.zeros((total, most), int)
+        hubs = np.array(self.checks.hubs).astype(np.float32).astype(float)  # as the table has them
+        segments = [(hubs[h], q) for h, q in zip(found.hub, found.q_rad, strict=True)]
+        for i, places in enumerate(self.pool.map(stops_on, segments) if most else ()):
+            out[i, : len(places)] = places
+            self.progress("stops on segments", i + 1, total)
+        return out
+
 
 def near_pairs(q_rad: Floats, limit_rad: float) -> list[tuple[int, int]]:
     """Pairs (i, j), i > j, of rows whose joints all differ by at most a limit."""
@@ -222,6 +234,7 @@ def _table(
     hub_edges: list[int],
     initial: list[int],
     direct: Bools,
+    stops: Ints,
     arm_crc: int,
 ) -> SpaceTable:
     """Candidates and local initial poses put together."""
@@ -240,6 +253,7 @@ def _table(
         tags=np.array(tags, int),
         hub=np.append(found.hub, np.zeros(n_local, int)),
         checks=np.array([ALL_CHECKS] * n + [local_bit() | bit for bit in reserve], int),
+        stops=np.vstack([stops, np.zeros((n_local, stops.shape[1]), int)]),
         hub_q_rad=np.array(checks.hubs),
         hub_edges=np.array(hub_edges, int),
         direct=all_direct,

@@ -31,6 +31,8 @@ class Summary:
     hubs: int
     initial: tuple[int, ...]  # candidates of the initial design
     direct_edges: int
+    stops: int  # on segments to candidates
+    stopping: int  # candidates with a stop
     arm_crc: int
     servo_bound_rad: tuple[float, ...]
     verified: tuple[tuple[float, ...], ...]  # DH errors: phi, alpha [rad], a, d [m], each of every joint
@@ -59,6 +61,8 @@ def summarise(table: SpaceTable, camera: KcCamera, arm_crc: int) -> Summary:
         hubs=len(table.hub_q_rad),
         initial=cands.initial,
         direct_edges=int(table.direct.sum()),
+        stops=int(np.count_nonzero(table.stops)),
+        stopping=int(np.count_nonzero(np.any(table.stops, axis=1))),
         arm_crc=table.arm_crc,
         servo_bound_rad=tuple(table.servo_bound_rad.tolist()),
         verified=tuple(map(tuple, table.verified.T.tolist())),

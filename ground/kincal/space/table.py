@@ -48,12 +48,14 @@ def reserve_bit() -> int:
 
 @dataclass(frozen=True)
 class Row:
-    """One pose of a table: seed (joints,), tool pose in the base frame, tags (bits), its hub (joints,)."""
+    """One pose of a table: seed (joints,), tool pose in the base frame, tags (bits), its hub (joints,), and
+    places of its stops."""
 
     q_rad: Floats
     pose: Pose
     tags: int
     hub_q_rad: Floats
+    stops: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,7 @@ class SpaceTable:
     tags (n,): bit per tag in view.
     hub (n,): hub with a verified segment to the seed.
     checks (n,): bits of CHECKS, `local_bit`, `reserve_bit`.
+    stops (n, most): places of stops on the segment from the hub, in parts of `stop_joints`; 0: none.
     hub_q_rad (hubs, joints); hub_edges (hubs,): bit per hub with a verified segment.
     direct (n, n): verified direct segments, set below the diagonal.
     initial: rows of the initial design, local poses first.
@@ -79,6 +82,7 @@ class SpaceTable:
     tags: Ints
     hub: Ints
     checks: Ints
+    stops: Ints
     hub_q_rad: Floats
     hub_edges: Ints
     direct: Bools
@@ -105,6 +109,7 @@ class SpaceTable:
             tags=rows["tags"].astype(int),
             hub=rows["hub"].astype(int),
             checks=rows["why"].astype(int),
+            stops=_stops(space, n),
             hub_q_rad=np.array([list(q)[:joints] for q in space.hub_q[0:hubs]], float).reshape(-1, joints),
             hub_edges=np.array(list(space.hub_edge[0:hubs]), int),
             direct=_direct(space, n),
@@ -146,14 +151,29 @@ class SpaceTable:
 
     def row(self, i: int) -> Row:
         """Row i, with the joints of its hub."""
-        return Row(self.q_rad[i], self.poses[i], int(self.tags[i]), self.hub_q_rad[self.hub[i]])
+        stops = tuple(int(part) for part in self.stops[i] if part)
+        return Row(self.q_rad[i], self.poses[i], int(self.tags[i]), self.hub_q_rad[self.hub[i]], stops)
 
     def candidates(self) -> SpaceTable:
         """The same table without local initial poses."""
         n = self.n_candidates
-        rows = ("q_rad", "poses", "pan_tilt_rad", "tags", "hub", "checks")
+        rows = ("q_rad", "poses", "pan_tilt_rad", "tags", "hub", "checks", "stops")
         cut: dict[str, Any] = {name: getattr(self, name)[:n] for name in rows}
         return replace(self, **cut, direct=self.direct[:n, :n], initial=self.initial_candidates)
+
+
+def stop_joints(hub_q_rad: Floats, q_rad: Floats, part: int) -> Floats:
+    """Joints (joints,) at a place on the segment from a hub to a seed, both as the table has them; part: of
+    KC_STOP_PARTS."""
+    out: Floats = hub_q_rad + part / library("flight").lib.KC_STOP_PARTS * (q_rad - hub_q_rad)
+    return out
+
+
+def _stops(space: KcSpace, n: int) -> Ints:
+    """(n, most) places of stops."""
+    flight = library("flight")
+    places = np.frombuffer(memoryview(flight.ffi.buffer(space.stop)), np.uint8)
+    return places.reshape(-1, flight.lib.KC_STOP_MAX)[:n, : int(space.n_stop)].astype(int)
 
 
 def _direct(space: KcSpace, n: int) -> Bools:

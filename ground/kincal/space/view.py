@@ -71,16 +71,16 @@ class ViewChecks:
             out.append(np.min(edges, axis=1))
         return np.array(out).T
 
-    def problems(self, p_m: Floats, views: CameraViews) -> tuple[list[str], Ints]:
+    def problems(self, p_m: Floats, views: CameraViews, *, box: bool = True) -> tuple[list[str], Ints]:
         """First check of the view that each tool position (n, 3) fails ("": none), and the tags that show if
-        nothing hides them (bits; 0 where a check fails), (n,)."""
+        nothing hides them (bits; 0 where a check fails), (n,). box: the position box is one of the checks."""
         t, v = self.desc.tool, self.desc.view
         far_m = np.linalg.norm(views.tool.p_m, axis=1)
         facing = np.sum(self.incidence_rad(views) <= v.incid_max_rad, axis=1)
         in_image = self._inner.visible(views.tool, v.incid_max_rad)
         shown = in_image & (self.tag_edges_px(views) >= v.tag_min_px) @ (1 << np.arange(self.n_tags))
         failed = {
-            Reason.OUTSIDE_BOX: np.any((p_m < t.box_min_m) | (p_m > t.box_max_m), axis=1),
+            Reason.OUTSIDE_BOX: np.any((p_m < t.box_min_m) | (p_m > t.box_max_m), axis=1) & box,
             Reason.RANGE: (far_m < v.range_min_m) | (far_m > v.range_max_m),
             Reason.PANTILT: ~views.inside,
             Reason.OBLIQUE: facing < v.tags_min,

@@ -18,7 +18,7 @@ from .errors import Contradiction, read_toml, validate
 from .numbers import Angle, Count, NotNegative, Positive, Quantity, Whole
 
 # Limits of the SPACE table; tests/ground/test_schema.py compares them with the headers.
-CAND_MAX, HUB_MAX, INITIAL_MAX = 1024, 16, 32
+CAND_MAX, HUB_MAX, INITIAL_MAX, STOP_MAX = 1024, 16, 32, 4
 JOINT_MAX = 8
 FAR_M = 10.0
 _ERROR_NAME = re.compile(rf"J([1-{JOINT_MAX}])\.({'|'.join(DH_FIELDS)})")
@@ -229,6 +229,17 @@ class Sight(Strict):
     """Printed size of a tag, white border included, over its black square."""
 
 
+class Stops(Strict):
+    """Stops on the segments from hubs to candidates, where flight observes on its way."""
+
+    most: Annotated[int, Count(ge=0, le=STOP_MAX)] = 0
+    """Stops for each candidate at most, evenly along its segment; 0: none."""
+    shown_min: Annotated[float, Quantity(gt=0.0, le=1.0)] = 0.8
+    """Least share of the arms with errors that show a tag at a stop."""
+    spacing_rad: Positive = 0.2
+    """Least distance of a stop from both ends of the segment and from the stop before, in one joint [rad]."""
+
+
 class Description(Strict):
     """A search space: what candidates are sampled from and what they have to pass."""
 
@@ -258,6 +269,8 @@ class Description(Strict):
     """DH errors that the space must allow for."""
     spread: Spread
     """Distance between candidates."""
+    stops: Stops = Stops()
+    """Stops on the way to candidates."""
     sight: Sight
     """Lines of sight."""
     shape: list[Shape]

@@ -42,6 +42,7 @@ def facts(n: space_mod.Summary) -> list[tuple[str, str]]:
         ("local initial poses", f"{n.local_initial}, of which {n.reserve} are in reserve"),
         ("initial poses (candidate index)", " ".join(map(str, n.initial))),
         ("direct segments", str(n.direct_edges)),
+        ("stops", f"{n.stops} on the way to {n.stopping} candidates"),
         ("box of the tool", " x ".join(f"{a:.3f}..{b:.3f} m" for a, b in box)),
         ("camera distance", f"{n.range_m[0]:.2f}..{n.range_m[1]:.2f} m"),
         ("incidence", f"{n.incid_deg[0]:.0f}..{n.incid_deg[1]:.0f} deg (most oblique tag in view)"),
