@@ -78,13 +78,14 @@ class Design:
 
 # What flies. A new row here is all that a new design needs. A new field of CONFIG that changes what the older
 # designs do gets its old value in their settings, so that they stay what others are compared with.
-PAPER: dict[str, float] = {"initial_design": 0, "extra_obs_max": 0}  # all initial poses, one observation a pose
+AT_POSES: dict[str, float] = {"extra_obs_max": 0, "stops_max": 0}  # one observation a pose, none on the way
+PAPER: dict[str, float] = {"initial_design": 0, **AT_POSES}  # and all initial poses
 DESIGNS = {
     "ucb": Design("GP-UCB on f, as in the paper", "ucb", PAPER),
     "random": Design("by chance, the paper's baseline", "random", PAPER),
     "dopt": Design("most information, D-optimal", "dopt", PAPER),
     "vopt": Design("least predicted variance, V-optimal", "vopt", PAPER),
-    "dopt_initial": Design("D-optimal from the start, initial poses too", "dopt", {"extra_obs_max": 0}),
+    "dopt_initial": Design("D-optimal from the start, initial poses too", "dopt", AT_POSES),
     "rate": Design("most information for its cost, from the start: the default", "rate"),
 }
 # What is chosen before anything is measured and compared offline: study_outside.py.
