@@ -44,10 +44,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
-ROOT = Path(__file__).resolve().parents[2]
-for _folder in ("ground", "sim", "build/py", "tests/bench"):
-    sys.path.insert(0, str(ROOT / _folder))
-
 import missions  # noqa: E402
 import montecarlo  # noqa: E402
 import resumable  # noqa: E402
@@ -64,6 +60,8 @@ from kincal_sim.randomness import generator  # noqa: E402
 from kincal_sim.scenario import ArmTruth, Scenario, load  # noqa: E402
 from kincal_sim.transforms import quaternion, rot, rotation_angle, rotation_matrix  # noqa: E402
 from kincal_sim.truth import build_plant, held_out_poses  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)

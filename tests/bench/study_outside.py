@@ -28,9 +28,9 @@ from functools import cache
 import missions
 import montecarlo
 import numpy as np
-from samples import true_joints
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from servoed import true_joints
 
 from kincal.space import SpaceTable
 from kincal_sim.mechanics.arm import Arm, load_spec
