@@ -13,7 +13,13 @@ from kincal.pages import scene as scene3
 from kincal.pages import theme
 from kincal.results import CoefResult, Curve, RunResult, Scene
 
-COLOURS = {"ucb": theme.BLUE, "random": theme.ORANGE, "dopt": theme.GREEN, "vopt": theme.PURPLE, "rate": theme.INK}
+COLOURS = {
+    "ucb": theme.BLUE,
+    "random": theme.ORANGE,
+    "dopt": theme.GREEN,
+    "vopt": theme.PURPLE,
+    "rate": theme.INK,
+}
 MARKS = {"ucb": "circle", "random": "square", "dopt": "triangle-up", "vopt": "diamond", "rate": "cross"}
 MILLI = {"rad": "mrad", "m": "mm"}
 KINDS = {"rad": "Angles", "m": "Lengths"}
