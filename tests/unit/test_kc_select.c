@@ -145,7 +145,7 @@ static void disagree(kc_detection_t *d)
     }
 }
 
-void test_doubt_asks_for_all_local_poses_in_their_order_and_is_told_once(void)
+void test_doubt_asks_for_all_local_poses_in_their_order_and_is_reported_once(void)
 {
     world.config.power_min = 0.95;
     world.spoil = disagree;
@@ -278,7 +278,7 @@ static double by_hand_s(uint32_t cand)
     return sum;
 }
 
-void test_a_candidate_costs_its_way_and_its_stay(void)
+void test_a_candidate_costs_its_path_and_its_stay(void)
 {
     world.config.speed_scale = 0.5;
     world.config.frame_s = 0.25;
@@ -286,17 +286,17 @@ void test_a_candidate_costs_its_way_and_its_stay(void)
     TEST_ASSERT_TRUE(world_until_event(KC_EVT_CAL_POSE, 400u));
     APP->cal.candidate = -1; /* from the park pose, hub 0 */
     APP->observe.servo_steps = 2u;
-    double stay = 3.0e-6 * (double)world.config.settle_us + (3.0 + 3.0) * 0.25, way = by_hand_s(5u);
-    TEST_ASSERT_TRUE(way > 0.1);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, way + stay, cost(5u));
+    double stay = 3.0e-6 * (double)world.config.settle_us + (3.0 + 3.0) * 0.25, path_s = by_hand_s(5u);
+    TEST_ASSERT_TRUE(path_s > 0.1);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, path_s + stay, cost(5u));
     APP->tables.active.config.rate_cost = KC_COST_ENERGY;
     APP->tables.active.config.power_move_w = 60.0;
     APP->tables.active.config.power_idle_w = 15.0;
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 60.0 * way + 15.0 * stay, cost(5u));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 60.0 * path_s + 15.0 * stay, cost(5u));
     APP->tables.active.config.power_move_w = APP->tables.active.config.power_idle_w = 0.0;
     TEST_ASSERT_EQUAL_DOUBLE(1e-3, cost(5u)); /* never nothing */
     APP->tables.active.config.rate_cost = KC_COST_TIME;
-    APP->cal.candidate = 5; /* there already: only the way to its seed */
+    APP->cal.candidate = 5; /* there already: only the path to its seed */
     double direct = 0.0;
     for (uint32_t j = 0u; j < 7u; j++) {
         double off = fabs((double)world.space.cand[5].q_seed[j] - APP->view.telemetry->arm.q[j]);
@@ -321,7 +321,7 @@ void test_rate_ends_in_a_good_correction_by_every_measure_and_cost(void)
     }
 }
 
-void test_rate_takes_less_way_for_its_poses_than_the_gain_alone(void)
+void test_rate_takes_less_time_for_its_poses_than_the_gain_alone(void)
 {
     uint64_t took_us[2];
     for (uint32_t k = 0u; k < 2u; k++) {
@@ -346,7 +346,7 @@ static uint32_t warned(double stop_pos_m, uint8_t frame, double plate_m, double 
     return world_events(KC_EVT_CAL_UNREACHABLE);
 }
 
-void test_a_requirement_that_the_camera_cannot_meet_is_told_at_start(void)
+void test_a_requirement_that_the_camera_cannot_meet_is_reported_at_start(void)
 {
     TEST_ASSERT_EQUAL_UINT32(1u, warned(0.001, KC_RIGHT_IN_CAMERA, 0.001, 0.0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(3.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);

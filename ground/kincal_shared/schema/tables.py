@@ -556,7 +556,7 @@ class ConfigSource(Source):
     signed_age_max_us: Microseconds = 43_200_000_000
     """Largest difference between the stamp of a signed message and flight's clock; 0: not checked."""
     initial_design: Literal["table", "information"] = "information"
-    """Initial poses: table, all in the order of SPACE; information, the most informative, until enough."""
+    """Initial poses: table, all, in the order of SPACE; information, as many as are needed."""
     local_safe_m: Real = 0.02
     """Sigma of the tool's position up to which a local initial pose may be chosen [m]."""
     leave_safe_m: Real = 0.06
