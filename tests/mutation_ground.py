@@ -131,8 +131,9 @@ class Instead(importlib.abc.MetaPathFinder):
 
 
 def patch(mutant: Mutant, source: str) -> None:
-    """Give the functions of a loaded module the code of the mutant."""
+    """Give the functions of a module the code of the mutant."""
     name, line = module_name(mutant.path), mutant.line(source)
+    importlib.import_module(name)  # commands are loaded when they are asked for
     new: dict[tuple[str, int], CodeType] = {}
     waiting = [compile(mutant.of(source), str(ROOT / mutant.path), "exec", dont_inherit=True)]
     while waiting:

@@ -119,15 +119,20 @@ def test_what_was_found_is_forgotten_when_a_test_file_changes(tmp_path, monkeypa
     assert digest([file]) != before
 
 
-def test_the_functions_of_a_loaded_module_take_the_code_of_a_mutant():
+@pytest.mark.parametrize("loaded", [True, False])
+def test_the_functions_of_a_module_take_the_code_of_a_mutant_loaded_before_or_not(loaded, monkeypatch):
     path = "ground/kincal_shared/keys.py"
     text = (Path(__file__).parents[2] / path).read_text()
     at = text.index("+ 1", text.index("def counting()"))
     keys = importlib.import_module("kincal_shared.keys")
+    monkeypatch.setattr(sys.modules["kincal_shared"], "keys", keys)
+    monkeypatch.setitem(sys.modules, "kincal_shared.keys", keys)
+    if not loaded:
+        del sys.modules["kincal_shared.keys"]
     old = keys.counting.__code__
     try:
         patch(Mutant(path, at, at + 3, "+ 5"), text)
-        assert keys.counting()(1) == 5
+        assert sys.modules["kincal_shared.keys"].counting()(1) == 5
     finally:
         keys.counting.__code__ = old
     assert keys.counting()(1) == 1
