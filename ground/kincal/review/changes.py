@@ -337,14 +337,14 @@ def of_values(
 def of_rollback(now: KinValues, previous: KinValues, names: Sequence[str], flown: Flown | None) -> Changes:
     """What a rollback changes back: from the table in force to the one before it."""
     n = max(len(now.values), len(previous.values), 0)
-    padded = [padded(values.values, n) for values in (now, previous)]
+    both = [padded(values.values, n) for values in (now, previous)]
     rows = [
         _change(
             names[i] if i < len(names) else f"coef[{i}]",
-            float(padded[0][i]),
-            float(padded[1][i]),
+            float(both[0][i]),
+            float(both[1][i]),
             0.0,
-            flown.bound(i, float(padded[1][i])) if flown else 0.0,
+            flown.bound(i, float(both[1][i])) if flown else 0.0,
             "table before",
         )
         for i in range(n)
