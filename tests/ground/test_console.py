@@ -222,7 +222,7 @@ def test_a_browser_gets_all_last_values_first_and_then_only_what_changed(client,
         assert change["values"]["KC_HK"]["data"]["proposal"] == f"{CRC:08x}"
 
 
-def test_a_silent_flight_does_not_look_like_a_lost_link(client, monkeypatch):
+def test_a_silent_flight_differs_from_a_lost_link(client, monkeypatch):
     monkeypatch.setattr("kincal.console.app.BEAT_S", 0.1)
     with feed(client) as ws:
         assert json.loads(ws.receive_text())["values"] == {
