@@ -155,9 +155,12 @@ static kc_outcome_t move_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 
 static kc_outcome_t measure(kc_app_t *app, kc_out_t *out)
 {
-    const kc_observe_t *o = &app->observe;
+    kc_observe_t *o = &app->observe;
     kc_outcome_t oc = kc_measure_run(&app->frames, &app->request, &app->est, o->taken_at, &app->view, out);
-    if (oc.id == KC_OC_DONE && o->taken_at != KC_AT_CANDIDATE) { kc_plan_extra(&app->plan, o->taken_at); }
+    if (oc.id == KC_OC_DONE && o->taken_at != KC_AT_CANDIDATE) {
+        kc_plan_extra(&app->plan, o->taken_at);
+        o->extra_held = o->taken_at != KC_AT_STOP;
+    }
     return kc_observe_measured(o, oc);
 }
 
@@ -207,6 +210,17 @@ static void stop(kc_app_t *app, kc_work_t *work, kc_out_t *out, kc_cause_t cause
     kc_request_drop(&app->request);
 }
 
+/* The servo had to come back: the pose is measured where an extra observation was made just before. Both would share
+ * what is wrong there, so the pose takes the place of the other. */
+static void replace_extra(kc_app_t *app)
+{
+    if (!app->observe.same_place) { return; }
+    app->observe.same_place = false;
+    app->observe.extra_held = false;
+    kc_plan_drop_extra(&app->plan);
+    app->est.n_obs--;
+}
+
 /* Frames are of one place and one measurement. */
 static void leave(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *out)
 {
@@ -214,6 +228,7 @@ static void leave(kc_app_t *app, kc_outcome_t oc, kc_work_t *work, kc_out_t *out
     if (app->place.state == KC_ST_MEASURE && oc.id == KC_OC_DONE) {
         kc_plan_measured(&app->plan, &app->view.tables->space, (uint32_t)app->cal.candidate);
     }
+    if (app->place.state == KC_ST_OBSERVE) { replace_extra(app); }
     if (oc.id == KC_OC_DISTURBED) { kc_request_drop(&app->request); }
     if (oc.id == KC_OC_SKIP) { kc_select_skip(&app->plan, &app->view, out); }
     if (oc.id == KC_OC_ABORT) { stop(app, work, out, oc.cause); }

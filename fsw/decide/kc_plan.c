@@ -180,6 +180,8 @@ void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand)
 
 void kc_plan_extra(kc_plan_t *p, kc_taken_at_t taken_at) { observed(p, taken_at); }
 
+void kc_plan_drop_extra(kc_plan_t *p) { p->n_obs--; }
+
 bool kc_plan_has_room(const kc_plan_t *p) { return p->n_obs + p->n_goal < KC_MEAS_MAX + p->n_meas; }
 
 bool kc_plan_only_local(const kc_plan_t *p) { return p->n_obs == p->n_local; }

@@ -63,6 +63,8 @@ uint32_t kc_plan_choose(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
 void kc_plan_measured(kc_plan_t *p, const kc_space_t *space, uint32_t cand);
 /* An observation was taken on the way to the candidate chosen. */
 void kc_plan_extra(kc_plan_t *p, kc_taken_at_t taken_at);
+/* The newest observation, which is one of these, is dropped. */
+void kc_plan_drop_extra(kc_plan_t *p);
 /* Whether one may be: there is room for it and for all poses still to come. */
 bool kc_plan_has_room(const kc_plan_t *p);
 /* Whether every observation is that of a local initial pose. */

@@ -36,9 +36,19 @@ static void take_detection(kc_observe_t *observe, const kc_detection_t *det, con
 
 /* ---- OBSERVE ---- */
 
+/* Whether two poses of the tool are so different that an observation of each is worth its time. */
+static bool differ(const kc_config_t *config, const kc_pose_t *one, const kc_pose_t *two)
+{
+    double r[6];
+    kc_pose_residual(one, two, r);
+    return kc_v3_norm(r) >= config->extra_pos_m || kc_v3_norm(&r[3]) >= config->extra_rot_rad;
+}
+
 static kc_outcome_t measure(kc_observe_t *observe, kc_request_t *request, const kc_view_t *view)
 {
     observe->taken_at = KC_AT_CANDIDATE;
+    observe->same_place = observe->extra_held &&
+                          !differ(&view->tables->config, &observe->measured, &observe->last_extra);
     kc_request_begin(request);
     return kc_outcome(kc_approach_wanted(view) ? KC_OC_APPROACH : KC_OC_MEASURE);
 }
@@ -68,14 +78,6 @@ static kc_servo_result_t step(kc_observe_t *observe, const kc_view_t *view, cons
                          &observe->servo);
 }
 
-/* Whether two poses of the tool are so different that an observation of each is worth its time. */
-static bool differ(const kc_config_t *config, const kc_pose_t *one, const kc_pose_t *two)
-{
-    double r[6];
-    kc_pose_residual(one, two, r);
-    return kc_v3_norm(r) >= config->extra_pos_m || kc_v3_norm(&r[3]) >= config->extra_rot_rad;
-}
-
 /* The arm rests with tags in view, and is about to go on to the goal. */
 static bool wants_extra(const kc_observe_t *observe, const kc_view_t *view, const kc_pose_t *goal)
 {
@@ -90,6 +92,7 @@ static void begin_extra(kc_observe_t *observe, kc_request_t *request)
     observe->taken_at = observe->servo_steps == 0u ? KC_AT_ARRIVAL : KC_AT_SERVO_STEP;
     observe->last_extra = observe->measured;
     observe->n_extra++;
+    observe->extra_held = false;
     kc_request_begin(request);
 }
 

@@ -20,6 +20,8 @@ typedef struct {
     double q_servo[KC_JOINT_MAX];    /* where the next servo step goes */
     kc_servo_mem_t servo;
     bool at_stop;
+    bool extra_held; /* the last extra observation is the newest of all, at last_extra ... */
+    bool same_place; /* ... and the pose is measured there too */
     kc_taken_at_t taken_at; /* what MEASURE measures */
     uint32_t n_extra;      /* observations begun on the way to this candidate, */
     kc_pose_t last_extra;  /* and where the tool was at the last one */

@@ -91,6 +91,8 @@ BAD = {
     "no tag in view": (with_fields({"cand.6.tags": 0}), "TBL_RANGE", 6),
     "a servo bound of zero": (with_fields({"servo_bound.3": 0.0}), "TBL_RANGE", -1),
     "a body on a joint that is not there": (with_fields({"body.2.frame": 8}), "TBL_RANGE", BODY + 2),
+    "stops out of order": (with_fields({"stop.8.0": 200, "stop.8.1": 100}), "TBL_RANGE", 8),
+    "a stop of a local initial pose": (with_fields({"stop.300.0": 100}), "TBL_RANGE", 300),
     "a volume of no kind": (with_fields({"volume.1.kind": 7}), "TBL_RANGE", VOLUME + 1),
     "another arm": (with_fields({"arm_crc": 12345}), "TBL_DEPENDS", SPACE),
 }

@@ -497,3 +497,41 @@ void test_an_arm_that_moves_while_it_observes_on_arrival_is_observed_again_there
     TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 100u));
     TEST_ASSERT_EQUAL_UINT32(1u, world.n_meas);
 }
+
+void test_a_pose_that_is_measured_where_an_extra_observation_was_takes_its_place(void)
+{
+    given_a_turned_tool(1u);
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->est.n_obs);
+    memcpy(world.q_start, world.q, sizeof world.q_start);
+    world.hide_beyond = 0.05; /* whatever the servo does from here, the tags are out of sight */
+    TEST_ASSERT_TRUE(world_until(KC_ST_RETREAT, 300u));
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->est.n_obs);
+    TEST_ASSERT_TRUE(world_until(KC_ST_MEASURE, 300u));
+    TEST_ASSERT_EQUAL_UINT32(0u, APP->est.n_obs);
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->est.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->plan.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(2u, world.n_meas);
+    for (uint32_t i = 0u; i < 2u; i++) { TEST_ASSERT_EQUAL_UINT32(1u, world.meas[i].observation); }
+    TEST_ASSERT_EQUAL_INT(KC_AT_CANDIDATE, world.meas[1].taken_at);
+    TEST_ASSERT_EQUAL_UINT8(KC_AT_CANDIDATE, APP->plan.taken_at[0]);
+    world_ticks(50u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MEMORY_OBSERVATIONS));
+}
+
+/* The extra observation there failed: then the one before it is not touched. */
+void test_a_pose_that_is_measured_where_an_extra_observation_failed_takes_no_place(void)
+{
+    given_a_turned_tool(1u);
+    world.spoil = uncertain_at_first;
+    world_started();
+    TEST_ASSERT_TRUE(world_until(KC_ST_SERVO, 300u));
+    memcpy(world.q_start, world.q, sizeof world.q_start);
+    world.hide_beyond = 0.05;
+    TEST_ASSERT_TRUE(world_until(KC_ST_UPDATE, 300u));
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->est.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(1u, APP->plan.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(1u, world.n_meas);
+}

@@ -58,10 +58,16 @@ class Session:
     measurements: list[Meas] = field(default_factory=list)
     proposal: Proposal | None = None
 
+    def measure(self, meas: Meas) -> None:
+        """Take a measurement; that of a pose has the number of the one at its place that it replaces."""
+        held = [m for m in self.measurements if m.observation != meas.observation]
+        self.measurements = [*held, meas]
+
     @property
     def at_poses(self) -> list[Meas]:
         """Measurements of the poses, without those on the way to them."""
-        return [m for m in self.measurements if m.taken_at == library("flight").constant("KC_AT_CANDIDATE")]
+        at = library("flight").constant("KC_AT_CANDIDATE")
+        return [m for m in self.measurements if m.taken_at == at]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for --json."""
@@ -126,7 +132,7 @@ class LogSummary:
         if channel == "KC_PROGRESS":
             self.session(m.session).progress.append(m)
         elif channel == "KC_MEAS":
-            self.session(m.session).measurements.append(m)
+            self.session(m.session).measure(m)
         elif channel == "KC_PROPOSAL":
             self.session(m.session).proposal = m
         elif channel == "KC_EVENT":

@@ -131,7 +131,7 @@ class Checks:
             return str(Reason.HIDDEN_TAGS)
         seen, arms = sum(self.detected_with_errors(q_rad)), len(self.clearance.errors)
         few = seen < self.desc.stops.shown_min * arms
-        return Reason.FEW_ARMS.with_detail(f"{seen} of {arms}") if few else ""
+        return f"a tag shows with only {seen} of {arms} arms with errors" if few else ""
 
     def servo_bound_contact(
         self, q_rad: Floats, bound_rad: Floats, samples: int, rng: np.random.Generator

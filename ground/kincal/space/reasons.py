@@ -23,7 +23,6 @@ class Reason(StrEnum):
     CONTACT_ERRORS = "too close (arm with errors)"
     SERVO_BOUND = "contact inside the servo bound"
     NO_SEGMENT = "no clear segment to a hub"
-    FEW_ARMS = "a tag shows with too few arms with errors"
 
     def with_detail(self, detail: str) -> str:
         """The kind with its detail, e.g. the pair of shapes that touch."""
