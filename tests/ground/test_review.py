@@ -431,10 +431,11 @@ def test_refusal_by_flight_is_reported_and_recorded_as_one(tmp_path, journal, co
         flight.armed = CRC if command == "go" else 0
         run = decide(flight, command, journal)
     assert run.exit_code == EXIT_FAILED
-    assert f"{opcode} refused: KC_ERR_STATE (CMD_STATE)" in run.output
+    assert f"{opcode} fedcba98 refused: CMD_STATE. Nothing was changed on board." in run.output
+    assert "KC_ERR_STATE, CMD_STATE" in run.output  # the verifier
     *_, attempt, refused = review.check_journal(journal)
     assert [(e.decision, e.command) for e in (attempt, refused)] == [("attempt", opcode), ("refused", opcode)]
-    assert "KC_ERR_STATE (CMD_STATE)" in refused.why
+    assert f"{opcode} fedcba98 refused: CMD_STATE" in refused.why
 
 
 @pytest.mark.parametrize(
