@@ -565,7 +565,7 @@ class ConfigSource(Source):
     """p-value of the first observations below which all local initial poses are measured."""
     outside_factor: Real = 2.0
     """An arm outside its bounds: one with errors this many times as large."""
-    power_min: Real = 0.9
+    power_min: Real = 0.95
     """Probability with which it has to cast doubt before the arm leaves the park pose."""
     rate_measure: Literal["dopt", "vopt"] = "dopt"
     """What rate takes as information."""
