@@ -76,8 +76,8 @@ DESIGNS = {
     "dopt": Design("most information, D-optimal", "dopt"),
     "vopt": Design("least predicted variance, V-optimal", "vopt"),
     "rate": Design("most information for its cost", "rate"),
-    "dopt_table": Design("D-optimal after all local initial poses", "dopt", {"initial_design": 0}),
-    "ucb_table": Design("GP-UCB after all initial poses, as in the paper", "ucb", {"initial_design": 0}),
+    "dopt_info": Design("D-optimal, initial poses too", "dopt", {"initial_design": 1}),
+    "rate_info": Design("most information for its cost, initial poses too", "rate", {"initial_design": 1}),
 }
 SCENARIOS = {
     "paper": "the paper's errors",
