@@ -207,8 +207,9 @@ static bool doubtful(kc_cal_t *cal, const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
     double p = 0.0;
+    if (cal->doubted) { return true; }
     bool doubt = kc_local_doubt(c, view->est, view->learned->status, &p);
-    if (doubt && !cal->doubted) {
+    if (doubt) {
         kc_event(&out->events, KC_EVT_CAL_DOUBT, (int32_t)view->plan->n_meas, p, c->doubt_p);
     }
     cal->doubted = doubt;

@@ -108,7 +108,8 @@ def test_a_used_up_energy_budget_ends_with_a_proposal_from_the_poses_so_far(tmp_
 
 
 def test_a_calibration_stops_when_the_predicted_sigma_meets_the_requirement(tmp_path):
-    with Session(tmp_path, "encoder_bias", stop_pos_m=0.001) as f:
+    rms = {"stop_confidence": 0.0, "stop_checks": 0}
+    with Session(tmp_path, "encoder_bias", stop_pos_m=0.001, **rms) as f:
         f.calibrate(60)
         (event,) = f.events("CAL_CONVERGED")
         sigma = [p.pred_pos_m for p in f.of("KC_PROGRESS")]

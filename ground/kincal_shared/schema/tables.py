@@ -555,7 +555,7 @@ class ConfigSource(Source):
     """Time in which APPROVE_GO must follow APPROVE_ARM."""
     signed_age_max_us: Microseconds = 43_200_000_000
     """Largest difference between the stamp of a signed message and flight's clock; 0: not checked."""
-    initial_design: Literal["table", "information"] = "information"
+    initial_design: Literal["table", "information"] = "table"
     """Initial poses: table, all, in the order of SPACE; information, as many as are needed."""
     local_safe_m: Real = 0.02
     """Sigma of the tool's position up to which a local initial pose may be chosen [m]."""
@@ -565,7 +565,7 @@ class ConfigSource(Source):
     """p-value of the first observations below which all local initial poses are measured."""
     outside_factor: Real = 2.0
     """An arm outside its bounds: one with errors this many times as large."""
-    power_min: Real = 0.9
+    power_min: Real = 0.95
     """Probability with which it has to cast doubt before the arm leaves the park pose."""
     rate_measure: Literal["dopt", "vopt"] = "dopt"
     """What rate takes as information."""
