@@ -135,7 +135,7 @@ CALLS = {
     "key show": ("new/keys",),
     "key retire": ("new/keys",),
     "schema": ("-o", "new/schema"),
-    "serve": ("--port", "0", "--log", "poses.csv"),  # no recording: it ends
+    "serve": ("--port", "0", "--seconds", "0.5", "--log", RUN_LOG),
     "arm list": (),
     "arm show": ("ur5e",),
     "arm import": ("robot.urdf", "-o", "new/arm.toml"),
