@@ -55,12 +55,14 @@ ROOMS = {
     "tables": ("tables.py", "flight/tables.py", "flight/terms.py", "schema/tables.py", "schema/terms.py",
                "schema/numbers.py", "schema/base.py"),
     "export": ("export/*.py",),
+    "operate": ("operate/*.py", "cli/command.py"),
 }  # fmt: skip
 # Test files that exercise them. Tests marked slow are not run.
 FILES = (
     "review", "journal", "keys", "tables", "bounds", "export", "flight", "flight_arm", "flight_events",
     "schema", "schema_terms", "lcmlog", "hostile", "former", "errors", "outputs",
     "review_details", "keys_details", "tables_details", "uplink_details", "export_details",
+    "changes", "operate", "command", "recording",
 )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """A review as operators do it: a run whose fit is poor, then flight on its store and the tool, over LCM."""
 
+import math
 import subprocess
 import sys
 
@@ -7,6 +8,7 @@ import pytest
 from flight import BINARY, TABLES
 
 from kincal import review
+from kincal.api import reviews
 from kincal.link import Link, crc_text
 from kincal.review.status import proposals_in
 from kincal_shared.errors import CommandFailed
@@ -91,3 +93,17 @@ def test_a_poor_proposal_goes_live_only_when_two_commands_and_an_override_say_so
         "APPROVE_ARM",
         "APPROVE_GO",
     ]
+
+
+def test_what_is_left_at_each_pose_adds_up_to_what_flight_states(poor_run):
+    log = poor_run / "run.lcmlog"
+    shown = reviews.show(log, None, TABLES, [])
+    assert shown.about.exact
+    fitted = [p for p in shown.residuals if not p.rejected]
+    assert len(shown.residuals) == shown.review.n_poses
+    assert len(fitted) == shown.review.n_poses - shown.review.n_outliers
+    for name, key in (("after_pos_m", "fit_pos_m"), ("after_rot_rad", "fit_rot_rad"),
+                      ("before_pos_m", "before_pos_m"), ("before_rot_rad", "before_rot_rad")):  # fmt: skip
+        rms = math.sqrt(sum(getattr(p, name) ** 2 for p in fitted) / len(fitted))
+        assert rms == pytest.approx(shown.review.numbers[key], rel=0.02), name
+    assert all(p.tags and p.frames > 0 for p in fitted)

@@ -13,6 +13,7 @@ from kincal.review import Review, changes, find, warnings
 from kincal.review import journal as journals
 from kincal.review.changes import Changes
 from kincal.review.journal import Journal
+from kincal.review.residuals import PoseResidual, residuals
 from kincal.review.status import Listed, Status, proposals_in, status
 from kincal.review.thresholds import Limits, read_limits
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
@@ -42,13 +43,14 @@ def proposals(logs: Sequence[Path], found: Sequence[Journal]) -> list[list[Liste
 @dataclass(frozen=True)
 class Shown:
     """A proposal with all that a reviewer needs: what changes, warnings, what became of it, limits of the
-    tables."""
+    tables, what is left at each pose."""
 
     review: Review
     warnings: list[str]
     about: Status
     limits: Limits | None
     changes: Changes
+    residuals: tuple[PoseResidual, ...] = ()
 
 
 def show(
@@ -60,7 +62,21 @@ def show(
     entries = [entry for one in found for entry in one.entries]
     found_changes = what_changes(review, tables_dir, (log, *before), limits)
     stands_out = warnings(review, found_changes.big)
-    return Shown(review, stands_out, status(read_log(log), review, entries), limits, found_changes)
+    about = status(read_log(log), review, entries)
+    return Shown(
+        review, stands_out, about, limits, found_changes, _residuals(log, review, about, tables_dir, before)
+    )
+
+
+def _residuals(
+    log: Path, review: Review, about: Status, tables_dir: Path, places: Sequence[Path]
+) -> tuple[PoseResidual, ...]:
+    flown = changes.flown(tables_dir)
+    if flown is None:
+        return ()
+    old = changes.kin_values(review.crc_before, (tables_dir, log, *places))
+    before, after = None if old is None else old.values, [c.value for c in review.coefs]
+    return residuals(log, review.session, before, after, flown, about.rejected)
 
 
 def what_changes(

@@ -167,10 +167,12 @@ def review_show(
     changes = shown.changes
     picture = picture or file.with_name(f"review-{found.crc_text}.png")
     decide = to_decide(found, about, shlex.quote(str(file)), _keys_option(key_file, file))
-    text.show(console(), found, warnings, about, limits, decide, changes)
+    text.show(console(), found, warnings, about, limits, decide, changes, shown.residuals)
     text.absent(console(), reviews.absent((file,), read))
     provenance = Provenance.of_file(today(), file, tables=table_crcs(tables_dir, ("terms",)))
-    made = pages.write_all(found, warnings, picture, provenance, about, limits, decide, changes)
+    made = pages.write_all(
+        found, warnings, picture, provenance, about, limits, decide, changes, shown.residuals
+    )
     say_files("page", *made)
     if by is not None:
         _see(found, by, file, key_file, journal, warnings)

@@ -12,6 +12,7 @@ from kincal.results import angle_text, chance_text, length_text
 from kincal.review import NUMBERS, P_FIT_MIN, CoefLine, Review, reasons_to_reject
 from kincal.review.changes import Changes, amount
 from kincal.review.journal import SEEN
+from kincal.review.residuals import PoseResidual
 from kincal.review.status import Choice, Status
 from kincal.review.thresholds import Limits, Threshold, thresholds
 
@@ -26,9 +27,10 @@ def page(
     limits: Limits | None = None,
     decide: Sequence[Choice] = (),
     changes: Changes | None = None,
+    left: Sequence[PoseResidual] = (),
 ) -> Page:
     """The proposal as a page; warnings: what a reviewer should look at; about: what became of it; decide: the
-    commands for that; changes: what it changes."""
+    commands for that; changes: what it changes; left: what is left at each pose."""
     return Page(
         kind="Review",
         title=f"Correction {review.crc_text}",
@@ -44,8 +46,33 @@ def page(
         ],
         commands=[Command(choice.what, choice.command) for choice in decide],
         tiles=_tiles(review),
-        sections=[*(_changes(changes) if changes else []), *_sections(review, about, limits)],
+        sections=[
+            *(_changes(changes) if changes else []),
+            *_sections(review, about, limits),
+            *([_left(left)] if left else []),
+        ],
     )
+
+
+def _left(left: Sequence[PoseResidual]) -> Section:
+    """Measured minus model at each pose."""
+    rows: list[list[str | Cell]] = [
+        [
+            f"{p.pose}",
+            f"{p.candidate}",
+            ", ".join(map(str, p.tags)),
+            f"{p.frames}",
+            length_text(p.before_pos_m),
+            angle_text(p.before_rot_rad),
+            length_text(p.after_pos_m),
+            angle_text(p.after_rot_rad),
+            Cell("rejected", "bad") if p.rejected else "",
+        ]
+        for p in left
+    ]
+    columns = "pose|candidate|<tags|frames|before|before, rotation|after|after, rotation|<in the fit"
+    note = "Measured tool pose minus the model, with the table in force and with the proposed values."
+    return Section("left", "Residual of each pose", grid=Grid.of(columns, rows, note))
 
 
 def _changes(c: Changes) -> list[Section]:
@@ -223,9 +250,10 @@ def write_all(
     limits: Limits | None = None,
     decide: Sequence[Choice] = (),
     changes: Changes | None = None,
+    left: Sequence[PoseResidual] = (),
 ) -> tuple[list[Path], str]:
     """The page beside the picture (.html), and the picture (.png or .svg) where one can be made.
 
     Returns the files, and why there is no picture ("" if there is one)."""
-    made = page(review, warnings, provenance, about, limits, decide, changes)
+    made = page(review, warnings, provenance, about, limits, decide, changes, left)
     return image.beside([write(made, picture.with_suffix(".html"))], {picture: review_figures.sheet(review)})

@@ -220,7 +220,7 @@ class Flown:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._arm: KcArm = self._read("arm")
+        self.arm: KcArm = self._read("arm")
         self._terms: KcTerms = self._read("terms")
         self.terms = Terms.of_table(self._terms)
 
@@ -248,7 +248,7 @@ class Flown:
     def places(self) -> tuple[tuple[str, ...], np.ndarray]:
         """Postures of the space, with their names: work points (hubs, of which the first is the park pose),
         then candidates; joints (N, n)."""
-        space, n = self._read("space"), int(self._arm.n_joints)
+        space, n = self._read("space"), int(self.arm.n_joints)
         hubs = [list(space.hub_q[h][0:n]) for h in range(space.n_hub)]
         seeds = [list(space.cand[i].q_seed[0:n]) for i in range(space.n_cand)]
         named = [f"hub {h}" if h else "park pose" for h in range(len(hubs))]
@@ -257,9 +257,9 @@ class Flown:
     def shifts(self, old: Sequence[float], new: Sequence[float]) -> list[ToolShift]:
         """Where the tool goes at every place."""
         names, q = self.places
-        at = Observations.of_columns({"q": q}, list(self._arm.gravity_m_s2))
-        model = Model(Arm.of_table(self._arm), self.terms, at)
-        before, after = (model.poses(_padded(values, self.terms.n)) for values in (old, new))
+        at = Observations.of_columns({"q": q}, list(self.arm.gravity_m_s2))
+        model = Model(Arm.of_table(self.arm), self.terms, at)
+        before, after = (model.poses(padded(values, self.terms.n)) for values in (old, new))
         step = after.p_m - before.p_m
         turn = angle_of_matrix(before.R.transpose(0, 2, 1) @ after.R)
         return [
@@ -273,7 +273,8 @@ class Flown:
         return sum(not name.startswith("candidate") for name in self.places[0])
 
 
-def _padded(values: Sequence[float], n: int) -> np.ndarray:
+def padded(values: Sequence[float], n: int) -> np.ndarray:
+    """(n,) values of coefficients; those that are not given are 0."""
     out = np.zeros(n)
     out[: min(len(values), n)] = np.asarray(values, float)[:n]
     return out
@@ -315,7 +316,7 @@ def of_values(
     flown: Flown | None,
 ) -> Changes:
     """What a kinematics table changes, by its values alone."""
-    before = None if old is None else _padded(old.values, len(values)).tolist()
+    before = None if old is None else padded(old.values, len(values)).tolist()
     rows = [
         _change(
             names[i] if i < len(names) else f"coef[{i}]",
@@ -336,14 +337,14 @@ def of_values(
 def of_rollback(now: KinValues, previous: KinValues, names: Sequence[str], flown: Flown | None) -> Changes:
     """What a rollback changes back: from the table in force to the one before it."""
     n = max(len(now.values), len(previous.values), 0)
-    padded = [_padded(values.values, n) for values in (now, previous)]
+    both = [padded(values.values, n) for values in (now, previous)]
     rows = [
         _change(
             names[i] if i < len(names) else f"coef[{i}]",
-            float(padded[0][i]),
-            float(padded[1][i]),
+            float(both[0][i]),
+            float(both[1][i]),
             0.0,
-            flown.bound(i, float(padded[1][i])) if flown else 0.0,
+            flown.bound(i, float(both[1][i])) if flown else 0.0,
             "table before",
         )
         for i in range(n)

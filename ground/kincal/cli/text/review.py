@@ -14,9 +14,11 @@ from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
 from kincal.review.changes import Changes, amount
 from kincal.review.decisions import OnBoard
 from kincal.review.journal import SAID, Journal
+from kincal.review.residuals import PoseResidual
 from kincal.review.status import Choice, Listed, Status, choices, see_first
 from kincal.review.thresholds import Limits, Threshold, thresholds
 
+_WORST = 5
 _MILLI = {"rad": "mrad", "m": "mm"}
 
 
@@ -82,6 +84,7 @@ def show(
     limits: Limits | None = None,
     decide: Sequence[Choice] = (),
     changes: Changes | None = None,
+    left: Sequence[PoseResidual] = (),
 ) -> None:
     """A proposal with all its numbers, what changes, what became of it, what a reviewer should look at, and
     the commands to decide."""
@@ -98,6 +101,8 @@ def show(
     if len(shown) < len(r.coefs):
         out.print(f"{len(r.coefs) - len(shown)} masked coefficients at zero not listed")
     out.print(_numbers(r, limits))
+    if left:
+        out.print(_left(left))
     if about.rejected:
         again = "" if about.exact else " (the log is not whole)"
         out.print(f"poses rejected: {', '.join(map(str, about.rejected))}{again}")
@@ -155,6 +160,18 @@ def _coefficients(coefs: Sequence[CoefLine]) -> Table:
         sigma = (f"± {c.sigma * k:.3f}", f"{c.z:+.1f}") if c.sigma > 0 else ("-", "-")
         about = (_MILLI.get(c.unit, c.unit), c.status, escape(", ".join(c.confounded)))
         rows.add_row(escape(c.name), f"{c.value * k:.3f}", *sigma, *about)
+    return rows
+
+
+def _left(left: Sequence[PoseResidual]) -> Table:
+    """The poses at which most is left; the page has all."""
+    columns = ("pose", "candidate", "tags", "before", "", "after", "", "")
+    rows = grid(f"\nWorst poses of {len(left)}: measured minus model", *columns, right=(0, 1, 3, 4, 5, 6))
+    for p in sorted(left, key=lambda p: -p.after_pos_m)[:_WORST]:
+        before = length_text(p.before_pos_m), angle_text(p.before_rot_rad)
+        after = length_text(p.after_pos_m), angle_text(p.after_rot_rad)
+        tags = ", ".join(map(str, p.tags))
+        rows.add_row(str(p.pose), str(p.candidate), tags, *before, *after, "rejected" if p.rejected else "")
     return rows
 
 
