@@ -29,6 +29,7 @@ from kincal.console.serve import Options, serve
 from kincal.console.sources import Live, Recording
 from kincal.console.words import joint_limit
 from kincal.review import journal
+from kincal.run.inprocess import simulate
 from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_sim.ports import private_port, private_url
@@ -388,6 +389,26 @@ def test_words_that_are_none_are_refused(live, flight):
     for content in (b"[]", b"{", b'{"number":"1","by":1,"why":"x"}'):
         assert live.post("/api/start", headers=JSON, content=content).status_code == 400
     assert flight.commands == []
+
+
+def test_residuals_of_each_pose_are_shown_if_all_of_its_measurements_were_heard(geometry, key_file):
+    run = simulate("healthy", seed=1)
+    session = run.log.last_session
+    picture = Picture(geometry)
+    desk = Desk("memq://", key_file, None, BIN, picture)
+    for m in session.measurements[:-1]:
+        picture.add("KC_MEAS", m)
+    picture.add("KC_PROPOSAL", session.proposal)
+
+    def keys_of():
+        page = desk.review(f"{session.proposal.crc & 0xFFFFFFFF:08x}")["page"]
+        return [section["key"] for section in page["sections"]]
+
+    assert "left" not in keys_of()
+    picture.add("KC_MEAS", session.measurements[-1])
+    assert "left" in keys_of()
+    picture.add("KC_MEAS", session.measurements[0])  # another flight counts anew
+    assert "left" not in keys_of()
 
 
 # ---- recordings

@@ -58,7 +58,8 @@ def test_wheel_holds_what_it_runs(wheel):
             "kincal_shared/arms/wam.toml",
             "kincal/pages/GLOSSARY.md", "kincal_shared/errors.py", "kincal_sim/launch.py",
             "kincal/pages/templates/page.html.j2", "kincal/console/static/main.js",
-            "kincal/console/static/console.css", "kincal/_tree/fsw/tables/kc_events.toml"} | messages | tree <= names  # fmt: skip
+            "kincal/console/static/console.css",
+            "kincal/_tree/fsw/tables/kc_events.toml"} | messages | tree <= names  # fmt: skip
     assert not [n for n in names if "__pycache__" in n]
 
 
