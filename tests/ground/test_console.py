@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -18,7 +19,7 @@ from starlette.websockets import WebSocketDisconnect
 
 import kcm
 from kincal.console.app import Console, make_app
-from kincal.console.desk import Desk
+from kincal.console.desk import Desk, Words
 from kincal.console.dictionary import dictionary
 from kincal.console.geometry import Geometry
 from kincal.console.guard import Access
@@ -28,8 +29,9 @@ from kincal.console.serve import Options, serve
 from kincal.console.sources import Live, Recording
 from kincal.console.words import joint_limit
 from kincal.review import journal
+from kincal.run.inprocess import simulate
 from kincal_shared import keys
-from kincal_shared.errors import BadInput
+from kincal_shared.errors import BadInput, CommandFailed
 from kincal_sim.ports import private_port, private_url
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
@@ -389,6 +391,26 @@ def test_words_that_are_none_are_refused(live, flight):
     assert flight.commands == []
 
 
+def test_residuals_of_each_pose_are_shown_if_all_of_its_measurements_were_heard(geometry, key_file):
+    run = simulate("healthy", seed=1)
+    session = run.log.last_session
+    picture = Picture(geometry)
+    desk = Desk("memq://", key_file, None, BIN, picture)
+    for m in session.measurements[:-1]:
+        picture.add("KC_MEAS", m)
+    picture.add("KC_PROPOSAL", session.proposal)
+
+    def keys_of():
+        page = desk.review(f"{session.proposal.crc & 0xFFFFFFFF:08x}")["page"]
+        return [section["key"] for section in page["sections"]]
+
+    assert "left" not in keys_of()
+    picture.add("KC_MEAS", session.measurements[-1])
+    assert "left" in keys_of()
+    picture.add("KC_MEAS", session.measurements[0])  # another flight counts anew
+    assert "left" not in keys_of()
+
+
 # ---- recordings
 
 
@@ -504,3 +526,37 @@ def test_a_port_that_is_taken_is_said():
         taken.listen()
         with pytest.raises(BadInput, match="nothing can listen there"):
             serve(Options("x", BIN, None, port=taken.getsockname()[1]), lambda _access: None)
+
+
+def test_an_abort_does_not_wait_for_a_decision_that_is_under_way(geometry, key_file):
+    with FakeFlight(proposal_crc=CRC, dead=True) as flight:
+        picture = Picture(geometry)
+        message = proposal()
+        message.crc_terms = 0
+        picture.add("KC_PROPOSAL", message)
+        desk = Desk(flight.url, key_file, None, BIN, picture, timeout_s=8.0)
+        at, words = f"{CRC:08x}", Words("A", "b")
+        desk.see(at, "A")
+        desk.decide("arm", at, words)
+        go = threading.Thread(target=decided_in_vain, args=(desk, at, words), daemon=True)
+        with Live(flight.url, picture):
+            go.start()  # accepted, but the table never comes in force: it waits for that
+            wait_for(lambda: kcm.cmd_t.APPROVE_GO in [o for o, _ in flight.commands])
+            abort = threading.Thread(target=desk.abort, daemon=True)
+            abort.start()
+            wait_for(lambda: kcm.cmd_t.ABORT in [o for o, _ in flight.commands])
+            assert go.is_alive()
+            abort.join()
+            go.join()
+
+
+def decided_in_vain(desk, crc, words):
+    with pytest.raises(CommandFailed, match="was not seen in housekeeping"):
+        desk.once("1", lambda: desk.decide("go", crc, words))
+
+
+def wait_for(what, seconds=6.0):
+    deadline = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)

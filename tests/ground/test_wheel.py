@@ -59,7 +59,9 @@ def test_wheel_holds_what_it_runs(wheel):
             "kincal_shared/schema/messages.csv",
             "kincal_shared/arms/wam.toml",
             "kincal/pages/GLOSSARY.md", "kincal_shared/errors.py", "kincal_sim/launch.py",
-            "kincal/pages/templates/page.html.j2"} | messages | tree <= names  # fmt: skip
+            "kincal/pages/templates/page.html.j2", "kincal/console/static/main.js",
+            "kincal/console/static/console.css",
+            "kincal/_tree/fsw/tables/kc_events.toml"} | messages | tree <= names  # fmt: skip
     assert not [n for n in names if "__pycache__" in n]
 
 
@@ -136,6 +138,7 @@ CALLS = {
     "key show": ("new/keys",),
     "key retire": ("new/keys",),
     "schema": ("-o", "new/schema"),
+    "serve": ("--port", "0", "--seconds", "0.5", "--log", RUN_LOG),
     "arm list": (),
     "arm show": ("ur5e",),
     "arm import": ("robot.urdf", "-o", "new/arm.toml"),
@@ -154,7 +157,7 @@ CALLS = {
     "model uplink": ("--model", "M.toml", "--arm", "arm.toml", "--fly", "new/fly"),
 }
 SLOW = ("space build", "space check")  # not run to their end
-NEEDS = {"run": "sim", "space": "sim", "arm import": "urdf"}  # command or group -> extra
+NEEDS = {"run": "sim", "space": "sim", "arm import": "urdf", "serve": "console"}  # command or group -> extra
 PICTURES = ("review show", "model diagnose")  # use the extra image
 NO_ANSWER = ("uplink", "dump", "approve", "reject")  # nobody is there to talk to
 

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
 @click.option(
     "--recordings", type=PATH, default=None, show_default="~/.kincal/recordings", help="Where recordings go."
 )
+@click.option("--seconds", type=float, default=None, show_default="until Ctrl-C", help="How long.")
 @URL
 @TIMEOUT
 @KEYS
@@ -72,6 +73,7 @@ def serve(
     files: Path | None,
     record: bool,
     recordings: Path | None,
+    seconds: float | None,
     url: str,
     timeout_s: float,
     key_file: Path,
@@ -109,6 +111,7 @@ def serve(
             files,
             record,
             recordings,
+            seconds,
         ),
         ready,
     )

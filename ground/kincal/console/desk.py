@@ -5,6 +5,7 @@ to the first was lost, is answered again and carried out once."""
 
 from __future__ import annotations
 
+import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from typing import Any
 from kincal.api import operate
 from kincal.link import Link, crc_text, unsigned32
 from kincal.link.connection import LISTEN
+from kincal.link.eventfile import event_bytes
 from kincal.pages import review as review_pages
 from kincal.pages.page import Grid, Provenance
 from kincal.review import (
@@ -32,7 +34,8 @@ from kincal.review import (
     record,
     warnings,
 )
-from kincal.review.status import status
+from kincal.review.residuals import PoseResidual, residuals
+from kincal.review.status import Status, status
 from kincal.review.thresholds import Limits, read_limits
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
 from kincal_shared.keys import Signer, file_of, signer_of
@@ -160,6 +163,19 @@ class Desk:
         flown = changes.flown(self.tables_dir)
         return changes.of_review(found, self._values(found.crc_before), flown, limits)
 
+    def _left(self, found: Review, about: Status) -> tuple[PoseResidual, ...]:
+        """What is left at each pose; empty unless every measurement of the session was heard."""
+        flown, session = changes.flown(self.tables_dir), self.picture.summary().sessions.get(found.session)
+        heard = session.measurements if session else []
+        if flown is None or [m.pose for m in heard] != list(range(1, found.n_poses + 1)):
+            return ()
+        old = self._values(found.crc_before)
+        before, after = old.values if old else None, [c.value for c in found.coefs]
+        with tempfile.TemporaryDirectory() as folder:
+            log = Path(folder) / "session.lcmlog"
+            log.write_bytes(b"".join(event_bytes(m.pose, m.t_us, "KC_MEAS", m.encode()) for m in heard))
+            return residuals(log, found.session, before, after, flown, about.rejected)
+
     def _values(self, crc: int) -> changes.KinValues | None:
         """Values of a kinematics table, from the tables of the folder or the corrections that were heard."""
         p = self.picture.proposal(crc_text(crc))
@@ -216,7 +232,15 @@ class Desk:
         about = status(self.picture.summary(), found, lines)
         changed = self._changes(found, limits)
         stands_out = warnings(found, changed.big)
-        page = review_pages.page(found, stands_out, Provenance(_today()), about, limits, changes=changed)
+        page = review_pages.page(
+            found,
+            stands_out,
+            Provenance(_today()),
+            about,
+            limits,
+            changes=changed,
+            left=self._left(found, about),
+        )
         hk = self.picture.newest("KC_HK")
         return {
             "page": document(page),

@@ -19,7 +19,7 @@ from .picture import Picture
 if TYPE_CHECKING:
     from kincal.link.messages import LcmMessage
 
-KEPT = frozenset({"KC_PROPOSAL", "KC_PROGRESS", "KC_EVENT", "KC_ACK"})
+KEPT = frozenset({"KC_PROPOSAL", "KC_PROGRESS", "KC_MEAS", "KC_EVENT", "KC_ACK"})
 MOST_BYTES = 8 << 20
 
 

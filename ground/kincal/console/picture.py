@@ -89,6 +89,8 @@ class Picture:
                 self._events.append(LogEvent.of(message))
             elif channel == "KC_PROGRESS":
                 self._add_pose(message, received)
+            elif channel == "KC_MEAS":
+                self._add_measurement(message)
             elif channel == "KC_PROPOSAL":
                 self._add_proposal(message)
 
@@ -112,6 +114,12 @@ class Picture:
             del self._sessions[old]
         self._poses = _Value(self.version, received, session)
 
+    def _add_measurement(self, message: Any) -> None:
+        kept = self._sessions.setdefault(message.session, Session(message.session)).measurements
+        if kept and message.pose <= kept[-1].pose:  # flight began to count anew after a restart
+            kept.clear()
+        kept.append(message)
+
     def _add_proposal(self, message: Proposal) -> None:
         self.proposals.pop(message.crc, None)
         self.proposals[message.crc] = message
@@ -132,7 +140,8 @@ class Picture:
             hk = self._values.get("KC_HK")
             out = LogSummary(self.geometry.tables.path, events=list(self._events))
             out.sessions = {
-                n: Session(n, list(s.progress), [], s.proposal) for n, s in self._sessions.items()
+                n: Session(n, list(s.progress), list(s.measurements), s.proposal)
+                for n, s in self._sessions.items()
             }
             out.hk = hk.message if hk else None
             return out

@@ -35,7 +35,7 @@ class Options:
     """url: LCM network; log: a recording instead; port: 0: any free one; host: address to listen on; names:
     further names in the Host header; folder: what outlives the console;
     files: further files for the workbench; record: whether the link is recorded, into the folder
-    `recordings`."""
+    `recordings`; seconds: how long it serves, None: until it is interrupted."""
 
     url: str
     tables_dir: Path
@@ -50,6 +50,7 @@ class Options:
     files: Path | None = None
     record: bool = True
     recordings: Path | None = None
+    seconds: float | None = None
 
 
 def serve(options: Options, ready: Callable[[Access], None]) -> None:
@@ -86,7 +87,12 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     with listening, recorded, source, bench:
         ready(access)
-        uvicorn.Server(config).run([listening])
+        server = uvicorn.Server(config)
+        if options.seconds is not None:
+            ends = threading.Timer(options.seconds, lambda: setattr(server, "should_exit", True))
+            ends.daemon = True
+            ends.start()
+        server.run([listening])
 
 
 @contextmanager
