@@ -83,6 +83,11 @@ static kc_outcome_t select_next(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     const kc_view_t *v = &app->view;
     kc_arena_calibration_t *arena = &app->arena.calibration;
     kc_outcome_t oc = kc_select_run(&app->cal, &app->plan, arena, &app->rng, v, work, out);
+    if (oc.id == KC_OC_AGAIN) {
+        kc_plan_by_table(&app->plan, &v->tables->space, &v->tables->config);
+        kc_update_start(&app->learned, &app->est, arena, v, app->est.opt.free_mask);
+        kc_work_spend(work, kc_update_start_cost(v));
+    }
     if (oc.id != KC_OC_DONE) { return oc; }
     kc_observe_begin(&app->observe);
     oc = kc_move_begin(&app->move, v, work, out);

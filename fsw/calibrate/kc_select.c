@@ -202,17 +202,13 @@ static kc_outcome_t finish(const kc_view_t *view, kc_cause_t if_nothing)
 
 void kc_select_begin(kc_arena_calibration_t *arena) { arena->choice = (kc_choice_t){0}; }
 
-/* Observations that an arm inside its bounds hardly gives ask for all local initial poses, in their order. */
-static bool doubtful(kc_cal_t *cal, const kc_view_t *view, kc_out_t *out)
+/* Observations that an arm inside its bounds hardly gives. */
+static bool doubtful(const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
     double p = 0.0;
-    if (cal->doubted) { return true; }
     bool doubt = kc_local_doubt(c, view->est, view->learned->status, &p);
-    if (doubt) {
-        kc_event(&out->events, KC_EVT_CAL_DOUBT, (int32_t)view->plan->n_meas, p, c->doubt_p);
-    }
-    cal->doubted = doubt;
+    if (doubt) { kc_event(&out->events, KC_EVT_CAL_DOUBT, (int32_t)view->plan->n_meas, p, c->doubt_p); }
     return doubt;
 }
 
@@ -231,7 +227,8 @@ static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, con
     if (view->learned->converged || kc_plan_complete(plan, s)) { return finish(view, KC_CAUSE_NO_CANDIDATE); }
     cal->acq_value = 0.0;
     cal->chosen_by = -1;
-    ch->initial = kc_plan_local(plan, s, ch->eligible) && !doubtful(cal, view, out);
+    ch->initial = kc_plan_local(plan, s, ch->eligible);
+    if (ch->initial && doubtful(view, out)) { return kc_outcome(KC_OC_AGAIN); }
     kc_plan_after_local(plan, s, ch->initial && !informed(cal), ch->eligible);
     ch->part = ch->initial || by_information(cal, view) ? JOINTS : ACQUIRED;
     if (ch->initial) { return kc_outcome(KC_OC_STAY); }

@@ -143,9 +143,8 @@ static void begin_estimate(kc_learned_t *learned, kc_est_t *est, const kc_gp_t *
     kc_point_t x = newest_point(view);
     double var = 0.0;
     /* observations near one posture leave much undetermined */
-    bool informed = p->by_information && !view->cal->doubted; /* in doubt everything is as by the table */
-    est->hold_none = kc_plan_only_local(p) || (informed && !kc_plan_enough(p)) ? 1u : 0u;
-    est->by_bounds = informed ? 1u : 0u;
+    est->hold_none = kc_plan_only_local(p) || (p->by_information && !kc_plan_enough(p)) ? 1u : 0u;
+    est->by_bounds = p->by_information ? 1u : 0u;
     objective(learned, view);
     learned->res = (kc_miss_t){learned->dp_m[newest], learned->dr_rad[newest]};
     learned->f = learned->y[p->n_meas - 1u];

@@ -35,6 +35,13 @@ void kc_plan_start(kc_plan_t *p, const kc_space_t *space, const kc_config_t *con
     for (uint32_t c = 0u; c < space->n_cand; c++) { p->usable[c] = (uint8_t)!kc_space_local(space, c); }
 }
 
+void kc_plan_by_table(kc_plan_t *p, const kc_space_t *space, const kc_config_t *config)
+{
+    kc_plan_start(p, space, config, p->n_own);
+    p->by_information = false;
+    p->n_goal = goal(p, space, 0u);
+}
+
 bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space, const kc_config_t *config)
 {
     bool nothing = p->n_local == 0u && p->n_tried >= config->tags_tried_min;

@@ -36,6 +36,8 @@ typedef struct {
 
 /* n_goal: poses requested; with local initial poses, which come on top, at least those a proposal needs. */
 void kc_plan_start(kc_plan_t *p, const kc_space_t *space, const kc_config_t *config, uint32_t n_goal);
+/* Begin again: all initial poses, in the order of the table. */
+void kc_plan_by_table(kc_plan_t *p, const kc_space_t *space, const kc_config_t *config);
 /* Local initial poses without tags: too few detections to determine the errors of the arm. Without any it
  * makes no larger moves, and with hardly any it does not leave the park pose. */
 bool kc_plan_no_tags(const kc_plan_t *p, const kc_space_t *space, const kc_config_t *config);

@@ -53,7 +53,7 @@ typedef enum {
     KC_OC_SEARCH,
     /* of MEASURE */
     KC_OC_DISTURBED,
-    /* of LEARN */
+    /* of LEARN; of SELECT: the calibration begins again */
     KC_OC_AGAIN,
     /* of SELECT and PROPOSE */
     KC_OC_FINISH,
@@ -82,6 +82,7 @@ static inline kc_outcome_t kc_abort_for(kc_cause_t cause) { return (kc_outcome_t
     X(SAFE, START, SELECT, SAME_STEP)          \
     X(SELECT, DONE, MOVE, NEXT_STEP)           \
     X(SELECT, SKIP, SELECT, NEXT_STEP)         \
+    X(SELECT, AGAIN, SELECT, NEXT_STEP)        \
     X(SELECT, FINISH, PROPOSE, SAME_STEP)      \
     X(MOVE, DONE, AIM, SAME_STEP)              \
     X(MOVE, SKIP, SELECT, SAME_STEP)           \

@@ -43,7 +43,6 @@ typedef struct {
     int32_t candidate, replicate; /* current one, -1: none */
     double acq_value;
     int32_t chosen_by; /* kc_acq_t; -1 = initial pose or replicate */
-    bool doubted;      /* the observations so far cast doubt (kc_local.h) */
 } kc_cal_t;
 
 /* What the newest pose taught. */

@@ -312,8 +312,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "would have shown with probability {got:number}; tool known to {want:mm} at the next pose",            \
       "")                                                                                                    \
     X(141, CAL_DOUBT, WARN,                                                                                  \
-      "the first {index:count} observations have probability {got:number}, required {want:number}: all "     \
-      "local initial poses are measured",                                                                    \
+      "the first {index:count} observations have probability {got:number}, required {want:number}: the "     \
+      "calibration begins again, with all local initial poses",                                              \
       "None: CAL_MODEL_MISMATCH follows if no correction within its bounds explains them.")                  \
     X(142, CAL_UNREACHABLE, WARN,                                                                            \
       "the stated errors of the camera chain alone leave the tool uncertain by {got:mm}, required "          \

@@ -261,6 +261,23 @@ void test_no_local_pose_is_chosen_after_another_pose_or_while_one_is_to_be_repea
     TEST_ASSERT_FALSE(kc_plan_local(&s_plan, &s_space, s_eligible));
 }
 
+void test_begun_again_all_initial_poses_come_in_the_order_of_the_table(void)
+{
+    given_informed(4u, 1u);
+    measure(next());
+    kc_plan_begin(&s_plan, &s_space, 12u);
+    measure(12u);
+    kc_plan_by_table(&s_plan, &s_space, &s_config);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_plan.n_meas);
+    TEST_ASSERT_EQUAL_UINT32(0u, s_plan.n_obs);
+    TEST_ASSERT_EQUAL_UINT32(8u, s_plan.n_goal); /* five requested, three local and a reserve */
+    for (uint32_t i = 0u; i < 3u; i++) {
+        TEST_ASSERT_FALSE(kc_plan_local(&s_plan, &s_space, s_eligible));
+        TEST_ASSERT_EQUAL_UINT32(10u + i, next());
+        measure(10u + i);
+    }
+}
+
 void test_local_poses_that_may_not_be_needed_are_not_counted_before(void)
 {
     given_informed(4u, 0u);
