@@ -555,7 +555,7 @@ class ConfigSource(Source):
     """Time in which APPROVE_GO must follow APPROVE_ARM."""
     signed_age_max_us: Microseconds = 43_200_000_000
     """Largest difference between the stamp of a signed message and flight's clock; 0: not checked."""
-    initial_design: Literal["table", "information"] = "table"
+    initial_design: Literal["table", "information"] = "information"
     """Initial poses: table, all, in the order of SPACE; information, as many as are needed."""
     local_safe_m: Real = 0.02
     """Sigma of the tool's position up to which a local initial pose may be chosen [m]."""
