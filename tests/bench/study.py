@@ -42,10 +42,9 @@ from typing import Any
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-import numpy as np  # noqa: E402
-
 import missions  # noqa: E402
 import montecarlo  # noqa: E402
+import numpy as np  # noqa: E402
 import resumable  # noqa: E402
 import study_outside  # noqa: E402
 import study_report  # noqa: E402
