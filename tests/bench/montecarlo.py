@@ -71,6 +71,7 @@ FINISH_MIN = 0.99
 START_CLEAR_M = 0.02
 OUTSIDE_CLEAR_MIN = 0.999
 FLIGHT = library("flight")
+AT_CANDIDATE = FLIGHT.constant("KC_AT_CANDIDATE")
 HUB_BOUND = FLIGHT.decimal("KC_HUB_BOUND") + 1e-6  # about hubs and local initial poses
 ON_NODE_RAD = 0.002  # arm at rest within arrive_tol; the rest is rounding
 IDLE, REVIEW, SAFE = (FLIGHT.constant(f"KC_ST_{name}") for name in ("IDLE", "REVIEW", "SAFE"))
@@ -349,8 +350,8 @@ def _listen(tick: Tick, record: Record) -> None:
                 record.cause = int(m.got)
         elif channel == "KC_ACK" and m.status != 0:
             record.outcome = f"refused: {event_name(m.event_id)}"
-        elif channel == "KC_MEAS":
-            record.poses += 1
+        elif channel == "KC_MEAS" and m.taken_at == AT_CANDIDATE:
+            record.poses = m.pose
         elif channel == "KC_PROPOSAL":
             record.verdict = ("no change", "change", "poor")[m.verdict]
             record.crc, record.coef = unsigned32(m.crc), list(m.value)[: m.n_coef]

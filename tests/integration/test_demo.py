@@ -73,7 +73,7 @@ def test_demo_shows_the_held_out_error_fall_below_the_limits(demo):
     assert summary["after"]["pos_m"] <= 2e-3
     assert summary["after"]["rot_rad"] <= 5e-3
     # the error falls with the poses in all runs that are compared
-    assert {c["label"] for c in summary["curves"]} == {"ucb, fast", "random, fast"}
+    assert {c["label"] for c in summary["curves"]} == {"rate, fast", "ucb, fast", "random, fast"}
     for curve in summary["curves"]:
         held = [p["held_pos_m"] for p in curve["poses"]]
         assert 20 + 2 <= len(held) <= 20 + LOCAL + RESERVE

@@ -13,7 +13,7 @@ from kincal.space import SpaceTable
 from kincal.workbench.data.readers.lcm import read_log
 
 STOP = CORE.constant("KC_AT_STOP")
-SETTINGS = {"extra_obs_max": 4, "stops_max": 2, "n_poses": 5}
+SETTINGS = {"initial_design": 0, "extra_obs_max": 4, "stops_max": 2, "n_poses": 5}
 
 
 @pytest.fixture(scope="module")

@@ -76,7 +76,7 @@ def _residuals(
         return ()
     old = changes.kin_values(review.crc_before, (tables_dir, log, *places))
     before, after = None if old is None else old.values, [c.value for c in review.coefs]
-    return residuals(log, review.session, before, after, flown, about.rejected)
+    return residuals(log, review.session, before, after, flown, about.rejected, about.rejected_extra)
 
 
 def what_changes(

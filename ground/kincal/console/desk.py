@@ -167,14 +167,15 @@ class Desk:
         """What is left at each pose; empty unless every measurement of the session was heard."""
         flown, session = changes.flown(self.tables_dir), self.picture.summary().sessions.get(found.session)
         heard = session.measurements if session else []
-        if flown is None or [m.pose for m in heard] != list(range(1, found.n_poses + 1)):
+        whole = [m.observation for m in heard] == list(range(1, len(heard) + 1))
+        if flown is None or session is None or not whole or len(session.at_poses) != found.n_poses:
             return ()
         old = self._values(found.crc_before)
         before, after = old.values if old else None, [c.value for c in found.coefs]
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "session.lcmlog"
-            log.write_bytes(b"".join(event_bytes(m.pose, m.t_us, "KC_MEAS", m.encode()) for m in heard))
-            return residuals(log, found.session, before, after, flown, about.rejected)
+            log.write_bytes(b"".join(event_bytes(m.observation, m.t_us, "KC_MEAS", m.encode()) for m in heard))
+            return residuals(log, found.session, before, after, flown, about.rejected, about.rejected_extra)
 
     def _values(self, crc: int) -> changes.KinValues | None:
         """Values of a kinematics table, from the tables of the folder or the corrections that were heard."""

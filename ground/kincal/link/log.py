@@ -58,6 +58,10 @@ class Session:
     measurements: list[Meas] = field(default_factory=list)
     proposal: Proposal | None = None
 
+    def went_on(self, m: Progress) -> None:
+        """Add a pose. One with a number of before begins the calibration again: those are not used any more."""
+        self.progress = [*(p for p in self.progress if p.pose < m.pose), m]
+
     def measure(self, meas: Meas) -> None:
         """Take a measurement; that of a pose has the number of the one at its place that it replaces."""
         held = [m for m in self.measurements if m.observation != meas.observation]
@@ -130,7 +134,7 @@ class LogSummary:
             self.t_first_us = m.t_us if self.t_first_us is None else self.t_first_us
             self.t_last_us = m.t_us
         if channel == "KC_PROGRESS":
-            self.session(m.session).progress.append(m)
+            self.session(m.session).went_on(m)
         elif channel == "KC_MEAS":
             self.session(m.session).measure(m)
         elif channel == "KC_PROPOSAL":

@@ -58,7 +58,7 @@ def _left(left: Sequence[PoseResidual]) -> Section:
     """Measured minus model at each pose."""
     rows: list[list[str | Cell]] = [
         [
-            f"{p.pose}",
+            f"to {p.pose}" if p.on_way else f"{p.pose}",
             f"{p.candidate}",
             ", ".join(map(str, p.tags)),
             f"{p.frames}",
@@ -71,7 +71,10 @@ def _left(left: Sequence[PoseResidual]) -> Section:
         for p in left
     ]
     columns = "pose|candidate|<tags|frames|before|before, rotation|after|after, rotation|<in the fit"
-    note = "Measured tool pose minus the model, with the table in force and with the proposed values."
+    note = (
+        "Measured tool pose minus the model, with the table in force and with the proposed values. "
+        '"to 7": observed on the way to pose 7.'
+    )
     return Section("left", "Residual of each pose", grid=Grid.of(columns, rows, note))
 
 

@@ -17,11 +17,13 @@ from .changes import Flown, padded
 
 @dataclass(frozen=True)
 class PoseResidual:
-    """Measured minus model at one pose, before (with the table in force; NaN if it is not at hand) and after.
-    candidate: in the SPACE table; tags: that were seen; frames: averaged; rejected: not in the fit."""
+    """Measured minus model of one observation, before (with the table in force; NaN if it is not at hand) and
+    after. candidate: in the SPACE table; on_way: taken on the way to that pose, not at it; tags: that were
+    seen; frames: averaged; rejected: not in the fit."""
 
     pose: int
     candidate: int
+    on_way: bool
     tags: tuple[int, ...]
     frames: int
     before_pos_m: float
@@ -38,8 +40,10 @@ def residuals(
     new: Sequence[float],
     flown: Flown,
     rejected: Sequence[int] = (),
+    rejected_extra: Sequence[int] = (),
 ) -> tuple[PoseResidual, ...]:
-    """Of all poses of a session that the log holds, in order; empty if it holds none that can be used."""
+    """Of all observations of a session that the log holds, in order; empty if it holds none that can be used.
+    rejected, rejected_extra: as in Status."""
     from kincal.workbench.data.readers.lcm import read_log as read_measurements
 
     arm = Arm.of_table(flown.arm)
@@ -60,13 +64,14 @@ def residuals(
         PoseResidual(
             m.pose,
             m.candidate,
+            bool(m.taken_at),
             tuple(m.tag_id[: m.n_tags]),
             m.n_frames,
             float(before[0][i]),
             float(before[1][i]),
             float(after[0][i]),
             float(after[1][i]),
-            m.pose in rejected,
+            m.observation in rejected_extra if m.taken_at else m.pose in rejected,
         )
         for i, m in enumerate(found.measurements)
     )

@@ -35,8 +35,8 @@ _DECIDED = {journal.ARMED: "armed", journal.APPROVED: "approved", journal.REJECT
 class Status:
     """state: in words, at the end of the log, or as the journal says what came after it; waits: for a
     decision, as far as these two say; armed: the first step of an approval was taken, at the end of the log;
-    rejected: poses from 1 that the fit left out; exact: the log names as many as the proposal counts;
-    decisions: lines of the journal, oldest first."""
+    rejected: poses from 1 that the fit left out; rejected_extra: observations on the way to a pose, by their
+    number; exact: the log names as many as the proposal counts; decisions: lines of the journal, oldest first."""
 
     state: str
     waits: bool
@@ -44,14 +44,16 @@ class Status:
     rejected: tuple[int, ...]
     exact: bool
     decisions: tuple[Entry, ...] = ()
+    rejected_extra: tuple[int, ...] = ()
 
 
 def status(log: LogSummary, review: Review, decisions: Sequence[Entry] = ()) -> Status:
     """What a log and the journal say of a proposal."""
-    rejected = _rejected(log, review.session)
+    rejected, extra = _rejected(log, review.session)
     mine = tuple(entry for entry in decisions if entry.crc == review.crc_text)
     state, waits = _state(log, review.crc, review.verdict, mine)
-    return Status(state, waits, state == _ARMED, rejected, len(rejected) == review.n_outliers, mine)
+    exact = len(rejected) + len(extra) == review.n_outliers
+    return Status(state, waits, state == _ARMED, rejected, exact, mine, extra)
 
 
 def _state(log: LogSummary, crc: int, verdict: str, lines: Sequence[Entry]) -> tuple[str, bool]:
@@ -150,16 +152,21 @@ def choices(
     return (reject, arm, second) if doubtful else (arm, second, reject)
 
 
-def _rejected(log: LogSummary, session: int) -> tuple[int, ...]:
-    """Poses that were rejected and did not come back."""
+def _rejected(log: LogSummary, session: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Poses, and observations on the way to one, that were rejected and did not come back."""
     begin, end = _span(log.sessions[session]) if session in log.sessions else (0, 0)
     poses: set[int] = set()
+    extra: set[int] = set()
     for e in log.events:
         if e.name == "CAL_OUTLIER" and begin <= e.t_us <= end:
             poses.add(e.index)
-        if e.name == "CAL_OUTLIER_ACCEPTED":
+        elif e.name == "CAL_OUTLIER_ACCEPTED":
             poses.discard(e.index)
-    return tuple(sorted(poses))
+        elif e.name == "CAL_EXTRA_OUTLIER" and begin <= e.t_us <= end:
+            extra.add(int(e.got))
+        elif e.name == "CAL_EXTRA_OUTLIER_ACCEPTED":
+            extra.discard(int(e.got))
+    return tuple(sorted(poses)), tuple(sorted(extra))
 
 
 def _span(session: Session) -> tuple[int, int]:

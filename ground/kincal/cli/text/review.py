@@ -106,6 +106,8 @@ def show(
     if about.rejected:
         again = "" if about.exact else " (the log is not whole)"
         out.print(f"poses rejected: {', '.join(map(str, about.rejected))}{again}")
+    if about.rejected_extra:
+        out.print(f"observations on the way to a pose rejected: {len(about.rejected_extra)}")
     reasons = reasons_to_reject(r)
     for line in warnings:
         what = "[red]reason to reject" if line in reasons else "[yellow]look at"
@@ -164,14 +166,14 @@ def _coefficients(coefs: Sequence[CoefLine]) -> Table:
 
 
 def _left(left: Sequence[PoseResidual]) -> Table:
-    """The poses at which most is left; the page has all."""
+    """The observations at which most is left, "to 7": on the way to pose 7; the page has all."""
     columns = ("pose", "candidate", "tags", "before", "", "after", "", "")
-    rows = grid(f"\nWorst poses of {len(left)}: measured minus model", *columns, right=(0, 1, 3, 4, 5, 6))
+    rows = grid(f"\nWorst observations of {len(left)}: measured minus model", *columns, right=(0, 1, 3, 4, 5, 6))
     for p in sorted(left, key=lambda p: -p.after_pos_m)[:_WORST]:
         before = length_text(p.before_pos_m), angle_text(p.before_rot_rad)
         after = length_text(p.after_pos_m), angle_text(p.after_rot_rad)
         tags = ", ".join(map(str, p.tags))
-        rows.add_row(str(p.pose), str(p.candidate), tags, *before, *after, "rejected" if p.rejected else "")
+        rows.add_row(f"to {p.pose}" if p.on_way else str(p.pose), str(p.candidate), tags, *before, *after, "rejected" if p.rejected else "")
     return rows
 
 
