@@ -111,7 +111,7 @@ def test_a_single_bad_detection_at_any_local_initial_pose_does_not_end_a_calibra
 
 @pytest.mark.parametrize("wrong", [offset, flipped, of_the_other_tag])
 @pytest.mark.parametrize("k", [1, 2, 3])
-def test_a_bad_detection_at_a_chosen_local_initial_pose_begins_the_calibration_again(k, wrong, by_information):
+def test_a_bad_detection_at_a_chosen_local_initial_pose_begins_anew(k, wrong, by_information):
     run = flown("paper", BadAt(k, wrong), by_information)
     assert "CAL_ABORTED" not in names(run)
     assert names(run).count("CAL_DOUBT") == 1

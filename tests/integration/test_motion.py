@@ -24,7 +24,7 @@ class Session(Flight):
         folder = tmp_path / "tables"
         shutil.copytree(TABLES, folder)
         c = read_table("config")
-        plain = {"initial_design": 0, "extra_obs_max": 0, "stops_max": 0}  # all initial poses, one observation each
+        plain = {"initial_design": 0, "extra_obs_max": 0, "stops_max": 0}  # all initial poses, none between
         for name, value in (plain | config).items():
             setattr(c, name, value)
         (folder / "config.tbl").write_bytes(codec.encode("config", c).data)

@@ -174,8 +174,11 @@ class Desk:
         before, after = old.values if old else None, [c.value for c in found.coefs]
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "session.lcmlog"
-            log.write_bytes(b"".join(event_bytes(m.observation, m.t_us, "KC_MEAS", m.encode()) for m in heard))
-            return residuals(log, found.session, before, after, flown, about.rejected, about.rejected_extra)
+            log.write_bytes(
+                b"".join(event_bytes(m.observation, m.t_us, "KC_MEAS", m.encode()) for m in heard)
+            )
+            out = about.rejected, about.rejected_extra
+            return residuals(log, found.session, before, after, flown, *out)
 
     def _values(self, crc: int) -> changes.KinValues | None:
         """Values of a kinematics table, from the tables of the folder or the corrections that were heard."""

@@ -59,7 +59,7 @@ class Session:
     proposal: Proposal | None = None
 
     def went_on(self, m: Progress) -> None:
-        """Add a pose. One with a number of before begins the calibration again: those are not used any more."""
+        """Add a pose. If there was one with its number, the calibration began again there."""
         self.progress = [*(p for p in self.progress if p.pose < m.pose), m]
 
     def measure(self, meas: Meas) -> None:

@@ -35,8 +35,8 @@ _DECIDED = {journal.ARMED: "armed", journal.APPROVED: "approved", journal.REJECT
 class Status:
     """state: in words, at the end of the log, or as the journal says what came after it; waits: for a
     decision, as far as these two say; armed: the first step of an approval was taken, at the end of the log;
-    rejected: poses from 1 that the fit left out; rejected_extra: observations on the way to a pose, by their
-    number; exact: the log names as many as the proposal counts; decisions: lines of the journal, oldest first."""
+    rejected: poses from 1 that the fit left out; rejected_extra: numbers of those on the way to a pose;
+    exact: the log names as many as the proposal counts; decisions: lines of the journal, oldest first."""
 
     state: str
     waits: bool

@@ -168,12 +168,14 @@ def _coefficients(coefs: Sequence[CoefLine]) -> Table:
 def _left(left: Sequence[PoseResidual]) -> Table:
     """The observations at which most is left, "to 7": on the way to pose 7; the page has all."""
     columns = ("pose", "candidate", "tags", "before", "", "after", "", "")
-    rows = grid(f"\nWorst observations of {len(left)}: measured minus model", *columns, right=(0, 1, 3, 4, 5, 6))
+    title = f"\nWorst observations of {len(left)}: measured minus model"
+    rows = grid(title, *columns, right=(0, 1, 3, 4, 5, 6))
     for p in sorted(left, key=lambda p: -p.after_pos_m)[:_WORST]:
         before = length_text(p.before_pos_m), angle_text(p.before_rot_rad)
         after = length_text(p.after_pos_m), angle_text(p.after_rot_rad)
         tags = ", ".join(map(str, p.tags))
-        rows.add_row(f"to {p.pose}" if p.on_way else str(p.pose), str(p.candidate), tags, *before, *after, "rejected" if p.rejected else "")
+        pose, fate = f"to {p.pose}" if p.on_way else str(p.pose), "rejected" if p.rejected else ""
+        rows.add_row(pose, str(p.candidate), tags, *before, *after, fate)
     return rows
 
 
