@@ -100,7 +100,7 @@ def test_what_is_left_at_each_pose_adds_up_to_what_flight_states(poor_run):
     shown = reviews.show(log, None, TABLES, [])
     assert shown.about.exact
     fitted = [p for p in shown.residuals if not p.rejected]
-    assert sum(not p.on_way for p in shown.residuals) == shown.review.n_poses
+    assert sum(not p.extra for p in shown.residuals) == shown.review.n_poses
     assert len(fitted) == len(shown.residuals) - shown.review.n_outliers
     for name, key in (("after_pos_m", "fit_pos_m"), ("after_rot_rad", "fit_rot_rad"),
                       ("before_pos_m", "before_pos_m"), ("before_rot_rad", "before_rot_rad")):  # fmt: skip

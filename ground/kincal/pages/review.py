@@ -58,7 +58,7 @@ def _left(left: Sequence[PoseResidual]) -> Section:
     """Measured minus model at each pose."""
     rows: list[list[str | Cell]] = [
         [
-            f"to {p.pose}" if p.on_way else f"{p.pose}",
+            f"to {p.pose}" if p.extra else f"{p.pose}",
             f"{p.candidate}",
             ", ".join(map(str, p.tags)),
             f"{p.frames}",

@@ -18,12 +18,12 @@ from .changes import Flown, padded
 @dataclass(frozen=True)
 class PoseResidual:
     """Measured minus model of one observation, before (with the table in force; NaN if it is not at hand) and
-    after. candidate: in the SPACE table; on_way: taken on the way to that pose, not at it; tags: that were
+    after. candidate: in the SPACE table; extra: taken on the way to that pose, not at it; tags: that were
     seen; frames: averaged; rejected: not in the fit."""
 
     pose: int
     candidate: int
-    on_way: bool
+    extra: bool
     tags: tuple[int, ...]
     frames: int
     before_pos_m: float

@@ -174,7 +174,7 @@ def _left(left: Sequence[PoseResidual]) -> Table:
         before = length_text(p.before_pos_m), angle_text(p.before_rot_rad)
         after = length_text(p.after_pos_m), angle_text(p.after_rot_rad)
         tags = ", ".join(map(str, p.tags))
-        pose, fate = f"to {p.pose}" if p.on_way else str(p.pose), "rejected" if p.rejected else ""
+        pose, fate = f"to {p.pose}" if p.extra else str(p.pose), "rejected" if p.rejected else ""
         rows.add_row(pose, str(p.candidate), tags, *before, *after, fate)
     return rows
 
