@@ -342,8 +342,8 @@ def test_without_keys_the_chain_is_checked_and_that_is_said(journal, tmp_path):
 def test_what_is_no_journal_is_refused_with_its_line(tmp_path, file, text):
     path = tmp_path / "j"
     path.write_bytes(text)
-    for name in ("verify", "list"):
-        run = CliRunner().invoke(main, ["review", name, "--journal", str(path), "--keys", str(file)])
+    for group, name in (("audit", "verify"), ("review", "list")):
+        run = CliRunner().invoke(main, [group, name, "--journal", str(path), "--keys", str(file)])
         assert run.exit_code == EXIT_INPUT and DAMAGED in run.output and f"{path}:1" in run.output
 
 

@@ -115,10 +115,11 @@ class Picture:
         self._poses = _Value(self.version, received, session)
 
     def _add_measurement(self, message: Any) -> None:
-        kept = self._sessions.setdefault(message.session, Session(message.session)).measurements
-        if kept and message.pose <= kept[-1].pose:  # flight began to count anew after a restart
-            kept.clear()
-        kept.append(message)
+        session = self._sessions.setdefault(message.session, Session(message.session))
+        kept = session.measurements
+        if kept and (message.observation, message.pose) < (kept[-1].observation, kept[-1].pose):
+            kept.clear()  # the calibration began again, or flight did after a restart
+        session.measure(message)
 
     def _add_proposal(self, message: Proposal) -> None:
         self.proposals.pop(message.crc, None)

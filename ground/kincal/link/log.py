@@ -63,8 +63,10 @@ class Session:
         self.progress = [*(p for p in self.progress if p.pose < m.pose), m]
 
     def measure(self, meas: Meas) -> None:
-        """Take a measurement; that of a pose has the number of the one at its place that it replaces."""
-        held = [m for m in self.measurements if m.observation != meas.observation]
+        """Take a measurement; it replaces one with its number: at the same place, or before the calibration began
+        again. Number 0: none was given."""
+        number = meas.observation
+        held = [m for m in self.measurements if not number or m.observation != number]
         self.measurements = [*held, meas]
 
     @property
