@@ -51,6 +51,7 @@ def few(committed, ids):
     flight.ffi.memmove(out.edge, bytes(len(out.edge)), len(out.edge))
     for k, i in enumerate(ids):
         out.cand[k] = committed.cand[i]
+        out.stop[k] = committed.stop[i]
     out.initial[0], out.initial[1] = 0, min(1, len(ids) - 1)
     return out
 

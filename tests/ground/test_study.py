@@ -100,7 +100,7 @@ def test_errors_of_a_scenario_are_those_of_its_seed_and_inside_the_bounds():
 def test_a_run_is_recorded_pose_by_pose():
     scenario = study.scenario_of("slipped", 5)
     witness = study.Witness(scenario, 5)
-    tables = study.tables_of("slipped", "n_poses=3")
+    tables = study.tables_of("slipped", "initial_design=0 n_poses=3")
     run = simulate(scenario, 5, Setup(tables=tables, acquisition="dopt"), each_tick=witness.see)
     progress, entries = run.log.last_session.progress, witness.entries
     assert len(progress) == 17 and len(entries) == 18

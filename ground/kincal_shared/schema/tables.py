@@ -577,13 +577,13 @@ class ConfigSource(Source):
     """Probability with which the error shall be within stop_pos_m and stop_rot_rad; 0: their RMS."""
     stop_checks: int = 2
     """Poses in a row that have to be as predicted, before they are used."""
-    extra_obs_max: Natural = 0
+    extra_obs_max: Natural = 4
     """Observations on the way to each candidate, on arrival and after servo steps; 0: none."""
     extra_pos_m: Real = 0.02
     """Least distance of the tool from the candidate and from the one before for one of them [m] ..."""
     extra_rot_rad: Real = 0.05
     """... or least angle [rad]: one of the two is enough."""
-    stops_max: Natural = 0
+    stops_max: Natural = 2
     """Stops on the way to each candidate, of those that the SPACE table has; 0: none."""
     servo: ServoBlock
     """Servo."""
