@@ -137,6 +137,8 @@ CALLS = {
     "key rotate": ("new/keys",),
     "key show": ("new/keys",),
     "key retire": ("new/keys",),
+    "export xtce": ("-o", "new/kincal.xml"),
+    "bridge ccsds": ("--to", "127.0.0.1:9", "--seconds", "0.2", *NOBODY[:2]),
     "schema": ("-o", "new/schema"),
     "serve": ("--port", "0", "--seconds", "0.5", "--log", RUN_LOG),
     "arm list": (),
@@ -157,7 +159,7 @@ CALLS = {
     "model uplink": ("--model", "M.toml", "--arm", "arm.toml", "--fly", "new/fly"),
 }
 SLOW = ("space build", "space check")  # not run to their end
-NEEDS = {"run": "sim", "space": "sim", "arm import": "urdf", "serve": "console"}  # command or group -> extra
+NEEDS = {"run": "sim", "space": "sim", "arm import": "urdf", "serve": "console", "export xtce": "xtce"}  # command or group -> extra
 PICTURES = ("review show", "model diagnose")  # use the extra image
 NO_ANSWER = ("uplink", "dump", "approve", "reject")  # nobody is there to talk to
 
