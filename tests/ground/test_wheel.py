@@ -159,7 +159,8 @@ CALLS = {
     "model uplink": ("--model", "M.toml", "--arm", "arm.toml", "--fly", "new/fly"),
 }
 SLOW = ("space build", "space check")  # not run to their end
-NEEDS = {"run": "sim", "space": "sim", "arm import": "urdf", "serve": "console", "export xtce": "xtce"}  # command or group -> extra
+# command or group -> extra
+NEEDS = {"run": "sim", "space": "sim", "arm import": "urdf", "serve": "console", "export xtce": "xtce"}
 PICTURES = ("review show", "model diagnose")  # use the extra image
 NO_ANSWER = ("uplink", "dump", "approve", "reject")  # nobody is there to talk to
 
