@@ -63,8 +63,8 @@ class Session:
         self.progress = [*(p for p in self.progress if p.pose < m.pose), m]
 
     def measure(self, meas: Meas) -> None:
-        """Take a measurement; it replaces one with its number, at the same place or from before the calibration
-        began again. Number 0: none was given."""
+        """Take a measurement; it replaces one with its number, at the same place or of an earlier beginning.
+        Number 0: none was given."""
         number = meas.observation
         held = [m for m in self.measurements if not number or m.observation != number]
         self.measurements = [*held, meas]
