@@ -46,9 +46,10 @@ static void spread_outliers(void)
 
 static void calibrate(uint8_t acq)
 {
-    static const char *name[] = {"ucb", "random", "dopt", "vopt"};
+    static const char *name[] = {"ucb", "random", "dopt", "vopt", "rate"};
     s_case = name[acq];
     given_largest(acq);
+    world.config.rate_measure = (uint8_t)KC_ACQ_VOPT; /* of rate: what takes longer */
     bool converges = acq == KC_ACQ_VOPT;
     if (converges) { /* so that outliers are looked for */
         world.config.est.iter_max = 20u;
@@ -161,6 +162,7 @@ int main(int argc, char **argv)
         if (strcmp(what, "random") == 0) { calibrate(KC_ACQ_RANDOM); }
         if (strcmp(what, "dopt") == 0) { calibrate(KC_ACQ_DOPT); }
         if (strcmp(what, "vopt") == 0) { calibrate(KC_ACQ_VOPT); }
+        if (strcmp(what, "rate") == 0) { calibrate(KC_ACQ_RATE); }
     }
     return 0;
 }

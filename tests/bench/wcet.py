@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 PROGRAM = ROOT / "build/rel/wcet"
 WORK = ROOT / "build/wcet"
 LIMIT = 10_000_000
-CASES = ("idle", "replay", "random", "ucb", "dopt", "vopt")
+CASES = ("idle", "replay", "random", "ucb", "dopt", "vopt", "rate")
 
 
 def state_names() -> dict[int, str]:
