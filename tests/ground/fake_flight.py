@@ -41,6 +41,7 @@ class FakeFlight:
     def __exit__(self, *_):
         self._stop.set()
         self._thread.join()
+        del self._bus  # it holds its handlers, and they this: nothing else would free its sockets
         self._port_lock.close()
 
     def _run(self) -> None:

@@ -1,5 +1,6 @@
 """The live link and logs at their limits: stamps, numbers, time-outs, lengths in a file."""
 
+import os
 import struct
 import time
 from pathlib import Path
@@ -17,6 +18,7 @@ from kincal.link import connection as live
 from kincal.link.eventfile import _AT_ONCE, MOST_BYTES, MOST_CHANNEL, SYNC, EventFile
 from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed
+from kincal_sim.ports import private_port, private_url
 
 FLIGHT = library("flight")
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
@@ -258,3 +260,15 @@ def test_a_file_that_is_not_there_or_a_folder_is_said(tmp_path):
     for _ in range(2):
         link.write_image(IMAGE, path)
         assert path.read_bytes() == IMAGE.data
+
+
+def test_a_closed_link_leaves_no_socket_open():
+    """LCM waits by select: beyond 1024 open files it would write beyond its set."""
+    port, lock = private_port()
+    with link.Link(private_url(port), live.LISTEN):
+        before = len(os.listdir("/proc/self/fd"))
+    for _ in range(5):
+        with link.Link(private_url(port), live.LISTEN):
+            pass
+    assert len(os.listdir("/proc/self/fd")) <= before
+    lock.close()

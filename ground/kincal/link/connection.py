@@ -140,8 +140,9 @@ class Link(CommandLink):
         self.received: queue.Queue[Received] = queue.Queue()
         self.bad_messages = 0
         self._stop = threading.Event()
-        for name in listen:
-            self._lcm.subscribe(name, self._on_message).set_queue_capacity(0)
+        self._subscriptions = [self._lcm.subscribe(name, self._on_message) for name in listen]
+        for subscription in self._subscriptions:
+            subscription.set_queue_capacity(0)
         self._thread = threading.Thread(target=self._loop, daemon=True)
         self._thread.start()
 
@@ -155,6 +156,9 @@ class Link(CommandLink):
         """Stop listening."""
         self._stop.set()
         self._thread.join(timeout=_JOIN_S)
+        if not self._thread.is_alive():  # LCM holds what it calls, and is not freed as long as it does
+            while self._subscriptions:
+                self._lcm.unsubscribe(self._subscriptions.pop())
 
     def _loop(self) -> None:
         while not self._stop.is_set():
