@@ -498,7 +498,9 @@ def test_the_command_prints_the_address_serves_and_ends_with_its_recording(tmp_p
     command = [sys.executable, "-m", "kincal", "serve", "--port", "0", "--url", private_url(port),
                "--keys", tmp_path / "none", "--folder", tmp_path / "kept",
                "--recordings", tmp_path / "recordings"]  # fmt: skip
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(  # a shell's background job ignores SIGINT, and so would its children
+        command, stdout=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(number, signal.SIG_DFL)
+    )
     try:
         assert "Ctrl-C ends it" in process.stdout.readline()
         base, token = process.stdout.readline().strip().split("/?token=")
