@@ -26,7 +26,7 @@ ORDER = ("KC_ARM_CMD", "KC_PANTILT_CMD", "KC_FRAME_REQUEST")
 
 def _slots(values: np.ndarray) -> list[float]:
     """A joint vector as messages carry it, filled up with zeros."""
-    return [float(v) for v in values] + [0.0] * (JOINT_SLOTS - len(values))
+    return np.asarray(values, float).tolist() + [0.0] * (JOINT_SLOTS - len(values))
 
 
 class World:
@@ -122,7 +122,7 @@ class World:
         m, env, n = kcm.arm_state_t(), self.scenario.env, len(q)
         m.t_us, m.seq, m.n_joints = self.now_us, self._seq, n
         m.q_rad, m.dq_rad_s, m.q_cmd_rad = map(_slots, (self._readings(q), dq, self.controller.q_cmd))
-        m.dir = [int(d) for d in self.controller.trajectory.direction] + [0] * (JOINT_SLOTS - n)
+        m.dir = self.controller.trajectory.direction.tolist() + [0] * (JOINT_SLOTS - n)
         m.moving, m.fault_mask = int(moving), self.controller.fault_mask
         m.temp_c, m.payload_kg, m.g_m_s2 = env.temp_c, env.payload_kg, [float(g) for g in env.gravity_m_s2]
         return m
@@ -130,7 +130,7 @@ class World:
     def _pantilt_state(self, pantilt: np.ndarray, moving: bool) -> kcm.pantilt_state_t:
         m = kcm.pantilt_state_t()
         m.t_us, m.seq, m.moving = self.now_us, self._seq, int(moving)
-        m.pan_rad, m.tilt_rad = map(float, pantilt)
+        m.pan_rad, m.tilt_rad = pantilt.tolist()
         return m
 
     def _sim_truth(self, true: AtRest) -> kcm.sim_truth_t:

@@ -77,6 +77,7 @@ def _by_number(due: list[Any]) -> list[Any]:
 # Orders of fsw/lcm/kc_queue.c other than by number, by member.
 _ORDER = {"cmd": _in_turn, "chunk": _by_place}
 _ROOM = _FLIGHT.new("kc_in_t")
+_QUEUED = {name[2:] for name, _ in _FLIGHT.ffi.typeof("kc_in_t").fields or () if name.startswith("n_")}
 
 
 def _split(waiting: list[_M], now_us: int) -> tuple[list[_M], list[_M]]:
@@ -128,7 +129,7 @@ class FlightSoftware:
         """A message for flight; of other channels it takes no notice. States of arm and pan-tilt unit are for
         the next step, everything else for the first one later than its stamp."""
         name = wire.member(channel)
-        if name and hasattr(self._in, f"n_{name}"):
+        if name in _QUEUED:
             self._waiting.add(name, message)
         elif name:
             wire.fill(name, getattr(self._in, name), message)

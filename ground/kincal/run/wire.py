@@ -40,7 +40,11 @@ _FLIGHT = library("flight")
 _NOTHING = bytes(_FLIGHT.ffi.sizeof("kc_in_t"))
 _MASK = {"uint64_t": (1 << 64) - 1, "uint32_t": (1 << 32) - 1}  # LCM has no unsigned types
 _OTHERWISE = ("cov", "data", "moving", "fault_mask", "mac")
-_OUTPUTS = [name[4:] for name, _ in _FLIGHT.ffi.typeof("kc_out_t").fields or () if name.startswith("has_")]
+_OUTPUTS = [  # flag and member of kc_out_t, channel
+    (has, has[4:], f"KC_{has[4:].upper()}")
+    for has, _ in _FLIGHT.ffi.typeof("kc_out_t").fields or ()
+    if has.startswith("has_")
+]
 _INPUTS = {
     name.removeprefix("has_").removeprefix("n_")
     for name, _ in _FLIGHT.ffi.typeof("kc_in_t").fields or ()
@@ -61,20 +65,23 @@ def _unsigned32(value: int) -> int:
 def _alike(struct: Any, message: Any) -> None:
     """What both name alike and hold in the same way, as KC_..._FIELDS of the core."""
     kind: Any = type(message)
-    for name, bits in _shared(_FLIGHT.ffi.typeof(struct), kind):
-        value = getattr(message, name)
-        setattr(struct, name, value if bits is None else value & bits)
+    signed, unsigned = _shared(_FLIGHT.ffi.typeof(struct), kind)
+    for name in signed:
+        setattr(struct, name, getattr(message, name))
+    for name, mask in unsigned:
+        setattr(struct, name, getattr(message, name) & mask)
 
 
 @cache
-def _shared(ctype: Any, kind: Any) -> list[tuple[str, int | None]]:
-    """Fields that a struct and a message have in common, and the mask of those without a sign."""
-    fields = (ctype.item if ctype.kind == "pointer" else ctype).fields
-    return [
-        (name, _MASK.get(field.type.cname))
-        for name, field in fields or ()
-        if name in kind.__slots__ and name not in _OTHERWISE
-    ]
+def _shared(ctype: Any, kind: Any) -> tuple[tuple[str, ...], tuple[tuple[str, int], ...]]:
+    """Fields that a struct and a message have in common: those that are copied, and those without a sign,
+    with their masks."""
+    fields = (ctype.item if ctype.kind == "pointer" else ctype).fields or ()
+    alike = [(n, f.type.cname) for n, f in fields if n in kind.__slots__ and n not in _OTHERWISE]
+    return (
+        tuple(name for name, cname in alike if cname not in _MASK),
+        tuple((name, _MASK[cname]) for name, cname in alike if cname in _MASK),
+    )
 
 
 def _fill_auth(auth: KcAuth, m: Cmd | TableChunk) -> None:
@@ -131,6 +138,7 @@ _FILL: dict[str, Callable[[Any, Any], None]] = {
 }
 
 
+@cache
 def member(channel: str) -> str:
     """Where a message of a channel goes: the member of kc_in_t, "" if it is not for flight."""
     name = channel.removeprefix("KC_")
@@ -145,7 +153,7 @@ def fill(name: str, struct: object, message: object) -> None:
 
 def clear(inputs: KcIn) -> None:
     """Nothing received."""
-    _FLIGHT.ffi.memmove(_FLIGHT.address(inputs), _NOTHING, len(_NOTHING))
+    _FLIGHT.ffi.memmove(inputs, _NOTHING, len(_NOTHING))
 
 
 # ---- out
@@ -158,27 +166,37 @@ def messages(out: KcOut, t_us: int, event_seq: int) -> Iterator[Message]:
         yield "KC_ACK", _message("ack_t", ack, t_us=t_us)
     for k, event in enumerate(out.events.e[0 : out.events.n], 1):
         yield "KC_EVENT", _message("event_t", event, t_us=t_us, seq=event_seq + k)
-    for name in _OUTPUTS:
-        if getattr(out, f"has_{name}"):
-            channel = f"KC_{name.upper()}"
+    for has, name, channel in _OUTPUTS:
+        if getattr(out, has):
             struct, make = getattr(out, name), _MAKE.get(name)
             message = make(struct, t_us) if make else _message(BY_NAME[channel].type, struct, t_us=t_us)
             yield channel, message
 
 
-def _message(type_name: str, source: object, /, **given: object) -> LcmMessage:
+def _message(type_name: str, source: Any, /, **given: object) -> LcmMessage:
     """A message; fields that are not given are those of the struct with the same names."""
-    message: LcmMessage = message_type(type_name)()
-    for name in message_type(type_name).__slots__:
-        setattr(message, name, given[name] if name in given else _plain(getattr(source, name)))
+    kind = _type(type_name)
+    message: LcmMessage = kind()
+    for name in kind.__slots__:
+        if name in given:
+            value = given[name]
+        else:
+            value = getattr(source, name)
+            if type(value) is not float:  # most fields
+                value = _plain(value)
+        setattr(message, name, value)
     return message
+
+
+_type = cache(message_type)
 
 
 def _plain(value: Any) -> Any:
     """A field of a struct as messages carry it: lists, and 32 bits with a sign."""
     if isinstance(value, (int, float)):
         return signed32(value) if isinstance(value, int) else value
-    return [_plain(x) for x in value]
+    values = list(value)
+    return values if type(values[0]) is float else [_plain(x) for x in values]
 
 
 def _packed(cov: Any) -> list[float]:

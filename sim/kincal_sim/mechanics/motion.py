@@ -4,6 +4,7 @@ limited speed. Time is in seconds and only runs forward."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +32,7 @@ class VelocityProfile:
         """Brake from speed v."""
         return VelocityProfile(v, ((-a_max, v / a_max),))
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """[s]"""
         return sum(t for _, t in self.pieces)
@@ -110,7 +111,7 @@ class TrajectoryGenerator:
             s, v = self._profile.at(t - self._t_start)
             return self._start + s * self._unit, v * self._unit, True
         vibrating = self.vibration.at(t - self._t_rest, self._amplitude)
-        if vibrating is None:
+        if vibrating is None:  # most of the time
             return self._start.copy(), np.zeros_like(self._start), False
         return self._start + vibrating[0], vibrating[1], True
 
@@ -128,6 +129,8 @@ class TrajectoryGenerator:
                 self._arrive(self._profile)
             elif self._profile is None and self._goal is not None:
                 self._begin(t, self._goal)
+            else:
+                return
 
     def _arrive(self, profile: VelocityProfile) -> None:
         t_end = self._t_start + profile.duration
