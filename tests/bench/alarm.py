@@ -39,7 +39,7 @@ CASES = ("one", "two", "bent", "other", "healthy")
 BOUND = read_toml(study.ROOT / "tables" / "src" / "space.toml")["error_bounds"]
 SPACE = codec.decode_as("space", (TABLES / "space.tbl").read_bytes())[1]
 TICK_US, SETTLE_TICKS, FRAME_TICKS = 100_000, 6, 5
-OBSERVATIONS_MAX = 12
+OBSERVATIONS_MAX, POSES = 12, 4  # before the alarm; besides the local initial poses
 LIMIT_MM, LIMIT_MRAD = 1.0, 5.0
 Job = tuple[str, bool, int]
 
@@ -136,7 +136,7 @@ def one(job: Job) -> dict[str, Any]:
         become(world[0], World(scenario, seed, fast_imager))
         m = kcm.cmd_t()
         m.t_us, m.seq, m.source, m.opcode = world[0].now_us, 1, kcm.cmd_t.SRC_EXECUTIVE, kcm.cmd_t.START
-        m.arg_i = [-1, 6, seed, suspects]
+        m.arg_i = [-1, POSES, seed, suspects]
         named["suspects"] = suspects
         send(m)
 
@@ -154,7 +154,7 @@ def one(job: Job) -> dict[str, Any]:
                 named["chance"] = [round(float(p), 4) for p in m.mon_chance]
         return witness.see(tick)
 
-    settings = study.settings_text({"n_poses": 6})
+    settings = study.settings_text({"n_poses": POSES})
     setup = Setup(tables=study.tables_of("paper", settings), commander=commander, world=made, limit_s=1500.0)
     with Simulation(before, seed, setup) as simulation:
         while (tick := simulation.step()) is not None:
