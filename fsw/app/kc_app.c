@@ -243,15 +243,18 @@ static void note(kc_app_t *app, kc_out_t *out)
     kc_journal_note(&app->journal, &now, app->clock.now_us, out);
 }
 
-static void report_monitor(const kc_mon_verdict_t *verdict, kc_hk_t *hk)
+static void report_monitor(const kc_monitoring_t *monitoring, kc_hk_t *hk)
 {
+    const kc_mon_verdict_t *verdict = &monitoring->newest;
+    bool named = verdict->state == KC_MON_NAMED || verdict->state == KC_MON_SEVERAL;
     hk->mon_state = (int32_t)verdict->state;
-    hk->mon_joint = verdict->state == KC_MON_NAMED ? (int32_t)verdict->joint + 1 : 0;
+    hk->mon_joint = named ? (int32_t)verdict->joint + 1 : 0;
     hk->mon_suspects = verdict->suspects;
     hk->mon_n_obs = verdict->n_obs;
     hk->mon_bias = verdict->bias;
     hk->mon_sigma = verdict->sigma;
     hk->mon_p = verdict->p;
+    memcpy(hk->mon_chance, monitoring->suspects.chance, sizeof hk->mon_chance);
 }
 
 static void report(const kc_app_t *app, kc_hk_t *hk)
@@ -275,7 +278,7 @@ static void report(const kc_app_t *app, kc_hk_t *hk)
     hk->boot_pose = app->boot_pose;
     hk->boot_count = app->boot_count;
     hk->energy_j = app->cal.energy_j;
-    report_monitor(&app->monitoring.newest, hk);
+    report_monitor(&app->monitoring, hk);
     kc_review_report(&app->review, &app->view, hk);
 }
 

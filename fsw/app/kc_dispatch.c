@@ -5,6 +5,7 @@
 #include "kc_app_parts.h"
 #include "kc_select.h"
 #include "kc_signed.h"
+#include "kc_suspicion.h"
 #include "kc_update.h"
 
 /* ---- the table ---- */
@@ -65,6 +66,14 @@ static kc_answer_t check(const kc_app_t *app, const command_t *row, const kc_cmd
 
 /* ---- apply ---- */
 
+/* The monitor names joints, and of the coefficients in mask some are offsets of their encoders. */
+static bool suspected(const kc_app_t *app, uint64_t mask)
+{
+    const kc_monitoring_t *m = &app->monitoring;
+    return kc_monitoring_names(m, &app->view) &&
+           kc_suspicion_offsets(&app->tables.active, m->suspects.joints, mask) != 0u;
+}
+
 static kc_answer_t start(kc_app_t *app, const kc_cmd_t *cmd, kc_work_t *work, kc_out_t *out)
 {
     const kc_view_t *v = &app->view;
@@ -75,9 +84,14 @@ static kc_answer_t start(kc_app_t *app, const kc_cmd_t *cmd, kc_work_t *work, kc
     if (kc_move_node(&app->move, v, &dist) == KC_NODE_NONE) {
         return kc_answer_refuse(&out->events, KC_EVT_CAL_NO_PATH, -1, dist, 1.0, KC_ERR_PATH);
     }
+    if (ask.suspects && !suspected(app, ask.free_mask)) {
+        return kc_answer_refuse(&out->events, KC_EVT_CAL_NO_SUSPECTS, -1,
+                                (double)app->monitoring.suspects.joints, 0.0, KC_ERR_STATE);
+    }
     kc_tbl_discard(&app->tables, &out->events);
     kc_select_start(&app->cal, &app->plan, v, &ask, out);
     kc_update_start(&app->learned, &app->est, &app->arena.calibration, v, ask.free_mask);
+    if (ask.suspects) { kc_suspicion_begin(&app->est, v, &app->monitoring.suspects, out); }
     kc_observe_begin(&app->observe);
     app->rng = ask.seed;
     kc_work_spend(work, kc_update_start_cost(v));

@@ -40,6 +40,8 @@ static void restart(kc_monitoring_t *monitoring, kc_monitor_t *monitor, const kc
     kc_monitor_init(monitor, &a->arm, a->config.sigma_pos_min_m, a->config.sigma_rot_min_rad);
     memset(&monitoring->reported, 0, sizeof monitoring->reported);
     memset(&monitoring->newest, 0, sizeof monitoring->newest);
+    memset(&monitoring->suspects, 0, sizeof monitoring->suspects);
+    monitoring->weigh = false;
     memcpy(monitoring->crc, a->crc, sizeof monitoring->crc);
     monitoring->session = view->cal->session;
 }
@@ -53,6 +55,9 @@ static void report(kc_monitoring_t *monitoring, kc_out_t *out)
     if (same || v->state == KC_MON_QUIET) { return; }
     if (v->state == KC_MON_NAMED) {
         kc_event(&out->events, KC_EVT_MON_SUSPECT, (int32_t)v->joint + 1, v->bias, (double)v->suspects);
+    } else if (v->state == KC_MON_SEVERAL) {
+        kc_event(&out->events, KC_EVT_MON_SEVERAL, (int32_t)v->joint + 1, (double)monitoring->suspects.joints,
+                 (double)v->suspects);
     } else {
         kc_event(&out->events, KC_EVT_MON_UNEXPLAINED, -1, v->off_m, v->off_rad);
     }
@@ -81,12 +86,59 @@ void kc_monitoring_observe(kc_monitoring_t *monitoring, kc_monitor_t *monitor, c
     monitoring->due = true;
 }
 
+/* The joints of the most probable set take the place of the one that the monitor found, if another explains more. */
+static void conclude(kc_monitoring_t *monitoring)
+{
+    kc_mon_verdict_t *v = &monitoring->newest;
+    const kc_suspects_t *s = &monitoring->suspects;
+    *v = monitoring->found;
+    if (s->joints == 0u) { return; }
+    v->suspects = s->suspects;
+    v->state = (s->joints & (s->joints - 1u)) != 0u ? KC_MON_SEVERAL : KC_MON_NAMED;
+    if (monitoring->found.state == v->state && s->joints == 1u << v->joint) { return; }
+    v->n_obs = s->n_obs;
+    v->p_rest = s->p_rest;
+    v->joint = 0u;
+    for (uint32_t j = 1u; j < KC_JOINT_MAX; j++) {
+        bool in = (s->joints >> j & 1u) != 0u, first = (s->joints >> v->joint & 1u) == 0u;
+        if (in && (first || s->chance[j] > s->chance[v->joint])) { v->joint = j; }
+    }
+    v->bias = s->bias[v->joint];
+    v->sigma = s->sigma[v->joint];
+}
+
+/* Something found is weighed before anybody hears of it. */
+static void evaluate(kc_monitoring_t *monitoring, const kc_monitor_t *monitor, kc_out_t *out)
+{
+    monitoring->due = false;
+    kc_monitor_evaluate(monitor, &monitoring->found);
+    monitoring->weigh = monitoring->found.state != KC_MON_QUIET;
+    if (monitoring->weigh) { return; }
+    memset(&monitoring->suspects, 0, sizeof monitoring->suspects);
+    monitoring->newest = monitoring->found;
+    report(monitoring, out);
+}
+
+static void weigh(kc_monitoring_t *monitoring, const kc_monitor_t *monitor, kc_out_t *out)
+{
+    monitoring->weigh = false;
+    kc_suspects_weigh(monitor, monitoring->found.n_obs, &monitoring->suspects);
+    conclude(monitoring);
+    report(monitoring, out);
+}
+
 void kc_monitoring_evaluate(kc_monitoring_t *monitoring, const kc_monitor_t *monitor, const kc_view_t *view,
                             kc_work_t *work, kc_out_t *out)
 {
-    if (!kc_monitoring_wants(view) || changed(monitoring, view)) { monitoring->due = false; }
-    if (!monitoring->due || !kc_work_take(work, kc_monitor_evaluate_cost(monitor))) { return; }
-    monitoring->due = false;
-    kc_monitor_evaluate(monitor, &monitoring->newest);
-    report(monitoring, out);
+    if (!kc_monitoring_wants(view) || changed(monitoring, view)) { monitoring->due = monitoring->weigh = false; }
+    if (monitoring->weigh && kc_work_take(work, kc_suspects_cost(monitor))) {
+        weigh(monitoring, monitor, out);
+    } else if (monitoring->due && !monitoring->weigh && kc_work_take(work, kc_monitor_evaluate_cost(monitor))) {
+        evaluate(monitoring, monitor, out);
+    }
+}
+
+bool kc_monitoring_names(const kc_monitoring_t *monitoring, const kc_view_t *view)
+{
+    return !changed(monitoring, view) && monitoring->suspects.joints != 0u;
 }

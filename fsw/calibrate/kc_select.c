@@ -38,8 +38,10 @@ void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *view, cons
 
 /* ---- the acquisition ---- */
 
-/* Parts of a choice. LOCAL: among local initial poses, since the arm does not leave the park pose yet. */
-enum { FRESH = 0, JOINTS, INFORMATION, LOCAL, ACQUIRED, CHOSEN };
+/* Parts of a choice. LOCAL: among local initial poses, since the arm does not leave the park pose yet; by the bounds,
+ * which is what shows soonest that a suspicion is wrong. SUSPECTED: among those that INFORMATION found safe by the
+ * bounds, by the prior of the suspects. */
+enum { FRESH = 0, JOINTS, INFORMATION, LOCAL, SUSPECTED, ACQUIRED, CHOSEN };
 
 /* Joints expected at each candidate after the servo, and its cost: with large errors they are far from the seeds, and
  * the information of a pose depends on them (tests/bench/samples.py --space). False: goes on in the next step. */
@@ -100,8 +102,10 @@ static bool by_information(const kc_cal_t *cal, const kc_view_t *view)
     return informed(cal) && view->plan->n_meas > 0u && kc_fit_solved(view->learned->status);
 }
 
-/* What is asked of the information criteria: by the acquisition, or (local) among local initial poses. */
-static void ask(const kc_cal_t *cal, kc_arena_calibration_t *arena, const kc_view_t *view, bool local)
+/* What is asked of the information criteria: by the acquisition, or (local) among local initial poses. By the bounds,
+ * which alone say what is safe; by the prior of the suspects (suspected) only among what is. */
+static void ask(const kc_cal_t *cal, kc_arena_calibration_t *arena, const kc_view_t *view, bool local,
+                bool suspected)
 {
     const kc_config_t *c = &view->tables->config;
     bool rate = cal->acq == KC_ACQ_RATE && !local, designed = view->plan->by_information;
@@ -112,10 +116,21 @@ static void ask(const kc_cal_t *cal, kc_arena_calibration_t *arena, const kc_vie
         .cov = view->est->obs[view->est->n_obs - 1u].cov, /* expected noise of the next one */
         .len_m = c->vopt_len_m,
         .by_bounds = designed || rate,
-        .safe_m = designed ? safe_m : 0.0,
+        .by_prior = suspected,
+        .safe_m = designed && !suspected ? safe_m : 0.0,
+        .only_safe = view->est->by_prior != 0u && !local && !suspected ? arena->choice.eligible : NULL,
         .cost = rate ? arena->choice.cost : NULL,
     };
     kc_acq_begin(&asked, view->est, &arena->acq);
+}
+
+/* Whether what is eligible now, and safe by the bounds, is to be compared by what the monitor suspects. */
+static bool by_suspects(const kc_cal_t *cal, kc_arena_calibration_t *arena, const kc_view_t *view)
+{
+    if (view->est->by_prior == 0u || arena->acq.status != KC_OK || !arena->acq.safe) { return false; }
+    ask(cal, arena, view, false, true);
+    arena->choice.part = SUSPECTED;
+    return true;
 }
 
 /* Where poses are chosen by information: the best of those eligible. */
@@ -137,17 +152,17 @@ static void leave(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena,
     double power = kc_local_power(&view->tables->config, kc_local_rows(view->est), acq->known);
     if (power < view->tables->config.power_min || acq->status != KC_OK || !acq->safe) {
         (void)kc_plan_local(plan, &view->tables->space, arena->choice.eligible);
-        ask(cal, arena, view, true);
+        ask(cal, arena, view, true, false);
         arena->choice.part = LOCAL;
         return;
     }
     kc_event(&out->events, KC_EVT_CAL_LEAVES_PARK, (int32_t)plan->n_local, power, kc_sqrt(acq->sigma2_m2));
     kc_plan_leave(plan, &view->tables->space, !informed(cal));
     kc_plan_begin(plan, &view->tables->space, acq->best);
-    if (informed(cal)) {
-        acquired(cal, arena);
-    } else {
+    if (!informed(cal)) {
         choose(&arena->choice, acq->best);
+    } else if (!by_suspects(cal, arena, view)) {
+        acquired(cal, arena);
     }
 }
 
@@ -165,6 +180,21 @@ static void choose_local(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t 
     choose(&arena->choice, cand);
 }
 
+/* A part of the choice by information is over. */
+static void informed_of(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view,
+                        kc_out_t *out)
+{
+    kc_choice_t *ch = &arena->choice;
+    if (ch->part == LOCAL) {
+        choose_local(cal, plan, arena, view);
+    } else if (ch->part == INFORMATION && ch->initial) {
+        leave(cal, plan, arena, view, out);
+    } else if (ch->part == SUSPECTED || !by_suspects(cal, arena, view)) {
+        acquired(cal, arena);
+    } else { /* once more */
+    }
+}
+
 /* The information criteria; where they cannot be evaluated, what at_once() gives. False: goes on in the next
  * step. */
 static bool inform(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view,
@@ -173,22 +203,16 @@ static bool inform(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena
     kc_choice_t *ch = &arena->choice;
     if (ch->part == JOINTS) {
         if (!predict_joints(arena, view, work)) { return false; }
-        ask(cal, arena, view, false);
+        ask(cal, arena, view, false, false);
         ch->part = INFORMATION;
     }
-    while (ch->part == INFORMATION || ch->part == LOCAL) {
+    while (ch->part >= INFORMATION && ch->part <= SUSPECTED) {
         if (!kc_acq_info_step(view->est, arena->cand_q, view->tables->space.n_cand, ch->eligible, &arena->acq,
                               work) ||
             !kc_work_take(work, ch->initial ? KC_LOCAL_COST : 0u)) {
             return false;
         }
-        if (ch->part == LOCAL) {
-            choose_local(cal, plan, arena, view);
-        } else if (ch->initial) {
-            leave(cal, plan, arena, view, out);
-        } else {
-            acquired(cal, arena);
-        }
+        informed_of(cal, plan, arena, view, out);
     }
     return true;
 }

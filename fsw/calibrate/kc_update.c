@@ -3,8 +3,10 @@
 #include <string.h>
 
 #include "kc_libm.h"
+#include "kc_local.h"
 #include "kc_move.h"
 #include "kc_observation.h"
+#include "kc_suspicion.h"
 #include "kc_vec.h"
 
 /* ---- start ---- */
@@ -33,6 +35,7 @@ void kc_update_start(kc_learned_t *learned, kc_est_t *est, kc_arena_calibration_
     est->opt.free_mask = free_mask;
     est->hold_none = 0u;
     est->by_bounds = a->config.initial_design == (uint8_t)KC_INITIAL_INFORMATION ? 1u : 0u;
+    est->by_prior = 0u;
     est->without = 0u;
     est->n_obs = 0u;
     est->rank = est->n_free = 0u; /* an ABORT may have left an estimate half done */
@@ -143,7 +146,8 @@ static void begin_estimate(kc_learned_t *learned, kc_est_t *est, const kc_gp_t *
     kc_point_t x = newest_point(view);
     double var = 0.0;
     /* observations near one posture leave much undetermined */
-    est->hold_none = kc_plan_only_local(p) || (p->by_information && !kc_plan_enough(p)) ? 1u : 0u;
+    bool few = kc_plan_only_local(p) || (p->by_information && !kc_plan_enough(p));
+    est->hold_none = few || est->by_prior != 0u ? 1u : 0u;
     est->by_bounds = p->by_information ? 1u : 0u;
     objective(learned, view);
     learned->res = (kc_miss_t){learned->dp_m[newest], learned->dr_rad[newest]};
@@ -276,6 +280,11 @@ static kc_outcome_t learn_evaluate(kc_update_t *cursor, kc_learned_t *learned, k
 {
     bool is_solved = kc_fit_solved(learned->status);
     if (is_solved && !misses(cursor, learned, view, est->coef, work)) { return kc_outcome(KC_OC_STAY); }
+    kc_work_spend(work, est->by_prior != 0u ? KC_LOCAL_DOUBT_COST : 0u);
+    if (kc_suspicion_fails(est, view, out)) {
+        learned->n_checked = 0u;
+        return kc_outcome(KC_OC_AGAIN);
+    }
     kc_outcome_t evaluated = evaluate(learned, est, plan, view, out);
     if (evaluated.id != KC_OC_DONE) { return evaluated; }
     if (!is_solved) {

@@ -206,12 +206,14 @@ static kc_answer_t start_args(const kc_active_t *active, const kc_cmd_t *cmd, kc
     if (cmd->arg_i[1] < 0 || cmd->arg_i[1] > (int32_t)KC_MEAS_MAX) {
         return bad_arg(out, 1, (double)cmd->arg_i[1], (double)KC_MEAS_MAX);
     }
+    if (cmd->arg_i[3] < 0 || cmd->arg_i[3] > 1) { return bad_arg(out, 3, (double)cmd->arg_i[3], 1.0); }
     if (mask == 0u || (mask & ~can) != 0u) { return bad_arg(out, 4, (double)mask, (double)can); }
     *ask = (kc_start_t){
         .acq = cmd->arg_i[0] < 0 ? (kc_acq_t)active->config.acquisition : (kc_acq_t)cmd->arg_i[0],
         .n_goal = cmd->arg_i[1] == 0 ? active->config.n_poses : (uint32_t)cmd->arg_i[1],
         .seed = (uint32_t)cmd->arg_i[2],
         .free_mask = mask,
+        .suspects = cmd->arg_i[3] != 0,
     };
     return kc_answer_ok(KC_OC_START);
 }

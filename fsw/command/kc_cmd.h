@@ -48,6 +48,7 @@ typedef struct {
     kc_acq_t acq;
     uint32_t n_goal, seed;
     uint64_t free_mask;
+    bool suspects; /* from what the monitor suspects */
 } kc_start_t;
 /* START, in a state that allows it: may it, and what does it ask for? */
 kc_answer_t kc_cmd_start(const kc_view_t *view, const kc_cmd_t *cmd, kc_start_t *ask, kc_out_t *out);

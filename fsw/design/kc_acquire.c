@@ -95,7 +95,8 @@ static void take_coefs(const kc_est_t *est, kc_acq_work_t *w)
         if (k->enabled == 0u || ((est->opt.free_mask >> c) & 1u) == 0u) { continue; }
         const bool own = est->opt.use_prior != 0u && k->prior_sigma > 0.0;
         const double usual = w->by_bounds ? kc_est_bound_sigma(k) / k->scale : KC_ACQ_SIGMA;
-        const double s = own ? k->scale / k->prior_sigma : 1.0 / usual;
+        double s = own ? k->scale / k->prior_sigma : 1.0 / usual;
+        if (w->by_prior) { s = k->scale / est->prior_sigma[c]; }
         w->prior[w->n] = s * s;
         w->idx[w->n++] = c;
     }
@@ -219,6 +220,7 @@ static kc_status_t consider(const kc_est_t *est, const float *q, kc_acq_work_t *
     kc_la_congruence(w->M, w->n, LD, &w->J[0][0], 6u, 6u, A);
     const double sigma2_m2 = position_m2(w, A);
     const bool safe = w->safe_m2 <= 0.0 || sigma2_m2 <= w->safe_m2;
+    if (!safe && w->only_safe != NULL) { w->only_safe[w->i] = 0u; }
     if (gain(w, A, &g) != KC_OK) { return KC_ERR_NUM; }
     g = per_cost(w, g);
     if (better(w, safe, g, sigma2_m2)) {
@@ -241,6 +243,8 @@ void kc_acq_begin(const kc_acq_ask_t *ask, const kc_est_t *est, kc_acq_work_t *w
     work->kind = ask->kind;
     work->len_m = ask->len_m;
     work->by_bounds = ask->by_bounds;
+    work->by_prior = ask->by_prior;
+    work->only_safe = ask->only_safe;
     work->safe_m2 = ask->safe_m * ask->safe_m;
     work->cost = ask->cost;
     work->i = 0u;

@@ -51,9 +51,11 @@ typedef struct {
     double len_m;
     /* prior of a coefficient that has none of its own: even between its bounds; else KC_ACQ_SIGMA x scale */
     bool by_bounds;
+    bool by_prior; /* that of the estimator (kc_est_t.by_prior) instead */
     double
         safe_m; /* a candidate where the tool's position is less certain than this (1 sigma) is taken only if
                       all are: then the most certain one. 0: they are all alike */
+    uint8_t *only_safe; /* not NULL: usable, out of which candidates are taken that are not as certain as that */
     const float
         *cost; /* of each candidate, > 0: the gain is taken per unit of it (vopt: that of the logarithm of
                           the variance); NULL: the gain alone */
@@ -73,8 +75,9 @@ typedef struct {
     double W[36]; /* whitens a measurement */
     double L[9]; /* and back: the factor of its position's covariance */
     double len_m, total;
-    bool by_bounds;
+    bool by_bounds, by_prior;
     double safe_m2;
+    uint8_t *only_safe;
     const float *cost;
     /* its result */
     kc_status_t status;

@@ -37,6 +37,10 @@ uint32_t kc_est_rows(const kc_est_t *est)
 double kc_est_prior_precision(const kc_est_t *est, uint32_t c, double *centre)
 {
     const kc_coef_t *k = &est->terms->coef[c];
+    if (est->by_prior != 0u) {
+        *centre = est->prior_mean[c];
+        return 1.0 / est->prior_sigma[c];
+    }
     *centre = 0.0;
     if (est->opt.use_prior != 0u && k->prior_sigma > 0.0) { return 1.0 / k->prior_sigma; }
     *centre = est->start[c];

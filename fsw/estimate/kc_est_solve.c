@@ -209,8 +209,8 @@ static void before(kc_est_t *est)
 static void reported(kc_est_t *est)
 {
     const kc_est_sums_t *s = &est->job.sums;
-    est->chi2 = s->chi2;
     est->cost = s->chi2 + s->prior;
+    est->chi2 = est->by_prior != 0u ? est->cost : s->chi2;
     est->fit_pos_m = kc_est_rms(s->pos2, s->n_pos);
     est->fit_rot_rad = kc_est_rms(s->rot2, s->n_rot);
     next(est, CHECKED, KC_EST_PASS_FOLD);
@@ -228,7 +228,7 @@ static void inverted(kc_est_t *est)
 {
     kc_est_fold_prior(est);
     const kc_status_t st = kc_est_covariance(est);
-    const uint32_t rows = est->job.sums.rows;
+    const uint32_t rows = est->job.sums.rows + (est->by_prior != 0u ? est->n_free : 0u);
     est->dof = (rows > est->n_idx) ? rows - est->n_idx : 0u;
     est->noise_scale = (est->dof > 0u) ? kc_sqrt(est->chi2 / (double)est->dof) : 1.0;
     end(est, st != KC_OK ? st : est->job.status);

@@ -82,6 +82,11 @@ typedef struct {
      * (the most likely arm within its bounds, for a few observations) */
     uint8_t hold_none;
     uint8_t by_bounds; /* the weak prior of hold_none is that of kc_est_bound_sigma, about start */
+    /* a prior of every coefficient, about prior_mean, from earlier measurements: it counts as an observation of each,
+     * also in chi2 and dof, and takes the place of any other; nothing is held then either (set hold_none too) */
+    uint8_t by_prior;
+    const double *prior_mean;
+    double prior_sigma[KC_COEF_MAX];
     uint32_t without; /* observation that is rejected beforehand, from 1; 0: none */
     kc_obs_t obs[KC_MEAS_MAX];
     double start[KC_COEF_MAX]; /* estimated ones are clipped to their bounds */
@@ -95,8 +100,8 @@ typedef struct {
                                                 means that it has no effect at all */
     uint8_t outlier[KC_MEAS_MAX];
     uint32_t n_outliers, rank, n_free, dof, iters;
-    double chi2; /* of the data, inliers */
-    double cost; /* chi2 + priors */
+    double chi2; /* of the data, inliers (by_prior: and the prior) */
+    double cost; /* of data and priors */
     double kkt; /* largest |projected gradient|, each over the norm
                                                 of its whitened column and max(1, |residual|) */
     double cond; /* largest over least scaled pivot kept */

@@ -51,8 +51,7 @@ kc_status_t kc_monitor_add(kc_monitor_t *m, const kc_arm_t *arm, const kc_terms_
     return KC_OK;
 }
 
-/* Observation i, counted back from the newest (0). */
-static const kc_mon_obs_t *obs_back(const kc_monitor_t *m, uint32_t i)
+const kc_mon_obs_t *kc_monitor_back(const kc_monitor_t *m, uint32_t i)
 {
     return &m->obs[(m->next + KC_MON_OBS_MAX - 1u - i) % KC_MON_OBS_MAX];
 }
@@ -92,7 +91,7 @@ static double sums(const kc_monitor_t *m, uint32_t n, uint32_t j, fit_t *f)
     f->rest = 0.0;
     f->info = 0.0;
     for (uint32_t i = 0u; i < n; i++) {
-        const kc_mon_obs_t *k = obs_back(m, i);
+        const kc_mon_obs_t *k = kc_monitor_back(m, i);
         double r[6], a[6], s2 = 0.0;
         shifted(m, k, j, f->bias, r, a);
         kc_la_whiten_apply(k->W, 6u, r, r);
@@ -173,20 +172,21 @@ static bool name(const kc_monitor_t *m, kc_mon_verdict_t *v)
     return true;
 }
 
-/* Whether the newest observations are off, each by itself. */
-static bool all_off(const kc_monitor_t *m, double *p_most)
+/* How many of the newest observations are off in a row, each by itself; *p_most: the most likely of the newest
+ * KC_MON_OBS_OFF. */
+static uint32_t off_in_a_row(const kc_monitor_t *m, double *p_most)
 {
     *p_most = 0.0;
-    if (m->n < KC_MON_OBS_OFF) { return false; }
-    for (uint32_t i = 0u; i < KC_MON_OBS_OFF; i++) {
-        const kc_mon_obs_t *k = obs_back(m, i);
+    for (uint32_t i = 0u; i < m->n; i++) {
+        const kc_mon_obs_t *k = kc_monitor_back(m, i);
         double w[6], chi2 = 0.0;
         kc_la_whiten_apply(k->W, 6u, k->r, w);
         for (uint32_t c = 0u; c < 6u; c++) { chi2 += w[c] * w[c]; }
-        *p_most = kc_max(*p_most, kc_chi2_sf(chi2, 6u));
-        if (*p_most > KC_MON_P) { return false; }
+        double p = kc_chi2_sf(chi2, 6u);
+        if (p > KC_MON_P) { return i; }
+        if (i < KC_MON_OBS_OFF) { *p_most = kc_max(*p_most, p); }
     }
-    return true;
+    return m->n;
 }
 
 /* Fits of each joint: one for each onset, and one to compare it with the joint that is named. */
@@ -202,13 +202,14 @@ void kc_monitor_evaluate(const kc_monitor_t *m, kc_mon_verdict_t *v)
     v->p = 1.0;
     if (m->n == 0u) { return; }
     double p_off;
-    v->off_m = kc_v3_norm(obs_back(m, 0u)->r);
-    v->off_rad = kc_v3_norm(obs_back(m, 0u)->r + 3);
+    v->off_m = kc_v3_norm(kc_monitor_back(m, 0u)->r);
+    v->off_rad = kc_v3_norm(kc_monitor_back(m, 0u)->r + 3);
+    uint32_t n_off = off_in_a_row(m, &p_off);
     if (name(m, v)) {
         v->state = KC_MON_NAMED;
-    } else if (all_off(m, &p_off)) {
+    } else if (n_off >= KC_MON_OBS_OFF) {
         v->state = KC_MON_UNEXPLAINED;
         v->p = p_off;
-        v->n_obs = KC_MON_OBS_OFF;
+        v->n_obs = n_off;
     }
 }

@@ -29,7 +29,12 @@
 #define KC_MON_P_REST 1e-6 /* least probability of the residuals that a named joint leaves */
 #define KC_MON_TIE 9.21 /* joints within this chi-square (100:1) count as alternatives */
 
-typedef enum { KC_MON_QUIET = 0, KC_MON_NAMED = 1, KC_MON_UNEXPLAINED = 2 } kc_mon_state_t;
+typedef enum {
+    KC_MON_QUIET = 0,
+    KC_MON_NAMED = 1,
+    KC_MON_UNEXPLAINED = 2,
+    KC_MON_SEVERAL = 3 /* two joints together explain what none alone does (kc_suspects.h) */
+} kc_mon_state_t;
 
 typedef struct {
     double r[6];                /* measured - predicted [m m m rad rad rad], base frame */
@@ -64,6 +69,8 @@ void kc_monitor_init(kc_monitor_t *m, const kc_arm_t *arm, double floor_pos_m, d
  * definite or the residual is not finite; m unchanged then. */
 kc_status_t kc_monitor_add(kc_monitor_t *m, const kc_arm_t *arm, const kc_terms_t *terms, const double *coef,
                            const kc_obs_t *obs, kc_eval_t *work);
+/* Observation i of those held, counted back from the newest (0). */
+const kc_mon_obs_t *kc_monitor_back(const kc_monitor_t *m, uint32_t i);
 /* Verdict on the observations held. O(n_joints KC_MON_OBS_MAX^2). */
 void kc_monitor_evaluate(const kc_monitor_t *m, kc_mon_verdict_t *v);
 uint64_t kc_monitor_evaluate_cost(const kc_monitor_t *m); /* bound of its instructions */

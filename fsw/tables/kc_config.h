@@ -96,6 +96,8 @@ typedef struct {
     /* least distance of the tool from the candidate, and from the last of them: one of the two is enough */
     double extra_pos_m, extra_rot_rad;
     uint32_t stops_max; /* most stops on the way to each candidate, of those that SPACE has, 0: none */
+    /* calibration from the monitor's suspects: sigma of what is not suspected, part of its scale; KIN's if larger */
+    double rest_part;
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

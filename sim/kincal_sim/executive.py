@@ -29,6 +29,9 @@ CHANNELS = ["KC_HK", "KC_ACK", "KC_EVENT", "KC_PROPOSAL", "KC_ARM_STATE", "KC_PA
 IDLE, REVIEW, SAFE = 0, 9, 11  # KC_HK.state
 TBL_KIN = 4  # index in KC_HK.table_crc
 WARNING = 2  # KC_EVENT.severity
+NAMED, UNEXPLAINED, SEVERAL = 1, 2, 3  # KC_HK.mon_state
+UNEXPLAINED_OBS = 5  # observations of an alarm without joints that are enough: more would hardly name any
+NO_PATH = 68  # event of a START that is refused since the arm is elsewhere
 UNDETERMINED = (2, 3, 4)  # KC_PROPOSAL.status: held, at its lower bound, at its upper bound
 ABORTED = 75  # event whose `got` is the cause, an index into CAUSES
 CAUSES = (
@@ -46,6 +49,7 @@ CAUSES = (
     "tables or observations have changed in memory",
 )
 FIRST_HEARTBEAT_S = 30.0
+RETRY_S = 5.0  # after such a START
 LINGER_S = 2.0  # after the end: one more heartbeat shows where flight stands
 ABORT_WAIT_S = 10.0
 POLICY_WAIT_S = 10.0
@@ -57,7 +61,7 @@ GROUND_WAIT_S = 1800.0  # with --accept ground: somebody listens and will decide
 class Executive:
     """One calibration. tick(now_us, messages) is called ten times a second; `send` publishes a command.
 
-    Phases: HELLO (wait for heartbeat, arm and pan-tilt unit) -> START -> RUN -> DECIDE (policy) -> ARM -> GO
+    Phases: HELLO (wait for heartbeat, arm and pan-tilt unit) -> (WATCH, wait for an alarm ->) START -> RUN -> DECIDE (policy) -> ARM -> GO
     -> END, or GROUND (somebody else decides) -> END, and from START and RUN ABORT -> END.
 
     seed: of flight's random acquisition; acquisition, poses: instead of the scenario's; first_seq: number of
@@ -76,7 +80,7 @@ class Executive:
         self.limits, self.send = scenario.executive, send
         request = scenario.calibration
         self.start_args = [ACQUISITIONS[acquisition or request.acquisition], poses or request.poses, seed, 0]
-        self.estimate_mask = request.estimate_mask
+        self.estimate_mask, self.on_alarm = request.estimate_mask, request.start == "alarm"
         self.phase = "HELLO"
         self.result: dict = {}
         self.warnings: Counter[int] = Counter()  # events by id
@@ -91,6 +95,9 @@ class Executive:
         self._arm_received = self._pantilt_received = False
         self._n_poses, self._pose_us = -1, 0
         self._abort_cause = ""
+        self._watch_us: int | None = None  # when the wait for an alarm began
+        self._not_before_us = 0  # next START
+        self._started_us = 0  # the last one, after an alarm
 
     # ---- inputs ------------------------------------------------------------------------------------
 
@@ -121,7 +128,10 @@ class Executive:
         if m.source != kcm.cmd_t.SRC_EXECUTIVE or m.seq != self._awaited_seq:
             return
         self._awaited_seq = None
-        if m.status != 0 and self.phase != "ABORT":
+        if m.status != 0 and self.phase == "START" and self.on_alarm and m.event_id == NO_PATH:
+            self._not_before_us = self._now_us + round(RETRY_S * 1e6)  # whoever moves the arm brings it there
+            self._enter("WATCH")
+        elif m.status != 0 and self.phase != "ABORT":
             self._fail(f"command {m.opcode} refused with status {m.status}, event {m.event_id}")
 
     def _on_event(self, m: kcm.event_t) -> None:
@@ -138,9 +148,27 @@ class Executive:
 
     def _hello(self) -> None:
         if self._hk is not None and self._arm_received and self._pantilt_received:
-            # Only a calibration of our own counts from here on.
-            self._command(kcm.cmd_t.START, self.start_args, self.estimate_mask)
-            self._enter("START")
+            if self.on_alarm:
+                self._watch_us = self._now_us
+                self._enter("WATCH")
+            else:
+                self._send_start()
+
+    def _watch(self) -> None:
+        """On an alarm, START: from the suspects, or without them if there are none."""
+        m = self._hk
+        if not self._hk_since() or m.state not in (IDLE, SAFE) or self._now_us < self._not_before_us:
+            return
+        if m.mon_state in (NAMED, SEVERAL):
+            self._send_start(suspects=1)
+        elif m.mon_state == UNEXPLAINED and m.mon_n_obs >= UNEXPLAINED_OBS:
+            self._send_start()
+
+    def _send_start(self, suspects: int = 0) -> None:
+        """Only a calibration of our own counts from here on."""
+        self._command(kcm.cmd_t.START, [*self.start_args[:3], suspects], self.estimate_mask)
+        self._started_us = self._now_us if self.on_alarm else 0
+        self._enter("START")
 
     def _start(self) -> None:
         if self._awaited_seq is None:
@@ -220,6 +248,7 @@ class Executive:
     }
     _ACTIONS = {
         "HELLO": _hello,
+        "WATCH": _watch,
         "START": _start,
         "RUN": _run,
         "DECIDE": _decide,
@@ -242,9 +271,12 @@ class Executive:
             self._fail(f"heartbeat lost for {limits.heartbeat_timeout_s:g} s")
         elif self._awaited_seq is not None and self._waited(limits.ack_timeout_s):
             self._fail(f"command {self._awaited_seq} not answered within {limits.ack_timeout_s:g} s")
+        elif self.phase == "WATCH":
+            if self._ago(self._watch_us or 0) > limits.alarm_wait_s:
+                self._fail(f"no alarm for {limits.alarm_wait_s:g} s")
         elif self.phase == "RUN" and self._ago(self._pose_us) > limits.pose_timeout_s:
             self._fail(f"no new pose for {limits.pose_timeout_s:g} s")
-        elif self._ago(self._begun_us or 0) > limits.total_timeout_s:
+        elif self._ago(self._started_us or self._begun_us or 0) > limits.total_timeout_s:
             self._fail(f"not finished after {limits.total_timeout_s:g} s")
 
     def _missing(self) -> list[str]:

@@ -245,6 +245,69 @@ def test_the_numbers_and_causes_of_the_executive_are_those_of_flight():
     assert [text for text in texts if text] == list(executive.CAUSES)
 
 
+def test_the_executive_knows_the_monitor_and_the_event_by_flights_numbers():
+    monitor = CORE.enum("kc_mon_state_t", "KC_MON_")
+    known = (executive.NAMED, executive.UNEXPLAINED, executive.SEVERAL)
+    assert known == (monitor["NAMED"], monitor["UNEXPLAINED"], monitor["SEVERAL"])
+    assert EVENT["CAL_NO_PATH"] == executive.NO_PATH
+
+
+def watching():
+    f = Flight()
+    f.executive.on_alarm = True
+    f.ready()
+    f.tick(f.hk(0))
+    return f
+
+
+def alarm(f, state, n_obs=3):
+    channel, m = f.hk(0)
+    m.mon_state, m.mon_n_obs = state, n_obs
+    return channel, m
+
+
+@pytest.mark.parametrize("state", [1, 3])
+def test_executive_starts_on_an_alarm_from_the_suspects(state):
+    f = watching()
+    for _ in range(40):
+        f.tick(f.hk(0), after_s=1.0)
+    assert f.sent == []
+    f.tick(alarm(f, state))
+    assert f.opcodes == [START] and list(f.sent[0].arg_i)[3] == 1
+    f.tick(f.ack())
+    f.tick(f.hk(1))
+    f.decide()
+    assert f.opcodes == [START, ARM]
+
+
+def test_executive_starts_without_suspects_when_the_alarm_stays_unexplained():
+    f = watching()
+    f.tick(alarm(f, 2, n_obs=4))
+    assert f.sent == []
+    f.tick(alarm(f, 2, n_obs=5))
+    assert f.opcodes == [START] and list(f.sent[0].arg_i)[3] == 0
+
+
+def test_executive_waits_for_the_arm_to_come_back_and_no_longer_than_it_may_for_an_alarm():
+    f = watching()
+    f.tick(alarm(f, 1))
+    channel, m = f.ack(status=-8)
+    m.event_id = executive.NO_PATH
+    f.tick((channel, m))
+    for _ in range(4):
+        f.tick(alarm(f, 1), after_s=1.0)
+    assert f.opcodes == [START]
+    for _ in range(2):
+        f.tick(alarm(f, 1), after_s=1.0)
+    assert f.opcodes == [START, START]
+    f.tick(f.ack(status=-1))
+    assert "refused" in f.executive.result["reason"]
+    f = watching()
+    for _ in range(3601):
+        f.tick(f.hk(0), after_s=1.0)
+    assert f.sent == [] and f.executive.result["reason"] == "no alarm for 3600 s"
+
+
 def test_executive_names_what_is_not_there():
     f = Flight()
     for _ in range(31):

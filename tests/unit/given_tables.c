@@ -192,6 +192,7 @@ void given_config(kc_config_t *c)
     c->extra_pos_m = 0.02;
     c->extra_rot_rad = 0.05;
     c->stops_max = 0u;
+    c->rest_part = 0.01;
 }
 
 /* Joints spread over the middle of the limits by a low-discrepancy sequence. */

@@ -559,6 +559,73 @@ void test_the_prior_by_bounds_is_that_of_errors_anywhere_between_them(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, s_work.status);
 }
 
+void test_the_prior_of_the_estimator_is_asked_for_apart(void)
+{
+    kc_acq_ask_t ask = asked(KC_ACQ_DOPT);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 2u, 0.0);
+    answer(&ask);
+    const double usual = s_work.value;
+    s_est.by_prior = 1u;
+    for (uint32_t c = 0u; c < s_terms.n_coef; c++) { s_est.prior_sigma[c] = s_terms.coef[c].scale; }
+    ask.by_prior = true;
+    answer(&ask);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, usual, s_work.value);
+    for (uint32_t c = 1u; c < s_terms.n_coef; c++) { s_est.prior_sigma[c] *= 1e-4; }
+    answer(&ask);
+    TEST_ASSERT_TRUE(s_work.value < 0.5 * usual); /* little is left to learn */
+    ask.by_prior = false;
+    answer(&ask);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, usual, s_work.value); /* by it alone, if that is not asked for */
+}
+
+/* What the ground has uplinked counts like a DH error: a joint that yields is told by poses with torque about it. */
+void test_an_uplinked_effect_counts_in_the_information(void)
+{
+    kc_acq_ask_t ask = asked(KC_ACQ_DOPT);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 2u, 0.0);
+    ask.by_bounds = true;
+    answer(&ask);
+    const double without = s_work.value;
+    const uint32_t n = s_work.n, c = s_terms.n_coef++;
+    s_terms.coef[c] = (kc_coef_t){.name = "joint_compliance[2]", .lb = -0.01, .ub = 0.01, .scale = 0.005, .enabled = 1u};
+    s_terms.term[s_terms.n_term++] = (kc_term_t){.coef = (uint16_t)c, .frame = 1u, .comp = KC_RZ, .gain = 1.0,
+        .basis = {{.fn = KC_FN_LIN, .var = KC_VAR_TAU, .index = 2u, .c1 = 1.0}, {.var = KC_VAR_ONE}}};
+    s_est.opt.free_mask |= (uint64_t)1u << c;
+    answer(&ask);
+    TEST_ASSERT_EQUAL_UINT32(n + 1u, s_work.n);
+    TEST_ASSERT_TRUE(s_work.value > without + 0.1);
+    const double with = s_work.value;
+    s_terms.coef[c].ub = 1e-4;
+    s_terms.coef[c].lb = -1e-4; /* hardly anything that it may be */
+    answer(&ask);
+    TEST_ASSERT_TRUE(s_work.value < with);
+}
+
+void test_what_is_not_safe_is_taken_out_of_what_is_eligible(void)
+{
+    uint32_t n_safe = 0u;
+    double sigma[N_CAND], limit = 0.0;
+    kc_acq_ask_t ask = asked(KC_ACQ_DOPT);
+    given_session(&s_est, &s_arm, &s_terms, s_truth, 2u, 0.0);
+    for (uint32_t c = 0u; c < N_CAND; c++) {
+        sigma[c] = sigma_of(c, ask);
+        limit += sigma[c] / (double)N_CAND; /* some are below it, some above */
+    }
+    ask.safe_m = limit;
+    answer(&ask);
+    for (uint32_t c = 0u; c < N_CAND; c++) { TEST_ASSERT_EQUAL_UINT8(1u, s_usable[c]); } /* not asked for */
+    s_usable[0] = 0u; /* what is not usable does not become so */
+    ask.only_safe = s_usable;
+    answer(&ask);
+    for (uint32_t c = 0u; c < N_CAND; c++) {
+        TEST_ASSERT_EQUAL_UINT8(c > 0u && sigma[c] <= limit, s_usable[c]);
+        n_safe += s_usable[c];
+    }
+    TEST_ASSERT_TRUE(n_safe > 0u && n_safe < N_CAND - 1u);
+    TEST_ASSERT_EQUAL_UINT8(1u, s_usable[s_work.best]);
+    memset(s_usable, 1, sizeof s_usable);
+}
+
 void test_directions_known_are_none_before_and_at_most_the_rows_of_the_observations(void)
 {
     kc_acq_ask_t ask = asked(KC_ACQ_DOPT);

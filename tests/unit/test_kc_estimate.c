@@ -751,6 +751,35 @@ void test_own_priors_pull_to_zero_and_count_in_cost_and_covariance(void)
     TEST_ASSERT_TRUE(s_est.cost > s_est.chi2 + 1.0);
 }
 
+/* It counts as an observation of each coefficient: chi-square, degrees of freedom, covariance; about its own mean,
+ * wherever the fit starts, and few poses are enough. */
+void test_a_prior_from_earlier_measurements_counts_as_observations(void)
+{
+    double mean[KC_COEF_MAX] = {0.0};
+    given_uneven(3u);
+    s_est.opt.outlier_p = 0.0;
+    s_est.opt.use_prior = 1u; /* it takes the place of any other */
+    s_est.by_prior = s_est.hold_none = 1u;
+    s_est.prior_mean = mean;
+    for (uint32_t a = 0u; a < N_DH; a++) {
+        s_terms.coef[a].prior_sigma = 1e-4;
+        s_est.prior_sigma[a] = (0.02 + 0.01 * (double)a) * s_terms.coef[a].scale;
+        mean[a] = s_truth[a] + 0.03 * s_terms.coef[a].scale;
+        s_est.start[a] = s_truth[a] - 0.2 * s_terms.coef[a].scale;
+    }
+    TEST_ASSERT_EQUAL_INT(KC_OK, kc_est_solve(&s_est));
+    sum_at(s_est.coef, s_est.prior_sigma, mean);
+    assert_close(s_sum.chi2 + s_sum.prior, s_est.chi2);
+    assert_close(s_est.chi2, s_est.cost);
+    TEST_ASSERT_EQUAL_UINT32(s_sum.rows, s_est.dof); /* 15 rows and 28 of the prior, for 28 coefficients */
+    assert_close(sqrt(s_est.chi2 / (double)s_sum.rows), s_est.noise_scale);
+    for (uint32_t a = 0u; a < N_DH; a++) {
+        TEST_ASSERT_EQUAL_UINT8(KC_COEF_ESTIMATED, s_est.status[a]);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-4 * sqrt(s_sum.information[a][a]), 0.0, s_sum.grad[a]);
+        TEST_ASSERT_TRUE(s_est.sigma[a] < s_est.prior_sigma[a]);
+    }
+}
+
 void test_the_weak_prior_pulls_to_the_start_by_three_typical_sizes(void)
 {
     double sigma[N_DH];

@@ -82,6 +82,7 @@ void test_it_reports_the_verdict_of_the_monitor(void)
     TEST_ASSERT_TRUE((world.hk.mon_suspects >> 2u & 1u) != 0u);
     TEST_ASSERT_EQUAL_UINT32(5u, world.hk.mon_n_obs);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.03, world.hk.mon_bias);
+    TEST_ASSERT_TRUE(world.hk.mon_chance[2] > 0.5 && world.hk.mon_chance[7] == 0.0);
     TEST_ASSERT_TRUE(world.hk.mon_sigma > 0.0 && world.hk.mon_p <= KC_MON_P);
 }
 

@@ -142,6 +142,23 @@ void test_what_no_joint_explains_is_said_after_three_observations(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 * most, most, s_v.p);
 }
 
+/* Several at once are nothing that one explains; as many as are off in a row are counted. */
+void test_what_is_unexplained_counts_the_observations_that_are_off_in_a_row(void)
+{
+    observations(4u, 0u, 0.0);
+    for (uint32_t i = 0u; i < 4u; i++) { s_arm.joint[i].phi_rad += i % 2u == 0u ? 0.1 : -0.15; }
+    observations(4u, 0u, 0.0);
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, s_v.state); /* made by the same arm: healthy */
+    for (uint32_t i = 0u; i < 5u; i++) {
+        kc_mon_obs_t *k = &s_mon.obs[(s_mon.next + KC_MON_OBS_MAX - 1u - i) % KC_MON_OBS_MAX];
+        for (uint32_t c = 0u; c < 3u; c++) { k->r[c] += i % 2u == c % 2u ? 0.2 : -0.3; }
+        kc_monitor_evaluate(&s_mon, &s_v);
+        TEST_ASSERT_EQUAL_INT(i < 2u ? KC_MON_QUIET : KC_MON_UNEXPLAINED, s_v.state);
+        TEST_ASSERT_EQUAL_UINT32(i < 2u ? 0u : i + 1u, s_v.n_obs);
+        TEST_ASSERT_EQUAL_PTR(k, kc_monitor_back(&s_mon, i));
+    }
+}
+
 void test_joints_with_one_axis_are_all_suspect(void)
 {
     double q[KC_JOINT_MAX] = {0.0}, at[KC_JOINT_MAX] = {0.0};

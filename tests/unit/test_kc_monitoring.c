@@ -69,16 +69,50 @@ void test_a_finding_is_not_repeated_with_every_observation(void)
     TEST_ASSERT_TRUE(world_events(KC_EVT_MON_SUSPECT) <= reported + 2u);
 }
 
-void test_two_joints_at_once_are_unexplained(void)
+void test_two_joints_at_once_are_named_together(void)
 {
-    given_idle(0u, 0.1);
-    world.bias[3] = -0.1;
+    given_idle(1u, 0.1);
+    world.bias[3] = -0.08;
     observations(6u);
+    const kc_event_t *e = &world.last[KC_EVT_MON_SEVERAL];
+    TEST_ASSERT_TRUE(world_events(KC_EVT_MON_SEVERAL) >= 1u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_MON_UNEXPLAINED));
+    TEST_ASSERT_TRUE(e->index == 2 || e->index == 4);
+    TEST_ASSERT_EQUAL_DOUBLE(10.0, e->got); /* joints 2 and 4 */
+    TEST_ASSERT_EQUAL_DOUBLE(10.0, e->want);
+    const kc_mon_verdict_t *v = &APP->monitoring.newest;
+    TEST_ASSERT_EQUAL_INT(KC_MON_SEVERAL, v->state);
+    TEST_ASSERT_EQUAL_HEX32(0xau, v->suspects);
+    TEST_ASSERT_EQUAL_INT(e->index, (int)v->joint + 1);
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, v->joint == 1u ? 0.1 : -0.08, v->bias);
+    TEST_ASSERT_TRUE(v->sigma > 1e-4 && v->sigma < 0.01 && v->p <= KC_MON_P && v->p_rest > KC_MON_P_REST);
+    world_ticks(11u);
+    TEST_ASSERT_EQUAL_INT(KC_MON_SEVERAL, world.hk.mon_state);
+    TEST_ASSERT_EQUAL_INT(e->index, world.hk.mon_joint);
+    for (uint32_t j = 0u; j < 7u; j++) {
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, j == 1u || j == 3u ? 1.0 : 0.0, world.hk.mon_chance[j]);
+    }
+    world.bias[1] = world.bias[3] = 0.0;
+    observations(8u);
+    world_ticks(11u);
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, world.hk.mon_state);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, world.hk.mon_chance[1]);
+    TEST_ASSERT_FALSE(kc_monitoring_names(&APP->monitoring, &APP->view));
+}
+
+void test_a_bent_link_is_unexplained(void)
+{
+    given_idle(0u, 0.0);
+    world.truth.joint[1].alpha_rad += 0.1;
+    world.truth.joint[2].d_m += 0.05;
+    observations(6u);
+    world_tick();
     TEST_ASSERT_TRUE(world_events(KC_EVT_MON_UNEXPLAINED) >= 1u);
     const kc_event_t *e = &world.last[KC_EVT_MON_UNEXPLAINED];
     TEST_ASSERT_EQUAL_INT(-1, e->index);
     TEST_ASSERT_TRUE(e->got > 0.01 && e->got < 0.5); /* m, of the newest observation */
     TEST_ASSERT_TRUE(e->want > 0.05 && e->want < 0.3); /* rad */
+    TEST_ASSERT_FALSE(kc_monitoring_names(&APP->monitoring, &APP->view));
 }
 
 void test_observations_while_something_moves_or_has_not_settled_are_not_compared(void)
@@ -153,6 +187,7 @@ void test_the_verdict_waits_for_a_step_that_has_room_for_it(void)
 {
     given_idle(2u, 0.05);
     observations(5u);
+    world_tick();
     APP->monitoring.newest.state = KC_MON_QUIET;
     evaluate(kc_work_of_step());
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state); /* nothing new */
@@ -160,13 +195,37 @@ void test_the_verdict_waits_for_a_step_that_has_room_for_it(void)
     evaluate((kc_work_t){KC_STEP_WORK, KC_STEP_WORK});
     TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state);
     evaluate(kc_work_of_step());
+    TEST_ASSERT_TRUE(APP->monitoring.weigh); /* found; the joints behind it are weighed in the next step */
+    TEST_ASSERT_EQUAL_INT(KC_MON_QUIET, APP->monitoring.newest.state);
+    APP->monitoring.due = true; /* the weighing comes first */
+    evaluate((kc_work_t){KC_STEP_WORK, KC_STEP_WORK});
+    TEST_ASSERT_TRUE(APP->monitoring.weigh);
+    evaluate(kc_work_of_step());
     TEST_ASSERT_EQUAL_INT(KC_MON_NAMED, APP->monitoring.newest.state);
+    TEST_ASSERT_FALSE(APP->monitoring.weigh);
+    TEST_ASSERT_TRUE(APP->monitoring.due);
+}
+
+void test_what_is_found_is_not_weighed_after_a_change_of_tables(void)
+{
+    given_idle(2u, 0.05);
+    observations(5u);
+    world_tick();
+    TEST_ASSERT_TRUE(kc_monitoring_names(&APP->monitoring, &APP->view));
+    APP->monitoring.due = true;
+    evaluate(kc_work_of_step());
+    TEST_ASSERT_TRUE(APP->monitoring.weigh);
+    APP->cal.session++;
+    TEST_ASSERT_FALSE(kc_monitoring_names(&APP->monitoring, &APP->view));
+    evaluate(kc_work_of_step());
+    TEST_ASSERT_FALSE(APP->monitoring.weigh);
 }
 
 void test_observations_with_other_tables_get_no_verdict(void)
 {
     given_idle(2u, 0.05);
     observations(5u);
+    world_tick();
     APP->monitoring.newest.state = KC_MON_QUIET;
     APP->monitoring.due = true;
     APP->tables.active.crc[KC_TBL_KIN] ^= 1u;
@@ -338,8 +397,14 @@ void test_an_observation_and_a_verdict_are_charged(void)
     TEST_ASSERT_EQUAL_UINT32(6u, APP->arena.idle.monitor.n);
     TEST_ASSERT_TRUE(work.used > kc_model_cost(&a->arm, &a->terms, false));
     const uint64_t cost = kc_monitor_evaluate_cost(&APP->arena.idle.monitor);
+    APP->monitoring.weigh = false;
     evaluate((kc_work_t){cost, 1u});
     TEST_ASSERT_TRUE(APP->monitoring.due); /* it does not quite fit */
     evaluate((kc_work_t){cost + 1u, 1u});
     TEST_ASSERT_FALSE(APP->monitoring.due);
+    const uint64_t more = kc_suspects_cost(&APP->arena.idle.monitor);
+    evaluate((kc_work_t){more, 1u});
+    TEST_ASSERT_TRUE(APP->monitoring.weigh);
+    evaluate((kc_work_t){more + 1u, 1u});
+    TEST_ASSERT_FALSE(APP->monitoring.weigh);
 }

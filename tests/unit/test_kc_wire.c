@@ -177,6 +177,7 @@ void test_housekeeping_carries_the_crcs_bit_by_bit(void)
     h.mon_bias = -0.02;
     h.mon_sigma = 0.001;
     h.mon_p = 1e-9;
+    h.mon_chance[7] = 0.25;
     h.n_tx_errors = 8;
     kc_wire_hk(&h, 99, &m);
     TEST_ASSERT_EQUAL_HEX32(0xdeadbeefu, (uint32_t)m.table_crc[4]);
@@ -194,6 +195,7 @@ void test_housekeeping_carries_the_crcs_bit_by_bit(void)
     TEST_ASSERT_EQUAL_DOUBLE(-0.02, m.mon_bias);
     TEST_ASSERT_EQUAL_DOUBLE(0.001, m.mon_sigma);
     TEST_ASSERT_EQUAL_DOUBLE(1e-9, m.mon_p);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, m.mon_chance[7]);
 }
 
 void test_a_measurement_goes_out_whole(void)

@@ -105,20 +105,28 @@ def command_noop(**given: Unpack[Given]) -> None:
     show_default="as CONFIG says",
     help="Bit for each coefficient to estimate, in hexadecimal.",
 )
+@click.option(
+    "--suspects",
+    is_flag=True,
+    help="Start from the joints that the monitor names; refused if it names none.",
+)
 @options
-def command_start(acquisition: str, poses: int, seed: int, coefficients: str, **given: Unpack[Given]) -> None:
+def command_start(
+    acquisition: str, poses: int, seed: int, coefficients: str, suspects: bool, **given: Unpack[Given]
+) -> None:
     """Begin a calibration: the arm moves.
 
     \b
     Examples:
         kincal command start --dry-run
         kincal command start --poses 20 --by "A. Operator" --why "MON_SUSPECT, joint 4"
+        kincal command start --suspects --why "MON_SEVERAL, joints 2 and 4"
     """
     from kincal.api import operate
 
     number = _acquisition(acquisition)
     mask = _mask(coefficients)
-    _run(lambda _snapshot: operate.start(number, poses, seed, mask), given)
+    _run(lambda _snapshot: operate.start(number, poses, seed, mask, suspects), given)
 
 
 @command.command("abort")

@@ -112,6 +112,9 @@ def _monitor(m: Hk) -> Plain:
             f"{math.degrees(m.mon_sigma):.3f}° (false alarm probability at most {m.mon_p:.2g})"
         )
         return {"limit": "near", "text": text}
+    if m.mon_state == 3:
+        sure = ", ".join(f"{j} ({p:.0%})" for j, p in enumerate(m.mon_chance, 1) if p >= 0.01)
+        return {"limit": "near", "text": f"joints read wrong together; probability of each: {sure}"}
     return {"limit": "near", "text": f"unexplained residuals, {m.mon_n_obs} observations"}
 
 

@@ -65,10 +65,14 @@ def noop() -> Request:
     return Request("NOOP", what="liveness check")
 
 
-def start(acquisition: int = -1, poses: int = 0, seed: int = 1, coefficients: int = 0) -> Request:
+def start(
+    acquisition: int = -1, poses: int = 0, seed: int = 1, coefficients: int = 0, suspects: bool = False
+) -> Request:
     """Begin a calibration. acquisition: number, -1 as CONFIG says; poses, coefficients (bit for each): 0 as
-    CONFIG says."""
-    return Request("START", (acquisition, poses, seed), coefficients, "begin a calibration")
+    CONFIG says; suspects: from the joints that the monitor names."""
+    args = (acquisition, poses, seed, 1) if suspects else (acquisition, poses, seed)
+    what = "begin a calibration" + (" from the monitor's suspects" if suspects else "")
+    return Request("START", args, coefficients, what)
 
 
 def abort() -> Request:

@@ -343,6 +343,9 @@ def _monitor(hk: Hk, prismatic: Prismatic) -> str:
         slide = hk.mon_joint in prismatic
         bias, sigma = _joint_text(hk.mon_bias, slide, ".3g"), _joint_text(hk.mon_sigma, slide, ".2g")
         return f"joint {hk.mon_joint} reads wrong by {bias} ± {sigma}"
+    if hk.mon_state == 3:
+        sure = ", ".join(f"{j} ({p:.0%})" for j, p in enumerate(hk.mon_chance, 1) if p >= 0.01)
+        return f"joints read wrong together; probability of each: {sure}"
     return "quiet" if hk.mon_state == 0 else "unexplained error"
 
 

@@ -108,6 +108,9 @@ class Calibration(Section):
     """Number of poses; 0: as the configuration table says."""
     estimate_mask: Annotated[int, Count(ge=0)] = 0
     """One bit per coefficient; 0: as the configuration table says."""
+    start: Literal["at_once", "alarm"] = "at_once"
+    """When the executive sends START: at once; or on the alarm of the monitor, from the joints that it names, while
+    somebody else moves the arm and takes frames."""
 
 
 class Limits(Section):
@@ -137,6 +140,8 @@ class Limits(Section):
     """Longest time for one pose [s]."""
     total_timeout_s: NotNegative = 7200.0
     """Longest time for the calibration [s]."""
+    alarm_wait_s: NotNegative = 3600.0
+    """With start = "alarm": longest wait for it [s]."""
     ground_wait_s: NotNegative = 0.0
     """With accept = "ground": how long the run goes on for its decision [s]."""
 
