@@ -20,8 +20,11 @@ from kincal.console.bench import Bench
 from kincal.console.desk import Desk
 from kincal.console.geometry import Geometry
 from kincal.console.guard import Access
+from kincal.console.past import Past
 from kincal.console.picture import Picture
+from kincal.console.shelf import Shelf
 from kincal.console.sources import Live
+from kincal.console.spaces import Spaces
 from kincal.review import journal
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
@@ -56,7 +59,15 @@ class Served:
         self.picture = Picture(geometry)
         desk = Desk(self.flight.url, self.flight.key_file, None, BIN, self.picture, timeout_s=20.0)
         bench = Bench(self.folder / "bench")
-        app = make_app(Console(self.flight.url, geometry, self.picture, desk, None, bench), self.access)
+        shelf = Shelf(BIN, self.folder / "made", self.folder / "read", desk)
+        self.spaces = Spaces(self.folder / "space", shelf, geometry)
+        past = Past(
+            self.flight.url, self.folder / "recordings", self.folder / "history", self.picture, shelf, desk
+        )
+        console = Console(
+            self.flight.url, geometry, self.picture, desk, None, bench, "", shelf, self.spaces, past
+        )
+        app = make_app(console, self.access)
         self._server = uvicorn.Server(
             uvicorn.Config(app, port=self.access.port, log_level="error", timeout_graceful_shutdown=1)
         )
@@ -71,6 +82,7 @@ class Served:
         self._server.should_exit = True
         self._thread.join()
         self._live.close()
+        self.spaces.work.close()
 
 
 @contextlib.contextmanager

@@ -100,8 +100,16 @@ class Geometry:
         """Camera, then the four corners of its image at some distance."""
         if not (math.isfinite(m.pan_rad) and math.isfinite(m.tilt_rad)):
             return None
-        eye, corners = self._camera.frustum(m.pan_rad, m.tilt_rad, _VIEW_M)
+        return self.view_at(m.pan_rad, m.tilt_rad)
+
+    def view_at(self, pan_rad: float, tilt_rad: float) -> Points:
+        """The same at these angles."""
+        eye, corners = self._camera.frustum(pan_rad, tilt_rad, _VIEW_M)
         return _plain(np.vstack([eye, corners]))
+
+    def posture(self, q_rad: np.ndarray) -> Points | None:
+        """Base plate, joints and tool of the nominal arm at these joints; None if they are of another arm."""
+        return _plain(self.arm.points(q_rad)) if len(q_rad) == self.arm.n else None
 
     @cached_property
     def scene(self) -> dict[str, Any]:

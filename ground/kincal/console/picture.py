@@ -135,6 +135,11 @@ class Picture:
         with self._lock:
             return next((p for p in self.proposals.values() if crc_text(p.crc) == crc), None)
 
+    def heard_proposals(self) -> list[Proposal]:
+        """All proposals that are held, oldest first."""
+        with self._lock:
+            return list(self.proposals.values())
+
     def summary(self) -> LogSummary:
         """What was heard as the summary of a log: sessions, what became of corrections, last housekeeping."""
         with self._lock:

@@ -3,6 +3,7 @@ import { age, el, fixed, mark, show, svg } from "./dom.js";
 import { confirmed } from "./confirm.js";
 import { eventList } from "./events.js";
 import { LIGHT, draw } from "./plots.js";
+import { arm as armOf, dots, layout, line, view as viewOf } from "./scene.js";
 import { freshness, store } from "./store.js";
 
 const DRAW_MS = 600;  // between two pictures of the arm
@@ -205,27 +206,11 @@ function scene() {
   const f = freshness("KC_ARM_STATE");
   show(parts.armText, arm ? (f.status === "fresh" || !store.about.live ? "by its encoders" : `as heard ${age(f.age_s)} ago`) : "not heard yet: candidates only");
   const still = store.about.scene;
-  const line = (points, name, colour, width, more = {}) => ({
-    type: "scatter3d", mode: "lines", name, x: points.map((p) => p[0]), y: points.map((p) => p[1]), z: points.map((p) => p[2]),
-    line: { color: colour, width }, hoverinfo: "name", ...more,
-  });
-  const dots = (points, name, colour, size) => ({ ...line(points, name, colour, 1), mode: "markers", marker: { color: colour, size, opacity: 0.6 } });
   const data = [{ ...dots(still.candidates_m, "candidates", LIGHT.grey, 1.8), showlegend: false }, line(still.mast_m, "camera mast", LIGHT.grey, 8, { showlegend: false })];
-  if (view?.view_m) {
-    const [eye, ...c] = view.view_m;
-    data.push(line([eye, c[0], c[1], eye, c[2], c[3], eye, c[0], c[3], c[2], c[1]], "camera view", LIGHT.orange, 2, { showlegend: false }));
-  }
+  if (view?.view_m) data.push(viewOf(view.view_m));
   const target = still.candidates_m[hk?.candidate];
   if (target && hk.poses_goal) data.push(dots([target], `candidate ${hk.candidate}`, LIGHT.blue, 6));
   if (arm?.corrected_m) data.push(line(arm.corrected_m, "as the correction has it", LIGHT.green, 6, { mode: "lines+markers", marker: { size: 3, color: LIGHT.green }, opacity: 0.8 }));
-  if (arm?.points_m) data.push(line(arm.points_m, "arm", LIGHT.ink, 8, { mode: "lines+markers", marker: { size: 4, color: LIGHT.ink } }));
-  const axis = (text) => ({ title: { text, font: { size: 11 } }, gridcolor: LIGHT.grid, backgroundcolor: LIGHT.paper, color: LIGHT.muted, tickfont: { size: 10 } });
-  draw(parts.arm, {
-    data,
-    layout: {
-      uirevision: "arm", margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: LIGHT.paper, font: { size: 11, color: LIGHT.ink }, autosize: true,
-      scene: { uirevision: "arm", aspectmode: "data", xaxis: axis("x forward [m]"), yaxis: axis("y left [m]"), zaxis: axis("z up [m]"), camera: { eye: { x: 1.2, y: -1.6, z: 0.75 }, center: { x: 0, y: 0, z: -0.08 } } },
-      legend: { x: 0, y: 1, yanchor: "top", orientation: "h", bgcolor: "rgba(0,0,0,0)", font: { size: 10 } },
-    },
-  });
+  if (arm?.points_m) data.push(armOf(arm.points_m, "arm", LIGHT.ink));
+  draw(parts.arm, { data, layout: layout("arm") });
 }
