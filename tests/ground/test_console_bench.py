@@ -211,7 +211,7 @@ def test_an_own_effect_is_in_the_library_and_in_a_fit(filled):
     with pytest.raises(BadInput, match="no effect 'odd_coupling'"):
         filled.effects(["odd_coupling"])
     assert filled.form(OWN)["ok"]
-    assert {"name": "odd_coupling", "title": "", "per": "arm", "own": True} in filled.state()["library"]
+    assert {e["name"] for e in filled.state()["library"] if e["own"]} == {"odd_coupling"}
     filled.effects(["odd_coupling"])
     filled.run("fit")
     assert finished(filled).status == "done", filled.work.job.text
@@ -257,7 +257,7 @@ def test_a_model_becomes_a_terms_table_of_the_tables_that_fly(filled, tmp_path):
         question.uplink(filled, shelf, [])
 
 
-def test_the_measurements_of_a_correction_become_the_case(bench, filled):
+def test_the_measurements_of_a_correction_become_the_case(filled):
     picture = Picture(Geometry(BIN))
     with pytest.raises(BadInput, match="not heard"):
         question.take(filled, picture, "00000001")

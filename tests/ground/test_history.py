@@ -4,10 +4,12 @@ import json
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from samples import signed
 
 import kcm
 from kincal import tables
+from kincal.cli import main
 from kincal.console.geometry import Geometry
 from kincal.console.past import Past
 from kincal.console.picture import Picture
@@ -106,15 +108,21 @@ def test_the_console_reads_each_recording_once_and_adds_what_it_heard(past, tmp_
     assert shown["corrections"] == 2
     force = next(s for s in shown["page"]["sections"] if s["key"] == "in-force")
     assert "0000000b" in [row[2]["text"] for row in force["grid"]["rows"]]
-    titles = [
-        a["text"]
-        for a in next(s for s in shown["page"]["sections"] if s["key"] == "trend")["figure"]["layout"][
-            "annotations"
-        ]
-    ]
-    assert titles[0].startswith(f"{NAMES[0]} [°]")
+    trend = next(s for s in shown["page"]["sections"] if s["key"] == "trend")["figure"]
+    assert trend["layout"]["annotations"][0]["text"].startswith(f"{NAMES[0]} [°]")
 
 
 def test_a_page_without_anything_says_so():
     made = pages.page(history.History(), [], [], Provenance("2026-01-01"))
     assert "0 corrections" in made.subtitle
+
+
+def test_the_command_says_the_same_and_writes_the_page(tmp_path):
+    path = log(tmp_path / "a.lcmlog", (1, hk(0xA)), (2, proposal(0xB, 0.02)), (3, hk(0xB, 1, 3, 0.01)))
+    options = ["--tables", BIN, "--keys", tmp_path / "keys", "--report", tmp_path / "h.html"]
+    words = ["review", "history", path, *options]
+    done = CliRunner().invoke(main, [str(w) for w in words], env={"COLUMNS": "200"})
+    assert done.exit_code == 0, done.output
+    for text in ("0000000b", "correction of session 1", NAMES[0], "1.146", "yes", "one joint reads wrong"):
+        assert text in done.output, done.output
+    assert "0000000b" in (tmp_path / "h.html").read_text("utf-8")

@@ -75,6 +75,7 @@ def make_app(console: Console, access: Access) -> ASGIApp:
         WebSocketRoute("/api/feed", _feed(console)),
         Route("/api/about", _answer(lambda _r: _about(console))),
         *(_past_routes(console.past) if console.past else ()),
+        Route("/api/frame/{seq:int}", _frame(console.picture)),
         Route("/api/rows", _answer(lambda r: _rows(console, r))),
         *_desk_routes(console),
         *(_bench_routes(console.bench, console) if console.bench else ()),
@@ -145,6 +146,18 @@ def _finite(value: Any) -> Any:
 async def _refused(_request: Request, error: Exception) -> Response:
     """An error of the library: what, where and what to do."""
     return JSONResponse({"ok": False, "text": str(error)}, 409)
+
+
+def _frame(picture: Picture) -> Callable[[Request], Awaitable[Response]]:
+    """A frame of the camera; a browser asks for those that it has the time to show."""
+
+    async def answer(request: Request) -> Response:
+        data = picture.jpeg(request.path_params["seq"])
+        if data is None:
+            raise HTTPException(404, "there is a newer frame, or none")
+        return Response(data, media_type="image/jpeg", headers={"cache-control": "no-store"})
+
+    return answer
 
 
 def _about(console: Console) -> Plain:
@@ -294,6 +307,7 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
         return shelf.send(kind, _text(body, "crc"), words, _text(body, "of") or FOLDER)
 
     return [
+        Route("/api/candidates/{crc}", _answer(lambda r: shelf.candidates(str(r.path_params["crc"])))),
         Route("/api/tables", _answer(lambda _r: shelf.state())),
         Route("/api/tables/{kind}/values", _answer(lambda r: shelf.values(kind(r), _of(r)))),
         Route("/api/tables/{kind}/difference", _answer(lambda r: shelf.difference(kind(r), _of(r)))),

@@ -13,11 +13,12 @@ from kincal.api.tables import check
 from kincal.link import dump, unsigned32, upload, write_image
 from kincal.operate.acting import write
 from kincal.pages.page import Grid
-from kincal.review import check_words, journal
+from kincal.review import check_words, journal, parse_crc
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
 
 from .desk import Desk, Words
 from .document import plain_grid
+from .geometry import candidates
 from .words import kinds
 
 REVIEWED = "KIN"
@@ -57,6 +58,14 @@ class Shelf:
             if right is not None:
                 (out / right.name).write_bytes(right.read_bytes())
         return out
+
+    def candidates(self, crc: str) -> Plain:
+        """Tool positions of the SPACE table with this CRC. BadInput if it does not lie here."""
+        for of in (FOLDER, MADE, READ):
+            file = self.place("SPACE", of)
+            if file.is_file() and _crc(file) == parse_crc(crc):
+                return {"space": crc, "candidates_m": candidates(tables.load(file)[1])}
+        raise BadInput(f"SPACE table {crc} does not lie here", todo="read it back in Space")
 
     # ---- looking
 

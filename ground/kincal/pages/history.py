@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
+from collections.abc import Sequence
 
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from kincal.pages import theme
-from kincal.pages.page import Cell, Grid, Page, Provenance, Section
-from kincal.review.history import History, MonitorState, Trend
+from kincal.pages.page import Grid, Page, Provenance, Section
+from kincal.review.history import History, Trend, decided, utc
 from kincal.review.journal import Entry
 
 _COLUMNS = 3
 _SCALE = {"rad": (180.0 / math.pi, "°"), "m": (1e3, "mm")}
-_MONITOR = ("quiet", "one joint reads wrong", "unexplained residuals")
-
-
-def utc(seconds: float) -> str:
-    """UTC to the second."""
-    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
 def page(history: History, trends: Sequence[Trend], entries: Sequence[Entry], provenance: Provenance) -> Page:
@@ -46,17 +39,12 @@ def _named(trends: Sequence[Trend]) -> int:
     return max((len(t.points) for t in trends), default=0)
 
 
-def in_force(history: History, entries: Iterable[Entry]) -> Grid:
+def in_force(history: History, entries: Sequence[Entry]) -> Grid:
     """Newest first. entries: who decided."""
-    changes = {"approve", "rollback", "table_activate"}
-    who = {(e.crc, e.decision): e for e in entries if e.decision in changes}
-    rows: list[list[Cell | str]] = []
-    for x in reversed(history.in_force):
-        made = next((c for c in history.corrections if c.crc == x.crc), None)
-        lines = [e for (crc, _), e in who.items() if crc == x.crc]
-        what = f"correction of session {made.session}, {made.verdict}" if made else ""
-        said = "; ".join(f"{e.decision} by {e.by}: {e.why}" for e in lines)
-        rows.append([utc(x.utc_s), x.kind, x.crc or "none", what, said])
+    rows = [
+        [utc(x.utc_s), x.kind, x.crc or "none", history.what(x), decided(x, entries)]
+        for x in reversed(history.in_force)
+    ]
     return Grid.of("<from [UTC]|<table|<CRC|<what|<who and why", rows)
 
 
@@ -125,18 +113,7 @@ def monitor_figure(history: History) -> go.Figure:
     return figure
 
 
-def _suspected(m: MonitorState) -> str:
-    if not m.joint:
-        return ""
-    return f"joint {m.joint}: {math.degrees(m.bias_rad):.3f} ± {math.degrees(m.sigma_rad):.3f}°"
-
-
 def monitor_grid(history: History) -> Grid:
     """Its changes of state, newest first."""
-    changes = [m for k, m in enumerate(history.monitor) if not k or history.monitor[k - 1].state != m.state]
-    rows = [
-        [utc(m.utc_s), _MONITOR[m.state] if m.state < len(_MONITOR) else str(m.state),
-         _suspected(m)]
-        for m in reversed(changes)
-    ]  # fmt: skip
+    rows = [[utc(m.utc_s), m.text, m.suspected] for m in reversed(history.monitor_changes())]
     return Grid.of("<from [UTC]|<state|<suspected", rows)

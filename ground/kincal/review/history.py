@@ -3,8 +3,10 @@ from recordings. A history of a growing recording goes on from where it ended.""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +17,16 @@ from kincal.link.names import verdict_name
 from kincal.tables import unit_of
 from kincal_shared.errors import KincalError
 
+from .journal import APPROVED, Entry
+
 if TYPE_CHECKING:
     from kincal.flight.headers import KcTerms
 
 _WANTED = frozenset({"KC_HK", "KC_PROPOSAL"})
 _OVERLAP = 1 << 16  # bytes: the last event of a growing file may be cut
+_MONITOR = ("quiet", "one joint reads wrong", "unexplained residuals")
+# lines of the journal by which the table that they name came in force
+_CHANGING = (APPROVED, "table_activate")
 _MONITOR_EVERY_S = 60.0  # at least; every change of its state is kept
 
 
@@ -56,6 +63,18 @@ class MonitorState:
     bias_rad: float
     sigma_rad: float
     p: float
+
+    @property
+    def text(self) -> str:
+        """The state in words."""
+        return _MONITOR[self.state] if 0 <= self.state < len(_MONITOR) else f"state {self.state}"
+
+    @property
+    def suspected(self) -> str:
+        """The joint in words; empty if none is suspected."""
+        if not self.joint:
+            return ""
+        return f"joint {self.joint}: {math.degrees(self.bias_rad):.3f} ± {math.degrees(self.sigma_rad):.3f}°"
 
 
 @dataclass
@@ -98,6 +117,16 @@ class History:
         last = self.monitor[-1] if self.monitor else None
         if last is None or last.state != now.state or utc_s - last.utc_s >= _MONITOR_EVERY_S:
             self.monitor.append(now)
+
+    def what(self, x: InForce) -> str:
+        """What is known of a table that came in force, in words."""
+        made = next((c for c in self.corrections if c.crc == x.crc), None)
+        return f"correction of session {made.session}, {made.verdict}" if made and x.kind == "KIN" else ""
+
+    def monitor_changes(self) -> list[MonitorState]:
+        """Where its state changed."""
+        rows = self.monitor
+        return [m for k, m in enumerate(rows) if not k or rows[k - 1].state != m.state]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, for --json and to keep."""
@@ -147,6 +176,17 @@ def joined(parts: Iterable[History]) -> History:
             out.corrections.append(made)
     out.monitor = sorted((x for part in rows for x in part.monitor), key=lambda x: x.utc_s)
     return out
+
+
+def utc(seconds: float) -> str:
+    """UTC to the second."""
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def decided(x: InForce, entries: Iterable[Entry]) -> str:
+    """Who put a table in force and why, by the journal."""
+    lines = [e for e in entries if e.crc == x.crc and e.decision in _CHANGING]
+    return "; ".join(dict.fromkeys(f"{e.decision} by {e.by}: {e.why}" for e in lines))
 
 
 @dataclass(frozen=True)

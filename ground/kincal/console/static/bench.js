@@ -164,7 +164,7 @@ async function load() {
   show(parts.answer,
     got.current ? null : el("p", { class: "attention" }, `▲ This answer is of another case: ${got.key.arm}, ${got.key.data}, effects: ${got.key.effects.join(", ") || "none"}.`),
     got.note ? el("p", { class: "attention" }, `▲ ${got.note}`) : null,
-    got.files?.length ? el("p", {}, "Take away: ", got.files.map((f) => [el("a", { href: `/api/bench/file/${what}/${encodeURIComponent(f)}`, download: f }, f), " "])) : null,
+    got.files?.length ? el("p", {}, "Take away: ", got.files.flatMap((f) => [el("a", { href: `/api/bench/file/${what}/${encodeURIComponent(f)}`, download: f }, f), " "])) : null,
     page.node, got.text ? el("details", { open: what === "compare" }, el("summary", {}, "The answer as text"), el("pre", {}, got.text)) : null);
   page.draw();
   found();

@@ -45,7 +45,7 @@ export function uplink(state) {
     button.disabled = !same;
   }
   return el("section", { class: "card" }, el("h2", {}, "For flight"),
-    el("p", { class: "small" }, same ? "Flight then estimates these effects with the DH errors." : "Fit the model first: the table is made of the fit."), drop, el("div", { class: "buttons" }, button), said);
+    el("p", { class: "small" }, same ? "Flight then estimates these effects with the DH errors." : "Fit the model first: the table is made of the fit."), el("div", { class: "stack" }, drop, button), said);
 }
 
 // In a review: one click to what the same measurements say of named effects.

@@ -58,7 +58,9 @@ export function form({ key, sections, problems, send, done, whole = false, label
       wrong(said.problems ?? []);
       say(said.text, said.ok !== false);
       if (said.ok !== false) { keep(`draft:form:${key}`, {}); done(said); return; }
-      node.querySelector("[aria-invalid=true]")?.focus();
+      const first = node.querySelector("[aria-invalid=true]");
+      first?.focus();
+      first?.closest(".field").scrollIntoView({ block: "center" });
     } catch (error) { say(error.message, false); }
     button.disabled = false;
   });
