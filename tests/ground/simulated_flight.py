@@ -20,23 +20,25 @@ SHOWN = {"KC_ARM_STATE", "KC_PANTILT_STATE", "KC_DETECTION"}
 
 
 class SimulatedFlight:
-    """until: names of the states from which on it runs slowly."""
+    """until: names of the states from which on it runs slowly; start: whether a calibration begins."""
 
-    def __init__(self, scenario: str, until: set[str], folder, seed: int = 1, poses: int = 0) -> None:
+    def __init__(self, scenario: str, until: set[str], folder, seed: int = 1, poses: int = 0,
+                 start: bool = True) -> None:  # fmt: skip
         port, self._port_lock = private_port()
         self.url = private_url(port)
         states = library("flight").enum("kc_state_t", "KC_ST_")
         self._until = {states[name] for name in until}
         self.names = {number: name for name, number in states.items()}
         self.state = ""
-        start = [(START_TICK, command("START", -1, poses, seed))]
-        setup = Setup(commander=lambda send: Script(send, start), limit_s=1e5)
+        script = [(START_TICK, command("START", -1, poses, seed))] if start else []
+        setup = Setup(commander=lambda send: Script(send, script), limit_s=1e5)
         self._simulation = Simulation(scenario, seed, setup)
         self.key_file = folder / "keys"
         keys.write(self.key_file, (self._simulation.signer.key,))
         self.commands: list[int] = []
         self._bus = lcm.LCM(self.url)
         self._bus.subscribe("KC_CMD", self._on_cmd)
+        self._bus.subscribe("KC_TABLE_UP", self._on_chunk).set_queue_capacity(0)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -53,6 +55,9 @@ class SimulatedFlight:
         message = kcm.cmd_t.decode(data)
         self.commands.append(message.opcode)
         self._simulation.publish(channel, message)
+
+    def _on_chunk(self, channel: str, data: bytes) -> None:
+        self._simulation.publish(channel, kcm.table_chunk_t.decode(data))
 
     def _run(self) -> None:
         slow = False

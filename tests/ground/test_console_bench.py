@@ -8,10 +8,15 @@ import pytest
 from starlette.testclient import TestClient
 from test_console import ACCESS, BIN, GOOD, JSON, ORIGIN
 
+import kcm
+from kincal import tables
+from kincal.console import question
 from kincal.console.app import Console, make_app
 from kincal.console.bench import Bench
 from kincal.console.geometry import Geometry
 from kincal.console.picture import Picture
+from kincal.console.shelf import Shelf
+from kincal.flight import Terms
 from kincal_shared.errors import BadInput, CommandFailed
 
 
@@ -104,17 +109,17 @@ def test_another_choice_begins_anew(filled):
 
 def finished(bench, seconds=60):
     deadline = time.monotonic() + seconds
-    while bench.job.status == "running":
+    while bench.work.job.status == "running":
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    return bench.job
+    return bench.work.job
 
 
 def test_a_comparison_runs_beside_the_server_and_its_answer_is_kept(filled):
     filled.run("compare")
     with pytest.raises(CommandFailed, match="runs already"):
         filled.run("fit")
-    assert finished(filled).status == "done", filled.job.text
+    assert finished(filled).status == "done", filled.work.job.text
     answer = Bench(filled.folder).answer("compare")
     assert answer["current"] and "after DH calibration" in answer["text"] and answer["page"]["tiles"]
     filled.effects(["backlash[1]"])
@@ -123,7 +128,7 @@ def test_a_comparison_runs_beside_the_server_and_its_answer_is_kept(filled):
 
 def test_a_fit_leaves_a_model_to_take_away_and_its_held_out_errors(filled):
     filled.run("fit")
-    assert finished(filled).status == "done", filled.job.text
+    assert finished(filled).status == "done", filled.work.job.text
     answer = filled.answer("fit")
     assert "M.toml" in answer["files"] and filled.file("fit", "M.toml").read_text()
     errors = filled.case.fits[-1]["errors"]
@@ -134,16 +139,16 @@ def test_a_fit_leaves_a_model_to_take_away_and_its_held_out_errors(filled):
 
 def test_a_cancelled_task_ends_and_leaves_what_was_there(filled):
     filled.run("diagnose")
-    process = filled._process
+    process = filled.work._process
     filled.cancel()
-    assert process.wait(5) != 0 and filled.job.status == "cancelled"
+    assert process.wait(5) != 0 and filled.work.job.status == "cancelled"
     with pytest.raises(BadInput, match="no answer"):
         filled.answer("diagnose")
 
 
 def test_a_task_ends_with_the_console(filled):
     filled.run("diagnose")
-    process = filled._process
+    process = filled.work._process
     process.stdin.close()  # what the death of the server does
     assert process.wait(20) != 0
 
@@ -152,7 +157,7 @@ def test_what_is_wrong_with_the_data_is_said(filled):
     filled.upload("bad.csv", b"q1,q2\n1,2\n")
     filled.choose("uploaded: arm.toml", "uploaded: bad.csv")
     filled.run("compare")
-    assert finished(filled).status == "failed" and "bad.csv" in filled.job.text
+    assert finished(filled).status == "failed" and "bad.csv" in filled.work.job.text
 
 
 def test_the_routes_of_the_workbench(filled):
@@ -171,3 +176,103 @@ def test_the_routes_of_the_workbench(filled):
     for path in ("/api/bench", "/api/bench/answer/fit", "/api/bench/file/fit/M.toml"):
         assert client.get(path, headers={"host": GOOD["host"]}).status_code == 403
     assert json.loads((filled.folder / "case.json").read_text())["effects"] == []
+
+
+OWN = {
+    "effect.name": "odd_coupling", "effect.per": "arm", "parameter.name": "k", "parameter.unit": "rad",
+    "parameter.sigma": "5e-3", "term1.at": "joint[3]", "term1.basis": "tanh(q4) * cos(q6)",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "text"),
+    [
+        ({"term1.basis": "tanh(q4) * cos(q6) * q1"}, "term1.basis", "at most two"),
+        ({"term1.basis": "tanhh(q4)"}, "term1.basis", "tanhh"),
+        ({"term1.at": "elbow"}, "term1.at", "elbow"),
+        ({"term3.at": "link[2]", "term3.basis": "q1", "term3.comp": "xx"}, "term3.comp", "xx"),
+        ({"parameter.sigma": "-1"}, "parameter.sigma", "above 0"),
+        ({"parameter.sigma": "wide"}, "parameter.sigma", "wide"),
+        ({"effect.name": "two words"}, "effect.name", "letters"),
+        ({"effect.name": "backlash"}, "effect.name", "ships"),
+        ({"effect.per": "leg"}, "effect.per", "arm"),
+        ({"term1.at": "", "term1.basis": ""}, "term1.at", "missing"),
+        ({"term1.at": "joint[j]"}, "term1.at", "per"),
+    ],
+)
+def test_what_is_wrong_with_an_own_effect_is_said_at_its_field(bench, changes, field, text):
+    said = bench.form(OWN | changes)
+    assert not said["ok"]
+    assert (field, True) in [(p["field"], text in p["text"]) for p in said["problems"]], said["problems"]
+    assert not list(bench.folder.rglob("*.toml"))
+
+
+def test_an_own_effect_is_in_the_library_and_in_a_fit(filled):
+    with pytest.raises(BadInput, match="no effect 'odd_coupling'"):
+        filled.effects(["odd_coupling"])
+    assert filled.form(OWN)["ok"]
+    assert {e["name"] for e in filled.state()["library"] if e["own"]} == {"odd_coupling"}
+    filled.effects(["odd_coupling"])
+    filled.run("fit")
+    assert finished(filled).status == "done", filled.work.job.text
+    model = filled.file("fit", "M.toml").read_text("utf-8")
+    assert "odd_coupling" in model and str(filled.own) in model
+    names = set(filled.answer("fit")["files"])
+    assert {"calibrated_arm.py", "calibrated_arm.c", "calibrated_dh.toml", "calibrated_arm.urdf"} <= names
+
+
+def test_an_effect_that_is_none_or_at_no_joint_is_refused(filled):
+    for name, text in (
+        ("backlsh[1]", "no effect"),
+        ("backlash[9]", "no joint 9"),
+        ("base_flex[1]", "whole arm"),
+    ):
+        with pytest.raises(BadInput, match=text):
+            filled.effects([name])
+    assert filled.case.effects == []
+
+
+def test_next_poses_separate_alternatives(filled):
+    with pytest.raises(BadInput, match="two or more"):
+        filled.run("next", ["backlash[1]"])
+    filled.run("next", ["backlash[1]", "encoder_gain[1]"])
+    assert finished(filled).status == "done", filled.work.job.text
+    assert len(filled.file("next", "next_poses.csv").read_text().splitlines()) == 3 + 8
+
+
+def test_a_model_becomes_a_terms_table_of_the_tables_that_fly(filled, tmp_path):
+    shelf = Shelf(BIN, tmp_path / "made", tmp_path / "read", None)
+    with pytest.raises(BadInput, match="no answer"):
+        question.uplink(filled, shelf, [])
+    filled.effects(["backlash[1]"])
+    filled.run("fit")
+    assert finished(filled).status == "done", filled.work.job.text
+    said = question.uplink(filled, shelf, [])
+    assert said["effects"] == ["backlash[1]"]
+    image, struct = tables.load(tmp_path / "made" / "terms.tbl")
+    assert image.crc_text == said["crc"] and "backlash[1]" in list(Terms.of_table(struct).names)
+    assert shelf.row("TERMS")["made"] == said["crc"] and (BIN / "terms.tbl").read_bytes() != image.data
+    filled.effects([])
+    with pytest.raises(BadInput, match="fit once more"):
+        question.uplink(filled, shelf, [])
+
+
+def test_the_measurements_of_a_correction_become_the_case(filled):
+    picture = Picture(Geometry(BIN))
+    with pytest.raises(BadInput, match="not heard"):
+        question.take(filled, picture, "00000001")
+    assert filled.case.arm == "uploaded: arm.toml"
+    proposal = kcm.proposal_t()
+    proposal.crc, proposal.session = 7, 3
+    picture.add("KC_PROPOSAL", proposal)
+    for number in range(1, 4):
+        meas = kcm.meas_t()
+        meas.session, meas.observation, meas.pose, meas.n_joints = 3, number, number, 7
+        picture.add("KC_MEAS", meas)
+    said = question.take(filled, picture, "00000007")
+    assert "correction 00000007" in said["text"]
+    assert filled.case.arm in ("uploaded: arm.toml", "shipped: wam")
+    assert filled.case.data == "uploaded: correction-00000007.lcmlog"
+    assert filled.work.job.what == "diagnose"
+    with pytest.raises(CommandFailed, match="runs already"):
+        question.take(filled, picture, "00000007")

@@ -20,8 +20,11 @@ from kincal.console.bench import Bench
 from kincal.console.desk import Desk
 from kincal.console.geometry import Geometry
 from kincal.console.guard import Access
+from kincal.console.past import Past
 from kincal.console.picture import Picture
+from kincal.console.shelf import Shelf
 from kincal.console.sources import Live
+from kincal.console.spaces import Spaces
 from kincal.review import journal
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
@@ -55,8 +58,16 @@ class Served:
         geometry = Geometry(BIN)
         self.picture = Picture(geometry)
         desk = Desk(self.flight.url, self.flight.key_file, None, BIN, self.picture, timeout_s=20.0)
-        bench = Bench(self.folder / "bench")
-        app = make_app(Console(self.flight.url, geometry, self.picture, desk, None, bench), self.access)
+        self.bench = Bench(self.folder / "bench")
+        shelf = Shelf(BIN, self.folder / "made", self.folder / "read", desk)
+        self.spaces = Spaces(self.folder / "space", shelf, geometry)
+        past = Past(
+            self.flight.url, self.folder / "recordings", self.folder / "history", self.picture, shelf, desk
+        )
+        console = Console(
+            self.flight.url, geometry, self.picture, desk, None, self.bench, "", shelf, self.spaces, past
+        )
+        app = make_app(console, self.access)
         self._server = uvicorn.Server(
             uvicorn.Config(app, port=self.access.port, log_level="error", timeout_graceful_shutdown=1)
         )
@@ -71,6 +82,8 @@ class Served:
         self._server.should_exit = True
         self._thread.join()
         self._live.close()
+        self.spaces.work.close()
+        self.bench.close()
 
 
 @contextlib.contextmanager
@@ -145,6 +158,18 @@ def test_a_calibration_is_reviewed_approved_in_two_steps_and_seen_in_force(brows
             form.locator("input[name=why]").fill("wrong arm")
             form.get_by_role("button", name="ROLLBACK").click()
             expect(page.locator(".force code")).not_to_have_text(crc)
+
+            page.get_by_role("link", name="History").click()
+            expect(page.locator("#in-force")).to_contain_text("KIN")
+            expect(page.locator("#trend")).to_contain_text("J7.phi_rad")
+            assert serious(page) == []
+            shot(page, "history")
+            page.get_by_role("link", name="Corrections").click()
+            page.get_by_role("button", name="Diagnose these measurements").click()
+            expect(page.locator(".work")).to_contain_text("diagnose:")
+            expect(page.get_by_role("combobox", name="Arm table")).to_have_value("shipped: wam")
+            page.get_by_role("button", name="cancel").click()
+            expect(page.locator(".work")).to_contain_text("diagnose cancelled")
         served.stop()
         assert flight.commands == [kcm.cmd_t.APPROVE_ARM, kcm.cmd_t.APPROVE_GO, kcm.cmd_t.ROLLBACK]
         lines = journal.read(journal.place(None, flight.key_file)).entries

@@ -118,6 +118,7 @@ CALLS = {
     "review go": ("12345678", "--by", "me", "--why", "because", *NOBODY),
     "review reject": ("12345678", "--by", "me", "--why", "because", *NOBODY),
     "review comment": ("looks good", "--by", "me"),
+    "review history": (RUN_LOG,),
     "review watch": ("--live", "--seconds", "0.2", *NOBODY[:2]),
     "audit log": (),
     "command noop": NOBODY,

@@ -45,12 +45,13 @@ _PASSES = 3  # until what depends on where the sensor sees the tool is settled t
 @dataclass(frozen=True)
 class Fitted:
     """A fitted model. `result` holds all numbers of the fit; files: measurements it was fitted to; unnamed:
-    terms of the unnamed effects."""
+    terms of the unnamed effects; libraries: files of effects of one's own."""
 
     arm: Arm
     result: FitResult
     files: tuple[Path, ...] = ()
     unnamed: Mapping[str, UnnamedEntry] = field(default_factory=dict)
+    libraries: tuple[Path, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -118,7 +119,8 @@ class Fitted:
 
     def save(self, path: str | Path) -> None:
         """Write the model file M.toml, for the commands."""
-        model = replace(ModelFile.of(self.result.texts), unnamed=dict(self.unnamed))
+        libraries = tuple(str(path.resolve()) for path in self.libraries)
+        model = replace(ModelFile.of(self.result.texts), unnamed=dict(self.unnamed), libraries=libraries)
         arm = self.arm.table.source
         named = str(Path(arm).resolve()) if Path(arm).is_file() else arm
         write_model(path, fitted(model, self.result, arm=named, files=self.files, version=__version__))
@@ -168,13 +170,15 @@ def fit(
     *,
     force: bool = False,
     progress: Progress = no_progress,
+    effect_files: Sequence[Path] = (),
 ) -> Fitted:
     """Fit DH errors, base and tool frame as the arm table says, and these effects, also unnamed ones
-    ("unnamed[joint 1: q3]"), whose terms are chosen from the data; "unnamed" alone: as many as pay. Errors as
-    `kincal.workbench.fit`, and BadInput if arm and data do not belong together, unless forced."""
-    read, library = checked(arm, data, force), Library.load()
+    ("unnamed[joint 1: q3]"), whose terms are chosen from the data; "unnamed" alone: as many as pay.
+    effect_files: libraries of effects of one's own. Errors as `kincal.workbench.fit`, and BadInput if
+    arm and data do not belong together, unless forced."""
+    read, library = checked(arm, data, force), Library.load(*effect_files)
     found = find_unnamed(arm.table, read, effects, library=library, progress=progress)
     entries = [addition.effect.entry() for addition in found.additions]
     case = Case(arm.table, read, found.names, library=library.with_unnamed(entries))
     result = case.fit(progress)
-    return Fitted(arm, result, files_of(data), {entry.name: entry for entry in entries})
+    return Fitted(arm, result, files_of(data), {entry.name: entry for entry in entries}, tuple(effect_files))

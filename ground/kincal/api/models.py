@@ -78,12 +78,8 @@ def add_effects(
     library = Library.load(*files)
     wanted = [str(UnnamedName.parse(name)) if is_unnamed(name) else name for name in names]
     before.add([name for name in wanted if name != UNNAMED])  # said before the work is done
-    _check_names(library, [name for name in wanted if name != UNNAMED and not is_unnamed(name)])
     where = arm_path or (Path(before.arm) if before.arm else None)
-    if where:
-        arm = read_arm(where)
-        for name in wanted:
-            library.check_joints(split_constants(name)[0], arm)
+    check_names(library, wanted, read_arm(where) if where else None)
     found = _found_in_data(before, library, where, read, wanted, progress)
     after = before.add(list(found.names)) if found.names else before
     for addition in found.additions:
@@ -113,9 +109,16 @@ def _found_in_data(
     )  # fmt: skip
 
 
-def _check_names(library: Library, names: Sequence[str]) -> None:
-    """Every name is an effect of the library, with its constants; joints of an arm that is known are checked
-    later."""
+def check_names(library: Library, names: Sequence[str], arm: ArmTable | None) -> None:
+    """Every name is an effect of the library, with its constants, at joints that the arm has, if it is
+    known; unnamed effects are not looked for. BadInput otherwise."""
+    _check_named(library, [name for name in names if name != UNNAMED and not is_unnamed(name)])
+    if arm is not None:
+        for name in names:
+            library.check_joints(split_constants(name)[0], arm)
+
+
+def _check_named(library: Library, names: Sequence[str]) -> None:
     for text in names:
         name, constants = split_constants(text)
         base, _, joint = name.partition("[")

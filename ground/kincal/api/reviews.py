@@ -9,9 +9,10 @@ from pathlib import Path
 from kincal.flight.tables import decode_as
 from kincal.link import CommandLink, dump, read_log, unsigned32
 from kincal.operate.recording import recordings
-from kincal.review import Review, changes, find, warnings
+from kincal.review import Review, changes, find, history, warnings
 from kincal.review import journal as journals
 from kincal.review.changes import Changes
+from kincal.review.history import History, Trend
 from kincal.review.journal import Journal
 from kincal.review.residuals import PoseResidual, residuals
 from kincal.review.status import Listed, Status, proposals_in, status
@@ -38,6 +39,17 @@ def proposals(logs: Sequence[Path], found: Sequence[Journal]) -> list[list[Liste
     """The proposals of each log, and what became of them."""
     lines = [entry for one in found for entry in one.entries]
     return [proposals_in(path, lines) for path in logs]
+
+
+def history_of(logs: Sequence[Path], tables_dir: Path) -> tuple[History, list[Trend]]:
+    """What was in force when by these logs, and the trend of each coefficient that a folder's TERMS table
+    names."""
+    found = history.joined(history.go_on(History(), log) for log in logs)
+    file, terms = tables_dir / "terms.tbl", {}
+    if file.is_file():
+        image, struct = decode_as("terms", file.read_bytes(), str(file))
+        terms[image.crc_text] = struct
+    return found, history.trends(found, terms)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import click
 
 from kincal import link
 from kincal.cli.options import EXISTS, FILE, PATH, TABLES
-from kincal.cli.outputs import FILE_OUT, PICTURE
+from kincal.cli.outputs import FILE_OUT, PICTURE, REPORT
 from kincal.cli.provenance import say_files, table_crcs, today
 from kincal.cli.terminal import console, say
 from kincal.cli.text import review as text
@@ -391,6 +391,38 @@ def review_comment(
     what = journals.QUESTION if question else journals.COMMENT
     record(path, what, parse_crc(crc) if crc else 0, by, text, "", None, signer_of(keys))
     say(f"recorded in {path}: {what} by {by}")
+
+
+@review.command("history")
+@click.argument("logs", nargs=-1, required=True, type=FILE)
+@TABLES
+@click.option("--report", "report_path", type=REPORT, default=None, help="Also write the page (HTML).")
+@KEYS
+@JOURNAL
+def review_history(
+    logs: tuple[Path, ...], tables_dir: Path, report_path: Path | None, key_file: Path, journal: Path | None
+) -> None:
+    """Say which tables were in force when, and how each coefficient and the monitor went from correction to
+    correction.
+
+    Logs are recordings of one mission, in any order. Values have names if their TERMS table is in --tables.
+
+    \b
+    Examples:
+        kincal review history out/paper/run.lcmlog
+        kincal review history ~/.kincal/recordings/*.lcmlog --report out/history.html
+    """
+    from kincal.api.reviews import history_of, read_journals
+
+    lines = [entry for one in read_journals(logs, journal, key_file) for entry in one.entries]
+    found, trends = history_of(logs, tables_dir)
+    text.history(console(), found, trends, lines)
+    if report_path is not None:
+        from kincal.pages import history as pages
+        from kincal.pages.page import Provenance, write
+
+        page = pages.page(found, trends, lines, Provenance(today(), table_crcs(tables_dir, ("terms",))))
+        say_files("report", [write(page, report_path)], "")
 
 
 @review.command("watch")

@@ -89,27 +89,11 @@ def space_show(file: Path, tables_dir: Path, picture: Path | None) -> None:
 
 def _draw(built: BuiltSpace, tables_dir: Path, picture: Path) -> None:
     """The page of a search space and its picture."""
-    from kincal import space as lib
     from kincal.pages import space as pages
-    from kincal.pages import space_figures
     from kincal.pages.page import Provenance
 
-    tables, cands = lib.TablesFolder(tables_dir), built.table.candidates()
-    numbers = lib.summarise(built.table, tables.camera, tables.arm_crc)
-    shown = space_figures.Candidates(
-        lib.scene(built.table, tables.arm, tables.camera),
-        cands.poses.R,
-        cands.hub.tolist(),
-        cands.tags.tolist(),
-        numbers.candidate_incid_deg,
-        numbers.candidate_range_m,
-    )
-    samples = [(s.p_m, s.rejection) for s in built.samples]
-    outcome = space_figures.outcome(samples, built.rejected, built.n_samples, numbers.candidates)
     crcs = {**table_crcs(tables_dir, ("arm", "camera")), "space": built.image.crc_text}
-    initial = f"{len(numbers.initial)} initial poses"
-    title = f"{numbers.candidates} candidates, {initial}, table {built.image.crc_text}"
-    made = pages.page(title, text.facts(numbers), shown, outcome, Provenance(today(), crcs))
+    made, shown, outcome = pages.of_built(built, tables_dir, Provenance(today(), crcs))
     say_files("page", *pages.write_all(made, shown, outcome, picture))
 
 

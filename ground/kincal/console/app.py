@@ -26,14 +26,17 @@ from kincal import __version__
 from kincal.pages import theme
 from kincal_shared.errors import KincalError
 
+from . import own, question
 from .bench import Bench
 from .desk import Desk, Words
 from .dictionary import dictionary
 from .geometry import Geometry
 from .guard import Access, Guard
+from .past import Past
 from .picture import Cursor, Picture
-from .shelf import Shelf
+from .shelf import FOLDER, READ, Shelf
 from .sources import Playback, Recording
+from .spaces import Spaces
 
 STATIC = Path(__file__).resolve().parent / "static"
 EVERY_S = 0.15  # between two looks for changes
@@ -46,7 +49,8 @@ Plain = dict[str, Any]
 @dataclass(frozen=True)
 class Console:
     """What is served. desk: None where nothing can be sent (a recording); recording: instead of a live link;
-    bench: the model workbench; recordings: where the link is recorded, in words; shelf: tables."""
+    bench: the model workbench; recordings: where the link is recorded, in words; shelf: tables;
+    spaces: search spaces; past: history."""
 
     source: str
     geometry: Geometry
@@ -56,6 +60,8 @@ class Console:
     bench: Bench | None = None
     recordings: str = ""
     shelf: Shelf | None = None
+    spaces: Spaces | None = None
+    past: Past | None = None
 
 
 def make_app(console: Console, access: Access) -> ASGIApp:
@@ -68,10 +74,13 @@ def make_app(console: Console, access: Access) -> ASGIApp:
         Route("/favicon.svg", _static("favicon.svg")),
         WebSocketRoute("/api/feed", _feed(console)),
         Route("/api/about", _answer(lambda _r: _about(console))),
+        *(_past_routes(console.past) if console.past else ()),
+        Route("/api/frame/{seq:int}", _frame(console.picture)),
         Route("/api/rows", _answer(lambda r: _rows(console, r))),
         *_desk_routes(console),
-        *(_bench_routes(console.bench) if console.bench else ()),
+        *(_bench_routes(console.bench, console) if console.bench else ()),
         *(_shelf_routes(console.shelf, console.desk) if console.shelf else ()),
+        *(_space_routes(console.spaces) if console.spaces else ()),
     ]
     return Guard(Starlette(routes=routes, exception_handlers={KincalError: _refused}), access)
 
@@ -137,6 +146,18 @@ def _finite(value: Any) -> Any:
 async def _refused(_request: Request, error: Exception) -> Response:
     """An error of the library: what, where and what to do."""
     return JSONResponse({"ok": False, "text": str(error)}, 409)
+
+
+def _frame(picture: Picture) -> Callable[[Request], Awaitable[Response]]:
+    """A frame of the camera; a browser asks for those that it has the time to show."""
+
+    async def answer(request: Request) -> Response:
+        data = picture.jpeg(request.path_params["seq"])
+        if data is None:
+            raise HTTPException(404, "there is a newer frame, or none")
+        return Response(data, media_type="image/jpeg", headers={"cache-control": "no-store"})
+
+    return answer
 
 
 def _about(console: Console) -> Plain:
@@ -282,19 +303,64 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
         return Route(path, answer, methods=["POST"])
 
     def send(kind: str, body: Plain) -> Plain:
-        return shelf.send(kind, _text(body, "crc"), Words(_text(body, "by"), _text(body, "why")))
+        words = Words(_text(body, "by"), _text(body, "why"))
+        return shelf.send(kind, _text(body, "crc"), words, _text(body, "of") or FOLDER)
 
     return [
+        Route("/api/candidates/{crc}", _answer(lambda r: shelf.candidates(str(r.path_params["crc"])))),
         Route("/api/tables", _answer(lambda _r: shelf.state())),
-        Route("/api/tables/{kind}/values", _answer(lambda r: shelf.values(kind(r)))),
-        Route("/api/tables/{kind}/difference", _answer(lambda r: shelf.difference(kind(r)))),
+        Route("/api/tables/{kind}/values", _answer(lambda r: shelf.values(kind(r), _of(r)))),
+        Route("/api/tables/{kind}/difference", _answer(lambda r: shelf.difference(kind(r), _of(r)))),
         post("/api/tables/{kind}/read", lambda k, _b: shelf.read_back(k)),
         post("/api/tables/{kind}/send", send),
-        Route("/api/explain/{candidate:int}", _answer(lambda r: shelf.explain(r.path_params["candidate"]))),
     ]
 
 
-def _bench_routes(bench: Bench) -> list[Route]:
+def _of(request: Request, name: str = "of", otherwise: str = FOLDER) -> str:
+    return request.query_params.get(name, otherwise)
+
+
+def _space_routes(spaces: Spaces) -> list[Route]:
+    def post(path: str, what: Callable[[Plain], Plain]) -> Route:
+        async def answer(request: Request) -> Response:
+            body = await _body(request)
+            return _json(await run_in_threadpool(what, body))
+
+        return Route(f"/api/space/{path}", answer, methods=["POST"])
+
+    def change(body: Plain) -> Plain:
+        values = body.get("values")
+        if not isinstance(values, dict):
+            raise HTTPException(400, "values are an object")
+        return spaces.change(values)
+
+    return [
+        Route("/api/space", _answer(lambda _r: spaces.state())),
+        Route("/api/space/candidates", _answer(lambda r: spaces.candidates(_of(r)))),
+        Route("/api/space/explain/{n:int}", _answer(lambda r: spaces.explain(r.path_params["n"], _of(r)))),
+        Route("/api/space/difference", _answer(lambda r: spaces.difference(_of(r), _of(r, "to", READ)))),
+        Route("/api/space/description", _answer(lambda _r: spaces.description()), methods=["GET"]),
+        Route("/api/space/answer/{what}", _answer(lambda r: spaces.answer(r.path_params["what"]))),
+        Route("/api/space/file/{name}", _attached(lambda r: spaces.file(r.path_params["name"]))),
+        post("description", change),
+        post("anew", lambda _b: spaces.begin_anew()),
+        post("run", lambda b: spaces.run(_text(b, "what"), _text(b, "of") or FOLDER)),
+        post("cancel", lambda _b: spaces.work.cancel()),
+    ]
+
+
+def _attached(what: Callable[[Request], Path]) -> Callable[[Request], Awaitable[Response]]:
+    """A route that answers with a file to keep."""
+
+    async def answer(request: Request) -> Response:
+        path = await run_in_threadpool(what, request)
+        headers = {"content-disposition": f'attachment; filename="{path.name}"'}
+        return Response(path.read_bytes(), media_type="application/octet-stream", headers=headers)
+
+    return answer
+
+
+def _bench_routes(bench: Bench, console: Console) -> list[Route]:
     def route(path: str, what: Callable[[Plain], Plain]) -> Route:
         async def answer(request: Request) -> Response:
             body = await _body(request)
@@ -306,17 +372,18 @@ def _bench_routes(bench: Bench) -> list[Route]:
         data = await request.body()
         return _json(await run_in_threadpool(bench.upload, request.query_params.get("name", ""), data))
 
-    def effects(body: Plain) -> Plain:
-        names = body.get("effects")
-        if not isinstance(names, list):
-            raise HTTPException(400, "effects are a list")
-        return bench.effects(names)
+    def form(body: Plain) -> Plain:
+        values = body.get("values")
+        if not isinstance(values, dict):
+            raise HTTPException(400, "values are an object")
+        return bench.form(values)
 
-    async def file(request: Request) -> Response:
-        name = request.path_params["name"]
-        path = await run_in_threadpool(bench.file, request.path_params["what"], name)
-        headers = {"content-disposition": f'attachment; filename="{name}"'}
-        return Response(path.read_bytes(), media_type="application/octet-stream", headers=headers)
+    def uplink(drop: list[str]) -> Plain:
+        if console.shelf is None:
+            raise HTTPException(409, "no tables")
+        return question.uplink(bench, console.shelf, drop)
+
+    file = _attached(lambda r: bench.file(r.path_params["what"], r.path_params["name"]))
 
     return [
         Route("/api/bench", _answer(lambda _r: bench.state())),
@@ -324,11 +391,26 @@ def _bench_routes(bench: Bench) -> list[Route]:
         Route("/api/bench/file/{what}/{name}", file),
         Route("/api/bench/upload", upload, methods=["POST"]),
         route("choose", lambda b: bench.choose(_text(b, "arm"), _text(b, "data"))),
-        route("effects", effects),
+        route("effects", lambda b: bench.effects(_names(b, "effects"))),
         route("undo", lambda _b: bench.undo()),
-        route("run", lambda b: bench.run(_text(b, "what"))),
+        route("run", lambda b: bench.run(_text(b, "what"), _names(b, "alternatives"))),
+        Route("/api/bench/own", _answer(lambda _r: {"sections": own.sections()}), methods=["GET"]),
+        route("own", form),
+        route("take", lambda b: question.take(bench, console.picture, _text(b, "crc"))),
+        route("uplink", lambda b: uplink(_names(b, "drop"))),
         route("cancel", lambda _b: bench.cancel()),
     ]
+
+
+def _past_routes(past: Past) -> list[Route]:
+    return [Route("/api/history", _answer(lambda _r: past.page()))]
+
+
+def _names(body: Plain, key: str) -> list[str]:
+    names = body.get(key, [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise HTTPException(400, f"{key} is no list of names")
+    return names
 
 
 def _text(body: Plain, key: str) -> str:

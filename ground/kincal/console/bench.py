@@ -6,29 +6,29 @@ undone, and the newest answer of each kind."""
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
-import signal
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from kincal_shared.errors import BadInput, CommandFailed
-from kincal_shared.schema.arm import shipped_arms
+from kincal.api.case import check_alternatives
+from kincal.api.models import check_names
+from kincal.workbench.model.effects import Library
+from kincal_shared.errors import BadInput
+from kincal_shared.schema.arm import read_arm, shipped_arms
+
+from . import own
+from .work import Job, Work
 
 ARMS, DATA = (".toml",), (".csv", ".lcmlog", ".npz", ".parquet", ".mat", ".json")
-TASKS = ("compare", "diagnose", "fit")
+TASKS = ("compare", "diagnose", "fit", "next")
 MOST_UPLOAD = 64 << 20
 _MOST_FILES, _MOST_DEPTH, _MOST_UNDO = 400, 2, 100
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,99}")
-_STOP_S = 3.0
 Plain = dict[str, Any]
 
 
@@ -49,29 +49,15 @@ class Case:
         return {"arm": self.arm, "data": self.data, "effects": list(self.effects)}
 
 
-@dataclass
-class Job:
-    """status: running, done, failed, cancelled."""
-
-    what: str
-    key: Plain
-    began_s: float
-    status: str = "running"
-    progress: Plain = field(default_factory=dict)
-    text: str = ""
-    ended_s: float | None = None
-
-
 class Bench:
     """folder: where everything is kept; given: further folder with files to choose among. A context."""
 
     def __init__(self, folder: Path, given: Path | None = None) -> None:
         self.folder, self.given = folder.expanduser(), given
-        self.uploads = self.folder / "uploads"
+        self.uploads, self.own = self.folder / "uploads", self.folder / "own"
         self._lock = threading.RLock()
         self.case = self._read()
-        self.job: Job | None = None
-        self._process: subprocess.Popen[str] | None = None
+        self.work = Work(self.folder / "answers", "kincal.console.job", self._fitted)
 
     def __enter__(self) -> Bench:
         return self
@@ -115,8 +101,17 @@ class Bench:
                 "arms": [f for f in files if f.startswith("shipped") or f.endswith(ARMS)],
                 "data": [f for f in files if f.lower().endswith(DATA)],
                 "case": asdict(self.case),
-                "job": asdict(self.job) if self.job else None,
-                "answers": {what: found for what in TASKS if (found := self._kept_key(what))},
+                "library": [
+                    {
+                        "name": e.name,
+                        "title": e.title,
+                        "per": e.per,
+                        "own": bool(e.source) and e.source != "effects.toml",
+                    }
+                    for e in self.library().effects.values()
+                ],
+                "job": self.work.state(),
+                "answers": {what: found for what in TASKS if (found := self.work.key_of(what))},
                 "now_s": time.time(),
             }
 
@@ -132,14 +127,38 @@ class Bench:
         return {"ok": True, "text": "chosen"}
 
     def effects(self, names: list[str]) -> Plain:
-        """The model's effects from now on. BadInput for what is no name."""
-        if not all(isinstance(name, str) and 0 < len(name) < 200 for name in names):
-            raise BadInput("these are no names of effects")
+        """The model's effects from now on. BadInput for what is no effect of the library, or at a joint that
+        the arm does not have."""
+        self._known(names)
         with self._change() as case:
             if names != case.effects:
                 case.past = [*case.past, list(case.effects)][-_MOST_UNDO:]
                 case.effects = list(dict.fromkeys(names))
         return {"ok": True, "text": "effects: " + (", ".join(names) or "none")}
+
+    def _known(self, names: list[str]) -> None:
+        if not all(isinstance(name, str) and 0 < len(name) < 200 for name in names):
+            raise BadInput("these are no names of effects")
+        arm = self.files().get(self.case.arm)
+        check_names(self.library(), names, read_arm(arm) if arm is not None else None)
+
+    def library(self) -> Library:
+        """The effects that ship, and those of one's own."""
+        return Library.load(*own.libraries(self.own))
+
+    def form(self, values: Plain) -> Plain:
+        """Keep an effect of one's own; what is wrong with it stands at its fields."""
+        doc, problems = own.checked(values)
+        if not problems:
+            name, problems = own.keep(self.own, doc)
+        if problems:
+            return {"ok": False, "text": "the effect was not kept", "problems": problems}
+        return {
+            "ok": True,
+            "text": f"{name} is in the library of this workbench",
+            "name": name,
+            "problems": [],
+        }
 
     def undo(self) -> Plain:
         """The effects before the last change."""
@@ -151,97 +170,58 @@ class Bench:
 
     # ---- long work
 
-    def run(self, what: str) -> Plain:
-        """Begin a task. CommandFailed if another runs."""
+    def run(self, what: str, alternatives: Sequence[str] = ()) -> Plain:
+        """Begin a task; alternatives: effects that the next poses are to separate. CommandFailed if another
+        runs."""
         if what not in TASKS:
             raise BadInput(f"no such task: {what[:40]}")
         with self._lock:
-            if self.job is not None and self.job.status == "running":
-                raise CommandFailed(f"{self.job.what} runs already", todo="wait for it, or cancel it")
             files, case = self.files(), self.case
+            self.work.refuse_two()
             if case.arm not in files or case.data not in files:
                 raise BadInput("choose an arm and measurements first")
-            out = self.folder / "answers" / f"{what}.new"
-            shutil.rmtree(out, ignore_errors=True)
-            spec = {
-                "what": what, "arm": str(files[case.arm]), "data": [str(files[case.data])],
-                "effects": case.effects, "out": str(out), "date": datetime.now(UTC).date().isoformat(),
+            spec: Plain = {
+                "arm": str(files[case.arm]), "data": [str(files[case.data])],
+                "effects": case.effects, "date": datetime.now(UTC).date().isoformat(),
+                "libraries": [str(path) for path in own.libraries(self.own)],
+                "alternatives": list(alternatives),
             }  # fmt: skip
-            self.job = Job(what, case.key, time.time())
-            self._process = _start(spec)
-            threading.Thread(target=self._follow, args=(self.job, self._process, out), daemon=True).start()
-        return {"ok": True, "text": f"{what} began"}
+            if what == "next":
+                self._known(list(alternatives))
+                check_alternatives(alternatives)
+            return self.work.begin(what, case.key, spec)
 
     def cancel(self) -> Plain:
         """End the running task; the answers that there are stay."""
-        with self._lock:
-            if self.job is None or self.job.status != "running" or self._process is None:
-                raise BadInput("nothing runs")
-            self.job.status = "cancelled"
-            job, process = self.job, self._process
-        _end(process)
-        return {"ok": True, "text": f"{job.what} cancelled"}
+        return self.work.cancel()
 
     def close(self) -> None:
         """End what runs."""
-        if self._process is not None:
-            _end(self._process)
+        self.work.close()
 
-    def _follow(self, job: Job, process: subprocess.Popen[str], out: Path) -> None:
-        for line in process.stdout or ():
-            try:
-                job.progress = json.loads(line)
-            except ValueError:
-                continue  # what a library prints
-        errors = (process.stderr.read() if process.stderr else "").strip()
-        process.wait()
-        with self._lock:
-            job.ended_s = time.time()
-            if job.status == "cancelled":
-                shutil.rmtree(out, ignore_errors=True)
-                return
-            answer = _answer_in(out)
-            if not answer.get("ok"):
-                job.status = "failed"
-                job.text = str(answer.get("text") or (errors or "the process ended").splitlines()[-1])
-                return
-            self._keep(job, out, answer)
-            job.status, job.text = "done", f"done in {job.ended_s - job.began_s:.0f} s"
-
-    def _keep(self, job: Job, out: Path, answer: Plain) -> None:
-        (out / "key.json").write_text(json.dumps(job.key), "utf-8")
-        kept = self.folder / "answers" / job.what
-        shutil.rmtree(kept, ignore_errors=True)
-        out.rename(kept)
-        if job.what == "fit":
-            same = {name: job.key[name] for name in ("arm", "data")}
-            if same == {name: self.case.key[name] for name in same}:
-                with self._change() as case:
-                    line = {"effects": job.key["effects"], "errors": answer["errors"]}
-                    others = [f for f in case.fits if f["effects"] != line["effects"]]
-                    case.fits = [*others, line]
+    def _fitted(self, job: Job, answer: Plain) -> None:
+        """Held-out errors of a fit go beside those of the other models of the case."""
+        same = {name: job.key[name] for name in ("arm", "data")}
+        if job.what == "fit" and same == {name: self.case.key[name] for name in same}:
+            with self._change() as case:
+                line = {"effects": job.key["effects"], "errors": answer["errors"]}
+                others = [f for f in case.fits if f["effects"] != line["effects"]]
+                case.fits = [*others, line]
 
     # ---- answers
 
     def answer(self, what: str) -> Plain:
         """The newest answer of a task, and whether it is about the case in hand."""
-        found, key = _answer_in(self.folder / "answers" / what) if what in TASKS else {}, self._kept_key(what)
-        if not found or key is None:
+        if what not in TASKS:
             raise BadInput(f"no answer of {what[:40]} yet")
-        return {**found, "key": key, "current": key == self.case.key}
+        found = self.work.answer(what)
+        return {**found, "current": found["key"] == self.case.key}
 
     def file(self, what: str, name: str) -> Path:
         """A file that a task left. BadInput if it left none of that name."""
         if what in TASKS and name in self.answer(what).get("files", ()):
             return self.folder / "answers" / what / name
         raise BadInput("no such file")
-
-    def _kept_key(self, what: str) -> Plain | None:
-        try:
-            key: Plain = json.loads((self.folder / "answers" / what / "key.json").read_text("utf-8"))
-        except (OSError, ValueError):
-            return None
-        return key
 
     # ---- the folder
 
@@ -292,35 +272,3 @@ def _files_in(folder: Path) -> Iterator[Path]:
             yield path
         if found >= _MOST_FILES:
             return
-
-
-def _start(spec: Plain) -> subprocess.Popen[str]:
-    one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "kincal.console.job"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, start_new_session=True, env={**one, **os.environ},
-    )  # fmt: skip
-    if process.stdin:
-        process.stdin.write(json.dumps(spec) + "\n")
-        process.stdin.flush()  # stays open: its end tells the process that the console is gone
-    return process
-
-
-def _end(process: subprocess.Popen[str]) -> None:
-    """The process and what it started."""
-    send: Callable[[int], None] = lambda number: os.killpg(process.pid, number)  # noqa: E731
-    try:
-        send(signal.SIGTERM)
-        process.wait(_STOP_S)
-    except subprocess.TimeoutExpired:
-        send(signal.SIGKILL)
-    except ProcessLookupError:
-        return
-
-
-def _answer_in(folder: Path) -> Plain:
-    try:
-        answer: Plain = json.loads((folder / "answer.json").read_text("utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return answer

@@ -15,6 +15,7 @@ from kincal.flight.tables import decode
 from kincal_shared.errors import BadInput
 
 if TYPE_CHECKING:
+    from kincal.flight.headers import KcSpace
     from kincal.link.messages import ArmState, PantiltState, Proposal
 
 _VIEW_M = 0.5  # length of the rays of the camera's view
@@ -100,19 +101,32 @@ class Geometry:
         """Camera, then the four corners of its image at some distance."""
         if not (math.isfinite(m.pan_rad) and math.isfinite(m.tilt_rad)):
             return None
-        eye, corners = self._camera.frustum(m.pan_rad, m.tilt_rad, _VIEW_M)
+        return self.view_at(m.pan_rad, m.tilt_rad)
+
+    def view_at(self, pan_rad: float, tilt_rad: float) -> Points:
+        """The same at these angles."""
+        eye, corners = self._camera.frustum(pan_rad, tilt_rad, _VIEW_M)
         return _plain(np.vstack([eye, corners]))
+
+    def posture(self, q_rad: np.ndarray) -> Points | None:
+        """Base plate, joints and tool of the nominal arm at these joints; None if they are of another arm."""
+        return _plain(self.arm.points(q_rad)) if len(q_rad) == self.arm.n else None
 
     @cached_property
     def scene(self) -> dict[str, Any]:
         """What does not move: mast, tool positions of the candidates."""
         mast = np.array(list(self._camera.struct.mast_xyz_m))
-        _, space = self.tables.read("space")
-        rows = library("flight").rows(space.cand, int(space.n_cand))
+        crc, space = self.tables.read("space")
         return {
             "mast_m": _plain(np.array([mast * [1, 1, 0], mast])),
-            "candidates_m": _plain(rows["p_m"].astype(float)),
+            "space": f"{crc:08x}",
+            "candidates_m": candidates(space),
         }
+
+
+def candidates(space: KcSpace) -> Points:
+    """Tool positions of all poses of a SPACE table, in the order that flight counts them in."""
+    return _plain(library("flight").rows(space.cand, int(space.n_cand))["p_m"].astype(float))
 
 
 def _plain(points: np.ndarray) -> Points:

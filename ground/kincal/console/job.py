@@ -1,15 +1,8 @@
-"""Long work of the workbench in a process of its own: `python -m kincal.console.job`.
-
-The first line of standard input says what to do (JSON). Progress comes as a line of JSON each on standard
-output, the answer goes to a file. When standard input ends, the console is gone, and so is this process."""
+"""Long work of the workbench in a process of its own: `python -m kincal.console.job` (work)."""
 
 from __future__ import annotations
 
-import json
-import os
-import signal
 import sys
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,19 +11,29 @@ from typing import Any
 from kincal.api import case as cases
 from kincal.api.fitted import Fitted, fit
 from kincal.api.inputs import Arm, Data, checked
+from kincal.export.files import Format
 from kincal.pages import diagnosis as diagnosis_pages
 from kincal.pages import diagnosis_figures, diagnosis_grids
 from kincal.pages.page import Grid, Page, Provenance, Section, Tile
 from kincal.workbench.diagnosis import Diagnosis
+from kincal.workbench.model.effects import Library
 from kincal.workbench.numerics.background import second_process
+from kincal.workbench.prediction.measurable import Limits
+from kincal.workbench.prediction.nextposes import poses_csv
 from kincal.workbench.report import explain
-from kincal.workbench.report.answers import comparison_text, fit_text
+from kincal.workbench.report.answers import comparison_text, fit_text, poses_text
 from kincal.workbench.report.headline import big_numbers, reachable_number
 from kincal_shared.errors import CannotAnswer, KincalError
 
+from . import work
 from .document import document
 
-MODEL, CODE = "M.toml", "calibrated_arm.py"
+MODEL, POSES = "M.toml", "next_poses.csv"
+NEXT = 8  # poses, as `kincal model next`
+EXPORTS: tuple[tuple[Format, str], ...] = (
+    ("python", "calibrated_arm.py"), ("c", "calibrated_arm.c"), ("dh", "calibrated_dh.toml"),
+    ("json", "calibrated_arm.json"), ("urdf", "calibrated_arm.urdf"),
+)  # fmt: skip
 Plain = dict[str, Any]
 
 
@@ -44,13 +47,15 @@ class Task:
     effects: tuple[str, ...]
     out: Path
     date: str
+    libraries: tuple[Path, ...] = ()
+    alternatives: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, text: str) -> Task:
-        """From the first line of standard input."""
-        d = json.loads(text)
+    def of(cls, d: Plain) -> Task:
+        """From what standard input says."""
         files = tuple(map(Path, d["data"]))
-        return cls(d["what"], d["arm"], files, tuple(d["effects"]), Path(d["out"]), d["date"])
+        return cls(d["what"], d["arm"], files, tuple(d["effects"]), Path(d["out"]), d["date"],
+                   tuple(map(Path, d["libraries"])), tuple(d["alternatives"]))  # fmt: skip
 
 
 def perform(task: Task) -> Plain:
@@ -58,7 +63,10 @@ def perform(task: Task) -> Plain:
     arm, data = Arm.load(task.arm), Data.load(*task.data)
     if task.what == "fit":
         return _fit(task, arm, data)
-    case = cases.Case(arm.table, checked(arm, data, force=False), task.effects)
+    library = Library.load(*task.libraries)
+    case = cases.Case(arm.table, checked(arm, data, force=False), task.effects, library=library)
+    if task.what == "next":
+        return _next(task, case)
     with second_process() as begin:
         if task.what == "compare":
             found = case.compare(begin)
@@ -67,9 +75,9 @@ def perform(task: Task) -> Plain:
             about = f"{found.poses} poses of {found.source}"
             page = Page("Comparison", f"Model against measurements: {found.arm}", about, origin, (), tiles)
             return {"page": document(page), "text": comparison_text(found)}
-        diagnosis = case.diagnose(_say, begin)
+        diagnosis = case.diagnose(work.progress, begin)
         poses = case.advise(diagnosis)
-        content = case.report(diagnosis, poses, _say)
+        content = case.report(diagnosis, poses, work.progress)
         # inside: what the second process works out is asked for when the page is made
         page = diagnosis_pages.page(content, Provenance.of_file(task.date, task.data))
         return {"page": document(page), "text": page.details, "findings": list(_findings(diagnosis))}
@@ -99,17 +107,20 @@ def _findings(d: Diagnosis) -> Iterator[Plain]:
 
 
 def _fit(task: Task, arm: Arm, data: Data) -> Plain:
-    fitted = fit(arm, data, task.effects, progress=_say)
+    fitted = fit(arm, data, task.effects, progress=work.progress, effect_files=task.libraries)
     r = fitted.result
     fitted.save(task.out / MODEL)
-    files = [MODEL]
-    try:
-        fitted.export("python", task.out / CODE)
-        files.append(CODE)
-    except (CannotAnswer, KincalError) as error:
-        note = f"No code was exported: {error}"
-    else:
-        note = ""
+    files, notes = [MODEL], []
+    for form, name in EXPORTS:
+        try:
+            made = fitted.export(form, task.out / name)
+        except (CannotAnswer, KincalError) as error:
+            notes.append(f"{name} was not exported: {error}")
+            continue
+        files += [path.name for path in made.files]
+        if made.left_out:
+            notes.append(f"{name} does not hold {', '.join(x.effect for x in made.left_out)}.")
+    note = " ".join(notes)
     reachable = reachable_number(r.comparison).pos_m
     sections = (
         Section(
@@ -125,6 +136,23 @@ def _fit(task: Task, arm: Arm, data: Data) -> Plain:
     return {"page": document(page), "text": fit_text(r), "files": files, "errors": errors, "note": note}
 
 
+def _next(task: Task, case: cases.Case) -> Plain:
+    """The poses that separate alternatives best, as `kincal model next`."""
+    poses = case.separating_poses(task.alternatives, count=NEXT, limits=Limits())
+    (task.out / POSES).write_text(poses_csv(poses), "utf-8")
+    rows = [
+        [str(k), ", ".join(f"{x:.3f}" for x in p.q), " ".join(f"{x:+d}" for x in p.direction or ()) or "any",
+         ", ".join(f"{x:.3f}" for x in p.tool_m), f"{p.power:.2f}"]
+        for k, p in enumerate(poses, 1)
+    ]  # fmt: skip
+    grid = Grid.of("pose|<joints [rad or m]|<approach|<tool [m]|power with the poses above", rows)
+    sections = (Section("poses", "Poses to measure", grid=grid),)
+    about = f"poses that separate {', '.join(task.alternatives)}"
+    page = Page("Next poses", f"{len(poses)} poses to measure next", about,
+                Provenance.of_file(task.date, task.data), sections)  # fmt: skip
+    return {"page": document(page), "text": poses_text(poses), "files": [POSES]}
+
+
 def _values(fitted: Fitted) -> Grid:
     rows = [
         [name, f"{value:.6g}", f"{sigma:.2g}", unit]
@@ -133,31 +161,5 @@ def _values(fitted: Fitted) -> Grid:
     return Grid.of("<coefficient|value|1 sigma|<unit", rows)
 
 
-def _say(what: str, done: int, of: int) -> None:
-    print(json.dumps({"what": what, "done": done, "of": of}), flush=True)
-
-
-def _end_with_the_console() -> None:
-    """Once standard input ends, so does this process, and what it started."""
-    while sys.stdin.readline():
-        pass
-    os.killpg(0, signal.SIGKILL)
-
-
-def main() -> int:
-    """The process."""
-    task = Task.of(sys.stdin.readline())
-    threading.Thread(target=_end_with_the_console, daemon=True).start()
-    task.out.mkdir(parents=True, exist_ok=True)
-    try:
-        answer = {"ok": True, **perform(task)}
-    except KincalError as error:
-        answer = {"ok": False, "text": str(error)}
-    part = task.out / "answer.part"
-    part.write_text(json.dumps(answer), "utf-8")
-    part.replace(task.out / "answer.json")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(work.perform(lambda spec: perform(Task.of(spec))))

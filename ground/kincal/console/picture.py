@@ -33,6 +33,7 @@ LISTEN = (
     *("KC_HK", "KC_EVENT", "KC_ACK", "KC_PROGRESS", "KC_PROPOSAL", "KC_ARM_STATE", "KC_PANTILT_STATE"),
     *("KC_DETECTION", "KC_ARM_CMD", "KC_MEAS"),
 )
+MOST_JPEG = 1 << 20  # bytes of a frame; flight's are at most 120 kB
 # events that say what became of a correction (kincal.review.status)
 _ROWS: dict[str, Callable[[Any], Plain]] = {"KC_EVENT": words.event, "KC_ACK": words.ack}
 _ABOUT_CORRECTIONS = ("COR_", "CAL_OUTLIER")
@@ -135,6 +136,11 @@ class Picture:
         with self._lock:
             return next((p for p in self.proposals.values() if crc_text(p.crc) == crc), None)
 
+    def heard_proposals(self) -> list[Proposal]:
+        """All proposals that are held, oldest first."""
+        with self._lock:
+            return list(self.proposals.values())
+
     def summary(self) -> LogSummary:
         """What was heard as the summary of a log: sessions, what became of corrections, last housekeeping."""
         with self._lock:
@@ -152,6 +158,14 @@ class Picture:
         with self._lock:
             value = self._values.get(channel)
             return value.message if value else None
+
+    def jpeg(self, seq: int) -> bytes | None:
+        """The newest frame of the camera, if it has this number and is a JPEG."""
+        image = self.newest("KC_IMAGE")
+        if image is None or image.seq != seq or image.n_bytes > MOST_JPEG:
+            return None
+        data = bytes(image.jpeg)
+        return data if data.startswith(b"\xff\xd8\xff") else None
 
     def snapshot(self) -> tuple[Plain, Cursor]:
         """All last values and the newest rows of the log, and the cursor from which changes go on."""
@@ -215,6 +229,8 @@ class Picture:
             return {**words.pantilt(message), "view_m": self.geometry.view(message)}
         if name == "KC_DETECTION":
             return {**words.detection(message), "image_px": self.geometry.image_px}
+        if name == "KC_IMAGE":
+            return words.frame(message)
         if name == "poses":
             return [words.pose(p) for p in message.progress]
         return None

@@ -22,9 +22,11 @@ from .desk import Desk
 from .geometry import Geometry
 from .guard import LOOPBACK, Access
 from .memory import Memory
+from .past import Past
 from .picture import Picture
 from .shelf import Shelf
 from .sources import Live, Recording
+from .spaces import Spaces
 
 PORT = 8674
 FOLDER = Path("~/.kincal/console")
@@ -62,18 +64,20 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
     picture, bench = Picture(geometry), Bench(options.folder / "bench", options.files)
     source: AbstractContextManager[object] = nullcontext()
     recorded: AbstractContextManager[object] = nullcontext()
-    shelf = Shelf(options.tables_dir, options.folder.expanduser() / "tables", None)
+    home = options.folder.expanduser()
+    shelf = Shelf(options.tables_dir, home / "made", home / "tables", None)
+    spaces = Spaces(home / "space", shelf, geometry)
     if options.log is not None:
-        console = Console(
-            str(options.log), geometry, picture, None, Recording.read(options.log), bench, "", shelf
-        )
+        recorded_log = Recording.read(options.log)
+        console = Console(str(options.log), geometry, picture, None, recorded_log, bench, "", shelf, spaces)
     else:
         desk = Desk(
             options.url, options.key_file, options.journal, options.tables_dir, picture, options.timeout_s
         )
-        shelf = Shelf(options.tables_dir, options.folder.expanduser() / "tables", desk)
+        shelf.desk = desk
         where = str((options.recordings or recording.FOLDER).expanduser()) if options.record else ""
-        console = Console(options.url, geometry, picture, desk, None, bench, where, shelf)
+        past = Past(options.url, options.recordings, home / "history", picture, shelf, desk)
+        console = Console(options.url, geometry, picture, desk, None, bench, where, shelf, spaces, past)
         memory = Memory(options.folder, options.url)
         if found := memory.recall(picture):
             picture.note("info", "RECALLED", f"{found} messages of before this console was started")
@@ -85,7 +89,7 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
     )  # fmt: skip
     # uvicorn raises the signal that ended it once more: without this the process would end before the rest
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    with listening, recorded, source, bench:
+    with listening, recorded, source, bench, spaces:
         ready(access)
         server = uvicorn.Server(config)
         if options.seconds is not None:

@@ -1,104 +1,129 @@
-"""Tables behind the console: those of its folder beside those in force, values, read back, difference, send;
-and why a candidate is in the search space."""
+"""Tables behind the console: those of its folder and those made here, beside those in force: values, read
+back, difference, send."""
 
 from __future__ import annotations
 
-import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kincal import tables
 from kincal.api import operate
 from kincal.api.tables import check
-from kincal.link import dump, upload, write_image
+from kincal.link import dump, unsigned32, upload, write_image
 from kincal.operate.acting import write
-from kincal.pages.page import Cell, Grid
-from kincal.review import check_words, journal
-from kincal_shared import installation
+from kincal.pages.page import Grid
+from kincal.review import check_words, journal, parse_crc
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
 
 from .desk import Desk, Words
 from .document import plain_grid
+from .geometry import candidates
 from .words import kinds
-
-if TYPE_CHECKING:
-    from kincal.space import CheckLine, Checks, SpaceTable
 
 REVIEWED = "KIN"
 """What only a review puts in force."""
 _MOST_ROWS = 1500
-_SPACE_SOURCE = "tables/src/space.toml"
+FOLDER, MADE, READ = "folder", "made", "read"
+"""Where a table lies: in the folder of the console, made here, or read back."""
 Plain = dict[str, Any]
 
 
 @dataclass
 class Shelf:
-    """folder: tables of this console; read: where those that were read back are kept; desk: None: nothing can
-    be sent."""
+    """folder: tables of this console; made: those that were made here (a search space, the terms of a
+    model); read: those that were read back; desk: None: nothing can be sent."""
 
     folder: Path
+    made: Path
     read: Path
     desk: Desk | None
-    _checks: tuple[Checks, SpaceTable] | None = None
-    _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def _file(self, kind: str) -> Path:
-        if kind.upper() not in kinds().values():
-            raise BadInput(f"no such kind of table: {kind[:40]}")
-        return self.folder / f"{kind.lower()}.tbl"
+    def place(self, kind: str, of: str) -> Path:
+        """File of a table. BadInput for a kind or place that there is not."""
+        where = {FOLDER: self.folder, MADE: self.made, READ: self.read}.get(of)
+        if kind.upper() not in kinds().values() or where is None:
+            raise BadInput(f"no such table: {kind[:40]} {of[:40]}")
+        return where / f"{kind.lower()}.tbl"
+
+    def flown(self) -> Path:
+        """A folder with the tables in force, as far as they lie here; of other kinds those of `folder`."""
+        hk = self.desk.picture.newest("KC_HK") if self.desk is not None else None
+        out = self.made.parent / "flown"
+        out.mkdir(parents=True, exist_ok=True)
+        for number, kind in kinds().items():
+            wanted = unsigned32(hk.table_crc[number]) if hk is not None else 0
+            found = [f for of in (FOLDER, MADE, READ) if (f := self.place(kind, of)).is_file()]
+            right = next((f for f in found if _crc(f) == wanted), found[0] if found else None)
+            if right is not None:
+                (out / right.name).write_bytes(right.read_bytes())
+        return out
+
+    def candidates(self, crc: str) -> Plain:
+        """Tool positions of the SPACE table with this CRC. BadInput if it does not lie here."""
+        for of in (FOLDER, MADE, READ):
+            file = self.place("SPACE", of)
+            if file.is_file() and _crc(file) == parse_crc(crc):
+                return {"space": crc, "candidates_m": candidates(tables.load(file)[1])}
+        raise BadInput(f"SPACE table {crc} does not lie here", todo="read it back in Space")
 
     # ---- looking
 
     def state(self) -> list[Plain]:
         """A row a kind: CRC in force, in the folder and read back."""
-        return [self._row(kind) for _, kind in sorted(kinds().items())]
+        return [self.row(kind) for _, kind in sorted(kinds().items())]
 
-    def _row(self, kind: str) -> Plain:
-        file, there = self._file(kind), self.read / f"{kind.lower()}.tbl"
-        row: Plain = {"kind": kind, "file": str(file), "crc": "", "trouble": "", "read": ""}
-        try:
-            row["crc"] = tables.load(file)[0].crc_text
-        except KincalError as error:
-            row["trouble"] = error.what
-        if there.is_file():
-            row["read"] = tables.load(there)[0].crc_text
-        return row
+    def row(self, kind: str) -> Plain:
+        """CRCs of a kind by place, empty for none; trouble: of the one in the folder."""
+        out: Plain = {"kind": kind, "file": str(self.place(kind, FOLDER)), "trouble": ""}
+        for of in (FOLDER, MADE, READ):
+            file, name = self.place(kind, of), "crc" if of == FOLDER else of
+            out[name] = ""
+            try:
+                if of == FOLDER or file.is_file():
+                    out[name] = tables.load(file)[0].crc_text
+            except KincalError as error:
+                out["trouble"] = out["trouble"] or error.what
+        return out
 
-    def values(self, kind: str) -> Plain:
-        """Every field of the table in the folder."""
-        image, struct = tables.load(self._file(kind))
+    def values(self, kind: str, of: str = FOLDER) -> Plain:
+        """Every field of a table."""
+        file = self.place(kind, of)
+        image, struct = tables.load(file)
         flat = tables.flatten(tables.readable(struct))
         rows = [[path, _said(value)] for path, value in list(flat.items())[:_MOST_ROWS]]
         rest = len(flat) - len(rows)
-        note = f"{rest} more fields: `kincal table show {self._file(kind)}`" if rest > 0 else ""
+        note = f"{rest} more fields: `kincal table show {file}`" if rest > 0 else ""
         return {"crc": image.crc_text, "grid": plain_grid(Grid.of("<field|<value", rows, note))}
 
-    def difference(self, kind: str) -> Plain:
-        """Between the table in the folder and the one that was read back."""
-        there = self.read / f"{kind.lower()}.tbl"
-        if not self._file(kind).is_file() or not there.is_file():
-            raise BadInput(f"the {kind} table was not read back yet")
-        mine, board, changes = tables.diff(self._file(kind), there)
+    def difference(self, kind: str, of: str = FOLDER, to: str = READ) -> Plain:
+        """Between two tables of a kind, as a rule the one of the folder and the one that was read back."""
+        file, there = self.place(kind, of), self.place(kind, to)
+        if not file.is_file() or not there.is_file():
+            missing = "was not read back yet" if file.is_file() and to == READ else "is not there"
+            raise BadInput(f"the {kind} table {missing}")
+        mine, other, changes = tables.diff(file, there)
         rows = [[c.path, _said(c.a), _said(c.b)] for c in changes[:_MOST_ROWS]]
         rest = len(changes) - len(rows)
-        grid = Grid.of("<field|<in the folder|<read back", rows, f"{rest} more" if rest > 0 else "")
-        return {"crc": mine.crc_text, "read": board.crc_text, "n": len(changes), "grid": plain_grid(grid)}
+        names = {FOLDER: "in the folder", MADE: "made here", READ: "read back"}
+        heads = f"<field|<{names[of]}|<{names[to]}"
+        grid = Grid.of(heads, rows, f"{rest} more" if rest > 0 else "")
+        return {"crc": mine.crc_text, "read": other.crc_text, "n": len(changes), "grid": plain_grid(grid)}
 
     # ---- the link
 
     def read_back(self, kind: str) -> Plain:
         """Bring down the table in force."""
         desk, name = self._desk(), kind.lower()
-        self._file(kind)
+        file = self.place(kind, READ)
         with desk.link(signed=True) as link:
             image = dump(link, name, max(desk.timeout_s, 20.0))
-        write_image(image, self.read / f"{name}.tbl")
+        write_image(image, file)
         desk.picture.note("info", "READ_BACK", f"{kind} table {image.crc_text}, {len(image.data)} bytes")
         return {"ok": True, "text": f"{kind} table {image.crc_text} read back"}
 
-    def send(self, kind: str, crc: str, words: Words) -> Plain:
-        """Put the table of the folder in force; crc: as it was shown. BadInput if flight would refuse it."""
+    def send(self, kind: str, crc: str, words: Words, of: str = FOLDER) -> Plain:
+        """Put a table in force; crc: as it was shown. BadInput if flight would refuse it."""
         desk = self._desk()
         check_words(words.by, words.why)
         if kind.upper() == REVIEWED:
@@ -106,11 +131,12 @@ class Shelf:
                 f"a {REVIEWED} table is not sent from here: corrections are reviewed",
                 todo="in an emergency `kincal table uplink`",
             )
-        image, _ = check(self._file(kind), self.folder)
+        if of == READ:
+            raise BadInput("a table that was read back is in force, or was: choose one to send")
+        file = self.place(kind, of)
+        image, _ = check(file, self.flown())
         if image.crc_text != crc:
-            raise CommandFailed(
-                f"the file holds table {image.crc_text} now, not {crc}", str(self._file(kind))
-            )
+            raise CommandFailed(f"the file holds table {image.crc_text} now, not {crc}", str(file))
         request, who = operate.activate(kind.lower(), image.crc), desk.operator(words)
         with desk.link(signed=True) as link:
             signer = link.signer
@@ -132,34 +158,12 @@ class Shelf:
             raise BadInput("this is a recording: nothing can be sent")
         return self.desk
 
-    # ---- the search space
 
-    def explain(self, candidate: int) -> Plain:
-        """All checks of a candidate of the SPACE table in the folder."""
-        installation.require("sim", "an explanation")
-        from kincal import space
-        from kincal.api import spaces
-
-        with self._lock:
-            if self._checks is None:
-                _, table = spaces.load(self._file("SPACE"), self.folder)
-                self._checks = spaces.checks(installation.file(_SPACE_SOURCE), self.folder), table
-            asked, table = self._checks
-            lines = space.explain_candidate(asked, table, candidate)
-        rows = [(x.check, x.got, x.want, _kept(x)) for x in lines]
-        good = all(x.ok for x in lines if x.counts)
-        return {
-            "candidate": candidate,
-            "good": good,
-            "of": table.n_candidates,
-            "grid": plain_grid(Grid.of("<check|<found|<wanted|<kept", rows)),
-        }
-
-
-def _kept(line: CheckLine) -> Cell:
-    if not line.counts:
-        return Cell("for information")
-    return Cell("yes", "good") if line.ok else Cell("no", "bad")
+def _crc(file: Path) -> int | None:
+    try:
+        return tables.load(file)[0].crc
+    except KincalError:
+        return None
 
 
 def _said(value: Any) -> str:

@@ -26,7 +26,7 @@ class Live:
     def __init__(self, url: str, picture: Picture, memory: Memory | None = None) -> None:
         self.url, self.picture, self.memory = url, picture, memory
         self._stop = threading.Event()
-        self._link = Link(url, LISTEN)
+        self._link = Link(url, (*LISTEN, "KC_IMAGE"))
         self._thread = threading.Thread(target=self._run, name="console-live", daemon=True)
 
     def __enter__(self) -> Live:

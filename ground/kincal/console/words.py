@@ -12,7 +12,17 @@ from kincal.flight import event_name, event_text, library, status_name
 from kincal.link import crc_text, names, unsigned32
 
 if TYPE_CHECKING:
-    from kincal.link.messages import Ack, ArmState, Detection, Event, Hk, PantiltState, Progress, Proposal
+    from kincal.link.messages import (
+        Ack,
+        ArmState,
+        Detection,
+        Event,
+        Hk,
+        Image,
+        PantiltState,
+        Progress,
+        Proposal,
+    )
 
 Plain = dict[str, Any]
 NEAR_SHARE = 0.05  # of the range of a joint: so close to a limit is "near"
@@ -176,11 +186,17 @@ def detection(m: Detection) -> Plain:
             }
             for k in range(n)
         ],
+        "seq": m.seq,
         "rms_px": finite(round(m.rms_px, 3)),
         "range_m": finite(round(m.range_m, 3)),
         "incidence_deg": finite(round(math.degrees(m.incid_rad), 1)),
         "tool_px": _rounded((m.u_px, m.v_px), 1) if n else None,
     }
+
+
+def frame(m: Image) -> Plain:
+    """KC_IMAGE without the image itself, which is asked for by its number."""
+    return {"seq": m.seq, "size_px": [m.width_px, m.height_px]}
 
 
 def pose(m: Progress) -> Plain:

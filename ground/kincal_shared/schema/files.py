@@ -46,7 +46,7 @@ class _Documented(GenerateJsonSchema):
     def model_schema(self, schema: ModelSchema) -> JsonSchemaValue:
         """Schema of one table."""
         found, table = super().model_schema(schema), schema["cls"]
-        texts = _texts_under_keys(table)
+        texts = texts_under_keys(table)
         for name, field in table.model_fields.items():
             kind = model_of(field.annotation)
             if name in texts and (kind is None or texts[name] != kind.__doc__):  # the table says so itself
@@ -54,7 +54,7 @@ class _Documented(GenerateJsonSchema):
         return found
 
 
-def _texts_under_keys(table: type) -> dict[str, str]:
+def texts_under_keys(table: type) -> dict[str, str]:
     """By attribute: the string that stands under it in the source of its class."""
     found: dict[str, str] = {}
     for cls in reversed(table.__mro__):

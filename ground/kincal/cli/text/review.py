@@ -13,7 +13,8 @@ from kincal.results import angle_text, chance_text, length_text
 from kincal.review import NUMBERS, CoefLine, Review, reasons_to_reject
 from kincal.review.changes import Changes, amount
 from kincal.review.decisions import OnBoard
-from kincal.review.journal import SAID, Journal
+from kincal.review.history import History, Trend, decided, utc
+from kincal.review.journal import SAID, Entry, Journal
 from kincal.review.residuals import PoseResidual
 from kincal.review.status import Choice, Listed, Status, choices, see_first
 from kincal.review.thresholds import Limits, Threshold, thresholds
@@ -33,6 +34,26 @@ def proposals(out: Console, logs: Sequence[Sequence[Listed]]) -> None:
         out.print(rows)
     elif logs:
         out.print("no proposals in these logs")
+
+
+def history(out: Console, found: History, trends: Sequence[Trend], entries: Sequence[Entry]) -> None:
+    """What was in force when, coefficients over the corrections, states of the monitor; oldest first."""
+    rows = grid("in force", "from [UTC]", "table", "CRC", "what", "decided by")
+    for x in found.in_force:
+        what, who = escape(found.what(x)), escape(decided(x, entries))
+        rows.add_row(utc(x.utc_s), x.kind, x.crc or "none", what, who)
+    out.print(rows)
+    columns = ("coefficient", "correction", "value", "1 sigma", "bound", "put in force")
+    rows = grid("coefficients", *columns, right=(2, 3, 4))
+    for t in trends:
+        for p in t.points:
+            sizes = amount(p.value, t.unit), amount(p.sigma, t.unit), amount(max(-t.lower, t.upper), t.unit)
+            rows.add_row(escape(t.name), p.crc, *sizes, "yes" if p.active else "no")
+    out.print(rows if trends else "no coefficients: no correction, or of TERMS tables that are not at hand")
+    rows = grid("monitor", "from [UTC]", "state", "suspected")
+    for m in found.monitor_changes():
+        rows.add_row(utc(m.utc_s), m.text, m.suspected)
+    out.print(rows)
 
 
 def on_board(out: Console, waits: OnBoard, signing: str = "", sending: str = "") -> None:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from kincal.cli.text.layout import grid
-from kincal.results import angle_text, length_text, spans, summed
+from kincal.results import angle_text, length_text, summed
 
 if TYPE_CHECKING:
     from kincal import space as space_mod
@@ -34,38 +34,13 @@ def _reasons(out: Console, head: str, reasons: dict[str, int]) -> None:
     out.print(rows)
 
 
-def facts(n: space_mod.Summary) -> list[tuple[str, str]]:
-    """What is to be known of a search space: (what, value)."""
-    box = zip(n.box_min_m, n.box_max_m, strict=True)
-    return [
-        ("candidates, hubs", f"{n.candidates}, {n.hubs}"),
-        ("local initial poses", f"{n.local_initial}, of which {n.reserve} are in reserve"),
-        ("initial poses (candidate index)", " ".join(map(str, n.initial))),
-        ("direct segments", str(n.direct_edges)),
-        ("stops", f"{n.stops} on the way to {n.stopping} candidates"),
-        ("box of the tool", " x ".join(f"{a:.3f}..{b:.3f} m" for a, b in box)),
-        ("camera distance", f"{n.range_m[0]:.2f}..{n.range_m[1]:.2f} m"),
-        ("incidence", f"{n.incid_deg[0]:.0f}..{n.incid_deg[1]:.0f} deg (most oblique tag in view)"),
-        ("candidates with two tags in view", str(n.two_tags)),
-        ("nearest neighbour", f"{n.nearest_m * 1e3:.0f} mm (median)"),
-        ("servo bound", f"{spans(n.servo_bound_rad)} rad"),
-        ("verified for DH errors up to", _verified(n.verified)),
-        ("candidates with a check missing", str(n.unchecked)),
-        ("built for the arm table here", "yes" if n.arm_fits else f"NO: for {n.arm_crc:08x}"),
-    ]
-
-
-def _verified(bounds: Sequence[Sequence[float]]) -> str:
-    phi, alpha, a, d = bounds
-    lengths = f"a {spans(1e3 * x for x in a)} mm, d {spans(1e3 * x for x in d)} mm"
-    return f"phi {spans(phi)} rad, alpha {spans(alpha)} rad, {lengths}"
-
-
 def summary(out: Console, image: Image, numbers: space_mod.Summary) -> None:
     """What `kincal space show` prints."""
+    from kincal.space import words
+
     out.print(f"[bold]search space[/], CRC {image.crc_text}")
     rows = grid("", "what", "value")
-    for what, value in facts(numbers):
+    for what, value in words.facts(numbers):
         rows.add_row(what, value)
     out.print(rows)
 
@@ -101,16 +76,11 @@ def checked(out: Console, path: Path, table: space_mod.SpaceTable, found: space_
 
 def diff(out: Console, a: Image, b: Image, d: space_mod.Difference) -> None:
     """What changed from one table to another."""
+    from kincal.space import words
+
     rows = grid(f"{a.crc_text} -> {b.crc_text}", "what", "value")
-    rows.add_row("candidates in both", str(d.same))
-    rows.add_row("only in the first, only in the second", f"{len(d.only_a)}, {len(d.only_b)}")
-    rows.add_row("hubs", f"{d.n_hubs[0]} -> {d.n_hubs[1]}" + (", moved" if d.hubs_differ else ""))
-    local = f"{d.n_local[0]} -> {d.n_local[1]}" + (", changed" if d.local_differ else "")
-    rows.add_row("local initial poses", local)
-    rows.add_row("servo bound", f"{spans(d.servo_bound_rad[0])} -> {spans(d.servo_bound_rad[1])} rad")
-    rows.add_row("verified for DH errors up to", f"{_verified(d.verified[0])} -> {_verified(d.verified[1])}")
-    rows.add_row("new candidate farthest from any old one", f"{d.farthest_new_m * 1e3:.0f} mm")
-    rows.add_row("least kernel covariance of a new one with the old", f"{d.min_covariance:.3f}")
+    for what, value in words.difference(d):
+        rows.add_row(what, value)
     out.print(rows)
 
 

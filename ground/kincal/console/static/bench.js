@@ -1,6 +1,7 @@
 // The model workbench: files -> compare -> diagnose -> add what was found -> fit, until the error no longer falls.
 // What takes long runs in a process of its own; the state lies on disk, so a reload or another browser goes on.
 import { age, el, fixed, mark, show } from "./dom.js";
+import { next, own, uplink } from "./benchmore.js";
 import { document_ } from "./document.js";
 import { say } from "./said.js";
 import { ask, store, tell, upload } from "./store.js";
@@ -9,6 +10,7 @@ const TASKS = [
   ["compare", "Compare", "Does the model explain the data? Seconds."],
   ["diagnose", "Diagnose", "Which effect is missing? Up to some minutes."],
   ["fit", "Fit", "Fit the model, with its error on held-out poses. Seconds to a minute."],
+  ["next", "Next poses", "The poses that separate effects best."],
 ];
 const POLL_MS = 700;
 let parts = null, state = null, chosen = null, answer = null, timer = null, stamp = "", known = "";
@@ -16,11 +18,11 @@ let parts = null, state = null, chosen = null, answer = null, timer = null, stam
 export function open(root) {
   parts = {
     files: el("section", { class: "card" }), model: el("section", { class: "card" }), work: el("section", { class: "card work" }),
-    tabs: el("nav", { class: "tabs", "aria-label": "Answers" }), answer: el("div", { class: "answer", tabindex: "0", role: "region", "aria-label": "Answer" }), found: el("aside", { class: "card found" }),
+    tabs: el("nav", { class: "tabs", "aria-label": "Answers" }), answer: el("div", { class: "answer", tabindex: "0", role: "region", "aria-label": "Answer" }), found: el("section", { class: "card found" }), next: el("div", {}), uplink: el("div", {}),
   };
   stamp = known = "";
   answer = null;
-  show(root, el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "Files, model, work" }, parts.files, parts.model, parts.work), el("div", { class: "middle" }, parts.tabs, parts.answer), parts.found);
+  show(root, el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "Files, model, work" }, parts.files, parts.model, parts.work), el("div", { class: "middle" }, parts.tabs, parts.answer), el("aside", { class: "right", tabindex: "0", role: "region", "aria-label": "Findings and what follows" }, parts.found, parts.next, parts.uplink));
   poll();
 }
 export function close() { clearTimeout(timer); parts = null; }
@@ -98,13 +100,14 @@ async function send(list) {
 
 function model() {
   const { effects, past } = state.case;
-  const input = el("input", { type: "text", name: "effect", placeholder: "backlash[4]", "aria-label": "Effect to add", autocomplete: "off" });
-  const form = el("form", { class: "add" }, input, el("button", { type: "submit" }, "add"));
+  const input = el("input", { type: "text", name: "effect", placeholder: "backlash[4]", "aria-label": "Effect to add", autocomplete: "off", list: "effects-known" });
+  const names = el("datalist", { id: "effects-known" }, state.library.map((e) => el("option", { value: e.per === "joint" ? `${e.name}[1]` : e.name }, e.title)));
+  const form = el("form", { class: "add" }, input, el("button", { type: "submit" }, "add"), names);
   form.addEventListener("submit", (event) => { event.preventDefault(); if (input.value.trim()) add(input.value.trim()); });
   show(parts.model, el("h2", {}, "Model ", el("span", { class: "space" }), el("button", { type: "button", disabled: !past.length, title: past.length ? `back to: ${past.at(-1).join(", ") || "DH errors alone"}` : null, onclick: () => act("undo") }, "undo")),
     el("ul", { class: "effects" }, el("li", {}, el("span", {}, "DH errors, base and tool frame")),
       effects.map((name) => el("li", {}, el("b", {}, name), el("button", { type: "button", "aria-label": `remove ${name}`, onclick: () => act("effects", { effects: effects.filter((e) => e !== name) }) }, "remove")))),
-    form, errorOfFits());
+    form, el("p", { class: "small" }, el("a", { href: "#workbench/own" }, "An effect of your own …")), errorOfFits());
 }
 
 const add = (...names) => act("effects", { effects: [...state.case.effects, ...names] });
@@ -128,7 +131,7 @@ function work() {
   const job = state.job, running = job?.status === "running", ready = state.case.arm && state.case.data;
   const p = job?.progress ?? {};
   show(parts.work, el("h2", {}, "Work"),
-    el("div", { class: "buttons" }, TASKS.map(([what, label, about]) => el("button", { type: "button", title: about, disabled: running || !ready, onclick: () => act("run", { what }) }, label))),
+    el("div", { class: "buttons" }, TASKS.filter(([what]) => what !== "next").map(([what, label, about]) => el("button", { type: "button", title: about, disabled: running || !ready, onclick: () => act("run", { what }) }, label))),
     !ready ? el("p", { class: "muted small" }, "Choose an arm and measurements first.") : null,
     running ? el("div", { class: "progress" }, el("progress", p.of ? { max: String(p.of), value: String(p.done) } : {}), el("p", {}, `${job.what}: ${p.what ?? "begins"}${p.of ? ` ${p.done} of ${p.of}` : ""}, `, el("span", { class: "elapsed" })), el("button", { type: "button", onclick: () => act("cancel") }, "cancel")) : null,
     job && !running ? el("p", { class: job.status === "failed" ? "bad" : "muted" }, mark(job.status === "failed" ? "beyond" : job.status === "done" ? "ok" : "unknown", job.status), ` ${job.what} ${job.status === "done" ? job.text : job.status === "failed" ? `failed: ${job.text}` : job.status}`) : null);
@@ -140,6 +143,13 @@ async function load() {
   if (!parts || !state) return;
   tabs();
   const what = chosen;
+  follow();
+  if (what === "own") {
+    answer = null;
+    own(parts.answer, async (name) => { await act("effects", { effects: state.case.effects.includes(name) ? state.case.effects : [...state.case.effects, name] }); location.hash = "#workbench/fit"; });
+    found();
+    return;
+  }
   if (!state.answers[what]) {
     answer = null;
     show(parts.answer, el("p", { class: "muted" }, state.case.arm && state.case.data ? `No answer of ${what} yet: start it at the left.` : "Choose an arm and measurements at the left, or upload them."));
@@ -154,14 +164,21 @@ async function load() {
   show(parts.answer,
     got.current ? null : el("p", { class: "attention" }, `▲ This answer is of another case: ${got.key.arm}, ${got.key.data}, effects: ${got.key.effects.join(", ") || "none"}.`),
     got.note ? el("p", { class: "attention" }, `▲ ${got.note}`) : null,
-    got.files?.length ? el("p", {}, "Take away: ", got.files.map((f) => [el("a", { href: `/api/bench/file/${what}/${encodeURIComponent(f)}`, download: f }, f), " "])) : null,
+    got.files?.length ? el("p", {}, "Take away: ", got.files.flatMap((f) => [el("a", { href: `/api/bench/file/${what}/${encodeURIComponent(f)}`, download: f }, f), " "])) : null,
     page.node, got.text ? el("details", { open: what === "compare" }, el("summary", {}, "The answer as text"), el("pre", {}, got.text)) : null);
   page.draw();
   found();
 }
 
+// What an answer leads to.
+function follow() {
+  const running = state.job?.status === "running";
+  show(parts.next, next(state.case.effects.slice(-2), act, running));
+  show(parts.uplink, uplink(state));
+}
+
 function tabs() {
-  show(parts.tabs, TASKS.map(([what, label]) => el("a", { href: `#workbench/${what}`, "aria-current": what === chosen ? "page" : null }, label, state.answers[what] ? null : el("span", { class: "muted" }, " –"))));
+  show(parts.tabs, TASKS.map(([what, label]) => el("a", { href: `#workbench/${what}`, "aria-current": what === chosen ? "page" : null }, label, state.answers[what] ? null : el("span", { class: "muted" }, " –"))), el("a", { href: "#workbench/own", "aria-current": chosen === "own" ? "page" : null }, "Own effect"));
 }
 
 async function found() {

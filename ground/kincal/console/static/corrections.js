@@ -3,6 +3,7 @@
 import { el, fixed, mark, mission, show } from "./dom.js";
 import { confirmed } from "./confirm.js";
 import { document_, grid } from "./document.js";
+import { question } from "./benchmore.js";
 import { ask, keep, kept, now_s, store, tell } from "./store.js";
 
 let parts = null, chosen = null, shown = null, stamp = {};
@@ -111,6 +112,7 @@ async function load() {
   const page = document_(found.page);
   shown = { crc, found, page };
   show(parts.review, page.node);
+  page.node.querySelector(".sub").after(...[question(crc)].filter(Boolean));
   page.draw();
   parts.review.scrollTop = top;
   decide();

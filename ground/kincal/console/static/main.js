@@ -6,12 +6,16 @@ import * as now from "./now.js";
 import * as corrections from "./corrections.js";
 import * as bench from "./bench.js";
 import * as tables from "./tables.js";
+import * as space from "./space.js";
+import * as history from "./history.js";
 
 const VIEWS = [
   { key: "now", title: "Now", view: now },
   { key: "corrections", title: "Corrections", view: corrections },
   { key: "workbench", title: "Workbench", view: bench },
   { key: "tables", title: "Tables", view: tables },
+  { key: "spaces", title: "Space", view: space },
+  { key: "history", title: "History", view: history },
 ];
 const at = (id) => document.getElementById(id);
 let current = null;

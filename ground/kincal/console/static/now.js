@@ -3,14 +3,18 @@ import { age, el, fixed, mark, show, svg } from "./dom.js";
 import { confirmed } from "./confirm.js";
 import { eventList } from "./events.js";
 import { LIGHT, draw } from "./plots.js";
-import { freshness, store } from "./store.js";
+import { arm as armOf, dots, layout, line, view as viewOf } from "./scene.js";
+import { ask, freshness, store } from "./store.js";
 
 const DRAW_MS = 600;  // between two pictures of the arm
+const SHARE = 5;      // a picture takes at most this part of the time, so that a slow machine still takes clicks
+const FRAME_MS = 700; // between two frames of the camera
+const TRAIL = 400, STEP_M = 0.004;  // of the way of the tool: points at most, and how far apart
 const HEARD = [
   ["KC_HK", "housekeeping"], ["KC_ARM_STATE", "arm"], ["KC_PANTILT_STATE", "pan-tilt unit"],
   ["KC_DETECTION", "tag detection"], ["poses", "last pose"],
 ];
-let parts = null, stamp = {}, drawnAt = 0;
+let parts = null, stamp = {}, drawnAt = 0, cost = 0, shownAt = 0, shownFrame = null, trail = [], trailOf = null, trailAt = 0, known = null;
 
 export function open(root) {
   const events = eventList();
@@ -47,7 +51,7 @@ export function update() {
   ages();
   whenNew("KC_ARM_STATE", joints);
   whenNew("KC_HK", health);
-  whenNew("KC_DETECTION", frame);
+  camera();
   whenNew("poses", poses);
   scene();
   parts.events.update();
@@ -152,22 +156,35 @@ function health(hk) {
 
 // ------------------------------------------------------------------ camera
 
+// Frames come faster than they are shown; tags are drawn with the frame that they were found in, if it was transmitted.
+function camera() {
+  const image = store.values.KC_IMAGE, tags = store.values.KC_DETECTION;
+  const key = JSON.stringify([image?.data.seq, image?.received_s, tags?.data.seq, tags?.received_s]);
+  if (stamp.camera === key || Date.now() - shownAt < FRAME_MS) return;
+  stamp.camera = key;
+  shownAt = Date.now();
+  shownFrame = image ? image.data : null;
+  frame(tags?.data);
+}
+
 function frame(data) {
-  if (!data) { show(parts.frame, el("p", { class: "muted" }, "No detection was heard.")); return; }
-  const [width, height] = data.image_px;
-  const made = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${data.tags.length} tags in the camera's image` });
+  if (!data && !shownFrame) { show(parts.frame, el("p", { class: "muted" }, "No detection and no frame was heard.")); return; }
+  const [width, height] = data?.image_px ?? shownFrame.size_px;
+  const made = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${shownFrame ? `frame ${shownFrame.seq} of the camera, ` : ""}${data?.tags.length ?? 0} tags` });
+  if (shownFrame) made.append(svg("image", { href: `/api/frame/${shownFrame.seq}`, x: 0, y: 0, width, height, preserveAspectRatio: "none" }));
   made.append(svg("rect", { x: 0, y: 0, width, height, class: "image" }));
-  for (const tag of data.tags) {
+  for (const tag of data?.tags ?? []) {
     const corners = tag.corners_px;
     made.append(svg("polygon", { points: corners.map((c) => c.join(",")).join(" "), class: "tag-shape" }));
     const text = svg("text", { x: corners[0][0], y: Math.min(...corners.map((c) => c[1])) - height * 0.03, "font-size": height * 0.09 });
     text.textContent = `tag ${tag.id}`;
     made.append(text);
   }
-  if (data.tool_px) made.append(svg("circle", { cx: data.tool_px[0], cy: data.tool_px[1], r: height * 0.02, class: "tool" }));
-  show(parts.frame, made, el("p", { class: "small" }, mark(data.tags.length ? "ok" : "near"), data.tags.length
+  if (data?.tool_px) made.append(svg("circle", { cx: data.tool_px[0], cy: data.tool_px[1], r: height * 0.02, class: "tool" }));
+  const of = !shownFrame ? "tags only: no frame is transmitted on KC_IMAGE" : !data ? `frame ${shownFrame.seq}` : data.seq === shownFrame.seq ? `frame ${shownFrame.seq} and its tags` : `▲ frame ${shownFrame.seq}, tags of frame ${data.seq}`;
+  show(parts.frame, made, el("p", { class: "small muted" }, of), data ? el("p", { class: "small" }, mark(data.tags.length ? "ok" : "near"), data.tags.length
     ? ` ${data.tags.length} tags, range ${fixed(data.range_m, 2, "m")}, incidence ${fixed(data.incidence_deg, 0, "°")}, residual ${fixed(data.rms_px, 2, "px")}`
-    : " no tags in the last frame"));
+    : " no tags in the last frame") : null);
 }
 
 // ------------------------------------------------------------------ poses
@@ -196,36 +213,45 @@ function poses(rows) {
 
 // ------------------------------------------------------------------ arm
 
+// Candidates of the SPACE table in force: of this console's own, or of one that lies here; else none, and said.
+function spaceInForce(hk) {
+  const crc = hk?.tables.SPACE || store.about.scene.space;
+  if (crc === store.about.scene.space) return store.about.scene;
+  if (known?.space !== crc) {
+    known = { space: crc, candidates_m: [], missing: true };
+    ask(`candidates/${crc}`).then((got) => { known = got; stamp.scene = null; }).catch(() => { /* said beside the picture */ });
+  }
+  return known;
+}
+
+// Where the tool was in this session, by the encoders.
+function way(arm, hk) {
+  const tool = arm?.points_m?.at(-1), session = hk?.session;
+  if (trailOf !== session || store.t_us < trailAt) { trail = []; trailOf = session; }  // another one, or back in a recording
+  trailAt = store.t_us;
+  const last = trail.at(-1);
+  if (tool && (!last || Math.hypot(...tool.map((x, k) => x - last[k])) > STEP_M)) trail.push(tool);
+  if (trail.length > TRAIL) trail.shift();
+  return trail;
+}
+
 function scene() {
   const arm = store.values.KC_ARM_STATE?.data, view = store.values.KC_PANTILT_STATE?.data, hk = store.values.KC_HK?.data;
   const key = JSON.stringify([arm?.points_m, arm?.corrected_m, view?.view_m, hk?.candidate]);
-  if (stamp.scene === key || Date.now() - drawnAt < DRAW_MS) return;
+  if (stamp.scene === key || Date.now() - drawnAt < Math.max(DRAW_MS, SHARE * cost)) return;
   stamp.scene = key;
   drawnAt = Date.now();
   const f = freshness("KC_ARM_STATE");
-  show(parts.armText, arm ? (f.status === "fresh" || !store.about.live ? "by its encoders" : `as heard ${age(f.age_s)} ago`) : "not heard yet: candidates only");
-  const still = store.about.scene;
-  const line = (points, name, colour, width, more = {}) => ({
-    type: "scatter3d", mode: "lines", name, x: points.map((p) => p[0]), y: points.map((p) => p[1]), z: points.map((p) => p[2]),
-    line: { color: colour, width }, hoverinfo: "name", ...more,
-  });
-  const dots = (points, name, colour, size) => ({ ...line(points, name, colour, 1), mode: "markers", marker: { color: colour, size, opacity: 0.6 } });
-  const data = [{ ...dots(still.candidates_m, "candidates", LIGHT.grey, 1.8), showlegend: false }, line(still.mast_m, "camera mast", LIGHT.grey, 8, { showlegend: false })];
-  if (view?.view_m) {
-    const [eye, ...c] = view.view_m;
-    data.push(line([eye, c[0], c[1], eye, c[2], c[3], eye, c[0], c[3], c[2], c[1]], "camera view", LIGHT.orange, 2, { showlegend: false }));
-  }
-  const target = still.candidates_m[hk?.candidate];
+  show(parts.armText, arm ? (f.status === "fresh" || !store.about.live ? "by its encoders" : `as heard ${age(f.age_s)} ago`) : "not heard yet: candidates only", spaceInForce(hk).missing ? el("span", { class: "attention" }, ` ▲ candidates of SPACE ${hk.tables.SPACE} do not lie here`) : null);
+  const still = store.about.scene, space = spaceInForce(hk);
+  const data = [{ ...dots(space.candidates_m, "candidates", LIGHT.grey, 1.8), showlegend: false }, line(still.mast_m, "camera mast", LIGHT.grey, 8, { showlegend: false })];
+  if (view?.view_m) data.push(viewOf(view.view_m));
+  const target = space.candidates_m[hk?.candidate];
   if (target && hk.poses_goal) data.push(dots([target], `candidate ${hk.candidate}`, LIGHT.blue, 6));
   if (arm?.corrected_m) data.push(line(arm.corrected_m, "as the correction has it", LIGHT.green, 6, { mode: "lines+markers", marker: { size: 3, color: LIGHT.green }, opacity: 0.8 }));
-  if (arm?.points_m) data.push(line(arm.points_m, "arm", LIGHT.ink, 8, { mode: "lines+markers", marker: { size: 4, color: LIGHT.ink } }));
-  const axis = (text) => ({ title: { text, font: { size: 11 } }, gridcolor: LIGHT.grid, backgroundcolor: LIGHT.paper, color: LIGHT.muted, tickfont: { size: 10 } });
-  draw(parts.arm, {
-    data,
-    layout: {
-      uirevision: "arm", margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: LIGHT.paper, font: { size: 11, color: LIGHT.ink }, autosize: true,
-      scene: { uirevision: "arm", aspectmode: "data", xaxis: axis("x forward [m]"), yaxis: axis("y left [m]"), zaxis: axis("z up [m]"), camera: { eye: { x: 1.2, y: -1.6, z: 0.75 }, center: { x: 0, y: 0, z: -0.08 } } },
-      legend: { x: 0, y: 1, yanchor: "top", orientation: "h", bgcolor: "rgba(0,0,0,0)", font: { size: 10 } },
-    },
-  });
+  if (way(arm, hk).length > 1) data.push(line(trail, "way of the tool", LIGHT.blue, 3, { opacity: 0.7 }));
+  if (arm?.points_m) data.push(armOf(arm.points_m, "arm", LIGHT.ink));
+  const begun = performance.now();
+  draw(parts.arm, { data, layout: layout("arm") });
+  requestAnimationFrame(() => requestAnimationFrame(() => { cost = performance.now() - begun; }));
 }

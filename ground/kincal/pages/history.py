@@ -1,0 +1,119 @@
+"""The page of a mission's tables: what was in force when, trends of the coefficients and of the monitor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from kincal.pages import theme
+from kincal.pages.page import Grid, Page, Provenance, Section
+from kincal.review.history import History, Trend, decided, utc
+from kincal.review.journal import Entry
+
+_COLUMNS = 3
+_SCALE = {"rad": (180.0 / math.pi, "°"), "m": (1e3, "mm")}
+
+
+def page(history: History, trends: Sequence[Trend], entries: Sequence[Entry], provenance: Provenance) -> Page:
+    """trends: of the coefficients; entries: of the journal."""
+    n, unnamed = len(history.corrections), len(history.corrections) - _named(trends)
+    about = f"{n} corrections" + (
+        f", {unnamed} of them of TERMS tables that are not at hand" if unnamed else ""
+    )
+    sections = [
+        Section("in-force", "What was in force when", "By the recordings; who decided, by the journal.",
+                grid=in_force(history, entries)),
+        Section("trend", "Coefficients over the corrections",
+                "Dots: proposed value with 1 sigma, filled where it was put in force. Dotted: bounds.",
+                trend_figure(trends) if trends else None),
+        Section("monitor", "Monitor for miscalibration", "What it said of the joint that it suspects most.",
+                monitor_figure(history) if history.monitor else None, monitor_grid(history)),
+    ]  # fmt: skip
+    return Page("History", "Tables of the mission", about, provenance, sections)
+
+
+def _named(trends: Sequence[Trend]) -> int:
+    return max((len(t.points) for t in trends), default=0)
+
+
+def in_force(history: History, entries: Sequence[Entry]) -> Grid:
+    """Newest first. entries: who decided."""
+    rows = [
+        [utc(x.utc_s), x.kind, x.crc or "none", history.what(x), decided(x, entries)]
+        for x in reversed(history.in_force)
+    ]
+    return Grid.of("<from [UTC]|<table|<CRC|<what|<who and why", rows)
+
+
+def trend_figure(trends: Sequence[Trend]) -> go.Figure:
+    """One small plot for each coefficient."""
+    n_rows = -(-len(trends) // _COLUMNS)
+    titles = [_title(t) for t in trends]
+    figure = make_subplots(rows=n_rows, cols=_COLUMNS, subplot_titles=titles,
+                           vertical_spacing=min(0.3 / n_rows, 0.2), horizontal_spacing=0.09)  # fmt: skip
+    theme.styled(figure, 50 + 165 * n_rows, showlegend=False, margin={"t": 40})
+    figure.update_annotations(font={"size": theme.FONT_PX - 1})
+    for number, t in enumerate(trends):
+        at = {"row": number // _COLUMNS + 1, "col": number % _COLUMNS + 1}
+        scale, unit = _SCALE.get(t.unit, (1.0, t.unit))
+        x = [utc(p.utc_s) for p in t.points]
+        y, s = [p.value * scale for p in t.points], [p.sigma * scale for p in t.points]
+        figure.add_trace(
+            go.Scatter(
+                x=x, y=y, error_y={"type": "data", "array": s, "color": theme.BLUE, "thickness": 1.5},
+                mode="lines+markers", line={"color": theme.GREY, "width": 1},
+                marker={"color": [theme.BLUE if p.active else theme.PAPER for p in t.points], "size": 8,
+                        "line": {"color": theme.BLUE, "width": 1.5}},
+                customdata=[[p.crc, "in force" if p.active else "proposed only"] for p in t.points],
+                hovertemplate="%{customdata[0]}, %{customdata[1]}<br>%{y:.4g} ± %{error_y.array:.2g} "
+                              f"{unit}<extra></extra>",
+            ), **at,
+        )  # fmt: skip
+        reach = max(abs(v) + 2.0 * e for v, e in zip(y, s, strict=True))
+        for bound in (t.lower * scale, t.upper * scale):
+            if math.isfinite(bound) and abs(bound) <= 4.0 * max(reach, 1e-12):  # else it would hide the trend
+                figure.add_hline(bound, line={"color": theme.RED, "dash": "dot", "width": 1.2}, **at)
+        some = x[:: max(len(x) // 2, 1)]
+        figure.update_xaxes(type="category", showticklabels=number >= len(trends) - _COLUMNS,
+                            tickvals=some, ticktext=[text[5:16] for text in some], **at)  # fmt: skip
+    return figure
+
+
+def _title(t: Trend) -> str:
+    scale, unit = _SCALE.get(t.unit, (1.0, t.unit or "1"))
+    most = max(abs(t.lower), abs(t.upper)) * scale
+    return f"{t.name} [{unit}]" + (f", bound {most:.3g}" if math.isfinite(most) else "")
+
+
+def monitor_figure(history: History) -> go.Figure:
+    """Bias of the suspected joint over time; only where it names one."""
+    rows = [m for m in history.monitor if m.state == 1 and m.joint]
+    figure = go.Figure()
+    theme.styled(figure, 220, showlegend=True)
+    for joint in sorted({m.joint for m in rows}):
+        mine = [m for m in rows if m.joint == joint]
+        figure.add_trace(
+            go.Scatter(
+                x=[utc(m.utc_s) for m in mine], y=[math.degrees(m.bias_rad) for m in mine],
+                mode="lines+markers",
+                error_y={"type": "data", "array": [math.degrees(m.sigma_rad) for m in mine]},
+                name=f"joint {joint}", marker={"symbol": theme.SYMBOLS[joint % len(theme.SYMBOLS)]},
+                line={"color": theme.SERIES[joint % len(theme.SERIES)]},
+            )
+        )  # fmt: skip
+    quiet = [m for m in history.monitor if m.state == 0]
+    figure.add_trace(
+        go.Scatter(x=[utc(m.utc_s) for m in quiet], y=[0.0] * len(quiet), mode="markers", name="quiet",
+                   marker={"color": theme.GREEN, "size": 5})
+    )  # fmt: skip
+    figure.update_yaxes(title_text="bias [deg]")
+    return figure
+
+
+def monitor_grid(history: History) -> Grid:
+    """Its changes of state, newest first."""
+    rows = [[utc(m.utc_s), m.text, m.suspected] for m in reversed(history.monitor_changes())]
+    return Grid.of("<from [UTC]|<state|<suspected", rows)
