@@ -35,6 +35,7 @@ _OWN = "a file of your own has to be there, or none"
 COUNTER_WAIT_S = 1.0
 """Longest wait for a counter: whoever holds it does so for milliseconds, and an ABORT may be waiting."""
 _LOCK_POLL_S = 0.01
+_NAME_KEYS = f"name a file by --keys or ${VARIABLE}; `kincal key new` makes one"
 _ROOM = "free space there, then try again"
 # label, key, counter, t_us, source; then what a command or a chunk says
 _SENDER = "<16sIQqi"
@@ -191,8 +192,16 @@ def open_own(path: Path, what: str, flags: int = 0) -> FileIO:
 
 
 def file_of(path: Path | None) -> Path:
-    """The key file: the given one, else that of $KINCAL_KEYS, else ~/.kincal/keys."""
-    return (path or Path(os.environ.get(VARIABLE) or DEFAULT)).expanduser()
+    """The key file: the given one, else that of $KINCAL_KEYS, else ~/.kincal/keys. BadInput if that names no
+    file."""
+    named = path or Path(os.environ.get(VARIABLE) or DEFAULT)
+    try:
+        file = named.expanduser()
+    except RuntimeError:
+        raise BadInput("no keys: there is no such home folder", str(named), _NAME_KEYS) from None
+    if not file.name:
+        raise BadInput("no keys: this is a folder", str(named), _NAME_KEYS)
+    return file
 
 
 def signer_of(path: Path) -> Signer:
@@ -212,7 +221,7 @@ def read(path: Path) -> tuple[Key, ...]:
         raise BadInput(
             f"no keys: {error.strerror}",
             str(path),
-            f"name a file by --keys or ${VARIABLE}; `kincal key new` makes one",
+            _NAME_KEYS,
         ) from None
     return _parse(text.decode("ascii", "replace"), path)
 

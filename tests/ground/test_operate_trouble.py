@@ -9,11 +9,14 @@ import threading
 from contextlib import contextmanager
 
 import pytest
+from click.testing import CliRunner
 from direct_flight import DirectFlight
+from fake_flight import FakeFlight
 from samples import CRC, event, proposal
 
 import kcm
 from kincal.api import operate
+from kincal.cli import main
 from kincal.flight import library
 from kincal.review import from_message, journal, record
 from kincal.review.decisions import Operator, arm, go, reject, see
@@ -244,3 +247,114 @@ def test_two_programs_that_begin_at_the_same_moment_do_not_share_answers(key_fil
     assert first.send("APPROVE_GO", (CRC,)) != second.send("APPROVE_GO", (CRC,))
     alone = DirectFlight(), DirectFlight()
     assert len({link.send("NOOP") for link in alone}) == 1  # flight wants these to grow from start to start
+
+
+def housekeeping(t_s, boot_count=3, state="IDLE"):
+    m = kcm.hk_t()
+    m.t_us, m.boot_count, m.state = int(t_s * 1e6), boot_count, STATE[state]
+    return m
+
+
+def heard(*senders, seconds=6.0):
+    """A snapshot that has heard each of these once a second, one after the other; and when."""
+    snapshot, now_s = operate.Snapshot(), 0.0
+    while now_s < seconds:
+        for first_s, boot_count, state in senders:
+            snapshot.take("KC_HK", housekeeping(first_s + now_s, boot_count, state), now_s, now_s)
+            now_s += 1.0 / len(senders)
+    return snapshot, now_s
+
+
+@pytest.mark.parametrize("replayed", [(10.0, 3, "REVIEW"), (10.0, 2, "REVIEW"), (5000.0, 9, "REVIEW")])
+def test_two_flights_or_a_recording_on_the_live_network_are_never_fresh(replayed):
+    """State, correction and age went to and fro, each called fresh."""
+    snapshot, now_s = heard((1000.0, 3, "IDLE"), replayed)
+    age = snapshot.freshness("KC_HK", now_s)
+    assert age.status == operate.STALE and "two senders of housekeeping" in age.why
+    assert "not known: two senders" in snapshot.status(now_s, now_s).waits_for
+    assert operate.unmet(operate.start(), snapshot, now_s)[0].found == age.why
+    assert operate.unmet(operate.abort(), snapshot, now_s) == ()
+    alone = now_s
+    while alone < now_s + 15.0:
+        alone += 1.0
+        snapshot.take("KC_HK", housekeeping(1000.0 + alone), alone, alone)
+    assert snapshot.freshness("KC_HK", alone).status == operate.FRESH
+
+
+def test_one_flight_that_starts_again_and_loses_its_clock_is_one():
+    snapshot, now_s = heard((1000.0, 3, "IDLE"))
+    for boot_count, t_s in ((4, 2000.0), (5, 10.0), (5, 11.0), (5, 12.0)):
+        now_s += 1.0
+        snapshot.take("KC_HK", housekeeping(t_s, boot_count), now_s, now_s)
+        assert snapshot.freshness("KC_HK", now_s).status == operate.FRESH
+
+
+# ---- arguments
+
+
+@pytest.mark.parametrize("poses", [2**32 + 1, 2**32, -1, 129])
+def test_a_number_of_poses_that_flight_would_not_take_is_named_not_folded(poses):
+    """2^32 + 1 went out as one pose."""
+    snapshot = operate.Snapshot()
+    snapshot.take("KC_HK", housekeeping(9.0), 0.0, 0.0)
+    found = [u for u in operate.unmet(operate.start(poses=poses), snapshot, 0.0) if "poses" in u.condition]
+    assert [u.found for u in found] == [f"{poses} asked for"]
+
+
+@pytest.mark.parametrize("number", [2**32, 2**32 + 1, -(2**31) - 1, 2**70])
+def test_a_link_refuses_what_an_argument_does_not_hold(key_file, number):
+    link = DirectFlight(keys.signer_of(key_file))
+    with pytest.raises(BadInput, match="START does not carry"):
+        link.send("START", (-1, number, 1))
+    assert not link.commands
+    link.send("APPROVE_ARM", (0xFFFFFFFF,))
+    assert link.commands[0].arg_i[0] == -1
+
+
+# ---- a journal that is gone
+
+
+def test_a_journal_that_is_gone_but_for_its_mark_is_not_an_empty_one(key_file, file):
+    signer = keys.signer_of(key_file)
+    note(file, signer)
+    note(file, signer)
+    file.unlink()
+    with pytest.raises(BadInput, match="lines 1 to 2 were removed"):
+        journal.read(file, signer.known)
+    with pytest.raises(BadInput, match="lines 1 to 2 were removed"):
+        note(file, signer)
+
+
+# ---- the command line
+
+
+def kincal(*args, **env):
+    return CliRunner().invoke(main, [str(a) for a in args], env=env)
+
+
+@pytest.mark.parametrize("named", ["~nobody-of-that-name/keys", "/", "."])
+def test_a_key_file_that_can_be_none_is_an_error_for_people(named):
+    for args in (("audit", "verify"), ("review", "comment", "x", "--by", "b")):
+        run = kincal(*args, KINCAL_KEYS=named)
+        assert run.exit_code == 2 and "Error: no keys: " in run.output, run.output
+
+
+@pytest.mark.parametrize("to", ["a" * 70 + ".example:1", "..:1", f"{'x.' * 300}:1"])
+def test_a_host_that_is_no_name_is_an_error_for_people(to):
+    run = kincal("bridge", "ccsds", "--to", to, "--seconds", "0.1")
+    assert run.exit_code == 2 and "Error: host " in run.output, run.output
+
+
+@pytest.mark.parametrize("megabytes", ["inf", "nan", "1e300"])
+def test_a_recording_needs_a_size_that_is_one(tmp_path, megabytes):
+    run = kincal("record", "--folder", tmp_path, "--seconds", "0.1", "--megabytes", megabytes)
+    assert run.exit_code == 2 and "Traceback" not in run.output, run.output
+
+
+def test_a_dry_run_names_a_missing_key_too(tmp_path):
+    """It said that nothing speaks against a command that could not be sent."""
+    with FakeFlight() as flight:
+        at = ("--url", flight.url, "--keys", tmp_path / "none")
+        run = kincal("command", "discard", "--dry-run", *at)
+        assert run.exit_code == 1 and "not met: a key to sign with; found: no keys" in run.output, run.output
+        assert kincal("command", "noop", "--dry-run", *at).exit_code == 0

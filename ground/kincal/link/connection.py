@@ -96,6 +96,8 @@ class CommandLink(ABC):
         self, opcode: str, arg_i: tuple[int, ...] = (), arg_u64: int = 0, t_us: int | None = None
     ) -> int:
         """Publish a command, e.g. "TABLE_DUMP"; returns its sequence number."""
+        if bad := [a for a in arg_i if not -(1 << 31) <= a < 1 << 32]:
+            raise BadInput(f"{opcode} does not carry {bad[0]}", todo="its arguments have 32 bits")
         self._seq += 1
         command: Cmd = channels.message_type("cmd_t")()
         command.t_us = self.last_t_us if t_us is None else t_us

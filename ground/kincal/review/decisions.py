@@ -230,11 +230,11 @@ def _recorded(case: _Case, who: Operator, command: str, override: str = "") -> I
             why = str(error).splitlines()[0] if isinstance(error, KincalError) else "interrupted"
             write(journal.REFUSED if known else journal.UNANSWERED, why)
         raise
-    for error in case.unwritten:
+    for unwritten in case.unwritten:
         raise CommandFailed(
             f"flight took {command} of correction {case.text}, but the journal has only the attempt: "
-            f"{error.what}",
-            error.where,
+            f"{unwritten.what}",
+            unwritten.where,
             "do not send it again: see to the journal, then write down by `kincal review comment` what came "
             "of it",
         )

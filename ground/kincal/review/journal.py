@@ -121,7 +121,7 @@ def read(path: Path, keys: Sequence[Key] = ()) -> Journal:
     """All entries. BadInput names the first line that does not follow from the one before, or that is not
     what a key of `keys` vouched for."""
     if not os.path.lexists(path):
-        return Journal(path, keys=tuple(keys))
+        return _parsed(path, b"", keys)  # its end mark may say that there was one
     if not path.is_file():
         raise BadInput("the review journal is no regular file", str(path), "name another one by --journal")
     try:
