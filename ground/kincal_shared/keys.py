@@ -32,6 +32,11 @@ _ID_MAX = 2**31 - 1
 _COUNT_MAX = 2**63 - 1  # as messages carry it
 _COUNT_BYTES = 64
 _OWN = "a file of your own has to be there, or none"
+COUNTER_WAIT_S = 1.0
+"""Longest wait for a counter: whoever holds it does so for milliseconds, and an ABORT may be waiting."""
+_LOCK_POLL_S = 0.01
+_NAME_KEYS = f"name a file by --keys or ${VARIABLE}; `kincal key new` makes one"
+_ROOM = "free space there, then try again"
 # label, key, counter, t_us, source; then what a command or a chunk says
 _SENDER = "<16sIQqi"
 _CMD = struct.Struct(_SENDER + "ii4iq4d")
@@ -127,14 +132,17 @@ def counters_beside(keys: Path) -> Count:
     def count(source: int) -> int:
         path = count_file(keys, source)
         with open_own(path, "the counter cannot be kept") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+            lock(file, path, COUNTER_WAIT_S)
             text = file.read(_COUNT_BYTES).strip()
             if text and not (text.isdigit() and int(text) < _COUNT_MAX):
                 raise BadInput("this is no counter", str(path), "write the number of the event CMD_REPLAYED")
             counter = int(text or time.time_ns() // 1000) + 1
-            file.seek(0)
-            file.truncate()
-            file.write(f"{counter}\n".encode())
+            try:
+                file.seek(0)
+                file.write(f"{counter}\n".encode())  # as long as the one before, or longer
+                file.truncate()
+            except OSError as error:
+                raise BadInput(f"the counter cannot be kept: {error.strerror}", str(path), _ROOM) from None
         return counter
 
     return count
@@ -143,6 +151,24 @@ def counters_beside(keys: Path) -> Count:
 def count_file(keys: Path, source: int) -> Path:
     """Where the counter of a source is kept."""
     return keys.with_name(f"{keys.name}.count{source}")
+
+
+def lock(file: FileIO, path: Path, wait_s: float, kind: int = fcntl.LOCK_EX) -> None:
+    """Lock an open file. BadInput if another program holds it for longer than `wait_s`."""
+    until_s = time.monotonic() + wait_s
+    while True:
+        try:
+            fcntl.flock(file, kind | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > until_s:
+                raise BadInput(
+                    f"another program has held this file for {wait_s:g} s",
+                    str(path),
+                    "`fuser` names it: end it if it hangs, then try again",
+                ) from None
+            time.sleep(_LOCK_POLL_S)
+        else:
+            return
 
 
 def open_own(path: Path, what: str, flags: int = 0) -> FileIO:
@@ -166,8 +192,16 @@ def open_own(path: Path, what: str, flags: int = 0) -> FileIO:
 
 
 def file_of(path: Path | None) -> Path:
-    """The key file: the given one, else that of $KINCAL_KEYS, else ~/.kincal/keys."""
-    return (path or Path(os.environ.get(VARIABLE) or DEFAULT)).expanduser()
+    """The key file: the given one, else that of $KINCAL_KEYS, else ~/.kincal/keys. BadInput if that names no
+    file."""
+    named = path or Path(os.environ.get(VARIABLE) or DEFAULT)
+    try:
+        file = named.expanduser()
+    except RuntimeError:
+        raise BadInput("no keys: there is no such home folder", str(named), _NAME_KEYS) from None
+    if not file.name:
+        raise BadInput("no keys: this is a folder", str(named), _NAME_KEYS)
+    return file
 
 
 def signer_of(path: Path) -> Signer:
@@ -187,7 +221,7 @@ def read(path: Path) -> tuple[Key, ...]:
         raise BadInput(
             f"no keys: {error.strerror}",
             str(path),
-            f"name a file by --keys or ${VARIABLE}; `kincal key new` makes one",
+            _NAME_KEYS,
         ) from None
     return _parse(text.decode("ascii", "replace"), path)
 

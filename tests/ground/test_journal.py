@@ -390,7 +390,7 @@ def test_a_full_medium_leaves_the_journal_as_it_was(journal, file, monkeypatch):
             return self.raw.write(data[:10])
 
     monkeypatch.setattr(journals, "open_own", lambda *a: Full(opened(*a)))
-    with pytest.raises(BadInput, match="medium is full"):
+    with pytest.raises(BadInput, match="No space left"):
         decide(journal, file, CRC)
     assert journal.read_bytes() == before
 

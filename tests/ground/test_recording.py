@@ -1,6 +1,7 @@
 """Recordings of the link: whole files, whatever the medium does."""
 
 import os
+import shutil
 import time
 
 import lcm
@@ -119,3 +120,35 @@ def test_kincal_record_is_a_process_of_its_own_that_ends_in_good_order(tmp_path)
     (file,) = tmp_path.glob("*.lcmlog")
     found = read_log(file)
     assert found.counts["KC_EVENT"] >= 200 and found.damaged == 0
+
+
+@pytest.mark.parametrize("what", ["the file", "the folder", "another file in its place"])
+def test_a_recording_that_somebody_removes_is_said_and_goes_on_in_a_new_file(tmp_path, what):
+    """It went on into a file that nobody could open any more, and all was said to be well."""
+    r = Recorder(tmp_path / "here")
+    r.take("KC_EVENT", DATA, UTC, 10.0)
+    (file,) = r.files
+    if what == "the folder":
+        shutil.rmtree(file.parent)
+    else:
+        file.unlink()
+        if what != "the file":
+            file.write_bytes(b"")
+    for k in range(1, 8):
+        r.take("KC_EVENT", DATA, UTC + k, 10.0 + 0.2 * k)
+    assert "was removed while it was written" in r.trouble and r.n_lost >= 6
+    r.take("KC_EVENT", DATA, UTC + 10**6, 12.0 + RETRY_S)
+    r.close()
+    assert not r.trouble and r.files[-1] != file
+    assert read_log(r.files[-1]).n_messages == 1
+
+
+def test_what_is_no_recording_in_the_folder_hides_none(tmp_path):
+    """A folder or a broken link of that name ended `kincal status`."""
+    r = Recorder(tmp_path, "224.0.0.1-1")
+    fill(r, 2)
+    r.close()
+    (tmp_path / "224.0.0.1-1-z.lcmlog").mkdir()
+    (tmp_path / "224.0.0.1-1-y.lcmlog").symlink_to("/nowhere")
+    assert recording.recordings(tmp_path) == r.files
+    assert len(recording.recent_events("udpm://224.0.0.1:1", 5, tmp_path)) == 2

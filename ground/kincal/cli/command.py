@@ -277,6 +277,8 @@ def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, logs: 
 
     now_s = link.clock_s()
     found, age = operate.unmet(request, snapshot, now_s), snapshot.freshness("KC_HK", now_s)
+    if link.signer is None and request.opcode not in ("ABORT", "NOOP"):
+        found = (operate.Unmet("a key to sign with", why_no_key(given["key_file"]), "`kincal key`"), *found)
     if given["as_json"]:
         said = [{"condition": u.condition, "found": u.found, "todo": u.todo} for u in found]
         click.echo(json.dumps({
@@ -323,6 +325,15 @@ def _signer(given: Given) -> Signer | None:
         if click.get_current_context().info_name in ("abort", "noop") or given["dry_run"]:
             return None
         raise
+
+
+def why_no_key(key_file: Path) -> str:
+    """Why nothing can be signed with a key file; empty if it can."""
+    try:
+        signer_of(file_of(key_file))
+    except BadInput as error:
+        return f"{error.what} ({error.where})"
+    return ""
 
 
 def _operator(given: Given) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 import threading
 from dataclasses import asdict
@@ -23,7 +24,7 @@ from kincal_shared.errors import CommandFailed
 @click.option("--name", default="", show_default="address and port", help="What file names begin with.")
 @click.option(
     "--megabytes",
-    type=click.FloatRange(0.01),
+    type=click.FloatRange(0.01, 1e6),
     default=256.0,
     show_default=True,
     help="Of a file; then the next.",
@@ -59,6 +60,8 @@ def record(
 
     if name and not name.replace("-", "").replace("_", "").isalnum():
         raise click.BadParameter("letters, digits, - and _ only", param_hint="--name")
+    if math.isnan(megabytes):
+        raise click.BadParameter("this is no number", param_hint="--megabytes")
     recorder = Recorder(folder or FOLDER, name or stem_of(url), int(megabytes * 2**20), keep)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from anyio import CapacityLimiter, to_thread
 from plotly.offline import get_plotlyjs
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -42,6 +43,8 @@ STATIC = Path(__file__).resolve().parent / "static"
 EVERY_S = 0.15  # between two looks for changes
 BEAT_S = 1.0  # longest silence: a browser that hears nothing for three of them has lost the link
 _PAGE_ROWS = 2_000
+_DIGITS = 15  # of a number in a request
+_ABORTS = 8  # ABORTs at once, each with a thread of its own
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 Plain = dict[str, Any]
 
@@ -178,7 +181,7 @@ def _about(console: Console) -> Plain:
 
 
 def _rows(console: Console, request: Request) -> list[Plain]:
-    before = int(request.query_params.get("before", console.picture.n_rows))
+    before = _number(request.query_params.get("before", console.picture.n_rows), "before")
     return console.picture.page(before, _PAGE_ROWS)
 
 
@@ -237,7 +240,15 @@ async def _play(ws: WebSocket, playback: Playback) -> None:
         picture = await run_in_threadpool(playback.seek, t_us)
         message, _ = picture.snapshot()
         await ws.send_text(json.dumps({**message, "now_s": t_us * 1e-6}, separators=(",", ":")))
-        t_us = int(json.loads(await ws.receive_text())["seek_us"])
+        t_us = _seek(await ws.receive_text(), t_us)
+
+
+def _seek(asked: str, t_us: int) -> int:
+    """The time that a browser asks for; the one before if it asks for none."""
+    try:
+        return _number(json.loads(asked)["seek_us"], "seek_us")
+    except (ValueError, TypeError, KeyError, RecursionError, HTTPException):
+        return t_us
 
 
 # ---- the desk
@@ -251,10 +262,13 @@ def _desk_routes(console: Console) -> list[Route]:
                 return _json({"ok": False, "text": "this is a recording: nothing can be sent"}, 409)
             body = await _body(request)
             act = lambda: what(desk, body, request)  # noqa: E731
-            work = (lambda: desk.once(str(body.get("number", "")), act)) if once else act
-            return _json(await run_in_threadpool(work))
+            if not once:
+                return _json(await to_thread.run_sync(act, limiter=aborts))
+            return _json(await run_in_threadpool(desk.once, str(body.get("number", "")), act))
 
         return Route(path, answer, methods=["POST"])
+
+    aborts = CapacityLimiter(_ABORTS)  # the threads of everything else may all be waiting
 
     def words(body: Plain) -> Words:
         return Words(_text(body, "by"), _text(body, "why"))
@@ -272,7 +286,7 @@ def _desk_routes(console: Console) -> list[Route]:
 
     return [
         route("/api/abort", lambda d, _b, _r: d.abort(), once=False),
-        route("/api/start", lambda d, b, _r: d.start(int(b.get("poses", 0)), words(b))),
+        route("/api/start", lambda d, b, _r: d.start(_number(b.get("poses", 0), "poses"), words(b))),
         route("/api/rollback", lambda d, b, _r: d.rollback(_text(b, "crc"), words(b))),
         Route("/api/review/{crc}", _answer(read(lambda d, r: d.review(crc(r))))),
         Route("/api/rollback/preview", _answer(read(lambda d, _r: d.rollback_preview()))),
@@ -420,10 +434,19 @@ def _text(body: Plain, key: str) -> str:
     return value
 
 
+def _number(value: Any, name: str) -> int:
+    """A whole number of a request."""
+    if isinstance(value, str) and len(value) <= _DIGITS and value.isdecimal():
+        value = int(value)
+    if not isinstance(value, int) or isinstance(value, bool) or abs(value) >= 10**_DIGITS:
+        raise HTTPException(400, f"{name} is no whole number")
+    return value
+
+
 async def _body(request: Request) -> Plain:
     try:
         body = json.loads(await request.body() or b"{}")
-    except ValueError:
+    except (ValueError, RecursionError):
         raise HTTPException(400, "this is no JSON") from None
     if not isinstance(body, dict):
         raise HTTPException(400, "this is no object")

@@ -71,7 +71,6 @@ class Desk:
     timeout_s: float = 10.0
     _done: OrderedDict[str, Plain] = field(default_factory=OrderedDict)
     _one: threading.Lock = field(default_factory=threading.Lock)
-    _few: threading.Lock = field(default_factory=threading.Lock)
 
     # ---- keys and journal
 
@@ -122,13 +121,12 @@ class Desk:
 
     def abort(self) -> Plain:
         """Stop the arm, at once and past everything else; no key, no reason and no state needed."""
-        with self._few:
-            signer = None if self.why_no_key else self._signer()
-            with Link(self.url, operate.LISTEN, signer=signer) as link:
-                link.last_t_us = self.picture.t_us
-                self.picture.note("warning", "ABORT", "ABORT sent from this console")
-                who = self.operator(Words("console", "ABORT at the console"), timeout_s=_ABORT_WAIT_S)
-                tracked = operate.act(link, operate.abort(), who, operate.Snapshot(), self._verifier("ABORT"))
+        signer = None if self.why_no_key else self._signer()
+        with Link(self.url, operate.LISTEN, signer=signer) as link:
+            link.last_t_us = self.picture.t_us
+            self.picture.note("warning", "ABORT", "ABORT sent from this console")
+            who = self.operator(Words("console", "ABORT at the console"), timeout_s=_ABORT_WAIT_S)
+            tracked = operate.act(link, operate.abort(), who, operate.Snapshot(), self._verifier("ABORT"))
         return _outcome(tracked)
 
     def start(self, poses: int, words: Words) -> Plain:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 KEPT = frozenset({"KC_PROPOSAL", "KC_PROGRESS", "KC_MEAS", "KC_EVENT", "KC_ACK"})
 MOST_BYTES = 8 << 20
+_AGAIN_US = 5_000_000  # the same message within this time came once
 
 
 class Memory:
@@ -34,14 +35,18 @@ class Memory:
         self._number = 0
 
     def recall(self, picture: Picture) -> int:
-        """Everything kept, into a picture; returns how many messages. What is damaged is passed over."""
-        found = 0
+        """Everything kept, into a picture; returns how many messages. What is damaged is passed over, and
+        what several consoles have kept of the same counts once."""
+        found, known = 0, dict[bytes, int]()
         for path in (self.former, self.path):
             if not path.is_file():
                 continue
             for event in EventFile(path):
-                if event.channel not in KEPT:
+                digest = hashlib.sha256(event.channel.encode() + event.data).digest()[:12]
+                again = event.utc_us - known.get(digest, -_AGAIN_US) < _AGAIN_US
+                if event.channel not in KEPT or again:
                     continue
+                known[digest] = event.utc_us
                 try:
                     message = channels.decode(event.channel, event.data)
                 except KincalError:

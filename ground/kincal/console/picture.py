@@ -6,6 +6,7 @@ the newest KEPT rows, and says how many came before them."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -16,15 +17,18 @@ from typing import TYPE_CHECKING, Any
 
 from kincal.flight import event_name
 from kincal.link import LogEvent, LogSummary, Session, crc_text
+from kincal.operate.snapshot import SEVERAL, Senders
 
 from . import words
 from .geometry import Geometry
 from .words import Plain
 
 if TYPE_CHECKING:
-    from kincal.link.messages import Proposal
+    from kincal.link.messages import Hk, Proposal
 
 KEPT = 20_000
+_JUMP_S = 1.0
+_TELL_S = 60.0
 SNAPSHOT_ROWS = 1_000  # of the log in a snapshot; older ones are asked for page by page
 PROPOSALS = 50
 # channel -> seconds between two messages, where they come regularly: after three of them a value is stale
@@ -37,6 +41,29 @@ MOST_JPEG = 1 << 20  # bytes of a frame; flight's are at most 120 kB
 # events that say what became of a correction (kincal.review.status)
 _ROWS: dict[str, Callable[[Any], Plain]] = {"KC_EVENT": words.event, "KC_ACK": words.ack}
 _ABOUT_CORRECTIONS = ("COR_", "CAL_OUTLIER")
+
+
+class Clock:
+    """UTC since 1970 [s], by a clock that only goes forward, also while the machine sleeps: ages stay right
+    when the machine's own is set."""
+
+    def __init__(
+        self, wall: Callable[[], float] = time.time, steady: Callable[[], float] | None = None
+    ) -> None:
+        self._wall, self._steady = wall, steady or (lambda: time.clock_gettime(time.CLOCK_BOOTTIME))
+        self._offset_s = self._wall() - self._steady()
+
+    def __call__(self) -> float:
+        """Now."""
+        return self._steady() + self._offset_s
+
+    def jump_s(self) -> float:
+        """By how much the machine's clock was set since this was asked last; from now on this one follows."""
+        jump_s = self._wall() - self()
+        if abs(jump_s) < _JUMP_S:
+            return 0.0
+        self._offset_s += jump_s
+        return jump_s
 
 
 @dataclass
@@ -61,7 +88,7 @@ class Picture:
     """Filled by one thread, read by others. clock: UTC since 1970 [s]."""
 
     geometry: Geometry
-    clock: Callable[[], float] = time.time
+    clock: Clock = field(default_factory=Clock)
     version: int = 0
     t_us: int = 0  # newest mission time
     rows: deque[Plain] = field(default_factory=lambda: deque(maxlen=KEPT))
@@ -71,6 +98,8 @@ class Picture:
     _poses: _Value | None = None
     _sessions: dict[int, Session] = field(default_factory=dict)
     _events: deque[LogEvent] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _senders: Senders = field(default_factory=Senders)
+    _told_s: float = -math.inf  # when it was last said that there are several senders
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     # ---- filling
@@ -86,6 +115,8 @@ class Picture:
                 self._add_row({**row(message), "received_s": round(received, 3)})
             else:
                 self._values[channel] = _Value(self.version, received, message)
+            if channel == "KC_HK":
+                self._several(message, received)
             if channel == "KC_EVENT" and event_name(message.id).startswith(_ABOUT_CORRECTIONS):
                 self._events.append(LogEvent.of(message))
             elif channel == "KC_PROGRESS":
@@ -98,9 +129,33 @@ class Picture:
     def note(self, severity: str, name: str, text: str) -> None:
         """A row of the console's own."""
         with self._lock:
-            self.version += 1
-            self._add_row({"kind": "console", "t_us": self.t_us, "severity": severity, "name": name,
-                           "text": text, "received_s": round(self.clock(), 3)})  # fmt: skip
+            self._note(severity, name, text)
+
+    def _note(self, severity: str, name: str, text: str) -> None:
+        self.version += 1
+        self._add_row({"kind": "console", "t_us": self.t_us, "severity": severity, "name": name,
+                       "text": text, "received_s": round(self.clock(), 3)})  # fmt: skip
+
+    def follow_clock(self) -> None:
+        """Ages stay what they are when the clock of this machine is set: times of reception go with it."""
+        with self._lock:
+            if not (jump_s := self.clock.jump_s()):
+                return
+            for value in (*self._values.values(), *([self._poses] if self._poses else ())):
+                value.received_s += jump_s
+                value.version = self.version + 1
+            self._note(
+                "warning",
+                "CLOCK_SET",
+                f"the clock of this machine was set by {jump_s:+.0f} s; ages are right",
+            )
+
+    def _several(self, hk: Hk, now_s: float) -> None:
+        """Says once in a while that two flights are heard."""
+        self._senders.take(hk, now_s)
+        if self._senders.several(now_s) and now_s - self._told_s > _TELL_S:
+            self._told_s = now_s
+            self._note("error", "TWO_SENDERS", SEVERAL)
 
     def _add_row(self, row: Plain) -> None:
         self.rows.append({"n": self.n_rows, **row})
@@ -177,6 +232,7 @@ class Picture:
 
     def changes(self, cursor: Cursor) -> Plain | None:
         """What is new since the cursor, which moves on; None if nothing is."""
+        self.follow_clock()
         with self._lock:
             if self.version == cursor.version:
                 return None
@@ -218,6 +274,8 @@ class Picture:
     def _plain(self, name: str, message: Any) -> Any:
         if name == "KC_HK":
             hk = words.housekeeping(message)
+            if self._senders.several(self.clock()):
+                hk |= {"text": f"NOT KNOWN: {SEVERAL}.", "waits_for": "operator"}
             return {**hk, "tables_differ": words.table_mismatch(hk, self.geometry.crcs)}
         if name == "KC_ARM_STATE":
             return {

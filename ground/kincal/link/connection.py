@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import secrets
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -25,7 +26,8 @@ DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 LISTEN = ("KC_ACK", "KC_HK", "KC_EVENT", "KC_PROPOSAL", "KC_PROGRESS", "KC_TABLE_DOWN")
 _POLL_MS = 100
 _JOIN_S = 2.0
-_EPOCH_S, _SEQ_PER_S = 1.7e9, 4.0  # sequence numbers of a fresh link
+_EPOCH_S, _SEQ_PER_S = 1.7e9, 4.0  # sequence numbers of a fresh link without a key
+_SEQ_MOST = 2**30  # first number of one with a key
 
 
 @dataclass(frozen=True)
@@ -39,15 +41,15 @@ class Received:
 class CommandLink(ABC):
     """The ground's side of flight: commands out, answers in. A subclass brings the messages.
 
-    url: of the network, for people; first_seq: sequence number before the first command. Sequence numbers
-    must grow from call to call, so a link starts at the clock unless this is given. signer: signs what is
-    sent; without it flight takes NOOP and ABORT only."""
+    url: of the network, for people; first_seq: sequence number before the first command. Those of commands
+    without a signature must grow from call to call, so a link without a signer starts at the clock unless
+    this is given. signer: signs what is sent; without it flight takes NOOP and ABORT only."""
 
     def __init__(self, url: str, first_seq: int | None = None, signer: Signer | None = None) -> None:
         self.url, self.signer = url, signer
         self.last_t_us = 0  # mission time of the newest message: commands are stamped with it
         self.last_hk: Hk | None = None
-        self._seq = int((time.time() - _EPOCH_S) * _SEQ_PER_S) if first_seq is None else first_seq
+        self._seq = _first_seq(signer) if first_seq is None else first_seq
 
     @abstractmethod
     def next(self, timeout_s: float) -> Received | None:
@@ -94,6 +96,8 @@ class CommandLink(ABC):
         self, opcode: str, arg_i: tuple[int, ...] = (), arg_u64: int = 0, t_us: int | None = None
     ) -> int:
         """Publish a command, e.g. "TABLE_DUMP"; returns its sequence number."""
+        if bad := [a for a in arg_i if not -(1 << 31) <= a < 1 << 32]:
+            raise BadInput(f"{opcode} does not carry {bad[0]}", todo="its arguments have 32 bits")
         self._seq += 1
         command: Cmd = channels.message_type("cmd_t")()
         command.t_us = self.last_t_us if t_us is None else t_us
@@ -103,8 +107,21 @@ class CommandLink(ABC):
         command.arg_i = [channels.signed32(a) for a in arg_i] + [0] * (4 - len(arg_i))
         command.arg_u64 = arg_u64
         command.arg_d = [0.0] * 4
-        self.publish("KC_CMD", self.signer.command(command) if self.signer else command)
+        self.publish("KC_CMD", self._signed(command, opcode))
         return self._seq
+
+    def _signed(self, command: Cmd, opcode: str) -> Cmd:
+        """The same, signed. An ABORT that cannot be signed, because the counter cannot be kept, goes out all
+        the same: flight takes it from everybody."""
+        if self.signer is None:
+            return command
+        try:
+            return self.signer.command(command)
+        except BadInput:
+            if opcode != "ABORT":
+                raise
+            command.key_id = command.counter = 0
+            return command
 
     def send_chunk(self, chunk: TableChunk) -> None:
         """Publish a chunk of a table."""
@@ -119,6 +136,15 @@ class CommandLink(ABC):
         seq = self.send(opcode, arg_i, t_us=t_us)
         ack = self.wait_for(lambda r: is_ack(r, seq), timeout_s, f"answer to {opcode}")
         return check_ack(ack, opcode, self.url)
+
+
+def _first_seq(signer: Signer | None) -> int:
+    """Answers name a command by this number. Signed commands are told apart by their counters, so theirs may
+    begin anywhere: two programs that begin at the same moment must not take each other's answers for their
+    own."""
+    if signer is not None:
+        return secrets.randbelow(_SEQ_MOST)
+    return int((time.time() - _EPOCH_S) * _SEQ_PER_S)
 
 
 class Link(CommandLink):

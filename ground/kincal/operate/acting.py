@@ -18,6 +18,10 @@ from .sender import send
 from .snapshot import Snapshot
 
 Say = Callable[[Step], None]
+NOT_AGAIN = (
+    "do not send it again: see to the journal, then write down by `kincal review comment` what came of it"
+)
+"""After a command whose end could not be written down."""
 
 
 def act(link: CommandLink, request: Request, who: Operator, snapshot: Snapshot, say: Say) -> Tracked:
@@ -36,7 +40,12 @@ def act(link: CommandLink, request: Request, who: Operator, snapshot: Snapshot, 
         why = str(error).splitlines()[0] if isinstance(error, KincalError) else "interrupted"
         write(link, who, signer, request, journal.UNANSWERED, why)
         raise
-    write(link, who, signer, request, outcome(tracked), _why(who, tracked))
+    try:
+        write(link, who, signer, request, outcome(tracked), _why(who, tracked))
+    except KincalError as error:
+        raise CommandFailed(
+            f"{tracked.last_line} But the journal has only the attempt: {error.what}", error.where, NOT_AGAIN
+        ) from None
     return tracked
 
 

@@ -168,8 +168,11 @@ def _nothing(_request: Request, _now: Snapshot, _now_s: float) -> Sequence[Unmet
     return ()
 
 
-def _start(_request: Request, now: Snapshot, now_s: float) -> Sequence[Unmet]:
+def _start(request: Request, now: Snapshot, now_s: float) -> Sequence[Unmet]:
     found = []
+    most = int(library("flight").constant("KC_MEAS_MAX"))
+    if not 0 <= request.arg_i[1] <= most:
+        found.append(Unmet(f"at most {most} poses", f"{request.arg_i[1]} asked for", "ask for fewer"))
     if missing := [table.kind for table in now.tables() if not table.crc]:
         todo = "`kincal table uplink FILE` for each"
         found.append(Unmet("all seven tables in force", f"no {', '.join(missing)}", todo))

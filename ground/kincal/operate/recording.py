@@ -8,6 +8,7 @@ kept."""
 from __future__ import annotations
 
 import datetime
+import errno
 import os
 import re
 import struct
@@ -16,6 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
@@ -73,6 +75,7 @@ class Recorder:
         self.trouble = ""
         self._file: FileIO | None = None
         self._size = self._number = 0
+        self._unchecked = 0  # messages since the file was last seen to be there
         self._retry_s = self._sync_s = 0.0
         try:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -103,13 +106,30 @@ class Recorder:
         self._number += 1
         self.n_messages += 1
         self.n_bytes += len(record)
+        self._unchecked += 1
         if now_s - self._sync_s > _SYNC_S and self._file is not None:
             self._sync_s = now_s
-            _synced(self._file)
+            try:
+                self._check_there()
+                _synced(self._file)
+            except OSError as error:
+                self._failed(error, now_s)
+            else:
+                self._unchecked = 0
+
+    def _check_there(self) -> None:
+        """What is written into a file that somebody has removed, or moved to another medium, is lost."""
+        path, file = self.files[-1], self._file
+        if file is not None and not (
+            path.exists() and os.path.samestat(path.stat(), os.fstat(file.fileno()))
+        ):
+            self.n_lost += self._unchecked - 1  # `_failed` counts one
+            raise OSError(errno.ENOENT, f"{path.name} was removed while it was written")
 
     def _begin(self, utc_us: int) -> None:
         self._end()
         stamp = datetime.datetime.fromtimestamp(utc_us * 1e-6, datetime.UTC).strftime("%Y%m%dT%H%M%S%f")[:-3]
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         path = self.folder / f"{self.stem}-{stamp}Z{SUFFIX}"
         for n in range(1, 1000):
             if not os.path.lexists(path):
@@ -248,8 +268,12 @@ def recordings(folder: Path | None = None, url: str = "") -> list[Path]:
     """Files of a folder of recordings, of a link if it is named, the newest first."""
     where = (folder or FOLDER).expanduser()
     begin = f"{stem_of(url)}-" if url else ""
-    found = [path for path in where.glob(f"*{SUFFIX}") if path.name.startswith(begin)]
-    return sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
+    found = []
+    for path in where.glob(f"*{SUFFIX}"):
+        with suppress(OSError):  # a link that leads nowhere, or removed just now
+            if path.name.startswith(begin) and path.is_file():
+                found.append((path.stat().st_mtime, path))
+    return [path for _, path in sorted(found, reverse=True)]
 
 
 def recent_events(url: str, n: int, folder: Path | None = None) -> list[EventLine]:

@@ -32,6 +32,11 @@ MOST_AGE_S: Mapping[str, float] = {"KC_HK": 3.0, "KC_ARM_STATE": 2.0, "KC_PANTIL
 itself calls their sender silent. The rest comes when there is something to say, and is as fresh as the
 link."""
 KEEP_EVENTS = 500
+SEVERAL = (
+    "two senders of housekeeping: starts and time of flight go back and forth. Another flight, or a "
+    "recording that is replayed, is on this network"
+)
+_SEVERAL_S = 10.0
 _FLIGHT = ("KC_EVENT", "KC_HK", "KC_MEAS", "KC_PROGRESS", "KC_PROPOSAL")  # stamped by flight's own clock
 _CALIBRATING_NOT = ("IDLE", "REVIEW", "ARMED", "SAFE", "STORE")
 _RAD = 180.0 / math.pi
@@ -137,6 +142,27 @@ def utc_text(utc_s: float) -> str:
     return datetime.datetime.fromtimestamp(utc_s, datetime.UTC).isoformat(timespec="milliseconds")
 
 
+class Senders:
+    """Whether more than one flight is heard: another one on the same network, or a recording that is replayed
+    there. Of one flight the starts only grow, and so does the clock from one start to the next; either goes
+    back once when a store or a clock was lost, but not again and again."""
+
+    def __init__(self) -> None:
+        self._newest: tuple[int, int] | None = None  # starts, time stamp
+        self._back_s: deque[float] = deque(maxlen=2)  # when they went back
+
+    def take(self, hk: Hk, now_s: float) -> None:
+        """Housekeeping that was received."""
+        newest = hk.boot_count, hk.t_us
+        if self._newest is not None and newest < self._newest:
+            self._back_s.append(now_s)
+        self._newest = newest
+
+    def several(self, now_s: float) -> bool:
+        """Whether it has gone back and forth lately."""
+        return len(self._back_s) == self._back_s.maxlen and now_s - self._back_s[0] < _SEVERAL_S
+
+
 class Snapshot:
     """See the module. `take` every message in the order of reception. prismatic: joints, from 1, whose values
     are lengths."""
@@ -150,6 +176,7 @@ class Snapshot:
         self._event_seq: int | None = None
         self._gaps = 0
         self._boot: int | None = None
+        self._senders = Senders()
         self._offset_us: float | None = None  # largest mission time minus reception
         self._proposals: dict[int, Proposal] = {}
 
@@ -159,6 +186,7 @@ class Snapshot:
         """A message that was received; now_s: the clock of ages [s], utc_s: the wall clock [s since 1970]."""
         if channel == "KC_HK":
             self._heartbeat(message)
+            self._senders.take(message, now_s)
         if channel in _FLIGHT:
             offset = message.t_us - now_s * 1e6
             self._offset_us = offset if self._offset_us is None else max(self._offset_us, offset)
@@ -231,6 +259,8 @@ class Snapshot:
             link = self.freshness("KC_HK", now_s)
             why = "" if link.status == FRESH else f"housekeeping is {link.status}"
             return Freshness(FRESH if not why else STALE, received, stamped, why)
+        if channel == "KC_HK" and self._senders.several(now_s):
+            return Freshness(STALE, received, stamped, SEVERAL)
         most = MOST_AGE_S[channel]
         if received > most:
             return Freshness(STALE, received, stamped, f"nothing received for {received:.1f} s")

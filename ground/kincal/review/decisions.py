@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from kincal.flight import library
@@ -222,26 +222,35 @@ def _recorded(case: _Case, who: Operator, command: str, override: str = "") -> I
         record(who.journal, what, case.crc, who.by, why, case.url, None, case.signer, override, command)
 
     write(journal.ATTEMPT, who.why)
-    n = len(journal.read(who.journal, case.signer.known).entries)
     try:
         yield
     except BaseException as error:
-        if len(journal.read(who.journal, case.signer.known).entries) == n:
+        if not case.taken:
             known = isinstance(error, KincalError) and not isinstance(error, NoAnswer)
             why = str(error).splitlines()[0] if isinstance(error, KincalError) else "interrupted"
             write(journal.REFUSED if known else journal.UNANSWERED, why)
         raise
+    for unwritten in case.unwritten:
+        raise CommandFailed(
+            f"flight took {command} of correction {case.text}, but the journal has only the attempt: "
+            f"{unwritten.what}",
+            unwritten.where,
+            "do not send it again: see to the journal, then write down by `kincal review comment` what came "
+            "of it",
+        )
 
 
 @dataclass(frozen=True)
 class _Case:
-    """What is decided about, and with what it is signed."""
+    """What is decided about, with what it is signed, and what came of it."""
 
     crc: int
     waits: OnBoard
     before: journal.Journal
     signer: Signer
     url: str
+    taken: list[str] = field(default_factory=list)  # decisions that flight took
+    unwritten: list[KincalError] = field(default_factory=list)  # why one of them is not in the journal
 
     @property
     def text(self) -> str:
@@ -309,5 +318,12 @@ def _check_override(case: _Case, seen: Entry, override: str) -> None:
 
 
 def _write(case: _Case, who: Operator, decision: str, seen: Entry | None, override: str = "") -> None:
-    record(who.journal, decision, case.crc, who.by, who.why, case.url, seen, case.signer, override)
-    who.say(f"recorded in {who.journal}")
+    """Flight has taken it: whatever the journal does, what comes of the command is waited for."""
+    case.taken.append(decision)
+    try:
+        record(who.journal, decision, case.crc, who.by, who.why, case.url, seen, case.signer, override)
+    except KincalError as error:
+        case.unwritten.append(error)
+        who.say(f"NOT in the journal: {error.what}")
+    else:
+        who.say(f"recorded in {who.journal}")

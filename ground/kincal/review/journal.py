@@ -10,6 +10,7 @@ its counter is above those of the journal (`absent`)."""
 from __future__ import annotations
 
 import dataclasses
+import errno
 import fcntl
 import hashlib
 import json
@@ -22,7 +23,7 @@ from kincal.flight import library
 from kincal.link import LogSummary, crc_text
 from kincal.link.names import opcode
 from kincal_shared.errors import BadInput
-from kincal_shared.keys import Key, Signer, open_own, signed_by
+from kincal_shared.keys import Key, Signer, lock, open_own, signed_by
 from kincal_shared.keys import read as read_keys
 
 VARIABLE = "KINCAL_JOURNAL"
@@ -31,6 +32,9 @@ NAME = "review.jsonl"
 RUN_KEYS = "store.keys"
 """The key file of a run."""
 _LABEL = b"KinCal review 1\0"
+LOCK_WAIT_S = 5.0
+_CANNOT = "the review journal cannot be kept"
+_ROOM = "free space there, or name another journal, then try again"
 _COPY = "bring back the copy in your records; the tool never rewrites it"
 SEEN, ARMED, APPROVED, REJECTED = "seen", "arm", "approve", "reject"
 """What an entry says; `seen` is no decision, but has to come before one."""
@@ -117,19 +121,30 @@ def read(path: Path, keys: Sequence[Key] = ()) -> Journal:
     """All entries. BadInput names the first line that does not follow from the one before, or that is not
     what a key of `keys` vouched for."""
     if not os.path.lexists(path):
-        return Journal(path, keys=tuple(keys))
+        return _parsed(path, b"", keys)  # its end mark may say that there was one
     if not path.is_file():
         raise BadInput("the review journal is no regular file", str(path), "name another one by --journal")
-    return _parsed(path, path.read_bytes(), keys)
+    try:
+        with open(path, "rb", buffering=0) as file:
+            # a writer adds the line first, then the mark: between the two they do not agree
+            lock(file, path, LOCK_WAIT_S, fcntl.LOCK_SH)
+            return _parsed(path, file.readall(), keys)
+    except OSError as error:
+        raise BadInput(f"the review journal cannot be read: {error.strerror}", str(path)) from None
 
 
 def append(path: Path, entry: Entry, signer: Signer) -> Entry:
     """Add an entry, with what ties it to the line before and to the last command of the signer; it is on the
     medium when this returns. BadInput as `read`, or if the line cannot be written."""
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with open_own(path, "the review journal cannot be kept", os.O_APPEND) as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        raw = file.read()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError as error:
+        raise BadInput(
+            f"{_CANNOT}: {error.strerror}", str(path.parent), "name another by --journal"
+        ) from None
+    with open_own(path, _CANNOT, os.O_APPEND) as file:
+        lock(file, path, LOCK_WAIT_S)
+        raw = file.readall()
         before = _parsed(path, raw, signer.known)
         entry = dataclasses.replace(
             entry,
@@ -141,11 +156,14 @@ def append(path: Path, entry: Entry, signer: Signer) -> Entry:
         )
         entry = dataclasses.replace(entry, mac=entry.mac_of(signer.key))
         line = entry.text().encode() + b"\n"
-        if file.write(line) != len(line):
-            file.truncate(len(raw))
-            raise BadInput("the review journal cannot be kept: the medium is full", str(path))
-        os.fsync(file.fileno())
-        _write_end(path, len(before.entries) + 1, _hash(line.rstrip(b"\n")), signer)
+        try:
+            if file.write(line) != len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(file.fileno())
+            _write_end(path, len(before.entries) + 1, _hash(line.rstrip(b"\n")), signer)
+        except OSError as error:
+            file.truncate(len(raw))  # a line without its mark would make the next one look appended
+            raise BadInput(f"{_CANNOT}: {error.strerror}", str(path), _ROOM) from None
     return entry
 
 
@@ -172,24 +190,18 @@ def end_file(path: Path) -> Path:
 
 
 def _write_end(path: Path, lines: int, last: str, signer: Signer) -> None:
-    """Whoever finds the mark finds all of it. Between the line and its mark the journal is one line ahead."""
+    """Whoever finds the mark finds all of it. Between the line and its mark the journal is one line ahead.
+    OSError if it cannot be written."""
     end = End(lines, last, signer.key.id)
     end = dataclasses.replace(end, mac=end.mac_of(signer.key))
     file = end_file(path)
     part = file.with_name(file.name + ".part")
     part.unlink(missing_ok=True)
-    try:
-        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as out:
-            out.write(json.dumps(dataclasses.asdict(end), sort_keys=True) + "\n")
-            out.flush()
-            os.fsync(out.fileno())
-        part.rename(file)
-    except OSError as error:
-        raise BadInput(
-            f"the line is in the journal, but its end mark cannot be kept: {error.strerror}",
-            str(file),
-            "free space there; the next line writes it anew",
-        ) from None
+    with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as out:
+        out.write(json.dumps(dataclasses.asdict(end), sort_keys=True) + "\n")
+        out.flush()
+        os.fsync(out.fileno())
+    part.rename(file)
 
 
 def _read_end(file: Path) -> End | None:

@@ -34,8 +34,9 @@ def address(target: str) -> tuple[str, int]:
         raise BadInput(f"'{target}' is no address", "--to", f"write HOST:PORT, for instance {DEFAULT_TARGET}")
     try:
         socket.getaddrinfo(host, int(port), type=socket.SOCK_DGRAM)
-    except OSError as error:
-        raise BadInput(f"host '{host}': {error.strerror or error}", "--to", "check the name") from None
+    except (OSError, UnicodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "this is no name"
+        raise BadInput(f"host '{host[:100]}': {why or error}", "--to", "check the name") from None
     return host, int(port)
 
 

@@ -1,0 +1,195 @@
+"""The console while something else is wrong: clocks that are set, two flights, two consoles, threads that all
+wait, requests that are none."""
+
+import json
+import threading
+import time
+
+import pytest
+from fake_flight import FakeFlight
+from samples import event, progress, proposal
+from starlette.testclient import TestClient
+from test_console import ACCESS, BIN, GOOD, JSON, ORIGIN, hk, next_of, wait_for
+from test_console import feed as feed_of
+
+import kcm
+from kincal.console.app import Console, make_app
+from kincal.console.desk import Desk
+from kincal.console.geometry import Geometry
+from kincal.console.memory import Memory
+from kincal.console.picture import Clock, Cursor, Picture
+from kincal.console.sources import Recording
+from kincal.operate.recording import Recorder
+from kincal_shared import keys
+
+
+@pytest.fixture(scope="module")
+def geometry():
+    return Geometry(BIN)
+
+
+@pytest.fixture
+def picture(geometry):
+    return Picture(geometry)
+
+
+@pytest.fixture
+def key_file(tmp_path):
+    path = tmp_path / "keys"
+    keys.new(path)
+    return path
+
+
+@pytest.fixture
+def client(picture, key_file):
+    desk = Desk("memq://", key_file, None, BIN, picture, timeout_s=0.2)
+    return TestClient(make_app(Console("memq://", picture.geometry, picture, desk), ACCESS), base_url=ORIGIN)
+
+
+class Machine:
+    """Two clocks of a machine: one that is set, one that only goes forward."""
+
+    def __init__(self):
+        self.wall_s, self.steady_s = 1_795_000_000.0, 500.0
+
+    def passes(self, seconds):
+        self.wall_s += seconds
+        self.steady_s += seconds
+
+    def clock(self):
+        return Clock(lambda: self.wall_s, lambda: self.steady_s)
+
+
+def ages(message):
+    return {name: round(message["now_s"] - v["received_s"], 3) for name, v in message["values"].items()}
+
+
+# ---- clocks
+
+
+@pytest.mark.parametrize("jump_s", [-3600.0, 3600.0, -5.0])
+def test_ages_stay_right_when_the_clock_of_the_machine_is_set(geometry, jump_s):
+    """An hour back, and what was heard last was fresh for an hour; an hour on, and all was stale."""
+    machine = Machine()
+    picture = Picture(geometry, machine.clock())
+    picture.add("KC_HK", hk())
+    picture.add("KC_PROGRESS", progress(0))
+    message, cursor = picture.snapshot()
+    machine.passes(10.0)
+    machine.wall_s += jump_s
+    change = picture.changes(cursor)
+    assert ages(change)["KC_HK"] == ages(change)["poses"] == 10.0
+    assert change["now_s"] == machine.wall_s
+    assert [(r["name"], r["text"].split(" s;")[0]) for r in change["rows"]] == [
+        ("CLOCK_SET", f"the clock of this machine was set by {jump_s:+.0f}")
+    ]
+    assert picture.changes(cursor) is None
+    assert ages(picture.snapshot()[0])["KC_HK"] == 10.0
+    assert message["values"]
+
+
+# ---- two of something
+
+
+def housekeeping(t_s, boot_count, state):
+    m = hk(state)
+    m.t_us, m.boot_count = int(t_s * 1e6), boot_count
+    return m
+
+
+def test_two_flights_on_one_network_are_said_and_no_state_passes_for_known(geometry):
+    machine = Machine()
+    picture, cursor = Picture(geometry, machine.clock()), Cursor()
+    for k in range(8):
+        picture.add("KC_HK", housekeeping(1000.0 + k, 4, 0) if k % 2 else housekeeping(10.0 + k, 3, 9))
+        machine.passes(0.5)
+    change = picture.changes(cursor)
+    assert [r["name"] for r in change["rows"]] == ["TWO_SENDERS"]
+    shown = change["values"]["KC_HK"]["data"]
+    assert (
+        shown["text"].startswith("NOT KNOWN: two senders of housekeeping")
+        and shown["waits_for"] == "operator"
+    )
+    for k in range(12):
+        machine.passes(1.0)
+        picture.add("KC_HK", housekeeping(1010.0 + k, 4, 0))
+    assert picture.changes(cursor)["values"]["KC_HK"]["data"]["text"] == "No calibration runs."
+
+
+def test_what_two_consoles_have_kept_is_there_once(geometry, tmp_path):
+    """Events came twice after a restart, and of the poses some were missing."""
+    memories = [Memory(tmp_path, "url") for _ in range(2)]
+    for k in range(5):
+        for late, memory in enumerate(memories):
+            memory.keep("KC_PROGRESS", progress(k), 100.0 + k + 0.01 * late)
+            memory.keep("KC_EVENT", event(k, k, 48, 0), 100.0 + k + 0.01 * late)
+    picture = Picture(geometry)
+    assert Memory(tmp_path, "url").recall(picture) == 10
+    found = picture.snapshot()[0]
+    assert [p["pose"] for p in found["values"]["poses"]["data"]] == [1, 2, 3, 4, 5]
+    assert len(found["rows"]) == 5
+
+
+# ---- ABORT
+
+
+def test_an_abort_goes_out_while_every_other_request_waits(geometry, key_file):
+    """All threads of the server were taken by requests that wait for one another."""
+    with FakeFlight() as flight:
+        picture = Picture(geometry)
+        desk = Desk(flight.url, key_file, None, BIN, picture, timeout_s=3.0)
+        app = make_app(Console(flight.url, geometry, picture, desk), ACCESS)
+        with TestClient(app, base_url=ORIGIN) as client:
+
+            def ask(path):
+                thread = threading.Thread(
+                    target=lambda: client.post(path, headers=JSON, json={"number": "1"}), daemon=True
+                )
+                thread.start()
+                return thread
+
+            with desk._one:
+                threads = [ask("/api/start") for _ in range(45)]
+                time.sleep(0.5)  # until they hold all threads
+                threads.append(ask("/api/abort"))
+                wait_for(lambda: kcm.cmd_t.ABORT in [o for o, _ in flight.commands])
+            for thread in threads:
+                thread.join()
+
+
+# ---- requests that are none
+
+
+@pytest.mark.parametrize(
+    "poses", [b'"many"', b"1e400", b"null", b"true", b"9" * 5000, b"[" * 100_000, b'"' + b"9" * 5000 + b'"']
+)
+def test_a_number_that_is_none_is_a_bad_request(client, poses):
+    body = b'{"number": "1", "poses": ' + poses + b"}"
+    assert client.post("/api/start", headers=JSON, content=body).status_code == 400
+
+
+@pytest.mark.parametrize("before", ["abc", "-", "9" * 5000, "1e3"])
+def test_rows_before_what_is_no_number_are_a_bad_request(client, before):
+    assert client.get(f"/api/rows?before={before}", headers=GOOD).status_code == 400
+
+
+def test_a_length_of_thousands_of_digits_is_too_much(client):
+    headers = {**JSON, "content-length": "9" * 5000}
+    assert client.post("/api/abort", headers=headers, content=b"{}").status_code == 413
+
+
+def test_a_recording_stays_where_it_is_if_the_browser_asks_for_no_time(geometry, picture, tmp_path):
+    recorder = Recorder(tmp_path)
+    for k in range(3):
+        recorder.take("KC_HK", housekeeping(10.0 + k, 1, 0).encode(), 1_000_000 * k, float(k))
+    recorder.take("KC_PROPOSAL", proposal().encode(), 9_000_000, 9.0)
+    recorder.close()
+    recording = Recording.read(recorder.files[0])
+    app = make_app(Console("x", geometry, picture, None, recording), ACCESS)
+    with TestClient(app, base_url=ORIGIN) as client, feed_of(client) as ws:
+        first = next_of(ws, "snapshot")
+        for nonsense in ("x", "[]", "{}", '{"seek_us": "later"}', '{"seek_us": 1e999}', "[" * 20_000):
+            ws.send_text(nonsense)
+            assert next_of(ws, "snapshot")["now_s"] == first["now_s"]
+        ws.send_text(json.dumps({"seek_us": 10_000_000}))
+        assert next_of(ws, "snapshot")["now_s"] == 10.0

@@ -1,0 +1,360 @@
+"""What an operator does while something else is wrong: a full medium, a file that hangs, two programs at
+once, two flights on one network, clocks that jump."""
+
+import fcntl
+import resource
+import shutil
+import signal
+import threading
+from contextlib import contextmanager
+
+import pytest
+from click.testing import CliRunner
+from direct_flight import DirectFlight
+from fake_flight import FakeFlight
+from samples import CRC, event, proposal
+
+import kcm
+from kincal.api import operate
+from kincal.cli import main
+from kincal.flight import library
+from kincal.review import from_message, journal, record
+from kincal.review.decisions import Operator, arm, go, reject, see
+from kincal_shared import keys
+from kincal_shared.errors import BadInput, CommandFailed
+
+STATE = library("flight").enum("kc_state_t", "KC_ST_")
+EVENT = library("flight").enum("kc_event_id_t", "KC_EVT_")
+NAMES = [f"c{i}" for i in range(54)]
+
+
+@pytest.fixture
+def key_file(tmp_path):
+    path = tmp_path / "keys"
+    keys.new(path)
+    return path
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "journal.jsonl"
+
+
+@contextmanager
+def full_medium(room_bytes):
+    """No file grows beyond so many bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+
+
+class Lander(DirectFlight):
+    """Starts and aborts; after a command `then` is called."""
+
+    then = staticmethod(lambda _opcode: None)
+
+    def publish(self, channel, message):
+        super().publish(channel, message)
+        if message.opcode == kcm.cmd_t.START:
+            self.hk.state = STATE["MOVE"]
+            self.answer("KC_EVENT", event(self.hk.t_us, 1, EVENT["CAL_START"], 1, 20.0, 4))
+        elif message.opcode == kcm.cmd_t.ABORT:
+            self.hk.state = STATE["SAFE"]
+        self.then(message.opcode)
+
+
+def act(flight, request, file):
+    said, snapshot = [], operate.Snapshot()
+    operate.listen(flight, snapshot, 2.0, lambda s: s.hk is not None)
+    who = Operator("A. Operator", "because", file, 5.0, said.append)
+    return operate.act(flight, request, who, snapshot, lambda _step: None), said
+
+
+def note(file, signer, text="a comment"):
+    return record(file, journal.COMMENT, 0, "B. Second", text, "", None, signer)
+
+
+# ---- ABORT
+
+
+@pytest.mark.parametrize("trouble", ["no counter", "a folder", "a link", "locked", "full medium"])
+def test_an_abort_goes_out_whatever_is_wrong_with_the_counter(key_file, file, trouble):
+    """It was lost: the counter has to be kept before a command can be signed."""
+    counter = keys.count_file(key_file, 2)
+    flight, held = Lander(keys.signer_of(key_file)), None
+    if trouble == "no counter":
+        counter.write_text("many\n")
+    elif trouble == "a folder":
+        counter.mkdir()
+    elif trouble == "a link":
+        counter.symlink_to("/dev/null")
+    elif trouble == "locked":
+        held = counter.open("w+")
+        fcntl.flock(held, fcntl.LOCK_EX)
+    with full_medium(0 if trouble == "full medium" else resource.RLIM_INFINITY):
+        done, said = act(flight, operate.abort(), file)
+    if held:
+        held.close()
+    assert done.outcome == operate.DONE
+    assert [(c.opcode, c.key_id) for c in flight.commands] == [(kcm.cmd_t.ABORT, 0)]
+    assert trouble != "full medium" or "not in the journal" in said[-1]
+
+
+def test_any_other_command_is_not_sent_if_it_cannot_be_counted(key_file, file):
+    keys.count_file(key_file, 2).write_text("many\n")
+    flight = Lander(keys.signer_of(key_file))
+    with pytest.raises(BadInput, match="no counter"):
+        act(flight, operate.start(), file)
+    assert not flight.commands
+
+
+def test_a_counter_on_a_full_medium_is_an_error_for_people_and_stays(key_file):
+    signer = keys.signer_of(key_file)
+    before = signer.count(2)
+    with full_medium(0), pytest.raises(BadInput, match="the counter cannot be kept"):
+        signer.count(2)
+    assert signer.count(2) == before + 1
+
+
+# ---- the journal
+
+
+@pytest.mark.parametrize("room", [0, 20, "the line fits, its mark does not"])
+def test_a_full_medium_leaves_journal_and_mark_as_they_were(key_file, file, room, monkeypatch):
+    """A line without its mark made the next one look like one that somebody had appended."""
+    signer = keys.signer_of(key_file)
+    note(file, signer)
+    before = file.read_bytes(), journal.end_file(file).read_bytes()
+    for _ in range(3):
+        with pytest.raises(BadInput, match="the review journal cannot be kept"):
+            if isinstance(room, int):
+                with full_medium(len(before[0]) + room):
+                    note(file, signer)
+            else:
+                with monkeypatch.context() as m:
+                    m.setattr(journal.os, "open", _no_room(journal.os.open, ".part"))
+                    note(file, signer)
+        assert (file.read_bytes(), journal.end_file(file).read_bytes()) == before
+    note(file, signer)
+    assert len(journal.read(file, signer.known).entries) == 2
+
+
+def _no_room(opening, suffix):
+    def opened(path, *rest):
+        if str(path).endswith(suffix):
+            raise OSError(28, "No space left on device")
+        return opening(path, *rest)
+
+    return opened
+
+
+@pytest.mark.parametrize("place", ["a file/journal", "n" * 300])
+def test_a_journal_that_cannot_be_made_is_an_error_for_people(key_file, tmp_path, place):
+    (tmp_path / "a file").write_text("")
+    with pytest.raises(BadInput, match="the review journal cannot be kept"):
+        note(tmp_path / place, keys.signer_of(key_file))
+
+
+def test_a_reader_never_sees_a_writer_half_done(key_file, file, monkeypatch):
+    """A line that was added between the reading of journal and mark made the journal look cut: a decision was
+    refused, an audit raised alarm."""
+    signer, parse = keys.signer_of(key_file), journal._parsed
+    note(file, signer)
+    writer = threading.Thread(target=lambda: note(file, signer))
+
+    def slowly(*args):
+        if threading.current_thread() is not writer and not writer.ident:
+            writer.start()
+            writer.join(0.3)
+        return parse(*args)
+
+    monkeypatch.setattr(journal, "_parsed", slowly)
+    assert len(journal.read(file, signer.known).entries) == 1
+    writer.join()
+    assert len(journal.read(file, signer.known).entries) == 2
+
+
+@pytest.mark.parametrize("using", ["read", "append"])
+def test_a_journal_that_another_program_holds_is_said_not_waited_for(key_file, file, using, monkeypatch):
+    signer = keys.signer_of(key_file)
+    note(file, signer)
+    monkeypatch.setattr(journal, "LOCK_WAIT_S", 0.1)
+    with file.open("r+") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(BadInput, match="another program has held this file"):
+            if using == "read":
+                journal.read(file, signer.known)
+            else:
+                note(file, signer)
+    assert len(journal.read(file, signer.known).entries) == 1
+
+
+@pytest.mark.parametrize("name", ["start", "arm", "go", "reject"])
+def test_a_command_that_flight_took_is_said_also_if_the_journal_is_full_by_then(key_file, file, name):
+    """The error of the journal stood alone, as if nothing had been sent."""
+    signer = keys.signer_of(key_file)
+    flight = Lander(signer).waits(CRC) if name != "start" else Lander(signer)
+    who = Operator("A. Operator", "because", file, 5.0)
+    see(file, from_message(proposal(), NAMES), who.by, file, signer)
+    if name == "go":
+        arm(flight, f"{CRC:08x}", who)
+    aside = file.with_suffix(".aside")
+
+    def remove(_opcode):
+        shutil.move(file, aside)
+        file.mkdir()
+
+    flight.then = remove
+    with pytest.raises(CommandFailed) as caught:
+        if name == "start":
+            act(flight, operate.start(), file)
+        else:
+            {"arm": arm, "go": go, "reject": reject}[name](flight, f"{CRC:08x}", who)
+    assert "the journal has only the attempt" in caught.value.what
+    assert caught.value.what.startswith("START done" if name == "start" else "flight took ")
+    assert "do not send it again" in caught.value.todo
+    state = {"start": "MOVE", "arm": "ARMED", "go": "IDLE", "reject": "IDLE"}[name]
+    assert flight.hk.state == STATE[state]
+
+
+def test_what_became_of_a_decision_is_written_also_if_somebody_else_wrote_meanwhile(key_file, file):
+    """A comment of another console between attempt and outcome counted as the outcome."""
+    signer = keys.signer_of(key_file)
+    flight = Lander(signer).waits(CRC)
+    who = Operator("A. Operator", "because", file, 5.0)
+    see(file, from_message(proposal(), NAMES), who.by, file, signer)
+    flight.refuse[kcm.cmd_t.APPROVE_ARM] = (-8, 13)
+    flight.then = lambda _opcode: note(file, keys.signer_of(key_file))
+    with pytest.raises(CommandFailed):
+        arm(flight, f"{CRC:08x}", who)
+    found = [(e.decision, e.command) for e in journal.read(file, signer.known).entries]
+    assert found[1:] == [("attempt", "APPROVE_ARM"), ("comment", ""), ("refused", "APPROVE_ARM")]
+
+
+# ---- two at once
+
+
+def test_two_programs_that_begin_at_the_same_moment_do_not_share_answers(key_file, monkeypatch):
+    """Their numbers came from the clock, to a quarter of a second: who was refused took the other's answer
+    for its own, and the journal had two approvals."""
+    monkeypatch.setattr("kincal.link.connection.time.time", lambda: 1_795_000_000.0)
+    first, second = (DirectFlight(keys.signer_of(key_file)) for _ in range(2))
+    assert first.send("APPROVE_GO", (CRC,)) != second.send("APPROVE_GO", (CRC,))
+    alone = DirectFlight(), DirectFlight()
+    assert len({link.send("NOOP") for link in alone}) == 1  # flight wants these to grow from start to start
+
+
+def housekeeping(t_s, boot_count=3, state="IDLE"):
+    m = kcm.hk_t()
+    m.t_us, m.boot_count, m.state = int(t_s * 1e6), boot_count, STATE[state]
+    return m
+
+
+def heard(*senders, seconds=6.0):
+    """A snapshot that has heard each of these once a second, one after the other; and when."""
+    snapshot, now_s = operate.Snapshot(), 0.0
+    while now_s < seconds:
+        for first_s, boot_count, state in senders:
+            snapshot.take("KC_HK", housekeeping(first_s + now_s, boot_count, state), now_s, now_s)
+            now_s += 1.0 / len(senders)
+    return snapshot, now_s
+
+
+@pytest.mark.parametrize("replayed", [(10.0, 3, "REVIEW"), (10.0, 2, "REVIEW"), (5000.0, 9, "REVIEW")])
+def test_two_flights_or_a_recording_on_the_live_network_are_never_fresh(replayed):
+    """State, correction and age went to and fro, each called fresh."""
+    snapshot, now_s = heard((1000.0, 3, "IDLE"), replayed)
+    age = snapshot.freshness("KC_HK", now_s)
+    assert age.status == operate.STALE and "two senders of housekeeping" in age.why
+    assert "not known: two senders" in snapshot.status(now_s, now_s).waits_for
+    assert operate.unmet(operate.start(), snapshot, now_s)[0].found == age.why
+    assert operate.unmet(operate.abort(), snapshot, now_s) == ()
+    alone = now_s
+    while alone < now_s + 15.0:
+        alone += 1.0
+        snapshot.take("KC_HK", housekeeping(1000.0 + alone), alone, alone)
+    assert snapshot.freshness("KC_HK", alone).status == operate.FRESH
+
+
+def test_one_flight_that_starts_again_and_loses_its_clock_is_one():
+    snapshot, now_s = heard((1000.0, 3, "IDLE"))
+    for boot_count, t_s in ((4, 2000.0), (5, 10.0), (5, 11.0), (5, 12.0)):
+        now_s += 1.0
+        snapshot.take("KC_HK", housekeeping(t_s, boot_count), now_s, now_s)
+        assert snapshot.freshness("KC_HK", now_s).status == operate.FRESH
+
+
+# ---- arguments
+
+
+@pytest.mark.parametrize("poses", [2**32 + 1, 2**32, -1, 129])
+def test_a_number_of_poses_that_flight_would_not_take_is_named_not_folded(poses):
+    """2^32 + 1 went out as one pose."""
+    snapshot = operate.Snapshot()
+    snapshot.take("KC_HK", housekeeping(9.0), 0.0, 0.0)
+    found = [u for u in operate.unmet(operate.start(poses=poses), snapshot, 0.0) if "poses" in u.condition]
+    assert [u.found for u in found] == [f"{poses} asked for"]
+
+
+@pytest.mark.parametrize("number", [2**32, 2**32 + 1, -(2**31) - 1, 2**70])
+def test_a_link_refuses_what_an_argument_does_not_hold(key_file, number):
+    link = DirectFlight(keys.signer_of(key_file))
+    with pytest.raises(BadInput, match="START does not carry"):
+        link.send("START", (-1, number, 1))
+    assert not link.commands
+    link.send("APPROVE_ARM", (0xFFFFFFFF,))
+    assert link.commands[0].arg_i[0] == -1
+
+
+# ---- a journal that is gone
+
+
+def test_a_journal_that_is_gone_but_for_its_mark_is_not_an_empty_one(key_file, file):
+    signer = keys.signer_of(key_file)
+    note(file, signer)
+    note(file, signer)
+    file.unlink()
+    with pytest.raises(BadInput, match="lines 1 to 2 were removed"):
+        journal.read(file, signer.known)
+    with pytest.raises(BadInput, match="lines 1 to 2 were removed"):
+        note(file, signer)
+
+
+# ---- the command line
+
+
+def kincal(*args, **env):
+    return CliRunner().invoke(main, [str(a) for a in args], env=env)
+
+
+@pytest.mark.parametrize("named", ["~nobody-of-that-name/keys", "/", "."])
+def test_a_key_file_that_can_be_none_is_an_error_for_people(named):
+    for args in (("audit", "verify"), ("review", "comment", "x", "--by", "b")):
+        run = kincal(*args, KINCAL_KEYS=named)
+        assert run.exit_code == 2 and "Error: no keys: " in run.output, run.output
+
+
+@pytest.mark.parametrize("to", ["a" * 70 + ".example:1", "..:1", f"{'x.' * 300}:1"])
+def test_a_host_that_is_no_name_is_an_error_for_people(to):
+    run = kincal("bridge", "ccsds", "--to", to, "--seconds", "0.1")
+    assert run.exit_code == 2 and "Error: host " in run.output, run.output
+
+
+@pytest.mark.parametrize("megabytes", ["inf", "nan", "1e300"])
+def test_a_recording_needs_a_size_that_is_one(tmp_path, megabytes):
+    run = kincal("record", "--folder", tmp_path, "--seconds", "0.1", "--megabytes", megabytes)
+    assert run.exit_code == 2 and "Traceback" not in run.output, run.output
+
+
+def test_a_dry_run_names_a_missing_key_too(tmp_path):
+    """It said that nothing speaks against a command that could not be sent."""
+    with FakeFlight() as flight:
+        at = ("--url", flight.url, "--keys", tmp_path / "none")
+        run = kincal("command", "discard", "--dry-run", *at)
+        assert run.exit_code == 1 and "not met: a key to sign with; found: no keys" in run.output, run.output
+        assert kincal("command", "noop", "--dry-run", *at).exit_code == 0
