@@ -143,6 +143,12 @@ static void walk_extra(kc_walk_t *w, kc_config_t *c)
     kc_walk_u32(w, 87u, &c->stops_max, 0u, KC_STOP_MAX); /* 0 = off */
 }
 
+static void walk_end(kc_walk_t *w, kc_config_t *c)
+{
+    /* power of the look at the table in force; 0 = none before the end */
+    kc_walk_f64(w, 96u, &c->no_change_power, 0.0, 0.9999);
+}
+
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
 {
     walk_design(w, c);
@@ -153,6 +159,7 @@ void kc_config_walk(kc_walk_t *w, kc_config_t *c)
     walk_decisions(w, c);
     walk_poses(w, c);
     walk_extra(w, c);
+    walk_end(w, c);
 }
 
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got)
