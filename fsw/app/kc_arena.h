@@ -7,7 +7,8 @@
  *                 are refused while a calibration runs or its correction waits for review, and the monitor
  *                 begins a new window after a calibration.
  *
- *   proposal      in PROPOSE: no pose is chosen any more.
+ *   proposal      in PROPOSE: no pose is chosen any more. (Within `calibration`, kc_choice.h overlaps what a choice and
+ *                 what a judgement in REPORT need.)
  *
  * In STORE images in `idle` are handed to the store, and a correction or a table is put in force, for which
  * idle.scratch is used: the calibration part is not needed any more by then. */
@@ -15,7 +16,6 @@
 #define KC_ARENA_H
 
 #include "kc_choice.h"
-#include "kc_consider.h"
 #include "kc_journal.h"
 #include "kc_monitor.h"
 #include "kc_tables.h"
@@ -29,7 +29,7 @@ typedef struct {
 
 typedef union {
     kc_arena_calibration_t calibration;
-    kc_consider_t proposal;
+    kc_judge_t proposal;
     kc_arena_idle_t idle;
 } kc_arena_t;
 

@@ -6,6 +6,7 @@
 
 #include "kc_acquire.h"
 #include "kc_gp.h"
+#include "kc_judge.h"
 
 /* Where the choice of the next candidate stands between two steps (kc_select.c). */
 typedef struct {
@@ -21,7 +22,10 @@ typedef struct {
     kc_point_t cand_pt[KC_CAND_MAX];          /* goal poses of the candidates */
     float cand_q[KC_CAND_MAX * KC_JOINT_MAX]; /* joints expected there */
     kc_choice_t choice;
-    kc_acq_work_t acq;                        /* only inside one choice */
+    union {
+        kc_acq_work_t acq; /* only inside one choice */
+        kc_judge_t judge;  /* only inside one REPORT */
+    };
 } kc_arena_calibration_t;
 
 #endif

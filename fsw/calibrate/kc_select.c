@@ -2,6 +2,7 @@
 
 #include <stddef.h>
 
+#include "kc_accuracy.h"
 #include "kc_cost.h"
 #include "kc_libm.h"
 #include "kc_local.h"
@@ -9,16 +10,30 @@
 
 #define PREDICT_ITER_MAX 8u /* enough for an approximate solution */
 
-/* What the camera chain leaves of the tool's position however many poses are measured: the place of the tags on the
- * tool, and in the base frame that of the pan-tilt unit. A lower bound: other errors of the chain come on top. */
+/* RMS and bound of independent errors of two sizes, three axes each. */
+static double bound_of(double a, double b, double confidence)
+{
+    const double a2 = 3.0 * a * a, b2 = 3.0 * b * b;
+    const double four = a2 * a2 + b2 * b2, dof = four > 0.0 ? 3.0 * (a2 + b2) * (a2 + b2) / four : 1.0;
+    return kc_accuracy_bound(kc_sqrt(a2 + b2), dof, confidence);
+}
+
+/* What the stated errors of the camera chain leave of the tool however many poses are measured, before anything is
+ * known of them: the place of the tags on the tool, and in the base frame that of the pan-tilt unit. Others come on top,
+ * by where poses are measured: CAL_CHAIN_LIMIT says it then. */
 static void warn_unreachable(const kc_active_t *tables, kc_out_t *out)
 {
     const kc_config_t *c = &tables->config;
-    double plate = tables->camera.plate_sigma_m, mast = tables->camera.mast_sigma_m;
-    double left2 = plate * plate + (c->frame == (uint8_t)KC_RIGHT_IN_LANDER ? mast * mast : 0.0);
-    double left_m = kc_fit_at_confidence(c) * kc_sqrt(3.0 * left2);
-    if (c->stop_pos_m <= 0.0 || left_m <= c->stop_pos_m) { return; }
-    kc_event(&out->events, KC_EVT_CAL_UNREACHABLE, -1, left_m, c->stop_pos_m);
+    const kc_camera_t *cam = &tables->camera;
+    const bool lander = c->frame == (uint8_t)KC_RIGHT_IN_LANDER;
+    const double left_m = bound_of(cam->plate_sigma_m, lander ? cam->mast_sigma_m : 0.0, c->stop_confidence);
+    const double left_rad = bound_of(cam->plate_sigma_rad, lander ? cam->mast_sigma_rad : 0.0, c->stop_confidence);
+    if (c->stop_pos_m > 0.0 && left_m > c->stop_pos_m) {
+        kc_event(&out->events, KC_EVT_CAL_UNREACHABLE, 0, left_m, c->stop_pos_m);
+    }
+    if (c->stop_rot_rad > 0.0 && left_rad > c->stop_rot_rad) {
+        kc_event(&out->events, KC_EVT_CAL_UNREACHABLE, 1, left_rad, c->stop_rot_rad);
+    }
 }
 
 void kc_select_start(kc_cal_t *cal, kc_plan_t *plan, const kc_view_t *view, const kc_start_t *ask,
@@ -219,9 +234,19 @@ static bool inform(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena
 
 /* ---- SELECT ---- */
 
-static kc_outcome_t finish(const kc_view_t *view, kc_cause_t if_nothing)
+static kc_outcome_t finish(kc_cal_t *cal, const kc_view_t *view, kc_ended_t ended, kc_cause_t if_nothing)
 {
-    return kc_plan_enough(view->plan) ? kc_outcome(KC_OC_FINISH) : kc_abort_for(if_nothing);
+    if (!kc_plan_enough(view->plan)) { return kc_abort_for(if_nothing); }
+    cal->ended = ended;
+    return kc_outcome(KC_OC_FINISH);
+}
+
+/* Why no pose is to come, or NOT. */
+static kc_ended_t at_its_end(const kc_view_t *view)
+{
+    if (view->learned->ended != KC_ENDED_NOT) { return view->learned->ended; }
+    if (!kc_plan_complete(view->plan, &view->tables->space)) { return KC_ENDED_NOT; }
+    return view->plan->n_meas < view->plan->n_own + view->plan->n_local ? KC_ENDED_OBSERVATIONS : KC_ENDED_POSES;
 }
 
 void kc_select_begin(kc_arena_calibration_t *arena) { arena->choice = (kc_choice_t){0}; }
@@ -248,7 +273,8 @@ static kc_outcome_t planned(kc_cal_t *cal, kc_plan_t *plan, kc_choice_t *ch, con
                  (double)plan->n_tried);
         return kc_abort_for(KC_CAUSE_TAGS_NOT_DETECTED);
     }
-    if (view->learned->converged || kc_plan_complete(plan, s)) { return finish(view, KC_CAUSE_NO_CANDIDATE); }
+    kc_ended_t ended = at_its_end(view);
+    if (ended != KC_ENDED_NOT) { return finish(cal, view, ended, KC_CAUSE_NO_CANDIDATE); }
     cal->acq_value = 0.0;
     cal->chosen_by = -1;
     ch->initial = kc_plan_local(plan, s, ch->eligible);
@@ -274,7 +300,7 @@ kc_outcome_t kc_select_run(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_
     if (!inform(cal, plan, arena, view, work, out)) { return kc_outcome(KC_OC_STAY); }
     if (ch->part == ACQUIRED && at_once(cal, arena, rng, view) != KC_OK) {
         kc_event(&out->events, KC_EVT_CAL_NO_CANDIDATE, -1, 0.0, 0.0);
-        return finish(view, KC_CAUSE_NO_CANDIDATE);
+        return finish(cal, view, KC_ENDED_CANDIDATES, KC_CAUSE_NO_CANDIDATE);
     }
     if (!kc_work_take(work, kc_move_begin_cost(view))) { return kc_outcome(KC_OC_STAY); }
     cal->candidate = (int32_t)ch->cand;
@@ -311,6 +337,6 @@ kc_outcome_t kc_select_budget(kc_cal_t *cal, const kc_view_t *view, kc_out_t *ou
     bool flat = c->energy_budget_j > 0.0 && cal->energy_j > c->energy_budget_j;
     if (late) { kc_event(&out->events, KC_EVT_CAL_BUDGET, -1, (double)used_us, (double)c->budget_us); }
     if (flat) { kc_event(&out->events, KC_EVT_CAL_ENERGY, -1, cal->energy_j, c->energy_budget_j); }
-    if (late || flat) { return finish(view, KC_CAUSE_BUDGET); }
+    if (late || flat) { return finish(cal, view, late ? KC_ENDED_TIME : KC_ENDED_ENERGY, KC_CAUSE_BUDGET); }
     return kc_outcome(KC_OC_STAY);
 }

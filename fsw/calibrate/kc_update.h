@@ -32,8 +32,8 @@ kc_outcome_t kc_update_refine(kc_update_t *cursor, kc_learned_t *learned, kc_est
 kc_outcome_t kc_update_learn(kc_update_t *cursor, kc_learned_t *learned, kc_est_t *est, kc_plan_t *plan,
                              kc_arena_calibration_t *arena, const kc_view_t *view, kc_work_t *work,
                              kc_out_t *out);
-/* Predicted uncertainty, progress. */
-kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *learned, const kc_view_t *view,
-                              kc_work_t *work, kc_out_t *out);
+/* Predicted uncertainty, whether more poses are needed, progress. */
+kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *learned, kc_judging_t *judging,
+                              kc_judge_t *judge, const kc_view_t *view, kc_work_t *work, kc_out_t *out);
 
 #endif

@@ -43,12 +43,6 @@ bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_mi
 #define AXES 3u
 #define CHECK_P 1e-3 /* a pose that is predicted as well as required fails its check so rarely */
 
-double kc_fit_at_confidence(const kc_config_t *config)
-{
-    if (config->stop_confidence <= 0.0) { return 1.0; }
-    return kc_sqrt(kc_chi2_quantile(1.0 - config->stop_confidence, AXES) / (double)AXES);
-}
-
 static bool within(double miss, double limit, const double *cov)
 {
     double noise2 = (cov[0] + cov[7] + cov[14]) / (double)AXES;
@@ -61,14 +55,18 @@ bool kc_fit_checked(const kc_config_t *config, kc_miss_t miss, const double cov[
            within(miss.rot_rad, config->stop_rot_rad, &cov[21]);
 }
 
-bool kc_fit_certain(const kc_config_t *config, const kc_est_t *est, kc_status_t status, kc_miss_t sigma)
+bool kc_fit_required(const kc_config_t *config) { return config->stop_pos_m > 0.0 || config->stop_rot_rad > 0.0; }
+
+bool kc_fit_determined(const kc_est_t *est, kc_status_t status)
+{
+    return status == KC_OK && est->rank == est->n_free && est->dof >= est->n_free;
+}
+
+bool kc_fit_meets(const kc_config_t *config, kc_miss_t bound)
 {
     const kc_config_t *c = config;
-    if (c->stop_pos_m <= 0.0 && c->stop_rot_rad <= 0.0) { return false; }
-    double times = kc_fit_at_confidence(c);
-    return status == KC_OK && est->rank == est->n_free && est->dof >= est->n_free &&
-           (c->stop_pos_m <= 0.0 || times * sigma.pos_m <= c->stop_pos_m) &&
-           (c->stop_rot_rad <= 0.0 || times * sigma.rot_rad <= c->stop_rot_rad);
+    return kc_fit_required(c) && (c->stop_pos_m <= 0.0 || bound.pos_m <= c->stop_pos_m) &&
+           (c->stop_rot_rad <= 0.0 || bound.rot_rad <= c->stop_rot_rad);
 }
 
 /* Whether all coefficients of TERMS are requested: then residuals are not due to a choice of the operator. */

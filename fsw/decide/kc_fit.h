@@ -37,13 +37,15 @@ typedef struct {
  * smaller gain can be chance. */
 bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_miss_t with_used);
 
-/* Whether the required sigma is met, at the confidence that CONFIG states. A requirement of 0 is none; it is not met while a coefficient is
- * undetermined. */
-double kc_fit_at_confidence(const kc_config_t *config); /* the largest error over its RMS */
 /* Whether a pose that was not used yet was predicted so well: to within the requirement and the noise of its
  * measurement (cov, 6x6). */
 bool kc_fit_checked(const kc_config_t *config, kc_miss_t miss, const double cov[36]);
-bool kc_fit_certain(const kc_config_t *config, const kc_est_t *est, kc_status_t status, kc_miss_t sigma);
+/* Whether CONFIG requires an accuracy at all. */
+bool kc_fit_required(const kc_config_t *config);
+/* Whether it can be judged: every coefficient is determined, by twice as many rows as there are coefficients. */
+bool kc_fit_determined(const kc_est_t *est, kc_status_t status);
+/* Whether bounds of the error are within what is required; a requirement of 0 is none. */
+bool kc_fit_meets(const kc_config_t *config, kc_miss_t bound);
 
 /* Model mismatch: observations that no correction within its bounds explains. miss: residuals of the observations of
  * the plan with the estimate. True if the paths were not verified for such an arm; *worst is the newest such

@@ -6,6 +6,13 @@
 
 #define N KC_CHAIN_COUNT
 
+static double sum_squares(const double *v, uint32_t n)
+{
+    double s = 0.0;
+    for (uint32_t i = 0u; i < n; i++) { s += v[i] * v[i]; }
+    return s;
+}
+
 void kc_consider_begin(kc_consider_t *c) { memset(c, 0, sizeof *c); }
 
 static double dot6(const double a[6], const double b[6])
@@ -29,6 +36,7 @@ void kc_consider_add(kc_consider_t *c, const kc_est_t *est, const kc_consider_po
     for (uint32_t i = 0u; i < est->terms->n_coef; i++) {
         kc_la_whiten_apply(pose->W, 6u, pose->eval->J[i], col);
         for (uint32_t k = 0u; k < N; k++) { c->S[i * N + k] += dot6(col, h[k]); }
+        c->JJ[i] += dot6(col, col);
     }
 }
 
@@ -68,8 +76,18 @@ void kc_consider_scale(kc_consider_t *c, double noise_scale)
     for (uint32_t k = 0u; k < N * N; k++) { c->L[k] = weight * c->A[k]; }
     for (uint32_t k = 0u; k < N; k++) { c->b_after[k] = weight * c->b[k]; }
     factor(c->L, c->b_after);
-    memcpy(c->mean, c->b_after, sizeof c->mean);
-    kc_la_solve_lower_t(c->L, N, N, c->mean);
+}
+
+void kc_consider_visible(kc_consider_t *c, const kc_est_t *est, uint32_t n)
+{
+    double b[N] = {0};
+    memcpy(c->L, c->HH, sizeof c->L); /* not in use yet */
+    factor(c->L, b);
+    for (uint32_t i = 0u; i < est->terms->n_coef; i++) {
+        memcpy(b, &c->S[i * N], sizeof b);
+        kc_la_solve_lower(c->L, n, N, b);
+        c->visible[i] = c->JJ[i] - sum_squares(b, n);
+    }
 }
 
 void kc_consider_end(kc_consider_t *c, const kc_est_t *est)
@@ -77,13 +95,6 @@ void kc_consider_end(kc_consider_t *c, const kc_est_t *est)
     for (uint32_t k = 0u; k < N; k++) { gain(c, est, k); }
     factor(c->HH, c->b_before);
     kc_consider_scale(c, 1.0);
-}
-
-static double sum_squares(const double *v, uint32_t n)
-{
-    double s = 0.0;
-    for (uint32_t i = 0u; i < n; i++) { s += v[i] * v[i]; }
-    return s;
 }
 
 double kc_consider_explains_before(const kc_consider_t *c, uint32_t n) { return sum_squares(c->b_before, n); }
@@ -99,24 +110,29 @@ double kc_consider_cov(const kc_consider_t *c, uint32_t i, uint32_t j)
 
 uint64_t kc_consider_pose_cost(const kc_est_t *est) { return 40000u + 1200u * est->terms->n_coef; }
 
+void kc_consider_motion(const kc_consider_t *c, const kc_est_t *est, const kc_eval_t *eval, double (*seen)[6],
+                        double move[6][KC_CHAIN_COUNT])
+{
+    for (uint32_t a = 0u; a < 6u; a++) {
+        for (uint32_t k = 0u; k < N; k++) {
+            /* the tags' errors do not move what else the camera sees */
+            const bool moves = seen != NULL && k >= KC_CHAIN_DRIFT;
+            move[a][k] = moves ? -seen[k][a] : 0.0;
+            for (uint32_t i = 0u; i < est->terms->n_coef; i++) { move[a][k] += eval->J[i][a] * c->S[i * N + k]; }
+        }
+        kc_la_solve_lower(c->L, N, N, move[a]);
+    }
+}
+
 void kc_consider_pose(const kc_consider_t *c, const kc_est_t *est, const kc_eval_t *eval, double (*seen)[6],
                       double *pos2, double *rot2)
 {
-    double e[6][N];
-    for (uint32_t k = 0u; k < N; k++) {
-        /* the tags' errors do not move what else the camera sees */
-        const bool moves = seen != NULL && k >= KC_CHAIN_DRIFT;
-        for (uint32_t a = 0u; a < 6u; a++) {
-            e[a][k] = moves ? -seen[k][a] : 0.0;
-            for (uint32_t i = 0u; i < est->terms->n_coef; i++) { e[a][k] += eval->J[i][a] * c->S[i * N + k]; }
-        }
-    }
-    double var[6];
+    double move[6][N], var[6];
+    kc_consider_motion(c, est, eval, seen, move);
     for (uint32_t a = 0u; a < 6u; a++) {
         double mean = 0.0;
-        for (uint32_t k = 0u; k < N; k++) { mean += e[a][k] * c->mean[k]; }
-        kc_la_solve_lower(c->L, N, N, e[a]);
-        var[a] = mean * mean + sum_squares(e[a], N);
+        for (uint32_t k = 0u; k < N; k++) { mean += move[a][k] * c->b_after[k]; }
+        var[a] = mean * mean + sum_squares(move[a], N);
     }
     *pos2 = var[0] + var[1] + var[2];
     *rot2 = var[3] + var[4] + var[5];

@@ -15,7 +15,7 @@
 #include "kc_camera.h"
 #include "kc_estimate.h"
 
-/* Caller owns it, about 26 KiB. */
+/* Caller owns it, about 27 KiB. */
 typedef struct {
     double S[KC_COEF_MAX * KC_CHAIN_COUNT]; /* J'H while poses are added, then S; row: a coefficient */
     double HH[KC_CHAIN_COUNT * KC_CHAIN_COUNT]; /* H'H, then the Cholesky factor of I + H'H */
@@ -25,7 +25,8 @@ typedef struct {
     double b_before[KC_CHAIN_COUNT]; /* H'r with the table in force, then L^-1 of it */
     double b[KC_CHAIN_COUNT]; /* H'r with the estimate */
     double b_after[KC_CHAIN_COUNT]; /* L^-1 b */
-    double mean[KC_CHAIN_COUNT]; /* of c */
+    double JJ[KC_COEF_MAX]; /* diagonal of J'J: information on each coefficient, if the others are right */
+    double visible[KC_COEF_MAX]; /* the same, the chain as unknown as stated; kc_consider_visible */
 } kc_consider_t;
 
 /* One pose of a sum: whitened residuals with the table in force and with the estimate, the whitener, model and
@@ -40,6 +41,9 @@ typedef struct {
 void kc_consider_begin(kc_consider_t *c);
 void kc_consider_add(kc_consider_t *c, const kc_est_t *est, const kc_consider_pose_t *pose);
 uint64_t kc_consider_add_cost(const kc_est_t *est); /* bound of its instructions */
+/* All poses are added, before the end: `visible`, the diagonal of J'(I + H H')^-1 J with the first n parameters of the
+ * chain. */
+void kc_consider_visible(kc_consider_t *c, const kc_est_t *est, uint32_t n);
 /* All poses are added; est: solved, its covariance is used. */
 void kc_consider_end(kc_consider_t *c, const kc_est_t *est);
 #define KC_CONSIDER_END_COST 1500000u
@@ -56,6 +60,10 @@ double kc_consider_cov(const kc_consider_t *c, uint32_t i, uint32_t j);
  * where the camera sees it, the chain there; NULL: in the base frame. */
 void kc_consider_pose(const kc_consider_t *c, const kc_est_t *est, const kc_eval_t *eval, double (*seen)[6],
                       double *pos2, double *rot2);
+/* Motion of a predicted pose (dp [m], rotation vector [rad]) for one unit of each of what stays unknown of c: unit
+ * covariance, mean b_after. */
+void kc_consider_motion(const kc_consider_t *c, const kc_est_t *est, const kc_eval_t *eval, double (*seen)[6],
+                        double move[6][KC_CHAIN_COUNT]);
 uint64_t kc_consider_pose_cost(const kc_est_t *est);
 
 #endif

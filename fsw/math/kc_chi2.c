@@ -9,6 +9,8 @@
 #define HALVINGS 40u     /* of the interval that holds a quantile */
 #define QUANTILE_MAX 8.0 /* times dof and a few: beyond the quantiles of 1e-4 and more */
 #define TINY 1e-300
+#define NCP_MAX 200.0  /* noncentrality: beyond it the upper tail is 1 for all that is asked here */
+#define NCP_TERMS 200u /* of the Poisson sum: ten of its deviations beyond NCP_MAX / 2 */
 
 /* x^a e^-x / Gamma(a) */
 static double front(double a, double x) { return kc_exp(a * kc_log(x) - x - kc_lgamma(a)); }
@@ -45,20 +47,36 @@ static double upper_fraction(double a, double x)
     return h * front(a, x);
 }
 
-double kc_chi2_sf(double chi2, uint32_t dof)
+static double upper(double chi2, double dof)
 {
-    const double a = 0.5 * (double)dof;
+    const double a = 0.5 * dof;
     const double x = 0.5 * chi2;
     if (x <= 0.0) { return 1.0; }
     return (x < a + 1.0) ? 1.0 - lower_series(a, x) : upper_fraction(a, x);
 }
 
-double kc_chi2_quantile(double p, uint32_t dof)
+double kc_chi2_sf(double chi2, uint32_t dof) { return upper(chi2, (double)dof); }
+
+double kc_chi2_quantile(double p, uint32_t dof) { return kc_chi2_quantile_real(p, (double)dof); }
+
+double kc_chi2_noncentral_sf(double chi2, uint32_t dof, double ncp)
 {
-    double lo = 0.0, hi = QUANTILE_MAX * ((double)dof + 6.0);
+    const double half = 0.5 * kc_min(ncp, NCP_MAX);
+    double weight = kc_exp(-half), sum = 0.0, total = 0.0;
+    for (uint32_t k = 0u; k < NCP_TERMS; k++) {
+        sum += weight * kc_chi2_sf(chi2, dof + 2u * k);
+        total += weight;
+        weight *= half / ((double)k + 1.0);
+    }
+    return sum / total;
+}
+
+double kc_chi2_quantile_real(double p, double dof)
+{
+    double lo = 0.0, hi = QUANTILE_MAX * (dof + 6.0);
     for (uint32_t k = 0u; k < HALVINGS; k++) {
         const double mid = 0.5 * (lo + hi);
-        if (kc_chi2_sf(mid, dof) > p) {
+        if (upper(mid, dof) > p) {
             lo = mid;
         } else {
             hi = mid;

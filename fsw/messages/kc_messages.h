@@ -89,7 +89,9 @@ typedef struct {
     F(double, fit_rot_rad) F(double, before_pos_m) F(double, before_rot_rad)                     \
     F(double, pred_pos_m) F(double, pred_rot_rad) F(uint32_t, crc_kin_before) F(uint8_t, frame) \
     F(double, pred_noise_pos_m) F(double, pred_noise_rot_rad) F(double, pred_camera_pos_m)       \
-    F(double, pred_camera_rot_rad) F(double, pred_lander_pos_m) F(double, pred_lander_rot_rad)
+    F(double, pred_camera_rot_rad) F(double, pred_lander_pos_m) F(double, pred_lander_rot_rad) \
+    F(uint8_t, ended) F(uint32_t, n_checked) F(double, confidence) F(double, bound_pos_m)        \
+    F(double, bound_rot_rad)
 typedef struct {
     KC_PROPOSAL_FIELDS(KC_FIELD_, KC_ARRAY_)
     kc_kin_t kin; /* what would become active; encode gives crc */

@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "kc_acquire.h"
+#include "kc_ended.h"
 #include "kc_fit.h"
 #include "kc_leave_out.h"
 #include "kc_plan.h"
@@ -43,6 +44,7 @@ typedef struct {
     int32_t candidate, replicate; /* current one, -1: none */
     double acq_value;
     int32_t chosen_by; /* kc_acq_t; -1 = initial pose or replicate */
+    kc_ended_t ended;  /* why it proposes; NOT: it goes on, or is aborted */
 } kc_cal_t;
 
 /* What the newest pose taught. */
@@ -51,10 +53,12 @@ typedef struct {
     double coef[KC_COEF_MAX]; /* latest correction, for aiming and for f */
     bool gp_ok;
     bool trusted;   /* the estimate predicted the newest pose better */
-    bool converged; /* the required sigma is met */
+    kc_ended_t ended; /* REQUIREMENT or NO_CHANGE: no more poses are needed */
     kc_miss_t res;  /* residual of the newest pose before it was used */
     double f, gp_mean, gp_sigma;
     kc_miss_t pred; /* predicted sigma over the search space */
+    bool looked;       /* the table in force was tested before the end */
+    bool chain_told;   /* that the camera chain alone exceeds the requirement */
     uint32_t n_checked; /* poses in a row that were predicted as well as required, before they were used */
     kc_leave_out_t leave_out; /* search for a bad detection among the local initial poses */
     uint8_t outlier_reported[KC_MEAS_MAX];

@@ -149,6 +149,12 @@ static void walk_suspects(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 92u, &c->rest_part, 1e-6, 10.0);
 }
 
+static void walk_end(kc_walk_t *w, kc_config_t *c)
+{
+    /* power of the look at the table in force; 0 = none before the end */
+    kc_walk_f64(w, 96u, &c->no_change_power, 0.0, 0.9999);
+}
+
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
 {
     walk_design(w, c);
@@ -160,6 +166,7 @@ void kc_config_walk(kc_walk_t *w, kc_config_t *c)
     walk_poses(w, c);
     walk_extra(w, c);
     walk_suspects(w, c);
+    walk_end(w, c);
 }
 
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got)

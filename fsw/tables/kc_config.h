@@ -27,7 +27,7 @@ typedef struct {
     double beta_scale, a1; /* eq. 7 scale; position weight of eq. 6 */
     double sp_floor_m, sq_floor_rad;
     double vopt_len_m;
-    double stop_pos_m, stop_rot_rad; /* stop when the predicted pose sigma is below both, 0 = off */
+    double stop_pos_m, stop_rot_rad; /* required accuracy over the search space: stop there, 0 = off */
     /* observing */
     uint32_t frames_per_meas; /* 1..16 */
     uint32_t frame_retries;
@@ -98,6 +98,9 @@ typedef struct {
     uint32_t stops_max; /* most stops on the way to each candidate, of those that SPACE has, 0: none */
     /* calibration from the monitor's suspects: sigma of what is not suspected, part of its scale; KIN's if larger */
     double rest_part;
+    double
+        no_change_power; /* with a required accuracy: the table in force is tested, and a right one ends the
+                               calibration, once an error that large would show with this probability; 0: never */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

@@ -149,6 +149,7 @@ class RunResult:
     p_fit: float = float("nan")
     p_no_change: float = float("nan")
     noise_scale: float = float("nan")
+    ended: str = ""  # why the calibration stopped measuring
     criteria: tuple[Criterion, ...] = ()
     curves: tuple[Curve, ...] = ()
     scene: Scene | None = None

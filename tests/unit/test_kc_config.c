@@ -130,6 +130,7 @@ static const spoil_t s_spoil[] = {
     {86, AT(extra_rot_rad), 'd', 0.0},
     {87, AT(stops_max), 'u', 5.0},
     {92, AT(rest_part), 'd', 0.0},
+    {96, AT(no_change_power), 'd', 1.0},
 };
 
 static void spoil(const spoil_t *s, double value)

@@ -100,7 +100,7 @@ void test_sums_that_cannot_be_factored_explain_nothing(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_consider_explains_after(&s_con, KC_CHAIN_COUNT));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, kc_consider_explains_before(&s_con, KC_CHAIN_COUNT));
     for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
-        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_con.mean[k]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_con.b_after[k]);
         for (uint32_t j = 0u; j <= k; j++) {
             TEST_ASSERT_EQUAL_DOUBLE(j == k ? 1.0 : 0.0, s_con.L[k * KC_CHAIN_COUNT + j]);
         }
@@ -121,7 +121,7 @@ void test_sums_that_cannot_be_factored_couple_nothing(void)
     kc_consider_add(&s_con, &s_est, &pose);
     kc_consider_end(&s_con, &s_est);
     for (uint32_t k = 0u; k < KC_CHAIN_COUNT; k++) {
-        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_con.mean[k]);
+        TEST_ASSERT_EQUAL_DOUBLE(0.0, s_con.b_after[k]);
         for (uint32_t j = 0u; j <= k; j++) {
             TEST_ASSERT_EQUAL_DOUBLE(j == k ? 1.0 : 0.0, s_con.L[k * KC_CHAIN_COUNT + j]);
             TEST_ASSERT_EQUAL_DOUBLE(j == k ? 1.0 : 0.0, s_con.HH[k * KC_CHAIN_COUNT + j]);

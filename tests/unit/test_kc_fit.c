@@ -95,28 +95,34 @@ void test_an_estimate_is_trusted_when_it_predicts_twice_as_well(void)
     TEST_ASSERT_FALSE(kc_fit_predicts_better(&s_config, (kc_miss_t){0.05, 0.11}, used));
 }
 
-void test_the_required_sigma_must_be_met_by_a_determined_estimate(void)
+void test_an_estimate_is_determined_by_twice_as_many_rows_as_coefficients(void)
 {
-    kc_miss_t sigma = {0.001, 0.01};
-    TEST_ASSERT_TRUE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
-    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_ERR_ITER, sigma));
-    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.0011, 0.01}));
-    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001, 0.011}));
+    TEST_ASSERT_TRUE(kc_fit_determined(&s_est, KC_OK));
+    TEST_ASSERT_FALSE(kc_fit_determined(&s_est, KC_ERR_ITER));
     s_est.dof = 28u; /* as many as coefficients */
-    TEST_ASSERT_TRUE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
+    TEST_ASSERT_TRUE(kc_fit_determined(&s_est, KC_OK));
     s_est.dof = 27u;
-    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
+    TEST_ASSERT_FALSE(kc_fit_determined(&s_est, KC_OK));
     s_est.dof = 30u;
     s_est.rank = 27u;
-    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, sigma));
+    TEST_ASSERT_FALSE(kc_fit_determined(&s_est, KC_OK));
+}
+
+void test_both_requirements_have_to_be_met(void)
+{
+    TEST_ASSERT_TRUE(kc_fit_meets(&s_config, (kc_miss_t){0.001, 0.01}));
+    TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_miss_t){0.0011, 0.01}));
+    TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_miss_t){0.001, 0.011}));
 }
 
 void test_a_requirement_of_zero_is_none(void)
 {
     s_config.stop_rot_rad = 0.0;
-    TEST_ASSERT_TRUE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001, 9.0}));
+    TEST_ASSERT_TRUE(kc_fit_meets(&s_config, (kc_miss_t){0.001, 9.0}));
+    TEST_ASSERT_TRUE(kc_fit_required(&s_config));
     s_config.stop_pos_m = 0.0;
-    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.0, 0.0}));
+    TEST_ASSERT_FALSE(kc_fit_meets(&s_config, (kc_miss_t){0.0, 0.0}));
+    TEST_ASSERT_FALSE(kc_fit_required(&s_config));
 }
 
 /* So many poses, an observation each. */
@@ -235,16 +241,6 @@ void test_residuals_that_come_from_the_operators_choice_are_no_mismatch(void)
 }
 
 /* ---- required error ---- */
-
-void test_the_required_error_is_that_at_the_confidence_of_config(void)
-{
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, kc_fit_at_confidence(&s_config));
-    s_config.stop_confidence = 0.9;
-    TEST_ASSERT_DOUBLE_WITHIN(1e-8, 1.443536009384632, kc_fit_at_confidence(&s_config));
-    TEST_ASSERT_TRUE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001 / 1.44354, 0.01 / 1.44354}));
-    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001 / 1.44353, 0.01 / 1.44354}));
-    TEST_ASSERT_FALSE(kc_fit_certain(&s_config, &s_est, KC_OK, (kc_miss_t){0.001 / 1.44354, 0.01 / 1.44353}));
-}
 
 /* Noise of 1 mm and 4 mrad along each axis: the square of the error may be 16.3 times one variance
  * larger than that of the requirement: once in 1000. */

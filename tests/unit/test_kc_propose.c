@@ -667,7 +667,7 @@ void test_a_correction_that_does_not_fit_the_tables_waits_for_the_ground(void)
 }
 
 /* What is proposed from the estimate as it stands after a calibration. */
-static kc_proposing_t s_proposing;
+static kc_judging_t s_judging;
 static kc_out_t s_out;
 
 static uint32_t steps_to_propose(uint64_t work_of_step)
@@ -676,10 +676,10 @@ static uint32_t steps_to_propose(uint64_t work_of_step)
     bool accepted = false;
     uint32_t n = 0u;
     memset(&s_out, 0, sizeof s_out);
-    kc_propose_begin(&s_proposing, &APP->arena.proposal);
+    kc_judge_begin(&s_judging, &APP->arena.proposal, &APP->view);
     for (; n < 1000u && !s_out.has_proposal; n++) {
         kc_work_t work = {work_of_step, 0u};
-        (void)kc_propose_run(&s_proposing, &APP->arena.proposal, &review, &APP->tables, &APP->view, &accepted,
+        (void)kc_propose_run(&s_judging, &APP->arena.proposal, &review, &APP->tables, &APP->view, &accepted,
                              &work, &s_out);
     }
     return n;
@@ -694,8 +694,8 @@ void test_a_proposal_states_the_fit_of_the_estimate(void)
     TEST_ASSERT_EQUAL_DOUBLE(e->fit_rot_rad, s_out.proposal.fit_rot_rad);
     TEST_ASSERT_TRUE(e->fit_rot_rad > 0.0);
     /* what the estimator minimised, summed anew */
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6 * e->chi2, e->chi2, s_proposing.chi2_after);
-    TEST_ASSERT_TRUE(s_proposing.chi2_before > s_proposing.chi2_after);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 * e->chi2, e->chi2, s_judging.chi2_after);
+    TEST_ASSERT_TRUE(s_judging.chi2_before > s_judging.chi2_after);
     const kc_proposal_t *p = &s_out.proposal;
     TEST_ASSERT_EQUAL_DOUBLE(e->chi2, p->chi2);
     TEST_ASSERT_EQUAL_UINT32(e->dof, p->dof);
@@ -724,7 +724,7 @@ void test_how_likely_no_change_is_follows_from_what_the_estimate_takes_away(void
     world.noise_rad = 4e-3;
     world_calibrated();
     (void)steps_to_propose(UINT64_MAX);
-    double before = s_proposing.chi2_before, gain = before - s_proposing.chi2_after;
+    double before = s_judging.chi2_before, gain = before - s_judging.chi2_after;
     TEST_ASSERT_TRUE(gain > 0.0);
     APP->est.chi2 = gain / 28.0 * (double)APP->est.dof;
     (void)steps_to_propose(UINT64_MAX);
@@ -734,8 +734,8 @@ void test_how_likely_no_change_is_follows_from_what_the_estimate_takes_away(void
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, p, s_out.proposal.p_no_change);
     memcpy(APP->est.coef, APP->tables.active.kin.value, sizeof APP->est.coef);
     (void)steps_to_propose(UINT64_MAX);
-    TEST_ASSERT_EQUAL_DOUBLE(before, s_proposing.chi2_before);
-    TEST_ASSERT_EQUAL_DOUBLE(before, s_proposing.chi2_after);
+    TEST_ASSERT_EQUAL_DOUBLE(before, s_judging.chi2_before);
+    TEST_ASSERT_EQUAL_DOUBLE(before, s_judging.chi2_after);
     TEST_ASSERT_EQUAL_DOUBLE(1.0, s_out.proposal.p_no_change);
 }
 
@@ -880,8 +880,8 @@ void test_a_proposal_is_charged_observation_by_observation_and_candidate_by_cand
 {
     world_calibrated();
     uint32_t kept = APP->est.n_obs - APP->est.n_outliers;
-    /* and the camera chain, once */
-    TEST_ASSERT_EQUAL_UINT32(kept + 1u + world.space.n_cand + 1u, steps_to_propose(1u));
+    /* and the camera chain, once, and four bounds */
+    TEST_ASSERT_EQUAL_UINT32(kept + 1u + world.space.n_cand + 4u + 1u, steps_to_propose(1u));
 }
 
 void test_events_of_a_verdict_say_what_it_rests_on(void)

@@ -367,3 +367,25 @@ void test_a_requirement_that_the_camera_cannot_meet_is_reported_at_start(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, sqrt(15.0) * 1e-3, world.last[KC_EVT_CAL_UNREACHABLE].got);
     TEST_ASSERT_EQUAL_UINT32(0u, warned(0.0, KC_RIGHT_IN_CAMERA, 0.001, 0.0));
 }
+
+/* At 0.9 the error of tags that may be 1 mm off along each axis is below sqrt(6.251) mm. */
+void test_what_cannot_be_met_at_the_confidence_is_reported_at_start(void)
+{
+    given_world();
+    world.camera.plate_sigma_m = 0.001;
+    world.camera.plate_sigma_rad = 0.002;
+    world.config.stop_pos_m = 0.003;
+    world.config.stop_rot_rad = 0.004;
+    world.config.stop_confidence = 0.9;
+    world_started();
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_UNREACHABLE));
+    TEST_ASSERT_EQUAL_INT(1, world.last[KC_EVT_CAL_UNREACHABLE].index);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.002 * sqrt(6.251388631170326), world.last[KC_EVT_CAL_UNREACHABLE].got);
+    given_world();
+    world.camera.plate_sigma_m = 0.001;
+    world.config.stop_pos_m = 0.00249;
+    world.config.stop_confidence = 0.9;
+    world_started();
+    TEST_ASSERT_EQUAL_INT(0, world.last[KC_EVT_CAL_UNREACHABLE].index);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 0.001 * sqrt(6.251388631170326), world.last[KC_EVT_CAL_UNREACHABLE].got);
+}

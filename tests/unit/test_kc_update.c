@@ -153,6 +153,7 @@ void test_a_budget_used_up_while_moving_holds_the_arm_and_proposes(void)
     world_calibrated();
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_BUDGET));
     TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_TIME, world.proposal.ended);
     TEST_ASSERT_TRUE(world.n_meas > 0u && world.n_meas < 24u);
 }
 
@@ -246,6 +247,7 @@ void test_energy_used_up_holds_the_arm_and_proposes(void)
     TEST_ASSERT_DOUBLE_WITHIN(7.1, 300.0, world.last[KC_EVT_CAL_ENERGY].got);
     TEST_ASSERT_EQUAL_DOUBLE(300.0, world.last[KC_EVT_CAL_ENERGY].want);
     TEST_ASSERT_EQUAL_UINT32(1u, world.n_proposal);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_ENERGY, world.proposal.ended);
     TEST_ASSERT_TRUE(world.n_meas > 0u && world.n_meas < 24u);
 }
 
@@ -291,9 +293,11 @@ static uint32_t poses_until_certain(double pos_m, double rot_rad)
 void test_it_stops_when_the_predicted_uncertainty_meets_the_requirement(void)
 {
     TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(0.0, 0.0)); /* no requirement */
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
     uint32_t n = poses_until_certain(1e-3, 0.0);
     TEST_ASSERT_TRUE(n >= 10u && n < 24u);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CONVERGED));
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, world.proposal.ended);
     TEST_ASSERT_TRUE(world.progress[n - 1u].pred_pos_m <= 1e-3);
     const kc_event_t *e = &world.last[KC_EVT_CAL_CONVERGED];
     TEST_ASSERT_EQUAL_INT(-1, e->index);
@@ -305,22 +309,92 @@ void test_it_stops_when_the_predicted_uncertainty_meets_the_requirement(void)
     TEST_ASSERT_EQUAL_UINT32(24u, poses_until_certain(1e-9, 5e-3));
 }
 
+static void given_chain_of_plate(double plate_m, double stop_pos_m)
+{
+    setUp();
+    world.camera.plate_sigma_m = plate_m;
+    world.config.n_poses = 24u;
+    world.config.stop_pos_m = stop_pos_m;
+    world.config.stop_confidence = 0.9;
+    world_calibrated();
+}
+
+/* Tags that may be 1 mm off along each axis: however many poses, it cannot be 1 mm. */
+void test_the_camera_chain_counts_where_it_stops(void)
+{
+    given_chain_of_plate(0.0, 1e-3);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_REQUIREMENT, world.proposal.ended);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CHAIN_LIMIT));
+    given_chain_of_plate(1e-3, 1e-3);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_CONVERGED));
+    TEST_ASSERT_TRUE(world.proposal.pred_noise_pos_m < 5e-4);
+    TEST_ASSERT_TRUE(world.proposal.bound_pos_m > 1e-3);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_CHAIN_LIMIT)); /* said once */
+    const kc_event_t *e = &world.last[KC_EVT_CAL_CHAIN_LIMIT];
+    TEST_ASSERT_EQUAL_INT(0, e->index);
+    TEST_ASSERT_TRUE(e->got > 1e-3 && e->got < 3e-3);
+    TEST_ASSERT_EQUAL_DOUBLE(1e-3, e->want);
+}
+
+static void given_look(double phi_rad, double power)
+{
+    setUp();
+    world.truth.joint[2].d_m = world.arm.joint[2].d_m;
+    world.truth.joint[6].phi_rad = phi_rad;
+    world.config.n_poses = 20u;
+    world.config.stop_pos_m = 2e-3;
+    world.config.stop_rot_rad = 0.01;
+    world.config.stop_checks = 60u; /* the other end does not come */
+    world.config.no_change_power = power;
+    world_calibrated();
+}
+
+void test_a_right_arm_is_told_so_as_soon_as_an_error_would_have_shown(void)
+{
+    given_look(0.0, 0.9);
+    uint32_t n = world.n_meas;
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_NO_CHANGE, world.proposal.ended);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_TRUE(n < 14u);
+    const kc_event_t *e = &world.last[KC_EVT_CAL_AGREES];
+    TEST_ASSERT_EQUAL_INT((int32_t)n, e->index);
+    TEST_ASSERT_EQUAL_DOUBLE(world.proposal.p_no_change, e->got);
+    TEST_ASSERT_TRUE(e->want >= 0.9 && e->want <= 1.0);
+    given_look(0.0, 0.0); /* never */
+    TEST_ASSERT_EQUAL_UINT32(20u, world.n_meas);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
+}
+
+/* It is looked at once; what is left of the level is for the end. */
+void test_a_wrong_arm_is_looked_at_once_and_calibrated_on(void)
+{
+    given_look(0.02, 0.9);
+    TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_DISAGREES));
+    TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_AGREES));
+    TEST_ASSERT_EQUAL_DOUBLE(0.5 * world.config.no_change_p, world.last[KC_EVT_CAL_DISAGREES].want);
+    TEST_ASSERT_EQUAL_UINT32(20u, world.n_meas);
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
+    TEST_ASSERT_TRUE(APP->learned.looked);
+}
+
 /* The same requirement at a confidence, or with poses in a row that were predicted so well, takes more poses. */
 void test_a_confidence_and_checks_take_more_poses(void)
 {
-    uint32_t rms = poses_until_certain(6e-4, 0.0);
+    uint32_t rms = poses_until_certain(3.3e-4, 0.0);
     setUp();
     world.config.n_poses = 40u;
-    world.config.stop_pos_m = 6e-4;
-    world.config.stop_confidence = 0.99;
+    world.config.stop_pos_m = 3.3e-4;
+    world.config.stop_confidence = 0.9999;
     world_calibrated();
     TEST_ASSERT_TRUE(world.n_meas > rms && world.n_meas < 40u);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1.9446393607508452 * world.progress[world.n_meas - 1u].pred_pos_m,
-                              world.last[KC_EVT_CAL_CONVERGED].got);
-    TEST_ASSERT_TRUE(world.last[KC_EVT_CAL_CONVERGED].got <= 6e-4);
+    TEST_ASSERT_TRUE(world.proposal.bound_pos_m > 1.2 * world.proposal.pred_pos_m);
+    TEST_ASSERT_EQUAL_DOUBLE(world.proposal.bound_pos_m, world.last[KC_EVT_CAL_CONVERGED].got);
+    TEST_ASSERT_EQUAL_DOUBLE(0.9999, world.proposal.confidence);
+    TEST_ASSERT_TRUE(world.last[KC_EVT_CAL_CONVERGED].got <= 3.3e-4);
     setUp();
     world.config.n_poses = 40u;
-    world.config.stop_pos_m = 6e-4;
+    world.config.stop_pos_m = 3.3e-4;
     world.config.stop_checks = rms + 4u;
     world_calibrated();
     TEST_ASSERT_TRUE(world.n_meas > rms && world.n_meas < 40u);
@@ -1204,7 +1278,7 @@ void test_a_calibration_begins_with_nothing_of_the_one_before(void)
     TEST_ASSERT_EQUAL_UINT32(0u, e->n_free);
     TEST_ASSERT_EQUAL_DOUBLE(0.25, APP->learned.coef[3]);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, APP->learned.f);
-    TEST_ASSERT_FALSE(APP->learned.converged);
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_NOT, APP->learned.ended);
     TEST_ASSERT_TRUE(APP->learned.gp_ok);
     for (uint32_t c = 0u; c < world.space.n_cand; c++) { /* where the tool is at each candidate */
         const kc_cand_t *at = &world.space.cand[c];

@@ -29,7 +29,7 @@ void setUp(void)
 static kc_verdict_t verdict(double p_fit, double p_no_change)
 {
     const kc_verdict_fit_t fit = {s_est.noise_scale, p_fit, p_no_change};
-    return kc_verdict(&s_config, &s_est, KC_OK, &fit);
+    return kc_verdict(&s_config, &s_est, KC_OK, &fit, false);
 }
 
 void test_a_good_fit_says_change_or_no_change_by_the_probability_in_config(void)
@@ -41,7 +41,7 @@ void test_a_good_fit_says_change_or_no_change_by_the_probability_in_config(void)
 void test_an_estimate_that_did_not_converge_is_poor(void)
 {
     const kc_verdict_fit_t fit = {1.0, 0.5, 0.5};
-    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, kc_verdict(&s_config, &s_est, KC_ERR_ITER, &fit));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, kc_verdict(&s_config, &s_est, KC_ERR_ITER, &fit, false));
 }
 
 void test_without_degrees_of_freedom_nothing_can_be_said(void)
@@ -133,4 +133,15 @@ void test_an_unlikely_fit_is_poor_beyond_its_thresholds_not_at_them(void)
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, verdict(0.5 * p, 0.0));
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_POOR, verdict(nextafter(p, 0.0), 0.0));
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, verdict(p, 0.0));
+}
+
+/* Two tests of half the level each: together they reject a right table no more often. */
+void test_after_a_look_half_the_level_is_left(void)
+{
+    s_config.no_change_p = 0.02;
+    TEST_ASSERT_EQUAL_DOUBLE(0.02, kc_verdict_level(&s_config, false));
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, kc_verdict_level(&s_config, true));
+    const kc_verdict_fit_t fit = {1.0, 0.5, 0.015};
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, kc_verdict(&s_config, &s_est, KC_OK, &fit, false));
+    TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, kc_verdict(&s_config, &s_est, KC_OK, &fit, true));
 }

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .messages import Hk, LcmMessage, Meas, Proposal
 
 _FINGERPRINT_BYTES = 8
+_BOUND_BYTES = 1 + 4 + 3 * 8  # ended, n_checked, confidence and bounds of a proposal
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,12 @@ def _with_an_exact_camera(p: Proposal) -> None:
     p.frame = library("flight").constant("KC_RIGHT_IN_LANDER")
     p.pred_noise_pos_m = p.pred_camera_pos_m = p.pred_lander_pos_m = p.pred_pos_m
     p.pred_noise_rot_rad = p.pred_camera_rot_rad = p.pred_lander_rot_rad = p.pred_rot_rad
+    _with_no_bound(p)
+
+
+def _with_no_bound(p: Proposal) -> None:
+    """Why the calibration ended was not said, and a bound not stated: confidence 0, the predicted error."""
+    p.bound_pos_m, p.bound_rot_rad = p.pred_pos_m, p.pred_rot_rad
 
 
 def _with_a_verdict_unknown(_hk: Hk) -> None:
@@ -46,7 +53,8 @@ def _at_its_pose(m: Meas) -> None:
 
 FORMER = {
     bytes.fromhex("3f21d63a11cc6583"): Former("meas_t", 2 * 4, _at_its_pose),
-    bytes.fromhex("049802873f024b41"): Former("proposal_t", 1 + 6 * 8, _with_an_exact_camera),
+    bytes.fromhex("049802873f024b41"): Former("proposal_t", 1 + 6 * 8 + _BOUND_BYTES, _with_an_exact_camera),
+    bytes.fromhex("df12965a365c8720"): Former("proposal_t", _BOUND_BYTES, _with_no_bound),
     bytes.fromhex("dbe6b2f24599f62e"): Former("hk_t", 4 + 8, _with_a_verdict_unknown),
 }
 """By fingerprint."""

@@ -40,6 +40,12 @@ def frame_name(number: int) -> str:
     return _name("kc_right_in_t", "KC_RIGHT_IN_", number).lower()
 
 
+def ended_text(number: int) -> str:
+    """Why a calibration stopped measuring, as a sentence without its full stop; "" if flight did not say."""
+    flight = library("flight")
+    return flight.text(flight.lib.kc_ended_text(number))
+
+
 def coef_status_name(number: int) -> str:
     """Status of a coefficient, "estimated", "at lower bound" ..."""
     name = _name("kc_coef_status_t", "KC_COEF_", number).lower()

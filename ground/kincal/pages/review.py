@@ -35,7 +35,7 @@ def page(
         kind="Review",
         title=f"Correction {review.crc_text}",
         subtitle=f"session {review.session}, {review.n_poses} poses, replaces {review.crc_before:08x}; "
-        f"to be right in the frame of the {review.frame}",
+        f"to be right in the frame of the {review.frame}{_ended(review)}",
         provenance=provenance,
         verdict=f"{review.verdict[:1].upper()}{review.verdict[1:]}; {about.state}.",
         summary=[
@@ -52,6 +52,10 @@ def page(
             *([_left(left)] if left else []),
         ],
     )
+
+
+def _ended(review: Review) -> str:
+    return f"; measuring ended: {review.ended}" if review.ended else ""
 
 
 def _left(left: Sequence[PoseResidual]) -> Section:

@@ -16,7 +16,7 @@ import numpy as np
 from kincal.flight import Terms
 from kincal.flight.tables import decode_as
 from kincal.link import read_log, unpack_covariance, unsigned32
-from kincal.link.names import VERDICTS, coef_status_name, frame_name, verdict_name
+from kincal.link.names import VERDICTS, coef_status_name, ended_text, frame_name, verdict_name
 from kincal.tables import unit_of
 from kincal_shared.errors import BadInput
 from kincal_shared.keys import Key, Signer
@@ -65,6 +65,7 @@ class Review:
     correlation: np.ndarray  # of the estimated coefficients, in order
     numbers: dict[str, float]
     crc_before: int
+    ended: str  # why the calibration stopped measuring; "" if flight did not say
 
     @property
     def crc_text(self) -> str:
@@ -98,6 +99,10 @@ NUMBERS = (
     ("fit_rot_rad", "rad", "RMS rotation residual of the same poses with the proposed values"),
     ("pred_pos_m", "m", "predicted position error over the search space, in the frame it has to be right in"),
     ("pred_rot_rad", "rad", "predicted rotation error over the search space, in that frame"),
+    ("confidence", "", "probability with which the error is within the bounds that follow; 0: they are the RMS"),
+    ("bound_pos_m", "m", "bound of the position error over the search space, RMS"),
+    ("bound_rot_rad", "rad", "bound of the rotation error"),
+    ("n_checked", "", "poses in a row that were predicted as well as required, before they were used"),
     ("pred_camera_pos_m", "m", "position, camera's frame: against where the camera sees the tool"),
     ("pred_camera_rot_rad", "rad", "rotation, camera's frame"),
     ("pred_lander_pos_m", "m", "position, lander's frame: the base frame of the arm"),
@@ -144,6 +149,7 @@ def from_message(p: Any, names: list[str]) -> Review:
         cov[np.ix_(on, on)] / np.outer(d, d),
         {key: getattr(p, key) for key, _u, _t in NUMBERS},
         unsigned32(p.crc_kin_before),
+        ended_text(p.ended),
     )
 
 

@@ -454,9 +454,9 @@ class ConfigSource(Source):
     vopt_len_m: Real
     """Length that counts as 1 rad for V-optimality [m]."""
     stop_pos_m: Real
-    """Stop when the predicted position sigma is below this [m]; 0: off."""
+    """Stop when the position error over the search space is below this [m]; 0: off."""
     stop_rot_rad: Real
-    """Stop when the predicted rotation sigma is below this [rad]; 0: off."""
+    """Stop when the rotation error over the search space is below this [rad]; 0: off."""
     frames_per_meas: Natural
     """Frames of one measurement."""
     frame_retries: Natural
@@ -587,6 +587,9 @@ class ConfigSource(Source):
     """Stops on the way to each candidate, of those that the SPACE table has; 0: none."""
     rest_part: Real = 0.01
     """START from the monitor's suspects: sigma of what is not suspected, part of its scale, unless KIN's is larger."""
+    no_change_power: Real = 0.99
+    """With a required accuracy: a right table ends the calibration once an error that large would show with this
+    probability; 0: never."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock

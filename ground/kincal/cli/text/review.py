@@ -114,6 +114,8 @@ def show(
         f"{r.session}, {r.n_poses} poses, replaces {r.crc_before:08x}; to be right in the frame of the "
         f"{r.frame}"
     )
+    if r.ended:
+        out.print(f"measuring ended: {r.ended}")
     if changes is not None:
         what_changes(out, changes, {c.name: c.confounded for c in r.coefs})
     shown = [c for c in r.coefs if not c.idle]

@@ -67,6 +67,8 @@ def run_end(out: Console, r: RunResult, files: Sequence[Path]) -> None:
         else ""
     )
     out.print(f"\nverdict: {r.verdict}{fit}; decision: {r.decision}; table in force {r.active_crc:08x}")
+    if r.ended:
+        out.print(f"measuring ended: {r.ended}")
     _criteria(out, r)
     _events(out, r)
     for path in files:
