@@ -143,6 +143,15 @@ static void walk_extra(kc_walk_t *w, kc_config_t *c)
     kc_walk_u32(w, 87u, &c->stops_max, 0u, KC_STOP_MAX); /* 0 = off */
 }
 
+/* An image without the rule ends before it, as all did before there was any: they stay valid, with the same CRC. So this
+ * is the end of the table. */
+static void walk_approval(kc_walk_t *w, kc_config_t *c)
+{
+    bool here = w->mode == KC_WALK_READ ? w->pos < w->in_n : c->go_by_other_key > 0u;
+    if (!here) { return; }
+    kc_walk_u8(w, 88u, &c->go_by_other_key, 1u, 1u); /* an image without the rule ends before this */
+}
+
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
 {
     walk_design(w, c);
@@ -153,6 +162,7 @@ void kc_config_walk(kc_walk_t *w, kc_config_t *c)
     walk_decisions(w, c);
     walk_poses(w, c);
     walk_extra(w, c);
+    walk_approval(w, c); /* the last: an image may end before it */
 }
 
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got)

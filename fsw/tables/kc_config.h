@@ -96,6 +96,7 @@ typedef struct {
     /* least distance of the tool from the candidate, and from the last of them: one of the two is enough */
     double extra_pos_m, extra_rot_rad;
     uint32_t stops_max; /* most stops on the way to each candidate, of those that SPACE has, 0: none */
+    uint8_t go_by_other_key; /* the second step of an approval has to come from another holder (kc_holder.h) */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

@@ -323,7 +323,20 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "observation {got:count}, on the way to pose {index:pose}, rejected as an outlier",                    \
       "None if rare; otherwise diagnose the log (kincal model diagnose).")                                   \
     X(151, CAL_EXTRA_OUTLIER_ACCEPTED, INFO,                                                                 \
-      "observation {got:count}, on the way to pose {index:pose}, fits again: no longer rejected", "")
+      "observation {got:count}, on the way to pose {index:pose}, fits again: no longer rejected", "")        \
+    X(182, CMD_SAME_KEY, ERROR,                                                                              \
+      "command {index:command} by key {got:count} refused: the step before it was signed by key "            \
+      "{want:count}, of the same holder",                                                                    \
+      "CONFIG asks for a second person: who holds a key of other hundreds sends it, with his own key file. " \
+      "A correction can be rejected by anybody with a key.")                                                 \
+    X(183, KEYS_ONE_HOLDER, ERROR,                                                                           \
+      "no correction can be approved: CONFIG asks for two holders of keys, all {got:count} keys of flight "  \
+      "belong to one",                                                                                       \
+      "Start flight with the keys of both holders (kincal key join), or uplink a CONFIG with "               \
+      "go_by_other_key = 0.")                                                                                \
+    X(184, COR_OTHER_KEY, INFO,                                                                              \
+      "approval armed by key {got:count}: APPROVE_GO has to come from another holder within {want:s}",       \
+      "A second person with a key file of his own gives APPROVE_GO.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

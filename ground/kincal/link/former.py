@@ -44,10 +44,15 @@ def _at_its_pose(m: Meas) -> None:
     m.observation = m.pose
 
 
+def _without_two_holders(_hk: Hk) -> None:
+    """One key gave both steps of an approval: zeros say so."""
+
+
 FORMER = {
     bytes.fromhex("3f21d63a11cc6583"): Former("meas_t", 2 * 4, _at_its_pose),
     bytes.fromhex("049802873f024b41"): Former("proposal_t", 1 + 6 * 8, _with_an_exact_camera),
-    bytes.fromhex("dbe6b2f24599f62e"): Former("hk_t", 4 + 8, _with_a_verdict_unknown),
+    bytes.fromhex("dbe6b2f24599f62e"): Former("hk_t", 4 + 8 + 2 * 4, _with_a_verdict_unknown),
+    bytes.fromhex("049edd800f911cd3"): Former("hk_t", 2 * 4, _without_two_holders),
 }
 """By fingerprint."""
 

@@ -585,6 +585,8 @@ class ConfigSource(Source):
     """... or least angle [rad]: one of the two is enough."""
     stops_max: Natural = 2
     """Stops on the way to each candidate, of those that the SPACE table has; 0: none."""
+    go_by_other_key: Switch = 0
+    """1: the second step of an approval has to be signed by another holder than the first."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock
