@@ -167,6 +167,14 @@ static void boot_state(kc_app_t *app)
     }
 }
 
+/* Approvals may need two holders; the key file may have lost one since. */
+static void check_holders(kc_app_t *app)
+{
+    const kc_keys_t *keys = &app->cmd_log.keys;
+    if (app->tables.active.config.go_by_other_key == 0u || keys->n == 0u || kc_holder_two(keys)) { return; }
+    kc_event(&app->boot_events, KC_EVT_KEYS_ONE_HOLDER, -1, (double)keys->n, 0.0);
+}
+
 void kc_app_boot(kc_app_t *app)
 {
     const kc_journal_t *j = &app->journal.found;
@@ -189,6 +197,7 @@ void kc_app_boot(kc_app_t *app)
         kc_event_id_t id = app->kept ? KC_EVT_BOOT_JOURNAL_LOST : KC_EVT_BOOT_NO_JOURNAL;
         kc_event(&app->boot_events, id, -1, 0.0, 0.0);
     }
+    check_holders(app);
     compare(app, &app->boot_events);
     boot_state(app);
     /* Sequence numbers of outgoing messages are above those of the last run. */

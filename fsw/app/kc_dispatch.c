@@ -111,12 +111,13 @@ static kc_answer_t apply(kc_app_t *app, kc_opcode_t opcode, const kc_cmd_t *cmd,
     switch (opcode) {
     case KC_CMD_START: return start(app, cmd, work, out);
     case KC_CMD_ABORT: return kc_answer_ok(KC_OC_ABORT);
-    case KC_CMD_APPROVE_ARM: return kc_review_arm(&app->review, crc, cmd->arg_i[1], out);
-    case KC_CMD_APPROVE_GO: return kc_review_go(&app->review, &app->tables, crc, out);
+    case KC_CMD_APPROVE_ARM:
+        return kc_review_arm(&app->review, &app->tables.active.config, &app->cmd_log.keys, cmd, out);
+    case KC_CMD_APPROVE_GO: return kc_review_go(&app->review, &app->tables, cmd, out);
     case KC_CMD_REJECT: return kc_review_reject(&app->review, crc, out);
     case KC_CMD_ROLLBACK: return kc_review_rollback(&app->tables, crc, out);
-    case KC_CMD_TABLE_VALIDATE: return kc_cmd_validate(&app->tables, cmd, out);
-    case KC_CMD_TABLE_ACTIVATE: return kc_cmd_activate(&app->tables, cmd, out);
+    case KC_CMD_TABLE_VALIDATE: return kc_cmd_validate(&app->cmd_log, &app->tables, cmd, out);
+    case KC_CMD_TABLE_ACTIVATE: return kc_cmd_activate(&app->cmd_log, &app->tables, cmd, out);
     case KC_CMD_TABLE_DISCARD: return discard(app, out);
     case KC_CMD_TABLE_DUMP: return kc_dump_begin(&app->dump, &app->review, &app->view, cmd, out);
     default: return kc_answer_ok(KC_OC_STAY); /* NOOP */

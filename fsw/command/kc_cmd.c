@@ -3,6 +3,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "kc_holder.h"
 #include "kc_input_fields.h"
 #include "kc_signed.h"
 
@@ -238,22 +239,44 @@ static kc_answer_t bad_kind(const kc_cmd_t *cmd, kc_out_t *out)
     return bad_arg(out, 0, (double)cmd->arg_i[0], (double)(KC_TBL_COUNT - 1));
 }
 
-kc_answer_t kc_cmd_validate(kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out)
+/* Whether the staged table, decoded, goes with the keys. */
+static kc_answer_t check_holders(const kc_cmd_log_t *log, const kc_tables_t *tables, uint16_t kind,
+                                 kc_out_t *out)
+{
+    if (kind != (uint16_t)KC_TBL_CONFIG) { return kc_answer_ok(KC_OC_STAY); }
+    return kc_holder_possible(&tables->scratch->config, &log->keys, out);
+}
+
+kc_answer_t kc_cmd_validate(kc_cmd_log_t *log, kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out)
 {
     uint32_t mark = out->events.n;
     uint16_t kind = kind_of(cmd);
     if (kind == 0u) { return bad_kind(cmd, out); }
     kc_status_t st = kc_tbl_validate(tables, kind, (uint32_t)cmd->arg_i[1], &out->events);
-    return kc_answer_by(st, &out->events, mark, KC_OC_STAY);
+    if (st != KC_OK) { return kc_answer_by(st, &out->events, mark, KC_OC_STAY); }
+    log->validated_key = cmd->auth.key_id;
+    return check_holders(log, tables, kind, out);
 }
 
-kc_answer_t kc_cmd_activate(kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out)
+/* By whom a table may be put in force. With one holder left the rule cannot be met, and not be ended either. */
+static kc_answer_t check_second(const kc_cmd_log_t *log, const kc_tables_t *tables, uint16_t kind,
+                                const kc_cmd_t *cmd, kc_out_t *out)
+{
+    bool two = kind == (uint16_t)KC_TBL_KIN || kind == (uint16_t)KC_TBL_CONFIG;
+    if (!two || !kc_holder_two(&log->keys)) { return kc_answer_ok(KC_OC_STAY); }
+    return kc_holder_second(&tables->active.config, log->validated_key, cmd, out);
+}
+
+kc_answer_t kc_cmd_activate(const kc_cmd_log_t *log, kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out)
 {
     uint32_t mark = out->events.n;
     uint16_t kind = kind_of(cmd);
     if (kind == 0u) { return bad_kind(cmd, out); }
     kc_status_t st = kc_tbl_ready(tables, kind, (uint32_t)cmd->arg_i[1], &out->events);
-    return kc_answer_by(st, &out->events, mark, KC_OC_STORE);
+    if (st != KC_OK) { return kc_answer_by(st, &out->events, mark, KC_OC_STAY); }
+    kc_answer_t answer = check_holders(log, tables, kind, out);
+    if (answer.status == KC_OK) { answer = check_second(log, tables, kind, cmd, out); }
+    return answer.status == KC_OK ? kc_answer_ok(KC_OC_STORE) : answer;
 }
 
 static bool admit_chunk(kc_cmd_log_t *log, const kc_view_t *view, const kc_chunk_t *chunk, kc_out_t *out)

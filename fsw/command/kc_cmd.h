@@ -17,6 +17,7 @@ typedef struct {
     bool seen[KC_SOURCE_MAX];
     uint64_t us[KC_SOURCE_MAX]; /* elapsed time of the last number taken */
     uint32_t n_ok, n_refused;
+    uint32_t validated_key; /* of the last TABLE_VALIDATE that was taken */
 } kc_cmd_log_t;
 
 /* Who may send a command. ANYBODY: only ABORT, which only stops, and executed twice does what it does once. */
@@ -52,10 +53,11 @@ typedef struct {
 } kc_start_t;
 /* START, in a state that allows it: may it, and what does it ask for? */
 kc_answer_t kc_cmd_start(const kc_view_t *view, const kc_cmd_t *cmd, kc_start_t *ask, kc_out_t *out);
-/* TABLE_VALIDATE. */
-kc_answer_t kc_cmd_validate(kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out);
-/* TABLE_ACTIVATE: STORE, it becomes active when it is stored. */
-kc_answer_t kc_cmd_activate(kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out);
+/* TABLE_VALIDATE. A CONFIG that wants two holders is refused if the keys have one only. */
+kc_answer_t kc_cmd_validate(kc_cmd_log_t *log, kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out);
+/* TABLE_ACTIVATE: STORE, it becomes active when it is stored. Where CONFIG wants two holders, a KIN or CONFIG table needs
+ * them too, for validation and activation: else one of them could put a correction in force, or end that rule. */
+kc_answer_t kc_cmd_activate(const kc_cmd_log_t *log, kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out);
 /* A chunk has to be signed. It is not answered; events say why one is refused. */
 void kc_cmd_chunk(kc_cmd_log_t *log, kc_tables_t *tables, const kc_view_t *view, const kc_chunk_t *chunk,
                   kc_out_t *out);

@@ -86,7 +86,7 @@ static bool known(const kc_keys_t *keys, uint32_t id)
 static const char *take_keys(const char *at, kc_keys_t *keys)
 {
     while (*at != '\0') {
-        if (keys->n == KC_KEY_MAX) { return "more than two keys; `kincal key retire` takes the oldest out"; }
+        if (keys->n == KC_KEY_MAX) { return "more than four keys; `kincal key retire` takes the oldest out"; }
         kc_key_t *key = &keys->key[keys->n];
         at = take_id(at, &key->id);
         if (at == NULL) { return "a line does not begin with the number of a key and a space"; }

@@ -14,7 +14,7 @@
 #define KC_STORE_PREV 17u
 #define KC_STORE_JOURNAL 18u
 #define KC_STORE_QUEUE_MAX 10u
-#define KC_JOURNAL_BYTES 144u
+#define KC_JOURNAL_BYTES 232u
 #define KC_KIN_IMAGE_MAX 1280u
 typedef struct {
     uint16_t kind;

@@ -1,5 +1,6 @@
 #include "kc_journal.h"
 
+#include <stddef.h>
 #include <string.h>
 
 #include "kc_codec.h"
@@ -7,9 +8,17 @@
 #include "kc_states.h"
 #include "kc_verdict.h"
 
-#define JOURNAL_MAGIC 0x344A434Bu /* "KCJ4", little-endian */
-#define FORMER_MAGIC 0x334A434Bu  /* "KCJ3": counters that belong to no key */
-#define FORMER_BYTES 96u
+/* Layouts, the newest first; the length of a record says which one it has. */
+typedef struct {
+    uint32_t magic, bytes;
+    uint32_t n_keys; /* with counters of their own; 0: they belong to no key */
+} layout_t;
+static const layout_t s_layout[] = {
+    {0x354A434Bu, KC_JOURNAL_BYTES, KC_KEY_MAX}, /* "KCJ5", little-endian */
+    {0x344A434Bu, 144u, 2u},                     /* "KCJ4" */
+    {0x334A434Bu, 96u, 0u},                      /* "KCJ3" */
+};
+#define LAYOUT_N 3u
 #define CRC_BYTES 4u
 
 /* The most that one step asks for: what is left of one change (three deletions), all of the next (five), the
@@ -45,10 +54,11 @@ static void walk_counted(kc_walk_t *walk, kc_counted_t *counted)
     }
 }
 
-/* The record: magic, fields, zeros, CRC-32 of all before it. Counters of the former one are those of key 0. */
-static void walk(kc_walk_t *w, kc_journal_t *record, uint32_t magic)
+/* The record: magic, fields, zeros, CRC-32 of all before it. Counters that belong to no key are those of key 0. */
+static void walk(kc_walk_t *w, kc_journal_t *record, const layout_t *layout)
 {
-    kc_walk_u32(w, 0u, &magic, magic, magic);
+    uint32_t magic = layout->magic;
+    kc_walk_u32(w, 0u, &magic, layout->magic, layout->magic);
     kc_walk_u32(w, 1u, &record->state, 0u, (uint32_t)KC_ST_COUNT - 1u);
     kc_walk_u32(w, 2u, &record->session, 0u, UINT32_MAX);
     kc_walk_u32(w, 3u, &record->pose, 0u, KC_MEAS_MAX);
@@ -60,11 +70,12 @@ static void walk(kc_walk_t *w, kc_journal_t *record, uint32_t magic)
     kc_walk_u16(w, 9u, &record->seg_to, 0u, UINT16_MAX);
     kc_walk_u64(w, 10u, &record->t_us, 0u, UINT64_MAX);
     kc_walk_u32(w, 11u, &record->prev_crc, 0u, UINT32_MAX);
-    if (magic == FORMER_MAGIC) {
+    if (layout->n_keys == 0u) {
         walk_counted(w, &record->counters.key[0]);
         return;
     }
     for (uint32_t i = 0u; i < KC_KEY_MAX; i++) {
+        if (i >= layout->n_keys) { continue; }
         kc_walk_u32(w, 12u, &record->counters.key[i].key_id, 0u, UINT32_MAX);
         kc_walk_u64(w, 13u, &record->counters.key[i].since_us, 0u, UINT64_MAX);
         walk_counted(w, &record->counters.key[i]);
@@ -77,10 +88,20 @@ static uint32_t le32(const uint8_t *b)
     return (uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
 }
 
+/* NULL: no record has this length. */
+static const layout_t *layout_of(uint32_t n)
+{
+    for (uint32_t i = 0u; i < LAYOUT_N; i++) {
+        if (s_layout[i].bytes == n) { return &s_layout[i]; }
+    }
+    return NULL;
+}
+
 kc_status_t kc_journal_load(kc_journal_store_t *journal, const uint8_t *data, uint32_t n)
 {
     if (journal->found.boot_count != 0u) { return KC_ERR_STATE; }
-    if (n != KC_JOURNAL_BYTES && n != FORMER_BYTES) { return KC_ERR_FORMAT; }
+    const layout_t *layout = layout_of(n);
+    if (layout == NULL) { return KC_ERR_FORMAT; }
     if (kc_crc32(0u, data, n - CRC_BYTES) != le32(&data[n - CRC_BYTES])) { return KC_ERR_CRC; }
     kc_journal_t found;
     memset(&found, 0, sizeof found);
@@ -90,7 +111,7 @@ kc_status_t kc_journal_load(kc_journal_store_t *journal, const uint8_t *data, ui
     w.in = data;
     w.in_n = n;
     w.index = -1;
-    walk(&w, &found, n == FORMER_BYTES ? FORMER_MAGIC : JOURNAL_MAGIC);
+    walk(&w, &found, layout);
     if (w.n_bad > 0u) { return KC_ERR_RANGE; }
     journal->found = found;
     return KC_OK;
@@ -105,7 +126,7 @@ static void write_record(kc_journal_store_t *journal)
     w.out = journal->bytes;
     w.cap = KC_JOURNAL_BYTES;
     w.index = -1;
-    walk(&w, &journal->last, JOURNAL_MAGIC);
+    walk(&w, &journal->last, &s_layout[0]);
     uint32_t crc = kc_crc32(0u, journal->bytes, KC_JOURNAL_BYTES - CRC_BYTES);
     for (uint32_t i = 0u; i < CRC_BYTES; i++) {
         journal->bytes[KC_JOURNAL_BYTES - CRC_BYTES + i] = (uint8_t)(crc >> (8u * i));

@@ -57,6 +57,8 @@ void kc_review_report(const kc_review_t *review, const kc_view_t *view, kc_hk_t 
     hk->proposal_crc = review->crc;
     hk->proposal_verdict = kc_review_verdict(review);
     hk->approval_left_us = armed ? timeout_us - passed_us : 0u;
+    hk->armed_key = armed ? review->armed_key : 0u;
+    hk->go_by_other_key = view->tables->config.go_by_other_key;
 }
 
 /* ---- commands ---- */
@@ -79,22 +81,37 @@ static kc_answer_t check_fit(const kc_review_t *review, int32_t overrides, kc_ou
     return kc_answer_ok(KC_OC_ARM);
 }
 
-kc_answer_t kc_review_arm(const kc_review_t *review, uint32_t crc, int32_t overrides, kc_out_t *out)
+/* The first step was taken: by whom, and who may take the second one. */
+static void arm(kc_review_t *review, const kc_config_t *config, uint32_t key_id, kc_out_t *out)
 {
+    review->armed_key = key_id;
+    kc_event(&out->events, KC_EVT_COR_ARMED, -1, (double)review->crc, 0.0);
+    if (config->go_by_other_key == 0u) { return; }
+    kc_event(&out->events, KC_EVT_COR_OTHER_KEY, -1, (double)key_id, (double)config->approval_timeout_us);
+}
+
+kc_answer_t kc_review_arm(kc_review_t *review, const kc_config_t *config, const kc_keys_t *keys,
+                          const kc_cmd_t *cmd, kc_out_t *out)
+{
+    uint32_t crc = (uint32_t)cmd->arg_i[0];
+    int32_t overrides = cmd->arg_i[1];
     if (crc != review->crc) { return wrong_crc(out, crc, review->crc); }
     if (overrides != KC_OVERRIDE_NONE && overrides != KC_OVERRIDE_FIT) {
         return kc_answer_refuse(&out->events, KC_EVT_CMD_ARG, 1, (double)overrides, (double)KC_OVERRIDE_FIT,
                                 KC_ERR_ARG);
     }
-    kc_answer_t answer = check_fit(review, overrides, out);
-    if (answer.status == KC_OK) { kc_event(&out->events, KC_EVT_COR_ARMED, -1, (double)crc, 0.0); }
+    kc_answer_t answer = kc_holder_possible(config, keys, out);
+    if (answer.status == KC_OK) { answer = check_fit(review, overrides, out); }
+    if (answer.status == KC_OK) { arm(review, config, cmd->auth.key_id, out); }
     return answer;
 }
 
-kc_answer_t kc_review_go(kc_review_t *review, const kc_tables_t *tables, uint32_t crc, kc_out_t *out)
+kc_answer_t kc_review_go(kc_review_t *review, const kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out)
 {
-    uint32_t mark = out->events.n;
+    uint32_t mark = out->events.n, crc = (uint32_t)cmd->arg_i[0];
     if (crc != review->crc) { return wrong_crc(out, crc, review->crc); }
+    kc_answer_t answer = kc_holder_second(&tables->active.config, review->armed_key, cmd, out);
+    if (answer.status != KC_OK) { return answer; }
     kc_status_t st = kc_tbl_decode(KC_TBL_KIN, review->image, review->n, &review->kin, &out->events);
     if (st == KC_OK) { st = kc_tbl_kin_fits(tables, &review->kin, &out->events); }
     return kc_answer_by(st, &out->events, mark, KC_OC_STORE);

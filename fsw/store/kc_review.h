@@ -7,6 +7,7 @@
 
 #include "kc_answer.h"
 #include "kc_channels.h"
+#include "kc_holder.h"
 #include "kc_journal.h"
 #include "kc_verdict.h"
 #include "kc_view.h"
@@ -16,6 +17,7 @@ typedef struct {
     uint8_t image[KC_KIN_IMAGE_MAX];
     uint32_t n, crc;  /* crc 0: nothing waits */
     uint32_t verdict; /* kc_verdict_t of the correction; NO_CHANGE, which never waits: not known */
+    uint32_t armed_key; /* ARMED: key of the first step. A restart disarms, so it is not kept through one */
 } kc_review_t;
 
 /* Encode a proposed correction; gives its CRC. Nothing waits yet. */
@@ -39,10 +41,12 @@ static inline uint32_t kc_review_verdict(const kc_review_t *review)
 void kc_review_report(const kc_review_t *review, const kc_view_t *view, kc_hk_t *hk);
 
 /* Commands; crc is the one they name. STORE: nothing has changed yet, it is to be stored first.
- * overrides: KC_OVERRIDE_NONE, KC_OVERRIDE_FIT; anything else is refused (KC_ERR_ARG). */
-kc_answer_t kc_review_arm(const kc_review_t *review, uint32_t crc, int32_t overrides, kc_out_t *out);
+ * An override other than KC_OVERRIDE_NONE, KC_OVERRIDE_FIT is refused (KC_ERR_ARG). Where CONFIG wants another holder for
+ * the second step, and the keys of flight have one holder only, the first step is refused already. */
+kc_answer_t kc_review_arm(kc_review_t *review, const kc_config_t *config, const kc_keys_t *keys,
+                          const kc_cmd_t *cmd, kc_out_t *out);
 /* The image is decoded again: what was approved is what its CRC names. */
-kc_answer_t kc_review_go(kc_review_t *review, const kc_tables_t *tables, uint32_t crc, kc_out_t *out);
+kc_answer_t kc_review_go(kc_review_t *review, const kc_tables_t *tables, const kc_cmd_t *cmd, kc_out_t *out);
 kc_answer_t kc_review_reject(const kc_review_t *review, uint32_t crc, kc_out_t *out);
 kc_answer_t kc_review_rollback(const kc_tables_t *tables, uint32_t crc, kc_out_t *out);
 

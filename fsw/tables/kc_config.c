@@ -155,6 +155,15 @@ static void walk_end(kc_walk_t *w, kc_config_t *c)
     kc_walk_f64(w, 96u, &c->no_change_power, 0.0, 0.9999);
 }
 
+/* An image without the rule ends before it, as all did before there was any: they stay valid, with the same CRC. So this
+ * is the end of the table. */
+static void walk_approval(kc_walk_t *w, kc_config_t *c)
+{
+    bool here = w->mode == KC_WALK_READ ? w->pos < w->in_n : c->go_by_other_key > 0u;
+    if (!here) { return; }
+    kc_walk_u8(w, 88u, &c->go_by_other_key, 1u, 1u); /* an image without the rule ends before this */
+}
+
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
 {
     walk_design(w, c);
@@ -167,6 +176,7 @@ void kc_config_walk(kc_walk_t *w, kc_config_t *c)
     walk_extra(w, c);
     walk_suspects(w, c);
     walk_end(w, c);
+    walk_approval(w, c); /* the last: an image may end before it */
 }
 
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got)

@@ -101,6 +101,8 @@ typedef struct {
     double
         no_change_power; /* with a required accuracy: the table in force is tested, and a right one ends the
                                calibration, once an error that large would show with this probability; 0: never */
+    uint8_t
+        go_by_other_key; /* the second step of an approval has to come from another holder (kc_holder.h) */
 } kc_config_t;
 
 /* Layout and limits of every field, over the stream of kc_codec.h. */

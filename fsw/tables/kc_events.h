@@ -351,7 +351,20 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(178, CAL_CHAIN_LIMIT, WARN,                                                                            \
       "whatever is measured, the camera chain alone leaves the tool uncertain by {got:mm/mrad}, required "   \
       "{want:mm/mrad}",                                                                                      \
-      "The calibration goes on. Measure tags and camera better, or require less.")
+      "The calibration goes on. Measure tags and camera better, or require less.")                           \
+    X(182, CMD_SAME_KEY, ERROR,                                                                              \
+      "command {index:command} by key {got:count} refused: the step before it was signed by key "            \
+      "{want:count}, of the same holder",                                                                    \
+      "CONFIG asks for a second person: who holds a key of other hundreds sends it, with his own key file. " \
+      "A correction can be rejected by anybody with a key.")                                                 \
+    X(183, KEYS_ONE_HOLDER, ERROR,                                                                           \
+      "no correction can be approved: CONFIG asks for two holders of keys, all {got:count} keys of flight "  \
+      "belong to one",                                                                                       \
+      "Start flight with the keys of both holders (kincal key join), or uplink a CONFIG with "               \
+      "go_by_other_key = 0.")                                                                                \
+    X(184, COR_OTHER_KEY, INFO,                                                                              \
+      "approval armed by key {got:count}: APPROVE_GO has to come from another holder within {want:s}",       \
+      "A second person with a key file of his own gives APPROVE_GO.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

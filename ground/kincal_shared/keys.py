@@ -24,8 +24,11 @@ from kincal_shared.errors import BadInput
 
 VARIABLE = "KINCAL_KEYS"
 DEFAULT = Path("~/.kincal/keys")
-MOST = 2
-"""Keys of a file: the old and the new one of a rotation."""
+MOST = 4
+"""Keys of a file: of two holders, the old and the new one of a rotation."""
+HOLDER_NUMBERS = 100
+"""Numbers of keys for each holder: 1 to 99, 101 to 199, ... (fsw/command/kc_holder.h)."""
+_ROTATION = 2
 _HEAD = "kincal-keys 1"
 _SECRET_BYTES, _MAC_BYTES = 32, 16
 _ID_MAX = 2**31 - 1
@@ -63,6 +66,21 @@ class Key:
         """The same, as messages carry it."""
         low, high = _MAC.unpack(self.digest(text))
         return low, high
+
+
+# ---- holders
+
+
+def holder(key_id: int) -> int:
+    """Whose key it is, by its number: 0 for 1 to 99, 1 for 101 to 199, ..."""
+    return key_id // HOLDER_NUMBERS
+
+
+def other_than(key_id: int) -> str:
+    """Which key may give the second step, in words; key_id: of the first."""
+    first = max(holder(key_id) * HOLDER_NUMBERS, 1)
+    last = (holder(key_id) + 1) * HOLDER_NUMBERS - 1
+    return f"another key than key {key_id}, of another holder (not {first} to {last})"
 
 
 # ---- signing
@@ -239,7 +257,7 @@ def _parse(text: str, path: Path) -> tuple[Key, ...]:
         raise BadInput(f"the first line is not `{_HEAD}`", str(path), "`kincal key new` makes a key file")
     keys = tuple(_key(line, f"{path}, line {n}") for n, line in enumerate(lines, 2))
     if not keys or len(keys) > MOST or len({key.id for key in keys}) < len(keys):
-        raise BadInput(f"one or two keys with different numbers are allowed, not {len(keys)}", str(path))
+        raise BadInput(f"one to four keys with different numbers are allowed, not {len(keys)}", str(path))
     return keys
 
 
@@ -263,22 +281,27 @@ def write(path: Path, keys: tuple[Key, ...]) -> None:
     part.rename(path)
 
 
-def new(path: Path) -> Key:
-    """Make a key file with one key. BadInput if there is a file already."""
+def new(path: Path, number: int = 0) -> Key:
+    """Make a key file with one key. number: of its holder. BadInput if there is a file already."""
     if path.exists():
         raise BadInput("there is a key file already", str(path), "`kincal key rotate` changes its key")
+    if not 0 <= number <= _ID_MAX // HOLDER_NUMBERS - 1:
+        raise BadInput(f"{number} is no number of a holder", todo="take 0, 1, 2, ...: one for each person")
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    key = Key(1, secrets.token_bytes(_SECRET_BYTES))
+    key = Key(number * HOLDER_NUMBERS + 1, secrets.token_bytes(_SECRET_BYTES))
     write(path, (key,))
     return key
 
 
 def rotate(path: Path) -> Key:
     """Add a key, which does not sign yet. BadInput if there are two already."""
-    keys = read(path)
-    if len(keys) == MOST:
+    keys = _of_one_holder(path)
+    if len(keys) == _ROTATION:
         raise BadInput("a rotation is under way", str(path), "`kincal key retire` ends it")
     key = Key(keys[-1].id + 1, secrets.token_bytes(_SECRET_BYTES))
+    if holder(key.id) != holder(keys[-1].id):
+        raise BadInput(f"the numbers of this holder end at key {keys[-1].id}", str(path),
+                       "make a file with the number of a new holder: `kincal key new FILE --holder NUMBER`")  # fmt: skip
     write(path, (*keys, key))
     return key
 
@@ -286,11 +309,40 @@ def rotate(path: Path) -> Key:
 def retire(path: Path) -> Key:
     """Take the older key out: the newer one signs from now on. Returns the one that is gone. BadInput if
     there is one key only."""
-    keys = read(path)
-    if len(keys) < MOST:
+    keys = _of_one_holder(path)
+    if len(keys) < _ROTATION:
         raise BadInput("there is no other key", str(path), "`kincal key rotate` adds one")
     write(path, keys[1:])
     return keys[0]
+
+
+def _of_one_holder(path: Path) -> tuple[Key, ...]:
+    """Keys of a file that can be rotated. BadInput if it has the keys of several holders."""
+    keys = read(path)
+    if len({holder(key.id) for key in keys}) > 1:
+        raise BadInput(
+            "this file has the keys of several holders",
+            str(path),
+            "change the file of one holder, then make this one again: `kincal key join`",
+        )
+    return keys
+
+
+def join(path: Path, files: Sequence[Path]) -> tuple[Key, ...]:
+    """Make or replace a key file for flight, with the keys of several files. BadInput if two keys have the
+    same number, or there are too many."""
+    keys = tuple(key for file in files for key in read(file))
+    if len({key.id for key in keys}) < len(keys):
+        raise BadInput("two of the keys have the same number", ", ".join(map(str, files)),
+                       "give each holder a number: `kincal key new FILE --holder NUMBER`")  # fmt: skip
+    if not 0 < len(keys) <= MOST:
+        raise BadInput(f"flight takes one to four keys, these are {len(keys)}", ", ".join(map(str, files)),
+                       "`kincal key retire` takes an old one out")  # fmt: skip
+    if any(file.resolve() == path.resolve() for file in files):
+        raise BadInput("the file of a holder would be replaced", str(path), "name another file")
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    write(path, keys)
+    return keys
 
 
 # ---- simulation

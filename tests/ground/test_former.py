@@ -93,4 +93,37 @@ def test_counters_of_a_journal_from_before_become_those_of_the_key(tmp_path):
     run = simulate("healthy", 1, setup)
     names = [e.name for e in run.log.events if e.name.startswith(("CMD_", "BOOT"))]
     assert names == ["BOOT", "CMD_REPLAYED", "CMD_ACCEPTED"]
-    assert b"KCJ4" in {store.slots[18, slot][24:28] for slot in "ab"}
+    assert b"KCJ5" in {store.slots[18, slot][24:28] for slot in "ab"}
+
+
+# ---- before approvals by two holders: the journal KCJ4, CONFIG without the rule
+
+
+def test_a_correction_that_waited_in_a_store_of_two_keys_is_approved_after_a_start(tmp_path):
+    """Written by the code before: START with counter 1, a correction that waits, an uplinked CONFIG."""
+    shutil.copytree(FORMER / "store-kcj4", tmp_path / "store")
+    store = Store(tmp_path / "store")
+    assert {store.slots[18, slot][24:28] for slot in "ab"} == {b"KCJ4"}
+    config = store.slots[7, "a"][24:]
+    counters = iter((1, 2, 3))
+    store.count = lambda _source: next(counters)
+    crc = 0xDE8CB71F - (1 << 32)
+    sent = (("NOOP", ()), ("APPROVE_ARM", (crc,)), ("APPROVE_GO", (crc,)))
+    script = [(5 + 10 * i, command(name, *args, seq=i + 1)) for i, (name, args) in enumerate(sent)]
+    setup = Setup(tables=TABLES, store=store, limit_s=5.0, commander=lambda send: Script(send, script))
+    run = simulate("paper", 1, setup)
+    names = [e.name for e in run.log.events]
+    assert "CMD_REPLAYED" in names  # the counter of before is known
+    assert "BOOT_SLOT_BAD" not in names and "BOOT_LOST" not in names and "COR_ACTIVE" in names
+    assert run.log.hk.table_crc[4] == crc
+    assert run.log.hk.table_crc[7] & 0xFFFFFFFF == int.from_bytes(config[12:16], "little")
+    assert (run.log.hk.go_by_other_key, run.log.hk.boot_count) == (0, 2)
+    assert b"KCJ5" in {store.slots[18, slot][24:28] for slot in "ab"}
+
+
+def test_housekeeping_of_before_has_no_second_holder():
+    fingerprint = next(f for f, row in former.FORMER.items() if row.more_bytes == 8 and row.type == "hk_t")
+    hk = channels.message_type("hk_t")()
+    hk.state, hk.approval_left_us, hk.armed_key, hk.go_by_other_key = 10, 7, 101, 1
+    old = channels.decode("KC_HK", fingerprint + hk.encode()[8:-8])
+    assert (old.state, old.approval_left_us, old.armed_key, old.go_by_other_key) == (10, 7, 0, 0)

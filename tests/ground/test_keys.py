@@ -71,7 +71,7 @@ def test_a_file_of_another_user_is_refused(file, monkeypatch):
         GOOD.replace("0a\n", "0g\n"),
         GOOD.replace("0a", "00"),
         GOOD + GOOD.splitlines()[1] + "\n",
-        GOOD + "".join(f"{n} {'0b' * 32}\n" for n in (8, 9)),
+        GOOD + "".join(f"{n} {'0b' * 32}\n" for n in (8, 9, 107, 108)),
     ],
 )
 def test_a_text_with_anything_wrong_is_refused(tmp_path, text):

@@ -354,10 +354,10 @@ void world_sign_cmd(kc_cmd_t *c)
 {
     uint8_t head[KC_SIGNED_HEAD_MAX];
     if (c->t_us == 0u) { c->t_us = (uint64_t)((int64_t)world.now_us + world.skew_us); }
-    c->auth.key_id = world.keys.key[0].id;
+    c->auth.key_id = world.keys.key[world.signer].id;
     c->auth.counter = ++world.counter;
     kc_auth_text_t text = kc_signed_cmd(c, head);
-    kc_auth_mac(&world.keys.key[0], &text, c->auth.mac);
+    kc_auth_mac(&world.keys.key[world.signer], &text, c->auth.mac);
     world.sent[world.counter % KC_CMD_QUEUE_MAX] = *c;
 }
 
@@ -366,10 +366,10 @@ void world_sign_chunk(kc_chunk_t *c)
     uint8_t head[KC_SIGNED_HEAD_MAX];
     if (c->source == 0) { c->source = KC_SRC_GROUND; }
     if (c->t_us == 0u) { c->t_us = (uint64_t)((int64_t)world.now_us + world.skew_us); }
-    c->auth.key_id = world.keys.key[0].id;
+    c->auth.key_id = world.keys.key[world.signer].id;
     c->auth.counter = ++world.counter;
     kc_auth_text_t text = kc_signed_chunk(c, head);
-    kc_auth_mac(&world.keys.key[0], &text, c->auth.mac);
+    kc_auth_mac(&world.keys.key[world.signer], &text, c->auth.mac);
 }
 
 static bool open_to_all(const kc_cmd_t *c) { return c->opcode == KC_CMD_NOOP || c->opcode == KC_CMD_ABORT; }

@@ -31,7 +31,8 @@ typedef struct {
     int32_t arm_seq, pantilt_seq, cmd_seq[3], frame_requested;
     bool requested;
     uint64_t rng;
-    kc_keys_t keys; /* of flight, set at boot; the first one signs */
+    kc_keys_t keys; /* of flight, set at boot */
+    uint32_t signer; /* which of them signs */
     uint64_t counter; /* of the last message that was signed */
     kc_cmd_t sent[KC_CMD_QUEUE_MAX]; /* the last signed commands, by counter modulo their number */
     kc_cmd_t answered; /* the last of them that was accepted; key 0: none was */

@@ -131,6 +131,7 @@ static const spoil_t s_spoil[] = {
     {87, AT(stops_max), 'u', 5.0},
     {92, AT(rest_part), 'd', 0.0},
     {96, AT(no_change_power), 'd', 1.0},
+    {88, AT(go_by_other_key), 'b', 2.0},
 };
 
 static void spoil(const spoil_t *s, double value)

@@ -10,10 +10,14 @@ static kc_counters_t s_c;
 void setUp(void);
 void setUp(void) { memset(&s_c, 0, sizeof s_c); }
 
+#define OTHER_A 1001u /* two keys of another holder, in every file: two places are left */
+#define OTHER_B 1002u
+
 /* A start with these keys at a time, 0: none. */
 static void start(uint32_t a, uint32_t b, uint64_t clock_us)
 {
-    kc_keys_t keys = {.n = (a != 0u ? 1u : 0u) + (b != 0u ? 1u : 0u), .key = {{.id = a}, {.id = b}}};
+    kc_keys_t keys = {.key = {{.id = OTHER_A}, {.id = OTHER_B}, {.id = a}, {.id = b}}};
+    keys.n = a == 0u ? 0u : 3u + (b != 0u ? 1u : 0u);
     kc_counters_begin(&s_c, &keys);
     kc_counters_clock(&s_c, clock_us);
 }

@@ -3,6 +3,7 @@
 
 #include "given_world.h"
 #include "kc_crc.h"
+#include "kc_verdict.h"
 #include "unity.h"
 
 #define APP (&kc_app_instance)
@@ -36,7 +37,7 @@ void test_a_record_says_state_session_pose_and_candidate(void)
     TEST_ASSERT_EQUAL_UINT32(0u, APP->journal.found.pose);
     TEST_ASSERT_EQUAL_INT(0, APP->journal.found.candidate);
     TEST_ASSERT_EQUAL_UINT32(1u, APP->journal.found.boot_count);
-    TEST_ASSERT_EQUAL_MEMORY("KCJ4", s_rec, 4u);
+    TEST_ASSERT_EQUAL_MEMORY("KCJ5", s_rec, 4u);
 }
 
 void test_a_damaged_record_is_refused_and_the_older_one_is_taken(void)
@@ -202,7 +203,7 @@ void test_a_record_of_the_former_layout_is_read_and_its_counters_become_those_of
     world_tick();
     TEST_ASSERT_EQUAL_INT(KC_EVT_CMD_REPLAYED, world.ack.event_id);
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_TABLE_DISCARD, 0, 0, 0));
-    TEST_ASSERT_EQUAL_MEMORY("KCJ4", world.store[KC_STORE_JOURNAL][0], 4u);
+    TEST_ASSERT_EQUAL_MEMORY("KCJ5", world.store[KC_STORE_JOURNAL][0], 4u);
 }
 
 /* Without keys they have no owner yet, and wait. */
@@ -212,7 +213,7 @@ void test_counters_of_the_former_layout_outlive_a_start_without_keys(void)
     world.keys.n = 0u;
     world_boot();
     world_ticks(3u);
-    TEST_ASSERT_EQUAL_MEMORY("KCJ4", world.store[KC_STORE_JOURNAL][0], 4u);
+    TEST_ASSERT_EQUAL_MEMORY("KCJ5", world.store[KC_STORE_JOURNAL][0], 4u);
     world.keys.n = 1u;
     world_restart();
     world_tick();
@@ -231,7 +232,56 @@ void test_a_damaged_record_of_the_former_layout_is_refused(void)
     s_rec[50] ^= 1u;
     TEST_ASSERT_EQUAL_INT(KC_ERR_CRC, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, FORMER_BYTES));
     s_rec[50] ^= 1u;
-    memcpy(s_rec, "KCJ4", 4u); /* of another length */
+    memcpy(s_rec, "KCJ5", 4u); /* of another length */
     put(FORMER_BYTES - 4u, kc_crc32(0u, s_rec, FORMER_BYTES - 4u), 4u);
     TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_app_load(APP, KC_STORE_JOURNAL, s_rec, FORMER_BYTES));
+}
+
+/* ---- the record before this one: counters of two keys ---- */
+
+#define TWO_KEYS_BYTES 144u
+
+static void given_two_keys(void)
+{
+    memset(s_rec, 0, sizeof s_rec);
+    memcpy(s_rec, "KCJ4", 4u);
+    put(4u, KC_ST_SAFE, 4u);
+    put(8u, 17u, 4u); /* session */
+    put(16u, 5u, 4u); /* boots */
+    put(28u, 0xffffffffu, 4u); /* no candidate */
+    for (uint32_t k = 0u; k < 2u; k++) {
+        put(48u + 44u * k, 1u + k, 4u);
+        put(52u + 44u * k, 70u + k, 8u); /* since */
+        for (uint32_t i = 0u; i < 4u; i++) { put(60u + 44u * k + 8u * i, 1000u * (k + 1u) + i, 8u); }
+    }
+    put(136u, 2u, 4u); /* verdict */
+    put(TWO_KEYS_BYTES - 4u, kc_crc32(0u, s_rec, TWO_KEYS_BYTES - 4u), 4u);
+    memcpy(world.store[KC_STORE_JOURNAL][0], s_rec, TWO_KEYS_BYTES);
+    world.stored[KC_STORE_JOURNAL][0] = TWO_KEYS_BYTES;
+}
+
+void test_a_record_with_two_keys_is_read_whole_and_the_next_one_has_room_for_four(void)
+{
+    given_two_keys();
+    world.keys.n = 4u;
+    for (uint32_t k = 1u; k < 4u; k++) { world.keys.key[k] = (kc_key_t){.id = k == 1u ? 2u : 99u + k}; }
+    world_boot();
+    world_ticks(2u);
+    TEST_ASSERT_EQUAL_UINT32(17u, APP->cal.session);
+    TEST_ASSERT_EQUAL_UINT32(6u, world.hk.boot_count);
+    TEST_ASSERT_EQUAL_UINT32(KC_VERDICT_POOR, APP->journal.found.proposal_verdict);
+    for (uint32_t k = 0u; k < 2u; k++) {
+        const kc_counted_t *c = kc_counters_of(&APP->cmd_log.counters, k + 1u);
+        TEST_ASSERT_NOT_NULL(c);
+        TEST_ASSERT_EQUAL_UINT64(70u + k, c->since_us);
+        TEST_ASSERT_EQUAL_UINT64(1000u * (k + 1u), c->last[0][0]);
+        TEST_ASSERT_EQUAL_UINT64(1000u * (k + 1u) + 3u, c->last[1][1]);
+    }
+    TEST_ASSERT_NOT_NULL(kc_counters_of(&APP->cmd_log.counters, 101u));
+    TEST_ASSERT_NOT_NULL(kc_counters_of(&APP->cmd_log.counters, 102u));
+    TEST_ASSERT_EQUAL_MEMORY("KCJ5", world.store[KC_STORE_JOURNAL][0], 4u);
+    world_restart();
+    world_tick();
+    TEST_ASSERT_EQUAL_UINT64(2003u, kc_counters_of(&APP->cmd_log.counters, 2u)->last[1][1]);
+    TEST_ASSERT_NOT_NULL(kc_counters_of(&APP->cmd_log.counters, 102u));
 }

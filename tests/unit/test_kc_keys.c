@@ -152,7 +152,7 @@ void test_a_text_with_anything_wrong_is_refused(void)
     refused_text("kincal-keys 1\n7\t" A "\n", NO_NUMBER);
     refused_text("kincal-keys 1\n7 " A "\n7 " B "\n",
                  "two keys have the same number"); /* twice the same number */
-    refused_text("kincal-keys 1\n7 " A "\n8 " B "\n9 " A "\n", "more than two keys");
+    refused_text("kincal-keys 1\n7 " A "\n8 " B "\n107 " A "\n108 " B "\n9 " A "\n", "more than four keys");
     refused_text("kincal-keys 1\n7 " A "\n\n", NO_NUMBER);
     refused_text("kincal-keys 1\n7 0000000000000000000000000000000000000000000000000000000000000000\n",
                  NO_SECRET);

@@ -167,6 +167,8 @@ void test_housekeeping_carries_the_crcs_bit_by_bit(void)
     h.proposal_crc = 0x80000000u;
     h.proposal_verdict = 2u;
     h.approval_left_us = 599000000u;
+    h.armed_key = 101u;
+    h.go_by_other_key = 1;
     h.boot_state = -1;
     h.n_rx_errors = 3u;
     h.energy_j = 12.5;
@@ -184,6 +186,8 @@ void test_housekeeping_carries_the_crcs_bit_by_bit(void)
     TEST_ASSERT_EQUAL_HEX32(0x80000000u, (uint32_t)m.proposal_crc);
     TEST_ASSERT_EQUAL_INT(KCM_PROPOSAL_T_POOR, m.proposal_verdict);
     TEST_ASSERT_EQUAL_INT64(599000000, m.approval_left_us);
+    TEST_ASSERT_EQUAL_INT(101, m.armed_key);
+    TEST_ASSERT_EQUAL_INT(1, m.go_by_other_key);
     TEST_ASSERT_EQUAL_INT(-1, m.boot_state);
     TEST_ASSERT_EQUAL_INT(8, m.n_tx_errors);
     TEST_ASSERT_EQUAL_INT(3, m.n_rx_errors);

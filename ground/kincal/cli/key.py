@@ -16,7 +16,7 @@ def key() -> None:
     """Make, rotate and show the keys that sign commands to flight.
 
     Flight reads the key file when it starts (kincal-fsw --keys FILE) and takes commands signed with any of
-    its one or two keys. `kincal` and the executive sign with the first. Copy the file by a way that nobody
+    its keys: one or two of each holder. `kincal` and the executive sign with the first. Copy the file by a way that nobody
     else can read; each machine keeps its own counters beside it.
 
     \b
@@ -46,11 +46,43 @@ def _verb(act: Callable[[Path], str]) -> Callable[[Path], str]:
     return act
 
 
-@_verb
-def key_new(path: Path) -> str:
-    """Make a key file with one key."""
-    made = keys.new(path)
-    return f"key {made.id}; start kincal-fsw with --keys and this file"
+@key.command("new")
+@click.argument("file", type=PATH, required=False)
+@click.option("--holder", type=click.IntRange(0), default=0, show_default=True, help="Number of the person.")
+def key_new(file: Path | None, holder: int) -> None:
+    """Make a key file with one key.
+
+    Without FILE: the file of $KINCAL_KEYS, else ~/.kincal/keys. Where CONFIG asks for two persons
+    (go_by_other_key), each has a file of his own: --holder 0 makes key 1 (its rotations: 2, 3, ... 99),
+    --holder 1 makes key 101, and so on. Flight gets both files in one: `kincal key join`.
+
+    \b
+    Examples:
+        kincal key new
+        kincal key new second.keys --holder 1
+    """
+    path = keys.file_of(file)
+    made = keys.new(path, holder)
+    click.echo(f"{path}: key {made.id}; start kincal-fsw with --keys and this file")
+
+
+@key.command("join")
+@click.argument("files", nargs=-1, type=PATH, required=True)
+@click.option("-o", "--out", type=PATH, required=True, help="Key file for flight.")
+def key_join(files: tuple[Path, ...], out: Path) -> None:
+    """Make the key file of flight from those of several holders.
+
+    Who audits checks a journal of several holders with such a file too. Nobody should sign with it: whoever
+    holds it can sign for each of them.
+
+    \b
+    Example:
+        kincal key join first.keys second.keys -o flight.keys
+    """
+    joined = keys.join(out, files)
+    n = len({keys.holder(k.id) for k in joined})
+    click.echo(f"{out}: keys {', '.join(str(k.id) for k in joined)} of {n} holder{'s' if n > 1 else ''}; "
+               "start kincal-fsw with --keys and this file")  # fmt: skip
 
 
 @_verb
@@ -75,4 +107,8 @@ def key_retire(path: Path) -> str:
 def key_show(path: Path) -> str:
     """Check a key file and list the numbers of its keys, not the keys."""
     signs, *others = keys.read(path)
-    return f"key {signs.id} signs" + "".join(f", key {k.id} is new" for k in others)
+    mine = keys.holder(signs.id)
+    text = f"key {signs.id} signs"
+    for k in others:
+        text += f", key {k.id} is " + ("new" if keys.holder(k.id) == mine else "another holder's")
+    return text

@@ -297,11 +297,13 @@ def review_go(crc: str, **given: Unpack[Decision]) -> None:
     """Approve the correction that waits on board, second step: it comes in force.
 
     It is refused if the approval is not armed or has expired (`kincal review arm`), or if the person named by
-    --by has not seen the correction. That may be another person than the one who armed it.
+    --by has not seen the correction. That may be another person than the one who armed it; where CONFIG asks
+    for two persons (go_by_other_key), it has to be, with a key file of his own.
 
     \b
-    Example:
+    Examples:
         kincal review go 1a2b3c4d --by "B. Second" --why "agree with A. Reviewer"
+        kincal review go 1a2b3c4d --keys second.keys --by "B. Second" --why "agree with A. Reviewer"
     """
     from kincal.review import decisions
 
@@ -360,7 +362,9 @@ def _dry_run(verb: str, crc: str, given: Decision, override: bool = False) -> No
     with link.Link(given["url"], operate.LISTEN) as up:
         operate.listen(up, snapshot, min(given["timeout_s"], 3.0), lambda s: s.hk is not None)
         now_s = up.clock_s()
-    found, age = operate.unmet(request, snapshot, now_s), snapshot.freshness("KC_HK", now_s)
+    signer = _signer_or_none(given["key_file"])
+    found = operate.unmet(request, snapshot, now_s, signer.key.id if signer else 0)
+    age = snapshot.freshness("KC_HK", now_s)
     text.unmet(console(), request.opcode, found, age, snapshot.state)
     if found:
         raise SystemExit(1)

@@ -38,7 +38,7 @@ from kincal.review.residuals import PoseResidual, residuals
 from kincal.review.status import Status, status
 from kincal.review.thresholds import Limits, read_limits
 from kincal_shared.errors import BadInput, CommandFailed, KincalError
-from kincal_shared.keys import Signer, file_of, signer_of
+from kincal_shared.keys import Signer, file_of, holder, other_than, signer_of
 from kincal_shared.keys import read as read_keys
 
 from .document import document, plain_grid
@@ -82,6 +82,14 @@ class Desk:
         except KincalError as error:
             return str(error)
         return ""
+
+    def may_go(self) -> Plain:
+        """The key that signs here (0: none), and why flight would not take the second step from it, by the
+        last housekeeping; empty if it would."""
+        hk = self.picture.newest("KC_HK")
+        key = 0 if self.why_no_key else self._signer().key.id
+        mine = hk is not None and hk.armed_key and hk.go_by_other_key and holder(key) == holder(hk.armed_key)
+        return {"key": key, "why_not": f"GO has to be given with {other_than(hk.armed_key)}" if mine else ""}
 
     def _signer(self) -> Signer:
         return signer_of(file_of(self.key_file))
@@ -251,6 +259,7 @@ class Desk:
             "waits": hk is not None and crc_text(hk.proposal_crc) == crc,
             "seen_by": sorted({e.by for e in lines if e.decision == journal.SEEN}),
             "lines": [_line(e) for e in lines],
+            "go": self.may_go(),
         }
 
     def _found(self, crc: str) -> Review:
@@ -325,6 +334,8 @@ def _line(e: journal.Entry) -> Plain:
         "why": e.why,
         "override": e.override,
         "verdict": e.verdict,
+        "key": e.key_id,
+        "armed_key": e.armed_key,
     }
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from kincal.flight import event_name, event_text, library, status_name
 from kincal.link import crc_text, names, unsigned32
+from kincal_shared.keys import other_than
 
 if TYPE_CHECKING:
     from kincal.link.messages import (
@@ -107,6 +108,9 @@ def housekeeping(m: Hk) -> Plain:
         "proposal": proposal,
         "proposal_verdict": names.verdict_name(m.proposal_verdict) if proposal and m.proposal_verdict else "",
         "approval_left_s": round(m.approval_left_us * 1e-6, 1),
+        "armed_key": m.armed_key,
+        "two_holders": bool(m.go_by_other_key),
+        "go_by": other_than(m.armed_key) if m.armed_key and m.go_by_other_key else "",
         "energy_j": finite(round(m.energy_j, 1)) if math.isfinite(m.energy_j) else None,
         "monitor": _monitor(m),
     }

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from kincal.flight import event_action, event_name, library, status_name, tables
 from kincal.link import crc_text, names, unsigned32
+from kincal_shared.keys import holder
 
-from .snapshot import FRESH, EventLine, Snapshot, calibrating, event_of, utc_text
+from .snapshot import FRESH, EventLine, Snapshot, Waiting, calibrating, event_of, utc_text
 
 if TYPE_CHECKING:
     from kincal.link.messages import Ack, Hk
@@ -136,9 +137,10 @@ class Unmet:
         return f"{self.condition}; found: {self.found}. {self.todo}"
 
 
-def unmet(request: Request, now: Snapshot, now_s: float) -> tuple[Unmet, ...]:
+def unmet(request: Request, now: Snapshot, now_s: float, key_id: int = 0) -> tuple[Unmet, ...]:
     """Conditions that are not met as far as the last telemetry says. Flight decides in the end; empty means
-    that nothing is known that speaks against it. ABORT has no condition."""
+    that nothing is known that speaks against it. ABORT has no condition. key_id: that would sign, 0: not
+    known."""
     if request.opcode == "ABORT":
         return ()
     age = now.freshness("KC_HK", now_s)
@@ -147,7 +149,16 @@ def unmet(request: Request, now: Snapshot, now_s: float) -> tuple[Unmet, ...]:
         return (Unmet("housekeeping not older than 3 s", age.why, where),)
     when = f"by housekeeping received {age.receive_age_s or 0.0:.1f} s ago"
     found = [_state(request, now.state, when), *_SPECIAL.get(request.opcode, _nothing)(request, now, now_s)]
+    if request.opcode == "APPROVE_GO" and key_id:
+        found.append(_holder(now.waiting(now_s), key_id))
     return tuple(one for one in found if one is not None)
+
+
+def _holder(waits: Waiting, key_id: int) -> Unmet | None:
+    if not waits.go_by or holder(waits.armed_key) != holder(key_id):
+        return None
+    todo = f"the second person: `kincal review go {waits.crc} --keys FILE`; {waits.left_s:.0f} s are left"
+    return Unmet(f"GO with {waits.go_by}", f"key {key_id}", todo)
 
 
 def _state(request: Request, state: str, when: str) -> Unmet | None:

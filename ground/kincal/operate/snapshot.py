@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from kincal.flight import tables
 from kincal.flight.events import abort_todo, event_cause, event_names, event_todo
 from kincal.link import LogEvent, crc_text, names, unsigned32
+from kincal_shared.keys import other_than
 
 if TYPE_CHECKING:
     from kincal.link.messages import Event, Hk, Proposal
@@ -98,12 +99,16 @@ class EventLine:
 @dataclass(frozen=True)
 class Waiting:
     """The correction that waits for the ground; crc: eight hex digits, "" if nothing waits. left_s: until an
-    armed approval expires, counted down since the last housekeeping."""
+    armed approval expires, counted down since the last housekeeping. armed_key: that armed it, 0 if it is not
+    known; two_holders: the second step has to come from another holder; go_by: that, in words."""
 
     crc: str = ""
     verdict: str = ""
     armed: bool = False
     left_s: float = 0.0
+    armed_key: int = 0
+    two_holders: bool = False
+    go_by: str = ""
 
 
 @dataclass(frozen=True)
@@ -279,7 +284,9 @@ class Snapshot:
         verdict = names.verdict_name(hk.proposal_verdict) if hk.proposal_verdict else ""
         age_s = now_s - self._last["KC_HK"].rx_s
         left_s = max(hk.approval_left_us * 1e-6 - age_s, 0.0)
-        return Waiting(crc_text(hk.proposal_crc), verdict, self.state == "ARMED", left_s)
+        armed, two = self.state == "ARMED", bool(hk.go_by_other_key)
+        go_by = other_than(hk.armed_key) if armed and two else ""
+        return Waiting(crc_text(hk.proposal_crc), verdict, armed, left_s, hk.armed_key, two, go_by)
 
     def tables(self) -> tuple[Table, ...]:
         """Tables in force by the newest housekeeping; empty if there is none."""
@@ -327,8 +334,10 @@ class Snapshot:
         if state == "REVIEW":
             return f"the ground: decide on correction {waits.crc} ({waits.verdict or 'verdict not known'})"
         if state == "ARMED":
+            by = f" with {waits.go_by}" if waits.go_by else ""
             return (
-                f"the ground: second step for correction {waits.crc}, or it expires in {waits.left_s:.0f} s"
+                f"the ground: second step for correction {waits.crc}{by}, or it expires in "
+                f"{waits.left_s:.0f} s"
             )
         return _WAITS_FOR.get(state, "flight: it computes")
 

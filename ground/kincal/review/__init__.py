@@ -250,11 +250,12 @@ def record(
     signer: Signer,
     override: str = "",
     command: str = "",
+    armed_key: int = 0,
 ) -> Entry:
     """Append one decision, which the last command of the signer carried out, or what was seen or attempted;
     review: the proposal, or an entry that has its numbers; override: why it was approved in spite of the
-    reasons to reject it; command: that was attempted or refused. Refuses when the journal was tampered
-    with."""
+    reasons to reject it; command: that was attempted or refused; armed_key: that took the first step of what
+    is approved. Refuses when the journal was tampered with."""
     check_words(by, why)
     entry = Entry(
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -268,6 +269,7 @@ def record(
         verdict=review.verdict if review else "",
         override=override,
         command=command,
+        armed_key=armed_key,
     )
     return journals.append(journal, entry, signer)
 

@@ -18,7 +18,7 @@ from kincal.flight import library
 from kincal.link import CommandLink, crc_text, unsigned32
 from kincal.link.names import state_name, verdict_name
 from kincal_shared.errors import BadInput, CommandFailed, KincalError, NoAnswer
-from kincal_shared.keys import Signer
+from kincal_shared.keys import Signer, holder, other_than
 
 from . import KIN_KIND, Entry, Review, check_words, journal, parse_crc, reasons_to_reject, record, warnings
 
@@ -37,13 +37,21 @@ def _silent(_text: str) -> None:
 @dataclass(frozen=True)
 class OnBoard:
     """What waits on board. crc: 0: nothing; verdict: of it, "" if flight does not know it (any more); armed:
-    the first step was taken; left_s: until it expires; state: of flight."""
+    the first step was taken; left_s: until it expires; state: of flight; armed_key: that took the first step,
+    0 if none did or flight is older; two_holders: the second step has to come from another holder."""
 
     crc: int
     verdict: str
     armed: bool
     left_s: float
     state: str = ""
+    armed_key: int = 0
+    two_holders: bool = False
+
+    @property
+    def other_than(self) -> str:
+        """Which key has to give the second step, in words; empty if any may, or nothing is armed."""
+        return other_than(self.armed_key) if self.armed and self.two_holders else ""
 
 
 def on_board(link: CommandLink, timeout_s: float = 5.0) -> OnBoard:
@@ -55,6 +63,8 @@ def on_board(link: CommandLink, timeout_s: float = 5.0) -> OnBoard:
         hk.state == library("flight").constant("KC_ST_ARMED"),
         hk.approval_left_us * 1e-6,
         state_name(hk.state),
+        hk.armed_key,
+        bool(hk.go_by_other_key),
     )
 
 
@@ -152,7 +162,9 @@ def arm(link: CommandLink, crc: str, who: Operator, override: str = "") -> OnBoa
                 f"the approval of correction {case.text} is armed already, for another "
                 f"{case.waits.left_s:.0f} s",
                 link.url,
-                f"`kincal review go {case.text}` puts it in force, "
+                f"`kincal review go {case.text}`"
+                + (f", given with {case.waits.other_than}," if case.waits.other_than else "")
+                + " puts it in force, "
                 f"`kincal review reject {case.text}` drops it",
             )
         seen = _seen(case, who)
@@ -164,15 +176,17 @@ def arm(link: CommandLink, crc: str, who: Operator, override: str = "") -> OnBoa
 
         send_arm(link, case.crc, who.timeout_s, bool(override), accepted, who.command)
     now = on_board(link, who.timeout_s)
+    by = f", given with {now.other_than}," if now.other_than else ""
     who.say(
-        f"nothing is in force yet: within {now.left_s:.0f} s `kincal review go {case.text}` puts it in force"
+        f"nothing is in force yet: within {now.left_s:.0f} s `kincal review go {case.text}`{by} puts it in "
+        "force"
     )
     return now
 
 
 def go(link: CommandLink, crc: str, who: Operator) -> None:
-    """Second step: the correction comes in force. Refused, before any command is sent, if it is not armed or
-    `who.by` has not seen it."""
+    """Second step: the correction comes in force. Refused, before any command is sent, if it is not armed,
+    `who.by` has not seen it, or it needs the key of another holder."""
     case = _case(link, crc, who, "APPROVE_GO")
     with _recorded(case, who, "APPROVE_GO"):
         if not case.waits.armed:
@@ -181,6 +195,7 @@ def go(link: CommandLink, crc: str, who: Operator) -> None:
                 link.url,
                 f"`kincal review arm {case.text}` first",
             )
+        _check_holder(case, link)
         seen = _seen(case, who)
         armed = [e for e in case.before.entries if (e.decision, e.crc) == (journal.ARMED, case.text)]
         override = armed[-1].override if armed else ""
@@ -302,6 +317,17 @@ def _seen(case: _Case, who: Operator) -> Entry:
     return seen
 
 
+def _check_holder(case: _Case, link: CommandLink) -> None:
+    """That flight would take the second step from this key."""
+    waits, mine = case.waits, case.signer.key.id
+    if waits.other_than and holder(mine) == holder(waits.armed_key):
+        raise CommandFailed(
+            f"GO of correction {case.text} has to be given with {waits.other_than}; this is key {mine}",
+            link.url,
+            f"the second person: `kincal review go {case.text} --keys FILE`; {waits.left_s:.0f} s are left",
+        )
+
+
 def _check_override(case: _Case, seen: Entry, override: str) -> None:
     reasons = reasons_to_reject(dataclasses.replace(seen, verdict=case.waits.verdict or seen.verdict))
     if not case.waits.verdict:
@@ -320,8 +346,20 @@ def _check_override(case: _Case, seen: Entry, override: str) -> None:
 def _write(case: _Case, who: Operator, decision: str, seen: Entry | None, override: str = "") -> None:
     """Flight has taken it: whatever the journal does, what comes of the command is waited for."""
     case.taken.append(decision)
+    armed_key = case.waits.armed_key if decision == journal.APPROVED else 0
     try:
-        record(who.journal, decision, case.crc, who.by, who.why, case.url, seen, case.signer, override)
+        record(
+            who.journal,
+            decision,
+            case.crc,
+            who.by,
+            who.why,
+            case.url,
+            seen,
+            case.signer,
+            override,
+            armed_key=armed_key,
+        )
     except KincalError as error:
         case.unwritten.append(error)
         who.say(f"NOT in the journal: {error.what}")

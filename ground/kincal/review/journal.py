@@ -23,7 +23,7 @@ from kincal.flight import library
 from kincal.link import LogSummary, crc_text
 from kincal.link.names import opcode
 from kincal_shared.errors import BadInput
-from kincal_shared.keys import Key, Signer, lock, open_own, signed_by
+from kincal_shared.keys import Key, Signer, holder, lock, open_own, signed_by
 from kincal_shared.keys import read as read_keys
 
 VARIABLE = "KINCAL_JOURNAL"
@@ -57,7 +57,8 @@ class Entry:
     key_id, counter: of the command that carried it out, 0 in journals of before (counter: also where it was
     only seen); unconfirmed: how many lines before it nobody could vouch for when it was written; mac: made
     with that key over all of the others, empty in journals of before. command: that was attempted or refused;
-    marked: 1 if an end mark is kept from here on. A line leaves these two out where they are empty."""
+    marked: 1 if an end mark is kept from here on; armed_key: of an approval, the key that took its first step,
+    as flight says. A line leaves these three out where they are empty."""
 
     time: str
     decision: str
@@ -76,11 +77,12 @@ class Entry:
     mac: str = ""
     command: str = ""
     marked: int = 0
+    armed_key: int = 0
 
     def text(self) -> str:
         """The line of the journal."""
         fields = dataclasses.asdict(self)
-        later = {"command", "marked"}  # lines of before they were there stay as they are
+        later = {"command", "marked", "armed_key"}  # lines of before they were there stay as they are
         return json.dumps({k: v for k, v in fields.items() if v or k not in later}, sort_keys=True)
 
     def mac_of(self, key: Key) -> str:
@@ -286,6 +288,7 @@ def _parsed(path: Path, raw: bytes, keys: Sequence[Key]) -> Journal:
     known = {key.id: key for key in keys}
     entries: list[Entry] = []
     before, confirmed = "", 0
+    newest: dict[int, int] = {}
     for n, line in enumerate(raw.splitlines(), 1):
         where = f"{path}:{n}"
         entry = _entry(line, where)
@@ -293,7 +296,8 @@ def _parsed(path: Path, raw: bytes, keys: Sequence[Key]) -> Journal:
             raise BadInput(
                 "the review journal was changed: a line does not follow from the one before", where, _COPY
             )
-        _check_key(entry, entries[-1].key_id if entries else 0, where)
+        _check_key(entry, newest, where)
+        newest[holder(entry.key_id)] = entry.key_id
         if entry.key_id in known:
             if entry.mac != entry.mac_of(known[entry.key_id]):
                 raise BadInput(
@@ -312,9 +316,11 @@ def _parsed(path: Path, raw: bytes, keys: Sequence[Key]) -> Journal:
     return Journal(path, tuple(entries), unconfirmed, _why(entries[confirmed:], keys), tuple(keys))
 
 
-def _check_key(entry: Entry, key_before: int, where: str) -> None:
-    """Keys only go forward: who could write lines of a key that is gone would need no key."""
-    if entry.key_id < key_before or bool(entry.key_id) != bool(entry.mac):
+def _check_key(entry: Entry, newest: Mapping[int, int], where: str) -> None:
+    """The keys of a holder only go forward: who could write lines of a key that is gone would need no key.
+    newest: key of each holder up to this line."""
+    gone = entry.key_id < newest.get(holder(entry.key_id), 0) or (not entry.key_id and any(newest.values()))
+    if gone or bool(entry.key_id) != bool(entry.mac):
         raise BadInput(
             "the review journal was changed: the MAC of a line is missing, or of an older key than before it",
             where,
@@ -339,6 +345,7 @@ _TYPES: dict[str, type | tuple[type, ...]] = {
     "counter": int,
     "unconfirmed": int,
     "marked": int,
+    "armed_key": int,
 }
 
 

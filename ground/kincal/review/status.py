@@ -134,10 +134,16 @@ class Choice:
 
 
 def choices(
-    crc: int, verdict: str, reasons: Sequence[str], armed: bool = False, options: str = ""
+    crc: int,
+    verdict: str,
+    reasons: Sequence[str],
+    armed: bool = False,
+    options: str = "",
+    go_by: str = "",
 ) -> tuple[Choice, ...]:
     """What can be done about a proposal that waits; verdict: "" if flight does not know it; reasons: to
-    reject it; options: more words of each command. The likeliest first."""
+    reject it; options: more words of each command; go_by: who has to take the second step. The likeliest
+    first."""
     text, who = crc_text(crc), "--by NAME --why REASON"
     doubtful = bool(reasons) or verdict != VERDICTS["CHANGE"]
     override = " --override REASON" if doubtful else ""
@@ -146,7 +152,10 @@ def choices(
     arm = Choice(
         f"approve it{all_the_same}, first step", f"kincal review arm {text} {who}{override}{options}"
     )
-    second = Choice("approve it, second step: it comes in force", f"kincal review go {text} {who}{options}")
+    by = f" by {go_by}" if go_by else ""
+    second = Choice(
+        f"approve it, second step{by}: it comes in force", f"kincal review go {text} {who}{options}"
+    )
     if armed:
         return second, reject
     return (reject, arm, second) if doubtful else (arm, second, reject)

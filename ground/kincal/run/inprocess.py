@@ -165,8 +165,8 @@ class Setup:
 
     tables: folder of table images; store: what an earlier flight left (None: nothing); acquisition, poses,
     accept: instead of the scenario's choice ("", 0: as the scenario says); commander: instead of the
-    executive; key: signs commands, and flight takes it (None: one made from the seed); world: makes the
-    simulator; hooks: faults; log: file for an LCM log (None: no file); limit_s:
+    executive; key: signs commands, and flight takes it (None: one made from the seed); others: keys that
+    flight takes too; world: makes the simulator; hooks: faults; log: file for an LCM log (None: no file); limit_s:
     of mission time [s] (0: a minute more than the executive's patience)."""
 
     tables: Path = TABLES
@@ -176,6 +176,7 @@ class Setup:
     accept: str = ""
     commander: MakeCommander | None = None
     key: Key | None = None
+    others: tuple[Key, ...] = ()
     world: Callable[[Scenario, int], World] | None = None
     hooks: Hooks = field(default_factory=Hooks)
     log: Path | None = None
@@ -249,7 +250,7 @@ class Simulation:
             self.setup.tables,
             self.store,
             lambda kind, data: self.setup.hooks.keep(self._number, kind, data),
-            (self._key,),
+            (self._key, *self.setup.others),
         )
 
     def publish(self, channel: str, message: LcmMessage) -> None:

@@ -51,6 +51,7 @@ def _waiting(out: Console, s: Status) -> None:
         out.print("no correction waits")
         return
     armed = f"; approval armed, {w.left_s:.0f} s left" if w.armed else ""
+    armed += f", GO with {w.go_by}" if w.go_by else ""
     verdict = escape(w.verdict) or "verdict not known"
     out.print(
         f"correction [bold]{w.crc}[/] waits: {verdict}{armed}; `kincal review list --live` says what to do"

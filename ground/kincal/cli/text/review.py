@@ -64,11 +64,18 @@ def on_board(out: Console, waits: OnBoard, signing: str = "", sending: str = "")
         return
     what = f"correction {waits.crc:08x} ({waits.verdict or 'verdict not known'})"
     if waits.armed:
-        out.print(f"on board: the approval of {what} is armed for another {waits.left_s:.0f} s")
+        key = f", by key {waits.armed_key}" if waits.armed_key else ""
+        out.print(f"on board: the approval of {what} is armed{key} for another {waits.left_s:.0f} s")
     else:
         out.print(f"on board: {what} waits for review")
     seen = see_first(waits.crc, options=signing)
-    _choices(out, (seen, *choices(waits.crc, waits.verdict, (), waits.armed, sending)))
+    found = choices(waits.crc, waits.verdict, (), waits.armed, sending, _second(waits))
+    _choices(out, (seen, *found))
+
+
+def _second(waits: OnBoard) -> str:
+    """Who has to take the second step."""
+    return waits.other_than or ("a second person, with a key of his own" if waits.two_holders else "")
 
 
 def _choices(out: Console, found: Sequence[Choice]) -> None:
@@ -81,11 +88,12 @@ def decisions(out: Console, journal: Journal) -> None:
     if not journal.entries:
         out.print(f"no decisions in {escape(str(journal.path))}")
         return
-    rows = grid(f"\nDecisions in {escape(str(journal.path))}", "time", "decision", "CRC", "by", "why")
+    rows = grid(f"\nDecisions in {escape(str(journal.path))}", "time", "decision", "CRC", "by", "key", "why")
     for e in journal.entries:
         why = f"{e.why}; override: {e.override}" if e.override else e.why
         what = f"{e.decision} {e.command}" if e.command and e.decision in SAID else e.decision
-        rows.add_row(escape(e.time), escape(what), escape(e.crc), escape(e.by), escape(why))
+        key = str(e.key_id or "") + (f" (armed by key {e.armed_key})" if e.armed_key else "")
+        rows.add_row(escape(e.time), escape(what), escape(e.crc), escape(e.by), key, escape(why))
     out.print(rows)
     if journal.unconfirmed:
         out.print(f"[yellow]look at: {escape(journal.vouched)}[/]")

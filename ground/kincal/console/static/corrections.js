@@ -31,7 +31,7 @@ export function update() {
   inbox();
   force();
   const hk = store.values.KC_HK?.data;
-  const key = `${hk?.state}/${hk?.proposal}/${hk?.tables.KIN}`;
+  const key = `${hk?.state}/${hk?.proposal}/${hk?.tables.KIN}/${hk?.armed_key}/${hk?.two_holders}`;
   if (stamp.flight !== undefined && stamp.flight !== key) { load(); journal(); }
   stamp.flight = key;
   countdown();
@@ -90,7 +90,7 @@ async function journal() {
   }
   if (!parts) return;
   show(parts.journal, el("h2", {}, "Journal"), lines.length
-    ? el("ul", {}, lines.slice(0, 100).map((e) => el("li", {}, el("b", {}, `${e.decision} ${e.crc}`), ` ${e.by}`, el("small", {}, `${e.time.replace("T", " ").replace("+00:00", " UTC")}: ${e.why}${e.override ? `; override: ${e.override}` : ""}`))))
+    ? el("ul", {}, lines.slice(0, 100).map((e) => el("li", {}, el("b", {}, `${e.decision} ${e.crc}`), ` ${e.by}${e.key ? `, key ${e.key}` : ""}${e.armed_key ? ` (armed by key ${e.armed_key})` : ""}`, el("small", {}, `${e.time.replace("T", " ").replace("+00:00", " UTC")}: ${e.why}${e.override ? `; override: ${e.override}` : ""}`))))
     : el("p", { class: "muted" }, "No decision was written yet."), el("p", { class: "muted small" }, store.about.journal));
 }
 
@@ -138,13 +138,13 @@ function decide() {
     found.look_at.length ? el("div", { class: "attention" }, el("p", {}, "▲ Look at this first:"), el("ul", {}, found.look_at.map((r) => el("li", {}, r)))) : null,
     el("ol", { class: "steps" },
       el("li", { class: found.seen_by.length ? "done" : "next" }, el("b", {}, "Seen"), el("p", { class: "small" }, found.seen_by.length ? `by ${found.seen_by.join(", ")}` : "Who approves must have seen it: this is written into the journal."), seen(crc, again)),
-      el("li", { class: armed ? "done" : found.seen_by.length ? "next" : "" }, el("b", {}, "ARM"), armed ? el("p", { class: "small" }, "armed") : confirmed({
+      el("li", { class: armed ? "done" : found.seen_by.length ? "next" : "" }, el("b", {}, "ARM"), twoPersons(hk, armed), armed ? el("p", { class: "small" }, hk.armed_key ? `armed by key ${hk.armed_key}` : "armed") : confirmed({
         label: "Arm the approval …", act: "ARM", path: `review/${crc}/arm`, key: `arm:${crc}`, disabled: why || (found.seen_by.length ? "" : "nobody has seen it yet"), done: again,
         more: poor ? [{ name: "override", label: "Override: why it is approved in spite of these reasons" }] : [],
         text: () => `First step: flight is armed for correction ${crc}. Nothing is in force yet.`,
       })),
-      el("li", { class: armed ? "next" : "" }, el("b", {}, "GO"), el("p", { class: "small countdown" }), armed ? confirmed({
-        label: "Put it in force …", act: "GO", danger: true, path: `review/${crc}/go`, key: `go:${crc}`, disabled: why, done: again,
+      el("li", { class: armed ? "next" : "" }, el("b", {}, "GO"), el("p", { class: "small countdown" }), otherKey(armed, found.go), armed ? confirmed({
+        label: "Put it in force …", act: "GO", danger: true, path: `review/${crc}/go`, key: `go:${crc}`, disabled: why || found.go.why_not, done: again,
         text: () => `Second step: correction ${crc} replaces ${hk.tables.KIN} for every motion from now on.`,
       }) : el("p", { class: "small muted" }, "after ARM"))),
     el("h2", {}, "Or reject it"), confirmed({
@@ -152,6 +152,15 @@ function decide() {
       text: () => `Correction ${crc} is dropped for good; table ${hk.tables.KIN} stays in force. A new one needs a new calibration.`,
     }));
   countdown();
+}
+
+function twoPersons(hk, armed) {
+  return hk.two_holders && !armed ? el("p", { class: "small" }, "Two persons: GO has to be given with a key of another holder than ARM.") : null;
+}
+
+// What keeps this console from the second step.
+function otherKey(armed, go) {
+  return armed && go.why_not ? el("p", { class: "attention small other-key" }, `▲ ${go.why_not}. This console signs with key ${go.key}: the second person gives GO at a console or terminal of his own.`) : null;
 }
 
 function seen(crc, again) {
@@ -171,5 +180,6 @@ function countdown() {
   const node = parts?.decide.querySelector(".countdown"), value = store.values.KC_HK;
   if (!node || !value) return;
   const left = value.data.state === "ARMED" ? value.data.approval_left_s - (now_s() - value.received_s) : 0;
-  show(node, left > 0 ? `expires in ${Math.floor(left / 60)} min ${Math.floor(left % 60)} s` : "");
+  const by = value.data.go_by ? `; GO with ${value.data.go_by}` : "";
+  show(node, left > 0 ? `expires in ${Math.floor(left / 60)} min ${Math.floor(left % 60)} s${by}` : "");
 }

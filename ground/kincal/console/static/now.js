@@ -89,7 +89,7 @@ function state() {
       about.status === "fresh" ? null : el("small", {}, ` as heard ${age(about.age_s)} ago`)),
     el("p", {}, hk.text),
     el("p", { class: `whom ${hk.waits_for}` }, el("b", {}, "Waits for "), `${shape} ${whom}`),
-    hk.state === "ARMED" ? el("p", { class: "whom operator" }, `${Math.floor(left / 60)} min ${Math.floor(left % 60)} s left for GO`) : null,
+    hk.state === "ARMED" ? el("p", { class: "whom operator" }, `${Math.floor(left / 60)} min ${Math.floor(left % 60)} s left for GO${hk.go_by ? ` with ${hk.go_by}` : ""}`) : null,
     hk.proposal ? el("p", {}, el("a", { href: `#corrections/${hk.proposal}` }, `Correction ${hk.proposal}`), hk.proposal_verdict ? ` ${hk.proposal_verdict}` : " verdict not known") : null,
     calibrating || hk.poses ? el("div", { class: "progress" },
       el("progress", { max: String(Math.max(hk.poses_goal, 1)), value: String(hk.poses), "aria-label": "poses measured" }),
