@@ -20,10 +20,11 @@ from kincal.cli import main, terminal
 from kincal.cli.text import operate as text
 from kincal.flight import library
 from kincal.review.decisions import Operator
-from kincal_shared import keys
+from kincal_shared import installation, keys
 from kincal_shared.errors import BadInput
 
 STATE = library("flight").enum("kc_state_t", "KC_ST_")
+TABLES = installation.root() / "tables" / "bin"
 EVENT = library("flight").enum("kc_event_id_t", "KC_EVT_")
 
 
@@ -219,11 +220,27 @@ def test_without_housekeeping_nothing_is_sent():
         (("--acquisition", "best"), "'best' is no acquisition"),
         (("--coefficients", "xyz"), "is no mask of coefficients"),
         (("--coefficients", "f" * 17), "is no mask of coefficients"),
+        (("--joints", "4;5"), "'4;5' are no joints"),
+        (("--joints", "9"), "no enabled coefficient of joint 9"),
+        (("--joints", "4", "--coefficients", "f"), "two choices of coefficients"),
     ],
 )
 def test_a_wrong_argument_is_named_before_anything_is_sent(args, text):
     run = kincal("command", "start", *args)
     assert run.exit_code == 2 and text in run.output
+
+
+def test_a_calibration_of_the_joints_that_the_monitor_suspects(journal):
+    with FakeFlight() as flight:
+        flight.images[3] = (TABLES / "terms.tbl").read_bytes()
+        common = ("--journal", journal, "--url", flight.url, "--timeout", 1)
+        run = kincal("command", "start", "--joints", "2,4", "--dry-run", *common)
+        assert "coefficients f0f0: J2.phi_rad, J2.alpha_rad, J2.a_m, J2.d_m, J4.phi_rad" in run.output
+        kincal("command", "start", "--joints", "4", *common)
+        assert flight.masks == [0xF000]
+        flight.images[3] = (TABLES / "kin.tbl").read_bytes()  # another CRC
+        run = kincal("command", "start", "--joints", "4", *common)
+        assert run.exit_code == 2 and "are in force, these are" in run.output and flight.masks == [0xF000]
 
 
 def test_status_is_one_screen_and_plain_data():
