@@ -58,6 +58,11 @@ class Key:
     id: int
     secret: bytes
 
+    @property
+    def fingerprint(self) -> str:
+        """Eight hex digits by which people tell keys apart; they say nothing of the secret."""
+        return hashlib.blake2b(key=self.secret, digest_size=4, person=b"fingerprint").hexdigest()
+
     def digest(self, text: bytes) -> bytes:
         """MAC of a text, 16 bytes."""
         return hashlib.blake2b(text, key=self.secret, digest_size=_MAC_BYTES).digest()

@@ -27,6 +27,7 @@ class FakeFlight:
         self.overrides: list[int] = []  # of APPROVE_ARM
         self.kin_crc, self.armed, self.images, self.staged = 1, 0, {}, (0, b"")
         self.commands: list[tuple[int, int]] = []
+        self.masks: list[int] = []  # of START: coefficients
         self.unsigned: list[int] = []  # opcodes without a signature
         self._bus = lcm.LCM(self.url)
         self._bus.subscribe("KC_CMD", self._on_cmd)
@@ -73,6 +74,8 @@ class FakeFlight:
         c = kcm.cmd_t.decode(data)
         crc = c.arg_i[0] & 0xFFFFFFFF
         self.commands.append((c.opcode, crc))
+        if c.opcode == c.START:
+            self.masks.append(c.arg_u64)
         if not c.key_id:
             self.unsigned.append(c.opcode)
         status, event = 0, 13

@@ -17,12 +17,14 @@ import kcm
 from kincal import review
 from kincal.api import operate
 from kincal.cli import main, terminal
+from kincal.cli.text import operate as text
 from kincal.flight import library
 from kincal.review.decisions import Operator
-from kincal_shared import keys
+from kincal_shared import installation, keys
 from kincal_shared.errors import BadInput
 
 STATE = library("flight").enum("kc_state_t", "KC_ST_")
+TABLES = installation.root() / "tables" / "bin"
 EVENT = library("flight").enum("kc_event_id_t", "KC_EVT_")
 
 
@@ -218,11 +220,27 @@ def test_without_housekeeping_nothing_is_sent():
         (("--acquisition", "best"), "'best' is no acquisition"),
         (("--coefficients", "xyz"), "is no mask of coefficients"),
         (("--coefficients", "f" * 17), "is no mask of coefficients"),
+        (("--joints", "4;5"), "'4;5' are no joints"),
+        (("--joints", "9"), "no enabled coefficient of joint 9"),
+        (("--joints", "4", "--coefficients", "f"), "two choices of coefficients"),
     ],
 )
 def test_a_wrong_argument_is_named_before_anything_is_sent(args, text):
     run = kincal("command", "start", *args)
     assert run.exit_code == 2 and text in run.output
+
+
+def test_a_calibration_of_the_joints_that_the_monitor_suspects(journal):
+    with FakeFlight() as flight:
+        flight.images[3] = (TABLES / "terms.tbl").read_bytes()
+        common = ("--journal", journal, "--url", flight.url, "--timeout", 1)
+        run = kincal("command", "start", "--joints", "2,4", "--dry-run", *common)
+        assert "coefficients f0f0: J2.phi_rad, J2.alpha_rad, J2.a_m, J2.d_m, J4.phi_rad" in run.output
+        kincal("command", "start", "--joints", "4", *common)
+        assert flight.masks == [0xF000]
+        flight.images[3] = (TABLES / "kin.tbl").read_bytes()  # another CRC
+        run = kincal("command", "start", "--joints", "4", *common)
+        assert run.exit_code == 2 and "are in force, these are" in run.output and flight.masks == [0xF000]
 
 
 def test_status_is_one_screen_and_plain_data():
@@ -239,7 +257,37 @@ def test_status_is_one_screen_and_plain_data():
 
 def test_status_without_flight_says_so_and_fails():
     run = kincal("status", "--seconds", 0.2, "--url", "udpm://239.255.76.67:1?ttl=0")
-    assert run.exit_code == 1 and "waits for not known: no housekeeping received" in run.output
+    assert run.exit_code == 1 and "who has to act is not known: no housekeeping received" in run.output
+    assert "whether a correction waits is not known" in run.output
+    assert "no correction waits" not in run.output
+
+
+def printed(snapshot, now_s):
+    """One screen of text."""
+    out = Console(file=io.StringIO(), width=200)
+    text.status(out, snapshot.status(now_s, 0.0), "udpm://nowhere")
+    return out.file.getvalue()
+
+
+def test_a_screen_that_is_stale_does_not_say_that_nothing_waits():
+    s = operate.Snapshot()
+    s.take("KC_HK", heartbeat("IDLE"), 1.0, 0.0)
+    assert "no correction waits" in printed(s, 1.5)
+    assert "whether a correction waits is not known\n" in printed(s, 9.0)
+    waits = heartbeat("REVIEW")
+    waits.proposal_crc, waits.proposal_verdict = signed(CRC), 1
+    s.take("KC_HK", waits, 10.0, 0.0)
+    assert "REVIEW (stale)" in printed(s, 19.0)
+    assert "waits is not known; fedcba98 waited when flight was last heard" in printed(s, 19.0)
+
+
+def test_cause_and_action_of_an_event_that_comes_again_are_said_once():
+    s = operate.Snapshot()
+    for seq in (1, 2, 3):
+        s.take("KC_EVENT", event(1, seq, EVENT["IN_SILENT"], 3, 2e6, 1), 1.0, 0.0)
+    said = printed(s, 1.5)
+    assert said.count("IN_SILENT:") == 3 and said.count("cause:") == said.count("do:") == 1
+    assert said.rstrip().splitlines()[-1].lstrip().startswith("do:")  # under the newest
 
 
 def test_questions_and_comments_are_lines_of_the_journal(journal, key_file):
@@ -267,7 +315,9 @@ def test_a_follower_shows_what_is_new_and_ends_when_people_have_to_act():
     assert w.take("KC_HK", heartbeat("MOVE"), 1.0, 0.0)[0].text == "state MOVE, waits for the arm: to arrive"
     assert w.take("KC_HK", heartbeat("AIM"), 2.0, 0.0) == []  # poses and events tell more
     (line,) = w.take("KC_PROGRESS", p, 2.0, 0.0)
-    assert line.pose.number == 1 and line.n_goal == 20
+    assert line.pose.number == 1 and line.n_goal == 20 and line.first
+    (line,) = w.take("KC_PROGRESS", p, 2.0, 0.0)
+    assert not line.first
     assert w.take("KC_EVENT", event(1, 1, EVENT["CAL_POSE"], 1), 2.0, 0.0) == []
     assert w.take("KC_EVENT", event(1, 2, EVENT["DET_NONE"], 0), 2.0, 0.0) == []
     (line,) = w.take("KC_EVENT", event(1, 3, EVENT["IN_SILENT"], 3, 2e6, 1), 2.0, 0.0)
@@ -278,8 +328,25 @@ def test_a_follower_shows_what_is_new_and_ends_when_people_have_to_act():
     assert w.ended == ""
     waits = heartbeat("REVIEW")
     waits.proposal_crc, waits.proposal_verdict = signed(CRC), 1
-    w.take("KC_HK", waits, 3.0, 0.0)
-    assert w.ended == "waits for the ground: decide on correction fedcba98 (change proposed)"
+    (line,) = w.take("KC_HK", waits, 3.0, 0.0)
+    assert line.text == "state REVIEW, waits for the ground: decide on correction fedcba98 (change proposed)"
+    assert w.ended == "a correction waits for people"
+
+
+@pytest.mark.parametrize("state", ["IDLE", "SAFE"])
+def test_a_follower_that_finds_nothing_to_follow_says_so(state):
+    w = operate.Follower(operate.Snapshot())
+    said = [line.text for line in w.take("KC_HK", heartbeat(state), 1.0, 0.0)]
+    assert said[1].startswith("no calibration runs: this waits for the next one, Ctrl-C ends it")
+    assert w.take("KC_HK", heartbeat(state), 2.0, 0.0) == [] and w.ended == ""
+
+
+def test_the_columns_of_poses_have_a_head():
+    p = kcm.progress_t()
+    line = operate.Follower(operate.Snapshot()).take("KC_PROGRESS", p, 2.0, 0.0)[0]
+    out = Console(file=io.StringIO(), width=200)
+    text.watched(out, line)
+    assert out.file.getvalue().startswith("pose   cand  servo   residual")
 
 
 def test_a_follower_says_once_that_the_link_is_silent_and_that_flight_was_started_again():

@@ -143,13 +143,25 @@ def test_each_command_says_which_key_signs(tmp_path, monkeypatch):
 
     assert said("new", path).startswith(f"{path}: key 1;")
     assert said("rotate", path).startswith(f"{path}: key 2 added;")
-    assert said("show", path) == f"{path}: key 1 signs, key 2 is new"
+    assert said("show", path).startswith(f"{path}: key 1 signs, key 2 is new\n  key 1: fingerprint ")
     assert said("retire", path).startswith(f"{path}: key 1 is gone, key 2 signs;")
     monkeypatch.setenv(keys.VARIABLE, str(path))
-    assert said("show") == f"{path}: key 2 signs"
+    assert said("show").startswith(f"{path}: key 2 signs\n")
 
 
 def test_keys_of_simulations_differ_by_seed_only():
     first = keys.of_simulation(1)
     assert first == keys.of_simulation(1) != keys.of_simulation(2)
     assert (first.id, len(first.secret)) == (1, 32)
+
+
+def test_key_show_tells_two_keys_of_one_number_apart_and_gives_no_secret_away(tmp_path):
+    files = [tmp_path / name for name in ("flight", "copy", "other")]
+    secret = keys.new(files[0]).secret
+    keys.write(files[1], keys.read(files[0]))
+    keys.new(files[2])
+    shown = [CliRunner().invoke(main, ["key", "show", str(f)]).output.splitlines()[1] for f in files]
+    assert shown[0] == shown[1] != shown[2]
+    mark = shown[0].partition("fingerprint ")[2]
+    assert len(mark) == 8 and mark not in secret.hex() and secret.hex() not in "".join(shown)
+    assert keys.Key(1, secret).digest(b"").hex()[:8] != mark  # no MAC of anything that is sent

@@ -324,6 +324,26 @@ def test_who_has_to_act_is_said_and_not_guessed_from_old_telemetry():
     assert Snapshot().status(1.0, UTC).waits_for.startswith("not known: no housekeeping")
 
 
+@pytest.mark.parametrize("state", ["IDLE", "SAFE"])
+def test_a_start_that_would_be_refused_is_not_offered(state):
+    ready = heard(state=state)
+    assert "START begins a calibration" in ready.status(10.1, UTC).waits_for
+    ready.take("KC_ARM_STATE", arm_state(100.1, fault=4), 10.1, UTC)
+    assert "START would be refused: the arm controller reports a fault, mask 0x4" in (
+        ready.status(10.2, UTC).waits_for
+    )
+    silent = heard(state=state)
+    silent.take("KC_HK", hk(103.0, state), 13.0, UTC)
+    assert "START would be refused: the arm controller is silent (nothing received for 3.1 s)" in (
+        silent.status(13.1, UTC).waits_for
+    )
+    fresh = Snapshot()  # a controller that died before this program began to listen is unknown, never stale
+    fresh.take("KC_HK", hk(100.0, state), 10.0, UTC)
+    assert "START begins" in fresh.status(10.1, UTC).waits_for  # too early to tell
+    fresh.take("KC_HK", hk(101.0, state), 11.0, UTC)
+    assert "START would be refused: the arm controller is silent" in fresh.status(11.1, UTC).waits_for
+
+
 def test_every_state_says_who_has_to_act():
     computing = {"SELECT", "UPDATE", "REFINE", "LEARN", "REPORT", "PROPOSE"}
     for state in STATE:

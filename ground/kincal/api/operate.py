@@ -24,6 +24,7 @@ from kincal.operate.commands import (
     unmet,
     validate,
 )
+from kincal.operate.coefficients import of_joints
 from kincal.operate.following import Follower, Line, follow
 from kincal.operate.sender import listen, send
 from kincal.operate.snapshot import (
@@ -76,6 +77,7 @@ __all__ = [
     "follow",
     "listen",
     "noop",
+    "of_joints",
     "reject",
     "rollback",
     "send",

@@ -11,7 +11,7 @@ from typing import Any, TypedDict, TypeVar, Unpack
 import click
 
 from kincal import link as links
-from kincal.cli.options import FILE
+from kincal.cli.options import FILE, TABLES
 from kincal.cli.outputs import FILE_OUT
 from kincal.cli.review import JOURNAL, review_arm, review_go, review_reject
 from kincal.cli.table import table_dump
@@ -110,23 +110,55 @@ def command_noop(**given: Unpack[Given]) -> None:
     is_flag=True,
     help="Start from the joints that the monitor names; refused if it names none.",
 )
+@click.option(
+    "--joints",
+    default="",
+    metavar="J,...",
+    show_default="all",
+    help="Estimate the coefficients of these joints only, by the TERMS of --tables.",
+)
+@TABLES
 @options
 def command_start(
-    acquisition: str, poses: int, seed: int, coefficients: str, suspects: bool, **given: Unpack[Given]
+    acquisition: str,
+    poses: int,
+    seed: int,
+    coefficients: str,
+    suspects: bool,
+    joints: str,
+    tables_dir: Path,
+    **given: Unpack[Given],
 ) -> None:
     """Begin a calibration: the arm moves.
 
     \b
     Examples:
         kincal command start --dry-run
-        kincal command start --poses 20 --by "A. Operator" --why "MON_SUSPECT, joint 4"
+        kincal command start --poses 20 --by "A. Operator" --why "after the landing"
         kincal command start --suspects --why "MON_SEVERAL, joints 2 and 4"
+        kincal command start --joints 4 --by "A. Operator" --why "MON_SUSPECT, joint 4"
     """
     from kincal.api import operate
 
+    if joints and coefficients:
+        raise BadInput("two choices of coefficients", "--joints, --coefficients", "name one of them")
     number = _acquisition(acquisition)
-    mask = _mask(coefficients)
-    _run(lambda _snapshot: operate.start(number, poses, seed, mask, suspects), given)
+    mask, terms_crc = _mask(coefficients), ""
+    if joints:
+        mask, terms_crc, names = operate.of_joints(_joints(joints), tables_dir / "terms.tbl")
+        say(f"coefficients {mask:x}: {', '.join(names)}", err=True)
+
+    def make(snapshot: Any) -> Any:
+        found = next((t.crc for t in snapshot.tables() if t.kind == "terms"), terms_crc)
+        if terms_crc and found != terms_crc:
+            raise BadInput(
+                f"TERMS {found or 'none'} are in force, these are {terms_crc}: their coefficients may differ",
+                str(tables_dir / "terms.tbl"),
+                "name the folder of those in force by --tables; `kincal table dump terms OUT` brings them down",
+            )
+        return operate.start(number, poses, seed, mask, suspects)
+
+    _run(make, given)
 
 
 @command.command("abort")
@@ -356,6 +388,13 @@ def _acquisition(name: str) -> int:
     if name.lower() not in known:
         raise BadInput(f"{name!r} is no acquisition", "--acquisition", f"one of {', '.join(known)}")
     return known[name.lower()]
+
+
+def _joints(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(joint) for joint in text.split(","))
+    except ValueError:
+        raise BadInput(f"{text!r} are no joints", "--joints", "numbers from 1, by comma: 2,4") from None
 
 
 def _mask(text: str) -> int:

@@ -32,6 +32,9 @@ def _verb(act: Callable[[Path], str]) -> Callable[[Path], str]:
     def command(file: Path | None) -> None:
         path = keys.file_of(file)
         click.echo(f"{path}: {act(path)}")
+        if name == "show":
+            for k in keys.read(path):
+                click.echo(f"  key {k.id}: fingerprint {k.fingerprint}")
 
     command.__doc__ = f"""{act.__doc__}
 
@@ -105,7 +108,8 @@ def key_retire(path: Path) -> str:
 
 @_verb
 def key_show(path: Path) -> str:
-    """Check a key file and list the numbers of its keys, not the keys."""
+    """Check a key file and list its keys: numbers and fingerprints, not the secrets. Files hold the same key
+    if number and fingerprint are the same: each `kincal key new` makes a key 1."""
     signs, *others = keys.read(path)
     mine = keys.holder(signs.id)
     text = f"key {signs.id} signs"

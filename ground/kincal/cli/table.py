@@ -165,7 +165,10 @@ def table_uplink(file: Path, url: str, key_file: Path, timeout_s: float, tables_
 
 
 @table.command("dump")
-@click.argument("kind", type=click.Choice(["arm", "camera", "terms", "kin", "space", "kernel", "config"]))
+@click.argument(
+    "kind",
+    type=click.Choice(["arm", "camera", "terms", "kin", "space", "kernel", "config"], case_sensitive=False),
+)
 @click.argument("out", type=FILE_OUT)
 @URL
 @KEYS

@@ -13,17 +13,22 @@ from kincal.results import PoseLine
 from .snapshot import FRESH, UNKNOWN, EventLine, Snapshot, calibrating
 
 _POLL_S = 0.2
+_NOTHING_RUNS = (
+    "no calibration runs: this waits for the next one, Ctrl-C ends it; `kincal status` has the last events"
+)
 _QUIET = ("CAL_POSE", "CMD_ACCEPTED")  # the pose has a line of its own
 
 
 @dataclass(frozen=True)
 class Line:
-    """Something new. text: for people; the rest where there is more to show."""
+    """Something new. text: for people; the rest where there is more to show.
+    first: no pose was shown before."""
 
     text: str = ""
     pose: PoseLine | None = None
     n_goal: int = 0
     event: EventLine | None = None
+    first: bool = False
 
 
 class Follower:
@@ -35,7 +40,7 @@ class Follower:
         self.ended = ""
         self._state = ""
         self._link = ""
-        self._ran = False
+        self._ran = self._posed = False
 
     def take(self, channel: str, message: Any, now_s: float, utc_s: float) -> list[Line]:
         """A message that was received."""
@@ -45,7 +50,8 @@ class Follower:
         if self.snapshot.restarts > restarts:
             out.append(Line("flight was started again: a calibration that ran is lost"))
         if channel == "KC_PROGRESS":
-            out.append(Line(pose=PoseLine.of(message), n_goal=message.n_goal))
+            out.append(Line(pose=PoseLine.of(message), n_goal=message.n_goal, first=not self._posed))
+            self._posed = True
         elif channel == "KC_EVENT":
             (*_, newest) = (None, *self.snapshot.events(1))
             if newest is not None and newest.seq == message.seq and newest.name not in _QUIET:
@@ -65,10 +71,13 @@ class Follower:
             return []
         waits = self.snapshot.status(now_s, 0.0, 0).waits_for
         if state in ("REVIEW", "ARMED"):
-            self.ended = f"waits for {waits}"
+            self.ended = "a correction waits for people"
         elif self._ran and state in ("IDLE", "SAFE"):
-            self.ended = f"the calibration has ended; flight waits for {waits}"
-        return [] if calibrating(state) and calibrating(was) else [Line(f"state {state}, waits for {waits}")]
+            self.ended = "the calibration has ended"
+        out = [] if calibrating(state) and calibrating(was) else [Line(f"state {state}, waits for {waits}")]
+        if not was and state in ("IDLE", "SAFE"):
+            out.append(Line(_NOTHING_RUNS))
+        return out
 
     def tick(self, now_s: float) -> list[Line]:
         """Time passes: a link that falls silent, or comes back, is said once."""

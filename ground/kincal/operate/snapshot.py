@@ -339,7 +339,22 @@ class Snapshot:
                 f"the ground: second step for correction {waits.crc}{by}, or it expires in "
                 f"{waits.left_s:.0f} s"
             )
+        if state in _FREE:
+            return f"a command: {_FREE[state]}; {self._start_possible(now_s)}"
         return _WAITS_FOR.get(state, "flight: it computes")
+
+    def _start_possible(self, now_s: float) -> str:
+        """Whether arm and pan-tilt unit let a calibration begin, as far as is known."""
+        for channel, who in (("KC_ARM_STATE", "arm controller"), ("KC_PANTILT_STATE", "pan-tilt unit")):
+            age = self.freshness(channel, now_s)
+            listened = self._last["KC_HK"].n > 1  # long enough to have heard it
+            if age.status == STALE or (age.status == UNKNOWN and listened):
+                return f"START would be refused: the {who} is silent ({age.why})"
+        arm = self._last.get("KC_ARM_STATE")
+        if arm is not None and arm.message.fault_mask:
+            mask = f"{arm.message.fault_mask:#x}"
+            return f"START would be refused: the arm controller reports a fault, mask {mask}"
+        return "START begins a calibration"
 
 
 def calibrating(state: str) -> bool:
@@ -347,9 +362,8 @@ def calibrating(state: str) -> bool:
     return bool(state) and state not in _CALIBRATING_NOT
 
 
+_FREE = {"IDLE": "nothing runs", "SAFE": "the arm is held"}
 _WAITS_FOR = {
-    "IDLE": "a command: nothing runs; START begins a calibration",
-    "SAFE": "a command: the arm is held; START begins a calibration, ROLLBACK is possible",
     "STORE": "flight: a change is being stored",
     **dict.fromkeys(("MOVE", "SERVO", "SEED", "RETREAT", "WITHDRAW", "APPROACH"), "the arm: to arrive"),
     **dict.fromkeys(("AIM", "TURN"), "the pan-tilt unit: to arrive"),

@@ -21,7 +21,7 @@ from kincal.api.operate import (
     Unmet,
 )
 from kincal.cli.text.layout import grid
-from kincal.cli.text.run import pose_line
+from kincal.cli.text.run import POSE_HEAD, pose_line
 
 _MARK = {"done": "[green]done[/]", "refused": "[red]refused[/]"}
 _SEVERITY = {"error": "red", "warning": "yellow"}
@@ -30,11 +30,12 @@ SHOWN_EVENTS = 6
 
 def status(out: Console, s: Status, url: str, all_items: bool = False) -> None:
     """One screen: state and what waits for whom, the correction that waits, ages, tables, events."""
-    state = escape(s.state) or "unknown"
-    mark = "" if s.state_freshness.status == FRESH else f" [yellow]({s.state_freshness.status})[/]"
+    state = escape(s.state) or "state unknown"
+    mark = f" [yellow]({STALE})[/]" if s.state_freshness.status == STALE else ""
     boots = "" if s.boot_count is None else f"; start {s.boot_count} of flight"
     out.print(f"[bold]{state}[/]{mark}  {s.utc[:19]}Z  {escape(url)}{boots}")
-    out.print(f"waits for {escape(s.waits_for)}")
+    known = s.state_freshness.status == FRESH
+    out.print(f"{'waits for' if known else 'who has to act is'} {escape(s.waits_for)}")
     _waiting(out, s)
     _trouble(out, s)
     _tables(out, s)
@@ -47,6 +48,10 @@ _REST = {"mission_time", "candidate", "rx_errors", "tx_errors", "energy", "stage
 
 def _waiting(out: Console, s: Status) -> None:
     w = s.waiting
+    if s.state_freshness.status != FRESH:
+        last = f"; {escape(w.crc)} waited when flight was last heard" if w.crc else ""
+        out.print(f"[yellow]whether a correction waits is not known{last}[/]")
+        return
     if not w.crc:
         out.print("no correction waits")
         return
@@ -98,19 +103,19 @@ def _age(age_s: float | None) -> str:
 def events(out: Console, found: Sequence[EventLine], title: str = "Last events") -> None:
     """Events with cause and action; the newest last."""
     if not found:
-        out.print("no events received, and no recording of this link (`kincal record`)")
+        out.print("no events received, and none in a recording of this link (`kincal record` makes one)")
         return
     out.print(f"[bold]{title}[/]")
-    for e in found:
-        event(out, e)
+    for i, e in enumerate(found):
+        event(out, e, not any((e.id, e.action) == (later.id, later.action) for later in found[i + 1 :]))
 
 
-def event(out: Console, e: EventLine) -> None:
-    """One event."""
+def event(out: Console, e: EventLine, explained: bool = True) -> None:
+    """One event. explained: with cause and action, if it is a warning or an error."""
     style = _SEVERITY.get(e.severity, "default")
     when = f"{e.utc[11:19]}Z " if e.utc else ""
     out.print(f"{when}[{style}]{e.severity:8}[/]{escape(e.name)}: {escape(e.text)}", soft_wrap=True)
-    if e.severity in _SEVERITY:
+    if explained and e.severity in _SEVERITY:
         out.print(f"        cause: {escape(e.cause)}", soft_wrap=True)
         out.print(f"        do:    {escape(e.action)}", soft_wrap=True)
 
@@ -142,6 +147,8 @@ def unmet(out: Console, name: str, found: Sequence[Unmet], ages: Freshness, stat
 def watched(out: Console, line: Line) -> None:
     """Something new of a calibration that goes on."""
     if line.pose is not None:
+        if line.first:
+            out.print(POSE_HEAD.removesuffix("     held-out"))
         out.print(pose_line(line.pose, line.n_goal))
     elif line.event is not None:
         event(out, line.event)
