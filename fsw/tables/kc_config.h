@@ -96,7 +96,8 @@ typedef struct {
     /* least distance of the tool from the candidate, and from the last of them: one of the two is enough */
     double extra_pos_m, extra_rot_rad;
     uint32_t stops_max; /* most stops on the way to each candidate, of those that SPACE has, 0: none */
-    double no_change_power; /* with a required accuracy: the table in force is tested, and a right one ends the
+    double
+        no_change_power; /* with a required accuracy: the table in force is tested, and a right one ends the
                                calibration, once an error that large would show with this probability; 0: never */
 } kc_config_t;
 

@@ -323,13 +323,15 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "observation {got:count}, on the way to pose {index:pose}, rejected as an outlier",                    \
       "None if rare; otherwise diagnose the log (kincal model diagnose).")                                   \
     X(151, CAL_EXTRA_OUTLIER_ACCEPTED, INFO,                                                                 \
-      "observation {got:count}, on the way to pose {index:pose}, fits again: no longer rejected", "") \
+      "observation {got:count}, on the way to pose {index:pose}, fits again: no longer rejected", "")        \
     X(176, CAL_AGREES, INFO,                                                                                 \
       "after pose {index:count} the arm agrees with its table, probability {got:number}; an error of one "   \
-      "coefficient as large as required would have shown with probability {want:number}", "")                \
+      "coefficient as large as required would have shown with probability {want:number}",                    \
+      "")                                                                                                    \
     X(177, CAL_DISAGREES, INFO,                                                                              \
       "after pose {index:count} the arm does not agree with its table, probability {got:number}, level "     \
-      "{want:number}: the calibration goes on", "")                                                          \
+      "{want:number}: the calibration goes on",                                                              \
+      "")                                                                                                    \
     X(178, CAL_CHAIN_LIMIT, WARN,                                                                            \
       "whatever is measured, the camera chain alone leaves the tool uncertain by {got:mm/mrad}, required "   \
       "{want:mm/mrad}",                                                                                      \

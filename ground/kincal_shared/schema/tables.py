@@ -586,8 +586,8 @@ class ConfigSource(Source):
     stops_max: Natural = 2
     """Stops on the way to each candidate, of those that the SPACE table has; 0: none."""
     no_change_power: Real = 0.99
-    """With a required accuracy: a right table ends the calibration once an error that large would show with this
-    probability; 0: never."""
+    """With a required accuracy: a right table ends the calibration once an error that large would show with
+    this probability; 0: never."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock
