@@ -325,6 +325,11 @@ campaign-faults: setup core ## every kind of fault between flight and its surrou
 camera-chain: setup core ## errors of camera, pan-tilt unit and tags: are the stated errors true? (SEEDS, FIRST)
 	.venv/bin/python tests/bench/camera_chain.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST))
 
+.PHONY: coverage-stop
+coverage-stop: setup core ## calibrations that stop when good enough: is the error within the stated bound? (SEEDS, FIRST, SET)
+	.venv/bin/python tests/bench/coverage_stop.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST)) \
+	    $(if $(SET),--set $(SET))
+
 assurance: setup build ## every long check of the flight core, for docs/ASSURANCE.md (CHECKS="wcet cov"; all: hours)
 	$(Q)$(PYTHON) tests/assurance.py $(CHECKS)
 

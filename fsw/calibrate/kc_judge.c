@@ -26,8 +26,7 @@ static void with_estimate(const kc_est_t *est, const kc_obs_t *obs, double r[6],
     (void)kc_model_residual(est->arm, est->terms, est->coef, obs, &loads, r, eval);
 }
 
-static void add_observation(kc_judging_t *judging, kc_consider_t *chain, const kc_view_t *view,
-                            uint32_t i)
+static void add_observation(kc_judging_t *judging, kc_consider_t *chain, const kc_view_t *view, uint32_t i)
 {
     const kc_obs_t *obs = &view->est->obs[i];
     double W[36], before[6], after[6], H[KC_CHAIN_COUNT][6];
@@ -67,10 +66,7 @@ static bool sum_observations(kc_judging_t *judging, kc_consider_t *chain, const 
 }
 
 /* Parameters of the chain that an arm which is right in the frame of CONFIG may be off by. */
-static uint32_t counted(const kc_view_t *view)
-{
-    return in_camera(view) ? KC_CHAIN_MAST : KC_CHAIN_COUNT;
-}
+static uint32_t counted(const kc_view_t *view) { return in_camera(view) ? KC_CHAIN_MAST : KC_CHAIN_COUNT; }
 
 /* Chance of no change: of an arm that is right in the frame of CONFIG. Where the camera stands is no matter in its
  * own frame: an arm that goes where it sees needs no change, and one that does not, does. */
@@ -116,13 +112,13 @@ void kc_judge_values(const kc_view_t *view, double *value)
 {
     const bool solved = kc_fit_solved(view->learned->status);
     for (uint32_t c = 0u; c < view->tables->terms.n_coef; c++) {
-        value[c] = solved && kc_judge_estimated(view->est->status[c]) ? view->est->coef[c] : view->tables->kin.value[c];
+        value[c] = solved && kc_judge_estimated(view->est->status[c]) ? view->est->coef[c]
+                                                                      : view->tables->kin.value[c];
     }
 }
 
 /* One candidate: how far the correction moves the tool there, and what the camera chain does to it. */
-static void add_candidate(kc_judging_t *judging, kc_judge_t *judge, const kc_view_t *view,
-                          const double *coef)
+static void add_candidate(kc_judging_t *judging, kc_judge_t *judge, const kc_view_t *view, const double *coef)
 {
     const kc_cand_t *cand = &view->tables->space.cand[judging->i_cand];
     const kc_consider_t *chain = &judge->chain;
@@ -155,7 +151,8 @@ static bool sum_candidates(kc_judging_t *judging, kc_judge_t *judge, const kc_vi
 {
     const uint64_t cost = kc_model_cost(&view->tables->arm, &view->tables->terms, false) +
                           kc_model_cost(&view->tables->arm, &view->tables->terms, true) +
-                          KC_CAMERA_CHAIN_COST + 3u * kc_consider_pose_cost(view->est) + kc_accuracy_add_cost(view->est);
+                          KC_CAMERA_CHAIN_COST + 3u * kc_consider_pose_cost(view->est) +
+                          kc_accuracy_add_cost(view->est);
     uint32_t n = view->tables->space.n_cand, stride = kc_view_stride(view);
     double value[KC_COEF_MAX];
     kc_judge_values(view, value);
@@ -183,7 +180,8 @@ double kc_judge_change_m(const kc_judging_t *judging, const kc_view_t *view)
 
 /* Error that is exceeded with probability 1 - stop_confidence: of position or rotation, of noise of this scale and the
  * chain. */
-static double bound(const kc_judge_t *judge, const kc_view_t *view, const float *sums, double scale, double rms)
+static double bound(const kc_judge_t *judge, const kc_view_t *view, const float *sums, double scale,
+                    double rms)
 {
     if (!kc_fit_solved(view->learned->status)) { return rms; } /* there is no covariance */
     double dof = kc_accuracy_dof(&judge->error, sums, view->est, scale, judge->chain.b_after);
@@ -246,12 +244,14 @@ static double size2(const kc_judge_t *judge, const kc_config_t *c, uint32_t coef
     const double rot2 = kc_accuracy_square(&judge->error, judge->error.rot, coef);
     double least = KC_INF;
     if (c->stop_pos_m > 0.0 && pos2 > 0.0) { least = c->stop_pos_m * c->stop_pos_m / pos2; }
-    if (c->stop_rot_rad > 0.0 && rot2 > 0.0) { least = kc_min(least, c->stop_rot_rad * c->stop_rot_rad / rot2); }
+    if (c->stop_rot_rad > 0.0 && rot2 > 0.0) {
+        least = kc_min(least, c->stop_rot_rad * c->stop_rot_rad / rot2);
+    }
     return least;
 }
 
-double kc_judge_power(const kc_judging_t *judging, const kc_judge_t *judge, const kc_view_t *view, double level,
-                      bool with_chain)
+double kc_judge_power(const kc_judging_t *judging, const kc_judge_t *judge, const kc_view_t *view,
+                      double level, bool with_chain)
 {
     const double *information = with_chain ? judge->chain.visible : judge->chain.JJ;
     const kc_est_t *e = view->est;

@@ -18,18 +18,18 @@ typedef struct {
 /* Sums over observations and candidates; where they stand between two steps. */
 typedef struct {
     uint32_t i_obs, i_cand, i_bound; /* next ones */
-    uint32_t n;             /* inliers summed */
-    bool considered;        /* the sums over observations are evaluated */
-    double pos2, rot2;      /* squared residuals with the table in force [m^2], [rad^2] */
+    uint32_t n; /* inliers summed */
+    bool considered; /* the sums over observations are evaluated */
+    double pos2, rot2; /* squared residuals with the table in force [m^2], [rad^2] */
     double chi2_before, chi2_after;
     double change2; /* squared changes of the tool position [m^2] */
     double camera_pos2, camera_rot2, lander_pos2, lander_rot2; /* squared errors by the camera chain */
-    double chi2;          /* of the data, what the camera chain explains taken off */
+    double chi2; /* of the data, what the camera chain explains taken off */
     kc_verdict_fit_t fit; /* the same */
-    kc_miss_t noise;      /* RMS over the search space, of the noise alone */
-    kc_miss_t predicted;  /* and with the chain, in the frame of CONFIG */
-    kc_miss_t bound;      /* what that error exceeds with probability 1 - stop_confidence */
-    kc_miss_t chain;      /* the same of the chain alone: no more poses reduce it */
+    kc_miss_t noise; /* RMS over the search space, of the noise alone */
+    kc_miss_t predicted; /* and with the chain, in the frame of CONFIG */
+    kc_miss_t bound; /* what that error exceeds with probability 1 - stop_confidence */
+    kc_miss_t chain; /* the same of the chain alone: no more poses reduce it */
 } kc_judging_t;
 
 void kc_judge_begin(kc_judging_t *judging, kc_judge_t *judge, const kc_view_t *view);
@@ -46,7 +46,7 @@ void kc_judge_values(const kc_view_t *view, double *value);
 /* Probability that a test of the active table at this level shows an error of any one coefficient that puts the tool
  * off by what CONFIG requires, RMS over the search space: the least of all coefficients. with_chain: the camera chain as
  * unknown as stated; else by the noise alone, what more poses can improve. After kc_judge_run. */
-double kc_judge_power(const kc_judging_t *judging, const kc_judge_t *judge, const kc_view_t *view, double level,
-                      bool with_chain);
+double kc_judge_power(const kc_judging_t *judging, const kc_judge_t *judge, const kc_view_t *view,
+                      double level, bool with_chain);
 
 #endif

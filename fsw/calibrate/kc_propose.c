@@ -9,15 +9,14 @@
 /* ---- proposal ---- */
 
 /* Covariance of the estimate: of the noise, scaled up to what the residuals show, and of the camera chain. */
-static double cov(const kc_judging_t *judging, const kc_consider_t *chain, const kc_est_t *est,
-                  uint32_t i, uint32_t k)
+static double cov(const kc_judging_t *judging, const kc_consider_t *chain, const kc_est_t *est, uint32_t i,
+                  uint32_t k)
 {
     double scale = kc_max(1.0, judging->fit.noise_scale);
     return scale * scale * est->cov[i * KC_COEF_MAX + k] + kc_consider_cov(chain, i, k);
 }
 
-static double sigma(const kc_judging_t *judging, const kc_consider_t *chain, const kc_est_t *est,
-                    uint32_t c)
+static double sigma(const kc_judging_t *judging, const kc_consider_t *chain, const kc_est_t *est, uint32_t c)
 {
     double noise = kc_max(1.0, judging->fit.noise_scale) * est->sigma[c];
     return kc_sqrt(noise * noise + kc_consider_cov(chain, c, c));

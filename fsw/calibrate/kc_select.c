@@ -27,7 +27,8 @@ static void warn_unreachable(const kc_active_t *tables, kc_out_t *out)
     const kc_camera_t *cam = &tables->camera;
     const bool lander = c->frame == (uint8_t)KC_RIGHT_IN_LANDER;
     const double left_m = bound_of(cam->plate_sigma_m, lander ? cam->mast_sigma_m : 0.0, c->stop_confidence);
-    const double left_rad = bound_of(cam->plate_sigma_rad, lander ? cam->mast_sigma_rad : 0.0, c->stop_confidence);
+    const double left_rad = bound_of(cam->plate_sigma_rad, lander ? cam->mast_sigma_rad : 0.0,
+                                     c->stop_confidence);
     if (c->stop_pos_m > 0.0 && left_m > c->stop_pos_m) {
         kc_event(&out->events, KC_EVT_CAL_UNREACHABLE, 0, left_m, c->stop_pos_m);
     }
@@ -246,7 +247,8 @@ static kc_ended_t at_its_end(const kc_view_t *view)
 {
     if (view->learned->ended != KC_ENDED_NOT) { return view->learned->ended; }
     if (!kc_plan_complete(view->plan, &view->tables->space)) { return KC_ENDED_NOT; }
-    return view->plan->n_meas < view->plan->n_own + view->plan->n_local ? KC_ENDED_OBSERVATIONS : KC_ENDED_POSES;
+    return view->plan->n_meas < view->plan->n_own + view->plan->n_local ? KC_ENDED_OBSERVATIONS
+                                                                        : KC_ENDED_POSES;
 }
 
 void kc_select_begin(kc_arena_calibration_t *arena) { arena->choice = (kc_choice_t){0}; }

@@ -387,13 +387,14 @@ static bool judged(const kc_view_t *view)
 }
 
 /* What more poses cannot reduce is said as soon as it is known. */
-static void tell_chain(kc_learned_t *learned, const kc_config_t *c, const kc_judging_t *judging, kc_out_t *out)
+static void tell_chain(kc_learned_t *learned, const kc_config_t *c, const kc_judging_t *judging,
+                       kc_out_t *out)
 {
     const bool far = c->stop_pos_m > 0.0 && judging->chain.pos_m > c->stop_pos_m;
     const bool turned = c->stop_rot_rad > 0.0 && judging->chain.rot_rad > c->stop_rot_rad;
     if (learned->chain_told || (!far && !turned)) { return; }
-    kc_event(&out->events, KC_EVT_CAL_CHAIN_LIMIT, far ? 0 : 1, far ? judging->chain.pos_m : judging->chain.rot_rad,
-             far ? c->stop_pos_m : c->stop_rot_rad);
+    kc_event(&out->events, KC_EVT_CAL_CHAIN_LIMIT, far ? 0 : 1,
+             far ? judging->chain.pos_m : judging->chain.rot_rad, far ? c->stop_pos_m : c->stop_rot_rad);
     learned->chain_told = true;
 }
 
@@ -418,7 +419,8 @@ static void look(kc_learned_t *learned, const kc_judging_t *judging, const kc_ju
  * enough goes on, so that it does not call an arm right that a longer one would call wrong. */
 static bool settled(const kc_learned_t *learned, const kc_judging_t *judging, const kc_config_t *c)
 {
-    return c->no_change_power <= 0.0 || learned->looked || judging->fit.p_no_change <= kc_verdict_level(c, true);
+    return c->no_change_power <= 0.0 || learned->looked ||
+           judging->fit.p_no_change <= kc_verdict_level(c, true);
 }
 
 static void decide(kc_learned_t *learned, const kc_judging_t *judging, const kc_judge_t *judge,
@@ -427,7 +429,8 @@ static void decide(kc_learned_t *learned, const kc_judging_t *judging, const kc_
     const kc_config_t *c = &view->tables->config;
     tell_chain(learned, c, judging, out);
     look(learned, judging, judge, view, out);
-    if (learned->n_checked >= c->stop_checks && kc_fit_meets(c, judging->bound) && settled(learned, judging, c)) {
+    if (learned->n_checked >= c->stop_checks && kc_fit_meets(c, judging->bound) &&
+        settled(learned, judging, c)) {
         learned->looked = c->no_change_power > 0.0;
         kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, judging->bound.pos_m, c->stop_pos_m);
         learned->ended = KC_ENDED_REQUIREMENT;

@@ -55,7 +55,10 @@ bool kc_fit_checked(const kc_config_t *config, kc_miss_t miss, const double cov[
            within(miss.rot_rad, config->stop_rot_rad, &cov[21]);
 }
 
-bool kc_fit_required(const kc_config_t *config) { return config->stop_pos_m > 0.0 || config->stop_rot_rad > 0.0; }
+bool kc_fit_required(const kc_config_t *config)
+{
+    return config->stop_pos_m > 0.0 || config->stop_rot_rad > 0.0;
+}
 
 bool kc_fit_determined(const kc_est_t *est, kc_status_t status)
 {

@@ -6,10 +6,7 @@
 #include "kc_la.h"
 #include "kc_libm.h"
 
-static uint32_t at(uint32_t i, uint32_t j)
-{
-    return i >= j ? i * (i + 1u) / 2u + j : j * (j + 1u) / 2u + i;
-}
+static uint32_t at(uint32_t i, uint32_t j) { return i >= j ? i * (i + 1u) / 2u + j : j * (j + 1u) / 2u + i; }
 
 void kc_accuracy_begin(kc_accuracy_t *a, const kc_est_t *est)
 {

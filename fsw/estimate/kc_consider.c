@@ -118,7 +118,9 @@ void kc_consider_motion(const kc_consider_t *c, const kc_est_t *est, const kc_ev
             /* the tags' errors do not move what else the camera sees */
             const bool moves = seen != NULL && k >= KC_CHAIN_DRIFT;
             move[a][k] = moves ? -seen[k][a] : 0.0;
-            for (uint32_t i = 0u; i < est->terms->n_coef; i++) { move[a][k] += eval->J[i][a] * c->S[i * N + k]; }
+            for (uint32_t i = 0u; i < est->terms->n_coef; i++) {
+                move[a][k] += eval->J[i][a] * c->S[i * N + k];
+            }
         }
         kc_la_solve_lower(c->L, N, N, move[a]);
     }

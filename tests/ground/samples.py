@@ -42,6 +42,7 @@ def proposal(verdict: int = 1, n_coef: int = 54) -> kcm.proposal_t:
     p.frame, p.pred_camera_pos_m, p.pred_camera_rot_rad = p.CAMERA, 3e-4, 1e-3
     p.pred_lander_pos_m, p.pred_lander_rot_rad = 9e-4, 2e-3
     p.pred_noise_pos_m, p.pred_noise_rot_rad = 1e-4, 5e-4
+    p.ended, p.n_checked, p.confidence, p.bound_pos_m, p.bound_rot_rad = 1, 4, 0.9, 4e-4, 1.4e-3
     return p
 
 

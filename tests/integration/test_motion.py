@@ -108,16 +108,15 @@ def test_a_used_up_energy_budget_ends_with_a_proposal_from_the_poses_so_far(tmp_
         assert p.n_poses == len(used)
 
 
-def test_a_calibration_stops_when_the_predicted_sigma_meets_the_requirement(tmp_path):
-    rms = {"stop_confidence": 0.0, "stop_checks": 0}
-    with Session(tmp_path, "encoder_bias", stop_pos_m=0.001, **rms) as f:
+def test_a_calibration_stops_when_the_bound_meets_the_requirement(tmp_path):
+    rms = {"stop_confidence": 0.0, "stop_checks": 0, "no_change_power": 0.0}
+    with Session(tmp_path, "encoder_bias", stop_pos_m=0.0017, **rms) as f:
         f.calibrate(60)
         (event,) = f.events("CAL_CONVERGED")
-        sigma = [p.pred_pos_m for p in f.of("KC_PROGRESS")]
-        assert len(sigma) < 60 and sigma[-1] == event.got <= 0.001
-        full = [p for p in f.of("KC_PROGRESS") if p.rank == p.n_free and p.dof >= p.n_free]
-        assert all(p.pred_pos_m > 0.001 for p in full[:-1])  # not later than it could
-        assert len(f.of("KC_PROPOSAL")) == 1
+        (p,) = f.of("KC_PROPOSAL")
+        assert p.bound_pos_m == p.pred_pos_m == event.got <= 0.0017
+        assert len(f.of("KC_PROGRESS")) == p.n_poses < 20
+        assert p.ended == CORE.constant("KC_ENDED_REQUIREMENT")
 
 
 def test_lost_tags_cost_a_bounded_search_and_the_candidate(tmp_path):

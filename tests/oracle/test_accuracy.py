@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
-from scipy.stats import ncx2
+from scipy.stats import chi2, ncx2
 
 from kincal.flight import library
 
@@ -30,7 +30,7 @@ def tail(x: float, weights: np.ndarray, shifts: np.ndarray) -> float:
 def exact(weights: np.ndarray, shifts: np.ndarray) -> float:
     """Quantile of 0.9 over the mean, as a factor of the RMS."""
     mean = np.sum(weights * (1 + shifts**2))
-    return float(np.sqrt(brentq(lambda x: tail(x * mean, weights, shifts) - 0.1, 0.5, 6.0) ))
+    return float(np.sqrt(brentq(lambda x: tail(x * mean, weights, shifts) - 0.1, 0.5, 6.0)))
 
 
 def ours(J: np.ndarray, H: np.ndarray, C: np.ndarray, scale: float, known: np.ndarray) -> float:
@@ -45,7 +45,8 @@ def ours(J: np.ndarray, H: np.ndarray, C: np.ndarray, scale: float, known: np.nd
     for j, h in zip(J, H, strict=True):
         for c in range(COEFS):
             ev.J[c] = [*j[:, c], 0.0, 0.0, 0.0]
-        lib.kc_accuracy_add(accuracy, ev, ffi.new("double[6][24]", [*h.tolist(), *np.zeros((3, CHAIN)).tolist()]))
+        chain = np.vstack([h, np.zeros((3, CHAIN))]).tolist()
+        lib.kc_accuracy_add(accuracy, ev, ffi.new("double[6][24]", chain))
     dof = lib.kc_accuracy_dof(accuracy, accuracy.pos, est, scale, known.tolist())
     return lib.kc_accuracy_bound(1.0, dof, 0.9)
 
@@ -81,6 +82,4 @@ def test_a_larger_noncentrality_counts_as_the_largest():
 
 @pytest.mark.parametrize("dof", [1.0, 2.5, 7.31, 88.0])
 def test_quantiles_of_degrees_that_are_not_whole(dof):
-    from scipy.stats import chi2
-
     assert lib.kc_chi2_quantile_real(0.1, dof) == pytest.approx(chi2.isf(0.1, dof), rel=1e-9)

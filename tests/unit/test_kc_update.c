@@ -142,6 +142,7 @@ void test_when_candidates_run_out_it_proposes_what_it_has(void)
     TEST_ASSERT_EQUAL_INT(KC_ST_REVIEW, kc_app_state(APP));
     TEST_ASSERT_EQUAL_UINT32(24u, world.n_meas);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_NO_CANDIDATE));
+    TEST_ASSERT_EQUAL_INT(KC_ENDED_CANDIDATES, world.proposal.ended);
 }
 
 /* ---- budget and stop ---- */

@@ -99,7 +99,7 @@ NUMBERS = (
     ("fit_rot_rad", "rad", "RMS rotation residual of the same poses with the proposed values"),
     ("pred_pos_m", "m", "predicted position error over the search space, in the frame it has to be right in"),
     ("pred_rot_rad", "rad", "predicted rotation error over the search space, in that frame"),
-    ("confidence", "", "probability with which the error is within the bounds that follow; 0: they are the RMS"),
+    ("confidence", "", "probability that the error is within the bounds that follow; 0: they are RMS"),
     ("bound_pos_m", "m", "bound of the position error over the search space, RMS"),
     ("bound_rot_rad", "rad", "bound of the rotation error"),
     ("n_checked", "", "poses in a row that were predicted as well as required, before they were used"),

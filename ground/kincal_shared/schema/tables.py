@@ -588,8 +588,8 @@ class ConfigSource(Source):
     rest_part: Real = 0.01
     """START from the monitor's suspects: sigma of what is not suspected, part of its scale, unless KIN's is larger."""
     no_change_power: Real = 0.99
-    """With a required accuracy: a right table ends the calibration once an error that large would show with this
-    probability; 0: never."""
+    """With a required accuracy: a right table ends the calibration once an error that large would show with
+    this probability; 0: never."""
     go_by_other_key: Switch = 0
     """1: the second step of an approval has to be signed by another holder than the first."""
     servo: ServoBlock

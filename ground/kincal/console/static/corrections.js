@@ -56,7 +56,7 @@ function inbox() {
     list.length ? el("ul", {}, list.map((p) => el("li", { class: p.crc === chosen ? "chosen" : "" },
       el("a", { href: `#corrections/${p.crc}` },
         el("b", {}, mark(KIND[p.verdict] ?? "unknown", p.verdict), ` ${p.crc}`), el("span", { class: "attention" }, what(p)),
-        el("small", {}, `${p.verdict}; session ${p.session}, ${p.poses} poses, ${fixed(p.before_mm, 2)} → ${fixed(p.fit_mm, 2, "mm")}; ${mission(p.t_us)}`)))))
+        el("small", {}, `${p.verdict}; session ${p.session}, ${p.poses} poses${p.ended ? `, measuring ended: ${p.ended}` : ""}, ${fixed(p.before_mm, 2)} → ${fixed(p.fit_mm, 2, "mm")}; ${mission(p.t_us)}`)))))
       : el("p", { class: "muted" }, "No correction was proposed since this console was started."));
 }
 
