@@ -305,8 +305,11 @@ def rotate(path: Path) -> Key:
         raise BadInput("a rotation is under way", str(path), "`kincal key retire` ends it")
     key = Key(keys[-1].id + 1, secrets.token_bytes(_SECRET_BYTES))
     if holder(key.id) != holder(keys[-1].id):
-        raise BadInput(f"the numbers of this holder end at key {keys[-1].id}", str(path),
-                       "make a file with the number of a new holder: `kincal key new FILE --holder NUMBER`")  # fmt: skip
+        raise BadInput(
+            f"the numbers of this holder end at key {keys[-1].id}",
+            str(path),
+            "make a file with the number of a new holder: `kincal key new FILE --holder NUMBER`",
+        )
     write(path, (*keys, key))
     return key
 

@@ -1,5 +1,6 @@
-"""Flight's core with a correction that waits, on a network of its own, from the store of an earlier run: no calibration has
-to be waited for. CONFIG asks for two holders; each has a key file. Its power and its link can be cut."""
+"""Flight's core with a correction that waits, on a network of its own, from the store of an earlier run: no
+calibration has to be waited for. CONFIG asks for two holders; each has a key file. Its power and its link can
+be cut."""
 
 import shutil
 import struct
@@ -75,8 +76,8 @@ def with_verdict(store: Path, verdict: int) -> None:
 
 
 class WaitingFlight:
-    """first, second: key files of two holders; commands: what was sent to it, (opcode, key), also while the link is
-    cut; taken: opcodes that it took, but for refused ones."""
+    """first, second: key files of two holders; commands: what was sent to it, (opcode, key), also while the
+    link is cut; taken: opcodes that it took, but for refused ones."""
 
     def __init__(self, made: Proposed, folder, verdict: int = 0, tick_s: float = 0.002) -> None:
         self.made, self.tick_s = made, tick_s

@@ -304,7 +304,9 @@ class Desk:
 
     def log(self) -> list[Plain]:
         """The journal, newest first."""
-        return [_line(e) for e in reversed(self.entries())]
+        entries = self.entries()
+        open_ = journal.unfinished(entries)
+        return [{**_line(e), "unfinished": any(e is one for one in open_)} for e in reversed(entries)]
 
 
 def _listen_s(timeout_s: float) -> float:

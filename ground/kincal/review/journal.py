@@ -57,8 +57,8 @@ class Entry:
     key_id, counter: of the command that carried it out, 0 in journals of before (counter: also where it was
     only seen); unconfirmed: how many lines before it nobody could vouch for when it was written; mac: made
     with that key over all of the others, empty in journals of before. command: that was attempted or refused;
-    marked: 1 if an end mark is kept from here on; armed_key: of an approval, the key that took its first step,
-    as flight says. A line leaves these three out where they are empty."""
+    marked: 1 if an end mark is kept from here on; armed_key: of an approval, the key that took its first
+    step, as flight says. A line leaves these three out where they are empty."""
 
     time: str
     decision: str
@@ -167,6 +167,26 @@ def append(path: Path, entry: Entry, signer: Signer) -> Entry:
             file.truncate(len(raw))  # a line without its mark would make the next one look appended
             raise BadInput(f"{_CANNOT}: {error.strerror}", str(path), _ROOM) from None
     return entry
+
+
+def unfinished(entries: Sequence[Entry]) -> list[Entry]:
+    """Attempts without a line that says what came of them: the program ended in between. What flight made of
+    them, its state and its log say."""
+    waiting: list[Entry] = []
+    for entry in entries:
+        if entry.decision == ATTEMPT:
+            waiting.append(entry)
+            continue
+        ends = [a for a in waiting if (a.crc, a.key_id) == (entry.crc, entry.key_id) and _ends(a, entry)]
+        if ends:
+            waiting.remove(ends[0])
+    return waiting
+
+
+def _ends(attempt: Entry, entry: Entry) -> bool:
+    if entry.decision in (REFUSED, UNANSWERED):
+        return entry.command == attempt.command
+    return entry.decision in (_DECIDING.get(attempt.command), attempt.command.lower())
 
 
 # ---- the end mark

@@ -166,8 +166,8 @@ class Setup:
     tables: folder of table images; store: what an earlier flight left (None: nothing); acquisition, poses,
     accept: instead of the scenario's choice ("", 0: as the scenario says); commander: instead of the
     executive; key: signs commands, and flight takes it (None: one made from the seed); others: keys that
-    flight takes too; world: makes the simulator; hooks: faults; log: file for an LCM log (None: no file); limit_s:
-    of mission time [s] (0: a minute more than the executive's patience)."""
+    flight takes too; world: makes the simulator; hooks: faults; log: file for an LCM log (None: no file);
+    limit_s: of mission time [s] (0: a minute more than the executive's patience)."""
 
     tables: Path = TABLES
     store: Store | None = None
