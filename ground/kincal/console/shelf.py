@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from kincal import tables
 from kincal.api import operate
@@ -20,6 +20,9 @@ from .desk import Desk, Words
 from .document import plain_grid
 from .geometry import Geometry, candidates
 from .words import kinds
+
+if TYPE_CHECKING:
+    from kincal.flight.headers import KcSpace
 
 REVIEWED = "KIN"
 """What only a review puts in force."""
@@ -61,8 +64,8 @@ class Shelf:
         return out
 
     def adopt(self) -> None:
-        """From now on names, limits and pictures of the console are those of the tables in force, as far as
-        they lie here: without it, a correction of a TERMS table that was sent from here could not be shown."""
+        """From now on names, limits and pictures are those of the tables in force, as far as they lie here:
+        without it, a correction of a TERMS table that was sent from here could not be shown."""
         desk = self.desk
         if desk is None:
             return
@@ -79,7 +82,7 @@ class Shelf:
         for of in (FOLDER, MADE, READ):
             file = self.place("SPACE", of)
             if file.is_file() and _crc(file) == parse_crc(crc):
-                return {"space": crc, "candidates_m": candidates(tables.load(file)[1])}
+                return {"space": crc, "candidates_m": candidates(cast("KcSpace", tables.load(file)[1]))}
         raise BadInput(f"SPACE table {crc} does not lie here", todo="read it back in Space")
 
     # ---- looking
