@@ -29,6 +29,7 @@ from kincal.review import journal
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
 CHROMIUM = os.environ.get("KINCAL_CHROMIUM") or shutil.which("chromium")
+WIDE = {"width": 1920, "height": 1080}
 SHOTS = os.environ.get("KINCAL_SHOTS")  # a folder: pictures of what the tests see
 
 expect.set_options(timeout=30_000)  # of a busy machine
@@ -105,13 +106,22 @@ def opened(browser, served):
 
 
 def shot(page, name):
-    if SHOTS:
+    """Light and small as in the documents, dark, and on a large screen."""
+    if not SHOTS:
+        return
+    small = {"width": 1280, "height": 800}
+    for more, scheme, size in (("", "light", small), ("-dark", "dark", small), ("-wide", "light", WIDE)):
+        page.emulate_media(color_scheme=scheme)
+        page.set_viewport_size(size)
         page.wait_for_timeout(1500)
-        page.screenshot(path=f"{SHOTS}/{name}.png")
+        page.screenshot(path=f"{SHOTS}/{name}{more}.png")
+    page.set_viewport_size(small)
 
 
 def serious(page):
-    """What axe-core calls serious or critical."""
+    """What axe-core calls serious or critical; ABORT has to be inside the window."""
+    box = page.locator("#abort").bounding_box()
+    assert box["x"] + box["width"] <= page.viewport_size["width"]
     found = Axe().run(page).response["violations"]
     return [(v["id"], v["nodes"][0]["html"]) for v in found if v["impact"] in ("serious", "critical")]
 

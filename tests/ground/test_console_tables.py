@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import time
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,9 @@ from kincal.console.geometry import Geometry
 from kincal.console.picture import Picture
 from kincal.console.shelf import Shelf
 from kincal.console.sources import Live
+from kincal.flight.tables import encode
 from kincal.review import journal
-from kincal.tables import build
+from kincal.tables import build, load
 from kincal_shared import keys
 
 BIN = Path(__file__).resolve().parents[2] / "tables" / "bin"
@@ -41,7 +43,7 @@ def served(folder, tmp_path):
         shelf = Shelf(folder, tmp_path / "made", tmp_path / "read", desk)
         console = Console(flight.url, geometry, picture, desk, shelf=shelf)
         with Live(flight.url, picture), TestClient(make_app(console, ACCESS), base_url=ORIGIN) as client:
-            yield client, flight, tmp_path / "keys"
+            yield client, flight, tmp_path / "keys", desk
 
 
 def get(client, path):
@@ -77,7 +79,7 @@ def test_no_other_file_is_read(served, kind):
 
 
 def test_a_table_is_sent_read_back_and_compared(served, folder):
-    client, flight, key_file = served
+    client, flight, key_file, _ = served
     crc = {row["kind"]: row["crc"] for row in get(client, "/api/tables").json()}["CONFIG"]
     words = {"by": "A", "why": "new plan", "crc": crc}
     assert post(client, "/api/tables/CONFIG/send", number="1", **(words | {"by": ""})).status_code == 409
@@ -99,8 +101,31 @@ def test_a_table_is_sent_read_back_and_compared(served, folder):
     assert [(e.decision, e.crc) for e in lines] == [("attempt", crc), ("table_activate", crc)]
 
 
+def test_names_and_limits_follow_a_table_that_was_made_here_and_sent(served, folder, tmp_path):
+    client, _, _, desk = served
+    image, struct = load(folder / "terms.tbl")
+    struct.coef[0].ub *= 0.9
+    made = encode("terms", struct)
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "terms.tbl").write_bytes(made.data)
+    assert made.crc != image.crc
+    words = {"by": "A", "why": "b", "crc": made.crc_text, "of": "made", "number": "1"}
+    assert post(client, "/api/tables/TERMS/send", **words).json()["ok"]
+    deadline = time.monotonic() + 10
+    while True:  # until housekeeping says so to the console
+        rows = {row["kind"]: row for row in get(client, "/api/tables").json()}
+        if load(tmp_path / "flown" / "terms.tbl")[0].crc == made.crc or time.monotonic() > deadline:
+            break
+    assert rows["TERMS"]["made"] == made.crc_text != rows["TERMS"]["crc"]
+    assert load(tmp_path / "flown" / "terms.tbl")[0].crc == made.crc
+    assert load(tmp_path / "flown" / "arm.tbl")[0].crc == load(folder / "arm.tbl")[0].crc
+    assert desk.tables_dir == tmp_path / "flown" and desk.picture.geometry.crcs["TERMS"] == made.crc
+    found = get(client, "/api/tables/TERMS/difference?of=folder&to=made").json()
+    assert [c["text"] for c in found["grid"]["rows"][0]][0] == "coef[J1.phi_rad].ub"
+
+
 def test_a_kinematics_table_is_not_sent_past_the_review(served):
-    client, flight, _ = served
+    client, flight, *_ = served
     crc = {row["kind"]: row["crc"] for row in get(client, "/api/tables").json()}["KIN"]
     refused = post(client, "/api/tables/KIN/send", number="1", by="A", why="b", crc=crc)
     assert refused.status_code == 409 and "reviewed" in refused.json()["text"]

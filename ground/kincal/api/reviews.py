@@ -13,7 +13,7 @@ from kincal.review import Review, changes, find, history, warnings
 from kincal.review import journal as journals
 from kincal.review.changes import Changes
 from kincal.review.history import History, Trend
-from kincal.review.journal import Journal
+from kincal.review.journal import Entry, Journal
 from kincal.review.residuals import PoseResidual, residuals
 from kincal.review.status import Listed, Status, proposals_in, status
 from kincal.review.thresholds import Limits, read_limits
@@ -41,7 +41,9 @@ def proposals(logs: Sequence[Path], found: Sequence[Journal]) -> list[list[Liste
     return [proposals_in(path, lines) for path in logs]
 
 
-def history_of(logs: Sequence[Path], tables_dir: Path) -> tuple[History, list[Trend]]:
+def history_of(
+    logs: Sequence[Path], tables_dir: Path, entries: Sequence[Entry] = ()
+) -> tuple[History, list[Trend]]:
     """What was in force when by these logs, and the trend of each coefficient that a folder's TERMS table
     names."""
     found = history.joined(history.go_on(History(), log) for log in logs)
@@ -49,7 +51,7 @@ def history_of(logs: Sequence[Path], tables_dir: Path) -> tuple[History, list[Tr
     if file.is_file():
         image, struct = decode_as("terms", file.read_bytes(), str(file))
         terms[image.crc_text] = struct
-    return found, history.trends(found, terms)
+    return found, history.trends(found, terms, entries)
 
 
 @dataclass(frozen=True)

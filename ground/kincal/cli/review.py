@@ -419,7 +419,7 @@ def review_history(
     from kincal.api.reviews import history_of, read_journals
 
     lines = [entry for one in read_journals(logs, journal, key_file) for entry in one.entries]
-    found, trends = history_of(logs, tables_dir)
+    found, trends = history_of(logs, tables_dir, lines)
     text.history(console(), found, trends, lines)
     if report_path is not None:
         from kincal.pages import history as pages

@@ -165,6 +165,8 @@ def _frame(picture: Picture) -> Callable[[Request], Awaitable[Response]]:
 
 def _about(console: Console) -> Plain:
     desk = console.desk
+    if console.shelf is not None:
+        console.shelf.adopt()
     return {
         "version": __version__,
         "source": console.source,
@@ -280,6 +282,8 @@ def _desk_routes(console: Console) -> list[Route]:
         def answer(request: Request) -> Any:
             if console.desk is None:
                 raise HTTPException(409, "a recording")
+            if console.shelf is not None:
+                console.shelf.adopt()
             return what(console.desk, request)
 
         return answer
@@ -316,15 +320,22 @@ def _shelf_routes(shelf: Shelf, desk: Desk | None) -> list[Route]:
 
         return Route(path, answer, methods=["POST"])
 
+    def state() -> list[Plain]:
+        shelf.adopt()
+        return shelf.state()
+
     def send(kind: str, body: Plain) -> Plain:
         words = Words(_text(body, "by"), _text(body, "why"))
         return shelf.send(kind, _text(body, "crc"), words, _text(body, "of") or FOLDER)
 
     return [
         Route("/api/candidates/{crc}", _answer(lambda r: shelf.candidates(str(r.path_params["crc"])))),
-        Route("/api/tables", _answer(lambda _r: shelf.state())),
+        Route("/api/tables", _answer(lambda _r: state())),
         Route("/api/tables/{kind}/values", _answer(lambda r: shelf.values(kind(r), _of(r)))),
-        Route("/api/tables/{kind}/difference", _answer(lambda r: shelf.difference(kind(r), _of(r)))),
+        Route(
+            "/api/tables/{kind}/difference",
+            _answer(lambda r: shelf.difference(kind(r), _of(r), _of(r, "to", READ))),
+        ),
         post("/api/tables/{kind}/read", lambda k, _b: shelf.read_back(k)),
         post("/api/tables/{kind}/send", send),
     ]

@@ -3,12 +3,13 @@ from what was heard since."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import threading
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from kincal import tables
 from kincal.operate.recording import recordings
@@ -33,7 +34,8 @@ Plain = dict[str, Any]
 @dataclass
 class Past:
     """url: of the link; recorded: folder of its recordings, None: the usual one; folder: of what was read of
-    them; picture: what was heard; shelf: for the TERMS tables; desk: for the journal."""
+    them; picture: what was heard; shelf: for the TERMS tables; desk: for the journal; logs: instead of
+    the recordings of the link."""
 
     url: str
     recorded: Path | None
@@ -41,13 +43,14 @@ class Past:
     picture: Picture
     shelf: Shelf
     desk: Desk | None
+    logs: tuple[Path, ...] = ()
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def page(self) -> Plain:
         """The page of the history, as `kincal review history` shows it."""
         with self._lock:
-            found = history.joined([*self._recorded(), self._heard()])
-        trends = history.trends(found, self._terms())
+            logs = self._recorded()
+            found = history.joined([*logs, self._heard()])
         entries: tuple[Entry, ...] = ()
         trouble = ""
         if self.desk is not None:
@@ -55,14 +58,17 @@ class Past:
                 entries = self.desk.entries()
             except KincalError as error:
                 trouble = str(error)
-        made = pages.page(found, trends, entries, Provenance(datetime.now(UTC).date().isoformat()))
+        trends = history.trends(found, self._terms(), entries)
+        today = Provenance(datetime.now(UTC).date().isoformat())
+        made = pages.page(found, trends, entries, today, recorded=bool(logs))
         return {"page": document(made), "trouble": trouble, "corrections": len(found.corrections)}
 
     def _recorded(self) -> list[history.History]:
-        return [self._of(log) for log in recordings(self.recorded, self.url)[:_MOST_FILES]]
+        return [self._of(log) for log in self.logs or recordings(self.recorded, self.url)[:_MOST_FILES]]
 
     def _of(self, log: Path) -> history.History:
-        kept = self.folder / f"{log.stem}.json"
+        place = hashlib.sha256(str(log.resolve()).encode()).hexdigest()[:12]  # two may have the same name
+        kept = self.folder / f"{log.stem}-{place}.json"
         try:
             before = history.History.of_dict(json.loads(kept.read_text("utf-8")))
         except (OSError, ValueError, TypeError, KeyError):
@@ -99,5 +105,5 @@ class Past:
                 image, struct = tables.load(file)
             except (OSError, KincalError):
                 continue
-            found[image.crc_text] = struct
+            found[image.crc_text] = cast("KcTerms", struct)
         return found

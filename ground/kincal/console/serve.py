@@ -69,7 +69,10 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
     spaces = Spaces(home / "space", shelf, geometry)
     if options.log is not None:
         recorded_log = Recording.read(options.log)
-        console = Console(str(options.log), geometry, picture, None, recorded_log, bench, "", shelf, spaces)
+        past = Past("", None, home / "history", picture, shelf, None, (options.log,))
+        console = Console(
+            str(options.log), geometry, picture, None, recorded_log, bench, "", shelf, spaces, past
+        )
     else:
         desk = Desk(
             options.url, options.key_file, options.journal, options.tables_dir, picture, options.timeout_s

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from kincal import tables
 from kincal.api import operate
@@ -18,8 +18,11 @@ from kincal_shared.errors import BadInput, CommandFailed, KincalError
 
 from .desk import Desk, Words
 from .document import plain_grid
-from .geometry import candidates
+from .geometry import Geometry, candidates
 from .words import kinds
+
+if TYPE_CHECKING:
+    from kincal.flight.headers import KcSpace
 
 REVIEWED = "KIN"
 """What only a review puts in force."""
@@ -54,17 +57,32 @@ class Shelf:
         for number, kind in kinds().items():
             wanted = unsigned32(hk.table_crc[number]) if hk is not None else 0
             found = [f for of in (FOLDER, MADE, READ) if (f := self.place(kind, of)).is_file()]
-            right = next((f for f in found if _crc(f) == wanted), found[0] if found else None)
-            if right is not None:
-                (out / right.name).write_bytes(right.read_bytes())
+            right = next((f for f in found if _crc(f) == wanted), None)
+            if right is None and found and (hk is None or kind != REVIEWED):
+                right = found[0]
+            _copy(right, out / f"{kind.lower()}.tbl")
         return out
+
+    def adopt(self) -> None:
+        """From now on names, limits and pictures are those of the tables in force, as far as they lie here:
+        without it, a correction of a TERMS table that was sent from here could not be shown."""
+        desk = self.desk
+        if desk is None:
+            return
+        folder = self.flown()
+        try:
+            found = Geometry(folder)
+        except KincalError:
+            return  # tables that do not belong together: those of before stay, and the console says it
+        if found.crcs != desk.picture.geometry.crcs or desk.tables_dir != folder:
+            desk.picture.geometry, desk.tables_dir = found, folder
 
     def candidates(self, crc: str) -> Plain:
         """Tool positions of the SPACE table with this CRC. BadInput if it does not lie here."""
         for of in (FOLDER, MADE, READ):
             file = self.place("SPACE", of)
             if file.is_file() and _crc(file) == parse_crc(crc):
-                return {"space": crc, "candidates_m": candidates(tables.load(file)[1])}
+                return {"space": crc, "candidates_m": candidates(cast("KcSpace", tables.load(file)[1]))}
         raise BadInput(f"SPACE table {crc} does not lie here", todo="read it back in Space")
 
     # ---- looking
@@ -157,6 +175,16 @@ class Shelf:
         if self.desk is None:
             raise BadInput("this is a recording: nothing can be sent")
         return self.desk
+
+
+def _copy(source: Path | None, to: Path) -> None:
+    """The same content, replaced as a whole; none if there is none."""
+    if source is None:
+        to.unlink(missing_ok=True)
+    elif not to.is_file() or to.read_bytes() != source.read_bytes():
+        part = to.with_suffix(".part")
+        part.write_bytes(source.read_bytes())
+        part.replace(to)
 
 
 def _crc(file: Path) -> int | None:

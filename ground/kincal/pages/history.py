@@ -17,20 +17,32 @@ _COLUMNS = 3
 _SCALE = {"rad": (180.0 / math.pi, "°"), "m": (1e3, "mm")}
 
 
-def page(history: History, trends: Sequence[Trend], entries: Sequence[Entry], provenance: Provenance) -> Page:
-    """trends: of the coefficients; entries: of the journal."""
+BY_RECORDINGS = "By the recordings; who decided, by the journal."
+HEARD = "There are no recordings of this link: in force now, by housekeeping; who decided, by the journal."
+DOTS = "Dots: proposed value with 1 sigma, filled where it was put in force. Dotted: bounds."
+NO_TREND = "No correction whose TERMS table is at hand."
+
+
+def page(
+    history: History,
+    trends: Sequence[Trend],
+    entries: Sequence[Entry],
+    provenance: Provenance,
+    *,
+    recorded: bool = True,
+) -> Page:
+    """trends: of the coefficients; entries: of the journal; recorded: the times are those of recordings."""
     n, unnamed = len(history.corrections), len(history.corrections) - _named(trends)
-    about = f"{n} corrections" + (
-        f", {unnamed} of them of TERMS tables that are not at hand" if unnamed else ""
-    )
+    rest = f", {unnamed} of them of TERMS tables that are not at hand" if unnamed else ""
+    about = f"{n} correction{'' if n == 1 else 's'}{rest}"
+    speaks = any(m.state == 1 for m in history.monitor)
     sections = [
-        Section("in-force", "What was in force when", "By the recordings; who decided, by the journal.",
+        Section("in-force", "What was in force when", BY_RECORDINGS if recorded else HEARD,
                 grid=in_force(history, entries)),
         Section("trend", "Coefficients over the corrections",
-                "Dots: proposed value with 1 sigma, filled where it was put in force. Dotted: bounds.",
-                trend_figure(trends) if trends else None),
+                DOTS if trends else NO_TREND, trend_figure(trends) if trends else None),
         Section("monitor", "Monitor for miscalibration", "What it said of the joint that it suspects most.",
-                monitor_figure(history) if history.monitor else None, monitor_grid(history)),
+                monitor_figure(history) if speaks else None, monitor_grid(history)),
     ]  # fmt: skip
     return Page("History", "Tables of the mission", about, provenance, sections)
 

@@ -39,9 +39,7 @@ def page(
     return Page("Search space", title, "candidate poses that flight may choose among", provenance, sections)
 
 
-def of_built(
-    built: BuiltSpace, tables_dir: Path, provenance: Provenance
-) -> tuple[Page, Candidates, Outcome]:
+def of_built(built: BuiltSpace, tables_dir: Path, provenance: Provenance) -> tuple[Page, Candidates, Outcome]:
     """The page of a space that was built, or read (without samples), seen by the camera of a folder; and what
     its figures are made of."""
     tables, cands = space.TablesFolder(tables_dir), built.table.candidates()

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 _WANTED = frozenset({"KC_HK", "KC_PROPOSAL"})
 _OVERLAP = 1 << 16  # bytes: the last event of a growing file may be cut
 _MONITOR = ("quiet", "one joint reads wrong", "unexplained residuals")
-# lines of the journal by which the table that they name came in force
-_CHANGING = (APPROVED, "table_activate")
+# lines of the journal by which the table that they name came in force, in words
+_CHANGING = {APPROVED: "approved", "table_activate": "sent"}
 _MONITOR_EVERY_S = 60.0  # at least; every change of its state is kept
 
 
@@ -186,7 +186,7 @@ def utc(seconds: float) -> str:
 def decided(x: InForce, entries: Iterable[Entry]) -> str:
     """Who put a table in force and why, by the journal."""
     lines = [e for e in entries if e.crc == x.crc and e.decision in _CHANGING]
-    return "; ".join(dict.fromkeys(f"{e.decision} by {e.by}: {e.why}" for e in lines))
+    return "; ".join(dict.fromkeys(f"{_CHANGING[e.decision]} by {e.by}: {e.why}" for e in lines))
 
 
 @dataclass(frozen=True)
@@ -211,12 +211,13 @@ class Trend:
     points: tuple[Point, ...]
 
 
-def trends(history: History, terms: Mapping[str, KcTerms]) -> list[Trend]:
+def trends(history: History, terms: Mapping[str, KcTerms], entries: Iterable[Entry] = ()) -> list[Trend]:
     """Every coefficient that some correction estimated, by name. terms: TERMS tables by CRC: corrections of
-    others have no names and are left out."""
+    others have no names and are left out; entries: of the journal, for what was approved."""
     points: dict[str, list[Point]] = {}
     bounds: dict[str, tuple[float, float]] = {}
     active = {x.crc for x in history.in_force if x.kind == "KIN"}
+    active |= {e.crc for e in entries if e.decision == APPROVED}
     for made in history.corrections:
         table = terms.get(made.terms)
         if table is None:

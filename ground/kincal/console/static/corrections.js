@@ -20,6 +20,7 @@ export function open(root) {
   shown = null;
   show(root, el("div", { class: "left", tabindex: "0", role: "region", "aria-label": "Inbox and journal" }, parts.inbox, parts.force, parts.journal), parts.review, parts.decide);
   update();
+  if (chosen) load();
   journal();
 }
 export function close() { parts = null; }

@@ -40,7 +40,7 @@ function navigation() {
   const waits = store.values.KC_HK?.data.proposal;
   const links = VIEWS.map((v, i) => el(
     "a", { href: `#${v.key}`, "aria-current": v === current ? "page" : null, title: `Alt+${i + 1}` },
-    v.title, v.key === "corrections" && waits ? el("span", { class: "badge", title: "waits for a decision" }, "1 waits") : null,
+    v.title, v.key === "corrections" && waits ? el("span", { class: "badge", role: "img", title: "1 correction waits for a decision", "aria-label": "1 correction waits for a decision" }, "1") : null,
   ));
   const text = links.map((l) => l.outerHTML).join();
   if (at("views").dataset.text !== text) {

@@ -181,9 +181,9 @@ function frame(data) {
     made.append(text);
   }
   if (data?.tool_px) made.append(svg("circle", { cx: data.tool_px[0], cy: data.tool_px[1], r: height * 0.02, class: "tool" }));
-  const of = !shownFrame ? "tags only: no frame is transmitted on KC_IMAGE" : !data ? `frame ${shownFrame.seq}` : data.seq === shownFrame.seq ? `frame ${shownFrame.seq} and its tags` : `▲ frame ${shownFrame.seq}, tags of frame ${data.seq}`;
+  const of = !shownFrame ? store.about.live ? "tags only: no frame is transmitted on KC_IMAGE" : "tags only: frames of a recording are not shown" : !data ? `frame ${shownFrame.seq}` : data.seq === shownFrame.seq ? `frame ${shownFrame.seq} and its tags` : `▲ frame ${shownFrame.seq}, tags of frame ${data.seq}`;
   show(parts.frame, made, el("p", { class: "small muted" }, of), data ? el("p", { class: "small" }, mark(data.tags.length ? "ok" : "near"), data.tags.length
-    ? ` ${data.tags.length} tags, range ${fixed(data.range_m, 2, "m")}, incidence ${fixed(data.incidence_deg, 0, "°")}, residual ${fixed(data.rms_px, 2, "px")}`
+    ? ` ${data.tags.length} tag${data.tags.length === 1 ? "" : "s"}, range ${fixed(data.range_m, 2, "m")}, incidence ${fixed(data.incidence_deg, 0, "°")}, residual ${fixed(data.rms_px, 2, "px")}`
     : " no tags in the last frame") : null);
 }
 

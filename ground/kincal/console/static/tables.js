@@ -9,6 +9,12 @@ const ABOUT = {
   ARM: "DH chain, limits, masses, frames", CAMERA: "mast, pan-tilt unit, lens, tags", TERMS: "coefficients and correction terms",
   KIN: "values in force: what calibration changes", SPACE: "candidates, hubs, verified segments", KERNEL: "spectra and hyperparameters", CONFIG: "how a calibration is run",
 };
+// what flight drops when a table of this kind changes (docs/TABLES.md)
+const DROPS = {
+  ARM: " ▲ Flight drops SPACE and the correction in force (KIN): the arm moves by its nominal values until another correction is approved, and START is refused until a SPACE for this arm is sent.",
+  TERMS: " ▲ Flight drops the correction in force (KIN): the arm moves by its nominal values until a correction of these terms is approved.",
+};
+const SHOWN = 60;  // fields that differ, before a table is sent
 const NAMES = { folder: "in the folder", made: "made here" };
 let parts = null, rows = null, chosen = "CONFIG", what = "values", of = "folder", stamp = "";
 
@@ -53,6 +59,7 @@ function draw() {
       el("b", {}, mark(kind, text), ` ${row.kind}`), el("small", {}, ABOUT[row.kind] ?? ""), el("small", {}, `folder ${row.crc || "none"}, in force ${board(row.kind) || "unknown"}: ${text}`)));
   })));
   const row = rows.find((r) => r.kind === chosen), why = store.about.live ? store.about.why_no_key : "a recording takes no commands", crc = crcOf(row, of);
+  const there = ["read", "folder", "made"].find((which) => crcOf(row, which) && crcOf(row, which) === board(chosen) && which !== of);
   const busy = el("button", { type: "button", disabled: Boolean(why), title: why || null, onclick: readBack }, "Read back");
   show(parts.side, el("h2", {}, chosen),
     el("p", {}, "Read back: brings down the table in force and compares it with the one in the folder."), busy,
@@ -62,9 +69,18 @@ function draw() {
     confirmed({
       label: `Send the ${chosen} table …`, act: "SEND", danger: true, path: `tables/${chosen}/send`, key: `send:${chosen}:${crc}`, body: () => ({ crc, of }),
       disabled: why || (chosen === "KIN" ? "a correction is reviewed, see Corrections" : crc ? "" : "no such table"), done: reload,
-      text: () => `${chosen} table ${crc}, ${NAMES[of]}${of === "folder" ? ` (${row.file})` : ""}, is staged, checked by flight and put in force, instead of ${board(chosen) || "what is there"}. Flight refuses it while a calibration runs.`,
+      text: () => `${chosen} table ${crc}, ${NAMES[of]}${of === "folder" ? ` (${row.file})` : ""}, is staged, checked by flight and put in force, instead of ${board(chosen) || "what is there"}. Flight refuses it while a calibration runs.${DROPS[chosen] ?? ""}`,
+      preview: there ? () => preview(there) : null,
     }),
     el("p", { class: "muted small" }, "A search space is built in Space, the terms of a model in Workbench, other tables by kincal table build."));
+}
+
+// What changes against the table in force, where that lies here.
+async function preview(there) {
+  try {
+    const got = await ask(`tables/${chosen}/difference?of=${there}&to=${of}`), rest = got.n - SHOWN;
+    return [el("p", {}, el("b", {}, "What changes: "), `${got.n} fields`), grid({ ...got.grid, rows: got.grid.rows.slice(0, SHOWN), note: rest > 0 ? `${rest} more` : "" })];
+  } catch (error) { return [el("p", { class: "attention" }, `▲ No preview: ${error.message}`)]; }
 }
 
 async function readBack(event) {
