@@ -88,7 +88,7 @@ def test_a_few_poses_of_one_place_are_few_and_not_in_millimetres(tmp_path):
     assert "millimetres" in {f.code for f in check(arm, two).findings}
 
 
-def test_a_table_of_flight_is_no_arm_table(tmp_path):
+def test_a_table_of_flight_is_no_arm_table():
     with pytest.raises(wb.BadInput, match="this is a table of flight.*no arm table") as refused:
         read_arm(ROOT / "tables" / "src" / "arm.toml")
     assert "arm wam" in refused.value.todo and "problems" not in str(refused.value)

@@ -146,7 +146,7 @@ def command_start(
             raise BadInput(
                 f"TERMS {found or 'none'} are in force, these are {terms_crc}: their coefficients may differ",
                 str(tables_dir / "terms.tbl"),
-                "name the folder of those in force by --tables; `kincal table dump terms OUT` brings them down",
+                "name the folder of those in force by --tables; `kincal table dump terms OUT` gets them",
             )
         return operate.start(number, poses, seed, mask)
 
