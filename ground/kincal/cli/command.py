@@ -329,6 +329,10 @@ def _preview(request: Any, given: Given, logs: tuple[Path, ...]) -> None:
         say(f"no preview: {error}")
         return
     text.what_changes(console(), found)
+    click.echo(
+        "this is by the record of the table in force: after a KIN table sent by `kincal table uplink`, or "
+        "after a rollback, flight may hold another one before it, or none"
+    )
     if given["dry_run"]:
         crc = f"{request.crc:08x}"
         click.echo(f"to do it: kincal command rollback {crc} --by NAME --why REASON")
