@@ -68,8 +68,8 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(7, CMD_KEY, ERROR, "message from {index:source} refused: flight has no key {got:count}",               \
       "Give sender and flight the same key file; flight reads it when it starts.")                           \
     X(8, CMD_FORGED, ERROR, "message from {index:source} refused: its MAC does not match key {got:count}",   \
-      "The sender does not hold the key, or the message was changed on the way. Find out who sends on this " \
-      "network.")                                                                                            \
+      "The sender does not hold flight's key, or the message was changed on the way. If it was not you, "    \
+      "find out who sends on this network.")                                                                 \
     X(9, CMD_REPLAYED, ERROR,                                                                                \
       "message from {index:source} refused: its counter {got:count} is not above {want:count}",              \
       "Repeated, or a later command arrived first: send it again. After the loss of FILE.count*: "           \
@@ -249,8 +249,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(95, MON_SUSPECT, WARN,                                                                                 \
       "joint {index:joint} appears to be off by {got:joint_value}; joints that explain it as well: "         \
       "{want:joints}",                                                                                       \
-      "Take observations at other postures if several joints are named; then START limited to them "         \
-      "(docs/STATES.md).")                                                                                   \
+      "Take observations at other postures if several joints are named; then START limited to them.")        \
     X(96, MON_UNEXPLAINED, WARN,                                                                             \
       "tool is {got:mm}, {want:mrad} from its prediction; no single joint explains it",                      \
       "START with all coefficients.")                                                                        \

@@ -184,6 +184,8 @@ def test_a_rollback_is_shown_before_it_is_sent(tmp_path):
     assert [r.name for r in found.rows] == ["J7.phi_rad", "J1.phi_rad"]
     assert row(found, "J7.phi_rad").delta_text == f"{math.degrees(-1.3):+.3f} deg"
     assert found.headline.startswith("J7.phi_rad goes back by -74 deg; the tool moves by up to")
+    with pytest.raises(BadInput, match="names none before it: flight refuses to roll back"):
+        reviews.what_rolls_back(decode_as("kin", (BIN / "kin.tbl").read_bytes(), "")[0].crc, BIN)
     with pytest.raises(BadInput, match=f"replaced {first.crc:08x}, whose values are in none"):
         reviews.what_rolls_back(second.crc, BIN, (tmp_path / "second.tbl",))
     with pytest.raises(BadInput, match="are in none of the places"):

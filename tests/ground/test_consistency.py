@@ -74,6 +74,26 @@ def test_dh_errors_are_no_wrong_arm_table(tmp_path, dh_size):
     assert check(arm, data).ok
 
 
+def test_a_few_poses_of_one_place_are_few_and_not_in_millimetres(tmp_path):
+    """As an aborted calibration leaves them: close together, with noise of a millimetre as stated."""
+    arm = wb.read_arm(poses.arm_toml(tmp_path / "arm.toml"))
+    data = wb.read_csv(poses.poses_csv(tmp_path / "poses.csv", 60, 3), 7)
+    two = data.take(np.arange(2))
+    sigma_m = 1e-3
+    two = replace(two, q=two.q[[0, 0]], p_m=two.p_m[[0, 0]] + [[0.0] * 3, [sigma_m] * 3])
+    two = replace(two, cov=np.tile(np.eye(6) * sigma_m**2, (2, 1, 1)))
+    assert "few_poses" in {f.code for f in check(arm, two).findings}
+    assert "millimetres" not in {f.code for f in check(arm, two).findings}
+    two = replace(two, cov=two.cov * 1e6)  # 1 mm written as 1
+    assert "millimetres" in {f.code for f in check(arm, two).findings}
+
+
+def test_a_table_of_flight_is_no_arm_table():
+    with pytest.raises(wb.BadInput, match="this is a table of flight.*no arm table") as refused:
+        read_arm(ROOT / "tables" / "src" / "arm.toml")
+    assert "arm wam" in refused.value.todo and "problems" not in str(refused.value)
+
+
 # --------------------------------------------------------------------------- wrong readings are found
 
 

@@ -109,6 +109,7 @@ def test_a_correction_is_rolled_back_and_a_killed_flight_is_said(tmp_path):
             assert kincal("table", "dump", "kin", dumped, *flight.on)[0] == 0
         status, said = kincal("command", "rollback", "--from", dumped, *flight.on)
         assert status == 0 and "goes back by" in said and "nothing was sent" in said
+        assert "flight may hold another one before it" in said
         status, said = kincal("command", "rollback", f"{crc:08x}", *WHO, *flight.on)
         assert (
             status == 0

@@ -1,6 +1,7 @@
 """What an operator does with flight while it runs, for commands and the console."""
 
 from kincal.operate.acting import act, comment, verified
+from kincal.operate.coefficients import of_joints
 from kincal.operate.commands import (
     ACCEPTED,
     DONE,
@@ -24,7 +25,6 @@ from kincal.operate.commands import (
     unmet,
     validate,
 )
-from kincal.operate.coefficients import of_joints
 from kincal.operate.following import Follower, Line, follow
 from kincal.operate.sender import listen, send
 from kincal.operate.snapshot import (

@@ -112,7 +112,14 @@ def what_rolls_back(crc_in_force: int, tables_dir: Path, places: Sequence[Path] 
             ", ".join(map(str, where)),
             "`kincal table dump kin now.tbl`, then --from now.tbl; or --from LOG that holds its proposal",
         )
-    previous = changes.kin_values(now.crc_before, where) if now.crc_before else None
+    if not now.crc_before:
+        raise BadInput(
+            f"correction {crc_in_force:08x} names none before it: flight refuses to roll back, or brings "
+            "back the one that was in force when this table was sent",
+            now.where,
+            "`kincal table uplink FILE` brings a KIN table in force that you have",
+        )
+    previous = changes.kin_values(now.crc_before, where)
     if previous is None:
         raise BadInput(
             f"correction {crc_in_force:08x} replaced {now.crc_before:08x}, whose values are in none of the "

@@ -154,7 +154,7 @@ def command_start(
             raise BadInput(
                 f"TERMS {found or 'none'} are in force, these are {terms_crc}: their coefficients may differ",
                 str(tables_dir / "terms.tbl"),
-                "name the folder of those in force by --tables; `kincal table dump terms OUT` brings them down",
+                "name the folder of those in force by --tables; `kincal table dump terms OUT` gets them",
             )
         return operate.start(number, poses, seed, mask, suspects)
 
@@ -339,6 +339,10 @@ def _preview(request: Any, given: Given, logs: tuple[Path, ...]) -> None:
         say(f"no preview: {error}")
         return
     text.what_changes(console(), found)
+    click.echo(
+        "this is by the record of the table in force: after a KIN table sent by `kincal table uplink`, or "
+        "after a rollback, flight may hold another one before it, or none"
+    )
     if given["dry_run"]:
         crc = f"{request.crc:08x}"
         click.echo(f"to do it: kincal command rollback {crc} --by NAME --why REASON")

@@ -335,7 +335,15 @@ def read_arm(path: str | Path) -> ArmTable:
         raise BadInput(
             "no such file, nor an arm that is shipped", str(path), f"shipped: {', '.join(shipped)}"
         )
-    return _arm(validate(ArmFile, read_toml(path), str(path)), str(path), path.stem)
+    content = read_toml(path)
+    if "kind" in content:  # which tables of flight have, and arm tables have not
+        raise BadInput(
+            f"this is a table of flight (kind = {content['kind']!r}), no arm table of the workbench",
+            str(path),
+            f"--arm takes an arm that is shipped ({', '.join(shipped)}) or a table of `kincal arm import`; "
+            "flight's tables as shipped are those of the arm wam",
+        )
+    return _arm(validate(ArmFile, content, str(path)), str(path), path.stem)
 
 
 def read_shipped(name: str) -> ArmTable:

@@ -19,6 +19,7 @@ _ONE_POSE = 3  # poses up to which repeated rows are too little data rather than
 _MOST_LIMIT = 4.0 * math.pi + 0.1  # [rad], beyond any turning joint's
 _MOST_REACH_M = 20.0
 _MOST_NOISE = 0.2  # of the spread of the poses, beyond which stated noise is in another unit
+_TRUE_NOISE_M = 0.003  # up to which noise may be as large as stated: a few poses close together
 _CONSTANTS = ("dir", "temp_c", "payload_kg", "range_m", "incid_rad")
 
 
@@ -92,7 +93,7 @@ def _noise_in_millimetres(data: Measurements) -> Iterator[Finding]:
         return
     sigma_m = float(np.sqrt(np.median(np.einsum("nii->n", data.cov[:, :3, :3]) / 3.0)))
     spread_m = float(np.linalg.norm(data.p_m.std(axis=0)))
-    if sigma_m > _MOST_NOISE * spread_m > 0.0:
+    if sigma_m > _MOST_NOISE * spread_m > 0.0 and sigma_m > _TRUE_NOISE_M:
         yield Finding(
             "millimetres",
             f"the stated noise is {sigma_m:.3g} m while the poses spread over {spread_m:.3g} m: "
