@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from samples import CRC, NAMES, proposal, write_log
+from samples import CRC, NAMES, proposal, sealed, write_log
 
 from kincal import review
 from kincal.api import reviews
@@ -48,7 +48,7 @@ def row(found, name):
 def big_proposal(index=24, value=1.3):
     p = proposal()
     p.value[index] = value
-    return p
+    return sealed(p)
 
 
 def test_a_joint_that_is_74_degrees_off_stands_out_first(flown):

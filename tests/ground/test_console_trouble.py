@@ -7,7 +7,7 @@ import time
 
 import pytest
 from fake_flight import FakeFlight
-from samples import event, progress, proposal
+from samples import CRC, event, progress, proposal
 from starlette.testclient import TestClient
 from test_console import ACCESS, BIN, GOOD, JSON, ORIGIN, hk, next_of, wait_for
 from test_console import feed as feed_of
@@ -128,6 +128,22 @@ def test_what_two_consoles_have_kept_is_there_once(geometry, tmp_path):
     found = picture.snapshot()[0]
     assert [p["pose"] for p in found["values"]["poses"]["data"]] == [1, 2, 3, 4, 5]
     assert len(found["rows"]) == 5
+
+
+# ---- telemetry that somebody else sends
+
+
+def test_a_proposal_with_other_values_does_not_stand_in_for_the_one_that_waits(picture):
+    """The newest message under a CRC was shown, whatever its values: the approval put others in force."""
+    true, forged = proposal(), proposal()
+    forged.value = [0.0] * 64
+    none = proposal()
+    none.n_coef = 0
+    for message in (true, forged, none):
+        picture.add("KC_PROPOSAL", message)
+    assert picture.proposal(f"{CRC:08x}") is true
+    assert [r["name"] for r in picture.rows] == ["WRONG_PROPOSAL"] * 2
+    assert len(picture.snapshot()[0]["values"]["inbox"]["data"]) == 1
 
 
 # ---- ABORT

@@ -445,4 +445,7 @@ def test_a_journal_of_a_run_that_is_gone_altogether_is_noticed(tmp_path, file):
     log = log_of(tmp_path / "run.lcmlog", [decide(tmp_path / "review.jsonl", own, CRC)])
     (tmp_path / "review.jsonl").unlink()
     run = verify(tmp_path / "mine.jsonl", file, log)
+    assert run.exit_code == EXIT_INPUT and "line 1 was removed" in run.output
+    journals.end_file(tmp_path / "review.jsonl").unlink()
+    run = verify(tmp_path / "mine.jsonl", file, log)
     assert run.exit_code == EXIT_FAILED and "NOT in the journal" in run.output

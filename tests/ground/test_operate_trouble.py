@@ -12,14 +12,15 @@ import pytest
 from click.testing import CliRunner
 from direct_flight import DirectFlight
 from fake_flight import FakeFlight
-from samples import CRC, event, proposal
+from samples import CRC, event, proposal, signed, write_log
 
 import kcm
 from kincal.api import operate
 from kincal.cli import main
 from kincal.flight import library
-from kincal.review import from_message, journal, record
+from kincal.review import from_message, journal, kin_crc, record
 from kincal.review.decisions import Operator, arm, go, reject, see
+from kincal.run.inprocess import simulate
 from kincal_shared import keys
 from kincal_shared.errors import BadInput, CommandFailed
 
@@ -358,3 +359,45 @@ def test_a_dry_run_names_a_missing_key_too(tmp_path):
         run = kincal("command", "discard", "--dry-run", *at)
         assert run.exit_code == 1 and "not met: a key to sign with; found: no keys" in run.output, run.output
         assert kincal("command", "noop", "--dry-run", *at).exit_code == 0
+
+
+# ---- telemetry that somebody else sends
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda p: p.value.__setitem__(6, p.value[6] + 1e-12),
+        lambda p: p.sigma.__setitem__(0, 0.5),
+        lambda p: setattr(p, "session", 4),
+        lambda p: setattr(p, "n_poses", 21),
+        lambda p: setattr(p, "n_coef", 53),
+        lambda p: setattr(p, "crc_kin_before", 0x4321),
+        lambda p: setattr(p, "crc_terms", 1),
+        lambda p: setattr(p, "t_us", p.t_us + 1),
+        lambda p: setattr(p, "crc", signed(CRC ^ 1)),
+    ],
+)
+def test_another_proposal_under_the_crc_that_waits_is_not_shown(change):
+    """It was shown, noted as seen and approved by: what came in force then, nobody had seen."""
+    p = proposal()
+    assert from_message(p, NAMES).crc == CRC
+    change(p)
+    with pytest.raises(BadInput, match="not the values of the correction that it names"):
+        from_message(p, NAMES)
+
+
+def test_the_command_line_does_not_review_a_forged_proposal(tmp_path):
+    forged = proposal()
+    forged.value = [0.0] * 64
+    log = tmp_path / "run.lcmlog"
+    write_log(log, waiting=forged)
+    run = kincal("review", "show", log, "--by", "A", "--journal", tmp_path / "j")
+    assert run.exit_code == 2 and "do not decide by this message" in " ".join(run.output.split()), run.output
+    assert not (tmp_path / "j").exists()
+
+
+def test_a_calibration_describes_the_table_that_it_proposes():
+    run = simulate("healthy", seed=1)
+    p = run.log.last_session.proposal
+    assert kin_crc(p) == p.crc & 0xFFFFFFFF != 0

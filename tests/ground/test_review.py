@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from fake_flight import FakeFlight
-from samples import CRC, decided, progress, proposal, write_log
+from samples import CRC, decided, progress, proposal, sealed, write_log
 
 import kcm
 from kincal import review, tables
@@ -587,7 +587,7 @@ def log_with(events, active=0, verdict=1):
     summary = LogSummary(Path("x"))
     p = proposal(verdict)
     p.t_us = 9_000_000
-    summary.sessions[3] = Session(3, [progress(0)], [], p)
+    summary.sessions[3] = Session(3, [progress(0)], [], sealed(p))
     summary.events = [
         LogEvent(5_000_000 + k, "info", 0, "", name, index, got)
         for k, (name, index, got) in enumerate(events)

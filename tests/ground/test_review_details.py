@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from direct_flight import DirectFlight
-from samples import CRC, decided, proposal, write_log
+from samples import CRC, decided, proposal, sealed, write_log
 
 import kcm
 from kincal import review
@@ -166,7 +166,8 @@ def test_where_nothing_changes_any_chance_of_that_is_right(good):
 def test_the_last_proposal_is_shown_and_any_by_its_crc(tmp_path, monkeypatch):
     first, second = proposal(), proposal()
     second.session, second.crc = 4, 0x77
-    log = LogSummary(Path("x"), sessions={3: Session(3, [], [], first), 4: Session(4, [], [], second)})
+    sessions = {3: Session(3, [], [], first), 4: Session(4, [], [], sealed(second))}
+    log = LogSummary(Path("x"), sessions=sessions)
     monkeypatch.setattr(review, "read_log", lambda _path: log)
     assert review.find(tmp_path, None, BIN).crc == 0x77
     assert review.find(tmp_path, f"{CRC:08x}", BIN).session == 3
@@ -183,7 +184,7 @@ def test_names_need_the_terms_table(tmp_path):
 def log_with(*events, begin_us=1_000_000):
     p, first = proposal(), kcm.progress_t()
     p.t_us, first.t_us = 9_000_000, begin_us
-    summary = LogSummary(Path("x"), sessions={3: Session(3, [first], [], p)})
+    summary = LogSummary(Path("x"), sessions={3: Session(3, [first], [], sealed(p))})
     summary.events = [LogEvent(t_us, "info", 0, "", name, index, CRC) for t_us, name, index in events]
     return summary
 

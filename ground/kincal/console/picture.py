@@ -16,8 +16,10 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from kincal.flight import event_name
-from kincal.link import LogEvent, LogSummary, Session, crc_text
+from kincal.link import LogEvent, LogSummary, Session, crc_text, unsigned32
 from kincal.operate.snapshot import SEVERAL, Senders
+from kincal.review import kin_crc
+from kincal_shared.errors import KincalError
 
 from . import words
 from .geometry import Geometry
@@ -64,6 +66,14 @@ class Clock:
             return 0.0
         self._offset_s += jump_s
         return jump_s
+
+
+def _own_values(message: Proposal) -> bool:
+    """Whether a proposal describes the table that its CRC names."""
+    try:
+        return kin_crc(message) == unsigned32(message.crc)
+    except KincalError:
+        return False
 
 
 @dataclass
@@ -178,6 +188,10 @@ class Picture:
         session.measure(message)
 
     def _add_proposal(self, message: Proposal) -> None:
+        if not _own_values(message):  # it must not stand in for the one that waits under this CRC
+            text = f"a message on this network names correction {crc_text(message.crc)}, and has other values"
+            self._note("error", "WRONG_PROPOSAL", f"{text}: it is not shown")
+            return
         self.proposals.pop(message.crc, None)
         self.proposals[message.crc] = message
         self._sessions.setdefault(message.session, Session(message.session)).proposal = message

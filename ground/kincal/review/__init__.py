@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from kincal.flight import Terms
-from kincal.flight.tables import decode_as
+from kincal.flight import Terms, library
+from kincal.flight.tables import decode_as, encode
 from kincal.link import read_log, unpack_covariance, unsigned32
 from kincal.link.names import VERDICTS, coef_status_name, ended_text, frame_name, verdict_name
 from kincal.tables import unit_of
@@ -25,6 +25,7 @@ from . import journal as journals
 from .journal import Entry as Entry
 
 KIN_KIND = 4
+_U64 = (1 << 64) - 1
 _NAMED = 4  # damaged fields that an error names
 P_FIT_MIN = 1e-3  # below it the fit does not explain the data
 
@@ -114,13 +115,20 @@ NUMBERS = (
 
 def from_message(p: Any, names: list[str]) -> Review:
     """Plain values of a proposal_t; names: of the coefficients, from the terms table. BadInput if one of them
-    is no finite number: flight sends none."""
+    is no finite number: flight sends none; or if they are not those of the correction that it names."""
     n = p.n_coef
     if damaged := _not_finite(p):
         raise BadInput(
             f"the proposal is damaged, these are no finite numbers: {', '.join(damaged[:_NAMED])}",
             f"correction {unsigned32(p.crc):08x}",
             "take the log from the recorder again; do not decide by this one",
+        )
+    if (made := kin_crc(p)) != unsigned32(p.crc):
+        raise BadInput(
+            f"these are not the values of the correction that it names: they make table {made:08x}",
+            f"correction {unsigned32(p.crc):08x}",
+            "do not decide by this message: it was changed on the way, or somebody else sends on this "
+            "network. `kincal table dump proposal` brings the values that an approval would put in force",
         )
     names = [names[i] if i < len(names) else f"coef[{i}]" for i in range(n)]
     cov = unpack_covariance(p.cov, n)
@@ -151,6 +159,19 @@ def from_message(p: Any, names: list[str]) -> Review:
         unsigned32(p.crc_kin_before),
         ended_text(p.ended),
     )
+
+
+def kin_crc(p: Any) -> int:
+    """CRC of the kinematics table that a proposal_t describes. An approval names this CRC and nothing else,
+    so what was shown is what comes in force only if the two agree: telemetry carries no signature. BadInput
+    if it describes none."""
+    kin: Any = library("flight").ffi.new("kc_kin_t *")
+    kin.n_coef = p.n_coef
+    kin.value[0 : p.n_coef], kin.sigma[0 : p.n_coef] = p.value[: p.n_coef], p.sigma[: p.n_coef]
+    kin.arm_crc, kin.terms_crc = unsigned32(p.crc_arm), unsigned32(p.crc_terms)
+    kin.prev_crc, kin.made_us = unsigned32(p.crc_kin_before), p.t_us & _U64
+    kin.session, kin.n_poses = unsigned32(p.session), unsigned32(p.n_poses)
+    return encode("kin", kin).crc
 
 
 def _not_finite(p: Any) -> list[str]:
