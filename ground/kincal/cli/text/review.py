@@ -35,9 +35,8 @@ def proposals(out: Console, logs: Sequence[Sequence[Listed]]) -> None:
         out.print("no proposals in these logs")
 
 
-def on_board(out: Console, waits: OnBoard, signing: str = "", sending: str = "") -> None:
-    """What waits on board, and what can be decided; signing: options of the commands that see it; sending: of
-    those that decide."""
+def on_board(out: Console, waits: OnBoard, sending: str = "") -> None:
+    """What waits on board, and what can be decided; sending: options of the commands for it."""
     if not waits.crc:
         out.print(f"on board: nothing waits; state {escape(waits.state)}")
         return
@@ -46,7 +45,7 @@ def on_board(out: Console, waits: OnBoard, signing: str = "", sending: str = "")
         out.print(f"on board: the approval of {what} is armed for another {waits.left_s:.0f} s")
     else:
         out.print(f"on board: {what} waits for review")
-    seen = see_first(waits.crc, options=signing)
+    seen = see_first(waits.crc, "--live", sending)
     _choices(out, (seen, *choices(waits.crc, waits.verdict, (), waits.armed, sending)))
 
 
