@@ -221,6 +221,7 @@ def test_without_housekeeping_nothing_is_sent():
         (("--coefficients", "xyz"), "is no mask of coefficients"),
         (("--coefficients", "f" * 17), "is no mask of coefficients"),
         (("--joints", "4;5"), "'4;5' are no joints"),
+        (("--joints", "4", "--tables", "/"), "cannot read"),
         (("--joints", "9"), "no enabled coefficient of joint 9"),
         (("--joints", "4", "--coefficients", "f"), "two choices of coefficients"),
     ],

@@ -96,7 +96,7 @@ def test_an_event_with_a_wrong_length_is_passed_over_and_said(tmp_path, what):
     path.write_bytes(good + with_header(good, **what) + good)
     log = link.read_log(path)
     assert (log.n_messages, log.damaged) == (2, 1)
-    assert "1 damaged places of the file were passed over" in looked_at(path)
+    assert "1 damaged place of the file was passed over" in looked_at(path)
 
 
 def test_a_log_that_was_cut_is_read_up_to_there(tmp_path):
@@ -107,6 +107,26 @@ def test_a_log_that_was_cut_is_read_up_to_there(tmp_path):
     path.write_bytes(path.read_bytes()[:-1])
     log = link.read_log(path)
     assert (log.n_messages, log.damaged) == (whole.n_messages - 1, 1)
+
+
+def test_a_recording_that_goes_on_is_not_damaged(tmp_path):
+    """`kincal log` and `kincal review show --live` read the file that `kincal record` writes to."""
+    path = record(tmp_path / "growing", ("KC_EVENT", event(1, 0, 1, 1)), ("KC_EVENT", event(1, 1, 1, 1)))
+    more, file, n = path.read_bytes(), EventFile(path), 0
+    for _ in file:
+        n += 1
+        with path.open("ab") as growing:
+            growing.write(more)
+    assert (n, file.damaged) == (2, 0)
+
+
+def test_events_of_a_flight_on_the_real_clock_are_listed_in_utc(tmp_path):
+    path = record(tmp_path / "live", ("KC_EVENT", event(1_795_622_818_900_000, 0, 1, 1)))
+    assert "2026-11-25T16:06:58Z" in looked_at(path)
+    path = record(tmp_path / "simulated", ("KC_EVENT", event(12_300_000, 0, 1, 1)))
+    assert " 12.3 " in looked_at(path) and "1970" not in looked_at(path)
+    for wrong_us in (-(2**63), 2**63 - 1, 0):
+        assert "UTC" not in looked_at(record(tmp_path / "wrong", ("KC_EVENT", event(wrong_us, 0, 1, 1))))
 
 
 def test_events_that_begin_at_any_byte_are_found_again(tmp_path):

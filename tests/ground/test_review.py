@@ -246,7 +246,9 @@ def test_what_was_not_seen_is_not_approved_but_may_be_rejected(journal):
         run = decide(flight, "arm", journal)
         assert run.exit_code == EXIT_INPUT
         assert "A. Reviewer has not seen correction fedcba98" in run.output
-        assert 'kincal review show LOG --crc fedcba98 --by "A. Reviewer"' in " ".join(run.output.split())
+        said = " ".join(run.output.split())
+        assert '`kincal review show --live --by "A. Reviewer"` shows it' in said
+        assert "LOG --crc fedcba98 in place of --live" in said
         assert flight.commands == []
         assert decide(flight, "reject", journal).exit_code == 0
     lines = review.check_journal(journal)
@@ -386,12 +388,12 @@ def test_commands_that_are_listed_can_be_typed(tmp_path, journal):
         words = ["--live", "--url", flight.url, "--journal", str(journal), "--keys", str(other)]
         run = CliRunner().invoke(main, ["review", "list", *words])
         assert run.exit_code == 0, run.output
-        signing = f" --keys '{other}' --journal {journal}"
+        options = f" --keys '{other}' --journal {journal} --url '{flight.url}'"
         commands = re.findall(r"(kincal review (?:show|arm|go|reject) [^\n]*)", run.output)
         assert len(commands) == 4
+        assert commands[0].startswith("kincal review show --live ")  # no log has to be found for it
         for command in commands:
-            sending = "" if " show " in command else f" --url '{flight.url}'"
-            assert command.endswith(signing + sending), command
+            assert command.endswith(options), command
 
 
 def test_a_poor_proposal_of_a_log_is_listed_as_waiting(tmp_path, journal):

@@ -78,7 +78,7 @@ def review_list(
         with link.Link(url) as up:
             signing = _signing_options(key_file, journal)
             waits = decisions.on_board(up, timeout_s)
-            text.on_board(out, waits, signing, signing + _option("--url", url, link.DEFAULT_URL))
+            text.on_board(out, waits, signing + _option("--url", url, link.DEFAULT_URL))
     for one in found:
         text.decisions(out, one)
     text.absent(out, absent(logs, found))
@@ -273,9 +273,10 @@ def review_arm(crc: str, override: str, **given: Unpack[Decision]) -> None:
     """Approve the correction that waits on board, first step: flight is armed for this CRC, for the time that
     CONFIG says (ten minutes as shipped). Nothing is in force before `kincal review go`.
 
-    It is refused if the person named by --by has not seen the correction: `kincal review show LOG --by NAME`
-    shows it and writes that into the journal. If there are reasons to reject it, as with a poor fit, they are
-    named, and --override has to say why it is approved all the same; flight refuses a poor fit without it.
+    It is refused if the person named by --by has not seen the correction: `kincal review show --live --by
+    NAME` shows it and writes that into the journal. If there are reasons to reject it, as with a poor fit,
+    they are named, and --override has to say why it is approved all the same; flight refuses a poor fit
+    without it.
 
     \b
     Examples:

@@ -40,9 +40,10 @@ def event_bytes(number: int, utc_us: int, channel: str, data: bytes) -> bytes:
 
 @dataclass
 class EventFile:
-    """The events of a file, one after the other. skip: channels whose messages are not read; start: byte to
-    begin at, or after it where the first event there begins; damaged: places of the file, so far, that hold
-    no event. BadInput if the file cannot be read."""
+    """The events of a file, one after the other, up to where it ended when reading began: a recording grows.
+    skip: channels whose messages are not read; start: byte to begin at, or after it where the first event
+    there begins; damaged: places of the file, so far, that hold no event. BadInput if the file cannot be
+    read."""
 
     path: Path
     skip: frozenset[str] = frozenset()
@@ -62,7 +63,7 @@ class EventFile:
         # where the next event should begin; whether the one before it was one
         at, whole = max(_next_sync(file, self.start), 0) if self.start else 0, True
         file.seek(at)
-        while len(header := file.read(_HEADER.size)) == _HEADER.size:
+        while at < size and len(header := file.read(_HEADER.size)) == _HEADER.size:
             sync, _, utc_us, n_channel, n_data = _HEADER.unpack(header)
             end = at + _HEADER.size + n_channel + n_data
             known = sync == SYNC and 0 < n_channel <= MOST_CHANNEL and 0 <= n_data <= MOST_BYTES
@@ -76,7 +77,8 @@ class EventFile:
                 if at < 0:
                     return
             file.seek(at)
-        self.damaged += bool(header) and whole  # cut off
+        if at < size:
+            self.damaged += whole  # cut off
 
 
 def _next_sync(file: BinaryIO, start: int) -> int:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from kincal import tables
 from kincal.flight import library
+from kincal.flight.tables import decode_as
 from kincal_shared.errors import BadInput
 
 
@@ -14,10 +14,12 @@ def of_joints(joints: Collection[int], file: Path) -> tuple[int, str, tuple[str,
     """Mask for START, CRC of the TERMS table, and names of the enabled coefficients of these joints (from 1).
 
     BadInput if the file is no TERMS table, or has no enabled coefficient of one of the joints."""
-    image, table = tables.load(file)
-    if image.kind != "terms":
-        raise BadInput(f"this is a table of kind {image.kind}, not terms", str(file))
-    flight, mask, names = library("flight"), 0, []
+    try:
+        image, table = decode_as("terms", file.read_bytes(), str(file))
+    except OSError as error:
+        raise BadInput(f"cannot read: {error.strerror}", str(file), "name its folder by --tables") from None
+    flight, mask = library("flight"), 0
+    names: list[str] = []
     for joint in sorted(set(joints)):
         found = [
             (i, name)

@@ -305,7 +305,8 @@ def _seen(case: _Case, who: Operator) -> Entry:
             f"{who.by} has not seen correction {case.text}"
             + (f" (seen by {', '.join(sorted(others))})" if others else ""),
             str(who.journal),
-            f'`kincal review show LOG --crc {case.text} --by "{who.by}"` shows it and notes that',
+            f'`kincal review show --live --by "{who.by}"` shows it and notes that; if it was recorded '
+            f"elsewhere, LOG --crc {case.text} in place of --live",
         )
     if case.waits.verdict not in ("", seen.verdict):
         raise BadInput(

@@ -8,7 +8,10 @@ from rich.markup import escape
 from kincal.cli.text.layout import grid
 from kincal.cli.text.run import POSE_HEAD, pose_line
 from kincal.link import LogSummary, Session, crc_text, names
+from kincal.operate.snapshot import utc_text
 from kincal.results import PoseLine, length_text
+
+_REAL_CLOCK_US = range(10**15, 10**16)  # mission time that is the real clock: from 2001 to 2286
 
 
 def show(out: Console, s: LogSummary, debug: bool) -> None:
@@ -20,13 +23,16 @@ def show(out: Console, s: LogSummary, debug: bool) -> None:
         rows.add_row(escape(name), f"{n}{note}")
     out.print(rows)
     if s.damaged:
-        out.print(f"[yellow]{s.damaged} damaged places of the file were passed over[/]")
+        places = "place of the file was" if s.damaged == 1 else "places of the file were"
+        out.print(f"[yellow]{s.damaged} damaged {places} passed over[/]")
     for session in s.sessions.values():
         _session(out, session)
-    rows = grid("\nEvents", "time [s]", "severity", "text", right=(0,))
+    real = all(e.t_us in _REAL_CLOCK_US for e in s.events)
+    rows = grid("\nEvents", "UTC" if real else "time [s]", "severity", "text", right=(0,))
     for e in s.events:
         if e.severity != "debug" or debug:
-            rows.add_row(f"{e.t_us * 1e-6:.1f}", e.severity, escape(e.text))
+            when = utc_text(e.t_us * 1e-6)[:19] + "Z" if real else f"{e.t_us * 1e-6:.1f}"
+            rows.add_row(when, e.severity, escape(e.text))
     out.print(rows)
     refused = [a for a in s.acks if a.status != 0]
     out.print(f"\n{len(s.commands)} commands, {len(s.acks)} answers, {len(refused)} refused")

@@ -56,9 +56,8 @@ def history(out: Console, found: History, trends: Sequence[Trend], entries: Sequ
     out.print(rows)
 
 
-def on_board(out: Console, waits: OnBoard, signing: str = "", sending: str = "") -> None:
-    """What waits on board, and what can be decided; signing: options of the commands that see it; sending: of
-    those that decide."""
+def on_board(out: Console, waits: OnBoard, sending: str = "") -> None:
+    """What waits on board, and what can be decided; sending: options of the commands for it."""
     if not waits.crc:
         out.print(f"on board: nothing waits; state {escape(waits.state)}")
         return
@@ -68,7 +67,7 @@ def on_board(out: Console, waits: OnBoard, signing: str = "", sending: str = "")
         out.print(f"on board: the approval of {what} is armed{key} for another {waits.left_s:.0f} s")
     else:
         out.print(f"on board: {what} waits for review")
-    seen = see_first(waits.crc, options=signing)
+    seen = see_first(waits.crc, "--live", sending)
     found = choices(waits.crc, waits.verdict, (), waits.armed, sending, _second(waits))
     _choices(out, (seen, *found))
 
