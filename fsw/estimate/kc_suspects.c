@@ -26,7 +26,7 @@ typedef struct {
 /* What the biases of a set do to the tool. */
 typedef struct {
     double a[TOGETHER][6]; /* derivative of its pose by each of them */
-    double d[3], R[9];     /* shift and turn */
+    double d[3], R[9]; /* shift and turn */
 } moved_t;
 
 /* The next joint, joint j at place i, moves the tool by a bias, after the places before it did. Its row c is (z x
@@ -120,9 +120,7 @@ static void sums(const kc_monitor_t *m, uint32_t n, set_t *f)
             shared2[i] += s2;
         }
     }
-    for (uint32_t i = 0u; i < f->n; i++) {
-        f->var[i] = f->info[i][i] + shared[i] * shared[i] - shared2[i];
-    }
+    for (uint32_t i = 0u; i < f->n; i++) { f->var[i] = f->info[i][i] + shared[i] * shared[i] - shared2[i]; }
 }
 
 /* Part of its information that the set's first joint keeps if the biases of all are unknown; both keep the same. */
@@ -180,8 +178,10 @@ static double trust(const set_t *f)
 /* Logarithm of the weight but for a constant. */
 static double log_weight(const set_t *f, double trusted)
 {
-    const double volume = 0.5 * kc_log(2.0 * KC_PI) - kc_log(2.0 * KC_SUSPECT_BIAS); /* of a bias, at information 1 */
-    double w = -0.5 * trusted * f->rest + (double)(f->n - 1u) * kc_log(KC_SUSPECT_ODDS) - 0.5 * kc_log(kept(f));
+    const double volume = 0.5 * kc_log(2.0 * KC_PI) -
+                          kc_log(2.0 * KC_SUSPECT_BIAS); /* of a bias, at information 1 */
+    double w = -0.5 * trusted * f->rest + (double)(f->n - 1u) * kc_log(KC_SUSPECT_ODDS) -
+               0.5 * kc_log(kept(f));
     for (uint32_t i = 0u; i < f->n; i++) { w += volume - 0.5 * kc_log(trusted * f->info[i][i]); }
     return w;
 }
@@ -193,14 +193,14 @@ static uint32_t explain(const kc_monitor_t *m, uint32_t n, set_t *set)
     uint32_t count = 0u;
     for (uint32_t j = 0u; j < m->n_joints; j++) {
         one[j] = (set_t){.n = 1u, .joint = {j}};
-        bool told = fit(m, n, STEPS_ONE, &one[j]);
-        if (told && kc_chi2_sf(one[j].rest, 6u * n - 1u) >= KC_MON_P_REST) { set[count++] = one[j]; }
+        bool known = fit(m, n, STEPS_ONE, &one[j]);
+        if (known && kc_chi2_sf(one[j].rest, 6u * n - 1u) >= KC_MON_P_REST) { set[count++] = one[j]; }
         for (uint32_t i = 0u; i < j; i++) {
             set_t two = {.n = TOGETHER, .joint = {j, i}};
             uint32_t better = one[j].rest <= one[i].rest ? 0u : 1u;
             two.bias[better] = better == 0u ? one[j].bias[0] : one[i].bias[0];
-            told = fit(m, n, STEPS_TWO, &two);
-            if (told && kc_chi2_sf(two.rest, 6u * n - TOGETHER) >= KC_MON_P_REST) { set[count++] = two; }
+            known = fit(m, n, STEPS_TWO, &two);
+            if (known && kc_chi2_sf(two.rest, 6u * n - TOGETHER) >= KC_MON_P_REST) { set[count++] = two; }
         }
     }
     return count;

@@ -323,7 +323,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "observation {got:count}, on the way to pose {index:pose}, rejected as an outlier",                    \
       "None if rare; otherwise diagnose the log (kincal model diagnose).")                                   \
     X(151, CAL_EXTRA_OUTLIER_ACCEPTED, INFO,                                                                 \
-      "observation {got:count}, on the way to pose {index:pose}, fits again: no longer rejected", "")                 \
+      "observation {got:count}, on the way to pose {index:pose}, fits again: no longer rejected", "")        \
     X(170, MON_SEVERAL, WARN,                                                                                \
       "joints {got:joints} appear to be off together, joint {index:joint} most certainly; joints that may "  \
       "be meant: {want:joints}",                                                                             \
@@ -334,10 +334,12 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "START without suspects, or take observations until MON_SUSPECT or MON_SEVERAL.")                      \
     X(172, CAL_SUSPECTS, INFO,                                                                               \
       "the calibration starts from what the monitor suspects: joints {got:joints}; that may be meant: "      \
-      "{want:joints}", "")                                                                                   \
+      "{want:joints}",                                                                                       \
+      "")                                                                                                    \
     X(173, CAL_SUSPECTS_DROPPED, WARN,                                                                       \
       "after {index:count} poses the suspicion alone does not explain the observations (p = {got:number}, "  \
-      "at least {want:number}); the calibration goes on as without it", "")
+      "at least {want:number}); the calibration goes on as without it",                                      \
+      "")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;

@@ -586,7 +586,7 @@ class ConfigSource(Source):
     stops_max: Natural = 2
     """Stops on the way to each candidate, of those that the SPACE table has; 0: none."""
     rest_part: Real = 0.01
-    """START from the monitor's suspects: sigma of what is not suspected, part of its scale, unless KIN's is larger."""
+    """START from the monitor's suspects: sigma of what is not suspected, part of its scale."""
     servo: ServoBlock
     """Servo."""
     est: EstimatorBlock
