@@ -192,7 +192,7 @@ static uint32_t explain(const kc_monitor_t *m, uint32_t n, set_t *set)
     set_t one[KC_JOINT_MAX];
     uint32_t count = 0u;
     for (uint32_t j = 0u; j < m->n_joints; j++) {
-        one[j] = (set_t){.n = 1u, .joint = {j}};
+        one[j] = (set_t){.n = 1u, .joint = {j, 0u}};
         bool known = fit(m, n, STEPS_ONE, &one[j]);
         if (known && kc_chi2_sf(one[j].rest, 6u * n - 1u) >= KC_MON_P_REST) { set[count++] = one[j]; }
         for (uint32_t i = 0u; i < j; i++) {
@@ -245,6 +245,7 @@ void kc_suspects_weigh(const kc_monitor_t *m, uint32_t n_obs, kc_suspects_t *s)
 uint64_t kc_suspects_cost(const kc_monitor_t *m)
 {
     const uint64_t n = m->n < KC_SUSPECT_OBS ? m->n : KC_SUSPECT_OBS, joints = m->n_joints;
-    const uint64_t one = 3000u * (STEPS_ONE + 1u), two = 6500u * (STEPS_TWO + 1u);
-    return n * joints * (one + (joints - 1u) / 2u * two + two / 2u) + 12000u * SETS;
+    const uint64_t sums_one = STEPS_ONE + 1u, sums_two = STEPS_TWO + 1u, sets = SETS;
+    const uint64_t one = 3000u * sums_one, two = 6500u * sums_two;
+    return n * joints * (one + (joints - 1u) / 2u * two + two / 2u) + 12000u * sets;
 }
