@@ -100,7 +100,7 @@ static double dot6(const double a[6], const double b[6])
 /* Sums over the newest n observations at the set's biases. */
 static void sums(const kc_monitor_t *m, uint32_t n, set_t *f)
 {
-    double shared[TOGETHER] = {0.0}, shared2[TOGETHER] = {0.0};
+    double shared[TOGETHER] = {0.0, 0.0}, shared2[TOGETHER] = {0.0, 0.0};
     f->rest = 0.0;
     memset(f->grad, 0, sizeof f->grad);
     memset(f->info, 0, sizeof f->info);
@@ -197,8 +197,11 @@ static uint32_t explain(const kc_monitor_t *m, uint32_t n, set_t *set)
         if (known && kc_chi2_sf(one[j].rest, 6u * n - 1u) >= KC_MON_P_REST) { set[count++] = one[j]; }
         for (uint32_t i = 0u; i < j; i++) {
             set_t two = {.n = TOGETHER, .joint = {j, i}};
-            uint32_t better = one[j].rest <= one[i].rest ? 0u : 1u;
-            two.bias[better] = better == 0u ? one[j].bias[0] : one[i].bias[0];
+            if (one[j].rest <= one[i].rest) {
+                two.bias[0] = one[j].bias[0];
+            } else {
+                two.bias[1] = one[i].bias[0];
+            }
             known = fit(m, n, STEPS_TWO, &two);
             if (known && kc_chi2_sf(two.rest, 6u * n - TOGETHER) >= KC_MON_P_REST) { set[count++] = two; }
         }
