@@ -10,8 +10,7 @@ All poses that this calibration visits count, the local initial ones too. Truth 
 Cases
 - one: the encoder of a joint slipped, by 0.3 to the whole of its error bound
 - two: those of two joints did
-- built: one slipped, and every DH error of the arm is what is known of one that is not suspected: normal, with
-  rest_part (0.01) of its scale
+- left: one slipped, and every DH error is off by what a calibration leaves (normal, 0.1 mrad and 0.05 mm)
 - bent, other, healthy: the suspicion is wrong. While the monitor observes, the encoder of a joint is off as
   in `one`; from START on it is right again, and instead a link is bent, turned or longer (alpha, a, d of a
   joint, by 0.3 to the whole of its bound), the encoder of another joint is off, or nothing is
@@ -38,13 +37,13 @@ from kincal_sim.scenario import ArmTruth, Scenario, load
 from kincal_sim.vision.imagers import fast_imager
 from kincal_sim.world import World
 
-CASES = ("one", "two", "built", "bent", "other", "healthy")
+CASES = ("one", "two", "left", "bent", "other", "healthy")
 BOUND = read_toml(study.ROOT / "tables" / "src" / "space.toml")["error_bounds"]
 SPACE = codec.decode_as("space", (TABLES / "space.tbl").read_bytes())[1]
 TICK_US, SETTLE_TICKS, FRAME_TICKS = 100_000, 6, 5
 OBSERVATIONS_MAX, POSES = 12, 4  # before the alarm; besides the local initial poses
 LIMIT_MM, LIMIT_MRAD = 1.0, 5.0
-AS_BUILT = {"phi_rad": 1e-3, "alpha_rad": 1e-3, "a_m": 5e-4, "d_m": 5e-4}
+LEFT = {"phi_rad": 1e-4, "alpha_rad": 1e-4, "a_m": 5e-5, "d_m": 5e-5}
 Job = tuple[str, bool, int]
 
 
@@ -55,10 +54,10 @@ def scenarios_of(case: str, seed: int) -> tuple[Scenario, Scenario, list[int]]:
     joints = [int(j) for j in rng.choice(7, 2, replace=False)]
     off = sorted(joints) if case == "two" else joints[:1]
     slipped = _arm(case, {f"J{j + 1}": size(_bound("phi_rad", j)) for j in off})
-    if case == "built":
-        built = {f"J{j}.{name}": float(rng.normal(0, s)) for j in range(1, 8) for name, s in AS_BUILT.items()}
-        slipped = _arm(case, dict(slipped.arm.encoder_bias_rad), built)
-    if case in ("one", "two", "built"):
+    if case == "left":
+        left = {f"J{j}.{name}": float(rng.normal(0, s)) for j in range(1, 8) for name, s in LEFT.items()}
+        slipped = _arm(case, dict(slipped.arm.encoder_bias_rad), left)
+    if case in ("one", "two", "left"):
         return slipped, slipped, off
     bias, errors = {}, {}
     if case == "other":
