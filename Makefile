@@ -287,7 +287,7 @@ pictures: setup build ## docs/img made again: the sheet of a run through pixels,
 
 # ---- running ------------------------------------------------------------------------------------------
 
-.PHONY: demo hil bench bench-samples blind study montecarlo sigma camera-chain campaign-faults assurance occlusion real halves
+.PHONY: demo hil bench bench-samples blind study alarm montecarlo sigma camera-chain campaign-faults assurance occlusion real halves
 demo: setup-demo build ## the paper's error set through pixels; picture and report in build/demo
 	.venv/bin/kincal run sim/scenarios/paper.toml --accept ground --out $(BUILD)/demo
 
@@ -315,6 +315,9 @@ sigma: setup build ## calibrations through pixels: is the stated sigma what the 
 .PHONY: sigma-short
 sigma-short: ## a few of them
 	$(Q)$(MAKE) sigma RUNS=8
+
+alarm: setup core ## from the monitor's alarm to a calibrated arm: visits, and what a wrong suspicion does (SEEDS, FIRST)
+	.venv/bin/python tests/bench/alarm.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(FIRST),--first $(FIRST))
 
 montecarlo: setup core ## thousands of recalibrations of wrong arms: contacts, unverified commands, how they end (RUNS, OUTSIDE, SEED)
 	.venv/bin/python tests/bench/montecarlo.py $(if $(RUNS),--runs $(RUNS)) $(if $(OUTSIDE),--outside $(OUTSIDE)) $(if $(SEED),--seed $(SEED))

@@ -130,10 +130,15 @@ static void weigh(kc_monitoring_t *monitoring, const kc_monitor_t *monitor, kc_o
 void kc_monitoring_evaluate(kc_monitoring_t *monitoring, const kc_monitor_t *monitor, const kc_view_t *view,
                             kc_work_t *work, kc_out_t *out)
 {
-    if (!kc_monitoring_wants(view) || changed(monitoring, view)) { monitoring->due = monitoring->weigh = false; }
-    if (monitoring->weigh && kc_work_take(work, kc_suspects_cost(monitor))) {
-        weigh(monitoring, monitor, out);
-    } else if (monitoring->due && !monitoring->weigh && kc_work_take(work, kc_monitor_evaluate_cost(monitor))) {
+    if (!kc_monitoring_wants(view) || changed(monitoring, view)) {
+        monitoring->due = false;
+        monitoring->weigh = false;
+    }
+    if (monitoring->weigh) {
+        if (kc_work_take(work, kc_suspects_cost(monitor))) { weigh(monitoring, monitor, out); }
+        return;
+    }
+    if (monitoring->due && kc_work_take(work, kc_monitor_evaluate_cost(monitor))) {
         evaluate(monitoring, monitor, out);
     }
 }

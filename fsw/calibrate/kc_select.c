@@ -177,9 +177,9 @@ static void leave(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena,
     kc_plan_begin(plan, &view->tables->space, acq->best);
     if (!informed(cal)) {
         choose(&arena->choice, acq->best);
-    } else if (!by_suspects(cal, arena, view)) {
-        acquired(cal, arena);
+        return;
     }
+    if (!by_suspects(cal, arena, view)) { acquired(cal, arena); }
 }
 
 /* The local initial pose of the largest gain among those that are predicted safe; without one, that of the table. */
@@ -200,14 +200,14 @@ static void choose_local(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t 
 static void informed_of(kc_cal_t *cal, kc_plan_t *plan, kc_arena_calibration_t *arena, const kc_view_t *view,
                         kc_out_t *out)
 {
-    kc_choice_t *ch = &arena->choice;
+    const kc_choice_t *ch = &arena->choice;
     if (ch->part == LOCAL) {
         choose_local(cal, plan, arena, view);
     } else if (ch->part == INFORMATION && ch->initial) {
         leave(cal, plan, arena, view, out);
-    } else if (ch->part == SUSPECTED || !by_suspects(cal, arena, view)) {
-        acquired(cal, arena);
-    } else { /* once more */
+    } else {
+        bool once_more = ch->part == INFORMATION && by_suspects(cal, arena, view);
+        if (!once_more) { acquired(cal, arena); }
     }
 }
 

@@ -1,4 +1,4 @@
-/* A calibration that starts from the monitor's suspects (METHOD.md 5.2).
+/* A calibration that starts from the monitor's suspects (METHOD.md 5.3).
  *
  * The chance that the encoder of a joint slipped becomes the prior of its offset: with it the offset lies anywhere
  * between its bounds, else, as every other coefficient, it is near the correction in force, by the sigma of KIN and at

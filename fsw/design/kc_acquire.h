@@ -55,7 +55,8 @@ typedef struct {
     double
         safe_m; /* a candidate where the tool's position is less certain than this (1 sigma) is taken only if
                       all are: then the most certain one. 0: they are all alike */
-    uint8_t *only_safe; /* not NULL: usable, out of which candidates are taken that are not as certain as that */
+    uint8_t
+        *only_safe; /* not NULL: usable, out of which candidates are taken that are not as certain as that */
     const float
         *cost; /* of each candidate, > 0: the gain is taken per unit of it (vopt: that of the logarithm of
                           the variance); NULL: the gain alone */

@@ -26,7 +26,7 @@ typedef struct {
 /* What the biases of a set do to the tool. */
 typedef struct {
     double a[TOGETHER][6]; /* derivative of its pose by each of them */
-    double d[3], R[9];     /* shift and turn */
+    double d[3], R[9]; /* shift and turn */
 } moved_t;
 
 /* The next joint, joint j at place i, moves the tool by a bias, after the places before it did. Its row c is (z x
@@ -100,7 +100,7 @@ static double dot6(const double a[6], const double b[6])
 /* Sums over the newest n observations at the set's biases. */
 static void sums(const kc_monitor_t *m, uint32_t n, set_t *f)
 {
-    double shared[TOGETHER] = {0.0}, shared2[TOGETHER] = {0.0};
+    double shared[TOGETHER] = {0.0, 0.0}, shared2[TOGETHER] = {0.0, 0.0};
     f->rest = 0.0;
     memset(f->grad, 0, sizeof f->grad);
     memset(f->info, 0, sizeof f->info);
@@ -120,9 +120,7 @@ static void sums(const kc_monitor_t *m, uint32_t n, set_t *f)
             shared2[i] += s2;
         }
     }
-    for (uint32_t i = 0u; i < f->n; i++) {
-        f->var[i] = f->info[i][i] + shared[i] * shared[i] - shared2[i];
-    }
+    for (uint32_t i = 0u; i < f->n; i++) { f->var[i] = f->info[i][i] + shared[i] * shared[i] - shared2[i]; }
 }
 
 /* Part of its information that the set's first joint keeps if the biases of all are unknown; both keep the same. */
@@ -180,8 +178,10 @@ static double trust(const set_t *f)
 /* Logarithm of the weight but for a constant. */
 static double log_weight(const set_t *f, double trusted)
 {
-    const double volume = 0.5 * kc_log(2.0 * KC_PI) - kc_log(2.0 * KC_SUSPECT_BIAS); /* of a bias, at information 1 */
-    double w = -0.5 * trusted * f->rest + (double)(f->n - 1u) * kc_log(KC_SUSPECT_ODDS) - 0.5 * kc_log(kept(f));
+    const double volume = 0.5 * kc_log(2.0 * KC_PI) -
+                          kc_log(2.0 * KC_SUSPECT_BIAS); /* of a bias, at information 1 */
+    double w = -0.5 * trusted * f->rest + (double)(f->n - 1u) * kc_log(KC_SUSPECT_ODDS) -
+               0.5 * kc_log(kept(f));
     for (uint32_t i = 0u; i < f->n; i++) { w += volume - 0.5 * kc_log(trusted * f->info[i][i]); }
     return w;
 }
@@ -192,15 +192,18 @@ static uint32_t explain(const kc_monitor_t *m, uint32_t n, set_t *set)
     set_t one[KC_JOINT_MAX];
     uint32_t count = 0u;
     for (uint32_t j = 0u; j < m->n_joints; j++) {
-        one[j] = (set_t){.n = 1u, .joint = {j}};
-        bool told = fit(m, n, STEPS_ONE, &one[j]);
-        if (told && kc_chi2_sf(one[j].rest, 6u * n - 1u) >= KC_MON_P_REST) { set[count++] = one[j]; }
+        one[j] = (set_t){.n = 1u, .joint = {j, 0u}};
+        bool known = fit(m, n, STEPS_ONE, &one[j]);
+        if (known && kc_chi2_sf(one[j].rest, 6u * n - 1u) >= KC_MON_P_REST) { set[count++] = one[j]; }
         for (uint32_t i = 0u; i < j; i++) {
             set_t two = {.n = TOGETHER, .joint = {j, i}};
-            uint32_t better = one[j].rest <= one[i].rest ? 0u : 1u;
-            two.bias[better] = better == 0u ? one[j].bias[0] : one[i].bias[0];
-            told = fit(m, n, STEPS_TWO, &two);
-            if (told && kc_chi2_sf(two.rest, 6u * n - TOGETHER) >= KC_MON_P_REST) { set[count++] = two; }
+            if (one[j].rest <= one[i].rest) {
+                two.bias[0] = one[j].bias[0];
+            } else {
+                two.bias[1] = one[i].bias[0];
+            }
+            known = fit(m, n, STEPS_TWO, &two);
+            if (known && kc_chi2_sf(two.rest, 6u * n - TOGETHER) >= KC_MON_P_REST) { set[count++] = two; }
         }
     }
     return count;
@@ -245,6 +248,7 @@ void kc_suspects_weigh(const kc_monitor_t *m, uint32_t n_obs, kc_suspects_t *s)
 uint64_t kc_suspects_cost(const kc_monitor_t *m)
 {
     const uint64_t n = m->n < KC_SUSPECT_OBS ? m->n : KC_SUSPECT_OBS, joints = m->n_joints;
-    const uint64_t one = 3000u * (STEPS_ONE + 1u), two = 6500u * (STEPS_TWO + 1u);
-    return n * joints * (one + (joints - 1u) / 2u * two + two / 2u) + 12000u * SETS;
+    const uint64_t sums_one = STEPS_ONE + 1u, sums_two = STEPS_TWO + 1u, sets = SETS;
+    const uint64_t one = 3000u * sums_one, two = 6500u * sums_two;
+    return n * joints * (one + (joints - 1u) / 2u * two + two / 2u) + 12000u * sets;
 }

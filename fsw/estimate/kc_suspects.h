@@ -18,11 +18,11 @@
 #define KC_SUSPECT_MIN 0.01 /* least chance of a joint that is named among those that may be meant */
 
 typedef struct {
-    uint32_t n_obs;    /* observations behind it; 0: nothing to weigh */
-    uint32_t joints;   /* the most probable set, bit per joint; 0: no set explains the observations */
+    uint32_t n_obs; /* observations behind it; 0: nothing to weigh */
+    uint32_t joints; /* the most probable set, bit per joint; 0: no set explains the observations */
     uint32_t suspects; /* bit per joint whose chance is KC_SUSPECT_MIN or more */
     double chance[KC_JOINT_MAX];
-    double bias[KC_JOINT_MAX];  /* of the most probable set: true joint - reading [rad or m] ... */
+    double bias[KC_JOINT_MAX]; /* of the most probable set: true joint - reading [rad or m] ... */
     double sigma[KC_JOINT_MAX]; /* ... and its sigma, shared part of the noise included; else 0 */
     double p_rest; /* probability of the residuals that the most probable set leaves */
 } kc_suspects_t;

@@ -61,8 +61,9 @@ GROUND_WAIT_S = 1800.0  # with --accept ground: somebody listens and will decide
 class Executive:
     """One calibration. tick(now_us, messages) is called ten times a second; `send` publishes a command.
 
-    Phases: HELLO (wait for heartbeat, arm and pan-tilt unit) -> (WATCH, wait for an alarm ->) START -> RUN -> DECIDE (policy) -> ARM -> GO
-    -> END, or GROUND (somebody else decides) -> END, and from START and RUN ABORT -> END.
+    Phases: HELLO (wait for heartbeat, arm and pan-tilt unit) -> (WATCH, wait for an alarm ->) START -> RUN
+    -> DECIDE (policy) -> ARM -> GO -> END, or GROUND (somebody else decides) -> END, and from START and RUN
+    ABORT -> END.
 
     seed: of flight's random acquisition; acquisition, poses: instead of the scenario's; first_seq: number of
     the first command. result: set when it is over, see record().

@@ -415,6 +415,19 @@ def test_prismatic_joints_are_shown_in_millimetres():
     assert text["monitor"] == "joint 2 reads wrong by 4 mm ± 0.5 mm"
 
 
+def test_joints_that_are_off_together_are_shown_with_their_probabilities():
+    s, m = Snapshot(), hk(mon_state=3, mon_joint=2)
+    m.mon_chance[1], m.mon_chance[3], m.mon_chance[5] = 1.0, 0.94, 0.009
+    s.take("KC_HK", m, 1.0, UTC)
+    text = {item.key: item.text for item in s.items(1.0)}
+    assert text["monitor"] == "joints read wrong together; probability of each: 2 (100%), 4 (94%)"
+
+
+def test_start_from_the_suspects_is_the_fourth_argument():
+    assert commands.start().arg_i == (-1, 0, 1)
+    assert commands.start(4, 20, 7, 0x3, suspects=True).arg_i == (4, 20, 7, 1)
+
+
 def test_the_index_by_state_in_operations_has_every_state_and_no_other():
     page = (ROOT / "docs" / "OPERATIONS.md").read_text()
     table = page.partition("## By state")[2].partition("## By symptom")[0]

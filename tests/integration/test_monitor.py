@@ -1,6 +1,6 @@
 """Normal operation over LCM: somebody else moves the arm and takes frames, flight only listens. When an
-encoder slips, its monitor names the joint, and a recalibration limited to it corrects it. Or the executive starts on
-the alarm, from the joints that are named; where the alarm was wrong, the calibration finds that out."""
+encoder slips, its monitor names the joint, and a recalibration limited to it corrects it. Or the executive
+starts on the alarm, from the joints that are named; where the alarm was wrong, the calibration finds out."""
 
 import pytest
 from flight import CORE, EVENT, IDLE, KIN, REVIEW, TICK_US, Flight, read_table, u32
@@ -109,8 +109,8 @@ def until_joints_are_named(operation):
 
 
 def run(f, until, commander=None, max_ticks=20_000):
-    """Events by name with their messages, up to a message on the channel `until`, which comes last; commander: gets
-    every tick."""
+    """Events by name with their messages, up to a message on the channel `until`, which comes last.
+    commander: gets every tick."""
     events = []
     for _ in range(max_ticks):
         heard = f.step()
@@ -129,7 +129,7 @@ def become(world, truth):
 
 
 def test_two_joints_slip_and_the_executive_calibrates_from_the_alarm(tmp_path):
-    """Unstowing fails, the monitor names the joints, the executive starts from them and takes the correction."""
+    """Unstowing fails, the monitor names joints, the executive starts from them and takes the correction."""
     with Flight(tmp_path / "store", "healthy") as f:
         f.start()
         f.step()
@@ -144,7 +144,11 @@ def test_two_joints_slip_and_the_executive_calibrates_from_the_alarm(tmp_path):
         assert hk.mon_state == MONITOR["SEVERAL"] and hk.mon_joint in (2, 5)
         assert min(hk.mon_chance[1], hk.mon_chance[4]) > 0.99 > 0.1 > sum(hk.mon_chance) - 2.0
 
-        ready = [("KC_ARM_STATE", kcm.arm_state_t()), ("KC_PANTILT_STATE", kcm.pantilt_state_t()), ("KC_HK", hk)]
+        ready = [
+            ("KC_ARM_STATE", kcm.arm_state_t()),
+            ("KC_PANTILT_STATE", kcm.pantilt_state_t()),
+            ("KC_HK", hk),
+        ]
         executive.tick(f.now_us, ready)
         events, p = run(f, "KC_PROPOSAL", executive)
         assert int(events["CAL_SUSPECTS"].got) == 0b10010 and "CAL_SUSPECTS_DROPPED" not in events

@@ -1,5 +1,5 @@
-"""The joints behind a finding of the monitor, and how sure, against likelihoods computed without it: residuals and
-biases by MuJoCo and differences, probabilities by scipy. Noise of 0.5 mm and 0.2 deg."""
+"""The joints behind a finding of the monitor, and how sure, against likelihoods computed without it:
+residuals, biases by MuJoCo and differences, probabilities by scipy. Noise of 0.5 mm and 0.2 deg."""
 
 from itertools import combinations
 
@@ -69,7 +69,7 @@ class Case:
         return (np.hstack([self.p - p, turn]) / SIGMA).ravel()
 
     def fit(self, joints, b):
-        """Gauss-Newton from b: the best biases, their chi-square, and the determinant of the information there."""
+        """Gauss-Newton from b: best biases, their chi-square, determinant of the information there."""
         h, eye = 1e-6, np.eye(len(joints))
         for _ in range(8):
             r = self.residual(joints, b)
@@ -89,7 +89,12 @@ class Case:
             two.append(self.fit((i, j), np.array(start)))
         rest, info = np.array([f[1:] for f in (*one, *two)]).T
         size = np.array([len(s) for s in SETS])
-        w = -rest / 2 + (size - 1) * np.log(ODDS) + size * np.log(np.sqrt(2 * np.pi) / (2 * BIAS)) - np.log(info) / 2
+        w = (
+            -rest / 2
+            + (size - 1) * np.log(ODDS)
+            + size * np.log(np.sqrt(2 * np.pi) / (2 * BIAS))
+            - np.log(info) / 2
+        )
         w[chi2.sf(rest, 6 * len(self.q) - size) < 1e-6] = -np.inf
         w = np.exp(w - w.max())
         return w / w.sum(), rest
@@ -100,7 +105,12 @@ class Case:
         work, o, coef = ffi.new("kc_eval_t *"), ffi.new("kc_obs_t *"), np.zeros(lib.KC_COEF_MAX)
         lib.kc_monitor_init(m, arm, *floor)
         for q, R, p in zip(self.q, self.R, self.p, strict=True):
-            o.ctx.q[0:7], o.has_rot, o.p_m, o.cov = q.tolist(), 1, p.tolist(), np.diag(SIGMA**2).ravel().tolist()
+            o.ctx.q[0:7], o.has_rot, o.p_m, o.cov = (
+                q.tolist(),
+                1,
+                p.tolist(),
+                np.diag(SIGMA**2).ravel().tolist(),
+            )
             o.ctx.g_m_s2 = [0.0, 0.0, -9.81]
             o.q_wxyz = Rotation.from_matrix(R).as_quat(scalar_first=True).tolist()
             check(lib.kc_monitor_add(m, arm, terms, pointer(coef), o, work), "add")

@@ -559,7 +559,7 @@ void test_the_prior_by_bounds_is_that_of_errors_anywhere_between_them(void)
     TEST_ASSERT_EQUAL_INT(KC_OK, s_work.status);
 }
 
-void test_the_prior_of_the_estimator_is_asked_for_apart(void)
+void test_the_prior_of_the_estimator_counts_only_where_it_is_asked_for(void)
 {
     kc_acq_ask_t ask = asked(KC_ACQ_DOPT);
     given_session(&s_est, &s_arm, &s_terms, s_truth, 2u, 0.0);
@@ -578,7 +578,7 @@ void test_the_prior_of_the_estimator_is_asked_for_apart(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, usual, s_work.value); /* by it alone, if that is not asked for */
 }
 
-/* What the ground has uplinked counts like a DH error: a joint that yields is told by poses with torque about it. */
+/* What the ground has uplinked counts like a DH error: poses with torque about a joint that yields show it. */
 void test_an_uplinked_effect_counts_in_the_information(void)
 {
     kc_acq_ask_t ask = asked(KC_ACQ_DOPT);
@@ -587,8 +587,13 @@ void test_an_uplinked_effect_counts_in_the_information(void)
     answer(&ask);
     const double without = s_work.value;
     const uint32_t n = s_work.n, c = s_terms.n_coef++;
-    s_terms.coef[c] = (kc_coef_t){.name = "joint_compliance[2]", .lb = -0.01, .ub = 0.01, .scale = 0.005, .enabled = 1u};
-    s_terms.term[s_terms.n_term++] = (kc_term_t){.coef = (uint16_t)c, .frame = 1u, .comp = KC_RZ, .gain = 1.0,
+    s_terms.coef[c] =
+        (kc_coef_t){.name = "joint_compliance[2]", .lb = -0.01, .ub = 0.01, .scale = 0.005, .enabled = 1u};
+    s_terms.term[s_terms.n_term++] = (kc_term_t){
+        .coef = (uint16_t)c,
+        .frame = 1u,
+        .comp = KC_RZ,
+        .gain = 1.0,
         .basis = {{.fn = KC_FN_LIN, .var = KC_VAR_TAU, .index = 2u, .c1 = 1.0}, {.var = KC_VAR_ONE}}};
     s_est.opt.free_mask |= (uint64_t)1u << c;
     answer(&ask);

@@ -110,7 +110,9 @@ void test_biases_are_within_their_sigma(void)
         observe(4u, 1.0);
         weigh(4u);
         TEST_ASSERT_EQUAL_HEX32(0x12u, s_s.joints);
-        for (uint32_t j = 1u; j <= 4u; j += 3u) { sum2 += pow((s_s.bias[j] - s_bias[j]) / s_s.sigma[j], 2.0); }
+        for (uint32_t j = 1u; j <= 4u; j += 3u) {
+            sum2 += pow((s_s.bias[j] - s_bias[j]) / s_s.sigma[j], 2.0);
+        }
     }
     TEST_ASSERT_DOUBLE_WITHIN(0.25, 1.0, sqrt(sum2 / 120.0));
 }

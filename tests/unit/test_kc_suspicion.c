@@ -116,7 +116,8 @@ void test_the_prior_is_the_mixture_of_the_bounds_and_of_what_is_known(void)
     TEST_ASSERT_EQUAL_PTR(a->kin.value, e->prior_mean);
     for (uint32_t c = 0u; c < 28u; c++) {
         const kc_coef_t *k = &a->terms.coef[c];
-        double narrow = 0.02 * k->scale, wide = (k->ub - k->lb) / sqrt(12.0), p = c % 4u == 0u ? chance[c / 4u] : 0.0;
+        double narrow = 0.02 * k->scale, wide = (k->ub - k->lb) / sqrt(12.0),
+               p = c % 4u == 0u ? chance[c / 4u] : 0.0;
         if (c == 5u) { narrow = 0.05 * k->scale; }
         if (c == 6u) { narrow = wide; }
         double want = sqrt(p * wide * wide + (1.0 - p) * narrow * narrow);
@@ -169,7 +170,7 @@ void test_start_with_suspects_is_refused_where_there_are_none(void)
     TEST_ASSERT_EQUAL_UINT8(0u, APP->est.by_prior);
 }
 
-void test_start_takes_no_third_way(void)
+void test_start_is_with_suspects_or_without(void)
 {
     given_certain(3u);
     TEST_ASSERT_EQUAL_INT(KC_ERR_ARG, start(2));
@@ -253,7 +254,9 @@ void test_what_is_safe_is_predicted_by_the_bounds(void)
         given_certain(3u);
         TEST_ASSERT_EQUAL_INT(KC_OK, start((int32_t)k));
         to_the_end();
-        for (local[k] = 0u; world.meas[local[k]].candidate >= (int32_t)(world.space.n_cand - N_LOCAL);) { local[k]++; }
+        for (local[k] = 0u; world.meas[local[k]].candidate >= (int32_t)(world.space.n_cand - N_LOCAL);) {
+            local[k]++;
+        }
         TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_SUSPECTS_DROPPED));
     }
     TEST_ASSERT_TRUE(local[0] > 2u);
@@ -285,8 +288,9 @@ void test_the_check_of_a_suspicion_is_charged(void)
     for (uint32_t k = 0u; k < 2u; k++) {
         APP->est.by_prior = (uint8_t)(1u - k);
         kc_update_begin(&APP->update);
-        (void)kc_update_learn(&APP->update, &APP->learned, &APP->est, &APP->plan, &APP->arena.calibration, &APP->view,
-                              &work[k], &out);
+        (void)kc_update_learn(&APP->update, &APP->learned, &APP->est, &APP->plan, &APP->arena.calibration,
+                              &APP->view, &work[k], &out);
     }
-    TEST_ASSERT_TRUE(work[0].used >= work[1].used + KC_LOCAL_DOUBT_COST || work[0].used > KC_LOCAL_DOUBT_COST);
+    TEST_ASSERT_TRUE(work[0].used >= work[1].used + KC_LOCAL_DOUBT_COST ||
+                     work[0].used > KC_LOCAL_DOUBT_COST);
 }

@@ -109,8 +109,8 @@ class Calibration(Section):
     estimate_mask: Annotated[int, Count(ge=0)] = 0
     """One bit per coefficient; 0: as the configuration table says."""
     start: Literal["at_once", "alarm"] = "at_once"
-    """When the executive sends START: at once; or on the alarm of the monitor, from the joints that it names, while
-    somebody else moves the arm and takes frames."""
+    """When the executive sends START: at once; or on the alarm of the monitor, from the joints that it names,
+    while somebody else moves the arm and takes frames."""
 
 
 class Limits(Section):

@@ -586,7 +586,7 @@ class ConfigSource(Source):
     stops_max: Natural = 2
     """Stops on the way to each candidate, of those that the SPACE table has; 0: none."""
     rest_part: Real = 0.01
-    """START from the monitor's suspects: sigma of what is not suspected, part of its scale, unless KIN's is larger."""
+    """START from the monitor's suspects: sigma of what is not suspected, part of its scale."""
     no_change_power: Real = 0.99
     """With a required accuracy: a right table ends the calibration once an error that large would show with
     this probability; 0: never."""
