@@ -127,6 +127,21 @@ static void report_held(const kc_view_t *view, const kc_kin_t *kin, kc_out_t *ou
     }
 }
 
+/* Why the required accuracy was not reached, if the camera chain alone keeps it away at the poses that were measured. */
+static void report_chain(const kc_judging_t *judging, const kc_view_t *view, kc_out_t *out)
+{
+    const kc_config_t *c = &view->tables->config;
+    const kc_ended_t ended = view->cal->ended;
+    const kc_miss_t *left = &judging->chain;
+    if (ended == KC_ENDED_REQUIREMENT || ended == KC_ENDED_NO_CHANGE) { return; }
+    if (c->stop_pos_m > 0.0 && left->pos_m > c->stop_pos_m) {
+        kc_event(&out->events, KC_EVT_CAL_CHAIN_LIMIT, 0, left->pos_m, c->stop_pos_m);
+    }
+    if (c->stop_rot_rad > 0.0 && left->rot_rad > c->stop_rot_rad) {
+        kc_event(&out->events, KC_EVT_CAL_CHAIN_LIMIT, 1, left->rot_rad, c->stop_rot_rad);
+    }
+}
+
 /* ---- policy ---- */
 
 static bool bounds_active(const kc_proposal_t *proposal)
@@ -163,6 +178,7 @@ kc_outcome_t kc_propose_run(kc_judging_t *judging, kc_judge_t *judge, kc_review_
     make(judging, &judge->chain, view, p);
     p->crc = kc_review_encode(review, &p->kin, (kc_verdict_t)p->verdict);
     report_held(view, &p->kin, out);
+    report_chain(judging, view, out);
     out->has_proposal = 1u;
     *accepted = false;
     if (p->verdict == (int32_t)KC_VERDICT_NO_CHANGE) {

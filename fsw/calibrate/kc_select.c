@@ -20,7 +20,7 @@ static double bound_of(double a, double b, double confidence)
 
 /* What the stated errors of the camera chain leave of the tool however many poses are measured, before anything is
  * known of them: the place of the tags on the tool, and in the base frame that of the pan-tilt unit. Others come on top,
- * by where poses are measured: CAL_CHAIN_LIMIT says it then. */
+ * by where poses are measured: CAL_CHAIN_LIMIT says it with the proposal. */
 static void warn_unreachable(const kc_active_t *tables, kc_out_t *out)
 {
     const kc_config_t *c = &tables->config;

@@ -386,18 +386,6 @@ static bool judged(const kc_view_t *view)
            kc_fit_determined(view->est, view->learned->status);
 }
 
-/* What more poses cannot reduce is said as soon as it is known. */
-static void tell_chain(kc_learned_t *learned, const kc_config_t *c, const kc_judging_t *judging,
-                       kc_out_t *out)
-{
-    const bool far = c->stop_pos_m > 0.0 && judging->chain.pos_m > c->stop_pos_m;
-    const bool turned = c->stop_rot_rad > 0.0 && judging->chain.rot_rad > c->stop_rot_rad;
-    if (learned->chain_told || (!far && !turned)) { return; }
-    kc_event(&out->events, KC_EVT_CAL_CHAIN_LIMIT, far ? 0 : 1,
-             far ? judging->chain.pos_m : judging->chain.rot_rad, far ? c->stop_pos_m : c->stop_rot_rad);
-    learned->chain_told = true;
-}
-
 /* The one look at the table in force before the end: at the first pose after which the noise does not hide an error as
  * large as required. When that is, follows from the poses and not from what they say; what the camera chain hides, more
  * poses do not show either. */
@@ -427,7 +415,6 @@ static void decide(kc_learned_t *learned, const kc_judging_t *judging, const kc_
                    const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
-    tell_chain(learned, c, judging, out);
     look(learned, judging, judge, view, out);
     if (learned->n_checked >= c->stop_checks && kc_fit_meets(c, judging->bound) &&
         settled(learned, judging, c)) {

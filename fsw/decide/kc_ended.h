@@ -6,13 +6,14 @@
 #include <stdint.h>
 
 /* X(number, NAME, "in words"): numbers are in the proposal and never change meaning. */
-#define KC_ENDED_LIST(X)                                                                             \
-    X(1, REQUIREMENT, "the required accuracy is reached at the required confidence")                 \
-    X(2, NO_CHANGE, "the arm agrees with its table: an error as large as required would have shown") \
-    X(3, POSES, "all requested poses are measured")                                                  \
-    X(4, OBSERVATIONS, "no more observations can be held")                                           \
-    X(5, TIME, "the time budget is used up")                                                         \
-    X(6, ENERGY, "the energy budget is used up")                                                     \
+#define KC_ENDED_LIST(X)                                                                              \
+    X(1, REQUIREMENT, "the required accuracy is reached at the required confidence")                  \
+    X(2, NO_CHANGE,                                                                                   \
+      "the arm agrees with its table, and noise would not have hidden an error as large as required") \
+    X(3, POSES, "all requested poses are measured")                                                   \
+    X(4, OBSERVATIONS, "no more observations can be held")                                            \
+    X(5, TIME, "the time budget is used up")                                                          \
+    X(6, ENERGY, "the energy budget is used up")                                                      \
     X(7, CANDIDATES, "no usable candidate is left")
 
 #define KC_ENDED_ENUM_(number, name, text) KC_ENDED_##name = (number),

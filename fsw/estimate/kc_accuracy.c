@@ -32,8 +32,10 @@ void kc_accuracy_add(kc_accuracy_t *a, const kc_eval_t *eval, double (*chain)[KC
     for (uint32_t i = 0u; i < n; i++) {
         for (uint32_t j = 0u; j <= i; j++) {
             const double *x = move[i], *y = move[j];
-            a->pos[k] += (float)(x[0] * y[0] + x[1] * y[1] + x[2] * y[2]);
-            a->rot[k++] += (float)(x[3] * y[3] + x[4] * y[4] + x[5] * y[5]);
+            const double pos = x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
+            const double rot = x[3] * y[3] + x[4] * y[4] + x[5] * y[5];
+            a->pos[k] += (float)pos;
+            a->rot[k++] += (float)rot;
         }
     }
     a->n_poses++;
@@ -104,6 +106,7 @@ double kc_accuracy_dof(const kc_accuracy_t *a, const float *sums, const kc_est_t
                        const double known[KC_CHAIN_COUNT])
 {
     const double scale2 = scale * scale;
+    const uint32_t most = KC_ACCURACY_MAX;
     double mean = 0.0, half = unknown_chain(a, sums, est, scale, known, &mean);
     for (uint32_t j = 0u; j < a->n_coef; j++) {
         double trace = 0.0;
@@ -111,7 +114,7 @@ double kc_accuracy_dof(const kc_accuracy_t *a, const float *sums, const kc_est_t
         mean += scale2 * trace;
     }
     const double dof = half > 0.0 ? mean * mean / half : 1.0; /* 2 mean^2 / variance */
-    return kc_max(1.0, kc_min(dof, (double)KC_ACCURACY_MAX));
+    return kc_max(1.0, kc_min(dof, (double)most));
 }
 
 uint64_t kc_accuracy_dof_cost(const kc_est_t *est)

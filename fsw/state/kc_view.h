@@ -58,7 +58,6 @@ typedef struct {
     double f, gp_mean, gp_sigma;
     kc_miss_t pred; /* predicted sigma over the search space */
     bool looked;       /* the table in force was tested before the end */
-    bool chain_told;   /* that the camera chain alone exceeds the requirement */
     uint32_t n_checked; /* poses in a row that were predicted as well as required, before they were used */
     kc_leave_out_t leave_out; /* search for a bad detection among the local initial poses */
     uint8_t outlier_reported[KC_MEAS_MAX];

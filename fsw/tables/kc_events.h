@@ -348,9 +348,9 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
       "{want:number}: the calibration goes on",                                                              \
       "")                                                                                                    \
     X(178, CAL_CHAIN_LIMIT, WARN,                                                                            \
-      "whatever is measured, the camera chain alone leaves the tool uncertain by {got:mm/mrad}, required "   \
-      "{want:mm/mrad}",                                                                                      \
-      "The calibration goes on. Measure tags and camera better, or require less.")                           \
+      "at the measured poses the camera chain alone leaves the tool uncertain by {got:mm/mrad}, "            \
+      "required {want:mm/mrad}",                                                                             \
+      "The bound in the proposal says how good it is. Measure tags and camera better, or require less.")     \
     X(182, CMD_SAME_KEY, ERROR,                                                                              \
       "command {index:command} by key {got:count} refused: the step before it was signed by key "            \
       "{want:count}, of the same holder",                                                                    \

@@ -149,13 +149,13 @@ class RunResult:
     p_fit: float = float("nan")
     p_no_change: float = float("nan")
     noise_scale: float = float("nan")
-    ended: str = ""  # why the calibration stopped measuring
     criteria: tuple[Criterion, ...] = ()
     curves: tuple[Curve, ...] = ()
     scene: Scene | None = None
     events: tuple[str, ...] = ()  # warnings and errors
     mission_s: float = 0.0
     wall_s: float = 0.0
+    ended: str = ""  # why the calibration stopped measuring
 
     @property
     def ok(self) -> bool:

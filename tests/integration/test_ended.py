@@ -56,6 +56,7 @@ def test_a_wrong_one_is_calibrated_and_good_enough(tmp_path):
     assert p.pred_pos_m < p.bound_pos_m <= WISH["stop_pos_m"]
     assert p.bound_rot_rad <= WISH["stop_rot_rad"]
     assert p.confidence == 0.9 and p.n_checked >= 2
+    assert "CAL_CHAIN_LIMIT" not in events  # it was reached
 
 
 def test_what_the_camera_cannot_reach_is_said_and_never_claimed(tmp_path):
