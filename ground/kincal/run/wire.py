@@ -169,16 +169,27 @@ def messages(out: KcOut, t_us: int, event_seq: int) -> Iterator[Message]:
 def _message(type_name: str, source: object, /, **given: object) -> LcmMessage:
     """A message; fields that are not given are those of the struct with the same names."""
     message: LcmMessage = message_type(type_name)()
+    long = _long(_FLIGHT.ffi.typeof(source))
     for name in message_type(type_name).__slots__:
-        setattr(message, name, given[name] if name in given else _plain(getattr(source, name)))
+        sign = _signed64 if name in long else signed32
+        setattr(message, name, given[name] if name in given else _plain(getattr(source, name), sign))
     return message
 
 
-def _plain(value: Any) -> Any:
-    """A field of a struct as messages carry it: lists, and 32 bits with a sign."""
+@cache
+def _long(ctype: Any) -> frozenset[str]:
+    """Fields of a struct with 64 bits."""
+    fields = (ctype.item if ctype.kind == "pointer" else ctype).fields
+    return frozenset(
+        name for name, field in fields or () if field.type.cname.startswith(("uint64_t", "int64_t"))
+    )
+
+
+def _plain(value: Any, sign: Callable[[int], int] = signed32) -> Any:
+    """A field of a struct as messages carry it: lists, and whole numbers with a sign."""
     if isinstance(value, (int, float)):
-        return signed32(value) if isinstance(value, int) else value
-    return [_plain(x) for x in value]
+        return sign(value) if isinstance(value, int) else value
+    return [_plain(x, sign) for x in value]
 
 
 def _packed(cov: Any) -> list[float]:

@@ -178,6 +178,6 @@ function countdown() {
   const node = parts?.decide.querySelector(".countdown"), value = store.values.KC_HK;
   if (!node || !value) return;
   const left = value.data.state === "ARMED" ? value.data.approval_left_s - (now_s() - value.received_s) : 0;
-  const by = value.data.go_by ? `; GO with ${value.data.go_by}` : "";
+  const by = value.data.go_by && !parts.decide.querySelector(".other-key") ? `; GO with ${value.data.go_by}` : "";
   show(node, left > 0 ? `expires in ${Math.floor(left / 60)} min ${Math.floor(left % 60)} s${by}` : "");
 }
