@@ -128,7 +128,8 @@ def test_what_one_person_arms_another_lets_go_at_a_second_console(browser, made,
         b.get_by_role("link", name="Now").click()
         expect(b.locator(".state")).to_contain_text("left for GO with another key than key 1")
         dark(b, "two-persons-now")
-        b.go_back()
+        b.get_by_role("link", name="Corrections").click()  # as it was left
+        expect(b.locator(".document h1")).to_contain_text(crc)
         assert flight.commands == [(ARM, 1)]
         seen(b, "B. Second")
         form = b.locator("form", has=b.get_by_role("button", name="GO", exact=True))  # as it was left

@@ -22,7 +22,12 @@ export function open(root) {
   journal();
 }
 export function close() { parts = null; }
-export function at([crc]) { if (crc) { chosen = crc; load(); } else update(); }
+export function at([crc]) {
+  if (crc) chosen = crc;
+  else update();
+  if (chosen && !shown) load(); // also when the view is opened again
+  else if (crc && shown.crc !== crc) load();
+}
 export function recolour() { shown?.page.draw(); }
 
 export function update() {
