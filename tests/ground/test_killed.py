@@ -54,8 +54,8 @@ def die():
 
 
 def die_at(where, what):
-    """In this process: before or after the line `what` is written, between the line and its end mark, or after
-    the command `what` was sent."""
+    """In this process: before or after the line `what` is written, between it and its end mark, or after the
+    command `what` was sent."""
     append, write_end, send = journal.append, journal._write_end, links.CommandLink.send
 
     def appending(path, entry, signer):
@@ -175,7 +175,7 @@ def finish(flight, restarted):
     assert audit(flight).exit_code == 0, audit(flight).output
 
 
-# step, where it is killed, commands that flight has taken of it then, what is offered next, and after a restart
+# step, where it is killed, what flight has taken of it then, what is offered next, and after a restart
 DEATHS = [
     ("see", "before", "seen", [], "see", "see"),
     ("see", "between", "seen", [], "arm", "arm"),

@@ -204,6 +204,8 @@ def test_flight_refuses_what_the_tool_lets_through(flight):
         link.command("APPROVE_ARM", (flight.made.crc,), 20.0)
         with pytest.raises(CommandFailed, match="CMD_SAME_KEY"):
             link.command("APPROVE_GO", (flight.made.crc,), 20.0)
+        hk = link.wait_hk(lambda hk: hk.armed_key == 1, 20.0, "housekeeping")
+    assert 2**31 < hk.approval_left_us < 3600e6  # an hour in us has more than 32 bits
     assert flight.state == "ARMED" and flight.in_force != flight.made.crc
 
 

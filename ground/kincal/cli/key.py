@@ -16,8 +16,8 @@ def key() -> None:
     """Make, rotate and show the keys that sign commands to flight.
 
     Flight reads the key file when it starts (kincal-fsw --keys FILE) and takes commands signed with any of
-    its keys: one or two of each holder. `kincal` and the executive sign with the first. Copy the file by a way
-    that nobody else can read; each machine keeps its own counters beside it.
+    its keys: one or two of each holder. `kincal` and the executive sign with the first. Copy the file by a
+    way that nobody else can read; each machine keeps its own counters beside it.
 
     \b
     Example:

@@ -177,13 +177,14 @@ def _message(type_name: str, source: Any, /, **given: object) -> LcmMessage:
     """A message; fields that are not given are those of the struct with the same names."""
     kind = _type(type_name)
     message: LcmMessage = kind()
+    long = _long(_FLIGHT.ffi.typeof(source))
     for name in kind.__slots__:
         if name in given:
             value = given[name]
         else:
             value = getattr(source, name)
             if type(value) is not float:  # most fields
-                value = _plain(value)
+                value = _plain(value, _signed64 if name in long else signed32)
         setattr(message, name, value)
     return message
 
@@ -191,12 +192,21 @@ def _message(type_name: str, source: Any, /, **given: object) -> LcmMessage:
 _type = cache(message_type)
 
 
-def _plain(value: Any) -> Any:
-    """A field of a struct as messages carry it: lists, and 32 bits with a sign."""
+@cache
+def _long(ctype: Any) -> frozenset[str]:
+    """Fields of a struct with 64 bits."""
+    fields = (ctype.item if ctype.kind == "pointer" else ctype).fields
+    return frozenset(
+        name for name, field in fields or () if field.type.cname.startswith(("uint64_t", "int64_t"))
+    )
+
+
+def _plain(value: Any, sign: Callable[[int], int] = signed32) -> Any:
+    """A field of a struct as messages carry it: lists, and whole numbers with a sign."""
     if isinstance(value, (int, float)):
-        return signed32(value) if isinstance(value, int) else value
+        return sign(value) if isinstance(value, int) else value
     values = list(value)
-    return values if type(values[0]) is float else [_plain(x) for x in values]
+    return values if type(values[0]) is float else [_plain(x, sign) for x in values]
 
 
 def _packed(cov: Any) -> list[float]:

@@ -24,7 +24,12 @@ export function open(root) {
   journal();
 }
 export function close() { parts = null; }
-export function at([crc]) { if (crc) { chosen = crc; load(); } else update(); }
+export function at([crc]) {
+  if (crc) chosen = crc;
+  else update();
+  if (chosen && !shown) load(); // also when the view is opened again
+  else if (crc && shown.crc !== crc) load();
+}
 export function recolour() { shown?.page.draw(); }
 
 export function update() {
@@ -181,6 +186,6 @@ function countdown() {
   const node = parts?.decide.querySelector(".countdown"), value = store.values.KC_HK;
   if (!node || !value) return;
   const left = value.data.state === "ARMED" ? value.data.approval_left_s - (now_s() - value.received_s) : 0;
-  const by = value.data.go_by ? `; GO with ${value.data.go_by}` : "";
+  const by = value.data.go_by && !parts.decide.querySelector(".other-key") ? `; GO with ${value.data.go_by}` : "";
   show(node, left > 0 ? `expires in ${Math.floor(left / 60)} min ${Math.floor(left % 60)} s${by}` : "");
 }

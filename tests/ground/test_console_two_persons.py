@@ -1,0 +1,192 @@
+"""Decisions in a real browser, at the consoles of two persons: two keys, a poor fit, reject, roll back."""
+
+import contextlib
+import threading
+
+import pytest
+import uvicorn
+from playwright.sync_api import expect
+from test_console_browser import (
+    Served,
+    browser,  # noqa: F401 the fixture
+    opened,
+    pytestmark,  # noqa: F401 as there: without Chromium nothing runs
+    serious,
+    shot,
+)
+from waiting_flight import WaitingFlight, proposed
+
+import kcm
+from kincal.console.app import Console, make_app
+from kincal.console.desk import Desk
+from kincal.console.geometry import Geometry
+from kincal.console.picture import Picture
+from kincal.console.sources import Live
+from kincal.review import journal
+from kincal_shared import keys
+
+ARM, GO, REJECT, ROLLBACK = (
+    getattr(kcm.cmd_t, n) for n in ("APPROVE_ARM", "APPROVE_GO", "REJECT", "ROLLBACK")
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return proposed(tmp_path_factory.mktemp("proposed"))
+
+
+class Seat(Served):
+    """A console of a person with a key file, which has heard the proposal; both write into one journal."""
+
+    def __init__(self, flight, key_file, folder):
+        self.key_file, self.journal = key_file, folder / "journal.jsonl"
+        super().__init__(flight, folder)
+
+    def start(self):
+        geometry = Geometry(self.flight.tables)
+        self.picture = Picture(geometry)
+        for channel, message in self.flight.proposal():
+            self.picture.add(channel, message)
+        desk = Desk(self.flight.url, self.key_file, self.journal, self.flight.tables, self.picture, 20.0)
+        app = make_app(Console(self.flight.url, geometry, self.picture, desk), self.access)
+        config = uvicorn.Config(app, port=self.access.port, log_level="error", timeout_graceful_shutdown=1)
+        self._server = uvicorn.Server(config)
+        self._live = contextlib.ExitStack()
+        self._live.enter_context(Live(self.flight.url, self.picture))
+        self._thread = threading.Thread(target=self._server.run, daemon=True)
+        self._thread.start()
+        while not self._server.started:
+            pass
+
+
+@contextlib.contextmanager
+def two_seats(browser, flight, folder):  # noqa: F811
+    """Pages of both persons, at the correction that waits."""
+    with contextlib.ExitStack() as stack:
+        pages = []
+        for key_file in (flight.first, flight.second):
+            seat = Seat(flight, key_file, folder)
+            stack.callback(seat.stop)
+            page = stack.enter_context(opened(browser, seat))
+            page.get_by_role("link", name="Corrections").click()
+            expect(page.locator(".document h1")).to_contain_text(flight.made.text)
+            pages.append(page)
+        yield pages
+
+
+def seen(page, by):
+    page.locator("form.seen input").fill(by)
+    page.get_by_role("button", name="I have seen it").click()
+    expect(page.locator(".steps li").first).to_contain_text(by)
+
+
+def act(page, opens, name, **words):
+    """Both clicks of an action, with its words."""
+    page.get_by_role("button", name=opens).click()
+    form = page.locator("form", has=page.get_by_role("button", name=name, exact=True))
+    for field, text in words.items():
+        form.locator(f"input[name={field}]").fill(text)
+    form.get_by_role("button", name=name, exact=True).click()
+
+
+def dark(page, name):
+    """A picture in both sets of colours."""
+    shot(page, f"{name}-light")
+    page.emulate_media(color_scheme="dark")
+    shot(page, f"{name}-dark")
+    page.emulate_media(color_scheme="light")
+
+
+def test_what_one_person_arms_another_lets_go_at_a_second_console(browser, made, tmp_path):  # noqa: F811
+    with WaitingFlight(made, tmp_path, tick_s=0.02) as flight, two_seats(browser, flight, tmp_path) as (a, b):
+        crc, before = made.text, flight.in_force
+        for page in (a, b):
+            expect(page.locator(".decide")).to_contain_text(
+                "Two persons: GO has to be given with a key of another"
+            )
+        seen(a, "A. First")
+        act(a, "Arm the approval", "ARM", by="A. First", why="clean")
+        for page in (a, b):  # both say the same, whoever armed it
+            expect(page.locator(".decide .steps")).to_contain_text("armed by key 1")
+            expect(page.locator(".countdown")).to_contain_text("expires in")
+            expect(page.locator(".decide .steps")).to_contain_text(
+                "with another key than key 1, of another holder"
+            )
+        expect(a.locator(".other-key")).to_contain_text("GO has to be given with another key than key 1")
+        expect(a.locator(".other-key")).to_contain_text("This console signs with key 1")
+        expect(a.get_by_role("button", name="Put it in force")).to_be_disabled()
+        expect(b.locator(".other-key")).to_have_count(0)
+        assert serious(a) == [] and serious(b) == []
+        dark(a, "two-persons-first")
+        left = a.locator(".countdown").inner_text()
+        expect(a.locator(".countdown")).not_to_have_text(left)  # it counts down
+
+        act(b, "Put it in force", "GO", by="B. Second", why="agreed")
+        expect(b.locator("#said")).to_contain_text("B. Second has not seen correction")
+        b.reload()
+        expect(b.locator(".document h1")).to_contain_text(crc)
+        b.get_by_role("link", name="Now").click()
+        expect(b.locator(".state")).to_contain_text("left for GO with another key than key 1")
+        dark(b, "two-persons-now")
+        b.get_by_role("link", name="Corrections").click()  # as it was left
+        expect(b.locator(".document h1")).to_contain_text(crc)
+        assert flight.commands == [(ARM, 1)]
+        seen(b, "B. Second")
+        form = b.locator("form", has=b.get_by_role("button", name="GO", exact=True))  # as it was left
+        expect(form.locator("input[name=why]")).to_have_value("agreed")
+        form.get_by_role("button", name="GO", exact=True).click()
+        for page in (a, b):
+            expect(page.locator(".force code")).to_have_text(crc)
+            expect(page.locator(".decide")).to_contain_text("In force. Nothing to decide.")
+        expect(b.locator(".journal")).to_contain_text(f"approve {crc} B. Second, key 101 (armed by key 1)")
+        dark(b, "two-persons-in-force")
+
+        # back to what was in force: one person, with what it changes back
+        a.get_by_role("button", name="Roll back").click()
+        expect(a.locator(".force .preview")).to_contain_text("What changes back")
+        a.locator(".force form input[name=why]").fill("tool misses")
+        dark(a, "two-persons-roll-back")
+        a.get_by_role("button", name="ROLLBACK").click()
+        for page in (a, b):
+            expect(page.locator(".force code")).to_have_text(f"{before:08x}")
+        assert flight.commands == [(ARM, 1), (GO, 101), (ROLLBACK, 1)]
+
+
+def test_a_poor_fit_takes_an_override_and_two_persons(browser, made, tmp_path):  # noqa: F811
+    poor = kcm.proposal_t.POOR
+    with WaitingFlight(made, tmp_path, poor, 0.02) as flight, two_seats(browser, flight, tmp_path) as (a, b):
+        expect(a.locator(".decide")).to_contain_text("flight itself calls the fit poor")
+        seen(a, "A. First")
+        a.get_by_role("button", name="Arm the approval").click()
+        form = a.locator("form", has=a.get_by_role("button", name="ARM", exact=True))
+        form.locator("input[name=why]").fill("sample at risk")
+        expect(form.get_by_role("button", name="ARM", exact=True)).to_be_disabled()  # without an override
+        dark(a, "poor")
+        form.locator("input[name=override]").fill("2 mm will do")
+        form.get_by_role("button", name="ARM", exact=True).click()
+        expect(b.locator(".decide .steps")).to_contain_text("armed by key 1")
+        seen(b, "B. Second")
+        act(b, "Put it in force", "GO", by="B. Second", why="agreed")
+        expect(a.locator(".force code")).to_have_text(made.text)
+        assert serious(b) == []
+        assert flight.commands == [(ARM, 1), (GO, 101)]
+    both = keys.read(flight.first) + keys.read(flight.second)
+    lines = journal.read(tmp_path / "journal.jsonl", both).entries
+    assert [(e.decision, e.override) for e in lines if e.decision in ("arm", "approve")] == [
+        ("arm", "2 mm will do"),
+        ("approve", "2 mm will do"),
+    ]
+
+
+def test_the_second_person_may_reject_what_the_first_has_armed(browser, made, tmp_path):  # noqa: F811
+    with WaitingFlight(made, tmp_path, tick_s=0.02) as flight, two_seats(browser, flight, tmp_path) as (a, b):
+        before = f"{flight.in_force:08x}"
+        seen(a, "A. First")
+        act(a, "Arm the approval", "ARM", by="A. First", why="clean")
+        expect(b.locator(".decide .steps")).to_contain_text("armed by key 1")
+        act(b, "Reject", "REJECT", by="B. Second", why="pose 7 looks blurred")
+        for page in (a, b):
+            expect(page.locator(".decide")).to_contain_text("does not wait on board. Nothing to decide.")
+            expect(page.locator(".force code")).to_have_text(before)
+        expect(b.locator(".journal")).to_contain_text(f"reject {made.text} B. Second, key 101")
+        assert flight.commands == [(ARM, 1), (REJECT, 101)]
