@@ -60,7 +60,7 @@ def test_candidates_are_those_of_the_table_that_is_named(served):
         assert client.get(f"/api/candidates/{other}", headers=GOOD).status_code == 409
 
 
-def test_tables_of_the_folder_are_replaced_by_those_in_force_where_they_lie_here(served):
+def test_tables_of_the_folder_are_replaced_by_those_in_force_where_they_lie_here(served, tmp_path):
     picture, shelf, _ = served
     shelf.made.mkdir()
     shutil.copy(BIN / "config.tbl", shelf.made / "terms.tbl")  # of another kind: passed over
@@ -69,5 +69,9 @@ def test_tables_of_the_folder_are_replaced_by_those_in_force_where_they_lie_here
         pass
 
     shelf.desk = Desk()
-    shelf.desk.picture = picture
+    shelf.desk.picture, shelf.desk.tables_dir = picture, BIN
+    (tmp_path / "flown").write_text("no folder")  # nothing can be written: those of before stay
+    shelf.adopt()
+    assert shelf.desk.tables_dir == BIN
+    (tmp_path / "flown").unlink()
     assert (shelf.flown() / "terms.tbl").read_bytes() == (BIN / "terms.tbl").read_bytes()

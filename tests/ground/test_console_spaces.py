@@ -102,6 +102,18 @@ def test_errors_are_named_at_their_fields_and_nothing_is_half_taken(spaces):
     assert spaces.begin_anew()["ok"] and spaces.form().file.read_text("utf-8") == before
 
 
+def test_a_file_that_somebody_broke_is_named_and_can_be_begun_anew(spaces):
+    file = spaces.form().file
+    file.write_text(file.read_text("utf-8") + "\n[view\n", "utf-8")
+    assert spaces.state()["wrong"] == 1
+    assert "not valid TOML" in spaces.description()["problems"][0]["text"]
+    said = spaces.change({"seed": "7"})
+    assert not said["ok"] and "not valid TOML" in said["problems"][0]["text"]
+    with pytest.raises(BadInput, match="description is wrong"):
+        spaces.run("build", "folder")
+    assert spaces.begin_anew()["ok"] and spaces.state()["wrong"] == 0
+
+
 def test_a_space_is_built_checked_and_compared_in_a_process_of_its_own(spaces, tmp_path):
     assert spaces.change(SMALL)["ok"]
     spaces.run("build", "folder")

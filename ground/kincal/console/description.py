@@ -4,7 +4,6 @@ wrong with it, at its field."""
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from pydantic.fields import FieldInfo
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.base import Strict, keys_of, model_of, toml_text
 from kincal_shared.schema.edit import as_value, changed, value_text
-from kincal_shared.schema.errors import Problem, SchemaError, validate
+from kincal_shared.schema.errors import Problem, SchemaError, parse_toml, validate
 from kincal_shared.schema.files import texts_under_keys
 from kincal_shared.schema.space import Description
 
@@ -96,9 +95,11 @@ def _default(field: FieldInfo) -> str:
 
 def _wrong(text: str, source: str) -> list[Problem]:
     try:
-        validate(Description, tomllib.loads(text), source)
+        validate(Description, parse_toml(text, source), source)
     except SchemaError as error:
         return list(error.problems)
+    except BadInput as error:  # somebody edited the file
+        return [Problem("", error.what, error.todo)]
     return []
 
 
@@ -108,7 +109,7 @@ def _said(problems: list[Problem]) -> list[Plain]:
         {
             "path": p.path,
             "field": re.sub(r"\[\d+\].*", "", p.path),
-            "text": f"{p.path.rpartition('.')[2]} {p.what}" + (f"; {p.todo}" if p.todo else ""),
+            "text": f"{p.path.rpartition('.')[2]} {p.what}".strip() + (f"; {p.todo}" if p.todo else ""),
         }
         for p in problems
     ]

@@ -69,11 +69,11 @@ class Shelf:
         desk = self.desk
         if desk is None:
             return
-        folder = self.flown()
         try:
+            folder = self.flown()
             found = Geometry(folder)
-        except KincalError:
-            return  # tables that do not belong together: those of before stay, and the console says it
+        except (KincalError, OSError):
+            return  # a full disk, or tables that do not belong together: those of before stay, and it is said
         if found.crcs != desk.picture.geometry.crcs or desk.tables_dir != folder:
             desk.picture.geometry, desk.tables_dir = found, folder
 

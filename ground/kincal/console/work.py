@@ -39,8 +39,8 @@ class Job:
 
 
 class Work:
-    """folder: of the answers; module: that does it, started with `python -m`; kept: told of every answer that
-    was kept, in the thread that follows."""
+    """folder: of the answers; module: that does it, started with `python -m`; kept: called with
+    every answer that was kept, in the thread that follows."""
 
     def __init__(self, folder: Path, module: str, kept: Callable[[Job, Plain], None]) -> None:
         self.folder, self.module, self._kept = folder, module, kept
@@ -49,7 +49,7 @@ class Work:
         self._process: subprocess.Popen[str] | None = None
 
     def begin(self, what: str, key: Plain, spec: Plain) -> Plain:
-        """Start a task. CommandFailed if another runs. spec: for the process, which is also told `out`, the
+        """Start a task. CommandFailed if another runs. spec: for the process, which also gets `out`, the
         folder of its answer."""
         with self._lock:
             self.refuse_two()

@@ -35,7 +35,9 @@ def changed(text: str, path: str, value: str) -> str:
         comment = _split_comment("\n".join(lines[first:end]))[1]
         lines[first:end] = [f"{key} = {value}" + (f" {comment}" if comment else "")]
     out = "\n".join(lines)
-    expected = tomllib.loads(text)
+    expected = _doc(text)
+    if expected is None:
+        raise BadInput("the file is not valid TOML", todo="correct the file itself")
     (expected.setdefault(table, {}) if table else expected)[key] = wanted
     if _doc(out) != expected:
         raise BadInput(f"{path} is written in a way that cannot be changed here", todo="edit the file itself")

@@ -30,7 +30,7 @@ export function form({ key, sections, problems, send, done, whole = false, label
       show(node, ...mine.map((p) => el("span", {}, `◆ ${p.text}`)));
       inputs.get(path)[0].setAttribute("aria-invalid", String(mine.length > 0));
     }
-    show(general, ...list.filter((p) => !errors.has(p.field)).map((p) => el("p", {}, `◆ ${p.path}: ${p.text}`)));
+    show(general, ...list.filter((p) => !errors.has(p.field)).map((p) => el("p", {}, `◆ ${p.path ? `${p.path}: ` : ""}${p.text}`)));
   }
   function field(f) {
     const id = `field-${key}-${f.path}`;

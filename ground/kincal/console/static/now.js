@@ -7,7 +7,7 @@ import { arm as armOf, dots, layout, line, view as viewOf } from "./scene.js";
 import { ask, freshness, store } from "./store.js";
 
 const DRAW_MS = 600;  // between two pictures of the arm
-const SHARE = 5;      // a picture takes at most this part of the time, so that a slow machine still takes clicks
+const SHARE = 3, MOST_MS = 2500;  // after a picture as many times the time that it took are left for clicks
 const FRAME_MS = 700; // between two frames of the camera
 const TRAIL = 400, STEP_M = 0.004;  // of the way of the tool: points at most, and how far apart
 const HEARD = [
@@ -43,7 +43,7 @@ export function open(root) {
 }
 
 export function close() { parts = null; }
-export function recolour() { stamp = {}; update("open"); }
+export function recolour() { stamp = {}; drawnAt = shownAt = 0; update("open"); }
 
 export function update() {
   if (!parts) return;
@@ -238,7 +238,7 @@ function way(arm, hk) {
 function scene() {
   const arm = store.values.KC_ARM_STATE?.data, view = store.values.KC_PANTILT_STATE?.data, hk = store.values.KC_HK?.data;
   const key = JSON.stringify([arm?.points_m, arm?.corrected_m, view?.view_m, hk?.candidate]);
-  if (stamp.scene === key || Date.now() - drawnAt < Math.max(DRAW_MS, SHARE * cost)) return;
+  if (stamp.scene === key || Date.now() - drawnAt < Math.max(DRAW_MS, Math.min(SHARE * cost, MOST_MS))) return;
   stamp.scene = key;
   drawnAt = Date.now();
   const f = freshness("KC_ARM_STATE");
