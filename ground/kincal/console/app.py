@@ -76,7 +76,9 @@ def make_app(console: Console, access: Access) -> ASGIApp:
         *(_bench_routes(console.bench) if console.bench else ()),
         *(_shelf_routes(console.shelf, console.desk) if console.shelf else ()),
     ]
-    return Guard(Starlette(routes=routes, exception_handlers={KincalError: _refused}), access)
+    return Guard(
+        Starlette(routes=routes, exception_handlers={KincalError: _refused, OSError: _medium}), access
+    )
 
 
 # ---- files
@@ -140,6 +142,13 @@ def _finite(value: Any) -> Any:
 async def _refused(_request: Request, error: Exception) -> Response:
     """An error of the library: what, where and what to do."""
     return JSONResponse({"ok": False, "text": str(error)}, 409)
+
+
+async def _medium(_request: Request, error: Exception) -> Response:
+    """A full or missing medium is no secret and no crash: the operator has to know."""
+    name = getattr(error, "filename", None)
+    text = f"{getattr(error, 'strerror', None) or error}" + (f": {name}" if name else "")
+    return JSONResponse({"ok": False, "text": text}, 507)
 
 
 def _about(console: Console) -> Plain:
