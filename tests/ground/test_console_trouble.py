@@ -21,6 +21,7 @@ from kincal.console.picture import Clock, Cursor, Picture
 from kincal.console.sources import Recording
 from kincal.operate.recording import Recorder
 from kincal_shared import keys
+from kincal_shared.errors import NoAnswer
 
 
 @pytest.fixture(scope="module")
@@ -171,6 +172,20 @@ def test_an_abort_goes_out_while_every_other_request_waits(geometry, key_file):
                 wait_for(lambda: kcm.cmd_t.ABORT in [o for o, _ in flight.commands])
             for thread in threads:
                 thread.join()
+
+
+def test_a_request_that_failed_and_comes_again_is_not_carried_out_again(geometry, key_file):
+    """Its answer was lost, and what it had failed by was not remembered."""
+    desk, calls = Desk("memq://", key_file, None, BIN, Picture(geometry)), []
+
+    def fails():
+        calls.append(1)
+        raise NoAnswer("APPROVE_GO not answered")
+
+    for _ in range(2):
+        with pytest.raises(NoAnswer, match="APPROVE_GO not answered"):
+            desk.once("1", fails)
+    assert calls == [1]
 
 
 # ---- requests that are none
