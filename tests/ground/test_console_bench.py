@@ -2,6 +2,7 @@
 
 import json
 import time
+from pathlib import Path
 
 import poses
 import pytest
@@ -276,3 +277,44 @@ def test_the_measurements_of_a_correction_become_the_case(filled):
     assert filled.work.job.what == "diagnose"
     with pytest.raises(CommandFailed, match="runs already"):
         question.take(filled, picture, "00000007")
+
+
+@pytest.mark.parametrize("what", ["full medium", "folder", "link that leads nowhere"])
+def test_an_upload_that_cannot_be_kept_is_said_and_leaves_nothing(bench, what, monkeypatch):
+    """A full medium ended the request with a traceback, and half of the file stayed."""
+    bench.uploads.mkdir(parents=True, exist_ok=True)
+    if what == "folder":
+        (bench.uploads / "m.csv").mkdir()
+    elif what == "link that leads nowhere":
+        (bench.uploads / "m.csv").symlink_to("/nowhere/at/all")
+    before = sorted(bench.uploads.iterdir())
+    whole = Path.write_bytes
+
+    def half(path, data):
+        whole(path, data[:3])
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as m:
+        if what == "full medium":
+            m.setattr(Path, "write_bytes", half)
+        with pytest.raises((BadInput, CommandFailed), match="was not kept|another file"):
+            bench.upload("m.csv", b"1,2,3")
+    assert sorted(bench.uploads.iterdir()) == before
+
+
+def test_a_model_has_no_more_effects_than_anybody_reads(bench):
+    with pytest.raises(BadInput, match="no names of effects"):
+        bench.effects(["a"] * 100_000)
+
+
+def test_what_the_medium_refuses_is_an_answer(filled, monkeypatch):
+    def full():
+        raise OSError(28, "No space left on device", "case.part")
+
+    monkeypatch.setattr(filled, "write", full)
+    geometry = Geometry(BIN)
+    app = make_app(Console("x", geometry, Picture(geometry), None, None, filled), ACCESS)
+    answer = TestClient(app, base_url=ORIGIN).post(
+        "/api/bench/effects", headers=JSON, json={"effects": ["a"]}
+    )
+    assert answer.status_code == 507 and "No space left on device: case.part" in answer.json()["text"]

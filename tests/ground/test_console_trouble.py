@@ -2,8 +2,17 @@
 wait, requests that are none."""
 
 import json
+import re
+import resource
+import socket
+import subprocess
+import sys
 import threading
 import time
+import urllib.parse
+import urllib.request
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from fake_flight import FakeFlight
@@ -21,6 +30,8 @@ from kincal.console.picture import Clock, Cursor, Picture
 from kincal.console.sources import Recording
 from kincal.operate.recording import Recorder
 from kincal_shared import keys
+from kincal_shared.errors import NoAnswer
+from kincal_sim.ports import private_port, private_url
 
 
 @pytest.fixture(scope="module")
@@ -173,6 +184,20 @@ def test_an_abort_goes_out_while_every_other_request_waits(geometry, key_file):
                 thread.join()
 
 
+def test_a_request_that_failed_and_comes_again_is_not_carried_out_again(geometry, key_file):
+    """Its answer was lost, and what it had failed by was not remembered."""
+    desk, calls = Desk("memq://", key_file, None, BIN, Picture(geometry)), []
+
+    def fails():
+        calls.append(1)
+        raise NoAnswer("APPROVE_GO not answered")
+
+    for _ in range(2):
+        with pytest.raises(NoAnswer, match="APPROVE_GO not answered"):
+            desk.once("1", fails)
+    assert calls == [1]
+
+
 # ---- requests that are none
 
 
@@ -209,3 +234,49 @@ def test_a_recording_stays_where_it_is_if_the_browser_asks_for_no_time(geometry,
             assert next_of(ws, "snapshot")["now_s"] == first["now_s"]
         ws.send_text(json.dumps({"seek_us": 10_000_000}))
         assert next_of(ws, "snapshot")["now_s"] == 10.0
+
+
+# ---- connections of programs that have no token
+
+
+def test_connections_without_a_request_do_not_keep_anybody_out(tmp_path):
+    """1100 of them kept every file descriptor: no page, no ABORT. Where more descriptors are allowed, the
+    ABORT ended the console: LCM waits by select()."""
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    port, lock = private_port()
+    command = [sys.executable, "-m", "kincal", "serve", "--port", "0", "--url", private_url(port)]
+    command += ["--no-record", "--keys", tmp_path / "none", "--folder", tmp_path / "kept"]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (most, most)),
+    )  # fmt: skip
+    idle = []
+    try:
+        process.stdout.readline()
+        base, token = process.stdout.readline().strip().split("/?token=")
+        at = urllib.parse.urlsplit(base)
+        limits = Path(f"/proc/{process.pid}/limits").read_text()
+        assert int(re.search(r"Max open files +(\d+)", limits)[1]) <= 1024
+        for k in range(400):
+            idle.append(socket.create_connection((at.hostname, at.port), timeout=20.0))
+            idle[-1].sendall(b"GET / HTTP/1.1\r\nHost: x" if k % 2 else b"")
+        headers = {"Cookie": f"kincal_{at.port}={token}", "Origin": base, "Content-Type": "application/json"}
+        for path, body in (("about", None), ("abort", b"{}")):
+            request = urllib.request.Request(f"{base}/api/{path}", body, headers)
+            with urllib.request.urlopen(request, timeout=20.0) as answer:
+                assert answer.status == 200
+        for one in idle:
+            with suppress(ConnectionResetError):
+                assert one.recv(100) == b""
+        with socket.create_connection((at.hostname, at.port), timeout=20.0) as refused:
+            refused.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n\r\nGET / HTTP/1.1\r\n")
+            assert b"421" in refused.recv(20)
+            while refused.recv(4096):
+                pass
+    finally:
+        for one in idle:
+            one.close()
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        lock.close()

@@ -401,3 +401,30 @@ def test_a_calibration_describes_the_table_that_it_proposes():
     run = simulate("healthy", seed=1)
     p = run.log.last_session.proposal
     assert kin_crc(p) == p.crc & 0xFFFFFFFF != 0
+
+
+# ---- words
+
+
+@pytest.mark.parametrize(
+    ("by", "why"),
+    [
+        ("A\ud800", "why"), ("A", "why \udcff"), ("A\nB. Second approves", "why"), ("A" * 201, "why"),
+        ("A", "w" * 1_000_000),
+    ],
+)  # fmt: skip
+def test_words_that_no_journal_can_show_are_refused(key_file, file, by, why):
+    """A surrogate, which a browser or a shell may send, ended every later listing of the journal."""
+    with pytest.raises(BadInput, match="for the journal|is no text"):
+        record(file, journal.COMMENT, 0, by, why, "", None, keys.signer_of(key_file))
+    assert not file.exists()
+
+
+def test_a_journal_that_holds_such_words_is_listed_all_the_same(key_file, file, monkeypatch, capfd):
+    monkeypatch.setattr("kincal.review.check_words", lambda _by, _why: None)
+    hostile = "A\ud800\u061c"
+    record(file, journal.COMMENT, 0, hostile, hostile, "", None, keys.signer_of(key_file))
+    run = kincal("audit", "log", "--journal", file, "--keys", key_file)
+    run.output.encode()
+    assert run.exit_code == 0 and "A\\xd800\\x61c" in run.output
+    assert "Traceback" not in capfd.readouterr().err

@@ -85,7 +85,9 @@ def make_app(console: Console, access: Access) -> ASGIApp:
         *(_shelf_routes(console.shelf, console.desk) if console.shelf else ()),
         *(_space_routes(console.spaces) if console.spaces else ()),
     ]
-    return Guard(Starlette(routes=routes, exception_handlers={KincalError: _refused}), access)
+    return Guard(
+        Starlette(routes=routes, exception_handlers={KincalError: _refused, OSError: _medium}), access
+    )
 
 
 # ---- files
@@ -161,6 +163,13 @@ def _frame(picture: Picture) -> Callable[[Request], Awaitable[Response]]:
         return Response(data, media_type="image/jpeg", headers={"cache-control": "no-store"})
 
     return answer
+
+
+async def _medium(_request: Request, error: Exception) -> Response:
+    """A full or missing medium is no secret and no crash: the operator has to know."""
+    name = getattr(error, "filename", None)
+    text = f"{getattr(error, 'strerror', None) or error}" + (f": {name}" if name else "")
+    return JSONResponse({"ok": False, "text": text}, 507)
 
 
 def _about(console: Console) -> Plain:

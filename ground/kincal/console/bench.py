@@ -10,6 +10,7 @@ import re
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import Any
 from kincal.api.case import check_alternatives
 from kincal.api.models import check_names
 from kincal.workbench.model.effects import Library
-from kincal_shared.errors import BadInput
+from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.schema.arm import read_arm, shipped_arms
 
 from . import own
@@ -29,6 +30,8 @@ TASKS = ("compare", "diagnose", "fit", "next")
 MOST_UPLOAD = 64 << 20
 _MOST_FILES, _MOST_DEPTH, _MOST_UNDO = 400, 2, 100
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,99}")
+_MOST_EFFECTS = 100
+_RENAME = "give the new one another name"
 Plain = dict[str, Any]
 
 
@@ -82,13 +85,19 @@ class Bench:
                 f"{name[:100]!r} is not taken",
                 todo=f"letters, digits, . _ - and one of {', '.join(ARMS + DATA)}",
             )
-        self.uploads.mkdir(parents=True, exist_ok=True)
         path = self.uploads / name
-        if path.exists() and path.read_bytes() != data:
-            raise BadInput(f"there is another file {name} already", todo="give the new one another name")
         part = path.with_name(f".{name}.part")
-        part.write_bytes(data)
-        part.replace(path)
+        with self._lock:
+            try:
+                self.uploads.mkdir(parents=True, exist_ok=True)
+                if os.path.lexists(path) and not (path.is_file() and path.read_bytes() == data):
+                    raise BadInput(f"there is another file {name} already", todo=_RENAME)
+                part.write_bytes(data)
+                part.replace(path)
+            except OSError as error:
+                with suppress(OSError):
+                    part.unlink(missing_ok=True)
+                raise CommandFailed(f"{name} was not kept: {error.strerror}", str(self.uploads)) from None
         return {"ok": True, "text": f"{name} uploaded", "name": f"uploaded: {name}"}
 
     # ---- the case
@@ -127,8 +136,11 @@ class Bench:
         return {"ok": True, "text": "chosen"}
 
     def effects(self, names: list[str]) -> Plain:
-        """The model's effects from now on. BadInput for what is no effect of the library, or at a joint that
-        the arm does not have."""
+        """The model's effects from now on. BadInput for what is no name, no effect of the library, or at a
+        joint that the arm does not have."""
+        good = all(isinstance(name, str) and 0 < len(name) < 200 for name in names)
+        if not good or len(names) > _MOST_EFFECTS:
+            raise BadInput("these are no names of effects")
         self._known(names)
         with self._change() as case:
             if names != case.effects:

@@ -69,7 +69,7 @@ class Desk:
     tables_dir: Path
     picture: Picture
     timeout_s: float = 10.0
-    _done: OrderedDict[str, Plain] = field(default_factory=OrderedDict)
+    _done: OrderedDict[str, Plain | KincalError] = field(default_factory=OrderedDict)
     _one: threading.Lock = field(default_factory=threading.Lock)
 
     # ---- keys and journal
@@ -112,14 +112,20 @@ class Desk:
     # ---- once
 
     def once(self, number: str, what: Callable[[], Plain]) -> Plain:
-        """The answer to a request with this number, which is carried out the first time only. One after the
-        other: two signed commands at once would overtake each other."""
+        """The answer, or the error, of a request with this number, which is carried out the first time only.
+        One after the other: two signed commands at once would overtake each other."""
         if not number:
             raise BadInput("the request has no number")
         with self._one:
-            if number in self._done:
-                return {**self._done[number], "again": True}
-            answer = what()
+            if (before := self._done.get(number)) is not None:
+                if isinstance(before, KincalError):
+                    raise before
+                return {**before, "again": True}
+            try:
+                answer = what()
+            except KincalError as error:
+                self._done[number] = error
+                raise
             self._done[number] = answer
             while len(self._done) > _REMEMBERED:
                 self._done.popitem(last=False)

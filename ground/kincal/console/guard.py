@@ -22,6 +22,7 @@ READING = ("GET", "HEAD")
 TYPES = ("application/json", "application/octet-stream")  # a form can send neither
 MOST_BYTES = 64 << 20
 _LENGTH_DIGITS = 18
+_REFUSED = 400
 _TOKEN_BYTES = 24
 _HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -85,6 +86,8 @@ class Guard:
             return
         answer = self._answer(scope, headers)
         out = _with_headers(send)
+        if answer is not None and answer.status_code >= _REFUSED:
+            answer.headers["connection"] = "close"  # who has no token keeps no connection
         await (answer or self.app)(scope, receive, out)
 
     def _answer(self, scope: Scope, headers: Mapping[str, str]) -> Response | None:

@@ -23,6 +23,7 @@ from .geometry import Geometry
 from .guard import LOOPBACK, Access
 from .memory import Memory
 from .past import Past
+from .patience import Patient, few_files
 from .picture import Picture
 from .shelf import Shelf
 from .sources import Live, Recording
@@ -58,6 +59,7 @@ class Options:
 def serve(options: Options, ready: Callable[[Access], None]) -> None:
     """Serve until interrupted; ready: is given the address as soon as somebody listens there. BadInput if
     tables or recording cannot be read, or the port is taken."""
+    few_files()
     geometry = Geometry(options.tables_dir)
     listening = _listen(options.host, options.port)
     access = Access(listening.getsockname()[1], (*LOOPBACK, *options.names))
@@ -88,7 +90,7 @@ def serve(options: Options, ready: Callable[[Access], None]) -> None:
         recorded = _recording(options, picture) if options.record else recorded
     config = uvicorn.Config(
         make_app(console, access), log_level="error", access_log=False, server_header=False,
-        proxy_headers=False, ws_max_size=1 << 16, timeout_graceful_shutdown=2,
+        proxy_headers=False, ws_max_size=1 << 16, timeout_graceful_shutdown=2, http=Patient,
     )  # fmt: skip
     # uvicorn raises the signal that ended it once more: without this the process would end before the rest
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))

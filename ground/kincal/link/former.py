@@ -61,7 +61,9 @@ FORMER = {
     bytes.fromhex("3f21d63a11cc6583"): Former("meas_t", 2 * 4, _at_its_pose),
     bytes.fromhex("049802873f024b41"): Former("proposal_t", 1 + 6 * 8 + _BOUND_BYTES, _with_an_exact_camera),
     bytes.fromhex("df12965a365c8720"): Former("proposal_t", _BOUND_BYTES, _with_no_bound),
-    bytes.fromhex("dbe6b2f24599f62e"): Former("hk_t", 4 + 8 + _SUSPECTS_BYTES + 2 * 4, _with_a_verdict_unknown),
+    bytes.fromhex("dbe6b2f24599f62e"): Former(
+        "hk_t", 4 + 8 + _SUSPECTS_BYTES + 2 * 4, _with_a_verdict_unknown
+    ),
     bytes.fromhex("049edd800f911cd3"): Former("hk_t", _SUSPECTS_BYTES + 2 * 4, _without_two_holders),
 }
 """By fingerprint."""

@@ -26,6 +26,7 @@ from .journal import Entry as Entry
 
 KIN_KIND = 4
 _U64 = (1 << 64) - 1
+_MOST_NAME, _MOST_WORDS = 200, 20_000  # characters
 _NAMED = 4  # damaged fields that an error names
 P_FIT_MIN = 1e-3  # below it the fit does not explain the data
 
@@ -302,6 +303,14 @@ def check_journal(journal: Path, keys: Sequence[Key] = ()) -> list[Entry]:
 
 
 def check_words(by: str, why: str) -> None:
-    """BadInput if one of the two is empty."""
+    """BadInput if one of the two is empty, or is no text that can stand in the journal: it is never
+    rewritten."""
     if not by.strip() or not why.strip():
         raise BadInput("a decision needs a name and a reason", todo="give --by NAME and --why TEXT")
+    if len(by) > _MOST_NAME or "\n" in by or len(why) > _MOST_WORDS:
+        raise BadInput(
+            "the name or the reason is too long for the journal",
+            todo=f"a name has one line and up to {_MOST_NAME} characters, a reason up to {_MOST_WORDS}",
+        )
+    if any("\ud800" <= letter <= "\udfff" for letter in by + why):
+        raise BadInput("the name or the reason is no text", todo="write it in UTF-8")
