@@ -19,7 +19,7 @@ def checker():
 
 
 def test_the_monte_carlo_gives_the_same_correction_as_a_plain_run(checker):
-    """Watched and started by a script; otherwise the run that test_scenarios.py compares with the processes."""
+    """Watched and started by a script; else the run that test_scenarios.py compares with the processes."""
     _, truth, _ = montecarlo.sample("inside", 1, 3)
     record, world = montecarlo.fly(truth, 1003, checker)
     plain = simulate(Scenario(name="sampled", arm=truth), 1003)
