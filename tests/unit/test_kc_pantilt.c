@@ -68,7 +68,9 @@ void test_it_is_there_when_it_stands_near_both_angles(void)
     turn(0.3, -0.2);
     TEST_ASSERT_EQUAL_INT(KC_OC_DONE, after(0u, 0.309, -0.209, 0).id);
     TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after(0u, 0.311, -0.2, 0).id);
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after(0u, 0.289, -0.2, 0).id);
     TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after(0u, 0.3, -0.211, 0).id);
+    TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after(0u, 0.3, -0.189, 0).id);
     TEST_ASSERT_EQUAL_INT(KC_OC_STAY, after(0u, 0.3, -0.2, 1).id);
 }
 
