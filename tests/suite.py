@@ -3,8 +3,10 @@
     suite.py --junit build/junit --logs build/log --first build lint ...    run steps with make
     suite.py --junit build/junit --sum                                      only the closing line
 
-As many steps as there are processors run at once, each on one of them, in the order given: the longest come
-first, so that none is left at the end. What several steps need is made before (--first), on all processors.
+One step more than there are processors runs at once, since many wait for messages or a clock; each is told
+to use one processor. They begin in the order given: the longest come first, so that none is left at the end.
+What several steps need is made before (--first), on all processors. Each step is printed with the seconds
+that it took and those of the processors.
 
 Tests are counted from the JUnit files that CTest and pytest wrote, never from exit codes; a step
 without tests (lint, size ...) or one that fails without a failed test counts as one failure when it fails.
@@ -43,18 +45,20 @@ def count(report: Path) -> tuple[int, int, int]:
     return total - failed - skipped, failed, skipped
 
 
-def run(step: str, logs: Path, processors: int) -> tuple[int, float]:
-    """Exit status and duration [s] of a step on so many processors."""
+def run(step: str, logs: Path, processors: int) -> tuple[int, float, float]:
+    """Exit status, duration [s] and processor time [s] of a step on so many processors."""
     start = time.monotonic()
     with (logs / f"{step}.txt").open("w") as out:
-        code = subprocess.run(
+        process = subprocess.Popen(
             ["make", "--no-print-directory", f"-j{processors}", "-k", step, f"PROCESSORS={processors}"],
             stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
-        ).returncode  # fmt: skip
-    return code, time.monotonic() - start
+        )  # fmt: skip
+        _, status, usage = os.wait4(process.pid, 0)  # its own, and of all that it waited for
+        process.returncode = os.waitstatus_to_exitcode(status)
+    return process.returncode, time.monotonic() - start, usage.ru_utime + usage.ru_stime
 
 
-def outcome(step: str, code: int, seconds: float, junit: Path, logs: Path) -> dict:
+def outcome(step: str, code: int, seconds: float, busy_s: float, junit: Path, logs: Path) -> dict:
     """What became of a step, printed too."""
     passed, failed, skipped = count(junit / REPORT[step]) if step in REPORT else (0, 0, 0)
     if step in REPORT and passed + failed == 0:
@@ -68,15 +72,17 @@ def outcome(step: str, code: int, seconds: float, junit: Path, logs: Path) -> di
         print("\n".join(line for line in text if line.startswith("  ")))
     tests = f"{passed} passed, {failed} failed" + (f", {skipped} skipped" if skipped else "")
     print(
-        f"{'FAIL' if failed else 'ok  '}  {step:14s} {seconds:6.1f} s  {tests if step in REPORT else ''}",
+        f"{'FAIL' if failed else 'ok  '}  {step:14s} {seconds:6.1f} s {busy_s:6.1f} s  "
+        f"{tests if step in REPORT else ''}",
         flush=True,
     )
-    return {"step": step, "seconds": seconds, "passed": passed, "failed": failed, "skipped": skipped}
+    counts = {"passed": passed, "failed": failed, "skipped": skipped}
+    return {"step": step, "seconds": seconds, "processor_s": busy_s, **counts}
 
 
 def run_all(first: list[str], steps: list[str], junit: Path, logs: Path, processors: int) -> list[dict]:
     done = [outcome(step, *run(step, logs, processors), junit, logs) for step in first]
-    with ThreadPoolExecutor(processors) as lanes:
+    with ThreadPoolExecutor(processors + 1) as lanes:
         running = {lanes.submit(run, step, logs, 1): step for step in steps}
         done += [outcome(running[f], *f.result(), junit, logs) for f in as_completed(running)]
     return done

@@ -470,14 +470,14 @@ def test_the_closing_line_sums_all_steps(tmp_path):
 
 
 def test_steps_run_side_by_side_after_the_first_also_when_one_fails(tmp_path, monkeypatch, capsys):
-    suite, begun, together = module(TESTS / "suite.py"), [], threading.Barrier(2, timeout=60.0)
+    suite, begun, together = module(TESTS / "suite.py"), [], threading.Barrier(3, timeout=60.0)
 
     def run(step, logs, processors):
         begun.append((step, processors))
         (logs / f"{step}.txt").write_text(f"log of {step}")
-        if step in ("long", "bad"):
-            together.wait()  # each until the other runs too
-        return int(step == "bad"), 1.0
+        if step in ("long", "bad", "short"):
+            together.wait()  # each until the others run too: on two processors three
+        return int(step == "bad"), 1.0, 0.5
 
     monkeypatch.setattr(suite, "run", run)
     done = suite.run_all(["build"], ["long", "bad", "short"], tmp_path, tmp_path, 2)
@@ -490,10 +490,12 @@ def test_steps_run_side_by_side_after_the_first_also_when_one_fails(tmp_path, mo
 
 def test_a_step_has_the_processors_that_it_is_given_and_keeps_its_log(tmp_path, monkeypatch):
     make = tmp_path / "make"
-    make.write_text('#!/bin/sh\necho "$@"\nexit 3\n')
+    busy = "from time import process_time as t\nwhile t() < 0.2: pass"
+    make.write_text(f'#!/bin/sh\necho "$@"\n{sys.executable} -c "{busy}"\nexit 3\n')
     make.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    assert module(TESTS / "suite.py").run("lint", tmp_path, 2)[0] == 3
+    code, seconds, busy_s = module(TESTS / "suite.py").run("lint", tmp_path, 2)
+    assert code == 3 and 0.2 <= busy_s <= seconds + 0.1, "the time of what the step started counts"
     assert (tmp_path / "lint.txt").read_text() == "--no-print-directory -j2 -k lint PROCESSORS=2\n"
 
 

@@ -1,5 +1,7 @@
 """Kernel tables and their sum on board against geometric_kernels and numpy; what is positive definite."""
 
+import functools
+
 import geometric_kernels.spaces as spaces
 import numpy as np
 import pytest
@@ -36,8 +38,14 @@ def rotations(seed, n):
     return Rotation.random(n, rng=np.random.default_rng(seed)).as_quat(scalar_first=True)
 
 
+@functools.cache
+def other_levels(space, levels):
+    """To set up the levels takes seconds; nu and kappa are parameters of each call."""
+    return MaternKarhunenLoeveKernel(space(3), levels)
+
+
 def other_kernel(space, levels, nu, kappa):
-    k = MaternKarhunenLoeveKernel(space, levels)
+    k = other_levels(space, levels)
     params = k.init_params()
     params["nu"] = np.array([np.inf if nu == 0 else nu])
     params["lengthscale"] = np.array([kappa])
@@ -52,7 +60,7 @@ def test_so3_is_the_kernel_of_the_special_orthogonal_group(nu, kappa):
     quats = rotations(1, 12)
     matrices = Rotation.from_quat(quats, scalar_first=True).as_matrix()
     levels = (len(table.w) + 1) // 2
-    other = other_kernel(spaces.SpecialOrthogonal(3), levels, nu, 2 * kappa)
+    other = other_kernel(spaces.SpecialOrthogonal, levels, nu, 2 * kappa)
     assert np.max(np.abs(gram(k, quats) - other(matrices, matrices))) < 1e-10
     signs = np.where(np.arange(12) % 2, 1.0, -1.0)[:, None]
     assert np.array_equal(gram(k, quats * signs), gram(k, quats))
@@ -66,7 +74,7 @@ def test_paper_is_the_kernel_of_the_sphere_at_the_rotation_angle(nu, kappa):
     zero = np.zeros_like(angle)
     points = np.stack([np.cos(angle), np.sin(angle), zero, zero], 1)
     quats = np.stack([np.cos(angle / 2), zero, np.sin(angle / 2), zero], 1)
-    other = other_kernel(spaces.Hypersphere(3), len(table.w), nu, kappa)(points[:1], points)[0]
+    other = other_kernel(spaces.Hypersphere, len(table.w), nu, kappa)(points[:1], points)[0]
     one = ffi.new("double[4]", [1, 0, 0, 0])
     got = [lib.kc_kernel_rot(k, 0, one, ffi.new("double[4]", q.tolist())) for q in quats]
     assert np.max(np.abs(got - other)) < 1e-10

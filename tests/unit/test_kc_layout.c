@@ -18,87 +18,60 @@ static void check(uint16_t kind)
     kc_layout_walk(&s_w, kind, &s_t);
 }
 
+static void given_table(uint16_t kind)
+{
+    memset(&s_t, 0, sizeof s_t);
+    switch (kind) {
+    case KC_TBL_ARM: given_arm(&s_t.arm); break;
+    case KC_TBL_CAMERA: given_camera(&s_t.camera); break;
+    case KC_TBL_TERMS: given_terms(&s_t.terms); break;
+    case KC_TBL_KIN: given_kin(&s_t.kin); break;
+    case KC_TBL_SPACE: given_space(&s_t.space, 9u, 1u); break;
+    case KC_TBL_KERNEL: given_kernel(&s_t.kernel); break;
+    default: given_config(&s_t.config); break;
+    }
+}
+
+static const char *s_what = "";
+
 static void expect_refused(uint16_t kind, int32_t index, uint32_t field, double got)
 {
     check(kind);
-    TEST_ASSERT_EQUAL_UINT32(1u, s_w.n_bad);
-    TEST_ASSERT_EQUAL_UINT16(KC_EVT_TBL_RANGE, s_w.bad_id);
-    TEST_ASSERT_EQUAL_INT32(index, s_w.bad_index);
-    TEST_ASSERT_EQUAL_UINT32(field, s_w.bad_field);
-    TEST_ASSERT_EQUAL_DOUBLE(got, s_w.bad_got);
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(1u, s_w.n_bad, s_what);
+    TEST_ASSERT_EQUAL_UINT16_MESSAGE(KC_EVT_TBL_RANGE, s_w.bad_id, s_what);
+    TEST_ASSERT_EQUAL_INT32_MESSAGE(index, s_w.bad_index, s_what);
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(field, s_w.bad_field, s_what);
+    TEST_ASSERT_EQUAL_DOUBLE_MESSAGE(got, s_w.bad_got, s_what);
 }
 
-void test_crossed_joint_limits_are_refused(void)
-{
-    given_arm(&s_t.arm);
-    s_t.arm.joint[3].q_max = -1.0;
-    expect_refused(KC_TBL_ARM, 3, 10u, -1.0);
-}
+/* A good table with one wrong value: its entry, the number of its field and the value are named. */
+#define REFUSED(KIND, FIELD, VALUE, INDEX, NUMBER)                     \
+    do {                                                               \
+        given_table(KC_TBL_##KIND);                                    \
+        s_t.FIELD = (VALUE);                                           \
+        s_what = #FIELD;                                               \
+        expect_refused(KC_TBL_##KIND, INDEX, NUMBER, (double)(VALUE)); \
+    } while (0)
 
-void test_a_joint_without_speed_is_refused(void)
+void test_a_wrong_value_is_refused_with_its_entry_and_field(void)
 {
-    given_arm(&s_t.arm);
-    s_t.arm.joint[6].speed_max = 0.0;
-    expect_refused(KC_TBL_ARM, 6, 11u, 0.0);
-}
-
-void test_a_negative_mass_is_refused(void)
-{
-    given_arm(&s_t.arm);
-    s_t.arm.joint[0].mass_kg = -1.0;
-    expect_refused(KC_TBL_ARM, 0, 12u, -1.0);
-}
-
-void test_crossed_pantilt_limits_are_refused(void)
-{
-    given_camera(&s_t.camera);
-    s_t.camera.pan_max_rad = -2.0;
-    expect_refused(KC_TBL_CAMERA, -1, 6u, -2.0);
-    given_camera(&s_t.camera);
-    s_t.camera.tilt_max_rad = -2.0;
-    expect_refused(KC_TBL_CAMERA, -1, 8u, -2.0);
-}
-
-void test_a_tag_named_twice_is_refused(void)
-{
-    given_camera(&s_t.camera);
-    s_t.camera.tag[1].id = 0;
-    expect_refused(KC_TBL_CAMERA, 1, 16u, 0.0);
-}
-
-void test_a_tag_outside_its_family_is_refused(void)
-{
-    given_camera(&s_t.camera);
-    s_t.camera.tag[1].id = 587;
-    expect_refused(KC_TBL_CAMERA, 1, 16u, 587.0);
-}
-
-void test_a_camera_without_tags_is_refused(void)
-{
-    given_camera(&s_t.camera);
-    s_t.camera.n_tags = 0u;
-    expect_refused(KC_TBL_CAMERA, -1, 15u, 0.0);
-}
-
-void test_crossed_bounds_are_refused(void)
-{
-    given_terms(&s_t.terms);
-    s_t.terms.coef[9].ub = -2.0;
-    expect_refused(KC_TBL_TERMS, 9, 5u, -2.0);
-}
-
-void test_a_term_of_a_coefficient_that_is_not_there_is_refused(void)
-{
-    given_terms(&s_t.terms);
-    s_t.terms.term[5].coef = 28u;
-    expect_refused(KC_TBL_TERMS, 1005, 9u, 28.0);
-}
-
-void test_an_unknown_basis_is_refused(void)
-{
-    given_terms(&s_t.terms);
-    s_t.terms.term[5].basis[1].var = KC_VAR_COUNT;
-    expect_refused(KC_TBL_TERMS, 1005, 14u, KC_VAR_COUNT);
+    REFUSED(ARM, arm.joint[3].q_max, -1.0, 3, 10u); /* below q_min */
+    REFUSED(ARM, arm.joint[6].speed_max, 0.0, 6, 11u);
+    REFUSED(ARM, arm.joint[0].mass_kg, -1.0, 0, 12u);
+    REFUSED(CAMERA, camera.pan_max_rad, -2.0, -1, 6u); /* below pan_min_rad */
+    REFUSED(CAMERA, camera.tilt_max_rad, -2.0, -1, 8u);
+    REFUSED(CAMERA, camera.tag[1].id, 0, 1, 16u);   /* named twice */
+    REFUSED(CAMERA, camera.tag[1].id, 587, 1, 16u); /* outside its family */
+    REFUSED(CAMERA, camera.n_tags, 0u, -1, 15u);
+    REFUSED(TERMS, terms.coef[9].ub, -2.0, 9, 5u);  /* below lb */
+    REFUSED(TERMS, terms.term[5].coef, 28u, 1005, 9u); /* of a coefficient that is not there */
+    REFUSED(TERMS, terms.term[5].basis[1].var, KC_VAR_COUNT, 1005, 14u);
+    REFUSED(KIN, kin.sigma[3], -1.0, 3, 3u);
+    REFUSED(SPACE, space.initial[2], 9u, 2, 5u); /* a pose and a hub that are not there */
+    REFUSED(SPACE, space.cand[7].hub, 2u, 7, 16u);
+    REFUSED(SPACE, space.cand[7].tags, 0u, 7, 15u); /* expects no tag */
+    REFUSED(SPACE, space.arm_crc, 0u, -1, 9u);
+    REFUSED(KERNEL, kernel.hyper[1].n_w, KC_SPECTRUM_MAX + 1u, 1, 9u);
 }
 
 void test_minus_zero_is_still_nominal(void)
@@ -109,49 +82,10 @@ void test_minus_zero_is_still_nominal(void)
     TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
 }
 
-void test_a_negative_sigma_is_refused(void)
-{
-    given_kin(&s_t.kin);
-    s_t.kin.sigma[3] = -1.0;
-    expect_refused(KC_TBL_KIN, 3, 3u, -1.0);
-}
-
-void test_initial_poses_and_hubs_that_do_not_exist_are_refused(void)
-{
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.initial[2] = 9u;
-    expect_refused(KC_TBL_SPACE, 2, 5u, 9.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.cand[7].hub = 2u;
-    expect_refused(KC_TBL_SPACE, 7, 16u, 2.0);
-}
-
-void test_a_candidate_that_expects_no_tag_is_refused(void)
-{
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.cand[7].tags = 0u;
-    expect_refused(KC_TBL_SPACE, 7, 15u, 0.0);
-}
-
-void test_a_space_that_names_no_arm_is_refused(void)
-{
-    given_space(&s_t.space, 9u, 0u);
-    expect_refused(KC_TBL_SPACE, -1, 9u, 0.0);
-}
-
 void test_a_bad_number_of_hubs_ends_the_walk(void)
 {
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.n_hub = 0u;
-    expect_refused(KC_TBL_SPACE, -1, 2u, 0.0);
+    REFUSED(SPACE, space.n_hub, 0u, -1, 2u);
     TEST_ASSERT_TRUE(s_w.lost);
-}
-
-void test_a_bad_number_of_spectral_weights_is_refused(void)
-{
-    given_kernel(&s_t.kernel);
-    s_t.kernel.hyper[1].n_w = KC_SPECTRUM_MAX + 1u;
-    expect_refused(KC_TBL_KERNEL, 1, 9u, KC_SPECTRUM_MAX + 1.0);
 }
 
 void test_an_unknown_kind_walks_nothing(void)
@@ -181,63 +115,31 @@ void test_walks_that_write_leave_the_table_alone(void)
 
 void test_bodies_and_volumes_out_of_range_are_refused_by_number(void)
 {
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.n_body = KC_BODY_MAX + 1u;
-    expect_refused(KC_TBL_SPACE, -1, 19u, KC_BODY_MAX + 1.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.body[1].frame = 8u;
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY + 1, 20u, 8.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.body[0].start_m[1] = 11.0f;
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY, 21u, 11.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.body[0].end_m[1] = -11.0f;
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY, 22u, -11.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.body[0].radius_m = 0.0f;
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY, 23u, 0.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.body[1].collision_pairs = 2u; /* itself */
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_BODY + 1, 30u, 2.0);
+    REFUSED(SPACE, space.n_body, KC_BODY_MAX + 1u, -1, 19u);
+    REFUSED(SPACE, space.body[1].frame, 8u, KC_SPACE_INDEX_BODY + 1, 20u);
+    REFUSED(SPACE, space.body[0].start_m[1], 11.0f, KC_SPACE_INDEX_BODY, 21u);
+    REFUSED(SPACE, space.body[0].end_m[1], -11.0f, KC_SPACE_INDEX_BODY, 22u);
+    REFUSED(SPACE, space.body[0].radius_m, 0.0f, KC_SPACE_INDEX_BODY, 23u);
+    REFUSED(SPACE, space.body[1].collision_pairs, 2u, KC_SPACE_INDEX_BODY + 1, 30u); /* itself */
     given_space(&s_t.space, 9u, 1u);
     s_t.space.body[1].collision_pairs = 1u;
     check(KC_TBL_SPACE);
     TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.n_volume = KC_VOLUME_MAX + 1u;
-    expect_refused(KC_TBL_SPACE, -1, 24u, KC_VOLUME_MAX + 1.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.volume[1].kind = 4u;
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 25u, 4.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.volume[1].p_m[0] = 11.0f;
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 26u, 11.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.volume[1].size_m[0] = 11.0f;
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 27u, 11.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.volume[1].radius_m = -1.0f;
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 28u, -1.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.volume[1].excluded = 4u;
-    expect_refused(KC_TBL_SPACE, KC_SPACE_INDEX_VOLUME + 1, 29u, 4.0);
+    REFUSED(SPACE, space.n_volume, KC_VOLUME_MAX + 1u, -1, 24u);
+    REFUSED(SPACE, space.volume[1].kind, 4u, KC_SPACE_INDEX_VOLUME + 1, 25u);
+    REFUSED(SPACE, space.volume[1].p_m[0], 11.0f, KC_SPACE_INDEX_VOLUME + 1, 26u);
+    REFUSED(SPACE, space.volume[1].size_m[0], 11.0f, KC_SPACE_INDEX_VOLUME + 1, 27u);
+    REFUSED(SPACE, space.volume[1].radius_m, -1.0f, KC_SPACE_INDEX_VOLUME + 1, 28u);
+    REFUSED(SPACE, space.volume[1].excluded, 4u, KC_SPACE_INDEX_VOLUME + 1, 29u);
 }
 
 void test_errors_that_no_space_can_be_verified_for_are_refused(void)
 {
     const int32_t at = KC_SPACE_INDEX_VERIFIED + 6;
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.verified[6].phi_rad = -0.1;
-    expect_refused(KC_TBL_SPACE, at, 31u, -0.1);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.verified[6].alpha_rad = 7.0;
-    expect_refused(KC_TBL_SPACE, at, 32u, 7.0);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.verified[6].a_m = -0.1;
-    expect_refused(KC_TBL_SPACE, at, 33u, -0.1);
-    given_space(&s_t.space, 9u, 1u);
-    s_t.space.verified[6].d_m = 11.0;
-    expect_refused(KC_TBL_SPACE, at, 34u, 11.0);
+    REFUSED(SPACE, space.verified[6].phi_rad, -0.1, at, 31u);
+    REFUSED(SPACE, space.verified[6].alpha_rad, 7.0, at, 32u);
+    REFUSED(SPACE, space.verified[6].a_m, -0.1, at, 33u);
+    REFUSED(SPACE, space.verified[6].d_m, 11.0, at, 34u);
 }
 
 /* ---- the limits of every field, as docs/TABLES.md has them; of what is repeated in the second entry, of arrays in the
@@ -253,14 +155,14 @@ typedef struct {
     bool rule; /* another field decides as well, so that the limits themselves may be refused */
 } limit_t;
 
+#define TURN_RAD 6.2831853071795865
+
 static const limit_t s_limit[] = {
     {KC_TBL_ARM, 2u, -1, offsetof(kc_arm_t, n_joints), 'u', 1.0, 8.0, false},
     {KC_TBL_ARM, 3u, 1, offsetof(kc_arm_t, joint[1].type), 'b', 0.0, 1.0, false},
     {KC_TBL_ARM, 4u, 1, offsetof(kc_arm_t, joint[1].has_mass), 'b', 0.0, 1.0, false},
-    {KC_TBL_ARM, 5u, 1, offsetof(kc_arm_t, joint[1].phi_rad), 'd', -6.2831853071795865, 6.2831853071795865,
-     false},
-    {KC_TBL_ARM, 6u, 1, offsetof(kc_arm_t, joint[1].alpha_rad), 'd', -6.2831853071795865, 6.2831853071795865,
-     false},
+    {KC_TBL_ARM, 5u, 1, offsetof(kc_arm_t, joint[1].phi_rad), 'd', -TURN_RAD, TURN_RAD, false},
+    {KC_TBL_ARM, 6u, 1, offsetof(kc_arm_t, joint[1].alpha_rad), 'd', -TURN_RAD, TURN_RAD, false},
     {KC_TBL_ARM, 7u, 1, offsetof(kc_arm_t, joint[1].a_m), 'd', -10.0, 10.0, false},
     {KC_TBL_ARM, 8u, 1, offsetof(kc_arm_t, joint[1].d_m), 'd', -10.0, 10.0, false},
     {KC_TBL_ARM, 9u, 1, offsetof(kc_arm_t, joint[1].q_min), 'd', -100.0, 100.0, false},
@@ -278,14 +180,10 @@ static const limit_t s_limit[] = {
     {KC_TBL_CAMERA, 2u, -1, offsetof(kc_camera_t, mast_quat_wxyz), 'Q', 0.0, 0.0, false},
     {KC_TBL_CAMERA, 3u, -1, offsetof(kc_camera_t, pantilt_xyz_m[2]), 'd', -10.0, 10.0, false},
     {KC_TBL_CAMERA, 4u, -1, offsetof(kc_camera_t, pantilt_quat_wxyz), 'Q', 0.0, 0.0, false},
-    {KC_TBL_CAMERA, 5u, -1, offsetof(kc_camera_t, pan_min_rad), 'd', -6.2831853071795865, 6.2831853071795865,
-     false},
-    {KC_TBL_CAMERA, 6u, -1, offsetof(kc_camera_t, pan_max_rad), 'd', -6.2831853071795865, 6.2831853071795865,
-     true},
-    {KC_TBL_CAMERA, 7u, -1, offsetof(kc_camera_t, tilt_min_rad), 'd', -6.2831853071795865, 6.2831853071795865,
-     false},
-    {KC_TBL_CAMERA, 8u, -1, offsetof(kc_camera_t, tilt_max_rad), 'd', -6.2831853071795865, 6.2831853071795865,
-     true},
+    {KC_TBL_CAMERA, 5u, -1, offsetof(kc_camera_t, pan_min_rad), 'd', -TURN_RAD, TURN_RAD, false},
+    {KC_TBL_CAMERA, 6u, -1, offsetof(kc_camera_t, pan_max_rad), 'd', -TURN_RAD, TURN_RAD, true},
+    {KC_TBL_CAMERA, 7u, -1, offsetof(kc_camera_t, tilt_min_rad), 'd', -TURN_RAD, TURN_RAD, false},
+    {KC_TBL_CAMERA, 8u, -1, offsetof(kc_camera_t, tilt_max_rad), 'd', -TURN_RAD, TURN_RAD, true},
     {KC_TBL_CAMERA, 9u, -1, offsetof(kc_camera_t, fx_px), 'd', 1.0, 1e6, false},
     {KC_TBL_CAMERA, 10u, -1, offsetof(kc_camera_t, fy_px), 'd', 1.0, 1e6, false},
     {KC_TBL_CAMERA, 11u, -1, offsetof(kc_camera_t, cx_px), 'd', -1e5, 1e5, false},
@@ -344,10 +242,8 @@ static const limit_t s_limit[] = {
     {KC_TBL_SPACE, 10u, 1, offsetof(kc_space_t, cand[1].p_m[2]), 'f', -10.0, 10.0, false},
     {KC_TBL_SPACE, 11u, 1, offsetof(kc_space_t, cand[1].q_wxyz), 'q', 0.0, 0.0, false},
     {KC_TBL_SPACE, 12u, 1, offsetof(kc_space_t, cand[1].q_seed[6]), 'f', -100.0, 100.0, false},
-    {KC_TBL_SPACE, 13u, 1, offsetof(kc_space_t, cand[1].pan_rad), 'f', -6.2831853071795865,
-     6.2831853071795865, false},
-    {KC_TBL_SPACE, 14u, 1, offsetof(kc_space_t, cand[1].tilt_rad), 'f', -6.2831853071795865,
-     6.2831853071795865, false},
+    {KC_TBL_SPACE, 13u, 1, offsetof(kc_space_t, cand[1].pan_rad), 'f', -TURN_RAD, TURN_RAD, false},
+    {KC_TBL_SPACE, 14u, 1, offsetof(kc_space_t, cand[1].tilt_rad), 'f', -TURN_RAD, TURN_RAD, false},
     {KC_TBL_SPACE, 15u, 1, offsetof(kc_space_t, cand[1].tags), 'b', 1.0, 15.0, false},
     {KC_TBL_SPACE, 16u, 1, offsetof(kc_space_t, cand[1].hub), 'b', 0.0, 15.0, true},
     {KC_TBL_SPACE, 17u, 1, offsetof(kc_space_t, cand[1].why), 'h', 0.0, 65535.0, false},
@@ -467,20 +363,6 @@ static const limit_t s_limit[] = {
     {KC_TBL_CONFIG, 83u, -1, offsetof(kc_config_t, stop_checks), 'u', 0.0, 64.0, false},
     {KC_TBL_CONFIG, 96u, -1, offsetof(kc_config_t, no_change_power), 'd', 0.0, 0.9999, false},
 };
-
-static void given_table(uint16_t kind)
-{
-    memset(&s_t, 0, sizeof s_t);
-    switch (kind) {
-    case KC_TBL_ARM: given_arm(&s_t.arm); break;
-    case KC_TBL_CAMERA: given_camera(&s_t.camera); break;
-    case KC_TBL_TERMS: given_terms(&s_t.terms); break;
-    case KC_TBL_KIN: given_kin(&s_t.kin); break;
-    case KC_TBL_SPACE: given_space(&s_t.space, 9u, 1u); break;
-    case KC_TBL_KERNEL: given_kernel(&s_t.kernel); break;
-    default: given_config(&s_t.config); break;
-    }
-}
 
 static size_t bytes_of(const limit_t *l)
 {
@@ -718,15 +600,9 @@ void test_every_element_of_an_array_is_checked_and_comes_back(void)
 /* What one field may be beside another: docs/TABLES.md says "above", or "not below". */
 void test_where_two_fields_may_be_equal(void)
 {
-    given_table(KC_TBL_ARM);
-    s_t.arm.joint[2].q_max = s_t.arm.joint[2].q_min;
-    expect_refused(KC_TBL_ARM, 2, 10u, s_t.arm.joint[2].q_min);
-    given_table(KC_TBL_CAMERA);
-    s_t.camera.pan_max_rad = s_t.camera.pan_min_rad;
-    expect_refused(KC_TBL_CAMERA, -1, 6u, s_t.camera.pan_min_rad);
-    given_table(KC_TBL_CAMERA);
-    s_t.camera.tilt_max_rad = s_t.camera.tilt_min_rad;
-    expect_refused(KC_TBL_CAMERA, -1, 8u, s_t.camera.tilt_min_rad);
+    REFUSED(ARM, arm.joint[2].q_max, s_t.arm.joint[2].q_min, 2, 10u);
+    REFUSED(CAMERA, camera.pan_max_rad, s_t.camera.pan_min_rad, -1, 6u);
+    REFUSED(CAMERA, camera.tilt_max_rad, s_t.camera.tilt_min_rad, -1, 8u);
     given_table(KC_TBL_TERMS);
     s_t.terms.coef[4].ub = s_t.terms.coef[4].lb;
     check(KC_TBL_TERMS);
@@ -738,9 +614,7 @@ void test_where_two_fields_may_be_equal(void)
     s_t.config.poor_noise_scale_unlikely = s_t.config.poor_noise_scale;
     check(KC_TBL_CONFIG);
     TEST_ASSERT_EQUAL_UINT32(0u, s_w.n_bad);
-    given_table(KC_TBL_CONFIG);
-    s_t.config.poor_noise_scale_unlikely = 2.0 * s_t.config.poor_noise_scale;
-    expect_refused(KC_TBL_CONFIG, -1, 66u, 2.0 * s_t.config.poor_noise_scale);
+    REFUSED(CONFIG, config.poor_noise_scale_unlikely, 2.0 * s_t.config.poor_noise_scale, -1, 66u);
 }
 
 /* Values belong to the arm and the terms that they were estimated for: both are named, or neither and all are zero. */
@@ -754,9 +628,7 @@ void test_a_correction_that_names_no_arm_or_half_of_what_it_is_for_is_refused(vo
     given_table(KC_TBL_KIN);
     s_t.kin.arm_crc = 7u;
     expect_refused(KC_TBL_KIN, -1, 5u, 0.0);
-    given_table(KC_TBL_KIN);
-    s_t.kin.terms_crc = 7u;
-    expect_refused(KC_TBL_KIN, -1, 5u, 7.0);
+    REFUSED(KIN, kin.terms_crc, 7u, -1, 5u);
 }
 
 void test_every_name_must_be_one(void)
