@@ -17,8 +17,15 @@ VERDICTS = ("no_change", "change", "poor")
 ACCEPT = ("ground", "auto", "policy")
 
 __all__ = [
-    *("ACCEPT", "ACQUISITIONS", "SCENARIO_DIR", "VERDICTS"),
-    *("ArmTruth", "Scenario", "checked", "find", "load"),
+    "ACCEPT",
+    "ACQUISITIONS",
+    "SCENARIO_DIR",
+    "VERDICTS",
+    "ArmTruth",
+    "Scenario",
+    "checked",
+    "find",
+    "load",
 ]
 
 

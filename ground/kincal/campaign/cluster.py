@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from kincal.run import dispersed
 from kincal_shared import installation
@@ -19,14 +19,11 @@ from kincal_shared.errors import BadInput, CommandFailed
 from .plan import Case, Plan
 from .pool import Answer, Pool
 
-if TYPE_CHECKING:
-    from distributed import Client, Future
-
 LEAST, MOST = 10, 50  # cases a task: below, starting the process costs; above, a lost task does
 QUEUED = 2  # tasks a thread of a worker
 CONNECT_S = 10.0
 GONE_S = 20.0  # without the scheduler
-_LOOK_S = 1.0
+_WAIT_S = 1.0
 
 
 def belongings(folders: list[str]) -> dict[str, Any]:
@@ -52,13 +49,14 @@ def fly(plan: Plan, cases: Iterable[Case], address: str, batch: int) -> Iterator
 
     begun = False
     try:
-        with Client(address, timeout=CONNECT_S, name="kincal-campaign", set_as_default=False) as client:
+        connect: Any = Client  # distributed publishes types for a part only
+        with connect(address, timeout=CONNECT_S, name="kincal-campaign", set_as_default=False) as client:
             begun = True
             yield from _on(client, plan, cases, address, batch)
     except (OSError, ValueError) as error:
         if begun:
             raise _gone(address) from error
-        todo = "start one (`dask scheduler`, and `dask worker ADDRESS` for each computer), or leave --scheduler out"
+        todo = "start one (`dask scheduler`, and `dask worker ADDRESS` for each computer), or fly without"
         raise BadInput("no scheduler answers", address, todo) from None
 
 
@@ -67,7 +65,7 @@ def _gone(address: str) -> CommandFailed:
     return CommandFailed("the scheduler has gone away", address, todo)
 
 
-def _on(client: Client, plan: Plan, cases: Iterable[Case], address: str, batch: int) -> Iterator[Answer]:
+def _on(client: Any, plan: Plan, cases: Iterable[Case], address: str, batch: int) -> Iterator[Answer]:
     folders = sorted({str(plan.tables), *(name for name in plan.crcs if name)})
     expected = belongings(folders)
     threads = _checked_workers(client, folders, expected, address)
@@ -88,7 +86,7 @@ def _on(client: Client, plan: Plan, cases: Iterable[Case], address: str, batch: 
             client.cancel(list(pending))
 
 
-def _checked_workers(client: Client, folders: list[str], expected: dict[str, Any], address: str) -> int:
+def _checked_workers(client: Any, folders: list[str], expected: dict[str, Any], address: str) -> int:
     """How many threads the workers have. BadInput if there is none, or one would fly with something else."""
     threads = client.nthreads()
     if not threads:
@@ -117,11 +115,11 @@ def _same(found: dict[str, Any], expected: dict[str, Any], worker: str) -> None:
 class _Watch:
     """Waits for futures, and notices that the scheduler is gone."""
 
-    def __init__(self, client: Client, address: str) -> None:
+    def __init__(self, client: Any, address: str) -> None:
         self._client, self._address, self._seen_s = client, address, time.monotonic()
 
     def ended(self, pending: set[Any]) -> list[Any]:
-        """Those that have ended, after at most _LOOK_S. CommandFailed if the scheduler is gone for long."""
+        """Those that have ended, after at most _WAIT_S. CommandFailed if the scheduler is gone for long."""
         now = time.monotonic()
         if self._client.status == "running":
             self._seen_s = now
@@ -129,11 +127,11 @@ class _Watch:
             raise _gone(self._address)
         found = [future for future in pending if future.done()]
         if not found:
-            time.sleep(_LOOK_S / 10)
+            time.sleep(_WAIT_S / 10)
         return found
 
 
-def _answers(future: Future, expected: dict[str, Any], address: str) -> list[Answer]:
+def _answers(future: Any, expected: dict[str, Any], address: str) -> list[Answer]:
     from distributed import KilledWorker
 
     try:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+from kincal.run import dispersed
 from kincal_shared.errors import BadInput, CommandFailed
 
 from . import cluster
@@ -51,9 +52,10 @@ def run(
     tick: Callable[[Progress], None] | None = None,
 ) -> Progress:
     """Fly the cases of a campaign that its folder does not hold yet. scheduler: address of a dask scheduler
-    ("": processes of this computer); batch: cases a part and a task. An interruption (KeyboardInterrupt) writes
-    what is finished. BadInput if the folder belongs to something else, or the cluster cannot fly it;
-    CommandFailed if the disk is full or the scheduler goes away. Whatever ends it, the same call goes on."""
+    ("": processes of this computer); batch: cases a part and a task. An interruption (KeyboardInterrupt)
+    writes what is finished. BadInput if the folder belongs to something else, or the cluster cannot fly
+    it; CommandFailed if the disk is full or the scheduler goes away. Whatever ends it, the same call goes
+    on."""
     if scheduler and not cluster.LEAST <= batch <= cluster.MOST:
         todo = f"give {cluster.LEAST} to {cluster.MOST} cases a task"
         raise BadInput(f"{batch} cases a task", "--batch", todo)
@@ -118,6 +120,7 @@ def replay(folder: Path, index: int, log: Path | None = None) -> Replayed:
     """Fly one case of a campaign again and compare it with what is stored, bit for bit. log: file for an LCM
     log. BadInput if there is no such case, or the tables have changed."""
     stored, plan = read(folder).row(index), plan_of(folder)
+    _same_tables(plan)
     pool = Pool(1, plan.for_worker(), plan.spec.time_limit_s, str(log.absolute()) if log else "")
     answers = list(pool.fly(plan.cases([index])))
     if not answers:
@@ -125,6 +128,16 @@ def replay(folder: Path, index: int, log: Path | None = None) -> Replayed:
     flown = row_of(plan, answers[0])
     differing = [name for name in stored if name not in TIMINGS and not _same(stored[name], flown[name])]
     return Replayed(stored, flown, tuple(differing), tuple(software_differences(folder)))
+
+
+def _same_tables(plan: Plan) -> None:
+    for name, there in plan.crcs.items():
+        here = dispersed.crcs(Path(name) if name else plan.tables)
+        if changed := [
+            f"{k}: {there[k]} then, {here.get(k, 'none')} now" for k in there if here.get(k) != there[k]
+        ]:
+            todo = "restore the tables that were flown"
+            raise BadInput(f"the tables have changed ({'; '.join(changed)})", name or str(plan.tables), todo)
 
 
 def _same(a: Any, b: Any) -> bool:

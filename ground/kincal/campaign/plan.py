@@ -41,8 +41,8 @@ class Case:
 
 @dataclass(frozen=True)
 class Plan:
-    """A campaign ready to fly. spec: its file; scenario: the whole scenario as plain values; tables: folder with
-    table images; crcs: theirs, and of the other folders that are dispersed."""
+    """A campaign ready to fly. spec: its file; scenario: the whole scenario as plain values; tables:
+    folder with table images; crcs: theirs, and of the other folders that are dispersed."""
 
     spec: Campaign
     scenario: dict[str, Any]
@@ -85,14 +85,15 @@ class Plan:
         n, d = self.spec.cases, len(self.laws)
         rng = np.random.default_rng(np.random.SeedSequence(self.spec.seed, spawn_key=(0, _SEQUENCE)))
         if self.spec.sampling == "sobol":
-            return np.asarray(qmc.Sobol(d, rng=rng).random_base2(n.bit_length() - 1))
-        return np.asarray(qmc.LatinHypercube(d, rng=rng).random(n))
+            return np.array(qmc.Sobol(d, rng=rng).random_base2(n.bit_length() - 1), float)
+        return np.array(qmc.LatinHypercube(d, rng=rng).random(n), float)
 
     def _point(self, index: int) -> Floats:
         if self.spec.sampling == "random":
             sequence = np.random.SeedSequence(self.spec.seed, spawn_key=(index, _VALUES))
             return np.random.default_rng(sequence).random(len(self.laws))
-        return self._sequence[index]
+        point: Floats = self._sequence[index]
+        return point
 
     def case(self, index: int) -> Case:
         """A case by its index, from 0."""
@@ -160,7 +161,8 @@ def _with_folders(spec: Campaign, beside: Path) -> Campaign:
 
 
 def _check(plan: Plan, path: Path) -> None:
-    """What is set, and the ends of every range, can be built. One at a time: they do not depend on each other."""
+    """What is set, and the ends of every range, can be built. One at a time: they do not depend on each
+    other."""
     _try(plan, dict(plan.spec.set), f"{path}: set")
     for number, law in enumerate(plan.spec.dispersion, 1):
         for key in expanded(law.key):

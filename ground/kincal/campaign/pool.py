@@ -1,7 +1,7 @@
 """Worker processes on this computer, one case at a time each.
 
-A case whose worker dies is flown once more by a new one, because what killed it may have come from outside; if
-it kills that too, this is its outcome. So is a case that takes longer than the time limit."""
+A case whose worker dies is flown once more by a new one, because what killed it may have come from
+outside; if it kills that too, this is its outcome. So is a case that takes longer than the time limit."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,7 +20,8 @@ from .plan import Case
 
 CASES_OF_PROCESS = 200  # then a fresh one: what MuJoCo and LCM keep of every run would come to gigabytes
 TRIES = 2
-_LOOK_S = 0.5
+COMMAND = (sys.executable, "-m", "kincal.campaign.worker")
+_WAIT_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -45,22 +47,18 @@ class _Worker:
 
     def write(self, line: dict[str, Any]) -> None:
         assert self.process.stdin is not None
-        try:
+        with suppress(BrokenPipeError):  # it has died; reading says so
             self.process.stdin.write(json.dumps(line).encode() + b"\n")
             self.process.stdin.flush()
-        except BrokenPipeError:
-            pass  # it has died; reading says so
 
     def end(self) -> str:
         """End it; how it ended, in words."""
-        self.process.kill() if self.process.poll() is None else None
+        self.process.kill()
         code = self.process.wait()
         for stream in (self.process.stdin, self.process.stdout):
             assert stream is not None
-            try:
+            with suppress(BrokenPipeError):
                 stream.close()
-            except BrokenPipeError:
-                pass
         return f"signal {-code}" if code < 0 else f"exit status {code}"
 
 
@@ -104,7 +102,7 @@ class Pool:
 
     def _start(self, selector: selectors.BaseSelector) -> _Worker:
         process = subprocess.Popen(
-            [sys.executable, "-m", "kincal.campaign.worker"],
+            COMMAND,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # a terminal's Ctrl-C is for the command
@@ -122,7 +120,7 @@ class Pool:
 
     def _collect(self, selector: selectors.BaseSelector, again: list[Case]) -> Iterator[Answer]:
         """What has been answered; workers that died or are late."""
-        for key, _ in selector.select(_LOOK_S):
+        for key, _ in selector.select(_WAIT_S):
             worker: _Worker = key.data
             data = os.read(key.fd, 1 << 16)
             worker.received += data

@@ -58,10 +58,10 @@ def share(k: int, n: int, confidence: float = CONFIDENCE) -> Share:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Evaluated:
     """A requirement and what the cases say. low, high: one-sided bounds of the probability, each at the
-    confidence of the requirement; verdict: pass (low reaches the probability asked for), fail (high does not),
-    or not shown; needed: cases without a single failure that would show it."""
+    confidence of the requirement; verdict: pass (low reaches the probability asked for), fail (high does
+    not), or not shown; needed: cases without a single failure that would show it."""
 
     requirement: Requirement
     share: Share
@@ -72,7 +72,7 @@ class Judged:
     died: int
 
 
-def judge(requirement: Requirement, outcomes: Sequence[Row]) -> Judged:
+def evaluate(requirement: Requirement, outcomes: Sequence[Row]) -> Evaluated:
     """Whether the cases show that a requirement is met."""
     given, holds = Condition(requirement.given), Condition(requirement.holds)
     n = k = died = 0
@@ -87,7 +87,7 @@ def judge(requirement: Requirement, outcomes: Sequence[Row]) -> Judged:
     high = float(stats.beta.ppf(c, k + 1, n - k)) if k < n else 1.0
     verdict = PASS if low >= p else FAIL if high < p else OPEN
     needed = int(np.ceil(np.log1p(-c) / np.log(p)))
-    return Judged(requirement, share(k, n), low, high, verdict, needed, died)
+    return Evaluated(requirement, share(k, n), low, high, verdict, needed, died)
 
 
 # ---- distributions
@@ -118,7 +118,7 @@ class Distribution:
         tail = 0.5 * (1.0 - confidence)
         high = np.ones(n)
         high[:-1] = stats.beta.ppf(1.0 - tail, k[:-1] + 1, n - k[:-1])
-        return stats.beta.ppf(tail, k, n - k + 1), high
+        return np.array(stats.beta.ppf(tail, k, n - k + 1), float), high
 
 
 def distribution(column: str, values: Sequence[float | None]) -> Distribution:
@@ -176,7 +176,8 @@ def influences(results: Results, column: str, sobol: bool = False) -> tuple[Infl
 
 
 def _numbers(results: Results, column: str) -> tuple[list[str], Floats, Floats]:
-    """Keys with more than one number, their values (n, keys), and the outcome (n,), of cases that have one."""
+    """Keys with more than one number, their values (n, keys), and the outcome (n,), of cases that have
+    one."""
     y = np.array([np.nan if v is None else float(v) for v in results.columns[column]])
     use = np.isfinite(y)
     columns = {}
@@ -186,7 +187,8 @@ def _numbers(results: Results, column: str) -> tuple[list[str], Floats, Floats]:
             x = np.array(values, float)[use]
             if len(x) and np.ptp(x) > 0.0:
                 columns[key] = x
-    return list(columns), np.array(list(columns.values())).T.reshape(int(use.sum()), -1), y[use]
+    X = np.array(list(columns.values()), float).reshape(len(columns), int(use.sum())).T
+    return list(columns), X, y[use]
 
 
 def _sobol(keys: list[str], X: Floats, y: Floats) -> dict[str, tuple[float, float]]:
@@ -227,7 +229,7 @@ class Report:
     column: str
     died: int
     ends: tuple[tuple[str, Share], ...]
-    requirements: tuple[Judged, ...]
+    requirements: tuple[Evaluated, ...]
     distributions: tuple[Distribution, ...]
     influences: tuple[Influence, ...]
     worst: tuple[Bad, ...]
@@ -256,7 +258,7 @@ def report(results: Results, column: str = "after_pos_m", sobol: bool = False) -
         column,
         sum(o["ended"] == DIED for o in outcomes),
         tuple((end, share(k, len(outcomes))) for end, k in ends.most_common()),
-        tuple(judge(r, outcomes) for r in results.plan.spec.requirement),
+        tuple(evaluate(r, outcomes) for r in results.plan.spec.requirement),
         tuple(distribution(name, results.columns[name]) for name in shown),
         influences(results, column, sobol),
         tuple(_worst(results, column)),
@@ -292,12 +294,12 @@ def _worst(results: Results, column: str) -> Iterator[Bad]:
 
 @dataclass(frozen=True)
 class Compared:
-    """A requirement in two campaigns. p: probability of shares as different as these if both were alike (Fisher's
-    exact test)."""
+    """A requirement in two campaigns. p: probability of shares as different as these if both were alike
+    (Fisher's exact test)."""
 
     name: str
-    a: Judged
-    b: Judged
+    a: Evaluated
+    b: Evaluated
     p: float
 
 
@@ -331,7 +333,7 @@ def _meaning(r: Requirement) -> tuple[str, str]:
 
 
 def _fisher(a: Share, b: Share) -> float:
-    return float(stats.fisher_exact([[a.k, a.n - a.k], [b.k, b.n - b.k]]).pvalue)
+    return float(stats.fisher_exact(np.array([[a.k, a.n - a.k], [b.k, b.n - b.k]])).pvalue)
 
 
 def _different(a: Results, b: Results) -> Iterator[str]:

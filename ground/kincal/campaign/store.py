@@ -34,8 +34,8 @@ Row = dict[str, Any]
 
 
 def row_of(plan: Plan, answer: Answer) -> Row:
-    """A case as it is stored. The dispersed values are those of the world; of a case that died, those that were
-    asked for."""
+    """A case as it is stored. The dispersed values are those of the world; of a case that died, those
+    that were asked for."""
     case, found = answer.case, answer.answer
     outcome: Row = dict.fromkeys(OUTCOME)
     if "error" in found:
@@ -137,8 +137,8 @@ class Store:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file so that it is there whole or not at all, also after a power cut. CommandFailed if the disk is
-    full or fails."""
+    """Write a file so that it is there whole or not at all, also after a power cut. CommandFailed if the
+    disk is full or fails."""
     temporary = path.with_name(path.name + ".tmp")
     try:
         with temporary.open("wb") as file:

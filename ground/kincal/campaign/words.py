@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kincal.results import length_text
 
-from .statistics import OPEN, Distribution, Influence, Judged
+from .statistics import OPEN, Distribution, Influence, Evaluated
 
 
 def percent(share: float) -> str:
@@ -35,14 +35,14 @@ def quantile_cells(d: Distribution) -> list[str]:
     ]
 
 
-def requirement_cells(r: Judged) -> list[str]:
+def requirement_cells(r: Evaluated) -> list[str]:
     """Name, cases that met it, share, what is shown, what is wanted, verdict."""
     s, c = r.share, r.requirement
     shown = f">= {percent(r.low)}"
     return [c.name, f"{s.k} of {s.n}", percent(s.value), shown, f">= {percent(c.probability)}", r.verdict]
 
 
-def verdict_text(r: Judged) -> str:
+def verdict_text(r: Evaluated) -> str:
     """What was judged, and what is missing."""
     c = r.requirement
     given = "" if c.given == "True" else f" where {c.given}"

@@ -1,7 +1,8 @@
 """The process that flies cases: `python -m kincal.campaign.worker`, JSON lines on standard input and output.
 
 First line: what all cases share. Then a line a case, answered by a line. A process of its own, because a
-case must not share flight core and simulator with another, and because what kills it then kills nothing else."""
+case must not share flight core and simulator with another, and because what kills it then kills nothing
+else."""
 
 from __future__ import annotations
 

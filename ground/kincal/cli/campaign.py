@@ -51,9 +51,9 @@ def campaign() -> None:
 def campaign_run(spec: Path, folder: Path | None, processes: int, scheduler: str, batch: int) -> None:
     """Fly the cases of a campaign that are not in its folder yet.
 
-    SPEC says what scenario is flown, how often, what differs from case to case, and what has to hold. The command
-    can be interrupted (Ctrl-C) or killed at any time; given again, it goes on. A case that dies is an outcome.
-    Status 0 when all cases are flown, whatever came of them.
+    SPEC says what scenario is flown, how often, what differs from case to case, and what has to hold. The
+    command can be interrupted (Ctrl-C) or killed at any time; given again, it goes on. A case that dies
+    is an outcome. Status 0 when all cases are flown, whatever came of them.
 
     \b
     Examples:
@@ -111,8 +111,8 @@ def _span(s: float) -> str:
 def campaign_report(folder: Path, other: Path | None, outcome: str, sobol: bool, page: Path | None) -> None:
     """Say what the cases of a campaign show: requirements, distributions, influences, the worst cases.
 
-    With OTHER, the folder of a second campaign, both are compared. Status 1 unless all cases are flown and every
-    requirement is shown to be met.
+    With OTHER, the folder of a second campaign, both are compared. Status 1 unless all cases are flown
+    and every requirement is shown to be met.
 
     \b
     Examples:

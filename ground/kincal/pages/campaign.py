@@ -30,17 +30,18 @@ UNITS = {"_m": (1e3, "mm"), "_rad": (1e3, "mrad"), "_s": (1.0, "s")}
 def page(r: Report, compared: Comparison | None, date: str) -> Page:
     """A campaign, with another one for comparison or None; date: ISO day."""
     spec, results = r.results.plan.spec, r.results
+    how = f"{spec.sampling} sampling, {len(results.plan.keys)} values dispersed"
     sections = [
         Section("requirements", "Requirements", _requirement_text(r), grid=_requirements(r)),
-        Section("ends", "How cases ended", "Shares with the bounds of Clopper and Pearson, 95 %.", grid=_ends(r)),
-        Section("distribution", f"Distribution of {r.column}", "Band: 95 % bounds of Clopper and Pearson at each value.",
+        Section("ends", "How cases ended", "With 95 % bounds of Clopper and Pearson.", grid=_ends(r)),
+        Section("distribution", f"Distribution of {r.column}", "Band: 95 % bounds of Clopper and Pearson.",
                 figure=distribution_figure([r, *([compared.b] if compared else [])])),
         Section("quantiles", "Quantiles", "Bounds, 95 %, are order statistics.", grid=_quantiles(r)),
     ]  # fmt: skip
     if r.influences:
         text = (
-            "Spearman's rank correlation with the value, and with its distance from the middle of its range. A grey "
-            "bar is no more than chance gives (p > 0.05 over all values)."
+            "Spearman's rank correlation with the value, and with its distance from the middle. A "
+            "grey bar is no more than chance gives (p > 0.05 over all values)."
         )
         rows = [influence_cells(i) for i in r.influences]
         cells = Grid.of("<value|with value|with size|p|Sobol index", rows)
@@ -54,7 +55,7 @@ def page(r: Report, compared: Comparison | None, date: str) -> Page:
     return Page(
         kind="Campaign",
         title=spec.title or spec.scenario,
-        subtitle=f"{results.n} of {spec.cases} cases, {spec.sampling} sampling, {len(results.plan.keys)} values dispersed",
+        subtitle=f"{results.n} of {spec.cases} cases, {how}",
         provenance=Provenance(date, results.plan.crcs[""], str(results.folder), results.plan.hash, spec.seed),
         verdict=_verdict(r),
         tiles=_tiles(r),
@@ -114,7 +115,8 @@ def _worst(r: Report) -> Grid:
 
 
 def _differing(c: Comparison) -> str:
-    return f"A: {c.a.results.folder}. B: {c.b.results.folder}. They differ in: {'; '.join(c.different) or 'nothing'}."
+    different = "; ".join(c.different) or "nothing"
+    return f"A: {c.a.results.folder}. B: {c.b.results.folder}. They differ in: {different}."
 
 
 def _compared(c: Comparison) -> Grid:

@@ -1,8 +1,8 @@
 """One case of a campaign: a scenario in which some values differ, flown in this process.
 
-What was asked for is read back from what was built: the errors of MuJoCo's bodies, the encoders and effects of
-the plant, the settings of the detection model, the table image that flight had. A world that differs from what
-was asked for is an error, not a case."""
+What was asked for is read back from what was built: the errors of MuJoCo's bodies, the encoders and
+effects of the plant, the settings of the detection model, the table image that flight had. A world that
+differs from what was asked for is an error, not a case."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ from kincal_shared import installation
 from kincal_shared.errors import BadInput
 from kincal_shared.schema.campaign import split_key
 from kincal_shared.schema.errors import validate
+from kincal_shared.schema.scenario import Scenario
+from kincal_sim import scenario as scenarios  # noqa: E402  after inprocess, which says what is missing
+from kincal_sim.mechanics.effects import Hysteresis, JointCompliance  # noqa: E402
+from kincal_sim.truth import truth_record  # noqa: E402
+from kincal_sim.vision.imagers import fast_imager  # noqa: E402
+from kincal_sim.world import World  # noqa: E402
 
 from .evaluate import Evaluator, GroundTruth
 from .inprocess import Setup, SimulatedRun, Simulation
-
-from kincal_sim import scenario as scenarios  # noqa: E402, I001  after inprocess, which says what is missing
-from kincal_sim.mechanics.effects import Hysteresis, JointCompliance  # noqa: E402
-from kincal_sim.truth import truth_record  # noqa: E402
-from kincal_sim.world import World  # noqa: E402
 
 Value: TypeAlias = "float | str | bool"
 COMPARED = frozenset(("KC_ARM_CMD", "KC_PANTILT_CMD", "KC_MEAS", "KC_PROGRESS", "KC_PROPOSAL", "KC_EVENT"))
@@ -51,8 +52,8 @@ TABLES_KEY = "tables"
 @dataclass(frozen=True)
 class Flown:
     """A case that was flown. dispersed: values of the built world by key; outcome: columns of
-    kincal_shared.schema.campaign.OUTCOME; digest: SHA-256 of all commands, measurements, estimates, events and
-    proposals of flight; cpu_s: processor time [s]."""
+    kincal_shared.schema.campaign.OUTCOME; digest: SHA-256 of all commands, measurements, estimates,
+    events and proposals of flight; cpu_s: processor time [s]."""
 
     dispersed: dict[str, Value]
     outcome: dict[str, Value | None]
@@ -70,7 +71,7 @@ def load(name: str, beside: Path) -> dict[str, Any]:
     return scenario.model_dump(exclude_none=True)
 
 
-def changed(base: Mapping[str, Any], changes: Mapping[str, Value]) -> scenarios.Scenario:
+def changed(base: Mapping[str, Any], changes: Mapping[str, Value]) -> Scenario:
     """The scenario with the changes that concern it. SchemaError names a value that it cannot have."""
     doc = _copied(base)
     for key, value in changes.items():
@@ -80,7 +81,7 @@ def changed(base: Mapping[str, Any], changes: Mapping[str, Value]) -> scenarios.
             for part in path[:-1]:
                 here = here.setdefault(part, {})
             here[path[-1]] = value
-    return scenarios.checked(validate(scenarios.Scenario, doc, "the scenario with its changes"))
+    return scenarios.checked(validate(Scenario, doc, "the scenario with its changes"))
 
 
 def _copied(base: Mapping[str, Any]) -> dict[str, Any]:
@@ -102,7 +103,9 @@ def tables_with(folder: Path, changes: Mapping[str, Value]) -> Iterator[Path]:
         _, config = tables.decode_as("config", target.read_bytes())
         for key, value in wanted.items():
             _set_field(config, split_key(key)[1:], value, key)
-        target.write_bytes(tables.encode("config", config).data)
+        data = tables.encode("config", config).data
+        tables.decode(data, "the CONFIG table with its changes")  # what flight would refuse
+        target.write_bytes(data)
         yield Path(name)
 
 
@@ -130,19 +133,20 @@ def fly(
     seed: int,
     log: Path | None = None,
 ) -> Flown:
-    """One case. base: the scenario as `load` gives it; folder: of table images; changes: value by key; seed: of
-    everything random; log: file for an LCM log. ArithmeticError if the world was not built as asked."""
+    """One case. base: the scenario as `load` gives it; folder: of table images; changes: value by key;
+    seed: of everything random; log: file for an LCM log. ArithmeticError if the world was not built as
+    asked."""
     begun = time.process_time()
     scenario = changed(base, changes)
     with (
         tables_with(folder, changes) as used,
-        Simulation(scenario, seed, Setup(tables=used, log=log)) as simulation,
+        Simulation(scenario, seed, Setup(tables=used, log=log, world=_world)) as simulation,
     ):
         world, digest = simulation.world, hashlib.sha256()
         evaluator = _evaluator(used)
         evaluator.learn(GroundTruth.of(truth_record(simulation.scenario, world.plant, seed, "fast")))
         found = {key: read_back(key, world, used, folder) for key in changes}
-        _check(changes, found)
+        check(changes, found)
         while (tick := simulation.step()) is not None:
             for channel, message in tick.from_flight:
                 if channel in COMPARED:
@@ -150,6 +154,10 @@ def fly(
         outcome = _outcome(simulation.result(), evaluator)
     digest.update(repr(sorted(outcome.items())).encode())
     return Flown(found, outcome, digest.hexdigest(), time.process_time() - begun)
+
+
+def _world(scenario: Scenario, seed: int) -> World:
+    return World(scenario, seed, fast_imager)
 
 
 def _evaluator(folder: Path) -> Evaluator:
@@ -205,7 +213,8 @@ def _outcome(run: SimulatedRun, evaluator: Evaluator) -> dict[str, Value | None]
 # ---- read back
 
 
-def _check(asked: Mapping[str, Value], found: Mapping[str, Value]) -> None:
+def check(asked: Mapping[str, Value], found: Mapping[str, Value]) -> None:
+    """ArithmeticError unless what was found is what was asked for."""
     for key, want in asked.items():
         got = found[key]
         if isinstance(want, (bool, str)) or isinstance(got, str):

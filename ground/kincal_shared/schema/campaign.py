@@ -1,14 +1,12 @@
 """Campaigns (sim/campaigns/*.toml): which cases are flown, how they are dispersed, what has to hold of them.
 
-A key of a dispersion is a path in the scenario (`arm.errors.J2.phi_rad`, `detection.corner_sigma_px`), a field
-of the CONFIG table (`config.stop_pos_m`), or `tables`. `J*` stands for every joint.
-"""
+A key of a dispersion is a path in the scenario (`arm.errors.J2.phi_rad`, `detection.corner_sigma_px`), a
+field of the CONFIG table (`config.stop_pos_m`), or `tables`. `J*` stands for every joint."""
 
 from __future__ import annotations
 
 import ast
 import operator
-import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -38,8 +38,8 @@ class Exposure:
 
 @dataclass(frozen=True)
 class Imager:
-    """channel: where its messages go; expose(exposure): the message, or None if that comes later; settings: of
-    the detection model, as it uses them."""
+    """channel: where its messages go; expose(exposure): the message, or None if that comes later;
+    settings: of the detection model, as it uses them."""
 
     channel: str
     expose: Callable[[Exposure], Message | None]

@@ -29,8 +29,8 @@ def report(out: Console, r: Report) -> None:
     )
     _ends(out, r)
     _requirements(out, r)
-    rows = grid("\nDistributions (quantiles with 95 % bounds)", "outcome", "cases", "5 %", "50 %", "95 %", "99 %",
-                right=(1,))  # fmt: skip
+    title = "\nDistributions (quantiles with 95 % bounds)"
+    rows = grid(title, "outcome", "cases", "5 %", "50 %", "95 %", "99 %", right=(1,))
     for d in r.distributions:
         rows.add_row(d.column, str(len(d.values)), *quantile_cells(d))
     out.print(rows)
@@ -95,10 +95,8 @@ def compared(out: Console, c: Comparison) -> None:
 
 def replayed(out: Console, r: Replayed) -> None:
     """Print whether a case came out as before."""
-    index = r.stored["index"]
-    out.print(
-        f"case {index}, seed {r.stored['seed']}: {escape(str(r.flown['ended']))}, {escape(str(r.flown['reason']))}"
-    )
+    index, end = r.stored["index"], f"{r.flown['ended']}, {r.flown['reason']}"
+    out.print(f"case {index}, seed {r.stored['seed']}: {escape(end)}")
     if not r.differing:
         out.print(
             f"[green]the same to the bit[/]: {len(r.stored)} columns, digest {r.flown['digest'][:16] or '-'}"
