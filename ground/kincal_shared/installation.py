@@ -23,6 +23,7 @@ EXTRAS: Final[dict[str, tuple[str, ...]]] = {
     "ros": ("rosbags",),
     "xtce": ("yamcs",),
     "console": ("starlette", "uvicorn", "websockets"),
+    "campaign": ("pyarrow", "distributed", "SALib"),
 }
 
 
@@ -57,6 +58,12 @@ def require(extra: str, what: str) -> None:
 def simulator() -> None:
     """BadInput if what the simulator (package kincal_sim) needs is not installed."""
     require("sim", "a simulated run")
+
+
+def campaign() -> None:
+    """BadInput if what campaigns need is not installed."""
+    require("campaign", "a campaign")
+    simulator()
 
 
 def program(name: str) -> Path:

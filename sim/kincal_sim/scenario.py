@@ -16,7 +16,17 @@ ACQUISITIONS = {"table": -1, **{name: number for number, name in enumerate(names
 VERDICTS = ("no_change", "change", "poor")
 ACCEPT = ("ground", "auto", "policy")
 
-__all__ = ["ACCEPT", "ACQUISITIONS", "SCENARIO_DIR", "VERDICTS", "ArmTruth", "Scenario", "find", "load"]
+__all__ = [
+    "ACCEPT",
+    "ACQUISITIONS",
+    "SCENARIO_DIR",
+    "VERDICTS",
+    "ArmTruth",
+    "Scenario",
+    "checked",
+    "find",
+    "load",
+]
 
 
 def find(name: str | Path) -> Path:
@@ -34,8 +44,12 @@ def find(name: str | Path) -> Path:
 def load(name: str | Path) -> Scenario:
     """Read and check a scenario. Raises BadInput, which lists all that is wrong with the file."""
     path = find(name)
-    scenario = read_scenario(path)
-    _check_names(scenario.arm, len(load_spec()["joint"]), str(path))
+    return checked(read_scenario(path), str(path))
+
+
+def checked(scenario: Scenario, where: str = "") -> Scenario:
+    """The same scenario, if the simulator's arm has what it names. Raises BadInput."""
+    _check_names(scenario.arm, len(load_spec()["joint"]), where or scenario.name)
     return scenario
 
 

@@ -40,6 +40,8 @@ def user(full, tmp_path_factory):
     run(kincal, "model", "fit", "--arm", "arm.toml", "--data", "poses.csv", "--model", "M.toml", cwd=folder)
     said = run(kincal, "run", "healthy", "--fast", "--no-compare", "--out", "run", cwd=folder)
     assert "passed in" in said
+    (folder / "small.toml").write_text('scenario = "healthy"\ncases = 1\nset = { "calibration.poses" = 1 }\n')
+    assert "1 of 1 cases" in run(kincal, "campaign", "run", "small.toml", "--out", "campaign", cwd=folder)
     return folder
 
 
@@ -49,7 +51,7 @@ def user(full, tmp_path_factory):
 def test_wheel_holds_what_it_runs(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     messages = {f"kcm/{p.stem}.py" for p in (ROOT / "fsw" / "msg").glob("*.lcm")}
-    tree = {f"kincal/_tree/{name}" for name in ("sim/scenarios/paper.toml",
+    tree = {f"kincal/_tree/{name}" for name in ("sim/scenarios/paper.toml", "sim/campaigns/errors.toml",
             "sim/models/detector.yml", "tables/bin/space.tbl", "tables/src/space.toml", "build/kincal-fsw",
             "build/kincal-tagdet")}  # fmt: skip
     assert {"kincal/_core/libkincal.so", "kincal/_core/kincal_cdef.h", "kincal/_core/musl.COPYRIGHT",
@@ -110,6 +112,9 @@ CALLS = {
     "space information": ("{tables}/bin/space.tbl",),
     "space separability": ("{tables}/bin/space.tbl",),
     "run": ("healthy", "--fast", "--no-compare", "--out", "new/run"),
+    "campaign run": ("small.toml", "--out", "campaign"),
+    "campaign report": ("campaign",),
+    "campaign replay": ("campaign", "0"),
     "log": (RUN_LOG,),
     "review list": (RUN_LOG,),
     "review show": (RUN_LOG, "--picture", "new/review.png"),
@@ -161,7 +166,10 @@ CALLS = {
 }
 SLOW = ("space build", "space check")  # not run to their end
 # command or group -> extra
-NEEDS = {"run": "sim", "space": "sim", "arm import": "urdf", "serve": "console", "export xtce": "xtce"}
+NEEDS = {
+    **{"run": "sim", "space": "sim", "arm import": "urdf", "serve": "console", "export xtce": "xtce"},
+    "campaign": "campaign",
+}
 PICTURES = ("review show", "model diagnose")  # use the extra image
 NO_ANSWER = ("uplink", "dump", "approve", "reject")  # nobody is there to talk to
 

@@ -44,7 +44,20 @@ class _Groups(MutableMapping[str, click.Command]):
 @click.group(
     cls=Commands,
     commands=_Groups(
-        *("arm", "audit", "bridge", "command", "export", "key", "log", "model", "record", "review", "run"),
+        *(
+            "arm",
+            "audit",
+            "bridge",
+            "campaign",
+            "command",
+            "export",
+            "key",
+            "log",
+            "model",
+            "record",
+            "review",
+            "run",
+        ),
         *("schema", "serve", "space", "status", "table"),
     ),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},

@@ -15,6 +15,7 @@ from pydantic_core.core_schema import ModelSchema
 
 from .arm import ArmFile
 from .base import Strict, model_of
+from .campaign import Campaign
 from .datamap import DataMap
 from .effects import EffectsFile
 from .model import ModelEntry
@@ -29,6 +30,7 @@ SUFFIX = ".schema.json"
 # name of the schema -> model of the file
 FILES: dict[str, type[Strict]] = {
     "arm": ArmFile,
+    "campaign": Campaign,
     "data-map": DataMap,
     "effects": EffectsFile,
     "model": ModelEntry,

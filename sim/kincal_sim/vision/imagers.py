@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -38,10 +38,12 @@ class Exposure:
 
 @dataclass(frozen=True)
 class Imager:
-    """channel: where its messages go; expose(exposure): the message, or None if that comes later."""
+    """channel: where its messages go; expose(exposure): the message, or None if that comes later;
+    settings: of the detection model, as it uses them."""
 
     channel: str
     expose: Callable[[Exposure], Message | None]
+    settings: dict = field(default_factory=dict)
 
 
 MakeImager = Callable[[Scenario, Arm, int], Imager]
@@ -66,7 +68,8 @@ def pixel_imager(scenario: Scenario, arm: Arm, seed: int) -> Imager:
 
 def fast_imager(scenario: Scenario, arm: Arm, seed: int) -> Imager:
     """KC_DETECTION without an image: what the tag detector would report."""
-    model = DetectionModel(load_config(arm.spec, detection=scenario.detection.changes()), arm.model)
+    config = load_config(arm.spec, detection=scenario.detection.changes())
+    model = DetectionModel(config, arm.model)
     rng = generator(seed, "detections")
 
     def expose(exposure: Exposure) -> kcm.detection_t:
@@ -77,7 +80,7 @@ def fast_imager(scenario: Scenario, arm: Arm, seed: int) -> Imager:
         m.t_us, m.seq = exposure.t_us, exposure.seq
         return m
 
-    return Imager("KC_DETECTION", expose)
+    return Imager("KC_DETECTION", expose, config.detection)
 
 
 class BackgroundImager:

@@ -1,0 +1,296 @@
+"""The folder of a campaign: campaign.json says what it belongs to, part-NNNNNN.parquet hold the cases.
+
+A part is written whole or not at all: under another name, to the disk, then renamed. What is done is the set
+of indices in the parts."""
+
+from __future__ import annotations
+
+import fcntl
+import io
+import json
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from kincal.run import dispersed
+from kincal_shared.errors import BadInput, CommandFailed
+from kincal_shared.schema.campaign import OUTCOME, Campaign
+from kincal_shared.schema.errors import validate
+
+from .plan import Plan
+from .pool import Answer
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+MANIFEST = "campaign.json"
+TIMINGS = ("wall_s", "cpu_s")  # the columns that differ from one flight of a case to the next
+DISPERSED = "x."  # before the key, in the names of columns
+DIED = "died"
+Row = dict[str, Any]
+
+
+def row_of(plan: Plan, answer: Answer) -> Row:
+    """A case as it is stored. The dispersed values are those of the world; of a case that died, those
+    that were asked for."""
+    case, found = answer.case, answer.answer
+    outcome: Row = dict.fromkeys(OUTCOME)
+    if "error" in found:
+        outcome |= {"ended": DIED, "reason": found["error"]}
+        values, digest, cpu_s = case.changes, "", None
+    else:
+        outcome |= found["outcome"]
+        values, digest, cpu_s = found["dispersed"], found["digest"], found["cpu_s"]
+    drawn = {DISPERSED + key: values[key] for key in plan.keys}
+    timings = {"wall_s": answer.wall_s, "cpu_s": cpu_s}
+    return {"index": case.index, "seed": case.seed, **drawn, **outcome, "digest": digest, **timings}
+
+
+def _schema(plan: Plan) -> pa.Schema:
+    import pyarrow as pa
+
+    kinds = {str: pa.string(), bool: pa.bool_(), int: pa.int64(), float: pa.float64()}
+    drawn = [(DISPERSED + key, kinds[type(law.choice[0]) if law.choice else float]) for key, law in plan.laws]
+    return pa.schema(
+        [
+            *(("index", pa.int64()), ("seed", pa.int64())),
+            *drawn,
+            *((name, kinds[kind]) for name, kind in OUTCOME.items()),
+            *(("digest", pa.string()), ("wall_s", pa.float64()), ("cpu_s", pa.float64())),
+        ]
+    )
+
+
+# ---- write
+
+
+@dataclass
+class Store:
+    """The folder while cases are flown into it; only one process at a time."""
+
+    folder: Path
+    plan: Plan
+    done: set[int] = field(default_factory=set)
+    _lock: int = -1
+    _next: int = 1
+
+    def __enter__(self) -> Store:
+        """Open the folder, or make it. BadInput if it belongs to something else, or is in use."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(self.folder / ".lock", os.O_CREAT | os.O_RDWR)
+        except OSError as error:
+            raise BadInput(f"cannot be written: {error.strerror}", str(self.folder), "name another") from None
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._open()
+        except BlockingIOError:
+            os.close(self._lock)
+            todo = "wait for it, or end it; it loses nothing"
+            raise BadInput("another process flies cases into this folder", str(self.folder), todo) from None
+        except BaseException:
+            os.close(self._lock)
+            raise
+        return self
+
+    def __exit__(
+        self, _type: type[BaseException] | None, _value: BaseException | None, _tb: TracebackType | None
+    ) -> None:
+        os.close(self._lock)
+
+    def _open(self) -> None:
+        for left in self.folder.glob("*.tmp"):
+            left.unlink()
+        new = manifest_of(self.plan)
+        if (self.folder / MANIFEST).exists():
+            old = read_manifest(self.folder)
+            if differing := _differences(old, new):
+                lines = "; ".join(f"{what}: {was} there, {is_} here" for what, was, is_ in differing)
+                raise BadInput(
+                    f"the folder holds cases that were flown otherwise ({lines})",
+                    str(self.folder),
+                    "name another folder, or fly with what campaign.json there says",
+                )
+        elif parts(self.folder):
+            raise BadInput(f"the folder has cases but no {MANIFEST}", str(self.folder), "name another folder")
+        self.done = set(_indices(self.folder))
+        self._next = max((int(part.stem.partition("-")[2]) for part in parts(self.folder)), default=0) + 1
+        text = json.dumps(new, indent=1) + "\n"
+        write_whole(self.folder / MANIFEST, text.encode())  # also where only requirements or titles are new
+
+    def write(self, answers: Iterable[Answer]) -> None:
+        """One part with these cases. CommandFailed if it cannot be written; then there is nothing of it."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        rows = sorted((row_of(self.plan, answer) for answer in answers), key=lambda row: int(row["index"]))
+        if not rows:
+            return
+        buffer = io.BytesIO()
+        pq.write_table(pa.Table.from_pylist(rows, _schema(self.plan)), buffer)
+        write_whole(self.folder / f"part-{self._next:06d}.parquet", buffer.getvalue())
+        self._next += 1
+        self.done.update(int(row["index"]) for row in rows)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file so that it is there whole or not at all, also after a power cut. CommandFailed if the
+    disk is full or fails."""
+    temporary = path.with_name(path.name + ".tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.rename(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        todo = "make room, then give the same command again: it goes on with the cases that are missing"
+        raise CommandFailed(
+            f"{path.name} could not be written: {error.strerror}", str(path.parent), todo
+        ) from None
+
+
+# ---- what it belongs to
+
+
+def manifest_of(plan: Plan) -> Row:
+    """What campaign.json says."""
+    return {
+        "spec": plan.spec.model_dump(),
+        "scenario": plan.scenario,
+        "tables_folder": str(plan.tables),
+        "tables": plan.crcs,
+        "spec_sha256": plan.hash,
+        "software": dispersed.software(),
+    }
+
+
+def read_manifest(folder: Path) -> Row:
+    """campaign.json of a folder. BadInput if there is none, or it is damaged."""
+    path = folder / MANIFEST
+    try:
+        found: Row = json.loads(path.read_text("utf-8"))
+    except FileNotFoundError:
+        raise BadInput(
+            "no campaign here", str(folder), "`kincal campaign run SPEC --out FOLDER` makes one"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise BadInput(f"cannot be read: {error}", str(path)) from None
+    if missing := {"spec", "scenario", "tables", "tables_folder", "spec_sha256", "software"} - found.keys():
+        raise BadInput(
+            f"has no {sorted(missing)[0]}", str(path), "name a folder that `kincal campaign run` made"
+        )
+    return found
+
+
+def plan_of(folder: Path) -> Plan:
+    """The plan of a campaign that was flown, from its folder."""
+    m = read_manifest(folder)
+    doc = {key: value for key, value in m["spec"].items() if value is not None}
+    doc["dispersion"] = [{k: v for k, v in law.items() if v is not None} for law in doc["dispersion"]]
+    for law in doc["dispersion"]:  # JSON has no tuples, a file has none either: lists are read as both
+        law.update({k: tuple(law[k]) for k in ("uniform", "normal", "limits") if k in law})
+    spec = validate(Campaign, doc, str(folder / MANIFEST))
+    return Plan(spec, m["scenario"], Path(m["tables_folder"]), m["tables"])
+
+
+def _differences(old: Row, new: Row) -> list[tuple[str, str, str]]:
+    found = [(k, old["software"].get(k, "nothing"), v) for k, v in new["software"].items()]
+    found += [
+        (f"table {kind}", old["tables"].get(folder, {}).get(kind, "none"), crc)
+        for folder, kinds in new["tables"].items()
+        for kind, crc in kinds.items()
+    ]
+    found += [("spec", old["spec_sha256"][:12], new["spec_sha256"][:12])]
+    return [(what, was, is_) for what, was, is_ in found if was != is_]
+
+
+def software_differences(folder: Path) -> list[str]:
+    """What differs between the software here and that which flew a campaign."""
+    there, here = read_manifest(folder)["software"], dispersed.software()
+    return [
+        f"{what}: {there.get(what)} there, {here[what]} here"
+        for what in here
+        if there.get(what) != here[what]
+    ]
+
+
+# ---- read
+
+
+def parts(folder: Path) -> list[Path]:
+    """The parts, in the order in which they were written."""
+    return sorted(folder.glob("part-*.parquet"))
+
+
+def _tables(folder: Path, columns: list[str] | None = None) -> Iterator[pa.Table]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    for part in parts(folder):
+        try:
+            yield pq.read_table(part, columns=columns)
+        except (OSError, pa.ArrowException) as error:
+            todo = "remove this part; `kincal campaign run` flies its cases again"
+            raise BadInput(f"cannot be read: {error}", str(part), todo) from None
+
+
+def _indices(folder: Path) -> list[int]:
+    found = [index for table in _tables(folder, ["index"]) for index in table["index"].to_pylist()]
+    if len(set(found)) != len(found):
+        raise BadInput("a case is there twice", str(folder), "remove one of the parts that hold it")
+    return found
+
+
+@dataclass(frozen=True)
+class Results:
+    """The cases of a campaign so far, by columns, in the order of their indices. plan: what was to be flown;
+    software: what flew it."""
+
+    folder: Path
+    plan: Plan
+    software: dict[str, str]
+    columns: dict[str, list[Any]]
+
+    @property
+    def n(self) -> int:
+        """How many cases."""
+        return len(self.columns["index"])
+
+    def outcomes(self) -> Iterator[Row]:
+        """The outcome of every case, as conditions take it."""
+        names = list(OUTCOME)
+        for values in zip(*(self.columns[name] for name in names), strict=True):
+            yield dict(zip(names, values, strict=True))
+
+    def row(self, index: int) -> Row:
+        """A case by its index. BadInput if it has not been flown."""
+        try:
+            k = self.columns["index"].index(index)
+        except ValueError:
+            todo = f"name one from 0 to {self.plan.spec.cases - 1} that was flown"
+            raise BadInput(f"there is no case {index}", str(self.folder), todo) from None
+        return {name: values[k] for name, values in self.columns.items()}
+
+
+def read(folder: Path) -> Results:
+    """The cases that a folder holds. BadInput if it holds none, or is damaged."""
+    import pyarrow as pa
+
+    m, plan = read_manifest(folder), plan_of(folder)
+    _indices(folder)
+    if not (found := list(_tables(folder))):
+        raise BadInput("no case has been flown yet", str(folder), "`kincal campaign run` flies them")
+    table = pa.concat_tables(found).sort_by("index")
+    return Results(
+        folder, plan, m["software"], {name: table[name].to_pylist() for name in table.column_names}
+    )

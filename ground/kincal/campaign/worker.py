@@ -1,0 +1,46 @@
+"""The process that flies cases: `python -m kincal.campaign.worker`, JSON lines on standard input and output.
+
+First line: what all cases share. Then a line a case, answered by a line. A process of its own, because a
+case must not share flight core and simulator with another, and because what kills it then kills nothing
+else."""
+
+from __future__ import annotations
+
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import json  # noqa: E402
+import signal  # noqa: E402
+import sys  # noqa: E402
+from pathlib import Path  # noqa: E402
+from typing import Any  # noqa: E402
+
+from kincal.run import dispersed  # noqa: E402
+
+
+def fly(shared: dict[str, Any], case: dict[str, Any]) -> dict[str, Any]:
+    """The answer to a case: what was flown, or the error that ended it."""
+    folder = Path(str(case["changes"].get(dispersed.TABLES_KEY, shared["tables"])))
+    log = Path(case["log"]) if case.get("log") else None
+    try:
+        flown = dispersed.fly(shared["scenario"], folder, case["changes"], case["seed"], log)
+    except Exception as error:  # noqa: BLE001 whatever a case dies of is its outcome
+        return {"index": case["index"], "error": f"{type(error).__name__}: {error}"}
+    return {"index": case["index"], **vars(flown)}
+
+
+def main() -> None:
+    """Serve until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which ends its workers
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # what libraries print is no answer
+    shared = json.loads(sys.stdin.readline() or "null")
+    for line in sys.stdin:
+        answers.write(json.dumps(fly(shared, json.loads(line))) + "\n")
+        answers.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,584 @@
+"""Campaigns: answers to wrong files, cases that survive kills and full disks, replays, and what they
+show."""
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import stats
+
+from kincal import campaign
+from kincal.campaign import cluster, pool, statistics, store
+from kincal.campaign import plan as plan_
+from kincal.cli import main
+from kincal.run import dispersed
+from kincal_shared.errors import BadInput, CommandFailed
+from kincal_shared.schema.campaign import Condition, Requirement
+from kincal_shared.schema.errors import Contradiction
+
+ROOT = Path(__file__).resolve().parents[2]
+KINCAL = (sys.executable, "-m", "kincal")
+CASES = 4
+SPEC = f"""
+title = "test"
+scenario = "healthy"
+cases = {CASES}
+seed = 7
+set = {{ "calibration.poses" = 1 }}
+[[dispersion]]
+key = "arm.errors.J2.phi_rad"
+uniform = [-0.02, 0.02]
+[[dispersion]]
+key = "config.stop_pos_m"
+uniform = [0.001, 0.004]
+[[requirement]]
+name = "comes to an end"
+holds = 'ended != "no end"'
+probability = 0.4
+"""
+
+
+def spec_file(folder, text=SPEC):
+    path = folder / "spec.toml"
+    path.write_text(text)
+    return path
+
+
+def rows(folder):
+    """All cases of a folder without timings, by index."""
+    found = campaign.read(folder)
+    columns = {k: v for k, v in found.columns.items() if k not in store.TIMINGS}
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A campaign that nobody interrupted, by two workers; and its file."""
+    folder = tmp_path_factory.mktemp("whole")
+    path = spec_file(folder)
+    seen = []
+    end = campaign.run(campaign.prepare(path), folder / "out", processes=2, batch=2, tick=seen.append)
+    assert (end.done, end.of, end.flown, end.died) == (CASES, CASES, CASES, 0)
+    assert [p.done for p in seen] == [1, 2, 3, 4]
+    assert seen[0].rate > 0
+    assert seen[0].left_s > 0
+    return path, folder / "out"
+
+
+# --------------------------------------------------------------------------- the file
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("seed = 7", "sed = 7", ("sed", "unknown key", "seed")),
+        ('scenario = "healthy"', 'scenario = "helthy"', ("scenario", "no scenario 'helthy'", "healthy")),
+        ('scenario = "healthy"', "", ("scenario", "is missing")),
+        ("[-0.02, 0.02]", "[0.02, -0.02]", ("dispersion[1].uniform", "empty", "low below high")),
+        ("[-0.02, 0.02]", "[0.02, 0.02]", ("empty",)),
+        ("uniform = [-0.02, 0.02]", "", ("no distribution", "exactly one")),
+        ("uniform = [-0.02, 0.02]", "uniform = [0.0, 1.0]\nnormal = [0.0, 1.0]", ("uniform and normal",)),
+        ("uniform = [-0.02, 0.02]", "uniform = [0.0, 1.0]\nlimits = [0.0, 1.0]", ("limits go with normal",)),
+        ("J2.phi_rad", "J9.phi_rad", ("J9.phi_rad", "dispersion[1]", "known: J1..J7")),
+        ("arm.errors.J2.phi_rad", "arm.errrors.J2.phi_rad", ("errrors", "known there")),
+        ("arm.errors.J2.phi_rad", "arm.errors", ("no single value",)),
+        ("arm.errors.J2.phi_rad", "optics.read_noise_dn", ("nothing that can be changed", "detection.*")),
+        ("config.stop_pos_m", "config.stop_pos", ("stop_pos", "known there")),
+        ("[0.001, 0.004]", "[-1.0, 0.004]", ("dispersion[2]", "config.stop_pos_m = -1.0")),
+        ("config.stop_pos_m", "arm.errors.J*.phi_rad", ("given twice", "dispersion[1]")),
+        ("config.stop_pos_m", "calibration.poses", ("given twice", "by set")),
+        ("arm.errors.J2.phi_rad", "arm.encoder_noise_rad", ("arm.encoder_noise_rad", "must be 0 or more")),
+        ("seed = 7", 'sampling = "sobol"\ncases = 5', ("not valid TOML",)),
+        (f"cases = {CASES}", 'cases = 5\nsampling = "sobol"', ("powers of two", "4 or 8")),
+        ("probability = 0.4", "probability = 1.0", ("must be below 1",)),
+        ("'ended != \"no end\"'", "'end != 1'", ("has no 'end'", "after_pos_m")),
+        ("'ended != \"no end\"'", "'__import__(1)'", ("cannot be read",)),
+    ],
+)
+def test_a_wrong_file_is_refused_with_what_where_and_what_to_do(tmp_path, old, new, said):
+    assert old in SPEC
+    path = spec_file(tmp_path, SPEC.replace(old, new, 1))
+    found = CliRunner().invoke(main, ["campaign", "run", str(path), "--out", str(tmp_path / "out")])
+    assert found.exit_code == 2
+    for words in (str(path), *said):
+        assert words in found.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unlimited_normal_distribution_that_reaches_the_impossible_asks_for_limits(tmp_path):
+    text = SPEC.replace("uniform = [-0.02, 0.02]", "normal = [0.1, 0.1]").replace(
+        "arm.errors.J2.phi_rad", "detection.corner_sigma_px"
+    )
+    with pytest.raises(BadInput, match=r"add limits = \[LOW, HIGH\]"):
+        campaign.prepare(spec_file(tmp_path, text))
+    limited = text.replace("normal = [0.1, 0.1]", "normal = [0.1, 0.1]\nlimits = [0.01, 0.2]")
+    plan = campaign.prepare(spec_file(tmp_path, limited.replace(f"cases = {CASES}", "cases = 500")))
+    drawn = [plan.case(i).changes["detection.corner_sigma_px"] for i in range(500)]
+    assert 0.01 <= min(drawn) < 0.03
+    assert 0.18 < max(drawn) <= 0.2
+    assert stats.kstest(drawn, stats.truncnorm(-0.9, 1.0, 0.1, 0.1).cdf).pvalue > 0.001
+
+
+@pytest.mark.parametrize("sampling", ["random", "latin hypercube", "sobol"])
+def test_cases_depend_on_root_and_index_alone_and_cover_the_range(tmp_path, sampling):
+    text = SPEC.replace(f"cases = {CASES}", f'cases = 64\nsampling = "{sampling}"')
+    one, two = (campaign.prepare(spec_file(tmp_path, text)) for _ in range(2))
+    forwards, backwards = list(one.cases(range(64))), list(two.cases(range(63, -1, -1)))
+    assert forwards == backwards[::-1]
+    assert len({c.seed for c in forwards}) == 64
+    assert all(c.changes["calibration.poses"] == 1 for c in forwards)
+    x = np.array([c.changes["arm.errors.J2.phi_rad"] for c in forwards])
+    assert np.all(np.abs(x) <= 0.02)
+    if sampling != "random":  # one in every 64th
+        assert sorted(np.floor((x + 0.02) / 0.04 * 64)) == list(range(64))
+    other = campaign.prepare(spec_file(tmp_path, text.replace("seed = 7", "seed = 8")))
+    assert other.case(0).seed != one.case(0).seed
+    assert other.case(0).changes != one.case(0).changes
+
+
+def test_choices_are_equally_likely_and_joints_independent(tmp_path):
+    text = SPEC.replace("uniform = [0.001, 0.004]", "choice = [0.001, 0.002, 0.004]")
+    text = text.replace("J2.phi_rad", "J*.phi_rad").replace(f"cases = {CASES}", "cases = 900")
+    plan = campaign.prepare(spec_file(tmp_path, text))
+    drawn = [c.changes for c in plan.cases(range(900))]
+    counts = [sum(d["config.stop_pos_m"] == v for d in drawn) for v in (0.001, 0.002, 0.004)]
+    assert stats.chisquare(counts).pvalue > 0.001
+    joints = np.array([[d[f"arm.errors.J{j}.phi_rad"] for j in range(1, 8)] for d in drawn])
+    off = np.corrcoef(joints.T) - np.eye(7)
+    assert np.abs(off).max() < 0.15
+
+
+# --------------------------------------------------------------------------- conditions
+
+
+def test_conditions_are_read_and_take_missing_values_as_unknown():
+    case = {"active": True, "after_pos_m": 0.001, "before_pos_m": 0.01, "verdict": "change", "p_fit": None}
+    for text, want in {
+        "after_pos_m <= 0.001": True,
+        "0 < after_pos_m < 0.5 * before_pos_m": True,
+        'not active or verdict == "poor"': False,
+        "p_fit > 0.1": None,
+        "active or p_fit > 0.1": True,
+        "not active and p_fit > 0.1": False,
+        "before_pos_m / 0 > 1": None,
+    }.items():
+        assert Condition(text).holds(case) is want
+    for text in (
+        "after_pos_m",
+        "active < 1",
+        "verdict == 1",
+        "after_pos_m.real > 0",
+        "active +",
+        "1 and active",
+        "",
+    ):
+        with pytest.raises(Contradiction):
+            Condition(text)
+
+
+# --------------------------------------------------------------------------- flying
+
+
+def test_what_was_dispersed_is_read_back_from_the_world_that_was_built(whole):
+    path, folder = whole
+    plan = campaign.prepare(path)
+    for row in rows(folder):
+        asked = plan.case(row["index"])
+        assert row["seed"] == asked.seed
+        for key in plan.keys:
+            assert row["x." + key] == pytest.approx(asked.changes[key], rel=1e-6, abs=1e-12)
+        assert row["ended"] == "finished"
+        assert row["before_pos_m"] > 0
+        assert len(row["digest"]) == 64
+
+
+def test_every_kind_of_value_is_read_back(tmp_path):
+    changes = {
+        "arm.errors.J1.d_m": 0.002, "arm.errors.J7.alpha_rad": -0.3, "arm.errors.J3.a_m": 0.004,
+        "arm.errors.base.tx_m": 0.01, "arm.errors.base.ry_rad": 0.2, "arm.errors.tool.tz_m": -0.02,
+        "arm.errors.tool.rx_rad": 0.1, "arm.errors.tool.rz_rad": -0.2, "arm.encoder_bias_rad.J3": 0.05,
+        "arm.encoder_gain.J1": 0.01, "arm.compliance_rad_per_nm.J4": 0.001, "arm.hysteresis_rad.J5": 0.002,
+        "arm.encoder_noise_rad": 1e-4, "env.payload_kg": 0.7, "env.temp_c": -40.0,
+        "detection.corner_sigma_px": 0.09, "detection.noise": "isotropic", "config.acquisition": "vopt",
+        "config.n_poses": 9.0,
+    }  # fmt: skip
+    base = dispersed.load("healthy", tmp_path)
+    scenario = dispersed.changed(base, changes)
+    folder = ROOT / "tables" / "bin"
+    with dispersed.tables_with(folder, changes) as used:
+        world = dispersed.World(scenario, 1, dispersed.fast_imager)
+        for key, want in changes.items():
+            found = dispersed.read_back(key, world, used, folder)
+            assert found == (want if isinstance(want, str) else pytest.approx(want, rel=1e-6)), key
+        dispersed.check(changes, changes)
+        with pytest.raises(ArithmeticError, match=r"env.temp_c = -39.0, asked for was -40.0"):
+            dispersed.check(changes, changes | {"env.temp_c": -39.0})
+
+
+def test_killed_worker_and_killed_command_lose_and_repeat_nothing(whole, tmp_path):
+    path, undisturbed = whole
+    command = [*KINCAL, "campaign", "run", str(path), "--out", str(tmp_path / "out"), "--batch", "1"]
+    process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
+    killed = wait_for_worker(process.pid)
+    os.kill(killed, signal.SIGKILL)
+    deadline = time.monotonic() + 300
+    while not store.parts(tmp_path / "out") and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    kept = [(part, part.read_bytes()) for part in store.parts(tmp_path / "out")]
+    assert kept
+    (tmp_path / "out" / "part-000009.parquet.tmp").write_bytes(b"half")
+    end = campaign.run(campaign.prepare(path), tmp_path / "out", batch=2)
+    assert end.done == CASES
+    assert end.flown <= CASES - len(kept)
+    assert all(part.read_bytes() == data for part, data in kept)
+    assert not list((tmp_path / "out").glob("*.tmp"))
+    assert rows(tmp_path / "out") == rows(undisturbed)
+
+
+def wait_for_worker(parent):
+    """Process id of the first worker of a command."""
+    deadline = time.monotonic() + 300
+    while time.monotonic() < deadline:
+        for entry in Path("/proc").iterdir():
+            try:
+                if (
+                    entry.name.isdigit()
+                    and int((entry / "stat").read_text().rpartition(")")[2].split()[1]) == parent
+                ):
+                    return int(entry.name)
+            except OSError:
+                continue
+        time.sleep(0.02)
+    raise AssertionError("no worker was started")
+
+
+def test_ctrl_c_keeps_what_is_finished(whole, tmp_path):
+    path, undisturbed = whole
+
+    def stop(progress):
+        if progress.flown == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        campaign.run(campaign.prepare(path), tmp_path / "out", processes=1, batch=50, tick=stop)
+    assert rows(tmp_path / "out") == rows(undisturbed)[:1]
+
+
+def answers(plan, n):
+    """Cases that died at once: storing them takes no flight."""
+    return [pool.Answer(c, {"index": c.index, "error": "x" * 2000}, 0.1) for c in plan.cases(range(n))]
+
+
+def test_a_full_disk_is_said_and_leaves_nothing_half_written(whole, tmp_path):
+    plan = campaign.prepare(whole[0])
+    with store.Store(tmp_path / "out", plan) as opened:
+        opened.write(answers(plan, 1))
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        before = sorted(f.name for f in (tmp_path / "out").iterdir())
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+        try:
+            with pytest.raises(CommandFailed) as said:
+                opened.write(answers(plan, 4)[1:])
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        assert "make room" in said.value.todo
+        assert said.value.where == str(tmp_path / "out")
+        assert sorted(f.name for f in (tmp_path / "out").iterdir()) == before
+        assert opened.done == {0}
+        opened.write(answers(plan, 4)[1:])
+    assert [row["index"] for row in rows(tmp_path / "out")] == [0, 1, 2, 3]
+
+
+def test_other_cases_and_other_software_are_not_mixed(whole, tmp_path, monkeypatch):
+    path, _ = whole
+    plan = campaign.prepare(path)
+    with store.Store(tmp_path / "out", plan) as opened:
+        opened.write(answers(plan, 1))
+        with pytest.raises(BadInput, match="another process"), store.Store(tmp_path / "out", plan):
+            pass
+    other = campaign.prepare(spec_file(tmp_path, SPEC.replace("seed = 7", "seed = 8")))
+    with pytest.raises(BadInput, match=r"spec: \w+ there, \w+ here"), store.Store(tmp_path / "out", other):
+        pass
+    requirement = SPEC.replace("probability = 0.4", "probability = 0.5")
+    with store.Store(tmp_path / "out", campaign.prepare(spec_file(tmp_path, requirement))) as opened:
+        assert opened.done == {0}  # requirements change no case
+    new = dispersed.software() | {"flight": "00000000"}
+    monkeypatch.setattr(dispersed, "software", lambda: new)
+    with (
+        pytest.raises(BadInput, match="flight: .* there, 00000000 here"),
+        store.Store(tmp_path / "out", plan),
+    ):
+        pass
+
+
+# --------------------------------------------------------------------------- cases that die
+
+
+def worker(tmp_path, body):
+    """A package kincal.campaign.worker whose cases do this."""
+    code = "import json, os, sys, time\nsys.stdin.readline()\nfor x in sys.stdin:\n    case = json.loads(x)\n"
+    code += (
+        "".join(f"    {x}\n" for x in body) + "    print(json.dumps({'index': case['index']}), flush=True)\n"
+    )
+    path = tmp_path / "worker.py"
+    path.write_text(code)
+    return (sys.executable, str(path))
+
+
+def test_a_case_that_kills_its_process_or_hangs_is_an_outcome_and_the_others_fly(tmp_path, monkeypatch):
+    body = [f"open({str(tmp_path / 'tries')!r}, 'a').write(str(case['index']))",
+            "if case['index'] == 1: os.abort()",
+            "if case['index'] == 2: time.sleep(60)",
+            f"once = {str(tmp_path / 'once')!r}",
+            "if case['index'] == 3 and not os.path.exists(once): open(once, 'w'); os._exit(9)"]  # fmt: skip
+    monkeypatch.setattr(pool, "COMMAND", worker(tmp_path, body))
+    cases = [plan_.Case(i, i, {}) for i in range(6)]
+    found = {a.case.index: a.answer for a in pool.Pool(2, {}, 3.0).fly(cases)}
+    assert sorted(found) == list(range(6))
+    assert found[1]["error"] == "the process that flew it died 2 times, signal 6"
+    assert found[2]["error"] == "not finished within the time limit of 3 s"
+    assert [i for i in found if "error" in found[i]] in ([1, 2], [2, 1])
+    tries = (tmp_path / "tries").read_text()
+    assert [tries.count(str(i)) for i in range(6)] == [1, 2, 1, 2, 1, 1]
+
+
+def test_an_exception_is_an_outcome_with_its_text(whole, tmp_path):
+    plan = campaign.prepare(whole[0])
+    from kincal.campaign import worker as real
+
+    shared = plan.for_worker() | {"tables": str(tmp_path)}
+    found = real.fly(shared, {"index": 3, "seed": 1, "changes": {}})
+    assert found["index"] == 3
+    assert "tbl" in found["error"]
+    row = store.row_of(plan, pool.Answer(plan.case(3), found, 0.1))
+    assert (row["ended"], row["reason"], row["after_pos_m"]) == ("died", found["error"], None)
+    assert row["x.config.stop_pos_m"] == plan.case(3).changes["config.stop_pos_m"]
+
+
+# --------------------------------------------------------------------------- replay
+
+
+def test_replay_gives_the_same_bits_and_says_what_differs(whole, tmp_path):
+    _, folder = whole
+    index = int(np.random.default_rng().integers(CASES))
+    found = campaign.replay(folder, index, tmp_path / "case.lcmlog")
+    assert found.differing == ()
+    assert found.flown["digest"] == found.stored["digest"]
+    assert (tmp_path / "case.lcmlog").stat().st_size > 1000
+    with pytest.raises(BadInput, match="there is no case 99"):
+        campaign.replay(folder, 99)
+    copy, tables = tmp_path / "copy", tmp_path / "tables"
+    shutil.copytree(folder, copy)
+    shutil.copytree(ROOT / "tables" / "bin", tables)
+    manifest = json.loads((copy / "campaign.json").read_text()) | {"tables_folder": str(tables)}
+    manifest["tables"][""]["kin"] = "00000000"
+    (copy / "campaign.json").write_text(json.dumps(manifest))
+    with pytest.raises(BadInput, match=r"the tables have changed \(kin: 00000000 then"):
+        campaign.replay(copy, index)
+
+
+def test_a_changed_case_is_found_by_replay(whole, tmp_path):
+    _, folder = whole
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    for file in folder.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    part = store.parts(tmp_path)[0]
+    found = pq.read_table(part).to_pylist()
+    found[0]["after_pos_m"] = np.nextafter(found[0]["after_pos_m"], 1.0)
+    pq.write_table(pa.Table.from_pylist(found, pq.read_schema(part)), part)
+    said = CliRunner().invoke(main, ["campaign", "replay", str(tmp_path), str(found[0]["index"])])
+    assert said.exit_code == 1
+    assert "after_pos_m" in said.output
+    assert "the software is the same" in said.output
+
+
+# --------------------------------------------------------------------------- what it shows
+
+
+def outcomes(n, met, died=0):
+    case = {"ended": "finished", "active": True, "after_pos_m": 0.0005}
+    bad, dead = case | {"after_pos_m": 0.002}, {"ended": "died", "active": None, "after_pos_m": None}
+    return [case] * met + [bad] * (n - met - died) + [dead] * died
+
+
+@pytest.mark.parametrize(
+    ("n", "met", "died", "verdict"),
+    [(59, 59, 0, "pass"), (58, 58, 0, "not shown"), (93, 92, 0, "pass"), (92, 91, 0, "not shown"),
+     (93, 92, 1, "pass"), (300, 260, 0, "fail"), (300, 260, 40, "fail"), (0, 0, 0, "not shown")],
+)  # fmt: skip
+def test_requirements_are_judged_by_one_sided_bounds(n, met, died, verdict):
+    asked = Requirement(name="r", holds="after_pos_m <= 0.001", given="active", probability=0.95)
+    found = statistics.evaluate(asked, outcomes(n, met, died) + [{"ended": "stopped", "active": False}])
+    assert (found.share.k, found.share.n, found.died) == (met, n, died)
+    assert found.verdict == verdict
+    assert found.needed == 59  # the textbook's number for 95 % with 95 % confidence
+    if 0 < met < n:  # at the bound exactly so many cases would come by chance in one of twenty
+        assert stats.binom.sf(met - 1, n, found.low) == pytest.approx(0.05)
+        assert stats.binom.cdf(met, n, found.high) == pytest.approx(0.05)
+
+
+def test_quantiles_have_the_coverage_that_they_state():
+    rng, inside = np.random.default_rng(4), np.zeros((400, 4))
+    for k in range(400):
+        found = statistics.distribution("after_pos_m", [*rng.exponential(size=150), None])
+        truth = stats.expon.ppf([q.p for q in found.quantiles])
+        inside[k] = [q.low <= t <= q.high for q, t in zip(found.quantiles, truth, strict=True)]
+    assert found.missing == 1
+    assert np.all(inside.mean(axis=0) > 0.92)
+    low, high = found.bounds()
+    assert np.all((low < np.arange(1, 151) / 150) & (np.arange(1, 151) / 150 <= high))
+
+
+def made(tmp_path, n=300, seed=3, effect=1.0):
+    """A campaign whose outcome follows the size of one value, without a flight."""
+    text = SPEC.replace(f"cases = {CASES}", f"cases = {n}").replace("seed = 7", f"seed = {seed}")
+    plan = campaign.prepare(spec_file(tmp_path, text))
+    rng, found = np.random.default_rng(seed), []
+    for case in plan.cases(range(n)):
+        error = effect * abs(case.changes["arm.errors.J2.phi_rad"]) + 1e-3 * rng.random()
+        outcome = dict.fromkeys(store.OUTCOME) | {
+            "ended": "finished", "verdict": "change", "reason": f"off by {error:.6f}", "active": True,
+            "after_pos_m": error, "before_pos_m": 0.1, "success": True, "contacts_s": 0.0}  # fmt: skip
+        flown = {
+            "index": case.index,
+            "dispersed": case.changes,
+            "outcome": outcome,
+            "digest": "d",
+            "cpu_s": 1.0,
+        }
+        found.append(pool.Answer(case, flown, 1.0))
+    with store.Store(tmp_path / f"out{seed}", plan) as opened:
+        opened.write(found)
+    return campaign.read(tmp_path / f"out{seed}")
+
+
+def test_influences_and_worst_cases_are_found(tmp_path):
+    found = campaign.report(made(tmp_path), sobol=True)
+    first, second = found.influences
+    assert (first.key, second.key) == ("arm.errors.J2.phi_rad", "config.stop_pos_m")
+    assert first.size > 0.9
+    assert abs(first.rank) < 0.2
+    assert first.p < 1e-6
+    assert second.p > 0.01
+    assert first.sobol[0] > 0.8 > 0.2 > second.sobol[0]
+    assert [share.k for _, share in found.ends] == [300]  # alike but for their numbers
+    values = found.results.columns["after_pos_m"]
+    assert [bad.index for bad in found.worst] == list(np.argsort(values)[::-1][:20])
+    assert found.worst[0].command.endswith(f"out3 {found.worst[0].index}")
+    with pytest.raises(BadInput, match="no number 'ended'"):
+        campaign.report(found.results, "ended")
+
+
+def test_two_campaigns_are_compared(tmp_path):
+    one, alike, worse = made(tmp_path), made(tmp_path, seed=5), made(tmp_path, seed=6, effect=2.0)
+    same, other = (campaign.compare(campaign.report(one), campaign.report(x)) for x in (alike, worse))
+    assert same.p_outcome > 0.001 > other.p_outcome
+    assert same.different == ("spec seed",) or "spec seed" in same.different
+    assert [c.p for c in same.requirements] == [1.0]
+
+
+def test_the_report_is_text_and_page(whole, tmp_path):
+    _, folder = whole
+    page = tmp_path / "r.html"
+    said = CliRunner().invoke(main, ["campaign", "report", str(folder), str(folder), "--report", str(page)])
+    assert said.exit_code == 0, said.output
+    for words in (f"{CASES} of {CASES} cases, 0 died", "comes to an end", "Compared", "differ in: nothing",
+                  f"kincal campaign replay {folder}"):  # fmt: skip
+        assert words.replace(" ", "") in "".join(said.output.split())
+    html = page.read_text()
+    for words in ("Requirements", "Worst cases", "Clopper", "comes to an end", "data-", "Compared"):
+        assert words in html
+    assert "<script src" not in html
+
+
+def test_an_unfinished_campaign_passes_nothing(whole, tmp_path):
+    plan = campaign.prepare(whole[0])
+    with store.Store(tmp_path / "out", plan) as opened:
+        opened.write(answers(plan, 2))
+    found = campaign.report(campaign.read(tmp_path / "out"))
+    assert not found.complete
+    assert not found.ok
+    assert found.died == 2
+    assert [r.share.k for r in found.requirements] == [0]
+
+
+# --------------------------------------------------------------------------- cluster
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    """Address of a scheduler with two workers, all as processes."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as made_cluster:
+        yield made_cluster.scheduler_address
+
+
+def test_a_scheduler_with_two_workers_gives_the_same(whole, tmp_path, scheduler):
+    path, undisturbed = whole
+    end = campaign.run(campaign.prepare(path), tmp_path / "out", scheduler=scheduler, batch=10)
+    assert end.flown == CASES
+    assert rows(tmp_path / "out") == rows(undisturbed)
+
+
+def test_other_software_on_a_worker_is_refused(whole, tmp_path, scheduler, monkeypatch):
+    plan = campaign.prepare(whole[0])
+    here = dispersed.software() | {"flight": "00000000"}
+    monkeypatch.setattr(dispersed, "software", lambda: here)
+    with pytest.raises(BadInput, match="flight: .* there, 00000000 here"):
+        campaign.run(plan, tmp_path / "out", scheduler=scheduler, batch=10)
+    assert store.parts(tmp_path / "out") == []
+    monkeypatch.undo()
+    expected = {"software": here, "tables": []}
+    assert cluster.fly_task(plan.for_worker(), [plan.case(0)], 60.0, [], expected)["software"] != here
+
+
+def test_no_scheduler_and_a_scheduler_that_goes_away_are_said(whole, tmp_path, monkeypatch):
+    from distributed import LocalCluster
+
+    plan = campaign.prepare(whole[0])
+    monkeypatch.setattr(cluster, "CONNECT_S", 1.0)
+    with pytest.raises(BadInput, match="no scheduler answers"):
+        campaign.run(plan, tmp_path / "out", scheduler="tcp://127.0.0.1:9", batch=10)
+    with pytest.raises(BadInput, match="5 cases a task"):
+        campaign.run(plan, tmp_path / "out", scheduler="tcp://127.0.0.1:9", batch=5)
+    monkeypatch.setattr(cluster, "GONE_S", 1.0)
+    monkeypatch.setattr(cluster, "fly_task", never)
+    made_cluster = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)
+    real = cluster._checked_workers
+
+    def then_gone(*given):
+        threads = real(*given)
+        made_cluster.close()
+        return threads
+
+    monkeypatch.setattr(cluster, "_checked_workers", then_gone)
+    with pytest.raises(CommandFailed, match="the scheduler has gone away") as said:
+        campaign.run(plan, tmp_path / "out", scheduler=made_cluster.scheduler_address, batch=10)
+    assert "goes on" in said.value.todo
+    assert store.parts(tmp_path / "out") == []
+
+
+def never(*_given):
+    """A task without an end."""
+    time.sleep(600)
+
+
+def test_the_example_is_a_campaign_that_can_fly():
+    plan = campaign.prepare(ROOT / "sim" / "campaigns" / "errors.toml")
+    assert len(plan.keys) == 30
+    assert json.dumps(plan.contents())
