@@ -6,6 +6,7 @@ undone, and the newest answer of each kind."""
 from __future__ import annotations
 
 import json
+import os
 import re
 import threading
 import time
