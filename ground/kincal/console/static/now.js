@@ -9,12 +9,12 @@ import { ask, freshness, store } from "./store.js";
 const DRAW_MS = 600;  // between two pictures of the arm
 const SHARE = 3, MOST_MS = 2500;  // after a picture as many times the time that it took are left for clicks
 const FRAME_MS = 700; // between two frames of the camera
-const TRAIL = 400, STEP_M = 0.004;  // of the way of the tool: points at most, and how far apart
+const TRAIL = 600, STEP_M = 0.004, GAP_US = 3e6;  // of the way of the tool: points at most, how far apart, where it breaks
 const HEARD = [
   ["KC_HK", "housekeeping"], ["KC_ARM_STATE", "arm"], ["KC_PANTILT_STATE", "pan-tilt unit"],
   ["KC_DETECTION", "tag detection"], ["poses", "last pose"],
 ];
-let parts = null, stamp = {}, drawnAt = 0, cost = 0, shownAt = 0, shownFrame = null, trail = [], trailOf = null, trailAt = 0, known = null;
+let parts = null, stamp = {}, drawnAt = 0, cost = 0, shownAt = 0, shownFrame = null, trail = [], trailOf = null, heardAt = 0, known = null;
 
 export function open(root) {
   const events = eventList();
@@ -53,6 +53,7 @@ export function update() {
   whenNew("KC_HK", health);
   camera();
   whenNew("poses", poses);
+  whenNew("way", () => way(store.values.KC_ARM_STATE?.data, store.values.KC_HK?.data), "KC_ARM_STATE");
   scene();
   parts.events.update();
   for (const [channel, node] of [["KC_ARM_STATE", parts.joints], ["KC_HK", parts.health], ["KC_HK", parts.state], ["KC_DETECTION", parts.frame]]) {
@@ -60,11 +61,11 @@ export function update() {
   }
 }
 
-function whenNew(channel, what) {
+function whenNew(name, what, channel = name) {
   const value = store.values[channel];
   const key = value ? `${value.received_s}/${value.t_us}` : "none";
-  if (stamp[channel] === key) return;
-  stamp[channel] = key;
+  if (stamp[name] === key) return;
+  stamp[name] = key;
   what(value?.data);
 }
 
@@ -227,12 +228,13 @@ function spaceInForce(hk) {
 // Where the tool was in this session, by the encoders.
 function way(arm, hk) {
   const tool = arm?.points_m?.at(-1), session = hk?.session;
-  if (trailOf !== session || store.t_us < trailAt) { trail = []; trailOf = session; }  // another one, or back in a recording
-  trailAt = store.t_us;
-  const last = trail.at(-1);
-  if (tool && (!last || Math.hypot(...tool.map((x, k) => x - last[k])) > STEP_M)) trail.push(tool);
+  if (trailOf !== session || store.t_us < heardAt) { trail = []; trailOf = session; }  // another one, or back in a recording
+  const last = trail.at(-1), silent = store.t_us - heardAt;
+  heardAt = store.t_us;
+  if (!tool || (last && Math.hypot(...tool.map((x, k) => x - last[k])) <= STEP_M)) return;
+  if (last && silent > GAP_US) trail.push([null, null, null]);  // what was between is not known
+  trail.push(tool);
   if (trail.length > TRAIL) trail.shift();
-  return trail;
 }
 
 function scene() {
@@ -249,7 +251,7 @@ function scene() {
   const target = space.candidates_m[hk?.candidate];
   if (target && hk.poses_goal) data.push(dots([target], `candidate ${hk.candidate}`, LIGHT.blue, 6));
   if (arm?.corrected_m) data.push(line(arm.corrected_m, "as the correction has it", LIGHT.green, 6, { mode: "lines+markers", marker: { size: 3, color: LIGHT.green }, opacity: 0.8 }));
-  if (way(arm, hk).length > 1) data.push(line(trail, "way of the tool", LIGHT.blue, 3, { opacity: 0.7 }));
+  if (trail.length > 1) data.push(line(trail, "way of the tool", LIGHT.blue, 3, { opacity: 0.7 }));
   if (arm?.points_m) data.push(armOf(arm.points_m, "arm", LIGHT.ink));
   const begun = performance.now();
   draw(parts.arm, { data, layout: layout("arm") });
