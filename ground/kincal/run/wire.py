@@ -166,7 +166,7 @@ def messages(out: KcOut, t_us: int, event_seq: int) -> Iterator[Message]:
             yield channel, message
 
 
-def _message(type_name: str, source: object, /, **given: object) -> LcmMessage:
+def _message(type_name: str, source: Any, /, **given: object) -> LcmMessage:
     """A message; fields that are not given are those of the struct with the same names."""
     message: LcmMessage = message_type(type_name)()
     long = _long(_FLIGHT.ffi.typeof(source))
