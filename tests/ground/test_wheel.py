@@ -142,6 +142,7 @@ CALLS = {
     "key new": ("new/keys",),
     "key rotate": ("new/keys",),
     "key show": ("new/keys",),
+    "key join": ("new/keys", "-o", "new/flight.keys"),
     "key retire": ("new/keys",),
     "export xtce": ("-o", "new/kincal.xml"),
     "bridge ccsds": ("--to", "127.0.0.1:9", "--seconds", "0.2", *NOBODY[:2]),
