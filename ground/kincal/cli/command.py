@@ -92,7 +92,7 @@ def command_noop(**given: Unpack[Given]) -> None:
     default="table",
     show_default="as CONFIG says",
     metavar="NAME",
-    help="How poses are chosen: table, ucb, random, dopt or vopt.",
+    help="How poses are chosen: table, ucb, random, dopt, vopt or rate.",
 )
 @click.option(
     "--poses", type=click.IntRange(0), default=0, show_default="as CONFIG says", help="Poses to measure."

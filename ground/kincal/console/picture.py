@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 KEPT = 20_000
 _JUMP_S = 1.0
-_TELL_S = 60.0
+_REPORT_S = 60.0
 SNAPSHOT_ROWS = 1_000  # of the log in a snapshot; older ones are asked for page by page
 PROPOSALS = 50
 # channel -> seconds between two messages, where they come regularly: after three of them a value is stale
@@ -109,7 +109,7 @@ class Picture:
     _sessions: dict[int, Session] = field(default_factory=dict)
     _events: deque[LogEvent] = field(default_factory=lambda: deque(maxlen=KEPT))
     _senders: Senders = field(default_factory=Senders)
-    _told_s: float = -math.inf  # when it was last said that there are several senders
+    _reported_s: float = -math.inf  # when it was last said that there are several senders
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     # ---- filling
@@ -163,8 +163,8 @@ class Picture:
     def _several(self, hk: Hk, now_s: float) -> None:
         """Says once in a while that two flights are heard."""
         self._senders.take(hk, now_s)
-        if self._senders.several(now_s) and now_s - self._told_s > _TELL_S:
-            self._told_s = now_s
+        if self._senders.several(now_s) and now_s - self._reported_s > _REPORT_S:
+            self._reported_s = now_s
             self._note("error", "TWO_SENDERS", SEVERAL)
 
     def _add_row(self, row: Plain) -> None:

@@ -164,7 +164,7 @@ def append(path: Path, entry: Entry, signer: Signer) -> Entry:
             os.fsync(file.fileno())
             _write_end(path, len(before.entries) + 1, _hash(line.rstrip(b"\n")), signer)
         except OSError as error:
-            file.truncate(len(raw))  # a line without its mark would make the next one look appended
+            file.truncate(len(raw))  # without its mark it would make the next line count as appended
             raise BadInput(f"{_CANNOT}: {error.strerror}", str(path), _ROOM) from None
     return entry
 
