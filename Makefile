@@ -33,6 +33,7 @@ $(STAMP)/apt-%: .ci/packages.%
 	@mkdir -p $(@D)
 	@.ci/apt $<
 	@touch $@
+$(STAMP)/apt-test: | $(STAMP)/apt-build # one after the other also with -j: apt locks its database
 
 .venv/.stamp: ground/requirements.lock .ci/venv | $(STAMP)/apt-build
 	.ci/venv ground/requirements.lock
@@ -115,7 +116,8 @@ lint-test: $(BUILD)/unity/src/unity.c .venv/.stamp-dev ## the checks find what t
 	$(PYTEST) tests/lint --junitxml=$(JUNIT)/lint.xml
 
 .PHONY: test
-test: setup ## everything a change has to pass, with a summary
+test: ## everything a change has to pass, with a summary
+	@$(MAKE) --no-print-directory -j4 setup
 	@rm -rf $(JUNIT)
 	@$(PYTHON) tests/suite.py --junit $(JUNIT) --logs $(BUILD)/log --first build --first unit \
 	    ground-test lint integration unit-san cov wcet sigma-short fuzz lint-test oracle mutation-short size heapcheck

@@ -3,8 +3,8 @@
     suite.py --junit build/junit --logs build/log --first build lint ...    run steps with make
     suite.py --junit build/junit --sum                                      only the closing line
 
-One step more than there are processors runs at once, since many wait for messages or a clock; each is told
-to use one processor. They begin in the order given: the longest come first, so that none is left at the end.
+One step more than there are processors runs at once, since many wait for messages or a clock; each gets
+PROCESSORS=1. They begin in the order given: the longest come first, so that none is left at the end.
 What several steps need is made before (--first), on all processors. Each step is printed with the seconds
 that it took and those of the processors.
 
