@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from kincal.results import length_text
 
-from .statistics import OPEN, Distribution, Influence, Evaluated
+from .statistics import OPEN, Distribution, Evaluated, Influence
 
 
 def percent(share: float) -> str:
