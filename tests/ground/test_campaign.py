@@ -496,11 +496,11 @@ def test_the_report_is_text_and_page(whole, tmp_path):
     page = tmp_path / "r.html"
     said = CliRunner().invoke(main, ["campaign", "report", str(folder), str(folder), "--report", str(page)])
     assert said.exit_code == 0, said.output
-    for words in (f"{CASES} of {CASES} cases, 0 died", "comes to an end", "Compared", "differ in: nothing",
-                  f"kincal campaign replay {folder}"):  # fmt: skip
-        assert words.replace(" ", "") in "".join(said.output.split())
+    for words in (f"{CASES} of {CASES} cases, 0 died", "comes to an end", "Compared", "differ in: nothing"):
+        assert words in said.output
     html = page.read_text()
-    for words in ("Requirements", "Worst cases", "Clopper", "comes to an end", "data-", "Compared"):
+    for words in ("Requirements", "Worst cases", "Clopper", "comes to an end", "Compared",
+                  f"kincal campaign replay {folder} 0"):  # fmt: skip
         assert words in html
     assert "<script src" not in html
 

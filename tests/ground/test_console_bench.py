@@ -315,6 +315,6 @@ def test_what_the_medium_refuses_is_an_answer(filled, monkeypatch):
     geometry = Geometry(BIN)
     app = make_app(Console("x", geometry, Picture(geometry), None, None, filled), ACCESS)
     answer = TestClient(app, base_url=ORIGIN).post(
-        "/api/bench/effects", headers=JSON, json={"effects": ["a"]}
+        "/api/bench/effects", headers=JSON, json={"effects": ["backlash[1]"]}
     )
     assert answer.status_code == 507 and "No space left on device: case.part" in answer.json()["text"]

@@ -7,6 +7,7 @@ requirement, whatever it is given for: nobody knows what it would have come to."
 from __future__ import annotations
 
 import re
+import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -285,7 +286,7 @@ def _worst(results: Results, column: str) -> Iterator[Bad]:
         )
 
     for k in sorted(range(results.n), key=badness)[:WORST]:
-        command = f"kincal campaign replay {results.folder} {c['index'][k]}"
+        command = shlex.join(["kincal", "campaign", "replay", str(results.folder), str(c["index"][k])])
         yield Bad(c["index"][k], c["seed"][k], c["ended"][k], c["reason"][k] or "", c[column][k], command)
 
 

