@@ -339,7 +339,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(173, CAL_SUSPECTS_DROPPED, WARN,                                                                       \
       "after {index:count} poses the suspicion alone does not explain the observations (p = {got:number}, "  \
       "at least {want:number}); the calibration goes on as without it",                                      \
-      "")
+      "None: it takes as many poses as without suspects. Something else than the monitor named is wrong.")
 
 #define KC_EVENT_ENUM_(id, name, sev, text, action) KC_EVT_##name = (id),
 typedef enum { KC_EVENT_LIST(KC_EVENT_ENUM_) KC_EVT_NONE = 0 } kc_event_id_t;
