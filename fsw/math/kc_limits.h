@@ -40,7 +40,8 @@
 #define KC_DET_QUEUE_MAX 4u   /* detections one step takes in */
 #define KC_CHUNK_BYTES 1024u  /* payload of one table chunk */
 #define KC_IMAGE_MAX (144u * 1024u) /* largest table image */
-#define KC_KEY_MAX 4u /* keys that are valid at the same time: of two holders, the old and the new one of a rotation */
+#define KC_KEY_MAX \
+    4u /* keys that are valid at the same time: of two holders, the old and the new one of a rotation */
 #define KC_SCRUB_BYTES 4096u /* memory that one step compares with its CRC */
 
 /* Instructions that one step spends on computations that go on in the next (kc_work.h). */

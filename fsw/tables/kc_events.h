@@ -338,7 +338,7 @@ typedef enum { KC_SEV_DEBUG = 0, KC_SEV_INFO = 1, KC_SEV_WARN = 2, KC_SEV_ERROR 
     X(173, CAL_SUSPECTS_DROPPED, WARN,                                                                       \
       "after {index:count} poses the suspicion alone does not explain the observations (p = {got:number}, "  \
       "at least {want:number}); the calibration goes on as without it",                                      \
-      "None; the correction says which joints were off.")                                                    \
+      "None: it takes as many poses as without suspects. Something else than the monitor named is wrong.")   \
     X(176, CAL_AGREES, INFO,                                                                                 \
       "after pose {index:count} the arm agrees with its table, probability {got:number}; an error of one "   \
       "coefficient as large as required would have shown with probability {want:number}",                    \
