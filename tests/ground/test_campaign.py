@@ -354,6 +354,14 @@ def test_a_case_that_kills_its_process_or_hangs_is_an_outcome_and_the_others_fly
     assert [tries.count(str(i)) for i in range(6)] == [1, 2, 1, 2, 1, 1]
 
 
+def test_software_that_changes_meanwhile_ends_the_campaign_and_is_no_outcome(whole):
+    plan = campaign.prepare(whole[0])
+    shared = plan.for_worker()
+    shared["software"] = shared["software"] | {"code": "before"}
+    with pytest.raises(CommandFailed, match="the software has changed"):
+        list(pool.Pool(1, shared, 300.0).fly(plan.cases([0])))
+
+
 def test_an_exception_is_an_outcome_with_its_text(whole, tmp_path):
     plan = campaign.prepare(whole[0])
     from kincal.campaign import worker as real

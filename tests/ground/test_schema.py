@@ -22,6 +22,7 @@ SHIPPED = {
     "arm": ROOT / "ground/kincal_shared/arms/wam.toml",
     "effects": ROOT / "ground/kincal/workbench/model/effects.toml",
     "space": ROOT / "tables/src/space.toml",
+    "campaign": ROOT / "sim/campaigns/errors.toml",
     "simulator-arm": ROOT / "sim/models/wam.toml",
     "simulator-camera": ROOT / "sim/models/camera.toml",
     **{f"table-{kind}": ROOT / f"tables/src/{kind}.toml" for kind in tables.SOURCES},

@@ -107,7 +107,11 @@ class Plan:
 
     def for_worker(self) -> dict[str, Any]:
         """What a process needs to know that flies cases."""
-        return {"scenario": self.scenario, "tables": str(self.tables)}
+        return {
+            "scenario": self.scenario,
+            "tables": str(self.tables),
+            "software": dispersed.software(),
+        }
 
 
 def _value(law: Dispersion, u: float) -> Value:

@@ -16,6 +16,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from kincal_shared.errors import CommandFailed
+
 from .plan import Case
 
 CASES_OF_PROCESS = 200  # then a fresh one: what MuJoCo and LCM keep of every run would come to gigabytes
@@ -134,7 +136,11 @@ class Pool:
             elif case is not None and worker.received.endswith(b"\n"):
                 worker.case = None
                 self._tries.pop(case.index)
-                yield Answer(case, json.loads(worker.received), time.monotonic() - worker.begun_s)
+                answer = json.loads(worker.received)
+                if "other" in answer:
+                    todo = "fly the rest with the software of before, or all of it into another folder"
+                    raise CommandFailed("the software has changed while cases were flown", todo=todo)
+                yield Answer(case, answer, time.monotonic() - worker.begun_s)
         for worker in list(self._workers):
             case = worker.case
             if case is not None and time.monotonic() - worker.begun_s > self.limit_s:

@@ -44,21 +44,8 @@ class _Groups(MutableMapping[str, click.Command]):
 @click.group(
     cls=Commands,
     commands=_Groups(
-        *(
-            "arm",
-            "audit",
-            "bridge",
-            "campaign",
-            "command",
-            "export",
-            "key",
-            "log",
-            "model",
-            "record",
-            "review",
-            "run",
-        ),
-        *("schema", "serve", "space", "status", "table"),
+        *("arm", "audit", "bridge", "campaign", "command", "export", "key", "log", "model", "record"),
+        *("review", "run", "schema", "serve", "space", "status", "table"),
     ),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )

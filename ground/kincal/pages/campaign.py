@@ -24,6 +24,7 @@ from kincal.pages.page import Cell, Grid, Page, Provenance, Section, Tile
 MOODS = {"pass": "good", "fail": "bad", "not shown": ""}
 STRONGEST = 15
 POINTS = 2000  # of a curve
+WIDE = 50.0  # largest over smallest value, from where on the axis is logarithmic
 UNITS = {"_m": (1e3, "mm"), "_rad": (1e3, "mrad"), "_s": (1.0, "s")}
 
 
@@ -155,6 +156,8 @@ def distribution_figure(reports: Sequence[Report]) -> go.Figure:
         made.add_trace(go.Scatter(x=x, y=low[use], fill="tonexty", opacity=0.3, **edge))
         line = {"color": colour, "width": 2}
         made.add_trace(go.Scatter(x=x, y=share, name=str(r.results.folder), line=line, **steps))
+        if d.values[0] > 0.0 and d.values[-1] > WIDE * d.values[0]:
+            made.update_xaxes(type="log")
     return made
 
 
@@ -165,10 +168,12 @@ def influence_figure(r: Report) -> go.Figure:
         90 + 30 * len(shown), xaxis_title="rank correlation", xaxis_range=[-1, 1], barmode="group"
     )
     keys = [i.key for i in shown]
-    for name, colour, values in (
-        ("with its size", theme.ORANGE, [i.size for i in shown]),
-        ("with the value", theme.BLUE, [i.rank for i in shown]),
+    for name, colour, opacity, values in (
+        ("with its size", theme.ORANGE, 0.5, [i.size for i in shown]),
+        ("with the value", theme.BLUE, 1.0, [i.rank for i in shown]),
     ):
         colours = [colour if i.p <= 0.05 else theme.GREY for i in shown]
-        made.add_trace(go.Bar(x=values, y=keys, name=name, orientation="h", marker_color=colours))
+        made.add_trace(
+            go.Bar(x=values, y=keys, name=name, orientation="h", marker_color=colours, opacity=opacity)
+        )
     return made.update_layout(legend_traceorder="reversed")
