@@ -168,7 +168,11 @@ CALLS = {
 SLOW = ("space build", "space check")  # not run to their end
 # command or group -> extra
 NEEDS = {
-    "run": "sim", "space": "sim", "arm import": "urdf", "serve": "console", "export xtce": "xtce",
+    "run": "sim",
+    "space": "sim",
+    "arm import": "urdf",
+    "serve": "console",
+    "export xtce": "xtce",
     "campaign": "campaign",
 }
 PICTURES = ("review show", "model diagnose")  # use the extra image
