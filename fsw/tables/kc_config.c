@@ -151,7 +151,7 @@ static void walk_suspects(kc_walk_t *w, kc_config_t *c)
 
 static void walk_end(kc_walk_t *w, kc_config_t *c)
 {
-    /* power of the look at the table in force; 0 = none before the end */
+    /* power of the early test of the table in force; 0 = none before the end */
     kc_walk_f64(w, 96u, &c->no_change_power, 0.0, 0.9999);
 }
 

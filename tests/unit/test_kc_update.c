@@ -338,7 +338,7 @@ void test_the_camera_chain_counts_where_it_stops(void)
     TEST_ASSERT_EQUAL_DOUBLE(1e-3, e->want);
 }
 
-static void given_look(double phi_rad, double power)
+static void given_early_test(double phi_rad, double power)
 {
     setUp();
     world.truth.joint[2].d_m = world.arm.joint[2].d_m;
@@ -351,9 +351,9 @@ static void given_look(double phi_rad, double power)
     world_calibrated();
 }
 
-void test_a_right_arm_is_told_so_as_soon_as_an_error_would_have_shown(void)
+void test_a_right_arm_ends_it_as_soon_as_an_error_would_have_shown(void)
 {
-    given_look(0.0, 0.9);
+    given_early_test(0.0, 0.9);
     uint32_t n = world.n_meas;
     TEST_ASSERT_EQUAL_INT(KC_ENDED_NO_CHANGE, world.proposal.ended);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_NO_CHANGE, world.proposal.verdict);
@@ -362,7 +362,7 @@ void test_a_right_arm_is_told_so_as_soon_as_an_error_would_have_shown(void)
     TEST_ASSERT_EQUAL_INT((int32_t)n, e->index);
     TEST_ASSERT_EQUAL_DOUBLE(world.proposal.p_no_change, e->got);
     TEST_ASSERT_TRUE(e->want >= 0.9 && e->want <= 1.0);
-    given_look(0.0, 0.0); /* never */
+    given_early_test(0.0, 0.0); /* never */
     TEST_ASSERT_EQUAL_UINT32(20u, world.n_meas);
     TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
 }
@@ -370,7 +370,7 @@ void test_a_right_arm_is_told_so_as_soon_as_an_error_would_have_shown(void)
 /* It is looked at once; what is left of the level is for the end. */
 void test_a_wrong_arm_is_looked_at_once_and_calibrated_on(void)
 {
-    given_look(0.02, 0.9);
+    given_early_test(0.02, 0.9);
     TEST_ASSERT_EQUAL_UINT32(1u, world_events(KC_EVT_CAL_DISAGREES));
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_CAL_AGREES));
     TEST_ASSERT_EQUAL_DOUBLE(0.5 * world.config.no_change_p, world.last[KC_EVT_CAL_DISAGREES].want);

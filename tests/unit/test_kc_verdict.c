@@ -136,7 +136,7 @@ void test_an_unlikely_fit_is_poor_beyond_its_thresholds_not_at_them(void)
 }
 
 /* Two tests of half the level each: together they reject a right table no more often. */
-void test_after_a_look_half_the_level_is_left(void)
+void test_after_an_early_test_half_the_level_is_left(void)
 {
     s_config.no_change_p = 0.02;
     TEST_ASSERT_EQUAL_DOUBLE(0.02, kc_verdict_level(&s_config, false));
