@@ -41,7 +41,7 @@ struct kc_app {
     kc_learned_t learned;
     kc_update_t update;
     kc_est_t est;
-    kc_judging_t judging;
+    kc_evaluated_t evaluated;
     uint64_t rng;
 
     /* the current candidate */

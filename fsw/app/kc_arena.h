@@ -8,7 +8,7 @@
  *                 begins a new window after a calibration.
  *
  *   proposal      in PROPOSE: no pose is chosen any more. (Within `calibration`, kc_choice.h overlaps what a choice and
- *                 what a judgement in REPORT need.)
+ *                 what an evaluation in REPORT need.)
  *
  * In STORE images in `idle` are handed to the store, and a correction or a table is put in force, for which
  * idle.scratch is used: the calibration part is not needed any more by then. */
@@ -29,7 +29,7 @@ typedef struct {
 
 typedef union {
     kc_arena_calibration_t calibration;
-    kc_judge_t proposal;
+    kc_evaluation_t proposal;
     kc_arena_idle_t idle;
 } kc_arena_t;
 

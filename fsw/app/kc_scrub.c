@@ -64,7 +64,7 @@ kc_outcome_t kc_scrub_run(kc_scrub_t *scrub, kc_tables_t *tables, const kc_est_t
         scrub->at += n;
         if (scrub->at < p.n) { return kc_outcome(KC_OC_STAY); }
     }
-    /* A part that was replaced on the way is looked at the next time round. */
+    /* A part that was replaced on the way is tested_early at the next time round. */
     bool whole = p.n > 0u && scrub->seal == p.seal;
     bool changed = whole && scrub->crc != p.seal;
     uint32_t part = scrub->part;

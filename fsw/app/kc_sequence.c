@@ -69,7 +69,7 @@ static kc_outcome_t begin(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     case KC_ST_LEARN:
     case KC_ST_REPORT: kc_update_begin(&app->update); break;
     case KC_ST_SELECT: kc_select_begin(&app->arena.calibration); break;
-    case KC_ST_PROPOSE: kc_judge_begin(&app->judging, &app->arena.proposal, v); break;
+    case KC_ST_PROPOSE: kc_evaluation_begin(&app->evaluated, &app->arena.proposal, v); break;
     default: break;
     }
     return kc_outcome(KC_OC_STAY);
@@ -136,7 +136,7 @@ static kc_change_parts_t change_parts(kc_app_t *app)
 static kc_outcome_t propose(kc_app_t *app, kc_work_t *work, kc_out_t *out)
 {
     bool accepted = false;
-    kc_outcome_t oc = kc_propose_run(&app->judging, &app->arena.proposal, &app->review, &app->tables,
+    kc_outcome_t oc = kc_propose_run(&app->evaluated, &app->arena.proposal, &app->review, &app->tables,
                                      &app->view, &accepted, work, out);
     kc_change_kind_t kind = accepted ? KC_CHANGE_ACCEPT : KC_CHANGE_PROPOSE;
     if (oc.id == KC_OC_STORE) { kc_change_begin(&app->change, kind, &app->view, NULL); }
@@ -192,7 +192,8 @@ static kc_outcome_t work_on(kc_app_t *app, kc_work_t *work, kc_out_t *out)
     case KC_ST_LEARN:
         return kc_update_learn(&app->update, &app->learned, &app->est, &app->plan, arena, v, work, out);
     case KC_ST_REPORT:
-        return kc_update_report(&app->update, &app->learned, &app->judging, &arena->judge, v, work, out);
+        return kc_update_report(&app->update, &app->learned, &app->evaluated, &arena->evaluation, v, work,
+                                out);
     case KC_ST_SELECT: return select_next(app, work, out);
     case KC_ST_PROPOSE: return propose(app, work, out);
     case KC_ST_STORE: return store(app, work, out);

@@ -6,7 +6,7 @@
 
 #include "kc_acquire.h"
 #include "kc_gp.h"
-#include "kc_judge.h"
+#include "kc_evaluation.h"
 
 /* Where the choice of the next candidate stands between two steps (kc_select.c). */
 typedef struct {
@@ -24,7 +24,7 @@ typedef struct {
     kc_choice_t choice;
     union {
         kc_acq_work_t acq; /* only inside one choice */
-        kc_judge_t judge;  /* only inside one REPORT */
+        kc_evaluation_t evaluation;  /* only inside one REPORT */
     };
 } kc_arena_calibration_t;
 

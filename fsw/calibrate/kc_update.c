@@ -380,7 +380,7 @@ static void fill_progress(const kc_view_t *view, kc_progress_t *progress)
 
 /* ---- whether more poses are needed ---- */
 
-static bool judged(const kc_view_t *view)
+static bool determined(const kc_view_t *view)
 {
     return kc_fit_required(&view->tables->config) && kc_plan_enough(view->plan) &&
            kc_fit_determined(view->est, view->learned->status);
@@ -389,65 +389,68 @@ static bool judged(const kc_view_t *view)
 /* The one look at the table in force before the end: at the first pose after which the noise does not hide an error as
  * large as required. When that is, follows from the poses and not from what they say; what the camera chain hides, more
  * poses do not show either. */
-static void look(kc_learned_t *learned, const kc_judging_t *judging, const kc_judge_t *judge,
-                 const kc_view_t *view, kc_out_t *out)
+static void test_early(kc_learned_t *learned, const kc_evaluated_t *evaluated,
+                       const kc_evaluation_t *evaluation, const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
     const double level = kc_verdict_level(c, true);
-    if (c->no_change_power <= 0.0 || learned->looked) { return; }
-    if (kc_judge_power(judging, judge, view, level, false) < c->no_change_power) { return; }
-    learned->looked = true;
-    bool agrees = kc_verdict(c, view->est, learned->status, &judging->fit, true) == KC_VERDICT_NO_CHANGE;
+    if (c->no_change_power <= 0.0 || learned->tested_early) { return; }
+    if (kc_evaluation_power(evaluated, evaluation, view, level, false) < c->no_change_power) { return; }
+    learned->tested_early = true;
+    bool agrees = kc_verdict(c, view->est, learned->status, &evaluated->fit, true) == KC_VERDICT_NO_CHANGE;
     if (agrees) { learned->ended = KC_ENDED_NO_CHANGE; }
     kc_event(&out->events, agrees ? KC_EVT_CAL_AGREES : KC_EVT_CAL_DISAGREES, (int32_t)view->plan->n_meas,
-             judging->fit.p_no_change, agrees ? kc_judge_power(judging, judge, view, level, true) : level);
+             evaluated->fit.p_no_change,
+             agrees ? kc_evaluation_power(evaluated, evaluation, view, level, true) : level);
 }
 
 /* Whether the table in force is known to be wrong, or an error would have shown: before that a calibration that is good
  * enough goes on, so that it does not call an arm right that a longer one would call wrong. */
-static bool settled(const kc_learned_t *learned, const kc_judging_t *judging, const kc_config_t *c)
+static bool settled(const kc_learned_t *learned, const kc_evaluated_t *evaluated, const kc_config_t *c)
 {
-    return c->no_change_power <= 0.0 || learned->looked ||
-           judging->fit.p_no_change <= kc_verdict_level(c, true);
+    return c->no_change_power <= 0.0 || learned->tested_early ||
+           evaluated->fit.p_no_change <= kc_verdict_level(c, true);
 }
 
-static void decide(kc_learned_t *learned, const kc_judging_t *judging, const kc_judge_t *judge,
+static void decide(kc_learned_t *learned, const kc_evaluated_t *evaluated, const kc_evaluation_t *evaluation,
                    const kc_view_t *view, kc_out_t *out)
 {
     const kc_config_t *c = &view->tables->config;
-    look(learned, judging, judge, view, out);
-    if (learned->n_checked >= c->stop_checks && kc_fit_meets(c, judging->bound) &&
-        settled(learned, judging, c)) {
-        learned->looked = c->no_change_power > 0.0;
-        kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, judging->bound.pos_m, c->stop_pos_m);
+    test_early(learned, evaluated, evaluation, view, out);
+    if (learned->n_checked >= c->stop_checks && kc_fit_meets(c, evaluated->bound) &&
+        settled(learned, evaluated, c)) {
+        learned->tested_early = c->no_change_power > 0.0;
+        kc_event(&out->events, KC_EVT_CAL_CONVERGED, -1, evaluated->bound.pos_m, c->stop_pos_m);
         learned->ended = KC_ENDED_REQUIREMENT;
     }
 }
 
-enum { PREDICT = 0, BEGIN_JUDGING, JUDGE };
+enum { PREDICT = 0, BEGIN_JUDGING, EVALUATE };
 
 /* False: goes on in the next step. */
-static bool judge_error(kc_update_t *cursor, kc_judging_t *judging, kc_judge_t *judge, const kc_view_t *view,
-                        kc_work_t *work)
+static bool evaluate_error(kc_update_t *cursor, kc_evaluated_t *evaluated, kc_evaluation_t *evaluation,
+                           const kc_view_t *view, kc_work_t *work)
 {
     if (cursor->part == BEGIN_JUDGING) {
-        kc_judge_begin(judging, judge, view);
+        kc_evaluation_begin(evaluated, evaluation, view);
         next_part(cursor);
     }
-    return kc_judge_run(judging, judge, view, work) && kc_work_take(work, 2u * KC_CHI2_NONCENTRAL_COST);
+    return kc_evaluation_run(evaluated, evaluation, view, work) &&
+           kc_work_take(work, 2u * KC_CHI2_NONCENTRAL_COST);
 }
 
-kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *learned, kc_judging_t *judging,
-                              kc_judge_t *judge, const kc_view_t *view, kc_work_t *work, kc_out_t *out)
+kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *learned, kc_evaluated_t *evaluated,
+                              kc_evaluation_t *evaluation, const kc_view_t *view, kc_work_t *work,
+                              kc_out_t *out)
 {
     const bool is_solved = kc_fit_solved(learned->status);
     if (cursor->part == PREDICT) {
         if (is_solved && !predict(cursor, learned, view, work)) { return kc_outcome(KC_OC_STAY); }
         next_part(cursor);
     }
-    if (judged(view)) {
-        if (!judge_error(cursor, judging, judge, view, work)) { return kc_outcome(KC_OC_STAY); }
-        decide(learned, judging, judge, view, out);
+    if (determined(view)) {
+        if (!evaluate_error(cursor, evaluated, evaluation, view, work)) { return kc_outcome(KC_OC_STAY); }
+        decide(learned, evaluated, evaluation, view, out);
     }
     out->has_progress = 1u;
     fill_progress(view, &out->progress);

@@ -33,7 +33,8 @@ kc_outcome_t kc_update_learn(kc_update_t *cursor, kc_learned_t *learned, kc_est_
                              kc_arena_calibration_t *arena, const kc_view_t *view, kc_work_t *work,
                              kc_out_t *out);
 /* Predicted uncertainty, whether more poses are needed, progress. */
-kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *learned, kc_judging_t *judging,
-                              kc_judge_t *judge, const kc_view_t *view, kc_work_t *work, kc_out_t *out);
+kc_outcome_t kc_update_report(kc_update_t *cursor, kc_learned_t *learned, kc_evaluated_t *evaluated,
+                              kc_evaluation_t *evaluation, const kc_view_t *view, kc_work_t *work,
+                              kc_out_t *out);
 
 #endif

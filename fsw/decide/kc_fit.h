@@ -42,7 +42,7 @@ bool kc_fit_predicts_better(const kc_config_t *config, kc_miss_t with_new, kc_mi
 bool kc_fit_checked(const kc_config_t *config, kc_miss_t miss, const double cov[36]);
 /* Whether CONFIG requires an accuracy at all. */
 bool kc_fit_required(const kc_config_t *config);
-/* Whether it can be judged: every coefficient is determined, by twice as many rows as there are coefficients. */
+/* Whether it can be evaluated: every coefficient is determined, by twice as many rows as there are coefficients. */
 bool kc_fit_determined(const kc_est_t *est, kc_status_t status);
 /* Whether bounds of the error are within what is required; a requirement of 0 is none. */
 bool kc_fit_meets(const kc_config_t *config, kc_miss_t bound);

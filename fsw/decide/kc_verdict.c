@@ -26,16 +26,17 @@ static bool poor(const kc_config_t *c, const kc_est_t *e, kc_status_t status, co
            ((fit->noise_scale > c->poor_noise_scale_unlikely || all_rejected) && fit->p_fit < c->poor_p_fit);
 }
 
-double kc_verdict_level(const kc_config_t *config, bool looked)
+double kc_verdict_level(const kc_config_t *config, bool tested_early)
 {
-    return looked ? 0.5 * config->no_change_p : config->no_change_p;
+    return tested_early ? 0.5 * config->no_change_p : config->no_change_p;
 }
 
 kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_status_t status,
-                        const kc_verdict_fit_t *fit, bool looked)
+                        const kc_verdict_fit_t *fit, bool tested_early)
 {
     if (poor(config, est, status, fit)) { return KC_VERDICT_POOR; }
-    return fit->p_no_change > kc_verdict_level(config, looked) ? KC_VERDICT_NO_CHANGE : KC_VERDICT_CHANGE;
+    return fit->p_no_change > kc_verdict_level(config, tested_early) ? KC_VERDICT_NO_CHANGE
+                                                                     : KC_VERDICT_CHANGE;
 }
 
 bool kc_verdict_acceptable(const kc_config_t *config, const kc_verdict_case_t *proposed)

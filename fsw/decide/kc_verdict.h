@@ -26,11 +26,11 @@ typedef struct {
  * explain, also without as many poses as may be rejected. Noise somewhat larger than stated is no reason: sigma is
  * scaled by it. */
 kc_verdict_t kc_verdict(const kc_config_t *config, const kc_est_t *est, kc_status_t status,
-                        const kc_verdict_fit_t *fit, bool looked);
+                        const kc_verdict_fit_t *fit, bool tested_early);
 
-/* Level of a test of the table in force. Where one look is taken before the end, it and the test at the end have half
+/* Level of a test of the table in force. Where one test is made before the end, it and the test at the end have half
  * of no_change_p each, so that both together reject a right table with probability no_change_p at most (Bonferroni). */
-double kc_verdict_level(const kc_config_t *config, bool looked);
+double kc_verdict_level(const kc_config_t *config, bool tested_early);
 
 /* What the policy of CONFIG looks at. */
 typedef struct {

@@ -57,7 +57,7 @@ typedef struct {
     kc_miss_t res;  /* residual of the newest pose before it was used */
     double f, gp_mean, gp_sigma;
     kc_miss_t pred; /* predicted sigma over the search space */
-    bool looked;       /* the table in force was tested before the end */
+    bool tested_early;       /* the table in force was tested before the end */
     uint32_t n_checked; /* poses in a row that were predicted as well as required, before they were used */
     kc_leave_out_t leave_out; /* search for a bad detection among the local initial poses */
     uint8_t outlier_reported[KC_MEAS_MAX];

@@ -17,7 +17,7 @@ Cases, by what is wrong with the camera chain
 
 Printed: share of the runs inside the bound with its 95 % interval (Clopper-Pearson), for position and
 rotation; how runs ended; poses, seconds and error at the stop; of arms that need no correction, how many
-were told so and how far off they truly are. One line per run goes to FILE at once; a second start
+ended with no change and how far off they truly are. One line per run goes to FILE at once; a second start
 continues it. Exit status 1 unless the share of the case stated, what the statement is about, is 85 to 95
 % in position and in rotation.
 """

@@ -155,7 +155,7 @@ def test_keys_of_simulations_differ_by_seed_only():
     assert (first.id, len(first.secret)) == (1, 32)
 
 
-def test_key_show_tells_two_keys_of_one_number_apart_and_gives_no_secret_away(tmp_path):
+def test_key_show_has_a_fingerprint_of_each_key_and_no_secret(tmp_path):
     files = [tmp_path / name for name in ("flight", "copy", "other")]
     secret = keys.new(files[0]).secret
     keys.write(files[1], keys.read(files[0]))

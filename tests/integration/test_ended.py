@@ -42,7 +42,7 @@ def test_the_proposal_says_why_measuring_ended(tmp_path, reason):
     assert review.ended == ended_text(p.ended) != ""
 
 
-def test_a_healthy_arm_is_told_so_after_few_poses(tmp_path):
+def test_a_healthy_arm_ends_after_few_poses(tmp_path):
     p, events = proposal_of(tmp_path, "healthy", WISH)
     assert p.verdict == CORE.constant("KC_VERDICT_NO_CHANGE")
     assert p.n_poses <= 10

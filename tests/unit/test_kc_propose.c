@@ -667,7 +667,7 @@ void test_a_correction_that_does_not_fit_the_tables_waits_for_the_ground(void)
 }
 
 /* What is proposed from the estimate as it stands after a calibration. */
-static kc_judging_t s_judging;
+static kc_evaluated_t s_evaluated;
 static kc_out_t s_out;
 
 static uint32_t steps_to_propose(uint64_t work_of_step)
@@ -676,10 +676,10 @@ static uint32_t steps_to_propose(uint64_t work_of_step)
     bool accepted = false;
     uint32_t n = 0u;
     memset(&s_out, 0, sizeof s_out);
-    kc_judge_begin(&s_judging, &APP->arena.proposal, &APP->view);
+    kc_evaluation_begin(&s_evaluated, &APP->arena.proposal, &APP->view);
     for (; n < 1000u && !s_out.has_proposal; n++) {
         kc_work_t work = {work_of_step, 0u};
-        (void)kc_propose_run(&s_judging, &APP->arena.proposal, &review, &APP->tables, &APP->view, &accepted,
+        (void)kc_propose_run(&s_evaluated, &APP->arena.proposal, &review, &APP->tables, &APP->view, &accepted,
                              &work, &s_out);
     }
     return n;
@@ -694,8 +694,8 @@ void test_a_proposal_states_the_fit_of_the_estimate(void)
     TEST_ASSERT_EQUAL_DOUBLE(e->fit_rot_rad, s_out.proposal.fit_rot_rad);
     TEST_ASSERT_TRUE(e->fit_rot_rad > 0.0);
     /* what the estimator minimised, summed anew */
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6 * e->chi2, e->chi2, s_judging.chi2_after);
-    TEST_ASSERT_TRUE(s_judging.chi2_before > s_judging.chi2_after);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 * e->chi2, e->chi2, s_evaluated.chi2_after);
+    TEST_ASSERT_TRUE(s_evaluated.chi2_before > s_evaluated.chi2_after);
     const kc_proposal_t *p = &s_out.proposal;
     TEST_ASSERT_EQUAL_DOUBLE(e->chi2, p->chi2);
     TEST_ASSERT_EQUAL_UINT32(e->dof, p->dof);
@@ -724,7 +724,7 @@ void test_how_likely_no_change_is_follows_from_what_the_estimate_takes_away(void
     world.noise_rad = 4e-3;
     world_calibrated();
     (void)steps_to_propose(UINT64_MAX);
-    double before = s_judging.chi2_before, gain = before - s_judging.chi2_after;
+    double before = s_evaluated.chi2_before, gain = before - s_evaluated.chi2_after;
     TEST_ASSERT_TRUE(gain > 0.0);
     APP->est.chi2 = gain / 28.0 * (double)APP->est.dof;
     (void)steps_to_propose(UINT64_MAX);
@@ -734,8 +734,8 @@ void test_how_likely_no_change_is_follows_from_what_the_estimate_takes_away(void
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, p, s_out.proposal.p_no_change);
     memcpy(APP->est.coef, APP->tables.active.kin.value, sizeof APP->est.coef);
     (void)steps_to_propose(UINT64_MAX);
-    TEST_ASSERT_EQUAL_DOUBLE(before, s_judging.chi2_before);
-    TEST_ASSERT_EQUAL_DOUBLE(before, s_judging.chi2_after);
+    TEST_ASSERT_EQUAL_DOUBLE(before, s_evaluated.chi2_before);
+    TEST_ASSERT_EQUAL_DOUBLE(before, s_evaluated.chi2_after);
     TEST_ASSERT_EQUAL_DOUBLE(1.0, s_out.proposal.p_no_change);
 }
 
@@ -916,7 +916,7 @@ void test_a_correction_accepted_on_board_is_reported_with_its_crc(void)
     TEST_ASSERT_EQUAL_HEX32(world.proposal.crc, active_crc());
 }
 
-/* An image as large as there is room for is looked into, one byte more is not. */
+/* An image as large as there is room for is tested_early into, one byte more is not. */
 void test_a_stored_proposal_larger_than_its_room_is_not_looked_into(void)
 {
     static kc_review_t review;

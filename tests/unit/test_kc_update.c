@@ -367,7 +367,7 @@ void test_a_right_arm_ends_it_as_soon_as_an_error_would_have_shown(void)
     TEST_ASSERT_EQUAL_INT(KC_ENDED_POSES, world.proposal.ended);
 }
 
-/* It is looked at once; what is left of the level is for the end. */
+/* It is tested_early at once; what is left of the level is for the end. */
 void test_a_wrong_arm_is_looked_at_once_and_calibrated_on(void)
 {
     given_early_test(0.02, 0.9);
@@ -376,7 +376,7 @@ void test_a_wrong_arm_is_looked_at_once_and_calibrated_on(void)
     TEST_ASSERT_EQUAL_DOUBLE(0.5 * world.config.no_change_p, world.last[KC_EVT_CAL_DISAGREES].want);
     TEST_ASSERT_EQUAL_UINT32(20u, world.n_meas);
     TEST_ASSERT_EQUAL_INT(KC_VERDICT_CHANGE, world.proposal.verdict);
-    TEST_ASSERT_TRUE(APP->learned.looked);
+    TEST_ASSERT_TRUE(APP->learned.tested_early);
 }
 
 /* The same requirement at a confidence, or with poses in a row that were predicted so well, takes more poses. */

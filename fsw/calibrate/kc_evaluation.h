@@ -1,8 +1,8 @@
 /* What a correction is worth, the stated errors of the camera chain taken into account: statistics of the observations
- * and the error that is predicted over the search space. REPORT judges by it whether it is good enough; PROPOSE states
+ * and the error that is predicted over the search space. REPORT decides by it whether it is good enough; PROPOSE states
  * it. */
-#ifndef KC_JUDGE_H
-#define KC_JUDGE_H
+#ifndef KC_EVALUATION_H
+#define KC_EVALUATION_H
 
 #include "kc_accuracy.h"
 #include "kc_channels.h"
@@ -13,7 +13,7 @@
 typedef struct {
     kc_consider_t chain;
     kc_accuracy_t error;
-} kc_judge_t;
+} kc_evaluation_t;
 
 /* Sums over observations and candidates; where they stand between two steps. */
 typedef struct {
@@ -30,23 +30,24 @@ typedef struct {
     kc_miss_t predicted; /* and with the chain, in the frame of CONFIG */
     kc_miss_t bound; /* what that error exceeds with probability 1 - stop_confidence */
     kc_miss_t chain; /* the same of the chain alone: no more poses reduce it */
-} kc_judging_t;
+} kc_evaluated_t;
 
-void kc_judge_begin(kc_judging_t *judging, kc_judge_t *judge, const kc_view_t *view);
+void kc_evaluation_begin(kc_evaluated_t *evaluated, kc_evaluation_t *evaluation, const kc_view_t *view);
 /* False: goes on in the next step. */
-bool kc_judge_run(kc_judging_t *judging, kc_judge_t *judge, const kc_view_t *view, kc_work_t *work);
+bool kc_evaluation_run(kc_evaluated_t *evaluated, kc_evaluation_t *evaluation, const kc_view_t *view,
+                       kc_work_t *work);
 
 /* RMS over the search space of noise and a sum of squares. */
-double kc_judge_rms(const kc_judging_t *judging, const kc_view_t *view, double noise, double sum2);
-double kc_judge_change_m(const kc_judging_t *judging, const kc_view_t *view);
+double kc_evaluation_rms(const kc_evaluated_t *evaluated, const kc_view_t *view, double noise, double sum2);
+double kc_evaluation_change_m(const kc_evaluated_t *evaluated, const kc_view_t *view);
 /* Values of the coefficients as they are proposed: those that were not estimated keep those of the table in force. */
-bool kc_judge_estimated(uint8_t status); /* kc_coef_status_t */
-void kc_judge_values(const kc_view_t *view, double *value);
+bool kc_evaluation_estimated(uint8_t status); /* kc_coef_status_t */
+void kc_evaluation_values(const kc_view_t *view, double *value);
 
 /* Probability that a test of the active table at this level shows an error of any one coefficient that puts the tool
  * off by what CONFIG requires, RMS over the search space: the least of all coefficients. with_chain: the camera chain as
- * unknown as stated; else by the noise alone, what more poses can improve. After kc_judge_run. */
-double kc_judge_power(const kc_judging_t *judging, const kc_judge_t *judge, const kc_view_t *view,
-                      double level, bool with_chain);
+ * unknown as stated; else by the noise alone, what more poses can improve. After kc_evaluation_run. */
+double kc_evaluation_power(const kc_evaluated_t *evaluated, const kc_evaluation_t *evaluation,
+                           const kc_view_t *view, double level, bool with_chain);
 
 #endif
