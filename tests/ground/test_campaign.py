@@ -532,7 +532,7 @@ def scheduler():
     """Address of a scheduler with two workers, all as processes."""
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as made_cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as made_cluster:
         yield made_cluster.scheduler_address
 
 
@@ -566,7 +566,7 @@ def test_no_scheduler_and_a_scheduler_that_goes_away_are_said(whole, tmp_path, m
         campaign.run(plan, tmp_path / "out", scheduler="tcp://127.0.0.1:9", batch=5)
     monkeypatch.setattr(cluster, "GONE_S", 1.0)
     monkeypatch.setattr(cluster, "fly_task", never)
-    made_cluster = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)
+    made_cluster = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0")
     real = cluster._checked_workers
 
     def then_gone(*given):
