@@ -425,13 +425,13 @@ static void decide(kc_learned_t *learned, const kc_evaluated_t *evaluated, const
     }
 }
 
-enum { PREDICT = 0, BEGIN_JUDGING, EVALUATE };
+enum { PREDICT = 0, BEGIN_EVALUATION, RUN_EVALUATION };
 
 /* False: goes on in the next step. */
 static bool evaluate_error(kc_update_t *cursor, kc_evaluated_t *evaluated, kc_evaluation_t *evaluation,
                            const kc_view_t *view, kc_work_t *work)
 {
-    if (cursor->part == BEGIN_JUDGING) {
+    if (cursor->part == BEGIN_EVALUATION) {
         kc_evaluation_begin(evaluated, evaluation, view);
         next_part(cursor);
     }
