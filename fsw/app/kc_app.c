@@ -280,6 +280,7 @@ static void report(const kc_app_t *app, kc_hk_t *hk)
     hk->n_cmd_refused = app->cmd_log.n_refused;
     hk->n_rx_errors = app->n_rx_errors;
     memcpy(hk->table_crc, app->tables.active.crc, sizeof hk->table_crc);
+    hk->kin_prev_crc = app->tables.active.kin_prev_crc;
     hk->staged_state = (int32_t)s->state;
     hk->staged_kind = s->state == KC_STAGE_NONE ? 0 : (int32_t)s->kind;
     hk->staged_bytes = s->n;

@@ -145,7 +145,7 @@ static double step(set_t *f)
         x[0] = (f->info[1][1] * f->grad[0] - f->info[1][0] * f->grad[1]) / det;
         x[1] = (f->info[0][0] * f->grad[1] - f->info[1][0] * f->grad[0]) / det;
     }
-    for (uint32_t i = 0u; i < f->n; i++) {
+    for (uint32_t i = 0u; i < TOGETHER && i < f->n; i++) {
         f->bias[i] = kc_clamp(f->bias[i] + x[i], -KC_SUSPECT_BIAS, KC_SUSPECT_BIAS);
         largest = kc_max(largest, kc_fabs(x[i]));
     }

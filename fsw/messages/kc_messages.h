@@ -110,7 +110,7 @@ typedef struct {
     F(uint32_t, mon_suspects) F(uint32_t, mon_n_obs) F(double, mon_bias) F(double, mon_sigma)    \
     F(double, mon_p) F(uint32_t, proposal_verdict) F(uint64_t, approval_left_us)                 \
     A(double, mon_chance, KC_JOINT_MAX)                                                          \
-    F(uint32_t, armed_key) F(int32_t, go_by_other_key)
+    F(uint32_t, armed_key) F(int32_t, go_by_other_key) F(uint32_t, kin_prev_crc)
 typedef struct {
     KC_HK_FIELDS(KC_FIELD_, KC_ARRAY_)
 } kc_hk_t;

@@ -143,25 +143,31 @@ static void walk_extra(kc_walk_t *w, kc_config_t *c)
     kc_walk_u32(w, 87u, &c->stops_max, 0u, KC_STOP_MAX); /* 0 = off */
 }
 
-static void walk_suspects(kc_walk_t *w, kc_config_t *c)
+/* Standard values of what was added last: an image with all of them ends before, as all images did before there was
+ * any of it. So those stay valid, with the same CRC, and this is the end of the table. */
+#define REST_PART 0.01
+#define NO_CHANGE_POWER 0.99
+
+static bool standard(const kc_config_t *c)
 {
+    return c->rest_part == REST_PART && c->no_change_power == NO_CHANGE_POWER && c->go_by_other_key == 0u;
+}
+
+static void walk_added(kc_walk_t *w, kc_config_t *c)
+{
+    if (w->mode == KC_WALK_READ && w->pos >= w->in_n) {
+        c->rest_part = REST_PART;
+        c->no_change_power = NO_CHANGE_POWER;
+        c->go_by_other_key = 0u;
+        return;
+    }
+    if (w->mode != KC_WALK_READ && standard(c)) { return; }
     /* least sigma of what the monitor does not suspect, part of the coefficient's scale */
-    kc_walk_f64(w, 92u, &c->rest_part, 1e-6, 10.0);
-}
-
-static void walk_end(kc_walk_t *w, kc_config_t *c)
-{
+    kc_walk_f64(w, 88u, &c->rest_part, 1e-6, 10.0);
     /* power of the early test of the table in force; 0 = none before the end */
-    kc_walk_f64(w, 96u, &c->no_change_power, 0.0, 0.9999);
-}
-
-/* An image without the rule ends before it, as all did before there was any: they stay valid, with the same CRC. So this
- * is the end of the table. */
-static void walk_approval(kc_walk_t *w, kc_config_t *c)
-{
-    bool here = w->mode == KC_WALK_READ ? w->pos < w->in_n : c->go_by_other_key > 0u;
-    if (!here) { return; }
-    kc_walk_u8(w, 88u, &c->go_by_other_key, 1u, 1u); /* an image without the rule ends before this */
+    kc_walk_f64(w, 89u, &c->no_change_power, 0.0, 0.9999);
+    kc_walk_u8(w, 90u, &c->go_by_other_key, 0u, 1u); /* an image with 0.01, 0.99, 0 ends before these three */
+    kc_walk_rule(w, 88u, w->mode != KC_WALK_READ || !standard(c), c->rest_part);
 }
 
 void kc_config_walk(kc_walk_t *w, kc_config_t *c)
@@ -174,9 +180,7 @@ void kc_config_walk(kc_walk_t *w, kc_config_t *c)
     walk_decisions(w, c);
     walk_poses(w, c);
     walk_extra(w, c);
-    walk_suspects(w, c);
-    walk_end(w, c);
-    walk_approval(w, c); /* the last: an image may end before it */
+    walk_added(w, c); /* the last: an image may end before it */
 }
 
 kc_status_t kc_config_validate(const kc_config_t *c, int32_t *index, double *got)

@@ -59,7 +59,7 @@ class FakeFlight:
         m.state, m.proposal_verdict = (10 if self.armed else 9 if self.proposal_crc else 0), self.verdict
         m.approval_left_us = 599_000_000 if self.armed else 0
         m.staged_kind, m.staged_bytes = self.staged[0], len(self.staged[1])
-        m.table_crc[4] = signed(self.kin_crc)
+        m.table_crc[4], m.kin_prev_crc = signed(self.kin_crc), 7
         for kind, image in self.images.items():
             m.table_crc[kind] = signed(int.from_bytes(image[12:16], "little"))
         self._bus.publish("KC_HK", m.encode())

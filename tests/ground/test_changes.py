@@ -170,7 +170,7 @@ def test_old_values_are_found_by_their_crc_in_tables_folders_and_logs(tmp_path):
     places = [tmp_path / n for n in ("missing.tbl", "broken.tbl", "no.lcmlog", "tables", "run.lcmlog")]
     assert changes.kin_values(image.crc, places).values[:3] == (0.01,) * 3
     found = changes.kin_values(CRC, places)
-    assert found.crc_before == 0x1234 and found.where.endswith("run.lcmlog")
+    assert found.where.endswith("run.lcmlog")
     assert changes.kin_values(CRC, [tmp_path]).crc == CRC
     assert changes.kin_values(0x999, places) is None
 
@@ -180,16 +180,28 @@ def test_a_rollback_is_shown_before_it_is_sent(tmp_path):
     second = kin_image([1.3 if n == "J7.phi_rad" else 0.0 for n in NAMES], before=first.crc)
     for name, image in (("first", first), ("second", second)):
         (tmp_path / f"{name}.tbl").write_bytes(image.data)
-    found = reviews.what_rolls_back(second.crc, BIN, (tmp_path / "first.tbl", tmp_path / "second.tbl"))
+    places = (tmp_path / "first.tbl", tmp_path / "second.tbl")
+    found = reviews.what_rolls_back(second.crc, first.crc, BIN, places)
     assert [r.name for r in found.rows] == ["J7.phi_rad", "J1.phi_rad"]
     assert row(found, "J7.phi_rad").delta_text == f"{math.degrees(-1.3):+.3f} deg"
     assert found.headline.startswith("J7.phi_rad goes back by -74 deg; the tool moves by up to")
-    with pytest.raises(BadInput, match="names none before it: flight refuses to roll back"):
-        reviews.what_rolls_back(decode_as("kin", (BIN / "kin.tbl").read_bytes(), "")[0].crc, BIN)
-    with pytest.raises(BadInput, match=f"replaced {first.crc:08x}, whose values are in none"):
-        reviews.what_rolls_back(second.crc, BIN, (tmp_path / "second.tbl",))
+    with pytest.raises(BadInput, match=f"holds no table before {second.crc:08x} and refuses to roll back"):
+        reviews.what_rolls_back(second.crc, 0, BIN, places)
+    with pytest.raises(BadInput, match=f"brings back {first.crc:08x}, whose values are in none"):
+        reviews.what_rolls_back(second.crc, first.crc, BIN, (tmp_path / "second.tbl",))
     with pytest.raises(BadInput, match="are in none of the places"):
-        reviews.what_rolls_back(0x77, BIN)
+        reviews.what_rolls_back(0x77, first.crc, BIN)
+
+
+def test_a_rollback_goes_by_what_flight_holds_and_not_by_the_record_of_the_table(tmp_path):
+    """A KIN table that was uplinked replaces whatever was in force, not what it says it replaced."""
+    nominal = decode_as("kin", (BIN / "kin.tbl").read_bytes(), "")[0]
+    held, uplinked = kin_image([0.02]), kin_image([0.01], before=nominal.crc)
+    for name, image in (("held", held), ("uplinked", uplinked)):
+        (tmp_path / f"{name}.tbl").write_bytes(image.data)
+    places = (tmp_path / "held.tbl", tmp_path / "uplinked.tbl")
+    found = reviews.what_rolls_back(uplinked.crc, held.crc, BIN, places)
+    assert row(found, "J1.phi_rad").delta_text == f"{math.degrees(0.01):+.3f} deg"
 
 
 def test_the_same_table_changes_nothing():

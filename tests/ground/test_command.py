@@ -39,6 +39,7 @@ class Lander(DirectFlight):
     def __init__(self, signer=None, kin=CRC):
         super().__init__(signer)
         self.hk.boot_count, self.hk.table_crc = 3, [0, 1, 1, 1, signed(kin), 1, 1, 1]
+        self.hk.kin_prev_crc = 7
 
     def publish(self, channel, message):
         super().publish(channel, message)

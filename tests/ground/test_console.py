@@ -69,7 +69,7 @@ def client(picture, key_file):
 def hk(state: int = 0, proposal_crc: int = 0, kin: int = 1) -> kcm.hk_t:
     m = kcm.hk_t()
     m.t_us, m.state, m.proposal_crc, m.proposal_verdict = 9_000_000, state, signed(proposal_crc), 1
-    m.table_crc[4] = signed(kin)
+    m.table_crc[4], m.kin_prev_crc = signed(kin), 7
     return m
 
 

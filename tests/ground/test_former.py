@@ -122,8 +122,8 @@ def test_a_correction_that_waited_in_a_store_of_two_keys_is_approved_after_a_sta
 
 
 def test_housekeeping_of_before_has_no_second_holder():
-    fingerprint = next(f for f, row in former.FORMER.items() if row.more_bytes == 8 and row.type == "hk_t")
+    fingerprint = next(f for f, row in former.FORMER.items() if row.more_bytes == 76 and row.type == "hk_t")
     hk = channels.message_type("hk_t")()
     hk.state, hk.approval_left_us, hk.armed_key, hk.go_by_other_key = 10, 7, 101, 1
-    old = channels.decode("KC_HK", fingerprint + hk.encode()[8:-8])
+    old = channels.decode("KC_HK", fingerprint + hk.encode()[8:-76])
     assert (old.state, old.approval_left_us, old.armed_key, old.go_by_other_key) == (10, 7, 0, 0)

@@ -24,7 +24,7 @@ SEQ, UTC = 77, 1.8e9
 def hk(t_s=100.0, state="IDLE", boots=3, kin=1, **fields):
     m = kcm.hk_t()
     m.t_us, m.state, m.boot_count = round(t_s * 1e6), STATE[state], boots
-    m.table_crc = [0, 1, 1, 1, signed(kin), 1, 1, 1]
+    m.table_crc, m.kin_prev_crc = [0, 1, 1, 1, signed(kin), 1, 1, 1], 7
     for name, value in fields.items():
         setattr(m, name, value)
     return m
@@ -225,6 +225,7 @@ def test_nothing_speaks_against_a_start_of_a_healthy_lander():
         (commands.start(), {"state": "REVIEW"}, "state IDLE or SAFE", "REVIEW"),
         (commands.start(), {"kin": 0}, "all seven tables in force", "no kin"),
         (commands.rollback(CRC), {"kin": 5}, "correction fedcba98 in force", "00000005 is in force"),
+        (commands.rollback(CRC), {"kin_prev_crc": 0}, "a table before the one in force", "none"),
         (commands.approve_arm(CRC), {"state": "REVIEW"}, "correction fedcba98 waits", "nothing waits"),
         (
             commands.approve_arm(CRC),

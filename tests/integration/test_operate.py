@@ -109,12 +109,13 @@ def test_a_correction_is_rolled_back_and_a_killed_flight_is_said(tmp_path):
             assert kincal("table", "dump", "kin", dumped, *flight.on)[0] == 0
         status, said = kincal("command", "rollback", "--from", dumped, *flight.on)
         assert status == 0 and "goes back by" in said and "nothing was sent" in said
-        assert "flight may hold another one before it" in said
         status, said = kincal("command", "rollback", f"{crc:08x}", *WHO, *flight.on)
         assert (
             status == 0
             and f"done: housekeeping: correction {before:08x} in force; event COR_ROLLBACK" in said
         )
+        status, said = kincal("command", "rollback", "--from", dumped, *flight.on)
+        assert status == 1 and "holds no table before" in said and "a table before the one in force" in said
         again = kincal("command", "rollback", f"{crc:08x}", *WHO, *flight.on)
         assert again[0] == 1 and "CMD_CRC" in again[1]
         flight.processes[0].kill()

@@ -263,8 +263,12 @@ void test_the_copy_for_rollback_survives_and_one_equal_to_the_active_table_is_pa
     world_tick();
     TEST_ASSERT_EQUAL_UINT32(nominal, kc_app_active(APP)->kin_prev_crc);
     TEST_ASSERT_EQUAL_UINT32(0u, world_events(KC_EVT_BOOT_SLOT_BAD));
+    world_ticks(10u);
+    TEST_ASSERT_EQUAL_UINT32(nominal, world.hk.kin_prev_crc);
     TEST_ASSERT_EQUAL_INT(KC_OK, world_do(KC_CMD_ROLLBACK, (int32_t)crc, 0, 0));
     TEST_ASSERT_EQUAL_UINT32(nominal, kc_app_active(APP)->crc[KC_TBL_KIN]);
+    world_ticks(10u);
+    TEST_ASSERT_EQUAL_UINT32(0u, world.hk.kin_prev_crc);
 }
 
 void test_a_second_copy_for_rollback_is_not_needed(void)

@@ -129,9 +129,9 @@ static const spoil_t s_spoil[] = {
     {85, AT(extra_pos_m), 'd', 0.0},
     {86, AT(extra_rot_rad), 'd', 0.0},
     {87, AT(stops_max), 'u', 5.0},
-    {92, AT(rest_part), 'd', 0.0},
-    {96, AT(no_change_power), 'd', 1.0},
-    {88, AT(go_by_other_key), 'b', 2.0},
+    {88, AT(rest_part), 'd', 0.0},
+    {89, AT(no_change_power), 'd', 1.0},
+    {90, AT(go_by_other_key), 'b', 2.0},
 };
 
 static void spoil(const spoil_t *s, double value)

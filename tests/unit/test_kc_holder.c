@@ -285,18 +285,36 @@ void test_the_only_holder_left_may_end_the_rule(void)
 
 /* ---- stores and images of before ---- */
 
-void test_an_image_without_the_rule_ends_before_it_and_has_the_crc_of_before(void)
+void test_an_image_with_standard_values_at_its_end_ends_before_them_and_has_the_crc_of_before(void)
 {
     static uint8_t with[2048], without[2048];
     static kc_config_t back;
     static kc_events_t ev;
     uint32_t n_with = 0u, n_without = 0u;
+    world.config.rest_part = 0.01;
+    world.config.no_change_power = 0.99;
     (void)kc_tbl_encode(KC_TBL_CONFIG, &world.config, 0u, with, sizeof with, &n_with);
     world.config.go_by_other_key = 0u;
     (void)kc_tbl_encode(KC_TBL_CONFIG, &world.config, 0u, without, sizeof without, &n_without);
-    TEST_ASSERT_EQUAL_UINT32(n_without + 1u, n_with);
+    TEST_ASSERT_EQUAL_UINT32(n_without + 17u, n_with);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_decode(KC_TBL_CONFIG, with, n_with, &back, &ev));
     TEST_ASSERT_EQUAL_UINT8(1u, back.go_by_other_key);
     TEST_ASSERT_EQUAL_INT(KC_OK, kc_tbl_decode(KC_TBL_CONFIG, without, n_without, &back, &ev));
     TEST_ASSERT_EQUAL_UINT8(0u, back.go_by_other_key);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, back.rest_part);
+    TEST_ASSERT_EQUAL_DOUBLE(0.99, back.no_change_power);
+    /* each of the three alone makes the image longer; an image that says the standard values would have another CRC */
+    world.config.rest_part = 0.02;
+    (void)kc_tbl_encode(KC_TBL_CONFIG, &world.config, 0u, with, sizeof with, &n_with);
+    TEST_ASSERT_EQUAL_UINT32(n_without + 17u, n_with);
+    world.config.rest_part = 0.01;
+    world.config.no_change_power = 0.5;
+    (void)kc_tbl_encode(KC_TBL_CONFIG, &world.config, 0u, with, sizeof with, &n_with);
+    TEST_ASSERT_EQUAL_UINT32(n_without + 17u, n_with);
+    const double standard = 0.99;
+    memcpy(&with[n_with - 9u], &standard, sizeof standard);
+    given_resealed(with, n_with);
+    ev.n = 0u;
+    TEST_ASSERT_EQUAL_INT(KC_ERR_RANGE, kc_tbl_decode(KC_TBL_CONFIG, with, n_with, &back, &ev));
+    TEST_ASSERT_EQUAL_UINT32(KC_EVT_TBL_RANGE, ev.e[0].id);
 }

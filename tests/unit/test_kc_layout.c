@@ -361,7 +361,7 @@ static const limit_t s_limit[] = {
     {KC_TBL_CONFIG, 81u, -1, offsetof(kc_config_t, frame_s), 'd', 0.0, 3600.0, false},
     {KC_TBL_CONFIG, 82u, -1, offsetof(kc_config_t, stop_confidence), 'd', 0.0, 0.9999, false},
     {KC_TBL_CONFIG, 83u, -1, offsetof(kc_config_t, stop_checks), 'u', 0.0, 64.0, false},
-    {KC_TBL_CONFIG, 96u, -1, offsetof(kc_config_t, no_change_power), 'd', 0.0, 0.9999, false},
+    {KC_TBL_CONFIG, 89u, -1, offsetof(kc_config_t, no_change_power), 'd', 0.0, 0.9999, false},
 };
 
 static size_t bytes_of(const limit_t *l)

@@ -101,10 +101,17 @@ def what_changes(
     return changes.of_review(review, old, changes.flown(tables_dir), limits)
 
 
-def what_rolls_back(crc_in_force: int, tables_dir: Path, places: Sequence[Path] = ()) -> Changes:
-    """What a rollback changes back. BadInput if the table in force or the one before it is in none of the
-    places."""
+def what_rolls_back(
+    crc_in_force: int, crc_before: int, tables_dir: Path, places: Sequence[Path] = ()
+) -> Changes:
+    """What a rollback changes back; both CRCs as in KC_HK (table_crc, kin_prev_crc). BadInput if there is none
+    to go back to, or the values of one of them are in none of the places."""
     where = (tables_dir, *places)
+    if not crc_before:
+        raise BadInput(
+            f"flight holds no table before {crc_in_force:08x} and refuses to roll back",
+            todo="`kincal table uplink FILE` brings a KIN table in force that you have",
+        )
     now = changes.kin_values(crc_in_force, where)
     if now is None:
         raise BadInput(
@@ -112,18 +119,10 @@ def what_rolls_back(crc_in_force: int, tables_dir: Path, places: Sequence[Path] 
             ", ".join(map(str, where)),
             "`kincal table dump kin now.tbl`, then --from now.tbl; or --from LOG that holds its proposal",
         )
-    if not now.crc_before:
-        raise BadInput(
-            f"correction {crc_in_force:08x} names none before it: flight refuses to roll back, or brings "
-            "back the one that was in force when this table was sent",
-            now.where,
-            "`kincal table uplink FILE` brings a KIN table in force that you have",
-        )
-    previous = changes.kin_values(now.crc_before, where)
+    previous = changes.kin_values(crc_before, where)
     if previous is None:
         raise BadInput(
-            f"correction {crc_in_force:08x} replaced {now.crc_before:08x}, whose values are in none of the "
-            "places looked at",
+            f"a rollback brings back {crc_before:08x}, whose values are in none of the places looked at",
             ", ".join(map(str, where)),
             "--from LOG that holds its proposal, or --from the KIN table",
         )

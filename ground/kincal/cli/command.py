@@ -17,6 +17,7 @@ from kincal.cli.review import JOURNAL, review_arm, review_go, review_reject
 from kincal.cli.table import table_dump
 from kincal.cli.terminal import console, say
 from kincal.cli.wire import KEYS, TIMEOUT, URL
+from kincal.link import unsigned32
 from kincal.review import journal as journals
 from kincal_shared.errors import BadInput, CommandFailed
 from kincal_shared.keys import Signer, file_of, signer_of
@@ -319,13 +320,13 @@ def _dry_run(request: Any, snapshot: Any, link: links.Link, given: Given, logs: 
         }, indent=1))  # fmt: skip
     else:
         if request.opcode == "ROLLBACK":
-            _preview(request, given, logs)
+            _preview(request, snapshot, logs)
         text.unmet(console(), request.opcode, found, age, snapshot.state)
     if found:
         raise SystemExit(1)
 
 
-def _preview(request: Any, given: Given, logs: tuple[Path, ...]) -> None:
+def _preview(request: Any, snapshot: Any, logs: tuple[Path, ...]) -> None:
     """What a rollback changes back, as far as tables and logs here hold it."""
     from kincal.api import reviews
     from kincal.cli.text import review as text
@@ -333,16 +334,15 @@ def _preview(request: Any, given: Given, logs: tuple[Path, ...]) -> None:
     from kincal_shared import installation
 
     places = (*logs, *recordings()[:RECENT])
+    if snapshot.hk is None:
+        return  # said with the conditions
+    before = unsigned32(snapshot.hk.kin_prev_crc)
     try:
-        found = reviews.what_rolls_back(request.crc, installation.file("tables/bin"), places)
+        found = reviews.what_rolls_back(request.crc, before, installation.file("tables/bin"), places)
     except BadInput as error:
         say(f"no preview: {error}")
         return
     text.what_changes(console(), found)
-    click.echo(
-        "this is by the record of the table in force: after a KIN table sent by `kincal table uplink`, or "
-        "after a rollback, flight may hold another one before it, or none"
-    )
     if given["dry_run"]:
         crc = f"{request.crc:08x}"
         click.echo(f"to do it: kincal command rollback {crc} --by NAME --why REASON")

@@ -157,8 +157,10 @@ class Desk:
         hk = self.picture.newest("KC_HK")
         if hk is None:
             raise BadInput("no housekeeping was heard yet")
+        if not hk.kin_prev_crc:
+            raise BadInput("flight holds no table before the one in force: ROLLBACK would be refused")
         now = self._values(unsigned32(hk.table_crc[KIN_KIND]))
-        previous = self._values(now.crc_before) if now and now.crc_before else None
+        previous = self._values(unsigned32(hk.kin_prev_crc))
         if now is None or previous is None:
             raise BadInput(
                 "the values of the table in force or of the one before it are not known to this console",
@@ -197,7 +199,7 @@ class Desk:
         p = self.picture.proposal(crc_text(crc))
         if p is None:
             return changes.kin_values(crc, (self.tables_dir,))
-        return changes.KinValues(crc, tuple(p.value[: p.n_coef]), unsigned32(p.crc_kin_before), "heard")
+        return changes.KinValues(crc, tuple(p.value[: p.n_coef]), "heard")
 
     def _command(self, make: Callable[[operate.Snapshot], operate.Request], words: Words) -> Plain:
         """A signed command with its verifiers. CommandFailed, before it is sent, if flight would refuse it by

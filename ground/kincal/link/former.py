@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _FINGERPRINT_BYTES = 8
 _BOUND_BYTES = 1 + 4 + 3 * 8  # ended, n_checked, confidence and bounds of a proposal
 
-_SUSPECTS_BYTES = 8 * 8  # probability of each joint, of the monitor
+_HK_BYTES = 8 * 8 + 2 * 4 + 4  # of housekeeping: probability of each joint, holders, table before the one in force
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,8 @@ def _at_its_pose(m: Meas) -> None:
 
 
 def _without_two_holders(_hk: Hk) -> None:
-    """The monitor gave no probability, and one key gave both steps of an approval: zeros say so."""
+    """The monitor gave no probability, one key gave both steps of an approval, and the table before the one in
+    force was not named: zeros say so."""
 
 
 FORMER = {
@@ -62,9 +63,9 @@ FORMER = {
     bytes.fromhex("049802873f024b41"): Former("proposal_t", 1 + 6 * 8 + _BOUND_BYTES, _with_an_exact_camera),
     bytes.fromhex("df12965a365c8720"): Former("proposal_t", _BOUND_BYTES, _with_no_bound),
     bytes.fromhex("dbe6b2f24599f62e"): Former(
-        "hk_t", 4 + 8 + _SUSPECTS_BYTES + 2 * 4, _with_a_verdict_unknown
+        "hk_t", 4 + 8 + _HK_BYTES, _with_a_verdict_unknown
     ),
-    bytes.fromhex("049edd800f911cd3"): Former("hk_t", _SUSPECTS_BYTES + 2 * 4, _without_two_holders),
+    bytes.fromhex("049edd800f911cd3"): Former("hk_t", _HK_BYTES, _without_two_holders),
 }
 """By fingerprint."""
 

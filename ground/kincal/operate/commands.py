@@ -217,10 +217,12 @@ def _arm(request: Request, now: Snapshot, now_s: float) -> Sequence[Unmet]:
 
 def _rollback(request: Request, now: Snapshot, _now_s: float) -> Sequence[Unmet]:
     active = _in_force(now)
-    if active == crc_text(request.crc):
-        return ()
-    found = f"{active or 'no correction'} is in force"
-    return (Unmet(f"correction {crc_text(request.crc)} in force", found, "name the one in force"),)
+    if active != crc_text(request.crc):
+        found = f"{active or 'no correction'} is in force"
+        return (Unmet(f"correction {crc_text(request.crc)} in force", found, "name the one in force"),)
+    if now.hk is not None and not now.hk.kin_prev_crc:
+        return (Unmet("a table before the one in force", "none", "`kincal table uplink FILE` sends one"),)
+    return ()
 
 
 def _in_force(now: Snapshot, kind: str = _KIN) -> str:

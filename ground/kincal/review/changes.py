@@ -46,12 +46,11 @@ _WHAT = {
 
 @dataclass(frozen=True)
 class KinValues:
-    """Values of a kinematics table. crc, crc_before: its own and that of the table it replaced; where: it was
+    """Values of a kinematics table. crc: its own; where: it was
     found."""
 
     crc: int
     values: tuple[float, ...]
-    crc_before: int = 0
     where: str = ""
 
 
@@ -202,13 +201,12 @@ def _values_in(place: Path) -> list[KinValues]:
     try:
         if place.suffix == ".tbl":
             image, kin = decode_as("kin", place.read_bytes(), str(place))
-            return [KinValues(image.crc, tuple(kin.value[0 : kin.n_coef]), kin.prev_crc, str(place))]
+            return [KinValues(image.crc, tuple(kin.value[0 : kin.n_coef]), str(place))]
         proposals = [s.proposal for s in read_log(place).sessions.values() if s.proposal is not None]
     except (KincalError, OSError):
         return []  # what cannot be read holds nothing
     return [
-        KinValues(unsigned32(p.crc), tuple(p.value[: p.n_coef]), unsigned32(p.crc_kin_before), str(place))
-        for p in proposals
+        KinValues(unsigned32(p.crc), tuple(p.value[: p.n_coef]), str(place)) for p in proposals
     ]
 
 

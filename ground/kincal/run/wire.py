@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct as packing
 from collections.abc import Callable, Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
@@ -153,7 +153,7 @@ def fill(name: str, struct: object, message: object) -> None:
 
 def clear(inputs: KcIn) -> None:
     """Nothing received."""
-    _FLIGHT.ffi.memmove(inputs, _NOTHING, len(_NOTHING))
+    _FLIGHT.ffi.memmove(cast(Any, inputs), _NOTHING, len(_NOTHING))
 
 
 # ---- out
