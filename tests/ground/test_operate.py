@@ -225,7 +225,7 @@ def test_nothing_speaks_against_a_start_of_a_healthy_lander():
         (commands.start(), {"state": "REVIEW"}, "state IDLE or SAFE", "REVIEW"),
         (commands.start(), {"kin": 0}, "all seven tables in force", "no kin"),
         (commands.rollback(CRC), {"kin": 5}, "correction fedcba98 in force", "00000005 is in force"),
-        (commands.rollback(CRC), {"kin_prev_crc": 0}, "a table before the one in force", "none"),
+        (commands.rollback(CRC), {"kin": CRC, "kin_prev_crc": 0}, "a table before the one in force", "none"),
         (commands.approve_arm(CRC), {"state": "REVIEW"}, "correction fedcba98 waits", "nothing waits"),
         (
             commands.approve_arm(CRC),
